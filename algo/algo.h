@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "base/base.h"
+
+/// Scan in, items out. Pure: no file, clock, log or thread, and no heap after construction. The same scan, recipe and
+/// start pose give the same bits.
+namespace slabd::algo {
+
+/// A scan in the scanner frame (mm): x y z, x y z, ... as float32; NaN marks a missing point. Measuring compacts it
+/// in place: after `denoise` the first `points` entries are the kept ones, in their original order.
+struct Cloud {
+  std::span<float> xyz;
+  std::size_t points = 0;  ///< 3 * points <= xyz.size()
+  std::size_t width = 0;   ///< organised: width * height == points before denoising; 0 = unorganised
+  std::size_t height = 0;
+};
+
+// ---- planes (paper 3.1) ---------------------------------------------------------------------------------------
+
+struct PlaneSettings {
+  double contamination = 0.5;   ///< epsilon of eq. (8)
+  double confidence = 1.0 - 1e-6; ///< P of eq. (8)
+  double threshold_mm = 0.0;    ///< inlier distance; 0 = three robust standard deviations of the best hypothesis
+  double inlier_share_min = 0.0;///< below it `ok` is false
+  std::uint64_t seed = 1;
+  int refits_max = 20;
+};
+
+/// Paper eq. (8) solved for K: hypotheses so that one of them is free of outliers with probability P, at least 1.
+[[nodiscard]] int hypotheses_needed(double contamination, double confidence, int points_per_hypothesis);
+
+/// The paper's improved RANSAC on points (mm): K hypotheses on a stratified sample, least truncated squared error
+/// (MSAC) as the choice, then refit by orthogonal least squares and re-select on all points until the inlier set
+/// stands still. Orientation: `normal` has a positive dot product with `up`. Needs at least 3 points.
+/// ok = false: too few points, degenerate, no fixed point within refits_max, or share below the limit; the figures
+/// reached are still filled in. No heap; O(K * sample + refits * points).
+[[nodiscard]] PlaneFit fit_plane(std::span<const Vec3> points, const Vec3& up, const PlaneSettings& settings);
+
+/// Orthogonal least squares on all points: blocked, shifted double sums, symmetric eigenproblem. ok = false when
+/// fewer than 3 points or all on a line.
+[[nodiscard]] PlaneFit fit_plane_lsq(std::span<const Vec3> points, const Vec3& up);
+
+// ---- one block -------------------------------------------------------------------------------------------------
+
+/// Measures one block. Construct once (allocates the whole workspace, limits::kWorkspaceBytes), then `use` a recipe
+/// and run the stages in order for each scan; the caller times them. Not thread-safe; one per worker.
+class BlockInspector {
+ public:
+  BlockInspector();
+  ~BlockInspector();
+  BlockInspector(const BlockInspector&) = delete;
+  BlockInspector& operator=(const BlockInspector&) = delete;
+
+  /// Builds the block model and its closest-face table. No heap.
+  void use(const Recipe& recipe);
+
+  /// Starts a block: clears the result, notes the station (1..18, only carried through) and the pose to start from:
+  /// base frame <- block's nominal, and scanner in the base frame (splicing: T_base_flange * T_flange_scanner).
+  /// Offline scans pass T_base_block = identity and T_base_scanner = T_block_scanner.
+  void begin(int station, const Pose& T_base_block, const Pose& T_base_scanner);
+
+  /// Drops missing and isolated points in place. too_few_points when hardly anything is left.
+  [[nodiscard]] Status denoise(Cloud& cloud);
+
+  /// Finds the block: ICP to the analytic model from the spliced pose. block_not_found when rejected or degenerate;
+  /// the report in `result()` says why.
+  [[nodiscard]] Status register_to_model(const Cloud& cloud);
+
+  /// Segments by model, fits every feature, computes the items that could be measured.
+  [[nodiscard]] Status extract(const Cloud& cloud);
+
+  /// Verdict of the block from what is there: call it after the last stage that succeeded, with that stage's code.
+  /// Never pass unless every required item is measured and within its guarded limits.
+  void judge(Code code);
+
+  [[nodiscard]] const BlockResult& result() const;
+  [[nodiscard]] BlockResult& result();
+
+ private:
+  struct Workspace;
+  std::unique_ptr<Workspace> work_;
+};
+
+// ---- the slab --------------------------------------------------------------------------------------------------
+
+/// Uncertainty of one station's splice in the base frame, standard (k = 1); NaN = not calibrated: slab-frame items
+/// are then indeterminate.
+struct StationSigma {
+  double position_mm = kNoValue;  ///< per axis
+  double rotation_rad = kNoValue; ///< per axis
+};
+
+/// One robust rigid fit of all seats to the slab model and the slab-frame items. `blocks` holds one entry per station
+/// (index station - 1); an entry with verdict none is a missing station. Fewer than 12 seats, one row only or fewer
+/// than 4 pitches: slab-frame items not measured. The slab passes only if every station is measured and passes.
+/// No heap.
+void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, const StationSigma& sigma,
+                  const Pose& T_base_slab_nominal, SlabResult& out);
+
+}  // namespace slabd::algo

@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+/// The vocabulary every room shares. All headers of this room are public; this one names them in reading order.
+#include "base/limits.h"
+#include "base/units.h"
+#include "base/pose.h"
+#include "base/fixed.h"
+#include "base/codes.h"
+#include "base/result.h"
+#include "base/prng.h"
+#include "base/items.h"
+#include "base/recipe.h"
+#include "base/records.h"
+#include "base/robot.h"
+#include "base/plc.h"

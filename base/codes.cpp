@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "base/codes.h"
+
+#include <array>
+
+namespace slabd {
+namespace {
+
+struct Entry {
+  Code code;
+  std::string_view meaning;
+  std::string_view cure;
+};
+
+constexpr std::array kTable = {
+    Entry{Code::ok, "no fault", "nothing to do"},
+    Entry{Code::unknown_command, "the command word is none of 1..5", "correct CMD (HR 10) in the PLC program"},
+    Entry{Code::stale_session, "the command carries an old session number",
+          "read SESSION (IR 9) again, copy it to SESSION_ECHO (HR 38), write the command again"},
+    Entry{Code::busy, "another command is still being carried out", "wait until BUSY (IR 5 bit 1) is clear"},
+    Entry{Code::wrong_slab, "no slab is open, or the command names another slab",
+          "send SLAB_BEGIN first; SLAB_NO must stay the same until SLAB_END"},
+    Entry{Code::station_range, "the station number is outside 1..number of blocks", "correct STATION (HR 11)"},
+    Entry{Code::unknown_type, "there is no usable recipe for this slab type",
+          "add or repair the recipe file; `slabctl recipe check FILE` names the fault"},
+    Entry{Code::not_enabled, "ENABLE is not set, or the PLC heartbeat is missing",
+          "set HR 1 bit 0 and change HR 0 at least every 500 ms"},
+    Entry{Code::bad_id_text, "SLAB_ID is not printable ASCII", "correct HR 16..31"},
+    Entry{Code::bad_crc, "CMD_CRC does not match HR 10..36", "write the block again; check the word order"},
+    Entry{Code::interrupted, "the command was cut off by a restart or by ABORT", "give the command again"},
+    Entry{Code::bad_sequence, "CMD_SEQ is neither CMD_ACK nor its successor",
+          "seed the counter from CMD_ACK (IR 10) and count by one"},
+    Entry{Code::no_pose, "no robot pose has arrived",
+          "start the robot bridge; check the network interface and the multicast route"},
+    Entry{Code::pose_stale, "the newest robot pose is too old", "check the robot bridge and its network"},
+    Entry{Code::not_settled, "the robot did not come to rest", "wait longer before SCAN; check the robot's brakes"},
+    Entry{Code::outside_window, "the scanner does not look at the commanded station",
+          "check the station number, the robot program and [cell] T_base_slab"},
+    Entry{Code::moved_during_scan, "the robot moved while the scan was taken", "scan this station again"},
+    Entry{Code::wrong_frame, "the pose is not the flange in the robot root",
+          "set $TOOL and $BASE to $NULLFRAME in the robot program"},
+    Entry{Code::scanner_offline, "the scanner's folder cannot be used", "check the path, its permissions and the mount"},
+    Entry{Code::trigger_timeout, "the scanner did not answer in time", "check the scanner program; scan again"},
+    Entry{Code::frame_incomplete, "the scan is incomplete or unreadable", "scan this station again"},
+    Entry{Code::exposure, "the scan is over- or underexposed", "check the scanner's exposure settings"},
+    Entry{Code::too_few_points, "the scan has too few valid points", "check distance, exposure and dirt; scan again"},
+    Entry{Code::block_not_found, "no supporting block was found in the scan",
+          "check the station, the slab's position and that the block is there"},
+    Entry{Code::fit_failed, "a required feature could not be measured", "scan again; look for dirt or missing surface"},
+    Entry{Code::ambiguous, "the scan fits the block in more than one way", "scan again with the whole block in view"},
+    Entry{Code::deadline, "the measurement took too long", "check the computer's load"},
+    Entry{Code::store_full, "the disk has no room for two more slabs", "free space on the spool disk"},
+    Entry{Code::journal_write, "the database could not be written", "check the disk; then reset the fault"},
+    Entry{Code::calibration_missing, "there is no valid calibration", "calibrate, or set [calibration] in the config"},
+    Entry{Code::config, "the configuration is not usable", "run `slabctl config check`; it names file and line"},
+    Entry{Code::internal, "an internal check failed", "note the journal entry and restart the service"},
+};
+
+constexpr const Entry* find(Code code) {
+  for (const Entry& entry : kTable)
+    if (entry.code == code) return &entry;
+  return nullptr;
+}
+
+}  // namespace
+
+std::string_view describe(Code code) {
+  const Entry* entry = find(code);
+  return entry != nullptr ? entry->meaning : "unknown code";
+}
+
+std::string_view cure(Code code) {
+  const Entry* entry = find(code);
+  return entry != nullptr ? entry->cure : "note the code and the software version";
+}
+
+}  // namespace slabd

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "base/items.h"
+
+namespace slabd {
+namespace {
+
+constexpr std::array<ItemInfo, kItemCount> kItems = {{
+    {ItemId::seat_slope, "seat_slope", ItemScope::block, ItemUnit::deg, 0},
+    {ItemId::seat_flatness, "seat_flatness", ItemScope::block, ItemUnit::mm, 1},
+    {ItemId::jaw_angle_inner, "jaw_angle_inner", ItemScope::block, ItemUnit::deg, 2},
+    {ItemId::jaw_angle_outer, "jaw_angle_outer", ItemScope::block, ItemUnit::deg, 3},
+    {ItemId::jaw_distance, "jaw_distance", ItemScope::block, ItemUnit::mm, 4},
+    {ItemId::casing_spacing, "casing_spacing", ItemScope::block, ItemUnit::mm, 5},
+    {ItemId::casing_protrusion_inner, "casing_protrusion_inner", ItemScope::block, ItemUnit::mm, 6},
+    {ItemId::casing_protrusion_outer, "casing_protrusion_outer", ItemScope::block, ItemUnit::mm, 7},
+    {ItemId::casing_skew_inner, "casing_skew_inner", ItemScope::block, ItemUnit::mm, 8},
+    {ItemId::casing_skew_outer, "casing_skew_outer", ItemScope::block, ItemUnit::mm, 9},
+    {ItemId::seat_lateral, "seat_lateral", ItemScope::seat_in_slab, ItemUnit::mm, 10},
+    {ItemId::seat_vertical, "seat_vertical", ItemScope::seat_in_slab, ItemUnit::mm, 11},
+    {ItemId::seat_spacing, "seat_spacing", ItemScope::seat_neighbours, ItemUnit::mm, 12},
+    {ItemId::large_jaw_distance, "large_jaw_distance", ItemScope::seat_pair, ItemUnit::mm, 13},
+    {ItemId::corner_level, "corner_level", ItemScope::slab, ItemUnit::mm, 14},
+    {ItemId::warp_left, "warp_left", ItemScope::slab, ItemUnit::mm, 15},
+    {ItemId::warp_right, "warp_right", ItemScope::slab, ItemUnit::mm, 15},
+    {ItemId::seat_std, "seat_std", ItemScope::block, ItemUnit::mm, -1},
+}};
+
+}  // namespace
+
+std::string_view name(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::none: return "none";
+    case Verdict::pass: return "pass";
+    case Verdict::fail: return "fail";
+    case Verdict::not_measured: return "not_measured";
+    case Verdict::aborted: return "aborted";
+    case Verdict::indeterminate: return "indeterminate";
+  }
+  return "none";
+}
+
+const ItemInfo& info(ItemId id) { return kItems.at(static_cast<std::size_t>(id)); }
+
+std::string_view name(ItemUnit unit) { return unit == ItemUnit::mm ? "mm" : "deg"; }
+
+std::optional<ItemId> item_from_name(std::string_view item_name) {
+  for (const ItemInfo& item : kItems)
+    if (item.name == item_name) return item.id;
+  return std::nullopt;
+}
+
+std::string_view beside_name(ItemId id) {
+  switch (id) {
+    case ItemId::seat_slope: return "ratio_n";
+    case ItemId::seat_flatness: return "min_zone_mm";
+    case ItemId::seat_std: return "cells_mm";
+    case ItemId::seat_vertical: return "unremoved_mm";
+    case ItemId::corner_level: return "quarter_mm";
+    default: return "";
+  }
+}
+
+Verdict judge(const Item& item, double guard) {
+  if (!std::isfinite(item.value)) return Verdict::not_measured;
+  const bool has_lower = has_value(item.lower);
+  const bool has_upper = has_value(item.upper);
+  if (!has_lower && !has_upper) return Verdict::none;
+  if (guard > 0.0 && !(std::isfinite(item.U) && item.U > 0.0)) return Verdict::indeterminate;
+  const double band = guard > 0.0 ? guard * item.U : 0.0;
+  if ((has_lower && item.value < item.lower - band) || (has_upper && item.value > item.upper + band))
+    return Verdict::fail;
+  if ((has_lower && item.value < item.lower + band) || (has_upper && item.value > item.upper - band))
+    return Verdict::indeterminate;
+  return Verdict::pass;
+}
+
+Verdict combine(const Item* begin, const Item* end) {
+  bool any_measured = false;
+  bool missing = false;
+  bool open = false;
+  for (const Item* item = begin; item != end; ++item) {
+    switch (item->verdict) {
+      case Verdict::fail: return Verdict::fail;
+      case Verdict::indeterminate: open = true; break;
+      case Verdict::pass: any_measured = true; break;
+      case Verdict::none:
+        // Information, unless somebody made it required: then a verdict was expected and there is none.
+        missing = missing || item->required;
+        break;
+      case Verdict::not_measured:
+      case Verdict::aborted: missing = missing || item->required; break;
+    }
+  }
+  if (missing) return Verdict::not_measured;
+  if (open) return Verdict::indeterminate;
+  return any_measured ? Verdict::pass : Verdict::not_measured;
+}
+
+}  // namespace slabd

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <string_view>
+
+#include "base/fixed.h"
+
+namespace slabd {
+
+/// What the PLC reads as VERDICT. Zeroed memory reads as `none`; only `pass` is a pass.
+enum class Verdict : std::uint8_t { none = 0, pass = 1, fail = 2, not_measured = 3, aborted = 4, indeterminate = 5 };
+
+/// "pass", "fail", "not_measured", ...: the word used in JSON, the database and reports.
+[[nodiscard]] std::string_view name(Verdict verdict);
+
+/// What is measured. 0..15 are the bits of the PLC's fail mask; warp_right shares bit 15, seat_std is information only.
+enum class ItemId : std::uint8_t {
+  seat_slope = 0,
+  seat_flatness = 1,
+  jaw_angle_inner = 2,
+  jaw_angle_outer = 3,
+  jaw_distance = 4,
+  casing_spacing = 5,
+  casing_protrusion_inner = 6,
+  casing_protrusion_outer = 7,
+  casing_skew_inner = 8,
+  casing_skew_outer = 9,
+  seat_lateral = 10,
+  seat_vertical = 11,
+  seat_spacing = 12,
+  large_jaw_distance = 13,
+  corner_level = 14,
+  warp_left = 15,
+  warp_right = 16,
+  seat_std = 17,
+};
+inline constexpr std::size_t kItemCount = 18;
+
+enum class ItemScope : std::uint8_t { block, seat_in_slab, seat_neighbours, seat_pair, slab };
+enum class ItemUnit : std::uint8_t { mm, deg };
+
+/// The fixed facts of an item; tolerances live in the recipe.
+struct ItemInfo {
+  ItemId id;
+  std::string_view name;
+  ItemScope scope;
+  ItemUnit unit;
+  int plc_bit;  ///< bit of fail mask IR 38 / IR 39, -1 = none
+};
+[[nodiscard]] const ItemInfo& info(ItemId id);
+[[nodiscard]] std::string_view name(ItemUnit unit);
+[[nodiscard]] std::optional<ItemId> item_from_name(std::string_view item_name);
+
+inline constexpr double kNoValue = std::numeric_limits<double>::quiet_NaN();
+[[nodiscard]] inline bool has_value(double v) { return !std::isnan(v); }
+
+/// One measured characteristic. NaN stands for "none" in every number: not measured, or no such limit.
+/// Units: mm, or degrees for angles (`info(id).unit`); the only place where degrees live inside, because tolerances,
+/// reports and the PLC all speak degrees.
+struct Item {
+  ItemId id = ItemId::seat_slope;
+  Verdict verdict = Verdict::none;
+  bool required = false;         ///< not measured means the block or slab is not measured
+  std::uint8_t station = 0;      ///< 1..18; 0 for the whole slab
+  std::uint8_t station_to = 0;   ///< second station of a spacing or a pair; else 0
+  double value = kNoValue;
+  double nominal = kNoValue;
+  double lower = kNoValue;       ///< absolute limits of `value`
+  double upper = kNoValue;
+  double U = kNoValue;           ///< expanded uncertainty, k = 2
+  double beside = kNoValue;      ///< the companion figure design section 6 asks for (see `beside_name`)
+
+  [[nodiscard]] double deviation() const { return value - nominal; }
+};
+/// Name of `Item::beside` in JSON and reports, empty when the item has none: seat_slope "ratio_n" (n of 1:n),
+/// seat_flatness "min_zone_mm", seat_std "cells_mm", seat_vertical "unremoved_mm", corner_level "quarter_mm".
+[[nodiscard]] std::string_view beside_name(ItemId id);
+
+/// ISO 14253-1 with guard band `guard * U`: pass inside the limits by the guard band, fail outside by it, else
+/// indeterminate. No value: not_measured. No U (NaN): indeterminate. No limits at all: the item is information and
+/// passes nothing and fails nothing; its verdict is `none`.
+[[nodiscard]] Verdict judge(const Item& item, double guard);
+
+/// Block and slab rule: fail if any item fails; else not_measured if a required item is; else indeterminate if any
+/// item is; else pass. An empty list is not_measured. Items that are not required and not measured do not count.
+[[nodiscard]] Verdict combine(const Item* begin, const Item* end);
+
+}  // namespace slabd

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <variant>
+
+#include "base/plc.h"
+#include "base/recipe.h"
+#include "base/records.h"
+#include "base/result.h"
+
+/// Work the station hands out, and what it recovers after a restart. The station names slabs and attempts itself
+/// (keys count up and are never re-used), so no answer is needed to go on.
+namespace slabd {
+
+// ---- scanner ---------------------------------------------------------------------------------------------------
+
+struct ScanShape {
+  std::size_t points = 0;
+  std::size_t finite = 0;
+  std::size_t width = 0;  ///< 0 = unorganised
+  std::size_t height = 0;
+};
+
+struct ScanRequest {
+  std::uint16_t session = 0;
+  std::uint16_t cmd_seq = 0;
+  SlabId slab_id;
+  std::uint8_t station = 0;
+  std::int64_t timeout_ns = 15 * kNsPerS;
+  PathText spool_path;  ///< without extension; where the scan must lie, durable, when it is acquired
+};
+
+struct AcquiredScan {
+  ScanShape shape;
+  PathText path;                   ///< in the spool, with extension; synced, its folder too
+  std::int64_t taken_mono_ns = 0;  ///< when the finished file was first seen: the exposure is over
+  std::int64_t taken_utime_us = 0;
+  double read_ms = 0.0;
+};
+
+// ---- storage ---------------------------------------------------------------------------------------------------
+
+struct SlabHeader {
+  std::int64_t key = 0;  ///< 1, 2, 3, ... over the life of the database
+  SlabId slab_id;
+  std::uint32_t slab_no = 0;
+  std::uint16_t slab_type = 0;
+  std::uint8_t stations = 0;
+  std::uint16_t temperature_dk = 0;
+  std::uint16_t age_h = 0;
+  FixedString<32> recipe;
+  FixedString<64> recipe_sha256;
+  FixedString<64> calibration_id;
+  FixedString<64> software;
+  Pose T_base_slab;          ///< of the cell, as configured
+  Pose T_flange_scanner;
+  std::int64_t began_utime_us = 0;
+};
+
+/// One SCAN whose cloud and pose are durable.
+struct Attempt {
+  std::int64_t slab_key = 0;
+  std::uint8_t station = 0;
+  std::uint8_t number = 0;  ///< 1, 2, ... of this station
+  std::uint16_t session = 0;
+  std::uint16_t cmd_seq = 0;
+  Pose T_base_flange;       ///< mean over the exposure
+  double pose_spread_mm = kNoValue;
+  std::uint32_t pose_samples = 0;
+  PathText scan_path;
+  ScanShape shape;
+  std::int64_t scan_utime_us = 0;
+  double settle_ms = 0.0;   ///< SCAN accepted until the robot stood still
+  double acquire_ms = 0.0;  ///< SCAN accepted until durable
+};
+
+struct SessionJob {
+  std::uint16_t session = 0;
+};
+/// Refuses with store_full unless two slabs' scans fit on the spool disk.
+struct BeginSlabJob {
+  SlabHeader slab;
+  std::uint16_t session = 0;
+  std::uint16_t cmd_seq = 0;
+};
+struct CommandJob {
+  std::uint16_t session = 0;
+  std::uint16_t cmd_seq = 0;
+  std::uint16_t command = 0;
+  std::uint8_t station = 0;
+  std::int64_t slab_key = 0;  ///< 0 = none
+  std::int64_t utime_us = 0;
+};
+/// "acquired n": after this commit the robot may leave.
+struct AcquiredJob {
+  Attempt attempt;
+};
+/// A SCAN that came to nothing (no pose, no scan, unreadable ...): kept as an attempt with its code.
+struct FailedAttemptJob {
+  Attempt attempt;  ///< what is known of it
+  std::uint16_t code = 0;
+};
+/// A measured block and the record the PLC will be shown, one transaction. Closes the command.
+struct BlockJob {
+  std::int64_t slab_key = 0;
+  std::uint8_t attempt = 0;
+  BlockResult block;
+  PlcResult record;
+};
+/// The slab's end: items, verdict, final station verdicts and the record, one transaction. Closes slab and command.
+struct SlabJob {
+  std::int64_t slab_key = 0;
+  SlabResult slab;
+  PlcResult record;
+  std::int64_t ended_utime_us = 0;
+};
+struct AckJob {
+  std::uint16_t res_seq = 0;
+};
+/// A record shown again on REPORT, under a new RES_SEQ. Closes the command.
+struct ReportJob {
+  PlcResult record;
+};
+
+struct StoreJob {
+  std::uint32_t ticket = 0;  ///< returned with the answer
+  std::variant<SessionJob, BeginSlabJob, CommandJob, AcquiredJob, FailedAttemptJob, BlockJob, SlabJob, AckJob, ReportJob>
+      what;
+};
+
+// ---- recovery --------------------------------------------------------------------------------------------------
+
+enum class StationPhase : std::uint8_t {
+  empty = 0,      ///< not scanned yet
+  acquiring = 1,  ///< accepted, cloud not durable yet
+  acquired = 2,   ///< cloud and pose durable, not measured yet
+  measured = 3,   ///< result durable
+  failed = 4,     ///< the last SCAN came to nothing
+};
+
+/// One station of the open slab.
+struct StationRecord {
+  StationPhase phase = StationPhase::empty;
+  std::uint8_t attempts = 0;
+  std::uint16_t code = 0;  ///< why the last SCAN came to nothing
+  Attempt attempt;         ///< the latest acquired one
+  BlockResult block;       ///< valid when measured
+};
+
+/// What a restarted daemon must know. A command that was accepted and not finished has been marked interrupted.
+struct RecoveredLine {
+  std::uint16_t session = 0;   ///< last one used; 0 = fresh database
+  std::uint16_t cmd_ack = 0;
+  std::uint16_t cmd_status = 0;
+  std::uint16_t acq_seq = 0;
+  std::uint16_t res_seq = 0;   ///< last one used
+  std::int64_t last_slab_key = 0;
+  std::int64_t newest_utime_us = 0;
+
+  bool slab_open = false;
+  SlabHeader slab;             ///< the open slab, else the last ended one (key 0 = none ever)
+  std::array<StationRecord, limits::kStationsMax> stations{};
+  /// The last ended slab as the PLC was shown it (station table, verdict, reason).
+  std::array<PlcStationRow, limits::kStationsMax> table{};
+  Verdict slab_verdict = Verdict::none;
+  std::uint16_t slab_reason = 0;
+  std::uint32_t table_slab_no = 0;
+  PlcResult slab_record;       ///< of the last ended slab, for REPORT
+
+  FixedQueue<PlcResult, limits::kResultQueueMax> unacknowledged;  ///< oldest first
+};
+
+}  // namespace slabd

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+/// Every capacity of the daemon, each with the reason for its size. Everything on the inspection path is allocated
+/// once from these numbers before the first slab; nothing grows afterwards. Passing a limit is an error with a code,
+/// never a reallocation.
+namespace slabd::limits {
+
+// ---- the slab ------------------------------------------------------------------------------------------------
+/// Supporting blocks of the longest slab: 9 pairs on P5600. The PLC map's station table has 18 rows.
+inline constexpr std::size_t kStationsMax = 18;
+inline constexpr std::size_t kPairsMax = kStationsMax / 2;
+/// Slab types known at once; the line makes four (P5600, P4925, P4856, P5350), the rest is room.
+inline constexpr std::size_t kRecipesMax = 16;
+/// SLAB_ID occupies 16 registers of two characters (HR 16..31).
+inline constexpr std::size_t kSlabIdBytes = 32;
+
+// ---- the scan ------------------------------------------------------------------------------------------------
+/// A 5-megapixel scanner delivers 2448 x 2048 = 5 013 504 points at most; 20 % in reserve for its successor.
+inline constexpr std::size_t kScanPointsMax = 6'000'000;
+/// One scan is measured while the next one arrives. A third would only hide a scanner that outruns the computer.
+inline constexpr std::size_t kScanSlots = 2;
+/// Room for one scan's x y z as float32: 72 MB.
+inline constexpr std::size_t kScanSlotBytes = kScanPointsMax * 3 * sizeof(float);
+/// Fewer finite points than this cannot hold a block (a real scan has a hundred times more): code 401.
+inline constexpr std::size_t kScanPointsMin = 50'000;
+/// A scan header longer than this is not a header.
+inline constexpr std::size_t kScanHeaderBytesMax = 16'384;
+/// Read-ahead piece while decoding a scan file; small enough to stay in the second-level cache.
+inline constexpr std::size_t kScanReadBytes = 1U << 18U;
+
+// ---- measuring workspace (allocated once by algo::BlockInspector) ----------------------------------------------
+/// Neighbourhood cells of the isolation test: 1 mm over the 500 x 350 mm field needs 175 000; a wider field gets
+/// coarser cells, never more of them.
+inline constexpr std::size_t kDenoiseCellsMax = 1U << 20U;
+/// Points that take part in one ICP iteration. 2^16 points of 0.03 mm noise fix the pose to about 0.001 mm.
+inline constexpr std::size_t kIcpPointsMax = 1U << 16U;
+/// Cells of the closest-face table: 400 x 600 mm around the block at 1 mm.
+inline constexpr std::size_t kFaceTableX = 400;
+inline constexpr std::size_t kFaceTableY = 600;
+/// Flatness cells: 102 x 150 mm at 1.5 mm is 68 x 100; a quarter more for another recipe's crop.
+inline constexpr std::size_t kFlatnessCellsMax = 8'500;
+/// Stratified sample on which plane hypotheses are scored (notes: more does not help, less loses the best one).
+inline constexpr std::size_t kPlaneSampleMax = 4'096;
+/// Hypotheses of one plane fit: eq. (8) with half the points bad and P = 1 - 1e-6 asks for 104; 2^14 bounds E = 0.9.
+inline constexpr std::size_t kPlaneHypothesesMax = 16'384;
+/// Angular sectors of a casing's edge.
+inline constexpr std::size_t kRimSectors = 360;
+
+/// Bytes of algo's workspace that scale with the scan: an index and a label per point, and the cell starts.
+inline constexpr std::size_t kWorkspaceBytes = kScanPointsMax * (sizeof(std::uint32_t) + 1) +
+                                               (kDenoiseCellsMax + 1) * sizeof(std::uint32_t) +
+                                               kIcpPointsMax * 3 * sizeof(double) +
+                                               kFaceTableX * kFaceTableY * 2 * sizeof(std::uint16_t);
+/// What the inspection path holds for ever. The process adds about 15 MB of code, stacks and SQLite cache.
+inline constexpr std::size_t kInspectionBytes = kScanSlots * kScanSlotBytes + kWorkspaceBytes;
+static_assert(kInspectionBytes < 200U << 20U, "two scans in flight must fit an industrial PC beside its other work");
+
+// ---- robot pose ----------------------------------------------------------------------------------------------
+/// 2 s of poses at 250 Hz (4 ms, the fastest robot cycle), rounded up.
+inline constexpr std::size_t kPoseRing = 512;
+/// One LCM short message: 8 bytes header, channel, 92 bytes of pose; anything larger is not ours.
+inline constexpr std::size_t kLcmDatagramMax = 1'500;
+/// Poses handled per turn of the loop, so that a flood of datagrams cannot starve the PLC.
+inline constexpr std::size_t kPosesPerTurn = 64;
+
+// ---- PLC -----------------------------------------------------------------------------------------------------
+/// Modbus clients: the PLC, a spare, a display, a diagnosis tool, twice.
+inline constexpr std::size_t kModbusClientsMax = 8;
+/// MODBUS Messaging on TCP/IP V1.0b, 4.1: 7 bytes MBAP + 253 bytes PDU.
+inline constexpr std::size_t kModbusAduMax = 260;
+/// Frames served per client and turn; a pipelining client must not starve the others.
+inline constexpr std::size_t kModbusFramesPerTurn = 4;
+/// Results waiting for RES_ACK: three whole slabs of 18 stations and a verdict. Beyond it SCAN is refused (103).
+inline constexpr std::size_t kResultQueueMax = 3 * (kStationsMax + 1);
+
+// ---- the daemon's threads ------------------------------------------------------------------------------------
+/// Jobs that may wait for a worker. Storage is the busiest: acknowledgements, a block, a command and a session
+/// change can meet while one slow sync runs.
+inline constexpr std::size_t kWorkerQueue = 64;
+/// Actions one event can cause (the largest: restart, which re-measures a whole slab).
+inline constexpr std::size_t kActionsMax = 64;
+/// Control connections at once, and the longest line on one.
+inline constexpr std::size_t kControlClientsMax = 4;
+inline constexpr std::size_t kControlLineBytes = 65'536;
+
+// ---- text ----------------------------------------------------------------------------------------------------
+inline constexpr std::size_t kErrorTextBytes = 320;
+inline constexpr std::size_t kPathBytes = 256;
+
+static_assert(kActionsMax >= 2 * kStationsMax + 4, "a restart re-presents and re-measures every station at once");
+static_assert(kPoseRing >= 2 * 250, "the ring must hold settle window, dwell and exposure start at 250 Hz");
+
+}  // namespace slabd::limits

@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "base/plc.h"
+
+namespace slabd {
+namespace {
+
+double deviation_of(const BlockResult& block, ItemId id) {
+  const Item* item = find_item(block.items.begin(), block.items.end(), id);
+  return item == nullptr ? kNoValue : item->deviation();
+}
+
+struct Worst {
+  double deviation = kNoValue;
+  double station = kNoValue;
+};
+
+/// Largest deviation in size; the first of equals.
+Worst worst_of(const SlabResult& slab, ItemId id) {
+  Worst worst;
+  for (const Item& item : slab.items) {
+    if (item.id != id || !has_value(item.value)) continue;
+    if (!has_value(worst.deviation) || std::abs(item.deviation()) > std::abs(worst.deviation))
+      worst = {item.deviation(), static_cast<double>(item.station)};
+  }
+  return worst;
+}
+
+double slab_deviation(const SlabResult& slab, ItemId id) {
+  const Item* item = find_item(slab.items.begin(), slab.items.end(), id);
+  return item == nullptr ? kNoValue : item->deviation();
+}
+
+}  // namespace
+
+PlcResult station_record(const BlockResult& block) {
+  PlcResult record;
+  record.kind = 1;
+  record.station = block.station;
+  record.verdict = block.verdict;
+  record.reason = block.reason;
+  record.fail_mask = fail_mask(block.items.begin(), block.items.end());
+  record.open_mask = open_mask(block.items.begin(), block.items.end());
+  record.flatness_mm = block.seat.flatness_mm;
+  record.std_mm = block.seat.plane.std_mm;
+  record.points = static_cast<std::uint32_t>(block.scan.points_kept);
+  constexpr std::array kOrder = {ItemId::seat_slope,
+                                 ItemId::jaw_angle_inner,
+                                 ItemId::jaw_angle_outer,
+                                 ItemId::jaw_distance,
+                                 ItemId::casing_spacing,
+                                 ItemId::casing_protrusion_inner,
+                                 ItemId::casing_protrusion_outer,
+                                 ItemId::casing_skew_inner,
+                                 ItemId::casing_skew_outer};
+  for (std::size_t i = 0; i < kOrder.size(); ++i) record.deviation[i] = deviation_of(block, kOrder[i]);
+  return record;
+}
+
+PlcResult slab_record(const SlabResult& slab, int stations) {
+  PlcResult record;
+  record.kind = 2;
+  record.verdict = slab.verdict;
+  record.reason = slab.reason;
+  record.fail_mask = fail_mask(slab.items.begin(), slab.items.end());
+  record.open_mask = open_mask(slab.items.begin(), slab.items.end());
+  const Worst spacing = worst_of(slab, ItemId::seat_spacing);
+  const Worst large_jaw = worst_of(slab, ItemId::large_jaw_distance);
+  const Worst slope = worst_of(slab, ItemId::seat_slope);
+  const Worst lateral = worst_of(slab, ItemId::seat_lateral);
+  const Worst vertical = worst_of(slab, ItemId::seat_vertical);
+  int failed = 0;
+  for (int s = 0; s < stations; ++s)
+    failed += slab.station_verdict[static_cast<std::size_t>(s)] == Verdict::fail ? 1 : 0;
+  record.deviation = {slab_deviation(slab, ItemId::corner_level),
+                      slab_deviation(slab, ItemId::warp_left),
+                      slab_deviation(slab, ItemId::warp_right),
+                      spacing.deviation,
+                      spacing.station,
+                      large_jaw.deviation,
+                      large_jaw.station,
+                      slope.deviation,
+                      slope.station,
+                      lateral.deviation,
+                      lateral.station,
+                      vertical.deviation,
+                      vertical.station,
+                      static_cast<double>(failed)};
+  return record;
+}
+
+}  // namespace slabd

@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "base/items.h"
+#include "base/limits.h"
+#include "base/records.h"
+
+/// The PLC's half and slabd's half of register map 1.0 as values with units. `hal/plc_map.h` is the only place that
+/// knows addresses, scales and word order.
+namespace slabd {
+
+enum class PlcCommand : std::uint16_t { none = 0, slab_begin = 1, scan = 2, slab_end = 3, slab_abort = 4, report = 5 };
+
+/// What the PLC has written so far (HR 0..39), decoded after each write.
+struct PlcInputs {
+  std::uint16_t heartbeat = 0;
+  bool enable = false;
+  bool abort = false;
+  bool fault_reset = false;
+  std::uint16_t res_ack = 0;
+  std::uint16_t sync_req = 0;
+
+  std::uint16_t command = 0;
+  std::uint16_t station = 0;
+  std::uint16_t slab_type = 0;
+  std::uint16_t recipe = 0;            ///< 0 = by type
+  std::uint32_t slab_no = 0;
+  std::array<char, limits::kSlabIdBytes> slab_id{};
+  std::uint16_t slab_temperature_dk = 0;  ///< 0.1 K, 0 = unknown
+  std::uint16_t slab_age_h = 0;           ///< 0 = unknown
+  bool crc_ok = true;                  ///< CMD_CRC matches or is 0 (not used)
+  std::uint16_t session_echo = 0;
+  std::uint16_t cmd_seq = 0;
+
+  /// Connection that last wrote HR 10..39; 0 = nobody yet. Unique over the life of the process.
+  std::uint32_t command_writer = 0;
+};
+
+enum class PlcState : std::uint16_t {
+  init = 0,
+  recover = 1,
+  idle = 2,
+  slab_open = 3,
+  settling = 4,
+  scanning = 5,
+  waiting_for_plc = 6,
+  fault = 7,
+  maintenance = 8,
+};
+
+/// CMD_STATUS values below 0x8000; refused or failed is 0x8000 + code.
+enum class CommandStatus : std::uint16_t { none = 0, accepted = 1, acquiring = 2, acquired = 3, done = 4 };
+inline constexpr std::uint16_t kCommandFailed = 0x8000;
+
+/// WARN (IR 8), a bit field.
+enum PlcWarn : std::uint16_t {
+  kWarnUnconfirmedNominals = 1U << 0U,
+  kWarnCommissioningCalibration = 1U << 1U,
+  kWarnStrayFiles = 1U << 2U,
+  kWarnResultsWaiting = 1U << 3U,
+  kWarnClockBackwards = 1U << 4U,
+  kWarnRecipeUnusable = 1U << 5U,
+  kWarnDiskLow = 1U << 6U,
+  kWarnControlSocket = 1U << 7U,
+};
+
+/// Deviations of a result record, IR 42..55: mm or deg, NaN = none. Kind 2 carries station numbers and a count at
+/// some places; design section 7 has the table.
+inline constexpr std::size_t kPlcDeviations = 14;
+
+struct PlcResult {
+  std::uint16_t res_seq = 0;  ///< 0 = no record
+  std::uint16_t kind = 0;     ///< 1 station, 2 slab
+  std::uint16_t cmd_seq = 0;
+  std::uint16_t station = 0;
+  std::uint32_t slab_no = 0;
+  Verdict verdict = Verdict::none;
+  std::uint16_t reason = 0;
+  std::uint16_t fail_mask = 0;
+  std::uint16_t open_mask = 0;
+  double flatness_mm = kNoValue;
+  double std_mm = kNoValue;
+  std::array<double, kPlcDeviations> deviation = filled(kNoValue);
+  std::uint32_t points = 0;
+  std::int64_t scan_utime_us = 0;
+
+  [[nodiscard]] static constexpr std::array<double, kPlcDeviations> filled(double v) {
+    std::array<double, kPlcDeviations> a{};
+    for (double& x : a) x = v;
+    return a;
+  }
+};
+
+struct PlcStationRow {
+  Verdict verdict = Verdict::none;
+  std::uint8_t attempts = 0;
+  std::uint16_t reason = 0;
+};
+
+/// Everything the PLC can read (IR 0..109).
+struct PlcOutputs {
+  std::uint16_t heartbeat = 0;
+  // STATUS bits
+  bool ready = false;
+  bool busy = false;
+  bool acquired = false;
+  bool result = false;
+  bool slab_open = false;
+  bool fault_present = false;
+  bool warn_present = false;
+  bool pose_ok = false;
+  bool scanner_ok = false;
+  bool plc_link_ok = false;
+  bool store_ok = false;
+  bool simulation = false;
+
+  PlcState state = PlcState::init;
+  std::uint16_t fault = 0;
+  std::uint16_t warn = 0;
+  std::uint16_t session = 0;
+  std::uint16_t cmd_ack = 0;
+  std::uint16_t cmd_status = 0;
+  std::uint16_t acq_seq = 0;
+  std::uint16_t current_station = 0;
+  std::uint32_t slab_no = 0;
+  std::uint16_t slab_type = 0;
+  std::uint16_t stations_done = 0;
+  std::uint32_t station_mask = 0;
+  std::uint16_t results_pending = 0;
+  std::uint16_t refused = 0;
+  std::int64_t utime_us = 0;
+  std::uint16_t refuse_code = 0;
+  std::uint16_t refuse_seq = 0;
+
+  PlcResult record;
+
+  std::array<PlcStationRow, limits::kStationsMax> table{};
+  Verdict slab_verdict = Verdict::none;
+  std::uint16_t slab_reason = 0;
+  std::uint32_t table_slab_no = 0;  ///< IR 108-109
+};
+
+/// Result records of a measured block and of a finished slab, as design section 7 lays out IR 42..55.
+[[nodiscard]] PlcResult station_record(const BlockResult& block);
+[[nodiscard]] PlcResult slab_record(const SlabResult& slab, int stations);
+
+/// The successor of a 16-bit sequence number; 0 is never used.
+[[nodiscard]] constexpr std::uint16_t next_sequence(std::uint16_t seq) {
+  return seq == 0xFFFF ? std::uint16_t{1} : static_cast<std::uint16_t>(seq + 1);
+}
+
+}  // namespace slabd

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "base/fixed.h"
+#include "base/items.h"
+#include "base/limits.h"
+#include "base/pose.h"
+
+/// A slab type as data: everything geometric that slabd knows about a slab comes from one of these, read from a TOML
+/// file (`daemon`), never from code.
+namespace slabd {
+
+/// A nominal with the mark design section 5 asks for: has a person with the drawing confirmed it?
+struct Nominal {
+  double value = kNoValue;
+  bool confirmed = false;
+};
+
+/// The block in its own frame: origin in the centre of the bearing plane, X along the rail, Y outward, Z up. mm, rad.
+struct BlockGeometry {
+  Nominal cant_ratio;             ///< bearing plane climbs outward 1 : cant_ratio
+  Nominal jaw_half_distance_mm;   ///< along the bearing plane, at the reference height
+  Nominal jaw_reference_height_mm;///< above the bearing plane along its normal
+  Nominal jaw_angle_rad;          ///< between bearing plane and jaw face, in the free space
+  Nominal shoulder_outer_z_mm;
+  Nominal shoulder_inner_z_mm;
+  Nominal end_half_length_mm;     ///< |x| of the end faces at z = 0
+  Nominal side_half_width_mm;     ///< |y| of the side faces at z = 0
+  Nominal draft_rad;              ///< of end and side faces: |x| = half - z tan(draft)
+  Nominal slab_top_z_mm;
+  Nominal casing_half_spacing_mm; ///< along the bearing plane, at x = 0
+  Nominal casing_bore_diameter_mm;
+  Nominal casing_rim_diameter_mm;
+  Nominal casing_rim_height_mm;   ///< along the bearing normal; negative = sunk
+};
+
+/// The slab: origin in the centre of its top surface, X along, Y across, Z up. mm.
+struct SlabGeometry {
+  Nominal length_mm;
+  Nominal width_mm;
+  Nominal thickness_mm;
+  std::uint8_t pairs = 0;
+  Nominal pitch_mm;
+  Nominal first_pair_from_end_mm;
+  Nominal seat_centre_distance_mm;  ///< across the track, between the two rows' block origins
+  Nominal block_origin_z_mm;        ///< height of the block origin above the slab top
+};
+
+/// Where on the block things are measured, and what counts as measured. mm.
+struct EvaluationSettings {
+  double crop_half_x_mm = kNoValue;     ///< seat evaluation region, |x|
+  double crop_half_s_mm = kNoValue;     ///< seat evaluation region, |s| along the plane
+  double cell_mm = kNoValue;            ///< flatness cell
+  std::uint16_t cell_points_min = 0;    ///< a cell with fewer points does not count
+  double edge_margin_mm = kNoValue;     ///< kept clear of every edge of a face before it is fitted
+  double inlier_share_min = kNoValue;   ///< below it a plane is not measured
+  double registration_gate_mm = kNoValue; ///< a point further from the model than this belongs to no face
+  double registration_share_min = kNoValue; ///< share of points within the gate; below it the pose is rejected
+  double window_mm = kNoValue;          ///< a registered pose further than this from its start is rejected
+  double window_rad = kNoValue;
+};
+
+/// Limits of one item. Tolerances are absolute limits of the value, not deviations.
+struct Tolerance {
+  Nominal nominal;
+  double lower = kNoValue;  ///< NaN: no lower limit
+  double upper = kNoValue;
+  double U = kNoValue;      ///< default expanded uncertainty (k = 2); slab-frame items add the station's
+  bool required = false;
+  bool confirmed = false;   ///< of the limits
+};
+
+enum class SlopeDatum : std::uint8_t { slab_frame, local_slab_top };
+
+struct Recipe {
+  FixedString<32> name;
+  std::uint16_t slab_type = 0;      ///< SLAB_TYPE of the PLC
+  FixedString<64> sha256;           ///< of the file's bytes, hex
+  FixedString<limits::kPathBytes> path;
+  SlabGeometry slab;
+  BlockGeometry block;
+  EvaluationSettings evaluation;
+  SlopeDatum slope_datum = SlopeDatum::slab_frame;
+  bool remove_warp = true;
+  double guard = 1.0;               ///< guard band in units of U; 0 = simple acceptance
+  std::array<Tolerance, kItemCount> tolerances;
+
+  [[nodiscard]] const Tolerance& tolerance(ItemId id) const { return tolerances[static_cast<std::size_t>(id)]; }
+  [[nodiscard]] std::uint8_t stations() const { return static_cast<std::uint8_t>(2 * slab.pairs); }
+};
+
+/// Pose of block `station` (1..2*pairs) in the slab frame. Stations 1..pairs: row Y > 0 with growing X, axes as the
+/// slab's; pairs+1..2*pairs: row Y < 0 with falling X, turned 180 degrees about Z so that Y points outward.
+[[nodiscard]] Pose T_slab_block(const Recipe& recipe, int station);
+
+/// The station across the track: 1 <-> 18, 9 <-> 10 on nine pairs.
+[[nodiscard]] inline int opposite_station(const Recipe& recipe, int station) { return 2 * recipe.slab.pairs + 1 - station; }
+
+/// Nominal pose of the scanner over a block (design section 5): 600 mm above its origin, looking straight down.
+[[nodiscard]] Pose nominal_T_block_scanner();
+
+/// Nominals and tolerances that a verdict depends on and nobody has confirmed.
+[[nodiscard]] int unconfirmed_count(const Recipe& recipe);
+
+/// An Item of `id` with nominal, limits, U and required taken from the recipe; no value yet, verdict not_measured.
+[[nodiscard]] Item blank_item(const Recipe& recipe, ItemId id, int station = 0, int station_to = 0);
+
+}  // namespace slabd

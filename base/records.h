@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "base/codes.h"
+#include "base/fixed.h"
+#include "base/items.h"
+#include "base/limits.h"
+#include "base/pose.h"
+
+/// What one block and one slab came to: the values that pass between algo, storage, the station and reports.
+namespace slabd {
+
+using SlabId = FixedString<limits::kSlabIdBytes>;
+using PathText = FixedString<limits::kPathBytes>;
+
+enum class RegistrationStatus : std::uint8_t { none, converged, iteration_limit, degenerate, rejected };
+[[nodiscard]] std::string_view name(RegistrationStatus status);
+
+/// Table 4 of the paper: distances of the associated points to the model.
+struct DeviationStats {
+  std::uint64_t count = 0;
+  double mean_mm = kNoValue;
+  double std_mm = kNoValue;
+  std::array<double, 6> within_sigma{};  ///< share of points within 1..6 std of zero deviation
+};
+
+struct RegistrationReport {
+  RegistrationStatus status = RegistrationStatus::none;
+  int iterations = 0;
+  double share_associated = 0.0;  ///< of the sampled points near the model
+  double condition = kNoValue;    ///< of the normal matrix, lengths scaled to the block
+  FixedString<64> note;           ///< degenerate: which direction; rejected: which gate
+  Pose T_scanner_block;
+  DeviationStats deviation;
+};
+
+struct ScanCounts {
+  std::uint64_t points_read = 0;
+  std::uint64_t points_finite = 0;
+  std::uint64_t isolated_removed = 0;
+  std::uint64_t points_kept = 0;
+};
+
+/// One fitted plane n.p = d in the block's registered frame (mm).
+struct PlaneFit {
+  bool ok = false;
+  Vec3 normal = Vec3::Zero();      ///< unit; towards the free side
+  double offset_mm = kNoValue;
+  std::uint64_t points = 0;        ///< offered to the fit
+  std::uint64_t inliers = 0;
+  double inlier_fraction = 0.0;
+  double std_mm = kNoValue;        ///< of the inliers, orthogonal, n - 3
+  int iterations = 0;              ///< refits until the inlier set stood still
+};
+
+struct SeatFeature {
+  PlaneFit plane;                  ///< of the evaluation region (the crop)
+  PlaneFit full_plane;             ///< of the whole bearing plane, reported beside it
+  Vec3 normal_datum = Vec3::Zero();///< in the datum frame: Z from the slope datum, X from the registration
+  std::uint32_t grid_points = 0;   ///< flatness cells with enough points
+  double std_cells_mm = kNoValue;
+  double flatness_mm = kNoValue;   ///< peak to valley of cell means to their least-squares plane
+  double flatness_min_zone_mm = kNoValue;
+  double raw_low_mm = kNoValue;    ///< extremes of single points to the plane
+  double raw_high_mm = kNoValue;
+};
+
+struct CasingFeature {
+  bool ok = false;
+  Vec3 centre = Vec3::Zero();      ///< on the seat plane, registered block frame (mm)
+  double radius_mm = kNoValue;     ///< of the bore edge
+  double height_mm = kNoValue;     ///< of the rim along the seat normal
+  std::uint32_t edge_points = 0;
+  std::uint32_t rim_points = 0;
+};
+
+/// What the slab fit needs from one block, in the robot's base frame (mm). Measured features, not the registration.
+struct SeatObservation {
+  bool ok = false;
+  bool jaw_ok = false;
+  bool top_ok = false;
+  Vec3 p_base = Vec3::Zero();         ///< seat reference point: casing mid-point on the seat plane
+  Vec3 n_base = Vec3::Zero();         ///< seat normal
+  Vec3 jaw_outer_base = Vec3::Zero(); ///< outer jaw at reference height, section x = 0
+  Vec3 top_n_base = Vec3::Zero();     ///< normal of the local slab top
+};
+
+/// ms of wall time, measured by the caller of each stage.
+struct StageTimes {
+  double read_ms = 0.0;
+  double denoise_ms = 0.0;
+  double register_ms = 0.0;
+  double extract_ms = 0.0;
+  double total_ms = 0.0;
+};
+
+inline constexpr std::size_t kBlockItemsMax = 12;
+
+struct BlockResult {
+  std::uint8_t station = 0;
+  Verdict verdict = Verdict::none;
+  std::uint16_t reason = 0;  ///< 600 + lowest failing item, or a Code
+  ScanCounts scan;
+  RegistrationReport registration;
+  SeatFeature seat;
+  PlaneFit jaw_inner;
+  PlaneFit jaw_outer;
+  PlaneFit slab_top;
+  CasingFeature casing_inner;
+  CasingFeature casing_outer;
+  FixedVector<Item, kBlockItemsMax> items;
+  SeatObservation observation;
+  StageTimes times;
+};
+
+/// 18 lateral + 18 vertical + 16 spacings + 9 large jaws + corner level + 2 warps + 18 slopes in the slab frame.
+inline constexpr std::size_t kSlabItemsMax = 96;
+
+struct SlabFitReport {
+  bool ok = false;
+  std::uint8_t seats = 0;
+  int iterations = 0;
+  double rms_mm = kNoValue;
+  double plain_rms_mm = kNoValue;  ///< of the unweighted fit beside it
+  Pose T_base_slab;
+  FixedString<64> note;
+};
+
+struct SlabResult {
+  Verdict verdict = Verdict::none;
+  std::uint16_t reason = 0;
+  SlabFitReport fit;
+  FixedVector<Item, kSlabItemsMax> items;  ///< slab-frame items; block items stay with their blocks
+  std::array<Verdict, limits::kStationsMax> station_verdict{};  ///< final, slab items included; [station - 1]
+  std::array<std::uint16_t, limits::kStationsMax> station_reason{};
+};
+
+/// The verdict's REASON: 600 + the lowest failing item; for not_measured and indeterminate 600 + the lowest such
+/// item, or `code` when it names a cause before any item; 0 for pass.
+[[nodiscard]] std::uint16_t reason_for(Verdict verdict, const Item* begin, const Item* end, Code code);
+
+/// Bits of IR 38 (`Verdict::fail`) and of IR 39 (indeterminate, and not measured where required).
+[[nodiscard]] std::uint16_t fail_mask(const Item* begin, const Item* end);
+[[nodiscard]] std::uint16_t open_mask(const Item* begin, const Item* end);
+
+/// The item with this id (and station, if given), or nullptr.
+[[nodiscard]] const Item* find_item(const Item* begin, const Item* end, ItemId id, int station = -1);
+
+}  // namespace slabd

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "algo/algo.h"
+#include "base/base.h"
+#include "calib/calib.h"
+#include "hal/hal.h"
+#include "storage/storage.h"
+
+/// What the daemon shares with slabctl: configuration, recipes, and the one way a block is measured.
+namespace slabd::daemon {
+
+// ---- configuration (slabd.toml) ----------------------------------------------------------------------------------
+
+struct Config {
+  std::string path;
+  hal::PlcServerSettings plc;
+  hal::LcmSettings robot;
+  PoseSettings pose;
+  hal::ScanDropSettings scanner;
+  std::int64_t scan_timeout_ns = 10 * kNsPerS;
+  std::int64_t settle_timeout_ns = 8 * kNsPerS;
+  storage::StoreSettings storage;
+  std::string recipes_dir = "/usr/share/slabd/recipes";
+  Pose T_base_slab;
+  calib::Calibration calibration;
+  std::string control_socket = "/run/slabd/control.sock";
+  bool simulation = false;  ///< [line] simulation: shown to the PLC as STATUS bit 11
+};
+
+/// A fault in a file, for people: "file:line:column: key: what, allowed range".
+struct Problem {
+  std::string text;
+};
+
+/// Reads and checks a configuration. Every problem found is reported, not only the first; unknown keys name the
+/// nearest known one. Empty `problems` means `config` is usable. A [plc] table that can be read is filled in even
+/// when the rest is faulty, so that the daemon can show the PLC its fault.
+void load_config(const std::string& path, Config& config, std::vector<Problem>& problems);
+
+// ---- recipes (recipes/*.toml) --------------------------------------------------------------------------------------
+
+/// Reads and checks one recipe; `recipe` is complete only when `problems` stays empty.
+void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& problems);
+
+/// All *.toml of a folder, sorted by name; faulty ones are left out and reported. Two recipes of one slab_type, or
+/// none at all, are problems too.
+void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems);
+
+// ---- measuring one block -------------------------------------------------------------------------------------------
+
+/// Denoise, register, extract, judge, with the clock between the stages: the only path from a scan to a block result,
+/// used by the daemon's worker and by `slabctl inspect`. `read_ms` is carried into the result. No heap.
+const BlockResult& measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station,
+                                 const Pose& T_base_block, const Pose& T_base_scanner, algo::Cloud cloud,
+                                 const ScanShape& read, double read_ms);
+
+/// "slabd 0.1.0": identifies the software in every record.
+[[nodiscard]] FixedString<64> software_version();
+
+}  // namespace slabd::daemon

@@ -1,0 +1,227 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <variant>
+
+#include "base/base.h"
+#include "base/jobs.h"
+#include "daemon/pose_gate.h"
+
+/// The inspection cycle as a pure state machine: `step(station, event, actions)`. No socket, clock, file, thread or
+/// log; time arrives in `Tick`. The loop turns ports into events and carries out the actions; each action that can
+/// fail is answered by one event.
+///
+///   idle --SLAB_BEGIN--> slab open --SCAN--> journal -> settle -> scan -> durable (ACQ_SEQ, robot may leave)
+///                             ^                                              |
+///                             +---- next SCAN at once      measure -> commit -> result record
+///   slab open --SLAB_END--> wait for measurements -> slab fit -> commit -> slab verdict --RES_ACK--> idle
+///
+/// Rules that are never bent: nothing is acknowledged or shown before it is durable; a result reads pass only when it
+/// was measured and passed; a scan is never repeated on our own account.
+namespace slabd::daemon {
+
+// ---- configuration ---------------------------------------------------------------------------------------------
+
+struct StationSettings {
+  std::span<const Recipe> recipes;  ///< must outlive the station
+  Pose T_base_slab;
+  Pose T_flange_scanner;
+  FixedString<64> calibration_id;
+  FixedString<64> software;
+  PathText spool_dir;
+  PoseSettings pose;
+  std::uint16_t warn = 0;           ///< PlcWarn bits that hold for the whole run
+  Code fault = Code::ok;            ///< a fault that only a restart clears (504 config, 503 calibration)
+  bool simulation = false;
+  std::int64_t settle_timeout_ns = 8 * kNsPerS;   ///< SCAN accepted until settled; acquisition must end in 20 s
+  std::int64_t scan_timeout_ns = 10 * kNsPerS;    ///< requested until the scan is seen
+  std::int64_t heartbeat_lost_ns = 2'500'000'000;
+  std::int64_t heartbeat_period_ns = 500'000'000;
+};
+
+// ---- events ----------------------------------------------------------------------------------------------------
+
+/// At start, once, before any other event: what storage remembers.
+struct Recovered {
+  const RecoveredLine* line = nullptr;  ///< read during the step only
+};
+struct Tick {
+  std::int64_t mono_ns = 0;
+  std::int64_t utime_us = 0;
+};
+struct LinkStatus {
+  bool scanner_online = false;
+  std::uint64_t stray_files = 0;
+};
+struct ScanDone {
+  std::uint16_t cmd_seq = 0;
+  std::uint8_t slot = 0;
+  Code code = Code::ok;
+  AcquiredScan scan;  ///< valid when code is ok
+};
+struct BlockMeasured {
+  std::int64_t slab_key = 0;
+  std::uint8_t attempt = 0;
+  std::uint8_t slot = 0;
+  BlockResult block;
+};
+struct SlabJudged {
+  std::int64_t slab_key = 0;
+  SlabResult slab;
+};
+struct StoreDone {
+  std::uint32_t ticket = 0;
+  Code code = Code::ok;
+};
+using Event =
+    std::variant<Recovered, Tick, LinkStatus, PlcInputs, PoseSample, ScanDone, BlockMeasured, SlabJudged, StoreDone>;
+
+// ---- actions ---------------------------------------------------------------------------------------------------
+
+struct AcquireScan {
+  ScanRequest request;
+  std::uint8_t slot = 0;  ///< buffer to fill
+};
+struct CancelScan {};
+struct MeasureBlock {
+  std::int64_t slab_key = 0;
+  std::uint8_t station = 0;
+  std::uint8_t attempt = 0;
+  std::uint8_t slot = 0;
+  bool reload = false;  ///< after a restart: read `scan_path` into the slot first
+  PathText scan_path;
+  ScanShape shape;
+  std::uint16_t slab_type = 0;
+  Pose T_base_flange;
+  Pose T_flange_scanner;
+  Pose T_base_slab;
+};
+/// Answered at once: run the slab fit over `station.blocks()`.
+struct JudgeSlab {
+  std::int64_t slab_key = 0;
+  std::uint16_t slab_type = 0;
+};
+struct LogLine {
+  enum class Level : std::uint8_t { info, warning, error } level = Level::info;
+  std::uint16_t code = 0;
+  FixedString<limits::kErrorTextBytes> text;
+};
+using Action = std::variant<StoreJob, AcquireScan, CancelScan, MeasureBlock, JudgeSlab, LogLine>;
+using Actions = FixedVector<Action, limits::kActionsMax>;
+
+// ---- state -----------------------------------------------------------------------------------------------------
+
+/// Who may command, and which command is being carried out.
+struct CommandDesk {
+  std::uint16_t session = 0;         ///< shown to the PLC
+  std::uint16_t session_next = 0;    ///< differs while a change of session is on its way to the database
+  std::uint32_t writer = 0;          ///< connection that owns HR 10..39; 0 = nobody yet
+  std::uint16_t ack = 0;             ///< CMD_ACK
+  std::uint16_t status = 0;          ///< CMD_STATUS
+  std::uint16_t acq_seq = 0;
+  std::uint16_t refused = 0;
+  std::uint16_t refuse_code = 0;
+  std::uint16_t refuse_seq = 0;
+  std::uint16_t judged_seq = 0;      ///< CMD_SEQ (with `judged_echo`) last looked at: a repeated image is not news
+  std::uint16_t judged_echo = 0;
+  bool pending = false;              ///< `pending_inputs` waits for its journal entry
+  PlcInputs pending_inputs;
+  std::int64_t pending_slab_key = 0;
+};
+
+struct PlcLink {
+  PlcInputs inputs;                  ///< last image
+  bool sync_known = false;
+  bool alive = false;
+  bool was_lost = false;
+  std::int64_t changed_ns = 0;       ///< when the heartbeat last changed
+};
+
+/// The scan in hand.
+struct Acquisition {
+  enum class Phase : std::uint8_t { none, settling, scanning, storing } phase = Phase::none;
+  std::uint16_t cmd_seq = 0;
+  std::uint16_t session = 0;
+  std::uint8_t station = 0;
+  std::uint8_t slot = 0;
+  bool slot_taken = false;
+  bool abort = false;                ///< ABORT or SLAB_ABORT while it runs
+  std::int64_t started_ns = 0;
+  std::int64_t settled_ns = 0;
+  Pose T_base_flange_start;          ///< mean of the settled window
+  Attempt attempt;
+};
+
+enum class SlabPhase : std::uint8_t { none, open, ending, storing_end };
+
+struct OpenSlab {
+  SlabPhase phase = SlabPhase::none;
+  SlabHeader header;
+  const Recipe* recipe = nullptr;
+  std::array<StationRecord, limits::kStationsMax> stations{};
+  std::uint16_t end_seq = 0;         ///< CMD_SEQ of SLAB_END or SLAB_ABORT
+  bool aborting = false;
+  SlabResult result;                 ///< while it is being stored
+};
+
+/// What the PLC is shown of results.
+struct ResultDesk {
+  FixedQueue<PlcResult, limits::kResultQueueMax> queue;  ///< front is presented
+  std::uint16_t last_seq = 0;
+  std::array<PlcStationRow, limits::kStationsMax> table{};
+  Verdict slab_verdict = Verdict::none;
+  std::uint16_t slab_reason = 0;
+  std::uint32_t slab_no = 0;
+  PlcResult slab_record;             ///< for REPORT
+};
+
+/// A store job on its way, so that its answer finds its meaning.
+struct PendingStore {
+  enum class Kind : std::uint8_t { session, begin_slab, command, acquired, failed_attempt, block, slab, ack, report } kind{};
+  std::uint32_t ticket = 0;
+  std::uint8_t station = 0;
+  std::uint8_t attempt = 0;
+  std::uint8_t slot = 0;
+  std::uint16_t code = 0;
+  std::uint16_t value = 0;
+  std::int64_t slab_key = 0;
+  PlcResult record;
+};
+
+struct Station {
+  explicit Station(const StationSettings& settings_in) : settings(settings_in), gate(settings_in.pose) {}
+
+  StationSettings settings;
+  bool recovered = false;
+  std::int64_t now_ns = 0;
+  std::int64_t utime_us = 0;
+  std::uint16_t heartbeat = 0;
+  std::int64_t heartbeat_ns = 0;
+  std::uint16_t fault = 0;           ///< latched code; FAULT_RESET clears it unless settings.fault holds
+  std::uint16_t warn = 0;
+  std::int64_t newest_utime_us = 0;  ///< of any record
+  LinkStatus links;
+
+  CommandDesk desk;
+  PlcLink plc;
+  PoseGate gate;
+  Acquisition acquisition;
+  OpenSlab slab;
+  ResultDesk results;
+  std::array<bool, limits::kScanSlots> slot_busy{};
+  std::uint32_t measuring = 0;       ///< blocks being measured or waiting for it
+  std::int64_t last_slab_key = 0;
+  std::uint32_t last_ticket = 0;
+  FixedVector<PendingStore, limits::kWorkerQueue> storing;
+};
+
+/// One event in, actions out. `actions` is cleared first.
+void step(Station& station, const Event& event, Actions& actions);
+
+/// What the PLC reads now.
+[[nodiscard]] PlcOutputs plc_view(const Station& station);
+
+}  // namespace slabd::daemon

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <poll.h>
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "base/base.h"
+#include "base/jobs.h"
+
+/// Everything outside the process, as ports. Each has a real life (here and in the .cpp files of this room) and a
+/// scripted one (`hal/mock/`). Units, word order and frames are converted on this side of the ports.
+///
+/// Two shapes: PLC and robot pose are *pollable* (the loop waits on their descriptors and never blocks in them); the
+/// scanner is *blocking* (it waits for a file and for the disk, so it lives on a worker thread).
+namespace slabd::hal {
+
+// ---- clock, service manager ------------------------------------------------------------------------------------
+
+class Clock {
+ public:
+  virtual ~Clock() = default;
+  [[nodiscard]] virtual std::int64_t mono_ns() const = 0;   ///< for every decision
+  [[nodiscard]] virtual std::int64_t utime_us() const = 0;  ///< for records only
+};
+[[nodiscard]] std::unique_ptr<Clock> make_system_clock();
+
+/// systemd's notify protocol; silent when not started by a service manager.
+class ServiceNotify {
+ public:
+  virtual ~ServiceNotify() = default;
+  virtual void ready() = 0;
+  virtual void watchdog() = 0;
+  virtual void status(std::string_view line) = 0;
+  virtual void stopping() = 0;
+};
+[[nodiscard]] std::unique_ptr<ServiceNotify> make_systemd_notify();
+
+// ---- PLC -------------------------------------------------------------------------------------------------------
+
+inline constexpr std::size_t kPlcPollFds = limits::kModbusClientsMax + 1;
+
+class PlcPort {
+ public:
+  virtual ~PlcPort() = default;
+  /// Fills `fds` (at least kPlcPollFds) with what to wait for; returns how many.
+  [[nodiscard]] virtual std::size_t poll_fds(std::span<pollfd> fds) = 0;
+  /// Serves what is ready without blocking. True: the PLC has written, `inputs` is its image after that one write;
+  /// call again until false, so that no write is skipped. Reads are answered from the last published outputs.
+  [[nodiscard]] virtual bool next(std::int64_t mono_ns, PlcInputs& inputs) = 0;
+  /// Replaces what the PLC reads, as one consistent image.
+  virtual void publish(const PlcOutputs& outputs) = 0;
+  /// Connections now open.
+  [[nodiscard]] virtual std::size_t clients() const = 0;
+};
+
+enum class WordOrder : std::uint8_t { abcd, cdab };
+
+struct PlcServerSettings {
+  FixedString<64> host = "127.0.0.1";
+  std::uint16_t port = 1502;            ///< 0 = any free port (tests); `bound_port` tells which
+  std::uint8_t unit_id = 1;
+  WordOrder word_order = WordOrder::abcd;
+  /// CIDR blocks that may connect; IPv4, network byte order folded into host integers.
+  struct Network {
+    std::uint32_t address = 0;
+    std::uint32_t mask = 0;
+  };
+  FixedVector<Network, 16> allow;
+};
+
+class ModbusServer : public PlcPort {
+ public:
+  [[nodiscard]] virtual std::uint16_t bound_port() const = 0;
+};
+/// Opens the listening socket. config on a bad address, a port in use (the text names it).
+[[nodiscard]] Result<std::unique_ptr<ModbusServer>> make_modbus_server(const PlcServerSettings& settings);
+
+/// "10.0.0.0/8" -> Network.
+[[nodiscard]] Result<PlcServerSettings::Network> parse_network(std::string_view cidr);
+
+// ---- robot pose ------------------------------------------------------------------------------------------------
+
+struct PoseLinkCounters {
+  std::uint64_t accepted = 0;
+  std::uint64_t foreign = 0;    ///< other channel, other magic, other length or fingerprint
+  std::uint64_t malformed = 0;  ///< NaN, not a unit quaternion, absurd position
+};
+
+class PosePort {
+ public:
+  virtual ~PosePort() = default;
+  /// -1 while there is no link.
+  [[nodiscard]] virtual int fd() const = 0;
+  /// Next well-formed pose, converted to mm; false when none is waiting. Never blocks; retries a missing interface
+  /// once a second.
+  [[nodiscard]] virtual bool next(std::int64_t mono_ns, PoseSample& sample) = 0;
+  [[nodiscard]] virtual const PoseLinkCounters& counters() const = 0;
+  /// Why there is no link (interface down, no address, no route) with the cure; empty while there is one.
+  [[nodiscard]] virtual std::string_view trouble() const = 0;
+};
+
+struct LcmSettings {
+  FixedString<128> url = "udpm://239.255.76.67:7667?ttl=0";
+  FixedString<63> channel = "FLANGE_POSE";
+  FixedString<32> interface;  ///< name or IPv4 address; empty = the kernel's route
+};
+/// Checks url, channel and interface name; the link itself is opened (and re-opened) by next().
+[[nodiscard]] Result<std::unique_ptr<PosePort>> make_lcm_pose_port(const LcmSettings& settings);
+
+/// The bounded LC02 reader (hal/lc02_reader): one datagram in, one pose out. No heap, never reads past `datagram`.
+/// False: not a pose on `channel`; `counters` says why. `sample.arrival_ns` is left for the caller.
+[[nodiscard]] bool decode_pose_datagram(std::span<const std::byte> datagram, std::string_view channel,
+                                        PoseSample& sample, PoseLinkCounters& counters);
+
+// ---- scans -----------------------------------------------------------------------------------------------------
+
+enum class LengthUnit : std::uint8_t { mm, m, um };
+
+/// Reads a scan file into `xyz` (3 floats a point), converted to mm. Binary PLY, either byte order, float or double,
+/// other properties skipped. frame_incomplete: the text names file and byte, and what was expected. No heap.
+[[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz);
+
+/// Writes a binary little-endian PLY (used by the emulator and tests). width * height > 0 adds the organised comment.
+[[nodiscard]] Status write_ply(const char* path, std::span<const float> xyz, std::size_t width, std::size_t height);
+
+class ScannerPort {
+ public:
+  virtual ~ScannerPort() = default;
+  /// Requests one scan and returns when it is decoded into `xyz` and durable in the spool. Blocks up to the timeout;
+  /// returns interrupted soon after `cancel` becomes true. scanner_offline, trigger_timeout, frame_incomplete,
+  /// too_few_points (nothing finite), store_full; after an error nothing is left in the spool.
+  [[nodiscard]] virtual Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz,
+                                                     const std::atomic<bool>& cancel) = 0;
+  /// Between scans: clear away what does not belong there. Returns quickly.
+  virtual void idle() = 0;
+  [[nodiscard]] virtual bool online() const = 0;            ///< callable from any thread
+  [[nodiscard]] virtual std::uint64_t stray_files() const = 0;  ///< moved aside since start; any thread
+};
+
+struct ScanDropSettings {
+  PathText drop_dir;
+  bool any_name = false;
+  LengthUnit unit = LengthUnit::mm;
+};
+/// Makes request/, inbox/ and stray/ below drop_dir. scanner_offline when that fails.
+[[nodiscard]] Result<std::unique_ptr<ScannerPort>> make_scan_drop(const ScanDropSettings& settings, const Clock& clock);
+
+// ---- control socket --------------------------------------------------------------------------------------------
+
+inline constexpr std::size_t kControlPollFds = limits::kControlClientsMax + 1;
+
+/// AF_UNIX, one JSON object per line. Requests are answered by the loop with a text made beforehand.
+class ControlPort {
+ public:
+  virtual ~ControlPort() = default;
+  [[nodiscard]] virtual std::size_t poll_fds(std::span<pollfd> fds) = 0;
+  /// A complete request line; answer it with reply(). False when none is waiting.
+  [[nodiscard]] virtual bool next(std::int64_t mono_ns, std::string_view& line) = 0;
+  virtual void reply(std::string_view json) = 0;
+};
+[[nodiscard]] Result<std::unique_ptr<ControlPort>> make_control_socket(const char* path);
+
+}  // namespace slabd::hal
