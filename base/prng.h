@@ -25,7 +25,7 @@ class Prng {
   constexpr double uniform() { return static_cast<double>(next() >> 11U) * 0x1.0p-53; }
   /// Uniform index in [0, count); count > 0. The bias of at most count / 2^64 does not matter here.
   constexpr std::uint64_t below(std::uint64_t count) {
-    return static_cast<std::uint64_t>((static_cast<unsigned __int128>(next()) * count) >> 64U);
+    return next() % count;
   }
   /// Standard normal, Box-Muller, one value per call (the second is discarded: no hidden state).
   double normal() {
