@@ -62,7 +62,7 @@ enum class WordOrder : std::uint8_t { abcd, cdab };
 
 struct PlcServerSettings {
   FixedString<64> host = "127.0.0.1";
-  std::uint16_t port = 1502;            ///< 0 = any free port (tests); `bound_port` tells which
+  std::uint16_t port = 1502;  ///< 0 = any free port (tests); `bound_port` tells which
   std::uint8_t unit_id = 1;
   WordOrder word_order = WordOrder::abcd;
   /// CIDR blocks that may connect; IPv4, network byte order folded into host integers.
@@ -138,7 +138,7 @@ class ScannerPort {
                                                      const std::atomic<bool>& cancel) = 0;
   /// Between scans: clear away what does not belong there. Returns quickly.
   virtual void idle() = 0;
-  [[nodiscard]] virtual bool online() const = 0;            ///< callable from any thread
+  [[nodiscard]] virtual bool online() const = 0;                ///< callable from any thread
   [[nodiscard]] virtual std::uint64_t stray_files() const = 0;  ///< moved aside since start; any thread
 };
 
