@@ -21,6 +21,9 @@ struct StoreSettings {
   std::string spool_dir;
   /// SLAB_BEGIN is refused below this much free space on the spool disk: two slabs of 18 x 60 MB.
   std::uint64_t spool_free_bytes_min = 2'300'000'000;
+  /// Bytes of scans the spool may hold; beyond it the scans (never the records) of the oldest acknowledged slabs are
+  /// deleted, passed ones first. 0 = keep everything.
+  std::uint64_t spool_budget_bytes = 0;
 };
 
 /// The writer. One object, one thread. Every apply() is one transaction, durable when it returns

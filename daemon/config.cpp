@@ -1,0 +1,260 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
+#include <cassert>
+#include <cmath>
+#include <vector>
+
+#include "daemon/daemon.h"
+#include "daemon/toml_reader.h"
+
+/// slabd.toml -> Config. One function per table; each fills what it can and reports the rest, so that a fault in one
+/// table does not hide faults in another and the PLC can still be told about code 504.
+namespace slabd::daemon {
+namespace {
+
+constexpr double kReachMm = 20'000.0;  ///< no cell and no robot is larger
+constexpr double kArmMaxMm = 2'000.0;  ///< nor does a scanner sit further from its flange
+
+/// 127.0.0.0/8: nobody but this computer until told otherwise.
+void allow_loopback_only(hal::PlcServerSettings& plc) {
+  plc.allow.clear();
+  if (!plc.allow.push({0x7F00'0000U, 0xFF00'0000U})) plc.allow.clear();
+}
+
+template <std::size_t Capacity>
+void read_text(TableReader& table, std::string_view key, FixedString<Capacity>& out) {
+  std::string text(out.view());
+  table.optional_text(key, text, Capacity);
+  out.assign(text);
+}
+
+/// "127.0.0.1:1502" -> host and port.
+void read_listen(TableReader& plc, hal::PlcServerSettings& out) {
+  std::string listen;
+  plc.optional_text("listen", listen, 64);
+  if (listen.empty()) return;
+  const std::size_t colon = listen.rfind(':');
+  const std::string port = colon == std::string::npos ? "" : listen.substr(colon + 1);
+  const bool digits = !port.empty() && port.size() <= 5 && port.find_first_not_of("0123456789") == std::string::npos;
+  if (!digits || colon == 0 || std::stoul(port) > 65'535) {
+    plc.problem("listen", fmt::format("found \"{}\", allowed is \"address:port\" with port 0..65535", listen));
+    return;
+  }
+  out.host.assign(std::string_view(listen).substr(0, colon));
+  out.port = static_cast<std::uint16_t>(std::stoul(port));
+}
+
+void read_allow(TableReader& plc, hal::PlcServerSettings& out) {
+  const TomlValue* list = plc.value("allow");
+  if (list == nullptr) return;
+  const std::size_t capacity = out.allow.capacity();
+  if (list->kind != TomlValue::Kind::array || list->items.empty() || list->items.size() > capacity) {
+    plc.problem("allow", fmt::format("found {}, allowed is a list of 1..{} networks like \"10.0.0.0/8\"", found(*list),
+                                     capacity));
+    return;
+  }
+  out.allow.clear();
+  for (const TomlValue& item : list->items) {
+    if (item.kind != TomlValue::Kind::text) {
+      plc.problem_at(item, "allow", fmt::format("found {}, allowed is a network like \"10.0.0.0/8\"", found(item)));
+      continue;
+    }
+    const Result<hal::PlcServerSettings::Network> network = hal::parse_network(item.text);
+    if (!network.ok()) {
+      plc.problem_at(item, "allow", fmt::format("found {}: {}", found(item), network.error().text.view()));
+      continue;
+    }
+    const bool room = out.allow.push(network.value());
+    assert(room);
+    static_cast<void>(room);
+  }
+}
+
+void read_plc(TableReader plc, hal::PlcServerSettings& out) {
+  const TomlValue* role = plc.value("role");
+  if (role != nullptr && role->text != "server")
+    plc.problem("role", fmt::format("found {}, allowed is \"server\"; this version supports the Modbus TCP server only",
+                                    found(*role)));
+  read_listen(plc, out);
+  std::int64_t unit_id = out.unit_id;
+  plc.optional_integer("unit_id", unit_id, 1, 247);  // Modbus over serial line V1.02, 2.2
+  out.unit_id = static_cast<std::uint8_t>(unit_id);
+  read_allow(plc, out);
+  std::size_t order = out.word_order == hal::WordOrder::abcd ? 0 : 1;
+  plc.optional_word("word_order", order, {"abcd", "cdab"});
+  out.word_order = order == 0 ? hal::WordOrder::abcd : hal::WordOrder::cdab;
+  plc.finish();
+}
+
+/// A time in ms in the file, ns inside.
+void read_ms(TableReader& table, std::string_view key, std::int64_t& out_ns, Allowed allowed_ms) {
+  double time_ms = static_cast<double>(out_ns) / 1e6;
+  table.optional_number(key, time_ms, allowed_ms);
+  out_ns = std::llround(time_ms * 1e6);
+}
+
+void read_s(TableReader& table, std::string_view key, std::int64_t& out_ns, Allowed allowed_s) {
+  double time_s = static_cast<double>(out_ns) / 1e9;
+  table.optional_number(key, time_s, allowed_s);
+  out_ns = std::llround(time_s * 1e9);
+}
+
+void read_deg(TableReader& table, std::string_view key, double& out_rad, Allowed allowed_deg) {
+  if (!table.has(key)) return;  // a default keeps its bits
+  double angle_deg = deg_from_rad(out_rad);
+  table.optional_number(key, angle_deg, allowed_deg);
+  out_rad = rad_from_deg(angle_deg);
+}
+
+void read_int16(TableReader& table, std::string_view key, std::int16_t& out) {
+  std::int64_t number = out;
+  table.optional_integer(key, number, -32'768, 32'767);
+  out = static_cast<std::int16_t>(number);
+}
+
+void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, std::int64_t& settle_timeout_ns) {
+  read_text(robot, "lcm_url", lcm.url);
+  if (!lcm.url.view().starts_with("udpm://"))
+    robot.problem("lcm_url", fmt::format("found \"{}\", allowed is \"udpm://group:port?ttl=n\"", lcm.url.view()));
+  read_text(robot, "channel", lcm.channel);
+  read_text(robot, "interface", lcm.interface);
+
+  read_ms(robot, "window_ms", pose.window_ns, {50.0, 1'500.0});  // the pose ring holds two seconds
+  std::int64_t samples_min = pose.samples_min;
+  robot.optional_integer("samples_min", samples_min, 3, 300);
+  pose.samples_min = static_cast<int>(samples_min);
+  robot.optional_number("settled_mm", pose.settled_mm, {0.001, 1.0});
+  read_deg(robot, "settled_deg", pose.settled_rad, {0.0001, 0.1});
+  read_ms(robot, "dwell_ms", pose.dwell_ns, {0.0, 2'000.0});
+  robot.optional_number("moved_mm", pose.moved_mm, {0.001, 1.0});
+  read_deg(robot, "moved_deg", pose.moved_rad, {0.0001, 0.1});
+  read_ms(robot, "stale_ms", pose.stale_ns, {10.0, 1'000.0});
+  std::int64_t gap_ns = pose.gap_us * kNsPerUs;
+  read_ms(robot, "gap_ms", gap_ns, {5.0, 1'000.0});
+  pose.gap_us = gap_ns / kNsPerUs;
+  read_int16(robot, "base_id", pose.base_id);
+  read_int16(robot, "tool_id", pose.tool_id);
+  robot.optional_number("look_mm", pose.look_mm, {10.0, 300.0});
+  read_s(robot, "settle_timeout_s", settle_timeout_ns, {0.5, 15.0});
+  robot.finish();
+}
+
+void read_path(TableReader& table, std::string_view key, std::string& out) {
+  std::string path = out;
+  table.optional_text(key, path, limits::kPathBytes - 64);  // names inside the folder are appended
+  if (!path.starts_with('/')) {
+    table.problem(key, fmt::format("found \"{}\", allowed is an absolute path (it starts with /)", path));
+    return;
+  }
+  out = path;
+}
+
+void read_scanner(TableReader scanner, hal::ScanDropSettings& out, std::int64_t& timeout_ns) {
+  const TomlValue* backend = scanner.value("backend");
+  if (backend != nullptr && backend->text != "drop")
+    scanner.problem("backend", fmt::format("found {}, allowed is \"drop\"; this version supports the drop folder only",
+                                           found(*backend)));
+  std::string drop_dir(out.drop_dir.view());
+  read_path(scanner, "drop_dir", drop_dir);
+  out.drop_dir.assign(drop_dir);
+  scanner.optional_boolean("any_name", out.any_name);
+  std::size_t unit = static_cast<std::size_t>(out.unit);
+  scanner.optional_word("unit", unit, {"mm", "m", "um"});
+  out.unit = static_cast<hal::LengthUnit>(unit);
+  read_s(scanner, "timeout_s", timeout_ns, {0.5, 15.0});
+  scanner.finish();
+}
+
+void read_storage(TableReader storage, storage::StoreSettings& out) {
+  read_path(storage, "db", out.db_path);
+  read_path(storage, "spool_dir", out.spool_dir);
+  double budget_gb = 0.0;
+  storage.optional_number("spool_budget_gb", budget_gb, {0.0, 100'000.0});
+  if (budget_gb > 0.0 && budget_gb < 3.0)
+    storage.problem("spool_budget_gb",
+                    fmt::format("found {}, allowed is 0 (keep every scan) or 3..100000; a slab's scans are 1.1 GB",
+                                budget_gb));
+  out.spool_budget_bytes = static_cast<std::uint64_t>(budget_gb * 1e9);
+  storage.finish();
+}
+
+void read_cell(TableReader cell, Pose& T_base_slab) {
+  std::array<double, 7> pose = Pose::identity().to_array();
+  cell.required_pose("T_base_slab", pose, kReachMm);
+  T_base_slab = Pose::from_array(pose);
+  cell.finish();
+}
+
+void read_calibration(TableReader table, calib::Calibration& out) {
+  std::array<double, 7> pose = Pose::identity().to_array();
+  double sigma_mm = kNoValue;   // absent: slab-frame items will be indeterminate
+  double sigma_deg = kNoValue;
+  table.required_pose("T_flange_scanner", pose, kArmMaxMm);
+  table.optional_number("station_sigma_mm", sigma_mm, {1e-6, 10.0});
+  table.optional_number("station_sigma_deg", sigma_deg, {1e-6, 1.0});
+  table.finish();
+  const Result<calib::Calibration> calibration = calib::commissioning(pose, sigma_mm, sigma_deg);
+  if (!calibration.ok()) {
+    table.problem("T_flange_scanner", std::string(calibration.error().text.view()));
+    return;
+  }
+  out = calibration.value();
+}
+
+void read_rest(TableReader& root, Config& config) {
+  TableReader recipes = root.table("recipes");
+  read_path(recipes, "dir", config.recipes_dir);
+  recipes.finish();
+  TableReader control = root.table("control");
+  read_path(control, "socket", config.control_socket);
+  // sockaddr_un::sun_path holds 108 bytes with its NUL.
+  if (config.control_socket.size() > 107)
+    control.problem("socket", fmt::format("found a path of {} bytes, allowed are 107", config.control_socket.size()));
+  control.finish();
+  TableReader line = root.table("line");
+  line.optional_boolean("simulation", config.simulation);
+  line.finish();
+}
+
+/// The PLC waits 20 s for "acquired"; a second is left for the disk.
+void check_timeouts(TableReader& root, const Config& config) {
+  const double total_s = static_cast<double>(config.settle_timeout_ns + config.scan_timeout_ns) / 1e9;
+  if (total_s > 19.0)
+    root.table("scanner").problem("timeout_s",
+                                  fmt::format("with robot.settle_timeout_s a scan may take {} s, allowed are 19 s: the "
+                                              "PLC gives up after 20 s",
+                                              total_s));
+}
+
+}  // namespace
+
+void load_config(const std::string& path, Config& config, std::vector<Problem>& problems) {
+  config = Config{};
+  config.path = path;
+  config.scanner.drop_dir = "/var/lib/slabd/drop";
+  config.storage.db_path = "/var/lib/slabd/slabd.db";
+  config.storage.spool_dir = "/var/lib/slabd/spool";
+  allow_loopback_only(config.plc);
+
+  const std::optional<std::string> bytes = read_text_file(path, problems);
+  if (!bytes) return;
+  TomlValue tree;
+  const bool complete = parse_toml(path, *bytes, tree, problems);
+
+  // After a syntax error only the tables above it exist: the PLC's is read for its address, and a key that is
+  // "missing" below the error would only be noise.
+  std::vector<Problem> ignored;
+  TableReader root(path, &tree, "", complete ? problems : ignored);
+  read_plc(root.table("plc"), config.plc);
+  read_robot(root.table("robot"), config.robot, config.pose, config.settle_timeout_ns);
+  read_scanner(root.table("scanner"), config.scanner, config.scan_timeout_ns);
+  read_storage(root.table("storage"), config.storage);
+  read_cell(root.table("cell"), config.T_base_slab);
+  read_calibration(root.table("calibration"), config.calibration);
+  read_rest(root, config);
+  check_timeouts(root, config);
+  root.finish();
+}
+
+}  // namespace slabd::daemon

@@ -1,0 +1,266 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+#include <sha256.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <map>
+
+#include "daemon/daemon.h"
+#include "daemon/recipe_checks.h"
+#include "daemon/toml_reader.h"
+
+/// recipes/*.toml -> Recipe. A recipe decides verdicts, so it is complete or it is refused: every nominal and every
+/// item must be written out, with `confirmed` saying whether a person has compared it with the drawing. In the file
+/// angles are degrees (`_deg`) and slopes may be ratios ("1:40"); inside, geometry is mm and rad.
+namespace slabd::daemon {
+namespace {
+
+/// "1:40" -> the angle of that slope in degrees.
+std::optional<double> degrees_from_ratio(const TomlValue& value) {
+  if (value.kind != TomlValue::Kind::text || !value.text.starts_with("1:")) return std::nullopt;
+  const std::string run = value.text.substr(2);
+  char* end = nullptr;
+  const double n = std::strtod(run.c_str(), &end);
+  const bool plain = !run.empty() && run.find_first_not_of("0123456789.") == std::string::npos;
+  if (!plain || end != run.c_str() + run.size() || !(n >= 1.0 && n <= 10'000.0)) return std::nullopt;
+  return deg_from_rad(std::atan(1.0 / n));
+}
+
+/// `{ value = 1.0, confirmed = false }`
+void read_nominal(TableReader& table, std::string_view key, Nominal& out, Allowed allowed) {
+  const TomlValue* v = table.value(key);
+  const std::string expected =
+      fmt::format("{{ value = {}..{}, confirmed = true or false }}", allowed.low, allowed.high);
+  if (v == nullptr) return table.missing(key, expected);
+  if (v->kind != TomlValue::Kind::table)
+    return table.problem_at(*v, key, fmt::format("found {}, allowed is {}", found(*v), expected));
+  TableReader nominal = table.table(key);
+  nominal.required_number("value", out.value, allowed);
+  nominal.required_boolean("confirmed", out.confirmed);
+  nominal.finish();
+}
+
+void read_nominal_deg(TableReader& table, std::string_view key, Nominal& out_rad, Allowed allowed_deg) {
+  Nominal angle_deg;
+  read_nominal(table, key, angle_deg, allowed_deg);
+  out_rad = {rad_from_deg(angle_deg.value), angle_deg.confirmed};
+}
+
+void read_slab(TableReader slab, SlabGeometry& out) {
+  read_nominal(slab, "length_mm", out.length_mm, {1'000.0, 20'000.0});
+  read_nominal(slab, "width_mm", out.width_mm, {1'500.0, 5'000.0});
+  read_nominal(slab, "thickness_mm", out.thickness_mm, {50.0, 1'000.0});
+  std::int64_t pairs = 0;
+  slab.required_integer("pairs", pairs, 1, static_cast<std::int64_t>(limits::kPairsMax));
+  out.pairs = static_cast<std::uint8_t>(pairs);
+  read_nominal(slab, "pitch_mm", out.pitch_mm, {400.0, 1'000.0});
+  read_nominal(slab, "first_pair_from_end_mm", out.first_pair_from_end_mm, {50.0, 1'000.0});
+  read_nominal(slab, "seat_centre_distance_mm", out.seat_centre_distance_mm, {500.0, 3'000.0});
+  read_nominal(slab, "block_origin_z_mm", out.block_origin_z_mm, {0.0, 200.0});
+  slab.finish();
+}
+
+void read_block(TableReader block, BlockGeometry& out) {
+  read_nominal(block, "cant_ratio", out.cant_ratio, {10.0, 1'000.0});
+  read_nominal(block, "jaw_half_distance_mm", out.jaw_half_distance_mm, {100.0, 280.0});
+  read_nominal(block, "jaw_reference_height_mm", out.jaw_reference_height_mm, {1.0, 30.0});
+  read_nominal_deg(block, "jaw_angle_deg", out.jaw_angle_rad, {91.0, 150.0});
+  read_nominal(block, "shoulder_outer_z_mm", out.shoulder_outer_z_mm, {5.0, 100.0});
+  read_nominal(block, "shoulder_inner_z_mm", out.shoulder_inner_z_mm, {5.0, 100.0});
+  read_nominal(block, "end_half_length_mm", out.end_half_length_mm, {60.0, 190.0});
+  read_nominal(block, "side_half_width_mm", out.side_half_width_mm, {120.0, 290.0});
+  read_nominal_deg(block, "draft_deg", out.draft_rad, {0.0, 45.0});
+  read_nominal(block, "slab_top_z_mm", out.slab_top_z_mm, {-200.0, -5.0});
+  read_nominal(block, "casing_half_spacing_mm", out.casing_half_spacing_mm, {50.0, 250.0});
+  read_nominal(block, "casing_bore_diameter_mm", out.casing_bore_diameter_mm, {10.0, 80.0});
+  read_nominal(block, "casing_rim_diameter_mm", out.casing_rim_diameter_mm, {12.0, 100.0});
+  read_nominal(block, "casing_rim_height_mm", out.casing_rim_height_mm, {-10.0, 10.0});
+  block.finish();
+}
+
+void read_evaluation(TableReader table, EvaluationSettings& out) {
+  table.required_number("crop_half_x_mm", out.crop_half_x_mm, {5.0, 190.0});
+  table.required_number("crop_half_s_mm", out.crop_half_s_mm, {5.0, 280.0});
+  table.required_number("cell_mm", out.cell_mm, {0.5, 20.0});
+  std::int64_t points_min = 0;
+  table.required_integer("cell_points_min", points_min, 1, 10'000);
+  out.cell_points_min = static_cast<std::uint16_t>(points_min);
+  table.required_number("edge_margin_mm", out.edge_margin_mm, {0.0, 20.0});
+  table.required_number("inlier_share_min", out.inlier_share_min, {0.5, 1.0});
+  table.required_number("registration_gate_mm", out.registration_gate_mm, {0.1, 20.0});
+  table.required_number("registration_share_min", out.registration_share_min, {0.1, 1.0});
+  table.required_number("window_mm", out.window_mm, {1.0, 200.0});
+  double window_deg = kNoValue;
+  table.required_number("window_deg", window_deg, {0.1, 30.0});
+  out.window_rad = rad_from_deg(window_deg);
+  table.finish();
+}
+
+// ---- items ------------------------------------------------------------------------------------------------------
+
+/// A number in the item's unit; degrees may also be written as a slope "1:n".
+std::optional<double> read_limit(TableReader& item, std::string_view key, const TomlValue& v, const ItemInfo& info) {
+  if (const std::optional<double> number = as_number(v); number && std::isfinite(*number) && std::abs(*number) <= 1e5)
+    return number;
+  if (info.unit == ItemUnit::deg)
+    if (const std::optional<double> degrees = degrees_from_ratio(v)) return degrees;
+  item.problem_at(v, key,
+                  fmt::format("found {}, allowed is a number of {} within +-100000{}", found(v), name(info.unit),
+                              info.unit == ItemUnit::deg ? " or a slope \"1:n\" with n 1..10000" : ""));
+  return std::nullopt;
+}
+
+/// `nominal = 380` is as confirmed as its limits; `nominal = { value = 380, confirmed = true }` speaks for itself.
+void read_item_nominal(TableReader& item, const ItemInfo& info, Tolerance& out) {
+  const TomlValue* v = item.value("nominal");
+  if (v == nullptr) return;
+  out.nominal.confirmed = out.confirmed;
+  if (v->kind != TomlValue::Kind::table) {
+    out.nominal.value = read_limit(item, "nominal", *v, info).value_or(kNoValue);
+    return;
+  }
+  TableReader nominal = item.table("nominal");
+  if (const TomlValue* value = nominal.value("value"); value != nullptr)
+    out.nominal.value = read_limit(nominal, "value", *value, info).value_or(kNoValue);
+  else
+    nominal.missing("value", fmt::format("a number of {}", name(info.unit)));
+  nominal.required_boolean("confirmed", out.nominal.confirmed);
+  nominal.finish();
+}
+
+/// Either `tolerance` (nominal +- tolerance) or `lower` and / or `upper`, absolute.
+void read_limits(TableReader& item, const ItemInfo& info, Tolerance& out) {
+  const TomlValue* lower = item.value("lower");
+  const TomlValue* upper = item.value("upper");
+  const TomlValue* tolerance = item.value("tolerance");
+  if (tolerance != nullptr) {
+    if (lower != nullptr || upper != nullptr)
+      return item.problem("tolerance", "found beside lower or upper; allowed is either tolerance or lower and upper");
+    double half = kNoValue;
+    item.optional_number("tolerance", half, {1e-6, 1e5});
+    if (!item.has("nominal")) return item.missing("nominal", "the value that tolerance is meant about");
+    out.lower = out.nominal.value - half;
+    out.upper = out.nominal.value + half;
+    return;
+  }
+  if (lower != nullptr) out.lower = read_limit(item, "lower", *lower, info).value_or(kNoValue);
+  if (upper != nullptr) out.upper = read_limit(item, "upper", *upper, info).value_or(kNoValue);
+  if (has_value(out.lower) && has_value(out.upper) && !(out.lower < out.upper))
+    item.problem("lower", fmt::format("found {:.6g} with upper {:.6g}, allowed is lower < upper", out.lower, out.upper));
+}
+
+void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
+  item.required_boolean("required", out.required);
+  item.optional_boolean("confirmed", out.confirmed);
+  read_item_nominal(item, info, out);
+  read_limits(item, info, out);
+  item.optional_number("U", out.U, {1e-6, 1e3});
+  const bool limited = item.has("lower") || item.has("upper") || item.has("tolerance");
+  if (limited && !item.has("nominal"))
+    item.missing("nominal", "the value that deviations are counted from");
+  if (out.required && !limited)
+    item.problem("required", "found true without lower, upper or tolerance: such an item could never pass");
+  item.finish();
+}
+
+void read_items(TableReader items, Recipe& recipe) {
+  for (std::size_t i = 0; i < kItemCount; ++i) {
+    const ItemInfo& item = info(static_cast<ItemId>(i));
+    // An item left out by mistake would silently not be judged.
+    if (!items.has(item.name)) {
+      items.missing(item.name, "a table; an item that is not judged says required = false and gives no limits");
+      continue;
+    }
+    read_item(items.table(item.name), item, recipe.tolerances[i]);
+  }
+  items.finish();
+}
+
+// ---- the file ---------------------------------------------------------------------------------------------------
+
+FixedString<64> sha256_of(const std::string& bytes) {
+  std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
+  SHA256Data(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size(), hex.data());
+  return FixedString<64>(hex.data());
+}
+
+void read_head(TableReader& root, Recipe& recipe) {
+  std::string schema;
+  root.required_text("schema", schema, 64);
+  if (!schema.empty() && schema != "slabd.recipe/1")
+    root.problem("schema", fmt::format("found \"{}\", allowed is \"slabd.recipe/1\"", schema));
+  std::string recipe_name;
+  root.required_text("name", recipe_name, recipe.name.capacity());
+  recipe.name.assign(recipe_name);
+  std::int64_t slab_type = 0;
+  root.required_integer("slab_type", slab_type, 1, 65'535);  // one register of the PLC
+  recipe.slab_type = static_cast<std::uint16_t>(slab_type);
+  std::size_t datum = 0;
+  if (!root.has("slope_datum")) root.missing("slope_datum", "\"slab_frame\" or \"local_slab_top\"");
+  root.optional_word("slope_datum", datum, {"slab_frame", "local_slab_top"});
+  recipe.slope_datum = datum == 0 ? SlopeDatum::slab_frame : SlopeDatum::local_slab_top;
+  root.required_boolean("remove_warp", recipe.remove_warp);
+  root.required_number("guard", recipe.guard, {0.0, 2.0});
+}
+
+}  // namespace
+
+void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& problems) {
+  recipe = Recipe{};
+  recipe.path.assign(path);
+  const std::size_t problems_before = problems.size();
+  if (path.size() > recipe.path.capacity()) {
+    problems.push_back({fmt::format("{}: a path of {} bytes, allowed are {}", path, path.size(), recipe.path.capacity())});
+    return;
+  }
+  const std::optional<std::string> bytes = read_text_file(path, problems);
+  if (!bytes) return;
+  recipe.sha256 = sha256_of(*bytes);
+  TomlValue tree;
+  if (!parse_toml(path, *bytes, tree, problems)) return;
+
+  TableReader root(path, &tree, "", problems);
+  read_head(root, recipe);
+  read_slab(root.table("slab"), recipe.slab);
+  read_block(root.table("block"), recipe.block);
+  read_evaluation(root.table("evaluation"), recipe.evaluation);
+  read_items(root.table("items"), recipe);
+  // Relations between numbers mean something only when every number is there.
+  if (problems.size() == problems_before) check_relations(root, recipe);
+  root.finish();
+}
+
+void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems) {
+  recipes.clear();
+  std::vector<std::string> paths;
+  std::error_code ec;
+  for (std::filesystem::directory_iterator it(dir, ec), end; !ec && it != end; it.increment(ec))
+    if (it->path().extension() == ".toml") paths.push_back(it->path().string());
+  if (ec) problems.push_back({fmt::format("{}: the recipe folder cannot be read: {}", dir, ec.message())});
+  std::sort(paths.begin(), paths.end());
+
+  std::map<std::uint16_t, std::string> path_of_type;
+  for (const std::string& path : paths) {
+    Recipe recipe;
+    const std::size_t problems_before = problems.size();
+    load_recipe(path, recipe, problems);
+    if (problems.size() != problems_before) continue;
+    const auto [other, is_new] = path_of_type.emplace(recipe.slab_type, path);
+    if (!is_new) {
+      problems.push_back({fmt::format("{}: slab_type: {} is already the type of {}; allowed is one recipe for each type",
+                                      path, recipe.slab_type, other->second)});
+      continue;
+    }
+    if (recipes.size() == limits::kRecipesMax) {
+      problems.push_back({fmt::format("{}: left out; allowed are {} recipes", path, limits::kRecipesMax)});
+      continue;
+    }
+    recipes.push_back(recipe);
+  }
+  if (recipes.empty())
+    problems.push_back({fmt::format("{}: no usable recipe (*.toml) in this folder; slabd cannot measure", dir)});
+}
+
+}  // namespace slabd::daemon
