@@ -29,19 +29,37 @@ class PoseGate {
   explicit PoseGate(const PoseSettings& settings) : settings_(settings) {}
 
   void add(const PoseSample& sample);
-  void clear() { ring_.clear(); }
 
   /// ok when a pose in the right frame is fresh; no_pose, pose_stale, wrong_frame otherwise.
   [[nodiscard]] Code link(std::int64_t now_ns) const;
   /// ok and the mean of the settled window, or the reason why not (link()'s answers, not_settled).
   [[nodiscard]] Code settled(std::int64_t now_ns, PoseMean& mean) const;
-  /// After the exposure [from_ns, to_ns]: ok and the mean over it, moved_during_scan when any sample left `start` by
-  /// more than the limits or said so, pose_stale while nothing newer than to_ns has come (ask again).
-  [[nodiscard]] Code held_still(const Pose& start, std::int64_t from_ns, std::int64_t to_ns, PoseMean& mean) const;
+  /// Starts watching an exposure from the settled pose. Unlike the ring, the watch has no length limit: a scanner may
+  /// take longer than two seconds.
+  void begin_exposure(const Pose& start);
+  /// After the exposure, which ended at `to_ns`: ok and the mean over it; moved_during_scan when any sample left the
+  /// start by more than the limits or said "moving"; wrong_frame; pose_stale while nothing newer than `to_ns` has come
+  /// (ask again after the next sample).
+  [[nodiscard]] Code held_still(std::int64_t to_ns, PoseMean& mean) const;
 
  private:
   PoseSettings settings_;
   FixedQueue<PoseSample, limits::kPoseRing> ring_;
+  std::size_t run_length_ = 0;       ///< samples since the last break, counted from the newest
+  bool stopped_flag_used_ = false;  ///< the sender supplies "stopped": it must then be set
+
+  struct Exposure {
+    Pose start;
+    Code verdict = Code::no_pose;  ///< ok while every sample so far held still
+    std::int64_t newest_ns = 0;
+    std::uint32_t samples = 0;
+    Vec3 offset_sum_mm = Vec3::Zero();
+    Vec3 offset_low_mm = Vec3::Zero();
+    Vec3 offset_high_mm = Vec3::Zero();
+    Eigen::Matrix<double, 4, 1, Eigen::DontAlign> quat_sum = decltype(quat_sum)::Zero();
+    double away_rad = 0.0;
+  } exposure_;
+  void watch(const PoseSample& sample);
 };
 
 }  // namespace slabd::daemon

@@ -127,14 +127,14 @@ struct CommandDesk {
   std::uint16_t refuse_seq = 0;
   std::uint16_t judged_seq = 0;      ///< CMD_SEQ (with `judged_echo`) last looked at: a repeated image is not news
   std::uint16_t judged_echo = 0;
+  std::uint32_t judged_writer = 0;
   bool pending = false;              ///< `pending_inputs` waits for its journal entry
   PlcInputs pending_inputs;
-  std::int64_t pending_slab_key = 0;
+  BeginSlabJob pending_begin;        ///< when it is SLAB_BEGIN
 };
 
 struct PlcLink {
   PlcInputs inputs;                  ///< last image
-  bool sync_known = false;
   bool alive = false;
   bool was_lost = false;
   std::int64_t changed_ns = 0;       ///< when the heartbeat last changed
@@ -142,7 +142,7 @@ struct PlcLink {
 
 /// The scan in hand.
 struct Acquisition {
-  enum class Phase : std::uint8_t { none, settling, scanning, storing } phase = Phase::none;
+  enum class Phase : std::uint8_t { none, settling, scanning, checking, storing } phase = Phase::none;
   std::uint16_t cmd_seq = 0;
   std::uint16_t session = 0;
   std::uint8_t station = 0;
@@ -151,7 +151,7 @@ struct Acquisition {
   bool abort = false;                ///< ABORT or SLAB_ABORT while it runs
   std::int64_t started_ns = 0;
   std::int64_t settled_ns = 0;
-  Pose T_base_flange_start;          ///< mean of the settled window
+  std::int64_t taken_ns = 0;         ///< checking: when the exposure was over
   Attempt attempt;
 };
 
@@ -164,6 +164,7 @@ struct OpenSlab {
   std::array<StationRecord, limits::kStationsMax> stations{};
   std::uint16_t end_seq = 0;         ///< CMD_SEQ of SLAB_END or SLAB_ABORT
   bool aborting = false;
+  bool judging = false;              ///< the slab fit has been asked for
   SlabResult result;                 ///< while it is being stored
 };
 
@@ -185,8 +186,7 @@ struct PendingStore {
   std::uint8_t station = 0;
   std::uint8_t attempt = 0;
   std::uint8_t slot = 0;
-  std::uint16_t code = 0;
-  std::uint16_t value = 0;
+  std::uint16_t value = 0;           ///< CMD_SEQ, session or RES_SEQ
   std::int64_t slab_key = 0;
   PlcResult record;
 };
@@ -212,7 +212,8 @@ struct Station {
   OpenSlab slab;
   ResultDesk results;
   std::array<bool, limits::kScanSlots> slot_busy{};
-  std::uint32_t measuring = 0;       ///< blocks being measured or waiting for it
+  std::array<bool, limits::kStationsMax> station_measuring{};  ///< until its result is stored
+  std::uint32_t measuring = 0;       ///< how many of them
   std::int64_t last_slab_key = 0;
   std::uint32_t last_ticket = 0;
   FixedVector<PendingStore, limits::kWorkerQueue> storing;

@@ -1,0 +1,298 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/loop.h"
+
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+
+namespace slabd::daemon {
+namespace {
+
+/// A tick at least this often: PLC acknowledgement within 50 ms, heartbeat, settle gate.
+constexpr int kTurnMs = 10;
+constexpr std::int64_t kWatchdogPeriodNs = 3 * kNsPerS;
+/// A worker that shows no sign of life for so long is stuck; the service manager's watchdog then ends the process.
+/// Longer than any scan timeout and than a slow disk's sync.
+constexpr std::int64_t kWorkerStuckNs = 60 * kNsPerS;
+
+}  // namespace
+
+Loop::Loop(const Ports& ports, const StationSettings& settings, const algo::StationSigma& sigma, LoopFigures figures)
+    : ports_(ports),
+      figures_(std::move(figures)),
+      recipes_(settings.recipes),
+      sigma_(sigma),
+      station_(std::make_unique<Station>(settings)),
+      actions_(std::make_unique<Actions>()),
+      follow_up_(std::make_unique<Event>()),
+      blocks_(limits::kStationsMax),
+      judged_(std::make_unique<SlabJudged>()),
+      inspector_(std::make_unique<algo::BlockInspector>()),
+      // Written once here, so that every page exists before the first scan.
+      slots_(limits::kScanSlots * limits::kScanPointsMax * 3, 0.0F) {
+  figures_.started_ns = ports_.clock.mono_ns();
+  store_worker_ = std::make_unique<StoreWorker>([this](const StoreJob& job) { return store(job); }, [] {});
+  scan_worker_ = std::make_unique<ScanWorker>([this](const AcquireScan& job) { return scan(job); },
+                                              [this] { ports_.scanner.idle(); });
+  measure_worker_ = std::make_unique<MeasureWorker>([this](const MeasureBlock& job) { return measure(job); }, [] {});
+}
+
+Loop::~Loop() { cancel_scan_ = true; }
+
+std::span<float> Loop::slot(std::size_t index) {
+  constexpr std::size_t kFloats = limits::kScanPointsMax * 3;
+  return std::span(slots_).subspan(index * kFloats, kFloats);
+}
+
+// ---- on the workers' threads -------------------------------------------------------------------------------------
+
+StoreDone Loop::store(const StoreJob& job) const {
+  StoreDone done;
+  done.ticket = job.ticket;
+  if (ports_.store == nullptr) {
+    // Nothing can be commanded in this state (the fault refuses it); the session number alone may be shown.
+    done.code = std::holds_alternative<SessionJob>(job.what) ? Code::ok : Code::journal_write;
+    return done;
+  }
+  const Status status = ports_.store->apply(job);
+  if (!status.ok()) {
+    done.code = status.error().code;
+    say({LogLine::Level::error, static_cast<std::uint16_t>(done.code), status.error().text});
+  }
+  return done;
+}
+
+ScanDone Loop::scan(const AcquireScan& job) {
+  ScanDone done;
+  done.cmd_seq = job.request.cmd_seq;
+  done.slot = job.slot;
+  const Result<AcquiredScan> result = ports_.scanner.acquire(job.request, slot(job.slot), cancel_scan_);
+  if (result.ok()) {
+    done.scan = result.value();
+  } else {
+    done.code = result.error().code;
+    say({LogLine::Level::warning, static_cast<std::uint16_t>(done.code), result.error().text});
+  }
+  return done;
+}
+
+BlockMeasured Loop::measure(const MeasureBlock& job) {
+  BlockMeasured done;
+  done.slab_key = job.slab_key;
+  done.attempt = job.attempt;
+  done.slot = job.slot;
+  done.block.station = job.station;
+  const Recipe* recipe = nullptr;
+  for (const Recipe& candidate : recipes_)
+    if (candidate.slab_type == job.slab_type) recipe = &candidate;
+  ScanShape shape = job.shape;
+  double read_ms = 0.0;
+  Code code = recipe == nullptr ? Code::unknown_type : Code::ok;
+  if (code == Code::ok && job.reload) {
+    const std::int64_t start_ns = ports_.clock.mono_ns();
+    const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), hal::LengthUnit::mm, slot(job.slot));
+    read_ms = ms_from_ns(ports_.clock.mono_ns() - start_ns);
+    if (read.ok()) {
+      shape = read.value();
+    } else {
+      code = read.error().code;
+      say({LogLine::Level::error, static_cast<std::uint16_t>(code), read.error().text});
+    }
+  }
+  if (code != Code::ok) {
+    done.block.verdict = Verdict::not_measured;
+    done.block.reason = static_cast<std::uint16_t>(code);
+    return done;
+  }
+  if (recipe != inspector_recipe_) {
+    inspector_->use(*recipe);
+    inspector_recipe_ = recipe;
+  }
+  algo::Cloud cloud{slot(job.slot), shape.points, shape.width, shape.height};
+  done.block = measure_block(*inspector_, ports_.clock, job.station,
+                             job.T_base_slab * T_slab_block(*recipe, job.station),
+                             job.T_base_flange * job.T_flange_scanner, cloud, shape, read_ms);
+  return done;
+}
+
+// ---- on the loop's thread ----------------------------------------------------------------------------------------
+
+void Loop::run(const std::atomic<bool>& stop) {
+  if (ports_.store != nullptr) {
+    const Result<std::unique_ptr<RecoveredLine>> line = ports_.store->recover();
+    if (line.ok()) {
+      handle(Recovered{line.value().get()});
+    } else {
+      say({LogLine::Level::error, static_cast<std::uint16_t>(line.error().code), line.error().text});
+      station_->settings.fault = Code::journal_write;
+      handle(Recovered{std::make_unique<RecoveredLine>().get()});
+    }
+  } else {
+    const auto line = std::make_unique<RecoveredLine>();
+    handle(Recovered{line.get()});
+  }
+  ports_.notify.ready();
+  while (!stop.load()) turn(kTurnMs);
+  ports_.notify.stopping();
+  cancel_scan_ = true;
+  store_worker_->drain();
+}
+
+void Loop::turn(int wait_ms) {
+  wait(wait_ms);
+  tick();
+  take_poses();
+  take_answers();
+  serve_plc();
+  serve_control();
+  feed_watchdog();
+}
+
+void Loop::wait(int wait_ms) {
+  std::array<pollfd, hal::kPlcPollFds + hal::kControlPollFds + 4> fds{};
+  std::size_t count = ports_.plc.poll_fds(std::span(fds).first(hal::kPlcPollFds));
+  if (ports_.control != nullptr) count += ports_.control->poll_fds(std::span(fds).subspan(count, hal::kControlPollFds));
+  for (const int fd : {ports_.pose.fd(), store_worker_->fd(), scan_worker_->fd(), measure_worker_->fd()})
+    if (fd >= 0) fds[count++] = {fd, POLLIN, 0};
+  ::poll(fds.data(), count, wait_ms);
+}
+
+void Loop::tick() {
+  handle(Tick{ports_.clock.mono_ns(), ports_.clock.utime_us()});
+  handle(LinkStatus{ports_.scanner.online(), ports_.scanner.stray_files()});
+}
+
+void Loop::take_poses() {
+  PoseSample sample;
+  for (std::size_t i = 0; i < limits::kPosesPerTurn && ports_.pose.next(ports_.clock.mono_ns(), sample); ++i)
+    handle(sample);
+  if (ports_.pose.trouble() != trouble_said_) {
+    trouble_said_ = ports_.pose.trouble();
+    LogLine line;
+    line.level = trouble_said_.empty() ? LogLine::Level::info : LogLine::Level::error;
+    line.code = static_cast<std::uint16_t>(trouble_said_.empty() ? Code::ok : Code::no_pose);
+    line.text = trouble_said_.empty() ? std::string_view("robot pose link is up") : std::string_view(trouble_said_);
+    say(line);
+  }
+}
+
+void Loop::take_answers() {
+  StoreDone stored;
+  while (store_worker_->next(stored)) handle(stored);
+  ScanDone scanned;
+  while (scan_worker_->next(scanned)) handle(scanned);
+  BlockMeasured measured;
+  while (measure_worker_->next(measured)) {
+    ++figures_.blocks_measured;
+    figures_.block_last_ms = measured.block.times.total_ms;
+    figures_.block_max_ms = std::max(figures_.block_max_ms, figures_.block_last_ms);
+    handle(measured);
+  }
+}
+
+void Loop::serve_plc() {
+  ports_.plc.publish(plc_view(*station_));
+  PlcInputs inputs;
+  // Every write is one event; bounded, so that a PLC that only writes cannot hold the loop.
+  for (std::size_t i = 0; i < limits::kModbusClientsMax * limits::kModbusFramesPerTurn; ++i) {
+    if (!ports_.plc.next(ports_.clock.mono_ns(), inputs)) break;
+    handle(inputs);
+    ports_.plc.publish(plc_view(*station_));
+  }
+}
+
+void Loop::serve_control() {
+  if (ports_.control == nullptr) return;
+  std::string_view line;
+  for (std::size_t i = 0; i < limits::kControlClientsMax && ports_.control->next(ports_.clock.mono_ns(), line); ++i)
+    ports_.control->reply(answer_control(line, *station_, ports_, figures_));
+}
+
+void Loop::feed_watchdog() {
+  const std::int64_t now_ns = ports_.clock.mono_ns();
+  const std::array turns = {store_worker_->turns(), scan_worker_->turns(), measure_worker_->turns()};
+  bool alive = true;
+  for (std::size_t i = 0; i < turns.size(); ++i) {
+    if (turns[i] != worker_turns_[i] || worker_moved_ns_[i] == 0) worker_moved_ns_[i] = now_ns;
+    worker_turns_[i] = turns[i];
+    alive = alive && now_ns - worker_moved_ns_[i] < kWorkerStuckNs;
+  }
+  if (!alive || now_ns - watchdog_ns_ < kWatchdogPeriodNs) return;
+  watchdog_ns_ = now_ns;
+  ports_.notify.watchdog();
+  FixedString<160> line;
+  const PlcOutputs view = plc_view(*station_);
+  line.printf("state %u, fault %u, slab %u, stations %u, results waiting %u", static_cast<unsigned>(view.state),
+              view.fault, view.slab_no, view.stations_done, view.results_pending);
+  ports_.notify.status(line.view());
+}
+
+void Loop::handle(const Event& event) {
+  step(*station_, event, *actions_);
+  for (const Action& action : *actions_) perform(action);
+  while (has_follow_up_) {
+    has_follow_up_ = false;
+    step(*station_, *follow_up_, *actions_);
+    for (const Action& action : *actions_) perform(action);
+  }
+}
+
+void Loop::perform(const Action& action) {
+  bool accepted = true;
+  if (const auto* job = std::get_if<StoreJob>(&action)) {
+    accepted = store_worker_->push(*job);
+  } else if (const auto* scan = std::get_if<AcquireScan>(&action)) {
+    cancel_scan_ = false;
+    accepted = scan_worker_->push(*scan);
+  } else if (std::holds_alternative<CancelScan>(action)) {
+    cancel_scan_ = true;
+  } else if (const auto* block = std::get_if<MeasureBlock>(&action)) {
+    accepted = measure_worker_->push(*block);
+  } else if (const auto* judge = std::get_if<JudgeSlab>(&action)) {
+    judge_slab(*judge);
+  } else if (const auto* line = std::get_if<LogLine>(&action)) {
+    say(*line);
+  }
+  if (!accepted) {
+    // The station keeps fewer jobs under way than the queues hold: anything else is a broken invariant.
+    std::fputs("<2>slabd: a worker's queue overflowed\n", stderr);
+    std::abort();
+  }
+}
+
+void Loop::judge_slab(const JudgeSlab& action) {
+  const OpenSlab& slab = station_->slab;
+  for (std::size_t i = 0; i < blocks_.size(); ++i) {
+    const StationRecord& record = slab.stations[i];
+    if (record.phase == StationPhase::measured) {
+      blocks_[i] = record.block;
+    } else {
+      blocks_[i] = {};
+      blocks_[i].station = static_cast<std::uint8_t>(i + 1);
+    }
+  }
+  judged_->slab_key = action.slab_key;
+  judged_->slab = {};
+  algo::inspect_slab(*slab.recipe, std::span(blocks_).first(slab.recipe->stations()), sigma_, slab.header.T_base_slab,
+                     judged_->slab);
+  *follow_up_ = *judged_;
+  has_follow_up_ = true;
+}
+
+void Loop::say(const LogLine& line) const {
+  // Under a service manager stderr is the journal and "<n>" its priority; on a terminal a word reads better.
+  static const bool journal = std::getenv("JOURNAL_STREAM") != nullptr;
+  const char* prefix = "";
+  switch (line.level) {
+    case LogLine::Level::info: prefix = journal ? "<6>" : "info: "; break;
+    case LogLine::Level::warning: prefix = journal ? "<4>" : "warning: "; break;
+    case LogLine::Level::error: prefix = journal ? "<3>" : "error: "; break;
+  }
+  if (line.code != 0) {
+    std::fprintf(stderr, "%sslabd: [%u] %s\n", prefix, line.code, line.text.c_str());
+  } else {
+    std::fprintf(stderr, "%sslabd: %s\n", prefix, line.text.c_str());
+  }
+}
+
+}  // namespace slabd::daemon

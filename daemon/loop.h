@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "daemon/daemon.h"
+#include "daemon/station.h"
+#include "daemon/worker.h"
+
+namespace slabd::daemon {
+
+/// What the loop is plugged into. `store` may be absent (nothing usable to store in): the PLC then reads a fault.
+struct Ports {
+  hal::PlcPort& plc;
+  hal::PosePort& pose;
+  hal::ScannerPort& scanner;
+  storage::Store* store = nullptr;
+  hal::ControlPort* control = nullptr;
+  hal::Clock& clock;
+  hal::ServiceNotify& notify;
+};
+
+/// What `slabctl status` shows beside the station's own state.
+struct LoopFigures {
+  std::int64_t started_ns = 0;
+  std::uint64_t blocks_measured = 0;
+  double block_last_ms = 0.0;
+  double block_max_ms = 0.0;
+  std::string config_path;
+  std::string db_path;
+};
+
+/// Ports -> events -> step -> actions, on one thread; three workers (storage, scanner, measuring) do what blocks.
+/// Everything is allocated by the constructor; run() allocates nothing on the inspection path.
+class Loop {
+ public:
+  Loop(const Ports& ports, const StationSettings& settings, const algo::StationSigma& sigma, LoopFigures figures);
+  ~Loop();
+  Loop(const Loop&) = delete;
+  Loop& operator=(const Loop&) = delete;
+
+  /// Runs until `stop` becomes true; finishes store jobs under way before it returns.
+  void run(const std::atomic<bool>& stop);
+
+  /// One turn: waits at most `wait_ms` for something to happen, then handles it all.
+  void turn(int wait_ms);
+
+  [[nodiscard]] const Station& station() const { return *station_; }
+
+ private:
+  using StoreWorker = Worker<StoreJob, StoreDone, limits::kWorkerQueue>;
+  using ScanWorker = Worker<AcquireScan, ScanDone, 4>;
+  using MeasureWorker = Worker<MeasureBlock, BlockMeasured, 4>;
+
+  void wait(int wait_ms);
+  void tick();
+  void take_poses();
+  void take_answers();
+  void serve_plc();
+  void serve_control();
+  void feed_watchdog();
+  void handle(const Event& event);
+  void perform(const Action& action);
+  void judge_slab(const JudgeSlab& action);
+  void say(const LogLine& line) const;
+
+  [[nodiscard]] StoreDone store(const StoreJob& job) const;
+  [[nodiscard]] ScanDone scan(const AcquireScan& job);
+  [[nodiscard]] BlockMeasured measure(const MeasureBlock& job);
+  [[nodiscard]] std::span<float> slot(std::size_t index);
+
+  Ports ports_;
+  LoopFigures figures_;
+  std::span<const Recipe> recipes_;
+  algo::StationSigma sigma_;
+
+  std::unique_ptr<Station> station_;
+  std::unique_ptr<Actions> actions_;
+  std::unique_ptr<Event> follow_up_;  ///< the one event an action answers at once
+  bool has_follow_up_ = false;
+  std::vector<BlockResult> blocks_;   ///< of the slab being judged
+  std::unique_ptr<SlabJudged> judged_;
+
+  std::unique_ptr<algo::BlockInspector> inspector_;
+  const Recipe* inspector_recipe_ = nullptr;
+  std::vector<float> slots_;
+  std::atomic<bool> cancel_scan_{false};
+
+  std::int64_t watchdog_ns_ = 0;
+  std::array<std::uint64_t, 3> worker_turns_{};
+  std::array<std::int64_t, 3> worker_moved_ns_{};
+  std::string trouble_said_;
+
+  // Last: the threads start when everything they touch exists, and end first.
+  std::unique_ptr<StoreWorker> store_worker_;
+  std::unique_ptr<ScanWorker> scan_worker_;
+  std::unique_ptr<MeasureWorker> measure_worker_;
+};
+
+/// The answer to {"verb":"status"} on the control socket: one line of JSON, schema slabd.status/1.
+[[nodiscard]] std::string status_json(const Station& station, const Ports& ports, const LoopFigures& figures);
+/// Answers one control request line; unknown verbs and bad JSON get {"error": ...}.
+[[nodiscard]] std::string answer_control(std::string_view line, const Station& station, const Ports& ports,
+                                         const LoopFigures& figures);
+
+}  // namespace slabd::daemon

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabd: plugs the ports into the loop and runs it. A configuration or a database that cannot be used does not end the
+// process: the PLC must see the fault, not a dark interface.
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <csignal>
+#include <cstdio>
+
+#include "daemon/absent.h"
+#include "daemon/loop.h"
+
+namespace slabd::daemon {
+namespace {
+
+constexpr int kExitUsage = 2;
+constexpr int kExitBadInput = 3;
+constexpr int kExitUnreachable = 4;
+constexpr int kExitInternal = 5;
+
+std::atomic<bool> g_stop{false};
+void on_signal(int) { g_stop = true; }
+
+void catch_signals() {
+  struct sigaction action {};
+  action.sa_handler = on_signal;
+  sigaction(SIGTERM, &action, nullptr);
+  sigaction(SIGINT, &action, nullptr);
+  std::signal(SIGPIPE, SIG_IGN);
+}
+
+void print(const std::vector<Problem>& problems) {
+  for (const Problem& problem : problems) std::fprintf(stderr, "error: %s\n", problem.text.c_str());
+}
+
+int check(const Config& config, const std::vector<Problem>& config_problems, const std::vector<Recipe>& recipes,
+          const std::vector<Problem>& recipe_problems) {
+  print(config_problems);
+  print(recipe_problems);
+  if (!config_problems.empty() || !recipe_problems.empty()) return kExitBadInput;
+  std::printf("%s: ok\n", config.path.c_str());
+  for (const Recipe& recipe : recipes)
+    std::printf("recipe %s: slab type %u, %u blocks, %d nominals and tolerances unconfirmed\n", recipe.name.c_str(),
+                recipe.slab_type, recipe.stations(), unconfirmed_count(recipe));
+  std::printf("calibration %s%s\n", config.calibration.id.c_str(),
+              config.calibration.commissioning ? " (commissioning values)" : "");
+  std::printf("inspection memory %.0f MB\n", static_cast<double>(limits::kInspectionBytes) / 1e6);
+  return 0;
+}
+
+StationSettings station_settings(const Config& config, const std::vector<Recipe>& recipes) {
+  StationSettings settings;
+  settings.recipes = recipes;
+  settings.T_base_slab = config.T_base_slab;
+  settings.T_flange_scanner = config.calibration.T_flange_scanner;
+  settings.calibration_id = config.calibration.id;
+  settings.software = software_version();
+  settings.spool_dir = std::string_view(config.storage.spool_dir);
+  settings.pose = config.pose;
+  settings.scan_timeout_ns = config.scan_timeout_ns;
+  settings.settle_timeout_ns = config.settle_timeout_ns;
+  settings.simulation = config.simulation;
+  if (config.calibration.commissioning) settings.warn |= kWarnCommissioningCalibration;
+  for (const Recipe& recipe : recipes)
+    if (unconfirmed_count(recipe) > 0) settings.warn |= kWarnUnconfirmedNominals;
+  return settings;
+}
+
+int run(const Config& config, const std::vector<Problem>& config_problems, const std::vector<Recipe>& recipes,
+        const std::vector<Problem>& recipe_problems) {
+  print(config_problems);
+  print(recipe_problems);
+
+  auto plc = hal::make_modbus_server(config.plc);
+  if (!plc.ok()) {
+    std::fprintf(stderr, "error: %s\n", plc.error().text.c_str());
+    return kExitUnreachable;
+  }
+  const auto clock = hal::make_system_clock();
+  const auto notify = hal::make_systemd_notify();
+
+  StationSettings settings = station_settings(config, recipes);
+  if (!recipe_problems.empty()) settings.warn |= kWarnRecipeUnusable;
+  if (!config_problems.empty() || recipes.empty()) settings.fault = Code::config;
+
+  std::unique_ptr<hal::PosePort> pose;
+  std::unique_ptr<hal::ScannerPort> scanner;
+  std::unique_ptr<storage::Store> store;
+  std::unique_ptr<hal::ControlPort> control;
+  if (settings.fault == Code::ok) {
+    if (auto made = hal::make_lcm_pose_port(config.robot); made.ok()) {
+      pose = std::move(made.value());
+    } else {
+      std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
+      settings.fault = Code::config;
+      pose = std::make_unique<AbsentPose>(made.error().text.view());
+    }
+    if (auto made = hal::make_scan_drop(config.scanner, *clock); made.ok()) {
+      scanner = std::move(made.value());
+    } else {
+      std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
+      scanner = std::make_unique<AbsentScanner>(made.error());
+    }
+    if (auto made = storage::open_store(config.storage); made.ok()) {
+      store = std::move(made.value());
+    } else {
+      std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
+      settings.fault = Code::journal_write;
+    }
+    if (auto made = hal::make_control_socket(config.control_socket.c_str()); made.ok()) {
+      control = std::move(made.value());
+    } else {
+      std::fprintf(stderr, "warning: %s\n", made.error().text.c_str());
+      settings.warn |= kWarnControlSocket;
+    }
+  } else {
+    const Error why = error(Code::config, "the configuration is not usable");
+    pose = std::make_unique<AbsentPose>(why.text.view());
+    scanner = std::make_unique<AbsentScanner>(why);
+  }
+
+  LoopFigures figures;
+  figures.config_path = config.path;
+  figures.db_path = config.storage.db_path;
+  const algo::StationSigma sigma{config.calibration.station_sigma_mm, config.calibration.station_sigma_rad};
+  const Ports ports{*plc.value(), *pose, *scanner, store.get(), control.get(), *clock, *notify};
+  Loop loop(ports, settings, sigma, std::move(figures));
+  std::fprintf(stderr, "info: %s: Modbus/TCP on %s:%u, inspection memory %.0f MB%s\n", settings.software.c_str(),
+               config.plc.host.c_str(), plc.value()->bound_port(), static_cast<double>(limits::kInspectionBytes) / 1e6,
+               settings.fault == Code::ok ? "" : "; in FAULT, see above");
+  loop.run(g_stop);
+  std::fprintf(stderr, "info: slabd: stopped\n");
+  return 0;
+}
+
+}  // namespace
+}  // namespace slabd::daemon
+
+int main(int argc, char** argv) {
+  using namespace slabd::daemon;
+  CLI::App app{"slabd: inspects railway track slabs from 3-D scans and tells the PLC pass or fail"};
+  std::string config_path = "/etc/slabd/slabd.toml";
+  bool check_only = false;
+  app.add_option("--config", config_path, "configuration file")->capture_default_str();
+  app.add_flag("--check", check_only, "check configuration and recipes, then exit (0 usable, 3 not)");
+  app.set_version_flag("--version", std::string(software_version().view()));
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    const int code = app.exit(e);
+    return code == 0 ? 0 : kExitUsage;
+  }
+
+  try {
+    catch_signals();
+    Config config;
+    std::vector<Problem> config_problems;
+    load_config(config_path, config, config_problems);
+    std::vector<slabd::Recipe> recipes;
+    std::vector<Problem> recipe_problems;
+    if (config_problems.empty()) load_recipes(config.recipes_dir, recipes, recipe_problems);
+    if (check_only) return check(config, config_problems, recipes, recipe_problems);
+    return run(config, config_problems, recipes, recipe_problems);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "error: slabd: %s\n", e.what());
+    return kExitInternal;
+  }
+}

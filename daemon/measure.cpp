@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/daemon.h"
+
+namespace slabd::daemon {
+
+const BlockResult& measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station,
+                                 const Pose& T_base_block, const Pose& T_base_scanner, algo::Cloud cloud,
+                                 const ScanShape& read, double read_ms) {
+  inspector.begin(station, T_base_block, T_base_scanner);
+  StageTimes times;
+  times.read_ms = read_ms;
+  std::int64_t stage_start_ns = clock.mono_ns();
+  const auto lap_ms = [&] {
+    const std::int64_t now_ns = clock.mono_ns();
+    const double lap = ms_from_ns(now_ns - stage_start_ns);
+    stage_start_ns = now_ns;
+    return lap;
+  };
+
+  Status status = inspector.denoise(cloud);
+  times.denoise_ms = lap_ms();
+  if (status.ok()) {
+    status = inspector.register_to_model(cloud);
+    times.register_ms = lap_ms();
+  }
+  if (status.ok()) status = inspector.extract(cloud);
+  inspector.judge(status.ok() ? Code::ok : status.error().code);
+  times.extract_ms = lap_ms();
+  times.total_ms = times.read_ms + times.denoise_ms + times.register_ms + times.extract_ms;
+
+  BlockResult& result = inspector.result();
+  result.scan.points_read = read.points;
+  result.scan.points_finite = read.finite;
+  result.times = times;
+  return result;
+}
+
+FixedString<64> software_version() {
+  FixedString<64> text;
+  text.printf("slabd %s", SLABD_VERSION);
+  return text;
+}
+
+}  // namespace slabd::daemon

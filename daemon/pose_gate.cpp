@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/pose_gate.h"
+
+#include <algorithm>
+
+namespace slabd::daemon {
+namespace {
+
+bool wrong_frame(const PoseSample& sample, const PoseSettings& settings) {
+  return sample.base_id != settings.base_id || sample.tool_id != settings.tool_id;
+}
+
+/// The sender's numbers do not continue from `before`: samples were lost, repeated or re-ordered, or it restarted.
+/// A sender that leaves seq at 0 has only its clock to be judged by.
+bool breaks_run(const PoseSample& before, const PoseSample& sample, const PoseSettings& settings) {
+  const bool counts = before.seq != 0 || sample.seq != 0;
+  const std::int64_t step_us = sample.utime_us - before.utime_us;
+  return (counts && sample.seq != before.seq + 1) || step_us <= 0 || step_us > settings.gap_us;
+}
+
+/// Mean and spread of ring entries [first, last]. Translations are summed about the first one, quaternions are turned
+/// to its side before they are averaged: exact enough for poses that differ by microns.
+template <typename Ring>
+PoseMean mean_of(const Ring& ring, std::size_t first, std::size_t last) {
+  const Pose& origin = ring[first].T_base_flange;
+  Vec3 sum = Vec3::Zero();
+  Vec3 low = Vec3::Zero();
+  Vec3 high = Vec3::Zero();
+  Eigen::Vector4d quat_sum = Eigen::Vector4d::Zero();
+  for (std::size_t i = first; i <= last; ++i) {
+    const Pose& pose = ring[i].T_base_flange;
+    const Vec3 offset = pose.translation_mm - origin.translation_mm;
+    sum += offset;
+    low = low.cwiseMin(offset);
+    high = high.cwiseMax(offset);
+    const double side = pose.rotation.coeffs().dot(origin.rotation.coeffs()) < 0.0 ? -1.0 : 1.0;
+    quat_sum += side * pose.rotation.coeffs();
+  }
+  PoseMean mean;
+  mean.samples = static_cast<std::uint32_t>(last - first + 1);
+  mean.T_base_flange.translation_mm = origin.translation_mm + sum / mean.samples;
+  mean.T_base_flange.rotation.coeffs() = quat_sum.normalized();
+  mean.spread_mm = (high - low).maxCoeff();
+  for (std::size_t i = first; i <= last; ++i)
+    mean.spread_rad = std::max(
+        mean.spread_rad, 2.0 * angle_between_rad(mean.T_base_flange.rotation, ring[i].T_base_flange.rotation));
+  return mean;
+}
+
+}  // namespace
+
+void PoseGate::add(const PoseSample& sample) {
+  if (!ring_.empty()) {
+    const PoseSample& newest = ring_[ring_.size() - 1];
+    if (breaks_run(newest, sample, settings_) || wrong_frame(sample, settings_)) run_length_ = 0;
+  }
+  if (ring_.full()) ring_.pop();
+  const bool stored = ring_.push(sample);
+  assert(stored);
+  (void)stored;
+  run_length_ = std::min(run_length_ + 1, ring_.size());
+  stopped_flag_used_ = stopped_flag_used_ || sample.stopped;
+  watch(sample);
+}
+
+Code PoseGate::link(std::int64_t now_ns) const {
+  if (ring_.empty()) return Code::no_pose;
+  const PoseSample& newest = ring_[ring_.size() - 1];
+  if (now_ns - newest.arrival_ns > settings_.stale_ns) return Code::pose_stale;
+  return wrong_frame(newest, settings_) ? Code::wrong_frame : Code::ok;
+}
+
+Code PoseGate::settled(std::int64_t now_ns, PoseMean& mean) const {
+  if (const Code code = link(now_ns); code != Code::ok) return code;
+  const std::size_t last = ring_.size() - 1;
+  const std::size_t run_first = ring_.size() - run_length_;
+  const std::int64_t span_ns = settings_.window_ns + settings_.dwell_ns;
+  // Window and dwell are one stretch of samples that all lie within the limits: standing still for that long.
+  std::size_t first = last;
+  bool covered = false;
+  while (first > run_first && !covered) {
+    --first;
+    const std::int64_t age_ns = ring_[last].arrival_ns - ring_[first].arrival_ns;
+    covered = age_ns >= span_ns && last - first + 1 >= static_cast<std::size_t>(settings_.samples_min);
+  }
+  if (!covered) return Code::not_settled;
+  if (stopped_flag_used_)
+    for (std::size_t i = first; i <= last; ++i)
+      if (!ring_[i].stopped) return Code::not_settled;
+  const PoseMean candidate = mean_of(ring_, first, last);
+  if (candidate.spread_mm > settings_.settled_mm || candidate.spread_rad > settings_.settled_rad)
+    return Code::not_settled;
+  mean = candidate;
+  return Code::ok;
+}
+
+void PoseGate::begin_exposure(const Pose& start) {
+  exposure_ = {};
+  exposure_.start = start;
+  exposure_.verdict = Code::ok;
+}
+
+void PoseGate::watch(const PoseSample& sample) {
+  Exposure& x = exposure_;
+  x.newest_ns = sample.arrival_ns;
+  if (x.verdict != Code::ok) return;
+  const Vec3 offset_mm = sample.T_base_flange.translation_mm - x.start.translation_mm;
+  const double away_rad = angle_between_rad(sample.T_base_flange.rotation, x.start.rotation);
+  if (wrong_frame(sample, settings_)) {
+    x.verdict = Code::wrong_frame;
+  } else if (offset_mm.norm() > settings_.moved_mm || away_rad > settings_.moved_rad ||
+             (stopped_flag_used_ && !sample.stopped)) {
+    x.verdict = Code::moved_during_scan;
+  }
+  ++x.samples;
+  x.offset_sum_mm += offset_mm;
+  x.offset_low_mm = x.offset_low_mm.cwiseMin(offset_mm);
+  x.offset_high_mm = x.offset_high_mm.cwiseMax(offset_mm);
+  x.away_rad = std::max(x.away_rad, away_rad);
+  const auto& q = sample.T_base_flange.rotation.coeffs();
+  x.quat_sum += q.dot(x.start.rotation.coeffs()) < 0.0 ? Quat::Coefficients(-q) : q;
+}
+
+Code PoseGate::held_still(std::int64_t to_ns, PoseMean& mean) const {
+  const Exposure& x = exposure_;
+  if (x.verdict != Code::ok) return x.verdict;
+  if (x.samples == 0 || x.newest_ns <= to_ns) return Code::pose_stale;
+  mean.samples = x.samples;
+  mean.T_base_flange.translation_mm = x.start.translation_mm + x.offset_sum_mm / x.samples;
+  mean.T_base_flange.rotation.coeffs() = x.quat_sum.normalized();
+  mean.spread_mm = (x.offset_high_mm - x.offset_low_mm).maxCoeff();
+  mean.spread_rad = 2.0 * x.away_rad;
+  return Code::ok;
+}
+
+}  // namespace slabd::daemon

@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/station.h"
+
+#include <cstdarg>
+
+#include "daemon/station_parts.h"
+
+namespace slabd::daemon {
+
+void log(Actions& actions, LogLine::Level level, Code code, const char* format, ...) {
+  // A log line never displaces work: it is dropped when the actions run short.
+  if (actions.size() + 8 > Actions::capacity()) return;
+  std::array<char, limits::kErrorTextBytes + 1> text{};
+  va_list args;
+  va_start(args, format);
+  std::vsnprintf(text.data(), text.size(), format, args);
+  va_end(args);
+  emit(actions, LogLine{level, static_cast<std::uint16_t>(code), std::string_view(text.data())});
+}
+
+Code current_fault(const Station& s) {
+  return s.settings.fault != Code::ok ? s.settings.fault : static_cast<Code>(s.fault);
+}
+
+void raise_fault(Station& s, Actions& actions, Code code, const char* doing) {
+  s.fault = static_cast<std::uint16_t>(code);
+  log(actions, LogLine::Level::error, code, "fault %u while %s: %.*s; %.*s", static_cast<unsigned>(code), doing,
+      static_cast<int>(describe(code).size()), describe(code).data(), static_cast<int>(cure(code).size()),
+      cure(code).data());
+}
+
+const Recipe* recipe_for(const Station& s, std::uint16_t slab_type) {
+  for (const Recipe& recipe : s.settings.recipes)
+    if (recipe.slab_type == slab_type) return &recipe;
+  return nullptr;
+}
+
+namespace {
+
+/// Picks up where the last process stopped. The session always changes, so that a command meant for the last process
+/// cannot be carried out by this one; nothing is scanned again on our own account.
+void on_recovered(Station& s, const Recovered& event, Actions& actions) {
+  const RecoveredLine& line = *event.line;
+  s.desk.session_next = line.session;
+  s.desk.ack = line.cmd_ack;
+  s.desk.status = line.cmd_status;
+  s.desk.acq_seq = line.acq_seq;
+  s.results.last_seq = line.res_seq;
+  s.results.queue = line.unacknowledged;
+  s.results.table = line.table;
+  s.results.slab_verdict = line.slab_verdict;
+  s.results.slab_reason = line.slab_reason;
+  s.results.slab_no = line.table_slab_no;
+  s.results.slab_record = line.slab_record;
+  s.last_slab_key = line.last_slab_key;
+  s.newest_utime_us = line.newest_utime_us;
+  if (line.slab_open) {
+    s.slab.phase = SlabPhase::open;
+    s.slab.header = line.slab;
+    s.slab.stations = line.stations;
+    const Recipe* recipe = recipe_for(s, line.slab.slab_type);
+    const bool same = recipe != nullptr && recipe->sha256 == line.slab.recipe_sha256;
+    s.slab.recipe = same ? recipe : nullptr;
+    if (same) {
+      log(actions, LogLine::Level::info, Code::ok, "slab %u \"%s\" is still open; the line can go on with it",
+          line.slab.slab_no, line.slab.slab_id.c_str());
+    } else {
+      log(actions, LogLine::Level::error, Code::unknown_type,
+          "open slab %u was begun with recipe %s (%.12s), which is not loaded now: only SLAB_ABORT is possible",
+          line.slab.slab_no, line.slab.recipe.c_str(), line.slab.recipe_sha256.c_str());
+    }
+  }
+  s.recovered = true;
+  bump_session(s, actions, "start");
+}
+
+void on_tick(Station& s, const Tick& tick, Actions& actions) {
+  s.now_ns = tick.mono_ns;
+  s.utime_us = tick.utime_us;
+  if (s.now_ns - s.heartbeat_ns >= s.settings.heartbeat_period_ns) {
+    s.heartbeat_ns = s.now_ns;
+    ++s.heartbeat;
+  }
+  const bool backwards = s.utime_us < s.newest_utime_us;
+  if (backwards && (s.warn & kWarnClockBackwards) == 0)
+    log(actions, LogLine::Level::warning, Code::ok,
+        "the wall clock is older than the newest record; records stay ordered by number");
+  s.warn = static_cast<std::uint16_t>(backwards ? (s.warn | kWarnClockBackwards) : (s.warn & ~kWarnClockBackwards));
+  watch_heartbeat(s, actions);
+}
+
+struct Dispatch {
+  Station& s;
+  Actions& actions;
+  void operator()(const Recovered& e) const { on_recovered(s, e, actions); }
+  void operator()(const Tick& e) const { on_tick(s, e, actions); }
+  void operator()(const LinkStatus& e) const {
+    if (e.stray_files > s.links.stray_files) s.warn |= kWarnStrayFiles;
+    s.links = e;
+  }
+  void operator()(const PlcInputs& e) const { on_plc(s, e, actions); }
+  void operator()(const PoseSample& e) const { s.gate.add(e); }
+  void operator()(const ScanDone& e) const { on_scan_done(s, e, actions); }
+  void operator()(const BlockMeasured& e) const { on_block_measured(s, e, actions); }
+  void operator()(const SlabJudged& e) const { on_slab_judged(s, e, actions); }
+  void operator()(const StoreDone& e) const { on_stored(s, e, actions); }
+};
+
+}  // namespace
+
+void step(Station& station, const Event& event, Actions& actions) {
+  actions.clear();
+  std::visit(Dispatch{station, actions}, event);
+  if (!station.recovered) return;
+  // Whatever happened may have been what one of these waited for; each does nothing when it is not its turn.
+  advance_acquisition(station, actions);
+  advance_end(station, actions);
+  remeasure(station, actions);
+}
+
+}  // namespace slabd::daemon

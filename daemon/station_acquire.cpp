@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// One SCAN: settle -> request the scan -> the robot must not have moved -> cloud and pose durable -> "robot may
+// leave" -> measure -> commit -> result. Up to "durable" there is one acquisition at a time; after it the block only
+// occupies a buffer while the next one may begin.
+#include <cmath>
+
+#include "daemon/station_parts.h"
+
+namespace slabd::daemon {
+namespace {
+
+/// A pose newer than the end of the exposure must come within this time, or the link counts as stale.
+constexpr std::int64_t kCheckTimeoutNs = kNsPerS;
+
+StationRecord& record_of(Station& s, std::uint8_t station) { return s.slab.stations[station - 1U]; }
+
+int free_slot(const Station& s) {
+  for (std::size_t slot = 0; slot < s.slot_busy.size(); ++slot)
+    if (!s.slot_busy[slot]) return static_cast<int>(slot);
+  return -1;
+}
+
+/// The block's nominal centre must lie near the scanner's axis and in front of it: catches a wrong station, a wrong
+/// robot program and a slab that is not where the cell says.
+Code looks_at_station(const Station& s, const Pose& T_base_flange, double& off_axis_mm) {
+  const Pose T_base_scanner = T_base_flange * s.slab.header.T_flange_scanner;
+  const Pose T_base_block = s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, s.acquisition.station);
+  const Vec3 p_scanner = T_base_scanner.inverse() * T_base_block.translation_mm;
+  off_axis_mm = std::hypot(p_scanner.x(), p_scanner.y());
+  return off_axis_mm <= s.settings.pose.look_mm && p_scanner.z() > 0.0 ? Code::ok : Code::outside_window;
+}
+
+void try_to_trigger(Station& s, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  PoseMean mean;
+  const Code code = s.gate.settled(s.now_ns, mean);
+  const int slot = free_slot(s);
+  if (code != Code::ok || slot < 0) {
+    if (s.now_ns - a.started_ns > s.settings.settle_timeout_ns)
+      fail_acquisition(s, code != Code::ok ? code : Code::deadline, actions);
+    return;
+  }
+  double off_axis_mm = 0.0;
+  if (looks_at_station(s, mean.T_base_flange, off_axis_mm) != Code::ok) {
+    log(actions, LogLine::Level::warning, Code::outside_window,
+        "station %u: its centre lies %.0f mm off the scanner's axis, allowed %.0f mm", a.station, off_axis_mm,
+        s.settings.pose.look_mm);
+    fail_acquisition(s, Code::outside_window, actions);
+    return;
+  }
+  a.phase = Acquisition::Phase::scanning;
+  a.settled_ns = s.now_ns;
+  a.attempt.settle_ms = ms_from_ns(s.now_ns - a.started_ns);
+  a.slot = static_cast<std::uint8_t>(slot);
+  a.slot_taken = true;
+  s.slot_busy[a.slot] = true;
+  s.gate.begin_exposure(mean.T_base_flange);
+
+  AcquireScan action;
+  action.slot = a.slot;
+  action.request.session = a.session;
+  action.request.cmd_seq = a.cmd_seq;
+  action.request.slab_id = s.slab.header.slab_id;
+  action.request.station = a.station;
+  action.request.timeout_ns = s.settings.scan_timeout_ns;
+  action.request.spool_path.printf("%s/%lld/%02u-%u", s.settings.spool_dir.c_str(),
+                                   static_cast<long long>(s.slab.header.key), a.station, a.attempt.number);
+  emit(actions, action);
+}
+
+void check_stillness(Station& s, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  PoseMean mean;
+  const Code code = s.gate.held_still(a.taken_ns, mean);
+  if (code == Code::pose_stale && s.now_ns - a.taken_ns < kCheckTimeoutNs) return;
+  if (code != Code::ok) {
+    fail_acquisition(s, code, actions);
+    return;
+  }
+  a.phase = Acquisition::Phase::storing;
+  a.attempt.T_base_flange = mean.T_base_flange;
+  a.attempt.pose_spread_mm = mean.spread_mm;
+  a.attempt.pose_samples = mean.samples;
+  a.attempt.acquire_ms = ms_from_ns(s.now_ns - a.started_ns);
+  PendingStore pending;
+  pending.kind = PendingStore::Kind::acquired;
+  pending.station = a.station;
+  pending.attempt = a.attempt.number;
+  pending.slot = a.slot;
+  pending.value = a.cmd_seq;
+  pending.slab_key = a.attempt.slab_key;
+  submit(s, actions, AcquiredJob{a.attempt}, pending);
+}
+
+void release(Station& s) {
+  if (s.acquisition.slot_taken) s.slot_busy[s.acquisition.slot] = false;
+  s.acquisition = {};
+}
+
+void measure(Station& s, std::uint8_t station, std::uint8_t slot, bool reload, Actions& actions) {
+  const StationRecord& record = record_of(s, station);
+  MeasureBlock action;
+  action.slab_key = s.slab.header.key;
+  action.station = station;
+  action.attempt = record.attempt.number;
+  action.slot = slot;
+  action.reload = reload;
+  action.scan_path = record.attempt.scan_path;
+  action.shape = record.attempt.shape;
+  action.slab_type = s.slab.header.slab_type;
+  action.T_base_flange = record.attempt.T_base_flange;
+  action.T_flange_scanner = s.slab.header.T_flange_scanner;
+  action.T_base_slab = s.slab.header.T_base_slab;
+  ++s.measuring;
+  s.station_measuring[station - 1U] = true;
+  emit(actions, action);
+}
+
+}  // namespace
+
+void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
+  StationRecord& record = record_of(s, static_cast<std::uint8_t>(in.station));
+  record.phase = StationPhase::acquiring;
+  record.code = 0;
+  ++record.attempts;
+
+  Acquisition& a = s.acquisition;
+  a = {};
+  a.phase = Acquisition::Phase::settling;
+  a.cmd_seq = in.cmd_seq;
+  a.session = s.desk.session;
+  a.station = static_cast<std::uint8_t>(in.station);
+  a.started_ns = s.now_ns;
+  a.attempt.slab_key = s.slab.header.key;
+  a.attempt.station = a.station;
+  a.attempt.number = record.attempts;
+  a.attempt.session = a.session;
+  a.attempt.cmd_seq = a.cmd_seq;
+  set_status(s, a.cmd_seq, CommandStatus::acquiring);
+  log(actions, LogLine::Level::info, Code::ok, "station %u: scan %u begins", a.station, a.attempt.number);
+}
+
+void advance_acquisition(Station& s, Actions& actions) {
+  switch (s.acquisition.phase) {
+    case Acquisition::Phase::settling: try_to_trigger(s, actions); break;
+    case Acquisition::Phase::checking: check_stillness(s, actions); break;
+    case Acquisition::Phase::none:
+    case Acquisition::Phase::scanning:
+    case Acquisition::Phase::storing: break;
+  }
+}
+
+void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  if (a.phase != Acquisition::Phase::scanning || done.cmd_seq != a.cmd_seq) return;
+  a.attempt.scan_path = done.scan.path;
+  a.attempt.shape = done.scan.shape;
+  a.attempt.scan_utime_us = done.scan.taken_utime_us;
+  a.taken_ns = done.scan.taken_mono_ns;
+  if (a.abort || done.code != Code::ok) {
+    fail_acquisition(s, a.abort ? Code::interrupted : done.code, actions);
+    return;
+  }
+  a.phase = Acquisition::Phase::checking;
+}
+
+void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  if (code != Code::ok) {
+    raise_fault(s, actions, code, "recording a scan");
+    StationRecord& record = record_of(s, pending.station);
+    record.phase = StationPhase::failed;
+    record.code = static_cast<std::uint16_t>(code);
+    set_failed(s, pending.value, code);
+    release(s);
+    return;
+  }
+  StationRecord& record = record_of(s, pending.station);
+  record.phase = StationPhase::acquired;
+  record.attempt = a.attempt;
+  s.newest_utime_us = std::max(s.newest_utime_us, a.attempt.scan_utime_us);
+  s.desk.acq_seq = pending.value;
+  set_status(s, pending.value, CommandStatus::acquired);
+  log(actions, LogLine::Level::info, Code::ok, "station %u: %zu points durable after %.0f ms, the robot may leave",
+      pending.station, a.attempt.shape.finite, a.attempt.acquire_ms);
+  const std::uint8_t slot = a.slot;
+  a = {};  // the buffer stays taken until the block is measured
+  measure(s, pending.station, slot, false, actions);
+}
+
+void fail_acquisition(Station& s, Code code, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  StationRecord& record = record_of(s, a.station);
+  record.phase = StationPhase::failed;
+  record.code = static_cast<std::uint16_t>(code);
+  set_failed(s, a.cmd_seq, code);
+  log(actions, LogLine::Level::warning, code, "station %u: scan %u came to nothing: %.*s; %.*s", a.station,
+      a.attempt.number, static_cast<int>(describe(code).size()), describe(code).data(),
+      static_cast<int>(cure(code).size()), cure(code).data());
+  PendingStore pending;
+  pending.kind = PendingStore::Kind::failed_attempt;
+  pending.station = a.station;
+  submit(s, actions, FailedAttemptJob{a.attempt, static_cast<std::uint16_t>(code)}, pending);
+  release(s);
+}
+
+void abort_acquisition(Station& s, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  switch (a.phase) {
+    case Acquisition::Phase::settling:
+    case Acquisition::Phase::checking: fail_acquisition(s, Code::interrupted, actions); break;
+    case Acquisition::Phase::scanning:
+      // The scanner's worker still writes into the buffer; the acquisition ends with its answer.
+      a.abort = true;
+      emit(actions, CancelScan{});
+      break;
+    case Acquisition::Phase::none:
+    case Acquisition::Phase::storing: break;  // too late: the cloud is as good as durable
+  }
+}
+
+void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actions) {
+  assert(measured.slot < s.slot_busy.size());
+  s.slot_busy[measured.slot] = false;
+  StationRecord& record = record_of(s, measured.block.station);
+  const bool current = record.phase == StationPhase::acquired && record.attempt.number == measured.attempt;
+  if (current) record.block = measured.block;
+
+  PendingStore pending;
+  pending.kind = PendingStore::Kind::block;
+  pending.station = measured.block.station;
+  pending.attempt = measured.attempt;
+  pending.slab_key = measured.slab_key;
+  pending.record = station_record(measured.block);
+  pending.record.cmd_seq = record.attempt.cmd_seq;
+  pending.record.slab_no = s.slab.header.slab_no;
+  pending.record.scan_utime_us = record.attempt.scan_utime_us;
+  pending.value = pending.record.cmd_seq;
+  number_record(s, pending.record);
+  log(actions, LogLine::Level::info, Code::ok, "station %u: %s (reason %u) after %.0f ms", measured.block.station,
+      name(measured.block.verdict).data(), measured.block.reason, measured.block.times.total_ms);
+  submit(s, actions, BlockJob{measured.slab_key, measured.attempt, measured.block, pending.record}, pending);
+}
+
+void remeasure(Station& s, Actions& actions) {
+  const bool quiet = s.slab.phase == SlabPhase::open || s.slab.phase == SlabPhase::ending;
+  if (!quiet || s.slab.aborting || s.slab.recipe == nullptr || s.fault != 0 || s.measuring != 0 ||
+      s.acquisition.phase != Acquisition::Phase::none)
+    return;
+  for (std::size_t i = 0; i < s.slab.stations.size(); ++i) {
+    if (s.slab.stations[i].phase != StationPhase::acquired || s.station_measuring[i]) continue;
+    const int slot = free_slot(s);
+    if (slot < 0) return;
+    s.slot_busy[static_cast<std::size_t>(slot)] = true;
+    measure(s, static_cast<std::uint8_t>(i + 1), static_cast<std::uint8_t>(slot), true, actions);
+    return;
+  }
+}
+
+}  // namespace slabd::daemon

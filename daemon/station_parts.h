@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include "daemon/station.h"
+
+/// The parts `step` is made of; private to the station's source files.
+///
+///   station.cpp           dispatch, time, recovery, faults
+///   station_commands.cpp  the PLC's command desk: who may command, what is refused, sessions, acknowledgements
+///   station_acquire.cpp   one SCAN from the settled robot to a measured, committed block
+///   station_slab.cpp      a slab's begin and end
+///   station_stored.cpp    what a durable (or failed) store job means
+///   station_view.cpp      what the PLC reads
+namespace slabd::daemon {
+
+// ---- station.cpp ----
+[[gnu::format(printf, 4, 5)]] void log(Actions& actions, LogLine::Level level, Code code, const char* format, ...);
+void raise_fault(Station& s, Actions& actions, Code code, const char* doing);
+/// Hands a job to storage; `pending` says what its answer will mean.
+template <typename Job>
+void submit(Station& s, Actions& actions, const Job& job, PendingStore pending) {
+  pending.ticket = ++s.last_ticket;
+  StoreJob store;
+  store.ticket = pending.ticket;
+  store.what = job;
+  const bool noted = s.storing.push(pending);
+  const bool sent = actions.push(store);
+  assert(noted && sent);
+  (void)noted;
+  (void)sent;
+}
+template <typename T>
+void emit(Actions& actions, const T& action) {
+  const bool pushed = actions.push(action);
+  assert(pushed);
+  (void)pushed;
+}
+/// The latched fault, or the one the process started with.
+[[nodiscard]] Code current_fault(const Station& s);
+[[nodiscard]] const Recipe* recipe_for(const Station& s, std::uint16_t slab_type);
+
+// ---- station_commands.cpp ----
+void on_plc(Station& s, const PlcInputs& inputs, Actions& actions);
+void watch_heartbeat(Station& s, Actions& actions);
+void bump_session(Station& s, Actions& actions, const char* why);
+/// Sets CMD_STATUS if `cmd_seq` is still the last command.
+void set_status(Station& s, std::uint16_t cmd_seq, std::uint16_t status);
+inline void set_status(Station& s, std::uint16_t cmd_seq, CommandStatus status) {
+  set_status(s, cmd_seq, static_cast<std::uint16_t>(status));
+}
+inline void set_failed(Station& s, std::uint16_t cmd_seq, Code code) {
+  set_status(s, cmd_seq, static_cast<std::uint16_t>(kCommandFailed + static_cast<std::uint16_t>(code)));
+}
+/// A journalled command begins: CMD_ACK has moved to it.
+void begin_command(Station& s, Actions& actions);
+
+// ---- station_acquire.cpp ----
+void begin_acquisition(Station& s, const PlcInputs& inputs, Actions& actions);
+void advance_acquisition(Station& s, Actions& actions);
+void on_scan_done(Station& s, const ScanDone& done, Actions& actions);
+void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Actions& actions);
+void fail_acquisition(Station& s, Code code, Actions& actions);
+void abort_acquisition(Station& s, Actions& actions);
+void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actions);
+/// Clouds that are durable and not measured (after a restart or a storage fault) go back to the worker, one at a time.
+void remeasure(Station& s, Actions& actions);
+
+// ---- station_slab.cpp ----
+void open_slab(Station& s, const BeginSlabJob& job);
+[[nodiscard]] BeginSlabJob slab_to_begin(const Station& s, const PlcInputs& inputs);
+void begin_end(Station& s, std::uint16_t cmd_seq, bool aborting, Actions& actions);
+void advance_end(Station& s, Actions& actions);
+void on_slab_judged(Station& s, const SlabJudged& judged, Actions& actions);
+/// Counts RES_SEQ up and stamps the record with it.
+void number_record(Station& s, PlcResult& record);
+
+// ---- station_stored.cpp ----
+void on_stored(Station& s, const StoreDone& done, Actions& actions);
+
+}  // namespace slabd::daemon

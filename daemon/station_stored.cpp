@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the answer to each store job means. Ok: it is durable and may be shown. Anything else: nothing is shown, the
+// fault is raised, and the cloud on disk keeps the work from being lost.
+#include <algorithm>
+
+#include "daemon/station_parts.h"
+
+namespace slabd::daemon {
+namespace {
+
+void on_session(Station& s, const PendingStore& pending, Code code, Actions& actions) {
+  if (code != Code::ok) {
+    raise_fault(s, actions, code, "recording the session");
+    return;
+  }
+  if (pending.value == s.desk.session_next) s.desk.session = s.desk.session_next;
+}
+
+void on_command(Station& s, const PendingStore& pending, Code code, Actions& actions) {
+  s.desk.pending = false;
+  if (code == Code::ok) {
+    begin_command(s, actions);
+    return;
+  }
+  // Refused after all: the number is used up, so that the PLC sees the answer.
+  s.desk.ack = pending.value;
+  set_failed(s, pending.value, code);
+  s.desk.refuse_code = static_cast<std::uint16_t>(code);
+  s.desk.refuse_seq = pending.value;
+  ++s.desk.refused;
+  if (code == Code::store_full) {
+    s.warn |= kWarnDiskLow;
+    log(actions, LogLine::Level::error, code, "SLAB_BEGIN refused: %.*s; %.*s",
+        static_cast<int>(describe(code).size()), describe(code).data(), static_cast<int>(cure(code).size()),
+        cure(code).data());
+  } else {
+    raise_fault(s, actions, code, "recording a command");
+  }
+}
+
+void on_block(Station& s, const PendingStore& pending, Code code, Actions& actions) {
+  StationRecord& record = s.slab.stations[pending.station - 1U];
+  s.station_measuring[pending.station - 1U] = false;
+  --s.measuring;
+  if (code != Code::ok) {
+    // The cloud is durable: the block stays "acquired" and is measured again after FAULT_RESET or a restart.
+    raise_fault(s, actions, code, "recording a block");
+    return;
+  }
+  if (record.phase == StationPhase::acquired && record.attempt.number == pending.attempt) {
+    record.phase = StationPhase::measured;
+    set_status(s, pending.value, CommandStatus::done);
+  }
+  const bool queued = s.results.queue.push(pending.record);
+  assert(queued);  // check_scan() kept room
+  (void)queued;
+}
+
+void on_slab(Station& s, const PendingStore& pending, Code code, Actions& actions) {
+  if (code != Code::ok) {
+    raise_fault(s, actions, code, "recording the slab");
+    set_failed(s, pending.value, code);
+    s.slab.phase = SlabPhase::open;  // SLAB_END may be given again
+    return;
+  }
+  const SlabResult& result = s.slab.result;
+  ResultDesk& desk = s.results;
+  for (std::size_t i = 0; i < desk.table.size(); ++i) {
+    const StationRecord& record = s.slab.stations[i];
+    PlcStationRow& row = desk.table[i];
+    row = {};
+    row.attempts = record.attempts;
+    row.verdict = result.station_verdict[i];
+    row.reason = result.station_reason[i];
+  }
+  desk.slab_verdict = result.verdict;
+  desk.slab_reason = result.reason;
+  desk.slab_no = s.slab.header.slab_no;
+  desk.slab_record = pending.record;
+  const bool queued = desk.queue.push(pending.record);
+  assert(queued);
+  (void)queued;
+  log(actions, LogLine::Level::info, Code::ok, "slab %u \"%s\": %s (reason %u)", s.slab.header.slab_no,
+      s.slab.header.slab_id.c_str(), name(result.verdict).data(), result.reason);
+  s.newest_utime_us = std::max(s.newest_utime_us, s.utime_us);
+  s.slab.phase = SlabPhase::none;
+  set_status(s, pending.value, CommandStatus::done);
+}
+
+void on_report(Station& s, const PendingStore& pending, Code code, Actions& actions) {
+  if (code != Code::ok) {
+    raise_fault(s, actions, code, "recording a repeated result");
+    set_failed(s, pending.value, code);
+    return;
+  }
+  if (!s.results.queue.push(pending.record)) {
+    set_failed(s, pending.value, Code::busy);
+    return;
+  }
+  set_status(s, pending.value, CommandStatus::done);
+}
+
+}  // namespace
+
+void on_stored(Station& s, const StoreDone& done, Actions& actions) {
+  const PendingStore* const found = std::find_if(s.storing.begin(), s.storing.end(), [&](const PendingStore& pending) {
+    return pending.ticket == done.ticket;
+  });
+  if (found == s.storing.end()) return;
+  const PendingStore pending = *found;
+  s.storing.erase(static_cast<std::size_t>(found - s.storing.begin()));
+
+  switch (pending.kind) {
+    case PendingStore::Kind::session: on_session(s, pending, done.code, actions); break;
+    case PendingStore::Kind::begin_slab:
+    case PendingStore::Kind::command: on_command(s, pending, done.code, actions); break;
+    case PendingStore::Kind::acquired: on_acquired_stored(s, pending, done.code, actions); break;
+    case PendingStore::Kind::block: on_block(s, pending, done.code, actions); break;
+    case PendingStore::Kind::slab: on_slab(s, pending, done.code, actions); break;
+    case PendingStore::Kind::report: on_report(s, pending, done.code, actions); break;
+    case PendingStore::Kind::failed_attempt:
+      if (done.code != Code::ok) raise_fault(s, actions, done.code, "recording a failed scan");
+      break;
+    case PendingStore::Kind::ack:
+      // Not durable: after a restart the PLC sees this record once more and knows it already.
+      if (done.code != Code::ok) raise_fault(s, actions, done.code, "recording an acknowledgement");
+      break;
+  }
+}
+
+}  // namespace slabd::daemon

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the PLC reads, derived from the state alone. A result appears here only after its commit.
+#include "daemon/station_parts.h"
+
+namespace slabd::daemon {
+namespace {
+
+bool acquired_or_measured(const StationRecord& record) {
+  return record.phase == StationPhase::acquired || record.phase == StationPhase::measured;
+}
+
+PlcStationRow provisional_row(const StationRecord& record) {
+  PlcStationRow row;
+  row.attempts = record.attempts;
+  if (record.phase == StationPhase::measured) {
+    row.verdict = record.block.verdict;
+    row.reason = record.block.reason;
+  } else if (record.phase == StationPhase::failed) {
+    row.verdict = Verdict::not_measured;
+    row.reason = record.code;
+  }
+  return row;
+}
+
+PlcState state_of(const Station& s) {
+  if (!s.recovered) return PlcState::recover;
+  if (current_fault(s) != Code::ok) return PlcState::fault;
+  switch (s.acquisition.phase) {
+    case Acquisition::Phase::settling: return PlcState::settling;
+    case Acquisition::Phase::scanning:
+    case Acquisition::Phase::checking:
+    case Acquisition::Phase::storing: return PlcState::scanning;
+    case Acquisition::Phase::none: break;
+  }
+  if (s.slab.phase != SlabPhase::none) return PlcState::slab_open;
+  return s.results.queue.empty() ? PlcState::idle : PlcState::waiting_for_plc;
+}
+
+}  // namespace
+
+PlcOutputs plc_view(const Station& s) {
+  PlcOutputs out;
+  const Code fault = current_fault(s);
+  const bool open = s.slab.phase != SlabPhase::none;
+  out.heartbeat = s.heartbeat;
+  out.state = state_of(s);
+  out.fault = static_cast<std::uint16_t>(fault);
+  const bool waiting = s.results.queue.size() > limits::kStationsMax;
+  out.warn = static_cast<std::uint16_t>(s.warn | s.settings.warn | (waiting ? +kWarnResultsWaiting : 0));
+  out.busy = s.desk.pending || s.acquisition.phase != Acquisition::Phase::none || s.slab.phase == SlabPhase::ending ||
+             s.slab.phase == SlabPhase::storing_end;
+  out.ready = s.recovered && fault == Code::ok && !out.busy && s.desk.session == s.desk.session_next;
+  out.acquired = s.desk.acq_seq != 0 && s.desk.acq_seq == s.desk.ack;
+  out.result = !s.results.queue.empty();
+  out.slab_open = open;
+  out.fault_present = fault != Code::ok;
+  out.warn_present = out.warn != 0;
+  out.pose_ok = s.gate.link(s.now_ns) == Code::ok;
+  out.scanner_ok = s.links.scanner_online;
+  out.plc_link_ok = s.plc.alive;
+  out.store_ok = s.recovered && fault != Code::journal_write && fault != Code::store_full;
+  out.simulation = s.settings.simulation;
+
+  out.session = s.desk.session;
+  out.cmd_ack = s.desk.ack;
+  out.cmd_status = s.desk.status;
+  out.acq_seq = s.desk.acq_seq;
+  out.current_station = s.acquisition.station;
+  out.refused = s.desk.refused;
+  out.refuse_code = s.desk.refuse_code;
+  out.refuse_seq = s.desk.refuse_seq;
+  out.utime_us = s.utime_us;
+  out.results_pending = static_cast<std::uint16_t>(s.results.queue.size());
+  if (!s.results.queue.empty()) out.record = s.results.queue.front();
+
+  if (open) {
+    out.slab_no = s.slab.header.slab_no;
+    out.slab_type = s.slab.header.slab_type;
+    for (std::size_t i = 0; i < s.slab.stations.size(); ++i) {
+      const StationRecord& record = s.slab.stations[i];
+      out.table[i] = provisional_row(record);
+      if (!acquired_or_measured(record)) continue;
+      ++out.stations_done;
+      out.station_mask |= 1U << i;
+    }
+    out.table_slab_no = s.slab.header.slab_no;
+  } else {
+    out.table = s.results.table;
+    out.slab_verdict = s.results.slab_verdict;
+    out.slab_reason = s.results.slab_reason;
+    out.table_slab_no = s.results.slab_no;
+  }
+  return out;
+}
+
+}  // namespace slabd::daemon
