@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "base/items.h"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+namespace slabd {
+namespace {
+
+Item item(double value, double lower, double upper, double U) {
+  Item i;
+  i.value = value;
+  i.lower = lower;
+  i.upper = upper;
+  i.U = U;
+  i.nominal = 0.0;
+  return i;
+}
+
+TEST(Judge, guard_band_makes_three_answers) {
+  EXPECT_EQ(judge(item(0.30, -0.5, 0.5, 0.15), 1.0), Verdict::pass);
+  EXPECT_EQ(judge(item(0.35, -0.5, 0.5, 0.15), 1.0), Verdict::pass);
+  EXPECT_EQ(judge(item(0.36, -0.5, 0.5, 0.15), 1.0), Verdict::indeterminate);
+  EXPECT_EQ(judge(item(0.64, -0.5, 0.5, 0.15), 1.0), Verdict::indeterminate);
+  EXPECT_EQ(judge(item(0.66, -0.5, 0.5, 0.15), 1.0), Verdict::fail);
+  EXPECT_EQ(judge(item(-0.66, -0.5, 0.5, 0.15), 1.0), Verdict::fail);
+}
+
+TEST(Judge, simple_acceptance_has_no_middle) {
+  EXPECT_EQ(judge(item(0.49, -0.5, 0.5, 0.15), 0.0), Verdict::pass);
+  EXPECT_EQ(judge(item(0.51, -0.5, 0.5, 0.15), 0.0), Verdict::fail);
+}
+
+TEST(Judge, one_sided_limits_look_at_one_side) {
+  EXPECT_EQ(judge(item(-40.0, kNoValue, 1.0, 0.05), 1.0), Verdict::pass);
+  EXPECT_EQ(judge(item(1.2, kNoValue, 1.0, 0.05), 1.0), Verdict::fail);
+}
+
+TEST(Judge, nothing_measured_is_never_a_pass) {
+  EXPECT_EQ(judge(item(kNoValue, -0.5, 0.5, 0.15), 1.0), Verdict::not_measured);
+  EXPECT_EQ(judge(item(std::numeric_limits<double>::infinity(), -0.5, 0.5, 0.15), 1.0), Verdict::not_measured);
+  EXPECT_EQ(judge(item(0.0, -0.5, 0.5, kNoValue), 1.0), Verdict::indeterminate);
+  EXPECT_EQ(judge(item(0.0, -0.5, 0.5, 0.0), 1.0), Verdict::indeterminate);
+  EXPECT_EQ(judge(item(0.0, kNoValue, kNoValue, 0.1), 1.0), Verdict::none);
+}
+
+Verdict combined(std::vector<std::pair<Verdict, bool>> list) {
+  std::vector<Item> items;
+  for (const auto& [verdict, required] : list) {
+    Item i;
+    i.verdict = verdict;
+    i.required = required;
+    items.push_back(i);
+  }
+  return combine(items.data(), items.data() + items.size());
+}
+
+TEST(Combine, fail_beats_not_measured_beats_indeterminate_beats_pass) {
+  using V = Verdict;
+  EXPECT_EQ(combined({{V::pass, true}, {V::not_measured, true}, {V::indeterminate, true}, {V::fail, false}}), V::fail);
+  EXPECT_EQ(combined({{V::pass, true}, {V::not_measured, true}, {V::indeterminate, true}}), V::not_measured);
+  EXPECT_EQ(combined({{V::pass, true}, {V::not_measured, false}, {V::indeterminate, true}}), V::indeterminate);
+  EXPECT_EQ(combined({{V::pass, true}, {V::not_measured, false}, {V::none, false}}), V::pass);
+}
+
+TEST(Combine, emptiness_and_information_alone_never_pass) {
+  using V = Verdict;
+  EXPECT_EQ(combined({}), V::not_measured);
+  EXPECT_EQ(combined({{V::none, false}}), V::not_measured);
+  EXPECT_EQ(combined({{V::none, true}, {V::pass, true}}), V::not_measured);
+  EXPECT_EQ(combined({{V::not_measured, false}}), V::not_measured);
+}
+
+TEST(Verdict, zeroed_memory_is_not_a_pass) { EXPECT_NE(static_cast<Verdict>(0), Verdict::pass); }
+
+TEST(Items, every_item_has_a_name_that_finds_it) {
+  for (std::size_t i = 0; i < kItemCount; ++i) {
+    const auto id = static_cast<ItemId>(i);
+    EXPECT_EQ(info(id).id, id);
+    ASSERT_TRUE(item_from_name(info(id).name).has_value());
+    EXPECT_EQ(*item_from_name(info(id).name), id);
+  }
+  EXPECT_FALSE(item_from_name("seat_slop").has_value());
+}
+
+}  // namespace
+}  // namespace slabd

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "base/records.h"
+
+#include <gtest/gtest.h>
+
+#include "base/plc.h"
+
+namespace slabd {
+namespace {
+
+Item judged(ItemId id, Verdict verdict, bool required, int station = 0, double value = 0.0) {
+  Item item;
+  item.id = id;
+  item.verdict = verdict;
+  item.required = required;
+  item.station = static_cast<std::uint8_t>(station);
+  item.value = value;
+  item.nominal = 0.0;
+  return item;
+}
+
+TEST(Reason, names_the_lowest_item_that_decided) {
+  const std::array items = {judged(ItemId::jaw_distance, Verdict::fail, true),
+                            judged(ItemId::jaw_angle_inner, Verdict::fail, true),
+                            judged(ItemId::seat_slope, Verdict::pass, true)};
+  EXPECT_EQ(reason_for(Verdict::fail, items.begin(), items.end(), Code::ok), 602);
+  EXPECT_EQ(fail_mask(items.begin(), items.end()), (1U << 2U) | (1U << 4U));
+}
+
+TEST(Reason, prefers_the_code_when_nothing_was_measured) {
+  const std::array items = {judged(ItemId::seat_slope, Verdict::not_measured, true),
+                            judged(ItemId::casing_skew_inner, Verdict::not_measured, false)};
+  EXPECT_EQ(reason_for(Verdict::not_measured, items.begin(), items.end(), Code::block_not_found), 402);
+  EXPECT_EQ(reason_for(Verdict::not_measured, items.begin(), items.end(), Code::ok), 600);
+  EXPECT_EQ(open_mask(items.begin(), items.end()), (1U << 0U) | (1U << 8U));
+  EXPECT_EQ(reason_for(Verdict::pass, items.begin(), items.end(), Code::ok), 0);
+}
+
+TEST(SlabRecord, carries_the_worst_seat_of_each_kind_with_its_station) {
+  SlabResult slab;
+  for (const auto& [station, value] : {std::pair{3, 0.2}, std::pair{7, -0.6}, std::pair{11, 0.6}})
+    ASSERT_TRUE(slab.items.push(judged(ItemId::seat_lateral, Verdict::pass, true, station, value)));
+  slab.station_verdict[6] = Verdict::fail;
+  slab.station_verdict[0] = Verdict::fail;
+  const PlcResult record = slab_record(slab, 18);
+  EXPECT_EQ(record.kind, 2);
+  EXPECT_DOUBLE_EQ(record.deviation[9], -0.6);
+  EXPECT_DOUBLE_EQ(record.deviation[10], 7.0);
+  EXPECT_FALSE(has_value(record.deviation[11]));
+  EXPECT_DOUBLE_EQ(record.deviation[13], 2.0);
+  EXPECT_NE(record.verdict, Verdict::pass);
+}
+
+TEST(Sequence, never_uses_zero) {
+  EXPECT_EQ(next_sequence(0), 1);
+  EXPECT_EQ(next_sequence(1), 2);
+  EXPECT_EQ(next_sequence(0xFFFF), 1);
+}
+
+}  // namespace
+}  // namespace slabd

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The walls of the house, read from the tree: who may include whom, which headers of a room are public, and that no
+// library other than Eigen shows in our headers.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <regex>
+#include <set>
+#include <string>
+#include <vector>
+
+namespace {
+
+namespace fs = std::filesystem;
+
+const std::map<std::string, std::set<std::string>> kMayInclude = {
+    {"base", {"base"}},
+    {"algo", {"base", "algo"}},
+    {"calib", {"base", "calib"}},
+    {"hal", {"base", "hal"}},
+    {"storage", {"base", "storage"}},
+    {"daemon", {"base", "algo", "calib", "hal", "storage", "daemon"}},
+    {"cli", {"base", "algo", "calib", "hal", "storage", "daemon", "cli"}},
+};
+
+/// All headers of base are vocabulary and public.
+const std::set<std::string> kPublic = {"algo/algo.h",       "calib/calib.h",     "hal/hal.h",
+                                       "hal/plc_map.h",     "storage/storage.h", "daemon/daemon.h"};
+
+struct Include {
+  fs::path file;
+  int line;
+  std::string name;
+  bool quoted;
+};
+
+std::vector<Include> includes_of(const fs::path& file) {
+  static const std::regex kPattern("^\\s*#\\s*include\\s*([<\"])([^>\"]+)[>\"]");
+  std::vector<Include> found;
+  std::ifstream in(file);
+  std::string text;
+  for (int line = 1; std::getline(in, text); ++line) {
+    std::smatch match;
+    if (std::regex_search(text, match, kPattern)) found.push_back({file, line, match[2], match[1] == "\""});
+  }
+  return found;
+}
+
+std::vector<fs::path> sources_of(const std::string& room) {
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::recursive_directory_iterator(fs::path(SLABD_SOURCE_DIR) / room)) {
+    const std::string ext = entry.path().extension();
+    if (ext == ".h" || ext == ".cpp") files.push_back(entry.path());
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+std::string room_of(const std::string& include) {
+  const std::string first = include.substr(0, include.find('/'));
+  return include.find('/') != std::string::npos && kMayInclude.count(first) != 0 ? first : "";
+}
+
+std::string where(const Include& include) {
+  return fs::relative(include.file, SLABD_SOURCE_DIR).string() + ":" + std::to_string(include.line) + " includes " +
+         include.name;
+}
+
+TEST(Rooms, include_only_whom_they_may) {
+  for (const auto& [room, allowed] : kMayInclude) {
+    const std::vector<fs::path> files = sources_of(room);
+    ASSERT_FALSE(files.empty()) << room;
+    for (const fs::path& file : files)
+      for (const Include& include : includes_of(file)) {
+        const std::string target = room_of(include.name);
+        EXPECT_TRUE(target.empty() || allowed.count(target) != 0) << where(include);
+      }
+  }
+}
+
+TEST(Rooms, enter_another_room_by_its_public_header) {
+  for (const auto& [room, allowed] : kMayInclude)
+    for (const fs::path& file : sources_of(room))
+      for (const Include& include : includes_of(file)) {
+        const std::string target = room_of(include.name);
+        if (target.empty() || target == room || target == "base") continue;
+        EXPECT_TRUE(kPublic.count(include.name) != 0) << where(include);
+      }
+  for (const std::string& header : kPublic) EXPECT_TRUE(fs::exists(fs::path(SLABD_SOURCE_DIR) / header)) << header;
+}
+
+TEST(Rooms, station_knows_only_the_vocabulary) {
+  int seen = 0;
+  for (const fs::path& file : sources_of("daemon")) {
+    const std::string name = file.filename();
+    if (name.rfind("station", 0) != 0 && name.rfind("pose_gate", 0) != 0) continue;
+    ++seen;
+    for (const Include& include : includes_of(file)) {
+      const bool own = include.name.rfind("daemon/station", 0) == 0 || include.name == "daemon/pose_gate.h";
+      const std::string target = room_of(include.name);
+      EXPECT_TRUE(!include.quoted || own || target == "base") << where(include);
+    }
+  }
+  EXPECT_GE(seen, 4);
+}
+
+TEST(Rooms, show_no_library_but_eigen_in_their_headers) {
+  // Headers of the C and C++ standard libraries and of POSIX; everything else in <> is a library's.
+  static const std::set<std::string> kPosix = {"poll.h", "unistd.h", "sys/eventfd.h", "netinet/in.h"};
+  for (const auto& [room, allowed] : kMayInclude)
+    for (const fs::path& file : sources_of(room)) {
+      if (file.extension() != ".h") continue;
+      for (const Include& include : includes_of(file)) {
+        if (include.quoted) {
+          EXPECT_FALSE(room_of(include.name).empty()) << where(include) << ": name the room";
+          continue;
+        }
+        const bool standard = include.name.find('/') == std::string::npos && include.name.find('.') == std::string::npos;
+        const bool eigen = include.name.rfind("Eigen/", 0) == 0;
+        EXPECT_TRUE(standard || eigen || kPosix.count(include.name) != 0) << where(include);
+      }
+    }
+}
+
+TEST(Rooms, have_a_licence_line_in_every_source) {
+  for (const auto& [room, allowed] : kMayInclude)
+    for (const fs::path& file : sources_of(room)) {
+      std::ifstream in(file);
+      std::string first;
+      std::getline(in, first);
+      EXPECT_EQ(first, "// SPDX-License-Identifier: Apache-2.0") << file;
+    }
+}
+
+}  // namespace

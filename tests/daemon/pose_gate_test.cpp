@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/pose_gate.h"
+
+#include <gtest/gtest.h>
+
+#include "base/prng.h"
+
+namespace slabd::daemon {
+namespace {
+
+struct PoseGateTest : testing::Test {
+  PoseSettings settings;
+  PoseGate gate{settings};
+  std::int64_t now_ns = kNsPerS;
+  std::int32_t seq = 100;
+  int period_ms = 4;
+  double jitter_mm = 0.002;
+  bool stopped = false;
+  Prng prng{3};
+  Vec3 at{1000.0, 500.0, 900.0};
+
+  void send(int count) {
+    for (int i = 0; i < count; ++i) {
+      now_ns += ns_from_ms(period_ms);
+      PoseSample sample;
+      sample.arrival_ns = now_ns;
+      sample.utime_us = now_ns / 1000;
+      sample.seq = ++seq;
+      sample.stopped = stopped;
+      sample.T_base_flange.translation_mm = at + jitter_mm * (prng.uniform() - 0.5) * Vec3(1, 1, 1);
+      gate.add(sample);
+    }
+  }
+  Code settled() {
+    PoseMean mean;
+    return gate.settled(now_ns, mean);
+  }
+};
+
+TEST_F(PoseGateTest, needs_window_and_dwell_and_then_gives_the_mean) {
+  EXPECT_EQ(settled(), Code::no_pose);
+  send(124);  // 492 ms of history
+  EXPECT_EQ(settled(), Code::not_settled);
+  send(2);
+  PoseMean mean;
+  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
+  EXPECT_GE(mean.samples, 125U);
+  EXPECT_LT((mean.T_base_flange.translation_mm - at).norm(), 0.001);
+  EXPECT_LT(mean.spread_mm, 0.0021);
+}
+
+TEST_F(PoseGateTest, a_move_restarts_the_window) {
+  send(200);
+  at.x() += 0.1;
+  send(100);
+  EXPECT_EQ(settled(), Code::not_settled);
+  send(30);
+  EXPECT_EQ(settled(), Code::ok);
+}
+
+TEST_F(PoseGateTest, shaking_more_than_the_limit_never_settles) {
+  jitter_mm = 0.1;
+  send(500);
+  EXPECT_EQ(settled(), Code::not_settled);
+}
+
+TEST_F(PoseGateTest, a_lost_sample_or_a_step_back_in_time_restarts_the_window) {
+  send(200);
+  ++seq;
+  send(50);
+  EXPECT_EQ(settled(), Code::not_settled);
+  send(100);
+  EXPECT_EQ(settled(), Code::ok);
+}
+
+TEST_F(PoseGateTest, a_slow_sender_gets_a_longer_window) {
+  period_ms = 40;
+  send(15);  // 560 ms, but 15 samples
+  EXPECT_EQ(settled(), Code::not_settled);
+  send(6);
+  EXPECT_EQ(settled(), Code::ok);
+}
+
+TEST_F(PoseGateTest, names_stale_poses_and_wrong_frames) {
+  send(200);
+  EXPECT_EQ(gate.link(now_ns + settings.stale_ns), Code::ok);
+  EXPECT_EQ(gate.link(now_ns + settings.stale_ns + 1), Code::pose_stale);
+  PoseSample sample;
+  sample.arrival_ns = now_ns + kNsPerMs;
+  sample.utime_us = sample.arrival_ns / 1000;
+  sample.seq = seq + 1;
+  sample.tool_id = 3;
+  gate.add(sample);
+  EXPECT_EQ(gate.link(sample.arrival_ns), Code::wrong_frame);
+}
+
+TEST_F(PoseGateTest, a_sender_that_supplies_the_stopped_flag_is_taken_at_its_word) {
+  stopped = true;
+  send(200);
+  EXPECT_EQ(settled(), Code::ok);
+  stopped = false;
+  send(10);
+  EXPECT_EQ(settled(), Code::not_settled);
+}
+
+TEST_F(PoseGateTest, watches_an_exposure_longer_than_its_ring) {
+  send(200);
+  PoseMean mean;
+  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
+  gate.begin_exposure(mean.T_base_flange);
+  send(3);
+  at.z() += 0.2;
+  send(1);
+  at.z() -= 0.2;
+  send(2000);  // 8 s: the jump has long left the two-second ring
+  EXPECT_EQ(gate.held_still(now_ns - 1, mean), Code::moved_during_scan);
+}
+
+TEST_F(PoseGateTest, gives_the_mean_over_the_exposure_once_something_newer_has_come) {
+  send(200);
+  PoseMean mean;
+  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
+  gate.begin_exposure(mean.T_base_flange);
+  send(1000);
+  const std::int64_t taken_ns = now_ns;
+  EXPECT_EQ(gate.held_still(taken_ns, mean), Code::pose_stale);
+  send(1);
+  ASSERT_EQ(gate.held_still(taken_ns, mean), Code::ok);
+  EXPECT_EQ(mean.samples, 1001U);
+  EXPECT_LT((mean.T_base_flange.translation_mm - at).norm(), 2e-4);
+}
+
+TEST_F(PoseGateTest, averages_rotations_of_either_sign) {
+  for (int i = 0; i < 200; ++i) {
+    now_ns += 4 * kNsPerMs;
+    PoseSample sample;
+    sample.arrival_ns = now_ns;
+    sample.utime_us = now_ns / 1000;
+    sample.seq = ++seq;
+    Quat q = rotation_from_kuka_abc(0.3, 0.2, 0.1);
+    if (i % 2 == 0) q.coeffs() = -q.coeffs();
+    sample.T_base_flange.rotation = q;
+    gate.add(sample);
+  }
+  PoseMean mean;
+  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
+  EXPECT_LT(angle_between_rad(mean.T_base_flange.rotation, rotation_from_kuka_abc(0.3, 0.2, 0.1)), 1e-12);
+}
+
+}  // namespace
+}  // namespace slabd::daemon

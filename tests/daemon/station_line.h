@@ -1,0 +1,293 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <deque>
+#include <map>
+#include <optional>
+#include <vector>
+
+#include "daemon/station.h"
+
+/// A whole line around the station without threads, files or time: a PLC that keeps the written rules, a robot that
+/// stands, a scanner, a worker and a database, each of which a test may make fail. Time moves only by `run_for`.
+namespace slabd::daemon {
+
+inline Recipe test_recipe() {
+  Recipe recipe;
+  recipe.name = "P5600";
+  recipe.slab_type = 5600;
+  recipe.sha256 = "abc";
+  recipe.slab.pairs = 9;
+  recipe.slab.length_mm.value = 5600;
+  recipe.slab.pitch_mm.value = 630;
+  recipe.slab.first_pair_from_end_mm.value = 280;
+  recipe.slab.seat_centre_distance_mm.value = 1516;
+  recipe.slab.block_origin_z_mm.value = 30;
+  return recipe;
+}
+
+/// Keeps what a database would keep, as the jobs promise it.
+struct MemoryStore {
+  RecoveredLine line;
+  std::uint16_t open_command = 0;
+  std::optional<Code> fail_next;
+  std::vector<StoreJob> applied;
+  int slabs_ended = 0;
+
+  Code apply(const StoreJob& job) {
+    if (fail_next) {
+      const Code code = *fail_next;
+      fail_next.reset();
+      return code;
+    }
+    applied.push_back(job);
+    std::visit([this](const auto& what) { keep(what); }, job.what);
+    return Code::ok;
+  }
+  /// What a restarted daemon would find.
+  RecoveredLine recover() {
+    if (open_command != 0) line.cmd_status = static_cast<std::uint16_t>(kCommandFailed + 110);
+    for (StationRecord& record : line.stations)
+      if (record.phase == StationPhase::acquiring) {
+        record.phase = StationPhase::failed;
+        record.code = 110;
+      }
+    open_command = 0;
+    return line;
+  }
+
+ private:
+  void keep(const SessionJob& job) { line.session = job.session; }
+  void keep(const BeginSlabJob& job) {
+    line.slab_open = true;
+    line.slab = job.slab;
+    line.stations = {};
+    line.last_slab_key = job.slab.key;
+    line.cmd_ack = job.cmd_seq;
+    line.cmd_status = 4;
+  }
+  void keep(const CommandJob& job) {
+    line.cmd_ack = job.cmd_seq;
+    line.cmd_status = 1;
+    open_command = job.cmd_seq;
+    if (job.command == 2) {
+      StationRecord& record = line.stations[job.station - 1U];
+      record.phase = StationPhase::acquiring;
+      ++record.attempts;
+    }
+  }
+  void keep(const AcquiredJob& job) {
+    StationRecord& record = line.stations[job.attempt.station - 1U];
+    record.phase = StationPhase::acquired;
+    record.attempt = job.attempt;
+    line.acq_seq = job.attempt.cmd_seq;
+    line.cmd_status = 3;
+    open_command = 0;
+  }
+  void keep(const FailedAttemptJob& job) {
+    StationRecord& record = line.stations[job.attempt.station - 1U];
+    record.phase = StationPhase::failed;
+    record.code = job.code;
+    open_command = 0;
+  }
+  void keep(const BlockJob& job) {
+    StationRecord& record = line.stations[job.block.station - 1U];
+    if (record.attempt.number == job.attempt) {
+      record.phase = StationPhase::measured;
+      record.block = job.block;
+    }
+    queue(job.record);
+  }
+  void keep(const SlabJob& job) {
+    line.slab_open = false;
+    line.slab_verdict = job.slab.verdict;
+    line.slab_record = job.record;
+    open_command = 0;
+    ++slabs_ended;
+    queue(job.record);
+  }
+  void keep(const AckJob& job) {
+    while (!line.unacknowledged.empty()) {
+      const bool last = line.unacknowledged.front().res_seq == job.res_seq;
+      line.unacknowledged.pop();
+      if (last) break;
+    }
+  }
+  void keep(const ReportJob& job) {
+    open_command = 0;
+    queue(job.record);
+  }
+  void queue(const PlcResult& record) {
+    line.res_seq = record.res_seq;
+    (void)line.unacknowledged.push(record);
+  }
+};
+
+class Line {
+ public:
+  explicit Line(MemoryStore& store_in) : store(store_in) { start(); }
+
+  // ---- faults a test may plant ----
+  bool robot_present = true;
+  double robot_off_mm = 0.0;        ///< beside the commanded station
+  double robot_moves_mm = 0.0;      ///< while a scan is taken
+  bool robot_shakes = false;
+  Code scan_code = Code::ok;
+  bool scanner_answers = true;
+  bool measuring_works = true;      ///< false: MeasureBlock is never answered
+  Verdict block_verdict = Verdict::pass;
+  bool plc_beats = true;
+
+  MemoryStore& store;
+  Recipe recipe = test_recipe();
+  StationSettings settings;
+  std::unique_ptr<Station> station;
+  PlcInputs plc;
+  std::vector<MeasureBlock> measured;
+  std::vector<AcquireScan> scans;
+  int cancelled = 0;
+  int robot_station = 1;
+
+  /// A new process on the same database.
+  void start() {
+    settings.recipes = std::span(&recipe, 1);
+    settings.calibration_id = "cal";
+    settings.spool_dir = "/spool";
+    station = std::make_unique<Station>(settings);
+    pending_.clear();
+    const RecoveredLine line = store.recover();
+    feed(Recovered{&line});
+    run_for(20);
+  }
+
+  PlcOutputs view() const { return plc_view(*station); }
+
+  void feed(const Event& event) {
+    step(*station, event, actions_);
+    const std::vector<Action> actions(actions_.begin(), actions_.end());
+    for (const Action& action : actions) carry_out(action);
+  }
+
+  /// Ticks of 4 ms with poses, heartbeat and the answers that have become due.
+  void run_for(int ms) {
+    for (int t = 0; t < ms; t += 4) {
+      now_ns_ += 4 * kNsPerMs;
+      feed(Tick{now_ns_, now_ns_ / 1000 + 1'000'000});
+      if (robot_present) feed(pose());
+      if (plc_beats && now_ns_ - beat_ns_ > 250 * kNsPerMs) {
+        beat_ns_ = now_ns_;
+        ++plc.heartbeat;
+        feed(plc);
+      }
+      std::deque<Event> due;
+      due.swap(pending_);
+      for (const Event& event : due) feed(event);
+    }
+  }
+
+  /// The PLC's next command, by the rules; returns its number.
+  std::uint16_t command(PlcCommand what, int station_no = 0) {
+    plc.enable = true;
+    if (plc.heartbeat == 0) ++plc.heartbeat;
+    plc.command = static_cast<std::uint16_t>(what);
+    plc.station = static_cast<std::uint16_t>(station_no);
+    plc.slab_type = 5600;
+    if (plc.slab_no == 0) plc.slab_no = 77;
+    plc.session_echo = view().session;
+    plc.cmd_seq = next_sequence(view().cmd_ack);
+    if (plc.command_writer == 0) plc.command_writer = 1;
+    feed(plc);
+    return plc.cmd_seq;
+  }
+  void scan(int station_no) {
+    robot_station = station_no;
+    run_for(600);
+    command(PlcCommand::scan, station_no);
+    run_for(1000);
+  }
+  /// Takes and acknowledges every waiting record.
+  std::vector<PlcResult> take_results() {
+    std::vector<PlcResult> taken;
+    while (view().record.res_seq != 0) {
+      taken.push_back(view().record);
+      plc.res_ack = view().record.res_seq;
+      feed(plc);
+      run_for(8);
+    }
+    return taken;
+  }
+
+ private:
+  PoseSample pose() {
+    PoseSample sample;
+    sample.arrival_ns = now_ns_;
+    sample.utime_us = now_ns_ / 1000;
+    sample.seq = ++pose_seq_;
+    const Pose T_base_block = T_slab_block(recipe, robot_station);
+    sample.T_base_flange = T_base_block * nominal_T_block_scanner();
+    sample.T_base_flange.translation_mm.x() += robot_off_mm;
+    if (robot_shakes) sample.T_base_flange.translation_mm.y() += (pose_seq_ % 2) * 0.2;
+    if (exposing_) sample.T_base_flange.translation_mm.x() += robot_moves_mm;
+    return sample;
+  }
+
+  void carry_out(const Action& action) {
+    if (const auto* job = std::get_if<StoreJob>(&action)) {
+      pending_.push_back(StoreDone{job->ticket, store.apply(*job)});
+    } else if (const auto* acquire = std::get_if<AcquireScan>(&action)) {
+      scans.push_back(*acquire);
+      exposing_ = true;
+      if (!scanner_answers) return;
+      pending_.push_back(answer(*acquire));
+    } else if (std::holds_alternative<CancelScan>(action)) {
+      ++cancelled;
+      ScanDone done;
+      done.cmd_seq = scans.back().request.cmd_seq;
+      done.slot = scans.back().slot;
+      done.code = Code::interrupted;
+      pending_.push_back(done);
+    } else if (const auto* measure = std::get_if<MeasureBlock>(&action)) {
+      measured.push_back(*measure);
+      exposing_ = false;
+      if (!measuring_works) return;
+      BlockMeasured done;
+      done.slab_key = measure->slab_key;
+      done.attempt = measure->attempt;
+      done.slot = measure->slot;
+      done.block.station = measure->station;
+      done.block.verdict = block_verdict;
+      pending_.push_back(done);
+    } else if (const auto* judge = std::get_if<JudgeSlab>(&action)) {
+      SlabJudged judged;
+      judged.slab_key = judge->slab_key;
+      judged.slab.verdict = Verdict::pass;
+      for (int i = 0; i < recipe.stations(); ++i) {
+        const StationRecord& record = station->slab.stations[static_cast<std::size_t>(i)];
+        const Verdict v = record.phase == StationPhase::measured ? record.block.verdict : Verdict::not_measured;
+        judged.slab.station_verdict[static_cast<std::size_t>(i)] = v;
+        if (v != Verdict::pass && judged.slab.verdict != Verdict::fail) judged.slab.verdict = v;
+      }
+      pending_.push_back(judged);
+    }
+  }
+
+  ScanDone answer(const AcquireScan& acquire) const {
+    ScanDone done;
+    done.cmd_seq = acquire.request.cmd_seq;
+    done.slot = acquire.slot;
+    done.code = scan_code;
+    done.scan.path = acquire.request.spool_path;
+    done.scan.taken_mono_ns = now_ns_ + 4 * kNsPerMs;
+    done.scan.shape = {1000, 900, 0, 0};
+    return done;
+  }
+
+  std::int64_t now_ns_ = kNsPerS;
+  std::int64_t beat_ns_ = 0;
+  std::int32_t pose_seq_ = 0;
+  bool exposing_ = false;
+  Actions actions_;
+  std::deque<Event> pending_;
+};
+
+}  // namespace slabd::daemon

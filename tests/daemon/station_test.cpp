@@ -1,0 +1,445 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/station.h"
+
+#include <gtest/gtest.h>
+
+#include <memory>
+
+#include "station_line.h"
+
+namespace slabd::daemon {
+namespace {
+
+constexpr std::uint16_t failed(Code code) {
+  return static_cast<std::uint16_t>(kCommandFailed + static_cast<std::uint16_t>(code));
+}
+
+struct StationTest : testing::Test {
+  MemoryStore store;
+  Line line{store};
+
+  void begin() {
+    line.run_for(300);
+    line.command(PlcCommand::slab_begin);
+    line.run_for(20);
+    ASSERT_TRUE(line.view().slab_open);
+  }
+};
+
+TEST_F(StationTest, takes_a_slab_from_begin_to_an_acknowledged_verdict) {
+  begin();
+  for (int k = 1; k <= 18; ++k) {
+    line.scan(k);
+    EXPECT_EQ(line.view().stations_done, k);
+    const auto records = line.take_results();
+    ASSERT_EQ(records.size(), 1U) << k;
+    EXPECT_EQ(records[0].station, k);
+    EXPECT_EQ(records[0].verdict, Verdict::pass);
+    EXPECT_EQ(records[0].slab_no, 77U);
+  }
+  EXPECT_EQ(line.view().slab_verdict, Verdict::none);
+  const std::uint16_t seq = line.command(PlcCommand::slab_end);
+  line.run_for(40);
+  EXPECT_EQ(line.view().cmd_ack, seq);
+  EXPECT_EQ(line.view().cmd_status, 4);
+  EXPECT_EQ(line.view().slab_verdict, Verdict::pass);
+  EXPECT_FALSE(line.view().slab_open);
+  const auto records = line.take_results();
+  ASSERT_EQ(records.size(), 1U);
+  EXPECT_EQ(records[0].kind, 2);
+  EXPECT_EQ(line.view().state, PlcState::idle);
+}
+
+TEST_F(StationTest, robot_may_leave_only_when_cloud_and_pose_are_durable) {
+  begin();
+  line.run_for(600);
+  const std::uint16_t seq = line.command(PlcCommand::scan, 1);
+  bool stored_before = false;
+  for (int i = 0; i < 300 && line.view().acq_seq != seq; ++i) {
+    line.run_for(4);
+    stored_before = !store.applied.empty() && std::holds_alternative<AcquiredJob>(store.applied.back().what);
+  }
+  ASSERT_EQ(line.view().acq_seq, seq);
+  EXPECT_TRUE(line.view().acquired);
+  EXPECT_TRUE(stored_before);
+}
+
+TEST_F(StationTest, next_scan_may_begin_while_the_last_one_is_measured) {
+  begin();
+  line.measuring_works = false;
+  line.scan(1);
+  EXPECT_EQ(line.view().cmd_status, 3);
+  EXPECT_FALSE(line.view().busy);
+  line.scan(2);
+  EXPECT_EQ(line.view().cmd_status, 3);
+  EXPECT_EQ(line.measured.size(), 2U);
+  EXPECT_NE(line.measured[0].slot, line.measured[1].slot);
+  // Both buffers hold blocks that are not measured: the third scan waits and ends by its deadline.
+  line.scan(3);
+  line.run_for(9000);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::deadline));
+}
+
+TEST_F(StationTest, nothing_is_shown_that_could_not_be_stored) {
+  begin();
+  line.run_for(600);
+  line.command(PlcCommand::scan, 1);
+  for (int i = 0; i < 400; ++i) {
+    line.run_for(4);
+    if (!store.applied.empty() && std::holds_alternative<AcquiredJob>(store.applied.back().what)) break;
+  }
+  store.fail_next = Code::journal_write;  // the block's own commit
+  line.run_for(100);
+  EXPECT_EQ(line.view().fault, 502);
+  EXPECT_EQ(line.view().record.res_seq, 0);
+  EXPECT_EQ(line.view().table[0].verdict, Verdict::none);
+  // The cloud is durable: after the fault is reset the block is measured again, from disk.
+  line.plc.fault_reset = true;
+  line.feed(line.plc);
+  line.run_for(100);
+  EXPECT_EQ(line.view().fault, 0);
+  ASSERT_EQ(line.measured.size(), 2U);
+  EXPECT_TRUE(line.measured[1].reload);
+  EXPECT_EQ(line.take_results().size(), 1U);
+}
+
+TEST_F(StationTest, a_repeated_command_block_does_nothing) {
+  begin();
+  line.scan(1);
+  const std::size_t scans = line.scans.size();
+  for (int i = 0; i < 5; ++i) line.feed(line.plc);
+  line.run_for(1000);
+  EXPECT_EQ(line.scans.size(), scans);
+  EXPECT_EQ(line.view().refused, 0);
+}
+
+TEST_F(StationTest, refuses_a_number_that_is_not_the_successor) {
+  begin();
+  const std::uint16_t ack = line.view().cmd_ack;
+  line.plc.command = 2;
+  line.plc.station = 1;
+  line.plc.cmd_seq = static_cast<std::uint16_t>(ack + 2);
+  line.feed(line.plc);
+  EXPECT_EQ(line.view().cmd_ack, ack);
+  EXPECT_EQ(line.view().refuse_code, 111);
+  EXPECT_EQ(line.view().refuse_seq, ack + 2);
+}
+
+TEST_F(StationTest, refuses_a_stale_session_without_using_the_number_up) {
+  begin();
+  const std::uint16_t ack = line.view().cmd_ack;
+  line.plc.command = 2;
+  line.plc.station = 1;
+  line.plc.cmd_seq = static_cast<std::uint16_t>(ack + 1);
+  line.plc.session_echo = static_cast<std::uint16_t>(line.view().session - 1);
+  line.feed(line.plc);
+  EXPECT_EQ(line.view().cmd_ack, ack);
+  EXPECT_EQ(line.view().refuse_code, 102);
+  // The same number with the right session is carried out.
+  line.plc.session_echo = line.view().session;
+  line.feed(line.plc);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_ack, ack + 1);
+}
+
+TEST_F(StationTest, session_changes_on_sync_takeover_and_heartbeat_return) {
+  begin();
+  std::uint16_t session = line.view().session;
+  const auto changed = [&] {
+    line.run_for(20);
+    const bool yes = line.view().session != session;
+    session = line.view().session;
+    return yes;
+  };
+  line.plc.sync_req = 5;
+  line.feed(line.plc);
+  EXPECT_TRUE(changed());
+  line.plc.command_writer = 2;
+  line.feed(line.plc);
+  EXPECT_TRUE(changed());
+  line.plc_beats = false;
+  line.run_for(3000);
+  EXPECT_FALSE(line.view().plc_link_ok);
+  line.command(PlcCommand::scan, 1);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::not_enabled));
+  line.plc_beats = true;
+  line.run_for(300);
+  EXPECT_TRUE(changed());
+  EXPECT_FALSE(changed());
+}
+
+TEST_F(StationTest, first_block_of_a_new_connection_is_refused_once) {
+  begin();
+  line.plc.command_writer = 9;
+  const std::uint16_t seq = line.command(PlcCommand::scan, 1);
+  EXPECT_EQ(line.view().refuse_code, 102);
+  line.run_for(20);
+  EXPECT_EQ(line.command(PlcCommand::scan, 1), seq);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_ack, seq);
+}
+
+TEST_F(StationTest, content_refusals_use_the_number_up_and_say_why) {
+  line.run_for(300);
+  const auto refused = [&](Code code) {
+    line.run_for(20);
+    EXPECT_EQ(line.view().cmd_ack, line.plc.cmd_seq);
+    EXPECT_EQ(line.view().cmd_status, failed(code));
+    EXPECT_EQ(line.view().refuse_code, static_cast<std::uint16_t>(code));
+  };
+  line.command(PlcCommand::scan, 1);
+  refused(Code::wrong_slab);
+  line.command(static_cast<PlcCommand>(9));
+  refused(Code::unknown_command);
+  line.plc.crc_ok = false;
+  line.command(PlcCommand::slab_begin);
+  refused(Code::bad_crc);
+  line.plc.crc_ok = true;
+  line.plc.slab_id[0] = '\x01';
+  line.command(PlcCommand::slab_begin);
+  refused(Code::bad_id_text);
+  line.plc.slab_id[0] = 'A';
+  line.recipe.slab_type = 4925;
+  line.command(PlcCommand::slab_begin);
+  refused(Code::unknown_type);
+  line.recipe.slab_type = 5600;
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  ASSERT_TRUE(line.view().slab_open);
+  line.command(PlcCommand::scan, 19);
+  refused(Code::station_range);
+  line.command(PlcCommand::scan, 0);
+  refused(Code::station_range);
+  line.plc.slab_no = 78;
+  line.command(PlcCommand::scan, 1);
+  refused(Code::wrong_slab);
+  line.plc.slab_no = 77;
+  line.command(PlcCommand::slab_begin);
+  refused(Code::wrong_slab);
+}
+
+TEST_F(StationTest, each_way_a_scan_can_fail_has_its_code_and_the_slab_goes_on) {
+  begin();
+  const auto expect_failed = [&](Code code) {
+    line.scan(1);
+    line.run_for(12'000);
+    EXPECT_EQ(line.view().cmd_status, failed(code));
+    EXPECT_EQ(line.view().table[0].verdict, Verdict::not_measured);
+    EXPECT_EQ(line.view().table[0].reason, static_cast<std::uint16_t>(code));
+    EXPECT_EQ(line.view().station_mask, 0U);
+    EXPECT_FALSE(line.view().busy);
+  };
+  line.robot_present = false;
+  expect_failed(Code::pose_stale);
+  line.robot_present = true;
+  line.robot_shakes = true;
+  expect_failed(Code::not_settled);
+  line.robot_shakes = false;
+  line.robot_off_mm = 200.0;
+  expect_failed(Code::outside_window);
+  line.robot_off_mm = 0.0;
+  line.robot_moves_mm = 0.2;
+  expect_failed(Code::moved_during_scan);
+  line.robot_moves_mm = 0.0;
+  line.scan_code = Code::trigger_timeout;
+  expect_failed(Code::trigger_timeout);
+  line.scan_code = Code::frame_incomplete;
+  expect_failed(Code::frame_incomplete);
+  line.scan_code = Code::ok;
+  line.scan(1);
+  EXPECT_EQ(line.view().cmd_status, 4);
+  EXPECT_EQ(line.view().table[0].verdict, Verdict::pass);
+  EXPECT_EQ(line.view().table[0].attempts, 7);
+}
+
+TEST_F(StationTest, a_failed_second_scan_takes_the_first_ones_pass_away) {
+  begin();
+  line.scan(1);
+  ASSERT_EQ(line.view().table[0].verdict, Verdict::pass);
+  line.scan_code = Code::frame_incomplete;
+  line.scan(1);
+  EXPECT_EQ(line.view().table[0].verdict, Verdict::not_measured);
+  EXPECT_EQ(line.view().table[0].attempts, 2);
+}
+
+TEST_F(StationTest, a_slab_with_a_block_missing_never_passes) {
+  begin();
+  for (int k = 1; k <= 17; ++k) {
+    line.scan(k);
+    line.take_results();
+  }
+  line.command(PlcCommand::slab_end);
+  line.run_for(40);
+  EXPECT_EQ(line.view().slab_verdict, Verdict::not_measured);
+}
+
+TEST_F(StationTest, slab_end_waits_for_the_block_being_measured) {
+  begin();
+  line.measuring_works = false;
+  line.scan(1);
+  line.command(PlcCommand::slab_end);
+  line.run_for(500);
+  EXPECT_TRUE(line.view().slab_open);
+  EXPECT_EQ(line.view().slab_verdict, Verdict::none);
+  const MeasureBlock asked = line.measured.back();
+  BlockMeasured done;
+  done.slab_key = asked.slab_key;
+  done.attempt = asked.attempt;
+  done.slot = asked.slot;
+  done.block.station = asked.station;
+  done.block.verdict = Verdict::fail;
+  line.feed(done);
+  line.run_for(40);
+  EXPECT_FALSE(line.view().slab_open);
+  EXPECT_EQ(line.view().slab_verdict, Verdict::fail);
+}
+
+TEST_F(StationTest, abort_ends_the_scan_in_hand_and_keeps_the_slab) {
+  begin();
+  line.scanner_answers = false;
+  line.scan(1);
+  ASSERT_EQ(line.view().state, PlcState::scanning);
+  line.plc.abort = true;
+  line.feed(line.plc);
+  line.run_for(40);
+  EXPECT_EQ(line.cancelled, 1);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::interrupted));
+  EXPECT_TRUE(line.view().slab_open);
+  line.plc.abort = false;
+  line.scanner_answers = true;
+  line.scan(1);
+  EXPECT_EQ(line.view().cmd_status, 4);
+}
+
+TEST_F(StationTest, slab_abort_reads_aborted) {
+  begin();
+  line.scan(1);
+  line.take_results();
+  line.command(PlcCommand::slab_abort);
+  line.run_for(60);
+  EXPECT_EQ(line.view().slab_verdict, Verdict::aborted);
+  EXPECT_FALSE(line.view().slab_open);
+}
+
+TEST_F(StationTest, restart_keeps_acquired_blocks_and_shows_unacknowledged_results_again) {
+  begin();
+  line.scan(1);  // measured, not acknowledged
+  const std::uint16_t res_seq = line.view().record.res_seq;
+  ASSERT_NE(res_seq, 0);
+  line.measuring_works = false;
+  line.scan(2);  // acquired, not measured
+  line.scanner_answers = false;
+  line.scan(3);  // accepted, not acquired
+  const std::uint16_t session = line.view().session;
+  const std::uint16_t ack = line.view().cmd_ack;
+
+  line.measuring_works = true;
+  line.scanner_answers = true;
+  line.measured.clear();
+  const std::size_t scans = line.scans.size();
+  line.plc = {};
+  line.start();
+  line.run_for(100);
+  EXPECT_NE(line.view().session, session);
+  EXPECT_EQ(line.view().cmd_ack, ack);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::interrupted));
+  EXPECT_TRUE(line.view().slab_open);
+  EXPECT_EQ(line.view().station_mask, 0b011U);
+  EXPECT_EQ(line.view().record.res_seq, res_seq);
+  ASSERT_EQ(line.measured.size(), 1U);
+  EXPECT_TRUE(line.measured[0].reload);
+  EXPECT_EQ(line.measured[0].station, 2);
+  EXPECT_EQ(line.scans.size(), scans);  // never scanned again on our own account
+  EXPECT_EQ(line.view().table[2].verdict, Verdict::not_measured);
+  EXPECT_EQ(line.view().table[2].reason, 110);
+
+  line.run_for(300);
+  line.scan(3);
+  EXPECT_EQ(line.view().cmd_status, 4);
+  const auto records = line.take_results();
+  EXPECT_EQ(records.size(), 3U);
+}
+
+TEST_F(StationTest, an_open_slab_of_a_recipe_that_changed_can_only_be_aborted) {
+  begin();
+  line.recipe.sha256 = "changed";
+  line.plc = {};
+  line.start();
+  line.run_for(300);
+  line.command(PlcCommand::scan, 1);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::unknown_type));
+  line.command(PlcCommand::slab_end);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::unknown_type));
+  line.command(PlcCommand::slab_abort);
+  line.run_for(40);
+  EXPECT_EQ(line.view().slab_verdict, Verdict::aborted);
+}
+
+TEST_F(StationTest, a_plc_that_never_acknowledges_fills_the_queue_and_nothing_is_lost) {
+  begin();
+  int accepted = 0;
+  for (int i = 0; i < 80; ++i) {
+    line.scan(1 + i % 18);
+    if (line.view().cmd_status != 4) break;
+    ++accepted;
+  }
+  EXPECT_EQ(line.view().cmd_status, failed(Code::busy));
+  EXPECT_EQ(line.take_results().size(), static_cast<std::size_t>(accepted));
+  line.scan(1);
+  EXPECT_EQ(line.view().cmd_status, 4);
+}
+
+TEST_F(StationTest, report_shows_a_record_again_under_a_new_number) {
+  begin();
+  line.scan(4);
+  const PlcResult first = line.take_results().at(0);
+  line.command(PlcCommand::report, 4);
+  line.run_for(20);
+  const auto again = line.take_results();
+  ASSERT_EQ(again.size(), 1U);
+  EXPECT_EQ(again[0].station, 4);
+  EXPECT_EQ(again[0].cmd_seq, first.cmd_seq);
+  EXPECT_NE(again[0].res_seq, first.res_seq);
+}
+
+TEST_F(StationTest, a_config_fault_shows_itself_and_refuses_work) {
+  line.settings.fault = Code::config;
+  line.plc = {};
+  line.start();
+  line.run_for(300);
+  EXPECT_EQ(line.view().state, PlcState::fault);
+  EXPECT_EQ(line.view().fault, 504);
+  EXPECT_FALSE(line.view().ready);
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::config));
+}
+
+TEST_F(StationTest, counter_wraps_past_65535_without_using_zero) {
+  store.line.cmd_ack = 0xFFFF;
+  line.plc = {};
+  line.start();
+  line.run_for(300);
+  EXPECT_EQ(line.command(PlcCommand::slab_begin), 1);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_ack, 1);
+  EXPECT_TRUE(line.view().slab_open);
+}
+
+TEST_F(StationTest, a_full_disk_refuses_the_slab_before_it_begins) {
+  line.run_for(300);
+  store.fail_next = Code::store_full;
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::store_full));
+  EXPECT_FALSE(line.view().slab_open);
+  EXPECT_EQ(line.view().fault, 0);
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  EXPECT_TRUE(line.view().slab_open);
+}
+
+}  // namespace
+}  // namespace slabd::daemon
