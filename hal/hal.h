@@ -65,7 +65,7 @@ struct PlcServerSettings {
   std::uint16_t port = 1502;  ///< 0 = any free port (tests); `bound_port` tells which
   std::uint8_t unit_id = 1;
   WordOrder word_order = WordOrder::abcd;
-  /// CIDR blocks that may connect; IPv4, network byte order folded into host integers.
+  /// CIDR blocks that may connect; IPv4, network byte order folded into host integers. None: this computer only.
   struct Network {
     std::uint32_t address = 0;
     std::uint32_t mask = 0;
@@ -122,7 +122,10 @@ struct LcmSettings {
 enum class LengthUnit : std::uint8_t { mm, m, um };
 
 /// Reads a scan file into `xyz` (3 floats a point), converted to mm. Binary PLY, either byte order, float or double,
-/// other properties skipped. frame_incomplete: the text names file and byte, and what was expected. No heap.
+/// other properties skipped. A point that is not finite in x, y and z becomes NaN in all three. The file must be a
+/// regular one (links are not followed) and exactly as long as its header says; only elements with lists after the
+/// vertices, whose length the header cannot tell, may make it longer. frame_incomplete: the text names file and byte or
+/// header line, and what was expected; too_few_points: no points declared. No heap; 256 kB of stack.
 [[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz);
 
 /// Writes a binary little-endian PLY (used by the emulator and tests). width * height > 0 adds the organised comment.
@@ -133,7 +136,8 @@ class ScannerPort {
   virtual ~ScannerPort() = default;
   /// Requests one scan and returns when it is decoded into `xyz` and durable in the spool. Blocks up to the timeout;
   /// returns interrupted soon after `cancel` becomes true. scanner_offline, trigger_timeout, frame_incomplete,
-  /// too_few_points (nothing finite), store_full; after an error nothing is left in the spool.
+  /// too_few_points (fewer than limits::kScanPointsMin finite), store_full, journal_write (the spool cannot be
+  /// written); after an error nothing is left in the spool and `xyz` holds nothing of use.
   [[nodiscard]] virtual Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz,
                                                      const std::atomic<bool>& cancel) = 0;
   /// Between scans: clear away what does not belong there. Returns quickly.

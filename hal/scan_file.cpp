@@ -13,7 +13,7 @@
 #include <cstring>
 #include <limits>
 
-#include "hal/fd.h"
+#include "hal/os.h"
 #include "hal/ply_header.h"
 
 // Problem: five million points, 60 MB, must become float32 mm in a buffer that exists already, and the file may be
@@ -163,21 +163,16 @@ bool write_all(int fd, const void* from, std::size_t bytes) {
 
 }  // namespace
 
-const char* errno_text(int error_number) {
-  const char* text = strerrordesc_np(error_number);
-  return text == nullptr ? "unknown error" : text;
-}
-
-Result<int> open_scan(const char* path) {
+Result<int> open_scan(int folder, const char* name, const char* shown) {
   // O_NONBLOCK: opening a pipe that someone left there must not wait for a writer.
-  Fd fd(open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
+  Fd fd(openat(folder, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
   if (!fd.is_open()) {
     const char* why = errno == ELOOP ? "a link, links are not followed" : errno_text(errno);
-    return error(Code::frame_incomplete, "%s: %s", path, why);
+    return error(Code::frame_incomplete, "%s: %s", shown, why);
   }
   struct stat status {};
-  if (fstat(fd.get(), &status) != 0) return error(Code::frame_incomplete, "%s: %s", path, errno_text(errno));
-  if (!S_ISREG(status.st_mode)) return error(Code::frame_incomplete, "%s: not a regular file", path);
+  if (fstat(fd.get(), &status) != 0) return error(Code::frame_incomplete, "%s: %s", shown, errno_text(errno));
+  if (!S_ISREG(status.st_mode)) return error(Code::frame_incomplete, "%s: not a regular file", shown);
   return fd.release();
 }
 
@@ -203,7 +198,7 @@ Result<ScanShape> read_scan_fd(int fd, const char* name, LengthUnit unit, std::s
 }
 
 Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz) {
-  const Result<int> opened = open_scan(path);
+  const Result<int> opened = open_scan(AT_FDCWD, path, path);
   if (!opened) return opened.error();
   const Fd fd(opened.value());
   return read_scan_fd(fd.get(), path, unit, xyz);

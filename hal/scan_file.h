@@ -14,10 +14,8 @@ namespace slabd::hal {
 /// As `read_scan`; `name` (with its extension) is only used to choose the format and in error texts. `fd` stays open.
 [[nodiscard]] Result<ScanShape> read_scan_fd(int fd, const char* name, LengthUnit unit, std::span<float> xyz);
 
-/// Opens a regular file for reading without following a link. frame_incomplete: it is none; -1 is never returned.
-[[nodiscard]] Result<int> open_scan(const char* path);
-
-/// What errno means, as a constant text (no heap, thread-safe).
-[[nodiscard]] const char* errno_text(int error_number);
+/// Opens the regular file `name` below the folder `folder` (AT_FDCWD: `name` is a path) for reading, without following
+/// a link. frame_incomplete: it is none; the text shows it as `shown`. The caller owns the descriptor.
+[[nodiscard]] Result<int> open_scan(int folder, const char* name, const char* shown);
 
 }  // namespace slabd::hal

@@ -3,9 +3,17 @@
 
 #include <unistd.h>
 
+#include <cstring>
 #include <utility>
 
+/// The two things every file of this room needs from the operating system.
 namespace slabd::hal {
+
+/// What errno means, as a constant text (no heap, thread-safe).
+[[nodiscard]] inline const char* errno_text(int error_number) {
+  const char* text = strerrordesc_np(error_number);
+  return text == nullptr ? "unknown error" : text;
+}
 
 /// Owns one file descriptor; -1 = none. Closing errors are ignored: what must be durable is synced before.
 class Fd {

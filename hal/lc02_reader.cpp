@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/lc02_reader.h"
+
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <slabd/flange_pose_t.hpp>
+
+// Problem: liblcm's receive path allocates on a sender's word and two crafted datagrams kill the process. Idea: a pose
+// is one datagram of known length, so compare that length first; every read after it is inside. The members are then
+// decoded by the code lcm-gen made, which checks the fingerprint. Invariants: no read beyond the datagram, no heap,
+// and `sample` changes only when the whole datagram is good.
+namespace slabd::hal {
+namespace {
+
+enum Flag : std::uint32_t { kMeasured = 1U << 0U, kStopped = 1U << 1U, kRunning = 1U << 2U, kEstop = 1U << 3U };
+
+std::uint32_t big_endian_u32(const std::byte* at) {
+  std::uint32_t value = 0;
+  for (int i = 0; i < 4; ++i) value = (value << 8U) | std::to_integer<std::uint32_t>(at[i]);
+  return value;
+}
+
+/// The payload of a pose on `channel`, or an empty span.
+std::span<const std::byte> pose_payload(std::span<const std::byte> datagram, std::string_view channel) {
+  const std::size_t payload_at = kLc02HeaderBytes + channel.size() + 1;
+  if (channel.size() > kLcmChannelMax || datagram.size() != payload_at + kPosePayloadBytes) return {};
+  if (big_endian_u32(datagram.data()) != kLc02ShortMagic) return {};
+  const std::byte* name = datagram.data() + kLc02HeaderBytes;
+  if (std::memcmp(name, channel.data(), channel.size()) != 0 || name[channel.size()] != std::byte{0}) return {};
+  return datagram.subspan(payload_at);
+}
+
+bool plausible(const flange_pose_t& message) {
+  double trans2_m2 = 0.0;
+  double norm2 = 0.0;
+  for (const double t : message.trans) trans2_m2 += t * t;
+  for (const double q : message.quat) norm2 += q * q;
+  // NaN and infinity fail both comparisons.
+  return trans2_m2 <= kFlangeReachMaxM * kFlangeReachMaxM &&
+         std::abs(std::sqrt(norm2) - 1.0) <= kQuaternionNormTolerance;
+}
+
+PoseSample converted(const flange_pose_t& message) {
+  PoseSample sample;
+  sample.utime_us = message.utime;
+  sample.seq = message.seq;
+  sample.base_id = message.base_id;
+  sample.tool_id = message.tool_id;
+  const auto flags = static_cast<std::uint32_t>(message.flags);
+  sample.measured = (flags & kMeasured) != 0;
+  sample.stopped = (flags & kStopped) != 0;
+  sample.running = (flags & kRunning) != 0;
+  sample.estop = (flags & kEstop) != 0;
+  sample.T_base_flange.translation_mm =
+      Vec3(mm_from_m(message.trans[0]), mm_from_m(message.trans[1]), mm_from_m(message.trans[2]));
+  sample.T_base_flange.rotation = Quat(message.quat[0], message.quat[1], message.quat[2], message.quat[3]).normalized();
+  return sample;
+}
+
+}  // namespace
+
+bool decode_pose_datagram(std::span<const std::byte> datagram, std::string_view channel, PoseSample& sample,
+                          PoseLinkCounters& counters) {
+  const std::span<const std::byte> payload = pose_payload(datagram, channel);
+  flange_pose_t message{};
+  if (payload.empty() ||
+      message.decode(payload.data(), 0, static_cast<int>(payload.size())) != static_cast<int>(payload.size())) {
+    ++counters.foreign;
+    return false;
+  }
+  if (!plausible(message)) {
+    ++counters.malformed;
+    return false;
+  }
+  const std::int64_t arrival_ns = sample.arrival_ns;
+  sample = converted(message);
+  sample.arrival_ns = arrival_ns;
+  ++counters.accepted;
+  return true;
+}
+
+}  // namespace slabd::hal

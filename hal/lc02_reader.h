@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "hal/hal.h"
+
+/// LCM's short message on the wire, as liblcm sends it (lcm/udpm_util.h):
+///
+///   bytes 0..3   magic "LC02", big-endian 0x4c433032
+///   bytes 4..7   sequence number of the sending process, not used
+///   then         channel, NUL-terminated, at most 63 characters
+///   then         the encoded message: 8 bytes fingerprint, the members, all big-endian
+///
+/// `decode_pose_datagram` is declared in hal/hal.h.
+namespace slabd::hal {
+
+inline constexpr std::uint32_t kLc02ShortMagic = 0x4C433032;
+inline constexpr std::size_t kLc02HeaderBytes = 8;
+inline constexpr std::size_t kLcmChannelMax = 63;
+/// Fingerprint and members of slabd.flange_pose_t.
+inline constexpr std::size_t kPosePayloadBytes = 92;
+static_assert(kLc02HeaderBytes + kLcmChannelMax + 1 + kPosePayloadBytes < limits::kLcmDatagramMax,
+              "a pose on the longest channel must fit the receive buffer, or it would arrive cut");
+
+/// A quaternion this far from unit length is a fault of the sender, not rounding.
+inline constexpr double kQuaternionNormTolerance = 1e-3;
+/// No robot of this line reaches further from its root.
+inline constexpr double kFlangeReachMaxM = 10.0;
+
+}  // namespace slabd::hal

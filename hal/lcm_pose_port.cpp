@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <net/if.h>
+#include <netinet/in.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <optional>
+
+#include "hal/hal.h"
+#include "hal/lc02_reader.h"
+#include "hal/lcm_url.h"
+#include "hal/os.h"
+
+// Problem: poses must come from the robot's bridge and nowhere else, over an interface that may not exist yet. Idea:
+// one socket bound to the group's own address (liblcm binds every address, so that any datagram to the port is a
+// pose), joined on the named interface only, opened and watched by next().
+//
+// A special case is the loop-back interface, "poses of this computer": a sender with ttl=0 loops back on whichever
+// interface its own route picks, often not `lo`. So the group is joined there too, and only datagrams from one of this
+// computer's addresses count; the kernel drops such source addresses when they arrive from outside (martians).
+//
+// Invariant: trouble() is empty exactly while the socket is open.
+namespace slabd::hal {
+namespace {
+
+constexpr std::int64_t kRetryNs = kNsPerS;
+constexpr std::size_t kOwnAddressesMax = 32;
+
+/// The interface a setting means, right now.
+struct Interface {
+  int index = 0;  ///< 0 = the kernel's choice
+  bool loopback = false;
+};
+
+class LcmPosePort final : public PosePort {
+ public:
+  LcmPosePort(const LcmSettings& settings, const LcmUrl& url) : settings_(settings), url_(url) {
+    trouble_.assign("robot pose: not opened yet");
+  }
+
+  int fd() const override { return socket_.get(); }
+  const PoseLinkCounters& counters() const override { return counters_; }
+  std::string_view trouble() const override { return trouble_.view(); }
+
+  bool next(std::int64_t mono_ns, PoseSample& sample) override {
+    if (!checked_ || mono_ns - checked_ns_ >= kRetryNs) {
+      checked_ = true;
+      checked_ns_ = mono_ns;
+      check_link();
+    }
+    if (!socket_.is_open()) return false;
+    // Bounded: a flood of foreign datagrams must not keep the caller here.
+    for (std::size_t i = 0; i < limits::kPosesPerTurn; ++i) {
+      bool waiting = false;
+      if (receive(sample, waiting)) {
+        sample.arrival_ns = mono_ns;
+        return true;
+      }
+      if (!waiting) return false;
+    }
+    return false;
+  }
+
+ private:
+  // ---- receiving
+
+  /// One datagram. `waiting` is false when there was none.
+  bool receive(PoseSample& sample, bool& waiting) {
+    std::array<std::byte, limits::kLcmDatagramMax> datagram;
+    sockaddr_in from{};
+    socklen_t from_bytes = sizeof from;
+    const ssize_t n = recvfrom(socket_.get(), datagram.data(), datagram.size(), MSG_DONTWAIT,
+                               reinterpret_cast<sockaddr*>(&from), &from_bytes);
+    waiting = n >= 0 || errno == EINTR;
+    if (n < 0) {
+      if (!waiting && errno != EAGAIN && errno != EWOULDBLOCK) lose("receiving", errno, "");
+      return false;
+    }
+    if (!is_trusted(ntohl(from.sin_addr.s_addr))) {
+      stranger_seen_ = true;
+      ++counters_.foreign;
+      return false;
+    }
+    return decode_pose_datagram(std::span(datagram).first(static_cast<std::size_t>(n)), settings_.channel.view(),
+                                sample, counters_);
+  }
+
+  bool is_trusted(std::uint32_t source) const {
+    if (!own_host_only_ || source >> 24U == IN_LOOPBACKNET) return true;
+    return std::find(own_addresses_.begin(), own_addresses_.end(), source) != own_addresses_.end();
+  }
+
+  // ---- the link
+
+  /// Once a second: opens a missing link; notices an interface that went down, or came back as another one.
+  void check_link() {
+    const std::optional<Interface> interface = find_interface();
+    if (!interface) return;
+    if (socket_.is_open() && interface->index != joined_index_) lose("the interface was replaced", 0, "");
+    if (!socket_.is_open()) open_link(*interface);
+    if (socket_.is_open() && own_host_only_) {
+      // Routes and addresses may appear after we do. Joining twice does nothing; an unknown sender may be our own new
+      // address.
+      static_cast<void>(join(0));
+      if (stranger_seen_) read_own_addresses();
+      stranger_seen_ = false;
+    }
+  }
+
+  /// Looks the interface up; when there is none or it is down the link is lost.
+  std::optional<Interface> find_interface() {
+    if (settings_.interface.empty()) return Interface{};
+    in_addr address{};
+    const bool by_address = inet_pton(AF_INET, settings_.interface.c_str(), &address) == 1;
+    if (!by_address) name_.assign(settings_.interface.view());
+    // Once open, the name found for an address is kept: looking it up again would go through the heap.
+    if (by_address && !socket_.is_open() && !find_name(address)) {
+      lose("no interface has this address", 0, "set [robot] interface to one that `ip address` lists");
+      return std::nullopt;
+    }
+    const unsigned index = if_nametoindex(name_.c_str());
+    if (index == 0) {
+      lose("no such interface", 0, "set [robot] interface to one that `ip link` lists");
+      return std::nullopt;
+    }
+    const int probe = socket_.is_open() ? socket_.get() : socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    const Fd owned(socket_.is_open() ? -1 : probe);
+    ifreq request{};
+    std::memcpy(request.ifr_name, name_.c_str(), std::min(name_.size(), sizeof request.ifr_name - 1));
+    if (ioctl(probe, SIOCGIFFLAGS, &request) != 0 || (request.ifr_flags & IFF_UP) == 0) {
+      FixedString<96> cure;
+      cure.printf("`ip link set %s up`, or plug it in", name_.c_str());
+      lose("the interface is down", 0, cure.c_str());
+      return std::nullopt;
+    }
+    return Interface{static_cast<int>(index), (request.ifr_flags & IFF_LOOPBACK) != 0};
+  }
+
+  bool find_name(in_addr address) {
+    name_.clear();
+    for_each_own_address([&](const char* interface, std::uint32_t own) {
+      if (own == ntohl(address.s_addr)) name_.assign(interface);
+    });
+    return !name_.empty();
+  }
+
+  void open_link(const Interface& interface) {
+    Fd fd(socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
+    if (!fd.is_open()) return lose("no socket", errno, "");
+    set_int(fd.get(), SOL_SOCKET, SO_REUSEADDR, 1);  // other listeners (loggers, displays) live beside us
+    set_int(fd.get(), SOL_SOCKET, SO_REUSEPORT, 1);
+    set_int(fd.get(), SOL_SOCKET, SO_RCVBUF, static_cast<int>(url_.recv_buf_bytes));
+    set_int(fd.get(), IPPROTO_IP, IP_MULTICAST_ALL, 0);  // only what this socket joined, not what others did
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(url_.port);
+    address.sin_addr.s_addr = htonl(url_.group);
+    if (bind(fd.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
+      return lose("binding the group's address", errno, "another program may hold the port without sharing it");
+
+    socket_ = std::move(fd);
+    joined_index_ = interface.index;
+    own_host_only_ = interface.loopback;
+    if (own_host_only_) read_own_addresses();
+    if (const int failed = join(interface.index); failed != 0) {
+      FixedString<160> cure;
+      cure.printf(
+          "`ip route add %s/32 dev lo` for poses of this computer, or name the interface towards the robot in "
+          "[robot] interface",
+          group_text().c_str());
+      return lose("joining the multicast group", failed, cure.c_str());
+    }
+    trouble_.clear();
+  }
+
+  /// Joins the group on an interface (0: the one the kernel's route to the group names). Returns errno, 0 = done or
+  /// joined already.
+  int join(int index) {
+    ip_mreqn request{};
+    request.imr_multiaddr.s_addr = htonl(url_.group);
+    request.imr_ifindex = index;
+    if (setsockopt(socket_.get(), IPPROTO_IP, IP_ADD_MEMBERSHIP, &request, sizeof request) == 0) return 0;
+    return errno == EADDRINUSE ? 0 : errno;
+  }
+
+  /// Calls `use(interface name, address)` for each IPv4 address of this computer. The only heap here; it is the
+  /// system's and released at once.
+  template <typename Use>
+  static void for_each_own_address(Use use) {
+    ifaddrs* list = nullptr;
+    if (getifaddrs(&list) != 0) return;
+    for (const ifaddrs* entry = list; entry != nullptr; entry = entry->ifa_next) {
+      if (entry->ifa_addr == nullptr || entry->ifa_addr->sa_family != AF_INET) continue;
+      sockaddr_in address{};
+      std::memcpy(&address, entry->ifa_addr, sizeof address);
+      use(entry->ifa_name, ntohl(address.sin_addr.s_addr));
+    }
+    freeifaddrs(list);
+  }
+
+  void read_own_addresses() {
+    own_addresses_.clear();
+    for_each_own_address([this](const char*, std::uint32_t own) { static_cast<void>(own_addresses_.push(own)); });
+  }
+
+  static void set_int(int fd, int level, int option, int value) { setsockopt(fd, level, option, &value, sizeof value); }
+
+  FixedString<INET_ADDRSTRLEN> group_text() const {
+    FixedString<INET_ADDRSTRLEN> text;
+    text.printf("%u.%u.%u.%u", url_.group >> 24U, (url_.group >> 16U) & 255U, (url_.group >> 8U) & 255U,
+                url_.group & 255U);
+    return text;
+  }
+
+  /// Closes the link and says why.
+  void lose(const char* what, int error_number, const char* cure) {
+    socket_.reset();
+    const char* interface = settings_.interface.empty() ? "the default one" : settings_.interface.c_str();
+    trouble_.printf("robot pose %s:%u on interface %s: %s%s%s%s%s", group_text().c_str(), unsigned{url_.port},
+                    interface, what, error_number == 0 ? "" : ": ", error_number == 0 ? "" : errno_text(error_number),
+                    *cure == '\0' ? "" : "; cure: ", cure);
+  }
+
+  LcmSettings settings_;
+  LcmUrl url_;
+  Fd socket_;
+  int joined_index_ = 0;
+  bool own_host_only_ = false;
+  bool stranger_seen_ = false;     ///< a datagram from an address that is not ours, since the last check
+  FixedString<IF_NAMESIZE> name_;  ///< of the interface that the setting's address was found on
+  FixedVector<std::uint32_t, kOwnAddressesMax> own_addresses_;
+  PoseLinkCounters counters_;
+  FixedString<limits::kErrorTextBytes> trouble_;
+  bool checked_ = false;
+  std::int64_t checked_ns_ = 0;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<PosePort>> make_lcm_pose_port(const LcmSettings& settings) {
+  const Result<LcmUrl> url = parse_lcm_url(settings.url.view());
+  if (!url) return url.error();
+  if (settings.channel.empty() || settings.channel.view().find('\0') != std::string_view::npos)
+    return error(Code::config, "lcm channel is empty or holds a NUL, allowed 1..%zu characters", kLcmChannelMax);
+  const std::string_view interface = settings.interface.view();
+  in_addr address{};
+  if (inet_pton(AF_INET, settings.interface.c_str(), &address) != 1 &&
+      (interface.size() >= IF_NAMESIZE || interface.find_first_of("/ \t\n") != std::string_view::npos))
+    return error(Code::config,
+                 "lcm interface \"%s\" is neither an IPv4 address nor an interface name (1..%d characters)",
+                 settings.interface.c_str(), IF_NAMESIZE - 1);
+  return std::unique_ptr<PosePort>(std::make_unique<LcmPosePort>(settings, url.value()));
+}
+
+}  // namespace slabd::hal

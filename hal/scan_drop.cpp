@@ -1,0 +1,291 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <time.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cctype>
+#include <optional>
+
+#include "hal/drop_folders.h"
+#include "hal/hal.h"
+#include "hal/os.h"
+#include "hal/quiet_watch.h"
+#include "hal/scan_file.h"
+#include "hal/spool.h"
+
+// Problem: every scan looks like every other, and a scan taken for another station passes a slab that nobody
+// measured. Idea: a scan counts only when it names the request it answers (`<session>-<seq>.<ext>`), or, for software
+// that cannot, when it is the one and only file that appeared after the request. Invariants:
+//   - a file that lay in the inbox before its request is never its answer;
+//   - whatever was decoded is byte for byte what lies in the spool;
+//   - after acquire() neither the request nor an answer remains, good or bad, so that a repeat can be dropped.
+namespace slabd::hal {
+namespace {
+
+constexpr std::int64_t kPollNs = 20 * kNsPerMs;
+/// A file under a name of its own is finished when nobody has touched it this long (any_name) ...
+constexpr std::int64_t kFinishedNs = 500 * kNsPerMs;
+/// ... and is a stray when it still has no name that means anything after this long.
+constexpr std::int64_t kStrayNs = 5 * kNsPerS;
+
+void wait_for_next_look() {
+  const timespec pause{0, kPollNs};
+  nanosleep(&pause, nullptr);
+}
+
+/// `<digits>-<digits>`: the form of a request's name.
+bool is_request_stem(std::string_view stem) {
+  const std::size_t dash = stem.find('-');
+  const auto digits = [](std::string_view text) {
+    return !text.empty() && std::all_of(text.begin(), text.end(), [](char c) { return c >= '0' && c <= '9'; });
+  };
+  return dash != std::string_view::npos && digits(stem.substr(0, dash)) && digits(stem.substr(dash + 1));
+}
+
+/// The part before the only dot; empty for names without an extension or with two.
+std::string_view stem_of(std::string_view name) {
+  const std::size_t dot = name.find('.');
+  if (dot == std::string_view::npos || dot + 1 == name.size() || name.find('.', dot + 1) != std::string_view::npos)
+    return {};
+  return name.substr(0, dot);
+}
+
+std::string_view extension_of(std::string_view name) {
+  const std::size_t dot = name.rfind('.');
+  return dot == std::string_view::npos ? std::string_view{} : name.substr(dot + 1);
+}
+
+/// The request as JSON. The slab id comes from the PLC: what is not plain ASCII is escaped.
+FixedString<512> request_json(const ScanRequest& request) {
+  FixedString<512> json;
+  json.printf(R"({"schema": "slabd.scan_request/1", "session": %u, "cmd_seq": %u, "slab_id": ")",
+              unsigned{request.session}, unsigned{request.cmd_seq});
+  for (const char c : request.slab_id.view()) {
+    const auto byte = static_cast<unsigned char>(c);
+    FixedString<8> escaped;
+    if (byte < 0x20 || byte > 0x7E || c == '"' || c == '\\')
+      escaped.printf("\\u%04x", unsigned{byte});
+    else
+      escaped.append({&c, 1});
+    json.append(escaped.view());
+  }
+  FixedString<32> rest;
+  rest.printf("\", \"station\": %u}\n", unsigned{request.station});
+  json.append(rest.view());
+  return json;
+}
+
+/// An answer that is finished, and when it was first seen so.
+struct Answer {
+  InboxEntry entry;
+  std::int64_t seen_ns = 0;
+};
+
+class ScanDrop final : public ScannerPort {
+ public:
+  ScanDrop(const ScanDropSettings& settings, const Clock& clock)
+      : settings_(settings), clock_(clock), folders_(settings.drop_dir) {}
+
+  Status start() {
+    Status status = folders_.open();
+    if (!status) return status;
+    folders_.withdraw_all_requests();
+    online_ = true;
+    return status;
+  }
+
+  Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz,
+                               const std::atomic<bool>& cancel) override {
+    if (Status status = open_folders(); !status) return status.error();
+    NameText stem;
+    stem.printf("%u-%u", unsigned{request.session}, unsigned{request.cmd_seq});
+    if (Status status = clear_inbox(stem.view()); !status) return status.error();
+
+    NameText request_name(stem.view());
+    request_name.append(".json");
+    if (Status status = folders_.post_request(request_name.c_str(), request_json(request).view()); !status)
+      return status.error();
+    Result<Answer> answer = wait_for_answer(stem.view(), request.timeout_ns, cancel);
+    folders_.withdraw_request(request_name.c_str());
+    if (!answer) return answer.error();
+
+    Result<AcquiredScan> scan = take(answer.value(), request, xyz);
+    if (!scan) set_aside(answer.value().entry.name);
+    return scan;
+  }
+
+  void idle() override {
+    if (!open_folders()) return;
+    static_cast<void>(tidy({}));
+  }
+
+  bool online() const override { return online_; }
+  std::uint64_t stray_files() const override { return strays_; }
+
+ private:
+  Status open_folders() {
+    Status status = folders_.open();
+    online_ = status.ok();
+    return status;
+  }
+
+  void set_aside(const NameText& name) {
+    if (folders_.set_aside(name.c_str())) ++strays_;
+  }
+
+  /// Looks at the inbox and moves away what is certainly not an answer to `awaited` (empty: nothing is awaited).
+  Status tidy(std::string_view awaited) {
+    InboxEntries entries;
+    if (Status status = look(awaited, entries); !status) return status;
+    for (const QuietWatch::Watched& watched : watch_.watched()) {
+      const std::string_view stem = stem_of(watched.entry.name.view());
+      if (!awaited.empty() && stem == awaited) continue;
+      const bool answers_another = !settings_.any_name && is_request_stem(stem);
+      const bool left_behind = clock_.mono_ns() - watched.since_ns >= kStrayNs;
+      if (answers_another || left_behind) set_aside(watched.entry.name);
+    }
+    return success();
+  }
+
+  Status look(std::string_view awaited, InboxEntries& entries) {
+    FixedString<16> first(awaited);
+    if (!awaited.empty()) first.append(".");
+    Status status = folders_.list_inbox(settings_.any_name ? std::string_view{} : first.view(), entries);
+    if (status) {
+      watch_.look(clock_.mono_ns(), entries);
+    } else {
+      online_ = false;
+    }
+    return status;
+  }
+
+  /// Before the request: nothing may lie there that could be taken for its answer.
+  Status clear_inbox(std::string_view stem) {
+    if (Status status = tidy({}); !status) return status;
+    InboxEntries entries;
+    if (Status status = look(stem, entries); !status) return status;
+    for (const InboxEntry& entry : entries)
+      if (settings_.any_name || stem_of(entry.name.view()) == stem)
+        return error(Code::frame_incomplete, "%s/inbox/%.120s lies there before the scan was asked for",
+                     settings_.drop_dir.c_str(), entry.name.c_str());
+    return success();
+  }
+
+  // ---- waiting
+
+  Result<Answer> wait_for_answer(std::string_view stem, std::int64_t timeout_ns, const std::atomic<bool>& cancel) {
+    const std::int64_t deadline_ns = clock_.mono_ns() + timeout_ns;
+    for (;;) {
+      if (cancel) return error(Code::interrupted, "the scan was cancelled");
+      Result<std::optional<Answer>> found = settings_.any_name ? find_only_file() : find_named(stem);
+      if (!found) return found.error();
+      if (found.value()) return *found.value();
+      if (clock_.mono_ns() >= deadline_ns)
+        return error(Code::trigger_timeout, "no answer to request %.*s within %.1f s", static_cast<int>(stem.size()),
+                     stem.data(), ms_from_ns(timeout_ns) / 1e3);
+      wait_for_next_look();
+    }
+  }
+
+  Result<std::optional<Answer>> find_named(std::string_view stem) {
+    if (Status status = tidy(stem); !status) return status.error();
+    for (const QuietWatch::Watched& watched : watch_.watched())
+      if (stem_of(watched.entry.name.view()) == stem)
+        return std::optional<Answer>(Answer{watched.entry, watched.since_ns});
+    return std::optional<Answer>();
+  }
+
+  /// any_name: exactly one entry, a regular file, untouched for half a second.
+  Result<std::optional<Answer>> find_only_file() {
+    InboxEntries entries;
+    if (Status status = look({}, entries); !status) return status.error();
+    if (entries.empty()) return std::optional<Answer>();
+    if (entries.size() > 1 || !entries[0].regular) {
+      const Error several =
+          error(Code::frame_incomplete, "%s/inbox/%.120s: %s", settings_.drop_dir.c_str(), entries[0].name.c_str(),
+                entries.size() > 1 ? "is not the only answer to one request" : "not a regular file");
+      for (const InboxEntry& entry : entries) set_aside(entry.name);
+      return several;
+    }
+    const QuietWatch::Watched& only = watch_.watched()[0];
+    if (clock_.mono_ns() - only.since_ns < kFinishedNs) return std::optional<Answer>();
+    return std::optional<Answer>(Answer{only.entry, only.since_ns});
+  }
+
+  // ---- taking
+
+  Result<AcquiredScan> take(const Answer& answer, const ScanRequest& request, std::span<float> xyz) {
+    const std::int64_t begin_ns = clock_.mono_ns();
+    AcquiredScan scan;
+    scan.taken_mono_ns = answer.seen_ns;
+    scan.taken_utime_us = clock_.utime_us() - (begin_ns - answer.seen_ns) / kNsPerUs;
+    const Result<PathText> path = spool_path(request, answer.entry.name.view());
+    if (!path) return path.error();
+    scan.path = path.value();
+
+    FixedString<limits::kErrorTextBytes> shown;
+    shown.printf("%s/inbox/%s", settings_.drop_dir.c_str(), answer.entry.name.c_str());
+    const Result<int> opened = open_scan(folders_.inbox_fd(), answer.entry.name.c_str(), shown.c_str());
+    if (!opened) return opened.error();
+    const Fd fd(opened.value());
+    Result<ScanShape> shape = read_scan_fd(fd.get(), shown.c_str(), settings_.unit, xyz);
+    if (!shape) return shape.error();
+    if (!is_untouched(fd.get(), answer.entry))
+      return error(Code::frame_incomplete, "%s: changed while it was read (write it under another name, then rename)",
+                   shown.c_str());
+    scan.shape = shape.value();
+    if (scan.shape.finite < limits::kScanPointsMin)
+      return error(Code::too_few_points, "%s: %zu of %zu points are there, needed are %zu", shown.c_str(),
+                   scan.shape.finite, scan.shape.points, limits::kScanPointsMin);
+    scan.read_ms = ms_from_ns(clock_.mono_ns() - begin_ns);
+    if (Status status = spool_file(fd.get(), folders_.inbox_fd(), answer.entry.name.c_str(), scan.path); !status)
+      return status.error();
+    return scan;
+  }
+
+  /// The decoded file is the one that was found, and nobody wrote to it meanwhile.
+  static bool is_untouched(int fd, const InboxEntry& entry) {
+    struct stat status {};
+    return fstat(fd, &status) == 0 && status.st_dev == entry.device && status.st_ino == entry.inode &&
+           status.st_size == entry.bytes &&
+           status.st_mtim.tv_sec * kNsPerS + status.st_mtim.tv_nsec == entry.changed_ns;
+  }
+
+  static Result<PathText> spool_path(const ScanRequest& request, std::string_view name) {
+    const std::string_view extension = extension_of(name);
+    if (request.spool_path.size() + 1 + extension.size() > PathText::capacity())
+      return error(Code::config, "%s: the spool path and \".%.*s\" exceed %zu bytes", request.spool_path.c_str(),
+                   static_cast<int>(std::min<std::size_t>(extension.size(), 32)), extension.data(),
+                   PathText::capacity());
+    PathText path(request.spool_path);
+    path.append(".");
+    for (const char c : extension) {
+      const char lower = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+      path.append({&lower, 1});
+    }
+    return path;
+  }
+
+  ScanDropSettings settings_;
+  const Clock& clock_;
+  DropFolders folders_;
+  QuietWatch watch_;
+  std::atomic<bool> online_ = false;
+  std::atomic<std::uint64_t> strays_ = 0;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<ScannerPort>> make_scan_drop(const ScanDropSettings& settings, const Clock& clock) {
+  // What is appended below: "/inbox/" and a name.
+  if (settings.drop_dir.empty() || settings.drop_dir.size() == PathText::capacity())
+    return error(Code::config, "scanner.drop_dir \"%s\" is empty or longer than %zu bytes", settings.drop_dir.c_str(),
+                 PathText::capacity() - 1);
+  auto port = std::make_unique<ScanDrop>(settings, clock);
+  if (Status status = port->start(); !status) return status.error();
+  return std::unique_ptr<ScannerPort>(std::move(port));
+}
+
+}  // namespace slabd::hal

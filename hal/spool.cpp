@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/spool.h"
+
+#include <fcntl.h>
+#include <stdio.h>
+#include <sys/stat.h>
+
+#include <array>
+#include <cerrno>
+
+#include "hal/os.h"
+
+// Order matters here: contents before names, a name before the folder that holds it, new folders before their
+// parents' word for them. Only then may anybody be told that the scan is safe.
+namespace slabd::hal {
+namespace {
+
+Error spool_error(const PathText& path, const char* what, int error_number) {
+  const bool full = error_number == ENOSPC || error_number == EDQUOT;
+  return error(full ? Code::store_full : Code::journal_write, "%s: %s: %s", path.c_str(), what,
+               errno_text(error_number));
+}
+
+/// The folder part of a path; "." when it has none.
+PathText folder_of(const PathText& path) {
+  const std::size_t slash = path.view().rfind('/');
+  if (slash == std::string_view::npos) return ".";
+  return path.view().substr(0, slash == 0 ? 1 : slash);
+}
+
+bool sync_folder(const PathText& folder) {
+  const Fd fd(open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  return fd.is_open() && fsync(fd.get()) == 0;
+}
+
+/// Makes every missing folder on the way to `path`, each durable before the next.
+Status make_folders(const PathText& path) {
+  const std::string_view whole = path.view();
+  for (std::size_t slash = whole.find('/', 1); slash != std::string_view::npos; slash = whole.find('/', slash + 1)) {
+    const PathText folder(whole.substr(0, slash));
+    if (mkdir(folder.c_str(), 0770) == 0) {
+      if (!sync_folder(folder_of(folder))) return spool_error(folder, "syncing its parent", errno);
+    } else if (errno != EEXIST) {
+      return spool_error(folder, "making the folder", errno);
+    }
+  }
+  return success();
+}
+
+bool is_same_file(int fd, const PathText& path) {
+  struct stat opened {};
+  struct stat named {};
+  return fstat(fd, &opened) == 0 && lstat(path.c_str(), &named) == 0 && opened.st_dev == named.st_dev &&
+         opened.st_ino == named.st_ino;
+}
+
+bool copy_bytes(int from, int to) {
+  std::array<char, limits::kScanReadBytes> piece;
+  off_t offset = 0;
+  for (;;) {
+    const ssize_t n = pread(from, piece.data(), piece.size(), offset);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return n == 0;
+    for (ssize_t written = 0; written < n;) {
+      const ssize_t w = write(to, &piece[static_cast<std::size_t>(written)], static_cast<std::size_t>(n - written));
+      if (w < 0 && errno != EINTR) return false;
+      if (w > 0) written += w;
+    }
+    offset += n;
+  }
+}
+
+/// To another file system: a whole, synced copy under a working name first, then the rename.
+Status copy_across(int fd, int from_folder, const char* name, const PathText& path) {
+  FixedString<limits::kPathBytes + 8> working(path.view());
+  working.append(".part");
+  {
+    const Fd copy(open(working.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0660));
+    if (!copy.is_open()) return spool_error(path, "creating", errno);
+    if (!copy_bytes(fd, copy.get()) || fsync(copy.get()) != 0 || rename(working.c_str(), path.c_str()) != 0) {
+      const int why = errno;
+      unlink(working.c_str());
+      return spool_error(path, "copying", why);
+    }
+  }
+  unlinkat(from_folder, name, 0);
+  return success();
+}
+
+Status move_file(int fd, int from_folder, const char* name, const PathText& path) {
+  if (renameat(from_folder, name, AT_FDCWD, path.c_str()) != 0) {
+    if (errno == EXDEV) return copy_across(fd, from_folder, name, path);
+    return spool_error(path, "moving the scan", errno);
+  }
+  if (is_same_file(fd, path)) return success();
+  unlink(path.c_str());
+  return error(Code::frame_incomplete, "%s: was replaced while it was read", name);
+}
+
+}  // namespace
+
+Status spool_file(int fd, int from_folder, const char* name, const PathText& path) {
+  if (fsync(fd) != 0) return spool_error(path, "syncing the scan", errno);
+  if (Status status = make_folders(path); !status) return status;
+  if (Status status = move_file(fd, from_folder, name, path); !status) return status;
+  // The old name's folder is synced too, or after a power cut the scan could appear under both names.
+  const bool new_name_safe = sync_folder(folder_of(path));
+  const bool old_name_gone = fsync(from_folder) == 0 || errno == EINVAL;  // EINVAL: a share that cannot
+  if (!new_name_safe || !old_name_gone) {
+    const int why = errno;
+    unlink(path.c_str());
+    return spool_error(path, "syncing the folder", why);
+  }
+  return success();
+}
+
+}  // namespace slabd::hal
