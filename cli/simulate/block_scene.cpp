@@ -23,7 +23,9 @@ Plane along_rail(double y, double z, double tilt_rad) {
   return {n, n.y() * y + n.z() * z};
 }
 
-Plane horizontal(double z) { return {Vec3::UnitZ(), z}; }
+Plane horizontal(double z) {
+  return {Vec3::UnitZ(), z};
+}
 
 /// An end face (|x| = half - z tan(draft), sign +-1 of x); with X and Y exchanged a side face.
 Plane drafted(double half, double draft_rad, double sign, bool is_side) {
@@ -90,7 +92,8 @@ double true_flatness_mm(const Recipe& recipe, const BlockTruth& truth) {
   // difference of the extremes. The casings (at s = +-116.5) lie outside the region.
   const EvaluationSettings& e = recipe.evaluation;
   const double half_cell = 0.5 * e.cell_mm;
-  return std::abs(truth.bump_mm) * (dome(half_cell, half_cell) - dome(e.crop_half_x_mm - half_cell, e.crop_half_s_mm - half_cell));
+  return std::abs(truth.bump_mm) *
+         (dome(half_cell, half_cell) - dome(e.crop_half_x_mm - half_cell, e.crop_half_s_mm - half_cell));
 }
 
 Result<BlockSurface> BlockSurface::make(const Recipe& recipe, const BlockTruth& truth, const Pose& T_scanner_block) {
@@ -222,7 +225,8 @@ DrawnScan draw_scan(const BlockSurface& surface, const ScannerTraits& traits, st
         continue;
       }
       if (((bits >> 16U) & 0xFFFFU) < outlier_below) {
-        const auto size = static_cast<float>((bits >> 48U) & 0x7FFFU) * outlier_span + static_cast<float>(kOutlierMinMm);
+        const auto size =
+            static_cast<float>((bits >> 48U) & 0x7FFFU) * outlier_span + static_cast<float>(kOutlierMinMm);
         z += (bits >> 63U) != 0 ? size : -size;
         ++drawn.outliers;
       } else {

@@ -21,16 +21,16 @@ namespace slabd::simulate {
 
 /// One block as it was really cast. Angles rad, lengths mm, block frame (X along the rail, Y outward, Z up).
 struct BlockTruth {
-  bool present = true;              ///< false: the scanner sees nothing but the slab's top
-  double slope_rad = 0.0;           ///< bearing plane about X; positive climbs outward
-  double jaw_angle_inner_rad = 0.0; ///< between bearing plane and jaw face, in the free space
+  bool present = true;               ///< false: the scanner sees nothing but the slab's top
+  double slope_rad = 0.0;            ///< bearing plane about X; positive climbs outward
+  double jaw_angle_inner_rad = 0.0;  ///< between bearing plane and jaw face, in the free space
   double jaw_angle_outer_rad = 0.0;
-  double jaw_distance_mm = 0.0;     ///< at the reference height, half of it on either side of the origin
+  double jaw_distance_mm = 0.0;  ///< at the reference height, half of it on either side of the origin
   double casing_spacing_mm = 0.0;
-  double protrusion_inner_mm = 0.0; ///< rim above the bearing plane; negative = sunk
+  double protrusion_inner_mm = 0.0;  ///< rim above the bearing plane; negative = sunk
   double protrusion_outer_mm = 0.0;
-  double bump_mm = 0.0;             ///< height of a smooth dome in the middle of the bearing plane
-  double slab_top_shift_mm = 0.0;   ///< the slab's top against its nominal height in the block's frame
+  double bump_mm = 0.0;            ///< height of a smooth dome in the middle of the bearing plane
+  double slab_top_shift_mm = 0.0;  ///< the slab's top against its nominal height in the block's frame
 };
 
 /// The block as drawn.
@@ -78,33 +78,33 @@ class BlockSurface {
   std::array<Rim, 2> rims_{};
   float bore_radius2_mm2_ = 0.0F;
   float rim_radius2_mm2_ = 0.0F;
-  float reach_mm_ = 0.0F;          ///< no rim point is further than this from its centre, seen by the scanner
+  float reach_mm_ = 0.0F;  ///< no rim point is further than this from its centre, seen by the scanner
   float bump_mm_ = 0.0F;
-  float bump_x_ = 0.0F;            ///< block origin, seen by the scanner
+  float bump_x_ = 0.0F;  ///< block origin, seen by the scanner
   float bump_y_ = 0.0F;
 };
 
 /// What the emulated scanner adds to the truth.
 struct ScannerTraits {
-  std::size_t columns = 2048;      ///< along scanner X
-  std::size_t rows = 2448;         ///< along scanner Y
+  std::size_t columns = 2048;  ///< along scanner X
+  std::size_t rows = 2448;     ///< along scanner Y
   double field_x_mm = 350.0;
   double field_y_mm = 500.0;
-  bool organised = true;           ///< keep the grid, NaN for missing points
-  double noise_mm = 0.03;          ///< standard deviation along the view
-  double outlier_share = 0.005;    ///< of the returned points, evenly 1..60 mm before or behind the surface
+  bool organised = true;         ///< keep the grid, NaN for missing points
+  double noise_mm = 0.03;        ///< standard deviation along the view
+  double outlier_share = 0.005;  ///< of the returned points, evenly 1..60 mm before or behind the surface
   double missing_share = 0.02;
 };
 inline constexpr double kOutlierMinMm = 1.0;
 inline constexpr double kOutlierMaxMm = 60.0;
 
 struct DrawnScan {
-  std::size_t width = 0;           ///< 0 = unorganised
+  std::size_t width = 0;  ///< 0 = unorganised
   std::size_t height = 0;
-  std::size_t valid = 0;           ///< finite points, outliers included
+  std::size_t valid = 0;  ///< finite points, outliers included
   std::size_t outliers = 0;
-  std::size_t missing = 0;         ///< dropped at random
-  std::size_t no_return = 0;       ///< rays into a bore
+  std::size_t missing = 0;    ///< dropped at random
+  std::size_t no_return = 0;  ///< rays into a bore
 };
 
 /// Draws one scan into `xyz` (3 floats a point; resized). The same seed gives the same bits. About 0.1 s for the full

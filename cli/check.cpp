@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl config check, recipe check, recipe show: the same readers as the daemon's, for people.
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <vector>
+
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/render.h"
+
+namespace slabd::cli {
+namespace {
+
+struct NamedNominal {
+  const char* name;
+  Nominal nominal;
+  bool is_angle = false;
+};
+
+std::vector<NamedNominal> nominals_of(const Recipe& recipe) {
+  const BlockGeometry& b = recipe.block;
+  const SlabGeometry& s = recipe.slab;
+  return {{"slab.length_mm", s.length_mm},
+          {"slab.width_mm", s.width_mm},
+          {"slab.thickness_mm", s.thickness_mm},
+          {"slab.pitch_mm", s.pitch_mm},
+          {"slab.first_pair_from_end_mm", s.first_pair_from_end_mm},
+          {"slab.seat_centre_distance_mm", s.seat_centre_distance_mm},
+          {"slab.block_origin_z_mm", s.block_origin_z_mm},
+          {"block.cant_ratio", b.cant_ratio},
+          {"block.jaw_half_distance_mm", b.jaw_half_distance_mm},
+          {"block.jaw_reference_height_mm", b.jaw_reference_height_mm},
+          {"block.jaw_angle_deg", b.jaw_angle_rad, true},
+          {"block.shoulder_outer_z_mm", b.shoulder_outer_z_mm},
+          {"block.shoulder_inner_z_mm", b.shoulder_inner_z_mm},
+          {"block.end_half_length_mm", b.end_half_length_mm},
+          {"block.side_half_width_mm", b.side_half_width_mm},
+          {"block.draft_deg", b.draft_rad, true},
+          {"block.slab_top_z_mm", b.slab_top_z_mm},
+          {"block.casing_half_spacing_mm", b.casing_half_spacing_mm},
+          {"block.casing_bore_diameter_mm", b.casing_bore_diameter_mm},
+          {"block.casing_rim_diameter_mm", b.casing_rim_diameter_mm},
+          {"block.casing_rim_height_mm", b.casing_rim_height_mm}};
+}
+
+double shown(const NamedNominal& n) {
+  return n.is_angle ? deg_from_rad(n.nominal.value) : n.nominal.value;
+}
+
+std::vector<Item> tolerances_of(const Recipe& recipe) {
+  std::vector<Item> items;
+  for (std::size_t i = 0; i < kItemCount; ++i) items.push_back(blank_item(recipe, static_cast<ItemId>(i)));
+  return items;
+}
+
+std::string recipe_json(const Recipe& recipe) {
+  Json json;
+  json.begin_object();
+  json.field("schema", "slabd.recipe/1").field("name", recipe.name.view()).field("slab_type", recipe.slab_type);
+  json.field("sha256", recipe.sha256.view()).field("file", recipe.path.view());
+  json.field("pairs", unsigned{recipe.slab.pairs}).field("stations", unsigned{recipe.stations()});
+  json.field("slope_datum", recipe.slope_datum == SlopeDatum::slab_frame ? "slab_frame" : "local_slab_top");
+  json.field("remove_warp", recipe.remove_warp).field("guard", recipe.guard);
+  json.field("unconfirmed", unconfirmed_count(recipe));
+  json.key("nominals").begin_object();
+  for (const NamedNominal& n : nominals_of(recipe)) {
+    json.key(n.name).begin_object();
+    json.field("value", shown(n)).field("confirmed", n.nominal.confirmed).end_object();
+  }
+  json.end_object();
+  json.key("items").begin_array();
+  for (const Item& item : tolerances_of(recipe)) {
+    const Tolerance& t = recipe.tolerance(item.id);
+    json.begin_object();
+    json.field("id", info(item.id).name).field("unit", name(info(item.id).unit)).field("nominal", item.nominal);
+    json.field("lower", item.lower).field("upper", item.upper).field("U", item.U).field("required", item.required);
+    json.field("confirmed", t.confirmed && t.nominal.confirmed).end_object();
+  }
+  json.end_array();
+  json.end_object();
+  return json.text();
+}
+
+void print_recipe(const Recipe& recipe) {
+  const auto mark = [](bool confirmed) { return confirmed ? std::string("confirmed") : std::string("assumed"); };
+  const auto number = [](double v) { return has_value(v) ? fmt::format("{:.4f}", v) : std::string("-"); };
+  fmt::print("recipe {}  slab type {}  {} blocks\nsha256 {}\n", recipe.name.view(), recipe.slab_type, recipe.stations(),
+             recipe.sha256.view());
+  fmt::print("slope datum {}, remove_warp {}, guard band {} U\n\n",
+             recipe.slope_datum == SlopeDatum::slab_frame ? "slab_frame" : "local_slab_top", recipe.remove_warp,
+             recipe.guard);
+  std::vector<std::vector<std::string>> rows = {{"nominal", "value", "state<"}};
+  for (const NamedNominal& n : nominals_of(recipe))
+    rows.push_back({n.name, number(shown(n)), mark(n.nominal.confirmed)});
+  fmt::print("{}\n", table(rows));
+  rows = {{"item", "unit", "nominal", "lower", "upper", "U", "required", "state<"}};
+  for (const Item& item : tolerances_of(recipe)) {
+    const Tolerance& t = recipe.tolerance(item.id);
+    rows.push_back({std::string(info(item.id).name), std::string(name(info(item.id).unit)), number(item.nominal),
+                    number(item.lower), number(item.upper), number(item.U), item.required ? "yes" : "no",
+                    mark(t.confirmed && t.nominal.confirmed)});
+  }
+  fmt::print("{}\n{}\n", table(rows), kNotVisible);
+}
+
+int check_recipes(const std::vector<std::string>& files) {
+  int status = kDone;
+  for (const std::string& file : files) {
+    Recipe recipe;
+    if (!recipe_from(file, recipe)) {
+      status = kBadInput;
+      continue;
+    }
+    fmt::print("{}: good: {}, slab type {}, {} blocks, sha256 {}\n", file, recipe.name.view(), recipe.slab_type,
+               recipe.stations(), recipe.sha256.view());
+    warn_unconfirmed(recipe);
+  }
+  return status;
+}
+
+int show_recipe(const std::string& file, bool json) {
+  Recipe recipe;
+  if (!recipe_from(file, recipe)) return kBadInput;
+  warn_unconfirmed(recipe);
+  if (json) {
+    fmt::print("{}", recipe_json(recipe));
+  } else {
+    print_recipe(recipe);
+  }
+  return kDone;
+}
+
+int check_config(const std::string& file) {
+  daemon::Config config;
+  if (!config_from(file, config)) return kBadInput;
+  fmt::print("{}: good\n", file);
+  std::vector<Recipe> recipes;
+  std::vector<daemon::Problem> problems;
+  daemon::load_recipes(config.recipes_dir, recipes, problems);
+  if (!report_problems(problems)) return kBadInput;
+  for (const Recipe& recipe : recipes)
+    fmt::print("{}: good: {}, slab type {}\n", recipe.path.view(), recipe.name.view(), recipe.slab_type);
+  if (config.calibration.commissioning)
+    complain("warning: [calibration] holds commissioning values; no calibration has been applied");
+  for (const Recipe& recipe : recipes) warn_unconfirmed(recipe);
+  return kDone;
+}
+
+struct Options {
+  std::vector<std::string> files;
+  std::string file;
+  bool json = false;
+};
+
+}  // namespace
+
+void add_config(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* config = app.add_subcommand("config", "The daemon's configuration");
+  config->require_subcommand(1);
+  CLI::App* check = config->add_subcommand("check", "Name every fault of a configuration and of the recipes it uses");
+  check->add_option("FILE", options->file, "Configuration")->default_val(kDefaultConfig);
+  check->callback([options, &exit_status] { exit_status = check_config(options->file); });
+}
+
+void add_recipe(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* recipe = app.add_subcommand("recipe", "Slab types");
+  recipe->require_subcommand(1);
+  CLI::App* check = recipe->add_subcommand("check", "Name every fault of recipe files");
+  check->add_option("FILE", options->files, "Recipe files")->required();
+  check->callback([options, &exit_status] { exit_status = check_recipes(options->files); });
+  CLI::App* show = recipe->add_subcommand("show", "Print nominals and tolerances, and who has confirmed them");
+  show->add_option("FILE", options->file, "Recipe file")->required();
+  show->add_flag("--json", options->json, "Print slabd.recipe/1 on stdout");
+  show->callback([options, &exit_status] { exit_status = show_recipe(options->file, options->json); });
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "base/recipe.h"
+#include "daemon/daemon.h"
+
+namespace CLI {
+class App;
+}
+
+/// The commands of slabctl. Each adds itself to the tree; when the user chose it, it runs and leaves its exit status
+/// (cli/exit.h) in `exit_status`. The command's options live as long as the tree.
+namespace slabd::cli {
+
+inline constexpr const char* kDefaultConfig = "/etc/slabd/slabd.toml";
+
+void add_inspect(CLI::App& app, int& exit_status);
+void add_config(CLI::App& app, int& exit_status);
+void add_recipe(CLI::App& app, int& exit_status);
+void add_status(CLI::App& app, int& exit_status);
+void add_history(CLI::App& app, int& exit_status);
+void add_show(CLI::App& app, int& exit_status);
+void add_simulate(CLI::App& app, int& exit_status);
+
+/// Parses and runs a command line; returns the exit status. Nothing but this and the commands knows CLI11.
+[[nodiscard]] int run(int argc, const char* const* argv);
+
+/// Prints every problem as one line on stderr; true when there was none.
+[[nodiscard]] bool report_problems(const std::vector<daemon::Problem>& problems);
+
+/// Loads a recipe for a command that needs one; false when there were problems (printed).
+[[nodiscard]] bool recipe_from(const std::string& path, Recipe& recipe);
+
+/// Loads a configuration; false when there were problems (printed).
+[[nodiscard]] bool config_from(const std::string& path, daemon::Config& config);
+
+/// Warns on stderr while a verdict depends on unconfirmed nominals or tolerances.
+void warn_unconfirmed(const Recipe& recipe);
+
+/// The candidate that differs from `word` in the fewest letters, empty when none is near.
+[[nodiscard]] std::string nearest(const std::string& word, const std::vector<std::string>& candidates);
+
+}  // namespace slabd::cli

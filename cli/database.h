@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "storage/storage.h"
+
+namespace CLI {
+class App;
+}
+
+/// Which database a reading command means, and opening it.
+namespace slabd::cli {
+
+struct DatabaseOptions {
+  std::string db;
+  std::string config;
+  void add_to(CLI::App& command);
+};
+
+/// Opens the database read-only. nullptr when it cannot be: the sentence is printed, `exit_status` set.
+[[nodiscard]] std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, int& exit_status);
+
+}  // namespace slabd::cli

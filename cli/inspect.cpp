@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl inspect: one block offline, through daemon::measure_block, the path every scan of the line takes.
+#include <CLI/CLI.hpp>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/parse.h"
+#include "cli/render.h"
+
+namespace slabd::cli {
+namespace {
+
+struct Options {
+  std::string scan;
+  std::string recipe;
+  int block = 0;
+  std::string T_block_scanner;
+  std::string unit = "mm";
+  bool json = false;
+};
+
+std::string as_json(const Options& options, const Recipe& recipe, const Pose& T_block_scanner,
+                    const BlockResult& block) {
+  Json json;
+  json.begin_object();
+  json.field("schema", "slabd.inspection/1").field("software", daemon::software_version().view());
+  json.field("file", std::string_view(options.scan)).field("block", options.block);
+  json.key("recipe").begin_object();
+  json.field("name", recipe.name.view()).field("sha256", recipe.sha256.view()).field("guard", recipe.guard);
+  json.field("unconfirmed", unconfirmed_count(recipe)).end_object();
+  write_pose(json, "T_block_scanner_start", T_block_scanner);
+  write_block(json, block);
+  json.field("not_visible", kNotVisible);
+  json.end_object();
+  return json.text();
+}
+
+void print_report(const Options& options, const Recipe& recipe, const BlockResult& block) {
+  const Style style = style_for(stdout);
+  fmt::print("{}  block {}  recipe {}{}\n", options.scan, options.block, recipe.name.view(),
+             recipe.guard == 0.0 ? "  (simple acceptance: no guard band)" : "");
+  fmt::print("points {} read, {} finite, {} isolated, {} kept\n", block.scan.points_read, block.scan.points_finite,
+             block.scan.isolated_removed, block.scan.points_kept);
+  const RegistrationReport& registration = block.registration;
+  fmt::print("registration {} after {} iterations", name(registration.status), registration.iterations);
+  if (!registration.note.empty()) fmt::print(" ({})", registration.note.view());
+  if (has_value(registration.deviation.std_mm))
+    fmt::print(", deviation {:.3f} +- {:.3f} mm over {} points", registration.deviation.mean_mm,
+               registration.deviation.std_mm, registration.deviation.count);
+  const Vec3& normal = block.seat.normal_datum;
+  fmt::print("\n");
+  if (block.seat.plane.ok)
+    fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f}), {} grid points\n", normal.x(), normal.y(), normal.z(),
+               block.seat.grid_points);
+  fmt::print("\n{}\n", item_table(std::span<const Item>(block.items.begin(), block.items.size()), style));
+  fmt::print("block {}: {}{}\n", options.block, verdict_text(block.verdict, style),
+             block.reason != 0 ? "  (" + reason_text(block.reason) + ")" : "");
+  fmt::print("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", block.times.total_ms,
+             block.times.read_ms, block.times.denoise_ms, block.times.register_ms, block.times.extract_ms);
+  fmt::print("{}\n", kNotVisible);
+}
+
+int inspect(const Options& options) {
+  Recipe recipe;
+  if (!recipe_from(options.recipe, recipe)) return kBadInput;
+  if (options.block < 1 || options.block > recipe.stations()) {
+    complain("--block {}: recipe {} has blocks 1..{}", options.block, recipe.name.view(), recipe.stations());
+    return kUsage;
+  }
+  Pose T_block_scanner = nominal_T_block_scanner();
+  if (!options.T_block_scanner.empty()) {
+    const Result<Pose> pose = parse_pose(options.T_block_scanner);
+    if (!pose) {
+      complain("--T-block-scanner: {}", pose.error().text.view());
+      return kUsage;
+    }
+    T_block_scanner = pose.value();
+  }
+  warn_unconfirmed(recipe);
+
+  const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
+  std::vector<float> xyz(limits::kScanPointsMax * 3);
+  const std::int64_t read_start_ns = clock->mono_ns();
+  const Result<ScanShape> shape = hal::read_scan(options.scan.c_str(), *length_unit(options.unit), xyz);
+  if (!shape) {
+    complain("{}", shape.error().text.view());
+    return kBadInput;
+  }
+  const double read_ms = ms_from_ns(clock->mono_ns() - read_start_ns);
+
+  algo::BlockInspector inspector;
+  inspector.use(recipe);
+  algo::Cloud cloud;
+  cloud.xyz = xyz;
+  cloud.points = shape.value().points;
+  cloud.width = shape.value().width;
+  cloud.height = shape.value().height;
+  const BlockResult& block = daemon::measure_block(inspector, *clock, options.block, Pose::identity(), T_block_scanner,
+                                                   cloud, shape.value(), read_ms);
+  if (options.json) {
+    fmt::print("{}", as_json(options, recipe, T_block_scanner, block));
+  } else {
+    print_report(options, recipe, block);
+  }
+  return block.verdict == Verdict::pass ? kDone : kNotPass;
+}
+
+}  // namespace
+
+void add_inspect(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand("inspect", "Measure one block in a scan file, as the daemon would");
+  command->footer(
+      "\nThe slope is measured against the local slab top. Items that need the whole slab are not listed.\n\n"
+      "Example: slabctl inspect scan.ply --recipe p5600.toml --block 3 --json");
+  command->add_option("SCAN", options->scan, "Scan file (PLY, binary)")->required();
+  command->add_option("--recipe", options->recipe, "Recipe of the slab type")->required();
+  command->add_option("--block", options->block, "Block number on the slab, from 1")->required();
+  command->add_option(
+      "--T-block-scanner", options->T_block_scanner,
+      "Where the scanner stood, \"x y z qw qx qy qz\" in mm and a unit quaternion, in the block's frame "
+      "(default 600 mm above, looking down)");
+  command->add_option("--unit", options->unit, "Unit of the scan: mm, m or um")
+      ->check(CLI::IsMember({"mm", "m", "um"}))
+      ->capture_default_str();
+  command->add_flag("--json", options->json, "Print slabd.inspection/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = inspect(*options); });
+}
+
+}  // namespace slabd::cli

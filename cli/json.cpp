@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/json.h"
+
+#include <fmt/core.h>
+
+#include <cassert>
+#include <cmath>
+#include <ctime>
+
+namespace slabd::cli {
+namespace {
+
+/// Length of the UTF-8 sequence at the front of `text`, 0 when it is not one. File names may hold any bytes.
+std::size_t utf8_length(std::string_view text) {
+  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
+  const unsigned first = byte(0);
+  const std::size_t length = first < 0x80                    ? 1
+                             : first >= 0xF0 && first < 0xF5 ? 4
+                             : first >= 0xE0                 ? 3
+                             : first >= 0xC2                 ? 2
+                                                             : 0;
+  if (length == 0 || first >= 0xF5 || text.size() < length) return 0;
+  for (std::size_t i = 1; i < length; ++i)
+    if ((byte(i) & 0xC0U) != 0x80U) return 0;
+  return length;
+}
+
+std::string quoted(std::string_view text) {
+  std::string out = "\"";
+  while (!text.empty()) {
+    const std::size_t length = utf8_length(text);
+    const char c = text.front();
+    if (length == 0) {
+      out += "\\ufffd";
+    } else if (c == '"' || c == '\\') {
+      out += '\\';
+      out += c;
+    } else if (static_cast<unsigned char>(c) < 0x20) {
+      out += fmt::format("\\u{:04x}", static_cast<unsigned>(c));
+    } else {
+      out += text.substr(0, length);
+    }
+    text.remove_prefix(length == 0 ? 1 : length);
+  }
+  return out + "\"";
+}
+
+void write_vector(Json& json, std::string_view name, const Vec3& v) {
+  const std::array<double, 3> numbers = {v.x(), v.y(), v.z()};
+  json.field(name, std::span<const double>(numbers));
+}
+
+void write_plane(Json& json, std::string_view name, const PlaneFit& plane) {
+  json.key(name).begin_object();
+  json.field("ok", plane.ok);
+  write_vector(json, "normal", plane.normal);
+  json.field("points", plane.points).field("inliers", plane.inliers).field("inlier_fraction", plane.inlier_fraction);
+  json.field("std_mm", plane.std_mm).end_object();
+}
+
+void write_casing(Json& json, std::string_view name, const CasingFeature& casing) {
+  json.key(name).begin_object();
+  json.field("ok", casing.ok);
+  write_vector(json, "centre_mm", casing.centre);
+  json.field("radius_mm", casing.radius_mm).field("height_mm", casing.height_mm);
+  json.field("edge_points", casing.edge_points).field("rim_points", casing.rim_points).end_object();
+}
+
+}  // namespace
+
+void Json::indent() {
+  text_ += '\n';
+  text_.append(2 * levels_.size(), ' ');
+}
+
+void Json::separate() {
+  if (after_key_) {
+    after_key_ = false;
+    return;
+  }
+  if (levels_.empty()) return;
+  if (!levels_.back().empty) text_ += ',';
+  levels_.back().empty = false;
+  indent();
+}
+
+Json& Json::raw(std::string_view token) {
+  separate();
+  text_ += token;
+  return *this;
+}
+
+Json& Json::open(char bracket) {
+  separate();
+  text_ += bracket;
+  levels_.push_back({});
+  return *this;
+}
+
+Json& Json::close(char bracket) {
+  assert(!levels_.empty() && !after_key_);
+  const bool empty = levels_.back().empty;
+  levels_.pop_back();
+  if (!empty) indent();
+  text_ += bracket;
+  return *this;
+}
+
+Json& Json::key(std::string_view name) {
+  raw(quoted(name));
+  text_ += ": ";
+  after_key_ = true;
+  return *this;
+}
+
+Json& Json::value(double number) {
+  return std::isfinite(number) ? raw(fmt::format("{}", number)) : null();
+}
+
+Json& Json::value(std::string_view text) {
+  return raw(quoted(text));
+}
+
+Json& Json::field(std::string_view name, std::span<const double> numbers) {
+  key(name);
+  std::string list;
+  for (const double number : numbers) {
+    list += list.empty() ? "[" : ", ";
+    list += std::isfinite(number) ? fmt::format("{}", number) : "null";
+  }
+  return raw(list.empty() ? "[]" : list + "]");
+}
+
+void write_item(Json& json, const Item& item) {
+  const ItemInfo& facts = info(item.id);
+  json.begin_object();
+  json.field("id", facts.name)
+      .field("unit", name(facts.unit))
+      .field("nominal", item.nominal)
+      .field("value", item.value);
+  json.field("deviation", item.deviation()).field("lower", item.lower).field("upper", item.upper).field("U", item.U);
+  json.field("verdict", name(item.verdict)).field("required", item.required);
+  if (const std::string_view beside = beside_name(item.id); !beside.empty()) json.field(beside, item.beside);
+  if (facts.scope != ItemScope::block && item.station != 0) {
+    const std::array<double, 2> stations = {static_cast<double>(item.station), static_cast<double>(item.station_to)};
+    json.field("stations", std::span<const double>(stations.data(), item.station_to == 0 ? 1U : 2U));
+  }
+  json.end_object();
+}
+
+void write_block(Json& json, const BlockResult& block) {
+  json.field("verdict", name(block.verdict)).field("reason", block.reason);
+
+  json.key("scan").begin_object();
+  json.field("points_read", block.scan.points_read).field("points_finite", block.scan.points_finite);
+  json.field("isolated_removed", block.scan.isolated_removed).field("points_kept", block.scan.points_kept).end_object();
+
+  const RegistrationReport& registration = block.registration;
+  json.key("registration").begin_object();
+  json.field("status", name(registration.status)).field("iterations", registration.iterations);
+  json.field("share_associated", registration.share_associated).field("condition", registration.condition);
+  json.field("note", registration.note.view());
+  write_matrix(json, "T_scanner_block", registration.T_scanner_block);
+  json.key("deviation").begin_object();
+  json.field("count", registration.deviation.count).field("mean_mm", registration.deviation.mean_mm);
+  json.field("std_mm", registration.deviation.std_mm);
+  json.field("within_sigma", std::span<const double>(registration.deviation.within_sigma)).end_object();
+  json.end_object();
+
+  const SeatFeature& seat = block.seat;
+  json.key("features").begin_object();
+  json.key("seat").begin_object();
+  write_vector(json, "normal", seat.normal_datum);
+  json.field("points", seat.plane.points).field("grid_points", seat.grid_points);
+  json.field("inlier_fraction", seat.plane.inlier_fraction).field("std_mm", seat.plane.std_mm);
+  json.field("std_cells_mm", seat.std_cells_mm).field("flatness_mm", seat.flatness_mm);
+  json.field("flatness_min_zone_mm", seat.flatness_min_zone_mm).field("raw_low_mm", seat.raw_low_mm);
+  json.field("raw_high_mm", seat.raw_high_mm);
+  write_plane(json, "full_plane", seat.full_plane);
+  json.end_object();
+  write_plane(json, "jaw_inner", block.jaw_inner);
+  write_plane(json, "jaw_outer", block.jaw_outer);
+  write_plane(json, "slab_top", block.slab_top);
+  write_casing(json, "casing_inner", block.casing_inner);
+  write_casing(json, "casing_outer", block.casing_outer);
+  json.end_object();
+
+  json.key("items").begin_array();
+  for (const Item& item : block.items)
+    if (info(item.id).scope == ItemScope::block) write_item(json, item);
+  json.end_array();
+
+  json.key("timing_ms").begin_object();
+  json.field("read", block.times.read_ms).field("denoise", block.times.denoise_ms);
+  json.field("register", block.times.register_ms).field("extract", block.times.extract_ms);
+  json.field("total", block.times.total_ms).end_object();
+}
+
+void write_pose(Json& json, std::string_view name, const Pose& pose) {
+  const std::array<double, 7> numbers = pose.to_array();
+  json.field(name, std::span<const double>(numbers));
+}
+
+void write_matrix(Json& json, std::string_view name, const Pose& pose) {
+  const Mat4 m = pose.matrix();
+  json.key(name).begin_array();
+  for (int row = 0; row < 4; ++row) {
+    json.begin_array();
+    for (int column = 0; column < 4; ++column) json.value(m(row, column));
+    json.end_array();
+  }
+  json.end_array();
+}
+
+std::string iso_time(std::int64_t utime_us) {
+  if (utime_us == 0) return "";
+  const auto seconds = static_cast<std::time_t>(utime_us / 1'000'000);
+  std::tm parts{};
+  gmtime_r(&seconds, &parts);
+  return fmt::format("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}Z", parts.tm_year + 1900, parts.tm_mon + 1, parts.tm_mday,
+                     parts.tm_hour, parts.tm_min, parts.tm_sec);
+}
+
+void write_time(Json& json, std::string_view name, std::int64_t utime_us) {
+  json.key(name);
+  if (utime_us == 0) {
+    json.null();
+  } else {
+    json.value(iso_time(utime_us));
+  }
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/render.h"
+
+#include <fmt/core.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdlib>
+
+namespace slabd::cli {
+namespace {
+
+struct Look {
+  std::string_view unicode;
+  std::string_view ascii;
+  std::string_view colour;  ///< SGR parameters
+};
+
+Look look_of(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::pass: return {"✓", "+", "32"};
+    case Verdict::fail: return {"✗", "X", "1;31"};
+    case Verdict::indeterminate: return {"?", "?", "33"};
+    case Verdict::not_measured: return {"∅", "0", "35"};
+    case Verdict::aborted: return {"⊘", "/", "35"};
+    case Verdict::none: return {"·", ".", "2"};
+  }
+  return {"·", ".", "2"};
+}
+
+std::string coloured(std::string_view text, std::string_view colour, Style style) {
+  return style.colour ? fmt::format("\x1b[{}m{}\x1b[0m", colour, text) : std::string(text);
+}
+
+/// Columns on the screen: escape sequences count nothing, a UTF-8 character counts one.
+std::size_t width_of(std::string_view text) {
+  std::size_t width = 0;
+  bool escape = false;
+  for (const char c : text) {
+    if (c == '\x1b') escape = true;
+    if (!escape && (static_cast<unsigned char>(c) & 0xC0U) != 0x80U) ++width;
+    if (escape && c == 'm') escape = false;
+  }
+  return width;
+}
+
+std::string padded(const std::string& text, std::size_t width, bool right) {
+  const std::string space(width - std::min(width, width_of(text)), ' ');
+  return right ? space + text : text + space;
+}
+
+std::string number(double value, int decimals) {
+  return has_value(value) ? fmt::format("{:.{}f}", value, decimals) : "-";
+}
+
+std::string limits_text(const Item& item, int decimals) {
+  if (!has_value(item.lower) && !has_value(item.upper)) return "info";
+  if (!has_value(item.lower)) return fmt::format("<= {}", number(item.upper, decimals));
+  if (!has_value(item.upper)) return fmt::format(">= {}", number(item.lower, decimals));
+  return fmt::format("{} .. {}", number(item.lower, decimals), number(item.upper, decimals));
+}
+
+std::string item_label(const Item& item) {
+  std::string label = fmt::format("{} [{}]", info(item.id).name, name(info(item.id).unit));
+  if (info(item.id).scope != ItemScope::block && item.station != 0)
+    label +=
+        item.station_to != 0 ? fmt::format(" {}-{}", item.station, item.station_to) : fmt::format(" {}", item.station);
+  return label;
+}
+
+}  // namespace
+
+Style style_for(std::FILE* stream) {
+  const auto variable = [](const char* key) -> std::string_view {
+    const char* text = std::getenv(key);
+    return text == nullptr ? std::string_view{} : std::string_view(text);
+  };
+  Style style;
+  style.colour = isatty(fileno(stream)) != 0 && variable("NO_COLOR").empty() && variable("TERM") != "dumb";
+  for (const char* key : {"LC_ALL", "LC_CTYPE", "LANG"}) {
+    const std::string_view locale = variable(key);
+    if (locale.empty()) continue;
+    style.unicode = locale.find("UTF-8") != std::string_view::npos || locale.find("utf8") != std::string_view::npos;
+    break;
+  }
+  return style;
+}
+
+std::string_view symbol(Verdict verdict, Style style) {
+  return style.unicode ? look_of(verdict).unicode : look_of(verdict).ascii;
+}
+
+std::string verdict_text(Verdict verdict, Style style) {
+  return coloured(fmt::format("{} {}", symbol(verdict, style), name(verdict)), look_of(verdict).colour, style);
+}
+
+std::string table(const std::vector<std::vector<std::string>>& rows) {
+  std::vector<std::size_t> widths;
+  std::vector<bool> left;
+  for (const auto& row : rows) {
+    widths.resize(std::max(widths.size(), row.size()), 0);
+    for (std::size_t c = 0; c < row.size(); ++c) widths[c] = std::max(widths[c], width_of(row[c]));
+  }
+  for (std::size_t c = 0; c < widths.size(); ++c)
+    left.push_back(c == 0 || (!rows.empty() && c < rows[0].size() && rows[0][c].ends_with('<')));
+  std::string text;
+  for (std::size_t r = 0; r < rows.size(); ++r) {
+    std::string line;
+    for (std::size_t c = 0; c < rows[r].size(); ++c) {
+      std::string cell = rows[r][c];
+      if (r == 0 && cell.ends_with('<')) cell.pop_back();
+      line += (c == 0 ? "" : "  ") + padded(cell, widths[c], !left[c]);
+    }
+    line.erase(line.find_last_not_of(' ') + 1);
+    text += line + "\n";
+    if (r != 0) continue;
+    std::size_t total = 0;
+    for (const std::size_t width : widths) total += width + 2;
+    text += std::string(total - 2, '-') + "\n";
+  }
+  return text;
+}
+
+std::string item_table(std::span<const Item> items, Style style) {
+  std::vector<std::vector<std::string>> rows = {
+      {"characteristic", "nominal", "limits", "measured", "deviation", "U", "verdict<"}};
+  for (const Item& item : items) {
+    const int decimals = info(item.id).unit == ItemUnit::deg ? 4 : 3;
+    rows.push_back({item_label(item), number(item.nominal, decimals), limits_text(item, decimals),
+                    number(item.value, decimals), number(item.deviation(), decimals), number(item.U, decimals),
+                    verdict_text(item.verdict, style)});
+    if (const std::string_view beside = beside_name(item.id); !beside.empty() && has_value(item.beside))
+      rows.push_back({fmt::format("  {}", beside), "", "", number(item.beside, 3), "", "", ""});
+  }
+  return table(rows);
+}
+
+std::string slab_map(std::span<const Verdict> verdicts, Style style) {
+  const std::size_t pairs = verdicts.size() / 2;
+  const auto numbers = [&](bool left) {
+    std::string line = "         ";
+    for (std::size_t column = 0; column < pairs; ++column)
+      line += fmt::format("{:>4}", left ? column + 1 : 2 * pairs - column);
+    return line + "\n";
+  };
+  const auto marks = [&](bool left) {
+    std::string line = left ? "  Y > 0  " : "  Y < 0  ";
+    for (std::size_t column = 0; column < pairs; ++column) {
+      const Verdict verdict = verdicts[left ? column : 2 * pairs - column - 1];
+      line += "   " + coloured(symbol(verdict, style), look_of(verdict).colour, style);
+    }
+    return line + "\n";
+  };
+  return numbers(true) + marks(true) + marks(false) + numbers(false);
+}
+
+std::string map_legend(Style style) {
+  std::string line = "  ";
+  for (const Verdict verdict :
+       {Verdict::pass, Verdict::fail, Verdict::indeterminate, Verdict::not_measured, Verdict::none})
+    line += fmt::format("{} {}   ", symbol(verdict, style), name(verdict));
+  line.erase(line.find_last_not_of(' ') + 1);
+  return line + "\n";
+}
+
+std::string reason_text(std::uint16_t reason) {
+  if (reason == 0) return "";
+  if (reason >= kReasonItemBase) {
+    for (std::size_t i = 0; i < kItemCount; ++i) {
+      const ItemInfo& item = info(static_cast<ItemId>(i));
+      if (item.plc_bit == reason - kReasonItemBase) return fmt::format("{}: {}", reason, item.name);
+    }
+  }
+  const auto code = static_cast<Code>(reason);
+  return fmt::format("{}: {}; {}", reason, describe(code), cure(code));
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <cstdio>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/base.h"
+
+/// What people see in a terminal: verdicts as symbol and word (colour only adds to them), the table of a block's
+/// characteristics, and the map of a slab.
+namespace slabd::cli {
+
+struct Style {
+  bool colour = false;
+  bool unicode = false;
+};
+/// Colour on a terminal unless NO_COLOR is set or TERM is dumb; symbols beyond ASCII when the locale is UTF-8.
+[[nodiscard]] Style style_for(std::FILE* stream);
+
+/// One character: pass, fail, indeterminate, not measured, aborted, none.
+[[nodiscard]] std::string_view symbol(Verdict verdict, Style style);
+/// Symbol and word, coloured: "✓ pass".
+[[nodiscard]] std::string verdict_text(Verdict verdict, Style style);
+
+/// Rows of cells, padded by what a cell looks like and not by its bytes; the first row is the heading, columns after
+/// the first are right-aligned except where the heading ends with '<'.
+[[nodiscard]] std::string table(const std::vector<std::vector<std::string>>& rows);
+
+/// characteristic, nominal, limits, measured, deviation, U, verdict; items of several stations say so.
+[[nodiscard]] std::string item_table(std::span<const Item> items, Style style);
+
+/// The blocks as they lie on the slab, seen from above: row Y > 0 above row Y < 0, X to the right. `verdicts` holds
+/// one entry per station, [station - 1], an even number of them.
+[[nodiscard]] std::string slab_map(std::span<const Verdict> verdicts, Style style);
+/// The symbols of the map with their words, one line.
+[[nodiscard]] std::string map_legend(Style style);
+
+/// REASON for people: "605: casing_spacing" or "402: no supporting block was found in the scan; <cure>".
+[[nodiscard]] std::string reason_text(std::uint16_t reason);
+
+/// What scans of the blocks cannot show; every report says so.
+inline constexpr std::string_view kNotVisible =
+    "not visible to the block scans: length, width, thickness, bottom of the slab";
+
+}  // namespace slabd::cli

@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl show: one slab from the database: its map, the slab's items, and with --block one block's table.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <charconv>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "cli/command.h"
+#include "cli/database.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/render.h"
+
+namespace slabd::cli {
+namespace {
+
+using storage::SlabBlock;
+using storage::SlabRecord;
+
+struct Options {
+  DatabaseOptions database;
+  std::string slab;
+  int block = 0;
+  bool json = false;
+};
+
+/// The valid attempt of a station: its latest one; nullptr when there is none.
+const SlabBlock* latest(const SlabRecord& record, int station) {
+  const SlabBlock* found = nullptr;
+  for (const SlabBlock& block : record.blocks)
+    if (block.attempt.station == station) found = &block;
+  return found;
+}
+
+/// What the map shows: the final verdict once the slab has ended, the block's own before.
+Verdict shown_verdict(const SlabRecord& record, int station) {
+  const SlabBlock* block = latest(record, station);
+  if (block == nullptr) return Verdict::none;
+  if (block->final_verdict != Verdict::none) return block->final_verdict;
+  if (block->phase == StationPhase::failed) return Verdict::not_measured;
+  return block->phase == StationPhase::measured ? block->block.verdict : Verdict::none;
+}
+
+std::uint16_t shown_reason(const SlabBlock& block) {
+  if (block.final_verdict != Verdict::none) return block.final_reason;
+  return block.phase == StationPhase::failed ? block.code : block.block.reason;
+}
+
+void write_attempt(Json& json, const SlabRecord& record, const SlabBlock& block) {
+  json.begin_object();
+  json.field("station", unsigned{block.attempt.station}).field("attempt", unsigned{block.attempt.number});
+  json.field("valid", latest(record, block.attempt.station) == &block);
+  json.field("final_verdict", name(block.final_verdict)).field("final_reason", block.final_reason);
+  json.field("code", block.code);
+  json.field("scan_path", block.attempt.scan_path.view()).field("points", block.attempt.shape.points);
+  write_time(json, "scanned", block.attempt.scan_utime_us);
+  json.field("settle_ms", block.attempt.settle_ms).field("acquire_ms", block.attempt.acquire_ms);
+  write_pose(json, "T_base_flange", block.attempt.T_base_flange);
+  json.field("pose_samples", block.attempt.pose_samples).field("pose_spread_mm", block.attempt.pose_spread_mm);
+  if (block.phase == StationPhase::measured) {
+    json.key("result").begin_object();
+    write_block(json, block.block);
+    json.end_object();
+  }
+  json.end_object();
+}
+
+std::string as_json(const SlabRecord& record, int only_block) {
+  const SlabHeader& header = record.summary.header;
+  Json json;
+  json.begin_object();
+  json.field("schema", "slabd.slab/1").field("key", header.key).field("slab_id", header.slab_id.view());
+  json.field("slab_no", header.slab_no).field("slab_type", header.slab_type);
+  json.field("verdict", name(record.summary.verdict)).field("reason", record.summary.reason);
+  write_time(json, "began", header.began_utime_us);
+  write_time(json, "ended", record.summary.ended_utime_us);
+  json.field("acknowledged", record.summary.acknowledged).field("recipe", header.recipe.view());
+  json.field("recipe_sha256", header.recipe_sha256.view()).field("calibration_id", header.calibration_id.view());
+  json.field("software", header.software.view()).field("stations", unsigned{header.stations});
+  json.field("stations_measured", record.summary.stations_measured);
+
+  const SlabFitReport& fit = record.slab.fit;
+  json.key("slab_fit").begin_object();
+  json.field("ok", fit.ok).field("seats", unsigned{fit.seats}).field("iterations", fit.iterations);
+  json.field("rms_mm", fit.rms_mm).field("plain_rms_mm", fit.plain_rms_mm).field("note", fit.note.view());
+  write_pose(json, "T_base_slab", fit.T_base_slab);
+  json.end_object();
+
+  json.key("items").begin_array();
+  for (const Item& item : record.slab.items) write_item(json, item);
+  json.end_array();
+  json.key("blocks").begin_array();
+  for (const SlabBlock& block : record.blocks)
+    if (only_block == 0 || block.attempt.station == only_block) write_attempt(json, record, block);
+  json.end_array();
+  json.field("not_visible", kNotVisible);
+  json.end_object();
+  return json.text();
+}
+
+void print_header(const SlabRecord& record, Style style) {
+  const SlabHeader& header = record.summary.header;
+  const bool open = record.summary.ended_utime_us == 0;
+  fmt::print("slab {} \"{}\"  key {}  type {}\n", header.slab_no, header.slab_id.view(), header.key, header.slab_type);
+  fmt::print("began {}  ended {}\n", iso_time(header.began_utime_us),
+             open ? "- (still open)" : iso_time(record.summary.ended_utime_us));
+  if (!open)
+    fmt::print("verdict {}  {}\n", verdict_text(record.summary.verdict, style), reason_text(record.summary.reason));
+  fmt::print("recipe {} ({:.12})  calibration {}  {}\n\n", header.recipe.view(), header.recipe_sha256.view(),
+             header.calibration_id.view(), header.software.view());
+}
+
+void print_map(const SlabRecord& record, Style style) {
+  std::vector<Verdict> verdicts;
+  for (int station = 1; station <= record.summary.header.stations; ++station)
+    verdicts.push_back(shown_verdict(record, station));
+  fmt::print("{}{}\n", slab_map(verdicts, style), map_legend(style));
+}
+
+void print_blocks(const SlabRecord& record, Style style) {
+  std::vector<std::vector<std::string>> rows = {
+      {"block", "attempts", "acquire s", "measure s", "verdict<", "reason<", "scan<"}};
+  for (int station = 1; station <= record.summary.header.stations; ++station) {
+    const SlabBlock* block = latest(record, station);
+    if (block == nullptr) {
+      rows.push_back({std::to_string(station), "0", "-", "-", verdict_text(Verdict::none, style), "", ""});
+      continue;
+    }
+    const bool measured = block->phase == StationPhase::measured;
+    rows.push_back({std::to_string(station), std::to_string(block->attempt.number),
+                    fmt::format("{:.2f}", block->attempt.acquire_ms / 1e3),
+                    measured ? fmt::format("{:.2f}", block->block.times.total_ms / 1e3) : "-",
+                    verdict_text(shown_verdict(record, station), style), reason_text(shown_reason(*block)),
+                    std::string(block->attempt.scan_path.view())});
+  }
+  fmt::print("{}\n", table(rows));
+}
+
+void print_slab_items(const SlabRecord& record, Style style) {
+  if (record.slab.items.empty()) {
+    fmt::print("slab items: none before SLAB_END\n");
+    return;
+  }
+  const SlabFitReport& fit = record.slab.fit;
+  if (fit.ok) {
+    fmt::print("slab fit over {} seats: rms {:.3f} mm, unweighted {:.3f} mm\n", fit.seats, fit.rms_mm,
+               fit.plain_rms_mm);
+  } else {
+    fmt::print("slab fit: not possible ({})\n", fit.note.view());
+  }
+  fmt::print("{}", item_table(std::span<const Item>(record.slab.items.begin(), record.slab.items.size()), style));
+}
+
+int print_block(const SlabRecord& record, int station, Style style) {
+  const SlabBlock* block = latest(record, station);
+  if (block == nullptr) {
+    fmt::print("block {} was not scanned\n", station);
+    return kDone;
+  }
+  fmt::print("block {}, attempt {}, scanned {}, session {} command {}\n", station, block->attempt.number,
+             iso_time(block->attempt.scan_utime_us), block->attempt.session, block->attempt.cmd_seq);
+  fmt::print("scan {}\n", block->attempt.scan_path.view());
+  fmt::print("pose: {} samples, spread {:.4f} mm; settled after {:.2f} s, acquired after {:.2f} s\n",
+             block->attempt.pose_samples, block->attempt.pose_spread_mm, block->attempt.settle_ms / 1e3,
+             block->attempt.acquire_ms / 1e3);
+  if (block->phase != StationPhase::measured) {
+    fmt::print("not measured  {}\n", reason_text(block->code));
+    return kDone;
+  }
+  const BlockResult& result = block->block;
+  fmt::print("registration {} after {} iterations, deviation {:.3f} +- {:.3f} mm over {} points\n",
+             name(result.registration.status), result.registration.iterations, result.registration.deviation.mean_mm,
+             result.registration.deviation.std_mm, result.registration.deviation.count);
+  const Vec3& normal = result.seat.normal_datum;
+  fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f})\n\n", normal.x(), normal.y(), normal.z());
+  std::vector<Item> items(result.items.begin(), result.items.end());
+  // What the slab's frame says about this block stands beside what the block says about itself.
+  for (const Item& item : record.slab.items)
+    if (item.station == station || item.station_to == station) items.push_back(item);
+  fmt::print("{}\nblock {}: {}  {}\n", item_table(items, style), station,
+             verdict_text(shown_verdict(record, station), style), reason_text(shown_reason(*block)));
+  fmt::print("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", result.times.total_ms,
+             result.times.read_ms, result.times.denoise_ms, result.times.register_ms, result.times.extract_ms);
+  return kDone;
+}
+
+/// A number is a key; anything else, and a number that is no key, is a SLAB_ID.
+Result<std::optional<SlabRecord>> find_slab(storage::Reader& reader, const std::string& wanted) {
+  std::int64_t key = 0;
+  const auto [stop, fault] = std::from_chars(wanted.data(), wanted.data() + wanted.size(), key);
+  if (fault == std::errc{} && stop == wanted.data() + wanted.size()) {
+    auto by_key = reader.slab(key);
+    if (!by_key || by_key.value().has_value()) return by_key;
+  }
+  const auto by_id = reader.find(wanted);
+  if (!by_id) return by_id.error();
+  if (!by_id.value()) return std::optional<SlabRecord>{};
+  return reader.slab(*by_id.value());
+}
+
+int show(const Options& options) {
+  int exit_status = kDone;
+  const auto reader = open_database(options.database, exit_status);
+  if (reader == nullptr) return exit_status;
+  const auto found = find_slab(*reader, options.slab);
+  if (!found) {
+    complain("{}", found.error().text.view());
+    return kNotReachable;
+  }
+  if (!found.value()) {
+    complain("no slab with key or id '{}'; `slabctl history` lists them", options.slab);
+    return kBadInput;
+  }
+  const SlabRecord& record = *found.value();
+  if (options.block < 0 || options.block > record.summary.header.stations) {
+    complain("--block {}: this slab has blocks 1..{}", options.block, record.summary.header.stations);
+    return kUsage;
+  }
+  if (options.json) {
+    fmt::print("{}", as_json(record, options.block));
+    return kDone;
+  }
+  const Style style = style_for(stdout);
+  print_header(record, style);
+  print_map(record, style);
+  if (options.block != 0) return print_block(record, options.block, style);
+  print_blocks(record, style);
+  print_slab_items(record, style);
+  fmt::print("{}\n", kNotVisible);
+  return kDone;
+}
+
+}  // namespace
+
+void add_show(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand("show", "One slab: map, items, scans; with --block one block's table");
+  command->footer("\nExamples: slabctl show 12\n          slabctl show SLAB-0042 --block 7 --json");
+  command->add_option("SLAB", options->slab, "Key (see history) or slab id; the newest slab with that id")->required();
+  command->add_option("--block", options->block, "Show this block's characteristics")->check(CLI::Range(1, 18));
+  options->database.add_to(*command);
+  command->add_flag("--json", options->json, "Print slabd.slab/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = show(*options); });
+}
+
+}  // namespace slabd::cli

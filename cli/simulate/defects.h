@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "base/base.h"
+
+/// Planted faults, `name=K:VALUE` on the command line: block K is cast, placed or scanned wrongly by a known amount.
+namespace slabd::simulate {
+
+enum class DefectKind : std::uint8_t {
+  slope,
+  jaw_angle_inner,
+  jaw_angle_outer,
+  jaw_distance,
+  protrusion_inner,
+  protrusion_outer,
+  casing_spacing,
+  bump,
+  missing,
+  outliers,
+  noise,
+  robot,
+  along,
+  lateral,
+  vertical,
+};
+
+struct Defect {
+  DefectKind kind{};
+  int station = 0;
+  double value = 0.0;  ///< as written: mm, deg, a share, or n of 1:n
+};
+
+/// Parses one `--defect`. config: the text names the option, what was expected and the allowed range.
+[[nodiscard]] Result<Defect> parse_defect(std::string_view text);
+
+/// Every kind with its unit, range and meaning, one per line, for the help.
+[[nodiscard]] std::string defect_help();
+
+}  // namespace slabd::simulate

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "base/base.h"
+
+/// The robot's half of the line: a thread that publishes FLANGE_POSE over LCM as a KUKA bridge does, whether the arm
+/// moves or stands. While it moves the "stopped" flag is clear; standing, the measured pose trembles by a few
+/// micrometres, as encoders do.
+namespace slabd::simulate {
+
+struct RobotTraits {
+  std::string lcm_url;
+  std::string channel;
+  double rate_hz = 125.0;
+  double move_s = 0.3;       ///< from one station to the next
+  double tremor_mm = 0.002;  ///< standard deviation per axis while standing
+  std::int16_t base_id = 0;
+  std::int16_t tool_id = 0;
+  std::uint64_t seed = 1;
+};
+
+class RobotPeer {
+ public:
+  /// Opens LCM and starts to publish `T_base_flange`, standing. no_pose with the cure when there is no multicast route.
+  [[nodiscard]] static Result<std::unique_ptr<RobotPeer>> start(const RobotTraits& traits, const Pose& T_base_flange);
+  ~RobotPeer();
+  RobotPeer(const RobotPeer&) = delete;
+  RobotPeer& operator=(const RobotPeer&) = delete;
+
+  /// Begins the motion; returns at once. A second call before the end starts from wherever the arm is.
+  void move_to(const Pose& T_base_flange);
+  [[nodiscard]] bool standing() const;
+
+ private:
+  struct Impl;
+  explicit RobotPeer(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace slabd::simulate

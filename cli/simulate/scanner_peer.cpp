@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/simulate/scanner_peer.h"
+
+#include <fmt/core.h>
+#include <unistd.h>
+
+#include <array>
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <thread>
+#include <vector>
+
+namespace slabd::simulate {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+
+constexpr auto kWatchPeriod = 5ms;
+
+struct Job {
+  const Recipe* recipe = nullptr;
+  const SlabTruth* slab = nullptr;
+  const Cell* cell = nullptr;
+  std::uint64_t slab_count = 0;  ///< tells one slab's drawings from the next one's
+  int station = 0;
+  int next_station = 0;
+};
+
+double per_mm(hal::LengthUnit unit) {
+  switch (unit) {
+    case hal::LengthUnit::mm: return 1.0;
+    case hal::LengthUnit::m: return 1e-3;
+    case hal::LengthUnit::um: return 1e3;
+  }
+  return 1.0;
+}
+
+}  // namespace
+
+struct ScannerPeer::Impl {
+  ScannerPeerTraits traits;
+  fs::path request_dir;
+  fs::path inbox_dir;
+  fs::path part_path;
+
+  mutable std::mutex mutex;  // guards job, delivered, trouble
+  Job job;
+  std::uint64_t delivered = 0;
+  std::string trouble;
+
+  // The thread's own.
+  std::vector<float> xyz;
+  std::array<std::uint64_t, limits::kStationsMax + 1> scans{};  ///< drawn so far of each station
+  std::uint64_t drawn_slab = 0;
+  int drawn_station = 0;  ///< of drawn_slab: whose scan lies in part_path; 0 = nobody's
+  std::set<std::string> answered;
+
+  std::jthread thread;  // last: joined before the rest goes
+
+  ~Impl() {
+    thread.request_stop();
+    if (thread.joinable()) thread.join();
+    std::error_code ignored;
+    fs::remove(part_path, ignored);
+  }
+
+  void complain(const std::string& text) {
+    const std::lock_guard lock(mutex);
+    trouble = text;
+  }
+
+  /// Draws and writes `station` to part_path.
+  bool draw(const Job& now, int station) {
+    drawn_station = 0;
+    if (drawn_slab != now.slab_count) scans.fill(0);
+    drawn_slab = now.slab_count;
+    if (now.slab == nullptr || station < 1 || station > now.slab->stations) return false;
+    const StationTruth& truth = now.slab->at(station);
+    auto surface = BlockSurface::make(*now.recipe, truth.block, T_scanner_block(*now.slab, *now.cell, station));
+    if (!surface) {
+      complain(surface.error().text.c_str());
+      return false;
+    }
+    ScannerTraits scanner = traits.scanner;
+    scanner.noise_mm = truth.noise_mm;
+    scanner.outlier_share = truth.outlier_share;
+    const auto k = static_cast<std::size_t>(station);
+    const std::uint64_t seed = derived_seed(now.slab->scan_seed, k, ++scans[k]);
+    const DrawnScan drawn = draw_scan(surface.value(), scanner, seed, xyz);
+    if (const auto scale = static_cast<float>(per_mm(traits.unit)); traits.unit != hal::LengthUnit::mm)
+      for (float& v : xyz) v *= scale;
+    if (const Status written = hal::write_ply(part_path.c_str(), xyz, drawn.width, drawn.height); !written) {
+      complain(written.error().text.c_str());
+      return false;
+    }
+    drawn_station = station;
+    return true;
+  }
+
+  /// "<session>-<seq>" of an unanswered request, or empty.
+  std::string pending_request() {
+    std::error_code fault;
+    for (const fs::directory_entry& entry : fs::directory_iterator(request_dir, fault)) {
+      if (entry.path().extension() != ".json") continue;
+      const std::string name = entry.path().stem();
+      if (answered.contains(name)) continue;
+      std::ifstream file(entry.path());
+      const auto request = nlohmann::json::parse(file, nullptr, false);
+      if (request.is_discarded() || request.value("schema", "") != "slabd.scan_request/1") {
+        complain(fmt::format("{}: not a slabd.scan_request/1", entry.path().string()));
+        answered.insert(name);
+        continue;
+      }
+      return name;
+    }
+    return {};
+  }
+
+  void answer(const std::string& name, const Job& now) {
+    answered.insert(name);
+    const bool ready = drawn_station == now.station && drawn_slab == now.slab_count;
+    if (!ready && !draw(now, now.station)) return;
+    drawn_station = 0;
+    std::error_code fault;
+    fs::rename(part_path, inbox_dir / (name + ".ply"), fault);
+    if (fault) {
+      complain(fmt::format("cannot move a scan into {}: {}", inbox_dir.string(), fault.message()));
+      return;
+    }
+    const std::lock_guard lock(mutex);
+    ++delivered;
+  }
+
+  void watch_until(const std::stop_token& stop) {
+    while (!stop.stop_requested()) {
+      Job now;
+      {
+        const std::lock_guard lock(mutex);
+        now = job;
+      }
+      if (const std::string name = pending_request(); !name.empty() && now.slab != nullptr && now.station != 0) {
+        answer(name, now);
+      } else if (const int ahead = wanted(now); ahead != 0) {
+        draw(now, ahead);
+      } else {
+        std::this_thread::sleep_for(kWatchPeriod);
+      }
+    }
+  }
+
+  /// The station to draw ahead: the one before the scanner until its scan is delivered, then the next.
+  [[nodiscard]] int wanted(const Job& now) const {
+    if (now.slab == nullptr) return 0;
+    const int ahead = now.next_station;
+    if (ahead == 0 || (drawn_station == ahead && drawn_slab == now.slab_count)) return 0;
+    if (drawn_station == now.station && drawn_slab == now.slab_count) return 0;
+    return ahead;
+  }
+};
+
+ScannerPeer::ScannerPeer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+ScannerPeer::~ScannerPeer() = default;
+
+Result<std::unique_ptr<ScannerPeer>> ScannerPeer::start(const ScannerPeerTraits& traits) {
+  auto impl = std::make_unique<Impl>();
+  impl->traits = traits;
+  impl->request_dir = fs::path(traits.drop_dir) / "request";
+  impl->inbox_dir = fs::path(traits.drop_dir) / "inbox";
+  impl->part_path = fs::path(traits.drop_dir) / fmt::format("emulated-scan-{}.part", ::getpid());
+  std::error_code fault;
+  if (!fs::is_directory(impl->request_dir, fault) || !fs::is_directory(impl->inbox_dir, fault))
+    return error(Code::scanner_offline, "%s has no request/ and inbox/: start slabd first, it makes them",
+                 traits.drop_dir.c_str());
+  if (::access(impl->inbox_dir.c_str(), W_OK | X_OK) != 0 || ::access(traits.drop_dir.c_str(), W_OK | X_OK) != 0)
+    return error(Code::scanner_offline, "%s cannot be written by this user: run as a member of the daemon's group",
+                 traits.drop_dir.c_str());
+  // A request older than this scanner was meant for its predecessor.
+  for (const fs::directory_entry& entry : fs::directory_iterator(impl->request_dir, fault))
+    impl->answered.insert(entry.path().stem());
+  Impl* raw = impl.get();
+  impl->thread = std::jthread([raw](const std::stop_token& stop) { raw->watch_until(stop); });
+  return std::unique_ptr<ScannerPeer>(new ScannerPeer(std::move(impl)));
+}
+
+void ScannerPeer::look_at(const Recipe& recipe, const SlabTruth& slab, const Cell& cell) {
+  const std::lock_guard lock(impl_->mutex);
+  impl_->job = {&recipe, &slab, &cell, impl_->job.slab_count + 1, 0, 0};
+}
+
+void ScannerPeer::stand_over(int station, int next_station) {
+  const std::lock_guard lock(impl_->mutex);
+  impl_->job.station = station;
+  impl_->job.next_station = next_station;
+}
+
+std::uint64_t ScannerPeer::delivered() const {
+  const std::lock_guard lock(impl_->mutex);
+  return impl_->delivered;
+}
+
+std::string ScannerPeer::trouble() const {
+  const std::lock_guard lock(impl_->mutex);
+  return impl_->trouble;
+}
+
+}  // namespace slabd::simulate

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "base/base.h"
+#include "cli/simulate/slab_scene.h"
+#include "hal/hal.h"
+
+/// The scanner's half of the line: a thread that watches request/ of the drop directory and answers each request with
+/// a scan of what stands before the scanner then, as inbox/<session>-<seq>.ply, by rename.
+///
+/// A scan takes longer to write than to draw, so the next station's scan is drawn and written ahead, beside the inbox,
+/// while the daemon measures; answering is then one rename. A request for which nothing fits is drawn on the spot.
+namespace slabd::simulate {
+
+struct ScannerPeerTraits {
+  std::string drop_dir;
+  hal::LengthUnit unit = hal::LengthUnit::mm;
+  ScannerTraits scanner;
+};
+
+class ScannerPeer {
+ public:
+  /// scanner_offline when the drop directory has no request/ and inbox/ that can be used (the daemon makes them).
+  [[nodiscard]] static Result<std::unique_ptr<ScannerPeer>> start(const ScannerPeerTraits& traits);
+  ~ScannerPeer();
+  ScannerPeer(const ScannerPeer&) = delete;
+  ScannerPeer& operator=(const ScannerPeer&) = delete;
+
+  /// What lies in the cell from now on; all three must outlive the peer or the next call.
+  void look_at(const Recipe& recipe, const SlabTruth& slab, const Cell& cell);
+  /// Which block is before the scanner, and which will be next (0 = none, nothing is drawn ahead).
+  void stand_over(int station, int next_station);
+
+  [[nodiscard]] std::uint64_t delivered() const;
+  /// The last thing that went wrong; empty while all is well.
+  [[nodiscard]] std::string trouble() const;
+
+ private:
+  struct Impl;
+  explicit ScannerPeer(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace slabd::simulate

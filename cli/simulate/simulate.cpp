@@ -1,0 +1,307 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl simulate: PLC, robot and scanner of the line, as peers of a running daemon over the real protocols.
+#include <unistd.h>
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <memory>
+
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/simulate/line_run.h"
+#include "cli/simulate/simulate_report.h"
+#include "cli/simulate/simulate_scan.h"
+
+namespace slabd::simulate {
+namespace {
+
+struct Options {
+  std::string config;
+  std::uint32_t slab_no = 1;
+  std::string slab_id;
+  std::uint16_t type = 5600;
+  int slabs = 1;
+  std::vector<std::string> defects;
+  SlabVariation variation;
+  ScannerOptions scanner;
+  double robot_rate_hz = 125.0;
+  double move_s = 0.3;
+  int scans_per_station = 3;
+  bool json = false;
+};
+
+std::atomic<bool> stop_requested{false};
+
+void on_signal(int) {
+  stop_requested = true;
+}
+
+/// Ctrl-C ends the run between two PLC cycles; a second one kills.
+void catch_signals() {
+  struct sigaction action = {};
+  action.sa_handler = on_signal;
+  action.sa_flags = static_cast<int>(SA_RESETHAND);
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+}
+
+/// One line on a terminal, rewritten in place; nothing elsewhere.
+class Progress {
+ public:
+  Progress(int stations, std::uint32_t slab_no)
+      : stations_(stations), slab_no_(slab_no), shown_(isatty(STDERR_FILENO) != 0) {}
+  ~Progress() {
+    if (shown_) fmt::print(stderr, "\r\x1b[K");
+  }
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  void operator()(int station, std::string_view doing) const {
+    if (!shown_) return;
+    const auto filled = static_cast<std::size_t>(24 * station / std::max(1, stations_));
+    fmt::print(stderr, "\r\x1b[Kslab {} [{}{}] {}/{} {}", slab_no_, std::string(filled, '#'),
+               std::string(24 - filled, '.'), station, stations_, doing);
+    std::fflush(stderr);
+  }
+
+ private:
+  int stations_;
+  std::uint32_t slab_no_;
+  bool shown_;
+};
+
+/// "0.0.0.0" is where a server listens, not where a client connects.
+std::string connect_host(const hal::PlcServerSettings& plc) {
+  const std::string_view host = plc.host.view();
+  return host.empty() || host == "0.0.0.0" ? "127.0.0.1" : std::string(host);
+}
+
+PlcTraits plc_traits(const daemon::Config& config) {
+  PlcTraits traits;
+  traits.host = connect_host(config.plc);
+  traits.port = config.plc.port;
+  traits.unit_id = config.plc.unit_id;
+  traits.word_order = config.plc.word_order;
+  return traits;
+}
+
+RobotTraits robot_traits(const daemon::Config& config, const Options& options) {
+  RobotTraits traits;
+  traits.lcm_url = config.robot.url.view();
+  traits.channel = config.robot.channel.view();
+  traits.rate_hz = options.robot_rate_hz;
+  traits.move_s = options.move_s;
+  traits.base_id = config.pose.base_id;
+  traits.tool_id = config.pose.tool_id;
+  traits.seed = derived_seed(options.variation.seed, 6, 0);
+  return traits;
+}
+
+ScannerPeerTraits scanner_traits(const daemon::Config& config, const Options& options) {
+  return {config.scanner.drop_dir.c_str(), config.scanner.unit, options.scanner.traits()};
+}
+
+/// The recipe that the daemon will use for this slab type; faulty other recipes are the daemon's affair.
+bool find_recipe(const daemon::Config& config, std::uint16_t slab_type, Recipe& recipe) {
+  std::vector<Recipe> recipes;
+  std::vector<daemon::Problem> problems;
+  daemon::load_recipes(config.recipes_dir, recipes, problems);
+  for (const Recipe& candidate : recipes) {
+    if (candidate.slab_type != slab_type) continue;
+    recipe = candidate;
+    return true;
+  }
+  std::ignore = cli::report_problems(problems);
+  cli::complain("--type {}: {} has no usable recipe for this slab type", slab_type, config.recipes_dir);
+  return false;
+}
+
+std::string id_of(const Options& options, int index) {
+  const std::uint32_t slab_no = options.slab_no + static_cast<std::uint32_t>(index);
+  if (options.slab_id.empty()) return fmt::format("SIM-{}", slab_no);
+  return options.slabs == 1 ? options.slab_id : fmt::format("{}-{}", options.slab_id, index + 1);
+}
+
+std::optional<storage::SlabRecord> read_back(const std::string& db_path, const SlabOrder& order) {
+  const auto reader = storage::open_reader(db_path);
+  if (!reader) return std::nullopt;
+  const auto key = reader.value()->find(order.slab_id);
+  if (!key || !key.value()) return std::nullopt;
+  auto record = reader.value()->slab(*key.value());
+  if (!record || !record.value() || record.value()->summary.header.slab_no != order.slab_no) return std::nullopt;
+  return std::move(record.value());
+}
+
+int exit_of(const std::vector<SlabOutcome>& outcomes) {
+  for (const SlabOutcome& outcome : outcomes) {
+    const SlabRun& run = outcome.run;
+    if (run.finished || run.trouble.interrupted) continue;
+    // The daemon refused (a code) or could not be talked to any more.
+    return run.trouble.code == Code::ok ? cli::kNotReachable : cli::exit_for(run.trouble.code);
+  }
+  const bool all_pass = std::all_of(outcomes.begin(), outcomes.end(), [](const SlabOutcome& outcome) {
+    return outcome.run.finished && outcome.run.verdict == Verdict::pass;
+  });
+  return all_pass && !outcomes.empty() ? cli::kDone : cli::kNotPass;
+}
+
+template <typename Peer>
+bool started(const Result<Peer>& peer, int& exit_status) {
+  if (peer) return true;
+  cli::complain("{}", peer.error().text.view());
+  exit_status = peer.error().code == Code::config ? cli::kBadInput : cli::kNotReachable;
+  return false;
+}
+
+/// The three peers are there: run the slabs.
+std::vector<SlabOutcome> run_line(const Options& options, const daemon::Config& config, const Recipe& recipe,
+                                  const Cell& cell, std::vector<SlabTruth> truths, PlcPeer& plc, RobotPeer& robot,
+                                  ScannerPeer& scanner) {
+  std::vector<SlabOutcome> outcomes;
+  outcomes.reserve(truths.size());
+  for (int i = 0; i < options.slabs && !stop_requested; ++i) {
+    SlabOutcome& outcome = outcomes.emplace_back();
+    outcome.truth = truths[static_cast<std::size_t>(i)];
+    const SlabOrder order{options.slab_no + static_cast<std::uint32_t>(i), id_of(options, i), options.type};
+    {
+      const Progress progress(recipe.stations(), order.slab_no);
+      const Line line{plc,
+                      robot,
+                      scanner,
+                      recipe,
+                      cell,
+                      options.scans_per_station,
+                      plc_traits(config),
+                      [&](int station, std::string_view doing) { progress(station, doing); }};
+      outcome.run = run_slab(line, order, outcome.truth);
+    }
+    if (const std::string trouble = scanner.trouble(); !trouble.empty()) cli::complain("scanner: {}", trouble);
+    outcome.stored = read_back(config.storage.db_path, order);
+    if (!outcome.run.finished) break;
+  }
+  return outcomes;
+}
+
+/// Casts all slabs before anything moves, so that a wrong option is found first.
+Result<std::vector<SlabTruth>> cast_slabs(const Options& options, const Recipe& recipe, const Cell& cell,
+                                          const std::vector<Defect>& defects) {
+  std::vector<SlabTruth> truths;
+  for (int i = 0; i < options.slabs; ++i) {
+    SlabVariation variation = options.variation;
+    variation.slab_no = options.slab_no + static_cast<std::uint32_t>(i);
+    const Result<SlabTruth> truth = cast_slab(recipe, cell, variation, defects);
+    if (!truth) return truth.error();
+    truths.push_back(truth.value());
+  }
+  return truths;
+}
+
+int simulate(const Options& options) {
+  RunFacts facts;
+  facts.config = options.config;
+  facts.seed = options.variation.seed;
+  facts.defect_texts = options.defects;
+  for (const std::string& text : options.defects) {
+    const Result<Defect> defect = parse_defect(text);
+    if (!defect) {
+      cli::complain("{}", defect.error().text.view());
+      return cli::kUsage;
+    }
+    facts.defects.push_back(defect.value());
+  }
+  for (int i = 0; i < options.slabs; ++i) {
+    if (id_of(options, i).size() <= limits::kSlabIdBytes) continue;
+    cli::complain("--slab-id: '{}' has more than {} characters", id_of(options, i), limits::kSlabIdBytes);
+    return cli::kUsage;
+  }
+  daemon::Config config;
+  Recipe recipe;
+  if (!cli::config_from(options.config, config) || !find_recipe(config, options.type, recipe)) return cli::kBadInput;
+  const Cell cell{config.T_base_slab, config.calibration.T_flange_scanner};
+  const Result<std::vector<SlabTruth>> truths = cast_slabs(options, recipe, cell, facts.defects);
+  if (!truths) {
+    cli::complain("{}", truths.error().text.view());
+    return cli::kUsage;
+  }
+
+  catch_signals();
+  int exit_status = cli::kDone;
+  const auto robot = RobotPeer::start(robot_traits(config, options), truths.value()[0].at(1).T_base_flange_reported);
+  if (!started(robot, exit_status)) return exit_status;
+  const auto plc = PlcPeer::connect(plc_traits(config), stop_requested);
+  if (!started(plc, exit_status)) return exit_status;
+  const auto scanner = ScannerPeer::start(scanner_traits(config, options));
+  if (!started(scanner, exit_status)) return exit_status;
+  facts.peer = plc.value()->peer_name();
+
+  const std::vector<SlabOutcome> outcomes =
+      run_line(options, config, recipe, cell, truths.value(), *plc.value(), *robot.value(), *scanner.value());
+  plc.value()->disable();
+  if (options.json) {
+    fmt::print("{}", simulation_json(recipe, facts, outcomes));
+  } else {
+    for (const SlabOutcome& outcome : outcomes) print_outcome(recipe, facts, outcome);
+  }
+  for (const SlabOutcome& outcome : outcomes)
+    if (!outcome.run.finished) cli::complain("slab {}: {}", outcome.run.order.slab_no, outcome.run.trouble.text);
+  return exit_of(outcomes);
+}
+
+}  // namespace
+}  // namespace slabd::simulate
+
+namespace slabd::cli {
+
+void add_simulate(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<simulate::Options>();
+  CLI::App* command = app.add_subcommand(
+      "simulate", "Be the rest of the line for a running daemon: PLC, robot and scanner, with known truth");
+  command->footer("\nDefects (K = block)\n" + simulate::defect_help() +
+                  "\nExamples: slabctl simulate --config slabd.toml --slab-no 7 --slab-id S-0007\n"
+                  "          slabctl simulate --config slabd.toml --points quarter --defect slope=4:1/36 --json\n"
+                  "Exit status: 0 every slab passed, 1 not, 4 daemon or network not reachable.");
+  command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command->add_option("--slab-no", options->slab_no, "SLAB_NO of the first slab; the following count up")
+      ->capture_default_str();
+  command->add_option("--slab-id", options->slab_id, "SLAB_ID, at most 32 characters (default SIM-<number>)");
+  command->add_option("--type", options->type, "SLAB_TYPE")->capture_default_str();
+  command->add_option("--slabs", options->slabs, "How many slabs")
+      ->check(CLI::Range(1, 100'000))
+      ->capture_default_str();
+  command->add_option("--defect", options->defects, "Planted defect name=K:VALUE, repeatable; on every slab")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
+  simulate::SlabVariation& variation = options->variation;
+  command->add_option("--seed", variation.seed, "Decides everything random")->capture_default_str();
+  command->add_option("--casting", variation.casting, "Scatter of the blocks, 1 = a good casting, 0 = as drawn")
+      ->check(CLI::Range(0.0, 10.0))
+      ->capture_default_str();
+  command->add_option("--placement-mm", variation.placement_mm, "How far the slab lies off [cell], up to +- this")
+      ->check(CLI::Range(0.0, 50.0))
+      ->capture_default_str();
+  command->add_option("--placement-deg", variation.placement_deg, "How far it is turned, up to +- this")
+      ->check(CLI::Range(0.0, 2.0))
+      ->capture_default_str();
+  command->add_option("--robot-mm", variation.robot_mm, "Error of the reported flange position, smooth over the cell")
+      ->check(CLI::Range(0.0, 10.0))
+      ->capture_default_str();
+  command->add_option("--robot-rate-hz", options->robot_rate_hz, "Poses per second")
+      ->check(CLI::Range(10.0, 500.0))
+      ->capture_default_str();
+  command->add_option("--move-s", options->move_s, "Time from one block to the next")
+      ->check(CLI::Range(0.0, 60.0))
+      ->capture_default_str();
+  command->add_option("--scans-per-block", options->scans_per_station, "SCAN attempts before a block is left out")
+      ->check(CLI::Range(1, 20))
+      ->capture_default_str();
+  options->scanner.add_to(*command);
+  command->add_flag("--json", options->json, "Print slabd.simulation/1 on stdout");
+  command->require_subcommand(0, 1);
+  simulate::add_simulate_scan(*command, exit_status);
+  command->callback([command, options, &exit_status] {
+    if (command->get_subcommands().empty()) exit_status = simulate::simulate(*options);
+  });
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/simulate/simulate_report.h"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+
+#include "cli/json.h"
+#include "cli/render.h"
+
+namespace slabd::simulate {
+namespace {
+
+using cli::Json;
+
+/// Block items whose truth the scene knows, with their places among a station record's deviations (IR 42..50);
+/// flatness has a register of its own.
+struct Compared {
+  ItemId id;
+  int deviation_index;
+  const char* heading;
+};
+constexpr std::array kCompared = {
+    Compared{ItemId::seat_slope, 0, "slope"},
+    Compared{ItemId::seat_flatness, -1, "flatness"},
+    Compared{ItemId::jaw_angle_inner, 1, "jaw in"},
+    Compared{ItemId::jaw_angle_outer, 2, "jaw out"},
+    Compared{ItemId::jaw_distance, 3, "jaw dist"},
+    Compared{ItemId::casing_spacing, 4, "spacing"},
+    Compared{ItemId::casing_protrusion_inner, 5, "protr in"},
+    Compared{ItemId::casing_protrusion_outer, 6, "protr out"},
+};
+
+const storage::SlabBlock* stored_block(const SlabOutcome& outcome, int station) {
+  const storage::SlabBlock* found = nullptr;
+  if (!outcome.stored) return found;
+  for (const storage::SlabBlock& block : outcome.stored->blocks)
+    if (block.attempt.station == station && block.phase == StationPhase::measured) found = &block;
+  return found;
+}
+
+const StationRun& run_of(const SlabOutcome& outcome, int station) {
+  return outcome.run.station[static_cast<std::size_t>(station - 1)];
+}
+
+std::vector<Verdict> table_verdicts(const SlabOutcome& outcome) {
+  std::vector<Verdict> verdicts;
+  for (int k = 0; k < outcome.truth.stations; ++k)
+    verdicts.push_back(outcome.run.table[static_cast<std::size_t>(k)].verdict);
+  return verdicts;
+}
+
+std::string seconds(double s) {
+  return s < 0.0 ? "-" : fmt::format("{:.2f}", s);
+}
+
+/// Measured minus planted in um or millidegrees: what the measurement is wrong by.
+std::string error_text(double measured, double planted) {
+  if (!has_value(measured) || !has_value(planted)) return "-";
+  return fmt::format("{:+.0f}", 1e3 * (measured - planted));
+}
+
+void print_stations(const Recipe& recipe, const SlabOutcome& outcome, cli::Style style) {
+  std::vector<std::string> heading = {"block", "scans", "acquire s", "result s"};
+  for (const Compared& item : kCompared) heading.emplace_back(item.heading);
+  heading.emplace_back("verdict<");
+  heading.emplace_back("reason<");
+  std::vector<std::vector<std::string>> rows = {heading};
+  for (int k = 1; k <= outcome.truth.stations; ++k) {
+    const StationRun& run = run_of(outcome, k);
+    std::vector<std::string> row = {std::to_string(k), std::to_string(run.scans), seconds(run.trigger_to_acquired_s),
+                                    seconds(run.acquired_to_result_s)};
+    for (const Compared& item : kCompared)
+      row.push_back(
+          error_text(measured_value(recipe, outcome, k, item.id), true_value(recipe, outcome.truth.at(k), item.id)));
+    const PlcStationRow& shown = outcome.run.table[static_cast<std::size_t>(k - 1)];
+    row.push_back(cli::verdict_text(shown.verdict, style));
+    row.push_back(run.trouble.empty() ? cli::reason_text(shown.reason) : run.trouble);
+    rows.push_back(row);
+  }
+  fmt::print("{}  (items: measured minus planted, um and millidegrees)\n\n", cli::table(rows));
+}
+
+void print_planted(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome) {
+  if (facts.defects.empty()) return;
+  std::vector<std::vector<std::string>> rows = {{"planted", "block", "item<", "planted", "measured", "verdict<"}};
+  for (std::size_t i = 0; i < facts.defects.size(); ++i) {
+    const int k = facts.defects[i].station;
+    const PlcStationRow& shown = outcome.run.table[static_cast<std::size_t>(k - 1)];
+    bool named = false;
+    for (const Compared& item : kCompared) {
+      const double planted = true_value(recipe, outcome.truth.at(k), item.id);
+      const double nominal = recipe.tolerance(item.id).nominal.value;
+      const double measured = measured_value(recipe, outcome, k, item.id);
+      // Only what the defect moved beyond a good casting's scatter.
+      if (!has_value(planted) || std::abs(planted - nominal) < 0.02 * std::max(1.0, std::abs(nominal) / 100.0))
+        continue;
+      rows.push_back({named ? "" : facts.defect_texts[i], std::to_string(k), std::string(info(item.id).name),
+                      fmt::format("{:.4f}", planted), has_value(measured) ? fmt::format("{:.4f}", measured) : "-",
+                      std::string(name(shown.verdict))});
+      named = true;
+    }
+    if (!named)
+      rows.push_back({facts.defect_texts[i], std::to_string(k), "-", "-", "-", std::string(name(shown.verdict))});
+  }
+  fmt::print("{}\n", cli::table(rows));
+}
+
+void write_station(Json& json, const Recipe& recipe, const SlabOutcome& outcome, int k) {
+  const StationRun& run = run_of(outcome, k);
+  const StationTruth& truth = outcome.truth.at(k);
+  const PlcStationRow& row = outcome.run.table[static_cast<std::size_t>(k - 1)];
+  const auto time = [&](const char* key, double s) { json.field(key, s < 0.0 ? kNoValue : s); };
+  json.begin_object();
+  json.field("station", k).field("verdict", name(row.verdict)).field("reason", row.reason);
+  json.field("attempts", unsigned{row.attempts})
+      .field("scans", run.scans)
+      .field("trouble", std::string_view(run.trouble));
+  time("trigger_to_acquired_s", run.trigger_to_acquired_s);
+  time("acquired_to_result_s", run.acquired_to_result_s);
+  json.key("record").begin_object();
+  json.field("stored", run.has_record).field("verdict", name(run.record.verdict)).field("reason", run.record.reason);
+  json.field("fail_mask", run.record.fail_mask).field("open_mask", run.record.open_mask);
+  json.field("flatness_mm", run.record.flatness_mm).field("std_mm", run.record.std_mm);
+  json.field("points", run.record.points).end_object();
+  cli::write_matrix(json, "T_slab_block", truth.T_slab_block);
+  json.key("items").begin_array();
+  for (const Compared& item : kCompared) {
+    json.begin_object();
+    json.field("id", info(item.id).name).field("unit", name(info(item.id).unit));
+    json.field("planted", true_value(recipe, truth, item.id));
+    json.field("measured", measured_value(recipe, outcome, k, item.id)).end_object();
+  }
+  json.end_array().end_object();
+}
+
+void write_outcome(Json& json, const Recipe& recipe, const SlabOutcome& outcome) {
+  const SlabRun& run = outcome.run;
+  json.begin_object();
+  json.field("slab_no", run.order.slab_no).field("slab_id", std::string_view(run.order.slab_id));
+  json.field("slab_type", run.order.slab_type).field("finished", run.finished).field("continued", run.continued);
+  json.field("verdict", name(run.finished ? run.verdict : Verdict::none)).field("reason", run.reason);
+  json.field("trouble", std::string_view(run.trouble.text));
+  json.field("last_acquired_to_verdict_s",
+             run.last_acquired_to_verdict_s < 0.0 ? kNoValue : run.last_acquired_to_verdict_s);
+  json.field("total_s", run.total_s);
+  cli::write_pose(json, "T_base_slab", outcome.truth.T_base_slab);
+  json.field("from_database", outcome.stored.has_value());
+  if (outcome.stored) json.field("key", outcome.stored->summary.header.key);
+  json.key("stations").begin_array();
+  for (int k = 1; k <= outcome.truth.stations; ++k) write_station(json, recipe, outcome, k);
+  json.end_array();
+  if (outcome.stored) {
+    json.key("slab_items").begin_array();
+    for (const Item& item : outcome.stored->slab.items) cli::write_item(json, item);
+    json.end_array();
+  }
+  json.end_object();
+}
+
+}  // namespace
+
+double measured_value(const Recipe& recipe, const SlabOutcome& outcome, int station, ItemId id) {
+  if (const storage::SlabBlock* block = stored_block(outcome, station)) {
+    const Item* item = find_item(block->block.items.begin(), block->block.items.end(), id);
+    return item == nullptr ? kNoValue : item->value;
+  }
+  const StationRun& run = run_of(outcome, station);
+  if (!run.has_record) return kNoValue;
+  if (id == ItemId::seat_flatness) return run.record.flatness_mm;
+  for (const Compared& item : kCompared)
+    if (item.id == id)
+      return recipe.tolerance(id).nominal.value + run.record.deviation[static_cast<std::size_t>(item.deviation_index)];
+  return kNoValue;
+}
+
+void print_outcome(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome) {
+  const cli::Style style = cli::style_for(stdout);
+  const SlabRun& run = outcome.run;
+  fmt::print("slab {} \"{}\"  {}\n\n", run.order.slab_no, run.order.slab_id,
+             run.continued ? "(was already open: continued)" : "");
+  fmt::print("{}{}\n", cli::slab_map(table_verdicts(outcome), style), cli::map_legend(style));
+  print_stations(recipe, outcome, style);
+  print_planted(recipe, facts, outcome);
+  if (run.finished) {
+    fmt::print("slab verdict {}  {}\n", cli::verdict_text(run.verdict, style), cli::reason_text(run.reason));
+    fmt::print("{} s from the last scan to the verdict, {:.1f} s in all\n", seconds(run.last_acquired_to_verdict_s),
+               run.total_s);
+  } else {
+    fmt::print("no slab verdict: {}\n", run.trouble.text);
+  }
+}
+
+std::string simulation_json(const Recipe& recipe, const RunFacts& facts, const std::vector<SlabOutcome>& outcomes) {
+  Json json;
+  json.begin_object();
+  json.field("schema", "slabd.simulation/1").field("config", std::string_view(facts.config));
+  json.field("plc", std::string_view(facts.peer)).field("recipe", recipe.name.view());
+  json.field("recipe_sha256", recipe.sha256.view()).field("seed", facts.seed);
+  json.key("defects").begin_array();
+  for (const std::string& defect : facts.defect_texts) json.value(std::string_view(defect));
+  json.end_array();
+  json.key("slabs").begin_array();
+  for (const SlabOutcome& outcome : outcomes) write_outcome(json, recipe, outcome);
+  json.end_array().end_object();
+  return json.text();
+}
+
+}  // namespace slabd::simulate

@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/simulate/simulate_scan.h"
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "hal/hal.h"
+
+namespace slabd::simulate {
+namespace {
+
+using cli::Json;
+
+/// Off the nominal view as a real robot and slab are.
+Pose seeded_view(std::uint64_t seed) {
+  Prng random(derived_seed(seed, 4, 0));
+  const auto within = [&](double amplitude) { return amplitude * (2.0 * random.uniform() - 1.0); };
+  Pose off;
+  off.translation_mm = Vec3(within(2.0), within(2.0), within(2.0));
+  const double turn_rad = rad_from_deg(0.3);
+  off.rotation = rotation_from_kuka_abc(within(turn_rad), within(turn_rad), within(turn_rad));
+  return nominal_T_block_scanner() * off;
+}
+
+std::string truth_json(const ScanOrder& order, const Recipe& recipe, const StationTruth& truth,
+                       const Pose& T_scanner_block, const DrawnScan& drawn) {
+  const BlockTruth& block = truth.block;
+  Json json;
+  json.begin_object();
+  json.field("schema", "slabd.scan_truth/1").field("recipe", recipe.name.view()).field("block", order.block);
+  json.field("seed", order.seed).field("present", block.present);
+  cli::write_matrix(json, "T_scanner_block", T_scanner_block);
+  json.field("slope_deg", deg_from_rad(block.slope_rad)).field("slope_ratio", 1.0 / std::tan(block.slope_rad));
+  json.field("jaw_distance", block.jaw_distance_mm);
+  json.field("jaw_angle_in", deg_from_rad(block.jaw_angle_inner_rad));
+  json.field("jaw_angle_out", deg_from_rad(block.jaw_angle_outer_rad));
+  json.field("casing_spacing", block.casing_spacing_mm);
+  json.field("protrusion_in", block.protrusion_inner_mm).field("protrusion_out", block.protrusion_outer_mm);
+  json.field("flatness", true_flatness_mm(recipe, block)).field("bump", block.bump_mm);
+  json.field("noise", truth.noise_mm).field("outlier_share", truth.outlier_share);
+  json.field("outliers_planted", drawn.outliers).field("missing", drawn.missing).field("valid", drawn.valid);
+  json.end_object();
+  return json.text();
+}
+
+}  // namespace
+
+int write_scan(const ScanOrder& order) {
+  Recipe recipe;
+  if (!cli::recipe_from(order.recipe, recipe)) return cli::kBadInput;
+  if (order.block < 1 || order.block > recipe.stations()) {
+    cli::complain("--block {}: recipe {} has blocks 1..{}", order.block, recipe.name.view(), recipe.stations());
+    return cli::kUsage;
+  }
+  std::vector<Defect> defects;
+  for (const std::string& text : order.defects) {
+    const Result<Defect> defect = parse_defect(text);
+    if (!defect) {
+      cli::complain("{}", defect.error().text.view());
+      return cli::kUsage;
+    }
+    defects.push_back(defect.value());
+  }
+  SlabVariation variation;
+  variation.seed = order.seed;
+  variation.casting = order.casting;
+  const Result<SlabTruth> slab = cast_slab(recipe, Cell{}, variation, defects);
+  if (!slab) {
+    cli::complain("{}", slab.error().text.view());
+    return cli::kUsage;
+  }
+  const StationTruth& truth = slab.value().at(order.block);
+  const Pose T_block_scanner = order.nominal_view ? nominal_T_block_scanner() : seeded_view(order.seed);
+  // The scanner stands over the block's nominal place; a block moved by a defect is seen there, beside it.
+  Pose T_nominal_block;
+  T_nominal_block.translation_mm = truth.T_slab_block.rotation.conjugate() * truth.offset_slab_mm;
+  const Pose T_scanner_block = T_block_scanner.inverse() * T_nominal_block;
+  const Result<BlockSurface> surface = BlockSurface::make(recipe, truth.block, T_scanner_block);
+  if (!surface) {
+    cli::complain("{}: {}", recipe.path.view(), surface.error().text.view());
+    return cli::kBadInput;
+  }
+  ScannerTraits scanner = order.scanner;
+  scanner.noise_mm = truth.noise_mm;
+  scanner.outlier_share = truth.outlier_share;
+  std::vector<float> xyz;
+  const DrawnScan drawn = draw_scan(surface.value(), scanner, derived_seed(order.seed, 5, 0), xyz);
+
+  if (const Status written = hal::write_ply(order.out.c_str(), xyz, drawn.width, drawn.height); !written) {
+    cli::complain("{}", written.error().text.view());
+    return cli::kNotReachable;
+  }
+  const std::string truth_path = std::filesystem::path(order.out).replace_extension(".json").string();
+  std::ofstream file(truth_path);
+  file << truth_json(order, recipe, truth, T_scanner_block, drawn);
+  if (!file.flush()) {
+    cli::complain("{} cannot be written", truth_path);
+    return cli::kNotReachable;
+  }
+  fmt::print("{}: {} points, {} valid; truth in {}\n", order.out, xyz.size() / 3, drawn.valid, truth_path);
+  return cli::kDone;
+}
+
+void ScannerOptions::add_to(CLI::App& command) {
+  command.add_option("--points", points, "Scan size: full (2048 x 2448) or quarter (1024 x 1224)")
+      ->check(CLI::IsMember({"full", "quarter"}))
+      ->capture_default_str();
+  command.add_flag("--unorganised", unorganised, "Write only the points that returned, without their grid");
+}
+
+ScannerTraits ScannerOptions::traits() const {
+  ScannerTraits traits;
+  if (points == "quarter") {
+    traits.columns /= 2;
+    traits.rows /= 2;
+  }
+  traits.organised = !unorganised;
+  return traits;
+}
+
+void add_simulate_scan(CLI::App& simulate, int& exit_status) {
+  struct Options {
+    ScanOrder order;
+    ScannerOptions scanner;
+  };
+  auto options = std::make_shared<Options>();
+  ScanOrder& order = options->order;
+  CLI::App* command = simulate.add_subcommand("scan", "Write one scan of a block and its truth beside it");
+  command->footer(
+      "\nDefects\n" + defect_help() +
+      "\nExample: slabctl simulate scan --recipe p5600.toml --block 3 --out scan.ply --defect slope=3:1/37");
+  command->add_option("--recipe", order.recipe, "Recipe of the slab type")->required();
+  command->add_option("--block", order.block, "Block number on the slab, from 1")->required();
+  command->add_option("--out", order.out, "PLY file to write; the truth goes beside it as .json")->required();
+  command->add_option("--defect", order.defects, "Planted defect name=K:VALUE, repeatable")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
+  command->add_option("--seed", order.seed, "Decides everything random")->capture_default_str();
+  command->add_option("--casting", order.casting, "Scatter of the casting; 0 = exactly as drawn")
+      ->check(CLI::Range(0.0, 10.0))
+      ->capture_default_str();
+  command->add_flag("--nominal-view", order.nominal_view,
+                    "Look from exactly the nominal view, not from up to 2 mm and 0.3 deg off");
+  options->scanner.add_to(*command);
+  command->callback([options, &exit_status] {
+    options->order.scanner = options->scanner.traits();
+    exit_status = write_scan(options->order);
+  });
+}
+
+}  // namespace slabd::simulate

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "base/base.h"
+#include "cli/simulate/slab_scene.h"
+
+namespace CLI {
+class App;
+}
+
+/// `slabctl simulate scan`: one scan with its truth beside it, for offline inspection.
+namespace slabd::simulate {
+
+struct ScanOrder {
+  std::string recipe;
+  int block = 1;
+  std::string out;
+  std::vector<std::string> defects;
+  std::uint64_t seed = 1;
+  ScannerTraits scanner;
+  bool nominal_view = false;  ///< exactly the nominal view instead of one up to 2 mm and 0.3 degrees off
+  double casting = 1.0;
+};
+
+/// Writes the scan and, beside it, <out>.json (the extension replaced). Returns the exit status.
+[[nodiscard]] int write_scan(const ScanOrder& order);
+
+void add_simulate_scan(CLI::App& simulate, int& exit_status);
+
+/// Options that every emulated scan shares: --points, --unorganised.
+struct ScannerOptions {
+  std::string points = "full";
+  bool unorganised = false;
+  void add_to(CLI::App& command);
+  [[nodiscard]] ScannerTraits traits() const;
+};
+
+}  // namespace slabd::simulate

@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/simulate/slab_scene.h"
+
+namespace slabd::simulate {
+namespace {
+
+// Scatter of a good casting: about a quarter of the tolerances, so that a slab without planted defects passes with
+// guard bands and still no two blocks are alike.
+constexpr double kScatterSlopeDeg = 0.008;
+constexpr double kScatterJawAngleDeg = 0.1;
+constexpr double kScatterJawDistanceMm = 0.08;
+constexpr double kScatterCasingSpacingMm = 0.08;
+constexpr double kScatterProtrusionMm = 0.04;
+constexpr double kScatterPlaceMm = 0.05;
+
+/// The robot's error repeats from slab to slab and changes little between neighbours: one wave over the cell per axis.
+constexpr double kRobotWaveMm = 4000.0;
+/// A flange that is off by e stands turned by about e over the arm's last metre.
+constexpr double kRobotLeverMm = 1000.0;
+
+double within(Prng& random, double amplitude) {
+  return amplitude * (2.0 * random.uniform() - 1.0);
+}
+
+BlockTruth cast_block(const Recipe& recipe, Prng& random, double casting) {
+  BlockTruth block = nominal_truth(recipe);
+  block.slope_rad += rad_from_deg(within(random, casting * kScatterSlopeDeg));
+  block.jaw_angle_inner_rad += rad_from_deg(within(random, casting * kScatterJawAngleDeg));
+  block.jaw_angle_outer_rad += rad_from_deg(within(random, casting * kScatterJawAngleDeg));
+  block.jaw_distance_mm += within(random, casting * kScatterJawDistanceMm);
+  block.casing_spacing_mm += within(random, casting * kScatterCasingSpacingMm);
+  block.protrusion_inner_mm += within(random, casting * kScatterProtrusionMm);
+  block.protrusion_outer_mm += within(random, casting * kScatterProtrusionMm);
+  return block;
+}
+
+Pose place_slab(const Pose& nominal, const SlabVariation& v) {
+  Prng random(derived_seed(v.seed, 1, v.slab_no));
+  Pose shift;
+  shift.translation_mm =
+      Vec3(within(random, v.placement_mm), within(random, v.placement_mm), within(random, 0.5 * v.placement_mm));
+  const double turn = rad_from_deg(v.placement_deg);
+  shift.rotation = rotation_from_kuka_abc(within(random, turn), within(random, turn / 3.0), within(random, turn / 3.0));
+  return nominal * shift;
+}
+
+/// Real flange from reported flange; a smooth function of the place, the same for every slab.
+Pose robot_error(const Pose& T_base_flange, const SlabVariation& v) {
+  Prng random(derived_seed(v.seed, 2, 0));
+  Pose off;
+  Vec3 turn;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double phase_x = 2.0 * kPi * random.uniform();
+    const double phase_y = 2.0 * kPi * random.uniform();
+    const Vec3& p = T_base_flange.translation_mm;
+    const double wave =
+        std::sin(2.0 * kPi * p.x() / kRobotWaveMm + phase_x) * std::cos(2.0 * kPi * p.y() / kRobotWaveMm + phase_y);
+    off.translation_mm[axis] = v.robot_mm * wave;
+    turn[axis] = v.robot_mm / kRobotLeverMm * std::sin(2.0 * kPi * p.x() / kRobotWaveMm + phase_y);
+  }
+  off.rotation = rotation_from_kuka_abc(turn.z(), turn.y(), turn.x());
+  Pose real;
+  real.translation_mm = T_base_flange.translation_mm + off.translation_mm;
+  real.rotation = (off.rotation * T_base_flange.rotation).normalized();
+  return real;
+}
+
+void plant(const Defect& defect, StationTruth& station, double& reported_above_mm) {
+  BlockTruth& block = station.block;
+  switch (defect.kind) {
+    case DefectKind::slope: block.slope_rad = std::atan(1.0 / defect.value); break;
+    case DefectKind::jaw_angle_inner: block.jaw_angle_inner_rad += rad_from_deg(defect.value); break;
+    case DefectKind::jaw_angle_outer: block.jaw_angle_outer_rad += rad_from_deg(defect.value); break;
+    case DefectKind::jaw_distance: block.jaw_distance_mm += defect.value; break;
+    case DefectKind::protrusion_inner: block.protrusion_inner_mm += defect.value; break;
+    case DefectKind::protrusion_outer: block.protrusion_outer_mm += defect.value; break;
+    case DefectKind::casing_spacing: block.casing_spacing_mm += defect.value; break;
+    case DefectKind::bump: block.bump_mm += defect.value; break;
+    case DefectKind::missing: block.present = false; break;
+    case DefectKind::outliers: station.outlier_share = defect.value; break;
+    case DefectKind::noise: station.noise_mm = defect.value; break;
+    case DefectKind::robot: reported_above_mm += defect.value; break;
+    case DefectKind::along: station.offset_slab_mm.x() += defect.value; break;
+    case DefectKind::lateral: station.offset_slab_mm.y() += defect.value; break;
+    case DefectKind::vertical: station.offset_slab_mm.z() += defect.value; break;
+  }
+}
+
+}  // namespace
+
+std::uint64_t derived_seed(std::uint64_t seed, std::uint64_t a, std::uint64_t b) {
+  Prng mixer(seed ^ (a * 0xD6E8FEB86659FD93U) ^ (b * 0xA0761D6478BD642FU));
+  mixer.next();
+  return mixer.next();
+}
+
+Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVariation& variation,
+                            std::span<const Defect> defects) {
+  for (const Defect& defect : defects) {
+    if (defect.station > recipe.stations())
+      return error(Code::config, "--defect: block %d, but %s has blocks 1..%d", defect.station, recipe.name.c_str(),
+                   int{recipe.stations()});
+  }
+  SlabTruth slab;
+  slab.T_base_slab = place_slab(cell.T_base_slab, variation);
+  slab.scan_seed = derived_seed(variation.seed, 2000, variation.slab_no);
+  slab.stations = recipe.stations();
+  for (int k = 1; k <= slab.stations; ++k) {
+    StationTruth& station = slab.station[static_cast<std::size_t>(k - 1)];
+    Prng random(derived_seed(variation.seed, 1000U + static_cast<std::uint64_t>(k), variation.slab_no));
+    station.block = cast_block(recipe, random, variation.casting);
+    for (int axis = 0; axis < 3; ++axis)
+      station.offset_slab_mm[axis] = within(random, variation.casting * kScatterPlaceMm);
+    double reported_above_mm = 0.0;
+    for (const Defect& defect : defects)
+      if (defect.station == k) plant(defect, station, reported_above_mm);
+
+    station.T_slab_block = T_slab_block(recipe, k);
+    station.T_slab_block.translation_mm += station.offset_slab_mm;
+    // The slab's top does not move with a block that stands too high.
+    station.block.slab_top_shift_mm = -station.offset_slab_mm.z();
+
+    // The robot was taught on a nominal slab in the nominal place and knows nothing of this one.
+    const Pose taught =
+        cell.T_base_slab * T_slab_block(recipe, k) * nominal_T_block_scanner() * cell.T_flange_scanner.inverse();
+    station.T_base_flange_reported = taught;
+    station.T_base_flange_reported.translation_mm += cell.T_base_slab.rotation * Vec3(0.0, 0.0, reported_above_mm);
+    station.T_base_flange_real = robot_error(taught, variation);
+  }
+  return slab;
+}
+
+Pose T_scanner_block(const SlabTruth& slab, const Cell& cell, int station) {
+  const StationTruth& truth = slab.at(station);
+  const Pose T_base_scanner = truth.T_base_flange_real * cell.T_flange_scanner;
+  return T_base_scanner.inverse() * slab.T_base_slab * truth.T_slab_block;
+}
+
+double true_value(const Recipe& recipe, const StationTruth& station, ItemId id) {
+  const BlockTruth& block = station.block;
+  if (id == ItemId::seat_lateral) return station.offset_slab_mm.y();
+  if (id == ItemId::seat_vertical) return station.offset_slab_mm.z();
+  if (!block.present) return kNoValue;
+  switch (id) {
+    case ItemId::seat_slope: return deg_from_rad(block.slope_rad);
+    case ItemId::seat_flatness: return true_flatness_mm(recipe, block);
+    case ItemId::jaw_angle_inner: return deg_from_rad(block.jaw_angle_inner_rad);
+    case ItemId::jaw_angle_outer: return deg_from_rad(block.jaw_angle_outer_rad);
+    case ItemId::jaw_distance: return block.jaw_distance_mm;
+    case ItemId::casing_spacing: return block.casing_spacing_mm;
+    case ItemId::casing_protrusion_inner: return block.protrusion_inner_mm;
+    case ItemId::casing_protrusion_outer: return block.protrusion_outer_mm;
+    default: return kNoValue;
+  }
+}
+
+}  // namespace slabd::simulate

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The command tree: parse, run one command, return its exit status. JSON and results go to stdout, everything said to
+// people on the way goes to stderr.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+
+#include "cli/command.h"
+#include "cli/exit.h"
+
+namespace slabd::cli {
+namespace {
+
+constexpr const char* kFooter = R"(
+Examples
+  slabctl inspect scan.ply --recipe p5600.toml --block 3
+  slabctl simulate --config slabd.toml --slab-no 7 --defect slope=4:1/36
+  slabctl show 12 --block 4
+
+Exit status: 0 done (and pass), 1 inspected and not pass, 2 usage, 3 bad input,
+4 daemon or device not reachable, 5 internal error, 6 refused on quality.
+`slabctl COMMAND --help` explains a command.)";
+
+/// Levenshtein, one row.
+std::size_t letters_apart(const std::string& a, const std::string& b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    std::size_t diagonal = row[0];
+    row[0] = i;
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      const std::size_t above = row[j];
+      row[j] = std::min({above + 1, row[j - 1] + 1, diagonal + (a[i - 1] == b[j - 1] ? 0U : 1U)});
+      diagonal = above;
+    }
+  }
+  return row[b.size()];
+}
+
+std::vector<std::string> command_names(const CLI::App& app) {
+  std::vector<std::string> names;
+  for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; }))
+    names.push_back(command->get_name());
+  return names;
+}
+
+/// A word where a command was expected: CLI11 reports it as a surplus argument; say what was probably meant.
+int unknown_command(const CLI::App& app, const std::string& word) {
+  const std::vector<std::string> names = command_names(app);
+  const std::string meant = nearest(word, names);
+  std::string known;
+  for (const std::string& name : names) known += (known.empty() ? "" : ", ") + name;
+  complain("unknown command '{}'{}; commands are {}", word,
+           meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant), known);
+  return kUsage;
+}
+
+}  // namespace
+
+std::string nearest(const std::string& word, const std::vector<std::string>& candidates) {
+  std::string best;
+  std::size_t best_distance = word.size() / 2 + 2;
+  for (const std::string& candidate : candidates) {
+    const std::size_t distance = letters_apart(word, candidate);
+    if (distance >= best_distance) continue;
+    best_distance = distance;
+    best = candidate;
+  }
+  return best;
+}
+
+bool report_problems(const std::vector<daemon::Problem>& problems) {
+  for (const daemon::Problem& problem : problems) fmt::print(stderr, "{}\n", problem.text);
+  return problems.empty();
+}
+
+bool recipe_from(const std::string& path, Recipe& recipe) {
+  std::vector<daemon::Problem> problems;
+  daemon::load_recipe(path, recipe, problems);
+  return report_problems(problems);
+}
+
+bool config_from(const std::string& path, daemon::Config& config) {
+  std::vector<daemon::Problem> problems;
+  daemon::load_config(path, config, problems);
+  return report_problems(problems);
+}
+
+void warn_unconfirmed(const Recipe& recipe) {
+  const int count = unconfirmed_count(recipe);
+  if (count > 0)
+    complain("warning: {} nominals and tolerances of recipe {} are assumed, not confirmed; verdicts depend on them",
+             count, recipe.name.view());
+}
+
+int run(int argc, const char* const* argv) {
+  CLI::App app("slabctl: maintenance of slabd, the track-slab inspection daemon.", "slabctl");
+  app.footer(kFooter);
+  app.set_version_flag("--version", std::string(daemon::software_version().view()));
+  app.require_subcommand(0, 1);
+  int exit_status = kDone;
+  add_inspect(app, exit_status);
+  add_status(app, exit_status);
+  add_history(app, exit_status);
+  add_show(app, exit_status);
+  add_simulate(app, exit_status);
+  add_config(app, exit_status);
+  add_recipe(app, exit_status);
+
+  if (argc >= 2 && argv[1][0] != '-') {
+    const std::vector<std::string> names = command_names(app);
+    if (std::find(names.begin(), names.end(), argv[1]) == names.end()) return unknown_command(app, argv[1]);
+  }
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& parse_error) {
+    // --help and --version come this way too, with status 0.
+    return app.exit(parse_error) == 0 ? kDone : kUsage;
+  }
+  if (argc < 2) {
+    fmt::print(stderr, "{}", app.help());
+    return kUsage;
+  }
+  return exit_status;
+}
+
+}  // namespace slabd::cli

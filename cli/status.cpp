@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl status: asks the running daemon over its control socket, one JSON line each way.
+#include <fcntl.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+#include <CLI/CLI.hpp>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/render.h"
+
+namespace slabd::cli {
+namespace {
+
+using nlohmann::json;
+
+constexpr int kAnswerTimeoutMs = 3'000;
+
+struct Options {
+  std::string config;
+  std::string socket;
+  bool as_json = false;
+};
+
+class Socket {
+ public:
+  Socket() : fd_(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0)) {}
+  ~Socket() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  Socket(const Socket&) = delete;
+  Socket& operator=(const Socket&) = delete;
+  [[nodiscard]] int fd() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+Error unreachable(const std::string& path, const char* cause) {
+  return error(Code::scanner_offline,
+               "slabd does not answer on %s: %s; is it running (systemctl status slabd), and are you in its group?",
+               path.c_str(), cause);
+}
+
+/// Sends one line and returns the answer's line.
+Result<std::string> ask(const std::string& path, std::string_view line) {
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  if (path.size() >= sizeof address.sun_path) return unreachable(path, "the path is longer than a socket's may be");
+  std::memcpy(address.sun_path, path.c_str(), path.size() + 1);
+  const Socket socket;
+  if (socket.fd() < 0 ||
+      ::connect(socket.fd(), static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address) != 0)
+    return unreachable(path, std::strerror(errno));
+  if (::send(socket.fd(), line.data(), line.size(), MSG_NOSIGNAL) != static_cast<ssize_t>(line.size()))
+    return unreachable(path, std::strerror(errno));
+
+  std::string answer;
+  std::array<char, 4096> piece{};
+  while (answer.find('\n') == std::string::npos) {
+    pollfd waiting{socket.fd(), POLLIN, 0};
+    const int ready = ::poll(&waiting, 1, kAnswerTimeoutMs);
+    if (ready == 0) return unreachable(path, "connected, but no answer within 3 s");
+    const ssize_t got = ready < 0 ? -1 : ::recv(socket.fd(), piece.data(), piece.size(), 0);
+    if (got < 0 && errno == EINTR) continue;
+    if (got <= 0) return unreachable(path, got == 0 ? "it closed the connection" : std::strerror(errno));
+    answer.append(piece.data(), static_cast<std::size_t>(got));
+    if (answer.size() > limits::kControlLineBytes) return unreachable(path, "the answer is longer than 64 kB");
+  }
+  return answer.substr(0, answer.find('\n'));
+}
+
+/// The text of `document[path...]`, "-" when it is not there; a newer or older daemon may know other keys.
+std::string text_at(const json& document, std::initializer_list<const char*> path) {
+  const json* at = &document;
+  for (const char* key : path) {
+    if (!at->is_object() || !at->contains(key)) return "-";
+    at = &(*at)[key];
+  }
+  if (at->is_string()) return at->get<std::string>();
+  if (at->is_boolean()) return at->get<bool>() ? "yes" : "no";
+  if (at->is_number_float()) return fmt::format("{:.1f}", at->get<double>());
+  return at->is_null() ? "-" : at->dump();
+}
+
+void print_line(const char* label, const std::string& text) {
+  fmt::print("{:12} {}\n", label, text);
+}
+
+void print_slab(const json& status, const Style& style) {
+  if (status.contains("slab") && status["slab"].is_object()) {
+    print_line("slab", fmt::format("{} \"{}\" type {}, {} of {} stations scanned", text_at(status, {"slab", "no"}),
+                                   text_at(status, {"slab", "id"}), text_at(status, {"slab", "type"}),
+                                   text_at(status, {"slab", "stations_done"}), text_at(status, {"slab", "stations"})));
+  } else {
+    print_line("slab", "none open");
+  }
+  if (!status.contains("last_slab") || !status["last_slab"].is_object()) return;
+  const std::string word = text_at(status, {"last_slab", "verdict"});
+  Verdict verdict = Verdict::none;
+  for (const Verdict v :
+       {Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted, Verdict::indeterminate})
+    if (name(v) == word) verdict = v;
+  const json& reason = status["last_slab"].value("reason", json(0));
+  const std::string why = reason.is_number_unsigned() ? reason_text(reason.get<std::uint16_t>()) : "";
+  print_line("last slab",
+             fmt::format("{} {} {}", text_at(status, {"last_slab", "no"}), verdict_text(verdict, style), why));
+}
+
+void print_status(const json& status) {
+  const Style style = style_for(stdout);
+  print_line("software", text_at(status, {"software"}));
+  print_line("state", fmt::format("{}, up {} s, session {}", text_at(status, {"state"}), text_at(status, {"uptime_s"}),
+                                  text_at(status, {"session"})));
+  if (text_at(status, {"fault", "code"}) != "0" && text_at(status, {"fault", "code"}) != "-")
+    print_line("FAULT", fmt::format("{}: {}; {}", text_at(status, {"fault", "code"}),
+                                    text_at(status, {"fault", "text"}), text_at(status, {"fault", "cure"})));
+  if (status.contains("warn") && status["warn"].is_array())
+    for (const json& warning : status["warn"])
+      print_line("warning", warning.is_string() ? warning.get<std::string>() : warning.dump());
+  print_line("plc", fmt::format("{} clients, heartbeat {}", text_at(status, {"links", "plc", "clients"}),
+                                text_at(status, {"links", "plc", "alive"}) == "yes" ? "alive" : "missing"));
+  print_line("robot", text_at(status, {"links", "pose", "ok"}) == "yes"
+                          ? "poses arrive"
+                          : fmt::format("{}: {}", text_at(status, {"links", "pose", "code"}),
+                                        text_at(status, {"links", "pose", "text"})));
+  print_line("scanner", fmt::format("online {}, {} stray files", text_at(status, {"links", "scanner", "online"}),
+                                    text_at(status, {"links", "scanner", "strays"})));
+  print_line("store", fmt::format("ok {}, {} results wait for the PLC", text_at(status, {"links", "store", "ok"}),
+                                  text_at(status, {"results_pending"})));
+  print_slab(status, style);
+  print_line("blocks", fmt::format("{} measured, last {} ms, longest {} ms", text_at(status, {"blocks", "measured"}),
+                                   text_at(status, {"blocks", "last_ms"}), text_at(status, {"blocks", "max_ms"})));
+  print_line("memory",
+             fmt::format("{} kB, peak {} kB, of it {} B for inspection", text_at(status, {"memory", "rss_kb"}),
+                         text_at(status, {"memory", "peak_kb"}), text_at(status, {"memory", "inspection_bytes"})));
+  print_line("config", text_at(status, {"config"}));
+  print_line("database", text_at(status, {"db"}));
+}
+
+int show_status(const Options& options) {
+  std::string path = options.socket;
+  if (path.empty()) {
+    daemon::Config config;
+    if (!config_from(options.config, config)) return kBadInput;
+    path = config.control_socket;
+  }
+  const Result<std::string> answer = ask(path, "{\"verb\":\"status\"}\n");
+  if (!answer) {
+    complain("{}", answer.error().text.view());
+    return kNotReachable;
+  }
+  const json status = json::parse(answer.value(), nullptr, false);
+  if (!status.is_object() || status.value("schema", "") != "slabd.status/1") {
+    complain("{} does not speak slabd.status/1: {}", path, answer.value().substr(0, 200));
+    return kNotReachable;
+  }
+  if (options.as_json) {
+    fmt::print("{}\n", status.dump(2));
+  } else {
+    print_status(status);
+  }
+  return kDone;
+}
+
+}  // namespace
+
+void add_status(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand("status", "State, links and last verdict of the running daemon");
+  command->footer("\nExit status 4 when the daemon does not answer.\nExample: slabctl status --json");
+  auto* config = command->add_option("--config", options->config, "Configuration that names the control socket")
+                     ->default_val(kDefaultConfig);
+  command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
+  command->add_flag("--json", options->as_json, "Print slabd.status/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = show_status(*options); });
+}
+
+}  // namespace slabd::cli
