@@ -47,14 +47,21 @@ inline constexpr std::size_t kFlatnessCellsMax = 8'500;
 inline constexpr std::size_t kPlaneSampleMax = 4'096;
 /// Hypotheses of one plane fit: eq. (8) with half the points bad and P = 1 - 1e-6 asks for 104; 2^14 bounds E = 0.9.
 inline constexpr std::size_t kPlaneHypothesesMax = 16'384;
-/// Angular sectors of a casing's edge.
-inline constexpr std::size_t kRimSectors = 360;
+/// Angular sectors of a casing's edge: 7.5 degrees, 2 mm of arc. Wide enough that many points compete for the
+/// innermost one, which narrows its gap to the edge; still enough of them for a robust circle.
+inline constexpr std::size_t kRimSectors = 48;
+/// Histogram of distances to the model (shares within 1..6 sigma): bins of 0.05 um over a 3 mm gate.
+inline constexpr std::size_t kDeviationBins = 1U << 16U;
 
-/// Bytes of algo's workspace that scale with the scan: an index and a label per point, and the cell starts.
+/// Bytes of algo's workspace: an index and a label per point, the cell starts, the ICP sample with its residuals, the
+/// face table (wide, near, scratch), the histogram and the flatness cells (mean, start, next).
 inline constexpr std::size_t kWorkspaceBytes = kScanPointsMax * (sizeof(std::uint32_t) + 1) +
                                                (kDenoiseCellsMax + 1) * sizeof(std::uint32_t) +
-                                               kIcpPointsMax * 3 * sizeof(double) +
-                                               kFaceTableX * kFaceTableY * 2 * sizeof(std::uint16_t);
+                                               kIcpPointsMax * 4 * sizeof(double) +
+                                               kFaceTableX * kFaceTableY * 3 * sizeof(std::uint16_t) +
+                                               kDeviationBins * sizeof(std::uint32_t) +
+                                               kFlatnessCellsMax * (3 * sizeof(double) + 2 * sizeof(std::uint32_t)) +
+                                               sizeof(std::uint32_t);
 /// What the inspection path holds for ever. The process adds about 15 MB of code, stacks and SQLite cache.
 inline constexpr std::size_t kInspectionBytes = kScanSlots * kScanSlotBytes + kWorkspaceBytes;
 static_assert(kInspectionBytes < 200U << 20U, "two scans in flight must fit an industrial PC beside its other work");

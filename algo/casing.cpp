@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Where is a casing, and how far does it stick out? The scanner sees its flat rim and nothing inside its bore, so the
+// bore shows as a round hole in the points. In each angular sector the innermost point lies a fraction of the point
+// pitch outside the edge; that gap is the same all round on average, so it enlarges the circle a little and leaves its
+// centre in place. Where a patch of points is missing the innermost one lies far out; the robust circle ignores it.
+//
+// The sectors are wide on purpose: the wider, the more points compete for the innermost and the smaller the gap
+// (spread ~ 1/width), which outweighs the smaller number of sectors (~ 1/sqrt(count)).
+#include "algo/casing.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "algo/circle.h"
+#include "algo/moments.h"
+
+namespace slabd::algo {
+namespace {
+
+constexpr std::size_t kSectors = limits::kRimSectors;
+constexpr std::size_t kSectorsMin = 2 * kSectors / 3;
+/// The innermost points depend on the centre the sectors are drawn around; this many rounds settle it.
+constexpr int kRounds = 6;
+/// Innermost points are looked for this far around the nominal bore radius.
+constexpr double kSearch_mm = 2.5;
+/// ... and this far off the nominal rim height.
+constexpr double kHeightGate_mm = 1.5;
+constexpr double kRadiusOffMax_mm = 1.0;
+constexpr std::uint32_t kRimPointsMin = 200;
+constexpr std::size_t kHeightSample = 4096;
+
+/// Plane coordinates around the nominal centre: x along the rail, s across, height above the fitted seat.
+class CasingFrame {
+ public:
+  explicit CasingFrame(const CasingTask& task) : n_(task.seat.normal), offset_(task.seat.offset_mm) {
+    origin_ = task.centre - (n_.dot(task.centre) - offset_) * n_;
+    ex_ = (Vec3::UnitX() - n_.x() * n_).normalized();
+    es_ = n_.cross(ex_);
+  }
+  [[nodiscard]] Vec2 in_plane(const Vec3& p) const { return {ex_.dot(p - origin_), es_.dot(p - origin_)}; }
+  [[nodiscard]] double height(const Vec3& p) const { return n_.dot(p) - offset_; }
+  [[nodiscard]] Vec3 in_block(const Vec2& q) const { return origin_ + q.x() * ex_ + q.y() * es_; }
+
+ private:
+  Vec3 n_;
+  double offset_;
+  Vec3 origin_;
+  Vec3 ex_;
+  Vec3 es_;
+};
+
+struct EdgePoints {
+  std::array<Vec2, kSectors> points;
+  std::size_t size = 0;
+  [[nodiscard]] std::span<const Vec2> view() const { return {points.data(), size}; }
+};
+
+/// The innermost point of each sector around `centre`.
+EdgePoints innermost(const CloudPoints& cloud, const CasingTask& task, const CasingFrame& frame, const Vec2& centre) {
+  constexpr double kPerRad = static_cast<double>(kSectors) / (2.0 * kPi);
+  std::array<double, kSectors> radius;
+  std::array<Vec2, kSectors> point;
+  const double outermost = std::min(task.bore_radius_mm + kSearch_mm, task.rim_radius_mm - 0.5);
+  radius.fill(outermost);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const Vec3 p = cloud[i];
+    const Vec2 q = frame.in_plane(p);
+    const Vec2 out = q - centre;
+    const double r = out.norm();
+    if (r >= outermost || r < task.bore_radius_mm - kSearch_mm) continue;
+    if (std::abs(frame.height(p) - task.rim_height_mm) > kHeightGate_mm) continue;
+    const auto sector =
+        std::min(static_cast<std::size_t>((std::atan2(out.y(), out.x()) + kPi) * kPerRad), kSectors - 1);
+    if (r >= radius[sector]) continue;
+    radius[sector] = r;
+    point[sector] = q;
+  }
+  EdgePoints edge;
+  for (std::size_t k = 0; k < kSectors; ++k)
+    if (radius[k] < outermost) edge.points[edge.size++] = point[k];
+  return edge;
+}
+
+/// Robust mean height of the rim around the measured centre, clear of its inner and outer edge.
+void measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingFrame& frame, const Vec2& centre,
+                 CasingFeature& casing) {
+  const double width = task.rim_radius_mm - task.bore_radius_mm;
+  const double margin = std::min(task.edge_margin_mm, 0.25 * width);
+  const double inner = task.bore_radius_mm + margin;
+  const double outer = task.rim_radius_mm - margin;
+  const auto on_rim = [&](std::size_t i, double& height) {
+    const Vec3 p = cloud[i];
+    const double r = (frame.in_plane(p) - centre).norm();
+    height = frame.height(p);
+    return r >= inner && r <= outer;
+  };
+
+  std::uint32_t count = 0;
+  double height = 0.0;
+  for (std::size_t i = 0; i < cloud.size(); ++i)
+    if (on_rim(i, height)) ++count;
+  if (count < kRimPointsMin) return;
+  const std::uint32_t every = 1 + count / static_cast<std::uint32_t>(kHeightSample);
+  std::array<double, kHeightSample> sample;
+  std::size_t sampled = 0;
+  std::uint32_t seen = 0;
+  for (std::size_t i = 0; i < cloud.size(); ++i)
+    if (on_rim(i, height) && seen++ % every == 0 && sampled < sample.size()) sample[sampled++] = height;
+  const auto end = sample.begin() + static_cast<std::ptrdiff_t>(sampled);
+  const auto middle = sample.begin() + static_cast<std::ptrdiff_t>(sampled / 2);
+  std::nth_element(sample.begin(), middle, end);
+  const double median = *middle;
+  for (std::size_t i = 0; i < sampled; ++i) sample[i] = std::abs(sample[i] - median);
+  std::nth_element(sample.begin(), middle, end);
+  const double reach = std::max(4.0 * 1.4826 * *middle, 1e-3);
+
+  ScalarMoments heights(median);
+  for (std::size_t i = 0; i < cloud.size(); ++i)
+    if (on_rim(i, height) && std::abs(height - median) <= reach) heights.add(height);
+  heights.close_block();
+  casing.rim_points = static_cast<std::uint32_t>(heights.count());
+  casing.height_mm = heights.mean();
+}
+
+}  // namespace
+
+CasingFeature measure_casing(const CloudPoints& points, const CasingTask& task) {
+  CasingFeature casing;
+  const CasingFrame frame(task);
+  Circle circle;
+  for (int round = 0; round < kRounds; ++round) {
+    const Vec2 centre = circle.ok ? circle.centre : Vec2(Vec2::Zero());
+    const EdgePoints edge = innermost(points, task, frame, centre);
+    casing.edge_points = static_cast<std::uint32_t>(edge.size);
+    if (edge.size < kSectorsMin) return casing;
+    // Scale: never sharper than a few hundredths, or a regular point pattern would decide who is an outlier.
+    circle = fit_circle_robust(edge.view(), centre, 0.02);
+    if (!circle.ok || circle.weight < 0.5 * static_cast<double>(kSectors)) return casing;
+  }
+  casing.centre = frame.in_block(circle.centre);
+  casing.radius_mm = circle.radius;
+  if (std::abs(circle.radius - task.bore_radius_mm) > kRadiusOffMax_mm) return casing;
+  measure_rim(points, task, frame, circle.centre, casing);
+  casing.ok = casing.rim_points >= kRimPointsMin;
+  return casing;
+}
+
+}  // namespace slabd::algo

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Geometric circle fit: minimise the squared distances to the circle. The three unknowns enter almost linearly once
+// the centre is known to a fraction of the radius, so Gauss-Newton needs a handful of steps; the algebraic fits that
+// need no start are biased when only part of the circle is seen.
+#include "algo/circle.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace slabd::algo {
+namespace {
+
+constexpr int kSteps = 60;
+constexpr std::size_t kPointsMax = 512;
+
+double tukey(double r, double c) {
+  const double u = r / c;
+  if (!(std::abs(u) < 1.0)) return 0.0;
+  return (1.0 - u * u) * (1.0 - u * u);
+}
+
+double mean_radius(std::span<const Vec2> points, const Vec2& centre) {
+  double sum = 0.0;
+  for (const Vec2& p : points) sum += (p - centre).norm();
+  return sum / static_cast<double>(points.size());
+}
+
+double median_radius(std::span<const Vec2> points, const Vec2& centre) {
+  std::array<double, kPointsMax> r;
+  for (std::size_t i = 0; i < points.size(); ++i) r[i] = (points[i] - centre).norm();
+  const auto middle = r.begin() + static_cast<std::ptrdiff_t>(points.size() / 2);
+  std::nth_element(r.begin(), middle, r.begin() + static_cast<std::ptrdiff_t>(points.size()));
+  return *middle;
+}
+
+/// Median distance to the circle as a standard deviation.
+double scale_of(std::span<const Vec2> points, const Circle& circle) {
+  std::array<double, kPointsMax> r;
+  for (std::size_t i = 0; i < points.size(); ++i)
+    r[i] = std::abs((points[i] - circle.centre).norm() - circle.radius);
+  const auto middle = r.begin() + static_cast<std::ptrdiff_t>(points.size() / 2);
+  std::nth_element(r.begin(), middle, r.begin() + static_cast<std::ptrdiff_t>(points.size()));
+  return 1.4826 * *middle;
+}
+
+/// One weighted Gauss-Newton step. Returns its length, negative when the points do not fix a circle.
+double step(std::span<const Vec2> points, double cut, Circle& circle) {
+  Eigen::Matrix3d H = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d g = Eigen::Vector3d::Zero();
+  double weight = 0.0;
+  double squares = 0.0;
+  for (const Vec2& p : points) {
+    const Vec2 out = p - circle.centre;
+    const double r = out.norm();
+    if (!(r > 0.0)) continue;
+    const double e = r - circle.radius;
+    const double w = cut > 0.0 ? tukey(e, cut) : 1.0;
+    const Eigen::Vector3d j(-out.x() / r, -out.y() / r, -1.0);
+    H += w * j * j.transpose();
+    g += w * e * j;
+    weight += w;
+    squares += w * e * e;
+  }
+  circle.weight = weight;
+  if (!(weight >= 3.0)) return -1.0;
+  circle.rms = std::sqrt(squares / weight);
+  // A short arc fixes neither centre nor radius; relative to the weights the determinant then vanishes.
+  const Eigen::Matrix3d unit = H / weight;
+  if (!(unit.determinant() > 1e-9)) return -1.0;
+  const Eigen::Vector3d delta = -unit.ldlt().solve(Eigen::Vector3d(g / weight));
+  if (!delta.allFinite()) return -1.0;
+  circle.centre += Vec2(delta[0], delta[1]);
+  circle.radius += delta[2];
+  return delta.norm();
+}
+
+}  // namespace
+
+Circle fit_circle(std::span<const Vec2> points, const Vec2& start) {
+  Circle circle;
+  circle.centre = start;
+  if (points.size() < 3) return circle;
+  circle.radius = mean_radius(points, start);
+  for (int i = 0; i < kSteps; ++i) {
+    const double moved = step(points, 0.0, circle);
+    if (moved < 0.0) return circle;
+    if (moved <= 1e-13 * (circle.radius + circle.centre.norm())) {
+      circle.ok = circle.radius > 0.0;
+      return circle;
+    }
+  }
+  return circle;
+}
+
+Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, double scale_min) {
+  Circle circle;
+  circle.centre = start;
+  if (points.size() < 3 || points.size() > kPointsMax) return circle;
+  circle.radius = median_radius(points, start);
+  double cut = 0.0;
+  for (int i = 0; i < kSteps; ++i) {
+    // The scale follows the fit for some steps and then stands, so that the steps can come to rest.
+    if (i < 20) cut = 4.685 * std::max(scale_of(points, circle), scale_min);
+    const double moved = step(points, cut, circle);
+    if (moved < 0.0) return circle;
+    if (i >= 20 && moved <= 1e-9) {
+      circle.ok = circle.radius > 0.0;
+      return circle;
+    }
+  }
+  return circle;
+}
+
+}  // namespace slabd::algo

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+
+#include "base/base.h"
+
+namespace slabd::algo {
+
+using Vec2 = Eigen::Matrix<double, 2, 1, Eigen::DontAlign>;
+
+struct Circle {
+  bool ok = false;
+  Vec2 centre = Vec2::Zero();
+  double radius = kNoValue;
+  double rms = kNoValue;  ///< weighted, of the distances to the circle
+  double weight = 0.0;    ///< sum of Tukey weights: about the number of points that agree
+};
+
+/// Circle through `points` by geometric least squares (Gauss-Newton from `start`), every point with full weight.
+/// ok = false: fewer than three points, or they do not determine a circle.
+[[nodiscard]] Circle fit_circle(std::span<const Vec2> points, const Vec2& start);
+
+/// The same with Tukey weights, scale from the median distance and never below `scale_min`: points that lie off the
+/// common circle lose their say. Up to 512 points.
+[[nodiscard]] Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, double scale_min);
+
+}  // namespace slabd::algo

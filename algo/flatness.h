@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "algo/points.h"
+#include "base/base.h"
+
+namespace slabd::algo {
+
+/// Width of the thinnest pair of parallel planes that holds all `points` (ISO 1101 minimum zone), exact. NaN when
+/// fewer than four points, or when the search does not reach its stop condition (never a wrong number). No heap.
+[[nodiscard]] double minimum_zone_mm(std::span<const Vec3> points);
+
+/// Memory for `measure_flatness`, owned by the inspector.
+struct FlatnessWorkspace {
+  std::span<std::uint32_t> cell_start;  ///< limits::kFlatnessCellsMax + 1
+  std::span<std::uint32_t> cell_next;   ///< limits::kFlatnessCellsMax
+  std::span<Vec3> cell_mean;            ///< limits::kFlatnessCellsMax
+};
+
+/// The evaluation region: (x, s) in [-half_x, half_x] x [-half_s, half_s], s along the seat.
+struct FlatnessRegion {
+  double half_x_mm;
+  double half_s_mm;
+  double cell_mm;
+  std::uint32_t cell_points_min;
+  Vec3 along_seat;  ///< unit direction of s, block frame
+};
+
+struct Flatness {
+  bool ok = false;
+  std::uint32_t cells = 0;        ///< with enough points
+  double lsq_mm = kNoValue;       ///< peak to valley of the cell means to their least-squares plane
+  double min_zone_mm = kNoValue;
+  double std_cells_mm = kNoValue; ///< of the cell means to their least-squares plane, n - 3
+  double raw_low_mm = kNoValue;   ///< extremes of single points to `seat`
+  double raw_high_mm = kNoValue;
+};
+
+/// Flatness of the points `index` names (re-ordered by cell) around the fitted seat plane. A cell's height is the mean
+/// of its points without strays; a chip or bump as large as half a cell stays. ok = false: the region needs more than
+/// limits::kFlatnessCellsMax cells, or fewer than half of its cells hold enough points.
+[[nodiscard]] Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index,
+                                        const FastTransform& T_block_scanner, const PlaneFit& seat,
+                                        const FlatnessRegion& region, const FlatnessWorkspace& work);
+
+}  // namespace slabd::algo

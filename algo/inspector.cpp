@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// One block, stage by stage. All memory is taken in the constructor; each stage borrows what it needs of it:
+//
+//     order, label      denoise: points by cell, who stays      extract: points by region, region of each
+//     cell_start        denoise: starts of the cells
+//     sample, residuals register: the points ICP works on
+//     wide, near        the face table, built by `use`
+#include <cassert>
+#include <vector>
+
+#include "algo/algo.h"
+#include "algo/block_items.h"
+#include "algo/block_model.h"
+#include "algo/casing.h"
+#include "algo/denoise.h"
+#include "algo/flatness.h"
+#include "algo/plane_fit.h"
+#include "algo/registration.h"
+#include "algo/segmentation.h"
+
+namespace slabd::algo {
+
+struct BlockInspector::Workspace {
+  Workspace()
+      : order(limits::kScanPointsMax),
+        label(limits::kScanPointsMax),
+        cell_start(limits::kDenoiseCellsMax + 1),
+        sample(limits::kIcpPointsMax, Vec3::Zero()),
+        residuals(limits::kIcpPointsMax),
+        histogram(limits::kDeviationBins),
+        wide(FaceTable::kCells),
+        near(FaceTable::kCells),
+        scratch(FaceTable::kCells),
+        flat_start(limits::kFlatnessCellsMax + 1),
+        flat_next(limits::kFlatnessCellsMax),
+        flat_mean(limits::kFlatnessCellsMax, Vec3::Zero()) {}
+
+  std::vector<std::uint32_t> order;
+  std::vector<std::uint8_t> label;
+  std::vector<std::uint32_t> cell_start;
+  std::vector<Vec3> sample;
+  std::vector<double> residuals;
+  std::vector<std::uint32_t> histogram;
+  std::vector<std::uint16_t> wide;
+  std::vector<std::uint16_t> near;
+  std::vector<std::uint16_t> scratch;
+  std::vector<std::uint32_t> flat_start;
+  std::vector<std::uint32_t> flat_next;
+  std::vector<Vec3> flat_mean;
+
+  Recipe recipe;
+  BlockModel model;
+  FaceTable table;
+  Pose T_base_block;
+  Pose T_base_scanner;
+  BlockResult result;
+  bool has_recipe = false;
+};
+
+namespace {
+
+/// Every feature draws its own hypotheses, the same in every run.
+PlaneSettings plane_settings(const EvaluationSettings& evaluation, std::uint64_t seed) {
+  PlaneSettings settings;
+  settings.inlier_share_min = evaluation.inlier_share_min;
+  settings.seed = seed;
+  return settings;
+}
+
+}  // namespace
+
+BlockInspector::BlockInspector() : work_(std::make_unique<Workspace>()) {}
+BlockInspector::~BlockInspector() = default;
+
+void BlockInspector::use(const Recipe& recipe) {
+  work_->recipe = recipe;
+  work_->model.build(recipe.block);
+  work_->table.build(work_->model, work_->wide, work_->near, work_->scratch);
+  work_->has_recipe = true;
+}
+
+void BlockInspector::begin(int station, const Pose& T_base_block, const Pose& T_base_scanner) {
+  assert(work_->has_recipe && "use a recipe first");
+  work_->T_base_block = T_base_block;
+  work_->T_base_scanner = T_base_scanner;
+  work_->result = BlockResult{};
+  work_->result.station = static_cast<std::uint8_t>(station);
+  blank_block_items(work_->recipe, work_->result);
+}
+
+Status BlockInspector::denoise(Cloud& cloud) {
+  Workspace& w = *work_;
+  if (cloud.points > limits::kScanPointsMax || 3 * cloud.points > cloud.xyz.size())
+    return error(Code::frame_incomplete, "scan claims %zu points, its buffer holds %zu and the limit is %zu",
+                 cloud.points, cloud.xyz.size() / 3, limits::kScanPointsMax);
+  remove_isolated(cloud, {w.order, w.label, w.cell_start}, w.result.scan);
+  if (cloud.points < limits::kScanPointsMin)
+    return error(Code::too_few_points, "%zu of %llu points left after denoising, at least %zu needed", cloud.points,
+                 static_cast<unsigned long long>(w.result.scan.points_read), limits::kScanPointsMin);
+  return success();
+}
+
+Status BlockInspector::register_to_model(const Cloud& cloud) {
+  Workspace& w = *work_;
+  if (cloud.points < limits::kScanPointsMin)
+    return error(Code::too_few_points, "%zu points, at least %zu needed", cloud.points, limits::kScanPointsMin);
+  const RegistrationTask task{w.model, w.table, w.recipe.evaluation, w.T_base_block.inverse() * w.T_base_scanner};
+  if (!task.T_block_scanner.all_finite())
+    return error(Code::no_pose, "the start pose of the registration is not finite");
+  w.result.registration = register_block(cloud, task, {w.sample, w.residuals, w.histogram});
+  const RegistrationReport& report = w.result.registration;
+  switch (report.status) {
+    case RegistrationStatus::converged: return success();
+    case RegistrationStatus::iteration_limit:
+      return error(Code::fit_failed, "registration: %s", report.note.c_str());
+    case RegistrationStatus::none:
+    case RegistrationStatus::degenerate:
+    case RegistrationStatus::rejected: break;
+  }
+  return error(Code::block_not_found, "registration %s: %s", name(report.status).data(), report.note.c_str());
+}
+
+Status BlockInspector::extract(const Cloud& cloud) {
+  Workspace& w = *work_;
+  BlockResult& result = w.result;
+  if (result.registration.status != RegistrationStatus::converged)
+    return error(Code::block_not_found, "extract needs a converged registration, it is %s",
+                 name(result.registration.status).data());
+  const EvaluationSettings& evaluation = w.recipe.evaluation;
+  const FastTransform T_block_scanner(result.registration.T_scanner_block.inverse());
+  const Segments segments = segment(cloud, w.model, evaluation, T_block_scanner, w.label, w.order);
+  const auto points = [&](std::span<const std::uint32_t> index) {
+    return CloudPoints{cloud.xyz.data(), index, T_block_scanner};
+  };
+  const auto fit = [&](std::span<const std::uint32_t> index, Face face, std::uint64_t seed) {
+    return fit_plane_over(points(index), w.model.plane(face).n, plane_settings(evaluation, seed));
+  };
+
+  SeatFeature& seat = result.seat;
+  seat.plane = fit(segments.of(Region::seat_crop), Face::seat, 1);
+  if (!seat.plane.ok)
+    return error(Code::fit_failed, "seat plane: %llu of %llu points within the threshold after %d refits, share at "
+                 "least %.2f", static_cast<unsigned long long>(seat.plane.inliers),
+                 static_cast<unsigned long long>(seat.plane.points), seat.plane.iterations,
+                 evaluation.inlier_share_min);
+  seat.full_plane = fit(segments.full_seat(), Face::seat, 2);
+  result.jaw_inner = fit(segments.of(Region::jaw_inner), Face::jaw_inner, 3);
+  result.jaw_outer = fit(segments.of(Region::jaw_outer), Face::jaw_outer, 4);
+  result.slab_top = fit(segments.of(Region::top), Face::top, 5);
+
+  const FlatnessRegion region{evaluation.crop_half_x_mm, evaluation.crop_half_s_mm, evaluation.cell_mm,
+                              evaluation.cell_points_min, w.model.along_seat()};
+  const Flatness flatness = measure_flatness(cloud.xyz.data(), segments.of(Region::seat_crop), T_block_scanner,
+                                             seat.plane, region, {w.flat_start, w.flat_next, w.flat_mean});
+  seat.grid_points = flatness.cells;
+  seat.std_cells_mm = flatness.std_cells_mm;
+  seat.flatness_mm = flatness.lsq_mm;
+  seat.flatness_min_zone_mm = flatness.min_zone_mm;
+  seat.raw_low_mm = flatness.raw_low_mm;
+  seat.raw_high_mm = flatness.raw_high_mm;
+
+  const BlockGeometry& geometry = w.recipe.block;
+  const auto casing = [&](Region where, bool outer) {
+    const CasingTask task{w.model.casing_centre(outer),
+                          0.5 * geometry.casing_bore_diameter_mm.value,
+                          0.5 * geometry.casing_rim_diameter_mm.value,
+                          geometry.casing_rim_height_mm.value,
+                          evaluation.edge_margin_mm,
+                          seat.plane};
+    return measure_casing(points(segments.of(where)), task);
+  };
+  result.casing_inner = casing(Region::casing_inner, false);
+  result.casing_outer = casing(Region::casing_outer, true);
+
+  compute_block_items(w.model, result);
+  compute_observation(w.model, w.T_base_scanner * result.registration.T_scanner_block, result);
+  return success();
+}
+
+void BlockInspector::judge(Code code) {
+  BlockResult& result = work_->result;
+  for (Item& item : result.items)
+    item.verdict = code == Code::ok ? slabd::judge(item, work_->recipe.guard) : Verdict::not_measured;
+  result.verdict = code == Code::ok ? combine(result.items.begin(), result.items.end()) : Verdict::not_measured;
+  result.reason = reason_for(result.verdict, result.items.begin(), result.items.end(), code);
+}
+
+const BlockResult& BlockInspector::result() const { return work_->result; }
+BlockResult& BlockInspector::result() { return work_->result; }
+
+}  // namespace slabd::algo

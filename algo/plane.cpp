@@ -1,0 +1,289 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Planes from points of which some do not belong (paper 3.1).
+//
+// A plane through three noisy points is a poor plane, and counting inliers against it is a poor judge. So hypotheses
+// only have to find the right neighbourhood: they are scored on a stratified sample by truncated squared error, the
+// best is polished by least squares, and the answer is the fixed point of "select within t, refit" on all points.
+// The answer then depends on the data and t, no longer on the random draw.
+//
+// Invariants: distances are orthogonal (a regression on z is wrong on steep faces); sums are blocked and shifted;
+// NaN points are never inliers; the same input gives the same bits.
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "algo/plane_fit.h"
+
+namespace slabd::algo {
+namespace {
+
+/// Smallest inlier distance: noise-free data must not lose its points to rounding.
+constexpr double kThresholdFloor_mm = 1e-6;
+/// Local optimisation of the best hypothesis on the sample; it settles in two or three.
+constexpr int kPolishSteps = 5;
+/// Below this ratio of the middle to the largest eigenvalue the points lie on a line.
+constexpr double kLineRatio = 1e-14;
+
+struct FlatPlane {
+  Vec3 n = Vec3::Zero();
+  double d = 0.0;
+  [[nodiscard]] double distance(const Vec3& p) const { return n.dot(p) - d; }
+  [[nodiscard]] bool same_bits(const FlatPlane& other) const { return n == other.n && d == other.d; }
+};
+
+using Sample = std::array<Vec3, limits::kPlaneSampleMax>;
+using Residuals = std::array<double, limits::kPlaneSampleMax>;
+
+/// Least-squares plane of what `moments` has seen; false when it is not a plane.
+bool plane_of(const PointMoments& moments, const Vec3& up, FlatPlane& plane, double& squares) {
+  if (moments.count() < 3) return false;
+  const Mat3 scatter = moments.scatter();
+  if (!scatter.allFinite()) return false;
+  // `compute` iterates to full accuracy; the closed form `computeDirect` loses half the digits on flat sets.
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
+  solver.compute(scatter);
+  if (solver.info() != Eigen::Success) return false;
+  const Eigen::Vector3d eigenvalues = solver.eigenvalues();
+  if (!(eigenvalues[1] > kLineRatio * eigenvalues[2])) return false;
+  plane.n = solver.eigenvectors().col(0);
+  plane.n.normalize();
+  if (plane.n.dot(up) < 0.0) plane.n = -plane.n;
+  plane.d = plane.n.dot(moments.mean());
+  squares = std::fmax(plane.n.dot(scatter * plane.n), 0.0);
+  return true;
+}
+
+/// Least-squares plane of the points within `threshold` of `plane`, which it replaces; false when they form none. The
+/// sums are taken around `shift`: the same selection gives the same bits only with the same shift.
+template <typename Points>
+bool refit_within(const Points& points, std::size_t count, double threshold, const Vec3& shift, const Vec3& up,
+                  FlatPlane& plane, double& squares, std::size_t& inliers) {
+  const FlatPlane old = plane;
+  PointMoments moments(shift);
+  for (std::size_t i = 0; i < count; ++i) {
+    const Vec3 p = points[i];
+    if (std::abs(old.distance(p)) <= threshold) moments.add(p);
+  }
+  moments.close_block();
+  inliers = moments.count();
+  return plane_of(moments, up, plane, squares);
+}
+
+/// One point drawn from each of `m` equal slices of the set: covers the face evenly whatever the scan order.
+template <typename Points>
+std::size_t draw_sample(const Points& points, Prng& prng, Sample& sample) {
+  const std::size_t n = points.size();
+  const std::size_t m = std::min(n, sample.size());
+  for (std::size_t i = 0; i < m; ++i) {
+    const std::size_t first = i * n / m;
+    const std::size_t last = (i + 1) * n / m;
+    sample[i] = points[n == m ? i : first + prng.below(last - first)];
+  }
+  return m;
+}
+
+/// The plane through three sample points; false when they are equal, on a line or not finite.
+bool hypothesis(const Sample& sample, std::size_t m, Prng& prng, FlatPlane& plane) {
+  const Vec3& a = sample[prng.below(m)];
+  const Vec3& b = sample[prng.below(m)];
+  const Vec3& c = sample[prng.below(m)];
+  const Vec3 ab = b - a;
+  const Vec3 ac = c - a;
+  const Vec3 normal = ab.cross(ac);
+  const double length = normal.norm();
+  if (!(length > 1e-9 * ab.norm() * ac.norm()) || !std::isfinite(length)) return false;
+  plane.n = normal / length;
+  plane.d = plane.n.dot(a);
+  return true;
+}
+
+void residuals_of(const Sample& sample, std::size_t m, const FlatPlane& plane, Residuals& residuals) {
+  for (std::size_t i = 0; i < m; ++i) {
+    const double r = std::abs(plane.distance(sample[i]));
+    residuals[i] = std::isfinite(r) ? r : std::numeric_limits<double>::infinity();
+  }
+}
+
+/// Runs `score(plane, best)` over K hypotheses (the same for the same seed) and keeps the smallest score.
+template <typename Score>
+bool best_hypothesis(const Sample& sample, std::size_t m, int hypotheses, std::uint64_t seed, FlatPlane& best,
+                     const Score& score) {
+  Prng prng(seed);
+  double best_score = std::numeric_limits<double>::infinity();
+  bool found = false;
+  int drawn = 0;
+  // Draws on a line or with a repeated point do not count, but they cannot go on for ever.
+  for (int attempt = 0; drawn < hypotheses && attempt < 8 * hypotheses + 64; ++attempt) {
+    FlatPlane plane;
+    if (!hypothesis(sample, m, prng, plane)) continue;
+    ++drawn;
+    const double s = score(plane, best_score);
+    if (s < best_score) {
+      best_score = s;
+      best = plane;
+      found = true;
+    }
+  }
+  return found;
+}
+
+/// Least squared error truncated at the threshold (MSAC); gives up as soon as it cannot win.
+double msac_score(const Sample& sample, std::size_t m, const FlatPlane& plane, double threshold, double best) {
+  const double t2 = threshold * threshold;
+  double sum = 0.0;
+  for (std::size_t i = 0; i < m; ++i) {
+    const double r = plane.distance(sample[i]);
+    const double r2 = r * r;
+    sum += r2 < t2 ? r2 : t2;
+    if ((i & 255U) == 255U && sum >= best) break;
+  }
+  return sum;
+}
+
+double quantile_of(std::span<double> values, double share) {
+  const double position = share * static_cast<double>(values.size() - 1);
+  const auto k = static_cast<std::ptrdiff_t>(std::floor(position));
+  std::nth_element(values.begin(), values.begin() + k, values.end());
+  return values[static_cast<std::size_t>(k)];
+}
+
+double threshold_from(double sigma) { return std::fmax(3.0 * sigma, kThresholdFloor_mm); }
+
+}  // namespace
+
+double robust_sigma(std::span<double> abs_residuals, double share) {
+  if (abs_residuals.empty()) return 0.0;
+  // Of normal errors, half lie within 0.6745 sigma.
+  constexpr double kMad = 1.482602218505602;
+  // ... and half of those within three sigma lie within 0.6720 sigma.
+  constexpr double kMadWithinThree = 1.488100;
+  double sigma = kMad * quantile_of(abs_residuals, share);
+  if (!std::isfinite(sigma)) return sigma;
+  std::size_t kept = abs_residuals.size();
+  for (int i = 0; i < 50; ++i) {
+    const auto end = std::partition(abs_residuals.begin(), abs_residuals.begin() + static_cast<std::ptrdiff_t>(kept),
+                                    [&](double r) { return r <= 3.0 * sigma; });
+    kept = static_cast<std::size_t>(end - abs_residuals.begin());
+    if (kept == 0) return sigma;
+    const double next = kMadWithinThree * quantile_of(abs_residuals.first(kept), 0.5);
+    if (!(next < sigma)) return sigma;
+    sigma = next;
+  }
+  return sigma;
+}
+
+int hypotheses_needed(double contamination, double confidence, int points_per_hypothesis) {
+  constexpr int most = static_cast<int>(limits::kPlaneHypothesesMax);
+  if (!(contamination > 0.0) || !(confidence > 0.0)) return 1;
+  if (contamination >= 1.0 || confidence >= 1.0) return most;
+  const double all_clean = std::pow(1.0 - contamination, points_per_hypothesis);
+  const double k = std::log1p(-confidence) / std::log1p(-all_clean);
+  if (!(k < static_cast<double>(most))) return most;
+  return std::max(1, static_cast<int>(std::ceil(k)));
+}
+
+template <typename Points>
+PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSettings& settings) {
+  PlaneFit fit;
+  fit.points = points.size();
+  if (points.size() < 3) return fit;
+
+  Sample sample;
+  Residuals residuals;
+  Prng prng(settings.seed);
+  const std::size_t m = draw_sample(points, prng, sample);
+  const int hypotheses = hypotheses_needed(settings.contamination, settings.confidence, 3);
+  const std::uint64_t seed = prng.next();
+
+  // Without a given threshold the first round looks for the hypothesis that the trusted share of points fits best
+  // (least median of squares at 50 %), only to learn how large the noise is.
+  const bool find_threshold = !(settings.threshold_mm > 0.0);
+  const double share = std::clamp(1.0 - settings.contamination, 0.05, 0.5);
+  double threshold = settings.threshold_mm;
+  FlatPlane plane;
+  if (find_threshold) {
+    const auto quantile_score = [&](const FlatPlane& candidate, double) {
+      residuals_of(sample, m, candidate, residuals);
+      return quantile_of(std::span(residuals).first(m), share);
+    };
+    if (!best_hypothesis(sample, m, hypotheses, seed, plane, quantile_score)) return fit;
+    residuals_of(sample, m, plane, residuals);
+    threshold = threshold_from(robust_sigma(std::span(residuals).first(m), share));
+  }
+  if (!best_hypothesis(sample, m, hypotheses, seed, plane, [&](const FlatPlane& candidate, double best) {
+        return msac_score(sample, m, candidate, threshold, best);
+      }))
+    return fit;
+
+  // Any place near the plane's points serves as the origin of the sums, as long as it stays the same.
+  const auto finite = std::find_if(sample.begin(), sample.begin() + static_cast<std::ptrdiff_t>(m),
+                                   [](const Vec3& p) { return p.allFinite(); });
+  const Vec3 shift = *finite - plane.distance(*finite) * plane.n;
+  double squares = 0.0;
+  std::size_t inliers = 0;
+  for (int i = 0; i < kPolishSteps; ++i) {
+    FlatPlane polished = plane;
+    if (!refit_within(sample, m, threshold, shift, up, polished, squares, inliers)) break;
+    plane = polished;
+    if (find_threshold) {
+      residuals_of(sample, m, plane, residuals);
+      threshold = threshold_from(robust_sigma(std::span(residuals).first(m), share));
+    }
+  }
+
+  bool stands_still = false;
+  bool is_plane = true;
+  while (!stands_still && is_plane && fit.iterations < settings.refits_max) {
+    ++fit.iterations;
+    FlatPlane next = plane;
+    is_plane = refit_within(points, points.size(), threshold, shift, up, next, squares, inliers);
+    // The same selection gives the same sums, and the other way round: equal planes mean equal inlier sets.
+    stands_still = is_plane && next.same_bits(plane);
+    if (is_plane) plane = next;
+  }
+
+  fit.normal = plane.n.dot(up) < 0.0 ? Vec3(-plane.n) : plane.n;
+  fit.offset_mm = plane.n.dot(up) < 0.0 ? -plane.d : plane.d;
+  fit.inliers = inliers;
+  fit.inlier_fraction = static_cast<double>(inliers) / static_cast<double>(points.size());
+  if (is_plane && inliers > 3) fit.std_mm = std::sqrt(squares / static_cast<double>(inliers - 3));
+  fit.ok = is_plane && stands_still && fit.inlier_fraction >= settings.inlier_share_min;
+  return fit;
+}
+
+template <typename Points>
+PlaneFit fit_plane_lsq_over(const Points& points, const Vec3& up) {
+  PlaneFit fit;
+  fit.points = points.size();
+  if (points.size() < 3) return fit;
+  PointMoments moments(points[0]);
+  for (std::size_t i = 0; i < points.size(); ++i) moments.add(points[i]);
+  moments.close_block();
+  FlatPlane plane;
+  double squares = 0.0;
+  if (!plane_of(moments, up, plane, squares)) return fit;
+  fit.ok = true;
+  fit.normal = plane.n;
+  fit.offset_mm = plane.d;
+  fit.inliers = points.size();
+  fit.inlier_fraction = 1.0;
+  fit.iterations = 1;
+  if (points.size() > 3) fit.std_mm = std::sqrt(squares / static_cast<double>(points.size() - 3));
+  return fit;
+}
+
+template PlaneFit fit_plane_over(const std::span<const Vec3>&, const Vec3&, const PlaneSettings&);
+template PlaneFit fit_plane_over(const CloudPoints&, const Vec3&, const PlaneSettings&);
+template PlaneFit fit_plane_lsq_over(const std::span<const Vec3>&, const Vec3&);
+template PlaneFit fit_plane_lsq_over(const CloudPoints&, const Vec3&);
+
+PlaneFit fit_plane(std::span<const Vec3> points, const Vec3& up, const PlaneSettings& settings) {
+  return fit_plane_over(points, up, settings);
+}
+
+PlaneFit fit_plane_lsq(std::span<const Vec3> points, const Vec3& up) { return fit_plane_lsq_over(points, up); }
+
+}  // namespace slabd::algo

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "base/base.h"
+
+/// Two ways to look at a set of points without copying it. Fits are written once over either.
+namespace slabd::algo {
+
+/// A rigid transform unpacked for the inner loops over float points: one matrix product, no quaternion.
+class FastTransform {
+ public:
+  explicit FastTransform(const Pose& pose) : R_(pose.rotation.toRotationMatrix()), t_(pose.translation_mm) {}
+
+  [[nodiscard]] Vec3 operator()(const float* xyz) const {
+    const double x = static_cast<double>(xyz[0]);
+    const double y = static_cast<double>(xyz[1]);
+    const double z = static_cast<double>(xyz[2]);
+    return {R_(0, 0) * x + R_(0, 1) * y + R_(0, 2) * z + t_.x(), R_(1, 0) * x + R_(1, 1) * y + R_(1, 2) * z + t_.y(),
+            R_(2, 0) * x + R_(2, 1) * y + R_(2, 2) * z + t_.z()};
+  }
+
+ private:
+  Mat3 R_;
+  Vec3 t_;
+};
+
+/// The points of a cloud named by `index`, in the block frame.
+struct CloudPoints {
+  const float* xyz = nullptr;
+  std::span<const std::uint32_t> index;
+  FastTransform T_block_scanner;
+
+  [[nodiscard]] std::size_t size() const { return index.size(); }
+  [[nodiscard]] Vec3 operator[](std::size_t i) const { return T_block_scanner(xyz + 3 * std::size_t{index[i]}); }
+};
+
+}  // namespace slabd::algo

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <span>
+
+#include "algo/algo.h"
+#include "algo/block_model.h"
+#include "algo/points.h"
+
+namespace slabd::algo {
+
+/// Memory for registration, owned by the inspector.
+struct RegistrationWorkspace {
+  std::span<Vec3> sample;              ///< limits::kIcpPointsMax, scanner frame
+  std::span<double> residuals;         ///< limits::kIcpPointsMax
+  std::span<std::uint32_t> histogram;  ///< limits::kDeviationBins
+};
+
+/// Where a registration starts and what makes it acceptable.
+struct RegistrationTask {
+  const BlockModel& model;
+  const FaceTable& table;
+  const EvaluationSettings& settings;
+  Pose T_block_scanner;  ///< start
+};
+
+/// ICP of `cloud` (scanner frame, denoised) to the model: point to plane, robust, gates shrinking. Fills every field
+/// of the report; `status` is converged only if the pose stands still, is determined in all six directions, and every
+/// face that is looked at is really there. Deterministic; no heap.
+[[nodiscard]] RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& task,
+                                                const RegistrationWorkspace& work);
+
+}  // namespace slabd::algo

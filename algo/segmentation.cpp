@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Which points are measured for which feature? The model's planes say it without any mesh: on face f, the distance to
+// its edge with face g is the distance to plane g divided by the sine of the angle between the two. Keeping a margin
+// there keeps fillets, mixed pixels and a small misfit of the pose out of every fit.
+#include "algo/segmentation.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+
+namespace slabd::algo {
+namespace {
+
+/// A half space a point of a face must lie in: `sign` * distance >= least.
+struct Bound {
+  Plane plane;
+  double sign = 1.0;
+  double least = 0.0;
+};
+
+/// A face and the edges that bound it.
+struct BoundedFace {
+  Plane plane;
+  std::array<Bound, 4> bounds;
+
+  [[nodiscard]] bool holds(const Vec3& p, double gate) const {
+    if (!(std::abs(plane.distance(p)) <= gate)) return false;
+    for (const Bound& b : bounds)
+      if (b.sign * b.plane.distance(p) < b.least) return false;
+    return true;
+  }
+};
+
+class Divider {
+ public:
+  Divider(const BlockModel& model, const EvaluationSettings& settings)
+      : settings_(settings), along_(model.along_seat()), margin_(settings.edge_margin_mm) {
+    const BlockGeometry& g = model.geometry();
+    // A jaw rises from the seat: the seat's free side is the jaw's too. A shoulder or end cuts a face off: inside.
+    seat_ = face(model, Face::seat, {Face::jaw_inner, Face::jaw_outer}, {Face::end_minus, Face::end_plus});
+    jaw_inner_ = jaw(model, Face::jaw_inner, Face::shoulder_inner);
+    jaw_outer_ = jaw(model, Face::jaw_outer, Face::shoulder_outer);
+    top_ = model.plane(Face::top);
+    constexpr std::array<Face, 4> kAround = {Face::end_minus, Face::end_plus, Face::side_inner, Face::side_outer};
+    for (std::size_t i = 0; i < kAround.size(); ++i) around_[i] = bound(model, Face::top, kAround[i], 1.0);
+    casing_s_ = g.casing_half_spacing_mm.value;
+    casing_clear_ = 0.5 * g.casing_rim_diameter_mm.value + margin_;
+    // The rim's own zone reaches beyond it, as a casing may sit half a millimetre beside its place.
+    casing_reach_ = 0.5 * g.casing_rim_diameter_mm.value + 1.0;
+    rim_ = model.plane(Face::rim_outer);
+  }
+
+  [[nodiscard]] Region region_of(const Vec3& p) const {
+    if (!FaceTable::inside(p)) return Region::none;
+    if (std::abs(top_.distance(p)) <= settings_.registration_gate_mm) {
+      // Clear of the block means clear of any one of its outer faces.
+      for (const Bound& b : around_)
+        if (b.plane.distance(p) >= b.least) return Region::top;
+      return Region::none;
+    }
+    const double s = along_.dot(p);
+    const double from_casing = std::hypot(p.x(), std::abs(s) - casing_s_);
+    if (from_casing < casing_clear_) {
+      if (from_casing > casing_reach_ || std::abs(rim_.distance(p)) > settings_.registration_gate_mm)
+        return Region::none;
+      return s > 0.0 ? Region::casing_outer : Region::casing_inner;
+    }
+    if (seat_.holds(p, settings_.registration_gate_mm)) {
+      const bool crop = std::abs(p.x()) <= settings_.crop_half_x_mm && std::abs(s) <= settings_.crop_half_s_mm;
+      return crop ? Region::seat_crop : Region::seat_rest;
+    }
+    if (s < 0.0 && jaw_inner_.holds(p, settings_.registration_gate_mm)) return Region::jaw_inner;
+    if (s > 0.0 && jaw_outer_.holds(p, settings_.registration_gate_mm)) return Region::jaw_outer;
+    return Region::none;
+  }
+
+ private:
+  [[nodiscard]] Bound bound(const BlockModel& model, Face on, Face edge, double sign) const {
+    const double sine = model.plane(on).n.cross(model.plane(edge).n).norm();
+    return {model.plane(edge), sign, margin_ * sine};
+  }
+  [[nodiscard]] BoundedFace face(const BlockModel& model, Face on, std::array<Face, 2> outside_of,
+                                 std::array<Face, 2> inside_of) const {
+    return {model.plane(on),
+            {bound(model, on, outside_of[0], 1.0), bound(model, on, outside_of[1], 1.0),
+             bound(model, on, inside_of[0], -1.0), bound(model, on, inside_of[1], -1.0)}};
+  }
+  [[nodiscard]] BoundedFace jaw(const BlockModel& model, Face on, Face shoulder) const {
+    return {model.plane(on),
+            {bound(model, on, Face::seat, 1.0), bound(model, on, shoulder, -1.0),
+             bound(model, on, Face::end_minus, -1.0), bound(model, on, Face::end_plus, -1.0)}};
+  }
+
+  const EvaluationSettings& settings_;
+  Vec3 along_;
+  double margin_;
+  BoundedFace seat_;
+  BoundedFace jaw_inner_;
+  BoundedFace jaw_outer_;
+  Plane top_;
+  Plane rim_;
+  std::array<Bound, 4> around_;
+  double casing_s_ = 0.0;
+  double casing_clear_ = 0.0;
+  double casing_reach_ = 0.0;
+};
+
+}  // namespace
+
+Segments segment(const Cloud& cloud, const BlockModel& model, const EvaluationSettings& settings,
+                 const FastTransform& T_block_scanner, std::span<std::uint8_t> label, std::span<std::uint32_t> order) {
+  assert(cloud.points <= label.size() && cloud.points <= order.size());
+  const Divider divider(model, settings);
+  std::array<std::size_t, kRegions> count{};
+  for (std::size_t i = 0; i < cloud.points; ++i) {
+    const Region region = divider.region_of(T_block_scanner(cloud.xyz.data() + 3 * i));
+    label[i] = static_cast<std::uint8_t>(region);
+    ++count[label[i]];
+  }
+  Segments segments;
+  segments.order = order;
+  // Region none keeps no room: start[none] == start[first region] == 0.
+  for (std::size_t r = 1; r < kRegions; ++r) segments.start[r + 1] = segments.start[r] + count[r];
+  std::array<std::size_t, kRegions + 1> next = segments.start;
+  for (std::size_t i = 0; i < cloud.points; ++i)
+    if (label[i] != 0) order[next[label[i]]++] = static_cast<std::uint32_t>(i);
+  return segments;
+}
+
+}  // namespace slabd::algo
