@@ -47,25 +47,28 @@ double scale_of(std::span<const Vec2> points, const Circle& circle) {
 }
 
 /// One weighted Gauss-Newton step. Returns its length, negative when the points do not fix a circle.
-double step(std::span<const Vec2> points, double cut, Circle& circle) {
+double step(std::span<const Vec2> points, double cut, double outside_weight, Circle& circle) {
   Eigen::Matrix3d H = Eigen::Matrix3d::Zero();
   Eigen::Vector3d g = Eigen::Vector3d::Zero();
   double weight = 0.0;
+  double agreeing = 0.0;
   double squares = 0.0;
   for (const Vec2& p : points) {
     const Vec2 out = p - circle.centre;
     const double r = out.norm();
     if (!(r > 0.0)) continue;
     const double e = r - circle.radius;
-    const double w = cut > 0.0 ? tukey(e, cut) : 1.0;
+    const double agreement = cut > 0.0 ? tukey(e, cut) : 1.0;
+    const double w = e > 0.0 ? outside_weight * agreement : agreement;
     const Eigen::Vector3d j(-out.x() / r, -out.y() / r, -1.0);
     H += w * j * j.transpose();
     g += w * e * j;
     weight += w;
     squares += w * e * e;
+    agreeing += agreement;
   }
-  circle.weight = weight;
-  if (!(weight >= 3.0)) return -1.0;
+  circle.weight = agreeing;
+  if (!(agreeing >= 3.0)) return -1.0;
   circle.rms = std::sqrt(squares / weight);
   // A short arc fixes neither centre nor radius; relative to the weights the determinant then vanishes.
   const Eigen::Matrix3d unit = H / weight;
@@ -85,9 +88,9 @@ Circle fit_circle(std::span<const Vec2> points, const Vec2& start) {
   if (points.size() < 3) return circle;
   circle.radius = mean_radius(points, start);
   for (int i = 0; i < kSteps; ++i) {
-    const double moved = step(points, 0.0, circle);
+    const double moved = step(points, 0.0, 1.0, circle);
     if (moved < 0.0) return circle;
-    if (moved <= 1e-13 * (circle.radius + circle.centre.norm())) {
+    if (moved <= 1e-12 * (circle.radius + circle.centre.norm())) {
       circle.ok = circle.radius > 0.0;
       return circle;
     }
@@ -95,7 +98,7 @@ Circle fit_circle(std::span<const Vec2> points, const Vec2& start) {
   return circle;
 }
 
-Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, double scale_min) {
+Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, const CircleWeights& weights) {
   Circle circle;
   circle.centre = start;
   if (points.size() < 3 || points.size() > kPointsMax) return circle;
@@ -103,8 +106,8 @@ Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, double
   double cut = 0.0;
   for (int i = 0; i < kSteps; ++i) {
     // The scale follows the fit for some steps and then stands, so that the steps can come to rest.
-    if (i < 20) cut = 4.685 * std::max(scale_of(points, circle), scale_min);
-    const double moved = step(points, cut, circle);
+    if (i < 20) cut = 4.685 * std::max(scale_of(points, circle), weights.scale_min);
+    const double moved = step(points, cut, weights.outside_weight, circle);
     if (moved < 0.0) return circle;
     if (i >= 20 && moved <= 1e-9) {
       circle.ok = circle.radius > 0.0;

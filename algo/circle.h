@@ -22,8 +22,13 @@ struct Circle {
 /// ok = false: fewer than three points, or they do not determine a circle.
 [[nodiscard]] Circle fit_circle(std::span<const Vec2> points, const Vec2& start);
 
-/// The same with Tukey weights, scale from the median distance and never below `scale_min`: points that lie off the
-/// common circle lose their say. Up to 512 points.
-[[nodiscard]] Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, double scale_min);
+/// How `fit_circle_robust` weighs.
+struct CircleWeights {
+  double scale_min = 0.0;      ///< the scale comes from the median distance and is never below this
+  double outside_weight = 1.0; ///< factor for points outside the circle; below 1 the circle leans on its inner points
+};
+
+/// The same with Tukey weights: points that lie off the common circle lose their say. Up to 512 points.
+[[nodiscard]] Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, const CircleWeights& weights);
 
 }  // namespace slabd::algo
