@@ -172,9 +172,9 @@ void read_storage(TableReader storage, storage::StoreSettings& out) {
   double budget_gb = 0.0;
   storage.optional_number("spool_budget_gb", budget_gb, {0.0, 100'000.0});
   if (budget_gb > 0.0 && budget_gb < 3.0)
-    storage.problem("spool_budget_gb",
-                    fmt::format("found {}, allowed is 0 (keep every scan) or 3..100000; a slab's scans are 1.1 GB",
-                                budget_gb));
+    storage.problem(
+        "spool_budget_gb",
+        fmt::format("found {}, allowed is 0 (keep every scan) or 3..100000; a slab's scans are 1.1 GB", budget_gb));
   out.spool_budget_bytes = static_cast<std::uint64_t>(budget_gb * 1e9);
   storage.finish();
 }
@@ -188,7 +188,7 @@ void read_cell(TableReader cell, Pose& T_base_slab) {
 
 void read_calibration(TableReader table, calib::Calibration& out) {
   std::array<double, 7> pose = Pose::identity().to_array();
-  double sigma_mm = kNoValue;   // absent: slab-frame items will be indeterminate
+  double sigma_mm = kNoValue;  // absent: slab-frame items will be indeterminate
   double sigma_deg = kNoValue;
   table.required_pose("T_flange_scanner", pose, kArmMaxMm);
   table.optional_number("station_sigma_mm", sigma_mm, {1e-6, 10.0});

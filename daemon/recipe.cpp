@@ -148,7 +148,8 @@ void read_limits(TableReader& item, const ItemInfo& info, Tolerance& out) {
   if (lower != nullptr) out.lower = read_limit(item, "lower", *lower, info).value_or(kNoValue);
   if (upper != nullptr) out.upper = read_limit(item, "upper", *upper, info).value_or(kNoValue);
   if (has_value(out.lower) && has_value(out.upper) && !(out.lower < out.upper))
-    item.problem("lower", fmt::format("found {:.6g} with upper {:.6g}, allowed is lower < upper", out.lower, out.upper));
+    item.problem("lower",
+                 fmt::format("found {:.6g} with upper {:.6g}, allowed is lower < upper", out.lower, out.upper));
 }
 
 void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
@@ -158,8 +159,7 @@ void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
   read_limits(item, info, out);
   item.optional_number("U", out.U, {1e-6, 1e3});
   const bool limited = item.has("lower") || item.has("upper") || item.has("tolerance");
-  if (limited && !item.has("nominal"))
-    item.missing("nominal", "the value that deviations are counted from");
+  if (limited && !item.has("nominal")) item.missing("nominal", "the value that deviations are counted from");
   if (out.required && !limited)
     item.problem("required", "found true without lower, upper or tolerance: such an item could never pass");
   item.finish();
@@ -212,7 +212,8 @@ void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& 
   recipe.path.assign(path);
   const std::size_t problems_before = problems.size();
   if (path.size() > recipe.path.capacity()) {
-    problems.push_back({fmt::format("{}: a path of {} bytes, allowed are {}", path, path.size(), recipe.path.capacity())});
+    problems.push_back(
+        {fmt::format("{}: a path of {} bytes, allowed are {}", path, path.size(), recipe.path.capacity())});
     return;
   }
   const std::optional<std::string> bytes = read_text_file(path, problems);
@@ -249,8 +250,9 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
     if (problems.size() != problems_before) continue;
     const auto [other, is_new] = path_of_type.emplace(recipe.slab_type, path);
     if (!is_new) {
-      problems.push_back({fmt::format("{}: slab_type: {} is already the type of {}; allowed is one recipe for each type",
-                                      path, recipe.slab_type, other->second)});
+      problems.push_back(
+          {fmt::format("{}: slab_type: {} is already the type of {}; allowed is one recipe for each type", path,
+                       recipe.slab_type, other->second)});
       continue;
     }
     if (recipes.size() == limits::kRecipesMax) {

@@ -23,8 +23,9 @@ void check_slab(TableReader slab, const SlabGeometry& g) {
 
 void check_block(TableReader block, const BlockGeometry& b) {
   if (b.casing_rim_diameter_mm.value <= b.casing_bore_diameter_mm.value)
-    block.problem("casing_rim_diameter_mm", fmt::format("found {}, allowed is more than casing_bore_diameter_mm {}",
-                                                        b.casing_rim_diameter_mm.value, b.casing_bore_diameter_mm.value));
+    block.problem("casing_rim_diameter_mm",
+                  fmt::format("found {}, allowed is more than casing_bore_diameter_mm {}",
+                              b.casing_rim_diameter_mm.value, b.casing_bore_diameter_mm.value));
   const double casing_end_mm = b.casing_half_spacing_mm.value + 0.5 * b.casing_rim_diameter_mm.value;
   if (casing_end_mm >= b.jaw_half_distance_mm.value)
     block.problem("casing_half_spacing_mm",

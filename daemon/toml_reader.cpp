@@ -184,7 +184,9 @@ const TomlValue* TableReader::value(std::string_view key) {
   return member == nullptr ? nullptr : &member->value;
 }
 
-bool TableReader::has(std::string_view key) { return value(key) != nullptr; }
+bool TableReader::has(std::string_view key) {
+  return value(key) != nullptr;
+}
 
 void TableReader::optional_number(std::string_view key, double& out, Allowed allowed) {
   const TomlValue* v = value(key);
@@ -268,15 +270,17 @@ void TableReader::required_pose(std::string_view key, std::array<double, 7>& out
     const std::optional<double> number = as_number(item);
     const double limit = i < 3 ? reach_mm : 1.0 + kUnitTolerance;
     if (!number || !std::isfinite(*number) || std::abs(*number) > limit) {
-      problem_at(item, key, fmt::format("number {} of 7: found {}, allowed is {}..{}", i + 1, found(item), -limit, limit));
+      problem_at(item, key,
+                 fmt::format("number {} of 7: found {}, allowed is {}..{}", i + 1, found(item), -limit, limit));
       return;
     }
     pose[i] = *number;
   }
   const double norm = std::hypot(std::hypot(pose[3], pose[4]), std::hypot(pose[5], pose[6]));
   if (std::abs(norm - 1.0) > kUnitTolerance)
-    return problem_at(*v, key, fmt::format("the quaternion (qw, qx, qy, qz) has length {:.6f}, allowed is 1 within {}",
-                                           norm, kUnitTolerance));
+    return problem_at(
+        *v, key,
+        fmt::format("the quaternion (qw, qx, qy, qz) has length {:.6f}, allowed is 1 within {}", norm, kUnitTolerance));
   out = pose;
 }
 

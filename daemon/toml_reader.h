@@ -23,7 +23,7 @@ struct TomlValue {
   struct Member;
 
   Kind kind = Kind::table;
-  std::uint32_t line = 1;    ///< of the value, from 1
+  std::uint32_t line = 1;  ///< of the value, from 1
   std::uint32_t column = 1;
   bool boolean = false;
   std::int64_t integer = 0;

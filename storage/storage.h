@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "base/base.h"
@@ -27,7 +28,8 @@ struct StoreSettings {
 };
 
 /// The writer. One object, one thread. Every apply() is one transaction, durable when it returns
-/// (synchronous=EXTRA, then WAL). After a write error the object refuses everything until reopened.
+/// (synchronous=EXTRA, then WAL). A write error closes the file; the next call opens it anew, with quick_check, before
+/// it does anything. A job given again because its answer was an error replaces what the first one may have left.
 class Store {
  public:
   virtual ~Store() = default;
@@ -35,10 +37,13 @@ class Store {
   [[nodiscard]] virtual Result<std::unique_ptr<RecoveredLine>> recover() = 0;
   /// Codes: store_full (disk, or less than spool_free_bytes_min at a slab's begin), journal_write (anything else).
   [[nodiscard]] virtual Status apply(const StoreJob& job) = 0;
+  /// Why old scans could not be deleted to keep the spool budget; empty when all is well. Never fails a job.
+  [[nodiscard]] virtual std::string_view spool_trouble() const { return {}; }
 };
 
-/// Opens or creates the database (folders too). journal_write when it cannot be opened, is another application's
-/// (application_id), or is newer than this program (user_version); the text names the file and the figures.
+/// Opens or creates the database (folders too, mode 2770). journal_write when it cannot be opened, is open for writing
+/// elsewhere, is damaged, another application's (application_id), or newer than this program (user_version); the text
+/// names the file and the figures.
 [[nodiscard]] Result<std::unique_ptr<Store>> open_store(const StoreSettings& settings);
 
 // ---- reading (slabctl; short read-only transactions, never checkpoints) -------------------------------------------
@@ -76,6 +81,7 @@ class Reader {
   [[nodiscard]] virtual Result<std::optional<SlabRecord>> slab(std::int64_t key) = 0;
   [[nodiscard]] virtual Result<std::optional<std::int64_t>> find(std::string_view slab_id) = 0;
 };
+/// config when the file does not exist or is no slabd database.
 [[nodiscard]] Result<std::unique_ptr<Reader>> open_reader(const std::string& db_path);
 
 }  // namespace slabd::storage

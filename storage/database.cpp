@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The settings and their reasons:
+//   synchronous=EXTRA   set before the switch to WAL: the journal of that switch must be gone for good, or a power cut
+//                       can bring it back and roll the database back to that moment
+//   journal_mode=WAL    readers never block the writer; one sync for each commit
+//   checkpoints         by the writer only, every 256 pages, and the WAL file is cut back to 16 MB afterwards
+//   mmap off, fixed cache, trusted_schema off, cell_size_check, defensive: a damaged or hostile file is an error
+//                       message, not memory damage
+#include "storage/database.h"
+
+#include <sqlite3.h>
+
+#include <filesystem>
+
+#include "storage/folders.h"
+#include "storage/schema.h"
+#include "storage/storage.h"
+
+namespace slabd::storage {
+namespace {
+
+constexpr int kBusyMs = 2000;  ///< only a person with another tool can make the writer wait
+
+/// Settings that write nothing into the file.
+void protect(Connection& db) {
+  sqlite3_busy_timeout(db.handle(), kBusyMs);
+  if (sqlite3_db_config(db.handle(), SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr) != SQLITE_OK)
+    throw SqlFailure{SQLITE_ERROR, "SQLITE_DBCONFIG_DEFENSIVE is not available"};
+  db.execute("PRAGMA trusted_schema = OFF");
+  db.execute("PRAGMA cell_size_check = ON");
+  db.execute("PRAGMA mmap_size = 0");
+  db.execute("PRAGMA cache_size = -2048");
+  db.execute("PRAGMA temp_store = MEMORY");
+  db.execute("PRAGMA foreign_keys = ON");
+}
+
+enum class Owner { nobody, us };
+
+/// Throws when the file is another application's or from a newer slabd. "nobody": an empty file, or one that a crash
+/// left between its first page and the schema.
+Owner owner_of(Connection& db) {
+  const std::int64_t application = db.integer("PRAGMA application_id");
+  const std::int64_t version = db.integer("PRAGMA user_version");
+  const std::int64_t tables = db.integer("SELECT count(*) FROM sqlite_schema");
+  if (application == 0 && version == 0 && tables == 0) return Owner::nobody;
+  if (application != kApplicationId)
+    throw SqlFailure{SQLITE_NOTADB, "it belongs to another application (application_id " + std::to_string(application) +
+                                        ", expected " + std::to_string(kApplicationId) + ")"};
+  if (version > kSchemaVersion)
+    throw SqlFailure{SQLITE_SCHEMA, "it was written by a newer slabd (schema version " + std::to_string(version) +
+                                        ", this program knows up to " + std::to_string(kSchemaVersion) + ")"};
+  if (version < 1) throw SqlFailure{SQLITE_SCHEMA, "its schema version is " + std::to_string(version) + ", expected 1"};
+  return Owner::us;
+}
+
+void use_write_ahead_log(Connection& db) {
+  db.execute("PRAGMA synchronous = EXTRA");
+  const std::string mode = db.text("PRAGMA journal_mode = WAL");
+  if (mode != "wal")
+    throw SqlFailure{SQLITE_ERROR, "journal_mode is \"" + mode + "\" and cannot be set to \"wal\" (network disk?)"};
+  db.execute("PRAGMA wal_autocheckpoint = 256");
+  db.execute("PRAGMA journal_size_limit = 16777216");
+}
+
+void create_schema(Connection& db) {
+  Transaction transaction(db, "BEGIN EXCLUSIVE");
+  db.execute(schema_sql());
+  db.execute("PRAGMA application_id = " + std::to_string(kApplicationId));
+  db.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion));
+  transaction.commit();
+}
+
+void check(Connection& db) {
+  const std::string answer = db.text("PRAGMA quick_check(1)");
+  if (answer != "ok") throw SqlFailure{SQLITE_CORRUPT, "it is damaged (quick_check: " + answer + ")"};
+}
+
+Error cannot_open(const std::string& path, const SqlFailure& failure, Code code) {
+  const bool full = (failure.result & 0xFF) == SQLITE_FULL;
+  return error(full ? Code::store_full : code, "cannot use database %s: %s", path.c_str(), failure.text.c_str());
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path) {
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  if (!folder.empty())
+    if (Status status = make_folder(folder); !status.ok()) return status.error();
+  if (Status status = create_file(path); !status.ok()) return status.error();
+  try {
+    auto db = std::make_unique<Connection>(path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
+    protect(*db);
+    const Owner owner = owner_of(*db);
+    use_write_ahead_log(*db);
+    if (owner == Owner::nobody) create_schema(*db);
+    check(*db);
+    return db;
+  } catch (const SqlFailure& failure) {
+    return cannot_open(path, failure, Code::journal_write);
+  }
+}
+
+Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path) {
+  std::error_code ec;
+  if (!std::filesystem::exists(path, ec))
+    return error(Code::config, "there is no database %s: slabd has not run with it yet, or the path is wrong",
+                 path.c_str());
+  try {
+    auto db = std::make_unique<Connection>(path, SQLITE_OPEN_READONLY);
+    protect(*db);
+    if (sqlite3_db_config(db->handle(), SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, nullptr) != SQLITE_OK)
+      throw SqlFailure{SQLITE_ERROR, "SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE is not available"};
+    if (owner_of(*db) == Owner::nobody) throw SqlFailure{SQLITE_NOTADB, "it is empty; slabd has not used it yet"};
+    return db;
+  } catch (const SqlFailure& failure) {
+    return cannot_open(path, failure, Code::config);
+  }
+}
+
+}  // namespace slabd::storage

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "base/result.h"
+#include "storage/sqlite.h"
+
+/// Opening the database file: whose it is, and the settings everything else relies on.
+namespace slabd::storage {
+
+/// Opens or creates the database, checks it (application_id, user_version, quick_check) and puts the settings in force.
+/// journal_write; the text names file and figures. A foreign or newer file is left as it was.
+[[nodiscard]] Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path);
+
+/// Opens an existing database read-only; config when it does not exist or is not ours.
+[[nodiscard]] Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path);
+
+}  // namespace slabd::storage

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "storage/folders.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+
+namespace slabd::storage {
+namespace {
+
+constexpr mode_t kFolderMode = 02770;
+constexpr mode_t kFileMode = 0660;
+
+Status trouble(const char* doing, const std::string& path) {
+  return error(errno == ENOSPC ? Code::store_full : Code::journal_write, "%s %s: %s", doing, path.c_str(),
+               std::strerror(errno));
+}
+
+}  // namespace
+
+Status make_folder(const std::string& path) {
+  struct stat there {};
+  if (stat(path.c_str(), &there) == 0) {
+    if (S_ISDIR(there.st_mode)) return success();
+    return error(Code::journal_write, "%s is not a folder", path.c_str());
+  }
+  const std::string parent = std::filesystem::path(path).parent_path().string();
+  if (!parent.empty() && parent != path)
+    if (Status status = make_folder(parent); !status.ok()) return status;
+  if (mkdir(path.c_str(), kFolderMode) != 0 && errno != EEXIST) return trouble("cannot make folder", path);
+  // mkdir obeys the umask and drops the set-group-id bit.
+  if (chmod(path.c_str(), kFolderMode) != 0) return trouble("cannot set mode 2770 of folder", path);
+  return success();
+}
+
+Status create_file(const std::string& path) {
+  const int fd = open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, kFileMode);
+  if (fd < 0) return errno == EEXIST ? success() : trouble("cannot create", path);
+  const bool ok = fchmod(fd, kFileMode) == 0;
+  Status status = ok ? success() : trouble("cannot set mode 0660 of", path);
+  close(fd);
+  return status;
+}
+
+Result<std::uint64_t> free_bytes(const std::string& path) {
+  struct statvfs disk {};
+  if (statvfs(path.c_str(), &disk) != 0)
+    return error(Code::journal_write, "cannot ask for the free space of %s: %s", path.c_str(), std::strerror(errno));
+  return static_cast<std::uint64_t>(disk.f_bavail) * disk.f_frsize;
+}
+
+std::int64_t file_bytes(const std::string& path) {
+  struct stat there {};
+  if (lstat(path.c_str(), &there) != 0 || !S_ISREG(there.st_mode)) return 0;
+  return there.st_size;
+}
+
+bool lies_below(const std::string& path, const std::string& folder) {
+  if (folder.empty() || !path.starts_with(folder)) return false;
+  const std::string rest = path.substr(folder.size());
+  if (folder.back() != '/' && !rest.starts_with('/')) return false;
+  for (const auto& part : std::filesystem::path(rest))
+    if (part == ".." || part == ".") return false;
+  return rest.find_first_not_of('/') != std::string::npos;
+}
+
+WriterLock::~WriterLock() {
+  if (fd_ >= 0) close(fd_);
+}
+
+Status WriterLock::take(const std::string& db_path) {
+  const std::string path = db_path + ".writer";
+  fd_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kFileMode);
+  if (fd_ < 0) return trouble("cannot open", path);
+  if (flock(fd_, LOCK_EX | LOCK_NB) == 0) return success();
+  if (errno == EWOULDBLOCK)
+    return error(Code::journal_write, "%s is already open for writing by another process (lock %s)", db_path.c_str(),
+                 path.c_str());
+  return trouble("cannot lock", path);
+}
+
+}  // namespace slabd::storage

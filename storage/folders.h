@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "base/result.h"
+
+/// Folders, free space, and the lock that keeps a second writer away. Plain POSIX; no SQLite here.
+namespace slabd::storage {
+
+/// Makes `path` and its parents. Folders made here get mode 2770: the group may read and keeps its name on new files.
+[[nodiscard]] Status make_folder(const std::string& path);
+
+/// Creates an empty file of mode 0660 unless it exists. SQLite gives its side files the same mode, so that the group
+/// can read while the daemon writes. An existing file is not even opened: closing it again would drop the POSIX locks
+/// of a connection this process may have on it.
+[[nodiscard]] Status create_file(const std::string& path);
+
+/// Bytes a normal user may still write on the disk that holds `path`.
+[[nodiscard]] Result<std::uint64_t> free_bytes(const std::string& path);
+
+/// Size of a regular file, 0 when there is none (links are not followed).
+[[nodiscard]] std::int64_t file_bytes(const std::string& path);
+
+/// True when `path` names something below `folder` and climbs nowhere (no "..", no ".").
+[[nodiscard]] bool lies_below(const std::string& path, const std::string& folder);
+
+/// Held while the database is open for writing; the kernel drops it when the process dies.
+class WriterLock {
+ public:
+  WriterLock() = default;
+  ~WriterLock();
+  WriterLock(const WriterLock&) = delete;
+  WriterLock& operator=(const WriterLock&) = delete;
+
+  /// Locks `db_path`.writer; journal_write when another process has it.
+  [[nodiscard]] Status take(const std::string& db_path);
+
+ private:
+  int fd_ = -1;
+};
+
+}  // namespace slabd::storage

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "storage/rows.h"
+
+namespace slabd::storage {
+
+/// A job that contradicts what is stored. Thrown inside a transaction, which is then rolled back; the connection
+/// stays good.
+struct Refusal {
+  Error error;
+};
+
+/// What each StoreJob means in rows. Every call runs inside one transaction of the caller and throws SqlFailure or
+/// Refusal.
+///
+/// A commit whose answer was an error may have reached the disk all the same. The daemon then gives the job again, so
+/// every job may find its own rows: it replaces them, or leaves them when nothing would change.
+class Jobs {
+ public:
+  Jobs(Connection& db, std::string spool_dir);
+
+  void operator()(const SessionJob& job);
+  void operator()(const BeginSlabJob& job);
+  void operator()(const CommandJob& job);
+  void operator()(const AcquiredJob& job);
+  void operator()(const FailedAttemptJob& job);
+  void operator()(const BlockJob& job);
+  void operator()(const SlabJob& job);
+  void operator()(const AckJob& job);
+  void operator()(const ReportJob& job);
+
+  /// Every command that was accepted and not finished becomes "interrupted"; a SCAN among them leaves a failed attempt.
+  void interrupt_unfinished();
+
+ private:
+  void note_time(std::int64_t utime_us);
+  void close_command(std::uint16_t session, std::uint16_t cmd_seq, std::uint16_t status, bool acquired);
+  void insert_command(const CommandJob& command, std::uint16_t status);
+  void insert_result(std::int64_t slab_key, bool is_repeat, const PlcResult& record);
+  void insert_failed_scan(std::int64_t slab_key, std::uint8_t station, std::uint16_t session, std::uint16_t cmd_seq);
+  void insert_block(const BlockKey& key, const BlockResult& block);
+  void insert_items(const BlockKey& key, const Item* begin, const Item* end);
+  [[nodiscard]] AttemptState state_of(const Attempt& attempt, StationPhase phase, std::uint16_t code) const;
+
+  std::string spool_dir_;
+  Statement set_session_;
+  Statement set_newest_;
+  Statement newest_slab_;
+  Statement slab_attempts_;
+  Statement upsert_slab_;
+  Statement newest_command_;
+  Statement insert_command_;
+  Statement close_command_;
+  Statement close_newest_;
+  Statement attempt_phase_;
+  Statement upsert_attempt_;
+  Statement set_measured_;
+  Statement attempt_command_;
+  Statement delete_block_;
+  Statement insert_block_;
+  Statement insert_plane_;
+  Statement insert_casing_;
+  Statement delete_items_;
+  Statement insert_item_;
+  Statement upsert_slab_result_;
+  Statement upsert_station_result_;
+  Statement delete_unseen_result_;
+  Statement insert_result_;
+  Statement acknowledge_;
+  Statement last_ended_;
+  Statement unfinished_;
+  Statement scan_recorded_;
+};
+
+}  // namespace slabd::storage

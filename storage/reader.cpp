@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Reading beside the running daemon. Every call is one read transaction of its own: it sees one moment, and it holds
+// no moment for long, because the write-ahead log cannot be emptied past a reader.
+#include <algorithm>
+#include <exception>
+
+#include "storage/database.h"
+#include "storage/load.h"
+#include "storage/storage.h"
+
+namespace slabd::storage {
+namespace {
+
+class SqliteReader final : public Reader {
+ public:
+  SqliteReader(std::unique_ptr<Connection> db, std::string path)
+      : db_(std::move(db)),
+        path_(std::move(path)),
+        loader_(*db_),
+        newest_keys_(*db_, "SELECT slab_key FROM slab ORDER BY slab_key DESC LIMIT ?1"),
+        find_(*db_, "SELECT max(slab_key) FROM slab WHERE slab_id = ?1"),
+        acknowledged_(*db_,
+                      "SELECT acknowledged FROM result WHERE slab_key = ?1 AND kind = 2 AND is_repeat = 0 "
+                      "ORDER BY id DESC LIMIT 1"),
+        measured_(*db_,
+                  "SELECT count(*) FROM attempt AS a WHERE slab_key = ?1 AND phase = 'measured' AND attempt = "
+                  "(SELECT max(attempt) FROM attempt AS b WHERE b.slab_key = a.slab_key AND b.station = a.station)") {}
+
+  Result<std::vector<SlabSummary>> slabs(std::size_t limit) override {
+    std::vector<SlabSummary> list;
+    const Status status = read([&] {
+      std::vector<std::int64_t> keys;
+      newest_keys_.bind(1, static_cast<std::int64_t>(std::min<std::size_t>(limit, 1'000'000'000)));
+      while (newest_keys_.step()) keys.push_back(newest_keys_.integer(0));
+      SlabResult unused;
+      for (const std::int64_t key : keys)
+        if (const std::optional<SlabHeader> header = loader_.slab(key)) list.push_back(summary(*header, unused));
+    });
+    if (!status.ok()) return status.error();
+    return list;
+  }
+
+  Result<std::optional<SlabRecord>> slab(std::int64_t key) override {
+    std::optional<SlabRecord> record;
+    const Status status = read([&] {
+      const std::optional<SlabHeader> header = loader_.slab(key);
+      if (!header) return;
+      record.emplace();
+      record->summary = summary(*header, record->slab);
+      for (const StoredAttempt& stored : loader_.attempts(key)) record->blocks.push_back(block(stored, record->slab));
+    });
+    if (!status.ok()) return status.error();
+    return record;
+  }
+
+  Result<std::optional<std::int64_t>> find(std::string_view slab_id) override {
+    std::optional<std::int64_t> key;
+    const Status status = read([&] {
+      if (find_.bind(1, slab_id).step() && !find_.is_null(0)) key = find_.integer(0);
+      find_.reset();
+    });
+    if (!status.ok()) return status.error();
+    return key;
+  }
+
+ private:
+  SlabSummary summary(const SlabHeader& header, SlabResult& result) {
+    SlabSummary s;
+    s.header = header;
+    result = {};
+    if (loader_.slab_result(header.key, result, s.ended_utime_us)) {
+      s.verdict = result.verdict;
+      s.reason = result.reason;
+    }
+    if (acknowledged_.bind(1, header.key).step()) s.acknowledged = acknowledged_.integer(0) == 1;
+    acknowledged_.reset();
+    if (measured_.bind(1, header.key).step()) s.stations_measured = static_cast<int>(measured_.integer(0));
+    measured_.reset();
+    return s;
+  }
+
+  SlabBlock block(const StoredAttempt& stored, const SlabResult& result) {
+    SlabBlock b;
+    b.attempt = stored.attempt;
+    b.phase = stored.state.phase;
+    b.code = stored.state.code;
+    // A failed attempt has no block; `b.block` then says "none".
+    static_cast<void>(loader_.block({b.attempt.slab_key, b.attempt.station, b.attempt.number}, b.block));
+    b.final_verdict = result.station_verdict[b.attempt.station - 1U];
+    b.final_reason = result.station_reason[b.attempt.station - 1U];
+    return b;
+  }
+
+  template <typename Work>
+  Status read(const Work& work) {
+    try {
+      Transaction transaction(*db_, "BEGIN");
+      work();
+      transaction.commit();
+      return success();
+    } catch (const SqlFailure& failure) {
+      return error(Code::journal_write, "cannot read database %s: %s", path_.c_str(), failure.text.c_str());
+    } catch (const std::exception& e) {
+      return error(Code::internal, "cannot read database %s: %s", path_.c_str(), e.what());
+    }
+  }
+
+  std::unique_ptr<Connection> db_;
+  std::string path_;
+  Loader loader_;
+  Statement newest_keys_;
+  Statement find_;
+  Statement acknowledged_;
+  Statement measured_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Reader>> open_reader(const std::string& db_path) {
+  Result<std::unique_ptr<Connection>> db = open_for_reading(db_path);
+  if (!db.ok()) return db.error();
+  try {
+    return std::unique_ptr<Reader>(std::make_unique<SqliteReader>(std::move(db.value()), db_path));
+  } catch (const SqlFailure& failure) {
+    return error(Code::config, "cannot use database %s: %s", db_path.c_str(), failure.text.c_str());
+  }
+}
+
+}  // namespace slabd::storage

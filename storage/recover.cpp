@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What a restarted daemon must know, read from the rows its predecessor left. The open slab comes back with every
+// station's latest attempt: a later attempt takes the place of an earlier one even when it came to nothing, because a
+// station that was given up for a new scan must not show its old pass.
+#include "storage/recover.h"
+
+#include <algorithm>
+
+#include "storage/load.h"
+
+namespace slabd::storage {
+namespace {
+
+void read_counters(Connection& db, RecoveredLine& line) {
+  Statement one_line(db, "SELECT session, newest_utime_us FROM line");
+  if (one_line.step()) {
+    line.session = static_cast<std::uint16_t>(one_line.integer(0));
+    line.newest_utime_us = one_line.integer(1);
+  }
+  Statement command(db, "SELECT cmd_seq, status FROM command ORDER BY id DESC LIMIT 1");
+  if (command.step()) {
+    line.cmd_ack = static_cast<std::uint16_t>(command.integer(0));
+    line.cmd_status = static_cast<std::uint16_t>(command.integer(1));
+  }
+  line.acq_seq =
+      static_cast<std::uint16_t>(db.integer("SELECT cmd_seq FROM command WHERE acquired = 1 ORDER BY id DESC LIMIT 1"));
+  line.res_seq = static_cast<std::uint16_t>(db.integer("SELECT res_seq FROM result ORDER BY id DESC LIMIT 1"));
+  line.last_slab_key = db.integer("SELECT coalesce(max(slab_key), 0) FROM slab");
+}
+
+void read_unacknowledged(Connection& db, RecoveredLine& line) {
+  Statement rows(db,
+                 "SELECT " + joined(names_of<PlcResult>(), ", ") + " FROM result WHERE acknowledged = 0 ORDER BY id");
+  while (rows.step()) {
+    PlcResult record;
+    read_row(rows, 0, record);
+    // SCAN is refused long before the queue is full; should it overflow, the oldest are shown first as always.
+    if (!line.unacknowledged.push(record)) break;
+  }
+}
+
+void read_open_slab(Loader& loader, RecoveredLine& line) {
+  for (const StoredAttempt& stored : loader.attempts(line.slab.key)) {
+    const Attempt& attempt = stored.attempt;
+    StationRecord& station = line.stations[attempt.station - 1U];
+    station.attempts = std::max(station.attempts, attempt.number);
+    station.phase = stored.state.phase;
+    station.code = stored.state.code;
+    if (stored.state.phase != StationPhase::failed) station.attempt = attempt;
+  }
+  for (StationRecord& station : line.stations) {
+    if (station.phase != StationPhase::measured) continue;
+    const BlockKey key{line.slab.key, station.attempt.station, station.attempt.number};
+    if (!loader.block(key, station.block))
+      throw SqlFailure{0, "slab " + std::to_string(key.slab_key) + " station " + std::to_string(key.station) +
+                              " attempt " + std::to_string(key.attempt) + " is measured but has no block"};
+  }
+}
+
+void read_last_ended(Connection& db, Loader& loader, RecoveredLine& line) {
+  const std::int64_t key = db.integer("SELECT coalesce(max(slab_key), 0) FROM slab_result");
+  if (key == 0) return;
+  SlabResult result;
+  std::int64_t ended_utime_us = 0;
+  const std::optional<SlabHeader> header = loader.slab(key);
+  if (!header || !loader.slab_result(key, result, ended_utime_us)) return;
+  if (!line.slab_open) line.slab = *header;
+  line.table_slab_no = header->slab_no;
+  line.slab_verdict = result.verdict;
+  line.slab_reason = result.reason;
+  for (std::size_t i = 0; i < line.table.size(); ++i) {
+    line.table[i].verdict = result.station_verdict[i];
+    line.table[i].reason = result.station_reason[i];
+  }
+  for (const StoredAttempt& stored : loader.attempts(key)) {
+    std::uint8_t& attempts = line.table[stored.attempt.station - 1U].attempts;
+    attempts = std::max(attempts, stored.attempt.number);
+  }
+  Statement record(db, "SELECT " + joined(names_of<PlcResult>(), ", ") +
+                           " FROM result WHERE slab_key = ?1 AND kind = 2 AND is_repeat = 0 ORDER BY id DESC LIMIT 1");
+  if (record.bind(1, key).step()) read_row(record, 0, line.slab_record);
+}
+
+}  // namespace
+
+void read_line(Connection& db, RecoveredLine& line) {
+  Loader loader(db);
+  read_counters(db, line);
+  read_unacknowledged(db, line);
+  if (line.last_slab_key != 0) {
+    const std::int64_t ended =
+        db.integer("SELECT count(*) FROM slab_result WHERE slab_key = " + std::to_string(line.last_slab_key));
+    line.slab_open = ended == 0;
+  }
+  if (line.slab_open) {
+    const std::optional<SlabHeader> header = loader.slab(line.last_slab_key);
+    if (header) line.slab = *header;
+    read_open_slab(loader, line);
+  }
+  read_last_ended(db, loader, line);
+}
+
+}  // namespace slabd::storage

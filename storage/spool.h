@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "base/result.h"
+#include "storage/sqlite.h"
+
+namespace slabd::storage {
+
+/// Keeps the spool within its budget by deleting scans, never records. Candidates are slabs that have ended and whose
+/// every result the PLC has acknowledged: passed ones first, then the others, each by age. A slab at a time: each call
+/// deletes the scans of at most one, so that a smaller budget does not stop the line for minutes.
+///
+/// First the rows say "deleting", then the files go, then the rows say "deleted": a crash between leaves either a file
+/// that the next call deletes, or nothing.
+class Spool {
+ public:
+  Spool(Connection& db, std::string spool_dir, std::uint64_t budget_bytes);
+
+  /// Throws SqlFailure. journal_write: a file could not be deleted; its rows stay "deleting" and are tried again.
+  [[nodiscard]] Status trim();
+
+ private:
+  [[nodiscard]] Status finish_deleting();
+
+  Connection& db_;
+  std::string spool_dir_;
+  std::uint64_t budget_bytes_;
+  Statement kept_bytes_;
+  Statement next_slab_;
+  Statement mark_deleting_;
+  Statement deleting_;
+  Statement mark_deleted_;
+};
+
+}  // namespace slabd::storage

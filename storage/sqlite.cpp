@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "storage/sqlite.h"
+
+#include <sqlite3.h>
+
+#include <cmath>
+#include <limits>
+
+namespace slabd::storage {
+namespace {
+
+[[noreturn]] void fail(sqlite3* handle, const std::string& doing) {
+  const int result = handle != nullptr ? sqlite3_extended_errcode(handle) : SQLITE_NOMEM;
+  const char* message = handle != nullptr ? sqlite3_errmsg(handle) : "out of memory";
+  throw SqlFailure{result, std::string(message) + " (SQLite " + std::to_string(result) + ") in: " + doing};
+}
+
+}  // namespace
+
+// ---- Connection --------------------------------------------------------------------------------------------------
+
+Connection::Connection(const std::string& path, int flags) {
+  if (sqlite3_open_v2(path.c_str(), &handle_, flags, nullptr) == SQLITE_OK) {
+    sqlite3_extended_result_codes(handle_, 1);
+    return;
+  }
+  SqlFailure failure{handle_ != nullptr ? sqlite3_extended_errcode(handle_) : SQLITE_NOMEM,
+                     handle_ != nullptr ? sqlite3_errmsg(handle_) : "out of memory"};
+  sqlite3_close_v2(handle_);
+  throw failure;
+}
+
+Connection::~Connection() {
+  sqlite3_close_v2(handle_);
+}
+
+void Connection::execute(const std::string& sql) {
+  if (sqlite3_exec(handle_, sql.c_str(), nullptr, nullptr, nullptr) != SQLITE_OK) fail(handle_, sql.substr(0, 120));
+}
+
+std::int64_t Connection::integer(const std::string& sql) {
+  Statement statement(*this, sql);
+  return statement.step() ? statement.integer(0) : 0;
+}
+
+std::string Connection::text(const std::string& sql) {
+  Statement statement(*this, sql);
+  return statement.step() ? std::string(statement.text(0)) : std::string();
+}
+
+std::int64_t Connection::changes() const {
+  return sqlite3_changes64(handle_);
+}
+
+// ---- Statement ---------------------------------------------------------------------------------------------------
+
+Statement::Statement(Connection& connection, const std::string& sql) : connection_(connection) {
+  if (sqlite3_prepare_v3(connection.handle(), sql.c_str(), -1, SQLITE_PREPARE_PERSISTENT, &handle_, nullptr) !=
+      SQLITE_OK)
+    fail(connection.handle(), sql.substr(0, 120));
+}
+
+Statement::~Statement() {
+  sqlite3_finalize(handle_);
+}
+
+Statement& Statement::bind(int index, std::int64_t value) {
+  if (sqlite3_bind_int64(handle_, index, value) != SQLITE_OK) fail(connection_.handle(), "bind");
+  return *this;
+}
+
+Statement& Statement::bind(int index, double value) {
+  if (std::isnan(value)) return bind_null(index);
+  if (sqlite3_bind_double(handle_, index, value) != SQLITE_OK) fail(connection_.handle(), "bind");
+  return *this;
+}
+
+Statement& Statement::bind(int index, std::string_view value) {
+  // An empty view may hold a null pointer, which SQLite would read as NULL.
+  const char* bytes = value.empty() ? "" : value.data();
+  if (sqlite3_bind_text64(handle_, index, bytes, value.size(), SQLITE_TRANSIENT, SQLITE_UTF8) != SQLITE_OK)
+    fail(connection_.handle(), "bind");
+  return *this;
+}
+
+Statement& Statement::bind_null(int index) {
+  if (sqlite3_bind_null(handle_, index) != SQLITE_OK) fail(connection_.handle(), "bind");
+  return *this;
+}
+
+bool Statement::step() {
+  const int result = sqlite3_step(handle_);
+  if (result == SQLITE_ROW) return true;
+  if (result != SQLITE_DONE) {
+    const SqlFailure failure{sqlite3_extended_errcode(connection_.handle()),
+                             std::string(sqlite3_errmsg(connection_.handle())) + " (SQLite " +
+                                 std::to_string(sqlite3_extended_errcode(connection_.handle())) +
+                                 ") in: " + std::string(sqlite3_sql(handle_)).substr(0, 80)};
+    sqlite3_reset(handle_);
+    throw failure;
+  }
+  sqlite3_reset(handle_);
+  return false;
+}
+
+void Statement::run() {
+  if (step()) reset();
+}
+
+void Statement::reset() {
+  sqlite3_reset(handle_);
+}
+
+std::int64_t Statement::integer(int column) const {
+  if (sqlite3_column_type(handle_, column) != SQLITE_INTEGER) refuse(column, "is not a whole number");
+  return sqlite3_column_int64(handle_, column);
+}
+
+double Statement::real(int column) const {
+  if (is_null(column)) return std::numeric_limits<double>::quiet_NaN();
+  if (sqlite3_column_type(handle_, column) != SQLITE_FLOAT) refuse(column, "is not a number");
+  return sqlite3_column_double(handle_, column);
+}
+
+std::string_view Statement::text(int column) const {
+  if (sqlite3_column_type(handle_, column) != SQLITE_TEXT) refuse(column, "is not text");
+  const void* bytes = sqlite3_column_text(handle_, column);
+  const int size = sqlite3_column_bytes(handle_, column);
+  return {static_cast<const char*>(bytes), static_cast<std::size_t>(size)};
+}
+
+bool Statement::is_null(int column) const {
+  return sqlite3_column_type(handle_, column) == SQLITE_NULL;
+}
+
+void Statement::refuse(int column, const std::string& why) const {
+  const char* table = sqlite3_column_table_name(handle_, column);
+  const char* name = sqlite3_column_name(handle_, column);
+  throw SqlFailure{SQLITE_CORRUPT, std::string("column ") + (table != nullptr ? table : "?") + "." +
+                                       (name != nullptr ? name : "?") + " " + why};
+}
+
+// ---- Transaction -------------------------------------------------------------------------------------------------
+
+Transaction::Transaction(Connection& connection, const char* begin) : connection_(connection) {
+  connection.execute(begin);
+}
+
+Transaction::~Transaction() {
+  // A failed rollback leaves nothing to do here: the connection is closed by whoever sees the failure before it.
+  if (open_ && sqlite3_get_autocommit(connection_.handle()) == 0)
+    sqlite3_exec(connection_.handle(), "ROLLBACK", nullptr, nullptr, nullptr);
+}
+
+void Transaction::commit() {
+  connection_.execute("COMMIT");
+  open_ = false;
+}
+
+}  // namespace slabd::storage

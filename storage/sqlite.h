@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+struct sqlite3;
+struct sqlite3_stmt;
+
+/// SQLite's C API with ownership. Inside this room a failing call throws SqlFailure, so that a job reads as the list
+/// of things it does; the room's public functions catch it and return a Status.
+namespace slabd::storage {
+
+struct SqlFailure {
+  int result = 0;    ///< extended result code
+  std::string text;  ///< SQLite's message and what was being done
+};
+
+class Connection {
+ public:
+  /// Opens without creating anything but the file. `flags` are SQLITE_OPEN_*.
+  Connection(const std::string& path, int flags);
+  ~Connection();
+  Connection(const Connection&) = delete;
+  Connection& operator=(const Connection&) = delete;
+
+  void execute(const std::string& sql);
+  /// First column of the first row; 0 or empty when there is none.
+  [[nodiscard]] std::int64_t integer(const std::string& sql);
+  [[nodiscard]] std::string text(const std::string& sql);
+  [[nodiscard]] std::int64_t changes() const;
+  [[nodiscard]] sqlite3* handle() const { return handle_; }
+
+ private:
+  sqlite3* handle_ = nullptr;
+};
+
+/// Prepared once, run many times. Parameters and columns count from the left in the order of the SQL text;
+/// `run` and the end of the rows leave it ready for the next use.
+class Statement {
+ public:
+  Statement(Connection& connection, const std::string& sql);
+  ~Statement();
+  Statement(const Statement&) = delete;
+  Statement& operator=(const Statement&) = delete;
+
+  Statement& bind(int index, std::int64_t value);
+  Statement& bind(int index, double value);  ///< NaN becomes NULL
+  Statement& bind(int index, std::string_view value);
+  Statement& bind_null(int index);
+
+  /// True: a row is there. False: no more rows, the statement is reset.
+  [[nodiscard]] bool step();
+  /// For statements without rows.
+  void run();
+  /// Ends reading before the last row.
+  void reset();
+
+  [[nodiscard]] std::int64_t integer(int column) const;
+  [[nodiscard]] double real(int column) const;  ///< NULL becomes NaN
+  [[nodiscard]] std::string_view text(int column) const;
+  [[nodiscard]] bool is_null(int column) const;
+  /// A row that cannot have been written by this program.
+  [[noreturn]] void refuse(int column, const std::string& why) const;
+
+ private:
+  Connection& connection_;
+  sqlite3_stmt* handle_ = nullptr;
+};
+
+/// Rolls back unless committed.
+class Transaction {
+ public:
+  Transaction(Connection& connection, const char* begin);
+  ~Transaction();
+  Transaction(const Transaction&) = delete;
+  Transaction& operator=(const Transaction&) = delete;
+  void commit();
+
+ private:
+  Connection& connection_;
+  bool open_ = true;
+};
+
+}  // namespace slabd::storage

@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The writer: one connection, one thread, one transaction for each job.
+//
+// A refused job (a contradiction, a full disk) is rolled back and the connection stays. Any other write error closes
+// the connection: after a failed sync nobody knows what is on the disk, and trying again on the same connection could
+// build on it. The next job opens the file anew, which checks it first.
+#include <sqlite3.h>
+
+#include <exception>
+#include <optional>
+
+#include "storage/database.h"
+#include "storage/folders.h"
+#include "storage/jobs.h"
+#include "storage/recover.h"
+#include "storage/spool.h"
+#include "storage/storage.h"
+
+namespace slabd::storage {
+namespace {
+
+/// Everything that depends on one opened file.
+struct OpenDatabase {
+  OpenDatabase(std::unique_ptr<Connection> connection, const StoreSettings& settings)
+      : db(std::move(connection)),
+        jobs(*db, settings.spool_dir),
+        spool(*db, settings.spool_dir, settings.spool_budget_bytes) {}
+
+  std::unique_ptr<Connection> db;
+  Jobs jobs;
+  Spool spool;
+};
+
+/// Errors after which SQLite has rolled back cleanly and the connection is as good as before.
+bool leaves_connection_good(int result) {
+  const int primary = result & 0xFF;
+  return primary == SQLITE_CONSTRAINT || primary == SQLITE_FULL || primary == SQLITE_BUSY;
+}
+
+class SqliteStore final : public Store {
+ public:
+  explicit SqliteStore(const StoreSettings& settings) : settings_(settings) {}
+
+  Status open() {
+    if (Status status = make_folder(settings_.spool_dir); !status.ok()) return status;
+    if (Status status = reopen(); !status.ok()) return status;
+    return success();
+  }
+
+  Result<std::unique_ptr<RecoveredLine>> recover() override {
+    auto line = std::make_unique<RecoveredLine>();
+    const Status status = run("recovery", [&](OpenDatabase& open) {
+      Transaction transaction(*open.db, "BEGIN IMMEDIATE");
+      open.jobs.interrupt_unfinished();
+      read_line(*open.db, *line);
+      transaction.commit();
+    });
+    if (!status.ok()) return status.error();
+    return line;
+  }
+
+  Status apply(const StoreJob& job) override {
+    if (std::holds_alternative<BeginSlabJob>(job.what))
+      if (Status status = check_free_space(); !status.ok()) return status;
+    Status status = run("job", [&](OpenDatabase& open) {
+      Transaction transaction(*open.db, "BEGIN IMMEDIATE");
+      std::visit(open.jobs, job.what);
+      transaction.commit();
+    });
+    const bool may_trim = std::holds_alternative<SlabJob>(job.what) || std::holds_alternative<AckJob>(job.what);
+    if (status.ok() && may_trim && settings_.spool_budget_bytes > 0) trim_spool();
+    return status;
+  }
+
+  std::string_view spool_trouble() const override { return spool_trouble_.view(); }
+
+ private:
+  Status reopen() {
+    if (open_) return success();
+    if (!lock_) {
+      const std::string folder = settings_.db_path.substr(0, settings_.db_path.rfind('/') + 1);
+      if (!folder.empty())
+        if (Status status = make_folder(folder); !status.ok()) return status;
+      lock_.emplace();
+      if (Status status = lock_->take(settings_.db_path); !status.ok()) {
+        lock_.reset();
+        return status;
+      }
+    }
+    Result<std::unique_ptr<Connection>> db = open_for_writing(settings_.db_path);
+    if (!db.ok()) return db.error();
+    try {
+      open_ = std::make_unique<OpenDatabase>(std::move(db.value()), settings_);
+    } catch (const SqlFailure& failure) {
+      return error(Code::journal_write, "cannot use database %s: %s", settings_.db_path.c_str(), failure.text.c_str());
+    }
+    return success();
+  }
+
+  template <typename Work>
+  Status run(const char* what, const Work& work) {
+    if (Status status = reopen(); !status.ok()) return status;
+    try {
+      work(*open_);
+      return success();
+    } catch (const Refusal& refusal) {
+      return refusal.error;
+    } catch (const SqlFailure& failure) {
+      const bool full = (failure.result & 0xFF) == SQLITE_FULL;
+      if (!leaves_connection_good(failure.result)) open_.reset();
+      return error(full ? Code::store_full : Code::journal_write, "%s: %s not written: %s", settings_.db_path.c_str(),
+                   what, failure.text.c_str());
+    } catch (const std::exception& e) {
+      open_.reset();
+      return error(Code::internal, "%s: %s not written: %s", settings_.db_path.c_str(), what, e.what());
+    }
+  }
+
+  Status check_free_space() const {
+    const Result<std::uint64_t> free = free_bytes(settings_.spool_dir);
+    if (!free.ok()) return free.error();
+    if (free.value() >= settings_.spool_free_bytes_min) return success();
+    return error(Code::store_full, "%s has %.1f MB free, a slab needs at least %.1f MB free to begin",
+                 settings_.spool_dir.c_str(), static_cast<double>(free.value()) / 1e6,
+                 static_cast<double>(settings_.spool_free_bytes_min) / 1e6);
+  }
+
+  /// The job that led here is durable whatever happens to old scans.
+  void trim_spool() {
+    Status trimmed = success();
+    const Status status = run("spool", [&](OpenDatabase& open) { trimmed = open.spool.trim(); });
+    const Status& worse = status.ok() ? trimmed : status;
+    spool_trouble_.clear();
+    if (!worse.ok()) spool_trouble_ = worse.error().text;
+  }
+
+  StoreSettings settings_;
+  std::optional<WriterLock> lock_;
+  std::unique_ptr<OpenDatabase> open_;
+  FixedString<limits::kErrorTextBytes> spool_trouble_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Store>> open_store(const StoreSettings& settings) {
+  auto store = std::make_unique<SqliteStore>(settings);
+  if (Status status = store->open(); !status.ok()) return status.error();
+  return std::unique_ptr<Store>(std::move(store));
+}
+
+}  // namespace slabd::storage
