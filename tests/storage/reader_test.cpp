@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <atomic>
+#include <filesystem>
+#include <thread>
+
+#include "storage/database.h"
+#include "tests/storage/store_fixture.h"
+
+namespace slabd::storage {
+namespace {
+
+class ReaderTest : public StoreTest {};
+
+TEST_F(ReaderTest, missing_file_is_named) {
+  const Result<std::unique_ptr<Reader>> reader = open_reader(folder_.path() + "/none.db");
+  ASSERT_FALSE(reader.ok());
+  EXPECT_EQ(reader.error().code, Code::config);
+  EXPECT_EQ(reader.error().text.view(),
+            "there is no database " + folder_.path() + "/none.db: slabd has not run with it yet, or the path is wrong");
+  EXPECT_FALSE(std::filesystem::exists(folder_.path() + "/none.db")) << "a reader must not create it";
+}
+
+TEST_F(ReaderTest, lists_newest_first_and_finds_by_the_newest_id) {
+  open();
+  for (std::int64_t key = 1; key <= 5; ++key) {
+    BeginSlabJob job{random_header(prng_, key), 1, ++cmd_seq_};
+    job.slab.slab_id.assign(key == 2 || key == 4 ? "TWICE" : "ONCE-" + std::to_string(key));
+    apply(job);
+    scan(key, 1, 1);
+    acquire(key, 1, 2);  // a station scanned again and not measured yet counts as not measured
+    scan(key, 2, 1);
+    if (key == 5) break;
+    const std::uint16_t res_seq = end(key, Verdict::pass);
+    if (key == 3) apply(AckJob{res_seq});
+  }
+  const auto read = reader();
+  ASSERT_NE(read, nullptr);
+  Result<std::vector<SlabSummary>> list = read->slabs(3);
+  ASSERT_TRUE(list.ok()) << list.error().text.view();
+  ASSERT_EQ(list.value().size(), 3U);
+  EXPECT_EQ(list.value()[0].header.key, 5);
+  EXPECT_EQ(list.value()[0].ended_utime_us, 0) << "still open";
+  EXPECT_EQ(list.value()[0].verdict, Verdict::none);
+  EXPECT_EQ(list.value()[0].stations_measured, 1);
+  EXPECT_EQ(list.value()[1].header.key, 4);
+  EXPECT_EQ(list.value()[1].verdict, Verdict::pass);
+  EXPECT_FALSE(list.value()[1].acknowledged);
+  EXPECT_EQ(list.value()[2].header.key, 3);
+  EXPECT_TRUE(list.value()[2].acknowledged);
+  EXPECT_EQ(read->find("TWICE").value(), 4);
+  EXPECT_EQ(read->find("ONCE-1").value(), 1);
+  EXPECT_FALSE(read->find("NEVER").value().has_value());
+  EXPECT_FALSE(read->slab(99).value().has_value());
+}
+
+TEST_F(ReaderTest, reads_after_the_daemon_has_gone) {
+  open();
+  begin(1);
+  scan(1, 1, 1);
+  close();
+  EXPECT_EQ(reader()->slabs(10).value().size(), 1U);
+  open();
+  EXPECT_EQ(recover()->last_slab_key, 1);
+}
+
+TEST_F(ReaderTest, cannot_write) {
+  open();
+  Result<std::unique_ptr<Connection>> db = open_for_reading(settings_.db_path);
+  ASSERT_TRUE(db.ok());
+  EXPECT_THROW(db.value()->execute("UPDATE line SET session = 9"), SqlFailure);
+  EXPECT_EQ(recover()->session, 0);
+}
+
+TEST_F(ReaderTest, sees_whole_slabs_while_the_daemon_writes) {
+  open();
+  begin(1);
+  std::atomic<bool> stop = false;
+  std::thread writer([&] {
+    for (std::int64_t key = 1; key <= 6; ++key) {
+      if (key > 1) begin(key);
+      for (int station = 1; station <= 18; ++station) scan(key, station, 1);
+      end(key, Verdict::pass);
+    }
+    stop = true;
+  });
+  const auto read = reader();
+  int looks = 0;
+  do {
+    Result<std::vector<SlabSummary>> list = read->slabs(100);
+    ASSERT_TRUE(list.ok()) << list.error().text.view();
+    for (const SlabSummary& slab : list.value()) {
+      Result<std::optional<SlabRecord>> record = read->slab(slab.header.key);
+      ASSERT_TRUE(record.ok()) << record.error().text.view();
+      if (slab.ended_utime_us != 0) {
+        EXPECT_EQ(record.value()->blocks.size(), 18U);
+      }
+      for (const SlabBlock& block : record.value()->blocks)
+        if (block.phase == StationPhase::measured) {
+          EXPECT_TRUE(block.block.items.full());
+        }
+    }
+    ++looks;
+  } while (!stop);
+  writer.join();
+  EXPECT_EQ(read->slabs(100).value().size(), 6U);
+  EXPECT_GT(looks, 1);
+}
+
+}  // namespace
+}  // namespace slabd::storage

@@ -1,0 +1,310 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What a restarted daemon is told, in every phase of a slab. Each state is built through apply(), then the store is
+// closed and opened again.
+#include "tests/storage/store_fixture.h"
+
+namespace slabd::storage {
+namespace {
+
+constexpr std::uint16_t kInterrupted = 0x8000 + 110;
+
+class RecoverTest : public StoreTest {
+ protected:
+  void SetUp() override {
+    open();
+    apply(SessionJob{session_});
+  }
+  std::unique_ptr<RecoveredLine> restart() {
+    open();
+    return recover();
+  }
+};
+
+TEST_F(RecoverTest, fresh_database_knows_nothing) {
+  open();
+  const auto line = restart();
+  EXPECT_EQ(line->session, 1) << "the one SetUp stored";
+  EXPECT_EQ(line->cmd_ack, 0);
+  EXPECT_EQ(line->cmd_status, 0);
+  EXPECT_EQ(line->acq_seq, 0);
+  EXPECT_EQ(line->res_seq, 0);
+  EXPECT_EQ(line->last_slab_key, 0);
+  EXPECT_FALSE(line->slab_open);
+  EXPECT_EQ(line->slab.key, 0);
+  EXPECT_EQ(line->slab_verdict, Verdict::none);
+  EXPECT_TRUE(line->unacknowledged.empty());
+}
+
+TEST_F(RecoverTest, session_is_the_last_one_stored) {
+  apply(SessionJob{65'535});
+  apply(SessionJob{3});
+  EXPECT_EQ(restart()->session, 3);
+}
+
+TEST_F(RecoverTest, begun_slab_is_open_and_its_command_done) {
+  const BeginSlabJob job{random_header(prng_, 1), session_, 41};
+  apply(job);
+  const auto line = restart();
+  EXPECT_TRUE(line->slab_open);
+  expect_same(line->slab, job.slab);
+  EXPECT_EQ(line->last_slab_key, 1);
+  EXPECT_EQ(line->cmd_ack, 41);
+  EXPECT_EQ(line->cmd_status, 4);
+  EXPECT_EQ(line->newest_utime_us, job.slab.began_utime_us);
+  for (const StationRecord& station : line->stations) EXPECT_EQ(station.phase, StationPhase::empty);
+}
+
+TEST_F(RecoverTest, accepted_scan_is_interrupted_and_its_station_failed) {
+  begin(1);
+  accept(PlcCommand::scan, 4, 1);
+  const auto line = restart();
+  EXPECT_EQ(line->cmd_ack, cmd_seq_);
+  EXPECT_EQ(line->cmd_status, kInterrupted);
+  EXPECT_EQ(line->acq_seq, 0);
+  EXPECT_EQ(line->stations[3].phase, StationPhase::failed);
+  EXPECT_EQ(line->stations[3].code, 110);
+  EXPECT_EQ(line->stations[3].attempts, 1);
+
+  const auto again = restart();
+  EXPECT_EQ(again->cmd_status, kInterrupted);
+  EXPECT_EQ(again->stations[3].attempts, 1) << "a second restart must not count a second attempt";
+
+  scan(1, 4, 2);
+  EXPECT_EQ(restart()->stations[3].phase, StationPhase::measured);
+}
+
+TEST_F(RecoverTest, acquired_scan_waits_to_be_measured_from_its_path) {
+  begin(1);
+  accept(PlcCommand::scan, 4, 1);
+  const Attempt a = attempt(1, 4, 1);
+  apply(AcquiredJob{a});
+  const auto line = restart();
+  EXPECT_EQ(line->cmd_status, 3);
+  EXPECT_EQ(line->acq_seq, cmd_seq_);
+  EXPECT_EQ(line->stations[3].phase, StationPhase::acquired);
+  expect_same(line->stations[3].attempt, a);
+  EXPECT_EQ(line->stations[3].attempts, 1);
+}
+
+TEST_F(RecoverTest, measured_station_comes_back_whole) {
+  begin(1);
+  acquire(1, 4, 1);
+  const BlockResult block = random_block(prng_, 4, Verdict::indeterminate);
+  PlcResult record = random_record(prng_, 9, 1);
+  apply(BlockJob{1, 1, block, record});
+  const auto line = restart();
+  EXPECT_EQ(line->cmd_status, 4);
+  EXPECT_EQ(line->acq_seq, cmd_seq_);
+  EXPECT_EQ(line->res_seq, 9);
+  EXPECT_EQ(line->stations[3].phase, StationPhase::measured);
+  expect_same(line->stations[3].block, block);
+  ASSERT_EQ(line->unacknowledged.size(), 1U);
+  expect_same(line->unacknowledged.front(), record);
+}
+
+TEST_F(RecoverTest, failed_scan_keeps_its_code) {
+  begin(1);
+  accept(PlcCommand::scan, 4, 1);
+  apply(FailedAttemptJob{attempt(1, 4, 1), 203});
+  const auto line = restart();
+  EXPECT_EQ(line->cmd_status, 0x8000 + 203);
+  EXPECT_EQ(line->stations[3].phase, StationPhase::failed);
+  EXPECT_EQ(line->stations[3].code, 203);
+}
+
+TEST_F(RecoverTest, pipelined_scan_leaves_the_earlier_block_to_be_measured) {
+  begin(1);
+  acquire(1, 1, 1);
+  accept(PlcCommand::scan, 2, 1);
+  const auto line = restart();
+  EXPECT_EQ(line->stations[0].phase, StationPhase::acquired);
+  EXPECT_EQ(line->stations[1].phase, StationPhase::failed);
+  EXPECT_EQ(line->acq_seq, cmd_seq_ - 1);
+  EXPECT_EQ(line->cmd_ack, cmd_seq_);
+  EXPECT_EQ(line->cmd_status, kInterrupted);
+}
+
+TEST_F(RecoverTest, failed_rescan_takes_the_place_of_an_old_pass) {
+  begin(1);
+  scan(1, 4, 1, Verdict::pass);
+  accept(PlcCommand::scan, 4, 1);
+  apply(FailedAttemptJob{attempt(1, 4, 2), 302});
+  auto line = restart();
+  EXPECT_EQ(line->stations[3].phase, StationPhase::failed);
+  EXPECT_EQ(line->stations[3].attempts, 2);
+  EXPECT_EQ(line->stations[3].attempt.number, 1) << "the latest acquired one";
+  EXPECT_EQ(line->stations[3].block.verdict, Verdict::none);
+
+  accept(PlcCommand::scan, 4, 1);  // cut off by the restart
+  line = restart();
+  EXPECT_EQ(line->stations[3].phase, StationPhase::failed);
+  EXPECT_EQ(line->stations[3].code, 110);
+  EXPECT_EQ(line->stations[3].attempts, 3);
+
+  acquire(1, 4, 4);
+  EXPECT_EQ(restart()->stations[3].phase, StationPhase::acquired);
+  measure(1, 4, 4, Verdict::fail);
+  line = restart();
+  EXPECT_EQ(line->stations[3].phase, StationPhase::measured);
+  EXPECT_EQ(line->stations[3].block.verdict, Verdict::fail);
+  Result<std::optional<SlabRecord>> record = reader()->slab(1);
+  ASSERT_TRUE(record.ok() && record.value().has_value());
+  EXPECT_EQ(record.value()->blocks.size(), 4U) << "all attempts are kept";
+}
+
+TEST_F(RecoverTest, scan_that_was_never_carried_out_does_not_displace_a_later_one) {
+  // The journal entry reached the disk although its commit reported an error; the PLC gave the command again.
+  begin(1);
+  accept(PlcCommand::scan, 4, 1);
+  scan(1, 4, 1, Verdict::pass);
+  const auto line = restart();
+  EXPECT_EQ(line->stations[3].phase, StationPhase::measured);
+  EXPECT_EQ(line->stations[3].attempts, 1);
+  EXPECT_EQ(line->cmd_status, 4);
+}
+
+TEST_F(RecoverTest, interrupted_slab_end_leaves_the_slab_open) {
+  begin(1);
+  scan(1, 1, 1);
+  accept(PlcCommand::slab_end, 0, 1);
+  const auto line = restart();
+  EXPECT_TRUE(line->slab_open);
+  EXPECT_EQ(line->cmd_status, kInterrupted);
+  EXPECT_EQ(line->stations[0].phase, StationPhase::measured);
+  EXPECT_EQ(line->stations[0].attempts, 1);
+}
+
+TEST_F(RecoverTest, ended_slab_shows_its_table_until_the_next_end) {
+  begin(1, 1001);
+  scan(1, 1, 1);
+  scan(1, 2, 1);
+  scan(1, 2, 2);
+  accept(PlcCommand::slab_end, 0, 1);
+  const SlabResult slab = random_slab(prng_, Verdict::not_measured);
+  PlcResult record = random_record(prng_, ++res_seq_, 2);
+  apply(SlabJob{1, slab, record, 5});
+  for (int pass = 0; pass < 2; ++pass) {
+    const auto line = restart();
+    EXPECT_EQ(line->slab_open, pass == 1);
+    EXPECT_EQ(line->slab.key, pass == 0 ? 1 : 2);
+    EXPECT_EQ(line->cmd_status, 4);
+    EXPECT_EQ(line->slab_verdict, Verdict::not_measured);
+    EXPECT_EQ(line->slab_reason, slab.reason);
+    EXPECT_EQ(line->table_slab_no, 1001U);
+    for (std::size_t i = 0; i < 18; ++i) {
+      EXPECT_EQ(line->table[i].verdict, slab.station_verdict[i]);
+      EXPECT_EQ(line->table[i].reason, slab.station_reason[i]);
+      EXPECT_EQ(line->table[i].attempts, i == 0 ? 1 : i == 1 ? 2 : 0);
+    }
+    expect_same(line->slab_record, record);
+    if (pass == 0) begin(2, 1002);
+  }
+}
+
+TEST_F(RecoverTest, aborted_slab_is_closed_as_aborted) {
+  begin(1);
+  scan(1, 1, 1);
+  accept(PlcCommand::slab_abort, 0, 1);
+  SlabResult slab;
+  slab.verdict = Verdict::aborted;
+  slab.reason = 110;
+  PlcResult record = random_record(prng_, ++res_seq_, 2);
+  record.verdict = Verdict::aborted;
+  apply(SlabJob{1, slab, record, 5});
+  const auto line = restart();
+  EXPECT_FALSE(line->slab_open);
+  EXPECT_EQ(line->slab_verdict, Verdict::aborted);
+  EXPECT_EQ(line->cmd_status, 4);
+  begin(2);
+}
+
+TEST_F(RecoverTest, repeated_report_is_one_more_record_and_closes_its_command) {
+  begin(1);
+  scan(1, 1, 1);
+  const std::uint16_t slab_seq = end(1, Verdict::pass);
+  auto line = recover();
+  const PlcResult original = line->slab_record;
+  EXPECT_EQ(original.res_seq, slab_seq);
+  apply(AckJob{slab_seq});
+  accept(PlcCommand::report, 0, 0);
+  PlcResult repeat = original;
+  repeat.res_seq = ++res_seq_;
+  apply(ReportJob{repeat});
+  line = restart();
+  EXPECT_EQ(line->cmd_status, 4);
+  EXPECT_EQ(line->res_seq, res_seq_);
+  ASSERT_EQ(line->unacknowledged.size(), 1U);
+  expect_same(line->unacknowledged.front(), repeat);
+  expect_same(line->slab_record, original);
+}
+
+TEST_F(RecoverTest, newest_wall_clock_survives_a_clock_that_went_back) {
+  begin(1);
+  CommandJob command{session_, ++cmd_seq_, 2, 1, 1, std::int64_t{1} << 60U};
+  apply(command);
+  command.cmd_seq = ++cmd_seq_;
+  command.utime_us = 5;
+  apply(command);
+  EXPECT_EQ(restart()->newest_utime_us, std::int64_t{1} << 60U);
+  EXPECT_EQ(recover()->cmd_ack, cmd_seq_) << "commands are ordered by entry, not by time";
+}
+
+/// A stupid model of the line beside the store: after every job, what recover() says must be what the model says.
+TEST_F(RecoverTest, long_random_day_agrees_with_a_model) {
+  struct Model {
+    std::int64_t slab = 0;
+    bool open = false;
+    std::array<StationPhase, 18> phase{};
+    std::array<int, 18> attempts{};
+    std::vector<std::uint16_t> waiting;
+  } model;
+  for (int turn = 0; turn < 300; ++turn) {
+    const std::uint64_t dice = prng_.below(10);
+    if (!model.open) {
+      begin(++model.slab);
+      model.open = true;
+      model.phase.fill(StationPhase::empty);
+      model.attempts.fill(0);
+    } else if (dice == 0) {
+      model.waiting.push_back(end(model.slab, Verdict::fail));
+      model.open = false;
+    } else if (dice < 3 && !model.waiting.empty()) {
+      const std::size_t upto = prng_.below(model.waiting.size());
+      apply(AckJob{model.waiting[upto]});
+      model.waiting.erase(model.waiting.begin(), model.waiting.begin() + static_cast<std::ptrdiff_t>(upto) + 1);
+    } else if (model.waiting.size() < 50) {
+      const int station = 1 + static_cast<int>(prng_.below(18));
+      const auto i = static_cast<std::size_t>(station - 1);
+      const int number = ++model.attempts[i];
+      if (dice < 5) {
+        accept(PlcCommand::scan, station, model.slab);
+        apply(FailedAttemptJob{attempt(model.slab, station, number), 301});
+        model.phase[i] = StationPhase::failed;
+      } else if (dice < 6) {
+        acquire(model.slab, station, number);
+        model.phase[i] = StationPhase::acquired;
+      } else if (dice < 7) {
+        accept(PlcCommand::scan, station, model.slab);
+        model.phase[i] = StationPhase::failed;  // by the restart below
+      } else {
+        model.waiting.push_back(scan(model.slab, station, number));
+        model.phase[i] = StationPhase::measured;
+      }
+    }
+    const auto line = prng_.below(4) == 0 ? restart() : recover();
+    ASSERT_EQ(line->slab_open, model.open);
+    ASSERT_EQ(line->last_slab_key, model.slab);
+    ASSERT_EQ(line->cmd_ack, cmd_seq_);
+    ASSERT_EQ(line->res_seq, res_seq_);
+    ASSERT_EQ(line->unacknowledged.size(), model.waiting.size());
+    for (std::size_t i = 0; i < model.waiting.size(); ++i) ASSERT_EQ(line->unacknowledged[i].res_seq, model.waiting[i]);
+    for (std::size_t i = 0; model.open && i < 18; ++i) {
+      ASSERT_EQ(line->stations[i].phase, model.phase[i]) << "turn " << turn << " station " << i + 1;
+      ASSERT_EQ(line->stations[i].attempts, model.attempts[i]);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace slabd::storage

@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <sqlite3.h>
+#include <sys/stat.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "storage/database.h"
+#include "storage/folders.h"
+#include "tests/storage/store_fixture.h"
+
+namespace slabd::storage {
+namespace {
+
+class SettingsTest : public StoreTest {
+ protected:
+  /// A database made by somebody else.
+  void make(const std::string& sql) {
+    std::filesystem::create_directories(folder_.path() + "/db");
+    sqlite3* db = nullptr;
+    ASSERT_EQ(sqlite3_open(settings_.db_path.c_str(), &db), SQLITE_OK);
+    ASSERT_EQ(sqlite3_exec(db, sql.c_str(), nullptr, nullptr, nullptr), SQLITE_OK);
+    ASSERT_EQ(sqlite3_close(db), SQLITE_OK);
+  }
+  [[nodiscard]] std::string refusal() const {
+    const Result<std::unique_ptr<Store>> store = open_store(settings_);
+    if (store.ok()) return "opened";
+    EXPECT_EQ(store.error().code, Code::journal_write);
+    return std::string(store.error().text.view());
+  }
+};
+
+int mode_of(const std::string& path) {
+  struct stat there {};
+  EXPECT_EQ(stat(path.c_str(), &there), 0);
+  return static_cast<int>(there.st_mode & 07777U);
+}
+
+TEST_F(SettingsTest, settings_are_in_force_on_the_writing_connection) {
+  Result<std::unique_ptr<Connection>> opened = open_for_writing(settings_.db_path);
+  ASSERT_TRUE(opened.ok()) << opened.error().text.view();
+  Connection& db = *opened.value();
+  EXPECT_EQ(db.integer("PRAGMA application_id"), kApplicationId);
+  EXPECT_EQ(db.integer("PRAGMA user_version"), 1);
+  EXPECT_EQ(db.integer("PRAGMA synchronous"), 3) << "EXTRA";
+  EXPECT_EQ(db.text("PRAGMA journal_mode"), "wal");
+  EXPECT_EQ(db.text("PRAGMA locking_mode"), "normal");
+  EXPECT_EQ(db.integer("PRAGMA wal_autocheckpoint"), 256);
+  EXPECT_EQ(db.integer("PRAGMA journal_size_limit"), 16'777'216);
+  EXPECT_EQ(db.integer("PRAGMA foreign_keys"), 1);
+  EXPECT_EQ(db.integer("PRAGMA trusted_schema"), 0);
+  EXPECT_EQ(db.integer("PRAGMA cell_size_check"), 1);
+  EXPECT_EQ(db.integer("PRAGMA mmap_size"), 0);
+  EXPECT_EQ(db.integer("PRAGMA cache_size"), -2048);
+  EXPECT_GT(db.integer("PRAGMA busy_timeout"), 0);
+  int defensive = 0;
+  EXPECT_EQ(sqlite3_db_config(db.handle(), SQLITE_DBCONFIG_DEFENSIVE, -1, &defensive), SQLITE_OK);
+  EXPECT_EQ(defensive, 1);
+}
+
+TEST_F(SettingsTest, every_table_is_strict) {
+  open();
+  Result<std::unique_ptr<Connection>> opened = open_for_reading(settings_.db_path);
+  ASSERT_TRUE(opened.ok());
+  EXPECT_GE(opened.value()->integer("SELECT count(*) FROM pragma_table_list WHERE schema = 'main' AND strict = 1"), 11);
+  EXPECT_EQ(opened.value()->text("SELECT name FROM pragma_table_list WHERE schema = 'main' AND type = 'table' "
+                                 "AND strict = 0 AND name NOT LIKE 'sqlite_%'"),
+            "");
+}
+
+TEST_F(SettingsTest, folders_and_file_are_open_to_the_group_only) {
+  const mode_t before = umask(077);
+  open();
+  umask(before);
+  EXPECT_EQ(mode_of(folder_.path() + "/db"), 02770);
+  EXPECT_EQ(mode_of(settings_.spool_dir), 02770);
+  EXPECT_EQ(mode_of(settings_.db_path), 0660);
+  EXPECT_EQ(mode_of(settings_.db_path + "-wal"), 0660) << "a reader of the group needs the log too";
+}
+
+TEST_F(SettingsTest, existing_folders_keep_their_mode) {
+  std::filesystem::create_directories(folder_.path() + "/db");
+  ASSERT_EQ(chmod((folder_.path() + "/db").c_str(), 0700), 0);
+  open();
+  EXPECT_EQ(mode_of(folder_.path() + "/db"), 0700);
+}
+
+TEST_F(SettingsTest, foreign_database_is_refused_and_left_alone) {
+  make("PRAGMA application_id = 1234; CREATE TABLE theirs (a)");
+  const std::string text = refusal();
+  EXPECT_NE(text.find(settings_.db_path), std::string::npos) << text;
+  EXPECT_NE(text.find("another application (application_id 1234, expected 1397506370)"), std::string::npos) << text;
+  EXPECT_FALSE(std::filesystem::exists(settings_.db_path + "-wal")) << "it was switched to our journal mode";
+  sqlite3* db = nullptr;
+  ASSERT_EQ(sqlite3_open(settings_.db_path.c_str(), &db), SQLITE_OK);
+  EXPECT_EQ(sqlite3_exec(db, "SELECT a FROM theirs", nullptr, nullptr, nullptr), SQLITE_OK);
+  sqlite3_close(db);
+}
+
+TEST_F(SettingsTest, database_with_tables_and_no_application_id_is_foreign) {
+  make("CREATE TABLE theirs (a)");
+  EXPECT_NE(refusal().find("application_id 0"), std::string::npos);
+}
+
+TEST_F(SettingsTest, newer_schema_is_refused) {
+  open();
+  close();
+  make("PRAGMA user_version = 2");
+  const std::string text = refusal();
+  EXPECT_NE(text.find("newer slabd (schema version 2, this program knows up to 1)"), std::string::npos) << text;
+  const Result<std::unique_ptr<Reader>> reader = open_reader(settings_.db_path);
+  ASSERT_FALSE(reader.ok());
+  EXPECT_NE(reader.error().text.view().find("newer slabd"), std::string_view::npos);
+}
+
+TEST_F(SettingsTest, file_that_is_no_database_is_refused) {
+  std::filesystem::create_directories(folder_.path() + "/db");
+  std::ofstream(settings_.db_path) << std::string(8192, 'z');
+  const std::string text = refusal();
+  EXPECT_NE(text.find("file is not a database"), std::string::npos) << text;
+}
+
+TEST_F(SettingsTest, damaged_database_is_refused) {
+  open();
+  begin(1);
+  for (int station = 1; station <= 18; ++station) scan(1, station, 1);
+  close();
+  {
+    std::fstream file(settings_.db_path, std::ios::in | std::ios::out | std::ios::binary);
+    const auto size = static_cast<std::streamoff>(std::filesystem::file_size(settings_.db_path));
+    ASSERT_GT(size, 10 * 4096);
+    for (std::streamoff page = 5; page < 10; ++page) {
+      file.seekp(page * 4096);
+      file << std::string(2048, '\x5a');
+    }
+  }
+  const std::string text = refusal();
+  EXPECT_TRUE(text.find("damaged") != std::string::npos || text.find("malformed") != std::string::npos) << text;
+}
+
+TEST_F(SettingsTest, second_writer_is_refused) {
+  open();
+  const std::string text = refusal();
+  EXPECT_NE(text.find("already open for writing"), std::string::npos) << text;
+  close();
+  EXPECT_EQ(refusal(), "opened");
+}
+
+TEST_F(SettingsTest, unusable_path_is_named) {
+  std::ofstream(folder_.path() + "/db") << "a file where a folder should be";
+  const std::string text = refusal();
+  EXPECT_NE(text.find("is not a folder"), std::string::npos) << text;
+}
+
+TEST_F(SettingsTest, slab_begin_is_refused_when_the_spool_disk_is_nearly_full) {
+  settings_.spool_free_bytes_min = std::uint64_t{1} << 62U;
+  open();
+  const Status status = try_apply(BeginSlabJob{random_header(prng_, 1), 1, 1});
+  ASSERT_FALSE(status.ok());
+  EXPECT_EQ(status.error().code, Code::store_full);
+  EXPECT_NE(status.error().text.view().find(settings_.spool_dir), std::string_view::npos);
+  EXPECT_EQ(recover()->last_slab_key, 0) << "nothing may be journaled";
+  EXPECT_EQ(recover()->cmd_ack, 0);
+  apply(SessionJob{7});  // everything else still works
+}
+
+TEST_F(SettingsTest, disk_exactly_at_the_threshold_is_enough) {
+  open();
+  const Result<std::uint64_t> free = free_bytes(settings_.spool_dir);
+  ASSERT_TRUE(free.ok());
+  settings_.spool_free_bytes_min = free.value() / 2;
+  open();
+  begin(1);
+}
+
+TEST(Folders, path_must_lie_below_the_spool) {
+  EXPECT_TRUE(lies_below("/spool/1/01-1.ply", "/spool"));
+  EXPECT_TRUE(lies_below("/spool/1/01-1.ply", "/spool/"));
+  EXPECT_FALSE(lies_below("/spool", "/spool"));
+  EXPECT_FALSE(lies_below("/spool/", "/spool"));
+  EXPECT_FALSE(lies_below("/spool2/1.ply", "/spool"));
+  EXPECT_FALSE(lies_below("/spool/../etc/passwd", "/spool"));
+  EXPECT_FALSE(lies_below("/etc/passwd", "/spool"));
+  EXPECT_FALSE(lies_below("", "/spool"));
+  EXPECT_FALSE(lies_below("/etc/passwd", ""));
+}
+
+}  // namespace
+}  // namespace slabd::storage

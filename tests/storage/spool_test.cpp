@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <filesystem>
+
+#include "storage/database.h"
+#include "tests/storage/store_fixture.h"
+
+namespace slabd::storage {
+namespace {
+
+/// Every scan here is 1000 bytes, every slab two scans.
+class SpoolTest : public StoreTest {
+ protected:
+  std::uint16_t whole_slab(std::int64_t key, Verdict verdict) {
+    begin(key);
+    scan(key, 1, 1);
+    scan(key, 2, 1);
+    return end(key, verdict);
+  }
+  [[nodiscard]] std::string kept() const {
+    std::string keys;
+    for (int key = 1; key <= 9; ++key)
+      if (std::filesystem::exists(settings_.spool_dir + "/" + std::to_string(key) + "/1-1.ply"))
+        keys += std::to_string(key);
+    return keys;
+  }
+};
+
+TEST_F(SpoolTest, without_a_budget_everything_is_kept) {
+  open();
+  for (std::int64_t key = 1; key <= 5; ++key) apply(AckJob{whole_slab(key, Verdict::pass)});
+  EXPECT_EQ(kept(), "12345");
+}
+
+TEST_F(SpoolTest, oldest_acknowledged_passes_go_first_then_the_others) {
+  settings_.spool_budget_bytes = 100'000;
+  open();
+  apply(AckJob{whole_slab(1, Verdict::fail)});
+  apply(AckJob{whole_slab(2, Verdict::pass)});
+  apply(AckJob{whole_slab(3, Verdict::indeterminate)});
+  apply(AckJob{whole_slab(4, Verdict::pass)});
+  const std::uint16_t waiting = whole_slab(5, Verdict::pass);
+  begin(6);
+  scan(6, 1, 1);
+  EXPECT_EQ(kept(), "123456");
+
+  settings_.spool_budget_bytes = 1;
+  open();
+  std::string seen;
+  for (int i = 0; i < 8; ++i) {
+    apply(AckJob{0});  // acknowledges nothing, but gives the spool its turn
+    seen += kept() + " ";
+  }
+  EXPECT_EQ(seen, "13456 1356 356 56 56 56 56 56 ")
+      << "one slab a time; never an unacknowledged slab and never the open one";
+  apply(AckJob{waiting});
+  EXPECT_EQ(kept(), "6") << "slab 5 may go once its last record is acknowledged";
+  EXPECT_EQ(store_->spool_trouble(), "");
+}
+
+TEST_F(SpoolTest, deletes_only_down_to_the_budget_and_keeps_the_records) {
+  settings_.spool_budget_bytes = 4000;
+  open();
+  for (std::int64_t key = 1; key <= 4; ++key) apply(AckJob{whole_slab(key, Verdict::pass)});
+  EXPECT_EQ(kept(), "34");
+  EXPECT_FALSE(std::filesystem::exists(settings_.spool_dir + "/1")) << "the slab's folder goes with its scans";
+  Result<std::optional<SlabRecord>> record = reader()->slab(1);
+  ASSERT_TRUE(record.ok() && record.value().has_value());
+  EXPECT_EQ(record.value()->blocks.size(), 2U);
+  EXPECT_EQ(record.value()->blocks[0].block.items.size(), kBlockItemsMax);
+  Result<std::unique_ptr<Connection>> db = open_for_reading(settings_.db_path);
+  ASSERT_TRUE(db.ok());
+  EXPECT_EQ(db.value()->integer("SELECT count(*) FROM attempt WHERE slab_key = 1 AND scan_state = 'deleted'"), 2);
+  EXPECT_EQ(db.value()->integer("SELECT count(*) FROM attempt WHERE slab_key = 3 AND scan_state = 'kept'"), 2);
+}
+
+TEST_F(SpoolTest, file_outside_the_spool_is_never_touched) {
+  settings_.spool_budget_bytes = 1;
+  const std::string precious = scan_file(1, 1, 1, 5000);
+  settings_.spool_dir = folder_.path() + "/another";
+  open();
+  begin(1);
+  accept(PlcCommand::scan, 1, 1);
+  Attempt a = attempt(1, 1, 1);
+  a.scan_path.assign(precious);
+  apply(AcquiredJob{a});
+  measure(1, 1, 1);
+  apply(AckJob{end(1, Verdict::pass)});
+  apply(AckJob{0});
+  EXPECT_TRUE(std::filesystem::exists(precious));
+}
+
+TEST_F(SpoolTest, scan_that_cannot_be_deleted_is_reported_and_tried_again) {
+  settings_.spool_budget_bytes = 1;
+  open();
+  begin(1);
+  scan(1, 1, 1);
+  const std::string path = settings_.spool_dir + "/1/1-1.ply";
+  // A folder in the file's place cannot be unlinked, not even by root.
+  ASSERT_TRUE(std::filesystem::remove(path));
+  ASSERT_TRUE(std::filesystem::create_directory(path));
+  apply(AckJob{end(1, Verdict::pass)});
+  EXPECT_NE(store_->spool_trouble().find("1-1.ply cannot be deleted"), std::string_view::npos)
+      << store_->spool_trouble();
+  ASSERT_TRUE(std::filesystem::remove(path));
+  apply(AckJob{0});
+  EXPECT_EQ(store_->spool_trouble(), "");
+  EXPECT_FALSE(std::filesystem::exists(settings_.spool_dir + "/1"));
+}
+
+}  // namespace
+}  // namespace slabd::storage
