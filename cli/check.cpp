@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl config check, recipe check, recipe show: the same readers as the daemon's, for people.
+#include <fmt/core.h>
 #include <CLI/CLI.hpp>
 #include <memory>
 #include <vector>

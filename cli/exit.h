@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <fmt/core.h>
-
-#include <cstdio>
 #include <string_view>
-#include <utility>
 
 #include "base/codes.h"
 
@@ -23,10 +19,7 @@ enum Exit : int {
 };
 
 /// One sentence on stderr, for people. JSON and results alone go to stdout.
-template <typename... Args>
-void complain(fmt::format_string<Args...> format, Args&&... args) {
-  fmt::print(stderr, "slabctl: {}\n", fmt::format(format, std::forward<Args>(args)...));
-}
+void complain(std::string_view sentence);
 
 /// The exit status of a room's Error: files and their content are bad input, links and disks are not reachable.
 [[nodiscard]] constexpr int exit_for(Code code) {

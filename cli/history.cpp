@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl history: the newest slabs, one line each.
+#include <fmt/core.h>
 #include <CLI/CLI.hpp>
 #include <memory>
 #include <vector>
@@ -62,7 +63,7 @@ int show_history(const Options& options) {
   if (reader == nullptr) return exit_status;
   const auto slabs = reader->slabs(options.limit);
   if (!slabs) {
-    complain("{}", slabs.error().text.view());
+    complain(fmt::format("{}", slabs.error().text.view()));
     return kNotReachable;
   }
   if (options.json) {
@@ -93,7 +94,7 @@ std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, i
   }
   auto reader = storage::open_reader(path);
   if (reader) return std::move(reader.value());
-  complain("{}", reader.error().text.view());
+  complain(fmt::format("{}", reader.error().text.view()));
   exit_status = kNotReachable;
   return nullptr;
 }

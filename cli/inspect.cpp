@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl inspect: one block offline, through daemon::measure_block, the path every scan of the line takes.
+#include <fmt/core.h>
 #include <CLI/CLI.hpp>
 #include <cmath>
 #include <memory>
@@ -69,14 +70,15 @@ int inspect(const Options& options) {
   Recipe recipe;
   if (!recipe_from(options.recipe, recipe)) return kBadInput;
   if (options.block < 1 || options.block > recipe.stations()) {
-    complain("--block {}: recipe {} has blocks 1..{}", options.block, recipe.name.view(), recipe.stations());
+    complain(
+        fmt::format("--block {}: recipe {} has blocks 1..{}", options.block, recipe.name.view(), recipe.stations()));
     return kUsage;
   }
   Pose T_block_scanner = nominal_T_block_scanner();
   if (!options.T_block_scanner.empty()) {
     const Result<Pose> pose = parse_pose(options.T_block_scanner);
     if (!pose) {
-      complain("--T-block-scanner: {}", pose.error().text.view());
+      complain(fmt::format("--T-block-scanner: {}", pose.error().text.view()));
       return kUsage;
     }
     T_block_scanner = pose.value();
@@ -88,7 +90,7 @@ int inspect(const Options& options) {
   const std::int64_t read_start_ns = clock->mono_ns();
   const Result<ScanShape> shape = hal::read_scan(options.scan.c_str(), *length_unit(options.unit), xyz);
   if (!shape) {
-    complain("{}", shape.error().text.view());
+    complain(fmt::format("{}", shape.error().text.view()));
     return kBadInput;
   }
   const double read_ms = ms_from_ns(clock->mono_ns() - read_start_ns);

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <fmt/core.h>
 #include <exception>
 
 #include "cli/command.h"
@@ -8,7 +9,7 @@ int main(int argc, char** argv) {
   try {
     return slabd::cli::run(argc, argv);
   } catch (const std::exception& fault) {
-    slabd::cli::complain("internal error: {}", fault.what());
+    slabd::cli::complain(fmt::format("internal error: {}", fault.what()));
   }
   return slabd::cli::kInternal;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl show: one slab from the database: its map, the slab's items, and with --block one block's table.
+#include <fmt/core.h>
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
@@ -207,16 +208,16 @@ int show(const Options& options) {
   if (reader == nullptr) return exit_status;
   const auto found = find_slab(*reader, options.slab);
   if (!found) {
-    complain("{}", found.error().text.view());
+    complain(fmt::format("{}", found.error().text.view()));
     return kNotReachable;
   }
   if (!found.value()) {
-    complain("no slab with key or id '{}'; `slabctl history` lists them", options.slab);
+    complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", options.slab));
     return kBadInput;
   }
   const SlabRecord& record = *found.value();
   if (options.block < 0 || options.block > record.summary.header.stations) {
-    complain("--block {}: this slab has blocks 1..{}", options.block, record.summary.header.stations);
+    complain(fmt::format("--block {}: this slab has blocks 1..{}", options.block, record.summary.header.stations));
     return kUsage;
   }
   if (options.json) {

@@ -2,6 +2,7 @@
 //
 // The command tree: parse, run one command, return its exit status. JSON and results go to stdout, everything said to
 // people on the way goes to stderr.
+#include <fmt/core.h>
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
@@ -51,12 +52,16 @@ int unknown_command(const CLI::App& app, const std::string& word) {
   const std::string meant = nearest(word, names);
   std::string known;
   for (const std::string& name : names) known += (known.empty() ? "" : ", ") + name;
-  complain("unknown command '{}'{}; commands are {}", word,
-           meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant), known);
+  complain(fmt::format("unknown command '{}'{}; commands are {}", word,
+                       meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant), known));
   return kUsage;
 }
 
 }  // namespace
+
+void complain(std::string_view sentence) {
+  fmt::print(stderr, "slabctl: {}\n", sentence);
+}
 
 std::string nearest(const std::string& word, const std::vector<std::string>& candidates) {
   std::string best;
@@ -90,8 +95,9 @@ bool config_from(const std::string& path, daemon::Config& config) {
 void warn_unconfirmed(const Recipe& recipe) {
   const int count = unconfirmed_count(recipe);
   if (count > 0)
-    complain("warning: {} nominals and tolerances of recipe {} are assumed, not confirmed; verdicts depend on them",
-             count, recipe.name.view());
+    complain(fmt::format(
+        "warning: {} nominals and tolerances of recipe {} are assumed, not confirmed; verdicts depend on them", count,
+        recipe.name.view()));
 }
 
 int run(int argc, const char* const* argv) {

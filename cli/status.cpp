@@ -2,6 +2,7 @@
 //
 // slabctl status: asks the running daemon over its control socket, one JSON line each way.
 #include <fcntl.h>
+#include <fmt/core.h>
 #include <poll.h>
 #include <sys/socket.h>
 #include <sys/un.h>
@@ -156,12 +157,12 @@ int show_status(const Options& options) {
   }
   const Result<std::string> answer = ask(path, "{\"verb\":\"status\"}\n");
   if (!answer) {
-    complain("{}", answer.error().text.view());
+    complain(fmt::format("{}", answer.error().text.view()));
     return kNotReachable;
   }
   const json status = json::parse(answer.value(), nullptr, false);
   if (!status.is_object() || status.value("schema", "") != "slabd.status/1") {
-    complain("{} does not speak slabd.status/1: {}", path, answer.value().substr(0, 200));
+    complain(fmt::format("{} does not speak slabd.status/1: {}", path, answer.value().substr(0, 200)));
     return kNotReachable;
   }
   if (options.as_json) {

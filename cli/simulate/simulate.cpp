@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl simulate: PLC, robot and scanner of the line, as peers of a running daemon over the real protocols.
+#include <fmt/core.h>
 #include <unistd.h>
 #include <CLI/CLI.hpp>
 #include <csignal>
@@ -112,7 +113,7 @@ bool find_recipe(const daemon::Config& config, std::uint16_t slab_type, Recipe& 
     return true;
   }
   std::ignore = cli::report_problems(problems);
-  cli::complain("--type {}: {} has no usable recipe for this slab type", slab_type, config.recipes_dir);
+  cli::complain(fmt::format("--type {}: {} has no usable recipe for this slab type", slab_type, config.recipes_dir));
   return false;
 }
 
@@ -148,7 +149,7 @@ int exit_of(const std::vector<SlabOutcome>& outcomes) {
 template <typename Peer>
 bool started(const Result<Peer>& peer, int& exit_status) {
   if (peer) return true;
-  cli::complain("{}", peer.error().text.view());
+  cli::complain(fmt::format("{}", peer.error().text.view()));
   exit_status = peer.error().code == Code::config ? cli::kBadInput : cli::kNotReachable;
   return false;
 }
@@ -175,7 +176,8 @@ std::vector<SlabOutcome> run_line(const Options& options, const daemon::Config& 
                       [&](int station, std::string_view doing) { progress(station, doing); }};
       outcome.run = run_slab(line, order, outcome.truth);
     }
-    if (const std::string trouble = scanner.trouble(); !trouble.empty()) cli::complain("scanner: {}", trouble);
+    if (const std::string trouble = scanner.trouble(); !trouble.empty())
+      cli::complain(fmt::format("scanner: {}", trouble));
     outcome.stored = read_back(config.storage.db_path, order);
     if (!outcome.run.finished) break;
   }
@@ -204,14 +206,14 @@ int simulate(const Options& options) {
   for (const std::string& text : options.defects) {
     const Result<Defect> defect = parse_defect(text);
     if (!defect) {
-      cli::complain("{}", defect.error().text.view());
+      cli::complain(fmt::format("{}", defect.error().text.view()));
       return cli::kUsage;
     }
     facts.defects.push_back(defect.value());
   }
   for (int i = 0; i < options.slabs; ++i) {
     if (id_of(options, i).size() <= limits::kSlabIdBytes) continue;
-    cli::complain("--slab-id: '{}' has more than {} characters", id_of(options, i), limits::kSlabIdBytes);
+    cli::complain(fmt::format("--slab-id: '{}' has more than {} characters", id_of(options, i), limits::kSlabIdBytes));
     return cli::kUsage;
   }
   daemon::Config config;
@@ -220,7 +222,7 @@ int simulate(const Options& options) {
   const Cell cell{config.T_base_slab, config.calibration.T_flange_scanner};
   const Result<std::vector<SlabTruth>> truths = cast_slabs(options, recipe, cell, facts.defects);
   if (!truths) {
-    cli::complain("{}", truths.error().text.view());
+    cli::complain(fmt::format("{}", truths.error().text.view()));
     return cli::kUsage;
   }
 
@@ -243,7 +245,8 @@ int simulate(const Options& options) {
     for (const SlabOutcome& outcome : outcomes) print_outcome(recipe, facts, outcome);
   }
   for (const SlabOutcome& outcome : outcomes)
-    if (!outcome.run.finished) cli::complain("slab {}: {}", outcome.run.order.slab_no, outcome.run.trouble.text);
+    if (!outcome.run.finished)
+      cli::complain(fmt::format("slab {}: {}", outcome.run.order.slab_no, outcome.run.trouble.text));
   return exit_of(outcomes);
 }
 

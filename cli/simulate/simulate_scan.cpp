@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/simulate/simulate_scan.h"
 
+#include <fmt/core.h>
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <fstream>
@@ -54,14 +55,15 @@ int write_scan(const ScanOrder& order) {
   Recipe recipe;
   if (!cli::recipe_from(order.recipe, recipe)) return cli::kBadInput;
   if (order.block < 1 || order.block > recipe.stations()) {
-    cli::complain("--block {}: recipe {} has blocks 1..{}", order.block, recipe.name.view(), recipe.stations());
+    cli::complain(
+        fmt::format("--block {}: recipe {} has blocks 1..{}", order.block, recipe.name.view(), recipe.stations()));
     return cli::kUsage;
   }
   std::vector<Defect> defects;
   for (const std::string& text : order.defects) {
     const Result<Defect> defect = parse_defect(text);
     if (!defect) {
-      cli::complain("{}", defect.error().text.view());
+      cli::complain(fmt::format("{}", defect.error().text.view()));
       return cli::kUsage;
     }
     defects.push_back(defect.value());
@@ -71,7 +73,7 @@ int write_scan(const ScanOrder& order) {
   variation.casting = order.casting;
   const Result<SlabTruth> slab = cast_slab(recipe, Cell{}, variation, defects);
   if (!slab) {
-    cli::complain("{}", slab.error().text.view());
+    cli::complain(fmt::format("{}", slab.error().text.view()));
     return cli::kUsage;
   }
   const StationTruth& truth = slab.value().at(order.block);
@@ -82,7 +84,7 @@ int write_scan(const ScanOrder& order) {
   const Pose T_scanner_block = T_block_scanner.inverse() * T_nominal_block;
   const Result<BlockSurface> surface = BlockSurface::make(recipe, truth.block, T_scanner_block);
   if (!surface) {
-    cli::complain("{}: {}", recipe.path.view(), surface.error().text.view());
+    cli::complain(fmt::format("{}: {}", recipe.path.view(), surface.error().text.view()));
     return cli::kBadInput;
   }
   ScannerTraits scanner = order.scanner;
@@ -92,14 +94,14 @@ int write_scan(const ScanOrder& order) {
   const DrawnScan drawn = draw_scan(surface.value(), scanner, derived_seed(order.seed, 5, 0), xyz);
 
   if (const Status written = hal::write_ply(order.out.c_str(), xyz, drawn.width, drawn.height); !written) {
-    cli::complain("{}", written.error().text.view());
+    cli::complain(fmt::format("{}", written.error().text.view()));
     return cli::kNotReachable;
   }
   const std::string truth_path = std::filesystem::path(order.out).replace_extension(".json").string();
   std::ofstream file(truth_path);
   file << truth_json(order, recipe, truth, T_scanner_block, drawn);
   if (!file.flush()) {
-    cli::complain("{} cannot be written", truth_path);
+    cli::complain(fmt::format("{} cannot be written", truth_path));
     return cli::kNotReachable;
   }
   fmt::print("{}: {} points, {} valid; truth in {}\n", order.out, xyz.size() / 3, drawn.valid, truth_path);
