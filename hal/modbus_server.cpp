@@ -39,7 +39,9 @@ constexpr std::int64_t kAcceptPauseNs = kNsPerS;
 constexpr int kKeepaliveIdleS = 10;
 constexpr int kKeepaliveIntervalS = 3;
 constexpr int kKeepaliveProbes = 3;
-constexpr unsigned kUnacknowledgedMs = 5000;
+constexpr int kUnacknowledgedMs = 5000;
+/// Replies the kernel keeps for a client that does not read, some hundreds; then it is closed.
+constexpr int kSendBufferBytes = 1 << 16;
 
 struct Client {
   Fd fd;
@@ -64,11 +66,12 @@ void set_option(int fd, int level, int option, int value) {
 
 void prepare_client(int fd) {
   set_option(fd, IPPROTO_TCP, TCP_NODELAY, 1);
+  set_option(fd, SOL_SOCKET, SO_SNDBUF, kSendBufferBytes);
   set_option(fd, SOL_SOCKET, SO_KEEPALIVE, 1);
   set_option(fd, IPPROTO_TCP, TCP_KEEPIDLE, kKeepaliveIdleS);
   set_option(fd, IPPROTO_TCP, TCP_KEEPINTVL, kKeepaliveIntervalS);
   set_option(fd, IPPROTO_TCP, TCP_KEEPCNT, kKeepaliveProbes);
-  set_option(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, static_cast<int>(kUnacknowledgedMs));
+  set_option(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, kUnacknowledgedMs);
 }
 
 class Server final : public ModbusServer {

@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <arpa/inet.h>
+#include <gtest/gtest.h>
+#include <lcm/lcm.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <sys/socket.h>
+
+#include <memory>
+#include <slabd/flange_pose_t.hpp>
+#include <string>
+
+#include "hal/hal.h"
+#include "hal/os.h"
+
+namespace slabd::hal {
+namespace {
+
+constexpr const char* kGroup = "239.255.76.67";
+constexpr const char* kNoRoute = "no multicast route; on an isolated computer: ip route add 239.255.76.67/32 dev lo";
+
+std::uint16_t free_udp_port() {
+  const Fd fd(socket(AF_INET, SOCK_DGRAM, 0));
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  socklen_t bytes = sizeof address;
+  EXPECT_EQ(bind(fd.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+  EXPECT_EQ(getsockname(fd.get(), reinterpret_cast<sockaddr*>(&address), &bytes), 0);
+  return ntohs(address.sin_port);
+}
+
+LcmSettings settings_for(std::uint16_t port, const char* interface) {
+  LcmSettings settings;
+  settings.url.printf("udpm://%s:%u?ttl=0", kGroup, unsigned{port});
+  settings.interface = interface;
+  return settings;
+}
+
+std::unique_ptr<PosePort> open_port(const LcmSettings& settings) {
+  auto made = make_lcm_pose_port(settings);
+  EXPECT_TRUE(made.ok()) << made.error().text.c_str();
+  return std::move(made.value());
+}
+
+struct LcmCloser {
+  void operator()(lcm_t* lcm) const { lcm_destroy(lcm); }
+};
+using Publisher = std::unique_ptr<lcm_t, LcmCloser>;
+
+flange_pose_t pose(std::int32_t seq) {
+  flange_pose_t m{};
+  m.seq = seq;
+  m.flags = 1;
+  m.trans[0] = 0.001 * seq;
+  m.quat[0] = 1.0;
+  return m;
+}
+
+void publish(lcm_t* lcm, const flange_pose_t& m, const char* channel = "FLANGE_POSE") {
+  std::string bytes(static_cast<std::size_t>(m.getEncodedSize()), '\0');
+  m.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+  ASSERT_EQ(lcm_publish(lcm, channel, bytes.data(), static_cast<unsigned>(bytes.size())), 0);
+}
+
+bool wait_and_take(PosePort& port, std::int64_t mono_ns, PoseSample& sample) {
+  pollfd p{port.fd(), POLLIN, 0};
+  return poll(&p, 1, 1000) == 1 && port.next(mono_ns, sample);
+}
+
+TEST(LcmPosePort, poses_of_a_liblcm_publisher_on_this_computer_arrive) {
+  const std::uint16_t port_number = free_udp_port();
+  const LcmSettings settings = settings_for(port_number, "lo");
+  const Publisher publisher(lcm_create(settings.url.c_str()));
+  ASSERT_TRUE(publisher) << kNoRoute;
+  const auto port = open_port(settings);
+  EXPECT_EQ(port->fd(), -1) << "opened by next()";
+  EXPECT_FALSE(port->trouble().empty());
+  PoseSample sample;
+  EXPECT_FALSE(port->next(kNsPerS, sample));
+  ASSERT_TRUE(port->trouble().empty()) << port->trouble();
+  for (std::int32_t seq = 1; seq <= 50; ++seq) publish(publisher.get(), pose(seq));
+  for (std::int32_t seq = 1; seq <= 50; ++seq) {
+    ASSERT_TRUE(wait_and_take(*port, 1000 + seq, sample)) << seq;
+    EXPECT_EQ(sample.seq, seq) << "in order, none lost";
+    EXPECT_EQ(sample.arrival_ns, 1000 + seq);
+    EXPECT_NEAR(sample.T_base_flange.translation_mm.x(), seq, 1e-9);
+  }
+  EXPECT_FALSE(port->next(2000, sample));
+  EXPECT_EQ(port->counters().accepted, 50U);
+}
+
+TEST(LcmPosePort, other_channels_are_counted_and_passed_over) {
+  const LcmSettings settings = settings_for(free_udp_port(), "lo");
+  const Publisher publisher(lcm_create(settings.url.c_str()));
+  ASSERT_TRUE(publisher) << kNoRoute;
+  const auto port = open_port(settings);
+  PoseSample sample;
+  EXPECT_FALSE(port->next(1, sample));
+  publish(publisher.get(), pose(1), "OTHER");
+  flange_pose_t broken = pose(2);
+  broken.quat[0] = 7.0;
+  publish(publisher.get(), broken);
+  publish(publisher.get(), pose(3));
+  ASSERT_TRUE(wait_and_take(*port, 2, sample));
+  EXPECT_EQ(sample.seq, 3);
+  EXPECT_EQ(port->counters().foreign, 1U);
+  EXPECT_EQ(port->counters().malformed, 1U);
+}
+
+TEST(LcmPosePort, several_listeners_share_the_group) {
+  const LcmSettings settings = settings_for(free_udp_port(), "lo");
+  const Publisher publisher(lcm_create(settings.url.c_str()));
+  ASSERT_TRUE(publisher) << kNoRoute;
+  const auto one = open_port(settings);
+  const auto two = open_port(settings);
+  PoseSample sample;
+  EXPECT_FALSE(one->next(1, sample));
+  EXPECT_FALSE(two->next(1, sample));
+  publish(publisher.get(), pose(8));
+  EXPECT_TRUE(wait_and_take(*one, 2, sample));
+  EXPECT_TRUE(wait_and_take(*two, 2, sample));
+}
+
+TEST(LcmPosePort, unicast_to_the_port_is_not_heard) {
+  const std::uint16_t port_number = free_udp_port();
+  const auto port = open_port(settings_for(port_number, "lo"));
+  PoseSample sample;
+  EXPECT_FALSE(port->next(1, sample));
+  ASSERT_TRUE(port->trouble().empty()) << port->trouble();
+  std::string datagram = "LC02" + std::string(4, '\0') + "FLANGE_POSE" + '\0';
+  const flange_pose_t m = pose(1);
+  std::string payload(static_cast<std::size_t>(m.getEncodedSize()), '\0');
+  m.encode(payload.data(), 0, static_cast<int>(payload.size()));
+  datagram += payload;
+  const Fd fd(socket(AF_INET, SOCK_DGRAM, 0));
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  to.sin_port = htons(port_number);
+  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  static_cast<void>(
+      sendto(fd.get(), datagram.data(), datagram.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to));
+  pollfd p{port->fd(), POLLIN, 0};
+  EXPECT_EQ(poll(&p, 1, 100), 0);
+  EXPECT_FALSE(port->next(2, sample));
+  EXPECT_EQ(port->counters().accepted, 0U);
+}
+
+TEST(LcmPosePort, interface_may_be_named_by_its_address) {
+  const LcmSettings settings = settings_for(free_udp_port(), "127.0.0.1");
+  const Publisher publisher(lcm_create(settings.url.c_str()));
+  ASSERT_TRUE(publisher) << kNoRoute;
+  const auto port = open_port(settings);
+  PoseSample sample;
+  EXPECT_FALSE(port->next(1, sample));
+  EXPECT_TRUE(port->trouble().empty()) << port->trouble();
+  publish(publisher.get(), pose(4));
+  EXPECT_TRUE(wait_and_take(*port, 2, sample));
+}
+
+TEST(LcmPosePort, a_missing_interface_is_trouble_with_a_cure_and_not_the_end) {
+  const auto port = open_port(settings_for(free_udp_port(), "slabd-none0"));
+  PoseSample sample;
+  EXPECT_FALSE(port->next(kNsPerS, sample));
+  EXPECT_EQ(port->fd(), -1);
+  EXPECT_NE(port->trouble().find("slabd-none0"), std::string_view::npos);
+  EXPECT_NE(port->trouble().find("no such interface"), std::string_view::npos);
+  EXPECT_NE(port->trouble().find("cure"), std::string_view::npos);
+  EXPECT_FALSE(port->next(3 * kNsPerS, sample));
+  EXPECT_FALSE(port->trouble().empty());
+}
+
+TEST(LcmPosePort, an_address_nobody_has_is_trouble) {
+  const auto port = open_port(settings_for(free_udp_port(), "203.0.113.77"));
+  PoseSample sample;
+  EXPECT_FALSE(port->next(kNsPerS, sample));
+  EXPECT_NE(port->trouble().find("no interface has this address"), std::string_view::npos);
+}
+
+TEST(LcmPosePort, settings_that_cannot_work_are_refused) {
+  LcmSettings settings;
+  settings.url = "udpm://1.2.3.4:7667?ttl=0";
+  EXPECT_FALSE(make_lcm_pose_port(settings).ok());
+  settings = {};
+  settings.channel = "";
+  EXPECT_FALSE(make_lcm_pose_port(settings).ok());
+  settings = {};
+  settings.interface = "../eth0";
+  EXPECT_FALSE(make_lcm_pose_port(settings).ok());
+  settings.interface = "a-name-of-sixteen";
+  EXPECT_FALSE(make_lcm_pose_port(settings).ok());
+}
+
+}  // namespace
+}  // namespace slabd::hal

@@ -1,0 +1,397 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include "hal/hal.h"
+#include "tests/hal/temporary_folder.h"
+
+namespace slabd::hal {
+namespace {
+
+namespace fs = std::filesystem;
+using test::names_in;
+using test::read_file;
+using test::TemporaryFolder;
+using test::write_file;
+
+constexpr std::size_t kPoints = limits::kScanPointsMin + 10;
+
+void wait_ms(int ms) {
+  std::this_thread::sleep_for(std::chrono::milliseconds(ms));
+}
+
+/// Waits, without a limit of its own (the test runner has one), until `done`.
+void wait_until(const std::function<bool()>& done) {
+  while (!done()) wait_ms(2);
+}
+
+class ScanDropTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    fs::create_directory(drop());
+    open(false);
+  }
+
+  void open(bool any_name) {
+    ScanDropSettings settings;
+    settings.drop_dir = PathText(drop());
+    settings.any_name = any_name;
+    auto made = make_scan_drop(settings, *clock_);
+    ASSERT_TRUE(made.ok()) << made.error().text.c_str();
+    scanner_ = std::move(made.value());
+  }
+
+  std::string drop() const { return folder_ / "drop"; }
+  std::string inbox(const std::string& name = "") const { return drop() + "/inbox/" + name; }
+  std::string stray(const std::string& name = "") const { return drop() + "/stray/" + name; }
+  std::string request_file(const std::string& name = "") const { return drop() + "/request/" + name; }
+
+  ScanRequest request(std::uint16_t seq = 3, std::int64_t timeout_ms = 30'000) const {
+    ScanRequest r;
+    r.session = 7;
+    r.cmd_seq = seq;
+    r.slab_id = "S-1";
+    r.station = 4;
+    r.timeout_ns = ns_from_ms(timeout_ms);
+    r.spool_path = PathText(folder_ / "spool/1/04-1");
+    return r;
+  }
+
+  static std::vector<float> points(float z = 5.0F) {
+    std::vector<float> xyz(3 * kPoints);
+    for (std::size_t i = 0; i < kPoints; ++i) {
+      xyz[3 * i] = static_cast<float>(i);
+      xyz[3 * i + 1] = 1.0F;
+      xyz[3 * i + 2] = z;
+    }
+    return xyz;
+  }
+
+  /// Writes under another name and renames, as scanner software should.
+  void drop_scan(const std::string& name, float z = 5.0F) const {
+    const std::string temporary = drop() + "/" + name + ".writing";
+    ASSERT_TRUE(write_ply(temporary.c_str(), points(z), 0, 0).ok());
+    fs::rename(temporary, inbox(name));
+  }
+
+  /// Runs acquire() on this thread and `scanner_software` on another as soon as the request is there.
+  Result<AcquiredScan> acquire(const ScanRequest& r, const std::function<void()>& scanner_software) {
+    const std::string name = std::to_string(r.session) + "-" + std::to_string(r.cmd_seq) + ".json";
+    std::atomic<bool> over = false;
+    std::thread software([&] {
+      wait_until([&] { return over || fs::exists(request_file(name)); });
+      if (!over) scanner_software();
+    });
+    Result<AcquiredScan> result = scanner_->acquire(r, xyz_, cancel_);
+    over = true;
+    software.join();
+    EXPECT_TRUE(names_in(request_file()).empty()) << "the request must be gone afterwards";
+    return result;
+  }
+
+  void expect_nothing_spooled() const {
+    if (!fs::exists(folder_ / "spool")) return;
+    for (const auto& entry : fs::recursive_directory_iterator(folder_ / "spool"))
+      EXPECT_FALSE(entry.is_regular_file()) << entry.path();
+  }
+
+  TemporaryFolder folder_;
+  std::unique_ptr<Clock> clock_ = make_system_clock();
+  std::unique_ptr<ScannerPort> scanner_;
+  std::vector<float> xyz_ = std::vector<float>(3 * 2 * kPoints);
+  std::atomic<bool> cancel_ = false;
+};
+
+TEST_F(ScanDropTest, an_answer_is_decoded_and_lies_in_the_spool) {
+  std::string request_text;
+  const auto before_ns = clock_->mono_ns();
+  const auto result = acquire(request(), [&] {
+    request_text = read_file(request_file("7-3.json"));
+    drop_scan("7-3.ply");
+  });
+  ASSERT_TRUE(result.ok()) << result.error().text.c_str();
+  const AcquiredScan& scan = result.value();
+  EXPECT_EQ(request_text,
+            "{\"schema\": \"slabd.scan_request/1\", \"session\": 7, \"cmd_seq\": 3, \"slab_id\": \"S-1\", "
+            "\"station\": 4}\n");
+  EXPECT_EQ(scan.shape.points, kPoints);
+  EXPECT_EQ(scan.shape.finite, kPoints);
+  EXPECT_EQ(scan.path, folder_ / "spool/1/04-1.ply");
+  EXPECT_GE(scan.taken_mono_ns, before_ns);
+  EXPECT_LE(scan.taken_mono_ns, clock_->mono_ns());
+  EXPECT_NEAR(static_cast<double>(scan.taken_utime_us), static_cast<double>(clock_->utime_us()), 60e6);
+  EXPECT_EQ(xyz_[3 * 100], 100.0F);
+  std::vector<float> again(xyz_.size());
+  EXPECT_TRUE(read_scan(scan.path.c_str(), LengthUnit::mm, again).ok());
+  EXPECT_TRUE(names_in(inbox()).empty());
+  EXPECT_TRUE(names_in(stray()).empty());
+  EXPECT_EQ(scanner_->stray_files(), 0U);
+}
+
+TEST_F(ScanDropTest, a_slab_id_of_any_bytes_makes_valid_json) {
+  ScanRequest r = request();
+  r.slab_id = SlabId(std::string_view("a\"b\\c\n\xC3\x7F", 8));
+  std::string text;
+  static_cast<void>(acquire(r, [&] {
+    text = read_file(request_file("7-3.json"));
+    cancel_ = true;
+  }));
+  EXPECT_NE(text.find(R"("slab_id": "a\u0022b\u005cc\u000a\u00c3\u007f", "station")"), std::string::npos) << text;
+}
+
+TEST_F(ScanDropTest, a_file_that_lay_there_before_its_request_is_not_the_answer) {
+  drop_scan("7-3.ply", 1.0F);
+  const auto result = acquire(request(), [&] {
+    EXPECT_TRUE(fs::exists(stray("7-3.ply")));
+    drop_scan("7-3.ply", 2.0F);
+  });
+  ASSERT_TRUE(result.ok()) << result.error().text.c_str();
+  EXPECT_EQ(xyz_[2], 2.0F);
+  EXPECT_EQ(scanner_->stray_files(), 1U);
+}
+
+TEST_F(ScanDropTest, answers_to_other_requests_go_to_stray_at_once) {
+  const auto result = acquire(request(), [&] {
+    drop_scan("7-2.ply", 1.0F);
+    drop_scan("6-3.ply", 1.0F);
+    drop_scan("07-3.ply", 1.0F);
+    wait_until([&] { return names_in(stray()).size() == 3; });
+    drop_scan("7-3.ply", 2.0F);
+  });
+  ASSERT_TRUE(result.ok()) << result.error().text.c_str();
+  EXPECT_EQ(xyz_[2], 2.0F);
+  EXPECT_EQ(scanner_->stray_files(), 3U);
+}
+
+TEST_F(ScanDropTest, a_late_answer_goes_to_stray_between_scans) {
+  const auto result = acquire(request(3, 60), [] {});
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::trigger_timeout);
+  drop_scan("7-3.ply");
+  scanner_->idle();
+  EXPECT_TRUE(names_in(inbox()).empty());
+  EXPECT_TRUE(fs::exists(stray("7-3.ply")));
+  EXPECT_EQ(scanner_->stray_files(), 1U);
+  expect_nothing_spooled();
+}
+
+TEST_F(ScanDropTest, strays_of_one_name_are_all_kept) {
+  for (int i = 0; i < 3; ++i) {
+    drop_scan("7-9.ply", static_cast<float>(i));
+    scanner_->idle();
+  }
+  EXPECT_EQ(names_in(stray()).size(), 3U);
+  EXPECT_TRUE(fs::exists(stray("7-9.ply")));
+  EXPECT_TRUE(fs::exists(stray("7-9.ply.1")));
+  EXPECT_TRUE(fs::exists(stray("7-9.ply.2")));
+  EXPECT_EQ(scanner_->stray_files(), 3U);
+}
+
+TEST_F(ScanDropTest, unfinished_names_are_left_alone_and_forgotten_ones_are_not) {
+  write_file(inbox("7-3.ply.part"), "half a scan");
+  write_file(inbox("readme"), "?");
+  const auto begin_ns = clock_->mono_ns();
+  scanner_->idle();
+  EXPECT_EQ(names_in(inbox()).size(), 2U) << "somebody may be writing";
+  while (!names_in(inbox()).empty()) {
+    wait_ms(50);
+    scanner_->idle();
+  }
+  EXPECT_GE(clock_->mono_ns() - begin_ns, 5 * kNsPerS);
+  EXPECT_EQ(scanner_->stray_files(), 2U);
+}
+
+TEST_F(ScanDropTest, a_torn_answer_is_303_and_a_good_repeat_works) {
+  const auto torn = acquire(request(), [&] {
+    drop_scan("t");
+    fs::resize_file(inbox("t"), fs::file_size(inbox("t")) - 1);
+    fs::rename(inbox("t"), inbox("7-3.ply"));
+  });
+  ASSERT_FALSE(torn.ok());
+  EXPECT_EQ(torn.error().code, Code::frame_incomplete);
+  EXPECT_TRUE(names_in(inbox()).empty());
+  EXPECT_TRUE(fs::exists(stray("7-3.ply")));
+  expect_nothing_spooled();
+  const auto repeat = acquire(request(4), [&] { drop_scan("7-4.ply"); });
+  EXPECT_TRUE(repeat.ok()) << repeat.error().text.c_str();
+}
+
+TEST_F(ScanDropTest, an_empty_scan_is_401) {
+  const auto result = acquire(request(), [&] {
+    std::vector<float> nothing(3 * kPoints, std::numeric_limits<float>::quiet_NaN());
+    nothing[0] = nothing[1] = nothing[2] = 1.0F;
+    ASSERT_TRUE(write_ply((drop() + "/w.ply").c_str(), nothing, 0, 0).ok());
+    fs::rename(drop() + "/w.ply", inbox("7-3.ply"));
+  });
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::too_few_points);
+  expect_nothing_spooled();
+  EXPECT_TRUE(fs::exists(stray("7-3.ply")));
+}
+
+TEST_F(ScanDropTest, links_and_folders_are_not_answers_and_are_never_followed) {
+  ASSERT_TRUE(write_ply((folder_ / "outside.ply").c_str(), points(), 0, 0).ok());
+  const auto link = acquire(request(), [&] { fs::create_symlink(folder_ / "outside.ply", inbox("7-3.ply")); });
+  ASSERT_FALSE(link.ok());
+  EXPECT_EQ(link.error().code, Code::frame_incomplete);
+  EXPECT_TRUE(fs::is_symlink(stray("7-3.ply"))) << "the link itself was moved";
+  EXPECT_TRUE(fs::exists(folder_ / "outside.ply"));
+  const auto directory = acquire(request(4), [&] { fs::create_directory(inbox("7-4.ply")); });
+  ASSERT_FALSE(directory.ok());
+  EXPECT_EQ(directory.error().code, Code::frame_incomplete);
+  expect_nothing_spooled();
+}
+
+TEST_F(ScanDropTest, an_unknown_format_is_named) {
+  const auto result = acquire(request(), [&] { write_file(inbox("7-3.e57"), "ASTM-E57"); });
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::frame_incomplete);
+  EXPECT_NE(result.error().text.view().find("\"e57\""), std::string_view::npos);
+}
+
+TEST_F(ScanDropTest, cancel_ends_the_wait_and_withdraws_the_request) {
+  const auto result = acquire(request(), [&] { cancel_ = true; });
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::interrupted);
+}
+
+TEST_F(ScanDropTest, requests_of_a_dead_process_are_withdrawn_at_the_start) {
+  write_file(request_file("6-9.json"), "{}");
+  open(false);
+  EXPECT_TRUE(names_in(request_file()).empty());
+}
+
+TEST_F(ScanDropTest, a_flood_of_names_does_not_hide_the_answer) {
+  const auto result = acquire(request(), [&] {
+    for (int i = 0; i < 200; ++i) write_file(inbox("a" + std::to_string(i) + ".tmp"), "x");
+    drop_scan("7-3.ply");
+  });
+  EXPECT_TRUE(result.ok()) << result.error().text.c_str();
+}
+
+TEST_F(ScanDropTest, a_missing_folder_is_offline_until_it_is_back) {
+  EXPECT_TRUE(scanner_->online());
+  fs::rename(drop(), folder_ / "away");
+  scanner_->idle();
+  EXPECT_FALSE(scanner_->online());
+  const auto result = scanner_->acquire(request(), xyz_, cancel_);
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::scanner_offline);
+  fs::rename(folder_ / "away", drop());
+  scanner_->idle();
+  EXPECT_TRUE(scanner_->online());
+}
+
+TEST_F(ScanDropTest, a_spool_that_cannot_be_written_is_an_error_and_the_answer_does_not_stay) {
+  write_file(folder_ / "spool", "a file where the folder should be");
+  const auto result = acquire(request(), [&] { drop_scan("7-3.ply"); });
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::journal_write);
+  EXPECT_TRUE(names_in(inbox()).empty());
+}
+
+TEST_F(ScanDropTest, a_spool_on_another_file_system_gets_a_copy) {
+  std::string pattern = "/dev/shm/slabd_hal_XXXXXX";
+  ASSERT_NE(mkdtemp(pattern.data()), nullptr) << "the test needs a second file system";
+  ScanRequest r = request();
+  r.spool_path = PathText(pattern + "/deep/er/04-1");
+  const auto result = acquire(r, [&] { drop_scan("7-3.ply"); });
+  EXPECT_TRUE(result.ok()) << result.error().text.c_str();
+  std::vector<float> again(xyz_.size());
+  EXPECT_TRUE(read_scan((pattern + "/deep/er/04-1.ply").c_str(), LengthUnit::mm, again).ok());
+  EXPECT_EQ(again[3 * 77], 77.0F);
+  EXPECT_EQ(names_in(pattern + "/deep/er").size(), 1U) << "no working file is left";
+  EXPECT_TRUE(names_in(inbox()).empty());
+  fs::remove_all(pattern);
+}
+
+TEST_F(ScanDropTest, missing_drop_folder_is_reported_with_its_name) {
+  ScanDropSettings settings;
+  settings.drop_dir = PathText(folder_ / "nowhere");
+  const auto made = make_scan_drop(settings, *clock_);
+  ASSERT_FALSE(made.ok());
+  EXPECT_EQ(made.error().code, Code::scanner_offline);
+  EXPECT_NE(made.error().text.view().find("nowhere"), std::string_view::npos);
+}
+
+// ---- any_name ------------------------------------------------------------------------------------------------------
+
+class ScanDropAnyNameTest : public ScanDropTest {
+ protected:
+  void SetUp() override {
+    fs::create_directory(drop());
+    open(true);
+  }
+};
+
+TEST_F(ScanDropAnyNameTest, the_one_file_that_appears_is_the_answer) {
+  const auto result = acquire(request(), [&] { drop_scan("Scan 0001.PLY"); });
+  ASSERT_TRUE(result.ok()) << result.error().text.c_str();
+  EXPECT_EQ(result.value().path, folder_ / "spool/1/04-1.ply");
+  EXPECT_TRUE(names_in(inbox()).empty());
+}
+
+TEST_F(ScanDropAnyNameTest, a_file_that_grows_is_waited_for) {
+  const auto result = acquire(request(), [&] {
+    ASSERT_TRUE(write_ply((drop() + "/whole").c_str(), points(), 0, 0).ok());
+    const std::string bytes = read_file(drop() + "/whole");
+    for (int part = 1; part <= 5; ++part) {
+      write_file(inbox("scan.ply"), bytes.substr(0, bytes.size() * static_cast<std::size_t>(part) / 5));
+      wait_ms(200);
+    }
+  });
+  EXPECT_TRUE(result.ok()) << result.error().text.c_str();
+}
+
+TEST_F(ScanDropAnyNameTest, an_inbox_that_is_not_empty_at_the_request_is_303) {
+  drop_scan("old.ply");
+  const auto result = scanner_->acquire(request(), xyz_, cancel_);
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::frame_incomplete);
+  EXPECT_NE(result.error().text.view().find("old.ply"), std::string_view::npos);
+  expect_nothing_spooled();
+}
+
+TEST_F(ScanDropAnyNameTest, two_files_are_no_answer_and_the_next_scan_starts_clean) {
+  const auto result = acquire(request(), [&] {
+    drop_scan("a.ply");
+    drop_scan("b.ply");
+  });
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::frame_incomplete);
+  EXPECT_TRUE(names_in(inbox()).empty());
+  EXPECT_EQ(scanner_->stray_files(), 2U);
+  const auto repeat = acquire(request(4), [&] { drop_scan("c.ply"); });
+  EXPECT_TRUE(repeat.ok()) << repeat.error().text.c_str();
+}
+
+TEST_F(ScanDropAnyNameTest, a_file_that_stays_short_of_its_header_is_303) {
+  const auto result = acquire(request(), [&] {
+    drop_scan("short.ply");
+    fs::resize_file(inbox("short.ply"), 1000);
+  });
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::frame_incomplete);
+  EXPECT_TRUE(names_in(inbox()).empty());
+  EXPECT_EQ(scanner_->stray_files(), 1U);
+}
+
+TEST_F(ScanDropAnyNameTest, a_link_or_a_folder_is_no_answer) {
+  ASSERT_TRUE(write_ply((folder_ / "outside.ply").c_str(), points(), 0, 0).ok());
+  const auto link = acquire(request(), [&] { fs::create_symlink(folder_ / "outside.ply", inbox("x.ply")); });
+  ASSERT_FALSE(link.ok());
+  EXPECT_EQ(link.error().code, Code::frame_incomplete);
+  const auto directory = acquire(request(4), [&] { fs::create_directory(inbox("folder")); });
+  ASSERT_FALSE(directory.ok());
+  EXPECT_EQ(directory.error().code, Code::frame_incomplete);
+  EXPECT_TRUE(names_in(inbox()).empty());
+}
+
+}  // namespace
+}  // namespace slabd::hal
