@@ -140,7 +140,6 @@ void read_limits(TableReader& item, const ItemInfo& info, Tolerance& out) {
       return item.problem("tolerance", "found beside lower or upper; allowed is either tolerance or lower and upper");
     double half = kNoValue;
     item.optional_number("tolerance", half, {1e-6, 1e5});
-    if (!item.has("nominal")) return item.missing("nominal", "the value that tolerance is meant about");
     out.lower = out.nominal.value - half;
     out.upper = out.nominal.value + half;
     return;

@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/toml_reader.h"
+#include "tests/daemon/text_file.h"
+
+namespace slabd::daemon {
+namespace {
+
+using Texts = std::vector<std::string>;
+
+/// The shortest configuration: everything else has a default.
+constexpr const char* kShortest =
+    "[cell]\n"
+    "T_base_slab = [1000, 0, 500, 1, 0, 0, 0]\n"
+    "[calibration]\n"
+    "T_flange_scanner = [0, 0, 120.5, 1, 0, 0, 0]\n";
+
+constexpr const char* kEveryKey = R"([plc]
+role = "server"
+listen = "10.1.2.3:502"
+unit_id = 17
+allow = ["10.0.0.0/8", "192.168.1.7/32"]
+word_order = "cdab"
+[robot]
+lcm_url = "udpm://239.255.76.99:7777?ttl=1"
+channel = "POSE"
+interface = "eth1"
+window_ms = 400
+samples_min = 30
+settled_mm = 0.05
+settled_deg = 0.004
+dwell_ms = 250
+moved_mm = 0.1
+moved_deg = 0.006
+stale_ms = 150
+gap_ms = 50.5
+base_id = -1
+tool_id = 3
+look_mm = 100
+settle_timeout_s = 6
+[scanner]
+backend = "drop"
+drop_dir = "/srv/drop"
+any_name = true
+unit = "um"
+timeout_s = 12.5
+[storage]
+db = "/srv/slabd.db"
+spool_dir = "/srv/spool"
+spool_budget_gb = 500
+[recipes]
+dir = "/srv/recipes"
+[cell]
+T_base_slab = [1, -2.5, 3, 0, 0, 0, -1]
+[calibration]
+T_flange_scanner = [4, 5, 6, 0.7071067811865476, 0, 0.7071067811865476, 0]
+station_sigma_mm = 0.02
+station_sigma_deg = 0.001
+[control]
+socket = "/srv/control.sock"
+[line]
+simulation = true
+)";
+
+class ConfigTest : public ::testing::Test {
+ protected:
+  Texts load(const std::string& text) {
+    std::vector<Problem> problems;
+    load_config(files_.write("slabd.toml", text), config_, problems);
+    return files_.texts(problems);
+  }
+  TextFiles files_;
+  Config config_;
+};
+
+TEST_F(ConfigTest, shortest_configuration_gets_the_documented_defaults) {
+  EXPECT_EQ(load(kShortest), Texts{});
+  EXPECT_EQ(config_.plc.host.view(), "127.0.0.1");
+  EXPECT_EQ(config_.plc.port, 1502);
+  EXPECT_EQ(config_.plc.unit_id, 1);
+  EXPECT_EQ(config_.plc.word_order, hal::WordOrder::abcd);
+  ASSERT_EQ(config_.plc.allow.size(), 1U);
+  EXPECT_EQ(config_.plc.allow[0].address, 0x7F00'0000U);
+  EXPECT_EQ(config_.plc.allow[0].mask, 0xFF00'0000U);
+  EXPECT_EQ(config_.robot.url.view(), "udpm://239.255.76.67:7667?ttl=0");
+  EXPECT_EQ(config_.robot.channel.view(), "FLANGE_POSE");
+  EXPECT_EQ(config_.pose.window_ns, 300'000'000);
+  EXPECT_EQ(config_.pose.settled_rad, PoseSettings{}.settled_rad) << "a default keeps its bits";
+  EXPECT_EQ(config_.scanner.drop_dir.view(), "/var/lib/slabd/drop");
+  EXPECT_FALSE(config_.scanner.any_name);
+  EXPECT_EQ(config_.scan_timeout_ns, 10'000'000'000);
+  EXPECT_EQ(config_.settle_timeout_ns, 8'000'000'000);
+  EXPECT_EQ(config_.storage.db_path, "/var/lib/slabd/slabd.db");
+  EXPECT_EQ(config_.storage.spool_dir, "/var/lib/slabd/spool");
+  EXPECT_EQ(config_.storage.spool_budget_bytes, 0U);
+  EXPECT_EQ(config_.recipes_dir, "/usr/share/slabd/recipes");
+  EXPECT_EQ(config_.control_socket, "/run/slabd/control.sock");
+  EXPECT_FALSE(config_.simulation);
+  EXPECT_EQ(config_.T_base_slab.translation_mm, Vec3(1000, 0, 500));
+  EXPECT_EQ(config_.calibration.T_flange_scanner.translation_mm, Vec3(0, 0, 120.5));
+  EXPECT_FALSE(has_value(config_.calibration.station_sigma_mm)) << "slab-frame items must come out indeterminate";
+}
+
+TEST_F(ConfigTest, every_key_is_taken) {
+  EXPECT_EQ(load(kEveryKey), Texts{});
+  EXPECT_EQ(config_.plc.host.view(), "10.1.2.3");
+  EXPECT_EQ(config_.plc.port, 502);
+  EXPECT_EQ(config_.plc.unit_id, 17);
+  EXPECT_EQ(config_.plc.allow.size(), 2U);
+  EXPECT_EQ(config_.plc.allow[1].address, 0xC0A8'0107U);
+  EXPECT_EQ(config_.plc.word_order, hal::WordOrder::cdab);
+  EXPECT_EQ(config_.robot.url.view(), "udpm://239.255.76.99:7777?ttl=1");
+  EXPECT_EQ(config_.robot.channel.view(), "POSE");
+  EXPECT_EQ(config_.robot.interface.view(), "eth1");
+  EXPECT_EQ(config_.pose.window_ns, 400'000'000);
+  EXPECT_EQ(config_.pose.samples_min, 30);
+  EXPECT_EQ(config_.pose.settled_mm, 0.05);
+  EXPECT_DOUBLE_EQ(config_.pose.settled_rad, rad_from_deg(0.004));
+  EXPECT_EQ(config_.pose.dwell_ns, 250'000'000);
+  EXPECT_EQ(config_.pose.moved_mm, 0.1);
+  EXPECT_DOUBLE_EQ(config_.pose.moved_rad, rad_from_deg(0.006));
+  EXPECT_EQ(config_.pose.stale_ns, 150'000'000);
+  EXPECT_EQ(config_.pose.gap_us, 50'500);
+  EXPECT_EQ(config_.pose.base_id, -1);
+  EXPECT_EQ(config_.pose.tool_id, 3);
+  EXPECT_EQ(config_.pose.look_mm, 100.0);
+  EXPECT_EQ(config_.settle_timeout_ns, 6'000'000'000);
+  EXPECT_EQ(config_.scanner.drop_dir.view(), "/srv/drop");
+  EXPECT_TRUE(config_.scanner.any_name);
+  EXPECT_EQ(config_.scanner.unit, hal::LengthUnit::um);
+  EXPECT_EQ(config_.scan_timeout_ns, 12'500'000'000);
+  EXPECT_EQ(config_.storage.db_path, "/srv/slabd.db");
+  EXPECT_EQ(config_.storage.spool_dir, "/srv/spool");
+  EXPECT_EQ(config_.storage.spool_budget_bytes, 500'000'000'000U);
+  EXPECT_EQ(config_.recipes_dir, "/srv/recipes");
+  EXPECT_EQ(config_.T_base_slab.rotation.z(), -1.0);
+  EXPECT_EQ(config_.calibration.station_sigma_mm, 0.02);
+  EXPECT_DOUBLE_EQ(config_.calibration.station_sigma_rad, rad_from_deg(0.001));
+  EXPECT_EQ(config_.control_socket, "/srv/control.sock");
+  EXPECT_TRUE(config_.simulation);
+}
+
+TEST_F(ConfigTest, all_faults_are_reported_with_line_column_key_and_range) {
+  const Texts problems = load(
+      "[plc]\n"
+      "unitid = 3\n"
+      "listen = \"127.0.0.1:99999\"\n"
+      "unit_id = 300\n"
+      "allow = [\"10.0.0.0/8\", 7]\n"
+      "word_order = \"badc\"\n"
+      "[robot]\n"
+      "settled_mm = \"small\"\n"
+      "samples_min = 20.5\n"
+      "[scanner]\n"
+      "drop_dir = \"drop\"\n"
+      "any_name = 1\n"
+      "[storage]\n"
+      "spool_budget_gb = 1\n"
+      "[cell]\n"
+      "T_base_slab = [0, 0, 0, 1, 1, 0, 0]\n"
+      "[calibration]\n"
+      "T_flange_scanner = [0, 0, 5000, 1, 0, 0, 0]\n"
+      "station_sigma_mm = -1\n"
+      "[recepies]\n"
+      "dir = \"/x\"\n");
+  const Texts expected = {
+      "slabd.toml:3:10: plc.listen: found \"127.0.0.1:99999\", allowed is \"address:port\" with port 0..65535",
+      "slabd.toml:4:11: plc.unit_id: found 300, allowed is a whole number 1..247",
+      "slabd.toml:5:24: plc.allow: found 7, allowed is a network like \"10.0.0.0/8\"",
+      "slabd.toml:6:14: plc.word_order: found \"badc\", allowed is \"abcd\" or \"cdab\"",
+      "slabd.toml:2:1: plc.unitid: unknown key; the nearest known one is \"unit_id\"",
+      "slabd.toml:9:15: robot.samples_min: found 20.5, allowed is a whole number 3..300",
+      "slabd.toml:8:14: robot.settled_mm: found \"small\", allowed is a number 0.001..1",
+      "slabd.toml:11:12: scanner.drop_dir: found \"drop\", allowed is an absolute path (it starts with /)",
+      "slabd.toml:12:12: scanner.any_name: found 1, allowed is true or false",
+      "slabd.toml:14:19: storage.spool_budget_gb: found 1, allowed is 0 (keep every scan) or 3..100000; a slab's scans "
+      "are 1.1 GB",
+      "slabd.toml:16:15: cell.T_base_slab: the quaternion (qw, qx, qy, qz) has length 1.414214, allowed is 1 within "
+      "0.001",
+      "slabd.toml:18:27: calibration.T_flange_scanner: number 3 of 7: found 5000, allowed is -2000..2000",
+      "slabd.toml:19:20: calibration.station_sigma_mm: found -1, allowed is a number 1e-06..10",
+      "slabd.toml:20:2: recepies: unknown key; the nearest known one is \"recipes\"",
+  };
+  EXPECT_EQ(problems, expected);
+}
+
+TEST_F(ConfigTest, what_this_version_cannot_do_is_said) {
+  const std::string start = kShortest;
+  EXPECT_EQ(load(start + "[plc]\nrole = \"client\"\n"),
+            Texts{"slabd.toml:6:8: plc.role: found \"client\", allowed is \"server\"; this version supports the Modbus "
+                  "TCP server only"});
+  EXPECT_EQ(load(start + "[scanner]\nbackend = \"gige\"\n"),
+            Texts{"slabd.toml:6:11: scanner.backend: found \"gige\", allowed is \"drop\"; this version supports the "
+                  "drop folder only"});
+  EXPECT_EQ(load(start + "[robot]\nlcm_url = \"tcp://host\"\n"),
+            Texts{"slabd.toml:6:11: robot.lcm_url: found \"tcp://host\", allowed is \"udpm://group:port?ttl=n\""});
+}
+
+TEST_F(ConfigTest, poses_must_be_there) {
+  EXPECT_EQ(load("[cell]\n"),
+            (Texts{"slabd.toml:1:1: cell.T_base_slab: missing; expected seven numbers [x, y, z, qw, qx, qy, qz], x y z "
+                   "in mm and within +-20000",
+                   "slabd.toml:1:1: calibration.T_flange_scanner: missing; expected seven numbers [x, y, z, qw, qx, "
+                   "qy, qz], x y z in mm and within +-2000"}));
+}
+
+TEST_F(ConfigTest, quaternion_within_a_thousandth_is_taken_and_normalised) {
+  EXPECT_EQ(load("[cell]\nT_base_slab = [0,0,0,0.9995,0,0,0]\n[calibration]\nT_flange_scanner=[0,0,0,1,0,0,0]\n"),
+            Texts{});
+  EXPECT_DOUBLE_EQ(config_.T_base_slab.rotation.norm(), 1.0);
+  EXPECT_EQ(
+      load("[cell]\nT_base_slab = [0,0,0,0.9985,0,0,0]\n[calibration]\nT_flange_scanner=[0,0,0,1,0,0,0]\n").size(), 1U);
+  EXPECT_EQ(load("[cell]\nT_base_slab = [nan,0,0,1,0,0,0]\n[calibration]\nT_flange_scanner=[0,0,0,1,0,0,0]\n"),
+            Texts{"slabd.toml:2:16: cell.T_base_slab: number 1 of 7: found nan, allowed is -20000..20000"});
+}
+
+TEST_F(ConfigTest, scan_must_end_before_the_plc_gives_up) {
+  EXPECT_EQ(load(std::string(kShortest) + "[robot]\nsettle_timeout_s = 10\n[scanner]\ntimeout_s = 10\n"),
+            Texts{"slabd.toml:8:13: scanner.timeout_s: with robot.settle_timeout_s a scan may take 20 s, allowed are "
+                  "19 s: the PLC gives up after 20 s"});
+}
+
+TEST_F(ConfigTest, plc_table_is_filled_in_when_other_tables_are_faulty) {
+  EXPECT_FALSE(load("[plc]\nlisten = \"0.0.0.0:1602\"\nunit_id = 9\n[cell]\nT_base_slab = 5\n").empty());
+  EXPECT_EQ(config_.plc.port, 1602);
+  EXPECT_EQ(config_.plc.unit_id, 9);
+}
+
+TEST_F(ConfigTest, plc_table_above_a_syntax_error_is_filled_in) {
+  const Texts problems = load("[plc]\nlisten = \"0.0.0.0:1602\"\n[cell\nT_base_slab = 5\n");
+  ASSERT_EQ(problems.size(), 1U) << "what is missing because of the syntax error is not reported on top";
+  EXPECT_TRUE(problems[0].starts_with("slabd.toml:3:6: not valid TOML: ")) << problems[0];
+  EXPECT_EQ(config_.plc.port, 1602);
+}
+
+TEST_F(ConfigTest, unreadable_files_are_named) {
+  std::vector<Problem> problems;
+  load_config(files_.folder() + "/none.toml", config_, problems);
+  load_config(files_.folder(), config_, problems);
+  load_config(files_.write("huge.toml", std::string(kTomlBytesMax + 1, '#')), config_, problems);
+  EXPECT_EQ(files_.texts(problems),
+            (Texts{"none.toml: cannot be read: no such file", files_.folder() + ": not a regular file",
+                   "huge.toml: longer than 1000000 bytes; this is not a configuration"}));
+  problems.clear();
+  load_config(files_.write("large.toml", kShortest + std::string(900'000, '#')), config_, problems);
+  EXPECT_TRUE(problems.empty());
+}
+
+TEST_F(ConfigTest, damaged_bytes_never_escape_as_an_exception) {
+  const std::string good = kEveryKey;
+  Prng prng(7);
+  int faulty = 0;
+  for (int i = 0; i < 3000; ++i) {
+    std::string text = good;
+    const std::uint64_t hits = 1 + prng.below(4);
+    for (std::uint64_t h = 0; h < hits; ++h) text[prng.below(text.size())] = static_cast<char>(prng.below(256));
+    if (prng.below(4) == 0) text.resize(prng.below(text.size()));
+    std::vector<Problem> problems;
+    load_config(files_.write("slabd.toml", text), config_, problems);
+    faulty += problems.empty() ? 0 : 1;
+    for (const Problem& problem : problems) EXPECT_NE(problem.text.find("slabd.toml:"), std::string::npos);
+  }
+  EXPECT_GT(faulty, 1000);
+}
+
+TEST_F(ConfigTest, installed_example_is_valid) {
+  std::vector<Problem> problems;
+  load_config(std::string(SLABD_SOURCE_DIR) + "/systemd/slabd.toml", config_, problems);
+  EXPECT_EQ(files_.texts(problems), Texts{});
+}
+
+TEST(EditDistance, agrees_with_its_definition) {
+  // The definition, spelled out recursively.
+  struct Slow {
+    static std::size_t distance(std::string_view a, std::string_view b) {
+      if (a.empty()) return b.size();
+      if (b.empty()) return a.size();
+      const std::size_t same = distance(a.substr(1), b.substr(1)) + (a[0] == b[0] ? 0 : 1);
+      return std::min({same, distance(a.substr(1), b) + 1, distance(a, b.substr(1)) + 1});
+    }
+  };
+  Prng prng(3);
+  for (int i = 0; i < 300; ++i) {
+    std::string a(prng.below(6), ' ');
+    std::string b(prng.below(6), ' ');
+    for (char& c : a) c = static_cast<char>('a' + prng.below(3));
+    for (char& c : b) c = static_cast<char>('a' + prng.below(3));
+    EXPECT_EQ(edit_distance(a, b), Slow::distance(a, b)) << a << " " << b;
+  }
+  EXPECT_EQ(nearest("unitid", {"listen", "role", "unit_id"}), "unit_id");
+  EXPECT_EQ(nearest("x", {}), "");
+}
+
+}  // namespace
+}  // namespace slabd::daemon

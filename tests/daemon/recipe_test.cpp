@@ -1,0 +1,287 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <sha256.h>
+
+#include "tests/daemon/text_file.h"
+
+namespace slabd::daemon {
+namespace {
+
+using Texts = std::vector<std::string>;
+
+const std::string kP5600 = std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml";
+
+class RecipeTest : public ::testing::Test {
+ protected:
+  Texts load(const std::string& text) {
+    std::vector<Problem> problems;
+    load_recipe(files_.write("r.toml", text), recipe_, problems);
+    return files_.texts(problems);
+  }
+  void load_p5600() {
+    std::vector<Problem> problems;
+    load_recipe(kP5600, recipe_, problems);
+    ASSERT_EQ(files_.texts(problems), Texts{});
+  }
+  void expect_item(ItemId id, double nominal, double lower, double upper, double U, bool required) const {
+    const Tolerance& t = recipe_.tolerance(id);
+    const auto same = [](double a, double b) { return (std::isnan(a) && std::isnan(b)) || std::abs(a - b) < 1e-12; };
+    EXPECT_TRUE(same(t.nominal.value, nominal)) << info(id).name << " nominal " << t.nominal.value;
+    EXPECT_TRUE(same(t.lower, lower)) << info(id).name << " lower " << t.lower;
+    EXPECT_TRUE(same(t.upper, upper)) << info(id).name << " upper " << t.upper;
+    EXPECT_TRUE(same(t.U, U)) << info(id).name << " U " << t.U;
+    EXPECT_EQ(t.required, required) << info(id).name;
+    EXPECT_FALSE(t.confirmed) << info(id).name;
+  }
+  TextFiles files_;
+  Recipe recipe_;
+};
+
+double slope_deg(double n) {
+  return std::atan(1.0 / n) * 180.0 / kPi;
+}
+
+TEST_F(RecipeTest, p5600_geometry_is_the_reference) {
+  load_p5600();
+  EXPECT_EQ(recipe_.name.view(), "P5600");
+  EXPECT_EQ(recipe_.slab_type, 5600);
+  EXPECT_EQ(recipe_.stations(), 18);
+  EXPECT_EQ(recipe_.slope_datum, SlopeDatum::slab_frame);
+  EXPECT_TRUE(recipe_.remove_warp);
+  EXPECT_EQ(recipe_.guard, 1.0);
+  const SlabGeometry& s = recipe_.slab;
+  EXPECT_EQ(s.length_mm.value, 5600);
+  EXPECT_EQ(s.width_mm.value, 2500);
+  EXPECT_EQ(s.thickness_mm.value, 200);
+  EXPECT_EQ(s.pitch_mm.value, 630);
+  EXPECT_EQ(s.first_pair_from_end_mm.value, 280);
+  EXPECT_EQ(s.seat_centre_distance_mm.value, 1516);
+  EXPECT_EQ(s.block_origin_z_mm.value, 30);
+  const BlockGeometry& b = recipe_.block;
+  EXPECT_EQ(b.cant_ratio.value, 40);
+  EXPECT_EQ(b.jaw_half_distance_mm.value, 190);
+  EXPECT_EQ(b.jaw_reference_height_mm.value, 10);
+  EXPECT_DOUBLE_EQ(b.jaw_angle_rad.value, 110 * kPi / 180);
+  EXPECT_EQ(b.shoulder_outer_z_mm.value, 29.75);
+  EXPECT_EQ(b.shoulder_inner_z_mm.value, 20.25);
+  EXPECT_EQ(b.end_half_length_mm.value, 105);
+  EXPECT_EQ(b.side_half_width_mm.value, 240);
+  EXPECT_DOUBLE_EQ(b.draft_rad.value, 10 * kPi / 180);
+  EXPECT_EQ(b.slab_top_z_mm.value, -30);
+  EXPECT_EQ(b.casing_half_spacing_mm.value, 116.5);
+  EXPECT_EQ(b.casing_bore_diameter_mm.value, 30);
+  EXPECT_EQ(b.casing_rim_diameter_mm.value, 44);
+  EXPECT_EQ(b.casing_rim_height_mm.value, -0.25);
+  const EvaluationSettings& e = recipe_.evaluation;
+  EXPECT_EQ(e.crop_half_x_mm, 51);
+  EXPECT_EQ(e.crop_half_s_mm, 75);
+  EXPECT_EQ(e.cell_mm, 1.5);
+  EXPECT_EQ(e.cell_points_min, 12);
+  // First and last block where the reference puts them: x = -2520 + 630 (i - 1), y = +-758, z = 30.
+  EXPECT_TRUE(T_slab_block(recipe_, 1).translation_mm.isApprox(Vec3(-2520, 758, 30)));
+  EXPECT_TRUE(T_slab_block(recipe_, 18).translation_mm.isApprox(Vec3(-2520, -758, 30)));
+}
+
+TEST_F(RecipeTest, p5600_items_are_the_reference) {
+  load_p5600();
+  const double none = kNoValue;
+  expect_item(ItemId::seat_slope, slope_deg(40), slope_deg(43), slope_deg(37), 0.03, true);
+  expect_item(ItemId::seat_flatness, 0, none, 1.0, 0.05, true);
+  expect_item(ItemId::jaw_angle_inner, 110, 109, 111, 0.05, true);
+  expect_item(ItemId::jaw_angle_outer, 110, 109, 111, 0.05, true);
+  expect_item(ItemId::jaw_distance, 380, 379.5, 380.5, 0.15, true);
+  expect_item(ItemId::casing_spacing, 233, 232.5, 233.5, 0.15, true);
+  expect_item(ItemId::casing_protrusion_inner, -0.25, -0.5, 0, 0.15, true);
+  expect_item(ItemId::casing_protrusion_outer, -0.25, -0.5, 0, 0.15, true);
+  expect_item(ItemId::casing_skew_inner, 0, none, 2.0, 0.15, false);
+  expect_item(ItemId::casing_skew_outer, 0, none, 2.0, 0.15, false);
+  expect_item(ItemId::seat_lateral, 0, -0.5, 0.5, none, true);
+  expect_item(ItemId::seat_vertical, 0, -0.5, 0.5, none, true);
+  expect_item(ItemId::seat_spacing, 630, 629, 631, none, true);
+  expect_item(ItemId::large_jaw_distance, 1895.38, 1894.38, 1896.38, none, true);
+  expect_item(ItemId::corner_level, 0, -1, 1, none, true);
+  expect_item(ItemId::warp_left, 0, -3, 3, none, true);
+  expect_item(ItemId::warp_right, 0, -3, 3, none, true);
+  expect_item(ItemId::seat_std, none, none, none, none, false);
+}
+
+TEST_F(RecipeTest, p5600_confirms_only_what_a_source_states) {
+  load_p5600();
+  EXPECT_TRUE(recipe_.block.cant_ratio.confirmed);
+  EXPECT_TRUE(recipe_.slab.pitch_mm.confirmed);
+  EXPECT_TRUE(recipe_.tolerance(ItemId::seat_slope).nominal.confirmed);
+  EXPECT_FALSE(recipe_.block.jaw_angle_rad.confirmed);
+  EXPECT_FALSE(recipe_.slab.seat_centre_distance_mm.confirmed);
+  EXPECT_GT(unconfirmed_count(recipe_), 0) << "every tolerance is an assumption";
+}
+
+TEST_F(RecipeTest, a_nominal_block_passes_every_item_of_p5600) {
+  load_p5600();
+  for (std::size_t i = 0; i < kItemCount; ++i) {
+    Item item = blank_item(recipe_, static_cast<ItemId>(i));
+    if (!has_value(item.nominal)) continue;
+    item.value = item.nominal;
+    if (!has_value(item.U)) item.U = 0.1;  // the station sigma's part
+    EXPECT_EQ(judge(item, recipe_.guard), Verdict::pass) << info(item.id).name;
+  }
+}
+
+TEST_F(RecipeTest, sha256_is_of_the_bytes) {
+  load_p5600();
+  const std::string bytes = read_whole(kP5600);
+  std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
+  SHA256_CTX context;
+  SHA256Init(&context);
+  for (const char c : bytes) SHA256Update(&context, reinterpret_cast<const std::uint8_t*>(&c), 1);
+  SHA256End(&context, hex.data());
+  EXPECT_EQ(recipe_.sha256.view(), hex.data());
+  EXPECT_EQ(recipe_.path.view(), kP5600);
+}
+
+TEST_F(RecipeTest, another_slab_type_with_eight_pairs_loads) {
+  std::string text = read_whole(kP5600);
+  text = with(text, "name = \"P5600\"", "name = \"P4925\"");
+  text = with(text, "slab_type = 5600 ", "slab_type = 4925 ");
+  text = with(text, "{ value = 5600, confirmed = false }", "{ value = 4925, confirmed = true }");
+  text = with(text, "pairs = 9", "pairs = 8");
+  text = with(text, "{ value = 630, confirmed = true }              #", "{ value = 617.5, confirmed = true }  #");
+  text = with(text, "first_pair_from_end_mm = { value = 280,", "first_pair_from_end_mm = { value = 301.25,");
+  text = with(text, "{ value = 630, confirmed = true }      #", "{ value = 617.5, confirmed = true }  #");
+  EXPECT_EQ(load(text), Texts{});
+  EXPECT_EQ(recipe_.name.view(), "P4925");
+  EXPECT_EQ(recipe_.stations(), 16);
+  EXPECT_EQ(recipe_.slab_type, 4925);
+  EXPECT_EQ(T_slab_block(recipe_, 9).translation_mm.x(), T_slab_block(recipe_, 8).translation_mm.x());
+}
+
+/// Line of the first occurrence, from 1: the recipe may be edited without touching these tests.
+std::size_t line_of(const std::string& text, const std::string& what) {
+  const auto end = text.begin() + static_cast<std::ptrdiff_t>(text.find(what));
+  return 1 + static_cast<std::size_t>(std::count(text.begin(), end, '\n'));
+}
+
+/// One change of p5600.toml and the sentence it earns, at the LINE of the change.
+struct Fault {
+  const char* from;
+  const char* to;
+  const char* text;
+};
+
+class RecipeFaultTest : public RecipeTest, public ::testing::WithParamInterface<Fault> {};
+
+TEST_P(RecipeFaultTest, is_named) {
+  const Fault& fault = GetParam();
+  const std::string text = with(read_whole(kP5600), fault.from, fault.to);
+  const Texts problems = load(text);
+  ASSERT_EQ(problems.size(), 1U) << (problems.size() > 1 ? problems[1] : "no problem found");
+  EXPECT_EQ(problems[0], with(fault.text, "LINE", std::to_string(line_of(text, fault.to))));
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    P5600, RecipeFaultTest,
+    ::testing::Values(
+        Fault{"slabd.recipe/1", "slabd.recipe/2",
+              "r.toml:LINE:10: schema: found \"slabd.recipe/2\", allowed is \"slabd.recipe/1\""},
+        Fault{"slab_type = 5600 ", "slab_type = 70000 ",
+              "r.toml:LINE:13: slab_type: found 70000, allowed is a whole number 1..65535"},
+        Fault{"slope_datum = \"slab_frame\"", "slope_datum = \"floor\"",
+              "r.toml:LINE:15: slope_datum: found \"floor\", allowed is \"slab_frame\" or \"local_slab_top\""},
+        Fault{"guard = 1.0", "guard = -1", "r.toml:LINE:9: guard: found -1, allowed is a number 0..2"},
+        Fault{"pairs = 9 ", "pairs = 10 ", "r.toml:LINE:9: slab.pairs: found 10, allowed is a whole number 1..9"},
+        Fault{
+            "width_mm = { value = 2500, confirmed = false }", "width_mm = 2500",
+            "r.toml:LINE:12: slab.width_mm: found 2500, allowed is { value = 1500..5000, confirmed = true or false }"},
+        Fault{"width_mm = { value = 2500, confirmed = false }", "width_mm = { value = 2500 }",
+              "r.toml:LINE:12: slab.width_mm.confirmed: missing; expected true or false"}));
+
+TEST_F(RecipeTest, faults_name_the_nearest_key_and_the_range) {
+  const std::string good = read_whole(kP5600);
+  const auto places_cut = [](Texts problems) {
+    for (std::string& text : problems) text.erase(0, text.find(": ") + 2);
+    return problems;
+  };
+  const auto only = [&](const std::string& from, const std::string& to) {
+    const Texts problems = places_cut(load(with(good, from, to)));
+    return problems.size() == 1 ? problems[0] : "problems: " + std::to_string(problems.size());
+  };
+  EXPECT_EQ(only("cell_mm = 1.5\n", "cell_mm = 1.5\ncel_mm = 2\n"),
+            "evaluation.cel_mm: unknown key; the nearest known one is \"cell_mm\"");
+  const std::string wide = with(good, "crop_half_s_mm = 75.0", "crop_half_s_mm = 185");
+  EXPECT_EQ(places_cut(load(with(wide, "cell_mm = 1.5\n", "cell_mm = 5\n"))),
+            Texts{"evaluation.crop_half_s_mm: found 185 with edge_margin_mm 2, allowed is a crop inside the jaws' feet "
+                  "at 186.36"});
+  EXPECT_EQ(places_cut(load(with(good, "draft_deg", "draft_degrees"))),
+            (Texts{"block.draft_deg: missing; expected { value = 0..45, confirmed = true or false }",
+                   "block.draft_degrees: unknown key; the nearest known one is \"draft_deg\""}));
+  EXPECT_EQ(only("cell_mm = 1.5\n", "cell_mm = 1.0\n"),
+            "evaluation.cell_mm: found 1: the crop has 15300 such cells, allowed are 8500");
+  EXPECT_EQ(only("casing_bore_diameter_mm = { value = 30,", "casing_bore_diameter_mm = { value = 50,"),
+            "block.casing_rim_diameter_mm: found 44, allowed is more than casing_bore_diameter_mm 50");
+  EXPECT_EQ(only("first_pair_from_end_mm = { value = 280,", "first_pair_from_end_mm = { value = 600,"),
+            "slab.pairs: the last of 9 pairs stands 5640.0 mm from the end, beyond length_mm 5600.0");
+  EXPECT_EQ(only("lower = \"1:43\"", "lower = \"1:30\""),
+            "items.seat_slope.lower: found 1.90915 with upper 1.54816, allowed is lower < upper");
+  EXPECT_EQ(only("lower = \"1:43\"", "lower = \"1:0\""),
+            "items.seat_slope.lower: found \"1:0\", allowed is a number of deg within +-100000 or a slope \"1:n\" with "
+            "n 1..10000");
+  EXPECT_EQ(only("nominal = 380\ntolerance = 0.5", "nominal = 381\ntolerance = 0.5"),
+            "items.jaw_distance.nominal: found 381.0000, but the geometry of this recipe gives 380.0000 mm; allowed is "
+            "a difference of 0.01");
+  EXPECT_EQ(only("nominal = 380\ntolerance = 0.5\nU = 0.15", "nominal = 380\ntolerance = 0.5\nU = 0.5"),
+            "items.jaw_distance.U: found 0.5: with guard 1 no value can pass between 379.5000 and 380.5000");
+  EXPECT_EQ(
+      only("nominal = 380\ntolerance = 0.5", "nominal = 380\ntolerance = 0.5\nupper = 381"),
+      "items.jaw_distance.tolerance: found beside lower or upper; allowed is either tolerance or lower and upper");
+  EXPECT_EQ(only("nominal = 380\n", ""),
+            "items.jaw_distance.nominal: missing; expected the value that deviations are counted from");
+  EXPECT_EQ(only("nominal = 380\ntolerance = 0.5\n", "nominal = 380\n"),
+            "items.jaw_distance.required: found true without lower, upper or tolerance: such an item could never pass");
+  EXPECT_EQ(only("[items.seat_std]\nrequired = false\nconfirmed = false\n", ""),
+            "items.seat_std: missing; expected a table; an item that is not judged says required = false and gives no "
+            "limits");
+}
+
+TEST_F(RecipeTest, damaged_bytes_never_escape_as_an_exception) {
+  const std::string good = read_whole(kP5600);
+  Prng prng(11);
+  for (int i = 0; i < 1500; ++i) {
+    std::string text = good;
+    for (int hit = 0; hit < 3; ++hit) text[prng.below(text.size())] = static_cast<char>(prng.below(256));
+    static_cast<void>(load(text));
+  }
+}
+
+TEST_F(RecipeTest, folder_is_read_in_order_and_leaves_faulty_recipes_out) {
+  const std::string good = read_whole(kP5600);
+  const auto of_type = [&](int type) {
+    return with(good, "slab_type = 5600 ", "slab_type = " + std::to_string(type) + " ");
+  };
+  files_.write("c.toml", of_type(3));
+  files_.write("a.toml", of_type(1));
+  files_.write("b.toml", "schema = 1\n");
+  files_.write("d.toml", of_type(1));
+  files_.write("notes.txt", "not a recipe");
+  std::vector<Recipe> recipes;
+  std::vector<Problem> problems;
+  load_recipes(files_.folder(), recipes, problems);
+  ASSERT_EQ(recipes.size(), 2U);
+  EXPECT_EQ(recipes[0].slab_type, 1);
+  EXPECT_EQ(recipes[1].slab_type, 3);
+  const Texts texts = files_.texts(problems);
+  EXPECT_TRUE(texts.front().starts_with("b.toml:1:10: schema: found 1")) << texts.front();
+  EXPECT_EQ(texts.back(), "d.toml: slab_type: 1 is already the type of a.toml; allowed is one recipe for each type");
+}
+
+TEST_F(RecipeTest, folder_without_recipes_is_a_problem) {
+  std::vector<Recipe> recipes;
+  std::vector<Problem> problems;
+  load_recipes(files_.folder(), recipes, problems);
+  ASSERT_EQ(problems.size(), 1U);
+  EXPECT_EQ(problems[0].text, files_.folder() + ": no usable recipe (*.toml) in this folder; slabd cannot measure");
+  problems.clear();
+  load_recipes(files_.folder() + "/none", recipes, problems);
+  ASSERT_EQ(problems.size(), 2U);
+  EXPECT_EQ(problems[0].text, files_.folder() + "/none: the recipe folder cannot be read: No such file or directory");
+}
+
+}  // namespace
+}  // namespace slabd::daemon
