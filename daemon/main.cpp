@@ -6,6 +6,7 @@
 #include <atomic>
 #include <csignal>
 #include <cstdio>
+#include <filesystem>
 
 #include "daemon/absent.h"
 #include "daemon/loop.h"
@@ -95,6 +96,8 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
       settings.fault = Code::config;
       pose = std::make_unique<AbsentPose>(made.error().text.view());
     }
+    std::error_code ignored;  // the port below says what is wrong with the folder
+    std::filesystem::create_directories(config.scanner.drop_dir.c_str(), ignored);
     if (auto made = hal::make_scan_drop(config.scanner, *clock); made.ok()) {
       scanner = std::move(made.value());
     } else {

@@ -162,8 +162,14 @@ class Line {
 
   PlcOutputs view() const { return plc_view(*station); }
 
+  /// Called around every step, for tests that watch what a step does.
+  void (*before_step)() = nullptr;
+  void (*after_step)() = nullptr;
+
   void feed(const Event& event) {
+    if (before_step != nullptr) before_step();
     step(*station, event, actions_);
+    if (after_step != nullptr) after_step();
     const std::vector<Action> actions(actions_.begin(), actions_.end());
     for (const Action& action : actions) carry_out(action);
   }

@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The real daemon and the emulated line as processes, over real Modbus/TCP, real LCM multicast, real scan files and a
+// real database.
+#include <gtest/gtest.h>
+#include <sqlite3.h>
+
+#include <chrono>
+#include <csignal>
+#include <fstream>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "processes.h"
+
+namespace slabd::line {
+namespace {
+
+using Json = nlohmann::json;
+
+/// One number from the database, read-only beside the writer; -1 when there is none.
+std::int64_t query(const fs::path& db, const std::string& sql) {
+  sqlite3* handle = nullptr;
+  std::int64_t value = -1;
+  if (sqlite3_open_v2(db.c_str(), &handle, SQLITE_OPEN_READONLY, nullptr) == SQLITE_OK) {
+    sqlite3_busy_timeout(handle, 2000);
+    sqlite3_stmt* statement = nullptr;
+    if (sqlite3_prepare_v2(handle, sql.c_str(), -1, &statement, nullptr) == SQLITE_OK &&
+        sqlite3_step(statement) == SQLITE_ROW)
+      value = sqlite3_column_int64(statement, 0);
+    sqlite3_finalize(statement);
+  }
+  sqlite3_close(handle);
+  return value;
+}
+
+struct LineTest : testing::Test {
+  Box box;
+
+  void SetUp() override {
+    box.start();
+    ASSERT_TRUE(box.ready()) << box.log();
+  }
+  void TearDown() override {
+    if (HasFailure()) std::fprintf(stderr, "---- slabd ----\n%s", box.log().c_str());
+  }
+  Box::Answer simulate(std::vector<std::string> args, const std::string& points = "quarter") {
+    std::vector<std::string> all = {"simulate", "--config", box.config.native(), "--points", points};
+    all.insert(all.end(), args.begin(), args.end());
+    return box.slabctl(all);
+  }
+  Json status() const {
+    const Box::Answer answer = box.slabctl({"status", "--config", box.config.native(), "--json"});
+    EXPECT_EQ(answer.exit_status, 0) << answer.err;
+    return Json::parse(answer.out, nullptr, false);
+  }
+  /// Polls until `done`; the test's own timeout ends a wait that never comes true.
+  static void wait_until(const std::function<bool()>& done) {
+    while (!done()) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+};
+
+TEST_F(LineTest, full_size_slab_passes_and_memory_is_flat) {
+  const Box::Answer first = simulate({"--slab-no", "1", "--slab-id", "FULL-1"}, "full");
+  ASSERT_EQ(first.exit_status, 0) << first.out << first.err;
+  const std::int64_t peak_kb = status()["memory"]["peak_kb"];
+  EXPECT_LT(peak_kb, 260 * 1024);
+  const Box::Answer second = simulate({"--slab-no", "2", "--slab-id", "FULL-2", "--seed", "2"}, "quarter");
+  ASSERT_EQ(second.exit_status, 0) << second.out << second.err;
+  EXPECT_LT(status()["memory"]["peak_kb"].get<std::int64_t>(), peak_kb + 2048);
+
+  const Box::Answer shown = box.slabctl({"show", "FULL-1", "--config", box.config.native(), "--json"});
+  ASSERT_EQ(shown.exit_status, 0) << shown.err;
+  EXPECT_NE(shown.out.find("FULL-1"), std::string::npos);
+  EXPECT_EQ(box.stop(), 0);
+}
+
+TEST_F(LineTest, planted_defects_fail_their_blocks_and_no_other) {
+  const Box::Answer answer = simulate({"--slab-no", "3", "--defect", "slope=4:1/35", "--defect", "jaw-distance=11:0.9", "--json"});
+  ASSERT_EQ(answer.exit_status, 1) << answer.out << answer.err;
+  // The PLC's station table is the judge: exactly blocks 4 and 11 failed, the slab too.
+  const fs::path db = box.dir / "slabd.db";
+  EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'fail'"), 2);
+  EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'fail' AND station IN (4, 11)"), 2);
+  EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'pass'"), 16);
+  EXPECT_EQ(query(db, "SELECT count(*) FROM slab_result WHERE verdict = 'fail'"), 1);
+}
+
+TEST_F(LineTest, a_missing_block_is_not_measured_and_so_is_the_slab) {
+  const Box::Answer answer = simulate({"--slab-no", "4", "--defect", "missing=7", "--scans-per-block", "1"});
+  EXPECT_EQ(answer.exit_status, 1) << answer.out << answer.err;
+  const fs::path db = box.dir / "slabd.db";
+  EXPECT_EQ(query(db, "SELECT count(*) FROM slab_result WHERE verdict = 'not_measured'"), 1);
+  EXPECT_EQ(query(db, "SELECT count(*) FROM block WHERE station = 7 AND verdict = 'pass'"), 0);
+}
+
+TEST_F(LineTest, killed_in_mid_slab_keeps_what_was_acquired_and_finishes) {
+  const fs::path db = box.dir / "slabd.db";
+  {
+    const auto line = box.simulate({"--slab-no", "5", "--slab-id", "KILLED"});
+    wait_until([&] { return query(db, "SELECT count(*) FROM block") >= 7 || !line->running(); });
+    ASSERT_TRUE(line->running()) << read_file(box.dir / "simulate.err");
+    box.kill_hard();
+    line->signal(SIGINT);
+    line->wait();
+  }
+  const std::int64_t measured = query(db, "SELECT count(*) FROM block");
+  EXPECT_GE(measured, 7);
+  EXPECT_EQ(query(db, "SELECT count(*) FROM slab_result"), 0);
+
+  box.start();
+  ASSERT_TRUE(box.ready());
+  const Box::Answer answer = simulate({"--slab-no", "5", "--slab-id", "KILLED"});
+  EXPECT_EQ(answer.exit_status, 0) << answer.out << answer.err;
+  EXPECT_EQ(query(db, "SELECT count(*) FROM slab"), 1);
+  EXPECT_EQ(query(db, "SELECT count(*) FROM slab_result WHERE verdict = 'pass'"), 1);
+  // What had been acquired was not scanned again.
+  EXPECT_LE(query(db, "SELECT count(*) FROM attempt"), 19);
+}
+
+TEST_F(LineTest, daemon_survives_files_that_are_no_scans) {
+  const fs::path inbox = box.dir / "drop/inbox";
+  wait_until([&] { return fs::exists(inbox); });
+  std::ofstream(inbox / "1-999.ply") << "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nend_header\n";
+  std::ofstream(inbox / "0-0.ply") << std::string(100'000, '\0');
+  const Box::Answer answer = simulate({"--slab-no", "6"});
+  EXPECT_EQ(answer.exit_status, 0) << answer.out << answer.err;
+  EXPECT_TRUE(fs::exists(box.dir / "drop/stray"));
+  EXPECT_EQ(status()["links"]["scanner"]["strays"].get<int>(), 2);
+}
+
+TEST(FaultyConfiguration, shows_the_plc_fault_504_and_names_the_line) {
+  Box box;
+  std::ofstream(box.config, std::ios::app) << "[scaner]\n";
+  const Box::Answer check = box.slabctl({"config", "check", box.config.native()});
+  EXPECT_EQ(check.exit_status, 3);
+  EXPECT_NE(check.err.find("slabd.toml:"), std::string::npos) << check.err;
+  EXPECT_NE(check.err.find("scanner"), std::string::npos) << check.err;
+  box.start();
+  ASSERT_TRUE(box.ready()) << box.log();
+  const Box::Answer run = box.slabctl({"simulate", "--config", box.config.native()});
+  EXPECT_EQ(run.exit_status, 3);
+  EXPECT_TRUE(box.running());
+  EXPECT_EQ(box.stop(), 0);
+}
+
+}  // namespace
+}  // namespace slabd::line

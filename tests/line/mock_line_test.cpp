@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The daemon's own loop, with its real workers, algorithms and database, on scripted ports: one slab of 18 blocks
+// without a socket, and with time that moves by hand.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <functional>
+
+#include "cli/simulate/block_scene.h"
+#include "daemon/loop.h"
+#include "hal/mock/mock.h"
+
+namespace slabd::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct MockLineTest : testing::Test {
+  fs::path dir = fs::temp_directory_path() / ("slabd-mock-" + std::to_string(::getpid()));
+  std::vector<Recipe> recipes{1};
+  hal::ManualClock clock;
+  hal::MockNotify notify;
+  hal::MockPlc plc;
+  hal::MockPose pose;
+  hal::MockScanner scanner{clock};
+  std::unique_ptr<storage::Store> store;
+  std::unique_ptr<Loop> loop;
+  PlcInputs inputs;
+  std::int32_t pose_seq = 0;
+  int robot_station = 1;
+
+  void SetUp() override {
+    fs::remove_all(dir);
+    fs::create_directories(dir);
+    std::vector<Problem> problems;
+    load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml", recipes[0], problems);
+    ASSERT_TRUE(problems.empty()) << problems[0].text;
+    auto opened = storage::open_store({(dir / "slabd.db").native(), (dir / "spool").native(), 0});
+    ASSERT_TRUE(opened.ok()) << opened.error().text.c_str();
+    store = std::move(opened.value());
+
+    StationSettings settings;
+    settings.recipes = recipes;
+    settings.calibration_id = "test";
+    settings.spool_dir = std::string_view((dir / "spool").native());
+    const Ports ports{plc, pose, scanner, store.get(), nullptr, clock, notify};
+    loop = std::make_unique<Loop>(ports, settings, algo::StationSigma{0.02, rad_from_deg(0.001)}, LoopFigures{});
+    const std::atomic<bool> stop{true};
+    loop->run(stop);  // recovers, then returns because it is told to stop
+    inputs.enable = true;
+    inputs.command_writer = 1;
+    inputs.slab_no = 4711;
+    inputs.slab_type = 5600;
+  }
+  void TearDown() override {
+    loop.reset();
+    fs::remove_all(dir);
+  }
+
+  void answer_scan(const simulate::BlockTruth& truth, std::uint64_t seed) {
+    const auto surface = simulate::BlockSurface::make(recipes[0], truth, nominal_T_block_scanner().inverse());
+    ASSERT_TRUE(surface.ok());
+    simulate::ScannerTraits traits;
+    traits.columns = 1024;
+    traits.rows = 1224;
+    std::vector<float> xyz;
+    const simulate::DrawnScan scan = simulate::draw_scan(surface.value(), traits, seed, xyz);
+    scanner.answer_with(std::move(xyz), scan.width, scan.height);
+  }
+
+  /// Turns of 4 ms of scripted time until `done`, at most `turns`.
+  bool turn_until(const std::function<bool()>& done, int turns = 20'000) {
+    for (int i = 0; i < turns; ++i) {
+      if (done()) return true;
+      clock.advance(4 * kNsPerMs);
+      PoseSample sample;
+      sample.arrival_ns = clock.mono_ns();
+      sample.utime_us = clock.utime_us();
+      sample.seq = ++pose_seq;
+      sample.T_base_flange = T_slab_block(recipes[0], robot_station) * nominal_T_block_scanner();
+      pose.push(sample);
+      if (i % 60 == 0) {
+        ++inputs.heartbeat;
+        plc.write(inputs);
+      }
+      loop->turn(1);
+    }
+    return done();
+  }
+  PlcOutputs view() const { return plc_view(loop->station()); }
+
+  bool command(PlcCommand what, int station = 0) {
+    inputs.command = static_cast<std::uint16_t>(what);
+    inputs.station = static_cast<std::uint16_t>(station);
+    inputs.session_echo = view().session;
+    inputs.cmd_seq = next_sequence(view().cmd_ack);
+    plc.write(inputs);
+    return turn_until([&] { return view().cmd_ack == inputs.cmd_seq; });
+  }
+  bool scan(int station) {
+    robot_station = station;
+    return command(PlcCommand::scan, station) &&
+           turn_until([&] { return view().acq_seq == inputs.cmd_seq || view().cmd_status >= kCommandFailed; }) &&
+           view().acq_seq == inputs.cmd_seq;
+  }
+  void take_result() {
+    ASSERT_TRUE(turn_until([&] { return view().record.res_seq != 0; }));
+    inputs.res_ack = view().record.res_seq;
+    plc.write(inputs);
+    turn_until([&] { return view().record.res_seq != inputs.res_ack; }, 100);
+  }
+};
+
+TEST_F(MockLineTest, takes_a_slab_to_pass_and_leaves_it_in_the_database) {
+  ASSERT_TRUE(turn_until([&] { return view().session != 0; }));
+  ASSERT_TRUE(command(PlcCommand::slab_begin));
+  for (int station = 1; station <= 18; ++station) {
+    answer_scan(simulate::nominal_truth(recipes[0]), static_cast<std::uint64_t>(station));
+    ASSERT_TRUE(scan(station)) << station << " status " << view().cmd_status;
+    take_result();
+  }
+  ASSERT_TRUE(command(PlcCommand::slab_end));
+  ASSERT_TRUE(turn_until([&] { return !view().slab_open; }));
+  EXPECT_EQ(view().slab_verdict, Verdict::pass) << view().slab_reason;
+
+  auto reader = storage::open_reader((dir / "slabd.db").native());
+  ASSERT_TRUE(reader.ok()) << reader.error().text.c_str();
+  const auto slabs = reader.value()->slabs(10);
+  ASSERT_TRUE(slabs.ok());
+  ASSERT_EQ(slabs.value().size(), 1U);
+  EXPECT_EQ(slabs.value()[0].verdict, Verdict::pass);
+  EXPECT_EQ(slabs.value()[0].header.slab_no, 4711U);
+  EXPECT_EQ(slabs.value()[0].stations_measured, 18);
+}
+
+TEST_F(MockLineTest, a_block_that_is_not_there_never_passes) {
+  ASSERT_TRUE(turn_until([&] { return view().session != 0; }));
+  ASSERT_TRUE(command(PlcCommand::slab_begin));
+  simulate::BlockTruth nothing = simulate::nominal_truth(recipes[0]);
+  nothing.present = false;
+  answer_scan(nothing, 5);
+  ASSERT_TRUE(scan(1));
+  ASSERT_TRUE(turn_until([&] { return view().record.res_seq != 0; }));
+  EXPECT_EQ(view().record.verdict, Verdict::not_measured);
+  EXPECT_EQ(view().record.reason, 402);
+  EXPECT_EQ(view().table[0].verdict, Verdict::not_measured);
+}
+
+TEST_F(MockLineTest, a_scanner_that_hangs_is_given_up_on_abort) {
+  ASSERT_TRUE(turn_until([&] { return view().session != 0; }));
+  ASSERT_TRUE(command(PlcCommand::slab_begin));
+  scanner.hang_until_cancelled();
+  robot_station = 1;
+  ASSERT_TRUE(command(PlcCommand::scan, 1));
+  ASSERT_TRUE(turn_until([&] { return view().state == PlcState::scanning; }));
+  inputs.abort = true;
+  plc.write(inputs);
+  ASSERT_TRUE(turn_until([&] { return view().cmd_status >= kCommandFailed; }));
+  EXPECT_EQ(view().cmd_status, kCommandFailed + 110);
+  EXPECT_TRUE(view().slab_open);
+}
+
+}  // namespace
+}  // namespace slabd::daemon

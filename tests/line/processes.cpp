@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "processes.h"
+
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <csignal>
+#include <fstream>
+#include <random>
+#include <sstream>
+#include <stdexcept>
+#include <thread>
+
+namespace slabd::line {
+namespace {
+
+void redirect(int target, const fs::path& file) {
+  const int fd = ::open(file.c_str(), O_WRONLY | O_CREAT | O_APPEND, 0600);
+  if (fd < 0 || ::dup2(fd, target) < 0) ::_exit(127);
+  ::close(fd);
+}
+
+sockaddr_in loopback(std::uint16_t port) {
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(port);
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  return address;
+}
+
+bool answers(std::uint16_t port) {
+  const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  const sockaddr_in address = loopback(port);
+  const bool connected = ::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
+  ::close(fd);
+  return connected;
+}
+
+}  // namespace
+
+Process::Process(const std::vector<std::string>& command, const fs::path& out, const fs::path& err) {
+  std::vector<char*> argv;
+  for (const std::string& word : command) argv.push_back(const_cast<char*>(word.c_str()));
+  argv.push_back(nullptr);
+  pid_ = ::fork();
+  if (pid_ == 0) {
+    redirect(STDOUT_FILENO, out);
+    redirect(STDERR_FILENO, err);
+    ::execv(argv[0], argv.data());
+    ::_exit(127);
+  }
+  if (pid_ < 0) throw std::runtime_error("fork failed");
+}
+
+Process::~Process() {
+  if (!running()) return;
+  signal(SIGKILL);
+  wait();
+}
+
+void Process::signal(int number) const { ::kill(pid_, number); }
+
+bool Process::running() {
+  if (status_ >= 0) return false;
+  int status = 0;
+  if (::waitpid(pid_, &status, WNOHANG) == 0) return true;
+  status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  return false;
+}
+
+int Process::wait() {
+  if (status_ >= 0) return status_;
+  int status = 0;
+  ::waitpid(pid_, &status, 0);
+  status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  return status_;
+}
+
+std::string read_file(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+std::uint16_t free_tcp_port() {
+  const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  sockaddr_in address = loopback(0);
+  socklen_t size = sizeof address;
+  if (::bind(fd, reinterpret_cast<sockaddr*>(&address), sizeof address) != 0 ||
+      ::getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size) != 0)
+    throw std::runtime_error("no free port");
+  ::close(fd);
+  return ntohs(address.sin_port);
+}
+
+Box::Box() {
+  std::random_device random;
+  std::string pattern = (fs::temp_directory_path() / "slabd-line-XXXXXX").native();
+  if (::mkdtemp(pattern.data()) == nullptr) throw std::runtime_error("no temporary folder");
+  dir = pattern;
+  config = dir / "slabd.toml";
+  port = free_tcp_port();
+  const unsigned group = random() % 250 + 2;
+  const unsigned lcm_port = random() % 20'000 + 30'000;
+  std::ofstream(config) << "[plc]\nlisten = \"127.0.0.1:" << port << "\"\n"
+                        << "[robot]\nlcm_url = \"udpm://239.255.77." << group << ":" << lcm_port
+                        << "?ttl=0\"\ninterface = \"lo\"\n"
+                        << "[scanner]\ndrop_dir = \"" << (dir / "drop").native() << "\"\n"
+                        << "[storage]\ndb = \"" << (dir / "slabd.db").native() << "\"\nspool_dir = \""
+                        << (dir / "spool").native() << "\"\n"
+                        << "[recipes]\ndir = \"" << SLABD_SOURCE_DIR << "/recipes\"\n"
+                        << "[cell]\nT_base_slab = [1800.0, 0.0, 300.0, 1.0, 0.0, 0.0, 0.0]\n"
+                        << "[calibration]\nT_flange_scanner = [0.0, 80.0, 150.0, 1.0, 0.0, 0.0, 0.0]\n"
+                        << "station_sigma_mm = 0.02\nstation_sigma_deg = 0.001\n"
+                        << "[control]\nsocket = \"" << (dir / "control.sock").native() << "\"\n";
+}
+
+Box::~Box() {
+  daemon_.reset();
+  std::error_code ignored;
+  fs::remove_all(dir, ignored);
+}
+
+void Box::start() {
+  daemon_ = std::make_unique<Process>(std::vector<std::string>{SLABD_PROGRAM, "--config", config.native()},
+                                      dir / "slabd.out", dir / "slabd.err");
+}
+
+bool Box::ready() {
+  while (running()) {
+    if (answers(port)) return true;
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  return false;
+}
+
+void Box::kill_hard() {
+  daemon_->signal(SIGKILL);
+  daemon_->wait();
+}
+
+int Box::stop() {
+  daemon_->signal(SIGTERM);
+  return daemon_->wait();
+}
+
+Box::Answer Box::slabctl(std::vector<std::string> args) const {
+  static int count = 0;
+  const fs::path out = dir / ("slabctl-" + std::to_string(++count) + ".out");
+  const fs::path err = dir / ("slabctl-" + std::to_string(count) + ".err");
+  args.insert(args.begin(), SLABCTL_PROGRAM);
+  Process process(args, out, err);
+  Answer answer;
+  answer.exit_status = process.wait();
+  answer.out = read_file(out);
+  answer.err = read_file(err);
+  return answer;
+}
+
+std::unique_ptr<Process> Box::simulate(std::vector<std::string> args) const {
+  std::vector<std::string> command = {SLABCTL_PROGRAM, "simulate", "--config", config.native(), "--points", "quarter"};
+  command.insert(command.end(), args.begin(), args.end());
+  return std::make_unique<Process>(command, dir / "simulate.out", dir / "simulate.err");
+}
+
+}  // namespace slabd::line

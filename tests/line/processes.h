@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+/// Real processes for whole-line tests: a folder, ports and a multicast group of their own, so that tests run side by
+/// side and beside a production daemon.
+namespace slabd::line {
+
+namespace fs = std::filesystem;
+
+/// A child process with stdout and stderr in files. Killed when the object goes.
+class Process {
+ public:
+  Process(const std::vector<std::string>& command, const fs::path& out, const fs::path& err);
+  ~Process();
+  Process(const Process&) = delete;
+  Process& operator=(const Process&) = delete;
+
+  void signal(int number) const;
+  /// Exit status, or 128 + signal.
+  int wait();
+  [[nodiscard]] bool running();
+  [[nodiscard]] pid_t pid() const { return pid_; }
+
+ private:
+  pid_t pid_ = -1;
+  int status_ = -1;
+};
+
+[[nodiscard]] std::string read_file(const fs::path& path);
+/// A TCP port nobody listens on now.
+[[nodiscard]] std::uint16_t free_tcp_port();
+
+/// One configured daemon: writes its slabd.toml, starts and stops it.
+class Box {
+ public:
+  Box();
+  ~Box();
+  Box(const Box&) = delete;
+  Box& operator=(const Box&) = delete;
+
+  void start();
+  /// Waits until the daemon answers on its port; false when it ended instead.
+  [[nodiscard]] bool ready();
+  void kill_hard();
+  /// SIGTERM; the exit status.
+  int stop();
+  [[nodiscard]] bool running() { return daemon_ && daemon_->running(); }
+  [[nodiscard]] pid_t pid() const { return daemon_->pid(); }
+  [[nodiscard]] std::string log() const { return read_file(dir / "slabd.err"); }
+
+  struct Answer {
+    int exit_status = -1;
+    std::string out;
+    std::string err;
+  };
+  /// Runs slabctl to its end.
+  [[nodiscard]] Answer slabctl(std::vector<std::string> args) const;
+  /// Starts `slabctl simulate` and does not wait.
+  [[nodiscard]] std::unique_ptr<Process> simulate(std::vector<std::string> args) const;
+
+  fs::path dir;
+  fs::path config;
+  std::uint16_t port = 0;
+
+ private:
+  std::unique_ptr<Process> daemon_;
+};
+
+}  // namespace slabd::line
