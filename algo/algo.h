@@ -25,10 +25,10 @@ struct Cloud {
 // ---- planes (paper 3.1) ---------------------------------------------------------------------------------------
 
 struct PlaneSettings {
-  double contamination = 0.5;   ///< epsilon of eq. (8)
-  double confidence = 1.0 - 1e-6; ///< P of eq. (8)
-  double threshold_mm = 0.0;    ///< inlier distance; 0 = three robust standard deviations of the best hypothesis
-  double inlier_share_min = 0.0;///< below it `ok` is false
+  double contamination = 0.5;      ///< epsilon of eq. (8)
+  double confidence = 1.0 - 1e-6;  ///< P of eq. (8)
+  double threshold_mm = 0.0;       ///< inlier distance; 0 = three robust standard deviations of the best hypothesis
+  double inlier_share_min = 0.0;   ///< below it `ok` is false
   std::uint64_t seed = 1;
   int refits_max = 20;
 };
@@ -93,8 +93,8 @@ class BlockInspector {
 /// Uncertainty of one station's splice in the base frame, standard (k = 1); NaN = not calibrated: slab-frame items
 /// are then indeterminate.
 struct StationSigma {
-  double position_mm = kNoValue;  ///< per axis
-  double rotation_rad = kNoValue; ///< per axis
+  double position_mm = kNoValue;   ///< per axis
+  double rotation_rad = kNoValue;  ///< per axis
 };
 
 /// One robust rigid fit of all seats to the slab model and the slab-frame items. `blocks` holds one entry per station

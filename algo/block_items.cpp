@@ -11,11 +11,17 @@
 namespace slabd::algo {
 namespace {
 
-constexpr std::array<ItemId, 11> kBlockItems = {
-    ItemId::seat_slope,     ItemId::seat_flatness,           ItemId::jaw_angle_inner,
-    ItemId::jaw_angle_outer, ItemId::jaw_distance,           ItemId::casing_spacing,
-    ItemId::casing_protrusion_inner, ItemId::casing_protrusion_outer, ItemId::casing_skew_inner,
-    ItemId::casing_skew_outer, ItemId::seat_std};
+constexpr std::array<ItemId, 11> kBlockItems = {ItemId::seat_slope,
+                                                ItemId::seat_flatness,
+                                                ItemId::jaw_angle_inner,
+                                                ItemId::jaw_angle_outer,
+                                                ItemId::jaw_distance,
+                                                ItemId::casing_spacing,
+                                                ItemId::casing_protrusion_inner,
+                                                ItemId::casing_protrusion_outer,
+                                                ItemId::casing_skew_inner,
+                                                ItemId::casing_skew_outer,
+                                                ItemId::seat_std};
 static_assert(kBlockItems.size() <= kBlockItemsMax, "a block's items must fit its record");
 
 Item& item(BlockResult& result, ItemId id) {
@@ -42,7 +48,9 @@ double free_angle_deg(const PlaneFit& a, const PlaneFit& b) {
 
 }  // namespace
 
-double slope_about_x_rad(const Vec3& n) { return std::atan2(-n.y(), n.z()); }
+double slope_about_x_rad(const Vec3& n) {
+  return std::atan2(-n.y(), n.z());
+}
 
 void blank_block_items(const Recipe& recipe, BlockResult& result) {
   result.items.clear();

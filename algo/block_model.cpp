@@ -45,7 +45,7 @@ void spread(std::span<const std::uint16_t> from, std::span<std::uint16_t> to, in
 
 std::string_view name(Face face) {
   constexpr std::array<std::string_view, kFaces> kNames = {
-      "seat",     "inner jaw",  "outer jaw",  "inner shoulder", "outer shoulder", "end face -x",
+      "seat",        "inner jaw",  "outer jaw",  "inner shoulder", "outer shoulder", "end face -x",
       "end face +x", "inner side", "outer side", "slab top",       "inner rim",      "outer rim"};
   return kNames[static_cast<std::size_t>(face)];
 }
@@ -64,8 +64,7 @@ void BlockModel::build(const BlockGeometry& geometry) {
   const double angle = geometry.jaw_angle_rad.value;
   for (const double side : {-1.0, 1.0}) {
     const Vec3 outward = side * along_seat_;
-    const Vec3 foot =
-        geometry.jaw_half_distance_mm.value * outward + geometry.jaw_reference_height_mm.value * n_seat;
+    const Vec3 foot = geometry.jaw_half_distance_mm.value * outward + geometry.jaw_reference_height_mm.value * n_seat;
     set(side > 0.0 ? Face::jaw_outer : Face::jaw_inner, -std::sin(angle) * outward - std::cos(angle) * n_seat, foot);
   }
 

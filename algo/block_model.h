@@ -28,7 +28,9 @@ enum class Face : std::uint8_t {
 };
 inline constexpr std::size_t kFaces = 12;
 [[nodiscard]] std::string_view name(Face face);
-[[nodiscard]] constexpr std::uint16_t bit(Face face) { return static_cast<std::uint16_t>(1U << static_cast<unsigned>(face)); }
+[[nodiscard]] constexpr std::uint16_t bit(Face face) {
+  return static_cast<std::uint16_t>(1U << static_cast<unsigned>(face));
+}
 
 /// n.p = d, n of unit length towards the free side.
 struct Plane {

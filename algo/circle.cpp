@@ -39,8 +39,7 @@ double median_radius(std::span<const Vec2> points, const Vec2& centre) {
 /// Median distance to the circle as a standard deviation.
 double scale_of(std::span<const Vec2> points, const Circle& circle) {
   std::array<double, kPointsMax> r;
-  for (std::size_t i = 0; i < points.size(); ++i)
-    r[i] = std::abs((points[i] - circle.centre).norm() - circle.radius);
+  for (std::size_t i = 0; i < points.size(); ++i) r[i] = std::abs((points[i] - circle.centre).norm() - circle.radius);
   const auto middle = r.begin() + static_cast<std::ptrdiff_t>(points.size() / 2);
   std::nth_element(r.begin(), middle, r.begin() + static_cast<std::ptrdiff_t>(points.size()));
   return 1.4826 * *middle;

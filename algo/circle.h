@@ -24,8 +24,8 @@ struct Circle {
 
 /// How `fit_circle_robust` weighs.
 struct CircleWeights {
-  double scale_min = 0.0;      ///< the scale comes from the median distance and is never below this
-  double outside_weight = 1.0; ///< factor for points outside the circle; below 1 the circle leans on its inner points
+  double scale_min = 0.0;       ///< the scale comes from the median distance and is never below this
+  double outside_weight = 1.0;  ///< factor for points outside the circle; below 1 the circle leans on its inner points
 };
 
 /// The same with Tukey weights: points that lie off the common circle lose their say. Up to 512 points.

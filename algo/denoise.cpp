@@ -49,7 +49,9 @@ struct Grid {
   }
 };
 
-bool finite(const float* p) { return std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]); }
+bool finite(const float* p) {
+  return std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]);
+}
 
 std::size_t drop_missing(Cloud& cloud) {
   float* xyz = cloud.xyz.data();

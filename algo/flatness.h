@@ -31,11 +31,11 @@ struct FlatnessRegion {
 
 struct Flatness {
   bool ok = false;
-  std::uint32_t cells = 0;        ///< with enough points
-  double lsq_mm = kNoValue;       ///< peak to valley of the cell means to their least-squares plane
+  std::uint32_t cells = 0;   ///< with enough points
+  double lsq_mm = kNoValue;  ///< peak to valley of the cell means to their least-squares plane
   double min_zone_mm = kNoValue;
-  double std_cells_mm = kNoValue; ///< of the cell means to their least-squares plane, n - 3
-  double raw_low_mm = kNoValue;   ///< extremes of single points to `seat`
+  double std_cells_mm = kNoValue;  ///< of the cell means to their least-squares plane, n - 3
+  double raw_low_mm = kNoValue;    ///< extremes of single points to `seat`
   double raw_high_mm = kNoValue;
 };
 

@@ -112,8 +112,7 @@ Status BlockInspector::register_to_model(const Cloud& cloud) {
   const RegistrationReport& report = w.result.registration;
   switch (report.status) {
     case RegistrationStatus::converged: return success();
-    case RegistrationStatus::iteration_limit:
-      return error(Code::fit_failed, "registration: %s", report.note.c_str());
+    case RegistrationStatus::iteration_limit: return error(Code::fit_failed, "registration: %s", report.note.c_str());
     case RegistrationStatus::none:
     case RegistrationStatus::degenerate:
     case RegistrationStatus::rejected: break;
@@ -140,8 +139,10 @@ Status BlockInspector::extract(const Cloud& cloud) {
   SeatFeature& seat = result.seat;
   seat.plane = fit(segments.of(Region::seat_crop), Face::seat, 1);
   if (!seat.plane.ok)
-    return error(Code::fit_failed, "seat plane: %llu of %llu points within the threshold after %d refits, share at "
-                 "least %.2f", static_cast<unsigned long long>(seat.plane.inliers),
+    return error(Code::fit_failed,
+                 "seat plane: %llu of %llu points within the threshold after %d refits, share at "
+                 "least %.2f",
+                 static_cast<unsigned long long>(seat.plane.inliers),
                  static_cast<unsigned long long>(seat.plane.points), seat.plane.iterations,
                  evaluation.inlier_share_min);
   seat.full_plane = fit(segments.full_seat(), Face::seat, 2);
@@ -186,7 +187,11 @@ void BlockInspector::judge(Code code) {
   result.reason = reason_for(result.verdict, result.items.begin(), result.items.end(), code);
 }
 
-const BlockResult& BlockInspector::result() const { return work_->result; }
-BlockResult& BlockInspector::result() { return work_->result; }
+const BlockResult& BlockInspector::result() const {
+  return work_->result;
+}
+BlockResult& BlockInspector::result() {
+  return work_->result;
+}
 
 }  // namespace slabd::algo

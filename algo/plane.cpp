@@ -150,7 +150,9 @@ double quantile_of(std::span<double> values, double share) {
   return values[static_cast<std::size_t>(k)];
 }
 
-double threshold_from(double sigma) { return std::fmax(3.0 * sigma, kThresholdFloor_mm); }
+double threshold_from(double sigma) {
+  return std::fmax(3.0 * sigma, kThresholdFloor_mm);
+}
 
 }  // namespace
 
@@ -284,6 +286,8 @@ PlaneFit fit_plane(std::span<const Vec3> points, const Vec3& up, const PlaneSett
   return fit_plane_over(points, up, settings);
 }
 
-PlaneFit fit_plane_lsq(std::span<const Vec3> points, const Vec3& up) { return fit_plane_lsq_over(points, up); }
+PlaneFit fit_plane_lsq(std::span<const Vec3> points, const Vec3& up) {
+  return fit_plane_lsq_over(points, up);
+}
 
 }  // namespace slabd::algo

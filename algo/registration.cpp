@@ -260,9 +260,12 @@ double last_gate(const Aligner& aligner, std::span<const Vec3> sample, std::size
 }
 
 std::string_view direction_name(const Vec6& v) {
-  constexpr std::array<std::string_view, 6> kNames = {"shift along the rail (x)",  "shift across the rail (y)",
-                                                      "height (z)",                "tilt about x",
-                                                      "tilt about y",              "turn about z"};
+  constexpr std::array<std::string_view, 6> kNames = {"shift along the rail (x)",
+                                                      "shift across the rail (y)",
+                                                      "height (z)",
+                                                      "tilt about x",
+                                                      "tilt about y",
+                                                      "turn about z"};
   int largest = 0;
   v.cwiseAbs().maxCoeff(&largest);
   return kNames[static_cast<std::size_t>(largest)];

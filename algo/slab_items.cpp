@@ -43,7 +43,9 @@ const BlockResult* block_of(std::span<const BlockResult> blocks, int station) {
   return index < blocks.size() && blocks[index].verdict != Verdict::none ? &blocks[index] : nullptr;
 }
 
-int column_of(int station, int pairs) { return station <= pairs ? station - 1 : 2 * pairs - station; }
+int column_of(int station, int pairs) {
+  return station <= pairs ? station - 1 : 2 * pairs - station;
+}
 
 /// The fit, or the reason why there is none.
 SlabFitReport locate_slab(const Recipe& recipe, std::span<const BlockResult> blocks, const StationSigma& sigma,
@@ -59,8 +61,7 @@ SlabFitReport locate_slab(const Recipe& recipe, std::span<const BlockResult> blo
     const BlockResult* block = block_of(blocks, station);
     if (block == nullptr || !block->observation.ok) continue;
     const Pose T = T_slab_block(recipe, station);
-    sightings[count++] = {block->observation.p_base, block->observation.n_base, T.translation_mm,
-                          T.rotation * n_block};
+    sightings[count++] = {block->observation.p_base, block->observation.n_base, T.translation_mm, T.rotation * n_block};
     ++in_row[station <= recipe.slab.pairs ? 0 : 1];
     first = std::min(first, column_of(station, recipe.slab.pairs));
     last = std::max(last, column_of(station, recipe.slab.pairs));

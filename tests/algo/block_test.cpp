@@ -1,0 +1,305 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <string>
+
+#include "algo/algo.h"
+#include "scene.h"
+
+namespace slabd::algo {
+namespace {
+
+BlockResult inspect(scene::Cloud cloud, const Recipe& recipe = scene::p5600(),
+                    const Pose& T_base_block = Pose::identity()) {
+  BlockInspector inspector;
+  inspector.use(recipe);
+  inspector.begin(4, T_base_block, T_base_block * nominal_T_block_scanner());
+  Cloud view = cloud.view();
+  Status status = inspector.denoise(view);
+  if (status) status = inspector.register_to_model(view);
+  if (status) status = inspector.extract(view);
+  inspector.judge(status ? Code::ok : status.error().code);
+  return inspector.result();
+}
+
+BlockResult inspect(const scene::Block& block) {
+  scene::Scan scan;
+  scan.displacement = scene::displaced(1.2, -0.8, 0.5, 0.15, -0.2, 0.1);
+  return inspect(scene::take(block, scan));
+}
+
+const Item& item(const BlockResult& r, ItemId id) {
+  const Item* found = find_item(r.items.begin(), r.items.end(), id);
+  EXPECT_NE(found, nullptr);
+  return *found;
+}
+
+/// Every item passes (or is information, or a skew without an insert) except `failing`.
+void expect_only_failure(const BlockResult& r, ItemId failing) {
+  EXPECT_EQ(r.verdict, Verdict::fail);
+  EXPECT_EQ(r.reason, kReasonItemBase + static_cast<int>(failing));
+  for (const Item& i : r.items) {
+    if (i.id == failing) {
+      EXPECT_EQ(i.verdict, Verdict::fail) << info(i.id).name << " " << i.value;
+    } else if (i.id == ItemId::seat_std) {
+      EXPECT_EQ(i.verdict, Verdict::none);
+    } else if (i.id == ItemId::casing_skew_inner || i.id == ItemId::casing_skew_outer) {
+      EXPECT_EQ(i.verdict, Verdict::not_measured);
+    } else {
+      EXPECT_EQ(i.verdict, Verdict::pass) << info(i.id).name << " " << i.value;
+    }
+  }
+}
+
+TEST(Block, MeasuresAVariedBlockFarBetterThanItsTolerances) {
+  Prng prng(21);
+  const auto around = [&](double middle, double reach) { return middle + reach * (2.0 * prng.uniform() - 1.0); };
+  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+    scene::Block block;
+    block.cant_ratio = around(40.0, 2.0);
+    block.jaw_distance_mm = around(380.0, 0.3);
+    block.jaw_angle_inner_deg = around(110.0, 0.5);
+    block.jaw_angle_outer_deg = around(110.0, 0.5);
+    block.casing_spacing_mm = around(233.0, 0.2);
+    block.rim_inner_mm = around(-0.25, 0.15);
+    block.rim_outer_mm = around(-0.25, 0.15);
+    block.wave_mm = 0.02;
+    scene::Scan scan;
+    scan.seed = seed;
+    scan.organised = seed % 2 == 0;
+    scan.displacement =
+        scene::displaced(around(0, 2), around(0, 2), around(0, 2), around(0, 0.3), around(0, 0.3), around(0, 0.3));
+    const BlockResult r = inspect(scene::take(block, scan));
+    const auto value = [&](ItemId id) { return item(r, id).value; };
+    // A quarter of a real scan's points; limits are a tenth to a fifth of what the line needs.
+    EXPECT_NEAR(value(ItemId::seat_slope), deg_from_rad(std::atan(1.0 / block.cant_ratio)), 0.001);
+    EXPECT_NEAR(item(r, ItemId::seat_slope).beside, block.cant_ratio, 0.03);
+    EXPECT_NEAR(value(ItemId::jaw_angle_inner), block.jaw_angle_inner_deg, 0.005);
+    EXPECT_NEAR(value(ItemId::jaw_angle_outer), block.jaw_angle_outer_deg, 0.005);
+    EXPECT_NEAR(value(ItemId::jaw_distance), block.jaw_distance_mm, 0.005);
+    EXPECT_NEAR(value(ItemId::casing_spacing), block.casing_spacing_mm, 0.04);
+    EXPECT_NEAR(value(ItemId::casing_protrusion_inner), block.rim_inner_mm, 0.005);
+    EXPECT_NEAR(value(ItemId::casing_protrusion_outer), block.rim_outer_mm, 0.005);
+    EXPECT_NEAR(value(ItemId::seat_flatness), 0.08, 0.04) << "the wave and the noise of cell means";
+    EXPECT_NEAR(value(ItemId::seat_std), 0.033, 0.003);
+    EXPECT_NE(r.verdict, Verdict::none);
+  }
+}
+
+TEST(Block, PassesTheNominalBlock) {
+  const BlockResult r = inspect(scene::Block{});
+  EXPECT_EQ(r.verdict, Verdict::pass);
+  EXPECT_EQ(r.reason, 0);
+  EXPECT_EQ(r.station, 4);
+  EXPECT_EQ(r.items.size(), 11U);
+  EXPECT_NEAR(r.casing_inner.radius_mm, 15.0, 0.05);
+  EXPECT_GT(r.seat.full_plane.points, 3 * r.seat.plane.points);
+  EXPECT_NEAR(r.seat.normal_datum.y() / r.seat.normal_datum.z(), -0.025, 2e-5);
+  EXPECT_NEAR(r.seat.normal_datum.norm(), 1.0, 1e-12);
+}
+
+TEST(Block, FailsTheSlopeOnly) {
+  scene::Block block;
+  block.cant_ratio = 35.0;
+  expect_only_failure(inspect(block), ItemId::seat_slope);
+}
+TEST(Block, FailsTheJawDistanceOnly) {
+  scene::Block block;
+  block.jaw_distance_mm = 380.9;
+  expect_only_failure(inspect(block), ItemId::jaw_distance);
+}
+TEST(Block, FailsTheInnerJawAngleOnly) {
+  scene::Block block;
+  block.jaw_angle_inner_deg = 111.5;
+  expect_only_failure(inspect(block), ItemId::jaw_angle_inner);
+}
+TEST(Block, FailsTheOuterJawAngleOnly) {
+  scene::Block block;
+  block.jaw_angle_outer_deg = 108.5;
+  expect_only_failure(inspect(block), ItemId::jaw_angle_outer);
+}
+TEST(Block, FailsTheCasingSpacingOnly) {
+  scene::Block block;
+  block.casing_spacing_mm = 233.9;
+  expect_only_failure(inspect(block), ItemId::casing_spacing);
+}
+TEST(Block, FailsTheOuterProtrusionOnly) {
+  scene::Block block;
+  block.rim_outer_mm = 0.3;
+  expect_only_failure(inspect(block), ItemId::casing_protrusion_outer);
+}
+TEST(Block, FailsTheInnerProtrusionOnly) {
+  scene::Block block;
+  block.rim_inner_mm = -0.8;
+  expect_only_failure(inspect(block), ItemId::casing_protrusion_inner);
+}
+TEST(Block, FailsTheFlatnessOnlyWhenThereIsABump) {
+  scene::Block block;
+  block.bump_mm = 1.5;
+  const BlockResult r = inspect(block);
+  expect_only_failure(r, ItemId::seat_flatness);
+  EXPECT_NEAR(item(r, ItemId::seat_flatness).value, 1.5, 0.1);
+  EXPECT_NEAR(item(r, ItemId::seat_slope).value, deg_from_rad(std::atan(1.0 / 40.0)), 0.001)
+      << "the plane is not spoilt";
+}
+
+TEST(Block, HasNoSlopeWithoutASlabTopAndNeverTakesAnotherDatum) {
+  scene::Block block;
+  block.slab_top_seen = false;
+  const BlockResult r = inspect(block);
+  EXPECT_EQ(r.verdict, Verdict::not_measured);
+  EXPECT_EQ(r.reason, kReasonItemBase + 0);
+  EXPECT_TRUE(std::isnan(item(r, ItemId::seat_slope).value));
+  EXPECT_EQ(item(r, ItemId::jaw_distance).verdict, Verdict::pass);
+  EXPECT_FALSE(r.observation.top_ok);
+  EXPECT_TRUE(r.observation.ok);
+}
+
+TEST(Block, IsTheSameOrganisedOrNot) {
+  scene::Scan scan;
+  const BlockResult a = inspect(scene::take({}, scan));
+  scan.organised = true;
+  const BlockResult b = inspect(scene::take({}, scan));
+  ASSERT_EQ(a.items.size(), b.items.size());
+  for (std::size_t i = 0; i < a.items.size(); ++i)
+    EXPECT_EQ(std::memcmp(&a.items[i].value, &b.items[i].value, sizeof(double)), 0) << info(a.items[i].id).name;
+  EXPECT_EQ(a.scan.points_finite, b.scan.points_finite);
+  EXPECT_GT(b.scan.points_read, b.scan.points_finite);
+}
+
+TEST(Block, GivesTheSameBitsAgainAndAfterAnotherBlock) {
+  const scene::Cloud cloud = scene::take({}, {});
+  BlockInspector inspector;
+  inspector.use(scene::p5600());
+  const auto run = [&](scene::Cloud c) {
+    inspector.begin(1, Pose::identity(), nominal_T_block_scanner());
+    Cloud view = c.view();
+    EXPECT_TRUE(inspector.denoise(view).ok());
+    EXPECT_TRUE(inspector.register_to_model(view).ok());
+    EXPECT_TRUE(inspector.extract(view).ok());
+    inspector.judge(Code::ok);
+    return inspector.result();
+  };
+  const BlockResult first = run(cloud);
+  scene::Block other;
+  other.cant_ratio = 38.0;
+  (void)run(scene::take(other, {}));
+  const BlockResult again = run(cloud);
+  for (std::size_t i = 0; i < first.items.size(); ++i) {
+    EXPECT_EQ(std::memcmp(&first.items[i].value, &again.items[i].value, sizeof(double)), 0);
+    EXPECT_EQ(std::memcmp(&first.items[i].beside, &again.items[i].beside, sizeof(double)), 0);
+  }
+  EXPECT_EQ(first.registration.T_scanner_block.to_array(), again.registration.T_scanner_block.to_array());
+  EXPECT_EQ(first.registration.deviation.std_mm, again.registration.deviation.std_mm);
+}
+
+TEST(Block, ReportsTheSeatInTheBaseFrame) {
+  const Pose T_base_block = scene::displaced(1000.0, -500.0, 300.0, 10.0, 20.0, 30.0);
+  scene::Scan scan;
+  scan.displacement = scene::displaced(2.0, -1.0, 1.5, 0.0, 0.0, 0.2);
+  const BlockResult r = inspect(scene::take({}, scan), scene::p5600(), T_base_block);
+  const Pose truth = T_base_block * scan.displacement;
+  const SeatObservation& o = r.observation;
+  ASSERT_TRUE(o.ok && o.jaw_ok && o.top_ok);
+  EXPECT_LT((o.p_base - truth.translation_mm).norm(), 0.03);
+  const double cant = std::atan(1.0 / 40.0);
+  EXPECT_LT(angle_between_rad(o.n_base, truth.rotation * Vec3(0.0, -std::sin(cant), std::cos(cant))), 2e-5);
+  EXPECT_LT(angle_between_rad(o.top_n_base, truth.rotation * Vec3::UnitZ()), 2e-5);
+  const Vec3 jaw(0.0, 190.0 * std::cos(cant) - 10.0 * std::sin(cant), 190.0 * std::sin(cant) + 10.0 * std::cos(cant));
+  EXPECT_LT((o.jaw_outer_base - truth * jaw).norm(), 0.03);
+}
+
+void expect_nothing_measured(const BlockResult& r, Code code) {
+  EXPECT_EQ(r.verdict, Verdict::not_measured);
+  EXPECT_EQ(r.reason, static_cast<std::uint16_t>(code));
+  ASSERT_EQ(r.items.size(), 11U) << "the items are listed all the same";
+  for (const Item& i : r.items) {
+    EXPECT_EQ(i.verdict, Verdict::not_measured);
+    EXPECT_TRUE(std::isnan(i.value));
+  }
+  EXPECT_FALSE(r.observation.ok);
+}
+
+TEST(Block, OfNothingButMissingPointsIsNotMeasured) {
+  scene::Cloud cloud;
+  cloud.xyz.assign(3 * 100000, std::numeric_limits<float>::quiet_NaN());
+  cloud.width = 1000;
+  cloud.height = 100;
+  expect_nothing_measured(inspect(cloud), Code::too_few_points);
+}
+
+TEST(Block, OfAnEmptyScanIsNotMeasured) {
+  expect_nothing_measured(inspect(scene::Cloud{}), Code::too_few_points);
+}
+
+TEST(Block, OfTooFewPointsIsNotMeasured) {
+  scene::Cloud cloud = scene::take({}, {});
+  cloud.xyz.resize(3 * 40000);
+  expect_nothing_measured(inspect(cloud), Code::too_few_points);
+}
+
+TEST(Block, ThatIsNotThereIsNotMeasured) {
+  scene::Block bare;
+  bare.present = false;
+  expect_nothing_measured(inspect(scene::take(bare, {})), Code::block_not_found);
+}
+
+TEST(Block, WithARoughSeatIsNotMeasuredRatherThanGuessed) {
+  // Every third point of the seat's surroundings is off by up to a few millimetres: no plane holds 80 % of them.
+  scene::Cloud cloud = scene::take({}, {});
+  Prng prng(6);
+  for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
+    float* p = cloud.xyz.data() + 3 * i;
+    if (std::abs(p[0]) < 80.0F && std::abs(p[1]) < 90.0F && i % 3 == 0)
+      p[2] += static_cast<float>(0.3 + 1.5 * prng.uniform());
+  }
+  expect_nothing_measured(inspect(cloud), Code::fit_failed);
+}
+
+TEST(Block, IsRefusedWhenItsScanDoesNotFitItsBuffer) {
+  BlockInspector inspector;
+  inspector.use(scene::p5600());
+  inspector.begin(1, Pose::identity(), nominal_T_block_scanner());
+  std::vector<float> xyz(30);
+  Cloud cloud{xyz, 11, 0, 0};
+  const Status status = inspector.denoise(cloud);
+  ASSERT_FALSE(status.ok());
+  EXPECT_EQ(status.error().code, Code::frame_incomplete);
+}
+
+TEST(Block, IsNotExtractedWithoutAConvergedRegistration) {
+  scene::Cloud cloud = scene::take({}, {});
+  BlockInspector inspector;
+  inspector.use(scene::p5600());
+  inspector.begin(1, Pose::identity(), nominal_T_block_scanner());
+  EXPECT_FALSE(inspector.extract(cloud.view()).ok());
+}
+
+TEST(Block, JudgedWithACodeNeverKeepsAPass) {
+  scene::Cloud cloud = scene::take({}, {});
+  BlockInspector inspector;
+  inspector.use(scene::p5600());
+  inspector.begin(1, Pose::identity(), nominal_T_block_scanner());
+  Cloud view = cloud.view();
+  ASSERT_TRUE(inspector.denoise(view).ok());
+  ASSERT_TRUE(inspector.register_to_model(view).ok());
+  ASSERT_TRUE(inspector.extract(view).ok());
+  inspector.judge(Code::deadline);
+  EXPECT_EQ(inspector.result().verdict, Verdict::not_measured);
+  EXPECT_EQ(inspector.result().reason, static_cast<std::uint16_t>(Code::deadline));
+  for (const Item& i : inspector.result().items) EXPECT_EQ(i.verdict, Verdict::not_measured);
+}
+
+TEST(Block, IsIndeterminateWithinTheGuardBandAndNotWithSimpleAcceptance) {
+  scene::Block block;
+  block.jaw_distance_mm = 380.45;
+  EXPECT_EQ(item(inspect(block), ItemId::jaw_distance).verdict, Verdict::indeterminate);
+  EXPECT_EQ(inspect(block).verdict, Verdict::indeterminate);
+  Recipe simple = scene::p5600();
+  simple.guard = 0.0;
+  EXPECT_EQ(inspect(scene::take(block, {}), simple).verdict, Verdict::pass);
+}
+
+}  // namespace
+}  // namespace slabd::algo

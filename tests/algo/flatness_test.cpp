@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "algo/flatness.h"
+
+#include <gtest/gtest.h>
+
+#include <numeric>
+#include <vector>
+
+#include "algo/algo.h"
+#include "surfaces.h"
+
+namespace slabd::algo {
+namespace {
+
+using slabd::testing::peak_to_valley;
+using slabd::testing::rms;
+using slabd::testing::surface;
+
+TEST(MinimumZone, OfRegularSolidsIsTheirWidth) {
+  const double h = std::sqrt(0.5);
+  const std::vector<Vec3> tetrahedron = {
+      {0.5, 0.0, -0.5 * h}, {-0.5, 0.0, -0.5 * h}, {0.0, 0.5, 0.5 * h}, {0.0, -0.5, 0.5 * h}};
+  EXPECT_NEAR(minimum_zone_mm(tetrahedron), 0.707106781187, 1e-12);
+  const std::vector<Vec3> octahedron = {{h, 0, 0}, {-h, 0, 0}, {0, h, 0}, {0, -h, 0}, {0, 0, h}, {0, 0, -h}};
+  EXPECT_NEAR(minimum_zone_mm(octahedron), 0.816496580928, 1e-12);
+  std::vector<Vec3> cube;
+  for (int i = 0; i < 8; ++i) cube.push_back(Vec3(i & 1, (i >> 1) & 1, (i >> 2) & 1));
+  EXPECT_NEAR(minimum_zone_mm(cube), 1.0, 1e-12);
+}
+
+TEST(MinimumZone, OfSmallSetsMatchesHandComputation) {
+  const std::vector<Vec3> saddle = {{50, 50, 0.03}, {-50, 50, -0.03}, {-50, -50, 0.03}, {50, -50, -0.03}};
+  EXPECT_NEAR(minimum_zone_mm(saddle), 0.06, 1e-12);
+  std::vector<Vec3> ramp;
+  for (int i = 0; i < 4; ++i)
+    for (int j = 0; j < 2; ++j) ramp.push_back(Vec3(50.0 * i, 50.0 * j, i == 3 ? 0.06 : 0.0));
+  EXPECT_NEAR(minimum_zone_mm(ramp), 0.039999996800, 1e-12);
+  const PlaneFit plane = fit_plane_lsq(ramp, Vec3::UnitZ());
+  EXPECT_NEAR(peak_to_valley(ramp, plane), 0.041999995723, 1e-12);
+  EXPECT_NEAR(rms(plane), 0.016431675660, 1e-12);
+  const std::vector<Vec3> five = {
+      {11.5, 7, 1.1}, {18.5, 6.9, 1.03}, {4.5, 13, 1.02}, {25.5, 30, 1.03}, {11.5, 37.5, 1.02}};
+  EXPECT_NEAR(minimum_zone_mm(five), 0.067262058, 1e-9);
+  EXPECT_NEAR(peak_to_valley(five, fit_plane_lsq(five, Vec3::UnitZ())), 0.072097300, 1e-9);
+}
+
+TEST(MinimumZone, OfSurfacesMatchesTheConvexHull) {
+  EXPECT_NEAR(minimum_zone_mm(surface(1, 21, 31, 0.02, 0.05)), 0.093608165639, 2e-12);
+  EXPECT_NEAR(minimum_zone_mm(surface(1, 21, 31, 0.02, 0.05, Vec3(3700.0, 2500.0, 1200.0))), 0.093608165639, 2e-11);
+  EXPECT_NEAR(minimum_zone_mm(surface(7, 5, 5, 0.1, 0.0)), 0.199157926005, 2e-12);
+  EXPECT_NEAR(minimum_zone_mm(surface(9, 67, 102, 0.05, 0.0)), 0.140133609010, 2e-12);
+  EXPECT_NEAR(minimum_zone_mm(surface(11, 67, 102, 0.01, 0.05)), 0.076487871444, 2e-12);
+  EXPECT_NEAR(minimum_zone_mm(surface(13, 250, 400, 0.03, 0.02)), 0.105033665850, 2e-12);
+}
+
+TEST(MinimumZone, OfNoPlaneIsNoNumber) {
+  EXPECT_TRUE(std::isnan(minimum_zone_mm({})));
+  const std::vector<Vec3> same(10, Vec3(1.0, 2.0, 3.0));
+  EXPECT_TRUE(std::isnan(minimum_zone_mm(same)));
+}
+
+/// A level seat as float points, and the flatness of it.
+struct Seat {
+  std::vector<float> xyz;
+  std::vector<std::uint32_t> index;
+  std::vector<std::uint32_t> start = std::vector<std::uint32_t>(limits::kFlatnessCellsMax + 1);
+  std::vector<std::uint32_t> next = std::vector<std::uint32_t>(limits::kFlatnessCellsMax);
+  std::vector<Vec3> mean = std::vector<Vec3>(limits::kFlatnessCellsMax);
+  FlatnessRegion region{51.0, 75.0, 1.5, 12, Vec3::UnitY()};
+
+  template <typename Height>
+  explicit Seat(const Height& height, double pitch = 0.25) {
+    for (double y = -75.0 + 0.5 * pitch; y < 75.0; y += pitch)
+      for (double x = -51.0 + 0.5 * pitch; x < 51.0; x += pitch)
+        xyz.insert(xyz.end(), {static_cast<float>(x), static_cast<float>(y), static_cast<float>(height(x, y))});
+  }
+  Flatness measure() {
+    index.resize(xyz.size() / 3);
+    std::iota(index.begin(), index.end(), 0U);
+    PlaneFit seat;
+    seat.ok = true;
+    seat.normal = Vec3::UnitZ();
+    seat.offset_mm = 0.0;
+    return measure_flatness(xyz.data(), index, FastTransform(Pose::identity()), seat, region, {start, next, mean});
+  }
+};
+
+TEST(Flatness, OfNoiseIsTheNoiseOfCellMeans) {
+  Prng prng(4);
+  const Flatness f = Seat([&](double, double) { return 0.029 * prng.normal(); }).measure();
+  ASSERT_TRUE(f.ok);
+  EXPECT_EQ(f.cells, 6800U);
+  EXPECT_NEAR(f.std_cells_mm, 0.029 / 6.0, 3e-4) << "36 points a cell";
+  EXPECT_NEAR(f.lsq_mm, 7.5 * 0.029 / 6.0, 0.012);
+  EXPECT_LE(f.min_zone_mm, f.lsq_mm);
+  EXPECT_GT(f.raw_high_mm - f.raw_low_mm, 0.2) << "single points show far more";
+}
+
+TEST(Flatness, SeesAChipOfFourMillimetres) {
+  const auto chip = [](double x, double y) { return std::hypot(x - 10.0, y + 20.0) < 2.0 ? -0.8 : 0.0; };
+  const Flatness f = Seat(chip).measure();
+  ASSERT_TRUE(f.ok);
+  EXPECT_NEAR(f.lsq_mm, 0.8, 0.01);
+  EXPECT_NEAR(f.raw_low_mm, -0.8, 1e-6);
+}
+
+TEST(Flatness, IsNotMovedByAStrayPointInACell) {
+  Seat seat([](double, double) { return 0.0; });
+  seat.xyz[3 * 1000 + 2] = 0.9F;
+  seat.xyz[3 * 90000 + 2] = -0.7F;
+  const Flatness f = seat.measure();
+  ASSERT_TRUE(f.ok);
+  EXPECT_NEAR(f.lsq_mm, 0.0, 1e-6);
+  EXPECT_NEAR(f.raw_high_mm, 0.9, 1e-6);
+  EXPECT_NEAR(f.raw_low_mm, -0.7, 1e-6);
+}
+
+TEST(Flatness, DoesNotCallASlopeUnflat) {
+  const Flatness f = Seat([](double x, double y) { return 0.003 * x - 0.002 * y; }).measure();
+  ASSERT_TRUE(f.ok);
+  EXPECT_NEAR(f.lsq_mm, 0.0, 1e-5);
+}
+
+TEST(Flatness, CountsOnlyCellsWithEnoughPoints) {
+  EXPECT_FALSE(Seat([](double, double) { return 0.0; }, 0.5).measure().ok) << "nine points a cell";
+  Seat half([](double, double) { return 0.0; });
+  half.xyz.resize(half.xyz.size() / 3 / 2 * 3 + 3 * 5000);
+  const Flatness f = half.measure();
+  EXPECT_TRUE(f.ok);
+  EXPECT_LT(f.cells, 4000U);
+}
+
+TEST(Flatness, RefusesARegionWithTooManyCells) {
+  Seat seat([](double, double) { return 0.0; });
+  seat.region.cell_mm = 0.5;
+  EXPECT_FALSE(seat.measure().ok);
+}
+
+}  // namespace
+}  // namespace slabd::algo

@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "scene.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace slabd::scene {
+namespace {
+
+struct HalfSpace {
+  Vec3 n;
+  double d;
+  /// Where a ray coming from outside enters.
+  [[nodiscard]] double entry(const Vec3& from, const Vec3& along) const { return (d - n.dot(from)) / n.dot(along); }
+};
+
+HalfSpace half_space(const Vec3& normal, const Vec3& p) {
+  const Vec3 n = normal.normalized();
+  return {n, n.dot(p)};
+}
+
+struct Solid {
+  explicit Solid(const Block& b) : block(b) {
+    const double cant = std::atan(1.0 / b.cant_ratio);
+    t = Vec3(0.0, std::cos(cant), std::sin(cant));
+    n = Vec3(0.0, -std::sin(cant), std::cos(cant));
+    seat = half_space(n, Vec3::Zero());
+    rim_inner = half_space(n, b.rim_inner_mm * n);
+    rim_outer = half_space(n, b.rim_outer_mm * n);
+    const auto jaw = [&](double side, double angle_deg) {
+      const double a = rad_from_deg(angle_deg);
+      // Upward along the face, and the normal that looks at the seat.
+      const Vec3 up = -std::cos(a) * side * t + std::sin(a) * n;
+      const Vec3 normal = side > 0.0 ? Vec3(up.cross(Vec3::UnitX())) : Vec3(Vec3::UnitX().cross(up));
+      const Vec3 foot = side * 0.5 * b.jaw_distance_mm * t + 10.0 * n;
+      return half_space(normal.dot(n) > 0.0 ? normal : Vec3(-normal), foot);
+    };
+    jaw_inner = jaw(-1.0, b.jaw_angle_inner_deg);
+    jaw_outer = jaw(1.0, b.jaw_angle_outer_deg);
+    const double draft = std::tan(rad_from_deg(10.0));
+    outer_faces[0] = half_space(Vec3(1.0, 0.0, draft), Vec3(b.end_half_mm, 0.0, 0.0));
+    outer_faces[1] = half_space(Vec3(-1.0, 0.0, draft), Vec3(-b.end_half_mm, 0.0, 0.0));
+    outer_faces[2] = half_space(Vec3(0.0, 1.0, draft), Vec3(0.0, 240.0, 0.0));
+    outer_faces[3] = half_space(Vec3(0.0, -1.0, draft), Vec3(0.0, -240.0, 0.0));
+    top = half_space(Vec3::UnitZ(), Vec3(0.0, 0.0, -30.0));
+  }
+
+  /// Distance along the ray to the first surface; false: no return.
+  [[nodiscard]] bool hit(const Vec3& from, const Vec3& along, double& distance) const {
+    const double to_top = top.entry(from, along);
+    double to_block = 1e9;
+    bool on_seat = false;
+    if (block.present) {
+      const double to_seat = seat.entry(from, along);
+      const double to_jaw = std::min(jaw_inner.entry(from, along), jaw_outer.entry(from, along));
+      to_block = std::min(to_seat, to_jaw);
+      on_seat = to_seat < to_jaw;
+      const bool outer = (from + to_seat * along).y() > 0.0;
+      const HalfSpace shoulder = half_space(Vec3::UnitZ(), Vec3(0.0, 0.0, outer ? 29.75 : 20.25));
+      const auto cut = [&](const HalfSpace& h) {
+        const double e = h.entry(from, along);
+        if (e > to_block) {
+          to_block = e;
+          on_seat = false;
+        }
+      };
+      cut(shoulder);
+      for (const HalfSpace& h : outer_faces) cut(h);
+    }
+    if (to_top < to_block) {
+      distance = to_top;
+      return block.slab_top_seen;
+    }
+    distance = to_block;
+    return !on_seat || shape_seat(from, along, distance);
+  }
+
+  /// Casings, wave and bump.
+  [[nodiscard]] bool shape_seat(const Vec3& from, const Vec3& along, double& distance) const {
+    const Vec3 p = from + distance * along;
+    const double s = t.dot(p);
+    const double r = std::hypot(p.x(), std::abs(s) - 0.5 * block.casing_spacing_mm);
+    if (r < 22.0) {
+      const HalfSpace& rim = s > 0.0 ? rim_outer : rim_inner;
+      distance = rim.entry(from, along);
+      const Vec3 q = from + distance * along;
+      return std::hypot(q.x(), std::abs(t.dot(q)) - 0.5 * block.casing_spacing_mm) >= 15.0;
+    }
+    double height = block.wave_mm * std::cos(2.0 * kPi * s / 75.0);
+    if (std::hypot(p.x() - block.bump_x_mm, s - block.bump_s_mm) < block.bump_radius_mm) height += block.bump_mm;
+    distance += height / n.dot(along);
+    return true;
+  }
+
+  const Block& block;
+  Vec3 t;
+  Vec3 n;
+  HalfSpace seat{}, rim_inner{}, rim_outer{}, jaw_inner{}, jaw_outer{}, top{};
+  HalfSpace outer_faces[4]{};
+};
+
+}  // namespace
+
+Pose displaced(double x, double y, double z, double rx_deg, double ry_deg, double rz_deg) {
+  Pose pose;
+  pose.translation_mm = Vec3(x, y, z);
+  const Vec3 turn(rad_from_deg(rx_deg), rad_from_deg(ry_deg), rad_from_deg(rz_deg));
+  const double angle = turn.norm();
+  if (angle > 0.0) pose.rotation = Quat(Eigen::AngleAxisd(angle, Eigen::Vector3d(turn / angle)));
+  return pose;
+}
+
+Cloud take(const Block& block, const Scan& scan) {
+  Cloud cloud;
+  // The displaced block as the nominal scanner sees it.
+  cloud.T_block_scanner = scan.displacement.inverse() * nominal_T_block_scanner();
+  const Solid solid(block);
+  const Vec3 along = cloud.T_block_scanner.rotation * Vec3::UnitZ();
+  const auto columns = static_cast<std::size_t>(scan.field_x_mm / scan.pitch_mm);
+  const auto rows = static_cast<std::size_t>(scan.field_y_mm / scan.pitch_mm);
+  if (scan.organised) {
+    cloud.width = columns;
+    cloud.height = rows;
+  }
+  cloud.xyz.reserve(3 * columns * rows);
+  Prng prng(scan.seed);
+  for (std::size_t row = 0; row < rows; ++row) {
+    for (std::size_t column = 0; column < columns; ++column) {
+      const double x = (static_cast<double>(column) + 0.5) * scan.pitch_mm - 0.5 * scan.field_x_mm;
+      const double y = (static_cast<double>(row) + 0.5) * scan.pitch_mm - 0.5 * scan.field_y_mm;
+      double distance = 0.0;
+      bool seen = solid.hit(cloud.T_block_scanner * Vec3(x, y, 0.0), along, distance);
+      seen = prng.uniform() >= scan.missing_share && seen;
+      if (seen) {
+        distance += scan.noise_mm * prng.normal();
+        const bool outlier = prng.uniform() < scan.outlier_share;
+        if (outlier) {
+          const double off = 1.0 + 59.0 * prng.uniform();
+          distance += prng.uniform() < 0.5 ? off : -off;
+        }
+        cloud.outlier.push_back(outlier);
+        cloud.xyz.insert(cloud.xyz.end(), {static_cast<float>(x), static_cast<float>(y), static_cast<float>(distance)});
+      } else if (scan.organised) {
+        const float nan = std::numeric_limits<float>::quiet_NaN();
+        cloud.xyz.insert(cloud.xyz.end(), {nan, nan, nan});
+        cloud.outlier.push_back(false);
+      }
+    }
+  }
+  return cloud;
+}
+
+Recipe p5600() {
+  Recipe r;
+  r.name = "P5600";
+  r.slab_type = 1;
+  const auto nominal = [](double value) { return Nominal{value, true}; };
+  r.block = {.cant_ratio = nominal(40.0),
+             .jaw_half_distance_mm = nominal(190.0),
+             .jaw_reference_height_mm = nominal(10.0),
+             .jaw_angle_rad = nominal(rad_from_deg(110.0)),
+             .shoulder_outer_z_mm = nominal(29.75),
+             .shoulder_inner_z_mm = nominal(20.25),
+             .end_half_length_mm = nominal(105.0),
+             .side_half_width_mm = nominal(240.0),
+             .draft_rad = nominal(rad_from_deg(10.0)),
+             .slab_top_z_mm = nominal(-30.0),
+             .casing_half_spacing_mm = nominal(116.5),
+             .casing_bore_diameter_mm = nominal(30.0),
+             .casing_rim_diameter_mm = nominal(44.0),
+             .casing_rim_height_mm = nominal(-0.25)};
+  r.slab = {.length_mm = nominal(5600.0),
+            .width_mm = nominal(2500.0),
+            .thickness_mm = nominal(200.0),
+            .pairs = 9,
+            .pitch_mm = nominal(630.0),
+            .first_pair_from_end_mm = nominal(280.0),
+            .seat_centre_distance_mm = nominal(1516.0),
+            .block_origin_z_mm = nominal(30.0)};
+  r.evaluation = {.crop_half_x_mm = 51.0,
+                  .crop_half_s_mm = 75.0,
+                  .cell_mm = 1.5,
+                  .cell_points_min = 12,
+                  .edge_margin_mm = 2.0,
+                  .inlier_share_min = 0.8,
+                  .registration_gate_mm = 3.0,
+                  .registration_share_min = 0.7,
+                  .window_mm = 40.0,
+                  .window_rad = rad_from_deg(6.0)};
+  r.slope_datum = SlopeDatum::slab_frame;
+  r.remove_warp = true;
+  r.guard = 1.0;
+  const auto set = [&](ItemId id, double value, double lower, double upper, double U, bool required = true) {
+    Tolerance& t = r.tolerances[static_cast<std::size_t>(id)];
+    t.nominal = nominal(value);
+    t.lower = lower;
+    t.upper = upper;
+    t.U = U;
+    t.required = required;
+    t.confirmed = true;
+  };
+  const auto slope = [](double ratio) { return deg_from_rad(std::atan(1.0 / ratio)); };
+  set(ItemId::seat_slope, slope(40.0), slope(43.0), slope(37.0), 0.03);
+  set(ItemId::seat_flatness, 0.0, kNoValue, 1.0, 0.05);
+  set(ItemId::jaw_angle_inner, 110.0, 109.0, 111.0, 0.05);
+  set(ItemId::jaw_angle_outer, 110.0, 109.0, 111.0, 0.05);
+  set(ItemId::jaw_distance, 380.0, 379.5, 380.5, 0.15);
+  set(ItemId::casing_spacing, 233.0, 232.5, 233.5, 0.15);
+  set(ItemId::casing_protrusion_inner, -0.25, -0.5, 0.0, 0.05);
+  set(ItemId::casing_protrusion_outer, -0.25, -0.5, 0.0, 0.05);
+  set(ItemId::casing_skew_inner, 0.0, kNoValue, 2.0, 0.15, false);
+  set(ItemId::casing_skew_outer, 0.0, kNoValue, 2.0, 0.15, false);
+  set(ItemId::seat_lateral, 0.0, -0.5, 0.5, 0.15);
+  set(ItemId::seat_vertical, 0.0, -0.5, 0.5, 0.15);
+  set(ItemId::seat_spacing, 630.0, 629.0, 631.0, 0.15);
+  set(ItemId::large_jaw_distance, 1895.38, 1894.38, 1896.38, 0.15);
+  set(ItemId::corner_level, 0.0, -1.0, 1.0, 0.15);
+  set(ItemId::warp_left, 0.0, -3.0, 3.0, 0.15);
+  set(ItemId::warp_right, 0.0, -3.0, 3.0, 0.15);
+  r.tolerances[static_cast<std::size_t>(ItemId::seat_std)].nominal = nominal(0.0);
+  return r;
+}
+
+}  // namespace slabd::scene

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "algo/algo.h"
+
+/// A block that can be built wrong on purpose, and a scanner that looks at it: scans with known truth. Shares nothing
+/// with the room under test but the recipe's nominals: rays are cut with half spaces, joined as the block is joined.
+namespace slabd::scene {
+
+/// The P5600 recipe's nominals and tolerances, as numbers.
+[[nodiscard]] Recipe p5600();
+
+/// One block as built. Lengths mm, angles rad unless named otherwise.
+struct Block {
+  double cant_ratio = 40.0;
+  double jaw_distance_mm = 380.0;
+  double jaw_angle_inner_deg = 110.0;
+  double jaw_angle_outer_deg = 110.0;
+  double casing_spacing_mm = 233.0;
+  double rim_inner_mm = -0.25;
+  double rim_outer_mm = -0.25;
+  double end_half_mm = 105.0;
+  double wave_mm = 0.0;  ///< amplitude of a wave along s, period 75 mm: level on average
+  double bump_mm = 0.0;  ///< height of a round flat bump on the seat ...
+  double bump_radius_mm = 8.0;
+  double bump_x_mm = 20.0;  ///< ... and its place
+  double bump_s_mm = -30.0;
+  bool present = true;        ///< false: bare slab
+  bool slab_top_seen = true;  ///< false: no returns from it
+};
+
+struct Scan {
+  double pitch_mm = 0.4;
+  double noise_mm = 0.03;
+  double outlier_share = 0.005;
+  double missing_share = 0.02;
+  double field_x_mm = 350.0;
+  double field_y_mm = 500.0;
+  bool organised = false;  ///< missing points as NaN in a width x height grid
+  std::uint64_t seed = 1;
+  /// Where the block really is, seen from where it should be: T_nominal_true.
+  Pose displacement;
+};
+
+struct Cloud {
+  std::vector<float> xyz;
+  std::size_t width = 0;
+  std::size_t height = 0;
+  std::vector<bool> outlier;  ///< of each point
+  Pose T_block_scanner;       ///< truth
+
+  [[nodiscard]] algo::Cloud view() { return {xyz, xyz.size() / 3, width, height}; }
+};
+
+[[nodiscard]] Cloud take(const Block& block, const Scan& scan);
+
+/// Small displacement: translation (mm) and rotation vector (deg).
+[[nodiscard]] Pose displaced(double x, double y, double z, double rx_deg, double ry_deg, double rz_deg);
+
+}  // namespace slabd::scene
