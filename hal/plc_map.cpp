@@ -85,7 +85,7 @@ class Decoder {
   Decoder(std::span<const std::uint16_t> image, WordOrder order) : image_(image), order_(order) {}
 
   void u16(std::size_t address, std::uint16_t& value) { value = image_[address]; }
-  void bit(std::size_t address, unsigned bit, bool& value) { value = ((image_[address] >> bit) & 1U) != 0; }
+  void bit(std::size_t address, unsigned bit, bool& value) { value = ((unsigned{image_[address]} >> bit) & 1U) != 0; }
   void u32(std::size_t address, std::uint32_t& value) { value = static_cast<std::uint32_t>(wide(address, 2)); }
   void time_us(std::size_t address, std::int64_t& value) { value = static_cast<std::int64_t>(wide(address, 4)); }
   void fixed(std::size_t address, double& value, double scale) { value = value_from(image_[address], scale); }

@@ -4,6 +4,7 @@
 #include <time.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cctype>
 #include <optional>
@@ -44,17 +45,33 @@ bool is_request_stem(std::string_view stem) {
   return dash != std::string_view::npos && digits(stem.substr(0, dash)) && digits(stem.substr(dash + 1));
 }
 
-/// The part before the only dot; empty for names without an extension or with two.
-std::string_view stem_of(std::string_view name) {
-  const std::size_t dot = name.find('.');
-  if (dot == std::string_view::npos || dot + 1 == name.size() || name.find('.', dot + 1) != std::string_view::npos)
-    return {};
-  return name.substr(0, dot);
-}
-
 std::string_view extension_of(std::string_view name) {
   const std::size_t dot = name.rfind('.');
   return dot == std::string_view::npos ? std::string_view{} : name.substr(dot + 1);
+}
+
+FixedString<16> lower_case(std::string_view text) {
+  FixedString<16> lower;
+  for (const char c : text) {
+    const char l = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    lower.append({&l, 1});
+  }
+  return lower;
+}
+
+/// Extensions that scanner software gives a finished scan. All are answers, also those that the reader then refuses by
+/// name; anything else (7-3.part, 7-3.tmp) may be a scan still being written.
+bool is_scan_extension(std::string_view extension) {
+  constexpr std::array<std::string_view, 10> kKnown = {"ply", "pcd", "xyz", "asc", "txt",
+                                                       "csv", "e57", "stl", "obj", "las"};
+  return std::find(kKnown.begin(), kKnown.end(), lower_case(extension).view()) != kKnown.end();
+}
+
+/// The part of a finished scan's name before its extension; empty for every other name.
+std::string_view stem_of(std::string_view name) {
+  const std::string_view extension = extension_of(name);
+  if (!is_scan_extension(extension)) return {};
+  return name.substr(0, name.size() - extension.size() - 1);
 }
 
 /// The request as JSON. The slab id comes from the PLC: what is not plain ASCII is escaped.
@@ -254,17 +271,13 @@ class ScanDrop final : public ScannerPort {
   }
 
   static Result<PathText> spool_path(const ScanRequest& request, std::string_view name) {
-    const std::string_view extension = extension_of(name);
+    const FixedString<16> extension = lower_case(extension_of(name));
     if (request.spool_path.size() + 1 + extension.size() > PathText::capacity())
-      return error(Code::config, "%s: the spool path and \".%.*s\" exceed %zu bytes", request.spool_path.c_str(),
-                   static_cast<int>(std::min<std::size_t>(extension.size(), 32)), extension.data(),
-                   PathText::capacity());
+      return error(Code::config, "%s: the spool path and \".%s\" exceed %zu bytes", request.spool_path.c_str(),
+                   extension.c_str(), PathText::capacity());
     PathText path(request.spool_path);
     path.append(".");
-    for (const char c : extension) {
-      const char lower = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-      path.append({&lower, 1});
-    }
+    path.append(extension.view());
     return path;
   }
 

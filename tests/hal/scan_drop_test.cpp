@@ -255,6 +255,19 @@ TEST_F(ScanDropTest, an_unknown_format_is_named) {
   EXPECT_NE(result.error().text.view().find("\"e57\""), std::string_view::npos);
 }
 
+TEST_F(ScanDropTest, a_scan_being_written_under_its_number_is_not_the_answer_yet) {
+  for (const std::string temporary : {"7-3.part", "7-3.ply.tmp", "7-3"}) {
+    const auto result = acquire(request(), [&] {
+      write_file(inbox(temporary), "half");
+      wait_ms(100);
+      ASSERT_TRUE(write_ply(inbox(temporary).c_str(), points(), 0, 0).ok());
+      fs::rename(inbox(temporary), inbox("7-3.ply"));
+    });
+    EXPECT_TRUE(result.ok()) << temporary << ": " << result.error().text.c_str();
+  }
+  EXPECT_EQ(scanner_->stray_files(), 0U);
+}
+
 TEST_F(ScanDropTest, cancel_ends_the_wait_and_withdraws_the_request) {
   const auto result = acquire(request(), [&] { cancel_ = true; });
   ASSERT_FALSE(result.ok());
