@@ -264,6 +264,7 @@ StationItems items_of_station(const Recipe& recipe, const BlockResult* block, co
 /// The code that explains a block which came to nothing, ok if its items explain it.
 Code cause_of(const BlockResult* block) {
   if (block == nullptr) return Code::block_not_found;
+  if (block->items.empty() && block->reason == 0) return Code::fit_failed;
   const bool by_item = block->reason == 0 || block->reason >= kReasonItemBase;
   if (block->verdict == Verdict::aborted && by_item) return Code::interrupted;
   if (by_item) return Code::ok;
@@ -301,7 +302,13 @@ void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, S
   for (const Item& item : out.items)
     if (item.station == 0) (void)of_slab.push(item);
 
-  out.verdict = combine(of_slab.begin(), of_slab.end());
+  // Slab-wide items that a recipe gives no limits decide nothing; what is required and missing does.
+  const bool slab_wide_counts = std::any_of(of_slab.begin(), of_slab.end(), [](const Item& item) {
+    return item.required || (item.verdict != Verdict::none && item.verdict != Verdict::not_measured);
+  });
+  const Verdict slab_wide = combine(of_slab.begin(), of_slab.end());
+  // Without a single station there is nothing that could pass.
+  out.verdict = slab_wide_counts ? slab_wide : (recipe.stations() == 0 ? Verdict::not_measured : Verdict::pass);
   for (int station = 1; station <= recipe.stations(); ++station) {
     const auto k = static_cast<std::size_t>(station - 1);
     const BlockResult* block = block_of(blocks, station);
@@ -317,7 +324,7 @@ void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, S
 
   // The slab's reason: of everything that came to the slab's verdict, the lowest. Codes lie below item numbers.
   if (out.verdict == Verdict::pass) return;
-  if (combine(of_slab.begin(), of_slab.end()) == out.verdict)
+  if (slab_wide_counts && slab_wide == out.verdict)
     out.reason = reason_for(out.verdict, of_slab.begin(), of_slab.end(), Code::ok);
   for (int station = 1; station <= recipe.stations(); ++station) {
     const auto k = static_cast<std::size_t>(station - 1);

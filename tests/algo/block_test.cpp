@@ -210,6 +210,53 @@ TEST(Block, ReportsTheSeatInTheBaseFrame) {
   EXPECT_LT((o.jaw_outer_base - truth * jaw).norm(), 0.03);
 }
 
+/// Drops the points within `radius` of a place in the scanner's XY.
+void erase_patch(scene::Cloud& cloud, double x, double y, double radius) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
+    const double dx = static_cast<double>(cloud.xyz[3 * i]) - x;
+    const double dy = static_cast<double>(cloud.xyz[3 * i + 1]) - y;
+    if (std::hypot(dx, dy) < radius) continue;
+    for (std::size_t k = 0; k < 3; ++k) cloud.xyz[3 * kept + k] = cloud.xyz[3 * i + k];
+    ++kept;
+  }
+  cloud.xyz.resize(3 * kept);
+}
+
+TEST(Block, FindsCasingsDespitePatchesMissingAtTheirEdges) {
+  scene::Cloud cloud = scene::take({}, {});
+  // The scanner looks down with its Y against the block's: the outer casing lies at y = -116.5.
+  erase_patch(cloud, 0.0, -116.5 + 15.0, 5.0);
+  erase_patch(cloud, 15.0, 116.5, 4.0);
+  const BlockResult r = inspect(cloud);
+  EXPECT_NEAR(item(r, ItemId::casing_spacing).value, 233.0, 0.05);
+  EXPECT_NEAR(item(r, ItemId::casing_protrusion_inner).value, -0.25, 0.005);
+  EXPECT_NEAR(item(r, ItemId::casing_protrusion_outer).value, -0.25, 0.005);
+}
+
+TEST(Block, DoesNotGuessACasingThatIsHalfHidden) {
+  scene::Cloud cloud = scene::take({}, {});
+  erase_patch(cloud, 0.0, -116.5 + 16.0, 19.0);
+  const BlockResult r = inspect(cloud);
+  EXPECT_FALSE(r.casing_outer.ok);
+  EXPECT_TRUE(r.casing_inner.ok);
+  EXPECT_EQ(item(r, ItemId::casing_spacing).verdict, Verdict::not_measured);
+  EXPECT_EQ(item(r, ItemId::casing_protrusion_outer).verdict, Verdict::not_measured);
+  EXPECT_EQ(item(r, ItemId::casing_protrusion_inner).verdict, Verdict::pass);
+  EXPECT_EQ(r.verdict, Verdict::not_measured);
+  EXPECT_FALSE(r.observation.ok) << "the seat reference point needs both casings";
+}
+
+TEST(Block, IsMeasuredWithAToolLyingOnItsShoulder) {
+  scene::Cloud cloud = scene::take({}, {});
+  for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
+    float* p = cloud.xyz.data() + 3 * i;
+    if (std::abs(p[0] - 40.0F) < 30.0F && std::abs(p[1] + 215.0F) < 12.0F) p[2] -= 20.0F;
+  }
+  const BlockResult r = inspect(cloud);
+  EXPECT_EQ(r.verdict, Verdict::pass);
+}
+
 void expect_nothing_measured(const BlockResult& r, Code code) {
   EXPECT_EQ(r.verdict, Verdict::not_measured);
   EXPECT_EQ(r.reason, static_cast<std::uint16_t>(code));

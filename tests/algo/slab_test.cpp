@@ -289,6 +289,20 @@ TEST(Slab, EvenWithoutItemsANotMeasuredBlockNeverPasses) {
   slab.block(4).verdict = Verdict::not_measured;
   slab.block(4).reason = static_cast<std::uint16_t>(Code::scanner_offline);
   EXPECT_EQ(slab.inspect().station_verdict[3], Verdict::not_measured);
+  slab.block(4).reason = 0;
+  EXPECT_EQ(slab.inspect().station_verdict[3], Verdict::not_measured);
+}
+
+TEST(Slab, WideItemsWithoutLimitsAreInformationUnlessRequired) {
+  Slab slab;
+  for (const ItemId id : {ItemId::corner_level, ItemId::warp_left, ItemId::warp_right}) {
+    Tolerance& t = slab.recipe.tolerances[static_cast<std::size_t>(id)];
+    t.lower = t.upper = kNoValue;
+    t.required = false;
+  }
+  EXPECT_EQ(slab.inspect().verdict, Verdict::pass);
+  slab.recipe.tolerances[static_cast<std::size_t>(ItemId::corner_level)].required = true;
+  EXPECT_EQ(slab.inspect().verdict, Verdict::not_measured);
 }
 
 void expect_no_frame(Slab& slab) {
