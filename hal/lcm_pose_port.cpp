@@ -93,6 +93,10 @@ class LcmPosePort final : public PosePort {
 
   bool is_trusted(std::uint32_t source) const {
     if (!own_host_only_ || source >> 24U == IN_LOOPBACKNET) return true;
+    // A sender whose route to the group is `dev lo` has no address to send from and sends from 0.0.0.0. From outside
+    // the kernel takes that source only for groups 224.0.0.x.
+    constexpr std::uint32_t kLinkLocalGroups = 0xE00000;
+    if (source == INADDR_ANY) return url_.group >> 8U != kLinkLocalGroups;
     return std::find(own_addresses_.begin(), own_addresses_.end(), source) != own_addresses_.end();
   }
 
