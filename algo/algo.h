@@ -58,7 +58,7 @@ class BlockInspector {
   BlockInspector(const BlockInspector&) = delete;
   BlockInspector& operator=(const BlockInspector&) = delete;
 
-  /// Builds the block model and its closest-face table. No heap.
+  /// Builds the block model and its closest-face table; about 80 ms. No heap.
   void use(const Recipe& recipe);
 
   /// Starts a block: clears the result, notes the station (1..18, only carried through) and the pose to start from:
@@ -66,14 +66,18 @@ class BlockInspector {
   /// Offline scans pass T_base_block = identity and T_base_scanner = T_block_scanner.
   void begin(int station, const Pose& T_base_block, const Pose& T_base_scanner);
 
-  /// Drops missing and isolated points in place. too_few_points when hardly anything is left.
+  /// Drops missing points and isolated ones (fewer than three others within 0.95 mm) in place; the cloud is
+  /// unorganised afterwards (width = height = 0). too_few_points when fewer than limits::kScanPointsMin are left,
+  /// frame_incomplete when `points` does not fit the buffer. About 60 ns a point.
   [[nodiscard]] Status denoise(Cloud& cloud);
 
-  /// Finds the block: ICP to the analytic model from the spliced pose. block_not_found when rejected or degenerate;
-  /// the report in `result()` says why.
+  /// Finds the block: ICP to the analytic model from the spliced pose; converges from 20 mm and 3 degrees off and
+  /// searches further. block_not_found when rejected or degenerate, fit_failed at the iteration limit, no_pose when
+  /// the start is not finite; the report in `result()` says why. About 30 ns a point, 1 s when it has to search.
   [[nodiscard]] Status register_to_model(const Cloud& cloud);
 
-  /// Segments by model, fits every feature, computes the items that could be measured.
+  /// Segments by model, fits every feature, computes the items that could be measured; the others stay without a
+  /// value. block_not_found unless registration converged, fit_failed without a seat plane. About 120 ns a point.
   [[nodiscard]] Status extract(const Cloud& cloud);
 
   /// Verdict of the block from what is there: call it after the last stage that succeeded, with that stage's code.
