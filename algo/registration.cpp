@@ -61,7 +61,6 @@ constexpr double kSearchStep_mm = 14.0;
 struct NormalEquations {
   Mat6 H = Mat6::Zero();
   Vec6 g = Vec6::Zero();
-  double weight = 0.0;
   std::size_t points = 0;
 };
 
@@ -114,7 +113,6 @@ class Aligner {
         eq.g[a] += wj * r;
         for (int b = a; b < 6; ++b) eq.H(a, b) += wj * j[static_cast<std::size_t>(b)];
       }
-      eq.weight += w;
       ++eq.points;
     }
     for (int a = 0; a < 6; ++a)
