@@ -57,7 +57,7 @@ inline constexpr std::size_t kTomlBytesMax = 1'000'000;  ///< nobody writes a co
 /// The candidate with the smallest edit distance (the first of equals); empty when there are none.
 [[nodiscard]] std::string_view nearest(std::string_view word, const std::set<std::string, std::less<>>& candidates);
 
-/// Closed range of a number; `text` replaces "low..high" in messages when it says more.
+/// Closed range of a number.
 struct Allowed {
   double low;
   double high;

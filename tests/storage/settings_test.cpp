@@ -164,7 +164,7 @@ TEST_F(SettingsTest, slab_begin_is_refused_when_the_spool_disk_is_nearly_full) {
   apply(SessionJob{7});  // everything else still works
 }
 
-TEST_F(SettingsTest, disk_exactly_at_the_threshold_is_enough) {
+TEST_F(SettingsTest, slab_begins_when_there_is_space_for_it) {
   open();
   const Result<std::uint64_t> free = free_bytes(settings_.spool_dir);
   ASSERT_TRUE(free.ok());
