@@ -52,7 +52,7 @@ void print_slabs(const std::vector<storage::SlabSummary>& slabs) {
                     std::string(slab.header.slab_id.view()), std::to_string(slab.header.slab_type),
                     iso_time(slab.header.began_utime_us),
                     fmt::format("{}/{}", slab.stations_measured, slab.header.stations),
-                    open ? "open" : verdict_text(slab.verdict, style), open ? "" : reason_text(slab.reason)});
+                    open ? "open" : verdict_text(slab.verdict, style), open ? "" : reason_words(slab.reason)});
   }
   fmt::print("{}", table(rows));
 }

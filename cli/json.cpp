@@ -131,7 +131,7 @@ Json& Json::field(std::string_view name, std::span<const double> numbers) {
   return raw(list.empty() ? "[]" : list + "]");
 }
 
-void write_item(Json& json, const Item& item) {
+void write_item(Json& json, const Item& item, bool of_slab) {
   const ItemInfo& facts = info(item.id);
   json.begin_object();
   json.field("id", facts.name)
@@ -141,7 +141,7 @@ void write_item(Json& json, const Item& item) {
   json.field("deviation", item.deviation()).field("lower", item.lower).field("upper", item.upper).field("U", item.U);
   json.field("verdict", name(item.verdict)).field("required", item.required);
   if (const std::string_view beside = beside_name(item.id); !beside.empty()) json.field(beside, item.beside);
-  if (facts.scope != ItemScope::block && item.station != 0) {
+  if (of_slab && item.station != 0) {
     const std::array<double, 2> stations = {static_cast<double>(item.station), static_cast<double>(item.station_to)};
     json.field("stations", std::span<const double>(stations.data(), item.station_to == 0 ? 1U : 2U));
   }

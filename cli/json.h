@@ -56,8 +56,8 @@ class Json {
 };
 
 /// `{id, unit, nominal, value, deviation, lower, upper, U, verdict, required}`, then the companion figure under its own
-/// name and, for items that repeat over a slab, `stations`.
-void write_item(Json& json, const Item& item);
+/// name and, for items `of_slab` that belong to stations, `stations`.
+void write_item(Json& json, const Item& item, bool of_slab = false);
 
 /// `verdict, reason, scan, registration, features, items, timing_ms` of one block, as fields of the open object.
 void write_block(Json& json, const BlockResult& block);

@@ -60,9 +60,9 @@ std::string limits_text(const Item& item, int decimals) {
   return fmt::format("{} .. {}", number(item.lower, decimals), number(item.upper, decimals));
 }
 
-std::string item_label(const Item& item) {
+std::string item_label(const Item& item, bool of_slab) {
   std::string label = fmt::format("{} [{}]", info(item.id).name, name(info(item.id).unit));
-  if (info(item.id).scope != ItemScope::block && item.station != 0)
+  if (of_slab && item.station != 0)
     label +=
         item.station_to != 0 ? fmt::format(" {}-{}", item.station, item.station_to) : fmt::format(" {}", item.station);
   return label;
@@ -121,12 +121,12 @@ std::string table(const std::vector<std::vector<std::string>>& rows) {
   return text;
 }
 
-std::string item_table(std::span<const Item> items, Style style) {
+std::string item_table(std::span<const Item> items, Style style, bool of_slab) {
   std::vector<std::vector<std::string>> rows = {
       {"characteristic", "nominal", "limits", "measured", "deviation", "U", "verdict<"}};
   for (const Item& item : items) {
     const int decimals = info(item.id).unit == ItemUnit::deg ? 4 : 3;
-    rows.push_back({item_label(item), number(item.nominal, decimals), limits_text(item, decimals),
+    rows.push_back({item_label(item, of_slab), number(item.nominal, decimals), limits_text(item, decimals),
                     number(item.value, decimals), number(item.deviation(), decimals), number(item.U, decimals),
                     verdict_text(item.verdict, style)});
     if (const std::string_view beside = beside_name(item.id); !beside.empty() && has_value(item.beside))
@@ -163,16 +163,22 @@ std::string map_legend(Style style) {
   return line + "\n";
 }
 
-std::string reason_text(std::uint16_t reason) {
+std::string reason_words(std::uint16_t reason) {
   if (reason == 0) return "";
   if (reason >= kReasonItemBase) {
     for (std::size_t i = 0; i < kItemCount; ++i) {
       const ItemInfo& item = info(static_cast<ItemId>(i));
-      if (item.plc_bit == reason - kReasonItemBase) return fmt::format("{}: {}", reason, item.name);
+      // warp_left and warp_right share a number.
+      if (item.plc_bit == reason - kReasonItemBase)
+        return fmt::format("{}: {}", reason, item.id == ItemId::warp_left ? "warp" : item.name);
     }
   }
-  const auto code = static_cast<Code>(reason);
-  return fmt::format("{}: {}; {}", reason, describe(code), cure(code));
+  return fmt::format("{}: {}", reason, describe(static_cast<Code>(reason)));
+}
+
+std::string reason_text(std::uint16_t reason) {
+  if (reason == 0 || reason >= kReasonItemBase) return reason_words(reason);
+  return fmt::format("{}; {}", reason_words(reason), cure(static_cast<Code>(reason)));
 }
 
 }  // namespace slabd::cli

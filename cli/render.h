@@ -30,8 +30,8 @@ struct Style {
 /// the first are right-aligned except where the heading ends with '<'.
 [[nodiscard]] std::string table(const std::vector<std::vector<std::string>>& rows);
 
-/// characteristic, nominal, limits, measured, deviation, U, verdict; items of several stations say so.
-[[nodiscard]] std::string item_table(std::span<const Item> items, Style style);
+/// characteristic, nominal, limits, measured, deviation, U, verdict; items `of_slab` name their stations.
+[[nodiscard]] std::string item_table(std::span<const Item> items, Style style, bool of_slab = false);
 
 /// The blocks as they lie on the slab, seen from above: row Y > 0 above row Y < 0, X to the right. `verdicts` holds
 /// one entry per station, [station - 1], an even number of them.
@@ -41,6 +41,8 @@ struct Style {
 
 /// REASON for people: "605: casing_spacing" or "402: no supporting block was found in the scan; <cure>".
 [[nodiscard]] std::string reason_text(std::uint16_t reason);
+/// The same without the cure, for tables.
+[[nodiscard]] std::string reason_words(std::uint16_t reason);
 
 /// What scans of the blocks cannot show; every report says so.
 inline constexpr std::string_view kNotVisible =

@@ -91,7 +91,7 @@ std::string as_json(const SlabRecord& record, int only_block) {
   json.end_object();
 
   json.key("items").begin_array();
-  for (const Item& item : record.slab.items) write_item(json, item);
+  for (const Item& item : record.slab.items) write_item(json, item, true);
   json.end_array();
   json.key("blocks").begin_array();
   for (const SlabBlock& block : record.blocks)
@@ -134,7 +134,7 @@ void print_blocks(const SlabRecord& record, Style style) {
     rows.push_back({std::to_string(station), std::to_string(block->attempt.number),
                     fmt::format("{:.2f}", block->attempt.acquire_ms / 1e3),
                     measured ? fmt::format("{:.2f}", block->block.times.total_ms / 1e3) : "-",
-                    verdict_text(shown_verdict(record, station), style), reason_text(shown_reason(*block)),
+                    verdict_text(shown_verdict(record, station), style), reason_words(shown_reason(*block)),
                     std::string(block->attempt.scan_path.view())});
   }
   fmt::print("{}\n", table(rows));
@@ -152,7 +152,7 @@ void print_slab_items(const SlabRecord& record, Style style) {
   } else {
     fmt::print("slab fit: not possible ({})\n", fit.note.view());
   }
-  fmt::print("{}", item_table(std::span<const Item>(record.slab.items.begin(), record.slab.items.size()), style));
+  fmt::print("{}", item_table(std::span<const Item>(record.slab.items.begin(), record.slab.items.size()), style, true));
 }
 
 int print_block(const SlabRecord& record, int station, Style style) {
@@ -177,12 +177,13 @@ int print_block(const SlabRecord& record, int station, Style style) {
              result.registration.deviation.std_mm, result.registration.deviation.count);
   const Vec3& normal = result.seat.normal_datum;
   fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f})\n\n", normal.x(), normal.y(), normal.z());
-  std::vector<Item> items(result.items.begin(), result.items.end());
-  // What the slab's frame says about this block stands beside what the block says about itself.
+  fmt::print("{}\n", item_table(std::span<const Item>(result.items.begin(), result.items.size()), style));
+  std::vector<Item> in_slab;
   for (const Item& item : record.slab.items)
-    if (item.station == station || item.station_to == station) items.push_back(item);
-  fmt::print("{}\nblock {}: {}  {}\n", item_table(items, style), station,
-             verdict_text(shown_verdict(record, station), style), reason_text(shown_reason(*block)));
+    if (item.station == station || item.station_to == station) in_slab.push_back(item);
+  if (!in_slab.empty()) fmt::print("in the slab's frame\n{}\n", item_table(in_slab, style, true));
+  fmt::print("block {}: {}  {}\n", station, verdict_text(shown_verdict(record, station), style),
+             reason_text(shown_reason(*block)));
   fmt::print("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", result.times.total_ms,
              result.times.read_ms, result.times.denoise_ms, result.times.register_ms, result.times.extract_ms);
   return kDone;

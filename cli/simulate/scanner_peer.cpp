@@ -174,7 +174,8 @@ Result<std::unique_ptr<ScannerPeer>> ScannerPeer::start(const ScannerPeerTraits&
   impl->part_path = fs::path(traits.drop_dir) / fmt::format("emulated-scan-{}.part", ::getpid());
   std::error_code fault;
   if (!fs::is_directory(impl->request_dir, fault) || !fs::is_directory(impl->inbox_dir, fault))
-    return error(Code::scanner_offline, "%s has no request/ and inbox/: start slabd first, it makes them",
+    return error(Code::scanner_offline,
+                 "%s has no request/ and inbox/: create the folder for slabd, which makes them, and start slabd first",
                  traits.drop_dir.c_str());
   if (::access(impl->inbox_dir.c_str(), W_OK | X_OK) != 0 || ::access(traits.drop_dir.c_str(), W_OK | X_OK) != 0)
     return error(Code::scanner_offline, "%s cannot be written by this user: run as a member of the daemon's group",

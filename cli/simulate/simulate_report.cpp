@@ -75,33 +75,46 @@ void print_stations(const Recipe& recipe, const SlabOutcome& outcome, cli::Style
           error_text(measured_value(recipe, outcome, k, item.id), true_value(recipe, outcome.truth.at(k), item.id)));
     const PlcStationRow& shown = outcome.run.table[static_cast<std::size_t>(k - 1)];
     row.push_back(cli::verdict_text(shown.verdict, style));
-    row.push_back(run.trouble.empty() ? cli::reason_text(shown.reason) : run.trouble);
+    row.push_back(run.trouble.empty() ? cli::reason_words(shown.reason) : run.trouble);
     rows.push_back(row);
   }
   fmt::print("{}  (items: measured minus planted, um and millidegrees)\n\n", cli::table(rows));
 }
 
+/// The item that a defect shows in; none for a missing block and for what only makes a scan worse.
+std::optional<ItemId> item_of(DefectKind kind) {
+  switch (kind) {
+    case DefectKind::slope: return ItemId::seat_slope;
+    case DefectKind::jaw_angle_inner: return ItemId::jaw_angle_inner;
+    case DefectKind::jaw_angle_outer: return ItemId::jaw_angle_outer;
+    case DefectKind::jaw_distance: return ItemId::jaw_distance;
+    case DefectKind::protrusion_inner: return ItemId::casing_protrusion_inner;
+    case DefectKind::protrusion_outer: return ItemId::casing_protrusion_outer;
+    case DefectKind::casing_spacing: return ItemId::casing_spacing;
+    case DefectKind::bump: return ItemId::seat_flatness;
+    case DefectKind::lateral: return ItemId::seat_lateral;
+    case DefectKind::vertical:
+    case DefectKind::robot: return ItemId::seat_vertical;
+    case DefectKind::missing:
+    case DefectKind::outliers:
+    case DefectKind::noise:
+    case DefectKind::along: return std::nullopt;
+  }
+  return std::nullopt;
+}
+
 void print_planted(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome) {
   if (facts.defects.empty()) return;
-  std::vector<std::vector<std::string>> rows = {{"planted", "block", "item<", "planted", "measured", "verdict<"}};
+  const auto number = [](double v) { return has_value(v) ? fmt::format("{:.4f}", v) : std::string("-"); };
+  std::vector<std::vector<std::string>> rows = {{"defect", "block", "item<", "true", "measured", "block verdict<"}};
   for (std::size_t i = 0; i < facts.defects.size(); ++i) {
     const int k = facts.defects[i].station;
+    const std::optional<ItemId> id = item_of(facts.defects[i].kind);
+    const double truth = id ? true_value(recipe, outcome.truth.at(k), *id) : kNoValue;
+    const double measured = id ? measured_value(recipe, outcome, k, *id) : kNoValue;
     const PlcStationRow& shown = outcome.run.table[static_cast<std::size_t>(k - 1)];
-    bool named = false;
-    for (const Compared& item : kCompared) {
-      const double planted = true_value(recipe, outcome.truth.at(k), item.id);
-      const double nominal = recipe.tolerance(item.id).nominal.value;
-      const double measured = measured_value(recipe, outcome, k, item.id);
-      // Only what the defect moved beyond a good casting's scatter.
-      if (!has_value(planted) || std::abs(planted - nominal) < 0.02 * std::max(1.0, std::abs(nominal) / 100.0))
-        continue;
-      rows.push_back({named ? "" : facts.defect_texts[i], std::to_string(k), std::string(info(item.id).name),
-                      fmt::format("{:.4f}", planted), has_value(measured) ? fmt::format("{:.4f}", measured) : "-",
-                      std::string(name(shown.verdict))});
-      named = true;
-    }
-    if (!named)
-      rows.push_back({facts.defect_texts[i], std::to_string(k), "-", "-", "-", std::string(name(shown.verdict))});
+    rows.push_back({facts.defect_texts[i], std::to_string(k), id ? std::string(info(*id).name) : "-", number(truth),
+                    number(measured), fmt::format("{} {}", name(shown.verdict), cli::reason_words(shown.reason))});
   }
   fmt::print("{}\n", cli::table(rows));
 }
@@ -152,7 +165,7 @@ void write_outcome(Json& json, const Recipe& recipe, const SlabOutcome& outcome)
   json.end_array();
   if (outcome.stored) {
     json.key("slab_items").begin_array();
-    for (const Item& item : outcome.stored->slab.items) cli::write_item(json, item);
+    for (const Item& item : outcome.stored->slab.items) cli::write_item(json, item, true);
     json.end_array();
   }
   json.end_object();
@@ -161,6 +174,12 @@ void write_outcome(Json& json, const Recipe& recipe, const SlabOutcome& outcome)
 }  // namespace
 
 double measured_value(const Recipe& recipe, const SlabOutcome& outcome, int station, ItemId id) {
+  if (id == ItemId::seat_lateral || id == ItemId::seat_vertical) {
+    if (!outcome.stored) return kNoValue;
+    const auto& items = outcome.stored->slab.items;
+    const Item* item = find_item(items.begin(), items.end(), id, station);
+    return item == nullptr ? kNoValue : item->value;
+  }
   if (const storage::SlabBlock* block = stored_block(outcome, station)) {
     const Item* item = find_item(block->block.items.begin(), block->block.items.end(), id);
     return item == nullptr ? kNoValue : item->value;
