@@ -8,7 +8,7 @@
 #include "algo/algo.h"
 #include "scene.h"
 
-// Sanitizers own malloc; there only operator new is watched. Volatile, because a compiler knows what malloc does and
+// A sanitizer owns malloc and offers a hook instead. Volatile, because a compiler knows what malloc does and
 // would otherwise not look at the counter again.
 namespace {
 volatile std::size_t g_allocations = 0;
@@ -22,17 +22,17 @@ void* malloc(std::size_t size) {
 }
 }
 #else
-void* operator new(std::size_t size) {
+// From the sanitizers' allocator interface, whose header GCC does not install.
+extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*on_malloc)(const volatile void*,
+                                                                           std::size_t),  // NOLINT
+                                                         void (*on_free)(const volatile void*));
+namespace {
+void on_malloc(const volatile void*, std::size_t) {
   g_allocations = g_allocations + 1;
-  if (void* p = std::malloc(size)) return p;
-  std::abort();
 }
-void operator delete(void* p) noexcept {
-  std::free(p);
-}
-void operator delete(void* p, std::size_t) noexcept {
-  std::free(p);
-}
+void on_free(const volatile void*) {}
+[[maybe_unused]] const int g_hooked = __sanitizer_install_malloc_and_free_hooks(on_malloc, on_free);
+}  // namespace
 #endif
 
 namespace slabd::algo {
