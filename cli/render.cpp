@@ -95,22 +95,25 @@ std::string verdict_text(Verdict verdict, Style style) {
 }
 
 std::string table(const std::vector<std::vector<std::string>>& rows) {
-  std::vector<std::size_t> widths;
+  std::vector<std::vector<std::string>> cells = rows;
   std::vector<bool> left;
-  for (const auto& row : rows) {
-    widths.resize(std::max(widths.size(), row.size()), 0);
-    for (std::size_t c = 0; c < row.size(); ++c) widths[c] = std::max(widths[c], width_of(row[c]));
-  }
-  for (std::size_t c = 0; c < widths.size(); ++c)
-    left.push_back(c == 0 || (!rows.empty() && c < rows[0].size() && rows[0][c].ends_with('<')));
-  std::string text;
-  for (std::size_t r = 0; r < rows.size(); ++r) {
-    std::string line;
-    for (std::size_t c = 0; c < rows[r].size(); ++c) {
-      std::string cell = rows[r][c];
-      if (r == 0 && cell.ends_with('<')) cell.pop_back();
-      line += (c == 0 ? "" : "  ") + padded(cell, widths[c], !left[c]);
+  if (!cells.empty()) {
+    for (std::string& heading : cells[0]) {
+      const bool marked = heading.ends_with('<');
+      if (marked) heading.pop_back();
+      left.push_back(left.empty() || marked);
     }
+  }
+  std::vector<std::size_t> widths(left.size(), 0);
+  for (const auto& row : cells)
+    for (std::size_t c = 0; c < std::min(row.size(), widths.size()); ++c)
+      widths[c] = std::max(widths[c], width_of(row[c]));
+
+  std::string text;
+  for (std::size_t r = 0; r < cells.size(); ++r) {
+    std::string line;
+    for (std::size_t c = 0; c < std::min(cells[r].size(), widths.size()); ++c)
+      line += (c == 0 ? "" : "  ") + padded(cells[r][c], widths[c], !left[c]);
     line.erase(line.find_last_not_of(' ') + 1);
     text += line + "\n";
     if (r != 0) continue;

@@ -28,7 +28,7 @@ struct RunFacts {
 };
 
 /// The measured value of a block item: from the database, else nominal + the result record's deviation (um and
-/// millidegree resolution); NaN when neither has it.
+/// millidegree resolution); of seat_lateral and seat_vertical only from the database. NaN when there is none.
 [[nodiscard]] double measured_value(const Recipe& recipe, const SlabOutcome& outcome, int station, ItemId id);
 
 void print_outcome(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome);

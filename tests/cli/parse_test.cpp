@@ -18,8 +18,8 @@ TEST(Parse, pose_of_seven_numbers) {
 TEST(Parse, bad_pose_says_which_number_and_what_is_allowed) {
   const auto refused = [](const char* text, const char* mentions) {
     const Result<Pose> pose = parse_pose(text);
-    EXPECT_FALSE(pose) << text;
-    if (!pose) EXPECT_NE(pose.error().text.view().find(mentions), std::string_view::npos) << pose.error().text.c_str();
+    ASSERT_FALSE(pose) << text;
+    EXPECT_NE(pose.error().text.view().find(mentions), std::string_view::npos) << pose.error().text.c_str();
   };
   refused("", "0 numbers");
   refused("0 0 600 0 1 0", "6 numbers");

@@ -49,7 +49,7 @@ TEST(Render, item_table_is_the_papers_table_5_with_verdicts) {
   items[2] = {ItemId::seat_std, Verdict::none, false, 4, 0, 0.0301};
   EXPECT_EQ(item_table(items, kPlain),
             "characteristic      nominal            limits  measured  deviation       U  verdict\n"
-            "----------------------------------------------------------------------------------------\n"
+            "------------------------------------------------------------------------------------------\n"
             "seat_slope [deg]     1.4321  1.3322 .. 1.5482    1.5911     0.1590  0.0300  X fail\n"
             "  ratio_n                                        36.000\n"
             "seat_flatness [mm]        -          <= 1.000         -          -       -  0 not_measured\n"
