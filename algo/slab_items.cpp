@@ -248,16 +248,38 @@ void write_items(const Recipe& recipe, const Seats& seats, const StationSigma& s
 
 using StationItems = FixedVector<Item, kStationItemsMax>;
 
+/// How far a seat is out of its own place, as far as an item between two seats shows it.
+double out_of_place_mm(const Seat& seat, const Item& item) {
+  return item.id == ItemId::large_jaw_distance ? std::abs(std::abs(seat.jaw_outer.y()) - 0.5 * item.nominal)
+                                               : std::abs(seat.p.x() - seat.nominal.x());
+}
+
+/// Does this slab item count for this station? One that spans two stations counts for the one that spoils it: the one
+/// that was not measured, or the one further out of its place. Its neighbour must not pay for that.
+bool counts_for(const Seats& seats, const Item& item, int station) {
+  if (item.station != station && item.station_to != station) return false;
+  if (item.station_to == 0 || item.verdict == Verdict::pass) return true;
+  const Seat& own = seats[static_cast<std::size_t>(station)];
+  const Seat& other = seats[static_cast<std::size_t>(item.station + item.station_to - station)];
+  const bool jaw = item.id == ItemId::large_jaw_distance;
+  const bool own_ok = jaw ? own.jaw_ok : own.ok;
+  const bool other_ok = jaw ? other.jaw_ok : other.ok;
+  if (own_ok != other_ok) return !own_ok;
+  if (!own_ok) return true;
+  return out_of_place_mm(own, item) >= out_of_place_mm(other, item);
+}
+
 /// All that decides one station: its block items (the local slope replaced when the slab frame decides) and the slab
-/// items that name it.
-StationItems items_of_station(const Recipe& recipe, const BlockResult* block, const SlabResult& slab, int station) {
+/// items that count for it.
+StationItems items_of_station(const Recipe& recipe, const BlockResult* block, const Seats& seats,
+                              const SlabResult& slab, int station) {
   StationItems items;
   if (block != nullptr) {
     for (const Item& item : block->items)
       if (item.id != ItemId::seat_slope || recipe.slope_datum == SlopeDatum::local_slab_top) (void)items.push(item);
   }
   for (const Item& item : slab.items)
-    if (item.station != 0 && (item.station == station || item.station_to == station)) (void)items.push(item);
+    if (counts_for(seats, item, station)) (void)items.push(item);
   return items;
 }
 
@@ -296,11 +318,12 @@ std::uint16_t earlier(std::uint16_t a, std::uint16_t b) {
   return std::min(a, b);
 }
 
-void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, SlabResult& out) {
+void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, const Seats& seats, SlabResult& out) {
   std::array<StationItems, limits::kStationsMax> of_station;
-  FixedVector<Item, 4> of_slab;
+  // Whatever an item counts for, the slab answers for all of them.
+  FixedVector<Item, kSlabItemsMax> of_slab;
   for (const Item& item : out.items)
-    if (item.station == 0) (void)of_slab.push(item);
+    if (item.station == 0 || item.station_to != 0) (void)of_slab.push(item);
 
   // Slab-wide items that a recipe gives no limits decide nothing; what is required and missing does.
   const bool slab_wide_counts = std::any_of(of_slab.begin(), of_slab.end(), [](const Item& item) {
@@ -314,7 +337,7 @@ void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, S
     const BlockResult* block = block_of(blocks, station);
     const Code cause = cause_of(block);
     StationItems& items = of_station[k];
-    items = items_of_station(recipe, block, out, station);
+    items = items_of_station(recipe, block, seats, out, station);
     Verdict verdict = combine(items.begin(), items.end());
     if (cause != Code::ok && verdict != Verdict::fail) verdict = Verdict::not_measured;
     out.station_verdict[k] = verdict;
@@ -341,7 +364,7 @@ void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, con
   Seats seats;
   if (out.fit.ok) seats = seats_in_slab_frame(recipe, blocks, out.fit.T_base_slab);
   write_items(recipe, seats, sigma, out);
-  reach_verdicts(recipe, blocks, out);
+  reach_verdicts(recipe, blocks, seats, out);
 }
 
 }  // namespace slabd::algo

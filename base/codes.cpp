@@ -44,7 +44,7 @@ constexpr std::array kTable = {
     Entry{Code::frame_incomplete, "the scan is incomplete or unreadable", "scan this station again"},
     Entry{Code::exposure, "the scan is over- or underexposed", "check the scanner's exposure settings"},
     Entry{Code::too_few_points, "the scan has too few valid points", "check distance, exposure and dirt; scan again"},
-    Entry{Code::block_not_found, "no supporting block was found in the scan",
+    Entry{Code::block_not_found, "no supporting block was found, or the station was never scanned",
           "check the station, the slab's position and that the block is there"},
     Entry{Code::fit_failed, "a required feature could not be measured", "scan again; look for dirt or missing surface"},
     Entry{Code::ambiguous, "the scan fits the block in more than one way", "scan again with the whole block in view"},

@@ -93,6 +93,10 @@ int inspect(const Options& options) {
     complain(fmt::format("{}", shape.error().text.view()));
     return kBadInput;
   }
+  if (shape.value().finite == 0) {
+    complain(fmt::format("{}: none of its {} points is finite", options.scan, shape.value().points));
+    return kBadInput;
+  }
   const double read_ms = ms_from_ns(clock->mono_ns() - read_start_ns);
 
   algo::BlockInspector inspector;
@@ -102,8 +106,10 @@ int inspect(const Options& options) {
   cloud.points = shape.value().points;
   cloud.width = shape.value().width;
   cloud.height = shape.value().height;
-  const BlockResult& block = daemon::measure_block(inspector, *clock, options.block, Pose::identity(), T_block_scanner,
-                                                   cloud, shape.value(), read_ms);
+  const Status status = daemon::measure_block(inspector, *clock, options.block, Pose::identity(), T_block_scanner,
+                                              cloud, shape.value(), read_ms);
+  if (!status) complain(fmt::format("{}: {}", options.scan, status.error().text.view()));
+  const BlockResult& block = inspector.result();
   if (options.json) {
     fmt::print("{}", as_json(options, recipe, T_block_scanner, block));
   } else {

@@ -39,7 +39,7 @@ struct Style {
 /// The symbols of the map with their words, one line.
 [[nodiscard]] std::string map_legend(Style style);
 
-/// REASON for people: "605: casing_spacing" or "402: no supporting block was found in the scan; <cure>".
+/// REASON for people: "605: casing_spacing" or "402: no supporting block was found ...; <cure>".
 [[nodiscard]] std::string reason_text(std::uint16_t reason);
 /// The same without the cure, for tables.
 [[nodiscard]] std::string reason_words(std::uint16_t reason);

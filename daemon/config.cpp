@@ -3,6 +3,7 @@
 
 #include <cassert>
 #include <cmath>
+#include <filesystem>
 #include <vector>
 
 #include "daemon/daemon.h"
@@ -15,6 +16,7 @@ namespace {
 
 constexpr double kReachMm = 20'000.0;  ///< no cell and no robot is larger
 constexpr double kArmMaxMm = 2'000.0;  ///< nor does a scanner sit further from its flange
+constexpr std::size_t kPathMax = limits::kPathBytes - 64;  ///< names inside a folder are appended
 
 /// 127.0.0.0/8: nobody but this computer until told otherwise.
 void allow_loopback_only(hal::PlcServerSettings& plc) {
@@ -140,23 +142,29 @@ void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, st
   robot.finish();
 }
 
-void read_path(TableReader& table, std::string_view key, std::string& out) {
+/// A relative path starts at the configuration's own folder: the daemon's working directory is nobody's business.
+void read_path(TableReader& table, std::string_view key, const std::string& folder, std::string& out) {
   std::string path = out;
-  table.optional_text(key, path, limits::kPathBytes - 64);  // names inside the folder are appended
-  if (!path.starts_with('/')) {
-    table.problem(key, fmt::format("found \"{}\", allowed is an absolute path (it starts with /)", path));
+  table.optional_text(key, path, kPathMax);
+  if (path.empty()) {
+    table.problem(key, "found \"\", allowed is a path");
+    return;
+  }
+  if (!path.starts_with('/')) path = folder + "/" + path;
+  if (path.size() > kPathMax) {
+    table.problem(key, fmt::format("{} has {} characters, allowed are {}", path, path.size(), kPathMax));
     return;
   }
   out = path;
 }
 
-void read_scanner(TableReader scanner, hal::ScanDropSettings& out, std::int64_t& timeout_ns) {
+void read_scanner(TableReader scanner, const std::string& folder, hal::ScanDropSettings& out, std::int64_t& timeout_ns) {
   const TomlValue* backend = scanner.value("backend");
   if (backend != nullptr && backend->text != "drop")
     scanner.problem("backend", fmt::format("found {}, allowed is \"drop\"; this version supports the drop folder only",
                                            found(*backend)));
   std::string drop_dir(out.drop_dir.view());
-  read_path(scanner, "drop_dir", drop_dir);
+  read_path(scanner, "drop_dir", folder, drop_dir);
   out.drop_dir.assign(drop_dir);
   scanner.optional_boolean("any_name", out.any_name);
   std::size_t unit = static_cast<std::size_t>(out.unit);
@@ -166,9 +174,9 @@ void read_scanner(TableReader scanner, hal::ScanDropSettings& out, std::int64_t&
   scanner.finish();
 }
 
-void read_storage(TableReader storage, storage::StoreSettings& out) {
-  read_path(storage, "db", out.db_path);
-  read_path(storage, "spool_dir", out.spool_dir);
+void read_storage(TableReader storage, const std::string& folder, storage::StoreSettings& out) {
+  read_path(storage, "db", folder, out.db_path);
+  read_path(storage, "spool_dir", folder, out.spool_dir);
   double budget_gb = 0.0;
   storage.optional_number("spool_budget_gb", budget_gb, {0.0, 100'000.0});
   if (budget_gb > 0.0 && budget_gb < 3.0)
@@ -202,12 +210,12 @@ void read_calibration(TableReader table, calib::Calibration& out) {
   out = calibration.value();
 }
 
-void read_rest(TableReader& root, Config& config) {
+void read_rest(TableReader& root, const std::string& folder, Config& config) {
   TableReader recipes = root.table("recipes");
-  read_path(recipes, "dir", config.recipes_dir);
+  read_path(recipes, "dir", folder, config.recipes_dir);
   recipes.finish();
   TableReader control = root.table("control");
-  read_path(control, "socket", config.control_socket);
+  read_path(control, "socket", folder, config.control_socket);
   // sockaddr_un::sun_path holds 108 bytes with its NUL.
   if (config.control_socket.size() > 107)
     control.problem("socket", fmt::format("found a path of {} bytes, allowed are 107", config.control_socket.size()));
@@ -245,14 +253,15 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   // After a syntax error only the tables above it exist: the PLC's is read for its address, and a key that is
   // "missing" below the error would only be noise.
   std::vector<Problem> ignored;
+  const std::string folder = std::filesystem::absolute(path).parent_path().native();
   TableReader root(path, &tree, "", complete ? problems : ignored);
   read_plc(root.table("plc"), config.plc);
   read_robot(root.table("robot"), config.robot, config.pose, config.settle_timeout_ns);
-  read_scanner(root.table("scanner"), config.scanner, config.scan_timeout_ns);
-  read_storage(root.table("storage"), config.storage);
+  read_scanner(root.table("scanner"), folder, config.scanner, config.scan_timeout_ns);
+  read_storage(root.table("storage"), folder, config.storage);
   read_cell(root.table("cell"), config.T_base_slab);
   read_calibration(root.table("calibration"), config.calibration);
-  read_rest(root, config);
+  read_rest(root, folder, config);
   check_timeouts(root, config);
   root.finish();
 }

@@ -55,10 +55,11 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
 // ---- measuring one block -------------------------------------------------------------------------------------------
 
 /// Denoise, register, extract, judge, with the clock between the stages: the only path from a scan to a block result,
-/// used by the daemon's worker and by `slabctl inspect`. `read_ms` is carried into the result. No heap.
-const BlockResult& measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station,
-                                 const Pose& T_base_block, const Pose& T_base_scanner, algo::Cloud cloud,
-                                 const ScanShape& read, double read_ms);
+/// used by the daemon's worker and by `slabctl inspect`. The result is `inspector.result()` and complete either way;
+/// an error says in a sentence why the block could not be measured. `read_ms` is carried into the result. No heap.
+[[nodiscard]] Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station,
+                                   const Pose& T_base_block, const Pose& T_base_scanner, algo::Cloud cloud,
+                                   const ScanShape& read, double read_ms);
 
 /// "slabd 0.1.0": identifies the software in every record.
 [[nodiscard]] FixedString<64> software_version();

@@ -59,6 +59,8 @@ StoreDone Loop::store(const StoreJob& job) const {
     done.code = status.error().code;
     say({LogLine::Level::error, static_cast<std::uint16_t>(done.code), status.error().text});
   }
+  if (!ports_.store->spool_trouble().empty())
+    say({LogLine::Level::warning, static_cast<std::uint16_t>(Code::store_full), ports_.store->spool_trouble()});
   return done;
 }
 
@@ -109,9 +111,15 @@ BlockMeasured Loop::measure(const MeasureBlock& job) {
     inspector_recipe_ = recipe;
   }
   algo::Cloud cloud{slot(job.slot), shape.points, shape.width, shape.height};
-  done.block = measure_block(*inspector_, ports_.clock, job.station,
-                             job.T_base_slab * T_slab_block(*recipe, job.station),
-                             job.T_base_flange * job.T_flange_scanner, cloud, shape, read_ms);
+  const Status status = measure_block(*inspector_, ports_.clock, job.station,
+                                      job.T_base_slab * T_slab_block(*recipe, job.station),
+                                      job.T_base_flange * job.T_flange_scanner, cloud, shape, read_ms);
+  done.block = inspector_->result();
+  if (!status.ok()) {
+    LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(status.error().code), {}};
+    line.text.printf("station %u: %s", job.station, status.error().text.c_str());
+    say(line);
+  }
   return done;
 }
 
@@ -269,6 +277,10 @@ void Loop::judge_slab(const JudgeSlab& action) {
     } else {
       blocks_[i] = {};
       blocks_[i].station = static_cast<std::uint8_t>(i + 1);
+      if (record.phase == StationPhase::failed) {
+        blocks_[i].verdict = Verdict::not_measured;
+        blocks_[i].reason = record.code;
+      }
     }
   }
   judged_->slab_key = action.slab_key;

@@ -100,6 +100,9 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     std::filesystem::create_directories(config.scanner.drop_dir.c_str(), ignored);
     if (auto made = hal::make_scan_drop(config.scanner, *clock); made.ok()) {
       scanner = std::move(made.value());
+      if (!scanner->online())
+        std::fprintf(stderr, "warning: scanner.drop_dir %s cannot be used yet; it is looked for again\n",
+                     config.scanner.drop_dir.c_str());
     } else {
       std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
       scanner = std::make_unique<AbsentScanner>(made.error());

@@ -3,9 +3,8 @@
 
 namespace slabd::daemon {
 
-const BlockResult& measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station,
-                                 const Pose& T_base_block, const Pose& T_base_scanner, algo::Cloud cloud,
-                                 const ScanShape& read, double read_ms) {
+Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station, const Pose& T_base_block,
+                     const Pose& T_base_scanner, algo::Cloud cloud, const ScanShape& read, double read_ms) {
   inspector.begin(station, T_base_block, T_base_scanner);
   StageTimes times;
   times.read_ms = read_ms;
@@ -32,7 +31,7 @@ const BlockResult& measure_block(algo::BlockInspector& inspector, const hal::Clo
   result.scan.points_read = read.points;
   result.scan.points_finite = read.finite;
   result.times = times;
-  return result;
+  return status;
 }
 
 FixedString<64> software_version() {

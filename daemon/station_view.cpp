@@ -10,6 +10,19 @@ bool acquired_or_measured(const StationRecord& record) {
   return record.phase == StationPhase::acquired || record.phase == StationPhase::measured;
 }
 
+/// A scan of this row became durable: it has a verdict that is not the code of a failed acquisition.
+bool row_has_scan(const PlcStationRow& row) {
+  const bool code = row.verdict == Verdict::not_measured && row.reason != 0 && row.reason < kReasonItemBase;
+  const bool measuring_code = row.reason >= 400 && row.reason < 500;
+  return row.attempts != 0 && row.verdict != Verdict::none && (!code || measuring_code);
+}
+
+void count_station(PlcOutputs& out, std::size_t index, bool has_scan) {
+  if (!has_scan) return;
+  ++out.stations_done;
+  out.station_mask |= 1U << index;
+}
+
 PlcStationRow provisional_row(const StationRecord& record) {
   PlcStationRow row;
   row.attempts = record.attempts;
@@ -80,9 +93,7 @@ PlcOutputs plc_view(const Station& s) {
     for (std::size_t i = 0; i < s.slab.stations.size(); ++i) {
       const StationRecord& record = s.slab.stations[i];
       out.table[i] = provisional_row(record);
-      if (!acquired_or_measured(record)) continue;
-      ++out.stations_done;
-      out.station_mask |= 1U << i;
+      count_station(out, i, acquired_or_measured(record));
     }
     out.table_slab_no = s.slab.header.slab_no;
   } else {
@@ -90,6 +101,7 @@ PlcOutputs plc_view(const Station& s) {
     out.slab_verdict = s.results.slab_verdict;
     out.slab_reason = s.results.slab_reason;
     out.table_slab_no = s.results.slab_no;
+    for (std::size_t i = 0; i < out.table.size(); ++i) count_station(out, i, row_has_scan(out.table[i]));
   }
   return out;
 }

@@ -151,7 +151,8 @@ struct ScanDropSettings {
   bool any_name = false;
   LengthUnit unit = LengthUnit::mm;
 };
-/// Makes request/, inbox/ and stray/ below drop_dir. scanner_offline when that fails.
+/// Makes request/, inbox/ and stray/ below drop_dir; while that is not possible (a share not mounted yet) the port is
+/// offline, and idle() looks again. config: drop_dir is empty or too long.
 [[nodiscard]] Result<std::unique_ptr<ScannerPort>> make_scan_drop(const ScanDropSettings& settings, const Clock& clock);
 
 // ---- control socket --------------------------------------------------------------------------------------------

@@ -105,12 +105,9 @@ class ScanDrop final : public ScannerPort {
   ScanDrop(const ScanDropSettings& settings, const Clock& clock)
       : settings_(settings), clock_(clock), folders_(settings.drop_dir) {}
 
-  Status start() {
-    Status status = folders_.open();
-    if (!status) return status;
-    folders_.withdraw_all_requests();
-    online_ = true;
-    return status;
+  /// A folder that is not there yet (a share not mounted) is no reason to give up: idle() looks again.
+  void start() {
+    if (open_folders()) folders_.withdraw_all_requests();
   }
 
   Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz,
@@ -297,7 +294,7 @@ Result<std::unique_ptr<ScannerPort>> make_scan_drop(const ScanDropSettings& sett
     return error(Code::config, "scanner.drop_dir \"%s\" is empty or longer than %zu bytes", settings.drop_dir.c_str(),
                  PathText::capacity() - 1);
   auto port = std::make_unique<ScanDrop>(settings, clock);
-  if (Status status = port->start(); !status) return status.error();
+  port->start();
   return std::unique_ptr<ScannerPort>(std::move(port));
 }
 

@@ -72,6 +72,12 @@ class ConfigTest : public ::testing::Test {
   Config config_;
 };
 
+TEST_F(ConfigTest, relative_paths_start_at_the_configurations_folder) {
+  EXPECT_EQ(load(std::string(kShortest) + "[storage]\ndb = \"data/slabd.db\"\n"), Texts{});
+  const std::string folder = config_.path.substr(0, config_.path.rfind('/'));
+  EXPECT_EQ(config_.storage.db_path, folder + "/data/slabd.db");
+}
+
 TEST_F(ConfigTest, shortest_configuration_gets_the_documented_defaults) {
   EXPECT_EQ(load(kShortest), Texts{});
   EXPECT_EQ(config_.plc.host.view(), "127.0.0.1");
@@ -151,7 +157,7 @@ TEST_F(ConfigTest, all_faults_are_reported_with_line_column_key_and_range) {
       "settled_mm = \"small\"\n"
       "samples_min = 20.5\n"
       "[scanner]\n"
-      "drop_dir = \"drop\"\n"
+      "drop_dir = \"\"\n"
       "any_name = 1\n"
       "[storage]\n"
       "spool_budget_gb = 1\n"
@@ -170,7 +176,7 @@ TEST_F(ConfigTest, all_faults_are_reported_with_line_column_key_and_range) {
       "slabd.toml:2:1: plc.unitid: unknown key; the nearest known one is \"unit_id\"",
       "slabd.toml:9:15: robot.samples_min: found 20.5, allowed is a whole number 3..300",
       "slabd.toml:8:14: robot.settled_mm: found \"small\", allowed is a number 0.001..1",
-      "slabd.toml:11:12: scanner.drop_dir: found \"drop\", allowed is an absolute path (it starts with /)",
+      "slabd.toml:11:12: scanner.drop_dir: found \"\", allowed is a path",
       "slabd.toml:12:12: scanner.any_name: found 1, allowed is true or false",
       "slabd.toml:14:19: storage.spool_budget_gb: found 1, allowed is 0 (keep every scan) or 3..100000; a slab's scans "
       "are 1.1 GB",

@@ -44,6 +44,8 @@ TEST_F(StationTest, takes_a_slab_from_begin_to_an_acknowledged_verdict) {
   EXPECT_EQ(line.view().cmd_status, 4);
   EXPECT_EQ(line.view().slab_verdict, Verdict::pass);
   EXPECT_FALSE(line.view().slab_open);
+  EXPECT_EQ(line.view().stations_done, 18);
+  EXPECT_EQ(line.view().station_mask, 0x3FFFFU);
   const auto records = line.take_results();
   ASSERT_EQ(records.size(), 1U);
   EXPECT_EQ(records[0].kind, 2);

@@ -324,13 +324,20 @@ TEST_F(ScanDropTest, a_spool_on_another_file_system_gets_a_copy) {
   fs::remove_all(pattern);
 }
 
-TEST_F(ScanDropTest, missing_drop_folder_is_reported_with_its_name) {
+TEST_F(ScanDropTest, a_folder_that_is_not_there_yet_is_reported_by_name_and_used_when_it_comes) {
   ScanDropSettings settings;
   settings.drop_dir = PathText(folder_ / "nowhere");
   const auto made = make_scan_drop(settings, *clock_);
-  ASSERT_FALSE(made.ok());
-  EXPECT_EQ(made.error().code, Code::scanner_offline);
-  EXPECT_NE(made.error().text.view().find("nowhere"), std::string_view::npos);
+  ASSERT_TRUE(made.ok());
+  ScannerPort& scanner = *made.value();
+  EXPECT_FALSE(scanner.online());
+  const auto result = scanner.acquire(request(), xyz_, cancel_);
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::scanner_offline);
+  EXPECT_NE(result.error().text.view().find("nowhere"), std::string_view::npos);
+  fs::create_directory(folder_ / "nowhere");
+  scanner.idle();
+  EXPECT_TRUE(scanner.online());
 }
 
 // ---- any_name ------------------------------------------------------------------------------------------------------

@@ -86,9 +86,9 @@ TEST(Allocation, none_from_scan_file_to_block_verdict) {
     const Result<ScanShape> shape = hal::read_scan(path.c_str(), hal::LengthUnit::mm, buffer);
     if (!shape.ok()) return;
     algo::Cloud cloud{buffer, shape.value().points, shape.value().width, shape.value().height};
-    verdict = daemon::measure_block(inspector, *clock, 1, Pose::identity(), nominal_T_block_scanner(), cloud,
-                                    shape.value(), 0.0)
-                  .verdict;
+    const Status status = daemon::measure_block(inspector, *clock, 1, Pose::identity(), nominal_T_block_scanner(),
+                                                cloud, shape.value(), 0.0);
+    verdict = status.ok() ? inspector.result().verdict : Verdict::none;
   };
   measure(first);
   {
