@@ -73,7 +73,7 @@ struct Item {
   double lower = kNoValue;       ///< absolute limits of `value`
   double upper = kNoValue;
   double U = kNoValue;           ///< expanded uncertainty, k = 2
-  double beside = kNoValue;      ///< the companion figure design section 6 asks for (see `beside_name`)
+  double beside = kNoValue;      ///< the companion figure of this item (see `beside_name`)
 
   [[nodiscard]] double deviation() const { return value - nominal; }
 };

@@ -68,7 +68,7 @@ enum PlcWarn : std::uint16_t {
 };
 
 /// Deviations of a result record, IR 42..55: mm or deg, NaN = none. Kind 2 carries station numbers and a count at
-/// some places; design section 7 has the table.
+/// some places; hal/plc_map.cpp has the table.
 inline constexpr std::size_t kPlcDeviations = 14;
 
 struct PlcResult {
@@ -143,7 +143,7 @@ struct PlcOutputs {
   std::uint32_t table_slab_no = 0;  ///< IR 108-109
 };
 
-/// Result records of a measured block and of a finished slab, as design section 7 lays out IR 42..55.
+/// Result records of a measured block and of a finished slab, in the order of IR 42..55.
 [[nodiscard]] PlcResult station_record(const BlockResult& block);
 [[nodiscard]] PlcResult slab_record(const SlabResult& slab, int stations);
 

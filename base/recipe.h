@@ -13,7 +13,7 @@
 /// file (`daemon`), never from code.
 namespace slabd {
 
-/// A nominal with the mark design section 5 asks for: has a person with the drawing confirmed it?
+/// A nominal and whether a person with the drawing has confirmed it: verdicts on assumed numbers come with a warning.
 struct Nominal {
   double value = kNoValue;
   bool confirmed = false;
@@ -99,7 +99,7 @@ struct Recipe {
 /// The station across the track: 1 <-> 18, 9 <-> 10 on nine pairs.
 [[nodiscard]] inline int opposite_station(const Recipe& recipe, int station) { return 2 * recipe.slab.pairs + 1 - station; }
 
-/// Nominal pose of the scanner over a block (design section 5): 600 mm above its origin, looking straight down.
+/// Nominal pose of the scanner over a block when nothing else is said: 600 mm above its origin, looking straight down.
 [[nodiscard]] Pose nominal_T_block_scanner();
 
 /// Nominals and tolerances that a verdict depends on and nobody has confirmed.

@@ -23,22 +23,6 @@ Exit status: 0 done (and pass), 1 inspected and not pass, 2 usage, 3 bad input,
 4 daemon or device not reachable, 5 internal error, 6 refused on quality.
 `slabctl COMMAND --help` explains a command.)";
 
-/// Levenshtein, one row.
-std::size_t letters_apart(const std::string& a, const std::string& b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = row[0];
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t above = row[j];
-      row[j] = std::min({above + 1, row[j - 1] + 1, diagonal + (a[i - 1] == b[j - 1] ? 0U : 1U)});
-      diagonal = above;
-    }
-  }
-  return row[b.size()];
-}
-
 std::vector<std::string> command_names(const CLI::App& app) {
   std::vector<std::string> names;
   for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; }))
@@ -67,7 +51,7 @@ std::string nearest(const std::string& word, const std::vector<std::string>& can
   std::string best;
   std::size_t best_distance = word.size() / 2 + 2;
   for (const std::string& candidate : candidates) {
-    const std::size_t distance = letters_apart(word, candidate);
+    const std::size_t distance = daemon::edit_distance(word, candidate);
     if (distance >= best_distance) continue;
     best_distance = distance;
     best = candidate;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "algo/algo.h"
@@ -37,6 +38,9 @@ struct Config {
 struct Problem {
   std::string text;
 };
+
+/// Least number of single-letter insertions, deletions and replacements that turn one word into the other.
+[[nodiscard]] std::size_t edit_distance(std::string_view a, std::string_view b);
 
 /// Reads and checks a configuration. Every problem found is reported, not only the first; unknown keys name the
 /// nearest known one. Empty `problems` means `config` is usable. A [plc] table that can be read is filled in even

@@ -52,8 +52,6 @@ inline constexpr std::size_t kTomlBytesMax = 1'000'000;  ///< nobody writes a co
 [[nodiscard]] bool parse_toml(const std::string& path, const std::string& bytes, TomlValue& root,
                               std::vector<Problem>& problems);
 
-/// Least number of single-letter insertions, deletions and replacements that turn one word into the other.
-[[nodiscard]] std::size_t edit_distance(std::string_view a, std::string_view b);
 /// The candidate with the smallest edit distance (the first of equals); empty when there are none.
 [[nodiscard]] std::string_view nearest(std::string_view word, const std::set<std::string, std::less<>>& candidates);
 
