@@ -330,6 +330,8 @@ void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, c
     return item.required || (item.verdict != Verdict::none && item.verdict != Verdict::not_measured);
   });
   const Verdict slab_wide = combine(of_slab.begin(), of_slab.end());
+  out.fail_mask = fail_mask(of_slab.begin(), of_slab.end());
+  out.open_mask = open_mask(of_slab.begin(), of_slab.end());
   // Without a single station there is nothing that could pass.
   out.verdict = slab_wide_counts ? slab_wide : (recipe.stations() == 0 ? Verdict::not_measured : Verdict::pass);
   for (int station = 1; station <= recipe.stations(); ++station) {
@@ -338,6 +340,8 @@ void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, c
     const Code cause = cause_of(block);
     StationItems& items = of_station[k];
     items = items_of_station(recipe, block, seats, out, station);
+    out.fail_mask |= fail_mask(items.begin(), items.end());
+    out.open_mask |= open_mask(items.begin(), items.end());
     Verdict verdict = combine(items.begin(), items.end());
     if (cause != Code::ok && verdict != Verdict::fail) verdict = Verdict::not_measured;
     out.station_verdict[k] = verdict;

@@ -48,7 +48,7 @@ constexpr std::array kTable = {
           "check the station, the slab's position and that the block is there"},
     Entry{Code::fit_failed, "a required feature could not be measured", "scan again; look for dirt or missing surface"},
     Entry{Code::ambiguous, "the scan fits the block in more than one way", "scan again with the whole block in view"},
-    Entry{Code::deadline, "the measurement took too long", "check the computer's load"},
+    Entry{Code::deadline, "the measurement, or a buffer for the scan, was not ready in time", "check the computer's load"},
     Entry{Code::store_full, "the disk has no room for two more slabs", "free space on the spool disk"},
     Entry{Code::journal_write, "the database could not be written", "check the disk; then reset the fault"},
     Entry{Code::calibration_missing, "there is no valid calibration", "calibrate, or set [calibration] in the config"},

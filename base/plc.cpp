@@ -61,8 +61,8 @@ PlcResult slab_record(const SlabResult& slab, int stations) {
   record.kind = 2;
   record.verdict = slab.verdict;
   record.reason = slab.reason;
-  record.fail_mask = fail_mask(slab.items.begin(), slab.items.end());
-  record.open_mask = open_mask(slab.items.begin(), slab.items.end());
+  record.fail_mask = slab.fail_mask;
+  record.open_mask = slab.open_mask;
   const Worst spacing = worst_of(slab, ItemId::seat_spacing);
   const Worst large_jaw = worst_of(slab, ItemId::large_jaw_distance);
   const Worst slope = worst_of(slab, ItemId::seat_slope);

@@ -132,6 +132,8 @@ struct SlabFitReport {
 struct SlabResult {
   Verdict verdict = Verdict::none;
   std::uint16_t reason = 0;
+  std::uint16_t fail_mask = 0;  ///< over the items of all blocks and of the slab, as the PLC reads them
+  std::uint16_t open_mask = 0;
   SlabFitReport fit;
   FixedVector<Item, kSlabItemsMax> items;  ///< slab-frame items; block items stay with their blocks
   std::array<Verdict, limits::kStationsMax> station_verdict{};  ///< final, slab items included; [station - 1]
@@ -142,7 +144,7 @@ struct SlabResult {
 /// item, or `code` when it names a cause before any item; 0 for pass.
 [[nodiscard]] std::uint16_t reason_for(Verdict verdict, const Item* begin, const Item* end, Code code);
 
-/// Bits of IR 38 (`Verdict::fail`) and of IR 39 (indeterminate, and not measured where required).
+/// Bits of IR 38 (`Verdict::fail`) and of IR 39 (indeterminate or not measured, required or not).
 [[nodiscard]] std::uint16_t fail_mask(const Item* begin, const Item* end);
 [[nodiscard]] std::uint16_t open_mask(const Item* begin, const Item* end);
 

@@ -16,6 +16,11 @@ namespace {
 
 constexpr double kReachMm = 20'000.0;  ///< no cell and no robot is larger
 constexpr double kArmMaxMm = 2'000.0;  ///< nor does a scanner sit further from its flange
+/// Of window and dwell together. At 250 Hz the ring holds two seconds; the rest is for a sender that is a third faster.
+constexpr double kStandstillMaxMs = 1'500.0;
+/// The ring holds this many poses whatever the sender's rate, so that the window is always filled in the end.
+constexpr std::int64_t kSamplesMinMax = 300;
+static_assert(kSamplesMinMax < limits::kPoseRing && kStandstillMaxMs * 250 / 1000 < limits::kPoseRing);
 constexpr std::size_t kPathMax = limits::kPathBytes - 64;  ///< names inside a folder are appended
 
 /// 127.0.0.0/8: nobody but this computer until told otherwise.
@@ -115,6 +120,16 @@ void read_int16(TableReader& table, std::string_view key, std::int16_t& out) {
   out = static_cast<std::int16_t>(number);
 }
 
+/// Window and dwell are one stretch of poses that must fit into the ring, or no robot would ever count as settled.
+void check_standstill(TableReader& robot, const PoseSettings& pose) {
+  const double total_ms = static_cast<double>(pose.window_ns + pose.dwell_ns) / 1e6;
+  if (total_ms > kStandstillMaxMs)
+    robot.problem(robot.has("dwell_ms") ? "dwell_ms" : "window_ms",
+                  fmt::format("window_ms and dwell_ms together are {} ms, allowed are {} ms: the daemon remembers 2 s of "
+                              "poses at 250 Hz, and a longer standstill would never be seen",
+                              total_ms, kStandstillMaxMs));
+}
+
 void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, std::int64_t& settle_timeout_ns) {
   read_text(robot, "lcm_url", lcm.url);
   if (!lcm.url.view().starts_with("udpm://"))
@@ -122,13 +137,14 @@ void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, st
   read_text(robot, "channel", lcm.channel);
   read_text(robot, "interface", lcm.interface);
 
-  read_ms(robot, "window_ms", pose.window_ns, {50.0, 1'500.0});  // the pose ring holds two seconds
+  read_ms(robot, "window_ms", pose.window_ns, {50.0, kStandstillMaxMs});
   std::int64_t samples_min = pose.samples_min;
-  robot.optional_integer("samples_min", samples_min, 3, 300);
+  robot.optional_integer("samples_min", samples_min, 3, kSamplesMinMax);
   pose.samples_min = static_cast<int>(samples_min);
   robot.optional_number("settled_mm", pose.settled_mm, {0.001, 1.0});
   read_deg(robot, "settled_deg", pose.settled_rad, {0.0001, 0.1});
-  read_ms(robot, "dwell_ms", pose.dwell_ns, {0.0, 2'000.0});
+  read_ms(robot, "dwell_ms", pose.dwell_ns, {0.0, kStandstillMaxMs});
+  check_standstill(robot, pose);
   robot.optional_number("moved_mm", pose.moved_mm, {0.001, 1.0});
   read_deg(robot, "moved_deg", pose.moved_rad, {0.0001, 0.1});
   read_ms(robot, "stale_ms", pose.stale_ns, {10.0, 1'000.0});

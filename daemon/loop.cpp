@@ -17,11 +17,13 @@ constexpr std::int64_t kWorkerStuckNs = 60 * kNsPerS;
 
 }  // namespace
 
-Loop::Loop(const Ports& ports, const StationSettings& settings, const algo::StationSigma& sigma, LoopFigures figures)
+Loop::Loop(const Ports& ports, const StationSettings& settings, const algo::StationSigma& sigma,
+           hal::LengthUnit scan_unit, LoopFigures figures)
     : ports_(ports),
       figures_(std::move(figures)),
       recipes_(settings.recipes),
       sigma_(sigma),
+      scan_unit_(scan_unit),
       station_(std::make_unique<Station>(settings)),
       actions_(std::make_unique<Actions>()),
       follow_up_(std::make_unique<Event>()),
@@ -59,8 +61,11 @@ StoreDone Loop::store(const StoreJob& job) const {
     done.code = status.error().code;
     say({LogLine::Level::error, static_cast<std::uint16_t>(done.code), status.error().text});
   }
-  if (!ports_.store->spool_trouble().empty())
-    say({LogLine::Level::warning, static_cast<std::uint16_t>(Code::store_full), ports_.store->spool_trouble()});
+  if (ports_.store->spool_trouble() != spool_trouble_said_) {
+    spool_trouble_said_ = ports_.store->spool_trouble();
+    if (!spool_trouble_said_.empty())
+      say({LogLine::Level::warning, static_cast<std::uint16_t>(Code::store_full), std::string_view(spool_trouble_said_)});
+  }
   return done;
 }
 
@@ -83,16 +88,18 @@ BlockMeasured Loop::measure(const MeasureBlock& job) {
   done.slab_key = job.slab_key;
   done.attempt = job.attempt;
   done.slot = job.slot;
+  done.cmd_seq = job.cmd_seq;
+  done.scan_utime_us = job.scan_utime_us;
   done.block.station = job.station;
   const Recipe* recipe = nullptr;
   for (const Recipe& candidate : recipes_)
     if (candidate.slab_type == job.slab_type) recipe = &candidate;
   ScanShape shape = job.shape;
-  double read_ms = 0.0;
+  double read_ms = job.read_ms;
   Code code = recipe == nullptr ? Code::unknown_type : Code::ok;
   if (code == Code::ok && job.reload) {
     const std::int64_t start_ns = ports_.clock.mono_ns();
-    const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), hal::LengthUnit::mm, slot(job.slot));
+    const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_unit_, slot(job.slot));
     read_ms = ms_from_ns(ports_.clock.mono_ns() - start_ns);
     if (read.ok()) {
       shape = read.value();
@@ -132,6 +139,8 @@ void Loop::run(const std::atomic<bool>& stop) {
       handle(Recovered{line.value().get()});
     } else {
       say({LogLine::Level::error, static_cast<std::uint16_t>(line.error().code), line.error().text});
+      // Nothing may be written over what could not be read.
+      ports_.store = nullptr;
       station_->settings.fault = Code::journal_write;
       handle(Recovered{std::make_unique<RecoveredLine>().get()});
     }

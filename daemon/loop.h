@@ -39,7 +39,9 @@ struct LoopFigures {
 /// Everything is allocated by the constructor; run() allocates nothing on the inspection path.
 class Loop {
  public:
-  Loop(const Ports& ports, const StationSettings& settings, const algo::StationSigma& sigma, LoopFigures figures);
+  /// `scan_unit`: of the scan files, which lie in the spool as the scanner wrote them.
+  Loop(const Ports& ports, const StationSettings& settings, const algo::StationSigma& sigma,
+       hal::LengthUnit scan_unit, LoopFigures figures);
   ~Loop();
   Loop(const Loop&) = delete;
   Loop& operator=(const Loop&) = delete;
@@ -78,6 +80,7 @@ class Loop {
   LoopFigures figures_;
   std::span<const Recipe> recipes_;
   algo::StationSigma sigma_;
+  hal::LengthUnit scan_unit_;
 
   std::unique_ptr<Station> station_;
   std::unique_ptr<Actions> actions_;
@@ -95,6 +98,7 @@ class Loop {
   std::array<std::uint64_t, 3> worker_turns_{};
   std::array<std::int64_t, 3> worker_moved_ns_{};
   std::string trouble_said_;
+  mutable std::string spool_trouble_said_;  ///< storage thread only
 
   // Last: the threads start when everything they touch exists, and end first.
   std::unique_ptr<StoreWorker> store_worker_;

@@ -63,7 +63,11 @@ StationSettings station_settings(const Config& config, const std::vector<Recipe>
   settings.simulation = config.simulation;
   if (config.calibration.commissioning) settings.warn |= kWarnCommissioningCalibration;
   for (const Recipe& recipe : recipes)
-    if (unconfirmed_count(recipe) > 0) settings.warn |= kWarnUnconfirmedNominals;
+    if (const int count = unconfirmed_count(recipe); count > 0) {
+      settings.warn |= kWarnUnconfirmedNominals;
+      std::fprintf(stderr, "warning: recipe %s: verdicts depend on %d nominals and tolerances nobody has confirmed\n",
+                   recipe.name.c_str(), count);
+    }
   return settings;
 }
 
@@ -130,7 +134,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   figures.db_path = config.storage.db_path;
   const algo::StationSigma sigma{config.calibration.station_sigma_mm, config.calibration.station_sigma_rad};
   const Ports ports{*plc.value(), *pose, *scanner, store.get(), control.get(), *clock, *notify};
-  Loop loop(ports, settings, sigma, std::move(figures));
+  Loop loop(ports, settings, sigma, config.scanner.unit, std::move(figures));
   std::fprintf(stderr, "info: %s: Modbus/TCP on %s:%u, inspection memory %.0f MB%s\n", settings.software.c_str(),
                config.plc.host.c_str(), plc.value()->bound_port(), static_cast<double>(limits::kInspectionBytes) / 1e6,
                settings.fault == Code::ok ? "" : "; in FAULT, see above");

@@ -14,8 +14,11 @@ bool wrong_frame(const PoseSample& sample, const PoseSettings& settings) {
 /// A sender that leaves seq at 0 has only its clock to be judged by.
 bool breaks_run(const PoseSample& before, const PoseSample& sample, const PoseSettings& settings) {
   const bool counts = before.seq != 0 || sample.seq != 0;
-  const std::int64_t step_us = sample.utime_us - before.utime_us;
-  return (counts && sample.seq != before.seq + 1) || step_us <= 0 || step_us > settings.gap_us;
+  // Unsigned: the numbers come from outside and may be anything.
+  const bool next = static_cast<std::uint32_t>(sample.seq) - static_cast<std::uint32_t>(before.seq) == 1U;
+  const std::uint64_t step_us =
+      static_cast<std::uint64_t>(sample.utime_us) - static_cast<std::uint64_t>(before.utime_us);
+  return (counts && !next) || step_us == 0 || step_us > static_cast<std::uint64_t>(settings.gap_us);
 }
 
 /// Mean and spread of ring entries [first, last]. Translations are summed about the first one, quaternions are turned
@@ -84,9 +87,8 @@ Code PoseGate::settled(std::int64_t now_ns, PoseMean& mean) const {
     covered = age_ns >= span_ns && last - first + 1 >= static_cast<std::size_t>(settings_.samples_min);
   }
   if (!covered) return Code::not_settled;
-  if (stopped_flag_used_)
-    for (std::size_t i = first; i <= last; ++i)
-      if (!ring_[i].stopped) return Code::not_settled;
+  for (std::size_t i = first; i <= last; ++i)
+    if (ring_[i].estop || (stopped_flag_used_ && !ring_[i].stopped)) return Code::not_settled;
   const PoseMean candidate = mean_of(ring_, first, last);
   if (candidate.spread_mm > settings_.settled_mm || candidate.spread_rad > settings_.settled_rad)
     return Code::not_settled;

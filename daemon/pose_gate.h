@@ -22,7 +22,7 @@ struct PoseMean {
 /// Decides whether the robot stands still, from the last two seconds of poses. Pure; fed by `add`.
 ///
 /// Settled: over `window_ns` and at least `samples_min` samples, without a gap, peak to valley within the limits, no
-/// sample that says "moving", plus `dwell_ns` since that became true. A gap, a sequence jump, a step back of the
+/// sample that says "moving" or "emergency stop", plus `dwell_ns` since that became true. A gap, a sequence jump, a step back of the
 /// sender's clock or a wrong frame restarts the window.
 class PoseGate {
  public:

@@ -66,6 +66,8 @@ struct BlockMeasured {
   std::int64_t slab_key = 0;
   std::uint8_t attempt = 0;
   std::uint8_t slot = 0;
+  std::uint16_t cmd_seq = 0;          ///< of the SCAN that took this cloud, as it was asked to be measured
+  std::int64_t scan_utime_us = 0;
   BlockResult block;
 };
 struct SlabJudged {
@@ -91,6 +93,9 @@ struct MeasureBlock {
   std::uint8_t station = 0;
   std::uint8_t attempt = 0;
   std::uint8_t slot = 0;
+  std::uint16_t cmd_seq = 0;
+  std::int64_t scan_utime_us = 0;
+  double read_ms = 0.0;
   bool reload = false;  ///< after a restart: read `scan_path` into the slot first
   PathText scan_path;
   ScanShape shape;
@@ -128,7 +133,9 @@ struct CommandDesk {
   std::uint16_t judged_seq = 0;      ///< CMD_SEQ (with `judged_echo`) last looked at: a repeated image is not news
   std::uint16_t judged_echo = 0;
   std::uint32_t judged_writer = 0;
+  std::int64_t refusal_logged_ns = -kNsPerS;  ///< a peer that repeats itself fills one line a second
   bool pending = false;              ///< `pending_inputs` waits for its journal entry
+  bool pending_abort = false;        ///< ABORT was raised meanwhile
   PlcInputs pending_inputs;
   BeginSlabJob pending_begin;        ///< when it is SLAB_BEGIN
 };
@@ -152,6 +159,7 @@ struct Acquisition {
   std::int64_t started_ns = 0;
   std::int64_t settled_ns = 0;
   std::int64_t taken_ns = 0;         ///< checking: when the exposure was over
+  double read_ms = 0.0;
   Attempt attempt;
 };
 

@@ -34,19 +34,19 @@ Code looks_at_station(const Station& s, const Pose& T_base_flange, double& off_a
 void try_to_trigger(Station& s, Actions& actions) {
   Acquisition& a = s.acquisition;
   PoseMean mean;
-  const Code code = s.gate.settled(s.now_ns, mean);
-  const int slot = free_slot(s);
-  if (code != Code::ok || slot < 0) {
-    if (s.now_ns - a.started_ns > s.settings.settle_timeout_ns)
-      fail_acquisition(s, code != Code::ok ? code : Code::deadline, actions);
-    return;
-  }
   double off_axis_mm = 0.0;
-  if (looks_at_station(s, mean.T_base_flange, off_axis_mm) != Code::ok) {
-    log(actions, LogLine::Level::warning, Code::outside_window,
-        "station %u: its centre lies %.0f mm off the scanner's axis, allowed %.0f mm", a.station, off_axis_mm,
-        s.settings.pose.look_mm);
-    fail_acquisition(s, Code::outside_window, actions);
+  Code code = s.gate.settled(s.now_ns, mean);
+  // A SCAN may come before the robot has left the last station: standing in the wrong place is not yet an error.
+  if (code == Code::ok) code = looks_at_station(s, mean.T_base_flange, off_axis_mm);
+  const int slot = free_slot(s);
+  if (code == Code::ok && slot < 0) code = Code::deadline;
+  if (code != Code::ok) {
+    if (s.now_ns - a.started_ns <= s.settings.settle_timeout_ns) return;
+    if (code == Code::outside_window)
+      log(actions, LogLine::Level::warning, code,
+          "station %u: its centre lies %.0f mm off the scanner's axis, allowed %.0f mm", a.station, off_axis_mm,
+          s.settings.pose.look_mm);
+    fail_acquisition(s, code, actions);
     return;
   }
   a.phase = Acquisition::Phase::scanning;
@@ -98,13 +98,16 @@ void release(Station& s) {
   s.acquisition = {};
 }
 
-void measure(Station& s, std::uint8_t station, std::uint8_t slot, bool reload, Actions& actions) {
+void measure(Station& s, std::uint8_t station, std::uint8_t slot, bool reload, double read_ms, Actions& actions) {
   const StationRecord& record = record_of(s, station);
   MeasureBlock action;
   action.slab_key = s.slab.header.key;
   action.station = station;
   action.attempt = record.attempt.number;
   action.slot = slot;
+  action.cmd_seq = record.attempt.cmd_seq;
+  action.scan_utime_us = record.attempt.scan_utime_us;
+  action.read_ms = read_ms;
   action.reload = reload;
   action.scan_path = record.attempt.scan_path;
   action.shape = record.attempt.shape;
@@ -139,6 +142,7 @@ void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
   a.attempt.cmd_seq = a.cmd_seq;
   set_status(s, a.cmd_seq, CommandStatus::acquiring);
   log(actions, LogLine::Level::info, Code::ok, "station %u: scan %u begins", a.station, a.attempt.number);
+  if (s.plc.inputs.abort || s.desk.pending_abort) fail_acquisition(s, Code::interrupted, actions);
 }
 
 void advance_acquisition(Station& s, Actions& actions) {
@@ -158,6 +162,7 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   a.attempt.shape = done.scan.shape;
   a.attempt.scan_utime_us = done.scan.taken_utime_us;
   a.taken_ns = done.scan.taken_mono_ns;
+  a.read_ms = done.scan.read_ms;
   if (a.abort || done.code != Code::ok) {
     fail_acquisition(s, a.abort ? Code::interrupted : done.code, actions);
     return;
@@ -185,8 +190,9 @@ void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Acti
   log(actions, LogLine::Level::info, Code::ok, "station %u: %zu points durable after %.0f ms, the robot may leave",
       pending.station, a.attempt.shape.finite, a.attempt.acquire_ms);
   const std::uint8_t slot = a.slot;
+  const double read_ms = a.read_ms;
   a = {};  // the buffer stays taken until the block is measured
-  measure(s, pending.station, slot, false, actions);
+  measure(s, pending.station, slot, false, read_ms, actions);
 }
 
 void fail_acquisition(Station& s, Code code, Actions& actions) {
@@ -216,6 +222,8 @@ void abort_acquisition(Station& s, Actions& actions) {
       emit(actions, CancelScan{});
       break;
     case Acquisition::Phase::none:
+      s.desk.pending_abort = s.desk.pending;  // a SCAN may be on its way to the journal
+      break;
     case Acquisition::Phase::storing: break;  // too late: the cloud is as good as durable
   }
 }
@@ -233,10 +241,10 @@ void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actio
   pending.attempt = measured.attempt;
   pending.slab_key = measured.slab_key;
   pending.record = station_record(measured.block);
-  pending.record.cmd_seq = record.attempt.cmd_seq;
+  pending.record.cmd_seq = measured.cmd_seq;
   pending.record.slab_no = s.slab.header.slab_no;
-  pending.record.scan_utime_us = record.attempt.scan_utime_us;
-  pending.value = pending.record.cmd_seq;
+  pending.record.scan_utime_us = measured.scan_utime_us;
+  pending.value = measured.cmd_seq;
   number_record(s, pending.record);
   log(actions, LogLine::Level::info, Code::ok, "station %u: %s (reason %u) after %.0f ms", measured.block.station,
       name(measured.block.verdict).data(), measured.block.reason, measured.block.times.total_ms);
@@ -245,15 +253,15 @@ void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actio
 
 void remeasure(Station& s, Actions& actions) {
   const bool quiet = s.slab.phase == SlabPhase::open || s.slab.phase == SlabPhase::ending;
-  if (!quiet || s.slab.aborting || s.slab.recipe == nullptr || s.fault != 0 || s.measuring != 0 ||
-      s.acquisition.phase != Acquisition::Phase::none)
+  if (!quiet || s.slab.aborting || s.slab.recipe == nullptr || s.fault != 0 || s.measuring != 0 || s.desk.pending ||
+      s.acquisition.phase != Acquisition::Phase::none || !room_for_records(s, 2))
     return;
   for (std::size_t i = 0; i < s.slab.stations.size(); ++i) {
     if (s.slab.stations[i].phase != StationPhase::acquired || s.station_measuring[i]) continue;
     const int slot = free_slot(s);
     if (slot < 0) return;
     s.slot_busy[static_cast<std::size_t>(slot)] = true;
-    measure(s, static_cast<std::uint8_t>(i + 1), static_cast<std::uint8_t>(slot), true, actions);
+    measure(s, static_cast<std::uint8_t>(i + 1), static_cast<std::uint8_t>(slot), true, 0.0, actions);
     return;
   }
 }

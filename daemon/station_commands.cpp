@@ -3,7 +3,7 @@
 // The command desk. A command is carried out once, by the one who may, in the session he knows:
 //   (a) CMD_SEQ must be the successor of CMD_ACK: a repeated or replayed block does nothing,
 //   (b) SESSION_ECHO must be the session now shown: after a restart of either side old frames are void,
-//   (c) ENABLE set and heartbeat alive, (d) one connection owns the command block; another one takes it over, but the
+//   (c) ENABLE set and heartbeat alive, (d) one connection commands; a command from another one takes over, but the
 //       session changes and its first block is refused.
 // CMD_ACK moves only when the command is in the journal, or when its content is refused.
 #include <algorithm>
@@ -24,8 +24,10 @@ void refuse(Station& s, const PlcInputs& in, Code code, Actions& actions) {
     desk.ack = in.cmd_seq;
     set_failed(s, in.cmd_seq, code);
   }
-  log(actions, LogLine::Level::warning, code, "command %u (CMD %u, station %u) refused: %.*s", in.cmd_seq, in.command,
-      in.station, static_cast<int>(describe(code).size()), describe(code).data());
+  if (s.now_ns - desk.refusal_logged_ns < kNsPerS) return;
+  desk.refusal_logged_ns = s.now_ns;
+  log(actions, LogLine::Level::warning, code, "command %u (CMD %u, station %u) refused: %.*s (refusal %u)", in.cmd_seq,
+      in.command, in.station, static_cast<int>(describe(code).size()), describe(code).data(), desk.refused);
 }
 
 bool printable(const std::array<char, limits::kSlabIdBytes>& id) {
@@ -46,7 +48,8 @@ Code check_begin(const Station& s, const PlcInputs& in) {
   if (s.slab.phase != SlabPhase::none) return Code::wrong_slab;
   const Recipe* recipe = recipe_for(s, in.slab_type);
   if (recipe == nullptr || (in.recipe != 0 && in.recipe != recipe->slab_type)) return Code::unknown_type;
-  return printable(in.slab_id) ? Code::ok : Code::bad_id_text;
+  if (!printable(in.slab_id)) return Code::bad_id_text;
+  return room_for_records(s, 1) ? Code::ok : Code::busy;
 }
 
 Code check_scan(const Station& s, const PlcInputs& in) {
@@ -56,8 +59,7 @@ Code check_scan(const Station& s, const PlcInputs& in) {
   if (s.slab.recipe == nullptr) return Code::unknown_type;
   if (in.station < 1 || in.station > s.slab.recipe->stations()) return Code::station_range;
   if (s.acquisition.phase != Acquisition::Phase::none || s.station_measuring[in.station - 1U]) return Code::busy;
-  // The record of this scan, of those being measured, and of the slab must find room in the queue.
-  if (s.results.queue.size() + s.measuring + 2 > limits::kResultQueueMax) return Code::busy;
+  if (!room_for_records(s, 2)) return Code::busy;  // this scan's and the slab's
   if (s.slab.stations[in.station - 1U].attempts == 0xFF) return Code::store_full;
   return Code::ok;
 }
@@ -65,7 +67,7 @@ Code check_scan(const Station& s, const PlcInputs& in) {
 Code check_end(const Station& s, const PlcInputs& in, bool aborting) {
   if (!aborting && current_fault(s) != Code::ok) return current_fault(s);
   if (s.slab.phase == SlabPhase::none || !names_open_slab(s, in)) return Code::wrong_slab;
-  if (s.slab.phase == SlabPhase::storing_end) return Code::busy;
+  if (s.slab.phase == SlabPhase::storing_end || !room_for_records(s, 1)) return Code::busy;
   if (aborting) return Code::ok;  // also while SLAB_END waits for something that does not come
   if (s.slab.phase != SlabPhase::open) return Code::busy;
   if (s.slab.recipe == nullptr) return Code::unknown_type;
@@ -73,7 +75,7 @@ Code check_end(const Station& s, const PlcInputs& in, bool aborting) {
 }
 
 Code check_report(const Station& s, const PlcInputs& in) {
-  if (s.results.queue.full()) return Code::busy;
+  if (!room_for_records(s, s.slab.phase == SlabPhase::none ? 1 : 2)) return Code::busy;
   if (in.station > limits::kStationsMax) return Code::station_range;
   if (in.station == 0) return s.results.slab_record.res_seq != 0 ? Code::ok : Code::wrong_slab;
   if (s.slab.phase == SlabPhase::none) return Code::wrong_slab;
@@ -99,6 +101,7 @@ Code check_content(const Station& s, const PlcInputs& in) {
 
 void journal(Station& s, const PlcInputs& in, Actions& actions) {
   s.desk.pending = true;
+  s.desk.pending_abort = false;
   s.desk.pending_inputs = in;
   PendingStore pending;
   pending.value = in.cmd_seq;
@@ -120,6 +123,15 @@ void journal(Station& s, const PlcInputs& in, Actions& actions) {
   submit(s, actions, job, pending);
 }
 
+/// Rule (d). Only a new command takes over: a display that writes the block back as it read it changes nothing. The
+/// first commander of a process needs no change of session: he can only know the one now shown.
+void take_over(Station& s, const PlcInputs& in, Actions& actions) {
+  if (in.command_writer == s.desk.writer) return;
+  const bool takeover = s.desk.writer != 0;
+  s.desk.writer = in.command_writer;
+  if (takeover) bump_session(s, actions, "another connection took over the command block");
+}
+
 void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
   CommandDesk& desk = s.desk;
   if (in.cmd_seq == 0 || in.command_writer == 0) return;
@@ -131,6 +143,7 @@ void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
   desk.judged_writer = in.command_writer;
 
   if (in.cmd_seq == desk.ack) return;  // the same command again: CMD_ACK already says so
+  take_over(s, in, actions);
   if (desk.session != desk.session_next || in.session_echo != desk.session) {
     refuse(s, in, Code::stale_session, actions);
   } else if (desk.pending || in.cmd_seq != next_sequence(desk.ack)) {
@@ -140,14 +153,6 @@ void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
   } else {
     journal(s, in, actions);
   }
-}
-
-/// Rule (d). The first writer of a process needs no change of session: he can only know the one now shown.
-void judge_writer(Station& s, const PlcInputs& in, Actions& actions) {
-  if (in.command_writer == 0 || in.command_writer == s.desk.writer) return;
-  const bool takeover = s.desk.writer != 0;
-  s.desk.writer = in.command_writer;
-  if (takeover) bump_session(s, actions, "another connection took over the command block");
 }
 
 void acknowledge(Station& s, const PlcInputs& in, Actions& actions) {
@@ -174,9 +179,21 @@ void set_status(Station& s, std::uint16_t cmd_seq, std::uint16_t status) {
   if (s.desk.ack == cmd_seq) s.desk.status = status;
 }
 
+bool room_for_records(const Station& s, std::size_t more) {
+  std::size_t promised = s.results.queue.size() + s.measuring;
+  for (const PendingStore& pending : s.storing)
+    promised += pending.kind == PendingStore::Kind::report || pending.kind == PendingStore::Kind::slab ? 1 : 0;
+  return promised + more <= limits::kResultQueueMax;
+}
+
 /// The new number is shown only when it is durable; until then every command is stale. Otherwise a restart could
-/// count back to a session that was already in use.
+/// count back to a session that was already in use. A number on its way has been shown to nobody: a further reason to
+/// change needs no further number.
 void bump_session(Station& s, Actions& actions, const char* why) {
+  const bool under_way = std::any_of(s.storing.begin(), s.storing.end(), [](const PendingStore& pending) {
+    return pending.kind == PendingStore::Kind::session;
+  });
+  if (under_way) return;
   s.desk.session_next = next_sequence(s.desk.session_next);
   log(actions, LogLine::Level::info, Code::ok, "session %u: %s", s.desk.session_next, why);
   PendingStore pending;
@@ -206,7 +223,6 @@ void on_plc(Station& s, const PlcInputs& in, Actions& actions) {
   }
   if (in.abort && !before.abort) abort_acquisition(s, actions);
   acknowledge(s, in, actions);
-  judge_writer(s, in, actions);
   judge_command(s, in, actions);
 }
 

@@ -51,6 +51,9 @@ inline void set_status(Station& s, std::uint16_t cmd_seq, CommandStatus status) 
 inline void set_failed(Station& s, std::uint16_t cmd_seq, Code code) {
   set_status(s, cmd_seq, static_cast<std::uint16_t>(kCommandFailed + static_cast<std::uint16_t>(code)));
 }
+/// Is there room in the result queue for `more` records beside those already promised (blocks being measured, the
+/// slab's end, repeated records on their way)? While a slab is open its own record always keeps a place.
+[[nodiscard]] bool room_for_records(const Station& s, std::size_t more);
 /// A journalled command begins: CMD_ACK has moved to it.
 void begin_command(Station& s, Actions& actions);
 

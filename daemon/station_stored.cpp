@@ -20,6 +20,7 @@ void on_session(Station& s, const PendingStore& pending, Code code, Actions& act
 void on_command(Station& s, const PendingStore& pending, Code code, Actions& actions) {
   s.desk.pending = false;
   if (code == Code::ok) {
+    if (pending.kind == PendingStore::Kind::begin_slab) s.warn &= static_cast<std::uint16_t>(~kWarnDiskLow);
     begin_command(s, actions);
     return;
   }
@@ -61,7 +62,8 @@ void on_slab(Station& s, const PendingStore& pending, Code code, Actions& action
   if (code != Code::ok) {
     raise_fault(s, actions, code, "recording the slab");
     set_failed(s, pending.value, code);
-    s.slab.phase = SlabPhase::open;  // SLAB_END may be given again
+    s.slab.phase = SlabPhase::open;  // SLAB_END or SLAB_ABORT may be given again
+    s.slab.aborting = false;
     return;
   }
   const SlabResult& result = s.slab.result;

@@ -13,7 +13,7 @@ bool acquired_or_measured(const StationRecord& record) {
 /// A scan of this row became durable: it has a verdict that is not the code of a failed acquisition.
 bool row_has_scan(const PlcStationRow& row) {
   const bool code = row.verdict == Verdict::not_measured && row.reason != 0 && row.reason < kReasonItemBase;
-  const bool measuring_code = row.reason >= 400 && row.reason < 500;
+  const bool measuring_code = row.reason > 401 && row.reason < 500;
   return row.attempts != 0 && row.verdict != Verdict::none && (!code || measuring_code);
 }
 

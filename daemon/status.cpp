@@ -2,6 +2,7 @@
 //
 // The answer to a status request on the control socket. Control path: heap and exceptions of the JSON library stay in
 // here.
+#include <exception>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
@@ -41,6 +42,15 @@ Json warnings(std::uint16_t bits) {
   add(kWarnDiskLow, "a slab was refused because the spool disk is nearly full");
   add(kWarnControlSocket, "the control socket could not be opened");
   return list;
+}
+
+/// Paths may hold any bytes; what is not UTF-8 becomes U+FFFD instead of an exception.
+std::string text_of(const Json& json) {
+  return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+std::string refusal(const char* text) {
+  return text_of(Json{{"schema", "slabd.error/1"}, {"error", text}});
 }
 
 /// "VmRSS" and the like from /proc/self/status, in kB; 0 where there is none.
@@ -101,18 +111,22 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
   j["uptime_s"] = static_cast<double>(station.now_ns - figures.started_ns) / 1e9;
   j["config"] = figures.config_path;
   j["db"] = figures.db_path;
-  return j.dump();
+  return text_of(j);
 }
 
 std::string answer_control(std::string_view line, const Station& station, const Ports& ports,
                            const LoopFigures& figures) {
-  const Json request = Json::parse(line, nullptr, false);
-  const auto refuse = [](const std::string& text) { return Json{{"schema", "slabd.error/1"}, {"error", text}}.dump(); };
-  if (!request.is_object()) return refuse("a request is one JSON object per line, like {\"verb\":\"status\"}");
-  const auto verb = request.find("verb");
-  if (verb == request.end() || !verb->is_string()) return refuse("the key \"verb\" is missing or not a string");
-  if (*verb != "status") return refuse("unknown verb; known: status");
-  return status_json(station, ports, figures);
+  try {
+    const Json request = Json::parse(line, nullptr, false);
+    if (!request.is_object()) return refusal("a request is one JSON object per line, like {\"verb\":\"status\"}");
+    const auto verb = request.find("verb");
+    if (verb == request.end() || !verb->is_string()) return refusal("the key \"verb\" is missing or not a string");
+    if (*verb != "status") return refusal("unknown verb; known: status");
+    return status_json(station, ports, figures);
+  } catch (const std::exception&) {
+    // Somebody's question must not stop the line.
+    return R"({"schema":"slabd.error/1","error":"the daemon could not make an answer"})";
+  }
 }
 
 }  // namespace slabd::daemon

@@ -249,6 +249,7 @@ TEST(Slab, ABlockThatFailsFailsTheSlab) {
   EXPECT_EQ(r.verdict, Verdict::fail);
   EXPECT_EQ(r.reason, kReasonItemBase + 4);
   EXPECT_EQ(r.station_verdict[17], Verdict::fail);
+  EXPECT_NE(r.fail_mask, 0);
 }
 
 TEST(Slab, WithAStationMissingIsNotMeasured) {

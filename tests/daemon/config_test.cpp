@@ -225,6 +225,22 @@ TEST_F(ConfigTest, scan_must_end_before_the_plc_gives_up) {
                   "19 s: the PLC gives up after 20 s"});
 }
 
+TEST_F(ConfigTest, standstill_must_fit_into_the_poses_that_are_remembered) {
+  const std::string start = std::string(kShortest) + "[robot]\n";
+  const std::string why =
+      ", allowed are 1500 ms: the daemon remembers 2 s of poses at 250 Hz, and a longer standstill would never be seen";
+  EXPECT_EQ(load(start + "window_ms = 1000\ndwell_ms = 500\n"), Texts{});
+  EXPECT_EQ(load(start + "window_ms = 1000\ndwell_ms = 501\n"),
+            Texts{"slabd.toml:7:12: robot.dwell_ms: window_ms and dwell_ms together are 1501 ms" + why});
+  EXPECT_EQ(load(start + "window_ms = 1400\n"),
+            Texts{"slabd.toml:6:13: robot.window_ms: window_ms and dwell_ms together are 1600 ms" + why})
+      << "the dwell counts by its default";
+  EXPECT_EQ(load(start + "dwell_ms = 1501\n"),
+            Texts{"slabd.toml:6:12: robot.dwell_ms: found 1501, allowed is a number 0..1500"});
+  EXPECT_EQ(load(start + "samples_min = 301\n"),
+            Texts{"slabd.toml:6:15: robot.samples_min: found 301, allowed is a whole number 3..300"});
+}
+
 TEST_F(ConfigTest, plc_table_is_filled_in_when_other_tables_are_faulty) {
   EXPECT_FALSE(load("[plc]\nlisten = \"0.0.0.0:1602\"\nunit_id = 9\n[cell]\nT_base_slab = 5\n").empty());
   EXPECT_EQ(config_.plc.port, 1602);

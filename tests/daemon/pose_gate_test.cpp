@@ -103,6 +103,32 @@ TEST_F(PoseGateTest, a_sender_that_supplies_the_stopped_flag_is_taken_at_its_wor
   EXPECT_EQ(settled(), Code::not_settled);
 }
 
+TEST_F(PoseGateTest, absurd_numbers_from_outside_only_restart_the_window) {
+  send(200);
+  PoseSample sample;
+  sample.arrival_ns = now_ns + 1;
+  for (const std::int64_t utime_us : {std::numeric_limits<std::int64_t>::max(), std::numeric_limits<std::int64_t>::min()})
+    for (const std::int32_t number : {std::numeric_limits<std::int32_t>::max(), std::numeric_limits<std::int32_t>::min()}) {
+      sample.utime_us = utime_us;
+      sample.seq = number;
+      gate.add(sample);
+    }
+  EXPECT_EQ(settled(), Code::not_settled);
+}
+
+TEST_F(PoseGateTest, an_emergency_stop_is_no_standstill) {
+  send(200);
+  PoseSample sample;
+  sample.arrival_ns = now_ns + kNsPerMs;
+  sample.utime_us = sample.arrival_ns / 1000;
+  sample.seq = seq + 1;
+  sample.estop = true;
+  sample.T_base_flange.translation_mm = at;
+  gate.add(sample);
+  PoseMean mean;
+  EXPECT_EQ(gate.settled(sample.arrival_ns, mean), Code::not_settled);
+}
+
 TEST_F(PoseGateTest, watches_an_exposure_longer_than_its_ring) {
   send(200);
   PoseMean mean;

@@ -260,6 +260,7 @@ class Line {
       done.slab_key = measure->slab_key;
       done.attempt = measure->attempt;
       done.slot = measure->slot;
+      done.cmd_seq = measure->cmd_seq;
       done.block.station = measure->station;
       done.block.verdict = block_verdict;
       pending_.push_back(done);

@@ -158,6 +158,8 @@ TEST_F(StationTest, session_changes_on_sync_takeover_and_heartbeat_return) {
   EXPECT_TRUE(changed());
   line.plc.command_writer = 2;
   line.feed(line.plc);
+  EXPECT_FALSE(changed()) << "another connection that repeats the block takes nothing over";
+  line.command(PlcCommand::scan, 1);
   EXPECT_TRUE(changed());
   line.plc_beats = false;
   line.run_for(3000);
@@ -288,6 +290,7 @@ TEST_F(StationTest, slab_end_waits_for_the_block_being_measured) {
   done.slab_key = asked.slab_key;
   done.attempt = asked.attempt;
   done.slot = asked.slot;
+  done.cmd_seq = asked.cmd_seq;
   done.block.station = asked.station;
   done.block.verdict = Verdict::fail;
   line.feed(done);
@@ -391,6 +394,96 @@ TEST_F(StationTest, a_plc_that_never_acknowledges_fills_the_queue_and_nothing_is
   EXPECT_EQ(line.take_results().size(), static_cast<std::size_t>(accepted));
   line.scan(1);
   EXPECT_EQ(line.view().cmd_status, 4);
+}
+
+TEST_F(StationTest, a_full_queue_refuses_everything_that_would_need_a_place_in_it) {
+  begin();
+  for (int i = 0; line.view().results_pending + 2U <= limits::kResultQueueMax && i < 100; ++i) {
+    line.scan(1 + i % 18);
+    if (line.view().cmd_status != 4) break;
+  }
+  // The slab's own record keeps its place; nothing else fits any more.
+  line.command(PlcCommand::report, 1);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::busy));
+  line.command(PlcCommand::slab_end);
+  line.run_for(60);
+  EXPECT_EQ(line.view().cmd_status, 4);
+  EXPECT_EQ(line.view().results_pending, limits::kResultQueueMax);
+  for (const PlcCommand what : {PlcCommand::slab_begin, PlcCommand::report}) {
+    line.command(what);
+    line.run_for(20);
+    EXPECT_EQ(line.view().cmd_status, failed(Code::busy));
+  }
+  EXPECT_EQ(line.take_results().size(), limits::kResultQueueMax);
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  EXPECT_TRUE(line.view().slab_open);
+}
+
+TEST_F(StationTest, a_flood_of_session_changes_is_one_change_at_a_time) {
+  begin();
+  const std::size_t before = store.applied.size();
+  for (int i = 0; i < 1000; ++i) {
+    ++line.plc.sync_req;
+    line.feed(line.plc);
+  }
+  EXPECT_EQ(store.applied.size(), before + 1);
+  line.run_for(20);
+  line.scan(1);
+  EXPECT_EQ(line.view().cmd_status, 4);
+}
+
+TEST_F(StationTest, abort_counts_while_the_scan_is_on_its_way_to_the_journal_and_while_it_is_held) {
+  begin();
+  line.run_for(600);
+  line.command(PlcCommand::scan, 1);
+  line.plc.abort = true;
+  line.feed(line.plc);  // before the journal has answered
+  line.plc.abort = false;
+  line.feed(line.plc);
+  line.run_for(40);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::interrupted));
+  line.plc.abort = true;
+  line.feed(line.plc);
+  line.scan(1);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::interrupted));
+  EXPECT_TRUE(line.scans.empty());
+}
+
+TEST_F(StationTest, a_scan_that_comes_before_the_robot_has_left_waits_for_it) {
+  begin();
+  line.scan(1);
+  line.take_results();
+  line.command(PlcCommand::scan, 2);  // the robot still stands over station 1
+  line.run_for(400);
+  EXPECT_EQ(line.view().state, PlcState::settling);
+  line.robot_station = 2;
+  line.run_for(1000);
+  EXPECT_EQ(line.view().cmd_status, 4);
+  EXPECT_EQ(line.scans.back().request.station, 2);
+}
+
+TEST_F(StationTest, a_result_carries_the_number_of_the_scan_it_was_measured_from) {
+  begin();
+  line.measuring_works = false;
+  line.scan(1);
+  line.scan(2);
+  const std::uint16_t first_seq = line.measured.at(1).cmd_seq;
+  line.measuring_works = true;
+  line.plc = {};
+  line.start();  // both clouds are durable and not measured
+  line.run_for(4);
+  line.command(PlcCommand::scan, 2);  // while they are measured again
+  line.run_for(2000);
+  line.scan(2);
+  int of_first = 0;
+  for (const PlcResult& record : line.take_results()) of_first += record.cmd_seq == first_seq ? 1 : 0;
+  EXPECT_LE(of_first, 1);
+  std::map<std::uint16_t, int> seen;
+  for (const StoreJob& job : store.applied)
+    if (const auto* block = std::get_if<BlockJob>(&job.what)) ++seen[block->record.cmd_seq];
+  for (const auto& [seq, count] : seen) EXPECT_EQ(count, 1) << "CMD_SEQ " << seq;
 }
 
 TEST_F(StationTest, report_shows_a_record_again_under_a_new_number) {

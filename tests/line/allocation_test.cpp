@@ -163,8 +163,9 @@ TEST(Allocation, none_when_the_scanner_answers) {
   const auto clock = hal::make_system_clock();
   hal::ScanDropSettings settings;
   settings.drop_dir = std::string_view((dir.path / "drop").native());
+  fs::create_directories(dir.path / "drop");
   auto scanner = hal::make_scan_drop(settings, *clock);
-  ASSERT_TRUE(scanner.ok());
+  ASSERT_TRUE(scanner.ok() && scanner.value()->online());
   std::vector<float> buffer(limits::kScanPointsMax * 3);
   const std::atomic<bool> cancel{false};
   for (std::uint16_t seq = 1; seq <= 2; ++seq) {
