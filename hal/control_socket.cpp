@@ -14,12 +14,15 @@
 
 // Problem: maintenance tools talk to the daemon while it works; none of them may delay it. Idea: fixed buffers, one
 // line per client and turn, nothing ever waited for. Invariants: a line is answered before the next is looked at; a
-// client that sends too much, too slowly or does not take its answer is closed.
+// client that sends too much, too often, too slowly or does not take its answer is closed. Who may ask is settled by
+// the socket's mode: its owner and its group.
 namespace slabd::hal {
 namespace {
 
 constexpr std::int64_t kIdleLimitNs = 10 * kNsPerS;
 constexpr mode_t kOwnerAndGroup = 0660;
+/// A person's display asks once or twice a second; the loop has better things to do than to answer a busy script.
+constexpr int kRequestsPerSecondMax = 20;
 
 struct ControlClient {
   Fd fd;
@@ -27,6 +30,9 @@ struct ControlClient {
   std::size_t bytes = 0;       ///< received and not handed out
   std::size_t handed_out = 0;  ///< of the line the caller holds, with its newline; dropped at the next look
   bool served = false;         ///< a line this turn
+  std::uint32_t uid = ControlPort::kNobody;
+  std::int64_t second_ns = 0;  ///< start of the second in which `requests` are counted
+  int requests = 0;
   std::array<char, limits::kControlLineBytes> buffer;
 };
 
@@ -72,6 +78,8 @@ class ControlSocket final : public ControlPort {
     if (!send_all(*current_, json) || !send_all(*current_, "\n")) forget(*current_);
   }
 
+  std::uint32_t peer_uid() const override { return current_ == nullptr ? kNobody : current_->uid; }
+
  private:
   static constexpr std::size_t kNoLine = limits::kControlLineBytes;
 
@@ -87,9 +95,19 @@ class ControlSocket final : public ControlPort {
       // Room for the largest answers, so that one send takes them.
       const int bytes = 1 << 20;
       setsockopt(fd.get(), SOL_SOCKET, SO_SNDBUF, &bytes, sizeof bytes);
+      client.uid = uid_behind(fd);
       client.fd = std::move(fd);
       client.active_ns = mono_ns;
+      client.second_ns = mono_ns;
+      client.requests = 0;
     }
+  }
+
+  /// The user who connected, as the kernel knows it.
+  static std::uint32_t uid_behind(const Fd& fd) {
+    ucred peer{};
+    socklen_t size = sizeof peer;
+    return getsockopt(fd.get(), SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0 ? peer.uid : kNobody;
   }
 
   static void receive(ControlClient& client) {
@@ -113,12 +131,24 @@ class ControlSocket final : public ControlPort {
   bool take_line(ControlClient& client, std::int64_t mono_ns, std::string_view& line) {
     const std::size_t end = client.fd.is_open() ? line_end(client) : kNoLine;
     if (end == kNoLine) return false;
+    if (asks_too_often(client, mono_ns)) {
+      forget(client);
+      return false;
+    }
     line = {client.buffer.data(), end};
     client.handed_out = end + 1;
     client.active_ns = mono_ns;
     client.served = true;
     current_ = &client;
     return true;
+  }
+
+  static bool asks_too_often(ControlClient& client, std::int64_t mono_ns) {
+    if (mono_ns - client.second_ns >= kNsPerS) {
+      client.second_ns = mono_ns;
+      client.requests = 0;
+    }
+    return ++client.requests > kRequestsPerSecondMax;
   }
 
   void drop_answered_line() {

@@ -162,8 +162,43 @@ TEST_F(ControlSocketTest, a_client_that_never_reads_is_closed) {
     if (send(client.get(), "q\n", 2, MSG_NOSIGNAL) < 0) break;
     std::string_view line;
     while (port_->next(now_ns_, line)) port_->reply(answer);
+    now_ns_ += kNsPerS / 10;  // slow enough for the limit of requests
   }
   EXPECT_LT(send(client.get(), "q\n", 2, MSG_NOSIGNAL), 0);
+}
+
+TEST_F(ControlSocketTest, twenty_requests_a_second_are_answered_and_the_next_closes) {
+  const Fd client = connected(path_);
+  for (int second = 0; second < 3; ++second) {
+    for (int i = 0; i < 20; ++i) {
+      send_text(client, "q\n");
+      EXPECT_EQ(turn(), 1) << second << " " << i;
+      now_ns_ += kNsPerS / 25;
+    }
+    now_ns_ += kNsPerS / 5;
+  }
+  const Fd other = connected(path_);
+  std::string flood;
+  for (int i = 0; i < 21; ++i) flood += "q\n";
+  send_text(client, flood);
+  int answered = 0;
+  for (int i = 0; i < 40; ++i) answered += turn();
+  EXPECT_EQ(answered, 20);
+  received(client);
+  EXPECT_TRUE(closed(client));
+  send_text(other, "x\n");
+  EXPECT_EQ(turn(), 1) << "each connection has a limit of its own";
+}
+
+TEST_F(ControlSocketTest, the_user_behind_a_line_is_known) {
+  const Fd client = connected(path_);
+  EXPECT_EQ(port_->peer_uid(), ControlPort::kNobody);
+  send_text(client, "x\n");
+  std::string_view line;
+  ASSERT_TRUE(port_->next(now_ns_, line));
+  EXPECT_EQ(port_->peer_uid(), getuid());
+  EXPECT_FALSE(port_->next(now_ns_, line));
+  EXPECT_EQ(port_->peer_uid(), ControlPort::kNobody);
 }
 
 TEST_F(ControlSocketTest, the_socket_is_for_owner_and_group_only) {
