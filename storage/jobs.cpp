@@ -34,8 +34,9 @@ std::int64_t number(std::uint64_t value) {
 
 }  // namespace
 
-Jobs::Jobs(Connection& db, std::string spool_dir)
+Jobs::Jobs(Connection& db, std::string spool_dir, const HeldBack& held_back)
     : spool_dir_(std::move(spool_dir)),
+      held_back_(held_back),
       set_session_(db, "UPDATE line SET session = ?1"),
       set_newest_(db, "UPDATE line SET newest_utime_us = ?1 WHERE newest_utime_us < ?1"),
       newest_slab_(db,
@@ -74,8 +75,8 @@ Jobs::Jobs(Connection& db, std::string spool_dir)
                             "AND (kind = 2 OR cmd_seq = ?4) AND acknowledged = 0 AND is_repeat = 0"),
       insert_result_(db, insert_for<SlabKey, ResultState, PlcResult>("result")),
       acknowledge_(db,
-                   "UPDATE result SET acknowledged = 1 WHERE acknowledged = 0 AND id <= "
-                   "(SELECT min(id) FROM result WHERE acknowledged = 0 AND res_seq = ?1)"),
+                   "UPDATE result SET acknowledged = 1 WHERE acknowledged = 0 AND id NOT BETWEEN ?2 AND ?3 AND id <= "
+                   "(SELECT min(id) FROM result WHERE acknowledged = 0 AND res_seq = ?1 AND id NOT BETWEEN ?2 AND ?3)"),
       last_ended_(db, "SELECT coalesce(max(slab_key), 0) FROM slab_result"),
       unfinished_(db,
                   "SELECT command.session, cmd_seq, command, station, coalesce(command.slab_key, 0), "
@@ -253,7 +254,7 @@ void Jobs::operator()(const SlabJob& job) {
 }
 
 void Jobs::operator()(const AckJob& job) {
-  acknowledge_.bind(1, number(job.res_seq)).run();
+  acknowledge_.bind(1, number(job.res_seq)).bind(2, held_back_.first_id).bind(3, held_back_.last_id).run();
 }
 
 void Jobs::operator()(const ReportJob& job) {

@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "storage/recover.h"
 #include "storage/rows.h"
 
 namespace slabd::storage {
@@ -16,11 +17,14 @@ struct Refusal {
 /// What each StoreJob means in rows. Every call runs inside one transaction of the caller and throws SqlFailure or
 /// Refusal.
 ///
-/// A commit whose answer was an error may have reached the disk all the same. The daemon then gives the job again, so
-/// every job may find its own rows: it replaces them, or leaves them when nothing would change.
+/// A commit whose answer was an error may have reached the disk all the same. Some jobs then come again: the session
+/// when the PLC resets the fault, a block because it is measured once more, the slab's end and a report because the PLC
+/// commands them anew. Others never do (an acquired scan, a failed one, an acknowledgement). So every job may find rows
+/// of its own: it replaces them, or leaves them when nothing would change.
 class Jobs {
  public:
-  Jobs(Connection& db, std::string spool_dir);
+  /// `held_back` belongs to the caller and may change between jobs.
+  Jobs(Connection& db, std::string spool_dir, const HeldBack& held_back);
 
   void operator()(const SessionJob& job);
   void operator()(const BeginSlabJob& job);
@@ -46,6 +50,7 @@ class Jobs {
   [[nodiscard]] AttemptState state_of(const Attempt& attempt, StationPhase phase, std::uint16_t code) const;
 
   std::string spool_dir_;
+  const HeldBack& held_back_;
   Statement set_session_;
   Statement set_newest_;
   Statement newest_slab_;

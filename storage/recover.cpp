@@ -29,15 +29,19 @@ void read_counters(Connection& db, RecoveredLine& line) {
   line.last_slab_key = db.integer("SELECT coalesce(max(slab_key), 0) FROM slab");
 }
 
-void read_unacknowledged(Connection& db, RecoveredLine& line) {
-  Statement rows(db,
-                 "SELECT " + joined(names_of<PlcResult>(), ", ") + " FROM result WHERE acknowledged = 0 ORDER BY id");
+HeldBack read_unacknowledged(Connection& db, RecoveredLine& line) {
+  Statement rows(
+      db, "SELECT id, " + joined(names_of<PlcResult>(), ", ") + " FROM result WHERE acknowledged = 0 ORDER BY id");
+  HeldBack held_back;
   while (rows.step()) {
     PlcResult record;
-    read_row(rows, 0, record);
+    read_row(rows, 1, record);
     // SCAN is refused long before the queue is full; should it overflow, the oldest are shown first as always.
-    if (!line.unacknowledged.push(record)) break;
+    if (line.unacknowledged.push(record)) continue;
+    held_back = {rows.integer(0), db.integer("SELECT max(id) FROM result")};
+    break;
   }
+  return held_back;
 }
 
 void read_open_slab(Loader& loader, RecoveredLine& line) {
@@ -84,10 +88,10 @@ void read_last_ended(Connection& db, Loader& loader, RecoveredLine& line) {
 
 }  // namespace
 
-void read_line(Connection& db, RecoveredLine& line) {
+HeldBack read_line(Connection& db, RecoveredLine& line) {
   Loader loader(db);
   read_counters(db, line);
-  read_unacknowledged(db, line);
+  const HeldBack held_back = read_unacknowledged(db, line);
   if (line.last_slab_key != 0) {
     const std::int64_t ended =
         db.integer("SELECT count(*) FROM slab_result WHERE slab_key = " + std::to_string(line.last_slab_key));
@@ -99,6 +103,7 @@ void read_line(Connection& db, RecoveredLine& line) {
     read_open_slab(loader, line);
   }
   read_last_ended(db, loader, line);
+  return held_back;
 }
 
 }  // namespace slabd::storage

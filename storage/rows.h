@@ -99,6 +99,8 @@ void columns(V& v, R& r) {
   v("age_h", r.age_h);
   v("recipe", r.recipe);
   v("recipe_sha256", r.recipe_sha256);
+  v("unconfirmed", r.unconfirmed);
+  v("guard", r.guard);
   v("calibration_id", r.calibration_id);
   v("software", r.software);
   v("T_base_slab", r.T_base_slab);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "storage/spool.h"
 
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -12,6 +13,26 @@
 #include "storage/folders.h"
 
 namespace slabd::storage {
+namespace {
+
+/// "04-2.ply": station and attempt, as the daemon names its scans. Anything else in the spool is somebody else's.
+bool is_scan_name(const std::string& name) {
+  const auto digits_end = [&](std::size_t from) { return name.find_first_not_of("0123456789", from); };
+  const std::size_t dash = digits_end(0);
+  if (dash == 0 || dash == std::string::npos || name[dash] != '-') return false;
+  const std::size_t dot = digits_end(dash + 1);
+  return dot != dash + 1 && dot != std::string::npos && name[dot] == '.';
+}
+
+/// A regular file that got its name here at `utime_us` or later: a rename sets the time of change, and keeps the
+/// others. A spool that outlived its database holds older files under the same slab keys; those are not ours to judge.
+bool came_after(const std::string& path, std::int64_t utime_us) {
+  struct stat there {};
+  if (lstat(path.c_str(), &there) != 0 || !S_ISREG(there.st_mode)) return false;
+  return there.st_ctim.tv_sec * std::int64_t{1'000'000} + there.st_ctim.tv_nsec / 1000 >= utime_us;
+}
+
+}  // namespace
 
 Spool::Spool(Connection& db, std::string spool_dir, std::uint64_t budget_bytes)
     : db_(db),
@@ -26,8 +47,10 @@ Spool::Spool(Connection& db, std::string spool_dir, std::uint64_t budget_bytes)
                  "ORDER BY verdict <> 'pass', slab_result.slab_key LIMIT 1"),
       mark_deleting_(db, "UPDATE attempt SET scan_state = 'deleting' WHERE slab_key = ?1 AND scan_state = 'kept'"),
       deleting_(db, "SELECT slab_key, station, attempt, scan_path FROM attempt WHERE scan_state = 'deleting'"),
-      mark_deleted_(
-          db, "UPDATE attempt SET scan_state = 'deleted' WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3") {}
+      mark_deleted_(db,
+                    "UPDATE attempt SET scan_state = 'deleted' WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
+      newest_slab_(db, "SELECT slab_key, began_utime_us FROM slab ORDER BY slab_key DESC LIMIT 1"),
+      scan_paths_(db, "SELECT scan_path FROM attempt WHERE slab_key = ?1") {}
 
 Status Spool::trim() {
   if (Status status = finish_deleting(); !status.ok()) return status;
@@ -77,6 +100,31 @@ Status Spool::finish_deleting() {
   // A slab's folder goes with its last scan; one that still holds something stays.
   for (const std::string& folder : folders)
     if (lies_below(folder, spool_dir_)) rmdir(folder.c_str());
+  return status;
+}
+
+Status Spool::drop_orphans() {
+  if (!newest_slab_.step()) return success();
+  const std::int64_t slab_key = newest_slab_.integer(0);
+  const std::int64_t began_utime_us = newest_slab_.integer(1);
+  newest_slab_.reset();
+  // Names, not whole paths: the spool may be known by another path today than when the scan was recorded.
+  std::set<std::string> recorded;
+  scan_paths_.bind(1, slab_key);
+  while (scan_paths_.step()) recorded.insert(std::filesystem::path(scan_paths_.text(0)).filename().string());
+
+  const std::string folder = spool_dir_ + "/" + std::to_string(slab_key);
+  std::error_code ec;
+  if (!std::filesystem::is_directory(std::filesystem::symlink_status(folder, ec))) return success();
+  Status status = success();
+  for (std::filesystem::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec)) {
+    const std::string name = entry->path().filename().string();
+    const std::string path = folder + "/" + name;
+    if (!is_scan_name(name) || recorded.contains(name) || !came_after(path, began_utime_us)) continue;
+    if (unlink(path.c_str()) != 0 && errno != ENOENT)
+      status = error(Code::journal_write, "scan %s, which no record names, cannot be deleted: %s", path.c_str(),
+                     std::strerror(errno));
+  }
   return status;
 }
 

@@ -22,6 +22,11 @@ class Spool {
   /// Throws SqlFailure. journal_write: a file could not be deleted; its rows stay "deleting" and are tried again.
   [[nodiscard]] Status trim();
 
+  /// Deletes what a crash between spooling a scan and recording it left: files in the newest slab's folder that carry
+  /// a scan's name, came there after that slab had begun, and are named by no attempt of it. Call it before the first
+  /// scan after a start. Throws SqlFailure. journal_write: a file could not be deleted.
+  [[nodiscard]] Status drop_orphans();
+
  private:
   [[nodiscard]] Status finish_deleting();
 
@@ -33,6 +38,8 @@ class Spool {
   Statement mark_deleting_;
   Statement deleting_;
   Statement mark_deleted_;
+  Statement newest_slab_;
+  Statement scan_paths_;
 };
 
 }  // namespace slabd::storage

@@ -33,7 +33,9 @@ struct StoreSettings {
 class Store {
  public:
   virtual ~Store() = default;
-  /// Reads what a restarted daemon must know and marks interrupted commands (one transaction).
+  /// Reads what a restarted daemon must know and marks interrupted commands (one transaction); then deletes scans of
+  /// the newest slab that were spooled and never recorded. Call it once, before the first scan. More unacknowledged
+  /// results than RecoveredLine holds stay unacknowledged, the newest of them, until the next restart.
   [[nodiscard]] virtual Result<std::unique_ptr<RecoveredLine>> recover() = 0;
   /// Codes: store_full (disk, or less than spool_free_bytes_min at a slab's begin), journal_write (anything else).
   [[nodiscard]] virtual Status apply(const StoreJob& job) = 0;

@@ -22,9 +22,9 @@ namespace {
 
 /// Everything that depends on one opened file.
 struct OpenDatabase {
-  OpenDatabase(std::unique_ptr<Connection> connection, const StoreSettings& settings)
+  OpenDatabase(std::unique_ptr<Connection> connection, const StoreSettings& settings, const HeldBack& held_back)
       : db(std::move(connection)),
-        jobs(*db, settings.spool_dir),
+        jobs(*db, settings.spool_dir, held_back),
         spool(*db, settings.spool_dir, settings.spool_budget_bytes) {}
 
   std::unique_ptr<Connection> db;
@@ -50,13 +50,16 @@ class SqliteStore final : public Store {
 
   Result<std::unique_ptr<RecoveredLine>> recover() override {
     auto line = std::make_unique<RecoveredLine>();
+    HeldBack held_back;
     const Status status = run("recovery", [&](OpenDatabase& open) {
       Transaction transaction(*open.db, "BEGIN IMMEDIATE");
       open.jobs.interrupt_unfinished();
-      read_line(*open.db, *line);
+      held_back = read_line(*open.db, *line);
       transaction.commit();
     });
     if (!status.ok()) return status.error();
+    held_back_ = held_back;
+    tidy_spool([](Spool& spool) { return spool.drop_orphans(); });
     return line;
   }
 
@@ -69,7 +72,8 @@ class SqliteStore final : public Store {
       transaction.commit();
     });
     const bool may_trim = std::holds_alternative<SlabJob>(job.what) || std::holds_alternative<AckJob>(job.what);
-    if (status.ok() && may_trim && settings_.spool_budget_bytes > 0) trim_spool();
+    if (status.ok() && may_trim)
+      tidy_spool([&](Spool& spool) { return settings_.spool_budget_bytes > 0 ? spool.trim() : success(); });
     return status;
   }
 
@@ -91,7 +95,7 @@ class SqliteStore final : public Store {
     Result<std::unique_ptr<Connection>> db = open_for_writing(settings_.db_path);
     if (!db.ok()) return db.error();
     try {
-      open_ = std::make_unique<OpenDatabase>(std::move(db.value()), settings_);
+      open_ = std::make_unique<OpenDatabase>(std::move(db.value()), settings_, held_back_);
     } catch (const SqlFailure& failure) {
       return error(Code::journal_write, "cannot use database %s: %s", settings_.db_path.c_str(), failure.text.c_str());
     }
@@ -126,17 +130,19 @@ class SqliteStore final : public Store {
                  static_cast<double>(settings_.spool_free_bytes_min) / 1e6);
   }
 
-  /// The job that led here is durable whatever happens to old scans.
-  void trim_spool() {
-    Status trimmed = success();
-    const Status status = run("spool", [&](OpenDatabase& open) { trimmed = open.spool.trim(); });
-    const Status& worse = status.ok() ? trimmed : status;
+  /// What led here is durable whatever happens to old scans.
+  template <typename Work>
+  void tidy_spool(const Work& work) {
+    Status tidied = success();
+    const Status status = run("spool", [&](OpenDatabase& open) { tidied = work(open.spool); });
+    const Status& worse = status.ok() ? tidied : status;
     spool_trouble_.clear();
     if (!worse.ok()) spool_trouble_ = worse.error().text;
   }
 
   StoreSettings settings_;
   std::optional<WriterLock> lock_;
+  HeldBack held_back_;  ///< outlives a reopened file
   std::unique_ptr<OpenDatabase> open_;
   FixedString<limits::kErrorTextBytes> spool_trouble_;
 };

@@ -250,6 +250,37 @@ TEST_F(RecoverTest, newest_wall_clock_survives_a_clock_that_went_back) {
   EXPECT_EQ(recover()->cmd_ack, cmd_seq_) << "commands are ordered by entry, not by time";
 }
 
+TEST_F(RecoverTest, results_beyond_the_queue_wait_for_the_next_restart_unacknowledged) {
+  begin(1);
+  std::vector<std::uint16_t> all;
+  for (std::size_t i = 0; i < limits::kResultQueueMax + 3; ++i)
+    all.push_back(scan(1, static_cast<int>(i % 18) + 1, static_cast<int>(i / 18) + 1));
+  auto line = restart();
+  ASSERT_EQ(line->unacknowledged.size(), limits::kResultQueueMax);
+  EXPECT_EQ(line->unacknowledged.front().res_seq, all.front()) << "the oldest are kept";
+
+  apply(AckJob{all[limits::kResultQueueMax + 1]});  // never shown: cannot be meant
+  EXPECT_EQ(recover()->unacknowledged.size(), limits::kResultQueueMax);
+
+  // The PLC takes everything it is shown, also what is measured meanwhile and therefore newer than the three.
+  apply(AckJob{all[limits::kResultQueueMax - 1]});
+  const std::uint16_t newer = scan(1, 7, 50);
+  const std::uint16_t newest = scan(1, 8, 50);
+  apply(AckJob{newer});
+  line = restart();
+  ASSERT_EQ(line->unacknowledged.size(), 4U);
+  for (std::size_t i = 0; i < 3; ++i)
+    EXPECT_EQ(line->unacknowledged[i].res_seq, all[limits::kResultQueueMax + i]) << "was never shown";
+  EXPECT_EQ(line->unacknowledged[3].res_seq, newest);
+
+  apply(AckJob{all.back()});
+  line = restart();
+  ASSERT_EQ(line->unacknowledged.size(), 1U) << "once shown, they are acknowledged like any other";
+  EXPECT_EQ(line->unacknowledged[0].res_seq, newest);
+  apply(AckJob{newest});
+  EXPECT_TRUE(restart()->unacknowledged.empty());
+}
+
 /// A stupid model of the line beside the store: after every job, what recover() says must be what the model says.
 TEST_F(RecoverTest, long_random_day_agrees_with_a_model) {
   struct Model {

@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <filesystem>
+#include <fstream>
 
 #include "storage/database.h"
 #include "tests/storage/store_fixture.h"
@@ -108,6 +109,93 @@ TEST_F(SpoolTest, scan_that_cannot_be_deleted_is_reported_and_tried_again) {
   apply(AckJob{0});
   EXPECT_EQ(store_->spool_trouble(), "");
   EXPECT_FALSE(std::filesystem::exists(settings_.spool_dir + "/1"));
+}
+
+class OrphanTest : public SpoolTest {
+ protected:
+  /// The slab began at the epoch unless said otherwise: every file in the spool is younger.
+  void begin_at(std::int64_t key, std::int64_t began_utime_us = 0) {
+    BeginSlabJob job{random_header(prng_, key), session_, ++cmd_seq_};
+    job.slab.began_utime_us = began_utime_us;
+    apply(job);
+  }
+  void restart() {
+    open();
+    ASSERT_FALSE(recover()->slab.key == 0);
+  }
+};
+
+TEST_F(OrphanTest, scan_that_was_spooled_and_never_recorded_goes_at_the_next_start) {
+  open();
+  begin_at(1);
+  scan(1, 1, 1);
+  scan(1, 1, 2);
+  acquire(1, 2, 1);
+  accept(PlcCommand::scan, 3, 1);
+  const std::string orphan = scan_file(1, 3, 1, 1000);  // and the power fails
+  const std::string copied_halfway = scan_file(1, 3, 2, 1000) + ".part";
+  std::filesystem::rename(settings_.spool_dir + "/1/3-2.ply", copied_halfway);
+  restart();
+  EXPECT_FALSE(std::filesystem::exists(orphan));
+  EXPECT_FALSE(std::filesystem::exists(copied_halfway));
+  for (const char* recorded : {"1-1.ply", "1-2.ply", "2-1.ply"})
+    EXPECT_TRUE(std::filesystem::exists(settings_.spool_dir + "/1/" + recorded)) << recorded;
+  EXPECT_EQ(store_->spool_trouble(), "");
+}
+
+TEST_F(OrphanTest, only_scans_in_the_newest_slabs_own_folder_are_judged) {
+  open();
+  begin_at(1);
+  scan(1, 1, 1);
+  apply(AckJob{end(1, Verdict::pass)});
+  begin_at(2);
+  scan(2, 1, 1);
+  std::vector<std::string> kept = {scan_file(1, 5, 1, 10),   // an older slab
+                                   scan_file(3, 5, 1, 10)};  // a slab nobody knows
+  for (const char* name : {"/5-1.ply", "/2/notes.txt", "/2/5.ply", "/2/-1.ply", "/2/5-.ply", "/2/5-1", "/2/.5-1.ply"}) {
+    kept.push_back(settings_.spool_dir + name);
+    std::ofstream(kept.back()) << "precious";
+  }
+  const std::string precious = folder_.path() + "/precious";
+  std::ofstream(precious) << "precious";
+  kept.push_back(settings_.spool_dir + "/2/6-1.ply");
+  std::filesystem::create_symlink(precious, kept.back());
+  kept.push_back(settings_.spool_dir + "/2/7-1.ply");
+  std::filesystem::create_directory(kept.back());
+  kept.push_back(precious);
+  restart();
+  for (const std::string& path : kept) EXPECT_TRUE(std::filesystem::exists(path)) << path;
+}
+
+TEST_F(OrphanTest, recorded_scan_is_kept_when_the_spool_is_known_by_another_path) {
+  open();
+  begin_at(1);
+  scan(1, 1, 1);
+  const std::string path = settings_.spool_dir + "/1/1-1.ply";
+  const std::string other = folder_.path() + "/other";
+  std::filesystem::create_directory_symlink(settings_.spool_dir, other);
+  settings_.spool_dir = other;
+  restart();
+  EXPECT_TRUE(std::filesystem::exists(path));
+}
+
+TEST_F(OrphanTest, folder_that_leads_out_of_the_spool_is_not_entered) {
+  open();
+  begin_at(1);
+  const std::string outside = folder_.path() + "/outside";
+  std::filesystem::create_directory(outside);
+  std::ofstream(outside + "/1-1.ply") << "precious";
+  std::filesystem::create_directory_symlink(outside, settings_.spool_dir + "/1");
+  restart();
+  EXPECT_TRUE(std::filesystem::exists(outside + "/1-1.ply"));
+}
+
+TEST_F(OrphanTest, scans_of_a_lost_database_are_not_judged_by_the_new_one) {
+  const std::string of_another_life = scan_file(1, 5, 1, 10);
+  open();
+  begin_at(1, std::int64_t{1} << 60U);  // later than any file
+  restart();
+  EXPECT_TRUE(std::filesystem::exists(of_another_life));
 }
 
 }  // namespace

@@ -143,6 +143,8 @@ void expect_same(const SlabHeader& a, const SlabHeader& b) {
   SAME(age_h);
   SAME(recipe.view());
   SAME(recipe_sha256.view());
+  SAME(unconfirmed);
+  SAME_BITS(guard);
   SAME(calibration_id.view());
   SAME(software.view());
   expect_same(a.T_base_slab, b.T_base_slab);
@@ -264,6 +266,8 @@ SlabHeader random_header(Prng& prng, std::int64_t key) {
   integer(prng, h.age_h);
   word(prng, h.recipe);
   word(prng, h.recipe_sha256);
+  integer(prng, h.unconfirmed);
+  h.guard = number(prng);
   word(prng, h.calibration_id);
   word(prng, h.software);
   h.T_base_slab = pose(prng);
