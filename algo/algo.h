@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <span>
 
@@ -24,11 +25,21 @@ struct Cloud {
 
 // ---- planes (paper 3.1) ---------------------------------------------------------------------------------------
 
+/// What the inliers must amount to before a plane counts; the defaults ask for nothing.
+struct PlaneSupport {
+  std::uint64_t inliers_min = 3;
+  double wide_mm = 0.0;    ///< least standard deviation along the direction in the plane they reach furthest in
+  double narrow_mm = 0.0;  ///< ... and across it
+  /// Largest standard error of the tilt from noise: std_mm / (spread across * sqrt(inliers)).
+  double tilt_sigma_max_rad = std::numeric_limits<double>::infinity();
+};
+
 struct PlaneSettings {
   double contamination = 0.5;      ///< epsilon of eq. (8)
   double confidence = 1.0 - 1e-6;  ///< P of eq. (8)
   double threshold_mm = 0.0;       ///< inlier distance; 0 = three robust standard deviations of the best hypothesis
   double inlier_share_min = 0.0;   ///< below it `ok` is false
+  PlaneSupport support{};          ///< below it `ok` is false
   std::uint64_t seed = 1;
   int refits_max = 20;
 };
@@ -39,8 +50,8 @@ struct PlaneSettings {
 /// The paper's improved RANSAC on points (mm): K hypotheses on a stratified sample, least truncated squared error
 /// (MSAC) as the choice, then refit by orthogonal least squares and re-select on all points until the inlier set
 /// stands still. Orientation: `normal` has a positive dot product with `up`. Needs at least 3 points.
-/// ok = false: too few points, degenerate, no fixed point within refits_max, or share below the limit; the figures
-/// reached are still filled in. No heap; O(K * sample + refits * points).
+/// ok = false: too few points, degenerate, no fixed point within refits_max, share or support below the limit; the
+/// figures reached are still filled in. No heap; O(K * sample + refits * points).
 [[nodiscard]] PlaneFit fit_plane(std::span<const Vec3> points, const Vec3& up, const PlaneSettings& settings);
 
 /// Orthogonal least squares on all points: blocked, shifted double sums, symmetric eigenproblem. ok = false when

@@ -80,6 +80,10 @@ void compute_block_items(const BlockModel& model, BlockResult& result) {
   Item& std_item = item(result, ItemId::seat_std);
   std_item.value = seat.std_mm;
   std_item.beside = result.seat.std_cells_mm;
+  // Of a standard deviation from n values: std / sqrt(2 (n - 1)), here with k = 2. n counts cells, as neighbouring
+  // points share their errors.
+  if (result.seat.grid_points > 1)
+    std_item.U = 2.0 * seat.std_mm / std::sqrt(2.0 * (static_cast<double>(result.seat.grid_points) - 1.0));
 
   if (result.jaw_inner.ok) item(result, ItemId::jaw_angle_inner).value = free_angle_deg(seat, result.jaw_inner);
   if (result.jaw_outer.ok) item(result, ItemId::jaw_angle_outer).value = free_angle_deg(seat, result.jaw_outer);

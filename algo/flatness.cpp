@@ -5,6 +5,14 @@
 // cell means against their own least-squares plane is the flatness; the minimum zone stands beside it. Averaging must
 // not hide a chip: single-point extremes are reported too, and a cell mean leaves out only what disagrees with the
 // majority of its own cell.
+//
+// Nobody knows how flat a place is that was not seen, so flatness is not measured (no value, hence no pass) when
+//   - fewer than half of the cells hold cell_points_min points,
+//   - more than cells_missing_max of the cells are missing, or
+//   - missing cells that touch make a hole of more than 100 mm^2.
+// A cell is missing when it holds less than a third of cell_points_min, or fewer than cell_points_min that disagree
+// with what the full cells show. A coarse scan has many cells a few points short of the limit, in rows and columns:
+// those are not holes, as their points say that the seat is there. Cells at casings and cut by the border do not count.
 #include "algo/flatness.h"
 
 #include <algorithm>
@@ -23,6 +31,10 @@ constexpr std::size_t kCellSampleMax = 512;
 constexpr double kStraySigmas = 5.0;
 /// ... and at least this far: a slope or step within a cell is not a stray.
 constexpr double kStrayMin_mm = 0.15;
+/// A hole in the data that may hide a defect worth finding: 10 x 10 mm.
+constexpr double kHole_mm2 = 100.0;
+
+constexpr double kSqrtTwo = 1.4142135623730951;
 
 struct Grid {
   std::size_t columns = 0;
@@ -40,6 +52,15 @@ struct Grid {
     const std::size_t c = std::min(static_cast<std::size_t>(std::max(column, 0.0)), columns - 1);
     const std::size_t r = std::min(static_cast<std::size_t>(std::max(row, 0.0)), rows - 1);
     return r * columns + c;
+  }
+  /// Does all of this cell belong to the region, clear of the casings?
+  [[nodiscard]] bool expected(std::size_t cell) const {
+    const double x0 = static_cast<double>(cell % columns) * region.cell_mm - region.half_x_mm;
+    const double s0 = static_cast<double>(cell / columns) * region.cell_mm - region.half_s_mm;
+    if (x0 + region.cell_mm > region.half_x_mm + 1e-9 || s0 + region.cell_mm > region.half_s_mm + 1e-9) return false;
+    const double half = 0.5 * region.cell_mm;
+    const double from_casing = std::hypot(x0 + half, std::abs(s0 + half) - region.casing_s_mm);
+    return region.casing_clear_mm <= 0.0 || from_casing > region.casing_clear_mm + kSqrtTwo * half;
   }
 };
 
@@ -104,6 +125,49 @@ bool cell_mean(std::span<const std::uint32_t> index, const PointOf& point_of, co
   return true;
 }
 
+/// Do the few points of a sparse cell lie where the full cells, from `low` to `high`, say the seat is?
+template <typename HeightOf>
+bool agrees(std::span<const std::uint32_t> cell, const HeightOf& height_of, std::uint32_t points_min, double low,
+            double high) {
+  const std::size_t few = std::max<std::size_t>(1, (points_min + 2) / 3);
+  if (cell.size() < few) return false;
+  const double median = centre_of(cell, height_of).median;
+  return median >= low - kStrayMin_mm && median <= high + kStrayMin_mm;
+}
+
+/// What a cell came to, while holes are sought.
+enum CellMark : std::uint32_t { kSeen, kMissing };
+
+/// Cells of the largest group of missing ones that touch, corners included. Takes the marks off. `stack`: one per cell.
+std::size_t largest_hole(const Grid& grid, std::span<std::uint32_t> mark, std::span<std::uint32_t> stack) {
+  std::size_t largest = 0;
+  for (std::size_t first = 0; first < grid.cells(); ++first) {
+    if (mark[first] != kMissing) continue;
+    std::size_t group = 0;
+    std::size_t waiting = 0;
+    // Marks go when a cell is put on the stack: each is put there once.
+    mark[first] = kSeen;
+    stack[waiting++] = static_cast<std::uint32_t>(first);
+    while (waiting > 0) {
+      const std::size_t cell = stack[--waiting];
+      ++group;
+      const std::size_t column = cell % grid.columns;
+      const std::size_t row = cell / grid.columns;
+      for (std::size_t r = row - std::min<std::size_t>(row, 1); r <= std::min(row + 1, grid.rows - 1); ++r) {
+        for (std::size_t c = column - std::min<std::size_t>(column, 1); c <= std::min(column + 1, grid.columns - 1);
+             ++c) {
+          const std::size_t next = r * grid.columns + c;
+          if (mark[next] != kMissing) continue;
+          mark[next] = kSeen;
+          stack[waiting++] = static_cast<std::uint32_t>(next);
+        }
+      }
+    }
+    largest = std::max(largest, group);
+  }
+  return largest;
+}
+
 }  // namespace
 
 Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, const FastTransform& T_block_scanner,
@@ -113,10 +177,12 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   if (index.empty() || grid.cells() == 0 || grid.cells() > work.cell_mean.size()) return result;
   const auto point_of = [&](std::uint32_t i) { return T_block_scanner(xyz + 3 * std::size_t{i}); };
 
+  const auto height_of = [&](std::uint32_t i) { return seat.normal.dot(point_of(i)) - seat.offset_mm; };
+
   double low = std::numeric_limits<double>::infinity();
   double high = -low;
   for (const std::uint32_t i : index) {
-    const double h = seat.normal.dot(point_of(i)) - seat.offset_mm;
+    const double h = height_of(i);
     low = std::min(low, h);
     high = std::max(high, h);
   }
@@ -124,13 +190,41 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   result.raw_high_mm = high;
 
   sort_by_cell(index, grid.cells(), work, [&](std::uint32_t i) { return grid.cell(point_of(i)); });
+  const auto points_in = [&](std::size_t c) -> std::span<const std::uint32_t> {
+    return index.subspan(work.cell_start[c], work.cell_start[c + 1] - work.cell_start[c]);
+  };
+  // Sorting is done with cell_next; from here on it holds the marks.
+  const std::span<std::uint32_t> mark = work.cell_next.first(grid.cells());
+  std::size_t expected = 0;
+  low = std::numeric_limits<double>::infinity();
+  high = -low;
   for (std::size_t c = 0; c < grid.cells(); ++c) {
-    const std::span<const std::uint32_t> cell =
-        index.subspan(work.cell_start[c], work.cell_start[c + 1] - work.cell_start[c]);
+    mark[c] = kSeen;
+    const bool wanted = grid.expected(c);
+    if (wanted) ++expected;
     Vec3 mean;
-    if (cell_mean(cell, point_of, seat, region.cell_points_min, mean)) work.cell_mean[result.cells++] = mean;
+    if (cell_mean(points_in(c), point_of, seat, region.cell_points_min, mean)) {
+      work.cell_mean[result.cells++] = mean;
+      const double h = seat.normal.dot(mean) - seat.offset_mm;
+      low = std::min(low, h);
+      high = std::max(high, h);
+    } else if (wanted) {
+      mark[c] = kMissing;
+    }
   }
-  if (2 * std::size_t{result.cells} < grid.cells()) return result;
+  for (std::size_t c = 0; c < grid.cells(); ++c) {
+    if (mark[c] != kMissing) continue;
+    if (agrees(points_in(c), height_of, region.cell_points_min, low, high))
+      mark[c] = kSeen;
+    else
+      ++result.cells_missing;
+  }
+  // The cells' starts have served too: they lend their room to the search.
+  result.hole_mm2 = static_cast<double>(largest_hole(grid, mark, work.cell_start)) * region.cell_mm * region.cell_mm;
+  const double missing_max = region.cells_missing_max * static_cast<double>(expected);
+  if (2 * std::size_t{result.cells} < expected || static_cast<double>(result.cells_missing) > missing_max ||
+      result.hole_mm2 > kHole_mm2)
+    return result;
 
   const std::span<const Vec3> means(work.cell_mean.data(), result.cells);
   const PlaneFit plane = fit_plane_lsq(means, seat.normal);

@@ -26,12 +26,17 @@ struct FlatnessRegion {
   double half_s_mm;
   double cell_mm;
   std::uint32_t cell_points_min;
-  Vec3 along_seat;  ///< unit direction of s, block frame
+  Vec3 along_seat;                  ///< unit direction of s, block frame
+  double cells_missing_max = 0.05;  ///< share of the cells
+  double casing_s_mm = 0.0;         ///< round both casings, at x = 0 and |s| here, nothing is expected ...
+  double casing_clear_mm = 0.0;     ///< ... within this radius
 };
 
 struct Flatness {
   bool ok = false;
-  std::uint32_t cells = 0;   ///< with enough points
+  std::uint32_t cells = 0;  ///< with enough points
+  std::uint32_t cells_missing = 0;
+  double hole_mm2 = 0.0;     ///< the largest connected group of missing cells
   double lsq_mm = kNoValue;  ///< peak to valley of the cell means to their least-squares plane
   double min_zone_mm = kNoValue;
   double std_cells_mm = kNoValue;  ///< of the cell means to their least-squares plane, n - 3
@@ -41,7 +46,7 @@ struct Flatness {
 
 /// Flatness of the points `index` names (re-ordered by cell) around the fitted seat plane. A cell's height is the mean
 /// of its points without strays; a chip or bump as large as half a cell stays. ok = false: the region needs more than
-/// limits::kFlatnessCellsMax cells, or fewer than half of its cells hold enough points.
+/// limits::kFlatnessCellsMax cells, or too little of it was seen (the rule stands in flatness.cpp).
 [[nodiscard]] Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index,
                                         const FastTransform& T_block_scanner, const PlaneFit& seat,
                                         const FlatnessRegion& region, const FlatnessWorkspace& work);

@@ -7,6 +7,8 @@
 //     sample, residuals register: the points ICP works on
 //     wide, near        the face table, built by `use`
 #include <cassert>
+#include <cmath>
+#include <string_view>
 #include <vector>
 
 #include "algo/algo.h"
@@ -52,6 +54,7 @@ struct BlockInspector::Workspace {
   Recipe recipe;
   BlockModel model;
   FaceTable table;
+  FaceExtents extents;
   Pose T_base_block;
   Pose T_base_scanner;
   BlockResult result;
@@ -60,12 +63,28 @@ struct BlockInspector::Workspace {
 
 namespace {
 
-/// Every feature draws its own hypotheses, the same in every run.
-PlaneSettings plane_settings(const EvaluationSettings& evaluation, std::uint64_t seed) {
-  PlaneSettings settings;
-  settings.inlier_share_min = evaluation.inlier_share_min;
-  settings.seed = seed;
-  return settings;
+/// How much of a face must be seen before its plane counts. A corner of it fits a plane as well as the whole, but its
+/// tilt is then the corner's. So: a third of the whole face's spread both ways (a slab top seen past one end of the
+/// block only has an eighth), a twentieth of the points that the sparsest scan of the whole would give (the slab top
+/// reaches beyond a small field of view), and noise that leaves no more than half of the angle's U (k = 2).
+PlaneSupport support_of(const FaceExtent& whole, const EvaluationSettings& evaluation, double U_deg) {
+  constexpr double kSpreadShare = 1.0 / 3.0;
+  constexpr double kPointsShare = 0.05;
+  constexpr double kNoiseShare = 0.5;
+  const double points_per_mm2 =
+      static_cast<double>(evaluation.cell_points_min) / (evaluation.cell_mm * evaluation.cell_mm);
+  PlaneSupport support;
+  support.inliers_min = static_cast<std::uint64_t>(std::ceil(kPointsShare * whole.area_mm2 * points_per_mm2));
+  support.wide_mm = kSpreadShare * whole.wide_mm;
+  support.narrow_mm = kSpreadShare * whole.narrow_mm;
+  if (has_value(U_deg)) support.tilt_sigma_max_rad = kNoiseShare * 0.5 * rad_from_deg(U_deg);
+  return support;
+}
+
+/// A scan that never came as far as the registration has none; `note` says why.
+void refuse_registration(RegistrationReport& report, std::string_view note) {
+  report.status = RegistrationStatus::rejected;
+  report.note = note;
 }
 
 }  // namespace
@@ -77,6 +96,7 @@ void BlockInspector::use(const Recipe& recipe) {
   work_->recipe = recipe;
   work_->model.build(recipe.block);
   work_->table.build(work_->model, work_->wide, work_->near, work_->scratch);
+  work_->extents = face_extents(work_->model, recipe.evaluation);
   work_->has_recipe = true;
 }
 
@@ -91,23 +111,29 @@ void BlockInspector::begin(int station, const Pose& T_base_block, const Pose& T_
 
 Status BlockInspector::denoise(Cloud& cloud) {
   Workspace& w = *work_;
-  if (cloud.points > limits::kScanPointsMax || 3 * cloud.points > cloud.xyz.size())
+  if (cloud.points > limits::kScanPointsMax || 3 * cloud.points > cloud.xyz.size()) {
+    refuse_registration(w.result.registration, "not tried: incomplete scan");
     return error(Code::frame_incomplete, "scan claims %zu points, its buffer holds %zu and the limit is %zu",
                  cloud.points, cloud.xyz.size() / 3, limits::kScanPointsMax);
+  }
   remove_isolated(cloud, {w.order, w.label, w.cell_start}, w.result.scan);
-  if (cloud.points < limits::kScanPointsMin)
-    return error(Code::too_few_points, "%zu of %llu points left after denoising, at least %zu needed", cloud.points,
-                 static_cast<unsigned long long>(w.result.scan.points_read), limits::kScanPointsMin);
-  return success();
+  if (cloud.points >= limits::kScanPointsMin) return success();
+  refuse_registration(w.result.registration, "not tried: too few points");
+  return error(Code::too_few_points, "%zu of %llu points left after denoising, at least %zu needed", cloud.points,
+               static_cast<unsigned long long>(w.result.scan.points_read), limits::kScanPointsMin);
 }
 
 Status BlockInspector::register_to_model(const Cloud& cloud) {
   Workspace& w = *work_;
-  if (cloud.points < limits::kScanPointsMin)
+  if (cloud.points < limits::kScanPointsMin) {
+    refuse_registration(w.result.registration, "not tried: too few points");
     return error(Code::too_few_points, "%zu points, at least %zu needed", cloud.points, limits::kScanPointsMin);
+  }
   const RegistrationTask task{w.model, w.table, w.recipe.evaluation, w.T_base_block.inverse() * w.T_base_scanner};
-  if (!task.T_block_scanner.all_finite())
+  if (!task.T_block_scanner.all_finite()) {
+    refuse_registration(w.result.registration, "not tried: the start pose is not finite");
     return error(Code::no_pose, "the start pose of the registration is not finite");
+  }
   w.result.registration = register_block(cloud, task, {w.sample, w.residuals, w.histogram});
   const RegistrationReport& report = w.result.registration;
   switch (report.status) {
@@ -132,28 +158,42 @@ Status BlockInspector::extract(const Cloud& cloud) {
   const auto points = [&](std::span<const std::uint32_t> index) {
     return CloudPoints{cloud.xyz.data(), index, T_block_scanner};
   };
-  const auto fit = [&](std::span<const std::uint32_t> index, Face face, std::uint64_t seed) {
-    return fit_plane_over(points(index), w.model.plane(face).n, plane_settings(evaluation, seed));
+  // Every feature draws its own hypotheses, the same in every run.
+  const auto fit = [&](std::span<const std::uint32_t> index, Face face, const FaceExtent& whole, ItemId angle,
+                       std::uint64_t seed) {
+    PlaneSettings settings;
+    settings.inlier_share_min = evaluation.inlier_share_min;
+    settings.support = support_of(whole, evaluation, w.recipe.tolerance(angle).U);
+    settings.seed = seed;
+    return fit_plane_over(points(index), w.model.plane(face).n, settings);
   };
 
   SeatFeature& seat = result.seat;
-  seat.plane = fit(segments.of(Region::seat_crop), Face::seat, 1);
+  const FaceExtents& extents = w.extents;
+  seat.plane = fit(segments.of(Region::seat_crop), Face::seat, extents.seat_crop, ItemId::seat_slope, 1);
   if (!seat.plane.ok)
     return error(Code::fit_failed,
                  "seat plane: %llu of %llu points within the threshold after %d refits, share at "
-                 "least %.2f",
+                 "least %.2f, spread over at least a third of the crop",
                  static_cast<unsigned long long>(seat.plane.inliers),
                  static_cast<unsigned long long>(seat.plane.points), seat.plane.iterations,
                  evaluation.inlier_share_min);
-  seat.full_plane = fit(segments.full_seat(), Face::seat, 2);
-  result.jaw_inner = fit(segments.of(Region::jaw_inner), Face::jaw_inner, 3);
-  result.jaw_outer = fit(segments.of(Region::jaw_outer), Face::jaw_outer, 4);
-  result.slab_top = fit(segments.of(Region::top), Face::top, 5);
+  seat.full_plane = fit(segments.full_seat(), Face::seat, extents.full_seat, ItemId::seat_slope, 2);
+  result.jaw_inner =
+      fit(segments.of(Region::jaw_inner), Face::jaw_inner, extents.jaw_inner, ItemId::jaw_angle_inner, 3);
+  result.jaw_outer =
+      fit(segments.of(Region::jaw_outer), Face::jaw_outer, extents.jaw_outer, ItemId::jaw_angle_outer, 4);
+  result.slab_top = fit(segments.of(Region::top), Face::top, extents.top, ItemId::seat_slope, 5);
 
-  const FlatnessRegion region{evaluation.crop_half_x_mm, evaluation.crop_half_s_mm, evaluation.cell_mm,
-                              evaluation.cell_points_min, w.model.along_seat()};
-  const Flatness flatness = measure_flatness(cloud.xyz.data(), segments.of(Region::seat_crop), T_block_scanner,
-                                             seat.plane, region, {w.flat_start, w.flat_next, w.flat_mean});
+  const BlockGeometry& geometry = w.recipe.block;
+  FlatnessRegion region{evaluation.crop_half_x_mm, evaluation.crop_half_s_mm, evaluation.cell_mm,
+                        evaluation.cell_points_min, w.model.along_seat()};
+  region.cells_missing_max = evaluation.cells_missing_max;
+  region.casing_s_mm = geometry.casing_half_spacing_mm.value;
+  region.casing_clear_mm = 0.5 * geometry.casing_rim_diameter_mm.value + evaluation.edge_margin_mm;
+  // Re-orders the points over the crop: after the fits.
+  const Flatness flatness = measure_flatness(cloud.xyz.data(), segments.over_crop(), T_block_scanner, seat.plane,
+                                             region, {w.flat_start, w.flat_next, w.flat_mean});
   seat.grid_points = flatness.cells;
   seat.std_cells_mm = flatness.std_cells_mm;
   seat.flatness_mm = flatness.lsq_mm;
@@ -161,7 +201,6 @@ Status BlockInspector::extract(const Cloud& cloud) {
   seat.raw_low_mm = flatness.raw_low_mm;
   seat.raw_high_mm = flatness.raw_high_mm;
 
-  const BlockGeometry& geometry = w.recipe.block;
   const auto casing = [&](Region where, bool outer) {
     const CasingTask task{w.model.casing_centre(outer),
                           0.5 * geometry.casing_bore_diameter_mm.value,

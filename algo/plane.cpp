@@ -37,8 +37,15 @@ struct FlatPlane {
 using Sample = std::array<Vec3, limits::kPlaneSampleMax>;
 using Residuals = std::array<double, limits::kPlaneSampleMax>;
 
+/// How points lie about their plane.
+struct Spread {
+  double squares = 0.0;  ///< sum of squared distances, mm^2
+  double wide_mm = 0.0;  ///< standard deviations in the plane, along the principal directions
+  double narrow_mm = 0.0;
+};
+
 /// Least-squares plane of what `moments` has seen; false when it is not a plane.
-bool plane_of(const PointMoments& moments, const Vec3& up, FlatPlane& plane, double& squares) {
+bool plane_of(const PointMoments& moments, const Vec3& up, FlatPlane& plane, Spread& spread) {
   if (moments.count() < 3) return false;
   const Mat3 scatter = moments.scatter();
   if (!scatter.allFinite()) return false;
@@ -52,7 +59,10 @@ bool plane_of(const PointMoments& moments, const Vec3& up, FlatPlane& plane, dou
   plane.n.normalize();
   if (plane.n.dot(up) < 0.0) plane.n = -plane.n;
   plane.d = plane.n.dot(moments.mean());
-  squares = std::fmax(plane.n.dot(scatter * plane.n), 0.0);
+  const double n = static_cast<double>(moments.count());
+  spread.squares = std::fmax(plane.n.dot(scatter * plane.n), 0.0);
+  spread.wide_mm = std::sqrt(eigenvalues[2] / n);
+  spread.narrow_mm = std::sqrt(eigenvalues[1] / n);
   return true;
 }
 
@@ -60,7 +70,7 @@ bool plane_of(const PointMoments& moments, const Vec3& up, FlatPlane& plane, dou
 /// sums are taken around `shift`: the same selection gives the same bits only with the same shift.
 template <typename Points>
 bool refit_within(const Points& points, std::size_t count, double threshold, const Vec3& shift, const Vec3& up,
-                  FlatPlane& plane, double& squares, std::size_t& inliers) {
+                  FlatPlane& plane, Spread& spread, std::size_t& inliers) {
   const FlatPlane old = plane;
   PointMoments moments(shift);
   for (std::size_t i = 0; i < count; ++i) {
@@ -69,7 +79,14 @@ bool refit_within(const Points& points, std::size_t count, double threshold, con
   }
   moments.close_block();
   inliers = moments.count();
-  return plane_of(moments, up, plane, squares);
+  return plane_of(moments, up, plane, spread);
+}
+
+/// Noise and reach say how well a tilt is known: a small patch fits a plane perfectly and knows nothing of its tilt.
+bool rests_on_enough(const PlaneSupport& support, const PlaneFit& fit, const Spread& spread) {
+  const double tilt_sigma_rad = fit.std_mm / (spread.narrow_mm * std::sqrt(static_cast<double>(fit.inliers)));
+  return fit.inliers >= support.inliers_min && spread.wide_mm >= support.wide_mm &&
+         spread.narrow_mm >= support.narrow_mm && !(tilt_sigma_rad > support.tilt_sigma_max_rad);
 }
 
 /// One point drawn from each of `m` equal slices of the set: covers the face evenly whatever the scan order.
@@ -224,11 +241,11 @@ PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSetting
   const auto finite = std::find_if(sample.begin(), sample.begin() + static_cast<std::ptrdiff_t>(m),
                                    [](const Vec3& p) { return p.allFinite(); });
   const Vec3 shift = *finite - plane.distance(*finite) * plane.n;
-  double squares = 0.0;
+  Spread spread;
   std::size_t inliers = 0;
   for (int i = 0; i < kPolishSteps; ++i) {
     FlatPlane polished = plane;
-    if (!refit_within(sample, m, threshold, shift, up, polished, squares, inliers)) break;
+    if (!refit_within(sample, m, threshold, shift, up, polished, spread, inliers)) break;
     plane = polished;
     if (find_threshold) {
       residuals_of(sample, m, plane, residuals);
@@ -241,7 +258,7 @@ PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSetting
   while (!stands_still && is_plane && fit.iterations < settings.refits_max) {
     ++fit.iterations;
     FlatPlane next = plane;
-    is_plane = refit_within(points, points.size(), threshold, shift, up, next, squares, inliers);
+    is_plane = refit_within(points, points.size(), threshold, shift, up, next, spread, inliers);
     // The same selection gives the same sums, and the other way round: equal planes mean equal inlier sets.
     stands_still = is_plane && next.same_bits(plane);
     if (is_plane) plane = next;
@@ -251,8 +268,9 @@ PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSetting
   fit.offset_mm = plane.n.dot(up) < 0.0 ? -plane.d : plane.d;
   fit.inliers = inliers;
   fit.inlier_fraction = static_cast<double>(inliers) / static_cast<double>(points.size());
-  if (is_plane && inliers > 3) fit.std_mm = std::sqrt(squares / static_cast<double>(inliers - 3));
-  fit.ok = is_plane && stands_still && fit.inlier_fraction >= settings.inlier_share_min;
+  if (is_plane && inliers > 3) fit.std_mm = std::sqrt(spread.squares / static_cast<double>(inliers - 3));
+  fit.ok = is_plane && stands_still && fit.inlier_fraction >= settings.inlier_share_min &&
+           rests_on_enough(settings.support, fit, spread);
   return fit;
 }
 
@@ -265,15 +283,15 @@ PlaneFit fit_plane_lsq_over(const Points& points, const Vec3& up) {
   for (std::size_t i = 0; i < points.size(); ++i) moments.add(points[i]);
   moments.close_block();
   FlatPlane plane;
-  double squares = 0.0;
-  if (!plane_of(moments, up, plane, squares)) return fit;
+  Spread spread;
+  if (!plane_of(moments, up, plane, spread)) return fit;
   fit.ok = true;
   fit.normal = plane.n;
   fit.offset_mm = plane.d;
   fit.inliers = points.size();
   fit.inlier_fraction = 1.0;
   fit.iterations = 1;
-  if (points.size() > 3) fit.std_mm = std::sqrt(squares / static_cast<double>(points.size() - 3));
+  if (points.size() > 3) fit.std_mm = std::sqrt(spread.squares / static_cast<double>(points.size() - 3));
   return fit;
 }
 

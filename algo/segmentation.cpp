@@ -5,9 +5,12 @@
 // there keeps fillets, mixed pixels and a small misfit of the pose out of every fit.
 #include "algo/segmentation.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+
+#include "algo/moments.h"
 
 namespace slabd::algo {
 namespace {
@@ -53,23 +56,24 @@ class Divider {
 
   [[nodiscard]] Region region_of(const Vec3& p) const {
     if (!FaceTable::inside(p)) return Region::none;
+    const double s = along_.dot(p);
+    const auto from_casing = [&] { return std::hypot(p.x(), std::abs(s) - casing_s_); };
+    // Whatever stands over the crop or gapes in it hides or lacks the seat. A limit of height would make a hole in the
+    // data of it, and small holes are forgiven: a bolt on the seat must not pass because it is tall.
+    const bool crop = std::abs(p.x()) <= settings_.crop_half_x_mm && std::abs(s) <= settings_.crop_half_s_mm;
+    if (crop && from_casing() >= casing_clear_)
+      return seat_.holds(p, settings_.registration_gate_mm) ? Region::seat_crop : Region::seat_off;
     if (std::abs(top_.distance(p)) <= settings_.registration_gate_mm) {
       // Clear of the block means clear of any one of its outer faces.
       for (const Bound& b : around_)
         if (b.plane.distance(p) >= b.least) return Region::top;
       return Region::none;
     }
-    const double s = along_.dot(p);
-    const double from_casing = std::hypot(p.x(), std::abs(s) - casing_s_);
-    if (from_casing < casing_clear_) {
-      if (from_casing > casing_reach_ || std::abs(rim_.distance(p)) > settings_.registration_gate_mm)
-        return Region::none;
+    if (const double radius = from_casing(); radius < casing_clear_) {
+      if (radius > casing_reach_ || std::abs(rim_.distance(p)) > settings_.registration_gate_mm) return Region::none;
       return s > 0.0 ? Region::casing_outer : Region::casing_inner;
     }
-    if (seat_.holds(p, settings_.registration_gate_mm)) {
-      const bool crop = std::abs(p.x()) <= settings_.crop_half_x_mm && std::abs(s) <= settings_.crop_half_s_mm;
-      return crop ? Region::seat_crop : Region::seat_rest;
-    }
+    if (seat_.holds(p, settings_.registration_gate_mm)) return Region::seat_rest;
     if (s < 0.0 && jaw_inner_.holds(p, settings_.registration_gate_mm)) return Region::jaw_inner;
     if (s > 0.0 && jaw_outer_.holds(p, settings_.registration_gate_mm)) return Region::jaw_outer;
     return Region::none;
@@ -106,7 +110,52 @@ class Divider {
   double casing_reach_ = 0.0;
 };
 
+FaceExtent extent_of(PointMoments& seen, double area_each_mm2) {
+  seen.close_block();
+  if (seen.count() == 0) return {};
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
+  solver.compute(seen.scatter(), Eigen::EigenvaluesOnly);
+  const double n = static_cast<double>(seen.count());
+  const Eigen::Vector3d squares = solver.eigenvalues();
+  return {n * area_each_mm2, std::sqrt(std::fmax(squares[2], 0.0) / n), std::sqrt(std::fmax(squares[1], 0.0) / n)};
+}
+
 }  // namespace
+
+FaceExtents face_extents(const BlockModel& model, const EvaluationSettings& settings) {
+  const Divider divider(model, settings);
+  // Finer across the rail: a steep jaw is 8 mm wide from above.
+  constexpr double kStepX = 4.0;
+  constexpr double kStepY = 1.0;
+  constexpr auto columns = static_cast<int>(static_cast<double>(limits::kFaceTableX) / kStepX);
+  constexpr auto rows = static_cast<int>(static_cast<double>(limits::kFaceTableY) / kStepY);
+  const PointMoments none(Vec3::Zero());
+  PointMoments crop = none, full = none, inner = none, outer = none, top = none;
+  for (int row = 0; row < rows; ++row) {
+    for (int column = 0; column < columns; ++column) {
+      const double x = (column + 0.5) * kStepX - 0.5 * static_cast<double>(limits::kFaceTableX);
+      const double y = (row + 0.5) * kStepY - 0.5 * static_cast<double>(limits::kFaceTableY);
+      Face face = Face::seat;
+      double z = 0.0;
+      if (!model.visible(x, y, face, z)) continue;
+      const Vec3 p(x, y, z);
+      switch (divider.region_of(p)) {
+        case Region::seat_crop: crop.add(p); [[fallthrough]];
+        case Region::seat_rest: full.add(p); break;
+        case Region::jaw_inner: inner.add(p); break;
+        case Region::jaw_outer: outer.add(p); break;
+        case Region::top: top.add(p); break;
+        case Region::none:
+        case Region::seat_off:
+        case Region::casing_inner:
+        case Region::casing_outer: break;
+      }
+    }
+  }
+  constexpr double kEach = kStepX * kStepY;
+  return {extent_of(crop, kEach), extent_of(full, kEach), extent_of(inner, kEach), extent_of(outer, kEach),
+          extent_of(top, kEach)};
+}
 
 Segments segment(const Cloud& cloud, const BlockModel& model, const EvaluationSettings& settings,
                  const FastTransform& T_block_scanner, std::span<std::uint8_t> label, std::span<std::uint32_t> order) {

@@ -11,9 +11,21 @@
 
 namespace slabd::algo {
 
-/// What a point is measured for. The two seat parts are neighbours so that together they are the full plane.
-enum class Region : std::uint8_t { none, seat_crop, seat_rest, jaw_inner, jaw_outer, top, casing_inner, casing_outer };
-inline constexpr std::size_t kRegions = 8;
+/// What a point is measured for. `seat_off` is what was seen in place of the seat: above or below the evaluation
+/// region, too far off for its plane. Neighbours together are what one question is asked of: off and crop for
+/// flatness, crop and rest for the full plane.
+enum class Region : std::uint8_t {
+  none,
+  seat_off,
+  seat_crop,
+  seat_rest,
+  jaw_inner,
+  jaw_outer,
+  top,
+  casing_inner,
+  casing_outer,
+};
+inline constexpr std::size_t kRegions = 9;
 
 /// Indices of the cloud's points, grouped by region.
 struct Segments {
@@ -24,17 +36,39 @@ struct Segments {
     const auto r = static_cast<std::size_t>(region);
     return order.subspan(start[r], start[r + 1] - start[r]);
   }
-  [[nodiscard]] std::span<std::uint32_t> full_seat() const {
-    const auto crop = static_cast<std::size_t>(Region::seat_crop);
-    return order.subspan(start[crop], start[crop + 2] - start[crop]);
+  [[nodiscard]] std::span<std::uint32_t> full_seat() const { return with_next(Region::seat_crop); }
+  [[nodiscard]] std::span<std::uint32_t> over_crop() const { return with_next(Region::seat_off); }
+
+ private:
+  [[nodiscard]] std::span<std::uint32_t> with_next(Region region) const {
+    const auto r = static_cast<std::size_t>(region);
+    return order.subspan(start[r], start[r + 2] - start[r]);
   }
 };
 
 /// Divides a registered cloud by the model (paper 2.2): a point belongs to a face when it is within
-/// registration_gate_mm of it and at least edge_margin_mm, measured on the face, away from every edge. Points of no
-/// region are left out of `order`. `label` and `order` need room for every point. O(points).
+/// registration_gate_mm of it and at least edge_margin_mm, measured on the face, away from every edge. Over the
+/// evaluation region every point belongs to the seat, at whatever height. Points of no region are left out of `order`.
+/// `label` and `order` need room for every point. O(points).
 [[nodiscard]] Segments segment(const Cloud& cloud, const BlockModel& model, const EvaluationSettings& settings,
                                const FastTransform& T_block_scanner, std::span<std::uint8_t> label,
                                std::span<std::uint32_t> order);
+
+/// How much of a face there is to be seen from above, edge margins taken off.
+struct FaceExtent {
+  double area_mm2 = 0.0;  ///< in the projection on (x, y), as a scan from above samples it
+  double wide_mm = 0.0;   ///< standard deviations on the face, along its principal directions
+  double narrow_mm = 0.0;
+};
+struct FaceExtents {
+  FaceExtent seat_crop;
+  FaceExtent full_seat;
+  FaceExtent jaw_inner;
+  FaceExtent jaw_outer;
+  FaceExtent top;  ///< as far as the face table reaches
+};
+
+/// Looks at the model on a raster. No heap, about 10 ms.
+[[nodiscard]] FaceExtents face_extents(const BlockModel& model, const EvaluationSettings& settings);
 
 }  // namespace slabd::algo

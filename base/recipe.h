@@ -55,6 +55,7 @@ struct EvaluationSettings {
   double crop_half_s_mm = kNoValue;     ///< seat evaluation region, |s| along the plane
   double cell_mm = kNoValue;            ///< flatness cell
   std::uint16_t cell_points_min = 0;    ///< a cell with fewer points does not count
+  double cells_missing_max = 0.05;      ///< share of cells that may have seen nothing; above it flatness is not measured
   double edge_margin_mm = kNoValue;     ///< kept clear of every edge of a face before it is fitted
   double inlier_share_min = kNoValue;   ///< below it a plane is not measured
   double registration_gate_mm = kNoValue; ///< a point further from the model than this belongs to no face

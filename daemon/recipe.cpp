@@ -87,6 +87,8 @@ void read_evaluation(TableReader table, EvaluationSettings& out) {
   std::int64_t points_min = 0;
   table.required_integer("cell_points_min", points_min, 1, 10'000);
   out.cell_points_min = static_cast<std::uint16_t>(points_min);
+  // Recipes written before this key was known keep the default.
+  table.optional_number("cells_missing_max", out.cells_missing_max, {0.0, 0.5});
   table.required_number("edge_margin_mm", out.edge_margin_mm, {0.0, 20.0});
   table.required_number("inlier_share_min", out.inlier_share_min, {0.5, 1.0});
   table.required_number("registration_gate_mm", out.registration_gate_mm, {0.1, 20.0});

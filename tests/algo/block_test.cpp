@@ -144,6 +144,33 @@ TEST(Block, FailsTheFlatnessOnlyWhenThereIsABump) {
       << "the plane is not spoilt";
 }
 
+/// Lifts (or sinks) a square part of the seat round (20, -30) as a scanner looking straight down would see it.
+scene::Cloud with_plateau(double side, double height, const scene::Scan& scan = {}) {
+  scene::Cloud cloud = scene::take({}, scan);
+  for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
+    float* p = cloud.xyz.data() + 3 * i;
+    if (std::abs(static_cast<double>(p[0]) - 20.0) < 0.5 * side &&
+        std::abs(static_cast<double>(p[1]) - 30.0) < 0.5 * side)
+      p[2] -= static_cast<float>(height);
+  }
+  return cloud;
+}
+
+TEST(Block, FailsTheFlatnessOnlyWhateverTheHeightOfAStep) {
+  for (const double height : {2.0, 5.0, -5.0, 12.0, 24.0, -24.0, 40.0}) {
+    SCOPED_TRACE(height);
+    const BlockResult r = inspect(with_plateau(40.0, height));
+    expect_only_failure(r, ItemId::seat_flatness);
+    EXPECT_NEAR(item(r, ItemId::seat_flatness).value, std::abs(height), 0.15 + 0.25 * std::abs(height))
+        << "the step tilts the plane of the cell means";
+    EXPECT_NEAR(std::max(r.seat.raw_high_mm, -r.seat.raw_low_mm), std::abs(height), 0.2);
+  }
+}
+
+TEST(Block, FailsTheFlatnessForABoltOnTheSeat) {
+  expect_only_failure(inspect(with_plateau(8.0, 30.0)), ItemId::seat_flatness);
+}
+
 TEST(Block, HasNoSlopeWithoutASlabTopAndNeverTakesAnotherDatum) {
   scene::Block block;
   block.slab_top_seen = false;
@@ -223,6 +250,103 @@ void erase_patch(scene::Cloud& cloud, double x, double y, double radius) {
   cloud.xyz.resize(3 * kept);
 }
 
+/// Keeps the points for which `stays(x, y, z)`, in the block's nominal frame.
+template <typename Stays>
+scene::Cloud only(scene::Cloud cloud, const Stays& stays) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
+    const float* p = cloud.xyz.data() + 3 * i;
+    const Vec3 block = cloud.T_block_scanner * Vec3(p[0], p[1], p[2]);
+    if (!stays(block.x(), block.y(), block.z())) continue;
+    for (std::size_t k = 0; k < 3; ++k) cloud.xyz[3 * kept + k] = cloud.xyz[3 * i + k];
+    ++kept;
+  }
+  cloud.xyz.resize(3 * kept);
+  return cloud;
+}
+
+TEST(Block, HasNoFlatnessWhenPartOfTheSeatWasNotSeen) {
+  for (const double side : {12.0, 30.0, 70.0}) {
+    SCOPED_TRACE(side);
+    const BlockResult r = inspect(only(scene::take({}, {}), [side](double x, double y, double) {
+      return std::abs(x - 10.0) > 0.5 * side || std::abs(y + 20.0) > 0.5 * side;
+    }));
+    EXPECT_TRUE(std::isnan(item(r, ItemId::seat_flatness).value));
+    EXPECT_EQ(item(r, ItemId::seat_flatness).verdict, Verdict::not_measured);
+    EXPECT_EQ(item(r, ItemId::seat_slope).verdict, Verdict::pass);
+    EXPECT_EQ(r.verdict, Verdict::not_measured);
+    EXPECT_EQ(r.reason, kReasonItemBase + static_cast<int>(ItemId::seat_flatness));
+  }
+}
+
+TEST(Block, PassesFromACoarseScan) {
+  for (const double pitch_mm : {0.373, 0.42}) {
+    scene::Scan scan;
+    scan.pitch_mm = pitch_mm;
+    scan.displacement = scene::displaced(0.3, -0.4, 0.5, 0.1, 0.0, 1.5);
+    EXPECT_EQ(inspect(scene::take({}, scan)).verdict, Verdict::pass) << pitch_mm;
+  }
+}
+
+bool on_block(double z) {
+  return z > -27.0;
+}
+
+TEST(Block, HasNoSlopeFromACornerOfTheSlabTop) {
+  // 20 mm: within its noise such a corner knows its tilt well enough, but it is not the slab's.
+  for (const double side : {8.0, 20.0, 50.0}) {
+    SCOPED_TRACE(side);
+    const BlockResult r = inspect(only(scene::take({}, {}), [side](double x, double y, double z) {
+      return on_block(z) || (std::abs(x - 145.0) < 0.5 * side && std::abs(y - 60.0) < 0.5 * side);
+    }));
+    EXPECT_FALSE(r.slab_top.ok);
+    EXPECT_FALSE(r.observation.top_ok);
+    EXPECT_TRUE(std::isnan(item(r, ItemId::seat_slope).value));
+    EXPECT_EQ(r.verdict, Verdict::not_measured);
+  }
+}
+
+TEST(Block, HasNoSlopeFromFourSpotsOfTheSlabTop) {
+  const BlockResult r = inspect(only(scene::take({}, {}), [](double x, double y, double z) {
+    return on_block(z) || (std::abs(std::abs(x) - 145.0) < 4.0 && std::abs(std::abs(y) - 200.0) < 4.0);
+  }));
+  EXPECT_FALSE(r.slab_top.ok) << "far apart, but four spots of dirt would do the same";
+}
+
+TEST(Block, HasItsSlopeFromASmallFieldOfView) {
+  scene::Scan scan;
+  scan.field_x_mm = 260.0;
+  scan.field_y_mm = 420.0;
+  const BlockResult r = inspect(scene::take({}, scan));
+  EXPECT_TRUE(r.slab_top.ok);
+  EXPECT_EQ(r.verdict, Verdict::pass);
+}
+
+TEST(Block, HasNoJawAngleFromAPieceOfTheJaw) {
+  const BlockResult narrow = inspect(only(scene::take({}, {}), [](double x, double y, double z) {
+    return y < 180.0 || z > 28.0 || !on_block(z) || std::abs(x) < 15.0;
+  }));
+  EXPECT_FALSE(narrow.jaw_outer.ok);
+  EXPECT_TRUE(narrow.jaw_inner.ok);
+  EXPECT_EQ(item(narrow, ItemId::jaw_angle_outer).verdict, Verdict::not_measured);
+  EXPECT_EQ(item(narrow, ItemId::jaw_distance).verdict, Verdict::not_measured);
+  EXPECT_EQ(narrow.verdict, Verdict::not_measured);
+  const BlockResult half = inspect(only(scene::take({}, {}), [](double x, double y, double z) {
+    return y < 180.0 || z > 28.0 || !on_block(z) || x < 10.0;
+  }));
+  EXPECT_TRUE(half.jaw_outer.ok);
+  EXPECT_EQ(half.verdict, Verdict::pass);
+}
+
+TEST(Block, StatesTheUncertaintyOfItsStandardDeviation) {
+  const BlockResult r = inspect(scene::Block{});
+  const Item& seat_std = item(r, ItemId::seat_std);
+  EXPECT_GT(r.seat.grid_points, 5000U);
+  EXPECT_NEAR(seat_std.U, 2.0 * seat_std.value / std::sqrt(2.0 * (r.seat.grid_points - 1.0)), 1e-12);
+  EXPECT_NEAR(seat_std.U, 0.0005, 0.0001);
+  EXPECT_EQ(seat_std.verdict, Verdict::none);
+}
+
 TEST(Block, FindsCasingsDespitePatchesMissingAtTheirEdges) {
   scene::Cloud cloud = scene::take({}, {});
   // The scanner looks down with its Y against the block's: the outer casing lies at y = -116.5.
@@ -258,6 +382,7 @@ TEST(Block, IsMeasuredWithAToolLyingOnItsShoulder) {
 }
 
 void expect_nothing_measured(const BlockResult& r, Code code) {
+  EXPECT_NE(r.registration.status, RegistrationStatus::none) << "reports know four words for a registration";
   EXPECT_EQ(r.verdict, Verdict::not_measured);
   EXPECT_EQ(r.reason, static_cast<std::uint16_t>(code));
   ASSERT_EQ(r.items.size(), 11U) << "the items are listed all the same";
@@ -283,7 +408,10 @@ TEST(Block, OfAnEmptyScanIsNotMeasured) {
 TEST(Block, OfTooFewPointsIsNotMeasured) {
   scene::Cloud cloud = scene::take({}, {});
   cloud.xyz.resize(3 * 40000);
-  expect_nothing_measured(inspect(cloud), Code::too_few_points);
+  const BlockResult r = inspect(cloud);
+  expect_nothing_measured(r, Code::too_few_points);
+  EXPECT_EQ(r.registration.status, RegistrationStatus::rejected);
+  EXPECT_EQ(r.registration.note.view(), "not tried: too few points");
 }
 
 TEST(Block, ThatIsNotThereIsNotMeasured) {
@@ -313,6 +441,7 @@ TEST(Block, IsRefusedWhenItsScanDoesNotFitItsBuffer) {
   const Status status = inspector.denoise(cloud);
   ASSERT_FALSE(status.ok());
   EXPECT_EQ(status.error().code, Code::frame_incomplete);
+  EXPECT_EQ(inspector.result().registration.status, RegistrationStatus::rejected);
 }
 
 TEST(Block, IsNotExtractedWithoutAConvergedRegistration) {

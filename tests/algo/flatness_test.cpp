@@ -126,8 +126,87 @@ TEST(Flatness, CountsOnlyCellsWithEnoughPoints) {
   Seat half([](double, double) { return 0.0; });
   half.xyz.resize(half.xyz.size() / 3 / 2 * 3 + 3 * 5000);
   const Flatness f = half.measure();
-  EXPECT_TRUE(f.ok);
   EXPECT_LT(f.cells, 4000U);
+  EXPECT_FALSE(f.ok) << "nobody saw the other half";
+  EXPECT_TRUE(std::isnan(f.lsq_mm));
+}
+
+/// A level seat without the points for which `gone(x, y)`.
+template <typename Gone>
+Seat without(const Gone& gone, double pitch = 0.25) {
+  Seat seat([](double, double) { return 0.0; }, pitch);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < seat.xyz.size(); i += 3) {
+    if (gone(static_cast<double>(seat.xyz[i]), static_cast<double>(seat.xyz[i + 1]))) continue;
+    std::copy_n(seat.xyz.begin() + static_cast<std::ptrdiff_t>(i), 3,
+                seat.xyz.begin() + static_cast<std::ptrdiff_t>(kept));
+    kept += 3;
+  }
+  seat.xyz.resize(kept);
+  return seat;
+}
+
+TEST(Flatness, IsNotMeasuredOverAHole) {
+  const auto square = [](double side) {
+    return without([side](double x, double y) { return x > 0.0 && x < side && y > 0.0 && y < side; }).measure();
+  };
+  const Flatness small = square(9.0);
+  EXPECT_TRUE(small.ok);
+  EXPECT_EQ(small.cells_missing, 36U);
+  EXPECT_NEAR(small.hole_mm2, 81.0, 1e-9);
+  const Flatness large = square(12.0);
+  EXPECT_FALSE(large.ok);
+  EXPECT_NEAR(large.hole_mm2, 144.0, 1e-9);
+  EXPECT_TRUE(std::isnan(large.min_zone_mm));
+  // A cable across the seat, one cell wide and slanting: its cells touch at corners at least.
+  EXPECT_FALSE(without([](double x, double y) { return std::abs(x - y) < 2.0; }).measure().ok);
+}
+
+TEST(Flatness, IsNotMeasuredWhenManySmallHolesAddUp) {
+  const auto dotted = [](double period) {
+    return without([period](double x, double y) {
+             return std::fmod(x + 51.0, period) < 3.0 && std::fmod(y + 75.0, period) < 3.0;
+           })
+        .measure();
+  };
+  EXPECT_TRUE(dotted(15.0).ok) << "4 %";
+  const Flatness f = dotted(12.0);
+  EXPECT_FALSE(f.ok) << "6 %";
+  EXPECT_NEAR(f.hole_mm2, 9.0, 1e-9);
+}
+
+TEST(Flatness, TakesSparseCellsForSeenOnlyWhereTheyAgree) {
+  // In a square of 20 mm only every third point is there: 12 of 36 a cell but for the pattern's chance.
+  const auto thinned = [](double x, double y) {
+    return std::abs(x) < 10.0 && std::abs(y) < 10.0 && static_cast<int>(std::floor(4.0 * (x + y))) % 4 != 0;
+  };
+  Seat seat = without(thinned);
+  const Flatness flat = seat.measure();
+  EXPECT_TRUE(flat.ok);
+  EXPECT_EQ(flat.cells_missing, 0U);
+  EXPECT_LT(flat.cells, 6700U) << "sparse cells take no part in the figures";
+  for (std::size_t i = 0; i < seat.xyz.size(); i += 3)
+    if (std::abs(seat.xyz[i]) < 10.0F && std::abs(seat.xyz[i + 1]) < 10.0F) seat.xyz[i + 2] = 5.0F;
+  EXPECT_FALSE(seat.measure().ok) << "something stands there, of which too little was seen to measure it";
+}
+
+TEST(Flatness, ExpectsNothingAtCasings) {
+  const auto casing = [](double x, double y) { return std::hypot(x, std::abs(y) - 60.0) < 24.0; };
+  Seat seat = without(casing);
+  EXPECT_FALSE(seat.measure().ok);
+  seat.region.casing_s_mm = 60.0;
+  seat.region.casing_clear_mm = 24.0;
+  EXPECT_TRUE(seat.measure().ok);
+}
+
+TEST(Flatness, OfACoarseScanIsMeasured) {
+  // 14 points a cell on average, nine in some.
+  Prng prng(8);
+  Seat seat = without([&](double, double) { return prng.uniform() < 0.02; }, 0.4);
+  const Flatness f = seat.measure();
+  EXPECT_TRUE(f.ok);
+  EXPECT_LT(f.cells, 6750U);
+  EXPECT_EQ(f.cells_missing, 0U);
 }
 
 TEST(Flatness, RefusesARegionWithTooManyCells) {

@@ -181,6 +181,7 @@ Recipe p5600() {
                   .crop_half_s_mm = 75.0,
                   .cell_mm = 1.5,
                   .cell_points_min = 12,
+                  .cells_missing_max = 0.05,
                   .edge_margin_mm = 2.0,
                   .inlier_share_min = 0.8,
                   .registration_gate_mm = 3.0,

@@ -76,6 +76,7 @@ TEST_F(RecipeTest, p5600_geometry_is_the_reference) {
   EXPECT_EQ(e.crop_half_s_mm, 75);
   EXPECT_EQ(e.cell_mm, 1.5);
   EXPECT_EQ(e.cell_points_min, 12);
+  EXPECT_EQ(e.cells_missing_max, 0.05);
   // First and last block where the reference puts them: x = -2520 + 630 (i - 1), y = +-758, z = 30.
   EXPECT_TRUE(T_slab_block(recipe_, 1).translation_mm.isApprox(Vec3(-2520, 758, 30)));
   EXPECT_TRUE(T_slab_block(recipe_, 18).translation_mm.isApprox(Vec3(-2520, -758, 30)));
@@ -214,6 +215,8 @@ TEST_F(RecipeTest, faults_name_the_nearest_key_and_the_range) {
                    "block.draft_degrees: unknown key; the nearest known one is \"draft_deg\""}));
   EXPECT_EQ(only("cell_mm = 1.5\n", "cell_mm = 1.0\n"),
             "evaluation.cell_mm: found 1: the crop has 15300 such cells, allowed are 8500");
+  EXPECT_EQ(only("cells_missing_max = 0.05", "cells_missing_max = 0.9"),
+            "evaluation.cells_missing_max: found 0.9, allowed is a number 0..0.5");
   EXPECT_EQ(only("casing_bore_diameter_mm = { value = 30,", "casing_bore_diameter_mm = { value = 50,"),
             "block.casing_rim_diameter_mm: found 44, allowed is more than casing_bore_diameter_mm 50");
   EXPECT_EQ(only("first_pair_from_end_mm = { value = 280,", "first_pair_from_end_mm = { value = 600,"),
