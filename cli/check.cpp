@@ -106,24 +106,73 @@ void print_recipe(const Recipe& recipe) {
   fmt::print("{}\n{}\n", table(rows), kNotVisible);
 }
 
-int check_recipes(const std::vector<std::string>& files) {
-  int status = kDone;
-  for (const std::string& file : files) {
-    Recipe recipe;
-    if (!recipe_from(file, recipe)) {
-      status = kBadInput;
-      continue;
-    }
-    fmt::print("{}: good: {}, slab type {}, {} blocks, sha256 {}\n", file, recipe.name.view(), recipe.slab_type,
-               recipe.stations(), recipe.sha256.view());
+// ---- checking ----------------------------------------------------------------------------------------------------
+
+/// What a check came to; grows file by file, then is said once: for people, or as slabd.check/1.
+struct Check {
+  std::vector<daemon::Problem> problems;
+  std::vector<Recipe> recipes;  ///< the good ones
+  bool commissioning = false;
+};
+
+std::string check_json(const std::vector<std::string>& files, const Check& check) {
+  Json json;
+  json.begin_object();
+  json.field("schema", "slabd.check/1").field("ok", check.problems.empty());
+  json.key("files").begin_array();
+  for (const std::string& file : files) json.value(std::string_view(file));
+  json.end_array();
+  json.key("problems").begin_array();
+  for (const daemon::Problem& problem : check.problems) json.value(std::string_view(problem.text));
+  json.end_array();
+  json.key("recipes").begin_array();
+  for (const Recipe& recipe : check.recipes) {
+    json.begin_object();
+    json.field("file", recipe.path.view()).field("name", recipe.name.view()).field("slab_type", recipe.slab_type);
+    json.field("stations", unsigned{recipe.stations()}).field("sha256", recipe.sha256.view());
+    json.field("unconfirmed", unconfirmed_count(recipe)).field("guard", recipe.guard).end_object();
+  }
+  json.end_array();
+  json.field("commissioning_calibration", check.commissioning);
+  json.end_object();
+  return json.text();
+}
+
+/// Problems and warnings go to stderr either way, as everything said to people.
+int conclude(const std::vector<std::string>& files, const Check& check, bool json) {
+  const bool ok = report_problems(check.problems);
+  if (json) fmt::print("{}", check_json(files, check));
+  if (check.commissioning)
+    complain("warning: [calibration] holds commissioning values; no calibration has been applied");
+  for (const Recipe& recipe : check.recipes) {
+    if (!json)
+      fmt::print("{}: good: {}, slab type {}, {} blocks, sha256 {}\n", recipe.path.view(), recipe.name.view(),
+                 recipe.slab_type, recipe.stations(), recipe.sha256.view());
     warn_unconfirmed(recipe);
   }
-  return status;
+  return ok ? kDone : kBadInput;
+}
+
+/// Adds the recipe, or its problems; true when it is good.
+bool check_recipe(const std::string& file, Check& check) {
+  const std::size_t before = check.problems.size();
+  Recipe recipe;
+  daemon::load_recipe(file, recipe, check.problems);
+  if (check.problems.size() != before) return false;
+  check.recipes.push_back(recipe);
+  return true;
+}
+
+int check_recipes(const std::vector<std::string>& files, bool json) {
+  Check check;
+  for (const std::string& file : files) static_cast<void>(check_recipe(file, check));
+  return conclude(files, check, json);
 }
 
 int show_recipe(const std::string& file, bool json) {
-  Recipe recipe;
-  if (!recipe_from(file, recipe)) return kBadInput;
+  Check check;
+  if (!check_recipe(file, check)) return conclude({file}, check, json);
+  const Recipe& recipe = check.recipes.front();
   warn_unconfirmed(recipe);
   if (json) {
     fmt::print("{}", recipe_json(recipe));
@@ -133,20 +182,16 @@ int show_recipe(const std::string& file, bool json) {
   return kDone;
 }
 
-int check_config(const std::string& file) {
+int check_config(const std::string& file, bool json) {
+  Check check;
   daemon::Config config;
-  if (!config_from(file, config)) return kBadInput;
-  fmt::print("{}: good\n", file);
-  std::vector<Recipe> recipes;
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipes(config.recipes_dir, recipes, problems);
-  if (!report_problems(problems)) return kBadInput;
-  for (const Recipe& recipe : recipes)
-    fmt::print("{}: good: {}, slab type {}\n", recipe.path.view(), recipe.name.view(), recipe.slab_type);
-  if (config.calibration.commissioning)
-    complain("warning: [calibration] holds commissioning values; no calibration has been applied");
-  for (const Recipe& recipe : recipes) warn_unconfirmed(recipe);
-  return kDone;
+  daemon::load_config(file, config, check.problems);
+  if (check.problems.empty()) {
+    if (!json) fmt::print("{}: good\n", file);
+    check.commissioning = config.calibration.commissioning;
+    daemon::load_recipes(config.recipes_dir, check.recipes, check.problems);
+  }
+  return conclude({file}, check, json);
 }
 
 struct Options {
@@ -163,7 +208,8 @@ void add_config(CLI::App& app, int& exit_status) {
   config->require_subcommand(1);
   CLI::App* check = config->add_subcommand("check", "Name every fault of a configuration and of the recipes it uses");
   check->add_option("FILE", options->file, "Configuration")->default_val(kDefaultConfig);
-  check->callback([options, &exit_status] { exit_status = check_config(options->file); });
+  check->add_flag("--json", options->json, "Print slabd.check/1 on stdout");
+  check->callback([options, &exit_status] { exit_status = check_config(options->file, options->json); });
 }
 
 void add_recipe(CLI::App& app, int& exit_status) {
@@ -172,10 +218,11 @@ void add_recipe(CLI::App& app, int& exit_status) {
   recipe->require_subcommand(1);
   CLI::App* check = recipe->add_subcommand("check", "Name every fault of recipe files");
   check->add_option("FILE", options->files, "Recipe files")->required();
-  check->callback([options, &exit_status] { exit_status = check_recipes(options->files); });
+  check->add_flag("--json", options->json, "Print slabd.check/1 on stdout");
+  check->callback([options, &exit_status] { exit_status = check_recipes(options->files, options->json); });
   CLI::App* show = recipe->add_subcommand("show", "Print nominals and tolerances, and who has confirmed them");
   show->add_option("FILE", options->file, "Recipe file")->required();
-  show->add_flag("--json", options->json, "Print slabd.recipe/1 on stdout");
+  show->add_flag("--json", options->json, "Print slabd.recipe/1 on stdout; of a faulty file slabd.check/1");
   show->callback([options, &exit_status] { exit_status = show_recipe(options->file, options->json); });
 }
 

@@ -5,12 +5,14 @@
 #include <CLI/CLI.hpp>
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/parse.h"
+#include "cli/progress.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
@@ -85,15 +87,18 @@ int inspect(const Options& options) {
   }
   warn_unconfirmed(recipe);
 
+  std::optional<ProgressNote> note(std::in_place, stderr, "measuring ...", std::chrono::seconds(1));
   const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
   std::vector<float> xyz(limits::kScanPointsMax * 3);
   const std::int64_t read_start_ns = clock->mono_ns();
   const Result<ScanShape> shape = hal::read_scan(options.scan.c_str(), *length_unit(options.unit), xyz);
   if (!shape) {
+    note.reset();
     complain(fmt::format("{}", shape.error().text.view()));
     return kBadInput;
   }
   if (shape.value().finite == 0) {
+    note.reset();
     complain(fmt::format("{}: none of its {} points is finite", options.scan, shape.value().points));
     return kBadInput;
   }
@@ -108,6 +113,7 @@ int inspect(const Options& options) {
   cloud.height = shape.value().height;
   const Status status = daemon::measure_block(inspector, *clock, options.block, Pose::identity(), T_block_scanner,
                                               cloud, shape.value(), read_ms);
+  note.reset();
   if (!status) complain(fmt::format("{}: {}", options.scan, status.error().text.view()));
   const BlockResult& block = inspector.result();
   if (options.json) {

@@ -36,18 +36,26 @@ const SlabBlock* latest(const SlabRecord& record, int station) {
   return found;
 }
 
-/// What the map shows: the final verdict once the slab has ended, the block's own before.
-Verdict shown_verdict(const SlabRecord& record, int station) {
-  const SlabBlock* block = latest(record, station);
-  if (block == nullptr) return Verdict::none;
-  if (block->final_verdict != Verdict::none) return block->final_verdict;
-  if (block->phase == StationPhase::failed) return Verdict::not_measured;
-  return block->phase == StationPhase::measured ? block->block.verdict : Verdict::none;
+struct Shown {
+  Verdict verdict = Verdict::none;
+  std::uint16_t reason = 0;
+};
+
+bool is_open(const SlabRecord& record) {
+  return record.summary.ended_utime_us == 0;
 }
 
-std::uint16_t shown_reason(const SlabBlock& block) {
-  if (block.final_verdict != Verdict::none) return block.final_reason;
-  return block.phase == StationPhase::failed ? block.code : block.block.reason;
+/// What map and tables say of a station: the final verdict once the slab has ended, also of a station that was never
+/// scanned; the latest attempt's own before.
+Shown shown(const SlabRecord& record, int station) {
+  const auto i = static_cast<std::size_t>(station - 1);
+  if (!is_open(record) && record.slab.station_verdict[i] != Verdict::none)
+    return {record.slab.station_verdict[i], record.slab.station_reason[i]};
+  const SlabBlock* block = latest(record, station);
+  if (block == nullptr) return {};
+  if (block->phase == StationPhase::failed) return {Verdict::not_measured, block->code};
+  if (block->phase != StationPhase::measured) return {};
+  return {block->block.verdict, block->block.reason};
 }
 
 void write_attempt(Json& json, const SlabRecord& record, const SlabBlock& block) {
@@ -80,6 +88,7 @@ std::string as_json(const SlabRecord& record, int only_block) {
   write_time(json, "ended", record.summary.ended_utime_us);
   json.field("acknowledged", record.summary.acknowledged).field("recipe", header.recipe.view());
   json.field("recipe_sha256", header.recipe_sha256.view()).field("calibration_id", header.calibration_id.view());
+  json.field("unconfirmed", header.unconfirmed).field("guard", header.guard);
   json.field("software", header.software.view()).field("stations", unsigned{header.stations});
   json.field("stations_measured", record.summary.stations_measured);
 
@@ -90,6 +99,13 @@ std::string as_json(const SlabRecord& record, int only_block) {
   write_pose(json, "T_base_slab", fit.T_base_slab);
   json.end_object();
 
+  json.key("station_verdicts").begin_array();
+  for (int station = 1; station <= header.stations; ++station) {
+    const auto [verdict, reason] = shown(record, station);
+    json.begin_object();
+    json.field("station", station).field("verdict", name(verdict)).field("reason", reason).end_object();
+  }
+  json.end_array();
   json.key("items").begin_array();
   for (const Item& item : record.slab.items) write_item(json, item, true);
   json.end_array();
@@ -104,20 +120,25 @@ std::string as_json(const SlabRecord& record, int only_block) {
 
 void print_header(const SlabRecord& record, Style style) {
   const SlabHeader& header = record.summary.header;
-  const bool open = record.summary.ended_utime_us == 0;
+  const bool open = is_open(record);
   fmt::print("slab {} \"{}\"  key {}  type {}\n", header.slab_no, header.slab_id.view(), header.key, header.slab_type);
   fmt::print("began {}  ended {}\n", iso_time(header.began_utime_us),
              open ? "- (still open)" : iso_time(record.summary.ended_utime_us));
   if (!open)
     fmt::print("verdict {}  {}\n", verdict_text(record.summary.verdict, style), reason_text(record.summary.reason));
-  fmt::print("recipe {} ({:.12})  calibration {}  {}\n\n", header.recipe.view(), header.recipe_sha256.view(),
+  fmt::print("recipe {} ({:.12})  calibration {}  {}\n", header.recipe.view(), header.recipe_sha256.view(),
              header.calibration_id.view(), header.software.view());
+  if (header.unconfirmed > 0)
+    fmt::print("warning: {} nominals and tolerances of the recipe were not confirmed when this slab was judged\n",
+               header.unconfirmed);
+  if (header.guard == 0.0) fmt::print("simple acceptance: guard band 0\n");
+  fmt::print("\n");
 }
 
 void print_map(const SlabRecord& record, Style style) {
   std::vector<Verdict> verdicts;
   for (int station = 1; station <= record.summary.header.stations; ++station)
-    verdicts.push_back(shown_verdict(record, station));
+    verdicts.push_back(shown(record, station).verdict);
   fmt::print("{}{}\n", slab_map(verdicts, style), map_legend(style));
 }
 
@@ -126,16 +147,16 @@ void print_blocks(const SlabRecord& record, Style style) {
       {"block", "attempts", "acquire s", "measure s", "verdict<", "reason<", "scan<"}};
   for (int station = 1; station <= record.summary.header.stations; ++station) {
     const SlabBlock* block = latest(record, station);
+    const auto [verdict, reason] = shown(record, station);
     if (block == nullptr) {
-      rows.push_back({std::to_string(station), "0", "-", "-", verdict_text(Verdict::none, style), "", ""});
+      rows.push_back({std::to_string(station), "0", "-", "-", verdict_text(verdict, style), reason_words(reason), ""});
       continue;
     }
     const bool measured = block->phase == StationPhase::measured;
     rows.push_back({std::to_string(station), std::to_string(block->attempt.number),
                     fmt::format("{:.2f}", block->attempt.acquire_ms / 1e3),
                     measured ? fmt::format("{:.2f}", block->block.times.total_ms / 1e3) : "-",
-                    verdict_text(shown_verdict(record, station), style), reason_words(shown_reason(*block)),
-                    std::string(block->attempt.scan_path.view())});
+                    verdict_text(verdict, style), reason_words(reason), std::string(block->attempt.scan_path.view())});
   }
   fmt::print("{}\n", table(rows));
 }
@@ -157,8 +178,11 @@ void print_slab_items(const SlabRecord& record, Style style) {
 
 int print_block(const SlabRecord& record, int station, Style style) {
   const SlabBlock* block = latest(record, station);
+  const auto [verdict, reason] = shown(record, station);
+  const std::string conclusion =
+      fmt::format("block {}: {}  {}\n", station, verdict_text(verdict, style), reason_text(reason));
   if (block == nullptr) {
-    fmt::print("block {} was not scanned\n", station);
+    fmt::print("block {} was not scanned\n{}", station, is_open(record) ? "" : conclusion);
     return kDone;
   }
   fmt::print("block {}, attempt {}, scanned {}, session {} command {}\n", station, block->attempt.number,
@@ -168,7 +192,7 @@ int print_block(const SlabRecord& record, int station, Style style) {
              block->attempt.pose_samples, block->attempt.pose_spread_mm, block->attempt.settle_ms / 1e3,
              block->attempt.acquire_ms / 1e3);
   if (block->phase != StationPhase::measured) {
-    fmt::print("not measured  {}\n", reason_text(block->code));
+    fmt::print("attempt {}: not measured  {}\n{}", block->attempt.number, reason_text(block->code), conclusion);
     return kDone;
   }
   const BlockResult& result = block->block;
@@ -182,8 +206,7 @@ int print_block(const SlabRecord& record, int station, Style style) {
   for (const Item& item : record.slab.items)
     if (item.station == station || item.station_to == station) in_slab.push_back(item);
   if (!in_slab.empty()) fmt::print("in the slab's frame\n{}\n", item_table(in_slab, style, true));
-  fmt::print("block {}: {}  {}\n", station, verdict_text(shown_verdict(record, station), style),
-             reason_text(shown_reason(*block)));
+  fmt::print("{}", conclusion);
   fmt::print("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", result.times.total_ms,
              result.times.read_ms, result.times.denoise_ms, result.times.register_ms, result.times.extract_ms);
   return kDone;

@@ -105,9 +105,8 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
                  {"measuring", station.measuring},
                  {"last_ms", figures.block_last_ms},
                  {"max_ms", figures.block_max_ms}};
-  j["memory"] = {{"rss_kb", memory_kb("VmRSS")},
-                 {"peak_kb", memory_kb("VmHWM")},
-                 {"inspection_bytes", limits::kInspectionBytes}};
+  j["memory"] = {
+      {"rss_kb", memory_kb("VmRSS")}, {"peak_kb", memory_kb("VmHWM")}, {"inspection_bytes", limits::kInspectionBytes}};
   j["uptime_s"] = static_cast<double>(station.now_ns - figures.started_ns) / 1e9;
   j["config"] = figures.config_path;
   j["db"] = figures.db_path;

@@ -36,6 +36,15 @@ Pose between(const Pose& from, const Pose& to, double share) {
 
 }  // namespace
 
+std::string_view multicast_group(std::string_view lcm_url) {
+  constexpr std::string_view kScheme = "udpm://";
+  constexpr std::string_view kDefaultOfLcm = "239.255.76.67";
+  if (!lcm_url.starts_with(kScheme)) return kDefaultOfLcm;
+  lcm_url.remove_prefix(kScheme.size());
+  const std::string_view group = lcm_url.substr(0, lcm_url.find_first_of(":?"));
+  return group.empty() ? kDefaultOfLcm : group;
+}
+
 struct RobotPeer::Impl {
   RobotTraits traits;
   lcm_t* lcm = nullptr;
@@ -120,11 +129,13 @@ Result<std::unique_ptr<RobotPeer>> RobotPeer::start(const RobotTraits& traits, c
   impl->from = impl->to = T_base_flange;
   impl->started = SteadyClock::now() - std::chrono::hours(1);
   impl->lcm = lcm_create(traits.lcm_url.c_str());
-  if (impl->lcm == nullptr)
+  if (impl->lcm == nullptr) {
+    const std::string group(multicast_group(traits.lcm_url));
     return error(Code::no_pose,
                  "the robot cannot publish on %s: no route for its multicast group; as root: "
-                 "ip route add 239.255.76.67/32 dev lo",
-                 traits.lcm_url.c_str());
+                 "ip route add %s/32 dev lo",
+                 traits.lcm_url.c_str(), group.c_str());
+  }
   Impl* raw = impl.get();
   impl->thread = std::jthread([raw](const std::stop_token& stop) { raw->publish_until(stop); });
   return std::unique_ptr<RobotPeer>(new RobotPeer(std::move(impl)));

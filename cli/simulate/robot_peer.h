@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <string>
+#include <string_view>
 
 #include "base/base.h"
 
@@ -21,6 +22,9 @@ struct RobotTraits {
   std::int16_t tool_id = 0;
   std::uint64_t seed = 1;
 };
+
+/// "udpm://239.255.76.99:7667?ttl=0" -> "239.255.76.99"; LCM's own group when the URL names none.
+[[nodiscard]] std::string_view multicast_group(std::string_view lcm_url);
 
 class RobotPeer {
  public:

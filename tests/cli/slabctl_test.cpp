@@ -1,68 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl as a process: exit status, stdout and stderr.
-#include <gtest/gtest.h>
-#include <sys/wait.h>
-
-#include <array>
-#include <cstdio>
-#include <cstdlib>
-#include <filesystem>
-#include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
-#include <string>
 
+#include "tests/cli/slabctl_process.h"
+
+namespace slabd::cli {
 namespace {
 
-namespace fs = std::filesystem;
 using nlohmann::json;
-
-const std::string kRecipe = std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml";
-
-struct Ended {
-  int status = -1;
-  std::string out;
-  std::string err;
-};
-
-std::string content(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-
-class Slabctl : public ::testing::Test {
- protected:
-  Slabctl() {
-    std::string pattern = (fs::temp_directory_path() / "slabctl-test-XXXXXX").string();
-    dir_ = mkdtemp(pattern.data());
-  }
-  ~Slabctl() override { fs::remove_all(dir_); }
-
-  [[nodiscard]] std::string file(const std::string& name) const { return (dir_ / name).string(); }
-  [[nodiscard]] std::string write(const std::string& name, const std::string& text) const {
-    std::ofstream(file(name), std::ios::binary) << text;
-    return file(name);
-  }
-  /// Runs `slabctl arguments` through the shell.
-  [[nodiscard]] Ended run(const std::string& arguments) const {
-    const std::string command = std::string(SLABCTL) + " " + arguments + " >" + file("out") + " 2>" + file("err");
-    Ended ended;
-    const int status = std::system(command.c_str());
-    ended.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-    ended.out = content(file("out"));
-    ended.err = content(file("err"));
-    return ended;
-  }
-  [[nodiscard]] Ended simulate_scan(const std::string& out, const std::string& more) const {
-    return run("simulate scan --points quarter --recipe " + kRecipe + " --block 3 --out " + file(out) + " " + more);
-  }
-
-  fs::path dir_;
-};
-
-void expect_mentions(const std::string& text, const std::string& words) {
-  EXPECT_NE(text.find(words), std::string::npos) << "expected '" << words << "' in:\n" << text;
-}
 
 TEST_F(Slabctl, version_and_help_are_done) {
   const Ended version = run("--version");
@@ -148,6 +95,53 @@ TEST_F(Slabctl, recipe_show_gives_every_nominal_with_its_confirmation) {
   expect_mentions(shown.err, "assumed");
 }
 
+TEST_F(Slabctl, checks_give_their_findings_as_json) {
+  const std::string broken = write("broken.toml", "schema = \"slabd.recipe/1\"\nname = [\n");
+  const Ended good = run("recipe check --json " + kRecipe);
+  EXPECT_EQ(good.status, 0);
+  json document = json::parse(good.out);
+  EXPECT_EQ(document["schema"], "slabd.check/1");
+  EXPECT_EQ(document["ok"], true);
+  EXPECT_EQ(document["problems"], json::array());
+  ASSERT_EQ(document["recipes"].size(), 1U);
+  EXPECT_EQ(document["recipes"][0]["slab_type"], 5600);
+  EXPECT_GT(document["recipes"][0]["unconfirmed"].get<int>(), 0);
+
+  const Ended mixed = run("recipe check --json " + broken + " " + kRecipe);
+  EXPECT_EQ(mixed.status, 3);
+  document = json::parse(mixed.out);
+  EXPECT_EQ(document["ok"], false);
+  EXPECT_EQ(document["files"], json::array({broken, kRecipe}));
+  ASSERT_EQ(document["problems"].size(), 1U);
+  expect_mentions(document["problems"][0].get<std::string>(), "broken.toml:");
+  expect_mentions(mixed.err, "broken.toml:");
+  EXPECT_EQ(document["recipes"].size(), 1U) << "the good one";
+
+  const Ended shown = run("recipe show --json " + broken);
+  EXPECT_EQ(shown.status, 3);
+  document = json::parse(shown.out);
+  EXPECT_EQ(document["schema"], "slabd.check/1");
+  EXPECT_EQ(document["ok"], false);
+  EXPECT_EQ(run("recipe show " + broken).out, "");
+
+  const std::string poses =
+      "[cell]\nT_base_slab = [0, 0, 0, 1, 0, 0, 0]\n[calibration]\nT_flange_scanner = [0, 0, 0, 1, 0, 0, 0]\n";
+  const std::string recipes = "[recipes]\ndir = \"" + fs::path(kRecipe).parent_path().string() + "\"\n";
+  const Ended config = run("config check --json " + write("good.toml", poses + recipes));
+  EXPECT_EQ(config.status, 0) << config.err;
+  document = json::parse(config.out);
+  EXPECT_EQ(document["ok"], true);
+  EXPECT_EQ(document["commissioning_calibration"], true);
+  EXPECT_GT(document["recipes"].size(), 0U);
+
+  const Ended no_recipes = run("config check --json " + write("bad.toml", poses + "[recipes]\ndir = \"none\"\n"));
+  EXPECT_EQ(no_recipes.status, 3);
+  EXPECT_EQ(json::parse(no_recipes.out)["ok"], false);
+  const Ended no_poses = run("config check --json " + write("bad.toml", recipes));
+  EXPECT_EQ(no_poses.status, 3);
+  EXPECT_EQ(json::parse(no_poses.out)["problems"].size(), 2U);
+}
+
 TEST_F(Slabctl, simulated_scan_is_measured_as_planted) {
   ASSERT_EQ(simulate_scan("scan.ply", "--seed 7 --defect jaw-distance=3:-0.9 --defect protrusion-outer=3:0.1").status,
             0);
@@ -215,3 +209,4 @@ TEST_F(Slabctl, good_block_passes_with_status_0_and_a_readable_table) {
 }
 
 }  // namespace
+}  // namespace slabd::cli

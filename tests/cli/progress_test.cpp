@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/progress.h"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <memory>
+#include <optional>
+
+#include "cli/simulate/robot_peer.h"
+
+namespace slabd::cli {
+namespace {
+
+using namespace std::chrono_literals;
+
+/// A pseudo-terminal: what a program writes to `stream`, a person would see in `seen_until`.
+struct Terminal {
+  Terminal() : master(posix_openpt(O_RDWR | O_NOCTTY)) {
+    EXPECT_EQ(grantpt(master), 0);
+    EXPECT_EQ(unlockpt(master), 0);
+    stream = std::fopen(ptsname(master), "w");
+    EXPECT_NE(stream, nullptr);
+  }
+  ~Terminal() {
+    std::fclose(stream);
+    close(master);
+  }
+  Terminal(const Terminal&) = delete;
+  Terminal& operator=(const Terminal&) = delete;
+
+  /// Reads, waiting, until `ending` has come.
+  [[nodiscard]] std::string seen_until(const std::string& ending) const {
+    std::string seen;
+    char byte = 0;
+    while (!seen.ends_with(ending) && read(master, &byte, 1) == 1) seen += byte;
+    return seen;
+  }
+
+  int master = -1;
+  std::FILE* stream = nullptr;
+};
+
+TEST(ProgressNote, long_work_is_announced_on_a_terminal_and_the_line_is_erased_afterwards) {
+  const Terminal terminal;
+  {
+    const ProgressNote note(terminal.stream, "measuring ...", 0ms);
+    EXPECT_EQ(terminal.seen_until("..."), "measuring ...");
+  }
+  std::fputs("result", terminal.stream);
+  std::fflush(terminal.stream);
+  EXPECT_EQ(terminal.seen_until("result"), "\r\x1b[Kresult");
+}
+
+TEST(ProgressNote, short_work_says_nothing) {
+  const Terminal terminal;
+  { const ProgressNote note(terminal.stream, "measuring ...", 24h); }
+  std::fputs("result", terminal.stream);
+  std::fflush(terminal.stream);
+  EXPECT_EQ(terminal.seen_until("result"), "result");
+}
+
+TEST(ProgressNote, nothing_is_written_where_there_is_no_terminal) {
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::tmpfile(), &std::fclose);
+  { const ProgressNote note(file.get(), "measuring ...", 0ms); }
+  EXPECT_EQ(std::ftell(file.get()), 0);
+}
+
+TEST(RobotPeer, cure_for_a_missing_route_names_the_group_in_use) {
+  using simulate::multicast_group;
+  EXPECT_EQ(multicast_group("udpm://239.1.2.3:7000?ttl=0"), "239.1.2.3");
+  EXPECT_EQ(multicast_group("udpm://239.1.2.3?ttl=0"), "239.1.2.3");
+  EXPECT_EQ(multicast_group("udpm://239.1.2.3"), "239.1.2.3");
+  EXPECT_EQ(multicast_group("udpm://"), "239.255.76.67");
+  EXPECT_EQ(multicast_group("udpm://?ttl=1"), "239.255.76.67");
+  // A unicast address has no multicast route anywhere: the message itself.
+  simulate::RobotTraits traits;
+  traits.lcm_url = "udpm://10.9.8.7:7667?ttl=0";
+  traits.channel = "FLANGE_POSE";
+  const auto peer = simulate::RobotPeer::start(traits, Pose::identity());
+  if (!peer.ok()) {
+    EXPECT_NE(peer.error().text.view().find("ip route add 10.9.8.7/32 dev lo"), std::string_view::npos)
+        << peer.error().text.view();
+  }
+}
+
+}  // namespace
+}  // namespace slabd::cli

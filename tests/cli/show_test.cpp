@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl show on a database made by hand.
+#include <nlohmann/json.hpp>
+
+#include "storage/storage.h"
+#include "tests/cli/slabctl_process.h"
+
+namespace slabd::cli {
+namespace {
+
+using nlohmann::json;
+
+class Show : public Slabctl {
+ protected:
+  Show() {
+    header_.key = 1;
+    header_.slab_id = "SLAB-0042";
+    header_.stations = 18;
+    header_.recipe = "P5600";
+    header_.guard = 1.0;
+    header_.began_utime_us = 1'763'681'281'000'000;
+    record_.kind = 2;
+    record_.res_seq = 2;
+    slab_.verdict = Verdict::not_measured;
+    slab_.reason = 402;
+    slab_.station_verdict.fill(Verdict::not_measured);
+    slab_.station_reason.fill(402);
+    open_store();
+  }
+  void open_store() {
+    auto opened = storage::open_store({file("slabd.db"), file("spool"), 0});
+    ASSERT_TRUE(opened.ok()) << opened.error().text.view();
+    store_ = std::move(opened.value());
+  }
+  void apply(const decltype(StoreJob::what)& what) {
+    const Status status = store_->apply({1, what});
+    ASSERT_TRUE(status.ok()) << status.error().text.view();
+  }
+  /// Station 3 measured: its block passes.
+  void measure_station_3() {
+    Attempt attempt;
+    attempt.slab_key = 1;
+    attempt.station = 3;
+    attempt.number = 1;
+    apply(AcquiredJob{attempt});
+    BlockResult block;
+    block.station = 3;
+    block.verdict = Verdict::pass;
+    PlcResult record;
+    record.kind = 1;
+    record.res_seq = 1;
+    record.station = 3;
+    apply(BlockJob{1, 1, block, record});
+  }
+  [[nodiscard]] Ended show(const std::string& more = "") const {
+    return run("show 1 --db " + file("slabd.db") + " " + more);
+  }
+  static std::string line_of(const std::string& text, const std::string& start) {
+    const std::size_t at = text.find("\n" + start);
+    return at == std::string::npos ? "" : text.substr(at + 1, text.find('\n', at + 1) - at - 1);
+  }
+
+  std::unique_ptr<storage::Store> store_;
+  SlabHeader header_;
+  SlabResult slab_;
+  PlcResult record_;
+};
+
+TEST_F(Show, ended_slab_shows_final_verdicts_also_of_stations_that_were_never_scanned) {
+  apply(BeginSlabJob{header_, 1, 1});
+  measure_station_3();
+  slab_.station_verdict[2] = Verdict::fail;  // a slab-frame item turned its pass over
+  slab_.station_reason[2] = 611;
+  apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
+
+  const Ended ended = show();
+  EXPECT_EQ(ended.status, 0) << ended.err;
+  EXPECT_EQ(line_of(ended.out, "  Y > 0"), "  Y > 0     0   0   X   0   0   0   0   0   0");
+  EXPECT_EQ(line_of(ended.out, "  Y < 0"), "  Y < 0     0   0   0   0   0   0   0   0   0");
+  expect_mentions(line_of(ended.out, "1  "), "0 not_measured  402: no supporting block");
+  expect_mentions(line_of(ended.out, "3  "), "X fail");
+  expect_mentions(show("--block 1").out, "block 1: 0 not_measured  402: ");
+
+  const json document = json::parse(show("--json").out);
+  ASSERT_EQ(document["station_verdicts"].size(), 18U);
+  EXPECT_EQ(document["station_verdicts"][0], (json{{"station", 1}, {"verdict", "not_measured"}, {"reason", 402}}));
+  EXPECT_EQ(document["station_verdicts"][2], (json{{"station", 3}, {"verdict", "fail"}, {"reason", 611}}));
+}
+
+TEST_F(Show, open_slab_shows_what_is_known_so_far) {
+  apply(BeginSlabJob{header_, 1, 1});
+  measure_station_3();
+  const Ended ended = show();
+  EXPECT_EQ(line_of(ended.out, "  Y > 0"), "  Y > 0     .   .   +   .   .   .   .   .   .");
+  expect_mentions(ended.out, "still open");
+  expect_mentions(show("--block 1").out, "block 1 was not scanned\n");
+  EXPECT_EQ(show("--block 1").out.find("block 1: "), std::string::npos);
+}
+
+TEST_F(Show, aborted_slab_keeps_the_verdicts_of_its_blocks) {
+  apply(BeginSlabJob{header_, 1, 1});
+  measure_station_3();
+  slab_ = {};
+  slab_.verdict = Verdict::aborted;
+  apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
+  EXPECT_EQ(line_of(show().out, "  Y > 0"), "  Y > 0     .   .   +   .   .   .   .   .   .");
+}
+
+TEST_F(Show, report_warns_of_unconfirmed_nominals_and_of_a_missing_guard_band) {
+  header_.unconfirmed = 12;
+  header_.guard = 0.0;
+  apply(BeginSlabJob{header_, 1, 1});
+  const Ended ended = show();
+  expect_mentions(ended.out,
+                  "warning: 12 nominals and tolerances of the recipe were not confirmed when this slab was judged\n");
+  expect_mentions(ended.out, "simple acceptance: guard band 0\n");
+  const json document = json::parse(show("--json").out);
+  EXPECT_EQ(document["unconfirmed"], 12);
+  EXPECT_EQ(document["guard"], 0.0);
+}
+
+TEST_F(Show, confirmed_recipe_with_a_guard_band_gets_no_warning) {
+  apply(BeginSlabJob{header_, 1, 1});
+  const Ended ended = show();
+  EXPECT_EQ(ended.out.find("warning"), std::string::npos) << ended.out;
+  EXPECT_EQ(ended.out.find("simple acceptance"), std::string::npos) << ended.out;
+  EXPECT_EQ(json::parse(show("--json").out)["guard"], 1.0);
+}
+
+TEST_F(Show, slope_in_the_slabs_frame_names_its_station) {
+  apply(BeginSlabJob{header_, 1, 1});
+  measure_station_3();
+  Item slope;
+  slope.id = ItemId::seat_slope;
+  slope.station = 3;
+  slope.verdict = Verdict::pass;
+  slope.value = 1.43;
+  ASSERT_TRUE(slab_.items.push(slope));
+  apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
+  expect_mentions(show().out, "seat_slope [deg] 3 ");
+  expect_mentions(show("--block 3").out, "seat_slope [deg] 3 ");
+  EXPECT_EQ(json::parse(show("--json").out)["items"][0]["stations"], json::array({3}));
+}
+
+}  // namespace
+}  // namespace slabd::cli

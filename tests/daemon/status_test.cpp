@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "base/prng.h"
+#include "daemon/loop.h"
+#include "hal/mock/mock.h"
+
+namespace slabd::daemon {
+namespace {
+
+using nlohmann::json;
+
+class StatusTest : public ::testing::Test {
+ protected:
+  json ask(const std::string& line) {
+    const std::string text = answer_control(line, station_, ports_, figures_);
+    EXPECT_EQ(text.find('\n'), std::string::npos) << "an answer is one line";
+    const json answer = json::parse(text, nullptr, false);
+    EXPECT_TRUE(answer.is_object()) << text;
+    return answer;
+  }
+
+  hal::ManualClock clock_;
+  hal::MockNotify notify_;
+  hal::MockPlc plc_;
+  hal::MockPose pose_;
+  hal::MockScanner scanner_{clock_};
+  const Ports ports_{plc_, pose_, scanner_, nullptr, nullptr, clock_, notify_};
+  Station station_{StationSettings{}};
+  LoopFigures figures_;
+};
+
+TEST_F(StatusTest, status_is_told) {
+  figures_.config_path = "/etc/slabd/slabd.toml";
+  const json answer = ask(R"({"verb":"status"})");
+  EXPECT_EQ(answer["schema"], "slabd.status/1");
+  EXPECT_EQ(answer["state"], "recover");
+  EXPECT_EQ(answer["config"], "/etc/slabd/slabd.toml");
+  EXPECT_TRUE(answer["slab"].is_null());
+}
+
+TEST_F(StatusTest, bytes_that_are_no_text_do_not_stop_the_answer) {
+  figures_.config_path = "/etc/\xff\xfe/slabd\xc3.toml";
+  figures_.db_path = "/srv/\x80.db";
+  pose_.link_trouble = "interface \"\xe4\": no such device";
+  station_.slab.phase = SlabPhase::open;
+  station_.slab.header.slab_id = "SLAB-\xff";
+  const json answer = ask(R"({"verb":"status"})");
+  EXPECT_EQ(answer["config"], "/etc/\xef\xbf\xbd\xef\xbf\xbd/slabd\xef\xbf\xbd.toml");
+  EXPECT_EQ(answer["slab"]["id"], "SLAB-\xef\xbf\xbd");
+}
+
+TEST_F(StatusTest, whatever_is_asked_is_answered) {
+  EXPECT_EQ(ask("")["schema"], "slabd.error/1");
+  EXPECT_EQ(ask("[]")["schema"], "slabd.error/1");
+  EXPECT_EQ(ask("{\"verb\":7}")["schema"], "slabd.error/1");
+  EXPECT_EQ(ask("{\"verb\":\"stop\"}")["error"], "unknown verb; known: status");
+  EXPECT_EQ(ask("{\"verb\":\"\xff\"}")["schema"], "slabd.error/1");
+  EXPECT_EQ(ask(std::string(60'000, '['))["schema"], "slabd.error/1");
+  Prng prng(11);
+  const std::string good = R"({"verb":"status","number":1e999,"text":"\u00e4"})";
+  for (int i = 0; i < 2000; ++i) {
+    std::string line = good;
+    for (std::uint64_t hits = 1 + prng.below(3); hits > 0; --hits)
+      line[prng.below(line.size())] = static_cast<char>(prng.below(256));
+    static_cast<void>(ask(line));
+  }
+}
+
+}  // namespace
+}  // namespace slabd::daemon
