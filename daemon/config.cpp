@@ -124,10 +124,11 @@ void read_int16(TableReader& table, std::string_view key, std::int16_t& out) {
 void check_standstill(TableReader& robot, const PoseSettings& pose) {
   const double total_ms = static_cast<double>(pose.window_ns + pose.dwell_ns) / 1e6;
   if (total_ms > kStandstillMaxMs)
-    robot.problem(robot.has("dwell_ms") ? "dwell_ms" : "window_ms",
-                  fmt::format("window_ms and dwell_ms together are {} ms, allowed are {} ms: the daemon remembers 2 s of "
-                              "poses at 250 Hz, and a longer standstill would never be seen",
-                              total_ms, kStandstillMaxMs));
+    robot.problem(
+        robot.has("dwell_ms") ? "dwell_ms" : "window_ms",
+        fmt::format("window_ms and dwell_ms together are {} ms, allowed are {} ms: the daemon remembers 2 s of "
+                    "poses at 250 Hz, and a longer standstill would never be seen",
+                    total_ms, kStandstillMaxMs));
 }
 
 void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, std::int64_t& settle_timeout_ns) {
@@ -162,10 +163,6 @@ void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, st
 void read_path(TableReader& table, std::string_view key, const std::string& folder, std::string& out) {
   std::string path = out;
   table.optional_text(key, path, kPathMax);
-  if (path.empty()) {
-    table.problem(key, "found \"\", allowed is a path");
-    return;
-  }
   if (!path.starts_with('/')) path = folder + "/" + path;
   if (path.size() > kPathMax) {
     table.problem(key, fmt::format("{} has {} characters, allowed are {}", path, path.size(), kPathMax));
@@ -174,7 +171,8 @@ void read_path(TableReader& table, std::string_view key, const std::string& fold
   out = path;
 }
 
-void read_scanner(TableReader scanner, const std::string& folder, hal::ScanDropSettings& out, std::int64_t& timeout_ns) {
+void read_scanner(TableReader scanner, const std::string& folder, hal::ScanDropSettings& out,
+                  std::int64_t& timeout_ns) {
   const TomlValue* backend = scanner.value("backend");
   if (backend != nullptr && backend->text != "drop")
     scanner.problem("backend", fmt::format("found {}, allowed is \"drop\"; this version supports the drop folder only",

@@ -176,7 +176,7 @@ TEST_F(ConfigTest, all_faults_are_reported_with_line_column_key_and_range) {
       "slabd.toml:2:1: plc.unitid: unknown key; the nearest known one is \"unit_id\"",
       "slabd.toml:9:15: robot.samples_min: found 20.5, allowed is a whole number 3..300",
       "slabd.toml:8:14: robot.settled_mm: found \"small\", allowed is a number 0.001..1",
-      "slabd.toml:11:12: scanner.drop_dir: found \"\", allowed is a path",
+      "slabd.toml:11:12: scanner.drop_dir: found \"\", allowed is text of 1..192 bytes",
       "slabd.toml:12:12: scanner.any_name: found 1, allowed is true or false",
       "slabd.toml:14:19: storage.spool_budget_gb: found 1, allowed is 0 (keep every scan) or 3..100000; a slab's scans "
       "are 1.1 GB",

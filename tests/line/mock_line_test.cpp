@@ -33,7 +33,7 @@ struct MockLineTest : testing::Test {
 
   void SetUp() override {
     fs::remove_all(dir);
-    fs::create_directories(dir);
+    fs::create_directories(dir / "spool/1");  // the scripted scanner writes there and makes no folders
     std::vector<Problem> problems;
     load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml", recipes[0], problems);
     ASSERT_TRUE(problems.empty()) << problems[0].text;
