@@ -2,6 +2,7 @@
 #pragma once
 
 /// The vocabulary every room shares. All headers of this room are public; this one names them in reading order.
+// clang-format off
 #include "base/limits.h"
 #include "base/units.h"
 #include "base/pose.h"
@@ -14,3 +15,4 @@
 #include "base/records.h"
 #include "base/robot.h"
 #include "base/plc.h"
+// clang-format on

@@ -39,9 +39,13 @@ std::string_view name(Verdict verdict) {
   return "none";
 }
 
-const ItemInfo& info(ItemId id) { return kItems.at(static_cast<std::size_t>(id)); }
+const ItemInfo& info(ItemId id) {
+  return kItems.at(static_cast<std::size_t>(id));
+}
 
-std::string_view name(ItemUnit unit) { return unit == ItemUnit::mm ? "mm" : "deg"; }
+std::string_view name(ItemUnit unit) {
+  return unit == ItemUnit::mm ? "mm" : "deg";
+}
 
 std::optional<ItemId> item_from_name(std::string_view item_name) {
   for (const ItemInfo& item : kItems)

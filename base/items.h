@@ -57,7 +57,9 @@ struct ItemInfo {
 [[nodiscard]] std::optional<ItemId> item_from_name(std::string_view item_name);
 
 inline constexpr double kNoValue = std::numeric_limits<double>::quiet_NaN();
-[[nodiscard]] inline bool has_value(double v) { return !std::isnan(v); }
+[[nodiscard]] inline bool has_value(double v) {
+  return !std::isnan(v);
+}
 
 /// One measured characteristic. NaN stands for "none" in every number: not measured, or no such limit.
 /// Units: mm, or degrees for angles (`info(id).unit`); the only place where degrees live inside, because tolerances,
@@ -65,15 +67,15 @@ inline constexpr double kNoValue = std::numeric_limits<double>::quiet_NaN();
 struct Item {
   ItemId id = ItemId::seat_slope;
   Verdict verdict = Verdict::none;
-  bool required = false;         ///< not measured means the block or slab is not measured
-  std::uint8_t station = 0;      ///< 1..18; 0 for the whole slab
-  std::uint8_t station_to = 0;   ///< second station of a spacing or a pair; else 0
+  bool required = false;        ///< not measured means the block or slab is not measured
+  std::uint8_t station = 0;     ///< 1..18; 0 for the whole slab
+  std::uint8_t station_to = 0;  ///< second station of a spacing or a pair; else 0
   double value = kNoValue;
   double nominal = kNoValue;
-  double lower = kNoValue;       ///< absolute limits of `value`
+  double lower = kNoValue;  ///< absolute limits of `value`
   double upper = kNoValue;
-  double U = kNoValue;           ///< expanded uncertainty, k = 2
-  double beside = kNoValue;      ///< the companion figure of this item (see `beside_name`)
+  double U = kNoValue;       ///< expanded uncertainty, k = 2
+  double beside = kNoValue;  ///< the companion figure of this item (see `beside_name`)
 
   [[nodiscard]] double deviation() const { return value - nominal; }
 };

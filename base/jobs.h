@@ -56,7 +56,7 @@ struct SlabHeader {
   double guard = kNoValue;        ///< guard band of its verdicts in units of U; 0 = simple acceptance
   FixedString<64> calibration_id;
   FixedString<64> software;
-  Pose T_base_slab;          ///< of the cell, as configured
+  Pose T_base_slab;  ///< of the cell, as configured
   Pose T_flange_scanner;
   std::int64_t began_utime_us = 0;
 };
@@ -68,7 +68,7 @@ struct Attempt {
   std::uint8_t number = 0;  ///< 1, 2, ... of this station
   std::uint16_t session = 0;
   std::uint16_t cmd_seq = 0;
-  Pose T_base_flange;       ///< mean over the exposure
+  Pose T_base_flange;  ///< mean over the exposure
   double pose_spread_mm = kNoValue;
   std::uint32_t pose_samples = 0;
   PathText scan_path;
@@ -128,7 +128,8 @@ struct ReportJob {
 
 struct StoreJob {
   std::uint32_t ticket = 0;  ///< returned with the answer
-  std::variant<SessionJob, BeginSlabJob, CommandJob, AcquiredJob, FailedAttemptJob, BlockJob, SlabJob, AckJob, ReportJob>
+  std::variant<SessionJob, BeginSlabJob, CommandJob, AcquiredJob, FailedAttemptJob, BlockJob, SlabJob, AckJob,
+               ReportJob>
       what;
 };
 
@@ -153,23 +154,23 @@ struct StationRecord {
 
 /// What a restarted daemon must know. A command that was accepted and not finished has been marked interrupted.
 struct RecoveredLine {
-  std::uint16_t session = 0;   ///< last one used; 0 = fresh database
+  std::uint16_t session = 0;  ///< last one used; 0 = fresh database
   std::uint16_t cmd_ack = 0;
   std::uint16_t cmd_status = 0;
   std::uint16_t acq_seq = 0;
-  std::uint16_t res_seq = 0;   ///< last one used
+  std::uint16_t res_seq = 0;  ///< last one used
   std::int64_t last_slab_key = 0;
   std::int64_t newest_utime_us = 0;
 
   bool slab_open = false;
-  SlabHeader slab;             ///< the open slab, else the last ended one (key 0 = none ever)
+  SlabHeader slab;  ///< the open slab, else the last ended one (key 0 = none ever)
   std::array<StationRecord, limits::kStationsMax> stations{};
   /// The last ended slab as the PLC was shown it (station table, verdict, reason).
   std::array<PlcStationRow, limits::kStationsMax> table{};
   Verdict slab_verdict = Verdict::none;
   std::uint16_t slab_reason = 0;
   std::uint32_t table_slab_no = 0;
-  PlcResult slab_record;       ///< of the last ended slab, for REPORT
+  PlcResult slab_record;  ///< of the last ended slab, for REPORT
 
   FixedQueue<PlcResult, limits::kResultQueueMax> unacknowledged;  ///< oldest first
 };

@@ -26,12 +26,12 @@ struct PlcInputs {
   std::uint16_t command = 0;
   std::uint16_t station = 0;
   std::uint16_t slab_type = 0;
-  std::uint16_t recipe = 0;            ///< 0 = by type
+  std::uint16_t recipe = 0;  ///< 0 = by type
   std::uint32_t slab_no = 0;
   std::array<char, limits::kSlabIdBytes> slab_id{};
   std::uint16_t slab_temperature_dk = 0;  ///< 0.1 K, 0 = unknown
   std::uint16_t slab_age_h = 0;           ///< 0 = unknown
-  bool crc_ok = true;                  ///< CMD_CRC matches or is 0 (not used)
+  bool crc_ok = true;                     ///< CMD_CRC matches or is 0 (not used)
   std::uint16_t session_echo = 0;
   std::uint16_t cmd_seq = 0;
 

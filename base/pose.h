@@ -46,9 +46,7 @@ struct Pose {
   [[nodiscard]] static Pose from_array(const std::array<double, 7>& v) {
     return {Quat(v[3], v[4], v[5], v[6]).normalized(), Vec3(v[0], v[1], v[2])};
   }
-  [[nodiscard]] bool all_finite() const {
-    return translation_mm.allFinite() && rotation.coeffs().allFinite();
-  }
+  [[nodiscard]] bool all_finite() const { return translation_mm.allFinite() && rotation.coeffs().allFinite(); }
 };
 
 /// KUKA's A, B, C (rad): the active rotation `Rz(A) * Ry(B) * Rx(C)`. The paper's eq. (4) is exactly the transpose of

@@ -24,9 +24,7 @@ class Prng {
   /// Uniform in [0, 1), 53 bits.
   constexpr double uniform() { return static_cast<double>(next() >> 11U) * 0x1.0p-53; }
   /// Uniform index in [0, count); count > 0. The bias of at most count / 2^64 does not matter here.
-  constexpr std::uint64_t below(std::uint64_t count) {
-    return next() % count;
-  }
+  constexpr std::uint64_t below(std::uint64_t count) { return next() % count; }
   /// Standard normal, Box-Muller, one value per call (the second is discarded: no hidden state).
   double normal() {
     const double u = 1.0 - uniform();

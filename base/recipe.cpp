@@ -17,7 +17,9 @@ Pose T_slab_block(const Recipe& recipe, int station) {
   return pose;
 }
 
-Pose nominal_T_block_scanner() { return {Quat(0.0, 1.0, 0.0, 0.0), Vec3(0.0, 0.0, 600.0)}; }
+Pose nominal_T_block_scanner() {
+  return {Quat(0.0, 1.0, 0.0, 0.0), Vec3(0.0, 0.0, 600.0)};
+}
 
 int unconfirmed_count(const Recipe& recipe) {
   const BlockGeometry& b = recipe.block;

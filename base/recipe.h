@@ -21,20 +21,20 @@ struct Nominal {
 
 /// The block in its own frame: origin in the centre of the bearing plane, X along the rail, Y outward, Z up. mm, rad.
 struct BlockGeometry {
-  Nominal cant_ratio;             ///< bearing plane climbs outward 1 : cant_ratio
-  Nominal jaw_half_distance_mm;   ///< along the bearing plane, at the reference height
-  Nominal jaw_reference_height_mm;///< above the bearing plane along its normal
-  Nominal jaw_angle_rad;          ///< between bearing plane and jaw face, in the free space
+  Nominal cant_ratio;               ///< bearing plane climbs outward 1 : cant_ratio
+  Nominal jaw_half_distance_mm;     ///< along the bearing plane, at the reference height
+  Nominal jaw_reference_height_mm;  ///< above the bearing plane along its normal
+  Nominal jaw_angle_rad;            ///< between bearing plane and jaw face, in the free space
   Nominal shoulder_outer_z_mm;
   Nominal shoulder_inner_z_mm;
-  Nominal end_half_length_mm;     ///< |x| of the end faces at z = 0
-  Nominal side_half_width_mm;     ///< |y| of the side faces at z = 0
-  Nominal draft_rad;              ///< of end and side faces: |x| = half - z tan(draft)
+  Nominal end_half_length_mm;  ///< |x| of the end faces at z = 0
+  Nominal side_half_width_mm;  ///< |y| of the side faces at z = 0
+  Nominal draft_rad;           ///< of end and side faces: |x| = half - z tan(draft)
   Nominal slab_top_z_mm;
-  Nominal casing_half_spacing_mm; ///< along the bearing plane, at x = 0
+  Nominal casing_half_spacing_mm;  ///< along the bearing plane, at x = 0
   Nominal casing_bore_diameter_mm;
   Nominal casing_rim_diameter_mm;
-  Nominal casing_rim_height_mm;   ///< along the bearing normal; negative = sunk
+  Nominal casing_rim_height_mm;  ///< along the bearing normal; negative = sunk
 };
 
 /// The slab: origin in the centre of its top surface, X along, Y across, Z up. mm.
@@ -51,16 +51,16 @@ struct SlabGeometry {
 
 /// Where on the block things are measured, and what counts as measured. mm.
 struct EvaluationSettings {
-  double crop_half_x_mm = kNoValue;     ///< seat evaluation region, |x|
-  double crop_half_s_mm = kNoValue;     ///< seat evaluation region, |s| along the plane
-  double cell_mm = kNoValue;            ///< flatness cell
-  std::uint16_t cell_points_min = 0;    ///< a cell with fewer points does not count
-  double cells_missing_max = 0.05;      ///< share of cells that may have seen nothing; above it flatness is not measured
-  double edge_margin_mm = kNoValue;     ///< kept clear of every edge of a face before it is fitted
-  double inlier_share_min = kNoValue;   ///< below it a plane is not measured
-  double registration_gate_mm = kNoValue; ///< a point further from the model than this belongs to no face
-  double registration_share_min = kNoValue; ///< share of points within the gate; below it the pose is rejected
-  double window_mm = kNoValue;          ///< a registered pose further than this from its start is rejected
+  double crop_half_x_mm = kNoValue;    ///< seat evaluation region, |x|
+  double crop_half_s_mm = kNoValue;    ///< seat evaluation region, |s| along the plane
+  double cell_mm = kNoValue;           ///< flatness cell
+  std::uint16_t cell_points_min = 0;   ///< a cell with fewer points does not count
+  double cells_missing_max = 0.05;     ///< share of cells that may have seen nothing; above it flatness is not measured
+  double edge_margin_mm = kNoValue;    ///< kept clear of every edge of a face before it is fitted
+  double inlier_share_min = kNoValue;  ///< below it a plane is not measured
+  double registration_gate_mm = kNoValue;    ///< a point further from the model than this belongs to no face
+  double registration_share_min = kNoValue;  ///< share of points within the gate; below it the pose is rejected
+  double window_mm = kNoValue;               ///< a registered pose further than this from its start is rejected
   double window_rad = kNoValue;
 };
 
@@ -69,24 +69,24 @@ struct Tolerance {
   Nominal nominal;
   double lower = kNoValue;  ///< NaN: no lower limit
   double upper = kNoValue;
-  double U = kNoValue;      ///< default expanded uncertainty (k = 2); slab-frame items add the station's
+  double U = kNoValue;  ///< default expanded uncertainty (k = 2); slab-frame items add the station's
   bool required = false;
-  bool confirmed = false;   ///< of the limits
+  bool confirmed = false;  ///< of the limits
 };
 
 enum class SlopeDatum : std::uint8_t { slab_frame, local_slab_top };
 
 struct Recipe {
   FixedString<32> name;
-  std::uint16_t slab_type = 0;      ///< SLAB_TYPE of the PLC
-  FixedString<64> sha256;           ///< of the file's bytes, hex
+  std::uint16_t slab_type = 0;  ///< SLAB_TYPE of the PLC
+  FixedString<64> sha256;       ///< of the file's bytes, hex
   FixedString<limits::kPathBytes> path;
   SlabGeometry slab;
   BlockGeometry block;
   EvaluationSettings evaluation;
   SlopeDatum slope_datum = SlopeDatum::slab_frame;
   bool remove_warp = true;
-  double guard = 1.0;               ///< guard band in units of U; 0 = simple acceptance
+  double guard = 1.0;  ///< guard band in units of U; 0 = simple acceptance
   std::array<Tolerance, kItemCount> tolerances;
 
   [[nodiscard]] const Tolerance& tolerance(ItemId id) const { return tolerances[static_cast<std::size_t>(id)]; }
@@ -98,7 +98,9 @@ struct Recipe {
 [[nodiscard]] Pose T_slab_block(const Recipe& recipe, int station);
 
 /// The station across the track: 1 <-> 18, 9 <-> 10 on nine pairs.
-[[nodiscard]] inline int opposite_station(const Recipe& recipe, int station) { return 2 * recipe.slab.pairs + 1 - station; }
+[[nodiscard]] inline int opposite_station(const Recipe& recipe, int station) {
+  return 2 * recipe.slab.pairs + 1 - station;
+}
 
 /// Nominal pose of the scanner over a block when nothing else is said: 600 mm above its origin, looking straight down.
 [[nodiscard]] Pose nominal_T_block_scanner();

@@ -50,9 +50,8 @@ std::uint16_t open_mask(const Item* begin, const Item* end) {
 }
 
 const Item* find_item(const Item* begin, const Item* end, ItemId id, int station) {
-  const Item* found = std::find_if(begin, end, [&](const Item& item) {
-    return item.id == id && (station < 0 || item.station == station);
-  });
+  const Item* found = std::find_if(
+      begin, end, [&](const Item& item) { return item.id == id && (station < 0 || item.station == station); });
   return found == end ? nullptr : found;
 }
 

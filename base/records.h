@@ -47,32 +47,32 @@ struct ScanCounts {
 /// One fitted plane n.p = d in the block's registered frame (mm).
 struct PlaneFit {
   bool ok = false;
-  Vec3 normal = Vec3::Zero();      ///< unit; towards the free side
+  Vec3 normal = Vec3::Zero();  ///< unit; towards the free side
   double offset_mm = kNoValue;
-  std::uint64_t points = 0;        ///< offered to the fit
+  std::uint64_t points = 0;  ///< offered to the fit
   std::uint64_t inliers = 0;
   double inlier_fraction = 0.0;
-  double std_mm = kNoValue;        ///< of the inliers, orthogonal, n - 3
-  int iterations = 0;              ///< refits until the inlier set stood still
+  double std_mm = kNoValue;  ///< of the inliers, orthogonal, n - 3
+  int iterations = 0;        ///< refits until the inlier set stood still
 };
 
 struct SeatFeature {
-  PlaneFit plane;                  ///< of the evaluation region (the crop)
-  PlaneFit full_plane;             ///< of the whole bearing plane, reported beside it
-  Vec3 normal_datum = Vec3::Zero();///< in the datum frame: Z from the slope datum, X from the registration
-  std::uint32_t grid_points = 0;   ///< flatness cells with enough points
+  PlaneFit plane;                    ///< of the evaluation region (the crop)
+  PlaneFit full_plane;               ///< of the whole bearing plane, reported beside it
+  Vec3 normal_datum = Vec3::Zero();  ///< in the datum frame: Z from the slope datum, X from the registration
+  std::uint32_t grid_points = 0;     ///< flatness cells with enough points
   double std_cells_mm = kNoValue;
-  double flatness_mm = kNoValue;   ///< peak to valley of cell means to their least-squares plane
+  double flatness_mm = kNoValue;  ///< peak to valley of cell means to their least-squares plane
   double flatness_min_zone_mm = kNoValue;
-  double raw_low_mm = kNoValue;    ///< extremes of single points to the plane
+  double raw_low_mm = kNoValue;  ///< extremes of single points to the plane
   double raw_high_mm = kNoValue;
 };
 
 struct CasingFeature {
   bool ok = false;
-  Vec3 centre = Vec3::Zero();      ///< on the seat plane, registered block frame (mm)
-  double radius_mm = kNoValue;     ///< of the bore edge
-  double height_mm = kNoValue;     ///< of the rim along the seat normal
+  Vec3 centre = Vec3::Zero();   ///< on the seat plane, registered block frame (mm)
+  double radius_mm = kNoValue;  ///< of the bore edge
+  double height_mm = kNoValue;  ///< of the rim along the seat normal
   std::uint32_t edge_points = 0;
   std::uint32_t rim_points = 0;
 };
@@ -82,10 +82,10 @@ struct SeatObservation {
   bool ok = false;
   bool jaw_ok = false;
   bool top_ok = false;
-  Vec3 p_base = Vec3::Zero();         ///< seat reference point: casing mid-point on the seat plane
-  Vec3 n_base = Vec3::Zero();         ///< seat normal
-  Vec3 jaw_outer_base = Vec3::Zero(); ///< outer jaw at reference height, section x = 0
-  Vec3 top_n_base = Vec3::Zero();     ///< normal of the local slab top
+  Vec3 p_base = Vec3::Zero();          ///< seat reference point: casing mid-point on the seat plane
+  Vec3 n_base = Vec3::Zero();          ///< seat normal
+  Vec3 jaw_outer_base = Vec3::Zero();  ///< outer jaw at reference height, section x = 0
+  Vec3 top_n_base = Vec3::Zero();      ///< normal of the local slab top
 };
 
 /// ms of wall time, measured by the caller of each stage.

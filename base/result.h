@@ -46,7 +46,9 @@ class [[nodiscard]] Result {
 
 struct Nothing {};
 using Status = Result<Nothing>;
-[[nodiscard]] inline Status success() { return Nothing{}; }
+[[nodiscard]] inline Status success() {
+  return Nothing{};
+}
 
 /// An Error with a printf-formatted sentence.
 [[nodiscard, gnu::format(printf, 2, 3)]] Error error(Code code, const char* format, ...);

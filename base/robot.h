@@ -7,7 +7,8 @@
 
 namespace slabd {
 
-/// One flange pose as it arrived, converted to mm. Decisions use `arrival_ns` (our monotonic clock), records `utime_us`.
+/// One flange pose as it arrived, converted to mm. Decisions use `arrival_ns` (our monotonic clock), records
+/// `utime_us`.
 struct PoseSample {
   std::int64_t arrival_ns = 0;
   std::int64_t utime_us = 0;
@@ -23,18 +24,18 @@ struct PoseSample {
 
 /// When the robot counts as standing still, and where it must stand. Lengths mm, angles rad, times ns.
 struct PoseSettings {
-  std::int64_t window_ns = 300'000'000;   ///< settled over this time ...
-  int samples_min = 20;                   ///< ... and at least so many samples (a slower sender gets a longer window)
-  double settled_mm = 0.03;               ///< peak to valley per axis; half the robot's repeatability
+  std::int64_t window_ns = 300'000'000;  ///< settled over this time ...
+  int samples_min = 20;                  ///< ... and at least so many samples (a slower sender gets a longer window)
+  double settled_mm = 0.03;              ///< peak to valley per axis; half the robot's repeatability
   double settled_rad = 0.003 * kPi / 180.0;
-  std::int64_t dwell_ns = 200'000'000;    ///< for the arm's swing, which the encoders do not see
-  double moved_mm = 0.05;                 ///< allowed during the exposure
+  std::int64_t dwell_ns = 200'000'000;  ///< for the arm's swing, which the encoders do not see
+  double moved_mm = 0.05;               ///< allowed during the exposure
   double moved_rad = 0.005 * kPi / 180.0;
-  std::int64_t stale_ns = 100'000'000;    ///< newest sample older than this: no pose
-  std::int64_t gap_us = 100'000;          ///< sender's clock; a longer gap restarts the window
-  std::int16_t base_id = 0;               ///< KUKA base and tool that make the pose the flange in ROBROOT
+  std::int64_t stale_ns = 100'000'000;  ///< newest sample older than this: no pose
+  std::int64_t gap_us = 100'000;        ///< sender's clock; a longer gap restarts the window
+  std::int16_t base_id = 0;             ///< KUKA base and tool that make the pose the flange in ROBROOT
   std::int16_t tool_id = 0;
-  double look_mm = 150.0;                 ///< block centre off the scanner's axis, at most
+  double look_mm = 150.0;  ///< block centre off the scanner's axis, at most
 };
 
 }  // namespace slabd

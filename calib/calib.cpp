@@ -40,8 +40,9 @@ Result<Calibration> commissioning(const std::array<double, 7>& T_flange_scanner,
                  "T_flange_scanner: the quaternion (numbers 4..7: qw qx qy qz) has length %.6f, must be 1 within %g",
                  std::sqrt(norm2), kUnitTolerance);
   if (arm2_mm2 > kArmMaxMm * kArmMaxMm)
-    return error(Code::calibration_missing, "T_flange_scanner: the scanner sits %.0f mm from the flange, at most %.0f mm",
-                 std::sqrt(arm2_mm2), kArmMaxMm);
+    return error(Code::calibration_missing,
+                 "T_flange_scanner: the scanner sits %.0f mm from the flange, at most %.0f mm", std::sqrt(arm2_mm2),
+                 kArmMaxMm);
   for (const double sigma : {station_sigma_mm, station_sigma_deg})
     if (has_value(sigma) && !(sigma > 0.0 && std::isfinite(sigma)))
       return error(Code::calibration_missing, "station_sigma_mm and station_sigma_deg must be positive, got %g", sigma);

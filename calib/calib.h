@@ -11,10 +11,10 @@ namespace slabd::calib {
 
 struct Calibration {
   Pose T_flange_scanner;
-  double station_sigma_mm = kNoValue;   ///< per axis, k = 1; NaN = unknown
+  double station_sigma_mm = kNoValue;  ///< per axis, k = 1; NaN = unknown
   double station_sigma_rad = kNoValue;
-  bool commissioning = true;            ///< from the configuration, not from an applied calibration
-  FixedString<64> id;                   ///< identifies these very numbers in every record
+  bool commissioning = true;  ///< from the configuration, not from an applied calibration
+  FixedString<64> id;         ///< identifies these very numbers in every record
 };
 
 /// Takes x y z (mm) qw qx qy qz and the station sigmas as written. calibration_missing when a number is not finite,

@@ -39,7 +39,9 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, const algo::Stat
   measure_worker_ = std::make_unique<MeasureWorker>([this](const MeasureBlock& job) { return measure(job); }, [] {});
 }
 
-Loop::~Loop() { cancel_scan_ = true; }
+Loop::~Loop() {
+  cancel_scan_ = true;
+}
 
 std::span<float> Loop::slot(std::size_t index) {
   constexpr std::size_t kFloats = limits::kScanPointsMax * 3;
@@ -64,7 +66,8 @@ StoreDone Loop::store(const StoreJob& job) const {
   if (ports_.store->spool_trouble() != spool_trouble_said_) {
     spool_trouble_said_ = ports_.store->spool_trouble();
     if (!spool_trouble_said_.empty())
-      say({LogLine::Level::warning, static_cast<std::uint16_t>(Code::store_full), std::string_view(spool_trouble_said_)});
+      say({LogLine::Level::warning, static_cast<std::uint16_t>(Code::store_full),
+           std::string_view(spool_trouble_said_)});
   }
   return done;
 }
@@ -118,9 +121,9 @@ BlockMeasured Loop::measure(const MeasureBlock& job) {
     inspector_recipe_ = recipe;
   }
   algo::Cloud cloud{slot(job.slot), shape.points, shape.width, shape.height};
-  const Status status = measure_block(*inspector_, ports_.clock, job.station,
-                                      job.T_base_slab * T_slab_block(*recipe, job.station),
-                                      job.T_base_flange * job.T_flange_scanner, cloud, shape, read_ms);
+  const Status status =
+      measure_block(*inspector_, ports_.clock, job.station, job.T_base_slab * T_slab_block(*recipe, job.station),
+                    job.T_base_flange * job.T_flange_scanner, cloud, shape, read_ms);
   done.block = inspector_->result();
   if (!status.ok()) {
     LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(status.error().code), {}};

@@ -40,8 +40,8 @@ struct LoopFigures {
 class Loop {
  public:
   /// `scan_unit`: of the scan files, which lie in the spool as the scanner wrote them.
-  Loop(const Ports& ports, const StationSettings& settings, const algo::StationSigma& sigma,
-       hal::LengthUnit scan_unit, LoopFigures figures);
+  Loop(const Ports& ports, const StationSettings& settings, const algo::StationSigma& sigma, hal::LengthUnit scan_unit,
+       LoopFigures figures);
   ~Loop();
   Loop(const Loop&) = delete;
   Loop& operator=(const Loop&) = delete;
@@ -86,7 +86,7 @@ class Loop {
   std::unique_ptr<Actions> actions_;
   std::unique_ptr<Event> follow_up_;  ///< the one event an action answers at once
   bool has_follow_up_ = false;
-  std::vector<BlockResult> blocks_;   ///< of the slab being judged
+  std::vector<BlockResult> blocks_;  ///< of the slab being judged
   std::unique_ptr<SlabJudged> judged_;
 
   std::unique_ptr<algo::BlockInspector> inspector_;

@@ -20,7 +20,9 @@ constexpr int kExitUnreachable = 4;
 constexpr int kExitInternal = 5;
 
 std::atomic<bool> g_stop{false};
-void on_signal(int) { g_stop = true; }
+void on_signal(int) {
+  g_stop = true;
+}
 
 void catch_signals() {
   struct sigaction action {};

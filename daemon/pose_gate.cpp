@@ -45,8 +45,8 @@ PoseMean mean_of(const Ring& ring, std::size_t first, std::size_t last) {
   mean.T_base_flange.rotation.coeffs() = quat_sum.normalized();
   mean.spread_mm = (high - low).maxCoeff();
   for (std::size_t i = first; i <= last; ++i)
-    mean.spread_rad = std::max(
-        mean.spread_rad, 2.0 * angle_between_rad(mean.T_base_flange.rotation, ring[i].T_base_flange.rotation));
+    mean.spread_rad =
+        std::max(mean.spread_rad, 2.0 * angle_between_rad(mean.T_base_flange.rotation, ring[i].T_base_flange.rotation));
   return mean;
 }
 

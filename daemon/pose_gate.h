@@ -22,8 +22,8 @@ struct PoseMean {
 /// Decides whether the robot stands still, from the last two seconds of poses. Pure; fed by `add`.
 ///
 /// Settled: over `window_ns` and at least `samples_min` samples, without a gap, peak to valley within the limits, no
-/// sample that says "moving" or "emergency stop", plus `dwell_ns` since that became true. A gap, a sequence jump, a step back of the
-/// sender's clock or a wrong frame restarts the window.
+/// sample that says "moving" or "emergency stop", plus `dwell_ns` since that became true. A gap, a sequence jump, a
+/// step back of the sender's clock or a wrong frame restarts the window.
 class PoseGate {
  public:
   explicit PoseGate(const PoseSettings& settings) : settings_(settings) {}
@@ -45,7 +45,7 @@ class PoseGate {
  private:
   PoseSettings settings_;
   FixedQueue<PoseSample, limits::kPoseRing> ring_;
-  std::size_t run_length_ = 0;       ///< samples since the last break, counted from the newest
+  std::size_t run_length_ = 0;      ///< samples since the last break, counted from the newest
   bool stopped_flag_used_ = false;  ///< the sender supplies "stopped": it must then be set
 
   struct Exposure {

@@ -33,11 +33,11 @@ struct StationSettings {
   FixedString<64> software;
   PathText spool_dir;
   PoseSettings pose;
-  std::uint16_t warn = 0;           ///< PlcWarn bits that hold for the whole run
-  Code fault = Code::ok;            ///< a fault that only a restart clears (504 config, 503 calibration)
+  std::uint16_t warn = 0;  ///< PlcWarn bits that hold for the whole run
+  Code fault = Code::ok;   ///< a fault that only a restart clears (504 config, 503 calibration)
   bool simulation = false;
-  std::int64_t settle_timeout_ns = 8 * kNsPerS;   ///< SCAN accepted until settled; acquisition must end in 20 s
-  std::int64_t scan_timeout_ns = 10 * kNsPerS;    ///< requested until the scan is seen
+  std::int64_t settle_timeout_ns = 8 * kNsPerS;  ///< SCAN accepted until settled; acquisition must end in 20 s
+  std::int64_t scan_timeout_ns = 10 * kNsPerS;   ///< requested until the scan is seen
   std::int64_t heartbeat_lost_ns = 2'500'000'000;
   std::int64_t heartbeat_period_ns = 500'000'000;
 };
@@ -66,7 +66,7 @@ struct BlockMeasured {
   std::int64_t slab_key = 0;
   std::uint8_t attempt = 0;
   std::uint8_t slot = 0;
-  std::uint16_t cmd_seq = 0;          ///< of the SCAN that took this cloud, as it was asked to be measured
+  std::uint16_t cmd_seq = 0;  ///< of the SCAN that took this cloud, as it was asked to be measured
   std::int64_t scan_utime_us = 0;
   BlockResult block;
 };
@@ -121,30 +121,30 @@ using Actions = FixedVector<Action, limits::kActionsMax>;
 
 /// Who may command, and which command is being carried out.
 struct CommandDesk {
-  std::uint16_t session = 0;         ///< shown to the PLC
-  std::uint16_t session_next = 0;    ///< differs while a change of session is on its way to the database
-  std::uint32_t writer = 0;          ///< connection that owns HR 10..39; 0 = nobody yet
-  std::uint16_t ack = 0;             ///< CMD_ACK
-  std::uint16_t status = 0;          ///< CMD_STATUS
+  std::uint16_t session = 0;       ///< shown to the PLC
+  std::uint16_t session_next = 0;  ///< differs while a change of session is on its way to the database
+  std::uint32_t writer = 0;        ///< connection that owns HR 10..39; 0 = nobody yet
+  std::uint16_t ack = 0;           ///< CMD_ACK
+  std::uint16_t status = 0;        ///< CMD_STATUS
   std::uint16_t acq_seq = 0;
   std::uint16_t refused = 0;
   std::uint16_t refuse_code = 0;
   std::uint16_t refuse_seq = 0;
-  std::uint16_t judged_seq = 0;      ///< CMD_SEQ (with `judged_echo`) last looked at: a repeated image is not news
+  std::uint16_t judged_seq = 0;  ///< CMD_SEQ (with `judged_echo`) last looked at: a repeated image is not news
   std::uint16_t judged_echo = 0;
   std::uint32_t judged_writer = 0;
   std::int64_t refusal_logged_ns = -kNsPerS;  ///< a peer that repeats itself fills one line a second
-  bool pending = false;              ///< `pending_inputs` waits for its journal entry
-  bool pending_abort = false;        ///< ABORT was raised meanwhile
+  bool pending = false;                       ///< `pending_inputs` waits for its journal entry
+  bool pending_abort = false;                 ///< ABORT was raised meanwhile
   PlcInputs pending_inputs;
-  BeginSlabJob pending_begin;        ///< when it is SLAB_BEGIN
+  BeginSlabJob pending_begin;  ///< when it is SLAB_BEGIN
 };
 
 struct PlcLink {
-  PlcInputs inputs;                  ///< last image
+  PlcInputs inputs;  ///< last image
   bool alive = false;
   bool was_lost = false;
-  std::int64_t changed_ns = 0;       ///< when the heartbeat last changed
+  std::int64_t changed_ns = 0;  ///< when the heartbeat last changed
 };
 
 /// The scan in hand.
@@ -155,10 +155,10 @@ struct Acquisition {
   std::uint8_t station = 0;
   std::uint8_t slot = 0;
   bool slot_taken = false;
-  bool abort = false;                ///< ABORT or SLAB_ABORT while it runs
+  bool abort = false;  ///< ABORT or SLAB_ABORT while it runs
   std::int64_t started_ns = 0;
   std::int64_t settled_ns = 0;
-  std::int64_t taken_ns = 0;         ///< checking: when the exposure was over
+  std::int64_t taken_ns = 0;  ///< checking: when the exposure was over
   double read_ms = 0.0;
   Attempt attempt;
 };
@@ -170,10 +170,10 @@ struct OpenSlab {
   SlabHeader header;
   const Recipe* recipe = nullptr;
   std::array<StationRecord, limits::kStationsMax> stations{};
-  std::uint16_t end_seq = 0;         ///< CMD_SEQ of SLAB_END or SLAB_ABORT
+  std::uint16_t end_seq = 0;  ///< CMD_SEQ of SLAB_END or SLAB_ABORT
   bool aborting = false;
-  bool judging = false;              ///< the slab fit has been asked for
-  SlabResult result;                 ///< while it is being stored
+  bool judging = false;  ///< the slab fit has been asked for
+  SlabResult result;     ///< while it is being stored
 };
 
 /// What the PLC is shown of results.
@@ -184,17 +184,27 @@ struct ResultDesk {
   Verdict slab_verdict = Verdict::none;
   std::uint16_t slab_reason = 0;
   std::uint32_t slab_no = 0;
-  PlcResult slab_record;             ///< for REPORT
+  PlcResult slab_record;  ///< for REPORT
 };
 
 /// A store job on its way, so that its answer finds its meaning.
 struct PendingStore {
-  enum class Kind : std::uint8_t { session, begin_slab, command, acquired, failed_attempt, block, slab, ack, report } kind{};
+  enum class Kind : std::uint8_t {
+    session,
+    begin_slab,
+    command,
+    acquired,
+    failed_attempt,
+    block,
+    slab,
+    ack,
+    report
+  } kind{};
   std::uint32_t ticket = 0;
   std::uint8_t station = 0;
   std::uint8_t attempt = 0;
   std::uint8_t slot = 0;
-  std::uint16_t value = 0;           ///< CMD_SEQ, session or RES_SEQ
+  std::uint16_t value = 0;  ///< CMD_SEQ, session or RES_SEQ
   std::int64_t slab_key = 0;
   PlcResult record;
 };
@@ -208,7 +218,7 @@ struct Station {
   std::int64_t utime_us = 0;
   std::uint16_t heartbeat = 0;
   std::int64_t heartbeat_ns = 0;
-  std::uint16_t fault = 0;           ///< latched code; FAULT_RESET clears it unless settings.fault holds
+  std::uint16_t fault = 0;  ///< latched code; FAULT_RESET clears it unless settings.fault holds
   std::uint16_t warn = 0;
   std::int64_t newest_utime_us = 0;  ///< of any record
   LinkStatus links;
@@ -221,7 +231,7 @@ struct Station {
   ResultDesk results;
   std::array<bool, limits::kScanSlots> slot_busy{};
   std::array<bool, limits::kStationsMax> station_measuring{};  ///< until its result is stored
-  std::uint32_t measuring = 0;       ///< how many of them
+  std::uint32_t measuring = 0;                                 ///< how many of them
   std::int64_t last_slab_key = 0;
   std::uint32_t last_ticket = 0;
   FixedVector<PendingStore, limits::kWorkerQueue> storing;

@@ -13,7 +13,9 @@ namespace {
 /// A pose newer than the end of the exposure must come within this time, or the link counts as stale.
 constexpr std::int64_t kCheckTimeoutNs = kNsPerS;
 
-StationRecord& record_of(Station& s, std::uint8_t station) { return s.slab.stations[station - 1U]; }
+StationRecord& record_of(Station& s, std::uint8_t station) {
+  return s.slab.stations[station - 1U];
+}
 
 int free_slot(const Station& s) {
   for (std::size_t slot = 0; slot < s.slot_busy.size(); ++slot)

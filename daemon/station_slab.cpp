@@ -94,9 +94,8 @@ void advance_end(Station& s, Actions& actions) {
     return;
   }
   // After a restart or a storage fault a durable cloud may still wait to be measured; remeasure() takes it up.
-  const bool waiting = std::any_of(s.slab.stations.begin(), s.slab.stations.end(), [](const StationRecord& record) {
-    return record.phase == StationPhase::acquired;
-  });
+  const bool waiting = std::any_of(s.slab.stations.begin(), s.slab.stations.end(),
+                                   [](const StationRecord& record) { return record.phase == StationPhase::acquired; });
   if (waiting || s.slab.judging) return;
   s.slab.judging = true;
   emit(actions, JudgeSlab{s.slab.header.key, s.slab.header.slab_type});

@@ -32,9 +32,8 @@ void on_command(Station& s, const PendingStore& pending, Code code, Actions& act
   ++s.desk.refused;
   if (code == Code::store_full) {
     s.warn |= kWarnDiskLow;
-    log(actions, LogLine::Level::error, code, "SLAB_BEGIN refused: %.*s; %.*s",
-        static_cast<int>(describe(code).size()), describe(code).data(), static_cast<int>(cure(code).size()),
-        cure(code).data());
+    log(actions, LogLine::Level::error, code, "SLAB_BEGIN refused: %.*s; %.*s", static_cast<int>(describe(code).size()),
+        describe(code).data(), static_cast<int>(cure(code).size()), cure(code).data());
   } else {
     raise_fault(s, actions, code, "recording a command");
   }
@@ -106,9 +105,8 @@ void on_report(Station& s, const PendingStore& pending, Code code, Actions& acti
 }  // namespace
 
 void on_stored(Station& s, const StoreDone& done, Actions& actions) {
-  const PendingStore* const found = std::find_if(s.storing.begin(), s.storing.end(), [&](const PendingStore& pending) {
-    return pending.ticket == done.ticket;
-  });
+  const PendingStore* const found = std::find_if(
+      s.storing.begin(), s.storing.end(), [&](const PendingStore& pending) { return pending.ticket == done.ticket; });
   if (found == s.storing.end()) return;
   const PendingStore pending = *found;
   s.storing.erase(static_cast<std::size_t>(found - s.storing.begin()));

@@ -72,7 +72,9 @@ TEST(Combine, emptiness_and_information_alone_never_pass) {
   EXPECT_EQ(combined({{V::not_measured, false}}), V::not_measured);
 }
 
-TEST(Verdict, zeroed_memory_is_not_a_pass) { EXPECT_NE(static_cast<Verdict>(0), Verdict::pass); }
+TEST(Verdict, zeroed_memory_is_not_a_pass) {
+  EXPECT_NE(static_cast<Verdict>(0), Verdict::pass);
+}
 
 TEST(Items, every_item_has_a_name_that_finds_it) {
   for (std::size_t i = 0; i < kItemCount; ++i) {

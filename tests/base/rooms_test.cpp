@@ -28,8 +28,8 @@ const std::map<std::string, std::set<std::string>> kMayInclude = {
 };
 
 /// All headers of base are vocabulary and public.
-const std::set<std::string> kPublic = {"algo/algo.h",       "calib/calib.h",     "hal/hal.h",
-                                       "hal/plc_map.h",     "storage/storage.h", "daemon/daemon.h"};
+const std::set<std::string> kPublic = {"algo/algo.h",   "calib/calib.h",     "hal/hal.h",
+                                       "hal/plc_map.h", "storage/storage.h", "daemon/daemon.h"};
 
 struct Include {
   fs::path file;
@@ -119,7 +119,8 @@ TEST(Rooms, show_no_library_but_eigen_in_their_headers) {
           EXPECT_FALSE(room_of(include.name).empty()) << where(include) << ": name the room";
           continue;
         }
-        const bool standard = include.name.find('/') == std::string::npos && include.name.find('.') == std::string::npos;
+        const bool standard =
+            include.name.find('/') == std::string::npos && include.name.find('.') == std::string::npos;
         const bool eigen = include.name.rfind("Eigen/", 0) == 0;
         EXPECT_TRUE(standard || eigen || kPosix.count(include.name) != 0) << where(include);
       }

@@ -107,8 +107,10 @@ TEST_F(PoseGateTest, absurd_numbers_from_outside_only_restart_the_window) {
   send(200);
   PoseSample sample;
   sample.arrival_ns = now_ns + 1;
-  for (const std::int64_t utime_us : {std::numeric_limits<std::int64_t>::max(), std::numeric_limits<std::int64_t>::min()})
-    for (const std::int32_t number : {std::numeric_limits<std::int32_t>::max(), std::numeric_limits<std::int32_t>::min()}) {
+  for (const std::int64_t utime_us :
+       {std::numeric_limits<std::int64_t>::max(), std::numeric_limits<std::int64_t>::min()})
+    for (const std::int32_t number :
+         {std::numeric_limits<std::int32_t>::max(), std::numeric_limits<std::int32_t>::min()}) {
       sample.utime_us = utime_us;
       sample.seq = number;
       gate.add(sample);

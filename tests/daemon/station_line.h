@@ -129,12 +129,12 @@ class Line {
 
   // ---- faults a test may plant ----
   bool robot_present = true;
-  double robot_off_mm = 0.0;        ///< beside the commanded station
-  double robot_moves_mm = 0.0;      ///< while a scan is taken
+  double robot_off_mm = 0.0;    ///< beside the commanded station
+  double robot_moves_mm = 0.0;  ///< while a scan is taken
   bool robot_shakes = false;
   Code scan_code = Code::ok;
   bool scanner_answers = true;
-  bool measuring_works = true;      ///< false: MeasureBlock is never answered
+  bool measuring_works = true;  ///< false: MeasureBlock is never answered
   Verdict block_verdict = Verdict::pass;
   bool plc_beats = true;
 

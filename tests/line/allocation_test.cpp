@@ -40,8 +40,8 @@ struct TempDir {
 
 /// A scan of the nominal block on disk, a quarter of the real size.
 fs::path scan_file(const TempDir& dir, const Recipe& recipe, std::uint64_t seed) {
-  const auto surface = simulate::BlockSurface::make(recipe, simulate::nominal_truth(recipe),
-                                                    nominal_T_block_scanner().inverse());
+  const auto surface =
+      simulate::BlockSurface::make(recipe, simulate::nominal_truth(recipe), nominal_T_block_scanner().inverse());
   EXPECT_TRUE(surface.ok());
   simulate::ScannerTraits traits;
   traits.columns = 1024;

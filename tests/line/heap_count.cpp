@@ -46,12 +46,18 @@ int posix_memalign(void** out, std::size_t alignment, std::size_t size) {
   *out = __libc_memalign(alignment, size);
   return *out == nullptr ? ENOMEM : 0;
 }
-void free(void* old) { __libc_free(old); }
+void free(void* old) {
+  __libc_free(old);
+}
 }
 
 HeapCount::HeapCount() {
   g_calls = 0;
   g_counting = true;
 }
-HeapCount::~HeapCount() { g_counting = false; }
-std::uint64_t HeapCount::calls() const { return g_calls; }
+HeapCount::~HeapCount() {
+  g_counting = false;
+}
+std::uint64_t HeapCount::calls() const {
+  return g_calls;
+}

@@ -77,7 +77,8 @@ TEST_F(LineTest, full_size_slab_passes_and_memory_is_flat) {
 }
 
 TEST_F(LineTest, planted_defects_fail_their_blocks_and_no_other) {
-  const Box::Answer answer = simulate({"--slab-no", "3", "--defect", "slope=4:1/35", "--defect", "jaw-distance=11:0.9", "--json"});
+  const Box::Answer answer =
+      simulate({"--slab-no", "3", "--defect", "slope=4:1/35", "--defect", "jaw-distance=11:0.9", "--json"});
   ASSERT_EQ(answer.exit_status, 1) << answer.out << answer.err;
   // The PLC's station table is the judge: exactly blocks 4 and 11 failed, the slab too.
   const fs::path db = box.dir / "slabd.db";

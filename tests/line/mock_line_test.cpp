@@ -46,8 +46,8 @@ struct MockLineTest : testing::Test {
     settings.calibration_id = "test";
     settings.spool_dir = std::string_view((dir / "spool").native());
     const Ports ports{plc, pose, scanner, store.get(), nullptr, clock, notify};
-    loop = std::make_unique<Loop>(ports, settings, algo::StationSigma{0.02, rad_from_deg(0.001)},
-                                  hal::LengthUnit::mm, LoopFigures{});
+    loop = std::make_unique<Loop>(ports, settings, algo::StationSigma{0.02, rad_from_deg(0.001)}, hal::LengthUnit::mm,
+                                  LoopFigures{});
     const std::atomic<bool> stop{true};
     loop->run(stop);  // recovers, then returns because it is told to stop
     inputs.enable = true;

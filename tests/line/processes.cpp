@@ -63,7 +63,9 @@ Process::~Process() {
   wait();
 }
 
-void Process::signal(int number) const { ::kill(pid_, number); }
+void Process::signal(int number) const {
+  ::kill(pid_, number);
+}
 
 bool Process::running() {
   if (status_ >= 0) return false;
