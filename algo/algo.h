@@ -108,8 +108,11 @@ class BlockInspector {
 /// Uncertainty of one station's splice in the base frame, standard (k = 1); NaN = not calibrated: slab-frame items
 /// are then indeterminate.
 struct StationSigma {
-  double position_mm = kNoValue;   ///< per axis
+  double position_mm = kNoValue;   ///< of the calibration, per axis
   double rotation_rad = kNoValue;  ///< per axis
+  /// Robot repeatability where `position_mm` and `rotation_rad` do not contain it already.
+  double robot_position_mm = 0.0;
+  double robot_rotation_rad = 0.0;
 };
 
 /// One robust rigid fit of all seats to the slab model and the slab-frame items. `blocks` holds one entry per station

@@ -39,6 +39,19 @@ std::string_view name(Verdict verdict) {
   return "none";
 }
 
+std::string_view name(BudgetPart part) {
+  switch (part) {
+    case BudgetPart::fit: return "fit";
+    case BudgetPart::noise: return "noise";
+    case BudgetPart::scanner: return "scanner";
+    case BudgetPart::registration: return "registration";
+    case BudgetPart::calibration: return "calibration";
+    case BudgetPart::robot: return "robot";
+    case BudgetPart::reference: return "reference";
+  }
+  return "";
+}
+
 const ItemInfo& info(ItemId id) {
   return kItems.at(static_cast<std::size_t>(id));
 }
@@ -76,6 +89,18 @@ Verdict judge(const Item& item, double guard) {
   if ((has_lower && item.value < item.lower + band) || (has_upper && item.value > item.upper - band))
     return Verdict::indeterminate;
   return Verdict::pass;
+}
+
+double conformance_probability(const Item& item) {
+  const bool has_lower = has_value(item.lower);
+  const bool has_upper = has_value(item.upper);
+  if (!std::isfinite(item.value) || (!has_lower && !has_upper) || !(item.U > 0.0) || !std::isfinite(item.U))
+    return kNoValue;
+  // Phi by erfc: exact in both tails.
+  const double scale = 1.0 / (0.5 * item.U * std::sqrt(2.0));
+  const double above_upper = has_upper ? 0.5 * std::erfc((item.upper - item.value) * scale) : 0.0;
+  const double below_lower = has_lower ? 0.5 * std::erfc((item.value - item.lower) * scale) : 0.0;
+  return std::fmax(1.0 - above_upper - below_lower, 0.0);
 }
 
 Verdict combine(const Item* begin, const Item* end) {

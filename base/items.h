@@ -56,6 +56,19 @@ struct ItemInfo {
 [[nodiscard]] std::string_view name(ItemUnit unit);
 [[nodiscard]] std::optional<ItemId> item_from_name(std::string_view item_name);
 
+/// Where an item's standard uncertainty comes from (GUM budget; the terms and formulas stand in algo/uncertainty.h).
+enum class BudgetPart : std::uint8_t {
+  fit,           ///< covariance of the fitted features from white noise
+  noise,         ///< what the noise of neighbouring points has in common adds to it
+  scanner,       ///< the scanner's specified form and length error
+  registration,  ///< section and direction taken from the registered pose
+  calibration,   ///< scanner on flange and station correction
+  robot,         ///< repeatability
+  reference,     ///< the artefact the system was set up with
+};
+inline constexpr std::size_t kBudgetParts = 7;
+[[nodiscard]] std::string_view name(BudgetPart part);
+
 inline constexpr double kNoValue = std::numeric_limits<double>::quiet_NaN();
 [[nodiscard]] inline bool has_value(double v) {
   return !std::isnan(v);
@@ -77,6 +90,10 @@ struct Item {
   double U = kNoValue;       ///< expanded uncertainty, k = 2
   double beside = kNoValue;  ///< the companion figure of this item (see `beside_name`)
 
+  /// Standard uncertainties (k = 1, in the item's unit) whose root sum of squares is U / 2. All zero: no budget was
+  /// computed and U is the recipe's default.
+  std::array<double, kBudgetParts> budget{};
+
   [[nodiscard]] double deviation() const { return value - nominal; }
 };
 /// Name of `Item::beside` in JSON and reports, empty when the item has none: seat_slope "ratio_n" (n of 1:n),
@@ -87,6 +104,10 @@ struct Item {
 /// indeterminate. No value: not_measured. No U (NaN): indeterminate. No limits at all: the item is information and
 /// passes nothing and fails nothing; its verdict is `none`.
 [[nodiscard]] Verdict judge(const Item& item, double guard);
+
+/// Probability that the true value lies within the limits when the measured one is normally distributed about it with
+/// u = U / 2 (JCGM 106, 7.2 and 7.3). NaN without value, limits or U.
+[[nodiscard]] double conformance_probability(const Item& item);
 
 /// Block and slab rule: fail if any item fails; else not_measured if a required item is; else indeterminate if any
 /// item is; else pass. An empty list is not_measured. Items that are not required and not measured do not count.

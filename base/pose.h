@@ -13,6 +13,7 @@ namespace slabd {
 using Vec3 = Eigen::Matrix<double, 3, 1, Eigen::DontAlign>;
 using Mat3 = Eigen::Matrix<double, 3, 3, Eigen::DontAlign>;
 using Mat4 = Eigen::Matrix<double, 4, 4, Eigen::DontAlign>;
+using Mat6 = Eigen::Matrix<double, 6, 6, Eigen::DontAlign>;
 using Quat = Eigen::Quaternion<double, Eigen::DontAlign>;
 
 /// A rigid transform. A variable `T_a_b` maps coordinates in frame b to coordinates in frame a:

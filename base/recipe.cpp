@@ -32,6 +32,11 @@ int unconfirmed_count(const Recipe& recipe) {
         &s.pitch_mm, &s.first_pair_from_end_mm, &s.seat_centre_distance_mm, &s.block_origin_z_mm}) {
     count += n->confirmed ? 0 : 1;
   }
+  const UncertaintySettings& u = recipe.uncertainty;
+  if (u.given)
+    for (const Nominal* n :
+         {&u.scanner_form_mm, &u.scanner_form_length_mm, &u.scanner_length_ppm, &u.reference_mm, &u.reference_rad})
+      count += n->confirmed ? 0 : 1;
   for (const Tolerance& t : recipe.tolerances) {
     if (!has_value(t.lower) && !has_value(t.upper)) continue;
     count += (t.confirmed && t.nominal.confirmed) ? 0 : 1;

@@ -60,8 +60,19 @@ struct EvaluationSettings {
   double inlier_share_min = kNoValue;  ///< below it a plane is not measured
   double registration_gate_mm = kNoValue;    ///< a point further from the model than this belongs to no face
   double registration_share_min = kNoValue;  ///< share of points within the gate; below it the pose is rejected
+  double defect_sigmas = 5.0;                ///< cells further than this from the seat plane form the defect channel
   double window_mm = kNoValue;               ///< a registered pose further than this from its start is rejected
   double window_rad = kNoValue;
+};
+
+/// What is assumed of the measuring system when U is computed; absent (`given` false), items keep the recipe's U.
+struct UncertaintySettings {
+  bool given = false;
+  Nominal scanner_form_mm;         ///< half width of the scanner's form error (rectangular), seen over ...
+  Nominal scanner_form_length_mm;  ///< ... this length (mm): shorter features see less of it in proportion
+  Nominal scanner_length_ppm;      ///< half width of its relative length error (rectangular), um per m
+  Nominal reference_mm;            ///< standard uncertainty of the artefact that lengths were traced to
+  Nominal reference_rad;           ///< ... and angles
 };
 
 /// Limits of one item. Tolerances are absolute limits of the value, not deviations.
@@ -69,7 +80,7 @@ struct Tolerance {
   Nominal nominal;
   double lower = kNoValue;  ///< NaN: no lower limit
   double upper = kNoValue;
-  double U = kNoValue;  ///< default expanded uncertainty (k = 2); slab-frame items add the station's
+  double U = kNoValue;  ///< expanded (k = 2), used where no budget is computed; slab-frame items add the station's
   bool required = false;
   bool confirmed = false;  ///< of the limits
 };
@@ -84,6 +95,7 @@ struct Recipe {
   SlabGeometry slab;
   BlockGeometry block;
   EvaluationSettings evaluation;
+  UncertaintySettings uncertainty;
   SlopeDatum slope_datum = SlopeDatum::slab_frame;
   bool remove_warp = true;
   double guard = 1.0;  ///< guard band in units of U; 0 = simple acceptance

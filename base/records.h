@@ -32,7 +32,11 @@ struct RegistrationReport {
   int iterations = 0;
   double share_associated = 0.0;  ///< of the sampled points near the model
   double condition = kNoValue;    ///< of the normal matrix, lengths scaled to the block
-  FixedString<64> note;           ///< degenerate: which direction; rejected: which gate
+  double noise_mm = kNoValue;     ///< robust standard deviation of the points in the last step
+  /// Of the small motion (x, y, z in mm, rotation about X, Y, Z in rad; block frame, about the block's origin) that
+  /// takes the registered block to the true one, from white noise of `noise_mm`.
+  Mat6 covariance = Mat6::Constant(kNoValue);
+  FixedString<64> note;  ///< degenerate: which direction; rejected: which gate
   Pose T_scanner_block;
   DeviationStats deviation;
 };
@@ -52,8 +56,21 @@ struct PlaneFit {
   std::uint64_t points = 0;  ///< offered to the fit
   std::uint64_t inliers = 0;
   double inlier_fraction = 0.0;
-  double std_mm = kNoValue;  ///< of the inliers, orthogonal, n - 3
-  int iterations = 0;        ///< refits until the inlier set stood still
+  double std_mm = kNoValue;                    ///< of the inliers, orthogonal, n - 3
+  int iterations = 0;                          ///< refits until the inlier set stood still
+  Vec3 centroid = Vec3::Zero();                ///< of the inliers; there offset and tilt are independent
+  double sigma_offset_mm = kNoValue;           ///< standard deviation of the height at the centroid, from white noise
+  Mat3 cov_normal = Mat3::Constant(kNoValue);  ///< covariance of `normal` (rad^2, rank 2), from white noise
+};
+
+/// The largest connected group of flatness cells that lie beyond the defect limit on one side of the seat plane.
+struct SurfaceDefect {
+  double limit_mm = kNoValue;  ///< distance beyond which a cell counts; NaN: the channel was not computed
+  std::uint32_t cells = 0;     ///< of the largest group; 0 = no defect
+  double area_mm2 = 0.0;
+  double height_mm = 0.0;  ///< furthest cell of the group, signed: positive stands out
+  double x_mm = 0.0;       ///< centre of the group, along the rail ...
+  double s_mm = 0.0;       ///< ... and along the seat
 };
 
 struct SeatFeature {
@@ -66,6 +83,10 @@ struct SeatFeature {
   double flatness_min_zone_mm = kNoValue;
   double raw_low_mm = kNoValue;  ///< extremes of single points to the plane
   double raw_high_mm = kNoValue;
+  /// Variance of a mean over the one white noise would give it: 1 when neighbouring points err independently.
+  double noise_factor = kNoValue;
+  double flatness_noise_mm = kNoValue;  ///< what a perfectly flat seat would read with this noise
+  SurfaceDefect defect;
 };
 
 struct CasingFeature {
@@ -75,6 +96,11 @@ struct CasingFeature {
   double height_mm = kNoValue;  ///< of the rim along the seat normal
   std::uint32_t edge_points = 0;
   std::uint32_t rim_points = 0;
+  double edge_rms_mm = kNoValue;               ///< of the edge points to the circle
+  double inlier_fraction = 0.0;                ///< of the edge's sectors that agree with the circle
+  double rim_std_mm = kNoValue;                ///< of the rim's points to its height
+  double sigma_height_mm = kNoValue;           ///< of the rim's height, from white noise
+  Mat3 cov_circle = Mat3::Constant(kNoValue);  ///< of centre along the rail, centre along the seat, radius (mm^2)
 };
 
 /// What the slab fit needs from one block, in the robot's base frame (mm). Measured features, not the registration.
@@ -86,6 +112,11 @@ struct SeatObservation {
   Vec3 n_base = Vec3::Zero();          ///< seat normal
   Vec3 jaw_outer_base = Vec3::Zero();  ///< outer jaw at reference height, section x = 0
   Vec3 top_n_base = Vec3::Zero();      ///< normal of the local slab top
+  /// Standard uncertainties inside one scan, in block axes; NaN where not measured.
+  Vec3 sigma_p_mm = Vec3::Constant(kNoValue);
+  Vec3 sigma_jaw_mm = Vec3::Constant(kNoValue);
+  Vec3 sigma_n_rad = Vec3::Constant(kNoValue);      ///< of the seat normal's components
+  Vec3 sigma_top_n_rad = Vec3::Constant(kNoValue);  ///< of the slab top's
 };
 
 /// ms of wall time, measured by the caller of each stage.
