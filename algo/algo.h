@@ -58,6 +58,13 @@ struct PlaneSettings {
 /// fewer than 3 points or all on a line.
 [[nodiscard]] PlaneFit fit_plane_lsq(std::span<const Vec3> points, const Vec3& up);
 
+/// The classical RANSAC of the paper's comparison (Table 1), for comparisons only: of K planes through three random
+/// points the one with the most points within the threshold, as it is, no refit. Its error is that of three points,
+/// about ten times the improved fit's. `iterations` is 0, covariances stay NaN. Same settings (threshold_mm = 0
+/// as for `fit_plane`; `support` and `refits_max` are not used), same orientation. ok = false: fewer than 3 points, no
+/// three of them make a plane, share below the limit. No heap; O(K * points).
+[[nodiscard]] PlaneFit fit_plane_ransac(std::span<const Vec3> points, const Vec3& up, const PlaneSettings& settings);
+
 // ---- one block -------------------------------------------------------------------------------------------------
 
 /// Measures one block. Construct once (allocates the whole workspace, limits::kWorkspaceBytes), then `use` a recipe

@@ -11,31 +11,19 @@
 // NaN points are never inliers; the same input gives the same bits.
 #include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 
+#include "algo/hypotheses.h"
 #include "algo/plane_fit.h"
 
 namespace slabd::algo {
 namespace {
 
-/// Smallest inlier distance: noise-free data must not lose its points to rounding.
-constexpr double kThresholdFloor_mm = 1e-6;
 /// Local optimisation of the best hypothesis on the sample; it settles in two or three.
 constexpr int kPolishSteps = 5;
 /// Below this ratio of the middle to the largest eigenvalue the points lie on a line.
 constexpr double kLineRatio = 1e-14;
-
-struct FlatPlane {
-  Vec3 n = Vec3::Zero();
-  double d = 0.0;
-  [[nodiscard]] double distance(const Vec3& p) const { return n.dot(p) - d; }
-  [[nodiscard]] bool same_bits(const FlatPlane& other) const { return n == other.n && d == other.d; }
-};
-
-using Sample = std::array<Vec3, limits::kPlaneSampleMax>;
-using Residuals = std::array<double, limits::kPlaneSampleMax>;
 
 /// How points lie about their plane.
 struct Spread {
@@ -89,70 +77,12 @@ bool rests_on_enough(const PlaneSupport& support, const PlaneFit& fit, const Spr
          spread.narrow_mm >= support.narrow_mm && !(tilt_sigma_rad > support.tilt_sigma_max_rad);
 }
 
-/// One point drawn from each of `m` equal slices of the set: covers the face evenly whatever the scan order.
-template <typename Points>
-std::size_t draw_sample(const Points& points, Prng& prng, Sample& sample) {
-  const std::size_t n = points.size();
-  const std::size_t m = std::min(n, sample.size());
-  for (std::size_t i = 0; i < m; ++i) {
-    const std::size_t first = i * n / m;
-    const std::size_t last = (i + 1) * n / m;
-    sample[i] = points[n == m ? i : first + prng.below(last - first)];
-  }
-  return m;
-}
-
-/// The plane through three sample points; false when they are equal, on a line or not finite.
-bool hypothesis(const Sample& sample, std::size_t m, Prng& prng, FlatPlane& plane) {
-  const Vec3& a = sample[prng.below(m)];
-  const Vec3& b = sample[prng.below(m)];
-  const Vec3& c = sample[prng.below(m)];
-  const Vec3 ab = b - a;
-  const Vec3 ac = c - a;
-  const Vec3 normal = ab.cross(ac);
-  const double length = normal.norm();
-  if (!(length > 1e-9 * ab.norm() * ac.norm()) || !std::isfinite(length)) return false;
-  plane.n = normal / length;
-  plane.d = plane.n.dot(a);
-  return true;
-}
-
-void residuals_of(const Sample& sample, std::size_t m, const FlatPlane& plane, Residuals& residuals) {
-  for (std::size_t i = 0; i < m; ++i) {
-    const double r = std::abs(plane.distance(sample[i]));
-    residuals[i] = std::isfinite(r) ? r : std::numeric_limits<double>::infinity();
-  }
-}
-
-/// Runs `score(plane, best)` over K hypotheses (the same for the same seed) and keeps the smallest score.
-template <typename Score>
-bool best_hypothesis(const Sample& sample, std::size_t m, int hypotheses, std::uint64_t seed, FlatPlane& best,
-                     const Score& score) {
-  Prng prng(seed);
-  double best_score = std::numeric_limits<double>::infinity();
-  bool found = false;
-  int drawn = 0;
-  // Draws on a line or with a repeated point do not count, but they cannot go on for ever.
-  for (int attempt = 0; drawn < hypotheses && attempt < 8 * hypotheses + 64; ++attempt) {
-    FlatPlane plane;
-    if (!hypothesis(sample, m, prng, plane)) continue;
-    ++drawn;
-    const double s = score(plane, best_score);
-    if (s < best_score) {
-      best_score = s;
-      best = plane;
-      found = true;
-    }
-  }
-  return found;
-}
-
 /// Least squared error truncated at the threshold (MSAC); gives up as soon as it cannot win.
-double msac_score(const Sample& sample, std::size_t m, const FlatPlane& plane, double threshold, double best) {
+double msac_score(const PlaneSample& sample, const FlatPlane& plane, double threshold, double best) {
   const double t2 = threshold * threshold;
   double sum = 0.0;
-  for (std::size_t i = 0; i < m; ++i) {
-    const double r = plane.distance(sample[i]);
+  for (std::size_t i = 0; i < sample.size; ++i) {
+    const double r = plane.distance(sample.points[i]);
     const double r2 = r * r;
     sum += r2 < t2 ? r2 : t2;
     if ((i & 255U) == 255U && sum >= best) break;
@@ -160,49 +90,7 @@ double msac_score(const Sample& sample, std::size_t m, const FlatPlane& plane, d
   return sum;
 }
 
-double quantile_of(std::span<double> values, double share) {
-  const double position = share * static_cast<double>(values.size() - 1);
-  const auto k = static_cast<std::ptrdiff_t>(std::floor(position));
-  std::nth_element(values.begin(), values.begin() + k, values.end());
-  return values[static_cast<std::size_t>(k)];
-}
-
-double threshold_from(double sigma) {
-  return std::fmax(3.0 * sigma, kThresholdFloor_mm);
-}
-
 }  // namespace
-
-double robust_sigma(std::span<double> abs_residuals, double share) {
-  if (abs_residuals.empty()) return 0.0;
-  // Of normal errors, half lie within 0.6745 sigma.
-  constexpr double kMad = 1.482602218505602;
-  // ... and half of those within three sigma lie within 0.6720 sigma.
-  constexpr double kMadWithinThree = 1.488100;
-  double sigma = kMad * quantile_of(abs_residuals, share);
-  if (!std::isfinite(sigma)) return sigma;
-  std::size_t kept = abs_residuals.size();
-  for (int i = 0; i < 50; ++i) {
-    const auto end = std::partition(abs_residuals.begin(), abs_residuals.begin() + static_cast<std::ptrdiff_t>(kept),
-                                    [&](double r) { return r <= 3.0 * sigma; });
-    kept = static_cast<std::size_t>(end - abs_residuals.begin());
-    if (kept == 0) return sigma;
-    const double next = kMadWithinThree * quantile_of(abs_residuals.first(kept), 0.5);
-    if (!(next < sigma)) return sigma;
-    sigma = next;
-  }
-  return sigma;
-}
-
-int hypotheses_needed(double contamination, double confidence, int points_per_hypothesis) {
-  constexpr int most = static_cast<int>(limits::kPlaneHypothesesMax);
-  if (!(contamination > 0.0) || !(confidence > 0.0)) return 1;
-  if (contamination >= 1.0 || confidence >= 1.0) return most;
-  const double all_clean = std::pow(1.0 - contamination, points_per_hypothesis);
-  const double k = std::log1p(-confidence) / std::log1p(-all_clean);
-  if (!(k < static_cast<double>(most))) return most;
-  return std::max(1, static_cast<int>(std::ceil(k)));
-}
 
 template <typename Points>
 PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSettings& settings) {
@@ -210,47 +98,36 @@ PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSetting
   fit.points = points.size();
   if (points.size() < 3) return fit;
 
-  Sample sample;
-  Residuals residuals;
+  PlaneSample sample;
+  Residuals scratch;
   Prng prng(settings.seed);
-  const std::size_t m = draw_sample(points, prng, sample);
+  draw_sample(points, prng, sample);
   const int hypotheses = hypotheses_needed(settings.contamination, settings.confidence, 3);
   const std::uint64_t seed = prng.next();
 
-  // Without a given threshold the first round looks for the hypothesis that the trusted share of points fits best
-  // (least median of squares at 50 %), only to learn how large the noise is.
-  const bool find_threshold = !(settings.threshold_mm > 0.0);
-  const double share = std::clamp(1.0 - settings.contamination, 0.05, 0.5);
+  // Without a given threshold a first round learns how large the noise is.
+  const bool threshold_given = settings.threshold_mm > 0.0;
+  const double share = trusted_share(settings.contamination);
   double threshold = settings.threshold_mm;
+  if (!threshold_given && !find_threshold(sample, hypotheses, share, seed, scratch, threshold)) return fit;
   FlatPlane plane;
-  if (find_threshold) {
-    const auto quantile_score = [&](const FlatPlane& candidate, double) {
-      residuals_of(sample, m, candidate, residuals);
-      return quantile_of(std::span(residuals).first(m), share);
-    };
-    if (!best_hypothesis(sample, m, hypotheses, seed, plane, quantile_score)) return fit;
-    residuals_of(sample, m, plane, residuals);
-    threshold = threshold_from(robust_sigma(std::span(residuals).first(m), share));
-  }
-  if (!best_hypothesis(sample, m, hypotheses, seed, plane, [&](const FlatPlane& candidate, double best) {
-        return msac_score(sample, m, candidate, threshold, best);
-      }))
+  if (!best_hypothesis(
+          sample.points, sample.size, hypotheses, seed, plane,
+          [&](const FlatPlane& candidate, double best) { return msac_score(sample, candidate, threshold, best); }))
     return fit;
 
   // Any place near the plane's points serves as the origin of the sums, as long as it stays the same.
-  const auto finite = std::find_if(sample.begin(), sample.begin() + static_cast<std::ptrdiff_t>(m),
-                                   [](const Vec3& p) { return p.allFinite(); });
+  const auto finite =
+      std::find_if(sample.points.begin(), sample.points.begin() + static_cast<std::ptrdiff_t>(sample.size),
+                   [](const Vec3& p) { return p.allFinite(); });
   const Vec3 shift = *finite - plane.distance(*finite) * plane.n;
   Spread spread;
   std::size_t inliers = 0;
   for (int i = 0; i < kPolishSteps; ++i) {
     FlatPlane polished = plane;
-    if (!refit_within(sample, m, threshold, shift, up, polished, spread, inliers)) break;
+    if (!refit_within(sample.points, sample.size, threshold, shift, up, polished, spread, inliers)) break;
     plane = polished;
-    if (find_threshold) {
-      residuals_of(sample, m, plane, residuals);
-      threshold = threshold_from(robust_sigma(std::span(residuals).first(m), share));
-    }
+    if (!threshold_given) threshold = threshold_about(sample, plane, share, scratch);
   }
 
   bool stands_still = false;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstring>
 #include <vector>
 
@@ -248,6 +249,47 @@ TEST(PlaneRansac, PointsTheNormalToTheFreeSide) {
   const std::vector<Vec3> points = surface(9, 20, 20, 0.05, 0.0);
   EXPECT_GT(fit_plane(points, Vec3::UnitZ(), {}).normal.z(), 0.99);
   EXPECT_LT(fit_plane(points, -Vec3::UnitZ(), {}).normal.z(), -0.99);
+}
+
+TEST(PlaneClassicRansac, PassesThroughThreeOfThePointsAndIsTenTimesWorseThanItsRefit) {
+  const std::vector<Vec3> points = table_one(0.01);
+  double classic = 0.0;
+  double improved = 0.0;
+  for (std::uint64_t seed = 1; seed <= 40; ++seed) {
+    const PlaneSettings settings{.threshold_mm = 0.03, .seed = seed};
+    const PlaneFit f = fit_plane_ransac(points, Vec3::UnitZ(), settings);
+    ASSERT_TRUE(f.ok);
+    EXPECT_GT(f.normal.z(), 0.0);
+    EXPECT_GT(f.inlier_fraction, 0.7);
+    const auto on_plane = std::count_if(points.begin(), points.end(),
+                                        [&](const Vec3& p) { return std::abs(f.normal.dot(p) - f.offset_mm) < 1e-14; });
+    EXPECT_GE(on_plane, 3);
+    const auto counted = std::count_if(points.begin(), points.end(),
+                                       [&](const Vec3& p) { return std::abs(f.normal.dot(p) - f.offset_mm) <= 0.03; });
+    EXPECT_EQ(f.inliers, static_cast<std::uint64_t>(counted));
+    classic += (abc(f) - Vec3(1.0, 2.0, 1.0)).squaredNorm();
+    improved += (abc(fit_plane(points, Vec3::UnitZ(), settings)) - Vec3(1.0, 2.0, 1.0)).squaredNorm();
+  }
+  EXPECT_GT(std::sqrt(classic / improved), 3.0);
+}
+
+TEST(PlaneClassicRansac, FindsItsOwnThresholdAndIsRepeatable) {
+  const std::vector<Vec3> points = table_one(0.01);
+  const PlaneFit a = fit_plane_ransac(points, Vec3::UnitZ(), {.seed = 3});
+  const PlaneFit b = fit_plane_ransac(points, Vec3::UnitZ(), {.seed = 3});
+  ASSERT_TRUE(a.ok);
+  EXPECT_NEAR(abc(a).x(), 1.0, 0.1);
+  EXPECT_EQ(a.normal, b.normal);
+  EXPECT_EQ(a.inliers, b.inliers);
+}
+
+TEST(PlaneClassicRansac, SaysNoToALineToNothingFiniteAndToASmallShare) {
+  std::vector<Vec3> line;
+  for (int i = 0; i < 100; ++i) line.push_back(Vec3(i, 2.0 * i, 0.0));
+  EXPECT_FALSE(fit_plane_ransac(line, Vec3::UnitZ(), {}).ok);
+  const std::vector<Vec3> nothing(100, Vec3::Constant(kNoValue));
+  EXPECT_FALSE(fit_plane_ransac(nothing, Vec3::UnitZ(), {}).ok);
+  EXPECT_FALSE(fit_plane_ransac(table_one(0.01), Vec3::UnitZ(), {.threshold_mm = 0.03, .inlier_share_min = 0.95}).ok);
 }
 
 TEST(Angles, AreExactFromAThousandthOfADegreeToNearlyAStraightAngle) {

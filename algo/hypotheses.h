@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <span>
+
+#include "base/base.h"
+
+/// Planes through three points of a sample, and how they are compared: what both RANSAC fits have in common.
+namespace slabd::algo {
+
+/// n.p = d, n of unit length.
+struct FlatPlane {
+  Vec3 n = Vec3::Zero();
+  double d = 0.0;
+  [[nodiscard]] double distance(const Vec3& p) const { return n.dot(p) - d; }
+  [[nodiscard]] bool same_bits(const FlatPlane& other) const { return n == other.n && d == other.d; }
+};
+
+/// Points that stand for the whole set while hypotheses are compared.
+struct PlaneSample {
+  std::array<Vec3, limits::kPlaneSampleMax> points;
+  std::size_t size = 0;
+};
+using Residuals = std::array<double, limits::kPlaneSampleMax>;
+
+/// One point drawn from each of up to kPlaneSampleMax equal slices of the set: covers the face evenly whatever the
+/// scan order.
+template <typename Points>
+void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
+  const std::size_t n = points.size();
+  const std::size_t m = std::min(n, sample.points.size());
+  for (std::size_t i = 0; i < m; ++i) {
+    const std::size_t first = i * n / m;
+    const std::size_t last = (i + 1) * n / m;
+    sample.points[i] = points[n == m ? i : first + prng.below(last - first)];
+  }
+  sample.size = m;
+}
+
+/// The plane through three points; false when they are equal, on a line or not finite.
+[[nodiscard]] bool plane_through(const Vec3& a, const Vec3& b, const Vec3& c, FlatPlane& plane);
+
+/// Runs `score(plane, best)` over K planes through three of `count` points (the same for the same seed) and keeps the
+/// smallest score. False when no three points make a plane.
+template <typename Points, typename Score>
+[[nodiscard]] bool best_hypothesis(const Points& points, std::size_t count, int hypotheses, std::uint64_t seed,
+                                   FlatPlane& best, const Score& score) {
+  Prng prng(seed);
+  double best_score = std::numeric_limits<double>::infinity();
+  bool found = false;
+  int drawn = 0;
+  // Draws on a line or with a repeated point do not count, but they cannot go on for ever.
+  for (int attempt = 0; drawn < hypotheses && attempt < 8 * hypotheses + 64; ++attempt) {
+    const Vec3 a = points[prng.below(count)];
+    const Vec3 b = points[prng.below(count)];
+    const Vec3 c = points[prng.below(count)];
+    FlatPlane plane;
+    if (!plane_through(a, b, c, plane)) continue;
+    ++drawn;
+    const double s = score(plane, best_score);
+    if (s < best_score) {
+      best_score = s;
+      best = plane;
+      found = true;
+    }
+  }
+  return found;
+}
+
+/// Distances of the sample's points; infinite for points that are not finite.
+void residuals_of(const PlaneSample& sample, const FlatPlane& plane, Residuals& residuals);
+
+/// Inlier distance for a plane found: three robust standard deviations of the sample about it, of which `share` is
+/// trusted, and never so small that noise-free data loses its points to rounding.
+[[nodiscard]] double threshold_about(const PlaneSample& sample, const FlatPlane& plane, double share,
+                                     Residuals& scratch);
+
+/// The share of points trusted when the noise is estimated: what the contamination leaves, at most a half (the least
+/// median of squares).
+[[nodiscard]] double trusted_share(double contamination);
+
+/// Inlier distance when none is given: about the hypothesis that the trusted share of the sample fits best. False when
+/// no three points make a plane.
+[[nodiscard]] bool find_threshold(const PlaneSample& sample, int hypotheses, double share, std::uint64_t seed,
+                                  Residuals& scratch, double& threshold);
+
+}  // namespace slabd::algo
