@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/accuracy/block_scan.h"
+
+#include <fmt/core.h>
+
+#include <cassert>
+
+#include "daemon/daemon.h"
+
+namespace slabd::accuracy {
+
+std::optional<Recipe> reference_recipe() {
+  Recipe recipe;
+  std::vector<daemon::Problem> problems;
+  daemon::load_recipe(SLABD_SOURCE_DIR "/recipes/p5600.toml", recipe, problems);
+  for (const daemon::Problem& problem : problems) fmt::print(stderr, "slabd_accuracy: {}\n", problem.text);
+  if (!problems.empty()) return std::nullopt;
+  return recipe;
+}
+
+void expect_perfect_scanner(Recipe& recipe) {
+  const Nominal none{0.0, true};
+  const Nominal any_length{1.0, true};
+  recipe.uncertainty = {true, none, any_length, none, none, none};
+}
+
+Sight varied_sight(const Recipe& recipe, std::uint64_t seed, double off_mm, double off_deg) {
+  constexpr double kRoughCasting = 6.0;
+  simulate::SlabVariation variation;
+  variation.seed = seed;
+  variation.casting = kRoughCasting;
+  const auto slab = simulate::cast_slab(recipe, simulate::Cell{}, variation, {});
+  assert(slab);
+  Sight sight;
+  sight.station = slab.value().at(1);
+  // The block alone: where it stands on its slab is another study's affair.
+  sight.station.offset_slab_mm = Vec3::Zero();
+  sight.station.block.slab_top_shift_mm = 0.0;
+
+  Prng random(simulate::derived_seed(seed, 7, 0));
+  const auto within = [&](double amplitude) { return amplitude * (2.0 * random.uniform() - 1.0); };
+  Pose off;
+  off.translation_mm = Vec3(within(off_mm), within(off_mm), within(off_mm));
+  const double turn = rad_from_deg(off_deg);
+  off.rotation = rotation_from_kuka_abc(within(turn), within(turn), within(turn));
+  sight.T_scanner_block = (nominal_T_block_scanner() * off).inverse();
+  return sight;
+}
+
+BlockBench::BlockBench(const Recipe& recipe) : recipe_(recipe), xyz_(3 * limits::kScanPointsMax) {
+  inspector_.use(recipe_);
+}
+
+bool BlockBench::measure(const Sight& sight, const simulate::ScannerTraits& traits, std::uint64_t seed,
+                         const Pose& T_block_scanner_start) {
+  inspector_.begin(1, Pose::identity(), T_block_scanner_start);
+  const auto surface = simulate::BlockSurface::make(recipe_, sight.station.block, sight.T_scanner_block);
+  if (!surface) {
+    trouble_ = surface.error().text.c_str();
+    return false;
+  }
+  const simulate::DrawnScan drawn = simulate::draw_scan(surface.value(), traits, seed, xyz_);
+  algo::Cloud cloud{xyz_, xyz_.size() / 3, drawn.width, drawn.height};
+  Status status = inspector_.denoise(cloud);
+  if (status) status = inspector_.register_to_model(cloud);
+  if (status) status = inspector_.extract(cloud);
+  inspector_.judge(status ? Code::ok : status.error().code);
+  trouble_ = status ? "" : status.error().text.c_str();
+  return static_cast<bool>(status);
+}
+
+const Item& BlockBench::item(ItemId id) const {
+  const Item* found = find_item(result().items.begin(), result().items.end(), id);
+  assert(found != nullptr && "no such block item");
+  return *found;
+}
+
+}  // namespace slabd::accuracy

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabd_accuracy [study...] [--quick] [--seeds N] [--first SEED] [--json]
+#include <fmt/core.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <string>
+#include <vector>
+
+#include "cli/json.h"
+#include "tests/accuracy/studies.h"
+
+namespace slabd::accuracy {
+namespace {
+
+struct Study {
+  const char* name;
+  bool (*run)(const StudyOptions&, Table&);
+  const char* about;
+};
+
+constexpr std::array kStudies = {
+    Study{"block", block_study, "full-size scans of varied blocks: error of every item, coverage of U"},
+};
+
+const Study* find(const std::string& name) {
+  const auto found = std::find_if(kStudies.begin(), kStudies.end(), [&](const Study& s) { return s.name == name; });
+  return found == kStudies.end() ? nullptr : &*found;
+}
+
+struct Outcome {
+  const Study* study = nullptr;
+  bool carried_out = false;
+  Table table;
+  double seconds = 0.0;
+};
+
+std::string json_of(const std::vector<Outcome>& outcomes) {
+  cli::Json json;
+  json.begin_object().field("schema", "slabd.accuracy/1").key("studies").begin_array();
+  for (const Outcome& outcome : outcomes) {
+    json.begin_object().field("study", outcome.study->name).field("carried_out", outcome.carried_out);
+    json.field("seconds", outcome.seconds).key("rows").begin_array();
+    for (const Table::Row& row : outcome.table.rows()) {
+      json.begin_object().field("what", std::string_view(row.what)).field("measured", row.measured);
+      json.field("unit", std::string_view(row.unit)).field("goal", std::string_view(row.goal)).field("ok", row.ok);
+      json.end_object();
+    }
+    json.end_array().end_object();
+  }
+  json.end_array().end_object();
+  return json.text();
+}
+
+int run(const std::vector<const Study*>& chosen, const StudyOptions& options, bool as_json) {
+  std::vector<Outcome> outcomes;
+  bool all_ok = true;
+  for (const Study* study : chosen) {
+    if (!as_json) fmt::print("{}: {}\n", study->name, study->about);
+    std::fflush(stdout);
+    Outcome& outcome = outcomes.emplace_back();
+    outcome.study = study;
+    const auto started = std::chrono::steady_clock::now();
+    outcome.carried_out = study->run(options, outcome.table);
+    outcome.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+    all_ok = all_ok && outcome.carried_out && outcome.table.all_ok();
+    if (as_json) continue;
+    outcome.table.print();
+    fmt::print("  {:.0f} s{}\n\n", outcome.seconds, outcome.carried_out ? "" : "; NOT CARRIED OUT");
+    std::fflush(stdout);
+  }
+  if (as_json) fmt::print("{}", json_of(outcomes));
+  return all_ok ? 0 : 1;
+}
+
+}  // namespace
+}  // namespace slabd::accuracy
+
+int main(int argc, char** argv) {
+  using namespace slabd::accuracy;
+  StudyOptions options;
+  std::vector<std::string> names;
+  bool as_json = false;
+  CLI::App app("Studies of accuracy with known truth. Exit status 0: every goal met, 1: not, 2: usage.");
+  std::string footer = "\nStudies (default: all)\n";
+  for (const Study& study : kStudies) footer += fmt::format("  {:12} {}\n", study.name, study.about);
+  app.footer(footer);
+  app.add_option("study", names, "Which studies to run");
+  app.add_flag("--quick", options.quick, "A tenth of the cases");
+  app.add_option("--seeds", options.seeds, "Number of cases instead of the study's own")
+      ->check(CLI::Range(1, 1'000'000));
+  app.add_option("--first", options.first, "First seed")->capture_default_str();
+  app.add_flag("--json", as_json, "Print slabd.accuracy/1 on stdout");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& stop) {
+    return app.exit(stop) == 0 ? 0 : 2;
+  }
+  std::vector<const Study*> chosen;
+  for (const std::string& name : names) {
+    chosen.push_back(find(name));
+    if (chosen.back() != nullptr) continue;
+    fmt::print(stderr, "slabd_accuracy: '{}' is no study; see --help\n", name);
+    return 2;
+  }
+  if (chosen.empty())
+    for (const Study& study : kStudies) chosen.push_back(&study);
+  return run(chosen, options, as_json);
+}

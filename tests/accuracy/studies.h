@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+
+#include "tests/accuracy/table.h"
+
+/// The accuracy program: is the measuring core as good as the data allow? Each study makes scans (or clouds, or slabs)
+/// with known truth, measures them as the daemon does and holds the errors against a goal. Too long for the test
+/// suite; `script/accuracy` builds and runs it.
+///
+/// A new study is a function here, its file in CMakeLists.txt and a line in the list of main.cpp.
+namespace slabd::accuracy {
+
+struct StudyOptions {
+  bool quick = false;       ///< a tenth of the cases: for a look, not for a claim
+  int seeds = 0;            ///< how many cases, 0 = the study's own number
+  std::uint64_t first = 1;  ///< the first seed; another one is another sample of the same study
+
+  /// The number of cases: `seeds` if given, else `full` or, quick, a tenth of it (at least `least`).
+  [[nodiscard]] int cases(int full, int least = 2) const {
+    if (seeds > 0) return seeds;
+    return quick ? (full / 10 > least ? full / 10 : least) : full;
+  }
+};
+
+// Each fills the table and returns false only when it could not be carried out (it has then said why on stderr).
+// Goals that are missed stand in the table.
+
+/// Full-size scans of one block of varied geometry: errors of every item, and whether U covers them.
+[[nodiscard]] bool block_study(const StudyOptions& options, Table& table);
+
+}  // namespace slabd::accuracy
