@@ -20,7 +20,7 @@ struct NamedNominal {
   bool is_angle = false;
 };
 
-std::vector<NamedNominal> nominals_of(const Recipe& recipe) {
+std::vector<NamedNominal> geometry_of(const Recipe& recipe) {
   const BlockGeometry& b = recipe.block;
   const SlabGeometry& s = recipe.slab;
   return {{"slab.length_mm", s.length_mm},
@@ -46,6 +46,23 @@ std::vector<NamedNominal> nominals_of(const Recipe& recipe) {
           {"block.casing_rim_height_mm", b.casing_rim_height_mm}};
 }
 
+/// Empty when the recipe has no [uncertainty].
+std::vector<NamedNominal> uncertainty_of(const Recipe& recipe) {
+  const UncertaintySettings& u = recipe.uncertainty;
+  if (!u.given) return {};
+  return {{"uncertainty.scanner_form_mm", u.scanner_form_mm},
+          {"uncertainty.scanner_form_length_mm", u.scanner_form_length_mm},
+          {"uncertainty.scanner_length_ppm", u.scanner_length_ppm},
+          {"uncertainty.reference_mm", u.reference_mm},
+          {"uncertainty.reference_deg", u.reference_rad, true}};
+}
+
+std::vector<NamedNominal> nominals_of(const Recipe& recipe) {
+  std::vector<NamedNominal> list = geometry_of(recipe);
+  for (const NamedNominal& assumption : uncertainty_of(recipe)) list.push_back(assumption);
+  return list;
+}
+
 double shown(const NamedNominal& n) {
   return n.is_angle ? deg_from_rad(n.nominal.value) : n.nominal.value;
 }
@@ -64,7 +81,8 @@ std::string recipe_json(const Recipe& recipe) {
   json.field("pairs", unsigned{recipe.slab.pairs}).field("stations", unsigned{recipe.stations()});
   json.field("slope_datum", recipe.slope_datum == SlopeDatum::slab_frame ? "slab_frame" : "local_slab_top");
   json.field("remove_warp", recipe.remove_warp).field("guard", recipe.guard);
-  json.field("unconfirmed", unconfirmed_count(recipe));
+  json.field("unconfirmed", unconfirmed_count(recipe)).field("uncertainty_budget", recipe.uncertainty.given);
+  json.field("defect_sigmas", recipe.evaluation.defect_sigmas);
   json.key("nominals").begin_object();
   for (const NamedNominal& n : nominals_of(recipe)) {
     json.key(n.name).begin_object();
@@ -89,9 +107,12 @@ void print_recipe(const Recipe& recipe) {
   const auto number = [](double v) { return has_value(v) ? fmt::format("{:.4f}", v) : std::string("-"); };
   fmt::print("recipe {}  slab type {}  {} blocks\nsha256 {}\n", recipe.name.view(), recipe.slab_type, recipe.stations(),
              recipe.sha256.view());
-  fmt::print("slope datum {}, remove_warp {}, guard band {} U\n\n",
+  fmt::print("slope datum {}, remove_warp {}, guard band {} U, defects beyond {} sigma\n",
              recipe.slope_datum == SlopeDatum::slab_frame ? "slab_frame" : "local_slab_top", recipe.remove_warp,
-             recipe.guard);
+             recipe.guard, recipe.evaluation.defect_sigmas);
+  fmt::print("{}\n\n", recipe.uncertainty.given
+                           ? "U is computed from [uncertainty]; an item's own U counts where that is not possible"
+                           : "no [uncertainty]: every item has its own U");
   std::vector<std::vector<std::string>> rows = {{"nominal", "value", "state<"}};
   for (const NamedNominal& n : nominals_of(recipe))
     rows.push_back({n.name, number(shown(n)), mark(n.nominal.confirmed)});

@@ -265,7 +265,8 @@ void add_show(CLI::App& app, int& exit_status) {
   CLI::App* command = app.add_subcommand("show", "One slab: map, items, scans; with --block one block's table");
   command->footer("\nExamples: slabctl show 12\n          slabctl show SLAB-0042 --block 7 --json");
   command->add_option("SLAB", options->slab, "Key (see history) or slab id; the newest slab with that id")->required();
-  command->add_option("--block", options->block, "Show this block's characteristics")->check(CLI::Range(1, 18));
+  command->add_option("--block", options->block, "Show this block's characteristics")
+      ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.slab/1 on stdout");
   command->callback([options, &exit_status] { exit_status = show(*options); });

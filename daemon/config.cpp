@@ -131,7 +131,7 @@ void check_standstill(TableReader& robot, const PoseSettings& pose) {
                     total_ms, kStandstillMaxMs));
 }
 
-void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, std::int64_t& settle_timeout_ns) {
+void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, Config& config) {
   read_text(robot, "lcm_url", lcm.url);
   if (!lcm.url.view().starts_with("udpm://"))
     robot.problem("lcm_url", fmt::format("found \"{}\", allowed is \"udpm://group:port?ttl=n\"", lcm.url.view()));
@@ -155,7 +155,9 @@ void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, st
   read_int16(robot, "base_id", pose.base_id);
   read_int16(robot, "tool_id", pose.tool_id);
   robot.optional_number("look_mm", pose.look_mm, {10.0, 300.0});
-  read_s(robot, "settle_timeout_s", settle_timeout_ns, {0.5, 15.0});
+  read_s(robot, "settle_timeout_s", config.settle_timeout_ns, {0.5, 15.0});
+  robot.optional_number("repeatability_sigma_mm", config.robot_sigma_mm, {0.0, 10.0});
+  read_deg(robot, "repeatability_sigma_deg", config.robot_sigma_rad, {0.0, 1.0});
   robot.finish();
 }
 
@@ -270,7 +272,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   const std::string folder = std::filesystem::absolute(path).parent_path().native();
   TableReader root(path, &tree, "", complete ? problems : ignored);
   read_plc(root.table("plc"), config.plc);
-  read_robot(root.table("robot"), config.robot, config.pose, config.settle_timeout_ns);
+  read_robot(root.table("robot"), config.robot, config.pose, config);
   read_scanner(root.table("scanner"), folder, config.scanner, config.scan_timeout_ns);
   read_storage(root.table("storage"), folder, config.storage);
   read_cell(root.table("cell"), config.T_base_slab);

@@ -26,6 +26,9 @@ struct Config {
   hal::ScanDropSettings scanner;
   std::int64_t scan_timeout_ns = 10 * kNsPerS;
   std::int64_t settle_timeout_ns = 8 * kNsPerS;
+  /// The robot's repeatability, standard deviation per axis, where the station sigmas do not contain it already.
+  double robot_sigma_mm = 0.0;
+  double robot_sigma_rad = 0.0;
   storage::StoreSettings storage;
   std::string recipes_dir = "/usr/share/slabd/recipes";
   Pose T_base_slab;

@@ -134,7 +134,8 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   LoopFigures figures;
   figures.config_path = config.path;
   figures.db_path = config.storage.db_path;
-  const algo::StationSigma sigma{config.calibration.station_sigma_mm, config.calibration.station_sigma_rad};
+  const algo::StationSigma sigma{config.calibration.station_sigma_mm, config.calibration.station_sigma_rad,
+                                 config.robot_sigma_mm, config.robot_sigma_rad};
   const Ports ports{*plc.value(), *pose, *scanner, store.get(), control.get(), *clock, *notify};
   Loop loop(ports, settings, sigma, config.scanner.unit, std::move(figures));
   std::fprintf(stderr, "info: %s: Modbus/TCP on %s:%u, inspection memory %.0f MB%s\n", settings.software.c_str(),

@@ -93,10 +93,23 @@ void read_evaluation(TableReader table, EvaluationSettings& out) {
   table.required_number("inlier_share_min", out.inlier_share_min, {0.5, 1.0});
   table.required_number("registration_gate_mm", out.registration_gate_mm, {0.1, 20.0});
   table.required_number("registration_share_min", out.registration_share_min, {0.1, 1.0});
+  table.optional_number("defect_sigmas", out.defect_sigmas, {3.0, 20.0});
   table.required_number("window_mm", out.window_mm, {1.0, 200.0});
   double window_deg = kNoValue;
   table.required_number("window_deg", window_deg, {0.1, 30.0});
   out.window_rad = rad_from_deg(window_deg);
+  table.finish();
+}
+
+/// What the measuring system is assumed to be. Without the table no budget is computed and items keep their own U.
+void read_uncertainty(TableReader table, UncertaintySettings& out) {
+  out.given = table.present();
+  if (!out.given) return;
+  read_nominal(table, "scanner_form_mm", out.scanner_form_mm, {0.0, 1.0});
+  read_nominal(table, "scanner_form_length_mm", out.scanner_form_length_mm, {10.0, 2'000.0});
+  read_nominal(table, "scanner_length_ppm", out.scanner_length_ppm, {0.0, 10'000.0});
+  read_nominal(table, "reference_mm", out.reference_mm, {0.0, 1.0});
+  read_nominal_deg(table, "reference_deg", out.reference_rad, {0.0, 1.0});
   table.finish();
 }
 
@@ -228,6 +241,7 @@ void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& 
   read_slab(root.table("slab"), recipe.slab);
   read_block(root.table("block"), recipe.block);
   read_evaluation(root.table("evaluation"), recipe.evaluation);
+  read_uncertainty(root.table("uncertainty"), recipe.uncertainty);
   read_items(root.table("items"), recipe);
   // Relations between numbers mean something only when every number is there.
   if (problems.size() == problems_before) check_relations(root, recipe);

@@ -16,6 +16,7 @@
 #include "storage/folders.h"
 #include "storage/schema.h"
 #include "storage/storage.h"
+#include "storage/upgrade.h"
 
 namespace slabd::storage {
 namespace {
@@ -50,7 +51,9 @@ Owner owner_of(Connection& db) {
   if (version > kSchemaVersion)
     throw SqlFailure{SQLITE_SCHEMA, "it was written by a newer slabd (schema version " + std::to_string(version) +
                                         ", this program knows up to " + std::to_string(kSchemaVersion) + ")"};
-  if (version < 1) throw SqlFailure{SQLITE_SCHEMA, "its schema version is " + std::to_string(version) + ", expected 1"};
+  if (version < 1)
+    throw SqlFailure{SQLITE_SCHEMA, "its schema version is " + std::to_string(version) + ", expected 1.." +
+                                        std::to_string(kSchemaVersion)};
   return Owner::us;
 }
 
@@ -94,7 +97,8 @@ Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path) {
     const Owner owner = owner_of(*db);
     use_write_ahead_log(*db);
     if (owner == Owner::nobody) create_schema(*db);
-    check(*db);
+    check(*db);  // before an upgrade: a damaged database is not touched
+    upgrade(*db, path);
     return db;
   } catch (const SqlFailure& failure) {
     return cannot_open(path, failure, Code::journal_write);
@@ -112,6 +116,10 @@ Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path) {
     if (sqlite3_db_config(db->handle(), SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, nullptr) != SQLITE_OK)
       throw SqlFailure{SQLITE_ERROR, "SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE is not available"};
     if (owner_of(*db) == Owner::nobody) throw SqlFailure{SQLITE_NOTADB, "it is empty; slabd has not used it yet"};
+    if (const std::int64_t version = db->integer("PRAGMA user_version"); version < kSchemaVersion)
+      throw SqlFailure{SQLITE_SCHEMA, "it has schema version " + std::to_string(version) + " of an older slabd, and " +
+                                          std::to_string(kSchemaVersion) +
+                                          " is needed; starting slabd brings it up to date"};
     return db;
   } catch (const SqlFailure& failure) {
     return cannot_open(path, failure, Code::config);

@@ -10,7 +10,8 @@
 /// Opening the database file: whose it is, and the settings everything else relies on.
 namespace slabd::storage {
 
-/// Opens or creates the database, checks it (application_id, user_version, quick_check) and puts the settings in force.
+/// Opens or creates the database, checks it (application_id, user_version, quick_check), brings an older one up to date
+/// (storage/upgrade.h) and puts the settings in force.
 /// journal_write; the text names file and figures. A foreign or newer file is left as it was.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path);
 

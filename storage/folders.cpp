@@ -48,6 +48,14 @@ Status create_file(const std::string& path) {
   return status;
 }
 
+Status sync_file(const std::string& path) {
+  const int fd = open(path.empty() ? "." : path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd < 0) return trouble("cannot open", path);
+  Status status = fsync(fd) == 0 ? success() : trouble("cannot sync", path);
+  close(fd);
+  return status;
+}
+
 Result<std::uint64_t> free_bytes(const std::string& path) {
   struct statvfs disk {};
   if (statvfs(path.c_str(), &disk) != 0)

@@ -17,6 +17,9 @@ namespace slabd::storage {
 /// of a connection this process may have on it.
 [[nodiscard]] Status create_file(const std::string& path);
 
+/// What was written to this file or folder is on the disk when it returns. An empty path is the working folder.
+[[nodiscard]] Status sync_file(const std::string& path);
+
 /// Bytes a normal user may still write on the disk that holds `path`.
 [[nodiscard]] Result<std::uint64_t> free_bytes(const std::string& path);
 

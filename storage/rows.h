@@ -4,21 +4,16 @@
 #include <array>
 #include <concepts>
 #include <cstdint>
-#include <string>
 #include <string_view>
 #include <type_traits>
-#include <utility>
-#include <vector>
 
 #include "base/base.h"
 #include "base/jobs.h"
-#include "storage/sqlite.h"
+#include "storage/row_visitors.h"
 
 /// How the project's structs become rows. Each struct is described once, by `columns(visitor, struct)`: a list of
 /// column names and members. The same list makes the INSERT, the SELECT, the binding and the reading, so the four
 /// cannot drift apart; a list that does not match schema.sql fails when the statements are prepared.
-///
-/// Numbers keep their bits (NaN is NULL; minus zero becomes zero, as SQLite stores REAL). Enumerations are words.
 namespace slabd::storage {
 
 template <typename R, typename T>
@@ -214,6 +209,20 @@ void columns(V& v, R& r) {
   v("register_ms", r.times.register_ms);
   v("extract_ms", r.times.extract_ms);
   v("total_ms", r.times.total_ms);
+  v("registration_noise_mm", r.registration.noise_mm);
+  v("registration_cov", r.registration.covariance);
+  v("seat_noise_factor", r.seat.noise_factor);
+  v("seat_flatness_noise_mm", r.seat.flatness_noise_mm);
+  v("defect_limit_mm", r.seat.defect.limit_mm);
+  v("defect_cells", r.seat.defect.cells);
+  v("defect_area_mm2", r.seat.defect.area_mm2);
+  v("defect_height_mm", r.seat.defect.height_mm);
+  v("defect_x_mm", r.seat.defect.x_mm);
+  v("defect_s_mm", r.seat.defect.s_mm);
+  v("sigma_p", r.observation.sigma_p_mm);
+  v("sigma_jaw", r.observation.sigma_jaw_mm);
+  v("sigma_n", r.observation.sigma_n_rad);
+  v("sigma_top_n", r.observation.sigma_top_n_rad);
 }
 
 template <typename V, RowOf<PlaneFit> R>
@@ -226,6 +235,9 @@ void columns(V& v, R& r) {
   v("inlier_fraction", r.inlier_fraction);
   v("std_mm", r.std_mm);
   v("iterations", r.iterations);
+  v("centroid", r.centroid);
+  v("sigma_offset_mm", r.sigma_offset_mm);
+  v("cov_normal", r.cov_normal);
 }
 
 template <typename V, RowOf<CasingFeature> R>
@@ -236,7 +248,17 @@ void columns(V& v, R& r) {
   v("height_mm", r.height_mm);
   v("edge_points", r.edge_points);
   v("rim_points", r.rim_points);
+  v("edge_rms_mm", r.edge_rms_mm);
+  v("inlier_fraction", r.inlier_fraction);
+  v("rim_std_mm", r.rim_std_mm);
+  v("sigma_height_mm", r.sigma_height_mm);
+  v("cov_circle", r.cov_circle);
 }
+
+/// By BudgetPart.
+inline constexpr std::array<std::string_view, kBudgetParts> kBudgetColumns = {
+    "budget_fit",         "budget_noise", "budget_scanner",  "budget_registration",
+    "budget_calibration", "budget_robot", "budget_reference"};
 
 template <typename V, RowOf<Item> R>
 void columns(V& v, R& r) {
@@ -251,6 +273,7 @@ void columns(V& v, R& r) {
   v("upper", r.upper);
   v("U", r.U);
   v("beside", r.beside);
+  for (std::size_t part = 0; part < kBudgetParts; ++part) v(kBudgetColumns[part], r.budget[part]);
 }
 
 template <typename V, RowOf<ResultState> R>
@@ -275,176 +298,6 @@ void columns(V& v, R& r) {
   v("deviation", r.deviation);
   v("points", r.points);
   v("scan_utime_us", r.scan_utime_us);
-}
-
-// ---- words -------------------------------------------------------------------------------------------------------
-
-[[nodiscard]] std::string_view word(Verdict verdict);
-[[nodiscard]] std::string_view word(RegistrationStatus status);
-[[nodiscard]] std::string_view word(ItemId id);
-[[nodiscard]] std::string_view word(StationPhase phase);
-[[nodiscard]] std::string_view word(ScanState state);
-/// False when no value has this word.
-[[nodiscard]] bool from_word(std::string_view text, Verdict& out);
-[[nodiscard]] bool from_word(std::string_view text, RegistrationStatus& out);
-[[nodiscard]] bool from_word(std::string_view text, ItemId& out);
-[[nodiscard]] bool from_word(std::string_view text, StationPhase& out);
-[[nodiscard]] bool from_word(std::string_view text, ScanState& out);
-
-// ---- visitors ----------------------------------------------------------------------------------------------------
-
-/// Collects column names; a pose, a vector or an array is several columns.
-class Names {
- public:
-  template <typename T>
-  void operator()(std::string_view name, const T&) {
-    list_.emplace_back(name);
-  }
-  void operator()(std::string_view name, const Pose&) { several(name, {"x", "y", "z", "qw", "qx", "qy", "qz"}); }
-  void operator()(std::string_view name, const Vec3&) { several(name, {"x", "y", "z"}); }
-  template <std::size_t N>
-  void operator()(std::string_view name, const std::array<double, N>&) {
-    for (std::size_t i = 1; i <= N; ++i) list_.push_back(std::string(name) + "_" + std::to_string(i));
-  }
-  [[nodiscard]] const std::vector<std::string>& list() const { return list_; }
-
- private:
-  void several(std::string_view name, std::initializer_list<const char*> suffixes) {
-    for (const char* suffix : suffixes) list_.push_back(std::string(name) + "_" + suffix);
-  }
-  std::vector<std::string> list_;
-};
-
-/// Binds members to consecutive parameters.
-class Bind {
- public:
-  Bind(Statement& statement, int first) : statement_(statement), index_(first) {}
-
-  template <typename T>
-  void operator()(std::string_view, const T& value) {
-    put(value);
-  }
-  [[nodiscard]] int next_index() const { return index_; }
-
- private:
-  void put(double value) { statement_.bind(index_++, value); }
-  void put(const Vec3& v) {
-    for (const double x : {v.x(), v.y(), v.z()}) put(x);
-  }
-  void put(const Pose& pose) {
-    for (const double x : pose.to_array()) put(x);
-  }
-  template <std::size_t N>
-  void put(const std::array<double, N>& values) {
-    for (const double x : values) put(x);
-  }
-  template <std::size_t N>
-  void put(const FixedString<N>& text) {
-    statement_.bind(index_++, text.view());
-  }
-  template <std::integral T>
-  void put(T value) {
-    statement_.bind(index_++, static_cast<std::int64_t>(value));
-  }
-  template <typename E>
-  requires std::is_enum_v<E>
-  void put(E value) { statement_.bind(index_++, word(value)); }
-
-  Statement& statement_;
-  int index_;
-};
-
-/// Reads members from consecutive columns. A value that does not fit its member throws: the row was not written by
-/// this program.
-class Fetch {
- public:
-  Fetch(Statement& statement, int first) : statement_(statement), column_(first) {}
-
-  template <typename T>
-  void operator()(std::string_view, T& value) {
-    take(value);
-  }
-  [[nodiscard]] int next_column() const { return column_; }
-
- private:
-  void take(double& value) { value = statement_.real(column_++); }
-  void take(Vec3& v) {
-    for (int i = 0; i < 3; ++i) take(v[i]);
-  }
-  void take(Pose& pose) {
-    // Not Pose::from_array: normalising again would change the last bits.
-    std::array<double, 7> a{};
-    take(a);
-    pose.translation_mm = Vec3(a[0], a[1], a[2]);
-    pose.rotation = Quat(a[3], a[4], a[5], a[6]);
-  }
-  template <std::size_t N>
-  void take(std::array<double, N>& values) {
-    for (double& x : values) take(x);
-  }
-  template <std::size_t N>
-  void take(FixedString<N>& text) {
-    const std::string_view stored = statement_.text(column_);
-    if (stored.size() > N) statement_.refuse(column_, "is longer than " + std::to_string(N) + " bytes");
-    text.assign(stored);
-    ++column_;
-  }
-  void take(bool& value) {
-    const std::int64_t stored = statement_.integer(column_);
-    if (stored != 0 && stored != 1) statement_.refuse(column_, "is neither 0 nor 1");
-    value = stored == 1;
-    ++column_;
-  }
-  template <std::integral T>
-  void take(T& value) {
-    const std::int64_t stored = statement_.integer(column_);
-    if (!std::in_range<T>(stored)) statement_.refuse(column_, "is out of range: " + std::to_string(stored));
-    value = static_cast<T>(stored);
-    ++column_;
-  }
-  template <typename E>
-  requires std::is_enum_v<E>
-  void take(E& value) {
-    if (!from_word(statement_.text(column_), value))
-      statement_.refuse(column_, "holds an unknown word \"" + std::string(statement_.text(column_)) + "\"");
-    ++column_;
-  }
-
-  Statement& statement_;
-  int column_;
-};
-
-// ---- SQL ---------------------------------------------------------------------------------------------------------
-
-[[nodiscard]] std::string joined(const std::vector<std::string>& names, std::string_view separator);
-/// "INSERT INTO table (a, b) VALUES (?1, ?2)"
-[[nodiscard]] std::string insert_text(std::string_view table, const std::vector<std::string>& names);
-/// The same, replacing the other columns of the row that has the same `key`.
-[[nodiscard]] std::string upsert_text(std::string_view table, const std::vector<std::string>& names,
-                                      const std::vector<std::string>& key);
-
-/// Column names of a row that consists of these parts.
-template <typename... Parts>
-[[nodiscard]] std::vector<std::string> names_of() {
-  Names names;
-  (..., columns(names, static_cast<const Parts&>(Parts{})));
-  return names.list();
-}
-
-/// Binds the parts of a row from parameter 1 on, and runs the statement.
-template <typename... Parts>
-void write_row(Statement& statement, const Parts&... parts) {
-  Bind bind(statement, 1);
-  (..., columns(bind, parts));
-  statement.run();
-}
-
-/// Reads the parts of the current row from column `first` on; returns the column after them.
-template <typename... Parts>
-int read_row(Statement& statement, int first, Parts&... parts) {
-  Fetch fetch(statement, first);
-  (..., columns(fetch, parts));
-  return fetch.next_column();
 }
 
 }  // namespace slabd::storage

@@ -1,6 +1,6 @@
 -- SPDX-License-Identifier: Apache-2.0
 --
--- slabd's memory, schema version 1. One daemon writes, everybody else reads.
+-- slabd's memory, schema version 2 (a change here needs a step in storage/migrate.cpp). One daemon writes, everybody else reads.
 --
 --   line     one row: the session number last used, the newest wall clock of any record
 --   slab     what SLAB_BEGIN said and what it was measured with; slab_result is its end (no row: still open)
@@ -11,7 +11,10 @@
 --
 -- Lengths in mm, angles in degrees for items, times of day in us since 1970 (utime_us), durations in ms. Rows are
 -- ordered by key or id, never by the wall clock. A number that could not be measured is NULL. Verdicts: none, pass,
--- fail, not_measured, aborted, indeterminate.
+-- fail, not_measured, aborted, indeterminate. Covariances are whole matrices: _12 is row 1, column 2.
+--
+-- Every change needs the next version number, a step from the last one (storage/upgrade_*.sql), and the old text kept
+-- for the tests. A column with a DEFAULT came later than its table: that is what older rows hold there.
 
 CREATE TABLE line (
   id              INTEGER PRIMARY KEY CHECK (id = 1),
@@ -130,6 +133,29 @@ CREATE TABLE block (
   jaw_outer_base_x REAL, jaw_outer_base_y REAL, jaw_outer_base_z REAL,
   top_n_base_x REAL, top_n_base_y REAL, top_n_base_z REAL,
   read_ms REAL, denoise_ms REAL, register_ms REAL, extract_ms REAL, total_ms REAL,
+  -- The small motion that takes the registered block to the true one: x, y, z (mm), then about X, Y, Z (rad).
+  registration_noise_mm REAL,
+  registration_cov_11 REAL, registration_cov_12 REAL, registration_cov_13 REAL,
+  registration_cov_14 REAL, registration_cov_15 REAL, registration_cov_16 REAL,
+  registration_cov_21 REAL, registration_cov_22 REAL, registration_cov_23 REAL,
+  registration_cov_24 REAL, registration_cov_25 REAL, registration_cov_26 REAL,
+  registration_cov_31 REAL, registration_cov_32 REAL, registration_cov_33 REAL,
+  registration_cov_34 REAL, registration_cov_35 REAL, registration_cov_36 REAL,
+  registration_cov_41 REAL, registration_cov_42 REAL, registration_cov_43 REAL,
+  registration_cov_44 REAL, registration_cov_45 REAL, registration_cov_46 REAL,
+  registration_cov_51 REAL, registration_cov_52 REAL, registration_cov_53 REAL,
+  registration_cov_54 REAL, registration_cov_55 REAL, registration_cov_56 REAL,
+  registration_cov_61 REAL, registration_cov_62 REAL, registration_cov_63 REAL,
+  registration_cov_64 REAL, registration_cov_65 REAL, registration_cov_66 REAL,
+  seat_noise_factor REAL, seat_flatness_noise_mm REAL,
+  -- The largest group of cells beyond the limit; limit NULL: the channel was not computed.
+  defect_limit_mm REAL, defect_cells INTEGER NOT NULL DEFAULT 0, defect_area_mm2 REAL DEFAULT 0.0,
+  defect_height_mm REAL DEFAULT 0.0, defect_x_mm REAL DEFAULT 0.0, defect_s_mm REAL DEFAULT 0.0,
+  -- Standard uncertainties inside one scan, block axes: of p_base and jaw_outer_base (mm), of the normals (rad).
+  sigma_p_x REAL, sigma_p_y REAL, sigma_p_z REAL,
+  sigma_jaw_x REAL, sigma_jaw_y REAL, sigma_jaw_z REAL,
+  sigma_n_x REAL, sigma_n_y REAL, sigma_n_z REAL,
+  sigma_top_n_x REAL, sigma_top_n_y REAL, sigma_top_n_z REAL,
   PRIMARY KEY (slab_key, station, attempt),
   FOREIGN KEY (slab_key, station, attempt) REFERENCES attempt
 ) STRICT, WITHOUT ROWID;
@@ -146,6 +172,12 @@ CREATE TABLE plane (
   points INTEGER NOT NULL, inliers INTEGER NOT NULL, inlier_fraction REAL,
   std_mm REAL,
   iterations INTEGER NOT NULL,
+  -- Where offset and tilt are independent, and what white noise does to them (mm, rad^2).
+  centroid_x REAL DEFAULT 0.0, centroid_y REAL DEFAULT 0.0, centroid_z REAL DEFAULT 0.0,
+  sigma_offset_mm REAL,
+  cov_normal_11 REAL, cov_normal_12 REAL, cov_normal_13 REAL,
+  cov_normal_21 REAL, cov_normal_22 REAL, cov_normal_23 REAL,
+  cov_normal_31 REAL, cov_normal_32 REAL, cov_normal_33 REAL,
   PRIMARY KEY (slab_key, station, attempt, feature),
   FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
 ) STRICT, WITHOUT ROWID;
@@ -160,6 +192,11 @@ CREATE TABLE casing (
   centre_x REAL, centre_y REAL, centre_z REAL,
   radius_mm REAL, height_mm REAL,
   edge_points INTEGER NOT NULL, rim_points INTEGER NOT NULL,
+  edge_rms_mm REAL, inlier_fraction REAL DEFAULT 0.0, rim_std_mm REAL, sigma_height_mm REAL,
+  -- Of centre along the rail, centre along the seat, radius (mm^2).
+  cov_circle_11 REAL, cov_circle_12 REAL, cov_circle_13 REAL,
+  cov_circle_21 REAL, cov_circle_22 REAL, cov_circle_23 REAL,
+  cov_circle_31 REAL, cov_circle_32 REAL, cov_circle_33 REAL,
   PRIMARY KEY (slab_key, station, attempt, feature),
   FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
 ) STRICT, WITHOUT ROWID;
@@ -177,6 +214,10 @@ CREATE TABLE item (
   from_station INTEGER NOT NULL,
   to_station   INTEGER NOT NULL,
   value REAL, nominal REAL, lower REAL, upper REAL, U REAL, beside REAL,
+  -- Standard uncertainties (k = 1) whose root sum of squares is U / 2; all 0: U is the recipe's.
+  budget_fit REAL DEFAULT 0.0, budget_noise REAL DEFAULT 0.0, budget_scanner REAL DEFAULT 0.0,
+  budget_registration REAL DEFAULT 0.0, budget_calibration REAL DEFAULT 0.0,
+  budget_robot REAL DEFAULT 0.0, budget_reference REAL DEFAULT 0.0,
   PRIMARY KEY (slab_key, station, attempt, position)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX item_by_name ON item (id, slab_key);

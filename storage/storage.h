@@ -15,7 +15,7 @@
 namespace slabd::storage {
 
 inline constexpr int kApplicationId = 0x534C4142;  // "SLAB"
-inline constexpr int kSchemaVersion = 1;
+inline constexpr int kSchemaVersion = 2;
 
 struct StoreSettings {
   std::string db_path;
@@ -43,9 +43,10 @@ class Store {
   [[nodiscard]] virtual std::string_view spool_trouble() const { return {}; }
 };
 
-/// Opens or creates the database (folders too, mode 2770). journal_write when it cannot be opened, is open for writing
-/// elsewhere, is damaged, another application's (application_id), or newer than this program (user_version); the text
-/// names the file and the figures.
+/// Opens or creates the database (folders too, mode 2770). One of an older schema version is copied to
+/// `<db>.v<version>-backup` and then brought up to date in one transaction. journal_write when it cannot be opened, is
+/// open for writing elsewhere, is damaged, another application's (application_id), or newer than this program
+/// (user_version); the text names the file and the figures.
 [[nodiscard]] Result<std::unique_ptr<Store>> open_store(const StoreSettings& settings);
 
 // ---- reading (slabctl; short read-only transactions, never checkpoints) -------------------------------------------
@@ -83,7 +84,8 @@ class Reader {
   [[nodiscard]] virtual Result<std::optional<SlabRecord>> slab(std::int64_t key) = 0;
   [[nodiscard]] virtual Result<std::optional<std::int64_t>> find(std::string_view slab_id) = 0;
 };
-/// config when the file does not exist or is no slabd database.
+/// config when the file does not exist, is no slabd database, or is one of an older or newer schema version (a reader
+/// changes nothing; the daemon's start brings an older one up to date).
 [[nodiscard]] Result<std::unique_ptr<Reader>> open_reader(const std::string& db_path);
 
 }  // namespace slabd::storage

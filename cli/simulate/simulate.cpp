@@ -20,7 +20,7 @@ struct Options {
   std::string config;
   std::uint32_t slab_no = 1;
   std::string slab_id;
-  std::uint16_t type = 5600;
+  std::uint16_t type = 0;  ///< 0: that of the longest slab
   int slabs = 1;
   std::vector<std::string> defects;
   SlabVariation variation;
@@ -102,18 +102,24 @@ ScannerPeerTraits scanner_traits(const daemon::Config& config, const Options& op
   return {config.scanner.drop_dir.c_str(), config.scanner.unit, options.scanner.traits()};
 }
 
-/// The recipe that the daemon will use for this slab type; faulty other recipes are the daemon's affair.
+/// The recipe that the daemon will use for this slab type (0: the longest slab there is a recipe for); faulty other
+/// recipes are the daemon's affair.
 bool find_recipe(const daemon::Config& config, std::uint16_t slab_type, Recipe& recipe) {
   std::vector<Recipe> recipes;
   std::vector<daemon::Problem> problems;
   daemon::load_recipes(config.recipes_dir, recipes, problems);
+  const Recipe* found = nullptr;
   for (const Recipe& candidate : recipes) {
-    if (candidate.slab_type != slab_type) continue;
-    recipe = candidate;
+    const bool longer = found == nullptr || candidate.slab.length_mm.value > found->slab.length_mm.value;
+    if (slab_type == 0 ? longer : candidate.slab_type == slab_type) found = &candidate;
+  }
+  if (found != nullptr) {
+    recipe = *found;
     return true;
   }
   std::ignore = cli::report_problems(problems);
-  cli::complain(fmt::format("--type {}: {} has no usable recipe for this slab type", slab_type, config.recipes_dir));
+  if (slab_type != 0)
+    cli::complain(fmt::format("--type {}: {} has no usable recipe for this slab type", slab_type, config.recipes_dir));
   return false;
 }
 
@@ -163,7 +169,7 @@ std::vector<SlabOutcome> run_line(const Options& options, const daemon::Config& 
   for (int i = 0; i < options.slabs && !stop_requested; ++i) {
     SlabOutcome& outcome = outcomes.emplace_back();
     outcome.truth = truths[static_cast<std::size_t>(i)];
-    const SlabOrder order{options.slab_no + static_cast<std::uint32_t>(i), id_of(options, i), options.type};
+    const SlabOrder order{options.slab_no + static_cast<std::uint32_t>(i), id_of(options, i), recipe.slab_type};
     {
       const Progress progress(recipe.stations(), order.slab_no);
       const Line line{plc,
@@ -267,7 +273,8 @@ void add_simulate(CLI::App& app, int& exit_status) {
   command->add_option("--slab-no", options->slab_no, "SLAB_NO of the first slab; the following count up")
       ->capture_default_str();
   command->add_option("--slab-id", options->slab_id, "SLAB_ID, at most 32 characters (default SIM-<number>)");
-  command->add_option("--type", options->type, "SLAB_TYPE")->capture_default_str();
+  command->add_option("--type", options->type, "SLAB_TYPE (default: the longest slab there is a recipe for)")
+      ->check(CLI::Range(1, 65'535));
   command->add_option("--slabs", options->slabs, "How many slabs")
       ->check(CLI::Range(1, 100'000))
       ->capture_default_str();

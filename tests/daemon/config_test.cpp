@@ -37,6 +37,8 @@ base_id = -1
 tool_id = 3
 look_mm = 100
 settle_timeout_s = 6
+repeatability_sigma_mm = 0.017
+repeatability_sigma_deg = 0.002
 [scanner]
 backend = "drop"
 drop_dir = "/srv/drop"
@@ -103,6 +105,8 @@ TEST_F(ConfigTest, shortest_configuration_gets_the_documented_defaults) {
   EXPECT_FALSE(config_.simulation);
   EXPECT_EQ(config_.T_base_slab.translation_mm, Vec3(1000, 0, 500));
   EXPECT_EQ(config_.calibration.T_flange_scanner.translation_mm, Vec3(0, 0, 120.5));
+  EXPECT_EQ(config_.robot_sigma_mm, 0.0);
+  EXPECT_EQ(config_.robot_sigma_rad, 0.0);
   EXPECT_FALSE(has_value(config_.calibration.station_sigma_mm)) << "slab-frame items must come out indeterminate";
 }
 
@@ -128,6 +132,8 @@ TEST_F(ConfigTest, every_key_is_taken) {
   EXPECT_EQ(config_.pose.gap_us, 50'500);
   EXPECT_EQ(config_.pose.base_id, -1);
   EXPECT_EQ(config_.pose.tool_id, 3);
+  EXPECT_EQ(config_.robot_sigma_mm, 0.017);
+  EXPECT_DOUBLE_EQ(config_.robot_sigma_rad, rad_from_deg(0.002));
   EXPECT_EQ(config_.pose.look_mm, 100.0);
   EXPECT_EQ(config_.settle_timeout_ns, 6'000'000'000);
   EXPECT_EQ(config_.scanner.drop_dir.view(), "/srv/drop");

@@ -21,6 +21,13 @@ Vec3 vector(Prng& prng) {
   return {number(prng), number(prng), number(prng)};
 }
 
+template <typename Matrix>
+void matrix(Prng& prng, Matrix& out) {
+  // Not symmetric: a covariance that is so only to rounding must keep its bits too.
+  for (int row = 0; row < out.rows(); ++row)
+    for (int column = 0; column < out.cols(); ++column) out(row, column) = number(prng);
+}
+
 Pose pose(Prng& prng) {
   Pose p;
   // Deliberately not of unit length: storage must not "improve" it.
@@ -49,6 +56,9 @@ PlaneFit plane(Prng& prng) {
   p.inlier_fraction = prng.uniform();
   p.std_mm = number(prng);
   integer(prng, p.iterations);
+  p.centroid = vector(prng);
+  p.sigma_offset_mm = number(prng);
+  matrix(prng, p.cov_normal);
   return p;
 }
 
@@ -60,6 +70,8 @@ CasingFeature casing(Prng& prng) {
   c.height_mm = number(prng);
   integer(prng, c.edge_points);
   integer(prng, c.rim_points);
+  for (double* x : {&c.edge_rms_mm, &c.inlier_fraction, &c.rim_std_mm, &c.sigma_height_mm}) *x = number(prng);
+  matrix(prng, c.cov_circle);
   return c;
 }
 
@@ -71,6 +83,7 @@ Item item(Prng& prng) {
   i.station = static_cast<std::uint8_t>(prng.below(19));
   i.station_to = static_cast<std::uint8_t>(prng.below(19));
   for (double* x : {&i.value, &i.nominal, &i.lower, &i.upper, &i.U, &i.beside}) *x = number(prng);
+  for (double& part : i.budget) part = number(prng);
   return i;
 }
 
@@ -83,6 +96,13 @@ std::uint64_t bits(double x) {
 
 void expect_same(const Vec3& a, const Vec3& b) {
   for (int i = 0; i < 3; ++i) SAME_BITS(operator[](i));
+}
+
+template <typename Matrix>
+void expect_same_matrix(const Matrix& a, const Matrix& b, const char* what) {
+  for (int row = 0; row < a.rows(); ++row)
+    for (int column = 0; column < a.cols(); ++column)
+      EXPECT_EQ(bits(a(row, column)), bits(b(row, column))) << what << " " << row << " " << column;
 }
 
 void expect_same(const Pose& a, const Pose& b) {
@@ -100,6 +120,9 @@ void expect_same(const PlaneFit& a, const PlaneFit& b) {
   SAME_BITS(inlier_fraction);
   SAME_BITS(std_mm);
   SAME(iterations);
+  expect_same(a.centroid, b.centroid);
+  SAME_BITS(sigma_offset_mm);
+  expect_same_matrix(a.cov_normal, b.cov_normal, "cov_normal");
 }
 
 void expect_same(const CasingFeature& a, const CasingFeature& b) {
@@ -109,6 +132,11 @@ void expect_same(const CasingFeature& a, const CasingFeature& b) {
   SAME_BITS(height_mm);
   SAME(edge_points);
   SAME(rim_points);
+  SAME_BITS(edge_rms_mm);
+  SAME_BITS(inlier_fraction);
+  SAME_BITS(rim_std_mm);
+  SAME_BITS(sigma_height_mm);
+  expect_same_matrix(a.cov_circle, b.cov_circle, "cov_circle");
 }
 
 void expect_same(const Item& a, const Item& b) {
@@ -123,6 +151,7 @@ void expect_same(const Item& a, const Item& b) {
   SAME_BITS(upper);
   SAME_BITS(U);
   SAME_BITS(beside);
+  for (std::size_t part = 0; part < kBudgetParts; ++part) SAME_BITS(budget[part]);
 }
 
 template <std::size_t N>
@@ -189,6 +218,8 @@ void expect_same(const BlockResult& a, const BlockResult& b) {
   SAME_BITS(registration.deviation.mean_mm);
   SAME_BITS(registration.deviation.std_mm);
   for (std::size_t i = 0; i < 6; ++i) SAME_BITS(registration.deviation.within_sigma[i]);
+  SAME_BITS(registration.noise_mm);
+  expect_same_matrix(a.registration.covariance, b.registration.covariance, "registration.covariance");
   expect_same(a.seat.plane, b.seat.plane);
   expect_same(a.seat.full_plane, b.seat.full_plane);
   expect_same(a.seat.normal_datum, b.seat.normal_datum);
@@ -198,6 +229,14 @@ void expect_same(const BlockResult& a, const BlockResult& b) {
   SAME_BITS(seat.flatness_min_zone_mm);
   SAME_BITS(seat.raw_low_mm);
   SAME_BITS(seat.raw_high_mm);
+  SAME_BITS(seat.noise_factor);
+  SAME_BITS(seat.flatness_noise_mm);
+  SAME_BITS(seat.defect.limit_mm);
+  SAME(seat.defect.cells);
+  SAME_BITS(seat.defect.area_mm2);
+  SAME_BITS(seat.defect.height_mm);
+  SAME_BITS(seat.defect.x_mm);
+  SAME_BITS(seat.defect.s_mm);
   expect_same(a.jaw_inner, b.jaw_inner);
   expect_same(a.jaw_outer, b.jaw_outer);
   expect_same(a.slab_top, b.slab_top);
@@ -211,6 +250,10 @@ void expect_same(const BlockResult& a, const BlockResult& b) {
   expect_same(a.observation.n_base, b.observation.n_base);
   expect_same(a.observation.jaw_outer_base, b.observation.jaw_outer_base);
   expect_same(a.observation.top_n_base, b.observation.top_n_base);
+  expect_same(a.observation.sigma_p_mm, b.observation.sigma_p_mm);
+  expect_same(a.observation.sigma_jaw_mm, b.observation.sigma_jaw_mm);
+  expect_same(a.observation.sigma_n_rad, b.observation.sigma_n_rad);
+  expect_same(a.observation.sigma_top_n_rad, b.observation.sigma_top_n_rad);
   SAME_BITS(times.read_ms);
   SAME_BITS(times.denoise_ms);
   SAME_BITS(times.register_ms);
@@ -310,13 +353,17 @@ BlockResult random_block(Prng& prng, int station, Verdict verdict) {
   b.registration.deviation.mean_mm = number(prng);
   b.registration.deviation.std_mm = number(prng);
   for (double& share : b.registration.deviation.within_sigma) share = prng.uniform();
+  b.registration.noise_mm = number(prng);
+  matrix(prng, b.registration.covariance);
   b.seat.plane = plane(prng);
   b.seat.full_plane = plane(prng);
   b.seat.normal_datum = vector(prng);
   integer(prng, b.seat.grid_points);
   for (double* x : {&b.seat.std_cells_mm, &b.seat.flatness_mm, &b.seat.flatness_min_zone_mm, &b.seat.raw_low_mm,
-                    &b.seat.raw_high_mm})
+                    &b.seat.raw_high_mm, &b.seat.noise_factor, &b.seat.flatness_noise_mm, &b.seat.defect.limit_mm,
+                    &b.seat.defect.area_mm2, &b.seat.defect.height_mm, &b.seat.defect.x_mm, &b.seat.defect.s_mm})
     *x = number(prng);
+  integer(prng, b.seat.defect.cells);
   b.jaw_inner = plane(prng);
   b.jaw_outer = plane(prng);
   b.slab_top = plane(prng);
@@ -331,6 +378,10 @@ BlockResult random_block(Prng& prng, int station, Verdict verdict) {
   b.observation.n_base = vector(prng);
   b.observation.jaw_outer_base = vector(prng);
   b.observation.top_n_base = vector(prng);
+  b.observation.sigma_p_mm = vector(prng);
+  b.observation.sigma_jaw_mm = vector(prng);
+  b.observation.sigma_n_rad = vector(prng);
+  b.observation.sigma_top_n_rad = vector(prng);
   b.times = {number(prng), number(prng), number(prng), number(prng), number(prng)};
   return b;
 }

@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <concepts>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "base/base.h"
+#include "base/jobs.h"
+#include "storage/sqlite.h"
+
+/// What a list of columns (storage/rows.h) is used for: names for the SQL text, binding, reading.
+///
+/// Numbers keep their bits (NaN is NULL; minus zero becomes zero, as SQLite stores REAL). Enumerations are words.
+namespace slabd::storage {
+
+enum class ScanState : std::uint8_t;  // storage/rows.h
+
+/// A covariance: square, stored whole, so that its bits come back even when it is symmetric only to rounding.
+template <int N>
+using Square = Eigen::Matrix<double, N, N, Eigen::DontAlign>;
+
+// ---- words -------------------------------------------------------------------------------------------------------
+
+[[nodiscard]] std::string_view word(Verdict verdict);
+[[nodiscard]] std::string_view word(RegistrationStatus status);
+[[nodiscard]] std::string_view word(ItemId id);
+[[nodiscard]] std::string_view word(StationPhase phase);
+[[nodiscard]] std::string_view word(ScanState state);
+/// False when no value has this word.
+[[nodiscard]] bool from_word(std::string_view text, Verdict& out);
+[[nodiscard]] bool from_word(std::string_view text, RegistrationStatus& out);
+[[nodiscard]] bool from_word(std::string_view text, ItemId& out);
+[[nodiscard]] bool from_word(std::string_view text, StationPhase& out);
+[[nodiscard]] bool from_word(std::string_view text, ScanState& out);
+
+// ---- visitors ----------------------------------------------------------------------------------------------------
+
+/// Collects column names; a pose, a vector, a matrix or an array is several columns.
+class Names {
+ public:
+  template <typename T>
+  void operator()(std::string_view name, const T&) {
+    list_.emplace_back(name);
+  }
+  void operator()(std::string_view name, const Pose&) { several(name, {"x", "y", "z", "qw", "qx", "qy", "qz"}); }
+  void operator()(std::string_view name, const Vec3&) { several(name, {"x", "y", "z"}); }
+  template <std::size_t N>
+  void operator()(std::string_view name, const std::array<double, N>&) {
+    for (std::size_t i = 1; i <= N; ++i) list_.push_back(std::string(name) + "_" + std::to_string(i));
+  }
+  template <int N>
+  requires(N > 1) void operator()(std::string_view name, const Square<N>&) {
+    for (int row = 1; row <= N; ++row)
+      for (int column = 1; column <= N; ++column)
+        list_.push_back(std::string(name) + "_" + std::to_string(row) + std::to_string(column));
+  }
+  [[nodiscard]] const std::vector<std::string>& list() const { return list_; }
+
+ private:
+  void several(std::string_view name, std::initializer_list<const char*> suffixes) {
+    for (const char* suffix : suffixes) list_.push_back(std::string(name) + "_" + suffix);
+  }
+  std::vector<std::string> list_;
+};
+
+/// Binds members to consecutive parameters.
+class Bind {
+ public:
+  Bind(Statement& statement, int first) : statement_(statement), index_(first) {}
+
+  template <typename T>
+  void operator()(std::string_view, const T& value) {
+    put(value);
+  }
+  [[nodiscard]] int next_index() const { return index_; }
+
+ private:
+  void put(double value) { statement_.bind(index_++, value); }
+  void put(const Vec3& v) {
+    for (const double x : {v.x(), v.y(), v.z()}) put(x);
+  }
+  void put(const Pose& pose) {
+    for (const double x : pose.to_array()) put(x);
+  }
+  template <std::size_t N>
+  void put(const std::array<double, N>& values) {
+    for (const double x : values) put(x);
+  }
+  template <int N>
+  requires(N > 1) void put(const Square<N>& m) {
+    for (int row = 0; row < N; ++row)
+      for (int column = 0; column < N; ++column) put(m(row, column));
+  }
+  template <std::size_t N>
+  void put(const FixedString<N>& text) {
+    statement_.bind(index_++, text.view());
+  }
+  template <std::integral T>
+  void put(T value) {
+    statement_.bind(index_++, static_cast<std::int64_t>(value));
+  }
+  template <typename E>
+  requires std::is_enum_v<E>
+  void put(E value) { statement_.bind(index_++, word(value)); }
+
+  Statement& statement_;
+  int index_;
+};
+
+/// Reads members from consecutive columns. A value that does not fit its member throws: the row was not written by
+/// this program.
+class Fetch {
+ public:
+  Fetch(Statement& statement, int first) : statement_(statement), column_(first) {}
+
+  template <typename T>
+  void operator()(std::string_view, T& value) {
+    take(value);
+  }
+  [[nodiscard]] int next_column() const { return column_; }
+
+ private:
+  void take(double& value) { value = statement_.real(column_++); }
+  void take(Vec3& v) {
+    for (int i = 0; i < 3; ++i) take(v[i]);
+  }
+  void take(Pose& pose) {
+    // Not Pose::from_array: normalising again would change the last bits.
+    std::array<double, 7> a{};
+    take(a);
+    pose.translation_mm = Vec3(a[0], a[1], a[2]);
+    pose.rotation = Quat(a[3], a[4], a[5], a[6]);
+  }
+  template <std::size_t N>
+  void take(std::array<double, N>& values) {
+    for (double& x : values) take(x);
+  }
+  template <int N>
+  requires(N > 1) void take(Square<N>& m) {
+    for (int row = 0; row < N; ++row)
+      for (int column = 0; column < N; ++column) take(m(row, column));
+  }
+  template <std::size_t N>
+  void take(FixedString<N>& text) {
+    const std::string_view stored = statement_.text(column_);
+    if (stored.size() > N) statement_.refuse(column_, "is longer than " + std::to_string(N) + " bytes");
+    text.assign(stored);
+    ++column_;
+  }
+  void take(bool& value) {
+    const std::int64_t stored = statement_.integer(column_);
+    if (stored != 0 && stored != 1) statement_.refuse(column_, "is neither 0 nor 1");
+    value = stored == 1;
+    ++column_;
+  }
+  template <std::integral T>
+  void take(T& value) {
+    const std::int64_t stored = statement_.integer(column_);
+    if (!std::in_range<T>(stored)) statement_.refuse(column_, "is out of range: " + std::to_string(stored));
+    value = static_cast<T>(stored);
+    ++column_;
+  }
+  template <typename E>
+  requires std::is_enum_v<E>
+  void take(E& value) {
+    if (!from_word(statement_.text(column_), value))
+      statement_.refuse(column_, "holds an unknown word \"" + std::string(statement_.text(column_)) + "\"");
+    ++column_;
+  }
+
+  Statement& statement_;
+  int column_;
+};
+
+// ---- SQL ---------------------------------------------------------------------------------------------------------
+
+[[nodiscard]] std::string joined(const std::vector<std::string>& names, std::string_view separator);
+/// "INSERT INTO table (a, b) VALUES (?1, ?2)"
+[[nodiscard]] std::string insert_text(std::string_view table, const std::vector<std::string>& names);
+/// The same, replacing the other columns of the row that has the same `key`.
+[[nodiscard]] std::string upsert_text(std::string_view table, const std::vector<std::string>& names,
+                                      const std::vector<std::string>& key);
+
+/// Column names of a row that consists of these parts.
+template <typename... Parts>
+[[nodiscard]] std::vector<std::string> names_of() {
+  Names names;
+  (..., columns(names, static_cast<const Parts&>(Parts{})));
+  return names.list();
+}
+
+/// Binds the parts of a row from parameter 1 on, and runs the statement.
+template <typename... Parts>
+void write_row(Statement& statement, const Parts&... parts) {
+  Bind bind(statement, 1);
+  (..., columns(bind, parts));
+  statement.run();
+}
+
+/// Reads the parts of the current row from column `first` on; returns the column after them.
+template <typename... Parts>
+int read_row(Statement& statement, int first, Parts&... parts) {
+  Fetch fetch(statement, first);
+  (..., columns(fetch, parts));
+  return fetch.next_column();
+}
+
+}  // namespace slabd::storage

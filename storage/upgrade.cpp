@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A new slabd meets the database of an old one. Nobody is watching, and the database holds the only record of slabs
+// that are long built in. So: first a copy that is on the disk for good, then all changes in one transaction, and
+// whatever happens in between leaves the old database and at least one copy of it. An upgrade that was cut short and
+// starts again finds its copy, sees that it is the same, and does not fill the disk with another.
+#include "storage/upgrade.h"
+
+#include <sqlite3.h>
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <fstream>
+
+#include "storage/folders.h"
+#include "storage/schema.h"
+#include "storage/storage.h"
+
+namespace slabd::storage {
+namespace {
+
+constexpr int kBackupsMax = 100;
+
+[[noreturn]] void fail(const std::string& text, int result = SQLITE_IOERR) {
+  throw SqlFailure{result, text};
+}
+
+/// The whole database as one file, what is still in the write-ahead log included.
+void copy_database(Connection& db, const std::string& to) {
+  Connection copy(to, SQLITE_OPEN_READWRITE);
+  sqlite3_backup* const backup = sqlite3_backup_init(copy.handle(), "main", db.handle(), "main");
+  if (backup == nullptr) fail("it cannot be copied to " + to + ": " + sqlite3_errmsg(copy.handle()));
+  const int stepped = sqlite3_backup_step(backup, -1);
+  const int result = sqlite3_backup_finish(backup);
+  if (stepped != SQLITE_DONE || result != SQLITE_OK)
+    fail("it cannot be copied to " + to + ": " + sqlite3_errmsg(copy.handle()),
+         sqlite3_extended_errcode(copy.handle()));
+}
+
+bool same_content(const std::string& a, const std::string& b) {
+  std::ifstream left(a, std::ios::binary);
+  std::ifstream right(b, std::ios::binary);
+  std::array<char, 65'536> x{};
+  std::array<char, 65'536> y{};
+  while (left && right) {
+    left.read(x.data(), x.size());
+    right.read(y.data(), y.size());
+    if (left.gcount() != right.gcount()) return false;
+    if (!std::equal(x.begin(), x.begin() + left.gcount(), y.begin())) return false;
+  }
+  return left.eof() && right.eof();
+}
+
+/// Puts a synced copy beside the database and leaves every older one alone.
+void back_up(Connection& db, const std::string& path, std::int64_t version) {
+  const std::string name = path + ".v" + std::to_string(version) + "-backup";
+  const std::string part = name + ".part";
+  std::error_code ec;
+  std::filesystem::remove(part, ec);  // of an upgrade that was cut short
+  if (Status status = create_file(part); !status.ok()) fail(std::string(status.error().text.view()));
+  copy_database(db, part);
+  if (Status status = sync_file(part); !status.ok()) fail(std::string(status.error().text.view()));
+  for (int i = 1; i <= kBackupsMax; ++i) {
+    const std::string wanted = i == 1 ? name : name + "." + std::to_string(i);
+    if (std::filesystem::exists(wanted, ec)) {
+      if (!same_content(part, wanted)) continue;
+      std::filesystem::remove(part, ec);
+      return;
+    }
+    // Nobody else writes here: the writer's lock is held.
+    std::filesystem::rename(part, wanted, ec);
+    if (ec) fail("its copy cannot be named " + wanted + ": " + ec.message());
+    if (Status status = sync_file(std::filesystem::path(path).parent_path().string()); !status.ok())
+      fail(std::string(status.error().text.view()));
+    return;
+  }
+  fail("there are " + std::to_string(kBackupsMax) + " copies of it already, " + name + " and so on");
+}
+
+}  // namespace
+
+void upgrade(Connection& db, const std::string& path) {
+  const std::int64_t version = db.integer("PRAGMA user_version");
+  if (version >= kSchemaVersion) return;
+  back_up(db, path, version);
+  Transaction transaction(db, "BEGIN EXCLUSIVE");
+  for (std::int64_t from = version; from < kSchemaVersion; ++from) db.execute(upgrade_sql(static_cast<int>(from)));
+  db.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion));
+  transaction.commit();
+}
+
+}  // namespace slabd::storage

@@ -1,0 +1,98 @@
+-- SPDX-License-Identifier: Apache-2.0
+--
+-- From schema version 1 to 2: covariances, uncertainty budgets and the defect channel. Rows of version 1 hold NULL
+-- there (not computed) or the default, which says the same. The columns are explained in schema.sql.
+
+ALTER TABLE block ADD COLUMN registration_noise_mm REAL;
+ALTER TABLE block ADD COLUMN registration_cov_11 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_12 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_13 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_14 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_15 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_16 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_21 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_22 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_23 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_24 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_25 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_26 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_31 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_32 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_33 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_34 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_35 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_36 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_41 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_42 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_43 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_44 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_45 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_46 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_51 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_52 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_53 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_54 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_55 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_56 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_61 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_62 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_63 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_64 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_65 REAL;
+ALTER TABLE block ADD COLUMN registration_cov_66 REAL;
+ALTER TABLE block ADD COLUMN seat_noise_factor REAL;
+ALTER TABLE block ADD COLUMN seat_flatness_noise_mm REAL;
+ALTER TABLE block ADD COLUMN defect_limit_mm REAL;
+ALTER TABLE block ADD COLUMN defect_cells INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE block ADD COLUMN defect_area_mm2 REAL DEFAULT 0.0;
+ALTER TABLE block ADD COLUMN defect_height_mm REAL DEFAULT 0.0;
+ALTER TABLE block ADD COLUMN defect_x_mm REAL DEFAULT 0.0;
+ALTER TABLE block ADD COLUMN defect_s_mm REAL DEFAULT 0.0;
+ALTER TABLE block ADD COLUMN sigma_p_x REAL;
+ALTER TABLE block ADD COLUMN sigma_p_y REAL;
+ALTER TABLE block ADD COLUMN sigma_p_z REAL;
+ALTER TABLE block ADD COLUMN sigma_jaw_x REAL;
+ALTER TABLE block ADD COLUMN sigma_jaw_y REAL;
+ALTER TABLE block ADD COLUMN sigma_jaw_z REAL;
+ALTER TABLE block ADD COLUMN sigma_n_x REAL;
+ALTER TABLE block ADD COLUMN sigma_n_y REAL;
+ALTER TABLE block ADD COLUMN sigma_n_z REAL;
+ALTER TABLE block ADD COLUMN sigma_top_n_x REAL;
+ALTER TABLE block ADD COLUMN sigma_top_n_y REAL;
+ALTER TABLE block ADD COLUMN sigma_top_n_z REAL;
+
+ALTER TABLE plane ADD COLUMN centroid_x REAL DEFAULT 0.0;
+ALTER TABLE plane ADD COLUMN centroid_y REAL DEFAULT 0.0;
+ALTER TABLE plane ADD COLUMN centroid_z REAL DEFAULT 0.0;
+ALTER TABLE plane ADD COLUMN sigma_offset_mm REAL;
+ALTER TABLE plane ADD COLUMN cov_normal_11 REAL;
+ALTER TABLE plane ADD COLUMN cov_normal_12 REAL;
+ALTER TABLE plane ADD COLUMN cov_normal_13 REAL;
+ALTER TABLE plane ADD COLUMN cov_normal_21 REAL;
+ALTER TABLE plane ADD COLUMN cov_normal_22 REAL;
+ALTER TABLE plane ADD COLUMN cov_normal_23 REAL;
+ALTER TABLE plane ADD COLUMN cov_normal_31 REAL;
+ALTER TABLE plane ADD COLUMN cov_normal_32 REAL;
+ALTER TABLE plane ADD COLUMN cov_normal_33 REAL;
+
+ALTER TABLE casing ADD COLUMN edge_rms_mm REAL;
+ALTER TABLE casing ADD COLUMN inlier_fraction REAL DEFAULT 0.0;
+ALTER TABLE casing ADD COLUMN rim_std_mm REAL;
+ALTER TABLE casing ADD COLUMN sigma_height_mm REAL;
+ALTER TABLE casing ADD COLUMN cov_circle_11 REAL;
+ALTER TABLE casing ADD COLUMN cov_circle_12 REAL;
+ALTER TABLE casing ADD COLUMN cov_circle_13 REAL;
+ALTER TABLE casing ADD COLUMN cov_circle_21 REAL;
+ALTER TABLE casing ADD COLUMN cov_circle_22 REAL;
+ALTER TABLE casing ADD COLUMN cov_circle_23 REAL;
+ALTER TABLE casing ADD COLUMN cov_circle_31 REAL;
+ALTER TABLE casing ADD COLUMN cov_circle_32 REAL;
+ALTER TABLE casing ADD COLUMN cov_circle_33 REAL;
+
+ALTER TABLE item ADD COLUMN budget_fit REAL DEFAULT 0.0;
+ALTER TABLE item ADD COLUMN budget_noise REAL DEFAULT 0.0;
+ALTER TABLE item ADD COLUMN budget_scanner REAL DEFAULT 0.0;
+ALTER TABLE item ADD COLUMN budget_registration REAL DEFAULT 0.0;
+ALTER TABLE item ADD COLUMN budget_calibration REAL DEFAULT 0.0;
+ALTER TABLE item ADD COLUMN budget_robot REAL DEFAULT 0.0;
+ALTER TABLE item ADD COLUMN budget_reference REAL DEFAULT 0.0;

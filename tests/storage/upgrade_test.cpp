@@ -1,0 +1,241 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A database of schema version 1, made with the old schema's own text, meets this program.
+#include <sqlite3.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "storage/database.h"
+#include "storage/rows.h"
+#include "tests/storage/store_fixture.h"
+
+namespace slabd::storage {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string whole(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+/// One connection without any of our settings.
+class Plain {
+ public:
+  explicit Plain(const std::string& path) { EXPECT_EQ(sqlite3_open(path.c_str(), &db_), SQLITE_OK); }
+  ~Plain() { EXPECT_EQ(sqlite3_close(db_), SQLITE_OK); }
+  Plain(const Plain&) = delete;
+  Plain& operator=(const Plain&) = delete;
+
+  void run(const std::string& sql) {
+    EXPECT_EQ(sqlite3_exec(db_, sql.c_str(), nullptr, nullptr, nullptr), SQLITE_OK)
+        << sqlite3_errmsg(db_) << " " << sql;
+  }
+  /// The first column of all rows.
+  std::vector<std::string> column(const std::string& sql) {
+    std::vector<std::string> values;
+    sqlite3_stmt* statement = nullptr;
+    EXPECT_EQ(sqlite3_prepare_v2(db_, sql.c_str(), -1, &statement, nullptr), SQLITE_OK) << sqlite3_errmsg(db_);
+    while (sqlite3_step(statement) == SQLITE_ROW)
+      values.emplace_back(reinterpret_cast<const char*>(sqlite3_column_text(statement, 0)));
+    sqlite3_finalize(statement);
+    return values;
+  }
+  std::string text(const std::string& sql) { return column(sql).at(0); }
+
+ private:
+  sqlite3* db_ = nullptr;
+};
+
+/// What a record written by version 1 knows.
+BlockResult without_news(BlockResult block) {
+  const BlockResult fresh;
+  block.registration.noise_mm = fresh.registration.noise_mm;
+  block.registration.covariance = fresh.registration.covariance;
+  for (PlaneFit* plane :
+       {&block.seat.plane, &block.seat.full_plane, &block.jaw_inner, &block.jaw_outer, &block.slab_top}) {
+    plane->centroid = PlaneFit{}.centroid;
+    plane->sigma_offset_mm = PlaneFit{}.sigma_offset_mm;
+    plane->cov_normal = PlaneFit{}.cov_normal;
+  }
+  for (CasingFeature* casing : {&block.casing_inner, &block.casing_outer}) {
+    const CasingFeature old = *casing;
+    *casing = {};
+    casing->ok = old.ok;
+    casing->centre = old.centre;
+    casing->radius_mm = old.radius_mm;
+    casing->height_mm = old.height_mm;
+    casing->edge_points = old.edge_points;
+    casing->rim_points = old.rim_points;
+  }
+  block.seat.noise_factor = fresh.seat.noise_factor;
+  block.seat.flatness_noise_mm = fresh.seat.flatness_noise_mm;
+  block.seat.defect = fresh.seat.defect;
+  block.observation.sigma_p_mm = fresh.observation.sigma_p_mm;
+  block.observation.sigma_jaw_mm = fresh.observation.sigma_jaw_mm;
+  block.observation.sigma_n_rad = fresh.observation.sigma_n_rad;
+  block.observation.sigma_top_n_rad = fresh.observation.sigma_top_n_rad;
+  for (Item& item : block.items) item.budget = {};
+  return block;
+}
+
+class UpgradeTest : public StoreTest {
+ protected:
+  /// Slab 1 ended, slab 2 open with station 5 measured; then everything version 1 would have kept of it, in a database
+  /// of version 1 at `settings_.db_path`.
+  void make_version_1() {
+    open();
+    for (std::int64_t key = 1; key <= 2; ++key) {
+      begin(key);
+      acquire(key, 5, 1);
+      PlcResult record = random_record(prng_, ++res_seq_, 1);
+      record.station = 5;
+      blocks_.push_back(random_block(prng_, 5, Verdict::fail));
+      apply(BlockJob{key, 1, blocks_.back(), record});
+      if (key == 1) end(key, Verdict::fail);
+    }
+    close();
+    const std::string newer = settings_.db_path;
+    settings_.db_path = folder_.path() + "/old/slabd.db";
+    fs::create_directories(folder_.path() + "/old");
+    Plain db(settings_.db_path);
+    db.run("PRAGMA journal_mode = WAL");
+    db.run(whole(std::string(SLABD_SOURCE_DIR) + "/tests/storage/schema_v1.sql"));
+    db.run("PRAGMA application_id = 1397506370; PRAGMA user_version = 1");
+    db.run("DELETE FROM line; ATTACH '" + newer + "' AS newer");
+    for (const std::string& table : db.column("SELECT name FROM main.sqlite_schema WHERE type = 'table'")) {
+      const std::string names = joined(db.column("SELECT name FROM pragma_table_info('" + table + "', 'main')"), ", ");
+      db.run("INSERT INTO main." + table + " (" + names + ") SELECT " + names + " FROM newer." + table);
+    }
+  }
+  [[nodiscard]] std::string backup() const { return settings_.db_path + ".v1-backup"; }
+
+  std::vector<BlockResult> blocks_;
+};
+
+TEST_F(UpgradeTest, old_slabs_are_read_and_new_ones_written) {
+  make_version_1();
+  open();
+  const auto line = recover();
+  EXPECT_TRUE(line->slab_open);
+  EXPECT_EQ(line->last_slab_key, 2);
+  expect_same(line->stations[4].block, without_news(blocks_[1]));
+  EXPECT_EQ(line->unacknowledged.size(), 3U);
+
+  Result<std::optional<SlabRecord>> old = reader()->slab(1);
+  ASSERT_TRUE(old.ok()) << old.error().text.view();
+  ASSERT_TRUE(old.value().has_value());
+  ASSERT_EQ(old.value()->blocks.size(), 1U);
+  expect_same(old.value()->blocks[0].block, without_news(blocks_[0]));
+  EXPECT_EQ(old.value()->summary.verdict, Verdict::fail);
+  EXPECT_TRUE(old.value()->slab.items.full());
+  for (const Item& item : old.value()->slab.items)
+    for (const double part : item.budget) EXPECT_EQ(part, 0.0) << "no budget was computed";
+
+  end(2, Verdict::pass);
+  begin(3);
+  acquire(3, 7, 1);
+  const BlockResult block = random_block(prng_, 7, Verdict::pass);
+  PlcResult record = random_record(prng_, ++res_seq_, 1);
+  record.station = 7;
+  apply(BlockJob{3, 1, block, record});
+  open();  // as after a restart
+  expect_same(recover()->stations[6].block, block);
+}
+
+TEST_F(UpgradeTest, copy_of_the_old_database_stays_beside_it) {
+  make_version_1();
+  open();
+  close();
+  {
+    Plain copy(backup());
+    EXPECT_EQ(copy.text("PRAGMA user_version"), "1");
+    EXPECT_EQ(copy.text("PRAGMA integrity_check"), "ok");
+    EXPECT_EQ(copy.text("SELECT count(*) FROM block"), "2");
+    EXPECT_EQ(copy.text("SELECT count(*) FROM pragma_table_info('casing')"), "12");
+  }
+  EXPECT_FALSE(fs::exists(backup() + ".part"));
+  const std::string before = whole(backup());
+  open();  // nothing left to do
+  close();
+  EXPECT_EQ(whole(backup()), before);
+  EXPECT_FALSE(fs::exists(backup() + ".2"));
+}
+
+TEST_F(UpgradeTest, no_copy_is_ever_overwritten) {
+  make_version_1();
+  std::ofstream(backup()) << "kept by somebody";
+  open();
+  close();
+  EXPECT_EQ(whole(backup()), "kept by somebody");
+  Plain copy(backup() + ".2");
+  EXPECT_EQ(copy.text("SELECT count(*) FROM block"), "2");
+}
+
+TEST_F(UpgradeTest, an_upgrade_that_fails_leaves_the_old_database_and_one_copy) {
+  make_version_1();
+  {
+    Plain db(settings_.db_path);
+    db.run("ALTER TABLE item ADD COLUMN budget_reference REAL");  // in the way of the last step
+  }
+  for (int start = 0; start < 3; ++start) {
+    const Result<std::unique_ptr<Store>> store = open_store(settings_);
+    ASSERT_FALSE(store.ok());
+    EXPECT_EQ(store.error().code, Code::journal_write);
+    EXPECT_NE(store.error().text.view().find("budget_reference"), std::string_view::npos) << store.error().text.view();
+  }
+  EXPECT_TRUE(fs::exists(backup()));
+  EXPECT_FALSE(fs::exists(backup() + ".2")) << "every start filled the disk with another copy";
+  Plain db(settings_.db_path);
+  EXPECT_EQ(db.text("PRAGMA user_version"), "1");
+  EXPECT_EQ(db.text("SELECT count(*) FROM pragma_table_info('plane') WHERE name = 'sigma_offset_mm'"), "0");
+  EXPECT_EQ(db.text("SELECT count(*) FROM block"), "2");
+}
+
+TEST_F(UpgradeTest, without_a_copy_nothing_is_changed) {
+  make_version_1();
+  fs::create_directories(backup() + ".part/in the way");
+  const Result<std::unique_ptr<Store>> store = open_store(settings_);
+  ASSERT_FALSE(store.ok());
+  Plain db(settings_.db_path);
+  EXPECT_EQ(db.text("PRAGMA user_version"), "1");
+}
+
+TEST_F(UpgradeTest, upgraded_tables_are_those_of_a_fresh_database) {
+  open();
+  close();
+  const std::string fresh_path = settings_.db_path;
+  make_version_1();
+  open();
+  close();
+  Plain fresh(fresh_path);
+  Plain upgraded(settings_.db_path);
+  for (const std::string& table : fresh.column("SELECT name FROM sqlite_schema WHERE type = 'table'")) {
+    const std::string columns =
+        "SELECT name || ' ' || type || ' ' || \"notnull\" || ' ' || coalesce(dflt_value, '-') "
+        "FROM pragma_table_info('" +
+        table + "') ORDER BY name";
+    EXPECT_EQ(upgraded.column(columns), fresh.column(columns)) << table;
+  }
+  EXPECT_EQ(upgraded.column("SELECT name FROM sqlite_schema ORDER BY name"),
+            fresh.column("SELECT name FROM sqlite_schema ORDER BY name"));
+}
+
+TEST_F(UpgradeTest, a_reader_changes_nothing_and_says_what_to_do) {
+  make_version_1();
+  const Result<std::unique_ptr<Reader>> early = open_reader(settings_.db_path);
+  ASSERT_FALSE(early.ok());
+  EXPECT_EQ(early.error().code, Code::config);
+  EXPECT_NE(early.error().text.view().find("schema version 1 of an older slabd"), std::string_view::npos)
+      << early.error().text.view();
+  EXPECT_FALSE(fs::exists(backup()));
+}
+
+TEST(BudgetColumns, are_named_after_the_parts) {
+  for (std::size_t part = 0; part < kBudgetParts; ++part)
+    EXPECT_EQ(kBudgetColumns[part], "budget_" + std::string(name(static_cast<BudgetPart>(part))));
+}
+
+}  // namespace
+}  // namespace slabd::storage
