@@ -1,19 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
-#include <string_view>
-#include <vector>
+#include <limits>
 
 #include "base/base.h"
 
 /// What the emulated scanner sees: one supporting block with known dimensions, drawn by rays.
 ///
-/// The block is an intersection and union of half-spaces, and all rays of one scan are parallel to the scanner's Z.
-/// Seen from the scanner every face is then a linear function z(x, y), a ray enters an intersection at the largest of
-/// the heights and a union at the smallest, and a whole scan is a few additions and comparisons per ray. This is exact
-/// as long as every face looks towards the scanner, which `BlockSurface::make` checks.
+/// The block is a union of convex bodies, each an intersection of half-spaces. A picture point (x, y) is a ray, either
+/// parallel to the scanner's Z (an orthographic scan) or through the scanner's origin (a projector and camera seen as
+/// one centre). Along it every half-space begins or ends at a depth; written as minus the depth (parallel) or one over
+/// the depth (perspective), that is linear in x and y, and nearer is larger. A convex body is then met at the smallest
+/// of the beginnings, if that lies before the largest of the ends, and a union at the largest of what its bodies give:
+/// a whole scan is a few additions and comparisons per ray, exact, with hidden faces and shadows as they fall.
 ///
 /// Written from the drawing, on purpose without a line of algo: what measures must not share errors with what is
 /// measured.
@@ -29,87 +31,99 @@ struct BlockTruth {
   double casing_spacing_mm = 0.0;
   double protrusion_inner_mm = 0.0;  ///< rim above the bearing plane; negative = sunk
   double protrusion_outer_mm = 0.0;
-  double bump_mm = 0.0;            ///< height of a smooth dome in the middle of the bearing plane
+  double jaw_shift_mm = 0.0;       ///< both jaws moved outward along the bearing plane, the casings in place
   double slab_top_shift_mm = 0.0;  ///< the slab's top against its nominal height in the block's frame
+
+  // On the bearing plane (see `relief_mm`).
+  double bump_mm = 0.0;  ///< height of a smooth dome in its middle
+  double chip_mm = 0.0;  ///< depth of a spalled spot
+  double burr_mm = 0.0;  ///< height of a ridge
+
+  // What should not lie there; NaN = does not.
+  double glove_s_mm = kNoValue;  ///< a glove's place along the bearing plane
+  double cable_x_mm = kNoValue;  ///< place along the rail of a cable that hangs over the block
 };
 
 /// The block as drawn.
 [[nodiscard]] BlockTruth nominal_truth(const Recipe& recipe);
 
-/// Height of the dome of `bump_mm` = 1 at (x, s) on the bearing plane: exp(-r^2 / (2 * 25^2)). Symmetric about the
-/// origin, so that it spoils the flatness and not the slope.
-[[nodiscard]] double dome(double x_mm, double s_mm);
+/// Height of what stands on the bearing plane (negative: is missing from it) at (x, s): a dome exp(-r^2 / (2 * 25^2))
+/// about the origin, so that it spoils the flatness and not the slope; a round chip of 6 mm at (20, -30); a burr of 4
+/// mm along s and 15 mm along x at (-20, 40). Chip and burr have vertical walls, and each covers a whole cell of 1.5 mm
+/// wherever the cells begin.
+[[nodiscard]] double relief_mm(const BlockTruth& truth, double x_mm, double s_mm);
 
-/// Peak to valley that a perfect instrument finds in the recipe's evaluation region: the dome against its own
-/// least-squares plane there, casings left out. 0 without a dome.
+/// Peak to valley that a perfect instrument finds in the recipe's evaluation region: the relief against its own
+/// least-squares plane there. 0 without relief.
 [[nodiscard]] double true_flatness_mm(const Recipe& recipe, const BlockTruth& truth);
 
-/// The visible surface of one block, in the scanner frame, for rays parallel to the scanner's +Z.
+enum class Projection : std::uint8_t { parallel, perspective };
+/// A perspective picture is described where it is as large as a parallel one: at the nominal stand-off.
+inline constexpr double kPictureDistanceMm = 600.0;
+
+/// The visible surface of one block, in the scanner frame.
 class BlockSurface {
  public:
-  /// config when a face does not look towards the scanner (the view is tilted by more than about 8 degrees).
+  /// config when the block is not in front of the scanner.
   [[nodiscard]] static Result<BlockSurface> make(const Recipe& recipe, const BlockTruth& truth,
-                                                 const Pose& T_scanner_block);
+                                                 const Pose& T_scanner_block,
+                                                 Projection projection = Projection::parallel);
 
-  /// z (mm, scanner frame) where the ray through (x, y) meets the block; NaN inside a casing's bore.
-  [[nodiscard]] float depth_mm(float x_mm, float y_mm) const;
+  /// z (mm, scanner frame) where the ray of picture point (x, y) meets the block; NaN inside a casing's bore.
+  [[nodiscard]] double depth_mm(double x_mm, double y_mm) const;
+  /// The point of that ray at depth z, moved away from the scanner along the ray by `further_mm`.
+  [[nodiscard]] Vec3 point(double x_mm, double y_mm, double z_mm, double further_mm) const;
 
  private:
-  /// z = at_origin + slope_x * x + slope_y * y.
+  /// A half-space along the rays: it begins (`entered`) or ends at the key at_origin + per_x * x + per_y * y.
   struct Face {
-    float at_origin = 0.0F;
-    float slope_x = 0.0F;
-    float slope_y = 0.0F;
-    [[nodiscard]] float z(float x, float y) const { return at_origin + slope_x * x + slope_y * y; }
+    double at_origin = 0.0;
+    double per_x = 0.0;
+    double per_y = 0.0;
+    bool entered = true;
+    [[nodiscard]] double key(double x, double y) const { return at_origin + per_x * x + per_y * y; }
+  };
+  /// Where a ray is inside a convex body: from key `in` down to key `out`.
+  struct Inside {
+    double in = std::numeric_limits<double>::infinity();
+    double out = -std::numeric_limits<double>::infinity();
+    void cut(const Face& face, double x, double y) {
+      if (face.entered)
+        in = std::min(in, face.key(x, y));
+      else
+        out = std::max(out, face.key(x, y));
+    }
+    [[nodiscard]] double first() const { return in > out ? in : -std::numeric_limits<double>::infinity(); }
   };
   /// The casing's rim: a ring in a plane parallel to the bearing plane, open in the middle.
   struct Rim {
     Face plane;
-    float centre_x = 0.0F;
-    float centre_y = 0.0F;
-    float centre_z = 0.0F;
+    Vec3 centre = Vec3::Zero();
+    double picture_x = 0.0;  ///< of its centre
+    double picture_y = 0.0;
   };
 
-  [[nodiscard]] float dome_lift(float x_mm, float y_mm) const;
+  [[nodiscard]] double depth_of(double key) const { return projection_ == Projection::parallel ? -key : 1.0 / key; }
+  [[nodiscard]] double key_of(double depth) const { return projection_ == Projection::parallel ? -depth : 1.0 / depth; }
+  /// Direction of a ray with z = 1.
+  [[nodiscard]] Vec3 direction(double x, double y) const;
+  [[nodiscard]] Face seen(const Vec3& n_block, double d_block) const;
+  [[nodiscard]] double seat_key(double x, double y) const;
+  [[nodiscard]] double clutter_depth_mm(double x, double y) const;
 
-  bool present_ = true;
+  Projection projection_ = Projection::parallel;
+  Pose T_scanner_block_;
+  Pose T_block_scanner_;
+  BlockTruth truth_;
+  bool has_relief_ = false;
+  bool has_clutter_ = false;
   Face slab_top_, bearing_, jaw_inner_, jaw_outer_, shoulder_inner_, shoulder_outer_;
-  std::array<Face, 4> outline_{};  ///< end faces, side faces
+  Vec3 bearing_n_ = Vec3::UnitZ();  ///< scanner frame
+  std::array<Face, 4> outline_{};   ///< end faces, side faces
   std::array<Rim, 2> rims_{};
-  float bore_radius2_mm2_ = 0.0F;
-  float rim_radius2_mm2_ = 0.0F;
-  float reach_mm_ = 0.0F;  ///< no rim point is further than this from its centre, seen by the scanner
-  float bump_mm_ = 0.0F;
-  float bump_x_ = 0.0F;  ///< block origin, seen by the scanner
-  float bump_y_ = 0.0F;
+  double bore_radius2_mm2_ = 0.0;
+  double rim_radius2_mm2_ = 0.0;
+  double reach_mm_ = 0.0;  ///< no rim point is further than this from its centre, in the picture
 };
-
-/// What the emulated scanner adds to the truth.
-struct ScannerTraits {
-  std::size_t columns = 2048;  ///< along scanner X
-  std::size_t rows = 2448;     ///< along scanner Y
-  double field_x_mm = 350.0;
-  double field_y_mm = 500.0;
-  bool organised = true;         ///< keep the grid, NaN for missing points
-  double noise_mm = 0.03;        ///< standard deviation along the view
-  double outlier_share = 0.005;  ///< of the returned points, evenly 1..60 mm before or behind the surface
-  double missing_share = 0.02;
-};
-inline constexpr double kOutlierMinMm = 1.0;
-inline constexpr double kOutlierMaxMm = 60.0;
-
-struct DrawnScan {
-  std::size_t width = 0;  ///< 0 = unorganised
-  std::size_t height = 0;
-  std::size_t valid = 0;  ///< finite points, outliers included
-  std::size_t outliers = 0;
-  std::size_t missing = 0;    ///< dropped at random
-  std::size_t no_return = 0;  ///< rays into a bore
-};
-
-/// Draws one scan into `xyz` (3 floats a point; resized). The same seed gives the same bits. About 0.1 s for the full
-/// grid.
-[[nodiscard]] DrawnScan draw_scan(const BlockSurface& surface, const ScannerTraits& traits, std::uint64_t seed,
-                                  std::vector<float>& xyz);
 
 }  // namespace slabd::simulate

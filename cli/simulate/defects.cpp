@@ -17,6 +17,7 @@ struct Kind {
   double min = 0.0;
   double max = 0.0;
   std::string_view meaning;
+  bool whole_slab = false;  ///< written without K
 };
 
 constexpr std::array kKinds = {
@@ -28,13 +29,22 @@ constexpr std::array kKinds = {
     Kind{DefectKind::protrusion_outer, "protrusion-outer", "MM", -5, 5, "deviation of the outer casing's height"},
     Kind{DefectKind::casing_spacing, "casing-spacing", "MM", -20, 20, "deviation of the casings' spacing"},
     Kind{DefectKind::bump, "bump", "MM", -5, 5, "dome in the middle of the bearing plane"},
+    Kind{DefectKind::chip, "chip", "MM", 0, 5, "spot of 6 mm spalled off the seat, its depth"},
+    Kind{DefectKind::burr, "burr", "MM", 0, 5, "ridge of 15 x 4 mm on the seat, its height"},
     Kind{DefectKind::missing, "missing", "", 0, 0, "no block there, only the slab's top"},
     Kind{DefectKind::outliers, "outliers", "SHARE", 0, 0.5, "share of outliers in this scan"},
     Kind{DefectKind::noise, "noise", "MM", 0, 1, "noise of this scan"},
+    Kind{DefectKind::glove, "glove", "MM", -240, 240, "a glove left on the block, its place along the seat"},
+    Kind{DefectKind::cable, "cable", "MM", -105, 105, "a cable of 10 mm over the block, its place along the rail"},
     Kind{DefectKind::robot, "robot", "MM", -20, 20, "the reported flange is this much above the real one"},
     Kind{DefectKind::along, "along", "MM", -20, 20, "block moved along slab X"},
     Kind{DefectKind::lateral, "lateral", "MM", -20, 20, "block moved along slab Y"},
     Kind{DefectKind::vertical, "vertical", "MM", -20, 20, "block moved along slab Z"},
+    Kind{DefectKind::large_jaw, "large-jaw", "MM", -20, 20,
+         "both jaws of the block moved outward, the casings in place"},
+    Kind{DefectKind::corner_level, "corner-level", "MM", -20, 20, "slab twisted to this corner level", true},
+    Kind{DefectKind::warp_left, "warp-left", "MM", -20, 20, "row Y > 0 bent, its middle this much up", true},
+    Kind{DefectKind::warp_right, "warp-right", "MM", -20, 20, "row Y < 0 bent, its middle this much up", true},
 };
 
 const Kind* find_kind(std::string_view name) {
@@ -52,6 +62,11 @@ std::optional<Number> number_from(std::string_view text) {
   return value;
 }
 
+std::string form_of(const Kind& kind) {
+  if (kind.whole_slab) return fmt::format("{}={}", kind.name, kind.value);
+  return fmt::format("{}=K{}{}", kind.name, kind.value.empty() ? "" : ":", kind.value);
+}
+
 Error refuse(const std::string& text) {
   return error(Code::config, "--defect %s", text.c_str());
 }
@@ -67,31 +82,32 @@ Result<Defect> parse_defect(std::string_view text) {
     return refuse(fmt::format("'{}': unknown defect, allowed {}", text.substr(0, equals), known));
   }
   const bool has_number = !kind->value.empty();
-  const std::string form = fmt::format("{}=K{}{}", kind->name, has_number ? ":" : "", kind->value);
+  const std::string form = form_of(*kind);
   if (equals == std::string_view::npos) return refuse(fmt::format("{}: expected {}", text, form));
 
   std::string_view rest = text.substr(equals + 1);
-  const std::size_t colon = rest.find(':');
-  const auto station = number_from<int>(rest.substr(0, colon));
-  if (!station || *station < 1 || *station > static_cast<int>(limits::kStationsMax))
-    return refuse(fmt::format("{}: expected {}, block K is 1..{}", text, form, limits::kStationsMax));
-  if (!has_number) {
-    if (colon != std::string_view::npos) return refuse(fmt::format("{}: expected {}", text, form));
-    return Defect{kind->kind, *station, 0.0};
+  int station = 0;
+  if (!kind->whole_slab) {
+    const std::size_t colon = rest.find(':');
+    const auto block = number_from<int>(rest.substr(0, colon));
+    if (!block || *block < 1 || *block > static_cast<int>(limits::kStationsMax))
+      return refuse(fmt::format("{}: expected {}, block K is 1..{}", text, form, limits::kStationsMax));
+    station = *block;
+    if (has_number == (colon == std::string_view::npos)) return refuse(fmt::format("{}: expected {}", text, form));
+    if (!has_number) return Defect{kind->kind, station, 0.0};
+    rest = rest.substr(colon + 1);
   }
-  if (colon == std::string_view::npos) return refuse(fmt::format("{}: expected {}", text, form));
-  rest = rest.substr(colon + 1);
   if (kind->kind == DefectKind::slope && (rest.starts_with("1:") || rest.starts_with("1/"))) rest = rest.substr(2);
   const auto value = number_from<double>(rest);
   if (!value || !(*value >= kind->min && *value <= kind->max))
     return refuse(fmt::format("{}: expected {}, {} is {}..{}", text, form, kind->value, kind->min, kind->max));
-  return Defect{kind->kind, *station, *value};
+  return Defect{kind->kind, station, *value};
 }
 
 std::string defect_help() {
   std::string help;
   for (const Kind& kind : kKinds) {
-    const std::string form = fmt::format("{}=K{}{}", kind.name, kind.value.empty() ? "" : ":", kind.value);
+    const std::string form = form_of(kind);
     help += kind.value.empty()
                 ? fmt::format("  {:24} {}\n", form, kind.meaning)
                 : fmt::format("  {:24} {} ({} {}..{})\n", form, kind.meaning, kind.value, kind.min, kind.max);

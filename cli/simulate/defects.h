@@ -8,6 +8,7 @@
 #include "base/base.h"
 
 /// Planted faults, `name=K:VALUE` on the command line: block K is cast, placed or scanned wrongly by a known amount.
+/// Faults of the whole slab are written `name=VALUE`.
 namespace slabd::simulate {
 
 enum class DefectKind : std::uint8_t {
@@ -19,18 +20,26 @@ enum class DefectKind : std::uint8_t {
   protrusion_outer,
   casing_spacing,
   bump,
+  chip,
+  burr,
   missing,
   outliers,
   noise,
+  glove,
+  cable,
   robot,
   along,
   lateral,
   vertical,
+  large_jaw,
+  corner_level,
+  warp_left,
+  warp_right,
 };
 
 struct Defect {
   DefectKind kind{};
-  int station = 0;
+  int station = 0;     ///< 0: the whole slab
   double value = 0.0;  ///< as written: mm, deg, a share, or n of 1:n
 };
 

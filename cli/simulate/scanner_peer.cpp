@@ -81,7 +81,8 @@ struct ScannerPeer::Impl {
     drawn_slab = now.slab_count;
     if (now.slab == nullptr || station < 1 || station > now.slab->stations) return false;
     const StationTruth& truth = now.slab->at(station);
-    auto surface = BlockSurface::make(*now.recipe, truth.block, T_scanner_block(*now.slab, *now.cell, station));
+    auto surface = BlockSurface::make(*now.recipe, truth.block, T_scanner_block(*now.slab, *now.cell, station),
+                                      traits.scanner.projection);
     if (!surface) {
       complain(surface.error().text.c_str());
       return false;

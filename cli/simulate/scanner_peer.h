@@ -6,6 +6,7 @@
 #include <string>
 
 #include "base/base.h"
+#include "cli/simulate/scan_drawing.h"
 #include "cli/simulate/slab_scene.h"
 #include "hal/hal.h"
 

@@ -265,7 +265,7 @@ void add_simulate(CLI::App& app, int& exit_status) {
   auto options = std::make_shared<simulate::Options>();
   CLI::App* command = app.add_subcommand(
       "simulate", "Be the rest of the line for a running daemon: PLC, robot and scanner, with known truth");
-  command->footer("\nDefects (K = block)\n" + simulate::defect_help() +
+  command->footer("\nDefects (K = block; repeatable)\n" + simulate::defect_help() +
                   "\nExamples: slabctl simulate --config slabd.toml --slab-no 7 --slab-id S-0007\n"
                   "          slabctl simulate --config slabd.toml --points quarter --defect slope=4:1/36 --json\n"
                   "Exit status: 0 every slab passed, 1 not, 4 daemon or network not reachable.");
@@ -295,6 +295,16 @@ void add_simulate(CLI::App& app, int& exit_status) {
       ->capture_default_str();
   command->add_option("--robot-mm", variation.robot_mm, "Error of the reported flange position, smooth over the cell")
       ->check(CLI::Range(0.0, 10.0))
+      ->capture_default_str();
+  command
+      ->add_option("--robot-sigma-mm", variation.robot_sigma_mm,
+                   "Repeatability: normal error of the reported flange position per axis, new at every station")
+      ->check(CLI::Range(0.0, 10.0))
+      ->capture_default_str();
+  command
+      ->add_option("--robot-sigma-deg", variation.robot_sigma_deg,
+                   "Repeatability: normal error of the reported flange rotation per axis, new at every station")
+      ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   command->add_option("--robot-rate-hz", options->robot_rate_hz, "Poses per second")
       ->check(CLI::Range(10.0, 500.0))

@@ -60,9 +60,54 @@ std::string error_text(double measured, double planted) {
   return fmt::format("{:+.0f}", 1e3 * (measured - planted));
 }
 
+/// How far the flange really stood from where the robot said, as planted.
+Vec3 robot_off_mm(const StationTruth& truth) {
+  return truth.T_base_flange_real.translation_mm - truth.T_base_flange_reported.translation_mm;
+}
+
+/// Items between seats or of the whole slab as they are planted: the truth beside the record's items.
+struct SlabItem {
+  Item measured;
+  double planted = kNoValue;
+};
+
+std::vector<SlabItem> slab_items(const Recipe& recipe, const SlabOutcome& outcome) {
+  std::vector<SlabItem> items;
+  if (!outcome.stored) return items;
+  for (const Item& item : outcome.stored->slab.items) {
+    const double planted = true_slab_value(recipe, outcome.truth, item.id, item.station);
+    if (has_value(planted)) items.push_back({item, planted});
+  }
+  return items;
+}
+
+/// The most wrong one of each kind.
+void print_slab_items(const std::vector<SlabItem>& items, cli::Style style) {
+  if (items.empty()) return;
+  std::vector<std::vector<std::string>> rows = {
+      {"slab item<", "blocks", "true", "measured", "error um", "U um", "verdict<"}};
+  const auto error = [](const SlabItem& i) { return std::abs(i.measured.value - i.planted); };
+  for (const ItemId id : {ItemId::seat_spacing, ItemId::large_jaw_distance, ItemId::corner_level, ItemId::warp_left,
+                          ItemId::warp_right}) {
+    const SlabItem* worst = nullptr;
+    for (const SlabItem& item : items)
+      if (item.measured.id == id && has_value(item.measured.value) && (worst == nullptr || error(item) > error(*worst)))
+        worst = &item;
+    if (worst == nullptr) continue;
+    const Item& m = worst->measured;
+    rows.push_back({std::string(info(id).name), m.station == 0 ? "-" : fmt::format("{}-{}", m.station, m.station_to),
+                    fmt::format("{:.3f}", worst->planted), fmt::format("{:.3f}", m.value),
+                    error_text(m.value, worst->planted), has_value(m.U) ? fmt::format("{:.0f}", 1e3 * m.U) : "-",
+                    cli::verdict_text(m.verdict, style)});
+  }
+  fmt::print("{}  (of spacings and large jaws the most wrong one; the robot's planted error is part of the error)\n\n",
+             cli::table(rows));
+}
+
 void print_stations(const Recipe& recipe, const SlabOutcome& outcome, cli::Style style) {
   std::vector<std::string> heading = {"block", "scans", "acquire s", "result s"};
   for (const Compared& item : kCompared) heading.emplace_back(item.heading);
+  heading.emplace_back("robot");
   heading.emplace_back("verdict<");
   heading.emplace_back("reason<");
   std::vector<std::vector<std::string>> rows = {heading};
@@ -73,12 +118,14 @@ void print_stations(const Recipe& recipe, const SlabOutcome& outcome, cli::Style
     for (const Compared& item : kCompared)
       row.push_back(
           error_text(measured_value(recipe, outcome, k, item.id), true_value(recipe, outcome.truth.at(k), item.id)));
+    row.push_back(fmt::format("{:.0f}", 1e3 * robot_off_mm(outcome.truth.at(k)).norm()));
     const PlcStationRow& shown = outcome.run.table[static_cast<std::size_t>(k - 1)];
     row.push_back(cli::verdict_text(shown.verdict, style));
     row.push_back(run.trouble.empty() ? cli::reason_words(shown.reason) : run.trouble);
     rows.push_back(row);
   }
-  fmt::print("{}  (items: measured minus planted, um and millidegrees)\n\n", cli::table(rows));
+  fmt::print("{}  (items: measured minus planted, um and millidegrees; robot: real minus reported flange, um)\n\n",
+             cli::table(rows));
 }
 
 /// The item that a defect shows in; none for a missing block and for what only makes a scan worse.
@@ -91,30 +138,58 @@ std::optional<ItemId> item_of(DefectKind kind) {
     case DefectKind::protrusion_inner: return ItemId::casing_protrusion_inner;
     case DefectKind::protrusion_outer: return ItemId::casing_protrusion_outer;
     case DefectKind::casing_spacing: return ItemId::casing_spacing;
-    case DefectKind::bump: return ItemId::seat_flatness;
+    case DefectKind::bump:
+    case DefectKind::chip:
+    case DefectKind::burr: return ItemId::seat_flatness;
     case DefectKind::lateral: return ItemId::seat_lateral;
     case DefectKind::vertical:
     case DefectKind::robot: return ItemId::seat_vertical;
+    case DefectKind::along: return ItemId::seat_spacing;
+    case DefectKind::large_jaw: return ItemId::large_jaw_distance;
+    case DefectKind::corner_level: return ItemId::corner_level;
+    case DefectKind::warp_left: return ItemId::warp_left;
+    case DefectKind::warp_right: return ItemId::warp_right;
     case DefectKind::missing:
     case DefectKind::outliers:
     case DefectKind::noise:
-    case DefectKind::along: return std::nullopt;
+    case DefectKind::glove:
+    case DefectKind::cable: return std::nullopt;
   }
   return std::nullopt;
 }
 
-void print_planted(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome) {
+void print_planted(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome,
+                   const std::vector<SlabItem>& slab) {
   if (facts.defects.empty()) return;
   const auto number = [](double v) { return has_value(v) ? fmt::format("{:.4f}", v) : std::string("-"); };
-  std::vector<std::vector<std::string>> rows = {{"defect", "block", "item<", "true", "measured", "block verdict<"}};
+  std::vector<std::vector<std::string>> rows = {{"defect", "block", "item<", "true", "measured", "verdict<"}};
   for (std::size_t i = 0; i < facts.defects.size(); ++i) {
     const int k = facts.defects[i].station;
     const std::optional<ItemId> id = item_of(facts.defects[i].kind);
-    const double truth = id ? true_value(recipe, outcome.truth.at(k), *id) : kNoValue;
-    const double measured = id ? measured_value(recipe, outcome, k, *id) : kNoValue;
-    const PlcStationRow& shown = outcome.run.table[static_cast<std::size_t>(k - 1)];
-    rows.push_back({facts.defect_texts[i], std::to_string(k), id ? std::string(info(*id).name) : "-", number(truth),
-                    number(measured), fmt::format("{} {}", name(shown.verdict), cli::reason_words(shown.reason))});
+    double truth = kNoValue;
+    double measured = kNoValue;
+    const Item* of_slab = nullptr;
+    if (id) {
+      for (const SlabItem& item : slab) {
+        if (item.measured.id != *id || (k != 0 && item.measured.station != k && item.measured.station_to != k))
+          continue;
+        of_slab = &item.measured;
+        truth = item.planted;
+        measured = item.measured.value;
+        break;
+      }
+      if (of_slab == nullptr && k != 0) {
+        truth = true_value(recipe, outcome.truth.at(k), *id);
+        measured = measured_value(recipe, outcome, k, *id);
+      }
+    }
+    std::string verdict = of_slab != nullptr ? std::string(name(of_slab->verdict)) : "-";
+    if (k != 0) {
+      const PlcStationRow& shown = outcome.run.table[static_cast<std::size_t>(k - 1)];
+      verdict = fmt::format("{} {}", name(shown.verdict), cli::reason_words(shown.reason));
+    }
+    rows.push_back({facts.defect_texts[i], k != 0 ? std::to_string(k) : "-", id ? std::string(info(*id).name) : "-",
+                    number(truth), number(measured), verdict});
   }
   fmt::print("{}\n", cli::table(rows));
 }
@@ -137,6 +212,8 @@ void write_station(Json& json, const Recipe& recipe, const SlabOutcome& outcome,
   json.field("flatness_mm", run.record.flatness_mm).field("std_mm", run.record.std_mm);
   json.field("points", run.record.points).end_object();
   cli::write_matrix(json, "T_slab_block", truth.T_slab_block);
+  const Vec3 robot = robot_off_mm(truth);
+  json.key("robot_off_mm").begin_array().value(robot.x()).value(robot.y()).value(robot.z()).end_array();
   json.key("items").begin_array();
   for (const Compared& item : kCompared) {
     json.begin_object();
@@ -166,6 +243,16 @@ void write_outcome(Json& json, const Recipe& recipe, const SlabOutcome& outcome)
   if (outcome.stored) {
     json.key("slab_items").begin_array();
     for (const Item& item : outcome.stored->slab.items) cli::write_item(json, item, true);
+    json.end_array();
+    json.key("slab_items_planted").begin_array();
+    for (const SlabItem& item : slab_items(recipe, outcome)) {
+      json.begin_object().field("id", info(item.measured.id).name);
+      json.key("stations").begin_array();
+      if (item.measured.station != 0) json.value(item.measured.station);
+      if (item.measured.station_to != 0) json.value(item.measured.station_to);
+      json.end_array();
+      json.field("planted", item.planted).field("measured", item.measured.value).end_object();
+    }
     json.end_array();
   }
   json.end_object();
@@ -200,7 +287,9 @@ void print_outcome(const Recipe& recipe, const RunFacts& facts, const SlabOutcom
              run.continued ? "(was already open: continued)" : "");
   fmt::print("{}{}\n", cli::slab_map(table_verdicts(outcome), style), cli::map_legend(style));
   print_stations(recipe, outcome, style);
-  print_planted(recipe, facts, outcome);
+  const std::vector<SlabItem> slab = slab_items(recipe, outcome);
+  print_slab_items(slab, style);
+  print_planted(recipe, facts, outcome, slab);
   if (run.finished) {
     fmt::print("slab verdict {}  {}\n", cli::verdict_text(run.verdict, style), cli::reason_text(run.reason));
     fmt::print("{} s from the last scan to the verdict, {:.1f} s in all\n", seconds(run.last_acquired_to_verdict_s),

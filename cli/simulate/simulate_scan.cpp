@@ -43,7 +43,11 @@ std::string truth_json(const ScanOrder& order, const Recipe& recipe, const Stati
   json.field("casing_spacing", block.casing_spacing_mm);
   json.field("protrusion_in", block.protrusion_inner_mm).field("protrusion_out", block.protrusion_outer_mm);
   json.field("flatness", true_flatness_mm(recipe, block)).field("bump", block.bump_mm);
-  json.field("noise", truth.noise_mm).field("outlier_share", truth.outlier_share);
+  json.field("chip", block.chip_mm).field("burr", block.burr_mm).field("jaw_shift", block.jaw_shift_mm);
+  json.field("glove", block.glove_s_mm).field("cable", block.cable_x_mm);
+  json.field("noise", truth.noise_mm).field("noise_correlation", order.scanner.noise_correlation_mm);
+  json.field("perspective", order.scanner.projection == Projection::perspective);
+  json.field("outlier_share", truth.outlier_share);
   json.field("outliers_planted", drawn.outliers).field("missing", drawn.missing).field("valid", drawn.valid);
   json.end_object();
   return json.text();
@@ -82,7 +86,8 @@ int write_scan(const ScanOrder& order) {
   Pose T_nominal_block;
   T_nominal_block.translation_mm = truth.T_slab_block.rotation.conjugate() * truth.offset_slab_mm;
   const Pose T_scanner_block = T_block_scanner.inverse() * T_nominal_block;
-  const Result<BlockSurface> surface = BlockSurface::make(recipe, truth.block, T_scanner_block);
+  const Result<BlockSurface> surface =
+      BlockSurface::make(recipe, truth.block, T_scanner_block, order.scanner.projection);
   if (!surface) {
     cli::complain(fmt::format("{}: {}", recipe.path.view(), surface.error().text.view()));
     return cli::kBadInput;
@@ -113,6 +118,19 @@ void ScannerOptions::add_to(CLI::App& command) {
       ->check(CLI::IsMember({"full", "quarter"}))
       ->capture_default_str();
   command.add_flag("--unorganised", unorganised, "Write only the points that returned, without their grid");
+  command.add_flag(
+      "--perspective", perspective,
+      "Rays from one centre, the scanner's origin, instead of parallel ones: faces hide and throw shadows");
+  command
+      .add_option("--noise-correlation-mm", noise_correlation_mm,
+                  "Noise hangs together over this length along a row (down to 1/e); 0 = every point by itself")
+      ->check(CLI::Range(0.0, 20.0))
+      ->capture_default_str();
+  command
+      .add_option("--noise-shape", noise_shape,
+                  "How the correlation falls: gaussian (exp(-r^2/L^2)) or exponential (exp(-(|dx|+|dy|)/L))")
+      ->check(CLI::IsMember({"gaussian", "exponential"}))
+      ->capture_default_str();
 }
 
 ScannerTraits ScannerOptions::traits() const {
@@ -122,6 +140,9 @@ ScannerTraits ScannerOptions::traits() const {
     traits.rows /= 2;
   }
   traits.organised = !unorganised;
+  traits.projection = perspective ? Projection::perspective : Projection::parallel;
+  traits.noise_correlation_mm = noise_correlation_mm;
+  traits.noise_shape = noise_shape == "exponential" ? NoiseShape::exponential : NoiseShape::gaussian;
   return traits;
 }
 

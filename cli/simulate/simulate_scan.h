@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "base/base.h"
+#include "cli/simulate/scan_drawing.h"
 #include "cli/simulate/slab_scene.h"
 
 namespace CLI {
@@ -30,10 +31,14 @@ struct ScanOrder {
 
 void add_simulate_scan(CLI::App& simulate, int& exit_status);
 
-/// Options that every emulated scan shares: --points, --unorganised.
+/// Options that every emulated scan shares: --points, --unorganised, --perspective, --noise-correlation-mm,
+/// --noise-shape.
 struct ScannerOptions {
   std::string points = "full";
   bool unorganised = false;
+  bool perspective = false;
+  double noise_correlation_mm = 0.0;
+  std::string noise_shape = "gaussian";
   void add_to(CLI::App& command);
   [[nodiscard]] ScannerTraits traits() const;
 };

@@ -65,6 +65,27 @@ Pose robot_error(const Pose& T_base_flange, const SlabVariation& v) {
   return real;
 }
 
+/// The robot comes to rest a little beside the same place every time.
+Pose robot_repeats(const Pose& T_base_flange, const SlabVariation& v, int station) {
+  if (v.robot_sigma_mm == 0.0 && v.robot_sigma_deg == 0.0) return T_base_flange;
+  Prng random(derived_seed(v.seed, 3000U + static_cast<std::uint64_t>(station), v.slab_no));
+  Pose real = T_base_flange;
+  Vec3 turn;
+  for (int axis = 0; axis < 3; ++axis) real.translation_mm[axis] += v.robot_sigma_mm * random.normal();
+  for (int axis = 0; axis < 3; ++axis) turn[axis] = rad_from_deg(v.robot_sigma_deg) * random.normal();
+  real.rotation = (rotation_from_kuka_abc(turn.z(), turn.y(), turn.x()) * real.rotation).normalized();
+  return real;
+}
+
+/// Defects of the whole slab move its blocks up and down. `along` is the block's place along the slab, -1..1.
+double lifted_mm(const Defect& defect, bool left_row, double along) {
+  const double bent = defect.value * (1.0 - along * along);
+  if (defect.kind == DefectKind::warp_left) return left_row ? bent : 0.0;
+  if (defect.kind == DefectKind::warp_right) return left_row ? 0.0 : bent;
+  if (defect.kind == DefectKind::corner_level) return 0.25 * defect.value * (left_row ? -along : along);
+  return 0.0;
+}
+
 void plant(const Defect& defect, StationTruth& station, double& reported_above_mm) {
   BlockTruth& block = station.block;
   switch (defect.kind) {
@@ -76,6 +97,11 @@ void plant(const Defect& defect, StationTruth& station, double& reported_above_m
     case DefectKind::protrusion_outer: block.protrusion_outer_mm += defect.value; break;
     case DefectKind::casing_spacing: block.casing_spacing_mm += defect.value; break;
     case DefectKind::bump: block.bump_mm += defect.value; break;
+    case DefectKind::chip: block.chip_mm += defect.value; break;
+    case DefectKind::burr: block.burr_mm += defect.value; break;
+    case DefectKind::glove: block.glove_s_mm = defect.value; break;
+    case DefectKind::cable: block.cable_x_mm = defect.value; break;
+    case DefectKind::large_jaw: block.jaw_shift_mm += defect.value; break;
     case DefectKind::missing: block.present = false; break;
     case DefectKind::outliers: station.outlier_share = defect.value; break;
     case DefectKind::noise: station.noise_mm = defect.value; break;
@@ -83,6 +109,9 @@ void plant(const Defect& defect, StationTruth& station, double& reported_above_m
     case DefectKind::along: station.offset_slab_mm.x() += defect.value; break;
     case DefectKind::lateral: station.offset_slab_mm.y() += defect.value; break;
     case DefectKind::vertical: station.offset_slab_mm.z() += defect.value; break;
+    case DefectKind::corner_level:
+    case DefectKind::warp_left:
+    case DefectKind::warp_right: break;  // not one block's
   }
 }
 
@@ -112,8 +141,12 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
     for (int axis = 0; axis < 3; ++axis)
       station.offset_slab_mm[axis] = within(random, variation.casting * kScatterPlaceMm);
     double reported_above_mm = 0.0;
-    for (const Defect& defect : defects)
+    const double along =
+        T_slab_block(recipe, k).translation_mm.x() / T_slab_block(recipe, recipe.slab.pairs).translation_mm.x();
+    for (const Defect& defect : defects) {
       if (defect.station == k) plant(defect, station, reported_above_mm);
+      if (defect.station == 0) station.offset_slab_mm.z() += lifted_mm(defect, k <= recipe.slab.pairs, along);
+    }
 
     station.T_slab_block = T_slab_block(recipe, k);
     station.T_slab_block.translation_mm += station.offset_slab_mm;
@@ -125,7 +158,7 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
         cell.T_base_slab * T_slab_block(recipe, k) * nominal_T_block_scanner() * cell.T_flange_scanner.inverse();
     station.T_base_flange_reported = taught;
     station.T_base_flange_reported.translation_mm += cell.T_base_slab.rotation * Vec3(0.0, 0.0, reported_above_mm);
-    station.T_base_flange_real = robot_error(taught, variation);
+    station.T_base_flange_real = robot_repeats(robot_error(taught, variation), variation, k);
   }
   return slab;
 }
@@ -150,6 +183,39 @@ double true_value(const Recipe& recipe, const StationTruth& station, ItemId id) 
     case ItemId::casing_spacing: return block.casing_spacing_mm;
     case ItemId::casing_protrusion_inner: return block.protrusion_inner_mm;
     case ItemId::casing_protrusion_outer: return block.protrusion_outer_mm;
+    default: return kNoValue;
+  }
+}
+
+double true_slab_value(const Recipe& recipe, const SlabTruth& slab, ItemId id, int station) {
+  const int pairs = recipe.slab.pairs;
+  // A missing block has no place.
+  const auto seat = [&](int k) -> Vec3 {
+    return slab.at(k).block.present ? slab.at(k).T_slab_block.translation_mm : Vec3::Constant(kNoValue);
+  };
+  const auto outer_jaw = [&](int k) -> Vec3 {
+    const BlockTruth& block = slab.at(k).block;
+    if (!block.present) return Vec3::Constant(kNoValue);
+    const double s = block.jaw_shift_mm + 0.5 * block.jaw_distance_mm;
+    const double h = recipe.block.jaw_reference_height_mm.value;
+    const double c = std::cos(block.slope_rad);
+    const double n = std::sin(block.slope_rad);
+    return slab.at(k).T_slab_block * Vec3(0.0, s * c - h * n, s * n + h * c);
+  };
+  const auto warp = [&](int first, int last) {
+    const Vec3 a = seat(first);
+    const Vec3 b = seat(last);
+    const auto above_chord = [&](int k) {
+      return seat(k).z() - (a.z() + (seat(k).x() - a.x()) / (b.x() - a.x()) * (b.z() - a.z()));
+    };
+    return 0.5 * (above_chord((first + last) / 2) + above_chord((first + last + 1) / 2));
+  };
+  switch (id) {
+    case ItemId::seat_spacing: return std::abs(seat(station + 1).x() - seat(station).x());
+    case ItemId::large_jaw_distance: return (outer_jaw(station) - outer_jaw(opposite_station(recipe, station))).norm();
+    case ItemId::corner_level: return seat(1).z() - seat(pairs).z() + seat(pairs + 1).z() - seat(2 * pairs).z();
+    case ItemId::warp_left: return warp(1, pairs);
+    case ItemId::warp_right: return warp(pairs + 1, 2 * pairs);
     default: return kNoValue;
   }
 }

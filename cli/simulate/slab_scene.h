@@ -20,7 +20,10 @@ struct SlabVariation {
   double casting = 1.0;         ///< scatter of the blocks' dimensions, times kCastingScatter*; 0 = as drawn
   double placement_mm = 2.5;    ///< slab in the cell, X and Y; Z half of it
   double placement_deg = 0.06;  ///< about Z; about X and Y a third of it
-  double robot_mm = 0.017;      ///< the flange's real position against the reported one
+  double robot_mm = 0.017;      ///< the flange's real position against the reported one, the same for every slab
+  // Repeatability: normally distributed per axis, new for every station of every slab.
+  double robot_sigma_mm = 0.0;
+  double robot_sigma_deg = 0.0;
 };
 
 struct StationTruth {
@@ -60,6 +63,11 @@ struct Cell {
 /// The true value of a block item in the item's unit, or of seat_lateral / seat_vertical as planted (before any slab
 /// fit shares it out); NaN for items the scene does not determine.
 [[nodiscard]] double true_value(const Recipe& recipe, const StationTruth& station, ItemId id);
+
+/// The true value of an item between seats or of the whole slab, from where the blocks really stand: seat_spacing
+/// (`station` and the next), large_jaw_distance (`station` and the one across), corner_level, warp_left, warp_right.
+/// None of them changes with the frame that the slab is put into. NaN for other items and missing blocks.
+[[nodiscard]] double true_slab_value(const Recipe& recipe, const SlabTruth& slab, ItemId id, int station = 0);
 
 /// Independent stream of random numbers for one purpose: the same (seed, a, b) always gives the same stream.
 [[nodiscard]] std::uint64_t derived_seed(std::uint64_t seed, std::uint64_t a, std::uint64_t b);

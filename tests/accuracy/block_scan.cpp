@@ -54,7 +54,8 @@ BlockBench::BlockBench(const Recipe& recipe) : recipe_(recipe), xyz_(3 * limits:
 bool BlockBench::measure(const Sight& sight, const simulate::ScannerTraits& traits, std::uint64_t seed,
                          const Pose& T_block_scanner_start) {
   inspector_.begin(1, Pose::identity(), T_block_scanner_start);
-  const auto surface = simulate::BlockSurface::make(recipe_, sight.station.block, sight.T_scanner_block);
+  const auto surface =
+      simulate::BlockSurface::make(recipe_, sight.station.block, sight.T_scanner_block, traits.projection);
   if (!surface) {
     trouble_ = surface.error().text.c_str();
     return false;

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "algo/algo.h"
+#include "cli/simulate/scan_drawing.h"
 #include "cli/simulate/slab_scene.h"
 
 /// One block drawn by the line emulator's geometry (which shares nothing with algo) and measured as the daemon

@@ -36,6 +36,17 @@ TEST(Defects, missing_takes_no_value) {
   expect_refused("missing=18:1", "missing=K");
 }
 
+TEST(Defects, of_the_whole_slab_name_no_block) {
+  const Result<Defect> defect = parse_defect("corner-level=1.25");
+  ASSERT_TRUE(defect);
+  EXPECT_EQ(defect.value().kind, DefectKind::corner_level);
+  EXPECT_EQ(defect.value().station, 0);
+  EXPECT_DOUBLE_EQ(defect.value().value, 1.25);
+  expect_refused("warp-left=3:1", "warp-left=MM");
+  expect_refused("warp-right=21", "-20..20");
+  expect_refused("large-jaw=0.9", "large-jaw=K:MM");
+}
+
 TEST(Defects, errors_name_option_form_and_range) {
   expect_refused("slop=4:36", "allowed slope");
   expect_refused("slope", "slope=K:N");
@@ -54,10 +65,28 @@ TEST(Defects, errors_name_option_form_and_range) {
 
 TEST(Defects, help_names_every_defect_with_its_range) {
   const std::string help = defect_help();
-  for (const char* name :
-       {"slope=K:N", "jaw-angle-inner=K:DEG", "jaw-angle-outer=K:DEG", "jaw-distance=K:MM", "protrusion-inner=K:MM",
-        "protrusion-outer=K:MM", "casing-spacing=K:MM", "bump=K:MM", "missing=K", "outliers=K:SHARE", "noise=K:MM",
-        "robot=K:MM", "lateral=K:MM", "vertical=K:MM"})
+  for (const char* name : {"slope=K:N",
+                           "jaw-angle-inner=K:DEG",
+                           "jaw-angle-outer=K:DEG",
+                           "jaw-distance=K:MM",
+                           "protrusion-inner=K:MM",
+                           "protrusion-outer=K:MM",
+                           "casing-spacing=K:MM",
+                           "bump=K:MM",
+                           "missing=K",
+                           "outliers=K:SHARE",
+                           "noise=K:MM",
+                           "robot=K:MM",
+                           "lateral=K:MM",
+                           "vertical=K:MM",
+                           "chip=K:MM",
+                           "burr=K:MM",
+                           "glove=K:MM",
+                           "cable=K:MM",
+                           "large-jaw=K:MM",
+                           "corner-level=MM",
+                           "warp-left=MM",
+                           "warp-right=MM"})
     EXPECT_NE(help.find(name), std::string::npos) << name;
 }
 

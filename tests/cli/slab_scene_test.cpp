@@ -67,6 +67,58 @@ TEST(SlabScene, robot_defect_moves_the_report_and_not_the_robot) {
   EXPECT_NEAR(off.dot(some_cell().T_base_slab.rotation * Vec3::UnitZ()), 1.0, 1e-9);
 }
 
+TEST(SlabScene, defects_of_the_slab_are_its_items_and_leave_the_others_alone) {
+  const Recipe recipe = cli::reference_recipe();
+  const auto slab = cast_slab(recipe, some_cell(), exact(),
+                              std::vector<Defect>{{DefectKind::corner_level, 0, 1.2},
+                                                  {DefectKind::warp_left, 0, 2.0},
+                                                  {DefectKind::warp_right, 0, -1.0},
+                                                  {DefectKind::along, 3, 0.7},
+                                                  {DefectKind::large_jaw, 6, 0.9}});
+  ASSERT_TRUE(slab);
+  const auto truth = [&](ItemId id, int k = 0) { return true_slab_value(recipe, slab.value(), id, k); };
+  EXPECT_NEAR(truth(ItemId::corner_level), 1.2, 1e-9);
+  EXPECT_NEAR(truth(ItemId::warp_left), 2.0, 1e-9);
+  EXPECT_NEAR(truth(ItemId::warp_right), -1.0, 1e-9);
+  EXPECT_NEAR(truth(ItemId::seat_spacing, 1), 630.0, 1e-9);
+  EXPECT_NEAR(truth(ItemId::seat_spacing, 2), 630.7, 1e-9);
+  EXPECT_NEAR(truth(ItemId::seat_spacing, 3), 629.3, 1e-9);
+  // Without the twist and the bend, which tilt the pair a little against each other, by exactly the planted 0.9 mm.
+  EXPECT_NEAR(truth(ItemId::large_jaw_distance, 6) - truth(ItemId::large_jaw_distance, 4), 0.9, 2e-3);
+  EXPECT_NEAR(truth(ItemId::large_jaw_distance, 4), 1895.38, 5e-3);
+  EXPECT_EQ(true_value(recipe, slab.value().at(6), ItemId::jaw_distance),
+            true_value(recipe, slab.value().at(5), ItemId::jaw_distance));
+  EXPECT_TRUE(std::isnan(truth(ItemId::seat_slope, 3)));
+}
+
+TEST(SlabScene, robot_repeatability_has_its_standard_deviation_and_is_new_for_every_slab) {
+  const Recipe recipe = cli::reference_recipe();
+  SlabVariation variation = exact();
+  variation.robot_sigma_mm = 0.017;
+  variation.robot_sigma_deg = 0.002;
+  double sum2_mm2 = 0.0;
+  double sum2_deg2 = 0.0;
+  Vec3 first = Vec3::Zero();
+  for (std::uint32_t slab_no = 1; slab_no <= 60; ++slab_no) {
+    variation.slab_no = slab_no;
+    const auto slab = cast_slab(recipe, some_cell(), variation, {});
+    ASSERT_TRUE(slab);
+    for (int k = 1; k <= 18; ++k) {
+      const StationTruth& truth = slab.value().at(k);
+      sum2_mm2 += (truth.T_base_flange_real.translation_mm - truth.T_base_flange_reported.translation_mm).squaredNorm();
+      const double turn =
+          deg_from_rad(angle_between_rad(truth.T_base_flange_real.rotation, truth.T_base_flange_reported.rotation));
+      sum2_deg2 += turn * turn;
+    }
+    const Vec3 at_one = slab.value().at(1).T_base_flange_real.translation_mm;
+    EXPECT_NE(at_one, first);
+    first = at_one;
+  }
+  // 3240 components: 1.24 % standard error.
+  EXPECT_NEAR(std::sqrt(sum2_mm2 / 3240.0), 0.017, 0.05 * 0.017);
+  EXPECT_NEAR(std::sqrt(sum2_deg2 / 3240.0), 0.002, 0.05 * 0.002);
+}
+
 TEST(SlabScene, good_casting_stays_well_inside_the_tolerances) {
   const Recipe recipe = cli::reference_recipe();
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "../daemon/station_line.h"
-#include "cli/simulate/block_scene.h"
+#include "cli/simulate/scan_drawing.h"
 #include "daemon/daemon.h"
 #include "daemon/worker.h"
 #include "hal/plc_map.h"

@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <functional>
 
-#include "cli/simulate/block_scene.h"
+#include "cli/simulate/scan_drawing.h"
 #include "daemon/loop.h"
 #include "hal/mock/mock.h"
 
