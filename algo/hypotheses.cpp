@@ -7,9 +7,6 @@
 namespace slabd::algo {
 namespace {
 
-/// Smallest inlier distance: noise-free data must not lose its points to rounding.
-constexpr double kThresholdFloor_mm = 1e-6;
-
 double quantile_of(std::span<double> values, double share) {
   const double position = share * static_cast<double>(values.size() - 1);
   const auto k = static_cast<std::ptrdiff_t>(std::floor(position));
@@ -38,6 +35,22 @@ bool plane_through(const Vec3& a, const Vec3& b, const Vec3& c, FlatPlane& plane
   plane.n = normal / length;
   plane.d = plane.n.dot(a);
   return true;
+}
+
+bool best_within(std::span<const Vec3> points, const PlaneSearch& search, double threshold, FlatPlane& best) {
+  const double t2 = threshold * threshold;
+  const auto score = [&](const FlatPlane& plane, double best_score) {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const double r = plane.distance(points[i]);
+      const double r2 = r * r;
+      sum += r2 < t2 ? r2 : t2;
+      // It cannot win any more.
+      if ((i & 255U) == 255U && sum >= best_score) break;
+    }
+    return sum;
+  };
+  return best_hypothesis(points, search, best, score);
 }
 
 void residuals_of(const PlaneSample& sample, const FlatPlane& plane, Residuals& residuals) {
@@ -77,14 +90,14 @@ double trusted_share(double contamination) {
   return std::clamp(1.0 - contamination, 0.05, 0.5);
 }
 
-bool find_threshold(const PlaneSample& sample, int hypotheses, double share, std::uint64_t seed, Residuals& scratch,
+bool find_threshold(const PlaneSample& sample, const PlaneSearch& search, double share, Residuals& scratch,
                     double& threshold) {
   const auto quantile_score = [&](const FlatPlane& candidate, double) {
     residuals_of(sample, candidate, scratch);
     return quantile_of(std::span(scratch).first(sample.size), share);
   };
   FlatPlane plane;
-  if (!best_hypothesis(sample.points, sample.size, hypotheses, seed, plane, quantile_score)) return false;
+  if (!best_hypothesis(sample.view(), search, plane, quantile_score)) return false;
   threshold = threshold_about(sample, plane, share, scratch);
   return true;
 }

@@ -13,6 +13,9 @@
 /// Planes through three points of a sample, and how they are compared: what both RANSAC fits have in common.
 namespace slabd::algo {
 
+/// Smallest inlier distance: noise-free data must not lose its points to rounding.
+inline constexpr double kThresholdFloor_mm = 1e-6;
+
 /// n.p = d, n of unit length.
 struct FlatPlane {
   Vec3 n = Vec3::Zero();
@@ -21,10 +24,18 @@ struct FlatPlane {
   [[nodiscard]] bool same_bits(const FlatPlane& other) const { return n == other.n && d == other.d; }
 };
 
+/// How hypotheses are drawn: K of them, the same ones for the same seed.
+struct PlaneSearch {
+  int hypotheses = 1;
+  std::uint64_t seed = 1;
+  Vec3 up = Vec3::UnitZ();
+};
+
 /// Points that stand for the whole set while hypotheses are compared.
 struct PlaneSample {
   std::array<Vec3, limits::kPlaneSampleMax> points;
   std::size_t size = 0;
+  [[nodiscard]] std::span<const Vec3> view() const { return {points.data(), size}; }
 };
 using Residuals = std::array<double, limits::kPlaneSampleMax>;
 
@@ -45,20 +56,21 @@ void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
 /// The plane through three points; false when they are equal, on a line or not finite.
 [[nodiscard]] bool plane_through(const Vec3& a, const Vec3& b, const Vec3& c, FlatPlane& plane);
 
-/// Runs `score(plane, best)` over K planes through three of `count` points (the same for the same seed) and keeps the
-/// smallest score. False when no three points make a plane.
-template <typename Points, typename Score>
-[[nodiscard]] bool best_hypothesis(const Points& points, std::size_t count, int hypotheses, std::uint64_t seed,
-                                   FlatPlane& best, const Score& score) {
-  Prng prng(seed);
+/// Runs `score(plane, best)` over K planes through three of the points and keeps the smallest score. False when no
+/// three points make a plane.
+template <typename Score>
+[[nodiscard]] bool best_hypothesis(std::span<const Vec3> points, const PlaneSearch& search, FlatPlane& best,
+                                   const Score& score) {
+  if (points.size() < 3) return false;
+  Prng prng(search.seed);
   double best_score = std::numeric_limits<double>::infinity();
   bool found = false;
   int drawn = 0;
   // Draws on a line or with a repeated point do not count, but they cannot go on for ever.
-  for (int attempt = 0; drawn < hypotheses && attempt < 8 * hypotheses + 64; ++attempt) {
-    const Vec3 a = points[prng.below(count)];
-    const Vec3 b = points[prng.below(count)];
-    const Vec3 c = points[prng.below(count)];
+  for (int attempt = 0; drawn < search.hypotheses && attempt < 8 * search.hypotheses + 64; ++attempt) {
+    const Vec3 a = points[prng.below(points.size())];
+    const Vec3 b = points[prng.below(points.size())];
+    const Vec3 c = points[prng.below(points.size())];
     FlatPlane plane;
     if (!plane_through(a, b, c, plane)) continue;
     ++drawn;
@@ -71,6 +83,10 @@ template <typename Points, typename Score>
   }
   return found;
 }
+
+/// The hypothesis of least squared error truncated at `threshold` (MSAC). False when no three points make a plane.
+[[nodiscard]] bool best_within(std::span<const Vec3> points, const PlaneSearch& search, double threshold,
+                               FlatPlane& best);
 
 /// Distances of the sample's points; infinite for points that are not finite.
 void residuals_of(const PlaneSample& sample, const FlatPlane& plane, Residuals& residuals);
@@ -86,7 +102,7 @@ void residuals_of(const PlaneSample& sample, const FlatPlane& plane, Residuals& 
 
 /// Inlier distance when none is given: about the hypothesis that the trusted share of the sample fits best. False when
 /// no three points make a plane.
-[[nodiscard]] bool find_threshold(const PlaneSample& sample, int hypotheses, double share, std::uint64_t seed,
+[[nodiscard]] bool find_threshold(const PlaneSample& sample, const PlaneSearch& search, double share,
                                   Residuals& scratch, double& threshold);
 
 }  // namespace slabd::algo

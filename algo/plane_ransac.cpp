@@ -13,15 +13,14 @@ PlaneFit fit_plane_ransac(std::span<const Vec3> points, const Vec3& up, const Pl
   PlaneFit fit;
   fit.points = points.size();
   if (points.size() < 3) return fit;
-  const int hypotheses = hypotheses_needed(settings.contamination, settings.confidence, 3);
   Prng prng(settings.seed);
+  const PlaneSearch search{hypotheses_needed(settings.contamination, settings.confidence, 3), prng.next(), up};
   double threshold = settings.threshold_mm;
   if (!(threshold > 0.0)) {
     PlaneSample sample;
     Residuals scratch;
     draw_sample(points, prng, sample);
-    if (!find_threshold(sample, hypotheses, trusted_share(settings.contamination), prng.next(), scratch, threshold))
-      return fit;
+    if (!find_threshold(sample, search, trusted_share(settings.contamination), scratch, threshold)) return fit;
   }
 
   const auto inliers_of = [&](const FlatPlane& plane) {
@@ -30,7 +29,7 @@ PlaneFit fit_plane_ransac(std::span<const Vec3> points, const Vec3& up, const Pl
     return inliers;
   };
   FlatPlane plane;
-  if (!best_hypothesis(points, points.size(), hypotheses, prng.next(), plane,
+  if (!best_hypothesis(points, search, plane,
                        [&](const FlatPlane& candidate, double) { return -static_cast<double>(inliers_of(candidate)); }))
     return fit;
   if (plane.n.dot(up) < 0.0) plane = {-plane.n, -plane.d};

@@ -123,10 +123,20 @@ TEST(PlaneLsq, RefusesWhatIsNoPlane) {
 TEST(PlaneRansac, FindsTheNoiseFreePlaneOfTableOneExactly) {
   const PlaneFit f = fit_plane(table_one(0.0), Vec3::UnitZ(), {.threshold_mm = 0.0, .seed = 5});
   ASSERT_TRUE(f.ok);
-  EXPECT_NEAR(abc(f).x(), 1.0, 1e-6);
-  EXPECT_NEAR(abc(f).y(), 2.0, 1e-6);
-  EXPECT_NEAR(abc(f).z(), 1.0, 1e-6);
+  EXPECT_NEAR(abc(f).x(), 1.0, 1e-9);
+  EXPECT_NEAR(abc(f).y(), 2.0, 1e-9);
+  EXPECT_NEAR(abc(f).z(), 1.0, 1e-9);
   EXPECT_GE(f.inliers, 2000U);
+}
+
+TEST(PlaneLsq, OfTheInliersOfTableOneHasTheReferenceDigits) {
+  std::vector<Vec3> points = table_one(0.01);
+  points.resize(2000);
+  const PlaneFit f = fit_plane_lsq(points, Vec3::UnitZ());
+  EXPECT_NEAR(abc(f).x(), 0.9995290355, 1e-10);
+  EXPECT_NEAR(abc(f).y(), 1.9998334468, 1e-10);
+  EXPECT_NEAR(abc(f).z(), 1.0002200430, 1e-10);
+  EXPECT_NEAR(rms(f), 0.009989513, 1e-9);
 }
 
 TEST(PlaneRansac, ReachesTheFixedPointOfTableOneFromEverySeed) {
@@ -135,9 +145,9 @@ TEST(PlaneRansac, ReachesTheFixedPointOfTableOneFromEverySeed) {
     const PlaneFit f = fit_plane(points, Vec3::UnitZ(), {.threshold_mm = 0.03, .seed = seed});
     ASSERT_TRUE(f.ok) << seed;
     EXPECT_EQ(f.inliers, 2000U);
-    EXPECT_NEAR(abc(f).x(), 0.9994872364, 1e-9);
-    EXPECT_NEAR(abc(f).y(), 1.9997927646, 1e-9);
-    EXPECT_NEAR(abc(f).z(), 1.0001436124, 1e-9);
+    EXPECT_NEAR(abc(f).x(), 0.9994872364, 1e-10);
+    EXPECT_NEAR(abc(f).y(), 1.9997927646, 1e-10);
+    EXPECT_NEAR(abc(f).z(), 1.0001436124, 1e-10);
   }
 }
 

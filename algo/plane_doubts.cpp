@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A second plane, a step, a patch that stands out: their points are not noise, and a threshold learnt from all points
+// may be wide enough to take them in. The fit then stands still on a plane that lies between or across the surfaces,
+// with a small standard error and a fair share of inliers. Two properties give such a plane away.
+//
+//   - Measured from the right one of its surfaces, the heights fall into two heaps with a gap between them. Heights of
+//     a single surface, bent or not, leave no gap: a bow thins out evenly and even a wave, which dwells at its crests,
+//     passes through all heights between. So: look for planes at ever finer thresholds and ask each for a gap.
+//   - Wide apart, each surface has its own fixed point. The points outside the winner's threshold then hold a plane
+//     about as good, and the winner is the winner by chance.
+#include "algo/plane_doubts.h"
+
+#include "algo/plane_fit.h"
+#include "algo/plane_lsq.h"
+
+namespace slabd::algo {
+namespace {
+
+constexpr int kPolishSteps = 5;
+/// The finest threshold tried is an eighth of the fit's: surfaces 24 noise widths apart still fit one wide zone.
+constexpr int kScales = 4;
+/// Bins per threshold of the histogram of heights; a threshold of three noise widths gives bins of one.
+constexpr int kBinsPerThreshold = 3;
+constexpr std::size_t kBinsMax = static_cast<std::size_t>(2 * kBinsPerThreshold) << (kScales - 1);
+/// A gap holds less than this share of what an even spread of the points over the heights would put there.
+constexpr double kGapShare = 0.3;
+/// ... and the heap beyond it is at least this share of the points on the near side; a bump of five per cent is
+/// for the flatness to find.
+constexpr double kHeapShare = 0.1;
+/// A rival holds at least this share of what the winner holds, and this share outside the winner's zone: a plane
+/// through three stray points may well run through the winner's.
+constexpr double kRivalShare = 0.8;
+constexpr double kRivalOwnShare = 0.2;
+constexpr double kWider = 1.25;
+constexpr double kMoveSigmas = 0.1;
+
+/// Refits within `threshold` until it hardly matters.
+void polish(std::span<const Vec3> points, const Vec3& up, double threshold, FlatPlane& plane) {
+  for (int i = 0; i < kPolishSteps; ++i) {
+    FlatPlane polished = plane;
+    Spread spread;
+    // The best plane of a set passes through points of it; near them the sums keep their digits.
+    const auto near = std::find_if(points.begin(), points.end(),
+                                   [&](const Vec3& p) { return std::abs(plane.distance(p)) <= threshold; });
+    if (near == points.end()) return;
+    PointMoments moments(*near);
+    if (!refit_within(points, points.size(), threshold, up, moments, polished, spread)) return;
+    plane = polished;
+  }
+}
+
+std::size_t count_within(std::span<const Vec3> points, const FlatPlane& plane, double threshold) {
+  std::size_t count = 0;
+  for (const Vec3& p : points) count += std::abs(plane.distance(p)) <= threshold ? 1U : 0U;
+  return count;
+}
+
+/// Heights on one side (`sign`) of `plane` in bins of threshold / kBinsPerThreshold, up to `reach`. Is there a gap
+/// with another heap beyond? `gap` is where.
+bool gap_on_side(std::span<const Vec3> points, const FlatPlane& plane, double sign, double threshold, double reach,
+                 double& gap) {
+  std::array<double, kBinsMax> bins{};
+  const double width = threshold / kBinsPerThreshold;
+  const std::size_t count = std::min(static_cast<std::size_t>(std::lround(reach / width)), kBinsMax);
+  double behind = 0.0;
+  for (const Vec3& p : points) {
+    const double h = sign * plane.distance(p) / width;
+    if (!(h < static_cast<double>(count)) || h < -static_cast<double>(count)) continue;
+    if (h < 0.0)
+      behind += 1.0;
+    else
+      bins[static_cast<std::size_t>(h)] += 1.0;
+  }
+  const auto begin = bins.begin();
+  const auto edge = begin + std::min(static_cast<std::ptrdiff_t>(count), std::ptrdiff_t{kBinsPerThreshold});
+  const auto end = begin + static_cast<std::ptrdiff_t>(count);
+  const auto peak = std::max_element(edge, end);
+  if (peak == end) return false;
+  const auto valley = std::min_element(edge, peak + 1);
+  double below = 0.0;
+  for (auto bin = begin; bin < valley; ++bin) below += *bin;
+  double beyond = 0.0;
+  for (auto bin = valley; bin < end; ++bin) beyond += *bin;
+  double between = below;
+  for (auto bin = valley; bin <= peak; ++bin) between += *bin;
+  // The counts scatter by their roots; the worst case of an empty bin is three.
+  const double at_most = *valley + 3.0 * std::sqrt(*valley) + 3.0;
+  const double even = between / static_cast<double>(peak - begin + 1);
+  gap = width * (static_cast<double>(valley - begin) + 0.5);
+  return at_most<kGapShare * even&& * peak> 2.0 * at_most && beyond >= kHeapShare * (behind + below);
+}
+
+}  // namespace
+
+bool find_level(std::span<const Vec3> points, const PlaneSearch& search, double reach, Residuals& scratch,
+                FlatPlane& level, double& threshold) {
+  for (int scale = 0; scale < kScales; ++scale) {
+    const double t = reach / static_cast<double>(1 << scale);
+    FlatPlane plane;
+    if (!best_within(points, search, t, plane)) return false;
+    polish(points, search.up, t, plane);
+    double above = 2.0 * reach;
+    double under = 2.0 * reach;
+    double gap = 0.0;
+    bool found = false;
+    for (const double sign : {1.0, -1.0}) {
+      if (!gap_on_side(points, plane, sign, t, 2.0 * reach, gap)) continue;
+      (sign > 0.0 ? above : under) = gap;
+      found = true;
+    }
+    if (!found) continue;
+    // What lies on this side of the gap says how noisy the level is.
+    std::size_t near = 0;
+    for (const Vec3& p : points) {
+      const double h = plane.distance(p);
+      if (h < above && h > -under) scratch[near++] = std::abs(h);
+    }
+    level = plane;
+    threshold = std::fmax(3.0 * robust_sigma(std::span(scratch).first(near), 0.5), kThresholdFloor_mm);
+    polish(points, search.up, threshold, level);
+    return true;
+  }
+  return false;
+}
+
+bool has_rival(PlaneSample& sample, const PlaneSearch& search, const FlatPlane& plane, double threshold) {
+  const auto begin = sample.points.begin();
+  const auto end = begin + static_cast<std::ptrdiff_t>(sample.size);
+  const auto outside = std::partition(
+      begin, end, [&](const Vec3& p) { return !p.allFinite() || std::abs(plane.distance(p)) <= threshold; });
+  const std::span<const Vec3> rest(outside, end);
+  const double own = static_cast<double>(count_within(sample.view(), plane, threshold));
+  FlatPlane rival;
+  if (static_cast<double>(rest.size()) < kRivalOwnShare * own) return false;
+  if (!best_within(rest, search, threshold, rival)) return false;
+  polish(rest, search.up, threshold, rival);
+  return static_cast<double>(count_within(rest, rival, threshold)) >= kRivalOwnShare * own &&
+         static_cast<double>(count_within(sample.view(), rival, threshold)) >= kRivalShare * own;
+}
+
+bool bends_with_threshold(std::span<const Vec3> points, const FlatPlane& plane, double threshold) {
+  FlatPlane narrow = plane;
+  polish(points, plane.n, threshold, narrow);
+  FlatPlane wide = plane;
+  polish(points, plane.n, kWider * threshold, wide);
+  ScalarMoments moves(0.0);
+  ScalarMoments squares(0.0);
+  for (const Vec3& p : points) {
+    const double h = narrow.distance(p);
+    if (!(std::abs(h) <= threshold)) continue;
+    const double move = wide.distance(p) - h;
+    moves.add(move * move);
+    squares.add(h * h);
+  }
+  moves.close_block();
+  squares.close_block();
+  if (moves.count() < 4) return false;
+  // A handful of points moves its plane by chance.
+  const double limit = kMoveSigmas + 2.0 / std::sqrt(static_cast<double>(moves.count()));
+  const double noise = std::fmax(std::sqrt(squares.mean()), kThresholdFloor_mm);
+  return std::sqrt(moves.mean()) > limit * noise;
+}
+
+}  // namespace slabd::algo
