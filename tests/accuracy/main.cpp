@@ -23,7 +23,13 @@ struct Study {
 };
 
 constexpr std::array kStudies = {
+    Study{"plane", plane_study, "the paper's Table 1: least squares, classical and improved RANSAC"},
+    Study{"basin", basin_study, "registration from random starts: basin of convergence"},
+    Study{"repeat", repeat_study, "ten scans of one block: spread of std and flatness"},
     Study{"block", block_study, "full-size scans of varied blocks: error of every item, coverage of U"},
+    Study{"perspective", perspective_study, "the same with rays from one centre"},
+    Study{"correlated", correlated_study, "the same with noise correlated over 1 mm: does U still cover?"},
+    Study{"slab", slab_study, "whole slabs with robot repeatability: slab items, planted defects"},
 };
 
 const Study* find(const std::string& name) {

@@ -29,5 +29,18 @@ struct StudyOptions {
 
 /// Full-size scans of one block of varied geometry: errors of every item, and whether U covers them.
 [[nodiscard]] bool block_study(const StudyOptions& options, Table& table);
+/// The same with rays from one centre: hidden end faces, shadows, points closer together where the block is closer.
+[[nodiscard]] bool perspective_study(const StudyOptions& options, Table& table);
+/// The same with noise that hangs together over 1 mm: does the stated U still cover?
+[[nodiscard]] bool correlated_study(const StudyOptions& options, Table& table);
+/// Ten scans of one block, several times over: how far do std and flatness of the ten lie apart?
+[[nodiscard]] bool repeat_study(const StudyOptions& options, Table& table);
+/// Whole slabs of 18 full-size scans with robot repeatability and perfect calibration: slab items against the truth,
+/// coverage of U; then slabs with one planted defect each: found, at the right seat, neighbours untouched?
+[[nodiscard]] bool slab_study(const StudyOptions& options, Table& table);
+/// Registration from random starts: how far off may the robot be, and is a wrong pose ever called converged?
+[[nodiscard]] bool basin_study(const StudyOptions& options, Table& table);
+/// The set-up of the paper's Table 1: a, b, c of z = ax + by + c from least squares, classical and improved RANSAC.
+[[nodiscard]] bool plane_study(const StudyOptions& options, Table& table);
 
 }  // namespace slabd::accuracy
