@@ -7,7 +7,9 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
+#include <string_view>
 
 #include "base/base.h"
 #include "base/jobs.h"
@@ -121,14 +123,48 @@ struct LcmSettings {
 
 enum class LengthUnit : std::uint8_t { mm, m, um };
 
-/// Reads a scan file into `xyz` (3 floats a point), converted to mm. Binary PLY, either byte order, float or double,
-/// other properties skipped. A point that is not finite in x, y and z becomes NaN in all three. The file must be a
-/// regular one (links are not followed) and exactly as long as its header says; only elements with lists after the
-/// vertices, whose length the header cannot tell, may make it longer. frame_incomplete: the text names file and byte or
-/// header line, and what was expected; too_few_points: no points declared. No heap; 256 kB of stack.
+/// How a scan is written. Read is more: see `read_scan`.
+enum class ScanFormat : std::uint8_t {
+  ply,             ///< binary, little-endian
+  ply_ascii,       ///< text
+  ply_be,          ///< binary, big-endian
+  pcd,             ///< PCD 0.7, DATA binary
+  pcd_ascii,       ///< DATA ascii
+  pcd_compressed,  ///< DATA binary_compressed
+  xyz,             ///< lines of "x y z"; cannot say that a scan is organised
+  csv,             ///< as xyz, with commas below a line "x,y,z"
+};
+inline constexpr std::array kScanFormats = {ScanFormat::ply, ScanFormat::ply_ascii, ScanFormat::ply_be,
+                                            ScanFormat::pcd, ScanFormat::pcd_ascii, ScanFormat::pcd_compressed,
+                                            ScanFormat::xyz, ScanFormat::csv};
+/// "ply-ascii"; the extension with which the format is read back, without a dot: "ply".
+[[nodiscard]] std::string_view name(ScanFormat format);
+[[nodiscard]] std::string_view extension(ScanFormat format);
+/// By its name, or by a path's extension (the first of the list above that has it; .asc and .txt are xyz).
+[[nodiscard]] std::optional<ScanFormat> scan_format_named(std::string_view name);
+[[nodiscard]] std::optional<ScanFormat> scan_format_of(std::string_view path);
+
+/// Reads a scan file into `xyz` (3 floats a point), converted to mm, in the frame the file has: the scanner's. The
+/// extension, in any case, says what it is:
+///   .ply                  ascii, binary little- or big-endian 1.0; x, y, z float or double; other properties and
+///                         elements, also with lists, are stepped over; `comment organized width W height H`
+///   .pcd                  0.6 and 0.7, ascii, binary, binary_compressed; x, y, z of 4 or 8 bytes; other fields are
+///                         stepped over; organised when HEIGHT > 1; VIEWPOINT is not applied
+///   .xyz .asc .txt .csv   lines of numbers between blanks, tabs, commas or semicolons, `#` and `//` comments, perhaps
+///                         a first line of column names; missing values are missing points
+/// The unit is `unit`; a file whose comments say another one is refused. A point that is not finite in x, y and z
+/// becomes NaN in all three. The file must be a regular one (links are not followed) and end where its header says.
+/// Counts are compared with the file's size and with `xyz` before a point is read; lines of a table, which announces
+/// nothing, are counted as they come. frame_incomplete: the text names file and byte, or line and column, and what was
+/// expected; too_few_points: no points at all. After an error `xyz` holds nothing of use. No heap; 400 kB of stack.
 [[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz);
 
-/// Writes a binary little-endian PLY (used by the emulator and tests). width * height > 0 adds the organised comment.
+/// Writes a scan (for the emulator and tests) of float32 points, text with as many digits as bring the same bits back.
+/// width * height > 0: organised, as far as the format can say so. config: the shape does not fit; store_full,
+/// internal: nothing is left of the file. Uses the heap.
+[[nodiscard]] Status write_scan(const char* path, ScanFormat format, std::span<const float> xyz, std::size_t width,
+                                std::size_t height);
+/// The same as binary little-endian PLY, without the heap.
 [[nodiscard]] Status write_ply(const char* path, std::span<const float> xyz, std::size_t width, std::size_t height);
 
 class ScannerPort {

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <cctype>
 #include <optional>
 
 #include "hal/drop_folders.h"
@@ -15,6 +14,7 @@
 #include "hal/quiet_watch.h"
 #include "hal/scan_file.h"
 #include "hal/spool.h"
+#include "hal/text_lines.h"
 
 // Problem: every scan looks like every other, and a scan taken for another station passes a slab that nobody
 // measured. Idea: a scan counts only when it names the request it answers (`<session>-<seq>.<ext>`), or, for software
@@ -26,9 +26,9 @@ namespace slabd::hal {
 namespace {
 
 constexpr std::int64_t kPollNs = 20 * kNsPerMs;
-/// A file under a name of its own is finished when nobody has touched it this long (any_name) ...
+/// A file is finished when nobody has touched it this long, unless it accounts for its own bytes ...
 constexpr std::int64_t kFinishedNs = 500 * kNsPerMs;
-/// ... and is a stray when it still has no name that means anything after this long.
+/// ... and a stray when it still has no name that means anything after this long.
 constexpr std::int64_t kStrayNs = 5 * kNsPerS;
 
 void wait_for_next_look() {
@@ -45,26 +45,12 @@ bool is_request_stem(std::string_view stem) {
   return dash != std::string_view::npos && digits(stem.substr(0, dash)) && digits(stem.substr(dash + 1));
 }
 
-std::string_view extension_of(std::string_view name) {
-  const std::size_t dot = name.rfind('.');
-  return dot == std::string_view::npos ? std::string_view{} : name.substr(dot + 1);
-}
-
-FixedString<16> lower_case(std::string_view text) {
-  FixedString<16> lower;
-  for (const char c : text) {
-    const char l = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-    lower.append({&l, 1});
-  }
-  return lower;
-}
-
 /// Extensions that scanner software gives a finished scan. All are answers, also those that the reader then refuses by
 /// name; anything else (7-3.part, 7-3.tmp) may be a scan still being written.
 bool is_scan_extension(std::string_view extension) {
-  constexpr std::array<std::string_view, 10> kKnown = {"ply", "pcd", "xyz", "asc", "txt",
-                                                       "csv", "e57", "stl", "obj", "las"};
-  return std::find(kKnown.begin(), kKnown.end(), lower_case(extension).view()) != kKnown.end();
+  constexpr std::array<std::string_view, 6> kNotRead = {"e57", "stl", "obj", "las", "laz", "pts"};
+  return scan_family(extension) ||
+         std::find(kNotRead.begin(), kNotRead.end(), lower_case(extension).view()) != kNotRead.end();
 }
 
 /// The part of a finished scan's name before its extension; empty for every other name.
@@ -206,10 +192,24 @@ class ScanDrop final : public ScannerPort {
   Result<std::optional<Answer>> find_named(std::string_view stem) {
     if (Status status = tidy(stem); !status) return status.error();
     for (const QuietWatch::Watched& watched : watch_.watched())
-      if (stem_of(watched.entry.name.view()) == stem)
+      if (stem_of(watched.entry.name.view()) == stem && is_finished(watched))
         return std::optional<Answer>(Answer{watched.entry, watched.since_ns});
     return std::optional<Answer>();
   }
+
+  /// A name promises that the file is whole, and a binary header proves it. A table of text proves nothing (cut after
+  /// any line it is a smaller scan), so nobody may have touched it for half a second; nor may a file that is still
+  /// shorter than its header says be refused while it grows.
+  bool is_finished(const QuietWatch::Watched& watched) const {
+    if (!watched.entry.regular || is_quiet(watched)) return true;
+    const char* name = watched.entry.name.c_str();
+    const Result<int> opened = open_scan(folders_.inbox_fd(), name, name);
+    if (!opened) return true;  // taking it will say why
+    const Fd fd(opened.value());
+    return is_complete_scan(fd.get(), name, settings_.unit);
+  }
+
+  bool is_quiet(const QuietWatch::Watched& watched) const { return clock_.mono_ns() - watched.since_ns >= kFinishedNs; }
 
   /// any_name: exactly one entry, a regular file, untouched for half a second.
   Result<std::optional<Answer>> find_only_file() {
@@ -224,7 +224,7 @@ class ScanDrop final : public ScannerPort {
       return several;
     }
     const QuietWatch::Watched& only = watch_.watched()[0];
-    if (clock_.mono_ns() - only.since_ns < kFinishedNs) return std::optional<Answer>();
+    if (!is_quiet(only)) return std::optional<Answer>();
     return std::optional<Answer>(Answer{only.entry, only.since_ns});
   }
 

@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/pcd_points.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstring>
+
+#include "hal/declared_unit.h"
+#include "hal/lzf.h"
+#include "hal/pcd_header.h"
+#include "hal/scan_points.h"
+#include "hal/text_lines.h"
+
+// Problem: three bodies under one header; the compressed one is turned round (all x, then all y, then all z) and its
+// size is no measure of what it decodes to. Idea: decode it as a stream and fill the caller's points one coordinate at
+// a time. Binary numbers are little-endian: the format does not say, its writers are.
+namespace slabd::hal {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "PCD's numbers are taken as they are");
+
+double load_coordinate(const char* from, bool is_double) {
+  if (is_double) {
+    double value = 0.0;
+    std::memcpy(&value, from, sizeof value);
+    return value;
+  }
+  float value = 0.0F;
+  std::memcpy(&value, from, sizeof value);
+  return double{value};
+}
+
+/// One file on its way into `xyz`.
+class PcdBody {
+ public:
+  PcdBody(ScanWindow& window, const PcdLayout& layout, LengthUnit unit, std::span<float> xyz)
+      : window_(window), layout_(layout), mm_(mm_per(unit)), xyz_(xyz.first(3 * layout.points)) {}
+
+  Status read() {
+    switch (layout_.data) {
+      case PcdData::ascii: return read_ascii();
+      case PcdData::binary: return read_binary();
+      case PcdData::binary_compressed: return read_compressed();
+    }
+    return success();
+  }
+
+ private:
+  Status read_ascii() {
+    TextLines lines(window_, layout_.header_lines);
+    float* out = xyz_.data();
+    std::uint64_t points = 0;
+    for (std::string_view line; lines.next(line);) {
+      if (trimmed(line).empty()) continue;
+      if (points == layout_.points)
+        return lines.refuse("\"%s\": more points than the %llu of the header", shown(line).c_str(),
+                            static_cast<unsigned long long>(layout_.points));
+      if (Status status = read_row(lines, line, out); !status) return status;
+      ++points;
+      out += 3;
+    }
+    if (!lines.status() || points == layout_.points) return lines.status();
+    return lines.refuse("the file ends here, after %llu of %llu points", static_cast<unsigned long long>(points),
+                        static_cast<unsigned long long>(layout_.points));
+  }
+
+  Status read_row(const TextLines& lines, std::string_view line, float* out) const {
+    std::string_view rest = line;
+    for (std::size_t column = 0; column < layout_.values; ++column) {
+      const std::string_view word = take_word(rest);
+      if (word.empty())
+        return lines.refuse("%zu values, the header declares %zu for each point", column, layout_.values);
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        if (layout_.xyz[axis].column != column) continue;
+        double value = 0.0;
+        if (!parse_number(word, value)) return lines.not_a_number(line, word);
+        out[axis] = coordinate_mm(value, mm_);
+      }
+    }
+    if (const std::string_view more = take_word(rest); !more.empty())
+      return lines.refuse("\"%s\": more values than the %zu that the header declares", shown(more).c_str(),
+                          layout_.values);
+    return success();
+  }
+
+  Status read_binary() {
+    const std::size_t piece_points = limits::kScanReadBytes / layout_.stride;
+    float* out = xyz_.data();
+    for (std::uint64_t left = layout_.points; left > 0;) {
+      const std::size_t points = std::min<std::uint64_t>(left, piece_points);
+      if (!window_.have(points * layout_.stride)) return window_.failure();
+      const char* point = window_.view().data();
+      for (std::size_t i = 0; i < points; ++i, point += layout_.stride)
+        for (const PcdLayout::Coordinate& at : layout_.xyz)
+          *out++ = coordinate_mm(load_coordinate(point + at.offset, at.is_double), mm_);
+      window_.consume(points * layout_.stride);
+      left -= points;
+    }
+    return success();
+  }
+
+  Status read_compressed() {
+    const std::uint64_t decoded_bytes = layout_.points * layout_.stride;
+    if (Status status = check_lengths(decoded_bytes); !status) return status;
+    LzfReader decoded(window_, decoded_bytes);
+    std::array<std::size_t, 3> axes = {0, 1, 2};  // in the order of their planes
+    std::sort(axes.begin(), axes.end(),
+              [this](std::size_t a, std::size_t b) { return layout_.xyz[a].offset < layout_.xyz[b].offset; });
+    std::uint64_t position = 0;
+    for (const std::size_t axis : axes) {
+      const std::uint64_t plane = layout_.xyz[axis].offset * layout_.points;
+      if (Status status = decoded.skip(plane - position); !status) return status;
+      if (Status status = read_plane(decoded, axis); !status) return status;
+      position = plane + layout_.points * value_bytes(axis);
+    }
+    if (Status status = decoded.skip(decoded_bytes - position); !status) return status;
+    return decoded.finish();
+  }
+
+  [[nodiscard]] std::size_t value_bytes(std::size_t axis) const { return layout_.xyz[axis].is_double ? 8 : 4; }
+
+  Status read_plane(LzfReader& decoded, std::size_t axis) {
+    constexpr std::size_t kPieceValues = 1'024;
+    std::array<char, kPieceValues * sizeof(double)> piece;
+    const std::size_t bytes = value_bytes(axis);
+    float* out = xyz_.data() + axis;
+    for (std::uint64_t left = layout_.points; left > 0;) {
+      const std::size_t values = std::min<std::uint64_t>(left, kPieceValues);
+      if (Status status = decoded.read(piece.data(), values * bytes); !status) return status;
+      for (std::size_t i = 0; i < values; ++i, out += 3)
+        *out = coordinate_mm(load_coordinate(&piece[i * bytes], layout_.xyz[axis].is_double), mm_);
+      left -= values;
+    }
+    return success();
+  }
+
+  /// Both lengths in front of the compressed data must be what file and header say.
+  Status check_lengths(std::uint64_t decoded_bytes) {
+    std::array<std::uint32_t, 2> lengths{};
+    static_assert(sizeof lengths == kPcdCompressedPrefixBytes);
+    const auto at = static_cast<unsigned long long>(window_.offset());
+    if (!window_.read(lengths.data(), sizeof lengths)) return window_.failure();
+    if (lengths[0] != window_.left())
+      return error(Code::frame_incomplete, "%s: byte %llu: %u bytes of compressed data, the file has %llu",
+                   window_.name(), at, lengths[0], static_cast<unsigned long long>(window_.left()));
+    if (lengths[1] != decoded_bytes)
+      return error(Code::frame_incomplete, "%s: byte %llu: data of %u bytes, the header's points need %llu",
+                   window_.name(), at + 4, lengths[1], static_cast<unsigned long long>(decoded_bytes));
+    return success();
+  }
+
+  ScanWindow& window_;
+  const PcdLayout& layout_;
+  double mm_;
+  std::span<float> xyz_;
+};
+
+/// The header, with its bytes consumed.
+Result<PcdLayout> read_header(ScanWindow& window, LengthUnit unit) {
+  static_cast<void>(window.have(limits::kScanHeaderBytesMax));  // a shorter file is all header
+  if (window.broken()) return window.failure();
+  Result<PcdLayout> layout =
+      parse_pcd_header(window.view().substr(0, limits::kScanHeaderBytesMax), window.name(), unit);
+  if (layout) window.consume(layout.value().header_bytes);
+  return layout;
+}
+
+}  // namespace
+
+Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<float> xyz) {
+  const Result<PcdLayout> header = read_header(window, unit);
+  if (!header) return header.error();
+  const PcdLayout& layout = header.value();
+  const std::uint64_t file_bytes = window.file_bytes();
+  if (file_bytes < layout.bytes_min || (layout.bytes_exact && file_bytes > layout.bytes_min))
+    return error(Code::frame_incomplete, "%s: byte %llu: the file ends here, its header asks for %s%llu bytes",
+                 window.name(), static_cast<unsigned long long>(file_bytes), layout.bytes_exact ? "" : "at least ",
+                 static_cast<unsigned long long>(layout.bytes_min));
+  if (layout.points > xyz.size() / 3)
+    return error(Code::frame_incomplete, "%s: %llu points, allowed are at most %zu", window.name(),
+                 static_cast<unsigned long long>(layout.points), xyz.size() / 3);
+  if (Status status = PcdBody(window, layout, unit, xyz).read(); !status) return status.error();
+  return ScanShape{layout.points, settle_points(xyz.first(3 * layout.points)), layout.width, layout.height};
+}
+
+bool is_complete_pcd(ScanWindow& window, LengthUnit unit) {
+  const Result<PcdLayout> header = read_header(window, unit);
+  if (!header) return false;
+  const PcdLayout& layout = header.value();
+  if (layout.data == PcdData::binary) return layout.bytes_min == window.file_bytes();
+  std::uint32_t compressed_bytes = 0;
+  return layout.data == PcdData::binary_compressed && window.read(&compressed_bytes, sizeof compressed_bytes) &&
+         window.left() >= sizeof(std::uint32_t) && window.left() - sizeof(std::uint32_t) == compressed_bytes;
+}
+
+}  // namespace slabd::hal

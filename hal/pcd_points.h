@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <span>
+
+#include "hal/hal.h"
+#include "hal/scan_window.h"
+
+namespace slabd::hal {
+
+/// Reads the PCD file in `window` (nothing of it consumed yet) as `read_scan` promises: ascii, binary and
+/// binary_compressed (decoded through a fixed window, whatever the data grow to). No heap.
+[[nodiscard]] Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<float> xyz);
+
+/// Whether the file in `window` has a binary header that accounts for exactly its bytes: it is complete, nobody is
+/// still writing it. False also for everything that cannot tell (ascii, not a PCD).
+[[nodiscard]] bool is_complete_pcd(ScanWindow& window, LengthUnit unit);
+
+}  // namespace slabd::hal

@@ -1,0 +1,270 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/ply_points.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cassert>
+#include <cstring>
+
+#include "hal/declared_unit.h"
+#include "hal/ply_header.h"
+#include "hal/scan_points.h"
+#include "hal/text_lines.h"
+
+// Problem: five million vertices in one of several layouts, between elements nobody asked for. Idea: walk the
+// elements in the order of the file; vertices of one length are decoded by place, whatever has lists item by item, text
+// line by line; everything else is stepped over. Invariant: the walk ends exactly where the file ends, so a header that
+// lies about any element is found out.
+namespace slabd::hal {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "the direct read takes the file's bytes as floats");
+
+std::uint64_t load_integer(const char* from, std::size_t bytes, bool big_endian) {
+  std::uint64_t value = 0;
+  for (std::size_t i = 0; i < bytes; ++i) {
+    const std::size_t place = big_endian ? bytes - 1 - i : i;
+    value |= std::uint64_t{static_cast<unsigned char>(from[i])} << (8 * place);
+  }
+  return value;
+}
+
+double load_coordinate(const char* from, bool is_double, bool big_endian) {
+  if (is_double) {
+    std::uint64_t bits = 0;
+    std::memcpy(&bits, from, sizeof bits);
+    return std::bit_cast<double>(big_endian ? __builtin_bswap64(bits) : bits);
+  }
+  std::uint32_t bits = 0;
+  std::memcpy(&bits, from, sizeof bits);
+  return double{std::bit_cast<float>(big_endian ? __builtin_bswap32(bits) : bits)};
+}
+
+/// One file on its way into `xyz`.
+class PlyBody {
+ public:
+  PlyBody(ScanWindow& window, const PlyLayout& layout, LengthUnit unit, std::span<float> xyz)
+      : window_(window), layout_(layout), mm_(mm_per(unit)), xyz_(xyz.first(3 * layout.vertices)) {}
+
+  Status read_binary() {
+    for (const PlyElement& element : layout_.elements) {
+      if (Status status = read_element(element); !status) return status;
+    }
+    if (window_.left() == 0) return success();
+    return error(Code::frame_incomplete, "%s: byte %llu: the file goes on for %llu bytes after its last element",
+                 window_.name(), static_cast<unsigned long long>(window_.offset()),
+                 static_cast<unsigned long long>(window_.left()));
+  }
+
+  Status read_ascii() {
+    TextLines lines(window_, layout_.header_lines);
+    for (const PlyElement& element : layout_.elements) {
+      if (Status status = read_lines(lines, element); !status) return status;
+    }
+    for (std::string_view line; lines.next(line);)
+      if (!trimmed(line).empty())
+        return lines.refuse("\"%s\": the file goes on after its last element", shown(line).c_str());
+    return lines.status();
+  }
+
+ private:
+  [[nodiscard]] bool big_endian() const { return layout_.encoding == PlyEncoding::big_endian; }
+
+  // ---- binary
+
+  Status read_element(const PlyElement& element) {
+    if (element.has_list) return read_items(element);
+    if (!element.is_vertex) {
+      if (element.count * element.bytes > window_.left()) return window_.failure();
+      window_.skip(element.count * element.bytes);
+      return success();
+    }
+    return is_plain(element) ? read_plain() : read_strided(element);
+  }
+
+  /// float32 x y z of our byte order and nothing else: the file's bytes are the buffer's bytes.
+  [[nodiscard]] bool is_plain(const PlyElement& element) const {
+    const auto p = layout_.of(element);
+    return !big_endian() && element.bytes == 3 * sizeof(float) && p.size() == 3 && p[0].axis == 0 && p[1].axis == 1 &&
+           p[2].axis == 2;
+  }
+
+  Status read_plain() {
+    constexpr std::size_t kPieceFloats = limits::kScanReadBytes / sizeof(float);
+    for (std::size_t begin = 0; begin < xyz_.size(); begin += kPieceFloats) {
+      const std::span<float> piece = xyz_.subspan(begin, std::min(kPieceFloats, xyz_.size() - begin));
+      if (!window_.read(piece.data(), piece.size_bytes())) return window_.failure();
+      if (mm_ == 1.0) continue;
+      for (float& v : piece) v = coordinate_mm(double{v}, mm_);
+    }
+    return success();
+  }
+
+  struct Place {
+    std::size_t offset = 0;
+    bool is_double = false;
+  };
+
+  [[nodiscard]] std::array<Place, 3> places_in(const PlyElement& vertex) const {
+    std::array<Place, 3> places;
+    std::size_t offset = 0;
+    for (const PlyProperty& property : layout_.of(vertex)) {
+      if (property.axis >= 0) places[static_cast<std::size_t>(property.axis)] = {offset, property.is_double};
+      offset += property.bytes;
+    }
+    return places;
+  }
+
+  Status read_strided(const PlyElement& vertex) {
+    const std::array<Place, 3> places = places_in(vertex);
+    const std::size_t piece_points = limits::kScanReadBytes / vertex.bytes;
+    float* out = xyz_.data();
+    for (std::uint64_t left = vertex.count; left > 0;) {
+      const std::size_t points = std::min<std::uint64_t>(left, piece_points);
+      if (!window_.have(points * vertex.bytes)) return window_.failure();
+      const char* item = window_.view().data();
+      for (std::size_t i = 0; i < points; ++i, item += vertex.bytes)
+        for (const Place& place : places)
+          *out++ = coordinate_mm(load_coordinate(item + place.offset, place.is_double, big_endian()), mm_);
+      window_.consume(points * vertex.bytes);
+      left -= points;
+    }
+    return success();
+  }
+
+  /// Items with lists: each has its own length, which only its content tells.
+  Status read_items(const PlyElement& element) {
+    float* out = xyz_.data();
+    for (std::uint64_t i = 0; i < element.count; ++i) {
+      for (const PlyProperty& property : layout_.of(element)) {
+        Status status = property.count_bytes != 0 ? step_over_list(property, i) : read_scalar(property, out);
+        if (!status) return status;
+      }
+      if (element.is_vertex) out += 3;
+    }
+    return success();
+  }
+
+  Status read_scalar(const PlyProperty& property, float* out) {
+    if (!window_.have(property.bytes)) return window_.failure();
+    if (property.axis >= 0)
+      out[property.axis] = coordinate_mm(load_coordinate(window_.view().data(), property.is_double, big_endian()), mm_);
+    window_.consume(property.bytes);
+    return success();
+  }
+
+  Status step_over_list(const PlyProperty& property, std::uint64_t item) {
+    if (!window_.have(property.count_bytes)) return window_.failure();
+    const std::uint64_t count = load_integer(window_.view().data(), property.count_bytes, big_endian());
+    const std::uint64_t sign = property.count_signed ? std::uint64_t{1} << (8U * property.count_bytes - 1U) : 0;
+    window_.consume(property.count_bytes);
+    if ((count & sign) != 0 || count > window_.left() / property.bytes)
+      return error(Code::frame_incomplete, "%s: byte %llu: item %llu has a list of %s%llu values, %llu bytes are left",
+                   window_.name(), static_cast<unsigned long long>(window_.offset() - property.count_bytes),
+                   static_cast<unsigned long long>(item), (count & sign) != 0 ? "a negative number, " : "",
+                   static_cast<unsigned long long>(count), static_cast<unsigned long long>(window_.left()));
+    window_.skip(count * property.bytes);
+    return success();
+  }
+
+  // ---- ascii
+
+  Status read_lines(TextLines& lines, const PlyElement& element) {
+    if (element.properties == 0) return success();  // nothing to write a line about
+    if (!element.is_vertex) return step_over_lines(lines, element.count);
+    float* out = xyz_.data();
+    for (std::uint64_t i = 0; i < element.count; ++i, out += 3) {
+      std::string_view line;
+      do {
+        if (!lines.next(line)) return ended_early(lines, i, element.count);
+      } while (trimmed(line).empty());
+      if (Status status = read_row(lines, line, element, out); !status) return status;
+    }
+    return success();
+  }
+
+  static Status step_over_lines(TextLines& lines, std::uint64_t count) {
+    for (std::uint64_t i = 0; i < count; ++i)
+      if (!lines.skip()) return ended_early(lines, i, count);
+    return success();
+  }
+
+  static Status ended_early(const TextLines& lines, std::uint64_t have, std::uint64_t count) {
+    if (!lines.status()) return lines.status();
+    return lines.refuse("the file ends here, after %llu of %llu items", static_cast<unsigned long long>(have),
+                        static_cast<unsigned long long>(count));
+  }
+
+  Status read_row(const TextLines& lines, std::string_view line, const PlyElement& vertex, float* out) {
+    std::string_view rest = line;
+    for (const PlyProperty& property : layout_.of(vertex)) {
+      const std::string_view word = take_word(rest);
+      if (word.empty()) return too_few_values(lines);
+      if (property.axis >= 0) {
+        double value = 0.0;
+        if (!parse_number(word, value)) return lines.not_a_number(line, word);
+        out[property.axis] = coordinate_mm(value, mm_);
+      } else if (property.count_bytes != 0) {
+        std::uint64_t count = 0;
+        if (!parse_count(word, count)) return lines.not_a_number(line, word, "the length of a list");
+        for (; count > 0; --count)
+          if (take_word(rest).empty()) return too_few_values(lines);
+      }
+    }
+    if (const std::string_view more = take_word(rest); !more.empty())
+      return lines.refuse("\"%s\": more values than the header declares", shown(more).c_str());
+    return success();
+  }
+
+  static Status too_few_values(const TextLines& lines) { return lines.refuse("fewer values than the header declares"); }
+
+  ScanWindow& window_;
+  const PlyLayout& layout_;
+  double mm_;
+  std::span<float> xyz_;
+};
+
+Status check_size(const char* name, const PlyLayout& layout, std::uint64_t file_bytes) {
+  const bool too_short = file_bytes < layout.bytes_min;
+  const bool too_long = layout.bytes_exact && file_bytes > layout.bytes_min;
+  if (!too_short && !too_long) return success();
+  return error(Code::frame_incomplete, "%s: byte %llu: the file ends here, its header asks for %s%llu bytes", name,
+               static_cast<unsigned long long>(file_bytes), layout.bytes_exact ? "" : "at least ",
+               static_cast<unsigned long long>(layout.bytes_min));
+}
+
+/// The header, with its bytes consumed.
+Result<PlyLayout> read_header(ScanWindow& window, LengthUnit unit) {
+  static_cast<void>(window.have(limits::kScanHeaderBytesMax));  // a shorter file is all header
+  if (window.broken()) return window.failure();
+  Result<PlyLayout> layout =
+      parse_ply_header(window.view().substr(0, limits::kScanHeaderBytesMax), window.name(), unit);
+  if (layout) window.consume(layout.value().header_bytes);
+  return layout;
+}
+
+}  // namespace
+
+Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<float> xyz) {
+  const Result<PlyLayout> header = read_header(window, unit);
+  if (!header) return header.error();
+  const PlyLayout& layout = header.value();
+  if (Status status = check_size(window.name(), layout, window.file_bytes()); !status) return status.error();
+  if (layout.vertices > xyz.size() / 3)
+    return error(Code::frame_incomplete, "%s: %llu points, allowed are at most %zu", window.name(),
+                 static_cast<unsigned long long>(layout.vertices), xyz.size() / 3);
+
+  PlyBody body(window, layout, unit, xyz);
+  const Status status = layout.encoding == PlyEncoding::ascii ? body.read_ascii() : body.read_binary();
+  if (!status) return status.error();
+  const std::size_t finite = settle_points(xyz.first(3 * layout.vertices));
+  return ScanShape{layout.vertices, finite, layout.width, layout.height};
+}
+
+bool is_complete_ply(ScanWindow& window, LengthUnit unit) {
+  const Result<PlyLayout> layout = read_header(window, unit);
+  return layout && layout.value().bytes_exact && layout.value().bytes_min == window.file_bytes();
+}
+
+}  // namespace slabd::hal

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <string_view>
+
+#include "hal/hal.h"
+#include "hal/text_lines.h"
+
+/// Which separator a text scan uses and in which columns its x, y, z stand: decided by its first line that is not a
+/// comment, then the same for the whole file.
+namespace slabd::hal {
+
+enum class Separator : char { blanks = ' ', tab = '\t', comma = ',', semicolon = ';' };
+
+/// The strongest one on the line: semicolon, tab, comma, blanks. Blanks separate in runs, the others one by one.
+[[nodiscard]] Separator separator_of(std::string_view line);
+
+/// Splits off the next field, without blanks around it; an empty one is a value that is missing. False: the line is
+/// used up.
+class FieldReader {
+ public:
+  FieldReader(std::string_view line, Separator separator) : rest_(line), separator_(separator) {}
+  [[nodiscard]] bool next(std::string_view& field);
+
+ private:
+  std::string_view rest_;
+  Separator separator_;
+  bool used_up_ = false;
+};
+
+struct TextColumns {
+  std::array<std::size_t, 3> xyz = {0, 1, 2};  ///< columns, from 0
+  std::size_t needed = 3;                      ///< fields a line must have at least
+};
+
+/// A line of names: none of its fields is a number or begins like one. `columns`: where x, y, z are named (any case,
+/// quotes, a unit in brackets behind: `"X [mm]"`, x_mm); the first three when none of them is. frame_incomplete: only
+/// some are named, one is named twice, or a unit contradicts `unit`.
+[[nodiscard]] bool is_line_of_names(std::string_view line, Separator separator);
+[[nodiscard]] Status find_columns(const TextLines& lines, std::string_view line, Separator separator, LengthUnit unit,
+                                  TextColumns& columns);
+
+}  // namespace slabd::hal

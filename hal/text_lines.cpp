@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/text_lines.h"
+
+#include <fast_float/fast_float.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstdarg>
+#include <cstring>
+#include <limits>
+
+namespace slabd::hal {
+
+bool TextLines::next(std::string_view& line) {
+  window_.consume(handed_out_);
+  handed_out_ = 0;
+  if (!status_) return false;
+  for (std::size_t searched = 0;;) {
+    const std::string_view view = window_.view();
+    const std::size_t newline = view.find('\n', searched);
+    const bool found = newline != std::string_view::npos;
+    const std::size_t length = found ? newline : view.size();
+    if (length > kTextLineBytesMax) {
+      ++number_;
+      status_ = refuse("longer than %zu bytes", kTextLineBytesMax);
+      return false;
+    }
+    if (!found && window_.have(view.size() + 1)) {
+      searched = view.size();
+      continue;
+    }
+    if (window_.broken()) {
+      status_ = window_.failure();
+      return false;
+    }
+    if (!found && view.empty()) return false;
+    ++number_;
+    handed_out_ = found ? length + 1 : length;
+    line = view.substr(0, length);
+    if (line.ends_with('\r')) line.remove_suffix(1);
+    return true;
+  }
+}
+
+bool TextLines::skip() {
+  window_.consume(handed_out_);
+  handed_out_ = 0;
+  if (!status_) return false;
+  bool blank = true;
+  while (window_.have(1)) {
+    const std::string_view view = window_.view();
+    const std::size_t newline = view.find('\n');
+    const std::string_view line = view.substr(0, newline);
+    blank = blank && line.find_first_not_of(" \t\r") == std::string_view::npos;
+    window_.consume(newline == std::string_view::npos ? view.size() : newline + 1);
+    if (newline == std::string_view::npos) continue;
+    ++number_;
+    if (!blank) return true;
+  }
+  if (window_.broken()) status_ = window_.failure();
+  if (!status_ || blank) return false;
+  ++number_;  // the last line had no end
+  return true;
+}
+
+Error TextLines::refuse(const char* format, ...) const {
+  FixedString<limits::kErrorTextBytes> sentence;
+  std::array<char, limits::kErrorTextBytes> text{};
+  va_list args;
+  va_start(args, format);
+  std::vsnprintf(text.data(), text.size(), format, args);
+  va_end(args);
+  return error(Code::frame_incomplete, "%s: line %zu: %s", window_.name(), number_, text.data());
+}
+
+Error TextLines::not_a_number(std::string_view line, std::string_view word, const char* hint) const {
+  const auto column = static_cast<std::size_t>(word.data() - line.data()) + 1;
+  return error(Code::frame_incomplete, "%s: line %zu, column %zu: \"%s\" is not a number%s%s%s", window_.name(),
+               number_, column, shown(word).c_str(), hint == nullptr ? "" : " (", hint == nullptr ? "" : hint,
+               hint == nullptr ? "" : ")");
+}
+
+std::string_view trimmed(std::string_view text) {
+  const std::size_t begin = text.find_first_not_of(" \t");
+  if (begin == std::string_view::npos) return {text.data(), 0};
+  return text.substr(begin, text.find_last_not_of(" \t") - begin + 1);
+}
+
+FixedString<16> lower_case(std::string_view text) {
+  FixedString<16> lower;
+  for (const char c : text) {
+    const char l = c >= 'A' && c <= 'Z' ? static_cast<char>(c + ('a' - 'A')) : c;
+    lower.append({&l, 1});
+  }
+  return lower;
+}
+
+namespace {
+
+/// What the C runtime of older Windows programs prints for NaN and infinity: 1.#QNAN, -1.#IND0, 1.#INF.
+bool is_msvc_special(std::string_view word) {
+  if (word.starts_with('-')) word.remove_prefix(1);
+  return word.starts_with("1.#IND") || word.starts_with("1.#QNAN") || word.starts_with("1.#SNAN") ||
+         word.starts_with("1.#INF");
+}
+
+}  // namespace
+
+bool parse_number(std::string_view word, double& value) {
+  const char* begin = word.data();
+  const char* const end = begin + word.size();
+  if (begin != end && *begin == '+') {
+    ++begin;
+    if (begin != end && (*begin == '+' || *begin == '-')) return false;
+  }
+  double number = 0.0;
+  const fast_float::from_chars_result result = fast_float::from_chars(begin, end, number);
+  const bool beyond_double = result.ec == std::errc::result_out_of_range;
+  if ((result.ec == std::errc{} || beyond_double) && result.ptr == end && begin != end) {
+    value = number;
+    return true;
+  }
+  if (!is_msvc_special(word)) return false;
+  value = std::numeric_limits<double>::quiet_NaN();
+  return true;
+}
+
+bool parse_count(std::string_view word, std::uint64_t& value) {
+  std::uint64_t count = 0;
+  const auto [end, failed] = std::from_chars(word.data(), word.data() + word.size(), count);
+  if (failed != std::errc{} || end != word.data() + word.size() || count > kScanCountMax) return false;
+  value = count;
+  return true;
+}
+
+FixedString<63> shown(std::string_view text) {
+  constexpr std::size_t kShownMax = 60;
+  FixedString<63> out;
+  for (const char c : text.substr(0, kShownMax)) {
+    const bool printable = c >= ' ' && c <= '~';
+    const char visible = printable ? c : '?';
+    out.append({&visible, 1});
+  }
+  if (text.size() > kShownMax) out.append("...");
+  return out;
+}
+
+}  // namespace slabd::hal

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/text_points.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "hal/declared_unit.h"
+#include "hal/scan_points.h"
+#include "hal/text_columns.h"
+#include "hal/text_lines.h"
+
+// Problem: a table without a header says neither how many points it has nor how it is written, and a table read the
+// wrong way (a decimal comma taken for a separator, a column shifted) is a cloud nobody measured. Idea: the first line
+// decides, every other line must agree with it to the last column that is needed; in doubt refuse and say where.
+namespace slabd::hal {
+namespace {
+
+bool is_comment(std::string_view line) {
+  return line.starts_with('#') || line.starts_with("//");
+}
+
+class TextTable {
+ public:
+  TextTable(ScanWindow& window, LengthUnit unit, std::span<float> xyz)
+      : window_(window), lines_(window, 0), unit_(unit), mm_(mm_per(unit)), xyz_(xyz) {}
+
+  Result<ScanShape> read() {
+    step_over_byte_order_mark();
+    for (std::string_view line; lines_.next(line);) {
+      const std::string_view text = trimmed(line);
+      if (text.empty()) continue;
+      Status status = is_comment(text) ? comment(text) : row(line);
+      if (!status) return status.error();
+    }
+    if (!lines_.status()) return lines_.status().error();
+    if (points_ == 0) return error(Code::too_few_points, "%s: no points at all", window_.name());
+    return ScanShape{points_, settle_points(xyz_.first(3 * points_)), 0, 0};
+  }
+
+ private:
+  /// UTF-8's, which spreadsheets write in front.
+  void step_over_byte_order_mark() {
+    constexpr std::string_view kMark = "\xEF\xBB\xBF";
+    if (window_.have(kMark.size()) && window_.view().starts_with(kMark)) window_.consume(kMark.size());
+  }
+
+  Status comment(std::string_view text) const {
+    std::string_view found;
+    text.remove_prefix(std::min(text.find_first_not_of("#/"), text.size()));
+    if (comment_agrees(text, unit_, found)) return success();
+    return unit_contradicted(window_.name(), lines_.number(), found, unit_);
+  }
+
+  Status row(std::string_view line) {
+    if (!decided_) {
+      decided_ = true;
+      separator_ = separator_of(line);
+      if (is_line_of_names(line, separator_)) return find_columns(lines_, line, separator_, unit_, columns_);
+    }
+    if (3 * points_ + 3 > xyz_.size())
+      return lines_.refuse("more than %zu points, the most that are allowed", xyz_.size() / 3);
+    return point(line);
+  }
+
+  Status point(std::string_view line) {
+    FieldReader fields(line, separator_);
+    float* out = &xyz_[3 * points_];
+    for (std::size_t column = 0; column < columns_.needed; ++column) {
+      std::string_view field;
+      if (!fields.next(field))
+        return lines_.refuse("%zu columns, needed are %zu%s", column, columns_.needed,
+                             column == 1 ? " (separators: blanks, tab, comma or semicolon, one kind per file)" : "");
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        if (columns_.xyz[axis] != column) continue;
+        double value = std::numeric_limits<double>::quiet_NaN();
+        if (!field.empty() && !parse_number(field, value)) return lines_.not_a_number(line, field, hint_for(field));
+        out[axis] = coordinate_mm(value, mm_);
+      }
+    }
+    ++points_;
+    return success();
+  }
+
+  /// "1,5": a decimal comma when something else separates; "5 2": when commas do and blanks stand within a field.
+  [[nodiscard]] const char* hint_for(std::string_view field) const {
+    const bool comma_within = field.find(',') != std::string_view::npos;
+    const bool blank_within = separator_ == Separator::comma && field.find_first_of(" \t") != std::string_view::npos;
+    if (comma_within || blank_within) return "a decimal comma is not read: save the scan with decimal points";
+    return nullptr;
+  }
+
+  ScanWindow& window_;
+  TextLines lines_;
+  LengthUnit unit_;
+  double mm_;
+  std::span<float> xyz_;
+  std::size_t points_ = 0;
+  bool decided_ = false;
+  Separator separator_ = Separator::blanks;
+  TextColumns columns_;
+};
+
+}  // namespace
+
+Result<ScanShape> read_text_points(ScanWindow& window, LengthUnit unit, std::span<float> xyz) {
+  return TextTable(window, unit, xyz).read();
+}
+
+}  // namespace slabd::hal
