@@ -131,15 +131,20 @@ void add_inspect(CLI::App& app, int& exit_status) {
   CLI::App* command = app.add_subcommand("inspect", "Measure one block in a scan file, as the daemon would");
   command->footer(
       "\nThe slope is measured against the local slab top. Items that need the whole slab are not listed.\n\n"
+      "Scans: PLY (ascii, binary of either byte order), PCD 0.6 and 0.7 (ascii, binary, binary_compressed), and "
+      "tables\n"
+      "of x y z (XYZ, ASC, TXT, CSV: blanks, tabs, commas or semicolons; # and // comments; perhaps a line of names).\n"
+      "Points are taken in the frame they are stored in, as the scanner's, +Z towards the part.\n\n"
       "Example: slabctl inspect scan.ply --recipe p5600.toml --block 3 --json");
-  command->add_option("SCAN", options->scan, "Scan file (PLY, binary)")->required();
+  command->add_option("SCAN", options->scan, "Scan file: .ply or .pcd (ascii or binary), .xyz .asc .txt .csv")
+      ->required();
   command->add_option("--recipe", options->recipe, "Recipe of the slab type")->required();
   command->add_option("--block", options->block, "Block number on the slab, from 1")->required();
   command->add_option(
       "--T-block-scanner", options->T_block_scanner,
       "Where the scanner stood, \"x y z qw qx qy qz\" in mm and a unit quaternion, in the block's frame "
       "(default 600 mm above, looking down)");
-  command->add_option("--unit", options->unit, "Unit of the scan: mm, m or um")
+  command->add_option("--unit", options->unit, "Unit of the scan: mm, m or um; a file that says otherwise is refused")
       ->check(CLI::IsMember({"mm", "m", "um"}))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print slabd.inspection/1 on stdout");

@@ -95,7 +95,8 @@ struct ScannerPeer::Impl {
     const DrawnScan drawn = draw_scan(surface.value(), scanner, seed, xyz);
     if (const auto scale = static_cast<float>(per_mm(traits.unit)); traits.unit != hal::LengthUnit::mm)
       for (float& v : xyz) v *= scale;
-    if (const Status written = hal::write_ply(part_path.c_str(), xyz, drawn.width, drawn.height); !written) {
+    if (const Status written = hal::write_scan(part_path.c_str(), traits.format, xyz, drawn.width, drawn.height);
+        !written) {
       complain(written.error().text.c_str());
       return false;
     }
@@ -128,7 +129,7 @@ struct ScannerPeer::Impl {
     if (!ready && !draw(now, now.station)) return;
     drawn_station = 0;
     std::error_code fault;
-    fs::rename(part_path, inbox_dir / (name + ".ply"), fault);
+    fs::rename(part_path, inbox_dir / fmt::format("{}.{}", name, hal::extension(traits.format)), fault);
     if (fault) {
       complain(fmt::format("cannot move a scan into {}: {}", inbox_dir.string(), fault.message()));
       return;

@@ -11,7 +11,7 @@
 #include "hal/hal.h"
 
 /// The scanner's half of the line: a thread that watches request/ of the drop directory and answers each request with
-/// a scan of what stands before the scanner then, as inbox/<session>-<seq>.ply, by rename.
+/// a scan of what stands before the scanner then, as inbox/<session>-<seq>.<ext>, by rename.
 ///
 /// A scan takes longer to write than to draw, so the next station's scan is drawn and written ahead, beside the inbox,
 /// while the daemon measures; answering is then one rename. A request for which nothing fits is drawn on the spot.
@@ -21,6 +21,7 @@ struct ScannerPeerTraits {
   std::string drop_dir;
   hal::LengthUnit unit = hal::LengthUnit::mm;
   ScannerTraits scanner;
+  hal::ScanFormat format = hal::ScanFormat::ply;
 };
 
 class ScannerPeer {

@@ -25,6 +25,7 @@ struct Options {
   std::vector<std::string> defects;
   SlabVariation variation;
   ScannerOptions scanner;
+  std::string scan_format = "ply";
   double robot_rate_hz = 125.0;
   double move_s = 0.3;
   int scans_per_station = 3;
@@ -99,7 +100,8 @@ RobotTraits robot_traits(const daemon::Config& config, const Options& options) {
 }
 
 ScannerPeerTraits scanner_traits(const daemon::Config& config, const Options& options) {
-  return {config.scanner.drop_dir.c_str(), config.scanner.unit, options.scanner.traits()};
+  return {config.scanner.drop_dir.c_str(), config.scanner.unit, options.scanner.traits(),
+          *hal::scan_format_named(options.scan_format)};
 }
 
 /// The recipe that the daemon will use for this slab type (0: the longest slab there is a recipe for); faulty other
@@ -316,6 +318,9 @@ void add_simulate(CLI::App& app, int& exit_status) {
       ->check(CLI::Range(1, 20))
       ->capture_default_str();
   options->scanner.add_to(*command);
+  command->add_option("--scan-format", options->scan_format, "In which format the scanner drops its scans")
+      ->check(CLI::IsMember(simulate::scan_format_names()))
+      ->capture_default_str();
   command->add_flag("--json", options->json, "Print slabd.simulation/1 on stdout");
   command->require_subcommand(0, 1);
   simulate::add_simulate_scan(*command, exit_status);

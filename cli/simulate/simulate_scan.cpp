@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <optional>
 
 #include "cli/command.h"
 #include "cli/exit.h"
@@ -53,9 +54,26 @@ std::string truth_json(const ScanOrder& order, const Recipe& recipe, const Stati
   return json.text();
 }
 
+/// The format asked for, or the one the file's name means; it must be readable under that name.
+std::optional<hal::ScanFormat> format_of(const ScanOrder& order) {
+  const std::optional<hal::ScanFormat> by_name = hal::scan_format_of(order.out);
+  if (!by_name) {
+    cli::complain(fmt::format("--out {}: must end in .ply, .pcd, .xyz, .asc, .txt or .csv", order.out));
+    return std::nullopt;
+  }
+  if (order.format.empty()) return by_name;
+  const std::optional<hal::ScanFormat> wanted = hal::scan_format_named(order.format);
+  if (wanted && hal::extension(*wanted) == hal::extension(*by_name)) return wanted;
+  cli::complain(fmt::format("--out {}: --format {} must end in .{}, or nobody could read it", order.out, order.format,
+                            wanted ? hal::extension(*wanted) : "?"));
+  return std::nullopt;
+}
+
 }  // namespace
 
 int write_scan(const ScanOrder& order) {
+  const std::optional<hal::ScanFormat> format = format_of(order);
+  if (!format) return cli::kUsage;
   Recipe recipe;
   if (!cli::recipe_from(order.recipe, recipe)) return cli::kBadInput;
   if (order.block < 1 || order.block > recipe.stations()) {
@@ -98,7 +116,7 @@ int write_scan(const ScanOrder& order) {
   std::vector<float> xyz;
   const DrawnScan drawn = draw_scan(surface.value(), scanner, derived_seed(order.seed, 5, 0), xyz);
 
-  if (const Status written = hal::write_ply(order.out.c_str(), xyz, drawn.width, drawn.height); !written) {
+  if (const Status written = hal::write_scan(order.out.c_str(), *format, xyz, drawn.width, drawn.height); !written) {
     cli::complain(fmt::format("{}", written.error().text.view()));
     return cli::kNotReachable;
   }
@@ -146,6 +164,12 @@ ScannerTraits ScannerOptions::traits() const {
   return traits;
 }
 
+std::vector<std::string> scan_format_names() {
+  std::vector<std::string> names;
+  for (const hal::ScanFormat format : hal::kScanFormats) names.emplace_back(hal::name(format));
+  return names;
+}
+
 void add_simulate_scan(CLI::App& simulate, int& exit_status) {
   struct Options {
     ScanOrder order;
@@ -156,10 +180,14 @@ void add_simulate_scan(CLI::App& simulate, int& exit_status) {
   CLI::App* command = simulate.add_subcommand("scan", "Write one scan of a block and its truth beside it");
   command->footer(
       "\nDefects\n" + defect_help() +
-      "\nExample: slabctl simulate scan --recipe p5600.toml --block 3 --out scan.ply --defect slope=3:1/37");
+      "\nExample: slabctl simulate scan --recipe p5600.toml --block 3 --out scan.ply --defect slope=3:1/37\n"
+      "         slabctl simulate scan --recipe p5600.toml --block 3 --out scan.pcd --format pcd-compressed");
   command->add_option("--recipe", order.recipe, "Recipe of the slab type")->required();
   command->add_option("--block", order.block, "Block number on the slab, from 1")->required();
-  command->add_option("--out", order.out, "PLY file to write; the truth goes beside it as .json")->required();
+  command->add_option("--out", order.out, "File to write; the truth goes beside it as .json")->required();
+  command
+      ->add_option("--format", order.format, "How it is written (default: what --out ends in; .asc and .txt are xyz)")
+      ->check(CLI::IsMember(scan_format_names()));
   command->add_option("--defect", order.defects, "Planted defect name=K:VALUE, repeatable")
       ->take_all()
       ->expected(1)

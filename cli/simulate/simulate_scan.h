@@ -19,6 +19,7 @@ struct ScanOrder {
   std::string recipe;
   int block = 1;
   std::string out;
+  std::string format;  ///< a name of hal::ScanFormat; empty = what `out` ends in
   std::vector<std::string> defects;
   std::uint64_t seed = 1;
   ScannerTraits scanner;
@@ -30,6 +31,9 @@ struct ScanOrder {
 [[nodiscard]] int write_scan(const ScanOrder& order);
 
 void add_simulate_scan(CLI::App& simulate, int& exit_status);
+
+/// What --format and --scan-format take.
+[[nodiscard]] std::vector<std::string> scan_format_names();
 
 /// Options that every emulated scan shares: --points, --unorganised, --perspective, --noise-correlation-mm,
 /// --noise-shape.
