@@ -4,9 +4,10 @@
 // registration only says which way X points and where the section x = 0 lies, so its small errors cancel.
 #include "algo/block_items.h"
 
-#include <Eigen/LU>
 #include <array>
 #include <cmath>
+
+#include "algo/uncertainty.h"
 
 namespace slabd::algo {
 namespace {
@@ -29,16 +30,6 @@ Item& item(BlockResult& result, ItemId id) {
     if (i.id == id) return i;
   assert(false && "blank_block_items puts every block item there");
   return result.items.back();
-}
-
-/// Where a jaw plane is met at the reference height above the fitted seat, in the section x = 0.
-Vec3 jaw_point(const PlaneFit& seat, const PlaneFit& jaw, double reference_height_mm) {
-  Mat3 A;
-  A.row(0) = Vec3::UnitX();
-  A.row(1) = seat.normal;
-  A.row(2) = jaw.normal;
-  const Vec3 b(0.0, seat.offset_mm + reference_height_mm, jaw.offset_mm);
-  return A.inverse() * b;
 }
 
 /// Angle on the free side: the normals of a flat pair are parallel (180 degrees), a closed pair's are opposite (0).
@@ -80,17 +71,13 @@ void compute_block_items(const BlockModel& model, BlockResult& result) {
   Item& std_item = item(result, ItemId::seat_std);
   std_item.value = seat.std_mm;
   std_item.beside = result.seat.std_cells_mm;
-  // Of a standard deviation from n values: std / sqrt(2 (n - 1)), here with k = 2. n counts cells, as neighbouring
-  // points share their errors.
-  if (result.seat.grid_points > 1)
-    std_item.U = 2.0 * seat.std_mm / std::sqrt(2.0 * (static_cast<double>(result.seat.grid_points) - 1.0));
 
   if (result.jaw_inner.ok) item(result, ItemId::jaw_angle_inner).value = free_angle_deg(seat, result.jaw_inner);
   if (result.jaw_outer.ok) item(result, ItemId::jaw_angle_outer).value = free_angle_deg(seat, result.jaw_outer);
   if (result.jaw_inner.ok && result.jaw_outer.ok) {
     const double height = geometry.jaw_reference_height_mm.value;
     item(result, ItemId::jaw_distance).value =
-        (jaw_point(seat, result.jaw_outer, height) - jaw_point(seat, result.jaw_inner, height)).norm();
+        (jaw_point(seat, result.jaw_outer, height).p - jaw_point(seat, result.jaw_inner, height).p).norm();
   }
 
   // The centres lie on the seat plane already.
@@ -112,13 +99,14 @@ void compute_observation(const BlockModel& model, const Pose& T_base_block, Bloc
   }
   if (result.jaw_outer.ok) {
     const double height = model.geometry().jaw_reference_height_mm.value;
-    o.jaw_outer_base = T_base_block * jaw_point(seat, result.jaw_outer, height);
+    o.jaw_outer_base = T_base_block * jaw_point(seat, result.jaw_outer, height).p;
     o.jaw_ok = true;
   }
   if (result.slab_top.ok) {
     o.top_n_base = T_base_block.rotation * result.slab_top.normal;
     o.top_ok = true;
   }
+  compute_observation_sigma(model.geometry(), result);
 }
 
 }  // namespace slabd::algo

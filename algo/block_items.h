@@ -13,7 +13,8 @@ void blank_block_items(const Recipe& recipe, BlockResult& result);
 /// Also seat.normal_datum. Features are in the registered block frame.
 void compute_block_items(const BlockModel& model, BlockResult& result);
 
-/// Fills `result.observation` (base frame) from the features and T_base_block = base <- registered block frame.
+/// Fills `result.observation` (base frame) from the features and T_base_block = base <- registered block frame, with
+/// the uncertainties inside this scan (uncertainty.h).
 void compute_observation(const BlockModel& model, const Pose& T_base_block, BlockResult& result);
 
 /// Tilt of a plane about X: positive when it climbs towards +Y. rad. `n` in the datum frame.

@@ -20,6 +20,7 @@
 #include "algo/plane_fit.h"
 #include "algo/registration.h"
 #include "algo/segmentation.h"
+#include "algo/uncertainty.h"
 
 namespace slabd::algo {
 
@@ -214,6 +215,7 @@ Status BlockInspector::extract(const Cloud& cloud) {
   result.casing_outer = casing(Region::casing_outer, true);
 
   compute_block_items(w.model, result);
+  compute_block_budget(w.recipe, result);
   compute_observation(w.model, w.T_base_scanner * result.registration.T_scanner_block, result);
   return success();
 }

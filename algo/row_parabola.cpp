@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A slab may be warped within limits of its own, so heights of seats are judged after the warp, a parabola per row, is
+// taken out. The parabola must be the warp of the seats that are in place: nine points and three parameters leave an
+// end seat so much leverage that a least-squares parabola would follow it and hide two thirds of its error.
+//
+// The reach at which a seat loses its say is fixed (the tolerance: whoever is further out than that is no warp), not
+// taken from the scatter of a handful of seats, so ordinary rows give ordinary least squares, nearly.
+#include "algo/row_parabola.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace slabd::algo {
+namespace {
+
+using Mat3d = Eigen::Matrix3d;
+using Vec3d = Eigen::Vector3d;
+
+constexpr int kStepsMax = 500;
+constexpr double kStill_mm = 1e-12;
+
+Vec3d basis(double x_mm) {
+  const double x = x_mm / 1000.0;
+  return {1.0, x, x * x};
+}
+
+class Row {
+ public:
+  Row(std::span<const RowHeight> seats, double reach_mm) : seats_(seats), reach_mm_(reach_mm) {}
+
+  [[nodiscard]] double off(std::size_t i, const Vec3d& parabola) const {
+    return seats_[i].z_mm - parabola.dot(basis(seats_[i].x_mm));
+  }
+  [[nodiscard]] double weight(double off_mm) const {
+    if (!std::isfinite(reach_mm_)) return 1.0;
+    const double u = off_mm / reach_mm_;
+    return std::abs(u) < 1.0 ? (1.0 - u * u) * (1.0 - u * u) : 0.0;
+  }
+  /// Sum of Tukey's rho, in units of its largest value.
+  [[nodiscard]] double cost(const Vec3d& parabola) const {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < seats_.size(); ++i) {
+      const double u = std::min(std::abs(off(i, parabola)) / reach_mm_, 1.0);
+      const double in_place = 1.0 - u * u;
+      sum += 1.0 - in_place * in_place * in_place;
+    }
+    return sum;
+  }
+  /// Through three seats exactly; false when they are not three places.
+  [[nodiscard]] bool through(std::size_t i, std::size_t j, std::size_t k, Vec3d& parabola) const {
+    Mat3d A;
+    A.row(0) = basis(seats_[i].x_mm);
+    A.row(1) = basis(seats_[j].x_mm);
+    A.row(2) = basis(seats_[k].x_mm);
+    const Eigen::FullPivLU<Mat3d> solver(A);
+    if (!solver.isInvertible()) return false;
+    parabola = solver.solve(Vec3d(seats_[i].z_mm, seats_[j].z_mm, seats_[k].z_mm));
+    return true;
+  }
+  /// (sum w b b')^-1 with the weights at `parabola`; false when the seats that count do not fix one.
+  [[nodiscard]] bool normal_inverse(const Vec3d& parabola, Mat3d& inverse) const {
+    Mat3d H = Mat3d::Zero();
+    for (std::size_t i = 0; i < seats_.size(); ++i) {
+      const Vec3d b = basis(seats_[i].x_mm);
+      H += weight(off(i, parabola)) * b * b.transpose();
+    }
+    const Eigen::FullPivLU<Mat3d> solver(H);
+    if (!solver.isInvertible() || !(solver.rcond() > 1e-9)) return false;
+    inverse = solver.inverse();
+    return true;
+  }
+  /// Re-weighted least squares until it stands still (each step lowers the cost).
+  [[nodiscard]] bool settle(Vec3d& parabola) const {
+    for (int step = 0; step < kStepsMax; ++step) {
+      Mat3d inverse;
+      if (!normal_inverse(parabola, inverse)) return false;
+      Vec3d g = Vec3d::Zero();
+      for (std::size_t i = 0; i < seats_.size(); ++i) {
+        const double r = off(i, parabola);
+        g += weight(r) * r * basis(seats_[i].x_mm);
+      }
+      const Vec3d delta = inverse * g;
+      parabola += delta;
+      if (delta.norm() < kStill_mm) break;
+    }
+    return true;
+  }
+  [[nodiscard]] bool plain(Vec3d& parabola) const {
+    parabola.setZero();
+    return Row(seats_, kNoValue).settle(parabola);
+  }
+
+ private:
+  std::span<const RowHeight> seats_;
+  double reach_mm_;
+};
+
+/// The best start among the plain parabola and those through three seats, settled.
+bool robust(const Row& row, std::size_t seats, Vec3d& parabola) {
+  if (!row.plain(parabola) || !row.settle(parabola)) return false;
+  Vec3d start = parabola;
+  double best_start = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < seats; ++i)
+    for (std::size_t j = i + 1; j < seats; ++j)
+      for (std::size_t k = j + 1; k < seats; ++k) {
+        Vec3d candidate;
+        if (!row.through(i, j, k, candidate)) continue;
+        const double cost = row.cost(candidate);
+        if (cost >= best_start) continue;
+        best_start = cost;
+        start = candidate;
+      }
+  if (row.settle(start) && row.cost(start) < row.cost(parabola)) parabola = start;
+  return true;
+}
+
+}  // namespace
+
+RowParabola fit_row_parabola(std::span<const RowHeight> heights, double reach_mm) {
+  RowParabola result;
+  if (heights.size() < kParabolaSeatsMin || heights.size() > limits::kPairsMax) return result;
+  const bool plain = !std::isfinite(reach_mm) || !(reach_mm > 0.0);
+  const Row row(heights, plain ? kNoValue : reach_mm);
+  Vec3d parabola = Vec3d::Zero();
+  if (!(plain ? row.plain(parabola) : robust(row, heights.size(), parabola))) return result;
+  Mat3d inverse;
+  if (!row.normal_inverse(parabola, inverse)) return result;
+  std::size_t in_place = 0;
+  for (std::size_t i = 0; i < heights.size(); ++i) {
+    result.off_mm[i] = row.off(i, parabola);
+    result.weight[i] = row.weight(result.off_mm[i]);
+    if (result.weight[i] > 0.0) ++in_place;
+    for (std::size_t k = 0; k < heights.size(); ++k) {
+      const double pull =
+          row.weight(row.off(k, parabola)) * basis(heights[i].x_mm).dot(inverse * basis(heights[k].x_mm));
+      result.response[i][k] = (i == k ? 1.0 : 0.0) - pull;
+    }
+  }
+  result.ok = in_place >= kParabolaAgreeMin;
+  return result;
+}
+
+}  // namespace slabd::algo

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+
+#include "algo/algo.h"
+#include "algo/slab_fit.h"
+#include "algo/uncertainty.h"
+
+/// Uncertainty of what is measured between stations. A slab item is, near its value, a sum over stations of gradients
+/// times errors; the frame is a fit of the same stations, so its error is one too and an item feels every station:
+///
+///   v = sum_k gp_k . dp_k + gn_k . dn_k + gj_k . dj_k,   g = own + frame' (d frame / d observation k)
+///
+/// with dp, dn, dj the errors of station k's seat reference point, seat normal and outer jaw point, in slab axes:
+///
+///   dp = t_k + e_p          t_k, w_k   translation and rotation of the station's splice: one of each per station, so
+///   dn = w_k x n + e_n                 what moves point, jaw and plane alike cancels between them. They hold at the
+///   dj = t_k + w_k x l + e_j           block's origin; l is the jaw point from there
+///   e                       noise inside the scan (SeatObservation::sigma_*) and the scanner's form
+///
+/// The station's part of the sum is |gp + gj|^2 s_t^2 + |n x gn + l x gj|^2 s_w^2.
+namespace slabd::algo {
+
+/// One station's errors by origin. Variances in mm^2 and rad^2, per axis (slab axes; block axes differ in sign only).
+struct StationErrors {
+  Vec3 p_noise = Vec3::Constant(kNoValue);
+  Vec3 n_noise = Vec3::Constant(kNoValue);
+  Vec3 jaw_noise = Vec3::Constant(kNoValue);
+  double noise_factor = kNoValue;
+  Vec3 normal = Vec3::UnitZ();    ///< of the seat
+  Vec3 jaw_lever = Vec3::Zero();  ///< from the block's origin to its outer jaw point
+  /// What the scanner's form makes of the jaw point: per shift of jaw and seat, and per tilt of the seat, which
+  /// carries the reference height out to the jaw (mm).
+  double jaw_per_shift = 1.0;
+  double jaw_per_tilt_mm = 0.0;
+};
+
+/// Gradient of one item by everything that was observed; [station], 1-based.
+struct SlabGradient {
+  using PerStation = std::array<Vec3, limits::kStationsMax + 1>;
+  PerStation p = zeros();
+  PerStation n = zeros();
+  PerStation jaw = zeros();
+  FrameVector frame = FrameVector::Zero();  ///< by a small motion of the slab frame, see FrameResponse
+
+ private:
+  static PerStation zeros() {
+    PerStation z;
+    z.fill(Vec3::Zero());
+    return z;
+  }
+};
+
+class SlabBudget {
+ public:
+  SlabBudget(const Recipe& recipe, const StationSigma& sigma);
+
+  /// Takes one station's errors over; call for every observed station before `known_*` or `budget`.
+  void set(int station, const StationErrors& errors);
+  /// How the frame answers to the stations; without it the frame counts as free of error.
+  void set(int station, const FrameResponse& response);
+
+  /// Standard uncertainties of point and normal, all origins that are known together: the weights of the slab fit.
+  [[nodiscard]] Vec3 known_p_mm(int station) const;
+  [[nodiscard]] Vec3 known_n_rad(int station) const;
+
+  /// The item's parts, lengths in mm, angles in rad (`unit` converts). Not finite when something needed is unknown.
+  [[nodiscard]] Budget budget(const SlabGradient& gradient, double unit) const;
+
+ private:
+  UncertaintySettings settings_;
+  ScannerModel scanner_;
+  StationSigma sigma_;
+  std::array<StationErrors, limits::kStationsMax + 1> errors_{};
+  std::array<FrameResponse, limits::kStationsMax + 1> response_{};
+};
+
+}  // namespace slabd::algo

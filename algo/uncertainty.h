@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include "algo/block_model.h"
+#include "base/base.h"
+
+/// The uncertainty budget (GUM): every item's U = 2 sqrt(sum of its parts squared), each part a standard uncertainty in
+/// the item's unit. The parts, and where they come from:
+///
+///   fit           The features' white-noise covariances (PlaneFit, CasingFeature), carried through the item's formula
+///                 by its gradient g: u^2 = g' C g. Features are fitted to different points, so theirs add in squares.
+///   noise         A scanner's neighbouring points err together. SeatFeature::noise_factor f says how much more a
+///                 mean then varies than white noise would make it: u^2 = (f - 1) fit^2.
+///   scanner       The specification's form error, half width a over the length L, and its length error p:
+///                   tilt of one feature           a / (sqrt(3) L)                     rad, per axis
+///                   position of one place         a / sqrt(3)                         mm, per axis
+///                   two places d apart            a / sqrt(3) min(sqrt(2), d / L)     mm: close ones err together
+///                   length l                      p l / sqrt(3)                       mm
+///                 All rectangular. Tilts of different features count as independent, and a difference between two
+///                 places takes the features' tilts in already.
+///   registration  The pose only says where the section x = 0 lies and where X points: u^2 = g' C g with
+///                 RegistrationReport::covariance, times f as above.
+///   calibration   Scanner on flange and station (StationSigma): one translation and one rotation per station,
+///   robot         shared by everything seen in that station's scan, independent between stations; hence only items
+///                 of the slab frame have these two parts (slab_budget.h).
+///   reference     Angles: reference_rad. Lengths l inside one scan: reference_mm min(1, l / jaw distance), because an
+///                 artefact gives the scale, and its error shrinks with the length. Slab frame: reference_mm per
+///                 axis and station, the coordinates of the mastered seats.
+///
+/// A part that is not finite gives no budget: the item keeps the recipe's U, or none, and is then indeterminate.
+namespace slabd::algo {
+
+/// Standard uncertainties by origin, [BudgetPart].
+using Budget = std::array<double, kBudgetParts>;
+[[nodiscard]] inline double& part(Budget& budget, BudgetPart p) {
+  return budget[static_cast<std::size_t>(p)];
+}
+
+/// The scanner's part as specified; see above.
+class ScannerModel {
+ public:
+  explicit ScannerModel(const UncertaintySettings& settings);
+  [[nodiscard]] double tilt_rad() const { return place_mm_ / form_length_mm_; }
+  [[nodiscard]] double place_mm() const { return place_mm_; }
+  [[nodiscard]] double difference_mm(double distance_mm) const;
+  [[nodiscard]] double length_mm(double length_mm) const { return relative_length_ * std::abs(length_mm); }
+
+ private:
+  double place_mm_;
+  double form_length_mm_;
+  double relative_length_;
+};
+
+/// How a value moves with one fitted plane: by `normal` for a change of its normal (about the centroid), by `height`
+/// for a shift along it.
+struct PlaneGradient {
+  Vec3 normal = Vec3::Zero();
+  double height = 0.0;
+};
+/// Variance that white noise of the fit gives the value. NaN when the fit has no covariance.
+[[nodiscard]] double variance(const PlaneGradient& g, const PlaneFit& plane);
+
+/// Where a jaw plane is met at the reference height above the fitted seat, in the section x = 0 of the registered
+/// frame: p solves A p = b with the rows of A the section's, the seat's and the jaw's normal.
+struct JawPoint {
+  Vec3 p = Vec3::Zero();
+  Mat3 A_inverse = Mat3::Zero();
+};
+[[nodiscard]] JawPoint jaw_point(const PlaneFit& seat, const PlaneFit& jaw, double reference_height_mm);
+
+/// How direction . p of a jaw point moves with everything it is made of.
+struct JawGradient {
+  PlaneGradient seat;
+  PlaneGradient jaw;
+  Eigen::Matrix<double, 6, 1> registration = Eigen::Matrix<double, 6, 1>::Zero();
+};
+[[nodiscard]] JawGradient gradient(const JawPoint& point, const Vec3& direction, const PlaneFit& seat,
+                                   const PlaneFit& jaw);
+
+/// Tilt of the seat against the slab top about X, and how it moves. All but the registration's X is free of it.
+struct SlopeGradient {
+  Vec3 seat_normal = Vec3::Zero();
+  Vec3 top_normal = Vec3::Zero();
+  Eigen::Matrix<double, 6, 1> registration = Eigen::Matrix<double, 6, 1>::Zero();
+};
+[[nodiscard]] SlopeGradient slope_gradient(const Vec3& seat_normal, const Vec3& top_normal);
+
+/// What must be added to a flatness so that the seat's own flatness is covered from below with 95 %, as a multiple of
+/// `noise_mm` (what a flat seat would read): 1 + 3.2 / (a c) as long as the seat may be flat, with a = sqrt(2 ln n)
+/// and c the mean range of n standard normal values (its standard deviation is 1.81 / a, its 95 % quantile 1.75 of
+/// them higher); 0.95 when the form stands clear of the noise, as its extremes then lie in fewer cells. In between
+/// linear in flatness / noise. Measured on bows, waves, saddles, steps, bumps and chips of every height.
+[[nodiscard]] double flatness_noise_multiple(double flatness_mm, double noise_mm, std::uint32_t cells);
+
+/// U = 2 sqrt(sum of squares) and the budget into `item`; when a part is not finite or all are zero the item keeps U
+/// and an all-zero budget, and the answer is false.
+bool settle(const Budget& budget, Item& item);
+
+/// Budget and U of every block item that has a value. seat_std always (its U is its sampling error,
+/// std sqrt(f / (2 (n - 1))) per standard deviation); the others when the recipe's uncertainty is given, else they
+/// keep the recipe's U. Needs the values (compute_block_items).
+void compute_block_budget(const Recipe& recipe, BlockResult& result);
+
+/// Fills observation.sigma_*: what the scanner's noise (correlation included) leaves in this scan, in block axes.
+/// Form error, calibration and robot are the slab's to add. NaN where a covariance is missing.
+void compute_observation_sigma(const BlockGeometry& geometry, BlockResult& result);
+
+}  // namespace slabd::algo
