@@ -27,6 +27,7 @@ enum class Face : std::uint8_t {
   rim_outer,
 };
 inline constexpr std::size_t kFaces = 12;
+inline constexpr std::uint16_t kAllFaces = (1U << kFaces) - 1U;
 [[nodiscard]] std::string_view name(Face face);
 [[nodiscard]] constexpr std::uint16_t bit(Face face) {
   return static_cast<std::uint16_t>(1U << static_cast<unsigned>(face));

@@ -6,6 +6,7 @@
 //     cell_start        denoise: starts of the cells
 //     sample, residuals register: the points ICP works on
 //     wide, near        the face table, built by `use`
+//     heights           the height map, built by `use`
 #include <cassert>
 #include <cmath>
 #include <string_view>
@@ -14,6 +15,7 @@
 #include "algo/algo.h"
 #include "algo/block_items.h"
 #include "algo/block_model.h"
+#include "algo/block_search.h"
 #include "algo/casing.h"
 #include "algo/denoise.h"
 #include "algo/flatness.h"
@@ -35,6 +37,7 @@ struct BlockInspector::Workspace {
         wide(FaceTable::kCells),
         near(FaceTable::kCells),
         scratch(FaceTable::kCells),
+        heights(limits::kHeightMapCells),
         flat_start(limits::kFlatnessCellsMax + 1),
         flat_next(limits::kFlatnessCellsMax),
         flat_mean(limits::kFlatnessCellsMax, Vec3::Zero()) {}
@@ -48,6 +51,7 @@ struct BlockInspector::Workspace {
   std::vector<std::uint16_t> wide;
   std::vector<std::uint16_t> near;
   std::vector<std::uint16_t> scratch;
+  std::vector<float> heights;
   std::vector<std::uint32_t> flat_start;
   std::vector<std::uint32_t> flat_next;
   std::vector<Vec3> flat_mean;
@@ -55,6 +59,7 @@ struct BlockInspector::Workspace {
   Recipe recipe;
   BlockModel model;
   FaceTable table;
+  HeightMap height_map;
   FaceExtents extents;
   Pose T_base_block;
   Pose T_base_scanner;
@@ -97,6 +102,7 @@ void BlockInspector::use(const Recipe& recipe) {
   work_->recipe = recipe;
   work_->model.build(recipe.block);
   work_->table.build(work_->model, work_->wide, work_->near, work_->scratch);
+  work_->height_map.build(work_->model, work_->heights);
   work_->extents = face_extents(work_->model, recipe.evaluation);
   work_->has_recipe = true;
 }
@@ -130,12 +136,13 @@ Status BlockInspector::register_to_model(const Cloud& cloud) {
     refuse_registration(w.result.registration, "not tried: too few points");
     return error(Code::too_few_points, "%zu points, at least %zu needed", cloud.points, limits::kScanPointsMin);
   }
-  const RegistrationTask task{w.model, w.table, w.recipe.evaluation, w.T_base_block.inverse() * w.T_base_scanner};
+  const RegistrationTask task{w.model, w.table, w.height_map, w.recipe.evaluation,
+                              w.T_base_block.inverse() * w.T_base_scanner};
   if (!task.T_block_scanner.all_finite()) {
     refuse_registration(w.result.registration, "not tried: the start pose is not finite");
     return error(Code::no_pose, "the start pose of the registration is not finite");
   }
-  w.result.registration = register_block(cloud, task, {w.sample, w.residuals, w.histogram});
+  w.result.registration = register_block(cloud, task, {w.sample, w.residuals, w.histogram, w.order});
   const RegistrationReport& report = w.result.registration;
   switch (report.status) {
     case RegistrationStatus::converged: return success();

@@ -3,41 +3,44 @@
 // Where is the block? The robot says so to a millimetre or a few; the scan must say it to a micrometre, and must say
 // when there is no block at all (paper 2.4).
 //
-// ICP, point to plane, against the analytic model: each sampled point is moved into the block frame, given to the
-// closest face seen near its place, and the six-parameter step that shortens the distances is solved for (Gauss-
-// Newton, Tukey weights). Gates shrink from the search radius to a few sigma. If the start does not lead to a pose at
-// which every face is found, starts around it are tried.
+// The window is searched first (block_search), so the start does not matter as long as the block is in it. Then ICP,
+// point to plane, against the analytic model: each sampled point is moved into the block frame, given to the closest
+// face seen near its place, and the six-parameter step that shortens the distances is solved for (Gauss-Newton, Tukey
+// weights), while the gates shrink.
+//
+// The last steps use only points whose surroundings show a single face. Which points take part and what they are held
+// against then depends on their place, not on their noise: the estimate has no bias from edges, and its covariance can
+// be told. Casings join in only where the faces leave a direction open (casing_ties).
 //
 // A wrong pose that looks converged is the worst outcome. So the pose is accepted only if the step is really tiny, no
 // direction is undetermined, and of the points that the model expects on a face most are on it, face by face. A flat
 // slab without a block satisfies the first test easily, and none of the others.
 #include "algo/registration.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <bit>
 #include <cmath>
 #include <limits>
 
+#include "algo/casing_ties.h"
+#include "algo/icp.h"
 #include "algo/moments.h"
+#include "algo/points.h"
 
 namespace slabd::algo {
 namespace {
 
-using Vec6 = Eigen::Matrix<double, 6, 1, Eigen::DontAlign>;
-using Mat6 = Eigen::Matrix<double, 6, 6, Eigen::DontAlign>;
-
-/// Rotations are scaled by the block's size so that all six parameters are lengths of like effect.
-constexpr double kLever_mm = 150.0;
 /// The pose stands still when no parameter moves the block's rim by more than this.
 constexpr double kStepDone_mm = 1e-6;
-/// One step never moves the pose further than this.
-constexpr double kStepMax_mm = 30.0;
 /// Smallest to largest eigenvalue of the normal matrix. A complete block has about 2e-2; without end faces 0.
 constexpr double kConditionMin = 1e-3;
-/// Share of a single face's points that must be on it. Lower than for the whole: a tool may lie on a shoulder.
-constexpr double kFaceShareMin = 0.5;
+/// Share of a single face's points that must be on it. Lower than for the whole: a glove may lie on a jaw.
+constexpr double kFaceShareMin = 0.35;
+/// Distances of a face's points, in gates: how far the face may lie off the model, and how much they may scatter (0.58
+/// is any surface that crosses the gate).
+constexpr double kFaceMeanMax = 0.5;
+constexpr double kFaceSpreadMax = 0.25;
 /// A face seen by fewer sampled points says nothing.
 constexpr std::size_t kFacePointsMin = 20;
 constexpr std::size_t kCoarsePoints = 8192;
@@ -47,82 +50,13 @@ struct Gate {
   double radius_mm;
   int steps;
 };
-constexpr std::array<Gate, 4> kCoarse = {{{25.0, 5}, {16.0, 5}, {10.0, 5}, {6.0, 5}}};
+/// The search leaves half a step: 2 to 3 mm and a degree, which is 4 mm at the ends of the block.
+constexpr std::array<Gate, 3> kCoarse = {{{12.0, 6}, {8.0, 5}, {6.0, 5}}};
 constexpr Gate kFine = {6.0, 4};
 /// The last gate in medians of the worst face (of normal errors: seven medians are 4.7 sigma, Tukey's usual choice),
 /// and its floor.
 constexpr double kGateMedians = 7.0;
 constexpr double kLastGateMin_mm = 0.15;
-
-/// Extra starts, tried only when the splice's own pose does not hold: a grid of 14 mm steps, nearest first.
-constexpr std::array<int, 5> kSearchSteps = {0, -1, 1, -2, 2};
-constexpr double kSearchStep_mm = 14.0;
-
-struct NormalEquations {
-  Mat6 H = Mat6::Zero();
-  Vec6 g = Vec6::Zero();
-  std::size_t points = 0;
-};
-
-class Aligner {
- public:
-  Aligner(const RegistrationTask& task, std::span<const Vec3> sample) : task_(task), sample_(sample) {}
-
-  /// One Gauss-Newton step at `gate` on every `stride`-th point; returns the step's length, negative if unsolvable.
-  double step(Pose& pose, double gate_mm, std::size_t stride, NormalEquations& eq) const {
-    eq = accumulate(pose, gate_mm, stride);
-    if (eq.points < 6) return -1.0;
-    // A trace of damping: a direction nothing determines then stays where it was instead of running away.
-    const Mat6 damped = eq.H + 1e-9 * eq.H.trace() * Mat6::Identity();
-    const Eigen::LDLT<Eigen::Matrix<double, 6, 6>> solver(damped);
-    Vec6 delta = -solver.solve(Eigen::Matrix<double, 6, 1>(eq.g));
-    if (solver.info() != Eigen::Success || !delta.allFinite()) return -1.0;
-    const double length = delta.norm();
-    if (length > kStepMax_mm) delta *= kStepMax_mm / length;
-    const Vec3 turn = delta.tail<3>() / kLever_mm;
-    const double angle = turn.norm();
-    Pose move;
-    move.translation_mm = delta.head<3>();
-    if (angle > 0.0) move.rotation = Quat(Eigen::AngleAxisd(angle, Eigen::Vector3d(turn / angle)));
-    pose = move * pose;
-    return length;
-  }
-
-  /// Closest face of a point in the block frame; the wide table while the gate is wide.
-  [[nodiscard]] bool face_of(const Vec3& p, double gate_mm, Face& face, double& distance) const {
-    const std::uint16_t candidates = gate_mm > FaceTable::kNear_mm ? task_.table.wide_at(p) : task_.table.near_at(p);
-    return closest_face(task_.model.planes(), candidates, p, face, distance) && std::abs(distance) < gate_mm;
-  }
-
- private:
-  [[nodiscard]] NormalEquations accumulate(const Pose& pose, double gate_mm, std::size_t stride) const {
-    NormalEquations eq;
-    const Mat3 R = pose.rotation.toRotationMatrix();
-    for (std::size_t i = 0; i < sample_.size(); i += stride) {
-      const Vec3 p = R * sample_[i] + pose.translation_mm;
-      Face face = Face::seat;
-      double r = 0.0;
-      if (!face_of(p, gate_mm, face, r)) continue;
-      const double u = r / gate_mm;
-      const double w = (1.0 - u * u) * (1.0 - u * u);
-      const Vec3& n = task_.model.plane(face).n;
-      const Vec3 lever = p.cross(n) / kLever_mm;
-      const std::array<double, 6> j = {n.x(), n.y(), n.z(), lever.x(), lever.y(), lever.z()};
-      for (int a = 0; a < 6; ++a) {
-        const double wj = w * j[static_cast<std::size_t>(a)];
-        eq.g[a] += wj * r;
-        for (int b = a; b < 6; ++b) eq.H(a, b) += wj * j[static_cast<std::size_t>(b)];
-      }
-      ++eq.points;
-    }
-    for (int a = 0; a < 6; ++a)
-      for (int b = 0; b < a; ++b) eq.H(a, b) = eq.H(b, a);
-    return eq;
-  }
-
-  const RegistrationTask& task_;
-  std::span<const Vec3> sample_;
-};
 
 /// How well a pose explains the sample, overall and face by face. Only points whose surroundings show a single face
 /// vote for that face, so that edges do not blur the picture.
@@ -131,13 +65,32 @@ struct Assessment {
   std::size_t near_model = 0;
   std::array<std::size_t, kFaces> expected{};
   std::array<std::size_t, kFaces> found{};
-  std::array<double, kFaces> residual_sum_mm{};
+  std::array<double, kFaces> sum_mm{};
+  std::array<double, kFaces> sum_mm2{};
 
   [[nodiscard]] double share() const {
     return in_field == 0 ? 0.0 : static_cast<double>(near_model) / static_cast<double>(in_field);
   }
   [[nodiscard]] double share(std::size_t face) const {
     return expected[face] == 0 ? 0.0 : static_cast<double>(found[face]) / static_cast<double>(expected[face]);
+  }
+  /// Mean and standard deviation of the distances of the points found on a face.
+  [[nodiscard]] double mean_mm(std::size_t face) const {
+    return found[face] == 0 ? 0.0 : sum_mm[face] / static_cast<double>(found[face]);
+  }
+  [[nodiscard]] double spread_mm(std::size_t face) const {
+    if (found[face] == 0) return 0.0;
+    const double mean = mean_mm(face);
+    return std::sqrt(std::fmax(sum_mm2[face] / static_cast<double>(found[face]) - mean * mean, 0.0));
+  }
+  /// Bits of the faces that are really there. A level surface that crosses a steep face lies within its gate over
+  /// several millimetres too, but not parallel to it: its distances spread over the whole gate.
+  [[nodiscard]] std::uint16_t confirmed(double gate_mm) const {
+    std::uint16_t faces = 0;
+    for (std::size_t f = 0; f < kFaces; ++f)
+      if (share(f) >= kFaceShareMin && spread_mm(f) <= kFaceSpreadMax * gate_mm)
+        faces = static_cast<std::uint16_t>(faces | bit(static_cast<Face>(f)));
+    return faces;
   }
 };
 
@@ -160,7 +113,8 @@ Assessment assess(const RegistrationTask& task, std::span<const Vec3> sample, st
     ++a.expected[f];
     if (!near) continue;
     ++a.found[f];
-    a.residual_sum_mm[f] += std::abs(r);
+    a.sum_mm[f] += r;
+    a.sum_mm2[f] += r * r;
   }
   return a;
 }
@@ -185,10 +139,9 @@ FixedString<64> objection(const Assessment& a, const EvaluationSettings& setting
       note.printf("%s: share %.2f, at least %.2f", name(static_cast<Face>(f)).data(), a.share(f), kFaceShareMin);
       return note;
     }
-    const double mean_mm = a.residual_sum_mm[f] / static_cast<double>(a.found[f]);
-    if (mean_mm > 0.5 * settings.registration_gate_mm) {
-      note.printf("%s: mean residual %.2f mm, at most %.2f", name(static_cast<Face>(f)).data(), mean_mm,
-                  0.5 * settings.registration_gate_mm);
+    const double gate = settings.registration_gate_mm;
+    if (!(std::abs(a.mean_mm(f)) <= kFaceMeanMax * gate) || !(a.spread_mm(f) <= kFaceSpreadMax * gate)) {
+      note.printf("%s: %.2f mm off, spread %.2f", name(static_cast<Face>(f)).data(), a.mean_mm(f), a.spread_mm(f));
       return note;
     }
   }
@@ -209,26 +162,24 @@ std::span<const Vec3> draw_sample(const Cloud& cloud, std::span<Vec3> sample) {
   return sample.first(m);
 }
 
-/// Tries the spliced pose, then starts around it; returns the first that holds, else the one with the largest share.
-Pose coarse_search(const RegistrationTask& task, const Aligner& aligner, std::span<const Vec3> sample,
-                   std::size_t stride, int& iterations) {
+/// ICP from each place the search offers, best first; returns the first that holds, else the one with the largest
+/// share.
+Pose coarse_pose(const RegistrationTask& task, const Icp& icp, std::span<const Vec3> sample, std::size_t stride,
+                 int& iterations) {
   Pose best = task.T_block_scanner;
   double best_share = -1.0;
-  for (const int ix : kSearchSteps) {
-    for (const int iy : kSearchSteps) {
-      Pose pose = task.T_block_scanner;
-      pose.translation_mm += kSearchStep_mm * Vec3(ix, iy, 0.0);
-      NormalEquations eq;
-      bool solvable = true;
-      for (const Gate& gate : kCoarse)
-        for (int i = 0; i < gate.steps && solvable; ++i, ++iterations)
-          solvable = aligner.step(pose, gate.radius_mm, stride, eq) >= 0.0;
-      const Assessment a = assess(task, sample, stride, pose);
-      if (solvable && objection(a, task.settings, stride).empty()) return pose;
-      if (a.share() > best_share) {
-        best_share = a.share();
-        best = pose;
-      }
+  for (const StartPose& start : search_block(task.model, task.heights, task.settings, task.T_block_scanner, sample)) {
+    Pose pose = start.T_block_scanner;
+    NormalEquations eq;
+    bool solvable = true;
+    for (const Gate& gate : kCoarse)
+      for (int i = 0; i < gate.steps && solvable; ++i, ++iterations)
+        solvable = icp.step(pose, gate.radius_mm, stride, eq) >= 0.0;
+    const Assessment a = assess(task, sample, stride, pose);
+    if (solvable && objection(a, task.settings, stride).empty()) return pose;
+    if (a.share() > best_share) {
+      best_share = a.share();
+      best = pose;
     }
   }
   return best;
@@ -236,17 +187,17 @@ Pose coarse_search(const RegistrationTask& task, const Aligner& aligner, std::sp
 
 /// The gate of the last steps. A few sigma, so that dirt and damage have no pull; but no face may be shut out as a
 /// whole: on a block whose ends are half a millimetre too long they still say where the middle is.
-double last_gate(const Aligner& aligner, std::span<const Vec3> sample, std::size_t stride, const Pose& pose,
+double last_gate(const Icp& icp, std::span<const Vec3> sample, std::size_t stride, const Pose& pose,
                  std::span<double> residuals) {
   const Mat3 R = pose.rotation.toRotationMatrix();
-  const double widest = kFine.radius_mm;
+  const double widest = icp.single_face_gate();
   double gate = kLastGateMin_mm;
   for (std::size_t f = 0; f < kFaces; ++f) {
     std::size_t count = 0;
     for (std::size_t i = 0; i < sample.size(); i += stride) {
       Face face = Face::seat;
       double r = 0.0;
-      if (aligner.face_of(R * sample[i] + pose.translation_mm, widest, face, r) && static_cast<std::size_t>(face) == f)
+      if (icp.face_of(R * sample[i] + pose.translation_mm, widest, face, r) && static_cast<std::size_t>(face) == f)
         residuals[count++] = std::abs(r);
     }
     if (count < kFacePointsMin) continue;
@@ -257,16 +208,37 @@ double last_gate(const Aligner& aligner, std::span<const Vec3> sample, std::size
   return std::min(gate, widest);
 }
 
-std::string_view direction_name(const Vec6& v) {
+/// Which of the six motions the normal equations know least of.
+struct Determinacy {
+  double condition = std::numeric_limits<double>::infinity();
+  double largest = 0.0;
+  bool complete = false;
+  std::string_view open;  ///< the direction nothing fixes, if not complete
+};
+
+Determinacy determinacy(const NormalEquations& eq) {
   constexpr std::array<std::string_view, 6> kNames = {"shift along the rail (x)",
                                                       "shift across the rail (y)",
                                                       "height (z)",
                                                       "tilt about x",
                                                       "tilt about y",
                                                       "turn about z"};
-  int largest = 0;
-  v.cwiseAbs().maxCoeff(&largest);
-  return kNames[static_cast<std::size_t>(largest)];
+  Determinacy d;
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>> solver;
+  solver.compute(eq.H);
+  d.largest = solver.eigenvalues()[5];
+  const double smallest = std::fmax(solver.eigenvalues()[0], 0.0);
+  if (d.largest > 0.0 && smallest > 0.0) d.condition = d.largest / smallest;
+  d.complete = eq.points >= 6 && smallest > kConditionMin * d.largest;
+  // Of several open directions the eigenvectors are any mixture: name the axis most of which is open.
+  Vec6 open = Vec6::Zero();
+  for (int k = 0; k < 6; ++k)
+    if (solver.eigenvalues()[k] <= kConditionMin * d.largest) open += Vec6(solver.eigenvectors().col(k)).cwiseAbs2();
+  int axis = 0;
+  for (int k = 1; k < 6; ++k)
+    if (open[k] > open[axis] + 1e-3) axis = k;
+  d.open = kNames[static_cast<std::size_t>(axis)];
+  return d;
 }
 
 /// Distances of all points near the model (paper Table 4), at the final pose.
@@ -302,21 +274,44 @@ DeviationStats deviations(const Cloud& cloud, const RegistrationTask& task, cons
   return stats;
 }
 
+/// A pose after the steps with the narrow gate, and what speaks for it.
+struct FineResult {
+  double gate_mm = 0.0;
+  bool stands_still = false;
+  Assessment seen;
+  Determinacy directions;
+};
+
+FineResult refine(const RegistrationTask& task, const Icp& icp, std::span<const Vec3> sample, std::size_t stride,
+                  std::span<double> residuals, Pose& pose, int& iterations) {
+  FineResult fine;
+  NormalEquations eq;
+  for (int i = 0; i < kFine.steps; ++i, ++iterations) (void)icp.step(pose, kFine.radius_mm, 1, eq);
+  fine.gate_mm = last_gate(icp, sample, stride, pose, residuals);
+  for (std::size_t i = 0; i < kFinalSteps && !fine.stands_still; ++i, ++iterations) {
+    const double moved_mm = icp.step(pose, fine.gate_mm, 1, eq);
+    fine.stands_still = moved_mm >= 0.0 && moved_mm < kStepDone_mm;
+    if (moved_mm < 0.0) break;
+  }
+  fine.seen = assess(task, sample, 1, pose);
+  // A face that is not there fixes nothing: where a bare slab passes a jaw's foot, its points only seem to be the
+  // jaw's.
+  fine.directions =
+      determinacy(icp.information(pose, fine.gate_mm, fine.seen.confirmed(task.settings.registration_gate_mm)));
+  return fine;
+}
+
 /// The final pose's status. The order matters: an undetermined direction explains best what is wrong.
-void pass_judgement(const RegistrationTask& task, const Pose& pose, const NormalEquations& eq, bool stands_still,
-                    const Assessment& a, RegistrationReport& report) {
-  report.share_associated = a.share();
-  Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>> solver;
-  solver.compute(eq.H);
-  const double largest = solver.eigenvalues()[5];
-  const double smallest = std::fmax(solver.eigenvalues()[0], 0.0);
-  report.condition = largest > 0.0 && smallest > 0.0 ? largest / smallest : std::numeric_limits<double>::infinity();
-  if (eq.points < 6 || !pose.all_finite() || !(smallest > kConditionMin * largest)) {
+void pass_judgement(const RegistrationTask& task, const Pose& pose, const FineResult& fine,
+                    RegistrationReport& report) {
+  report.share_associated = fine.seen.share();
+  report.condition = fine.directions.condition;
+  if (!fine.directions.complete || !pose.all_finite()) {
     report.status = RegistrationStatus::degenerate;
-    report.note.printf("nothing in the scan fixes: %s", direction_name(Vec6(solver.eigenvectors().col(0))).data());
+    report.note.printf("nothing in the scan fixes: %s", fine.directions.open.data());
     return;
   }
-  const FixedString<64> against = objection(a, task.settings, 1);
+  const FixedString<64> against = objection(fine.seen, task.settings, 1);
   if (!against.empty()) {
     report.status = RegistrationStatus::rejected;
     report.note = against;
@@ -330,8 +325,8 @@ void pass_judgement(const RegistrationTask& task, const Pose& pose, const Normal
                        deg_from_rad(turned_rad), task.settings.window_mm, deg_from_rad(task.settings.window_rad));
     return;
   }
-  report.status = stands_still ? RegistrationStatus::converged : RegistrationStatus::iteration_limit;
-  if (!stands_still) report.note = "the pose still moves at the iteration limit";
+  report.status = fine.stands_still ? RegistrationStatus::converged : RegistrationStatus::iteration_limit;
+  if (!fine.stands_still) report.note = "the pose still moves at the iteration limit";
 }
 
 }  // namespace
@@ -340,21 +335,25 @@ RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& ta
   RegistrationReport report;
   const std::span<const Vec3> sample = draw_sample(cloud, work.sample);
   const std::size_t stride = std::max<std::size_t>(1, sample.size() / kCoarsePoints);
-  const Aligner aligner(task, sample);
+  Icp icp(task.model, task.table, task.settings, sample);
 
-  Pose pose = coarse_search(task, aligner, sample, stride, report.iterations);
-  NormalEquations eq;
-  for (int i = 0; i < kFine.steps; ++i, ++report.iterations) (void)aligner.step(pose, kFine.radius_mm, 1, eq);
-  const double gate = last_gate(aligner, sample, stride, pose, work.residuals);
-  bool stands_still = false;
-  for (std::size_t i = 0; i < kFinalSteps && !stands_still; ++i, ++report.iterations) {
-    const double moved_mm = aligner.step(pose, gate, 1, eq);
-    stands_still = moved_mm >= 0.0 && moved_mm < kStepDone_mm;
-    if (moved_mm < 0.0) break;
+  Pose pose = coarse_pose(task, icp, sample, stride, report.iterations);
+  FineResult fine = refine(task, icp, sample, stride, work.residuals, pose, report.iterations);
+  if (!fine.directions.complete) {
+    const CasingTies casings = tie_to_casings(cloud, task.model, task.settings, pose, {work.index, work.histogram});
+    if (!casings.ties.empty()) {
+      pose = casings.T_block_scanner;
+      icp.hold(casings.ties, 2.0 * kConditionMin * fine.directions.largest);
+      fine = refine(task, icp, sample, stride, work.residuals, pose, report.iterations);
+    }
   }
 
   report.T_scanner_block = pose.inverse();
-  pass_judgement(task, pose, eq, stands_still, assess(task, sample, 1, pose), report);
+  pass_judgement(task, pose, fine, report);
+  if (fine.directions.complete) {
+    report.noise_mm = icp.noise_mm(pose, fine.gate_mm, work.residuals);
+    report.covariance = icp.covariance(pose, fine.gate_mm);
+  }
   report.deviation = deviations(cloud, task, pose, work.histogram);
   return report;
 }

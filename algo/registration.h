@@ -5,7 +5,7 @@
 
 #include "algo/algo.h"
 #include "algo/block_model.h"
-#include "algo/points.h"
+#include "algo/block_search.h"
 
 namespace slabd::algo {
 
@@ -14,19 +14,22 @@ struct RegistrationWorkspace {
   std::span<Vec3> sample;              ///< limits::kIcpPointsMax, scanner frame
   std::span<double> residuals;         ///< limits::kIcpPointsMax
   std::span<std::uint32_t> histogram;  ///< limits::kDeviationBins
+  std::span<std::uint32_t> index;      ///< >= points of the cloud
 };
 
 /// Where a registration starts and what makes it acceptable.
 struct RegistrationTask {
   const BlockModel& model;
   const FaceTable& table;
+  const HeightMap& heights;
   const EvaluationSettings& settings;
   Pose T_block_scanner;  ///< start
 };
 
-/// ICP of `cloud` (scanner frame, denoised) to the model: point to plane, robust, gates shrinking. Fills every field
-/// of the report; `status` is converged only if the pose stands still, is determined in all six directions, and every
-/// face that is looked at is really there. Deterministic; no heap.
+/// Finds the block in `cloud` (scanner frame, denoised): search of the whole window, then ICP to the model, point to
+/// plane, robust, gates shrinking; casings where the faces leave a direction open. Fills every field of the report;
+/// `status` is converged only if the pose stands still, is determined in all six directions, lies in the window, and
+/// every face that is looked at is really there. Deterministic; no heap.
 [[nodiscard]] RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& task,
                                                 const RegistrationWorkspace& work);
 

@@ -33,14 +33,16 @@ inline constexpr std::size_t kScanHeaderBytesMax = 16'384;
 inline constexpr std::size_t kScanReadBytes = 1U << 18U;
 
 // ---- measuring workspace (allocated once by algo::BlockInspector) ----------------------------------------------
-/// Neighbourhood cells of the isolation test: 1 mm over the 500 x 350 mm field needs 175 000; a wider field gets
-/// coarser cells, never more of them.
-inline constexpr std::size_t kDenoiseCellsMax = 1U << 20U;
+/// Neighbourhood cells of the isolation test: three point pitches wide, so nine points each; the largest scan needs
+/// 670 000 and gets slightly coarser ones, never more of them.
+inline constexpr std::size_t kDenoiseCellsMax = 1U << 19U;
 /// Points that take part in one ICP iteration. 2^16 points of 0.03 mm noise fix the pose to about 0.001 mm.
 inline constexpr std::size_t kIcpPointsMax = 1U << 16U;
 /// Cells of the closest-face table: 400 x 600 mm around the block at 1 mm.
 inline constexpr std::size_t kFaceTableX = 400;
 inline constexpr std::size_t kFaceTableY = 600;
+/// Raster of the model's heights that the search for the block works on: the face table's area at 4 mm.
+inline constexpr std::size_t kHeightMapCells = (kFaceTableX / 4) * (kFaceTableY / 4);
 /// Flatness cells: 102 x 150 mm at 1.5 mm is 68 x 100; a quarter more for another recipe's crop.
 inline constexpr std::size_t kFlatnessCellsMax = 8'500;
 /// Stratified sample on which plane hypotheses are scored (notes: more does not help, less loses the best one).
@@ -53,11 +55,12 @@ inline constexpr std::size_t kRimSectors = 48;
 /// Histogram of distances to the model (shares within 1..6 sigma): bins of 0.05 um over a 3 mm gate.
 inline constexpr std::size_t kDeviationBins = 1U << 16U;
 
-/// Bytes of algo's workspace: an index and a label per point, the cell starts, the ICP sample with its residuals, the
-/// face table (wide, near, scratch), the histogram and the flatness cells (mean, start, next).
+/// Bytes of algo's workspace: an index and a label per point, start and local plane (three floats) of each cell, the
+/// ICP sample with its residuals, the face table (wide, near, scratch), the height map, the histogram and the flatness
+/// cells (mean, start, next).
 inline constexpr std::size_t kWorkspaceBytes =
     kScanPointsMax * (sizeof(std::uint32_t) + 1) + (kDenoiseCellsMax + 1) * sizeof(std::uint32_t) +
-    kIcpPointsMax * 4 * sizeof(double) + kFaceTableX * kFaceTableY * 3 * sizeof(std::uint16_t) +
+    kDenoiseCellsMax * 3 * sizeof(float) + kHeightMapCells * sizeof(float) + kIcpPointsMax * 4 * sizeof(double) + kFaceTableX * kFaceTableY * 3 * sizeof(std::uint16_t) +
     kDeviationBins * sizeof(std::uint32_t) + kFlatnessCellsMax * (3 * sizeof(double) + 2 * sizeof(std::uint32_t)) +
     sizeof(std::uint32_t);
 /// What the inspection path holds for ever. The process adds about 15 MB of code, stacks and SQLite cache.

@@ -44,7 +44,7 @@ TEST(Registration, FindsThePoseToAMicrometre) {
   EXPECT_LT(r.error_mm, 0.002);
   EXPECT_LT(r.error_deg, 0.0005);
   EXPECT_GT(r.report().share_associated, 0.99);
-  EXPECT_LT(r.report().condition, 100.0);
+  EXPECT_LT(r.report().condition, 200.0);
 }
 
 TEST(Registration, ReportsDeviationsOfAllPointsNearTheModel) {
@@ -91,7 +91,7 @@ TEST(Registration, IsRightOrSaysNoFromAnyDistance) {
     }
     ++converged;
     EXPECT_LT(r.error_mm, 0.01) << shift.transpose();
-    EXPECT_LE(shift.norm(), 40.5) << "beyond the window";
+    EXPECT_LE(shift.norm(), 60.5) << "beyond the window";
   }
   EXPECT_GE(converged, 1);
 }
@@ -156,11 +156,38 @@ TEST(Registration, DoesNotFindABlockInABoxOfNoise) {
   expect_not_found(cloud);
 }
 
-TEST(Registration, NamesTheDirectionThatNothingFixes) {
-  // Neither end face in view: nothing says where the block is along the rail.
+/// Takes the surroundings of both casings out of the scan.
+void without_casings(scene::Cloud& cloud) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
+    const float* f = cloud.xyz.data() + 3 * i;
+    const Vec3 p =
+        cloud.T_block_scanner * Vec3(static_cast<double>(f[0]), static_cast<double>(f[1]), static_cast<double>(f[2]));
+    if (std::hypot(p.x(), std::abs(p.y()) - 116.5) < 35.0) continue;
+    std::copy_n(f, 3, cloud.xyz.data() + 3 * kept++);
+  }
+  cloud.xyz.resize(3 * kept);
+  cloud.width = cloud.height = 0;
+}
+
+TEST(Registration, TakesThePlaceAlongTheRailFromTheCasingsWhenNoEndIsInView) {
   scene::Scan scan;
   scan.field_x_mm = 170.0;
+  scan.displacement = scene::displaced(18.0, -7.0, 2.0, 0.5, -1.0, 1.5);
   const Registered r(scene::take({}, scan), Pose::identity());
+  ASSERT_EQ(r.report().status, RegistrationStatus::converged) << r.report().note.c_str();
+  EXPECT_LT(r.error_mm, 0.1);
+  EXPECT_LT(r.error_deg, 0.02);
+  EXPECT_GT(r.report().covariance(0, 0), 1e-5) << "casings say it less sharply than ends";
+}
+
+TEST(Registration, NamesTheDirectionThatNothingFixes) {
+  // Neither end face in view, and no casing: nothing says where the block is along the rail.
+  scene::Scan scan;
+  scan.field_x_mm = 170.0;
+  scene::Cloud cloud = scene::take({}, scan);
+  without_casings(cloud);
+  const Registered r(std::move(cloud), Pose::identity());
   EXPECT_EQ(r.report().status, RegistrationStatus::degenerate);
   EXPECT_EQ(r.report().note.view(), "nothing in the scan fixes: shift along the rail (x)");
   EXPECT_EQ(r.code, Code::block_not_found);

@@ -186,8 +186,8 @@ Recipe p5600() {
                   .inlier_share_min = 0.8,
                   .registration_gate_mm = 3.0,
                   .registration_share_min = 0.7,
-                  .window_mm = 40.0,
-                  .window_rad = rad_from_deg(6.0)};
+                  .window_mm = 60.0,
+                  .window_rad = rad_from_deg(10.0)};
   r.slope_datum = SlopeDatum::slab_frame;
   r.remove_warp = true;
   r.guard = 1.0;

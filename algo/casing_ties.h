@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "algo/algo.h"
+#include "algo/block_model.h"
+
+/// What the casings say about where the block is, for scans whose faces leave a direction open: bearing plane, jaws and
+/// shoulders run along the rail and know nothing of it; only the end faces do, and a scanner that looks past them, or
+/// from one point down their 10 degree draft, does not see them.
+namespace slabd::algo {
+
+/// A measured point of the scan that must lie at a nominal distance along one direction of the block.
+struct Tie {
+  Vec3 p_scanner = Vec3::Zero();
+  Vec3 direction = Vec3::UnitX();  ///< block frame, unit
+  double target_mm = 0.0;          ///< direction.(T_block_scanner * p_scanner), if the block is nominal
+  double sigma_mm = 0.0;           ///< standard deviation of the point along the direction
+};
+
+struct CasingTies {
+  Pose T_block_scanner;      ///< shifted along the rail so that the bores lie where they should
+  FixedVector<Tie, 4> ties;  ///< along the rail and along the seat for each casing found; empty: none found
+};
+
+/// Memory, owned by the inspector.
+struct CasingTiesWorkspace {
+  std::span<std::uint32_t> index;   ///< >= points of the cloud
+  std::span<std::uint32_t> counts;  ///< limits::kDeviationBins
+};
+
+/// Looks for the two bores along the rail, up to window_mm (100 at most) to either side of `T_block_scanner`, which
+/// must be right in height, tilt and across the rail; then fits their edges. A casing counts only with a round edge of
+/// the right radius (see measure_casing). O(points), about 10 ns a point.
+[[nodiscard]] CasingTies tie_to_casings(const Cloud& cloud, const BlockModel& model, const EvaluationSettings& settings,
+                                        const Pose& T_block_scanner, const CasingTiesWorkspace& work);
+
+}  // namespace slabd::algo
