@@ -14,6 +14,9 @@ constexpr double kStepMax_mm = 30.0;
 /// Median of |r| to standard deviation, for normal errors.
 constexpr double kSigmaPerMedian = 1.4826;
 
+/// Of a point that takes no part within the single-face gate.
+constexpr std::uint8_t kNoFace = 255;
+
 double tukey(double u) {
   return (1.0 - u * u) * (1.0 - u * u);
 }
@@ -43,11 +46,30 @@ Eigen::Matrix<double, 6, 6> symmetric(const Mat6& upper) {
 template <typename Visit>
 void Icp::each_point(const Pose& pose, double gate_mm, std::size_t stride, Visit&& visit) const {
   const Mat3 R = pose.rotation.toRotationMatrix();
+  const bool associated = gate_mm <= single_face_gate();
   for (std::size_t i = 0; i < sample_.size(); i += stride) {
+    if (associated && faces_[i] == kNoFace) continue;
     const Vec3 p = R * sample_[i] + pose.translation_mm;
     Face face = Face::seat;
     double r = 0.0;
-    if (face_of(p, gate_mm, face, r)) visit(face, r, jacobian(model_.plane(face).n, p));
+    if (associated) {
+      face = static_cast<Face>(faces_[i]);
+      r = model_.plane(face).distance(p);
+      if (!(std::abs(r) < gate_mm)) continue;
+    } else if (!face_of(p, gate_mm, face, r)) {
+      continue;
+    }
+    visit(face, r, jacobian(model_.plane(face).n, p));
+  }
+}
+
+void Icp::associate(const Pose& pose) {
+  const Mat3 R = pose.rotation.toRotationMatrix();
+  for (std::size_t i = 0; i < sample_.size(); ++i) {
+    Face face = Face::seat;
+    double r = 0.0;
+    const bool found = face_of(R * sample_[i] + pose.translation_mm, single_face_gate(), face, r);
+    faces_[i] = found ? static_cast<std::uint8_t>(face) : kNoFace;
   }
 }
 

@@ -29,8 +29,14 @@ class Icp {
  public:
   static constexpr double kLever_mm = 150.0;
 
-  Icp(const BlockModel& model, const FaceTable& table, const EvaluationSettings& settings, std::span<const Vec3> sample)
-      : model_(model), table_(table), settings_(settings), sample_(sample) {}
+  /// `faces`: memory for a face per sampled point.
+  Icp(const BlockModel& model, const FaceTable& table, const EvaluationSettings& settings, std::span<const Vec3> sample,
+      std::span<std::uint8_t> faces)
+      : model_(model), table_(table), settings_(settings), sample_(sample), faces_(faces) {}
+
+  /// Gives each point to its face for the steps within `single_face_gate`. Between two calls those steps work on one
+  /// smooth problem, which has a fixed point; points that change sides with every step have none.
+  void associate(const Pose& T_block_scanner);
 
   /// One Gauss-Newton step at `gate` on every `stride`-th point; returns the step's length, negative if unsolvable.
   double step(Pose& T_block_scanner, double gate_mm, std::size_t stride, NormalEquations& eq) const;
@@ -56,6 +62,11 @@ class Icp {
     return accumulate(T_block_scanner, gate_mm, 1, faces);
   }
 
+  /// How far a motion carries the rim of the block.
+  [[nodiscard]] static double length_mm(const Pose& motion) {
+    return motion.translation_mm.norm() + kLever_mm * angle_between_rad(motion.rotation, Quat::Identity());
+  }
+
   /// Covariance of the pose at its fixed point (RegistrationReport::covariance), by the M-estimator's sandwich
   /// A^-1 B A^-1 (Huber 1981): A sums psi', B the scatter of psi face by face. So neither the weights, nor faces on
   /// which the noise is seen at a slant, nor a face a little off the model make it say more or less than the noise.
@@ -75,6 +86,7 @@ class Icp {
   const FaceTable& table_;
   const EvaluationSettings& settings_;
   std::span<const Vec3> sample_;
+  std::span<std::uint8_t> faces_;
   FixedVector<Tie, 4> ties_;
   double tie_weight_ = 0.0;
 };

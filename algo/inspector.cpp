@@ -142,7 +142,7 @@ Status BlockInspector::register_to_model(const Cloud& cloud) {
     refuse_registration(w.result.registration, "not tried: the start pose is not finite");
     return error(Code::no_pose, "the start pose of the registration is not finite");
   }
-  w.result.registration = register_block(cloud, task, {w.sample, w.residuals, w.histogram, w.order});
+  w.result.registration = register_block(cloud, task, {w.sample, w.residuals, w.label, w.histogram, w.order});
   const RegistrationReport& report = w.result.registration;
   switch (report.status) {
     case RegistrationStatus::converged: return success();

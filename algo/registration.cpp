@@ -31,8 +31,12 @@
 namespace slabd::algo {
 namespace {
 
-/// The pose stands still when no parameter moves the block's rim by more than this.
+/// The pose stands still when a step moves the block's rim by less than this, and giving the points to their faces anew
+/// moves it by less than that: a point in ten thousand may change sides for ever.
 constexpr double kStepDone_mm = 1e-6;
+constexpr double kRoundDone_mm = 1e-3;
+constexpr int kRounds = 20;
+constexpr int kRoundSteps = 40;
 /// Smallest to largest eigenvalue of the normal matrix. A complete block has about 2e-2; without end faces 0.
 constexpr double kConditionMin = 1e-3;
 /// Share of a single face's points that must be on it. Lower than for the whole: a glove may lie on a jaw.
@@ -44,7 +48,6 @@ constexpr double kFaceSpreadMax = 0.25;
 /// A face seen by fewer sampled points says nothing.
 constexpr std::size_t kFacePointsMin = 20;
 constexpr std::size_t kCoarsePoints = 8192;
-constexpr std::size_t kFinalSteps = 60;
 
 struct Gate {
   double radius_mm;
@@ -282,16 +285,20 @@ struct FineResult {
   Determinacy directions;
 };
 
-FineResult refine(const RegistrationTask& task, const Icp& icp, std::span<const Vec3> sample, std::size_t stride,
+FineResult refine(const RegistrationTask& task, Icp& icp, std::span<const Vec3> sample, std::size_t stride,
                   std::span<double> residuals, Pose& pose, int& iterations) {
   FineResult fine;
   NormalEquations eq;
   for (int i = 0; i < kFine.steps; ++i, ++iterations) (void)icp.step(pose, kFine.radius_mm, 1, eq);
   fine.gate_mm = last_gate(icp, sample, stride, pose, residuals);
-  for (std::size_t i = 0; i < kFinalSteps && !fine.stands_still; ++i, ++iterations) {
-    const double moved_mm = icp.step(pose, fine.gate_mm, 1, eq);
-    fine.stands_still = moved_mm >= 0.0 && moved_mm < kStepDone_mm;
-    if (moved_mm < 0.0) break;
+  for (int round = 0; round < kRounds && !fine.stands_still; ++round) {
+    icp.associate(pose);
+    const Pose before = pose;
+    double step_mm = kRoundDone_mm;
+    for (int i = 0; i < kRoundSteps && step_mm >= kStepDone_mm; ++i, ++iterations)
+      step_mm = icp.step(pose, fine.gate_mm, 1, eq);
+    if (step_mm < 0.0) break;
+    fine.stands_still = step_mm < kStepDone_mm && Icp::length_mm(pose * before.inverse()) < kRoundDone_mm;
   }
   fine.seen = assess(task, sample, 1, pose);
   // A face that is not there fixes nothing: where a bare slab passes a jaw's foot, its points only seem to be the
@@ -335,7 +342,7 @@ RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& ta
   RegistrationReport report;
   const std::span<const Vec3> sample = draw_sample(cloud, work.sample);
   const std::size_t stride = std::max<std::size_t>(1, sample.size() / kCoarsePoints);
-  Icp icp(task.model, task.table, task.settings, sample);
+  Icp icp(task.model, task.table, task.settings, sample, work.faces);
 
   Pose pose = coarse_pose(task, icp, sample, stride, report.iterations);
   FineResult fine = refine(task, icp, sample, stride, work.residuals, pose, report.iterations);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <span>
 
 #include "algo/algo.h"
@@ -13,6 +14,7 @@ namespace slabd::algo {
 struct RegistrationWorkspace {
   std::span<Vec3> sample;              ///< limits::kIcpPointsMax, scanner frame
   std::span<double> residuals;         ///< limits::kIcpPointsMax
+  std::span<std::uint8_t> faces;       ///< limits::kIcpPointsMax
   std::span<std::uint32_t> histogram;  ///< limits::kDeviationBins
   std::span<std::uint32_t> index;      ///< >= points of the cloud
 };
