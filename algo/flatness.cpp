@@ -13,6 +13,10 @@
 // A cell is missing when it holds less than a third of cell_points_min, or fewer than cell_points_min that disagree
 // with what the full cells show. A coarse scan has many cells a few points short of the limit, in rows and columns:
 // those are not holes, as their points say that the seat is there. Cells at casings and cut by the border do not count.
+//
+// Flatness is one number and a small chip moves it by no more than a long bow does. So the cells that stand out of the
+// noise are also grouped by touch, and the largest group on one side is reported with its place: the defect channel.
+// It sees what returned points; a chip so deep or steep that it returned none shows as a hole.
 #include "algo/flatness.h"
 
 #include <algorithm>
@@ -20,6 +24,8 @@
 #include <cmath>
 
 #include "algo/algo.h"
+#include "algo/cell_grid.h"
+#include "algo/cell_noise.h"
 #include "algo/moments.h"
 
 namespace slabd::algo {
@@ -31,38 +37,11 @@ constexpr std::size_t kCellSampleMax = 512;
 constexpr double kStraySigmas = 5.0;
 /// ... and at least this far: a slope or step within a cell is not a stray.
 constexpr double kStrayMin_mm = 0.15;
+/// Nearer to the seat than this no cell is a defect, however quiet the scan: float coordinates resolve no better than
+/// a tenth of it.
+constexpr double kDefectMin_mm = 0.001;
 /// A hole in the data that may hide a defect worth finding: 10 x 10 mm.
 constexpr double kHole_mm2 = 100.0;
-
-constexpr double kSqrtTwo = 1.4142135623730951;
-
-struct Grid {
-  std::size_t columns = 0;
-  std::size_t rows = 0;
-  const FlatnessRegion& region;
-
-  explicit Grid(const FlatnessRegion& r) : region(r) {
-    columns = static_cast<std::size_t>(std::ceil(2.0 * r.half_x_mm / r.cell_mm - 1e-9));
-    rows = static_cast<std::size_t>(std::ceil(2.0 * r.half_s_mm / r.cell_mm - 1e-9));
-  }
-  [[nodiscard]] std::size_t cells() const { return columns * rows; }
-  [[nodiscard]] std::size_t cell(const Vec3& p) const {
-    const double column = (p.x() + region.half_x_mm) / region.cell_mm;
-    const double row = (region.along_seat.dot(p) + region.half_s_mm) / region.cell_mm;
-    const std::size_t c = std::min(static_cast<std::size_t>(std::max(column, 0.0)), columns - 1);
-    const std::size_t r = std::min(static_cast<std::size_t>(std::max(row, 0.0)), rows - 1);
-    return r * columns + c;
-  }
-  /// Does all of this cell belong to the region, clear of the casings?
-  [[nodiscard]] bool expected(std::size_t cell) const {
-    const double x0 = static_cast<double>(cell % columns) * region.cell_mm - region.half_x_mm;
-    const double s0 = static_cast<double>(cell / columns) * region.cell_mm - region.half_s_mm;
-    if (x0 + region.cell_mm > region.half_x_mm + 1e-9 || s0 + region.cell_mm > region.half_s_mm + 1e-9) return false;
-    const double half = 0.5 * region.cell_mm;
-    const double from_casing = std::hypot(x0 + half, std::abs(s0 + half) - region.casing_s_mm);
-    return region.casing_clear_mm <= 0.0 || from_casing > region.casing_clear_mm + kSqrtTwo * half;
-  }
-};
 
 /// Sorts `index` by cell in place: every entry goes straight to the next free place of its cell.
 template <typename CellOf>
@@ -104,24 +83,35 @@ CellCentre centre_of(std::span<const std::uint32_t> index, const HeightOf& heigh
   return {median, 1.4826 * *middle};
 }
 
+/// A cell's mean point without strays, and how its points scatter about it.
+struct CellPoints {
+  Vec3 mean = Vec3::Zero();
+  std::uint32_t used = 0;
+  double squares = 0.0;  ///< of heights about their mean, mm^2
+};
+
 /// Mean point of a cell without its strays; false when too few are left.
 template <typename PointOf>
 bool cell_mean(std::span<const std::uint32_t> index, const PointOf& point_of, const PlaneFit& seat,
-               std::uint32_t points_min, Vec3& mean) {
+               std::uint32_t points_min, CellPoints& cell) {
   if (index.empty() || index.size() < points_min) return false;
   const auto height_of = [&](std::uint32_t i) { return seat.normal.dot(point_of(i)) - seat.offset_mm; };
   const CellCentre centre = centre_of(index, height_of);
   const double reach = std::max(kStraySigmas * centre.sigma, kStrayMin_mm);
   Vec3 sum = Vec3::Zero();
-  std::uint32_t used = 0;
+  ScalarMoments heights(0.0);
   for (const std::uint32_t i : index) {
     const Vec3 p = point_of(i);
-    if (std::abs(seat.normal.dot(p) - seat.offset_mm - centre.median) > reach) continue;
+    const double h = seat.normal.dot(p) - seat.offset_mm - centre.median;
+    if (std::abs(h) > reach) continue;
     sum += p;
-    ++used;
+    heights.add(h);
   }
-  if (used < points_min || used == 0) return false;
-  mean = sum / static_cast<double>(used);
+  heights.close_block();
+  cell.used = static_cast<std::uint32_t>(heights.count());
+  if (cell.used < points_min || cell.used == 0) return false;
+  cell.mean = sum / static_cast<double>(cell.used);
+  cell.squares = cell.used > 1 ? heights.variance(1) * static_cast<double>(cell.used - 1) : 0.0;
   return true;
 }
 
@@ -135,37 +125,54 @@ bool agrees(std::span<const std::uint32_t> cell, const HeightOf& height_of, std:
   return median >= low - kStrayMin_mm && median <= high + kStrayMin_mm;
 }
 
-/// What a cell came to, while holes are sought.
-enum CellMark : std::uint32_t { kSeen, kMissing };
+/// All cells that have a mean, one after the other.
+struct CellHeights {
+  std::array<double, limits::kFlatnessCellsMax> height;  ///< of the mean above the seat, mm
+  std::array<std::uint32_t, limits::kFlatnessCellsMax> cell;
+  std::size_t size = 0;
+  double points = 0.0;   ///< in all of them
+  double squares = 0.0;  ///< of single points about their cell's mean, mm^2
 
-/// Cells of the largest group of missing ones that touch, corners included. Takes the marks off. `stack`: one per cell.
-std::size_t largest_hole(const Grid& grid, std::span<std::uint32_t> mark, std::span<std::uint32_t> stack) {
-  std::size_t largest = 0;
-  for (std::size_t first = 0; first < grid.cells(); ++first) {
-    if (mark[first] != kMissing) continue;
-    std::size_t group = 0;
-    std::size_t waiting = 0;
-    // Marks go when a cell is put on the stack: each is put there once.
-    mark[first] = kSeen;
-    stack[waiting++] = static_cast<std::uint32_t>(first);
-    while (waiting > 0) {
-      const std::size_t cell = stack[--waiting];
-      ++group;
-      const std::size_t column = cell % grid.columns;
-      const std::size_t row = cell / grid.columns;
-      for (std::size_t r = row - std::min<std::size_t>(row, 1); r <= std::min(row + 1, grid.rows - 1); ++r) {
-        for (std::size_t c = column - std::min<std::size_t>(column, 1); c <= std::min(column + 1, grid.columns - 1);
-             ++c) {
-          const std::size_t next = r * grid.columns + c;
-          if (mark[next] != kMissing) continue;
-          mark[next] = kSeen;
-          stack[waiting++] = static_cast<std::uint32_t>(next);
-        }
-      }
-    }
-    largest = std::max(largest, group);
+  [[nodiscard]] double points_per_cell() const { return points / static_cast<double>(size); }
+};
+
+/// Marks the cells of the defect channel and returns its limit. A coarse scan has cells of few points among the full
+/// ones; theirs is the larger noise and the further limit.
+template <typename PointsIn>
+double mark_defects(const CellHeights& cells, const PointsIn& points_in, double seat_std_mm, double sigmas,
+                    std::span<std::uint32_t> mark) {
+  std::array<double, limits::kFlatnessCellsMax> size;
+  for (std::size_t k = 0; k < cells.size; ++k) size[k] = std::abs(cells.height[k]);
+  const auto middle = size.begin() + static_cast<std::ptrdiff_t>(cells.size / 2);
+  std::nth_element(size.begin(), middle, size.begin() + static_cast<std::ptrdiff_t>(cells.size));
+  const double robust = 1.4826 * *middle;
+  const double usual = seat_std_mm / std::sqrt(cells.points_per_cell());
+  for (std::size_t k = 0; k < cells.size; ++k) {
+    const double own = seat_std_mm / std::sqrt(static_cast<double>(points_in(cells.cell[k]).size()));
+    const double limit = std::fmax(sigmas * std::fmax(robust * std::fmax(own / usual, 1.0), own), kDefectMin_mm);
+    if (cells.height[k] > limit) mark[cells.cell[k]] = kHigh;
+    if (cells.height[k] < -limit) mark[cells.cell[k]] = kLow;
   }
-  return largest;
+  return std::fmax(sigmas * std::fmax(robust, usual), kDefectMin_mm);
+}
+
+/// The largest group of cells marked `side`, if it is larger than the one `defect` holds.
+void find_defect(const CellGrid& grid, CellMark side, const CellHeights& cells, std::span<std::uint32_t> mark,
+                 std::span<std::uint32_t> stack, SurfaceDefect& defect) {
+  for_each_group(grid, side, mark, stack, [&](std::span<const std::uint32_t> group) {
+    if (group.size() <= defect.cells) return;
+    defect.cells = static_cast<std::uint32_t>(group.size());
+    defect.area_mm2 = static_cast<double>(group.size()) * grid.region.cell_mm * grid.region.cell_mm;
+    defect.height_mm = defect.x_mm = defect.s_mm = 0.0;
+    for (const std::uint32_t cell : group) {
+      defect.x_mm += grid.x_of(cell) / static_cast<double>(group.size());
+      defect.s_mm += grid.s_of(cell) / static_cast<double>(group.size());
+      const auto end = cells.cell.begin() + static_cast<std::ptrdiff_t>(cells.size);
+      const auto k = std::lower_bound(cells.cell.begin(), end, cell) - cells.cell.begin();
+      const double height = cells.height[static_cast<std::size_t>(k)];
+      if (std::abs(height) > std::abs(defect.height_mm)) defect.height_mm = height;
+    }
+  });
 }
 
 }  // namespace
@@ -173,7 +180,7 @@ std::size_t largest_hole(const Grid& grid, std::span<std::uint32_t> mark, std::s
 Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, const FastTransform& T_block_scanner,
                           const PlaneFit& seat, const FlatnessRegion& region, const FlatnessWorkspace& work) {
   Flatness result;
-  const Grid grid(region);
+  const CellGrid grid(region);
   if (index.empty() || grid.cells() == 0 || grid.cells() > work.cell_mean.size()) return result;
   const auto point_of = [&](std::uint32_t i) { return T_block_scanner(xyz + 3 * std::size_t{i}); };
 
@@ -196,16 +203,21 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   // Sorting is done with cell_next; from here on it holds the marks.
   const std::span<std::uint32_t> mark = work.cell_next.first(grid.cells());
   std::size_t expected = 0;
+  CellHeights cells;
   low = std::numeric_limits<double>::infinity();
   high = -low;
   for (std::size_t c = 0; c < grid.cells(); ++c) {
-    mark[c] = kSeen;
+    mark[c] = kPlain;
     const bool wanted = grid.expected(c);
     if (wanted) ++expected;
-    Vec3 mean;
-    if (cell_mean(points_in(c), point_of, seat, region.cell_points_min, mean)) {
-      work.cell_mean[result.cells++] = mean;
-      const double h = seat.normal.dot(mean) - seat.offset_mm;
+    CellPoints cell;
+    if (cell_mean(points_in(c), point_of, seat, region.cell_points_min, cell)) {
+      work.cell_mean[result.cells++] = cell.mean;
+      const double h = seat.normal.dot(cell.mean) - seat.offset_mm;
+      cells.height[cells.size] = h;
+      cells.cell[cells.size++] = static_cast<std::uint32_t>(c);
+      cells.points += static_cast<double>(cell.used);
+      cells.squares += cell.squares;
       low = std::min(low, h);
       high = std::max(high, h);
     } else if (wanted) {
@@ -215,12 +227,19 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   for (std::size_t c = 0; c < grid.cells(); ++c) {
     if (mark[c] != kMissing) continue;
     if (agrees(points_in(c), height_of, region.cell_points_min, low, high))
-      mark[c] = kSeen;
+      mark[c] = kPlain;
     else
       ++result.cells_missing;
   }
-  // The cells' starts have served too: they lend their room to the search.
-  result.hole_mm2 = static_cast<double>(largest_hole(grid, mark, work.cell_start)) * region.cell_mm * region.cell_mm;
+  if (cells.size > 0) result.defect.limit_mm = mark_defects(cells, points_in, seat.std_mm, region.defect_sigmas, mark);
+  // The cells' starts have served: they lend their room to the search of groups.
+  const std::span<std::uint32_t> stack = work.cell_start;
+  std::size_t hole = 0;
+  for_each_group(grid, kMissing, mark, stack,
+                 [&](std::span<const std::uint32_t> group) { hole = std::max(hole, group.size()); });
+  result.hole_mm2 = static_cast<double>(hole) * region.cell_mm * region.cell_mm;
+  find_defect(grid, kHigh, cells, mark, stack, result.defect);
+  find_defect(grid, kLow, cells, mark, stack, result.defect);
   const double missing_max = region.cells_missing_max * static_cast<double>(expected);
   if (2 * std::size_t{result.cells} < expected || static_cast<double>(result.cells_missing) > missing_max ||
       result.hole_mm2 > kHole_mm2)
@@ -240,6 +259,13 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   result.lsq_mm = high - low;
   result.std_cells_mm = plane.std_mm;
   result.min_zone_mm = minimum_zone_mm(means);
+  const CellNoise noise =
+      noise_of_cells(grid, std::span(cells.height).first(cells.size), std::span(cells.cell).first(cells.size),
+                     cells.squares / (cells.points - static_cast<double>(cells.size)), cells.points_per_cell());
+  if (noise.ok) {
+    result.noise_factor = noise.factor;
+    result.noise_mm = expected_range(cells.size) * noise.cell_sigma_mm;
+  }
   return result;
 }
 

@@ -30,6 +30,7 @@ struct FlatnessRegion {
   double cells_missing_max = 0.05;  ///< share of the cells
   double casing_s_mm = 0.0;         ///< round both casings, at x = 0 and |s| here, nothing is expected ...
   double casing_clear_mm = 0.0;     ///< ... within this radius
+  double defect_sigmas = 5.0;       ///< cells further than this from the seat form the defect channel
 };
 
 struct Flatness {
@@ -42,11 +43,17 @@ struct Flatness {
   double std_cells_mm = kNoValue;  ///< of the cell means to their least-squares plane, n - 3
   double raw_low_mm = kNoValue;    ///< extremes of single points to `seat`
   double raw_high_mm = kNoValue;
+  double noise_factor = kNoValue;  ///< see SeatFeature; NaN when it could not be told from form
+  double noise_mm = kNoValue;      ///< what a flat seat would read: expected range of the cell means from noise alone
+  SurfaceDefect defect;            ///< of what was seen, also when `ok` is false
 };
 
 /// Flatness of the points `index` names (re-ordered by cell) around the fitted seat plane. A cell's height is the mean
-/// of its points without strays; a chip or bump as large as half a cell stays. ok = false: the region needs more than
-/// limits::kFlatnessCellsMax cells, or too little of it was seen (the rule stands in flatness.cpp).
+/// of its points without strays; a chip or bump as large as half a cell stays. A cell belongs to the defect channel
+/// when it lies further than defect_sigmas times the noise from `seat`; the noise is the robust standard deviation of
+/// all cells, not below std_mm / sqrt(points in the cell). What returned no points at all is a hole, not a defect. ok =
+/// false: the region needs more than limits::kFlatnessCellsMax cells, or too little of it was seen (the rule stands in
+/// flatness.cpp).
 [[nodiscard]] Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index,
                                         const FastTransform& T_block_scanner, const PlaneFit& seat,
                                         const FlatnessRegion& region, const FlatnessWorkspace& work);

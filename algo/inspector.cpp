@@ -197,6 +197,7 @@ Status BlockInspector::extract(const Cloud& cloud) {
   FlatnessRegion region{evaluation.crop_half_x_mm, evaluation.crop_half_s_mm, evaluation.cell_mm,
                         evaluation.cell_points_min, w.model.along_seat()};
   region.cells_missing_max = evaluation.cells_missing_max;
+  region.defect_sigmas = evaluation.defect_sigmas;
   region.casing_s_mm = geometry.casing_half_spacing_mm.value;
   region.casing_clear_mm = 0.5 * geometry.casing_rim_diameter_mm.value + evaluation.edge_margin_mm;
   // Re-orders the points over the crop: after the fits.
@@ -208,6 +209,9 @@ Status BlockInspector::extract(const Cloud& cloud) {
   seat.flatness_min_zone_mm = flatness.min_zone_mm;
   seat.raw_low_mm = flatness.raw_low_mm;
   seat.raw_high_mm = flatness.raw_high_mm;
+  seat.noise_factor = flatness.noise_factor;
+  seat.flatness_noise_mm = flatness.noise_mm;
+  seat.defect = flatness.defect;
 
   const auto casing = [&](Region where, bool outer) {
     const CasingTask task{w.model.casing_centre(outer),

@@ -3,10 +3,10 @@
 
 #include <gtest/gtest.h>
 
-#include <numeric>
 #include <vector>
 
 #include "algo/algo.h"
+#include "seat.h"
 #include "surfaces.h"
 
 namespace slabd::algo {
@@ -14,6 +14,7 @@ namespace {
 
 using slabd::testing::peak_to_valley;
 using slabd::testing::rms;
+using slabd::testing::Seat;
 using slabd::testing::surface;
 
 TEST(MinimumZone, OfRegularSolidsIsTheirWidth) {
@@ -58,32 +59,6 @@ TEST(MinimumZone, OfNoPlaneIsNoNumber) {
   const std::vector<Vec3> same(10, Vec3(1.0, 2.0, 3.0));
   EXPECT_TRUE(std::isnan(minimum_zone_mm(same)));
 }
-
-/// A level seat as float points, and the flatness of it.
-struct Seat {
-  std::vector<float> xyz;
-  std::vector<std::uint32_t> index;
-  std::vector<std::uint32_t> start = std::vector<std::uint32_t>(limits::kFlatnessCellsMax + 1);
-  std::vector<std::uint32_t> next = std::vector<std::uint32_t>(limits::kFlatnessCellsMax);
-  std::vector<Vec3> mean = std::vector<Vec3>(limits::kFlatnessCellsMax);
-  FlatnessRegion region{51.0, 75.0, 1.5, 12, Vec3::UnitY()};
-
-  template <typename Height>
-  explicit Seat(const Height& height, double pitch = 0.25) {
-    for (double y = -75.0 + 0.5 * pitch; y < 75.0; y += pitch)
-      for (double x = -51.0 + 0.5 * pitch; x < 51.0; x += pitch)
-        xyz.insert(xyz.end(), {static_cast<float>(x), static_cast<float>(y), static_cast<float>(height(x, y))});
-  }
-  Flatness measure() {
-    index.resize(xyz.size() / 3);
-    std::iota(index.begin(), index.end(), 0U);
-    PlaneFit seat;
-    seat.ok = true;
-    seat.normal = Vec3::UnitZ();
-    seat.offset_mm = 0.0;
-    return measure_flatness(xyz.data(), index, FastTransform(Pose::identity()), seat, region, {start, next, mean});
-  }
-};
 
 TEST(Flatness, OfNoiseIsTheNoiseOfCellMeans) {
   Prng prng(4);
