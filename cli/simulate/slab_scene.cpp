@@ -141,17 +141,19 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
     for (int axis = 0; axis < 3; ++axis)
       station.offset_slab_mm[axis] = within(random, variation.casting * kScatterPlaceMm);
     double reported_above_mm = 0.0;
+    double slab_lift_mm = 0.0;
     const double along =
         T_slab_block(recipe, k).translation_mm.x() / T_slab_block(recipe, recipe.slab.pairs).translation_mm.x();
     for (const Defect& defect : defects) {
       if (defect.station == k) plant(defect, station, reported_above_mm);
-      if (defect.station == 0) station.offset_slab_mm.z() += lifted_mm(defect, k <= recipe.slab.pairs, along);
+      if (defect.station == 0) slab_lift_mm += lifted_mm(defect, k <= recipe.slab.pairs, along);
     }
+    // The slab's top does not move with a block that stands too high, but bends and twists with the slab.
+    station.block.slab_top_shift_mm = -station.offset_slab_mm.z();
+    station.offset_slab_mm.z() += slab_lift_mm;
 
     station.T_slab_block = T_slab_block(recipe, k);
     station.T_slab_block.translation_mm += station.offset_slab_mm;
-    // The slab's top does not move with a block that stands too high.
-    station.block.slab_top_shift_mm = -station.offset_slab_mm.z();
 
     // The robot was taught on a nominal slab in the nominal place and knows nothing of this one.
     const Pose taught =

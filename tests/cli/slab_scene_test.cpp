@@ -89,6 +89,9 @@ TEST(SlabScene, defects_of_the_slab_are_its_items_and_leave_the_others_alone) {
   EXPECT_EQ(true_value(recipe, slab.value().at(6), ItemId::jaw_distance),
             true_value(recipe, slab.value().at(5), ItemId::jaw_distance));
   EXPECT_TRUE(std::isnan(truth(ItemId::seat_slope, 3)));
+  // A bent slab takes its top along.
+  EXPECT_NEAR(slab.value().at(5).offset_slab_mm.z(), 2.0, 0.01);
+  EXPECT_EQ(slab.value().at(5).block.slab_top_shift_mm, 0.0);
 }
 
 TEST(SlabScene, robot_repeatability_has_its_standard_deviation_and_is_new_for_every_slab) {
