@@ -12,6 +12,7 @@
 
 #include <CLI/CLI.hpp>
 #include <chrono>
+#include <cstdio>
 #include <functional>
 
 #include "tests/accuracy/block_scan.h"
@@ -239,6 +240,7 @@ int main(int argc, char** argv) {
   app.add_option("--points", points, "full or quarter")->check(CLI::IsMember({"full", "quarter"}));
   CLI11_PARSE(app, argc, argv);
 
+  std::setvbuf(stdout, nullptr, _IOLBF, 0);  // stages take minutes: show each when it is done
   const std::optional<Recipe> recipe = accuracy::reference_recipe();
   if (!recipe) return 3;
   oracle::Scene scene{*recipe, accuracy::varied_sight(*recipe, seed), {}, {}};
