@@ -226,8 +226,9 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
   const auto jaw = [&](algo::Face face, double sign, double angle, double yaw) {
     const Vec3 jaw_n = turned(Vec3(sign * angle, 0.0, yaw)) * model_.plane(face).n;
     const double height = g.jaw_reference_height_mm.value;
-    const Vec3 at_height = sign * (g.jaw_half_distance_mm.value + 0.5 * built.jaw_distance_mm) * s +
-                           height * model_.plane(algo::Face::seat).n;
+    const Vec3 at_height =
+        (sign * (g.jaw_half_distance_mm.value + 0.5 * built.jaw_distance_mm) + built.jaw_shift_mm) * s +
+        height * model_.plane(algo::Face::seat).n;
     // Seen from a little above the reference height, off the middle.
     Vec3 up = jaw_n.cross(Vec3::UnitX()).normalized();
     if (up.z() < 0.0) up = -up;

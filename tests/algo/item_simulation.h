@@ -21,6 +21,7 @@ struct BuiltBlock {
   double jaw_yaw_inner_rad = 0.0;  ///< jaw faces not quite along the rail
   double jaw_yaw_outer_rad = 0.0;
   double jaw_distance_mm = 0.0;
+  double jaw_shift_mm = 0.0;  ///< both jaws outward along the seat
   double casing_spacing_mm = 0.0;
   double rim_inner_mm = 0.0;
   double rim_outer_mm = 0.0;

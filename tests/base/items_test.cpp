@@ -45,6 +45,37 @@ TEST(Judge, nothing_measured_is_never_a_pass) {
   EXPECT_EQ(judge(item(0.0, kNoValue, kNoValue, 0.1), 1.0), Verdict::none);
 }
 
+TEST(Conformance, probability_of_one_limit_as_in_jcgm_106) {
+  // U = 2 u throughout. T17 and T18 of the usual worked examples.
+  EXPECT_NEAR(conformance_probability(item(-5.47, kNoValue, -5.40, 0.10)), 0.919243, 5e-7);
+  EXPECT_NEAR(conformance_probability(item(507.0, 490.0, kNoValue, 17.2)), 0.975965, 5e-7);
+  EXPECT_NEAR(conformance_probability(item(0.290, kNoValue, 0.300, 0.020)), 0.84134, 5e-6);
+  EXPECT_NEAR(conformance_probability(item(0.300, kNoValue, 0.300, 0.020)), 0.5, 1e-12);
+  EXPECT_NEAR(conformance_probability(item(0.310, kNoValue, 0.300, 0.020)), 0.15866, 5e-6);
+}
+
+TEST(Conformance, probability_of_two_limits) {
+  EXPECT_NEAR(conformance_probability(item(1.342, 1.3321, 1.5321, 0.020)), 0.838913, 5e-7);
+  EXPECT_NEAR(conformance_probability(item(0.0, -0.5, 0.5, 1.0)), 0.6826895, 5e-8);
+  // Far out the small tail keeps its digits.
+  EXPECT_NEAR(1.0 - conformance_probability(item(0.4, -0.5, 0.5, 0.05)), 3.1671e-5, 1e-9);
+  EXPECT_GE(conformance_probability(item(50.0, -0.5, 0.5, 0.1)), 0.0);
+}
+
+TEST(Conformance, is_unknown_without_value_limits_or_U) {
+  EXPECT_TRUE(std::isnan(conformance_probability(item(kNoValue, -0.5, 0.5, 0.1))));
+  EXPECT_TRUE(std::isnan(conformance_probability(item(0.0, kNoValue, kNoValue, 0.1))));
+  EXPECT_TRUE(std::isnan(conformance_probability(item(0.0, -0.5, 0.5, kNoValue))));
+  EXPECT_TRUE(std::isnan(conformance_probability(item(0.0, -0.5, 0.5, 0.0))));
+}
+
+TEST(Conformance, guard_band_of_U_keeps_a_pass_above_97_percent) {
+  // At the guarded limit (r = 2 in units of u) one side's risk is Phi(-2).
+  const Item at_guard = item(0.5 - 0.15, -0.5, 0.5, 0.15);
+  EXPECT_EQ(judge(at_guard, 1.0), Verdict::pass);
+  EXPECT_NEAR(conformance_probability(at_guard), 0.97725, 5e-6);
+}
+
 Verdict combined(std::vector<std::pair<Verdict, bool>> list) {
   std::vector<Item> items;
   for (const auto& [verdict, required] : list) {
