@@ -19,8 +19,11 @@ struct CasingTask {
   const PlaneFit& seat;   ///< fitted
 };
 
-/// Bore-edge circle and rim height of one casing from the points around it. ok = false: less than two thirds of the
-/// edge visible, no stable circle, a radius off by more than a millimetre, or fewer than 200 points on the rim.
+/// Bore-edge circle and rim height of one casing from the points around it. `cov_circle` comes from the scatter of the
+/// edge's own points about the circle, times what rows shared by neighbours add; the radius is large by about a tenth
+/// of the point pitch, which no scatter shows. ok = false: less than half of the edge visible or not spread around it,
+/// no stable circle, a radius off by more than a millimetre, or fewer than 200 points on the rim. Where part of the
+/// edge is hidden, the centre is known less well along that direction and the covariance says so.
 [[nodiscard]] CasingFeature measure_casing(const CloudPoints& points, const CasingTask& task);
 
 }  // namespace slabd::algo

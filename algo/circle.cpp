@@ -6,6 +6,7 @@
 #include "algo/circle.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -45,13 +46,21 @@ double scale_of(std::span<const Vec2> points, const Circle& circle) {
   return 1.4826 * *middle;
 }
 
-/// One weighted Gauss-Newton step. Returns its length, negative when the points do not fix a circle.
-double step(std::span<const Vec2> points, double cut, double outside_weight, Circle& circle) {
+/// Normal equations of one weighted Gauss-Newton step, and what goes with them.
+struct Normal {
   Eigen::Matrix3d H = Eigen::Matrix3d::Zero();
   Eigen::Vector3d g = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d psi = Eigen::Matrix3d::Zero();  ///< sum of squared weighted distances
+  Eigen::Matrix2d around = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d aside = Eigen::Vector2d::Zero();
   double weight = 0.0;
+  double weighted_squares = 0.0;
   double agreeing = 0.0;
   double squares = 0.0;
+};
+
+Normal normal_at(std::span<const Vec2> points, double cut, double outside_weight, const Circle& circle) {
+  Normal sum;
   for (const Vec2& p : points) {
     const Vec2 out = p - circle.centre;
     const double r = out.norm();
@@ -59,24 +68,49 @@ double step(std::span<const Vec2> points, double cut, double outside_weight, Cir
     const double e = r - circle.radius;
     const double agreement = cut > 0.0 ? tukey(e, cut) : 1.0;
     const double w = e > 0.0 ? outside_weight * agreement : agreement;
-    const Eigen::Vector3d j(-out.x() / r, -out.y() / r, -1.0);
-    H += w * j * j.transpose();
-    g += w * e * j;
-    weight += w;
-    squares += w * e * e;
-    agreeing += agreement;
+    const Eigen::Vector2d u(out.x() / r, out.y() / r);
+    const Eigen::Vector3d j(-u.x(), -u.y(), -1.0);
+    sum.H += w * j * j.transpose();
+    sum.g += w * e * j;
+    sum.psi += w * w * e * e * j * j.transpose();
+    sum.around += agreement * u * u.transpose();
+    sum.aside += agreement * u;
+    sum.weight += w;
+    sum.weighted_squares += w * e * e;
+    sum.agreeing += agreement;
+    sum.squares += agreement * e * e;
   }
-  circle.weight = agreeing;
-  if (!(agreeing >= 3.0)) return -1.0;
-  circle.rms = std::sqrt(squares / weight);
+  return sum;
+}
+
+/// One step. Returns its length, negative when the points do not fix a circle.
+double step(std::span<const Vec2> points, double cut, double outside_weight, Circle& circle) {
+  const Normal sum = normal_at(points, cut, outside_weight, circle);
+  circle.weight = sum.agreeing;
+  if (!(sum.agreeing >= 3.0)) return -1.0;
+  circle.rms = std::sqrt(sum.weighted_squares / sum.weight);
   // A short arc fixes neither centre nor radius; relative to the weights the determinant then vanishes.
-  const Eigen::Matrix3d unit = H / weight;
+  const Eigen::Matrix3d unit = sum.H / sum.weight;
   if (!(unit.determinant() > 1e-9)) return -1.0;
-  const Eigen::Vector3d delta = -unit.ldlt().solve(Eigen::Vector3d(g / weight));
+  const Eigen::Vector3d delta = -unit.ldlt().solve(Eigen::Vector3d(sum.g / sum.weight));
   if (!delta.allFinite()) return -1.0;
   circle.centre += Vec2(delta[0], delta[1]);
   circle.radius += delta[2];
   return delta.norm();
+}
+
+/// What the finished fit knows about itself.
+void state_quality(std::span<const Vec2> points, double cut, double outside_weight, Circle& circle) {
+  const Normal sum = normal_at(points, cut, outside_weight, circle);
+  circle.scatter = std::sqrt(sum.squares / sum.agreeing);
+  // Smallest variance of the unit vectors towards the points, over all directions.
+  const Eigen::Matrix2d v =
+      sum.around / sum.agreeing - (sum.aside / sum.agreeing) * (sum.aside / sum.agreeing).transpose();
+  const double half_trace = 0.5 * (v(0, 0) + v(1, 1));
+  circle.spread = half_trace - std::hypot(0.5 * (v(0, 0) - v(1, 1)), v(0, 1));
+  if (!(sum.agreeing > 3.0)) return;
+  const Eigen::Matrix3d inverse = sum.H.inverse();
+  circle.covariance = inverse * sum.psi * inverse * (sum.agreeing / (sum.agreeing - 3.0));
 }
 
 }  // namespace
@@ -91,6 +125,7 @@ Circle fit_circle(std::span<const Vec2> points, const Vec2& start) {
     if (moved < 0.0) return circle;
     if (moved <= 1e-12 * (circle.radius + circle.centre.norm())) {
       circle.ok = circle.radius > 0.0;
+      state_quality(points, 0.0, 1.0, circle);
       return circle;
     }
   }
@@ -110,6 +145,7 @@ Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, const 
     if (moved < 0.0) return circle;
     if (i >= 20 && moved <= 1e-9) {
       circle.ok = circle.radius > 0.0;
+      state_quality(points, cut, weights.outside_weight, circle);
       return circle;
     }
   }

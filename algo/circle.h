@@ -14,8 +14,14 @@ struct Circle {
   bool ok = false;
   Vec2 centre = Vec2::Zero();
   double radius = kNoValue;
-  double rms = kNoValue;  ///< weighted, of the distances to the circle
-  double weight = 0.0;    ///< sum of Tukey weights: about the number of points that agree
+  double rms = kNoValue;      ///< weighted, of the distances to the circle
+  double weight = 0.0;        ///< sum of Tukey weights: about the number of points that agree
+  double scatter = kNoValue;  ///< root mean square distance to the circle of the points that agree
+  double spread = 0.0;        ///< how well they surround it: 0.5 all round, 0.095 half of it, 0 at one place
+  /// Of centre and radius, from the points' own scatter about the circle, taken as independent:
+  /// H^-1 (sum psi^2 j j^T) H^-1 n / (n - 3), psi the weighted distance and H = sum w j j^T (sandwich of an
+  /// M-estimator; it needs no distribution, which for points that lie on one side of an edge is not normal).
+  Mat3 covariance = Mat3::Constant(kNoValue);
 };
 
 /// Circle through `points` by geometric least squares (Gauss-Newton from `start`), every point with full weight.

@@ -359,9 +359,19 @@ TEST(Block, FindsCasingsDespitePatchesMissingAtTheirEdges) {
   EXPECT_NEAR(item(r, ItemId::casing_protrusion_outer).value, -0.25, 0.005);
 }
 
-TEST(Block, DoesNotGuessACasingThatIsHalfHidden) {
+TEST(Block, MeasuresACasingOfWhichFourTenthsAreHiddenAndSaysHowWell) {
   scene::Cloud cloud = scene::take({}, {});
   erase_patch(cloud, 0.0, -116.5 + 16.0, 19.0);
+  const BlockResult r = inspect(cloud);
+  ASSERT_TRUE(r.casing_outer.ok);
+  const double sigma = std::sqrt(r.casing_outer.cov_circle(1, 1));
+  EXPECT_GT(sigma, 1.5 * std::sqrt(r.casing_inner.cov_circle(1, 1)));
+  EXPECT_NEAR(item(r, ItemId::casing_spacing).value, 233.0, 4.0 * sigma + 0.02);
+}
+
+TEST(Block, DoesNotGuessACasingThatIsMoreThanHalfHidden) {
+  scene::Cloud cloud = scene::take({}, {});
+  erase_patch(cloud, 0.0, -116.5 + 16.0, 24.0);
   const BlockResult r = inspect(cloud);
   EXPECT_FALSE(r.casing_outer.ok);
   EXPECT_TRUE(r.casing_inner.ok);

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "algo/casing.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <vector>
+
+namespace slabd::algo {
+namespace {
+
+/// A casing as a scanner sees it: a turned grid of points on its rim and round it, nothing in its bore.
+struct View {
+  double pitch_mm = 0.3;
+  double hidden_from_x_mm = 100.0;  ///< nothing seen beyond, from the nominal centre
+  double missing_share = 0.02;
+  double noise_mm = 0.03;
+};
+constexpr double kBore_mm = 15.0;
+constexpr double kRim_mm = 22.0;
+constexpr double kRimHeight_mm = -0.25;
+constexpr double kPlace_mm = 116.5;
+
+struct Outcome {
+  CasingFeature casing;
+  Vec3 centre;  ///< the true one
+};
+
+Outcome look(const View& view, std::uint64_t seed) {
+  Prng prng(seed);
+  Outcome outcome;
+  outcome.centre = Vec3(0.6 * prng.uniform() - 0.3, kPlace_mm + 0.6 * prng.uniform() - 0.3, 0.0);
+  const double turn = 2.0 * kPi * prng.uniform();
+  const double u0 = prng.uniform();
+  const double v0 = prng.uniform();
+  std::vector<float> xyz;
+  std::vector<std::uint32_t> index;
+  const int reach = static_cast<int>(24.0 / view.pitch_mm);
+  for (int i = -reach; i <= reach; ++i) {
+    for (int j = -reach; j <= reach; ++j) {
+      const double u = (i + u0) * view.pitch_mm;
+      const double v = (j + v0) * view.pitch_mm;
+      const double x = std::cos(turn) * u - std::sin(turn) * v;
+      const double s = kPlace_mm + std::sin(turn) * u + std::cos(turn) * v;
+      const double radius = std::hypot(x - outcome.centre.x(), s - outcome.centre.y());
+      const double z = (radius < kRim_mm ? kRimHeight_mm : 0.0) + view.noise_mm * prng.normal();
+      const bool seen = prng.uniform() >= view.missing_share;
+      if (!seen || radius < kBore_mm || radius > kRim_mm + 1.0 || x > view.hidden_from_x_mm) continue;
+      index.push_back(static_cast<std::uint32_t>(index.size()));
+      xyz.insert(xyz.end(), {static_cast<float>(x), static_cast<float>(s), static_cast<float>(z)});
+    }
+  }
+  PlaneFit seat;
+  seat.ok = true;
+  seat.normal = Vec3::UnitZ();
+  seat.offset_mm = 0.0;
+  const CloudPoints points{xyz.data(), index, FastTransform(Pose::identity())};
+  outcome.casing = measure_casing(points, {Vec3(0.0, kPlace_mm, 0.0), kBore_mm, kRim_mm, kRimHeight_mm, 2.0, seat});
+  return outcome;
+}
+
+/// Root of true over stated variance of the centre, and the same of the height, over many phases and turns.
+struct Honesty {
+  double centre = 0.0;
+  double height = 0.0;
+  double rms_mm = 0.0;
+};
+Honesty honesty(const View& view, int seeds) {
+  double true_squares = 0.0;
+  double stated = 0.0;
+  double heights = 0.0;
+  for (int seed = 1; seed <= seeds; ++seed) {
+    const Outcome o = look(view, static_cast<std::uint64_t>(seed));
+    EXPECT_TRUE(o.casing.ok) << seed;
+    if (!o.casing.ok) continue;
+    true_squares += (o.casing.centre - o.centre).squaredNorm();
+    stated += o.casing.cov_circle(0, 0) + o.casing.cov_circle(1, 1);
+    const double e = (o.casing.height_mm - kRimHeight_mm) / o.casing.sigma_height_mm;
+    heights += e * e;
+  }
+  return {std::sqrt(true_squares / stated), std::sqrt(heights / seeds), std::sqrt(0.5 * true_squares / seeds)};
+}
+
+TEST(Casing, KnowsHowWellItKnowsItsCentre) {
+  for (const double pitch_mm : {0.255, 0.4}) {
+    const Honesty h = honesty({.pitch_mm = pitch_mm}, 150);
+    EXPECT_NEAR(h.centre, 1.0, 0.2) << pitch_mm;
+    EXPECT_NEAR(h.height, 1.0, 0.15) << pitch_mm;
+    EXPECT_LT(h.rms_mm, pitch_mm < 0.3 ? 0.003 : 0.008);
+  }
+  EXPECT_NEAR(honesty({.pitch_mm = 0.4, .missing_share = 0.15}, 100).centre, 1.0, 0.25);
+}
+
+TEST(Casing, IsMeasuredFromTwoThirdsOfItsEdgeAndSaysItIsWorse) {
+  const View whole{.pitch_mm = 0.3};
+  const View part{.pitch_mm = 0.3, .hidden_from_x_mm = 7.5};
+  EXPECT_NEAR(honesty(part, 100).centre, 1.0, 0.25);
+  const Mat3 all = look(whole, 1).casing.cov_circle;
+  const Mat3 some = look(part, 1).casing.cov_circle;
+  EXPECT_GT(some(0, 0), 2.0 * all(0, 0)) << "the hidden side is missed along the rail";
+  EXPECT_GT(some(0, 0), 2.0 * some(1, 1));
+}
+
+TEST(Casing, OfHalfAnEdgeIsHonestOrNotMeasured) {
+  double true_squares = 0.0;
+  double stated = 0.0;
+  int measured = 0;
+  for (std::uint64_t seed = 1; seed <= 100; ++seed) {
+    const Outcome o = look({.pitch_mm = 0.3, .hidden_from_x_mm = 1.0}, seed);
+    if (!o.casing.ok) continue;
+    ++measured;
+    true_squares += (o.casing.centre - o.centre).squaredNorm();
+    stated += o.casing.cov_circle(0, 0) + o.casing.cov_circle(1, 1);
+  }
+  EXPECT_GT(measured, 50);
+  EXPECT_NEAR(std::sqrt(true_squares / stated), 1.0, 0.3);
+}
+
+TEST(Casing, IsNotMeasuredFromLessThanHalfOfItsEdge) {
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    EXPECT_FALSE(look({.hidden_from_x_mm = -3.0}, seed).casing.ok) << seed;
+    EXPECT_FALSE(look({.hidden_from_x_mm = -10.0}, seed).casing.ok) << seed;
+  }
+}
+
+TEST(Casing, ReportsTheScatterOfItsEdgeAndRim) {
+  const CasingFeature c = look({.pitch_mm = 0.255}, 3).casing;
+  ASSERT_TRUE(c.ok);
+  EXPECT_NEAR(c.edge_rms_mm, 0.02, 0.01) << "gaps of a fraction of the pitch";
+  EXPECT_GT(c.inlier_fraction, 0.85);
+  EXPECT_NEAR(c.rim_std_mm, 0.03, 0.002);
+  EXPECT_NEAR(c.sigma_height_mm, 0.03 / std::sqrt(static_cast<double>(c.rim_points)), 1e-4);
+  EXPECT_TRUE(c.cov_circle.allFinite());
+  EXPECT_GT(c.cov_circle.determinant(), 0.0);
+}
+
+}  // namespace
+}  // namespace slabd::algo
