@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Same input, same bits: on every run, beside another inspector on another thread, and from every compiler. One fixed
+// block is measured and the bits of what came out are compared with golden_bits.txt beside this file, a line per stage:
+// the first line that differs says where to look.
+//
+// Whoever changes an algorithm changes bits. When the other tests agree with the change, take the new bits over:
+//
+//     SLABD_UPDATE_GOLDEN=1 build/dev/tests/algo/algo_golden_test && git diff tests/algo/golden_bits.txt
+//
+// and commit them with it. Bits that differ between compilers are a bug, not an occasion to update. The scan is made
+// without the C library's functions; the room under test uses a few (sin, atan2, exp), so another C library, or a
+// processor without fused multiply-add, may have bits of its own.
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <map>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "algo/algo.h"
+#include "algo/block_model.h"
+#include "scene.h"
+
+namespace slabd::algo {
+namespace {
+
+/// FNV-1a over the bits of doubles; every NaN counts as the same.
+class Bits {
+ public:
+  Bits& operator<<(double value) {
+    std::uint64_t word = std::isnan(value) ? 0x7ff8000000000000U : std::bit_cast<std::uint64_t>(value);
+    for (int i = 0; i < 8; ++i, word >>= 8U) hash_ = (hash_ ^ (word & 0xffU)) * 0x100000001b3U;
+    return *this;
+  }
+  Bits& operator<<(std::uint64_t value) { return *this << static_cast<double>(value); }
+  Bits& operator<<(const Vec3& v) { return *this << v.x() << v.y() << v.z(); }
+  Bits& operator<<(const Mat3& m) {
+    for (Eigen::Index i = 0; i < m.size(); ++i) *this << m.data()[i];
+    return *this;
+  }
+  Bits& operator<<(const PlaneFit& f) {
+    return *this << f.normal << f.offset_mm << f.inliers << f.std_mm << f.centroid << f.sigma_offset_mm << f.cov_normal;
+  }
+  Bits& operator<<(const CasingFeature& c) {
+    return *this << c.centre << c.radius_mm << c.height_mm << std::uint64_t{c.rim_points} << c.edge_rms_mm
+                 << c.cov_circle;
+  }
+  [[nodiscard]] std::string text() const {
+    char hex[20];
+    std::snprintf(hex, sizeof hex, "%016llx", static_cast<unsigned long long>(hash_));
+    return hex;
+  }
+
+ private:
+  std::uint64_t hash_ = 0xcbf29ce484222325U;
+};
+
+/// About normal, and the same on every machine.
+double noise(Prng& prng) {
+  double sum = -6.0;
+  for (int i = 0; i < 12; ++i) sum += prng.uniform();
+  return sum;
+}
+
+/// The nominal block seen every 0.5 mm from a little off its place, with noise and outliers. Only + - * / and sqrt.
+std::vector<float> fixed_scan(std::uint64_t seed) {
+  Prng prng(seed);
+  BlockModel model;
+  model.build(scene::p5600().block);
+  // A rotation by rational sine and cosine: 1 mrad about Z.
+  constexpr double t = 0.0005;
+  constexpr double cosine = (1.0 - t * t) / (1.0 + t * t);
+  constexpr double sine = 2.0 * t / (1.0 + t * t);
+  std::vector<float> xyz;
+  for (int row = -500; row < 500; ++row) {
+    for (int column = -330; column < 330; ++column) {
+      const double x = 0.5 * column + 0.2 * prng.uniform();
+      const double y = 0.5 * row + 0.2 * prng.uniform();
+      Face face = Face::seat;
+      double z = 0.0;
+      const bool seen = model.visible(x, y, face, z) && prng.uniform() > 0.01;
+      z += 0.03 * noise(prng) + (prng.uniform() < 0.002 ? 20.0 * prng.uniform() : 0.0);
+      if (!seen) continue;
+      const double bx = cosine * x - sine * y + 0.7;
+      const double by = sine * x + cosine * y - 0.4;
+      xyz.insert(xyz.end(), {static_cast<float>(bx), static_cast<float>(-by), static_cast<float>(600.0 - (z + 0.3))});
+    }
+  }
+  return xyz;
+}
+
+using Stages = std::map<std::string, std::string>;
+
+Stages measure(BlockInspector& inspector, std::vector<float> xyz) {
+  inspector.begin(1, Pose::identity(), nominal_T_block_scanner());
+  Cloud cloud{xyz, xyz.size() / 3, 0, 0};
+  EXPECT_TRUE(inspector.denoise(cloud).ok());
+  EXPECT_TRUE(inspector.register_to_model(cloud).ok());
+  EXPECT_TRUE(inspector.extract(cloud).ok());
+  inspector.judge(Code::ok);
+  const BlockResult& r = inspector.result();
+  Stages stages;
+  stages["1_denoise"] = (Bits() << r.scan.points_kept).text();
+  Bits registration;
+  for (const double v : r.registration.T_scanner_block.to_array()) registration << v;
+  registration << r.registration.deviation.std_mm << r.registration.noise_mm;
+  for (Eigen::Index i = 0; i < r.registration.covariance.size(); ++i)
+    registration << r.registration.covariance.data()[i];
+  stages["2_registration"] = registration.text();
+  stages["3_planes"] = (Bits() << r.seat.plane << r.seat.full_plane << r.jaw_inner << r.jaw_outer << r.slab_top).text();
+  const SeatFeature& seat = r.seat;
+  stages["4_flatness"] = (Bits() << seat.flatness_mm << seat.flatness_min_zone_mm << seat.std_cells_mm
+                                 << seat.raw_low_mm << seat.raw_high_mm << seat.noise_factor << seat.flatness_noise_mm
+                                 << seat.defect.limit_mm << std::uint64_t{seat.defect.cells})
+                             .text();
+  stages["5_casings"] = (Bits() << r.casing_inner << r.casing_outer).text();
+  Bits items;
+  for (const Item& i : r.items) items << i.value << i.U << i.beside;
+  stages["6_items"] = items.text();
+  return stages;
+}
+
+const std::string kGoldenFile = SLABD_SOURCE_DIR "/tests/algo/golden_bits.txt";
+
+TEST(Golden, AFixedBlockHasTheBitsItAlwaysHad) {
+  BlockInspector inspector;
+  inspector.use(scene::p5600());
+  const Stages stages = measure(inspector, fixed_scan(2026));
+  if (std::getenv("SLABD_UPDATE_GOLDEN") != nullptr) {
+    std::ofstream out(kGoldenFile);
+    for (const auto& [stage, bits] : stages) out << stage << ' ' << bits << '\n';
+    GTEST_SUCCEED() << "updated " << kGoldenFile;
+    return;
+  }
+  Stages golden;
+  std::ifstream in(kGoldenFile);
+  std::string stage;
+  std::string bits;
+  while (in >> stage >> bits) golden[stage] = bits;
+  for (const auto& [name, expected] : golden) {
+    ASSERT_TRUE(stages.contains(name)) << name;
+    EXPECT_EQ(stages.at(name), expected) << name << ": how to take new bits over stands at the head of this file";
+  }
+  EXPECT_EQ(golden.size(), stages.size());
+}
+
+TEST(Golden, TwoInspectorsAtWorkTogetherHaveTheBitsOfOne) {
+  const std::vector<std::vector<float>> scans = {fixed_scan(1), fixed_scan(2)};
+  std::vector<Stages> alone(2);
+  {
+    BlockInspector inspector;
+    inspector.use(scene::p5600());
+    for (std::size_t i = 0; i < 2; ++i) alone[i] = measure(inspector, scans[i]);
+  }
+  std::vector<Stages> together(2);
+  std::vector<std::thread> threads;
+  for (std::size_t i = 0; i < 2; ++i) {
+    threads.emplace_back([&, i] {
+      BlockInspector inspector;
+      inspector.use(scene::p5600());
+      // Twice, so that both are surely at work at the same time at some point.
+      for (int again = 0; again < 2; ++again) together[i] = measure(inspector, scans[i]);
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(together, alone);
+  EXPECT_NE(alone[0], alone[1]) << "or the comparison could not fail";
+}
+
+}  // namespace
+}  // namespace slabd::algo
