@@ -54,6 +54,7 @@ struct SlabHeader {
   FixedString<64> recipe_sha256;
   std::uint16_t unconfirmed = 0;  ///< nominals and tolerances nobody had confirmed when the slab was begun
   double guard = kNoValue;        ///< guard band of its verdicts in units of U; 0 = simple acceptance
+  double cell_mm = kNoValue;      ///< flatness cell of the recipe
   FixedString<64> calibration_id;
   FixedString<64> software;
   Pose T_base_slab;  ///< of the cell, as configured

@@ -127,6 +127,22 @@ void print_recipe(const Recipe& recipe) {
   fmt::print("{}\n{}\n", table(rows), kNotVisible);
 }
 
+}  // namespace
+
+void warn_unconfirmed(const Recipe& recipe) {
+  const int count = unconfirmed_count(recipe);
+  if (count > 0)
+    complain(fmt::format(
+        "warning: {} nominals and tolerances of recipe {} are assumed, not confirmed; verdicts depend on them", count,
+        recipe.name.view()));
+  std::string assumed;
+  for (const NamedNominal& n : uncertainty_of(recipe))
+    if (!n.nominal.confirmed) assumed += (assumed.empty() ? "" : ", ") + std::string(n.name);
+  if (!assumed.empty()) complain(fmt::format("warning: U rests on assumptions nobody has confirmed: {}", assumed));
+}
+
+namespace {
+
 // ---- checking ----------------------------------------------------------------------------------------------------
 
 /// What a check came to; grows file by file, then is said once: for people, or as slabd.check/1.

@@ -18,6 +18,7 @@ namespace slabd::cli {
 inline constexpr const char* kDefaultConfig = "/etc/slabd/slabd.toml";
 
 void add_inspect(CLI::App& app, int& exit_status);
+void add_fit_plane(CLI::App& app, int& exit_status);
 void add_config(CLI::App& app, int& exit_status);
 void add_recipe(CLI::App& app, int& exit_status);
 void add_status(CLI::App& app, int& exit_status);
@@ -37,7 +38,8 @@ void add_simulate(CLI::App& app, int& exit_status);
 /// Loads a configuration; false when there were problems (printed).
 [[nodiscard]] bool config_from(const std::string& path, daemon::Config& config);
 
-/// Warns on stderr while a verdict depends on unconfirmed nominals or tolerances.
+/// Warns on stderr while a verdict depends on unconfirmed nominals or tolerances, and names the assumptions of the
+/// measuring system that U rests on.
 void warn_unconfirmed(const Recipe& recipe);
 
 /// The candidate that differs from `word` in the fewest letters, empty when none is near.

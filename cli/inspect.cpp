@@ -37,7 +37,7 @@ std::string as_json(const Options& options, const Recipe& recipe, const Pose& T_
   json.field("name", recipe.name.view()).field("sha256", recipe.sha256.view()).field("guard", recipe.guard);
   json.field("unconfirmed", unconfirmed_count(recipe)).end_object();
   write_pose(json, "T_block_scanner_start", T_block_scanner);
-  write_block(json, block);
+  write_block(json, block, recipe.evaluation.cell_mm);
   json.field("not_visible", kNotVisible);
   json.end_object();
   return json.text();
@@ -60,6 +60,7 @@ void print_report(const Options& options, const Recipe& recipe, const BlockResul
   if (block.seat.plane.ok)
     fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f}), {} grid points\n", normal.x(), normal.y(), normal.z(),
                block.seat.grid_points);
+  fmt::print("{}", seat_notes(block.seat, recipe.evaluation.cell_mm));
   fmt::print("\n{}\n", item_table(std::span<const Item>(block.items.begin(), block.items.size()), style));
   fmt::print("block {}: {}{}\n", options.block, verdict_text(block.verdict, style),
              block.reason != 0 ? "  (" + reason_text(block.reason) + ")" : "");

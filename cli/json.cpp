@@ -3,9 +3,12 @@
 
 #include <fmt/core.h>
 
+#include <algorithm>
 #include <cassert>
 #include <cmath>
 #include <ctime>
+
+#include "cli/render.h"
 
 namespace slabd::cli {
 namespace {
@@ -50,12 +53,34 @@ void write_vector(Json& json, std::string_view name, const Vec3& v) {
   json.field(name, std::span<const double>(numbers));
 }
 
+template <typename Matrix>
+void write_rows(Json& json, std::string_view name, const Matrix& m) {
+  json.key(name).begin_array();
+  for (int row = 0; row < m.rows(); ++row) {
+    std::array<double, Matrix::ColsAtCompileTime> numbers;
+    for (int column = 0; column < m.cols(); ++column) numbers[static_cast<std::size_t>(column)] = m(row, column);
+    json.row(numbers);
+  }
+  json.end_array();
+}
+
+/// What white noise does to a fitted plane: its height at the centroid, and its direction.
+void write_plane_precision(Json& json, const PlaneFit& plane) {
+  write_vector(json, "centroid_mm", plane.centroid);
+  json.field("sigma_offset_mm", plane.sigma_offset_mm);
+  write_vector(json, "sigma_normal", plane.cov_normal.diagonal().cwiseSqrt());
+  write_rows(json, "cov_normal", plane.cov_normal);
+}
+
 void write_plane(Json& json, std::string_view name, const PlaneFit& plane) {
   json.key(name).begin_object();
   json.field("ok", plane.ok);
   write_vector(json, "normal", plane.normal);
+  json.field("offset_mm", plane.offset_mm);
   json.field("points", plane.points).field("inliers", plane.inliers).field("inlier_fraction", plane.inlier_fraction);
-  json.field("std_mm", plane.std_mm).end_object();
+  json.field("std_mm", plane.std_mm);
+  write_plane_precision(json, plane);
+  json.end_object();
 }
 
 void write_casing(Json& json, std::string_view name, const CasingFeature& casing) {
@@ -63,7 +88,71 @@ void write_casing(Json& json, std::string_view name, const CasingFeature& casing
   json.field("ok", casing.ok);
   write_vector(json, "centre_mm", casing.centre);
   json.field("radius_mm", casing.radius_mm).field("height_mm", casing.height_mm);
-  json.field("edge_points", casing.edge_points).field("rim_points", casing.rim_points).end_object();
+  json.field("edge_points", casing.edge_points).field("rim_points", casing.rim_points);
+  json.field("inlier_fraction", casing.inlier_fraction).field("edge_rms_mm", casing.edge_rms_mm);
+  json.field("rim_std_mm", casing.rim_std_mm).field("sigma_height_mm", casing.sigma_height_mm);
+  write_rows(json, "cov_circle", casing.cov_circle);
+  json.end_object();
+}
+
+/// null: the channel was not computed; cells 0: it was, and there is no defect.
+void write_defect(Json& json, const SurfaceDefect& defect) {
+  json.key("defect");
+  if (!has_value(defect.limit_mm)) {
+    json.null();
+    return;
+  }
+  json.begin_object().field("limit_mm", defect.limit_mm).field("cells", defect.cells);
+  json.field("area_mm2", defect.area_mm2).field("height_mm", defect.height_mm);
+  json.field("x_mm", defect.x_mm).field("s_mm", defect.s_mm).end_object();
+}
+
+void write_seat(Json& json, const SeatFeature& seat, double cell_mm) {
+  json.key("seat").begin_object();
+  write_vector(json, "normal", seat.normal_datum);
+  json.field("points", seat.plane.points).field("grid_points", seat.grid_points);
+  json.field("inlier_fraction", seat.plane.inlier_fraction).field("std_mm", seat.plane.std_mm);
+  json.field("std_cells_mm", seat.std_cells_mm).field("flatness_mm", seat.flatness_mm);
+  json.field("flatness_min_zone_mm", seat.flatness_min_zone_mm).field("raw_low_mm", seat.raw_low_mm);
+  json.field("raw_high_mm", seat.raw_high_mm);
+  json.field("flatness_operator", std::string_view(flatness_operator(cell_mm)));
+  json.field("flatness_noise_mm", seat.flatness_noise_mm).field("noise_factor", seat.noise_factor);
+  write_defect(json, seat.defect);
+  write_plane_precision(json, seat.plane);
+  write_plane(json, "full_plane", seat.full_plane);
+  json.end_object();
+}
+
+void write_registration(Json& json, const RegistrationReport& registration) {
+  json.key("registration").begin_object();
+  json.field("status", name(registration.status)).field("iterations", registration.iterations);
+  json.field("share_associated", registration.share_associated).field("condition", registration.condition);
+  json.field("note", registration.note.view());
+  write_matrix(json, "T_scanner_block", registration.T_scanner_block);
+  json.field("noise_mm", registration.noise_mm);
+  write_rows(json, "covariance", registration.covariance);
+  json.key("deviation").begin_object();
+  json.field("count", registration.deviation.count).field("mean_mm", registration.deviation.mean_mm);
+  json.field("std_mm", registration.deviation.std_mm);
+  json.field("within_sigma", std::span<const double>(registration.deviation.within_sigma)).end_object();
+  json.end_object();
+}
+
+bool has_budget(const Item& item) {
+  return std::any_of(item.budget.begin(), item.budget.end(), [](double part) { return part != 0.0; });
+}
+
+/// null: no budget was computed and U is the recipe's.
+void write_budget(Json& json, const Item& item) {
+  json.key("budget");
+  if (!has_budget(item)) {
+    json.null();
+    return;
+  }
+  json.begin_object();
+  for (std::size_t part = 0; part < kBudgetParts; ++part)
+    json.field(name(static_cast<BudgetPart>(part)), item.budget[part]);
+  json.end_object();
 }
 
 }  // namespace
@@ -121,8 +210,7 @@ Json& Json::value(std::string_view text) {
   return raw(quoted(text));
 }
 
-Json& Json::field(std::string_view name, std::span<const double> numbers) {
-  key(name);
+Json& Json::row(std::span<const double> numbers) {
   std::string list;
   for (const double number : numbers) {
     list += list.empty() ? "[" : ", ";
@@ -140,6 +228,8 @@ void write_item(Json& json, const Item& item, bool of_slab) {
       .field("value", item.value);
   json.field("deviation", item.deviation()).field("lower", item.lower).field("upper", item.upper).field("U", item.U);
   json.field("verdict", name(item.verdict)).field("required", item.required);
+  json.field("conformance_probability", conformance_probability(item));
+  write_budget(json, item);
   if (const std::string_view beside = beside_name(item.id); !beside.empty()) json.field(beside, item.beside);
   if (of_slab && item.station != 0) {
     const std::array<double, 2> stations = {static_cast<double>(item.station), static_cast<double>(item.station_to)};
@@ -148,36 +238,16 @@ void write_item(Json& json, const Item& item, bool of_slab) {
   json.end_object();
 }
 
-void write_block(Json& json, const BlockResult& block) {
+void write_block(Json& json, const BlockResult& block, double cell_mm) {
   json.field("verdict", name(block.verdict)).field("reason", block.reason);
 
   json.key("scan").begin_object();
   json.field("points_read", block.scan.points_read).field("points_finite", block.scan.points_finite);
   json.field("isolated_removed", block.scan.isolated_removed).field("points_kept", block.scan.points_kept).end_object();
 
-  const RegistrationReport& registration = block.registration;
-  json.key("registration").begin_object();
-  json.field("status", name(registration.status)).field("iterations", registration.iterations);
-  json.field("share_associated", registration.share_associated).field("condition", registration.condition);
-  json.field("note", registration.note.view());
-  write_matrix(json, "T_scanner_block", registration.T_scanner_block);
-  json.key("deviation").begin_object();
-  json.field("count", registration.deviation.count).field("mean_mm", registration.deviation.mean_mm);
-  json.field("std_mm", registration.deviation.std_mm);
-  json.field("within_sigma", std::span<const double>(registration.deviation.within_sigma)).end_object();
-  json.end_object();
-
-  const SeatFeature& seat = block.seat;
+  write_registration(json, block.registration);
   json.key("features").begin_object();
-  json.key("seat").begin_object();
-  write_vector(json, "normal", seat.normal_datum);
-  json.field("points", seat.plane.points).field("grid_points", seat.grid_points);
-  json.field("inlier_fraction", seat.plane.inlier_fraction).field("std_mm", seat.plane.std_mm);
-  json.field("std_cells_mm", seat.std_cells_mm).field("flatness_mm", seat.flatness_mm);
-  json.field("flatness_min_zone_mm", seat.flatness_min_zone_mm).field("raw_low_mm", seat.raw_low_mm);
-  json.field("raw_high_mm", seat.raw_high_mm);
-  write_plane(json, "full_plane", seat.full_plane);
-  json.end_object();
+  write_seat(json, block.seat, cell_mm);
   write_plane(json, "jaw_inner", block.jaw_inner);
   write_plane(json, "jaw_outer", block.jaw_outer);
   write_plane(json, "slab_top", block.slab_top);

@@ -35,7 +35,9 @@ class Json {
   Json& field(std::string_view name, const Value& v) {
     return key(name).value(v);
   }
-  Json& field(std::string_view name, std::span<const double> numbers);
+  Json& field(std::string_view name, std::span<const double> numbers) { return key(name).row(numbers); }
+  /// `[1, 2, null]` on one line.
+  Json& row(std::span<const double> numbers);
 
   /// The finished document, with a newline at its end.
   [[nodiscard]] std::string text() const { return text_ + "\n"; }
@@ -55,12 +57,15 @@ class Json {
   bool after_key_ = false;
 };
 
-/// `{id, unit, nominal, value, deviation, lower, upper, U, verdict, required}`, then the companion figure under its own
-/// name and, for items `of_slab` that belong to stations, `stations`.
+/// `{id, unit, nominal, value, deviation, lower, upper, U, verdict, required, conformance_probability, budget}`, then
+/// the companion figure under its own name and, for items `of_slab` that belong to stations, `stations`. `budget` holds
+/// the standard uncertainties by part (k = 1), null when U is the recipe's.
 void write_item(Json& json, const Item& item, bool of_slab = false);
 
 /// `verdict, reason, scan, registration, features, items, timing_ms` of one block, as fields of the open object.
-void write_block(Json& json, const BlockResult& block);
+/// `cell_mm` is the flatness cell it was measured with, NaN when nobody knows any more. Covariances are rows; that of
+/// the registration is ordered x, y, z (mm), then about X, Y, Z (rad).
+void write_block(Json& json, const BlockResult& block, double cell_mm);
 
 /// A pose as `[x, y, z, qw, qx, qy, qz]`, and as four rows.
 void write_pose(Json& json, std::string_view name, const Pose& pose);

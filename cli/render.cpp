@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 
 namespace slabd::cli {
@@ -58,6 +59,12 @@ std::string limits_text(const Item& item, int decimals) {
   if (!has_value(item.lower)) return fmt::format("<= {}", number(item.upper, decimals));
   if (!has_value(item.upper)) return fmt::format(">= {}", number(item.lower, decimals));
   return fmt::format("{} .. {}", number(item.lower, decimals), number(item.upper, decimals));
+}
+
+/// Neither as good as sure nor as good as impossible.
+bool is_doubtful(const Item& item) {
+  const double probability = conformance_probability(item);
+  return probability > 0.0005 && probability < 0.9995;
 }
 
 std::string item_label(const Item& item, bool of_slab) {
@@ -127,15 +134,42 @@ std::string table(const std::vector<std::vector<std::string>>& rows) {
 std::string item_table(std::span<const Item> items, Style style, bool of_slab) {
   std::vector<std::vector<std::string>> rows = {
       {"characteristic", "nominal", "limits", "measured", "deviation", "U", "verdict<"}};
+  const bool with_probability = std::any_of(items.begin(), items.end(), is_doubtful);
+  if (with_probability) rows[0].insert(rows[0].begin() + 6, "conforms");
   for (const Item& item : items) {
     const int decimals = info(item.id).unit == ItemUnit::deg ? 4 : 3;
     rows.push_back({item_label(item, of_slab), number(item.nominal, decimals), limits_text(item, decimals),
                     number(item.value, decimals), number(item.deviation(), decimals), number(item.U, decimals),
                     verdict_text(item.verdict, style)});
+    if (with_probability)
+      rows.back().insert(rows.back().begin() + 6,
+                         is_doubtful(item) ? fmt::format("{:.1f} %", 100.0 * conformance_probability(item)) : "");
     if (const std::string_view beside = beside_name(item.id); !beside.empty() && has_value(item.beside))
-      rows.push_back({fmt::format("  {}", beside), "", "", number(item.beside, 3), "", "", ""});
+      rows.push_back({fmt::format("  {}", beside), "", "", number(item.beside, 3), "", "", "", ""});
   }
   return table(rows);
+}
+
+std::string flatness_operator(double cell_mm) {
+  return (has_value(cell_mm) ? fmt::format("cell mean {} mm", cell_mm) : std::string("cell mean")) +
+         ", least-squares plane";
+}
+
+std::string seat_notes(const SeatFeature& seat, double cell_mm) {
+  std::string text;
+  if (has_value(seat.flatness_mm)) {
+    text += fmt::format("flatness from {}", flatness_operator(cell_mm));
+    if (has_value(seat.flatness_noise_mm))
+      text += fmt::format("; a perfectly flat seat would read {:.3f} mm with this noise", seat.flatness_noise_mm);
+    text += "\n";
+  }
+  const SurfaceDefect& defect = seat.defect;
+  if (defect.cells > 0)
+    text +=
+        fmt::format("defect: {:.1f} mm2 {} up to {:.3f} mm at x {:.1f} mm, s {:.1f} mm ({} cells beyond {:.3f} mm)\n",
+                    defect.area_mm2, defect.height_mm > 0.0 ? "standing out" : "sunk", std::abs(defect.height_mm),
+                    defect.x_mm, defect.s_mm, defect.cells, defect.limit_mm);
+  return text;
 }
 
 std::string slab_map(std::span<const Verdict> verdicts, Style style) {

@@ -30,8 +30,16 @@ struct Style {
 /// the first are right-aligned except where the heading ends with '<'.
 [[nodiscard]] std::string table(const std::vector<std::vector<std::string>>& rows);
 
-/// characteristic, nominal, limits, measured, deviation, U, verdict; items `of_slab` name their stations.
+/// characteristic, nominal, limits, measured, deviation, U, verdict; items `of_slab` name their stations. Where it is
+/// neither sure nor impossible that a value lies within its limits, a column says how probable it is.
 [[nodiscard]] std::string item_table(std::span<const Item> items, Style style, bool of_slab = false);
+
+/// How flatness was evaluated, in words: "cell mean 1.5 mm, least-squares plane"; NaN: the cell is not known any more.
+[[nodiscard]] std::string flatness_operator(double cell_mm);
+
+/// How flatness was evaluated and what of it is noise, and the largest defect when there is one: whole lines, none when
+/// there is nothing to say.
+[[nodiscard]] std::string seat_notes(const SeatFeature& seat, double cell_mm);
 
 /// The blocks as they lie on the slab, seen from above: row Y > 0 above row Y < 0, X to the right. `verdicts` holds
 /// one entry per station, [station - 1], an even number of them.

@@ -71,7 +71,7 @@ void write_attempt(Json& json, const SlabRecord& record, const SlabBlock& block)
   json.field("pose_samples", block.attempt.pose_samples).field("pose_spread_mm", block.attempt.pose_spread_mm);
   if (block.phase == StationPhase::measured) {
     json.key("result").begin_object();
-    write_block(json, block.block);
+    write_block(json, block.block, record.summary.header.cell_mm);
     json.end_object();
   }
   json.end_object();
@@ -88,7 +88,7 @@ std::string as_json(const SlabRecord& record, int only_block) {
   write_time(json, "ended", record.summary.ended_utime_us);
   json.field("acknowledged", record.summary.acknowledged).field("recipe", header.recipe.view());
   json.field("recipe_sha256", header.recipe_sha256.view()).field("calibration_id", header.calibration_id.view());
-  json.field("unconfirmed", header.unconfirmed).field("guard", header.guard);
+  json.field("unconfirmed", header.unconfirmed).field("guard", header.guard).field("cell_mm", header.cell_mm);
   json.field("software", header.software.view()).field("stations", unsigned{header.stations});
   json.field("stations_measured", record.summary.stations_measured);
 
@@ -200,7 +200,8 @@ int print_block(const SlabRecord& record, int station, Style style) {
              name(result.registration.status), result.registration.iterations, result.registration.deviation.mean_mm,
              result.registration.deviation.std_mm, result.registration.deviation.count);
   const Vec3& normal = result.seat.normal_datum;
-  fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f})\n\n", normal.x(), normal.y(), normal.z());
+  fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f})\n", normal.x(), normal.y(), normal.z());
+  fmt::print("{}\n", seat_notes(result.seat, record.summary.header.cell_mm));
   fmt::print("{}\n", item_table(std::span<const Item>(result.items.begin(), result.items.size()), style));
   std::vector<Item> in_slab;
   for (const Item& item : record.slab.items)

@@ -76,14 +76,6 @@ bool config_from(const std::string& path, daemon::Config& config) {
   return report_problems(problems);
 }
 
-void warn_unconfirmed(const Recipe& recipe) {
-  const int count = unconfirmed_count(recipe);
-  if (count > 0)
-    complain(fmt::format(
-        "warning: {} nominals and tolerances of recipe {} are assumed, not confirmed; verdicts depend on them", count,
-        recipe.name.view()));
-}
-
 int run(int argc, const char* const* argv) {
   CLI::App app("slabctl: maintenance of slabd, the track-slab inspection daemon.", "slabctl");
   app.footer(kFooter);
@@ -91,6 +83,7 @@ int run(int argc, const char* const* argv) {
   app.require_subcommand(0, 1);
   int exit_status = kDone;
   add_inspect(app, exit_status);
+  add_fit_plane(app, exit_status);
   add_status(app, exit_status);
   add_history(app, exit_status);
   add_show(app, exit_status);

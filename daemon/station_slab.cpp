@@ -63,6 +63,7 @@ BeginSlabJob slab_to_begin(const Station& s, const PlcInputs& in) {
   slab.recipe_sha256 = recipe->sha256;
   slab.unconfirmed = static_cast<std::uint16_t>(unconfirmed_count(*recipe));
   slab.guard = recipe->guard;
+  slab.cell_mm = recipe->evaluation.cell_mm;
   slab.calibration_id = s.settings.calibration_id;
   slab.software = s.settings.software;
   slab.T_base_slab = s.settings.T_base_slab;

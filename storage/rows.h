@@ -96,6 +96,7 @@ void columns(V& v, R& r) {
   v("recipe_sha256", r.recipe_sha256);
   v("unconfirmed", r.unconfirmed);
   v("guard", r.guard);
+  v("cell_mm", r.cell_mm);
   v("calibration_id", r.calibration_id);
   v("software", r.software);
   v("T_base_slab", r.T_base_slab);

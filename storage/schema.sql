@@ -35,6 +35,7 @@ CREATE TABLE slab (
   recipe_sha256      TEXT NOT NULL,
   unconfirmed        INTEGER NOT NULL,   -- nominals and tolerances nobody had confirmed
   guard              REAL,               -- guard band in units of U, 0 = simple acceptance
+  cell_mm            REAL,               -- flatness cell
   calibration_id     TEXT NOT NULL,
   software           TEXT NOT NULL,
   T_base_slab_x REAL, T_base_slab_y REAL, T_base_slab_z REAL,

@@ -3,6 +3,8 @@
 -- From schema version 1 to 2: covariances, uncertainty budgets and the defect channel. Rows of version 1 hold NULL
 -- there (not computed) or the default, which says the same. The columns are explained in schema.sql.
 
+ALTER TABLE slab ADD COLUMN cell_mm REAL;
+
 ALTER TABLE block ADD COLUMN registration_noise_mm REAL;
 ALTER TABLE block ADD COLUMN registration_cov_11 REAL;
 ALTER TABLE block ADD COLUMN registration_cov_12 REAL;

@@ -43,17 +43,40 @@ TEST(Render, map_shows_the_rows_as_they_lie_on_the_slab) {
 
 TEST(Render, item_table_is_the_papers_table_5_with_verdicts) {
   std::array<Item, 3> items;
-  items[0] = {ItemId::seat_slope, Verdict::fail, true, 4, 0, 1.591140, 1.432096, 1.332218, 1.548158, 0.03, 36.0};
+  items[0] = {ItemId::seat_slope, Verdict::fail, true, 4, 0, 1.591140, 1.432096, 1.332218, 1.548158, 0.02, 36.0};
   items[1] = {ItemId::seat_flatness, Verdict::not_measured, true, 4, 0};
   items[1].upper = 1.0;
   items[2] = {ItemId::seat_std, Verdict::none, false, 4, 0, 0.0301};
   EXPECT_EQ(item_table(items, kPlain),
             "characteristic      nominal            limits  measured  deviation       U  verdict\n"
             "------------------------------------------------------------------------------------------\n"
-            "seat_slope [deg]     1.4321  1.3322 .. 1.5482    1.5911     0.1590  0.0300  X fail\n"
+            "seat_slope [deg]     1.4321  1.3322 .. 1.5482    1.5911     0.1590  0.0200  X fail\n"
             "  ratio_n                                        36.000\n"
             "seat_flatness [mm]        -          <= 1.000         -          -       -  0 not_measured\n"
             "seat_std [mm]             -              info     0.030          -       -  . none\n");
+}
+
+TEST(Render, item_table_says_how_probably_a_value_conforms_where_that_is_in_doubt) {
+  std::array<Item, 2> items;
+  items[0] = {ItemId::seat_flatness, Verdict::pass, true, 4, 0, 0.2, 0.0, kNoValue, 1.0, 0.1};
+  items[1] = {ItemId::jaw_distance, Verdict::indeterminate, true, 4, 0, 380.45, 380.0, 379.5, 380.5, 0.1};
+  EXPECT_EQ(item_table(items, kPlain),
+            "characteristic      nominal              limits  measured  deviation      U  conforms  verdict\n"
+            "------------------------------------------------------------------------------------------------------\n"
+            "seat_flatness [mm]    0.000            <= 1.000     0.200      0.200  0.100            + pass\n"
+            "jaw_distance [mm]   380.000  379.500 .. 380.500   380.450      0.450  0.100    84.1 %  ? indeterminate\n");
+}
+
+TEST(Render, seat_notes_name_operator_noise_and_defect) {
+  SeatFeature seat;
+  EXPECT_EQ(seat_notes(seat, 1.5), "");
+  seat.flatness_mm = 0.1;
+  EXPECT_EQ(seat_notes(seat, 1.5), "flatness from cell mean 1.5 mm, least-squares plane\n");
+  seat.flatness_noise_mm = 0.0281;
+  seat.defect = {0.15, 12, 27.0, -0.4, 10.0, -20.0};
+  EXPECT_EQ(seat_notes(seat, kNoValue),
+            "flatness from cell mean, least-squares plane; a perfectly flat seat would read 0.028 mm with this noise\n"
+            "defect: 27.0 mm2 sunk up to 0.400 mm at x 10.0 mm, s -20.0 mm (12 cells beyond 0.150 mm)\n");
 }
 
 TEST(Render, slab_items_name_their_stations) {

@@ -17,6 +17,7 @@ class Show : public Slabctl {
     header_.key = 1;
     header_.slab_id = "SLAB-0042";
     header_.stations = 18;
+    header_.cell_mm = 1.5;
     header_.recipe = "P5600";
     header_.guard = 1.0;
     header_.began_utime_us = 1'763'681'281'000'000;
@@ -44,7 +45,7 @@ class Show : public Slabctl {
     attempt.station = 3;
     attempt.number = 1;
     apply(AcquiredJob{attempt});
-    BlockResult block;
+    BlockResult block = block_;
     block.station = 3;
     block.verdict = Verdict::pass;
     PlcResult record;
@@ -63,6 +64,7 @@ class Show : public Slabctl {
 
   std::unique_ptr<storage::Store> store_;
   SlabHeader header_;
+  BlockResult block_;  ///< what station 3 measures
   SlabResult slab_;
   PlcResult record_;
 };
@@ -126,6 +128,51 @@ TEST_F(Show, confirmed_recipe_with_a_guard_band_gets_no_warning) {
   EXPECT_EQ(ended.out.find("warning"), std::string::npos) << ended.out;
   EXPECT_EQ(ended.out.find("simple acceptance"), std::string::npos) << ended.out;
   EXPECT_EQ(json::parse(show("--json").out)["guard"], 1.0);
+}
+
+TEST_F(Show, slab_of_eight_pairs_has_a_map_of_two_by_eight) {
+  header_.stations = 16;
+  header_.recipe = "P4925";
+  apply(BeginSlabJob{header_, 1, 1});
+  measure_station_3();
+  for (std::size_t i = 16; i < 18; ++i) slab_.station_verdict[i] = Verdict::none;
+  apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
+  const Ended ended = show();
+  EXPECT_EQ(line_of(ended.out, "            1"), "            1   2   3   4   5   6   7   8");
+  EXPECT_EQ(line_of(ended.out, "  Y > 0"), "  Y > 0     0   0   0   0   0   0   0   0");
+  EXPECT_EQ(line_of(ended.out, "           16"), "           16  15  14  13  12  11  10   9");
+  EXPECT_EQ(line_of(ended.out, "17 "), "");
+  EXPECT_EQ(json::parse(show("--json").out)["station_verdicts"].size(), 16U);
+  EXPECT_EQ(show("--block 16").status, 0);
+  const Ended beyond = show("--block 17");
+  EXPECT_EQ(beyond.status, 2);
+  expect_mentions(beyond.err, "1..16");
+}
+
+TEST_F(Show, what_was_computed_of_a_block_comes_back_from_the_database) {
+  apply(BeginSlabJob{header_, 1, 1});
+  block_.registration.covariance.setIdentity();
+  block_.seat.flatness_mm = 0.06;
+  block_.seat.flatness_noise_mm = 0.03;
+  block_.seat.defect = {0.15, 3, 6.75, 0.21, 1.0, 2.0};
+  Item item;
+  item.id = ItemId::jaw_distance;
+  item.value = 380.0;
+  item.budget[0] = 0.01;
+  ASSERT_TRUE(block_.items.push(item));
+  measure_station_3();
+  const Ended text = show("--block 3");
+  expect_mentions(text.out,
+                  "flatness from cell mean 1.5 mm, least-squares plane; a perfectly flat seat would read 0.030 mm");
+  expect_mentions(text.out,
+                  "defect: 6.8 mm2 standing out up to 0.210 mm at x 1.0 mm, s 2.0 mm (3 cells beyond 0.150 mm)");
+  const json document = json::parse(show("--block 3 --json").out);
+  EXPECT_EQ(document["cell_mm"], 1.5);
+  const json& result = document["blocks"][0]["result"];
+  EXPECT_EQ(result["registration"]["covariance"][3][3], 1.0);
+  EXPECT_EQ(result["features"]["seat"]["flatness_operator"], "cell mean 1.5 mm, least-squares plane");
+  EXPECT_EQ(result["features"]["seat"]["defect"]["cells"], 3);
+  EXPECT_EQ(result["items"][0]["budget"]["fit"], 0.01);
 }
 
 TEST_F(Show, slope_in_the_slabs_frame_names_its_station) {

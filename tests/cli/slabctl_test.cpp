@@ -15,8 +15,8 @@ TEST_F(Slabctl, version_and_help_are_done) {
   const Ended version = run("--version");
   EXPECT_EQ(version.status, 0);
   expect_mentions(version.out, "slabd ");
-  for (const char* command : {"", "inspect", "status", "history", "show", "simulate", "simulate scan", "config check",
-                              "recipe check", "recipe show"}) {
+  for (const char* command : {"", "inspect", "fit-plane", "status", "history", "show", "simulate", "simulate scan",
+                              "simulate plane", "config check", "recipe check", "recipe show"}) {
     const Ended help = run(std::string(command) + " --help");
     EXPECT_EQ(help.status, 0) << command;
     expect_mentions(help.out, "Usage");
@@ -92,7 +92,22 @@ TEST_F(Slabctl, recipe_show_gives_every_nominal_with_its_confirmation) {
   EXPECT_NEAR(document["nominals"]["block.jaw_angle_deg"]["value"].get<double>(), 110.0, 1e-9);
   EXPECT_EQ(document["nominals"]["block.cant_ratio"]["confirmed"], true);
   EXPECT_EQ(document["items"].size(), 18U);
+  EXPECT_EQ(document["nominals"]["uncertainty.scanner_form_mm"]["value"], 0.05);
+  EXPECT_EQ(document["nominals"]["uncertainty.reference_deg"]["confirmed"], false);
+  EXPECT_EQ(document["uncertainty_budget"], true);
+  EXPECT_EQ(document["defect_sigmas"], 5.0);
   expect_mentions(shown.err, "assumed");
+  const Ended text = run("recipe show " + kRecipe);
+  expect_mentions(text.out, "uncertainty.scanner_length_ppm");
+  expect_mentions(text.out, "defects beyond 5 sigma");
+}
+
+TEST_F(Slabctl, inspect_names_the_assumptions_of_the_uncertainty) {
+  ASSERT_EQ(simulate_scan("scan.ply", "--casting 0").status, 0);
+  const Ended ended = run("inspect " + file("scan.ply") + " --recipe " + kRecipe + " --block 3");
+  expect_mentions(ended.err,
+                  "uncertainty.scanner_form_mm, uncertainty.scanner_form_length_mm, "
+                  "uncertainty.scanner_length_ppm, uncertainty.reference_mm, uncertainty.reference_deg");
 }
 
 TEST_F(Slabctl, checks_give_their_findings_as_json) {

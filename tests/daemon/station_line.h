@@ -26,6 +26,18 @@ inline Recipe test_recipe() {
   return recipe;
 }
 
+/// Another type is other numbers: 8 pairs.
+inline Recipe short_recipe() {
+  Recipe recipe = test_recipe();
+  recipe.name = "P4925";
+  recipe.slab_type = 4925;
+  recipe.slab.pairs = 8;
+  recipe.slab.length_mm.value = 4925;
+  recipe.slab.pitch_mm.value = 617;
+  recipe.slab.first_pair_from_end_mm.value = 303;
+  return recipe;
+}
+
 /// Keeps what a database would keep, as the jobs promise it.
 struct MemoryStore {
   RecoveredLine line;
@@ -125,7 +137,9 @@ struct MemoryStore {
 
 class Line {
  public:
-  explicit Line(MemoryStore& store_in) : store(store_in) { start(); }
+  explicit Line(MemoryStore& store_in, const Recipe& recipe_in = test_recipe()) : store(store_in), recipe(recipe_in) {
+    start();
+  }
 
   // ---- faults a test may plant ----
   bool robot_present = true;
@@ -139,7 +153,7 @@ class Line {
   bool plc_beats = true;
 
   MemoryStore& store;
-  Recipe recipe = test_recipe();
+  Recipe recipe;
   StationSettings settings;
   std::unique_ptr<Station> station;
   PlcInputs plc;
@@ -197,7 +211,7 @@ class Line {
     if (plc.heartbeat == 0) ++plc.heartbeat;
     plc.command = static_cast<std::uint16_t>(what);
     plc.station = static_cast<std::uint16_t>(station_no);
-    plc.slab_type = 5600;
+    plc.slab_type = recipe.slab_type;
     if (plc.slab_no == 0) plc.slab_no = 77;
     plc.session_echo = view().session;
     plc.cmd_seq = next_sequence(view().cmd_ack);

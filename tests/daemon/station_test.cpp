@@ -5,6 +5,8 @@
 
 #include <memory>
 
+#include "hal/plc_map.h"
+
 #include "station_line.h"
 
 namespace slabd::daemon {
@@ -50,6 +52,39 @@ TEST_F(StationTest, takes_a_slab_from_begin_to_an_acknowledged_verdict) {
   ASSERT_EQ(records.size(), 1U);
   EXPECT_EQ(records[0].kind, 2);
   EXPECT_EQ(line.view().state, PlcState::idle);
+}
+
+TEST(StationOfAnotherType, slab_of_eight_pairs_ends_with_sixteen_stations) {
+  MemoryStore store;
+  Line line(store, short_recipe());
+  line.run_for(300);
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  ASSERT_TRUE(line.view().slab_open);
+  EXPECT_EQ(line.view().slab_type, 4925);
+  for (int k = 1; k <= 16; ++k) {
+    line.scan(k);
+    EXPECT_EQ(line.view().stations_done, k);
+    ASSERT_EQ(line.take_results().size(), 1U) << k;
+  }
+  const std::uint16_t beyond = line.command(PlcCommand::scan, 17);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_ack, beyond);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::station_range));
+
+  line.command(PlcCommand::slab_end);
+  line.run_for(40);
+  EXPECT_EQ(line.view().slab_verdict, Verdict::pass);
+  EXPECT_EQ(line.view().station_mask, 0xFFFFU);
+  hal::InputImage image{};
+  hal::encode_outputs(line.view(), hal::WordOrder::abcd, image);
+  for (std::size_t row = 0; row < 16; ++row) EXPECT_EQ(image[70 + 2 * row], 0x0101) << "pass, one attempt";
+  for (std::size_t address = 102; address < 106; ++address) EXPECT_EQ(image[address], 0) << "rows 17 and 18";
+  EXPECT_EQ(image[106], 1);
+
+  // A daemon that starts again knows no other stations either.
+  line.start();
+  EXPECT_EQ(line.view().slab_verdict, Verdict::pass);
 }
 
 TEST_F(StationTest, robot_may_leave_only_when_cloud_and_pose_are_durable) {

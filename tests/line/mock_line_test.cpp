@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The daemon's own loop, with its real workers, algorithms and database, on scripted ports: one slab of 18 blocks
-// without a socket, and with time that moves by hand.
+// The daemon's own loop, with its real workers, algorithms and database, on scripted ports: one whole slab without a
+// socket, and with time that moves by hand.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -19,6 +19,7 @@ namespace fs = std::filesystem;
 
 struct MockLineTest : testing::Test {
   fs::path dir = fs::temp_directory_path() / ("slabd-mock-" + std::to_string(::getpid()));
+  const char* recipe_file = "p5600.toml";
   std::vector<Recipe> recipes{1};
   hal::ManualClock clock;
   hal::MockNotify notify;
@@ -35,7 +36,7 @@ struct MockLineTest : testing::Test {
     fs::remove_all(dir);
     fs::create_directories(dir / "spool/1");  // the scripted scanner writes there and makes no folders
     std::vector<Problem> problems;
-    load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml", recipes[0], problems);
+    load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/" + recipe_file, recipes[0], problems);
     ASSERT_TRUE(problems.empty()) << problems[0].text;
     auto opened = storage::open_store({(dir / "slabd.db").native(), (dir / "spool").native(), 0});
     ASSERT_TRUE(opened.ok()) << opened.error().text.c_str();
@@ -53,7 +54,7 @@ struct MockLineTest : testing::Test {
     inputs.enable = true;
     inputs.command_writer = 1;
     inputs.slab_no = 4711;
-    inputs.slab_type = 5600;
+    inputs.slab_type = recipes[0].slab_type;
   }
   void TearDown() override {
     loop.reset();
@@ -106,6 +107,25 @@ struct MockLineTest : testing::Test {
            turn_until([&] { return view().acq_seq == inputs.cmd_seq || view().cmd_status >= kCommandFailed; }) &&
            view().acq_seq == inputs.cmd_seq;
   }
+  void take_a_whole_slab() {
+    ASSERT_TRUE(turn_until([&] { return view().session != 0; }));
+    ASSERT_TRUE(command(PlcCommand::slab_begin));
+    for (int station = 1; station <= recipes[0].stations(); ++station) {
+      answer_scan(simulate::nominal_truth(recipes[0]), static_cast<std::uint64_t>(station));
+      ASSERT_TRUE(scan(station)) << station << " status " << view().cmd_status;
+      take_result();
+    }
+    ASSERT_TRUE(command(PlcCommand::slab_end));
+    ASSERT_TRUE(turn_until([&] { return !view().slab_open; }));
+  }
+  storage::SlabRecord stored_slab() {
+    auto reader = storage::open_reader((dir / "slabd.db").native());
+    EXPECT_TRUE(reader.ok()) << reader.error().text.c_str();
+    if (!reader.ok()) return {};
+    auto record = reader.value()->slab(1);
+    EXPECT_TRUE(record.ok() && record.value().has_value());
+    return record.ok() && record.value() ? *record.value() : storage::SlabRecord{};
+  }
   void take_result() {
     ASSERT_TRUE(turn_until([&] { return view().record.res_seq != 0; }));
     inputs.res_ack = view().record.res_seq;
@@ -115,25 +135,37 @@ struct MockLineTest : testing::Test {
 };
 
 TEST_F(MockLineTest, takes_a_slab_to_pass_and_leaves_it_in_the_database) {
-  ASSERT_TRUE(turn_until([&] { return view().session != 0; }));
-  ASSERT_TRUE(command(PlcCommand::slab_begin));
-  for (int station = 1; station <= 18; ++station) {
-    answer_scan(simulate::nominal_truth(recipes[0]), static_cast<std::uint64_t>(station));
-    ASSERT_TRUE(scan(station)) << station << " status " << view().cmd_status;
-    take_result();
-  }
-  ASSERT_TRUE(command(PlcCommand::slab_end));
-  ASSERT_TRUE(turn_until([&] { return !view().slab_open; }));
+  take_a_whole_slab();
   EXPECT_EQ(view().slab_verdict, Verdict::pass) << view().slab_reason;
 
-  auto reader = storage::open_reader((dir / "slabd.db").native());
-  ASSERT_TRUE(reader.ok()) << reader.error().text.c_str();
-  const auto slabs = reader.value()->slabs(10);
-  ASSERT_TRUE(slabs.ok());
-  ASSERT_EQ(slabs.value().size(), 1U);
-  EXPECT_EQ(slabs.value()[0].verdict, Verdict::pass);
-  EXPECT_EQ(slabs.value()[0].header.slab_no, 4711U);
-  EXPECT_EQ(slabs.value()[0].stations_measured, 18);
+  const storage::SlabRecord record = stored_slab();
+  EXPECT_EQ(record.summary.verdict, Verdict::pass);
+  EXPECT_EQ(record.summary.header.slab_no, 4711U);
+  EXPECT_EQ(record.summary.stations_measured, 18);
+}
+
+struct MockLineOfP4925 : MockLineTest {
+  MockLineOfP4925() { recipe_file = "p4925.toml"; }
+};
+
+TEST_F(MockLineOfP4925, a_slab_of_eight_pairs_passes_with_its_own_nominals) {
+  take_a_whole_slab();
+  EXPECT_EQ(view().slab_verdict, Verdict::pass) << view().slab_reason;
+  EXPECT_EQ(view().stations_done, 16);
+  for (const std::size_t row : {16U, 17U}) EXPECT_EQ(view().table[row].verdict, Verdict::none);
+
+  const storage::SlabRecord record = stored_slab();
+  EXPECT_EQ(record.summary.stations_measured, 16);
+  EXPECT_EQ(record.slab.fit.seats, 16);
+  int spacings = 0;
+  for (const Item& item : record.slab.items) {
+    EXPECT_LE(item.station, 16);
+    EXPECT_LE(item.station_to, 16);
+    if (item.id != ItemId::seat_spacing) continue;
+    ++spacings;
+    EXPECT_NEAR(item.value, 617.0, 0.05) << item.station;
+  }
+  EXPECT_EQ(spacings, 14);
 }
 
 TEST_F(MockLineTest, a_block_that_is_not_there_never_passes) {

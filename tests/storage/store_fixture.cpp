@@ -174,6 +174,7 @@ void expect_same(const SlabHeader& a, const SlabHeader& b) {
   SAME(recipe_sha256.view());
   SAME(unconfirmed);
   SAME_BITS(guard);
+  SAME_BITS(cell_mm);
   SAME(calibration_id.view());
   SAME(software.view());
   expect_same(a.T_base_slab, b.T_base_slab);
@@ -311,6 +312,7 @@ SlabHeader random_header(Prng& prng, std::int64_t key) {
   word(prng, h.recipe_sha256);
   integer(prng, h.unconfirmed);
   h.guard = number(prng);
+  h.cell_mm = number(prng);
   word(prng, h.calibration_id);
   word(prng, h.software);
   h.T_base_slab = pose(prng);

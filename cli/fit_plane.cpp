@@ -1,0 +1,265 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl fit-plane: the plane extraction of the measuring core on any cloud, and the comparison of the paper's
+// Table 1 (this method, the classical RANSAC, plain least squares) on the same points.
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+#include <array>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "algo/algo.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/parse.h"
+#include "cli/render.h"
+#include "hal/hal.h"
+
+namespace slabd::cli {
+namespace {
+
+constexpr std::array<const char*, 3> kMethods = {"improved", "ransac", "lsq"};
+/// A plane that leans further than this from the horizontal has no useful z = a x + b y + c.
+constexpr double kFlatMin = 1e-9;
+/// A share of inliers so far below what --contamination promises is another plane, or none.
+constexpr double kPromiseKept = 0.8;
+
+struct Options {
+  std::string file;
+  std::string method = kMethods[0];
+  double threshold_mm = 0.0;
+  double contamination = 0.5;
+  double share_min = kNoValue;
+  std::uint64_t seed = 1;
+  std::string unit = "mm";
+  bool compare = false;
+  std::vector<double> set;  ///< a b c, for --compare
+  bool json = false;
+
+  [[nodiscard]] algo::PlaneSettings settings() const {
+    algo::PlaneSettings s;
+    s.contamination = contamination;
+    s.threshold_mm = threshold_mm;
+    s.seed = seed;
+    s.inlier_share_min = has_value(share_min) ? share_min : kPromiseKept * (1.0 - contamination);
+    return s;
+  }
+};
+
+struct Cloud {
+  std::size_t read = 0;
+  std::vector<Vec3> points;  ///< the finite ones, mm
+};
+
+/// z = a x + b y + c; NaN for a plane that stands upright.
+struct Explicit {
+  double a = kNoValue;
+  double b = kNoValue;
+  double c = kNoValue;
+};
+
+Explicit explicit_form(const PlaneFit& fit) {
+  const Vec3& n = fit.normal;
+  if (!(std::abs(n.z()) > kFlatMin)) return {};
+  return {-n.x() / n.z(), -n.y() / n.z(), fit.offset_mm / n.z()};
+}
+
+Result<Cloud> read_cloud(const Options& options) {
+  std::vector<float> xyz(limits::kScanPointsMax * 3);
+  const Result<ScanShape> shape = hal::read_scan(options.file.c_str(), *length_unit(options.unit), xyz);
+  if (!shape) return shape.error();
+  Cloud cloud;
+  cloud.read = shape.value().points;
+  cloud.points.reserve(shape.value().finite);
+  for (std::size_t i = 0; i < cloud.read; ++i) {
+    const Vec3 p(xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]);
+    if (p.allFinite()) cloud.points.push_back(p);
+  }
+  return cloud;
+}
+
+PlaneFit fit(const Options& options, std::string_view method, const Cloud& cloud) {
+  const Vec3 up = Vec3::UnitZ();
+  if (method == "lsq") return algo::fit_plane_lsq(cloud.points, up);
+  if (method == "ransac") return algo::fit_plane_ransac(cloud.points, up, options.settings());
+  return algo::fit_plane(cloud.points, up, options.settings());
+}
+
+std::string_view status_word(const PlaneFit& plane) {
+  return plane.ok ? "ok" : "not_measured";
+}
+
+/// Why a plane counts as not measured, as far as the figures say.
+std::string why_not(const Options& options, std::string_view method, const PlaneFit& plane) {
+  const double share_min = options.settings().inlier_share_min;
+  if (method != "lsq" && plane.inliers >= 3 && plane.inlier_fraction < share_min)
+    return fmt::format("the inliers' share is {:.4f}, needed is {:.4f}", plane.inlier_fraction, share_min);
+  if (plane.inliers < 3) return fmt::format("{} points make no plane", plane.inliers);
+  return fmt::format("no fixed point after {} refits (share {:.4f}), or the points make no plane", plane.iterations,
+                     plane.inlier_fraction);
+}
+
+// ---- one method --------------------------------------------------------------------------------------------------
+
+void write_fit(Json& json, std::string_view method, const PlaneFit& plane) {
+  const Explicit e = explicit_form(plane);
+  const std::array<double, 3> normal = {plane.normal.x(), plane.normal.y(), plane.normal.z()};
+  json.field("method", method).field("status", status_word(plane));
+  json.field("a", e.a).field("b", e.b).field("c", e.c).field("normal", std::span<const double>(normal));
+  json.field("offset_mm", plane.offset_mm).field("inliers", plane.inliers).field("points", plane.points);
+  json.field("inlier_fraction", plane.inlier_fraction).field("std_mm", plane.std_mm);
+  json.field("iterations", plane.iterations).field("sigma_offset_mm", plane.sigma_offset_mm);
+}
+
+void write_setting(Json& json, const Options& options, const Cloud& cloud) {
+  const algo::PlaneSettings s = options.settings();
+  json.field("file", std::string_view(options.file)).field("points_read", cloud.read);
+  json.key("threshold_mm");
+  if (options.threshold_mm > 0.0) {
+    json.value(options.threshold_mm);
+  } else {
+    json.null();  // three robust standard deviations
+  }
+  json.field("contamination", s.contamination).field("confidence", s.confidence);
+  json.field("hypotheses", algo::hypotheses_needed(s.contamination, s.confidence, 3));
+  json.field("inlier_share_min", s.inlier_share_min).field("seed", s.seed);
+}
+
+std::string threshold_text(const Options& options) {
+  return options.threshold_mm > 0.0 ? fmt::format("{} mm", options.threshold_mm) : "3 robust sigmas";
+}
+
+void print_fit(const Options& options, const Cloud& cloud, const PlaneFit& plane) {
+  const algo::PlaneSettings s = options.settings();
+  fmt::print("{}: {} points, {} finite\n", options.file, cloud.read, cloud.points.size());
+  if (options.method == "lsq") {
+    fmt::print("method lsq: all points\n");
+  } else {
+    fmt::print("method {}: {} hypotheses for contamination {}, threshold {}, seed {}\n", options.method,
+               algo::hypotheses_needed(s.contamination, s.confidence, 3), s.contamination, threshold_text(options),
+               s.seed);
+  }
+  const Explicit e = explicit_form(plane);
+  if (has_value(e.a)) {
+    fmt::print("z = a x + b y + c with a = {:.10f}, b = {:.10f}, c = {:.10f}\n", e.a, e.b, e.c);
+  } else {
+    fmt::print("the plane stands upright: there is no z = a x + b y + c\n");
+  }
+  const Vec3& n = plane.normal;
+  fmt::print("normal ({:.8f}, {:.8f}, {:.8f}), offset {:.6f} mm\n", n.x(), n.y(), n.z(), plane.offset_mm);
+  fmt::print("{} of {} points are inliers ({:.4f}), std {:.6f} mm, {} refits\n", plane.inliers, plane.points,
+             plane.inlier_fraction, plane.std_mm, plane.iterations);
+}
+
+int fit_one(const Options& options, const Cloud& cloud) {
+  const PlaneFit plane = fit(options, options.method, cloud);
+  if (options.json) {
+    Json json;
+    json.begin_object().field("schema", "slabd.plane/1");
+    write_fit(json, options.method, plane);
+    write_setting(json, options, cloud);
+    fmt::print("{}", json.end_object().text());
+  } else {
+    print_fit(options, cloud, plane);
+  }
+  if (!plane.ok) complain(fmt::format("{}: not measured: {}", options.file, why_not(options, options.method, plane)));
+  return plane.ok ? kDone : kNotPass;
+}
+
+// ---- the comparison of Table 1 -----------------------------------------------------------------------------------
+
+/// Root mean square of the three parameters' errors.
+double rms_error(const Explicit& e, const std::vector<double>& set) {
+  const Vec3 off(e.a - set[0], e.b - set[1], e.c - set[2]);
+  return std::sqrt(off.squaredNorm() / 3.0);
+}
+
+int compare(const Options& options, const Cloud& cloud) {
+  const bool known = !options.set.empty();
+  Json json;
+  json.begin_object().field("schema", "slabd.plane_comparison/1");
+  write_setting(json, options, cloud);
+  if (known) json.field("set", std::span<const double>(options.set));
+  json.key("methods").begin_array();
+  std::vector<std::vector<std::string>> rows = {{"method", "a", "b", "c", "std mm", "inliers", "status<"}};
+  if (known) {
+    rows[0].insert(rows[0].begin() + 4, "rms error");
+    rows.push_back({"set", fmt::format("{:.7f}", options.set[0]), fmt::format("{:.7f}", options.set[1]),
+                    fmt::format("{:.7f}", options.set[2]), "", "", "", ""});
+  }
+  bool improved_ok = false;
+  for (const char* method : {kMethods[2], kMethods[1], kMethods[0]}) {
+    const PlaneFit plane = fit(options, method, cloud);
+    const Explicit e = explicit_form(plane);
+    improved_ok = plane.ok;  // the last one is ours
+    json.begin_object();
+    write_fit(json, method, plane);
+    if (known) json.field("rms_error", rms_error(e, options.set));
+    json.end_object();
+    rows.push_back({method, fmt::format("{:.7f}", e.a), fmt::format("{:.7f}", e.b), fmt::format("{:.7f}", e.c),
+                    fmt::format("{:.6f}", plane.std_mm), std::to_string(plane.inliers),
+                    std::string(status_word(plane))});
+    if (known) rows.back().insert(rows.back().begin() + 4, fmt::format("{:.2e}", rms_error(e, options.set)));
+  }
+  json.end_array().end_object();
+  if (options.json) {
+    fmt::print("{}", json.text());
+  } else {
+    fmt::print("{}: {} points, {} finite; threshold {}, contamination {}, seed {}\n\n{}", options.file, cloud.read,
+               cloud.points.size(), threshold_text(options), options.contamination, options.seed, table(rows));
+  }
+  return improved_ok ? kDone : kNotPass;
+}
+
+int run_fit(const Options& options) {
+  const Result<Cloud> cloud = read_cloud(options);
+  if (!cloud) {
+    complain(fmt::format("{}", cloud.error().text.view()));
+    return kBadInput;
+  }
+  return options.compare ? compare(options, cloud.value()) : fit_one(options, cloud.value());
+}
+
+}  // namespace
+
+void add_fit_plane(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand("fit-plane", "Extract a plane from any cloud; compare methods");
+  command->footer(
+      "\nimproved  hypotheses on a stratified sample, least truncated error, refit to a fixed point (paper 3.1)\n"
+      "ransac    the classical one: the best of K planes through three points, as it is\n"
+      "lsq       orthogonal least squares over all points\n\n"
+      "The normal points to positive z. Exit status: 0 measured, 1 not measured, 2 usage, 3 bad input.\n\n"
+      "The paper's Table 1:\n"
+      "  slabctl simulate plane --out plane.xyz\n"
+      "  slabctl fit-plane plane.xyz --compare --threshold 0.03 --set 1 2 1");
+  command->add_option("FILE", options->file, "Cloud")->required();
+  command->add_option("--method", options->method, "improved, ransac or lsq")
+      ->check(CLI::IsMember(std::vector<std::string>(kMethods.begin(), kMethods.end())))
+      ->capture_default_str();
+  command->add_option("--threshold", options->threshold_mm, "Inlier distance in mm (default 3 robust sigmas)")
+      ->check(CLI::Range(1e-9, 1e6));
+  command
+      ->add_option("--contamination", options->contamination,
+                   "Largest share of outliers expected; decides the number of hypotheses for P = 1 - 1e-6")
+      ->check(CLI::Range(0.0, 0.9))
+      ->capture_default_str();
+  command
+      ->add_option("--share-min", options->share_min,
+                   "Share of inliers below which the plane is not measured (default 0.8 (1 - contamination))")
+      ->check(CLI::Range(0.0, 1.0));
+  command->add_option("--seed", options->seed, "Of the hypotheses")->capture_default_str();
+  command->add_option("--unit", options->unit, "Unit of the file: mm, m or um")
+      ->check(CLI::IsMember({"mm", "m", "um"}))
+      ->capture_default_str();
+  CLI::Option* both = command->add_flag("--compare", options->compare, "All three methods side by side");
+  command->add_option("--set", options->set, "a b c of the plane that was set, printed above the comparison")
+      ->expected(3)
+      ->needs(both);
+  command->add_flag("--json", options->json, "Print slabd.plane/1, or slabd.plane_comparison/1, on stdout");
+  command->callback([options, &exit_status] { exit_status = run_fit(*options); });
+}
+
+}  // namespace slabd::cli
