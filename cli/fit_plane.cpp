@@ -97,8 +97,11 @@ std::string why_not(const Options& options, std::string_view method, const Plane
   if (method != "lsq" && plane.inliers >= 3 && plane.inlier_fraction < share_min)
     return fmt::format("the inliers' share is {:.4f}, needed is {:.4f}", plane.inlier_fraction, share_min);
   if (plane.inliers < 3) return fmt::format("{} points make no plane", plane.inliers);
-  return fmt::format("no fixed point after {} refits (share {:.4f}), or the points make no plane", plane.iterations,
-                     plane.inlier_fraction);
+  return fmt::format(
+      "the points are not one plane with outliers beside it (the inliers' share is {:.4f}): another surface close by "
+      "or "
+      "nearly as large, points on a line, or no fixed point after {} refits",
+      plane.inlier_fraction, plane.iterations);
 }
 
 // ---- one method --------------------------------------------------------------------------------------------------

@@ -17,6 +17,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+const algo::StationSigma kSigma{0.02, rad_from_deg(0.001), 0.017, rad_from_deg(0.001)};
+
 struct MockLineTest : testing::Test {
   fs::path dir = fs::temp_directory_path() / ("slabd-mock-" + std::to_string(::getpid()));
   const char* recipe_file = "p5600.toml";
@@ -47,8 +49,7 @@ struct MockLineTest : testing::Test {
     settings.calibration_id = "test";
     settings.spool_dir = std::string_view((dir / "spool").native());
     const Ports ports{plc, pose, scanner, store.get(), nullptr, clock, notify};
-    loop = std::make_unique<Loop>(ports, settings, algo::StationSigma{0.02, rad_from_deg(0.001)}, hal::LengthUnit::mm,
-                                  LoopFigures{});
+    loop = std::make_unique<Loop>(ports, settings, kSigma, hal::LengthUnit::mm, LoopFigures{});
     const std::atomic<bool> stop{true};
     loop->run(stop);  // recovers, then returns because it is told to stop
     inputs.enable = true;
@@ -166,6 +167,36 @@ TEST_F(MockLineOfP4925, a_slab_of_eight_pairs_passes_with_its_own_nominals) {
     EXPECT_NEAR(item.value, 617.0, 0.05) << item.station;
   }
   EXPECT_EQ(spacings, 14);
+}
+
+/// NaN equals NaN.
+bool same(double a, double b) {
+  return a == b || (std::isnan(a) && std::isnan(b));
+}
+
+TEST_F(MockLineOfP4925, judging_what_the_database_holds_gives_the_verdict_that_was_given) {
+  take_a_whole_slab();
+  const storage::SlabRecord record = stored_slab();
+  std::array<BlockResult, 16> blocks;
+  ASSERT_EQ(record.blocks.size(), blocks.size());
+  for (const storage::SlabBlock& stored : record.blocks) blocks[stored.block.station - 1U] = stored.block;
+  SlabResult again;
+  algo::inspect_slab(recipes[0], blocks, kSigma, record.summary.header.T_base_slab, again);
+
+  EXPECT_EQ(again.verdict, record.slab.verdict);
+  EXPECT_EQ(again.station_verdict, record.slab.station_verdict);
+  EXPECT_EQ(again.fit.T_base_slab.to_array(), record.slab.fit.T_base_slab.to_array());
+  ASSERT_EQ(again.items.size(), record.slab.items.size());
+  for (std::size_t i = 0; i < again.items.size(); ++i) {
+    const Item& a = again.items[i];
+    const Item& b = record.slab.items[i];
+    EXPECT_EQ(a.id, b.id);
+    EXPECT_EQ(a.verdict, b.verdict) << info(a.id).name;
+    EXPECT_TRUE(same(a.value, b.value)) << info(a.id).name << " " << a.value << " " << b.value;
+    EXPECT_TRUE(same(a.U, b.U)) << info(a.id).name << " " << a.U << " " << b.U;
+    for (std::size_t part = 0; part < kBudgetParts; ++part)
+      EXPECT_EQ(a.budget[part], b.budget[part]) << info(a.id).name << " " << name(static_cast<BudgetPart>(part));
+  }
 }
 
 TEST_F(MockLineTest, a_block_that_is_not_there_never_passes) {
