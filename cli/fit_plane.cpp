@@ -67,16 +67,15 @@ Explicit explicit_form(const PlaneFit& fit) {
 }
 
 Result<Cloud> read_cloud(const Options& options) {
-  std::vector<float> xyz(limits::kScanPointsMax * 3);
+  static_assert(sizeof(Vec3) == 3 * sizeof(double), "points are read in place");
+  Cloud cloud;
+  cloud.points.resize(limits::kScanPointsMax);
+  const std::span<double> xyz(cloud.points[0].data(), 3 * cloud.points.size());
   const Result<ScanShape> shape = hal::read_scan(options.file.c_str(), *length_unit(options.unit), xyz);
   if (!shape) return shape.error();
-  Cloud cloud;
   cloud.read = shape.value().points;
-  cloud.points.reserve(shape.value().finite);
-  for (std::size_t i = 0; i < cloud.read; ++i) {
-    const Vec3 p(xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]);
-    if (p.allFinite()) cloud.points.push_back(p);
-  }
+  cloud.points.resize(cloud.read);
+  std::erase_if(cloud.points, [](const Vec3& p) { return !p.allFinite(); });
   return cloud;
 }
 
@@ -238,7 +237,7 @@ void add_fit_plane(CLI::App& app, int& exit_status) {
       "The paper's Table 1:\n"
       "  slabctl simulate plane --out plane.xyz\n"
       "  slabctl fit-plane plane.xyz --compare --threshold 0.03 --set 1 2 1");
-  command->add_option("FILE", options->file, "Cloud")->required();
+  command->add_option("FILE", options->file, "Cloud: .ply, .pcd, .xyz, .asc, .txt or .csv")->required();
   command->add_option("--method", options->method, "improved, ransac or lsq")
       ->check(CLI::IsMember(std::vector<std::string>(kMethods.begin(), kMethods.end())))
       ->capture_default_str();

@@ -158,6 +158,8 @@ inline constexpr std::array kScanFormats = {ScanFormat::ply, ScanFormat::ply_asc
 /// nothing, are counted as they come. frame_incomplete: the text names file and byte, or line and column, and what was
 /// expected; too_few_points: no points at all. After an error `xyz` holds nothing of use. No heap; 400 kB of stack.
 [[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz);
+/// The same with every digit of the file, for clouds that are analysed and not inspected.
+[[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<double> xyz);
 
 /// Writes a scan (for the emulator and tests) of float32 points, text with as many digits as bring the same bits back.
 /// width * height > 0: organised, as far as the format can say so. config: the shape does not fit; store_full,

@@ -32,9 +32,10 @@ double load_coordinate(const char* from, bool is_double) {
 }
 
 /// One file on its way into `xyz`.
+template <typename Real>
 class PcdBody {
  public:
-  PcdBody(ScanWindow& window, const PcdLayout& layout, LengthUnit unit, std::span<float> xyz)
+  PcdBody(ScanWindow& window, const PcdLayout& layout, LengthUnit unit, std::span<Real> xyz)
       : window_(window), layout_(layout), mm_(mm_per(unit)), xyz_(xyz.first(3 * layout.points)) {}
 
   Status read() {
@@ -49,7 +50,7 @@ class PcdBody {
  private:
   Status read_ascii() {
     TextLines lines(window_, layout_.header_lines);
-    float* out = xyz_.data();
+    Real* out = xyz_.data();
     std::uint64_t points = 0;
     for (std::string_view line; lines.next(line);) {
       if (trimmed(line).empty()) continue;
@@ -65,7 +66,7 @@ class PcdBody {
                         static_cast<unsigned long long>(layout_.points));
   }
 
-  Status read_row(const TextLines& lines, std::string_view line, float* out) const {
+  Status read_row(const TextLines& lines, std::string_view line, Real* out) const {
     std::string_view rest = line;
     for (std::size_t column = 0; column < layout_.values; ++column) {
       const std::string_view word = take_word(rest);
@@ -75,7 +76,7 @@ class PcdBody {
         if (layout_.xyz[axis].column != column) continue;
         double value = 0.0;
         if (!parse_number(word, value)) return lines.not_a_number(line, word);
-        out[axis] = coordinate_mm(value, mm_);
+        out[axis] = coordinate_mm<Real>(value, mm_);
       }
     }
     if (const std::string_view more = take_word(rest); !more.empty())
@@ -86,14 +87,14 @@ class PcdBody {
 
   Status read_binary() {
     const std::size_t piece_points = limits::kScanReadBytes / layout_.stride;
-    float* out = xyz_.data();
+    Real* out = xyz_.data();
     for (std::uint64_t left = layout_.points; left > 0;) {
       const std::size_t points = std::min<std::uint64_t>(left, piece_points);
       if (!window_.have(points * layout_.stride)) return window_.failure();
       const char* point = window_.view().data();
       for (std::size_t i = 0; i < points; ++i, point += layout_.stride)
         for (const PcdLayout::Coordinate& at : layout_.xyz)
-          *out++ = coordinate_mm(load_coordinate(point + at.offset, at.is_double), mm_);
+          *out++ = coordinate_mm<Real>(load_coordinate(point + at.offset, at.is_double), mm_);
       window_.consume(points * layout_.stride);
       left -= points;
     }
@@ -124,12 +125,12 @@ class PcdBody {
     constexpr std::size_t kPieceValues = 1'024;
     std::array<char, kPieceValues * sizeof(double)> piece;
     const std::size_t bytes = value_bytes(axis);
-    float* out = xyz_.data() + axis;
+    Real* out = xyz_.data() + axis;
     for (std::uint64_t left = layout_.points; left > 0;) {
       const std::size_t values = std::min<std::uint64_t>(left, kPieceValues);
       if (Status status = decoded.read(piece.data(), values * bytes); !status) return status;
       for (std::size_t i = 0; i < values; ++i, out += 3)
-        *out = coordinate_mm(load_coordinate(&piece[i * bytes], layout_.xyz[axis].is_double), mm_);
+        *out = coordinate_mm<Real>(load_coordinate(&piece[i * bytes], layout_.xyz[axis].is_double), mm_);
       left -= values;
     }
     return success();
@@ -153,7 +154,7 @@ class PcdBody {
   ScanWindow& window_;
   const PcdLayout& layout_;
   double mm_;
-  std::span<float> xyz_;
+  std::span<Real> xyz_;
 };
 
 /// The header, with its bytes consumed.
@@ -168,7 +169,8 @@ Result<PcdLayout> read_header(ScanWindow& window, LengthUnit unit) {
 
 }  // namespace
 
-Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<float> xyz) {
+template <typename Real>
+Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> xyz) {
   const Result<PcdLayout> header = read_header(window, unit);
   if (!header) return header.error();
   const PcdLayout& layout = header.value();
@@ -180,9 +182,12 @@ Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<float>
   if (layout.points > xyz.size() / 3)
     return error(Code::frame_incomplete, "%s: %llu points, allowed are at most %zu", window.name(),
                  static_cast<unsigned long long>(layout.points), xyz.size() / 3);
-  if (Status status = PcdBody(window, layout, unit, xyz).read(); !status) return status.error();
+  if (Status status = PcdBody<Real>(window, layout, unit, xyz).read(); !status) return status.error();
   return ScanShape{layout.points, settle_points(xyz.first(3 * layout.points)), layout.width, layout.height};
 }
+
+template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<float>);
+template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<double>);
 
 bool is_complete_pcd(ScanWindow& window, LengthUnit unit) {
   const Result<PcdLayout> header = read_header(window, unit);

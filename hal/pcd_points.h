@@ -10,7 +10,8 @@ namespace slabd::hal {
 
 /// Reads the PCD file in `window` (nothing of it consumed yet) as `read_scan` promises: ascii, binary and
 /// binary_compressed (decoded through a fixed window, whatever the data grow to). No heap.
-[[nodiscard]] Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<float> xyz);
+template <typename Real>  // float or double
+[[nodiscard]] Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> xyz);
 
 /// Whether the file in `window` has a binary header that accounts for exactly its bytes: it is complete, nobody is
 /// still writing it. False also for everything that cannot tell (ascii, not a PCD).

@@ -5,6 +5,7 @@
 #include <array>
 #include <bit>
 #include <cassert>
+#include <concepts>
 #include <cstring>
 
 #include "hal/declared_unit.h"
@@ -42,9 +43,10 @@ double load_coordinate(const char* from, bool is_double, bool big_endian) {
 }
 
 /// One file on its way into `xyz`.
+template <typename Real>
 class PlyBody {
  public:
-  PlyBody(ScanWindow& window, const PlyLayout& layout, LengthUnit unit, std::span<float> xyz)
+  PlyBody(ScanWindow& window, const PlyLayout& layout, LengthUnit unit, std::span<Real> xyz)
       : window_(window), layout_(layout), mm_(mm_per(unit)), xyz_(xyz.first(3 * layout.vertices)) {}
 
   Status read_binary() {
@@ -83,20 +85,20 @@ class PlyBody {
     return is_plain(element) ? read_plain() : read_strided(element);
   }
 
-  /// float32 x y z of our byte order and nothing else: the file's bytes are the buffer's bytes.
+  /// float32 x y z of our byte order and nothing else, wanted as such: the file's bytes are the buffer's bytes.
   [[nodiscard]] bool is_plain(const PlyElement& element) const {
     const auto p = layout_.of(element);
-    return !big_endian() && element.bytes == 3 * sizeof(float) && p.size() == 3 && p[0].axis == 0 && p[1].axis == 1 &&
-           p[2].axis == 2;
+    return std::same_as<Real, float> && !big_endian() && element.bytes == 3 * sizeof(float) && p.size() == 3 &&
+           p[0].axis == 0 && p[1].axis == 1 && p[2].axis == 2;
   }
 
   Status read_plain() {
-    constexpr std::size_t kPieceFloats = limits::kScanReadBytes / sizeof(float);
+    constexpr std::size_t kPieceFloats = limits::kScanReadBytes / sizeof(Real);
     for (std::size_t begin = 0; begin < xyz_.size(); begin += kPieceFloats) {
-      const std::span<float> piece = xyz_.subspan(begin, std::min(kPieceFloats, xyz_.size() - begin));
+      const std::span<Real> piece = xyz_.subspan(begin, std::min(kPieceFloats, xyz_.size() - begin));
       if (!window_.read(piece.data(), piece.size_bytes())) return window_.failure();
       if (mm_ == 1.0) continue;
-      for (float& v : piece) v = coordinate_mm(double{v}, mm_);
+      for (Real& v : piece) v = coordinate_mm<Real>(double{v}, mm_);
     }
     return success();
   }
@@ -119,14 +121,14 @@ class PlyBody {
   Status read_strided(const PlyElement& vertex) {
     const std::array<Place, 3> places = places_in(vertex);
     const std::size_t piece_points = limits::kScanReadBytes / vertex.bytes;
-    float* out = xyz_.data();
+    Real* out = xyz_.data();
     for (std::uint64_t left = vertex.count; left > 0;) {
       const std::size_t points = std::min<std::uint64_t>(left, piece_points);
       if (!window_.have(points * vertex.bytes)) return window_.failure();
       const char* item = window_.view().data();
       for (std::size_t i = 0; i < points; ++i, item += vertex.bytes)
         for (const Place& place : places)
-          *out++ = coordinate_mm(load_coordinate(item + place.offset, place.is_double, big_endian()), mm_);
+          *out++ = coordinate_mm<Real>(load_coordinate(item + place.offset, place.is_double, big_endian()), mm_);
       window_.consume(points * vertex.bytes);
       left -= points;
     }
@@ -135,7 +137,7 @@ class PlyBody {
 
   /// Items with lists: each has its own length, which only its content tells.
   Status read_items(const PlyElement& element) {
-    float* out = xyz_.data();
+    Real* out = xyz_.data();
     for (std::uint64_t i = 0; i < element.count; ++i) {
       for (const PlyProperty& property : layout_.of(element)) {
         Status status = property.count_bytes != 0 ? step_over_list(property, i) : read_scalar(property, out);
@@ -146,10 +148,11 @@ class PlyBody {
     return success();
   }
 
-  Status read_scalar(const PlyProperty& property, float* out) {
+  Status read_scalar(const PlyProperty& property, Real* out) {
     if (!window_.have(property.bytes)) return window_.failure();
     if (property.axis >= 0)
-      out[property.axis] = coordinate_mm(load_coordinate(window_.view().data(), property.is_double, big_endian()), mm_);
+      out[property.axis] =
+          coordinate_mm<Real>(load_coordinate(window_.view().data(), property.is_double, big_endian()), mm_);
     window_.consume(property.bytes);
     return success();
   }
@@ -173,7 +176,7 @@ class PlyBody {
   Status read_lines(TextLines& lines, const PlyElement& element) {
     if (element.properties == 0) return success();  // nothing to write a line about
     if (!element.is_vertex) return step_over_lines(lines, element.count);
-    float* out = xyz_.data();
+    Real* out = xyz_.data();
     for (std::uint64_t i = 0; i < element.count; ++i, out += 3) {
       std::string_view line;
       do {
@@ -196,7 +199,7 @@ class PlyBody {
                         static_cast<unsigned long long>(count));
   }
 
-  Status read_row(const TextLines& lines, std::string_view line, const PlyElement& vertex, float* out) {
+  Status read_row(const TextLines& lines, std::string_view line, const PlyElement& vertex, Real* out) {
     std::string_view rest = line;
     for (const PlyProperty& property : layout_.of(vertex)) {
       const std::string_view word = take_word(rest);
@@ -204,7 +207,7 @@ class PlyBody {
       if (property.axis >= 0) {
         double value = 0.0;
         if (!parse_number(word, value)) return lines.not_a_number(line, word);
-        out[property.axis] = coordinate_mm(value, mm_);
+        out[property.axis] = coordinate_mm<Real>(value, mm_);
       } else if (property.count_bytes != 0) {
         std::uint64_t count = 0;
         if (!parse_count(word, count)) return lines.not_a_number(line, word, "the length of a list");
@@ -222,7 +225,7 @@ class PlyBody {
   ScanWindow& window_;
   const PlyLayout& layout_;
   double mm_;
-  std::span<float> xyz_;
+  std::span<Real> xyz_;
 };
 
 Status check_size(const char* name, const PlyLayout& layout, std::uint64_t file_bytes) {
@@ -246,7 +249,8 @@ Result<PlyLayout> read_header(ScanWindow& window, LengthUnit unit) {
 
 }  // namespace
 
-Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<float> xyz) {
+template <typename Real>
+Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> xyz) {
   const Result<PlyLayout> header = read_header(window, unit);
   if (!header) return header.error();
   const PlyLayout& layout = header.value();
@@ -255,12 +259,15 @@ Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<float>
     return error(Code::frame_incomplete, "%s: %llu points, allowed are at most %zu", window.name(),
                  static_cast<unsigned long long>(layout.vertices), xyz.size() / 3);
 
-  PlyBody body(window, layout, unit, xyz);
+  PlyBody<Real> body(window, layout, unit, xyz);
   const Status status = layout.encoding == PlyEncoding::ascii ? body.read_ascii() : body.read_binary();
   if (!status) return status.error();
   const std::size_t finite = settle_points(xyz.first(3 * layout.vertices));
   return ScanShape{layout.vertices, finite, layout.width, layout.height};
 }
+
+template Result<ScanShape> read_ply(ScanWindow&, LengthUnit, std::span<float>);
+template Result<ScanShape> read_ply(ScanWindow&, LengthUnit, std::span<double>);
 
 bool is_complete_ply(ScanWindow& window, LengthUnit unit) {
   const Result<PlyLayout> layout = read_header(window, unit);

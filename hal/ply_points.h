@@ -10,7 +10,8 @@ namespace slabd::hal {
 
 /// Reads the PLY file in `window` (nothing of it consumed yet) as `read_scan` promises: ascii or binary, lists stepped
 /// over, exactly as long as its header says, lists included. No heap.
-[[nodiscard]] Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<float> xyz);
+template <typename Real>  // float or double
+[[nodiscard]] Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> xyz);
 
 /// Whether the file in `window` has a binary header that accounts for exactly its bytes: it is complete, nobody is
 /// still writing it. False also for everything that cannot tell (ascii, lists, not a PLY).

@@ -48,7 +48,10 @@ Result<int> open_scan(int folder, const char* name, const char* shown) {
   return fd.release();
 }
 
-Result<ScanShape> read_scan_fd(int fd, const char* name, LengthUnit unit, std::span<float> xyz) {
+namespace {
+
+template <typename Real>
+Result<ScanShape> read_points_fd(int fd, const char* name, LengthUnit unit, std::span<Real> xyz) {
   const std::string_view extension = extension_of(name);
   const std::optional<ScanFamily> family = scan_family(extension);
   if (!family) return unknown_format(name, extension);
@@ -63,11 +66,26 @@ Result<ScanShape> read_scan_fd(int fd, const char* name, LengthUnit unit, std::s
   return unknown_format(name, extension);
 }
 
-Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz) {
+template <typename Real>
+Result<ScanShape> read_points(const char* path, LengthUnit unit, std::span<Real> xyz) {
   const Result<int> opened = open_scan(AT_FDCWD, path, path);
   if (!opened) return opened.error();
   const Fd fd(opened.value());
-  return read_scan_fd(fd.get(), path, unit, xyz);
+  return read_points_fd(fd.get(), path, unit, xyz);
+}
+
+}  // namespace
+
+Result<ScanShape> read_scan_fd(int fd, const char* name, LengthUnit unit, std::span<float> xyz) {
+  return read_points_fd(fd, name, unit, xyz);
+}
+
+Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz) {
+  return read_points(path, unit, xyz);
+}
+
+Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<double> xyz) {
+  return read_points(path, unit, xyz);
 }
 
 bool is_complete_scan(int fd, const char* name, LengthUnit unit) {

@@ -19,9 +19,10 @@ bool is_comment(std::string_view line) {
   return line.starts_with('#') || line.starts_with("//");
 }
 
+template <typename Real>
 class TextTable {
  public:
-  TextTable(ScanWindow& window, LengthUnit unit, std::span<float> xyz)
+  TextTable(ScanWindow& window, LengthUnit unit, std::span<Real> xyz)
       : window_(window), lines_(window, 0), unit_(unit), mm_(mm_per(unit)), xyz_(xyz) {}
 
   Result<ScanShape> read() {
@@ -64,7 +65,7 @@ class TextTable {
 
   Status point(std::string_view line) {
     FieldReader fields(line, separator_);
-    float* out = &xyz_[3 * points_];
+    Real* out = &xyz_[3 * points_];
     for (std::size_t column = 0; column < columns_.needed; ++column) {
       std::string_view field;
       if (!fields.next(field))
@@ -74,7 +75,7 @@ class TextTable {
         if (columns_.xyz[axis] != column) continue;
         double value = std::numeric_limits<double>::quiet_NaN();
         if (!field.empty() && !parse_number(field, value)) return lines_.not_a_number(line, field, hint_for(field));
-        out[axis] = coordinate_mm(value, mm_);
+        out[axis] = coordinate_mm<Real>(value, mm_);
       }
     }
     ++points_;
@@ -93,7 +94,7 @@ class TextTable {
   TextLines lines_;
   LengthUnit unit_;
   double mm_;
-  std::span<float> xyz_;
+  std::span<Real> xyz_;
   std::size_t points_ = 0;
   bool decided_ = false;
   Separator separator_ = Separator::blanks;
@@ -102,8 +103,12 @@ class TextTable {
 
 }  // namespace
 
-Result<ScanShape> read_text_points(ScanWindow& window, LengthUnit unit, std::span<float> xyz) {
-  return TextTable(window, unit, xyz).read();
+template <typename Real>
+Result<ScanShape> read_text_points(ScanWindow& window, LengthUnit unit, std::span<Real> xyz) {
+  return TextTable<Real>(window, unit, xyz).read();
 }
+
+template Result<ScanShape> read_text_points(ScanWindow&, LengthUnit, std::span<float>);
+template Result<ScanShape> read_text_points(ScanWindow&, LengthUnit, std::span<double>);
 
 }  // namespace slabd::hal

@@ -12,6 +12,7 @@ namespace slabd::hal {
 /// `read_scan` promises. Separators: blanks, tab, comma or semicolon, one kind per file. `#` and `//` begin a comment,
 /// empty lines count for nothing, one line of column names may stand first, further columns are ignored. nan, inf or
 /// nothing between two separators: a missing point. A decimal comma is recognised and refused. No heap.
-[[nodiscard]] Result<ScanShape> read_text_points(ScanWindow& window, LengthUnit unit, std::span<float> xyz);
+template <typename Real>  // float or double
+[[nodiscard]] Result<ScanShape> read_text_points(ScanWindow& window, LengthUnit unit, std::span<Real> xyz);
 
 }  // namespace slabd::hal

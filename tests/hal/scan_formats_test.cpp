@@ -255,5 +255,36 @@ TEST(ScanFormats, a_unit_that_a_file_declares_must_be_the_configured_one) {
   test::expect_points("\"X [mm]\";\"Y [mm]\";\"Z [mm]\"\n1;2;3\n", "a.csv", {1, 2, 3});
 }
 
+TEST(ScanInDouble, every_family_keeps_every_digit_and_the_unit) {
+  const TemporaryFolder folder;
+  const std::vector<double> wanted = {1.0 / 3.0, -2.0 / 7.0, 1e-12, kMissing, 0.0, 1.0, 16'777'217.0, 0.1, -1e300};
+  std::string table;
+  std::string bytes;
+  for (std::size_t i = 0; i < wanted.size(); ++i) {
+    table += digits(wanted[i], 17) + (i % 3 == 2 ? "\n" : " ");
+    bytes += bytes_of(wanted[i]);
+  }
+  const std::string ply =
+      "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty double x\n"
+      "property double y\nproperty double z\nend_header\n";
+  const std::string pcd =
+      "VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 3\nHEIGHT 1\n"
+      "POINTS 3\nDATA binary\n";
+  for (const auto& [name, content] : {std::pair("p.xyz", table), {"p.ply", ply + bytes}, {"p.pcd", pcd + bytes}}) {
+    const std::string path = folder / name;
+    test::write_file(path, content);
+    std::vector<double> xyz(wanted.size());
+    const Result<ScanShape> shape = read_scan(path.c_str(), LengthUnit::mm, std::span<double>(xyz));
+    ASSERT_TRUE(shape.ok()) << shape.error().text.view();
+    EXPECT_EQ(shape.value().finite, 2U) << name;
+    for (std::size_t i = 0; i < wanted.size(); ++i) {
+      const bool in_missing_point = i / 3 == 1;
+      EXPECT_TRUE(in_missing_point ? std::isnan(xyz[i]) : xyz[i] == wanted[i]) << name << " " << i << " " << xyz[i];
+    }
+    ASSERT_TRUE(read_scan(path.c_str(), LengthUnit::m, std::span<double>(xyz)).ok());
+    EXPECT_EQ(xyz[0], 1.0 / 3.0 * 1000.0) << name;
+  }
+}
+
 }  // namespace
 }  // namespace slabd::hal
