@@ -25,6 +25,7 @@ constexpr std::array<const char*, 3> kMethods = {"improved", "ransac", "lsq"};
 constexpr double kFlatMin = 1e-9;
 /// A share of inliers so far below what --contamination promises is another plane, or none.
 constexpr double kPromiseKept = 0.8;
+constexpr double kThickMax = 1.0 / 3.0;
 
 struct Options {
   std::string file;
@@ -79,11 +80,20 @@ Result<Cloud> read_cloud(const Options& options) {
   return cloud;
 }
 
+/// Points without any plane have one that fits them best. The tilt's standard error times the root of their number is
+/// how far they stand from it against how far they reach along it: 0.02 for a plane worth the name, 1 for a cube.
+bool is_thick(const PlaneFit& plane) {
+  const double tilt_sigma = std::sqrt(plane.cov_normal.trace());
+  return tilt_sigma * std::sqrt(static_cast<double>(plane.inliers)) > kThickMax;
+}
+
 PlaneFit fit(const Options& options, std::string_view method, const Cloud& cloud) {
   const Vec3 up = Vec3::UnitZ();
   if (method == "lsq") return algo::fit_plane_lsq(cloud.points, up);
   if (method == "ransac") return algo::fit_plane_ransac(cloud.points, up, options.settings());
-  return algo::fit_plane(cloud.points, up, options.settings());
+  PlaneFit plane = algo::fit_plane(cloud.points, up, options.settings());
+  plane.ok = plane.ok && !is_thick(plane);
+  return plane;
 }
 
 std::string_view status_word(const PlaneFit& plane) {
@@ -95,6 +105,7 @@ std::string why_not(const Options& options, std::string_view method, const Plane
   const double share_min = options.settings().inlier_share_min;
   if (method != "lsq" && plane.inliers >= 3 && plane.inlier_fraction < share_min)
     return fmt::format("the inliers' share is {:.4f}, needed is {:.4f}", plane.inlier_fraction, share_min);
+  if (is_thick(plane)) return "the points stand as far from their best plane as they reach along it";
   if (plane.inliers < 3) return fmt::format("{} points make no plane", plane.inliers);
   return fmt::format(
       "the points are not one plane with outliers beside it (the inliers' share is {:.4f}): another surface close by "

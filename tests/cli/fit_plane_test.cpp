@@ -105,6 +105,9 @@ TEST_F(FitPlane, a_share_below_the_limit_is_not_measured_and_told) {
 TEST_F(FitPlane, points_without_a_plane_are_not_measured) {
   draw("cloud.xyz", "--points 0 --outliers 3000");
   EXPECT_EQ(fit("cloud.xyz", "--threshold 0.03").status, 1);
+  const Ended thick = fit("cloud.xyz", "");
+  EXPECT_EQ(thick.status, 1) << thick.out;
+  expect_mentions(thick.err, "as far from their best plane as they reach along it");
   const Ended line = fit(fs::path(write("line.xyz", "0 0 0\n1 1 1\n2 2 2\n3 3 3\n")).filename().string(), "");
   EXPECT_EQ(line.status, 1);
   expect_mentions(line.err, "not measured");
