@@ -34,15 +34,18 @@ class Row {
   [[nodiscard]] double off(std::size_t i, const Vec3d& parabola) const {
     return seats_[i].z_mm - parabola.dot(basis(seats_[i].x_mm));
   }
-  [[nodiscard]] double weight(double off_mm) const {
+  [[nodiscard]] bool counts(std::size_t i) const { return seats_[i].counts; }
+  [[nodiscard]] double weight(std::size_t i, const Vec3d& parabola) const {
+    if (!seats_[i].counts) return 0.0;
     if (!std::isfinite(reach_mm_)) return 1.0;
-    const double u = off_mm / reach_mm_;
+    const double u = off(i, parabola) / reach_mm_;
     return std::abs(u) < 1.0 ? (1.0 - u * u) * (1.0 - u * u) : 0.0;
   }
   /// Sum of Tukey's rho, in units of its largest value.
   [[nodiscard]] double cost(const Vec3d& parabola) const {
     double sum = 0.0;
     for (std::size_t i = 0; i < seats_.size(); ++i) {
+      if (!seats_[i].counts) continue;
       const double u = std::min(std::abs(off(i, parabola)) / reach_mm_, 1.0);
       const double in_place = 1.0 - u * u;
       sum += 1.0 - in_place * in_place * in_place;
@@ -65,7 +68,7 @@ class Row {
     Mat3d H = Mat3d::Zero();
     for (std::size_t i = 0; i < seats_.size(); ++i) {
       const Vec3d b = basis(seats_[i].x_mm);
-      H += weight(off(i, parabola)) * b * b.transpose();
+      H += weight(i, parabola) * b * b.transpose();
     }
     const Eigen::FullPivLU<Mat3d> solver(H);
     if (!solver.isInvertible() || !(solver.rcond() > 1e-9)) return false;
@@ -79,8 +82,7 @@ class Row {
       if (!normal_inverse(parabola, inverse)) return false;
       Vec3d g = Vec3d::Zero();
       for (std::size_t i = 0; i < seats_.size(); ++i) {
-        const double r = off(i, parabola);
-        g += weight(r) * r * basis(seats_[i].x_mm);
+        g += weight(i, parabola) * off(i, parabola) * basis(seats_[i].x_mm);
       }
       const Vec3d delta = inverse * g;
       parabola += delta;
@@ -107,6 +109,7 @@ bool robust(const Row& row, std::size_t seats, Vec3d& parabola) {
     for (std::size_t j = i + 1; j < seats; ++j)
       for (std::size_t k = j + 1; k < seats; ++k) {
         Vec3d candidate;
+        if (!row.counts(i) || !row.counts(j) || !row.counts(k)) continue;
         if (!row.through(i, j, k, candidate)) continue;
         const double cost = row.cost(candidate);
         if (cost >= best_start) continue;
@@ -121,7 +124,8 @@ bool robust(const Row& row, std::size_t seats, Vec3d& parabola) {
 
 RowParabola fit_row_parabola(std::span<const RowHeight> heights, double reach_mm) {
   RowParabola result;
-  if (heights.size() < kParabolaSeatsMin || heights.size() > limits::kPairsMax) return result;
+  const auto counting = std::count_if(heights.begin(), heights.end(), [](const RowHeight& h) { return h.counts; });
+  if (static_cast<std::size_t>(counting) < kParabolaSeatsMin || heights.size() > limits::kPairsMax) return result;
   const bool plain = !std::isfinite(reach_mm) || !(reach_mm > 0.0);
   const Row row(heights, plain ? kNoValue : reach_mm);
   Vec3d parabola = Vec3d::Zero();
@@ -131,11 +135,10 @@ RowParabola fit_row_parabola(std::span<const RowHeight> heights, double reach_mm
   std::size_t in_place = 0;
   for (std::size_t i = 0; i < heights.size(); ++i) {
     result.off_mm[i] = row.off(i, parabola);
-    result.weight[i] = row.weight(result.off_mm[i]);
+    result.weight[i] = row.weight(i, parabola);
     if (result.weight[i] > 0.0) ++in_place;
     for (std::size_t k = 0; k < heights.size(); ++k) {
-      const double pull =
-          row.weight(row.off(k, parabola)) * basis(heights[i].x_mm).dot(inverse * basis(heights[k].x_mm));
+      const double pull = row.weight(k, parabola) * basis(heights[i].x_mm).dot(inverse * basis(heights[k].x_mm));
       result.response[i][k] = (i == k ? 1.0 : 0.0) - pull;
     }
   }

@@ -17,6 +17,7 @@ inline constexpr std::size_t kParabolaAgreeMin = 4;
 struct RowHeight {
   double x_mm = 0.0;
   double z_mm = 0.0;
+  bool counts = true;  ///< false: its height over the parabola is asked for, but it has no say in it
 };
 
 /// What is left of a row's heights after its warp was taken out.
@@ -32,7 +33,8 @@ struct RowParabola {
 /// the parabola, none from `reach_mm` on, so that a low seat is reported with all of its depth and its neighbours are
 /// not lifted for it (with equal weights an end seat keeps 0.34 of its depth and the rest is put on the others). Among
 /// the solutions the one with the smallest sum of Tukey's rho, started from every parabola through three seats.
-/// `reach_mm` NaN or infinite: plain least squares. ok = false: fewer than 5 seats, or fewer than 4 in place.
+/// `reach_mm` NaN or infinite: plain least squares. ok = false: fewer than 5 seats
+/// that count, or fewer than 4 of them in place.
 [[nodiscard]] RowParabola fit_row_parabola(std::span<const RowHeight> row, double reach_mm);
 
 }  // namespace slabd::algo

@@ -51,9 +51,32 @@ StationErrors errors_of(const Recipe& recipe, const BlockResult& block, const Po
   return e;
 }
 
+/// Is everything known of this seat that its budget will ask for?
+bool is_known(const BlockResult& block) {
+  const SeatObservation& o = block.observation;
+  return o.sigma_p_mm.allFinite() && o.sigma_n_rad.allFinite() && std::isfinite(block.seat.noise_factor);
+}
+
+/// [station]: the seats that make the frame. Where budgets are asked for, a seat of unknown uncertainty would take
+/// everybody's away, so it has no say as long as enough others are left.
+using Members = std::array<bool, limits::kStationsMax + 1>;
+Members members_of(const Recipe& recipe, std::span<const BlockResult> blocks) {
+  Members seen{};
+  Members known{};
+  int count = 0;
+  for (int station = 1; station <= recipe.stations(); ++station) {
+    const BlockResult* block = block_of(blocks, station);
+    const auto k = static_cast<std::size_t>(station);
+    seen[k] = block != nullptr && block->observation.ok;
+    known[k] = seen[k] && is_known(*block);
+    count += known[k] ? 1 : 0;
+  }
+  return recipe.uncertainty.given && count >= kSeatsMin ? known : seen;
+}
+
 /// The fit, or the reason why there is none. The budget learns the stations' errors and how the frame answers them.
-SlabFitReport locate_slab(const Recipe& recipe, std::span<const BlockResult> blocks, const Pose& T_base_slab_nominal,
-                          SlabBudget& budget) {
+SlabFitReport locate_slab(const Recipe& recipe, std::span<const BlockResult> blocks, const Members& members,
+                          const Pose& T_base_slab_nominal, SlabBudget& budget) {
   std::array<SeatSighting, limits::kStationsMax> sightings;
   std::array<int, limits::kStationsMax> station_of{};
   std::size_t count = 0;
@@ -66,7 +89,7 @@ SlabFitReport locate_slab(const Recipe& recipe, std::span<const BlockResult> blo
     const Pose T = T_slab_block(recipe, station);
     const StationErrors errors = errors_of(recipe, *block, T);
     budget.set(station, errors);
-    if (!block->observation.ok) continue;
+    if (!members[static_cast<std::size_t>(station)]) continue;
     station_of[count] = station;
     sightings[count++] = {block->observation.p_base,  block->observation.n_base,  T.translation_mm, errors.normal,
                           budget.known_p_mm(station), budget.known_n_rad(station)};
@@ -105,12 +128,13 @@ void find_warp(Seats& seats, int first, int last, double reach_mm, RowParabola& 
     const Seat& seat = seats[station];
     if (!seat.ok) continue;
     seats.place_in_row[static_cast<std::size_t>(station)] = static_cast<int>(count);
-    row[count++] = {seat.nominal.x(), seat.p.z() - seat.nominal.z()};
+    row[count++] = {seat.nominal.x(), seat.p.z() - seat.nominal.z(), seat.counts};
   }
   warp = fit_row_parabola(std::span(row).first(count), reach_mm);
 }
 
-Seats seats_in_slab_frame(const Recipe& recipe, std::span<const BlockResult> blocks, const Pose& T_base_slab) {
+Seats seats_in_slab_frame(const Recipe& recipe, std::span<const BlockResult> blocks, const Members& members,
+                          const Pose& T_base_slab) {
   Seats seats;
   seats.place_in_row.fill(-1);
   const Pose T_slab_base = T_base_slab.inverse();
@@ -122,6 +146,7 @@ Seats seats_in_slab_frame(const Recipe& recipe, std::span<const BlockResult> blo
     if (block == nullptr) continue;
     const SeatObservation& o = block->observation;
     seat.ok = o.ok;
+    seat.counts = members[static_cast<std::size_t>(station)];
     seat.jaw_ok = o.jaw_ok;
     seat.tilt_ok = o.n_base.squaredNorm() > 0.0;
     if (seat.ok) seat.p = T_slab_base * o.p_base;
@@ -285,8 +310,10 @@ class ItemWriter {
     g.p(last, -0.5 * along * Vec3::UnitZ());
     return seats_[station].p.z() - (a.z() + along * (b.z() - a.z()));
   }
-  /// U without a budget: the recipe's default and two sigma of the stations in quadrature; NaN stays NaN.
-  [[nodiscard]] static double default_U(double of_recipe, double station_sigma) {
+  /// U without a budget: the recipe's default and two sigma of the stations in quadrature; NaN stays NaN. A recipe that
+  /// asks for budgets and has no default for this item gets none: what the scan adds is unknown, not nothing.
+  [[nodiscard]] double default_U(double of_recipe, double station_sigma) const {
+    if (recipe_.uncertainty.given && !has_value(of_recipe)) return kNoValue;
     return std::hypot(has_value(of_recipe) ? of_recipe : 0.0, 2.0 * station_sigma);
   }
   void put(Item item, const Gradient& gradient, double station_sigma) {
@@ -327,9 +354,10 @@ void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, con
                   const Pose& T_base_slab_nominal, SlabResult& out) {
   out = SlabResult{};
   SlabBudget budget(recipe, sigma);
-  out.fit = locate_slab(recipe, blocks, T_base_slab_nominal, budget);
+  const Members members = members_of(recipe, blocks);
+  out.fit = locate_slab(recipe, blocks, members, T_base_slab_nominal, budget);
   Seats seats;
-  if (out.fit.ok) seats = seats_in_slab_frame(recipe, blocks, out.fit.T_base_slab);
+  if (out.fit.ok) seats = seats_in_slab_frame(recipe, blocks, members, out.fit.T_base_slab);
   ItemWriter write(recipe, seats, sigma, budget, out);
   write_items(recipe, write);
   reach_verdicts(recipe, blocks, seats, out);

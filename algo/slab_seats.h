@@ -14,6 +14,7 @@ struct Seat {
   bool ok = false;
   bool jaw_ok = false;
   bool tilt_ok = false;
+  bool counts = false;  ///< has a say in the frame and in its row's warp
   Vec3 p = Vec3::Zero();
   Vec3 n = Vec3::UnitZ();
   Vec3 nominal = Vec3::Zero();

@@ -303,5 +303,32 @@ TEST(SlabDefects, a_station_that_is_known_worse_counts_less) {
   EXPECT_LT(turned, 0.8 * even);
 }
 
+TEST(SlabDefects, a_seat_of_unknown_uncertainty_takes_nobody_elses_away) {
+  Bench bench;
+  Prng prng(2);
+  Measured m = bench.line.measure(bench.slab(), robot_only(), prng);
+  m.blocks[3].seat.noise_factor = kNoValue;
+  m.blocks[3].observation.sigma_p_mm = Vec3::Constant(kNoValue);
+  for (const double recipe_U : {0.15, kNoValue}) {
+    Recipe recipe = bench.line.recipe();
+    for (Tolerance& t : recipe.tolerances) t.U = recipe_U;
+    algo::inspect_slab(recipe, m.blocks, kRobot, Line::T_base_slab(), m.slab);
+    EXPECT_EQ(m.slab.fit.seats, 17);
+    for (const Item& i : m.slab.items) {
+      if (!touches(i, 4)) {
+        EXPECT_TRUE(i.station == 0 || i.verdict == Verdict::pass) << info(i.id).name << " " << int{i.station};
+        EXPECT_GT(i.budget[static_cast<std::size_t>(BudgetPart::robot)], 0.0) << info(i.id).name << int{i.station};
+        continue;
+      }
+      // Its own: the recipe's U with the station's, or none.
+      EXPECT_EQ(i.budget, Item{}.budget) << info(i.id).name;
+      if (has_value(recipe_U))
+        EXPECT_GE(i.U, recipe_U);
+      else
+        EXPECT_EQ(i.verdict, Verdict::indeterminate) << info(i.id).name;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace slabd
