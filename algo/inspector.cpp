@@ -4,6 +4,7 @@
 //
 //     order, label      denoise: points by cell, who stays      extract: points by region, region of each
 //     cell_start        denoise: starts of the cells
+//     surface           denoise: the surface in each cell
 //     sample, residuals register: the points ICP works on
 //     wide, near        the face table, built by `use`
 //     heights           the height map, built by `use`
@@ -31,6 +32,7 @@ struct BlockInspector::Workspace {
       : order(limits::kScanPointsMax),
         label(limits::kScanPointsMax),
         cell_start(limits::kDenoiseCellsMax + 1),
+        surface(limits::kDenoiseCellsMax),
         sample(limits::kIcpPointsMax, Vec3::Zero()),
         residuals(limits::kIcpPointsMax),
         histogram(limits::kDeviationBins),
@@ -45,6 +47,7 @@ struct BlockInspector::Workspace {
   std::vector<std::uint32_t> order;
   std::vector<std::uint8_t> label;
   std::vector<std::uint32_t> cell_start;
+  std::vector<CellSurface> surface;
   std::vector<Vec3> sample;
   std::vector<double> residuals;
   std::vector<std::uint32_t> histogram;
@@ -123,7 +126,7 @@ Status BlockInspector::denoise(Cloud& cloud) {
     return error(Code::frame_incomplete, "scan claims %zu points, its buffer holds %zu and the limit is %zu",
                  cloud.points, cloud.xyz.size() / 3, limits::kScanPointsMax);
   }
-  remove_isolated(cloud, {w.order, w.label, w.cell_start}, w.result.scan);
+  remove_isolated(cloud, {w.order, w.label, w.cell_start, w.surface}, w.result.scan);
   if (cloud.points >= limits::kScanPointsMin) return success();
   refuse_registration(w.result.registration, "not tried: too few points");
   return error(Code::too_few_points, "%zu of %llu points left after denoising, at least %zu needed", cloud.points,

@@ -144,14 +144,14 @@ TEST(Registration, DoesNotFindABlockInABoxOfNoise) {
   scene::Cloud cloud;
   cloud.T_block_scanner = nominal_T_block_scanner();
   Prng prng(5);
-  // Clumps of five, so that denoising lets them pass.
-  for (int i = 0; i < 60000; ++i) {
+  // Scales of 3 mm, so that denoising lets them pass.
+  for (int i = 0; i < 6000; ++i) {
     const double x = 350.0 * (prng.uniform() - 0.5);
     const double y = 500.0 * (prng.uniform() - 0.5);
     const double z = 560.0 + 80.0 * prng.uniform();
-    for (int k = 0; k < 5; ++k)
-      cloud.xyz.insert(cloud.xyz.end(),
-                       {static_cast<float>(x + 0.1 * k), static_cast<float>(y), static_cast<float>(z)});
+    for (int k = 0; k < 64; ++k)
+      cloud.xyz.insert(cloud.xyz.end(), {static_cast<float>(x + 0.4 * (k % 8)), static_cast<float>(y + 0.4 * (k / 8)),
+                                         static_cast<float>(z)});
   }
   expect_not_found(cloud);
 }

@@ -45,33 +45,44 @@ struct Solid {
     top = half_space(Vec3::UnitZ(), Vec3(0.0, 0.0, -30.0));
   }
 
-  /// Distance along the ray to the first surface; false: no return.
-  [[nodiscard]] bool hit(const Vec3& from, const Vec3& along, double& distance) const {
+  /// Distance along the ray to the first surface, and the normal of the face there; false: no return.
+  [[nodiscard]] bool hit(const Vec3& from, const Vec3& along, double& distance, Vec3& normal) const {
     const double to_top = top.entry(from, along);
     double to_block = 1e9;
+    double out_of_block = 1e9;
     bool on_seat = false;
+    normal = top.n;
+    Vec3 block_normal = n;
     if (block.present) {
       const double to_seat = seat.entry(from, along);
-      const double to_jaw = std::min(jaw_inner.entry(from, along), jaw_outer.entry(from, along));
+      // A slanting ray that sees a jaw from behind never enters through it.
+      const auto entry = [&](const HalfSpace& h) { return h.n.dot(along) < 0.0 ? h.entry(from, along) : 1e9; };
+      const double to_jaw = std::min(entry(jaw_inner), entry(jaw_outer));
       to_block = std::min(to_seat, to_jaw);
       on_seat = to_seat < to_jaw;
+      if (!on_seat) block_normal = entry(jaw_inner) < entry(jaw_outer) ? jaw_inner.n : jaw_outer.n;
       const bool outer = (from + to_seat * along).y() > 0.0;
       const HalfSpace shoulder = half_space(Vec3::UnitZ(), Vec3(0.0, 0.0, outer ? 29.75 : 20.25));
       const auto cut = [&](const HalfSpace& h) {
         const double e = h.entry(from, along);
-        if (e > to_block) {
+        if (h.n.dot(along) > 0.0) {
+          // A slanting ray leaves the block through a face it sees from behind.
+          out_of_block = std::min(out_of_block, e);
+        } else if (e > to_block) {
           to_block = e;
           on_seat = false;
+          block_normal = h.n;
         }
       };
       cut(shoulder);
       for (const HalfSpace& h : outer_faces) cut(h);
     }
-    if (to_top < to_block) {
+    if (to_top < to_block || out_of_block < to_block) {
       distance = to_top;
       return block.slab_top_seen;
     }
     distance = to_block;
+    normal = block_normal;
     return !on_seat || shape_seat(from, along, distance);
   }
 
@@ -115,35 +126,53 @@ Cloud take(const Block& block, const Scan& scan) {
   // The displaced block as the nominal scanner sees it.
   cloud.T_block_scanner = scan.displacement.inverse() * nominal_T_block_scanner();
   const Solid solid(block);
-  const Vec3 along = cloud.T_block_scanner.rotation * Vec3::UnitZ();
   const auto columns = static_cast<std::size_t>(scan.field_x_mm / scan.pitch_mm);
-  const auto rows = static_cast<std::size_t>(scan.field_y_mm / scan.pitch_mm);
+  const auto rows = static_cast<std::size_t>(scan.field_y_mm / (scan.pitch_mm * scan.pitch_ratio));
   if (scan.organised) {
     cloud.width = columns;
     cloud.height = rows;
   }
   cloud.xyz.reserve(3 * columns * rows);
   Prng prng(scan.seed);
+  double clump_off = 0.0;
+  int clump_left = 0;
   for (std::size_t row = 0; row < rows; ++row) {
     for (std::size_t column = 0; column < columns; ++column) {
       const double x = (static_cast<double>(column) + 0.5) * scan.pitch_mm - 0.5 * scan.field_x_mm;
-      const double y = (static_cast<double>(row) + 0.5) * scan.pitch_mm - 0.5 * scan.field_y_mm;
+      const double y = (static_cast<double>(row) + 0.5) * scan.pitch_mm * scan.pitch_ratio - 0.5 * scan.field_y_mm;
+      const bool perspective = scan.focus_mm > 0.0;
+      const Vec3 from = perspective ? Vec3(Vec3::Zero()) : Vec3(x, y, 0.0);
+      const Vec3 along = perspective ? Vec3(Vec3(x, y, scan.focus_mm).normalized()) : Vec3(Vec3::UnitZ());
       double distance = 0.0;
-      bool seen = solid.hit(cloud.T_block_scanner * Vec3(x, y, 0.0), along, distance);
+      Vec3 normal = Vec3::UnitZ();
+      bool seen = solid.hit(cloud.T_block_scanner * from, cloud.T_block_scanner.rotation * along, distance, normal);
       seen = prng.uniform() >= scan.missing_share && seen;
       if (seen) {
-        distance += scan.noise_mm * prng.normal();
-        const bool outlier = prng.uniform() < scan.outlier_share;
-        if (outlier) {
-          const double off = 1.0 + 59.0 * prng.uniform();
-          distance += prng.uniform() < 0.5 ? off : -off;
+        double noise = scan.noise_mm * prng.normal();
+        if (scan.tail_share > 0.0 && prng.uniform() < scan.tail_share) noise *= 5.0;
+        distance += noise;
+        bool outlier = prng.uniform() < scan.outlier_share;
+        if (clump_left > 0) {
+          outlier = true;
+          --clump_left;
+        } else if (outlier) {
+          clump_off = scan.outlier_near_mm + (scan.outlier_far_mm - scan.outlier_near_mm) * prng.uniform();
+          if (prng.uniform() >= 0.5) clump_off = -clump_off;
+          if (scan.outlier_clump > 1)
+            clump_left = 1 + static_cast<int>(prng.below(static_cast<std::uint64_t>(scan.outlier_clump - 1)));
         }
+        if (outlier) distance += clump_off;
+        const Vec3 p = from + distance * along;
         cloud.outlier.push_back(outlier);
-        cloud.xyz.insert(cloud.xyz.end(), {static_cast<float>(x), static_cast<float>(y), static_cast<float>(distance)});
+        cloud.incidence_deg.push_back(
+            static_cast<float>(deg_from_rad(angle_between_rad(-(cloud.T_block_scanner.rotation * along), normal))));
+        cloud.xyz.insert(cloud.xyz.end(),
+                         {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())});
       } else if (scan.organised) {
         const float nan = std::numeric_limits<float>::quiet_NaN();
         cloud.xyz.insert(cloud.xyz.end(), {nan, nan, nan});
         cloud.outlier.push_back(false);
+        cloud.incidence_deg.push_back(nan);
       }
     }
   }

@@ -35,8 +35,15 @@ struct Block {
 
 struct Scan {
   double pitch_mm = 0.4;
+  double pitch_ratio = 1.0;  ///< pitch along y over pitch along x
+  /// Perspective: rays leave one point and `pitch_mm` holds so far away from it. 0: rays along Z.
+  double focus_mm = 0.0;
   double noise_mm = 0.03;
   double outlier_share = 0.005;
+  double outlier_near_mm = 1.0;  ///< outliers lie between this far ...
+  double outlier_far_mm = 60.0;  ///< ... and this far off along the ray
+  int outlier_clump = 1;         ///< up to so many in a row of the grid, at one depth
+  double tail_share = 0.0;       ///< of points with five times the noise
   double missing_share = 0.02;
   double field_x_mm = 350.0;
   double field_y_mm = 500.0;
@@ -50,8 +57,9 @@ struct Cloud {
   std::vector<float> xyz;
   std::size_t width = 0;
   std::size_t height = 0;
-  std::vector<bool> outlier;  ///< of each point
-  Pose T_block_scanner;       ///< truth
+  std::vector<bool> outlier;         ///< of each point
+  std::vector<float> incidence_deg;  ///< of each point: the ray against the normal of the face it met
+  Pose T_block_scanner;              ///< truth
 
   [[nodiscard]] algo::Cloud view() { return {xyz, xyz.size() / 3, width, height}; }
 };
