@@ -88,14 +88,14 @@ class BlockInspector {
   /// Offline scans pass T_base_block = identity and T_base_scanner = T_block_scanner.
   void begin(int station, const Pose& T_base_block, const Pose& T_base_scanner);
 
-  /// Drops missing points and isolated ones (fewer than three others within 0.95 mm) in place; the cloud is
+  /// Drops missing points and those no surface goes through (judged at the scan's own pitch) in place; the cloud is
   /// unorganised afterwards (width = height = 0). too_few_points when fewer than limits::kScanPointsMin are left,
-  /// frame_incomplete when `points` does not fit the buffer. About 60 ns a point.
+  /// frame_incomplete when `points` does not fit the buffer. About 100 ns a point.
   [[nodiscard]] Status denoise(Cloud& cloud);
 
-  /// Finds the block: ICP to the analytic model from the spliced pose; converges from 20 mm and 3 degrees off and
-  /// searches further. block_not_found when rejected or degenerate, fit_failed at the iteration limit, no_pose when
-  /// the start is not finite; the report in `result()` says why. About 30 ns a point, 1 s when it has to search.
+  /// Finds the block: search of the recipe's window around the spliced pose, then ICP to the analytic model; the casings
+  /// where no end face is seen. block_not_found when rejected or degenerate, fit_failed at the iteration limit, no_pose
+  /// when the start is not finite; the report in `result()` says why. About 0.1 s and 20 ns a point.
   [[nodiscard]] Status register_to_model(const Cloud& cloud);
 
   /// Segments by model, fits every feature, computes the items that could be measured; the others stay without a

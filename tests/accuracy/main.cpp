@@ -25,6 +25,8 @@ struct Study {
 constexpr std::array kStudies = {
     Study{"plane", plane_study, "the paper's Table 1: least squares, classical and improved RANSAC"},
     Study{"basin", basin_study, "registration from random starts: basin of convergence"},
+    Study{"pose", pose_study, "registration with white noise: is its covariance true?"},
+    Study{"denoise", denoise_study, "denoising over a grid of scans: outliers left, surface lost"},
     Study{"repeat", repeat_study, "ten scans of one block: spread of std and flatness"},
     Study{"block", block_study, "full-size scans of varied blocks: error of every item, coverage of U"},
     Study{"perspective", perspective_study, "the same with rays from one centre"},

@@ -40,6 +40,10 @@ struct StudyOptions {
 [[nodiscard]] bool slab_study(const StudyOptions& options, Table& table);
 /// Registration from random starts: how far off may the robot be, and is a wrong pose ever called converged?
 [[nodiscard]] bool basin_study(const StudyOptions& options, Table& table);
+/// Registration on the nominal block with white noise: is the reported covariance that of the errors?
+[[nodiscard]] bool pose_study(const StudyOptions& options, Table& table);
+/// Denoising over a grid of pitches, views and outliers: what is left of them, what is lost of the surface.
+[[nodiscard]] bool denoise_study(const StudyOptions& options, Table& table);
 /// The set-up of the paper's Table 1: a, b, c of z = ax + by + c from least squares, classical and improved RANSAC.
 [[nodiscard]] bool plane_study(const StudyOptions& options, Table& table);
 
