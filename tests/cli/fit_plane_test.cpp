@@ -3,6 +3,7 @@
 // slabctl fit-plane and simulate plane: the set-up of the paper's Table 1, drawn from the seed of the published
 // figures, as two commands.
 #include <nlohmann/json.hpp>
+#include <tuple>
 
 #include "base/limits.h"
 #include "tests/cli/slabctl_process.h"
@@ -117,7 +118,7 @@ TEST_F(FitPlane, a_plane_that_stands_upright_has_a_normal_and_no_z) {
   std::string text;
   for (int i = 0; i < 10; ++i)
     for (int j = 0; j < 10; ++j) text += "5 " + std::to_string(i) + " " + std::to_string(j) + "\n";
-  write("wall.xyz", text);
+  std::ignore = write("wall.xyz", text);
   const json plane = fitted("wall.xyz", "");
   EXPECT_TRUE(plane["a"].is_null());
   EXPECT_TRUE(plane["c"].is_null());
@@ -126,7 +127,7 @@ TEST_F(FitPlane, a_plane_that_stands_upright_has_a_normal_and_no_z) {
 }
 
 TEST_F(FitPlane, unit_of_the_file_is_declared) {
-  write("metres.xyz", "0 0 1\n1 0 1\n0 1 1\n1 1 1\n");
+  std::ignore = write("metres.xyz", "0 0 1\n1 0 1\n0 1 1\n1 1 1\n");
   EXPECT_NEAR(number(fitted("metres.xyz", "--unit m"), "c"), 1000.0, 1e-9);
   EXPECT_NEAR(number(fitted("metres.xyz", ""), "c"), 1.0, 1e-12);
 }
@@ -162,7 +163,7 @@ TEST_F(FitPlane, bad_files_are_status_3_and_named) {
   const std::size_t count = limits::kScanPointsMax + 1;
   const std::string header = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(count) +
                              "\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
-  write("many.ply", header);
+  std::ignore = write("many.ply", header);
   fs::resize_file(file("many.ply"), header.size() + 12 * count);
   const Ended many = fit("many.ply", "");
   EXPECT_EQ(many.status, 3);
