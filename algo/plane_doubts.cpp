@@ -24,7 +24,7 @@ constexpr int kScales = 4;
 constexpr int kBinsPerThreshold = 3;
 constexpr std::size_t kBinsMax = static_cast<std::size_t>(2 * kBinsPerThreshold) << (kScales - 1);
 /// A gap holds less than this share of what an even spread of the points over the heights would put there.
-constexpr double kGapShare = 0.3;
+constexpr double kGapShare = 0.4;
 /// ... and the heap beyond it is at least this share of the points on the near side; a bump of five per cent is
 /// for the flatness to find.
 constexpr double kHeapShare = 0.1;

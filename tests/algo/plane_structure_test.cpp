@@ -58,6 +58,12 @@ TEST(PlaneStructure, OfASecondParallelPlaneTheLargerWinsAndEqualOnesAreRefused) 
   }
 }
 
+TEST(PlaneStructure, OfASecondPlaneFiveNoiseWidthsAwayNoneInTheMiddleIsTaken) {
+  for (const double share : {0.5, 0.55, 0.6})
+    expect_end(End::either, "share " + std::to_string(share),
+               [&](double, double, double u) { return u < share ? 0.0 : 5.0 * kNoise_mm; });
+}
+
 TEST(PlaneStructure, OfAStepTheLargerSideWinsAndEqualOnesAreRefused) {
   for (const double height : {0.3, 1.0, -5.0}) {
     for (const double share : {0.5, 0.51, 0.55, 0.6, 0.7, 0.9}) {
