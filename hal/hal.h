@@ -156,7 +156,7 @@ inline constexpr std::array kScanFormats = {ScanFormat::ply, ScanFormat::ply_asc
 /// becomes NaN in all three. The file must be a regular one (links are not followed) and end where its header says.
 /// Counts are compared with the file's size and with `xyz` before a point is read; lines of a table, which announces
 /// nothing, are counted as they come. frame_incomplete: the text names file and byte, or line and column, and what was
-/// expected; too_few_points: no points at all. After an error `xyz` holds nothing of use. No heap; 400 kB of stack.
+/// expected; too_few_points: no points at all. After an error `xyz` holds nothing of use. No heap; 320 kB of stack.
 [[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz);
 /// The same with every digit of the file, for clouds that are analysed and not inspected.
 [[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<double> xyz);

@@ -213,6 +213,32 @@ TEST_F(Slabctl, missing_block_is_not_measured_and_not_a_pass) {
   for (const json& item : document["items"]) EXPECT_TRUE(item["value"].is_null()) << item["id"];
 }
 
+TEST_F(Slabctl, a_scan_is_measured_the_same_in_every_format_it_can_be_written_in) {
+  ASSERT_EQ(simulate_scan("scan.ply", "").status, 0);
+  const std::string rest = " --json --recipe " + kRecipe + " --block 3";
+  const json wanted = json::parse(run("inspect " + file("scan.ply") + rest).out)["features"];
+  const std::vector<std::pair<std::string, std::string>> written = {
+      {"a.ply", "ply-ascii"}, {"a.pcd", "pcd-compressed"}, {"a.txt", ""}};
+  for (const auto& [name, format] : written) {
+    ASSERT_EQ(simulate_scan(name, format.empty() ? "" : "--format " + format).status, 0) << name;
+    const Ended ended = run("inspect " + file(name) + rest);
+    ASSERT_EQ(ended.err.find(name + ":"), std::string::npos) << ended.err;
+    EXPECT_EQ(json::parse(ended.out)["features"], wanted) << name;
+  }
+}
+
+TEST_F(Slabctl, a_scan_is_not_written_under_a_name_that_nobody_could_read) {
+  for (const char* more : {"--format pcd", "--format csv", "--format stl"}) {
+    const Ended ended = simulate_scan("scan.ply", more);
+    EXPECT_EQ(ended.status, 2) << more;
+    expect_mentions(ended.err, "--format");
+  }
+  const Ended ended = simulate_scan("scan.stl", "");
+  EXPECT_EQ(ended.status, 2);
+  expect_mentions(ended.err, ".ply, .pcd, .xyz, .asc, .txt or .csv");
+  EXPECT_FALSE(fs::exists(file("scan.stl")));
+}
+
 TEST_F(Slabctl, good_block_passes_with_status_0_and_a_readable_table) {
   ASSERT_EQ(simulate_scan("scan.ply", "--casting 0 --unorganised").status, 0);
   const Ended ended = run("inspect " + file("scan.ply") + " --recipe " + kRecipe + " --block 3");

@@ -7,6 +7,7 @@
 #include <sys/socket.h>
 #include <sys/un.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <cstring>
@@ -164,6 +165,35 @@ TEST(NoHeap, acquiring_a_scan) {
   software.join();
   EXPECT_TRUE(acquired);
   EXPECT_EQ(made, 0);
+}
+
+TEST(NoHeap, reading_every_scan_format) {
+  test::TemporaryFolder folder;
+  std::vector<float> xyz(3 * limits::kScanPointsMin);
+  Prng prng(7);
+  for (float& v : xyz) v = static_cast<float>(prng.normal());
+  std::vector<std::string> paths;
+  for (const ScanFormat format : kScanFormats) {
+    paths.push_back(folder / (std::string(name(format)) + "." + std::string(extension(format))));
+    ASSERT_TRUE(write_scan(paths.back().c_str(), format, xyz, 0, 0).ok());
+  }
+  test::write_file(folder / "bad.ply", "ply\nformat ascii 1.0\nelement vertex x\n");
+  test::write_file(folder / "bad.pcd", "VERSION 0.7\nFIELDS x y\n");
+  test::write_file(folder / "bad.csv", "x;y;z\n1,5;2;3\n");
+  const std::vector<std::string> bad = {folder / "bad.ply", folder / "bad.pcd", folder / "bad.csv", folder / "bad.stl"};
+  std::vector<float> read(xyz.size());
+  for (const std::string& path : paths) {
+    std::fill(read.begin(), read.end(), 0.0F);
+    bool good = false;
+    EXPECT_EQ(allocations_of([&] { good = read_scan(path.c_str(), LengthUnit::mm, read).ok(); }), 0) << path;
+    EXPECT_TRUE(good) << path;
+    EXPECT_TRUE(read == xyz) << path;
+  }
+  for (const std::string& path : bad) {
+    bool good = true;
+    EXPECT_EQ(allocations_of([&] { good = read_scan(path.c_str(), LengthUnit::mm, read).ok(); }), 0) << path;
+    EXPECT_FALSE(good) << path;
+  }
 }
 
 TEST(NoHeap, answering_on_the_control_socket) {

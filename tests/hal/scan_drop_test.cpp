@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cmath>
+#include <fstream>
 #include <functional>
 #include <memory>
 #include <thread>
@@ -93,6 +94,28 @@ class ScanDropTest : public ::testing::Test {
     software.join();
     EXPECT_TRUE(names_in(request_file()).empty()) << "the request must be gone afterwards";
     return result;
+  }
+
+  /// The same in any format, by rename from outside the inbox.
+  void drop_scan_as(ScanFormat format, const std::string& name) const {
+    const std::string temporary = drop() + "/writing";
+    ASSERT_TRUE(write_scan(temporary.c_str(), format, points(), 0, 0).ok());
+    fs::rename(temporary, inbox(name));
+  }
+
+  /// Writes into the inbox itself, in parts with pauses, as software does that knows no better.
+  void write_slowly(ScanFormat format, const std::string& name, int parts, int pause_ms) const {
+    const std::string temporary = drop() + "/whole";
+    ASSERT_TRUE(write_scan(temporary.c_str(), format, points(), 0, 0).ok());
+    const std::string bytes = read_file(temporary);
+    fs::remove(temporary);
+    std::ofstream file(inbox(name), std::ios::binary);
+    for (int part = 0; part < parts; ++part) {
+      const std::size_t begin = bytes.size() * static_cast<std::size_t>(part) / static_cast<std::size_t>(parts);
+      const std::size_t end = bytes.size() * static_cast<std::size_t>(part + 1) / static_cast<std::size_t>(parts);
+      file << bytes.substr(begin, end - begin) << std::flush;
+      if (part + 1 < parts) wait_ms(pause_ms);
+    }
   }
 
   void expect_nothing_spooled() const {
@@ -253,6 +276,7 @@ TEST_F(ScanDropTest, an_unknown_format_is_named) {
   ASSERT_FALSE(result.ok());
   EXPECT_EQ(result.error().code, Code::frame_incomplete);
   EXPECT_NE(result.error().text.view().find("\"e57\""), std::string_view::npos);
+  EXPECT_NE(result.error().text.view().find(".ply, .pcd, .xyz, .asc, .txt, .csv"), std::string_view::npos);
 }
 
 TEST_F(ScanDropTest, a_scan_being_written_under_its_number_is_not_the_answer_yet) {
@@ -266,6 +290,102 @@ TEST_F(ScanDropTest, a_scan_being_written_under_its_number_is_not_the_answer_yet
     EXPECT_TRUE(result.ok()) << temporary << ": " << result.error().text.c_str();
   }
   EXPECT_EQ(scanner_->stray_files(), 0U);
+}
+
+TEST_F(ScanDropTest, answers_in_every_format_are_read_and_keep_their_extension) {
+  std::uint16_t seq = 10;
+  for (const ScanFormat format : kScanFormats) {
+    const std::string file = "7-" + std::to_string(++seq) + "." + std::string(extension(format));
+    const auto result = acquire(request(seq), [&] { drop_scan_as(format, file); });
+    ASSERT_TRUE(result.ok()) << name(format) << ": " << result.error().text.c_str();
+    EXPECT_EQ(result.value().shape.finite, kPoints);
+    EXPECT_EQ(result.value().path, folder_ / "spool/1/04-1." + std::string(extension(format)));
+    EXPECT_EQ(xyz_[3 * 100], 100.0F) << name(format);
+  }
+  const auto upper = acquire(request(30), [&] { drop_scan_as(ScanFormat::xyz, "7-30.ASC"); });
+  ASSERT_TRUE(upper.ok()) << upper.error().text.c_str();
+  EXPECT_EQ(upper.value().path, folder_ / "spool/1/04-1.asc");
+  EXPECT_EQ(scanner_->stray_files(), 0U);
+}
+
+/// Time passes when the test says so.
+class SteppedClock final : public Clock {
+ public:
+  [[nodiscard]] std::int64_t mono_ns() const override { return now_ns; }
+  [[nodiscard]] std::int64_t utime_us() const override { return now_ns / kNsPerUs; }
+  std::atomic<std::int64_t> now_ns = kNsPerS;
+};
+
+TEST_F(ScanDropTest, binary_that_accounts_for_its_bytes_is_taken_at_once_and_text_when_it_stood_still) {
+  SteppedClock stepped;
+  ScanDropSettings settings;
+  settings.drop_dir = PathText(drop());
+  auto made = make_scan_drop(settings, stepped);
+  ASSERT_TRUE(made.ok());
+  scanner_ = std::move(made.value());
+  for (const ScanFormat format : {ScanFormat::ply, ScanFormat::ply_be, ScanFormat::pcd, ScanFormat::pcd_compressed}) {
+    const auto result = acquire(request(), [&] { drop_scan_as(format, "7-3." + std::string(extension(format))); });
+    ASSERT_TRUE(result.ok()) << name(format) << ": " << result.error().text.c_str();
+    EXPECT_EQ(result.value().taken_mono_ns, kNsPerS) << "no time has passed";
+  }
+  for (const ScanFormat format : {ScanFormat::ply_ascii, ScanFormat::pcd_ascii, ScanFormat::xyz, ScanFormat::csv}) {
+    const std::string file = "7-3." + std::string(extension(format));
+    const std::int64_t dropped_ns = stepped.now_ns;
+    const auto result = acquire(request(), [&] {
+      drop_scan_as(format, file);
+      wait_ms(200);  // ten looks at the inbox
+      EXPECT_TRUE(fs::exists(inbox(file))) << name(format) << " was taken before it had stood still";
+      stepped.now_ns += 500 * kNsPerMs;
+    });
+    ASSERT_TRUE(result.ok()) << name(format) << ": " << result.error().text.c_str();
+    EXPECT_EQ(result.value().taken_mono_ns, dropped_ns) << "the exposure ended when the file was there";
+  }
+}
+
+TEST_F(ScanDropTest, a_file_that_grows_under_its_own_name_is_waited_for) {
+  for (const ScanFormat format :
+       {ScanFormat::ply, ScanFormat::ply_ascii, ScanFormat::pcd_compressed, ScanFormat::pcd_ascii, ScanFormat::xyz}) {
+    const auto result =
+        acquire(request(), [&] { write_slowly(format, "7-3." + std::string(extension(format)), 4, 100); });
+    ASSERT_TRUE(result.ok()) << name(format) << ": " << result.error().text.c_str();
+    EXPECT_EQ(result.value().shape.finite, kPoints) << name(format);
+  }
+  EXPECT_EQ(scanner_->stray_files(), 0U);
+}
+
+TEST_F(ScanDropTest, a_file_that_stays_short_of_its_header_is_303_in_every_format_that_has_one) {
+  std::uint64_t strays = 0;
+  for (const ScanFormat format : kScanFormats) {
+    if (format == ScanFormat::xyz || format == ScanFormat::csv) continue;
+    const std::string file = "7-3." + std::string(extension(format));
+    const auto result = acquire(request(), [&] {
+      drop_scan_as(format, "t");
+      fs::resize_file(inbox("t"), fs::file_size(inbox("t")) / 2);
+      fs::rename(inbox("t"), inbox(file));
+    });
+    ASSERT_FALSE(result.ok()) << name(format);
+    EXPECT_EQ(result.error().code, Code::frame_incomplete) << name(format);
+    EXPECT_TRUE(names_in(inbox()).empty());
+    EXPECT_EQ(scanner_->stray_files(), ++strays);
+    expect_nothing_spooled();
+  }
+}
+
+TEST_F(ScanDropTest, text_cut_within_a_line_is_303_and_after_too_few_points_401) {
+  ASSERT_TRUE(write_scan((drop() + "/whole").c_str(), ScanFormat::xyz, points(), 0, 0).ok());
+  const std::string bytes = read_file(drop() + "/whole");
+  const std::size_t end_of_line = bytes.find('\n', bytes.size() / 2) + 1;
+  const auto cut_to = [&](std::uint16_t seq, std::size_t size) {
+    const auto result = acquire(request(seq), [&] {
+      write_file(drop() + "/part", bytes.substr(0, size));
+      fs::rename(drop() + "/part", inbox("7-" + std::to_string(seq) + ".xyz"));
+    });
+    EXPECT_FALSE(result.ok());
+    return result ? Code::ok : result.error().code;
+  };
+  EXPECT_EQ(cut_to(3, end_of_line), Code::too_few_points);
+  EXPECT_EQ(cut_to(4, end_of_line + 1), Code::frame_incomplete);
+  EXPECT_EQ(scanner_->stray_files(), 2U);
 }
 
 TEST_F(ScanDropTest, cancel_ends_the_wait_and_withdraws_the_request) {
@@ -367,6 +487,13 @@ TEST_F(ScanDropAnyNameTest, a_file_that_grows_is_waited_for) {
     }
   });
   EXPECT_TRUE(result.ok()) << result.error().text.c_str();
+}
+
+TEST_F(ScanDropAnyNameTest, text_that_grows_is_waited_for) {
+  const auto result = acquire(request(), [&] { write_slowly(ScanFormat::csv, "Scan 2.CSV", 4, 200); });
+  ASSERT_TRUE(result.ok()) << result.error().text.c_str();
+  EXPECT_EQ(result.value().shape.finite, kPoints);
+  EXPECT_EQ(result.value().path, folder_ / "spool/1/04-1.csv");
 }
 
 TEST_F(ScanDropAnyNameTest, an_inbox_that_is_not_empty_at_the_request_is_303) {
