@@ -154,6 +154,7 @@ class Line {
 
   MemoryStore& store;
   Recipe recipe;
+  std::uint16_t slab_type = recipe.slab_type;  ///< what the PLC asks for, whatever the daemon knows
   StationSettings settings;
   std::unique_ptr<Station> station;
   PlcInputs plc;
@@ -211,7 +212,7 @@ class Line {
     if (plc.heartbeat == 0) ++plc.heartbeat;
     plc.command = static_cast<std::uint16_t>(what);
     plc.station = static_cast<std::uint16_t>(station_no);
-    plc.slab_type = recipe.slab_type;
+    plc.slab_type = slab_type;
     if (plc.slab_no == 0) plc.slab_no = 77;
     plc.session_echo = view().session;
     plc.cmd_seq = next_sequence(view().cmd_ack);
