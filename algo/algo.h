@@ -93,9 +93,9 @@ class BlockInspector {
   /// frame_incomplete when `points` does not fit the buffer. About 100 ns a point.
   [[nodiscard]] Status denoise(Cloud& cloud);
 
-  /// Finds the block: search of the recipe's window around the spliced pose, then ICP to the analytic model; the casings
-  /// where no end face is seen. block_not_found when rejected or degenerate, fit_failed at the iteration limit, no_pose
-  /// when the start is not finite; the report in `result()` says why. About 0.1 s and 20 ns a point.
+  /// Finds the block: search of the recipe's window around the spliced pose, then ICP to the analytic model; the
+  /// casings where no end face is seen. block_not_found when rejected or degenerate, fit_failed at the iteration limit,
+  /// no_pose when the start is not finite; the report in `result()` says why. About 0.1 s and 20 ns a point.
   [[nodiscard]] Status register_to_model(const Cloud& cloud);
 
   /// Segments by model, fits every feature, computes the items that could be measured; the others stay without a

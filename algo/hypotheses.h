@@ -14,7 +14,7 @@
 namespace slabd::algo {
 
 /// Smallest inlier distance: noise-free data must not lose its points to rounding.
-inline constexpr double kThresholdFloor_mm = 1e-6;
+inline constexpr double kThresholdFloor_mm = 1e-9;
 
 /// n.p = d, n of unit length.
 struct FlatPlane {

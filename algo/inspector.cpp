@@ -182,6 +182,11 @@ Status BlockInspector::extract(const Cloud& cloud) {
   SeatFeature& seat = result.seat;
   const FaceExtents& extents = w.extents;
   seat.plane = fit(segments.of(Region::seat_crop), Face::seat, extents.seat_crop, ItemId::seat_slope, 1);
+  // The share is one of all that was seen over the crop: with half of the seat five millimetres down, the other half
+  // must not speak for it.
+  seat.plane.points = segments.over_crop().size();
+  seat.plane.inlier_fraction = static_cast<double>(seat.plane.inliers) / static_cast<double>(seat.plane.points);
+  seat.plane.ok = seat.plane.ok && seat.plane.inlier_fraction >= evaluation.inlier_share_min;
   if (!seat.plane.ok)
     return error(Code::fit_failed,
                  "seat plane: %llu of %llu points within the threshold after %d refits, share at "

@@ -88,7 +88,9 @@ bool gap_on_side(std::span<const Vec3> points, const FlatPlane& plane, double si
   const double at_most = *valley + 3.0 * std::sqrt(*valley) + 3.0;
   const double even = between / static_cast<double>(peak - begin + 1);
   gap = width * (static_cast<double>(valley - begin) + 0.5);
-  return at_most<kGapShare * even&& * peak> 2.0 * at_most && beyond >= kHeapShare * (behind + below);
+  const bool thins_out = at_most < kGapShare * even;
+  const bool rises_again = *peak > 2.0 * at_most;
+  return thins_out && rises_again && beyond >= kHeapShare * (behind + below);
 }
 
 }  // namespace

@@ -60,9 +60,9 @@ inline constexpr std::size_t kDeviationBins = 1U << 16U;
 /// cells (mean, start, next).
 inline constexpr std::size_t kWorkspaceBytes =
     kScanPointsMax * (sizeof(std::uint32_t) + 1) + (kDenoiseCellsMax + 1) * sizeof(std::uint32_t) +
-    kDenoiseCellsMax * 3 * sizeof(float) + kHeightMapCells * sizeof(float) + kIcpPointsMax * 4 * sizeof(double) + kFaceTableX * kFaceTableY * 3 * sizeof(std::uint16_t) +
-    kDeviationBins * sizeof(std::uint32_t) + kFlatnessCellsMax * (3 * sizeof(double) + 2 * sizeof(std::uint32_t)) +
-    sizeof(std::uint32_t);
+    kDenoiseCellsMax * 3 * sizeof(float) + kHeightMapCells * sizeof(float) + kIcpPointsMax * 4 * sizeof(double) +
+    kFaceTableX * kFaceTableY * 3 * sizeof(std::uint16_t) + kDeviationBins * sizeof(std::uint32_t) +
+    kFlatnessCellsMax * (3 * sizeof(double) + 2 * sizeof(std::uint32_t)) + sizeof(std::uint32_t);
 /// What the inspection path holds for ever. The process adds about 15 MB of code, stacks and SQLite cache.
 inline constexpr std::size_t kInspectionBytes = kScanSlots * kScanSlotBytes + kWorkspaceBytes;
 static_assert(kInspectionBytes < 200U << 20U, "two scans in flight must fit an industrial PC beside its other work");

@@ -112,7 +112,8 @@ struct SeatObservation {
   Vec3 n_base = Vec3::Zero();          ///< seat normal
   Vec3 jaw_outer_base = Vec3::Zero();  ///< outer jaw at reference height, section x = 0
   Vec3 top_n_base = Vec3::Zero();      ///< normal of the local slab top
-  /// Standard uncertainties from the scanner's noise in this scan, block axes; NaN where unknown. Form error: the slab's.
+  /// Standard uncertainties from the scanner's noise in this scan, block axes; NaN where unknown. The scanner's form
+  /// error comes with the slab's budget.
   Vec3 sigma_p_mm = Vec3::Constant(kNoValue);
   Vec3 sigma_jaw_mm = Vec3::Constant(kNoValue);
   Vec3 sigma_n_rad = Vec3::Constant(kNoValue);      ///< of the seat normal's components

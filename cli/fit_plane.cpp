@@ -5,7 +5,9 @@
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
 #include <array>
+#include <charconv>
 #include <cmath>
+#include <cstdlib>
 #include <memory>
 #include <vector>
 
@@ -162,8 +164,8 @@ void print_fit(const Options& options, const Cloud& cloud, const PlaneFit& plane
   }
   const Vec3& n = plane.normal;
   fmt::print("normal ({:.8f}, {:.8f}, {:.8f}), offset {:.6f} mm\n", n.x(), n.y(), n.z(), plane.offset_mm);
-  fmt::print("{} of {} points are inliers ({:.4f}), std {:.6f} mm, {} refits\n", plane.inliers, plane.points,
-             plane.inlier_fraction, plane.std_mm, plane.iterations);
+  fmt::print("{} of {} points are inliers ({:.4f}), std {:.6f} mm, {} {}\n", plane.inliers, plane.points,
+             plane.inlier_fraction, plane.std_mm, plane.iterations, plane.iterations == 1 ? "refit" : "refits");
 }
 
 int fit_one(const Options& options, const Cloud& cloud) {
@@ -235,6 +237,32 @@ int run_fit(const Options& options) {
   return options.compare ? compare(options, cloud.value()) : fit_one(options, cloud.value());
 }
 
+/// CLI::Range lets "nan" through.
+CLI::Validator within(double low, double high) {
+  const std::string range = fmt::format("{} - {}", low, high);
+  return {[=](std::string& text) {
+            char* end = nullptr;
+            const double value = std::strtod(text.c_str(), &end);
+            const bool number = !text.empty() && end == text.c_str() + text.size();
+            return number && value >= low && value <= high
+                       ? std::string()
+                       : fmt::format("\"{}\" is not a number within {}", text, range);
+          },
+          range};
+}
+
+/// Plain digits that fit 64 bits; a minus sign would wrap around.
+CLI::Validator whole_number() {
+  return {[](std::string& text) {
+            std::uint64_t value = 0;
+            const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), value);
+            return fault == std::errc() && end == text.data() + text.size() && !text.empty()
+                       ? std::string()
+                       : fmt::format("\"{}\" is not a whole number from 0 to 18446744073709551615", text);
+          },
+          "0 - 18446744073709551615"};
+}
+
 }  // namespace
 
 void add_fit_plane(CLI::App& app, int& exit_status) {
@@ -253,17 +281,19 @@ void add_fit_plane(CLI::App& app, int& exit_status) {
       ->check(CLI::IsMember(std::vector<std::string>(kMethods.begin(), kMethods.end())))
       ->capture_default_str();
   command->add_option("--threshold", options->threshold_mm, "Inlier distance in mm (default 3 robust sigmas)")
-      ->check(CLI::Range(1e-9, 1e6));
+      ->check(within(1e-9, 1e6));
   command
       ->add_option("--contamination", options->contamination,
                    "Largest share of outliers expected; decides the number of hypotheses for P = 1 - 1e-6")
-      ->check(CLI::Range(0.0, 0.9))
+      ->check(within(0.0, 0.9))
       ->capture_default_str();
   command
       ->add_option("--share-min", options->share_min,
                    "Share of inliers below which the plane is not measured (default 0.8 (1 - contamination))")
-      ->check(CLI::Range(0.0, 1.0));
-  command->add_option("--seed", options->seed, "Of the hypotheses")->capture_default_str();
+      ->check(within(0.0, 1.0));
+  command->add_option("--seed", options->seed, "Of the hypotheses, a whole number from 0")
+      ->check(whole_number())
+      ->capture_default_str();
   command->add_option("--unit", options->unit, "Unit of the file: mm, m or um")
       ->check(CLI::IsMember({"mm", "m", "um"}))
       ->capture_default_str();

@@ -137,7 +137,9 @@ void add_inspect(CLI::App& app, int& exit_status) {
       "of x y z (XYZ, ASC, TXT, CSV: blanks, tabs, commas or semicolons; # and // comments; perhaps a line of names).\n"
       "Points are taken in the frame they are stored in, as the scanner's, +Z towards the part.\n\n"
       "Example: slabctl inspect scan.ply --recipe p5600.toml --block 3 --json");
-  command->add_option("SCAN", options->scan, "Scan file: .ply or .pcd (ascii or binary), .xyz .asc .txt .csv")
+  command
+      ->add_option("SCAN", options->scan,
+                   "Scan file: .ply or .pcd (ascii, binary, binary_compressed), .xyz .asc .txt .csv")
       ->required();
   command->add_option("--recipe", options->recipe, "Recipe of the slab type")->required();
   command->add_option("--block", options->block, "Block number on the slab, from 1")->required();

@@ -18,6 +18,7 @@ Examples
   slabctl inspect scan.ply --recipe p5600.toml --block 3
   slabctl simulate --config slabd.toml --slab-no 7 --defect slope=4:1/36
   slabctl show 12 --block 4
+  slabctl fit-plane cloud.xyz --compare
 
 Exit status: 0 done (and pass), 1 inspected and not pass, 2 usage, 3 bad input,
 4 daemon or device not reachable, 5 internal error, 6 refused on quality.

@@ -113,10 +113,7 @@ bool plane_study(const StudyOptions& options, Table& table) {
     double exact_worst = 0.0;
     for (const std::vector<double>& values : exact.of)
       for (const double v : values) exact_worst = std::isnan(v) ? kNoValue : std::max(exact_worst, std::abs(v));
-    // With 2000 outliers one may lie within the smallest threshold (1e-6) by chance and move the plane by a 2000th of
-    // it.
-    const double exact_limit = outliers == 500 ? 1e-9 : 1e-8;
-    table.at_most(share + ", no noise: worst error of a, b, c", exact_worst, exact_limit, "");
+    table.at_most(share + ", no noise: worst error of a, b, c", exact_worst, 1e-9, "");
     tell(table, share + ", least squares", least_squares);
     tell(table, share + ", classical RANSAC", classical);
     tell(table, share + ", improved RANSAC", compared);

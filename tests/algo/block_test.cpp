@@ -167,6 +167,17 @@ TEST(Block, FailsTheFlatnessOnlyWhateverTheHeightOfAStep) {
   }
 }
 
+TEST(Block, DoesNotLetAPartOfTheSeatSpeakForTheWhole) {
+  // More than half of the evaluation region lies off the plane of the rest, further than any face's gate.
+  for (const double height : {5.0, -5.0}) {
+    SCOPED_TRACE(height);
+    const BlockResult r = inspect(with_plateau(100.0, height));
+    EXPECT_EQ(r.verdict, Verdict::not_measured);
+    EXPECT_FALSE(r.seat.plane.ok);
+    EXPECT_FALSE(has_value(item(r, ItemId::seat_slope).value));
+  }
+}
+
 TEST(Block, FailsTheFlatnessForABoltOnTheSeat) {
   expect_only_failure(inspect(with_plateau(8.0, 30.0)), ItemId::seat_flatness);
 }

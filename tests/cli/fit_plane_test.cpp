@@ -144,7 +144,9 @@ TEST_F(FitPlane, same_seed_same_bytes) {
 }
 
 TEST_F(FitPlane, wrong_use_is_status_2) {
-  for (const char* wrong : {"--method best", "--contamination 0.95", "--threshold 0", "--set 1 2 1", "--unit inch"})
+  for (const char* wrong :
+       {"--method best", "--contamination 0.95", "--threshold 0", "--set 1 2 1", "--unit inch", "--threshold nan",
+        "--contamination nan", "--share-min nan", "--seed -1", "--seed 18446744073709551616"})
     EXPECT_EQ(fit("none.xyz", wrong).status, 2) << wrong;
   const Ended ply = run("simulate plane --out " + file("plane.ply"));
   EXPECT_EQ(ply.status, 2);

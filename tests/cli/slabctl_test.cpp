@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl as a process: exit status, stdout and stderr.
+#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 
@@ -71,6 +72,27 @@ TEST_F(Slabctl, bad_pose_and_bad_defect_are_wrong_use) {
   EXPECT_EQ(defect.status, 2);
   expect_mentions(defect.err, "20..200");
   EXPECT_FALSE(fs::exists(file("scan.ply")));
+}
+
+TEST_F(Slabctl, perspective_scan_with_correlated_noise_says_so_and_is_measured) {
+  const Ended drawn = simulate_scan(
+      "far.ply", "--perspective --noise-correlation-mm 0.8 --noise-shape exponential --defect chip=3:0.5");
+  ASSERT_EQ(drawn.status, 0) << drawn.err;
+  std::ifstream file_in(file("far.json"));
+  const json truth = json::parse(file_in);
+  EXPECT_EQ(truth["perspective"], true);
+  EXPECT_EQ(truth["noise_correlation"], 0.8);
+  EXPECT_EQ(truth["chip"], 0.5);
+  EXPECT_TRUE(truth["glove"].is_null());
+  EXPECT_NEAR(truth["flatness"].get<double>(), 0.5, 0.01);
+
+  const Ended measured = run("inspect " + file("far.ply") + " --recipe " + kRecipe + " --block 3 --json");
+  const json block = json::parse(measured.out);
+  EXPECT_EQ(block["registration"]["status"], "converged");
+  for (const json& item : block["items"])
+    if (item["id"] == "seat_slope") {
+      EXPECT_NEAR(item["value"].get<double>(), truth["slope_deg"].get<double>(), 0.01);
+    }
 }
 
 TEST_F(Slabctl, unreachable_daemon_and_database_are_status_4) {
