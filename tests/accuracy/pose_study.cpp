@@ -80,14 +80,17 @@ bool pose_study(const StudyOptions& options, Table& table) {
     for (const Quantile& q : kQuantiles) {
       double below = 0.0;
       for (const double value : chi2) below += value <= q.value ? 1.0 : 0.0;
-      table.within(at + fmt::format("share below the {} % point", 100.0 * q.share), below / n, q.share - 0.05,
-                   std::min(q.share + 0.05, 1.0), "");
+      // Three standard errors of a share of n scans, 0.05 at the least.
+      const double reach = std::max(0.05, 3.0 * std::sqrt(q.share * (1.0 - q.share) / n));
+      table.within(at + fmt::format("share below the {} % point", 100.0 * q.share), below / n, q.share - reach,
+                   std::min(q.share + reach, 1.0), "");
     }
     for (int k = 0; k < 6; ++k) {
       table.tell(at + fmt::format("squared error over variance, {}", kNames[static_cast<std::size_t>(k)]),
                  squares[k] / n, "");
+      // The mean of n unbiased scans is off by 3 / sqrt(n) now and then: 0.1 of sigma takes a thousand of them to tell.
       table.at_most(at + fmt::format("bias over sigma, {}", kNames[static_cast<std::size_t>(k)]), std::abs(sum[k] / n),
-                    0.1, "");
+                    std::max(0.1, 3.0 / std::sqrt(n)), "");
     }
   }
   return true;
