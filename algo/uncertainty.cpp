@@ -231,7 +231,7 @@ double flatness_noise_multiple(double flatness_mm, double noise_mm, std::uint32_
   const double n = std::max(static_cast<double>(cells), 10.0);
   const double a = std::sqrt(2.0 * std::log(n));
   const double mean_range = 2.0 * a - (std::log(std::log(n)) + std::log(4.0 * kPi) - 2.0 * kEuler) / a;
-  const double flat = 1.0 + 3.2 / (a * mean_range);
+  const double flat = 1.0 + 4.2 / (a * mean_range);
   // Up to this reading the seat may be flat.
   const double flat_until = flat + 0.02;
   const double reading = flatness_mm / noise_mm;

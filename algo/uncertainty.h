@@ -89,10 +89,11 @@ struct SlopeGradient {
 [[nodiscard]] SlopeGradient slope_gradient(const Vec3& seat_normal, const Vec3& top_normal);
 
 /// What must be added to a flatness so that the seat's own flatness is covered from below with 95 %, as a multiple of
-/// `noise_mm` (what a flat seat would read): 1 + 3.2 / (a c) as long as the seat may be flat, with a = sqrt(2 ln n)
+/// `noise_mm` (what a flat seat would read): 1 + 4.2 / (a c) as long as the seat may be flat, with a = sqrt(2 ln n)
 /// and c the mean range of n standard normal values (its standard deviation is 1.81 / a, its 95 % quantile 1.75 of
-/// them higher); 0.95 when the form stands clear of the noise, as its extremes then lie in fewer cells. In between
-/// linear in flatness / noise. Measured on bows, waves, saddles, steps, bumps and chips of every height.
+/// them higher, 3.2 / a; cells of a real scan hold unequal numbers of points, which widens the range by another 1 / a);
+/// 0.95 when the form stands clear of the noise, as its extremes then lie in fewer cells. In between linear in
+/// flatness / noise. Measured on bows, waves, saddles, steps, bumps and chips of every height.
 [[nodiscard]] double flatness_noise_multiple(double flatness_mm, double noise_mm, std::uint32_t cells);
 
 /// U = 2 sqrt(sum of squares) and the budget into `item`; when a part is not finite or all are zero the item keeps U

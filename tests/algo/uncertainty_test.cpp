@@ -342,10 +342,11 @@ TEST(Uncertainty, of_seat_std_is_its_sampling_error_also_without_settings) {
 }
 
 TEST(FlatnessNoise, multiple_covers_a_flat_seat_and_falls_off_where_the_form_is_clear) {
-  // Numbers of cells: measured 95 % quantile over mean of the range of n standard normal values.
-  EXPECT_NEAR(flatness_noise_multiple(1.0, 1.0, 6800), 1.10, 0.01);
-  EXPECT_NEAR(flatness_noise_multiple(1.0, 1.0, 1000), 1.13, 0.02);
-  EXPECT_NEAR(flatness_noise_multiple(1.0, 1.0, 100), 1.20, 0.03);
+  // Numbers of cells: measured 95 % quantile over mean of the range of n standard normal values, and a third of its
+  // excess more for cells of unequal numbers of points (200 full-size scans: 92.5 % covered without it, 98 % with it).
+  EXPECT_NEAR(flatness_noise_multiple(1.0, 1.0, 6800), 1.0 + 0.10 * 4.0 / 3.0, 0.013);
+  EXPECT_NEAR(flatness_noise_multiple(1.0, 1.0, 1000), 1.0 + 0.13 * 4.0 / 3.0, 0.026);
+  EXPECT_NEAR(flatness_noise_multiple(1.0, 1.0, 100), 1.0 + 0.20 * 4.0 / 3.0, 0.04);
   EXPECT_DOUBLE_EQ(flatness_noise_multiple(30.0, 1.0, 6800), 0.95);
   for (double reading = 0.5; reading < 3.0; reading += 0.01)
     EXPECT_GE(flatness_noise_multiple(reading, 1.0, 6800), flatness_noise_multiple(reading + 0.01, 1.0, 6800));
