@@ -45,6 +45,11 @@ inline constexpr std::size_t kFaceTableY = 600;
 inline constexpr std::size_t kHeightMapCells = (kFaceTableX / 4) * (kFaceTableY / 4);
 /// Flatness cells: 102 x 150 mm at 1.5 mm is 68 x 100; a quarter more for another recipe's crop.
 inline constexpr std::size_t kFlatnessCellsMax = 8'500;
+/// Points over the evaluation region. It is a seventh of a block seen from above: a scan that shows a whole block and
+/// little else puts 910 000 there.
+inline constexpr std::size_t kSeatPointsMax = 1U << 20U;
+/// Points around one casing: its rim is a hundredth of a block, 57 000 points of such a scan.
+inline constexpr std::size_t kCasingPointsMax = 1U << 17U;
 /// Stratified sample on which plane hypotheses are scored (notes: more does not help, less loses the best one).
 inline constexpr std::size_t kPlaneSampleMax = 4'096;
 /// Hypotheses of one plane fit: eq. (8) with half the points bad and P = 1 - 1e-6 asks for 104; 2^14 bounds E = 0.9.
