@@ -10,8 +10,8 @@
 //     heights           the height map, built by `use`
 #include <cassert>
 #include <cmath>
+#include <span>
 #include <string_view>
-#include <vector>
 
 #include "algo/algo.h"
 #include "algo/block_items.h"
@@ -24,40 +24,43 @@
 #include "algo/registration.h"
 #include "algo/segmentation.h"
 #include "algo/uncertainty.h"
+#include "base/pages.h"
 
 namespace slabd::algo {
 
 struct BlockInspector::Workspace {
   Workspace()
-      : order(limits::kScanPointsMax),
-        label(limits::kScanPointsMax),
-        cell_start(limits::kDenoiseCellsMax + 1),
-        surface(limits::kDenoiseCellsMax),
-        sample(limits::kIcpPointsMax, Vec3::Zero()),
-        residuals(limits::kIcpPointsMax),
-        histogram(limits::kDeviationBins),
-        wide(FaceTable::kCells),
-        near(FaceTable::kCells),
-        scratch(FaceTable::kCells),
-        heights(limits::kHeightMapCells),
-        flat_start(limits::kFlatnessCellsMax + 1),
-        flat_next(limits::kFlatnessCellsMax),
-        flat_mean(limits::kFlatnessCellsMax, Vec3::Zero()) {}
+      : pages(limits::kWorkspaceBytes),
+        order(pages.take<std::uint32_t>(limits::kScanPointsMax)),
+        label(pages.take<std::uint8_t>(limits::kScanPointsMax)),
+        cell_start(pages.take<std::uint32_t>(limits::kDenoiseCellsMax + 1)),
+        surface(pages.take<CellSurface>(limits::kDenoiseCellsMax)),
+        sample(pages.take<Vec3>(limits::kIcpPointsMax)),
+        residuals(pages.take<double>(limits::kIcpPointsMax)),
+        histogram(pages.take<std::uint32_t>(limits::kDeviationBins)),
+        wide(pages.take<std::uint16_t>(FaceTable::kCells)),
+        near(pages.take<std::uint16_t>(FaceTable::kCells)),
+        scratch(pages.take<std::uint16_t>(FaceTable::kCells)),
+        heights(pages.take<float>(limits::kHeightMapCells)),
+        flat_start(pages.take<std::uint32_t>(limits::kFlatnessCellsMax + 1)),
+        flat_next(pages.take<std::uint32_t>(limits::kFlatnessCellsMax)),
+        flat_mean(pages.take<Vec3>(limits::kFlatnessCellsMax)) {}
 
-  std::vector<std::uint32_t> order;
-  std::vector<std::uint8_t> label;
-  std::vector<std::uint32_t> cell_start;
-  std::vector<CellSurface> surface;
-  std::vector<Vec3> sample;
-  std::vector<double> residuals;
-  std::vector<std::uint32_t> histogram;
-  std::vector<std::uint16_t> wide;
-  std::vector<std::uint16_t> near;
-  std::vector<std::uint16_t> scratch;
-  std::vector<float> heights;
-  std::vector<std::uint32_t> flat_start;
-  std::vector<std::uint32_t> flat_next;
-  std::vector<Vec3> flat_mean;
+  Pages pages;  // first: the arrays below lie in it; limits::kWorkspaceBytes sums them up
+  std::span<std::uint32_t> order;
+  std::span<std::uint8_t> label;
+  std::span<std::uint32_t> cell_start;
+  std::span<CellSurface> surface;
+  std::span<Vec3> sample;
+  std::span<double> residuals;
+  std::span<std::uint32_t> histogram;
+  std::span<std::uint16_t> wide;
+  std::span<std::uint16_t> near;
+  std::span<std::uint16_t> scratch;
+  std::span<float> heights;
+  std::span<std::uint32_t> flat_start;
+  std::span<std::uint32_t> flat_next;
+  std::span<Vec3> flat_mean;
 
   Recipe recipe;
   BlockModel model;

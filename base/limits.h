@@ -9,6 +9,13 @@
 /// never a reallocation.
 namespace slabd::limits {
 
+/// Arrays of the inspection path begin at multiples of this: a cache line, and the widest vector register.
+inline constexpr std::size_t kArrayAlignment = 64;
+/// What an array takes up in `Pages`.
+constexpr std::size_t array_bytes(std::size_t count, std::size_t item_bytes) {
+  return (count * item_bytes + kArrayAlignment - 1) / kArrayAlignment * kArrayAlignment;
+}
+
 // ---- the slab ------------------------------------------------------------------------------------------------
 /// Supporting blocks of the longest slab: 9 pairs on P5600. The PLC map's station table has 18 rows.
 inline constexpr std::size_t kStationsMax = 18;
@@ -60,17 +67,27 @@ inline constexpr std::size_t kRimSectors = 48;
 /// Histogram of distances to the model (shares within 1..6 sigma): bins of 0.05 um over a 3 mm gate.
 inline constexpr std::size_t kDeviationBins = 1U << 16U;
 
-/// Bytes of algo's workspace: an index and a label per point, start and local plane (three floats) of each cell, the
-/// ICP sample with its residuals, the face table (wide, near, scratch), the height map, the histogram and the flatness
-/// cells (mean, start, next).
+/// Bytes of algo's workspace, array by array as algo/inspector.cpp takes them; taking more ends the process.
 inline constexpr std::size_t kWorkspaceBytes =
-    kScanPointsMax * (sizeof(std::uint32_t) + 1) + (kDenoiseCellsMax + 1) * sizeof(std::uint32_t) +
-    kDenoiseCellsMax * 3 * sizeof(float) + kHeightMapCells * sizeof(float) + kIcpPointsMax * 4 * sizeof(double) +
-    kFaceTableX * kFaceTableY * 3 * sizeof(std::uint16_t) + kDeviationBins * sizeof(std::uint32_t) +
-    kFlatnessCellsMax * (3 * sizeof(double) + 2 * sizeof(std::uint32_t)) + sizeof(std::uint32_t);
-/// What the inspection path holds for ever. The process adds about 15 MB of code, stacks and SQLite cache.
+    array_bytes(kScanPointsMax, sizeof(std::uint32_t)) +                 // an index of each point
+    array_bytes(kScanPointsMax, sizeof(std::uint8_t)) +                  // a label of each point
+    array_bytes(kDenoiseCellsMax + 1, sizeof(std::uint32_t)) +           // where each cell's points start
+    array_bytes(kDenoiseCellsMax, 3 * sizeof(float)) +                   // the surface in each cell
+    array_bytes(kIcpPointsMax, 3 * sizeof(double)) +                     // the points ICP works on
+    array_bytes(kIcpPointsMax, sizeof(double)) +                         // their residuals
+    array_bytes(kDeviationBins, sizeof(std::uint32_t)) +                 // histogram of distances
+    3 * array_bytes(kFaceTableX * kFaceTableY, sizeof(std::uint16_t)) +  // face table: wide, near, scratch
+    array_bytes(kHeightMapCells, sizeof(float)) +                        // height map
+    array_bytes(kFlatnessCellsMax + 1, sizeof(std::uint32_t)) +          // flatness cells: starts,
+    array_bytes(kFlatnessCellsMax, sizeof(std::uint32_t)) +              // next
+    array_bytes(kFlatnessCellsMax, 3 * sizeof(double));                  // and means
+/// What the inspection path holds for ever, every byte of it resident from the start.
 inline constexpr std::size_t kInspectionBytes = kScanSlots * kScanSlotBytes + kWorkspaceBytes;
-static_assert(kInspectionBytes < 200U << 20U, "two scans in flight must fit an industrial PC beside its other work");
+/// What the process adds: code, stacks, SQLite's cache and statements, the station and its queues.
+inline constexpr std::size_t kProcessBytes = 20'000'000;
+static_assert(kScanSlotBytes + kWorkspaceBytes + kProcessBytes <= 160'000'000,
+              "one scan in flight must fit an industrial PC beside its other work");
+static_assert(kScanSlotBytes <= 72'000'000, "and so must every further one");
 
 // ---- robot pose ----------------------------------------------------------------------------------------------
 /// 2 s of poses at 250 Hz (4 ms, the fastest robot cycle), rounded up.

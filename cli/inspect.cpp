@@ -6,8 +6,9 @@
 #include <cmath>
 #include <memory>
 #include <optional>
-#include <vector>
+#include <span>
 
+#include "base/pages.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
@@ -90,7 +91,8 @@ int inspect(const Options& options) {
 
   std::optional<ProgressNote> note(std::in_place, stderr, "measuring ...", std::chrono::seconds(1));
   const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
-  std::vector<float> xyz(limits::kScanPointsMax * 3);
+  Pages memory(limits::kScanSlotBytes);
+  const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
   const std::int64_t read_start_ns = clock->mono_ns();
   const Result<ScanShape> shape = hal::read_scan(options.scan.c_str(), *length_unit(options.unit), xyz);
   if (!shape) {

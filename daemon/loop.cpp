@@ -30,8 +30,8 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, const algo::Stat
       blocks_(limits::kStationsMax),
       judged_(std::make_unique<SlabJudged>()),
       inspector_(std::make_unique<algo::BlockInspector>()),
-      // Written once here, so that every page exists before the first scan.
-      slots_(limits::kScanSlots * limits::kScanPointsMax * 3, 0.0F) {
+      scan_memory_(limits::kScanSlots * limits::kScanSlotBytes) {
+  for (std::span<float>& slot : slots_) slot = scan_memory_.take<float>(limits::kScanPointsMax * 3);
   figures_.started_ns = ports_.clock.mono_ns();
   store_worker_ = std::make_unique<StoreWorker>([this](const StoreJob& job) { return store(job); }, [] {});
   scan_worker_ = std::make_unique<ScanWorker>([this](const AcquireScan& job) { return scan(job); },
@@ -41,11 +41,6 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, const algo::Stat
 
 Loop::~Loop() {
   cancel_scan_ = true;
-}
-
-std::span<float> Loop::slot(std::size_t index) {
-  constexpr std::size_t kFloats = limits::kScanPointsMax * 3;
-  return std::span(slots_).subspan(index * kFloats, kFloats);
 }
 
 // ---- on the workers' threads -------------------------------------------------------------------------------------
@@ -76,7 +71,7 @@ ScanDone Loop::scan(const AcquireScan& job) {
   ScanDone done;
   done.cmd_seq = job.request.cmd_seq;
   done.slot = job.slot;
-  const Result<AcquiredScan> result = ports_.scanner.acquire(job.request, slot(job.slot), cancel_scan_);
+  const Result<AcquiredScan> result = ports_.scanner.acquire(job.request, slots_[job.slot], cancel_scan_);
   if (result.ok()) {
     done.scan = result.value();
   } else {
@@ -102,7 +97,7 @@ BlockMeasured Loop::measure(const MeasureBlock& job) {
   Code code = recipe == nullptr ? Code::unknown_type : Code::ok;
   if (code == Code::ok && job.reload) {
     const std::int64_t start_ns = ports_.clock.mono_ns();
-    const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_unit_, slot(job.slot));
+    const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_unit_, slots_[job.slot]);
     read_ms = ms_from_ns(ports_.clock.mono_ns() - start_ns);
     if (read.ok()) {
       shape = read.value();
@@ -120,7 +115,7 @@ BlockMeasured Loop::measure(const MeasureBlock& job) {
     inspector_->use(*recipe);
     inspector_recipe_ = recipe;
   }
-  algo::Cloud cloud{slot(job.slot), shape.points, shape.width, shape.height};
+  algo::Cloud cloud{slots_[job.slot], shape.points, shape.width, shape.height};
   const Status status =
       measure_block(*inspector_, ports_.clock, job.station, job.T_base_slab * T_slab_block(*recipe, job.station),
                     job.T_base_flange * job.T_flange_scanner, cloud, shape, read_ms);

@@ -8,6 +8,7 @@
 #include <string_view>
 #include <vector>
 
+#include "base/pages.h"
 #include "daemon/daemon.h"
 #include "daemon/station.h"
 #include "daemon/worker.h"
@@ -74,7 +75,6 @@ class Loop {
   [[nodiscard]] StoreDone store(const StoreJob& job) const;
   [[nodiscard]] ScanDone scan(const AcquireScan& job);
   [[nodiscard]] BlockMeasured measure(const MeasureBlock& job);
-  [[nodiscard]] std::span<float> slot(std::size_t index);
 
   Ports ports_;
   LoopFigures figures_;
@@ -91,7 +91,8 @@ class Loop {
 
   std::unique_ptr<algo::BlockInspector> inspector_;
   const Recipe* inspector_recipe_ = nullptr;
-  std::vector<float> slots_;
+  Pages scan_memory_;  ///< of the slots
+  std::array<std::span<float>, limits::kScanSlots> slots_;
   std::atomic<bool> cancel_scan_{false};
 
   std::int64_t watchdog_ns_ = 0;
