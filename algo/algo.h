@@ -7,15 +7,28 @@
 #include <limits>
 #include <memory>
 #include <span>
+#include <string_view>
 
 #include "base/base.h"
 
-/// Scan in, items out. Pure: no file, clock, log or thread, and no heap after construction. The same scan, recipe and
-/// start pose give the same bits.
+/// Scan in, items out. Pure: no file, clock or log, and no heap after construction. The same scan, recipe and start
+/// pose give the same bits, on one thread or two and on every instruction set.
 namespace slabd::algo {
 
-/// A scan in the scanner frame (mm): x y z, x y z, ... as float32; NaN marks a missing point. Measuring compacts it
-/// in place: after `denoise` the first `points` entries are the kept ones, in their original order.
+// ---- the machine -----------------------------------------------------------------------------------------------
+
+/// What the kernels were compiled for; the best one that the machine has is taken.
+enum class InstructionSet : std::uint8_t { best, avx512, avx2, sse4, plain };
+/// For tests and benchmarks: everything measured from now on, in the whole process, uses this set. False, and `best`,
+/// when the machine does not have it.
+[[nodiscard]] bool limit_instruction_set(InstructionSet set);
+/// Name of the set in use, such as "AVX2".
+[[nodiscard]] std::string_view instruction_set();
+
+// ---- the scan --------------------------------------------------------------------------------------------------
+
+/// A scan in the scanner frame (mm): x y z, x y z, ... as float32; NaN marks a missing point. Measuring works in place:
+/// `denoise` sets what it takes out to NaN; size, order, width and height stay.
 struct Cloud {
   std::span<float> xyz;
   std::size_t points = 0;  ///< 3 * points <= xyz.size()
@@ -75,7 +88,8 @@ struct PlaneSettings {
 /// and run the stages in order for each scan; the caller times them. Not thread-safe; one per worker.
 class BlockInspector {
  public:
-  BlockInspector();
+  /// `threads`: 1, or 2 for a helper that shares the work; the results are the same.
+  explicit BlockInspector(int threads = 1);
   ~BlockInspector();
   BlockInspector(const BlockInspector&) = delete;
   BlockInspector& operator=(const BlockInspector&) = delete;
@@ -88,9 +102,9 @@ class BlockInspector {
   /// Offline scans pass T_base_block = identity and T_base_scanner = T_block_scanner.
   void begin(int station, const Pose& T_base_block, const Pose& T_base_scanner);
 
-  /// Drops missing points and those no surface goes through (judged at the scan's own pitch) in place; the cloud is
-  /// unorganised afterwards (width = height = 0). too_few_points when fewer than limits::kScanPointsMin are left,
-  /// frame_incomplete when `points` does not fit the buffer. About 100 ns a point.
+  /// Sets points that no surface goes through (judged at the scan's own pitch) to NaN, in place. too_few_points when
+  /// fewer than limits::kScanPointsMin are left, frame_incomplete when `points` does not fit the buffer. About 100 ns a
+  /// point.
   [[nodiscard]] Status denoise(Cloud& cloud);
 
   /// Finds the block: search of the recipe's window around the spliced pose, then ICP to the analytic model; the

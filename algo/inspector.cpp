@@ -23,14 +23,16 @@
 #include "algo/plane_fit.h"
 #include "algo/registration.h"
 #include "algo/segmentation.h"
+#include "algo/team.h"
 #include "algo/uncertainty.h"
 #include "base/pages.h"
 
 namespace slabd::algo {
 
 struct BlockInspector::Workspace {
-  Workspace()
-      : pages(limits::kWorkspaceBytes),
+  explicit Workspace(int threads)
+      : team(threads),
+        pages(limits::kWorkspaceBytes),
         order(pages.take<std::uint32_t>(limits::kScanPointsMax)),
         label(pages.take<std::uint8_t>(limits::kScanPointsMax)),
         cell_start(pages.take<std::uint32_t>(limits::kDenoiseCellsMax + 1)),
@@ -46,6 +48,7 @@ struct BlockInspector::Workspace {
         flat_next(pages.take<std::uint32_t>(limits::kFlatnessCellsMax)),
         flat_mean(pages.take<Vec3>(limits::kFlatnessCellsMax)) {}
 
+  Team team;
   Pages pages;  // first: the arrays below lie in it; limits::kWorkspaceBytes sums them up
   std::span<std::uint32_t> order;
   std::span<std::uint8_t> label;
@@ -101,7 +104,7 @@ void refuse_registration(RegistrationReport& report, std::string_view note) {
 
 }  // namespace
 
-BlockInspector::BlockInspector() : work_(std::make_unique<Workspace>()) {}
+BlockInspector::BlockInspector(int threads) : work_(std::make_unique<Workspace>(threads)) {}
 BlockInspector::~BlockInspector() = default;
 
 void BlockInspector::use(const Recipe& recipe) {

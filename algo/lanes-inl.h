@@ -1,0 +1,300 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Sixteen numbers at a time, on every machine. A kernel written with these types is ordinary arithmetic: a * b + c. The
+// compiler sees it once for each instruction set (Highway's foreach_target); sixteen lanes are one register of AVX-512,
+// two of AVX2, four of SSE.
+//
+// The lanes are the same sixteen everywhere, each operation rounds once (a product and a sum are never fused), and sums
+// over the lanes are taken in one fixed order. So every instruction set gives the same bits.
+//
+// Not a header of the room: only .cpp files that are compiled for each instruction set include it, after
+// hwy/foreach_target.h.
+#if defined(SLABD_ALGO_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SLABD_ALGO_LANES_INL_H_
+#undef SLABD_ALGO_LANES_INL_H_
+#else
+#define SLABD_ALGO_LANES_INL_H_
+#endif
+
+#include <hwy/highway.h>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+HWY_BEFORE_NAMESPACE();
+namespace slabd::algo {
+namespace HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+inline constexpr std::size_t kLanes = 16;
+
+template <typename T>
+using Tag = hn::CappedTag<T, kLanes>;
+/// Registers that sixteen numbers of a type take.
+template <typename T>
+inline constexpr std::size_t kRegisters = kLanes / hn::MaxLanes(Tag<T>());
+
+/// K registers of numbers, as two halves.
+template <typename T, std::size_t K>
+struct Pack {
+  Pack<T, K / 2> lo, hi;
+};
+template <typename T>
+struct Pack<T, 1> {
+  hn::Vec<Tag<T>> v;
+};
+/// K registers of truth values.
+template <typename T, std::size_t K>
+struct MaskPack {
+  MaskPack<T, K / 2> lo, hi;
+};
+template <typename T>
+struct MaskPack<T, 1> {
+  hn::Mask<Tag<T>> m;
+};
+
+using F16 = Pack<float, kRegisters<float>>;
+using D16 = Pack<double, kRegisters<double>>;
+using I16 = Pack<std::int32_t, kRegisters<std::int32_t>>;
+using M16 = MaskPack<float, kRegisters<float>>;
+using MD16 = MaskPack<double, kRegisters<double>>;
+
+// One line per operation: on a register, and on halves.
+#define SLABD_LANES_BINARY(name, op)                                     \
+  template <typename T>                                                  \
+  HWY_INLINE Pack<T, 1> name(const Pack<T, 1>& a, const Pack<T, 1>& b) { \
+    return {hn::op(a.v, b.v)};                                           \
+  }                                                                      \
+  template <typename T, std::size_t K>                                   \
+  HWY_INLINE Pack<T, K> name(const Pack<T, K>& a, const Pack<T, K>& b) { \
+    return {name(a.lo, b.lo), name(a.hi, b.hi)};                         \
+  }
+#define SLABD_LANES_UNARY(name, op)                 \
+  template <typename T>                             \
+  HWY_INLINE Pack<T, 1> name(const Pack<T, 1>& a) { \
+    return {hn::op(a.v)};                           \
+  }                                                 \
+  template <typename T, std::size_t K>              \
+  HWY_INLINE Pack<T, K> name(const Pack<T, K>& a) { \
+    return {name(a.lo), name(a.hi)};                \
+  }
+#define SLABD_LANES_COMPARE(name, op)                                        \
+  template <typename T>                                                      \
+  HWY_INLINE MaskPack<T, 1> name(const Pack<T, 1>& a, const Pack<T, 1>& b) { \
+    return {hn::op(a.v, b.v)};                                               \
+  }                                                                          \
+  template <typename T, std::size_t K>                                       \
+  HWY_INLINE MaskPack<T, K> name(const Pack<T, K>& a, const Pack<T, K>& b) { \
+    return {name(a.lo, b.lo), name(a.hi, b.hi)};                             \
+  }
+#define SLABD_LANES_LOGIC(name, op)                                                  \
+  template <typename T>                                                              \
+  HWY_INLINE MaskPack<T, 1> name(const MaskPack<T, 1>& a, const MaskPack<T, 1>& b) { \
+    return {hn::op(a.m, b.m)};                                                       \
+  }                                                                                  \
+  template <typename T, std::size_t K>                                               \
+  HWY_INLINE MaskPack<T, K> name(const MaskPack<T, K>& a, const MaskPack<T, K>& b) { \
+    return {name(a.lo, b.lo), name(a.hi, b.hi)};                                     \
+  }
+
+SLABD_LANES_BINARY(operator+, Add)
+SLABD_LANES_BINARY(operator-, Sub)
+SLABD_LANES_BINARY(operator*, Mul)
+SLABD_LANES_BINARY(operator/, Div)
+/// As the machine has them: which one comes back when one is NaN differs, so give them no NaN.
+SLABD_LANES_BINARY(min, Min)
+SLABD_LANES_BINARY(max, Max)
+SLABD_LANES_BINARY(bit_or, Or)
+SLABD_LANES_BINARY(bit_and, And)
+SLABD_LANES_UNARY(abs, Abs)
+SLABD_LANES_UNARY(sqrt, Sqrt)
+SLABD_LANES_UNARY(floor, Floor)
+/// Comparisons with NaN are false.
+SLABD_LANES_COMPARE(operator<, Lt)
+SLABD_LANES_COMPARE(operator<=, Le)
+SLABD_LANES_COMPARE(operator>, Gt)
+SLABD_LANES_COMPARE(operator>=, Ge)
+SLABD_LANES_COMPARE(operator==, Eq)
+SLABD_LANES_LOGIC(operator&, And)
+SLABD_LANES_LOGIC(operator|, Or)
+/// Those of `b` that are not in `a`.
+SLABD_LANES_LOGIC(and_not, AndNot)
+
+#undef SLABD_LANES_BINARY
+#undef SLABD_LANES_UNARY
+#undef SLABD_LANES_COMPARE
+#undef SLABD_LANES_LOGIC
+
+// ---- making and storing ----------------------------------------------------------------------------------------
+
+/// The same number in every lane.
+template <typename P>
+struct Make;
+template <typename T>
+struct Make<Pack<T, 1>> {
+  static HWY_INLINE Pack<T, 1> all(T value) { return {hn::Set(Tag<T>(), value)}; }
+  static HWY_INLINE Pack<T, 1> load(const T* from) { return {hn::LoadU(Tag<T>(), from)}; }
+};
+template <typename T, std::size_t K>
+struct Make<Pack<T, K>> {
+  using Half = Make<Pack<T, K / 2>>;
+  static constexpr std::size_t kHalf = K / 2 * hn::MaxLanes(Tag<T>());
+  static HWY_INLINE Pack<T, K> all(T value) { return {Half::all(value), Half::all(value)}; }
+  static HWY_INLINE Pack<T, K> load(const T* from) { return {Half::load(from), Half::load(from + kHalf)}; }
+};
+HWY_INLINE F16 f16(float value) {
+  return Make<F16>::all(value);
+}
+HWY_INLINE D16 d16(double value) {
+  return Make<D16>::all(value);
+}
+HWY_INLINE I16 i16(std::int32_t value) {
+  return Make<I16>::all(value);
+}
+HWY_INLINE F16 load(const float* from) {
+  return Make<F16>::load(from);
+}
+HWY_INLINE D16 load(const double* from) {
+  return Make<D16>::load(from);
+}
+HWY_INLINE I16 load(const std::int32_t* from) {
+  return Make<I16>::load(from);
+}
+
+template <typename T>
+HWY_INLINE void store(const Pack<T, 1>& a, T* to) {
+  hn::StoreU(a.v, Tag<T>(), to);
+}
+template <typename T, std::size_t K>
+HWY_INLINE void store(const Pack<T, K>& a, T* to) {
+  store(a.lo, to);
+  store(a.hi, to + K / 2 * hn::MaxLanes(Tag<T>()));
+}
+
+/// 0, 1, ... 15.
+HWY_INLINE F16 lane_numbers() {
+  alignas(64) static constexpr float kNumbers[kLanes] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+  return load(kNumbers);
+}
+
+/// Sixteen points x y z, x y z, ... taken apart.
+struct Points16 {
+  F16 x, y, z;
+};
+template <std::size_t K>
+HWY_INLINE void take_apart(const float* xyz, Pack<float, K>& x, Pack<float, K>& y, Pack<float, K>& z) {
+  if constexpr (K == 1) {
+    hn::LoadInterleaved3(Tag<float>(), xyz, x.v, y.v, z.v);
+  } else {
+    take_apart(xyz, x.lo, y.lo, z.lo);
+    take_apart(xyz + 3 * (K / 2) * hn::MaxLanes(Tag<float>()), x.hi, y.hi, z.hi);
+  }
+}
+/// `xyz` must hold sixteen points.
+HWY_INLINE Points16 load_points(const float* xyz) {
+  Points16 p;
+  take_apart(xyz, p.x, p.y, p.z);
+  return p;
+}
+/// The first `count` (< 16) points; the other lanes are NaN.
+HWY_INLINE Points16 load_points(const float* xyz, std::size_t count) {
+  alignas(64) float room[3 * kLanes];
+  for (std::size_t i = 0; i < 3 * kLanes; ++i) room[i] = i < 3 * count ? xyz[i] : __builtin_nanf("");
+  return load_points(room);
+}
+
+// ---- masks -----------------------------------------------------------------------------------------------------
+
+/// Bit k is lane k.
+template <typename T>
+HWY_INLINE std::uint32_t bits(const MaskPack<T, 1>& mask) {
+  std::array<std::uint8_t, 8> byte{};
+  hn::StoreMaskBits(Tag<T>(), mask.m, byte.data());
+  return byte[0] | (std::uint32_t{byte[1]} << 8U);
+}
+template <typename T, std::size_t K>
+HWY_INLINE std::uint32_t bits(const MaskPack<T, K>& mask) {
+  return bits(mask.lo) | (bits(mask.hi) << (K / 2 * hn::MaxLanes(Tag<T>())));
+}
+
+template <typename T>
+HWY_INLINE Pack<T, 1> select(const MaskPack<T, 1>& mask, const Pack<T, 1>& yes, const Pack<T, 1>& no) {
+  return {hn::IfThenElse(mask.m, yes.v, no.v)};
+}
+template <typename T, std::size_t K>
+HWY_INLINE Pack<T, K> select(const MaskPack<T, K>& mask, const Pack<T, K>& yes, const Pack<T, K>& no) {
+  return {select(mask.lo, yes.lo, no.lo), select(mask.hi, yes.hi, no.hi)};
+}
+/// `a` where the mask is set, zero elsewhere.
+template <typename T>
+HWY_INLINE Pack<T, 1> keep(const MaskPack<T, 1>& mask, const Pack<T, 1>& a) {
+  return {hn::IfThenElseZero(mask.m, a.v)};
+}
+template <typename T, std::size_t K>
+HWY_INLINE Pack<T, K> keep(const MaskPack<T, K>& mask, const Pack<T, K>& a) {
+  return {keep(mask.lo, a.lo), keep(mask.hi, a.hi)};
+}
+
+// ---- between types ---------------------------------------------------------------------------------------------
+
+/// Towards zero; what an int does not hold gives an unspecified number, so bound it first.
+template <std::size_t K>
+HWY_INLINE Pack<std::int32_t, K> to_int(const Pack<float, K>& a) {
+  if constexpr (K == 1)
+    return {hn::ConvertTo(Tag<std::int32_t>(), a.v)};
+  else
+    return {to_int(a.lo), to_int(a.hi)};
+}
+template <std::size_t K>
+HWY_INLINE Pack<float, K> to_float(const Pack<std::int32_t, K>& a) {
+  if constexpr (K == 1)
+    return {hn::ConvertTo(Tag<float>(), a.v)};
+  else
+    return {to_float(a.lo), to_float(a.hi)};
+}
+/// Exact.
+template <std::size_t K>
+HWY_INLINE auto to_double(const Pack<float, K>& a) {
+  if constexpr (K > 1) {
+    using Half = decltype(to_double(a.lo));
+    return Pack<double, 2 * sizeof(Half) / sizeof(Pack<double, 1>)>{to_double(a.lo), to_double(a.hi)};
+  } else {
+#if HWY_TARGET == HWY_SCALAR
+    return Pack<double, 1>{hn::PromoteTo(Tag<double>(), a.v)};
+#else
+    return Pack<double, 2>{{hn::PromoteTo(Tag<double>(), hn::LowerHalf(a.v))},
+                           {hn::PromoteTo(Tag<double>(), hn::UpperHalf(hn::Half<Tag<float>>(), a.v))}};
+#endif
+  }
+}
+
+/// base[index] in every lane. `base`: 32-bit numbers.
+template <typename T, std::size_t K>
+HWY_INLINE Pack<T, K> gather(const T* base, const Pack<std::int32_t, K>& index) {
+  if constexpr (K == 1)
+    return {hn::GatherIndex(Tag<T>(), base, index.v)};
+  else
+    return {gather(base, index.lo), gather(base, index.hi)};
+}
+
+// ---- sums over the lanes ---------------------------------------------------------------------------------------
+
+/// In double, in one order: lane k + 8 to lane k, then k + 4, k + 2, k + 1.
+template <typename T, std::size_t K>
+HWY_INLINE double sum_of_lanes(const Pack<T, K>& a) {
+  alignas(64) std::array<T, kLanes> lane;
+  store(a, lane.data());
+  std::array<double, kLanes> sum;
+  for (std::size_t i = 0; i < kLanes; ++i) sum[i] = static_cast<double>(lane[i]);
+  for (std::size_t half = kLanes / 2; half > 0; half /= 2)
+    for (std::size_t i = 0; i < half; ++i) sum[i] += sum[i + half];
+  return sum[0];
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace slabd::algo
+HWY_AFTER_NAMESPACE();
+
+#endif

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A block of a scan takes milliseconds and its stages a fraction of one each; a condition variable would cost as much
+// as some of the stages. So the helper looks at a counter, for a while without sleeping, and the caller likewise.
+#include "algo/team.h"
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
+namespace slabd::algo {
+namespace {
+
+/// About a tenth of a millisecond of looking before the thread lies down.
+constexpr int kLooks = 2000;
+
+void pause_briefly() {
+#if defined(__x86_64__)
+  _mm_pause();
+#endif
+}
+
+/// Returns once `counter` is no longer `old`.
+void wait_for_change(const std::atomic<std::uint32_t>& counter, std::uint32_t old) {
+  for (int i = 0; i < kLooks; ++i) {
+    if (counter.load(std::memory_order_acquire) != old) return;
+    pause_briefly();
+  }
+  counter.wait(old, std::memory_order_acquire);
+}
+
+}  // namespace
+
+Team::Team(int threads) {
+  if (threads >= 2) helper_ = std::thread([this] { help(); });
+}
+
+Team::~Team() {
+  if (!helper_.joinable()) return;
+  stop_.store(true, std::memory_order_relaxed);
+  job_.fetch_add(1, std::memory_order_release);
+  job_.notify_one();
+  helper_.join();
+}
+
+void Team::take_blocks() {
+  for (std::size_t block = next_.fetch_add(1, std::memory_order_relaxed); block < blocks_;
+       block = next_.fetch_add(1, std::memory_order_relaxed))
+    call_(context_, block);
+}
+
+void Team::run_erased(std::size_t blocks, Call call, void* context) {
+  if (!helper_.joinable() || blocks < 2) {
+    for (std::size_t block = 0; block < blocks; ++block) call(context, block);
+    return;
+  }
+  call_ = call;
+  context_ = context;
+  blocks_ = blocks;
+  next_.store(0, std::memory_order_relaxed);
+  const std::uint32_t before = done_.load(std::memory_order_relaxed);
+  job_.fetch_add(1, std::memory_order_release);
+  job_.notify_one();
+  take_blocks();
+  wait_for_change(done_, before);
+}
+
+void Team::help() {
+  std::uint32_t seen = 0;
+  for (;;) {
+    wait_for_change(job_, seen);
+    seen = job_.load(std::memory_order_acquire);
+    if (stop_.load(std::memory_order_relaxed)) return;
+    take_blocks();
+    done_.fetch_add(1, std::memory_order_release);
+    done_.notify_one();
+  }
+}
+
+}  // namespace slabd::algo

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <thread>
+#include <type_traits>
+
+namespace slabd::algo {
+
+/// One or two threads that share numbered blocks of work. Which of them does a block is chance; so a block writes its
+/// result to a place of its own, and whoever called merges the results in the order of their numbers: the same bits on
+/// one thread and on two.
+class Team {
+ public:
+  /// The calling thread and threads - 1 helpers (1 or 2 in all; anything else counts as the nearer of the two).
+  explicit Team(int threads);
+  ~Team();
+  Team(const Team&) = delete;
+  Team& operator=(const Team&) = delete;
+
+  [[nodiscard]] int threads() const { return helper_.joinable() ? 2 : 1; }
+
+  /// Calls f(block) once for every block from 0 to blocks - 1 and returns when all are done. Calls are not nested. No
+  /// heap. A helper that waits spins for about 0.1 ms, then sleeps; waking it costs some 10 us, so give it blocks that
+  /// are worth it.
+  template <typename F>
+  void run(std::size_t blocks, F&& f) {
+    run_erased(
+        blocks, [](void* context, std::size_t block) { (*static_cast<std::remove_reference_t<F>*>(context))(block); },
+        const_cast<void*>(static_cast<const void*>(std::addressof(f))));
+  }
+
+ private:
+  using Call = void (*)(void* context, std::size_t block);
+  void run_erased(std::size_t blocks, Call call, void* context);
+  void take_blocks();
+  void help();
+
+  Call call_ = nullptr;
+  void* context_ = nullptr;
+  std::size_t blocks_ = 0;
+  std::atomic<std::size_t> next_{0};
+  /// Number of the job given out, and of the one the helper has finished; `stop_` ends it.
+  std::atomic<std::uint32_t> job_{0};
+  std::atomic<std::uint32_t> done_{0};
+  std::atomic<bool> stop_{false};
+  std::thread helper_;
+};
+
+}  // namespace slabd::algo
