@@ -9,6 +9,7 @@
 #include "hal/declared_unit.h"
 #include "hal/lzf.h"
 #include "hal/pcd_header.h"
+#include "hal/plain_rows.h"
 #include "hal/scan_points.h"
 #include "hal/text_lines.h"
 
@@ -52,7 +53,16 @@ class PcdBody {
     TextLines lines(window_, layout_.header_lines);
     Real* out = xyz_.data();
     std::uint64_t points = 0;
-    for (std::string_view line; lines.next(line);) {
+    for (std::string_view line;;) {
+      if (has_plain_rows()) {
+        const PlainRows plain =
+            read_plain_rows(lines.ahead(), PlainRowForm{Separator::blanks, false, layout_.values - 3}, mm_, out,
+                            layout_.points - points);
+        lines.took(plain.bytes, plain.rows);
+        out += 3 * plain.rows;
+        points += plain.rows;
+      }
+      if (!lines.next(line)) break;
       if (trimmed(line).empty()) continue;
       if (points == layout_.points)
         return lines.refuse("\"%s\": more points than the %llu of the header", shown(line).c_str(),
@@ -66,6 +76,10 @@ class PcdBody {
                         static_cast<unsigned long long>(layout_.points));
   }
 
+  [[nodiscard]] bool has_plain_rows() const {
+    return layout_.xyz[0].column == 0 && layout_.xyz[1].column == 1 && layout_.xyz[2].column == 2;
+  }
+
   Status read_row(const TextLines& lines, std::string_view line, Real* out) const {
     std::string_view rest = line;
     for (std::size_t column = 0; column < layout_.values; ++column) {
@@ -74,9 +88,7 @@ class PcdBody {
         return lines.refuse("%zu values, the header declares %zu for each point", column, layout_.values);
       for (std::size_t axis = 0; axis < 3; ++axis) {
         if (layout_.xyz[axis].column != column) continue;
-        double value = 0.0;
-        if (!parse_number(word, value)) return lines.not_a_number(line, word);
-        out[axis] = coordinate_mm<Real>(value, mm_);
+        if (!parse_coordinate(word, mm_, out[axis])) return lines.not_a_number(line, word);
       }
     }
     if (const std::string_view more = take_word(rest); !more.empty())

@@ -9,6 +9,7 @@
 #include <cstring>
 
 #include "hal/declared_unit.h"
+#include "hal/plain_rows.h"
 #include "hal/ply_header.h"
 #include "hal/scan_points.h"
 #include "hal/text_lines.h"
@@ -178,6 +179,14 @@ class PlyBody {
     if (!element.is_vertex) return step_over_lines(lines, element.count);
     Real* out = xyz_.data();
     for (std::uint64_t i = 0; i < element.count; ++i, out += 3) {
+      if (has_plain_rows(element)) {
+        const PlainRows plain = read_plain_rows(
+            lines.ahead(), PlainRowForm{Separator::blanks, false, element.properties - 3}, mm_, out, element.count - i);
+        lines.took(plain.bytes, plain.rows);
+        out += 3 * plain.rows;
+        i += plain.rows;
+        if (i == element.count) break;
+      }
       std::string_view line;
       do {
         if (!lines.next(line)) return ended_early(lines, i, element.count);
@@ -185,6 +194,12 @@ class PlyBody {
       if (Status status = read_row(lines, line, element, out); !status) return status;
     }
     return success();
+  }
+
+  /// x, y, z first, then single values.
+  [[nodiscard]] bool has_plain_rows(const PlyElement& vertex) const {
+    const auto p = layout_.of(vertex);
+    return !vertex.has_list && p[0].axis == 0 && p[1].axis == 1 && p[2].axis == 2;
   }
 
   static Status step_over_lines(TextLines& lines, std::uint64_t count) {
@@ -205,9 +220,7 @@ class PlyBody {
       const std::string_view word = take_word(rest);
       if (word.empty()) return too_few_values(lines);
       if (property.axis >= 0) {
-        double value = 0.0;
-        if (!parse_number(word, value)) return lines.not_a_number(line, word);
-        out[property.axis] = coordinate_mm<Real>(value, mm_);
+        if (!parse_coordinate(word, mm_, out[property.axis])) return lines.not_a_number(line, word);
       } else if (property.count_bytes != 0) {
         std::uint64_t count = 0;
         if (!parse_count(word, count)) return lines.not_a_number(line, word, "the length of a list");

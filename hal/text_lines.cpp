@@ -10,6 +10,8 @@
 #include <cstring>
 #include <limits>
 
+#include "hal/scan_points.h"
+
 namespace slabd::hal {
 
 bool TextLines::next(std::string_view& line) {
@@ -37,7 +39,7 @@ bool TextLines::next(std::string_view& line) {
     if (!found && view.empty()) return false;
     ++number_;
     handed_out_ = found ? length + 1 : length;
-    line = view.substr(0, length);
+    line = window_.view().substr(0, length);  // looked up again: `have` moves what is visible
     if (line.ends_with('\r')) line.remove_suffix(1);
     return true;
   }
@@ -62,6 +64,19 @@ bool TextLines::skip() {
   if (!status_ || blank) return false;
   ++number_;  // the last line had no end
   return true;
+}
+
+std::string_view TextLines::ahead() {
+  window_.consume(handed_out_);
+  handed_out_ = 0;
+  // At the end of the file, or where it cannot be read, `next` finds out again and says so.
+  static_cast<void>(window_.have(kTextAheadMin));
+  return window_.view();
+}
+
+void TextLines::took(std::size_t bytes, std::size_t lines) {
+  window_.consume(bytes);
+  number_ += lines;
 }
 
 Error TextLines::refuse(const char* format, ...) const {
@@ -107,24 +122,45 @@ bool is_msvc_special(std::string_view word) {
 
 }  // namespace
 
-bool parse_number(std::string_view word, double& value) {
+namespace {
+
+template <typename Real>
+bool parse_real(std::string_view word, Real& value) {
   const char* begin = word.data();
   const char* const end = begin + word.size();
   if (begin != end && *begin == '+') {
     ++begin;
     if (begin != end && (*begin == '+' || *begin == '-')) return false;
   }
-  double number = 0.0;
+  Real number = 0;
   const fast_float::from_chars_result result = fast_float::from_chars(begin, end, number);
-  const bool beyond_double = result.ec == std::errc::result_out_of_range;
-  if ((result.ec == std::errc{} || beyond_double) && result.ptr == end && begin != end) {
+  const bool beyond = result.ec == std::errc::result_out_of_range;
+  if ((result.ec == std::errc{} || beyond) && result.ptr == end && begin != end) {
     value = number;
     return true;
   }
   if (!is_msvc_special(word)) return false;
-  value = std::numeric_limits<double>::quiet_NaN();
+  value = std::numeric_limits<Real>::quiet_NaN();
   return true;
 }
+
+}  // namespace
+
+bool parse_number(std::string_view word, double& value) {
+  return parse_real(word, value);
+}
+
+template <typename Real>
+bool parse_coordinate(std::string_view word, double mm_per_unit, Real& mm) {
+  // Not by way of a double: rounding twice can end on the other side of the middle between two floats.
+  if (mm_per_unit == 1.0) return parse_real(word, mm);
+  double value = 0.0;
+  if (!parse_real(word, value)) return false;
+  mm = coordinate_mm<Real>(value, mm_per_unit);
+  return true;
+}
+template bool parse_coordinate(std::string_view, double, float&);
+template bool parse_coordinate(std::string_view, double, double&);
 
 bool parse_count(std::string_view word, std::uint64_t& value) {
   std::uint64_t count = 0;

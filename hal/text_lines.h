@@ -12,6 +12,8 @@ namespace slabd::hal {
 
 /// A line that is looked into is at most this long (room for 2,000 columns); a longer one is refused, not cut.
 inline constexpr std::size_t kTextLineBytesMax = 32'768;
+/// Less than this ahead, and the window is filled up again.
+inline constexpr std::size_t kTextAheadMin = 1'024;
 
 /// The rest of a scan file line by line.
 class TextLines {
@@ -24,6 +26,11 @@ class TextLines {
   [[nodiscard]] bool next(std::string_view& line);
   /// Steps over blank lines and one line with something on it, of any length. False as for `next`.
   [[nodiscard]] bool skip();
+  /// What is visible of the text behind the line last handed out, which is no longer valid; at least kTextAheadMin
+  /// bytes unless the file has fewer.
+  [[nodiscard]] std::string_view ahead();
+  /// The first `bytes` of `ahead`, which are `lines` whole lines, have been read.
+  void took(std::size_t bytes, std::size_t lines);
   [[nodiscard]] const Status& status() const { return status_; }
   /// Of the line last handed out, from 1.
   [[nodiscard]] std::size_t number() const { return number_; }
@@ -63,6 +70,10 @@ class TextLines {
 /// A whole word as a number, exactly rounded: decimal or scientific, a sign allowed; nan and inf in any case and with
 /// MSVC's spellings (nan(ind), 1.#QNAN). False: it is none, `value` is untouched.
 [[nodiscard]] bool parse_number(std::string_view word, double& value);
+/// A whole word as a coordinate in mm, spelt as for `parse_number`: the float or double nearest to what the text says;
+/// in another unit than mm converted in double and rounded once more. Beyond all floats: infinite.
+template <typename Real>  // float or double
+[[nodiscard]] bool parse_coordinate(std::string_view word, double mm_per_unit, Real& mm);
 /// A whole word as a count of at most kScanCountMax.
 [[nodiscard]] bool parse_count(std::string_view word, std::uint64_t& value);
 

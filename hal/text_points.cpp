@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "hal/declared_unit.h"
+#include "hal/plain_rows.h"
 #include "hal/scan_points.h"
 #include "hal/text_columns.h"
 #include "hal/text_lines.h"
@@ -27,7 +28,7 @@ class TextTable {
 
   Result<ScanShape> read() {
     step_over_byte_order_mark();
-    for (std::string_view line; lines_.next(line);) {
+    for (std::string_view line; next(line);) {
       const std::string_view text = trimmed(line);
       if (text.empty()) continue;
       Status status = is_comment(text) ? comment(text) : row(line);
@@ -45,6 +46,19 @@ class TextTable {
     if (window_.have(kMark.size()) && window_.view().starts_with(kMark)) window_.consume(kMark.size());
   }
 
+  /// The next line that is not a plain row; those before it are taken.
+  bool next(std::string_view& line) {
+    while (plain_) {
+      const std::span<Real> room = xyz_.subspan(3 * points_);
+      const PlainRows plain =
+          read_plain_rows(lines_.ahead(), PlainRowForm{separator_, true, 0}, mm_, room.data(), room.size() / 3);
+      if (plain.rows == 0) break;
+      lines_.took(plain.bytes, plain.rows);
+      points_ += plain.rows;
+    }
+    return lines_.next(line);
+  }
+
   Status comment(std::string_view text) const {
     std::string_view found;
     text.remove_prefix(std::min(text.find_first_not_of("#/"), text.size()));
@@ -56,7 +70,11 @@ class TextTable {
     if (!decided_) {
       decided_ = true;
       separator_ = separator_of(line);
-      if (is_line_of_names(line, separator_)) return find_columns(lines_, line, separator_, unit_, columns_);
+      const bool names = is_line_of_names(line, separator_);
+      if (names)
+        if (Status status = find_columns(lines_, line, separator_, unit_, columns_); !status) return status;
+      plain_ = columns_.xyz == TextColumns{}.xyz;
+      if (names) return success();
     }
     if (3 * points_ + 3 > xyz_.size())
       return lines_.refuse("more than %zu points, the most that are allowed", xyz_.size() / 3);
@@ -73,9 +91,9 @@ class TextTable {
                              column == 1 ? " (separators: blanks, tab, comma or semicolon, one kind per file)" : "");
       for (std::size_t axis = 0; axis < 3; ++axis) {
         if (columns_.xyz[axis] != column) continue;
-        double value = std::numeric_limits<double>::quiet_NaN();
-        if (!field.empty() && !parse_number(field, value)) return lines_.not_a_number(line, field, hint_for(field));
-        out[axis] = coordinate_mm<Real>(value, mm_);
+        out[axis] = std::numeric_limits<Real>::quiet_NaN();
+        if (!field.empty() && !parse_coordinate(field, mm_, out[axis]))
+          return lines_.not_a_number(line, field, hint_for(field));
       }
     }
     ++points_;
@@ -97,6 +115,7 @@ class TextTable {
   std::span<Real> xyz_;
   std::size_t points_ = 0;
   bool decided_ = false;
+  bool plain_ = false;  ///< x, y, z are the first three columns
   Separator separator_ = Separator::blanks;
   TextColumns columns_;
 };
