@@ -10,7 +10,8 @@
 #include "hal/lzf.h"
 #include "hal/pcd_header.h"
 #include "hal/plain_rows.h"
-#include "hal/scan_points.h"
+#include "hal/point_records.h"
+#include "hal/settle_points.h"
 #include "hal/text_lines.h"
 
 // Problem: three bodies under one header; the compressed one is turned round (all x, then all y, then all z) and its
@@ -38,6 +39,9 @@ class PcdBody {
  public:
   PcdBody(ScanWindow& window, const PcdLayout& layout, LengthUnit unit, std::span<Real> xyz)
       : window_(window), layout_(layout), mm_(mm_per(unit)), xyz_(xyz.first(3 * layout.points)) {}
+
+  /// Points that are there, once all is read.
+  [[nodiscard]] std::size_t finite() const { return finite_; }
 
   Status read() {
     switch (layout_.data) {
@@ -71,7 +75,8 @@ class PcdBody {
       ++points;
       out += 3;
     }
-    if (!lines.status() || points == layout_.points) return lines.status();
+    if (!lines.status()) return lines.status();
+    if (points == layout_.points) return settle();
     return lines.refuse("the file ends here, after %llu of %llu points", static_cast<unsigned long long>(points),
                         static_cast<unsigned long long>(layout_.points));
   }
@@ -98,19 +103,13 @@ class PcdBody {
   }
 
   Status read_binary() {
-    const std::size_t piece_points = limits::kScanReadBytes / layout_.stride;
-    Real* out = xyz_.data();
-    for (std::uint64_t left = layout_.points; left > 0;) {
-      const std::size_t points = std::min<std::uint64_t>(left, piece_points);
-      if (!window_.have(points * layout_.stride)) return window_.failure();
-      const char* point = window_.view().data();
-      for (std::size_t i = 0; i < points; ++i, point += layout_.stride)
-        for (const PcdLayout::Coordinate& at : layout_.xyz)
-          *out++ = coordinate_mm<Real>(load_coordinate(point + at.offset, at.is_double), mm_);
-      window_.consume(points * layout_.stride);
-      left -= points;
+    PointRecord record;
+    record.bytes = layout_.stride;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      record.offset[axis] = layout_.xyz[axis].offset;
+      record.is_double[axis] = layout_.xyz[axis].is_double;
     }
-    return success();
+    return read_point_records(window_, record, mm_, xyz_, finite_) ? success() : Status(window_.failure());
   }
 
   Status read_compressed() {
@@ -128,7 +127,13 @@ class PcdBody {
       position = plane + layout_.points * value_bytes(axis);
     }
     if (Status status = decoded.skip(decoded_bytes - position); !status) return status;
-    return decoded.finish();
+    if (Status status = decoded.finish(); !status) return status;
+    return settle();
+  }
+
+  Status settle() {
+    finite_ = settle_points(xyz_.data(), layout_.points);
+    return success();
   }
 
   [[nodiscard]] std::size_t value_bytes(std::size_t axis) const { return layout_.xyz[axis].is_double ? 8 : 4; }
@@ -167,6 +172,7 @@ class PcdBody {
   const PcdLayout& layout_;
   double mm_;
   std::span<Real> xyz_;
+  std::size_t finite_ = 0;
 };
 
 /// The header, with its bytes consumed.
@@ -194,8 +200,9 @@ Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> 
   if (layout.points > xyz.size() / 3)
     return error(Code::frame_incomplete, "%s: %llu points, allowed are at most %zu", window.name(),
                  static_cast<unsigned long long>(layout.points), xyz.size() / 3);
-  if (Status status = PcdBody<Real>(window, layout, unit, xyz).read(); !status) return status.error();
-  return ScanShape{layout.points, settle_points(xyz.first(3 * layout.points)), layout.width, layout.height};
+  PcdBody<Real> body(window, layout, unit, xyz);
+  if (Status status = body.read(); !status) return status.error();
+  return ScanShape{layout.points, body.finite(), layout.width, layout.height};
 }
 
 template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<float>);

@@ -11,11 +11,12 @@
 #include "hal/declared_unit.h"
 #include "hal/plain_rows.h"
 #include "hal/ply_header.h"
-#include "hal/scan_points.h"
+#include "hal/point_records.h"
+#include "hal/settle_points.h"
 #include "hal/text_lines.h"
 
 // Problem: five million vertices in one of several layouts, between elements nobody asked for. Idea: walk the
-// elements in the order of the file; vertices of one length are decoded by place, whatever has lists item by item, text
+// elements in the order of the file; vertices of one length are records, whatever has lists item by item, text
 // line by line; everything else is stepped over. Invariant: the walk ends exactly where the file ends, so a header that
 // lies about any element is found out.
 namespace slabd::hal {
@@ -71,6 +72,9 @@ class PlyBody {
     return lines.status();
   }
 
+  /// Points that are there, once all is read.
+  [[nodiscard]] std::size_t finite() const { return finite_; }
+
  private:
   [[nodiscard]] bool big_endian() const { return layout_.encoding == PlyEncoding::big_endian; }
 
@@ -83,57 +87,23 @@ class PlyBody {
       window_.skip(element.count * element.bytes);
       return success();
     }
-    return is_plain(element) ? read_plain() : read_strided(element);
+    return read_point_records(window_, record_of(element), mm_, xyz_, finite_) ? success() : Status(window_.failure());
   }
 
-  /// float32 x y z of our byte order and nothing else, wanted as such: the file's bytes are the buffer's bytes.
-  [[nodiscard]] bool is_plain(const PlyElement& element) const {
-    const auto p = layout_.of(element);
-    return std::same_as<Real, float> && !big_endian() && element.bytes == 3 * sizeof(float) && p.size() == 3 &&
-           p[0].axis == 0 && p[1].axis == 1 && p[2].axis == 2;
-  }
-
-  Status read_plain() {
-    constexpr std::size_t kPieceFloats = limits::kScanReadBytes / sizeof(Real);
-    for (std::size_t begin = 0; begin < xyz_.size(); begin += kPieceFloats) {
-      const std::span<Real> piece = xyz_.subspan(begin, std::min(kPieceFloats, xyz_.size() - begin));
-      if (!window_.read(piece.data(), piece.size_bytes())) return window_.failure();
-      if (mm_ == 1.0) continue;
-      for (Real& v : piece) v = coordinate_mm<Real>(double{v}, mm_);
-    }
-    return success();
-  }
-
-  struct Place {
-    std::size_t offset = 0;
-    bool is_double = false;
-  };
-
-  [[nodiscard]] std::array<Place, 3> places_in(const PlyElement& vertex) const {
-    std::array<Place, 3> places;
+  [[nodiscard]] PointRecord record_of(const PlyElement& vertex) const {
+    PointRecord record;
+    record.bytes = vertex.bytes;
+    record.big_endian = big_endian();
     std::size_t offset = 0;
     for (const PlyProperty& property : layout_.of(vertex)) {
-      if (property.axis >= 0) places[static_cast<std::size_t>(property.axis)] = {offset, property.is_double};
+      if (property.axis >= 0) {
+        const auto axis = static_cast<std::size_t>(property.axis);
+        record.offset[axis] = offset;
+        record.is_double[axis] = property.is_double;
+      }
       offset += property.bytes;
     }
-    return places;
-  }
-
-  Status read_strided(const PlyElement& vertex) {
-    const std::array<Place, 3> places = places_in(vertex);
-    const std::size_t piece_points = limits::kScanReadBytes / vertex.bytes;
-    Real* out = xyz_.data();
-    for (std::uint64_t left = vertex.count; left > 0;) {
-      const std::size_t points = std::min<std::uint64_t>(left, piece_points);
-      if (!window_.have(points * vertex.bytes)) return window_.failure();
-      const char* item = window_.view().data();
-      for (std::size_t i = 0; i < points; ++i, item += vertex.bytes)
-        for (const Place& place : places)
-          *out++ = coordinate_mm<Real>(load_coordinate(item + place.offset, place.is_double, big_endian()), mm_);
-      window_.consume(points * vertex.bytes);
-      left -= points;
-    }
-    return success();
+    return record;
   }
 
   /// Items with lists: each has its own length, which only its content tells.
@@ -146,6 +116,7 @@ class PlyBody {
       }
       if (element.is_vertex) out += 3;
     }
+    if (element.is_vertex) finite_ += settle_points(xyz_.data(), element.count);
     return success();
   }
 
@@ -193,6 +164,7 @@ class PlyBody {
       } while (trimmed(line).empty());
       if (Status status = read_row(lines, line, element, out); !status) return status;
     }
+    finite_ += settle_points(xyz_.data(), element.count);
     return success();
   }
 
@@ -239,6 +211,7 @@ class PlyBody {
   const PlyLayout& layout_;
   double mm_;
   std::span<Real> xyz_;
+  std::size_t finite_ = 0;
 };
 
 Status check_size(const char* name, const PlyLayout& layout, std::uint64_t file_bytes) {
@@ -275,8 +248,7 @@ Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> 
   PlyBody<Real> body(window, layout, unit, xyz);
   const Status status = layout.encoding == PlyEncoding::ascii ? body.read_ascii() : body.read_binary();
   if (!status) return status.error();
-  const std::size_t finite = settle_points(xyz.first(3 * layout.vertices));
-  return ScanShape{layout.vertices, finite, layout.width, layout.height};
+  return ScanShape{layout.vertices, body.finite(), layout.width, layout.height};
 }
 
 template Result<ScanShape> read_ply(ScanWindow&, LengthUnit, std::span<float>);

@@ -6,7 +6,7 @@
 
 #include "hal/declared_unit.h"
 #include "hal/plain_rows.h"
-#include "hal/scan_points.h"
+#include "hal/settle_points.h"
 #include "hal/text_columns.h"
 #include "hal/text_lines.h"
 
@@ -36,7 +36,7 @@ class TextTable {
     }
     if (!lines_.status()) return lines_.status().error();
     if (points_ == 0) return error(Code::too_few_points, "%s: no points at all", window_.name());
-    return ScanShape{points_, settle_points(xyz_.first(3 * points_)), 0, 0};
+    return ScanShape{points_, settle_points(xyz_.data(), points_), 0, 0};
   }
 
  private:

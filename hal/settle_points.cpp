@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Problem: whether five million points are finite is asked before anybody may say "acquired", and must cost less than
+// reading them. Idea: sixteen points are 48 numbers and 48 bits, one for each that is not finite. A point is missing
+// where any of its three bits is set; nearly always all three are, and nothing has to be written.
+#include "hal/settle_points.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "hal/settle_points.cpp"
+#include <hwy/foreach_target.h>
+// After foreach_target: compiled once for each instruction set.
+#include <hwy/cache_control.h>
+#include <hwy/highway.h>
+
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <cstring>
+
+HWY_BEFORE_NAMESPACE();
+namespace slabd::hal {
+namespace HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+constexpr std::size_t kGroupPoints = 16;
+constexpr std::size_t kGroupFloats = 3 * kGroupPoints;
+using Tag = hn::CappedTag<float, 16>;
+constexpr std::size_t kLanes = hn::MaxLanes(Tag());
+
+/// Bit k is lane k. (Masks are made by Not(Eq): what Ne says of NaN differs between machines.)
+HWY_INLINE std::uint64_t bits_of(hn::Mask<Tag> mask) {
+  std::array<std::uint8_t, 8> byte{};
+  hn::StoreMaskBits(Tag(), mask, byte.data());
+  return byte[0] | (std::uint64_t{byte[1]} << 8U);
+}
+
+/// Whether of these points, some of which are missing (`not_finite`, a bit for each number), every missing one is NaN
+/// in all three already.
+HWY_INLINE bool are_settled(const float* xyz, std::uint64_t not_finite, std::uint64_t missing) {
+  const Tag tag;
+  std::uint64_t nan = 0;
+  for (std::size_t i = 0; i < kGroupFloats; i += kLanes) {
+    const auto v = hn::LoadU(tag, xyz + i);
+    nan |= bits_of(hn::Not(hn::Eq(v, v))) << i;
+  }
+  return nan == not_finite && not_finite == missing * 7;  // 7: x, y and z
+}
+
+enum class Store { no, cached, past_caches };
+
+template <Store kStore>
+HWY_INLINE std::size_t settle_group(const float* from, float* to) {
+  const Tag tag;
+  std::uint64_t not_finite = 0;
+  for (std::size_t i = 0; i < kGroupFloats; i += kLanes) {
+    const auto v = hn::LoadU(tag, from + i);
+    if constexpr (kStore == Store::cached) hn::StoreU(v, tag, to + i);
+    if constexpr (kStore == Store::past_caches) hn::Stream(v, tag, to + i);
+    not_finite |= bits_of(hn::Not(hn::Eq(hn::Sub(v, v), hn::Zero(tag)))) << i;
+  }
+  if (not_finite == 0) return kGroupPoints;
+  constexpr std::uint64_t kEveryX = 0x2492'4924'9249U;
+  const std::uint64_t missing = (not_finite | not_finite >> 1U | not_finite >> 2U) & kEveryX;
+  if (are_settled(from, not_finite, missing)) return kGroupPoints - static_cast<std::size_t>(std::popcount(missing));
+  return slabd::hal::settle_points<float>({to, kGroupFloats});
+}
+
+template <Store kStore>
+std::size_t settle(const float* from, std::size_t points, float* to) {
+  std::size_t finite = 0;
+  std::size_t i = 0;
+  for (; i + kGroupPoints <= points; i += kGroupPoints) finite += settle_group<kStore>(from + 3 * i, to + 3 * i);
+  if (kStore != Store::no) std::memcpy(to + 3 * i, from + 3 * i, (points - i) * 3 * sizeof(float));
+  return finite + slabd::hal::settle_points<float>({to + 3 * i, 3 * (points - i)});
+}
+
+}  // namespace
+
+std::size_t SettleInPlace(float* xyz, std::size_t points) {
+  return settle<Store::no>(xyz, points, xyz);
+}
+std::size_t MoveAndSettle(const float* from, std::size_t points, float* to) {
+  const bool aligned = reinterpret_cast<std::uintptr_t>(to) % (kLanes * sizeof(float)) == 0;
+  if (!aligned) return settle<Store::cached>(from, points, to);
+  const std::size_t finite = settle<Store::past_caches>(from, points, to);
+  hwy::FlushStream();  // another thread will read them
+  return finite;
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace slabd::hal
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace slabd::hal {
+
+HWY_EXPORT(SettleInPlace);
+HWY_EXPORT(MoveAndSettle);
+
+std::size_t settle_points(float* xyz, std::size_t points) {
+  return HWY_DYNAMIC_DISPATCH(SettleInPlace)(xyz, points);
+}
+
+std::size_t settle_points(double* xyz, std::size_t points) {
+  return settle_points<double>({xyz, 3 * points});
+}
+
+std::size_t move_and_settle_points(const char* from, std::size_t points, float* to) {
+  // The bytes are floats at any address, which LoadU and memcpy read.
+  return HWY_DYNAMIC_DISPATCH(MoveAndSettle)(reinterpret_cast<const float*>(from), points, to);
+}
+
+}  // namespace slabd::hal
+#endif
