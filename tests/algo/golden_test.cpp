@@ -17,6 +17,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
+#include <limits>
 #include <map>
 #include <string>
 #include <thread>
@@ -67,8 +68,12 @@ double noise(Prng& prng) {
   return sum;
 }
 
-/// The nominal block seen every 0.5 mm from a little off its place, with noise and outliers. Only + - * / and sqrt.
-std::vector<float> fixed_scan(std::uint64_t seed) {
+constexpr std::size_t kColumns = 660;
+constexpr std::size_t kRows = 1000;
+
+/// The nominal block seen every 0.5 mm from a little off its place, with noise and outliers; row by row, missing points
+/// left out or, `organised`, NaN. Only + - * / and sqrt.
+std::vector<float> fixed_scan(std::uint64_t seed, bool organised = false) {
   Prng prng(seed);
   BlockModel model;
   model.build(scene::p5600().block);
@@ -77,15 +82,20 @@ std::vector<float> fixed_scan(std::uint64_t seed) {
   constexpr double cosine = (1.0 - t * t) / (1.0 + t * t);
   constexpr double sine = 2.0 * t / (1.0 + t * t);
   std::vector<float> xyz;
-  for (int row = -500; row < 500; ++row) {
-    for (int column = -330; column < 330; ++column) {
+  constexpr auto half_rows = static_cast<int>(kRows / 2);
+  constexpr auto half_columns = static_cast<int>(kColumns / 2);
+  for (int row = -half_rows; row < half_rows; ++row) {
+    for (int column = -half_columns; column < half_columns; ++column) {
       const double x = 0.5 * column + 0.2 * prng.uniform();
       const double y = 0.5 * row + 0.2 * prng.uniform();
       Face face = Face::seat;
       double z = 0.0;
       const bool seen = model.visible(x, y, face, z) && prng.uniform() > 0.01;
       z += 0.03 * noise(prng) + (prng.uniform() < 0.002 ? 20.0 * prng.uniform() : 0.0);
-      if (!seen) continue;
+      if (!seen) {
+        if (organised) xyz.insert(xyz.end(), 3, std::numeric_limits<float>::quiet_NaN());
+        continue;
+      }
       const double bx = cosine * x - sine * y + 0.7;
       const double by = sine * x + cosine * y - 0.4;
       xyz.insert(xyz.end(), {static_cast<float>(bx), static_cast<float>(-by), static_cast<float>(600.0 - (z + 0.3))});
@@ -96,9 +106,9 @@ std::vector<float> fixed_scan(std::uint64_t seed) {
 
 using Stages = std::map<std::string, std::string>;
 
-Stages measure(BlockInspector& inspector, std::vector<float> xyz) {
+Stages measure(BlockInspector& inspector, std::vector<float> xyz, bool organised = false) {
   inspector.begin(1, Pose::identity(), nominal_T_block_scanner());
-  Cloud cloud{xyz, xyz.size() / 3, 0, 0};
+  Cloud cloud{xyz, xyz.size() / 3, organised ? kColumns : 0, organised ? kRows : 0};
   EXPECT_TRUE(inspector.denoise(cloud).ok());
   EXPECT_TRUE(inspector.register_to_model(cloud).ok());
   EXPECT_TRUE(inspector.extract(cloud).ok());
@@ -130,7 +140,10 @@ const std::string kGoldenFile = SLABD_SOURCE_DIR "/tests/algo/golden_bits.txt";
 TEST(Golden, AFixedBlockHasTheBitsItAlwaysHad) {
   BlockInspector inspector;
   inspector.use(scene::p5600());
-  const Stages stages = measure(inspector, fixed_scan(2026));
+  Stages stages;
+  for (const bool organised : {false, true})
+    for (const auto& [stage, bits] : measure(inspector, fixed_scan(2026, organised), organised))
+      stages[stage + (organised ? "_organised" : "")] = bits;
   if (std::getenv("SLABD_UPDATE_GOLDEN") != nullptr) {
     std::ofstream out(kGoldenFile);
     for (const auto& [stage, bits] : stages) out << stage << ' ' << bits << '\n';
@@ -147,6 +160,26 @@ TEST(Golden, AFixedBlockHasTheBitsItAlwaysHad) {
     EXPECT_EQ(stages.at(name), expected) << name << ": how to take new bits over stands at the head of this file";
   }
   EXPECT_EQ(golden.size(), stages.size());
+}
+
+TEST(Golden, OneThreadOrTwoAndEveryInstructionSetGiveTheSameBits) {
+  for (const bool organised : {true, false}) {
+    const std::vector<float> scan = fixed_scan(7, organised);
+    std::map<std::string, Stages> seen;
+    for (const InstructionSet set : {InstructionSet::plain, InstructionSet::sse4, InstructionSet::avx2,
+                                     InstructionSet::avx512, InstructionSet::best}) {
+      if (!limit_instruction_set(set)) continue;
+      for (const int threads : {1, 2}) {
+        BlockInspector inspector(threads);
+        inspector.use(scene::p5600());
+        const std::string how = std::string(instruction_set()) + ", threads " + std::to_string(threads);
+        seen[how] = measure(inspector, scan, organised);
+      }
+    }
+    ASSERT_TRUE(limit_instruction_set(InstructionSet::best));
+    ASSERT_GE(seen.size(), 4U);
+    for (const auto& [how, stages] : seen) EXPECT_EQ(stages, seen.begin()->second) << how;
+  }
 }
 
 TEST(Golden, TwoInspectorsAtWorkTogetherHaveTheBitsOfOne) {
