@@ -4,6 +4,11 @@
 // as some of the stages. So the helper looks at a counter, for a while without sleeping, and the caller likewise.
 #include "algo/team.h"
 
+#include <pthread.h>
+
+#include <array>
+#include <cstddef>
+
 #if defined(__x86_64__)
 #include <immintrin.h>
 #endif
@@ -18,6 +23,13 @@ void pause_briefly() {
 #if defined(__x86_64__)
   _mm_pause();
 #endif
+}
+
+/// What kernels keep on the stack, with room: written once, so that the first scan does not wait for these pages.
+constexpr std::size_t kStackTouched = 128 * 1024;
+void touch_stack() {
+  std::array<volatile std::byte, kStackTouched> stack;
+  for (std::size_t at = 0; at < stack.size(); at += 4'096) stack[at] = std::byte{0};
 }
 
 /// Returns once `counter` is no longer `old`.
@@ -66,6 +78,8 @@ void Team::run_erased(std::size_t blocks, Call call, void* context) {
 }
 
 void Team::help() {
+  pthread_setname_np(pthread_self(), "slabd-helper");  // as ps and gdb show it
+  touch_stack();
   std::uint32_t seen = 0;
   for (;;) {
     wait_for_change(job_, seen);

@@ -25,6 +25,7 @@ struct Options {
   int block = 0;
   std::string T_block_scanner;
   std::string unit = "mm";
+  int threads = daemon::default_measure_threads();
   bool json = false;
 };
 
@@ -107,7 +108,7 @@ int inspect(const Options& options) {
   }
   const double read_ms = ms_from_ns(clock->mono_ns() - read_start_ns);
 
-  algo::BlockInspector inspector;
+  algo::BlockInspector inspector(options.threads);
   inspector.use(recipe);
   algo::Cloud cloud;
   cloud.xyz = xyz;
@@ -151,6 +152,9 @@ void add_inspect(CLI::App& app, int& exit_status) {
       "(default 600 mm above, looking down)");
   command->add_option("--unit", options->unit, "Unit of the scan: mm, m or um; a file that says otherwise is refused")
       ->check(CLI::IsMember({"mm", "m", "um"}))
+      ->capture_default_str();
+  command->add_option("--threads", options->threads, "Threads that measure; the results are the same")
+      ->check(CLI::Range(1, 2))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print slabd.inspection/1 on stdout");
   command->callback([options, &exit_status] { exit_status = inspect(*options); });

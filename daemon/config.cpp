@@ -226,6 +226,13 @@ void read_calibration(TableReader table, calib::Calibration& out) {
   out = calibration.value();
 }
 
+void read_measure(TableReader measure, int& threads) {
+  std::int64_t number = threads;
+  measure.optional_integer("threads", number, 1, 2);
+  threads = static_cast<int>(number);
+  measure.finish();
+}
+
 void read_rest(TableReader& root, const std::string& folder, Config& config) {
   TableReader recipes = root.table("recipes");
   read_path(recipes, "dir", folder, config.recipes_dir);
@@ -259,6 +266,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   config.scanner.drop_dir = "/var/lib/slabd/drop";
   config.storage.db_path = "/var/lib/slabd/slabd.db";
   config.storage.spool_dir = "/var/lib/slabd/spool";
+  config.measure_threads = default_measure_threads();
   allow_loopback_only(config.plc);
 
   const std::optional<std::string> bytes = read_text_file(path, problems);
@@ -277,6 +285,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   read_storage(root.table("storage"), folder, config.storage);
   read_cell(root.table("cell"), config.T_base_slab);
   read_calibration(root.table("calibration"), config.calibration);
+  read_measure(root.table("measure"), config.measure_threads);
   read_rest(root, folder, config);
   check_timeouts(root, config);
   root.finish();

@@ -34,6 +34,7 @@ struct Config {
   Pose T_base_slab;
   calib::Calibration calibration;
   std::string control_socket = "/run/slabd/control.sock";
+  int measure_threads = 1;  ///< [measure] threads: 1 or 2; the results are the same
   bool simulation = false;  ///< [line] simulation: shown to the PLC as STATUS bit 11
 };
 
@@ -58,6 +59,9 @@ void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& 
 /// All *.toml of a folder, sorted by name; faulty ones are left out and reported. Two recipes of one slab_type, or
 /// none at all, are problems too.
 void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems);
+
+/// Threads that measure a block when nobody says how many: 2 on a computer with two processors or more, else 1.
+[[nodiscard]] int default_measure_threads();
 
 // ---- measuring one block -------------------------------------------------------------------------------------------
 

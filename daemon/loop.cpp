@@ -18,7 +18,7 @@ constexpr std::int64_t kWorkerStuckNs = 60 * kNsPerS;
 }  // namespace
 
 Loop::Loop(const Ports& ports, const StationSettings& settings, const algo::StationSigma& sigma,
-           hal::LengthUnit scan_unit, LoopFigures figures)
+           hal::LengthUnit scan_unit, int measure_threads, LoopFigures figures)
     : ports_(ports),
       figures_(std::move(figures)),
       recipes_(settings.recipes),
@@ -29,14 +29,16 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, const algo::Stat
       follow_up_(std::make_unique<Event>()),
       blocks_(limits::kStationsMax),
       judged_(std::make_unique<SlabJudged>()),
-      inspector_(std::make_unique<algo::BlockInspector>()),
+      inspector_(std::make_unique<algo::BlockInspector>(measure_threads)),
       scan_memory_(limits::kScanSlots * limits::kScanSlotBytes) {
   for (std::span<float>& slot : slots_) slot = scan_memory_.take<float>(limits::kScanPointsMax * 3);
   figures_.started_ns = ports_.clock.mono_ns();
-  store_worker_ = std::make_unique<StoreWorker>([this](const StoreJob& job) { return store(job); }, [] {});
-  scan_worker_ = std::make_unique<ScanWorker>([this](const AcquireScan& job) { return scan(job); },
-                                              [this] { ports_.scanner.idle(); });
-  measure_worker_ = std::make_unique<MeasureWorker>([this](const MeasureBlock& job) { return measure(job); }, [] {});
+  store_worker_ = std::make_unique<StoreWorker>(
+      "slabd-store", [this](const StoreJob& job) { return store(job); }, [] {});
+  scan_worker_ = std::make_unique<ScanWorker>(
+      "slabd-scan", [this](const AcquireScan& job) { return scan(job); }, [this] { ports_.scanner.idle(); });
+  measure_worker_ = std::make_unique<MeasureWorker>(
+      "slabd-measure", [this](const MeasureBlock& job) { return measure(job); }, [] {});
 }
 
 Loop::~Loop() {
@@ -53,7 +55,9 @@ StoreDone Loop::store(const StoreJob& job) const {
     done.code = std::holds_alternative<SessionJob>(job.what) ? Code::ok : Code::journal_write;
     return done;
   }
+  const std::int64_t start_ns = ports_.clock.mono_ns();
   const Status status = ports_.store->apply(job);
+  done.commit_ms = ms_from_ns(ports_.clock.mono_ns() - start_ns);
   if (!status.ok()) {
     done.code = status.error().code;
     say({LogLine::Level::error, static_cast<std::uint16_t>(done.code), status.error().text});
@@ -193,7 +197,11 @@ void Loop::take_poses() {
 
 void Loop::take_answers() {
   StoreDone stored;
-  while (store_worker_->next(stored)) handle(stored);
+  while (store_worker_->next(stored)) {
+    figures_.commit_last_ms = stored.commit_ms;
+    figures_.commit_max_ms = std::max(figures_.commit_max_ms, stored.commit_ms);
+    handle(stored);
+  }
   ScanDone scanned;
   while (scan_worker_->next(scanned)) handle(scanned);
   BlockMeasured measured;

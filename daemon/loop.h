@@ -32,6 +32,8 @@ struct LoopFigures {
   std::uint64_t blocks_measured = 0;
   double block_last_ms = 0.0;
   double block_max_ms = 0.0;
+  double commit_last_ms = 0.0;
+  double commit_max_ms = 0.0;
   std::string config_path;
   std::string db_path;
 };
@@ -40,9 +42,9 @@ struct LoopFigures {
 /// Everything is allocated by the constructor; run() allocates nothing on the inspection path.
 class Loop {
  public:
-  /// `scan_unit`: of the scan files, which lie in the spool as the scanner wrote them.
+  /// `scan_unit`: of the scan files, which lie in the spool as the scanner wrote them. `measure_threads`: 1 or 2.
   Loop(const Ports& ports, const StationSettings& settings, const algo::StationSigma& sigma, hal::LengthUnit scan_unit,
-       LoopFigures figures);
+       int measure_threads, LoopFigures figures);
   ~Loop();
   Loop(const Loop&) = delete;
   Loop& operator=(const Loop&) = delete;

@@ -137,7 +137,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   const algo::StationSigma sigma{config.calibration.station_sigma_mm, config.calibration.station_sigma_rad,
                                  config.robot_sigma_mm, config.robot_sigma_rad};
   const Ports ports{*plc.value(), *pose, *scanner, store.get(), control.get(), *clock, *notify};
-  Loop loop(ports, settings, sigma, config.scanner.unit, std::move(figures));
+  Loop loop(ports, settings, sigma, config.scanner.unit, config.measure_threads, std::move(figures));
   std::fprintf(stderr, "info: %s: Modbus/TCP on %s:%u, inspection memory %.0f MB%s\n", settings.software.c_str(),
                config.plc.host.c_str(), plc.value()->bound_port(), static_cast<double>(limits::kInspectionBytes) / 1e6,
                settings.fault == Code::ok ? "" : "; in FAULT, see above");

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <thread>
+
 #include "daemon/daemon.h"
 
 namespace slabd::daemon {
@@ -32,6 +34,10 @@ Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, i
   result.scan.points_finite = read.finite;
   result.times = times;
   return status;
+}
+
+int default_measure_threads() {
+  return std::thread::hardware_concurrency() >= 2 ? 2 : 1;
 }
 
 FixedString<64> software_version() {

@@ -77,6 +77,7 @@ struct SlabJudged {
 struct StoreDone {
   std::uint32_t ticket = 0;
   Code code = Code::ok;
+  double commit_ms = 0.0;  ///< how long it took, for the status
 };
 using Event =
     std::variant<Recovered, Tick, LinkStatus, PlcInputs, PoseSample, ScanDone, BlockMeasured, SlabJudged, StoreDone>;

@@ -93,7 +93,8 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
                         {"foreign", counters.foreign},
                         {"malformed", counters.malformed}};
   j["links"]["scanner"] = {{"online", view.scanner_ok}, {"strays", station.links.stray_files}};
-  j["links"]["store"] = {{"ok", view.store_ok}};
+  j["links"]["store"] = {
+      {"ok", view.store_ok}, {"commit_last_ms", figures.commit_last_ms}, {"commit_max_ms", figures.commit_max_ms}};
   j["results_pending"] = view.results_pending;
   j["refused"] = {{"count", view.refused}, {"code", view.refuse_code}, {"seq", view.refuse_seq}};
   j["last_slab"] = station.results.slab_no == 0 && station.results.slab_verdict == Verdict::none

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <pthread.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
 
@@ -20,9 +21,11 @@ namespace slabd::daemon {
 template <typename Job, typename Done, std::size_t Capacity>
 class Worker {
  public:
-  /// `work` runs on the thread for every job; `idle` runs there about ten times a second while there is none.
-  Worker(std::function<Done(const Job&)> work, std::function<void()> idle)
-      : work_(std::move(work)),
+  /// `work` runs on the thread for every job; `idle` runs there about ten times a second while there is none. `name`:
+  /// of the thread, as ps and gdb show it, at most 15 characters.
+  Worker(const char* name, std::function<Done(const Job&)> work, std::function<void()> idle)
+      : name_(name),
+        work_(std::move(work)),
         idle_(std::move(idle)),
         event_fd_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)),
         thread_([this] { run(); }) {}
@@ -74,6 +77,7 @@ class Worker {
 
  private:
   void run() {
+    pthread_setname_np(pthread_self(), name_);
     std::unique_lock lock(mutex_);
     while (!stop_) {
       turns_.fetch_add(1, std::memory_order_relaxed);
@@ -100,6 +104,7 @@ class Worker {
     }
   }
 
+  const char* name_;
   std::function<Done(const Job&)> work_;
   std::function<void()> idle_;
   int event_fd_;

@@ -109,14 +109,20 @@ class SlabProgram {
     tell(truth_.stations, "SLAB_END");
     std::uint16_t seq = 0;
     if (!line_.plc.issue(plc_order(run_.order, PlcCommand::slab_end), seq, run_.trouble)) return false;
-    const auto shown = [&] { return line_.plc.result(run_.order.slab_no, 2, 0, seq) != nullptr; };
+    // The verdict registers are final before the record, which waits until the records before it are taken.
+    const auto final_table = [&] { return seen().table_slab_no == run_.order.slab_no && !seen().slab_open; };
+    PlcClock::time_point shown_at{};
+    const auto shown = [&] {
+      if (shown_at == PlcClock::time_point{} && final_table()) shown_at = PlcClock::now();
+      return line_.plc.result(run_.order.slab_no, 2, 0, seq) != nullptr;
+    };
     if (!line_.plc.await(shown, line_.timing.result_timeout, "the slab's verdict", run_.trouble)) return false;
     const StoredResult& stored = *line_.plc.result(run_.order.slab_no, 2, 0, seq);
     run_.record = stored.record;
-    if (last_acquired_ != PlcClock::time_point{}) run_.last_acquired_to_verdict_s = seconds(stored.at - last_acquired_);
+    if (shown_at == PlcClock::time_point{}) shown_at = stored.at;
+    if (last_acquired_ != PlcClock::time_point{}) run_.last_acquired_to_verdict_s = seconds(shown_at - last_acquired_);
 
-    // The table and verdict registers are final with the record; they must agree with it.
-    const auto final_table = [&] { return seen().table_slab_no == run_.order.slab_no && !seen().slab_open; };
+    // They must agree.
     if (!line_.plc.await(final_table, line_.timing.result_timeout, "the station table", run_.trouble)) return false;
     run_.table = seen().table;
     run_.verdict = seen().slab_verdict;

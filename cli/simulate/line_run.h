@@ -42,8 +42,8 @@ struct SlabRun {
   std::array<PlcStationRow, limits::kStationsMax> table{};  ///< as the PLC read it at the end
   Verdict verdict = Verdict::none;
   std::uint16_t reason = 0;
-  PlcResult record;  ///< of the slab
-  double last_acquired_to_verdict_s = -1.0;
+  PlcResult record;                          ///< of the slab
+  double last_acquired_to_verdict_s = -1.0;  ///< as the PLC sees both; to a PLC cycle
   double total_s = 0.0;
 };
 

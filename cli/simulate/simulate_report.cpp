@@ -50,6 +50,19 @@ std::vector<Verdict> table_verdicts(const SlabOutcome& outcome) {
   return verdicts;
 }
 
+/// Median time that slabd computed on a block (reading left out), ms; NaN when the database cannot be read.
+double block_compute_ms(const SlabOutcome& outcome) {
+  std::vector<double> times_ms;
+  if (outcome.stored)
+    for (const storage::SlabBlock& block : outcome.stored->blocks)
+      if (block.phase == StationPhase::measured)
+        times_ms.push_back(block.block.times.total_ms - block.block.times.read_ms);
+  if (times_ms.empty()) return kNoValue;
+  const auto middle = times_ms.begin() + static_cast<std::ptrdiff_t>(times_ms.size() / 2);
+  std::nth_element(times_ms.begin(), middle, times_ms.end());
+  return *middle;
+}
+
 std::string seconds(double s) {
   return s < 0.0 ? "-" : fmt::format("{:.2f}", s);
 }
@@ -233,6 +246,7 @@ void write_outcome(Json& json, const Recipe& recipe, const SlabOutcome& outcome)
   json.field("trouble", std::string_view(run.trouble.text));
   json.field("last_acquired_to_verdict_s",
              run.last_acquired_to_verdict_s < 0.0 ? kNoValue : run.last_acquired_to_verdict_s);
+  json.field("block_compute_ms", block_compute_ms(outcome));
   json.field("total_s", run.total_s);
   cli::write_pose(json, "T_base_slab", outcome.truth.T_base_slab);
   json.field("from_database", outcome.stored.has_value());
@@ -292,7 +306,10 @@ void print_outcome(const Recipe& recipe, const RunFacts& facts, const SlabOutcom
   print_planted(recipe, facts, outcome, slab);
   if (run.finished) {
     fmt::print("slab verdict {}  {}\n", cli::verdict_text(run.verdict, style), cli::reason_text(run.reason));
-    fmt::print("{} s from the last scan to the verdict, {:.1f} s in all\n", seconds(run.last_acquired_to_verdict_s),
+    const double compute_ms = block_compute_ms(outcome);
+    fmt::print("{} s from the last ACQUIRED to the verdict{}, {:.1f} s in all\n",
+               run.last_acquired_to_verdict_s < 0.0 ? "-" : fmt::format("{:.3f}", run.last_acquired_to_verdict_s),
+               has_value(compute_ms) ? fmt::format(" (computing on one block: {:.0f} ms)", compute_ms) : std::string(),
                run.total_s);
   } else {
     fmt::print("no slab verdict: {}\n", run.trouble.text);

@@ -271,5 +271,18 @@ TEST_F(Slabctl, good_block_passes_with_status_0_and_a_readable_table) {
   expect_mentions(ended.err, "assumed, not confirmed");
 }
 
+TEST_F(Slabctl, one_thread_and_two_inspect_to_the_same_digits) {
+  ASSERT_EQ(simulate_scan("scan.ply", "--defect chip=3:0.4").status, 0);
+  const std::string rest = "inspect " + file("scan.ply") + " --json --recipe " + kRecipe + " --block 3 --threads ";
+  json one = json::parse(run(rest + "1").out);
+  json two = json::parse(run(rest + "2").out);
+  ASSERT_TRUE(one.contains("timing_ms") && two.contains("timing_ms"));
+  one.erase("timing_ms");
+  two.erase("timing_ms");
+  EXPECT_EQ(one.dump(), two.dump());
+  EXPECT_EQ(run(rest + "3").status, 2);
+  EXPECT_EQ(run(rest + "0").status, 2);
+}
+
 }  // namespace
 }  // namespace slabd::cli

@@ -49,6 +49,8 @@ timeout_s = 12.5
 db = "/srv/slabd.db"
 spool_dir = "/srv/spool"
 spool_budget_gb = 500
+[measure]
+threads = 1
 [recipes]
 dir = "/srv/recipes"
 [cell]
@@ -80,6 +82,18 @@ TEST_F(ConfigTest, relative_paths_start_at_the_configurations_folder) {
   EXPECT_EQ(config_.storage.db_path, folder + "/data/slabd.db");
 }
 
+TEST_F(ConfigTest, one_or_two_threads_measure_and_nothing_else) {
+  for (const int threads : {1, 2}) {
+    EXPECT_EQ(load(kShortest + ("[measure]\nthreads = " + std::to_string(threads) + "\n")), Texts{});
+    EXPECT_EQ(config_.measure_threads, threads);
+  }
+  for (const std::string found : {"0", "3", "-1"})
+    EXPECT_EQ(load(kShortest + ("[measure]\nthreads = " + found + "\n")),
+              Texts{"slabd.toml:6:11: measure.threads: found " + found + ", allowed is a whole number 1..2"});
+  EXPECT_EQ(load(std::string(kShortest) + "[measure]\nthread = 2\n"),
+            Texts{"slabd.toml:6:1: measure.thread: unknown key; the nearest known one is \"threads\""});
+}
+
 TEST_F(ConfigTest, shortest_configuration_gets_the_documented_defaults) {
   EXPECT_EQ(load(kShortest), Texts{});
   EXPECT_EQ(config_.plc.host.view(), "127.0.0.1");
@@ -102,6 +116,7 @@ TEST_F(ConfigTest, shortest_configuration_gets_the_documented_defaults) {
   EXPECT_EQ(config_.storage.spool_budget_bytes, 0U);
   EXPECT_EQ(config_.recipes_dir, "/usr/share/slabd/recipes");
   EXPECT_EQ(config_.control_socket, "/run/slabd/control.sock");
+  EXPECT_EQ(config_.measure_threads, default_measure_threads());
   EXPECT_FALSE(config_.simulation);
   EXPECT_EQ(config_.T_base_slab.translation_mm, Vec3(1000, 0, 500));
   EXPECT_EQ(config_.calibration.T_flange_scanner.translation_mm, Vec3(0, 0, 120.5));
@@ -112,6 +127,7 @@ TEST_F(ConfigTest, shortest_configuration_gets_the_documented_defaults) {
 
 TEST_F(ConfigTest, every_key_is_taken) {
   EXPECT_EQ(load(kEveryKey), Texts{});
+  EXPECT_EQ(config_.measure_threads, 1);
   EXPECT_EQ(config_.plc.host.view(), "10.1.2.3");
   EXPECT_EQ(config_.plc.port, 502);
   EXPECT_EQ(config_.plc.unit_id, 17);

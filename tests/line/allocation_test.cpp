@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <filesystem>
 #include <thread>
 #include <vector>
@@ -65,6 +66,25 @@ TEST(HeapCount, bites) {
   std::free(two);
 }
 
+TEST(HeapCount, sees_another_thread_when_it_is_told_to) {
+  std::atomic<bool> go{false};
+  std::thread other([&] {
+    while (!go) std::this_thread::yield();
+    void* volatile one = std::malloc(100);
+    std::free(one);
+    go = false;
+  });
+  const auto wait_for_other = [&] {
+    go = true;
+    while (go) std::this_thread::yield();
+  };
+  const HeapCount count(HeapCount::Of::every_thread);
+  EXPECT_EQ(count.calls(), 0U);
+  wait_for_other();
+  EXPECT_GE(count.calls(), 1U);
+  other.join();
+}
+
 TEST(HeapCount, sees_an_allocation_hidden_in_a_measurement) {
   HeapCount count;
   std::string grows = "a worker that logs by std::string would look like this";
@@ -78,7 +98,7 @@ TEST(Allocation, none_from_scan_file_to_block_verdict) {
   const fs::path first = scan_file(dir, recipe, 1);
   const fs::path second = scan_file(dir, recipe, 2);
   const auto clock = hal::make_system_clock();
-  algo::BlockInspector inspector;
+  algo::BlockInspector inspector(2);
   inspector.use(recipe);
   std::vector<float> buffer(limits::kScanPointsMax * 3);
   Verdict verdict = Verdict::none;
@@ -92,7 +112,7 @@ TEST(Allocation, none_from_scan_file_to_block_verdict) {
   };
   measure(first);
   {
-    HeapCount count;
+    const HeapCount count(HeapCount::Of::every_thread);
     inspector.use(recipe);
     measure(second);
     EXPECT_EQ(count.calls(), 0U);
@@ -207,6 +227,7 @@ TEST(Allocation, none_in_a_workers_queues) {
   };
   std::atomic<std::uint64_t> on_thread{0};
   daemon::Worker<Big, Big, 4> worker(
+      "test",
       [&](const Big& job) {
         const HeapCount count;
         Big done = job;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "heap_count.h"
 
+#include <atomic>
 #include <cerrno>
 #include <cstddef>
 
@@ -15,8 +16,11 @@ void __libc_free(void* old);
 namespace {
 thread_local bool g_counting = false;
 thread_local std::uint64_t g_calls = 0;
+std::atomic<bool> g_counting_all = false;
+std::atomic<std::uint64_t> g_calls_of_all = 0;
 void note() {
   if (g_counting) ++g_calls;
+  if (g_counting_all.load(std::memory_order_relaxed)) g_calls_of_all.fetch_add(1, std::memory_order_relaxed);
 }
 }  // namespace
 
@@ -51,13 +55,22 @@ void free(void* old) {
 }
 }
 
-HeapCount::HeapCount() {
-  g_calls = 0;
-  g_counting = true;
+HeapCount::HeapCount(Of of) : of_(of) {
+  if (of_ == Of::every_thread) {
+    g_calls_of_all = 0;
+    g_counting_all = true;
+  } else {
+    g_calls = 0;
+    g_counting = true;
+  }
 }
 HeapCount::~HeapCount() {
-  g_counting = false;
+  if (of_ == Of::every_thread) {
+    g_counting_all = false;
+  } else {
+    g_counting = false;
+  }
 }
 std::uint64_t HeapCount::calls() const {
-  return g_calls;
+  return of_ == Of::every_thread ? g_calls_of_all.load() : g_calls;
 }

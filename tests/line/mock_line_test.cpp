@@ -49,7 +49,7 @@ struct MockLineTest : testing::Test {
     settings.calibration_id = "test";
     settings.spool_dir = std::string_view((dir / "spool").native());
     const Ports ports{plc, pose, scanner, store.get(), nullptr, clock, notify};
-    loop = std::make_unique<Loop>(ports, settings, kSigma, hal::LengthUnit::mm, LoopFigures{});
+    loop = std::make_unique<Loop>(ports, settings, kSigma, hal::LengthUnit::mm, 2, LoopFigures{});
     const std::atomic<bool> stop{true};
     loop->run(stop);  // recovers, then returns because it is told to stop
     inputs.enable = true;
