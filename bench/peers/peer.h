@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "bench/samples.h"
+
+/// What every program of the comparison shares, slabd's own included: the task it is given, the clocks it is timed
+/// with and the truth its answer is held to. Standard types only, because every library brings flags and an Eigen
+/// alignment of its own.
+///
+/// The task is a folder written by the driver (bench/scene.h says what lies in it):
+///     scan.ply      the scan as binary PLY, missing points left out
+///     labels.u8     1 for every point of scan.ply that is an outlier
+///     model.f32     the model's surface, x y z nx ny nz, block frame, one point per 1.5 mm
+///     clean.f32     the scan on 1.5 mm voxels, freed of outliers by the true labels, x y z, scanner frame
+///     crop.f32      the bearing plane's points, x y z, scanner frame, outliers and a little of the jaws among them
+///     truth.f64     T_block_scanner as it is and as the start assumes (4x4 by rows), the seat's normal in the block
+namespace slabd::bench {
+
+/// A rigid transform by rows: p_a = T_a_b p_b.
+using Rigid = std::array<double, 16>;
+using Direction = std::array<double, 3>;
+
+struct Truth {
+  Rigid T_block_scanner{};
+  Rigid T_block_scanner_start{};
+  Direction seat_normal_block{};
+};
+
+/// Settings that all programs share, so that they do the same work.
+inline constexpr double kVoxelMm = 1.5;
+inline constexpr double kIcpGateMm = 6.0;
+inline constexpr int kIcpIterationsMax = 50;
+inline constexpr int kSorNeighbours = 20;
+inline constexpr double kSorSigmas = 2.0;
+inline constexpr double kPlaneInlierMm = 0.10;
+/// The bearing plane in the block's frame: |x|, |y| and the distance to the nominal plane are below these.
+inline constexpr double kCropXMm = 95.0;
+inline constexpr double kCropYMm = 185.0;
+inline constexpr double kCropZMm = 12.0;
+inline constexpr double kSlope = 1.0 / 40.0;
+
+/// One run of one program on one task; prints what it found as one line of JSON on stdout.
+class Peer {
+ public:
+  /// `peer --folder F --job J [--repeats N] [--threads N]`; ends the process with a message when that is not what
+  /// stands there.
+  Peer(int argc, char** argv, std::string name, std::string version);
+
+  [[nodiscard]] const std::string& job() const { return job_; }
+  [[nodiscard]] int repeats() const { return repeats_; }
+  [[nodiscard]] int threads() const { return threads_; }
+  [[nodiscard]] const Truth& truth() const { return truth_; }
+  [[nodiscard]] std::string path(const std::string& file) const { return folder_ + "/" + file; }
+  /// A file of the folder as numbers; ends the process when it cannot be read.
+  [[nodiscard]] std::vector<float> floats(const std::string& file) const;
+  [[nodiscard]] std::vector<std::uint8_t> labels() const;
+
+  /// Starts the clocks of one repetition.
+  void begin();
+  /// The time since `begin` or the last lap belongs to `stage`.
+  void lap(const std::string& stage);
+  /// Stops the clocks. What follows (scoring) is not timed.
+  void end();
+
+  void score_pose(const Rigid& T_block_scanner);
+  /// Of the seat plane, in the scanner's frame, either sign.
+  void score_normal(const Direction& normal_scanner);
+  /// `kept[i]`: point i of scan.ply was kept.
+  void score_denoising(const std::vector<bool>& kept);
+  void figure(const std::string& name, double value);
+
+  /// Prints the line. Returns the exit status.
+  [[nodiscard]] int print() const;
+
+ private:
+  struct Repeat {
+    std::vector<std::pair<std::string, Sample>> stages;
+    Sample total;
+    double allocations = -1.0;  ///< -1: not counted
+  };
+  std::string name_, version_, folder_, job_;
+  int repeats_ = 1;
+  int threads_ = 1;
+  Truth truth_;
+  std::vector<Repeat> runs_;
+  std::vector<std::pair<std::string, double>> figures_;
+  Stopwatch watch_;
+  std::uint64_t heap_calls_ = 0;
+};
+
+/// a * b of rigid transforms, and the way back.
+[[nodiscard]] Rigid product(const Rigid& a, const Rigid& b);
+[[nodiscard]] Rigid inverse(const Rigid& T);
+[[nodiscard]] Direction rotated(const Rigid& T, const Direction& v);
+
+/// Orthogonal least squares through the points within `reach_mm` of the plane n.p = d (both are replaced); what every
+/// careful user of a library does after its RANSAC. Double precision, one pass per step, until the plane stands still
+/// or `steps_max`. Points are `stride` floats or doubles apart, x y z first. Also tells peak to valley and standard
+/// deviation of the points taken.
+struct PlaneAnswer {
+  Direction normal{};
+  double offset_mm = 0.0;
+  std::size_t inliers = 0;
+  double std_mm = 0.0;
+  double peak_to_valley_mm = 0.0;
+};
+template <class Number>
+void refit_plane(const Number* xyz, std::size_t points, std::size_t stride, double reach_mm, PlaneAnswer& plane);
+template <class Number>
+void spread_about(const Number* xyz, std::size_t points, std::size_t stride, double reach_mm, PlaneAnswer& plane);
+
+}  // namespace slabd::bench

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "bench/samples.h"
+
+/// What was measured, as one JSON object, and that object as tables.
+namespace slabd::bench {
+
+using Json = nlohmann::ordered_json;
+
+/// Always there in the object that `script/bench --json` prints: a number, or null when it was not measured. `_ms`:
+/// milliseconds as `Figure::ms`; the warm floor, the block and its stages on the organised scan.
+inline constexpr std::array<std::string_view, 20> kPromisedKeys = {"floor_read_warm_ms",
+                                                                   "floor_read_warm_2t_ms",
+                                                                   "floor_read_cold_ms",
+                                                                   "floor_read_cold_2t_ms",
+                                                                   "block_1t_ms",
+                                                                   "block_2t_ms",
+                                                                   "block_unorganised_1t_ms",
+                                                                   "block_shuffled_1t_ms",
+                                                                   "block_perspective_1t_ms",
+                                                                   "read_ply_ms",
+                                                                   "read_ply_cold_ms",
+                                                                   "read_xyz_ms",
+                                                                   "denoise_1t_ms",
+                                                                   "register_1t_ms",
+                                                                   "extract_1t_ms",
+                                                                   "plane_1t_ms",
+                                                                   "allocations_per_block",
+                                                                   "rss_mb",
+                                                                   "file_to_verdict_1t_ms",
+                                                                   "file_to_verdict_unorganised_1t_ms"};
+/// The same for the programs slabd is compared with.
+inline constexpr std::array<std::string_view, 6> kPromisedPeerKeys = {
+    "pcl_tuned_ms",   "open3d_tuned_ms",          "pcl_spec_ms",
+    "open3d_spec_ms", "fastest_peer_register_ms", "fastest_peer_plane_ms"};
+
+/// What bench/peers printed, line by line: one object per process run.
+using PeerRuns = std::vector<Json>;
+
+struct Measured {
+  Samples stages;
+  PeerRuns peers;    ///< timed; slabd's own runs among them
+  PeerRuns counted;  ///< with heap calls counted, not timed
+  Json environment;  ///< machine, versions, date, load: printed as it is
+};
+
+[[nodiscard]] Json report(const Measured& measured);
+
+/// The tables of RESULTS.md.
+[[nodiscard]] std::string markdown(const Json& report);
+
+}  // namespace slabd::bench
