@@ -15,8 +15,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
+#include "algo/casing_points.h"
 #include "algo/circle.h"
+#include "algo/median.h"
 #include "algo/moments.h"
 
 namespace slabd::algo {
@@ -28,6 +31,8 @@ constexpr std::size_t kSectorsMin = kSectors / 2;
 constexpr double kSpreadMin = 0.09;
 /// The innermost points depend on the centre the sectors are drawn around; this many rounds settle it.
 constexpr int kRounds = 6;
+/// ... or fewer: the same innermost points give the same centre but for this.
+constexpr double kSettled_mm = 1e-9;
 /// Innermost points are looked for this far around the nominal bore radius.
 constexpr double kSearch_mm = 2.5;
 /// ... and this far off the nominal rim height.
@@ -46,124 +51,183 @@ constexpr double kRadiusOffMax_mm = 1.0;
 constexpr std::uint32_t kRimPointsMin = 200;
 constexpr std::size_t kHeightSample = 4096;
 
-/// Plane coordinates around the nominal centre: x along the rail, s across, height above the fitted seat.
+/// Points a pass looks at in one go; their heights then fit the stack.
+constexpr std::size_t kPiece = 1024;
+
+/// Plane coordinates around the nominal centre: x along the rail, y across, height above the fitted seat.
 class CasingFrame {
  public:
-  explicit CasingFrame(const CasingTask& task) : n_(task.seat.normal), offset_(task.seat.offset_mm) {
-    origin_ = task.centre - (n_.dot(task.centre) - offset_) * n_;
-    ex_ = (Vec3::UnitX() - n_.x() * n_).normalized();
-    es_ = n_.cross(ex_);
+  CasingFrame(const CasingTask& task, const SeatFrame& seat) {
+    const Vec3& n = task.seat.normal;
+    const Vec3 at = seat.in_seat(task.centre);
+    axes_.x_mm = static_cast<float>(at[0]);
+    axes_.s_mm = static_cast<float>(at[1]);
+    const Vec3 place = seat.in_block(static_cast<double>(axes_.x_mm), static_cast<double>(axes_.s_mm), 0.0);
+    const double height = n.dot(place) - task.seat.offset_mm;
+    origin_ = place - height * n;
+    ex_ = (Vec3::UnitX() - n.x() * n).normalized();
+    ey_ = n.cross(ex_);
+    const auto factors = [&](const Vec3& v) {
+      return std::array{static_cast<float>(v.dot(seat.along_rail)), static_cast<float>(v.dot(seat.along_seat)),
+                        static_cast<float>(v.dot(seat.up))};
+    };
+    axes_.across = factors(ex_);
+    axes_.along = factors(ey_);
+    axes_.up = factors(n);
+    axes_.up_mm = static_cast<float>(height);
   }
-  [[nodiscard]] Vec2 in_plane(const Vec3& p) const { return {ex_.dot(p - origin_), es_.dot(p - origin_)}; }
-  [[nodiscard]] double height(const Vec3& p) const { return n_.dot(p) - offset_; }
-  [[nodiscard]] Vec3 in_block(const Vec2& q) const { return origin_ + q.x() * ex_ + q.y() * es_; }
+  [[nodiscard]] const CasingAxes& axes() const { return axes_; }
+  [[nodiscard]] Vec3 in_block(const Vec2& q) const { return origin_ + q.x() * ex_ + q.y() * ey_; }
 
  private:
-  Vec3 n_;
-  double offset_;
+  CasingAxes axes_;
   Vec3 origin_;
   Vec3 ex_;
-  Vec3 es_;
+  Vec3 ey_;
 };
+
+/// Calls `look(piece)` for all points, kPiece at most in one go.
+template <typename Look>
+void for_each_piece(std::span<const SeatPoints> runs, const SeatFrame&, const Look& look) {
+  for (const SeatPoints& run : runs) {
+    for (std::size_t first = 0; first < run.size(); first += kPiece) {
+      const std::size_t count = std::min(kPiece, run.size() - first);
+      look({run.x.subspan(first, count), run.s.subspan(first, count), run.h.subspan(first, count)});
+    }
+  }
+}
+
+/// The same for points that are still in the cloud.
+template <typename Look>
+void for_each_piece(const CloudPoints& cloud, const SeatFrame& seat, const Look& look) {
+  std::array<float, kPiece> x;
+  std::array<float, kPiece> s;
+  std::array<float, kPiece> h;
+  for (std::size_t first = 0; first < cloud.size(); first += kPiece) {
+    const std::size_t count = std::min(kPiece, cloud.size() - first);
+    for (std::size_t i = 0; i < count; ++i) {
+      const Vec3 p = seat.in_seat(cloud[first + i]);
+      x[i] = static_cast<float>(p[0]);
+      s[i] = static_cast<float>(p[1]);
+      h[i] = static_cast<float>(p[2]);
+    }
+    look(SeatPoints{std::span(x).first(count), std::span(s).first(count), std::span(h).first(count)});
+  }
+}
 
 struct EdgePoints {
   std::array<Vec2, kSectors> points;
   std::size_t size = 0;
   [[nodiscard]] std::span<const Vec2> view() const { return {points.data(), size}; }
+  [[nodiscard]] bool operator==(const EdgePoints& other) const {
+    return std::equal(view().begin(), view().end(), other.view().begin(), other.view().end());
+  }
 };
 
+CasingRing ring(const Vec2& centre, double inner_mm, double outer_mm, double low_mm, double high_mm) {
+  return {static_cast<float>(centre.x()), static_cast<float>(centre.y()), static_cast<float>(inner_mm),
+          static_cast<float>(outer_mm),   static_cast<float>(low_mm),     static_cast<float>(high_mm)};
+}
+
 /// The innermost point of each sector around `centre`.
-EdgePoints innermost(const CloudPoints& cloud, const CasingTask& task, const CasingFrame& frame, const Vec2& centre) {
-  constexpr double kPerRad = static_cast<double>(kSectors) / (2.0 * kPi);
-  std::array<double, kSectors> radius;
-  std::array<Vec2, kSectors> point;
-  const double outermost = std::min(task.bore_radius_mm + kSearch_mm, task.rim_radius_mm - 0.5);
-  radius.fill(outermost);
-  for (std::size_t i = 0; i < cloud.size(); ++i) {
-    const Vec3 p = cloud[i];
-    const Vec2 q = frame.in_plane(p);
-    const Vec2 out = q - centre;
-    const double r = out.norm();
-    if (r >= outermost || r < task.bore_radius_mm - kSearch_mm) continue;
-    if (std::abs(frame.height(p) - task.rim_height_mm) > kHeightGate_mm) continue;
-    const auto sector =
-        std::min(static_cast<std::size_t>((std::atan2(out.y(), out.x()) + kPi) * kPerRad), kSectors - 1);
-    if (r >= radius[sector]) continue;
-    radius[sector] = r;
-    point[sector] = q;
-  }
+template <typename Points>
+EdgePoints innermost(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
+                     const Vec2& centre) {
+  const CasingRing near_edge = ring(centre, task.bore_radius_mm - kSearch_mm,
+                                    std::min(task.bore_radius_mm + kSearch_mm, task.rim_radius_mm - 0.5),
+                                    task.rim_height_mm - kHeightGate_mm, task.rim_height_mm + kHeightGate_mm);
+  Innermost found(near_edge);
+  for_each_piece(points, seat, [&](const SeatPoints& piece) { find_innermost(piece, frame.axes(), near_edge, found); });
   EdgePoints edge;
   for (std::size_t k = 0; k < kSectors; ++k)
-    if (radius[k] < outermost) edge.points[edge.size++] = point[k];
+    if (found.seen(k, near_edge))
+      edge.points[edge.size++] = Vec2(static_cast<double>(found.x[k]), static_cast<double>(found.y[k]));
   return edge;
 }
 
 /// Robust mean height of the rim around the measured centre, clear of its inner and outer edge.
-void measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingFrame& frame, const Vec2& centre,
-                 CasingFeature& casing) {
+template <typename Points>
+void measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
+                 const Vec2& centre, CasingFeature& casing) {
   const double width = task.rim_radius_mm - task.bore_radius_mm;
   const double margin = std::min(task.edge_margin_mm, 0.25 * width);
-  const double inner = task.bore_radius_mm + margin;
-  const double outer = task.rim_radius_mm - margin;
-  const auto on_rim = [&](std::size_t i, double& height) {
-    const Vec3 p = cloud[i];
-    const double r = (frame.in_plane(p) - centre).norm();
-    height = frame.height(p);
-    return r >= inner && r <= outer;
+  constexpr double kAny = std::numeric_limits<float>::max();
+  const CasingRing rim = ring(centre, task.bore_radius_mm + margin, task.rim_radius_mm - margin, -kAny, kAny);
+  const auto for_each_height = [&](const auto& use) {
+    std::array<float, kPiece> heights;
+    for_each_piece(points, seat, [&](const SeatPoints& piece) {
+      use(std::span<const float>(heights).first(heights_in_ring(piece, frame.axes(), rim, heights)));
+    });
   };
 
-  std::uint32_t count = 0;
-  double height = 0.0;
-  for (std::size_t i = 0; i < cloud.size(); ++i)
-    if (on_rim(i, height)) ++count;
+  std::size_t count = 0;
+  for_each_height([&](std::span<const float> heights) { count += heights.size(); });
   if (count < kRimPointsMin) return;
-  const std::uint32_t every = 1 + count / static_cast<std::uint32_t>(kHeightSample);
+  const std::size_t every = 1 + count / kHeightSample;
   std::array<double, kHeightSample> sample;
   std::size_t sampled = 0;
-  std::uint32_t seen = 0;
-  for (std::size_t i = 0; i < cloud.size(); ++i)
-    if (on_rim(i, height) && seen++ % every == 0 && sampled < sample.size()) sample[sampled++] = height;
-  const auto end = sample.begin() + static_cast<std::ptrdiff_t>(sampled);
-  const auto middle = sample.begin() + static_cast<std::ptrdiff_t>(sampled / 2);
-  std::nth_element(sample.begin(), middle, end);
-  const double median = *middle;
+  std::size_t next = 0;
+  for_each_height([&](std::span<const float> heights) {
+    for (; next < heights.size(); next += every)
+      if (sampled < sample.size()) sample[sampled++] = static_cast<double>(heights[next]);
+    next -= heights.size();
+  });
+  const double median = median_of(std::span(sample).first(sampled));
+  // The search has mixed the sample up, but all of it is still there.
   for (std::size_t i = 0; i < sampled; ++i) sample[i] = std::abs(sample[i] - median);
-  std::nth_element(sample.begin(), middle, end);
-  const double reach = std::max(4.0 * 1.4826 * *middle, 1e-3);
+  const double reach = std::max(4.0 * 1.4826 * median_of(std::span(sample).first(sampled)), 1e-3);
 
-  ScalarMoments heights(median);
-  for (std::size_t i = 0; i < cloud.size(); ++i)
-    if (on_rim(i, height) && std::abs(height - median) <= reach) heights.add(height);
-  heights.close_block();
-  casing.rim_points = static_cast<std::uint32_t>(heights.count());
-  casing.height_mm = heights.mean();
-  casing.rim_std_mm = std::sqrt(heights.variance(1));
-  casing.sigma_height_mm = casing.rim_std_mm / std::sqrt(static_cast<double>(heights.count()));
+  ScalarMoments near(median);
+  for_each_height([&](std::span<const float> heights) {
+    for (const float h : heights)
+      if (std::abs(static_cast<double>(h) - median) <= reach) near.add(static_cast<double>(h));
+  });
+  near.close_block();
+  casing.rim_points = static_cast<std::uint32_t>(near.count());
+  casing.height_mm = near.mean();
+  casing.rim_std_mm = std::sqrt(near.variance(1));
+  casing.sigma_height_mm = casing.rim_std_mm / std::sqrt(static_cast<double>(near.count()));
 }
 
-}  // namespace
-
-CasingFeature measure_casing(const CloudPoints& points, const CasingTask& task) {
+template <typename Points>
+CasingFeature measure(const Points& points, const SeatFrame& seat, const CasingTask& task) {
   CasingFeature casing;
-  const CasingFrame frame(task);
+  const CasingFrame frame(task, seat);
   Circle circle;
+  EdgePoints edge;
   for (int round = 0; round < kRounds; ++round) {
     const Vec2 centre = circle.ok ? circle.centre : Vec2(Vec2::Zero());
-    const EdgePoints edge = innermost(points, task, frame, centre);
+    const EdgePoints before = edge;
+    edge = innermost(points, seat, task, frame, centre);
     casing.edge_points = static_cast<std::uint32_t>(edge.size);
     if (edge.size < kSectorsMin) return casing;
     circle = fit_circle_robust(edge.view(), centre, kEdgeWeights);
     casing.inlier_fraction = circle.weight / static_cast<double>(kSectors);
     if (!circle.ok || circle.weight < 0.4 * static_cast<double>(kSectors) || circle.spread < kSpreadMin) return casing;
+    // The same points and the same circle: no round will find another.
+    if (edge == before && (circle.centre - centre).norm() <= kSettled_mm) break;
   }
   casing.centre = frame.in_block(circle.centre);
   casing.radius_mm = circle.radius;
   casing.edge_rms_mm = circle.scatter;
   casing.cov_circle = shared_rows(circle.spread) * circle.covariance;
   if (std::abs(circle.radius - task.bore_radius_mm) > kRadiusOffMax_mm) return casing;
-  measure_rim(points, task, frame, circle.centre, casing);
+  measure_rim(points, seat, task, frame, circle.centre, casing);
   casing.ok = casing.rim_points >= kRimPointsMin;
   return casing;
+}
+
+}  // namespace
+
+CasingFeature measure_casing(std::span<const SeatPoints> runs, const SeatFrame& frame, const CasingTask& task) {
+  return measure(runs, frame, task);
+}
+
+CasingFeature measure_casing(const CloudPoints& points, const CasingTask& task) {
+  // Any frame along the seat will do; at the casing floats are finest.
+  const Vec3& n = task.seat.normal;
+  const Vec3 along_rail = (Vec3::UnitX() - n.x() * n).normalized();
+  return measure(points, {task.centre, along_rail, n.cross(along_rail), n}, task);
 }
 
 }  // namespace slabd::algo

@@ -22,13 +22,6 @@ struct CellGrid {
     rows = static_cast<std::size_t>(std::ceil(2.0 * r.half_s_mm / r.cell_mm - 1e-9));
   }
   [[nodiscard]] std::size_t cells() const { return columns * rows; }
-  [[nodiscard]] std::size_t cell(const Vec3& p) const {
-    const double column = (p.x() + region.half_x_mm) / region.cell_mm;
-    const double row = (region.along_seat.dot(p) + region.half_s_mm) / region.cell_mm;
-    const std::size_t c = std::min(static_cast<std::size_t>(std::max(column, 0.0)), columns - 1);
-    const std::size_t r = std::min(static_cast<std::size_t>(std::max(row, 0.0)), rows - 1);
-    return r * columns + c;
-  }
   /// Centre of a cell along the rail and along the seat.
   [[nodiscard]] double x_of(std::size_t cell) const {
     return (static_cast<double>(cell % columns) + 0.5) * region.cell_mm - region.half_x_mm;

@@ -17,9 +17,10 @@
 #include "algo/cell_noise.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Core>
 #include <array>
 
-#include "algo/moments.h"
+#include "algo/median.h"
 
 namespace slabd::algo {
 namespace {
@@ -29,7 +30,7 @@ constexpr double kWavelengthMax_mm = 40.0;
 constexpr double kWavelengthMin_mm = 10.0;
 /// What is longer than this counts as form when the noise of a cell is asked for.
 constexpr double kFormLength_mm = 20.0;
-constexpr std::size_t kModesMax = 40;  ///< along one axis: 200 mm of seat
+constexpr int kModesMax = 40;  ///< along one axis: 200 mm of seat
 constexpr std::size_t kRings = 6;
 /// Single energies above this multiple of their ring's level are form (chi-square with one degree of freedom: 5e-4).
 constexpr double kEnergyMax = 12.0;
@@ -40,61 +41,106 @@ constexpr int kDegree = 4;
 constexpr int kTerms = (kDegree + 1) * (kDegree + 2) / 2;
 using Terms = Eigen::Matrix<double, kTerms, 1>;
 
-Terms terms_at(double x, double s) {
-  Terms terms;
-  int k = 0;
-  double px = 1.0;
-  for (int i = 0; i <= kDegree; ++i, px *= x) {
-    double ps = 1.0;
-    for (int j = 0; i + j <= kDegree; ++j, ps *= s) terms[k++] = px * ps;
+/// One side of the region may have this many cells. A region of at least 40 mm either way and of at most
+/// limits::kFlatnessCellsMax cells stays below 345 up to 560 mm of length.
+constexpr Eigen::Index kAxisMax = 352;
+
+/// Functions of the place along one axis, a row for each place: powers or cosines.
+using Table = Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor, kAxisMax, kModesMax + 1>;
+/// A row for each function.
+template <Eigen::Index kLength>
+using Rows = Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor, kModesMax + 1, kLength>;
+/// A value for each cell, row by row.
+using Field = Eigen::Map<Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
+
+/// Powers 0..count - 1 of the places of `cells` cells along an axis, scaled to -1..1 over 2 * half_mm.
+Table powers(std::size_t cells, double cell_mm, double half_mm, int count) {
+  Table table(static_cast<Eigen::Index>(cells), count);
+  for (Eigen::Index i = 0; i < table.rows(); ++i) {
+    const double x = ((static_cast<double>(i) + 0.5) * cell_mm - half_mm) / half_mm;
+    table(i, 0) = 1.0;
+    for (int k = 1; k < count; ++k) table(i, k) = x * table(i, k - 1);
   }
-  return terms;
+  return table;
 }
 
-double median_of(std::span<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+/// Sums over all cells of value * f(row) * g(column), for every f and g of two tables: over the rows first, then over
+/// the columns. That is what makes polynomial and cosines cheap; cell by cell they cost thirty times as much.
+template <typename Sums>
+void sum_products(const Table& along, const Field& values, const Table& across, Sums& sums) {
+  Rows<kAxisMax> by_column(along.cols(), values.cols());
+  by_column.setZero();
+  sums.setZero();
+  // Whole rows are added, four at a time: no sum waits for the one before.
+  const Eigen::Index fours = values.rows() / 4 * 4;
+  for (Eigen::Index r = 0; r < fours; r += 4)
+    for (Eigen::Index f = 0; f < along.cols(); ++f)
+      by_column.row(f) += along(r, f) * values.row(r) + along(r + 1, f) * values.row(r + 1) +
+                          along(r + 2, f) * values.row(r + 2) + along(r + 3, f) * values.row(r + 3);
+  for (Eigen::Index r = fours; r < values.rows(); ++r)
+    for (Eigen::Index f = 0; f < along.cols(); ++f) by_column.row(f) += along(r, f) * values.row(r);
+  for (Eigen::Index f = 0; f < along.cols(); ++f)
+    for (Eigen::Index c = 0; c < across.rows(); ++c) sums.row(f) += by_column(f, c) * across.row(c);
 }
 
-/// 1.4826 times the median distance from zero of those that count.
-double robust_sigma_of(std::span<const double> heights, const std::array<bool, limits::kFlatnessCellsMax>& out) {
+/// 1.4826 times the median distance from zero of the cells with weight.
+double robust_sigma_of(const Field& heights, const Field& weight) {
   std::array<double, limits::kFlatnessCellsMax> size;
   std::size_t n = 0;
-  for (std::size_t i = 0; i < heights.size(); ++i)
-    if (!out[i]) size[n++] = std::abs(heights[i]);
-  return n == 0 ? 0.0 : 1.4826 * median_of(std::span(size).first(n));
+  for (Eigen::Index i = 0; i < heights.size(); ++i) {
+    size[n] = std::abs(heights.data()[i]);
+    n += weight.data()[i] > 0.0 ? 1U : 0U;
+  }
+  return 1.4826 * median_of(std::span(size).first(n));
 }
 
-/// Takes the low polynomial off, then sets to zero what still stands out. Returns how many cells are left.
-std::size_t remove_form(const CellGrid& grid, std::span<double> heights, std::span<const std::uint32_t> cells) {
-  std::array<bool, limits::kFlatnessCellsMax> out{};
-  std::size_t left = heights.size();
-  const auto terms_of = [&](std::size_t i) {
-    return terms_at(grid.x_of(cells[i]) / grid.region.half_x_mm, grid.s_of(cells[i]) / grid.region.half_s_mm);
-  };
+/// Takes the low polynomial off, then sets to zero what still stands out. `weight` is 1 where a cell is, 0 elsewhere,
+/// and in the end where one is left. Returns how many are left.
+std::size_t remove_form(const CellGrid& grid, Field& heights, Field& weight) {
+  constexpr int kPowers = 2 * kDegree + 1;
+  const Table across = powers(grid.columns, grid.region.cell_mm, grid.region.half_x_mm, kPowers);
+  const Table along = powers(grid.rows, grid.region.cell_mm, grid.region.half_s_mm, kPowers);
+  std::array<double, limits::kFlatnessCellsMax> present_room;
+  Field present(present_room.data(), weight.rows(), weight.cols());
+  present = weight;
+  std::array<double, limits::kFlatnessCellsMax> weighted_room;
+  Field weighted(weighted_room.data(), weight.rows(), weight.cols());
+  using Sums = Eigen::Array<double, kPowers, kPowers, Eigen::RowMajor>;
+  Sums of_weight;
+  Sums of_height;
+  std::size_t left = 0;
   // A chip leans on the polynomial until it is left out.
   for (int round = 0; round < 3; ++round) {
-    Eigen::Matrix<double, kTerms, kTerms> H = Eigen::Matrix<double, kTerms, kTerms>::Zero();
-    Terms g = Terms::Zero();
-    for (std::size_t i = 0; i < heights.size(); ++i) {
-      if (out[i]) continue;
-      const Terms t = terms_of(i);
-      H += t * t.transpose();
-      g += heights[i] * t;
+    weighted = weight * heights;
+    sum_products(along, weight, across, of_weight);
+    sum_products(along, weighted, across, of_height);
+    // Terms x^i s^j in one fixed order.
+    Eigen::Matrix<double, kTerms, kTerms> H;
+    Terms g;
+    int row = 0;
+    for (int i = 0; i <= kDegree; ++i) {
+      for (int j = 0; i + j <= kDegree; ++j, ++row) {
+        g[row] = of_height(j, i);
+        int column = 0;
+        for (int k = 0; k <= kDegree; ++k)
+          for (int l = 0; k + l <= kDegree; ++l) H(row, column++) = of_weight(j + l, i + k);
+      }
     }
     const Terms form = H.ldlt().solve(g);
     if (!form.allFinite()) return 0;
-    for (std::size_t i = 0; i < heights.size(); ++i) heights[i] -= form.dot(terms_of(i));
-    const double limit = kOutlierSigmas * robust_sigma_of(heights, out);
-    left = 0;
-    for (std::size_t i = 0; i < heights.size(); ++i) {
-      out[i] = std::abs(heights[i]) > limit;
-      if (!out[i]) ++left;
-    }
+    Eigen::Matrix<double, kDegree + 1, kDegree + 1> coefficient = decltype(coefficient)::Zero();
+    row = 0;
+    for (int i = 0; i <= kDegree; ++i)
+      for (int j = 0; i + j <= kDegree; ++j) coefficient(j, i) = form[row++];
+    Eigen::Matrix<double, kDegree + 1, Eigen::Dynamic, Eigen::RowMajor, kDegree + 1, kAxisMax> of_s(kDegree + 1,
+                                                                                                    heights.cols());
+    of_s.noalias() = coefficient.lazyProduct(across.leftCols<kDegree + 1>().matrix().transpose());
+    heights.matrix().noalias() -= along.leftCols<kDegree + 1>().matrix().lazyProduct(of_s);
+    const double limit = kOutlierSigmas * robust_sigma_of(heights, weight);
+    weight = (heights.abs() <= limit).cast<double>() * present;
+    left = static_cast<std::size_t>(weight.sum());
   }
-  for (std::size_t i = 0; i < heights.size(); ++i)
-    if (out[i]) heights[i] = 0.0;
+  heights *= weight;
   return left;
 }
 
@@ -123,22 +169,13 @@ class Line {
 /// The heights as cosines over the region.
 class Spectrum {
  public:
-  Spectrum(const CellGrid& grid, std::span<const double> heights, std::span<const std::uint32_t> cells)
+  Spectrum(const CellGrid& grid, const Field& heights)
       : across_(2.0 * grid.region.cell_mm * static_cast<double>(grid.columns)),
         along_(2.0 * grid.region.cell_mm * static_cast<double>(grid.rows)) {
     columns_ = modes(across_);
     rows_ = modes(along_);
-    for (std::size_t i = 0; i < heights.size(); ++i) {
-      Cosines x;
-      Cosines s;
-      cosines(cells[i] % grid.columns, grid.columns, columns_, x);
-      cosines(cells[i] / grid.columns, grid.rows, rows_, s);
-      for (std::size_t q = 0; q <= rows_; ++q) {
-        const double h = heights[i] * s[q];
-        double* row = amplitude_.data() + q * (kModesMax + 1);
-        for (std::size_t p = 0; p <= columns_; ++p) row[p] += h * x[p];
-      }
-    }
+    amplitude_.resize(static_cast<Eigen::Index>(rows_) + 1, static_cast<Eigen::Index>(columns_) + 1);
+    sum_products(cosines(grid.rows, rows_), heights, cosines(grid.columns, columns_), amplitude_);
     // Orthonormal cosines: 2 / sqrt(cells) for modes that vary both ways.
     scale_ = 4.0 / static_cast<double>(grid.cells());
   }
@@ -186,16 +223,18 @@ class Spectrum {
   }
 
  private:
-  using Cosines = std::array<double, kModesMax + 1>;
   static std::size_t modes(double twice_length_mm) {
-    return std::min(static_cast<std::size_t>(twice_length_mm / kWavelengthMin_mm), kModesMax);
+    return std::min(static_cast<std::size_t>(twice_length_mm / kWavelengthMin_mm), std::size_t{kModesMax});
   }
   /// cos(p pi (i + 1/2) / n) for p = 0..count, by the angle addition rule.
-  static void cosines(std::size_t i, std::size_t n, std::size_t count, Cosines& c) {
-    const double one = std::cos(kPi * (static_cast<double>(i) + 0.5) / static_cast<double>(n));
-    c[0] = 1.0;
-    c[1] = one;
-    for (std::size_t p = 2; p <= count; ++p) c[p] = 2.0 * one * c[p - 1] - c[p - 2];
+  static Table cosines(std::size_t n, std::size_t count) {
+    Table c(static_cast<Eigen::Index>(n), static_cast<Eigen::Index>(count) + 1);
+    for (Eigen::Index i = 0; i < c.rows(); ++i) {
+      const double one = std::cos(kPi * (static_cast<double>(i) + 0.5) / static_cast<double>(n));
+      c(i, 0) = 1.0;
+      for (Eigen::Index p = 1; p < c.cols(); ++p) c(i, p) = p == 1 ? one : 2.0 * one * c(i, p - 1) - c(i, p - 2);
+    }
+    return c;
   }
   /// Square of the wave number of a mode (1/mm^2), and its energy (mm^2).
   [[nodiscard]] double k2(std::size_t p, std::size_t q) const {
@@ -204,7 +243,7 @@ class Spectrum {
     return kx * kx + ks * ks;
   }
   [[nodiscard]] double energy(std::size_t p, std::size_t q) const {
-    const double a = amplitude_[q * (kModesMax + 1) + p];
+    const double a = amplitude_(static_cast<Eigen::Index>(q), static_cast<Eigen::Index>(p));
     return scale_ * (p == 0 ? 0.5 : 1.0) * (q == 0 ? 0.5 : 1.0) * a * a;
   }
   [[nodiscard]] double mean_energy(double from, double to, double& count) const {
@@ -235,30 +274,40 @@ class Spectrum {
   std::size_t columns_ = 0;
   std::size_t rows_ = 0;
   double scale_ = 0.0;
-  std::array<double, (kModesMax + 1) * (kModesMax + 1)> amplitude_{};
+  /// A row for each mode along the seat.
+  Rows<kModesMax + 1> amplitude_;
 };
 
 }  // namespace
 
-CellNoise noise_of_cells(const CellGrid& grid, std::span<double> heights, std::span<const std::uint32_t> cells,
+CellNoise noise_of_cells(const CellGrid& grid, std::span<const double> heights, std::span<const std::uint32_t> cells,
                          double within_variance_mm2, double points_per_cell) {
   CellNoise noise;
-  if (heights.size() < kCellsMin || heights.size() > limits::kFlatnessCellsMax || !(points_per_cell >= 1.0) ||
+  if (heights.size() < kCellsMin || grid.cells() > limits::kFlatnessCellsMax ||
+      std::max(grid.columns, grid.rows) > std::size_t{kAxisMax} || !(points_per_cell >= 1.0) ||
       2.0 * std::fmin(grid.region.half_x_mm, grid.region.half_s_mm) < kWavelengthMax_mm)
     return noise;
-  const std::size_t left = remove_form(grid, heights, cells);
+  std::array<double, limits::kFlatnessCellsMax> height_room;
+  std::array<double, limits::kFlatnessCellsMax> weight_room;
+  const auto rows = static_cast<Eigen::Index>(grid.rows);
+  const auto columns = static_cast<Eigen::Index>(grid.columns);
+  Field field(height_room.data(), rows, columns);
+  Field weight(weight_room.data(), rows, columns);
+  field.setZero();
+  weight.setZero();
+  for (std::size_t i = 0; i < heights.size(); ++i) {
+    field.data()[cells[i]] = heights[i];
+    weight.data()[cells[i]] = 1.0;
+  }
+  const std::size_t left = remove_form(grid, field, weight);
   if (left < kCellsMin) return noise;
   // Where no cell is, or one was left out, the heights are zero: the energies lack its part.
   const double present = static_cast<double>(left) / static_cast<double>(grid.cells());
-  const Spectrum spectrum(grid, heights, cells);
+  const Spectrum spectrum(grid, field);
   const double density = spectrum.at_infinity() / present;
   // All energies sum up to the heights' squares; the long ones are replaced by what the noise has there.
   double long_modes = 0.0;
-  ScalarMoments squares(0.0);
-  for (const double h : heights) squares.add(h * h);
-  squares.close_block();
-  const double total = squares.mean() * static_cast<double>(heights.size());
-  const double noise_energy = total - spectrum.form_energy(long_modes);
+  const double noise_energy = field.square().sum() - spectrum.form_energy(long_modes);
   const double cell_variance = (noise_energy / present + long_modes * density) / static_cast<double>(grid.cells());
   const double point_variance = cell_variance + (1.0 - 1.0 / points_per_cell) * within_variance_mm2;
   if (!(cell_variance > 0.0) || !(point_variance > 0.0)) return noise;

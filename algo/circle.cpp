@@ -11,6 +11,8 @@
 #include <array>
 #include <cmath>
 
+#include "algo/median.h"
+
 namespace slabd::algo {
 namespace {
 
@@ -32,54 +34,69 @@ double mean_radius(std::span<const Vec2> points, const Vec2& centre) {
 double median_radius(std::span<const Vec2> points, const Vec2& centre) {
   std::array<double, kPointsMax> r;
   for (std::size_t i = 0; i < points.size(); ++i) r[i] = (points[i] - centre).norm();
-  const auto middle = r.begin() + static_cast<std::ptrdiff_t>(points.size() / 2);
-  std::nth_element(r.begin(), middle, r.begin() + static_cast<std::ptrdiff_t>(points.size()));
-  return *middle;
+  return median_of(std::span(r).first(points.size()));
 }
 
 /// Median distance to the circle as a standard deviation.
 double scale_of(std::span<const Vec2> points, const Circle& circle) {
   std::array<double, kPointsMax> r;
   for (std::size_t i = 0; i < points.size(); ++i) r[i] = std::abs((points[i] - circle.centre).norm() - circle.radius);
-  const auto middle = r.begin() + static_cast<std::ptrdiff_t>(points.size() / 2);
-  std::nth_element(r.begin(), middle, r.begin() + static_cast<std::ptrdiff_t>(points.size()));
-  return 1.4826 * *middle;
+  return 1.4826 * median_of(std::span(r).first(points.size()));
 }
 
-/// Normal equations of one weighted Gauss-Newton step, and what goes with them.
+/// A point seen from the circle: unit vector from the centre, distance to the circle, and how much it counts. False at
+/// the centre itself, which has no direction.
+struct Sight {
+  double x;
+  double y;
+  double off;
+  double agreement;  ///< Tukey weight
+  double weight;     ///< ... and side
+};
+bool look(const Vec2& p, double cut, double outside_weight, const Circle& circle, Sight& sight) {
+  const double x = p.x() - circle.centre.x();
+  const double y = p.y() - circle.centre.y();
+  const double r = std::sqrt(x * x + y * y);
+  if (!(r > 0.0)) return false;
+  sight.x = x / r;
+  sight.y = y / r;
+  sight.off = r - circle.radius;
+  sight.agreement = cut > 0.0 ? tukey(sight.off, cut) : 1.0;
+  sight.weight = sight.off > 0.0 ? outside_weight * sight.agreement : sight.agreement;
+  return true;
+}
+
+/// Normal equations of one weighted Gauss-Newton step: H = sum w j j^T, g = sum w e j with j = -(x, y, 1).
 struct Normal {
   Eigen::Matrix3d H = Eigen::Matrix3d::Zero();
   Eigen::Vector3d g = Eigen::Vector3d::Zero();
-  Eigen::Matrix3d psi = Eigen::Matrix3d::Zero();  ///< sum of squared weighted distances
-  Eigen::Matrix2d around = Eigen::Matrix2d::Zero();
-  Eigen::Vector2d aside = Eigen::Vector2d::Zero();
   double weight = 0.0;
   double weighted_squares = 0.0;
   double agreeing = 0.0;
-  double squares = 0.0;
 };
 
 Normal normal_at(std::span<const Vec2> points, double cut, double outside_weight, const Circle& circle) {
+  double xx = 0.0, xy = 0.0, yy = 0.0, x = 0.0, y = 0.0, ex = 0.0, ey = 0.0, e = 0.0;
   Normal sum;
   for (const Vec2& p : points) {
-    const Vec2 out = p - circle.centre;
-    const double r = out.norm();
-    if (!(r > 0.0)) continue;
-    const double e = r - circle.radius;
-    const double agreement = cut > 0.0 ? tukey(e, cut) : 1.0;
-    const double w = e > 0.0 ? outside_weight * agreement : agreement;
-    const Eigen::Vector2d u(out.x() / r, out.y() / r);
-    const Eigen::Vector3d j(-u.x(), -u.y(), -1.0);
-    sum.H += w * j * j.transpose();
-    sum.g += w * e * j;
-    sum.psi += w * w * e * e * j * j.transpose();
-    sum.around += agreement * u * u.transpose();
-    sum.aside += agreement * u;
-    sum.weight += w;
-    sum.weighted_squares += w * e * e;
-    sum.agreeing += agreement;
-    sum.squares += agreement * e * e;
+    Sight s;
+    if (!look(p, cut, outside_weight, circle, s)) continue;
+    const double wx = s.weight * s.x;
+    const double wy = s.weight * s.y;
+    xx += wx * s.x;
+    xy += wx * s.y;
+    yy += wy * s.y;
+    x += wx;
+    y += wy;
+    ex += wx * s.off;
+    ey += wy * s.off;
+    e += s.weight * s.off;
+    sum.weight += s.weight;
+    sum.weighted_squares += s.weight * s.off * s.off;
+    sum.agreeing += s.agreement;
   }
+  sum.H << xx, xy, x, xy, yy, y, x, y, sum.weight;
+  sum.g << -ex, -ey, -e;
   return sum;
 }
 
@@ -102,15 +119,28 @@ double step(std::span<const Vec2> points, double cut, double outside_weight, Cir
 /// What the finished fit knows about itself.
 void state_quality(std::span<const Vec2> points, double cut, double outside_weight, Circle& circle) {
   const Normal sum = normal_at(points, cut, outside_weight, circle);
-  circle.scatter = std::sqrt(sum.squares / sum.agreeing);
+  Eigen::Matrix3d psi = Eigen::Matrix3d::Zero();  // sum of squared weighted distances
+  Eigen::Matrix2d around = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d aside = Eigen::Vector2d::Zero();
+  double squares = 0.0;
+  for (const Vec2& p : points) {
+    Sight s;
+    if (!look(p, cut, outside_weight, circle, s)) continue;
+    const Eigen::Vector2d u(s.x, s.y);
+    const Eigen::Vector3d j(-s.x, -s.y, -1.0);
+    psi += s.weight * s.weight * s.off * s.off * j * j.transpose();
+    around += s.agreement * u * u.transpose();
+    aside += s.agreement * u;
+    squares += s.agreement * s.off * s.off;
+  }
+  circle.scatter = std::sqrt(squares / sum.agreeing);
   // Smallest variance of the unit vectors towards the points, over all directions.
-  const Eigen::Matrix2d v =
-      sum.around / sum.agreeing - (sum.aside / sum.agreeing) * (sum.aside / sum.agreeing).transpose();
+  const Eigen::Matrix2d v = around / sum.agreeing - (aside / sum.agreeing) * (aside / sum.agreeing).transpose();
   const double half_trace = 0.5 * (v(0, 0) + v(1, 1));
   circle.spread = half_trace - std::hypot(0.5 * (v(0, 0) - v(1, 1)), v(0, 1));
   if (!(sum.agreeing > 3.0)) return;
   const Eigen::Matrix3d inverse = sum.H.inverse();
-  circle.covariance = inverse * sum.psi * inverse * (sum.agreeing / (sum.agreeing - 3.0));
+  circle.covariance = inverse * psi * inverse * (sum.agreeing / (sum.agreeing - 3.0));
 }
 
 }  // namespace
@@ -140,10 +170,13 @@ Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, const 
   double cut = 0.0;
   for (int i = 0; i < kSteps; ++i) {
     // The scale follows the fit for some steps and then stands, so that the steps can come to rest.
+    const double old_cut = cut;
     if (i < 20) cut = 4.685 * std::max(scale_of(points, circle), weights.scale_min);
     const double moved = step(points, cut, weights.outside_weight, circle);
     if (moved < 0.0) return circle;
-    if (i >= 20 && moved <= 1e-9) {
+    // A step that leads nowhere with a scale that stood before it repeats itself for ever.
+    const bool at_rest = i >= 20 ? moved <= 1e-9 : moved <= 1e-12 && cut == old_cut;
+    if (at_rest) {
       circle.ok = circle.radius > 0.0;
       state_quality(points, cut, weights.outside_weight, circle);
       return circle;

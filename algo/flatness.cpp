@@ -22,11 +22,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "algo/algo.h"
 #include "algo/cell_grid.h"
 #include "algo/cell_noise.h"
-#include "algo/moments.h"
+#include "algo/median.h"
 
 namespace slabd::algo {
 namespace {
@@ -42,26 +43,49 @@ constexpr double kStrayMin_mm = 0.15;
 constexpr double kDefectMin_mm = 0.001;
 /// A hole in the data that may hide a defect worth finding: 10 x 10 mm.
 constexpr double kHole_mm2 = 100.0;
+/// Cosine of the tilt against the nominal seat: 60 degrees are no seat any more.
+constexpr float kUprightMin = 0.5F;
 
-/// Sorts `index` by cell in place: every entry goes straight to the next free place of its cell.
-template <typename CellOf>
-void sort_by_cell(std::span<std::uint32_t> index, std::size_t cells, const FlatnessWorkspace& work,
-                  const CellOf& cell_of) {
-  const std::span<std::uint32_t> start = work.cell_start.first(cells + 1);
-  std::fill(start.begin(), start.end(), 0U);
-  for (const std::uint32_t i : index) ++start[cell_of(i) + 1];
-  for (std::size_t c = 0; c < cells; ++c) start[c + 1] += start[c];
-  std::copy_n(start.begin(), cells, work.cell_next.begin());
-  for (std::size_t c = 0; c < cells; ++c) {
-    while (work.cell_next[c] < start[c + 1]) {
-      std::uint32_t& here = index[work.cell_next[c]];
-      const std::size_t home = cell_of(here);
-      if (home == c)
-        ++work.cell_next[c];
-      else
-        std::swap(here, index[work.cell_next[home]++]);
+/// Calls f(piece, first group) for the groups [from, to) of all runs, as long a piece at a time as there is.
+template <typename F>
+void for_groups(std::span<const SeatPoints> runs, std::size_t from, std::size_t to, const F& f) {
+  std::size_t first = 0;  // of the run at hand
+  for (const SeatPoints& run : runs) {
+    const std::size_t groups = (run.size() + kCellGroup - 1) / kCellGroup;
+    const std::size_t begin = std::max(first, from);
+    const std::size_t end = std::min(first + groups, to);
+    if (begin < end) {
+      const std::size_t at = (begin - first) * kCellGroup;
+      const std::size_t count = std::min((end - first) * kCellGroup, run.size()) - at;
+      f(SeatPoints{run.x.subspan(at, count), run.s.subspan(at, count), run.h.subspan(at, count)}, begin);
     }
+    first += groups;
   }
+}
+
+/// What a cell comes to: mean place in the seat's frame, mean height above the fitted seat, scatter about it.
+struct CellPoints {
+  double x;
+  double s;
+  double height;
+  double squares;  ///< of heights about their mean, mm^2
+
+  explicit CellPoints(const CellSum& sum) {
+    const auto n = static_cast<double>(sum.points);
+    x = sum.x / n;
+    s = sum.s / n;
+    height = sum.height / n;
+    squares = std::fmax(sum.squares - sum.height * height, 0.0);
+  }
+};
+
+/// Can a point of this cell lie further than kStrayMin_mm from the cell's median? Mean and median are never further
+/// apart than one standard deviation, whatever the points. So for nearly all cells nobody needs to know the median.
+bool may_have_strays(const CellSum& sum) {
+  const CellPoints cell(sum);
+  const double std = std::sqrt(cell.squares / static_cast<double>(sum.points));
+  return static_cast<double>(sum.high) - (cell.height - std) > kStrayMin_mm ||
+         (cell.height + std) - static_cast<double>(sum.low) > kStrayMin_mm;
 }
 
 /// Median and robust deviation of up to kCellSampleMax heights, evenly taken.
@@ -69,59 +93,128 @@ struct CellCentre {
   double median;
   double sigma;
 };
-template <typename HeightOf>
-CellCentre centre_of(std::span<const std::uint32_t> index, const HeightOf& height_of) {
+CellCentre centre_of(std::span<const float> heights) {
   std::array<double, kCellSampleMax> h{};
-  const std::size_t m = std::min(index.size(), h.size());
-  for (std::size_t i = 0; i < m; ++i) h[i] = height_of(index[i * index.size() / m]);
-  const auto end = h.begin() + static_cast<std::ptrdiff_t>(m);
-  const auto middle = h.begin() + static_cast<std::ptrdiff_t>(m / 2);
-  std::nth_element(h.begin(), middle, end);
-  const double median = *middle;
+  const std::size_t m = std::min(heights.size(), h.size());
+  for (std::size_t i = 0; i < m; ++i) h[i] = static_cast<double>(heights[i * heights.size() / m]);
+  const double median = median_of(std::span(h).first(m));
   for (std::size_t i = 0; i < m; ++i) h[i] = std::abs(h[i] - median);
-  std::nth_element(h.begin(), middle, end);
-  return {median, 1.4826 * *middle};
+  return {median, 1.4826 * median_of(std::span(h).first(m))};
 }
 
-/// A cell's mean point without strays, and how its points scatter about it.
-struct CellPoints {
-  Vec3 mean = Vec3::Zero();
-  std::uint32_t used = 0;
-  double squares = 0.0;  ///< of heights about their mean, mm^2
+/// The cells' sums, and the heights of single points where the sums do not say enough.
+class Cells {
+ public:
+  Cells(std::span<const SeatPoints> runs, const CellLayout& layout, const FlatnessWorkspace& work)
+      : runs_(runs),
+        layout_(layout),
+        work_(work),
+        sums_(work.sums.first(static_cast<std::size_t>(layout.columns) * static_cast<std::size_t>(layout.rows))) {}
+
+  /// Two halves, whoever does them.
+  void sum_up(Team& team) {
+    std::size_t groups = 0;
+    for (const SeatPoints& run : runs_) groups += (run.size() + kCellGroup - 1) / kCellGroup;
+    const std::span<CellSum> second = work_.sums.subspan(sums_.size(), sums_.size());
+    team.run(2, [&](std::size_t half) {
+      const std::span<CellSum> sums = half == 0 ? sums_ : second;
+      std::fill(sums.begin(), sums.end(), CellSum{});
+      for_groups(runs_, half == 0 ? 0 : groups / 2, half == 0 ? groups / 2 : groups,
+                 [&](const SeatPoints& piece, std::size_t first) {
+                   add_to_cells(piece, layout_, sums, work_.ranges.subspan(first));
+                 });
+    });
+    for (std::size_t c = 0; c < sums_.size(); ++c) sums_[c].add(second[c]);
+  }
+
+  /// Fetches the heights of all cells for which wanted(cell).
+  template <typename Wanted>
+  void fetch_heights(const Wanted& wanted) {
+    std::uint32_t total = 0;
+    for (std::size_t c = 0; c < sums_.size(); ++c) {
+      if (!wanted(c)) continue;
+      sums_[c].heights_at = total;
+      total += sums_[c].points;
+    }
+    for_points_of([](const CellSum& sum) { return sum.heights_at != CellSum::kNowhere; },
+                  [&](CellSum& sum, float, float, float h) { work_.heights[sum.heights_at + sum.heights++] = h; });
+  }
+
+  /// Takes the strays out of the cells whose heights were fetched and that hold `points_min`.
+  void remove_strays(std::uint32_t points_min) {
+    for (CellSum& sum : sums_) {
+      sum.keep_low = 1.0F;
+      sum.keep_high = 0.0F;
+      if (sum.heights_at == CellSum::kNowhere || sum.points < points_min) continue;
+      const std::span<const float> all = heights(sum);
+      const CellCentre centre = centre_of(all);
+      const double reach = std::max(kStraySigmas * centre.sigma, kStrayMin_mm);
+      const auto stray = [&](float h) { return std::abs(static_cast<double>(h) - centre.median) > reach; };
+      if (std::none_of(all.begin(), all.end(), stray)) continue;
+      sum.keep_low = static_cast<float>(centre.median - reach);
+      sum.keep_high = static_cast<float>(centre.median + reach);
+      sum.x = sum.s = sum.height = sum.squares = 0.0;
+      sum.points = 0;
+    }
+    for_points_of([](const CellSum& sum) { return sum.keep_low <= sum.keep_high; },
+                  [&](CellSum& sum, float x, float s, float h) {
+                    if (h >= sum.keep_low && h <= sum.keep_high) sum.add(x, s, h);
+                  });
+  }
+
+  [[nodiscard]] std::size_t size() const { return sums_.size(); }
+  [[nodiscard]] const CellSum& operator[](std::size_t cell) const { return sums_[cell]; }
+  /// Empty where they were not fetched.
+  [[nodiscard]] std::span<const float> heights(const CellSum& sum) const {
+    if (sum.heights_at == CellSum::kNowhere) return {};
+    return work_.heights.subspan(sum.heights_at, sum.heights);
+  }
+  /// All points of a cell, strays too.
+  [[nodiscard]] std::uint32_t points_in(std::size_t cell) const {
+    return sums_[cell].heights_at == CellSum::kNowhere ? sums_[cell].points : sums_[cell].heights;
+  }
+
+ private:
+  /// Calls f(sum, x, s, height) for every point of the cells for which chosen(sum); most groups hold none and are
+  /// left out.
+  template <typename Chosen, typename F>
+  void for_points_of(const Chosen& chosen, const F& f) {
+    const std::span<std::uint32_t> before = work_.stack;  // chosen cells before each
+    before[0] = 0;
+    for (std::size_t c = 0; c < sums_.size(); ++c) before[c + 1] = before[c] + (chosen(sums_[c]) ? 1U : 0U);
+    if (before[sums_.size()] == 0) return;
+    for_groups(runs_, 0, std::numeric_limits<std::size_t>::max(), [&](const SeatPoints& piece, std::size_t group) {
+      for (std::size_t at = 0; at < piece.size(); at += kCellGroup, ++group) {
+        const CellRange range = work_.ranges[group];
+        if (before[std::size_t{range.last} + 1] == before[range.first]) continue;
+        const std::size_t count = std::min(kCellGroup, piece.size() - at);
+        std::array<std::int32_t, kCellGroup> cell;
+        std::array<float, kCellGroup> height;
+        place_in_cells({piece.x.subspan(at, count), piece.s.subspan(at, count), piece.h.subspan(at, count)}, layout_,
+                       cell, height);
+        for (std::size_t i = 0; i < count; ++i) {
+          const auto c = static_cast<std::size_t>(cell[i]);
+          if (before[c + 1] != before[c]) f(sums_[c], piece.x[at + i], piece.s[at + i], height[i]);
+        }
+      }
+    });
+  }
+
+  std::span<const SeatPoints> runs_;
+  const CellLayout& layout_;
+  const FlatnessWorkspace& work_;
+  std::span<CellSum> sums_;
 };
 
-/// Mean point of a cell without its strays; false when too few are left.
-template <typename PointOf>
-bool cell_mean(std::span<const std::uint32_t> index, const PointOf& point_of, const PlaneFit& seat,
-               std::uint32_t points_min, CellPoints& cell) {
-  if (index.empty() || index.size() < points_min) return false;
-  const auto height_of = [&](std::uint32_t i) { return seat.normal.dot(point_of(i)) - seat.offset_mm; };
-  const CellCentre centre = centre_of(index, height_of);
-  const double reach = std::max(kStraySigmas * centre.sigma, kStrayMin_mm);
-  Vec3 sum = Vec3::Zero();
-  ScalarMoments heights(0.0);
-  for (const std::uint32_t i : index) {
-    const Vec3 p = point_of(i);
-    const double h = seat.normal.dot(p) - seat.offset_mm - centre.median;
-    if (std::abs(h) > reach) continue;
-    sum += p;
-    heights.add(h);
-  }
-  heights.close_block();
-  cell.used = static_cast<std::uint32_t>(heights.count());
-  if (cell.used < points_min || cell.used == 0) return false;
-  cell.mean = sum / static_cast<double>(cell.used);
-  cell.squares = cell.used > 1 ? heights.variance(1) * static_cast<double>(cell.used - 1) : 0.0;
-  return true;
+/// Points a sparse cell needs to say where the seat is.
+std::size_t few_of(std::uint32_t points_min) {
+  return std::max<std::size_t>(1, (points_min + 2) / 3);
 }
 
 /// Do the few points of a sparse cell lie where the full cells, from `low` to `high`, say the seat is?
-template <typename HeightOf>
-bool agrees(std::span<const std::uint32_t> cell, const HeightOf& height_of, std::uint32_t points_min, double low,
-            double high) {
-  const std::size_t few = std::max<std::size_t>(1, (points_min + 2) / 3);
-  if (cell.size() < few) return false;
-  const double median = centre_of(cell, height_of).median;
+bool agrees(std::span<const float> heights, std::uint32_t points_min, double low, double high) {
+  if (heights.size() < few_of(points_min)) return false;
+  const double median = centre_of(heights).median;
   return median >= low - kStrayMin_mm && median <= high + kStrayMin_mm;
 }
 
@@ -143,12 +236,10 @@ double mark_defects(const CellHeights& cells, const PointsIn& points_in, double 
                     std::span<std::uint32_t> mark) {
   std::array<double, limits::kFlatnessCellsMax> size;
   for (std::size_t k = 0; k < cells.size; ++k) size[k] = std::abs(cells.height[k]);
-  const auto middle = size.begin() + static_cast<std::ptrdiff_t>(cells.size / 2);
-  std::nth_element(size.begin(), middle, size.begin() + static_cast<std::ptrdiff_t>(cells.size));
-  const double robust = 1.4826 * *middle;
+  const double robust = 1.4826 * median_of(std::span(size).first(cells.size));
   const double usual = seat_std_mm / std::sqrt(cells.points_per_cell());
   for (std::size_t k = 0; k < cells.size; ++k) {
-    const double own = seat_std_mm / std::sqrt(static_cast<double>(points_in(cells.cell[k]).size()));
+    const double own = seat_std_mm / std::sqrt(static_cast<double>(points_in(cells.cell[k])));
     const double limit = std::fmax(sigmas * std::fmax(robust * std::fmax(own / usual, 1.0), own), kDefectMin_mm);
     if (cells.height[k] > limit) mark[cells.cell[k]] = kHigh;
     if (cells.height[k] < -limit) mark[cells.cell[k]] = kLow;
@@ -175,33 +266,63 @@ void find_defect(const CellGrid& grid, CellMark side, const CellHeights& cells, 
   });
 }
 
+CellLayout layout_of(const CellGrid& grid, const SeatFrame& frame, const PlaneFit& seat) {
+  CellLayout layout;
+  layout.half_x_mm = static_cast<float>(grid.region.half_x_mm);
+  layout.half_s_mm = static_cast<float>(grid.region.half_s_mm);
+  layout.cell_mm = static_cast<float>(grid.region.cell_mm);
+  layout.columns = static_cast<std::int32_t>(grid.columns);
+  layout.rows = static_cast<std::int32_t>(grid.rows);
+  layout.by_x = static_cast<float>(seat.normal.dot(frame.along_rail));
+  layout.by_s = static_cast<float>(seat.normal.dot(frame.along_seat));
+  layout.by_h = static_cast<float>(seat.normal.dot(frame.up));
+  layout.offset_mm = static_cast<float>(seat.normal.dot(frame.origin) - seat.offset_mm);
+  return layout;
+}
+
+/// Back from the height above the fitted seat to a point of the block's frame.
+Vec3 in_block(const CellPoints& cell, const CellLayout& layout, const SeatFrame& frame) {
+  const double along_plane = static_cast<double>(layout.by_x) * cell.x + static_cast<double>(layout.by_s) * cell.s;
+  const double h =
+      (cell.height - along_plane - static_cast<double>(layout.offset_mm)) / static_cast<double>(layout.by_h);
+  return frame.in_block(cell.x, cell.s, h);
+}
+
+/// Does all of it fit the workspace, and is the fitted seat one that heights above the nominal one say something about?
+bool can_be_measured(std::span<const SeatPoints> runs, const CellGrid& grid, const CellLayout& layout) {
+  std::size_t points = 0;
+  for (const SeatPoints& run : runs) points += run.size();
+  return points > 0 && points <= limits::kSeatPointsMax && runs.size() <= limits::kSeatRunsMax && grid.cells() > 0 &&
+         grid.cells() <= limits::kFlatnessCellsMax && layout.by_h > kUprightMin;
+}
+
 }  // namespace
 
-Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, const FastTransform& T_block_scanner,
-                          const PlaneFit& seat, const FlatnessRegion& region, const FlatnessWorkspace& work) {
+Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& frame, const PlaneFit& seat,
+                          const FlatnessRegion& region, const FlatnessWorkspace& work, Team& team) {
   Flatness result;
   const CellGrid grid(region);
-  if (index.empty() || grid.cells() == 0 || grid.cells() > work.cell_mean.size()) return result;
-  const auto point_of = [&](std::uint32_t i) { return T_block_scanner(xyz + 3 * std::size_t{i}); };
+  const CellLayout layout = layout_of(grid, frame, seat);
+  if (!can_be_measured(runs, grid, layout)) return result;
 
-  const auto height_of = [&](std::uint32_t i) { return seat.normal.dot(point_of(i)) - seat.offset_mm; };
-
+  Cells sums(runs, layout, work);
+  sums.sum_up(team);
   double low = std::numeric_limits<double>::infinity();
   double high = -low;
-  for (const std::uint32_t i : index) {
-    const double h = height_of(i);
-    low = std::min(low, h);
-    high = std::max(high, h);
+  for (std::size_t c = 0; c < grid.cells(); ++c) {
+    low = std::min(low, static_cast<double>(sums[c].low));
+    high = std::max(high, static_cast<double>(sums[c].high));
   }
   result.raw_low_mm = low;
   result.raw_high_mm = high;
+  sums.fetch_heights([&](std::size_t c) {
+    return sums[c].points >= std::max(region.cell_points_min, 1U)
+               ? may_have_strays(sums[c])
+               : sums[c].points >= few_of(region.cell_points_min) && grid.expected(c);
+  });
+  sums.remove_strays(region.cell_points_min);
 
-  sort_by_cell(index, grid.cells(), work, [&](std::uint32_t i) { return grid.cell(point_of(i)); });
-  const auto points_in = [&](std::size_t c) -> std::span<const std::uint32_t> {
-    return index.subspan(work.cell_start[c], work.cell_start[c + 1] - work.cell_start[c]);
-  };
-  // Sorting is done with cell_next; from here on it holds the marks.
-  const std::span<std::uint32_t> mark = work.cell_next.first(grid.cells());
+  const std::span<std::uint32_t> mark = work.mark.first(grid.cells());
   std::size_t expected = 0;
   CellHeights cells;
   low = std::numeric_limits<double>::infinity();
@@ -210,36 +331,34 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
     mark[c] = kPlain;
     const bool wanted = grid.expected(c);
     if (wanted) ++expected;
-    CellPoints cell;
-    if (cell_mean(points_in(c), point_of, seat, region.cell_points_min, cell)) {
-      work.cell_mean[result.cells++] = cell.mean;
-      const double h = seat.normal.dot(cell.mean) - seat.offset_mm;
-      cells.height[cells.size] = h;
+    if (sums[c].points >= region.cell_points_min && sums[c].points > 0) {
+      const CellPoints cell(sums[c]);
+      work.cell_mean[result.cells++] = in_block(cell, layout, frame);
+      cells.height[cells.size] = cell.height;
       cells.cell[cells.size++] = static_cast<std::uint32_t>(c);
-      cells.points += static_cast<double>(cell.used);
+      cells.points += static_cast<double>(sums[c].points);
       cells.squares += cell.squares;
-      low = std::min(low, h);
-      high = std::max(high, h);
+      low = std::min(low, cell.height);
+      high = std::max(high, cell.height);
     } else if (wanted) {
       mark[c] = kMissing;
     }
   }
   for (std::size_t c = 0; c < grid.cells(); ++c) {
     if (mark[c] != kMissing) continue;
-    if (agrees(points_in(c), height_of, region.cell_points_min, low, high))
+    if (agrees(sums.heights(sums[c]), region.cell_points_min, low, high))
       mark[c] = kPlain;
     else
       ++result.cells_missing;
   }
+  const auto points_in = [&](std::size_t c) { return sums.points_in(c); };
   if (cells.size > 0) result.defect.limit_mm = mark_defects(cells, points_in, seat.std_mm, region.defect_sigmas, mark);
-  // The cells' starts have served: they lend their room to the search of groups.
-  const std::span<std::uint32_t> stack = work.cell_start;
   std::size_t hole = 0;
-  for_each_group(grid, kMissing, mark, stack,
+  for_each_group(grid, kMissing, mark, work.stack,
                  [&](std::span<const std::uint32_t> group) { hole = std::max(hole, group.size()); });
   result.hole_mm2 = static_cast<double>(hole) * region.cell_mm * region.cell_mm;
-  find_defect(grid, kHigh, cells, mark, stack, result.defect);
-  find_defect(grid, kLow, cells, mark, stack, result.defect);
+  find_defect(grid, kHigh, cells, mark, work.stack, result.defect);
+  find_defect(grid, kLow, cells, mark, work.stack, result.defect);
   const double missing_max = region.cells_missing_max * static_cast<double>(expected);
   if (2 * std::size_t{result.cells} < expected || static_cast<double>(result.cells_missing) > missing_max ||
       result.hole_mm2 > kHole_mm2)
@@ -258,10 +377,14 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   result.ok = true;
   result.lsq_mm = high - low;
   result.std_cells_mm = plane.std_mm;
-  result.min_zone_mm = minimum_zone_mm(means);
-  const CellNoise noise =
-      noise_of_cells(grid, std::span(cells.height).first(cells.size), std::span(cells.cell).first(cells.size),
-                     cells.squares / (cells.points - static_cast<double>(cells.size)), cells.points_per_cell());
+  CellNoise noise;
+  team.run(2, [&](std::size_t question) {
+    if (question == 0)
+      noise = noise_of_cells(grid, std::span(cells.height).first(cells.size), std::span(cells.cell).first(cells.size),
+                             cells.squares / (cells.points - static_cast<double>(cells.size)), cells.points_per_cell());
+    else
+      result.min_zone_mm = minimum_zone_mm(means);
+  });
   if (noise.ok) {
     result.noise_factor = noise.factor;
     result.noise_mm = expected_range(cells.size) * noise.cell_sigma_mm;

@@ -4,7 +4,9 @@
 #include <cstdint>
 #include <span>
 
-#include "algo/points.h"
+#include "algo/cell_sums.h"
+#include "algo/seat_points.h"
+#include "algo/team.h"
 #include "base/base.h"
 
 namespace slabd::algo {
@@ -15,9 +17,12 @@ namespace slabd::algo {
 
 /// Memory for `measure_flatness`, owned by the inspector.
 struct FlatnessWorkspace {
-  std::span<std::uint32_t> cell_start;  ///< limits::kFlatnessCellsMax + 1
-  std::span<std::uint32_t> cell_next;   ///< limits::kFlatnessCellsMax
-  std::span<Vec3> cell_mean;            ///< limits::kFlatnessCellsMax
+  std::span<CellSum> sums;         ///< 2 * limits::kFlatnessCellsMax
+  std::span<CellRange> ranges;     ///< limits::kCellGroupsMax
+  std::span<float> heights;        ///< limits::kSeatPointsMax
+  std::span<std::uint32_t> mark;   ///< limits::kFlatnessCellsMax
+  std::span<std::uint32_t> stack;  ///< limits::kFlatnessCellsMax + 1
+  std::span<Vec3> cell_mean;       ///< limits::kFlatnessCellsMax
 };
 
 /// The evaluation region: (x, s) in [-half_x, half_x] x [-half_s, half_s], s along the seat.
@@ -26,7 +31,6 @@ struct FlatnessRegion {
   double half_s_mm;
   double cell_mm;
   std::uint32_t cell_points_min;
-  Vec3 along_seat;                  ///< unit direction of s, block frame
   double cells_missing_max = 0.05;  ///< share of the cells
   double casing_s_mm = 0.0;         ///< round both casings, at x = 0 and |s| here, nothing is expected ...
   double casing_clear_mm = 0.0;     ///< ... within this radius
@@ -48,14 +52,14 @@ struct Flatness {
   SurfaceDefect defect;            ///< of what was seen, also when `ok` is false
 };
 
-/// Flatness of the points `index` names (re-ordered by cell) around the fitted seat plane. A cell's height is the mean
-/// of its points without strays; a chip or bump as large as half a cell stays. A cell belongs to the defect channel
-/// when it lies further than defect_sigmas times the noise from `seat`; the noise is the robust standard deviation of
-/// all cells, not below std_mm / sqrt(points in the cell). What returned no points at all is a hole, not a defect. ok =
-/// false: the region needs more than limits::kFlatnessCellsMax cells, or too little of it was seen (the rule stands in
-/// flatness.cpp).
-[[nodiscard]] Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index,
-                                        const FastTransform& T_block_scanner, const PlaneFit& seat,
-                                        const FlatnessRegion& region, const FlatnessWorkspace& work);
+/// Flatness of the points in `runs` (everything seen over the region, at whatever height) around the fitted seat plane
+/// `seat` (block frame). A cell's height is the mean of its points without strays; a chip or bump as large as half a
+/// cell stays. A cell belongs to the defect channel when it lies further than defect_sigmas times the noise from
+/// `seat`; the noise is the robust standard deviation of all cells, not below std_mm / sqrt(points in the cell). What
+/// returned no points at all is a hole, not a defect. ok = false: more points, runs or cells than limits.h allows, a
+/// seat that stands on end, or too little of the region was seen (the rule stands in flatness.cpp). The answer is the
+/// same on one thread and two. No heap; 1.5 ns a point and 0.6 ms.
+[[nodiscard]] Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& frame, const PlaneFit& seat,
+                                        const FlatnessRegion& region, const FlatnessWorkspace& work, Team& team);
 
 }  // namespace slabd::algo

@@ -8,6 +8,8 @@
 //     sample, residuals register: the points ICP works on
 //     wide, near        the face table, built by `use`
 //     heights           the height map, built by `use`
+//     seat_x, _s, _h    extract: points over the evaluation region, in the seat's frame
+//     flatness          extract: their cells
 #include <cassert>
 #include <cmath>
 #include <span>
@@ -44,9 +46,15 @@ struct BlockInspector::Workspace {
         near(pages.take<std::uint16_t>(FaceTable::kCells)),
         scratch(pages.take<std::uint16_t>(FaceTable::kCells)),
         heights(pages.take<float>(limits::kHeightMapCells)),
-        flat_start(pages.take<std::uint32_t>(limits::kFlatnessCellsMax + 1)),
-        flat_next(pages.take<std::uint32_t>(limits::kFlatnessCellsMax)),
-        flat_mean(pages.take<Vec3>(limits::kFlatnessCellsMax)) {}
+        seat_x(pages.take<float>(limits::kSeatPointsMax)),
+        seat_s(pages.take<float>(limits::kSeatPointsMax)),
+        seat_h(pages.take<float>(limits::kSeatPointsMax)),
+        flatness{pages.take<CellSum>(2 * limits::kFlatnessCellsMax),
+                 pages.take<CellRange>(limits::kCellGroupsMax),
+                 pages.take<float>(limits::kSeatPointsMax),
+                 pages.take<std::uint32_t>(limits::kFlatnessCellsMax + 1),
+                 pages.take<std::uint32_t>(limits::kFlatnessCellsMax + 1),
+                 pages.take<Vec3>(limits::kFlatnessCellsMax)} {}
 
   Team team;
   Pages pages;  // first: the arrays below lie in it; limits::kWorkspaceBytes sums them up
@@ -61,9 +69,10 @@ struct BlockInspector::Workspace {
   std::span<std::uint16_t> near;
   std::span<std::uint16_t> scratch;
   std::span<float> heights;
-  std::span<std::uint32_t> flat_start;
-  std::span<std::uint32_t> flat_next;
-  std::span<Vec3> flat_mean;
+  std::span<float> seat_x;
+  std::span<float> seat_s;
+  std::span<float> seat_h;
+  FlatnessWorkspace flatness;
 
   Recipe recipe;
   BlockModel model;
@@ -209,14 +218,25 @@ Status BlockInspector::extract(const Cloud& cloud) {
 
   const BlockGeometry& geometry = w.recipe.block;
   FlatnessRegion region{evaluation.crop_half_x_mm, evaluation.crop_half_s_mm, evaluation.cell_mm,
-                        evaluation.cell_points_min, w.model.along_seat()};
+                        evaluation.cell_points_min};
   region.cells_missing_max = evaluation.cells_missing_max;
   region.defect_sigmas = evaluation.defect_sigmas;
   region.casing_s_mm = geometry.casing_half_spacing_mm.value;
   region.casing_clear_mm = 0.5 * geometry.casing_rim_diameter_mm.value + evaluation.edge_margin_mm;
-  // Re-orders the points over the crop: after the fits.
-  const Flatness flatness = measure_flatness(cloud.xyz.data(), segments.over_crop(), T_block_scanner, seat.plane,
-                                             region, {w.flat_start, w.flat_next, w.flat_mean});
+  const SeatFrame frame = SeatFrame::of(w.model);
+  const CloudPoints over_crop = points(segments.over_crop());
+  const std::size_t count = std::min(over_crop.size(), limits::kSeatPointsMax);
+  for (std::size_t i = 0; i < count; ++i) {
+    const Vec3 p = frame.in_seat(over_crop[i]);
+    w.seat_x[i] = static_cast<float>(p[0]);
+    w.seat_s[i] = static_cast<float>(p[1]);
+    w.seat_h[i] = static_cast<float>(p[2]);
+  }
+  const SeatPoints seen{w.seat_x.first(count), w.seat_s.first(count), w.seat_h.first(count)};
+  // More than fit were never drawn by a scan of a block: not measured rather than measured from a part.
+  const Flatness flatness = count == over_crop.size()
+                                ? measure_flatness(std::span(&seen, 1), frame, seat.plane, region, w.flatness, w.team)
+                                : Flatness{};
   seat.grid_points = flatness.cells;
   seat.std_cells_mm = flatness.std_cells_mm;
   seat.flatness_mm = flatness.lsq_mm;
@@ -236,8 +256,12 @@ Status BlockInspector::extract(const Cloud& cloud) {
                           seat.plane};
     return measure_casing(points(segments.of(where)), task);
   };
-  result.casing_inner = casing(Region::casing_inner, false);
-  result.casing_outer = casing(Region::casing_outer, true);
+  w.team.run(2, [&](std::size_t which) {
+    if (which == 0)
+      result.casing_inner = casing(Region::casing_inner, false);
+    else
+      result.casing_outer = casing(Region::casing_outer, true);
+  });
 
   compute_block_items(w.model, result);
   compute_block_budget(w.recipe, result);

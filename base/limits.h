@@ -55,6 +55,10 @@ inline constexpr std::size_t kFlatnessCellsMax = 8'500;
 /// Points over the evaluation region. It is a seventh of a block seen from above: a scan that shows a whole block and
 /// little else puts 910 000 there.
 inline constexpr std::size_t kSeatPointsMax = 1U << 20U;
+/// Runs they come in: whoever writes them works through the scan in blocks.
+inline constexpr std::size_t kSeatRunsMax = 1'024;
+/// Groups of 64 of them; the last one of each run may be smaller.
+inline constexpr std::size_t kCellGroupsMax = kSeatPointsMax / 64 + kSeatRunsMax;
 /// Points around one casing: its rim is a hundredth of a block, 57 000 points of such a scan.
 inline constexpr std::size_t kCasingPointsMax = 1U << 17U;
 /// Stratified sample on which plane hypotheses are scored (notes: more does not help, less loses the best one).
@@ -78,8 +82,11 @@ inline constexpr std::size_t kWorkspaceBytes =
     array_bytes(kDeviationBins, sizeof(std::uint32_t)) +                 // histogram of distances
     3 * array_bytes(kFaceTableX * kFaceTableY, sizeof(std::uint16_t)) +  // face table: wide, near, scratch
     array_bytes(kHeightMapCells, sizeof(float)) +                        // height map
-    array_bytes(kFlatnessCellsMax + 1, sizeof(std::uint32_t)) +          // flatness cells: starts,
-    array_bytes(kFlatnessCellsMax, sizeof(std::uint32_t)) +              // next
+    3 * array_bytes(kSeatPointsMax, sizeof(float)) +                     // points over the evaluation region
+    array_bytes(kSeatPointsMax, sizeof(float)) +                         // single heights of doubtful flatness cells
+    array_bytes(kCellGroupsMax, 2 * sizeof(std::uint16_t)) +             // flatness cells: what groups of points saw,
+    array_bytes(2 * kFlatnessCellsMax, 64) +                             // sums of either half of the points,
+    2 * array_bytes(kFlatnessCellsMax + 1, sizeof(std::uint32_t)) +      // marks, groups of them
     array_bytes(kFlatnessCellsMax, 3 * sizeof(double));                  // and means
 /// What the inspection path holds for ever, every byte of it resident from the start.
 inline constexpr std::size_t kInspectionBytes = kScanSlots * kScanSlotBytes + kWorkspaceBytes;

@@ -1,21 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <numeric>
 #include <vector>
 
 #include "algo/flatness.h"
 
 namespace slabd::testing {
 
+/// What measure_flatness works in, full of what another block left there.
+struct FlatnessMemory {
+  std::vector<algo::CellSum> sums =
+      std::vector<algo::CellSum>(2 * limits::kFlatnessCellsMax, algo::CellSum{1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11});
+  std::vector<algo::CellRange> ranges = std::vector<algo::CellRange>(limits::kCellGroupsMax, algo::CellRange{7, 3});
+  std::vector<float> heights = std::vector<float>(limits::kSeatPointsMax, 99.0F);
+  std::vector<std::uint32_t> mark = std::vector<std::uint32_t>(limits::kFlatnessCellsMax, 3);
+  std::vector<std::uint32_t> stack = std::vector<std::uint32_t>(limits::kFlatnessCellsMax + 1, 5);
+  std::vector<Vec3> mean = std::vector<Vec3>(limits::kFlatnessCellsMax, Vec3::Ones());
+  algo::FlatnessWorkspace work{sums, ranges, heights, mark, stack, mean};
+};
+
 /// A level seat as float points, and the flatness of it.
 struct Seat {
   std::vector<float> xyz;
-  std::vector<std::uint32_t> index;
-  std::vector<std::uint32_t> start = std::vector<std::uint32_t>(limits::kFlatnessCellsMax + 1);
-  std::vector<std::uint32_t> next = std::vector<std::uint32_t>(limits::kFlatnessCellsMax);
-  std::vector<Vec3> mean = std::vector<Vec3>(limits::kFlatnessCellsMax);
-  algo::FlatnessRegion region{51.0, 75.0, 1.5, 12, Vec3::UnitY()};
+  algo::FlatnessRegion region{51.0, 75.0, 1.5, 12};
+  /// The points go in so many runs.
+  std::size_t runs = 1;
+  int threads = 1;
 
   template <typename Height>
   explicit Seat(const Height& height, double pitch = 0.25) {
@@ -40,10 +50,23 @@ struct Seat {
     return measure(level);
   }
   algo::Flatness measure(const PlaneFit& plane) {
-    index.resize(xyz.size() / 3);
-    std::iota(index.begin(), index.end(), 0U);
-    return algo::measure_flatness(xyz.data(), index, algo::FastTransform(Pose::identity()), plane, region,
-                                  {start, next, mean});
+    const std::size_t count = xyz.size() / 3;
+    std::vector<float> x(count), s(count), h(count);
+    for (std::size_t i = 0; i < count; ++i) {
+      x[i] = xyz[3 * i];
+      s[i] = xyz[3 * i + 1];
+      h[i] = xyz[3 * i + 2];
+    }
+    std::vector<algo::SeatPoints> all;
+    for (std::size_t k = 0; k < runs; ++k) {
+      const std::size_t from = k * count / runs;
+      const std::size_t length = (k + 1) * count / runs - from;
+      all.push_back(
+          {std::span(x).subspan(from, length), std::span(s).subspan(from, length), std::span(h).subspan(from, length)});
+    }
+    algo::Team team(threads);
+    FlatnessMemory memory;
+    return algo::measure_flatness(all, algo::SeatFrame{}, plane, region, memory.work, team);
   }
 };
 

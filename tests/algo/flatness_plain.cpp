@@ -1,0 +1,264 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Flatness with the points sorted by cell; the rules stand in algo/flatness.cpp.
+#include "plain_features.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "algo/algo.h"
+#include "algo/cell_grid.h"
+#include "algo/cell_noise.h"
+#include "algo/moments.h"
+
+namespace slabd::algo::plain {
+namespace {
+
+/// Points of one cell that take part in its median; a cell of a dense scan holds about 80.
+constexpr std::size_t kCellSampleMax = 512;
+/// A stray is this many robust deviations from its cell's median ...
+constexpr double kStraySigmas = 5.0;
+/// ... and at least this far: a slope or step within a cell is not a stray.
+constexpr double kStrayMin_mm = 0.15;
+/// Nearer to the seat than this no cell is a defect, however quiet the scan: float coordinates resolve no better than
+/// a tenth of it.
+constexpr double kDefectMin_mm = 0.001;
+/// A hole in the data that may hide a defect worth finding: 10 x 10 mm.
+constexpr double kHole_mm2 = 100.0;
+
+/// Sorts `index` by cell in place: every entry goes straight to the next free place of its cell.
+template <typename CellOf>
+void sort_by_cell(std::span<std::uint32_t> index, std::size_t cells, const FlatnessMemory& work,
+                  const CellOf& cell_of) {
+  const std::span<std::uint32_t> start = work.cell_start.first(cells + 1);
+  std::fill(start.begin(), start.end(), 0U);
+  for (const std::uint32_t i : index) ++start[cell_of(i) + 1];
+  for (std::size_t c = 0; c < cells; ++c) start[c + 1] += start[c];
+  std::copy_n(start.begin(), cells, work.cell_next.begin());
+  for (std::size_t c = 0; c < cells; ++c) {
+    while (work.cell_next[c] < start[c + 1]) {
+      std::uint32_t& here = index[work.cell_next[c]];
+      const std::size_t home = cell_of(here);
+      if (home == c)
+        ++work.cell_next[c];
+      else
+        std::swap(here, index[work.cell_next[home]++]);
+    }
+  }
+}
+
+/// Median and robust deviation of up to kCellSampleMax heights, evenly taken.
+struct CellCentre {
+  double median;
+  double sigma;
+};
+template <typename HeightOf>
+CellCentre centre_of(std::span<const std::uint32_t> index, const HeightOf& height_of) {
+  std::array<double, kCellSampleMax> h{};
+  const std::size_t m = std::min(index.size(), h.size());
+  for (std::size_t i = 0; i < m; ++i) h[i] = height_of(index[i * index.size() / m]);
+  const auto end = h.begin() + static_cast<std::ptrdiff_t>(m);
+  const auto middle = h.begin() + static_cast<std::ptrdiff_t>(m / 2);
+  std::nth_element(h.begin(), middle, end);
+  const double median = *middle;
+  for (std::size_t i = 0; i < m; ++i) h[i] = std::abs(h[i] - median);
+  std::nth_element(h.begin(), middle, end);
+  return {median, 1.4826 * *middle};
+}
+
+/// A cell's mean point without strays, and how its points scatter about it.
+struct CellPoints {
+  Vec3 mean = Vec3::Zero();
+  std::uint32_t used = 0;
+  double squares = 0.0;  ///< of heights about their mean, mm^2
+};
+
+/// Mean point of a cell without its strays; false when too few are left.
+template <typename PointOf>
+bool cell_mean(std::span<const std::uint32_t> index, const PointOf& point_of, const PlaneFit& seat,
+               std::uint32_t points_min, CellPoints& cell) {
+  if (index.empty() || index.size() < points_min) return false;
+  const auto height_of = [&](std::uint32_t i) { return seat.normal.dot(point_of(i)) - seat.offset_mm; };
+  const CellCentre centre = centre_of(index, height_of);
+  const double reach = std::max(kStraySigmas * centre.sigma, kStrayMin_mm);
+  Vec3 sum = Vec3::Zero();
+  ScalarMoments heights(0.0);
+  for (const std::uint32_t i : index) {
+    const Vec3 p = point_of(i);
+    const double h = seat.normal.dot(p) - seat.offset_mm - centre.median;
+    if (std::abs(h) > reach) continue;
+    sum += p;
+    heights.add(h);
+  }
+  heights.close_block();
+  cell.used = static_cast<std::uint32_t>(heights.count());
+  if (cell.used < points_min || cell.used == 0) return false;
+  cell.mean = sum / static_cast<double>(cell.used);
+  cell.squares = cell.used > 1 ? heights.variance(1) * static_cast<double>(cell.used - 1) : 0.0;
+  return true;
+}
+
+/// Do the few points of a sparse cell lie where the full cells, from `low` to `high`, say the seat is?
+template <typename HeightOf>
+bool agrees(std::span<const std::uint32_t> cell, const HeightOf& height_of, std::uint32_t points_min, double low,
+            double high) {
+  const std::size_t few = std::max<std::size_t>(1, (points_min + 2) / 3);
+  if (cell.size() < few) return false;
+  const double median = centre_of(cell, height_of).median;
+  return median >= low - kStrayMin_mm && median <= high + kStrayMin_mm;
+}
+
+/// All cells that have a mean, one after the other.
+struct CellHeights {
+  std::array<double, limits::kFlatnessCellsMax> height;  ///< of the mean above the seat, mm
+  std::array<std::uint32_t, limits::kFlatnessCellsMax> cell;
+  std::size_t size = 0;
+  double points = 0.0;   ///< in all of them
+  double squares = 0.0;  ///< of single points about their cell's mean, mm^2
+
+  [[nodiscard]] double points_per_cell() const { return points / static_cast<double>(size); }
+};
+
+/// Marks the cells of the defect channel and returns its limit. A coarse scan has cells of few points among the full
+/// ones; theirs is the larger noise and the further limit.
+template <typename PointsIn>
+double mark_defects(const CellHeights& cells, const PointsIn& points_in, double seat_std_mm, double sigmas,
+                    std::span<std::uint32_t> mark) {
+  std::array<double, limits::kFlatnessCellsMax> size;
+  for (std::size_t k = 0; k < cells.size; ++k) size[k] = std::abs(cells.height[k]);
+  const auto middle = size.begin() + static_cast<std::ptrdiff_t>(cells.size / 2);
+  std::nth_element(size.begin(), middle, size.begin() + static_cast<std::ptrdiff_t>(cells.size));
+  const double robust = 1.4826 * *middle;
+  const double usual = seat_std_mm / std::sqrt(cells.points_per_cell());
+  for (std::size_t k = 0; k < cells.size; ++k) {
+    const double own = seat_std_mm / std::sqrt(static_cast<double>(points_in(cells.cell[k]).size()));
+    const double limit = std::fmax(sigmas * std::fmax(robust * std::fmax(own / usual, 1.0), own), kDefectMin_mm);
+    if (cells.height[k] > limit) mark[cells.cell[k]] = kHigh;
+    if (cells.height[k] < -limit) mark[cells.cell[k]] = kLow;
+  }
+  return std::fmax(sigmas * std::fmax(robust, usual), kDefectMin_mm);
+}
+
+/// The largest group of cells marked `side`, if it is larger than the one `defect` holds.
+void find_defect(const CellGrid& grid, CellMark side, const CellHeights& cells, std::span<std::uint32_t> mark,
+                 std::span<std::uint32_t> stack, SurfaceDefect& defect) {
+  for_each_group(grid, side, mark, stack, [&](std::span<const std::uint32_t> group) {
+    if (group.size() <= defect.cells) return;
+    defect.cells = static_cast<std::uint32_t>(group.size());
+    defect.area_mm2 = static_cast<double>(group.size()) * grid.region.cell_mm * grid.region.cell_mm;
+    defect.height_mm = defect.x_mm = defect.s_mm = 0.0;
+    for (const std::uint32_t cell : group) {
+      defect.x_mm += grid.x_of(cell) / static_cast<double>(group.size());
+      defect.s_mm += grid.s_of(cell) / static_cast<double>(group.size());
+      const auto end = cells.cell.begin() + static_cast<std::ptrdiff_t>(cells.size);
+      const auto k = std::lower_bound(cells.cell.begin(), end, cell) - cells.cell.begin();
+      const double height = cells.height[static_cast<std::size_t>(k)];
+      if (std::abs(height) > std::abs(defect.height_mm)) defect.height_mm = height;
+    }
+  });
+}
+
+}  // namespace
+
+Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, const FastTransform& T_block_scanner,
+                          const Vec3& along_seat, const PlaneFit& seat, const FlatnessRegion& region,
+                          const FlatnessMemory& work) {
+  Flatness result;
+  const CellGrid grid(region);
+  if (index.empty() || grid.cells() == 0 || grid.cells() > work.cell_mean.size()) return result;
+  const auto point_of = [&](std::uint32_t i) { return T_block_scanner(xyz + 3 * std::size_t{i}); };
+
+  const auto height_of = [&](std::uint32_t i) { return seat.normal.dot(point_of(i)) - seat.offset_mm; };
+
+  double low = std::numeric_limits<double>::infinity();
+  double high = -low;
+  for (const std::uint32_t i : index) {
+    const double h = height_of(i);
+    low = std::min(low, h);
+    high = std::max(high, h);
+  }
+  result.raw_low_mm = low;
+  result.raw_high_mm = high;
+
+  const auto cell_of = [&](const Vec3& p) {
+    const double column = (p.x() + region.half_x_mm) / region.cell_mm;
+    const double row = (along_seat.dot(p) + region.half_s_mm) / region.cell_mm;
+    const std::size_t c = std::min(static_cast<std::size_t>(std::max(column, 0.0)), grid.columns - 1);
+    const std::size_t r = std::min(static_cast<std::size_t>(std::max(row, 0.0)), grid.rows - 1);
+    return r * grid.columns + c;
+  };
+  sort_by_cell(index, grid.cells(), work, [&](std::uint32_t i) { return cell_of(point_of(i)); });
+  const auto points_in = [&](std::size_t c) -> std::span<const std::uint32_t> {
+    return index.subspan(work.cell_start[c], work.cell_start[c + 1] - work.cell_start[c]);
+  };
+  // Sorting is done with cell_next; from here on it holds the marks.
+  const std::span<std::uint32_t> mark = work.cell_next.first(grid.cells());
+  std::size_t expected = 0;
+  CellHeights cells;
+  low = std::numeric_limits<double>::infinity();
+  high = -low;
+  for (std::size_t c = 0; c < grid.cells(); ++c) {
+    mark[c] = kPlain;
+    const bool wanted = grid.expected(c);
+    if (wanted) ++expected;
+    CellPoints cell;
+    if (cell_mean(points_in(c), point_of, seat, region.cell_points_min, cell)) {
+      work.cell_mean[result.cells++] = cell.mean;
+      const double h = seat.normal.dot(cell.mean) - seat.offset_mm;
+      cells.height[cells.size] = h;
+      cells.cell[cells.size++] = static_cast<std::uint32_t>(c);
+      cells.points += static_cast<double>(cell.used);
+      cells.squares += cell.squares;
+      low = std::min(low, h);
+      high = std::max(high, h);
+    } else if (wanted) {
+      mark[c] = kMissing;
+    }
+  }
+  for (std::size_t c = 0; c < grid.cells(); ++c) {
+    if (mark[c] != kMissing) continue;
+    if (agrees(points_in(c), height_of, region.cell_points_min, low, high))
+      mark[c] = kPlain;
+    else
+      ++result.cells_missing;
+  }
+  if (cells.size > 0) result.defect.limit_mm = mark_defects(cells, points_in, seat.std_mm, region.defect_sigmas, mark);
+  // The cells' starts have served: they lend their room to the search of groups.
+  const std::span<std::uint32_t> stack = work.cell_start;
+  std::size_t hole = 0;
+  for_each_group(grid, kMissing, mark, stack,
+                 [&](std::span<const std::uint32_t> group) { hole = std::max(hole, group.size()); });
+  result.hole_mm2 = static_cast<double>(hole) * region.cell_mm * region.cell_mm;
+  find_defect(grid, kHigh, cells, mark, stack, result.defect);
+  find_defect(grid, kLow, cells, mark, stack, result.defect);
+  const double missing_max = region.cells_missing_max * static_cast<double>(expected);
+  if (2 * std::size_t{result.cells} < expected || static_cast<double>(result.cells_missing) > missing_max ||
+      result.hole_mm2 > kHole_mm2)
+    return result;
+
+  const std::span<const Vec3> means(work.cell_mean.data(), result.cells);
+  const PlaneFit plane = fit_plane_lsq(means, seat.normal);
+  if (!plane.ok) return result;
+  low = std::numeric_limits<double>::infinity();
+  high = -low;
+  for (const Vec3& p : means) {
+    const double h = plane.normal.dot(p) - plane.offset_mm;
+    low = std::min(low, h);
+    high = std::max(high, h);
+  }
+  result.ok = true;
+  result.lsq_mm = high - low;
+  result.std_cells_mm = plane.std_mm;
+  result.min_zone_mm = minimum_zone_mm(means);
+  const CellNoise noise =
+      plain::noise_of_cells(grid, std::span(cells.height).first(cells.size), std::span(cells.cell).first(cells.size),
+                     cells.squares / (cells.points - static_cast<double>(cells.size)), cells.points_per_cell());
+  if (noise.ok) {
+    result.noise_factor = noise.factor;
+    result.noise_mm = expected_range(cells.size) * noise.cell_sigma_mm;
+  }
+  return result;
+}
+
+}  // namespace slabd::algo::plain
