@@ -13,7 +13,6 @@
 #include <hwy/highway.h>
 
 #include <array>
-#include <bit>
 #include <cstdint>
 #include <cstring>
 
@@ -36,35 +35,27 @@ HWY_INLINE std::uint64_t bits_of(hn::Mask<Tag> mask) {
   return byte[0] | (std::uint64_t{byte[1]} << 8U);
 }
 
-/// Whether of these points, some of which are missing (`not_finite`, a bit for each number), every missing one is NaN
-/// in all three already.
-HWY_INLINE bool are_settled(const float* xyz, std::uint64_t not_finite, std::uint64_t missing) {
-  const Tag tag;
-  std::uint64_t nan = 0;
-  for (std::size_t i = 0; i < kGroupFloats; i += kLanes) {
-    const auto v = hn::LoadU(tag, xyz + i);
-    nan |= bits_of(hn::Not(hn::Eq(v, v))) << i;
-  }
-  return nan == not_finite && not_finite == missing * 7;  // 7: x, y and z
-}
-
 enum class Store { no, cached, past_caches };
 
 template <Store kStore>
 HWY_INLINE std::size_t settle_group(const float* from, float* to) {
   const Tag tag;
   std::uint64_t not_finite = 0;
+  std::uint64_t nan = 0;
   for (std::size_t i = 0; i < kGroupFloats; i += kLanes) {
     const auto v = hn::LoadU(tag, from + i);
     if constexpr (kStore == Store::cached) hn::StoreU(v, tag, to + i);
     if constexpr (kStore == Store::past_caches) hn::Stream(v, tag, to + i);
     not_finite |= bits_of(hn::Not(hn::Eq(hn::Sub(v, v), hn::Zero(tag)))) << i;
+    nan |= bits_of(hn::Not(hn::Eq(v, v))) << i;
   }
-  if (not_finite == 0) return kGroupPoints;
   constexpr std::uint64_t kEveryX = 0x2492'4924'9249U;
   const std::uint64_t missing = (not_finite | not_finite >> 1U | not_finite >> 2U) & kEveryX;
-  if (are_settled(from, not_finite, missing)) return kGroupPoints - static_cast<std::size_t>(std::popcount(missing));
-  return slabd::hal::settle_points<float>({to, kGroupFloats});
+  // Which points are missing is chance, and a branch on it costs more than all this. That one is missing in part, or
+  // infinite, hardly ever happens: it is written again.
+  const bool settled = nan == not_finite && not_finite == missing * 7;  // 7: x, y and z
+  if (!settled) return slabd::hal::settle_points<float>({to, kGroupFloats});
+  return kGroupPoints - hwy::PopCount(missing);
 }
 
 template <Store kStore>
