@@ -26,7 +26,7 @@ struct PlcTraits {
   std::uint16_t port = 1502;
   std::uint8_t unit_id = 1;
   hal::WordOrder word_order = hal::WordOrder::abcd;
-  std::chrono::milliseconds cycle{20};
+  std::chrono::milliseconds cycle{5};
   std::chrono::milliseconds heartbeat{250};
   std::chrono::milliseconds ack_timeout{500};
   int ack_rewrites = 3;

@@ -29,6 +29,7 @@ struct Options {
   std::string scan_format = "ply";
   double robot_rate_hz = 125.0;
   double move_s = 0.3;
+  int plc_cycle_ms = 5;
   int scans_per_station = 3;
   bool json = false;
 };
@@ -79,12 +80,13 @@ std::string connect_host(const hal::PlcServerSettings& plc) {
   return host.empty() || host == "0.0.0.0" ? "127.0.0.1" : std::string(host);
 }
 
-PlcTraits plc_traits(const daemon::Config& config) {
+PlcTraits plc_traits(const daemon::Config& config, const Options& options) {
   PlcTraits traits;
   traits.host = connect_host(config.plc);
   traits.port = config.plc.port;
   traits.unit_id = config.plc.unit_id;
   traits.word_order = config.plc.word_order;
+  traits.cycle = std::chrono::milliseconds(options.plc_cycle_ms);
   return traits;
 }
 
@@ -181,7 +183,7 @@ std::vector<SlabOutcome> run_line(const Options& options, const daemon::Config& 
                       recipe,
                       cell,
                       options.scans_per_station,
-                      plc_traits(config),
+                      plc_traits(config, options),
                       [&](int station, std::string_view doing) { progress(station, doing); }};
       outcome.run = run_slab(line, order, outcome.truth);
     }
@@ -239,7 +241,7 @@ int simulate(const Options& options) {
   int exit_status = cli::kDone;
   const auto robot = RobotPeer::start(robot_traits(config, options), truths.value()[0].at(1).T_base_flange_reported);
   if (!started(robot, exit_status)) return exit_status;
-  const auto plc = PlcPeer::connect(plc_traits(config), stop_requested);
+  const auto plc = PlcPeer::connect(plc_traits(config, options), stop_requested);
   if (!started(plc, exit_status)) return exit_status;
   const auto scanner = ScannerPeer::start(scanner_traits(config, options));
   if (!started(scanner, exit_status)) return exit_status;
@@ -314,6 +316,9 @@ void add_simulate(CLI::App& app, int& exit_status) {
       ->capture_default_str();
   command->add_option("--move-s", options->move_s, "Time from one block to the next")
       ->check(CLI::Range(0.0, 60.0))
+      ->capture_default_str();
+  command->add_option("--plc-cycle-ms", options->plc_cycle_ms, "Cycle of the PLC's program: how often it looks")
+      ->check(CLI::Range(1, 1'000))
       ->capture_default_str();
   command->add_option("--scans-per-block", options->scans_per_station, "SCAN attempts before a block is left out")
       ->check(CLI::Range(1, 20))
