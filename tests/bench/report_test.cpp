@@ -74,11 +74,22 @@ TEST(BenchReport, keeps_the_worst_error_of_several_runs) {
 TEST(BenchReport, judges_each_ratio_against_must_and_aim) {
   const Json json = report(whole_run());
   EXPECT_EQ(line(json, "whole block, organised")["verdict"], "must reached");  // 10
-  EXPECT_EQ(line(json, "1 thread / 2 threads")["verdict"], "aim reached");     // 2
+  EXPECT_EQ(line(json, "whole block, 1 thread")["verdict"], "aim reached");    // 2
   EXPECT_EQ(line(json, "binary PLY")["verdict"], "missed");                    // 3
   EXPECT_EQ(line(json, "PCL tuned")["verdict"], "aim reached");                // 100
   EXPECT_EQ(line(json, "fastest peer")["verdict"], "aim reached");             // 250
   EXPECT_EQ(line(json, "heap allocations")["verdict"], "aim reached");
+}
+
+TEST(BenchReport, says_which_ratios_a_busy_machine_made_rough) {
+  Measured measured = whole_run();
+  measured.stages["block/organised/1"] = {{12.0, 10.0, true}};
+  const Json json = report(measured);
+  EXPECT_TRUE(line(json, "whole block, organised")["rough"]);
+  EXPECT_FALSE(line(json, "binary PLY")["rough"]);
+  EXPECT_NE(markdown(json).find("busy machine"), std::string::npos);
+  // Minimum against minimum, not CPU time of one thread against the minimum of two.
+  EXPECT_EQ(line(json, "whole block, 1 thread")["value"], 12.0 / 5.0);
 }
 
 TEST(BenchReport, prints_tables_of_whatever_there_is) {
