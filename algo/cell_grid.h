@@ -35,9 +35,11 @@ struct CellGrid {
     const double x = x_of(cell);
     const double s = s_of(cell);
     if (x + half > region.half_x_mm + 1e-9 || s + half > region.half_s_mm + 1e-9) return false;
+    if (region.casing_clear_mm <= 0.0) return true;
     constexpr double kSqrtTwo = 1.4142135623730951;
-    const double from_casing = std::hypot(x, std::abs(s) - region.casing_s_mm);
-    return region.casing_clear_mm <= 0.0 || from_casing > region.casing_clear_mm + kSqrtTwo * half;
+    const double clear = region.casing_clear_mm + kSqrtTwo * half;
+    const double beside = std::abs(s) - region.casing_s_mm;
+    return x * x + beside * beside > clear * clear;
   }
 };
 

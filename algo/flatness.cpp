@@ -75,7 +75,7 @@ struct CellPoints {
     x = sum.x / n;
     s = sum.s / n;
     height = sum.height / n;
-    squares = std::fmax(sum.squares - sum.height * height, 0.0);
+    squares = std::max(sum.squares - sum.height * height, 0.0);
   }
 };
 
@@ -238,7 +238,9 @@ double mark_defects(const CellHeights& cells, const PointsIn& points_in, double 
   for (std::size_t k = 0; k < cells.size; ++k) size[k] = std::abs(cells.height[k]);
   const double robust = 1.4826 * median_of(std::span(size).first(cells.size));
   const double usual = seat_std_mm / std::sqrt(cells.points_per_cell());
+  const double least = std::fmax(sigmas * robust, kDefectMin_mm);
   for (std::size_t k = 0; k < cells.size; ++k) {
+    if (std::abs(cells.height[k]) <= least) continue;  // no cell's limit is nearer
     const double own = seat_std_mm / std::sqrt(static_cast<double>(points_in(cells.cell[k])));
     const double limit = std::fmax(sigmas * std::fmax(robust * std::fmax(own / usual, 1.0), own), kDefectMin_mm);
     if (cells.height[k] > limit) mark[cells.cell[k]] = kHigh;
