@@ -7,11 +7,9 @@
 namespace slabd::algo {
 namespace {
 
-double quantile_of(std::span<double> values, double share) {
-  const double position = share * static_cast<double>(values.size() - 1);
-  const auto k = static_cast<std::ptrdiff_t>(std::floor(position));
-  std::nth_element(values.begin(), values.begin() + k, values.end());
-  return values[static_cast<std::size_t>(k)];
+/// Place of the quantile `share` among so many sorted values.
+std::size_t rank_of(double share, std::size_t values) {
+  return static_cast<std::size_t>(std::floor(share * static_cast<double>(values - 1)));
 }
 
 }  // namespace
@@ -37,44 +35,31 @@ bool plane_through(const Vec3& a, const Vec3& b, const Vec3& c, FlatPlane& plane
   return true;
 }
 
-bool best_within(std::span<const Vec3> points, const PlaneSearch& search, double threshold, FlatPlane& best) {
-  const double t2 = threshold * threshold;
-  const auto score = [&](const FlatPlane& plane, double best_score) {
-    double sum = 0.0;
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      const double r = plane.distance(points[i]);
-      const double r2 = r * r;
-      sum += r2 < t2 ? r2 : t2;
-      // It cannot win any more.
-      if ((i & 255U) == 255U && sum >= best_score) break;
-    }
-    return sum;
-  };
-  return best_hypothesis(points, search, best, score);
+bool best_within(const PlaneSample& sample, const PlaneSearch& search, double threshold, FlatPlane& best) {
+  return best_hypothesis(sample, search, best, [&](const FlatPlane& plane, double best_score) {
+    return truncated_squares(sample, plane, threshold, best_score);
+  });
 }
 
 void residuals_of(const PlaneSample& sample, const FlatPlane& plane, Residuals& residuals) {
-  for (std::size_t i = 0; i < sample.size; ++i) {
-    const double r = std::abs(plane.distance(sample.points[i]));
-    residuals[i] = std::isfinite(r) ? r : std::numeric_limits<double>::infinity();
-  }
+  distances_of(sample, plane, residuals);
+  for (double& r : std::span(residuals).first(sample.count))
+    r = std::isfinite(r) ? std::abs(r) : std::numeric_limits<double>::infinity();
 }
 
-double robust_sigma(std::span<double> abs_residuals, double share) {
+double robust_sigma(std::span<const double> abs_residuals, double share) {
   if (abs_residuals.empty()) return 0.0;
   // Of normal errors, half lie within 0.6745 sigma.
   constexpr double kMad = 1.482602218505602;
   // ... and half of those within three sigma lie within 0.6720 sigma.
   constexpr double kMadWithinThree = 1.488100;
-  double sigma = kMad * quantile_of(abs_residuals, share);
+  double sigma = kMad * kth_smallest(abs_residuals, rank_of(share, abs_residuals.size()));
   if (!std::isfinite(sigma)) return sigma;
-  std::size_t kept = abs_residuals.size();
   for (int i = 0; i < 50; ++i) {
-    const auto end = std::partition(abs_residuals.begin(), abs_residuals.begin() + static_cast<std::ptrdiff_t>(kept),
-                                    [&](double r) { return r <= 3.0 * sigma; });
-    kept = static_cast<std::size_t>(end - abs_residuals.begin());
+    // Those kept are the smallest of all.
+    const std::size_t kept = count_at_most(abs_residuals, 3.0 * sigma);
     if (kept == 0) return sigma;
-    const double next = kMadWithinThree * quantile_of(abs_residuals.first(kept), 0.5);
+    const double next = kMadWithinThree * kth_smallest(abs_residuals, rank_of(0.5, kept));
     if (!(next < sigma)) return sigma;
     sigma = next;
   }
@@ -83,7 +68,7 @@ double robust_sigma(std::span<double> abs_residuals, double share) {
 
 double threshold_about(const PlaneSample& sample, const FlatPlane& plane, double share, Residuals& scratch) {
   residuals_of(sample, plane, scratch);
-  return std::fmax(3.0 * robust_sigma(std::span(scratch).first(sample.size), share), kThresholdFloor_mm);
+  return std::fmax(3.0 * robust_sigma(std::span(scratch).first(sample.count), share), kThresholdFloor_mm);
 }
 
 double trusted_share(double contamination) {
@@ -92,12 +77,15 @@ double trusted_share(double contamination) {
 
 bool find_threshold(const PlaneSample& sample, const PlaneSearch& search, double share, Residuals& scratch,
                     double& threshold) {
-  const auto quantile_score = [&](const FlatPlane& candidate, double) {
+  // Nearly all hypotheses lose: fewer points than it takes are closer than the best quantile so far.
+  const std::size_t rank = sample.count < 3 ? 0 : rank_of(share, sample.count);
+  const auto quantile_score = [&](const FlatPlane& candidate, double best) {
+    if (count_closer(sample, candidate, best) <= rank) return best;
     residuals_of(sample, candidate, scratch);
-    return quantile_of(std::span(scratch).first(sample.size), share);
+    return kth_smallest(std::span(scratch).first(sample.count), rank);
   };
   FlatPlane plane;
-  if (!best_hypothesis(sample.view(), search, plane, quantile_score)) return false;
+  if (!best_hypothesis(sample, search, plane, quantile_score)) return false;
   threshold = threshold_about(sample, plane, share, scratch);
   return true;
 }

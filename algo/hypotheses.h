@@ -8,6 +8,7 @@
 #include <limits>
 #include <span>
 
+#include "algo/plane_kernels.h"
 #include "base/base.h"
 
 /// Planes through three points of a sample, and how they are compared: what both RANSAC fits have in common.
@@ -16,14 +17,6 @@ namespace slabd::algo {
 /// Smallest inlier distance: noise-free data must not lose its points to rounding.
 inline constexpr double kThresholdFloor_mm = 1e-9;
 
-/// n.p = d, n of unit length.
-struct FlatPlane {
-  Vec3 n = Vec3::Zero();
-  double d = 0.0;
-  [[nodiscard]] double distance(const Vec3& p) const { return n.dot(p) - d; }
-  [[nodiscard]] bool same_bits(const FlatPlane& other) const { return n == other.n && d == other.d; }
-};
-
 /// How hypotheses are drawn: K of them, the same ones for the same seed.
 struct PlaneSearch {
   int hypotheses = 1;
@@ -31,26 +24,19 @@ struct PlaneSearch {
   Vec3 up = Vec3::UnitZ();
 };
 
-/// Points that stand for the whole set while hypotheses are compared.
-struct PlaneSample {
-  std::array<Vec3, limits::kPlaneSampleMax> points;
-  std::size_t size = 0;
-  [[nodiscard]] std::span<const Vec3> view() const { return {points.data(), size}; }
-};
-using Residuals = std::array<double, limits::kPlaneSampleMax>;
-
 /// One point drawn from each of up to kPlaneSampleMax equal slices of the set: covers the face evenly whatever the
 /// scan order.
 template <typename Points>
 void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
   const std::size_t n = points.size();
-  const std::size_t m = std::min(n, sample.points.size());
+  const std::size_t m = std::min(n, limits::kPlaneSampleMax);
+  sample.count = 0;
   for (std::size_t i = 0; i < m; ++i) {
     const std::size_t first = i * n / m;
     const std::size_t last = (i + 1) * n / m;
-    sample.points[i] = points[n == m ? i : first + prng.below(last - first)];
+    sample.add(points[n == m ? i : first + prng.below(last - first)]);
   }
-  sample.size = m;
+  sample.close();
 }
 
 /// The plane through three points; false when they are equal, on a line or not finite.
@@ -58,8 +44,8 @@ void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
 
 /// Runs `score(plane, best)` over K planes through three of the points and keeps the smallest score. False when no
 /// three points make a plane.
-template <typename Score>
-[[nodiscard]] bool best_hypothesis(std::span<const Vec3> points, const PlaneSearch& search, FlatPlane& best,
+template <typename Points, typename Score>
+[[nodiscard]] bool best_hypothesis(const Points& points, const PlaneSearch& search, FlatPlane& best,
                                    const Score& score) {
   if (points.size() < 3) return false;
   Prng prng(search.seed);
@@ -85,8 +71,7 @@ template <typename Score>
 }
 
 /// The hypothesis of least squared error truncated at `threshold` (MSAC). False when no three points make a plane.
-[[nodiscard]] bool best_within(std::span<const Vec3> points, const PlaneSearch& search, double threshold,
-                               FlatPlane& best);
+[[nodiscard]] bool best_within(const PlaneSample& sample, const PlaneSearch& search, double threshold, FlatPlane& best);
 
 /// Distances of the sample's points; infinite for points that are not finite.
 void residuals_of(const PlaneSample& sample, const FlatPlane& plane, Residuals& residuals);

@@ -44,6 +44,13 @@ class PointMoments {
     in_block_ = 0;
   }
 
+  /// Sums that somebody else took about the same shift: x y z, xx xy xz, yy yz, zz.
+  void add_sums(const std::array<double, 9>& sums, std::size_t count) {
+    for (std::size_t i = 0; i < total_.size(); ++i) total_[i] += sums[i];
+    count_ += count;
+  }
+
+  [[nodiscard]] const Vec3& shift() const { return shift_; }
   [[nodiscard]] std::size_t count() const { return count_; }
   [[nodiscard]] Vec3 mean() const {
     const double n = static_cast<double>(count_);

@@ -63,56 +63,67 @@ bool indistinguishable(const FlatPlane& a, const FlatPlane& b, const Vec3& centr
 
 /// A finite point near the plane: any origin serves the sums, as long as it stays the same.
 Vec3 origin_near(const PlaneSample& sample, const FlatPlane& plane) {
-  const auto end = sample.points.begin() + static_cast<std::ptrdiff_t>(sample.size);
-  const auto finite = std::find_if(sample.points.begin(), end, [](const Vec3& p) { return p.allFinite(); });
-  return *finite - plane.distance(*finite) * plane.n;
+  std::size_t i = 0;
+  while (i + 1 < sample.size() && !sample[i].allFinite()) ++i;
+  return sample[i] - plane.distance(sample[i]) * plane.n;
 }
 
 }  // namespace
 
 template <typename Points>
-PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSettings& settings) {
-  PlaneFit fit;
-  fit.points = points.size();
-  if (points.size() < 3) return fit;
-
-  PlaneSample sample;
+void begin_fit(const Points& points, const Vec3& up, const PlaneSettings& settings, PlaneStart& start) {
+  start.found = false;
+  start.doubtful = false;
+  if (points.size() < 3) return;
   Residuals scratch;
   Prng prng(settings.seed);
+  PlaneSample& sample = start.sample;
   draw_sample(points, prng, sample);
-  const PlaneSearch search{hypotheses_needed(settings.contamination, settings.confidence, 3), prng.next(), up};
+  start.search = {hypotheses_needed(settings.contamination, settings.confidence, 3), prng.next(), up};
 
   // Without a given threshold a first round learns how large the noise is.
   const bool threshold_given = settings.threshold_mm > 0.0;
   const double share = trusted_share(settings.contamination);
   double threshold = settings.threshold_mm;
-  if (!threshold_given && !find_threshold(sample, search, share, scratch, threshold)) return fit;
+  if (!threshold_given && !find_threshold(sample, start.search, share, scratch, threshold)) return;
   FlatPlane plane;
-  if (!best_within(sample.view(), search, threshold, plane)) return fit;
+  if (!best_within(sample, start.search, threshold, plane)) return;
 
-  const Vec3 shift = origin_near(sample, plane);
-  Spread spread;
+  start.shift = origin_near(sample, plane);
   for (int i = 0; i < kPolishSteps; ++i) {
     FlatPlane polished = plane;
-    PointMoments moments(shift);
-    if (!refit_within(sample.points, sample.size, threshold, up, moments, polished, spread)) break;
+    Spread spread;
+    PointMoments moments(start.shift);
+    if (!refit_within(sample, threshold, up, moments, polished, spread)) break;
     plane = polished;
     if (!threshold_given) threshold = threshold_about(sample, plane, share, scratch);
   }
-  bool doubtful = false;
-  if (FlatPlane level; find_level(sample.view(), search, threshold, scratch, level, threshold)) {
+  if (FlatPlane level; find_level(sample, start.search, threshold, scratch, level, threshold)) {
     plane = level;
-    doubtful = threshold_given;
+    start.doubtful = threshold_given;
   }
+  start.plane = plane;
+  start.threshold_mm = threshold;
+  start.found = true;
+}
 
+template <typename Points>
+PlaneFit finish_fit(const Points& points, const PlaneSettings& settings, const PlaneStart& start) {
+  PlaneFit fit;
+  fit.points = points.size();
+  if (!start.found) return fit;
+  const Vec3& up = start.search.up;
+  const double threshold = start.threshold_mm;
+  FlatPlane plane = start.plane;
+  Spread spread;
   bool stands_still = false;
   bool is_plane = true;
   RecentPlanes recent;
   while (!stands_still && is_plane && fit.iterations < settings.refits_max) {
     ++fit.iterations;
     FlatPlane next = plane;
-    PointMoments moments(shift);
-    is_plane = refit_within(points, points.size(), threshold, up, moments, next, spread);
+    PointMoments moments(start.shift);
+    is_plane = refit_within(points, threshold, up, moments, next, spread);
     fit.inliers = moments.count();
     if (!is_plane) break;
     const double n = static_cast<double>(fit.inliers);
@@ -128,10 +139,17 @@ PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSetting
   fit.normal = plane.n.dot(up) < 0.0 ? Vec3(-plane.n) : plane.n;
   fit.offset_mm = plane.n.dot(up) < 0.0 ? -plane.d : plane.d;
   fit.inlier_fraction = static_cast<double>(fit.inliers) / static_cast<double>(points.size());
-  fit.ok = is_plane && stands_still && !doubtful && fit.inlier_fraction >= settings.inlier_share_min &&
-           rests_on_enough(settings.support, fit, spread) && !bends_with_threshold(sample.view(), plane, threshold) &&
-           !has_rival(sample, search, plane, threshold);
+  fit.ok = is_plane && stands_still && !start.doubtful && fit.inlier_fraction >= settings.inlier_share_min &&
+           rests_on_enough(settings.support, fit, spread) && !bends_with_threshold(start.sample, plane, threshold) &&
+           !has_rival(start.sample, start.search, plane, threshold);
   return fit;
+}
+
+template <typename Points>
+PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSettings& settings) {
+  PlaneStart start;
+  begin_fit(points, up, settings, start);
+  return finish_fit(points, settings, start);
 }
 
 template <typename Points>

@@ -36,36 +36,30 @@ constexpr double kWider = 1.25;
 constexpr double kMoveSigmas = 0.1;
 
 /// Refits within `threshold` until it hardly matters.
-void polish(std::span<const Vec3> points, const Vec3& up, double threshold, FlatPlane& plane) {
+void polish(const PlaneSample& sample, const Vec3& up, double threshold, FlatPlane& plane) {
   for (int i = 0; i < kPolishSteps; ++i) {
     FlatPlane polished = plane;
     Spread spread;
     // The best plane of a set passes through points of it; near them the sums keep their digits.
-    const auto near = std::find_if(points.begin(), points.end(),
-                                   [&](const Vec3& p) { return std::abs(plane.distance(p)) <= threshold; });
-    if (near == points.end()) return;
-    PointMoments moments(*near);
-    if (!refit_within(points, points.size(), threshold, up, moments, polished, spread)) return;
+    std::size_t near = 0;
+    while (near < sample.size() && !(std::abs(plane.distance(sample[near])) <= threshold)) ++near;
+    if (near == sample.size()) return;
+    PointMoments moments(sample[near]);
+    if (!refit_within(sample, threshold, up, moments, polished, spread)) return;
+    if (polished.same_bits(plane)) return;
     plane = polished;
   }
 }
 
-std::size_t count_within(std::span<const Vec3> points, const FlatPlane& plane, double threshold) {
-  std::size_t count = 0;
-  for (const Vec3& p : points) count += std::abs(plane.distance(p)) <= threshold ? 1U : 0U;
-  return count;
-}
-
-/// Heights on one side (`sign`) of `plane` in bins of threshold / kBinsPerThreshold, up to `reach`. Is there a gap
-/// with another heap beyond? `gap` is where.
-bool gap_on_side(std::span<const Vec3> points, const FlatPlane& plane, double sign, double threshold, double reach,
-                 double& gap) {
+/// `heights` above a plane on one side (`sign`) of it in bins of threshold / kBinsPerThreshold, up to `reach`. Is there
+/// a gap with another heap beyond? `gap` is where.
+bool gap_on_side(std::span<const double> heights, double sign, double threshold, double reach, double& gap) {
   std::array<double, kBinsMax> bins{};
   const double width = threshold / kBinsPerThreshold;
   const std::size_t count = std::min(static_cast<std::size_t>(std::lround(reach / width)), kBinsMax);
   double behind = 0.0;
-  for (const Vec3& p : points) {
-    const double h = sign * plane.distance(p) / width;
+  for (const double height : heights) {
+    const double h = sign * height / width;
     if (!(h < static_cast<double>(count)) || h < -static_cast<double>(count)) continue;
     if (h < 0.0)
       behind += 1.0;
@@ -95,60 +89,60 @@ bool gap_on_side(std::span<const Vec3> points, const FlatPlane& plane, double si
 
 }  // namespace
 
-bool find_level(std::span<const Vec3> points, const PlaneSearch& search, double reach, Residuals& scratch,
+bool find_level(const PlaneSample& sample, const PlaneSearch& search, double reach, Residuals& scratch,
                 FlatPlane& level, double& threshold) {
   for (int scale = 0; scale < kScales; ++scale) {
     const double t = reach / static_cast<double>(1 << scale);
     FlatPlane plane;
-    if (!best_within(points, search, t, plane)) return false;
-    polish(points, search.up, t, plane);
+    if (!best_within(sample, search, t, plane)) return false;
+    polish(sample, search.up, t, plane);
+    distances_of(sample, plane, scratch);
+    const std::span<double> heights = std::span(scratch).first(sample.size());
     double above = 2.0 * reach;
     double under = 2.0 * reach;
     double gap = 0.0;
     bool found = false;
     for (const double sign : {1.0, -1.0}) {
-      if (!gap_on_side(points, plane, sign, t, 2.0 * reach, gap)) continue;
+      if (!gap_on_side(heights, sign, t, 2.0 * reach, gap)) continue;
       (sign > 0.0 ? above : under) = gap;
       found = true;
     }
     if (!found) continue;
     // What lies on this side of the gap says how noisy the level is.
     std::size_t near = 0;
-    for (const Vec3& p : points) {
-      const double h = plane.distance(p);
+    for (const double h : heights)
       if (h < above && h > -under) scratch[near++] = std::abs(h);
-    }
     level = plane;
     threshold = std::fmax(3.0 * robust_sigma(std::span(scratch).first(near), 0.5), kThresholdFloor_mm);
-    polish(points, search.up, threshold, level);
+    polish(sample, search.up, threshold, level);
     return true;
   }
   return false;
 }
 
-bool has_rival(PlaneSample& sample, const PlaneSearch& search, const FlatPlane& plane, double threshold) {
-  const auto begin = sample.points.begin();
-  const auto end = begin + static_cast<std::ptrdiff_t>(sample.size);
-  const auto outside = std::partition(
-      begin, end, [&](const Vec3& p) { return !p.allFinite() || std::abs(plane.distance(p)) <= threshold; });
-  const std::span<const Vec3> rest(outside, end);
-  const double own = static_cast<double>(count_within(sample.view(), plane, threshold));
+bool has_rival(const PlaneSample& sample, const PlaneSearch& search, const FlatPlane& plane, double threshold) {
+  PlaneSample rest;
+  for (std::size_t i = 0; i < sample.size(); ++i)
+    if (const Vec3 p = sample[i]; std::abs(plane.distance(p)) > threshold && p.allFinite()) rest.add(p);
+  rest.close();
+  const double own = static_cast<double>(count_within(sample, plane, threshold));
   FlatPlane rival;
   if (static_cast<double>(rest.size()) < kRivalOwnShare * own) return false;
   if (!best_within(rest, search, threshold, rival)) return false;
   polish(rest, search.up, threshold, rival);
   return static_cast<double>(count_within(rest, rival, threshold)) >= kRivalOwnShare * own &&
-         static_cast<double>(count_within(sample.view(), rival, threshold)) >= kRivalShare * own;
+         static_cast<double>(count_within(sample, rival, threshold)) >= kRivalShare * own;
 }
 
-bool bends_with_threshold(std::span<const Vec3> points, const FlatPlane& plane, double threshold) {
+bool bends_with_threshold(const PlaneSample& sample, const FlatPlane& plane, double threshold) {
   FlatPlane narrow = plane;
-  polish(points, plane.n, threshold, narrow);
+  polish(sample, plane.n, threshold, narrow);
   FlatPlane wide = plane;
-  polish(points, plane.n, kWider * threshold, wide);
+  polish(sample, plane.n, kWider * threshold, wide);
   ScalarMoments moves(0.0);
   ScalarMoments squares(0.0);
-  for (const Vec3& p : points) {
+  for (std::size_t i = 0; i < sample.size(); ++i) {
+    const Vec3 p = sample[i];
     const double h = narrow.distance(p);
     if (!(std::abs(h) <= threshold)) continue;
     const double move = wide.distance(p) - h;

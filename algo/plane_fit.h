@@ -4,6 +4,7 @@
 #include <span>
 
 #include "algo/algo.h"
+#include "algo/hypotheses.h"
 #include "algo/moments.h"
 #include "algo/points.h"
 
@@ -11,6 +12,24 @@
 /// plane.cpp for std::span<const Vec3> and CloudPoints, so that millions of points need no copy.
 namespace slabd::algo {
 
+/// What a sample of the points says before all of them are asked: where the plane is and what counts as near it.
+struct PlaneStart {
+  PlaneSample sample;
+  PlaneSearch search;
+  FlatPlane plane;
+  double threshold_mm = 0.0;
+  Vec3 shift = Vec3::Zero();  ///< sums are taken about it
+  bool found = false;
+  bool doubtful = false;  ///< a second surface in the zone of a given threshold
+};
+template <typename Points>
+void begin_fit(const Points& points, const Vec3& up, const PlaneSettings& settings, PlaneStart& start);
+/// Refits on all points until the inlier set stands still, and the doubts. `points` may be others than those the start
+/// was made from, of the same surface.
+template <typename Points>
+[[nodiscard]] PlaneFit finish_fit(const Points& points, const PlaneSettings& settings, const PlaneStart& start);
+
+/// Both.
 template <typename Points>
 [[nodiscard]] PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSettings& settings);
 
@@ -22,9 +41,9 @@ extern template PlaneFit fit_plane_over(const CloudPoints&, const Vec3&, const P
 extern template PlaneFit fit_plane_lsq_over(const std::span<const Vec3>&, const Vec3&);
 extern template PlaneFit fit_plane_lsq_over(const CloudPoints&, const Vec3&);
 
-/// Robust standard deviation of `abs_residuals` (re-ordered, infinities allowed): 1.4826 MAD over the `share` that is
+/// Robust standard deviation of `abs_residuals` (infinities allowed): 1.4826 MAD over the `share` that is
 /// trusted, then the same over what lies within three of it, until it no longer shrinks. Contamination inflates a
 /// plain MAD (at 50 % outliers it is the largest inlier); the repetition takes that back.
-[[nodiscard]] double robust_sigma(std::span<double> abs_residuals, double share);
+[[nodiscard]] double robust_sigma(std::span<const double> abs_residuals, double share);
 
 }  // namespace slabd::algo

@@ -22,18 +22,27 @@ struct Spread {
 /// Orthogonal least-squares plane of what `moments` has seen; false when it is not a plane.
 [[nodiscard]] bool plane_of(const PointMoments& moments, const Vec3& up, FlatPlane& plane, Spread& spread);
 
+/// Adds the points within `threshold` of `plane` to `moments`.
+template <typename Points>
+void add_within(const Points& points, const FlatPlane& plane, double threshold, PointMoments& moments) {
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Vec3 p = points[i];
+    if (std::abs(plane.distance(p)) <= threshold) moments.add(p);
+  }
+  moments.close_block();
+}
+inline void add_within(const PlaneSample& sample, const FlatPlane& plane, double threshold, PointMoments& moments) {
+  const SampleSums within = sums_within(sample, plane, threshold, moments.shift());
+  moments.add_sums(within.sums, within.count);
+}
+
 /// Least-squares plane of the points within `threshold` of `plane`, which it replaces; false when they form none. The
 /// sums are taken around the shift of `moments`, which comes empty: the same selection gives the same bits only with
 /// the same shift.
 template <typename Points>
-[[nodiscard]] bool refit_within(const Points& points, std::size_t count, double threshold, const Vec3& up,
-                                PointMoments& moments, FlatPlane& plane, Spread& spread) {
-  const FlatPlane old = plane;
-  for (std::size_t i = 0; i < count; ++i) {
-    const Vec3 p = points[i];
-    if (std::abs(old.distance(p)) <= threshold) moments.add(p);
-  }
-  moments.close_block();
+[[nodiscard]] bool refit_within(const Points& points, double threshold, const Vec3& up, PointMoments& moments,
+                                FlatPlane& plane, Spread& spread) {
+  add_within(points, plane, threshold, moments);
   return plane_of(moments, up, plane, spread);
 }
 
