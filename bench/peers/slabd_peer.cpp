@@ -2,6 +2,7 @@
 //
 // slabd itself as one of the programs compared: the same tasks, clocks and counters as the libraries. `block` is the
 // whole block from the file to the verdict, as the daemon measures it.
+#include <algorithm>
 #include <cmath>
 #include <iostream>
 
@@ -80,16 +81,21 @@ void run_block(Peer& peer, Bench& bench, const char* file) {
 
 void run_denoise(Peer& peer, Bench& bench) {
   algo::Cloud cloud = bench.read(peer.path("scan.ply"));
-  const std::size_t read = cloud.points;
+  const std::vector<float> drawn(cloud.xyz.begin(), cloud.xyz.begin() + static_cast<std::ptrdiff_t>(3 * cloud.points));
   peer.begin();
   bench.inspector.begin(1, Pose::identity(), nominal_T_block_scanner());
   const Status status = bench.inspector.denoise(cloud);
   peer.lap("outliers");
   peer.end();
   if (!status) give_up(status.error());
-  // Removed points are NaN in place.
-  std::vector<bool> kept(read, false);
-  for (std::size_t i = 0; i < read; ++i) kept[i] = std::isfinite(cloud.xyz[3 * i]);
+  // What is left is in the order of the scan: a point was kept if it is the next one of the finite ones.
+  std::vector<bool> kept(drawn.size() / 3, false);
+  std::size_t next = 0;
+  for (std::size_t i = 0; i < kept.size(); ++i) {
+    while (next < cloud.points && !std::isfinite(cloud.xyz[3 * next])) ++next;
+    kept[i] = next < cloud.points && std::equal(&drawn[3 * i], &drawn[3 * i] + 3, &cloud.xyz[3 * next]);
+    next += kept[i] ? 1U : 0U;
+  }
   peer.score_denoising(kept);
 }
 
