@@ -99,7 +99,7 @@ CasingTies tie_to_casings(const Cloud& cloud, const BlockModel& model, const Eva
   const FastTransform at_start(T_block_scanner);
   for (std::size_t i = 0; i < cloud.points; ++i) {
     const Vec3 p = at_start(cloud.xyz.data() + 3 * i);
-    if (std::abs(seat.distance(p)) > kHeight_mm) continue;
+    if (!(std::abs(seat.distance(p)) <= kHeight_mm)) continue;  // missing points neither
     const double s = model.along_seat().dot(p);
     if ((s < 0.0 ? inner : outer).add(p.x(), s)) work.index[strip_points++] = static_cast<std::uint32_t>(i);
   }

@@ -5,14 +5,15 @@
 #include <span>
 
 #include "algo/algo.h"
+#include "algo/team.h"
 
 namespace slabd::algo {
 
-/// The surface in one cell: height at level cells, slope at tilted ones, NaN where there is none.
-struct CellSurface {
-  float level_mm;
-  float slope_x;
-  float slope_y;
+/// A plane z over the points of a tile: height in its middle and rise; NaN where there is none.
+struct TilePlane {
+  float z;
+  float per_column;  ///< mm per grid column, or mm per mm along x
+  float per_row;     ///< ... row, or along y
 };
 
 /// Memory for `remove_isolated`, owned by the inspector.
@@ -20,12 +21,13 @@ struct DenoiseWorkspace {
   std::span<std::uint32_t> order;       ///< >= points
   std::span<std::uint8_t> keep;         ///< >= points
   std::span<std::uint32_t> cell_start;  ///< limits::kDenoiseCellsMax + 1
-  std::span<CellSurface> surface;       ///< limits::kDenoiseCellsMax
+  std::span<TilePlane> surface;         ///< limits::kDenoiseCellsMax
 };
 
-/// Drops points that are not finite and points that no surface goes through; compacts `cloud` in place, order kept.
-/// Fills `counts`. The same points are kept in whatever order they come. O(points), 100 ns each at most on scans; a
-/// cloud made to be slow is bounded by O(1024 * points).
-void remove_isolated(Cloud& cloud, const DenoiseWorkspace& work, ScanCounts& counts);
+/// Sets points that no surface goes through to NaN, in place, and points that lack a coordinate altogether; number,
+/// order, width and height stay. Fills `counts`. An organised scan (width and height set) is judged by its grid, any
+/// other by the points' places in XY, whatever their order. The same points are kept on one thread and on two and on
+/// every instruction set.
+void remove_isolated(Cloud& cloud, const DenoiseWorkspace& work, Team& team, ScanCounts& counts);
 
 }  // namespace slabd::algo

@@ -38,7 +38,7 @@ struct BlockInspector::Workspace {
         order(pages.take<std::uint32_t>(limits::kScanPointsMax)),
         label(pages.take<std::uint8_t>(limits::kScanPointsMax)),
         cell_start(pages.take<std::uint32_t>(limits::kDenoiseCellsMax + 1)),
-        surface(pages.take<CellSurface>(limits::kDenoiseCellsMax)),
+        surface(pages.take<TilePlane>(limits::kDenoiseCellsMax)),
         sample(pages.take<Vec3>(limits::kIcpPointsMax)),
         residuals(pages.take<double>(limits::kIcpPointsMax)),
         histogram(pages.take<std::uint32_t>(limits::kDeviationBins)),
@@ -61,7 +61,7 @@ struct BlockInspector::Workspace {
   std::span<std::uint32_t> order;
   std::span<std::uint8_t> label;
   std::span<std::uint32_t> cell_start;
-  std::span<CellSurface> surface;
+  std::span<TilePlane> surface;
   std::span<Vec3> sample;
   std::span<double> residuals;
   std::span<std::uint32_t> histogram;
@@ -141,10 +141,11 @@ Status BlockInspector::denoise(Cloud& cloud) {
     return error(Code::frame_incomplete, "scan claims %zu points, its buffer holds %zu and the limit is %zu",
                  cloud.points, cloud.xyz.size() / 3, limits::kScanPointsMax);
   }
-  remove_isolated(cloud, {w.order, w.label, w.cell_start, w.surface}, w.result.scan);
-  if (cloud.points >= limits::kScanPointsMin) return success();
+  remove_isolated(cloud, {w.order, w.label, w.cell_start, w.surface}, w.team, w.result.scan);
+  const auto kept = static_cast<std::size_t>(w.result.scan.points_kept);
+  if (kept >= limits::kScanPointsMin) return success();
   refuse_registration(w.result.registration, "not tried: too few points");
-  return error(Code::too_few_points, "%zu of %llu points left after denoising, at least %zu needed", cloud.points,
+  return error(Code::too_few_points, "%zu of %llu points left after denoising, at least %zu needed", kept,
                static_cast<unsigned long long>(w.result.scan.points_read), limits::kScanPointsMin);
 }
 

@@ -20,6 +20,10 @@ constexpr float kDensityCell_mm = 4.0F;
 constexpr std::uint32_t kDensityPoints = 16;
 constexpr int kDensityDoublings = 8;
 
+bool missing(const float* p) {
+  return std::isnan(p[0]);
+}
+
 }  // namespace
 
 void PointGrid::find_extent(const float* xyz, std::size_t points) {
@@ -27,10 +31,14 @@ void PointGrid::find_extent(const float* xyz, std::size_t points) {
   const int half = static_cast<int>(bins.size() / 2);
   const auto along = [&](std::size_t axis, float& low, float& high) {
     std::fill(bins.begin(), bins.end(), 0U);
-    for (std::size_t i = 0; i < points; ++i)
+    std::size_t finite = 0;
+    for (std::size_t i = 0; i < points; ++i) {
+      if (missing(xyz + 3 * i)) continue;
+      ++finite;
       ++bins[static_cast<std::size_t>(
           clamped(xyz[3 * i + axis] / kExtentBin_mm + static_cast<float>(half), static_cast<int>(bins.size())))];
-    const std::size_t tail = points / kTailShare;
+    }
+    const std::size_t tail = finite / kTailShare;
     std::size_t first = 0;
     for (std::size_t seen = bins[0]; seen <= tail; seen += bins[first]) ++first;
     std::size_t last = bins.size() - 1;
@@ -67,7 +75,8 @@ void PointGrid::lay_out(float cell_mm) {
 /// Points of cell c in cell_start_[c + 1].
 void PointGrid::count_points(const float* xyz, std::size_t points) {
   std::fill(cell_start_.begin(), cell_start_.begin() + static_cast<std::ptrdiff_t>(cells() + 1), 0U);
-  for (std::size_t i = 0; i < points; ++i) ++cell_start_[cell_of(xyz + 3 * i) + 1];
+  for (std::size_t i = 0; i < points; ++i)
+    if (!missing(xyz + 3 * i)) ++cell_start_[cell_of(xyz + 3 * i) + 1];
 }
 
 void PointGrid::find_pitch(const float* xyz, std::size_t points) {
@@ -90,9 +99,11 @@ void PointGrid::sort_points(const float* xyz, std::size_t points) {
   const std::span<std::uint32_t> start = cell_start_.first(cells() + 1);
   for (std::size_t c = 0; c < cells(); ++c) start[c + 1] += start[c];
   // Filled from the back: each cell's end moves to its start.
-  for (std::size_t i = points; i-- > 0;) order_[--start[cell_of(xyz + 3 * i) + 1]] = static_cast<std::uint32_t>(i);
+  const std::uint32_t sorted = start[cells()];
+  for (std::size_t i = points; i-- > 0;)
+    if (!missing(xyz + 3 * i)) order_[--start[cell_of(xyz + 3 * i) + 1]] = static_cast<std::uint32_t>(i);
   for (std::size_t c = 0; c < cells(); ++c) start[c] = start[c + 1];
-  start[cells()] = static_cast<std::uint32_t>(points);
+  start[cells()] = sorted;
 }
 
 void PointGrid::build(const float* xyz, std::size_t points, float cell_pitches) {

@@ -18,8 +18,8 @@ class PointGrid {
   PointGrid(std::span<std::uint32_t> order, std::span<std::uint32_t> cell_start)
       : order_(order), cell_start_(cell_start) {}
 
-  /// Sorts finite points (x y z, ...). The grid depends on the set of points, not on their order; within a cell they
-  /// keep it. O(points), six passes.
+  /// Sorts points (x y z, ...), finite or missing (x is NaN; at least one is not). The grid depends on the set of
+  /// points, not on their order; within a cell they keep it. O(points), six passes.
   void build(const float* xyz, std::size_t points, float cell_pitches);
 
   /// Typical distance of neighbouring points in XY: a square of that side holds one point in the middle of the scan.

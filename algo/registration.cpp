@@ -151,15 +151,22 @@ FixedString<64> objection(const Assessment& a, const EvaluationSettings& setting
   return note;
 }
 
-/// One point from each of equal slices of the scan: even coverage, no aliasing with the scan lines.
+/// One point from each of equal slices of the points that are not missing: even coverage, no aliasing with the scan
+/// lines.
 std::span<const Vec3> draw_sample(const Cloud& cloud, std::span<Vec3> sample) {
   Prng prng(0x5eedU);
-  const std::size_t n = cloud.points;
+  const auto missing = [&](std::size_t k) { return std::isnan(cloud.xyz[3 * k]); };
+  std::size_t n = 0;
+  for (std::size_t k = 0; k < cloud.points; ++k) n += missing(k) ? 0U : 1U;
   const std::size_t m = std::min(n, sample.size());
+  std::size_t k = 0;
+  std::size_t passed = 0;  // points before k that are not missing
   for (std::size_t i = 0; i < m; ++i) {
     const std::size_t first = i * n / m;
     const std::size_t last = (i + 1) * n / m;
-    const float* p = cloud.xyz.data() + 3 * (first + prng.below(last - first));
+    const std::size_t wanted = first + prng.below(last - first);
+    for (; passed < wanted || missing(k); ++k) passed += missing(k) ? 0U : 1U;
+    const float* p = cloud.xyz.data() + 3 * k;
     sample[i] = Vec3(static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2]));
   }
   return sample.first(m);

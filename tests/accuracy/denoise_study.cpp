@@ -9,7 +9,7 @@
 
 #include <array>
 #include <cmath>
-#include <cstring>
+#include <utility>
 
 #include "algo/block_model.h"
 #include "algo/denoise.h"
@@ -67,14 +67,13 @@ class DenoiseBench {
     std::vector<float> xyz = cloud.xyz;
     order_.resize(xyz.size() / 3);
     keep_.resize(xyz.size() / 3);
-    algo::Cloud view{xyz, xyz.size() / 3, 0, 0};
+    algo::Cloud view{xyz, xyz.size() / 3, cloud.width, cloud.height};
     ScanCounts counts;
-    algo::remove_isolated(view, {order_, keep_, cells_, surface_}, counts);
-    std::size_t k = 0;
+    algo::remove_isolated(view, {order_, keep_, cells_, surface_}, team_, counts);
     for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
       const float* f = &cloud.xyz[3 * i];
-      const bool kept = k < view.points && std::memcmp(&xyz[3 * k], f, 3 * sizeof(float)) == 0;
-      k += kept ? 1U : 0U;
+      if (std::isnan(f[0])) continue;
+      const bool kept = !std::isnan(xyz[3 * i]);
       if (cloud.outlier[i]) {
         const Vec3 p(static_cast<double>(f[0]), static_cast<double>(f[1]), static_cast<double>(f[2]));
         if (within_a_millimetre(model_, cloud.T_block_scanner * p)) continue;
@@ -95,7 +94,8 @@ class DenoiseBench {
   std::vector<std::uint32_t> order_;
   std::vector<std::uint8_t> keep_;
   std::vector<std::uint32_t> cells_;
-  std::vector<algo::CellSurface> surface_;
+  std::vector<algo::TilePlane> surface_;
+  algo::Team team_{1};
 };
 
 scene::Scan scan_of(double pitch, double ratio, const View& view, std::uint64_t seed) {
@@ -124,21 +124,23 @@ bool denoise_study(const StudyOptions& options, Table& table) {
       for (const double ratio : {1.0, 2.0}) {
         if (pitch * ratio > 1.0) continue;
         for (const View& view : kViews) {
-          for (const int clump : {1, 5}) {
+          for (const auto& [clump, organised] :
+               {std::pair{1, true}, std::pair{5, true}, std::pair{1, false}, std::pair{5, false}}) {
             Quality quality;
             for (const double far_mm : {5.0, 60.0}) {
               for (int i = 0; i < scans; ++i) {
                 scene::Scan scan = scan_of(pitch, ratio, view, options.first + static_cast<std::uint64_t>(i));
                 scan.outlier_far_mm = far_mm;
                 scan.outlier_clump = clump;
+                scan.organised = organised;
                 // A clump has three and a half points on average.
                 scan.outlier_share = clump > 1 ? share / 3.5 : share;
                 bench.run(scan, quality);
               }
             }
-            const std::string what =
-                fmt::format("{} % outliers{}, pitch {}{}, {}: ", 100.0 * share, clump > 1 ? " in clumps of 2 to 5" : "",
-                            pitch, ratio > 1.0 ? " x 2" : "", view.name);
+            const std::string what = fmt::format(
+                "{} % outliers{}, pitch {}{}, {}, {}: ", 100.0 * share, clump > 1 ? " in clumps of 2 to 5" : "", pitch,
+                ratio > 1.0 ? " x 2" : "", view.name, organised ? "organised" : "not organised");
             table.at_most(what + "outliers left", quality.outliers_left.percent(), 0.1, "%");
             table.at_most(what + "level faces lost", quality.level_lost.percent(), 0.02, "%");
             table.at_most(what + "steep faces lost", quality.steep_lost.percent(), 0.3, "%");

@@ -21,28 +21,28 @@ struct Denoiser {
   std::vector<std::uint32_t> order;
   std::vector<std::uint8_t> keep;
   std::vector<std::uint32_t> cells = std::vector<std::uint32_t>(limits::kDenoiseCellsMax + 1);
-  std::vector<CellSurface> surface = std::vector<CellSurface>(limits::kDenoiseCellsMax);
+  std::vector<TilePlane> surface = std::vector<TilePlane>(limits::kDenoiseCellsMax);
+  Team team{1};
   ScanCounts counts;
 
-  std::size_t run(std::vector<float>& xyz) {
+  /// Returns how many points are kept.
+  std::size_t run(std::vector<float>& xyz, std::size_t width = 0, std::size_t height = 0) {
     order.resize(xyz.size() / 3);
     keep.resize(xyz.size() / 3);
-    Cloud cloud{xyz, xyz.size() / 3, 0, 0};
-    remove_isolated(cloud, {order, keep, cells, surface}, counts);
-    return cloud.points;
+    Cloud cloud{xyz, xyz.size() / 3, width, height};
+    remove_isolated(cloud, {order, keep, cells, surface}, team, counts);
+    EXPECT_EQ(cloud.points, xyz.size() / 3);
+    return counts.points_kept;
   }
 };
 
-/// Which points of `before` are among the first `kept` of `after`: the order is kept, so both lists are walked
-/// together.
-std::vector<bool> survivors(const std::vector<float>& before, const std::vector<float>& after, std::size_t kept) {
+/// Which points are left; they are the scan's, in their places.
+std::vector<bool> survivors(const std::vector<float>& before, const std::vector<float>& after) {
   std::vector<bool> there(before.size() / 3);
-  std::size_t k = 0;
   for (std::size_t i = 0; i < there.size(); ++i) {
-    there[i] = k < kept && std::memcmp(&after[3 * k], &before[3 * i], 3 * sizeof(float)) == 0;
-    k += there[i] ? 1U : 0U;
+    there[i] = std::memcmp(&after[3 * i], &before[3 * i], 3 * sizeof(float)) == 0 && !std::isnan(after[3 * i]);
+    EXPECT_TRUE(there[i] || (std::isnan(after[3 * i]) && std::isnan(after[3 * i + 1]) && std::isnan(after[3 * i + 2])));
   }
-  EXPECT_EQ(k, kept) << "kept points are the scan's, in its order";
   return there;
 }
 
@@ -144,8 +144,9 @@ Quality quality(const scene::Scan& scan) {
   model.build(scene::p5600().block);
   const scene::Cloud cloud = scene::take({}, scan);
   std::vector<float> xyz = cloud.xyz;
-  const std::size_t kept = Denoiser().run(xyz);
-  const std::vector<bool> there = survivors(cloud.xyz, xyz, kept);
+  const std::size_t kept = Denoiser().run(xyz, cloud.width, cloud.height);
+  const std::vector<bool> there = survivors(cloud.xyz, xyz);
+  EXPECT_EQ(static_cast<std::size_t>(std::count(there.begin(), there.end(), true)), kept);
   std::array<double, 3> all{};
   std::array<double, 3> left{};
   for (std::size_t i = 0; i < there.size(); ++i) {
@@ -174,6 +175,7 @@ TEST(Denoise, RemovesOutliersAndKeepsTheSurfaceWhateverThePitchAndTheView) {
   };
   for (const Case& c : {Case{0.3, 1.0, 0.0, 60.0, 0.005, 1, true}, Case{0.3, 1.0, 0.0, 5.0, 0.01, 1, false},
                         Case{0.35, 1.0, 600.0, 5.0, 0.01, 5, false}, Case{0.3, 2.0, 0.0, 5.0, 0.01, 1, false},
+                        Case{0.35, 1.0, 600.0, 5.0, 0.003, 5, true}, Case{0.3, 1.0, 600.0, 5.0, 0.01, 1, true},
                         Case{0.6, 1.0, 600.0, 60.0, 0.02, 1, true}}) {
     scene::Scan scan;
     scan.pitch_mm = c.pitch;
@@ -208,8 +210,10 @@ TEST(Denoise, KeepsTheSamePointsInWhateverOrderTheyCome) {
     shuffled.insert(shuffled.end(), {cloud.xyz[3 * i], cloud.xyz[3 * i + 1], cloud.xyz[3 * i + 2]});
   const auto sorted_points = [](std::vector<float>& xyz) {
     const std::size_t kept = Denoiser().run(xyz);
-    std::vector<std::array<float, 3>> points(kept);
-    for (std::size_t i = 0; i < kept; ++i) points[i] = {xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]};
+    std::vector<std::array<float, 3>> points;
+    for (std::size_t i = 0; i < xyz.size() / 3; ++i)
+      if (!std::isnan(xyz[3 * i])) points.push_back({xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]});
+    EXPECT_EQ(points.size(), kept);
     std::sort(points.begin(), points.end());
     return points;
   };

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include "algo/denoise.h"
+#include "algo/surface_window.h"
+
+namespace slabd::algo {
+
+inline constexpr float kNoPlane = std::numeric_limits<float>::quiet_NaN();
+
+/// A point lies on a plane if its height is within noise, plus a third of what the plane rises from point to point:
+/// across a steep plane that is a third of a row, so that no two rows of a level surface ever lie in a steep one. On a
+/// level one, noise with heavy tails belongs to the surface, an outlier of a millimetre does not.
+inline float grid_gate_mm(float per_column, float per_row) {
+  constexpr float kLevel_mm = 0.6F;
+  constexpr float kNoise_mm = 0.45F;
+  constexpr float kRise = 0.35F;
+  return std::max(kLevel_mm, kNoise_mm + kRise * std::sqrt(per_column * per_column + per_row * per_row));
+}
+
+/// How an organised scan is divided.
+struct GridLayout {
+  static constexpr int kTileColumns = 16;
+  static constexpr int kTileRows = 8;
+  /// Bands are what threads share.
+  static constexpr int kBandTileRows = 32;
+  /// A narrower grid is not worth it, and its masks would be larger than the scan.
+  static constexpr std::size_t kColumnsMin = 64;
+  static constexpr std::size_t kRowsMin = 64;
+
+  GridLayout(std::size_t width, std::size_t height)
+      : columns(width),
+        rows(height),
+        tile_columns(static_cast<int>((width + kTileColumns - 1) / kTileColumns)),
+        tile_rows(static_cast<int>((height + kTileRows - 1) / kTileRows)) {}
+
+  std::size_t columns, rows;
+  int tile_columns, tile_rows;
+
+  [[nodiscard]] std::size_t tiles() const {
+    return static_cast<std::size_t>(tile_columns) * static_cast<std::size_t>(tile_rows);
+  }
+  [[nodiscard]] std::size_t bands() const {
+    return (static_cast<std::size_t>(tile_rows) + kBandTileRows - 1) / kBandTileRows;
+  }
+  /// Bytes of a mask's row: one tile to the left and to the right, so that windows may reach over the edge.
+  [[nodiscard]] std::size_t mask_stride() const { return 2 * (static_cast<std::size_t>(tile_columns) + 3); }
+  [[nodiscard]] std::size_t mask_bytes() const {
+    return mask_stride() * static_cast<std::size_t>(kTileRows * tile_rows + 2 * window::kReach);
+  }
+};
+
+/// One bit a point, by tiles.
+class GridMask {
+ public:
+  GridMask(const GridLayout& grid, std::uint8_t* memory) : memory_(memory), stride_(grid.mask_stride()) {
+    std::fill_n(memory_, grid.mask_bytes(), std::uint8_t{0});
+  }
+  void set(int tile_column, int row, std::uint32_t bits) {
+    const auto half = static_cast<std::uint16_t>(bits);
+    std::memcpy(at(row) + 2 + 2 * tile_column, &half, sizeof half);
+  }
+  [[nodiscard]] std::uint32_t tile(int tile_column, int row) const {
+    std::uint16_t half = 0;
+    std::memcpy(&half, at(row) + 2 + 2 * tile_column, sizeof half);
+    return half;
+  }
+  /// The 7 x 7 points around one.
+  [[nodiscard]] std::uint64_t around(int column, int row) const {
+    std::uint64_t bits = 0;
+    const auto bit = static_cast<unsigned>(column + 16 - window::kReach);
+    for (int k = 0; k < window::kSide; ++k) {
+      std::uint32_t word = 0;
+      std::memcpy(&word, at(row + k - window::kReach) + bit / 8, sizeof word);
+      bits |= std::uint64_t{(word >> (bit % 8)) & 0x7FU} << (7 * k);
+    }
+    return bits;
+  }
+
+ private:
+  [[nodiscard]] std::uint8_t* at(int row) const {
+    return memory_ + static_cast<std::size_t>(row + window::kReach) * stride_;
+  }
+  std::uint8_t* memory_;
+  std::size_t stride_;
+};
+
+/// What a band found.
+struct GridCounts {
+  std::uint64_t finite = 0;
+  std::uint64_t with_plane = 0;  ///< points of tiles in which one plane holds half of them
+};
+
+/// The scan and what is known about it, shared by all bands.
+struct GridWork {
+  GridWork(const GridLayout& grid, float* points, const DenoiseWorkspace& memory)
+      : xyz(points),
+        surface(memory.surface.data()),
+        tile_columns(static_cast<std::size_t>(grid.tile_columns)),
+        off(grid, memory.keep.data()),
+        noise(grid, memory.keep.data() + grid.mask_bytes()) {}
+
+  /// The two planes of a tile.
+  [[nodiscard]] TilePlane* planes(int tile_column, int tile_row) const {
+    return surface + 2 * (static_cast<std::size_t>(tile_row) * tile_columns + static_cast<std::size_t>(tile_column));
+  }
+  void add(const GridCounts& counts) {
+    finite += counts.finite;
+    with_plane += counts.with_plane;
+  }
+
+  /// Distances of neighbours in XY, along rows and along columns: the medians of a thousand.
+  void measure_pitch(const GridLayout& grid) {
+    per_column_mm = median_step(grid, 1, 0);
+    per_row_mm = median_step(grid, 0, 1);
+  }
+  /// Steeper than 85 degrees: nothing that a scanner sees, but two surfaces at different depths.
+  [[nodiscard]] bool too_steep(const TilePlane& plane) const {
+    constexpr float kSlopeMax = 11.5F;
+    const float along = plane.per_column / per_column_mm;
+    const float across = plane.per_row / per_row_mm;
+    return along * along + across * across > kSlopeMax * kSlopeMax;
+  }
+
+  float* xyz;
+  float per_column_mm = 1.0F;
+  float per_row_mm = 1.0F;
+  TilePlane* surface;
+  std::size_t tile_columns;
+  GridMask off;    ///< finite, and on none of its tile's planes
+  GridMask noise;  ///< to be taken out
+  std::atomic<std::uint64_t> finite{0};
+  std::atomic<std::uint64_t> with_plane{0};
+
+ private:
+  [[nodiscard]] float median_step(const GridLayout& grid, std::size_t right, std::size_t down) const {
+    constexpr std::size_t kSide = 32;
+    std::array<float, kSide * kSide> step{};
+    std::size_t n = 0;
+    for (std::size_t r = 0; r < kSide; ++r) {
+      for (std::size_t c = 0; c < kSide; ++c) {
+        const float* p = xyz + 3 * (r * (grid.rows - 1) / kSide * grid.columns + c * (grid.columns - 1) / kSide);
+        const float* q = p + 3 * (down * grid.columns + right);
+        const float mm = std::hypot(q[0] - p[0], q[1] - p[1]);
+        if (mm > 0.0F && std::isfinite(mm)) step[n++] = mm;
+      }
+    }
+    if (n == 0) return 1.0F;
+    std::nth_element(step.begin(), step.begin() + static_cast<std::ptrdiff_t>(n / 2),
+                     step.begin() + static_cast<std::ptrdiff_t>(n));
+    return step[n / 2];
+  }
+};
+
+/// False, and nothing changed but points that lacked a coordinate, when `cloud` is not organised or its grid is none.
+[[nodiscard]] bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts);
+
+}  // namespace slabd::algo
