@@ -14,8 +14,8 @@
 //     it.
 //  3. Noise becomes NaN.
 //
-// Invariants: step 1 writes planes and masks of its own band of tile rows only, step 2 reads them and the points, step
-// 3 alone changes points; so the bands may be shared among threads. Planes do not continue across bands.
+// Invariants: step 1 writes planes and masks of its own band of tile rows only, step 2 reads those around and the
+// points, step 3 alone changes points; so the bands may be shared among threads. Planes do not continue across bands.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -23,6 +23,8 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+
+#include <hwy/cache_control.h>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/denoise_grid.cpp"
@@ -70,11 +72,14 @@ constexpr int kDraws = 24;
 constexpr int kSample = 48;
 /// Planes as one, in gates at the corners of a tile.
 constexpr float kAlike = 0.25F;
+constexpr float kAlikeLevel_mm = 0.15F;  // the least a gate can make of it
 /// A point that fewer unexplained ones surround is alone.
 constexpr int kCompany = 4;
 /// Steepest slope that four neighbours are believed, mm per point.
 constexpr float kOwnSlopeMax = 1.0F;
 constexpr std::size_t kCandidates = 18;
+/// Floats that are fetched ahead: four tiles.
+constexpr int kAhead = 4 * 3 * kColumns;
 
 constexpr float kMidColumn = 0.5F * static_cast<float>(kColumns - 1);
 constexpr float kMidRow = 0.5F * static_cast<float>(kRows - 1);
@@ -273,25 +278,33 @@ class Denoiser {
  public:
   Denoiser(const GridLayout& grid, GridWork& work) : grid_(grid), work_(work) {}
 
-  /// Step 1 for one band.
+  /// Step 1 for one band, and step 2 for its tile rows but the first and the last: while their points are in the cache.
   void find_planes(std::size_t band) {
     GridCounts counts;
-    const int first = static_cast<int>(band) * GridLayout::kBandTileRows;
-    const int last = std::min(first + GridLayout::kBandTileRows, grid_.tile_rows);
-    for (int tr = first; tr < last; ++tr)
+    const int first = first_tile_row(band);
+    const int last = first_tile_row(band + 1);
+    for (int tr = first; tr < last; ++tr) {
       for (int tc = 0; tc < grid_.tile_columns; ++tc) see(tc, tr, tr > first, counts);
+      if (tr - first >= 2) judge_row(tr - 1);
+    }
     work_.add(counts);
   }
 
-  /// Step 2 for one band.
+  /// Step 2 for the band's first and last tile row, when the bands beside it have their planes.
   void judge(std::size_t band) {
-    const int first = static_cast<int>(band) * GridLayout::kBandTileRows;
-    const int last = std::min(first + GridLayout::kBandTileRows, grid_.tile_rows);
-    for (int tr = first; tr < last; ++tr)
-      for (int tc = 0; tc < grid_.tile_columns; ++tc) judge_tile(tc, tr);
+    const int first = first_tile_row(band);
+    const int last = first_tile_row(band + 1) - 1;
+    judge_row(first);
+    if (last != first) judge_row(last);
   }
 
  private:
+  [[nodiscard]] int first_tile_row(std::size_t band) const {
+    return std::min(static_cast<int>(band) * GridLayout::kBandTileRows, grid_.tile_rows);
+  }
+  void judge_row(int tr) {
+    for (int tc = 0; tc < grid_.tile_columns; ++tc) judge_tile(tc, tr);
+  }
   [[nodiscard]] const float* point(int column, int row) const {
     return work_.xyz + 3 * (static_cast<std::size_t>(row) * grid_.columns + static_cast<std::size_t>(column));
   }
@@ -310,6 +323,8 @@ class Denoiser {
         store(f16(std::numeric_limits<float>::quiet_NaN()), tile.z[k].data());
         continue;
       }
+      // Tiles jump from row to row, which no machine foresees.
+      for (int line = 0; line < 3; ++line) hwy::Prefetch(point(kColumns * tc, kRows * tr + r) + kAhead + 16 * line);
       float* p = work_.xyz + (point(kColumns * tc, kRows * tr + r) - work_.xyz);
       std::uint32_t odd = 0;
       const Points16 points = columns == kColumns ? load_points(p) : load_points(p, static_cast<std::size_t>(columns));
@@ -400,6 +415,18 @@ class Denoiser {
               (bits(abs(load(region.z[k].data() + kColumns) - (at + right)) <= gate) << kColumns);
     }
   }
+  /// Does any of the tile's open points?
+  [[nodiscard]] static bool any_on_plane(const Region& region, const TilePlane& plane, const RowBits& open) {
+    const F16 gate = f16(gate_of(plane));
+    const F16 along = f16(plane.per_column) * lanes_from_middle();
+    for (std::size_t r = 0; r < kRows; ++r) {
+      if (open[r] == 0) continue;
+      const F16 at = f16(plane.z + plane.per_row * (static_cast<float>(r) - kMidRow));
+      const float* z = region.z[r + kReach].data() + kMargin;
+      if ((bits(abs(load(z) - (at + along)) <= gate) & open[r]) != 0) return true;
+    }
+    return false;
+  }
   /// The window around a point of the tile.
   [[nodiscard]] static HWY_INLINE std::uint64_t window_of(const RegionBits& rows, int column, int row) {
     std::uint64_t bits = 0;
@@ -420,12 +447,11 @@ class Denoiser {
         if (std::isnan(work_.planes(c, r)[i].z)) return;
         if (work_.too_steep(work_.planes(c, r)[i])) continue;
         const TilePlane plane = moved(work_.planes(c, r)[i], -dc, -dr);
-        const float gate = kAlike * gate_of(plane);
         bool known = false;
         for (std::size_t k = 0; k < n && !known; ++k) {
           const float off = std::abs(plane.z - planes[k].z) + 8.0F * std::abs(plane.per_column - planes[k].per_column) +
                             4.0F * std::abs(plane.per_row - planes[k].per_row);
-          known = off <= gate;
+          known = off <= kAlikeLevel_mm || off <= kAlike * gate_of(plane);
         }
         if (!known) planes[n++] = plane;
       }
@@ -449,7 +475,7 @@ class Denoiser {
     const std::size_t n = gather_planes(tc, tr, planes);
     Region region;
     bool filled = false;
-    if (!calm || n > 1) {
+    if (!calm || near_other_plane(tc, tr, open, planes.data(), n)) {
       fill(region, tc, tr);
       filled = true;
       if (!calm)
@@ -473,10 +499,46 @@ class Denoiser {
     }
   }
 
+  /// Does any of the points come near a plane other than the tile's own? A quick look that spares a thorough one.
+  [[nodiscard]] bool near_other_plane(int tc, int tr, const RowBits& open, const TilePlane* planes,
+                                      std::size_t n) const {
+    constexpr float kSlack = 1.05F;
+    if (n < 2) return false;
+    for (int r = 0; r < kRows; ++r) {
+      for (std::uint32_t left = open[static_cast<std::size_t>(r)]; left != 0; left &= left - 1) {
+        const int c = std::countr_zero(left);
+        const float z = point(kColumns * tc + c, kRows * tr + r)[2];
+        for (std::size_t i = 1; i < n; ++i) {
+          const float at = planes[i].z + planes[i].per_column * (static_cast<float>(c) - kMidColumn) +
+                           planes[i].per_row * (static_cast<float>(r) - kMidRow);
+          if (std::abs(z - at) <= kSlack * gate_of(planes[i])) return true;
+        }
+      }
+    }
+    return false;
+  }
+
   /// Takes those points out of `open` that the plane explains.
   static void explain(const Region& region, const TilePlane& plane, bool reigning, RowBits& open) {
+    if (!any_on_plane(region, plane, open)) return;
     RegionBits on;
     on_plane(region, plane, on);
+    // Where nothing around lies off the plane and the nearest points on it, the answer is known: no counting.
+    RegionBits off;
+    for (std::size_t k = 0; k < kRegionRows; ++k) {
+      const std::uint32_t o = region.finite[k] & ~on[k];
+      off[k] = o | (o << 1U) | (o << 2U) | (o << 3U) | (o >> 1U) | (o >> 2U) | (o >> 3U);
+    }
+    for (std::size_t r = 0; r < kRows; ++r) {
+      std::uint32_t around = 0;
+      for (std::size_t k = 0; k < static_cast<std::size_t>(window::kSide); ++k) around |= off[r + k];
+      const std::uint32_t here = on[r + kReach];
+      const std::uint32_t above = on[r + kReach - 1];
+      const std::uint32_t below = on[r + kReach + 1];
+      const std::uint32_t cross = here & (here << 1U) & (here >> 1U) & above & below;
+      const std::uint32_t corner = (above << 1U) | (above >> 1U) | (below << 1U) | (below >> 1U);
+      open[r] &= ~((cross & corner & ~around) >> kMargin);
+    }
     for (int r = 0; r < kRows; ++r) {
       std::uint32_t& row = open[static_cast<std::size_t>(r)];
       for (std::uint32_t left = row & (on[static_cast<std::size_t>(r + kReach)] >> kMargin); left != 0;
