@@ -107,7 +107,7 @@ class BlockInspector {
   /// point.
   [[nodiscard]] Status denoise(Cloud& cloud);
 
-  /// Finds the block: search of the recipe's window around the spliced pose, then ICP to the analytic model; the
+  /// Finds the block: ICP to the analytic model from the spliced pose, else from a search of the recipe's window; the
   /// casings where no end face is seen. block_not_found when rejected or degenerate, fit_failed at the iteration limit,
   /// no_pose when the start is not finite; the report in `result()` says why. About 0.1 s and 20 ns a point.
   [[nodiscard]] Status register_to_model(const Cloud& cloud);

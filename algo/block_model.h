@@ -82,6 +82,9 @@ class FaceTable {
   /// Bits of faces; 0 outside the table.
   [[nodiscard]] std::uint16_t wide_at(const Vec3& p) const { return at(wide_, p); }
   [[nodiscard]] std::uint16_t near_at(const Vec3& p) const { return at(near_, p); }
+  /// All cells, row by row.
+  [[nodiscard]] std::span<const std::uint16_t> wide() const { return wide_; }
+  [[nodiscard]] std::span<const std::uint16_t> near() const { return near_; }
   [[nodiscard]] static bool inside(const Vec3& p) {
     return p.x() >= -kHalfX && p.x() < kHalfX && p.y() >= -kHalfY && p.y() < kHalfY;
   }

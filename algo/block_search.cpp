@@ -16,9 +16,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <limits>
 #include <utility>
 
 #include "algo/algo.h"
+#include "algo/place_count.h"
 #include "base/prng.h"
 
 namespace slabd::algo {
@@ -27,6 +30,7 @@ namespace {
 /// Points on which level planes are found, and on which places are compared.
 constexpr std::size_t kPlanePoints = 1024;
 constexpr std::size_t kPlacePoints = 768;
+static_assert(kPlacePoints % 16 == 0);
 /// Three planes: bearing plane, slab top, and one that may be neither (a tray, the shoulders).
 constexpr std::size_t kPlanes = 3;
 static_assert(2 * kPlanes == kStartPosesMax, "each plane is read in two ways");
@@ -119,7 +123,8 @@ class PlaceSearch {
       for (int y = 0; y <= 2 * shifts_; ++y) {
         for (int x = 0; x <= 2 * shifts_; ++x) {
           const Vec3 shift = in_plane(outward(x), outward(y));
-          const int explained = count(outward(x), outward(y), static_cast<float>(shift.z()), best.points);
+          const int explained = count_explained(heights_.raster(), placed_, outward(x), outward(y),
+                                                static_cast<float>(shift.z()), kHeightGate_mm, best.points);
           if (explained <= best.points) continue;
           best.points = explained;
           best.T_block_scanner = laid;
@@ -144,8 +149,13 @@ class PlaceSearch {
   }
   void place(std::span<const Vec3> points, const Pose& pose) {
     const Mat3 R = pose.rotation.toRotationMatrix();
-    placed_ = points.size();
-    for (std::size_t i = 0; i < placed_; ++i) {
+    const std::size_t padded = (points.size() + 15) / 16 * 16;
+    for (std::size_t i = points.size(); i < padded; ++i) {
+      column_[i] = row_[i] = 0;
+      z_[i] = std::numeric_limits<float>::quiet_NaN();
+    }
+    placed_ = {std::span(column_).first(padded), std::span(row_).first(padded), std::span(z_).first(padded)};
+    for (std::size_t i = 0; i < points.size(); ++i) {
       const Vec3 p = R * points[i] + pose.translation_mm;
       // A stray far away has no cell; it lies beyond the raster, wherever the block is put.
       const auto cell = [](double mm, int cells) {
@@ -157,23 +167,13 @@ class PlaceSearch {
       z_[i] = static_cast<float>(p.z());
     }
   }
-  /// Points explained at this shift; stops counting when `to_beat` is out of reach.
-  [[nodiscard]] int count(int x_steps, int y_steps, float rise_mm, int to_beat) const {
-    int missing = static_cast<int>(placed_) - to_beat;
-    for (std::size_t i = 0; i < placed_; ++i) {
-      const float off = z_[i] + rise_mm - heights_.at(column_[i] + x_steps, row_[i] + y_steps);
-      if (!(std::abs(off) < kHeightGate_mm) && --missing <= 0) return to_beat;
-    }
-    return to_beat + missing;
-  }
-
   const HeightMap& heights_;
   const Plane& target_;
   int shifts_;
   int turns_;
-  std::size_t placed_ = 0;
-  std::array<int, kPlacePoints> column_{};
-  std::array<int, kPlacePoints> row_{};
+  PlacedPoints placed_;
+  std::array<std::int32_t, kPlacePoints> column_{};
+  std::array<std::int32_t, kPlacePoints> row_{};
   std::array<float, kPlacePoints> z_{};
 };
 

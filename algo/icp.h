@@ -2,14 +2,16 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <bit>
-#include <cmath>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
 
 #include "algo/block_model.h"
 #include "algo/casing_ties.h"
+#include "algo/icp_kernels.h"
+#include "algo/icp_sample.h"
+#include "algo/team.h"
 #include "base/base.h"
 
 namespace slabd::algo {
@@ -24,31 +26,41 @@ struct NormalEquations {
   std::size_t points = 0;
 };
 
-/// Point-to-plane ICP of a sample (scanner frame) to the block model with Tukey weights.
+/// Memory, owned by the inspector.
+struct IcpMemory {
+  std::span<float> points;         ///< kSampleFloats
+  std::span<float> distances;      ///< 2 * limits::kIcpPointsMax
+  std::span<std::uint8_t> labels;  ///< 2 * limits::kIcpPointsMax
+};
+
+/// Point-to-plane ICP of a sample (scanner frame) to the block model with Tukey weights. All members cost one pass over
+/// the sample (some 30 us) or less.
 class Icp {
  public:
   static constexpr double kLever_mm = 150.0;
 
-  /// `faces`: memory for a face per sampled point.
-  Icp(const BlockModel& model, const FaceTable& table, const EvaluationSettings& settings, std::span<const Vec3> sample,
-      std::span<std::uint8_t> faces)
-      : model_(model), table_(table), settings_(settings), sample_(sample), faces_(faces) {}
+  /// Draws the sample. `T_block_scanner`: roughly where the block is.
+  Icp(const BlockModel& model, const FaceTable& table, const EvaluationSettings& settings, const Cloud& cloud,
+      const Pose& T_block_scanner, const IcpMemory& memory, Team& team);
 
-  /// Gives each point to its face for the steps within `single_face_gate`. Between two calls those steps work on one
-  /// smooth problem, which has a fixed point; points that change sides with every step have none.
+  /// One Gauss-Newton step from afar: each point of the sample's first part to the closest face in reach. Returns the
+  /// step's length, negative if unsolvable.
+  double coarse_step(Pose& T_block_scanner, double gate_mm, NormalEquations& eq) const;
+  /// How the pose explains the first part, and the whole sample.
+  [[nodiscard]] FaceCounts coarse_counts(const Pose& T_block_scanner) const;
+  [[nodiscard]] FaceCounts counts(const Pose& T_block_scanner) const;
+
+  /// Once the pose is roughly known: makes the passes that follow fast. Changes no result but by rounding.
+  void sort(const Pose& T_block_scanner);
+
+  /// Gives each point to its face for the steps that follow: within `single_face_gate` and only where a single face is
+  /// near. Between two calls the steps work on one smooth problem, which has a fixed point; points that change sides
+  /// with every step have none.
   void associate(const Pose& T_block_scanner);
 
-  /// One Gauss-Newton step at `gate` on every `stride`-th point; returns the step's length, negative if unsolvable.
-  double step(Pose& T_block_scanner, double gate_mm, std::size_t stride, NormalEquations& eq) const;
+  /// One step with the associated points within `gate_mm`. Weights::newton converges faster but only close to the end.
+  double step(Pose& T_block_scanner, double gate_mm, Weights weights, NormalEquations& eq) const;
 
-  /// The face of a point in the block frame: up to `single_face_gate` only where a single one is near, beyond it the
-  /// closest of those in reach.
-  [[nodiscard]] bool face_of(const Vec3& p, double gate_mm, Face& face, double& distance) const {
-    const bool far = gate_mm > single_face_gate();
-    const std::uint16_t candidates = far ? table_.wide_at(p) : table_.near_at(p);
-    return (far || std::has_single_bit(candidates)) && closest_face(model_.planes(), candidates, p, face, distance) &&
-           std::abs(distance) < gate_mm;
-  }
   [[nodiscard]] double single_face_gate() const { return settings_.registration_gate_mm; }
 
   /// Ties take part in every further step, each with the weight of so many points.
@@ -58,9 +70,10 @@ class Icp {
   }
 
   /// The normal equations of the last steps with the points of some faces (bits) only, and the ties.
-  [[nodiscard]] NormalEquations information(const Pose& T_block_scanner, double gate_mm, std::uint16_t faces) const {
-    return accumulate(T_block_scanner, gate_mm, 1, faces);
-  }
+  [[nodiscard]] NormalEquations information(const Pose& T_block_scanner, double gate_mm, std::uint16_t faces) const;
+
+  /// Median distance of a face's associated points, of a part of the sample; negative when fewer than `points_min`.
+  [[nodiscard]] double median_mm(Face face, std::size_t points_min) const;
 
   /// How far a motion carries the rim of the block.
   [[nodiscard]] static double length_mm(const Pose& motion) {
@@ -72,21 +85,31 @@ class Icp {
   /// which the noise is seen at a slant, nor a face a little off the model make it say more or less than the noise.
   [[nodiscard]] Mat6 covariance(const Pose& T_block_scanner, double gate_mm) const;
 
-  /// Robust standard deviation of the distances that take part at `gate_mm`. `memory`: one for each sampled point.
-  [[nodiscard]] double noise_mm(const Pose& T_block_scanner, double gate_mm, std::span<double> memory) const;
+  /// Robust standard deviation of the distances that take part at `gate_mm`.
+  [[nodiscard]] double noise_mm(const Pose& T_block_scanner, double gate_mm) const;
+
+  /// A few points of the sample, evenly from the whole scan (scanner frame). Returns how many.
+  std::size_t take(std::span<Vec3> points) const;
 
  private:
-  [[nodiscard]] NormalEquations accumulate(const Pose& pose, double gate_mm, std::size_t stride,
-                                           std::uint16_t faces = kAllFaces) const;
-  /// Calls visit(face, distance, jacobian) for the points that take part.
-  template <typename Visit>
-  void each_point(const Pose& pose, double gate_mm, std::size_t stride, Visit&& visit) const;
+  [[nodiscard]] IcpView view(const Pose& pose, std::span<const std::uint16_t> cells) const;
+  [[nodiscard]] Slopes moved_since_association(const Pose& pose) const;
+  [[nodiscard]] FaceCounts count(const IcpSample& sample, const Pose& pose, const Association& to) const;
+  [[nodiscard]] SumsOfFaces sums(const Pose& pose, double gate_mm, Weights weights,
+                                 const std::array<double, kFaces>& means = {}) const;
+  [[nodiscard]] NormalEquations equations(const Pose& pose, const SumsOfFaces& sums, std::uint16_t faces) const;
+  static double solve(NormalEquations& eq, Pose& pose);
 
   const BlockModel& model_;
   const FaceTable& table_;
   const EvaluationSettings& settings_;
-  std::span<const Vec3> sample_;
-  std::span<std::uint8_t> faces_;
+  IcpMemory memory_;
+  Team& team_;
+  IcpSample drawn_;   ///< in the order of the scan, part by part
+  IcpSample sample_;  ///< sorted, or as drawn
+  std::array<std::uint16_t, limits::kIcpPointsMax / 16> groups_{};
+  Association association_;
+  Pose associated_at_;
   FixedVector<Tie, 4> ties_;
   double tie_weight_ = 0.0;
 };

@@ -39,8 +39,8 @@ struct BlockInspector::Workspace {
         label(pages.take<std::uint8_t>(limits::kScanPointsMax)),
         cell_start(pages.take<std::uint32_t>(limits::kDenoiseCellsMax + 1)),
         surface(pages.take<TilePlane>(limits::kDenoiseCellsMax)),
-        sample(pages.take<Vec3>(limits::kIcpPointsMax)),
-        residuals(pages.take<double>(limits::kIcpPointsMax)),
+        sample(pages.take<float>(kSampleFloats)),
+        residuals(pages.take<float>(2 * limits::kIcpPointsMax)),
         histogram(pages.take<std::uint32_t>(limits::kDeviationBins)),
         wide(pages.take<std::uint16_t>(FaceTable::kCells)),
         near(pages.take<std::uint16_t>(FaceTable::kCells)),
@@ -62,8 +62,8 @@ struct BlockInspector::Workspace {
   std::span<std::uint8_t> label;
   std::span<std::uint32_t> cell_start;
   std::span<TilePlane> surface;
-  std::span<Vec3> sample;
-  std::span<double> residuals;
+  std::span<float> sample;
+  std::span<float> residuals;
   std::span<std::uint32_t> histogram;
   std::span<std::uint16_t> wide;
   std::span<std::uint16_t> near;
@@ -161,7 +161,7 @@ Status BlockInspector::register_to_model(const Cloud& cloud) {
     refuse_registration(w.result.registration, "not tried: the start pose is not finite");
     return error(Code::no_pose, "the start pose of the registration is not finite");
   }
-  w.result.registration = register_block(cloud, task, {w.sample, w.residuals, w.label, w.histogram, w.order});
+  w.result.registration = register_block(cloud, task, {{w.sample, w.residuals, w.label}, w.histogram, w.order}, w.team);
   const RegistrationReport& report = w.result.registration;
   switch (report.status) {
     case RegistrationStatus::converged: return success();

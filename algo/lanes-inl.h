@@ -237,6 +237,49 @@ HWY_INLINE Pack<T, K> keep(const MaskPack<T, K>& mask, const Pack<T, K>& a) {
   return {keep(mask.lo, a.lo), keep(mask.hi, a.hi)};
 }
 
+// ---- whole numbers -------------------------------------------------------------------------------------------
+
+/// By k bits; the sign comes in from above.
+template <int k>
+HWY_INLINE Pack<std::int32_t, 1> shift_right(const Pack<std::int32_t, 1>& a) {
+  return {hn::ShiftRight<k>(a.v)};
+}
+template <int k, std::size_t K>
+HWY_INLINE Pack<std::int32_t, K> shift_right(const Pack<std::int32_t, K>& a) {
+  return {shift_right<k>(a.lo), shift_right<k>(a.hi)};
+}
+/// By 0 to 31 bits, each lane by its own.
+HWY_INLINE Pack<std::int32_t, 1> shift_right(const Pack<std::int32_t, 1>& a, const Pack<std::int32_t, 1>& by) {
+  return {hn::Shr(a.v, by.v)};
+}
+template <std::size_t K>
+HWY_INLINE Pack<std::int32_t, K> shift_right(const Pack<std::int32_t, K>& a, const Pack<std::int32_t, K>& by) {
+  return {shift_right(a.lo, by.lo), shift_right(a.hi, by.hi)};
+}
+/// Lanes in which `one` bit is set.
+HWY_INLINE MaskPack<float, 1> test_bits(const Pack<std::int32_t, 1>& a, const Pack<std::int32_t, 1>& one) {
+  return {hn::RebindMask(Tag<float>(), hn::TestBit(a.v, one.v))};
+}
+template <std::size_t K>
+HWY_INLINE MaskPack<float, K> test_bits(const Pack<std::int32_t, K>& a, const Pack<std::int32_t, K>& one) {
+  return {test_bits(a.lo, one.lo), test_bits(a.hi, one.hi)};
+}
+HWY_INLINE MaskPack<float, 1> is_zero(const Pack<std::int32_t, 1>& a) {
+  return {hn::RebindMask(Tag<float>(), hn::Eq(a.v, hn::Zero(Tag<std::int32_t>())))};
+}
+template <std::size_t K>
+HWY_INLINE MaskPack<float, K> is_zero(const Pack<std::int32_t, K>& a) {
+  return {is_zero(a.lo), is_zero(a.hi)};
+}
+/// `a` where the mask is set, zero elsewhere.
+HWY_INLINE Pack<std::int32_t, 1> keep_int(const MaskPack<float, 1>& mask, const Pack<std::int32_t, 1>& a) {
+  return {hn::IfThenElseZero(hn::RebindMask(Tag<std::int32_t>(), mask.m), a.v)};
+}
+template <std::size_t K>
+HWY_INLINE Pack<std::int32_t, K> keep_int(const MaskPack<float, K>& mask, const Pack<std::int32_t, K>& a) {
+  return {keep_int(mask.lo, a.lo), keep_int(mask.hi, a.hi)};
+}
+
 // ---- between types ---------------------------------------------------------------------------------------------
 
 /// Towards zero; what an int does not hold gives an unspecified number, so bound it first.
@@ -266,6 +309,24 @@ HWY_INLINE auto to_double(const Pack<float, K>& a) {
 #else
     return Pack<double, 2>{{hn::PromoteTo(Tag<double>(), hn::LowerHalf(a.v))},
                            {hn::PromoteTo(Tag<double>(), hn::UpperHalf(hn::Half<Tag<float>>(), a.v))}};
+#endif
+  }
+}
+
+/// To the nearest float.
+template <std::size_t K>
+HWY_INLINE auto to_float(const Pack<double, K>& a) {
+  if constexpr (sizeof(Pack<double, K>) > 2 * sizeof(Pack<double, 1>) || HWY_TARGET == HWY_SCALAR) {
+    if constexpr (K == 1) {
+      return Pack<float, 1>{hn::DemoteTo(Tag<float>(), a.v)};
+    } else {
+      using Half = decltype(to_float(a.lo));
+      return Pack<float, 2 * sizeof(Half) / sizeof(Pack<float, 1>)>{to_float(a.lo), to_float(a.hi)};
+    }
+  } else {
+#if HWY_TARGET != HWY_SCALAR
+    const hn::Half<Tag<float>> half;
+    return Pack<float, 1>{hn::Combine(Tag<float>(), hn::DemoteTo(half, a.hi.v), hn::DemoteTo(half, a.lo.v))};
 #endif
   }
 }

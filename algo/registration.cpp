@@ -3,10 +3,11 @@
 // Where is the block? The robot says so to a millimetre or a few; the scan must say it to a micrometre, and must say
 // when there is no block at all (paper 2.4).
 //
-// The window is searched first (block_search), so the start does not matter as long as the block is in it. Then ICP,
-// point to plane, against the analytic model: each sampled point is moved into the block frame, given to the closest
-// face seen near its place, and the six-parameter step that shortens the distances is solved for (Gauss-Newton, Tukey
-// weights), while the gates shrink.
+// ICP, point to plane, against the analytic model: each sampled point is moved into the block frame, given to the
+// closest face seen near its place, and the six-parameter step that shortens the distances is solved for (Gauss-Newton,
+// Tukey weights), while the gates shrink. It is tried from the robot's place first, which is right to a few millimetres
+// on every ordinary day. Where that does not end at a pose that passes every test, the whole window is searched
+// (block_search), so the start does not matter as long as the block is in it.
 //
 // The last steps use only points whose surroundings show a single face. Which points take part and what they are held
 // against then depends on their place, not on their noise: the estimate has no bias from edges, and its covariance can
@@ -37,6 +38,9 @@ constexpr double kStepDone_mm = 1e-6;
 constexpr double kRoundDone_mm = 1e-3;
 constexpr int kRounds = 20;
 constexpr int kRoundSteps = 40;
+/// Rounds from here on give the points to their faces half way between the last place and the new one: a point at the
+/// edge of two cells otherwise throws the pose from one side to the other for ever.
+constexpr int kHalfWayFrom = 4;
 /// Smallest to largest eigenvalue of the normal matrix. A complete block has about 2e-2; without end faces 0.
 constexpr double kConditionMin = 1e-3;
 /// Share of a single face's points that must be on it. Lower than for the whole: a glove may lie on a jaw.
@@ -47,7 +51,12 @@ constexpr double kFaceMeanMax = 0.5;
 constexpr double kFaceSpreadMax = 0.25;
 /// A face seen by fewer sampled points says nothing.
 constexpr std::size_t kFacePointsMin = 20;
-constexpr std::size_t kCoarsePoints = 8192;
+/// A coarse gate has done its work when a step is shorter than this.
+constexpr double kCoarseDone_mm = 0.02;
+/// Steps shorter than this share of the gate are close enough to the end for Newton's.
+constexpr double kNewtonFrom = 0.1;
+/// Points of the sample that the search looks at.
+constexpr std::size_t kSearchPoints = 2048;
 
 struct Gate {
   double radius_mm;
@@ -55,7 +64,6 @@ struct Gate {
 };
 /// The search leaves half a step: 2 to 3 mm and a degree, which is 4 mm at the ends of the block.
 constexpr std::array<Gate, 3> kCoarse = {{{12.0, 6}, {8.0, 5}, {6.0, 5}}};
-constexpr Gate kFine = {6.0, 4};
 /// The last gate in medians of the worst face (of normal errors: seven medians are 4.7 sigma, Tukey's usual choice),
 /// and its floor.
 constexpr double kGateMedians = 7.0;
@@ -63,14 +71,7 @@ constexpr double kLastGateMin_mm = 0.15;
 
 /// How well a pose explains the sample, overall and face by face. Only points whose surroundings show a single face
 /// vote for that face, so that edges do not blur the picture.
-struct Assessment {
-  std::size_t in_field = 0;
-  std::size_t near_model = 0;
-  std::array<std::size_t, kFaces> expected{};
-  std::array<std::size_t, kFaces> found{};
-  std::array<double, kFaces> sum_mm{};
-  std::array<double, kFaces> sum_mm2{};
-
+struct Assessment : FaceCounts {
   [[nodiscard]] double share() const {
     return in_field == 0 ? 0.0 : static_cast<double>(near_model) / static_cast<double>(in_field);
   }
@@ -96,31 +97,6 @@ struct Assessment {
     return faces;
   }
 };
-
-Assessment assess(const RegistrationTask& task, std::span<const Vec3> sample, std::size_t stride, const Pose& pose) {
-  Assessment a;
-  const Mat3 R = pose.rotation.toRotationMatrix();
-  const double gate = task.settings.registration_gate_mm;
-  for (std::size_t i = 0; i < sample.size(); i += stride) {
-    const Vec3 p = R * sample[i] + pose.translation_mm;
-    if (!FaceTable::inside(p)) continue;
-    ++a.in_field;
-    const std::uint16_t candidates = task.table.near_at(p);
-    Face face = Face::seat;
-    double r = 0.0;
-    if (!closest_face(task.model.planes(), candidates, p, face, r)) continue;
-    const bool near = std::abs(r) <= gate;
-    if (near) ++a.near_model;
-    if (std::popcount(candidates) != 1) continue;
-    const auto f = static_cast<std::size_t>(face);
-    ++a.expected[f];
-    if (!near) continue;
-    ++a.found[f];
-    a.sum_mm[f] += r;
-    a.sum_mm2[f] += r * r;
-  }
-  return a;
-}
 
 /// Empty when the pose explains the scan; else what speaks against it.
 FixedString<64> objection(const Assessment& a, const EvaluationSettings& settings, std::size_t stride) {
@@ -151,44 +127,34 @@ FixedString<64> objection(const Assessment& a, const EvaluationSettings& setting
   return note;
 }
 
-/// One point from each of equal slices of the points that are not missing: even coverage, no aliasing with the scan
-/// lines.
-std::span<const Vec3> draw_sample(const Cloud& cloud, std::span<Vec3> sample) {
-  Prng prng(0x5eedU);
-  const auto missing = [&](std::size_t k) { return std::isnan(cloud.xyz[3 * k]); };
-  std::size_t n = 0;
-  for (std::size_t k = 0; k < cloud.points; ++k) n += missing(k) ? 0U : 1U;
-  const std::size_t m = std::min(n, sample.size());
-  std::size_t k = 0;
-  std::size_t passed = 0;  // points before k that are not missing
-  for (std::size_t i = 0; i < m; ++i) {
-    const std::size_t first = i * n / m;
-    const std::size_t last = (i + 1) * n / m;
-    const std::size_t wanted = first + prng.below(last - first);
-    for (; passed < wanted || missing(k); ++k) passed += missing(k) ? 0U : 1U;
-    const float* p = cloud.xyz.data() + 3 * k;
-    sample[i] = Vec3(static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2]));
+/// Steps from `pose` with the coarse gates. True when they end at a pose that explains the scan.
+bool settle(const RegistrationTask& task, const Icp& icp, Pose& pose, double& share, int& iterations) {
+  NormalEquations eq;
+  for (const Gate& gate : kCoarse) {
+    double step_mm = kCoarseDone_mm;
+    for (int i = 0; i < gate.steps && step_mm >= kCoarseDone_mm; ++i, ++iterations)
+      step_mm = icp.coarse_step(pose, gate.radius_mm, eq);
+    if (step_mm < 0.0) return false;
   }
-  return sample.first(m);
+  const Assessment seen{icp.coarse_counts(pose)};
+  share = seen.share();
+  return objection(seen, task.settings, kSampleParts).empty();
 }
 
 /// ICP from each place the search offers, best first; returns the first that holds, else the one with the largest
 /// share.
-Pose coarse_pose(const RegistrationTask& task, const Icp& icp, std::span<const Vec3> sample, std::size_t stride,
-                 int& iterations) {
+Pose searched_pose(const RegistrationTask& task, const Icp& icp, int& iterations) {
+  std::array<Vec3, kSearchPoints> points;
+  const std::size_t count = icp.take(points);
   Pose best = task.T_block_scanner;
   double best_share = -1.0;
-  for (const StartPose& start : search_block(task.model, task.heights, task.settings, task.T_block_scanner, sample)) {
+  for (const StartPose& start :
+       search_block(task.model, task.heights, task.settings, task.T_block_scanner, std::span(points).first(count))) {
     Pose pose = start.T_block_scanner;
-    NormalEquations eq;
-    bool solvable = true;
-    for (const Gate& gate : kCoarse)
-      for (int i = 0; i < gate.steps && solvable; ++i, ++iterations)
-        solvable = icp.step(pose, gate.radius_mm, stride, eq) >= 0.0;
-    const Assessment a = assess(task, sample, stride, pose);
-    if (solvable && objection(a, task.settings, stride).empty()) return pose;
-    if (a.share() > best_share) {
-      best_share = a.share();
+    double share = 0.0;
+    if (settle(task, icp, pose, share, iterations)) return pose;
+    if (share > best_share) {
+      best_share = share;
       best = pose;
     }
   }
@@ -197,25 +163,11 @@ Pose coarse_pose(const RegistrationTask& task, const Icp& icp, std::span<const V
 
 /// The gate of the last steps. A few sigma, so that dirt and damage have no pull; but no face may be shut out as a
 /// whole: on a block whose ends are half a millimetre too long they still say where the middle is.
-double last_gate(const Icp& icp, std::span<const Vec3> sample, std::size_t stride, const Pose& pose,
-                 std::span<double> residuals) {
-  const Mat3 R = pose.rotation.toRotationMatrix();
-  const double widest = icp.single_face_gate();
+double last_gate(const Icp& icp) {
   double gate = kLastGateMin_mm;
-  for (std::size_t f = 0; f < kFaces; ++f) {
-    std::size_t count = 0;
-    for (std::size_t i = 0; i < sample.size(); i += stride) {
-      Face face = Face::seat;
-      double r = 0.0;
-      if (icp.face_of(R * sample[i] + pose.translation_mm, widest, face, r) && static_cast<std::size_t>(face) == f)
-        residuals[count++] = std::abs(r);
-    }
-    if (count < kFacePointsMin) continue;
-    const auto middle = residuals.begin() + static_cast<std::ptrdiff_t>(count / 2);
-    std::nth_element(residuals.begin(), middle, residuals.begin() + static_cast<std::ptrdiff_t>(count));
-    gate = std::max(gate, kGateMedians * *middle);
-  }
-  return std::min(gate, widest);
+  for (std::size_t f = 0; f < kFaces; ++f)
+    gate = std::max(gate, kGateMedians * icp.median_mm(static_cast<Face>(f), kFacePointsMin));
+  return std::min(gate, icp.single_face_gate());
 }
 
 /// Which of the six motions the normal equations know least of.
@@ -292,22 +244,35 @@ struct FineResult {
   Determinacy directions;
 };
 
-FineResult refine(const RegistrationTask& task, Icp& icp, std::span<const Vec3> sample, std::size_t stride,
-                  std::span<double> residuals, Pose& pose, int& iterations) {
+Pose half_way(const Pose& a, const Pose& b) {
+  return {a.rotation.slerp(0.5, b.rotation), 0.5 * (a.translation_mm + b.translation_mm)};
+}
+
+FineResult refine(const RegistrationTask& task, Icp& icp, Pose& pose, int& iterations) {
   FineResult fine;
   NormalEquations eq;
-  for (int i = 0; i < kFine.steps; ++i, ++iterations) (void)icp.step(pose, kFine.radius_mm, 1, eq);
-  fine.gate_mm = last_gate(icp, sample, stride, pose, residuals);
+  icp.sort(pose);
+  Pose at = pose;
   for (int round = 0; round < kRounds && !fine.stands_still; ++round) {
-    icp.associate(pose);
-    const Pose before = pose;
-    double step_mm = kRoundDone_mm;
-    for (int i = 0; i < kRoundSteps && step_mm >= kStepDone_mm; ++i, ++iterations)
-      step_mm = icp.step(pose, fine.gate_mm, 1, eq);
+    at = round < kHalfWayFrom ? pose : half_way(at, pose);
+    icp.associate(at);
+    if (round == 0) fine.gate_mm = last_gate(icp);
+    double step_mm = std::numeric_limits<double>::infinity();
+    bool newton_helps = true;
+    for (int i = 0; i < kRoundSteps && step_mm >= kStepDone_mm; ++i, ++iterations) {
+      const bool newton = newton_helps && step_mm < kNewtonFrom * fine.gate_mm;
+      const double last_mm = step_mm;
+      step_mm = icp.step(pose, fine.gate_mm, newton ? Weights::newton : Weights::tukey, eq);
+      // A step that does not shorten the next one, or has no downhill, is none of Newton's business.
+      if (newton && !(step_mm >= 0.0 && step_mm < last_mm)) {
+        newton_helps = false;
+        step_mm = last_mm;
+      }
+    }
     if (step_mm < 0.0) break;
-    fine.stands_still = step_mm < kStepDone_mm && Icp::length_mm(pose * before.inverse()) < kRoundDone_mm;
+    fine.stands_still = step_mm < kStepDone_mm && Icp::length_mm(pose * at.inverse()) < kRoundDone_mm;
   }
-  fine.seen = assess(task, sample, 1, pose);
+  fine.seen = {icp.counts(pose)};
   // A face that is not there fixes nothing: where a bare slab passes a jaw's foot, its points only seem to be the
   // jaw's.
   fine.directions =
@@ -345,27 +310,37 @@ void pass_judgement(const RegistrationTask& task, const Pose& pose, const FineRe
 
 }  // namespace
 
-RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& task, const RegistrationWorkspace& work) {
+RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& task, const RegistrationWorkspace& work,
+                                  Team& team) {
   RegistrationReport report;
-  const std::span<const Vec3> sample = draw_sample(cloud, work.sample);
-  const std::size_t stride = std::max<std::size_t>(1, sample.size() / kCoarsePoints);
-  Icp icp(task.model, task.table, task.settings, sample, work.faces);
-
-  Pose pose = coarse_pose(task, icp, sample, stride, report.iterations);
-  FineResult fine = refine(task, icp, sample, stride, work.residuals, pose, report.iterations);
-  if (!fine.directions.complete) {
-    const CasingTies casings = tie_to_casings(cloud, task.model, task.settings, pose, {work.index, work.histogram});
-    if (!casings.ties.empty()) {
-      pose = casings.T_block_scanner;
-      icp.hold(casings.ties, 2.0 * kConditionMin * fine.directions.largest);
-      fine = refine(task, icp, sample, stride, work.residuals, pose, report.iterations);
+  Icp icp(task.model, task.table, task.settings, cloud, task.T_block_scanner, work.icp, team);
+  Pose pose = task.T_block_scanner;
+  FineResult fine;
+  // The last steps from a coarse pose, and what they come to.
+  const auto finish = [&] {
+    icp.hold({}, 0.0);
+    fine = refine(task, icp, pose, report.iterations);
+    if (!fine.directions.complete) {
+      const CasingTies casings = tie_to_casings(cloud, task.model, task.settings, pose, {work.index, work.histogram});
+      if (!casings.ties.empty()) {
+        pose = casings.T_block_scanner;
+        icp.hold(casings.ties, 2.0 * kConditionMin * fine.directions.largest);
+        fine = refine(task, icp, pose, report.iterations);
+      }
     }
+    report.note = FixedString<64>{};
+    pass_judgement(task, pose, fine, report);
+  };
+  double share = 0.0;
+  if (settle(task, icp, pose, share, report.iterations)) finish();
+  if (report.status != RegistrationStatus::converged) {
+    pose = searched_pose(task, icp, report.iterations);
+    finish();
   }
 
   report.T_scanner_block = pose.inverse();
-  pass_judgement(task, pose, fine, report);
   if (fine.directions.complete) {
-    report.noise_mm = icp.noise_mm(pose, fine.gate_mm, work.residuals);
+    report.noise_mm = icp.noise_mm(pose, fine.gate_mm);
     report.covariance = icp.covariance(pose, fine.gate_mm);
   }
   report.deviation = deviations(cloud, task, pose, work.histogram);

@@ -7,14 +7,14 @@
 #include "algo/algo.h"
 #include "algo/block_model.h"
 #include "algo/block_search.h"
+#include "algo/icp.h"
+#include "algo/team.h"
 
 namespace slabd::algo {
 
 /// Memory for registration, owned by the inspector.
 struct RegistrationWorkspace {
-  std::span<Vec3> sample;              ///< limits::kIcpPointsMax, scanner frame
-  std::span<double> residuals;         ///< limits::kIcpPointsMax
-  std::span<std::uint8_t> faces;       ///< limits::kIcpPointsMax
+  IcpMemory icp;
   std::span<std::uint32_t> histogram;  ///< limits::kDeviationBins
   std::span<std::uint32_t> index;      ///< >= points of the cloud
 };
@@ -28,11 +28,12 @@ struct RegistrationTask {
   Pose T_block_scanner;  ///< start
 };
 
-/// Finds the block in `cloud` (scanner frame, denoised): search of the whole window, then ICP to the model, point to
-/// plane, robust, gates shrinking; casings where the faces leave a direction open. Fills every field of the report;
+/// Finds the block in `cloud` (scanner frame, denoised): ICP to the model, point to plane, robust, gates shrinking,
+/// from the start; where that does not end at a pose beyond doubt, from the places that a search of the whole window
+/// offers. Casings where the faces leave a direction open. Fills every field of the report;
 /// `status` is converged only if the pose stands still, is determined in all six directions, lies in the window, and
 /// every face that is looked at is really there. Deterministic; no heap.
 [[nodiscard]] RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& task,
-                                                const RegistrationWorkspace& work);
+                                                const RegistrationWorkspace& work, Team& team);
 
 }  // namespace slabd::algo
