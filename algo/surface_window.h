@@ -39,7 +39,7 @@ inline constexpr int kWeightMin = 48;
 /// Share of the weight present that must lie on it, in per cent, and the share that needs no other reason. Of a full
 /// surface's weight an edge has 60, a corner 36, and a point one step beyond an edge 40. Where a surface reigns, among
 /// clutter but far from edges, a smaller share will do.
-inline constexpr int kShareReigning = 42;
+inline constexpr int kShareReigning = 46;
 inline constexpr int kShareMin = 48;
 inline constexpr int kShareSure = 55;
 /// Below the sure share the point must lie beside the rest, as on an edge, not amidst it: the rest's centre of gravity
