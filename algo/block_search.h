@@ -41,7 +41,7 @@ using StartPoses = FixedVector<StartPose, kStartPosesMax>;
 
 /// The best poses within the window around `T_block_scanner`, best first: one for each way of reading the large level
 /// planes of the scan as bearing plane or slab top. `sample`: points in the scanner frame. Empty when the scan has no
-/// level plane. Deterministic, no heap; 5 to 20 ms whatever the start.
+/// level plane. Deterministic, no heap; some 20 ms whatever the start.
 [[nodiscard]] StartPoses search_block(const BlockModel& model, const HeightMap& heights,
                                       const EvaluationSettings& settings, const Pose& T_block_scanner,
                                       std::span<const Vec3> sample);
