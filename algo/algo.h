@@ -84,6 +84,28 @@ struct PlaneSettings {
 
 // ---- one block -------------------------------------------------------------------------------------------------
 
+/// Mean distances of the points to the block model by place, from a sixteenth of the points. Cells row by row, the
+/// first at the lowest x and y of the block frame.
+struct DeviationMap {
+  std::size_t columns = 0;  ///< along x
+  std::size_t rows = 0;     ///< along y
+  double cell_mm = 0.0;
+  std::span<const std::int64_t> sum_nm;  ///< of the points near the model
+  std::span<const std::uint32_t> count;
+
+  /// Centre of a cell.
+  [[nodiscard]] double x_mm(std::size_t column) const {
+    return (static_cast<double>(column) + 0.5 - 0.5 * static_cast<double>(columns)) * cell_mm;
+  }
+  [[nodiscard]] double y_mm(std::size_t row) const {
+    return (static_cast<double>(row) + 0.5 - 0.5 * static_cast<double>(rows)) * cell_mm;
+  }
+  /// NaN where nothing was seen.
+  [[nodiscard]] double mean_mm(std::size_t cell) const {
+    return count[cell] == 0 ? kNoValue : 1e-6 * static_cast<double>(sum_nm[cell]) / static_cast<double>(count[cell]);
+  }
+};
+
 /// Measures one block. Construct once (allocates the whole workspace, limits::kWorkspaceBytes), then `use` a recipe
 /// and run the stages in order for each scan; the caller times them. Not thread-safe; one per worker.
 class BlockInspector {
@@ -120,6 +142,8 @@ class BlockInspector {
   /// Never pass unless every required item is measured and within its guarded limits.
   void judge(Code code);
 
+  /// Of the last scan that `extract` went over; valid until the next one.
+  [[nodiscard]] DeviationMap deviation_map() const;
   [[nodiscard]] const BlockResult& result() const;
   [[nodiscard]] BlockResult& result();
 

@@ -2,13 +2,13 @@
 //
 // One block, stage by stage. All memory is taken in the constructor; each stage borrows what it needs of it:
 //
-//     order, label      denoise: points by cell, who stays      extract: points by region, region of each
+//     order, label      denoise: points by cell, who stays      extract: the points that the survey lists
 //     cell_start        denoise: starts of the cells
 //     surface           denoise: the surface in each cell
 //     sample, residuals register: the points ICP works on
 //     wide, near        the face table, built by `use`
 //     heights           the height map, built by `use`
-//     seat_x, _s, _h    extract: points over the evaluation region, in the seat's frame
+//     survey_*, map_*   extract: what the one pass over the scan leaves (algo/survey.h)
 //     flatness          extract: their cells
 #include <cassert>
 #include <cmath>
@@ -25,6 +25,7 @@
 #include "algo/plane_fit.h"
 #include "algo/registration.h"
 #include "algo/segmentation.h"
+#include "algo/survey.h"
 #include "algo/team.h"
 #include "algo/uncertainty.h"
 #include "base/pages.h"
@@ -46,15 +47,24 @@ struct BlockInspector::Workspace {
         near(pages.take<std::uint16_t>(FaceTable::kCells)),
         scratch(pages.take<std::uint16_t>(FaceTable::kCells)),
         heights(pages.take<float>(limits::kHeightMapCells)),
-        seat_x(pages.take<float>(limits::kSeatPointsMax)),
-        seat_s(pages.take<float>(limits::kSeatPointsMax)),
-        seat_h(pages.take<float>(limits::kSeatPointsMax)),
+        survey_cells(pages.take<std::uint32_t>(SurveyTable::kCells)),
+        survey_blocks(pages.take<SurveySums>(limits::kSurveyBlocksMax)),
+        survey_runs(pages.take<SeatPoints>(limits::kSurveyPiecesMax)),
+        piece_next(pages.take<std::uint32_t>(limits::kSurveyPiecesMax)),
+        piece_count(pages.take<std::uint32_t>(limits::kSurveyPiecesMax)),
+        map_sum{pages.take<std::int64_t>(limits::kDeviationMapCells),
+                pages.take<std::int64_t>(limits::kDeviationMapCells)},
+        map_count{pages.take<std::uint32_t>(limits::kDeviationMapCells),
+                  pages.take<std::uint32_t>(limits::kDeviationMapCells)},
         flatness{pages.take<CellSum>(2 * limits::kFlatnessCellsMax),
                  pages.take<CellRange>(limits::kCellGroupsMax),
                  pages.take<float>(limits::kSeatPointsMax),
                  pages.take<std::uint32_t>(limits::kFlatnessCellsMax + 1),
                  pages.take<std::uint32_t>(limits::kFlatnessCellsMax + 1),
-                 pages.take<Vec3>(limits::kFlatnessCellsMax)} {}
+                 pages.take<Vec3>(limits::kFlatnessCellsMax)},
+        pool({reinterpret_cast<float*>(order.data()), order.size()}, piece_next, piece_count) {
+    static_assert(sizeof(float) == sizeof(std::uint32_t));
+  }
 
   Team team;
   Pages pages;  // first: the arrays below lie in it; limits::kWorkspaceBytes sums them up
@@ -69,10 +79,18 @@ struct BlockInspector::Workspace {
   std::span<std::uint16_t> near;
   std::span<std::uint16_t> scratch;
   std::span<float> heights;
-  std::span<float> seat_x;
-  std::span<float> seat_s;
-  std::span<float> seat_h;
+  std::span<std::uint32_t> survey_cells;
+  std::span<SurveySums> survey_blocks;
+  std::span<SeatPoints> survey_runs;
+  std::span<std::uint32_t> piece_next;
+  std::span<std::uint32_t> piece_count;
+  std::array<std::span<std::int64_t>, 2> map_sum;
+  std::array<std::span<std::uint32_t>, 2> map_count;
   FlatnessWorkspace flatness;
+  PointPool pool;  // in the memory of `order`
+  std::array<PlaneStart, kLargeFaces> plane_start;
+  SurveyTable survey_table;
+  Survey survey;
 
   Recipe recipe;
   BlockModel model;
@@ -120,6 +138,7 @@ void BlockInspector::use(const Recipe& recipe) {
   work_->recipe = recipe;
   work_->model.build(recipe.block);
   work_->table.build(work_->model, work_->wide, work_->near, work_->scratch);
+  work_->survey_table.build(work_->model, work_->table, recipe.evaluation, work_->survey_cells);
   work_->height_map.build(work_->model, work_->heights);
   work_->extents = face_extents(work_->model, recipe.evaluation);
   work_->has_recipe = true;
@@ -180,27 +199,53 @@ Status BlockInspector::extract(const Cloud& cloud) {
     return error(Code::block_not_found, "extract needs a converged registration, it is %s",
                  name(result.registration.status).data());
   const EvaluationSettings& evaluation = w.recipe.evaluation;
-  const FastTransform T_block_scanner(result.registration.T_scanner_block.inverse());
-  const Segments segments = segment(cloud, w.model, evaluation, T_block_scanner, w.label, w.order);
-  const auto points = [&](std::span<const std::uint32_t> index) {
-    return CloudPoints{cloud.xyz.data(), index, T_block_scanner};
-  };
   // Every feature draws its own hypotheses, the same in every run.
-  const auto fit = [&](std::span<const std::uint32_t> index, Face face, const FaceExtent& whole, ItemId angle,
-                       std::uint64_t seed) {
+  const auto settings_of = [&](const FaceExtent& whole, ItemId angle, std::uint64_t seed) {
     PlaneSettings settings;
     settings.inlier_share_min = evaluation.inlier_share_min;
     settings.support = support_of(whole, evaluation, w.recipe.tolerance(angle).U);
     settings.seed = seed;
-    return fit_plane_over(points(index), w.model.plane(face).n, settings);
+    return settings;
   };
-
   SeatFeature& seat = result.seat;
   const FaceExtents& extents = w.extents;
-  seat.plane = fit(segments.of(Region::seat_crop), Face::seat, extents.seat_crop, ItemId::seat_slope, 1);
+  const Pose T_block_scanner = result.registration.T_scanner_block.inverse();
+  const Survey& survey = w.survey;
+  survey_scan(
+      cloud,
+      {w.model,
+       w.survey_table,
+       evaluation,
+       FastTransform(T_block_scanner),
+       T_block_scanner,
+       {settings_of(extents.full_seat, ItemId::seat_slope, 2), settings_of(extents.top, ItemId::seat_slope, 5)}},
+      {w.pool,
+       w.survey_blocks,
+       w.survey_runs,
+       {MapSums{w.map_sum[0], w.map_count[0]}, MapSums{w.map_sum[1], w.map_count[1]}},
+       w.plane_start},
+      w.team, w.survey);
+  result.registration.deviation = survey.deviation;
+  if (survey.overflown)
+    return error(Code::fit_failed,
+                 "more points over the seat, on the jaws and around the casings than the %zu there is room for",
+                 limits::kSurveyPiecesMax * PointPool::kPiece);
+  seat.full_plane = survey.large[static_cast<std::size_t>(LargeFace::seat)];
+  result.slab_top = survey.large[static_cast<std::size_t>(LargeFace::top)];
+  w.team.run(3, [&](std::size_t which) {
+    const auto fit = [&](PointList list, Face face, const FaceExtent& whole, ItemId angle, std::uint64_t seed) {
+      return fit_plane_over(survey.of(list), w.model.plane(face).n, settings_of(whole, angle, seed));
+    };
+    if (which == 0)
+      seat.plane = fit(PointList::seat_crop, Face::seat, extents.seat_crop, ItemId::seat_slope, 1);
+    else if (which == 1)
+      result.jaw_inner = fit(PointList::jaw_inner, Face::jaw_inner, extents.jaw_inner, ItemId::jaw_angle_inner, 3);
+    else
+      result.jaw_outer = fit(PointList::jaw_outer, Face::jaw_outer, extents.jaw_outer, ItemId::jaw_angle_outer, 4);
+  });
   // The share is one of all that was seen over the crop: with half of the seat five millimetres down, the other half
   // must not speak for it.
-  seat.plane.points = segments.over_crop().size();
+  seat.plane.points = survey.of(PointList::seat_crop).size() + survey.of(PointList::seat_off).size();
   seat.plane.inlier_fraction = static_cast<double>(seat.plane.inliers) / static_cast<double>(seat.plane.points);
   seat.plane.ok = seat.plane.ok && seat.plane.inlier_fraction >= evaluation.inlier_share_min;
   if (!seat.plane.ok)
@@ -210,12 +255,6 @@ Status BlockInspector::extract(const Cloud& cloud) {
                  static_cast<unsigned long long>(seat.plane.inliers),
                  static_cast<unsigned long long>(seat.plane.points), seat.plane.iterations,
                  evaluation.inlier_share_min);
-  seat.full_plane = fit(segments.full_seat(), Face::seat, extents.full_seat, ItemId::seat_slope, 2);
-  result.jaw_inner =
-      fit(segments.of(Region::jaw_inner), Face::jaw_inner, extents.jaw_inner, ItemId::jaw_angle_inner, 3);
-  result.jaw_outer =
-      fit(segments.of(Region::jaw_outer), Face::jaw_outer, extents.jaw_outer, ItemId::jaw_angle_outer, 4);
-  result.slab_top = fit(segments.of(Region::top), Face::top, extents.top, ItemId::seat_slope, 5);
 
   const BlockGeometry& geometry = w.recipe.block;
   FlatnessRegion region{evaluation.crop_half_x_mm, evaluation.crop_half_s_mm, evaluation.cell_mm,
@@ -225,19 +264,7 @@ Status BlockInspector::extract(const Cloud& cloud) {
   region.casing_s_mm = geometry.casing_half_spacing_mm.value;
   region.casing_clear_mm = 0.5 * geometry.casing_rim_diameter_mm.value + evaluation.edge_margin_mm;
   const SeatFrame frame = SeatFrame::of(w.model);
-  const CloudPoints over_crop = points(segments.over_crop());
-  const std::size_t count = std::min(over_crop.size(), limits::kSeatPointsMax);
-  for (std::size_t i = 0; i < count; ++i) {
-    const Vec3 p = frame.in_seat(over_crop[i]);
-    w.seat_x[i] = static_cast<float>(p[0]);
-    w.seat_s[i] = static_cast<float>(p[1]);
-    w.seat_h[i] = static_cast<float>(p[2]);
-  }
-  const SeatPoints seen{w.seat_x.first(count), w.seat_s.first(count), w.seat_h.first(count)};
-  // More than fit were never drawn by a scan of a block: not measured rather than measured from a part.
-  const Flatness flatness = count == over_crop.size()
-                                ? measure_flatness(std::span(&seen, 1), frame, seat.plane, region, w.flatness, w.team)
-                                : Flatness{};
+  const Flatness flatness = measure_flatness(survey.over_crop(), frame, seat.plane, region, w.flatness, w.team);
   seat.grid_points = flatness.cells;
   seat.std_cells_mm = flatness.std_cells_mm;
   seat.flatness_mm = flatness.lsq_mm;
@@ -248,20 +275,20 @@ Status BlockInspector::extract(const Cloud& cloud) {
   seat.flatness_noise_mm = flatness.noise_mm;
   seat.defect = flatness.defect;
 
-  const auto casing = [&](Region where, bool outer) {
+  const auto casing = [&](PointList where, bool outer) {
     const CasingTask task{w.model.casing_centre(outer),
                           0.5 * geometry.casing_bore_diameter_mm.value,
                           0.5 * geometry.casing_rim_diameter_mm.value,
                           geometry.casing_rim_height_mm.value,
                           evaluation.edge_margin_mm,
                           seat.plane};
-    return measure_casing(points(segments.of(where)), task);
+    return measure_casing(survey.of(where).runs, frame, task);
   };
   w.team.run(2, [&](std::size_t which) {
     if (which == 0)
-      result.casing_inner = casing(Region::casing_inner, false);
+      result.casing_inner = casing(PointList::casing_inner, false);
     else
-      result.casing_outer = casing(Region::casing_outer, true);
+      result.casing_outer = casing(PointList::casing_outer, true);
   });
 
   compute_block_items(w.model, result);
@@ -276,6 +303,11 @@ void BlockInspector::judge(Code code) {
     item.verdict = code == Code::ok ? slabd::judge(item, work_->recipe.guard) : Verdict::not_measured;
   result.verdict = code == Code::ok ? combine(result.items.begin(), result.items.end()) : Verdict::not_measured;
   result.reason = reason_for(result.verdict, result.items.begin(), result.items.end(), code);
+}
+
+DeviationMap BlockInspector::deviation_map() const {
+  return {limits::kFaceTableX / limits::kDeviationMapCell_mm, limits::kFaceTableY / limits::kDeviationMapCell_mm,
+          static_cast<double>(limits::kDeviationMapCell_mm), work_->map_sum[0], work_->map_count[0]};
 }
 
 const BlockResult& BlockInspector::result() const {

@@ -279,6 +279,38 @@ template <std::size_t K>
 HWY_INLINE Pack<std::int32_t, K> keep_int(const MaskPack<float, K>& mask, const Pack<std::int32_t, K>& a) {
   return {keep_int(mask.lo, a.lo), keep_int(mask.hi, a.hi)};
 }
+/// Lanes in which `a` and `wanted` have a bit in common.
+template <std::size_t K>
+HWY_INLINE MaskPack<float, K> has_bits(const Pack<std::int32_t, K>& a, const Pack<std::int32_t, K>& wanted) {
+  if constexpr (K == 1) {
+    const Tag<std::int32_t> tag;
+    return {hn::RebindMask(Tag<float>(), hn::Ne(hn::And(a.v, wanted.v), hn::Zero(tag)))};
+  } else {
+    return {has_bits(a.lo, wanted.lo), has_bits(a.hi, wanted.hi)};
+  }
+}
+/// Lane k is set where bit k is.
+HWY_INLINE M16 lanes_of(std::uint32_t bits) {
+  alignas(64) static constexpr std::int32_t kBits[kLanes] = {1,       1 << 1,  1 << 2,  1 << 3, 1 << 4,  1 << 5,
+                                                             1 << 6,  1 << 7,  1 << 8,  1 << 9, 1 << 10, 1 << 11,
+                                                             1 << 12, 1 << 13, 1 << 14, 1 << 15};
+  return has_bits(load(kBits), i16(static_cast<std::int32_t>(bits)));
+}
+HWY_INLINE bool any(const M16& mask) {
+  return bits(mask) != 0;
+}
+
+/// Writes the lanes that are set, one after the other; returns how many. Up to sixteen numbers behind `to` change.
+template <typename T>
+HWY_INLINE std::size_t store_set(const MaskPack<T, 1>& mask, const Pack<T, 1>& a, T* to) {
+  hn::StoreU(hn::Compress(a.v, mask.m), Tag<T>(), to);
+  return hn::CountTrue(Tag<T>(), mask.m);
+}
+template <typename T, std::size_t K>
+HWY_INLINE std::size_t store_set(const MaskPack<T, K>& mask, const Pack<T, K>& a, T* to) {
+  const std::size_t low = store_set(mask.lo, a.lo, to);
+  return low + store_set(mask.hi, a.hi, to + low);
+}
 
 // ---- between types ---------------------------------------------------------------------------------------------
 

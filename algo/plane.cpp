@@ -20,6 +20,7 @@
 #include <cmath>
 #include <limits>
 
+#include "algo/face_points.h"
 #include "algo/hypotheses.h"
 #include "algo/plane_doubts.h"
 #include "algo/plane_fit.h"
@@ -176,6 +177,9 @@ PlaneFit fit_plane_lsq_over(const Points& points, const Vec3& up) {
 
 template PlaneFit fit_plane_over(const std::span<const Vec3>&, const Vec3&, const PlaneSettings&);
 template PlaneFit fit_plane_over(const CloudPoints&, const Vec3&, const PlaneSettings&);
+template PlaneFit fit_plane_over(const ListedPoints&, const Vec3&, const PlaneSettings&);
+template void begin_fit(const ListedPoints&, const Vec3&, const PlaneSettings&, PlaneStart&);
+template PlaneFit finish_fit(const SummedPoints&, const PlaneSettings&, const PlaneStart&);
 template PlaneFit fit_plane_lsq_over(const std::span<const Vec3>&, const Vec3&);
 template PlaneFit fit_plane_lsq_over(const CloudPoints&, const Vec3&);
 

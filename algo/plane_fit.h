@@ -4,6 +4,7 @@
 #include <span>
 
 #include "algo/algo.h"
+#include "algo/face_points.h"
 #include "algo/hypotheses.h"
 #include "algo/moments.h"
 #include "algo/points.h"
@@ -38,6 +39,9 @@ template <typename Points>
 
 extern template PlaneFit fit_plane_over(const std::span<const Vec3>&, const Vec3&, const PlaneSettings&);
 extern template PlaneFit fit_plane_over(const CloudPoints&, const Vec3&, const PlaneSettings&);
+extern template PlaneFit fit_plane_over(const ListedPoints&, const Vec3&, const PlaneSettings&);
+extern template void begin_fit(const ListedPoints&, const Vec3&, const PlaneSettings&, PlaneStart&);
+extern template PlaneFit finish_fit(const SummedPoints&, const PlaneSettings&, const PlaneStart&);
 extern template PlaneFit fit_plane_lsq_over(const std::span<const Vec3>&, const Vec3&);
 extern template PlaneFit fit_plane_lsq_over(const CloudPoints&, const Vec3&);
 

@@ -343,7 +343,8 @@ RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& ta
     report.noise_mm = icp.noise_mm(pose, fine.gate_mm);
     report.covariance = icp.covariance(pose, fine.gate_mm);
   }
-  report.deviation = deviations(cloud, task, pose, work.histogram);
+  // Where the pose holds, the survey takes them on its way.
+  if (report.status != RegistrationStatus::converged) report.deviation = deviations(cloud, task, pose, work.histogram);
   return report;
 }
 

@@ -27,6 +27,50 @@ enum class Region : std::uint8_t {
 };
 inline constexpr std::size_t kRegions = 9;
 
+/// A half space a point of a face must lie in: `sign` * distance >= least.
+struct PlaneBound {
+  Plane plane;
+  double sign = 1.0;
+  double least = 0.0;
+};
+/// A face and the edges that bound it.
+struct BoundedFace {
+  Plane plane;
+  std::array<PlaneBound, 4> bounds;
+  [[nodiscard]] bool holds(const Vec3& p, double gate) const;
+};
+
+/// Divides space around the block by the model (paper 2.2): a point belongs to a face when it is within
+/// registration_gate_mm of it and at least edge_margin_mm, measured on the face, away from every edge. Over the
+/// evaluation region every point belongs to the seat, at whatever height.
+class RegionRules {
+ public:
+  void build(const BlockModel& model, const EvaluationSettings& settings);
+  /// Of a point in the block frame; about 20 ns.
+  [[nodiscard]] Region region_of(const Vec3& p) const;
+
+ private:
+  [[nodiscard]] PlaneBound bound(const BlockModel& model, Face on, Face edge, double sign) const;
+  [[nodiscard]] BoundedFace face(const BlockModel& model, Face on, std::array<Face, 2> outside_of,
+                                 std::array<Face, 2> inside_of) const;
+  [[nodiscard]] BoundedFace jaw(const BlockModel& model, Face on, Face shoulder) const;
+
+  Vec3 along_ = Vec3::UnitY();
+  double margin_ = 0.0;
+  double gate_ = 0.0;
+  double crop_half_x_ = 0.0;
+  double crop_half_s_ = 0.0;
+  BoundedFace seat_;
+  BoundedFace jaw_inner_;
+  BoundedFace jaw_outer_;
+  Plane top_;
+  Plane rim_;
+  std::array<PlaneBound, 4> around_;
+  double casing_s_ = 0.0;
+  double casing_clear_ = 0.0;
+  double casing_reach_ = 0.0;
+};
+
 /// Indices of the cloud's points, grouped by region.
 struct Segments {
   std::span<std::uint32_t> order;
@@ -46,10 +90,8 @@ struct Segments {
   }
 };
 
-/// Divides a registered cloud by the model (paper 2.2): a point belongs to a face when it is within
-/// registration_gate_mm of it and at least edge_margin_mm, measured on the face, away from every edge. Over the
-/// evaluation region every point belongs to the seat, at whatever height. Points of no region are left out of `order`.
-/// `label` and `order` need room for every point. O(points).
+/// The plain way to divide a registered cloud, by RegionRules; what the survey is tested against. Points of no region
+/// are left out of `order`. `label` and `order` need room for every point. O(points).
 [[nodiscard]] Segments segment(const Cloud& cloud, const BlockModel& model, const EvaluationSettings& settings,
                                const FastTransform& T_block_scanner, std::span<std::uint8_t> label,
                                std::span<std::uint32_t> order);

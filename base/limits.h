@@ -56,7 +56,7 @@ inline constexpr std::size_t kFlatnessCellsMax = 8'500;
 /// little else puts 910 000 there.
 inline constexpr std::size_t kSeatPointsMax = 1U << 20U;
 /// Runs they come in: whoever writes them works through the scan in blocks.
-inline constexpr std::size_t kSeatRunsMax = 1'024;
+inline constexpr std::size_t kSeatRunsMax = 2'048;
 /// Groups of 64 of them; the last one of each run may be smaller.
 inline constexpr std::size_t kCellGroupsMax = kSeatPointsMax / 64 + kSeatRunsMax;
 /// Points around one casing: its rim is a hundredth of a block, 57 000 points of such a scan.
@@ -71,6 +71,20 @@ inline constexpr std::size_t kRimSectors = 48;
 /// Histogram of distances to the model (shares within 1..6 sigma): bins of 0.05 um over a 3 mm gate.
 inline constexpr std::size_t kDeviationBins = 1U << 16U;
 
+/// The survey works on the scan in blocks of this many points.
+inline constexpr std::size_t kSurveyBlockPoints = 65'536;
+inline constexpr std::size_t kSurveyBlocksMax = (kScanPointsMax + kSurveyBlockPoints - 1) / kSurveyBlockPoints;
+/// Pieces of 1024 points for those it lists: over the evaluation region, around both casings, on the jaws, and near the
+/// planes' thresholds; they lie in the memory of the index, which is not needed by then. A block of the scan may leave
+/// a piece of each of eight lists all but empty; the rest holds 1.2 million points, of which a block seen from above
+/// has 300 000.
+inline constexpr std::size_t kSurveyPiecesMax = kScanPointsMax / (3 * 1024);
+static_assert((kSurveyPiecesMax - 8 * kSurveyBlocksMax) * 1000 > kSeatPointsMax);
+/// Cells of the deviation map, over the face table's area.
+inline constexpr std::size_t kDeviationMapCell_mm = 4;
+inline constexpr std::size_t kDeviationMapCells =
+    (kFaceTableX / kDeviationMapCell_mm) * (kFaceTableY / kDeviationMapCell_mm);
+
 /// Bytes of algo's workspace, array by array as algo/inspector.cpp takes them; taking more ends the process.
 inline constexpr std::size_t kWorkspaceBytes =
     array_bytes(kScanPointsMax, sizeof(std::uint32_t)) +                 // an index of each point
@@ -82,7 +96,12 @@ inline constexpr std::size_t kWorkspaceBytes =
     array_bytes(kDeviationBins, sizeof(std::uint32_t)) +                 // histogram of distances
     3 * array_bytes(kFaceTableX * kFaceTableY, sizeof(std::uint16_t)) +  // face table: wide, near, scratch
     array_bytes(kHeightMapCells, sizeof(float)) +                        // height map
-    3 * array_bytes(kSeatPointsMax, sizeof(float)) +                     // points over the evaluation region
+    array_bytes(kFaceTableX * kFaceTableY, sizeof(std::uint32_t)) +      // survey: what each place belongs to,
+    array_bytes(kSurveyBlocksMax, 640) +                                 // sums of each block,
+    array_bytes(kSurveyPiecesMax, 48) +                                  // runs of points,
+    2 * array_bytes(kSurveyPiecesMax, sizeof(std::uint32_t)) +           // their order and sizes,
+    2 * array_bytes(kDeviationMapCells, sizeof(std::int64_t)) +          // deviation map of either thread: sums
+    2 * array_bytes(kDeviationMapCells, sizeof(std::uint32_t)) +         // and counts
     array_bytes(kSeatPointsMax, sizeof(float)) +                         // single heights of doubtful flatness cells
     array_bytes(kCellGroupsMax, 2 * sizeof(std::uint16_t)) +             // flatness cells: what groups of points saw,
     array_bytes(2 * kFlatnessCellsMax, 64) +                             // sums of either half of the points,

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "algo/moments.h"
+#include "algo/plane_kernels.h"
+#include "algo/seat_points.h"
+#include "algo/survey_pass.h"
+
+/// What the survey kept of a face, as the plane fits read it (plane_fit.h).
+namespace slabd::algo {
+
+/// The frame of any face that contains the rail's direction, as SeatFrame is the seat's.
+[[nodiscard]] inline SeatFrame frame_of(const Plane& face) {
+  return {face.d * face.n, Vec3::UnitX(), face.n.cross(Vec3::UnitX()), face.n};
+}
+
+/// A list of points, in runs.
+struct ListedPoints {
+  SeatFrame frame;
+  std::span<const SeatPoints> runs;
+  std::size_t count = 0;
+
+  [[nodiscard]] std::size_t size() const { return count; }
+  /// In the block frame. Fast for ascending `i`.
+  [[nodiscard]] Vec3 operator[](std::size_t i) const {
+    if (i < run_start_) run_ = run_start_ = 0;
+    while (i - run_start_ >= runs[run_].size()) run_start_ += runs[run_++].size();
+    const SeatPoints& run = runs[run_];
+    const std::size_t k = i - run_start_;
+    return frame.in_block(static_cast<double>(run.x[k]), static_cast<double>(run.s[k]), static_cast<double>(run.h[k]));
+  }
+
+ private:
+  mutable std::size_t run_ = 0;
+  mutable std::size_t run_start_ = 0;
+};
+
+/// A large face: of the points well within the threshold of the plane it was surveyed with there are sums, those near
+/// where the threshold cuts are listed one by one, and those beyond are only counted. So any plane close to that one
+/// finds exactly the points within the threshold.
+struct SummedPoints {
+  SeatFrame frame;
+  Tilt tilt;
+  TiltedSums inner;
+  std::span<const SeatPoints> edge;  ///< h: above `tilt`
+  std::size_t count = 0;
+  double slack_mm = 0.0;              ///< how far, along h, a plane may lie from `tilt` over the face
+  mutable bool asked_beyond = false;  ///< a plane further off was asked for: survey again with it
+
+  [[nodiscard]] std::size_t size() const { return count; }
+};
+
+/// `plane` as heights over the face; `stretch` is what a distance is multiplied with to become one along h.
+struct LocalPlane {
+  double a0, a1, a2, stretch;
+  LocalPlane(const SeatFrame& frame, const FlatPlane& plane);
+  [[nodiscard]] Tilt tilt() const { return {static_cast<float>(a0), static_cast<float>(a1), static_cast<float>(a2)}; }
+};
+
+/// The sums, from the frame of the face to `moments` of the block frame.
+void add_tilted(const SeatFrame& frame, const Tilt& tilt, const TiltedSums& sums, PointMoments& moments);
+
+/// Adds the points within `threshold` of `plane` to `moments`.
+void add_within(const ListedPoints& points, const FlatPlane& plane, double threshold, PointMoments& moments);
+void add_within(const SummedPoints& points, const FlatPlane& plane, double threshold, PointMoments& moments);
+
+}  // namespace slabd::algo
