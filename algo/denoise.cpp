@@ -6,12 +6,56 @@
 // The yardstick is the scan's own pitch. A speck smaller than about three pitches is noise, an object is not.
 #include "algo/denoise.h"
 
+#include <algorithm>
+#include <atomic>
+#include <bit>
 #include <cassert>
 
 #include "algo/denoise_cloud.h"
 #include "algo/denoise_grid.h"
 
 namespace slabd::algo {
+namespace {
+
+/// Step 3 for one band; returns how many points it took out.
+std::uint64_t take_out(const GridLayout& grid, GridWork& work, std::size_t band) {
+  std::uint64_t taken = 0;
+  const std::size_t first = band * GridLayout::kBandTileRows * GridLayout::kTileRows;
+  const std::size_t last = std::min(first + GridLayout::kBandTileRows * GridLayout::kTileRows, grid.rows);
+  for (std::size_t row = first; row < last; ++row) {
+    for (int tc = 0; tc < grid.tile_columns; ++tc) {
+      std::uint32_t noise = work.noise.tile(tc, static_cast<int>(row));
+      taken += static_cast<std::uint64_t>(std::popcount(noise));
+      for (; noise != 0; noise &= noise - 1) {
+        const std::size_t column =
+            static_cast<std::size_t>(GridLayout::kTileColumns * tc) + static_cast<std::size_t>(std::countr_zero(noise));
+        std::fill_n(work.xyz + 3 * (row * grid.columns + column), 3, kNoPlane);
+      }
+    }
+  }
+  return taken;
+}
+
+}  // namespace
+
+bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts) {
+  if (cloud.width < GridLayout::kColumnsMin || cloud.height < GridLayout::kRowsMin) return false;
+  if (cloud.width * cloud.height != cloud.points) return false;
+  const GridLayout grid(cloud.width, cloud.height);
+  if (2 * grid.tiles() > memory.surface.size() || 2 * grid.mask_bytes() > memory.keep.size()) return false;
+  GridWork work(grid, cloud.xyz.data(), memory);
+  work.measure_pitch(grid);
+  team.run(grid.bands(), [&](std::size_t band) { find_grid_planes(grid, work, band); });
+  // Where most points have no plane in their tile, the neighbours in the grid are no neighbours in space.
+  if (2 * work.with_plane < work.finite) return false;
+  team.run(grid.bands(), [&](std::size_t band) { judge_grid_points(grid, work, band); });
+  std::atomic<std::uint64_t> taken{0};
+  team.run(grid.bands(), [&](std::size_t band) { taken += take_out(grid, work, band); });
+  counts.points_finite = work.finite;
+  counts.isolated_removed = taken;
+  counts.points_kept = counts.points_finite - counts.isolated_removed;
+  return true;
+}
 
 void remove_isolated(Cloud& cloud, const DenoiseWorkspace& work, Team& team, ScanCounts& counts) {
   assert(cloud.points <= work.keep.size());

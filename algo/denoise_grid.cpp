@@ -18,14 +18,11 @@
 // points, step 3 alone changes points; so the bands may be shared among threads. Planes do not continue across bands.
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <bit>
 #include <cmath>
-#include <cstring>
 #include <limits>
 
 #include <hwy/cache_control.h>
-
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/denoise_grid.cpp"
 // clang-format off
@@ -104,11 +101,6 @@ HWY_INLINE F16 heights(const Points16& p, std::uint32_t& finite, std::uint32_t& 
   odd = bits(and_not(good, some));
   return select(good, p.z, f16(std::numeric_limits<float>::quiet_NaN()));
 }
-HWY_INLINE F16 heights(const Points16& p) {
-  const M16 good = ((p.x - p.x) + (p.y - p.y) + (p.z - p.z)) == f16(0.0F);
-  return select(good, p.z, f16(std::numeric_limits<float>::quiet_NaN()));
-}
-
 using RowBits = std::array<std::uint32_t, kRows>;
 HWY_INLINE int count(const RowBits& rows) {
   int n = 0;
@@ -225,7 +217,6 @@ void draw_plane(const Tile& tile, Held& best) {
   }
   const std::size_t points = n;
   for (; n < kSample; ++n) u[n] = v[n] = 0.0F, z[n] = std::numeric_limits<float>::quiet_NaN();
-
   Prng prng(points);
   TilePlane plane{kNoPlane, 0.0F, 0.0F};
   int most = 0;
@@ -360,8 +351,6 @@ class Denoiser {
     for (int r = 0; r < kRows; ++r) work_.noise.set(tc, kRows * tr + r, 0);
   }
 
-  // ---- step 2 ----------------------------------------------------------------------------------------------------
-
   /// The tile and three points around it; 8 more columns on each side, because lanes come by sixteen.
   static constexpr int kReach = window::kReach;
   static constexpr int kRegionRows = kRows + 2 * kReach;
@@ -386,19 +375,21 @@ class Denoiser {
           continue;
         }
         F16 z;
+        std::uint32_t finite = 0, odd = 0;
         if (column < 0) {
           alignas(64) std::array<float, 3 * kColumns> room;
           room.fill(kNoPlane);
           std::copy_n(point(0, row), 3 * (kColumns + column), room.data() - 3 * column);
-          z = heights(load_points(room.data()));
+          z = heights(load_points(room.data()), finite, odd);
         } else {
           const int columns = std::max(0, columns_from(column));
           z = heights(columns == kColumns ? load_points(point(column, row))
                                           : load_points(columns == 0 ? work_.xyz : point(column, row),
-                                                        static_cast<std::size_t>(columns)));
+                                                        static_cast<std::size_t>(columns)),
+                      finite, odd);
         }
         store(z, to);
-        region.finite[k] |= bits(z == z) << static_cast<unsigned>(kColumns * half);
+        region.finite[k] |= finite << static_cast<unsigned>(kColumns * half);
       }
     }
   }
@@ -598,46 +589,11 @@ namespace slabd::algo {
 HWY_EXPORT(find_planes);
 HWY_EXPORT(judge_points);
 
-namespace {
-
-/// Step 3 for one band; returns how many points it took out.
-std::uint64_t take_out(const GridLayout& grid, GridWork& work, std::size_t band) {
-  std::uint64_t taken = 0;
-  const std::size_t first = band * GridLayout::kBandTileRows * GridLayout::kTileRows;
-  const std::size_t last = std::min(first + GridLayout::kBandTileRows * GridLayout::kTileRows, grid.rows);
-  for (std::size_t row = first; row < last; ++row) {
-    for (int tc = 0; tc < grid.tile_columns; ++tc) {
-      std::uint32_t noise = work.noise.tile(tc, static_cast<int>(row));
-      taken += static_cast<std::uint64_t>(std::popcount(noise));
-      for (; noise != 0; noise &= noise - 1) {
-        const std::size_t column =
-            static_cast<std::size_t>(GridLayout::kTileColumns * tc) + static_cast<std::size_t>(std::countr_zero(noise));
-        std::fill_n(work.xyz + 3 * (row * grid.columns + column), 3, kNoPlane);
-      }
-    }
-  }
-  return taken;
+void find_grid_planes(const GridLayout& grid, GridWork& work, std::size_t band) {
+  HWY_DYNAMIC_DISPATCH(find_planes)(grid, work, band);
 }
-
-}  // namespace
-
-bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts) {
-  if (cloud.width < GridLayout::kColumnsMin || cloud.height < GridLayout::kRowsMin) return false;
-  if (cloud.width * cloud.height != cloud.points) return false;
-  const GridLayout grid(cloud.width, cloud.height);
-  if (2 * grid.tiles() > memory.surface.size() || 2 * grid.mask_bytes() > memory.keep.size()) return false;
-  GridWork work(grid, cloud.xyz.data(), memory);
-  work.measure_pitch(grid);
-  team.run(grid.bands(), [&](std::size_t band) { HWY_DYNAMIC_DISPATCH(find_planes)(grid, work, band); });
-  // Where most points have no plane in their tile, the neighbours in the grid are no neighbours in space.
-  if (2 * work.with_plane < work.finite) return false;
-  team.run(grid.bands(), [&](std::size_t band) { HWY_DYNAMIC_DISPATCH(judge_points)(grid, work, band); });
-  std::atomic<std::uint64_t> taken{0};
-  team.run(grid.bands(), [&](std::size_t band) { taken += take_out(grid, work, band); });
-  counts.points_finite = work.finite;
-  counts.isolated_removed = taken;
-  counts.points_kept = counts.points_finite - counts.isolated_removed;
-  return true;
+void judge_grid_points(const GridLayout& grid, GridWork& work, std::size_t band) {
+  HWY_DYNAMIC_DISPATCH(judge_points)(grid, work, band);
 }
 
 }  // namespace slabd::algo

@@ -159,6 +159,11 @@ struct GridWork {
   }
 };
 
+/// Planes of one band's tiles, and the judgement of all its tile rows but the first and the last.
+void find_grid_planes(const GridLayout& grid, GridWork& work, std::size_t band);
+/// The judgement of the first and the last, when all bands have their planes.
+void judge_grid_points(const GridLayout& grid, GridWork& work, std::size_t band);
+
 /// False, and nothing changed but points that lacked a coordinate, when `cloud` is not organised or its grid is none.
 [[nodiscard]] bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts);
 
