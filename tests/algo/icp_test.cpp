@@ -235,5 +235,60 @@ TEST(IcpSample, TakesEveryPartFromTheWholeScanAndSkipsWhatIsMissing) {
   }
 }
 
+/// The sample as it is meant: slice by slice, in the order of the scan.
+std::vector<Vec3> plainly_drawn(std::span<const float> xyz, std::size_t points, const Vec3& shift) {
+  constexpr std::size_t kRow = 16 * kSampleParts;
+  constexpr std::size_t kBlocks = 16;
+  const std::size_t slices = std::min(points, limits::kIcpPointsMax);
+  const std::size_t rows = (slices + kRow - 1) / kRow;
+  const std::size_t part = rows * 16;
+  std::vector<Vec3> drawn(rows * kRow, Vec3::Constant(std::numeric_limits<double>::quiet_NaN()));
+  for (std::size_t block = 0; block < kBlocks; ++block) {
+    Prng prng(0x5eedU + block);
+    for (std::size_t i = block * rows / kBlocks * kRow; i < std::min((block + 1) * rows / kBlocks * kRow, slices);
+         ++i) {
+      const std::size_t first = i * points / slices;
+      const std::size_t last = (i + 1) * points / slices;
+      const std::size_t at = first + (((prng.next() >> 32U) * (last - first)) >> 32U);
+      for (std::size_t k = at; k < std::min(last, at + 16); ++k) {
+        const Vec3 p(xyz[3 * k], xyz[3 * k + 1], xyz[3 * k + 2]);
+        if (!p.allFinite()) continue;
+        drawn[i % kSampleParts * part + i / kSampleParts] = p - shift;
+        break;
+      }
+    }
+  }
+  return drawn;
+}
+
+TEST(IcpSample, IsWhatAPlainLoopDrawsOnOneThreadAndOnTwo) {
+  for (const std::size_t points :
+       {std::size_t{1}, std::size_t{127}, std::size_t{128}, std::size_t{1500}, std::size_t{65'535}, std::size_t{65'536},
+        std::size_t{65'537}, std::size_t{300'001}}) {
+    // Whole numbers, so that a float loses none of them; every second run of 40 and the end are missing.
+    std::vector<float> xyz(3 * points);
+    for (std::size_t i = 0; i < points; ++i) {
+      const bool missing = i / 40 % 2 == 1 || i + 7 > points;
+      xyz[3 * i] = static_cast<float>(i);
+      xyz[3 * i + 1] = missing ? std::numeric_limits<float>::infinity() : static_cast<float>(2 * i);
+      xyz[3 * i + 2] = static_cast<float>(i % 100);
+    }
+    const Vec3 shift(100.0, 50.0, -20.0);
+    const std::vector<Vec3> plain = plainly_drawn(xyz, points, shift);
+    for (const int threads : {1, 2}) {
+      std::vector<float> memory(kSampleFloats, 7.0F);
+      Team team(threads);
+      const IcpSample sample = draw_sample({xyz, points, 0, 0}, shift, memory, team);
+      ASSERT_EQ(sample.size(), plain.size());
+      std::size_t different = 0;
+      for (std::size_t i = 0; i < plain.size(); ++i) {
+        const Vec3 p(sample.x[i], sample.y[i], sample.z[i]);
+        different += p == plain[i] || (p.array().isNaN().all() && plain[i].array().isNaN().all()) ? 0U : 1U;
+      }
+      EXPECT_EQ(different, 0U) << points << " points, " << threads << " threads";
+    }
+  }
+}
+
 }  // namespace
 }  // namespace slabd::algo
