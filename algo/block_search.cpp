@@ -202,21 +202,21 @@ void HeightMap::build(const BlockModel& model, std::span<float> cells) {
 }
 
 StartPoses search_block(const BlockModel& model, const HeightMap& heights, const EvaluationSettings& settings,
-                        const Pose& T_block_scanner, std::span<const Vec3> sample) {
+                        const Pose& T_block_scanner, std::span<const Vec3> sample, Team& team) {
   StartPoses starts;
   Sample memory;
   const std::size_t taken = thin_out(sample, T_block_scanner, memory);
   const auto planes = level_planes(std::span(memory).first(taken), settings.window_rad + kTiltMargin_rad);
   std::array<Vec3, kPlacePoints> points;
   const std::size_t placed = thin_out(sample, T_block_scanner, points);
-  for (const Plane& seen : planes) {
-    for (const Face face : {Face::seat, Face::top}) {
-      PlaceSearch search(heights, model.plane(face), settings);
-      StartPose found = search.best(std::span(points).first(placed), seen);
-      found.T_block_scanner = found.T_block_scanner * T_block_scanner;
-      insert_sorted(starts, found);
-    }
-  }
+  // Each reading of a plane for itself, on whichever thread.
+  std::array<StartPose, kStartPosesMax> found;
+  team.run(2 * planes.size(), [&](std::size_t k) {
+    PlaceSearch search(heights, model.plane(k % 2 == 0 ? Face::seat : Face::top), settings);
+    found[k] = search.best(std::span(points).first(placed), planes[k / 2]);
+    found[k].T_block_scanner = found[k].T_block_scanner * T_block_scanner;
+  });
+  for (std::size_t k = 0; k < 2 * planes.size(); ++k) insert_sorted(starts, found[k]);
   return starts;
 }
 

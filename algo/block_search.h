@@ -6,6 +6,7 @@
 
 #include "algo/block_model.h"
 #include "algo/place_count.h"
+#include "algo/team.h"
 #include "base/base.h"
 
 /// Where in the station's window might the block be? Answers good enough to start an ICP from.
@@ -41,9 +42,9 @@ using StartPoses = FixedVector<StartPose, kStartPosesMax>;
 
 /// The best poses within the window around `T_block_scanner`, best first: one for each way of reading the large level
 /// planes of the scan as bearing plane or slab top. `sample`: points in the scanner frame. Empty when the scan has no
-/// level plane. Deterministic, no heap; some 20 ms whatever the start.
+/// level plane. Deterministic, no heap; some 20 ms whatever the start, half of it on two threads.
 [[nodiscard]] StartPoses search_block(const BlockModel& model, const HeightMap& heights,
                                       const EvaluationSettings& settings, const Pose& T_block_scanner,
-                                      std::span<const Vec3> sample);
+                                      std::span<const Vec3> sample, Team& team);
 
 }  // namespace slabd::algo

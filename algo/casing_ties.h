@@ -2,10 +2,12 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 
 #include "algo/algo.h"
 #include "algo/block_model.h"
+#include "algo/team.h"
 
 /// What the casings say about where the block is, for scans whose faces leave a direction open: bearing plane, jaws and
 /// shoulders run along the rail and know nothing of it; only the end faces do, and a scanner that looks past them, or
@@ -31,11 +33,17 @@ struct CasingTiesWorkspace {
   std::span<std::uint32_t> counts;  ///< limits::kDeviationBins
 };
 
+/// How far along the rail the bores are from where `T_block_scanner` has them, to 1 mm; nothing where none is seen.
+/// What tie_to_casings asks of the pose holds here too, and a part of its cost.
+[[nodiscard]] std::optional<double> casings_off_mm(const Cloud& cloud, const BlockModel& model,
+                                                   const EvaluationSettings& settings, const Pose& T_block_scanner,
+                                                   const CasingTiesWorkspace& work, Team& team);
+
 /// Looks for the two bores along the rail, up to window_mm (100 at most) to either side of `T_block_scanner`, which
 /// must be right in height, tilt and across the rail; then fits their edges. A casing counts only with a round edge of
 /// the right radius (see measure_casing). O(points): one pass over the scan, half a nanosecond
-/// a point.
+/// a point, and some milliseconds for the edges; the team shares both.
 [[nodiscard]] CasingTies tie_to_casings(const Cloud& cloud, const BlockModel& model, const EvaluationSettings& settings,
-                                        const Pose& T_block_scanner, const CasingTiesWorkspace& work);
+                                        const Pose& T_block_scanner, const CasingTiesWorkspace& work, Team& team);
 
 }  // namespace slabd::algo

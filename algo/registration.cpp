@@ -6,8 +6,9 @@
 // ICP, point to plane, against the analytic model: each sampled point is moved into the block frame, given to the
 // closest face seen near its place, and the six-parameter step that shortens the distances is solved for (Gauss-Newton,
 // Tukey weights), while the gates shrink. It is tried from the robot's place first, which is right to a few millimetres
-// on every ordinary day. Where that does not end at a pose that passes every test, the whole window is searched
-// (block_search), so the start does not matter as long as the block is in it.
+// on every ordinary day; where only the place along the rail is in doubt, from the place the casings offer. Where that
+// does not end at a pose that passes every test, the whole window is searched (block_search), so the start does not
+// matter as long as the block is in it.
 //
 // The last steps use only points whose surroundings show a single face. Which points take part and what they are held
 // against then depends on their place, not on their noise: the estimate has no bias from edges, and its covariance can
@@ -128,7 +129,7 @@ FixedString<64> objection(const Assessment& a, const EvaluationSettings& setting
 }
 
 /// Steps from `pose` with the coarse gates. True when they end at a pose that explains the scan.
-bool settle(const RegistrationTask& task, const Icp& icp, Pose& pose, double& share, int& iterations) {
+bool settle(const RegistrationTask& task, const Icp& icp, Pose& pose, Assessment& seen, int& iterations) {
   NormalEquations eq;
   for (const Gate& gate : kCoarse) {
     double step_mm = kCoarseDone_mm;
@@ -136,29 +137,41 @@ bool settle(const RegistrationTask& task, const Icp& icp, Pose& pose, double& sh
       step_mm = icp.coarse_step(pose, gate.radius_mm, eq);
     if (step_mm < 0.0) return false;
   }
-  const Assessment seen{icp.coarse_counts(pose)};
-  share = seen.share();
+  seen = {icp.coarse_counts(pose)};
   return objection(seen, task.settings, kSampleParts).empty();
 }
 
 /// ICP from each place the search offers, best first; returns the first that holds, else the one with the largest
 /// share.
-Pose searched_pose(const RegistrationTask& task, const Icp& icp, int& iterations) {
+Pose searched_pose(const RegistrationTask& task, const Icp& icp, int& iterations, Team& team) {
   std::array<Vec3, kSearchPoints> points;
   const std::size_t count = icp.take(points);
   Pose best = task.T_block_scanner;
   double best_share = -1.0;
-  for (const StartPose& start :
-       search_block(task.model, task.heights, task.settings, task.T_block_scanner, std::span(points).first(count))) {
+  for (const StartPose& start : search_block(task.model, task.heights, task.settings, task.T_block_scanner,
+                                             std::span(points).first(count), team)) {
     Pose pose = start.T_block_scanner;
-    double share = 0.0;
-    if (settle(task, icp, pose, share, iterations)) return pose;
-    if (share > best_share) {
-      best_share = share;
+    Assessment seen;
+    if (settle(task, icp, pose, seen, iterations)) return pose;
+    if (seen.share() > best_share) {
+      best_share = seen.share();
       best = pose;
     }
   }
   return best;
+}
+
+/// Seat and jaws fix a pose but for its place along the rail. Where they are right and only the rest is not, the
+/// casings offer a place to start from anew, for a fraction of what the search costs. True when that one ends well.
+bool settle_by_casings(const Cloud& cloud, const RegistrationTask& task, const RegistrationWorkspace& work,
+                       const Icp& icp, const Assessment& seen, Pose& pose, int& iterations, Team& team) {
+  constexpr std::uint16_t kNeeded = bit(Face::seat) | bit(Face::jaw_inner) | bit(Face::jaw_outer);
+  if ((seen.confirmed(task.settings.registration_gate_mm) & kNeeded) != kNeeded) return false;
+  const auto off_mm = casings_off_mm(cloud, task.model, task.settings, pose, {work.index, work.histogram}, team);
+  if (!off_mm) return false;
+  pose.translation_mm.x() -= *off_mm;
+  Assessment then;
+  return settle(task, icp, pose, then, iterations);
 }
 
 /// The gate of the last steps. A few sigma, so that dirt and damage have no pull; but no face may be shut out as a
@@ -321,7 +334,8 @@ RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& ta
     icp.hold({}, 0.0);
     fine = refine(task, icp, pose, report.iterations);
     if (!fine.directions.complete) {
-      const CasingTies casings = tie_to_casings(cloud, task.model, task.settings, pose, {work.index, work.histogram});
+      const CasingTies casings =
+          tie_to_casings(cloud, task.model, task.settings, pose, {work.index, work.histogram}, team);
       if (!casings.ties.empty()) {
         pose = casings.T_block_scanner;
         icp.hold(casings.ties, 2.0 * kConditionMin * fine.directions.largest);
@@ -331,10 +345,12 @@ RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& ta
     report.note = FixedString<64>{};
     pass_judgement(task, pose, fine, report);
   };
-  double share = 0.0;
-  if (settle(task, icp, pose, share, report.iterations)) finish();
+  Assessment seen;
+  if (settle(task, icp, pose, seen, report.iterations) ||
+      settle_by_casings(cloud, task, work, icp, seen, pose, report.iterations, team))
+    finish();
   if (report.status != RegistrationStatus::converged) {
-    pose = searched_pose(task, icp, report.iterations);
+    pose = searched_pose(task, icp, report.iterations, team);
     finish();
   }
 

@@ -9,7 +9,8 @@ namespace {
 
 /// Denoises and registers `cloud` from a start that is `off` the nominal view.
 struct Registered {
-  Registered(scene::Cloud cloud, const Pose& off, const Recipe& recipe = scene::p5600()) {
+  Registered(scene::Cloud cloud, const Pose& off, const Recipe& recipe = scene::p5600(), int threads = 1)
+      : inspector(threads) {
     inspector.use(recipe);
     inspector.begin(1, Pose::identity(), off * nominal_T_block_scanner());
     Cloud view = cloud.view();
@@ -188,6 +189,26 @@ TEST(Registration, TakesThePlaceAlongTheRailFromTheCasingsWhenNoEndIsInView) {
   ASSERT_EQ(with_ends.report().status, RegistrationStatus::converged);
   EXPECT_GT(r.report().covariance(0, 0), 10.0 * with_ends.report().covariance(0, 0))
       << "casings say it less sharply than ends";
+}
+
+TEST(Registration, HasTheSameBitsOnTwoThreadsWhereCasingsOrASearchAreNeeded) {
+  scene::Scan narrow;
+  narrow.field_x_mm = 170.0;
+  const Pose along = scene::displaced(20.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+  const Pose far = scene::displaced(25.0, -30.0, 20.0, 3.0, -2.0, 4.0);
+  for (const scene::Scan& scan : {scene::Scan{}, narrow}) {
+    for (const Pose& off : {along, far}) {
+      const Registered one(scene::take({}, scan), off, scene::p5600(), 1);
+      const Registered two(scene::take({}, scan), off, scene::p5600(), 2);
+      ASSERT_EQ(one.report().status, RegistrationStatus::converged) << one.report().note.c_str();
+      ASSERT_EQ(two.report().status, RegistrationStatus::converged) << two.report().note.c_str();
+      EXPECT_LT(one.error_mm, 0.1);
+      EXPECT_EQ(one.report().iterations, two.report().iterations);
+      EXPECT_EQ(one.report().T_scanner_block.translation_mm, two.report().T_scanner_block.translation_mm);
+      EXPECT_EQ(one.report().T_scanner_block.rotation.coeffs(), two.report().T_scanner_block.rotation.coeffs());
+      EXPECT_EQ(one.report().covariance, two.report().covariance);
+    }
+  }
 }
 
 TEST(Registration, NamesTheDirectionThatNothingFixes) {
