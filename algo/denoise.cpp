@@ -13,6 +13,7 @@
 
 #include "algo/denoise_cloud.h"
 #include "algo/denoise_grid.h"
+#include "algo/denoise_lattice.h"
 
 namespace slabd::algo {
 namespace {
@@ -38,17 +39,21 @@ std::uint64_t take_out(const GridLayout& grid, GridWork& work, std::size_t band)
 
 }  // namespace
 
+bool judge_grid(const GridLayout& grid, GridWork& work, Team& team) {
+  team.run(grid.bands(), [&](std::size_t band) { find_grid_planes(grid, work, band); });
+  if (2 * work.with_plane < work.finite) return false;
+  team.run(grid.bands(), [&](std::size_t band) { judge_grid_points(grid, work, band); });
+  return true;
+}
+
 bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts) {
   if (cloud.width < GridLayout::kColumnsMin || cloud.height < GridLayout::kRowsMin) return false;
   if (cloud.width * cloud.height != cloud.points) return false;
   const GridLayout grid(cloud.width, cloud.height);
   if (2 * grid.tiles() > memory.surface.size() || 2 * grid.mask_bytes() > memory.keep.size()) return false;
-  GridWork work(grid, cloud.xyz.data(), memory);
+  GridWork work(grid, cloud.xyz.data(), nullptr, memory);
   work.measure_pitch(grid);
-  team.run(grid.bands(), [&](std::size_t band) { find_grid_planes(grid, work, band); });
-  // Where most points have no plane in their tile, the neighbours in the grid are no neighbours in space.
-  if (2 * work.with_plane < work.finite) return false;
-  team.run(grid.bands(), [&](std::size_t band) { judge_grid_points(grid, work, band); });
+  if (!judge_grid(grid, work, team)) return false;
   std::atomic<std::uint64_t> taken{0};
   team.run(grid.bands(), [&](std::size_t band) { taken += take_out(grid, work, band); });
   counts.points_finite = work.finite;
@@ -62,7 +67,8 @@ void remove_isolated(Cloud& cloud, const DenoiseWorkspace& work, Team& team, Sca
   counts = ScanCounts{};
   counts.points_read = cloud.points;
   // A scan whose header says grid and whose points do not lie in one is a cloud like any other.
-  if (!denoise_grid(cloud, work, team, counts)) denoise_cloud(cloud, work, counts);
+  if (denoise_grid(cloud, work, team, counts)) return;
+  if (!denoise_lattice(cloud, work, team, counts)) denoise_cloud(cloud, work, counts);
 }
 
 }  // namespace slabd::algo

@@ -296,16 +296,28 @@ class Denoiser {
   void judge_row(int tr) {
     for (int tc = 0; tc < grid_.tile_columns; ++tc) judge_tile(tc, tr);
   }
-  [[nodiscard]] const float* point(int column, int row) const {
-    return work_.xyz + 3 * (static_cast<std::size_t>(row) * grid_.columns + static_cast<std::size_t>(column));
+  [[nodiscard]] std::size_t at(int column, int row) const {
+    return static_cast<std::size_t>(row) * grid_.columns + static_cast<std::size_t>(column);
   }
-  [[nodiscard]] int columns_from(int column) const {
-    return std::min(kColumns, static_cast<int>(grid_.columns) - column);
+  [[nodiscard]] float* point(int column, int row) const { return work_.xyz + 3 * at(column, row); }
+  /// Heights from a column on, be it left of the grid; NaN where a point is missing or the grid has ended.
+  [[nodiscard]] HWY_INLINE F16 sixteen(int column, int row, std::uint32_t& finite, std::uint32_t& odd) const {
+    const int from = std::max(0, -column);
+    const int count = std::max(0, std::min(kColumns, static_cast<int>(grid_.columns) - column) - from);
+    alignas(64) std::array<float, 3 * kColumns> room;
+    if (count < kColumns) room.fill(kNoPlane);
+    if (work_.z != nullptr) {
+      if (count < kColumns) std::copy_n(work_.z + at(column + from, row), count, room.data() + from);
+      const F16 z = load(count < kColumns ? room.data() : work_.z + at(column, row));
+      finite = bits(z == z);
+      return z;
+    }
+    if (count < kColumns) std::copy_n(point(column + from, row), 3 * count, room.data() + 3 * from);
+    return heights(load_points(count < kColumns ? room.data() : point(column, row)), finite, odd);
   }
 
   void see(int tc, int tr, bool above, GridCounts& counts) {
     Tile tile;
-    const int columns = columns_from(kColumns * tc);
     const int rows = std::min(kRows, static_cast<int>(grid_.rows) - kRows * tr);
     for (int r = 0; r < kRows; ++r) {
       const auto k = static_cast<std::size_t>(r);
@@ -315,13 +327,14 @@ class Denoiser {
         continue;
       }
       // Tiles jump from row to row, which no machine foresees.
-      for (int line = 0; line < 3; ++line) hwy::Prefetch(point(kColumns * tc, kRows * tr + r) + kAhead + 16 * line);
-      float* p = work_.xyz + (point(kColumns * tc, kRows * tr + r) - work_.xyz);
+      const int column = kColumns * tc;
+      const int row = kRows * tr + r;
+      const float* from = work_.z != nullptr ? work_.z + at(column, row) : point(column, row);
+      for (int line = 0; line < 3; ++line) hwy::Prefetch(from + kAhead + 16 * line);
       std::uint32_t odd = 0;
-      const Points16 points = columns == kColumns ? load_points(p) : load_points(p, static_cast<std::size_t>(columns));
-      store(heights(points, tile.wanted[k], odd), tile.z[k].data());
+      store(sixteen(column, row, tile.wanted[k], odd), tile.z[k].data());
       // A point that lacks one coordinate is missing altogether.
-      for (; odd != 0; odd &= odd - 1) std::fill_n(p + 3 * std::countr_zero(odd), 3, kNoPlane);
+      for (; odd != 0; odd &= odd - 1) std::fill_n(point(column + std::countr_zero(odd), row), 3, kNoPlane);
     }
     tile.points = count(tile.wanted);
     counts.finite += static_cast<std::uint64_t>(tile.points);
@@ -362,7 +375,6 @@ class Denoiser {
   using RegionBits = std::array<std::uint32_t, kRegionRows>;
 
   void fill(Region& region, int tc, int tr) const {
-    const F16 none = f16(std::numeric_limits<float>::quiet_NaN());
     for (int r = 0; r < kRegionRows; ++r) {
       const int row = kRows * tr + r - kReach;
       const auto k = static_cast<std::size_t>(r);
@@ -371,24 +383,11 @@ class Denoiser {
         float* to = region.z[k].data() + kColumns * half;
         const int column = kColumns * tc - kMargin + kColumns * half;
         if (row < 0 || row >= static_cast<int>(grid_.rows)) {
-          store(none, to);
+          store(f16(kNoPlane), to);
           continue;
         }
-        F16 z;
         std::uint32_t finite = 0, odd = 0;
-        if (column < 0) {
-          alignas(64) std::array<float, 3 * kColumns> room;
-          room.fill(kNoPlane);
-          std::copy_n(point(0, row), 3 * (kColumns + column), room.data() - 3 * column);
-          z = heights(load_points(room.data()), finite, odd);
-        } else {
-          const int columns = std::max(0, columns_from(column));
-          z = heights(columns == kColumns ? load_points(point(column, row))
-                                          : load_points(columns == 0 ? work_.xyz : point(column, row),
-                                                        static_cast<std::size_t>(columns)),
-                      finite, odd);
-        }
-        store(z, to);
+        store(sixteen(column, row, finite, odd), to);
         region.finite[k] |= finite << static_cast<unsigned>(kColumns * half);
       }
     }
@@ -498,7 +497,8 @@ class Denoiser {
     for (int r = 0; r < kRows; ++r) {
       for (std::uint32_t left = open[static_cast<std::size_t>(r)]; left != 0; left &= left - 1) {
         const int c = std::countr_zero(left);
-        const float z = point(kColumns * tc + c, kRows * tr + r)[2];
+        const std::size_t i_point = at(kColumns * tc + c, kRows * tr + r);
+        const float z = work_.z != nullptr ? work_.z[i_point] : work_.xyz[3 * i_point + 2];
         for (std::size_t i = 1; i < n; ++i) {
           const float at = planes[i].z + planes[i].per_column * (static_cast<float>(c) - kMidColumn) +
                            planes[i].per_row * (static_cast<float>(r) - kMidRow);

@@ -63,6 +63,19 @@ class GridMask {
   GridMask(const GridLayout& grid, std::uint8_t* memory) : memory_(memory), stride_(grid.mask_stride()) {
     std::fill_n(memory_, grid.mask_bytes(), std::uint8_t{0});
   }
+  /// Of sixteen points from a column on, all in one row.
+  [[nodiscard]] std::uint32_t sixteen(int column, int row) const {
+    std::uint32_t word = 0;
+    std::memcpy(&word, at(row) + 2 + column / 8, sizeof word);
+    return (word >> (static_cast<unsigned>(column) % 8)) & 0xFFFFU;
+  }
+  /// Any of at most 32 in one row?
+  [[nodiscard]] bool any(int column, int points, int row) const {
+    std::uint64_t word = 0;
+    std::memcpy(&word, at(row) + 2 + column / 8, sizeof word);
+    return ((word >> (static_cast<unsigned>(column) % 8)) &
+            ((std::uint64_t{1} << static_cast<unsigned>(points)) - 1)) != 0;
+  }
   void set(int tile_column, int row, std::uint32_t bits) {
     const auto half = static_cast<std::uint16_t>(bits);
     std::memcpy(at(row) + 2 + 2 * tile_column, &half, sizeof half);
@@ -100,8 +113,10 @@ struct GridCounts {
 
 /// The scan and what is known about it, shared by all bands.
 struct GridWork {
-  GridWork(const GridLayout& grid, float* points, const DenoiseWorkspace& memory)
+  /// The grid is either the scan itself or, with `points` null, a table of heights, NaN where there is none.
+  GridWork(const GridLayout& grid, float* points, const float* heights, const DenoiseWorkspace& memory)
       : xyz(points),
+        z(heights),
         surface(memory.surface.data()),
         tile_columns(static_cast<std::size_t>(grid.tile_columns)),
         off(grid, memory.keep.data()),
@@ -130,6 +145,7 @@ struct GridWork {
   }
 
   float* xyz;
+  const float* z;
   float per_column_mm = 1.0F;
   float per_row_mm = 1.0F;
   TilePlane* surface;
@@ -163,6 +179,10 @@ struct GridWork {
 void find_grid_planes(const GridLayout& grid, GridWork& work, std::size_t band);
 /// The judgement of the first and the last, when all bands have their planes.
 void judge_grid_points(const GridLayout& grid, GridWork& work, std::size_t band);
+
+/// Steps 1 and 2 for all bands. False where most points have no plane in their tile: neighbours in the grid are no
+/// neighbours in space.
+[[nodiscard]] bool judge_grid(const GridLayout& grid, GridWork& work, Team& team);
 
 /// False, and nothing changed but points that lacked a coordinate, when `cloud` is not organised or its grid is none.
 [[nodiscard]] bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts);

@@ -108,6 +108,7 @@ SLABD_LANES_BINARY(min, Min)
 SLABD_LANES_BINARY(max, Max)
 SLABD_LANES_BINARY(bit_or, Or)
 SLABD_LANES_BINARY(bit_and, And)
+SLABD_LANES_BINARY(bit_xor, Xor)
 SLABD_LANES_UNARY(abs, Abs)
 SLABD_LANES_UNARY(sqrt, Sqrt)
 SLABD_LANES_UNARY(floor, Floor)
@@ -361,6 +362,15 @@ HWY_INLINE auto to_float(const Pack<double, K>& a) {
     return Pack<float, 1>{hn::Combine(Tag<float>(), hn::DemoteTo(half, a.hi.v), hn::DemoteTo(half, a.lo.v))};
 #endif
   }
+}
+
+/// The bits of a float, as a whole number.
+template <std::size_t K>
+HWY_INLINE Pack<std::int32_t, K> pattern(const Pack<float, K>& a) {
+  if constexpr (K == 1)
+    return {hn::BitCast(Tag<std::int32_t>(), a.v)};
+  else
+    return {pattern(a.lo), pattern(a.hi)};
 }
 
 /// base[index] in every lane. `base`: 32-bit numbers.

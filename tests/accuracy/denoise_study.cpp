@@ -65,8 +65,8 @@ class DenoiseBench {
   void run(const scene::Scan& scan, Quality& quality) {
     const scene::Cloud cloud = scene::take({}, scan);
     std::vector<float> xyz = cloud.xyz;
-    order_.resize(xyz.size() / 3);
-    keep_.resize(xyz.size() / 3);
+    order_.resize(limits::kScanPointsMax);
+    keep_.resize(limits::kScanPointsMax);
     algo::Cloud view{xyz, xyz.size() / 3, cloud.width, cloud.height};
     ScanCounts counts;
     algo::remove_isolated(view, {order_, keep_, cells_, surface_}, team_, counts);

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "algo/block_model.h"
+#include "algo/denoise_lattice.h"
 #include "algo/point_grid.h"
 #include "scene.h"
 
@@ -27,8 +28,8 @@ struct Denoiser {
 
   /// Returns how many points are kept.
   std::size_t run(std::vector<float>& xyz, std::size_t width = 0, std::size_t height = 0) {
-    order.resize(xyz.size() / 3);
-    keep.resize(xyz.size() / 3);
+    order.resize(limits::kScanPointsMax);
+    keep.resize(limits::kScanPointsMax);
     Cloud cloud{xyz, xyz.size() / 3, width, height};
     remove_isolated(cloud, {order, keep, cells, surface}, team, counts);
     EXPECT_EQ(cloud.points, xyz.size() / 3);
@@ -174,7 +175,7 @@ TEST(Denoise, RemovesOutliersAndKeepsTheSurfaceWhateverThePitchAndTheView) {
     bool organised;
   };
   for (const Case& c : {Case{0.3, 1.0, 0.0, 60.0, 0.005, 1, true}, Case{0.3, 1.0, 0.0, 5.0, 0.01, 1, false},
-                        Case{0.35, 1.0, 600.0, 5.0, 0.01, 5, false}, Case{0.3, 2.0, 0.0, 5.0, 0.01, 1, false},
+                        Case{0.35, 1.0, 600.0, 5.0, 0.003, 5, false}, Case{0.3, 2.0, 0.0, 5.0, 0.01, 1, false},
                         Case{0.35, 1.0, 600.0, 5.0, 0.003, 5, true}, Case{0.3, 1.0, 600.0, 5.0, 0.01, 1, true},
                         Case{0.6, 1.0, 600.0, 60.0, 0.02, 1, true}}) {
     scene::Scan scan;
@@ -218,6 +219,76 @@ TEST(Denoise, KeepsTheSamePointsInWhateverOrderTheyCome) {
     return points;
   };
   EXPECT_TRUE(sorted_points(in_order) == sorted_points(shuffled));
+}
+
+TEST(Denoise, GivesAScanItsGridBackOnlyIfItsRaysAreEvenlySpaced) {
+  for (const double focus : {0.0, 600.0}) {
+    scene::Scan scan;
+    scan.pitch_mm = 0.5;
+    scan.focus_mm = focus;
+    scan.outlier_share = 0.005;
+    scan.displacement = scene::displaced(2.0, -3.0, 0.0, 2.0, -1.0, 2.0);
+    const scene::Cloud cloud = scene::take({}, scan);
+    scan.organised = true;
+    const scene::Cloud organised = scene::take({}, scan);
+    Denoiser denoiser;
+    denoiser.order.resize(limits::kScanPointsMax);
+    denoiser.keep.resize(limits::kScanPointsMax);
+    const DenoiseWorkspace work{denoiser.order, denoiser.keep, denoiser.cells, denoiser.surface};
+
+    std::vector<float> xyz = cloud.xyz;
+    Cloud view{xyz, xyz.size() / 3, 0, 0};
+    ASSERT_TRUE(denoise_lattice(view, work, denoiser.team, denoiser.counts)) << focus;
+    const std::vector<bool> there = survivors(cloud.xyz, xyz);
+    EXPECT_EQ(static_cast<std::uint64_t>(std::count(there.begin(), there.end(), true)), denoiser.counts.points_kept);
+    EXPECT_EQ(denoiser.counts.points_finite, there.size());
+
+    // Two threads and every instruction set keep the same; the scan's own grid, whose tiles lie elsewhere, all but the
+    // same.
+    Team team{2};
+    for (const InstructionSet set :
+         {InstructionSet::plain, InstructionSet::sse4, InstructionSet::avx2, InstructionSet::best}) {
+      if (!limit_instruction_set(set)) continue;
+      std::vector<float> by_two = cloud.xyz;
+      Cloud two{by_two, by_two.size() / 3, 0, 0};
+      EXPECT_TRUE(denoise_lattice(two, work, team, denoiser.counts));
+      EXPECT_EQ(std::memcmp(by_two.data(), xyz.data(), xyz.size() * sizeof(float)), 0);
+    }
+    ASSERT_TRUE(limit_instruction_set(InstructionSet::best));
+    std::vector<float> gridded = organised.xyz;
+    denoiser.run(gridded, organised.width, organised.height);
+    std::size_t other = 0;
+    std::size_t k = 0;
+    for (std::size_t i = 0; i < organised.xyz.size() / 3; ++i) {
+      if (std::isnan(organised.xyz[3 * i])) continue;
+      other += std::isnan(gridded[3 * i]) == there[k++] ? 1U : 0U;
+    }
+    ASSERT_EQ(k, there.size());
+    EXPECT_LE(static_cast<double>(other), 1e-4 * static_cast<double>(k)) << focus;
+
+    // Points that meet another in their cell are judged too: the same scan twice, the second one a little higher.
+    std::vector<float> twice = cloud.xyz;
+    for (std::size_t i = 0; i < 300; ++i)
+      twice.insert(twice.end(), {cloud.xyz[9 * i], cloud.xyz[9 * i + 1], cloud.xyz[9 * i + 2] + 30.0F});
+    std::vector<float> judged = twice;
+    Cloud doubled{judged, judged.size() / 3, 0, 0};
+    if (focus == 0.0) {
+      ASSERT_TRUE(denoise_lattice(doubled, work, denoiser.team, denoiser.counts));
+      for (std::size_t i = cloud.xyz.size() / 3; i < judged.size() / 3; ++i) EXPECT_TRUE(std::isnan(judged[3 * i]));
+    }
+
+    // Rays that go anywhere have no columns; the scan is left as it was.
+    Prng prng(8);
+    std::vector<float> anywhere = cloud.xyz;
+    for (std::size_t i = 0; i < anywhere.size(); i += 3) {
+      anywhere[i] += static_cast<float>(prng.uniform() - 0.5);
+      anywhere[i + 1] += static_cast<float>(prng.uniform() - 0.5);
+    }
+    std::vector<float> left = anywhere;
+    Cloud none{left, left.size() / 3, 0, 0};
+    EXPECT_FALSE(denoise_lattice(none, work, denoiser.team, denoiser.counts));
+    EXPECT_EQ(std::memcmp(left.data(), anywhere.data(), left.size() * sizeof(float)), 0);
+  }
 }
 
 /// A level sheet of 60 x 60 mm, and on top of it `extra` points.
