@@ -253,7 +253,7 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   result.min_zone_mm = minimum_zone_mm(means);
   const CellNoise noise =
       plain::noise_of_cells(grid, std::span(cells.height).first(cells.size), std::span(cells.cell).first(cells.size),
-                     cells.squares / (cells.points - static_cast<double>(cells.size)), cells.points_per_cell());
+                            cells.squares / (cells.points - static_cast<double>(cells.size)), cells.points_per_cell());
   if (noise.ok) {
     result.noise_factor = noise.factor;
     result.noise_mm = expected_range(cells.size) * noise.cell_sigma_mm;
