@@ -4,6 +4,8 @@
 #include <array>
 
 #include "base/base.h"
+#include "calib/artefact.h"
+#include "calib/ball.h"
 
 /// Where the scanner sits on the flange, and how well that is known. Solvers (Ceres) will live in this room; today a
 /// calibration is the commissioning values of the configuration.
