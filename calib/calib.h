@@ -6,6 +6,9 @@
 #include "base/base.h"
 #include "calib/artefact.h"
 #include "calib/ball.h"
+#include "calib/conventions.h"
+#include "calib/hand_eye.h"
+#include "calib/observations.h"
 
 /// Where the scanner sits on the flange, and how well that is known. Solvers (Ceres) will live in this room; today a
 /// calibration is the commissioning values of the configuration.
