@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "base/base.h"
+#include "calib/calib.h"
+#include "cli/simulate/block_scene.h"
+#include "cli/simulate/robot_error.h"
+#include "cli/simulate/scan_drawing.h"
+
+/// What the emulated scanner sees while it is being calibrated: a tooling ball on its post, an artefact of three balls,
+/// or the reference block, with a table, a wall, a rod and a foreign ball around, in scans with noise of both kinds,
+/// mixed points at edges, and shadows of the projector. Everything is decided by the seed, and the truth is known.
+///
+/// Written without a line of calib's ball finding: what measures must not share errors with what is measured.
+namespace slabd::simulate {
+
+enum class TargetKind : std::uint8_t { ball, artefact, block };
+[[nodiscard]] std::string_view name(TargetKind kind);
+
+struct CalibrationTraits {
+  TargetKind kind = TargetKind::ball;
+  std::uint64_t seed = 1;
+  double ball_radius_mm = 25.4;
+  /// The target's origin and axes in the base frame, Z up: centre of the ball, the certificate's frame, the block
+  /// frame.
+  Pose T_base_target{Quat::Identity(), Vec3(1500.0, 200.0, 600.0)};
+  Pose T_flange_scanner{Quat(0.9961947, 0.0, 0.0871557, 0.0).normalized(), Vec3(40.0, -25.0, 180.0)};
+  RobotErrorTraits robot{1, 0.0, 500.0, -1.0, 0.017, -1.0};
+  bool clutter = true;
+};
+
+/// One scan of the scene. Pixels are evenly spaced in the picture, rays go through the scanner's origin.
+struct CalibrationScanTraits {
+  std::size_t columns = 640;           ///< 2048 for a full scan
+  std::size_t rows = 768;              ///< 2448
+  double noise_mm = 0.03;              ///< white, along the ray
+  double correlated_mm = 0.0;          ///< and what neighbouring points have in common ...
+  double correlation_length_mm = 2.0;  ///< ... over this length, at the nominal stand-off
+  double flyer_share = 0.3;            ///< of the pixels at an edge: lies somewhere between front and back
+  double outlier_share = 0.0005;
+  double missing_share = 0.01;
+  double projector_mm = 100.0;  ///< its distance from the camera along X; 0 = no shadows
+  /// Share of the ball (of every ball) hidden behind a plate, from the side of scanner +X; 0 = none.
+  double hidden_share = 0.0;
+  bool organised = true;
+
+  /// 5 million points.
+  [[nodiscard]] static CalibrationScanTraits full() {
+    CalibrationScanTraits traits;
+    traits.columns = 2048;
+    traits.rows = 2448;
+    return traits;
+  }
+};
+
+class CalibrationScene {
+ public:
+  /// config: a radius that is not 5..60 mm; kind block without a recipe.
+  [[nodiscard]] static Result<CalibrationScene> make(const CalibrationTraits& traits, const Recipe* recipe = nullptr);
+
+  [[nodiscard]] const CalibrationTraits& traits() const { return traits_; }
+  [[nodiscard]] const RobotError& robot() const { return robot_; }
+  /// kind artefact: what the laboratory certified (here without error); kind ball: one ball at the origin.
+  [[nodiscard]] const calib::ArtefactCertificate& certificate() const { return certificate_; }
+
+  /// Poses as a good operator chooses them, T_base_flange as the controller will report them: tilts of 20..35 degrees
+  /// to all sides, rolls of +-90, the target in the middle and the corners of the picture, near, mid and far.
+  [[nodiscard]] std::vector<Pose> plan_views(int count) const;
+
+  /// Where the target really is in the scanner's frame when the controller reports `T_base_flange` on visit `visit`.
+  [[nodiscard]] Pose T_scanner_target(const Pose& T_base_flange, std::uint64_t visit) const;
+
+  /// Draws what the scanner sees from there into `xyz` (3 floats a point, resized). config: the target is not in front
+  /// of the scanner. The same arguments give the same bits. About 0.1 s, and 1 s for a full scan.
+  [[nodiscard]] Result<DrawnScan> draw(const Pose& T_base_flange, std::uint64_t visit,
+                                       const CalibrationScanTraits& scan, std::vector<float>& xyz) const;
+
+ private:
+  CalibrationScene() = default;
+
+  CalibrationTraits traits_;
+  RobotError robot_;
+  calib::ArtefactCertificate certificate_;
+  std::optional<Recipe> recipe_;
+};
+
+}  // namespace slabd::simulate
