@@ -49,11 +49,12 @@ enum class BallRefusal : std::uint8_t {
   too_few,        ///< fewer balls than expected passed
   few_points,
   small_cap,
-  azimuth,  ///< a side of the cap is hidden or cut off
-  noisy,    ///< residuals larger than the scanner's noise
-  spoiled,  ///< too many points off the sphere: dirt, a second surface, a damaged ball
-  radius,   ///< a sphere, but of another radius
-  repeat,   ///< shots of one view do not agree
+  azimuth,   ///< a side of the cap is hidden or cut off
+  unstable,  ///< the robust fit found no resting place
+  noisy,     ///< residuals larger than the scanner's noise
+  spoiled,   ///< too many points off the sphere: dirt, a second surface, a damaged ball
+  radius,    ///< a sphere, but of another radius
+  repeat,    ///< shots of one view do not agree
 };
 [[nodiscard]] std::string_view name(BallRefusal refusal);
 
@@ -90,6 +91,8 @@ struct BallReport {
   Vec3 centre_free_mm = Vec3::Constant(kNoValue);
   double correlated_mm = kNoValue;          ///< standard deviation of what neighbouring points have in common
   double correlation_length_mm = kNoValue;  ///< distance at which that has fallen to 1/e
+  Vec3 missing_side = Vec3::Zero();         ///< where the sectors not seen lie: unit vector, or zero
+  bool converged = false;
   int iterations = 0;
 
   [[nodiscard]] bool ok() const { return refusal == BallRefusal::none; }

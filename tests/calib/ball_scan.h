@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "base/base.h"
+
+/// Scans of balls for the tests of ball finding: rays from the origin over a grid, the nearest of spheres, upright
+/// cylinders and planes, noise along the ray. Plain and slow, so that it can be checked by reading.
+namespace slabd::calib {
+
+struct SceneBall {
+  Vec3 centre_mm;
+  double radius_mm;
+};
+struct ScenePost {  ///< a cylinder around an axis; scanner frame
+  Vec3 from_mm;
+  Vec3 to_mm;
+  double radius_mm;
+};
+struct ScenePlane {  ///< n.p = d
+  Vec3 normal;
+  double offset_mm;
+};
+
+struct BallScene {
+  std::vector<SceneBall> balls;
+  std::vector<ScenePost> posts;
+  std::vector<ScenePlane> planes;
+  double pitch_mm = 0.3;  ///< of rays at `distance_mm`
+  double distance_mm = 500.0;
+  double half_width_mm = 100.0;  ///< of the picture there
+  bool parallel = false;
+  double noise_mm = 0.05;       ///< along the ray
+  double correlation_mm = 0.0;  ///< its length (Gaussian) at `distance_mm`; 0 = white
+  double flyer_share = 0.0;     ///< of the pixels next to an edge
+  double missing_share = 0.0;
+  double hidden_beyond_x_mm = std::numeric_limits<double>::infinity();  ///< picture x from which a plate hides all
+  std::uint64_t seed = 1;
+};
+
+/// 3 floats a point, NaN for missing ones; row by row.
+[[nodiscard]] std::vector<float> draw(const BallScene& scene);
+
+}  // namespace slabd::calib
