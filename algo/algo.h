@@ -170,5 +170,9 @@ struct StationSigma {
 /// No heap.
 void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, const StationSigma& sigma,
                   const Pose& T_base_slab_nominal, SlabResult& out);
+/// The same with what each station was spliced with, [station - 1]: one outside its calibration's reach is known less
+/// well and counts less in the slab frame. A station beyond the span is not calibrated.
+void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std::span<const StationSigma> sigmas,
+                  const Pose& T_base_slab_nominal, SlabResult& out);
 
 }  // namespace slabd::algo

@@ -36,8 +36,10 @@ Vec3 known(const Vec3& variance, std::initializer_list<double> sigmas) {
 
 }  // namespace
 
-SlabBudget::SlabBudget(const Recipe& recipe, const StationSigma& sigma)
-    : settings_(recipe.uncertainty), scanner_(recipe.uncertainty), sigma_(sigma) {}
+SlabBudget::SlabBudget(const Recipe& recipe, std::span<const StationSigma> sigmas)
+    : settings_(recipe.uncertainty), scanner_(recipe.uncertainty) {
+  for (std::size_t i = 0; i < sigmas.size() && i < limits::kStationsMax; ++i) sigma_[i + 1] = sigmas[i];
+}
 
 void SlabBudget::set(int station, const StationErrors& errors) {
   errors_[static_cast<std::size_t>(station)] = errors;
@@ -48,12 +50,14 @@ void SlabBudget::set(int station, const FrameResponse& response) {
 
 Vec3 SlabBudget::known_p_mm(int station) const {
   return known(errors_[static_cast<std::size_t>(station)].p_noise,
-               {sigma_.position_mm, sigma_.robot_position_mm, scanner_.place_mm(), settings_.reference_mm.value});
+               {sigma(station).position_mm, sigma(station).robot_position_mm, scanner_.place_mm(),
+                settings_.reference_mm.value});
 }
 
 Vec3 SlabBudget::known_n_rad(int station) const {
   return known(errors_[static_cast<std::size_t>(station)].n_noise,
-               {sigma_.rotation_rad, sigma_.robot_rotation_rad, scanner_.tilt_rad(), settings_.reference_rad.value});
+               {sigma(station).rotation_rad, sigma(station).robot_rotation_rad, scanner_.tilt_rad(),
+                settings_.reference_rad.value});
 }
 
 Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
@@ -66,6 +70,7 @@ Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
   for (std::size_t k = 1; k < errors_.size(); ++k) {
     const StationErrors& e = errors_[k];
     const FrameResponse& response = response_[k];
+    const StationSigma& of_station = sigma_[k];
     Vec3 gp = gradient.p[k];
     Vec3 gn = gradient.n[k];
     const Vec3& gj = gradient.jaw[k];
@@ -85,8 +90,8 @@ Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
 
     const double moved = (gp + gj).squaredNorm();
     const double turned = (e.normal.cross(gn) + e.jaw_lever.cross(gj)).squaredNorm();
-    calibration += moved * square(sigma_.position_mm) + times(turned, square(sigma_.rotation_rad));
-    robot += moved * square(sigma_.robot_position_mm) + times(turned, square(sigma_.robot_rotation_rad));
+    calibration += moved * square(of_station.position_mm) + times(turned, square(of_station.rotation_rad));
+    robot += moved * square(of_station.robot_position_mm) + times(turned, square(of_station.robot_rotation_rad));
     reference +=
         moved * square(settings_.reference_mm.value) + gn.squaredNorm() * square(settings_.reference_rad.value);
   }

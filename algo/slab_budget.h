@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <span>
 
 #include "algo/algo.h"
 #include "algo/slab_fit.h"
@@ -54,7 +55,10 @@ struct SlabGradient {
 
 class SlabBudget {
  public:
-  SlabBudget(const Recipe& recipe, const StationSigma& sigma);
+  /// `sigmas`: [station - 1]; a station beyond the span is not calibrated.
+  SlabBudget(const Recipe& recipe, std::span<const StationSigma> sigmas);
+
+  [[nodiscard]] const StationSigma& sigma(int station) const { return sigma_[static_cast<std::size_t>(station)]; }
 
   /// Takes one station's errors over; call for every observed station before `known_*` or `budget`.
   void set(int station, const StationErrors& errors);
@@ -71,7 +75,7 @@ class SlabBudget {
  private:
   UncertaintySettings settings_;
   ScannerModel scanner_;
-  StationSigma sigma_;
+  std::array<StationSigma, limits::kStationsMax + 1> sigma_{};  ///< [station]
   std::array<StationErrors, limits::kStationsMax + 1> errors_{};
   std::array<FrameResponse, limits::kStationsMax + 1> response_{};
 };

@@ -187,9 +187,8 @@ class Gradient {
 /// Fills an item list from seats. Items without a value stay not measured.
 class ItemWriter {
  public:
-  ItemWriter(const Recipe& recipe, const Seats& seats, const StationSigma& sigma, const SlabBudget& budget,
-             SlabResult& out)
-      : recipe_(recipe), seats_(seats), sigma_(sigma), budget_(budget), fitted_(out.fit.ok), out_(out) {}
+  ItemWriter(const Recipe& recipe, const Seats& seats, const SlabBudget& budget, SlabResult& out)
+      : recipe_(recipe), seats_(seats), budget_(budget), fitted_(out.fit.ok), out_(out) {}
 
   void slope(int station) {
     Item item = blank_item(recipe_, ItemId::seat_slope, station);
@@ -205,7 +204,7 @@ class ItemWriter {
       item.lower = item.upper = kNoValue;
       item.required = false;
     }
-    put(item, g, deg_from_rad(std::hypot(sigma_.rotation_rad, sigma_.robot_rotation_rad)));
+    put(item, g, deg_from_rad(rotation_sigma(station)));
   }
   void lateral(int station) {
     Item item = blank_item(recipe_, ItemId::seat_lateral, station);
@@ -214,7 +213,7 @@ class ItemWriter {
       item.value = seats_[station].p.y() - seats_[station].nominal.y();
       g.p(station, Vec3::UnitY());
     }
-    put(item, g, position_sigma());
+    put(item, g, position_sigma(station));
   }
   void vertical(int station) {
     Item item = blank_item(recipe_, ItemId::seat_vertical, station);
@@ -228,7 +227,7 @@ class ItemWriter {
         over_warp(station, item, g);
       }
     }
-    put(item, g, position_sigma());
+    put(item, g, position_sigma(station));
   }
   void spacing(int station) {
     Item item = blank_item(recipe_, ItemId::seat_spacing, station, station + 1);
@@ -240,7 +239,7 @@ class ItemWriter {
       g.p(station + 1, direction);
       g.p(station, -direction);
     }
-    put(item, g, std::sqrt(2.0) * position_sigma());
+    put(item, g, std::hypot(position_sigma(station), position_sigma(station + 1)));
   }
   void large_jaw(int station) {
     const int across = opposite_station(recipe_, station);
@@ -256,8 +255,8 @@ class ItemWriter {
     const double cant = cant_rad(recipe_);
     const double lever_mm = recipe_.block.jaw_reference_height_mm.value * std::cos(cant) +
                             recipe_.block.jaw_half_distance_mm.value * std::sin(cant);
-    const double rotation = std::hypot(sigma_.rotation_rad, sigma_.robot_rotation_rad);
-    put(item, g, std::sqrt(2.0) * std::hypot(position_sigma(), rotation * lever_mm));
+    const auto of = [&](int s) { return std::hypot(position_sigma(s), rotation_sigma(s) * lever_mm); };
+    put(item, g, std::hypot(of(station), of(across)));
   }
   void corner_level() {
     const int n = recipe_.slab.pairs;
@@ -271,7 +270,9 @@ class ItemWriter {
       g.p(n + 1, Vec3::UnitZ());
       g.p(2 * n, -Vec3::UnitZ());
     }
-    put(item, g, 2.0 * position_sigma());
+    put(item, g,
+        std::hypot(std::hypot(position_sigma(1), position_sigma(n)),
+                   std::hypot(position_sigma(n + 1), position_sigma(2 * n))));
   }
   /// Row of stations first..last: middle above the chord of the ends.
   void warp(ItemId id, int first, int last) {
@@ -281,12 +282,18 @@ class ItemWriter {
     const int middle_b = (first + last + 1) / 2;
     if (fitted_ && seats_[first].ok && seats_[last].ok && seats_[middle_a].ok && seats_[middle_b].ok)
       item.value = 0.5 * (above_chord(middle_a, first, last, g) + above_chord(middle_b, first, last, g));
-    const double middle_variance = middle_a == middle_b ? 1.0 : 0.5;
-    put(item, g, std::sqrt(middle_variance + 0.5) * position_sigma());
+    const double middle = middle_a == middle_b ? position_sigma(middle_a)
+                                               : 0.5 * std::hypot(position_sigma(middle_a), position_sigma(middle_b));
+    put(item, g, std::hypot(middle, 0.5 * std::hypot(position_sigma(first), position_sigma(last))));
   }
 
  private:
-  [[nodiscard]] double position_sigma() const { return std::hypot(sigma_.position_mm, sigma_.robot_position_mm); }
+  [[nodiscard]] double position_sigma(int station) const {
+    return std::hypot(budget_.sigma(station).position_mm, budget_.sigma(station).robot_position_mm);
+  }
+  [[nodiscard]] double rotation_sigma(int station) const {
+    return std::hypot(budget_.sigma(station).rotation_rad, budget_.sigma(station).robot_rotation_rad);
+  }
 
   /// Height of a seat over its row's warp, if the row shows one.
   void over_warp(int station, Item& item, Gradient& g) {
@@ -329,7 +336,6 @@ class ItemWriter {
 
   const Recipe& recipe_;
   const Seats& seats_;
-  const StationSigma& sigma_;
   const SlabBudget& budget_;
   bool fitted_;
   SlabResult& out_;
@@ -352,13 +358,20 @@ void write_items(const Recipe& recipe, ItemWriter& write) {
 
 void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, const StationSigma& sigma,
                   const Pose& T_base_slab_nominal, SlabResult& out) {
+  std::array<StationSigma, limits::kStationsMax> sigmas;
+  sigmas.fill(sigma);
+  inspect_slab(recipe, blocks, sigmas, T_base_slab_nominal, out);
+}
+
+void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std::span<const StationSigma> sigmas,
+                  const Pose& T_base_slab_nominal, SlabResult& out) {
   out = SlabResult{};
-  SlabBudget budget(recipe, sigma);
+  SlabBudget budget(recipe, sigmas);
   const Members members = members_of(recipe, blocks);
   out.fit = locate_slab(recipe, blocks, members, T_base_slab_nominal, budget);
   Seats seats;
   if (out.fit.ok) seats = seats_in_slab_frame(recipe, blocks, members, out.fit.T_base_slab);
-  ItemWriter write(recipe, seats, sigma, budget, out);
+  ItemWriter write(recipe, seats, budget, out);
   write_items(recipe, write);
   reach_verdicts(recipe, blocks, seats, out);
 }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <variant>
 
+#include "base/calibration.h"
 #include "base/plc.h"
 #include "base/recipe.h"
 #include "base/records.h"
@@ -55,7 +56,8 @@ struct SlabHeader {
   std::uint16_t unconfirmed = 0;  ///< nominals and tolerances nobody had confirmed when the slab was begun
   double guard = kNoValue;        ///< guard band of its verdicts in units of U; 0 = simple acceptance
   double cell_mm = kNoValue;      ///< flatness cell of the recipe
-  FixedString<64> calibration_id;
+  CalibrationId calibration_id;   ///< hand-eye
+  CalibrationId stations_id;      ///< the station corrections in force for this slab type; empty: none
   FixedString<64> software;
   Pose T_base_slab;  ///< of the cell, as configured
   Pose T_flange_scanner;
@@ -72,6 +74,7 @@ struct Attempt {
   Pose T_base_flange;  ///< mean over the exposure
   double pose_spread_mm = kNoValue;
   std::uint32_t pose_samples = 0;
+  Splice splice;  ///< how the scan comes into the base frame
   PathText scan_path;
   ScanShape shape;
   std::int64_t scan_utime_us = 0;
@@ -162,6 +165,9 @@ struct RecoveredLine {
   std::uint16_t res_seq = 0;  ///< last one used
   std::int64_t last_slab_key = 0;
   std::int64_t newest_utime_us = 0;
+
+  LineCalibration calibration;       ///< in force; source `missing` without trouble: nothing was ever applied
+  LineCalibration slab_calibration;  ///< what the open slab was begun with; the same rule
 
   bool slab_open = false;
   SlabHeader slab;  ///< the open slab, else the last ended one (key 0 = none ever)

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <exception>
 
+#include "storage/calibrations.h"
 #include "storage/database.h"
 #include "storage/load.h"
 #include "storage/storage.h"
@@ -64,7 +65,37 @@ class SqliteReader final : public Reader {
     return key;
   }
 
+  Result<std::vector<CalibrationRecord>> calibrations() override {
+    return read_value<std::vector<CalibrationRecord>>([&] { return Calibrations(*db_).all(); });
+  }
+  Result<std::optional<CalibrationRecord>> calibration(std::string_view id) override {
+    return read_value<std::optional<CalibrationRecord>>([&] { return Calibrations(*db_).find(id); });
+  }
+  Result<std::optional<CalibrationRecord>> current(CalibrationKind kind, std::uint16_t slab_type) override {
+    return read_value<std::optional<CalibrationRecord>>([&] { return Calibrations(*db_).current(kind, slab_type); });
+  }
+  Result<std::unique_ptr<LineCalibration>> line_calibration() override {
+    auto calibration = std::make_unique<LineCalibration>();
+    const Status status = read([&] { Calibrations(*db_).in_force(*calibration); });
+    if (!status.ok()) return status.error();
+    return calibration;
+  }
+  Result<std::vector<AppliedChange>> applied(std::size_t limit) override {
+    return read_value<std::vector<AppliedChange>>([&] { return Calibrations(*db_).applied(limit); });
+  }
+  Result<std::vector<CalibrationCheck>> checks(std::size_t limit) override {
+    return read_value<std::vector<CalibrationCheck>>([&] { return Calibrations(*db_).checks(limit); });
+  }
+
  private:
+  template <typename T, typename Work>
+  Result<T> read_value(const Work& work) {
+    T value;
+    const Status status = read([&] { value = work(); });
+    if (!status.ok()) return status.error();
+    return value;
+  }
+
   SlabSummary summary(const SlabHeader& header, SlabResult& result) {
     SlabSummary s;
     s.header = header;

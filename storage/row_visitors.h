@@ -32,12 +32,16 @@ using Square = Eigen::Matrix<double, N, N, Eigen::DontAlign>;
 [[nodiscard]] std::string_view word(ItemId id);
 [[nodiscard]] std::string_view word(StationPhase phase);
 [[nodiscard]] std::string_view word(ScanState state);
+[[nodiscard]] std::string_view word(SpliceSource source);
+[[nodiscard]] std::string_view word(CalibrationKind kind);
 /// False when no value has this word.
 [[nodiscard]] bool from_word(std::string_view text, Verdict& out);
 [[nodiscard]] bool from_word(std::string_view text, RegistrationStatus& out);
 [[nodiscard]] bool from_word(std::string_view text, ItemId& out);
 [[nodiscard]] bool from_word(std::string_view text, StationPhase& out);
 [[nodiscard]] bool from_word(std::string_view text, ScanState& out);
+[[nodiscard]] bool from_word(std::string_view text, SpliceSource& out);
+[[nodiscard]] bool from_word(std::string_view text, CalibrationKind& out);
 
 // ---- visitors ----------------------------------------------------------------------------------------------------
 
@@ -101,6 +105,7 @@ class Bind {
   void put(const FixedString<N>& text) {
     statement_.bind(index_++, text.view());
   }
+  void put(const std::string& text) { statement_.bind(index_++, std::string_view(text)); }
   template <std::integral T>
   void put(T value) {
     statement_.bind(index_++, static_cast<std::int64_t>(value));
@@ -153,6 +158,7 @@ class Fetch {
     text.assign(stored);
     ++column_;
   }
+  void take(std::string& text) { text = statement_.text(column_++); }
   void take(bool& value) {
     const std::int64_t stored = statement_.integer(column_);
     if (stored != 0 && stored != 1) statement_.refuse(column_, "is neither 0 nor 1");

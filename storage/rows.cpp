@@ -37,6 +37,12 @@ std::string_view word(StationPhase phase) {
 std::string_view word(ScanState state) {
   return kScanStates.at(static_cast<std::size_t>(state));
 }
+std::string_view word(SpliceSource source) {
+  return name(source);
+}
+std::string_view word(CalibrationKind kind) {
+  return name(kind);
+}
 
 bool from_word(std::string_view text, Verdict& out) {
   return search(text, 6, out);
@@ -52,6 +58,12 @@ bool from_word(std::string_view text, StationPhase& out) {
 }
 bool from_word(std::string_view text, ScanState& out) {
   return search(text, kScanStates.size(), out);
+}
+bool from_word(std::string_view text, SpliceSource& out) {
+  return search(text, kSpliceSources, out);
+}
+bool from_word(std::string_view text, CalibrationKind& out) {
+  return search(text, kCalibrationKinds, out);
 }
 
 std::string joined(const std::vector<std::string>& names, std::string_view separator) {

@@ -98,6 +98,7 @@ void columns(V& v, R& r) {
   v("guard", r.guard);
   v("cell_mm", r.cell_mm);
   v("calibration_id", r.calibration_id);
+  v("stations_id", r.stations_id);
   v("software", r.software);
   v("T_base_slab", r.T_base_slab);
   v("T_flange_scanner", r.T_flange_scanner);
@@ -144,6 +145,19 @@ void columns(V& v, R& r) {
   v("acquired", r.acquired);
 }
 
+template <typename V, RowOf<Splice> R>
+void columns(V& v, R& r) {
+  v("splice", r.source);
+  v("splice_visits", r.visits);
+  v("T_base_reported", r.T_base_reported);
+  v("splice_off_mm", r.off_mm);
+  v("splice_off_rad", r.off_rad);
+  v("splice_calibration_mm", r.calibration_mm);
+  v("splice_calibration_rad", r.calibration_rad);
+  v("splice_robot_mm", r.robot_mm);
+  v("splice_robot_rad", r.robot_rad);
+}
+
 template <typename V, RowOf<Attempt> R>
 void columns(V& v, R& r) {
   v("slab_key", r.slab_key);
@@ -162,6 +176,7 @@ void columns(V& v, R& r) {
   v("scan_utime_us", r.scan_utime_us);
   v("settle_ms", r.settle_ms);
   v("acquire_ms", r.acquire_ms);
+  columns(v, r.splice);
 }
 
 template <typename V, RowOf<AttemptState> R>

@@ -1,6 +1,6 @@
 -- SPDX-License-Identifier: Apache-2.0
 --
--- slabd's memory, schema version 2 (a change here needs a step in storage/migrate.cpp). One daemon writes, everybody else reads.
+-- slabd's memory, schema version 3. One daemon writes, everybody else reads.
 --
 --   line     one row: the session number last used, the newest wall clock of any record
 --   slab     what SLAB_BEGIN said and what it was measured with; slab_result is its end (no row: still open)
@@ -8,6 +8,11 @@
 --   attempt  one SCAN of one station; the highest attempt of a station is the valid one, all are kept
 --   block    what an attempt measured, with its planes, casings and items
 --   result   the records the PLC is shown; id is the order in which it is shown them
+--
+--   calibration        every calibration ever kept, with what it was made from; its numbers lie in hand_eye,
+--                      station_correction, reference_block or monitor_ball
+--   applied            what was put in force when, by whom and why; the newest row of a kind (and slab type) counts
+--   calibration_check  the trend of the daily checks
 --
 -- Lengths in mm, angles in degrees for items, times of day in us since 1970 (utime_us), durations in ms. Rows are
 -- ordered by key or id, never by the wall clock. A number that could not be measured is NULL. Verdicts: none, pass,
@@ -37,6 +42,7 @@ CREATE TABLE slab (
   guard              REAL,               -- guard band in units of U, 0 = simple acceptance
   cell_mm            REAL,               -- flatness cell
   calibration_id     TEXT NOT NULL,
+  stations_id        TEXT NOT NULL DEFAULT '',  -- station corrections in force, empty: none
   software           TEXT NOT NULL,
   T_base_slab_x REAL, T_base_slab_y REAL, T_base_slab_z REAL,
   T_base_slab_qw REAL, T_base_slab_qx REAL, T_base_slab_qy REAL, T_base_slab_qz REAL,
@@ -105,6 +111,14 @@ CREATE TABLE attempt (
   code           INTEGER NOT NULL,       -- why it failed
   scan_bytes     INTEGER NOT NULL,
   scan_state     TEXT NOT NULL CHECK (scan_state IN ('none', 'kept', 'deleting', 'deleted')),
+  -- How the scan came into the base frame (mm, rad, k = 1): base/calibration.h, Splice.
+  splice         TEXT NOT NULL DEFAULT 'none',
+  splice_visits  INTEGER NOT NULL DEFAULT 0,
+  T_base_reported_x REAL DEFAULT 0.0, T_base_reported_y REAL DEFAULT 0.0, T_base_reported_z REAL DEFAULT 0.0,
+  T_base_reported_qw REAL DEFAULT 1.0, T_base_reported_qx REAL DEFAULT 0.0, T_base_reported_qy REAL DEFAULT 0.0,
+  T_base_reported_qz REAL DEFAULT 0.0,
+  splice_off_mm REAL, splice_off_rad REAL,
+  splice_calibration_mm REAL, splice_calibration_rad REAL, splice_robot_mm REAL, splice_robot_rad REAL,
   PRIMARY KEY (slab_key, station, attempt)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX attempt_with_scan ON attempt (slab_key, scan_bytes) WHERE scan_state = 'kept';
@@ -247,3 +261,94 @@ CREATE TABLE result (
 ) STRICT;
 CREATE INDEX result_unacknowledged ON result (id) WHERE acknowledged = 0;
 CREATE INDEX result_by_slab ON result (slab_key, kind, id);
+
+-- ---- calibrations: rows are only ever added --------------------------------------------------------------------------
+
+CREATE TABLE calibration (
+  seq              INTEGER PRIMARY KEY,
+  id               TEXT NOT NULL UNIQUE,   -- from the SHA-256 of kind, numbers and parent
+  kind             TEXT NOT NULL CHECK (kind IN ('hand_eye', 'stations', 'reference_block', 'monitor_ball')),
+  slab_type        INTEGER NOT NULL,       -- of station corrections, else 0
+  parent_id        TEXT NOT NULL,          -- stations: the hand-eye calibration they hold for
+  figures          TEXT NOT NULL,          -- JSON
+  observations     TEXT NOT NULL,
+  certificate      TEXT NOT NULL,
+  operator_name    TEXT NOT NULL,
+  robot_serial     TEXT NOT NULL,
+  scanner_serial   TEXT NOT NULL,
+  temperature_c    REAL,
+  software         TEXT NOT NULL,
+  created_utime_us INTEGER NOT NULL,
+  expires_utime_us INTEGER NOT NULL        -- 0 = never
+) STRICT;
+CREATE TRIGGER calibration_stays BEFORE UPDATE ON calibration
+  BEGIN SELECT RAISE(ABORT, 'a calibration record is never changed'); END;
+CREATE TRIGGER calibration_is_kept BEFORE DELETE ON calibration
+  BEGIN SELECT RAISE(ABORT, 'a calibration record is never deleted'); END;
+
+CREATE TABLE hand_eye (
+  calibration_id TEXT PRIMARY KEY REFERENCES calibration (id),
+  T_flange_scanner_x REAL, T_flange_scanner_y REAL, T_flange_scanner_z REAL,
+  T_flange_scanner_qw REAL, T_flange_scanner_qx REAL, T_flange_scanner_qy REAL, T_flange_scanner_qz REAL,
+  sigma_mm REAL, sigma_rad REAL            -- k = 1, per axis
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE station_correction (
+  calibration_id TEXT NOT NULL REFERENCES calibration (id),
+  station        INTEGER NOT NULL CHECK (station BETWEEN 1 AND 18),
+  visits         INTEGER NOT NULL,
+  T_base_reported_x REAL, T_base_reported_y REAL, T_base_reported_z REAL,
+  T_base_reported_qw REAL, T_base_reported_qx REAL, T_base_reported_qy REAL, T_base_reported_qz REAL,
+  T_base_flange_x REAL, T_base_flange_y REAL, T_base_flange_z REAL,
+  T_base_flange_qw REAL, T_base_flange_qx REAL, T_base_flange_qy REAL, T_base_flange_qz REAL,
+  sigma_mm REAL, sigma_rad REAL,           -- of one visit, k = 1, per axis
+  spread_mm REAL,
+  PRIMARY KEY (calibration_id, station)
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE reference_block (
+  calibration_id TEXT PRIMARY KEY REFERENCES calibration (id),
+  slope_rad REAL, slope_U_rad REAL, jaw_distance_mm REAL, jaw_distance_U_mm REAL   -- U: k = 2
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE monitor_ball (
+  calibration_id TEXT PRIMARY KEY REFERENCES calibration (id),
+  p_base_x REAL, p_base_y REAL, p_base_z REAL, radius_mm REAL, limit_mm REAL
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE applied (
+  seq            INTEGER PRIMARY KEY,
+  kind           TEXT NOT NULL,
+  slab_type      INTEGER NOT NULL,
+  is_rollback    INTEGER NOT NULL,
+  calibration_id TEXT NOT NULL REFERENCES calibration (id),
+  replaced_id    TEXT NOT NULL,            -- in force until here, empty: none
+  before_seq     INTEGER NOT NULL,         -- the row a rollback goes back to, 0: none
+  who            TEXT NOT NULL,
+  why            TEXT NOT NULL,
+  utime_us       INTEGER NOT NULL
+) STRICT;
+CREATE INDEX applied_newest ON applied (kind, slab_type, seq);
+CREATE TRIGGER applied_stays BEFORE UPDATE ON applied
+  BEGIN SELECT RAISE(ABORT, 'the history is never changed'); END;
+CREATE TRIGGER applied_is_kept BEFORE DELETE ON applied
+  BEGIN SELECT RAISE(ABORT, 'the history is never deleted'); END;
+
+CREATE TABLE calibration_check (
+  seq          INTEGER PRIMARY KEY,
+  kind         TEXT NOT NULL CHECK (kind IN ('reference_block', 'monitor_ball')),
+  reference_id TEXT NOT NULL REFERENCES calibration (id),
+  hand_eye_id  TEXT NOT NULL,              -- in force at the time, empty: none
+  passed       INTEGER NOT NULL,
+  slope_rad REAL, slope_U_rad REAL, jaw_distance_mm REAL, jaw_distance_U_mm REAL,  -- as measured; U: k = 2
+  off_x REAL, off_y REAL, off_z REAL,      -- monitor ball from its place, base axes (mm)
+  utime_us     INTEGER NOT NULL,
+  who          TEXT NOT NULL,
+  source       TEXT NOT NULL,
+  note         TEXT NOT NULL               -- why it failed
+) STRICT;
+CREATE INDEX calibration_check_newest ON calibration_check (reference_id, seq);
+CREATE TRIGGER calibration_check_stays BEFORE UPDATE ON calibration_check
+  BEGIN SELECT RAISE(ABORT, 'a check is never changed'); END;
+CREATE TRIGGER calibration_check_is_kept BEFORE DELETE ON calibration_check
+  BEGIN SELECT RAISE(ABORT, 'a check is never deleted'); END;

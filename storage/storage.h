@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <variant>
 #include <vector>
 
 #include "base/base.h"
@@ -15,7 +16,7 @@
 namespace slabd::storage {
 
 inline constexpr int kApplicationId = 0x534C4142;  // "SLAB"
-inline constexpr int kSchemaVersion = 2;
+inline constexpr int kSchemaVersion = 3;
 
 struct StoreSettings {
   std::string db_path;
@@ -25,6 +26,70 @@ struct StoreSettings {
   /// Bytes of scans the spool may hold; beyond it the scans (never the records) of the oldest acknowledged slabs are
   /// deleted, passed ones first. 0 = keep everything.
   std::uint64_t spool_budget_bytes = 0;
+};
+
+// ---- calibrations ------------------------------------------------------------------------------------------------
+
+/// One calibration with everything it was made from. Records are only ever added.
+struct CalibrationRecord {
+  std::string id;  ///< made by storage from kind, numbers and parent (`calibration_id`)
+  std::variant<HandEyeNumbers, StationTable, ReferenceBlock, MonitorBall> numbers;  ///< in the order of CalibrationKind
+  std::string parent_id;     ///< stations: the hand-eye calibration they were solved with. Empty: none
+  std::string figures;       ///< quality figures as a JSON object, as the solver printed them
+  std::string observations;  ///< the views as captured, in the neutral text form: enough to solve again
+  std::string certificate;   ///< text of the artefact's certificate
+  std::string operator_name;
+  std::string robot_serial;
+  std::string scanner_serial;
+  double temperature_c = kNoValue;
+  std::string software;
+  std::int64_t created_utime_us = 0;
+  std::int64_t expires_utime_us = 0;  ///< 0 = never
+
+  [[nodiscard]] CalibrationKind kind() const { return static_cast<CalibrationKind>(numbers.index()); }
+  /// Of a station table; 0 for the other kinds, which hold for every slab.
+  [[nodiscard]] std::uint16_t slab_type() const;
+};
+/// "he-3f2a91c07b5e": equal ids mean equal kind, numbers and parent.
+[[nodiscard]] std::string calibration_id(const CalibrationRecord& record);
+
+/// Who changed what is in force, and why; the words of a person, kept for ever.
+struct ChangeNote {
+  std::string who;
+  std::string why;
+  std::int64_t utime_us = 0;
+};
+
+/// Adds a record. One with the same numbers that is there already stays as it is and counts as added.
+struct KeepCalibration {
+  CalibrationRecord record;
+};
+/// Puts a record in force in place of the one of its kind (and slab type).
+struct ApplyCalibration {
+  std::string id;
+  ChangeNote note;
+};
+/// Puts back what was in force before; doing it again goes back further. Refused when there is nothing before.
+struct RollBackCalibration {
+  CalibrationKind kind = CalibrationKind::hand_eye;
+  std::uint16_t slab_type = 0;  ///< of station tables; 0: of the newest change of this kind
+  ChangeNote note;
+};
+/// Adds a check to the trend.
+struct KeepCheck {
+  CalibrationCheck check;
+};
+using CalibrationChange = std::variant<KeepCalibration, ApplyCalibration, RollBackCalibration, KeepCheck>;
+
+/// One line of the history of what was in force. Lines are only ever added.
+struct AppliedChange {
+  std::int64_t seq = 0;
+  CalibrationKind kind = CalibrationKind::hand_eye;
+  std::uint16_t slab_type = 0;
+  bool is_rollback = false;
+  std::string calibration_id;  ///< in force from here on
+  std::string replaced_id;     ///< in force until here; empty: none
+  ChangeNote note;
 };
 
 /// The writer. One object, one thread. Every apply() is one transaction, durable when it returns
@@ -39,6 +104,12 @@ class Store {
   [[nodiscard]] virtual Result<std::unique_ptr<RecoveredLine>> recover() = 0;
   /// Codes: store_full (disk, or less than spool_free_bytes_min at a slab's begin), journal_write (anything else).
   [[nodiscard]] virtual Status apply(const StoreJob& job) = 0;
+  /// Carries out one change of calibrations, in one transaction; returns the id of the record that it was about.
+  /// config: it cannot be (no such id, nothing to roll back to, numbers that make no sense), nothing was changed and
+  /// the text says what to do. store_full, journal_write as apply().
+  [[nodiscard]] virtual Result<std::string> change(const CalibrationChange& change) = 0;
+  /// What is in force now.
+  [[nodiscard]] virtual Result<std::unique_ptr<LineCalibration>> calibration() = 0;
   /// Why old scans could not be deleted to keep the spool budget; empty when all is well. Never fails a job.
   [[nodiscard]] virtual std::string_view spool_trouble() const { return {}; }
 };
@@ -83,6 +154,20 @@ class Reader {
   /// By key, or by the newest slab with this SLAB_ID.
   [[nodiscard]] virtual Result<std::optional<SlabRecord>> slab(std::int64_t key) = 0;
   [[nodiscard]] virtual Result<std::optional<std::int64_t>> find(std::string_view slab_id) = 0;
+
+  /// Every record, newest first.
+  [[nodiscard]] virtual Result<std::vector<CalibrationRecord>> calibrations() = 0;
+  /// By id, or by the first characters of one when only one begins so.
+  [[nodiscard]] virtual Result<std::optional<CalibrationRecord>> calibration(std::string_view id) = 0;
+  /// The record in force; station tables by slab type.
+  [[nodiscard]] virtual Result<std::optional<CalibrationRecord>> current(CalibrationKind kind,
+                                                                         std::uint16_t slab_type = 0) = 0;
+  /// What the daemon would work with now.
+  [[nodiscard]] virtual Result<std::unique_ptr<LineCalibration>> line_calibration() = 0;
+  /// Newest first.
+  [[nodiscard]] virtual Result<std::vector<AppliedChange>> applied(std::size_t limit) = 0;
+  /// Newest first.
+  [[nodiscard]] virtual Result<std::vector<CalibrationCheck>> checks(std::size_t limit) = 0;
 };
 /// config when the file does not exist, is no slabd database, or is one of an older or newer schema version (a reader
 /// changes nothing; the daemon's start brings an older one up to date).

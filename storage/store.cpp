@@ -10,6 +10,7 @@
 #include <exception>
 #include <optional>
 
+#include "storage/calibrations.h"
 #include "storage/database.h"
 #include "storage/folders.h"
 #include "storage/jobs.h"
@@ -55,6 +56,9 @@ class SqliteStore final : public Store {
       Transaction transaction(*open.db, "BEGIN IMMEDIATE");
       open.jobs.interrupt_unfinished();
       held_back = read_line(*open.db, *line);
+      Calibrations calibrations(*open.db);
+      calibrations.in_force(line->calibration);
+      if (line->slab_open) calibrations.of_slab(line->slab, line->slab_calibration);
       transaction.commit();
     });
     if (!status.ok()) return status.error();
@@ -75,6 +79,28 @@ class SqliteStore final : public Store {
     if (status.ok() && may_trim)
       tidy_spool([&](Spool& spool) { return settings_.spool_budget_bytes > 0 ? spool.trim() : success(); });
     return status;
+  }
+
+  Result<std::string> change(const CalibrationChange& change) override {
+    std::string id;
+    const Status status = run("calibration", [&](OpenDatabase& open) {
+      Transaction transaction(*open.db, "BEGIN IMMEDIATE");
+      id = Calibrations(*open.db).carry_out(change);
+      transaction.commit();
+    });
+    if (!status.ok()) return status.error();
+    return id;
+  }
+
+  Result<std::unique_ptr<LineCalibration>> calibration() override {
+    auto calibration = std::make_unique<LineCalibration>();
+    const Status status = run("calibration", [&](OpenDatabase& open) {
+      Transaction transaction(*open.db, "BEGIN");
+      Calibrations(*open.db).in_force(*calibration);
+      transaction.commit();
+    });
+    if (!status.ok()) return status.error();
+    return calibration;
   }
 
   std::string_view spool_trouble() const override { return spool_trouble_.view(); }

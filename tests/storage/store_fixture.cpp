@@ -176,6 +176,7 @@ void expect_same(const SlabHeader& a, const SlabHeader& b) {
   SAME_BITS(guard);
   SAME_BITS(cell_mm);
   SAME(calibration_id.view());
+  SAME(stations_id.view());
   SAME(software.view());
   expect_same(a.T_base_slab, b.T_base_slab);
   expect_same(a.T_flange_scanner, b.T_flange_scanner);
@@ -196,6 +197,15 @@ void expect_same(const Attempt& a, const Attempt& b) {
   SAME(shape.finite);
   SAME(shape.width);
   SAME(shape.height);
+  SAME(splice.source);
+  SAME(splice.visits);
+  expect_same(a.splice.T_base_reported, b.splice.T_base_reported);
+  SAME_BITS(splice.off_mm);
+  SAME_BITS(splice.off_rad);
+  SAME_BITS(splice.calibration_mm);
+  SAME_BITS(splice.calibration_rad);
+  SAME_BITS(splice.robot_mm);
+  SAME_BITS(splice.robot_rad);
   SAME(scan_utime_us);
   SAME_BITS(settle_ms);
   SAME_BITS(acquire_ms);
@@ -314,6 +324,7 @@ SlabHeader random_header(Prng& prng, std::int64_t key) {
   h.guard = number(prng);
   h.cell_mm = number(prng);
   word(prng, h.calibration_id);
+  word(prng, h.stations_id);
   word(prng, h.software);
   h.T_base_slab = pose(prng);
   h.T_flange_scanner = pose(prng);
@@ -336,6 +347,12 @@ Attempt random_attempt(Prng& prng, std::int64_t slab_key, int station, int numbe
   a.scan_utime_us = static_cast<std::int64_t>(prng.next() >> 10U);
   a.settle_ms = number(prng);
   a.acquire_ms = number(prng);
+  Splice& s = a.splice;
+  s.source = static_cast<SpliceSource>(prng.below(kSpliceSources));
+  integer(prng, s.visits);
+  s.T_base_reported = pose(prng);
+  for (double* x : {&s.off_mm, &s.off_rad, &s.calibration_mm, &s.calibration_rad, &s.robot_mm, &s.robot_rad})
+    *x = number(prng);
   return a;
 }
 

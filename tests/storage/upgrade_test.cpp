@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A database of schema version 1, made with the old schema's own text, meets this program.
+// Databases of every older schema version, made with the old schema's own text, meet this program.
 #include <sqlite3.h>
 
 #include <filesystem>
@@ -82,9 +82,10 @@ BlockResult without_news(BlockResult block) {
 
 class UpgradeTest : public StoreTest {
  protected:
-  /// Slab 1 ended, slab 2 open with station 5 measured; then everything version 1 would have kept of it, in a database
-  /// of version 1 at `settings_.db_path`.
-  void make_version_1() {
+  void make_version_1() { make_version(1); }
+  /// Slab 1 ended, slab 2 open with station 5 measured; then everything `version` would have kept of it, in a database
+  /// of that version at `settings_.db_path`.
+  void make_version(int version) {
     open();
     for (std::int64_t key = 1; key <= 2; ++key) {
       begin(key);
@@ -101,8 +102,8 @@ class UpgradeTest : public StoreTest {
     fs::create_directories(folder_.path() + "/old");
     Plain db(settings_.db_path);
     db.run("PRAGMA journal_mode = WAL");
-    db.run(whole(std::string(SLABD_SOURCE_DIR) + "/tests/storage/schema_v1.sql"));
-    db.run("PRAGMA application_id = 1397506370; PRAGMA user_version = 1");
+    db.run(whole(std::string(SLABD_SOURCE_DIR) + "/tests/storage/schema_v" + std::to_string(version) + ".sql"));
+    db.run("PRAGMA application_id = 1397506370; PRAGMA user_version = " + std::to_string(version));
     db.run("DELETE FROM line; ATTACH '" + newer + "' AS newer");
     for (const std::string& table : db.column("SELECT name FROM main.sqlite_schema WHERE type = 'table'")) {
       const std::string names = joined(db.column("SELECT name FROM pragma_table_info('" + table + "', 'main')"), ", ");
@@ -142,6 +143,21 @@ TEST_F(UpgradeTest, old_slabs_are_read_and_new_ones_written) {
   apply(BlockJob{3, 1, block, record});
   open();  // as after a restart
   expect_same(recover()->stations[6].block, block);
+}
+
+TEST_F(UpgradeTest, slabs_of_version_2_keep_everything_and_say_that_no_splice_was_recorded) {
+  make_version(2);
+  open();
+  const auto line = recover();
+  ASSERT_TRUE(line->slab_open);
+  expect_same(line->stations[4].block, blocks_[1]);
+  EXPECT_EQ(line->stations[4].attempt.splice.source, SpliceSource::none);
+  EXPECT_FALSE(has_value(line->stations[4].attempt.splice.calibration_mm)) << "nobody may take it for calibrated";
+  EXPECT_EQ(line->stations[4].attempt.splice.T_base_reported.to_array(), Pose::identity().to_array());
+  EXPECT_TRUE(line->slab.stations_id.empty());
+  EXPECT_EQ(line->calibration.source, LineCalibration::Source::missing);
+  EXPECT_TRUE(line->calibration.trouble.empty()) << "nothing was ever applied: the configuration's values count";
+  EXPECT_TRUE(fs::exists(settings_.db_path + ".v2-backup"));
 }
 
 TEST_F(UpgradeTest, copy_of_the_old_database_stays_beside_it) {
@@ -202,11 +218,14 @@ TEST_F(UpgradeTest, without_a_copy_nothing_is_changed) {
   EXPECT_EQ(db.text("PRAGMA user_version"), "1");
 }
 
-TEST_F(UpgradeTest, upgraded_tables_are_those_of_a_fresh_database) {
+class UpgradeFromTest : public UpgradeTest, public ::testing::WithParamInterface<int> {};
+INSTANTIATE_TEST_SUITE_P(Version, UpgradeFromTest, ::testing::Range(1, kSchemaVersion));
+
+TEST_P(UpgradeFromTest, upgraded_tables_are_those_of_a_fresh_database) {
   open();
   close();
   const std::string fresh_path = settings_.db_path;
-  make_version_1();
+  make_version(GetParam());
   open();
   close();
   Plain fresh(fresh_path);

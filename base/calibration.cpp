@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "base/calibration.h"
+
+#include <cmath>
+
+namespace slabd {
+namespace {
+
+constexpr std::array<std::string_view, kCalibrationKinds> kKinds = {"hand_eye", "stations", "reference_block",
+                                                                    "monitor_ball"};
+constexpr std::array<std::string_view, kSpliceSources> kSources = {
+    "none", "commissioning", "corrected", "not_mastered", "stale", "expired", "outside_gate"};
+
+bool is_over(std::int64_t expires_utime_us, std::int64_t utime_us) {
+  return expires_utime_us != 0 && utime_us >= expires_utime_us;
+}
+
+/// Why the correction of this station does not count, or `corrected`; the distance to the mastered pose is filled in
+/// wherever there is one.
+SpliceSource judge_correction(const LineCalibration& calibration, const StationsInForce* table, int station,
+                              const SpliceSettings& settings, const Pose& T_base_flange, std::int64_t utime_us,
+                              Splice& splice) {
+  if (table == nullptr) return SpliceSource::not_mastered;
+  const StationCorrection& correction = table->table.station[static_cast<std::size_t>(station - 1)];
+  if (correction.visits == 0) return SpliceSource::not_mastered;
+  splice.off_mm = (T_base_flange.translation_mm - correction.T_base_flange.translation_mm).norm();
+  splice.off_rad = angle_between_rad(correction.T_base_flange.rotation, T_base_flange.rotation);
+  if (!(table->hand_eye_id == calibration.id)) return SpliceSource::stale;
+  if (is_over(table->expires_utime_us, utime_us)) return SpliceSource::expired;
+  const bool near = splice.off_mm <= settings.gate_mm && splice.off_rad <= settings.gate_rad;
+  return near ? SpliceSource::corrected : SpliceSource::outside_gate;
+}
+
+}  // namespace
+
+std::string_view name(CalibrationKind kind) {
+  return kKinds.at(static_cast<std::size_t>(kind));
+}
+
+std::optional<CalibrationKind> calibration_kind_named(std::string_view word) {
+  for (std::size_t i = 0; i < kKinds.size(); ++i)
+    if (kKinds[i] == word) return static_cast<CalibrationKind>(i);
+  return std::nullopt;
+}
+
+std::string_view name(SpliceSource source) {
+  return kSources.at(static_cast<std::size_t>(source));
+}
+
+CalibrationFault fault_of(const LineCalibration& calibration, std::int64_t utime_us) {
+  if (calibration.source == LineCalibration::Source::missing) return CalibrationFault::missing;
+  if (calibration.source == LineCalibration::Source::applied && is_over(calibration.expires_utime_us, utime_us))
+    return CalibrationFault::expired;
+  return calibration.block.failed || calibration.ball.failed ? CalibrationFault::check_failed : CalibrationFault::none;
+}
+
+FixedString<limits::kErrorTextBytes> describe(CalibrationFault fault, const LineCalibration& calibration) {
+  FixedString<limits::kErrorTextBytes> text;
+  switch (fault) {
+    case CalibrationFault::none: break;
+    case CalibrationFault::missing:
+      text.printf("no usable calibration: %s; calibrate and apply one (slabctl calibrate)",
+                  calibration.trouble.empty() ? "none is applied and the configuration has no commissioning values"
+                                              : calibration.trouble.c_str());
+      break;
+    case CalibrationFault::expired:
+      text.printf("calibration %s has expired; calibrate again and apply the result (slabctl calibrate)",
+                  calibration.id.c_str());
+      break;
+    case CalibrationFault::check_failed: {
+      const bool block = calibration.block.failed;
+      text.printf("the last check of the %s failed: %s; find the cause, then check again (slabctl calibrate check)",
+                  block ? "reference block" : "monitor ball",
+                  block ? calibration.block.note.c_str() : calibration.ball.note.c_str());
+      break;
+    }
+  }
+  return text;
+}
+
+bool overdue(const LineCalibration::Watch& watch, std::int64_t interval_us, std::int64_t utime_us) {
+  if (interval_us == 0 || watch.reference_id.empty()) return false;
+  const std::int64_t last =
+      watch.checked_utime_us > watch.since_utime_us ? watch.checked_utime_us : watch.since_utime_us;
+  return utime_us - last > interval_us;
+}
+
+Splice splice_for(const LineCalibration& calibration, const SpliceSettings& settings, std::uint16_t slab_type,
+                  int station, const Pose& T_base_flange, double lever_mm, std::int64_t utime_us) {
+  Splice splice;
+  if (calibration.source == LineCalibration::Source::missing) return splice;
+  if (calibration.source == LineCalibration::Source::commissioning) {
+    splice.source = SpliceSource::commissioning;
+    splice.calibration_mm = settings.commissioning_mm;
+    splice.calibration_rad = settings.commissioning_rad;
+    splice.robot_mm = settings.repeatability_mm;
+    splice.robot_rad = settings.repeatability_rad;
+    return splice;
+  }
+  const StationsInForce* table = calibration.table_for(slab_type);
+  splice.source = judge_correction(calibration, table, station, settings, T_base_flange, utime_us, splice);
+  if (splice.source == SpliceSource::corrected) {
+    const StationCorrection& correction = table->table.station[static_cast<std::size_t>(station - 1)];
+    splice.visits = correction.visits;
+    splice.T_base_reported = correction.T_base_reported;
+    const double of_mean = 1.0 / std::sqrt(static_cast<double>(correction.visits));
+    splice.calibration_mm = of_mean * correction.sigma_mm;
+    splice.calibration_rad = of_mean * correction.sigma_rad;
+    splice.robot_mm = correction.sigma_mm;
+    splice.robot_rad = correction.sigma_rad;
+    return splice;
+  }
+  // One X for all stations: across the track its error shows twice, because the rows are seen with the flange turned
+  // by half a turn. Stations count as independent in the budget, so the factor stands here.
+  const double rows = std::sqrt(2.0);
+  splice.calibration_mm = rows * calibration.hand_eye.sigma_mm;
+  splice.calibration_rad = rows * calibration.hand_eye.sigma_rad;
+  splice.robot_mm = std::hypot(settings.absolute_mm, settings.absolute_rad * lever_mm);
+  splice.robot_rad = settings.absolute_rad;
+  return splice;
+}
+
+}  // namespace slabd

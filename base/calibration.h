@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string_view>
+
+#include "base/fixed.h"
+#include "base/items.h"
+#include "base/limits.h"
+#include "base/pose.h"
+#include "base/units.h"
+
+/// What is known of the scanner on the flange, of the robot at every station, and of the artefacts that watch over
+/// both: the numbers that pass between calib, storage, the station and reports. Lengths in mm, angles in rad, standard
+/// uncertainties (k = 1) unless named U (k = 2). Where a number is not known it is NaN.
+namespace slabd {
+
+/// "he-3f2a91c07b5e": two letters of the kind and the first 12 hex digits of the SHA-256 of its numbers, so that equal
+/// ids mean equal numbers. Commissioning values of the configuration: "commissioning-<12 digits>".
+using CalibrationId = FixedString<64>;
+
+enum class CalibrationKind : std::uint8_t { hand_eye, stations, reference_block, monitor_ball };
+inline constexpr std::size_t kCalibrationKinds = 4;
+/// "hand_eye", "stations", "reference_block", "monitor_ball": the word in JSON, the database and on command lines.
+[[nodiscard]] std::string_view name(CalibrationKind kind);
+[[nodiscard]] std::optional<CalibrationKind> calibration_kind_named(std::string_view word);
+
+// ---- the numbers of each kind --------------------------------------------------------------------------------------
+
+/// Scanner on flange.
+struct HandEyeNumbers {
+  Pose T_flange_scanner;
+  double sigma_mm = kNoValue;  ///< of a point in the field of view, per axis: predicted by the solver, times max(1, s0)
+  double sigma_rad = kNoValue;  ///< of the scanner's rotation, per axis
+};
+
+/// What the robot's error at one taught station is made up for by. In production
+/// T_base_scanner = T_base_reported * T_base_flange (reported now) * T_flange_scanner, as long as the robot reports
+/// about the pose it reported when the station was mastered.
+struct StationCorrection {
+  std::uint8_t visits = 0;      ///< M; 0: this station was not mastered
+  Pose T_base_reported;         ///< C_s: from where the reported pose puts a point to where it is
+  Pose T_base_flange;           ///< mean reported pose of the visits
+  double sigma_mm = kNoValue;   ///< of one visit about the mean of many, per axis, at the block
+  double sigma_rad = kNoValue;  ///< ... of its rotation
+  double spread_mm = kNoValue;  ///< standard deviation of this station's own visits, per axis
+};
+/// All stations of one slab type. They hold for the hand-eye calibration they were solved with, and for no other.
+struct StationTable {
+  std::uint16_t slab_type = 0;
+  std::array<StationCorrection, limits::kStationsMax> station{};  ///< [station - 1]
+};
+
+/// The certified block of the daily check.
+struct ReferenceBlock {
+  double slope_rad = kNoValue;    ///< of the seat against the local slab top
+  double slope_U_rad = kNoValue;  ///< of the certificate, k = 2
+  double jaw_distance_mm = kNoValue;
+  double jaw_distance_U_mm = kNoValue;
+};
+
+/// A ball fixed in the cell, as it was found when it was taken into use.
+struct MonitorBall {
+  Vec3 p_base = Vec3::Constant(kNoValue);
+  double radius_mm = kNoValue;
+  double limit_mm = kNoValue;  ///< further from its place than this: the robot, the scanner's seat or the cell moved
+};
+
+// ---- checks --------------------------------------------------------------------------------------------------------
+
+/// One daily check of the reference block, or one look at the monitor ball.
+struct CalibrationCheck {
+  CalibrationKind kind = CalibrationKind::reference_block;  ///< or monitor_ball
+  CalibrationId reference_id;                               ///< the record it was compared with
+  CalibrationId hand_eye_id;                                ///< in force at the time; empty: none
+  bool passed = false;
+  double slope_rad = kNoValue;  ///< measured
+  double slope_U_rad = kNoValue;
+  double jaw_distance_mm = kNoValue;
+  double jaw_distance_U_mm = kNoValue;
+  Vec3 off_mm = Vec3::Constant(kNoValue);  ///< monitor ball: measured minus its place, base axes
+  std::int64_t utime_us = 0;               ///< when the check was judged
+  FixedString<64> who;
+  FixedString<limits::kPathBytes> source;  ///< scan file, or "slab 12 station 3"
+  FixedString<160> note;                   ///< why it failed
+};
+
+// ---- what the line works with
+// ----------------------------------------------------------------------------------------
+
+/// A table of station corrections in force.
+struct StationsInForce {
+  CalibrationId id;
+  CalibrationId hand_eye_id;          ///< they were solved with; differs from the one in force: stale
+  std::int64_t expires_utime_us = 0;  ///< 0 = never
+  StationTable table;
+};
+
+/// Everything that is applied, as the daemon takes it up at its start and between two slabs.
+struct LineCalibration {
+  /// commissioning: nothing was ever applied, the configuration's values count. missing: there are not even those, or
+  /// what was applied cannot be used (`trouble` says why).
+  enum class Source : std::uint8_t { missing, commissioning, applied } source = Source::missing;
+  FixedString<160> trouble;
+  CalibrationId id;
+  HandEyeNumbers hand_eye;
+  std::int64_t expires_utime_us = 0;                         ///< of the hand-eye calibration; 0 = never
+  FixedVector<StationsInForce, limits::kRecipesMax> tables;  ///< at most one of a slab type
+
+  struct Watch {
+    CalibrationId reference_id;         ///< the artefact in force; empty: there is none, and no check is due
+    std::int64_t since_utime_us = 0;    ///< when it was taken into use
+    std::int64_t checked_utime_us = 0;  ///< last check against it; 0: none yet
+    bool failed = false;                ///< the last check against it failed
+    FixedString<160> note;              ///< ... because
+  };
+  Watch block;  ///< reference block
+  Watch ball;   ///< monitor ball
+
+  [[nodiscard]] const StationsInForce* table_for(std::uint16_t slab_type) const {
+    for (const StationsInForce& table : tables)
+      if (table.table.slab_type == slab_type) return &table;
+    return nullptr;
+  }
+};
+
+/// May a slab begin? Not when the calibration is missing, has expired or failed its last check.
+enum class CalibrationFault : std::uint8_t { none, missing, expired, check_failed };
+[[nodiscard]] CalibrationFault fault_of(const LineCalibration& calibration, std::int64_t utime_us);
+/// One sentence: what is wrong and what to do; empty for none.
+[[nodiscard]] FixedString<limits::kErrorTextBytes> describe(CalibrationFault fault, const LineCalibration& calibration);
+
+/// Is a check due? `interval_us` 0: never. True from the moment an artefact is in force for longer than the interval
+/// without a check.
+[[nodiscard]] bool overdue(const LineCalibration::Watch& watch, std::int64_t interval_us, std::int64_t utime_us);
+
+// ---- splicing one scan
+// -----------------------------------------------------------------------------------------------
+
+/// What is assumed of the robot, from the configuration.
+struct SpliceSettings {
+  double gate_mm = 1.0;                  ///< of the reported pose from the mastered one, position and ...
+  double gate_rad = rad_from_deg(0.05);  ///< ... rotation; beyond it the correction does not hold
+  double absolute_mm = kNoValue;         ///< the robot's absolute accuracy, per axis, where nothing corrects it
+  double absolute_rad = kNoValue;
+  double repeatability_mm = 0.0;  ///< its repeatability, with commissioning values
+  double repeatability_rad = 0.0;
+  double commissioning_mm = kNoValue;  ///< the configuration's word for a station's splice
+  double commissioning_rad = kNoValue;
+};
+
+/// What a scan was spliced with. All but `corrected` use the hand-eye alone: the last four say why.
+enum class SpliceSource : std::uint8_t {
+  none,           ///< nothing is known: zeroed memory
+  commissioning,  ///< the configuration's values and its word for their uncertainty
+  corrected,      ///< hand-eye and the station's correction
+  not_mastered,   ///< this station of this slab type has no correction
+  stale,          ///< the corrections were solved with another hand-eye calibration
+  expired,        ///< the corrections are too old
+  outside_gate,   ///< the robot stands elsewhere than when the station was mastered
+};
+inline constexpr std::size_t kSpliceSources = 7;
+[[nodiscard]] std::string_view name(SpliceSource source);
+
+/// How one station's scan was brought into the base frame, and how well that is known at the block.
+struct Splice {
+  SpliceSource source = SpliceSource::none;
+  std::uint8_t visits = 0;   ///< corrected: M
+  Pose T_base_reported;      ///< the correction used; identity without one
+  double off_mm = kNoValue;  ///< reported pose from the mastered one, where there is one
+  double off_rad = kNoValue;
+  double calibration_mm = kNoValue;  ///< corrected: sigma / sqrt(M); else of the hand-eye
+  double calibration_rad = kNoValue;
+  double robot_mm = kNoValue;  ///< corrected: sigma of one visit; else absolute accuracy, or repeatability
+  double robot_rad = kNoValue;
+};
+/// `lever_mm`: from the flange to the block; a flange turned by its absolute error shifts the block by so much more.
+[[nodiscard]] Splice splice_for(const LineCalibration& calibration, const SpliceSettings& settings,
+                                std::uint16_t slab_type, int station, const Pose& T_base_flange, double lever_mm,
+                                std::int64_t utime_us);
+
+}  // namespace slabd

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// An id says which numbers it stands for. It is computed again from what is read, so that numbers that were damaged or
+// edited on the disk are not used under the name of those that were checked and applied.
+#include "storage/calibration_numbers.h"
+
+#include <sha256.h>
+
+#include <array>
+#include <cmath>
+
+namespace slabd::storage {
+namespace {
+
+constexpr std::array<const char*, kCalibrationKinds> kPrefix = {"he", "st", "rb", "mb"};
+constexpr std::size_t kIdDigits = 12;
+constexpr double kArmMaxMm = 2000.0;
+constexpr double kUnitTolerance = 1e-6;
+
+/// The numbers as text with every digit; minus zero is zero, as SQLite stores it.
+class Canonical {
+ public:
+  void operator()(double x) {
+    FixedString<40> word;
+    word.printf(" %.17g", x + 0.0);
+    text_ += word.view();
+  }
+  void operator()(std::int64_t x) { text_ += " " + std::to_string(x); }
+  void operator()(const Vec3& v) {
+    for (const double x : {v.x(), v.y(), v.z()}) (*this)(x);
+  }
+  void operator()(const Pose& pose) {
+    for (const double x : pose.to_array()) (*this)(x);
+  }
+  void operator()(std::string_view word) { text_ += " " + std::string(word); }
+  [[nodiscard]] const std::string& text() const { return text_; }
+
+ private:
+  std::string text_;
+};
+
+struct WriteNumbers {
+  Canonical& out;
+  void operator()(const HandEyeNumbers& n) const {
+    out(n.T_flange_scanner);
+    out(n.sigma_mm);
+    out(n.sigma_rad);
+  }
+  void operator()(const StationTable& n) const {
+    out(std::int64_t{n.slab_type});
+    for (const StationCorrection& s : n.station) {
+      out(std::int64_t{s.visits});
+      if (s.visits == 0) continue;
+      out(s.T_base_reported);
+      out(s.T_base_flange);
+      for (const double x : {s.sigma_mm, s.sigma_rad, s.spread_mm}) out(x);
+    }
+  }
+  void operator()(const ReferenceBlock& n) const {
+    for (const double x : {n.slope_rad, n.slope_U_rad, n.jaw_distance_mm, n.jaw_distance_U_mm}) out(x);
+  }
+  void operator()(const MonitorBall& n) const {
+    out(n.p_base);
+    for (const double x : {n.radius_mm, n.limit_mm}) out(x);
+  }
+};
+
+bool is_rigid(const Pose& pose) {
+  return pose.all_finite() && std::abs(pose.rotation.norm() - 1.0) < kUnitTolerance;
+}
+bool positive(double x) {
+  return std::isfinite(x) && x > 0.0;
+}
+
+/// What keeps these numbers from being used; empty: nothing.
+struct FindNonsense {
+  std::string operator()(const HandEyeNumbers& n) const {
+    if (!is_rigid(n.T_flange_scanner)) return "T_flange_scanner is not a rigid transform of finite numbers";
+    if (n.T_flange_scanner.translation_mm.norm() > kArmMaxMm) return "the scanner sits more than 2 m from the flange";
+    if (!positive(n.sigma_mm) || !positive(n.sigma_rad)) return "its uncertainty is not known";
+    return {};
+  }
+  std::string operator()(const StationTable& n) const {
+    int mastered = 0;
+    for (std::size_t i = 0; i < n.station.size(); ++i) {
+      const StationCorrection& s = n.station[i];
+      if (s.visits == 0) continue;
+      ++mastered;
+      if (!is_rigid(s.T_base_reported) || !is_rigid(s.T_base_flange) || !positive(s.sigma_mm) || !positive(s.sigma_rad))
+        return "station " + std::to_string(i + 1) + " has numbers that make no sense";
+    }
+    return mastered == 0 ? "it holds no station" : "";
+  }
+  std::string operator()(const ReferenceBlock& n) const {
+    const bool good = std::isfinite(n.slope_rad) && positive(n.jaw_distance_mm) && positive(n.slope_U_rad) &&
+                      positive(n.jaw_distance_U_mm);
+    return good ? "" : "slope, jaw distance and their uncertainties must be positive numbers";
+  }
+  std::string operator()(const MonitorBall& n) const {
+    const bool good = n.p_base.allFinite() && positive(n.radius_mm) && positive(n.limit_mm);
+    return good ? "" : "place, radius and limit must be finite, radius and limit positive";
+  }
+};
+
+}  // namespace
+
+std::uint16_t CalibrationRecord::slab_type() const {
+  const auto* table = std::get_if<StationTable>(&numbers);
+  return table == nullptr ? std::uint16_t{0} : table->slab_type;
+}
+
+std::string calibration_id(const CalibrationRecord& record) {
+  Canonical text;
+  text(name(record.kind()));
+  text(record.parent_id);
+  std::visit(WriteNumbers{text}, record.numbers);
+  std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
+  SHA256Data(reinterpret_cast<const std::uint8_t*>(text.text().data()), text.text().size(), hex.data());
+  return std::string(kPrefix.at(record.numbers.index())) + "-" + std::string(hex.data(), kIdDigits);
+}
+
+std::string_view id_prefix(CalibrationKind kind) {
+  return kPrefix.at(static_cast<std::size_t>(kind));
+}
+
+std::string nonsense_in(const CalibrationRecord& record) {
+  return std::visit(FindNonsense{}, record.numbers);
+}
+
+bool numbers_give_id(const CalibrationRecord& record) {
+  return calibration_id(record) == record.id;
+}
+
+}  // namespace slabd::storage

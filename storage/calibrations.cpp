@@ -1,0 +1,332 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What is in force is never a column that somebody sets: it is the newest row of `applied`, and rows are only added. A
+// rollback is such a row too, and names the row that a further rollback goes back to. So an apply or a rollback is one
+// insert, atomic by itself, and the history cannot disagree with what is used.
+#include "storage/calibrations.h"
+
+#include <sqlite3.h>
+
+#include <algorithm>
+
+#include "storage/calibration_numbers.h"
+#include "storage/calibration_rows.h"
+#include "storage/jobs.h"
+
+namespace slabd::storage {
+namespace {
+
+constexpr std::size_t kTextMax = 32U << 20U;  ///< of observations and certificate; SQLite's own limit is 1 GB
+
+template <typename... Parts>
+std::string select(const char* table, const std::string& rest) {
+  return "SELECT " + joined(names_of<Parts...>(), ", ") + " FROM " + table + " " + rest;
+}
+
+[[noreturn]] void refuse(const std::string& sentence) {
+  Error why;
+  why.code = Code::config;
+  why.text.assign(sentence);
+  throw Refusal{why};
+}
+
+}  // namespace
+
+// ---- changes -----------------------------------------------------------------------------------------------------
+
+std::string Calibrations::carry_out(const CalibrationChange& change) {
+  if (const auto* what = std::get_if<KeepCalibration>(&change)) return keep(what->record);
+  if (const auto* what = std::get_if<ApplyCalibration>(&change)) return apply(*what);
+  if (const auto* what = std::get_if<RollBackCalibration>(&change)) return roll_back(*what);
+  return keep(std::get<KeepCheck>(change).check);
+}
+
+std::string Calibrations::keep(const CalibrationRecord& given) {
+  CalibrationRecord record = given;
+  record.id = calibration_id(record);
+  const std::string kind(name(record.kind()));
+  if (const std::string nonsense = nonsense_in(record); !nonsense.empty())
+    refuse("this " + kind + " calibration is not kept: " + nonsense);
+  if (record.observations.size() + record.certificate.size() + record.figures.size() > kTextMax)
+    refuse("this " + kind + " calibration is not kept: its observations and certificate have more than 32 MB");
+  if (find(record.id)) return record.id;
+
+  std::vector<std::string> names = {"kind", "slab_type"};
+  const std::vector<std::string> rest = names_of<CalibrationRecord>();
+  names.insert(names.end(), rest.begin(), rest.end());
+  Statement insert(db_, insert_text("calibration", names));
+  insert.bind(1, name(record.kind())).bind(2, std::int64_t{record.slab_type()});
+  Bind bind(insert, 3);
+  columns(bind, record);
+  insert.run();
+
+  const NumbersOf of{record.id};
+  if (const auto* hand_eye = std::get_if<HandEyeNumbers>(&record.numbers)) {
+    Statement row(db_, insert_text("hand_eye", names_of<NumbersOf, HandEyeNumbers>()));
+    write_row(row, of, *hand_eye);
+  } else if (const auto* table = std::get_if<StationTable>(&record.numbers)) {
+    Statement row(db_, insert_text("station_correction", names_of<NumbersOfStation, StationCorrection>()));
+    for (std::size_t i = 0; i < table->station.size(); ++i)
+      if (table->station[i].visits != 0)
+        write_row(row, NumbersOfStation{record.id, static_cast<std::uint8_t>(i + 1)}, table->station[i]);
+  } else if (const auto* block = std::get_if<ReferenceBlock>(&record.numbers)) {
+    Statement row(db_, insert_text("reference_block", names_of<NumbersOf, ReferenceBlock>()));
+    write_row(row, of, *block);
+  } else {
+    Statement row(db_, insert_text("monitor_ball", names_of<NumbersOf, MonitorBall>()));
+    write_row(row, of, std::get<MonitorBall>(record.numbers));
+  }
+  return record.id;
+}
+
+Calibrations::Row Calibrations::newest(CalibrationKind kind, std::uint16_t slab_type) {
+  Statement row(db_,
+                "SELECT seq, before_seq, calibration_id FROM applied WHERE kind = ?1 AND slab_type = ?2 "
+                "ORDER BY seq DESC LIMIT 1");
+  if (!row.bind(1, name(kind)).bind(2, std::int64_t{slab_type}).step()) return {};
+  return {row.integer(0), row.integer(1), std::string(row.text(2))};
+}
+
+void Calibrations::check_may_apply(const CalibrationRecord& record, const ChangeNote& note) {
+  const std::string not_in_force = record.id + " is not put in force: ";
+  if (note.who.empty() || note.why.empty()) refuse(not_in_force + "say who does it and why");
+  if (!numbers_give_id(record)) refuse(not_in_force + "its numbers in the database were changed after it was kept");
+  const std::int64_t now = std::max(note.utime_us, newest_utime_us());
+  if (record.expires_utime_us != 0 && now >= record.expires_utime_us)
+    refuse(not_in_force + "it has expired; calibrate again");
+  if (record.kind() != CalibrationKind::stations) return;
+  const Row hand_eye = newest(CalibrationKind::hand_eye, 0);
+  if (hand_eye.calibration_id != record.parent_id)
+    refuse(not_in_force + "its station corrections were solved with hand-eye calibration " + record.parent_id +
+           ", in force is " + (hand_eye.seq == 0 ? "none" : hand_eye.calibration_id) +
+           "; solve them again (slabctl calibrate stations --again)");
+}
+
+void Calibrations::insert_applied(const CalibrationRecord& record, const Row& replaced, bool is_rollback,
+                                  std::int64_t before_seq, const ChangeNote& note) {
+  Statement insert(db_,
+                   "INSERT INTO applied (kind, slab_type, is_rollback, calibration_id, replaced_id, before_seq, who, "
+                   "why, utime_us) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)");
+  insert.bind(1, name(record.kind()))
+      .bind(2, std::int64_t{record.slab_type()})
+      .bind(3, std::int64_t{is_rollback ? 1 : 0})
+      .bind(4, std::string_view(record.id))
+      .bind(5, std::string_view(replaced.calibration_id))
+      .bind(6, before_seq)
+      .bind(7, std::string_view(note.who))
+      .bind(8, std::string_view(note.why))
+      .bind(9, note.utime_us)
+      .run();
+}
+
+std::string Calibrations::apply(const ApplyCalibration& change) {
+  const std::optional<CalibrationRecord> record = find(change.id);
+  if (!record) refuse("there is no calibration \"" + change.id + "\"; slabctl calibrate history lists them");
+  const Row replaced = newest(record->kind(), record->slab_type());
+  if (replaced.calibration_id == record->id) return record->id;  // given again because its answer was lost
+  check_may_apply(*record, change.note);
+  insert_applied(*record, replaced, false, replaced.seq, change.note);
+  return record->id;
+}
+
+std::string Calibrations::roll_back(const RollBackCalibration& change) {
+  const std::string kind(name(change.kind));
+  std::uint16_t slab_type = change.slab_type;
+  if (change.kind == CalibrationKind::stations && slab_type == 0) {
+    Statement newest_of_kind(db_, "SELECT slab_type FROM applied WHERE kind = 'stations' ORDER BY seq DESC LIMIT 1");
+    if (newest_of_kind.step()) slab_type = static_cast<std::uint16_t>(newest_of_kind.integer(0));
+  }
+  const Row now = newest(change.kind, slab_type);
+  if (now.seq == 0) refuse("nothing of kind " + kind + " is in force, so there is nothing to roll back");
+  Statement before(db_, "SELECT calibration_id, before_seq FROM applied WHERE seq = ?1");
+  if (now.before_seq == 0 || !before.bind(1, now.before_seq).step())
+    refuse("before " + now.calibration_id + " no " + kind +
+           " calibration was in force, so there is nothing to go back to; apply another one");
+  const std::string id(before.text(0));
+  const std::int64_t before_seq = before.integer(1);
+  before.reset();
+  const std::optional<CalibrationRecord> record = find(id);
+  if (!record) refuse("the calibration before, " + id + ", is not in the database");
+  check_may_apply(*record, change.note);
+  insert_applied(*record, now, true, before_seq, change.note);
+  return id;
+}
+
+std::string Calibrations::keep(const CalibrationCheck& check) {
+  const std::string reference(check.reference_id.view());
+  const std::optional<CalibrationRecord> record = find(reference);
+  if (!record || record->kind() != check.kind)
+    refuse("this check is not kept: there is no " + std::string(name(check.kind)) + " \"" + reference + "\"");
+  Statement insert(db_, insert_text("calibration_check", names_of<CalibrationCheck>()));
+  write_row(insert, check);
+  return record->id;
+}
+
+// ---- reading -----------------------------------------------------------------------------------------------------
+
+CalibrationRecord Calibrations::read(Statement& row) {
+  CalibrationRecord record;
+  CalibrationKind kind{};
+  if (!from_word(row.text(0), kind)) row.refuse(0, "is no kind of calibration");
+  const auto slab_type = static_cast<std::uint16_t>(row.integer(1));
+  read_row(row, 2, record);
+  const auto numbers = [&](const char* table, auto fresh) {
+    Statement one(db_, select<decltype(fresh)>(table, "WHERE calibration_id = ?1"));
+    if (!one.bind(1, std::string_view(record.id)).step())
+      throw SqlFailure{SQLITE_CORRUPT, "calibration " + record.id + " has no row in " + table};
+    read_row(one, 0, fresh);
+    record.numbers = fresh;
+  };
+  switch (kind) {
+    case CalibrationKind::hand_eye: numbers("hand_eye", HandEyeNumbers{}); break;
+    case CalibrationKind::reference_block: numbers("reference_block", ReferenceBlock{}); break;
+    case CalibrationKind::monitor_ball: numbers("monitor_ball", MonitorBall{}); break;
+    case CalibrationKind::stations: {
+      StationTable table;
+      table.slab_type = slab_type;
+      Statement rows(db_,
+                     select<NumbersOfStation, StationCorrection>("station_correction", "WHERE calibration_id = ?1"));
+      rows.bind(1, std::string_view(record.id));
+      while (rows.step()) {
+        NumbersOfStation of;
+        StationCorrection correction;
+        read_row(rows, 0, of, correction);
+        if (of.station < 1 || of.station > limits::kStationsMax) rows.refuse(1, "is no station");
+        table.station[of.station - 1U] = correction;
+      }
+      record.numbers = table;
+      break;
+    }
+  }
+  return record;
+}
+
+std::vector<CalibrationRecord> Calibrations::all() {
+  std::vector<CalibrationRecord> list;
+  Statement rows(db_, "SELECT kind, slab_type, " + joined(names_of<CalibrationRecord>(), ", ") +
+                          " FROM calibration ORDER BY seq DESC");
+  while (rows.step()) list.push_back(read(rows));
+  return list;
+}
+
+std::optional<CalibrationRecord> Calibrations::find(std::string_view id) {
+  if (id.empty()) return std::nullopt;
+  // The first characters of an id do when only one begins so; ids hold no wildcards, what is asked for may.
+  Statement rows(db_, "SELECT kind, slab_type, " + joined(names_of<CalibrationRecord>(), ", ") +
+                          " FROM calibration WHERE substr(id, 1, length(?1)) = ?1 LIMIT 2");
+  std::optional<CalibrationRecord> found;
+  rows.bind(1, id);
+  while (rows.step()) {
+    if (found) {
+      rows.reset();
+      return std::nullopt;
+    }
+    found = read(rows);
+  }
+  return found;
+}
+
+std::optional<CalibrationRecord> Calibrations::current(CalibrationKind kind, std::uint16_t slab_type) {
+  return find(newest(kind, slab_type).calibration_id);
+}
+
+std::vector<AppliedChange> Calibrations::applied(std::size_t limit) {
+  std::vector<AppliedChange> list;
+  Statement rows(db_,
+                 "SELECT seq, kind, slab_type, is_rollback, calibration_id, replaced_id, who, why, utime_us "
+                 "FROM applied ORDER BY seq DESC LIMIT ?1");
+  rows.bind(1, static_cast<std::int64_t>(std::min<std::size_t>(limit, 1'000'000'000)));
+  while (rows.step()) {
+    AppliedChange& change = list.emplace_back();
+    change.seq = rows.integer(0);
+    if (!from_word(rows.text(1), change.kind)) rows.refuse(1, "is no kind of calibration");
+    change.slab_type = static_cast<std::uint16_t>(rows.integer(2));
+    change.is_rollback = rows.integer(3) == 1;
+    change.calibration_id = rows.text(4);
+    change.replaced_id = rows.text(5);
+    change.note = {std::string(rows.text(6)), std::string(rows.text(7)), rows.integer(8)};
+  }
+  return list;
+}
+
+std::vector<CalibrationCheck> Calibrations::checks(std::size_t limit) {
+  std::vector<CalibrationCheck> list;
+  Statement rows(db_, select<CalibrationCheck>("calibration_check", "ORDER BY seq DESC LIMIT ?1"));
+  rows.bind(1, static_cast<std::int64_t>(std::min<std::size_t>(limit, 1'000'000'000)));
+  while (rows.step()) read_row(rows, 0, list.emplace_back());
+  return list;
+}
+
+// ---- what the line works with ------------------------------------------------------------------------------------
+
+void Calibrations::use_hand_eye(const std::optional<CalibrationRecord>& record, LineCalibration& out) {
+  if (!record || record->kind() != CalibrationKind::hand_eye) {
+    out.trouble = "the calibration in force is not in the database";
+    return;
+  }
+  out.id.assign(record->id);
+  if (!numbers_give_id(*record)) {
+    out.trouble.printf("the numbers of %s in the database were changed after it was kept", record->id.c_str());
+    return;
+  }
+  out.source = LineCalibration::Source::applied;
+  out.hand_eye = std::get<HandEyeNumbers>(record->numbers);
+  out.expires_utime_us = record->expires_utime_us;
+}
+
+void Calibrations::use_table(const std::optional<CalibrationRecord>& record, LineCalibration& out) {
+  if (!record || record->kind() != CalibrationKind::stations) return;
+  if (!numbers_give_id(*record)) {
+    out.trouble.printf("the numbers of %s in the database were changed after it was kept; it is not used",
+                       record->id.c_str());
+    return;
+  }
+  StationsInForce table;
+  table.id.assign(record->id);
+  table.hand_eye_id.assign(record->parent_id);
+  table.expires_utime_us = record->expires_utime_us;
+  table.table = std::get<StationTable>(record->numbers);
+  static_cast<void>(out.tables.push(table));  // more slab types than recipes: nobody asks for the rest
+}
+
+LineCalibration::Watch Calibrations::watch(CalibrationKind kind) {
+  LineCalibration::Watch watch;
+  const Row row = newest(kind, 0);
+  if (row.seq == 0) return watch;
+  watch.reference_id.assign(row.calibration_id);
+  watch.since_utime_us = db_.integer("SELECT utime_us FROM applied WHERE seq = " + std::to_string(row.seq));
+  Statement last(db_,
+                 select<CalibrationCheck>("calibration_check", "WHERE reference_id = ?1 ORDER BY seq DESC LIMIT 1"));
+  if (!last.bind(1, std::string_view(row.calibration_id)).step()) return watch;
+  CalibrationCheck check;
+  read_row(last, 0, check);
+  watch.checked_utime_us = check.utime_us;
+  watch.failed = !check.passed;
+  watch.note = check.note.view();
+  return watch;
+}
+
+std::int64_t Calibrations::newest_utime_us() {
+  return db_.integer("SELECT newest_utime_us FROM line");
+}
+
+void Calibrations::in_force(LineCalibration& out) {
+  out = LineCalibration{};
+  if (const Row row = newest(CalibrationKind::hand_eye, 0); row.seq != 0) use_hand_eye(find(row.calibration_id), out);
+  std::vector<std::uint16_t> types;
+  Statement rows(db_, "SELECT DISTINCT slab_type FROM applied WHERE kind = 'stations' ORDER BY slab_type");
+  while (rows.step()) types.push_back(static_cast<std::uint16_t>(rows.integer(0)));
+  for (const std::uint16_t type : types) use_table(current(CalibrationKind::stations, type), out);
+  out.block = watch(CalibrationKind::reference_block);
+  out.ball = watch(CalibrationKind::monitor_ball);
+}
+
+void Calibrations::of_slab(const SlabHeader& slab, LineCalibration& out) {
+  out = LineCalibration{};
+  // Commissioning values are the configuration's; nothing of them lies here.
+  if (!slab.calibration_id.view().starts_with(id_prefix(CalibrationKind::hand_eye))) return;
+  use_hand_eye(find(slab.calibration_id.view()), out);
+  if (!slab.stations_id.empty()) use_table(find(slab.stations_id.view()), out);
+}
+
+}  // namespace slabd::storage

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "storage/sqlite.h"
+#include "storage/storage.h"
+
+/// Calibrations as rows: kept, put in force, rolled back, checked. Every call belongs into the caller's transaction and
+/// throws SqlFailure; one that cannot be carried out throws Refusal (storage/jobs.h) before it has changed anything.
+namespace slabd::storage {
+
+class Calibrations {
+ public:
+  explicit Calibrations(Connection& db) : db_(db) {}
+
+  /// Returns the id of the record the change was about.
+  std::string carry_out(const CalibrationChange& change);
+
+  [[nodiscard]] std::vector<CalibrationRecord> all();
+  [[nodiscard]] std::optional<CalibrationRecord> find(std::string_view id);
+  [[nodiscard]] std::optional<CalibrationRecord> current(CalibrationKind kind, std::uint16_t slab_type);
+  [[nodiscard]] std::vector<AppliedChange> applied(std::size_t limit);
+  [[nodiscard]] std::vector<CalibrationCheck> checks(std::size_t limit);
+
+  /// What is in force. A record whose numbers do not give its id is not used: source `missing`, or the table left out,
+  /// and `trouble` says so.
+  void in_force(LineCalibration& out);
+  /// What this slab was begun with.
+  void of_slab(const SlabHeader& slab, LineCalibration& out);
+
+ private:
+  std::string keep(const CalibrationRecord& record);
+  std::string apply(const ApplyCalibration& change);
+  std::string roll_back(const RollBackCalibration& change);
+  std::string keep(const CalibrationCheck& check);
+
+  struct Row {
+    std::int64_t seq = 0;  ///< 0: nothing was ever in force
+    std::int64_t before_seq = 0;
+    std::string calibration_id;
+  };
+  [[nodiscard]] Row newest(CalibrationKind kind, std::uint16_t slab_type);
+  void check_may_apply(const CalibrationRecord& record, const ChangeNote& note);
+  void insert_applied(const CalibrationRecord& record, const Row& replaced, bool is_rollback, std::int64_t before_seq,
+                      const ChangeNote& note);
+  [[nodiscard]] CalibrationRecord read(Statement& row);
+  void use_hand_eye(const std::optional<CalibrationRecord>& record, LineCalibration& out);
+  void use_table(const std::optional<CalibrationRecord>& record, LineCalibration& out);
+  [[nodiscard]] LineCalibration::Watch watch(CalibrationKind kind);
+  [[nodiscard]] std::int64_t newest_utime_us();
+
+  Connection& db_;
+};
+
+}  // namespace slabd::storage

@@ -1,0 +1,301 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <sqlite3.h>
+
+#include <set>
+
+#include "tests/storage/store_fixture.h"
+
+namespace slabd::storage {
+namespace {
+
+class CalibrationsTest : public StoreTest {
+ protected:
+  CalibrationsTest() { open(); }
+
+  CalibrationRecord hand_eye(double x_mm) {
+    CalibrationRecord r;
+    HandEyeNumbers numbers;
+    numbers.T_flange_scanner.translation_mm = Vec3(x_mm, -0.0, 150.1234567890123);
+    numbers.T_flange_scanner.rotation = Quat(0.9, 0.1, -0.3, 0.2).normalized();
+    numbers.sigma_mm = 0.021;
+    numbers.sigma_rad = 1.7e-5;
+    r.numbers = numbers;
+    r.figures = R"({"s0": 1.02})";
+    r.observations = "# 20 views\n1 2 3 1 0 0 0\n";
+    r.certificate = "ball 17, radius 19.0501";
+    r.operator_name = "\xc3\x84nne O'Neill";
+    r.robot_serial = "KR-4711";
+    r.scanner_serial = "S-12";
+    r.temperature_c = 21.5;
+    r.software = "slabd 0.1.0";
+    r.created_utime_us = 1000;
+    return r;
+  }
+  CalibrationRecord stations(const std::string& parent, double shift_mm, std::uint16_t slab_type = 5600) {
+    CalibrationRecord r = hand_eye(0.0);
+    StationTable table;
+    table.slab_type = slab_type;
+    for (const std::size_t station : {1U, 7U, 18U}) {
+      StationCorrection& c = table.station[station - 1];
+      c.visits = 5;
+      c.T_base_reported.translation_mm = Vec3(shift_mm, 0.2, static_cast<double>(station));
+      c.T_base_flange.translation_mm = Vec3(1000.0, 2000.0, 3000.0);
+      c.sigma_mm = 0.019;
+      c.sigma_rad = 2e-5;
+      c.spread_mm = 0.018;
+    }
+    r.numbers = table;
+    r.parent_id = parent;
+    return r;
+  }
+  CalibrationRecord reference_block() {
+    CalibrationRecord r = hand_eye(0.0);
+    r.numbers = ReferenceBlock{0.025, 2e-5, 380.01, 0.004};
+    return r;
+  }
+
+  std::string keep(const CalibrationRecord& record) {
+    const Result<std::string> id = store_->change(KeepCalibration{record});
+    EXPECT_TRUE(id.ok()) << id.error().text.view();
+    return id.ok() ? id.value() : "";
+  }
+  ChangeNote note(const std::string& why = "test") { return {"anna", why, ++utime_us_}; }
+  void put_in_force(const std::string& id) {
+    const Result<std::string> done = store_->change(ApplyCalibration{id, note()});
+    EXPECT_TRUE(done.ok()) << done.error().text.view();
+  }
+  std::string refused(const CalibrationChange& change) {
+    const Result<std::string> done = store_->change(change);
+    EXPECT_FALSE(done.ok());
+    if (done.ok()) return "";
+    EXPECT_EQ(done.error().code, Code::config);
+    return std::string(done.error().text.view());
+  }
+  LineCalibration in_force() {
+    const auto calibration = store_->calibration();
+    EXPECT_TRUE(calibration.ok()) << calibration.error().text.view();
+    return calibration.ok() ? *calibration.value() : LineCalibration{};
+  }
+  void on_the_disk(const std::string& sql) {
+    close();
+    sqlite3* db = nullptr;
+    ASSERT_EQ(sqlite3_open(settings_.db_path.c_str(), &db), SQLITE_OK);
+    char* message = nullptr;
+    EXPECT_EQ(sqlite3_exec(db, sql.c_str(), nullptr, nullptr, &message), SQLITE_OK) << message;
+    sqlite3_close(db);
+    open();
+  }
+
+  std::int64_t utime_us_ = 10'000;
+};
+
+TEST_F(CalibrationsTest, nothing_is_in_force_in_a_fresh_database) {
+  const LineCalibration line = in_force();
+  EXPECT_EQ(line.source, LineCalibration::Source::missing);
+  EXPECT_TRUE(line.trouble.empty());
+  EXPECT_TRUE(line.tables.empty());
+}
+
+TEST_F(CalibrationsTest, a_record_comes_back_bit_for_bit_and_under_an_id_made_of_its_numbers) {
+  const CalibrationRecord given = hand_eye(80.0);
+  const std::string id = keep(given);
+  EXPECT_EQ(id.substr(0, 3), "he-");
+  EXPECT_EQ(id.size(), 15U);
+  const auto back = reader()->calibration(id);
+  ASSERT_TRUE(back.ok() && back.value().has_value());
+  const CalibrationRecord& r = *back.value();
+  EXPECT_EQ(r.id, id);
+  const auto& a = std::get<HandEyeNumbers>(given.numbers);
+  const auto& b = std::get<HandEyeNumbers>(r.numbers);
+  EXPECT_EQ(a.T_flange_scanner.to_array(), b.T_flange_scanner.to_array());
+  EXPECT_EQ(a.sigma_mm, b.sigma_mm);
+  EXPECT_EQ(a.sigma_rad, b.sigma_rad);
+  EXPECT_EQ(r.figures, given.figures);
+  EXPECT_EQ(r.observations, given.observations);
+  EXPECT_EQ(r.certificate, given.certificate);
+  EXPECT_EQ(r.operator_name, given.operator_name);
+  EXPECT_EQ(r.robot_serial, given.robot_serial);
+  EXPECT_EQ(r.scanner_serial, given.scanner_serial);
+  EXPECT_EQ(r.temperature_c, given.temperature_c);
+  EXPECT_EQ(r.software, given.software);
+  EXPECT_EQ(r.created_utime_us, given.created_utime_us);
+
+  EXPECT_EQ(keep(given), id) << "the same numbers again are the same record";
+  EXPECT_NE(keep(hand_eye(80.0000000000001)), id) << "other numbers are another one, in the last digit too";
+  EXPECT_EQ(reader()->calibrations().value().size(), 2U);
+}
+
+TEST_F(CalibrationsTest, the_first_characters_of_an_id_do_when_they_mean_one_record) {
+  const std::string a = keep(hand_eye(1.0));
+  const std::string b = keep(hand_eye(2.0));
+  EXPECT_EQ(reader()->calibration(a.substr(0, 9)).value()->id, a);
+  EXPECT_FALSE(reader()->calibration("he-").value().has_value()) << "two begin so";
+  EXPECT_FALSE(reader()->calibration("%").value().has_value());
+  EXPECT_FALSE(reader()->calibration("").value().has_value());
+  EXPECT_NE(a, b);
+}
+
+TEST_F(CalibrationsTest, applied_is_used_kept_over_a_restart_and_rolled_back_step_by_step) {
+  const std::string a = keep(hand_eye(1.0));
+  const std::string b = keep(hand_eye(2.0));
+  const std::string c = keep(hand_eye(3.0));
+  for (const std::string& id : {a, b, c}) put_in_force(id);
+  open();  // as after a restart
+  EXPECT_EQ(in_force().id.view(), c);
+  EXPECT_EQ(in_force().hand_eye.T_flange_scanner.translation_mm.x(), 3.0);
+  EXPECT_EQ(recover()->calibration.id.view(), c);
+
+  EXPECT_EQ(store_->change(RollBackCalibration{CalibrationKind::hand_eye, 0, note()}).value(), b);
+  EXPECT_EQ(in_force().id.view(), b);
+  EXPECT_EQ(store_->change(RollBackCalibration{CalibrationKind::hand_eye, 0, note()}).value(), a);
+  EXPECT_NE(refused(RollBackCalibration{CalibrationKind::hand_eye, 0, note()}).find("nothing to go back to"),
+            std::string::npos);
+  put_in_force(c);
+  EXPECT_EQ(store_->change(RollBackCalibration{CalibrationKind::hand_eye, 0, note()}).value(), a);
+
+  const auto history = reader()->applied(100);
+  ASSERT_TRUE(history.ok());
+  ASSERT_EQ(history.value().size(), 7U);
+  EXPECT_TRUE(history.value()[0].is_rollback);
+  EXPECT_EQ(history.value()[0].calibration_id, a);
+  EXPECT_EQ(history.value()[0].replaced_id, c);
+  EXPECT_EQ(history.value()[6].replaced_id, "");
+  EXPECT_EQ(history.value()[6].note.who, "anna");
+}
+
+TEST_F(CalibrationsTest, apply_given_again_changes_nothing) {
+  const std::string a = keep(hand_eye(1.0));
+  put_in_force(a);
+  put_in_force(a);
+  EXPECT_EQ(reader()->applied(10).value().size(), 1U);
+}
+
+TEST_F(CalibrationsTest, what_may_not_be_used_is_never_put_in_force) {
+  EXPECT_NE(refused(ApplyCalibration{"he-000000000000", note()}).find("there is no calibration"), std::string::npos);
+  CalibrationRecord old = hand_eye(1.0);
+  old.expires_utime_us = 5'000;
+  EXPECT_NE(refused(ApplyCalibration{keep(old), note()}).find("has expired"), std::string::npos);
+  EXPECT_NE(refused(ApplyCalibration{keep(hand_eye(2.0)), {"anna", "", 1}}).find("who does it and why"),
+            std::string::npos);
+  CalibrationRecord senseless = hand_eye(1.0);
+  std::get<HandEyeNumbers>(senseless.numbers).sigma_mm = kNoValue;
+  EXPECT_NE(refused(KeepCalibration{senseless}).find("uncertainty is not known"), std::string::npos);
+  std::get<HandEyeNumbers>(senseless.numbers).sigma_mm = 0.02;
+  std::get<HandEyeNumbers>(senseless.numbers).T_flange_scanner.rotation = Quat(1.0, 0.1, 0.0, 0.0);
+  EXPECT_NE(refused(KeepCalibration{senseless}).find("not a rigid transform"), std::string::npos);
+  EXPECT_EQ(in_force().source, LineCalibration::Source::missing);
+}
+
+TEST_F(CalibrationsTest, station_corrections_hold_for_the_hand_eye_they_were_solved_with) {
+  const std::string a = keep(hand_eye(1.0));
+  const std::string b = keep(hand_eye(2.0));
+  put_in_force(a);
+  const std::string s = keep(stations(a, 0.5));
+  put_in_force(s);
+  LineCalibration line = in_force();
+  ASSERT_EQ(line.tables.size(), 1U);
+  EXPECT_EQ(line.tables[0].id.view(), s);
+  EXPECT_EQ(line.tables[0].hand_eye_id.view(), a);
+  ASSERT_NE(line.table_for(5600), nullptr);
+  EXPECT_EQ(line.table_for(4925), nullptr);
+  EXPECT_EQ(line.table_for(5600)->table.station[6].visits, 5);
+  EXPECT_EQ(line.table_for(5600)->table.station[6].T_base_reported.translation_mm, Vec3(0.5, 0.2, 7.0));
+  EXPECT_EQ(line.table_for(5600)->table.station[7].visits, 0);
+
+  put_in_force(b);  // the corrections stay, and say that they are another one's
+  line = in_force();
+  EXPECT_EQ(line.id.view(), b);
+  EXPECT_EQ(line.tables[0].hand_eye_id.view(), a);
+  EXPECT_NE(refused(ApplyCalibration{keep(stations(a, 0.6)), note()}).find("solve them again"), std::string::npos);
+}
+
+TEST_F(CalibrationsTest, every_slab_type_has_its_own_corrections) {
+  const std::string a = keep(hand_eye(1.0));
+  put_in_force(a);
+  const std::string long_one = keep(stations(a, 0.5, 5600));
+  const std::string first = keep(stations(a, 0.1, 4925));
+  const std::string second = keep(stations(a, 0.2, 4925));
+  for (const std::string& id : {long_one, first, second}) put_in_force(id);
+  EXPECT_EQ(in_force().tables.size(), 2U);
+  EXPECT_EQ(store_->change(RollBackCalibration{CalibrationKind::stations, 0, note()}).value(), first)
+      << "of the newest change";
+  EXPECT_EQ(in_force().table_for(5600)->id.view(), long_one);
+  EXPECT_EQ(in_force().table_for(4925)->id.view(), first);
+  EXPECT_EQ(reader()->current(CalibrationKind::stations, 4925).value()->id, first);
+}
+
+TEST_F(CalibrationsTest, an_open_slab_keeps_what_it_was_begun_with) {
+  const std::string a = keep(hand_eye(1.0));
+  put_in_force(a);
+  const std::string s = keep(stations(a, 0.5));
+  put_in_force(s);
+  SlabHeader header = random_header(prng_, 1);
+  header.calibration_id.assign(a);
+  header.stations_id.assign(s);
+  apply(BeginSlabJob{header, session_, ++cmd_seq_});
+  put_in_force(keep(hand_eye(2.0)));
+  open();
+  const auto line = recover();
+  EXPECT_EQ(line->slab_calibration.id.view(), a);
+  ASSERT_NE(line->slab_calibration.table_for(5600), nullptr);
+  EXPECT_EQ(line->slab_calibration.table_for(5600)->id.view(), s);
+  EXPECT_EQ(line->calibration.hand_eye.T_flange_scanner.translation_mm.x(), 2.0);
+}
+
+TEST_F(CalibrationsTest, numbers_that_were_changed_on_the_disk_are_not_used) {
+  const std::string a = keep(hand_eye(1.0));
+  put_in_force(a);
+  on_the_disk("UPDATE hand_eye SET T_flange_scanner_x = T_flange_scanner_x + 0.5");
+  const LineCalibration line = in_force();
+  EXPECT_EQ(line.source, LineCalibration::Source::missing);
+  EXPECT_NE(line.trouble.view().find("changed after it was kept"), std::string_view::npos);
+  EXPECT_EQ(fault_of(line, 0), CalibrationFault::missing);
+}
+
+TEST_F(CalibrationsTest, records_history_and_trend_can_only_grow) {
+  const std::string a = keep(hand_eye(1.0));
+  put_in_force(a);
+  const std::string block = keep(reference_block());
+  CalibrationCheck check;
+  check.reference_id.assign(block);
+  check.passed = true;
+  ASSERT_TRUE(store_->change(KeepCheck{check}).ok());
+  close();
+  sqlite3* db = nullptr;
+  ASSERT_EQ(sqlite3_open(settings_.db_path.c_str(), &db), SQLITE_OK);
+  for (const char* sql : {"DELETE FROM applied", "UPDATE applied SET calibration_id = 'x'", "DELETE FROM calibration",
+                          "UPDATE calibration SET operator_name = 'nobody'", "DELETE FROM calibration_check",
+                          "UPDATE calibration_check SET passed = 1"})
+    EXPECT_NE(sqlite3_exec(db, sql, nullptr, nullptr, nullptr), SQLITE_OK) << sql;
+  sqlite3_close(db);
+}
+
+TEST_F(CalibrationsTest, the_last_check_against_the_artefact_in_force_counts) {
+  const std::string block = keep(reference_block());
+  CalibrationCheck check;
+  check.reference_id.assign(block);
+  check.passed = false;
+  check.note = "slope 0.05 deg off";
+  check.slope_rad = 0.0259;
+  check.utime_us = 50;
+  ASSERT_TRUE(store_->change(KeepCheck{check}).ok());
+  EXPECT_TRUE(in_force().block.reference_id.empty()) << "not in force yet";
+  put_in_force(block);
+  EXPECT_TRUE(in_force().block.failed);
+  EXPECT_EQ(in_force().block.note.view(), "slope 0.05 deg off");
+  EXPECT_EQ(in_force().block.since_utime_us, utime_us_);
+  check.passed = true;
+  check.note = "";
+  check.utime_us = 60;
+  ASSERT_TRUE(store_->change(KeepCheck{check}).ok());
+  EXPECT_FALSE(in_force().block.failed);
+  EXPECT_EQ(in_force().block.checked_utime_us, 60);
+  const auto trend = reader()->checks(10);
+  ASSERT_EQ(trend.value().size(), 2U);
+  EXPECT_EQ(trend.value()[1].slope_rad, 0.0259);
+  check.kind = CalibrationKind::monitor_ball;
+  EXPECT_NE(refused(KeepCheck{check}).find("there is no monitor_ball"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace slabd::storage
