@@ -28,7 +28,7 @@ enum class InstructionSet : std::uint8_t { best, avx512, avx2, sse4, plain };
 // ---- the scan --------------------------------------------------------------------------------------------------
 
 /// A scan in the scanner frame (mm): x y z, x y z, ... as float32; NaN marks a missing point. Measuring works in place:
-/// `denoise` sets what it takes out to NaN; size, order, width and height stay.
+/// `denoise` sets what it takes out to NaN; size, width and height stay; the order too, unless it has no meaning.
 struct Cloud {
   std::span<float> xyz;
   std::size_t points = 0;  ///< 3 * points <= xyz.size()

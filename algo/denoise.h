@@ -25,10 +25,10 @@ struct DenoiseWorkspace {
 };
 
 /// Sets points that no surface goes through to NaN, in place, and points that lack a coordinate altogether; number,
-/// order, width and height stay. Fills `counts`. An organised scan (width and height set) is judged by its grid; any
-/// other gets its grid back if its rays are evenly spaced, and is judged by the points' places in XY if they are not,
-/// whatever the points' order. `order` and `keep` of limits::kScanPointsMax hold every grid. The same points are kept
-/// on one thread and on two and on every instruction set.
+/// width and height stay. Fills `counts`. An organised scan (width and height set) is judged by its grid, any other
+/// gets its grid back if its rays are evenly spaced, or is judged by the points' places in XY. Order decides nothing
+/// and stays, unless consecutive points lie anywhere: evenly spaced rays then bring them into their own. `order` and
+/// `keep` of limits::kScanPointsMax hold every grid. Threads and instruction set decide nothing either.
 void remove_isolated(Cloud& cloud, const DenoiseWorkspace& work, Team& team, ScanCounts& counts);
 
 }  // namespace slabd::algo

@@ -1,23 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Denoising of a scan that was exported without its grid. The scanner's rays are evenly spaced all the same: over x and
-// y if they are parallel, over x / z and y / z if they come from one point. So the grid can be had back, and a scan
-// that has its grid is denoised ten times faster (algo/denoise_grid.cpp).
+// Denoising of a scan that was exported without its grid. Its rays are evenly spaced all the same (algo/lattice.h), so
+// the grid can be had back, and a scan that has its grid is denoised ten times faster (algo/denoise_grid.cpp).
 //
-//  1. A sample of some thousand points, sorted along each axis, shows the columns and rows as steps. Their pitch and
-//     phase come from a line through the steps; of the two kinds of rays the one with the smaller misfit is believed.
-//  2. The height of every point goes into a table of columns and rows. Where two points meet in a cell the lower one
-//     stays.
-//  3. The table is denoised as an organised scan is.
-//  4. Every point is asked for its cell again and taken out if that is noise. One that met a lower one in its cell is
+//  1. The height of every point goes into a table of columns and rows. Where two points meet in a cell the lower one
+//     stays. In the order in which scanners export, sixteen consecutive points are a run in one row, nearly always side
+//     by side: one comparison tells, one store spreads them, and a note of four bytes says where they went.
+//  2. The table is denoised as an organised scan is.
+//  3. The notes are gone through, not the points: where no noise lies under a run, it is kept unseen. Of the others the
+//     points are asked for their cells again. One that is noise is taken out; one that met a lower one in its cell is
 //     kept if it lies on one of the planes there; one outside of the table is noise.
 //
-// Where the steps are none, where many points meet or lie outside, or most have no plane, there is no lattice, and the
-// cloud is left to others.
+// Where many points meet or lie outside, or most have no plane, there is no lattice, and the cloud is left to others.
 //
-// Invariants: the sample is chosen by what the points are, not by where they stand, and the lower of two points is the
-// same whoever comes first, so the order of the points does not matter. The table is filled by one thread; step 4 reads
-// the table and changes its own points only.
+// Invariants: the lower of two points is the same whoever comes first, so the order of the points does not matter. The
+// scan is cut into fixed blocks, and each row of the table belongs to one of them: the one that begins in it or above.
+// A block writes its own rows only; what it finds elsewhere (the rest of the row that the block behind it began) is put
+// off and spread by one thread in the end. Step 3 reads the table and changes its block's points only.
+#include "algo/denoise_lattice.h"
+
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -26,40 +27,85 @@
 #include <limits>
 #include <new>
 
+#include <hwy/cache_control.h>
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/denoise_lattice.cpp"
 // clang-format off
 #include <hwy/foreach_target.h>
 #include "algo/lanes-inl.h"
+#include "algo/lattice_cells-inl.h"
 // clang-format on
 
 #include "algo/denoise_grid.h"
-#include "algo/denoise_lattice.h"
+#include "algo/lattice.h"
+#include "algo/lattice_order.h"
 
 #ifndef SLABD_ALGO_DENOISE_LATTICE_ONCE
 #define SLABD_ALGO_DENOISE_LATTICE_ONCE
 namespace slabd::algo {
 namespace {
 
-/// Column of a point: floor((x or x / z - x0) * per_x); rows alike.
-struct Lattice {
-  bool central = false;  ///< rays through the origin
-  float x0 = 0.0F, y0 = 0.0F;
-  float per_x = 1.0F, per_y = 1.0F;
-  float columns = 0.0F, rows = 0.0F;
+/// What is noted of sixteen points: a kind, and of a run its first cell and the columns behind that it may reach to: 15
+/// if they lie side by side, else as far as anything that counts as a run.
+enum class Note : std::uint32_t {
+  nothing,  ///< no point is there
+  run,      ///< all in one row, within a span of columns from the first, none met another
+  singly,   ///< anything else
+  put_off,  ///< not yet spread: not all of it lies in the block's own rows
 };
+constexpr std::uint32_t kCellBits = 23;
+constexpr std::uint32_t kSpanBits = 5;
+constexpr std::uint32_t kSpanMax = (1U << kSpanBits) - 1U;
+static_assert(limits::kScanPointsMax < (1U << kCellBits));
+constexpr std::uint32_t note(Note kind, std::uint32_t cell = 0, std::uint32_t span = 0) {
+  return static_cast<std::uint32_t>(kind) << (kCellBits + kSpanBits) | span << kCellBits | cell;
+}
+constexpr Note kind_of(std::uint32_t note) {
+  return static_cast<Note>(note >> (kCellBits + kSpanBits));
+}
+constexpr std::uint32_t span_of(std::uint32_t note) {
+  return (note >> kCellBits) & kSpanMax;
+}
+constexpr std::uint32_t cell_of(std::uint32_t note) {
+  return note & ((1U << kCellBits) - 1U);
+}
 
+/// Points of a block: some thirty rows of a table, which fit the cache.
+constexpr std::size_t kBlock = 1U << 16U;
+constexpr std::size_t kBlocksMax = (limits::kScanPointsMax + kBlock - 1) / kBlock;
+constexpr std::size_t kNotesMax = (limits::kScanPointsMax + 15) / 16;
+constexpr std::size_t kRowsMax = limits::kScanPointsMax / GridLayout::kColumnsMin;
+constexpr std::uint16_t kAnyBlock = 0xFFFF;
+
+/// What a block found.
 struct Spread {
   std::uint64_t finite = 0;
   std::uint64_t met = 0;      ///< points that met another one in their cell
   std::uint64_t outside = 0;  ///< of the table
+  void operator+=(const Spread& o) { finite += o.finite, met += o.met, outside += o.outside; }
 };
 
-/// Points of the sample: about half as many as there is room for.
-constexpr std::size_t kSampleMax = 1U << 14U;
-constexpr std::size_t kSampleMin = 2'048;
-/// Points of step 4 that a thread takes at a time.
-constexpr std::size_t kPiece = 1U << 16U;
+/// The scan and its table.
+struct Spreading {
+  Lattice lattice;
+  float* xyz = nullptr;
+  std::size_t points = 0;
+  float* table = nullptr;          ///< heights, row by row; NaN where there is none
+  GridMask* met = nullptr;         ///< cells where points met
+  std::uint32_t* notes = nullptr;  ///< one for sixteen points
+  std::uint16_t* owner = nullptr;  ///< of each row: its block
+  [[nodiscard]] std::size_t end_of(std::size_t block) const { return std::min(points, (block + 1) * kBlock); }
+};
+
+bool bit(const GridMask& mask, std::uint32_t column, std::uint32_t row) {
+  constexpr std::uint32_t kTile = GridLayout::kTileColumns;
+  return (mask.tile(static_cast<int>(column / kTile), static_cast<int>(row)) >> column % kTile & 1U) != 0;
+}
+void set_bit(GridMask& mask, std::uint32_t column, std::uint32_t row) {
+  constexpr std::uint32_t kTile = GridLayout::kTileColumns;
+  const int tile = static_cast<int>(column / kTile);
+  mask.set(tile, static_cast<int>(row), mask.tile(tile, static_cast<int>(row)) | 1U << column % kTile);
+}
 
 }  // namespace
 }  // namespace slabd::algo
@@ -70,156 +116,258 @@ namespace slabd::algo {
 namespace HWY_NAMESPACE {
 namespace {
 
-HWY_INLINE Points16 sixteen_points(const float* xyz, std::size_t points, std::size_t i) {
-  return points - i >= kLanes ? load_points(xyz + 3 * i) : load_points(xyz + 3 * i, points - i);
-}
-HWY_INLINE M16 finite_points(const Points16& p) {
-  return ((p.x - p.x) + (p.y - p.y) + (p.z - p.z)) == f16(0.0F);
-}
-
-/// Where sixteen points belong. Cells of a table are numbers that a float holds exactly.
-struct Cells {
-  alignas(64) std::array<float, kLanes> column, row, cell, z;
+/// Places of sixteen points, to be looked at one by one.
+struct Singly {
+  alignas(64) std::array<float, kLanes> column, row, z;
   std::uint32_t finite, inside;
-  bool in_line;  ///< all inside, in cells beside each other
-  bool in_row;   ///< all inside, from left to right in one row, at most half of it missing
-};
-static_assert(limits::kScanPointsMax < (1U << 24U));
-constexpr float kRowReach = 31.0F;
 
-HWY_INLINE void find_cells(const Lattice& lattice, const Points16& p, Cells& out) {
-  const M16 finite = finite_points(p);
-  const F16 x = lattice.central ? p.x / p.z : p.x;
-  const F16 y = lattice.central ? p.y / p.z : p.y;
-  const F16 column = floor((x - f16(lattice.x0)) * f16(lattice.per_x));
-  const F16 row = floor((y - f16(lattice.y0)) * f16(lattice.per_y));
-  const F16 none = f16(0.0F);
-  const M16 inside =
-      finite & (column >= none) & (column < f16(lattice.columns)) & (row >= none) & (row < f16(lattice.rows));
-  const F16 cell = row * f16(lattice.columns) + column;
-  out.finite = bits(finite);
-  out.inside = bits(inside);
-  store(p.z, out.z.data());
-  store(cell, out.cell.data());
-  store(column, out.column.data());
-  store(row, out.row.data());
-  const M16 rising = (row == f16(out.row[0])) & (column >= f16(out.column[0]) + lane_numbers()) &
-                     (column <= f16(out.column[0] + kRowReach)) & (column <= f16(out.column[kLanes - 1]));
-  out.in_row = out.inside == 0xFFFFU && bits(rising) == 0xFFFFU;
-  out.in_line = out.inside == 0xFFFFU && bits(cell == f16(out.cell[0]) + lane_numbers()) == 0xFFFFU;
-}
-
-}  // namespace
-
-/// Finite points whose coordinates end in bits that about one in so many (mask + 1, a power of two) has. Returns their
-/// number, and their first kSampleMax.
-std::size_t take_sample(const float* xyz, std::size_t points, std::int32_t mask, float* x, float* y, float* z) {
-  // Round coordinates end in zeros: the bits wanted are others.
-  const I16 wanted = i16(0x2AAAAAAA & mask);
-  std::size_t n = 0;
-  for (std::size_t i = 0; i < points; i += kLanes) {
-    const Points16 p = sixteen_points(xyz, points, i);
-    const I16 last = bit_and(bit_xor(pattern(p.x), bit_xor(pattern(p.y), pattern(p.z))), i16(mask));
-    std::uint32_t chosen = bits(is_zero(bit_xor(last, wanted)));
-    if (chosen == 0) continue;
-    chosen &= bits(finite_points(p));
-    for (; chosen != 0; chosen &= chosen - 1, ++n) {
-      if (n >= kSampleMax) continue;
-      const float* q = xyz + 3 * (i + static_cast<std::size_t>(std::countr_zero(chosen)));
-      x[n] = q[0], y[n] = q[1], z[n] = q[2];
-    }
+  HWY_INLINE Singly(const Lattice& lattice, const Points16& p, const Places16& at)
+      : finite(bits(finite_points(p))), inside(finite & bits(HWY_NAMESPACE::inside(lattice, at))) {
+    store(at.column, column.data());
+    store(at.row, row.data());
+    store(p.z, z.data());
   }
-  return n;
-}
+  [[nodiscard]] std::uint32_t column_of(std::size_t k) const { return static_cast<std::uint32_t>(column[k]); }
+  [[nodiscard]] std::uint32_t row_of(std::size_t k) const { return static_cast<std::uint32_t>(row[k]); }
+};
 
-/// Step 2.
-void spread_heights(const Lattice& lattice, const float* xyz, std::size_t points, float* table, Spread& spread) {
-  const F16 nothing = f16(kNoPlane);
-  const auto cells = static_cast<std::size_t>(lattice.columns) * static_cast<std::size_t>(lattice.rows);
-  for (std::size_t c = 0; c < cells; c += kLanes) store(nothing, table + c);
-  Cells at;
-  for (std::size_t i = 0; i < points; i += kLanes) {
-    const Points16 p = sixteen_points(xyz, points, i);
-    find_cells(lattice, p, at);
-    spread.finite += static_cast<std::uint64_t>(std::popcount(at.finite));
-    if (at.in_line) {
-      float* to = table + static_cast<std::size_t>(at.cell[0]);
-      const F16 there = load(to);
-      if (bits(there == there) == 0) {
-        store(p.z, to);
-        continue;
+/// Step 1 for one block, or for any one: whatever row it lies in.
+class Spreader {
+ public:
+  Spreader(const Spreading& work, std::uint16_t block)
+      : work_(work), block_(block), columns_(static_cast<std::uint32_t>(work.lattice.columns)) {}
+
+  /// Spreads point i and the fifteen behind it.
+  HWY_INLINE void spread(const Lattice& lattice, std::size_t i, std::size_t end, Spread& out) {
+    work_.notes[i / kLanes] = spread(lattice, sixteen_points(work_.xyz, end, i), out);
+  }
+
+ private:
+  [[nodiscard]] HWY_INLINE bool owns(std::uint32_t row) const {
+    return block_ == kAnyBlock || work_.owner[row] == block_;
+  }
+
+  HWY_INLINE std::uint32_t spread(const Lattice& lattice, const Points16& p, Spread& out) {
+    const Places16 at = places(lattice, p);
+    const float first = first_lane(at.column);
+    const float row = first_lane(at.row);
+    const M16 in_row = (at.row == f16(row)) & ((p.z - p.z) == f16(0.0F));
+    const F16 along = at.column - f16(first);
+    if (all(in_row & (along >= f16(0.0F)) & (along <= f16(kSpanMax))) && first >= 0.0F &&
+        first + kSpanMax < lattice.columns && row >= 0.0F && row < lattice.rows) {
+      const auto r = static_cast<std::uint32_t>(row);
+      if (!owns(r)) return note(Note::put_off);
+      const std::uint32_t cell = r * columns_ + static_cast<std::uint32_t>(first);
+      float* to = work_.table + cell;
+      const bool side_by_side = all(along == lane_numbers());
+      if (side_by_side ? spread_side_by_side(p, to) : spread_run(p, along, to)) {
+        out.finite += kLanes;
+        return note(Note::run, cell, side_by_side ? kLanes - 1 : kSpanMax);
       }
     }
-    spread.outside += static_cast<std::uint64_t>(std::popcount(at.finite & ~at.inside));
+    return spread_singly(p, {work_.lattice, p, at}, out);
+  }
+
+  /// Sixteen in cells beside each other. Not done, and false, if others are there.
+  static HWY_INLINE bool spread_side_by_side(const Points16& p, float* to) {
+    const F16 there = load(to);
+    if (any(there == there)) return false;
+    store(p.z, to);
+    return true;
+  }
+  /// Sixteen so many columns along. Not done, and false, if others are there or two of them meet.
+  static HWY_INLINE bool spread_run(const Points16& p, const F16& along, float* to) {
+    static_assert(kSpanMax == 2 * kLanes - 1);
+    const F16 low = load(to);
+    const F16 high = load(to + kLanes);
+    if (any((low == low) | (high == high))) return false;
+    alignas(64) std::array<std::int32_t, kLanes> column;
+    alignas(64) std::array<float, kLanes> z;
+    store(to_int(along), column.data());
+    store(p.z, z.data());
+    for (std::size_t k = 0; k < kLanes; ++k) to[column[k]] = z[k];
+    const F16 low_now = load(to);
+    const F16 high_now = load(to + kLanes);
+    if (std::popcount(bits(low_now == low_now) | bits(high_now == high_now) << kLanes) == kLanes) return true;
+    store(f16(kNoPlane), to);
+    store(f16(kNoPlane), to + kLanes);
+    return false;
+  }
+
+  HWY_NOINLINE std::uint32_t spread_singly(const Points16& p, const Singly& at, Spread& out) {
+    if (at.finite == 0 && !any((p.x == p.x) | (p.y == p.y) | (p.z == p.z))) return note(Note::nothing);
+    if (block_ != kAnyBlock) {
+      for (std::uint32_t left = at.inside; left != 0; left &= left - 1)
+        if (!owns(at.row_of(static_cast<std::size_t>(std::countr_zero(left))))) return note(Note::put_off);
+    }
     for (std::uint32_t left = at.inside; left != 0; left &= left - 1) {
       const auto k = static_cast<std::size_t>(std::countr_zero(left));
-      float& there = table[static_cast<std::size_t>(at.cell[k])];
-      if (!std::isnan(there)) ++spread.met;
-      if (!(there <= at.z[k])) there = at.z[k];
+      float& there = work_.table[at.row_of(k) * columns_ + at.column_of(k)];
+      if (std::isnan(there)) {
+        there = at.z[k];
+      } else {
+        ++out.met;
+        set_bit(*work_.met, at.column_of(k), at.row_of(k));
+        there = std::min(there, at.z[k]);
+      }
     }
+    out.finite += static_cast<std::uint64_t>(std::popcount(at.finite));
+    out.outside += static_cast<std::uint64_t>(std::popcount(at.finite & ~at.inside));
+    return note(Note::singly);
   }
-}
 
-/// Step 4 for points first to last. Returns how many it took out.
-std::uint64_t take_out_noise(const Lattice& lattice, const GridWork& work, float* xyz, std::size_t first,
-                             std::size_t last) {
-  constexpr int kTile = GridLayout::kTileColumns;
-  const auto on_plane = [&](const Cells& at, std::size_t k) {
-    const int column = static_cast<int>(at.column[k]);
-    const int row = static_cast<int>(at.row[k]);
-    const TilePlane* planes = work.planes(column / GridLayout::kTileColumns, row / GridLayout::kTileRows);
-    const float u = static_cast<float>(column % GridLayout::kTileColumns) - 0.5F * (GridLayout::kTileColumns - 1);
-    const float v = static_cast<float>(row % GridLayout::kTileRows) - 0.5F * (GridLayout::kTileRows - 1);
-    for (int i = 0; i < 2; ++i) {
-      const TilePlane& p = planes[i];
-      if (std::abs(at.z[k] - (p.z + p.per_column * u + p.per_row * v)) <= grid_gate_mm(p.per_column, p.per_row))
-        return true;
+  const Spreading work_;
+  const std::uint16_t block_;
+  const std::uint32_t columns_;
+};
+
+/// Step 3 for one block.
+class TakeOut {
+ public:
+  TakeOut(const Spreading& work, const GridWork& grid, bool any_met)
+      : work_(work),
+        grid_(grid),
+        any_met_(any_met),
+        columns_(static_cast<std::uint32_t>(work.lattice.columns)),
+        per_columns_(1.0 / static_cast<double>(columns_)) {}
+
+  std::uint64_t take_out(std::size_t first, std::size_t end) const {
+    // What is to be looked at is listed first, and fetched meanwhile: the points are no longer in the cache.
+    std::array<std::uint32_t, kBlock / kLanes> listed;
+    std::size_t n = 0;
+    for (std::size_t i = first; i < end; i += kLanes) {
+      const float* points = work_.xyz + 3 * i;
+      listed[n] = static_cast<std::uint32_t>(i);
+      if (!to_be_looked_at(work_.notes[i / kLanes])) continue;
+      ++n;
+      for (std::size_t line = 0; line < 3; ++line) hwy::Prefetch(points + kLanes * line);
     }
-    return false;
+    std::uint64_t taken = 0;
+    for (std::size_t k = 0; k < n; ++k) {
+      const std::size_t i = listed[k];
+      const std::uint32_t what = work_.notes[i / kLanes];
+      const Place at = place_of(what);
+      if (kind_of(what) != Note::run || met_in(at, static_cast<int>(span_of(what)) + 1))
+        taken += singly(i, end);
+      else if (span_of(what) == kLanes - 1)
+        taken += remove(i, grid_.noise.sixteen(at.column, at.row));
+      else
+        taken += of_run(i, at);
+    }
+    return taken;
+  }
+
+ private:
+  struct Place {
+    int column, row;
   };
-  const auto lane_by_lane = [&](const Cells& at) {
+  [[nodiscard]] HWY_INLINE Place place_of(std::uint32_t what) const {
+    // Half a cell away from where rounding could matter.
+    const auto row = static_cast<std::uint32_t>((cell_of(what) + 0.5) * per_columns_);
+    return {static_cast<int>(cell_of(what) - row * columns_), static_cast<int>(row)};
+  }
+  [[nodiscard]] HWY_INLINE bool met_in(const Place& at, int columns) const {
+    return any_met_ && work_.met->any(at.column, columns, at.row);
+  }
+  [[nodiscard]] HWY_INLINE bool to_be_looked_at(std::uint32_t what) const {
+    if (kind_of(what) != Note::run) return kind_of(what) == Note::singly;
+    const Place at = place_of(what);
+    const int columns = static_cast<int>(span_of(what)) + 1;
+    return grid_.noise.any(at.column, columns, at.row) || met_in(at, columns);
+  }
+  std::uint64_t remove(std::size_t i, std::uint32_t lanes) const {
+    for (std::uint32_t left = lanes; left != 0; left &= left - 1)
+      std::fill_n(work_.xyz + 3 * (i + static_cast<std::size_t>(std::countr_zero(left))), 3, kNoPlane);
+    return static_cast<std::uint64_t>(std::popcount(lanes));
+  }
+
+  /// Sixteen points with gaps, each alone in its cell.
+  std::uint64_t of_run(std::size_t i, const Place& first) const {
+    static_assert(kSpanMax == 2 * kLanes - 1);
+    const std::uint32_t noise = grid_.noise.sixteen(first.column, first.row) |
+                                grid_.noise.sixteen(first.column + static_cast<int>(kLanes), first.row) << kLanes;
+    const Places16 at = places(work_.lattice, load_points(work_.xyz + 3 * i));
+    const I16 along = to_int(at.column - f16(static_cast<float>(first.column)));
+    return remove(i, bits(test_bits(shift_right(i16(static_cast<std::int32_t>(noise)), along), i16(1))));
+  }
+
+  std::uint64_t singly(std::size_t i, std::size_t end) const {
+    const Points16 p = sixteen_points(work_.xyz, end, i);
+    const Singly at(work_.lattice, p, places(work_.lattice, p));
     std::uint32_t noise = at.finite & ~at.inside;
     for (std::uint32_t left = at.inside; left != 0; left &= left - 1) {
       const auto k = static_cast<std::size_t>(std::countr_zero(left));
-      const int column = static_cast<int>(at.column[k]);
-      const std::uint32_t row_bits = work.noise.tile(column / kTile, static_cast<int>(at.row[k]));
-      const bool owner = work.z[static_cast<std::size_t>(at.cell[k])] == at.z[k];
-      const bool bad = owner ? ((row_bits >> static_cast<unsigned>(column % kTile)) & 1U) != 0U : !on_plane(at, k);
+      const std::uint32_t column = at.column_of(k);
+      const std::uint32_t row = at.row_of(k);
+      // The table is out of the cache too.
+      const bool owner = !(any_met_ && bit(*work_.met, column, row)) || work_.table[row * columns_ + column] == at.z[k];
+      const bool bad = owner ? bit(grid_.noise, column, row) : !on_plane(column, row, at.z[k]);
       if (bad) noise |= left & -left;
     }
-    return noise;
-  };
-  constexpr float kSixteen = 15.0F;
-  std::uint64_t taken = 0;
-  Cells at;
-  for (std::size_t i = first; i < last; i += kLanes) {
-    const Points16 p = sixteen_points(xyz, last, i);
-    find_cells(lattice, p, at);
-    std::uint32_t noise = 0;
-    // Nearly always the sixteen lie in one row, few of its points are missing, and each owns its cell.
-    const float span = at.column[kLanes - 1] - at.column[0];
-    if (at.in_line && span == kSixteen) {
-      const M16 owners = load(work.z + static_cast<std::size_t>(at.cell[0])) == p.z;
-      if (bits(owners) != 0xFFFFU) {
-        noise = lane_by_lane(at);
-      } else {
-        noise = work.noise.sixteen(static_cast<int>(at.column[0]), static_cast<int>(at.row[0]));
-      }
-    } else if (at.in_row &&
-               !work.noise.any(static_cast<int>(at.column[0]), static_cast<int>(span) + 1,
-                               static_cast<int>(at.row[0])) &&
-               bits(gather(work.z, to_int(load(at.cell.data()))) == p.z) == 0xFFFFU) {
-      continue;
-    } else {
-      noise = lane_by_lane(at);
-    }
-    taken += static_cast<std::uint64_t>(std::popcount(noise));
     // A point that lacks one coordinate is missing altogether.
-    noise |= bits((p.x == p.x) | (p.y == p.y) | (p.z == p.z)) & ~at.finite;
-    for (; noise != 0; noise &= noise - 1)
-      std::fill_n(xyz + 3 * (i + static_cast<std::size_t>(std::countr_zero(noise))), 3, kNoPlane);
+    remove(i, bits((p.x == p.x) | (p.y == p.y) | (p.z == p.z)) & ~at.finite);
+    return remove(i, noise);
   }
-  return taken;
+
+  [[nodiscard]] bool on_plane(std::uint32_t column, std::uint32_t row, float z) const {
+    constexpr int kColumns = GridLayout::kTileColumns;
+    constexpr int kRows = GridLayout::kTileRows;
+    const int c = static_cast<int>(column);
+    const int r = static_cast<int>(row);
+    const TilePlane* planes = grid_.planes(c / kColumns, r / kRows);
+    const float u = static_cast<float>(c % kColumns) - 0.5F * (kColumns - 1);
+    const float v = static_cast<float>(r % kRows) - 0.5F * (kRows - 1);
+    return std::any_of(planes, planes + 2, [&](const TilePlane& plane) {
+      return std::abs(z - (plane.z + plane.per_column * u + plane.per_row * v)) <=
+             grid_gate_mm(plane.per_column, plane.per_row);
+    });
+  }
+
+  const Spreading& work_;
+  const GridWork& grid_;
+  const bool any_met_;
+  const std::uint32_t columns_;
+  const double per_columns_;
+};
+
+}  // namespace
+
+/// Row of the first point of a block that lies inside of the table; the last one's number if none does.
+std::uint32_t first_row(const Spreading& work, std::size_t block) {
+  for (std::size_t i = block * kBlock; i < work.end_of(block); i += kLanes) {
+    const Points16 p = sixteen_points(work.xyz, work.end_of(block), i);
+    const Singly at(work.lattice, p, places(work.lattice, p));
+    if (at.inside != 0) return at.row_of(static_cast<std::size_t>(std::countr_zero(at.inside)));
+  }
+  return static_cast<std::uint32_t>(work.lattice.rows) - 1;
+}
+
+void spread_block(const Spreading& work, std::size_t block, Spread& out) {
+  const auto columns = static_cast<std::size_t>(work.lattice.columns);
+  const auto rows = static_cast<std::size_t>(work.lattice.rows);
+  // Whole tiles: a row is a multiple of sixteen.
+  for (std::size_t r = 0; r < rows; ++r) {
+    if (work.owner[r] != block) continue;
+    float* row = work.table + r * columns;
+    for (std::size_t c = 0; c < columns; c += kLanes) store(f16(kNoPlane), row + c);
+  }
+  Spreader spreader(work, static_cast<std::uint16_t>(block));
+  // A copy, so that the compiler knows that no store changes it.
+  const Lattice lattice = work.lattice;
+  out = Spread{};
+  for (std::size_t i = block * kBlock; i < work.end_of(block); i += kLanes)
+    spreader.spread(lattice, i, work.end_of(block), out);
+}
+
+/// What the blocks have put off.
+void spread_rest(const Spreading& work, Spread& out) {
+  Spreader spreader(work, kAnyBlock);
+  for (std::size_t i = 0; i < work.points; i += kLanes)
+    if (kind_of(work.notes[i / kLanes]) == Note::put_off) spreader.spread(work.lattice, i, work.points, out);
+}
+
+std::uint64_t take_out_noise(const Spreading& work, const GridWork& grid, bool any_met, std::size_t block) {
+  return TakeOut(work, grid, any_met).take_out(block * kBlock, work.end_of(block));
 }
 
 }  // namespace HWY_NAMESPACE
@@ -229,8 +377,9 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace slabd::algo {
 
-HWY_EXPORT(take_sample);
-HWY_EXPORT(spread_heights);
+HWY_EXPORT(first_row);
+HWY_EXPORT(spread_block);
+HWY_EXPORT(spread_rest);
 HWY_EXPORT(take_out_noise);
 
 namespace {
@@ -238,165 +387,77 @@ namespace {
 /// More points than one in so many outside of the table, or in cells with others: there is no lattice.
 constexpr std::uint64_t kOutsideShare = 2'000;
 constexpr std::uint64_t kMetShare = 100;
-/// Mean distance of points from the middle of their column or row, in pitches; 0.25 if they know of none. With less
-/// than the second one no other kind of rays is tried.
-constexpr double kMisfitMax = 0.1;
-constexpr double kMisfitSure = 0.01;
-/// Samples at either end that may be strays; and columns or rows beyond the others: a fiftieth and some.
-constexpr std::size_t kStrays = 4;
-constexpr double kMarginShare = 0.02;
-constexpr double kMargin = 8.0;
 
-/// Evenly spaced columns, or rows: number k at origin + k * pitch.
-struct Steps {
-  double origin = 0.0;
-  double pitch = 0.0;
-  double misfit = 1.0;  ///< in pitches
-  double first = 0.0;   ///< number of the first one
-  double count = 0.0;
-};
-
-/// `value`: n coordinates, sorted; `room`: n as well.
-bool find_steps(const float* value, std::size_t n, float* room, Steps& steps) {
-  const std::size_t from = n / 256;
-  const std::size_t to = n - n / 256;
-  // From value to value it is nearly nothing, or a pitch, rarely several.
-  const std::size_t differences = to - from - 1;
-  for (std::size_t i = 0; i < differences; ++i) room[i] = value[from + i + 1] - value[from + i];
-  constexpr std::size_t kLargest = 32;
-  float* end = room + differences;
-  std::nth_element(room, end - kLargest, end);
-  const float large = *(end - kLargest);
-  const auto median_above = [&](float least) {
-    float* first = std::partition(room, end, [&](float d) { return d <= least; });
-    if (first == end) return 0.0F;
-    std::nth_element(first, first + (end - first) / 2, end);
-    return first[(end - first) / 2];
-  };
-  double pitch = static_cast<double>(median_above(large / 6.0F));
-  pitch = static_cast<double>(median_above(static_cast<float>(0.5 * pitch)));
-  if (!(pitch > 1e-6 * std::abs(static_cast<double>(value[to - 1]))) || !std::isfinite(pitch)) return false;
-
-  // Steps are counted from each value to the next, with a phase that follows them slowly; then a line goes through
-  // all of them, and through those that it tells.
-  double origin = static_cast<double>(value[from]);
-  for (int pass = 0; pass < 4; ++pass) {
-    constexpr double kFollow = 0.1;
-    const bool follow = pass < 2;
-    double phase = origin;
-    if (follow) phase = static_cast<double>(value[from]);
-    double k = 0.0, count = 0.0, sum_k = 0.0, sum_v = 0.0, sum_kk = 0.0, sum_kv = 0.0;
-    for (std::size_t i = from; i < to; ++i) {
-      const double v = static_cast<double>(value[i]) - static_cast<double>(value[from]);
-      double number = 0.0;
-      if (follow) {
-        const double step = std::floor((static_cast<double>(value[i]) - phase) / pitch + 0.5);
-        k += step;
-        phase += step * pitch;
-        phase += kFollow * (static_cast<double>(value[i]) - phase);
-        number = k;
-      } else {
-        number = std::floor((static_cast<double>(value[i]) - origin) / pitch + 0.5);
-      }
-      count += 1.0;
-      sum_k += number;
-      sum_v += v;
-      sum_kk += number * number;
-      sum_kv += number * v;
-    }
-    const double det = sum_kk - sum_k * sum_k / count;
-    if (!(det > 0.0)) return false;
-    pitch = (sum_kv - sum_k * sum_v / count) / det;
-    origin = static_cast<double>(value[from]) + (sum_v - pitch * sum_k) / count;
-    if (!(pitch > 0.0)) return false;
+/// To each block the rows from where it begins to where the next one does, be it upwards or downwards; to the outer
+/// ones what lies beyond.
+void share_rows(const Spreading& work, std::size_t blocks) {
+  const auto rows = static_cast<std::size_t>(work.lattice.rows);
+  std::array<std::uint32_t, kBlocksMax> first{};
+  for (std::size_t b = 0; b < blocks; ++b) first[b] = HWY_DYNAMIC_DISPATCH(first_row)(work, b);
+  std::fill_n(work.owner, rows, std::uint16_t{0});
+  for (std::size_t b = 0; b + 1 < blocks; ++b) {
+    const bool down = first[b] <= first[b + 1];
+    const std::size_t from = down ? first[b] : first[b + 1] + 1;
+    const std::size_t to = down ? first[b + 1] : first[b] + 1;
+    std::fill(work.owner + from, work.owner + to, static_cast<std::uint16_t>(b));
   }
-  const auto number = [&](std::size_t i) { return std::floor((static_cast<double>(value[i]) - origin) / pitch + 0.5); };
-  double off = 0.0;
-  for (std::size_t i = from; i < to; ++i)
-    off += std::abs(static_cast<double>(value[i]) - origin - pitch * number(i)) / pitch;
-  steps.origin = origin;
-  steps.pitch = pitch;
-  steps.misfit = off / static_cast<double>(to - from);
-  const double last = number(n - 1 - kStrays);
-  steps.first = number(kStrays);
-  steps.count = last - steps.first + 1.0;
-  const double margin = std::floor(kMarginShare * steps.count) + kMargin;
-  steps.first -= margin;
-  steps.count += 2.0 * margin;
-  return true;
+  const std::size_t last = first[blocks - 1];
+  const bool down = first[0] <= last;
+  std::fill(work.owner + (down ? last : 0), work.owner + (down ? rows : last + 1),
+            static_cast<std::uint16_t>(blocks - 1));
 }
 
-/// Whole tiles, so that no row of a table ends amidst one.
-bool whole_tiles(const Steps& x, const Steps& y, std::size_t capacity, Lattice& lattice) {
-  const auto whole = [](double count, double tile) { return tile * std::ceil(count / tile); };
-  const double columns = whole(x.count, GridLayout::kTileColumns);
-  const double rows = whole(y.count, GridLayout::kTileRows);
-  if (columns < static_cast<double>(GridLayout::kColumnsMin) || rows < static_cast<double>(GridLayout::kRowsMin))
-    return false;
-  if (!(columns * rows <= static_cast<double>(std::min(capacity, limits::kScanPointsMax)))) return false;
-  lattice.columns = static_cast<float>(columns);
-  lattice.rows = static_cast<float>(rows);
-  lattice.x0 = static_cast<float>(x.origin + (x.first - 0.5) * x.pitch);
-  lattice.y0 = static_cast<float>(y.origin + (y.first - 0.5) * y.pitch);
-  lattice.per_x = static_cast<float>(1.0 / x.pitch);
-  lattice.per_y = static_cast<float>(1.0 / y.pitch);
-  return true;
+OrderMemory order_memory(const DenoiseWorkspace& memory) {
+  const auto floats = [](void* at, std::size_t bytes) {
+    return std::span<float>(::new (at) float[bytes / sizeof(float)], bytes / sizeof(float));
+  };
+  return {{floats(memory.order.data(), memory.order.size_bytes()),
+           floats(memory.surface.data(), memory.surface.size_bytes()),
+           floats(memory.keep.data(), memory.keep.size_bytes())},
+          memory.cell_start};
 }
 
 }  // namespace
 
 bool denoise_lattice(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts) {
-  // The sample lies in memory that nothing else needs by now, and so does the table.
-  if (memory.cell_start.size() < 5 * kSampleMax || cloud.points < kSampleMin) return false;
-  float* sample = ::new (memory.cell_start.data()) float[5 * kSampleMax];
-  float* x = sample;
-  float* y = x + kSampleMax;
-  float* z = y + kSampleMax;
-  float* value = z + kSampleMax;
-  float* differences = value + kSampleMax;
-  std::size_t share = 1;
-  while (cloud.points / share > kSampleMax / 2) share *= 2;
-  const std::size_t n =
-      HWY_DYNAMIC_DISPATCH(take_sample)(cloud.xyz.data(), cloud.points, static_cast<std::int32_t>(share - 1), x, y, z);
-  if (n < kSampleMin || n > kSampleMax) return false;
+  // First the sample lies in it, then the notes and the owners of the rows.
+  constexpr std::size_t kOwnerWords = (kRowsMax + 1) / 2;
+  static_assert(std::max(kLatticeFloats, kNotesMax + kOwnerWords) <= limits::kDenoiseCellsMax);
+  const std::span<std::uint32_t> scratch = memory.cell_start;
+  if (scratch.size() < limits::kDenoiseCellsMax) return false;
+  Spreading work;
+  work.xyz = cloud.xyz.data();
+  work.points = cloud.points;
+  float* sample = ::new (scratch.data()) float[kLatticeFloats];
+  if (!find_lattice(cloud, {sample, kLatticeFloats}, team, work.lattice)) return false;
+  // Where there is no room to bring the points into order, everything takes longer and comes to the same.
+  if (!is_in_order(cloud, work.lattice)) (void)order_points(cloud, work.lattice, order_memory(memory), team);
 
-  Steps parallel_x, parallel_y, central_x, central_y;
-  Lattice lattice;
-  const auto steps_of = [&](const float* from, bool central, Steps& steps) -> bool {
-    for (std::size_t i = 0; i < n; ++i) value[i] = central ? from[i] / z[i] : from[i];
-    if (!std::all_of(value, value + n, [](float v) { return std::isfinite(v); })) return false;
-    std::sort(value, value + n);
-    return find_steps(value, n, differences, steps);
-  };
-  const auto fits = [](const Steps& steps, double limit) { return steps.misfit <= limit; };
-  if (steps_of(x, false, parallel_x) && fits(parallel_x, kMisfitMax)) steps_of(y, false, parallel_y);
-  if (!fits(parallel_y, kMisfitSure) && steps_of(x, true, central_x) && fits(central_x, kMisfitMax))
-    steps_of(y, true, central_y);
-  const double parallel_misfit = std::max(parallel_x.misfit, parallel_y.misfit);
-  const double central_misfit = std::max(central_x.misfit, central_y.misfit);
-  if (!(std::min(parallel_misfit, central_misfit) <= kMisfitMax)) return false;
-  lattice.central = central_misfit < parallel_misfit;
-  const Steps& along = lattice.central ? central_x : parallel_x;
-  const Steps& across = lattice.central ? central_y : parallel_y;
-  if (!whole_tiles(along, across, memory.order.size(), lattice)) return false;
-
-  const GridLayout grid(static_cast<std::size_t>(lattice.columns), static_cast<std::size_t>(lattice.rows));
-  if (2 * grid.tiles() > memory.surface.size() || 2 * grid.mask_bytes() > memory.keep.size()) return false;
-  float* table = ::new (memory.order.data()) float[grid.columns * grid.rows];
+  const GridLayout grid(static_cast<std::size_t>(work.lattice.columns), static_cast<std::size_t>(work.lattice.rows));
+  if (grid.columns * grid.rows > memory.order.size() || 2 * grid.tiles() > memory.surface.size() ||
+      3 * grid.mask_bytes() > memory.keep.size())
+    return false;
+  GridMask met(grid, memory.keep.data() + 2 * grid.mask_bytes());
+  work.met = &met;
+  work.table = ::new (memory.order.data()) float[grid.columns * grid.rows];
+  work.notes = ::new (scratch.data()) std::uint32_t[kNotesMax];
+  work.owner = ::new (scratch.data() + kNotesMax) std::uint16_t[kRowsMax];
+  const std::size_t blocks = (cloud.points + kBlock - 1) / kBlock;
+  share_rows(work, blocks);
+  std::array<Spread, kBlocksMax> found;
+  team.run(blocks, [&](std::size_t block) { HWY_DYNAMIC_DISPATCH(spread_block)(work, block, found[block]); });
   Spread spread;
-  HWY_DYNAMIC_DISPATCH(spread_heights)(lattice, cloud.xyz.data(), cloud.points, table, spread);
+  for (std::size_t block = 0; block < blocks; ++block) spread += found[block];
+  HWY_DYNAMIC_DISPATCH(spread_rest)(work, spread);
   if (kOutsideShare * spread.outside > spread.finite || kMetShare * spread.met > spread.finite) return false;
 
-  GridWork work(grid, nullptr, table, memory);
-  std::nth_element(z, z + n / 2, z + n);
-  const float away = lattice.central ? std::abs(z[n / 2]) : 1.0F;
-  work.per_column_mm = away / lattice.per_x;
-  work.per_row_mm = away / lattice.per_y;
-  if (!judge_grid(grid, work, team)) return false;
+  GridWork judged(grid, nullptr, work.table, memory);
+  judged.per_column_mm = work.lattice.away_mm / work.lattice.per_x;
+  judged.per_row_mm = work.lattice.away_mm / work.lattice.per_y;
+  if (!judge_grid(grid, judged, team)) return false;
   std::atomic<std::uint64_t> taken{0};
-  team.run((cloud.points + kPiece - 1) / kPiece, [&](std::size_t piece) {
-    taken += HWY_DYNAMIC_DISPATCH(take_out_noise)(lattice, work, cloud.xyz.data(), piece * kPiece,
-                                                  std::min(cloud.points, (piece + 1) * kPiece));
+  team.run(blocks, [&](std::size_t block) {
+    taken += HWY_DYNAMIC_DISPATCH(take_out_noise)(work, judged, spread.met > 0, block);
   });
   counts.points_finite = spread.finite;
   counts.isolated_removed = taken;

@@ -1,0 +1,300 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A scan without its grid: the fast way through notes and blocks against the plain way, point by point.
+#include "algo/lattice.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <vector>
+
+#include "algo/denoise_grid.h"
+#include "algo/denoise_lattice.h"
+#include "algo/lattice_order.h"
+#include "scene.h"
+
+namespace slabd::algo {
+namespace {
+
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+
+struct Memory {
+  std::vector<std::uint32_t> order = std::vector<std::uint32_t>(limits::kScanPointsMax);
+  std::vector<std::uint8_t> keep = std::vector<std::uint8_t>(limits::kScanPointsMax);
+  std::vector<std::uint32_t> cells = std::vector<std::uint32_t>(limits::kDenoiseCellsMax + 1);
+  std::vector<TilePlane> surface = std::vector<TilePlane>(limits::kDenoiseCellsMax);
+  [[nodiscard]] DenoiseWorkspace work() { return {order, keep, cells, surface}; }
+};
+
+Cloud view(std::vector<float>& xyz) {
+  return {xyz, xyz.size() / 3, 0, 0};
+}
+
+bool find(std::vector<float>& xyz, int threads, Lattice& lattice) {
+  std::vector<float> memory(kLatticeFloats);
+  Team team(threads);
+  return find_lattice(view(xyz), memory, team, lattice);
+}
+
+std::vector<float> scan(double focus_mm, double pitch_mm = 0.5) {
+  scene::Scan scan;
+  scan.pitch_mm = pitch_mm;
+  scan.focus_mm = focus_mm;
+  scan.outlier_share = 0.01;
+  scan.outlier_far_mm = 5.0;
+  scan.displacement = scene::displaced(2.0, -3.0, 0.0, 2.0, -1.0, 2.0);
+  return scene::take({}, scan).xyz;
+}
+
+std::vector<float> shuffled(const std::vector<float>& xyz, std::uint64_t seed = 3) {
+  std::vector<std::size_t> at(xyz.size() / 3);
+  for (std::size_t i = 0; i < at.size(); ++i) at[i] = i;
+  Prng prng(seed);
+  for (std::size_t i = at.size(); i > 1; --i) std::swap(at[i - 1], at[prng.below(i)]);
+  std::vector<float> out;
+  for (const std::size_t i : at) out.insert(out.end(), {xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]});
+  return out;
+}
+
+std::vector<float> backwards(const std::vector<float>& xyz) {
+  std::vector<float> out;
+  for (std::size_t i = xyz.size() / 3; i-- > 0;) out.insert(out.end(), {xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]});
+  return out;
+}
+
+bool same(const std::vector<float>& a, const std::vector<float>& b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(float)) == 0;
+}
+
+/// The same points, bit by bit, in whatever order?
+bool same_points(const std::vector<float>& a, const std::vector<float>& b) {
+  const auto sorted = [](const std::vector<float>& xyz) {
+    std::vector<std::array<std::uint32_t, 3>> points(xyz.size() / 3);
+    std::memcpy(points.data(), xyz.data(), xyz.size() * sizeof(float));
+    std::sort(points.begin(), points.end());
+    return points;
+  };
+  return sorted(a) == sorted(b);
+}
+
+/// Every so many points something that a scan should not have: points that meet another one in its cell, missing ones,
+/// ones that lack a coordinate, ones outside of the table; and an odd number of all.
+std::vector<float> with_nasty_points(const std::vector<float>& drawn, double focus) {
+  const float infinite = std::numeric_limits<float>::infinity();
+  std::vector<float> nasty;
+  Prng prng(8);
+  for (std::size_t i = 0; i < drawn.size(); i += 3) {
+    const float* p = &drawn[i];
+    nasty.insert(nasty.end(), p, p + 3);
+    const double what = prng.uniform();
+    if (what < 0.002) {
+      const float z = p[2] + static_cast<float>(2.0 * prng.uniform() - 1.0);
+      const float scale = focus > 0.0 ? z / p[2] : 1.0F;
+      nasty.insert(nasty.end(), {p[0] * scale, p[1] * scale, z});
+    } else if (what < 0.004) {
+      nasty.insert(nasty.end(), {kNaN, kNaN, kNaN});
+    } else if (what < 0.005) {
+      nasty.insert(nasty.end(), {p[0], kNaN, p[2]});
+    } else if (what < 0.006) {
+      nasty.insert(nasty.end(), {p[0], p[1], infinite});
+    } else if (what < 0.0063) {
+      nasty.insert(nasty.end(), {p[0] + 1e4F, p[1], p[2]});
+    }
+  }
+  for (int i = 0; i < 40; ++i) nasty.insert(nasty.end(), {kNaN, kNaN, kNaN});
+  while (nasty.size() / 3 % 16 != 1) nasty.insert(nasty.end(), {drawn[0], drawn[1], drawn[2]});
+  return nasty;
+}
+
+/// What denoise_lattice does, point by point.
+struct Plain {
+  std::uint64_t finite = 0, taken = 0;
+
+  void run(std::vector<float>& xyz, const Lattice& lattice, const DenoiseWorkspace& memory) {
+    const auto columns = static_cast<std::size_t>(lattice.columns);
+    const auto rows = static_cast<std::size_t>(lattice.rows);
+    std::vector<float> table(columns * rows, kNaN);
+    const auto cell_of = [&](const float* p, std::size_t& column, std::size_t& row) {
+      const float c = std::floor(((lattice.central ? p[0] / p[2] : p[0]) - lattice.x0) * lattice.per_x);
+      const float r = std::floor(((lattice.central ? p[1] / p[2] : p[1]) - lattice.y0) * lattice.per_y);
+      if (!(c >= 0.0F && c < lattice.columns && r >= 0.0F && r < lattice.rows)) return false;
+      column = static_cast<std::size_t>(c), row = static_cast<std::size_t>(r);
+      return true;
+    };
+    const auto each = [&](auto&& f) {
+      for (float* p = xyz.data(); p != xyz.data() + xyz.size(); p += 3)
+        if (std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2])) f(p);
+    };
+    std::size_t c = 0, r = 0;
+    each([&](float* p) {
+      ++finite;
+      if (!cell_of(p, c, r)) return;
+      float& there = table[r * columns + c];
+      if (!(there <= p[2])) there = p[2];
+    });
+    const GridLayout grid(columns, rows);
+    GridWork judged(grid, nullptr, table.data(), memory);
+    judged.per_column_mm = lattice.away_mm / lattice.per_x;
+    judged.per_row_mm = lattice.away_mm / lattice.per_y;
+    Team team(1);
+    ASSERT_TRUE(judge_grid(grid, judged, team));
+    each([&](float* p) {
+      bool noise = true;
+      if (cell_of(p, c, r)) {
+        const auto column = static_cast<int>(c), row = static_cast<int>(r);
+        noise = ((judged.noise.tile(column / 16, row) >> (column % 16)) & 1U) != 0;
+        if (p[2] != table[r * columns + c]) {
+          noise = true;
+          for (int i = 0; i < 2; ++i) {
+            const TilePlane& plane = judged.planes(column / 16, row / 8)[i];
+            const float z = plane.z + plane.per_column * (static_cast<float>(column % 16) - 7.5F) +
+                            plane.per_row * (static_cast<float>(row % 8) - 3.5F);
+            if (std::abs(p[2] - z) <= grid_gate_mm(plane.per_column, plane.per_row)) noise = false;
+          }
+        }
+      }
+      if (noise) ++taken, p[0] = p[1] = p[2] = kNaN;
+    });
+    for (std::size_t i = 0; i < xyz.size(); i += 3)
+      if (!std::isfinite(xyz[i]) || !std::isfinite(xyz[i + 1]) || !std::isfinite(xyz[i + 2]))
+        xyz[i] = xyz[i + 1] = xyz[i + 2] = kNaN;
+  }
+};
+
+TEST(Lattice, IsTheSameInWhateverOrderThePointsComeAndOnTwoThreads) {
+  for (const double focus : {0.0, 600.0}) {
+    std::vector<float> xyz = scan(focus);
+    std::vector<float> mixed = shuffled(xyz);
+    Lattice one, two, other;
+    ASSERT_TRUE(find(xyz, 1, one));
+    ASSERT_TRUE(find(xyz, 2, two));
+    ASSERT_TRUE(find(mixed, 2, other));
+    EXPECT_EQ(one.central, focus > 0.0);
+    EXPECT_NEAR(static_cast<double>(one.away_mm / one.per_x), 0.5, focus > 0.0 ? 0.05 : 1e-4);
+    EXPECT_NEAR(static_cast<double>(one.away_mm / one.per_y), 0.5, focus > 0.0 ? 0.05 : 1e-4);
+    EXPECT_TRUE(one == two);
+    EXPECT_TRUE(one == other);
+  }
+}
+
+TEST(Lattice, IsNoneInTooFewPointsAndInPointsWithoutColumns) {
+  std::vector<float> few = {0.0F, 0.0F, 0.0F, 1.0F, 0.0F, 0.0F};
+  std::vector<float> one_place;
+  std::vector<float> anywhere;
+  std::vector<float> missing(3 * 40'000, kNaN);
+  Prng prng(5);
+  for (int i = 0; i < 40'000; ++i) {
+    one_place.insert(one_place.end(), {1.0F, 2.0F, 600.0F});
+    for (int k = 0; k < 3; ++k) anywhere.push_back(static_cast<float>(600.0 * prng.uniform()));
+  }
+  Lattice lattice;
+  for (std::vector<float>* xyz : {&few, &one_place, &anywhere, &missing}) EXPECT_FALSE(find(*xyz, 1, lattice));
+}
+
+TEST(DenoiseLattice, KeepsWhatThePlainWayKeeps) {
+  Memory memory;
+  for (const double focus : {0.0, 600.0}) {
+    const std::vector<float> drawn = scan(focus);
+    const std::vector<float> nasty = with_nasty_points(drawn, focus);
+    const std::array<std::vector<float>, 4> scans = {drawn, nasty, backwards(nasty), shuffled(nasty)};
+    for (const std::vector<float>& scan : scans) {
+      std::vector<float> xyz = scan;
+      Lattice lattice;
+      ASSERT_TRUE(find(xyz, 1, lattice)) << focus;
+      std::vector<float> plain = scan;
+      Plain by_point;
+      by_point.run(plain, lattice, memory.work());
+      for (const int threads : {1, 2}) {
+        for (const InstructionSet set :
+             {InstructionSet::plain, InstructionSet::sse4, InstructionSet::avx2, InstructionSet::best}) {
+          if (!limit_instruction_set(set)) continue;
+          xyz = scan;
+          Cloud cloud = view(xyz);
+          Team team(threads);
+          ScanCounts counts;
+          ASSERT_TRUE(denoise_lattice(cloud, memory.work(), team, counts));
+          EXPECT_EQ(counts.points_finite, by_point.finite);
+          EXPECT_EQ(counts.isolated_removed, by_point.taken);
+          EXPECT_EQ(counts.points_kept, by_point.finite - by_point.taken);
+          // Only what came in no order is brought into another one.
+          EXPECT_TRUE(&scan == &scans.back() ? same_points(xyz, plain) : same(xyz, plain))
+              << focus << " mm, " << threads << " threads";
+        }
+        ASSERT_TRUE(limit_instruction_set(InstructionSet::best));
+      }
+    }
+  }
+}
+
+TEST(LatticeOrder, IsRowByRowFromLeftToRightWhateverItWas) {
+  for (const double focus : {0.0, 600.0}) {
+    const std::vector<float> drawn = scan(focus);
+    const std::vector<float> nasty = with_nasty_points(drawn, focus);
+    std::vector<float> xyz = nasty;
+    Lattice lattice;
+    ASSERT_TRUE(find(xyz, 1, lattice));
+    EXPECT_TRUE(is_in_order(view(xyz), lattice));
+    std::vector<float> half(xyz.size() / 2 + 300'000), third(half.size() / 3 + 100'000);
+    std::vector<std::uint32_t> words(kOrderWords);
+    std::vector<float> first;
+    for (const std::uint64_t seed : {3U, 4U}) {
+      for (const int threads : {1, 2}) {
+        for (const bool in_pieces : {false, true}) {
+          const std::vector<float> mixed = shuffled(nasty, seed);
+          xyz = mixed;
+          Cloud cloud = view(xyz);
+          EXPECT_FALSE(is_in_order(cloud, lattice));
+          Team team(threads);
+          OrderMemory memory{{std::span(half), {}, {}}, words};
+          std::vector<float> second(third.size()), last(third.size());
+          if (in_pieces) memory.points = {std::span(third), std::span(second), std::span(last)};
+          ASSERT_TRUE(order_points(cloud, lattice, memory, team));
+          EXPECT_TRUE(same_points(xyz, mixed));
+          EXPECT_TRUE(is_in_order(cloud, lattice));
+          // What has no cell is no matter; the rest is always the same.
+          std::size_t there = xyz.size();
+          while (there > 0 && !(std::isfinite(xyz[there - 1]) && std::isfinite(xyz[there - 2]) &&
+                                std::isfinite(xyz[there - 3]) && xyz[there - 3] < 5e3F))
+            there -= 3;
+          EXPECT_GT(static_cast<double>(there), 0.98 * static_cast<double>(xyz.size()));
+          std::vector<float> ordered(xyz.begin(), xyz.begin() + static_cast<std::ptrdiff_t>(there));
+          if (first.empty()) first = ordered;
+          EXPECT_TRUE(same(ordered, first)) << focus << " mm, " << threads << " threads";
+        }
+      }
+    }
+    // Nearly every point comes before the next one.
+    std::size_t steps = 0;
+    double before = -1.0;
+    for (std::size_t i = 0; i < first.size(); i += 3) {
+      const float* p = &first[i];
+      const float c = std::floor(((focus > 0.0 ? p[0] / p[2] : p[0]) - lattice.x0) * lattice.per_x);
+      const float r = std::floor(((focus > 0.0 ? p[1] / p[2] : p[1]) - lattice.y0) * lattice.per_y);
+      const double cell = static_cast<double>(r) * static_cast<double>(lattice.columns) + static_cast<double>(c);
+      steps += cell > before ? 1U : 0U;
+      before = cell;
+    }
+    EXPECT_GT(static_cast<double>(steps), 0.997 * static_cast<double>(first.size() / 3));
+  }
+}
+
+TEST(LatticeOrder, LeavesTheCloudAloneWhereThereIsNoRoom) {
+  std::vector<float> xyz = shuffled(scan(0.0));
+  const std::vector<float> before = xyz;
+  Lattice lattice;
+  ASSERT_TRUE(find(xyz, 1, lattice));
+  std::vector<float> room(xyz.size() / 2 - 3);
+  std::vector<std::uint32_t> words(kOrderWords);
+  Cloud cloud = view(xyz);
+  Team team(1);
+  EXPECT_FALSE(order_points(cloud, lattice, {{std::span(room), {}, {}}, words}, team));
+  EXPECT_FALSE(order_points(cloud, lattice, {{std::span(room), {}, {}}, {}}, team));
+  EXPECT_TRUE(same(xyz, before));
+}
+
+}  // namespace
+}  // namespace slabd::algo
