@@ -24,6 +24,7 @@
 #include <atomic>
 #include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <new>
 
@@ -91,20 +92,15 @@ struct Spreading {
   float* xyz = nullptr;
   std::size_t points = 0;
   float* table = nullptr;          ///< heights, row by row; NaN where there is none
-  GridMask* met = nullptr;         ///< cells where points met
+  std::uint8_t* met = nullptr;     ///< one bit for each cell, row by row: points met there
   std::uint32_t* notes = nullptr;  ///< one for sixteen points
   std::uint16_t* owner = nullptr;  ///< of each row: its block
   [[nodiscard]] std::size_t end_of(std::size_t block) const { return std::min(points, (block + 1) * kBlock); }
 };
 
-bool bit(const GridMask& mask, std::uint32_t column, std::uint32_t row) {
-  constexpr std::uint32_t kTile = GridLayout::kTileColumns;
-  return (mask.tile(static_cast<int>(column / kTile), static_cast<int>(row)) >> column % kTile & 1U) != 0;
-}
-void set_bit(GridMask& mask, std::uint32_t column, std::uint32_t row) {
-  constexpr std::uint32_t kTile = GridLayout::kTileColumns;
-  const int tile = static_cast<int>(column / kTile);
-  mask.set(tile, static_cast<int>(row), mask.tile(tile, static_cast<int>(row)) | 1U << column % kTile);
+/// Bytes of one bit for each cell, with room to read eight from any of them.
+constexpr std::size_t met_bytes(std::size_t cells) {
+  return cells / 8 + 8;
 }
 
 }  // namespace
@@ -202,12 +198,13 @@ class Spreader {
     }
     for (std::uint32_t left = at.inside; left != 0; left &= left - 1) {
       const auto k = static_cast<std::size_t>(std::countr_zero(left));
-      float& there = work_.table[at.row_of(k) * columns_ + at.column_of(k)];
+      const std::uint32_t cell = at.row_of(k) * columns_ + at.column_of(k);
+      float& there = work_.table[cell];
       if (std::isnan(there)) {
         there = at.z[k];
       } else {
         ++out.met;
-        set_bit(*work_.met, at.column_of(k), at.row_of(k));
+        work_.met[cell / 8] = static_cast<std::uint8_t>(work_.met[cell / 8] | 1U << cell % 8);
         there = std::min(there, at.z[k]);
       }
     }
@@ -247,7 +244,7 @@ class TakeOut {
       const std::size_t i = listed[k];
       const std::uint32_t what = work_.notes[i / kLanes];
       const Place at = place_of(what);
-      if (kind_of(what) != Note::run || met_in(at, static_cast<int>(span_of(what)) + 1))
+      if (kind_of(what) != Note::run || met_in(cell_of(what), span_of(what)))
         taken += singly(i, end);
       else if (span_of(what) == kLanes - 1)
         taken += remove(i, grid_.noise.sixteen(at.column, at.row));
@@ -266,14 +263,18 @@ class TakeOut {
     const auto row = static_cast<std::uint32_t>((cell_of(what) + 0.5) * per_columns_);
     return {static_cast<int>(cell_of(what) - row * columns_), static_cast<int>(row)};
   }
-  [[nodiscard]] HWY_INLINE bool met_in(const Place& at, int columns) const {
-    return any_met_ && work_.met->any(at.column, columns, at.row);
+  /// Did points meet in the cell, or as many behind it?
+  [[nodiscard]] HWY_INLINE bool met_in(std::uint32_t cell, std::uint32_t behind) const {
+    if (!any_met_) return false;
+    std::uint64_t bits = 0;
+    std::memcpy(&bits, work_.met + cell / 8, sizeof bits);
+    return (bits >> cell % 8 & ((std::uint64_t{2} << behind) - 1)) != 0;
   }
   [[nodiscard]] HWY_INLINE bool to_be_looked_at(std::uint32_t what) const {
     if (kind_of(what) != Note::run) return kind_of(what) == Note::singly;
     const Place at = place_of(what);
-    const int columns = static_cast<int>(span_of(what)) + 1;
-    return grid_.noise.any(at.column, columns, at.row) || met_in(at, columns);
+    return grid_.noise.any(at.column, static_cast<int>(span_of(what)) + 1, at.row) ||
+           met_in(cell_of(what), span_of(what));
   }
   std::uint64_t remove(std::size_t i, std::uint32_t lanes) const {
     for (std::uint32_t left = lanes; left != 0; left &= left - 1)
@@ -299,9 +300,11 @@ class TakeOut {
       const auto k = static_cast<std::size_t>(std::countr_zero(left));
       const std::uint32_t column = at.column_of(k);
       const std::uint32_t row = at.row_of(k);
+      const std::uint32_t cell = row * columns_ + column;
       // The table is out of the cache too.
-      const bool owner = !(any_met_ && bit(*work_.met, column, row)) || work_.table[row * columns_ + column] == at.z[k];
-      const bool bad = owner ? bit(grid_.noise, column, row) : !on_plane(column, row, at.z[k]);
+      const bool owner = !met_in(cell, 0) || work_.table[cell] == at.z[k];
+      const bool bad =
+          owner ? grid_.noise.any(static_cast<int>(column), 1, static_cast<int>(row)) : !on_plane(column, row, at.z[k]);
       if (bad) noise |= left & -left;
     }
     // A point that lacks one coordinate is missing altogether.
@@ -434,12 +437,14 @@ bool denoise_lattice(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, S
   if (!is_in_order(cloud, work.lattice)) (void)order_points(cloud, work.lattice, order_memory(memory), team);
 
   const GridLayout grid(static_cast<std::size_t>(work.lattice.columns), static_cast<std::size_t>(work.lattice.rows));
-  if (grid.columns * grid.rows > memory.order.size() || 2 * grid.tiles() > memory.surface.size() ||
-      3 * grid.mask_bytes() > memory.keep.size())
-    return false;
-  GridMask met(grid, memory.keep.data() + 2 * grid.mask_bytes());
-  work.met = &met;
-  work.table = ::new (memory.order.data()) float[grid.columns * grid.rows];
+  const std::size_t cells = grid.columns * grid.rows;
+  if (cells > memory.order.size() || met_bytes(cells) > memory.keep.size()) return false;
+  DenoiseWorkspace left = memory;
+  left.keep = memory.keep.first(memory.keep.size() - met_bytes(cells));
+  if (2 * grid.tiles() > left.surface.size() || 2 * grid.mask_bytes() > left.keep.size()) return false;
+  work.met = left.keep.data() + left.keep.size();
+  std::fill_n(work.met, met_bytes(cells), std::uint8_t{0});
+  work.table = ::new (memory.order.data()) float[cells];
   work.notes = ::new (scratch.data()) std::uint32_t[kNotesMax];
   work.owner = ::new (scratch.data() + kNotesMax) std::uint16_t[kRowsMax];
   const std::size_t blocks = (cloud.points + kBlock - 1) / kBlock;
@@ -451,7 +456,7 @@ bool denoise_lattice(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, S
   HWY_DYNAMIC_DISPATCH(spread_rest)(work, spread);
   if (kOutsideShare * spread.outside > spread.finite || kMetShare * spread.met > spread.finite) return false;
 
-  GridWork judged(grid, nullptr, work.table, memory);
+  GridWork judged(grid, nullptr, work.table, left);
   judged.per_column_mm = work.lattice.away_mm / work.lattice.per_x;
   judged.per_row_mm = work.lattice.away_mm / work.lattice.per_y;
   if (!judge_grid(grid, judged, team)) return false;

@@ -7,9 +7,10 @@
 //  1. The table's rows are cut into bands whose points fit the second-level cache, and each block of the scan counts
 //  how
 //     many points it has for each band: now every point's band has its place in the sorted cloud.
-//  2. The points of the upper bands, half of all, go into the free memory, band by band; the others close ranks at the
-//     front of the cloud, which leaves its rear half free.
-//  3. The others go from there into the rear half, each to its band's place.
+//  2. The points of the upper bands, at least half of all, go into the free memory, band by band; the others close
+//  ranks
+//     at the front of the cloud, which leaves its rear free.
+//  3. The others go from there to the rear, each to its band's place.
 //  4. Band by band, in the cache: each point's number is noted in its cell, then the cells are gone through and the
 //     points written to their places; first the upper bands, from the free memory to the front, then the lower ones, by
 //     way of a copy.
@@ -45,9 +46,9 @@ namespace {
 constexpr std::size_t kBlock = 1U << 16U;
 constexpr std::size_t kBlocksMax = (limits::kScanPointsMax + kBlock - 1) / kBlock;
 /// Bands of rows, and one more for the points without a cell.
-constexpr std::size_t kBandsMax = 511;
+constexpr std::size_t kBandsMax = 255;
 /// Cells of a band: points, copies and numbers are half a megabyte.
-constexpr std::size_t kBandCells = 1U << 14U;
+constexpr std::size_t kBandCells = 1U << 15U;
 constexpr std::uint32_t kNoPoint = ~0U;
 
 struct Bands {
@@ -135,7 +136,7 @@ void count_bands(const Bands& bands, const float* xyz, std::size_t first, std::s
 /// all to one. The cursors may write where points have been read.
 void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t last, std::size_t beyond,
           Cursors& cursors) {
-  constexpr std::size_t kAhead = 32;
+  constexpr std::size_t kAhead = 32;  // floats; without fetching ahead this takes twice as long
   const BandOf band_of(bands);
   const F16 most = f16(static_cast<float>(beyond));
   alignas(64) std::array<std::int32_t, kLanes> band;
@@ -228,26 +229,23 @@ bool order_points(Cloud& cloud, const Lattice& lattice, const OrderMemory& memor
     HWY_DYNAMIC_DISPATCH(count_bands)(bands, xyz, begin_of(block), end_of(block), place + block * stride);
   });
   std::array<std::size_t, kBandsMax + 2> start{};  // of each band in the sorted cloud
-  std::size_t split = bands.count;                 // the first of the lower bands
   for (std::size_t band = 0; band <= bands.count; ++band) {
     std::uint32_t points = 0;
     for (std::size_t block = 0; block < blocks; ++block) points += std::exchange(place[block * stride + band], points);
     start[band + 1] = start[band] + points;
-    if (split == bands.count && 2 * start[band] >= cloud.points) split = band;
   }
-  const std::size_t upper = start[split];
-  if (2 * upper < cloud.points) return false;
 
-  // Places of the upper bands in the free memory, and of what closes ranks.
+  // The upper bands are as many as there is room for.
   std::array<float*, kBandsMax> kept{};
-  std::size_t piece = 0, used = 0;
-  for (std::size_t band = 0; band < split; ++band) {
-    const std::size_t floats = 3 * (start[band + 1] - start[band]);
+  std::size_t split = 0;  // the first of the lower bands
+  for (std::size_t piece = 0, used = 0; split < bands.count; ++split) {
+    const std::size_t floats = 3 * (start[split + 1] - start[split]);
     while (piece < memory.points.size() && memory.points[piece].size() - used < floats) ++piece, used = 0;
-    if (piece == memory.points.size()) return false;
-    kept[band] = memory.points[piece].data() + used;
+    if (piece == memory.points.size()) break;
+    kept[split] = memory.points[piece].data() + used;
     used += floats;
   }
+  if (2 * start[split] < cloud.points) return false;
   const std::span<float> copies = memory.points[0];  // free again when the upper bands are sorted
   for (std::size_t band = split; band < bands.count; ++band)
     if (3 * (start[band + 1] - start[band]) > copies.size() / 2) return false;
