@@ -76,9 +76,11 @@ class CalibrationScene {
   [[nodiscard]] Pose T_scanner_target(const Pose& T_base_flange, std::uint64_t visit) const;
 
   /// Draws what the scanner sees from there into `xyz` (3 floats a point, resized). config: the target is not in front
-  /// of the scanner. The same arguments give the same bits. About 0.1 s, and 1 s for a full scan.
+  /// of the scanner. The same arguments give the same bits; `shot` changes the scan's noise alone. About 0.1 s, and 1 s
+  /// for a full scan.
   [[nodiscard]] Result<DrawnScan> draw(const Pose& T_base_flange, std::uint64_t visit,
-                                       const CalibrationScanTraits& scan, std::vector<float>& xyz) const;
+                                       const CalibrationScanTraits& scan, std::vector<float>& xyz,
+                                       std::uint64_t shot = 0) const;
 
  private:
   CalibrationScene() = default;
