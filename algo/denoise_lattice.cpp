@@ -46,8 +46,8 @@
 namespace slabd::algo {
 namespace {
 
-/// What is noted of sixteen points: a kind, and of a run its first cell and the columns behind that it may reach to: 15
-/// if they lie side by side, else as far as anything that counts as a run.
+/// What is noted of sixteen points: a kind, and of a run its first cell and its span, the columns behind that it
+/// reaches to: 15 if and only if they lie side by side from left to right.
 enum class Note : std::uint32_t {
   nothing,  ///< no point is there
   run,      ///< all in one row, within a span of columns from the first, none met another
@@ -135,6 +135,8 @@ class Spreader {
 
   /// Spreads point i and the fifteen behind it.
   HWY_INLINE void spread(const Lattice& lattice, std::size_t i, std::size_t end, Spread& out) {
+    constexpr std::size_t kAhead = 1'536;  // floats
+    for (std::size_t line = 0; line < 3; ++line) hwy::Prefetch(work_.xyz + 3 * i + kAhead + kLanes * line);
     work_.notes[i / kLanes] = spread(lattice, sixteen_points(work_.xyz, end, i), out);
   }
 
@@ -155,28 +157,29 @@ class Spreader {
       if (!owns(r)) return note(Note::put_off);
       const std::uint32_t cell = r * columns_ + static_cast<std::uint32_t>(first);
       float* to = work_.table + cell;
-      const bool side_by_side = all(along == lane_numbers());
-      if (side_by_side ? spread_side_by_side(p, to) : spread_run(p, along, to)) {
+      const std::uint32_t span = all(along == lane_numbers()) ? spread_side_by_side(p, to) : spread_run(p, along, to);
+      if (span != 0) {
         out.finite += kLanes;
-        return note(Note::run, cell, side_by_side ? kLanes - 1 : kSpanMax);
+        return note(Note::run, cell, span);
       }
     }
     return spread_singly(p, {work_.lattice, p, at}, out);
   }
 
-  /// Sixteen in cells beside each other. Not done, and false, if others are there.
-  static HWY_INLINE bool spread_side_by_side(const Points16& p, float* to) {
+  /// Sixteen in cells beside each other. Returns their span; 0, and nothing done, if others are there.
+  static HWY_INLINE std::uint32_t spread_side_by_side(const Points16& p, float* to) {
     const F16 there = load(to);
-    if (any(there == there)) return false;
+    if (any(there == there)) return 0;
     store(p.z, to);
-    return true;
+    return kLanes - 1;
   }
-  /// Sixteen so many columns along. Not done, and false, if others are there or two of them meet.
-  static HWY_INLINE bool spread_run(const Points16& p, const F16& along, float* to) {
+  /// Sixteen so many columns along, in whatever order. Returns their span, or a little more; 0, and nothing done, if
+  /// others are there or two of them meet.
+  static HWY_INLINE std::uint32_t spread_run(const Points16& p, const F16& along, float* to) {
     static_assert(kSpanMax == 2 * kLanes - 1);
     const F16 low = load(to);
     const F16 high = load(to + kLanes);
-    if (any((low == low) | (high == high))) return false;
+    if (any((low == low) | (high == high))) return 0;
     alignas(64) std::array<std::int32_t, kLanes> column;
     alignas(64) std::array<float, kLanes> z;
     store(to_int(along), column.data());
@@ -184,10 +187,12 @@ class Spreader {
     for (std::size_t k = 0; k < kLanes; ++k) to[column[k]] = z[k];
     const F16 low_now = load(to);
     const F16 high_now = load(to + kLanes);
-    if (std::popcount(bits(low_now == low_now) | bits(high_now == high_now) << kLanes) == kLanes) return true;
+    const std::uint32_t there = bits(low_now == low_now) | bits(high_now == high_now) << kLanes;
+    if (std::popcount(there) == kLanes)
+      return std::max(static_cast<std::uint32_t>(kLanes), static_cast<std::uint32_t>(std::bit_width(there)) - 1);
     store(f16(kNoPlane), to);
     store(f16(kNoPlane), to + kLanes);
-    return false;
+    return 0;
   }
 
   HWY_NOINLINE std::uint32_t spread_singly(const Points16& p, const Singly& at, Spread& out) {
