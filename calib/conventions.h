@@ -39,7 +39,7 @@ struct ConventionReport {
 
 /// Tries all readings. Needs at least 5 views; with fewer, or when rotations are too small to tell, nothing is claimed:
 /// stated_fits stays true. A reading is named only if what is stated is off by more than 3 sigmas and the reading
-/// explains the views at least three times as well.
+/// explains the views at least five times as well.
 [[nodiscard]] ConventionReport test_conventions(ArtefactKind kind, std::span<const View> views,
                                                 const StatedNoise& noise);
 

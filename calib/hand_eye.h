@@ -32,7 +32,7 @@ struct SolveSettings {
   double point_sigma_mm_max = kNoValue;
   bool convention_test = true;  ///< off: faster, for callers who solve the same views many times
 };
-inline constexpr double kPointSigmaPerNoise = 5.0;
+inline constexpr double kPointSigmaPerNoise = 6.0;
 
 // The limits of a refusal, each with its reason code below.
 inline constexpr std::size_t kViewsMin = 6;

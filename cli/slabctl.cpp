@@ -89,6 +89,7 @@ int run(int argc, const char* const* argv) {
   add_history(app, exit_status);
   add_show(app, exit_status);
   add_simulate(app, exit_status);
+  add_calibrate(app, exit_status);
   add_config(app, exit_status);
   add_recipe(app, exit_status);
 

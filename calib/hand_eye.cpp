@@ -1,0 +1,382 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Hand-eye calibration in five steps: starting points in closed form; a robust adjustment from each, the best of which
+// says what is normal here; views that are rarer than one in sixteen thousand leave, are asked again after every plain
+// adjustment of the others, and come back if they fit; if positions and rotations are clearly not as noisy relative to
+// each other as stated, they are weighed by what they are and all is done again; figures.
+//
+// A view is judged by its residual's own standard deviation, not by the noise alone: in a small set a view pulls the
+// solution towards itself, and half of its error does not show in its residual.
+#include "calib/hand_eye.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "calib/adjustment.h"
+#include "calib/chi_square.h"
+#include "calib/judgement.h"
+#include "calib/rotation.h"
+#include "calib/weakness.h"
+
+namespace slabd::calib {
+namespace {
+
+constexpr double kRejectSigmas = 4.0;
+/// A smaller share of its own variance left in a residual says nothing about the view.
+constexpr double kRedundancyMin = 1e-6;
+
+using Chosen = std::vector<std::size_t>;
+
+double median(std::vector<double> values) {
+  if (values.empty()) return kNoValue;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// What the views and the stated noise must be to be computed with at all.
+Status check(ArtefactKind kind, std::span<const View> views, const StatedNoise& noise) {
+  if (views.empty()) return error(Code::config, "no views");
+  if (views.size() > kViewsMax)
+    return error(Code::config, "%zu views, at most %zu can be solved", views.size(), kViewsMax);
+  const bool balls = kind == ArtefactKind::ball;
+  for (const double sigma : {noise.robot_mm, noise.robot_rad, noise.target_mm, noise.target_rad})
+    if (!std::isfinite(sigma) || sigma < 0.0)
+      return error(Code::config, "stated noise must be finite and not negative, got %g", sigma);
+  if (noise.robot_mm + noise.target_mm <= 0.0)
+    return error(Code::config, "robot and target cannot both be without position noise");
+  if (!balls && noise.robot_rad + noise.target_rad <= 0.0)
+    return error(Code::config, "robot and target cannot both be without rotation noise");
+  std::vector<bool> seen;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const View& view = views[i];
+    if (!view.T_base_flange.all_finite() || !view.T_scanner_target.all_finite())
+      return error(Code::config, "view %zu has a number that is not finite", i + 1);
+    if (view.target_covariance && !view.target_covariance->allFinite())
+      return error(Code::config, "view %zu has a covariance that is not finite", i + 1);
+    if (!balls) continue;
+    if (view.balls.empty()) return error(Code::config, "view %zu sees no ball", i + 1);
+    for (const BallSighting& sighting : view.balls) {
+      if (sighting.ball >= kBallsMax)
+        return error(Code::config, "view %zu sees ball %zu; at most %zu balls", i + 1, sighting.ball + 1, kBallsMax);
+      if (!sighting.centre_mm.allFinite() || (sighting.cov_mm2 && !sighting.cov_mm2->allFinite()))
+        return error(Code::config, "view %zu has a ball centre that is not finite", i + 1);
+      if (seen.size() <= sighting.ball) seen.resize(sighting.ball + 1, false);
+      seen[sighting.ball] = true;
+    }
+  }
+  for (std::size_t ball = 0; ball < seen.size(); ++ball)
+    if (!seen[ball]) return error(Code::config, "ball %zu is never seen; number the balls without gaps", ball + 1);
+  return success();
+}
+
+/// How far each view is from what the chosen ones say.
+struct Verdicts {
+  std::vector<double> squares;  ///< of the residual over its own covariance
+  std::vector<int> freedom;
+  double scale = 1.0;  ///< robust size of the residuals, at least 1
+};
+
+Verdicts ask(const Equations& equations, const Chosen& chosen, const Linearised& linear) {
+  const Eigen::MatrixXd covariance = parameter_covariance(equations, chosen, linear);
+  std::vector<bool> inside(equations.size(), false);
+  for (const std::size_t i : chosen) inside[i] = true;
+  Verdicts verdicts;
+  std::vector<double> normalised;
+  for (std::size_t i = 0; i < equations.size(); ++i) {
+    const Eigen::MatrixXd& J = linear.J[i];
+    const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(J.rows(), J.rows());
+    const Eigen::MatrixXd own = identity + (inside[i] ? -1.0 : 1.0) * (J * covariance * J.transpose());
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(own);
+    double square = 0.0;
+    int freedom = 0;
+    for (int k = 0; k < own.rows(); ++k) {
+      if (parts.eigenvalues()[k] < kRedundancyMin) continue;
+      const double along = parts.eigenvectors().col(k).dot(linear.w[i]);
+      square += along * along / parts.eigenvalues()[k];
+      ++freedom;
+    }
+    verdicts.squares.push_back(square);
+    verdicts.freedom.push_back(freedom);
+    if (freedom > 0) normalised.push_back(square / chi_square_median(freedom));
+  }
+  if (!normalised.empty()) verdicts.scale = std::max(1.0, std::sqrt(median(normalised)));
+  return verdicts;
+}
+
+Chosen believable(const Verdicts& verdicts) {
+  Chosen chosen;
+  const double scale2 = verdicts.scale * verdicts.scale;
+  for (std::size_t i = 0; i < verdicts.squares.size(); ++i)
+    if (verdicts.freedom[i] == 0 || normal_sigmas(verdicts.squares[i] / scale2, verdicts.freedom[i]) <= kRejectSigmas)
+      chosen.push_back(i);
+  return chosen;
+}
+
+struct Selected {
+  Chosen kept;
+  Adjusted adjusted;
+  Linearised linear;
+  Verdicts verdicts;
+};
+
+/// Plain adjustment of the views that agree. `first` is what the robust adjustment found normal.
+Selected select(const Equations& equations, const Weighing& weighing, const State& state, Chosen first) {
+  constexpr int kRoundsMax = 20;
+  Selected selected{std::move(first), {state, 0.0, false}, {}, {}};
+  std::vector<Chosen> tried;
+  for (int round = 0;; ++round) {
+    selected.adjusted = adjust_and_weigh(equations, selected.kept, weighing, selected.adjusted.state, false);
+    selected.linear =
+        linearise(equations, equations.whiteners(selected.adjusted.state, weighing), selected.adjusted.state);
+    selected.verdicts = ask(equations, selected.kept, selected.linear);
+    tried.push_back(selected.kept);
+    Chosen next = believable(selected.verdicts);
+    // When most views leave, nobody knows which ones are right. When a set comes up again it would forever.
+    const bool hopeless = 2 * next.size() < equations.size();
+    if (hopeless || round == kRoundsMax || std::find(tried.begin(), tried.end(), next) != tried.end()) break;
+    selected.kept = std::move(next);
+  }
+  return selected;
+}
+
+/// The best robust adjustment, and the views that are normal in it.
+struct RobustFit {
+  State state;
+  Chosen normal;
+};
+
+RobustFit fit_robustly(const Equations& equations, const Weighing& weighing) {
+  Chosen all(equations.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  RobustFit best;
+  double lowest = std::numeric_limits<double>::infinity();
+  for (const State& start : starting_points(equations, weighing)) {
+    const Adjusted adjusted = adjust_and_weigh(equations, all, weighing, start, true);
+    if (!(adjusted.cost < lowest)) continue;
+    lowest = adjusted.cost;
+    best.state = adjusted.state;
+  }
+  Verdicts verdicts;
+  std::vector<double> normalised;
+  const Linearised linear = linearise(equations, equations.whiteners(best.state, weighing), best.state);
+  for (std::size_t i = 0; i < equations.size(); ++i) {
+    verdicts.squares.push_back(linear.w[i].squaredNorm());
+    verdicts.freedom.push_back(equations.rows(i));
+    normalised.push_back(verdicts.squares[i] / chi_square_median(verdicts.freedom[i]));
+  }
+  verdicts.scale = std::max(1.0, std::sqrt(median(normalised)));
+  best.normal = believable(verdicts);
+  if (2 * best.normal.size() < equations.size()) best.normal = all;
+  return best;
+}
+
+/// Size of the residuals relative to their weights, positions and rotations apart, and how many equations each has
+/// left.
+struct Sizes {
+  double all = kNoValue;
+  double position = kNoValue;
+  double rotation = kNoValue;
+  double position_freedom = 0.0;
+  double rotation_freedom = 0.0;
+};
+
+Sizes sizes_of(const Equations& equations, const Chosen& kept, const Linearised& linear) {
+  const Eigen::MatrixXd covariance = parameter_covariance(equations, kept, linear);
+  const int turning = equations.rotation_rows();
+  double rotation = 0.0;
+  double position = 0.0;
+  Sizes sizes;
+  for (const std::size_t i : kept) {
+    const Eigen::MatrixXd& J = linear.J[i];
+    const Eigen::VectorXd left = Eigen::VectorXd::Ones(J.rows()) - (J * covariance * J.transpose()).diagonal();
+    rotation += linear.w[i].head(turning).squaredNorm();
+    position += linear.w[i].tail(J.rows() - turning).squaredNorm();
+    sizes.rotation_freedom += left.head(turning).sum();
+    sizes.position_freedom += left.tail(J.rows() - turning).sum();
+  }
+  constexpr double kSome = 0.5;
+  if (sizes.position_freedom > kSome) sizes.position = std::sqrt(position / sizes.position_freedom);
+  if (sizes.rotation_freedom > kSome) sizes.rotation = std::sqrt(rotation / sizes.rotation_freedom);
+  const double freedom = sizes.position_freedom + sizes.rotation_freedom;
+  if (freedom > kSome) sizes.all = std::sqrt((position + rotation) / freedom);
+  return sizes;
+}
+
+/// Weighs positions and rotations by what they turn out to be, once that is certain: a logarithm of a variance ratio
+/// has the variance 2/n + 2/m. Returns whether it changed anything.
+bool reweigh(const Sizes& sizes, bool before, Weighing& weighing) {
+  if (!(sizes.position > 0.0) || !(sizes.rotation > 0.0)) return false;
+  const double ratio = std::abs(2.0 * std::log(sizes.position / sizes.rotation));
+  const double chance = std::sqrt(2.0 / sizes.position_freedom + 2.0 / sizes.rotation_freedom);
+  constexpr double kSure = 3.0;
+  constexpr double kSettled = 0.01;
+  if (ratio < (before ? kSettled : kSure * chance)) return false;
+  weighing.position *= sizes.position;
+  weighing.rotation *= sizes.rotation;
+  return true;
+}
+
+ViewFit fit_of(const Equations& equations, std::size_t i, const State& state) {
+  Eigen::VectorXd r;
+  equations.residual(i, state, r, nullptr);
+  const int turning = equations.rotation_rows();
+  ViewFit fit;
+  const double points = static_cast<double>(r.size() - turning) / 3.0;
+  fit.residual_mm = r.tail(r.size() - turning).norm() / std::sqrt(points);
+  if (turning > 0) fit.residual_deg = deg_from_rad(r.head(turning).norm());
+  return fit;
+}
+
+void leave_one_out(const Equations& equations, const Selected& selected, const Weighing& weighing, HandEye& result) {
+  if (selected.kept.size() < 4) return;
+  const State& state = selected.adjusted.state;
+  const std::vector<Eigen::MatrixXd> whiteners = equations.whiteners(state, weighing);
+  std::vector<std::size_t> seen(equations.targets(), 0);
+  const auto count = [&](std::size_t i, auto&& f) {
+    if (equations.kind() == ArtefactKind::pose) return;
+    for (const BallSighting& sighting : equations.view(i).balls) f(seen[sighting.ball]);
+  };
+  for (const std::size_t i : selected.kept) count(i, [](std::size_t& n) { ++n; });
+  for (const std::size_t out : selected.kept) {
+    bool alone = false;
+    count(out, [&](const std::size_t& n) { alone = alone || n < 2; });
+    if (alone) continue;  // without this view nobody knows where its ball is
+    Chosen others;
+    for (const std::size_t i : selected.kept)
+      if (i != out) others.push_back(i);
+    const Adjusted without = adjust(equations, others, whiteners, state, false);
+    const ViewFit fit = fit_of(equations, out, without.state);
+    result.views[out].leave_one_out_mm = fit.residual_mm;
+    result.views[out].leave_one_out_deg = fit.residual_deg;
+  }
+}
+
+Spread spread_over(const HandEye& result, double ViewFit::*figure) {
+  std::vector<double> values;
+  for (const ViewFit& view : result.views)
+    if (view.kept) values.push_back(view.*figure);
+  return spread_of(values);
+}
+
+/// Covariance of X for errors as stated, or larger where they turned out larger: the adjustment N^-1 J' w of errors
+/// with that covariance, whatever it was weighed by.
+Mat6 covariance_of_pose(const Equations& equations, const Selected& selected, const Weighing& weighing, double s0) {
+  Weighing errors = weighing;
+  errors.position = std::max(1.0, weighing.position);
+  errors.rotation = std::max(1.0, weighing.rotation);
+  const State& state = selected.adjusted.state;
+  const Eigen::MatrixXd inverse = parameter_covariance(equations, selected.kept, selected.linear);
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(inverse.rows(), inverse.cols());
+  for (const std::size_t i : selected.kept) {
+    // w = L^-1 r has the covariance (L^-1 K) (L^-1 K)' if that of r is K K'.
+    const Eigen::MatrixXd K = equations.whitener(i, state, errors).inverse();
+    const Eigen::MatrixXd spread = selected.linear.J[i].transpose() * equations.whitener(i, state, weighing) * K;
+    sum += spread * spread.transpose();
+  }
+  const bool as_stated = weighing.position == 1.0 && weighing.rotation == 1.0;
+  const double factor = as_stated && s0 > 1.0 ? s0 * s0 : 1.0;
+  return factor * (inverse * sum * inverse).topLeftCorner<6, 6>();
+}
+
+void forget_pose(HandEye& result) {
+  const Vec3 nowhere = Vec3::Constant(kNoValue);
+  const Quat unturned(kNoValue, kNoValue, kNoValue, kNoValue);
+  result.T_flange_scanner = {unturned, nowhere};
+  for (Pose& target : result.targets) target = {unturned, nowhere};
+}
+
+Circumstances circumstances_of(const Equations& equations, const StatedNoise& noise) {
+  Circumstances c;
+  c.kind = equations.kind();
+  c.noise = noise;
+  std::vector<double> flange;
+  std::vector<double> target;
+  for (std::size_t i = 0; i < equations.size(); ++i) {
+    const View& view = equations.view(i);
+    flange.push_back(view.T_base_flange.translation_mm.norm());
+    if (c.kind == ArtefactKind::pose) target.push_back(view.T_scanner_target.translation_mm.norm());
+    for (const BallSighting& seen : view.balls)
+      if (c.kind == ArtefactKind::ball) target.push_back(seen.centre_mm.norm());
+  }
+  c.median_flange_mm = median(flange);
+  c.median_target_mm = median(target);
+  return c;
+}
+
+}  // namespace
+
+Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const StatedNoise& noise,
+                      const SolveSettings& settings) {
+  if (Status status = check(kind, views, noise); !status) return status.error();
+  const Equations equations(kind, views);
+  Weighing weighing{noise, 1.0, 1.0};
+  const RobustFit robust = fit_robustly(equations, weighing);
+
+  HandEye result;
+  constexpr int kReweighingsMax = 10;
+  Selected selected = select(equations, weighing, robust.state, robust.normal);
+  Sizes sizes = sizes_of(equations, selected.kept, selected.linear);
+  for (int k = 0; k < kReweighingsMax && reweigh(sizes, result.reweighted, weighing); ++k) {
+    result.reweighted = true;
+    selected = select(equations, weighing, selected.adjusted.state, selected.kept);
+    sizes = sizes_of(equations, selected.kept, selected.linear);
+  }
+  const State& state = selected.adjusted.state;
+  result.T_flange_scanner = state.X;
+  result.targets = state.targets;
+
+  std::vector<bool> kept(views.size(), false);
+  for (const std::size_t i : selected.kept) kept[i] = true;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    ViewFit fit = fit_of(equations, i, state);
+    fit.kept = kept[i];
+    fit.sigmas = normal_sigmas(selected.verdicts.squares[i], selected.verdicts.freedom[i]);
+    if (!fit.kept) result.rejected.push_back(i);
+    result.views.push_back(fit);
+  }
+  result.worst_view = selected.kept.front();
+  for (const std::size_t i : selected.kept)
+    if (result.views[i].sigmas > result.views[result.worst_view].sigmas) result.worst_view = i;
+
+  result.s0_position = weighing.position * sizes.position;
+  result.s0_rotation = weighing.rotation * sizes.rotation;
+  const Linearised as_stated = linearise(equations, equations.whiteners(state, {noise}), state);
+  result.s0 = sizes_of(equations, selected.kept, as_stated).all;
+  result.rotation_spread_axes_deg = rotation_spread_axes_deg(views);
+  result.rotation_spread_deg = result.rotation_spread_axes_deg[2];
+  if (kind == ArtefactKind::ball) result.ball_spread_axes_mm = ball_spread_axes_mm(views);
+
+  Circumstances circumstances = circumstances_of(equations, noise);
+  circumstances.views = views;
+  circumstances.converged = selected.adjusted.converged;
+  const Weakness weakness = weakness_of(equations, selected.kept, as_stated);
+  result.condition = weakness.condition;
+  result.smallest_singular_value = weakness.smallest;
+  result.determined = weakness.condition <= kConditionDegenerate;
+  circumstances.weakest = weakness.text;
+  result.point_sigma_limit_mm = has_value(settings.point_sigma_mm_max)
+                                    ? settings.point_sigma_mm_max
+                                    : kPointSigmaPerNoise * std::hypot(noise.robot_mm, noise.target_mm);
+  if (result.determined) {
+    leave_one_out(equations, selected, weighing, result);
+    result.covariance = covariance_of_pose(equations, selected, weighing, result.s0);
+    result.predicted_point_sigma_mm = point_sigma_mm(result.covariance, result.T_flange_scanner, settings.fov);
+  } else {
+    forget_pose(result);
+  }
+  result.residual_mm = spread_over(result, &ViewFit::residual_mm);
+  result.residual_deg = spread_over(result, &ViewFit::residual_deg);
+  result.leave_one_out_mm = spread_over(result, &ViewFit::leave_one_out_mm);
+  result.leave_one_out_deg = spread_over(result, &ViewFit::leave_one_out_deg);
+
+  if (settings.convention_test && needs_convention_test(result))
+    result.conventions = test_conventions(kind, views, noise);
+  judge(circumstances, result);
+  return result;
+}
+
+}  // namespace slabd::calib

@@ -1,0 +1,268 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// From figures to reasons. A cause is named before its consequences, and a consequence that the cause explains is not
+// named as another reason: poses read wrongly make every other figure meaningless, and a scanner that was never turned
+// needs no remark about its condition number.
+#include "calib/judgement.h"
+
+#include <array>
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+
+namespace slabd::calib {
+namespace {
+
+/// Below this a principal rotation or spread counts as none at all.
+constexpr double kNoRotationDeg = 0.5;
+constexpr double kNearNothingMm = 10.0;
+
+[[gnu::format(printf, 1, 2)]] std::string sentence(const char* format, ...) {
+  std::array<char, 512> text{};
+  va_list args;
+  va_start(args, format);
+  std::vsnprintf(text.data(), text.size(), format, args);
+  va_end(args);
+  return text.data();
+}
+
+void refuse(HandEye& result, Refusal code, std::string text, std::string cure) {
+  result.reasons.push_back({code, std::move(text), std::move(cure)});
+}
+
+/// Poses that mean something else than was stated. True when that explains everything.
+bool judge_reading(const Circumstances& c, HandEye& result) {
+  const ConventionReport& report = result.conventions;
+  if (report.fits != 0) {
+    const Hypothesis& fits = report.tried[report.fits];
+    refuse(result, fits.changes == Misreading::units ? Refusal::units : Refusal::convention,
+           sentence("as stated the views miss each other by %.1f mm (median); they fit to %.2f mm if %s",
+                    report.tried[0].residual_mm, fits.residual_mm, fits.name.c_str()),
+           fits.cure);
+    return true;
+  }
+  const bool flange = c.median_flange_mm < kNearNothingMm;
+  const bool target = c.median_target_mm < kNearNothingMm;
+  if (flange || target) {
+    refuse(result, Refusal::units,
+           sentence("%s only %.3g mm long (median): metres read as millimetres?",
+                    flange && target ? "flange positions and target positions are"
+                    : flange         ? "flange positions are"
+                                     : "target positions are",
+                    flange ? c.median_flange_mm : c.median_target_mm),
+           "write millimetres, or say so in the table: # format: unit=m");
+    return true;
+  }
+  if (!result.determined) return false;
+  const double arm_mm = result.T_flange_scanner.translation_mm.norm();
+  if (!(arm_mm > kScannerArmMaxMm)) return false;
+  if (c.kind == ArtefactKind::pose && result.targets[0].translation_mm.norm() < kScannerArmMaxMm) {
+    refuse(
+        result, Refusal::convention,
+        sentence("the scanner would sit %.0f mm from its flange and the artefact %.0f mm from the robot's root: both "
+                 "tables look inverted, which fits as well and exchanges the two",
+                 arm_mm, result.targets[0].translation_mm.norm()),
+        "give T_base_flange and T_scanner_target, or say what the tables hold: # format: frames=T_flange_base and "
+        "frames=T_target_scanner");
+    return true;
+  }
+  refuse(result, Refusal::implausible,
+         sentence("the scanner would sit %.0f mm from its flange; more than %.0f mm is a mistake of frames or units",
+                  arm_mm, kScannerArmMaxMm),
+         "give the pose of the flange, not of a tool, in the robot's root frame, and check both units");
+  return false;
+}
+
+void judge_count(const Circumstances& c, HandEye& result) {
+  const std::size_t kept = c.views.size() - result.rejected.size();
+  if (c.views.size() < kViewsMin)
+    refuse(result, Refusal::too_few_views,
+           sentence("%zu views; at least %zu are needed, 15 to 25 advised", c.views.size(), kViewsMin),
+           "capture more views, tilted 20 to 35 deg in different directions");
+  else if (kept < kViewsMin)
+    refuse(
+        result, Refusal::too_few_views,
+        sentence("%zu of %zu views are left after rejection; at least %zu are needed", kept, c.views.size(), kViewsMin),
+        "repeat the rejected views and capture more");
+}
+
+/// True when the rotations are the cause of whatever is badly determined.
+bool judge_rotations(HandEye& result) {
+  const std::array<double, 3>& spread = result.rotation_spread_axes_deg;
+  if (!(spread[2] < kRotationSpreadMinDeg)) return false;
+  if (spread[0] < kNoRotationDeg) {
+    refuse(
+        result, Refusal::one_orientation,
+        sentence("all views have one orientation (spread %.2f deg): where the scanner sits cannot be told from where "
+                 "the artefact stands",
+                 spread[0]),
+        "tilt the scanner by +-25 deg about two axes between views");
+  } else if (spread[1] < kNoRotationDeg) {
+    refuse(
+        result, Refusal::one_rotation_axis,
+        sentence("the scanner was turned about one axis only (spread %.1f, %.2f, %.2f deg): where it sits along that "
+                 "axis is not determined",
+                 spread[0], spread[1], spread[2]),
+        "tilt about a second axis too, +-25 deg");
+  } else {
+    refuse(result, Refusal::rotation_too_small,
+           sentence("the scanner was hardly turned about %s: principal rotation spread %.1f, %.1f, %.1f deg, the "
+                    "smallest must reach %.0f (better %.0f)",
+                    spread[0] < kRotationSpreadMinDeg   ? "any axis"
+                    : spread[1] < kRotationSpreadMinDeg ? "two of three axes"
+                                                        : "one of three axes",
+                    spread[0], spread[1], spread[2], kRotationSpreadMinDeg, kRotationSpreadAdvisedDeg),
+           spread[1] < kRotationSpreadMinDeg ? "use larger tilts, 20 to 35 deg in six or more directions"
+                                             : "turn about all three axes: tilts of 20 to 35 deg in six or more "
+                                               "directions, and roll of +-45 deg or more");
+  }
+  return true;
+}
+
+bool judge_ball_places(HandEye& result) {
+  const std::array<double, 3>& spread = result.ball_spread_axes_mm;
+  if (!(spread[1] < kBallSpreadMinMm)) return false;
+  if (spread[0] < kBallSpreadMinMm)
+    refuse(result, Refusal::ball_in_one_place,
+           sentence("the ball was always in one place of the view (standard deviation %.1f, %.1f, %.1f mm, two of them "
+                    "must reach %.0f): the scanner's orientation is not determined",
+                    spread[0], spread[1], spread[2], kBallSpreadMinMm),
+           "put the ball into the four corners of the view, near and far");
+  else
+    refuse(result, Refusal::ball_on_a_line,
+           sentence("the ball was always on one line in the view (standard deviation %.1f mm along it, %.1f mm across, "
+                    "which must reach %.0f): the scanner's turn about that line is not determined",
+                    spread[0], spread[1], kBallSpreadMinMm),
+           "move the ball sideways in the view, into all four corners");
+  return true;
+}
+
+void judge_fit(const Circumstances& c, HandEye& result) {
+  const double share = static_cast<double>(result.rejected.size()) / static_cast<double>(c.views.size());
+  if (share > kRejectedShareMax)
+    refuse(result, Refusal::too_many_rejected,
+           sentence("%zu of %zu views do not fit the others (more than %.0f %%): nobody knows which ones are right",
+                    result.rejected.size(), c.views.size(), 100.0 * kRejectedShareMax),
+           "look for what changed during capture: artefact moved, scanner knocked, poses taken while the robot moved; "
+           "then capture anew");
+  if (result.s0 > kS0Max) {
+    // Residuals of centimetres are no noise: something is read wrongly, in a way the convention test does not know.
+    constexpr double kNoNoiseMm = 10.0;
+    const double fits_mm = result.s0_position * std::hypot(c.noise.robot_mm, c.noise.target_mm);
+    refuse(
+        result, Refusal::noise_above_stated,
+        sentence("residuals are %.3g times what the stated noise explains (at most %.0f): robot %.3g mm, %.3g deg",
+                 result.s0, kS0Max, c.noise.robot_mm, deg_from_rad(c.noise.robot_rad)),
+        fits_mm > kNoNoiseMm
+            ? "no known misreading of the poses explains it: check that each target belongs to its flange pose, that "
+              "the artefact stood still, and frames, angles and units of both tables"
+            : sentence("if the robot is no better than that, state it (about %.2g mm); else find out what moved",
+                       fits_mm));
+  }
+  // Of positions and rotations one may well be better than stated; both are only when the figures were made up.
+  const double larger = has_value(result.s0_rotation) ? std::max(result.s0_position, result.s0_rotation) : result.s0;
+  if (larger < kS0Min)
+    refuse(result, Refusal::noise_below_stated,
+           sentence("residuals are only %.2g of what the stated noise explains (at least %.1f)", larger, kS0Min),
+           sentence("if the stated figure is the robot's accuracy, which neighbouring poses share, state its "
+                    "repeatability (here about %.2g mm); else find out whether views are copies of each other",
+                    result.s0_position * std::hypot(c.noise.robot_mm, c.noise.target_mm)));
+  if (!c.converged && result.determined)
+    refuse(result, Refusal::not_converged, "the adjustment did not settle", "capture more views, more different ones");
+  const Spread& loo = result.leave_one_out_mm;
+  if (loo.max > kLeaveOneOutRatioMax * loo.median) {
+    std::size_t view = 0;
+    for (std::size_t i = 0; i < result.views.size(); ++i)
+      if (result.views[i].kept && result.views[i].leave_one_out_mm == loo.max) view = i;
+    refuse(
+        result, Refusal::leave_one_out,
+        sentence("view %zu is missed by %.3f mm when the others predict it, %.1f times the median (at most %.0f): the "
+                 "result hangs on it",
+                 view + 1, loo.max, loo.max / loo.median, kLeaveOneOutRatioMax),
+        sentence("repeat view %zu, or capture others like it", view + 1));
+  }
+}
+
+void advise(const Circumstances& c, HandEye& result) {
+  if (c.views.size() < kViewsAdvised && c.views.size() >= kViewsMin)
+    result.warnings.push_back(sentence("%zu views; 15 to 25 are advised", c.views.size()));
+  if (result.rotation_spread_deg < kRotationSpreadAdvisedDeg && result.rotation_spread_deg >= kRotationSpreadMinDeg)
+    result.warnings.push_back(sentence("smallest rotation spread %.1f deg; %.0f is advised: larger tilts",
+                                       result.rotation_spread_deg, kRotationSpreadAdvisedDeg));
+  if (result.reweighted)
+    result.warnings.push_back(
+        sentence("positions err %.2f and rotations %.2f times as much as stated; they were weighed accordingly",
+                 result.s0_position, result.s0_rotation));
+  if (!result.rejected.empty()) {
+    std::string list;
+    for (const std::size_t i : result.rejected) list += (list.empty() ? "" : ", ") + std::to_string(i + 1);
+    result.warnings.push_back("views that do not fit and were left out: " + list);
+  }
+  std::size_t behind = 0;
+  for (const View& view : c.views) {
+    bool any = c.kind == ArtefactKind::pose && view.T_scanner_target.translation_mm.z() <= 0.0;
+    for (const BallSighting& seen : view.balls)
+      any = any || (c.kind == ArtefactKind::ball && seen.centre_mm.z() <= 0.0);
+    behind += any ? 1 : 0;
+  }
+  if (behind > 0)
+    result.warnings.push_back(
+        sentence("in %zu views the artefact is behind the scanner (z <= 0); +Z points towards the part", behind));
+}
+
+}  // namespace
+
+bool needs_convention_test(const HandEye& result) {
+  const double share = static_cast<double>(result.rejected.size()) / static_cast<double>(result.views.size());
+  return !(result.s0 <= kS0Max) || share > kRejectedShareMax ||
+         result.T_flange_scanner.translation_mm.norm() > kScannerArmMaxMm;
+}
+
+void judge(const Circumstances& c, HandEye& result) {
+  judge_count(c, result);
+  if (!judge_reading(c, result)) {
+    const bool turned_badly = judge_rotations(result);
+    const bool placed_badly = c.kind == ArtefactKind::ball && judge_ball_places(result);
+    if (!(result.condition <= kConditionMax) && !turned_badly && !placed_badly)
+      refuse(result, Refusal::ill_conditioned,
+             sentence("the views hardly determine %s (condition %.3g, at most %.0f)", c.weakest.c_str(),
+                      result.condition, kConditionMax),
+             "capture views that differ more: tilt in other directions, artefact in the corners of the view");
+    judge_fit(c, result);
+    if (result.determined && !(result.predicted_point_sigma_mm <= result.point_sigma_limit_mm))
+      refuse(result, Refusal::predicted_error,
+             sentence("predicted error of a scanned point is %.3f mm (k = 1), limit %.3f mm",
+                      result.predicted_point_sigma_mm, result.point_sigma_limit_mm),
+             "capture more views, tilted 20 to 35 deg, the artefact in the corners of the view");
+  }
+  advise(c, result);
+  // Nothing may be used that is not determined, even if no reason was found above.
+  if (!result.determined && result.reasons.empty())
+    refuse(result, Refusal::ill_conditioned, "the views do not determine " + c.weakest,
+           "capture views that differ more");
+  result.ok = result.determined && result.reasons.empty();
+}
+
+std::string_view name(Refusal refusal) {
+  switch (refusal) {
+    case Refusal::too_few_views: return "too_few_views";
+    case Refusal::one_orientation: return "one_orientation";
+    case Refusal::one_rotation_axis: return "one_rotation_axis";
+    case Refusal::rotation_too_small: return "rotation_too_small";
+    case Refusal::ball_in_one_place: return "ball_in_one_place";
+    case Refusal::ball_on_a_line: return "ball_on_a_line";
+    case Refusal::ill_conditioned: return "ill_conditioned";
+    case Refusal::convention: return "convention";
+    case Refusal::units: return "units";
+    case Refusal::too_many_rejected: return "too_many_rejected";
+    case Refusal::noise_above_stated: return "noise_above_stated";
+    case Refusal::noise_below_stated: return "noise_below_stated";
+    case Refusal::leave_one_out: return "leave_one_out";
+    case Refusal::predicted_error: return "predicted_error";
+    case Refusal::not_converged: return "not_converged";
+    case Refusal::implausible: return "implausible";
+  }
+  return "";
+}
+
+}  // namespace slabd::calib

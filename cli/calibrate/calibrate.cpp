@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl calibrate: the group. What each verb does is in its own file.
+#include "cli/calibrate/calibrate.h"
+
+#include <CLI/CLI.hpp>
+
+#include "cli/command.h"
+
+namespace slabd::cli {
+
+void add_calibrate(CLI::App& app, int& exit_status) {
+  CLI::App* group = app.add_subcommand("calibrate", "Where the scanner sits on the flange: hand-eye and stations");
+  group->require_subcommand(1);
+  add_calibrate_solve(*group, exit_status);
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "calib/calib.h"
+#include "cli/json.h"
+
+namespace CLI {
+class App;
+}
+
+/// The verbs of `slabctl calibrate`, one file each. Each adds itself to the group and, when chosen, leaves its exit
+/// status (cli/exit.h) in `exit_status`.
+namespace slabd::cli {
+
+void add_calibrate_solve(CLI::App& group, int& exit_status);
+
+// How a hand-eye result is told, for every verb that solves.
+
+/// For people: the transform in three notations, every figure with unit and meaning, warnings, refusals with cures.
+[[nodiscard]] std::string hand_eye_text(calib::ArtefactKind kind, const calib::HandEye& result,
+                                        const calib::StatedNoise& noise);
+/// The fields of slabd.hand_eye/1, into the open object: status, T_flange_scanner, target, figures, reasons, warnings.
+/// Views are numbered from 1. null where there is nothing to tell.
+void write_hand_eye(Json& json, calib::ArtefactKind kind, const calib::HandEye& result,
+                    const calib::StatedNoise& noise);
+
+/// A transform three ways (4 x 4, quaternion w first, KUKA X Y Z A B C), indented lines.
+[[nodiscard]] std::string pose_three_ways(const Pose& pose);
+
+/// A whole text file, at most 16 MB. config: that it cannot be read, and why.
+[[nodiscard]] Result<std::string> text_file(const std::string& path);
+
+}  // namespace slabd::cli

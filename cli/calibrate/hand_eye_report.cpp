@@ -1,0 +1,229 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A hand-eye result for people and for programs. Every figure says its unit and what it means; a refused result shows
+// the same figures, and what to do.
+#include <fmt/core.h>
+
+#include <cmath>
+#include <vector>
+
+#include "cli/calibrate/calibrate.h"
+#include "cli/render.h"
+
+namespace slabd::cli {
+namespace {
+
+using calib::ArtefactKind;
+using calib::HandEye;
+
+std::string number(double v, int digits) {
+  return has_value(v) ? fmt::format("{:.{}f}", v, digits) : "-";
+}
+
+std::string three(const calib::Spread& spread, int digits) {
+  return fmt::format("{} / {} / {}", number(spread.median, digits), number(spread.rms, digits),
+                     number(spread.max, digits));
+}
+
+std::string axes(const std::array<double, 3>& v, int digits) {
+  return fmt::format("{} / {} / {}", number(v[0], digits), number(v[1], digits), number(v[2], digits));
+}
+
+std::string view_list(const std::vector<std::size_t>& views) {
+  std::string list;
+  for (const std::size_t i : views) list += (list.empty() ? "" : ", ") + std::to_string(i + 1);
+  return list.empty() ? "none" : list;
+}
+
+std::string sigmas_of_pose(const Mat6& covariance, bool rotation) {
+  std::array<double, 3> sigma{};
+  for (int k = 0; k < 3; ++k) {
+    const int at = rotation ? k + 3 : k;
+    const double s = std::sqrt(covariance(at, at));
+    sigma[static_cast<std::size_t>(k)] = rotation ? deg_from_rad(s) : s;
+  }
+  return axes(sigma, rotation ? 4 : 3);
+}
+
+std::string figures(ArtefactKind kind, const HandEye& r) {
+  const bool pose = kind == ArtefactKind::pose;
+  std::vector<std::vector<std::string>> rows = {{"figure", "value", "unit<", "meaning<"}};
+  const auto add = [&](const std::string& what, const std::string& value, const std::string& unit,
+                       const std::string& meaning) {
+    rows.push_back({what, value, unit, meaning});
+  };
+  add("predicted point error", number(r.predicted_point_sigma_mm, 3), "mm",
+      fmt::format("3-D, 1 sigma, rms over the field of view, random part; limit {}",
+                  number(r.point_sigma_limit_mm, 3)));
+  add("  expanded, k = 2", number(2.0 * r.predicted_point_sigma_mm, 3), "mm", "the same, 95 %");
+  add("leave-one-out", three(r.leave_one_out_mm, 3), "mm",
+      "median / rms / max miss of a view that took no part in the fit");
+  if (pose) add("", three(r.leave_one_out_deg, 4), "deg", "");
+  add("residuals", three(r.residual_mm, 3), "mm", "median / rms / max of the views kept; says less than the two above");
+  if (pose) add("", three(r.residual_deg, 4), "deg", "");
+  add("s0", number(r.s0, 2), "", "residuals over stated noise: 1 when the noise is as stated, allowed 0.3 to 3");
+  if (pose)
+    add("  position / rotation", fmt::format("{} / {}", number(r.s0_position, 2), number(r.s0_rotation, 2)), "",
+        r.reweighted ? "weighed by these" : "weighed as stated");
+  add("sigma of X, position", sigmas_of_pose(r.covariance, false), "mm", "along the flange's x / y / z");
+  add("sigma of X, rotation", sigmas_of_pose(r.covariance, true), "deg", "about the scanner's x / y / z");
+  add("condition", fmt::format("{:.3g}", r.condition), "", "of the adjustment: healthy 8 to 22, at most 50");
+  add("rotation spread", axes(r.rotation_spread_axes_deg, 1), "deg",
+      "principal values; the smallest must reach 5, better 15");
+  if (!pose)
+    add("ball spread in view", axes(r.ball_spread_axes_mm, 0), "mm",
+        "principal standard deviations; two must reach 25");
+  add("rejected views", view_list(r.rejected), "", "do not fit the others, left out of everything above");
+  if (!r.views.empty())
+    add("worst view kept", fmt::format("{}", r.worst_view + 1), "",
+        fmt::format("{} mm, as rare as {} sigma", number(r.views[r.worst_view].residual_mm, 3),
+                    number(r.views[r.worst_view].sigmas, 1)));
+  return table(rows);
+}
+
+void write_spread(Json& json, std::string_view name, const calib::Spread& spread) {
+  json.key(name).begin_object().field("median", spread.median).field("rms", spread.rms).field("max", spread.max);
+  json.end_object();
+}
+
+void write_target(Json& json, ArtefactKind kind, const HandEye& r) {
+  json.key("target");
+  if (!r.determined) {
+    json.null();
+  } else if (kind == ArtefactKind::pose) {
+    json.row(r.targets[0].to_array());
+  } else if (r.targets.size() == 1) {
+    json.row(std::span<const double>(r.targets[0].translation_mm.data(), 3));
+  } else {
+    json.begin_array();
+    for (const Pose& ball : r.targets) json.row(std::span<const double>(ball.translation_mm.data(), 3));
+    json.end_array();
+  }
+}
+
+void write_views(Json& json, const HandEye& r) {
+  json.key("views").begin_array();
+  for (std::size_t i = 0; i < r.views.size(); ++i) {
+    const calib::ViewFit& view = r.views[i];
+    json.begin_object().field("view", i + 1).field("kept", view.kept).field("residual_mm", view.residual_mm);
+    json.field("residual_deg", view.residual_deg).field("leave_one_out_mm", view.leave_one_out_mm);
+    json.field("leave_one_out_deg", view.leave_one_out_deg).field("sigmas", view.sigmas).end_object();
+  }
+  json.end_array();
+}
+
+void write_conventions(Json& json, const calib::ConventionReport& report) {
+  json.key("conventions");
+  if (report.tried.empty()) {
+    json.null();
+    return;
+  }
+  json.begin_object().field("stated_fits", report.stated_fits).key("fits");
+  if (report.fits == 0)
+    json.null();
+  else
+    json.value(std::string_view(report.tried[report.fits].name));
+  json.key("tried").begin_array();
+  for (const calib::Hypothesis& h : report.tried) {
+    json.begin_object().field("name", std::string_view(h.name)).field("sigmas", h.sigmas);
+    json.field("residual_mm", h.residual_mm).field("residual_deg", h.residual_deg);
+    json.field("angle_mismatch_deg", h.angle_mismatch_deg).field("pitch_mismatch_mm", h.pitch_mismatch_mm);
+    json.end_object();
+  }
+  json.end_array().end_object();
+}
+
+}  // namespace
+
+std::string pose_three_ways(const Pose& pose) {
+  const Mat4 m = pose.matrix();
+  std::string text;
+  for (int row = 0; row < 4; ++row)
+    text += fmt::format("  {} {:12.8f} {:12.8f} {:12.8f} {:12.4f}\n", row == 0 ? "4 x 4     " : "          ", m(row, 0),
+                        m(row, 1), m(row, 2), m(row, 3));
+  const std::array<double, 7> q = pose.to_array();
+  text += fmt::format("  quaternion  {:.4f} {:.4f} {:.4f}  {:.9f} {:.9f} {:.9f} {:.9f}    x y z qw qx qy qz, mm\n",
+                      q[0], q[1], q[2], q[3], q[4], q[5], q[6]);
+  const calib::KukaAbc abc = calib::kuka_abc_from_rotation(pose.rotation);
+  text += fmt::format("  KUKA        X {:.4f}, Y {:.4f}, Z {:.4f}, A {:.6f}, B {:.6f}, C {:.6f}    mm, deg\n", q[0],
+                      q[1], q[2], deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
+  return text;
+}
+
+std::string hand_eye_text(ArtefactKind kind, const HandEye& r, const calib::StatedNoise& noise) {
+  std::string text = fmt::format("{} of {} views of {}; stated noise: robot {:.4g} mm, {:.4g} deg, target {:.4g} mm",
+                                 r.views.size() - r.rejected.size(), r.views.size(),
+                                 kind == ArtefactKind::pose ? "an artefact's pose"
+                                 : r.targets.size() == 1    ? "a ball"
+                                                            : fmt::format("{} balls", r.targets.size()),
+                                 noise.robot_mm, deg_from_rad(noise.robot_rad), noise.target_mm);
+  if (kind == ArtefactKind::pose) text += fmt::format(", {:.4g} deg", deg_from_rad(noise.target_rad));
+  text += " (per axis, 1 sigma)\n\n";
+  if (r.determined)
+    text += "T_flange_scanner maps scanner coordinates to flange coordinates\n" + pose_three_ways(r.T_flange_scanner);
+  else
+    text += "T_flange_scanner is not determined by these views\n";
+  text += "\n" + figures(kind, r) + "\n";
+  for (const std::string& warning : r.warnings) text += "warning: " + warning + "\n";
+  if (r.ok) return text + "accepted\n";
+  text += "REFUSED\n";
+  for (const calib::Reason& reason : r.reasons)
+    text += fmt::format("  {}: {}\n    cure: {}\n", calib::name(reason.code), reason.text, reason.cure);
+  return text;
+}
+
+void write_hand_eye(Json& json, ArtefactKind kind, const HandEye& r, const calib::StatedNoise& noise) {
+  json.field("kind", calib::name(kind)).field("status", r.ok ? "ok" : "refused");
+  json.key("reasons").begin_array();
+  for (const calib::Reason& reason : r.reasons) {
+    json.begin_object().field("code", calib::name(reason.code)).field("text", std::string_view(reason.text));
+    json.field("cure", std::string_view(reason.cure)).end_object();
+  }
+  json.end_array().key("warnings").begin_array();
+  for (const std::string& warning : r.warnings) json.value(std::string_view(warning));
+  json.end_array();
+  json.field("maps", "scanner coordinates to flange coordinates");
+  if (r.determined) {
+    write_pose(json, "T_flange_scanner", r.T_flange_scanner);
+    write_matrix(json, "T_flange_scanner_matrix", r.T_flange_scanner);
+    const calib::KukaAbc abc = calib::kuka_abc_from_rotation(r.T_flange_scanner.rotation);
+    const Vec3& t = r.T_flange_scanner.translation_mm;
+    const std::array<double, 6> kuka = {
+        t.x(), t.y(), t.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};
+    json.field("T_flange_scanner_kuka_xyzabc_deg", std::span<const double>(kuka));
+  } else {
+    json.key("T_flange_scanner").null();
+    json.key("T_flange_scanner_matrix").null();
+    json.key("T_flange_scanner_kuka_xyzabc_deg").null();
+  }
+  write_target(json, kind, r);
+  write_spread(json, "residual_mm", r.residual_mm);
+  write_spread(json, "residual_deg", r.residual_deg);
+  write_spread(json, "leave_one_out_mm", r.leave_one_out_mm);
+  write_spread(json, "leave_one_out_deg", r.leave_one_out_deg);
+  json.field("s0", r.s0).field("s0_position", r.s0_position).field("s0_rotation", r.s0_rotation);
+  json.field("reweighted", r.reweighted).field("condition", r.condition);
+  json.field("rotation_spread_deg", r.rotation_spread_deg);
+  json.field("rotation_spread_axes_deg", std::span<const double>(r.rotation_spread_axes_deg));
+  json.field("ball_spread_axes_mm", std::span<const double>(r.ball_spread_axes_mm));
+  json.field("predicted_point_sigma_mm", r.predicted_point_sigma_mm);
+  json.field("point_sigma_limit_mm", r.point_sigma_limit_mm);
+  json.key("covariance").begin_array();
+  for (int row = 0; row < 6; ++row) {
+    std::array<double, 6> numbers{};
+    for (int column = 0; column < 6; ++column) numbers[static_cast<std::size_t>(column)] = r.covariance(row, column);
+    json.row(numbers);
+  }
+  json.end_array();
+  json.key("rejected").begin_array();
+  for (const std::size_t i : r.rejected) json.value(i + 1);
+  json.end_array();
+  json.field("worst_view", r.worst_view + 1);
+  json.key("stated_noise").begin_object().field("robot_sigma_mm", noise.robot_mm);
+  json.field("robot_sigma_deg", deg_from_rad(noise.robot_rad)).field("target_sigma_mm", noise.target_mm);
+  json.field("target_sigma_deg", deg_from_rad(noise.target_rad)).end_object();
+  write_views(json, r);
+  write_conventions(json, r.conventions);
+}
+
+}  // namespace slabd::cli

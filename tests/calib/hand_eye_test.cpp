@@ -1,0 +1,442 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The solver against planted truth and against an optimum computed by other means.
+#include "calib/hand_eye.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "calib/adjustment.h"
+#include "calib/chi_square.h"
+#include "calib/rotation.h"
+#include "tests/calib/hand_eye_scene.h"
+
+namespace slabd::calib {
+namespace {
+
+using scene::make;
+using scene::Plan;
+using scene::Set;
+
+HandEye solved(ArtefactKind kind, const Set& set, const Plan& plan) {
+  const Result<HandEye> result = solve(kind, set.views, plan.noise());
+  EXPECT_TRUE(result.ok()) << result.error().text.view();
+  return result.value();
+}
+
+std::string told(const HandEye& result) {
+  std::string text;
+  for (const Reason& reason : result.reasons)
+    text += std::string(name(reason.code)) + ": " + reason.text + " / " + reason.cure + "\n";
+  return text;
+}
+
+/// rms error in the field of view over that of the optimum, over `seeds` sets.
+double ratio_to_reference(ArtefactKind kind, const Plan& plan, int seeds) {
+  double ours = 0.0;
+  double best = 0.0;
+  for (int seed = 0; seed < seeds; ++seed) {
+    const Set set = make(kind, plan, static_cast<std::uint64_t>(seed) + 1);
+    const Pose X = solved(kind, set, plan).T_flange_scanner;
+    ours += std::pow(scene::point_error_mm(X, set.T_flange_scanner), 2);
+    best += std::pow(scene::point_error_mm(scene::reference(kind, set, plan.noise()), set.T_flange_scanner), 2);
+  }
+  return std::sqrt(ours / best);
+}
+
+Plan plan_of(std::size_t views, double robot_mm = 0.06, double tilt_deg = 35.0) {
+  Plan plan;
+  plan.views = views;
+  plan.robot_mm = robot_mm;
+  plan.tilt_deg = tilt_deg;
+  return plan;
+}
+
+constexpr std::array kKinds = {ArtefactKind::ball, ArtefactKind::pose};
+
+TEST(HandEye, clean_sets_are_solved_as_well_as_they_can_be) {
+  for (const ArtefactKind kind : kKinds) {
+    for (const double robot_mm : {0.0, 0.06, 0.7})
+      EXPECT_LE(ratio_to_reference(kind, plan_of(15, robot_mm), 6), 1.005) << name(kind) << " " << robot_mm;
+    EXPECT_LE(ratio_to_reference(kind, plan_of(8, 0.06, 15.0), 10), 1.01) << name(kind);
+  }
+}
+
+TEST(HandEye, one_view_in_ten_displaced_costs_nothing) {
+  for (const ArtefactKind kind : kKinds) {
+    Plan plan = plan_of(20);
+    plan.outlier_share = 0.1;
+    EXPECT_LE(ratio_to_reference(kind, plan, 10), 1.01) << name(kind);
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+      const Set set = make(kind, plan, seed);
+      EXPECT_EQ(solved(kind, set, plan).rejected, set.outliers) << name(kind) << " seed " << seed;
+    }
+  }
+}
+
+TEST(HandEye, gross_outliers_do_not_capture_the_start) {
+  for (const ArtefactKind kind : kKinds) {
+    Plan plan = plan_of(16);
+    plan.outlier_share = 0.25;
+    plan.outlier_min_mm = 300.0;
+    plan.outlier_max_mm = 900.0;
+    const Set set = make(kind, plan, 3);
+    const HandEye result = solved(kind, set, plan);
+    EXPECT_EQ(result.rejected, set.outliers) << name(kind);
+    EXPECT_TRUE(result.ok) << told(result);
+    EXPECT_LT(scene::point_error_mm(result.T_flange_scanner, set.T_flange_scanner), 0.3);
+  }
+}
+
+TEST(HandEye, covariance_and_predicted_error_are_true) {
+  constexpr int kSeeds = 60;
+  for (const ArtefactKind kind : kKinds) {
+    const Plan plan = plan_of(15);
+    double chi2 = 0.0;
+    double errors = 0.0;
+    double predicted = 0.0;
+    for (int seed = 0; seed < kSeeds; ++seed) {
+      const Set set = make(kind, plan, static_cast<std::uint64_t>(seed) + 500);
+      const HandEye result = solved(kind, set, plan);
+      ASSERT_TRUE(result.ok) << told(result);
+      Eigen::Matrix<double, 6, 1> e;
+      e.head<3>() = Eigen::Vector3d(set.T_flange_scanner.translation_mm - result.T_flange_scanner.translation_mm);
+      e.tail<3>() =
+          Eigen::Vector3d(log_rotation(result.T_flange_scanner.rotation.conjugate() * set.T_flange_scanner.rotation));
+      const Eigen::Matrix<double, 6, 6> C = result.covariance;
+      chi2 += e.dot(Eigen::Matrix<double, 6, 1>(C.ldlt().solve(e))) / kSeeds;
+      errors += std::pow(scene::point_error_mm(result.T_flange_scanner, set.T_flange_scanner), 2) / kSeeds;
+      predicted += std::pow(result.predicted_point_sigma_mm, 2) / kSeeds;
+    }
+    // Six expected, 0.45 the standard deviation of the mean; max(1, s0) makes it smaller.
+    EXPECT_GT(chi2, 4.2) << name(kind);
+    EXPECT_LT(chi2, 7.4) << name(kind);
+    EXPECT_NEAR(std::sqrt(predicted / errors), 1.06, 0.17) << name(kind);
+  }
+}
+
+TEST(HandEye, several_balls_are_one_solve_and_share_the_robots_error) {
+  Plan plan = plan_of(12);
+  plan.balls = 3;
+  EXPECT_LE(ratio_to_reference(ArtefactKind::ball, plan, 6), 1.005);
+  const Set set = make(ArtefactKind::ball, plan, 5);
+  const HandEye result = solved(ArtefactKind::ball, set, plan);
+  ASSERT_EQ(result.targets.size(), 3U);
+  for (std::size_t k = 0; k < 3; ++k)
+    EXPECT_LT((result.targets[k].translation_mm - set.targets[k].translation_mm).norm(), 0.3);
+  EXPECT_NEAR(result.s0, 1.0, 0.4);
+}
+
+TEST(HandEye, each_degenerate_set_is_refused_with_its_own_reason) {
+  struct Case {
+    const char* what;
+    ArtefactKind kind;
+    Plan plan;
+    Refusal code;
+    bool determined;
+  };
+  std::vector<Case> cases;
+  const auto add = [&](const char* what, ArtefactKind kind, Refusal code, bool determined, auto change) {
+    Plan plan = plan_of(15);
+    change(plan);
+    cases.push_back({what, kind, plan, code, determined});
+  };
+  for (const ArtefactKind kind : kKinds) {
+    add("one orientation", kind, Refusal::one_orientation, false, [](Plan& p) { p.one_orientation = true; });
+    add("one axis", kind, Refusal::one_rotation_axis, false, [](Plan& p) { p.one_axis = true; });
+    add("3 deg", kind, Refusal::rotation_too_small, true, [](Plan& p) { p.tilt_deg = p.roll_deg = 3.0; });
+    add("5 views", kind, Refusal::too_few_views, true, [](Plan& p) { p.views = 5; });
+    add("30 % outliers", kind, Refusal::too_many_rejected, true, [](Plan& p) {
+      p.views = 20;
+      p.outlier_share = 0.3;
+    });
+  }
+  add("one place", ArtefactKind::ball, Refusal::ball_in_one_place, false,
+      [](Plan& p) { p.fov_mm = p.depth_half_mm = 0.0; });
+  add("nearly one place", ArtefactKind::ball, Refusal::ball_in_one_place, true, [](Plan& p) {
+    p.fov_mm = 15.0;
+    p.depth_half_mm = 10.0;
+  });
+  add("optical axis", ArtefactKind::ball, Refusal::ball_on_a_line, false, [](Plan& p) { p.fov_mm = 0.0; });
+  for (const Case& c : cases)
+    for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+      const HandEye result = solved(c.kind, make(c.kind, c.plan, seed), c.plan);
+      const std::string what = std::string(name(c.kind)) + " " + c.what + ": " + told(result);
+      EXPECT_FALSE(result.ok) << what;
+      ASSERT_FALSE(result.reasons.empty()) << what;
+      EXPECT_EQ(result.reasons[0].code, c.code) << what;
+      EXPECT_FALSE(result.reasons[0].cure.empty()) << what;
+      EXPECT_EQ(result.determined, c.determined) << what << result.condition;
+      EXPECT_EQ(std::isnan(result.predicted_point_sigma_mm), !c.determined) << what;
+      EXPECT_EQ(result.T_flange_scanner.all_finite(), c.determined) << what;
+      EXPECT_TRUE(std::isfinite(result.residual_mm.rms)) << what;
+      EXPECT_TRUE(std::isfinite(result.condition)) << what;
+    }
+}
+
+TEST(HandEye, a_pose_artefact_in_one_place_is_enough_but_its_origin_as_a_ball_is_not) {
+  Plan plan = plan_of(20, 0.7);
+  plan.fov_mm = 5.0;
+  plan.depth_half_mm = 5.0;
+  const Set set = make(ArtefactKind::pose, plan, 8);
+  EXPECT_TRUE(solved(ArtefactKind::pose, set, plan).ok);
+  Set balls = set;
+  for (View& view : balls.views) view.balls.push_back({0, view.T_scanner_target.translation_mm, std::nullopt});
+  const HandEye result = solved(ArtefactKind::ball, balls, plan);
+  EXPECT_FALSE(result.ok);
+  EXPECT_EQ(result.reasons[0].code, Refusal::ball_in_one_place) << told(result);
+}
+
+TEST(HandEye, fewer_than_three_views_are_refused_and_nothing_breaks) {
+  for (const ArtefactKind kind : kKinds)
+    for (const std::size_t views : {1U, 2U, 3U, 4U}) {
+      const Plan plan = plan_of(views);
+      const HandEye result = solved(kind, make(kind, plan, 2), plan);
+      EXPECT_FALSE(result.ok);
+      EXPECT_EQ(result.reasons[0].code, Refusal::too_few_views) << told(result);
+    }
+}
+
+TEST(HandEye, stated_noise_that_is_wrong_is_refused_but_x_stays_right) {
+  const Plan plan = plan_of(20, 0.7);
+  for (const ArtefactKind kind : kKinds) {
+    const Set set = make(kind, plan, 11);
+    const HandEye coarse = solve(kind, set.views, StatedNoise{}).value();
+    ASSERT_EQ(coarse.reasons.size(), 2U) << told(coarse);
+    EXPECT_EQ(coarse.reasons[0].code, Refusal::noise_above_stated);
+    EXPECT_NE(coarse.reasons[0].cure.find("state it (about 0."), std::string::npos) << told(coarse);
+    EXPECT_EQ(coarse.reasons[1].code, Refusal::predicted_error);
+    const HandEye right = solved(kind, set, plan);
+    EXPECT_TRUE(right.ok) << told(right);
+    EXPECT_LT(scene::point_error_mm(coarse.T_flange_scanner, right.T_flange_scanner),
+              0.3 * right.predicted_point_sigma_mm);
+
+    StatedNoise ten;
+    ten.robot_mm = 10.0;
+    ten.robot_rad = robot_rad_for(10.0);
+    const HandEye fine = solve(kind, set.views, ten).value();
+    ASSERT_FALSE(fine.reasons.empty());
+    EXPECT_EQ(fine.reasons[0].code, Refusal::noise_below_stated) << told(fine);
+  }
+}
+
+TEST(HandEye, positions_and_rotations_are_weighed_by_what_they_are) {
+  // Rotations ten times as noisy as stated: weighed as stated they spoil X, weighed by what they are they do not.
+  Plan plan = plan_of(25, 0.1);
+  plan.robot_deg = 0.1;
+  StatedNoise wrong = plan.noise();
+  wrong.robot_rad = rad_from_deg(0.01);
+  double ours = 0.0;
+  double best = 0.0;
+  for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+    const Set set = make(ArtefactKind::pose, plan, seed);
+    const HandEye result = solve(ArtefactKind::pose, set.views, wrong).value();
+    EXPECT_TRUE(result.reweighted);
+    EXPECT_GT(result.s0_rotation / result.s0_position, 4.0);
+    ours += std::pow(scene::point_error_mm(result.T_flange_scanner, set.T_flange_scanner), 2);
+    best += std::pow(
+        scene::point_error_mm(scene::reference(ArtefactKind::pose, set, plan.noise()), set.T_flange_scanner), 2);
+  }
+  EXPECT_LE(std::sqrt(ours / best), 1.10);
+}
+
+TEST(HandEye, one_view_that_decides_is_named) {
+  // The smallest sets that are allowed: by chance one of a hundred hangs on a single view.
+  const Plan plan = plan_of(6);
+  int refused = 0;
+  for (std::uint64_t seed = 1000; seed < 1100; ++seed) {
+    const Set set = make(ArtefactKind::ball, plan, seed);
+    const HandEye result = solved(ArtefactKind::ball, set, plan);
+    const Spread& loo = result.leave_one_out_mm;
+    const auto reason = std::find_if(result.reasons.begin(), result.reasons.end(),
+                                     [](const Reason& r) { return r.code == Refusal::leave_one_out; });
+    EXPECT_EQ(loo.max > kLeaveOneOutRatioMax * loo.median, reason != result.reasons.end()) << told(result);
+    if (reason == result.reasons.end()) continue;
+    ++refused;
+    std::size_t worst = 0;
+    for (std::size_t i = 0; i < result.views.size(); ++i)
+      if (result.views[i].leave_one_out_mm == loo.max) worst = i;
+    EXPECT_NE(reason->text.find("view " + std::to_string(worst + 1) + " is missed by"), std::string::npos);
+  }
+  EXPECT_GT(refused, 0);
+}
+
+TEST(HandEye, leave_one_out_is_what_a_solve_without_the_view_says) {
+  for (const ArtefactKind kind : kKinds) {
+    const Plan plan = plan_of(10);
+    const Set set = make(kind, plan, 4);
+    const HandEye all = solved(kind, set, plan);
+    ASSERT_TRUE(all.rejected.empty());
+    for (const std::size_t out : {0U, 3U, 9U}) {
+      std::vector<View> others = set.views;
+      others.erase(others.begin() + static_cast<std::ptrdiff_t>(out));
+      const HandEye without = solve(kind, others, plan.noise()).value();
+      const std::vector<ViewFit> fit =
+          residuals_of(kind, std::span(&set.views[out], 1), without.T_flange_scanner, without.targets, plan.noise());
+      EXPECT_NEAR(all.views[out].leave_one_out_mm, fit[0].residual_mm, 1e-3 * fit[0].residual_mm);
+    }
+  }
+}
+
+TEST(HandEye, same_views_same_bits) {
+  Plan plan = plan_of(15);
+  plan.outlier_share = 0.1;
+  for (const ArtefactKind kind : kKinds) {
+    const Set set = make(kind, plan, 6);
+    const HandEye a = solved(kind, set, plan);
+    const HandEye b = solved(kind, set, plan);
+    EXPECT_EQ(a.T_flange_scanner.to_array(), b.T_flange_scanner.to_array());
+    EXPECT_EQ(a.covariance, b.covariance);
+    EXPECT_EQ(a.leave_one_out_mm.rms, b.leave_one_out_mm.rms);
+    EXPECT_EQ(a.predicted_point_sigma_mm, b.predicted_point_sigma_mm);
+  }
+}
+
+TEST(HandEye, prediction_of_planned_views_is_what_a_solve_then_finds) {
+  for (const ArtefactKind kind : kKinds) {
+    const Plan plan = plan_of(15);
+    const Set set = make(kind, plan, 12);
+    const HandEye result = solved(kind, set, plan);
+    const Prediction prediction = predict(kind, set.views, set.T_flange_scanner, set.targets, plan.noise());
+    EXPECT_NEAR(prediction.point_sigma_mm * std::max(1.0, result.s0), result.predicted_point_sigma_mm,
+                0.02 * result.predicted_point_sigma_mm);
+    EXPECT_NEAR(prediction.condition, result.condition, 0.02 * result.condition);
+    const Prediction fewer =
+        predict(kind, std::span(set.views).first(8), set.T_flange_scanner, set.targets, plan.noise());
+    EXPECT_GT(fewer.point_sigma_mm, prediction.point_sigma_mm);
+    EXPECT_LT(fewer.smallest_singular_value, prediction.smallest_singular_value);
+    const Prediction one =
+        predict(kind, std::span(set.views).first(1), set.T_flange_scanner, set.targets, plan.noise());
+    EXPECT_TRUE(std::isnan(one.point_sigma_mm));
+  }
+}
+
+TEST(HandEye, own_covariances_of_sightings_are_used) {
+  for (const ArtefactKind kind : kKinds) {
+    const Plan plan = plan_of(12, 0.0);
+    Set set = make(kind, plan, 14);
+    for (std::size_t i = 0; i < set.views.size(); i += 2) {
+      // Half of the views are a hundred times worse, and say so.
+      const double bad_mm = 1.0;
+      if (kind == ArtefactKind::ball) {
+        set.views[i].balls[0].centre_mm += Vec3(0.8, -0.5, 0.9);
+        set.views[i].balls[0].cov_mm2 = Mat3(bad_mm * bad_mm * Mat3::Identity());
+      } else {
+        set.views[i].T_scanner_target.translation_mm += Vec3(0.8, -0.5, 0.9);
+        Mat6 own = bad_mm * bad_mm * Mat6::Identity();
+        own.bottomRightCorner<3, 3>() *= 1e-6;
+        set.views[i].target_covariance = own;
+      }
+    }
+    const HandEye result = solved(kind, set, plan);
+    EXPECT_TRUE(result.rejected.empty());
+    EXPECT_LT(scene::point_error_mm(result.T_flange_scanner, set.T_flange_scanner), 0.1) << name(kind);
+  }
+}
+
+TEST(HandEye, what_is_no_set_of_views_is_an_error) {
+  const Plan plan = plan_of(8);
+  Set set = make(ArtefactKind::ball, plan, 1);
+  EXPECT_FALSE(solve(ArtefactKind::ball, {}, {}).ok());
+  StatedNoise none;
+  none.robot_mm = none.target_mm = 0.0;
+  EXPECT_FALSE(solve(ArtefactKind::ball, set.views, none).ok());
+  none = {};
+  none.robot_rad = -1.0;
+  EXPECT_FALSE(solve(ArtefactKind::ball, set.views, none).ok());
+  set.views[2].balls[0].ball = 2;
+  EXPECT_FALSE(solve(ArtefactKind::ball, set.views, {}).ok());
+  set.views[2].balls.clear();
+  EXPECT_FALSE(solve(ArtefactKind::ball, set.views, {}).ok());
+  set = make(ArtefactKind::ball, plan, 1);
+  set.views[1].balls[0].centre_mm.x() = kNoValue;
+  EXPECT_FALSE(solve(ArtefactKind::ball, set.views, {}).ok());
+}
+
+TEST(HandEye, held_out_views_and_targets_follow_from_x) {
+  for (const ArtefactKind kind : kKinds) {
+    const Plan plan = plan_of(15);
+    const Set set = make(kind, plan, 17);
+    const std::vector<Pose> targets = best_targets(kind, set.views, set.T_flange_scanner);
+    EXPECT_LT((targets[0].translation_mm - set.targets[0].translation_mm).norm(), 0.2);
+    EXPECT_LT(angle_between_rad(targets[0].rotation, set.targets[0].rotation), rad_from_deg(0.01));
+    for (const ViewFit& fit : residuals_of(kind, set.views, set.T_flange_scanner, targets, plan.noise())) {
+      EXPECT_LT(fit.residual_mm, 0.4);
+      EXPECT_LT(fit.sigmas, 4.5);
+    }
+  }
+}
+
+TEST(HandEye, scale_is_diagnosed_against_a_certified_length) {
+  Plan plan = plan_of(10);
+  plan.balls = 2;
+  Set set = make(ArtefactKind::ball, plan, 2);
+  const ScaleDiagnosis good = diagnose_scale(set.views, 0, 1, 150.0, 0.002, 0.01);
+  EXPECT_EQ(good.views, 10U);
+  EXPECT_NEAR(good.sigma_ppm, std::hypot(0.01 * std::sqrt(2.0 / 10.0), 0.002) / 150.0 * 1e6, 1e-6);
+  EXPECT_LT(std::abs(good.ppm), 4.0 * good.sigma_ppm);
+  EXPECT_FALSE(good.suspicious);
+  for (View& view : set.views)
+    for (BallSighting& seen : view.balls) seen.centre_mm *= 1.0005;
+  const ScaleDiagnosis bad = diagnose_scale(set.views, 0, 1, 150.0, 0.002, 0.01);
+  EXPECT_NEAR(bad.ppm - good.ppm, 500.0, 1.0);
+  EXPECT_TRUE(bad.suspicious);
+  EXPECT_EQ(diagnose_scale(set.views, 0, 7, 150.0, 0.002, 0.01).views, 0U);
+}
+
+TEST(HandEye, rotation_spread_is_that_of_the_cone) {
+  // A cone of 35 deg with roll has about 25 deg as its smallest principal value.
+  const Set set = make(ArtefactKind::ball, plan_of(400), 1);
+  EXPECT_NEAR(rotation_spread_axes_deg(set.views)[2], 24.5, 2.0);
+  EXPECT_NEAR(ball_spread_axes_mm(set.views)[0], 200.0 / std::sqrt(12.0), 4.0);
+}
+
+TEST(Adjustment, derivatives_are_those_of_differences) {
+  for (const ArtefactKind kind : kKinds) {
+    Plan plan = plan_of(2);
+    plan.balls = 2;
+    const Set set = make(kind, plan, 3);
+    const Equations equations(kind, set.views);
+    State state{set.T_flange_scanner, set.targets};
+    // Away from the solution, so that the rotation residual is not small.
+    state.X.rotation = state.X.rotation * exp_rotation(Vec3(0.2, -0.1, 0.3));
+    Eigen::VectorXd r;
+    Eigen::MatrixXd J;
+    equations.residual(1, state, r, &J);
+    for (int k = 0; k < equations.parameters(); ++k) {
+      const double h = 1e-5;
+      const auto moved = [&](double by) {
+        State other = state;
+        const bool of_x = k < 6;
+        const int at = of_x ? k : (k - 6) % equations.target_parameters();
+        Pose& pose = of_x ? other.X : other.targets[static_cast<std::size_t>((k - 6) / equations.target_parameters())];
+        if (at < 3)
+          pose.translation_mm[at] += by;
+        else
+          pose.rotation = pose.rotation * exp_rotation(by * Vec3::Unit(at - 3));
+        Eigen::VectorXd out;
+        equations.residual(1, other, out, nullptr);
+        return out;
+      };
+      const Eigen::VectorXd numeric = (moved(h) - moved(-h)) / (2.0 * h);
+      EXPECT_LT((numeric - J.col(k)).norm(), 1e-6 * (1.0 + numeric.norm())) << name(kind) << " parameter " << k;
+    }
+  }
+}
+
+TEST(ChiSquare, sigmas_are_those_of_the_tables) {
+  EXPECT_NEAR(normal_sigmas(9.0, 1), 3.0, 1e-9);
+  EXPECT_NEAR(normal_sigmas(5.991, 2), 1.960, 1e-3);  // 95 %
+  EXPECT_NEAR(normal_sigmas(7.815, 3), 1.960, 1e-3);
+  EXPECT_NEAR(normal_sigmas(12.592, 6), 1.960, 1e-3);
+  EXPECT_NEAR(normal_sigmas(22.458, 6), 3.291, 1e-3);  // 99.9 %
+  EXPECT_NEAR(normal_sigmas(1e6, 3), 1000.0, 0.1);
+  EXPECT_EQ(normal_sigmas(0.0, 3), 0.0);
+  EXPECT_NEAR(chi_square_median(3), 2.366, 0.03);
+  EXPECT_NEAR(chi_square_median(6), 5.348, 0.03);
+}
+
+}  // namespace
+}  // namespace slabd::calib
