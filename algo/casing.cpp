@@ -173,7 +173,6 @@ void measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& 
     next -= heights.size();
   });
   const double median = median_of(std::span(sample).first(sampled));
-  // The search has mixed the sample up, but all of it is still there.
   for (std::size_t i = 0; i < sampled; ++i) sample[i] = std::abs(sample[i] - median);
   const double reach = std::max(4.0 * 1.4826 * median_of(std::span(sample).first(sampled)), 1e-3);
 

@@ -18,7 +18,7 @@ struct CellNoise {
 /// Separates noise from form by wavelength (cell_noise.cpp says how). `heights`: of the cells' means above a plane, the
 /// place of each in `cells`; `within_variance_mm2`: of single points about their cell's mean; `points_per_cell`: on
 /// average. ok = false: fewer than 400 cells or less than 40 mm of seat either way; correlated
-/// noise cannot then be told from form. Standard error of `factor` about 13 % on 100 x 150 mm. No heap, 0.2 ms.
+/// noise cannot then be told from form. Standard error of `factor` about 13 % on 100 x 150 mm. No heap, 0.1 ms.
 [[nodiscard]] CellNoise noise_of_cells(const CellGrid& grid, std::span<const double> heights,
                                        std::span<const std::uint32_t> cells, double within_variance_mm2,
                                        double points_per_cell);

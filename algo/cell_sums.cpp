@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Sixteen places make sixteen cell numbers and heights at once; adding to the cells goes point by point, since
-// neighbours fall into the same cell. That would make each sum wait for the one before. So four points sixteen apart,
-// which fall into different cells mostly, are added in turn.
+// neighbours fall into the same cell. What a point adds is laid out beforehand as the cell has it: four terms for one
+// addition of four numbers, and its height with either sign for one minimum of two. Each sum would wait for the one
+// before; so eight points sixteen apart, which fall into different cells mostly, are added in turn.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/cell_sums.cpp"
 // clang-format off
@@ -20,10 +21,24 @@ namespace slabd::algo {
 namespace HWY_NAMESPACE {
 namespace {
 
-/// Cell numbers and heights of a group.
+/// Cell numbers of a group, and what its points add.
 struct Group {
   alignas(64) std::array<std::int32_t, kCellGroup> cell;
-  alignas(64) std::array<float, kCellGroup> height;
+  alignas(64) std::array<std::array<float, 4>, kCellGroup> terms;  ///< x, s, height, its square
+  alignas(64) std::array<std::array<float, 2>, kCellGroup> ends;   ///< height, -height
+
+  HWY_INLINE void add_to(std::span<CellSum> cells, std::size_t k) const {
+    CellSum& sum = cells[static_cast<std::size_t>(cell[k])];
+    const hn::CappedTag<double, 4> four;
+    const hn::Rebind<float, decltype(four)> floats;
+    for (std::size_t i = 0; i < 4; i += hn::Lanes(four))
+      hn::StoreU(hn::Add(hn::LoadU(four, &sum.sums[i]), hn::PromoteTo(four, hn::LoadU(floats, &terms[k][i]))), four,
+                 &sum.sums[i]);
+    const hn::CappedTag<float, 2> two;
+    for (std::size_t i = 0; i < 2; i += hn::Lanes(two))
+      hn::StoreU(hn::Min(hn::LoadU(two, &sum.ends[i]), hn::LoadU(two, &ends[k][i])), two, &sum.ends[i]);
+    ++sum.points;
+  }
 };
 
 class Placing {
@@ -31,7 +46,7 @@ class Placing {
   explicit Placing(const CellLayout& l)
       : half_x_(f16(l.half_x_mm)),
         half_s_(f16(l.half_s_mm)),
-        cell_(f16(l.cell_mm)),
+        cells_per_mm_(f16(l.cells_per_mm)),
         column_max_(f16(static_cast<float>(l.columns - 1))),
         row_max_(f16(static_cast<float>(l.rows - 1))),
         columns_(i16(l.columns)),
@@ -47,11 +62,13 @@ class Placing {
     for (std::size_t i = 0; i < kCellGroup; i += kLanes) {
       const F16 px = load(x + i);
       const F16 ps = load(s + i);
-      const F16 column = min(max((px + half_x_) / cell_, f16(0.0F)), column_max_);
-      const F16 row = min(max((ps + half_s_) / cell_, f16(0.0F)), row_max_);
+      const F16 column = min(max((px + half_x_) * cells_per_mm_, f16(0.0F)), column_max_);
+      const F16 row = min(max((ps + half_s_) * cells_per_mm_, f16(0.0F)), row_max_);
       const I16 cell = to_int(row) * columns_ + to_int(column);
       store(cell, group.cell.data() + i);
-      store(by_x_ * px + by_s_ * ps + by_h_ * load(h + i) + offset_, group.height.data() + i);
+      const F16 height = by_x_ * px + by_s_ * ps + by_h_ * load(h + i) + offset_;
+      store_interleaved(px, ps, height, height * height, group.terms[i].data());
+      store_interleaved(height, f16(0.0F) - height, group.ends[i].data());
       least = min(least, cell);
       most = max(most, cell);
     }
@@ -69,7 +86,7 @@ class Placing {
   }
 
  private:
-  F16 half_x_, half_s_, cell_, column_max_, row_max_;
+  F16 half_x_, half_s_, cells_per_mm_, column_max_, row_max_;
   I16 columns_;
   F16 by_x_, by_s_, by_h_, offset_;
 };
@@ -90,29 +107,24 @@ CellRange place_few(const SeatPoints& points, const Placing& placing, Group& gro
 
 void AddToCells(const SeatPoints& points, const CellLayout& layout, std::span<CellSum> cells,
                 std::span<CellRange> ranges) {
+  constexpr std::size_t kQuarter = kCellGroup / 4;
   const Placing placing(layout);
-  Group group;
+  std::array<Group, 2> pair;
   std::size_t i = 0;
   std::size_t g = 0;
-  for (; i + kCellGroup <= points.size(); i += kCellGroup, ++g) {
-    const float* x = &points.x[i];
-    const float* s = &points.s[i];
-    ranges[g] = placing.place(x, s, &points.h[i], group);
-    const auto add = [&](std::size_t k) {
-      cells[static_cast<std::size_t>(group.cell[k])].add(x[k], s[k], group.height[k]);
-    };
-    for (std::size_t k = 0; k < kCellGroup / 4; ++k) {
-      add(k);
-      add(k + kCellGroup / 4);
-      add(k + kCellGroup / 2);
-      add(k + kCellGroup / 4 * 3);
-    }
+  while (i + kCellGroup <= points.size()) {
+    const std::size_t groups = i + pair.size() * kCellGroup <= points.size() ? pair.size() : 1;
+    for (std::size_t p = 0; p < groups; ++p, ++g, i += kCellGroup)
+      ranges[g] = placing.place(&points.x[i], &points.s[i], &points.h[i], pair[p]);
+    for (std::size_t k = 0; k < kQuarter; ++k)
+      for (std::size_t p = 0; p < groups; ++p)
+        for (std::size_t first = 0; first < kCellGroup; first += kQuarter) pair[p].add_to(cells, first + k);
   }
   if (i == points.size()) return;
   const std::size_t left = points.size() - i;
+  Group& group = pair[0];
   ranges[g] = place_few({points.x.subspan(i), points.s.subspan(i), points.h.subspan(i)}, placing, group);
-  for (std::size_t k = 0; k < left; ++k)
-    cells[static_cast<std::size_t>(group.cell[k])].add(points.x[i + k], points.s[i + k], group.height[k]);
+  for (std::size_t k = 0; k < left; ++k) group.add_to(cells, k);
 }
 
 void PlaceInCells(const SeatPoints& points, const CellLayout& layout, std::span<std::int32_t> cells,
@@ -120,7 +132,7 @@ void PlaceInCells(const SeatPoints& points, const CellLayout& layout, std::span<
   Group group;
   place_few(points, Placing(layout), group);
   std::copy_n(group.cell.begin(), points.size(), cells.begin());
-  std::copy_n(group.height.begin(), points.size(), heights.begin());
+  for (std::size_t k = 0; k < points.size(); ++k) heights[k] = group.terms[k][2];
 }
 
 }  // namespace

@@ -50,7 +50,9 @@ constexpr float kUprightMin = 0.5F;
 template <typename F>
 void for_groups(std::span<const SeatPoints> runs, std::size_t from, std::size_t to, const F& f) {
   std::size_t first = 0;  // of the run at hand
-  for (const SeatPoints& run : runs) {
+  for (std::size_t r = 0; r < runs.size(); ++r) {
+    const SeatPoints& run = runs[r];
+    if (r + 1 < runs.size()) runs[r + 1].ask_for();
     const std::size_t groups = (run.size() + kCellGroup - 1) / kCellGroup;
     const std::size_t begin = std::max(first, from);
     const std::size_t end = std::min(first + groups, to);
@@ -72,10 +74,10 @@ struct CellPoints {
 
   explicit CellPoints(const CellSum& sum) {
     const auto n = static_cast<double>(sum.points);
-    x = sum.x / n;
-    s = sum.s / n;
-    height = sum.height / n;
-    squares = std::max(sum.squares - sum.height * height, 0.0);
+    x = sum.x() / n;
+    s = sum.s() / n;
+    height = sum.height() / n;
+    squares = std::max(sum.squares() - sum.height() * height, 0.0);
   }
 };
 
@@ -84,8 +86,8 @@ struct CellPoints {
 bool may_have_strays(const CellSum& sum) {
   const CellPoints cell(sum);
   const double std = std::sqrt(cell.squares / static_cast<double>(sum.points));
-  return static_cast<double>(sum.high) - (cell.height - std) > kStrayMin_mm ||
-         (cell.height + std) - static_cast<double>(sum.low) > kStrayMin_mm;
+  return static_cast<double>(sum.high()) - (cell.height - std) > kStrayMin_mm ||
+         (cell.height + std) - static_cast<double>(sum.low()) > kStrayMin_mm;
 }
 
 /// Median and robust deviation of up to kCellSampleMax heights, evenly taken.
@@ -153,7 +155,7 @@ class Cells {
       if (std::none_of(all.begin(), all.end(), stray)) continue;
       sum.keep_low = static_cast<float>(centre.median - reach);
       sum.keep_high = static_cast<float>(centre.median + reach);
-      sum.x = sum.s = sum.height = sum.squares = 0.0;
+      sum.sums.fill(0.0);
       sum.points = 0;
     }
     for_points_of([](const CellSum& sum) { return sum.keep_low <= sum.keep_high; },
@@ -272,7 +274,7 @@ CellLayout layout_of(const CellGrid& grid, const SeatFrame& frame, const PlaneFi
   CellLayout layout;
   layout.half_x_mm = static_cast<float>(grid.region.half_x_mm);
   layout.half_s_mm = static_cast<float>(grid.region.half_s_mm);
-  layout.cell_mm = static_cast<float>(grid.region.cell_mm);
+  layout.cells_per_mm = static_cast<float>(1.0 / grid.region.cell_mm);
   layout.columns = static_cast<std::int32_t>(grid.columns);
   layout.rows = static_cast<std::int32_t>(grid.rows);
   layout.by_x = static_cast<float>(seat.normal.dot(frame.along_rail));
@@ -312,8 +314,8 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
   double low = std::numeric_limits<double>::infinity();
   double high = -low;
   for (std::size_t c = 0; c < grid.cells(); ++c) {
-    low = std::min(low, static_cast<double>(sums[c].low));
-    high = std::max(high, static_cast<double>(sums[c].high));
+    low = std::min(low, static_cast<double>(sums[c].low()));
+    high = std::max(high, static_cast<double>(sums[c].high()));
   }
   result.raw_low_mm = low;
   result.raw_high_mm = high;

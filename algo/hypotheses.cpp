@@ -2,6 +2,7 @@
 #include "algo/hypotheses.h"
 
 #include "algo/algo.h"
+#include "algo/median.h"
 #include "algo/plane_fit.h"
 
 namespace slabd::algo {
@@ -36,14 +37,30 @@ bool plane_through(const Vec3& a, const Vec3& b, const Vec3& c, FlatPlane& plane
 }
 
 bool best_within(const PlaneSample& sample, const PlaneSearch& search, double threshold, FlatPlane& best) {
-  return best_hypothesis(sample, search, best, [&](const FlatPlane& plane, double best_score) {
-    return truncated_squares(sample, plane, threshold, best_score);
+  return best_hypothesis(sample.all(), search, best, [&](const FlatPlane& plane, double best_score) {
+    return truncated_squares(sample.scouts(), plane, threshold, best_score);
   });
 }
 
-void residuals_of(const PlaneSample& sample, const FlatPlane& plane, Residuals& residuals) {
-  distances_of(sample, plane, residuals);
-  for (double& r : std::span(residuals).first(sample.count))
+bool best_within_scales(const PlaneSample& sample, const PlaneSearch& search, double threshold,
+                        std::array<FlatPlane, kScales>& best) {
+  ScaledSums least;
+  least.fill(std::numeric_limits<double>::infinity());
+  FlatPlane widest;
+  return best_hypothesis(sample.all(), search, widest, [&](const FlatPlane& plane, double) {
+    const ScaledSums sums = truncated_squares(sample.scouts(), plane, threshold, least);
+    for (std::size_t k = 0; k < kScales; ++k) {
+      if (!(sums[k] < least[k])) continue;
+      least[k] = sums[k];
+      best[k] = plane;
+    }
+    return sums[0];
+  });
+}
+
+void residuals_of(const SamplePoints& points, const FlatPlane& plane, Residuals& residuals) {
+  distances_of(points, plane, residuals);
+  for (double& r : std::span(residuals).first(points.count))
     r = std::isfinite(r) ? std::abs(r) : std::numeric_limits<double>::infinity();
 }
 
@@ -53,13 +70,13 @@ double robust_sigma(std::span<const double> abs_residuals, double share) {
   constexpr double kMad = 1.482602218505602;
   // ... and half of those within three sigma lie within 0.6720 sigma.
   constexpr double kMadWithinThree = 1.488100;
-  double sigma = kMad * kth_smallest(abs_residuals, rank_of(share, abs_residuals.size()));
+  double sigma = kMad * value_at_rank(abs_residuals, rank_of(share, abs_residuals.size()));
   if (!std::isfinite(sigma)) return sigma;
   for (int i = 0; i < 50; ++i) {
     // Those kept are the smallest of all.
     const std::size_t kept = count_at_most(abs_residuals, 3.0 * sigma);
     if (kept == 0) return sigma;
-    const double next = kMadWithinThree * kth_smallest(abs_residuals, rank_of(0.5, kept));
+    const double next = kMadWithinThree * value_at_rank(abs_residuals, rank_of(0.5, kept));
     if (!(next < sigma)) return sigma;
     sigma = next;
   }
@@ -67,7 +84,7 @@ double robust_sigma(std::span<const double> abs_residuals, double share) {
 }
 
 double threshold_about(const PlaneSample& sample, const FlatPlane& plane, double share, Residuals& scratch) {
-  residuals_of(sample, plane, scratch);
+  residuals_of(sample.all(), plane, scratch);
   return std::fmax(3.0 * robust_sigma(std::span(scratch).first(sample.count), share), kThresholdFloor_mm);
 }
 
@@ -77,15 +94,16 @@ double trusted_share(double contamination) {
 
 bool find_threshold(const PlaneSample& sample, const PlaneSearch& search, double share, Residuals& scratch,
                     double& threshold) {
+  const SamplePoints scouts = sample.scouts();
+  const std::size_t rank = scouts.count < 3 ? 0 : rank_of(share, scouts.count);
   // Nearly all hypotheses lose: fewer points than it takes are closer than the best quantile so far.
-  const std::size_t rank = sample.count < 3 ? 0 : rank_of(share, sample.count);
   const auto quantile_score = [&](const FlatPlane& candidate, double best) {
-    if (count_closer(sample, candidate, best) <= rank) return best;
-    residuals_of(sample, candidate, scratch);
-    return kth_smallest(std::span(scratch).first(sample.count), rank);
+    if (count_closer(scouts, candidate, best) <= rank) return best;
+    residuals_of(scouts, candidate, scratch);
+    return value_at_rank(std::span(scratch).first(scouts.count), rank);
   };
   FlatPlane plane;
-  if (!best_hypothesis(sample, search, plane, quantile_score)) return false;
+  if (!best_hypothesis(sample.all(), search, plane, quantile_score)) return false;
   threshold = threshold_about(sample, plane, share, scratch);
   return true;
 }

@@ -25,16 +25,22 @@ struct PlaneSearch {
 };
 
 /// One point drawn from each of up to kPlaneSampleMax equal slices of the set: covers the face evenly whatever the
-/// scan order.
+/// scan order. The slices come in turns, one of every four neighbours in each; chance decides which, or a pattern in
+/// the set could leave a turn with nothing but outliers.
 template <typename Points>
 void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
+  constexpr std::size_t kTurns = limits::kPlaneSampleMax / PlaneSample::kScouts;
   const std::size_t n = points.size();
   const std::size_t m = std::min(n, limits::kPlaneSampleMax);
   sample.count = 0;
-  for (std::size_t i = 0; i < m; ++i) {
-    const std::size_t first = i * n / m;
-    const std::size_t last = (i + 1) * n / m;
-    sample.add(points[n == m ? i : first + prng.below(last - first)]);
+  for (std::size_t turn = 0; turn < kTurns; ++turn) {
+    for (std::size_t neighbours = 0; neighbours < m; neighbours += kTurns) {
+      const std::size_t i = neighbours + (turn + Prng(neighbours).next()) % kTurns;
+      if (i >= m) continue;
+      const std::size_t first = i * n / m;
+      const std::size_t last = (i + 1) * n / m;
+      sample.add(points[first + prng.below(last - first)]);
+    }
   }
   sample.close();
 }
@@ -70,11 +76,15 @@ template <typename Points, typename Score>
   return found;
 }
 
-/// The hypothesis of least squared error truncated at `threshold` (MSAC). False when no three points make a plane.
+/// The hypothesis of least squared error truncated at `threshold` (MSAC), on the sample's scouts. False when no three
+/// points make a plane.
 [[nodiscard]] bool best_within(const PlaneSample& sample, const PlaneSearch& search, double threshold, FlatPlane& best);
+/// The same for thresholds each half of the one before.
+[[nodiscard]] bool best_within_scales(const PlaneSample& sample, const PlaneSearch& search, double threshold,
+                                      std::array<FlatPlane, kScales>& best);
 
-/// Distances of the sample's points; infinite for points that are not finite.
-void residuals_of(const PlaneSample& sample, const FlatPlane& plane, Residuals& residuals);
+/// Distances of the points, to the front of `residuals`; infinite for points that are not finite.
+void residuals_of(const SamplePoints& points, const FlatPlane& plane, Residuals& residuals);
 
 /// Inlier distance for a plane found: three robust standard deviations of the sample about it, of which `share` is
 /// trusted, and never so small that noise-free data loses its points to rounding.

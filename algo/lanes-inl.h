@@ -206,6 +206,28 @@ HWY_INLINE Points16 load_points(const float* xyz, std::size_t count) {
   return load_points(room);
 }
 
+/// a[0] b[0] c[0] d[0], a[1] ...: 64 numbers.
+template <std::size_t K>
+HWY_INLINE void store_interleaved(const Pack<float, K>& a, const Pack<float, K>& b, const Pack<float, K>& c,
+                                  const Pack<float, K>& d, float* to) {
+  if constexpr (K == 1) {
+    hn::StoreInterleaved4(a.v, b.v, c.v, d.v, Tag<float>(), to);
+  } else {
+    store_interleaved(a.lo, b.lo, c.lo, d.lo, to);
+    store_interleaved(a.hi, b.hi, c.hi, d.hi, to + 4 * (K / 2) * hn::MaxLanes(Tag<float>()));
+  }
+}
+/// a[0] b[0], a[1] ...: 32 numbers.
+template <std::size_t K>
+HWY_INLINE void store_interleaved(const Pack<float, K>& a, const Pack<float, K>& b, float* to) {
+  if constexpr (K == 1) {
+    hn::StoreInterleaved2(a.v, b.v, Tag<float>(), to);
+  } else {
+    store_interleaved(a.lo, b.lo, to);
+    store_interleaved(a.hi, b.hi, to + 2 * (K / 2) * hn::MaxLanes(Tag<float>()));
+  }
+}
+
 // ---- masks -----------------------------------------------------------------------------------------------------
 
 /// Bit k is lane k.

@@ -25,12 +25,17 @@
 #include "algo/plane_doubts.h"
 #include "algo/plane_fit.h"
 #include "algo/plane_lsq.h"
+#include "algo/plane_zone.h"
 
 namespace slabd::algo {
 namespace {
 
-/// Local optimisation of the best hypothesis on the sample; it settles in two or three.
+/// Local optimisation of the best hypothesis on the sample, until the threshold hardly changes; it settles in two or
+/// three.
 constexpr int kPolishSteps = 5;
+constexpr double kPolished = 0.01;
+/// Zones tried one after the other before all points are gone over for each refit; the first one does, nearly always.
+constexpr int kZonePasses = 3;
 
 /// Noise and reach say how well a tilt is known: a small patch fits a plane perfectly and knows nothing of its tilt.
 bool rests_on_enough(const PlaneSupport& support, const PlaneFit& fit, const Spread& spread) {
@@ -63,10 +68,10 @@ bool indistinguishable(const FlatPlane& a, const FlatPlane& b, const Vec3& centr
 }
 
 /// A finite point near the plane: any origin serves the sums, as long as it stays the same.
-Vec3 origin_near(const PlaneSample& sample, const FlatPlane& plane) {
+Vec3 origin_near(const SamplePoints& points, const FlatPlane& plane) {
   std::size_t i = 0;
-  while (i + 1 < sample.size() && !sample[i].allFinite()) ++i;
-  return sample[i] - plane.distance(sample[i]) * plane.n;
+  while (i + 1 < points.size() && !points[i].allFinite()) ++i;
+  return points[i] - plane.distance(points[i]) * plane.n;
 }
 
 }  // namespace
@@ -90,14 +95,17 @@ void begin_fit(const Points& points, const Vec3& up, const PlaneSettings& settin
   FlatPlane plane;
   if (!best_within(sample, start.search, threshold, plane)) return;
 
-  start.shift = origin_near(sample, plane);
+  start.shift = origin_near(sample.all(), plane);
   for (int i = 0; i < kPolishSteps; ++i) {
     FlatPlane polished = plane;
     Spread spread;
     PointMoments moments(start.shift);
-    if (!refit_within(sample, threshold, up, moments, polished, spread)) break;
+    if (!refit_within(sample.all(), threshold, up, moments, polished, spread)) break;
+    const bool stands_still = polished.same_bits(plane);
     plane = polished;
+    const double before = threshold;
     if (!threshold_given) threshold = threshold_about(sample, plane, share, scratch);
+    if (stands_still || std::abs(threshold - before) <= kPolished * before) break;
   }
   if (FlatPlane level; find_level(sample, start.search, threshold, scratch, level, threshold)) {
     plane = level;
@@ -153,6 +161,19 @@ PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSetting
   return finish_fit(points, settings, start);
 }
 
+PlaneFit fit_plane_over(const ListedPoints& points, const Vec3& up, const PlaneSettings& settings) {
+  PlaneStart start;
+  begin_fit(points, up, settings, start);
+  ZonedPoints zoned;
+  for (int pass = 0; pass < kZonePasses && start.found; ++pass) {
+    if (!zoned.sort(points, start.plane, start.threshold_mm)) break;
+    const PlaneFit fit = finish_fit(zoned, settings, start);
+    if (!zoned.asked_beyond()) return fit;
+    start.plane = {fit.normal, fit.offset_mm};
+  }
+  return finish_fit(points, settings, start);
+}
+
 template <typename Points>
 PlaneFit fit_plane_lsq_over(const Points& points, const Vec3& up) {
   PlaneFit fit;
@@ -177,7 +198,6 @@ PlaneFit fit_plane_lsq_over(const Points& points, const Vec3& up) {
 
 template PlaneFit fit_plane_over(const std::span<const Vec3>&, const Vec3&, const PlaneSettings&);
 template PlaneFit fit_plane_over(const CloudPoints&, const Vec3&, const PlaneSettings&);
-template PlaneFit fit_plane_over(const ListedPoints&, const Vec3&, const PlaneSettings&);
 template void begin_fit(const ListedPoints&, const Vec3&, const PlaneSettings&, PlaneStart&);
 template PlaneFit finish_fit(const SummedPoints&, const PlaneSettings&, const PlaneStart&);
 template PlaneFit fit_plane_lsq_over(const std::span<const Vec3>&, const Vec3&);

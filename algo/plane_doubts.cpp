@@ -18,11 +18,13 @@ namespace slabd::algo {
 namespace {
 
 constexpr int kPolishSteps = 5;
-/// The finest threshold tried is an eighth of the fit's: surfaces 24 noise widths apart still fit one wide zone.
-constexpr int kScales = 4;
+// The finest threshold tried is an eighth of the fit's: surfaces 24 noise widths apart still fit one wide zone.
+static_assert(kScales == 4);
 /// Bins per threshold of the histogram of heights; a threshold of three noise widths gives bins of one.
-constexpr int kBinsPerThreshold = 3;
-constexpr std::size_t kBinsMax = static_cast<std::size_t>(2 * kBinsPerThreshold) << (kScales - 1);
+constexpr std::size_t kBinsPerThreshold = 3;
+/// Heights are looked at up to so many thresholds of the fit on either side.
+constexpr std::size_t kReach = 2;
+static_assert(2 * kReach * kBinsPerThreshold << (kScales - 1) <= kHeightBinsMax);
 /// A gap holds less than this share of what an even spread of the points over the heights would put there.
 constexpr double kGapShare = 0.4;
 /// ... and the heap beyond it is at least this share of the points on the near side; a bump of five per cent is
@@ -36,38 +38,35 @@ constexpr double kWider = 1.25;
 constexpr double kMoveSigmas = 0.1;
 
 /// Refits within `threshold` until it hardly matters.
-void polish(const PlaneSample& sample, const Vec3& up, double threshold, FlatPlane& plane) {
+void polish(const SamplePoints& points, const Vec3& up, double threshold, FlatPlane& plane) {
   for (int i = 0; i < kPolishSteps; ++i) {
     FlatPlane polished = plane;
     Spread spread;
     // The best plane of a set passes through points of it; near them the sums keep their digits.
     std::size_t near = 0;
-    while (near < sample.size() && !(std::abs(plane.distance(sample[near])) <= threshold)) ++near;
-    if (near == sample.size()) return;
-    PointMoments moments(sample[near]);
-    if (!refit_within(sample, threshold, up, moments, polished, spread)) return;
+    while (near < points.size() && !(std::abs(plane.distance(points[near])) <= threshold)) ++near;
+    if (near == points.size()) return;
+    PointMoments moments(points[near]);
+    if (!refit_within(points, threshold, up, moments, polished, spread)) return;
     if (polished.same_bits(plane)) return;
     plane = polished;
   }
 }
 
-/// `heights` above a plane on one side (`sign`) of it in bins of threshold / kBinsPerThreshold, up to `reach`. Is there
-/// a gap with another heap beyond? `gap` is where.
-bool gap_on_side(std::span<const double> heights, double sign, double threshold, double reach, double& gap) {
-  std::array<double, kBinsMax> bins{};
-  const double width = threshold / kBinsPerThreshold;
-  const std::size_t count = std::min(static_cast<std::size_t>(std::lround(reach / width)), kBinsMax);
+/// Is there a gap with another heap beyond, going up (or down) from the plane? `bins` of `width` hold how many points
+/// lie how high, the plane is in their middle; `gap` is where.
+bool gap_on_side(std::span<const std::uint32_t> all_bins, bool upward, double width, double& gap) {
+  std::array<double, kHeightBinsMax / 2> bins{};
+  const std::size_t count = all_bins.size() / 2;
   double behind = 0.0;
-  for (const double height : heights) {
-    const double h = sign * height / width;
-    if (!(h < static_cast<double>(count)) || h < -static_cast<double>(count)) continue;
-    if (h < 0.0)
-      behind += 1.0;
-    else
-      bins[static_cast<std::size_t>(h)] += 1.0;
+  for (std::size_t k = 0; k < count; ++k) {
+    const std::uint32_t up = all_bins[count + k];
+    const std::uint32_t down = all_bins[count - 1 - k];
+    bins[k] = upward ? up : down;
+    behind += upward ? down : up;
   }
   const auto begin = bins.begin();
-  const auto edge = begin + std::min(static_cast<std::ptrdiff_t>(count), std::ptrdiff_t{kBinsPerThreshold});
+  const auto edge = begin + static_cast<std::ptrdiff_t>(std::min(count, kBinsPerThreshold));
   const auto end = begin + static_cast<std::ptrdiff_t>(count);
   const auto peak = std::max_element(edge, end);
   if (peak == end) return false;
@@ -91,58 +90,68 @@ bool gap_on_side(std::span<const double> heights, double sign, double threshold,
 
 bool find_level(const PlaneSample& sample, const PlaneSearch& search, double reach, Residuals& scratch,
                 FlatPlane& level, double& threshold) {
-  for (int scale = 0; scale < kScales; ++scale) {
-    const double t = reach / static_cast<double>(1 << scale);
-    FlatPlane plane;
-    if (!best_within(sample, search, t, plane)) return false;
-    polish(sample, search.up, t, plane);
-    distances_of(sample, plane, scratch);
-    const std::span<double> heights = std::span(scratch).first(sample.size());
-    double above = 2.0 * reach;
-    double under = 2.0 * reach;
+  const SamplePoints points = sample.all();
+  std::array<FlatPlane, kScales> best;
+  if (!best_within_scales(sample, search, reach, best)) return false;
+  for (std::size_t scale = 0; scale < kScales; ++scale) {
+    const double t = reach / static_cast<double>(1U << scale);
+    FlatPlane& plane = best[scale];
+    polish(sample.scouts(), search.up, t, plane);
+    std::array<std::uint32_t, kHeightBinsMax> room;
+    const std::span<std::uint32_t> bins = std::span(room).first(2 * kReach * kBinsPerThreshold << scale);
+    const double width = t / kBinsPerThreshold;
+    count_heights(points, plane, width, bins);
+    double above = kReach * reach;
+    double under = kReach * reach;
     double gap = 0.0;
     bool found = false;
-    for (const double sign : {1.0, -1.0}) {
-      if (!gap_on_side(heights, sign, t, 2.0 * reach, gap)) continue;
-      (sign > 0.0 ? above : under) = gap;
+    for (const bool upward : {true, false}) {
+      if (!gap_on_side(bins, upward, width, gap)) continue;
+      (upward ? above : under) = gap;
       found = true;
     }
     if (!found) continue;
+    distances_of(points, plane, scratch);
+    const std::span<double> heights = std::span(scratch).first(points.size());
     // What lies on this side of the gap says how noisy the level is.
     std::size_t near = 0;
     for (const double h : heights)
       if (h < above && h > -under) scratch[near++] = std::abs(h);
     level = plane;
     threshold = std::fmax(3.0 * robust_sigma(std::span(scratch).first(near), 0.5), kThresholdFloor_mm);
-    polish(sample, search.up, threshold, level);
+    polish(points, search.up, threshold, level);
     return true;
   }
   return false;
 }
 
 bool has_rival(const PlaneSample& sample, const PlaneSearch& search, const FlatPlane& plane, double threshold) {
+  const SamplePoints points = sample.all();
+  const std::size_t within = count_within(points, plane, threshold);
+  const double own = static_cast<double>(within);
+  if (static_cast<double>(points.size() - within) < kRivalOwnShare * own) return false;
   PlaneSample rest;
-  for (std::size_t i = 0; i < sample.size(); ++i)
-    if (const Vec3 p = sample[i]; std::abs(plane.distance(p)) > threshold && p.allFinite()) rest.add(p);
+  for (std::size_t i = 0; i < points.size(); ++i)
+    if (const Vec3 p = points[i]; std::abs(plane.distance(p)) > threshold && p.allFinite()) rest.add(p);
   rest.close();
-  const double own = static_cast<double>(count_within(sample, plane, threshold));
   FlatPlane rival;
   if (static_cast<double>(rest.size()) < kRivalOwnShare * own) return false;
   if (!best_within(rest, search, threshold, rival)) return false;
-  polish(rest, search.up, threshold, rival);
-  return static_cast<double>(count_within(rest, rival, threshold)) >= kRivalOwnShare * own &&
-         static_cast<double>(count_within(sample, rival, threshold)) >= kRivalShare * own;
+  polish(rest.all(), search.up, threshold, rival);
+  return static_cast<double>(count_within(rest.all(), rival, threshold)) >= kRivalOwnShare * own &&
+         static_cast<double>(count_within(points, rival, threshold)) >= kRivalShare * own;
 }
 
 bool bends_with_threshold(const PlaneSample& sample, const FlatPlane& plane, double threshold) {
+  const SamplePoints points = sample.all();
   FlatPlane narrow = plane;
-  polish(sample, plane.n, threshold, narrow);
+  polish(points, plane.n, threshold, narrow);
   FlatPlane wide = plane;
-  polish(sample, plane.n, kWider * threshold, wide);
+  polish(points, plane.n, kWider * threshold, wide);
   ScalarMoments moves(0.0);
   ScalarMoments squares(0.0);
-  for (std::size_t i = 0; i < sample.size(); ++i) {
-    const Vec3 p = sample[i];
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Vec3 p = points[i];
     const double h = narrow.distance(p);
     if (!(std::abs(h) <= threshold)) continue;
     const double move = wide.distance(p) - h;

@@ -34,12 +34,14 @@ template <typename Points>
 template <typename Points>
 [[nodiscard]] PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSettings& settings);
 
+/// The same, in one pass over the points (plane_zone.h).
+[[nodiscard]] PlaneFit fit_plane_over(const ListedPoints& points, const Vec3& up, const PlaneSettings& settings);
+
 template <typename Points>
 [[nodiscard]] PlaneFit fit_plane_lsq_over(const Points& points, const Vec3& up);
 
 extern template PlaneFit fit_plane_over(const std::span<const Vec3>&, const Vec3&, const PlaneSettings&);
 extern template PlaneFit fit_plane_over(const CloudPoints&, const Vec3&, const PlaneSettings&);
-extern template PlaneFit fit_plane_over(const ListedPoints&, const Vec3&, const PlaneSettings&);
 extern template void begin_fit(const ListedPoints&, const Vec3&, const PlaneSettings&, PlaneStart&);
 extern template PlaneFit finish_fit(const SummedPoints&, const PlaneSettings&, const PlaneStart&);
 extern template PlaneFit fit_plane_lsq_over(const std::span<const Vec3>&, const Vec3&);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -21,17 +22,33 @@ struct FlatPlane {
   [[nodiscard]] bool same_bits(const FlatPlane& other) const { return n == other.n && d == other.d; }
 };
 
-/// Points that stand for the whole set while hypotheses are compared; an array for each coordinate.
+/// Points of a sample, an array for each coordinate. Behind a number that is no multiple of sixteen NaN follow up to
+/// the next one.
+struct SamplePoints {
+  const double* x;
+  const double* y;
+  const double* z;
+  std::size_t count;
+
+  [[nodiscard]] std::size_t size() const { return count; }
+  [[nodiscard]] Vec3 operator[](std::size_t i) const { return {x[i], y[i], z[i]}; }
+};
+
+/// Points that stand for the whole set while hypotheses are compared, in an order of which the first quarter stands for
+/// the whole as well.
 struct PlaneSample {
   static constexpr std::size_t kLanes = 16;
-  static_assert(limits::kPlaneSampleMax % kLanes == 0);
+  /// Enough to tell a good hypothesis from a bad one.
+  static constexpr std::size_t kScouts = limits::kPlaneSampleMax / 4;
+  static_assert(limits::kPlaneSampleMax % kLanes == 0 && kScouts % kLanes == 0);
   alignas(64) std::array<double, limits::kPlaneSampleMax> x;
   alignas(64) std::array<double, limits::kPlaneSampleMax> y;
   alignas(64) std::array<double, limits::kPlaneSampleMax> z;
   std::size_t count = 0;
 
   [[nodiscard]] std::size_t size() const { return count; }
-  [[nodiscard]] Vec3 operator[](std::size_t i) const { return {x[i], y[i], z[i]}; }
+  [[nodiscard]] SamplePoints all() const { return {x.data(), y.data(), z.data(), count}; }
+  [[nodiscard]] SamplePoints scouts() const { return {x.data(), y.data(), z.data(), std::min(count, kScouts)}; }
   void add(const Vec3& p) {
     x[count] = p.x();
     y[count] = p.y();
@@ -45,28 +62,32 @@ struct PlaneSample {
 };
 using Residuals = std::array<double, limits::kPlaneSampleMax>;
 
-/// Sum of min(r^2, threshold^2) over the sample; a point that is not finite counts as far away. Once the sum can no
+/// Sum of min(r^2, threshold^2) over the points; a point that is not finite counts as far away. Once the sum can no
 /// longer stay below `stop_at` it may be returned unfinished, but not below `stop_at`.
-[[nodiscard]] double truncated_squares(const PlaneSample& sample, const FlatPlane& plane, double threshold,
+[[nodiscard]] double truncated_squares(const SamplePoints& points, const FlatPlane& plane, double threshold,
                                        double stop_at);
+/// The same for kScales thresholds at once, each half of the one before. Unfinished only when none of the sums can stay
+/// below its `stop_at`.
+inline constexpr std::size_t kScales = 4;
+using ScaledSums = std::array<double, kScales>;
+[[nodiscard]] ScaledSums truncated_squares(const SamplePoints& points, const FlatPlane& plane, double threshold,
+                                           const ScaledSums& stop_at);
 /// Points at most `threshold` from `plane`.
-[[nodiscard]] std::size_t count_within(const PlaneSample& sample, const FlatPlane& plane, double threshold);
+[[nodiscard]] std::size_t count_within(const SamplePoints& points, const FlatPlane& plane, double threshold);
 /// Points closer than `threshold`.
-[[nodiscard]] std::size_t count_closer(const PlaneSample& sample, const FlatPlane& plane, double threshold);
-/// Signed distances, one for each point; NaN for points that are not finite.
-void distances_of(const PlaneSample& sample, const FlatPlane& plane, std::span<double> out);
+[[nodiscard]] std::size_t count_closer(const SamplePoints& points, const FlatPlane& plane, double threshold);
+/// Signed distances, one for each point (room for whole sixteens); NaN for points that are not finite.
+void distances_of(const SamplePoints& points, const FlatPlane& plane, std::span<double> out);
+/// How many points lie how high over `plane`: bin k holds heights from (k - bins.size() / 2) * width on. What lies in
+/// no bin is not counted.
+void count_heights(const SamplePoints& points, const FlatPlane& plane, double width, std::span<std::uint32_t> bins);
+inline constexpr std::size_t kHeightBinsMax = 96;
 /// Sums of x y z, xx xy xz, yy yz, zz about `shift` of the points at most `threshold` from `plane`.
 struct SampleSums {
   std::array<double, 9> sums{};
   std::size_t count = 0;
 };
-[[nodiscard]] SampleSums sums_within(const PlaneSample& sample, const FlatPlane& plane, double threshold,
+[[nodiscard]] SampleSums sums_within(const SamplePoints& points, const FlatPlane& plane, double threshold,
                                      const Vec3& shift);
-
-/// The value that k others do not exceed: values[k] if they were sorted. Not negative, not NaN (infinities allowed),
-/// k < values.size(). Exact; about 5 us for 4096 values.
-[[nodiscard]] double kth_smallest(std::span<const double> values, std::size_t k);
-/// Values that are at most `limit`.
-[[nodiscard]] std::size_t count_at_most(std::span<const double> values, double limit);
 
 }  // namespace slabd::algo

@@ -31,8 +31,8 @@ void add_within(const Points& points, const FlatPlane& plane, double threshold, 
   }
   moments.close_block();
 }
-inline void add_within(const PlaneSample& sample, const FlatPlane& plane, double threshold, PointMoments& moments) {
-  const SampleSums within = sums_within(sample, plane, threshold, moments.shift());
+inline void add_within(const SamplePoints& points, const FlatPlane& plane, double threshold, PointMoments& moments) {
+  const SampleSums within = sums_within(points, plane, threshold, moments.shift());
   moments.add_sums(within.sums, within.count);
 }
 

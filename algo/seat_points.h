@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <span>
 
@@ -43,6 +44,16 @@ struct SeatPoints {
   std::span<const float> h;  ///< above the nominal bearing plane
 
   [[nodiscard]] std::size_t size() const { return h.size(); }
+  /// Asks for the beginning to be brought into the cache. Processors fetch ahead by themselves, but not from one page
+  /// to the next, and a run is seldom longer than that.
+  void ask_for() const {
+    constexpr std::size_t kLine = 64 / sizeof(float);
+    for (std::size_t i = 0; i < std::min(size(), 8 * kLine); i += kLine) {
+      __builtin_prefetch(&x[i]);
+      __builtin_prefetch(&s[i]);
+      __builtin_prefetch(&h[i]);
+    }
+  }
 };
 
 }  // namespace slabd::algo

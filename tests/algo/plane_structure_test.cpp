@@ -107,16 +107,24 @@ TEST(PlaneStructure, AGivenThresholdThatTakesInTwoSurfacesIsRefused) {
   EXPECT_TRUE(fit_plane(step, Vec3::UnitZ(), {.threshold_mm = 0.09}).ok);
 }
 
-TEST(PlaneStructure, NoiseAloneIsNeverDoubted) {
+TEST(PlaneStructure, NoiseAloneIsNotDoubted) {
+  // Of a handful of points a few may fit a plane so well by chance that the others look like strays. Then it is refused:
+  // about one handful in seventy.
+  constexpr std::uint64_t kHandful = 60;
+  int handfuls_refused = 0;
   for (std::uint64_t seed = 1; seed <= 300; ++seed) {
     Prng prng(seed);
     std::vector<Vec3> points;
-    // Down to a handful of points, on which every statistic is poor.
-    const std::uint64_t count = 20 + prng.below(600);
+    const std::uint64_t count = 20 + prng.below(seed % 2 == 0 ? 600 : kHandful - 20);
     for (std::uint64_t i = 0; i < count; ++i)
       points.push_back(Vec3(100.0 * prng.uniform(), 150.0 * prng.uniform(), kNoise_mm * prng.normal()));
-    EXPECT_TRUE(fit_plane(points, Vec3::UnitZ(), {.seed = seed}).ok) << "seed " << seed << ", " << count << " points";
+    const bool ok = fit_plane(points, Vec3::UnitZ(), {.seed = seed}).ok;
+    if (count < kHandful)
+      handfuls_refused += ok ? 0 : 1;
+    else
+      EXPECT_TRUE(ok) << "seed " << seed << ", " << count << " points";
   }
+  EXPECT_LE(handfuls_refused, 7) << "of 150";
 }
 
 TEST(PlaneFixedPoint, PointsExactlyAtTheThresholdDoNotKeepItFromStandingStill) {
