@@ -3,7 +3,10 @@
 // slabctl inspect: one block offline, through daemon::measure_block, the path every scan of the line takes.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
+#include <cerrno>
 #include <cmath>
+#include <cstdio>
+#include <cstring>
 #include <memory>
 #include <optional>
 #include <span>
@@ -26,6 +29,7 @@ struct Options {
   std::string T_block_scanner;
   std::string unit = "mm";
   int threads = daemon::default_measure_threads();
+  std::string deviation_map;
   bool json = false;
 };
 
@@ -69,6 +73,25 @@ void print_report(const Options& options, const Recipe& recipe, const BlockResul
   fmt::print("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", block.times.total_ms,
              block.times.read_ms, block.times.denoise_ms, block.times.register_ms, block.times.extract_ms);
   fmt::print("{}\n", kNotVisible);
+}
+
+/// One line for each cell in which something was seen. False, with a word on stderr, when not all of it was written.
+bool write_deviation_map(const std::string& path, const algo::DeviationMap& map) {
+  std::string text = "x_mm,y_mm,deviation_mm,points\n";
+  for (std::size_t row = 0; row < map.rows; ++row) {
+    for (std::size_t column = 0; column < map.columns; ++column) {
+      const std::size_t cell = row * map.columns + column;
+      if (map.count[cell] == 0) continue;
+      text += fmt::format("{:g},{:g},{:.6f},{}\n", map.x_mm(column), map.y_mm(row), map.mean_mm(cell), map.count[cell]);
+    }
+  }
+  std::FILE* file = std::fopen(path.c_str(), "w");
+  bool written = file != nullptr && std::fwrite(text.data(), 1, text.size(), file) == text.size();
+  written = written && std::fflush(file) == 0;
+  const int trouble = errno;
+  if (file != nullptr) std::fclose(file);
+  if (!written) complain(fmt::format("--deviation-map {}: cannot be written: {}", path, std::strerror(trouble)));
+  return written;
 }
 
 int inspect(const Options& options) {
@@ -125,6 +148,12 @@ int inspect(const Options& options) {
   } else {
     print_report(options, recipe, block);
   }
+  if (!options.deviation_map.empty()) {
+    if (block.registration.status != RegistrationStatus::converged)
+      complain(fmt::format("--deviation-map {}: not written, the block was not found", options.deviation_map));
+    else if (!write_deviation_map(options.deviation_map, inspector.deviation_map()))
+      return kBadInput;
+  }
   return block.verdict == Verdict::pass ? kDone : kNotPass;
 }
 
@@ -156,6 +185,10 @@ void add_inspect(CLI::App& app, int& exit_status) {
   command->add_option("--threads", options->threads, "Threads that measure; the results are the same")
       ->check(CLI::Range(1, 2))
       ->capture_default_str();
+  command->add_option("--deviation-map", options->deviation_map,
+                      "Write how far the scan lies from the recipe's block, place by place, to this CSV file: x_mm, "
+                      "y_mm (block frame), deviation_mm (mean; positive is too high), points (one in sixteen is "
+                      "taken); places without points are left out");
   command->add_flag("--json", options->json, "Print slabd.inspection/1 on stdout");
   command->callback([options, &exit_status] { exit_status = inspect(*options); });
 }

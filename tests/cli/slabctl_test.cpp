@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl as a process: exit status, stdout and stderr.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -269,6 +272,53 @@ TEST_F(Slabctl, good_block_passes_with_status_0_and_a_readable_table) {
   expect_mentions(ended.out, "not visible to the block scans");
   EXPECT_EQ(ended.out.find('\x1b'), std::string::npos) << "no colour where there is no terminal";
   expect_mentions(ended.err, "assumed, not confirmed");
+}
+
+TEST_F(Slabctl, deviation_map_is_a_table_of_the_places_that_were_seen) {
+  ASSERT_EQ(simulate_scan("scan.ply", "--defect chip=3:0.8").status, 0);
+  const std::string inspect = "inspect " + file("scan.ply") + " --recipe " + kRecipe + " --block 3 --deviation-map ";
+  const Ended ended = run(inspect + file("map.csv"));
+  EXPECT_EQ(ended.err.find("deviation-map"), std::string::npos) << ended.err;
+  std::ifstream map(file("map.csv"));
+  std::string line;
+  ASSERT_TRUE(std::getline(map, line));
+  EXPECT_EQ(line, "x_mm,y_mm,deviation_mm,points");
+  std::size_t cells = 0;
+  double lowest = 0.0;
+  while (std::getline(map, line)) {
+    double x = 0.0;
+    double y = 0.0;
+    double deviation = 0.0;
+    unsigned points = 0;
+    ASSERT_EQ(std::sscanf(line.c_str(), "%lf,%lf,%lf,%u", &x, &y, &deviation, &points), 4) << line;
+    ++cells;
+    EXPECT_GT(points, 0U) << line;
+    EXPECT_LT(std::abs(x), 200.0) << line;
+    EXPECT_LT(std::abs(y), 300.0) << line;
+    EXPECT_EQ(std::fmod(std::abs(x), 4.0), 2.0) << "the middle of a 4 mm cell: " << line;
+    if (std::abs(x) < 51.0 && std::abs(y) < 75.0) lowest = std::min(lowest, deviation);
+  }
+  // The block is 210 x 480 mm and the scan shows some of the slab around it; the bores are empty.
+  EXPECT_GT(cells, 210U * 480U / 16U * 9U / 10U);
+  EXPECT_LT(cells, 350U * 500U / 16U);
+  EXPECT_LT(lowest, -0.2) << "the chip";
+
+  for (const std::string& where : {file("no-such-folder/map.csv"), std::string("/dev/full")}) {
+    const Ended refused = run(inspect + where);
+    EXPECT_EQ(refused.status, 3) << where;
+    expect_mentions(refused.err, where + ": cannot be written: ");
+    expect_mentions(refused.out, "block 3: ");
+  }
+}
+
+TEST_F(Slabctl, deviation_map_of_a_block_that_was_not_found_is_not_written) {
+  std::string points;
+  for (int i = 0; i < 60'000; ++i) points += std::to_string(i % 300) + ' ' + std::to_string(i / 300) + " 600\n";
+  const Ended ended = run("inspect " + write("plate.xyz", points) + " --recipe " + kRecipe +
+                          " --block 3 --deviation-map " + file("map.csv"));
+  EXPECT_EQ(ended.status, 1);
+  expect_mentions(ended.err, "map.csv: not written, the block was not found");
+  EXPECT_FALSE(fs::exists(file("map.csv")));
 }
 
 TEST_F(Slabctl, one_thread_and_two_inspect_to_the_same_digits) {
