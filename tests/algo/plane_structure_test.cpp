@@ -108,8 +108,8 @@ TEST(PlaneStructure, AGivenThresholdThatTakesInTwoSurfacesIsRefused) {
 }
 
 TEST(PlaneStructure, NoiseAloneIsNotDoubted) {
-  // Of a handful of points a few may fit a plane so well by chance that the others look like strays. Then it is refused:
-  // about one handful in seventy.
+  // Of a handful of points a few may fit a plane so well by chance that the others look like strays. Then it is
+  // refused: about one handful in seventy.
   constexpr std::uint64_t kHandful = 60;
   int handfuls_refused = 0;
   for (std::uint64_t seed = 1; seed <= 300; ++seed) {
