@@ -7,6 +7,7 @@
 #include "algo/denoise.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <bit>
 #include <cassert>
@@ -18,22 +19,27 @@
 namespace slabd::algo {
 namespace {
 
-/// Step 3 for one band; returns how many points it took out.
+/// Step 3 for one band; returns how many points it took out. Each lies in memory of its own that nobody foresees, so
+/// it is fetched a few points before its turn.
 std::uint64_t take_out(const GridLayout& grid, GridWork& work, std::size_t band) {
+  constexpr std::size_t kAhead = 16;
+  std::array<float*, kAhead> waiting{};
   std::uint64_t taken = 0;
   const std::size_t first = band * GridLayout::kBandTileRows * GridLayout::kTileRows;
   const std::size_t last = std::min(first + GridLayout::kBandTileRows * GridLayout::kTileRows, grid.rows);
   for (std::size_t row = first; row < last; ++row) {
-    for (int tc = 0; tc < grid.tile_columns; ++tc) {
-      std::uint32_t noise = work.noise.tile(tc, static_cast<int>(row));
-      taken += static_cast<std::uint64_t>(std::popcount(noise));
-      for (; noise != 0; noise &= noise - 1) {
-        const std::size_t column =
-            static_cast<std::size_t>(GridLayout::kTileColumns * tc) + static_cast<std::size_t>(std::countr_zero(noise));
-        std::fill_n(work.xyz + 3 * (row * grid.columns + column), 3, kNoPlane);
+    for (std::size_t column = 0; column < grid.columns; column += 64) {
+      for (std::uint64_t noise = work.noise.sixtyfour(column, row); noise != 0; noise &= noise - 1) {
+        const auto at = row * grid.columns + column + static_cast<std::size_t>(std::countr_zero(noise));
+        float*& next = waiting[taken++ % kAhead];
+        if (next != nullptr) std::fill_n(next, 3, kNoPlane);
+        next = work.xyz + 3 * at;
+        __builtin_prefetch(next, 1);
       }
     }
   }
+  for (float* left : waiting)
+    if (left != nullptr) std::fill_n(left, 3, kNoPlane);
   return taken;
 }
 
@@ -42,7 +48,12 @@ std::uint64_t take_out(const GridLayout& grid, GridWork& work, std::size_t band)
 bool judge_grid(const GridLayout& grid, GridWork& work, Team& team) {
   team.run(grid.bands(), [&](std::size_t band) { find_grid_planes(grid, work, band); });
   if (2 * work.with_plane < work.finite) return false;
-  team.run(grid.bands(), [&](std::size_t band) { judge_grid_points(grid, work, band); });
+  team.run(grid.bands(), [&](std::size_t band) {
+    const int first = grid.first_tile_row(band);
+    const int last = grid.first_tile_row(band + 1) - 1;
+    judge_tile_row(grid, work, first);
+    if (last != first) judge_tile_row(grid, work, last);
+  });
   return true;
 }
 
@@ -50,7 +61,7 @@ bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, Scan
   if (cloud.width < GridLayout::kColumnsMin || cloud.height < GridLayout::kRowsMin) return false;
   if (cloud.width * cloud.height != cloud.points) return false;
   const GridLayout grid(cloud.width, cloud.height);
-  if (2 * grid.tiles() > memory.surface.size() || 2 * grid.mask_bytes() > memory.keep.size()) return false;
+  if (!grid.fits(memory)) return false;
   GridWork work(grid, cloud.xyz.data(), nullptr, memory);
   work.measure_pitch(grid);
   if (!judge_grid(grid, work, team)) return false;

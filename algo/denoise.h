@@ -24,11 +24,12 @@ struct DenoiseWorkspace {
   std::span<TilePlane> surface;         ///< limits::kDenoiseCellsMax
 };
 
-/// Sets points that no surface goes through to NaN, in place, and points that lack a coordinate altogether; number,
-/// width and height stay. Fills `counts`. An organised scan (width and height set) is judged by its grid, any other
-/// gets its grid back if its rays are evenly spaced, or is judged by the points' places in XY. Order decides nothing
-/// and stays, unless consecutive points lie anywhere: evenly spaced rays then bring them into their own. `order` and
-/// `keep` of limits::kScanPointsMax hold every grid. Threads and instruction set decide nothing either.
+/// Sets points that no surface goes through to NaN, in place; number, width and height stay. A point without z is a
+/// missing one; what lacks another coordinate was made so by whoever read the scan (hal/settle_points.h). Fills
+/// `counts`. An organised scan (width and height set) is judged by its grid, any other gets its grid back if its rays
+/// are evenly spaced, or is judged by the points' places in XY. Order decides nothing and stays, unless consecutive
+/// points lie anywhere: evenly spaced rays then bring them into their own. `order` and `keep` of limits::kScanPointsMax
+/// hold every grid. Threads and instruction set decide nothing either.
 void remove_isolated(Cloud& cloud, const DenoiseWorkspace& work, Team& team, ScanCounts& counts);
 
 }  // namespace slabd::algo

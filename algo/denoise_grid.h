@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -23,6 +24,10 @@ inline float grid_gate_mm(float per_column, float per_row) {
   constexpr float kNoise_mm = 0.45F;
   constexpr float kRise = 0.35F;
   return std::max(kLevel_mm, kNoise_mm + kRise * std::sqrt(per_column * per_column + per_row * per_row));
+}
+
+inline float gate_of(const TilePlane& p) {
+  return grid_gate_mm(p.per_column, p.per_row);
 }
 
 /// How an organised scan is divided.
@@ -50,12 +55,84 @@ struct GridLayout {
   [[nodiscard]] std::size_t bands() const {
     return (static_cast<std::size_t>(tile_rows) + kBandTileRows - 1) / kBandTileRows;
   }
+  [[nodiscard]] int first_tile_row(std::size_t band) const {
+    return std::min(static_cast<int>(band) * kBandTileRows, tile_rows);
+  }
   /// Bytes of a mask's row: one tile to the left and to the right, so that windows may reach over the edge.
   [[nodiscard]] std::size_t mask_stride() const { return 2 * (static_cast<std::size_t>(tile_columns) + 3); }
   [[nodiscard]] std::size_t mask_bytes() const {
     return mask_stride() * static_cast<std::size_t>(kTileRows * tile_rows + 2 * window::kReach);
   }
+  [[nodiscard]] std::size_t marks_bytes() const {
+    return (static_cast<std::size_t>(tile_columns) + 1) * (static_cast<std::size_t>(tile_rows) + 2);
+  }
+  /// Bytes of `DenoiseWorkspace::keep` that GridWork takes, from the first one on.
+  [[nodiscard]] std::size_t work_bytes() const { return 2 * mask_bytes() + marks_bytes(); }
+  [[nodiscard]] bool fits(const DenoiseWorkspace& memory) const {
+    return 2 * tiles() <= memory.surface.size() && work_bytes() <= memory.keep.size();
+  }
 };
+
+/// The middle of a tile, from which its planes are told, and a plane told from a tile so many tiles further.
+inline constexpr float kTileMidColumn = 0.5F * static_cast<float>(GridLayout::kTileColumns - 1);
+inline constexpr float kTileMidRow = 0.5F * static_cast<float>(GridLayout::kTileRows - 1);
+[[gnu::always_inline]] inline TilePlane moved(const TilePlane& p, int columns, int rows) {
+  return {p.z + static_cast<float>(GridLayout::kTileColumns * columns) * p.per_column +
+              static_cast<float>(GridLayout::kTileRows * rows) * p.per_row,
+          p.per_column, p.per_row};
+}
+/// How far apart two planes are at the corners of a tile, at most.
+[[gnu::always_inline]] inline float apart_mm(const TilePlane& a, const TilePlane& b) {
+  return std::abs(a.z - b.z) + 8.0F * std::abs(a.per_column - b.per_column) + 4.0F * std::abs(a.per_row - b.per_row);
+}
+/// Planes that are no further apart are one; those of tiles side by side are the same at a glance (TileMarks).
+inline constexpr float kAlikeLevel_mm = 0.15F;
+inline constexpr float kStep_mm = 0.2F;
+/// So far off a plane nothing lies on those of tiles around that are alike. These are two steps apart, each told from
+/// its own tile; their gates are the same but for a tenth.
+inline float clear_off_mm(const TilePlane& p) {
+  return 1.1F * gate_of(p) + 4.0F * kStep_mm;
+}
+/// A tile is calm with at most so many points off its plane.
+inline constexpr int kCalmOff = 10;
+
+/// One bit for each point of a tile, four rows in a word. Always inlined: counting bits is one instruction where it is
+/// called, not where this header is first seen.
+struct TileBits {
+  std::array<std::uint64_t, 2> four_rows{};
+
+  [[gnu::always_inline]] [[nodiscard]] std::uint32_t row(int r) const {
+    return static_cast<std::uint32_t>(four_rows[static_cast<std::size_t>(r / 4)] >> (16 * (r % 4))) & 0xFFFFU;
+  }
+  [[gnu::always_inline]] void add(int r, std::uint32_t bits) {
+    four_rows[static_cast<std::size_t>(r / 4)] |= std::uint64_t{bits} << (16 * (r % 4));
+  }
+  [[gnu::always_inline]] void set(int r, std::uint32_t bits) {
+    four_rows[static_cast<std::size_t>(r / 4)] &= ~(std::uint64_t{0xFFFF} << (16 * (r % 4)));
+    add(r, bits);
+  }
+  [[gnu::always_inline]] [[nodiscard]] int count() const {
+    return std::popcount(four_rows[0]) + std::popcount(four_rows[1]);
+  }
+  [[nodiscard]] bool none() const { return (four_rows[0] | four_rows[1]) == 0; }
+  /// Calls f(column, row) for every bit that is set, row by row.
+  template <typename F>
+  [[gnu::always_inline]] void for_each(F&& f) const {
+    for (int half = 0; half < 2; ++half) {
+      for (std::uint64_t left = four_rows[static_cast<std::size_t>(half)]; left != 0; left &= left - 1) {
+        const int bit = std::countr_zero(left);
+        f(bit % 16, 4 * half + bit / 16);
+      }
+    }
+  }
+};
+[[gnu::always_inline]] inline TileBits operator&(const TileBits& a, const TileBits& b) {
+  return {{a.four_rows[0] & b.four_rows[0], a.four_rows[1] & b.four_rows[1]}};
+}
+/// Those of `b` that are not in `a`.
+[[gnu::always_inline]] inline TileBits and_not(const TileBits& a, const TileBits& b) {
+  return {{~a.four_rows[0] & b.four_rows[0], ~a.four_rows[1] & b.four_rows[1]}};
+}
 
 /// One bit a point, by tiles.
 class GridMask {
@@ -76,14 +153,30 @@ class GridMask {
     return ((word >> (static_cast<unsigned>(column) % 8)) &
             ((std::uint64_t{1} << static_cast<unsigned>(points)) - 1)) != 0;
   }
-  void set(int tile_column, int row, std::uint32_t bits) {
+  [[gnu::always_inline]] void set(int tile_column, int row, std::uint32_t bits) {
     const auto half = static_cast<std::uint16_t>(bits);
     std::memcpy(at(row) + 2 + 2 * tile_column, &half, sizeof half);
+  }
+  [[gnu::always_inline]] void set(int tile_column, int tile_row, const TileBits& bits) {
+    for (int r = 0; r < GridLayout::kTileRows; ++r) set(tile_column, GridLayout::kTileRows * tile_row + r, bits.row(r));
+  }
+  [[gnu::always_inline]] [[nodiscard]] TileBits of_tile(int tile_column, int tile_row) const {
+    TileBits bits;
+    for (int r = 0; r < GridLayout::kTileRows; ++r)
+      bits.add(r, tile(tile_column, GridLayout::kTileRows * tile_row + r));
+    return bits;
   }
   [[nodiscard]] std::uint32_t tile(int tile_column, int row) const {
     std::uint16_t half = 0;
     std::memcpy(&half, at(row) + 2 + 2 * tile_column, sizeof half);
     return half;
+  }
+  /// Of 64 points from a column on that is a multiple of 64: no further than to the row's last tile.
+  [[nodiscard]] std::uint64_t sixtyfour(std::size_t column, std::size_t row) const {
+    std::uint64_t word = 0;
+    const std::size_t first = 2 + column / 8;
+    std::memcpy(&word, at(static_cast<int>(row)) + first, std::min(sizeof word, stride_ - 4 - first));
+    return word;
   }
   /// The 7 x 7 points around one.
   [[nodiscard]] std::uint64_t around(int column, int row) const {
@@ -105,6 +198,37 @@ class GridMask {
   std::size_t stride_;
 };
 
+/// What is known of a tile at a glance, one byte each. Outside the grid and until a tile is seen everything is as if
+/// the plane went on.
+class TileMarks {
+ public:
+  static constexpr std::uint8_t kQuiet = 1;     ///< one plane holds all of its points
+  static constexpr std::uint8_t kLikeLeft = 2;  ///< it and the tile to the left have one plane each, the same
+  static constexpr std::uint8_t kLikeUp = 4;    ///< it and the tile above
+  /// Its points off its plane are so far off that they are on none of those around if all are alike.
+  static constexpr std::uint8_t kClearOff = 8;
+
+  TileMarks(const GridLayout& grid, std::uint8_t* memory)
+      : memory_(memory), stride_(static_cast<std::size_t>(grid.tile_columns) + 1) {
+    std::fill_n(memory_, grid.marks_bytes(), std::uint8_t{kLikeLeft | kLikeUp});
+  }
+  [[nodiscard]] std::uint8_t& of(int tile_column, int tile_row) const {
+    return memory_[static_cast<std::size_t>(tile_row + 1) * stride_ + static_cast<std::size_t>(tile_column)];
+  }
+  /// The tile and the eight around it have one and the same plane.
+  [[nodiscard]] bool same_plane_around(int tile_column, int tile_row) const {
+    const std::uint8_t* here = &of(tile_column, tile_row);
+    const std::uint8_t* up = here - stride_;
+    const std::uint8_t* down = here + stride_;
+    const int left = up[0] & up[1] & here[0] & here[1] & down[0] & down[1] & kLikeLeft;
+    return left != 0 && (here[0] & down[0] & kLikeUp) != 0;
+  }
+
+ private:
+  std::uint8_t* memory_;
+  std::size_t stride_;
+};
+
 /// What a band found.
 struct GridCounts {
   std::uint64_t finite = 0;
@@ -120,7 +244,8 @@ struct GridWork {
         surface(memory.surface.data()),
         tile_columns(static_cast<std::size_t>(grid.tile_columns)),
         off(grid, memory.keep.data()),
-        noise(grid, memory.keep.data() + grid.mask_bytes()) {}
+        noise(grid, memory.keep.data() + grid.mask_bytes()),
+        marks(grid, memory.keep.data() + 2 * grid.mask_bytes()) {}
 
   /// The two planes of a tile.
   [[nodiscard]] TilePlane* planes(int tile_column, int tile_row) const {
@@ -139,9 +264,10 @@ struct GridWork {
   /// Steeper than 85 degrees: nothing that a scanner sees, but two surfaces at different depths.
   [[nodiscard]] bool too_steep(const TilePlane& plane) const {
     constexpr float kSlopeMax = 11.5F;
-    const float along = plane.per_column / per_column_mm;
-    const float across = plane.per_row / per_row_mm;
-    return along * along + across * across > kSlopeMax * kSlopeMax;
+    const float along = plane.per_column * per_row_mm;
+    const float across = plane.per_row * per_column_mm;
+    const float most = kSlopeMax * per_column_mm * per_row_mm;
+    return along * along + across * across > most * most;
   }
 
   float* xyz;
@@ -152,6 +278,7 @@ struct GridWork {
   std::size_t tile_columns;
   GridMask off;    ///< finite, and on none of its tile's planes
   GridMask noise;  ///< to be taken out
+  TileMarks marks;
   std::atomic<std::uint64_t> finite{0};
   std::atomic<std::uint64_t> with_plane{0};
 
@@ -177,8 +304,8 @@ struct GridWork {
 
 /// Planes of one band's tiles, and the judgement of all its tile rows but the first and the last.
 void find_grid_planes(const GridLayout& grid, GridWork& work, std::size_t band);
-/// The judgement of the first and the last, when all bands have their planes.
-void judge_grid_points(const GridLayout& grid, GridWork& work, std::size_t band);
+/// The judgement of one tile row; the planes of those above and below it, if there are any, must be known.
+void judge_tile_row(const GridLayout& grid, GridWork& work, int tile_row);
 
 /// Steps 1 and 2 for all bands. False where most points have no plane in their tile: neighbours in the grid are no
 /// neighbours in space.

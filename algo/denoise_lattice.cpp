@@ -446,7 +446,7 @@ bool denoise_lattice(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, S
   if (cells > memory.order.size() || met_bytes(cells) > memory.keep.size()) return false;
   DenoiseWorkspace left = memory;
   left.keep = memory.keep.first(memory.keep.size() - met_bytes(cells));
-  if (2 * grid.tiles() > left.surface.size() || 2 * grid.mask_bytes() > left.keep.size()) return false;
+  if (!grid.fits(left)) return false;
   work.met = left.keep.data() + left.keep.size();
   std::fill_n(work.met, met_bytes(cells), std::uint8_t{0});
   work.table = ::new (memory.order.data()) float[cells];

@@ -184,10 +184,47 @@ HWY_INLINE F16 lane_numbers() {
 struct Points16 {
   F16 x, y, z;
 };
+/// A register's worth of points lies in three registers, and no two x of it in the same lane of theirs, because three
+/// and the number of lanes have no common factor: two choices lane by lane bring all x together, one permutation puts
+/// them in order. Machines without a permutation of that width have Highway's own way.
+#if HWY_TARGET <= HWY_AVX2
+/// Lanes whose number leaves `rest` when divided by three.
+template <typename Tag>
+HWY_INLINE hn::Mask<Tag> every_third(Tag tag, std::size_t rest) {
+  alignas(64) static constexpr std::int32_t kThirds[kLanes] = {0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0};
+  const hn::Rebind<std::int32_t, Tag> whole;
+  return hn::RebindMask(tag, hn::Eq(hn::Load(whole, kThirds), hn::Set(whole, static_cast<std::int32_t>(rest))));
+}
+/// Coordinate c of the points in three registers.
+template <std::size_t c, typename Tag, typename V>
+HWY_INLINE V every_third_number(Tag tag, const V& v0, const V& v1, const V& v2) {
+  constexpr std::size_t kWidth = hn::MaxLanes(Tag());
+  struct Order {
+    alignas(64) std::int32_t lane[kWidth];
+    constexpr Order() : lane() {
+      for (std::size_t i = 0; i < kWidth; ++i) lane[i] = static_cast<std::int32_t>((3 * i + c) % kWidth);
+    }
+  };
+  static constexpr Order kOrder;
+  const auto from_first = every_third(tag, c);
+  const auto from_second = every_third(tag, (c + 2 * kWidth) % 3);
+  const V together = hn::IfThenElse(from_first, v0, hn::IfThenElse(from_second, v1, v2));
+  return hn::TableLookupLanes(together, hn::SetTableIndices(tag, kOrder.lane));
+}
+#endif
 template <std::size_t K>
 HWY_INLINE void take_apart(const float* xyz, Pack<float, K>& x, Pack<float, K>& y, Pack<float, K>& z) {
   if constexpr (K == 1) {
-    hn::LoadInterleaved3(Tag<float>(), xyz, x.v, y.v, z.v);
+    const Tag<float> tag;
+#if HWY_TARGET <= HWY_AVX2
+    constexpr std::size_t kWidth = hn::MaxLanes(Tag<float>());
+    const auto v0 = hn::LoadU(tag, xyz), v1 = hn::LoadU(tag, xyz + kWidth), v2 = hn::LoadU(tag, xyz + 2 * kWidth);
+    x.v = every_third_number<0>(tag, v0, v1, v2);
+    y.v = every_third_number<1>(tag, v0, v1, v2);
+    z.v = every_third_number<2>(tag, v0, v1, v2);
+#else
+    hn::LoadInterleaved3(tag, xyz, x.v, y.v, z.v);
+#endif
   } else {
     take_apart(xyz, x.lo, y.lo, z.lo);
     take_apart(xyz + 3 * (K / 2) * hn::MaxLanes(Tag<float>()), x.hi, y.hi, z.hi);
@@ -233,9 +270,16 @@ HWY_INLINE void store_interleaved(const Pack<float, K>& a, const Pack<float, K>&
 /// Bit k is lane k.
 template <typename T>
 HWY_INLINE std::uint32_t bits(const MaskPack<T, 1>& mask) {
-  std::array<std::uint8_t, 8> byte{};
-  hn::StoreMaskBits(Tag<T>(), mask.m, byte.data());
-  return byte[0] | (std::uint32_t{byte[1]} << 8U);
+  if constexpr (hn::MaxLanes(Tag<T>()) == kLanes) {
+    std::uint16_t word = 0;
+    hn::StoreMaskBits(Tag<T>(), mask.m, reinterpret_cast<std::uint8_t*>(&word));
+    return word;
+  } else {
+    // Eight bytes are what it may write.
+    std::array<std::uint8_t, 8> byte{};
+    hn::StoreMaskBits(Tag<T>(), mask.m, byte.data());
+    return byte[0];
+  }
 }
 template <typename T, std::size_t K>
 HWY_INLINE std::uint32_t bits(const MaskPack<T, K>& mask) {
