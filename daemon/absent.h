@@ -23,7 +23,8 @@ class AbsentPose : public hal::PosePort {
 class AbsentScanner : public hal::ScannerPort {
  public:
   explicit AbsentScanner(const Error& why) : why_(why) {}
-  [[nodiscard]] Result<AcquiredScan> acquire(const ScanRequest&, std::span<float>, const std::atomic<bool>&) override {
+  [[nodiscard]] Result<AcquiredScan> acquire(const ScanRequest&, std::span<float>, const std::atomic<bool>&,
+                                             const hal::ScanDecoded&) override {
     return why_;
   }
   void idle() override {}

@@ -34,7 +34,10 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, const algo::Stat
   for (std::span<float>& slot : slots_) slot = scan_memory_.take<float>(limits::kScanPointsMax * 3);
   figures_.started_ns = ports_.clock.mono_ns();
   store_worker_ = std::make_unique<StoreWorker>(
-      "slabd-store", [this](const StoreJob& job) { return store(job); }, [] {});
+      "slabd-store", [this](const StoreJob& job) { return store(job); },
+      [this] {
+        if (ports_.store != nullptr) ports_.store->idle();
+      });
   scan_worker_ = std::make_unique<ScanWorker>(
       "slabd-scan", [this](const AcquireScan& job) { return scan(job); }, [this] { ports_.scanner.idle(); });
   measure_worker_ = std::make_unique<MeasureWorker>(
@@ -75,7 +78,13 @@ ScanDone Loop::scan(const AcquireScan& job) {
   ScanDone done;
   done.cmd_seq = job.request.cmd_seq;
   done.slot = job.slot;
-  const Result<AcquiredScan> result = ports_.scanner.acquire(job.request, slots_[job.slot], cancel_scan_);
+  // Measuring need not wait for the disk. Where nobody takes the news, it begins when the scan is durable.
+  const Result<AcquiredScan> result =
+      ports_.scanner.acquire(job.request, slots_[job.slot], cancel_scan_, [this, &done](const AcquiredScan& decoded) {
+        done.scan = decoded;
+        (void)scan_worker_->post(done);
+      });
+  done.durable = true;
   if (result.ok()) {
     done.scan = result.value();
   } else {

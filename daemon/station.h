@@ -15,9 +15,12 @@
 /// fail is answered by one event.
 ///
 ///   idle --SLAB_BEGIN--> slab open --SCAN--> journal -> settle -> scan -> durable (ACQ_SEQ, robot may leave)
-///                             ^                                              |
-///                             +---- next SCAN at once      measure -> commit -> result record
+///                             ^                               |              |
+///                             +---- next SCAN at once      measure ----------+-> commit -> result record
 ///   slab open --SLAB_END--> wait for measurements -> slab fit -> commit -> slab verdict --RES_ACK--> idle
+///
+/// Measuring begins when the points are in memory, beside their way to the disk; what it finds is kept back until the
+/// scan is durable, and dropped when the scan comes to nothing.
 ///
 /// Rules that are never bent: nothing is acknowledged or shown before it is durable; a result reads pass only when it
 /// was measured and passed; a scan is never repeated on our own account.
@@ -56,9 +59,12 @@ struct LinkStatus {
   bool scanner_online = false;
   std::uint64_t stray_files = 0;
 };
+/// Twice for a scan that comes: when its points lie in the buffer, and when it is durable. The first may be missing; a
+/// scan that comes to nothing has the second alone.
 struct ScanDone {
   std::uint16_t cmd_seq = 0;
   std::uint8_t slot = 0;
+  bool durable = false;  ///< the last word
   Code code = Code::ok;
   AcquiredScan scan;  ///< valid when code is ok
 };
@@ -162,6 +168,10 @@ struct Acquisition {
   std::int64_t taken_ns = 0;  ///< checking: when the exposure was over
   double read_ms = 0.0;
   Attempt attempt;
+  bool decoded = false;  ///< the points are in the buffer
+  /// Measuring ahead of the disk. From its beginning on the buffer is the measurement's.
+  enum class Ahead : std::uint8_t { no, measuring, measured } ahead = Ahead::no;
+  BlockMeasured block;  ///< measured ahead: kept back
 };
 
 enum class SlabPhase : std::uint8_t { none, open, ending, storing_end };

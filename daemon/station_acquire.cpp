@@ -3,6 +3,10 @@
 // One SCAN: settle -> request the scan -> the robot must not have moved -> cloud and pose durable -> "robot may
 // leave" -> measure -> commit -> result. Up to "durable" there is one acquisition at a time; after it the block only
 // occupies a buffer while the next one may begin.
+//
+// Measuring starts as soon as points and pose are there, while the scan is still on its way to the disk: it is the
+// slower way, so the result waits and the PLC does not. A scan that comes to nothing after all takes the measurement
+// with it: its answer then finds nobody and only gives the buffer back.
 #include <cmath>
 
 #include "daemon/station_parts.h"
@@ -71,19 +75,57 @@ void try_to_trigger(Station& s, Actions& actions) {
   emit(actions, action);
 }
 
-void check_stillness(Station& s, Actions& actions) {
-  Acquisition& a = s.acquisition;
-  PoseMean mean;
-  const Code code = s.gate.held_still(a.taken_ns, mean);
-  if (code == Code::pose_stale && s.now_ns - a.taken_ns < kCheckTimeoutNs) return;
-  if (code != Code::ok) {
-    fail_acquisition(s, code, actions);
-    return;
-  }
-  a.phase = Acquisition::Phase::storing;
+void note_pose(Acquisition& a, const PoseMean& mean) {
   a.attempt.T_base_flange = mean.T_base_flange;
   a.attempt.pose_spread_mm = mean.spread_mm;
   a.attempt.pose_samples = mean.samples;
+}
+
+MeasureBlock block_to_measure(const Station& s, const Attempt& attempt, std::uint8_t slot) {
+  MeasureBlock action;
+  action.slab_key = s.slab.header.key;
+  action.station = attempt.station;
+  action.attempt = attempt.number;
+  action.slot = slot;
+  action.cmd_seq = attempt.cmd_seq;
+  action.scan_utime_us = attempt.scan_utime_us;
+  action.scan_path = attempt.scan_path;
+  action.shape = attempt.shape;
+  action.slab_type = s.slab.header.slab_type;
+  action.T_base_flange = attempt.T_base_flange;
+  action.T_flange_scanner = s.slab.header.T_flange_scanner;
+  action.T_base_slab = s.slab.header.T_base_slab;
+  return action;
+}
+
+/// As soon as the robot is known to have stood still over the whole exposure. That it has not is check_stillness's to
+/// say, when the scan is durable.
+void measure_ahead(Station& s, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  PoseMean mean;
+  if (!a.decoded || a.abort || a.ahead != Acquisition::Ahead::no || s.gate.held_still(a.taken_ns, mean) != Code::ok)
+    return;
+  note_pose(a, mean);
+  a.ahead = Acquisition::Ahead::measuring;
+  a.slot_taken = false;
+  MeasureBlock action = block_to_measure(s, a.attempt, a.slot);
+  action.read_ms = a.read_ms;
+  emit(actions, action);
+}
+
+void check_stillness(Station& s, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  if (a.ahead == Acquisition::Ahead::no) {
+    PoseMean mean;
+    const Code code = s.gate.held_still(a.taken_ns, mean);
+    if (code == Code::pose_stale && s.now_ns - a.taken_ns < kCheckTimeoutNs) return;
+    if (code != Code::ok) {
+      fail_acquisition(s, code, actions);
+      return;
+    }
+    note_pose(a, mean);
+  }
+  a.phase = Acquisition::Phase::storing;
   a.attempt.acquire_ms = ms_from_ns(s.now_ns - a.started_ns);
   PendingStore pending;
   pending.kind = PendingStore::Kind::acquired;
@@ -100,26 +142,44 @@ void release(Station& s) {
   s.acquisition = {};
 }
 
-void measure(Station& s, std::uint8_t station, std::uint8_t slot, bool reload, double read_ms, Actions& actions) {
-  const StationRecord& record = record_of(s, station);
-  MeasureBlock action;
-  action.slab_key = s.slab.header.key;
-  action.station = station;
-  action.attempt = record.attempt.number;
-  action.slot = slot;
-  action.cmd_seq = record.attempt.cmd_seq;
-  action.scan_utime_us = record.attempt.scan_utime_us;
-  action.read_ms = read_ms;
-  action.reload = reload;
-  action.scan_path = record.attempt.scan_path;
-  action.shape = record.attempt.shape;
-  action.slab_type = s.slab.header.slab_type;
-  action.T_base_flange = record.attempt.T_base_flange;
-  action.T_flange_scanner = s.slab.header.T_flange_scanner;
-  action.T_base_slab = s.slab.header.T_base_slab;
+/// A result will come, and its record has a place.
+void expect_result(Station& s, std::uint8_t station) {
   ++s.measuring;
   s.station_measuring[station - 1U] = true;
-  emit(actions, action);
+}
+
+/// A measurement of what the acquisition in hand took.
+bool is_ahead(const Station& s, const BlockMeasured& measured) {
+  const Acquisition& a = s.acquisition;
+  return a.ahead == Acquisition::Ahead::measuring && measured.slab_key == a.attempt.slab_key &&
+         measured.block.station == a.station && measured.attempt == a.attempt.number;
+}
+
+/// A measurement of a durable cloud.
+bool is_expected(const Station& s, const BlockMeasured& measured) {
+  const std::size_t index = measured.block.station - 1U;
+  return measured.slab_key == s.slab.header.key && s.station_measuring[index] &&
+         s.slab.stations[index].attempt.number == measured.attempt;
+}
+
+void commit_block(Station& s, const BlockMeasured& measured, Actions& actions) {
+  StationRecord& record = record_of(s, measured.block.station);
+  if (record.phase == StationPhase::acquired) record.block = measured.block;
+
+  PendingStore pending;
+  pending.kind = PendingStore::Kind::block;
+  pending.station = measured.block.station;
+  pending.attempt = measured.attempt;
+  pending.slab_key = measured.slab_key;
+  pending.record = station_record(measured.block);
+  pending.record.cmd_seq = measured.cmd_seq;
+  pending.record.slab_no = s.slab.header.slab_no;
+  pending.record.scan_utime_us = measured.scan_utime_us;
+  pending.value = measured.cmd_seq;
+  number_record(s, pending.record);
+  log(actions, LogLine::Level::info, Code::ok, "station %u: %s (reason %u) after %.0f ms", measured.block.station,
+      name(measured.block.verdict).data(), measured.block.reason, measured.block.times.total_ms);
+  submit(s, actions, BlockJob{measured.slab_key, measured.attempt, measured.block, pending.record}, pending);
 }
 
 }  // namespace
@@ -150,9 +210,9 @@ void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
 void advance_acquisition(Station& s, Actions& actions) {
   switch (s.acquisition.phase) {
     case Acquisition::Phase::settling: try_to_trigger(s, actions); break;
+    case Acquisition::Phase::scanning: measure_ahead(s, actions); break;
     case Acquisition::Phase::checking: check_stillness(s, actions); break;
     case Acquisition::Phase::none:
-    case Acquisition::Phase::scanning:
     case Acquisition::Phase::storing: break;
   }
 }
@@ -165,6 +225,8 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   a.attempt.scan_utime_us = done.scan.taken_utime_us;
   a.taken_ns = done.scan.taken_mono_ns;
   a.read_ms = done.scan.read_ms;
+  a.decoded = done.code == Code::ok;
+  if (!done.durable) return;
   if (a.abort || done.code != Code::ok) {
     fail_acquisition(s, a.abort ? Code::interrupted : done.code, actions);
     return;
@@ -191,10 +253,18 @@ void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Acti
   set_status(s, pending.value, CommandStatus::acquired);
   log(actions, LogLine::Level::info, Code::ok, "station %u: %zu points durable after %.0f ms, the robot may leave",
       pending.station, a.attempt.shape.finite, a.attempt.acquire_ms);
-  const std::uint8_t slot = a.slot;
-  const double read_ms = a.read_ms;
+  const Acquisition was = a;
   a = {};  // the buffer stays taken until the block is measured
-  measure(s, pending.station, slot, false, read_ms, actions);
+  expect_result(s, pending.station);
+  switch (was.ahead) {
+    case Acquisition::Ahead::measured: commit_block(s, was.block, actions); break;
+    case Acquisition::Ahead::measuring: break;
+    case Acquisition::Ahead::no:
+      MeasureBlock action = block_to_measure(s, record.attempt, was.slot);
+      action.read_ms = was.read_ms;
+      emit(actions, action);
+      break;
+  }
 }
 
 void fail_acquisition(Station& s, Code code, Actions& actions) {
@@ -233,24 +303,12 @@ void abort_acquisition(Station& s, Actions& actions) {
 void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actions) {
   assert(measured.slot < s.slot_busy.size());
   s.slot_busy[measured.slot] = false;
-  StationRecord& record = record_of(s, measured.block.station);
-  const bool current = record.phase == StationPhase::acquired && record.attempt.number == measured.attempt;
-  if (current) record.block = measured.block;
-
-  PendingStore pending;
-  pending.kind = PendingStore::Kind::block;
-  pending.station = measured.block.station;
-  pending.attempt = measured.attempt;
-  pending.slab_key = measured.slab_key;
-  pending.record = station_record(measured.block);
-  pending.record.cmd_seq = measured.cmd_seq;
-  pending.record.slab_no = s.slab.header.slab_no;
-  pending.record.scan_utime_us = measured.scan_utime_us;
-  pending.value = measured.cmd_seq;
-  number_record(s, pending.record);
-  log(actions, LogLine::Level::info, Code::ok, "station %u: %s (reason %u) after %.0f ms", measured.block.station,
-      name(measured.block.verdict).data(), measured.block.reason, measured.block.times.total_ms);
-  submit(s, actions, BlockJob{measured.slab_key, measured.attempt, measured.block, pending.record}, pending);
+  if (is_ahead(s, measured)) {
+    s.acquisition.ahead = Acquisition::Ahead::measured;
+    s.acquisition.block = measured;
+  } else if (is_expected(s, measured)) {
+    commit_block(s, measured, actions);
+  }
 }
 
 void remeasure(Station& s, Actions& actions) {
@@ -263,7 +321,10 @@ void remeasure(Station& s, Actions& actions) {
     const int slot = free_slot(s);
     if (slot < 0) return;
     s.slot_busy[static_cast<std::size_t>(slot)] = true;
-    measure(s, static_cast<std::uint8_t>(i + 1), static_cast<std::uint8_t>(slot), true, 0.0, actions);
+    expect_result(s, static_cast<std::uint8_t>(i + 1));
+    MeasureBlock action = block_to_measure(s, s.slab.stations[i].attempt, static_cast<std::uint8_t>(slot));
+    action.reload = true;
+    emit(actions, action);
     return;
   }
 }

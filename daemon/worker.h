@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <cassert>
 #include <condition_variable>
 #include <cstdint>
 #include <functional>
@@ -53,6 +54,12 @@ class Worker {
     return true;
   }
 
+  /// Called by `work` on its thread: an answer ahead of the one that `work` returns. False when there is no room.
+  bool post(const Done& done) {
+    const std::lock_guard lock(mutex_);
+    return give(done);
+  }
+
   /// Oldest answer; false when none waits.
   [[nodiscard]] bool next(Done& done) {
     const std::lock_guard lock(mutex_);
@@ -95,13 +102,21 @@ class Worker {
       done_ = work_(job);
       lock.lock();
       running_ = false;
-      const bool pushed = dones_.push(done_);
-      (void)pushed;  // room was checked before the job was taken, and only this thread adds
-      const std::uint64_t one = 1;
-      const auto written = ::write(event_fd_, &one, sizeof one);
-      (void)written;
+      const bool given = give(done_);
+      assert(given);  // room was checked before the job was taken, only this thread adds, and post() leaves one place
+      (void)given;
       settled_.notify_all();
     }
+  }
+
+  /// Under the lock. The last place is kept for what a job in hand returns.
+  bool give(const Done& done) {
+    if (running_ && dones_.size() + 1 >= Capacity) return false;
+    if (!dones_.push(done)) return false;
+    const std::uint64_t one = 1;
+    const auto written = ::write(event_fd_, &one, sizeof one);
+    (void)written;
+    return true;
   }
 
   const char* name_;

@@ -6,6 +6,7 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -169,15 +170,20 @@ inline constexpr std::array kScanFormats = {ScanFormat::ply, ScanFormat::ply_asc
 /// The same as binary little-endian PLY, without the heap.
 [[nodiscard]] Status write_ply(const char* path, std::span<const float> xyz, std::size_t width, std::size_t height);
 
+/// A scan whose points lie in their buffer, complete and not durable yet: nothing writes to the buffer any more, and
+/// the scan may still fail. Its `path` is where it is going to lie.
+using ScanDecoded = std::function<void(const AcquiredScan&)>;
+
 class ScannerPort {
  public:
   virtual ~ScannerPort() = default;
-  /// Requests one scan and returns when it is decoded into `xyz` and durable in the spool. Blocks up to the timeout;
+  /// Requests one scan and returns when it is decoded into `xyz` and durable in the spool. Calls `decoded` in between,
+  /// on this thread: syncing 60 MB takes longer than measuring them, so who wants may begin. Blocks up to the timeout;
   /// returns interrupted soon after `cancel` becomes true. scanner_offline, trigger_timeout, frame_incomplete,
   /// too_few_points (fewer than limits::kScanPointsMin finite), store_full, journal_write (the spool cannot be
   /// written); after an error nothing is left in the spool and `xyz` holds nothing of use.
   [[nodiscard]] virtual Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz,
-                                                     const std::atomic<bool>& cancel) = 0;
+                                                     const std::atomic<bool>& cancel, const ScanDecoded& decoded) = 0;
   /// Between scans: clear away what does not belong there. Returns quickly.
   virtual void idle() = 0;
   [[nodiscard]] virtual bool online() const = 0;                ///< callable from any thread

@@ -96,8 +96,8 @@ class ScanDrop final : public ScannerPort {
     if (open_folders()) folders_.withdraw_all_requests();
   }
 
-  Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz,
-                               const std::atomic<bool>& cancel) override {
+  Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz, const std::atomic<bool>& cancel,
+                               const ScanDecoded& decoded) override {
     if (Status status = open_folders(); !status) return status.error();
     NameText stem;
     stem.printf("%u-%u", unsigned{request.session}, unsigned{request.cmd_seq});
@@ -111,7 +111,7 @@ class ScanDrop final : public ScannerPort {
     folders_.withdraw_request(request_name.c_str());
     if (!answer) return answer.error();
 
-    Result<AcquiredScan> scan = take(answer.value(), request, xyz);
+    Result<AcquiredScan> scan = take(answer.value(), request, xyz, decoded);
     if (!scan) set_aside(answer.value().entry.name);
     return scan;
   }
@@ -230,7 +230,8 @@ class ScanDrop final : public ScannerPort {
 
   // ---- taking
 
-  Result<AcquiredScan> take(const Answer& answer, const ScanRequest& request, std::span<float> xyz) {
+  Result<AcquiredScan> take(const Answer& answer, const ScanRequest& request, std::span<float> xyz,
+                            const ScanDecoded& decoded) {
     const std::int64_t begin_ns = clock_.mono_ns();
     AcquiredScan scan;
     scan.taken_mono_ns = answer.seen_ns;
@@ -254,6 +255,7 @@ class ScanDrop final : public ScannerPort {
       return error(Code::too_few_points, "%s: %zu of %zu points are there, needed are %zu", shown.c_str(),
                    scan.shape.finite, scan.shape.points, limits::kScanPointsMin);
     scan.read_ms = ms_from_ns(clock_.mono_ns() - begin_ns);
+    decoded(scan);
     if (Status status = spool_file(fd.get(), folders_.inbox_fd(), answer.entry.name.c_str(), scan.path); !status)
       return status.error();
     return scan;

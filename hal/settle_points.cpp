@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Problem: whether five million points are finite is asked before anybody may say "acquired", and must cost less than
-// reading them. Idea: sixteen points are 48 numbers and 48 bits, one for each that is not finite. A point is missing
-// where any of its three bits is set; nearly always all three are, and nothing has to be written.
+// reading them. Idea: sixteen points are 48 numbers and 48 bits, one for each that is NaN. A point is missing where any
+// of its three bits is set; nearly always all three are, and nothing has to be written.
 #include "hal/settle_points.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -15,6 +15,7 @@
 #include <array>
 #include <cstdint>
 #include <cstring>
+#include <limits>
 
 HWY_BEFORE_NAMESPACE();
 namespace slabd::hal {
@@ -28,11 +29,14 @@ constexpr std::size_t kGroupFloats = 3 * kGroupPoints;
 using Tag = hn::CappedTag<float, 16>;
 constexpr std::size_t kLanes = hn::MaxLanes(Tag());
 
-/// Bit k is lane k. (Masks are made by Not(Eq): what Ne says of NaN differs between machines.)
+/// Bit k is lane k.
 HWY_INLINE std::uint64_t bits_of(hn::Mask<Tag> mask) {
   std::array<std::uint8_t, 8> byte{};
   hn::StoreMaskBits(Tag(), mask, byte.data());
-  return byte[0] | (std::uint64_t{byte[1]} << 8U);
+  if constexpr (kLanes <= 8) return byte[0];
+  std::uint16_t both = 0;
+  std::memcpy(&both, byte.data(), sizeof both);
+  return both;
 }
 
 enum class Store { no, cached, past_caches };
@@ -40,20 +44,23 @@ enum class Store { no, cached, past_caches };
 template <Store kStore>
 HWY_INLINE std::size_t settle_group(const float* from, float* to) {
   const Tag tag;
-  std::uint64_t not_finite = 0;
-  std::uint64_t nan = 0;
+  constexpr std::uint64_t kEvery = 0xFFFF'FFFF'FFFFU;
+  constexpr std::uint64_t kEveryX = 0x2492'4924'9249U;
+  std::uint64_t number = 0;
+  auto infinite = hn::MaskFromVec(hn::Zero(tag));
+#pragma GCC unroll 48
   for (std::size_t i = 0; i < kGroupFloats; i += kLanes) {
     const auto v = hn::LoadU(tag, from + i);
     if constexpr (kStore == Store::cached) hn::StoreU(v, tag, to + i);
     if constexpr (kStore == Store::past_caches) hn::Stream(v, tag, to + i);
-    not_finite |= bits_of(hn::Not(hn::Eq(hn::Sub(v, v), hn::Zero(tag)))) << i;
-    nan |= bits_of(hn::Not(hn::Eq(v, v))) << i;
+    number |= bits_of(hn::Eq(v, v)) << i;
+    infinite = hn::Or(infinite, hn::Eq(hn::Abs(v), hn::Set(tag, std::numeric_limits<float>::infinity())));
   }
-  constexpr std::uint64_t kEveryX = 0x2492'4924'9249U;
-  const std::uint64_t missing = (not_finite | not_finite >> 1U | not_finite >> 2U) & kEveryX;
+  const std::uint64_t nan = number ^ kEvery;
+  const std::uint64_t missing = (nan | nan >> 1U | nan >> 2U) & kEveryX;
   // Which points are missing is chance, and a branch on it costs more than all this. That one is missing in part, or
   // infinite, hardly ever happens: it is written again.
-  const bool settled = nan == not_finite && not_finite == missing * 7;  // 7: x, y and z
+  const bool settled = nan == missing * 7 && hn::AllFalse(tag, infinite);  // 7: x, y and z
   if (!settled) return slabd::hal::settle_points<float>({to, kGroupFloats});
   return kGroupPoints - hwy::PopCount(missing);
 }

@@ -4,7 +4,8 @@
 //   synchronous=EXTRA   set before the switch to WAL: the journal of that switch must be gone for good, or a power cut
 //                       can bring it back and roll the database back to that moment
 //   journal_mode=WAL    readers never block the writer; one sync for each commit
-//   checkpoints         by the writer only, every 256 pages, and the WAL file is cut back to 16 MB afterwards
+//   checkpoints         by the writer only: two more syncs, so when it has had nothing to do for a while (Store::idle);
+//                       in a commit only when the log has reached 16 MB, to which its file is cut back afterwards
 //   mmap off, fixed cache, trusted_schema off, cell_size_check, defensive: a damaged or hostile file is an error
 //                       message, not memory damage
 #include "storage/database.h"
@@ -62,7 +63,7 @@ void use_write_ahead_log(Connection& db) {
   const std::string mode = db.text("PRAGMA journal_mode = WAL");
   if (mode != "wal")
     throw SqlFailure{SQLITE_ERROR, "journal_mode is \"" + mode + "\" and cannot be set to \"wal\" (network disk?)"};
-  db.execute("PRAGMA wal_autocheckpoint = 256");
+  db.execute("PRAGMA wal_autocheckpoint = 4096");
   db.execute("PRAGMA journal_size_limit = 16777216");
 }
 

@@ -52,6 +52,15 @@ std::int64_t Connection::changes() const {
   return sqlite3_changes64(handle_);
 }
 
+bool Connection::checkpoint() {
+  int in_log = 0;
+  int moved = 0;
+  const int result = sqlite3_wal_checkpoint_v2(handle_, nullptr, SQLITE_CHECKPOINT_PASSIVE, &in_log, &moved);
+  if (result == SQLITE_BUSY || result == SQLITE_LOCKED) return false;
+  if (result != SQLITE_OK) fail(handle_, "checkpoint");
+  return moved == in_log;
+}
+
 // ---- Statement ---------------------------------------------------------------------------------------------------
 
 Statement::Statement(Connection& connection, const std::string& sql) : connection_(connection) {

@@ -30,6 +30,9 @@ class Connection {
   [[nodiscard]] std::int64_t integer(const std::string& sql);
   [[nodiscard]] std::string text(const std::string& sql);
   [[nodiscard]] std::int64_t changes() const;
+  /// Moves what is in the write-ahead log into the database, as far as readers allow, without waiting for them. True:
+  /// all of it.
+  bool checkpoint();
   [[nodiscard]] sqlite3* handle() const { return handle_; }
 
  private:

@@ -110,6 +110,9 @@ class Store {
   [[nodiscard]] virtual Result<std::string> change(const CalibrationChange& change) = 0;
   /// What is in force now.
   [[nodiscard]] virtual Result<std::unique_ptr<LineCalibration>> calibration() = 0;
+  /// Called by the writer's thread about ten times a second while there is no job: after some calls in a row the
+  /// write-ahead log is moved into the database, so that no commit has to.
+  virtual void idle() {}
   /// Why old scans could not be deleted to keep the spool budget; empty when all is well. Never fails a job.
   [[nodiscard]] virtual std::string_view spool_trouble() const { return {}; }
 };

@@ -70,7 +70,7 @@ void MockScanner::hang_until_cancelled() {
 }
 
 Result<AcquiredScan> MockScanner::acquire(const ScanRequest& request, std::span<float> xyz,
-                                          const std::atomic<bool>& cancel) {
+                                          const std::atomic<bool>& cancel, const ScanDecoded& decoded) {
   requests.push_back(request);
   if (script_.empty()) return error(Code::trigger_timeout, "mock scanner: nothing left in the script");
   const Step step = std::move(script_.front());
@@ -84,9 +84,10 @@ Result<AcquiredScan> MockScanner::acquire(const ScanRequest& request, std::span<
   scan.shape = shape.value();
   scan.taken_mono_ns = clock_.mono_ns();
   scan.taken_utime_us = clock_.utime_us();
+  scan.path = request.spool_path;
+  if (!request.spool_path.empty()) scan.path.append(".ply");
+  decoded(scan);
   if (!request.spool_path.empty()) {
-    scan.path = request.spool_path;
-    scan.path.append(".ply");
     const std::span<const float> points(xyz.data(), 3 * scan.shape.points);
     if (Status status = write_ply(scan.path.c_str(), points, scan.shape.width, scan.shape.height); !status)
       return status.error();

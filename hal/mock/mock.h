@@ -89,7 +89,7 @@ class MockScanner final : public ScannerPort {
 
   /// As the port promises; the scan is written to `<spool_path>.ply` when that path is not empty.
   [[nodiscard]] Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz,
-                                             const std::atomic<bool>& cancel) override;
+                                             const std::atomic<bool>& cancel, const ScanDecoded& decoded) override;
   void idle() override { ++idle_count; }
   [[nodiscard]] bool online() const override { return is_online; }
   [[nodiscard]] std::uint64_t stray_files() const override { return stray_count; }

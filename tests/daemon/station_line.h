@@ -148,6 +148,8 @@ class Line {
   bool robot_shakes = false;
   Code scan_code = Code::ok;
   bool scanner_answers = true;
+  bool disk_syncs = true;       ///< false: the scan lies in the buffer, and `sync_ends` says when and how it goes on
+  bool decodes_first = true;    ///< false: nobody hears of the points before they are durable
   bool measuring_works = true;  ///< false: MeasureBlock is never answered
   Verdict block_verdict = Verdict::pass;
   bool plc_beats = true;
@@ -176,6 +178,12 @@ class Line {
   }
 
   PlcOutputs view() const { return plc_view(*station); }
+
+  /// The scan that was on its way to the disk is there, or is not.
+  void sync_ends(Code code) {
+    syncing_.code = code;
+    feed(syncing_);
+  }
 
   /// Called around every step, for tests that watch what a step does.
   void (*before_step)() = nullptr;
@@ -259,13 +267,20 @@ class Line {
       scans.push_back(*acquire);
       exposing_ = true;
       if (!scanner_answers) return;
-      pending_.push_back(answer(*acquire));
+      ScanDone done = answer(*acquire);
+      if (decodes_first && done.code == Code::ok) pending_.push_back(done);
+      done.durable = true;
+      if (disk_syncs)
+        pending_.push_back(done);
+      else
+        syncing_ = done;
     } else if (std::holds_alternative<CancelScan>(action)) {
       ++cancelled;
       ScanDone done;
       done.cmd_seq = scans.back().request.cmd_seq;
       done.slot = scans.back().slot;
       done.code = Code::interrupted;
+      done.durable = true;
       pending_.push_back(done);
     } else if (const auto* measure = std::get_if<MeasureBlock>(&action)) {
       measured.push_back(*measure);
@@ -308,6 +323,7 @@ class Line {
   std::int64_t beat_ns_ = 0;
   std::int32_t pose_seq_ = 0;
   bool exposing_ = false;
+  ScanDone syncing_;
   Actions actions_;
   std::deque<Event> pending_;
 };

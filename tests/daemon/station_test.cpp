@@ -117,6 +117,112 @@ TEST_F(StationTest, next_scan_may_begin_while_the_last_one_is_measured) {
   EXPECT_EQ(line.view().cmd_status, failed(Code::deadline));
 }
 
+TEST_F(StationTest, a_block_is_measured_while_its_scan_goes_to_the_disk_and_shown_when_it_is_there) {
+  begin();
+  line.disk_syncs = false;
+  line.scan(1);
+  ASSERT_EQ(line.measured.size(), 1U);
+  EXPECT_EQ(line.measured[0].cmd_seq, line.plc.cmd_seq);
+  EXPECT_EQ(line.measured[0].shape.finite, 900U);
+  EXPECT_EQ(line.view().state, PlcState::scanning);
+  EXPECT_NE(line.view().acq_seq, line.plc.cmd_seq);
+  EXPECT_FALSE(line.view().result);
+  EXPECT_EQ(line.view().table[0].verdict, Verdict::none);
+  for (const StoreJob& job : store.applied) EXPECT_FALSE(std::holds_alternative<BlockJob>(job.what));
+
+  line.sync_ends(Code::ok);
+  line.run_for(40);
+  EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq);
+  EXPECT_EQ(line.view().cmd_status, 4);
+  EXPECT_EQ(line.measured.size(), 1U);
+  const auto records = line.take_results();
+  ASSERT_EQ(records.size(), 1U);
+  EXPECT_EQ(records[0].verdict, Verdict::pass);
+  EXPECT_EQ(records[0].cmd_seq, line.plc.cmd_seq);
+}
+
+TEST_F(StationTest, what_was_measured_of_a_scan_that_came_to_nothing_is_dropped) {
+  begin();
+  for (const bool measured_in_time : {true, false}) {
+    line.disk_syncs = false;
+    line.measuring_works = measured_in_time;
+    const std::size_t measurements = line.measured.size();
+    line.scan(3);
+    ASSERT_EQ(line.measured.size(), measurements + 1);
+    const MeasureBlock in_hand = line.measured.back();
+    line.sync_ends(Code::store_full);
+    line.run_for(40);
+    EXPECT_EQ(line.view().cmd_status, failed(Code::store_full));
+    EXPECT_EQ(line.view().table[2].reason, 501);
+
+    // The next attempt is another scan; the late answer to the first one is not its result.
+    line.disk_syncs = true;
+    line.measuring_works = true;
+    line.block_verdict = Verdict::fail;
+    if (!measured_in_time) {
+      BlockMeasured late;
+      late.slab_key = in_hand.slab_key;
+      late.attempt = in_hand.attempt;
+      late.slot = in_hand.slot;
+      late.cmd_seq = in_hand.cmd_seq;
+      late.block.station = 3;
+      late.block.verdict = Verdict::pass;
+      line.command(PlcCommand::scan, 3);
+      line.run_for(500);
+      line.feed(late);
+      line.run_for(500);
+    } else {
+      line.scan(3);
+    }
+    EXPECT_EQ(line.view().cmd_status, 4);
+    EXPECT_EQ(line.view().table[2].verdict, Verdict::fail);
+    const auto records = line.take_results();
+    ASSERT_EQ(records.size(), 1U);
+    EXPECT_EQ(records[0].verdict, Verdict::fail);
+    line.block_verdict = Verdict::pass;
+  }
+  // Both buffers are free again: two more scans at once.
+  line.measuring_works = false;
+  line.scan(4);
+  line.scan(5);
+  EXPECT_EQ(line.view().station_mask, 0b11100U);
+}
+
+TEST_F(StationTest, aborting_a_scan_on_its_way_to_the_disk_drops_what_was_measured_of_it) {
+  begin();
+  line.disk_syncs = false;
+  line.scan(1);
+  ASSERT_EQ(line.measured.size(), 1U);
+  line.plc.abort = true;
+  line.feed(line.plc);
+  line.run_for(40);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::interrupted));
+  EXPECT_EQ(line.view().table[0].verdict, Verdict::not_measured);
+  EXPECT_FALSE(line.view().result);
+}
+
+TEST_F(StationTest, a_robot_that_moved_during_the_scan_is_not_measured_ahead) {
+  begin();
+  line.robot_moves_mm = 1.0;
+  line.disk_syncs = false;
+  line.scan(1);
+  EXPECT_TRUE(line.measured.empty());
+  line.sync_ends(Code::ok);
+  line.run_for(40);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::moved_during_scan));
+  EXPECT_TRUE(line.measured.empty());
+}
+
+TEST_F(StationTest, measuring_begins_with_the_durable_scan_where_nobody_heard_of_its_points_before) {
+  begin();
+  line.decodes_first = false;
+  line.scan(1);
+  EXPECT_EQ(line.view().cmd_status, 4);
+  ASSERT_EQ(line.measured.size(), 1U);
+  EXPECT_FALSE(line.measured[0].reload);
+  EXPECT_EQ(line.take_results().size(), 1U);
+}
+
 TEST_F(StationTest, nothing_is_shown_that_could_not_be_stored) {
   begin();
   line.run_for(600);

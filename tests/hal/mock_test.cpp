@@ -72,19 +72,26 @@ TEST(Mock, scanner_plays_its_script) {
   std::atomic<bool> cancel = false;
   ScanRequest request;
   request.spool_path = PathText(folder / "spooled");
-  const auto memory = scanner.acquire(request, out, cancel);
+  const ScanDecoded ignored = [](const AcquiredScan&) {};
+  int told = 0;
+  const auto memory = scanner.acquire(request, out, cancel, [&](const AcquiredScan& scan) {
+    ++told;
+    EXPECT_EQ(scan.path, folder / "spooled.ply");
+    EXPECT_EQ(out, xyz);
+  });
   ASSERT_TRUE(memory.ok());
+  EXPECT_EQ(told, 1);
   EXPECT_EQ(memory.value().path, folder / "spooled.ply");
   EXPECT_TRUE(read_scan(memory.value().path.c_str(), LengthUnit::mm, out).ok());
   request.spool_path.clear();
-  ASSERT_TRUE(scanner.acquire(request, out, cancel).ok());
+  ASSERT_TRUE(scanner.acquire(request, out, cancel, ignored).ok());
   EXPECT_EQ(out[0], 1000.0F);
-  EXPECT_EQ(scanner.acquire(request, out, cancel).error().code, Code::exposure);
-  EXPECT_EQ(scanner.acquire(request, out, cancel).error().code, Code::too_few_points);
+  EXPECT_EQ(scanner.acquire(request, out, cancel, ignored).error().code, Code::exposure);
+  EXPECT_EQ(scanner.acquire(request, out, cancel, ignored).error().code, Code::too_few_points);
   std::thread canceller([&] { cancel = true; });
-  EXPECT_EQ(scanner.acquire(request, out, cancel).error().code, Code::interrupted);
+  EXPECT_EQ(scanner.acquire(request, out, cancel, ignored).error().code, Code::interrupted);
   canceller.join();
-  EXPECT_EQ(scanner.acquire(request, out, cancel).error().code, Code::trigger_timeout);
+  EXPECT_EQ(scanner.acquire(request, out, cancel, ignored).error().code, Code::trigger_timeout);
   EXPECT_EQ(scanner.requests.size(), 6U);
 }
 

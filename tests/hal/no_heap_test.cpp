@@ -160,7 +160,7 @@ TEST(NoHeap, acquiring_a_scan) {
   bool acquired = false;
   const int made = allocations_of([&] {
     scanner.value()->idle();
-    acquired = scanner.value()->acquire(request, xyz, cancel).ok();
+    acquired = scanner.value()->acquire(request, xyz, cancel, [](const AcquiredScan&) {}).ok();
   });
   software.join();
   EXPECT_TRUE(acquired);

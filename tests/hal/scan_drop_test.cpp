@@ -89,7 +89,7 @@ class ScanDropTest : public ::testing::Test {
       wait_until([&] { return over || fs::exists(request_file(name)); });
       if (!over) scanner_software();
     });
-    Result<AcquiredScan> result = scanner_->acquire(r, xyz_, cancel_);
+    Result<AcquiredScan> result = scanner_->acquire(r, xyz_, cancel_, on_decoded_);
     over = true;
     software.join();
     EXPECT_TRUE(names_in(request_file()).empty()) << "the request must be gone afterwards";
@@ -129,6 +129,7 @@ class ScanDropTest : public ::testing::Test {
   std::unique_ptr<ScannerPort> scanner_;
   std::vector<float> xyz_ = std::vector<float>(3 * 2 * kPoints);
   std::atomic<bool> cancel_ = false;
+  ScanDecoded on_decoded_ = [](const AcquiredScan&) {};
 };
 
 TEST_F(ScanDropTest, an_answer_is_decoded_and_lies_in_the_spool) {
@@ -155,6 +156,28 @@ TEST_F(ScanDropTest, an_answer_is_decoded_and_lies_in_the_spool) {
   EXPECT_TRUE(names_in(inbox()).empty());
   EXPECT_TRUE(names_in(stray()).empty());
   EXPECT_EQ(scanner_->stray_files(), 0U);
+}
+
+TEST_F(ScanDropTest, the_points_are_there_before_the_scan_is_durable) {
+  int told = 0;
+  on_decoded_ = [&](const AcquiredScan& scan) {
+    ++told;
+    EXPECT_EQ(scan.shape.finite, kPoints);
+    EXPECT_EQ(scan.path, folder_ / "spool/1/04-1.ply");
+    EXPECT_EQ(xyz_, points());
+    expect_nothing_spooled();
+  };
+  const auto result = acquire(request(), [&] { drop_scan("7-3.ply"); });
+  ASSERT_TRUE(result.ok()) << result.error().text.c_str();
+  EXPECT_EQ(told, 1);
+}
+
+TEST_F(ScanDropTest, nobody_is_told_of_points_that_were_not_there) {
+  int told = 0;
+  on_decoded_ = [&](const AcquiredScan&) { ++told; };
+  const auto result = acquire(request(), [&] { write_file(inbox("7-3.e57"), "ASTM-E57"); });
+  EXPECT_FALSE(result.ok());
+  EXPECT_EQ(told, 0);
 }
 
 TEST_F(ScanDropTest, a_slab_id_of_any_bytes_makes_valid_json) {
@@ -413,7 +436,7 @@ TEST_F(ScanDropTest, a_missing_folder_is_offline_until_it_is_back) {
   fs::rename(drop(), folder_ / "away");
   scanner_->idle();
   EXPECT_FALSE(scanner_->online());
-  const auto result = scanner_->acquire(request(), xyz_, cancel_);
+  const auto result = scanner_->acquire(request(), xyz_, cancel_, on_decoded_);
   ASSERT_FALSE(result.ok());
   EXPECT_EQ(result.error().code, Code::scanner_offline);
   fs::rename(folder_ / "away", drop());
@@ -451,7 +474,7 @@ TEST_F(ScanDropTest, a_folder_that_is_not_there_yet_is_reported_by_name_and_used
   ASSERT_TRUE(made.ok());
   ScannerPort& scanner = *made.value();
   EXPECT_FALSE(scanner.online());
-  const auto result = scanner.acquire(request(), xyz_, cancel_);
+  const auto result = scanner.acquire(request(), xyz_, cancel_, on_decoded_);
   ASSERT_FALSE(result.ok());
   EXPECT_EQ(result.error().code, Code::scanner_offline);
   EXPECT_NE(result.error().text.view().find("nowhere"), std::string_view::npos);
@@ -498,7 +521,7 @@ TEST_F(ScanDropAnyNameTest, text_that_grows_is_waited_for) {
 
 TEST_F(ScanDropAnyNameTest, an_inbox_that_is_not_empty_at_the_request_is_303) {
   drop_scan("old.ply");
-  const auto result = scanner_->acquire(request(), xyz_, cancel_);
+  const auto result = scanner_->acquire(request(), xyz_, cancel_, on_decoded_);
   ASSERT_FALSE(result.ok());
   EXPECT_EQ(result.error().code, Code::frame_incomplete);
   EXPECT_NE(result.error().text.view().find("old.ply"), std::string_view::npos);

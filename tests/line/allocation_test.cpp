@@ -202,7 +202,7 @@ TEST(Allocation, none_when_the_scanner_answers) {
     request.station = 1;
     request.spool_path.printf("%s/spool/%u", dir.path.c_str(), seq);
     const HeapCount count;
-    const auto acquired = scanner.value()->acquire(request, buffer, cancel);
+    const auto acquired = scanner.value()->acquire(request, buffer, cancel, [](const AcquiredScan&) {});
     const std::uint64_t calls = count.calls();
     dropper.join();
     ASSERT_TRUE(acquired.ok()) << acquired.error().text.c_str();

@@ -2,6 +2,7 @@
 #include <sqlite3.h>
 #include <sys/stat.h>
 
+#include <array>
 #include <filesystem>
 #include <fstream>
 
@@ -45,7 +46,7 @@ TEST_F(SettingsTest, settings_are_in_force_on_the_writing_connection) {
   EXPECT_EQ(db.integer("PRAGMA synchronous"), 3) << "EXTRA";
   EXPECT_EQ(db.text("PRAGMA journal_mode"), "wal");
   EXPECT_EQ(db.text("PRAGMA locking_mode"), "normal");
-  EXPECT_EQ(db.integer("PRAGMA wal_autocheckpoint"), 256);
+  EXPECT_EQ(db.integer("PRAGMA wal_autocheckpoint"), 4096) << "16 MB of log";
   EXPECT_EQ(db.integer("PRAGMA journal_size_limit"), 16'777'216);
   EXPECT_EQ(db.integer("PRAGMA foreign_keys"), 1);
   EXPECT_EQ(db.integer("PRAGMA trusted_schema"), 0);
@@ -56,6 +57,31 @@ TEST_F(SettingsTest, settings_are_in_force_on_the_writing_connection) {
   int defensive = 0;
   EXPECT_EQ(sqlite3_db_config(db.handle(), SQLITE_DBCONFIG_DEFENSIVE, -1, &defensive), SQLITE_OK);
   EXPECT_EQ(defensive, 1);
+}
+
+/// Pages of the database file itself, without what is only in its log.
+std::int64_t pages_in_file(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::array<unsigned char, 32> header{};
+  file.read(reinterpret_cast<char*>(header.data()), header.size());
+  std::int64_t pages = 0;
+  for (std::size_t i = 28; i < 32; ++i) pages = 256 * pages + header[i];
+  return pages;
+}
+
+TEST_F(SettingsTest, the_log_is_moved_into_the_database_when_there_has_been_nothing_to_do_for_a_while) {
+  open();
+  (void)recover();
+  begin(1);
+  for (int i = 0; i < 10; ++i) store_->idle();
+  const std::int64_t before = pages_in_file(settings_.db_path);
+  for (int station = 1; station <= 6; ++station) {
+    scan(1, station, 1);
+    store_->idle();  // between jobs: not yet
+  }
+  EXPECT_EQ(pages_in_file(settings_.db_path), before);
+  for (int i = 0; i < 10; ++i) store_->idle();
+  EXPECT_GT(pages_in_file(settings_.db_path), before);
 }
 
 TEST_F(SettingsTest, every_table_is_strict) {
