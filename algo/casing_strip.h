@@ -1,37 +1,60 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 
 #include "algo/algo.h"
+#include "algo/icp_kernels.h"
+#include "algo/seat_points.h"
 #include "base/base.h"
 
+/// The loops that look for points around the casings.
 namespace slabd::algo {
 
-/// The two strips along the rail that the casings must lie in, as point counts in 1 mm cells: columns along the rail
-/// around x = 0, rows along the seat around s = -half_spacing (first half of `cells`) and +half_spacing.
+/// From the scanner's frame to the seat's, in which the casings lie on the line x = 0 at s = -+half_spacing.
 struct CasingStrips {
-  /// Half width of a strip: bore, ring and a few millimetres.
-  static constexpr int kHalfRows = 30;
-  static constexpr int kShiftMax_mm = 100;
-  static constexpr int kHalfColumns = kShiftMax_mm + kHalfRows;
-  static constexpr std::size_t kRows = 2 * kHalfRows;
-  static constexpr std::size_t kColumns = 2 * kHalfColumns;
-  static constexpr std::size_t kCells = kRows * kColumns;
-  /// Points this far from the bearing plane belong to a strip: rims are sunk by less than a millimetre.
+  /// Points this far from the bearing plane belong to it: rims are sunk by less than a millimetre.
   static constexpr double kHeight_mm = 3.0;
 
-  /// Rows: along the rail, along the seat, above the bearing plane; from the scanner frame, R p + t.
-  Mat3 R_seat_scanner = Mat3::Identity();
+  Mat3 R_seat_scanner = Mat3::Identity();  ///< rows: along the rail, along the seat, above the bearing plane
   Vec3 t_seat_scanner = Vec3::Zero();
   double half_spacing_mm = 0.0;
 };
 
-/// Counts the cloud's points in `cells` (2 * kCells, cleared here) and writes the indices of those counted; returns how
-/// many. Points that are not finite are in no strip. Places to 1e-3 mm. One pass over the cloud, half a nanosecond a
-/// point, and three for each counted. `index`: as long as the cloud.
-[[nodiscard]] std::size_t count_strips(const Cloud& cloud, const CasingStrips& strips, std::span<std::uint32_t> index,
-                                       std::span<std::uint32_t> cells);
+/// What lies near the bearing plane and in a rectangle about one casing's nominal place.
+struct StripBox {
+  bool outer = false;
+  double half_x_mm = 0.0;
+  double half_s_mm = 0.0;
+};
+
+/// Points of a sample in a box: places from the casing's nominal one, and which of the sample they are. Room for as
+/// many as the sample has and sixteen more.
+struct StripPlaces {
+  std::span<float> x;
+  std::span<float> s;
+  std::span<float> number;  ///< exact: a sample has fewer than 2^24 points
+};
+/// Returns how many. Places to 1e-4 mm. 2 ns for each sixteen points of the sample.
+[[nodiscard]] std::size_t places_in_box(const IcpSample& sample, const CasingStrips& strips, const StripBox& box,
+                                        const StripPlaces& to);
+
+/// A rectangle of an organised cloud, or with `rows` 1 a stretch of any cloud.
+struct CloudPart {
+  std::size_t first = 0;
+  std::size_t columns = 0;
+  std::size_t rows = 0;
+  std::size_t stride = 0;  ///< from row to row
+};
+/// Room for the points found; sixteen more than they may be.
+struct RunRoom {
+  std::span<float> x, s, h;
+};
+/// The points of a part of the cloud within `reach_mm` of either casing's nominal place along both axes of the seat,
+/// in the seat's frame, as exact as floats; no more than there is room for. Half a nanosecond a point.
+[[nodiscard]] SeatPoints points_around_casings(const Cloud& cloud, const CloudPart& part, const CasingStrips& strips,
+                                               double reach_mm, const RunRoom& to);
 
 }  // namespace slabd::algo

@@ -1,210 +1,244 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A casing's bore returns nothing, its flat rim and the bearing plane around it do: from above a round hole with a full
-// ring. Two of them, 233 mm apart, are looked for in a raster of point counts along the strip they must lie in. A
-// missing patch has no ring, plain surface has no hole, so neither is mistaken for a bore; and what is found must then
-// pass as a circle of the right radius.
+// ring. Two of them, 233 mm apart, are looked for along the line they must lie on. A missing patch has no ring, plain
+// surface has no hole, so neither is mistaken for a bore; and what is found must then pass as a circle of the right
+// radius.
+//
+// The sample that ICP has drawn is dense enough for the first question: some hundred of its points fill a hole that is
+// none. It also knows where in the grid of an organised scan they lie, so that the second, which needs every point
+// around the casings, need not go through the whole scan for a fortieth of it.
 #include "algo/casing_ties.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
+#include <limits>
+#include <numbers>
 
 #include "algo/casing.h"
 #include "algo/casing_strip.h"
-#include "algo/points.h"
 
 namespace slabd::algo {
 namespace {
 
+constexpr int kShiftMax_mm = 100;
 /// The hole's certain inside, and the ring around it that must be full.
 constexpr double kInside_mm = 2.5;
 constexpr double kRingFrom_mm = 1.5;
 constexpr double kRingTo_mm = 6.0;
-static_assert(4 * CasingStrips::kCells <= limits::kDeviationBins,
-              "two strips of 1 mm cells, for each half of the scan");
 /// Full ring and empty hole score 1 for each casing; a hole that is not empty costs three times what a ring brings.
 constexpr double kHoleWeight = 3.0;
 constexpr double kScoreMin = 0.5;
+/// Places that look like the best one but for so much are as good: the middle of them is taken, ...
+constexpr double kScoreAlike = 0.1;
+/// ... as far as they are neighbours: twice what hole and ring leave open.
+constexpr int kAlike_mm = 4;
+/// Points that a hole would have were it none: fewer can be missing by chance (12: six in a million).
+constexpr double kHolePointsMin = 12.0;
 /// Where a fit's own covariance is missing: a tenth of a millimetre, the edge at half a millimetre's pitch.
 constexpr double kSigmaUnknown_mm = 0.1;
 /// Points this far outside of a rim still help to measure the casing.
 constexpr double kAround_mm = 10.0;
+/// Between the points of the sample that bound a part of the grid, others may lie further out by some of its pitches.
+constexpr double kMarginPitches = 4.0;
+constexpr double kMarginMax_mm = 16.0;
 
-/// The cells of a bore's inside and of the ring around it, as steps from the cell of its centre.
-class BoreCells {
- public:
-  explicit BoreCells(double bore_radius) {
-    for (int row = -CasingStrips::kHalfRows; row < CasingStrips::kHalfRows; ++row) {
-      for (int column = -CasingStrips::kHalfRows; column < CasingStrips::kHalfRows; ++column) {
-        const double r = std::hypot(column + 0.5, row + 0.5);
-        const bool in = r < bore_radius - kInside_mm;
-        if (!in && (r < bore_radius + kRingFrom_mm || r > bore_radius + kRingTo_mm)) continue;
-        const int step = row * static_cast<int>(CasingStrips::kColumns) + column;
-        (void)(in ? inside_ : ring_).push(static_cast<std::int16_t>(step));
-      }
-    }
-  }
-  /// How much the surroundings of `x_mm` look like a bore, 1 at most; `usual`: points of a full cell.
-  [[nodiscard]] double score(std::span<const std::uint32_t> cells, int x_mm, double usual) const {
-    const double ring = fill(ring_, cells, x_mm, usual);
-    const double inside = fill(inside_, cells, x_mm, usual);
-    return ring - kHoleWeight * inside;
-  }
-
- private:
-  static constexpr std::size_t kMost = CasingStrips::kRows * CasingStrips::kRows;
-  using Steps = FixedVector<std::int16_t, kMost>;
-  static double fill(const Steps& steps, std::span<const std::uint32_t> cells, int x_mm, double usual) {
-    const int centre =
-        CasingStrips::kHalfRows * static_cast<int>(CasingStrips::kColumns) + x_mm + CasingStrips::kHalfColumns;
-    double sum = 0.0;
-    for (const std::int16_t step : steps)
-      sum += std::min(1.0, static_cast<double>(cells[static_cast<std::size_t>(centre + step)]) / usual);
-    return sum / std::max(static_cast<double>(steps.size()), 1.0);
-  }
-  Steps inside_;
-  Steps ring_;
-};
-
-/// Mean count of the cells that have any.
-double usual_count(std::span<const std::uint32_t> cells) {
-  double points = 0.0, full = 0.0;
-  for (const std::uint32_t c : cells) {
-    points += c;
-    full += c > 0 ? 1.0 : 0.0;
-  }
-  return std::max(points, 1.0) / std::max(full, 1.0);
-}
-
-/// From the block frame to the seat's, both at the block's origin but for the height.
+/// From the scanner's frame to the seat's.
 CasingStrips strips_of(const BlockModel& model, const Pose& T_block_scanner) {
-  const Plane& seat = model.plane(Face::seat);
+  const SeatFrame frame = SeatFrame::of(model);
   Mat3 rows;
-  rows.row(0) = Vec3::UnitX();
-  rows.row(1) = model.along_seat();
-  rows.row(2) = seat.n;
+  rows.row(0) = frame.along_rail;
+  rows.row(1) = frame.along_seat;
+  rows.row(2) = frame.up;
   CasingStrips strips;
   strips.R_seat_scanner = rows * T_block_scanner.rotation.toRotationMatrix();
-  strips.t_seat_scanner = rows * T_block_scanner.translation_mm - Vec3(0.0, 0.0, seat.d);
+  strips.t_seat_scanner = rows * (T_block_scanner.translation_mm - frame.origin);
   strips.half_spacing_mm = model.geometry().casing_half_spacing_mm.value;
   return strips;
 }
 
-/// count_strips, one half of the cloud on each thread. The counts are the first 2 * kCells; returns the points counted.
-std::span<std::uint32_t> count_both_halves(const Cloud& cloud, const CasingStrips& strips,
-                                           const CasingTiesWorkspace& work, Team& team) {
-  constexpr std::size_t kBoth = 2 * CasingStrips::kCells;
-  const std::array<std::size_t, 3> from = {0, cloud.points / 2, cloud.points};
-  std::array<std::size_t, 2> counted{};
-  team.run(2, [&](std::size_t half) {
-    const std::size_t points = from[half + 1] - from[half];
-    const Cloud part{cloud.xyz.subspan(3 * from[half], 3 * points), points, 0, 0};
-    counted[half] =
-        count_strips(part, strips, work.index.subspan(from[half], points), work.counts.subspan(half * kBoth, kBoth));
-  });
-  for (std::size_t k = 0; k < kBoth; ++k) work.counts[k] += work.counts[kBoth + k];
-  for (std::size_t k = 0; k < counted[1]; ++k)
-    work.index[counted[0] + k] = work.index[from[1] + k] + static_cast<std::uint32_t>(from[1]);
-  return work.index.first(counted[0] + counted[1]);
-}
-
-/// The bores in a raster along the rail.
-struct BoresFound {
-  std::optional<double> off_mm;
-  std::span<std::uint32_t> strip_points;  ///< all points of the strips
+/// The sample's points along the line of each casing.
+struct StripSample {
+  std::array<StripPlaces, 2> places;  ///< inner, outer
 };
 
-BoresFound find_bores(const Cloud& cloud, const BlockModel& model, const EvaluationSettings& settings,
-                      const Pose& T_block_scanner, const CasingTiesWorkspace& work, Team& team) {
-  const std::span<std::uint32_t> inner = work.counts.first(CasingStrips::kCells);
-  const std::span<std::uint32_t> outer = work.counts.subspan(CasingStrips::kCells, CasingStrips::kCells);
+double reach_mm(const BlockModel& model) {
+  return 0.5 * model.geometry().casing_rim_diameter_mm.value + kAround_mm;
+}
+
+StripSample take_strips(const IcpSample& sample, const BlockModel& model, const Pose& T_block_scanner,
+                        std::span<float> room, Team& team) {
+  constexpr std::size_t kColumn = limits::kIcpPointsMax + 16;
+  const CasingStrips strips = strips_of(model, T_block_scanner);
+  StripSample taken;
+  team.run(2, [&](std::size_t side) {
+    const auto column = [&](std::size_t k) { return room.subspan((3 * side + k) * kColumn, kColumn); };
+    StripPlaces& to = taken.places[side];
+    to = {column(0), column(1), column(2)};
+    const double half_s_mm = reach_mm(model) + kMarginMax_mm;
+    const std::size_t count = places_in_box(sample, strips, {side == 1, kShiftMax_mm + half_s_mm, half_s_mm}, to);
+    to = {to.x.first(count), to.s.first(count), to.number.first(count)};
+  });
+  return taken;
+}
+
+/// A number for every place x = -kShiftMax_mm .. kShiftMax_mm along the line.
+using Profile = std::array<int, 2 * kShiftMax_mm + 1>;
+
+/// How many points lie within `radius_mm` of each place: each of them is within it for one stretch of places.
+Profile count_within(const StripPlaces& points, double radius_mm) {
+  const auto radius = static_cast<float>(radius_mm);
+  constexpr auto kEnd = static_cast<float>(kShiftMax_mm);
+  std::array<int, 2 * kShiftMax_mm + 2> change{};
+  for (std::size_t i = 0; i < points.x.size(); ++i) {
+    const float left = radius * radius - points.s[i] * points.s[i];
+    if (!(left > 0.0F)) continue;
+    const float half = std::sqrt(left);
+    const float from = std::ceil(std::max(points.x[i] - half, -kEnd));
+    const float to = std::floor(std::min(points.x[i] + half, kEnd));
+    if (from > to) continue;
+    ++change[static_cast<std::size_t>(static_cast<int>(from) + kShiftMax_mm)];
+    --change[static_cast<std::size_t>(static_cast<int>(to) + kShiftMax_mm + 1)];
+  }
+  Profile count{};
+  int now = 0;
+  for (std::size_t k = 0; k < count.size(); ++k) count[k] = now += change[k];
+  return count;
+}
+
+double ring_area_mm2(double inner_mm, double outer_mm) {
+  return std::numbers::pi * (outer_mm * outer_mm - inner_mm * inner_mm);
+}
+
+struct BoresFound {
+  std::optional<double> off_mm;
+  double per_mm2 = 0.0;  ///< points of the sample on the bearing plane
+};
+
+BoresFound find_bores(const StripSample& strips, double bore_radius_mm, double window_mm) {
+  const double hole_mm2 = ring_area_mm2(0.0, bore_radius_mm - kInside_mm);
+  const double ring_mm2 = ring_area_mm2(bore_radius_mm + kRingFrom_mm, bore_radius_mm + kRingTo_mm);
+  std::array<Profile, 2> hole;
+  std::array<Profile, 2> ring;
+  std::array<int, 2 * Profile().size()> rings;
+  for (std::size_t side = 0; side < 2; ++side) {
+    hole[side] = count_within(strips.places[side], bore_radius_mm - kInside_mm);
+    ring[side] = count_within(strips.places[side], bore_radius_mm + kRingTo_mm);
+    const Profile inside = count_within(strips.places[side], bore_radius_mm + kRingFrom_mm);
+    for (std::size_t k = 0; k < inside.size(); ++k) ring[side][k] -= inside[k];
+    std::copy(ring[side].begin(), ring[side].end(), rings.begin() + static_cast<std::ptrdiff_t>(side * inside.size()));
+  }
+  // A full ring: what a tenth of the places have around them.
+  const auto full = rings.begin() + static_cast<std::ptrdiff_t>(rings.size() / 10);
+  std::nth_element(rings.begin(), full, rings.end(), std::greater<>());
   BoresFound found;
-  found.strip_points = count_both_halves(cloud, strips_of(model, T_block_scanner), work, team);
-  const BoreCells bore(0.5 * model.geometry().casing_bore_diameter_mm.value);
-  const double usual = 0.5 * (usual_count(inner) + usual_count(outer));
-  const int reach = std::min(static_cast<int>(settings.window_mm), CasingStrips::kShiftMax_mm);
+  found.per_mm2 = static_cast<double>(*full) / ring_mm2;
+  if (!(found.per_mm2 * hole_mm2 >= kHolePointsMin)) return found;
+
+  const auto score = [&](int x_mm) {
+    const auto k = static_cast<std::size_t>(x_mm + kShiftMax_mm);
+    double sum = 0.0;
+    for (std::size_t side = 0; side < 2; ++side) {
+      const double around = std::min(1.0, ring[side][k] / (found.per_mm2 * ring_mm2));
+      const double inside = std::min(1.0, hole[side][k] / (found.per_mm2 * hole_mm2));
+      sum += std::max(around - kHoleWeight * inside, 0.0);
+    }
+    return sum;
+  };
+  const int reach = std::min(static_cast<int>(window_mm), kShiftMax_mm);
   double best_score = kScoreMin;
+  int best_mm = 0;
   for (int k = 0; k <= 2 * reach; ++k) {
     const int x_mm = k % 2 == 0 ? k / 2 : -(k + 1) / 2;
-    const double score = std::max(bore.score(inner, x_mm, usual), 0.0) + std::max(bore.score(outer, x_mm, usual), 0.0);
-    if (score <= best_score) continue;
-    best_score = score;
-    found.off_mm = x_mm;
+    if (score(x_mm) <= best_score) continue;
+    best_score = score(x_mm);
+    best_mm = x_mm;
   }
+  if (best_score <= kScoreMin) return found;
+  double sum = 0.0, alike = 0.0;
+  for (int x_mm = std::max(best_mm - kAlike_mm, -reach); x_mm <= std::min(best_mm + kAlike_mm, reach); ++x_mm) {
+    if (score(x_mm) < best_score - kScoreAlike) continue;
+    sum += x_mm;
+    alike += 1.0;
+  }
+  found.off_mm = sum / alike;
   return found;
 }
 
-/// Distance from the origin along the seat.
-double along_seat(const Cloud& cloud, const CasingStrips& strips, std::uint32_t i) {
-  const float* f = &cloud.xyz[3 * std::size_t{i}];
-  const auto row = strips.R_seat_scanner.row(1);
-  return row[0] * static_cast<double>(f[0]) + row[1] * static_cast<double>(f[1]) + row[2] * static_cast<double>(f[2]) +
-         strips.t_seat_scanner.y();
-}
-
-/// Keeps, in place, the points within `reach_mm` of either casing along both axes of the seat.
-std::span<const std::uint32_t> near_casings(const Cloud& cloud, std::span<std::uint32_t> index,
-                                            const CasingStrips& strips, double reach_mm) {
-  const Mat3& R = strips.R_seat_scanner;
-  std::size_t kept = 0;
-  for (const std::uint32_t i : index) {
-    const float* f = &cloud.xyz[3 * std::size_t{i}];
-    const Vec3 p(static_cast<double>(f[0]), static_cast<double>(f[1]), static_cast<double>(f[2]));
-    const double x = R(0, 0) * p.x() + R(0, 1) * p.y() + R(0, 2) * p.z() + strips.t_seat_scanner.x();
-    if (std::abs(x) <= reach_mm &&
-        std::abs(std::abs(along_seat(cloud, strips, i)) - strips.half_spacing_mm) <= reach_mm)
-      index[kept++] = i;
+/// The part of an organised cloud that holds what lies within `half_mm` of (off_mm, 0), as the sample shows it.
+CloudPart part_around(const Cloud& cloud, const IcpSample& sample, const StripPlaces& places, double off_mm,
+                      double half_mm) {
+  std::size_t row_first = cloud.height, row_last = 0, column_first = cloud.width, column_last = 0;
+  for (std::size_t i = 0; i < places.x.size(); ++i) {
+    if (std::abs(static_cast<double>(places.x[i]) - off_mm) > half_mm ||
+        std::abs(static_cast<double>(places.s[i])) > half_mm)
+      continue;
+    const SliceOfScan slice = slice_of(cloud, sample, static_cast<std::size_t>(places.number[i]));
+    const std::size_t last = slice.first + slice.points - 1;
+    const bool one_row = slice.first / cloud.width == last / cloud.width;
+    row_first = std::min(row_first, slice.first / cloud.width);
+    row_last = std::max(row_last, last / cloud.width);
+    column_first = std::min(column_first, one_row ? slice.first % cloud.width : 0);
+    column_last = std::max(column_last, one_row ? last % cloud.width : cloud.width - 1);
   }
-  return index.first(kept);
-}
-
-/// Those on one side. All of them would do as well, only slower; so they do where `room` is short.
-std::span<const std::uint32_t> on_side(const Cloud& cloud, std::span<const std::uint32_t> index,
-                                       const CasingStrips& strips, bool outside, std::span<std::uint32_t> room) {
-  if (room.size() < index.size()) return index;
-  std::size_t kept = 0;
-  for (const std::uint32_t i : index)
-    if ((along_seat(cloud, strips, i) >= 0.0) == outside) room[kept++] = i;
-  return room.first(kept);
+  if (row_first > row_last || column_first > column_last) return {};
+  return {row_first * cloud.width + column_first, column_last - column_first + 1, row_last - row_first + 1,
+          cloud.width};
 }
 
 }  // namespace
 
-std::optional<double> casings_off_mm(const Cloud& cloud, const BlockModel& model, const EvaluationSettings& settings,
-                                     const Pose& T_block_scanner, const CasingTiesWorkspace& work, Team& team) {
-  return find_bores(cloud, model, settings, T_block_scanner, work, team).off_mm;
+std::optional<double> casings_off_mm(const IcpSample& sample, const BlockModel& model,
+                                     const EvaluationSettings& settings, const Pose& T_block_scanner,
+                                     std::span<float> room, Team& team) {
+  return find_bores(take_strips(sample, model, T_block_scanner, room, team),
+                    0.5 * model.geometry().casing_bore_diameter_mm.value, settings.window_mm)
+      .off_mm;
 }
 
-CasingTies tie_to_casings(const Cloud& cloud, const BlockModel& model, const EvaluationSettings& settings,
-                          const Pose& T_block_scanner, const CasingTiesWorkspace& work, Team& team) {
+CasingTies tie_to_casings(const Cloud& cloud, const IcpSample& sample, const BlockModel& model,
+                          const EvaluationSettings& settings, const Pose& T_block_scanner, std::span<float> room,
+                          Team& team) {
   const BlockGeometry& g = model.geometry();
   const double bore_radius = 0.5 * g.casing_bore_diameter_mm.value;
   const double rim_radius = 0.5 * g.casing_rim_diameter_mm.value;
   const Plane& seat = model.plane(Face::seat);
 
   CasingTies found{T_block_scanner, {}};
-  const BoresFound bores = find_bores(cloud, model, settings, T_block_scanner, work, team);
+  const StripSample along = take_strips(sample, model, T_block_scanner, room, team);
+  const BoresFound bores = find_bores(along, bore_radius, settings.window_mm);
   if (!bores.off_mm) return found;
   found.T_block_scanner.translation_mm.x() -= *bores.off_mm;
+
+  // An organised cloud: the surroundings of either casing. Any other: either half.
+  const bool organised = cloud.width > 0 && cloud.width * cloud.height == cloud.points;
+  const double margin_mm = std::min(kMarginPitches / std::sqrt(bores.per_mm2), kMarginMax_mm);
+  const CasingStrips strips = strips_of(model, found.T_block_scanner);
+  const std::span<float> points_room = room.subspan(6 * (limits::kIcpPointsMax + 16));
+  std::array<SeatPoints, 2> runs;
+  team.run(runs.size(), [&](std::size_t k) {
+    const std::size_t from = k * (cloud.points / 2);
+    const std::size_t count = k == 0 ? cloud.points / 2 : cloud.points - from;
+    const CloudPart part = organised
+                               ? part_around(cloud, sample, along.places[k], *bores.off_mm, reach_mm(model) + margin_mm)
+                               : CloudPart{from, count, 1, 0};
+    const std::size_t column = points_room.size() / 6;
+    const auto room_of = [&](std::size_t axis) { return points_room.subspan((3 * k + axis) * column, column); };
+    runs[k] = points_around_casings(cloud, part, strips, reach_mm(model), {room_of(0), room_of(1), room_of(2)});
+  });
 
   PlaneFit bearing;
   bearing.ok = true;
   bearing.normal = seat.n;
   bearing.offset_mm = seat.d;
-  const CasingStrips strips = strips_of(model, found.T_block_scanner);
-  const auto near = near_casings(cloud, bores.strip_points, strips, rim_radius + kAround_mm);
-  const FastTransform transform(found.T_block_scanner);
-  // Room behind them for the points of each casing.
-  const std::span<std::uint32_t> room = work.index.subspan(near.size());
   std::array<CasingFeature, 2> casings;
   team.run(casings.size(), [&](std::size_t side) {
-    const bool outside = side == 1;
-    const CloudPoints points{
-        cloud.xyz.data(),
-        on_side(cloud, near, strips, outside, room.subspan(side * (room.size() / 2), room.size() / 2)), transform};
-    casings[side] = measure_casing(points, {model.casing_centre(outside), bore_radius, rim_radius,
-                                            g.casing_rim_height_mm.value, settings.edge_margin_mm, bearing});
+    const auto around = organised ? std::span(runs).subspan(side, 1) : std::span(runs);
+    casings[side] = measure_casing(around, SeatFrame::of(model),
+                                   {model.casing_centre(side == 1), bore_radius, rim_radius,
+                                    g.casing_rim_height_mm.value, settings.edge_margin_mm, bearing});
   });
   const Pose back = found.T_block_scanner.inverse();
   for (std::size_t side = 0; side < casings.size(); ++side) {

@@ -7,6 +7,7 @@
 
 #include "algo/algo.h"
 #include "algo/block_model.h"
+#include "algo/icp_sample.h"
 #include "algo/team.h"
 
 /// What the casings say about where the block is, for scans whose faces leave a direction open: bearing plane, jaws and
@@ -27,23 +28,24 @@ struct CasingTies {
   FixedVector<Tie, 4> ties;  ///< along the rail and along the seat for each casing found; empty: none found
 };
 
-/// Memory, owned by the inspector.
-struct CasingTiesWorkspace {
-  std::span<std::uint32_t> index;   ///< >= points of the cloud
-  std::span<std::uint32_t> counts;  ///< limits::kDeviationBins
-};
+/// Room of casing_ties, in floats: places of the sample, then points around the casings. A scan that shows a whole
+/// block has 250 000 of those around either casing; of a scan with more than there is room for the first ones count.
+inline constexpr std::size_t kCasingTiesFloats = 6 * (limits::kIcpPointsMax + 16) + 6 * (std::size_t{1} << 19U);
+static_assert(kCasingTiesFloats <= limits::kScanPointsMax, "they lie in the memory of the index");
 
-/// How far along the rail the bores are from where `T_block_scanner` has them, to 1 mm; nothing where none is seen.
-/// What tie_to_casings asks of the pose holds here too, and a part of its cost.
-[[nodiscard]] std::optional<double> casings_off_mm(const Cloud& cloud, const BlockModel& model,
+/// How far along the rail the bores are from where `T_block_scanner` has them, to a millimetre or two; nothing where
+/// none is seen. From the sample alone (as drawn): a tenth of a millisecond. What tie_to_casings asks of the pose holds
+/// here too. `room`: kCasingTiesFloats.
+[[nodiscard]] std::optional<double> casings_off_mm(const IcpSample& sample, const BlockModel& model,
                                                    const EvaluationSettings& settings, const Pose& T_block_scanner,
-                                                   const CasingTiesWorkspace& work, Team& team);
+                                                   std::span<float> room, Team& team);
 
 /// Looks for the two bores along the rail, up to window_mm (100 at most) to either side of `T_block_scanner`, which
 /// must be right in height, tilt and across the rail; then fits their edges. A casing counts only with a round edge of
-/// the right radius (see measure_casing). O(points): one pass over the scan, half a nanosecond
-/// a point, and some milliseconds for the edges; the team shares both.
-[[nodiscard]] CasingTies tie_to_casings(const Cloud& cloud, const BlockModel& model, const EvaluationSettings& settings,
-                                        const Pose& T_block_scanner, const CasingTiesWorkspace& work, Team& team);
+/// the right radius (see measure_casing). The sample says where the bores are, and in an organised cloud also where in
+/// the grid: a millisecond; any other cloud is gone through once, half a nanosecond a point.
+[[nodiscard]] CasingTies tie_to_casings(const Cloud& cloud, const IcpSample& sample, const BlockModel& model,
+                                        const EvaluationSettings& settings, const Pose& T_block_scanner,
+                                        std::span<float> room, Team& team);
 
 }  // namespace slabd::algo

@@ -194,16 +194,26 @@ NormalEquations Icp::information(const Pose& pose, double gate_mm, std::uint16_t
   return eq;
 }
 
-double Icp::median_mm(Face face, std::size_t points_min) const {
-  const std::span<float> found = memory_.distances.subspan(limits::kIcpPointsMax);
-  const auto f = static_cast<std::uint8_t>(face);
-  std::size_t count = 0;
+double Icp::worst_median_mm(std::size_t points_min) const {
+  // Face by face, one behind the other.
+  std::array<std::size_t, kFaces + 1> end{};
   for (std::size_t i = 0; i < association_.face.size(); i += kSampleParts)
-    if (association_.face[i] == f) found[count++] = std::abs(association_.distance_mm[i]);
-  if (count < std::max<std::size_t>(points_min, 1)) return -1.0;
-  const auto middle = found.begin() + static_cast<std::ptrdiff_t>(count / 2);
-  std::nth_element(found.begin(), middle, found.begin() + static_cast<std::ptrdiff_t>(count));
-  return static_cast<double>(*middle);
+    if (association_.face[i] < kFaces) ++end[association_.face[i] + 1U];
+  for (std::size_t f = 0; f < kFaces; ++f) end[f + 1] += end[f];
+  const std::span<float> found = memory_.distances.subspan(limits::kIcpPointsMax);
+  for (std::size_t i = 0; i < association_.face.size(); i += kSampleParts)
+    if (association_.face[i] < kFaces) found[end[association_.face[i]]++] = std::abs(association_.distance_mm[i]);
+  double worst = 0.0;
+  std::size_t first = 0;
+  for (std::size_t f = 0; f < kFaces; ++f) {
+    const std::span<float> own = found.subspan(first, end[f] - first);
+    first = end[f];
+    if (own.size() < std::max<std::size_t>(points_min, 1)) continue;
+    const auto middle = own.begin() + static_cast<std::ptrdiff_t>(own.size() / 2);
+    std::nth_element(own.begin(), middle, own.end());
+    worst = std::max(worst, static_cast<double>(*middle));
+  }
+  return worst;
 }
 
 Mat6 Icp::covariance(const Pose& pose, double gate_mm) const {

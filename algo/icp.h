@@ -72,8 +72,9 @@ class Icp {
   /// The normal equations of the last steps with the points of some faces (bits) only, and the ties.
   [[nodiscard]] NormalEquations information(const Pose& T_block_scanner, double gate_mm, std::uint16_t faces) const;
 
-  /// Median distance of a face's associated points, of a part of the sample; negative when fewer than `points_min`.
-  [[nodiscard]] double median_mm(Face face, std::size_t points_min) const;
+  /// The largest of the faces' median distances, of a part of the sample; faces with fewer than `points_min` points
+  /// there say nothing. Zero when none says anything.
+  [[nodiscard]] double worst_median_mm(std::size_t points_min) const;
 
   /// How far a motion carries the rim of the block.
   [[nodiscard]] static double length_mm(const Pose& motion) {
@@ -88,6 +89,8 @@ class Icp {
   /// Robust standard deviation of the distances that take part at `gate_mm`.
   [[nodiscard]] double noise_mm(const Pose& T_block_scanner, double gate_mm) const;
 
+  /// The sample as it was drawn.
+  [[nodiscard]] const IcpSample& sample() const { return drawn_; }
   /// A few points of the sample, evenly from the whole scan (scanner frame). Returns how many.
   std::size_t take(std::span<Vec3> points) const;
 

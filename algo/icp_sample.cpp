@@ -128,6 +128,15 @@ IcpSample draw_sample(const Cloud& cloud, const Vec3& shift, std::span<float> me
   return sample;
 }
 
+SliceOfScan slice_of(const Cloud& cloud, const IcpSample& sample, std::size_t i) {
+  const std::size_t slices = std::min(cloud.points, limits::kIcpPointsMax);
+  const std::size_t per_part = sample.size() / kSampleParts;
+  const std::size_t slice = i % per_part * kSampleParts + i / per_part;
+  const std::size_t first = slice * cloud.points / slices;
+  const std::size_t end = std::min(cloud.points, (slice + 1) * cloud.points / slices);
+  return {first, end - first};
+}
+
 IcpSample sort_by_face(const IcpSample& sample, const IcpView& view, std::span<float> memory,
                        std::span<std::uint8_t> keys, Team& team) {
   const IcpSample sorted = columns(memory.subspan(3 * kColumn), sample.size(), sample.shift);

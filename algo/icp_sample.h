@@ -20,6 +20,13 @@ inline constexpr std::size_t kSampleFloats = 6 * limits::kIcpPointsMax;
 /// in the scanner frame. `memory`: kSampleFloats. A few tenths of a millisecond, for the scan's cache misses.
 [[nodiscard]] IcpSample draw_sample(const Cloud& cloud, const Vec3& shift, std::span<float> memory, Team& team);
 
+/// Where a point of a drawn sample (not of a sorted one) lies in the cloud: somewhere in this stretch.
+struct SliceOfScan {
+  std::size_t first = 0;
+  std::size_t points = 0;
+};
+[[nodiscard]] SliceOfScan slice_of(const Cloud& cloud, const IcpSample& sample, std::size_t i);
+
 /// Sorts each block of the sample by the face its points are near under `view` (block's `memory` as drawn). Only makes
 /// neighbours of one face likely: nothing relies on it. `keys`: a byte per point.
 [[nodiscard]] IcpSample sort_by_face(const IcpSample& sample, const IcpView& view, std::span<float> memory,

@@ -3,6 +3,7 @@
 // One block, stage by stage. All memory is taken in the constructor; each stage borrows what it needs of it:
 //
 //     order, label      denoise: points by cell, who stays      extract: the points that the survey lists
+//                       register: points around the casings
 //     cell_start        denoise: starts of the cells
 //     surface           denoise: the surface in each cell
 //     sample, residuals register: the points ICP works on
@@ -62,6 +63,7 @@ struct BlockInspector::Workspace {
                  pages.take<std::uint32_t>(limits::kFlatnessCellsMax + 1),
                  pages.take<std::uint32_t>(limits::kFlatnessCellsMax + 1),
                  pages.take<Vec3>(limits::kFlatnessCellsMax)},
+        casings(reinterpret_cast<float*>(order.data()), kCasingTiesFloats),
         pool({reinterpret_cast<float*>(order.data()), order.size()}, piece_next, piece_count) {
     static_assert(sizeof(float) == sizeof(std::uint32_t));
   }
@@ -87,7 +89,8 @@ struct BlockInspector::Workspace {
   std::array<std::span<std::int64_t>, 2> map_sum;
   std::array<std::span<std::uint32_t>, 2> map_count;
   FlatnessWorkspace flatness;
-  PointPool pool;  // in the memory of `order`
+  std::span<float> casings;  // in the memory of `order`
+  PointPool pool;            // ... and so
   std::array<PlaneStart, kLargeFaces> plane_start;
   SurveyTable survey_table;
   Survey survey;
@@ -180,7 +183,8 @@ Status BlockInspector::register_to_model(const Cloud& cloud) {
     refuse_registration(w.result.registration, "not tried: the start pose is not finite");
     return error(Code::no_pose, "the start pose of the registration is not finite");
   }
-  w.result.registration = register_block(cloud, task, {{w.sample, w.residuals, w.label}, w.histogram, w.order}, w.team);
+  w.result.registration =
+      register_block(cloud, task, {{w.sample, w.residuals, w.label}, w.histogram, w.casings}, w.team);
   const RegistrationReport& report = w.result.registration;
   switch (report.status) {
     case RegistrationStatus::converged: return success();

@@ -25,7 +25,6 @@
 #include <cmath>
 #include <limits>
 
-#include "algo/casing_ties.h"
 #include "algo/icp.h"
 #include "algo/moments.h"
 #include "algo/points.h"
@@ -163,11 +162,11 @@ Pose searched_pose(const RegistrationTask& task, const Icp& icp, int& iterations
 
 /// Seat and jaws fix a pose but for its place along the rail. Where they are right and only the rest is not, the
 /// casings offer a place to start from anew, for a fraction of what the search costs. True when that one ends well.
-bool settle_by_casings(const Cloud& cloud, const RegistrationTask& task, const RegistrationWorkspace& work,
-                       const Icp& icp, const Assessment& seen, Pose& pose, int& iterations, Team& team) {
+bool settle_by_casings(const RegistrationTask& task, const RegistrationWorkspace& work, const Icp& icp,
+                       const Assessment& seen, Pose& pose, int& iterations, Team& team) {
   constexpr std::uint16_t kNeeded = bit(Face::seat) | bit(Face::jaw_inner) | bit(Face::jaw_outer);
   if ((seen.confirmed(task.settings.registration_gate_mm) & kNeeded) != kNeeded) return false;
-  const auto off_mm = casings_off_mm(cloud, task.model, task.settings, pose, {work.index, work.histogram}, team);
+  const auto off_mm = casings_off_mm(icp.sample(), task.model, task.settings, pose, work.casings, team);
   if (!off_mm) return false;
   pose.translation_mm.x() -= *off_mm;
   Assessment then;
@@ -177,9 +176,7 @@ bool settle_by_casings(const Cloud& cloud, const RegistrationTask& task, const R
 /// The gate of the last steps. A few sigma, so that dirt and damage have no pull; but no face may be shut out as a
 /// whole: on a block whose ends are half a millimetre too long they still say where the middle is.
 double last_gate(const Icp& icp) {
-  double gate = kLastGateMin_mm;
-  for (std::size_t f = 0; f < kFaces; ++f)
-    gate = std::max(gate, kGateMedians * icp.median_mm(static_cast<Face>(f), kFacePointsMin));
+  const double gate = std::max(kLastGateMin_mm, kGateMedians * icp.worst_median_mm(kFacePointsMin));
   return std::min(gate, icp.single_face_gate());
 }
 
@@ -335,7 +332,7 @@ RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& ta
     fine = refine(task, icp, pose, report.iterations);
     if (!fine.directions.complete) {
       const CasingTies casings =
-          tie_to_casings(cloud, task.model, task.settings, pose, {work.index, work.histogram}, team);
+          tie_to_casings(cloud, icp.sample(), task.model, task.settings, pose, work.casings, team);
       if (!casings.ties.empty()) {
         pose = casings.T_block_scanner;
         icp.hold(casings.ties, 2.0 * kConditionMin * fine.directions.largest);
@@ -347,7 +344,7 @@ RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& ta
   };
   Assessment seen;
   if (settle(task, icp, pose, seen, report.iterations) ||
-      settle_by_casings(cloud, task, work, icp, seen, pose, report.iterations, team))
+      settle_by_casings(task, work, icp, seen, pose, report.iterations, team))
     finish();
   if (report.status != RegistrationStatus::converged) {
     pose = searched_pose(task, icp, report.iterations, team);

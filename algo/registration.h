@@ -7,6 +7,7 @@
 #include "algo/algo.h"
 #include "algo/block_model.h"
 #include "algo/block_search.h"
+#include "algo/casing_ties.h"
 #include "algo/icp.h"
 #include "algo/team.h"
 
@@ -16,7 +17,7 @@ namespace slabd::algo {
 struct RegistrationWorkspace {
   IcpMemory icp;
   std::span<std::uint32_t> histogram;  ///< limits::kDeviationBins
-  std::span<std::uint32_t> index;      ///< >= points of the cloud
+  std::span<float> casings;            ///< kCasingTiesFloats
 };
 
 /// Where a registration starts and what makes it acceptable.

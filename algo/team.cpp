@@ -16,8 +16,9 @@
 namespace slabd::algo {
 namespace {
 
-/// About a tenth of a millisecond of looking before the thread lies down.
-constexpr int kLooks = 2000;
+/// A tenth to a third of a millisecond of looking, as long as the machine's pause takes, before the thread lies down:
+/// longer than what one thread does alone between two runs of a stage.
+constexpr int kLooks = 8000;
 
 void pause_briefly() {
 #if defined(__x86_64__)

@@ -24,7 +24,7 @@ class Team {
   [[nodiscard]] int threads() const { return helper_.joinable() ? 2 : 1; }
 
   /// Calls f(block) once for every block from 0 to blocks - 1 and returns when all are done. Calls are not nested. No
-  /// heap. A helper that waits spins for about 0.1 ms, then sleeps; waking it costs some 10 us, so give it blocks that
+  /// heap. A helper that waits spins for some 0.2 ms, then sleeps; waking it costs some 10 us, so give it blocks that
   /// are worth it.
   template <typename F>
   void run(std::size_t blocks, F&& f) {

@@ -229,6 +229,10 @@ TEST(IcpSample, TakesEveryPartFromTheWholeScanAndSkipsWhatIsMissing) {
       EXPECT_GT(number, last);
       last = number;
       EXPECT_EQ(sample.x[i], sample.y[i]);
+      const SliceOfScan slice = slice_of({xyz, kScan, 0, 0}, sample, i);
+      EXPECT_LE(slice.first, static_cast<std::size_t>(number));
+      EXPECT_LT(static_cast<std::size_t>(number), slice.first + slice.points);
+      EXPECT_LE(slice.points, kScan / sample.size() + 1);
     }
     EXPECT_GT(there, part / 2);
     EXPECT_GT(last, 0.99 * static_cast<double>(kScan));

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -50,13 +51,11 @@ TEST(PlaceCount, CountsWhatAPlainLoopCountsWithinAndBeyondTheRaster) {
   }
 }
 
-TEST(CasingStrips, HoldWhatAPlainLoopFindsAndNoMissingPoint) {
-  CasingStrips strips;
-  strips.half_spacing_mm = 116.5;
-  strips.t_seat_scanner = Vec3(0.25, -0.125, 0.5);
+/// Some points near the casings, some beyond them, some missing and some infinite. Quarters of a millimetre are exact,
+/// so no point lies in or out by rounding.
+std::vector<float> nasty_points(std::size_t count) {
   Prng prng(4);
-  // Not a multiple of sixteen. Quarters of a millimetre are exact, so no point stands between two cells by rounding.
-  std::vector<float> xyz(3 * 50'007);
+  std::vector<float> xyz(3 * count);
   const auto quarter = [&](std::uint64_t range) {
     return 0.25F * (static_cast<float>(prng.below(8 * range)) - 4.0F * static_cast<float>(range));
   };
@@ -67,26 +66,96 @@ TEST(CasingStrips, HoldWhatAPlainLoopFindsAndNoMissingPoint) {
     if (i % 51 == 0) xyz[i] = xyz[i + 1] = xyz[i + 2] = kNaN;
     if (i % 57 == 0) xyz[i] = std::numeric_limits<float>::infinity();
   }
-  std::vector<std::uint32_t> index(xyz.size() / 3), expected_index;
-  std::vector<std::uint32_t> cells(2 * CasingStrips::kCells, 7U), expected(2 * CasingStrips::kCells, 0U);
-  const std::size_t counted = count_strips({xyz, xyz.size() / 3, 0, 0}, strips, index, cells);
-  index.resize(counted);
-  for (std::size_t i = 0; i < xyz.size() / 3; ++i) {
-    const double x = static_cast<double>(xyz[3 * i]) + 0.25;
-    const double s = static_cast<double>(xyz[3 * i + 1]) - 0.125;
-    const double h = static_cast<double>(xyz[3 * i + 2]) + 0.5;
-    const double off = s < 0.0 ? s + 116.5 : s - 116.5;
-    if (!(std::abs(h) <= CasingStrips::kHeight_mm && std::abs(off) < CasingStrips::kHalfRows &&
-          std::abs(x) < CasingStrips::kHalfColumns))
-      continue;
-    const auto row = static_cast<std::size_t>(std::floor(off) + CasingStrips::kHalfRows);
-    const auto column = static_cast<std::size_t>(std::floor(x) + CasingStrips::kHalfColumns);
-    ++expected[(s < 0.0 ? 0 : CasingStrips::kCells) + row * CasingStrips::kColumns + column];
-    expected_index.push_back(static_cast<std::uint32_t>(i));
+  return xyz;
+}
+
+CasingStrips some_strips() {
+  CasingStrips strips;
+  strips.half_spacing_mm = 116.5;
+  strips.t_seat_scanner = Vec3(0.25, -0.125, 0.5);
+  return strips;
+}
+
+/// In the seat's frame.
+Vec3 seat_point(const std::vector<float>& xyz, std::size_t i) {
+  return Vec3(static_cast<double>(xyz[3 * i]), static_cast<double>(xyz[3 * i + 1]),
+              static_cast<double>(xyz[3 * i + 2])) +
+         some_strips().t_seat_scanner;
+}
+
+TEST(CasingStrips, PlacesOfASampleAreThoseOfAPlainLoop) {
+  constexpr std::size_t kPoints = 8'192;
+  const std::vector<float> xyz = nasty_points(kPoints);
+  std::array<std::vector<float>, 3> column;
+  for (std::size_t i = 0; i < kPoints; ++i)
+    for (std::size_t axis = 0; axis < 3; ++axis) column[axis].push_back(xyz[3 * i + axis] - (axis == 2 ? 7.0F : 0.0F));
+  const IcpSample sample{column[0], column[1], column[2], Vec3(0.0, 0.0, 7.0)};
+  for (const bool outer : {false, true}) {
+    std::array<std::vector<float>, 3> found;
+    for (auto& f : found) f.resize(kPoints + 16);
+    const std::size_t count = places_in_box(sample, some_strips(), {outer, 60.0, 20.0}, {found[0], found[1], found[2]});
+    std::array<std::vector<float>, 3> expected;
+    for (std::size_t i = 0; i < kPoints; ++i) {
+      const Vec3 p = seat_point(xyz, i);
+      const double off = p.y() - (outer ? 116.5 : -116.5);
+      if (!(std::abs(p.z()) <= CasingStrips::kHeight_mm && std::abs(off) <= 20.0 && std::abs(p.x()) <= 60.0)) continue;
+      expected[0].push_back(static_cast<float>(p.x()));
+      expected[1].push_back(static_cast<float>(off));
+      expected[2].push_back(static_cast<float>(i));
+    }
+    EXPECT_GT(count, 50U);
+    for (std::size_t k = 0; k < 3; ++k) {
+      found[k].resize(count);
+      EXPECT_EQ(found[k], expected[k]) << k;
+    }
   }
-  EXPECT_EQ(index, expected_index);
-  EXPECT_EQ(cells, expected);
-  EXPECT_GT(counted, 1000U);
+}
+
+TEST(CasingStrips, PointsAroundCasingsAreThoseOfAPlainLoopInPartsOfEveryShape) {
+  constexpr std::size_t kWidth = 211;
+  constexpr std::size_t kHeight = 307;
+  std::vector<float> xyz = nasty_points(kWidth * kHeight);
+  const Cloud cloud{xyz, kWidth * kHeight, kWidth, kHeight};
+  constexpr double kReach_mm = 40.0;
+  const CloudPart parts[] = {{0, kWidth * kHeight, 1, 0},
+                             {5, 1000, 1, 0},
+                             {17 * kWidth + 3, 100, 200, kWidth},
+                             {0, kWidth, kHeight, kWidth},
+                             {40, 7, 300, kWidth},
+                             {kWidth * kHeight - 5, 5, 1, 0},
+                             {}};
+  for (const CloudPart& part : parts) {
+    std::array<std::vector<float>, 3> expected;
+    for (std::size_t row = 0; row < part.rows; ++row) {
+      for (std::size_t i = 0; i < part.columns; ++i) {
+        const Vec3 p = seat_point(xyz, part.first + row * part.stride + i);
+        if (!(std::abs(p.z()) <= CasingStrips::kHeight_mm && std::abs(std::abs(p.y()) - 116.5) <= kReach_mm &&
+              std::abs(p.x()) <= kReach_mm))
+          continue;
+        for (int axis = 0; axis < 3; ++axis)
+          expected[static_cast<std::size_t>(axis)].push_back(static_cast<float>(p[axis]));
+      }
+    }
+    std::array<std::vector<float>, 3> room;
+    for (auto& r : room) r.resize(kWidth * kHeight);
+    const SeatPoints found = points_around_casings(cloud, part, some_strips(), kReach_mm, {room[0], room[1], room[2]});
+    EXPECT_EQ(std::vector<float>(found.x.begin(), found.x.end()), expected[0]);
+    EXPECT_EQ(std::vector<float>(found.s.begin(), found.s.end()), expected[1]);
+    EXPECT_EQ(std::vector<float>(found.h.begin(), found.h.end()), expected[2]);
+  }
+}
+
+TEST(CasingStrips, MorePointsThanThereIsRoomForAreLeftOut) {
+  constexpr std::size_t kPoints = 1'600;
+  std::vector<float> xyz;
+  for (std::size_t i = 0; i < kPoints; ++i) xyz.insert(xyz.end(), {0.0F, 116.0F, 0.0F});
+  const Cloud cloud{xyz, kPoints, 0, 0};
+  std::array<std::vector<float>, 3> room;
+  for (auto& r : room) r.assign(200, -1.0F);
+  const SeatPoints found =
+      points_around_casings(cloud, {0, kPoints, 1, 0}, some_strips(), 10.0, {room[0], room[1], room[2]});
+  EXPECT_GT(found.size(), 150U);
+  EXPECT_LE(found.size(), 200U);
 }
 
 }  // namespace

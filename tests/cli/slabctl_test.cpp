@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl as a process: exit status, stdout and stderr.
+#include <sys/resource.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -320,6 +322,21 @@ TEST_F(Slabctl, deviation_map_of_a_block_that_was_not_found_is_not_written) {
   expect_mentions(ended.err, "map.csv: not written, the block was not found");
   EXPECT_FALSE(fs::exists(file("map.csv")));
 }
+
+#if !defined(__SANITIZE_ADDRESS__)
+TEST_F(Slabctl, an_inspection_keeps_within_the_memory_that_the_limits_add_up_to) {
+  // All of it is taken and written to at the start, whatever the scan's size; so a small one shows it too.
+  ASSERT_EQ(simulate_scan("scan.ply", "").status, 0);
+  ASSERT_LE(run("inspect " + file("scan.ply") + " --recipe " + kRecipe + " --block 3").status, 1);
+  rusage used{};
+  ASSERT_EQ(getrusage(RUSAGE_CHILDREN, &used), 0);  // the largest child
+  const auto resident = 1024 * static_cast<std::size_t>(used.ru_maxrss);
+  constexpr std::size_t kOneScan = limits::kScanSlotBytes + limits::kWorkspaceBytes;
+  EXPECT_GE(resident, kOneScan);
+  EXPECT_LE(resident, kOneScan + limits::kProcessBytes);
+  EXPECT_LE(resident, 160'000'000U);
+}
+#endif
 
 TEST_F(Slabctl, one_thread_and_two_inspect_to_the_same_digits) {
   ASSERT_EQ(simulate_scan("scan.ply", "--defect chip=3:0.4").status, 0);
