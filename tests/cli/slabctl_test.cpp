@@ -10,6 +10,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "base/limits.h"
 #include "tests/cli/slabctl_process.h"
 
 namespace slabd::cli {
