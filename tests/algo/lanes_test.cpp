@@ -29,6 +29,8 @@ void operations(const float* xyz, const std::int32_t* table, float* out, double*
   const Points16 few = load_points(xyz, 5);
   out[144] = static_cast<float>(bits(few.x == few.x));
   out[145] = static_cast<float>(bits((p.x >= p.y) | (p.x <= p.z)));
+  store_interleaved(p.x, p.y, p.z, k, out + 146);
+  store_interleaved(p.z, p.x, out + 210);
   sums[0] = sum_of_lanes(p.x);
   sums[1] = sum_of_lanes(to_double(p.y) * to_double(p.z) + d16(0.1));
 }
@@ -41,6 +43,7 @@ HWY_AFTER_NAMESPACE();
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <vector>
@@ -75,7 +78,7 @@ TEST(Lanes, GiveTheBitsOfAPlainLoopOnEveryInstructionSet) {
   std::array<std::int32_t, 16> table{};
   for (std::size_t i = 0; i < 16; ++i) table[i] = static_cast<std::int32_t>(7 * i - 20);
 
-  std::vector<float> expected(146);
+  std::vector<float> expected(242);
   std::array<double, 2> sums{};
   std::array<double, 16> xs{};
   std::array<double, 16> products{};
@@ -91,6 +94,10 @@ TEST(Lanes, GiveTheBitsOfAPlainLoopOnEveryInstructionSet) {
     expected[96 + i] = std::sqrt(std::abs(x)) + std::floor(y);
     expected[112 + i] = static_cast<float>(table[i]);
     expected[128 + i] = std::fmin(x, y) + std::fmax(x, y);
+    const std::array<float, 4> four = {x, y, z, static_cast<float>(i)};
+    std::copy(four.begin(), four.end(), expected.begin() + static_cast<std::ptrdiff_t>(146 + 4 * i));
+    expected[210 + 2 * i] = z;
+    expected[211 + 2 * i] = x;
     if (x >= y || x <= z) mask |= 1U << i;
     xs[i] = static_cast<double>(x);
     products[i] = static_cast<double>(y) * static_cast<double>(z) + 0.1;
@@ -103,7 +110,7 @@ TEST(Lanes, GiveTheBitsOfAPlainLoopOnEveryInstructionSet) {
   for (const InstructionSet set : kSets) {
     if (!limit_instruction_set(set)) continue;
     ++seen;
-    std::vector<float> out(146);
+    std::vector<float> out(242);
     std::array<double, 2> got{};
     HWY_DYNAMIC_DISPATCH(operations)(xyz.data(), table.data(), out.data(), got.data());
     EXPECT_EQ(out, expected) << instruction_set();
