@@ -5,8 +5,9 @@
 //
 // In a calm tile only the few points off its plane are asked, else every point. Does one of the planes of the nine
 // tiles around go through it, and do enough of the 7 x 7 points around lie on that plane too (algo/surface_window.h)?
-// What no plane explains is noise if it is alone; in company, as on a small object, it is asked whether a surface with
-// one of the slopes seen around, or that of its four neighbours, goes through it.
+// At edges and corners and on the rims of small objects few do: there a point stays if one next to it stands amidst the
+// plane. What no plane explains is noise if it is alone; in company, as on a small object, it is asked whether a
+// surface that is level, or has the slope of the tile or of its four neighbours, goes through it.
 //
 // Nearly all tiles are calm and stand among tiles with the same plane: there a point off the plane needs no look at
 // another one, only at its company.
@@ -42,6 +43,11 @@ constexpr float kAlike = 0.25F;
 constexpr int kCompany = 4;
 /// Steepest slope that four neighbours are believed, mm per point.
 constexpr float kOwnSlopeMax = 1.0F;
+/// A surface goes on to a point next to it that is off by such a part of the gate, which allows for their noise; at a
+/// whole gate an outlier would lean on a stray point.
+constexpr float kGoesOn = 0.6F;
+/// Planes with a wider gate are steep, and do not go on: so far off a point may be an outlier.
+constexpr float kGoesOnGate_mm = 0.75F;
 constexpr std::size_t kCandidates = 18;
 
 HWY_INLINE F16 lanes_from_middle() {
@@ -61,8 +67,9 @@ class PointJudge {
     return work_.z != nullptr ? work_.z[i] : work_.xyz[3 * i + 2];
   }
 
-  /// The tile and three points around it; 8 more columns on each side, because lanes come by sixteen.
-  static constexpr int kReach = window::kReach;
+  /// The tile and four points around it, so that its neighbours have whole windows; 8 more columns on each side,
+  /// because lanes come by sixteen.
+  static constexpr int kReach = window::kReach + 1;
   static constexpr int kRegionRows = kRows + 2 * kReach;
   static constexpr int kMargin = 8;
   struct Region {
@@ -123,11 +130,13 @@ class PointJudge {
     }
     return false;
   }
-  /// The window around a point of the tile.
+  /// The window around a point of the tile or one beside it.
   [[nodiscard]] static HWY_INLINE std::uint64_t window_of(const RegionBits& rows, int column, int row) {
     std::uint64_t bits = 0;
     for (int k = 0; k < window::kSide; ++k)
-      bits |= std::uint64_t{(rows[static_cast<std::size_t>(row + k)] >> (column + kMargin - kReach)) & 0x7FU}
+      bits |= std::uint64_t{(rows[static_cast<std::size_t>(row + kReach - window::kReach + k)] >>
+                             (column + kMargin - window::kReach)) &
+                            0x7FU}
               << (7 * k);
     return bits;
   }
@@ -203,7 +212,8 @@ class PointJudge {
       const bool reigns = !std::isnan(own[0].z) && std::isnan(own[1].z) && kReignShare * off <= open.count();
       std::array<TilePlane, kCandidates> planes;
       const std::size_t n = gather_planes(tc, tr, planes);
-      for (std::size_t i = calm ? 1 : 0; i < n; ++i) explain(region, planes[i], reigns && i == 0 && !calm, open);
+      for (std::size_t i = calm ? 1 : 0; i < n; ++i)
+        explain(region, planes[i], reigns && i == 0 ? window::kShareReigning : window::kShareMin, open);
     }
     TileBits noise;
     open.for_each([&](int c, int r) {
@@ -217,8 +227,18 @@ class PointJudge {
     work_.noise.set(tc, tr, noise);
   }
 
+  /// Does a point next to it stand amidst the surface?
+  [[nodiscard]] static bool beside_surface(const RegionBits& on, const RegionBits& finite, int column, int row) {
+    for (int r = row - 1; r <= row + 1; ++r)
+      for (int c = column - 1; c <= column + 1; ++c)
+        if (((on[static_cast<std::size_t>(r + kReach)] >> (c + kMargin)) & 1U) != 0 &&
+            window::holds_middle(window_of(on, c, r), window_of(finite, c, r), window::kShareAmidst))
+          return true;
+    return false;
+  }
+
   /// Takes those points out of `open` that the plane explains.
-  static void explain(const Region& region, const TilePlane& plane, bool reigning, TileBits& open) {
+  static void explain(const Region& region, const TilePlane& plane, int share, TileBits& open) {
     if (!any_on_plane(region, plane, open)) return;
     RegionBits on;
     on_plane(region, plane, on);
@@ -241,41 +261,58 @@ class PointJudge {
       const int row = static_cast<int>(r);
       open.set(row, open.row(row) & ~(known >> kMargin));
     }
+    const bool goes_on = gate_of(plane) <= kGoesOnGate_mm;
     for (int r = 0; r < kRows; ++r) {
       std::uint32_t row = open.row(r);
       for (std::uint32_t left = row & (on[static_cast<std::size_t>(r + kReach)] >> kMargin); left != 0;
            left &= left - 1) {
         const int c = std::countr_zero(left);
-        if (window::holds_middle(window_of(on, c, r), window_of(region.finite, c, r), reigning)) row &= ~(left & -left);
+        if (window::holds_middle(window_of(on, c, r), window_of(region.finite, c, r), share) ||
+            (goes_on && beside_surface(on, region.finite, c, r)))
+          row &= ~(left & -left);
       }
       open.set(r, row);
     }
   }
 
-  /// Does a surface go through the point: level, as steep as the tile's plane, or as its four neighbours rise? Steep
-  /// faces further off must not lend their slope: with their wide gate they would tie a clump to the surface below it.
+  /// Does a surface go through the point, or on to it from one next to it: level, or as steep as the tile's plane? Or
+  /// amidst one that is as steep as its four neighbours rise, which two clumps may feign a little of? Steep faces
+  /// further off must not lend their slope: with their wide gate they would tie a clump to the surface below it.
   static bool through(const Region& region, int column, int row, const TilePlane& own) {
-    const std::uint64_t finite = window_of(region.finite, column, row);
-    const auto z = [&](int dc, int dr) {
-      return region.z[static_cast<std::size_t>(row + kReach + dr)][static_cast<std::size_t>(column + kMargin + dc)];
+    const auto z = [&](int c, int r) {
+      return region.z[static_cast<std::size_t>(row + kReach + r)][static_cast<std::size_t>(column + kMargin + c)];
     };
-    const float here = z(0, 0);
-    const auto goes = [&](float a, float b) {
+    // Does the surface through the point (c, r) further, rising a per column and b per row, hold such a share around
+    // it?
+    const auto holds = [&](float a, float b, int c, int r, int share) {
       const F16 gate = f16(grid_gate_mm(a, b));
-      const F16 along = f16(a) * (lane_numbers() - f16(kReach)) + f16(here);
+      const F16 along = f16(a) * (lane_numbers() - f16(window::kReach)) + f16(z(c, r));
       std::uint64_t on = 0;
       for (int k = 0; k < window::kSide; ++k) {
-        const float* from = region.z[static_cast<std::size_t>(row + k)].data() + column + kMargin - kReach;
-        const F16 at = along + f16(b * static_cast<float>(k - kReach));
+        const int up = k - window::kReach;
+        const float* from =
+            region.z[static_cast<std::size_t>(row + r + kReach + up)].data() + column + c + kMargin - window::kReach;
+        const F16 at = along + f16(b * static_cast<float>(up));
         on |= std::uint64_t{bits(abs(load(from) - at) <= gate) & 0x7FU} << (7 * k);
       }
-      return window::holds_middle(on, finite, false);
+      return window::holds_middle(on, window_of(region.finite, column + c, row + r), share);
     };
-    if (goes(0.0F, 0.0F)) return true;
-    if (goes(own.per_column, own.per_row)) return true;
+    const auto goes_on = [&](float a, float b) {
+      for (int r = -1; r <= 1; ++r) {
+        for (int c = -1; c <= 1; ++c) {
+          const float step = z(c, r) - z(0, 0) - (a * static_cast<float>(c) + b * static_cast<float>(r));
+          if (std::abs(step) <= kGoesOn * grid_gate_mm(a, b) && holds(a, b, c, r, window::kShareAmidst)) return true;
+        }
+      }
+      return false;
+    };
+    if (holds(0.0F, 0.0F, 0, 0, window::kShareMin) || goes_on(0.0F, 0.0F)) return true;
+    const float a_own = own.per_column;
+    const float b_own = own.per_row;
+    if (holds(a_own, b_own, 0, 0, window::kShareMin) || goes_on(a_own, b_own)) return true;
     const float a = 0.5F * (z(1, 0) - z(-1, 0));
     const float b = 0.5F * (z(0, 1) - z(0, -1));
-    return a * a + b * b <= kOwnSlopeMax * kOwnSlopeMax && goes(a, b);
+    return a * a + b * b <= kOwnSlopeMax * kOwnSlopeMax && holds(a, b, 0, 0, window::kShareAmidst);
   }
 
   const GridLayout grid_;

@@ -36,42 +36,20 @@ inline constexpr std::uint64_t kAround = ((std::uint64_t{1} << 49U) - 1U) & ~(st
 /// Weight that must lie on a surface with the point: more than four nearest points have, so that a clump of five is
 /// noise.
 inline constexpr int kWeightMin = 48;
-/// Share of the weight present that must lie on it, in per cent, and the share that needs no other reason. Of a full
-/// surface's weight an edge has 60, a corner 36, and a point one step beyond an edge 40. Where a surface reigns, among
-/// clutter but far from edges, a smaller share will do.
+/// Share of the weight present that must lie on it, in per cent. Of a full surface's weight an edge has 60, a corner
+/// 36, a point one step beyond an edge 40, the second row 87. Where a surface reigns, among clutter but far from edges,
+/// a smaller share will do.
 inline constexpr int kShareReigning = 46;
-inline constexpr int kShareMin = 48;
-inline constexpr int kShareSure = 55;
-/// Below the sure share the point must lie beside the rest, as on an edge, not amidst it: the rest's centre of gravity
-/// this far away, in points.
-inline constexpr double kBeside = 0.945;
+inline constexpr int kShareMin = 55;
+/// A point with so large a share stands amidst the surface: more than any edge has. The surface goes on from it to the
+/// points next to it, so that edges and corners stay among clutter, and small objects keep their rims; what lies one
+/// step beyond an edge has only edge points beside it.
+inline constexpr int kShareAmidst = 65;
 
-/// The weighted points of `rest` lie on one side of the middle.
-[[gnu::always_inline]] inline bool beside(std::uint64_t rest) {
-  int x = 0;
-  int y = 0;
-  for (std::uint64_t left = rest & kFar; left != 0; left &= left - 1) {
-    const int bit = std::countr_zero(left);
-    const int c = bit % kSide - kReach;
-    const int r = bit / kSide - kReach;
-    const int d2 = r * r + c * c;
-    const int w = d2 <= 2 ? 11 : (d2 <= 5 ? 6 : 1);
-    x += w * c;
-    y += w * r;
-  }
-  const double away2 = static_cast<double>(x) * x + static_cast<double>(y) * y;
-  const double limit = kBeside * weight(rest);
-  return away2 >= limit * limit;
-}
-
-/// `on`: the points on a surface that goes through the middle; `present`: all that were seen; `reigning`: the surface
-/// is the only one known around.
-[[gnu::always_inline]] inline bool holds_middle(std::uint64_t on, std::uint64_t present, bool reigning) {
+/// `on`: the points on a surface that goes through the middle; `present`: all that were seen; `share`: in per cent.
+[[gnu::always_inline]] inline bool holds_middle(std::uint64_t on, std::uint64_t present, int share) {
   const int held = weight(on);
-  const int all = weight(present);
-  if (reigning) return held >= kWeightMin && 100 * held >= kShareReigning * all;
-  if (held < kWeightMin || 100 * held < kShareMin * all) return false;
-  return 100 * held >= kShareSure * all || beside(present & ~on);
+  return held >= kWeightMin && 100 * held >= share * weight(present);
 }
 
 }  // namespace window

@@ -175,8 +175,8 @@ TEST(Denoise, RemovesOutliersAndKeepsTheSurfaceWhateverThePitchAndTheView) {
     bool organised;
   };
   for (const Case& c : {Case{0.3, 1.0, 0.0, 60.0, 0.005, 1, true}, Case{0.3, 1.0, 0.0, 5.0, 0.01, 1, false},
-                        Case{0.35, 1.0, 600.0, 5.0, 0.003, 5, false}, Case{0.3, 2.0, 0.0, 5.0, 0.01, 1, false},
-                        Case{0.35, 1.0, 600.0, 5.0, 0.003, 5, true}, Case{0.3, 1.0, 600.0, 5.0, 0.01, 1, true},
+                        Case{0.35, 1.0, 600.0, 5.0, 0.01, 5, false}, Case{0.3, 2.0, 0.0, 5.0, 0.01, 1, false},
+                        Case{0.35, 1.0, 600.0, 5.0, 0.01, 5, true}, Case{0.3, 1.0, 600.0, 5.0, 0.01, 1, true},
                         Case{0.6, 1.0, 600.0, 60.0, 0.02, 1, true}}) {
     scene::Scan scan;
     scan.pitch_mm = c.pitch;
@@ -288,6 +288,41 @@ TEST(Denoise, GivesAScanItsGridBackOnlyIfItsRaysAreEvenlySpaced) {
     Cloud none{left, left.size() / 3, 0, 0};
     EXPECT_FALSE(denoise_lattice(none, work, denoiser.team, denoiser.counts));
     EXPECT_EQ(std::memcmp(left.data(), anywhere.data(), left.size() * sizeof(float)), 0);
+  }
+}
+
+/// Share lost, in per cent, of discs that stand `up_mm` over the seat every 12 mm, scanned at 0.255 mm with noise,
+/// outliers and missing points.
+double discs_lost(double diameter_mm, double up_mm) {
+  scene::Scan scan;
+  scan.pitch_mm = 0.255;
+  scan.field_y_mm = 180.0;
+  scan.organised = true;
+  scan.tail_share = 0.05;
+  scan.displacement = scene::displaced(2.0, -3.0, 0.0, 0.5, 0.3, 0.5);
+  scene::Cloud cloud = scene::take({}, scan);
+  std::vector<std::size_t> disc;
+  for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
+    float* f = &cloud.xyz[3 * i];
+    if (std::isnan(f[0]) || cloud.outlier[i]) continue;
+    const Vec3 p =
+        cloud.T_block_scanner * Vec3(static_cast<double>(f[0]), static_cast<double>(f[1]), static_cast<double>(f[2]));
+    if (std::abs(p.x()) > 48.0 || std::abs(p.y()) > 70.0) continue;
+    if (2.0 * std::hypot(std::remainder(p.x(), 12.0), std::remainder(p.y(), 12.0)) > diameter_mm) continue;
+    f[2] -= static_cast<float>(up_mm);
+    disc.push_back(i);
+  }
+  std::vector<float> xyz = cloud.xyz;
+  Denoiser().run(xyz, cloud.width, cloud.height);
+  const auto lost = std::count_if(disc.begin(), disc.end(), [&](std::size_t i) { return std::isnan(xyz[3 * i]); });
+  return 100.0 * static_cast<double>(lost) / static_cast<double>(disc.size());
+}
+
+TEST(Denoise, KeepsAChipAndABumpOfTwoMillimetres) {
+  // What is taken out of a defect hides it.
+  for (const double up : {-2.0, -1.0, 1.0, 3.0}) {
+    EXPECT_LE(discs_lost(2.0, up), 3.0) << up << " mm";
+    EXPECT_LE(discs_lost(3.0, up), 1.0) << up << " mm";
   }
 }
 
