@@ -220,7 +220,6 @@ Status BlockInspector::extract(const Cloud& cloud) {
       {w.model,
        w.survey_table,
        evaluation,
-       FastTransform(T_block_scanner),
        T_block_scanner,
        {settings_of(extents.full_seat, ItemId::seat_slope, 2), settings_of(extents.top, ItemId::seat_slope, 5)}},
       {w.pool,

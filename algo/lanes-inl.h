@@ -363,8 +363,13 @@ HWY_INLINE M16 lanes_of(std::uint32_t bits) {
                                                              1 << 12, 1 << 13, 1 << 14, 1 << 15};
   return has_bits(load(kBits), i16(static_cast<std::int32_t>(bits)));
 }
-HWY_INLINE bool any(const M16& mask) {
-  return bits(mask) != 0;
+template <typename T>
+HWY_INLINE bool any(const MaskPack<T, 1>& mask) {
+  return !hn::AllFalse(Tag<T>(), mask.m);
+}
+template <typename T, std::size_t K>
+HWY_INLINE bool any(const MaskPack<T, K>& mask) {
+  return any(mask.lo) || any(mask.hi);
 }
 
 /// Writes the lanes that are set, one after the other; returns how many. Up to sixteen numbers behind `to` change.

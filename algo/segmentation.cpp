@@ -27,72 +27,73 @@ FaceExtent extent_of(PointMoments& seen, double area_each_mm2) {
 
 }  // namespace
 
-bool BoundedFace::holds(const Vec3& p, double gate) const {
-  if (!(std::abs(plane.distance(p)) <= gate)) return false;
-  for (const PlaneBound& b : bounds)
-    if (b.sign * b.plane.distance(p) < b.least) return false;
-  return true;
+void RegionRules::build(const BlockModel& model, const EvaluationSettings& settings) {
+  const double margin = settings.edge_margin_mm;
+  const auto edge = [&](Face on, Face with, double sign) {
+    return EdgeRule{with, sign, margin * model.plane(on).n.cross(model.plane(with).n).norm()};
+  };
+  const auto face = [&](Face on, std::array<Face, 2> outside_of, std::array<Face, 2> inside_of) {
+    return FaceRule{on,
+                    {edge(on, outside_of[0], 1.0), edge(on, outside_of[1], 1.0), edge(on, inside_of[0], -1.0),
+                     edge(on, inside_of[1], -1.0)}};
+  };
+  const auto jaw = [&](Face on, Face shoulder) {
+    return FaceRule{on,
+                    {edge(on, Face::seat, 1.0), edge(on, shoulder, -1.0), edge(on, Face::end_minus, -1.0),
+                     edge(on, Face::end_plus, -1.0)}};
+  };
+  for (std::size_t f = 0; f < kFaces; ++f) planes_[f] = model.planes()[f];
+  along_ = model.along_seat();
+  n_.gate = settings.registration_gate_mm;
+  n_.crop_half_x = settings.crop_half_x_mm;
+  n_.crop_half_s = settings.crop_half_s_mm;
+  // A jaw rises from the seat: the seat's free side is the jaw's too. A shoulder or end cuts a face off: inside.
+  n_.seat = face(Face::seat, {Face::jaw_inner, Face::jaw_outer}, {Face::end_minus, Face::end_plus});
+  n_.jaw_inner = jaw(Face::jaw_inner, Face::shoulder_inner);
+  n_.jaw_outer = jaw(Face::jaw_outer, Face::shoulder_outer);
+  constexpr std::array<Face, 4> kAround = {Face::end_minus, Face::end_plus, Face::side_inner, Face::side_outer};
+  for (std::size_t i = 0; i < kAround.size(); ++i) n_.around_block[i] = edge(Face::top, kAround[i], 1.0);
+  const BlockGeometry& g = model.geometry();
+  n_.casing_s = g.casing_half_spacing_mm.value;
+  n_.casing_clear = 0.5 * g.casing_rim_diameter_mm.value + margin;
+  // The rim's own zone reaches beyond it, as a casing may sit half a millimetre beside its place.
+  n_.casing_reach = 0.5 * g.casing_rim_diameter_mm.value + 1.0;
 }
 
-void RegionRules::build(const BlockModel& model, const EvaluationSettings& settings) {
-  along_ = model.along_seat();
-  margin_ = settings.edge_margin_mm;
-  gate_ = settings.registration_gate_mm;
-  crop_half_x_ = settings.crop_half_x_mm;
-  crop_half_s_ = settings.crop_half_s_mm;
-  const BlockGeometry& g = model.geometry();
-  // A jaw rises from the seat: the seat's free side is the jaw's too. A shoulder or end cuts a face off: inside.
-  seat_ = face(model, Face::seat, {Face::jaw_inner, Face::jaw_outer}, {Face::end_minus, Face::end_plus});
-  jaw_inner_ = jaw(model, Face::jaw_inner, Face::shoulder_inner);
-  jaw_outer_ = jaw(model, Face::jaw_outer, Face::shoulder_outer);
-  top_ = model.plane(Face::top);
-  constexpr std::array<Face, 4> kAround = {Face::end_minus, Face::end_plus, Face::side_inner, Face::side_outer};
-  for (std::size_t i = 0; i < kAround.size(); ++i) around_[i] = bound(model, Face::top, kAround[i], 1.0);
-  casing_s_ = g.casing_half_spacing_mm.value;
-  casing_clear_ = 0.5 * g.casing_rim_diameter_mm.value + margin_;
-  // The rim's own zone reaches beyond it, as a casing may sit half a millimetre beside its place.
-  casing_reach_ = 0.5 * g.casing_rim_diameter_mm.value + 1.0;
-  rim_ = model.plane(Face::rim_outer);
+bool RegionRules::holds(const FaceRule& rule, const Vec3& p) const {
+  const auto distance = [&](Face f) { return planes_[static_cast<std::size_t>(f)].distance(p); };
+  if (!(std::abs(distance(rule.face)) <= n_.gate)) return false;
+  for (const EdgeRule& e : rule.edges)
+    if (e.sign * distance(e.edge) < e.least) return false;
+  return true;
 }
 
 Region RegionRules::region_of(const Vec3& p) const {
   if (!FaceTable::inside(p)) return Region::none;
+  const auto distance = [&](Face f) { return planes_[static_cast<std::size_t>(f)].distance(p); };
   const double s = along_.dot(p);
-  const auto from_casing = [&] { return std::hypot(p.x(), std::abs(s) - casing_s_); };
+  const double casing_s = std::abs(s) - n_.casing_s;
+  const double radius2 = p.x() * p.x() + casing_s * casing_s;
+  const bool clear = radius2 >= n_.casing_clear * n_.casing_clear;
   // Whatever stands over the crop or gapes in it hides or lacks the seat. A limit of height would make a hole in the
   // data of it, and small holes are forgiven: a bolt on the seat must not pass because it is tall.
-  const bool crop = std::abs(p.x()) <= crop_half_x_ && std::abs(s) <= crop_half_s_;
-  if (crop && from_casing() >= casing_clear_) return seat_.holds(p, gate_) ? Region::seat_crop : Region::seat_off;
-  if (std::abs(top_.distance(p)) <= gate_) {
+  const bool crop = std::abs(p.x()) <= n_.crop_half_x && std::abs(s) <= n_.crop_half_s;
+  if (crop && clear) return holds(n_.seat, p) ? Region::seat_crop : Region::seat_off;
+  if (std::abs(distance(Face::top)) <= n_.gate) {
     // Clear of the block means clear of any one of its outer faces.
-    for (const PlaneBound& b : around_)
-      if (b.plane.distance(p) >= b.least) return Region::top;
+    for (const EdgeRule& e : n_.around_block)
+      if (distance(e.edge) >= e.least) return Region::top;
     return Region::none;
   }
-  if (const double radius = from_casing(); radius < casing_clear_) {
-    if (radius > casing_reach_ || std::abs(rim_.distance(p)) > gate_) return Region::none;
+  if (!clear) {
+    if (radius2 > n_.casing_reach * n_.casing_reach || std::abs(distance(Face::rim_outer)) > n_.gate)
+      return Region::none;
     return s > 0.0 ? Region::casing_outer : Region::casing_inner;
   }
-  if (seat_.holds(p, gate_)) return Region::seat_rest;
-  if (s < 0.0 && jaw_inner_.holds(p, gate_)) return Region::jaw_inner;
-  if (s > 0.0 && jaw_outer_.holds(p, gate_)) return Region::jaw_outer;
+  if (holds(n_.seat, p)) return Region::seat_rest;
+  if (s < 0.0 && holds(n_.jaw_inner, p)) return Region::jaw_inner;
+  if (s > 0.0 && holds(n_.jaw_outer, p)) return Region::jaw_outer;
   return Region::none;
-}
-
-PlaneBound RegionRules::bound(const BlockModel& model, Face on, Face edge, double sign) const {
-  const double sine = model.plane(on).n.cross(model.plane(edge).n).norm();
-  return {model.plane(edge), sign, margin_ * sine};
-}
-BoundedFace RegionRules::face(const BlockModel& model, Face on, std::array<Face, 2> outside_of,
-                              std::array<Face, 2> inside_of) const {
-  return {model.plane(on),
-          {bound(model, on, outside_of[0], 1.0), bound(model, on, outside_of[1], 1.0),
-           bound(model, on, inside_of[0], -1.0), bound(model, on, inside_of[1], -1.0)}};
-}
-BoundedFace RegionRules::jaw(const BlockModel& model, Face on, Face shoulder) const {
-  return {model.plane(on),
-          {bound(model, on, Face::seat, 1.0), bound(model, on, shoulder, -1.0), bound(model, on, Face::end_minus, -1.0),
-           bound(model, on, Face::end_plus, -1.0)}};
 }
 
 FaceExtents face_extents(const BlockModel& model, const EvaluationSettings& settings) {

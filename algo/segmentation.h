@@ -27,17 +27,27 @@ enum class Region : std::uint8_t {
 };
 inline constexpr std::size_t kRegions = 9;
 
-/// A half space a point of a face must lie in: `sign` * distance >= least.
-struct PlaneBound {
-  Plane plane;
+/// Which side of an edge: `sign` * distance to the plane of `edge` >= least.
+struct EdgeRule {
+  Face edge = Face::seat;
   double sign = 1.0;
   double least = 0.0;
 };
-/// A face and the edges that bound it.
-struct BoundedFace {
-  Plane plane;
-  std::array<PlaneBound, 4> bounds;
-  [[nodiscard]] bool holds(const Vec3& p, double gate) const;
+/// A face, and the edges that bound it.
+struct FaceRule {
+  Face face = Face::seat;
+  std::array<EdgeRule, 4> edges;
+};
+/// The rules as numbers, mm. Distances are those to the model's planes; s is measured along the seat.
+struct RegionNumbers {
+  double gate = 0.0;  ///< how far from its face a point may lie
+  double crop_half_x = 0.0;
+  double crop_half_s = 0.0;
+  FaceRule seat, jaw_inner, jaw_outer;
+  std::array<EdgeRule, 4> around_block;  ///< a point of the slab top is outside of one of them
+  double casing_s = 0.0;
+  double casing_clear = 0.0;  ///< radius of what is left out of the seat
+  double casing_reach = 0.0;  ///< radius of what is measured for the rim
 };
 
 /// Divides space around the block by the model (paper 2.2): a point belongs to a face when it is within
@@ -46,29 +56,17 @@ struct BoundedFace {
 class RegionRules {
  public:
   void build(const BlockModel& model, const EvaluationSettings& settings);
-  /// Of a point in the block frame; about 20 ns.
+  /// Of a point in the block frame.
   [[nodiscard]] Region region_of(const Vec3& p) const;
 
- private:
-  [[nodiscard]] PlaneBound bound(const BlockModel& model, Face on, Face edge, double sign) const;
-  [[nodiscard]] BoundedFace face(const BlockModel& model, Face on, std::array<Face, 2> outside_of,
-                                 std::array<Face, 2> inside_of) const;
-  [[nodiscard]] BoundedFace jaw(const BlockModel& model, Face on, Face shoulder) const;
+  [[nodiscard]] const RegionNumbers& numbers() const { return n_; }
 
+ private:
+  [[nodiscard]] bool holds(const FaceRule& rule, const Vec3& p) const;
+
+  std::array<Plane, kFaces> planes_;
   Vec3 along_ = Vec3::UnitY();
-  double margin_ = 0.0;
-  double gate_ = 0.0;
-  double crop_half_x_ = 0.0;
-  double crop_half_s_ = 0.0;
-  BoundedFace seat_;
-  BoundedFace jaw_inner_;
-  BoundedFace jaw_outer_;
-  Plane top_;
-  Plane rim_;
-  std::array<PlaneBound, 4> around_;
-  double casing_s_ = 0.0;
-  double casing_clear_ = 0.0;
-  double casing_reach_ = 0.0;
+  RegionNumbers n_;
 };
 
 /// Indices of the cloud's points, grouped by region.

@@ -16,6 +16,7 @@
 #include "algo/survey.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 namespace slabd::algo {
@@ -41,15 +42,6 @@ constexpr std::array<Face, kLargeFaces> kLargeFace = {Face::seat, Face::top};
 constexpr std::array<PointList, kLargeFaces> kEdgeList = {PointList::seat_edge, PointList::top_edge};
 constexpr std::array<Face, kPointLists> kFaceOfList = {Face::seat, Face::seat, Face::jaw_inner, Face::jaw_outer,
                                                        Face::seat, Face::seat, Face::seat,      Face::top};
-
-struct Asked {
-  const RegionRules& rules;
-  const FastTransform& T_block_scanner;
-};
-std::uint8_t ask_rules(const void* context, const float* xyz) {
-  const auto& asked = *static_cast<const Asked*>(context);
-  return static_cast<std::uint8_t>(asked.rules.region_of(asked.T_block_scanner(xyz)));
-}
 
 SurveyFrame frame_for(const BlockModel& model, const Pose& T_block_scanner) {
   SurveyFrame frame;
@@ -172,6 +164,39 @@ bool state_deviation(const SurveySums& sums, const SurveyTask& task, DeviationSt
   return true;
 }
 
+/// Enters how far strips of cells are alike, by rows and by columns.
+void find_reach(std::span<std::uint32_t> cells) {
+  using namespace survey_cell;
+  constexpr std::size_t kColumns = limits::kFaceTableX;
+  constexpr std::size_t kRows = limits::kFaceTableY;
+  const auto kind = [&](std::size_t cell) { return cells[cell] & (kFaceBits | kRegionBits); };
+  // Line by line, and from both of its ends.
+  const auto along = [&](std::size_t lines, std::size_t length, std::size_t line_step, std::size_t step,
+                         std::size_t direction) {
+    for (std::size_t line = 1; line + 1 < lines; ++line) {
+      const auto cell = [&](std::size_t i) { return line * line_step + i * step; };
+      const auto alike = [&](std::size_t i) {
+        const std::uint32_t here = kind(cell(i));
+        return (here & kRegionBits) != 0 && std::popcount(here & kFaceBits) == 1 && kind(cell(i) - line_step) == here &&
+               kind(cell(i) + line_step) == here;
+      };
+      for (const bool back : {false, true}) {
+        const unsigned shift = kReachShift[direction + (back ? 1 : 0)];
+        std::size_t reach = 0;
+        for (std::size_t k = 1; k < length; ++k) {
+          const std::size_t i = back ? length - 1 - k : k;
+          const std::size_t from = back ? i + 1 : i - 1;
+          reach = alike(i) && alike(from) && kind(cell(i)) == kind(cell(from)) ? reach + 1 : 0;
+          const auto code = std::upper_bound(kReachCells.begin(), kReachCells.end(), reach) - kReachCells.begin() - 1;
+          cells[cell(i)] |= static_cast<std::uint32_t>(code) << shift;
+        }
+      }
+    }
+  };
+  along(kRows, kColumns, kColumns, 1, 0);
+  along(kColumns, kRows, 1, kColumns, 2);
+}
+
 }  // namespace
 
 void SurveyTable::build(const BlockModel& model, const FaceTable& faces, const EvaluationSettings& settings,
@@ -208,49 +233,22 @@ void SurveyTable::build(const BlockModel& model, const FaceTable& faces, const E
         }
       }
       const bool sure = (regions & (regions - 1)) == 0;
-      at(column, row) = candidates | (sure ? regions << kRegionShift : 0U);
+      const auto region = static_cast<std::uint32_t>(std::countr_zero(regions));
+      at(column, row) = candidates | (sure && regions != 0 ? (1 + region) << kRegionShift : 0U);
     }
   }
-  // Distance to the next cell that differs, in cells: down and to the right, then back.
-  constexpr std::uint32_t kSame = (1U << kReachShift) - 1U;
-  constexpr std::uint32_t kReachMax = 15;
-  const auto reach = [&](int column, int row) { return at(column, row) >> kReachShift; };
-  const auto set_reach = [&](int column, int row, std::uint32_t value) {
-    at(column, row) = (at(column, row) & kSame) | value << kReachShift;
-  };
-  for (int row = 1; row < kRows - 1; ++row) {
-    for (int column = 1; column < kColumns - 1; ++column) {
-      const std::uint32_t here = at(column, row) & kSame;
-      bool alike = (here & kRegionBits) != 0 && __builtin_popcount(here & kFaceBits) == 1;
-      for (int k = 0; k < 9 && alike; ++k) alike = (at(column - 1 + k % 3, row - 1 + k / 3) & kSame) == here;
-      set_reach(column, row, alike ? kReachMax : 0U);
-    }
-  }
-  for (int row = 1; row < kRows - 1; ++row)
-    for (int column = 1; column < kColumns - 1; ++column) {
-      const std::uint32_t least = std::min(std::min(reach(column - 1, row), reach(column - 1, row - 1)),
-                                           std::min(reach(column, row - 1), reach(column + 1, row - 1)));
-      set_reach(column, row, std::min(reach(column, row), least + 1));
-    }
-  for (int row = kRows - 2; row > 0; --row)
-    for (int column = kColumns - 2; column > 0; --column) {
-      const std::uint32_t least = std::min(std::min(reach(column + 1, row), reach(column + 1, row + 1)),
-                                           std::min(reach(column, row + 1), reach(column - 1, row + 1)));
-      set_reach(column, row, std::min(reach(column, row), least + 1));
-    }
+  find_reach(cells_);
 }
 
 void survey_scan(const Cloud& cloud, const SurveyQuestion& question, const SurveyWorkspace& work, Team& team,
                  Survey& survey) {
   survey = Survey{};
-  const Asked asked{question.table.rules(), question.T_block_scanner};
   SurveyTask task;
-  task.frame = frame_for(question.model, question.pose);
+  task.frame = frame_for(question.model, question.T_block_scanner);
   task.table = question.table.cells().data();
   task.gate_mm = static_cast<float>(question.settings.registration_gate_mm);
   task.band_mm = static_cast<float>(question.table.band_mm());
-  task.ask = ask_rules;
-  task.ask_context = &asked;
+  task.rules = question.table.rules().numbers();
 
   // The scouts list every point of the large faces.
   task.share_mm.fill(std::numeric_limits<float>::max());

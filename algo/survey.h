@@ -55,8 +55,7 @@ struct SurveyQuestion {
   const BlockModel& model;
   const SurveyTable& table;
   const EvaluationSettings& settings;
-  FastTransform T_block_scanner;
-  Pose pose;                                     ///< the same
+  Pose T_block_scanner;
   std::array<PlaneSettings, kLargeFaces> large;  ///< for the fits of the large faces
 };
 

@@ -9,6 +9,7 @@
 
 #include "algo/block_model.h"
 #include "algo/seat_points.h"
+#include "algo/segmentation.h"
 #include "base/base.h"
 
 /// The one pass over a registered scan that everything measured on it is taken from; survey.h says what for.
@@ -90,9 +91,13 @@ struct TiltedSums {
 /// Entry of the survey's table, one for each 1 mm cell of (x, y) in the block frame.
 namespace survey_cell {
 inline constexpr std::uint32_t kFaceBits = 0xfffU;  ///< faces near, bit by bit
-inline constexpr unsigned kRegionShift = 12;        ///< the region, one bit of nine; none: it has to be asked for
-inline constexpr std::uint32_t kRegionBits = 0x1ffU << kRegionShift;
-inline constexpr unsigned kReachShift = 24;  ///< so many cells around are all alike, and near a single face
+inline constexpr unsigned kRegionShift = 12;        ///< 1 + the region; 0: it has to be found by the rules
+inline constexpr std::uint32_t kRegionBits = 0xfU << kRegionShift;
+/// Codes of how far everything is alike, and near a single face, over a strip three cells wide: towards smaller x,
+/// larger x, smaller y, larger y.
+inline constexpr std::array<unsigned, 4> kReachShift = {16, 20, 24, 28};
+inline constexpr std::array<std::uint8_t, 16> kReachCells = {0,  2,  3,  4,  6,  8,  11,  15,
+                                                             20, 26, 34, 44, 58, 76, 100, 130};
 }  // namespace survey_cell
 
 /// a . (p - shift) + b: a coordinate of the block frame from a point of the scanner's.
@@ -117,11 +122,9 @@ struct MapSums {
 struct SurveyTask {
   SurveyFrame frame;
   const std::uint32_t* table = nullptr;
-  float gate_mm = 0.0F;  ///< points further from the model belong to no face
-  float band_mm = 0.0F;  ///< the table's regions hold so far from the face
-  /// The region of a point (scanner frame), exactly.
-  std::uint8_t (*ask)(const void* context, const float* xyz) = nullptr;
-  const void* ask_context = nullptr;
+  float gate_mm = 0.0F;              ///< points further from the model belong to no face
+  float band_mm = 0.0F;              ///< the table's regions hold so far from the face
+  RegionNumbers rules;               ///< for points of which the table does not know the region
   std::array<float, 12> share_mm{};  ///< distances to count points within, ascending
   std::array<Tilt, kLargeFaces> tilt{};
   std::array<float, kLargeFaces> inner_mm{};  ///< |r| <= inner: summed up,
