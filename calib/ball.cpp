@@ -18,6 +18,8 @@ constexpr double kRadiusMostMm = 200.0;
 constexpr int kCountMost = 16;
 /// Candidates beyond the balls wanted: posts, other balls, corners.
 constexpr std::size_t kCandidatesSpare = 8;
+constexpr int kRadiusViewsMin = 5;
+constexpr double kRadiusOffLeastMm = 0.010;
 /// Points looked at for one candidate: a cap of a full scan has 60 000.
 constexpr std::size_t kNearMax = 1U << 20U;
 
@@ -40,34 +42,35 @@ Status check(std::span<const float> xyz, const BallSettings& s) {
   return success();
 }
 
-/// The points of the scan within reach of each candidate's sphere, in the scan's order.
-std::vector<std::vector<Vec3>> gather(std::span<const float> xyz, const std::vector<BallCandidate>& candidates,
-                                      double reach_mm) {
-  std::vector<std::vector<Vec3>> near(candidates.size());
-  const auto reach = static_cast<float>(reach_mm);
-  std::vector<Eigen::Vector3f> centres;
-  centres.reserve(candidates.size());
-  for (const BallCandidate& c : candidates) centres.emplace_back(c.centre_mm.cast<float>());
-  for (std::size_t i = 0; i + 2 < xyz.size(); i += 3)
-    for (std::size_t k = 0; k < centres.size(); ++k) {
-      const Eigen::Vector3f& c = centres[k];
-      const bool inside = std::abs(xyz[i] - c.x()) < reach && std::abs(xyz[i + 1] - c.y()) < reach &&
-                          std::abs(xyz[i + 2] - c.z()) < reach;
-      if (inside && near[k].size() < kNearMax) near[k].emplace_back(xyz[i], xyz[i + 1], xyz[i + 2]);
-    }
-  return near;
+/// The points of the scan within `half_mm` of a sphere, in the scan's order.
+void gather(std::span<const float> xyz, const Vec3& centre_mm, double radius_mm, double half_mm,
+            std::vector<Vec3>& near) {
+  near.clear();
+  const auto reach = static_cast<float>(radius_mm + half_mm);
+  const double low = std::max(0.0, radius_mm - half_mm);
+  const Eigen::Vector3f c = centre_mm.cast<float>();
+  for (std::size_t i = 0; i + 2 < xyz.size() && near.size() < kNearMax; i += 3) {
+    const bool inside = std::abs(xyz[i] - c.x()) < reach && std::abs(xyz[i + 1] - c.y()) < reach &&
+                        std::abs(xyz[i + 2] - c.z()) < reach;
+    if (!inside) continue;
+    const Vec3 p(xyz[i], xyz[i + 1], xyz[i + 2]);
+    const double distance2 = (p - centre_mm).squaredNorm();
+    if (distance2 > low * low && distance2 < (radius_mm + half_mm) * (radius_mm + half_mm)) near.push_back(p);
+  }
 }
 
 /// All spheres of about the radius, judged; the same sphere once.
 std::vector<BallReport> measure_all(std::span<const float> xyz, const BallSettings& settings) {
   const std::vector<BallCandidate> candidates = ball_candidates(
       xyz, settings.radius_mm, settings.viewpoint_mm, static_cast<std::size_t>(2 * settings.count) + kCandidatesSpare);
-  const double reach_mm = 1.05 * settings.radius_mm + 2.0 * shell_mm(settings);
-  const std::vector<std::vector<Vec3>> near = gather(xyz, candidates, reach_mm);
+  // The votes' centre is good to a few per cent of the radius, and the radius may be that far off as well.
+  const double half_mm = 0.1 * settings.radius_mm + 2.0 * shell_mm(settings);
+  std::vector<Vec3> near;
   std::vector<BallReport> balls;
-  for (std::size_t k = 0; k < candidates.size(); ++k) {
+  for (const BallCandidate& candidate : candidates) {
     BallReport ball;
-    if (!measure_ball(near[k], candidates[k].centre_mm, settings, ball)) continue;
+    gather(xyz, candidate.centre_mm, settings.radius_mm, half_mm, near);
+    if (!measure_ball(near, candidate.centre_mm, settings, ball)) continue;
     const bool known = std::any_of(balls.begin(), balls.end(), [&](const BallReport& other) {
       return (other.centre_mm - ball.centre_mm).norm() < settings.radius_mm;
     });
@@ -199,6 +202,40 @@ BallShots average_shots(std::span<const BallReport> shots, const BallSettings& s
   }
   mean.refusal = BallRefusal::none;
   return mean;
+}
+
+RadiusCheck check_radius(std::span<const BallReport> balls, const BallSettings& settings) {
+  RadiusCheck check;
+  double sum = 0.0;
+  double shift = 0.0;
+  for (const BallReport& ball : balls) {
+    if (!ball.ok() || !has_value(ball.radius_free_mm)) continue;
+    ++check.views;
+    sum += ball.radius_free_mm;
+    shift += ball.shift_per_radius.norm();
+  }
+  if (check.views < 2) return check;
+  check.mean_mm = sum / check.views;
+  double squares = 0.0;
+  for (const BallReport& ball : balls)
+    if (ball.ok() && has_value(ball.radius_free_mm))
+      squares += (ball.radius_free_mm - check.mean_mm) * (ball.radius_free_mm - check.mean_mm);
+  check.sigma_mm = std::sqrt(squares / (check.views * (check.views - 1.0)));
+  const double off = settings.radius_mm - check.mean_mm;
+  check.shift_mm = off * shift / check.views;
+  check.suspicious = check.views >= kRadiusViewsMin && std::abs(off) > 3.0 * check.sigma_mm &&
+                     std::abs(off) > 2.0 * settings.radius_sigma_mm && std::abs(off) > kRadiusOffLeastMm;
+  if (check.suspicious) {
+    check.words.reason.printf(
+        "over %d scans the ball shows a radius of %.4f +- %.4f mm, certified are %.4f: if the scans are right, every "
+        "centre lies %.3f mm too %s the scanner, and the calibration with it; no residual will show that",
+        check.views, check.mean_mm, 2.0 * check.sigma_mm, settings.radius_mm, std::abs(check.shift_mm),
+        check.shift_mm > 0.0 ? "far from" : "near to");
+    check.words.cure =
+        "have the effective radius of the ball certified as coated, and measure a step or plane artefact to tell the "
+        "ball's radius from an error of the scanner";
+  }
+  return check;
 }
 
 }  // namespace slabd::calib

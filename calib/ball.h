@@ -141,4 +141,20 @@ struct BallShots {
 /// `settings.repeat_max_mm`. An empty span is refused.
 [[nodiscard]] BallShots average_shots(std::span<const BallReport> shots, const BallSettings& settings);
 
+/// The one error that neither a residual nor a repetition of the calibration shows: a radius that is not the ball's
+/// moves every centre along the view, and the scanner on the flange with it. The free radius of many views shows it.
+struct RadiusCheck {
+  int views = 0;               ///< accepted ones with a free radius
+  double mean_mm = kNoValue;   ///< of the free radius; NaN below two views
+  double sigma_mm = kNoValue;  ///< of the mean, from the views' scatter
+  double shift_mm =
+      kNoValue;  ///< by which the centres lie too near to the scanner (-) or too far (+), if the mean is right
+  bool suspicious = false;
+  BallWords words;  ///< when suspicious
+};
+
+/// Suspicious from five views on: the mean is further from the certified radius than three of its sigmas, two of the
+/// certificate's, and a hundredth of a millimetre.
+[[nodiscard]] RadiusCheck check_radius(std::span<const BallReport> balls, const BallSettings& settings);
+
 }  // namespace slabd::calib

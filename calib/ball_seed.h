@@ -17,7 +17,7 @@ struct BallCandidate {
 
 /// Centres of spheres of about `radius_mm` in a scan (3 floats a point, mm, NaN = missing), most votes first, at most
 /// `count_max` of them. A few per cent more or less of radius are found as well; cylinders and edges may come along.
-/// O(points) with at most 60 MB of working memory, whatever the scan.
+/// O(points) with at most 80 MB of working memory, whatever the scan.
 [[nodiscard]] std::vector<BallCandidate> ball_candidates(std::span<const float> xyz, double radius_mm,
                                                          const Vec3& viewpoint_mm, std::size_t count_max);
 

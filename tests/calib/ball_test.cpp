@@ -178,6 +178,25 @@ TEST(Ball, a_wrong_radius_moves_the_centre_as_the_report_says) {
   EXPECT_GT(std::sqrt(right.cov_total_mm2(0.02).trace()), 0.02);
 }
 
+TEST(Ball, a_radius_that_is_off_by_less_than_its_gate_shows_over_many_views) {
+  std::vector<BallReport> right;
+  std::vector<BallReport> wrong;
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    const BallScene scene = scene_of(seed);
+    right.push_back(ball_of(scene));
+    wrong.push_back(ball_of(scene, settings(kRadius + 0.03)));  // accepted, each by itself
+  }
+  const RadiusCheck quiet = check_radius(right, settings());
+  EXPECT_FALSE(quiet.suspicious);
+  EXPECT_NEAR(quiet.mean_mm, kRadius, 0.004);
+  const RadiusCheck loud = check_radius(wrong, settings(kRadius + 0.03));
+  EXPECT_TRUE(loud.suspicious);
+  EXPECT_NEAR(loud.shift_mm, 0.03 * wrong[0].shift_per_radius.norm(), 0.005);
+  EXPECT_NE(loud.words.reason.view().find("too far from"), std::string_view::npos) << loud.words.reason.view();
+  EXPECT_FALSE(check_radius({wrong.data(), 4}, settings(kRadius + 0.03)).suspicious);
+  EXPECT_FALSE(has_value(check_radius({}, settings()).mean_mm));
+}
+
 // ---- refusals ----------------------------------------------------------------------------------------------------
 
 TEST(BallRefusals, zeroed_reports_are_not_ok) {
