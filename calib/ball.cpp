@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "calib/ball_fit.h"
 #include "calib/ball_seed.h"
@@ -122,8 +123,15 @@ Result<BallView> find_balls(std::span<const float> xyz, const BallSettings& sett
   if (const Status checked = check(xyz, settings); !checked) return checked.error();
   BallView view;
   view.points = xyz.size() / 3;
-  for (std::size_t i = 0; i < xyz.size(); i += 3)
-    if (std::isfinite(xyz[i]) && std::isfinite(xyz[i + 1]) && std::isfinite(xyz[i + 2])) ++view.finite;
+  Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity());
+  Vec3 high = -low;
+  for (std::size_t i = 0; i < xyz.size(); i += 3) {
+    const Vec3 p(xyz[i], xyz[i + 1], xyz[i + 2]);
+    if (!p.allFinite()) continue;
+    ++view.finite;
+    low = low.cwiseMin(p);
+    high = high.cwiseMax(p);
+  }
   if (view.finite == 0) {
     view.refusal = BallRefusal::no_points;
     view.words.reason.printf("the scan has no points (%llu places, all missing)",
@@ -142,7 +150,7 @@ Result<BallView> find_balls(std::span<const float> xyz, const BallSettings& sett
     view.words = words_too_many(settings, accepted);
   } else if (view.balls.empty()) {
     view.refusal = BallRefusal::not_found;
-    view.words = words_not_found(settings, radius_of_another(xyz, settings));
+    view.words = words_not_found(settings, (high - low).maxCoeff(), radius_of_another(xyz, settings));
   } else if (wanted == 1) {
     view.refusal = view.balls[0].refusal;
     view.words = view.balls[0].words;

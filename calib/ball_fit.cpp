@@ -275,13 +275,15 @@ bool measure_ball(std::span<const Vec3> near_mm, const Vec3& start_mm, const Bal
   if (free.ok) {
     report.radius_free_mm = free.radius_mm;
     report.centre_free_mm = free.centre_mm;
+    // From its own residuals: those of a wrong fixed radius are no noise.
+    report.radius_free_sigma_mm =
+        cap_noise(cap.p_mm, free, settings.viewpoint_mm, settings.noise_correlation_mm).radius_sigma_mm;
   }
   measure_extent(cap, fixed, settings, report);
   const CapNoise noise = cap_noise(cap.p_mm, fixed, settings.viewpoint_mm, settings.noise_correlation_mm);
   report.cov_white_mm2 = noise.cov_white_mm2;
   report.cov_correlated_mm2 = noise.cov_correlated_mm2;
   report.shift_per_radius = noise.shift_per_radius;
-  report.radius_free_sigma_mm = noise.radius_sigma_mm;
   report.correlated_mm = noise.correlated_mm;
   report.correlation_length_mm = noise.correlation_length_mm;
   return true;

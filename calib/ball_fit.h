@@ -67,8 +67,9 @@ struct CapNoise {
 /// Applies the gates to a measured ball: `refusal`, `failed` and `words`.
 void judge_ball(const BallSettings& settings, BallReport& report);
 
-/// Words for the refusals of a whole view.
-[[nodiscard]] BallWords words_not_found(const BallSettings& settings, double other_radius_mm);
+/// Words for the refusals of a whole view. `extent_mm`: of the scan along its longest axis; `other_radius_mm`: of the
+/// sphere that is there instead, NaN if none.
+[[nodiscard]] BallWords words_not_found(const BallSettings& settings, double extent_mm, double other_radius_mm);
 [[nodiscard]] BallWords words_too_many(const BallSettings& settings, std::size_t accepted);
 [[nodiscard]] BallWords words_too_few(const BallSettings& settings, std::size_t accepted, const BallReport* refused);
 

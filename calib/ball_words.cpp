@@ -95,8 +95,14 @@ void judge_ball(const BallSettings& s, BallReport& r) {
   r.words = explain(r.refusal, s, r);
 }
 
-BallWords words_not_found(const BallSettings& settings, double other_radius_mm) {
+BallWords words_not_found(const BallSettings& settings, double extent_mm, double other_radius_mm) {
   BallWords words;
+  if (extent_mm < settings.radius_mm) {
+    words.reason.printf("the whole scan is %.3g mm across, less than the ball's radius of %.3f mm", extent_mm,
+                        settings.radius_mm);
+    words.cure = "state the unit the scan is really in (--unit m, perhaps)";
+    return words;
+  }
   if (has_value(other_radius_mm)) {
     words.reason.printf("no ball of radius %.3f mm is in the scan, but a sphere of radius %.2f mm is",
                         settings.radius_mm, other_radius_mm);

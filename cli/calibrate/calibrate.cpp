@@ -12,6 +12,8 @@ namespace slabd::cli {
 void add_calibrate(CLI::App& app, int& exit_status) {
   CLI::App* group = app.add_subcommand("calibrate", "Where the scanner sits on the flange: hand-eye and stations");
   group->require_subcommand(1);
+  add_calibrate_ball(*group, exit_status);
+  add_calibrate_artefact(*group, exit_status);
   add_calibrate_solve(*group, exit_status);
 }
 

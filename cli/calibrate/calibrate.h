@@ -14,6 +14,8 @@ class App;
 /// status (cli/exit.h) in `exit_status`.
 namespace slabd::cli {
 
+void add_calibrate_ball(CLI::App& group, int& exit_status);
+void add_calibrate_artefact(CLI::App& group, int& exit_status);
 void add_calibrate_solve(CLI::App& group, int& exit_status);
 
 // How a hand-eye result is told, for every verb that solves.

@@ -10,6 +10,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/simulate/line_run.h"
+#include "cli/simulate/simulate_calibration.h"
 #include "cli/simulate/simulate_plane.h"
 #include "cli/simulate/simulate_report.h"
 #include "cli/simulate/simulate_scan.h"
@@ -331,6 +332,7 @@ void add_simulate(CLI::App& app, int& exit_status) {
   command->require_subcommand(0, 1);
   simulate::add_simulate_scan(*command, exit_status);
   simulate::add_simulate_plane(*command, exit_status);
+  simulate::add_simulate_calibration(*command, exit_status);
   command->callback([command, options, &exit_status] {
     if (command->get_subcommands().empty()) exit_status = simulate::simulate(*options);
   });

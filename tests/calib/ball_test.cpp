@@ -235,6 +235,7 @@ TEST(BallRefusals, radius_wrong_by_a_millimetre_is_named_with_the_radius_that_is
     expect_refused(view, BallRefusal::radius);
     ASSERT_FALSE(view.balls.empty());
     EXPECT_NEAR(view.balls[0].radius_free_mm, kRadius, 0.02);
+    EXPECT_LT(view.balls[0].radius_free_sigma_mm, 0.01);
   }
   expect_refused(view_of(scene_of(2), settings(kRadius + 0.08)), BallRefusal::radius);
 }
@@ -244,6 +245,15 @@ TEST(BallRefusals, a_diameter_given_for_a_radius_is_named) {
   expect_refused(view, BallRefusal::not_found);
   EXPECT_NE(view.words.reason.view().find("19.0"), std::string_view::npos) << view.words.reason.view();
   EXPECT_NE(view.words.cure.view().find("not the diameter"), std::string_view::npos);
+}
+
+TEST(BallRefusals, a_scan_in_metres_is_named) {
+  std::vector<float> xyz = draw(scene_of(2));
+  for (float& v : xyz) v *= 1e-3F;
+  const Result<BallView> view = find_balls(xyz, settings());
+  ASSERT_TRUE(view.ok());
+  expect_refused(view.value(), BallRefusal::not_found);
+  EXPECT_NE(view.value().words.cure.view().find("unit"), std::string_view::npos);
 }
 
 TEST(BallRefusals, two_equal_balls_are_too_many_unless_two_are_expected) {

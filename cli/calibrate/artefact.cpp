@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl calibrate artefact: the pose of an artefact of three or more balls in scans, against its certificate.
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+#include <fstream>
+#include <memory>
+
+#include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/find_ball.h"
+#include "cli/exit.h"
+
+namespace slabd::cli {
+namespace {
+
+struct Options {
+  std::vector<std::string> scans;
+  std::string certificate;
+  BallOptions ball;
+  std::string target;
+  bool json = false;
+};
+
+/// The table is read line by line beside the flange poses, so a view that is refused cannot just be missing.
+int write_target(const Options& options, const std::vector<calib::ArtefactReport>& reports) {
+  std::vector<Pose> poses;
+  for (std::size_t i = 0; i < reports.size(); ++i) {
+    if (!reports[i].ok()) {
+      complain(fmt::format("{} is not written: {} was refused; leave it out, and line {} of the flange poses with it",
+                           options.target, options.scans[i], i + 1));
+      return kRefused;
+    }
+    poses.push_back(reports[i].target.T_scanner_target);
+  }
+  std::ofstream file(options.target);
+  file << calib::write_poses(poses, calib::PoseFormat{}, calib::TableRole::target);
+  if (!file.flush()) {
+    complain(fmt::format("{} cannot be written", options.target));
+    return kNotReachable;
+  }
+  if (!options.json) fmt::print("{}: {} poses\n", options.target, poses.size());
+  return kDone;
+}
+
+int run_artefact(const Options& options) {
+  const Result<std::string> text = text_file(options.certificate);
+  if (!text) {
+    complain(fmt::format("{}", text.error().text.view()));
+    return kBadInput;
+  }
+  const Result<calib::ArtefactCertificate> certificate = calib::parse_certificate(text.value(), options.certificate);
+  if (!certificate) {
+    complain(fmt::format("{}", certificate.error().text.view()));
+    return kBadInput;
+  }
+  calib::ArtefactSettings settings;
+  settings.ball = options.ball.settings();
+  std::vector<calib::ArtefactReport> reports;
+  Json json;
+  json.begin_object().field("schema", "slabd.artefacts/1").field("certificate", certificate.value().id.view());
+  json.field("certificate_date", certificate.value().date.view()).key("views").begin_array();
+  std::size_t accepted = 0;
+  for (const std::string& path : options.scans) {
+    const Result<std::vector<float>> xyz = scan_points(path, options.ball.unit);
+    if (!xyz) {
+      complain(fmt::format("{}", xyz.error().text.view()));
+      return kBadInput;
+    }
+    const Result<calib::ArtefactReport> report = calib::find_artefact(xyz.value(), certificate.value(), settings);
+    if (!report) {
+      complain(fmt::format("{}: {}", path, report.error().text.view()));
+      return kUsage;
+    }
+    reports.push_back(report.value());
+    accepted += report.value().ok() ? 1U : 0U;
+    json.begin_object().field("file", std::string_view(path));
+    write_artefact(json, report.value());
+    json.end_object();
+    if (!options.json)
+      fmt::print("{}{}\n{}", path, report.value().ok() ? ": accepted" : ": refused",
+                 artefact_text(report.value(), certificate.value(), settings));
+  }
+  const bool good = accepted == reports.size();
+  json.end_array().field("accepted", accepted).field("status", good ? "ok" : "refused").end_object();
+  if (options.json)
+    fmt::print("{}", json.text());
+  else if (reports.size() > 1)
+    fmt::print("{} of {} scans accepted\n", accepted, reports.size());
+  if (!options.target.empty())
+    if (const int status = write_target(options, reports); status != kDone) return status;
+  return good ? kDone : kRefused;
+}
+
+}  // namespace
+
+void add_calibrate_artefact(CLI::App& group, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = group.add_subcommand(
+      "artefact", "Find an artefact of three or more balls in scans: pose, residuals, why refused");
+  command->footer(
+      "\nThe certificate is a text file; docs/CALIBRATION.md describes it.\n"
+      "Example: slabctl calibrate artefact view_*.ply --certificate three-ball-01.cert --target target.txt\n"
+      "Exit status: 0 every scan accepted, 6 one refused, 2 usage, 3 bad input.");
+  command->add_option("SCAN", options->scans, "Scans of the artefact, one a view, in the order of the flange poses")
+      ->required();
+  command->add_option("--certificate", options->certificate, "What the laboratory certified")->required();
+  command->add_option(
+      "--target", options->target,
+      "Write the poses as a target table for `calibrate solve --kind pose`; all scans must be accepted");
+  options->ball.add_to(*command);
+  command->add_flag("--json", options->json, "Print slabd.artefacts/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = run_artefact(*options); });
+}
+
+}  // namespace slabd::cli

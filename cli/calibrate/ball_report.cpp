@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What was found in a scan, for people and as JSON. A gate is shown with its figure and its limit whether it passed or
+// not: the next view is better when one sees how near the limit this one was.
+#include <fmt/core.h>
+#include <cmath>
+
+#include "cli/calibrate/find_ball.h"
+#include "cli/render.h"
+
+namespace slabd::cli {
+namespace {
+
+using calib::ArtefactReport;
+using calib::BallRefusal;
+using calib::BallReport;
+using calib::BallSettings;
+
+std::string figure(double value, int digits, double scale = 1.0) {
+  return has_value(value) ? fmt::format("{:.{}f}", scale * value, digits) : "-";
+}
+
+Vec3 sigmas(const Mat3& covariance) {
+  return covariance.diagonal().cwiseMax(0.0).cwiseSqrt();
+}
+
+void write_vector(Json& json, std::string_view name, const Vec3& v) {
+  const std::array<double, 3> numbers = {v.x(), v.y(), v.z()};
+  json.field(name, std::span<const double>(numbers));
+}
+
+template <typename Matrix>
+void write_rows(Json& json, std::string_view name, const Matrix& m) {
+  json.key(name).begin_array();
+  for (Eigen::Index row = 0; row < m.rows(); ++row) {
+    std::array<double, 6> numbers{};
+    for (Eigen::Index column = 0; column < m.cols(); ++column)
+      numbers[static_cast<std::size_t>(column)] = m(row, column);
+    json.row(std::span<const double>(numbers.data(), static_cast<std::size_t>(m.cols())));
+  }
+  json.end_array();
+}
+
+void write_words(Json& json, const calib::BallWords& words) {
+  json.field("reason", words.reason.view()).field("cure", words.cure.view());
+}
+
+void write_ball(Json& json, const BallReport& b) {
+  json.begin_object();
+  json.field("status", b.ok() ? "ok" : "refused").field("refusal", name(b.refusal));
+  json.key("failed").begin_array();
+  for (const BallRefusal refusal : b.failed) json.value(name(refusal));
+  json.end_array();
+  write_words(json, b.words);
+  write_vector(json, "centre_mm", b.centre_mm);
+  write_vector(json, "sigma_mm", sigmas(b.cov_mm2()));
+  write_rows(json, "cov_white_mm2", b.cov_white_mm2);
+  write_rows(json, "cov_correlated_mm2", b.cov_correlated_mm2);
+  write_vector(json, "shift_per_radius", b.shift_per_radius);
+  json.field("points_near", b.points_near).field("points_offered", b.points_offered);
+  json.field("points_used", b.points_used).field("kept_share", b.kept_share);
+  json.field("half_angle_deg", deg_from_rad(b.half_angle_rad)).field("azimuth_deg", deg_from_rad(b.azimuth_rad));
+  json.field("rms_mm", b.rms_mm).field("radius_free_mm", b.radius_free_mm);
+  json.field("radius_free_sigma_mm", b.radius_free_sigma_mm);
+  json.field("correlated_mm", b.correlated_mm).field("correlation_length_mm", b.correlation_length_mm);
+  json.field("iterations", b.iterations).end_object();
+}
+
+std::string words_text(const calib::BallWords& words) {
+  return fmt::format("  refused: {}\n  cure: {}\n", words.reason.view(), words.cure.view());
+}
+
+}  // namespace
+
+std::string ball_text(const BallReport& b, const BallSettings& s) {
+  const Vec3& c = b.centre_mm;
+  const Vec3 sigma = sigmas(b.cov_mm2());
+  std::string text =
+      fmt::format("  centre ({:.4f}, {:.4f}, {:.4f}) mm in the scanner frame, sigma ({:.4f}, {:.4f}, {:.4f}) mm\n",
+                  c.x(), c.y(), c.z(), sigma.x(), sigma.y(), sigma.z());
+  if (b.correlated_mm > 0.0)
+    text += fmt::format("  neighbouring points have {:.3f} mm in common over {:.1f} mm: that makes most of the sigma\n",
+                        b.correlated_mm, b.correlation_length_mm);
+  const double radius_shift = b.shift_per_radius.norm();
+  text += fmt::format("  a radius certified too large by 0.01 mm would move it {:.3f} mm away from the scanner\n",
+                      0.01 * radius_shift);
+  const auto mark = [&](BallRefusal gate) {
+    for (const BallRefusal failed : b.failed)
+      if (failed == gate) return std::string("no");
+    return std::string("yes");
+  };
+  text += table(
+      {{"  gate", "measured", "limit", "passed"},
+       {"  half angle of the cap, deg", figure(b.half_angle_rad, 1, deg_from_rad(1.0)),
+        fmt::format(">= {:.0f}", deg_from_rad(s.half_angle_min_rad)), mark(BallRefusal::small_cap)},
+       {"  seen around, deg", figure(b.azimuth_rad, 0, deg_from_rad(1.0)),
+        fmt::format(">= {:.0f}", deg_from_rad(s.azimuth_min_rad)), mark(BallRefusal::azimuth)},
+       {"  points", std::to_string(b.points_used), fmt::format(">= {}", s.points_min), mark(BallRefusal::few_points)},
+       {"  free radius, mm", fmt::format("{} +- {}", figure(b.radius_free_mm, 4), figure(b.radius_free_sigma_mm, 4)),
+        fmt::format("{:.4f} +- {:.3f}", s.radius_mm, s.radius_off_mm), mark(BallRefusal::radius)},
+       {"  share of points on the sphere", figure(b.kept_share, 3), fmt::format(">= {:.2f}", s.kept_share_min),
+        mark(BallRefusal::spoiled)},
+       {"  scatter, mm", figure(b.rms_mm, 4), fmt::format("< {:.4f}", s.rms_max * s.noise_mm),
+        mark(BallRefusal::noisy)}});
+  if (!b.ok()) text += words_text(b.words);
+  return text;
+}
+
+std::string ball_view_text(const calib::BallView& view, const BallSettings& settings) {
+  std::string text = fmt::format("  {} points, {} finite; {} {} of about radius {:.3f} mm\n", view.points, view.finite,
+                                 view.balls.size(), view.balls.size() == 1 ? "sphere" : "spheres", settings.radius_mm);
+  for (const BallReport& ball : view.balls) text += ball_text(ball, settings);
+  const bool said = view.balls.size() == 1 && !view.ok() && view.refusal == view.balls[0].refusal;
+  if (!view.ok() && !said) text += words_text(view.words);
+  return text;
+}
+
+std::string artefact_text(const ArtefactReport& r, const calib::ArtefactCertificate& certificate,
+                          const calib::ArtefactSettings& settings) {
+  calib::BallSettings ball = settings.ball;
+  ball.radius_mm = certificate.ball_radius_mm;
+  ball.count = static_cast<int>(certificate.balls_mm.size());
+  const bool located = r.ok() || r.refusal == calib::ArtefactRefusal::residual;
+  std::string text;
+  if (!located) {
+    text = ball_view_text(r.view, ball);
+    if (r.view.ok()) text += words_text(r.words);
+    return text;
+  }
+  const std::array<double, 7> pose = r.target.T_scanner_target.to_array();
+  text = fmt::format("  artefact {}, certificate of {}\n", certificate.id.view(), certificate.date.view());
+  text += fmt::format("  T_scanner_target x y z {:.4f} {:.4f} {:.4f} mm, qw qx qy qz {:.7f} {:.7f} {:.7f} {:.7f}\n",
+                      pose[0], pose[1], pose[2], pose[3], pose[4], pose[5], pose[6]);
+  text += fmt::format("  sigma {:.4f} mm per axis at its origin, {:.5f} deg\n", r.target.sigma_mm(),
+                      deg_from_rad(r.target.sigma_rad()));
+  std::vector<std::vector<std::string>> rows = {{"  ball", "points", "off its place, mm", "x", "y", "z"}};
+  for (std::size_t k = 0; k < r.residuals_mm.size(); ++k) {
+    const Vec3& off = r.residuals_mm[k];
+    const auto which = static_cast<std::size_t>(r.assigned[k]);
+    const std::string points = which < r.view.balls.size() ? std::to_string(r.view.balls[which].points_used) : "-";
+    rows.push_back({fmt::format("  {}", k + 1), points, fmt::format("{:.4f}", off.norm()),
+                    fmt::format("{:+.4f}", off.x()), fmt::format("{:+.4f}", off.y()), fmt::format("{:+.4f}", off.z())});
+  }
+  text += table(rows);
+  text += fmt::format("  scale {:+.0f} +- {:.0f} ppm (a diagnosis; never applied)\n", r.scale_ppm, r.scale_sigma_ppm);
+  if (!r.ok()) text += words_text(r.words);
+  return text;
+}
+
+void write_ball_view(Json& json, const calib::BallView& view) {
+  json.field("status", view.ok() ? "ok" : "refused").field("refusal", name(view.refusal));
+  write_words(json, view.words);
+  json.field("points", view.points).field("finite", view.finite);
+  json.key("balls").begin_array();
+  for (const BallReport& ball : view.balls) write_ball(json, ball);
+  json.end_array();
+}
+
+void write_artefact(Json& json, const ArtefactReport& r) {
+  json.field("status", r.ok() ? "ok" : "refused").field("refusal", name(r.refusal));
+  write_words(json, r.words);
+  const bool located = !r.residuals_mm.empty();
+  if (located) {
+    write_pose(json, "T_scanner_target", r.target.T_scanner_target);
+    write_rows(json, "covariance", r.target.covariance);
+  } else {
+    json.key("T_scanner_target").null().key("covariance").null();
+  }
+  json.field("sigma_mm", located ? r.target.sigma_mm() : kNoValue);
+  json.field("sigma_deg", located ? deg_from_rad(r.target.sigma_rad()) : kNoValue);
+  json.key("assigned").begin_array();
+  for (const int which : r.assigned) json.value(which + 1);
+  json.end_array();
+  json.key("residuals_mm").begin_array();
+  for (const Vec3& off : r.residuals_mm) {
+    const std::array<double, 3> numbers = {off.x(), off.y(), off.z()};
+    json.row(std::span<const double>(numbers));
+  }
+  json.end_array();
+  json.field("residual_rms_mm", r.residual_rms_mm).field("residual_max_mm", r.residual_max_mm);
+  json.field("worst_ball", r.worst_ball).field("distance_off_max_mm", r.distance_off_max_mm);
+  json.field("scale_ppm", r.scale_ppm).field("scale_sigma_ppm", r.scale_sigma_ppm);
+  json.key("view").begin_object();
+  write_ball_view(json, r.view);
+  json.end_object();
+}
+
+}  // namespace slabd::cli

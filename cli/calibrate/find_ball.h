@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "calib/calib.h"
+#include "cli/json.h"
+
+namespace CLI {
+class App;
+}
+
+/// How found balls and artefacts are told; shared by the offline commands and by whatever captures views.
+namespace slabd::cli {
+
+/// For people: place, sigmas, and every gate with its figure and limit; reason and cure when refused. Whole lines.
+[[nodiscard]] std::string ball_text(const calib::BallReport& ball, const calib::BallSettings& settings);
+/// All balls of a view, the view's own refusal first.
+[[nodiscard]] std::string ball_view_text(const calib::BallView& view, const calib::BallSettings& settings);
+[[nodiscard]] std::string artefact_text(const calib::ArtefactReport& report,
+                                        const calib::ArtefactCertificate& certificate,
+                                        const calib::ArtefactSettings& settings);
+
+/// Fields into the open object. Lengths mm, angles degrees, null where nothing was determined.
+void write_ball_view(Json& json, const calib::BallView& view);
+void write_artefact(Json& json, const calib::ArtefactReport& report);
+
+/// Options that everything that looks for balls shares: --scanner-noise-mm, --noise-correlation-mm, --parallel, --unit.
+struct BallOptions {
+  double noise_mm = 0.05;
+  double noise_correlation_mm = 0.0;
+  bool parallel = false;
+  std::string unit = "mm";
+  void add_to(CLI::App& command);
+  /// Radius and count are the caller's.
+  [[nodiscard]] calib::BallSettings settings() const;
+};
+
+/// A scan's points (3 floats each, mm). The Error's text names the file.
+[[nodiscard]] Result<std::vector<float>> scan_points(const std::string& path, const std::string& unit);
+
+}  // namespace slabd::cli

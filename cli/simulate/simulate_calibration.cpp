@@ -1,0 +1,260 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/simulate/simulate_calibration.h"
+
+#include <fmt/core.h>
+#include <unistd.h>
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <optional>
+
+#include "calib/calib.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/parse.h"
+#include "hal/hal.h"
+
+namespace slabd::simulate {
+namespace {
+
+namespace fs = std::filesystem;
+using cli::Json;
+
+std::string shot_name(const CalibrationOrder& order, int view, int shot) {
+  return order.shots == 1 ? fmt::format("view_{:02}.ply", view) : fmt::format("view_{:02}_{}.ply", view, shot);
+}
+
+void write_robot(Json& json, const RobotErrorTraits& robot) {
+  json.key("robot").begin_object();
+  json.field("seed", robot.seed).field("smooth_mm", robot.smooth_mm).field("smooth_length_mm", robot.smooth_length_mm);
+  json.field("smooth_deg", deg_from_rad(robot.smooth_rad)).field("repeat_mm", robot.repeat_mm);
+  json.field("repeat_deg", deg_from_rad(robot.repeat_rad)).end_object();
+}
+
+void write_scan_traits(Json& json, const CalibrationScanTraits& scan) {
+  json.key("scanner").begin_object();
+  json.field("columns", scan.columns).field("rows", scan.rows).field("noise_mm", scan.noise_mm);
+  json.field("correlated_mm", scan.correlated_mm).field("correlation_length_mm", scan.correlation_length_mm);
+  json.field("flyer_share", scan.flyer_share).field("outlier_share", scan.outlier_share);
+  json.field("missing_share", scan.missing_share).field("projector_mm", scan.projector_mm);
+  json.field("hidden_share", scan.hidden_share).end_object();
+}
+
+void write_view(Json& json, const CalibrationScene& scene, const Pose& reported, std::uint64_t visit,
+                const std::vector<std::string>& files) {
+  const Pose T_scanner_target = scene.T_scanner_target(reported, visit);
+  json.begin_object();
+  json.key("files").begin_array();
+  for (const std::string& file : files) json.value(std::string_view(file));
+  json.end_array();
+  cli::write_pose(json, "T_base_flange_reported", reported);
+  cli::write_pose(json, "T_base_flange_real", scene.robot().real(reported, visit));
+  cli::write_pose(json, "T_scanner_target", T_scanner_target);
+  json.key("balls_mm").begin_array();
+  if (scene.traits().kind != TargetKind::block)
+    for (const Vec3& ball : scene.certificate().balls_mm) {
+      const Vec3 p = T_scanner_target * ball;
+      const std::array<double, 3> numbers = {p.x(), p.y(), p.z()};
+      json.row(std::span<const double>(numbers));
+    }
+  json.end_array().end_object();
+}
+
+bool write_text(const fs::path& path, const std::string& text) {
+  std::ofstream file(path);
+  file << text;
+  if (file.flush()) return true;
+  cli::complain(fmt::format("{} cannot be written", path.string()));
+  return false;
+}
+
+/// Nothing is ever overwritten: an older set mixed with a new one would calibrate to nonsense.
+bool make_folder(const fs::path& dir) {
+  std::error_code fault;
+  fs::create_directories(dir, fault);
+  if (fault || !fs::is_directory(dir, fault)) {
+    cli::complain(fmt::format("--out {}: cannot be made: {}", dir.string(), fault.message()));
+    return false;
+  }
+  if (!fs::is_empty(dir, fault)) {
+    cli::complain(fmt::format("--out {}: is not empty; name a new folder", dir.string()));
+    return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+int write_calibration(const CalibrationOrder& order) {
+  std::optional<Recipe> recipe;
+  if (order.scene.kind == TargetKind::block) {
+    recipe.emplace();
+    if (!cli::recipe_from(order.recipe, *recipe)) return cli::kBadInput;
+  }
+  const Result<CalibrationScene> made = CalibrationScene::make(order.scene, recipe ? &*recipe : nullptr);
+  if (!made) {
+    cli::complain(fmt::format("{}", made.error().text.view()));
+    return cli::kUsage;
+  }
+  const CalibrationScene& scene = made.value();
+  const fs::path dir = order.out_dir;
+  if (!make_folder(dir)) return cli::kUsage;
+
+  const std::vector<Pose> poses = scene.plan_views(order.views);
+  Json json;
+  json.begin_object().field("schema", "slabd.calibration_truth/1").field("kind", name(order.scene.kind));
+  json.field("seed", order.scene.seed);
+  json.field("ball_radius_mm", order.scene.kind == TargetKind::block ? kNoValue : order.scene.ball_radius_mm);
+  cli::write_pose(json, "T_flange_scanner", order.scene.T_flange_scanner);
+  cli::write_pose(json, "T_base_target", order.scene.T_base_target);
+  write_robot(json, scene.robot().traits());
+  write_scan_traits(json, order.scan);
+  json.key("views").begin_array();
+  std::vector<float> xyz;
+  const bool terminal = isatty(STDERR_FILENO) != 0;
+  for (int view = 1; view <= order.views; ++view) {
+    const Pose& reported = poses[static_cast<std::size_t>(view - 1)];
+    if (terminal) fmt::print(stderr, "\r\x1b[Kview {}/{}", view, order.views);
+    std::vector<std::string> files;
+    const auto visit = static_cast<std::uint64_t>(view);
+    for (int shot = 1; shot <= order.shots; ++shot) {
+      const Result<DrawnScan> drawn =
+          scene.draw(reported, visit, order.scan, xyz, static_cast<std::uint64_t>(shot - 1));
+      files.push_back(shot_name(order, view, shot));
+      if (!drawn) {
+        cli::complain(fmt::format("view {}: {}", view, drawn.error().text.view()));
+        return cli::kUsage;
+      }
+      const std::string path = (dir / files.back()).string();
+      const Status written =
+          hal::write_scan(path.c_str(), hal::ScanFormat::ply, xyz, drawn.value().width, drawn.value().height);
+      if (!written) {
+        cli::complain(fmt::format("{}", written.error().text.view()));
+        return cli::kNotReachable;
+      }
+    }
+    write_view(json, scene, reported, visit, files);
+  }
+  if (terminal) fmt::print(stderr, "\r\x1b[K");
+  json.end_array().end_object();
+  const std::string flange = calib::write_poses(poses, calib::PoseFormat{}, calib::TableRole::flange);
+  if (!write_text(dir / "flange.txt", flange) || !write_text(dir / "truth.json", json.text()))
+    return cli::kNotReachable;
+  if (order.scene.kind == TargetKind::artefact &&
+      !write_text(dir / "certificate.txt", calib::certificate_text(scene.certificate())))
+    return cli::kNotReachable;
+  fmt::print("{}: {} views of the {}, flange.txt, {}truth.json\n", order.out_dir, order.views, name(order.scene.kind),
+             order.scene.kind == TargetKind::artefact ? "certificate.txt, " : "");
+  return cli::kDone;
+}
+
+void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
+  struct Options {
+    CalibrationOrder order;
+    std::string kind = "ball";
+    std::string T_flange_scanner;
+    std::string T_base_target;
+    double repeat_deg = -1.0;
+    double smooth_deg = -1.0;
+    bool full = false;
+    bool unorganised = false;
+    bool bare = false;
+  };
+  auto options = std::make_shared<Options>();
+  CalibrationOrder& order = options->order;
+  CLI::App* command =
+      simulate.add_subcommand("calibration", "Write the scans of a calibration, the robot's poses and the truth");
+  command->footer(
+      "\nball       a tooling ball on its post, with table, wall, rod and a foreign ball around\n"
+      "artefact   three balls on a frame, with a certificate\n"
+      "block      the reference block, drawn as the recipe says, from near its nominal view\n\n"
+      "Example: slabctl simulate calibration --kind ball --out set --views 20 --seed 1\n"
+      "         slabctl calibrate ball set/view_*.ply --radius 25.4 --target set/target.txt\n"
+      "         slabctl calibrate solve --kind ball --flange set/flange.txt --target set/target.txt");
+  command->add_option("--kind", options->kind, "What is calibrated with: ball, artefact or block")
+      ->check(CLI::IsMember({"ball", "artefact", "block"}))
+      ->capture_default_str();
+  command->add_option("--out", order.out_dir, "Folder to make; must not hold anything yet")->required();
+  command->add_option("--views", order.views, "How many")->check(CLI::Range(1, 400))->capture_default_str();
+  command->add_option("--shots", order.shots, "Scans at every pose")->check(CLI::Range(1, 9))->capture_default_str();
+  command->add_option("--seed", order.scene.seed, "Decides everything random")->capture_default_str();
+  command->add_option("--recipe", order.recipe, "Recipe of the reference block (kind block)");
+  command->add_option("--ball-radius-mm", order.scene.ball_radius_mm, "Radius of the balls")
+      ->check(CLI::Range(5.0, 35.0))
+      ->capture_default_str();
+  command->add_option("--T-flange-scanner", options->T_flange_scanner, "True hand-eye, \"x y z qw qx qy qz\"");
+  command->add_option("--T-base-target", options->T_base_target, "Where the target stands, \"x y z qw qx qy qz\"");
+  command
+      ->add_option("--robot-mm", order.scene.robot.smooth_mm,
+                   "Error of the reported position per axis, smooth over the cell (absolute accuracy)")
+      ->check(CLI::Range(0.0, 10.0))
+      ->capture_default_str();
+  command->add_option("--robot-length-mm", order.scene.robot.smooth_length_mm, "Length over which it changes")
+      ->check(CLI::Range(50.0, 10'000.0))
+      ->capture_default_str();
+  command->add_option("--robot-deg", options->smooth_deg, "Smooth error of rotation (default: --robot-mm over 1.5 m)")
+      ->check(CLI::Range(0.0, 5.0));
+  command->add_option("--robot-sigma-mm", order.scene.robot.repeat_mm, "Repeatability per axis, new at every pose")
+      ->check(CLI::Range(0.0, 10.0))
+      ->capture_default_str();
+  command->add_option("--robot-sigma-deg", options->repeat_deg, "Of rotation (default: --robot-sigma-mm over 1.5 m)")
+      ->check(CLI::Range(0.0, 1.0));
+  CalibrationScanTraits& scan = order.scan;
+  command->add_flag("--full", options->full, "5 million points a scan instead of half a million");
+  command->add_option("--noise-mm", scan.noise_mm, "White noise along the rays")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  command->add_option("--correlated-mm", scan.correlated_mm, "Noise that neighbouring points have in common")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  command->add_option("--noise-correlation-mm", scan.correlation_length_mm, "Length over which it hangs together")
+      ->check(CLI::Range(0.1, 20.0))
+      ->capture_default_str();
+  command->add_option("--flyers", scan.flyer_share, "Share of the pixels at edges that lie between front and back")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  command->add_option("--hidden", scan.hidden_share, "Share of every ball hidden behind a plate")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  command->add_flag("--unorganised", options->unorganised, "Write only the points that returned, without their grid");
+  command->add_flag("--bare", options->bare, "Without table, wall, rod and foreign ball");
+  command->callback([options, &exit_status] {
+    CalibrationOrder& o = options->order;
+    const auto pose_option = [&](const std::string& text, const char* option, Pose& pose) {
+      if (text.empty()) return true;
+      const Result<Pose> parsed = cli::parse_pose(text);
+      if (parsed) {
+        pose = parsed.value();
+        return true;
+      }
+      cli::complain(fmt::format("{}: {}", option, parsed.error().text.view()));
+      exit_status = cli::kUsage;
+      return false;
+    };
+    if (!pose_option(options->T_flange_scanner, "--T-flange-scanner", o.scene.T_flange_scanner) ||
+        !pose_option(options->T_base_target, "--T-base-target", o.scene.T_base_target))
+      return;
+    o.scene.kind = options->kind == "artefact" ? TargetKind::artefact
+                   : options->kind == "block"  ? TargetKind::block
+                                               : TargetKind::ball;
+    if (o.scene.kind == TargetKind::block && o.recipe.empty()) {
+      cli::complain("--kind block: --recipe says what the block looks like");
+      exit_status = cli::kUsage;
+      return;
+    }
+    o.scene.robot.seed = o.scene.seed;
+    if (options->smooth_deg >= 0.0) o.scene.robot.smooth_rad = rad_from_deg(options->smooth_deg);
+    if (options->repeat_deg >= 0.0) o.scene.robot.repeat_rad = rad_from_deg(options->repeat_deg);
+    if (options->full) {
+      o.scan.columns = CalibrationScanTraits::full().columns;
+      o.scan.rows = CalibrationScanTraits::full().rows;
+    }
+    o.scan.organised = !options->unorganised;
+    o.scene.clutter = !options->bare;
+    exit_status = write_calibration(o);
+  });
+}
+
+}  // namespace slabd::simulate

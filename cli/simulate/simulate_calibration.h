@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "base/base.h"
+#include "cli/simulate/calibration_scene.h"
+
+namespace CLI {
+class App;
+}
+
+/// `slabctl simulate calibration`: the scans of a whole calibration with their truth, for the offline commands.
+namespace slabd::simulate {
+
+struct CalibrationOrder {
+  CalibrationTraits scene;
+  CalibrationScanTraits scan;
+  int views = 20;
+  int shots = 1;  ///< scans at every pose
+  std::string out_dir;
+  std::string recipe;  ///< for the reference block
+};
+
+/// Makes `out_dir` (it must not exist or be empty) and writes view_01.ply, view_02.ply, ... (with several shots
+/// view_01_1.ply, ...), flange.txt (T_base_flange as reported, neutral form), certificate.txt (kind artefact) and
+/// truth.json. Returns the exit status.
+[[nodiscard]] int write_calibration(const CalibrationOrder& order);
+
+void add_simulate_calibration(CLI::App& simulate, int& exit_status);
+
+}  // namespace slabd::simulate
