@@ -32,6 +32,7 @@ constexpr std::array kStudies = {
     Study{"perspective", perspective_study, "the same with rays from one centre"},
     Study{"correlated", correlated_study, "the same with noise correlated over 1 mm: does U still cover?"},
     Study{"slab", slab_study, "whole slabs with robot repeatability: slab items, planted defects"},
+    Study{"ball", ball_study, "a tooling ball: scatter of its centre, truth of its covariance"},
     Study{"coverage", coverage_study, "slabs at the level of features: U covers, and is no larger than needed"},
 };
 

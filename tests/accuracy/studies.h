@@ -47,6 +47,10 @@ struct StudyOptions {
 /// The set-up of the paper's Table 1: a, b, c of z = ax + by + c from least squares, classical and improved RANSAC.
 [[nodiscard]] bool plane_study(const StudyOptions& options, Table& table);
 
+/// A tooling ball in caps of several sizes: scatter of its centre against the floor of a fixed-radius fit, and whether
+/// the reported covariance is true.
+[[nodiscard]] bool ball_study(const StudyOptions& options, Table& table);
+
 /// Slabs at the level of fitted features, errors drawn from the stated distributions: coverage of every item's U and
 /// its mean against what 95 % coverage needs.
 [[nodiscard]] bool coverage_study(const StudyOptions& options, Table& table);
