@@ -126,6 +126,9 @@ class Reader {
     if (value.empty() || value.size() > words.value.capacity() || value.find('"') != std::string_view::npos)
       return error(Code::config, "%s:%d: %s must be 1 to %zu characters", file_.c_str(), line_, words.key,
                    words.value.capacity());
+    if (std::any_of(value.begin(), value.end(),
+                    [](char c) { return std::iscntrl(static_cast<unsigned char>(c)) != 0; }))
+      return error(Code::config, "%s:%d: %s holds control characters", file_.c_str(), line_, words.key);
     words.seen = true;
     words.line = line_;
     words.value.assign(value);

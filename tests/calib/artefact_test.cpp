@@ -99,6 +99,7 @@ TEST(Certificate, refuses_what_is_not_right_with_file_and_line) {
   expect_error(std::string(kText) + "id = b\n", "a.cert:12: id is given twice");
   expect_error(std::string(kText) + "ball = 1 2\n", "a.cert:12: ball must be three coordinates");
   expect_error(std::string(kText) + "ball = 1 2 3 4\n", "a.cert:12: ball must be three coordinates");
+  expect_error(with("Lab # 7", "Lab \x01"), "a.cert:4: issuer holds control characters");
   expect_error(std::string(kText) + "nonsense\n", "a.cert:12: 'key = value' expected");
   expect_error(std::string(kText) + "ball = 5 5 5\n", "apart, less than their diameter");
   expect_error(without("ball = 60"), "2 balls");
@@ -108,6 +109,25 @@ TEST(Certificate, refuses_what_is_not_right_with_file_and_line) {
   const std::string whole = kText;
   for (std::size_t length = 0; length <= whole.rfind("ball ="); ++length)
     EXPECT_FALSE(parse_certificate(whole.substr(0, length), "a.cert").ok()) << length;
+}
+
+TEST(Certificate, survives_any_bytes) {
+  Prng random(3);
+  int read = 0;
+  for (int k = 0; k < 5000; ++k) {
+    std::string text = kText;
+    for (std::uint64_t n = 1 + random.below(4); n > 0; --n)
+      text[random.below(text.size())] = static_cast<char>(random.below(256));
+    const Result<ArtefactCertificate> parsed = parse_certificate(text, "a.cert");
+    if (!parsed) {
+      EXPECT_EQ(parsed.error().text.view().substr(0, 7), "a.cert:");
+      continue;
+    }
+    ++read;
+    EXPECT_GE(parsed.value().balls_mm.size(), kArtefactBallsMin);
+    EXPECT_TRUE(std::isfinite(parsed.value().sigma_mm) && std::isfinite(parsed.value().ball_radius_mm));
+  }
+  EXPECT_GT(read, 100);  // a comment, a digit
 }
 
 TEST(Artefact, pose_is_found_whatever_the_order_of_the_balls) {
