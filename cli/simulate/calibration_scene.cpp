@@ -122,11 +122,13 @@ class ScanMaker {
     for (std::size_t row = 0; row < picture_.rows; ++row)
       for (std::size_t column = 0; column < picture_.columns; ++column) {
         // Drawn for every pixel, so that a scene's change moves nothing else.
-        const double chance = random.uniform();
-        const double place = random.uniform();
-        const double noise = random.normal();
+        Draws draws;
+        draws.edge = random.uniform();
+        draws.fault = random.uniform();
+        draws.place = random.uniform();
+        draws.noise = random.normal();
         const Vec3 ray = picture_.ray(column, row);
-        const double z = depth_of(row, column, ray, chance, place, noise, drawn);
+        const double z = depth_of(row, column, ray, draws, drawn);
         if (std::isnan(z) && !traits_.organised) continue;
         for (int axis = 0; axis < 3; ++axis)
           xyz.push_back(std::isnan(z) ? std::numeric_limits<float>::quiet_NaN() : static_cast<float>(z * ray[axis]));
@@ -143,6 +145,14 @@ class ScanMaker {
   [[nodiscard]] double at(std::size_t row, std::size_t column) const {
     return static_cast<double>(picture_.depth_mm[row * picture_.columns + column]);
   }
+
+  /// What chance decides about one pixel.
+  struct Draws {
+    double edge = 0.0;   ///< is it a mixed point, if it lies at an edge?
+    double fault = 0.0;  ///< is it missing, or an outlier?
+    double place = 0.0;  ///< where between front and back, or how far off
+    double noise = 0.0;  ///< standard normal
+  };
 
   /// How much further than `z` a neighbour lies, at most; 0 without an edge.
   [[nodiscard]] double step_behind(std::size_t row, std::size_t column, double z) const {
@@ -176,34 +186,31 @@ class ScanMaker {
     return solids_.first_met(p, towards, 0.5 / towards.norm()) < 1.0;
   }
 
-  double depth_of(std::size_t row, std::size_t column, const Vec3& ray, double chance, double place, double noise,
-                  DrawnScan& drawn) const {
+  double depth_of(std::size_t row, std::size_t column, const Vec3& ray, const Draws& draws, DrawnScan& drawn) const {
     const double z = at(row, column);
     if (std::isnan(z)) {
       ++drawn.no_return;
       return kNoValue;
     }
     const double behind = step_behind(row, column, z);
-    if (behind > 0.0 && chance < traits_.flyer_share) {
+    if (behind > 0.0 && draws.edge < traits_.flyer_share) {
       ++drawn.outliers;
-      return z + place * behind;
+      return z + draws.place * behind;
     }
-    chance = (chance - traits_.flyer_share) / (1.0 - traits_.flyer_share);  // uniform again where no edge is
-    if (chance < 0.0) chance = -chance / traits_.flyer_share * (1.0 - traits_.flyer_share);
-    if (chance < traits_.missing_share) {
+    if (draws.fault < traits_.missing_share) {
       ++drawn.missing;
       return kNoValue;
     }
-    if (chance < traits_.missing_share + traits_.outlier_share) {
+    if (draws.fault < traits_.missing_share + traits_.outlier_share) {
       ++drawn.outliers;
-      return z + (place - 0.5) * 120.0;
+      return z + (draws.place - 0.5) * 120.0;
     }
     const Vec3 p = z * ray;
     if (incidence_cosine(row, column, ray, z) < kIncidenceCosineMin || in_shadow(p)) {
       ++drawn.no_return;
       return kNoValue;
     }
-    double further = traits_.noise_mm * noise;
+    double further = traits_.noise_mm * draws.noise;
     if (!field_.empty())
       further += traits_.correlated_mm * static_cast<double>(field_[row * picture_.columns + column]);
     return z + further / ray.norm();
