@@ -188,13 +188,13 @@ void Equations::residual(std::size_t i, const State& state, Eigen::VectorXd& r, 
   position(3, view.T_scanner_target.translation_mm, 0);
 }
 
-Eigen::MatrixXd Equations::whitener(std::size_t i, const State& state, const Weighing& weighing) const {
+Eigen::MatrixXd Equations::covariance(std::size_t i, const State& state, const Weighing& weighing) const {
   const View& view = views_[i];
   const auto square = [](double v) { return v * v; };
   const double robot_mm2 = square(weighing.position * weighing.noise.robot_mm);
-  const double robot_rad2 = square(weighing.rotation * weighing.noise.robot_rad);
+  const double robot_rad2 = square(weighing.robot_rotation * weighing.noise.robot_rad);
   const double target_mm2 = square(weighing.position * weighing.noise.target_mm);
-  const double target_rad2 = square(weighing.rotation * weighing.noise.target_rad);
+  const double target_rad2 = square(weighing.target_rotation * weighing.noise.target_rad);
   const Mat3 R_X = state.X.rotation.toRotationMatrix();
   Eigen::MatrixXd C = Eigen::MatrixXd::Zero(rows(i), rows(i));
   if (kind_ == ArtefactKind::ball) {
@@ -219,9 +219,9 @@ Eigen::MatrixXd Equations::whitener(std::size_t i, const State& state, const Wei
     if (view.target_covariance) {
       const Mat3 R = R_X * view.T_scanner_target.rotation.toRotationMatrix();
       const Mat6& own = *view.target_covariance;
-      C.topLeftCorner<3, 3>() += square(weighing.rotation) * R * own.bottomRightCorner<3, 3>() * R.transpose();
+      C.topLeftCorner<3, 3>() += square(weighing.target_rotation) * R * own.bottomRightCorner<3, 3>() * R.transpose();
       C.bottomLeftCorner<3, 3>() +=
-          weighing.position * weighing.rotation * R * own.topRightCorner<3, 3>() * R.transpose();
+          weighing.position * weighing.target_rotation * R * own.topRightCorner<3, 3>() * R.transpose();
       C.topRightCorner<3, 3>() = C.bottomLeftCorner<3, 3>().transpose().eval();
       C.bottomRightCorner<3, 3>() += square(weighing.position) * R * own.topLeftCorner<3, 3>() * R.transpose();
     } else {
@@ -229,7 +229,11 @@ Eigen::MatrixXd Equations::whitener(std::size_t i, const State& state, const Wei
       C.bottomRightCorner<3, 3>() += target_mm2 * Mat3::Identity();
     }
   }
-  const Eigen::LLT<Eigen::MatrixXd> cholesky(C);
+  return C;
+}
+
+Eigen::MatrixXd Equations::whitener(std::size_t i, const State& state, const Weighing& weighing) const {
+  const Eigen::LLT<Eigen::MatrixXd> cholesky(covariance(i, state, weighing));
   return cholesky.matrixL().solve(Eigen::MatrixXd::Identity(rows(i), rows(i)));
 }
 

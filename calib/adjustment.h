@@ -30,11 +30,12 @@ struct State {
   std::vector<Pose> targets;  ///< balls: translation alone
 };
 
-/// Stated noise and what positions and rotations are scaled by.
+/// Stated noise and what its parts are multiplied by.
 struct Weighing {
   StatedNoise noise;
-  double position = 1.0;
-  double rotation = 1.0;
+  double position = 1.0;  ///< robot and target
+  double robot_rotation = 1.0;
+  double target_rotation = 1.0;
 };
 
 /// Parameters, in this order: X shift (flange axes, mm), X turn (scanner axes, rad), then for each target its shift
@@ -55,7 +56,8 @@ class Equations {
 
   /// Residual of a view and, if asked for, its derivative (rows x parameters).
   void residual(std::size_t i, const State& state, Eigen::VectorXd& r, Eigen::MatrixXd* J) const;
-  /// L^-1 at a state.
+  /// Covariance of a residual at a state, and L^-1 of it.
+  [[nodiscard]] Eigen::MatrixXd covariance(std::size_t i, const State& state, const Weighing& weighing) const;
   [[nodiscard]] Eigen::MatrixXd whitener(std::size_t i, const State& state, const Weighing& weighing) const;
   [[nodiscard]] std::vector<Eigen::MatrixXd> whiteners(const State& state, const Weighing& weighing) const;
 

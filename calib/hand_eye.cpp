@@ -19,6 +19,7 @@
 #include "calib/chi_square.h"
 #include "calib/judgement.h"
 #include "calib/rotation.h"
+#include "calib/variance.h"
 #include "calib/weakness.h"
 
 namespace slabd::calib {
@@ -154,8 +155,16 @@ RobustFit fit_robustly(const Equations& equations, const Weighing& weighing) {
   std::iota(all.begin(), all.end(), std::size_t{0});
   RobustFit best;
   double lowest = std::numeric_limits<double>::infinity();
+  // The best few starts lead to the same place; the rest are for sets in which nothing fits yet.
+  constexpr std::size_t kEnoughStarts = 4;
+  constexpr double kFits = 3.0;
+  std::size_t tried = 0;
   for (const State& start : starting_points(equations, weighing)) {
-    const Adjusted adjusted = adjust_and_weigh(equations, all, weighing, start, true);
+    // Far from the solution the robust loss is flat, so later starts are brought near by plain least squares.
+    const bool late = ++tried > kEnoughStarts;
+    if (late && robust_size(equations, weighing, best.state) < kFits) break;
+    const State near = late ? adjust_and_weigh(equations, all, weighing, start, false).state : start;
+    const Adjusted adjusted = adjust_and_weigh(equations, all, weighing, near, true);
     if (!(adjusted.cost < lowest)) continue;
     lowest = adjusted.cost;
     best.state = adjusted.state;
@@ -174,14 +183,12 @@ RobustFit fit_robustly(const Equations& equations, const Weighing& weighing) {
   return best;
 }
 
-/// Size of the residuals relative to their weights, positions and rotations apart, and how many equations each has
-/// left.
+/// Size of the residuals relative to their weights, positions and rotations apart. NaN where no equations are left
+/// over.
 struct Sizes {
   double all = kNoValue;
   double position = kNoValue;
   double rotation = kNoValue;
-  double position_freedom = 0.0;
-  double rotation_freedom = 0.0;
 };
 
 Sizes sizes_of(const Equations& equations, const Chosen& kept, const Linearised& linear) {
@@ -189,34 +196,36 @@ Sizes sizes_of(const Equations& equations, const Chosen& kept, const Linearised&
   const int turning = equations.rotation_rows();
   double rotation = 0.0;
   double position = 0.0;
-  Sizes sizes;
+  double rotation_freedom = 0.0;
+  double position_freedom = 0.0;
   for (const std::size_t i : kept) {
     const Eigen::MatrixXd& J = linear.J[i];
+    const auto placing = J.rows() - turning;
     const Eigen::VectorXd left = Eigen::VectorXd::Ones(J.rows()) - (J * covariance * J.transpose()).diagonal();
     rotation += linear.w[i].head(turning).squaredNorm();
-    position += linear.w[i].tail(J.rows() - turning).squaredNorm();
-    sizes.rotation_freedom += left.head(turning).sum();
-    sizes.position_freedom += left.tail(J.rows() - turning).sum();
+    position += linear.w[i].tail(placing).squaredNorm();
+    rotation_freedom += left.head(turning).sum();
+    position_freedom += left.tail(placing).sum();
   }
   constexpr double kSome = 0.5;
-  if (sizes.position_freedom > kSome) sizes.position = std::sqrt(position / sizes.position_freedom);
-  if (sizes.rotation_freedom > kSome) sizes.rotation = std::sqrt(rotation / sizes.rotation_freedom);
-  const double freedom = sizes.position_freedom + sizes.rotation_freedom;
-  if (freedom > kSome) sizes.all = std::sqrt((position + rotation) / freedom);
-  return sizes;
+  const auto size = [](double squares, double freedom) {
+    return freedom > kSome ? std::sqrt(squares / freedom) : kNoValue;
+  };
+  return {size(position + rotation, position_freedom + rotation_freedom), size(position, position_freedom),
+          size(rotation, rotation_freedom)};
 }
 
-/// Weighs positions and rotations by what they turn out to be, once that is certain: a logarithm of a variance ratio
-/// has the variance 2/n + 2/m. Returns whether it changed anything.
-bool reweigh(const Sizes& sizes, bool before, Weighing& weighing) {
-  if (!(sizes.position > 0.0) || !(sizes.rotation > 0.0)) return false;
-  const double ratio = std::abs(2.0 * std::log(sizes.position / sizes.rotation));
-  const double chance = std::sqrt(2.0 / sizes.position_freedom + 2.0 / sizes.rotation_freedom);
-  constexpr double kSure = 3.0;
-  constexpr double kSettled = 0.01;
-  if (ratio < (before ? kSettled : kSure * chance)) return false;
-  weighing.position *= sizes.position;
-  weighing.rotation *= sizes.rotation;
+/// Weighs positions and rotations by what they turn out to be where they are far from what was stated relative to each
+/// other, and certainly so. Else the stated noise stands: it is known from more than these few views. Returns whether
+/// anything changed.
+bool reweigh(const Equations& equations, const Selected& selected, const Sizes& stated, Weighing& weighing) {
+  constexpr double kFar = 2.5;
+  constexpr double kSure = 11.8;
+  const double ratio = stated.position / stated.rotation;
+  if (!(ratio > kFar || ratio < 1.0 / kFar)) return false;
+  const Components found = estimate_components(equations, selected.kept, selected.adjusted.state, weighing.noise);
+  if (!(found.gain > kSure)) return false;
+  weighing = found.weighing;
   return true;
 }
 
@@ -264,10 +273,12 @@ Spread spread_over(const HandEye& result, double ViewFit::*figure) {
 
 /// Covariance of X for errors as stated, or larger where they turned out larger: the adjustment N^-1 J' w of errors
 /// with that covariance, whatever it was weighed by.
-Mat6 covariance_of_pose(const Equations& equations, const Selected& selected, const Weighing& weighing, double s0) {
+Mat6 covariance_of_pose(const Equations& equations, const Selected& selected, const Weighing& weighing, bool as_stated,
+                        double s0) {
   Weighing errors = weighing;
   errors.position = std::max(1.0, weighing.position);
-  errors.rotation = std::max(1.0, weighing.rotation);
+  errors.robot_rotation = std::max(1.0, weighing.robot_rotation);
+  errors.target_rotation = std::max(1.0, weighing.target_rotation);
   const State& state = selected.adjusted.state;
   const Eigen::MatrixXd inverse = parameter_covariance(equations, selected.kept, selected.linear);
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(inverse.rows(), inverse.cols());
@@ -277,9 +288,14 @@ Mat6 covariance_of_pose(const Equations& equations, const Selected& selected, co
     const Eigen::MatrixXd spread = selected.linear.J[i].transpose() * equations.whitener(i, state, weighing) * K;
     sum += spread * spread.transpose();
   }
-  const bool as_stated = weighing.position == 1.0 && weighing.rotation == 1.0;
   const double factor = as_stated && s0 > 1.0 ? s0 * s0 : 1.0;
   return factor * (inverse * sum * inverse).topLeftCorner<6, 6>();
+}
+
+/// q and -q are one rotation; the one that is written has w >= 0.
+Pose with_positive_w(Pose pose) {
+  if (pose.rotation.w() < 0.0) pose.rotation.coeffs() *= -1.0;
+  return pose;
 }
 
 void forget_pose(HandEye& result) {
@@ -313,26 +329,26 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
                       const SolveSettings& settings) {
   if (Status status = check(kind, views, noise); !status) return status.error();
   const Equations equations(kind, views);
-  Weighing weighing{noise, 1.0, 1.0};
+  Weighing weighing{noise};
   const RobustFit robust = fit_robustly(equations, weighing);
 
   HandEye result;
-  constexpr int kReweighingsMax = 10;
+  constexpr int kReweighings = 3;
   Selected selected = select(equations, weighing, robust.state, robust.normal);
-  Sizes sizes = sizes_of(equations, selected.kept, selected.linear);
-  for (int k = 0; k < kReweighingsMax && reweigh(sizes, result.reweighted, weighing); ++k) {
+  const Sizes stated = sizes_of(equations, selected.kept, selected.linear);
+  for (int k = 0; k < kReweighings && reweigh(equations, selected, stated, weighing); ++k) {
     result.reweighted = true;
     selected = select(equations, weighing, selected.adjusted.state, selected.kept);
-    sizes = sizes_of(equations, selected.kept, selected.linear);
   }
   const State& state = selected.adjusted.state;
-  result.T_flange_scanner = state.X;
-  result.targets = state.targets;
+  result.T_flange_scanner = with_positive_w(state.X);
+  for (const Pose& target : state.targets) result.targets.push_back(with_positive_w(target));
 
   std::vector<bool> kept(views.size(), false);
   for (const std::size_t i : selected.kept) kept[i] = true;
   for (std::size_t i = 0; i < views.size(); ++i) {
     ViewFit fit = fit_of(equations, i, state);
+    fit.number = views[i].number != 0 ? views[i].number : i + 1;
     fit.kept = kept[i];
     fit.sigmas = normal_sigmas(selected.verdicts.squares[i], selected.verdicts.freedom[i]);
     if (!fit.kept) result.rejected.push_back(i);
@@ -342,10 +358,12 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
   for (const std::size_t i : selected.kept)
     if (result.views[i].sigmas > result.views[result.worst_view].sigmas) result.worst_view = i;
 
-  result.s0_position = weighing.position * sizes.position;
-  result.s0_rotation = weighing.rotation * sizes.rotation;
-  const Linearised as_stated = linearise(equations, equations.whiteners(state, {noise}), state);
-  result.s0 = sizes_of(equations, selected.kept, as_stated).all;
+  result.s0 = stated.all;
+  result.s0_position = result.reweighted ? weighing.position : stated.position;
+  result.s0_rotation = result.reweighted ? std::hypot(weighing.robot_rotation * noise.robot_rad,
+                                                      weighing.target_rotation * noise.target_rad) /
+                                               std::hypot(noise.robot_rad, noise.target_rad)
+                                         : stated.rotation;
   result.rotation_spread_axes_deg = rotation_spread_axes_deg(views);
   result.rotation_spread_deg = result.rotation_spread_axes_deg[2];
   if (kind == ArtefactKind::ball) result.ball_spread_axes_mm = ball_spread_axes_mm(views);
@@ -353,7 +371,8 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
   Circumstances circumstances = circumstances_of(equations, noise);
   circumstances.views = views;
   circumstances.converged = selected.adjusted.converged;
-  const Weakness weakness = weakness_of(equations, selected.kept, as_stated);
+  const Weakness weakness =
+      weakness_of(equations, selected.kept, linearise(equations, equations.whiteners(state, {noise}), state));
   result.condition = weakness.condition;
   result.smallest_singular_value = weakness.smallest;
   result.determined = weakness.condition <= kConditionDegenerate;
@@ -363,7 +382,7 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
                                     : kPointSigmaPerNoise * std::hypot(noise.robot_mm, noise.target_mm);
   if (result.determined) {
     leave_one_out(equations, selected, weighing, result);
-    result.covariance = covariance_of_pose(equations, selected, weighing, result.s0);
+    result.covariance = covariance_of_pose(equations, selected, weighing, !result.reweighted, result.s0);
     result.predicted_point_sigma_mm = point_sigma_mm(result.covariance, result.T_flange_scanner, settings.fov);
   } else {
     forget_pose(result);

@@ -85,6 +85,7 @@ struct Spread {
 
 /// How one view fits.
 struct ViewFit {
+  std::size_t number = 0;              ///< of the view, from 1
   double residual_mm = kNoValue;       ///< |A X c - p|, or of the artefact's origin; rms over the balls of a view
   double residual_deg = kNoValue;      ///< pose: angle between A X B and Z
   double leave_one_out_mm = kNoValue;  ///< residual_mm against the solution without this view; kept views

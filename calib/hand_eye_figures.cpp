@@ -133,6 +133,7 @@ std::vector<ViewFit> residuals_of(ArtefactKind kind, std::span<const View> views
   const int turning = equations.rotation_rows();
   for (std::size_t i = 0; i < views.size(); ++i) {
     Eigen::VectorXd r;
+    fits[i].number = views[i].number != 0 ? views[i].number : i + 1;
     equations.residual(i, state, r, nullptr);
     const Eigen::VectorXd w = equations.whitener(i, state, {noise}) * r;
     const auto positions = static_cast<int>(r.size()) - turning;

@@ -173,13 +173,13 @@ void judge_fit(const Circumstances& c, HandEye& result) {
   if (loo.max > kLeaveOneOutRatioMax * loo.median) {
     std::size_t view = 0;
     for (std::size_t i = 0; i < result.views.size(); ++i)
-      if (result.views[i].kept && result.views[i].leave_one_out_mm == loo.max) view = i;
+      if (result.views[i].kept && result.views[i].leave_one_out_mm == loo.max) view = result.views[i].number;
     refuse(
         result, Refusal::leave_one_out,
         sentence("view %zu is missed by %.3f mm when the others predict it, %.1f times the median (at most %.0f): the "
                  "result hangs on it",
-                 view + 1, loo.max, loo.max / loo.median, kLeaveOneOutRatioMax),
-        sentence("repeat view %zu, or capture others like it", view + 1));
+                 view, loo.max, loo.max / loo.median, kLeaveOneOutRatioMax),
+        sentence("repeat view %zu, or capture others like it", view));
   }
 }
 
@@ -195,7 +195,8 @@ void advise(const Circumstances& c, HandEye& result) {
                  result.s0_position, result.s0_rotation));
   if (!result.rejected.empty()) {
     std::string list;
-    for (const std::size_t i : result.rejected) list += (list.empty() ? "" : ", ") + std::to_string(i + 1);
+    for (const std::size_t i : result.rejected)
+      list += (list.empty() ? "" : ", ") + std::to_string(result.views[i].number);
     result.warnings.push_back("views that do not fit and were left out: " + list);
   }
   std::size_t behind = 0;

@@ -71,6 +71,12 @@ int width(std::string_view word) {
   return static_cast<int>(std::min<std::size_t>(word.size(), 40));
 }
 
+/// A file's name in a sentence: its end, where the name stands, when it is long.
+std::string_view ending(std::string_view origin) {
+  constexpr std::size_t kMost = 80;
+  return origin.size() > kMost ? origin.substr(origin.size() - kMost) : origin;
+}
+
 /// The header line behind "format:".
 Result<PoseFormat> parse_header(std::string_view text, const Place& place, TableRole role) {
   PoseFormat format;
@@ -232,29 +238,32 @@ Result<PoseTable> parse_poses(std::string_view text, std::string_view origin, Ta
     table.format = format.value();
   }
   if (table.poses.empty())
-    return at({origin, number}, "no pose in it; expected lines of %s", columns_of(table.format.rotation));
+    return at({origin, std::max<std::size_t>(number, 1)}, "no pose in it; expected lines of %s",
+              columns_of(table.format.rotation));
   return table;
 }
 
 Result<std::vector<View>> views_from(ArtefactKind kind, const PoseTable& flange, std::string_view flange_origin,
                                      const PoseTable& target, std::string_view target_origin) {
   const bool labelled = target.format.labelled;
+  const std::string_view flange_name = ending(flange_origin);
+  const std::string_view target_name = ending(target_origin);
   if (!labelled && flange.poses.size() != target.poses.size())
-    return error(Code::config,
-                 "%.*s has %zu poses, %.*s has %zu; the first differs behind line %zu of the shorter one. Each flange "
-                 "pose needs its target on the same place in the other table",
-                 width(flange_origin), flange_origin.data(), flange.poses.size(), width(target_origin),
-                 target_origin.data(), target.poses.size(),
-                 flange.poses.size() < target.poses.size() ? flange.lines.back() : target.lines.back());
+    return error(
+        Code::config,
+        "%.*s has %zu poses, %.*s has %zu; each flange pose needs its target on the same line of the other table",
+        static_cast<int>(flange_name.size()), flange_name.data(), flange.poses.size(),
+        static_cast<int>(target_name.size()), target_name.data(), target.poses.size());
   if (kind == ArtefactKind::pose && target.format.rotation == RotationForm::none)
     return error(Code::config, "%.*s holds ball centres (rotation=none); kind pose needs the target's whole pose",
-                 width(target_origin), target_origin.data());
+                 static_cast<int>(target_name.size()), target_name.data());
   if (kind == ArtefactKind::pose && labelled)
-    return error(Code::config, "%.*s: labels=view,ball are for balls; kind pose has one artefact", width(target_origin),
-                 target_origin.data());
+    return error(Code::config, "%.*s: labels=view,ball are for balls; kind pose has one artefact",
+                 static_cast<int>(target_name.size()), target_name.data());
 
   std::vector<View> views(flange.poses.size());
   for (std::size_t i = 0; i < views.size(); ++i) {
+    views[i].number = i + 1;
     views[i].T_base_flange = flange.poses[i];
     if (flange.format.rotation == RotationForm::kuka_abc && !flange.format.inverse) {
       const std::array<double, 7>& v = flange.written[i];
@@ -269,8 +278,8 @@ Result<std::vector<View>> views_from(ArtefactKind kind, const PoseTable& flange,
     const Place place{target_origin, target.lines[i]};
     const std::size_t v = labelled ? target.views[i] : i;
     if (v >= views.size())
-      return at(place, "view %zu, but %.*s has %zu poses", v + 1, width(flange_origin), flange_origin.data(),
-                views.size());
+      return at(place, "view %zu, but %.*s has %zu poses", v + 1, static_cast<int>(flange_name.size()),
+                flange_name.data(), views.size());
     if (kind == ArtefactKind::pose) {
       views[v].T_scanner_target = target.poses[i];
       continue;
@@ -283,16 +292,13 @@ Result<std::vector<View>> views_from(ArtefactKind kind, const PoseTable& flange,
   }
   if (kind == ArtefactKind::pose) return views;
   std::vector<bool> seen(balls, false);
-  for (std::size_t i = 0; i < views.size(); ++i) {
-    if (views[i].balls.empty())
-      return at({flange_origin, flange.lines[i]}, "view %zu has no ball in %.*s", i + 1, width(target_origin),
-                target_origin.data());
-    for (const BallSighting& sighting : views[i].balls) seen[sighting.ball] = true;
-  }
+  std::erase_if(views, [](const View& view) { return view.balls.empty(); });
+  for (const View& view : views)
+    for (const BallSighting& sighting : view.balls) seen[sighting.ball] = true;
   for (std::size_t ball = 0; ball < balls; ++ball)
     if (!seen[ball])
       return error(Code::config, "%.*s: ball %zu is never seen, but ball %zu is; number them without gaps",
-                   width(target_origin), target_origin.data(), ball + 1, balls);
+                   static_cast<int>(target_name.size()), target_name.data(), ball + 1, balls);
   return views;
 }
 

@@ -35,7 +35,8 @@ struct BallSighting {
 /// What was seen while the robot stood still once. A `ball` view has at least one sighting (several balls of one view
 /// share its robot error); a `pose` view has T_scanner_target.
 struct View {
-  Pose T_base_flange;  ///< as the robot reported it
+  std::size_t number = 0;  ///< what people call it, from 1; 0 = by its place in the set
+  Pose T_base_flange;      ///< as the robot reported it
   /// A, B, C as reported, before anything wrapped them; for the convention test, which reads them in other ways.
   std::optional<std::array<double, 3>> reported_abc_rad;
   std::vector<BallSighting> balls;
@@ -105,9 +106,10 @@ inline constexpr std::size_t kBallsMax = 16;
 /// not 1 within 1e-3, a position beyond 100 m (a table in um), more than kViewsMax lines, no pose at all.
 [[nodiscard]] Result<PoseTable> parse_poses(std::string_view text, std::string_view origin, TableRole role);
 
-/// The views of two tables. Not labelled: line by line, so they must have the same length. `origin` of both for the
-/// errors: a count that differs, a label outside the flange table, a ball twice in a view, a ball centre where a pose
-/// is needed (`rotation=none` with kind pose).
+/// The views of two tables, numbered by the lines of the flange table. Not labelled: line by line, so they must have
+/// the same length; labelled: a flange pose without a sighting is no view. `origin` of both for the errors: a count
+/// that differs, a label outside the flange table, a ball twice in a view, a ball centre where a pose is needed
+/// (`rotation=none` with kind pose).
 [[nodiscard]] Result<std::vector<View>> views_from(ArtefactKind kind, const PoseTable& flange,
                                                    std::string_view flange_origin, const PoseTable& target,
                                                    std::string_view target_origin);

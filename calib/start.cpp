@@ -22,7 +22,7 @@ namespace {
 constexpr std::uint64_t kSeed = 20;
 constexpr std::size_t kBallSubset = 6;  // 18 equations for 15 unknowns
 constexpr std::size_t kPoseSubset = 4;
-constexpr std::size_t kStarts = 4;        // how many are tried to the end
+constexpr std::size_t kStarts = 12;
 constexpr double kRotationScale = 500.0;  // mm: brings the columns of vec R to the size of the others
 
 using Chosen = std::vector<std::size_t>;

@@ -29,9 +29,9 @@ std::string axes(const std::array<double, 3>& v, int digits) {
   return fmt::format("{} / {} / {}", number(v[0], digits), number(v[1], digits), number(v[2], digits));
 }
 
-std::string view_list(const std::vector<std::size_t>& views) {
+std::string rejected_views(const HandEye& r) {
   std::string list;
-  for (const std::size_t i : views) list += (list.empty() ? "" : ", ") + std::to_string(i + 1);
+  for (const std::size_t i : r.rejected) list += (list.empty() ? "" : ", ") + std::to_string(r.views[i].number);
   return list.empty() ? "none" : list;
 }
 
@@ -73,9 +73,9 @@ std::string figures(ArtefactKind kind, const HandEye& r) {
   if (!pose)
     add("ball spread in view", axes(r.ball_spread_axes_mm, 0), "mm",
         "principal standard deviations; two must reach 25");
-  add("rejected views", view_list(r.rejected), "", "do not fit the others, left out of everything above");
+  add("rejected views", rejected_views(r), "", "do not fit the others, left out of everything above");
   if (!r.views.empty())
-    add("worst view kept", fmt::format("{}", r.worst_view + 1), "",
+    add("worst view kept", fmt::format("{}", r.views[r.worst_view].number), "",
         fmt::format("{} mm, as rare as {} sigma", number(r.views[r.worst_view].residual_mm, 3),
                     number(r.views[r.worst_view].sigmas, 1)));
   return table(rows);
@@ -103,9 +103,8 @@ void write_target(Json& json, ArtefactKind kind, const HandEye& r) {
 
 void write_views(Json& json, const HandEye& r) {
   json.key("views").begin_array();
-  for (std::size_t i = 0; i < r.views.size(); ++i) {
-    const calib::ViewFit& view = r.views[i];
-    json.begin_object().field("view", i + 1).field("kept", view.kept).field("residual_mm", view.residual_mm);
+  for (const calib::ViewFit& view : r.views) {
+    json.begin_object().field("view", view.number).field("kept", view.kept).field("residual_mm", view.residual_mm);
     json.field("residual_deg", view.residual_deg).field("leave_one_out_mm", view.leave_one_out_mm);
     json.field("leave_one_out_deg", view.leave_one_out_deg).field("sigmas", view.sigmas).end_object();
   }
@@ -216,9 +215,9 @@ void write_hand_eye(Json& json, ArtefactKind kind, const HandEye& r, const calib
   }
   json.end_array();
   json.key("rejected").begin_array();
-  for (const std::size_t i : r.rejected) json.value(i + 1);
+  for (const std::size_t i : r.rejected) json.value(r.views[i].number);
   json.end_array();
-  json.field("worst_view", r.worst_view + 1);
+  json.field("worst_view", r.views[r.worst_view].number);
   json.key("stated_noise").begin_object().field("robot_sigma_mm", noise.robot_mm);
   json.field("robot_sigma_deg", deg_from_rad(noise.robot_rad)).field("target_sigma_mm", noise.target_mm);
   json.field("target_sigma_deg", deg_from_rad(noise.target_rad)).end_object();

@@ -4,6 +4,7 @@
 #include <fmt/core.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <cstdio>
@@ -25,18 +26,24 @@ struct Options {
   double robot_sigma_mm = calib::StatedNoise{}.robot_mm;
   double robot_sigma_deg = kNoValue;
   double target_sigma_mm = calib::StatedNoise{}.target_mm;
-  double target_sigma_deg = deg_from_rad(calib::StatedNoise{}.target_rad);
+  double target_sigma_deg = kNoValue;
   double limit_mm = kNoValue;
   std::vector<double> fov;
   std::vector<double> ball_bar;
   bool json = false;
 
+  /// Who states nothing but a position noise for the robot gets rotations in proportion: a robot of 0.7 mm with the
+  /// angles of one of 0.06 mm would weigh them a hundred times too much. Targets are not taken to be better for it.
   [[nodiscard]] calib::StatedNoise noise() const {
+    const bool rotation_stated = has_value(robot_sigma_deg);
     calib::StatedNoise noise;
     noise.robot_mm = robot_sigma_mm;
-    noise.robot_rad = has_value(robot_sigma_deg) ? rad_from_deg(robot_sigma_deg) : calib::robot_rad_for(robot_sigma_mm);
+    noise.robot_rad = rotation_stated ? rad_from_deg(robot_sigma_deg) : calib::robot_rad_for(robot_sigma_mm);
     noise.target_mm = target_sigma_mm;
-    noise.target_rad = rad_from_deg(target_sigma_deg);
+    if (has_value(target_sigma_deg))
+      noise.target_rad = rad_from_deg(target_sigma_deg);
+    else if (!rotation_stated)
+      noise.target_rad *= std::max(1.0, robot_sigma_mm / calib::StatedNoise{}.robot_mm);
     return noise;
   }
   [[nodiscard]] calib::SolveSettings settings() const {
@@ -161,15 +168,17 @@ void add_calibrate_solve(CLI::App& group, int& exit_status) {
       ->capture_default_str();
   command
       ->add_option("--robot-sigma-deg", options->robot_sigma_deg,
-                   "Robot's rotation noise per axis; default in proportion to its position noise, 0.0023 for 0.06 mm")
+                   "Robot's rotation noise per axis; default 0.0023 per 0.06 mm of its position noise")
       ->check(at_least(0.0));
   command
       ->add_option("--target-sigma-mm", options->target_sigma_mm, "Noise of a ball's centre or the artefact's origin")
       ->check(at_least(0.0))
       ->capture_default_str();
-  command->add_option("--target-sigma-deg", options->target_sigma_deg, "Noise of the artefact's rotation")
-      ->check(at_least(0.0))
-      ->capture_default_str();
+  command
+      ->add_option("--target-sigma-deg", options->target_sigma_deg,
+                   "Noise of the artefact's rotation; default 0.003, or if no rotation noise is stated and the robot's "
+                   "position noise is above 0.06 mm, in proportion to it")
+      ->check(at_least(0.0));
   command
       ->add_option(
           "--limit-mm", options->limit_mm,

@@ -34,6 +34,7 @@ constexpr std::array kStudies = {
     Study{"slab", slab_study, "whole slabs with robot repeatability: slab items, planted defects"},
     Study{"ball", ball_study, "a tooling ball: scatter of its centre, truth of its covariance"},
     Study{"coverage", coverage_study, "slabs at the level of features: U covers, and is no larger than needed"},
+    Study{"handeye", handeye_study, "hand-eye calibration: error against the floor, prediction, refusals"},
 };
 
 const Study* find(const std::string& name) {

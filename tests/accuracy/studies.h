@@ -55,4 +55,8 @@ struct StudyOptions {
 /// its mean against what 95 % coverage needs.
 [[nodiscard]] bool coverage_study(const StudyOptions& options, Table& table);
 
+/// Hand-eye sets with planted truth: error in the field of view against the optimum's, whether the predicted error is
+/// true, and whether sets that carry no calibration are refused for the right reason.
+[[nodiscard]] bool handeye_study(const StudyOptions& options, Table& table);
+
 }  // namespace slabd::accuracy

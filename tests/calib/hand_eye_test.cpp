@@ -239,7 +239,7 @@ TEST(HandEye, positions_and_rotations_are_weighed_by_what_they_are) {
     best += std::pow(
         scene::point_error_mm(scene::reference(ArtefactKind::pose, set, plan.noise()), set.T_flange_scanner), 2);
   }
-  EXPECT_LE(std::sqrt(ours / best), 1.10);
+  EXPECT_LE(std::sqrt(ours / best), 1.03);
 }
 
 TEST(HandEye, one_view_that_decides_is_named) {

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Is the hand-eye solver at the floor? Sets with known truth, one robot error and one arrangement a row: the rms error
+// of points in the field of view over the sets, against that of the optimum (least squares with the true weights on the
+// true inliers, an implementation of its own), and against what the solver predicts. Then sets that carry no
+// calibration: each must be refused, for its own reason; and how often good sets are refused.
+#include <fmt/core.h>
+
+#include <cmath>
+
+#include "tests/accuracy/studies.h"
+#include "tests/calib/hand_eye_scene.h"
+
+namespace slabd::accuracy {
+namespace {
+
+using calib::ArtefactKind;
+using calib::HandEye;
+using calib::Refusal;
+using calib::scene::Plan;
+using calib::scene::Set;
+
+struct Row {
+  std::string what;
+  ArtefactKind kind;
+  Plan plan;
+  double ratio_max;
+  bool smooth = false;  ///< errors are not what any covariance expects: the prediction is told, not judged
+};
+
+std::vector<Row> rows() {
+  std::vector<Row> rows;
+  for (const ArtefactKind kind : {ArtefactKind::ball, ArtefactKind::pose}) {
+    const auto add = [&](const std::string& what, double ratio_max, auto change, bool smooth = false) {
+      Plan plan;
+      change(plan);
+      rows.push_back({fmt::format("{}, {} views, {}", name(kind), plan.views, what), kind, plan, ratio_max, smooth});
+    };
+    for (const std::size_t views : {15U, 25U}) {
+      for (const double robot_mm : {0.0, 0.017, 0.06, 0.7})
+        add(fmt::format("robot {} mm", robot_mm), 1.03, [&](Plan& p) {
+          p.views = views;
+          p.robot_mm = robot_mm;
+        });
+      add(
+          "robot 0.7 mm smooth", 1.03,
+          [&](Plan& p) {
+            p.views = views;
+            p.smooth_mm = 0.7;
+          },
+          true);
+    }
+    add("tilt 15 deg", 1.10, [](Plan& p) {
+      p.views = 8;
+      p.tilt_deg = 15.0;
+    });
+    for (const double robot_mm : {0.06, 0.7})
+      add(fmt::format("robot {} mm, 10 % displaced 2 to 30 mm", robot_mm), 1.10, [&](Plan& p) {
+        p.views = 25;
+        p.robot_mm = robot_mm;
+        p.outlier_share = 0.1;
+      });
+  }
+  Plan three;
+  three.views = 12;
+  three.balls = 3;
+  rows.push_back({"3 balls, 12 views, robot 0.06 mm", ArtefactKind::ball, three, 1.03, false});
+  return rows;
+}
+
+void study_row(const StudyOptions& options, const Row& row, Table& table) {
+  const int seeds = options.cases(100, 30);
+  std::vector<double> ours, best, predicted;
+  int refused = 0;
+  int confused = 0;  // a good view rejected, or a displaced one kept
+  for (int i = 0; i < seeds; ++i) {
+    const Set set = calib::scene::make(row.kind, row.plan, options.first + 999 + static_cast<std::uint64_t>(i));
+    const calib::StatedNoise noise = row.plan.noise();
+    const Result<HandEye> solved = calib::solve(row.kind, set.views, noise);
+    if (!solved) {
+      ours.push_back(kNoValue);
+      continue;
+    }
+    const HandEye& result = solved.value();
+    ours.push_back(calib::scene::point_error_mm(result.T_flange_scanner, set.T_flange_scanner));
+    best.push_back(calib::scene::point_error_mm(calib::scene::reference(row.kind, set, noise), set.T_flange_scanner));
+    predicted.push_back(result.predicted_point_sigma_mm);
+    refused += result.ok ? 0 : 1;
+    confused += result.rejected == set.outliers ? 0 : 1;
+  }
+  table.at_most(fmt::format("{}: rms error over the optimum's {:.4f} mm", row.what, rms(best)), rms(ours) / rms(best),
+                row.ratio_max, "");
+  const std::string truth = row.what + ": predicted over found";
+  if (row.smooth)
+    table.tell(truth, rms(predicted) / rms(ours), "");
+  else
+    table.within(truth, rms(predicted) / rms(ours), 0.85, 1.25, "");
+  if (row.plan.outlier_share > 0.0) table.tell(row.what + ": sets with a view judged wrongly", confused, "");
+  const std::string refusals = fmt::format("{}: refused of {}", row.what, seeds);
+  if (row.smooth)
+    table.tell(refusals, refused, "");
+  else
+    table.at_most(refusals, refused, 0.05 * seeds, "");
+}
+
+struct Degenerate {
+  const char* what;
+  ArtefactKind kind;
+  Plan plan;
+  Refusal code;
+};
+
+std::vector<Degenerate> degenerate_sets() {
+  std::vector<Degenerate> sets;
+  const auto add = [&](const char* what, ArtefactKind kind, Refusal code, auto change) {
+    Plan plan;
+    change(plan);
+    sets.push_back({what, kind, plan, code});
+  };
+  for (const ArtefactKind kind : {ArtefactKind::ball, ArtefactKind::pose}) {
+    add("one orientation", kind, Refusal::one_orientation, [](Plan& p) { p.one_orientation = true; });
+    add("one rotation axis", kind, Refusal::one_rotation_axis, [](Plan& p) { p.one_axis = true; });
+    add("rotations of 3 deg", kind, Refusal::rotation_too_small, [](Plan& p) { p.tilt_deg = p.roll_deg = 3.0; });
+    add("five views", kind, Refusal::too_few_views, [](Plan& p) { p.views = 5; });
+    add("30 % displaced", kind, Refusal::too_many_rejected, [](Plan& p) {
+      p.views = 20;
+      p.outlier_share = 0.3;
+    });
+  }
+  add("one place in the view", ArtefactKind::ball, Refusal::ball_in_one_place,
+      [](Plan& p) { p.fov_mm = p.depth_half_mm = 0.0; });
+  add("nearly one place", ArtefactKind::ball, Refusal::ball_in_one_place,
+      [](Plan& p) { p.fov_mm = p.depth_half_mm = 15.0; });
+  add("on the optical axis", ArtefactKind::ball, Refusal::ball_on_a_line, [](Plan& p) {
+    p.fov_mm = 0.0;
+    p.depth_half_mm = 120.0;
+  });
+  return sets;
+}
+
+}  // namespace
+
+bool handeye_study(const StudyOptions& options, Table& table) {
+  for (const Row& row : rows()) study_row(options, row, table);
+  const int seeds = options.cases(100, 30);
+  for (const Degenerate& set : degenerate_sets()) {
+    int accepted = 0;
+    int otherwise = 0;
+    for (int i = 0; i < seeds; ++i) {
+      const Set views = calib::scene::make(set.kind, set.plan, options.first + static_cast<std::uint64_t>(i));
+      const Result<HandEye> solved = calib::solve(set.kind, views.views, set.plan.noise());
+      if (!solved) return false;
+      if (solved.value().ok)
+        ++accepted;
+      else if (solved.value().reasons[0].code != set.code)
+        ++otherwise;
+    }
+    const std::string what = fmt::format("{}, {}: of {} sets ", name(set.kind), set.what, seeds);
+    table.at_most(what + "accepted", accepted, 0, "");
+    table.at_most(what + fmt::format("refused for another reason than {}", name(set.code)), otherwise, 0, "");
+  }
+  return true;
+}
+
+}  // namespace slabd::accuracy
