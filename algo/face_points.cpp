@@ -54,23 +54,10 @@ void add_within(const SummedPoints& points, const FlatPlane& plane, double thres
   // Also when it is not a number.
   if (!(furthest_between(local, points.tilt) <= points.slack_mm)) points.asked_beyond = true;
   TiltedSums sums = points.inner;
-  const double limit = threshold * local.stretch;
-  const double d0 = local.a0 - static_cast<double>(points.tilt.a0);
-  const double d1 = local.a1 - static_cast<double>(points.tilt.a1);
-  const double d2 = local.a2 - static_cast<double>(points.tilt.a2);
-  for (const SeatPoints& run : points.edge) {
-    TiltedSums near;
-    for (std::size_t i = 0; i < run.size(); ++i) {
-      const auto u = static_cast<double>(run.x[i]);
-      const auto v = static_cast<double>(run.s[i]);
-      const auto r = static_cast<double>(run.h[i]);
-      if (!(std::abs(r - d0 - d1 * u - d2 * v) <= limit)) continue;
-      near.count += 1.0;
-      const std::array<double, 9> terms = {u, v, r, u * u, u * v, u * r, v * v, v * r, r * r};
-      for (std::size_t k = 0; k < terms.size(); ++k) near.sums[k] += terms[k];
-    }
-    sums += near;
-  }
+  const Tilt between{static_cast<float>(local.a0 - static_cast<double>(points.tilt.a0)),
+                     static_cast<float>(local.a1 - static_cast<double>(points.tilt.a1)),
+                     static_cast<float>(local.a2 - static_cast<double>(points.tilt.a2))};
+  sums += tilted_sums(points.edge, between, static_cast<float>(threshold * local.stretch));
   add_tilted(points.frame, points.tilt, sums, moments);
 }
 
