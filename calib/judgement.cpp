@@ -33,7 +33,10 @@ void refuse(HandEye& result, Refusal code, std::string text, std::string cure) {
 /// Poses that mean something else than was stated. True when that explains everything.
 bool judge_reading(const Circumstances& c, HandEye& result) {
   const ConventionReport& report = result.conventions;
-  if (report.fits != 0) {
+  // A ball that was always in one place or on a line leaves so much open that a wrong reading may fit by chance.
+  const bool open = c.kind == ArtefactKind::ball && result.ball_spread_axes_mm[1] < kBallSpreadMinMm;
+  const bool named = report.fits != 0 && (!open || report.tried[report.fits].changes == Misreading::units);
+  if (named) {
     const Hypothesis& fits = report.tried[report.fits];
     refuse(result, fits.changes == Misreading::units ? Refusal::units : Refusal::convention,
            sentence("as stated the views miss each other by %.1f mm (median); they fit to %.2f mm if %s",
