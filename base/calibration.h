@@ -132,6 +132,12 @@ enum class CalibrationFault : std::uint8_t { none, missing, expired, check_faile
 /// One sentence: what is wrong and what to do; empty for none.
 [[nodiscard]] FixedString<limits::kErrorTextBytes> describe(CalibrationFault fault, const LineCalibration& calibration);
 
+/// WARN (IR 8), beside the bits of PlcWarn (base/plc.h).
+enum CalibrationWarn : std::uint16_t {
+  kWarnCheckOverdue = 1U << 8U,
+  kWarnStationsNotCorrected = 1U << 9U,
+};
+
 /// Is a check due? `interval_us` 0: never. True from the moment an artefact is in force for longer than the interval
 /// without a check.
 [[nodiscard]] bool overdue(const LineCalibration::Watch& watch, std::int64_t interval_us, std::int64_t utime_us);

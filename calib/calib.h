@@ -9,9 +9,12 @@
 #include "calib/conventions.h"
 #include "calib/hand_eye.h"
 #include "calib/observations.h"
+#include "calib/reference.h"
+#include "calib/stations.h"
 
-/// Where the scanner sits on the flange, and how well that is known. Solvers (Ceres) will live in this room; today a
-/// calibration is the commissioning values of the configuration.
+/// Where the scanner sits on the flange, and how well that is known: found from views of an artefact (hand_eye.h),
+/// corrected station by station (stations.h), watched over by artefacts (reference.h). Until a calibration is applied,
+/// the commissioning values of the configuration count.
 namespace slabd::calib {
 
 struct Calibration {

@@ -180,7 +180,7 @@ int conclude(const std::vector<std::string>& files, const Check& check, bool jso
   const bool ok = report_problems(check.problems);
   if (json) fmt::print("{}", check_json(files, check));
   if (check.commissioning)
-    complain("warning: [calibration] holds commissioning values; no calibration has been applied");
+    complain("warning: [calibration] holds commissioning values; they count until a calibration is applied");
   for (const Recipe& recipe : check.recipes) {
     if (!json)
       fmt::print("{}: good: {}, slab type {}, {} blocks, sha256 {}\n", recipe.path.view(), recipe.name.view(),
@@ -225,7 +225,7 @@ int check_config(const std::string& file, bool json) {
   daemon::load_config(file, config, check.problems);
   if (check.problems.empty()) {
     if (!json) fmt::print("{}: good\n", file);
-    check.commissioning = config.calibration.commissioning;
+    check.commissioning = !config.calibration.id.empty();
     daemon::load_recipes(config.recipes_dir, check.recipes, check.problems);
   }
   return conclude({file}, check, json);

@@ -4,7 +4,9 @@
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
 #include <charconv>
+#include <cmath>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -58,6 +60,60 @@ Shown shown(const SlabRecord& record, int station) {
   return {block->block.verdict, block->block.reason};
 }
 
+/// What the scan was spliced with, and what that is worth at the block (k = 1).
+void write_splice(Json& json, const Splice& splice) {
+  json.key("splice").begin_object();
+  json.field("source", name(splice.source)).field("visits", unsigned{splice.visits});
+  if (splice.source == SpliceSource::corrected) write_pose(json, "T_base_reported", splice.T_base_reported);
+  json.field("off_mm", splice.off_mm).field("off_deg", deg_from_rad(splice.off_rad));
+  json.field("calibration_mm", splice.calibration_mm).field("calibration_deg", deg_from_rad(splice.calibration_rad));
+  json.field("robot_mm", splice.robot_mm).field("robot_deg", deg_from_rad(splice.robot_rad));
+  json.end_object();
+}
+
+/// One line: what U of the slab's items rests on.
+std::string splice_words(const Splice& splice) {
+  const double sigma_mm = std::hypot(splice.calibration_mm, splice.robot_mm);
+  const std::string worth =
+      has_value(sigma_mm) ? fmt::format("sigma {:.3f} mm per axis", sigma_mm) : std::string("of unknown accuracy");
+  switch (splice.source) {
+    case SpliceSource::none: return "not recorded";
+    case SpliceSource::commissioning: return "commissioning values, " + worth;
+    case SpliceSource::corrected:
+      return fmt::format("hand-eye and station correction of {} visits, {}", splice.visits, worth);
+    case SpliceSource::not_mastered: return "hand-eye alone (station not mastered), " + worth;
+    case SpliceSource::stale: return "hand-eye alone (correction of another hand-eye calibration), " + worth;
+    case SpliceSource::expired: return "hand-eye alone (correction expired), " + worth;
+    case SpliceSource::outside_gate:
+      return fmt::format("hand-eye alone (robot {:.3f} mm and {:.4f} deg from its mastered pose), {}", splice.off_mm,
+                         deg_from_rad(splice.off_rad), worth);
+  }
+  return "";
+}
+
+/// How many stations were spliced how.
+std::string splice_summary(const SlabRecord& record) {
+  std::array<int, kSpliceSources> count{};
+  double worst_mm = 0.0;
+  int stations = 0;
+  for (int station = 1; station <= record.summary.header.stations; ++station) {
+    const SlabBlock* block = latest(record, station);
+    if (block == nullptr || block->phase != StationPhase::measured) continue;
+    const Splice& splice = block->attempt.splice;
+    ++count[static_cast<std::size_t>(splice.source)];
+    ++stations;
+    const double sigma_mm = std::hypot(splice.calibration_mm, splice.robot_mm);
+    worst_mm = sigma_mm > worst_mm || !has_value(sigma_mm) ? sigma_mm : worst_mm;
+  }
+  std::string text;
+  for (std::size_t i = 0; i < count.size(); ++i)
+    if (count[i] > 0)
+      text += fmt::format("{}{} of {} stations {}", text.empty() ? "" : ", ", count[i], stations,
+                          name(static_cast<SpliceSource>(i)));
+  if (stations > 0 && has_value(worst_mm)) text += fmt::format("; sigma of the worst {:.3f} mm per axis", worst_mm);
+  return text;
+}
+
 void write_attempt(Json& json, const SlabRecord& record, const SlabBlock& block) {
   json.begin_object();
   json.field("station", unsigned{block.attempt.station}).field("attempt", unsigned{block.attempt.number});
@@ -69,6 +125,7 @@ void write_attempt(Json& json, const SlabRecord& record, const SlabBlock& block)
   json.field("settle_ms", block.attempt.settle_ms).field("acquire_ms", block.attempt.acquire_ms);
   write_pose(json, "T_base_flange", block.attempt.T_base_flange);
   json.field("pose_samples", block.attempt.pose_samples).field("pose_spread_mm", block.attempt.pose_spread_mm);
+  write_splice(json, block.attempt.splice);
   if (block.phase == StationPhase::measured) {
     json.key("result").begin_object();
     write_block(json, block.block, record.summary.header.cell_mm);
@@ -88,6 +145,7 @@ std::string as_json(const SlabRecord& record, int only_block) {
   write_time(json, "ended", record.summary.ended_utime_us);
   json.field("acknowledged", record.summary.acknowledged).field("recipe", header.recipe.view());
   json.field("recipe_sha256", header.recipe_sha256.view()).field("calibration_id", header.calibration_id.view());
+  json.field("stations_id", header.stations_id.view());
   json.field("unconfirmed", header.unconfirmed).field("guard", header.guard).field("cell_mm", header.cell_mm);
   json.field("software", header.software.view()).field("stations", unsigned{header.stations});
   json.field("stations_measured", record.summary.stations_measured);
@@ -128,6 +186,8 @@ void print_header(const SlabRecord& record, Style style) {
     fmt::print("verdict {}  {}\n", verdict_text(record.summary.verdict, style), reason_text(record.summary.reason));
   fmt::print("recipe {} ({:.12})  calibration {}  {}\n", header.recipe.view(), header.recipe_sha256.view(),
              header.calibration_id.view(), header.software.view());
+  if (!header.stations_id.empty()) fmt::print("station corrections {}\n", header.stations_id.view());
+  if (const std::string splices = splice_summary(record); !splices.empty()) fmt::print("splice: {}\n", splices);
   if (header.unconfirmed > 0)
     fmt::print("warning: {} nominals and tolerances of the recipe were not confirmed when this slab was judged\n",
                header.unconfirmed);
@@ -191,6 +251,7 @@ int print_block(const SlabRecord& record, int station, Style style) {
   fmt::print("pose: {} samples, spread {:.4f} mm; settled after {:.2f} s, acquired after {:.2f} s\n",
              block->attempt.pose_samples, block->attempt.pose_spread_mm, block->attempt.settle_ms / 1e3,
              block->attempt.acquire_ms / 1e3);
+  fmt::print("splice: {}\n", splice_words(block->attempt.splice));
   if (block->phase != StationPhase::measured) {
     fmt::print("attempt {}: not measured  {}\n{}", block->attempt.number, reason_text(block->code), conclusion);
     return kDone;

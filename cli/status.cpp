@@ -1,22 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl status: asks the running daemon over its control socket, one JSON line each way.
-#include <fcntl.h>
 #include <fmt/core.h>
-#include <poll.h>
-#include <sys/socket.h>
-#include <sys/un.h>
-#include <unistd.h>
 #include <CLI/CLI.hpp>
 
-#include <array>
-#include <cerrno>
-#include <cstring>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "cli/command.h"
+#include "cli/control.h"
 #include "cli/exit.h"
+#include "cli/json.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
@@ -24,61 +18,11 @@ namespace {
 
 using nlohmann::json;
 
-constexpr int kAnswerTimeoutMs = 3'000;
-
 struct Options {
   std::string config;
   std::string socket;
   bool as_json = false;
 };
-
-class Socket {
- public:
-  Socket() : fd_(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0)) {}
-  ~Socket() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  Socket(const Socket&) = delete;
-  Socket& operator=(const Socket&) = delete;
-  [[nodiscard]] int fd() const { return fd_; }
-
- private:
-  int fd_;
-};
-
-Error unreachable(const std::string& path, const char* cause) {
-  return error(Code::scanner_offline,
-               "slabd does not answer on %s: %s; is it running (systemctl status slabd), and are you in its group?",
-               path.c_str(), cause);
-}
-
-/// Sends one line and returns the answer's line.
-Result<std::string> ask(const std::string& path, std::string_view line) {
-  sockaddr_un address{};
-  address.sun_family = AF_UNIX;
-  if (path.size() >= sizeof address.sun_path) return unreachable(path, "the path is longer than a socket's may be");
-  std::memcpy(address.sun_path, path.c_str(), path.size() + 1);
-  const Socket socket;
-  if (socket.fd() < 0 ||
-      ::connect(socket.fd(), static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address) != 0)
-    return unreachable(path, std::strerror(errno));
-  if (::send(socket.fd(), line.data(), line.size(), MSG_NOSIGNAL) != static_cast<ssize_t>(line.size()))
-    return unreachable(path, std::strerror(errno));
-
-  std::string answer;
-  std::array<char, 4096> piece{};
-  while (answer.find('\n') == std::string::npos) {
-    pollfd waiting{socket.fd(), POLLIN, 0};
-    const int ready = ::poll(&waiting, 1, kAnswerTimeoutMs);
-    if (ready == 0) return unreachable(path, "connected, but no answer within 3 s");
-    const ssize_t got = ready < 0 ? -1 : ::recv(socket.fd(), piece.data(), piece.size(), 0);
-    if (got < 0 && errno == EINTR) continue;
-    if (got <= 0) return unreachable(path, got == 0 ? "it closed the connection" : std::strerror(errno));
-    answer.append(piece.data(), static_cast<std::size_t>(got));
-    if (answer.size() > limits::kControlLineBytes) return unreachable(path, "the answer is longer than 64 kB");
-  }
-  return answer.substr(0, answer.find('\n'));
-}
 
 /// The text of `document[path...]`, "-" when it is not there; a newer or older daemon may know other keys.
 std::string text_at(const json& document, std::initializer_list<const char*> path) {
@@ -117,6 +61,38 @@ void print_slab(const json& status, const Style& style) {
              fmt::format("{} {} {}", text_at(status, {"last_slab", "no"}), verdict_text(verdict, style), why));
 }
 
+std::string time_at(const json& document, const char* key) {
+  const json& value = document.value(key, json(0));
+  const std::int64_t utime_us = value.is_number_integer() ? value.get<std::int64_t>() : 0;
+  return utime_us == 0 ? "never" : iso_time(utime_us);
+}
+
+void print_watch(const json& calibration, const char* key, const char* label) {
+  const json& watch = calibration.value(key, json(nullptr));
+  if (!watch.is_object()) return;
+  const std::string passed = text_at(watch, {"passed"});
+  print_line(label,
+             fmt::format("{}, last check {}{}, due {}{}", text_at(watch, {"id"}), time_at(watch, "checked_utime_us"),
+                         passed == "yes"  ? " passed"
+                         : passed == "no" ? " FAILED"
+                                          : "",
+                         time_at(watch, "due_utime_us"), text_at(watch, {"overdue"}) == "yes" ? " (OVERDUE)" : ""));
+}
+
+void print_calibration(const json& status) {
+  if (!status.contains("calibration") || !status["calibration"].is_object()) return;
+  const json& calibration = status["calibration"];
+  print_line("calibration", fmt::format("{} ({}), expires {}", text_at(calibration, {"id"}),
+                                        text_at(calibration, {"source"}), time_at(calibration, "expires_utime_us")));
+  if (calibration.contains("stations") && calibration["stations"].is_array())
+    for (const json& table : calibration["stations"])
+      print_line("stations",
+                 fmt::format("{} of slab type {}: {} mastered, {}", text_at(table, {"id"}),
+                             text_at(table, {"slab_type"}), text_at(table, {"mastered"}), text_at(table, {"state"})));
+  print_watch(calibration, "reference_block", "ref. block");
+  print_watch(calibration, "monitor_ball", "monitor ball");
+}
+
 void print_status(const json& status) {
   const Style style = style_for(stdout);
   print_line("software", text_at(status, {"software"}));
@@ -138,6 +114,7 @@ void print_status(const json& status) {
                                     text_at(status, {"links", "scanner", "strays"})));
   print_line("store", fmt::format("ok {}, {} results wait for the PLC", text_at(status, {"links", "store", "ok"}),
                                   text_at(status, {"results_pending"})));
+  print_calibration(status);
   print_slab(status, style);
   print_line("blocks", fmt::format("{} measured, last {} ms, longest {} ms", text_at(status, {"blocks", "measured"}),
                                    text_at(status, {"blocks", "last_ms"}), text_at(status, {"blocks", "max_ms"})));
@@ -155,7 +132,7 @@ int show_status(const Options& options) {
     if (!config_from(options.config, config)) return kBadInput;
     path = config.control_socket;
   }
-  const Result<std::string> answer = ask(path, "{\"verb\":\"status\"}\n");
+  const Result<std::string> answer = ask_daemon(path, "{\"verb\":\"status\"}\n");
   if (!answer) {
     complain(fmt::format("{}", answer.error().text.view()));
     return kNotReachable;

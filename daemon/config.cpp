@@ -156,8 +156,10 @@ void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, Co
   read_int16(robot, "tool_id", pose.tool_id);
   robot.optional_number("look_mm", pose.look_mm, {10.0, 300.0});
   read_s(robot, "settle_timeout_s", config.settle_timeout_ns, {0.5, 15.0});
-  robot.optional_number("repeatability_sigma_mm", config.robot_sigma_mm, {0.0, 10.0});
-  read_deg(robot, "repeatability_sigma_deg", config.robot_sigma_rad, {0.0, 1.0});
+  robot.optional_number("repeatability_sigma_mm", config.splice.repeatability_mm, {0.0, 10.0});
+  read_deg(robot, "repeatability_sigma_deg", config.splice.repeatability_rad, {0.0, 1.0});
+  robot.optional_number("absolute_sigma_mm", config.splice.absolute_mm, {1e-6, 10.0});
+  read_deg(robot, "absolute_sigma_deg", config.splice.absolute_rad, {1e-6, 1.0});
   robot.finish();
 }
 
@@ -210,20 +212,38 @@ void read_cell(TableReader cell, Pose& T_base_slab) {
   cell.finish();
 }
 
-void read_calibration(TableReader table, calib::Calibration& out) {
+void read_checks(TableReader& table, Config& config) {
+  double interval_hours = static_cast<double>(config.check_interval_us) / 3.6e9;
+  table.optional_number("check_interval_hours", interval_hours, {0.0, 8'760.0});
+  config.check_interval_us = std::llround(interval_hours * 3.6e9);
+  read_deg(table, "check_slope_limit_deg", config.check_limits.slope_rad, {1e-4, 1.0});
+  table.optional_number("check_jaw_limit_mm", config.check_limits.jaw_distance_mm, {1e-4, 5.0});
+  std::int64_t valid_days = config.calibration_valid_days;
+  table.optional_integer("valid_days", valid_days, 0, 36'500);
+  config.calibration_valid_days = static_cast<int>(valid_days);
+}
+
+void read_calibration(TableReader table, Config& config) {
   std::array<double, 7> pose = Pose::identity().to_array();
   double sigma_mm = kNoValue;  // absent: slab-frame items will be indeterminate
   double sigma_deg = kNoValue;
-  table.required_pose("T_flange_scanner", pose, kArmMaxMm);
+  const bool commissioned = table.has("T_flange_scanner");
+  if (commissioned) table.required_pose("T_flange_scanner", pose, kArmMaxMm);
   table.optional_number("station_sigma_mm", sigma_mm, {1e-6, 10.0});
   table.optional_number("station_sigma_deg", sigma_deg, {1e-6, 1.0});
+  table.optional_number("station_gate_mm", config.splice.gate_mm, {0.01, 20.0});
+  read_deg(table, "station_gate_deg", config.splice.gate_rad, {0.001, 1.0});
+  read_checks(table, config);
   table.finish();
+  if (!commissioned) return;  // what is applied counts; without it every slab is refused with fault 503
   const Result<calib::Calibration> calibration = calib::commissioning(pose, sigma_mm, sigma_deg);
   if (!calibration.ok()) {
     table.problem("T_flange_scanner", std::string(calibration.error().text.view()));
     return;
   }
-  out = calibration.value();
+  config.calibration = calibration.value();
+  config.splice.commissioning_mm = config.calibration.station_sigma_mm;
+  config.splice.commissioning_rad = config.calibration.station_sigma_rad;
 }
 
 void read_measure(TableReader measure, int& threads) {
@@ -284,7 +304,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   read_scanner(root.table("scanner"), folder, config.scanner, config.scan_timeout_ns);
   read_storage(root.table("storage"), folder, config.storage);
   read_cell(root.table("cell"), config.T_base_slab);
-  read_calibration(root.table("calibration"), config.calibration);
+  read_calibration(root.table("calibration"), config);
   read_measure(root.table("measure"), config.measure_threads);
   read_rest(root, folder, config);
   check_timeouts(root, config);

@@ -26,13 +26,16 @@ struct Config {
   hal::ScanDropSettings scanner;
   std::int64_t scan_timeout_ns = 10 * kNsPerS;
   std::int64_t settle_timeout_ns = 8 * kNsPerS;
-  /// The robot's repeatability, standard deviation per axis, where the station sigmas do not contain it already.
-  double robot_sigma_mm = 0.0;
-  double robot_sigma_rad = 0.0;
+  /// What is assumed of the robot and of commissioning values, and the gate of station corrections.
+  SpliceSettings splice;
   storage::StoreSettings storage;
   std::string recipes_dir = "/usr/share/slabd/recipes";
   Pose T_base_slab;
+  /// Commissioning values; an empty id: the configuration has none, and slabs wait for an applied calibration.
   calib::Calibration calibration;
+  std::int64_t check_interval_us = 24 * 3'600'000'000LL;  ///< between daily checks; 0: none are due
+  calib::CheckLimits check_limits;
+  int calibration_valid_days = 365;  ///< of what slabctl keeps from now on; 0: for ever
   std::string control_socket = "/run/slabd/control.sock";
   int measure_threads = 1;  ///< [measure] threads: 1 or 2; the results are the same
   bool simulation = false;  ///< [line] simulation: shown to the PLC as STATUS bit 11
@@ -71,6 +74,15 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
 [[nodiscard]] Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station,
                                    const Pose& T_base_block, const Pose& T_base_scanner, algo::Cloud cloud,
                                    const ScanShape& read, double read_ms);
+
+// ---- changing calibrations from outside the process ----------------------------------------------------------------
+
+/// slabctl leaves a change as a file in this folder, because one control line could not hold a record, and tells the
+/// daemon its name.
+[[nodiscard]] std::string change_folder(const std::string& db_path);
+/// A change as JSON, and back; NaN is null, and every digit comes back. config: what is wrong with the text.
+[[nodiscard]] std::string change_json(const storage::CalibrationChange& change);
+[[nodiscard]] Result<storage::CalibrationChange> parse_change(std::string_view json);
 
 /// "slabd 0.1.0": identifies the software in every record.
 [[nodiscard]] FixedString<64> software_version();

@@ -14,15 +14,16 @@ constexpr std::int64_t kWatchdogPeriodNs = 3 * kNsPerS;
 /// A worker that shows no sign of life for so long is stuck; the service manager's watchdog then ends the process.
 /// Longer than any scan timeout and than a slow disk's sync.
 constexpr std::int64_t kWorkerStuckNs = 60 * kNsPerS;
+/// Of the desk's change; the station counts its tickets up from 1 and does not come here in a century.
+constexpr std::uint32_t kChangeTicket = 0xFFFF'FFFF;
 
 }  // namespace
 
-Loop::Loop(const Ports& ports, const StationSettings& settings, const algo::StationSigma& sigma,
-           hal::LengthUnit scan_unit, int measure_threads, LoopFigures figures)
+Loop::Loop(const Ports& ports, const StationSettings& settings, hal::LengthUnit scan_unit, int measure_threads,
+           LoopFigures figures)
     : ports_(ports),
       figures_(std::move(figures)),
       recipes_(settings.recipes),
-      sigma_(sigma),
       scan_unit_(scan_unit),
       station_(std::make_unique<Station>(settings)),
       actions_(std::make_unique<Actions>()),
@@ -30,11 +31,12 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, const algo::Stat
       blocks_(limits::kStationsMax),
       judged_(std::make_unique<SlabJudged>()),
       inspector_(std::make_unique<algo::BlockInspector>(measure_threads)),
-      scan_memory_(limits::kScanSlots * limits::kScanSlotBytes) {
+      scan_memory_(limits::kScanSlots * limits::kScanSlotBytes),
+      calibration_desk_(change_folder(figures_.db_path)) {
   for (std::span<float>& slot : slots_) slot = scan_memory_.take<float>(limits::kScanPointsMax * 3);
   figures_.started_ns = ports_.clock.mono_ns();
   store_worker_ = std::make_unique<StoreWorker>(
-      "slabd-store", [this](const StoreJob& job) { return store(job); },
+      "slabd-store", [this](const StoreTask& task) { return store(task); },
       [this] {
         if (ports_.store != nullptr) ports_.store->idle();
       });
@@ -50,8 +52,14 @@ Loop::~Loop() {
 
 // ---- on the workers' threads -------------------------------------------------------------------------------------
 
-StoreDone Loop::store(const StoreJob& job) const {
+StoreDone Loop::store(const StoreTask& task) {
   StoreDone done;
+  if (task.is_change) {
+    done.ticket = kChangeTicket;
+    calibration_desk_.carry_out(ports_.store);
+    return done;
+  }
+  const StoreJob& job = task.job;
   done.ticket = job.ticket;
   if (ports_.store == nullptr) {
     // Nothing can be commanded in this state (the fault refuses it); the session number alone may be shown.
@@ -131,7 +139,7 @@ BlockMeasured Loop::measure(const MeasureBlock& job) {
   algo::Cloud cloud{slots_[job.slot], shape.points, shape.width, shape.height};
   const Status status =
       measure_block(*inspector_, ports_.clock, job.station, job.T_base_slab * T_slab_block(*recipe, job.station),
-                    job.T_base_flange * job.T_flange_scanner, cloud, shape, read_ms);
+                    job.T_base_scanner, cloud, shape, read_ms);
   done.block = inspector_->result();
   if (!status.ok()) {
     LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(status.error().code), {}};
@@ -207,6 +215,14 @@ void Loop::take_poses() {
 void Loop::take_answers() {
   StoreDone stored;
   while (store_worker_->next(stored)) {
+    if (stored.ticket == kChangeTicket) {
+      if (const LineCalibration* calibration = calibration_desk_.finish()) handle(CalibrationChanged{calibration});
+      LogLine line;
+      line.level = calibration_desk_.succeeded() ? LogLine::Level::info : LogLine::Level::warning;
+      line.text = calibration_desk_.summary().view();
+      say(line);
+      continue;
+    }
     figures_.commit_last_ms = stored.commit_ms;
     figures_.commit_max_ms = std::max(figures_.commit_max_ms, stored.commit_ms);
     handle(stored);
@@ -237,7 +253,8 @@ void Loop::serve_control() {
   if (ports_.control == nullptr) return;
   std::string_view line;
   for (std::size_t i = 0; i < limits::kControlClientsMax && ports_.control->next(ports_.clock.mono_ns(), line); ++i)
-    ports_.control->reply(answer_control(line, *station_, ports_, figures_));
+    ports_.control->reply(answer_control(line, *station_, ports_, figures_, calibration_desk_));
+  if (calibration_desk_.is_waiting() && store_worker_->push(StoreTask{true, {}})) calibration_desk_.started();
 }
 
 void Loop::feed_watchdog() {
@@ -272,7 +289,7 @@ void Loop::handle(const Event& event) {
 void Loop::perform(const Action& action) {
   bool accepted = true;
   if (const auto* job = std::get_if<StoreJob>(&action)) {
-    accepted = store_worker_->push(*job);
+    accepted = store_worker_->push(StoreTask{false, *job});
   } else if (const auto* scan = std::get_if<AcquireScan>(&action)) {
     cancel_scan_ = false;
     accepted = scan_worker_->push(*scan);
@@ -307,9 +324,15 @@ void Loop::judge_slab(const JudgeSlab& action) {
       }
     }
   }
+  // What each scan was really spliced with, as its attempt keeps it.
+  std::array<algo::StationSigma, limits::kStationsMax> sigmas;
+  for (std::size_t i = 0; i < sigmas.size(); ++i) {
+    const Splice& splice = slab.stations[i].attempt.splice;
+    sigmas[i] = {splice.calibration_mm, splice.calibration_rad, splice.robot_mm, splice.robot_rad};
+  }
   judged_->slab_key = action.slab_key;
   judged_->slab = {};
-  algo::inspect_slab(*slab.recipe, std::span(blocks_).first(slab.recipe->stations()), sigma_, slab.header.T_base_slab,
+  algo::inspect_slab(*slab.recipe, std::span(blocks_).first(slab.recipe->stations()), sigmas, slab.header.T_base_slab,
                      judged_->slab);
   *follow_up_ = *judged_;
   has_follow_up_ = true;

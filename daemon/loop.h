@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/pages.h"
+#include "daemon/calibration_desk.h"
 #include "daemon/daemon.h"
 #include "daemon/station.h"
 #include "daemon/worker.h"
@@ -43,8 +44,8 @@ struct LoopFigures {
 class Loop {
  public:
   /// `scan_unit`: of the scan files, which lie in the spool as the scanner wrote them. `measure_threads`: 1 or 2.
-  Loop(const Ports& ports, const StationSettings& settings, const algo::StationSigma& sigma, hal::LengthUnit scan_unit,
-       int measure_threads, LoopFigures figures);
+  Loop(const Ports& ports, const StationSettings& settings, hal::LengthUnit scan_unit, int measure_threads,
+       LoopFigures figures);
   ~Loop();
   Loop(const Loop&) = delete;
   Loop& operator=(const Loop&) = delete;
@@ -58,7 +59,12 @@ class Loop {
   [[nodiscard]] const Station& station() const { return *station_; }
 
  private:
-  using StoreWorker = Worker<StoreJob, StoreDone, limits::kWorkerQueue>;
+  /// A job of the station, or the change that lies on the calibration desk.
+  struct StoreTask {
+    bool is_change = false;
+    StoreJob job;
+  };
+  using StoreWorker = Worker<StoreTask, StoreDone, limits::kWorkerQueue>;
   using ScanWorker = Worker<AcquireScan, ScanDone, 4>;
   using MeasureWorker = Worker<MeasureBlock, BlockMeasured, 4>;
 
@@ -74,14 +80,13 @@ class Loop {
   void judge_slab(const JudgeSlab& action);
   void say(const LogLine& line) const;
 
-  [[nodiscard]] StoreDone store(const StoreJob& job) const;
+  [[nodiscard]] StoreDone store(const StoreTask& task);
   [[nodiscard]] ScanDone scan(const AcquireScan& job);
   [[nodiscard]] BlockMeasured measure(const MeasureBlock& job);
 
   Ports ports_;
   LoopFigures figures_;
   std::span<const Recipe> recipes_;
-  algo::StationSigma sigma_;
   hal::LengthUnit scan_unit_;
 
   std::unique_ptr<Station> station_;
@@ -101,7 +106,8 @@ class Loop {
   std::array<std::uint64_t, 3> worker_turns_{};
   std::array<std::int64_t, 3> worker_moved_ns_{};
   std::string trouble_said_;
-  mutable std::string spool_trouble_said_;  ///< storage thread only
+  std::string spool_trouble_said_;  ///< storage thread only
+  CalibrationDesk calibration_desk_;
 
   // Last: the threads start when everything they touch exists, and end first.
   std::unique_ptr<StoreWorker> store_worker_;
@@ -111,8 +117,12 @@ class Loop {
 
 /// The answer to {"verb":"status"} on the control socket: one line of JSON, schema slabd.status/1.
 [[nodiscard]] std::string status_json(const Station& station, const Ports& ports, const LoopFigures& figures);
-/// Answers one control request line; unknown verbs and bad JSON get {"error": ...}.
+/// The answer to {"verb":"calibration"}: what is in force, what the open slab uses, when checks are due, and what
+/// became of the last change; schema slabd.calibration_state/1.
+[[nodiscard]] std::string calibration_json(const Station& station, const CalibrationDesk& desk);
+/// Answers one control request line; unknown verbs and bad JSON get {"error": ...}. Reading verbs change nothing;
+/// {"verb":"calibration_change","file":...} lays a change on the desk, and the caller has it carried out.
 [[nodiscard]] std::string answer_control(std::string_view line, const Station& station, const Ports& ports,
-                                         const LoopFigures& figures);
+                                         const LoopFigures& figures, CalibrationDesk& desk);
 
 }  // namespace slabd::daemon

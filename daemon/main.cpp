@@ -45,8 +45,10 @@ int check(const Config& config, const std::vector<Problem>& config_problems, con
   for (const Recipe& recipe : recipes)
     std::printf("recipe %s: slab type %u, %u blocks, %d nominals and tolerances unconfirmed\n", recipe.name.c_str(),
                 recipe.slab_type, recipe.stations(), unconfirmed_count(recipe));
-  std::printf("calibration %s%s\n", config.calibration.id.c_str(),
-              config.calibration.commissioning ? " (commissioning values)" : "");
+  std::printf("calibration %s\n",
+              config.calibration.id.empty()
+                  ? "none in the configuration: slabs wait for one to be applied"
+                  : (std::string(config.calibration.id.view()) + " (commissioning values)").c_str());
   std::printf("inspection memory %.0f MB\n", static_cast<double>(limits::kInspectionBytes) / 1e6);
   return 0;
 }
@@ -57,13 +59,14 @@ StationSettings station_settings(const Config& config, const std::vector<Recipe>
   settings.T_base_slab = config.T_base_slab;
   settings.T_flange_scanner = config.calibration.T_flange_scanner;
   settings.calibration_id = config.calibration.id;
+  settings.splice = config.splice;
+  settings.check_interval_us = config.check_interval_us;
   settings.software = software_version();
   settings.spool_dir = std::string_view(config.storage.spool_dir);
   settings.pose = config.pose;
   settings.scan_timeout_ns = config.scan_timeout_ns;
   settings.settle_timeout_ns = config.settle_timeout_ns;
   settings.simulation = config.simulation;
-  if (config.calibration.commissioning) settings.warn |= kWarnCommissioningCalibration;
   for (const Recipe& recipe : recipes)
     if (const int count = unconfirmed_count(recipe); count > 0) {
       settings.warn |= kWarnUnconfirmedNominals;
@@ -134,10 +137,8 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   LoopFigures figures;
   figures.config_path = config.path;
   figures.db_path = config.storage.db_path;
-  const algo::StationSigma sigma{config.calibration.station_sigma_mm, config.calibration.station_sigma_rad,
-                                 config.robot_sigma_mm, config.robot_sigma_rad};
   const Ports ports{*plc.value(), *pose, *scanner, store.get(), control.get(), *clock, *notify};
-  Loop loop(ports, settings, sigma, config.scanner.unit, config.measure_threads, std::move(figures));
+  Loop loop(ports, settings, config.scanner.unit, config.measure_threads, std::move(figures));
   std::fprintf(stderr, "info: %s: Modbus/TCP on %s:%u, inspection memory %.0f MB%s\n", settings.software.c_str(),
                config.plc.host.c_str(), plc.value()->bound_port(), static_cast<double>(limits::kInspectionBytes) / 1e6,
                settings.fault == Code::ok ? "" : "; in FAULT, see above");

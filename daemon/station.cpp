@@ -19,7 +19,9 @@ void log(Actions& actions, LogLine::Level level, Code code, const char* format, 
 }
 
 Code current_fault(const Station& s) {
-  return s.settings.fault != Code::ok ? s.settings.fault : static_cast<Code>(s.fault);
+  if (s.settings.fault != Code::ok) return s.settings.fault;
+  if (s.fault != 0) return static_cast<Code>(s.fault);
+  return calibration_fault(s) == CalibrationFault::none ? Code::ok : Code::calibration_missing;
 }
 
 void raise_fault(Station& s, Actions& actions, Code code, const char* doing) {
@@ -70,6 +72,7 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
           line.slab.slab_no, line.slab.recipe.c_str(), line.slab.recipe_sha256.c_str());
     }
   }
+  recover_calibration(s, line, actions);
   s.recovered = true;
   bump_session(s, actions, "start");
 }
@@ -104,6 +107,7 @@ struct Dispatch {
   void operator()(const BlockMeasured& e) const { on_block_measured(s, e, actions); }
   void operator()(const SlabJudged& e) const { on_slab_judged(s, e, actions); }
   void operator()(const StoreDone& e) const { on_stored(s, e, actions); }
+  void operator()(const CalibrationChanged& e) const { on_calibration_changed(s, *e.calibration); }
 };
 
 }  // namespace
@@ -116,6 +120,7 @@ void step(Station& station, const Event& event, Actions& actions) {
   advance_acquisition(station, actions);
   advance_end(station, actions);
   remeasure(station, actions);
+  advance_calibration(station, actions);
 }
 
 }  // namespace slabd::daemon

@@ -7,6 +7,7 @@
 #include <variant>
 
 #include "base/base.h"
+#include "base/calibration.h"
 #include "base/jobs.h"
 #include "daemon/pose_gate.h"
 
@@ -31,13 +32,15 @@ namespace slabd::daemon {
 struct StationSettings {
   std::span<const Recipe> recipes;  ///< must outlive the station
   Pose T_base_slab;
-  Pose T_flange_scanner;
-  FixedString<64> calibration_id;
+  Pose T_flange_scanner;         ///< commissioning values: used until a calibration is applied ...
+  CalibrationId calibration_id;  ///< ... and their id; empty: there are none
+  SpliceSettings splice;
+  std::int64_t check_interval_us = 0;  ///< between daily checks, 0: none are due
   FixedString<64> software;
   PathText spool_dir;
   PoseSettings pose;
   std::uint16_t warn = 0;  ///< PlcWarn bits that hold for the whole run
-  Code fault = Code::ok;   ///< a fault that only a restart clears (504 config, 503 calibration)
+  Code fault = Code::ok;   ///< a fault that only a restart clears (504 config)
   bool simulation = false;
   std::int64_t settle_timeout_ns = 8 * kNsPerS;  ///< SCAN accepted until settled; acquisition must end in 20 s
   std::int64_t scan_timeout_ns = 10 * kNsPerS;   ///< requested until the scan is seen
@@ -85,8 +88,12 @@ struct StoreDone {
   Code code = Code::ok;
   double commit_ms = 0.0;  ///< how long it took, for the status
 };
-using Event =
-    std::variant<Recovered, Tick, LinkStatus, PlcInputs, PoseSample, ScanDone, BlockMeasured, SlabJudged, StoreDone>;
+/// Another calibration is in force in the database, or a check was added. An open slab goes on with its own.
+struct CalibrationChanged {
+  const LineCalibration* calibration = nullptr;  ///< read during the step only
+};
+using Event = std::variant<Recovered, Tick, LinkStatus, PlcInputs, PoseSample, ScanDone, BlockMeasured, SlabJudged,
+                           StoreDone, CalibrationChanged>;
 
 // ---- actions ---------------------------------------------------------------------------------------------------
 
@@ -107,8 +114,7 @@ struct MeasureBlock {
   PathText scan_path;
   ScanShape shape;
   std::uint16_t slab_type = 0;
-  Pose T_base_flange;
-  Pose T_flange_scanner;
+  Pose T_base_scanner;  ///< spliced, with the station's correction where it holds
   Pose T_base_slab;
 };
 /// Answered at once: run the slab fit over `station.blocks()`.
@@ -180,6 +186,7 @@ struct OpenSlab {
   SlabPhase phase = SlabPhase::none;
   SlabHeader header;
   const Recipe* recipe = nullptr;
+  LineCalibration calibration;  ///< what it was begun with, to its end
   std::array<StationRecord, limits::kStationsMax> stations{};
   std::uint16_t end_seq = 0;  ///< CMD_SEQ of SLAB_END or SLAB_ABORT
   bool aborting = false;
@@ -233,6 +240,10 @@ struct Station {
   std::uint16_t warn = 0;
   std::int64_t newest_utime_us = 0;  ///< of any record
   LinkStatus links;
+  LineCalibration calibration;       ///< in force: of the next slab
+  LineCalibration calibration_next;  ///< takes its place when no SLAB_BEGIN is on its way to the database
+  bool calibration_waits = false;
+  CalibrationFault calibration_fault_said = CalibrationFault::none;
 
   CommandDesk desk;
   PlcLink plc;

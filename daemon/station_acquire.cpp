@@ -75,8 +75,10 @@ void try_to_trigger(Station& s, Actions& actions) {
   emit(actions, action);
 }
 
-void note_pose(Acquisition& a, const PoseMean& mean) {
+void note_pose(Station& s, const PoseMean& mean, Actions& actions) {
+  Acquisition& a = s.acquisition;
   a.attempt.T_base_flange = mean.T_base_flange;
+  a.attempt.splice = splice_now(s, a.station, mean.T_base_flange, actions);
   a.attempt.pose_spread_mm = mean.spread_mm;
   a.attempt.pose_samples = mean.samples;
 }
@@ -92,8 +94,9 @@ MeasureBlock block_to_measure(const Station& s, const Attempt& attempt, std::uin
   action.scan_path = attempt.scan_path;
   action.shape = attempt.shape;
   action.slab_type = s.slab.header.slab_type;
-  action.T_base_flange = attempt.T_base_flange;
-  action.T_flange_scanner = s.slab.header.T_flange_scanner;
+  const Splice& splice = attempt.splice;
+  action.T_base_scanner = attempt.T_base_flange * s.slab.header.T_flange_scanner;
+  if (splice.source == SpliceSource::corrected) action.T_base_scanner = splice.T_base_reported * action.T_base_scanner;
   action.T_base_slab = s.slab.header.T_base_slab;
   return action;
 }
@@ -105,7 +108,7 @@ void measure_ahead(Station& s, Actions& actions) {
   PoseMean mean;
   if (!a.decoded || a.abort || a.ahead != Acquisition::Ahead::no || s.gate.held_still(a.taken_ns, mean) != Code::ok)
     return;
-  note_pose(a, mean);
+  note_pose(s, mean, actions);
   a.ahead = Acquisition::Ahead::measuring;
   a.slot_taken = false;
   MeasureBlock action = block_to_measure(s, a.attempt, a.slot);
@@ -123,7 +126,7 @@ void check_stillness(Station& s, Actions& actions) {
       fail_acquisition(s, code, actions);
       return;
     }
-    note_pose(a, mean);
+    note_pose(s, mean, actions);
   }
   a.phase = Acquisition::Phase::storing;
   a.attempt.acquire_ms = ms_from_ns(s.now_ns - a.started_ns);

@@ -10,6 +10,7 @@
 ///   station_acquire.cpp   one SCAN from the settled robot to a measured, committed block
 ///   station_slab.cpp      a slab's begin and end
 ///   station_stored.cpp    what a durable (or failed) store job means
+///   station_calibration.cpp  which calibration counts, what a scan is spliced with, fault 503
 ///   station_view.cpp      what the PLC reads
 namespace slabd::daemon {
 
@@ -38,6 +39,24 @@ void emit(Actions& actions, const T& action) {
 /// The latched fault, or the one the process started with.
 [[nodiscard]] Code current_fault(const Station& s);
 [[nodiscard]] const Recipe* recipe_for(const Station& s, std::uint16_t slab_type);
+
+// ---- station_calibration.cpp ----
+/// Time for expiry: the wall clock, or the newest record where that is later.
+[[nodiscard]] inline std::int64_t expiry_utime_us(const Station& s) {
+  return s.utime_us > s.newest_utime_us ? s.utime_us : s.newest_utime_us;
+}
+void recover_calibration(Station& s, const RecoveredLine& line, Actions& actions);
+void on_calibration_changed(Station& s, const LineCalibration& calibration);
+/// Takes up a changed calibration when it may, and says once what keeps slabs from beginning.
+void advance_calibration(Station& s, Actions& actions);
+/// May a slab begin?
+[[nodiscard]] CalibrationFault calibration_fault(const Station& s);
+/// What a scan of this station of the open slab is spliced with; says why when it is not corrected though it could be.
+[[nodiscard]] Splice splice_now(const Station& s, std::uint8_t station, const Pose& T_base_flange, Actions& actions);
+/// Warnings that follow from calibrations.
+[[nodiscard]] std::uint16_t calibration_warnings(const Station& s);
+/// The table of this slab type if it may be used now, else nullptr.
+[[nodiscard]] const StationsInForce* usable_table(const Station& s, std::uint16_t slab_type);
 
 // ---- station_commands.cpp ----
 void on_plc(Station& s, const PlcInputs& inputs, Actions& actions);

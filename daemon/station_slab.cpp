@@ -64,10 +64,11 @@ BeginSlabJob slab_to_begin(const Station& s, const PlcInputs& in) {
   slab.unconfirmed = static_cast<std::uint16_t>(unconfirmed_count(*recipe));
   slab.guard = recipe->guard;
   slab.cell_mm = recipe->evaluation.cell_mm;
-  slab.calibration_id = s.settings.calibration_id;
+  slab.calibration_id = s.calibration.id;
+  if (const StationsInForce* table = usable_table(s, in.slab_type)) slab.stations_id = table->id;
   slab.software = s.settings.software;
   slab.T_base_slab = s.settings.T_base_slab;
-  slab.T_flange_scanner = s.settings.T_flange_scanner;
+  slab.T_flange_scanner = s.calibration.hand_eye.T_flange_scanner;
   slab.began_utime_us = s.utime_us;
   return job;
 }
@@ -78,6 +79,7 @@ void open_slab(Station& s, const BeginSlabJob& job) {
   s.slab.phase = SlabPhase::open;
   s.slab.header = job.slab;
   s.slab.recipe = recipe_for(s, job.slab.slab_type);
+  s.slab.calibration = s.calibration;
   s.newest_utime_us = std::max(s.newest_utime_us, job.slab.began_utime_us);
 }
 

@@ -60,7 +60,8 @@ PlcOutputs plc_view(const Station& s) {
   out.state = state_of(s);
   out.fault = static_cast<std::uint16_t>(fault);
   const bool waiting = s.results.queue.size() > limits::kStationsMax;
-  out.warn = static_cast<std::uint16_t>(s.warn | s.settings.warn | (waiting ? +kWarnResultsWaiting : 0));
+  out.warn = static_cast<std::uint16_t>(s.warn | s.settings.warn | calibration_warnings(s) |
+                                        (waiting ? +kWarnResultsWaiting : 0));
   out.busy = s.desk.pending || s.acquisition.phase != Acquisition::Phase::none || s.slab.phase == SlabPhase::ending ||
              s.slab.phase == SlabPhase::storing_end;
   out.ready = s.recovered && fault == Code::ok && !out.busy && s.desk.session == s.desk.session_next;

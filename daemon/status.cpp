@@ -2,11 +2,13 @@
 //
 // The answer to a status request on the control socket. Control path: heap and exceptions of the JSON library stay in
 // here.
+#include <array>
 #include <exception>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "daemon/loop.h"
+#include "daemon/station_parts.h"
 
 namespace slabd::daemon {
 namespace {
@@ -41,6 +43,8 @@ Json warnings(std::uint16_t bits) {
   add(kWarnRecipeUnusable, "a recipe file could not be used");
   add(kWarnDiskLow, "a slab was refused because the spool disk is nearly full");
   add(kWarnControlSocket, "the control socket could not be opened");
+  add(kWarnCheckOverdue, "the check of the reference block or the monitor ball is overdue (slabctl calibrate check)");
+  add(kWarnStationsNotCorrected, "stations were measured without their correction; U rests on the robot's accuracy");
   return list;
 }
 
@@ -62,6 +66,44 @@ std::int64_t memory_kb(const std::string& key) {
   return 0;
 }
 
+/// What the next slab will be measured with, and what is due.
+Json in_force(const Station& station) {
+  const LineCalibration& c = station.calibration;
+  static constexpr std::array<const char*, 3> kSources = {"missing", "commissioning", "applied"};
+  const std::int64_t now = station.utime_us > station.newest_utime_us ? station.utime_us : station.newest_utime_us;
+  Json j;
+  j["source"] = kSources.at(static_cast<std::size_t>(c.source));
+  j["id"] = c.id.view();
+  j["expires_utime_us"] = c.expires_utime_us;
+  j["stations"] = Json::array();
+  for (const StationsInForce& t : c.tables) {
+    int mastered = 0;
+    for (const StationCorrection& s : t.table.station) mastered += s.visits != 0 ? 1 : 0;
+    const bool expired = t.expires_utime_us != 0 && now >= t.expires_utime_us;
+    j["stations"].push_back({{"slab_type", t.table.slab_type},
+                             {"id", t.id.view()},
+                             {"mastered", mastered},
+                             {"state", !(t.hand_eye_id == c.id) ? "stale"
+                                       : expired                ? "expired"
+                                                                : "used"},
+                             {"expires_utime_us", t.expires_utime_us}});
+  }
+  const std::int64_t interval = station.settings.check_interval_us;
+  const auto watch = [&](const LineCalibration::Watch& w) {
+    if (w.reference_id.empty()) return Json(nullptr);
+    const std::int64_t last = w.checked_utime_us > w.since_utime_us ? w.checked_utime_us : w.since_utime_us;
+    return Json{{"id", w.reference_id.view()},
+                {"checked_utime_us", w.checked_utime_us},
+                {"passed", w.checked_utime_us == 0 ? Json(nullptr) : Json(!w.failed)},
+                {"note", w.note.view()},
+                {"due_utime_us", interval == 0 ? 0 : last + interval},
+                {"overdue", overdue(w, interval, now)}};
+  };
+  j["reference_block"] = watch(c.block);
+  j["monitor_ball"] = watch(c.ball);
+  return j;
+}
+
 }  // namespace
 
 std::string status_json(const Station& station, const Ports& ports, const LoopFigures& figures) {
@@ -73,7 +115,10 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
   j["software"] = station.settings.software.view();
   j["state"] = state_name(view.state);
   j["fault"] = {{"code", view.fault}, {"text", describe(fault)}, {"cure", cure(fault)}};
+  if (fault == Code::calibration_missing)
+    j["fault"]["text"] = describe(calibration_fault(station), station.calibration).view();
   j["warn"] = warnings(view.warn);
+  j["calibration"] = in_force(station);
   j["session"] = view.session;
   const bool open = station.slab.phase != SlabPhase::none;
   j["slab"] = open ? Json{{"no", view.slab_no},
@@ -114,15 +159,40 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
   return text_of(j);
 }
 
+std::string calibration_json(const Station& station, const CalibrationDesk& desk) {
+  Json j;
+  j["schema"] = "slabd.calibration_state/1";
+  j["in_force"] = in_force(station);
+  const bool open = station.slab.phase != SlabPhase::none;
+  j["open_slab"] = open ? Json{{"calibration_id", station.slab.header.calibration_id.view()},
+                               {"stations_id", station.slab.header.stations_id.view()}}
+                        : Json(nullptr);
+  j["last_change"] = desk.file().empty() ? Json(nullptr)
+                                         : Json{{"file", desk.file().view()},
+                                                {"done", desk.is_done()},
+                                                {"ok", desk.succeeded()},
+                                                {"id", desk.id().view()},
+                                                {"code", static_cast<int>(desk.error().code)},
+                                                {"error", desk.error().text.view()}};
+  return text_of(j);
+}
+
 std::string answer_control(std::string_view line, const Station& station, const Ports& ports,
-                           const LoopFigures& figures) {
+                           const LoopFigures& figures, CalibrationDesk& desk) {
   try {
     const Json request = Json::parse(line, nullptr, false);
     if (!request.is_object()) return refusal("a request is one JSON object per line, like {\"verb\":\"status\"}");
     const auto verb = request.find("verb");
     if (verb == request.end() || !verb->is_string()) return refusal("the key \"verb\" is missing or not a string");
-    if (*verb != "status") return refusal("unknown verb; known: status");
-    return status_json(station, ports, figures);
+    if (*verb == "status") return status_json(station, ports, figures);
+    if (*verb == "calibration") return calibration_json(station, desk);
+    if (*verb != "calibration_change") return refusal("unknown verb; known: status, calibration, calibration_change");
+    const auto file = request.find("file");
+    if (file == request.end() || !file->is_string()) return refusal("the key \"file\" is missing or not a string");
+    const std::uint32_t uid = ports.control == nullptr ? hal::ControlPort::kNobody : ports.control->peer_uid();
+    const Status laid = desk.lay(file->get<std::string>(), uid);
+    if (!laid.ok()) return refusal(laid.error().text.c_str());
+    return calibration_json(station, desk);
   } catch (const std::exception&) {
     // Somebody's question must not stop the line.
     return R"({"schema":"slabd.error/1","error":"the daemon could not make an answer"})";

@@ -17,6 +17,13 @@ namespace slabd::cli {
 void add_calibrate_ball(CLI::App& group, int& exit_status);
 void add_calibrate_artefact(CLI::App& group, int& exit_status);
 void add_calibrate_solve(CLI::App& group, int& exit_status);
+void add_calibrate_stations(CLI::App& group, int& exit_status);
+void add_calibrate_reference(CLI::App& group, int& exit_status);
+void add_calibrate_check(CLI::App& group, int& exit_status);
+void add_calibrate_apply(CLI::App& group, int& exit_status);
+void add_calibrate_adopt(CLI::App& group, int& exit_status);
+void add_calibrate_rollback(CLI::App& group, int& exit_status);
+void add_calibrate_history(CLI::App& group, int& exit_status);
 
 // How a hand-eye result is told, for every verb that solves.
 

@@ -5,6 +5,7 @@
 #include <unistd.h>
 #include <CLI/CLI.hpp>
 #include <csignal>
+#include <fstream>
 #include <memory>
 
 #include "cli/command.h"
@@ -32,6 +33,7 @@ struct Options {
   double move_s = 0.3;
   int plc_cycle_ms = 5;
   int scans_per_station = 3;
+  std::string certificate;  ///< where to write what a laboratory would say of the slab
   bool json = false;
 };
 
@@ -231,11 +233,25 @@ int simulate(const Options& options) {
   daemon::Config config;
   Recipe recipe;
   if (!cli::config_from(options.config, config) || !find_recipe(config, options.type, recipe)) return cli::kBadInput;
+  if (config.calibration.id.empty()) {
+    cli::complain(fmt::format("{}: [calibration] T_flange_scanner is missing; the emulated scanner really sits there",
+                              options.config));
+    return cli::kBadInput;
+  }
   const Cell cell{config.T_base_slab, config.calibration.T_flange_scanner};
   const Result<std::vector<SlabTruth>> truths = cast_slabs(options, recipe, cell, facts.defects);
   if (!truths) {
     cli::complain(fmt::format("{}", truths.error().text.view()));
     return cli::kUsage;
+  }
+
+  if (!options.certificate.empty()) {
+    std::ofstream file(options.certificate);
+    file << calib::master_certificate_text(master_certificate(recipe, truths.value()[0]));
+    if (!file.flush()) {
+      cli::complain(fmt::format("--certificate-out: cannot write {}", options.certificate));
+      return cli::kBadInput;
+    }
   }
 
   catch_signals();
@@ -299,6 +315,15 @@ void add_simulate(CLI::App& app, int& exit_status) {
   command->add_option("--placement-deg", variation.placement_deg, "How far it is turned, up to +- this")
       ->check(CLI::Range(0.0, 2.0))
       ->capture_default_str();
+  command
+      ->add_option("--robot-length-mm", variation.robot_length_mm,
+                   "How smooth that error is: 0 = one wave over the cell; 500 = a large robot, --robot-mm is then the "
+                   "standard deviation per axis")
+      ->check(CLI::Range(0.0, 10'000.0))
+      ->capture_default_str();
+  command->add_flag("--same-slab", variation.same_slab, "Every slab is the same one, not touched in between");
+  command->add_option("--certificate-out", options->certificate,
+                      "Write the first slab's true seats as the certificate of a mastered slab");
   command->add_option("--robot-mm", variation.robot_mm, "Error of the reported flange position, smooth over the cell")
       ->check(CLI::Range(0.0, 10.0))
       ->capture_default_str();

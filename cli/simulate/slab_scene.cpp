@@ -35,7 +35,7 @@ BlockTruth cast_block(const Recipe& recipe, Prng& random, double casting) {
 }
 
 Pose place_slab(const Pose& nominal, const SlabVariation& v) {
-  Prng random(derived_seed(v.seed, 1, v.slab_no));
+  Prng random(derived_seed(v.seed, 1, v.same_slab ? 0 : v.slab_no));
   Pose shift;
   shift.translation_mm =
       Vec3(within(random, v.placement_mm), within(random, v.placement_mm), within(random, 0.5 * v.placement_mm));
@@ -46,6 +46,13 @@ Pose place_slab(const Pose& nominal, const SlabVariation& v) {
 
 /// Real flange from reported flange; a smooth function of the place, the same for every slab.
 Pose robot_error(const Pose& T_base_flange, const SlabVariation& v) {
+  if (v.robot_length_mm > 0.0) {
+    RobotErrorTraits traits;
+    traits.seed = derived_seed(v.seed, 3, 0);
+    traits.smooth_mm = v.robot_mm;
+    traits.smooth_length_mm = v.robot_length_mm;
+    return RobotError(traits).real_mean(T_base_flange);
+  }
   Prng random(derived_seed(v.seed, 2, 0));
   Pose off;
   Vec3 turn;
@@ -136,7 +143,8 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
   slab.stations = recipe.stations();
   for (int k = 1; k <= slab.stations; ++k) {
     StationTruth& station = slab.station[static_cast<std::size_t>(k - 1)];
-    Prng random(derived_seed(variation.seed, 1000U + static_cast<std::uint64_t>(k), variation.slab_no));
+    Prng random(derived_seed(variation.seed, 1000U + static_cast<std::uint64_t>(k),
+                             variation.same_slab ? 0 : variation.slab_no));
     station.block = cast_block(recipe, random, variation.casting);
     for (int axis = 0; axis < 3; ++axis)
       station.offset_slab_mm[axis] = within(random, variation.casting * kScatterPlaceMm);
@@ -169,6 +177,25 @@ Pose T_scanner_block(const SlabTruth& slab, const Cell& cell, int station) {
   const StationTruth& truth = slab.at(station);
   const Pose T_base_scanner = truth.T_base_flange_real * cell.T_flange_scanner;
   return T_base_scanner.inverse() * slab.T_base_slab * truth.T_slab_block;
+}
+
+calib::MasterCertificate master_certificate(const Recipe& recipe, const SlabTruth& slab, double sigma_mm) {
+  calib::MasterCertificate certificate;
+  certificate.id = "simulated-master";
+  certificate.date = "2026-01-01";
+  certificate.issuer = "slabctl simulate";
+  certificate.slab_type = recipe.slab_type;
+  certificate.sigma_mm = sigma_mm;
+  for (int k = 1; k <= slab.stations; ++k) {
+    const StationTruth& station = slab.at(k);
+    if (!station.block.present) continue;
+    const double c = std::cos(station.block.slope_rad);
+    const double s = std::sin(station.block.slope_rad);
+    const Quat& turn = station.T_slab_block.rotation;
+    certificate.stations.push_back(
+        calib::master_seat(k, station.T_slab_block.translation_mm, turn * Vec3(0.0, -s, c), turn * Vec3(0.0, c, s)));
+  }
+  return certificate;
 }
 
 double true_value(const Recipe& recipe, const StationTruth& station, ItemId id) {

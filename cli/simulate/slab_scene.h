@@ -6,8 +6,10 @@
 #include <span>
 
 #include "base/base.h"
+#include "calib/calib.h"
 #include "cli/simulate/block_scene.h"
 #include "cli/simulate/defects.h"
+#include "cli/simulate/robot_error.h"
 
 /// One slab on the emulated line as it really is, beside what the robot says: all truth, decided by a seed before the
 /// first scan. Nothing here changes while the line runs, so peers read it from their threads without locks.
@@ -21,6 +23,10 @@ struct SlabVariation {
   double placement_mm = 2.5;    ///< slab in the cell, X and Y; Z half of it
   double placement_deg = 0.06;  ///< about Z; about X and Y a third of it
   double robot_mm = 0.017;      ///< the flange's real position against the reported one, the same for every slab
+  /// 0: robot_mm is the amplitude of one wave over the cell. Else the error is a random smooth field: robot_mm is its
+  /// standard deviation per axis, and places this far apart have errors with the correlation exp(-1/2) (RobotError).
+  double robot_length_mm = 0.0;
+  bool same_slab = false;  ///< casting and placement do not depend on slab_no: one slab, not touched between rounds
   // Repeatability: normally distributed per axis, new for every station of every slab.
   double robot_sigma_mm = 0.0;
   double robot_sigma_deg = 0.0;
@@ -68,6 +74,10 @@ struct Cell {
 /// (`station` and the next), large_jaw_distance (`station` and the one across), corner_level, warp_left, warp_right.
 /// None of them changes with the frame that the slab is put into. NaN for other items and missing blocks.
 [[nodiscard]] double true_slab_value(const Recipe& recipe, const SlabTruth& slab, ItemId id, int station = 0);
+
+/// What a laboratory would say of this slab's seats, exactly; U as stated.
+[[nodiscard]] calib::MasterCertificate master_certificate(const Recipe& recipe, const SlabTruth& slab,
+                                                          double sigma_mm = 0.005);
 
 /// Independent stream of random numbers for one purpose: the same (seed, a, b) always gives the same stream.
 [[nodiscard]] std::uint64_t derived_seed(std::uint64_t seed, std::uint64_t a, std::uint64_t b);

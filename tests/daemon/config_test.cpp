@@ -38,6 +38,8 @@ tool_id = 3
 look_mm = 100
 settle_timeout_s = 6
 repeatability_sigma_mm = 0.017
+absolute_sigma_mm = 0.7
+absolute_sigma_deg = 0.03
 repeatability_sigma_deg = 0.002
 [scanner]
 backend = "drop"
@@ -59,6 +61,12 @@ T_base_slab = [1, -2.5, 3, 0, 0, 0, -1]
 T_flange_scanner = [4, 5, 6, 0.7071067811865476, 0, 0.7071067811865476, 0]
 station_sigma_mm = 0.02
 station_sigma_deg = 0.001
+station_gate_mm = 0.8
+station_gate_deg = 0.04
+check_interval_hours = 12
+check_slope_limit_deg = 0.02
+check_jaw_limit_mm = 0.1
+valid_days = 180
 [control]
 socket = "/srv/control.sock"
 [line]
@@ -120,8 +128,11 @@ TEST_F(ConfigTest, shortest_configuration_gets_the_documented_defaults) {
   EXPECT_FALSE(config_.simulation);
   EXPECT_EQ(config_.T_base_slab.translation_mm, Vec3(1000, 0, 500));
   EXPECT_EQ(config_.calibration.T_flange_scanner.translation_mm, Vec3(0, 0, 120.5));
-  EXPECT_EQ(config_.robot_sigma_mm, 0.0);
-  EXPECT_EQ(config_.robot_sigma_rad, 0.0);
+  EXPECT_EQ(config_.splice.repeatability_mm, 0.0);
+  EXPECT_EQ(config_.splice.repeatability_rad, 0.0);
+  EXPECT_FALSE(has_value(config_.splice.absolute_mm)) << "nobody guesses what a robot is off by";
+  EXPECT_EQ(config_.splice.gate_mm, 1.0);
+  EXPECT_EQ(config_.check_interval_us, 86'400'000'000);
   EXPECT_FALSE(has_value(config_.calibration.station_sigma_mm)) << "slab-frame items must come out indeterminate";
 }
 
@@ -148,8 +159,10 @@ TEST_F(ConfigTest, every_key_is_taken) {
   EXPECT_EQ(config_.pose.gap_us, 50'500);
   EXPECT_EQ(config_.pose.base_id, -1);
   EXPECT_EQ(config_.pose.tool_id, 3);
-  EXPECT_EQ(config_.robot_sigma_mm, 0.017);
-  EXPECT_DOUBLE_EQ(config_.robot_sigma_rad, rad_from_deg(0.002));
+  EXPECT_EQ(config_.splice.repeatability_mm, 0.017);
+  EXPECT_DOUBLE_EQ(config_.splice.repeatability_rad, rad_from_deg(0.002));
+  EXPECT_EQ(config_.splice.absolute_mm, 0.7);
+  EXPECT_DOUBLE_EQ(config_.splice.absolute_rad, rad_from_deg(0.03));
   EXPECT_EQ(config_.pose.look_mm, 100.0);
   EXPECT_EQ(config_.settle_timeout_ns, 6'000'000'000);
   EXPECT_EQ(config_.scanner.drop_dir.view(), "/srv/drop");
@@ -163,6 +176,14 @@ TEST_F(ConfigTest, every_key_is_taken) {
   EXPECT_EQ(config_.T_base_slab.rotation.z(), -1.0);
   EXPECT_EQ(config_.calibration.station_sigma_mm, 0.02);
   EXPECT_DOUBLE_EQ(config_.calibration.station_sigma_rad, rad_from_deg(0.001));
+  EXPECT_EQ(config_.splice.commissioning_mm, 0.02);
+  EXPECT_DOUBLE_EQ(config_.splice.commissioning_rad, rad_from_deg(0.001));
+  EXPECT_EQ(config_.splice.gate_mm, 0.8);
+  EXPECT_DOUBLE_EQ(config_.splice.gate_rad, rad_from_deg(0.04));
+  EXPECT_EQ(config_.check_interval_us, 12 * 3'600'000'000LL);
+  EXPECT_DOUBLE_EQ(config_.check_limits.slope_rad, rad_from_deg(0.02));
+  EXPECT_EQ(config_.check_limits.jaw_distance_mm, 0.1);
+  EXPECT_EQ(config_.calibration_valid_days, 180);
   EXPECT_EQ(config_.control_socket, "/srv/control.sock");
   EXPECT_TRUE(config_.simulation);
 }
@@ -226,9 +247,13 @@ TEST_F(ConfigTest, what_this_version_cannot_do_is_said) {
 TEST_F(ConfigTest, poses_must_be_there) {
   EXPECT_EQ(load("[cell]\n"),
             (Texts{"slabd.toml:1:1: cell.T_base_slab: missing; expected seven numbers [x, y, z, qw, qx, qy, qz], x y z "
-                   "in mm and within +-20000",
-                   "slabd.toml:1:1: calibration.T_flange_scanner: missing; expected seven numbers [x, y, z, qw, qx, "
-                   "qy, qz], x y z in mm and within +-2000"}));
+                   "in mm and within +-20000"}));
+}
+
+TEST_F(ConfigTest, without_commissioning_values_slabs_wait_for_an_applied_calibration) {
+  EXPECT_EQ(load("[cell]\nT_base_slab = [0,0,0,1,0,0,0]\n"), Texts{});
+  EXPECT_TRUE(config_.calibration.id.empty());
+  EXPECT_FALSE(has_value(config_.splice.commissioning_mm));
 }
 
 TEST_F(ConfigTest, quaternion_within_a_thousandth_is_taken_and_normalised) {

@@ -15,7 +15,7 @@ using nlohmann::json;
 class StatusTest : public ::testing::Test {
  protected:
   json ask(const std::string& line) {
-    const std::string text = answer_control(line, station_, ports_, figures_);
+    const std::string text = answer_control(line, station_, ports_, figures_, desk_);
     EXPECT_EQ(text.find('\n'), std::string::npos) << "an answer is one line";
     const json answer = json::parse(text, nullptr, false);
     EXPECT_TRUE(answer.is_object()) << text;
@@ -30,6 +30,7 @@ class StatusTest : public ::testing::Test {
   const Ports ports_{plc_, pose_, scanner_, nullptr, nullptr, clock_, notify_};
   Station station_{StationSettings{}};
   LoopFigures figures_;
+  CalibrationDesk desk_{""};
 };
 
 TEST_F(StatusTest, status_is_told) {
@@ -56,7 +57,7 @@ TEST_F(StatusTest, whatever_is_asked_is_answered) {
   EXPECT_EQ(ask("")["schema"], "slabd.error/1");
   EXPECT_EQ(ask("[]")["schema"], "slabd.error/1");
   EXPECT_EQ(ask("{\"verb\":7}")["schema"], "slabd.error/1");
-  EXPECT_EQ(ask("{\"verb\":\"stop\"}")["error"], "unknown verb; known: status");
+  EXPECT_EQ(ask("{\"verb\":\"stop\"}")["error"], "unknown verb; known: status, calibration, calibration_change");
   EXPECT_EQ(ask("{\"verb\":\"\xff\"}")["schema"], "slabd.error/1");
   EXPECT_EQ(ask(std::string(60'000, '['))["schema"], "slabd.error/1");
   Prng prng(11);

@@ -49,7 +49,11 @@ struct MockLineTest : testing::Test {
     settings.calibration_id = "test";
     settings.spool_dir = std::string_view((dir / "spool").native());
     const Ports ports{plc, pose, scanner, store.get(), nullptr, clock, notify};
-    loop = std::make_unique<Loop>(ports, settings, kSigma, hal::LengthUnit::mm, 2, LoopFigures{});
+    settings.splice.commissioning_mm = kSigma.position_mm;
+    settings.splice.commissioning_rad = kSigma.rotation_rad;
+    settings.splice.repeatability_mm = kSigma.robot_position_mm;
+    settings.splice.repeatability_rad = kSigma.robot_rotation_rad;
+    loop = std::make_unique<Loop>(ports, settings, hal::LengthUnit::mm, 2, LoopFigures{});
     const std::atomic<bool> stop{true};
     loop->run(stop);  // recovers, then returns because it is told to stop
     inputs.enable = true;

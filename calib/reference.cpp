@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "calib/reference.h"
+
+#include <cmath>
+
+#include "calib/key_lines.h"
+
+namespace slabd::calib {
+namespace {
+
+constexpr const char* kKeys =
+    "id, date, issuer, slope_deg, slope_U_deg, jaw_distance_mm, jaw_distance_U_mm, coverage_factor";
+
+struct Deviation {
+  const char* what;
+  const char* unit;
+  double off;
+  double allowed;  ///< NaN: unknown, which passes nothing
+};
+
+double allowed_of(double U_measured, double U_certified, double limit) {
+  const double of_uncertainty = std::hypot(U_measured, U_certified);
+  return has_value(limit) && limit < of_uncertainty ? limit : of_uncertainty;
+}
+
+}  // namespace
+
+Result<ReferenceCertificate> parse_reference_certificate(std::string_view text, std::string_view file_name) {
+  Result<std::vector<KeyLine>> lines = key_lines(text, file_name);
+  if (!lines.ok()) return lines.error();
+  KeyFile file(std::move(lines.value()), file_name);
+  ReferenceCertificate c;
+  file.text("id", true, c.id);
+  file.date("date", c.date);
+  file.text("issuer", false, c.issuer);
+  double slope_deg = kNoValue;
+  double slope_U_deg = kNoValue;
+  double coverage = 2.0;
+  file.number("slope_deg", true, -20.0, 20.0, slope_deg);
+  file.number("slope_U_deg", true, 1e-6, 1.0, slope_U_deg);
+  file.number("jaw_distance_mm", true, 10.0, 2'000.0, c.block.jaw_distance_mm);
+  file.number("jaw_distance_U_mm", true, 1e-6, 5.0, c.block.jaw_distance_U_mm);
+  file.number("coverage_factor", false, 1.0, 4.0, coverage);
+  if (const Status status = file.finish(kKeys); !status.ok()) return status.error();
+  c.block.slope_rad = rad_from_deg(slope_deg);
+  c.block.slope_U_rad = rad_from_deg(slope_U_deg) * (2.0 / coverage);
+  c.block.jaw_distance_U_mm *= 2.0 / coverage;
+  return c;
+}
+
+CalibrationCheck check_block(const ReferenceBlock& certified, const BlockResult& measured, const CheckLimits& limits) {
+  CalibrationCheck check;
+  check.kind = CalibrationKind::reference_block;
+  const Item* slope = find_item(measured.items.begin(), measured.items.end(), ItemId::seat_slope);
+  const Item* jaw = find_item(measured.items.begin(), measured.items.end(), ItemId::jaw_distance);
+  if (slope != nullptr) {
+    check.slope_rad = rad_from_deg(slope->value);
+    check.slope_U_rad = rad_from_deg(slope->U);
+  }
+  if (jaw != nullptr) {
+    check.jaw_distance_mm = jaw->value;
+    check.jaw_distance_U_mm = jaw->U;
+  }
+  const std::array<Deviation, 2> deviations = {
+      Deviation{"slope", "deg", deg_from_rad(check.slope_rad - certified.slope_rad),
+                deg_from_rad(allowed_of(check.slope_U_rad, certified.slope_U_rad, limits.slope_rad))},
+      Deviation{"jaw distance", "mm", check.jaw_distance_mm - certified.jaw_distance_mm,
+                allowed_of(check.jaw_distance_U_mm, certified.jaw_distance_U_mm, limits.jaw_distance_mm)}};
+  check.passed = true;
+  for (const Deviation& d : deviations) {
+    if (std::abs(d.off) <= d.allowed) continue;
+    check.passed = false;
+    FixedString<80> sentence;
+    if (!has_value(d.off)) {
+      sentence.printf("%s%s was not measured", check.note.empty() ? "" : ", ", d.what);
+    } else if (!has_value(d.allowed)) {
+      sentence.printf("%sthe uncertainty of the %s is not known", check.note.empty() ? "" : ", ", d.what);
+    } else {
+      sentence.printf("%s%s is %+.4f %s off, allowed are %.4f", check.note.empty() ? "" : ", ", d.what, d.off, d.unit,
+                      d.allowed);
+    }
+    check.note.append(sentence.view());
+  }
+  return check;
+}
+
+CalibrationCheck check_ball(const MonitorBall& certified, const Vec3& centre_base_mm) {
+  CalibrationCheck check;
+  check.kind = CalibrationKind::monitor_ball;
+  check.off_mm = centre_base_mm - certified.p_base;
+  const double off_mm = check.off_mm.norm();
+  check.passed = off_mm <= certified.limit_mm;  // false for NaN
+  if (!check.passed)
+    check.note.printf("the ball is %.3f mm from its place, allowed are %.3f mm", off_mm, certified.limit_mm);
+  return check;
+}
+
+}  // namespace slabd::calib

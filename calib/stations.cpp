@@ -1,0 +1,429 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A correction takes up whatever is wrong at its station, a wrong certificate included: there is no residual in which
+// a seat certified 10 mm beside its place would show. So everything that can show is looked at before a correction is
+// given out: that the robot came back to the same pose, that the visits agree, that no round is off as a whole, that
+// what was measured has the certified shape, and that the correction is no larger than a robot's error.
+//
+// Where the mastered slab lay is not known. One rigid fit of all stations finds it, and the corrections refer to that:
+// a common motion of all stations changes no item of a slab, because a slab is judged in its own frame.
+#include "calib/stations.h"
+
+#include <Eigen/SVD>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+
+namespace slabd::calib {
+namespace {
+
+constexpr std::array<std::string_view, 10> kRefusals = {
+    "too_few_visits", "unknown_station", "wrong_points", "outside_gate", "slab_moved",
+    "spread",         "shape",           "shift",        "placement",    "copies"};
+constexpr std::size_t kPlacementStationsMin = 3;
+/// Below what a scan's noise alone does to a seat.
+constexpr double kScatterMinMm = 1e-5;
+constexpr double kScatterMinRad = 1e-8;
+/// The first this wide and the second this narrow: stations on a line leave the slab's turn about it open.
+constexpr double kPlacementWidthMinMm = 300.0;
+
+/// The motion that takes `from` to `to` best (least squares); points are many or three, never on a line.
+Pose rigid_fit(const std::vector<Vec3>& from, const std::vector<Vec3>& to) {
+  Vec3 a = Vec3::Zero();
+  Vec3 b = Vec3::Zero();
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    a += from[i];
+    b += to[i];
+  }
+  a /= static_cast<double>(from.size());
+  b /= static_cast<double>(from.size());
+  Eigen::Matrix3d H = Eigen::Matrix3d::Zero();
+  for (std::size_t i = 0; i < from.size(); ++i) H += (to[i] - b) * (from[i] - a).transpose();
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(H, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::Matrix3d R = svd.matrixU() * svd.matrixV().transpose();
+  if (R.determinant() < 0.0) {
+    Eigen::Matrix3d flip = Eigen::Matrix3d::Identity();
+    flip(2, 2) = -1.0;
+    R = svd.matrixU() * flip * svd.matrixV().transpose();
+  }
+  Pose pose;
+  pose.rotation = Quat(R).normalized();
+  pose.translation_mm = b - pose.rotation * a;
+  return pose;
+}
+
+Vec3 rotation_vector(const Quat& q) {
+  const double w = q.w() < 0.0 ? -q.w() : q.w();
+  const Vec3 v = q.w() < 0.0 ? Vec3(-q.vec()) : Vec3(q.vec());
+  const double s = v.norm();
+  return s < 1e-300 ? Vec3(2.0 * v) : Vec3(2.0 * std::atan2(s, w) / s * v);
+}
+
+/// Nearby rotations: the mean of their vectors about the first, twice, is their mean to far below a microradian.
+Pose mean_pose(const std::vector<const StationVisit*>& visits) {
+  Pose mean = visits.front()->T_base_flange;
+  for (int pass = 0; pass < 2; ++pass) {
+    Vec3 shift = Vec3::Zero();
+    Vec3 turn = Vec3::Zero();
+    for (const StationVisit* visit : visits) {
+      shift += visit->T_base_flange.translation_mm - mean.translation_mm;
+      turn += rotation_vector((visit->T_base_flange.rotation * mean.rotation.conjugate()).normalized());
+    }
+    const double n = static_cast<double>(visits.size());
+    const Vec3 by = turn / n;
+    mean.translation_mm += shift / n;
+    if (by.norm() > 0.0)
+      mean.rotation =
+          (Quat(Eigen::AngleAxisd(by.norm(), Eigen::Vector3d(by.normalized()))) * mean.rotation).normalized();
+  }
+  return mean;
+}
+
+/// One station while it is solved.
+struct Work {
+  const MasterStation* certified = nullptr;
+  std::vector<const StationVisit*> visits;
+  std::vector<std::vector<Vec3>> points;  ///< [visit][point], base frame by the hand-eye alone
+  std::vector<Vec3> mean_points;
+  std::vector<Vec3> off_mm;   ///< [visit]: reference point from the mean
+  std::vector<Vec3> off_rad;  ///< [visit]: turn from the mean
+};
+
+/// Seats are pinned at their reference point, balls at their centre.
+Vec3 reference_point(const MasterStation& certified, const std::vector<Vec3>& points) {
+  if (certified.is_seat) return points.front();
+  Vec3 sum = Vec3::Zero();
+  for (const Vec3& p : points) sum += p;
+  return sum / static_cast<double>(points.size());
+}
+
+double sum_of_squares(const std::vector<Vec3>& list) {
+  double sum = 0.0;
+  for (const Vec3& v : list) sum += v.squaredNorm();
+  return sum;
+}
+
+class Solver {
+ public:
+  Solver(const MasterCertificate& certificate, const Pose& X, const StationSettings& settings)
+      : certificate_(certificate), X_(X), settings_(settings) {}
+
+  StationsSolution run(std::span<const StationVisit> visits) {
+    sort_visits(visits);
+    if (!out_.reasons.empty()) return out_;
+    for (Work& work : work_) splice(work);
+    check_gate();
+    if (!place_certificate()) return out_;
+    find_scatter();
+    for (Work& work : work_) correct(work);
+    check_rounds();
+    for (std::size_t i = 0; i < work_.size(); ++i) check(work_[i], out_.stations[i]);
+    judge();
+    return out_;
+  }
+
+ private:
+  [[gnu::format(printf, 5, 6)]] void refuse(StationRefusal code, int station, const char* cure, const char* format,
+                                            ...) {
+    std::array<char, 320> text{};
+    va_list args;
+    va_start(args, format);
+    std::vsnprintf(text.data(), text.size(), format, args);
+    va_end(args);
+    out_.reasons.push_back({code, station, text.data(), cure});
+  }
+
+  void sort_visits(std::span<const StationVisit> visits) {
+    for (const MasterStation& s : certificate_.stations) {
+      Work& work = work_.emplace_back();
+      work.certified = &s;
+      for (const StationVisit& visit : visits) {
+        if (visit.station != s.station) continue;
+        if (visit.points_mm.size() != s.points_mm.size()) {
+          refuse(StationRefusal::wrong_points, s.station, "give the visits the points of the certificate, in its order",
+                 "station %d, %s: %zu points were seen, %zu are certified", s.station, visit.round.c_str(),
+                 visit.points_mm.size(), s.points_mm.size());
+          continue;
+        }
+        work.visits.push_back(&visit);
+      }
+      if (work.visits.size() < settings_.visits_min)
+        refuse(StationRefusal::too_few_visits, s.station,
+               "let the robot go round again, or leave the station out of the certificate: it is then not corrected",
+               "station %d has %zu visits, it needs %zu", s.station, work.visits.size(), settings_.visits_min);
+    }
+    for (const StationVisit& visit : visits) {
+      const bool known = std::any_of(certificate_.stations.begin(), certificate_.stations.end(),
+                                     [&](const MasterStation& s) { return s.station == visit.station; });
+      if (!known && std::find(unknown_.begin(), unknown_.end(), visit.station) == unknown_.end())
+        unknown_.push_back(visit.station);
+    }
+    for (const int station : unknown_)
+      refuse(StationRefusal::unknown_station, station, "leave out its visits, or use the certificate that has it",
+             "station %d was visited, but certificate %s does not have it", station, certificate_.id.c_str());
+  }
+
+  void splice(Work& work) {
+    const std::size_t count = work.certified->points_mm.size();
+    work.mean_points.assign(count, Vec3::Zero());
+    for (const StationVisit* visit : work.visits) {
+      const Pose T_base_scanner = visit->T_base_flange * X_;
+      std::vector<Vec3>& points = work.points.emplace_back();
+      for (const Vec3& q : visit->points_mm) points.push_back(T_base_scanner * q);
+      for (std::size_t i = 0; i < count; ++i)
+        work.mean_points[i] += points[i] / static_cast<double>(work.visits.size());
+    }
+  }
+
+  void check_gate() {
+    for (const Work& work : work_) {
+      const Pose mean = mean_pose(work.visits);
+      for (const StationVisit* visit : work.visits) {
+        const double off_mm = (visit->T_base_flange.translation_mm - mean.translation_mm).norm();
+        const double off_rad = angle_between_rad(mean.rotation, visit->T_base_flange.rotation);
+        if (off_mm <= settings_.gate_mm && off_rad <= settings_.gate_rad) continue;
+        refuse(
+            StationRefusal::outside_gate, visit->station,
+            "run the taught program unchanged on every round, and leave out the visit that differs",
+            "station %d, %s: the robot reported a pose %.3f mm and %.4f deg from the mean of the visits, allowed are "
+            "%.3f mm and %.4f deg",
+            visit->station, visit->round.c_str(), off_mm, deg_from_rad(off_rad), settings_.gate_mm,
+            deg_from_rad(settings_.gate_rad));
+      }
+    }
+  }
+
+  /// One rigid fit of everything certified to everything seen.
+  bool place_certificate() {
+    if (certificate_.frame == MasterCertificate::Frame::base) return true;
+    std::vector<Vec3> certified;
+    std::vector<Vec3> seen;
+    std::vector<Vec3> places;
+    for (const Work& work : work_) {
+      certified.insert(certified.end(), work.certified->points_mm.begin(), work.certified->points_mm.end());
+      seen.insert(seen.end(), work.mean_points.begin(), work.mean_points.end());
+      places.push_back(reference_point(*work.certified, work.certified->points_mm));
+    }
+    double widest = 0.0;
+    for (std::size_t i = 1; i < places.size(); ++i)
+      for (std::size_t j = i + 1; j < places.size(); ++j) {
+        const Vec3 a = places[i] - places[0];
+        const Vec3 b = places[j] - places[0];
+        widest = std::max(widest, a.cross(b).norm() / std::max({a.norm(), b.norm(), 1.0}));
+      }
+    if (places.size() < kPlacementStationsMin || widest < kPlacementWidthMinMm) {
+      refuse(StationRefusal::placement, 0,
+             "master stations of both rows, or use a certificate in the base frame (frame = base)",
+             "where the mastered slab lies cannot be found from %zu stations that spread %.0f mm across; it takes %zu "
+             "that spread %.0f mm",
+             places.size(), widest, kPlacementStationsMin, kPlacementWidthMinMm);
+      return false;
+    }
+    out_.T_base_certificate = rigid_fit(certified, seen);
+    return true;
+  }
+
+  void find_scatter() {
+    double mm2 = 0.0;
+    double rad2 = 0.0;
+    int degrees = 0;
+    for (Work& work : work_) {
+      const Vec3 centre = reference_point(*work.certified, work.mean_points);
+      for (const std::vector<Vec3>& points : work.points) {
+        work.off_mm.push_back(reference_point(*work.certified, points) - centre);
+        work.off_rad.push_back(rotation_vector(rigid_fit(work.mean_points, points).rotation));
+      }
+      mm2 += sum_of_squares(work.off_mm);
+      rad2 += sum_of_squares(work.off_rad);
+      degrees += 3 * (static_cast<int>(work.visits.size()) - 1);
+    }
+    out_.degrees_of_freedom = degrees;
+    out_.pooled_sigma_mm = std::sqrt(mm2 / degrees);
+    out_.pooled_sigma_rad = std::sqrt(rad2 / degrees);
+    if (!(out_.pooled_sigma_mm > kScatterMinMm) || !(out_.pooled_sigma_rad > kScatterMinRad))
+      refuse(StationRefusal::copies, 0, "give five different rounds; what repeats is then known from them",
+             "the visits agree to %.1e mm and %.1e rad: no robot does, they are one visit given several times",
+             out_.pooled_sigma_mm, out_.pooled_sigma_rad);
+  }
+
+  void correct(const Work& work) {
+    StationSolution& s = out_.stations.emplace_back();
+    s.station = work.certified->station;
+    std::vector<Vec3> from;
+    std::vector<Vec3> to;
+    for (const std::vector<Vec3>& points : work.points)
+      for (std::size_t i = 0; i < points.size(); ++i) {
+        from.push_back(points[i]);
+        to.push_back(out_.T_base_certificate * work.certified->points_mm[i]);
+      }
+    StationCorrection& c = s.numbers;
+    c.T_base_reported = rigid_fit(from, to);
+    // What the average visit shows of the reference point shall come to lie on the certified one, whatever the
+    // directions say: their points only turn.
+    const Vec3 seen = reference_point(*work.certified, work.mean_points);
+    const Vec3 certified = out_.T_base_certificate * reference_point(*work.certified, work.certified->points_mm);
+    c.T_base_reported.translation_mm = certified - c.T_base_reported.rotation * seen;
+    c.T_base_flange = mean_pose(work.visits);
+    c.visits = static_cast<std::uint8_t>(std::min<std::size_t>(work.visits.size(), 255));
+    s.shift_mm = certified - seen;
+    s.turn_rad = angle_between_rad(c.T_base_reported.rotation, Quat::Identity());
+
+    const double degrees = 3.0 * (static_cast<double>(work.visits.size()) - 1.0);
+    c.spread_mm = std::sqrt(sum_of_squares(work.off_mm) / degrees);
+    s.spread_rad = std::sqrt(sum_of_squares(work.off_rad) / degrees);
+    c.sigma_mm = settle(c.spread_mm, degrees, out_.pooled_sigma_mm);
+    c.sigma_rad = settle(s.spread_rad, degrees, out_.pooled_sigma_rad);
+
+    double shape2 = 0.0;
+    for (std::size_t i = 0; i < work.mean_points.size(); ++i)
+      shape2 += (c.T_base_reported * work.mean_points[i] - out_.T_base_certificate * work.certified->points_mm[i])
+                    .squaredNorm();
+    s.shape_mm = std::sqrt(shape2 / static_cast<double>(work.mean_points.size()));
+    for (std::size_t v = 0; v < work.visits.size(); ++v) {
+      const double off = work.off_mm[v].norm();
+      if (v != 0 && off <= s.worst_mm) continue;
+      s.worst_mm = off;
+      s.worst_round = work.visits[v]->round;
+    }
+  }
+
+  /// Standard deviation of one visit: that of all stations, unless this one scatters more than chance lets it (95 %);
+  /// widened for having been estimated from so many visits (a t-distribution's variance).
+  [[nodiscard]] double settle(double own, double own_degrees, double pooled) const {
+    // Wilson and Hilferty's approximation of the 95 % quantile of chi-square over its degrees of freedom.
+    const double k = 2.0 / (9.0 * own_degrees);
+    const double quantile = std::pow(1.0 - k + 1.645 * std::sqrt(k), 3.0);
+    const bool louder = own * own > quantile * pooled * pooled;
+    const double degrees = louder ? own_degrees : static_cast<double>(out_.degrees_of_freedom);
+    const double widened = degrees > 2.0 ? std::sqrt(degrees / (degrees - 2.0)) : 2.0;
+    return widened * (louder ? own : pooled);
+  }
+
+  /// A slab that was pushed between two rounds moves all its stations alike; without this every station would be
+  /// refused for its spread, and nobody would know why.
+  void check_rounds() {
+    std::vector<std::string> rounds;
+    for (const Work& work : work_)
+      for (const StationVisit* visit : work.visits)
+        if (std::find(rounds.begin(), rounds.end(), visit->round) == rounds.end()) rounds.push_back(visit->round);
+    const auto of_round = [&](const std::string& round, const auto& use) {
+      for (const Work& work : work_)
+        for (std::size_t v = 0; v < work.visits.size(); ++v)
+          if (work.visits[v]->round == round) use(work.off_mm[v]);
+    };
+    std::vector<Vec3> together;
+    for (const std::string& round : rounds) {
+      Vec3 sum = Vec3::Zero();
+      int count = 0;
+      of_round(round, [&](const Vec3& off) {
+        sum += off;
+        ++count;
+      });
+      together.push_back(sum / count);
+    }
+    // From the place that most rounds saw: the mean of all would make the good ones look moved too.
+    Vec3 usual;
+    for (int axis = 0; axis < 3; ++axis) {
+      std::vector<double> values;
+      for (const Vec3& v : together) values.push_back(v[axis]);
+      std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
+      usual[axis] = values[values.size() / 2];
+    }
+    for (std::size_t r = 0; r < rounds.size(); ++r) {
+      const double moved_mm = (together[r] - usual).norm();
+      double squares = 0.0;
+      int count = 0;
+      of_round(rounds[r], [&](const Vec3& off) {
+        squares += (off - usual).squaredNorm();
+        ++count;
+      });
+      const bool common = moved_mm * moved_mm > 0.5 * squares / count;
+      if (count < 3 || moved_mm <= settings_.spread_max_mm || !common) continue;
+      moved_ = true;
+      refuse(
+          StationRefusal::slab_moved, 0,
+          "the mastered slab must lie still from the first round to the last: leave this round out and go round again",
+          "%s: all its stations are off by %.3f mm in the same direction, allowed are %.3f mm", rounds[r].c_str(),
+          moved_mm, settings_.spread_max_mm);
+    }
+  }
+
+  void check(const Work& work, const StationSolution& s) {
+    if (!(s.numbers.spread_mm <= settings_.spread_max_mm) && !moved_)
+      refuse(
+          StationRefusal::spread, s.station,
+          "repeat the visit that stands out; if none does, the robot does not repeat well enough here: same payload, "
+          "approach and speed every time, warmed up, nothing loose",
+          "station %d: its %zu visits scatter by %.3f mm per axis, allowed are %.3f mm; furthest from the others is "
+          "%s with %.3f mm",
+          s.station, work.visits.size(), s.numbers.spread_mm, settings_.spread_max_mm, s.worst_round.c_str(),
+          s.worst_mm);
+    if (!(s.shape_mm <= settings_.shape_max_mm))
+      refuse(StationRefusal::shape, s.station,
+             "compare the certificate with the artefact: order and numbers of its points, its directions",
+             "station %d: certified and measured points differ by %.3f mm after the correction, allowed are %.3f mm",
+             s.station, s.shape_mm, settings_.shape_max_mm);
+    if (!(s.shift_mm.norm() <= settings_.shift_max_mm))
+      refuse(StationRefusal::shift, s.station,
+             "is the certificate of this slab, this way round, with these station numbers? Is the right hand-eye "
+             "calibration in force?",
+             "station %d: the correction would move the seat by %.3f mm, more than the %.3f mm that a robot may be off",
+             s.station, s.shift_mm.norm(), settings_.shift_max_mm);
+  }
+
+  void judge() {
+    double before2 = 0.0;
+    double after2 = 0.0;
+    double count = 0.0;
+    out_.table.slab_type = certificate_.slab_type;
+    for (std::size_t i = 0; i < work_.size(); ++i) {
+      const Work& work = work_[i];
+      const StationSolution& s = out_.stations[i];
+      const Vec3 certified = out_.T_base_certificate * reference_point(*work.certified, work.certified->points_mm);
+      for (const std::vector<Vec3>& points : work.points) {
+        const Vec3 p = reference_point(*work.certified, points);
+        before2 += (p - certified).squaredNorm();
+        after2 += (s.numbers.T_base_reported * p - certified).squaredNorm();
+        count += 1.0;
+      }
+      out_.table.station[static_cast<std::size_t>(s.station - 1)] = s.numbers;
+    }
+    out_.before_rms_mm = std::sqrt(before2 / count);
+    out_.after_rms_mm = std::sqrt(after2 / count);
+    out_.ok = out_.reasons.empty();
+    if (!out_.ok) out_.table = {};
+  }
+
+  const MasterCertificate& certificate_;
+  const Pose X_;
+  const StationSettings settings_;
+  std::vector<Work> work_;
+  std::vector<int> unknown_;
+  bool moved_ = false;
+  StationsSolution out_;
+};
+
+}  // namespace
+
+std::string_view name(StationRefusal refusal) {
+  return kRefusals.at(static_cast<std::size_t>(refusal));
+}
+
+Result<StationsSolution> solve_stations(const MasterCertificate& certificate, std::span<const StationVisit> visits,
+                                        const Pose& T_flange_scanner, const StationSettings& settings) {
+  if (visits.empty()) return error(Code::config, "there are no visits to solve station corrections from");
+  if (!T_flange_scanner.all_finite()) return error(Code::config, "T_flange_scanner is not finite");
+  for (const StationVisit& visit : visits) {
+    const bool finite = visit.T_base_flange.all_finite() && std::all_of(visit.points_mm.begin(), visit.points_mm.end(),
+                                                                        [](const Vec3& p) { return p.allFinite(); });
+    if (!finite)
+      return error(Code::config, "station %d, %s: a number is not finite", visit.station, visit.round.c_str());
+  }
+  StationSettings used = settings;
+  used.visits_min = std::max<std::size_t>(used.visits_min, 2);  // one visit says nothing of its own scatter
+  return Solver(certificate, T_flange_scanner, used).run(visits);
+}
+
+}  // namespace slabd::calib

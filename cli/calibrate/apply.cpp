@@ -1,0 +1,221 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl calibrate apply, rollback, history: what is in force, and how it came to be.
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+#include <memory>
+
+#include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/calibration_desk.h"
+#include "cli/calibrate/record_options.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/render.h"
+
+namespace slabd::cli {
+namespace {
+
+struct Options {
+  std::string config;
+  std::string id;
+  std::string kind = "hand_eye";
+  std::uint16_t slab_type = 0;
+  std::string who;
+  std::string why;
+  std::size_t limit = 20;
+  bool json = false;
+};
+
+storage::ChangeNote note_of(const Options& options) {
+  return {options.who.empty() ? default_operator() : options.who, options.why, wall_clock_us()};
+}
+
+int carry_out(const Options& options, const storage::CalibrationChange& change) {
+  daemon::Config config;
+  if (!config_from(options.config, config)) return kBadInput;
+  const Result<DeskAnswer> done = change_calibration(config, change);
+  if (!done.ok()) {
+    complain(fmt::format("{}", done.error().text.view()));
+    return done.error().code == Code::config ? static_cast<int>(kRefused) : exit_for(done.error().code);
+  }
+  if (options.json) {
+    Json json;
+    json.begin_object().field("schema", "slabd.calibration_change/1").field("id", std::string_view(done.value().id));
+    json.field("by_daemon", done.value().by_daemon).field("after_slab", done.value().after_slab).end_object();
+    fmt::print("{}", json.text());
+  } else {
+    fmt::print("{} is in force{}\n", done.value().id,
+               done.value().after_slab ? " from the next slab on; one is open now" : "");
+  }
+  return kDone;
+}
+
+int show_history(const Options& options) {
+  daemon::Config config;
+  if (!config_from(options.config, config)) return kBadInput;
+  int exit_status = kDone;
+  std::unique_ptr<storage::Reader> reader;
+  if (!open_records(config, reader, exit_status)) return exit_status;
+  std::vector<storage::AppliedChange> applied;
+  std::vector<storage::CalibrationRecord> records;
+  if (reader != nullptr) {
+    auto changes = reader->applied(options.limit);
+    auto all = reader->calibrations();
+    if (!changes.ok() || !all.ok()) {
+      complain(fmt::format("{}", (changes.ok() ? all.error() : changes.error()).text.view()));
+      return kNotReachable;
+    }
+    applied = std::move(changes.value());
+    records = std::move(all.value());
+  }
+  if (options.json) {
+    Json json;
+    json.begin_object().field("schema", "slabd.calibration_history/1").key("applied").begin_array();
+    for (const storage::AppliedChange& c : applied) {
+      json.begin_object().field("seq", c.seq).field("kind", name(c.kind)).field("slab_type", c.slab_type);
+      json.field("action", c.is_rollback ? "rollback" : "apply").field("id", std::string_view(c.calibration_id));
+      json.field("replaced", std::string_view(c.replaced_id)).field("who", std::string_view(c.note.who));
+      json.field("why", std::string_view(c.note.why));
+      write_time(json, "time", c.note.utime_us);
+      json.end_object();
+    }
+    json.end_array().key("records").begin_array();
+    for (const storage::CalibrationRecord& r : records) {
+      json.begin_object().field("id", std::string_view(r.id)).field("kind", name(r.kind()));
+      json.field("slab_type", r.slab_type()).field("parent", std::string_view(r.parent_id));
+      json.field("operator", std::string_view(r.operator_name)).field("robot_serial", std::string_view(r.robot_serial));
+      json.field("scanner_serial", std::string_view(r.scanner_serial)).field("temperature_c", r.temperature_c);
+      json.field("software", std::string_view(r.software));
+      write_time(json, "created", r.created_utime_us);
+      write_time(json, "expires", r.expires_utime_us);
+      json.end_object();
+    }
+    json.end_array().end_object();
+    fmt::print("{}", json.text());
+    return kDone;
+  }
+  std::vector<std::vector<std::string>> rows = {{"when<", "what<", "now in force<", "before<", "who<", "why<"}};
+  for (const storage::AppliedChange& c : applied)
+    rows.push_back({iso_time(c.note.utime_us),
+                    fmt::format("{} {}{}", c.is_rollback ? "rollback" : "apply", name(c.kind),
+                                c.slab_type == 0 ? "" : fmt::format(" {}", c.slab_type)),
+                    c.calibration_id, c.replaced_id.empty() ? "-" : c.replaced_id, c.note.who, c.note.why});
+  if (rows.size() == 1) {
+    fmt::print("no calibration was ever put in force\n");
+  } else {
+    fmt::print("{}", table(rows));
+  }
+  rows = {{"\nkept<", "kind<", "created<", "expires<", "operator<", "robot<", "scanner<", "holds for<"}};
+  for (const storage::CalibrationRecord& r : records)
+    rows.push_back({r.id, std::string(name(r.kind())), iso_time(r.created_utime_us),
+                    r.expires_utime_us == 0 ? "never" : iso_time(r.expires_utime_us), r.operator_name, r.robot_serial,
+                    r.scanner_serial, r.parent_id});
+  if (rows.size() > 1) fmt::print("{}", table(rows));
+  return kDone;
+}
+
+/// Commissioning values become a record like any other, with the uncertainty somebody answers for.
+int adopt(const RecordOptions& options, double sigma_mm, double sigma_deg) {
+  daemon::Config config;
+  if (!config_from(options.config, config)) return kBadInput;
+  if (config.calibration.id.empty()) {
+    complain(fmt::format("{}: [calibration] T_flange_scanner is missing, there is nothing to adopt", options.config));
+    return kBadInput;
+  }
+  storage::CalibrationRecord record;
+  options.describe(config, record);
+  record.numbers = HandEyeNumbers{config.calibration.T_flange_scanner, sigma_mm, rad_from_deg(sigma_deg)};
+  record.observations = fmt::format("# adopted from {} ({})\n", options.config, config.calibration.id.view());
+  if (options.dry_run) {
+    fmt::print("{}", kept_text({}, true));
+    return kDone;
+  }
+  int exit_status = kDone;
+  const Kept kept = keep_record(config, options, record, exit_status);
+  if (kept.ok) fmt::print("{}", kept_text(kept, false));
+  return exit_status;
+}
+
+void add_common(CLI::App& command, Options& options) {
+  command.add_option("--config", options.config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command.add_flag("--json", options.json, "JSON on stdout");
+}
+void add_note(CLI::App& command, Options& options) {
+  command.add_option("--why", options.why, "Why, for the history")->required();
+  command.add_option("--operator", options.who, "Who (default: your login)");
+}
+
+}  // namespace
+
+void add_calibrate_apply(CLI::App& group, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = group.add_subcommand("apply", "Put a kept calibration in force, from the next slab on");
+  command->footer(
+      "\nAtomic: killed at any moment, either the old one is in force or the new one. Giving it again changes "
+      "nothing.\n"
+      "Exit status 6: refused, the text says what to do.\n"
+      "Example: slabctl calibrate apply he-3f2a91c07b5e --why \"scanner exchanged\"");
+  command->add_option("ID", options->id, "Of the record, or its first characters")->required();
+  add_common(*command, *options);
+  add_note(*command, *options);
+  command->callback([options, &exit_status] {
+    exit_status = carry_out(*options, storage::ApplyCalibration{options->id, note_of(*options)});
+  });
+}
+
+void add_calibrate_adopt(CLI::App& group, int& exit_status) {
+  struct Adopt {
+    RecordOptions record;
+    double sigma_mm = kNoValue;
+    double sigma_deg = kNoValue;
+  };
+  auto options = std::make_shared<Adopt>();
+  CLI::App* command = group.add_subcommand(
+      "adopt", "Keep the configuration's T_flange_scanner as a calibration, with an uncertainty you answer for");
+  command->footer(
+      "\nFor a scanner whose seat was measured otherwise, such as by a laser tracker: the values then have a record, "
+      "an\n"
+      "expiry and a history, and station corrections can be solved with them.\n"
+      "Example: slabctl calibrate adopt --sigma-mm 0.05 --sigma-deg 0.003 --apply --why \"tracker protocol 17\"");
+  options->record.add_to(*command);
+  command
+      ->add_option("--sigma-mm", options->sigma_mm, "Of a point in the field of view, standard deviation per axis, mm")
+      ->required()
+      ->check(CLI::Range(1e-4, 10.0));
+  command->add_option("--sigma-deg", options->sigma_deg, "Of the scanner's rotation, per axis, deg")
+      ->required()
+      ->check(CLI::Range(1e-6, 1.0));
+  command->callback(
+      [options, &exit_status] { exit_status = adopt(options->record, options->sigma_mm, options->sigma_deg); });
+}
+
+void add_calibrate_rollback(CLI::App& group, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = group.add_subcommand("rollback", "Put back what was in force before; again: further back");
+  command->footer(
+      "\nStation corrections hold for one hand-eye calibration: roll that back first.\n"
+      "Example: slabctl calibrate rollback --why \"worse than before\"");
+  command->add_option("--kind", options->kind, "What to roll back")
+      ->check(CLI::IsMember({"hand_eye", "stations", "reference_block", "monitor_ball"}))
+      ->capture_default_str();
+  command->add_option("--slab-type", options->slab_type, "Of station corrections (default: of the newest change)");
+  add_common(*command, *options);
+  add_note(*command, *options);
+  command->callback([options, &exit_status] {
+    exit_status = carry_out(*options, storage::RollBackCalibration{*calibration_kind_named(options->kind),
+                                                                   options->slab_type, note_of(*options)});
+  });
+}
+
+void add_calibrate_history(CLI::App& group, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = group.add_subcommand("history", "What was in force when, by whom and why; every kept record");
+  command->add_option("--limit", options->limit, "How many changes, newest first")
+      ->check(CLI::Range(std::size_t{1}, std::size_t{100'000}))
+      ->capture_default_str();
+  add_common(*command, *options);
+  command->callback([options, &exit_status] { exit_status = show_history(*options); });
+}
+
+}  // namespace slabd::cli

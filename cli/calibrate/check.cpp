@@ -1,0 +1,443 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl calibrate check and reference: the artefacts that watch over a calibration. The reference block is measured
+// by daemon::measure_block, the path every scan of the line takes: what the check finds is what verdicts are made of.
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+#include <charconv>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "base/pages.h"
+#include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/calibration_desk.h"
+#include "cli/calibrate/record_options.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/parse.h"
+#include "cli/progress.h"
+#include "cli/render.h"
+
+namespace slabd::cli {
+namespace {
+
+constexpr std::size_t kTrendRows = 10;
+
+struct BallOptions {
+  std::string flange;  ///< pose of the robot
+  double radius_mm = kNoValue;
+  double noise_mm = 0.05;
+};
+
+struct CheckOptions {
+  std::string config;
+  std::string scan;
+  std::string recipe;
+  std::string slab;
+  int station = 0;
+  bool ball = false;
+  BallOptions ball_options;
+  std::string unit = "mm";
+  std::string who;
+  std::size_t limit = kTrendRows;
+  bool json = false;
+};
+
+struct ReferenceOptions {
+  RecordOptions record;
+  std::string certificate;
+  std::string ball_scan;
+  BallOptions ball_options;
+  double limit_mm = 0.1;
+  std::string unit = "mm";
+};
+
+/// Prints why and leaves the exit status.
+bool failed(const Error& why, int& exit_status) {
+  complain(fmt::format("{}", why.text.view()));
+  exit_status = exit_for(why.code);
+  return false;
+}
+
+bool read_scan_file(const std::string& path, const std::string& unit, std::span<float> xyz, ScanShape& shape,
+                    int& exit_status) {
+  const Result<ScanShape> read = hal::read_scan(path.c_str(), *length_unit(unit), xyz);
+  if (!read.ok()) return failed(read.error(), exit_status);
+  shape = read.value();
+  return true;
+}
+
+// ---- reference block ---------------------------------------------------------------------------------------------
+
+bool measure_scan(const CheckOptions& options, BlockResult& out, int& exit_status) {
+  Recipe recipe;
+  if (options.recipe.empty()) {
+    complain("a scan needs --recipe: the block's shape, and what U is computed from");
+    exit_status = kUsage;
+    return false;
+  }
+  if (!recipe_from(options.recipe, recipe)) {
+    exit_status = kBadInput;
+    return false;
+  }
+  const ProgressNote note(stderr, "measuring ...", std::chrono::seconds(1));
+  Pages memory(limits::kScanSlotBytes);
+  const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
+  ScanShape shape;
+  if (!read_scan_file(options.scan, options.unit, xyz, shape, exit_status)) return false;
+  const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
+  algo::BlockInspector inspector(daemon::default_measure_threads());
+  inspector.use(recipe);
+  const algo::Cloud cloud{xyz, shape.points, shape.width, shape.height};
+  const Status status =
+      daemon::measure_block(inspector, *clock, 1, Pose::identity(), nominal_T_block_scanner(), cloud, shape, 0.0);
+  if (!status.ok()) return failed(status.error(), exit_status);
+  out = inspector.result();
+  return true;
+}
+
+/// One station of a slab that the line has inspected: the reference block may stand in the cell as a station.
+bool take_from_slab(const CheckOptions& options, storage::Reader& reader, BlockResult& out, int& exit_status) {
+  std::int64_t key = 0;
+  const auto [end, fault] = std::from_chars(options.slab.data(), options.slab.data() + options.slab.size(), key);
+  if (fault != std::errc() || end != options.slab.data() + options.slab.size()) {
+    const auto found = reader.find(options.slab);
+    if (!found.ok()) return failed(found.error(), exit_status);
+    key = found.value().value_or(0);
+  }
+  const auto slab = reader.slab(key);
+  if (!slab.ok()) return failed(slab.error(), exit_status);
+  const storage::SlabBlock* latest = nullptr;
+  if (slab.value())
+    for (const storage::SlabBlock& block : slab.value()->blocks)
+      if (block.attempt.station == options.station) latest = &block;
+  if (latest == nullptr || latest->phase != StationPhase::measured) {
+    complain(fmt::format("--slab {} --station {}: no such measured station; slabctl history lists the slabs",
+                         options.slab, options.station));
+    exit_status = kBadInput;
+    return false;
+  }
+  out = latest->block;
+  return true;
+}
+
+// ---- monitor ball ------------------------------------------------------------------------------------------------
+
+/// The ball's centre in the base frame, by the hand-eye calibration in force.
+bool find_ball(const std::string& scan, const std::string& unit, const BallOptions& options, const Pose& X, Vec3& out,
+               int& exit_status) {
+  const Result<Pose> T_base_flange = parse_pose(options.flange);
+  if (!T_base_flange.ok()) {
+    complain(fmt::format("--flange: {}", T_base_flange.error().text.view()));
+    exit_status = kUsage;
+    return false;
+  }
+  Pages memory(limits::kScanSlotBytes);
+  const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
+  ScanShape shape;
+  if (!read_scan_file(scan, unit, xyz, shape, exit_status)) return false;
+  calib::BallSettings settings;
+  settings.radius_mm = options.radius_mm;
+  settings.noise_mm = options.noise_mm;
+  const Result<calib::BallView> view = calib::find_balls(xyz.first(3 * shape.points), settings);
+  if (!view.ok()) return failed(view.error(), exit_status);
+  if (!view.value().ok()) {
+    complain(fmt::format("{}: refused ({}): {}\n  what to do: {}", scan, name(view.value().refusal),
+                         view.value().words.reason.view(), view.value().words.cure.view()));
+    exit_status = kRefused;
+    return false;
+  }
+  out = T_base_flange.value() * (X * view.value().balls.front().centre_mm);
+  return true;
+}
+
+bool hand_eye_in_force(storage::Reader* reader, const daemon::Config& config, CalibrationId& id, Pose& X,
+                       int& exit_status) {
+  if (reader != nullptr) {
+    const auto current = reader->current(CalibrationKind::hand_eye);
+    if (!current.ok()) return failed(current.error(), exit_status);
+    if (current.value()) {
+      id.assign(current.value()->id);
+      X = std::get<HandEyeNumbers>(current.value()->numbers).T_flange_scanner;
+      return true;
+    }
+  }
+  id = config.calibration.id;
+  X = config.calibration.T_flange_scanner;
+  if (!id.empty()) return true;
+  complain("no calibration is in force, and the configuration has no commissioning values");
+  exit_status = kRefused;
+  return false;
+}
+
+// ---- telling -----------------------------------------------------------------------------------------------------
+
+void write_check(Json& json, const CalibrationCheck& check) {
+  json.field("kind", name(check.kind)).field("reference_id", check.reference_id.view());
+  json.field("hand_eye_id", check.hand_eye_id.view()).field("passed", check.passed);
+  json.field("slope_deg", deg_from_rad(check.slope_rad)).field("slope_U_deg", deg_from_rad(check.slope_U_rad));
+  json.field("jaw_distance_mm", check.jaw_distance_mm).field("jaw_distance_U_mm", check.jaw_distance_U_mm);
+  json.key("off_mm").row(std::array{check.off_mm.x(), check.off_mm.y(), check.off_mm.z()});
+  write_time(json, "time", check.utime_us);
+  json.field("who", check.who.view()).field("source", check.source.view()).field("note", check.note.view());
+}
+
+std::string due_text(const LineCalibration::Watch& watch, std::int64_t interval_us) {
+  if (watch.reference_id.empty()) return "";
+  const std::int64_t last = std::max(watch.checked_utime_us, watch.since_utime_us);
+  if (interval_us == 0) return "no checks are due ([calibration] check_interval_hours = 0)";
+  return fmt::format("next check due {}{}", iso_time(last + interval_us),
+                     overdue(watch, interval_us, wall_clock_us()) ? ": OVERDUE" : "");
+}
+
+std::string figures_of(const CalibrationCheck& check) {
+  if (check.kind == CalibrationKind::monitor_ball)
+    return fmt::format("off {:+.3f} {:+.3f} {:+.3f} mm", check.off_mm.x(), check.off_mm.y(), check.off_mm.z());
+  return fmt::format("slope {:.4f} deg, jaw distance {:.4f} mm", deg_from_rad(check.slope_rad), check.jaw_distance_mm);
+}
+
+/// The trend, oldest first, so that a drift reads downwards.
+int show_trend(const CheckOptions& options, const daemon::Config& config, storage::Reader* reader) {
+  int exit_status = kDone;
+  std::vector<CalibrationCheck> checks;
+  std::unique_ptr<LineCalibration> line = std::make_unique<LineCalibration>();
+  if (reader != nullptr) {
+    auto read = reader->checks(options.limit);
+    auto in_force = reader->line_calibration();
+    if (!read.ok() || !in_force.ok()) {
+      failed(read.ok() ? in_force.error() : read.error(), exit_status);
+      return exit_status;
+    }
+    checks = std::move(read.value());
+    line = std::move(in_force.value());
+  }
+  if (options.json) {
+    Json json;
+    json.begin_object().field("schema", "slabd.calibration_trend/1");
+    for (const auto& [key, watch] :
+         {std::pair{"reference_block", &line->block}, std::pair{"monitor_ball", &line->ball}}) {
+      json.key(key);
+      if (watch->reference_id.empty()) {
+        json.null();
+        continue;
+      }
+      const std::int64_t last = std::max(watch->checked_utime_us, watch->since_utime_us);
+      json.begin_object().field("id", watch->reference_id.view()).field("failed", watch->failed);
+      write_time(json, "checked", watch->checked_utime_us);
+      write_time(json, "due", config.check_interval_us == 0 ? 0 : last + config.check_interval_us);
+      json.field("overdue", overdue(*watch, config.check_interval_us, wall_clock_us())).end_object();
+    }
+    json.key("checks").begin_array();
+    for (const CalibrationCheck& check : checks) {
+      json.begin_object();
+      write_check(json, check);
+      json.end_object();
+    }
+    json.end_array().end_object();
+    fmt::print("{}", json.text());
+    return kDone;
+  }
+  std::vector<std::vector<std::string>> rows = {{"when<", "what<", "result<", "measured<", "note<"}};
+  for (auto check = checks.rbegin(); check != checks.rend(); ++check)
+    rows.push_back({iso_time(check->utime_us), std::string(name(check->kind)), check->passed ? "passed" : "FAILED",
+                    figures_of(*check), std::string(check->note.view())});
+  if (rows.size() > 1) fmt::print("{}\n", table(rows));
+  if (line->block.reference_id.empty() && line->ball.reference_id.empty())
+    fmt::print("no reference block and no monitor ball is in force: slabctl calibrate reference --help\n");
+  for (const LineCalibration::Watch* watch : {&line->block, &line->ball})
+    if (const std::string due = due_text(*watch, config.check_interval_us); !due.empty())
+      fmt::print("{}: {}\n", watch->reference_id.view(), due);
+  return kDone;
+}
+
+// ---- the commands ------------------------------------------------------------------------------------------------
+
+/// Compares with the artefact in force.
+bool judge(const CheckOptions& options, const daemon::Config& config, storage::Reader& reader, CalibrationCheck& check,
+           int& exit_status) {
+  const CalibrationKind kind = options.ball ? CalibrationKind::monitor_ball : CalibrationKind::reference_block;
+  const auto reference = reader.current(kind);
+  if (!reference.ok()) return failed(reference.error(), exit_status);
+  if (!reference.value()) {
+    complain(fmt::format("no {} is in force to compare with: slabctl calibrate reference", name(kind)));
+    exit_status = kBadInput;
+    return false;
+  }
+  CalibrationId hand_eye_id;
+  Pose X;
+  if (!hand_eye_in_force(&reader, config, hand_eye_id, X, exit_status)) return false;
+  if (options.ball) {
+    const auto& ball = std::get<MonitorBall>(reference.value()->numbers);
+    BallOptions ball_options = options.ball_options;
+    if (!has_value(ball_options.radius_mm)) ball_options.radius_mm = ball.radius_mm;
+    Vec3 centre;
+    if (!find_ball(options.scan, options.unit, ball_options, X, centre, exit_status)) return false;
+    check = calib::check_ball(ball, centre);
+  } else {
+    BlockResult block;
+    const bool measured = options.slab.empty() ? measure_scan(options, block, exit_status)
+                                               : take_from_slab(options, reader, block, exit_status);
+    if (!measured) return false;
+    check = calib::check_block(std::get<ReferenceBlock>(reference.value()->numbers), block, config.check_limits);
+  }
+  check.reference_id.assign(reference.value()->id);
+  check.hand_eye_id = hand_eye_id;
+  check.utime_us = wall_clock_us();
+  check.who.assign(options.who.empty() ? default_operator() : options.who);
+  check.source.assign(options.slab.empty() ? options.scan
+                                           : fmt::format("slab {} station {}", options.slab, options.station));
+  return true;
+}
+
+int check_calibration(const CheckOptions& options) {
+  int exit_status = kDone;
+  daemon::Config config;
+  if (!config_from(options.config, config)) return kBadInput;
+  std::unique_ptr<storage::Reader> reader;
+  if (!open_records(config, reader, exit_status)) return exit_status;
+  if (options.scan.empty() && options.slab.empty()) return show_trend(options, config, reader.get());
+  if (reader == nullptr) {
+    complain("nothing is in force to compare with: slabctl calibrate reference");
+    return kBadInput;
+  }
+  CalibrationCheck check;
+  if (!judge(options, config, *reader, check, exit_status)) return exit_status;
+  reader.reset();
+  const Result<DeskAnswer> kept = change_calibration(config, storage::KeepCheck{check});
+  if (!kept.ok()) {
+    failed(kept.error(), exit_status);
+    return exit_status;
+  }
+  if (options.json) {
+    Json json;
+    json.begin_object().field("schema", "slabd.calibration_check/1");
+    write_check(json, check);
+    json.end_object();
+    fmt::print("{}", json.text());
+  } else {
+    fmt::print("{} against {}: {}\n", check.passed ? "passed" : "FAILED", check.reference_id.view(), figures_of(check));
+  }
+  if (!check.passed)
+    complain(
+        fmt::format("{}; slabs are refused (fault 503) until a check passes. What to do: clean artefact and "
+                    "scanner, let both warm up, check again; if it fails again, calibrate and have the scanner "
+                    "examined",
+                    check.note.view()));
+  return check.passed ? kDone : kRefused;
+}
+
+int take_reference(const ReferenceOptions& options) {
+  int exit_status = kDone;
+  if (options.certificate.empty() == options.ball_scan.empty()) {
+    complain("give either --certificate (reference block) or --ball with --flange and --radius (monitor ball)");
+    return kUsage;
+  }
+  daemon::Config config;
+  if (!config_from(options.record.config, config)) return kBadInput;
+  std::unique_ptr<storage::Reader> reader;
+  if (!open_records(config, reader, exit_status)) return exit_status;
+  storage::CalibrationRecord record;
+  options.record.describe(config, record);
+  if (options.record.valid_days < 0) record.expires_utime_us = 0;  // an artefact's certificate says how long it holds
+  if (!options.certificate.empty()) {
+    const Result<std::string> text = text_file(options.certificate);
+    if (!text.ok()) {
+      failed(text.error(), exit_status);
+      return exit_status;
+    }
+    const auto certificate = calib::parse_reference_certificate(text.value(), options.certificate);
+    if (!certificate.ok()) {
+      failed(certificate.error(), exit_status);
+      return exit_status;
+    }
+    record.numbers = certificate.value().block;
+    record.certificate = text.value();
+  } else {
+    CalibrationId hand_eye_id;
+    Pose X;
+    Vec3 centre;
+    if (!hand_eye_in_force(reader.get(), config, hand_eye_id, X, exit_status) ||
+        !find_ball(options.ball_scan, options.unit, options.ball_options, X, centre, exit_status))
+      return exit_status;
+    record.numbers = MonitorBall{centre, options.ball_options.radius_mm, options.limit_mm};
+    record.observations = fmt::format("scan {}\nT_base_flange {}\nhand-eye {}\n", options.ball_scan,
+                                      options.ball_options.flange, hand_eye_id.view());
+    fmt::print("ball at {:.3f} {:.3f} {:.3f} mm (base frame)\n", centre.x(), centre.y(), centre.z());
+  }
+  if (options.record.dry_run) {
+    fmt::print("{}", kept_text({}, true));
+    return kDone;
+  }
+  reader.reset();
+  const Kept kept = keep_record(config, options.record, record, exit_status);
+  if (kept.ok) fmt::print("{}", kept_text(kept, false));
+  return exit_status;
+}
+
+void add_ball_options(CLI::App& command, BallOptions& ball, std::string& unit) {
+  command.add_option("--flange", ball.flange,
+                     "Where the robot stood: \"x y z qw qx qy qz\" of the flange, as reported");
+  command.add_option("--radius", ball.radius_mm, "Certified radius of the ball, mm")->check(CLI::Range(1.0, 200.0));
+  command.add_option("--noise", ball.noise_mm, "Expected standard deviation of the scanner's points, mm")
+      ->check(CLI::Range(0.001, 1.0))
+      ->capture_default_str();
+  command.add_option("--unit", unit, "Unit of the scan: mm, m or um")
+      ->check(CLI::IsMember({"mm", "m", "um"}))
+      ->capture_default_str();
+}
+
+}  // namespace
+
+void add_calibrate_check(CLI::App& group, int& exit_status) {
+  auto options = std::make_shared<CheckOptions>();
+  CLI::App* command = group.add_subcommand(
+      "check", "The daily check with the reference block or the monitor ball; without a scan: trend and due date");
+  command->footer(
+      "\nA check that fails keeps slabs from beginning (fault 503) until one passes; an overdue one is a warning.\n"
+      "Passed: within sqrt(U^2 + U_certificate^2), and within [calibration] check_slope_limit_deg, "
+      "check_jaw_limit_mm.\n"
+      "Exit status 6: the check failed.\n\n"
+      "Examples: slabctl calibrate check refblock.ply --recipe p5600.toml\n"
+      "          slabctl calibrate check --slab 12 --station 3\n"
+      "          slabctl calibrate check ball.ply --ball --flange \"1500 200 900 0 1 0 0\"\n"
+      "          slabctl calibrate check");
+  command->add_option("SCAN", options->scan, "Scan of the reference block, or of the monitor ball with --ball");
+  command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command->add_option("--recipe", options->recipe, "Recipe with the shape of the reference block");
+  CLI::Option* slab = command->add_option("--slab", options->slab, "Instead of a scan: slab key or id ...");
+  command->add_option("--station", options->station, "... and the station where the reference block stood")
+      ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)))
+      ->needs(slab);
+  command->add_flag("--ball", options->ball, "The scan shows the monitor ball")->excludes(slab);
+  add_ball_options(*command, options->ball_options, options->unit);
+  command->add_option("--operator", options->who, "Who checks (default: your login)");
+  command->add_option("--limit", options->limit, "How many checks of the trend are shown")
+      ->check(CLI::Range(std::size_t{1}, std::size_t{100'000}))
+      ->capture_default_str();
+  command->add_flag("--json", options->json, "Print slabd.calibration_check/1 or slabd.calibration_trend/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = check_calibration(*options); });
+}
+
+void add_calibrate_reference(CLI::App& group, int& exit_status) {
+  auto options = std::make_shared<ReferenceOptions>();
+  CLI::App* command = group.add_subcommand(
+      "reference", "Take a certified reference block, or a ball fixed in the cell, into use for the checks");
+  command->footer(
+      "\nThe certificate's text form: docs/CALIBRATION.md. The monitor ball needs no certified place: where it is "
+      "found\n"
+      "now is what later checks are compared with.\n\n"
+      "Examples: slabctl calibrate reference --certificate refblock.txt --apply --why \"recertified\"\n"
+      "          slabctl calibrate reference --ball ball.ply --flange \"1500 200 900 0 1 0 0\" --radius 19.05 --apply");
+  options->record.add_to(*command);
+  command->add_option("--certificate", options->certificate, "Certificate of the reference block");
+  command->add_option("--ball", options->ball_scan, "Scan of the monitor ball");
+  command->add_option("--ball-limit", options->limit_mm, "The ball may be found this far from its place, mm")
+      ->check(CLI::Range(0.001, 10.0))
+      ->capture_default_str();
+  add_ball_options(*command, options->ball_options, options->unit);
+  command->callback([options, &exit_status] { exit_status = take_reference(*options); });
+}
+
+}  // namespace slabd::cli

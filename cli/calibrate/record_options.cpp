@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/calibrate/record_options.h"
+
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+#include <filesystem>
+
+#include "cli/calibrate/calibration_desk.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+
+namespace slabd::cli {
+
+void RecordOptions::add_to(CLI::App& command) {
+  command.add_option("--config", config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command.add_option("--operator", operator_name, "Who did it (default: your login)");
+  command.add_option("--robot-serial", robot_serial, "Serial number of the robot");
+  command.add_option("--scanner-serial", scanner_serial, "Serial number of the scanner");
+  command.add_option("--temperature", temperature_c, "Of the hall, deg C")->check(CLI::Range(-20.0, 60.0));
+  command
+      .add_option("--valid-days", valid_days,
+                  "How long it may be used, 0 = for ever (default: [calibration] valid_days)")
+      ->check(CLI::Range(0, 36'500));
+  CLI::Option* apply_flag = command.add_flag("--apply", apply, "Put it in force at once");
+  command.add_option("--why", why, "Why it is put in force, for the history")->needs(apply_flag);
+  command.add_flag("--dry-run", dry_run, "Only compute and show: nothing is kept")->excludes(apply_flag);
+}
+
+void RecordOptions::describe(const daemon::Config& config_in, storage::CalibrationRecord& record) const {
+  record.operator_name = operator_name.empty() ? default_operator() : operator_name;
+  record.robot_serial = robot_serial;
+  record.scanner_serial = scanner_serial;
+  record.temperature_c = temperature_c;
+  record.software = daemon::software_version().view();
+  record.created_utime_us = wall_clock_us();
+  const int days = valid_days >= 0 ? valid_days : config_in.calibration_valid_days;
+  record.expires_utime_us = days == 0 ? 0 : record.created_utime_us + std::int64_t{days} * 86'400 * 1'000'000;
+}
+
+Kept keep_record(const daemon::Config& config, const RecordOptions& options, const storage::CalibrationRecord& record,
+                 int& exit_status) {
+  Kept kept;
+  const Result<DeskAnswer> done = change_calibration(config, storage::KeepCalibration{record});
+  if (!done.ok()) {
+    complain(fmt::format("{}", done.error().text.view()));
+    exit_status = exit_for(done.error().code);
+    return kept;
+  }
+  kept.id = done.value().id;
+  kept.ok = true;
+  if (!options.apply) return kept;
+  const std::string why = options.why.empty() ? "newly measured" : options.why;
+  const Result<DeskAnswer> applied =
+      change_calibration(config, storage::ApplyCalibration{kept.id, {record.operator_name, why, wall_clock_us()}});
+  if (!applied.ok()) {
+    complain(fmt::format("{} is kept but not in force: {}", kept.id, applied.error().text.view()));
+    exit_status = applied.error().code == Code::config ? static_cast<int>(kRefused) : exit_for(applied.error().code);
+    kept.ok = false;
+    return kept;
+  }
+  kept.applied = true;
+  kept.after_slab = applied.value().after_slab;
+  return kept;
+}
+
+std::string kept_text(const Kept& kept, bool dry_run) {
+  if (dry_run) return "nothing was kept (--dry-run)\n";
+  if (kept.applied)
+    return fmt::format("{} is in force{}\n", kept.id, kept.after_slab ? " from the next slab on; one is open now" : "");
+  return fmt::format("kept as {}; put it in force with: slabctl calibrate apply {} --why \"...\"\n", kept.id, kept.id);
+}
+
+bool open_records(const daemon::Config& config, std::unique_ptr<storage::Reader>& reader, int& exit_status) {
+  std::error_code ec;
+  if (!std::filesystem::exists(config.storage.db_path, ec)) return true;
+  auto opened = storage::open_reader(config.storage.db_path);
+  if (opened.ok()) {
+    reader = std::move(opened.value());
+    return true;
+  }
+  complain(fmt::format("{}", opened.error().text.view()));
+  exit_status = kNotReachable;
+  return false;
+}
+
+}  // namespace slabd::cli

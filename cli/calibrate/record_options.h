@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "daemon/daemon.h"
+#include "storage/storage.h"
+
+namespace CLI {
+class App;
+}
+
+/// What every calibration record says about where it comes from, and how a command keeps and applies one.
+namespace slabd::cli {
+
+struct RecordOptions {
+  std::string config;
+  std::string operator_name;
+  std::string robot_serial;
+  std::string scanner_serial;
+  double temperature_c = kNoValue;
+  int valid_days = -1;  ///< -1: the configuration's
+  std::string why;      ///< of applying it
+  bool apply = false;
+  bool dry_run = false;
+
+  void add_to(CLI::App& command);
+  /// Fills operator, serials, temperature, software, times.
+  void describe(const daemon::Config& config_in, storage::CalibrationRecord& record) const;
+};
+
+struct Kept {
+  bool ok = false;
+  std::string id;
+  bool applied = false;
+  bool after_slab = false;
+};
+/// Keeps the record and, when asked to, puts it in force. On failure the sentence is printed and `exit_status` set.
+[[nodiscard]] Kept keep_record(const daemon::Config& config, const RecordOptions& options,
+                               const storage::CalibrationRecord& record, int& exit_status);
+/// "kept as st-...; apply it with ...", for people.
+[[nodiscard]] std::string kept_text(const Kept& kept, bool dry_run);
+
+/// The database, read-only; a fresh installation has none yet, which is no error here. False: printed.
+[[nodiscard]] bool open_records(const daemon::Config& config, std::unique_ptr<storage::Reader>& reader,
+                                int& exit_status);
+
+}  // namespace slabd::cli

@@ -1,0 +1,310 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl calibrate stations: a mastered slab that the line has inspected several times, or reference balls at the
+// stations, become corrections of the robot. The visits are what the normal inspection measured and the database holds,
+// so mastering needs no mode of its own: let the robot go round five times, then solve.
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+#include <charconv>
+#include <memory>
+#include <vector>
+
+#include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/record_options.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/render.h"
+
+namespace slabd::cli {
+namespace {
+
+struct Options {
+  RecordOptions record;
+  std::string certificate;
+  std::vector<std::string> slabs;
+  std::vector<std::string> visits;
+  bool again = false;
+  std::uint16_t slab_type = 0;
+  calib::StationSettings settings;
+  bool json = false;
+};
+
+/// Everything a solution is made from.
+struct Work {
+  calib::MasterCertificate certificate;
+  std::string certificate_text;
+  std::vector<calib::StationVisit> visits;
+  storage::CalibrationRecord hand_eye;
+};
+
+bool complained(const Error& why, int& exit_status) {
+  complain(fmt::format("{}", why.text.view()));
+  exit_status = exit_for(why.code);
+  return false;
+}
+
+/// Key or SLAB_ID.
+bool find_slab(storage::Reader& reader, const std::string& name, storage::SlabRecord& out, int& exit_status) {
+  std::int64_t key = 0;
+  const auto [end, fault] = std::from_chars(name.data(), name.data() + name.size(), key);
+  if (fault != std::errc() || end != name.data() + name.size()) {
+    const auto found = reader.find(name);
+    if (!found.ok()) return complained(found.error(), exit_status);
+    key = found.value().value_or(0);
+  }
+  auto record = reader.slab(key);
+  if (!record.ok()) return complained(record.error(), exit_status);
+  if (!record.value()) {
+    complain(fmt::format("--slabs {}: no such slab; slabctl history lists them", name));
+    exit_status = kBadInput;
+    return false;
+  }
+  out = std::move(*record.value());
+  return true;
+}
+
+bool add_slab(storage::Reader& reader, const std::string& name, Work& work, int& exit_status) {
+  storage::SlabRecord slab;
+  if (!find_slab(reader, name, slab, exit_status)) return false;
+  const SlabHeader& header = slab.summary.header;
+  if (header.slab_type != work.certificate.slab_type) {
+    complain(fmt::format("--slabs {}: it is of slab type {}, the certificate is of {}", name, header.slab_type,
+                         work.certificate.slab_type));
+    exit_status = kBadInput;
+    return false;
+  }
+  const std::string round = fmt::format("slab {}", header.key);
+  for (const calib::MasterStation& s : work.certificate.stations) {
+    const storage::SlabBlock* latest = nullptr;
+    for (const storage::SlabBlock& block : slab.blocks)
+      if (block.attempt.station == s.station) latest = &block;  // by station and number: the last one is valid
+    if (latest == nullptr || latest->phase != StationPhase::measured) continue;
+    if (const auto visit = calib::seat_visit(latest->block, latest->attempt.T_base_flange, round))
+      work.visits.push_back(*visit);
+  }
+  return true;
+}
+
+bool add_file(const std::string& path, Work& work, int& exit_status) {
+  const Result<std::string> text = text_file(path);
+  if (!text.ok()) return complained(text.error(), exit_status);
+  Result<std::vector<calib::StationVisit>> visits = calib::parse_visits(text.value(), path);
+  if (!visits.ok()) return complained(visits.error(), exit_status);
+  for (calib::StationVisit& visit : visits.value()) work.visits.push_back(std::move(visit));
+  return true;
+}
+
+bool read_certificate(const std::string& text, const std::string& name, Work& work, int& exit_status) {
+  Result<calib::MasterCertificate> certificate = calib::parse_master_certificate(text, name);
+  if (!certificate.ok()) return complained(certificate.error(), exit_status);
+  work.certificate = std::move(certificate.value());
+  work.certificate_text = text;
+  return true;
+}
+
+/// Corrections are corrections of a hand-eye calibration: without one in force there is nothing to correct.
+bool find_hand_eye(storage::Reader* reader, Work& work, int& exit_status) {
+  if (reader != nullptr) {
+    auto current = reader->current(CalibrationKind::hand_eye);
+    if (!current.ok()) return complained(current.error(), exit_status);
+    if (current.value()) {
+      work.hand_eye = std::move(*current.value());
+      return true;
+    }
+  }
+  complain(
+      "no hand-eye calibration is in force, and station corrections hold for one only: calibrate, then slabctl "
+      "calibrate apply");
+  exit_status = kRefused;
+  return false;
+}
+
+/// The table in force again, with the hand-eye calibration that is in force by now.
+bool take_again(const Options& options, storage::Reader* reader, Work& work, int& exit_status) {
+  std::uint16_t slab_type = options.slab_type;
+  std::optional<storage::CalibrationRecord> record;
+  if (reader != nullptr) {
+    if (slab_type == 0) {
+      const auto line = reader->line_calibration();
+      if (!line.ok()) return complained(line.error(), exit_status);
+      if (line.value()->tables.size() > 1) {
+        complain("--again: several slab types have corrections; say which with --slab-type");
+        exit_status = kUsage;
+        return false;
+      }
+      if (!line.value()->tables.empty()) slab_type = line.value()->tables[0].table.slab_type;
+    }
+    auto current = reader->current(CalibrationKind::stations, slab_type);
+    if (!current.ok()) return complained(current.error(), exit_status);
+    record = std::move(current.value());
+  }
+  if (!record) {
+    complain("--again: no station corrections are in force; master the stations first (--certificate and --slabs)");
+    exit_status = kBadInput;
+    return false;
+  }
+  if (!read_certificate(record->certificate, record->id + ", certificate", work, exit_status)) return false;
+  Result<std::vector<calib::StationVisit>> visits = calib::parse_visits(record->observations, record->id + ", visits");
+  if (!visits.ok()) return complained(visits.error(), exit_status);
+  work.visits = std::move(visits.value());
+  return true;
+}
+
+bool gather(const Options& options, storage::Reader* reader, Work& work, int& exit_status) {
+  if (!find_hand_eye(reader, work, exit_status)) return false;
+  if (options.again) return take_again(options, reader, work, exit_status);
+  const Result<std::string> text = text_file(options.certificate);
+  if (!text.ok()) return complained(text.error(), exit_status);
+  if (!read_certificate(text.value(), options.certificate, work, exit_status)) return false;
+  for (const std::string& slab : options.slabs)
+    if (!add_slab(*reader, slab, work, exit_status)) return false;
+  for (const std::string& path : options.visits)
+    if (!add_file(path, work, exit_status)) return false;
+  return true;
+}
+
+std::string as_json(const Work& work, const calib::StationsSolution& s, const Kept& kept) {
+  Json json;
+  json.begin_object().field("schema", "slabd.station_calibration/1").field("status", s.ok ? "ok" : "refused");
+  json.key("id");
+  if (kept.id.empty()) {
+    json.null();
+  } else {
+    json.value(std::string_view(kept.id));
+  }
+  json.field("applied", kept.applied).field("hand_eye_id", std::string_view(work.hand_eye.id));
+  json.field("certificate", std::string_view(work.certificate.id)).field("slab_type", work.certificate.slab_type);
+  json.field("visits", work.visits.size());
+  json.field("before_rms_mm", s.before_rms_mm).field("after_rms_mm", s.after_rms_mm);
+  json.field("pooled_sigma_mm", s.pooled_sigma_mm).field("pooled_sigma_deg", deg_from_rad(s.pooled_sigma_rad));
+  json.field("degrees_of_freedom", s.degrees_of_freedom);
+  json.key("stations").begin_array();
+  for (const calib::StationSolution& one : s.stations) {
+    json.begin_object().field("station", one.station).field("visits", unsigned{one.numbers.visits});
+    json.key("shift_mm").row(std::array{one.shift_mm.x(), one.shift_mm.y(), one.shift_mm.z()});
+    json.field("turn_deg", deg_from_rad(one.turn_rad)).field("spread_mm", one.numbers.spread_mm);
+    json.field("spread_deg", deg_from_rad(one.spread_rad)).field("sigma_mm", one.numbers.sigma_mm);
+    json.field("sigma_deg", deg_from_rad(one.numbers.sigma_rad)).field("shape_mm", one.shape_mm);
+    json.field("worst_round", std::string_view(one.worst_round)).field("worst_mm", one.worst_mm).end_object();
+  }
+  json.end_array();
+  json.key("reasons").begin_array();
+  for (const calib::StationReason& reason : s.reasons) {
+    json.begin_object().field("code", name(reason.code)).field("station", reason.station);
+    json.field("text", std::string_view(reason.text)).field("cure", std::string_view(reason.cure)).end_object();
+  }
+  json.end_array().end_object();
+  return json.text();
+}
+
+void print_solution(const Work& work, const calib::StationsSolution& s) {
+  fmt::print("certificate {} of slab type {}, {} visits, hand-eye {}\n\n", work.certificate.id,
+             work.certificate.slab_type, work.visits.size(), work.hand_eye.id);
+  if (!s.stations.empty()) {
+    std::vector<std::vector<std::string>> rows = {
+        {"station", "visits", "moves seat by (mm)", "turns (deg)", "spread (mm)", "sigma of a visit (mm, deg)"}};
+    for (const calib::StationSolution& one : s.stations)
+      rows.push_back({std::to_string(one.station), std::to_string(one.numbers.visits),
+                      fmt::format("{:+.3f} {:+.3f} {:+.3f}", one.shift_mm.x(), one.shift_mm.y(), one.shift_mm.z()),
+                      fmt::format("{:.4f}", deg_from_rad(one.turn_rad)), fmt::format("{:.4f}", one.numbers.spread_mm),
+                      fmt::format("{:.4f} {:.5f}", one.numbers.sigma_mm, deg_from_rad(one.numbers.sigma_rad))});
+    fmt::print("{}\n", table(rows));
+  }
+  if (has_value(s.after_rms_mm))
+    fmt::print(
+        "seats against the certificate, rms in space: {:.3f} mm by hand-eye alone, {:.3f} mm corrected\n"
+        "one visit repeats to {:.4f} mm and {:.5f} deg per axis (k = 1, {} degrees of freedom)\n",
+        s.before_rms_mm, s.after_rms_mm, s.pooled_sigma_mm, deg_from_rad(s.pooled_sigma_rad), s.degrees_of_freedom);
+}
+
+void print_reasons(const calib::StationsSolution& s) {
+  for (const calib::StationReason& reason : s.reasons)
+    complain(fmt::format("refused ({}): {}\n  what to do: {}", name(reason.code), reason.text, reason.cure));
+}
+
+int calibrate_stations(const Options& options) {
+  const bool sources = !options.certificate.empty() && !(options.slabs.empty() && options.visits.empty());
+  if (!options.again && !sources) {
+    complain("give --certificate with --slabs or --visits, or --again to solve the visits in force once more");
+    return kUsage;
+  }
+  int exit_status = kDone;
+  daemon::Config config;
+  if (!config_from(options.record.config, config)) return kBadInput;
+  std::unique_ptr<storage::Reader> reader;
+  if (!open_records(config, reader, exit_status)) return exit_status;
+  Work work;
+  if (!gather(options, reader.get(), work, exit_status)) return exit_status;
+  calib::StationSettings settings = options.settings;
+  settings.gate_mm = config.splice.gate_mm;
+  settings.gate_rad = config.splice.gate_rad;
+  const auto& X = std::get<HandEyeNumbers>(work.hand_eye.numbers).T_flange_scanner;
+  Result<calib::StationsSolution> solved = calib::solve_stations(work.certificate, work.visits, X, settings);
+  if (!solved.ok()) {
+    complained(solved.error(), exit_status);
+    return exit_status;
+  }
+  const calib::StationsSolution& s = solved.value();
+  Kept kept;
+  if (!options.json) print_solution(work, s);
+  if (!s.ok) {
+    if (options.json) fmt::print("{}", as_json(work, s, kept));
+    print_reasons(s);
+    return kRefused;
+  }
+  if (!options.record.dry_run) {
+    storage::CalibrationRecord record;
+    options.record.describe(config, record);
+    record.numbers = s.table;
+    record.parent_id = work.hand_eye.id;
+    record.certificate = work.certificate_text;
+    record.observations = calib::visits_text(work.visits);
+    record.figures = as_json(work, s, kept);
+    reader.reset();
+    kept = keep_record(config, options.record, record, exit_status);
+  }
+  if (options.json) {
+    fmt::print("{}", as_json(work, s, kept));
+  } else if (kept.ok || options.record.dry_run) {
+    fmt::print("{}", kept_text(kept, options.record.dry_run));
+  }
+  return exit_status;
+}
+
+}  // namespace
+
+void add_calibrate_stations(CLI::App& group, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = group.add_subcommand(
+      "stations", "Correct the robot station by station from a mastered slab or reference balls, five visits each");
+  command->footer(
+      "\nLay the mastered slab into the cell and have the line inspect it five times without touching it; then give "
+      "the\n"
+      "five slabs here. What is left after the correction is the robot's repeatability: sigma sqrt(1 + 1/visits).\n"
+      "A new hand-eye calibration makes the corrections stale; --again solves the same visits with it.\n"
+      "Certificate and visits as text: docs/CALIBRATION.md.\n\n"
+      "Exit status 6: refused, nothing is kept; every reason says what to do.\n"
+      "Example: slabctl calibrate stations --certificate master.txt --slabs 12 13 14 15 16 --apply --why \"new "
+      "robot\"");
+  options->record.add_to(*command);
+  command->add_option("--certificate", options->certificate, "Certificate of the mastered slab or of the balls");
+  command->add_option("--slabs", options->slabs, "Inspections of the mastered slab: keys or slab ids")
+      ->delimiter(',')
+      ->expected(1, 1000);
+  command->add_option("--visits", options->visits, "Files with visits, instead of or beside slabs")->expected(1, 1000);
+  command->add_flag("--again", options->again, "Solve the visits in force with the hand-eye calibration in force now");
+  command->add_option("--slab-type", options->slab_type, "With --again, when several types have corrections");
+  command
+      ->add_option("--spread-limit", options->settings.spread_max_mm,
+                   "A station's visits may scatter by this, mm per axis")
+      ->check(CLI::Range(0.001, 5.0))
+      ->capture_default_str();
+  command->add_option("--shift-limit", options->settings.shift_max_mm, "A correction may move a seat by this, mm")
+      ->check(CLI::Range(0.1, 100.0))
+      ->capture_default_str();
+  command->add_flag("--json", options->json, "Print slabd.station_calibration/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = calibrate_stations(*options); });
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "base/result.h"
+
+/// Talking to the running daemon over its control socket: one JSON line each way.
+namespace slabd::cli {
+
+/// Sends one line (with its newline) and returns the answer's line. scanner_offline: nobody listens at `path`, or
+/// nobody answers within 3 s; the text says what to look at.
+[[nodiscard]] Result<std::string> ask_daemon(const std::string& path, std::string_view line);
+
+/// Does somebody listen at `path`?
+[[nodiscard]] bool daemon_listens(const std::string& path);
+
+}  // namespace slabd::cli

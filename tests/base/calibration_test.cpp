@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "base/calibration.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace slabd {
+namespace {
+
+constexpr std::int64_t kNow = 1'000'000;
+
+LineCalibration applied() {
+  LineCalibration c;
+  c.source = LineCalibration::Source::applied;
+  c.id = "he-1";
+  c.hand_eye.sigma_mm = 0.02;
+  c.hand_eye.sigma_rad = 1e-5;
+  StationsInForce table;
+  table.id = "st-1";
+  table.hand_eye_id = "he-1";
+  table.table.slab_type = 5600;
+  StationCorrection& s = table.table.station[2];
+  s.visits = 5;
+  s.T_base_reported.translation_mm = Vec3(0.7, 0.0, -0.3);
+  s.T_base_flange.translation_mm = Vec3(1000.0, 0.0, 900.0);
+  s.sigma_mm = 0.02;
+  s.sigma_rad = 1e-5;
+  EXPECT_TRUE(c.tables.push(table));
+  return c;
+}
+
+SpliceSettings robot() {
+  SpliceSettings s;
+  s.absolute_mm = 0.7;
+  s.absolute_rad = 5e-4;
+  s.repeatability_mm = 0.017;
+  s.commissioning_mm = 0.03;
+  s.commissioning_rad = 2e-5;
+  return s;
+}
+
+Pose at(double x_mm, double turn_rad = 0.0) {
+  Pose pose;
+  pose.translation_mm = Vec3(x_mm, 0.0, 900.0);
+  pose.rotation = rotation_from_kuka_abc(turn_rad, 0.0, 0.0);
+  return pose;
+}
+
+Splice splice(const LineCalibration& c, const Pose& T_base_flange, int station = 3, std::uint16_t slab_type = 5600) {
+  return splice_for(c, robot(), slab_type, station, T_base_flange, 700.0, kNow);
+}
+
+TEST(Splice, near_the_mastered_pose_is_corrected_with_what_the_visits_are_worth) {
+  const Splice s = splice(applied(), at(1000.5));
+  EXPECT_EQ(s.source, SpliceSource::corrected);
+  EXPECT_EQ(s.T_base_reported.translation_mm, Vec3(0.7, 0.0, -0.3));
+  EXPECT_DOUBLE_EQ(s.off_mm, 0.5);
+  EXPECT_DOUBLE_EQ(std::hypot(s.robot_mm, s.calibration_mm), 0.02 * std::sqrt(1.0 + 1.0 / 5.0));
+}
+
+TEST(Splice, away_from_the_mastered_pose_is_hand_eye_alone_with_the_robots_absolute_accuracy) {
+  for (const Pose& pose : {at(1001.5), at(1000.0, rad_from_deg(0.06))}) {
+    const Splice s = splice(applied(), pose);
+    EXPECT_EQ(s.source, SpliceSource::outside_gate);
+    EXPECT_EQ(s.T_base_reported.translation_mm, Vec3::Zero());
+    EXPECT_TRUE(has_value(s.off_mm)) << "the distance is told";
+    EXPECT_DOUBLE_EQ(s.robot_mm, std::hypot(0.7, 5e-4 * 700.0)) << "a turned flange shifts the block by its lever";
+    EXPECT_GE(s.calibration_mm, 0.02);
+  }
+}
+
+TEST(Splice, corrections_of_another_hand_eye_are_stale) {
+  LineCalibration c = applied();
+  c.id = "he-2";
+  EXPECT_EQ(splice(c, at(1000.0)).source, SpliceSource::stale);
+}
+
+TEST(Splice, corrections_expire) {
+  LineCalibration c = applied();
+  c.tables[0].expires_utime_us = kNow;
+  EXPECT_EQ(splice(c, at(1000.0)).source, SpliceSource::expired);
+  c.tables[0].expires_utime_us = kNow + 1;
+  EXPECT_EQ(splice(c, at(1000.0)).source, SpliceSource::corrected);
+}
+
+TEST(Splice, other_stations_and_slab_types_were_not_mastered) {
+  EXPECT_EQ(splice(applied(), at(1000.0), 4).source, SpliceSource::not_mastered);
+  EXPECT_EQ(splice(applied(), at(1000.0), 3, 4925).source, SpliceSource::not_mastered);
+}
+
+TEST(Splice, of_a_robot_nobody_described_is_of_unknown_accuracy) {
+  SpliceSettings silent;
+  const Splice s = splice_for(applied(), silent, 5600, 4, at(1000.0), 700.0, kNow);
+  EXPECT_TRUE(std::isnan(s.robot_mm)) << "items of the slab frame are then indeterminate";
+}
+
+TEST(Splice, commissioning_values_keep_their_own_word) {
+  LineCalibration c;
+  c.source = LineCalibration::Source::commissioning;
+  const Splice s = splice(c, at(1000.0));
+  EXPECT_EQ(s.source, SpliceSource::commissioning);
+  EXPECT_EQ(s.calibration_mm, 0.03);
+  EXPECT_EQ(s.robot_mm, 0.017);
+}
+
+TEST(Splice, zeroed_memory_knows_nothing) {
+  const Splice s = splice(LineCalibration{}, at(1000.0));
+  EXPECT_EQ(s.source, SpliceSource::none);
+  EXPECT_TRUE(std::isnan(s.calibration_mm));
+}
+
+TEST(CalibrationFault, missing_expired_and_failed_checks_keep_slabs_from_beginning) {
+  EXPECT_EQ(fault_of(LineCalibration{}, kNow), CalibrationFault::missing);
+  LineCalibration c = applied();
+  EXPECT_EQ(fault_of(c, kNow), CalibrationFault::none);
+  c.expires_utime_us = kNow;
+  EXPECT_EQ(fault_of(c, kNow), CalibrationFault::expired);
+  EXPECT_EQ(fault_of(c, kNow - 1), CalibrationFault::none);
+  c.expires_utime_us = 0;
+  c.ball.failed = true;
+  EXPECT_EQ(fault_of(c, kNow), CalibrationFault::check_failed);
+  for (const auto fault : {CalibrationFault::missing, CalibrationFault::expired, CalibrationFault::check_failed})
+    EXPECT_NE(describe(fault, c).view().find("slabctl calibrate"), std::string_view::npos) << "the cure is named";
+}
+
+TEST(CheckDue, counts_from_the_last_check_or_from_taking_the_artefact_into_use) {
+  LineCalibration::Watch watch;
+  EXPECT_FALSE(overdue(watch, 100, kNow)) << "no artefact, nothing due";
+  watch.reference_id = "rb-1";
+  watch.since_utime_us = 1'000;
+  EXPECT_FALSE(overdue(watch, 100, 1'100));
+  EXPECT_TRUE(overdue(watch, 100, 1'101));
+  watch.checked_utime_us = 1'050;
+  EXPECT_FALSE(overdue(watch, 100, 1'150));
+  EXPECT_TRUE(overdue(watch, 100, 1'151));
+  EXPECT_FALSE(overdue(watch, 0, kNow)) << "interval 0: never";
+}
+
+TEST(CalibrationKind, has_a_word_that_comes_back) {
+  for (std::size_t i = 0; i < kCalibrationKinds; ++i) {
+    const auto kind = static_cast<CalibrationKind>(i);
+    EXPECT_EQ(calibration_kind_named(name(kind)), kind);
+  }
+  EXPECT_FALSE(calibration_kind_named("hand-eye").has_value());
+}
+
+}  // namespace
+}  // namespace slabd
