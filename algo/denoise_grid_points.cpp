@@ -209,7 +209,9 @@ class PointJudge {
       if (!calm)
         for (int r = 0; r < kRows; ++r)
           open.set(r, (region.finite[static_cast<std::size_t>(r + kReach)] >> kMargin) & 0xFFFFU);
-      const bool reigns = !std::isnan(own[0].z) && std::isnan(own[1].z) && kReignShare * off <= open.count();
+      // Nothing reigns where the tile's plane is no surface: the first plane gathered is then another tile's.
+      const bool reigns = !std::isnan(own[0].z) && std::isnan(own[1].z) && !work_.too_steep(own[0]) &&
+                          kReignShare * off <= open.count();
       std::array<TilePlane, kCandidates> planes;
       const std::size_t n = gather_planes(tc, tr, planes);
       for (std::size_t i = calm ? 1 : 0; i < n; ++i)
