@@ -181,8 +181,9 @@ class PointJudge {
     for (int r = std::max(0, tr - 1); r <= std::min(grid_.tile_rows - 1, tr + 1); ++r) {
       for (int c = std::max(0, tc - 1); c <= std::min(grid_.tile_columns - 1, tc + 1); ++c) {
         for (int i = 0; i < 2; ++i) {
+          // A plane through absurd heights is NaN once it is moved; the tile's other one is asked all the same.
+          if (std::isnan(work_.planes(c, r)[i].z)) break;
           const TilePlane plane = moved(work_.planes(c, r)[i], tc - c, tr - r);
-          if (std::isnan(plane.z)) break;
           if (apart_mm(plane, own) <= kAlikeLevel_mm) continue;
           const float gate = 1.05F * gate_of(plane);
           bool near = false;
