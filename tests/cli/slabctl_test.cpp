@@ -182,7 +182,8 @@ TEST_F(Slabctl, checks_give_their_findings_as_json) {
   EXPECT_EQ(json::parse(no_recipes.out)["ok"], false);
   const Ended no_poses = run("config check --json " + write("bad.toml", recipes));
   EXPECT_EQ(no_poses.status, 3);
-  EXPECT_EQ(json::parse(no_poses.out)["problems"].size(), 2U);
+  // The scanner's place may come from an applied calibration instead; the slab's comes from here alone.
+  EXPECT_EQ(json::parse(no_poses.out)["problems"].size(), 1U);
 }
 
 TEST_F(Slabctl, simulated_scan_is_measured_as_planted) {
