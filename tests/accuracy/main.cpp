@@ -33,7 +33,8 @@ constexpr std::array kStudies = {
     Study{"correlated", correlated_study, "the same with noise correlated over 1 mm: does U still cover?"},
     Study{"slab", slab_study, "whole slabs with robot repeatability: slab items, planted defects"},
     Study{"ball", ball_study, "a tooling ball: scatter of its centre, truth of its covariance"},
-    Study{"stations", stations_study, "a robot that is off: station corrections, seats with and without, coverage of U"},
+    Study{"stations", stations_study,
+          "a robot that is off: station corrections, seats with and without, coverage of U"},
     Study{"coverage", coverage_study, "slabs at the level of features: U covers, and is no larger than needed"},
     Study{"handeye", handeye_study, "hand-eye calibration: error against the floor, prediction, refusals"},
 };
