@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "algo/face_points.h"
 
+#include "algo/plane_zone.h"
+
 namespace slabd::algo {
 namespace {
 

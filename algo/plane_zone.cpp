@@ -127,6 +127,31 @@ bool SortZone(std::span<const SeatPoints> runs, const Tilt& tilt, float inner_mm
   return fits;
 }
 
+TiltedSums SumsWithin(const SeatPoints& run, const Tilt& tilt, float within_mm) {
+  const F16 a0 = f16(tilt.a0);
+  const F16 a1 = f16(tilt.a1);
+  const F16 a2 = f16(tilt.a2);
+  ZoneSums sums;
+  int since_flush = 0;
+  const auto take = [&](const M16& there, const F16& u, const F16& v, const F16& h) {
+    sums.add(there & (abs(h - a0 - a1 * u - a2 * v) <= f16(within_mm)), u, v, h);
+  };
+  for (std::size_t i = 0; i < run.size(); i += kLanes) {
+    if (i + kLanes <= run.size()) {
+      const F16 u = load(&run.x[i]);
+      take(u == u, u, load(&run.s[i]), load(&run.h[i]));
+    } else {
+      const LastSixteen last(run, i);
+      take(lanes_of((1U << (run.size() - i)) - 1U), load(last.u.data()), load(last.v.data()), load(last.h.data()));
+    }
+    if (++since_flush == kFlush) {
+      sums.flush();
+      since_flush = 0;
+    }
+  }
+  return sums.close();
+}
+
 }  // namespace
 }  // namespace HWY_NAMESPACE
 }  // namespace slabd::algo
@@ -138,6 +163,7 @@ HWY_AFTER_NAMESPACE();
 
 namespace slabd::algo {
 HWY_EXPORT(SortZone);
+HWY_EXPORT(SumsWithin);
 namespace {
 
 /// Half of the zone in which points are kept, as a part of the threshold: a quarter of the noise.
@@ -148,6 +174,12 @@ constexpr double kRounding_mm = 1e-5;
 constexpr double kThresholdMin_mm = 1e-3;
 
 }  // namespace
+
+TiltedSums tilted_sums(std::span<const SeatPoints> runs, const Tilt& tilt, float within_mm) {
+  TiltedSums sums;
+  for (const SeatPoints& run : runs) sums += HWY_DYNAMIC_DISPATCH(SumsWithin)(run, tilt, within_mm);
+  return sums;
+}
 
 bool ZonedPoints::sort(const ListedPoints& points, const FlatPlane& plane, double threshold) {
   const LocalPlane local(points.frame, plane);

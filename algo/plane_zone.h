@@ -10,6 +10,10 @@
 /// The refits of a plane fit on listed points, without going over all of them each time.
 namespace slabd::algo {
 
+/// Sums over the points of `runs` that are at most `within_mm` (along h) from `tilt`. They are of h itself, so that the
+/// same selection gives the same bits whatever `tilt` selected it.
+[[nodiscard]] TiltedSums tilted_sums(std::span<const SeatPoints> runs, const Tilt& tilt, float within_mm);
+
 /// Listed points, sorted by what any plane close to `tilt` makes of them: within the threshold (summed up), near where
 /// the threshold cuts (kept one by one), beyond (forgotten). So such a plane finds exactly the points within its
 /// threshold, from the few that are kept.

@@ -579,49 +579,6 @@ void survey_lanes(const float* xyz, std::size_t count, std::size_t stride, const
   surveyor.close();
 }
 
-TiltedSums tilted_sums_lanes(const SeatPoints* runs, std::size_t count, const Tilt& tilt, float within_mm) {
-  TiltedSums out;
-  const F16 limit = f16(within_mm);
-  const SeatPoints* const end = runs + count;
-  for (const SeatPoints* run = runs; run < end; ++run) {
-    TiltedLanes lanes;
-    TiltedTotals totals;
-    lanes.clear();
-    totals.clear();
-    int since_flush = 0;
-    const std::size_t size = run->size();
-    for (std::size_t i = 0; i < size; i += kLanes) {
-      F16 u, v, h;
-      M16 there;
-      if (i + kLanes <= size) {
-        u = load(run->x.data() + i);
-        v = load(run->s.data() + i);
-        h = load(run->h.data() + i);
-        there = u == u;
-      } else {
-        alignas(64) std::array<float, kLanes> rest[3] = {};
-        for (std::size_t k = 0; k < size - i; ++k) {
-          rest[0][k] = run->x[i + k];
-          rest[1][k] = run->s[i + k];
-          rest[2][k] = run->h[i + k];
-        }
-        u = load(rest[0].data());
-        v = load(rest[1].data());
-        h = load(rest[2].data());
-        there = lanes_of((1U << (size - i)) - 1U);
-      }
-      lanes.add(there & (abs(above(tilt, u, v, h)) <= limit), u, v, h);
-      if (++since_flush == kFlush) {
-        totals.take(lanes);
-        since_flush = 0;
-      }
-    }
-    totals.take(lanes);
-    totals.close(out);
-  }
-  return out;
-}
-
 }  // namespace HWY_NAMESPACE
 }  // namespace slabd::algo
 HWY_AFTER_NAMESPACE();
@@ -630,14 +587,10 @@ HWY_AFTER_NAMESPACE();
 
 namespace slabd::algo {
 HWY_EXPORT(survey_lanes);
-HWY_EXPORT(tilted_sums_lanes);
 
 void survey_points(const float* xyz, std::size_t count, std::size_t stride, const SurveyTask& task, PointPool& pool,
                    const MapSums& map, SurveySums& sums) {
   HWY_DYNAMIC_DISPATCH(survey_lanes)(xyz, count, stride, task, pool, map, sums);
-}
-TiltedSums tilted_sums(std::span<const SeatPoints> runs, const Tilt& tilt, float within_mm) {
-  return HWY_DYNAMIC_DISPATCH(tilted_sums_lanes)(runs.data(), runs.size(), tilt, within_mm);
 }
 
 }  // namespace slabd::algo

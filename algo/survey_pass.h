@@ -150,8 +150,4 @@ static_assert(sizeof(SurveySums) <= 640 && sizeof(SeatPoints) == 48, "limits::kW
 void survey_points(const float* xyz, std::size_t count, std::size_t stride, const SurveyTask& task, PointPool& pool,
                    const MapSums& map, SurveySums& sums);
 
-/// Sums over the points of `runs` that are at most `within_mm` (along h) from `tilt`. They are of h itself, so that the
-/// same selection gives the same bits whatever `tilt` selected it.
-[[nodiscard]] TiltedSums tilted_sums(std::span<const SeatPoints> runs, const Tilt& tilt, float within_mm);
-
 }  // namespace slabd::algo
