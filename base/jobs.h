@@ -30,6 +30,7 @@ struct ScanRequest {
   SlabId slab_id;
   std::uint8_t station = 0;
   std::int64_t timeout_ns = 15 * kNsPerS;
+  std::size_t points_min = limits::kScanPointsMin;  ///< finite ones; fewer: too_few_points
   PathText spool_path;  ///< without extension; where the scan must lie, durable, when it is acquired
 };
 

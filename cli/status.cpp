@@ -115,6 +115,12 @@ void print_status(const json& status) {
   print_line("store", fmt::format("ok {}, {} results wait for the PLC", text_at(status, {"links", "store", "ok"}),
                                   text_at(status, {"results_pending"})));
   print_calibration(status);
+  if (status.contains("maintenance") && status["maintenance"].is_object())
+    print_line(
+        "maintenance",
+        fmt::format("\"{}\" by {}, {} views; SCAN is refused; ends by itself in {} s when nobody goes on",
+                    text_at(status, {"maintenance", "session"}), text_at(status, {"maintenance", "operator"}),
+                    text_at(status, {"maintenance", "views"}), text_at(status, {"maintenance", "lease_left_s"})));
   print_slab(status, style);
   print_line("blocks", fmt::format("{} measured, last {} ms, longest {} ms", text_at(status, {"blocks", "measured"}),
                                    text_at(status, {"blocks", "last_ms"}), text_at(status, {"blocks", "max_ms"})));

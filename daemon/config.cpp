@@ -223,6 +223,13 @@ void read_checks(TableReader& table, Config& config) {
   config.calibration_valid_days = static_cast<int>(valid_days);
 }
 
+/// Towards wider only: a view counts in every scan until the next calibration.
+void read_capture(TableReader& table, CaptureGuard& guard) {
+  table.optional_number("capture_stable_mm", guard.stable_mm, {CaptureGuard::kStableMm, 1.0});
+  read_deg(table, "capture_stable_deg", guard.stable_rad, {deg_from_rad(CaptureGuard::kStableRad), 0.1});
+  read_s(table, "capture_stable_s", guard.stable_ns, {0.2, static_cast<double>(CaptureGuard::kStableNs) / 1e9});
+}
+
 void read_calibration(TableReader table, Config& config) {
   std::array<double, 7> pose = Pose::identity().to_array();
   double sigma_mm = kNoValue;  // absent: slab-frame items will be indeterminate
@@ -234,6 +241,7 @@ void read_calibration(TableReader table, Config& config) {
   table.optional_number("station_gate_mm", config.splice.gate_mm, {0.01, 20.0});
   read_deg(table, "station_gate_deg", config.splice.gate_rad, {0.001, 1.0});
   read_checks(table, config);
+  read_capture(table, config.capture);
   table.finish();
   if (!commissioned) return;  // what is applied counts; without it every slab is refused with fault 503
   const Result<calib::Calibration> calibration = calib::commissioning(pose, sigma_mm, sigma_deg);

@@ -10,6 +10,7 @@
 #include "algo/algo.h"
 #include "base/base.h"
 #include "calib/calib.h"
+#include "daemon/still_watch.h"
 #include "hal/hal.h"
 #include "storage/storage.h"
 
@@ -35,6 +36,7 @@ struct Config {
   calib::Calibration calibration;
   std::int64_t check_interval_us = 24 * 3'600'000'000LL;  ///< between daily checks; 0: none are due
   calib::CheckLimits check_limits;
+  CaptureGuard capture;              ///< of views for a calibration
   int calibration_valid_days = 365;  ///< of what slabctl keeps from now on; 0: for ever
   std::string control_socket = "/run/slabd/control.sock";
   int measure_threads = 1;  ///< [measure] threads: 1 or 2; the results are the same

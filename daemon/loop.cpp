@@ -1,9 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/loop.h"
 
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <filesystem>
 
 namespace slabd::daemon {
 namespace {
@@ -16,6 +21,8 @@ constexpr std::int64_t kWatchdogPeriodNs = 3 * kNsPerS;
 constexpr std::int64_t kWorkerStuckNs = 60 * kNsPerS;
 /// Of the desk's change; the station counts its tickets up from 1 and does not come here in a century.
 constexpr std::uint32_t kChangeTicket = 0xFFFF'FFFF;
+/// Views that nobody came for: whoever calibrates comes back within a week, or begins anew.
+constexpr std::int64_t kCaptureKeptUs = 7 * 86'400'000'000LL;
 
 }  // namespace
 
@@ -97,6 +104,7 @@ ScanDone Loop::scan(const AcquireScan& job) {
     done.scan = result.value();
   } else {
     done.code = result.error().code;
+    done.text = result.error().text;
     say({LogLine::Level::warning, static_cast<std::uint16_t>(done.code), result.error().text});
   }
   return done;
@@ -253,7 +261,8 @@ void Loop::serve_control() {
   if (ports_.control == nullptr) return;
   std::string_view line;
   for (std::size_t i = 0; i < limits::kControlClientsMax && ports_.control->next(ports_.clock.mono_ns(), line); ++i)
-    ports_.control->reply(answer_control(line, *station_, ports_, figures_, calibration_desk_));
+    ports_.control->reply(answer_control(line, *station_, ports_, figures_, calibration_desk_,
+                                         [this](const Event& event) { handle(event); }));
   if (calibration_desk_.is_waiting() && store_worker_->push(StoreTask{true, {}})) calibration_desk_.started();
 }
 
@@ -299,6 +308,10 @@ void Loop::perform(const Action& action) {
     accepted = measure_worker_->push(*block);
   } else if (const auto* judge = std::get_if<JudgeSlab>(&action)) {
     judge_slab(*judge);
+  } else if (const auto* drop = std::get_if<DropScan>(&action)) {
+    drop_scan(drop->path);
+  } else if (const auto* tidy = std::get_if<TidyCaptures>(&action)) {
+    tidy_captures(tidy->folder);
   } else if (const auto* line = std::get_if<LogLine>(&action)) {
     say(*line);
   }
@@ -336,6 +349,26 @@ void Loop::judge_slab(const JudgeSlab& action) {
                      judged_->slab);
   *follow_up_ = *judged_;
   has_follow_up_ = true;
+}
+
+/// On the loop's thread: the line is in maintenance, and nothing waits but heartbeats.
+void Loop::drop_scan(const PathText& path) const {
+  if (::unlink(path.c_str()) == 0 || errno == ENOENT) return;
+  LogLine line{LogLine::Level::warning, 0, {}};
+  line.text.printf("%s cannot be deleted: %s", path.c_str(), std::strerror(errno));
+  say(line);
+}
+
+void Loop::tidy_captures(const PathText& folder) const {
+  const std::int64_t oldest_us = ports_.clock.utime_us() - kCaptureKeptUs;
+  std::error_code fault;  // no folder: nobody ever calibrated here
+  for (std::filesystem::directory_iterator entry(folder.c_str(), fault), end; !fault && entry != end;
+       entry.increment(fault)) {
+    // Its time of change is when it was moved here.
+    struct stat there {};
+    const bool scan = ::lstat(entry->path().c_str(), &there) == 0 && S_ISREG(there.st_mode);
+    if (scan && there.st_ctim.tv_sec * std::int64_t{1'000'000} < oldest_us) drop_scan(entry->path().c_str());
+  }
 }
 
 void Loop::say(const LogLine& line) const {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -78,6 +79,8 @@ class Loop {
   void handle(const Event& event);
   void perform(const Action& action);
   void judge_slab(const JudgeSlab& action);
+  void drop_scan(const PathText& path) const;
+  void tidy_captures(const PathText& folder) const;
   void say(const LogLine& line) const;
 
   [[nodiscard]] StoreDone store(const StoreTask& task);
@@ -120,9 +123,16 @@ class Loop {
 /// The answer to {"verb":"calibration"}: what is in force, what the open slab uses, when checks are due, and what
 /// became of the last change; schema slabd.calibration_state/1.
 [[nodiscard]] std::string calibration_json(const Station& station, const CalibrationDesk& desk);
+/// The answer to {"verb":"capture",...}: who calibrates, what the robot does, what became of the last view; schema
+/// slabd.capture/1.
+[[nodiscard]] std::string capture_json(const Station& station);
+/// A capture request as an event. config: what is wrong with it.
+[[nodiscard]] Result<CaptureRequest> parse_capture(std::string_view line, std::uint32_t uid);
 /// Answers one control request line; unknown verbs and bad JSON get {"error": ...}. Reading verbs change nothing;
-/// {"verb":"calibration_change","file":...} lays a change on the desk, and the caller has it carried out.
+/// {"verb":"calibration_change","file":...} lays a change on the desk, and the caller has it carried out. "capture" is
+/// an event for the station: `handle` steps it before the answer is made.
 [[nodiscard]] std::string answer_control(std::string_view line, const Station& station, const Ports& ports,
-                                         const LoopFigures& figures, CalibrationDesk& desk);
+                                         const LoopFigures& figures, CalibrationDesk& desk,
+                                         const std::function<void(const Event&)>& handle);
 
 }  // namespace slabd::daemon

@@ -64,6 +64,7 @@ StationSettings station_settings(const Config& config, const std::vector<Recipe>
   settings.software = software_version();
   settings.spool_dir = std::string_view(config.storage.spool_dir);
   settings.pose = config.pose;
+  settings.capture = config.capture;
   settings.scan_timeout_ns = config.scan_timeout_ns;
   settings.settle_timeout_ns = config.settle_timeout_ns;
   settings.simulation = config.simulation;

@@ -102,12 +102,16 @@ struct Dispatch {
     s.links = e;
   }
   void operator()(const PlcInputs& e) const { on_plc(s, e, actions); }
-  void operator()(const PoseSample& e) const { s.gate.add(e); }
+  void operator()(const PoseSample& e) const {
+    s.gate.add(e);
+    if (in_maintenance(s)) s.still.add(e);
+  }
   void operator()(const ScanDone& e) const { on_scan_done(s, e, actions); }
   void operator()(const BlockMeasured& e) const { on_block_measured(s, e, actions); }
   void operator()(const SlabJudged& e) const { on_slab_judged(s, e, actions); }
   void operator()(const StoreDone& e) const { on_stored(s, e, actions); }
   void operator()(const CalibrationChanged& e) const { on_calibration_changed(s, *e.calibration); }
+  void operator()(const CaptureRequest& e) const { on_capture_request(s, e, actions); }
 };
 
 }  // namespace
@@ -118,6 +122,7 @@ void step(Station& station, const Event& event, Actions& actions) {
   if (!station.recovered) return;
   // Whatever happened may have been what one of these waited for; each does nothing when it is not its turn.
   advance_acquisition(station, actions);
+  advance_capture(station, actions);
   advance_end(station, actions);
   remeasure(station, actions);
   advance_calibration(station, actions);

@@ -10,6 +10,7 @@
 #include "base/calibration.h"
 #include "base/jobs.h"
 #include "daemon/pose_gate.h"
+#include "daemon/still_watch.h"
 
 /// The inspection cycle as a pure state machine: `step(station, event, actions)`. No socket, clock, file, thread or
 /// log; time arrives in `Tick`. The loop turns ports into events and carries out the actions; each action that can
@@ -22,6 +23,8 @@
 ///
 /// Measuring begins when the points are in memory, beside their way to the disk; what it finds is kept back until the
 /// scan is durable, and dropped when the scan comes to nothing.
+///
+/// Beside it there is maintenance: views for a calibration, taken while no slab is open (station_capture.cpp).
 ///
 /// Rules that are never bent: nothing is acknowledged or shown before it is durable; a result reads pass only when it
 /// was measured and passed; a scan is never repeated on our own account.
@@ -39,6 +42,7 @@ struct StationSettings {
   FixedString<64> software;
   PathText spool_dir;
   PoseSettings pose;
+  CaptureGuard capture;
   std::uint16_t warn = 0;  ///< PlcWarn bits that hold for the whole run
   Code fault = Code::ok;   ///< a fault that only a restart clears (504 config)
   bool simulation = false;
@@ -69,7 +73,8 @@ struct ScanDone {
   std::uint8_t slot = 0;
   bool durable = false;  ///< the last word
   Code code = Code::ok;
-  AcquiredScan scan;  ///< valid when code is ok
+  AcquiredScan scan;                          ///< valid when code is ok
+  FixedString<limits::kErrorTextBytes> text;  ///< why not
 };
 struct BlockMeasured {
   std::int64_t slab_key = 0;
@@ -92,8 +97,20 @@ struct StoreDone {
 struct CalibrationChanged {
   const LineCalibration* calibration = nullptr;  ///< read during the step only
 };
+using CaptureName = FixedString<100>;
+/// Somebody calibrates. What becomes of it stands in Station::capture after the step; `Capture::refusal` says why
+/// nothing was done.
+struct CaptureRequest {
+  enum class Action : std::uint8_t { begin, shoot, keep, release, end } action = Action::keep;
+  CaptureName session;
+  FixedString<60> operator_name;
+  std::uint32_t uid = 0;
+  std::int64_t lease_s = 0;
+  bool take_over = false;
+  PathText scan;  ///< release: which
+};
 using Event = std::variant<Recovered, Tick, LinkStatus, PlcInputs, PoseSample, ScanDone, BlockMeasured, SlabJudged,
-                           StoreDone, CalibrationChanged>;
+                           StoreDone, CalibrationChanged, CaptureRequest>;
 
 // ---- actions ---------------------------------------------------------------------------------------------------
 
@@ -122,12 +139,21 @@ struct JudgeSlab {
   std::int64_t slab_key = 0;
   std::uint16_t slab_type = 0;
 };
+/// Deletes a scan of a view: it came to nothing, or the session has its copy.
+struct DropScan {
+  PathText path;
+};
+/// Deletes views' scans that lie in `folder` for longer than a week.
+struct TidyCaptures {
+  PathText folder;
+};
 struct LogLine {
   enum class Level : std::uint8_t { info, warning, error } level = Level::info;
   std::uint16_t code = 0;
   FixedString<limits::kErrorTextBytes> text;
 };
-using Action = std::variant<StoreJob, AcquireScan, CancelScan, MeasureBlock, JudgeSlab, LogLine>;
+using Action =
+    std::variant<StoreJob, AcquireScan, CancelScan, MeasureBlock, JudgeSlab, DropScan, TidyCaptures, LogLine>;
 using Actions = FixedVector<Action, limits::kActionsMax>;
 
 // ---- state -----------------------------------------------------------------------------------------------------
@@ -180,6 +206,45 @@ struct Acquisition {
   BlockMeasured block;  ///< measured ahead: kept back
 };
 
+/// One view for a calibration, taken or refused.
+struct CaptureShot {
+  std::uint32_t number = 0;  ///< 1, 2, ... of the session; 0: none yet
+  bool done = false;
+  Code code = Code::ok;
+  FixedString<limits::kErrorTextBytes> text;  ///< why it was refused
+  // The rest is valid when done and ok.
+  PathText scan_path;
+  ScanShape shape;
+  Pose T_base_flange;  ///< mean of the window
+  double spread_mm = 0.0;
+  double spread_rad = 0.0;
+  std::uint32_t samples = 0;
+  PoseSample first;  ///< of the window
+  PoseSample last;
+  std::int64_t requested_utime_us = 0;
+  std::int64_t scan_utime_us = 0;
+  std::int64_t pose_age_us = 0;  ///< our wall clock minus the sender's, at the last pose
+};
+
+/// Maintenance (STATE 8): who calibrates, and the view in hand. Lost with the process, on purpose.
+struct Capture {
+  enum class Phase : std::uint8_t { closed, ready, settling, scanning, checking } phase = Phase::closed;
+  CaptureName session;
+  FixedString<60> operator_name;
+  std::uint32_t uid = 0;
+  std::int64_t since_utime_us = 0;
+  std::int64_t lease_ns = 0;
+  std::int64_t lease_until_ns = 0;
+  bool ending = false;  ///< ended while the scanner's worker still writes into the buffer
+  bool abort = false;   ///< of the view in hand
+  std::uint8_t slot = 0;
+  std::uint16_t request_no = 0;  ///< of the last request to the scanner; never starts where the last process did
+  std::int64_t started_ns = 0;
+  std::int64_t taken_ns = 0;
+  CaptureShot shot;             ///< the last one
+  Error refusal{Code::ok, {}};  ///< of the last request; ok: carried out
+};
+
 enum class SlabPhase : std::uint8_t { none, open, ending, storing_end };
 
 struct OpenSlab {
@@ -228,7 +293,8 @@ struct PendingStore {
 };
 
 struct Station {
-  explicit Station(const StationSettings& settings_in) : settings(settings_in), gate(settings_in.pose) {}
+  explicit Station(const StationSettings& settings_in)
+      : settings(settings_in), gate(settings_in.pose), still(settings_in.capture, settings_in.pose) {}
 
   StationSettings settings;
   bool recovered = false;
@@ -248,6 +314,8 @@ struct Station {
   CommandDesk desk;
   PlcLink plc;
   PoseGate gate;
+  StillWatch still;  ///< of the view in hand
+  Capture capture;
   Acquisition acquisition;
   OpenSlab slab;
   ResultDesk results;

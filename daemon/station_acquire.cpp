@@ -21,12 +21,6 @@ StationRecord& record_of(Station& s, std::uint8_t station) {
   return s.slab.stations[station - 1U];
 }
 
-int free_slot(const Station& s) {
-  for (std::size_t slot = 0; slot < s.slot_busy.size(); ++slot)
-    if (!s.slot_busy[slot]) return static_cast<int>(slot);
-  return -1;
-}
-
 /// The block's nominal centre must lie near the scanner's axis and in front of it: catches a wrong station, a wrong
 /// robot program and a slab that is not where the cell says.
 Code looks_at_station(const Station& s, const Pose& T_base_flange, double& off_axis_mm) {
@@ -187,6 +181,12 @@ void commit_block(Station& s, const BlockMeasured& measured, Actions& actions) {
 
 }  // namespace
 
+int free_slot(const Station& s) {
+  for (std::size_t slot = 0; slot < s.slot_busy.size(); ++slot)
+    if (!s.slot_busy[slot]) return static_cast<int>(slot);
+  return -1;
+}
+
 void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
   StationRecord& record = record_of(s, static_cast<std::uint8_t>(in.station));
   record.phase = StationPhase::acquiring;
@@ -221,6 +221,7 @@ void advance_acquisition(Station& s, Actions& actions) {
 }
 
 void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
+  if (on_view_scanned(s, done, actions)) return;
   Acquisition& a = s.acquisition;
   if (a.phase != Acquisition::Phase::scanning || done.cmd_seq != a.cmd_seq) return;
   a.attempt.scan_path = done.scan.path;

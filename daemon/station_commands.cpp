@@ -86,6 +86,10 @@ Code check_content(const Station& s, const PlcInputs& in) {
   if (!in.crc_ok) return Code::bad_crc;
   if (in.command < 1 || in.command > 5) return Code::unknown_command;
   if (!in.enable || !s.plc.alive) return Code::not_enabled;
+  // While somebody calibrates the line is not enabled: a scan now would be of whatever the maintenance engineer looks
+  // at.
+  const bool inspects = in.command <= static_cast<std::uint16_t>(PlcCommand::slab_end);
+  if (in_maintenance(s) && inspects) return Code::not_enabled;
   // Room for this command's jobs and for those of the measurements under way.
   if (s.storing.size() + s.measuring + 8 > s.storing.capacity()) return Code::busy;
   switch (static_cast<PlcCommand>(in.command)) {
@@ -221,7 +225,10 @@ void on_plc(Station& s, const PlcInputs& in, Actions& actions) {
     s.fault = 0;
     if (s.desk.session != s.desk.session_next) bump_session(s, actions, "storage is tried again");
   }
-  if (in.abort && !before.abort) abort_acquisition(s, actions);
+  if (in.abort && !before.abort) {
+    abort_acquisition(s, actions);
+    abort_shot(s, actions);
+  }
   acknowledge(s, in, actions);
   judge_command(s, in, actions);
 }

@@ -8,6 +8,7 @@
 ///   station.cpp           dispatch, time, recovery, faults
 ///   station_commands.cpp  the PLC's command desk: who may command, what is refused, sessions, acknowledgements
 ///   station_acquire.cpp   one SCAN from the settled robot to a measured, committed block
+///   station_capture.cpp   maintenance: views for a calibration
 ///   station_slab.cpp      a slab's begin and end
 ///   station_stored.cpp    what a durable (or failed) store job means
 ///   station_calibration.cpp  which calibration counts, what a scan is spliced with, fault 503
@@ -86,6 +87,22 @@ void abort_acquisition(Station& s, Actions& actions);
 void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actions);
 /// Clouds that are durable and not measured (after a restart or a storage fault) go back to the worker, one at a time.
 void remeasure(Station& s, Actions& actions);
+
+/// A buffer nobody uses, or -1.
+[[nodiscard]] int free_slot(const Station& s);
+
+// ---- station_capture.cpp ----
+void on_capture_request(Station& s, const CaptureRequest& request, Actions& actions);
+void advance_capture(Station& s, Actions& actions);
+/// True: the scan was a view's.
+[[nodiscard]] bool on_view_scanned(Station& s, const ScanDone& done, Actions& actions);
+/// ABORT by the PLC.
+void abort_shot(Station& s, Actions& actions);
+[[nodiscard]] inline bool in_maintenance(const Station& s) {
+  return s.capture.phase != Capture::Phase::closed;
+}
+/// Where views' scans lie until the session has them.
+[[nodiscard]] PathText capture_folder(const Station& s);
 
 // ---- station_slab.cpp ----
 void open_slab(Station& s, const BeginSlabJob& job);

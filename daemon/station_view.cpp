@@ -38,6 +38,7 @@ PlcStationRow provisional_row(const StationRecord& record) {
 
 PlcState state_of(const Station& s) {
   if (!s.recovered) return PlcState::recover;
+  if (in_maintenance(s)) return PlcState::maintenance;
   if (current_fault(s) != Code::ok) return PlcState::fault;
   switch (s.acquisition.phase) {
     case Acquisition::Phase::settling: return PlcState::settling;
@@ -62,9 +63,11 @@ PlcOutputs plc_view(const Station& s) {
   const bool waiting = s.results.queue.size() > limits::kStationsMax;
   out.warn = static_cast<std::uint16_t>(s.warn | s.settings.warn | calibration_warnings(s) |
                                         (waiting ? +kWarnResultsWaiting : 0));
-  out.busy = s.desk.pending || s.acquisition.phase != Acquisition::Phase::none || s.slab.phase == SlabPhase::ending ||
-             s.slab.phase == SlabPhase::storing_end;
-  out.ready = s.recovered && fault == Code::ok && !out.busy && s.desk.session == s.desk.session_next;
+  const bool shooting = in_maintenance(s) && s.capture.phase != Capture::Phase::ready;
+  out.busy = s.desk.pending || shooting || s.acquisition.phase != Acquisition::Phase::none ||
+             s.slab.phase == SlabPhase::ending || s.slab.phase == SlabPhase::storing_end;
+  out.ready =
+      s.recovered && fault == Code::ok && !out.busy && !in_maintenance(s) && s.desk.session == s.desk.session_next;
   out.acquired = s.desk.acq_seq != 0 && s.desk.acq_seq == s.desk.ack;
   out.result = !s.results.queue.empty();
   out.slab_open = open;

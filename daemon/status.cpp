@@ -57,6 +57,10 @@ std::string refusal(const char* text) {
   return text_of(Json{{"schema", "slabd.error/1"}, {"error", text}});
 }
 
+std::string refusal(const Error& why) {
+  return text_of(Json{{"schema", "slabd.error/1"}, {"error", why.text.view()}, {"code", static_cast<int>(why.code)}});
+}
+
 /// "VmRSS" and the like from /proc/self/status, in kB; 0 where there is none.
 std::int64_t memory_kb(const std::string& key) {
   std::ifstream status("/proc/self/status");
@@ -119,6 +123,13 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
     j["fault"]["text"] = describe(calibration_fault(station), station.calibration).view();
   j["warn"] = warnings(view.warn);
   j["calibration"] = in_force(station);
+  const Capture& capture = station.capture;
+  j["maintenance"] = in_maintenance(station)
+                         ? Json{{"session", capture.session.view()},
+                                {"operator", capture.operator_name.view()},
+                                {"views", capture.shot.number},
+                                {"lease_left_s", static_cast<double>(capture.lease_until_ns - station.now_ns) / 1e9}}
+                         : Json(nullptr);
   j["session"] = view.session;
   const bool open = station.slab.phase != SlabPhase::none;
   j["slab"] = open ? Json{{"no", view.slab_no},
@@ -178,7 +189,8 @@ std::string calibration_json(const Station& station, const CalibrationDesk& desk
 }
 
 std::string answer_control(std::string_view line, const Station& station, const Ports& ports,
-                           const LoopFigures& figures, CalibrationDesk& desk) {
+                           const LoopFigures& figures, CalibrationDesk& desk,
+                           const std::function<void(const Event&)>& handle) {
   try {
     const Json request = Json::parse(line, nullptr, false);
     if (!request.is_object()) return refusal("a request is one JSON object per line, like {\"verb\":\"status\"}");
@@ -186,10 +198,18 @@ std::string answer_control(std::string_view line, const Station& station, const 
     if (verb == request.end() || !verb->is_string()) return refusal("the key \"verb\" is missing or not a string");
     if (*verb == "status") return status_json(station, ports, figures);
     if (*verb == "calibration") return calibration_json(station, desk);
-    if (*verb != "calibration_change") return refusal("unknown verb; known: status, calibration, calibration_change");
+    if (*verb != "calibration_change" && *verb != "capture")
+      return refusal("unknown verb; known: status, calibration, calibration_change, capture");
+    const std::uint32_t uid = ports.control == nullptr ? hal::ControlPort::kNobody : ports.control->peer_uid();
+    if (*verb == "capture") {
+      const Result<CaptureRequest> capture = parse_capture(line, uid);
+      if (!capture.ok()) return refusal(capture.error());
+      handle(capture.value());
+      const Error& why = station.capture.refusal;
+      return why.code == Code::ok ? capture_json(station) : refusal(why);
+    }
     const auto file = request.find("file");
     if (file == request.end() || !file->is_string()) return refusal("the key \"file\" is missing or not a string");
-    const std::uint32_t uid = ports.control == nullptr ? hal::ControlPort::kNobody : ports.control->peer_uid();
     const Status laid = desk.lay(file->get<std::string>(), uid);
     if (!laid.ok()) return refusal(laid.error().text.c_str());
     return calibration_json(station, desk);

@@ -180,7 +180,7 @@ class ScannerPort {
   /// Requests one scan and returns when it is decoded into `xyz` and durable in the spool. Calls `decoded` in between,
   /// on this thread: syncing 60 MB takes longer than measuring them, so who wants may begin. Blocks up to the timeout;
   /// returns interrupted soon after `cancel` becomes true. scanner_offline, trigger_timeout, frame_incomplete,
-  /// too_few_points (fewer than limits::kScanPointsMin finite), store_full, journal_write (the spool cannot be
+  /// too_few_points (fewer finite ones than the request needs), store_full, journal_write (the spool cannot be
   /// written); after an error nothing is left in the spool and `xyz` holds nothing of use.
   [[nodiscard]] virtual Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz,
                                                      const std::atomic<bool>& cancel, const ScanDecoded& decoded) = 0;

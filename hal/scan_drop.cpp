@@ -251,9 +251,9 @@ class ScanDrop final : public ScannerPort {
       return error(Code::frame_incomplete, "%s: changed while it was read (write it under another name, then rename)",
                    shown.c_str());
     scan.shape = shape.value();
-    if (scan.shape.finite < limits::kScanPointsMin)
+    if (scan.shape.finite < request.points_min)
       return error(Code::too_few_points, "%s: %zu of %zu points are there, needed are %zu", shown.c_str(),
-                   scan.shape.finite, scan.shape.points, limits::kScanPointsMin);
+                   scan.shape.finite, scan.shape.points, request.points_min);
     scan.read_ms = ms_from_ns(clock_.mono_ns() - begin_ns);
     decoded(scan);
     if (Status status = spool_file(fd.get(), folders_.inbox_fd(), answer.entry.name.c_str(), scan.path); !status)

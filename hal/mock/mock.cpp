@@ -77,9 +77,9 @@ Result<AcquiredScan> MockScanner::acquire(const ScanRequest& request, std::span<
   script_.pop_front();
   const Result<ScanShape> shape = step(xyz, cancel);
   if (!shape) return shape.error();
-  if (shape.value().finite < limits::kScanPointsMin)
+  if (shape.value().finite < request.points_min)
     return error(Code::too_few_points, "mock scan: %zu points are there, needed are %zu", shape.value().finite,
-                 limits::kScanPointsMin);
+                 request.points_min);
   AcquiredScan scan;
   scan.shape = shape.value();
   scan.taken_mono_ns = clock_.mono_ns();

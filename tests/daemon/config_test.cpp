@@ -67,6 +67,9 @@ check_interval_hours = 12
 check_slope_limit_deg = 0.02
 check_jaw_limit_mm = 0.1
 valid_days = 180
+capture_stable_mm = 0.02
+capture_stable_deg = 0.002
+capture_stable_s = 0.5
 [control]
 socket = "/srv/control.sock"
 [line]
@@ -88,6 +91,13 @@ TEST_F(ConfigTest, relative_paths_start_at_the_configurations_folder) {
   EXPECT_EQ(load(std::string(kShortest) + "[storage]\ndb = \"data/slabd.db\"\n"), Texts{});
   const std::string folder = config_.path.substr(0, config_.path.rfind('/'));
   EXPECT_EQ(config_.storage.db_path, folder + "/data/slabd.db");
+}
+
+TEST_F(ConfigTest, views_of_a_calibration_may_be_guarded_less_and_never_by_a_limit_that_says_more) {
+  EXPECT_EQ(load(std::string(kShortest) + "capture_stable_mm = 0.01\ncapture_stable_deg = 0.001\n"), Texts{});
+  EXPECT_FALSE(config_.capture.is_wider());
+  for (const char* key : {"capture_stable_mm = 0.005\n", "capture_stable_deg = 0.0005\n", "capture_stable_s = 2\n"})
+    EXPECT_EQ(load(std::string(kShortest) + key).size(), 1U) << key;
 }
 
 TEST_F(ConfigTest, one_or_two_threads_measure_and_nothing_else) {
@@ -184,6 +194,10 @@ TEST_F(ConfigTest, every_key_is_taken) {
   EXPECT_DOUBLE_EQ(config_.check_limits.slope_rad, rad_from_deg(0.02));
   EXPECT_EQ(config_.check_limits.jaw_distance_mm, 0.1);
   EXPECT_EQ(config_.calibration_valid_days, 180);
+  EXPECT_EQ(config_.capture.stable_mm, 0.02);
+  EXPECT_NEAR(deg_from_rad(config_.capture.stable_rad), 0.002, 1e-12);
+  EXPECT_EQ(config_.capture.stable_ns, 500'000'000);
+  EXPECT_TRUE(config_.capture.is_wider());
   EXPECT_EQ(config_.control_socket, "/srv/control.sock");
   EXPECT_TRUE(config_.simulation);
 }

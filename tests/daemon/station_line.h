@@ -146,6 +146,9 @@ class Line {
   double robot_off_mm = 0.0;    ///< beside the commanded station
   double robot_moves_mm = 0.0;  ///< while a scan is taken
   bool robot_shakes = false;
+  double robot_shake_mm = 0.2;
+  double robot_turn_rad = 0.0;  ///< about base Z
+  std::int16_t robot_tool = 0;  ///< active on the controller
   Code scan_code = Code::ok;
   bool scanner_answers = true;
   bool disk_syncs = true;       ///< false: the scan lies in the buffer, and `sync_ends` says when and how it goes on
@@ -163,6 +166,7 @@ class Line {
   std::vector<MeasureBlock> measured;
   std::vector<AcquireScan> scans;
   int cancelled = 0;
+  std::vector<std::string> dropped;  ///< views' scans that were deleted
   int robot_station = 1;
 
   /// A new process on the same database.
@@ -234,6 +238,8 @@ class Line {
     command(PlcCommand::scan, station_no);
     run_for(1000);
   }
+  /// The next poses never arrive.
+  void lose_poses(int count) { pose_seq_ += count; }
   /// Takes and acknowledges every waiting record.
   std::vector<PlcResult> take_results() {
     std::vector<PlcResult> taken;
@@ -250,12 +256,15 @@ class Line {
   PoseSample pose() {
     PoseSample sample;
     sample.arrival_ns = now_ns_;
-    sample.utime_us = now_ns_ / 1000;
+    sample.utime_us = now_ns_ / 1000 + 1'000'000;  // of the same clock as ours
+    sample.tool_id = robot_tool;
     sample.seq = ++pose_seq_;
     const Pose T_base_block = T_slab_block(recipe, robot_station);
     sample.T_base_flange = T_base_block * nominal_T_block_scanner();
     sample.T_base_flange.translation_mm.x() += robot_off_mm;
-    if (robot_shakes) sample.T_base_flange.translation_mm.y() += (pose_seq_ % 2) * 0.2;
+    if (robot_shakes) sample.T_base_flange.translation_mm.y() += (pose_seq_ % 2) * robot_shake_mm;
+    const Quat turn(Eigen::AngleAxisd(robot_turn_rad, Vec3::UnitZ()));
+    sample.T_base_flange.rotation = turn * sample.T_base_flange.rotation;
     if (exposing_) sample.T_base_flange.translation_mm.x() += robot_moves_mm;
     return sample;
   }
@@ -276,6 +285,7 @@ class Line {
         syncing_ = done;
     } else if (std::holds_alternative<CancelScan>(action)) {
       ++cancelled;
+      exposing_ = false;
       ScanDone done;
       done.cmd_seq = scans.back().request.cmd_seq;
       done.slot = scans.back().slot;
@@ -294,6 +304,8 @@ class Line {
       done.block.station = measure->station;
       done.block.verdict = block_verdict;
       pending_.push_back(done);
+    } else if (const auto* drop = std::get_if<DropScan>(&action)) {
+      dropped.emplace_back(drop->path.view());
     } else if (const auto* judge = std::get_if<JudgeSlab>(&action)) {
       SlabJudged judged;
       judged.slab_key = judge->slab_key;
@@ -313,6 +325,7 @@ class Line {
     done.cmd_seq = acquire.request.cmd_seq;
     done.slot = acquire.slot;
     done.code = scan_code;
+    if (scan_code != Code::ok) done.text = "as the test wants it";
     done.scan.path = acquire.request.spool_path;
     done.scan.taken_mono_ns = now_ns_ + 4 * kNsPerMs;
     done.scan.shape = {1000, 900, 0, 0};

@@ -15,7 +15,8 @@ using nlohmann::json;
 class StatusTest : public ::testing::Test {
  protected:
   json ask(const std::string& line) {
-    const std::string text = answer_control(line, station_, ports_, figures_, desk_);
+    const std::string text = answer_control(line, station_, ports_, figures_, desk_,
+                                            [this](const Event& event) { step(station_, event, actions_); });
     EXPECT_EQ(text.find('\n'), std::string::npos) << "an answer is one line";
     const json answer = json::parse(text, nullptr, false);
     EXPECT_TRUE(answer.is_object()) << text;
@@ -31,6 +32,7 @@ class StatusTest : public ::testing::Test {
   Station station_{StationSettings{}};
   LoopFigures figures_;
   CalibrationDesk desk_{""};
+  Actions actions_;
 };
 
 TEST_F(StatusTest, status_is_told) {
@@ -57,7 +59,8 @@ TEST_F(StatusTest, whatever_is_asked_is_answered) {
   EXPECT_EQ(ask("")["schema"], "slabd.error/1");
   EXPECT_EQ(ask("[]")["schema"], "slabd.error/1");
   EXPECT_EQ(ask("{\"verb\":7}")["schema"], "slabd.error/1");
-  EXPECT_EQ(ask("{\"verb\":\"stop\"}")["error"], "unknown verb; known: status, calibration, calibration_change");
+  EXPECT_EQ(ask("{\"verb\":\"stop\"}")["error"],
+            "unknown verb; known: status, calibration, calibration_change, capture");
   EXPECT_EQ(ask("{\"verb\":\"\xff\"}")["schema"], "slabd.error/1");
   EXPECT_EQ(ask(std::string(60'000, '['))["schema"], "slabd.error/1");
   Prng prng(11);

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+
+#include "base/fixed.h"
+#include "base/robot.h"
+
+namespace slabd::daemon {
+
+/// How still a flange must stand for a view of a calibration. A view counts a hundred times (every scan until the next
+/// calibration rests on it), so this is stricter than the gate of production. Wider limits are for a robot that cannot
+/// do it; they are told with every view.
+struct CaptureGuard {
+  static constexpr double kStableMm = 0.01;
+  static constexpr double kStableRad = 0.001 * kPi / 180.0;
+  static constexpr std::int64_t kStableNs = 1'000'000'000;
+
+  double stable_mm = kStableMm;        ///< peak to valley of x, y, z ...
+  double stable_rad = kStableRad;      ///< ... and of the rotation about each axis ...
+  std::int64_t stable_ns = kStableNs;  ///< ... for so long before the scan, and through it
+  int samples_min = 20;                ///< in the time before the scan
+
+  [[nodiscard]] bool is_wider() const {
+    return stable_mm > kStableMm || stable_rad > kStableRad * (1.0 + 1e-9) || stable_ns < kStableNs;
+  }
+};
+
+/// Peak to valley of a stretch of poses.
+struct PoseRange {
+  Vec3 low_mm = Vec3::Zero();
+  Vec3 high_mm = Vec3::Zero();
+  Vec3 low_rad = Vec3::Zero();
+  Vec3 high_rad = Vec3::Zero();
+
+  void clear() { *this = {}; }
+  void add(const Vec3& off_mm, const Vec3& off_rad) {
+    low_mm = low_mm.cwiseMin(off_mm);
+    high_mm = high_mm.cwiseMax(off_mm);
+    low_rad = low_rad.cwiseMin(off_rad);
+    high_rad = high_rad.cwiseMax(off_rad);
+  }
+  [[nodiscard]] double mm() const { return (high_mm - low_mm).maxCoeff(); }
+  [[nodiscard]] double rad() const { return (high_rad - low_rad).maxCoeff(); }
+};
+
+/// The longest stretch of poses, up to the newest one, over which the flange stood still: gapless numbers and times,
+/// the right frame, no emergency stop, everything within the guard. Whatever breaks it starts a new stretch and is
+/// remembered. Works at any rate of poses and for any length of stretch; pure, fixed size.
+class StillWatch {
+ public:
+  enum class Break : std::uint8_t { none, moved, gap, clock, estop, not_stopped, wrong_frame };
+
+  StillWatch(const CaptureGuard& guard, const PoseSettings& settings) : guard_(guard), settings_(settings) {}
+
+  /// Forgets everything: only poses from now on count.
+  void begin();
+  void add(const PoseSample& sample);
+  /// From here on first_break() says what broke the stretch first.
+  void mark() { marked_break_ = Break::none; }
+
+  /// Has the stretch lasted as long as the guard asks for?
+  [[nodiscard]] bool settled() const;
+  [[nodiscard]] std::uint32_t samples() const { return samples_; }
+  [[nodiscard]] const PoseSample& first() const { return first_; }
+  [[nodiscard]] const PoseSample& newest() const { return newest_; }
+  [[nodiscard]] const PoseRange& range() const { return range_; }
+  [[nodiscard]] Pose mean() const;
+
+  /// How far it moved in the last whole second (the first second: so far).
+  [[nodiscard]] const PoseRange& recent() const { return recent_whole_ ? last_second_ : this_second_; }
+  [[nodiscard]] Break last_break() const { return last_break_; }
+  [[nodiscard]] Break first_break() const { return marked_break_; }
+  /// What keeps it from being settled, or what broke it: a sentence's end without a full stop, for people.
+  [[nodiscard]] FixedString<240> describe(Break what) const;
+
+ private:
+  void restart(const PoseSample& sample);
+  void watch_second(const PoseSample& sample);
+  [[nodiscard]] Break broken_by(const PoseSample& sample) const;
+
+  CaptureGuard guard_;
+  PoseSettings settings_;
+  bool any_ = false;
+  bool stopped_flag_used_ = false;
+  std::uint32_t samples_ = 0;
+  PoseSample first_;
+  PoseSample newest_;
+  PoseRange range_;
+  Vec3 sum_mm_ = Vec3::Zero();
+  Vec3 sum_rad_ = Vec3::Zero();
+  Break last_break_ = Break::none;
+  Break marked_break_ = Break::none;
+  std::int32_t gap_from_ = 0;  ///< sender's numbers around the last gap
+  std::int32_t gap_to_ = 0;
+  PoseRange broken_range_;  ///< of the stretch with the pose that broke it by moving
+
+  bool recent_whole_ = false;
+  PoseSample second_start_;
+  PoseRange this_second_;
+  PoseRange last_second_;
+};
+
+}  // namespace slabd::daemon
