@@ -153,4 +153,9 @@ bool RobotPeer::standing() const {
   return impl_->progress() >= 1.0;
 }
 
+Pose RobotPeer::pose() const {
+  const std::lock_guard lock(impl_->mutex);
+  return impl_->place(impl_->progress());
+}
+
 }  // namespace slabd::simulate

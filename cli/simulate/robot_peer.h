@@ -37,6 +37,8 @@ class RobotPeer {
   /// Begins the motion; returns at once. A second call before the end starts from wherever the arm is.
   void move_to(const Pose& T_base_flange);
   [[nodiscard]] bool standing() const;
+  /// Where it says it is now, without the tremor.
+  [[nodiscard]] Pose pose() const;
 
  private:
   struct Impl;

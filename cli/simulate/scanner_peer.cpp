@@ -1,23 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/simulate/scanner_peer.h"
 
-#include <fmt/core.h>
-#include <unistd.h>
-
 #include <array>
 #include <chrono>
-#include <filesystem>
-#include <fstream>
 #include <mutex>
-#include <nlohmann/json.hpp>
-#include <set>
 #include <thread>
 #include <vector>
+
+#include "cli/simulate/drop_answers.h"
 
 namespace slabd::simulate {
 namespace {
 
-namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 
 constexpr auto kWatchPeriod = 5ms;
@@ -31,22 +25,11 @@ struct Job {
   int next_station = 0;
 };
 
-double per_mm(hal::LengthUnit unit) {
-  switch (unit) {
-    case hal::LengthUnit::mm: return 1.0;
-    case hal::LengthUnit::m: return 1e-3;
-    case hal::LengthUnit::um: return 1e3;
-  }
-  return 1.0;
-}
-
 }  // namespace
 
 struct ScannerPeer::Impl {
   ScannerPeerTraits traits;
-  fs::path request_dir;
-  fs::path inbox_dir;
-  fs::path part_path;
+  DropAnswers drop;
 
   mutable std::mutex mutex;  // guards job, delivered, trouble
   Job job;
@@ -58,15 +41,13 @@ struct ScannerPeer::Impl {
   std::array<std::uint64_t, limits::kStationsMax + 1> scans{};  ///< drawn so far of each station
   std::uint64_t drawn_slab = 0;
   int drawn_station = 0;  ///< of drawn_slab: whose scan lies in part_path; 0 = nobody's
-  std::set<std::string> answered;
 
   std::jthread thread;  // last: joined before the rest goes
 
   ~Impl() {
     thread.request_stop();
     if (thread.joinable()) thread.join();
-    std::error_code ignored;
-    fs::remove(part_path, ignored);
+    drop.remove_part();
   }
 
   void complain(const std::string& text) {
@@ -95,7 +76,7 @@ struct ScannerPeer::Impl {
     const DrawnScan drawn = draw_scan(surface.value(), scanner, seed, xyz);
     if (const auto scale = static_cast<float>(per_mm(traits.unit)); traits.unit != hal::LengthUnit::mm)
       for (float& v : xyz) v *= scale;
-    if (const Status written = hal::write_scan(part_path.c_str(), traits.format, xyz, drawn.width, drawn.height);
+    if (const Status written = hal::write_scan(drop.part_path().c_str(), traits.format, xyz, drawn.width, drawn.height);
         !written) {
       complain(written.error().text.c_str());
       return false;
@@ -104,38 +85,27 @@ struct ScannerPeer::Impl {
     return true;
   }
 
-  /// "<session>-<seq>" of an unanswered request, or empty.
-  std::string pending_request() {
-    std::error_code fault;
-    for (const fs::directory_entry& entry : fs::directory_iterator(request_dir, fault)) {
-      if (entry.path().extension() != ".json") continue;
-      const std::string name = entry.path().stem();
-      if (answered.contains(name)) continue;
-      std::ifstream file(entry.path());
-      const auto request = nlohmann::json::parse(file, nullptr, false);
-      if (request.is_discarded() || request.value("schema", "") != "slabd.scan_request/1") {
-        complain(fmt::format("{}: not a slabd.scan_request/1", entry.path().string()));
-        answered.insert(name);
-        continue;
-      }
-      return name;
-    }
-    return {};
-  }
-
   void answer(const std::string& name, const Job& now) {
-    answered.insert(name);
     const bool ready = drawn_station == now.station && drawn_slab == now.slab_count;
-    if (!ready && !draw(now, now.station)) return;
+    if (!ready && !draw(now, now.station)) {
+      drop.give_up(name);
+      return;
+    }
     drawn_station = 0;
-    std::error_code fault;
-    fs::rename(part_path, inbox_dir / fmt::format("{}.{}", name, hal::extension(traits.format)), fault);
-    if (fault) {
-      complain(fmt::format("cannot move a scan into {}: {}", inbox_dir.string(), fault.message()));
+    if (const Status given = drop.deliver(name, traits.format); !given) {
+      complain(given.error().text.c_str());
       return;
     }
     const std::lock_guard lock(mutex);
     ++delivered;
+  }
+
+  /// "<session>-<seq>" of an unanswered request, or empty.
+  std::string pending_request() {
+    std::string bad;
+    std::string name = drop.pending(bad);
+    if (!bad.empty()) complain(bad);
+    return name;
   }
 
   void watch_until(const std::stop_token& stop) {
@@ -169,22 +139,11 @@ ScannerPeer::ScannerPeer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 ScannerPeer::~ScannerPeer() = default;
 
 Result<std::unique_ptr<ScannerPeer>> ScannerPeer::start(const ScannerPeerTraits& traits) {
+  Result<DropAnswers> drop = DropAnswers::open(traits.drop_dir);
+  if (!drop) return drop.error();
   auto impl = std::make_unique<Impl>();
   impl->traits = traits;
-  impl->request_dir = fs::path(traits.drop_dir) / "request";
-  impl->inbox_dir = fs::path(traits.drop_dir) / "inbox";
-  impl->part_path = fs::path(traits.drop_dir) / fmt::format("emulated-scan-{}.part", ::getpid());
-  std::error_code fault;
-  if (!fs::is_directory(impl->request_dir, fault) || !fs::is_directory(impl->inbox_dir, fault))
-    return error(Code::scanner_offline,
-                 "%s has no request/ and inbox/: create the folder for slabd, which makes them, and start slabd first",
-                 traits.drop_dir.c_str());
-  if (::access(impl->inbox_dir.c_str(), W_OK | X_OK) != 0 || ::access(traits.drop_dir.c_str(), W_OK | X_OK) != 0)
-    return error(Code::scanner_offline, "%s cannot be written by this user: run as a member of the daemon's group",
-                 traits.drop_dir.c_str());
-  // A request older than this scanner was meant for its predecessor.
-  for (const fs::directory_entry& entry : fs::directory_iterator(impl->request_dir, fault))
-    impl->answered.insert(entry.path().stem());
+  impl->drop = std::move(drop.value());
   Impl* raw = impl.get();
   impl->thread = std::jthread([raw](const std::stop_token& stop) { raw->watch_until(stop); });
   return std::unique_ptr<ScannerPeer>(new ScannerPeer(std::move(impl)));

@@ -14,6 +14,8 @@
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/parse.h"
+#include "cli/simulate/calibration_live.h"
+#include "cli/simulate/mastered_slab.h"
 #include "hal/hal.h"
 
 namespace slabd::simulate {
@@ -22,8 +24,8 @@ namespace {
 namespace fs = std::filesystem;
 using cli::Json;
 
-std::string shot_name(const CalibrationOrder& order, int view, int shot) {
-  return order.shots == 1 ? fmt::format("view_{:02}.ply", view) : fmt::format("view_{:02}_{}.ply", view, shot);
+std::string shot_name(int shots, int view, int shot) {
+  return shots == 1 ? fmt::format("view_{:02}.ply", view) : fmt::format("view_{:02}_{}.ply", view, shot);
 }
 
 void write_robot(Json& json, const RobotErrorTraits& robot) {
@@ -85,7 +87,49 @@ bool make_folder(const fs::path& dir) {
   return true;
 }
 
+/// Hand-eye and place of the slab as the daemon has them.
+bool take_cell(const std::string& path, CalibrationTraits& scene, int& exit_status) {
+  daemon::Config config;
+  exit_status = cli::kBadInput;
+  if (!cli::config_from(path, config)) return false;
+  if (!config.calibration.id.empty()) scene.T_flange_scanner = config.calibration.T_flange_scanner;
+  scene.T_base_target = config.T_base_slab;
+  return true;
+}
+
 }  // namespace
+
+bool write_calibration_truth(const CalibrationScene& scene, const CalibrationScanTraits& scan,
+                             std::span<const Pose> views, int shots, const std::string& out_dir, int& exit_status) {
+  const fs::path dir = out_dir;
+  const CalibrationTraits& traits = scene.traits();
+  exit_status = cli::kUsage;
+  if (!make_folder(dir)) return false;
+  Json json;
+  json.begin_object().field("schema", "slabd.calibration_truth/1").field("kind", name(traits.kind));
+  json.field("seed", traits.seed);
+  json.field("ball_radius_mm", traits.kind == TargetKind::block ? kNoValue : traits.ball_radius_mm);
+  cli::write_pose(json, "T_flange_scanner", traits.T_flange_scanner);
+  cli::write_pose(json, "T_base_target", traits.T_base_target);
+  write_robot(json, scene.robot().traits());
+  write_scan_traits(json, scan);
+  json.key("views").begin_array();
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    std::vector<std::string> files;
+    for (int shot = 1; shot <= shots; ++shot) files.push_back(shot_name(shots, static_cast<int>(i + 1), shot));
+    write_view(json, scene, views[i], i + 1, files);
+  }
+  json.end_array().end_object();
+  exit_status = cli::kNotReachable;
+  if (!write_text(dir / "flange.txt", calib::write_poses(views, calib::PoseFormat{}, calib::TableRole::flange)) ||
+      !write_text(dir / "truth.json", json.text()))
+    return false;
+  if (traits.kind == TargetKind::artefact &&
+      !write_text(dir / "certificate.txt", calib::certificate_text(scene.certificate())))
+    return false;
+  exit_status = cli::kDone;
+  return true;
+}
 
 int write_calibration(const CalibrationOrder& order) {
   std::optional<Recipe> recipe;
@@ -100,34 +144,23 @@ int write_calibration(const CalibrationOrder& order) {
   }
   const CalibrationScene& scene = made.value();
   const fs::path dir = order.out_dir;
-  if (!make_folder(dir)) return cli::kUsage;
-
   const std::vector<Pose> poses = scene.plan_views(order.views);
-  Json json;
-  json.begin_object().field("schema", "slabd.calibration_truth/1").field("kind", name(order.scene.kind));
-  json.field("seed", order.scene.seed);
-  json.field("ball_radius_mm", order.scene.kind == TargetKind::block ? kNoValue : order.scene.ball_radius_mm);
-  cli::write_pose(json, "T_flange_scanner", order.scene.T_flange_scanner);
-  cli::write_pose(json, "T_base_target", order.scene.T_base_target);
-  write_robot(json, scene.robot().traits());
-  write_scan_traits(json, order.scan);
-  json.key("views").begin_array();
+  int exit_status = cli::kDone;
+  if (!write_calibration_truth(scene, order.scan, poses, order.shots, order.out_dir, exit_status)) return exit_status;
+
   std::vector<float> xyz;
   const bool terminal = isatty(STDERR_FILENO) != 0;
   for (int view = 1; view <= order.views; ++view) {
-    const Pose& reported = poses[static_cast<std::size_t>(view - 1)];
     if (terminal) fmt::print(stderr, "\r\x1b[Kview {}/{}", view, order.views);
-    std::vector<std::string> files;
     const auto visit = static_cast<std::uint64_t>(view);
     for (int shot = 1; shot <= order.shots; ++shot) {
-      const Result<DrawnScan> drawn =
-          scene.draw(reported, visit, order.scan, xyz, static_cast<std::uint64_t>(shot - 1));
-      files.push_back(shot_name(order, view, shot));
+      const Result<DrawnScan> drawn = scene.draw(poses[static_cast<std::size_t>(view - 1)], visit, order.scan, xyz,
+                                                 static_cast<std::uint64_t>(shot - 1));
       if (!drawn) {
         cli::complain(fmt::format("view {}: {}", view, drawn.error().text.view()));
         return cli::kUsage;
       }
-      const std::string path = (dir / files.back()).string();
+      const std::string path = (dir / shot_name(order.shots, view, shot)).string();
       const Status written =
           hal::write_scan(path.c_str(), hal::ScanFormat::ply, xyz, drawn.value().width, drawn.value().height);
       if (!written) {
@@ -135,16 +168,8 @@ int write_calibration(const CalibrationOrder& order) {
         return cli::kNotReachable;
       }
     }
-    write_view(json, scene, reported, visit, files);
   }
   if (terminal) fmt::print(stderr, "\r\x1b[K");
-  json.end_array().end_object();
-  const std::string flange = calib::write_poses(poses, calib::PoseFormat{}, calib::TableRole::flange);
-  if (!write_text(dir / "flange.txt", flange) || !write_text(dir / "truth.json", json.text()))
-    return cli::kNotReachable;
-  if (order.scene.kind == TargetKind::artefact &&
-      !write_text(dir / "certificate.txt", calib::certificate_text(scene.certificate())))
-    return cli::kNotReachable;
   fmt::print("{}: {} views of the {}, flange.txt, {}truth.json\n", order.out_dir, order.views, name(order.scene.kind),
              order.scene.kind == TargetKind::artefact ? "certificate.txt, " : "");
   return cli::kDone;
@@ -161,6 +186,8 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
     bool full = false;
     bool unorganised = false;
     bool bare = false;
+    bool live = false;
+    CalibrationLiveOrder running;
   };
   auto options = std::make_shared<Options>();
   CalibrationOrder& order = options->order;
@@ -169,15 +196,41 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
   command->footer(
       "\nball       a tooling ball on its post, with table, wall, rod and a foreign ball around\n"
       "artefact   three balls on a frame, with a certificate\n"
-      "block      the reference block, drawn as the recipe says, from near its nominal view\n\n"
+      "block      the reference block, drawn as the recipe says, from near its nominal view\n"
+      "slab       a mastered slab: what five rounds over its stations saw (visits.txt), with its certificate\n\n"
+      "--live: nothing is written; robot and scanner of a running daemon stand before the target instead. The robot "
+      "goes\n"
+      "on when the daemon has scanned a view, so that slabctl calibrate capture --live is all there is to do.\n\n"
       "Example: slabctl simulate calibration --kind ball --out set --views 20 --seed 1\n"
       "         slabctl calibrate ball set/view_*.ply --radius 25.4 --target set/target.txt\n"
       "         slabctl calibrate solve --kind ball --flange set/flange.txt --target set/target.txt");
-  command->add_option("--kind", options->kind, "What is calibrated with: ball, artefact or block")
-      ->check(CLI::IsMember({"ball", "artefact", "block"}))
+  command->add_option("--kind", options->kind, "What is calibrated with: ball, artefact, block or slab")
+      ->check(CLI::IsMember({"ball", "artefact", "block", "slab"}))
       ->capture_default_str();
-  command->add_option("--out", order.out_dir, "Folder to make; must not hold anything yet")->required();
-  command->add_option("--views", order.views, "How many")->check(CLI::Range(1, 400))->capture_default_str();
+  command->add_option("--out", order.out_dir,
+                      "Folder to make; must not hold anything yet (--live: for truth and certificate alone)");
+  CLI::Option* views = command->add_option("--views", order.views, "How many (kind slab: rounds, then 5)")
+                           ->check(CLI::Range(1, 400))
+                           ->capture_default_str();
+  CalibrationLiveOrder& running = options->running;
+  CLI::Option* live = command->add_flag("--live", options->live, "Be robot and scanner of a running daemon");
+  CLI::Option* config = command
+                            ->add_option("--config", running.config,
+                                         "The daemon's configuration; T_flange_scanner and the slab's place in "
+                                         "it are taken as true")
+                            ->default_val(cli::kDefaultConfig);
+  CLI::Option* poses =
+      command
+          ->add_option("--poses", running.poses_file, "--live: the views, one T_base_flange a line, instead of a plan")
+          ->needs(live);
+  command
+      ->add_option("--follow", running.follow_file,
+                   "--live: the robot goes to the last line of this file whenever it changes")
+      ->needs(live)
+      ->excludes(poses);
+  command->add_option("--move-s", running.move_s, "--live: time from one view to the next")
+      ->check(CLI::Range(0.0, 60.0))
+      ->capture_default_str();
   command->add_option("--shots", order.shots, "Scans at every pose")->check(CLI::Range(1, 9))->capture_default_str();
   command->add_option("--seed", order.scene.seed, "Decides everything random")->capture_default_str();
   command->add_option("--recipe", order.recipe, "Recipe of the reference block (kind block)");
@@ -220,7 +273,7 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
       ->capture_default_str();
   command->add_flag("--unorganised", options->unorganised, "Write only the points that returned, without their grid");
   command->add_flag("--bare", options->bare, "Without table, wall, rod and foreign ball");
-  command->callback([options, &exit_status] {
+  command->callback([options, views, config, &exit_status] {
     CalibrationOrder& o = options->order;
     const auto pose_option = [&](const std::string& text, const char* option, Pose& pose) {
       if (text.empty()) return true;
@@ -239,8 +292,17 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
     o.scene.kind = options->kind == "artefact" ? TargetKind::artefact
                    : options->kind == "block"  ? TargetKind::block
                                                : TargetKind::ball;
-    if (o.scene.kind == TargetKind::block && o.recipe.empty()) {
-      cli::complain("--kind block: --recipe says what the block looks like");
+    const bool slab = options->kind == "slab";
+    if ((o.scene.kind == TargetKind::block || slab) && o.recipe.empty()) {
+      cli::complain(fmt::format("--kind {}: --recipe says what the {} looks like", options->kind, options->kind));
+      exit_status = cli::kUsage;
+      return;
+    }
+    if (slab && options->live) {
+      cli::complain(
+          "--kind slab --live: a mastered slab is inspected by the line; slabctl simulate --same-slab "
+          "--certificate-out "
+          "plays that");
       exit_status = cli::kUsage;
       return;
     }
@@ -253,6 +315,30 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
     }
     o.scan.organised = !options->unorganised;
     o.scene.clutter = !options->bare;
+    if (options->live) {
+      CalibrationLiveOrder& line = options->running;
+      line.scene = o.scene;
+      line.scan = o.scan;
+      line.recipe = o.recipe;
+      line.out_dir = o.out_dir;
+      line.views = o.views;
+      line.shots = o.shots;
+      line.keep_flange = !options->T_flange_scanner.empty();
+      line.keep_target = !options->T_base_target.empty();
+      exit_status = run_calibration_live(line);
+      return;
+    }
+    if (o.out_dir.empty()) {
+      cli::complain("--out says where the scans are written (or --live: be robot and scanner of a running daemon)");
+      exit_status = cli::kUsage;
+      return;
+    }
+    if (options->kind == "slab") {
+      if (views->empty()) o.views = 5;
+      if (!config->empty() && !take_cell(options->running.config, o.scene, exit_status)) return;
+      exit_status = write_mastered_slab(o);
+      return;
+    }
     exit_status = write_calibration(o);
   });
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <span>
 #include <string>
 
 #include "base/base.h"
@@ -26,6 +27,12 @@ struct CalibrationOrder {
 /// view_01_1.ply, ...), flange.txt (T_base_flange as reported, neutral form), certificate.txt (kind artefact) and
 /// truth.json. Returns the exit status.
 [[nodiscard]] int write_calibration(const CalibrationOrder& order);
+
+/// certificate.txt (kind artefact), flange.txt and truth.json of a plan of views into a new folder. False: said why,
+/// and `exit_status` set.
+[[nodiscard]] bool write_calibration_truth(const CalibrationScene& scene, const CalibrationScanTraits& scan,
+                                           std::span<const Pose> views, int shots, const std::string& out_dir,
+                                           int& exit_status);
 
 void add_simulate_calibration(CLI::App& simulate, int& exit_status);
 

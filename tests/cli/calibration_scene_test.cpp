@@ -3,9 +3,16 @@
 
 #include <gtest/gtest.h>
 
+#include <unistd.h>
+
 #include <Eigen/Eigenvalues>
 #include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
 
+#include "calib/calib.h"
+#include "cli/simulate/mastered_slab.h"
 #include "reference_recipe.h"
 
 namespace slabd::simulate {
@@ -142,6 +149,38 @@ TEST(CalibrationScene, the_block_is_drawn_in_its_place) {
   traits.kind = TargetKind::ball;
   traits.ball_radius_mm = 3.0;
   EXPECT_FALSE(CalibrationScene::make(traits).ok());
+}
+
+TEST(MasteredSlab, rounds_of_visits_become_corrections_that_take_the_robots_error_away) {
+  namespace fs = std::filesystem;
+  const fs::path dir = fs::temp_directory_path() / ("slabd-master-" + std::to_string(::getpid()));
+  fs::remove_all(dir);
+  CalibrationOrder order;
+  order.out_dir = dir.native();
+  order.recipe = std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml";
+  order.views = 5;
+  order.scene.robot.smooth_mm = 0.7;
+  ASSERT_EQ(write_mastered_slab(order), 0);
+  EXPECT_EQ(write_mastered_slab(order), 2) << "nothing is overwritten";
+  const auto text = [&](const char* name) {
+    std::ifstream file(dir / name);
+    std::ostringstream all;
+    all << file.rdbuf();
+    return all.str();
+  };
+  const auto certificate = calib::parse_master_certificate(text("certificate.txt"), "certificate.txt");
+  const auto visits = calib::parse_visits(text("visits.txt"), "visits.txt");
+  fs::remove_all(dir);
+  ASSERT_TRUE(certificate.ok()) << certificate.error().text.view();
+  ASSERT_TRUE(visits.ok()) << visits.error().text.view();
+  EXPECT_EQ(visits.value().size(), 90U);
+  const auto solved = calib::solve_stations(certificate.value(), visits.value(), order.scene.T_flange_scanner,
+                                            calib::StationSettings{});
+  ASSERT_TRUE(solved.ok()) << solved.error().text.view();
+  ASSERT_TRUE(solved.value().ok) << solved.value().reasons.front().text;
+  EXPECT_GT(solved.value().before_rms_mm, 0.4);
+  EXPECT_LT(solved.value().after_rms_mm, 0.04);
+  EXPECT_NEAR(solved.value().pooled_sigma_mm, 0.017, 0.004) << "repeatability, and little else";
 }
 
 }  // namespace

@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// One thread drives: it looks for requests, draws what the scanner sees, and sends the robot on a moment after the last
+// scan of a view was given, when the daemon has seen the robot stand still over it. The robot publishes on its own
+// thread. Whoever takes views only has to ask for one after the other: a view that is asked for while the robot drives
+// waits until it stands.
+#include "cli/simulate/calibration_live.h"
+
+#include <fmt/core.h>
+
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <thread>
+
+#include "calib/calib.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/simulate/drop_answers.h"
+#include "cli/simulate/robot_peer.h"
+#include "cli/simulate/simulate_calibration.h"
+#include "cli/simulate/slab_scene.h"
+
+namespace slabd::simulate {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+using namespace std::chrono_literals;
+
+constexpr auto kLookEvery = 5ms;
+constexpr auto kFollowEvery = 200ms;
+/// The daemon needs poses from after the scan; less than the second of standing that the next view begins with, so that
+/// no view can be taken twice from one place.
+constexpr auto kStandsOn = 600ms;
+/// Encoders of a robot that is held for a calibration; production trembles more (RobotTraits).
+constexpr double kTremorMm = 0.0008;
+/// How high over the slab's middle the target stands.
+constexpr double kTargetAboveSlabMm = 200.0;
+
+std::atomic<bool> g_stop{false};
+void on_signal(int) {
+  g_stop = true;
+}
+
+std::optional<std::string> file_text(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return std::nullopt;
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+/// The views of a file; an error names file and line.
+Result<std::vector<Pose>> poses_in(const std::string& path) {
+  const std::optional<std::string> text = file_text(path);
+  if (!text) return error(Code::config, "%s cannot be read", path.c_str());
+  Result<calib::PoseTable> table = calib::parse_poses(*text, path, calib::TableRole::flange);
+  if (!table) return table.error();
+  return std::move(table.value().poses);
+}
+
+class LiveCell {
+ public:
+  LiveCell(const CalibrationLiveOrder& order, const CalibrationScene& scene, const daemon::Config& config,
+           DropAnswers drop, RobotPeer& robot, std::vector<Pose> views)
+      : order_(order),
+        scene_(scene),
+        unit_(config.scanner.unit),
+        drop_(std::move(drop)),
+        robot_(robot),
+        views_(std::move(views)) {}
+
+  void run() {
+    say_view();
+    while (!g_stop) {
+      std::string bad;
+      if (const std::string name = drop_.pending(bad); !name.empty()) answer(name);
+      if (!bad.empty()) cli::complain(fmt::format("scanner: {}", bad));
+      if (goes_on_ && Clock::now() >= goes_on_at_) go_on();
+      if (!order_.follow_file.empty()) follow();
+      std::this_thread::sleep_for(kLookEvery);
+    }
+    drop_.remove_part();
+  }
+
+ private:
+  void say_view() const {
+    if (order_.follow_file.empty())
+      fmt::print(stderr, "view {}/{}: the robot stands there in {:.1f} s\n", view_, views_.size(), order_.move_s);
+    else
+      fmt::print(stderr, "view {}: the robot stands there in {:.1f} s\n", view_, order_.move_s);
+  }
+
+  void answer(const std::string& name) {
+    const Result<DrawnScan> drawn =
+        scene_.draw(robot_.pose(), view_, order_.scan, xyz_, static_cast<std::uint64_t>(shots_));
+    if (!drawn) {
+      cli::complain(fmt::format("scanner: {}", drawn.error().text.view()));
+      drop_.give_up(name);
+      return;
+    }
+    if (const auto scale = static_cast<float>(per_mm(unit_)); unit_ != hal::LengthUnit::mm)
+      for (float& v : xyz_) v *= scale;
+    Status given = hal::write_scan(drop_.part_path().c_str(), hal::ScanFormat::ply, xyz_, drawn.value().width,
+                                   drawn.value().height);
+    if (given) given = drop_.deliver(name, hal::ScanFormat::ply);
+    if (!given) {
+      cli::complain(fmt::format("scanner: {}", given.error().text.view()));
+      drop_.give_up(name);
+      return;
+    }
+    if (++shots_ < order_.shots || !order_.follow_file.empty()) return;
+    goes_on_ = true;
+    goes_on_at_ = Clock::now() + kStandsOn;
+  }
+
+  void go_on() {
+    goes_on_ = false;
+    shots_ = 0;
+    if (view_ >= views_.size()) {
+      if (!all_said_) fmt::print(stderr, "all {} views were scanned; the robot stays at the last one\n", views_.size());
+      all_said_ = true;
+      return;
+    }
+    robot_.move_to(views_[view_]);
+    ++view_;
+    say_view();
+  }
+
+  /// The file may be half-written when it is looked at: what cannot be read is left for the next look.
+  void follow() {
+    if (Clock::now() < look_again_at_) return;
+    look_again_at_ = Clock::now() + kFollowEvery;
+    const std::optional<std::string> text = file_text(order_.follow_file);
+    if (!text || *text == followed_) return;
+    followed_ = *text;
+    const Result<calib::PoseTable> table = calib::parse_poses(*text, order_.follow_file, calib::TableRole::flange);
+    if (!table) {
+      cli::complain(fmt::format("{}", table.error().text.view()));
+      return;
+    }
+    shots_ = 0;
+    ++view_;
+    robot_.move_to(table.value().poses.back());
+    say_view();
+  }
+
+  const CalibrationLiveOrder& order_;
+  const CalibrationScene& scene_;
+  hal::LengthUnit unit_;
+  DropAnswers drop_;
+  RobotPeer& robot_;
+  std::vector<Pose> views_;
+  std::size_t view_ = 1;  ///< the robot's how-manieth coming; its repeatability is new at each
+  int shots_ = 0;
+  bool goes_on_ = false;
+  bool all_said_ = false;
+  Clock::time_point goes_on_at_;
+  Clock::time_point look_again_at_;
+  std::string followed_;
+  std::vector<float> xyz_;
+};
+
+void catch_signals() {
+  struct sigaction action = {};
+  action.sa_handler = on_signal;
+  action.sa_flags = static_cast<int>(SA_RESETHAND);
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+}
+
+template <typename T>
+bool there(const Result<T>& result, int& exit_status) {
+  if (result) return true;
+  cli::complain(fmt::format("{}", result.error().text.view()));
+  exit_status = cli::exit_for(result.error().code);
+  return false;
+}
+
+}  // namespace
+
+int run_calibration_live(CalibrationLiveOrder order) {
+  int exit_status = cli::kDone;
+  daemon::Config config;
+  if (!cli::config_from(order.config, config)) return cli::kBadInput;
+  if (!order.keep_flange && !config.calibration.id.empty())
+    order.scene.T_flange_scanner = config.calibration.T_flange_scanner;
+  if (!order.keep_target)
+    order.scene.T_base_target = config.T_base_slab * Pose{Quat::Identity(), Vec3(0.0, 0.0, kTargetAboveSlabMm)};
+  std::optional<Recipe> recipe;
+  if (order.scene.kind == TargetKind::block) {
+    recipe.emplace();
+    if (!cli::recipe_from(order.recipe, *recipe)) return cli::kBadInput;
+  }
+  const Result<CalibrationScene> scene = CalibrationScene::make(order.scene, recipe ? &*recipe : nullptr);
+  if (!there(scene, exit_status)) return exit_status;
+
+  std::vector<Pose> views = scene.value().plan_views(order.views);
+  const std::string& given = !order.follow_file.empty() ? order.follow_file : order.poses_file;
+  if (!given.empty() && (order.follow_file.empty() || fs::exists(given))) {
+    Result<std::vector<Pose>> poses = poses_in(given);
+    if (!there(poses, exit_status)) return exit_status;
+    views = std::move(poses.value());
+  }
+  if (!order.follow_file.empty()) views.erase(views.begin(), views.end() - 1);
+  if (!order.out_dir.empty() &&
+      !write_calibration_truth(scene.value(), order.scan, views, order.shots, order.out_dir, exit_status))
+    return exit_status;
+
+  Result<DropAnswers> drop = DropAnswers::open(config.scanner.drop_dir.c_str());
+  if (!there(drop, exit_status)) return exit_status;
+  RobotTraits traits;
+  traits.lcm_url = config.robot.url.view();
+  traits.channel = config.robot.channel.view();
+  traits.rate_hz = order.rate_hz;
+  traits.move_s = order.move_s;
+  traits.tremor_mm = kTremorMm;
+  traits.base_id = config.pose.base_id;
+  traits.tool_id = config.pose.tool_id;
+  traits.seed = derived_seed(order.scene.seed, 23, 0);
+  const auto robot = RobotPeer::start(traits, views.front());
+  if (!there(robot, exit_status)) return exit_status;
+  catch_signals();
+  LiveCell(order, scene.value(), config, std::move(drop.value()), *robot.value(), std::move(views)).run();
+  return cli::kDone;
+}
+
+}  // namespace slabd::simulate

@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Seat points as a scan would give them, without drawing ninety scans: what registration and plane fit of a scan of
+// five million points are off by is known (a few micrometres), and the rest of a visit is where the robot really stood.
+#include "cli/simulate/mastered_slab.h"
+
+#include <fmt/core.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/simulate/slab_scene.h"
+
+namespace slabd::simulate {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Of a seat's reference point in one scan.
+constexpr double kPointSigmaMm = 0.003;
+/// The second and third point of a visit lie this far from the first (calib::seat_visit).
+constexpr double kSeatArmMm = 100.0;
+constexpr std::uint64_t kVisitStream = 24;
+
+calib::StationVisit visit_of(const SlabTruth& slab, const Cell& cell, int station, int round, std::uint64_t seed) {
+  const StationTruth& truth = slab.at(station);
+  const double c = std::cos(truth.block.slope_rad);
+  const double s = std::sin(truth.block.slope_rad);
+  const Pose T_seen = T_scanner_block(slab, cell, station);
+  Prng random(
+      derived_seed(seed, kVisitStream + static_cast<std::uint64_t>(round) * 100U, static_cast<std::uint64_t>(station)));
+  Vec3 off;
+  for (int axis = 0; axis < 3; ++axis) off[axis] = kPointSigmaMm * random.normal();
+  calib::StationVisit visit;
+  visit.station = station;
+  visit.round = fmt::format("round {}", round);
+  visit.T_base_flange = truth.T_base_flange_reported;
+  for (const Vec3& p : {Vec3(0.0, 0.0, 0.0), Vec3(0.0, -s, c), Vec3(0.0, c, s)})
+    visit.points_mm.push_back(T_seen * Vec3(kSeatArmMm * p) + off);
+  return visit;
+}
+
+bool write_text(const fs::path& path, const std::string& text) {
+  std::ofstream file(path);
+  file << text;
+  if (file.flush()) return true;
+  cli::complain(fmt::format("{} cannot be written", path.string()));
+  return false;
+}
+
+}  // namespace
+
+int write_mastered_slab(const CalibrationOrder& order) {
+  Recipe recipe;
+  if (!cli::recipe_from(order.recipe, recipe)) return cli::kBadInput;
+  std::error_code fault;
+  const fs::path dir = order.out_dir;
+  fs::create_directories(dir, fault);
+  if (fault || !fs::is_empty(dir, fault)) {
+    cli::complain(fmt::format("--out {}: cannot be made, or is not empty; name a new folder", order.out_dir));
+    return cli::kUsage;
+  }
+  const RobotErrorTraits robot = RobotError(order.scene.robot).traits();
+  const Cell cell{order.scene.T_base_target, order.scene.T_flange_scanner};
+  SlabVariation variation;
+  variation.seed = order.scene.seed;
+  variation.same_slab = true;
+  variation.robot_mm = robot.smooth_mm;
+  variation.robot_length_mm = robot.smooth_length_mm;
+  variation.robot_sigma_mm = robot.repeat_mm;
+  variation.robot_sigma_deg = deg_from_rad(robot.repeat_rad);
+
+  std::vector<calib::StationVisit> visits;
+  cli::Json json;
+  json.begin_object().field("schema", "slabd.calibration_truth/1").field("kind", "slab").field("seed", variation.seed);
+  cli::write_pose(json, "T_flange_scanner", cell.T_flange_scanner);
+  json.key("views").begin_array();
+  for (int round = 1; round <= order.views; ++round) {
+    variation.slab_no = static_cast<std::uint32_t>(round);
+    const Result<SlabTruth> slab = cast_slab(recipe, cell, variation, {});
+    if (!slab) {
+      cli::complain(fmt::format("{}", slab.error().text.view()));
+      return cli::kUsage;
+    }
+    if (round == 1 &&
+        !write_text(dir / "certificate.txt", calib::master_certificate_text(master_certificate(recipe, slab.value()))))
+      return cli::kNotReachable;
+    for (int k = 1; k <= slab.value().stations; ++k) {
+      visits.push_back(visit_of(slab.value(), cell, k, round, variation.seed));
+      json.begin_object().field("station", k).field("round", round);
+      cli::write_pose(json, "T_base_flange_reported", slab.value().at(k).T_base_flange_reported);
+      cli::write_pose(json, "T_base_flange_real", slab.value().at(k).T_base_flange_real);
+      json.end_object();
+    }
+  }
+  json.end_array().end_object();
+  if (!write_text(dir / "visits.txt", calib::visits_text(visits)) || !write_text(dir / "truth.json", json.text()))
+    return cli::kNotReachable;
+  fmt::print("{}: {} rounds over {} stations in visits.txt, certificate.txt, truth.json\n", order.out_dir, order.views,
+             recipe.stations());
+  return cli::kDone;
+}
+
+}  // namespace slabd::simulate

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Views for a calibration from a real daemon: robot and scanner stand before a ball as `slabctl simulate calibration
+// --live` plays them, and a session takes views as slabctl does.
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <csignal>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "cli/calibrate/live_capture.h"
+#include "hal/hal.h"
+#include "processes.h"
+
+namespace slabd::line {
+namespace {
+
+using cli::LiveCapture;
+using cli::LiveShot;
+using nlohmann::json;
+
+class CaptureLineTest : public testing::Test {
+ protected:
+  json status() {
+    const Box::Answer answer = box_.slabctl({"status", "--config", box_.config.native(), "--json"});
+    if (answer.exit_status != 0) return nullptr;
+    return json::parse(answer.out, nullptr, false);
+  }
+  void start() {
+    box_.start();
+    ASSERT_TRUE(box_.ready()) << box_.log();
+    for (int i = 0; i < 500; ++i) {
+      const json now = status();
+      if (now.is_object() && now["state"] != "recover") return;
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    }
+    FAIL() << "slabd does not answer: " << box_.log();
+  }
+  std::unique_ptr<Process> emulate() const {
+    return std::make_unique<Process>(
+        std::vector<std::string>{SLABCTL_PROGRAM, "simulate", "calibration", "--live", "--kind", "ball", "--views", "3",
+                                 "--move-s", "0.2", "--config", box_.config.native(), "--out",
+                                 (box_.dir / "truth").native()},
+        box_.dir / "cell.out", box_.dir / "cell.err");
+  }
+  Result<LiveCapture> begin(const std::string& session = "spring") const {
+    return LiveCapture::begin((box_.dir / "control.sock").native(), {session, "anna", 60, false});
+  }
+  /// The emulator has to come up first.
+  void wait_for_poses() {
+    for (int i = 0; i < 500; ++i) {
+      const json now = status();
+      if (now.is_object() && now["links"]["pose"]["ok"].get<bool>()) return;
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    }
+    FAIL() << "no poses: " << read_file(box_.dir / "cell.err");
+  }
+
+  Box box_;
+};
+
+TEST_F(CaptureLineTest, views_are_taken_one_after_the_other_and_given_to_the_session) {
+  start();
+  const auto cell = emulate();
+  wait_for_poses();
+  Result<LiveCapture> capture = begin();
+  ASSERT_TRUE(capture.ok()) << capture.error().text.view();
+  EXPECT_TRUE(capture.value().warnings().empty()) << capture.value().warnings().front();
+  EXPECT_EQ(status()["state"], "maintenance");
+  EXPECT_EQ(status()["maintenance"]["operator"], "anna");
+  const Result<LiveCapture> other = begin("autumn");
+  ASSERT_FALSE(other.ok());
+  EXPECT_EQ(other.error().code, Code::busy);
+
+  const json truth = json::parse(read_file(box_.dir / "truth" / "truth.json"));
+  std::vector<std::string> said;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const Result<LiveShot> shot = capture.value().shoot([&](std::string_view text) { said.emplace_back(text); });
+    ASSERT_TRUE(shot.ok()) << shot.error().text.view();
+    const LiveShot& view = shot.value();
+    EXPECT_EQ(view.number, i + 1);
+    EXPECT_GE(view.window_s, 1.0);
+    EXPECT_LT(view.spread_mm, 0.01);
+    EXPECT_EQ(view.pose_samples, static_cast<std::uint32_t>(view.last_seq - view.first_seq + 1));
+    EXPECT_GE(view.last_utime_us, view.scan_utime_us - 50'000) << "poses of after the scan";
+    EXPECT_GE(view.requested_utime_us - view.first_utime_us, 950'000) << "a second of them before it";
+    const auto planned = truth["views"][i]["T_base_flange_reported"].get<std::vector<double>>();
+    const Vec3 off = view.T_base_flange.translation_mm - Vec3(planned[0], planned[1], planned[2]);
+    EXPECT_LT(off.norm(), 0.001) << "the mean of the view that the robot stood at";
+    std::vector<float> xyz(3 * 600'000);
+    const auto read = hal::read_scan(view.scan_path.c_str(), hal::LengthUnit::mm, std::span(xyz));
+    ASSERT_TRUE(read.ok()) << read.error().text.view();
+    EXPECT_EQ(read.value().finite, view.points);
+    ASSERT_TRUE(capture.value().release(view.scan_path).ok());
+    EXPECT_FALSE(fs::exists(view.scan_path));
+  }
+  EXPECT_FALSE(said.empty());
+  ASSERT_TRUE(capture.value().end().ok());
+  EXPECT_EQ(status()["state"], "idle");
+  const Result<LiveShot> late = capture.value().shoot({});
+  ASSERT_FALSE(late.ok());
+  EXPECT_EQ(late.error().code, Code::wrong_slab);
+}
+
+TEST_F(CaptureLineTest, a_daemon_that_was_killed_comes_up_idle_and_a_robot_that_is_gone_is_named) {
+  start();
+  {
+    const auto cell = emulate();
+    wait_for_poses();
+    Result<LiveCapture> capture = begin();
+    ASSERT_TRUE(capture.ok()) << capture.error().text.view();
+    const Result<LiveShot> shot = capture.value().shoot({});
+    ASSERT_TRUE(shot.ok()) << shot.error().text.view();
+    box_.kill_hard();
+    EXPECT_EQ(capture.value().keep().error().code, Code::scanner_offline);
+    start();
+    EXPECT_EQ(status()["state"], "idle");
+    EXPECT_TRUE(fs::exists(shot.value().scan_path)) << "until the session has it";
+    EXPECT_EQ(capture.value().keep().error().code, Code::wrong_slab);
+    ASSERT_TRUE(capture.value().release(shot.value().scan_path).ok());
+    EXPECT_FALSE(fs::exists(shot.value().scan_path));
+  }
+  Result<LiveCapture> capture = begin();
+  ASSERT_TRUE(capture.ok()) << capture.error().text.view();
+  const Result<LiveShot> shot = capture.value().shoot({});
+  ASSERT_FALSE(shot.ok());
+  EXPECT_TRUE(shot.error().code == Code::no_pose || shot.error().code == Code::pose_stale) << shot.error().text.view();
+}
+
+}  // namespace
+}  // namespace slabd::line
