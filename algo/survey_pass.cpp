@@ -323,6 +323,8 @@ class Surveyor {
     const auto large = static_cast<std::size_t>(kLarge ? use.large : 0);
     // Beyond this something else is to be done than to sum up.
     const F16 rare = f16(std::min(task_.share_mm[DistanceLanes::kWithin], task_.band_mm));
+    std::array<std::size_t, kFlush + 1> special;
+    std::size_t specials = 0;
     DistanceLanes distances;
     TiltedLanes tilted;
     distances.clear();
@@ -336,28 +338,24 @@ class Surveyor {
       // A missing point is NaN all over: neither away nor off.
       const M16 in = r == r;
       if (any(ground.away(x, y)) && !walk_on(in, x, y, ground)) break;
+      // The table vouches for points near the face only.
+      if (any(distance > f16(task_.band_mm))) break;
+      M16 rarely = distance > rare;
       if constexpr (kLarge) {
         const F16 v = apply(task_.frame.along[face], d);
         const F16 off = above(task_.tilt[large], x, v, r);
         const F16 size = abs(off);
         const M16 inner = size <= f16(task_.inner_mm[large]);
-        const M16 listed = and_not(inner, size <= f16(task_.outer_mm[large]));
-        if (any(listed | (distance > rare))) {
-          if (any(distance > f16(task_.band_mm))) break;
-          if (any(listed)) append(kEdges[large], listed, x, v, off);
-          count_beyond(in, distance);
-        }
+        rarely = rarely | and_not(inner, size <= f16(task_.outer_mm[large]));
         tilted.add(inner, x, v, off);
         if constexpr (kListed) append(static_cast<PointList>(use.list), in, x, v, r);
-      } else {
-        if (any(distance > rare)) {
-          if (any(distance > f16(task_.band_mm))) break;
-          count_beyond(in, distance);
-        }
-        if constexpr (kListed)
-          append(static_cast<PointList>(use.list), in, x, apply(task_.frame.along[face], d),
-                 apply(task_.frame.height[face], d));
+      } else if constexpr (kListed) {
+        append(static_cast<PointList>(use.list), in, x, apply(task_.frame.along[face], d),
+               apply(task_.frame.height[face], d));
       }
+      // Without a branch, which no machine would foresee.
+      special[specials] = i;
+      specials += static_cast<std::size_t>(any(rarely));
       distances.add(in, r, distance, task_.share_mm.data());
       take_for_map(x, y, r);
     }
@@ -365,6 +363,19 @@ class Surveyor {
     if constexpr (kLarge) {
       tilted_[large].add(tilted);
       face_points_[large] = face_points_[large] + distances.count;
+    }
+    for (std::size_t k = 0; k < specials; ++k) {
+      const Points16 d = points_at(xyz + 3 * kLanes * special[k]);
+      const F16 r = apply(height, d);
+      count_beyond(r == r, abs(r));
+      if constexpr (kLarge) {
+        const F16 x = apply(task_.frame.x, d);
+        const F16 v = apply(task_.frame.along[face], d);
+        const F16 off = above(task_.tilt[large], x, v, r);
+        const F16 size = abs(off);
+        const M16 listed = and_not(size <= f16(task_.inner_mm[large]), size <= f16(task_.outer_mm[large]));
+        if (any(listed)) append(kEdges[large], listed, x, v, off);
+      }
     }
     return i;
   }
