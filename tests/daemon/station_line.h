@@ -100,6 +100,7 @@ struct MemoryStore {
     StationRecord& record = line.stations[job.attempt.station - 1U];
     record.phase = StationPhase::failed;
     record.code = job.code;
+    line.cmd_status = static_cast<std::uint16_t>(kCommandFailed + job.code);
     open_command = 0;
   }
   void keep(const BlockJob& job) {
