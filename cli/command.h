@@ -22,6 +22,7 @@ void add_fit_plane(CLI::App& app, int& exit_status);
 void add_config(CLI::App& app, int& exit_status);
 void add_recipe(CLI::App& app, int& exit_status);
 void add_status(CLI::App& app, int& exit_status);
+void add_doctor(CLI::App& app, int& exit_status);
 void add_history(CLI::App& app, int& exit_status);
 void add_show(CLI::App& app, int& exit_status);
 void add_simulate(CLI::App& app, int& exit_status);

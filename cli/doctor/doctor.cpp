@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/doctor/doctor.h"
+
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+
+#include <algorithm>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/render.h"
+
+namespace slabd::cli {
+namespace {
+
+struct Options {
+  std::string config;
+  double listen_s = 2.0;
+  bool scan = false;
+  bool as_json = false;
+};
+
+constexpr std::size_t kLabelWidth = 14;
+
+std::string_view colour_of(Health health) {
+  switch (health) {
+    case Health::ok: return "32";
+    case Health::note:
+    case Health::unknown: return "2";
+    case Health::warning: return "33";
+    case Health::failed: return "1;31";
+  }
+  return "0";
+}
+
+void say(const Finding& finding) {
+  const Style style = style_for(stdout);
+  const std::string word = fmt::format("{:8}", name(finding.health));
+  fmt::print("{} {:{}} {}\n", style.colour ? fmt::format("\x1b[{}m{}\x1b[0m", colour_of(finding.health), word) : word,
+             finding.check, kLabelWidth, finding.saw);
+  if (!finding.cure.empty()) fmt::print("{:{}} -> {}\n", "", 9 + kLabelWidth, finding.cure);
+  std::fflush(stdout);
+}
+
+std::string json_of(const Examination& report) {
+  Json json;
+  json.begin_object();
+  json.field("schema", "slabd.doctor/1");
+  json.key("findings").begin_array();
+  for (const Finding& finding : report.findings()) {
+    json.begin_object();
+    json.field("check", finding.check).field("health", name(finding.health));
+    json.field("saw", finding.saw).field("cure", finding.cure);
+    json.end_object();
+  }
+  json.end_array().end_object();
+  return json.text();
+}
+
+void summarise(const Examination& report) {
+  const auto count = [&](Health health) {
+    return std::count_if(report.findings().begin(), report.findings().end(),
+                         [&](const Finding& f) { return f.health == health; });
+  };
+  const auto failed = count(Health::failed);
+  const auto warnings = count(Health::warning);
+  const auto unknown = count(Health::unknown);
+  fmt::print("\n");
+  if (failed != 0)
+    fmt::print("{} of {} checks failed{}\n", failed, report.findings().size(),
+               failed > 1 ? "; mend the first one first" : "");
+  else if (warnings != 0)
+    fmt::print("nothing failed, {} warnings\n", warnings);
+  else
+    fmt::print("all is well\n");
+  if (unknown != 0) fmt::print("{} could not be looked at\n", unknown);
+}
+
+int examine(const Options& options) {
+  Examination report(options.as_json);
+  daemon::Config config;
+  std::vector<Recipe> recipes;
+  const bool usable = examine_files(options.config, config, recipes, report);
+  if (usable) {
+    nlohmann::json status;
+    examine_machine(config, report);
+    examine_clock(report);
+    examine_disk(config, report);
+    examine_daemon(config, status, report);
+    examine_plc(config, status, report);
+    examine_robot(config, options.listen_s, report);
+    examine_scanner(config, status, options.scan, report);
+    examine_calibration(config, status, report);
+  }
+  if (options.as_json)
+    fmt::print("{}", json_of(report));
+  else
+    summarise(report);
+  if (!usable) return kBadInput;
+  return report.any(Health::failed) ? kNotReachable : kDone;
+}
+
+}  // namespace
+
+std::string_view name(Health health) {
+  switch (health) {
+    case Health::ok: return "ok";
+    case Health::note: return "note";
+    case Health::warning: return "warning";
+    case Health::failed: return "failed";
+    case Health::unknown: return "unknown";
+  }
+  return "unknown";
+}
+
+bool Examination::any(Health health) const {
+  return std::any_of(findings_.begin(), findings_.end(), [&](const Finding& f) { return f.health == health; });
+}
+
+void Examination::add(Finding finding) {
+  if (!quiet_) say(finding);
+  findings_.push_back(std::move(finding));
+}
+
+void add_doctor(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand("doctor", "Look at everything the line needs, and say what to do");
+  command->footer(
+      "\nIn order: configuration, recipes, computer, clock, disks, daemon, PLC, robot, scanner, calibration. Nothing\n"
+      "is changed; 64 MB are written beside the scans and deleted. --scan has the scanner take one scan: the daemon "
+      "goes\n"
+      "to maintenance for it, so no slab may be open and the robot must stand.\n\n"
+      "Exit status: 0 nothing failed, 3 the configuration cannot be used, 4 something failed.\n"
+      "Example: slabctl doctor --scan");
+  command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command->add_option("--listen-s", options->listen_s, "How long to listen to robot and PLC")
+      ->default_val(2.0)
+      ->check(CLI::Range(0.5, 60.0));
+  command->add_flag("--scan", options->scan, "Have one scan taken");
+  command->add_flag("--json", options->as_json, "Print slabd.doctor/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = examine(*options); });
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Whether the daemon may write where it must is asked of the file's mode and the user it runs as, because who looks is
+// often root, to whom everything is open. How fast a disk is, is measured on the disk itself: what counts is the time
+// until a scan and a commit are durable, not what the page cache takes.
+#include <fcntl.h>
+#include <fmt/core.h>
+#include <grp.h>
+#include <pwd.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+#include "cli/doctor/doctor.h"
+
+namespace slabd::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+constexpr const char* kDaemonUser = "slabd";
+/// A scan, and how long its way to the disk may take before the robot waits for it: it moves for some 4 s.
+constexpr std::size_t kScanBytes = 64U << 20U;
+constexpr double kScanSlow_s = 2.0;
+/// The PLC waits for a commit with every command.
+constexpr int kCommits = 16;
+constexpr double kCommitSlow_ms = 50.0;
+constexpr std::uint64_t kDatabaseFreeMin = 1'000'000'000;
+
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+class File {
+ public:
+  File(const std::string& path, int flags) : path_(path), fd_(::open(path.c_str(), flags | O_CLOEXEC, 0600)) {}
+  ~File() {
+    if (fd_ < 0) return;
+    ::close(fd_);
+    ::unlink(path_.c_str());
+  }
+  File(const File&) = delete;
+  File& operator=(const File&) = delete;
+  [[nodiscard]] int fd() const { return fd_; }
+
+ private:
+  std::string path_;
+  int fd_;
+};
+
+/// Who the daemon runs as: its own user where there is one, else who asks.
+struct Account {
+  std::string name;
+  uid_t uid = ::geteuid();
+  std::vector<gid_t> groups;
+};
+
+Account daemon_account() {
+  Account account;
+  const passwd* entry = ::getpwnam(kDaemonUser);
+  if (entry == nullptr) entry = ::getpwuid(::geteuid());
+  if (entry == nullptr) return account;
+  account.name = entry->pw_name;
+  account.uid = entry->pw_uid;
+  int count = 64;
+  account.groups.resize(static_cast<std::size_t>(count));
+  ::getgrouplist(entry->pw_name, entry->pw_gid, account.groups.data(), &count);
+  account.groups.resize(static_cast<std::size_t>(std::clamp(count, 0, 64)));
+  return account;
+}
+
+bool may(const Account& account, const struct stat& file, unsigned want) {
+  if (account.uid == 0) return true;
+  const unsigned mode = file.st_mode;
+  if (file.st_uid == account.uid) return (mode >> 6U & want) == want;
+  if (std::find(account.groups.begin(), account.groups.end(), file.st_gid) != account.groups.end())
+    return (mode >> 3U & want) == want;
+  return (mode & want) == want;
+}
+
+/// The folder itself, or the nearest one above it that exists.
+fs::path existing(fs::path path) {
+  std::error_code none;
+  while (!path.empty() && !fs::exists(path, none) && path != path.parent_path()) path = path.parent_path();
+  return path.empty() ? fs::path(".") : path;
+}
+
+/// True when the daemon can write there.
+bool examine_folder(const char* check, const std::string& folder, const Account& account, Examination& report) {
+  const fs::path there = existing(folder);
+  struct stat file {};
+  if (::stat(there.c_str(), &file) != 0) {
+    report.failed(check, fmt::format("{}: {}", folder, std::strerror(errno)), "make the folder");
+    return false;
+  }
+  constexpr unsigned kWriteAndEnter = 3;
+  const bool writable = may(account, file, kWriteAndEnter);
+  if (!S_ISDIR(file.st_mode)) {
+    report.failed(check, fmt::format("{} is not a folder", there.string()), "remove it or name another one");
+    return false;
+  }
+  if (!writable) {
+    report.failed(
+        check, fmt::format("{} is not writable for {}", there.string(), account.name),
+        fmt::format("chown {}:{} {} && chmod 2770 {}", account.name, account.name, there.string(), there.string()));
+    return false;
+  }
+  if (there != fs::path(folder)) {
+    report.note(check, fmt::format("{} does not exist yet; {} can make it", folder, account.name));
+    return true;
+  }
+  report.ok(check, fmt::format("{}, writable for {}", folder, account.name));
+  return true;
+}
+
+std::optional<std::uint64_t> free_bytes(const std::string& folder) {
+  struct statvfs disk {};
+  if (::statvfs(existing(folder).c_str(), &disk) != 0) return std::nullopt;
+  return static_cast<std::uint64_t>(disk.f_bavail) * disk.f_frsize;
+}
+
+std::string gigabytes(std::uint64_t bytes) {
+  return fmt::format("{:.1f} GB", static_cast<double>(bytes) / 1e9);
+}
+
+void examine_space(const char* check, const std::string& folder, std::uint64_t least, std::uint64_t for_long,
+                   const char* what, Examination& report) {
+  const std::optional<std::uint64_t> free = free_bytes(folder);
+  if (!free) {
+    report.unknown(check, fmt::format("{}: {}", folder, std::strerror(errno)));
+  } else if (*free < least) {
+    report.failed(check, fmt::format("{} free for {}, less than {}", gigabytes(*free), what, gigabytes(least)),
+                  "free some space, or name another disk in [storage]");
+  } else if (*free < for_long) {
+    report.warning(check, fmt::format("{} free for {}", gigabytes(*free), what),
+                   "set [storage] spool_budget_gb below what is free, so that old scans make room");
+  } else {
+    report.ok(check, fmt::format("{} free for {}", gigabytes(*free), what));
+  }
+}
+
+/// Time until one scan is durable, as the spool writes it; nothing when it could not be written.
+std::optional<double> scan_durable_s(const std::string& folder) {
+  const File file(folder + "/.doctor", O_CREAT | O_TRUNC | O_WRONLY);
+  if (file.fd() < 0) return std::nullopt;
+  std::vector<char> piece(1U << 20U);
+  // Not zeros: some disks do not write those.
+  for (std::size_t i = 0; i < piece.size(); ++i) piece[i] = static_cast<char>((i * 2654435761U) >> 13U);
+  const Clock::time_point start = Clock::now();
+  for (std::size_t written = 0; written < kScanBytes; written += piece.size())
+    if (::write(file.fd(), piece.data(), piece.size()) != static_cast<ssize_t>(piece.size())) return std::nullopt;
+  if (::fdatasync(file.fd()) != 0) return std::nullopt;
+  return seconds_since(start);
+}
+
+/// The middle one of some small synced writes, ms.
+std::optional<double> commit_ms(const std::string& folder) {
+  const File file(folder + "/.doctor", O_CREAT | O_TRUNC | O_WRONLY);
+  if (file.fd() < 0) return std::nullopt;
+  std::array<double, kCommits> times{};
+  const std::array<char, 4096> page{};
+  for (double& time : times) {
+    const Clock::time_point start = Clock::now();
+    if (::write(file.fd(), page.data(), page.size()) != static_cast<ssize_t>(page.size())) return std::nullopt;
+    if (::fdatasync(file.fd()) != 0) return std::nullopt;
+    time = 1e3 * seconds_since(start);
+  }
+  std::sort(times.begin(), times.end());
+  return times[times.size() / 2];
+}
+
+void examine_speed(const daemon::Config& config, const std::string& db_folder, Examination& report) {
+  const std::string spool = existing(config.storage.spool_dir).string();
+  if (const std::optional<double> s = scan_durable_s(spool); !s) {
+    report.unknown("disk speed", fmt::format("{}: {}", spool, std::strerror(errno)),
+                   "run slabctl doctor as root or as the daemon's user");
+  } else {
+    const std::string saw = fmt::format("a scan of 64 MB is durable in {:.2f} s ({:.0f} MB/s)", *s, 67.1 / *s);
+    if (*s > kScanSlow_s)
+      report.warning("disk speed", saw,
+                     "the robot waits for the disk at every station: use an SSD for [storage] spool_dir");
+    else
+      report.ok("disk speed", saw);
+  }
+  const std::string folder = existing(db_folder).string();
+  if (const std::optional<double> ms = commit_ms(folder); !ms) {
+    report.unknown("commit time", fmt::format("{}: {}", folder, std::strerror(errno)),
+                   "run slabctl doctor as root or as the daemon's user");
+  } else {
+    const std::string saw = fmt::format("a small write is durable in {:.1f} ms", *ms);
+    if (*ms > kCommitSlow_ms)
+      report.warning("commit time", saw, "the PLC waits for a commit with every command: put [storage] db on an SSD");
+    else
+      report.ok("commit time", saw);
+  }
+}
+
+void examine_recipes(const daemon::Config& config, std::vector<Recipe>& recipes, Examination& report) {
+  std::vector<daemon::Problem> problems;
+  daemon::load_recipes(config.recipes_dir, recipes, problems);
+  for (const daemon::Problem& problem : problems)
+    report.failed("recipe", problem.text, "correct the file; slabctl recipe check FILE");
+  std::string types;
+  for (const Recipe& recipe : recipes)
+    types += fmt::format("{}{} ({})", types.empty() ? "" : ", ", recipe.name.view(), recipe.slab_type);
+  if (!recipes.empty()) report.ok("recipes", fmt::format("{} in {}", types, config.recipes_dir));
+  for (const Recipe& recipe : recipes)
+    if (unconfirmed_count(recipe) != 0)
+      report.warning(
+          "recipe",
+          fmt::format("{}: {} nominals or tolerances are not confirmed", recipe.name.view(), unconfirmed_count(recipe)),
+          fmt::format("compare with the drawing; slabctl recipe check {} lists them", recipe.path.view()));
+}
+
+}  // namespace
+
+bool examine_files(const std::string& config_path, daemon::Config& config, std::vector<Recipe>& recipes,
+                   Examination& report) {
+  std::vector<daemon::Problem> problems;
+  daemon::load_config(config_path, config, problems);
+  for (const daemon::Problem& problem : problems)
+    report.failed("configuration", problem.text, "correct the file; slabd --config FILE --check");
+  if (!problems.empty()) return false;
+  report.ok("configuration", config_path);
+  if (config.simulation)
+    report.note("configuration", "[line] simulation = true: STATUS bit 11 tells the PLC that nothing here is real",
+                "set it to false on a real line");
+  examine_recipes(config, recipes, report);
+  return true;
+}
+
+void examine_disk(const daemon::Config& config, Examination& report) {
+  const Account account = daemon_account();
+  if (account.name != kDaemonUser)
+    report.note("user", fmt::format("there is no user {}; permissions are looked at for {}", kDaemonUser, account.name),
+                "the package makes it; without it the daemon runs as who starts it");
+  const std::string db_folder = fs::path(config.storage.db_path).parent_path().string();
+  const bool database = examine_folder("database", db_folder.empty() ? "." : db_folder, account, report);
+  const bool spool = examine_folder("scans", config.storage.spool_dir, account, report);
+  (void)examine_folder("scan drop", config.scanner.drop_dir.c_str(), account, report);
+  if (database) examine_space("database disk", db_folder, kDatabaseFreeMin, 2 * kDatabaseFreeMin, "records", report);
+  if (spool) {
+    const std::uint64_t least = config.storage.spool_free_bytes_min;
+    const std::uint64_t budget = config.storage.spool_budget_bytes;
+    const std::uint64_t for_long = budget == 0 ? 20 * least : least;
+    examine_space("scan disk", config.storage.spool_dir, least, for_long, "scans", report);
+  }
+  if (database && spool) examine_speed(config, db_folder, report);
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,375 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The daemon is asked what it knows; where it does not run, the links are looked at from here. PLC registers are only
+// read. Poses are listened to beside the daemon: multicast reaches everybody.
+#include <arpa/inet.h>
+#include <fmt/core.h>
+#include <modbus.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "calib/calib.h"
+#include "cli/calibrate/live_capture.h"
+#include "cli/control.h"
+#include "cli/doctor/doctor.h"
+#include "hal/plc_map.h"
+
+namespace slabd::cli {
+namespace {
+
+using nlohmann::json;
+
+/// Poses that come less often do not fill the settled window; the robot's cycle is 4 or 12 ms.
+constexpr double kPoseRateMin_hz = 50.0;
+constexpr double kClockSkew_s = 1.0;
+constexpr std::int64_t kExpiresSoon_us = 30LL * 86'400 * 1'000'000;
+
+struct ModbusFree {
+  void operator()(modbus_t* context) const {
+    modbus_close(context);
+    modbus_free(context);
+  }
+};
+
+const json& at(const json& document, std::initializer_list<const char*> path) {
+  static const json kNothing;
+  const json* here = &document;
+  for (const char* key : path) {
+    if (!here->is_object() || !here->contains(key)) return kNothing;
+    here = &(*here)[key];
+  }
+  return *here;
+}
+std::string text(const json& value) {
+  if (value.is_string()) return value.get<std::string>();
+  return value.is_null() ? "-" : value.dump();
+}
+bool yes(const json& value) {
+  return value.is_boolean() && value.get<bool>();
+}
+
+/// The address under which the server is reached from this computer.
+std::string reach(const daemon::Config& config) {
+  const std::string host(config.plc.host.view());
+  return host == "0.0.0.0" || host.empty() ? "127.0.0.1" : host;
+}
+
+/// Nobody must sit on the port before the daemon does.
+void examine_free_port(const daemon::Config& config, Examination& report) {
+  const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  if (fd < 0) return report.unknown("plc port", std::strerror(errno));
+  const int one = 1;
+  (void)::setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &one, sizeof one);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(config.plc.port);
+  const std::string host(config.plc.host.view());
+  const bool numeric = ::inet_pton(AF_INET, host.c_str(), &address.sin_addr) == 1;
+  const int fault = !numeric ? EINVAL
+                    : ::bind(fd, static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address) == 0
+                        ? 0
+                        : errno;
+  ::close(fd);
+  const std::string where = fmt::format("{}:{}", host, config.plc.port);
+  if (fault == 0)
+    report.ok("plc port", where + " is free for the daemon");
+  else if (fault == EADDRINUSE)
+    report.failed("plc port", where + " is in use by another program",
+                  fmt::format("ss -ltnp 'sport = :{}' names it; end it or change [plc] listen", config.plc.port));
+  else if (fault == EADDRNOTAVAIL)
+    report.failed("plc port", host + " is no address of this computer",
+                  "ip address lists them; correct [plc] listen, or 0.0.0.0 for all");
+  else if (fault == EACCES)
+    report.warning(
+        "plc port", where + " may only be opened by root",
+        "the service has that right (AmbientCapabilities=CAP_NET_BIND_SERVICE); else use a port from 1024 on");
+  else
+    report.failed("plc port", fmt::format("{}: {}", where, std::strerror(fault)), "correct [plc] listen");
+}
+
+void examine_reachability(const daemon::Config& config, Examination& report) {
+  const std::string host(config.plc.host.view());
+  if (host.rfind("127.", 0) == 0)
+    report.note("plc network", fmt::format("[plc] listen = {}: only a PLC on this computer can connect", host),
+                "for a PLC elsewhere: this computer's address in its network, and the PLC's in [plc] allow");
+  else if (config.plc.allow.empty())
+    report.failed("plc network", "[plc] allow is empty: nobody but this computer may connect",
+                  "allow = [\"192.168.1.10/32\"], the PLC's address");
+  else
+    report.ok("plc network", fmt::format("{} networks may connect", config.plc.allow.size()));
+}
+
+bool read_image(modbus_t* client, hal::InputImage& input, hal::HoldingImage& holding) {
+  return modbus_read_input_registers(client, 0, static_cast<int>(input.size()), input.data()) ==
+             static_cast<int>(input.size()) &&
+         modbus_read_registers(client, 0, static_cast<int>(holding.size()), holding.data()) ==
+             static_cast<int>(holding.size());
+}
+
+void examine_registers(const daemon::Config& config, Examination& report) {
+  const std::string where = fmt::format("{}:{}", reach(config), config.plc.port);
+  const std::unique_ptr<modbus_t, ModbusFree> client(modbus_new_tcp(reach(config).c_str(), config.plc.port));
+  if (client == nullptr) return report.unknown("plc registers", modbus_strerror(errno));
+  modbus_set_slave(client.get(), config.plc.unit_id);
+  modbus_set_response_timeout(client.get(), 1, 0);
+  hal::InputImage input{};
+  hal::HoldingImage first{};
+  hal::HoldingImage later{};
+  if (modbus_connect(client.get()) != 0 || !read_image(client.get(), input, first))
+    return report.failed("plc registers", fmt::format("{}: {}", where, modbus_strerror(errno)),
+                         "is this computer in [plc] allow, and are not all connections taken?");
+  const Result<PlcOutputs> outputs = hal::decode_outputs(input, config.plc.word_order);
+  if (!outputs)
+    return report.failed("plc registers", std::string(outputs.error().text.view()), "is this slabd's port?");
+  const bool abcd = config.plc.word_order == hal::WordOrder::abcd;
+  report.ok("plc registers", fmt::format("map 1.0 on {}; WORD_PROBE is {:04X} {:04X} ({})", where, input[2], input[3],
+                                         abcd ? "abcd, high word first" : "cdab, low word first"));
+  std::this_thread::sleep_for(std::chrono::milliseconds(1'200));
+  if (!read_image(client.get(), input, later))
+    return report.failed("plc registers", fmt::format("{}: {}", where, modbus_strerror(errno)),
+                         "look at the daemon's log");
+  const PlcInputs plc = hal::decode_inputs(later, config.plc.word_order);
+  if (first[0] == later[0])
+    report.failed("plc heartbeat", fmt::format("HR 0 stands at {}", later[0]),
+                  "the PLC must change HR 0 every 500 ms: is it in RUN, connected, and writing?");
+  else
+    report.ok("plc heartbeat", fmt::format("HR 0 went from {} to {} in 1.2 s", first[0], later[0]));
+  if (!plc.enable)
+    report.note("plc enable", "ENABLE (HR 1, bit 0) is off: commands are refused", "switch the PLC to automatic");
+  // A slab number from the other word order is a multiple of 65536.
+  if (plc.slab_no != 0 && (plc.slab_no & 0xFFFFU) == 0)
+    report.warning("word order", fmt::format("SLAB_NO reads {}, as if its words were swapped", plc.slab_no),
+                   "compare WORD_PROBE (IR 2-3) in the PLC with 0x12345678; set [plc] word_order");
+}
+
+// ---- robot ---------------------------------------------------------------------------------------------------------
+
+/// What came while somebody listened.
+struct Heard {
+  std::size_t poses = 0;
+  std::size_t gaps = 0;
+  std::int32_t last_seq = 0;
+  std::int64_t first_ns = 0;
+  std::int64_t last_ns = 0;
+  double skew_s = 0.0;
+  Vec3 low = Vec3::Constant(1e9);
+  Vec3 high = Vec3::Constant(-1e9);
+  PoseSample newest;
+  void add(const PoseSample& sample, std::int64_t now_utime_us) {
+    if (poses == 0) first_ns = sample.arrival_ns;
+    if (poses != 0 && sample.seq != last_seq + 1) ++gaps;
+    ++poses;
+    last_seq = sample.seq;
+    last_ns = sample.arrival_ns;
+    skew_s = static_cast<double>(now_utime_us - sample.utime_us) / 1e6;
+    low = low.cwiseMin(sample.T_base_flange.translation_mm);
+    high = high.cwiseMax(sample.T_base_flange.translation_mm);
+    newest = sample;
+  }
+};
+
+Heard listen(hal::PosePort& port, double seconds) {
+  const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
+  const std::int64_t end = clock->mono_ns() + static_cast<std::int64_t>(seconds * 1e9);
+  Heard heard;
+  for (std::int64_t now = clock->mono_ns(); now < end; now = clock->mono_ns()) {
+    PoseSample sample;
+    while (port.next(now, sample)) {
+      sample.arrival_ns = now;
+      heard.add(sample, clock->utime_us());
+    }
+    if (port.fd() < 0) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+      continue;
+    }
+    pollfd waiting{port.fd(), POLLIN, 0};
+    (void)::poll(&waiting, 1, 50);
+  }
+  return heard;
+}
+
+void examine_heard(const daemon::Config& config, const Heard& heard, Examination& report) {
+  const double span_s = static_cast<double>(heard.last_ns - heard.first_ns) / 1e9;
+  const double rate_hz = span_s > 0.0 ? static_cast<double>(heard.poses - 1) / span_s : 0.0;
+  const std::string saw = fmt::format("{:.0f} poses/s, {} gaps", rate_hz, heard.gaps);
+  if (rate_hz < kPoseRateMin_hz)
+    report.failed("robot poses", saw, "the robot must be sent every 4 to 12 ms");
+  else if (heard.gaps > heard.poses / 100)
+    report.warning("robot poses", saw,
+                   "poses get lost on the way, or two programs send: look at the network and the bridge");
+  else
+    report.ok("robot poses", saw);
+
+  const PoseSample& pose = heard.newest;
+  if (pose.base_id != config.pose.base_id || pose.tool_id != config.pose.tool_id)
+    report.failed("robot frame",
+                  fmt::format("base {} and tool {} are active, expected {} and {}", pose.base_id, pose.tool_id,
+                              config.pose.base_id, config.pose.tool_id),
+                  "$BASE = $NULLFRAME and $TOOL = $NULLFRAME in the robot's program, or correct [robot]");
+  else
+    report.ok("robot frame",
+              fmt::format("base {}, tool {}: the flange in the robot's base", pose.base_id, pose.tool_id));
+  const Vec3 spread = heard.high - heard.low;
+  const Vec3& p = pose.T_base_flange.translation_mm;
+  const calib::KukaAbc abc = calib::kuka_abc_from_rotation(pose.T_base_flange.rotation);
+  report.ok("robot position",
+            fmt::format("X {:.3f} Y {:.3f} Z {:.3f} mm, A {:.3f} B {:.3f} C {:.3f} deg, moved {:.3f} mm meanwhile; "
+                        "compare with the pendant",
+                        p.x(), p.y(), p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad),
+                        spread.maxCoeff()));
+  if (pose.estop) report.note("robot position", "the robot reports emergency stop");
+  if (std::abs(heard.skew_s) > kClockSkew_s)
+    report.note("robot clock", fmt::format("the sender's clock is {:.1f} s off this computer's", heard.skew_s),
+                "only records show it; NTP on both sides mends it");
+}
+
+}  // namespace
+
+void examine_daemon(const daemon::Config& config, json& status, Examination& report) {
+  const Result<std::string> answer = ask_daemon(config.control_socket, "{\"verb\":\"status\"}\n");
+  if (!answer) {
+    report.failed("daemon", std::string(answer.error().text.view()), "systemctl start slabd; journalctl -u slabd");
+    return;
+  }
+  status = json::parse(answer.value(), nullptr, false);
+  if (!status.is_object() || text(at(status, {"schema"})) != "slabd.status/1") {
+    status = nullptr;
+    report.failed("daemon", "it answers in a form this slabctl does not know",
+                  "install slabd and slabctl of one version");
+    return;
+  }
+  const std::string saw = fmt::format("{}, state {}", text(at(status, {"software"})), text(at(status, {"state"})));
+  const json& fault = at(status, {"fault", "code"});
+  if (fault.is_number() && fault.get<int>() != 0)
+    report.failed("daemon", fmt::format("{}, fault {}: {}", saw, fault.get<int>(), text(at(status, {"fault", "text"}))),
+                  text(at(status, {"fault", "cure"})));
+  else
+    report.ok("daemon", saw);
+  if (text(at(status, {"config"})) != std::filesystem::absolute(config.path).string() &&
+      text(at(status, {"config"})) != config.path)
+    report.warning("daemon", fmt::format("it runs with {}", text(at(status, {"config"}))),
+                   "look at that one with --config, or restart the daemon");
+  for (const json& warning : at(status, {"warn"}))
+    if (warning.is_string()) report.warning("daemon", warning.get<std::string>(), "docs/PLC.md, WARN");
+  if (!yes(at(status, {"links", "store", "ok"})))
+    report.failed("database", "the daemon cannot write it", "journalctl -u slabd names the reason");
+}
+
+void examine_plc(const daemon::Config& config, const json& status, Examination& report) {
+  examine_reachability(config, report);
+  if (status.is_null())
+    examine_free_port(config, report);
+  else
+    examine_registers(config, report);
+}
+
+void examine_robot(const daemon::Config& config, double seconds, Examination& report) {
+  const Result<std::unique_ptr<hal::PosePort>> port = hal::make_lcm_pose_port(config.robot);
+  if (!port) {
+    report.failed("robot link", std::string(port.error().text.view()), "correct [robot]");
+    return;
+  }
+  const Heard heard = listen(*port.value(), seconds);
+  const std::string trouble(port.value()->trouble());
+  const hal::PoseLinkCounters& counters = port.value()->counters();
+  if (!trouble.empty()) {
+    report.failed("robot link", trouble, "ip address; ip route get 239.255.76.67; [robot] interface");
+  } else if (heard.poses == 0) {
+    report.failed("robot poses",
+                  fmt::format("none of channel {} on {} in {:.1f} s; {} foreign datagrams, {} malformed poses",
+                              config.robot.channel.view(), config.robot.url.view(), seconds, counters.foreign,
+                              counters.malformed),
+                  "is the robot's bridge running, on this channel and group, and is its network [robot] interface?");
+  } else {
+    report.ok("robot link", fmt::format("{} on {}", config.robot.channel.view(), config.robot.url.view()));
+    examine_heard(config, heard, report);
+  }
+}
+
+void examine_scanner(const daemon::Config& config, const json& status, bool scan, Examination& report) {
+  const std::string drop(config.scanner.drop_dir.view());
+  if (!status.is_null()) {
+    if (yes(at(status, {"links", "scanner", "online"})))
+      report.ok("scanner link", drop + "/request and /inbox are there for the daemon");
+    else
+      report.failed("scanner link", "the daemon cannot use " + drop, "mount the share, and make it writable for slabd");
+    const json& strays = at(status, {"links", "scanner", "strays"});
+    if (strays.is_number() && strays.get<int>() != 0)
+      report.warning("scanner link", fmt::format("{} files answered no request and lie in stray/", strays.get<int>()),
+                     "the scanner's software must name its file after the request");
+  }
+  if (!scan) return report.note("scan", "not tried", "slabctl doctor --scan has one taken");
+  if (status.is_null()) return report.unknown("scan", "the daemon does not run");
+  Result<LiveCapture> capture = LiveCapture::begin(config.control_socket, {"doctor", "doctor", 60, false});
+  if (!capture) return report.failed("scan", std::string(capture.error().text.view()), "then try again");
+  const Result<LiveShot> shot = capture.value().shoot([](std::string_view) {});
+  if (shot) {
+    report.ok("scan",
+              fmt::format("{} points {:.1f} s after the request; flange within {:.3f} mm", shot.value().points,
+                          static_cast<double>(shot.value().scan_utime_us - shot.value().requested_utime_us) / 1e6,
+                          shot.value().spread_mm));
+    (void)capture.value().release(shot.value().scan_path);
+  } else {
+    report.failed("scan", std::string(shot.error().text.view()), std::string(cure(shot.error().code)));
+  }
+  (void)capture.value().end();
+}
+
+void examine_calibration(const daemon::Config& config, const json& status, Examination& report) {
+  if (status.is_null()) {
+    const auto reader = storage::open_reader(config.storage.db_path);
+    if (!reader) return report.unknown("calibration", std::string(reader.error().text.view()));
+    const auto hand_eye = reader.value()->current(CalibrationKind::hand_eye);
+    if (hand_eye && hand_eye.value())
+      report.ok("calibration", hand_eye.value()->id + " was applied last");
+    else
+      report.warning("calibration", "none has been applied", "docs/CALIBRATION.md");
+    return;
+  }
+  const json& calibration = at(status, {"calibration"});
+  const std::string source = text(at(calibration, {"source"}));
+  const std::string id = text(at(calibration, {"id"}));
+  const std::int64_t now = hal::make_system_clock()->utime_us();
+  const json& expires = at(calibration, {"expires_utime_us"});
+  const std::int64_t expires_us = expires.is_number() ? expires.get<std::int64_t>() : 0;
+  if (source == "missing")
+    report.failed("calibration", "there is none", "slabctl calibrate new; docs/CALIBRATION.md");
+  else if (expires_us != 0 && expires_us < now)
+    report.failed("calibration", id + " has expired", "slabctl calibrate new; docs/CALIBRATION.md");
+  else if (source == "commissioning")
+    report.warning("calibration", "commissioning values: nobody has measured where the scanner sits",
+                   "slabctl calibrate new; docs/CALIBRATION.md");
+  else if (expires_us != 0 && expires_us - now < kExpiresSoon_us)
+    report.warning("calibration", fmt::format("{} expires in {} days", id, (expires_us - now) / 86'400'000'000),
+                   "plan a new one");
+  else
+    report.ok("calibration", id);
+  for (const json& table : at(calibration, {"stations"}))
+    if (text(at(table, {"state"})) != "used")
+      report.warning("corrections", fmt::format("{} is {}", text(at(table, {"id"})), text(at(table, {"state"}))),
+                     "slabctl calibrate stations --again --apply");
+  for (const char* watch : {"reference_block", "monitor_ball"}) {
+    const json& check = at(calibration, {watch});
+    if (!check.is_object()) continue;
+    const json& passed = at(check, {"passed"});
+    if (passed.is_boolean() && !passed.get<bool>())
+      report.failed("daily check", fmt::format("{}: {}", text(at(check, {"id"})), text(at(check, {"note"}))),
+                    "find the cause, then slabctl calibrate check");
+    else if (yes(at(check, {"overdue"})))
+      report.warning("daily check", text(at(check, {"id"})) + " is overdue", "slabctl calibrate check");
+    else
+      report.ok("daily check", text(at(check, {"id"})));
+  }
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl doctor at the bedside of a real daemon: it must find what is wrong, name the cure, and find nothing where all
+// is well.
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "processes.h"
+
+namespace slabd::line {
+namespace {
+
+using nlohmann::json;
+
+class DoctorTest : public testing::Test {
+ protected:
+  struct Opinion {
+    int exit_status = -1;
+    json findings;
+    /// Health of the first finding of a check that is not ok, "ok" if all are, "" if it was not looked at.
+    [[nodiscard]] std::string health(const std::string& check) const {
+      std::string word;
+      for (const json& finding : findings)
+        if (finding["check"] == check && (word.empty() || word == "ok")) word = finding["health"];
+      return word;
+    }
+    [[nodiscard]] std::string all() const { return findings.dump(1); }
+  };
+  [[nodiscard]] Opinion examine(std::vector<std::string> more = {}) const {
+    std::vector<std::string> args = {"doctor", "--config", box_.config.native(), "--json", "--listen-s", "1"};
+    args.insert(args.end(), more.begin(), more.end());
+    const Box::Answer answer = box_.slabctl(args);
+    const json document = json::parse(answer.out, nullptr, false);
+    if (!document.is_object()) return {answer.exit_status, json::array()};
+    EXPECT_EQ(document["schema"], "slabd.doctor/1");
+    for (const json& finding : document["findings"]) {
+      const bool bad = finding["health"] == "failed" || finding["health"] == "warning";
+      EXPECT_TRUE(!bad || finding["cure"] != "") << finding;
+    }
+    return {answer.exit_status, document["findings"]};
+  }
+  void start() {
+    box_.start();
+    ASSERT_TRUE(box_.ready()) << box_.log();
+  }
+
+  Box box_;
+};
+
+TEST_F(DoctorTest, a_configuration_with_a_mistake_is_where_it_ends) {
+  std::ofstream(box_.config, std::ios::app) << "\n[scanner2]\n";
+  const Opinion opinion = examine();
+  EXPECT_EQ(opinion.exit_status, 3);
+  EXPECT_EQ(opinion.health("configuration"), "failed") << opinion.all();
+  EXPECT_EQ(opinion.health("daemon"), "") << "nothing can be said of the rest";
+}
+
+TEST_F(DoctorTest, says_that_the_daemon_does_not_run_and_looks_at_what_it_can) {
+  const Opinion opinion = examine();
+  EXPECT_EQ(opinion.exit_status, 4);
+  EXPECT_EQ(opinion.health("configuration"), "ok");
+  EXPECT_EQ(opinion.health("daemon"), "failed");
+  EXPECT_EQ(opinion.health("plc port"), "ok") << opinion.all();
+  EXPECT_EQ(opinion.health("robot poses"), "failed");
+  EXPECT_EQ(opinion.health("disk speed"), "ok") << opinion.all();
+  EXPECT_EQ(opinion.health("commit time"), "ok") << opinion.all();
+}
+
+TEST_F(DoctorTest, finds_the_program_that_sits_on_the_daemons_port) {
+  const int fd = ::socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(box_.port);
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  ASSERT_EQ(::bind(fd, static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address), 0);
+  ASSERT_EQ(::listen(fd, 1), 0);
+  EXPECT_EQ(examine().health("plc port"), "failed");
+  ::close(fd);
+}
+
+TEST_F(DoctorTest, a_file_in_place_of_the_scan_folder_is_found) {
+  fs::remove_all(box_.dir / "spool");
+  std::ofstream(box_.dir / "spool") << "no folder";
+  EXPECT_EQ(examine().health("scans"), "failed");
+}
+
+TEST_F(DoctorTest, a_daemon_without_plc_and_robot_lacks_heartbeat_and_poses) {
+  start();
+  const Opinion opinion = examine();
+  EXPECT_EQ(opinion.exit_status, 4);
+  EXPECT_EQ(opinion.health("plc registers"), "ok") << opinion.all();
+  EXPECT_EQ(opinion.health("plc heartbeat"), "failed");
+  EXPECT_EQ(opinion.health("robot poses"), "failed");
+  EXPECT_EQ(opinion.health("scanner link"), "ok");
+  EXPECT_EQ(opinion.health("calibration"), "warning") << "commissioning values";
+}
+
+TEST_F(DoctorTest, finds_nothing_failed_on_a_running_line_and_leaves_it_alone) {
+  start();
+  const auto line = box_.simulate({"--slab-no", "1"});
+  Opinion opinion;
+  for (int i = 0; i < 20; ++i) {
+    opinion = examine();
+    if (opinion.exit_status == 0) break;
+  }
+  EXPECT_EQ(opinion.exit_status, 0) << opinion.all();
+  for (const char* check : {"plc registers", "plc heartbeat", "robot link", "robot poses", "robot frame", "daemon"})
+    EXPECT_NE(opinion.health(check), "failed") << check;
+  EXPECT_EQ(opinion.health("robot frame"), "ok");
+  EXPECT_EQ(opinion.health("plc heartbeat"), "ok");
+  // The slab goes on under the doctor's eyes and passes.
+  EXPECT_EQ(line->wait(), 0) << read_file(box_.dir / "simulate.err");
+}
+
+TEST_F(DoctorTest, has_a_scan_taken_when_asked_and_gives_the_line_back) {
+  start();
+  const Process cell({SLABCTL_PROGRAM, "simulate", "calibration", "--live", "--kind", "ball", "--views", "3",
+                      "--move-s", "0.2", "--config", box_.config.native(), "--out", (box_.dir / "truth").native()},
+                     box_.dir / "cell.out", box_.dir / "cell.err");
+  Opinion opinion;
+  for (int i = 0; i < 20; ++i) {
+    opinion = examine({"--scan"});
+    if (opinion.health("scan") == "ok") break;
+  }
+  EXPECT_EQ(opinion.health("scan"), "ok") << opinion.all();
+  const json status = json::parse(box_.slabctl({"status", "--config", box_.config.native(), "--json"}).out);
+  EXPECT_EQ(status["state"], "idle");
+  EXPECT_TRUE(fs::is_empty(box_.dir / "spool" / "capture")) << "the scan is gone again";
+}
+
+}  // namespace
+}  // namespace slabd::line
