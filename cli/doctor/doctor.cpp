@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <memory>
-#include <nlohmann/json.hpp>
 
 #include "cli/command.h"
 #include "cli/exit.h"
@@ -85,12 +84,11 @@ int examine(const Options& options) {
   std::vector<Recipe> recipes;
   const bool usable = examine_files(options.config, config, recipes, report);
   if (usable) {
-    nlohmann::json status;
     examine_machine(config, report);
     examine_clock(report);
     examine_disk(config, report);
-    examine_daemon(config, status, report);
-    examine_plc(config, status, report);
+    const std::string status = examine_daemon(config, report);
+    examine_plc(config, !status.empty(), report);
     examine_robot(config, options.listen_s, report);
     examine_scanner(config, status, options.scan, report);
     examine_calibration(config, status, report);

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <nlohmann/json_fwd.hpp>
-
 #include <cstdint>
 #include <string>
 #include <string_view>
@@ -77,13 +75,13 @@ void examine_clock(Examination& report);
 
 // ---- doctor_links.cpp: the daemon and who it talks to ------------------------------------------------------------
 
-/// Asks the daemon; `status` is null when it does not run.
-void examine_daemon(const daemon::Config& config, nlohmann::json& status, Examination& report);
-void examine_plc(const daemon::Config& config, const nlohmann::json& status, Examination& report);
+/// Asks the daemon; returns its status (slabd.status/1), empty when it does not run.
+[[nodiscard]] std::string examine_daemon(const daemon::Config& config, Examination& report);
+void examine_plc(const daemon::Config& config, bool daemon_runs, Examination& report);
 /// Listens for `seconds`.
 void examine_robot(const daemon::Config& config, double seconds, Examination& report);
 /// `scan`: has one taken, through the daemon's maintenance state.
-void examine_scanner(const daemon::Config& config, const nlohmann::json& status, bool scan, Examination& report);
-void examine_calibration(const daemon::Config& config, const nlohmann::json& status, Examination& report);
+void examine_scanner(const daemon::Config& config, const std::string& status, bool scan, Examination& report);
+void examine_calibration(const daemon::Config& config, const std::string& status, Examination& report);
 
 }  // namespace slabd::cli

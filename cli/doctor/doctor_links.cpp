@@ -54,6 +54,10 @@ std::string text(const json& value) {
   if (value.is_string()) return value.get<std::string>();
   return value.is_null() ? "-" : value.dump();
 }
+/// Null when the daemon does not run.
+json status_of(const std::string& answer) {
+  return answer.empty() ? json(nullptr) : json::parse(answer, nullptr, false);
+}
 bool yes(const json& value) {
   return value.is_boolean() && value.get<bool>();
 }
@@ -235,18 +239,17 @@ void examine_heard(const daemon::Config& config, const Heard& heard, Examination
 
 }  // namespace
 
-void examine_daemon(const daemon::Config& config, json& status, Examination& report) {
+std::string examine_daemon(const daemon::Config& config, Examination& report) {
   const Result<std::string> answer = ask_daemon(config.control_socket, "{\"verb\":\"status\"}\n");
   if (!answer) {
     report.failed("daemon", std::string(answer.error().text.view()), "systemctl start slabd; journalctl -u slabd");
-    return;
+    return {};
   }
-  status = json::parse(answer.value(), nullptr, false);
+  const json status = json::parse(answer.value(), nullptr, false);
   if (!status.is_object() || text(at(status, {"schema"})) != "slabd.status/1") {
-    status = nullptr;
     report.failed("daemon", "it answers in a form this slabctl does not know",
                   "install slabd and slabctl of one version");
-    return;
+    return {};
   }
   const std::string saw = fmt::format("{}, state {}", text(at(status, {"software"})), text(at(status, {"state"})));
   const json& fault = at(status, {"fault", "code"});
@@ -263,14 +266,15 @@ void examine_daemon(const daemon::Config& config, json& status, Examination& rep
     if (warning.is_string()) report.warning("daemon", warning.get<std::string>(), "docs/PLC.md, WARN");
   if (!yes(at(status, {"links", "store", "ok"})))
     report.failed("database", "the daemon cannot write it", "journalctl -u slabd names the reason");
+  return answer.value();
 }
 
-void examine_plc(const daemon::Config& config, const json& status, Examination& report) {
+void examine_plc(const daemon::Config& config, bool daemon_runs, Examination& report) {
   examine_reachability(config, report);
-  if (status.is_null())
-    examine_free_port(config, report);
-  else
+  if (daemon_runs)
     examine_registers(config, report);
+  else
+    examine_free_port(config, report);
 }
 
 void examine_robot(const daemon::Config& config, double seconds, Examination& report) {
@@ -296,7 +300,8 @@ void examine_robot(const daemon::Config& config, double seconds, Examination& re
   }
 }
 
-void examine_scanner(const daemon::Config& config, const json& status, bool scan, Examination& report) {
+void examine_scanner(const daemon::Config& config, const std::string& status_text, bool scan, Examination& report) {
+  const json status = status_of(status_text);
   const std::string drop(config.scanner.drop_dir.view());
   if (!status.is_null()) {
     if (yes(at(status, {"links", "scanner", "online"})))
@@ -325,7 +330,8 @@ void examine_scanner(const daemon::Config& config, const json& status, bool scan
   (void)capture.value().end();
 }
 
-void examine_calibration(const daemon::Config& config, const json& status, Examination& report) {
+void examine_calibration(const daemon::Config& config, const std::string& status_text, Examination& report) {
+  const json status = status_of(status_text);
   if (status.is_null()) {
     const auto reader = storage::open_reader(config.storage.db_path);
     if (!reader) return report.unknown("calibration", std::string(reader.error().text.view()));
