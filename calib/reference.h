@@ -47,7 +47,7 @@ struct CheckLimits {
 [[nodiscard]] CalibrationCheck check_block(const ReferenceBlock& certified, const BlockResult& measured,
                                            const CheckLimits& limits);
 
-/// Compares the monitor ball with its place.
+/// Compares the monitor ball with its place. A note on a check that passed says that it nearly failed.
 [[nodiscard]] CalibrationCheck check_ball(const MonitorBall& certified, const Vec3& centre_base_mm);
 
 }  // namespace slabd::calib

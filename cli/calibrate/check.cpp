@@ -12,6 +12,7 @@
 #include "base/pages.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/calibration_desk.h"
+#include "cli/calibrate/monitor_ball.h"
 #include "cli/calibrate/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
@@ -25,12 +26,6 @@ namespace {
 
 constexpr std::size_t kTrendRows = 10;
 
-struct BallOptions {
-  std::string flange;  ///< pose of the robot
-  double radius_mm = kNoValue;
-  double noise_mm = 0.05;
-};
-
 struct CheckOptions {
   std::string config;
   std::string scan;
@@ -38,8 +33,7 @@ struct CheckOptions {
   std::string slab;
   int station = 0;
   bool ball = false;
-  BallOptions ball_options;
-  std::string unit = "mm";
+  BallLook look;
   std::string who;
   std::size_t limit = kTrendRows;
   bool json = false;
@@ -48,10 +42,8 @@ struct CheckOptions {
 struct ReferenceOptions {
   RecordOptions record;
   std::string certificate;
-  std::string ball_scan;
-  BallOptions ball_options;
+  BallLook look;
   double limit_mm = 0.1;
-  std::string unit = "mm";
 };
 
 /// Prints why and leaves the exit status.
@@ -59,14 +51,6 @@ bool failed(const Error& why, int& exit_status) {
   complain(fmt::format("{}", why.text.view()));
   exit_status = exit_for(why.code);
   return false;
-}
-
-bool read_scan_file(const std::string& path, const std::string& unit, std::span<float> xyz, ScanShape& shape,
-                    int& exit_status) {
-  const Result<ScanShape> read = hal::read_scan(path.c_str(), *length_unit(unit), xyz);
-  if (!read.ok()) return failed(read.error(), exit_status);
-  shape = read.value();
-  return true;
 }
 
 // ---- reference block ---------------------------------------------------------------------------------------------
@@ -85,8 +69,9 @@ bool measure_scan(const CheckOptions& options, BlockResult& out, int& exit_statu
   const ProgressNote note(stderr, "measuring ...", std::chrono::seconds(1));
   Pages memory(limits::kScanSlotBytes);
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
-  ScanShape shape;
-  if (!read_scan_file(options.scan, options.unit, xyz, shape, exit_status)) return false;
+  const Result<ScanShape> read = hal::read_scan(options.scan.c_str(), *length_unit(options.look.unit), xyz);
+  if (!read.ok()) return failed(read.error(), exit_status);
+  const ScanShape& shape = read.value();
   const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
   algo::BlockInspector inspector(daemon::default_measure_threads());
   inspector.use(recipe);
@@ -125,32 +110,18 @@ bool take_from_slab(const CheckOptions& options, storage::Reader& reader, BlockR
 
 // ---- monitor ball ------------------------------------------------------------------------------------------------
 
-/// The ball's centre in the base frame, by the hand-eye calibration in force.
-bool find_ball(const std::string& scan, const std::string& unit, const BallOptions& options, const Pose& X, Vec3& out,
-               int& exit_status) {
-  const Result<Pose> T_base_flange = parse_pose(options.flange);
-  if (!T_base_flange.ok()) {
-    complain(fmt::format("--flange: {}", T_base_flange.error().text.view()));
-    exit_status = kUsage;
-    return false;
-  }
-  Pages memory(limits::kScanSlotBytes);
-  const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
-  ScanShape shape;
-  if (!read_scan_file(scan, unit, xyz, shape, exit_status)) return false;
-  calib::BallSettings settings;
-  settings.radius_mm = options.radius_mm;
-  settings.noise_mm = options.noise_mm;
-  const Result<calib::BallView> view = calib::find_balls(xyz.first(3 * shape.points), settings);
-  if (!view.ok()) return failed(view.error(), exit_status);
-  if (!view.value().ok()) {
-    complain(fmt::format("{}: refused ({}): {}\n  what to do: {}", scan, name(view.value().refusal),
-                         view.value().words.reason.view(), view.value().words.cure.view()));
-    exit_status = kRefused;
-    return false;
-  }
-  out = T_base_flange.value() * (X * view.value().balls.front().centre_mm);
-  return true;
+/// From another pose the robot errs by another amount, as much as its absolute accuracy: that is no drift.
+std::string elsewhere(const daemon::Config& config, const std::string& observations, const SeenBall& seen) {
+  const std::optional<Pose> then = ball_pose_of(observations);
+  if (!then) return "";
+  const double off_mm = (seen.T_base_flange.translation_mm - then->translation_mm).norm();
+  const double off_rad = angle_between_rad(seen.T_base_flange.rotation, then->rotation);
+  if (off_mm <= config.splice.gate_mm && off_rad <= config.splice.gate_rad) return "";
+  return fmt::format(
+      "the robot stood {:.1f} mm and {:.2f} deg from where it stood when the ball was taken into use; from there it "
+      "errs "
+      "otherwise, so look from the same pose",
+      off_mm, deg_from_rad(off_rad));
 }
 
 bool hand_eye_in_force(storage::Reader* reader, const daemon::Config& config, CalibrationId& id, Pose& X,
@@ -194,7 +165,8 @@ std::string due_text(const LineCalibration::Watch& watch, std::int64_t interval_
 
 std::string figures_of(const CalibrationCheck& check) {
   if (check.kind == CalibrationKind::monitor_ball)
-    return fmt::format("off {:+.3f} {:+.3f} {:+.3f} mm", check.off_mm.x(), check.off_mm.y(), check.off_mm.z());
+    return fmt::format("{:.3f} mm off ({:+.3f} {:+.3f} {:+.3f})", check.off_mm.norm(), check.off_mm.x(),
+                       check.off_mm.y(), check.off_mm.z());
   return fmt::format("slope {:.4f} deg, jaw distance {:.4f} mm", deg_from_rad(check.slope_rad), check.jaw_distance_mm);
 }
 
@@ -268,13 +240,20 @@ bool judge(const CheckOptions& options, const daemon::Config& config, storage::R
   CalibrationId hand_eye_id;
   Pose X;
   if (!hand_eye_in_force(&reader, config, hand_eye_id, X, exit_status)) return false;
+  std::string source =
+      options.slab.empty() ? options.scan : fmt::format("slab {} station {}", options.slab, options.station);
   if (options.ball) {
     const auto& ball = std::get<MonitorBall>(reference.value()->numbers);
-    BallOptions ball_options = options.ball_options;
-    if (!has_value(ball_options.radius_mm)) ball_options.radius_mm = ball.radius_mm;
-    Vec3 centre;
-    if (!find_ball(options.scan, options.unit, ball_options, X, centre, exit_status)) return false;
-    check = calib::check_ball(ball, centre);
+    BallLook look = options.look;
+    look.scan = options.scan;
+    look.who = options.who;
+    if (!has_value(look.radius_mm)) look.radius_mm = ball.radius_mm;
+    SeenBall seen;
+    if (!look_at_ball(config, look, X, seen, exit_status)) return false;
+    check = calib::check_ball(ball, seen.p_base_mm);
+    source = seen.source;
+    if (const std::string where = elsewhere(config, reference.value()->observations, seen); !where.empty())
+      complain(fmt::format("warning: {}", where));
   } else {
     BlockResult block;
     const bool measured = options.slab.empty() ? measure_scan(options, block, exit_status)
@@ -286,8 +265,7 @@ bool judge(const CheckOptions& options, const daemon::Config& config, storage::R
   check.hand_eye_id = hand_eye_id;
   check.utime_us = wall_clock_us();
   check.who.assign(options.who.empty() ? default_operator() : options.who);
-  check.source.assign(options.slab.empty() ? options.scan
-                                           : fmt::format("slab {} station {}", options.slab, options.station));
+  check.source.assign(source);
   return true;
 }
 
@@ -297,7 +275,16 @@ int check_calibration(const CheckOptions& options) {
   if (!config_from(options.config, config)) return kBadInput;
   std::unique_ptr<storage::Reader> reader;
   if (!open_records(config, reader, exit_status)) return exit_status;
-  if (options.scan.empty() && options.slab.empty()) return show_trend(options, config, reader.get());
+  if (options.ball && options.look.live == !options.scan.empty()) {
+    complain("--ball needs either a scan with --flange, or --live");
+    return kUsage;
+  }
+  if (options.look.live && !options.ball) {
+    complain("--live is for --ball; the reference block is checked from a scan, or as a station of a slab (--slab)");
+    return kUsage;
+  }
+  if (options.scan.empty() && options.slab.empty() && !options.look.live)
+    return show_trend(options, config, reader.get());
   if (reader == nullptr) {
     complain("nothing is in force to compare with: slabctl calibrate reference");
     return kBadInput;
@@ -319,19 +306,27 @@ int check_calibration(const CheckOptions& options) {
   } else {
     fmt::print("{} against {}: {}\n", check.passed ? "passed" : "FAILED", check.reference_id.view(), figures_of(check));
   }
+  if (check.passed && !check.note.empty()) complain(fmt::format("warning: {}", check.note.view()));
   if (!check.passed)
     complain(
-        fmt::format("{}; slabs are refused (fault 503) until a check passes. What to do: clean artefact and "
-                    "scanner, let both warm up, check again; if it fails again, calibrate and have the scanner "
-                    "examined",
-                    check.note.view()));
+        fmt::format("{}; slabs are refused (fault 503) until a check passes. What to do: {}", check.note.view(),
+                    check.kind == CalibrationKind::monitor_ball
+                        ? "look whether ball, scanner and robot sit where they sat, clean the ball, let the robot "
+                          "warm up, check again from the same pose; if it fails again, calibrate and master the "
+                          "stations anew, then take the ball into use again"
+                        : "clean artefact and scanner, let both warm up, check again; if it fails again, calibrate "
+                          "and have the scanner examined"));
   return check.passed ? kDone : kRefused;
 }
 
 int take_reference(const ReferenceOptions& options) {
   int exit_status = kDone;
-  if (options.certificate.empty() == options.ball_scan.empty()) {
-    complain("give either --certificate (reference block) or --ball with --flange and --radius (monitor ball)");
+  const int given =
+      (options.certificate.empty() ? 0 : 1) + (options.look.scan.empty() ? 0 : 1) + (options.look.live ? 1 : 0);
+  if (given != 1) {
+    complain(
+        "give one of --certificate (reference block), --ball SCAN with --flange, or --live (monitor ball, with "
+        "--radius)");
     return kUsage;
   }
   daemon::Config config;
@@ -357,14 +352,17 @@ int take_reference(const ReferenceOptions& options) {
   } else {
     CalibrationId hand_eye_id;
     Pose X;
-    Vec3 centre;
+    BallLook look = options.look;
+    look.who = record.operator_name;
+    SeenBall seen;
     if (!hand_eye_in_force(reader.get(), config, hand_eye_id, X, exit_status) ||
-        !find_ball(options.ball_scan, options.unit, options.ball_options, X, centre, exit_status))
+        !look_at_ball(config, look, X, seen, exit_status))
       return exit_status;
-    record.numbers = MonitorBall{centre, options.ball_options.radius_mm, options.limit_mm};
-    record.observations = fmt::format("scan {}\nT_base_flange {}\nhand-eye {}\n", options.ball_scan,
-                                      options.ball_options.flange, hand_eye_id.view());
-    fmt::print("ball at {:.3f} {:.3f} {:.3f} mm (base frame)\n", centre.x(), centre.y(), centre.z());
+    const Vec3& p = seen.p_base_mm;
+    record.numbers = MonitorBall{p, look.radius_mm, options.limit_mm};
+    record.observations = ball_observations(seen, hand_eye_id.view());
+    fmt::print("ball at {:.3f} {:.3f} {:.3f} mm (base frame), may be found {:.3f} mm from there\n", p.x(), p.y(), p.z(),
+               options.limit_mm);
   }
   if (options.record.dry_run) {
     fmt::print("{}", kept_text({}, true));
@@ -374,18 +372,6 @@ int take_reference(const ReferenceOptions& options) {
   const Kept kept = keep_record(config, options.record, record, exit_status);
   if (kept.ok) fmt::print("{}", kept_text(kept, false));
   return exit_status;
-}
-
-void add_ball_options(CLI::App& command, BallOptions& ball, std::string& unit) {
-  command.add_option("--flange", ball.flange,
-                     "Where the robot stood: \"x y z qw qx qy qz\" of the flange, as reported");
-  command.add_option("--radius", ball.radius_mm, "Certified radius of the ball, mm")->check(CLI::Range(1.0, 200.0));
-  command.add_option("--noise", ball.noise_mm, "Expected standard deviation of the scanner's points, mm")
-      ->check(CLI::Range(0.001, 1.0))
-      ->capture_default_str();
-  command.add_option("--unit", unit, "Unit of the scan: mm, m or um")
-      ->check(CLI::IsMember({"mm", "m", "um"}))
-      ->capture_default_str();
 }
 
 }  // namespace
@@ -402,6 +388,7 @@ void add_calibrate_check(CLI::App& group, int& exit_status) {
       "Examples: slabctl calibrate check refblock.ply --recipe p5600.toml\n"
       "          slabctl calibrate check --slab 12 --station 3\n"
       "          slabctl calibrate check ball.ply --ball --flange \"1500 200 900 0 1 0 0\"\n"
+      "          slabctl calibrate check --ball --live\n"
       "          slabctl calibrate check");
   command->add_option("SCAN", options->scan, "Scan of the reference block, or of the monitor ball with --ball");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
@@ -411,7 +398,7 @@ void add_calibrate_check(CLI::App& group, int& exit_status) {
       ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)))
       ->needs(slab);
   command->add_flag("--ball", options->ball, "The scan shows the monitor ball")->excludes(slab);
-  add_ball_options(*command, options->ball_options, options->unit);
+  options->look.add_to(*command);
   command->add_option("--operator", options->who, "Who checks (default: your login)");
   command->add_option("--limit", options->limit, "How many checks of the trend are shown")
       ->check(CLI::Range(std::size_t{1}, std::size_t{100'000}))
@@ -429,14 +416,15 @@ void add_calibrate_reference(CLI::App& group, int& exit_status) {
       "found\n"
       "now is what later checks are compared with.\n\n"
       "Examples: slabctl calibrate reference --certificate refblock.txt --apply --why \"recertified\"\n"
-      "          slabctl calibrate reference --ball ball.ply --flange \"1500 200 900 0 1 0 0\" --radius 19.05 --apply");
+      "          slabctl calibrate reference --ball ball.ply --flange \"1500 200 900 0 1 0 0\" --radius 19.05 --apply\n"
+      "          slabctl calibrate reference --live --radius 19.05 --apply");
   options->record.add_to(*command);
   command->add_option("--certificate", options->certificate, "Certificate of the reference block");
-  command->add_option("--ball", options->ball_scan, "Scan of the monitor ball");
+  command->add_option("--ball", options->look.scan, "Scan of the monitor ball");
   command->add_option("--ball-limit", options->limit_mm, "The ball may be found this far from its place, mm")
       ->check(CLI::Range(0.001, 10.0))
       ->capture_default_str();
-  add_ball_options(*command, options->ball_options, options->unit);
+  options->look.add_to(*command);
   command->callback([options, &exit_status] { exit_status = take_reference(*options); });
 }
 

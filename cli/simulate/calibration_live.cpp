@@ -46,23 +46,6 @@ void on_signal(int) {
   g_stop = true;
 }
 
-std::optional<std::string> file_text(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) return std::nullopt;
-  std::ostringstream text;
-  text << file.rdbuf();
-  return text.str();
-}
-
-/// The views of a file; an error names file and line.
-Result<std::vector<Pose>> poses_in(const std::string& path) {
-  const std::optional<std::string> text = file_text(path);
-  if (!text) return error(Code::config, "%s cannot be read", path.c_str());
-  Result<calib::PoseTable> table = calib::parse_poses(*text, path, calib::TableRole::flange);
-  if (!table) return table.error();
-  return std::move(table.value().poses);
-}
-
 class LiveCell {
  public:
   LiveCell(const CalibrationLiveOrder& order, const CalibrationScene& scene, const daemon::Config& config,
@@ -135,7 +118,7 @@ class LiveCell {
   void follow() {
     if (Clock::now() < look_again_at_) return;
     look_again_at_ = Clock::now() + kFollowEvery;
-    const std::optional<std::string> text = file_text(order_.follow_file);
+    const std::optional<std::string> text = text_of(order_.follow_file);
     if (!text || *text == followed_) return;
     followed_ = *text;
     const Result<calib::PoseTable> table = calib::parse_poses(*text, order_.follow_file, calib::TableRole::flange);

@@ -8,6 +8,7 @@
 #include <fstream>
 #include <memory>
 #include <optional>
+#include <sstream>
 
 #include "calib/calib.h"
 #include "cli/command.h"
@@ -99,6 +100,22 @@ bool take_cell(const std::string& path, CalibrationTraits& scene, int& exit_stat
 
 }  // namespace
 
+std::optional<std::string> text_of(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return std::nullopt;
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+Result<std::vector<Pose>> poses_in(const std::string& path) {
+  const std::optional<std::string> text = text_of(path);
+  if (!text) return error(Code::config, "%s cannot be read", path.c_str());
+  Result<calib::PoseTable> table = calib::parse_poses(*text, path, calib::TableRole::flange);
+  if (!table) return table.error();
+  return std::move(table.value().poses);
+}
+
 bool write_calibration_truth(const CalibrationScene& scene, const CalibrationScanTraits& scan,
                              std::span<const Pose> views, int shots, const std::string& out_dir, int& exit_status) {
   const fs::path dir = out_dir;
@@ -144,23 +161,30 @@ int write_calibration(const CalibrationOrder& order) {
   }
   const CalibrationScene& scene = made.value();
   const fs::path dir = order.out_dir;
-  const std::vector<Pose> poses = scene.plan_views(order.views);
+  std::vector<Pose> poses = scene.plan_views(order.views);
+  if (!order.poses_file.empty()) {
+    Result<std::vector<Pose>> given = poses_in(order.poses_file);
+    if (!given) {
+      cli::complain(fmt::format("{}", given.error().text.view()));
+      return cli::kBadInput;
+    }
+    poses = std::move(given.value());
+  }
   int exit_status = cli::kDone;
   if (!write_calibration_truth(scene, order.scan, poses, order.shots, order.out_dir, exit_status)) return exit_status;
 
   std::vector<float> xyz;
   const bool terminal = isatty(STDERR_FILENO) != 0;
-  for (int view = 1; view <= order.views; ++view) {
-    if (terminal) fmt::print(stderr, "\r\x1b[Kview {}/{}", view, order.views);
-    const auto visit = static_cast<std::uint64_t>(view);
+  for (std::size_t view = 1; view <= poses.size(); ++view) {
+    if (terminal) fmt::print(stderr, "\r\x1b[Kview {}/{}", view, poses.size());
     for (int shot = 1; shot <= order.shots; ++shot) {
-      const Result<DrawnScan> drawn = scene.draw(poses[static_cast<std::size_t>(view - 1)], visit, order.scan, xyz,
-                                                 static_cast<std::uint64_t>(shot - 1));
+      const Result<DrawnScan> drawn =
+          scene.draw(poses[view - 1], view, order.scan, xyz, static_cast<std::uint64_t>(shot - 1));
       if (!drawn) {
         cli::complain(fmt::format("view {}: {}", view, drawn.error().text.view()));
         return cli::kUsage;
       }
-      const std::string path = (dir / shot_name(order.shots, view, shot)).string();
+      const std::string path = (dir / shot_name(order.shots, static_cast<int>(view), shot)).string();
       const Status written =
           hal::write_scan(path.c_str(), hal::ScanFormat::ply, xyz, drawn.value().width, drawn.value().height);
       if (!written) {
@@ -170,7 +194,7 @@ int write_calibration(const CalibrationOrder& order) {
     }
   }
   if (terminal) fmt::print(stderr, "\r\x1b[K");
-  fmt::print("{}: {} views of the {}, flange.txt, {}truth.json\n", order.out_dir, order.views, name(order.scene.kind),
+  fmt::print("{}: {} views of the {}, flange.txt, {}truth.json\n", order.out_dir, poses.size(), name(order.scene.kind),
              order.scene.kind == TargetKind::artefact ? "certificate.txt, " : "");
   return cli::kDone;
 }
@@ -220,9 +244,7 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
                                          "it are taken as true")
                             ->default_val(cli::kDefaultConfig);
   CLI::Option* poses =
-      command
-          ->add_option("--poses", running.poses_file, "--live: the views, one T_base_flange a line, instead of a plan")
-          ->needs(live);
+      command->add_option("--poses", order.poses_file, "The views, one T_base_flange a line, instead of a plan");
   command
       ->add_option("--follow", running.follow_file,
                    "--live: the robot goes to the last line of this file whenever it changes")
@@ -323,6 +345,7 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
       line.out_dir = o.out_dir;
       line.views = o.views;
       line.shots = o.shots;
+      line.poses_file = o.poses_file;
       line.keep_flange = !options->T_flange_scanner.empty();
       line.keep_target = !options->T_base_target.empty();
       exit_status = run_calibration_live(line);

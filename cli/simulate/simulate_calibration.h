@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "base/base.h"
 #include "cli/simulate/calibration_scene.h"
@@ -18,7 +20,8 @@ struct CalibrationOrder {
   CalibrationTraits scene;
   CalibrationScanTraits scan;
   int views = 20;
-  int shots = 1;  ///< scans at every pose
+  std::string poses_file;  ///< not empty: the views, one T_base_flange a line in the neutral form
+  int shots = 1;           ///< scans at every pose
   std::string out_dir;
   std::string recipe;  ///< for the reference block
 };
@@ -27,6 +30,11 @@ struct CalibrationOrder {
 /// view_01_1.ply, ...), flange.txt (T_base_flange as reported, neutral form), certificate.txt (kind artefact) and
 /// truth.json. Returns the exit status.
 [[nodiscard]] int write_calibration(const CalibrationOrder& order);
+
+/// A file's bytes; nothing when it cannot be read.
+[[nodiscard]] std::optional<std::string> text_of(const std::string& path);
+/// The views of a file. config: names file and line.
+[[nodiscard]] Result<std::vector<Pose>> poses_in(const std::string& path);
 
 /// certificate.txt (kind artefact), flange.txt and truth.json of a plan of views into a new folder. False: said why,
 /// and `exit_status` set.

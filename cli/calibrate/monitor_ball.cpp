@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/calibrate/monitor_ball.h"
+
+#include <fmt/core.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <sstream>
+
+#include "base/pages.h"
+#include "calib/calib.h"
+#include "cli/calibrate/calibration_desk.h"
+#include "cli/calibrate/live_capture.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/parse.h"
+
+namespace slabd::cli {
+namespace {
+
+/// Prints why and leaves the exit status.
+bool failed(const Error& why, int status, int& exit_status) {
+  complain(fmt::format("{}", why.text.view()));
+  exit_status = status;
+  return false;
+}
+
+/// The ball in a scan, or why it was refused.
+bool find_in(const BallLook& look, const std::string& scan, hal::LengthUnit unit, const Pose& X, SeenBall& seen,
+             int& exit_status) {
+  Pages memory(limits::kScanSlotBytes);
+  const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
+  const Result<ScanShape> shape = hal::read_scan(scan.c_str(), unit, xyz);
+  if (!shape.ok()) return failed(shape.error(), exit_for(shape.error().code), exit_status);
+  calib::BallSettings settings;
+  settings.radius_mm = look.radius_mm;
+  settings.noise_mm = look.noise_mm;
+  const Result<calib::BallView> view = calib::find_balls(xyz.first(3 * shape.value().points), settings);
+  if (!view.ok()) return failed(view.error(), exit_for(view.error().code), exit_status);
+  if (!view.value().ok()) {
+    complain(fmt::format("{}: refused ({}): {}\n  what to do: {}", scan, name(view.value().refusal),
+                         view.value().words.reason.view(), view.value().words.cure.view()));
+    exit_status = kRefused;
+    return false;
+  }
+  seen.p_base_mm = seen.T_base_flange * (X * view.value().balls.front().centre_mm);
+  return true;
+}
+
+/// Takes one view through the daemon; the line is idle again afterwards, whatever came of it.
+bool take_live(const daemon::Config& config, const BallLook& look, const Pose& X, SeenBall& seen, int& exit_status) {
+  const std::string who = look.who.empty() ? default_operator() : look.who;
+  Result<LiveCapture> line = LiveCapture::begin(config.control_socket, {"monitor ball", who, 60, false});
+  if (!line.ok()) return failed(line.error(), live_capture_exit(line.error().code), exit_status);
+  const bool terminal = isatty(STDERR_FILENO) != 0;
+  const Result<LiveShot> shot = line.value().shoot([&](std::string_view said) {
+    if (terminal) fmt::print(stderr, "\r\x1b[K{} ...", said);
+  });
+  if (terminal) fmt::print(stderr, "\r\x1b[K");
+  bool good = shot.ok() || failed(shot.error(), live_capture_exit(shot.error().code), exit_status);
+  if (shot.ok()) {
+    for (const std::string& warning : shot.value().warnings) complain(fmt::format("warning: {}", warning));
+    seen.T_base_flange = shot.value().T_base_flange;
+    seen.source = fmt::format("live view of {}", shot.value().scan_utime_us);
+    good = find_in(look, shot.value().scan_path, config.scanner.unit, X, seen, exit_status);
+    if (const Status released = line.value().release(shot.value().scan_path); !released)
+      complain(fmt::format("warning: {}", released.error().text.view()));
+  }
+  if (const Status ended = line.value().end(); !ended) complain(fmt::format("warning: {}", ended.error().text.view()));
+  return good;
+}
+
+}  // namespace
+
+void BallLook::add_to(CLI::App& command) {
+  CLI::Option* pose =
+      command.add_option("--flange", flange, "Where the robot stood: \"x y z qw qx qy qz\" of the flange, as reported");
+  command.add_flag("--live", live, "Take scan and pose of the ball from the running line; it must be idle")
+      ->excludes(pose);
+  command.add_option("--radius", radius_mm, "Certified radius of the ball, mm")->check(CLI::Range(1.0, 200.0));
+  command.add_option("--noise", noise_mm, "Expected standard deviation of the scanner's points, mm")
+      ->check(CLI::Range(0.001, 1.0))
+      ->capture_default_str();
+  command.add_option("--unit", unit, "Unit of the scan: mm, m or um")
+      ->check(CLI::IsMember({"mm", "m", "um"}))
+      ->capture_default_str();
+}
+
+bool look_at_ball(const daemon::Config& config, const BallLook& look, const Pose& T_flange_scanner, SeenBall& seen,
+                  int& exit_status) {
+  if (!has_value(look.radius_mm)) {
+    complain("--radius: the ball's certified radius (effective, as coated) is missing");
+    exit_status = kUsage;
+    return false;
+  }
+  if (look.live) return take_live(config, look, T_flange_scanner, seen, exit_status);
+  const Result<Pose> pose = parse_pose(look.flange);
+  if (!pose.ok()) {
+    complain(look.flange.empty()
+                 ? "--flange is missing: where the robot stood when the ball was scanned, \"x y z qw qx qy qz\" as it "
+                   "reports its flange (or --live: scan and pose come from the running line)"
+                 : fmt::format("--flange: {}", pose.error().text.view()));
+    exit_status = kUsage;
+    return false;
+  }
+  seen.T_base_flange = pose.value();
+  seen.source = look.scan;
+  return find_in(look, look.scan, *length_unit(look.unit), T_flange_scanner, seen, exit_status);
+}
+
+std::string ball_observations(const SeenBall& seen, std::string_view hand_eye_id) {
+  const std::array<double, 7> p = seen.T_base_flange.to_array();
+  return fmt::format("scan {}\nT_base_flange {} {} {} {} {} {} {}\nhand-eye {}\n", seen.source, p[0], p[1], p[2], p[3],
+                     p[4], p[5], p[6], hand_eye_id);
+}
+
+std::optional<Pose> ball_pose_of(const std::string& observations) {
+  std::istringstream lines(observations);
+  constexpr std::string_view kKey = "T_base_flange ";
+  for (std::string line; std::getline(lines, line);)
+    if (line.starts_with(kKey)) {
+      const Result<Pose> pose = parse_pose(std::string_view(line).substr(kKey.size()));
+      if (pose.ok()) return pose.value();
+    }
+  return std::nullopt;
+}
+
+}  // namespace slabd::cli

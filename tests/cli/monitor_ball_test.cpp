@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The monitor ball on scans: taken into use once, looked at again later, from the same pose of the robot.
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "slabctl_process.h"
+
+namespace slabd::cli {
+namespace {
+
+using nlohmann::json;
+
+constexpr const char* kFlange = "1782.264 386.092 1082.505 0.235383091 0.971758165 0.008534254 0.014422816";
+
+class MonitorBallTest : public Slabctl {
+ protected:
+  MonitorBallTest() {
+    static_cast<void>(write("slabd.toml",
+                            "[scanner]\ndrop_dir = \"drop\"\n[storage]\ndb = \"slabd.db\"\nspool_dir = \"spool\"\n"
+                            "[recipes]\ndir = \"" +
+                                std::string(SLABD_SOURCE_DIR) +
+                                "/recipes\"\n"
+                                "[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n"
+                                "[calibration]\nT_flange_scanner = [0, 80, 150, 1, 0, 0, 0]\n"
+                                "station_sigma_mm = 0.02\nstation_sigma_deg = 0.001\n"
+                                "[control]\nsocket = \"control.sock\"\n"));
+    static_cast<void>(write("flange.txt", std::string(kFlange) + "\n"));
+  }
+  /// What the scanner sees from kFlange when the ball is `up_mm` higher than it was.
+  std::string scan(const std::string& name, double up_mm, const std::string& more = "", int seed = 3) {
+    const Ended drawn = run("simulate calibration --kind ball --poses " + file("flange.txt") + " --out " + file(name) +
+                            " --T-flange-scanner '0 80 150 1 0 0 0' --robot-sigma-mm 0 --seed " + std::to_string(seed) +
+                            " --T-base-target '1800 0 " + std::to_string(500.0 + up_mm) + " 1 0 0 0' " + more);
+    EXPECT_EQ(drawn.status, 0) << drawn.err;
+    return file(name) + "/view_01.ply";
+  }
+  Ended calibrate(const std::string& what) { return run("calibrate " + what + " --config " + file("slabd.toml")); }
+  Ended check(const std::string& scan_path, const std::string& more = "") {
+    return calibrate("check " + scan_path + " --ball --flange '" + kFlange + "' " + more);
+  }
+  void take_into_use() {
+    const Ended taken = calibrate("reference --ball " + scan("first", 0.0) + " --flange '" + kFlange +
+                                  "' --radius 25.4 --apply --why mounted");
+    ASSERT_EQ(taken.status, 0) << taken.err;
+    expect_mentions(taken.out, "may be found 0.100 mm from there");
+  }
+};
+
+TEST_F(MonitorBallTest, within_its_limit_passes_a_drift_is_flagged_and_more_fails_in_words) {
+  take_into_use();
+  const Ended good = check(scan("good", 0.01, "", 4), "--json");
+  EXPECT_EQ(good.status, 0) << good.err;
+  EXPECT_TRUE(good.err.empty()) << good.err;
+  const json told = json::parse(good.out);
+  EXPECT_TRUE(told["passed"].get<bool>());
+  EXPECT_NEAR(told["off_mm"][2].get<double>(), 0.01, 0.004);
+  EXPECT_NEAR(told["off_mm"][0].get<double>(), 0.0, 0.004);
+
+  const Ended near = check(scan("near", 0.09, "", 5));
+  EXPECT_EQ(near.status, 0) << near.err;
+  expect_mentions(near.err, "nearly the allowed 0.100 mm");
+
+  const Ended drifted = check(scan("drifted", 0.11, "", 6));
+  EXPECT_EQ(drifted.status, 6);
+  expect_mentions(drifted.out, "FAILED");
+  expect_mentions(drifted.err, "allowed are 0.100 mm");
+  expect_mentions(drifted.err, "fault 503");
+  expect_mentions(drifted.err, "check again from the same pose");
+
+  const Ended trend = calibrate("check");
+  EXPECT_EQ(trend.status, 0) << trend.err;
+  EXPECT_LT(trend.out.find("passed"), trend.out.find("FAILED")) << "oldest first, so that a drift reads downwards\n"
+                                                                << trend.out;
+  expect_mentions(trend.out, "mm off (");
+  const json rows = json::parse(calibrate("check --json").out);
+  ASSERT_EQ(rows["checks"].size(), 3U);
+  EXPECT_TRUE(rows["monitor_ball"]["failed"].get<bool>());
+}
+
+TEST_F(MonitorBallTest, a_ball_that_cannot_be_judged_is_refused_and_no_check) {
+  take_into_use();
+  const Ended hidden = check(scan("hidden", 0.0, "--hidden 0.6"));
+  EXPECT_EQ(hidden.status, 6);
+  expect_mentions(hidden.err, "refused (azimuth)");
+  expect_mentions(hidden.err, "what to do: ");
+  const Ended wrong = check(scan("wrong", 0.0, "--ball-radius-mm 25.2"));
+  EXPECT_EQ(wrong.status, 6);
+  expect_mentions(wrong.err, "refused (radius)");
+  const json rows = json::parse(calibrate("check --json").out);
+  EXPECT_TRUE(rows["checks"].empty()) << "nothing was found out about the ball's place";
+  EXPECT_FALSE(rows["monitor_ball"]["failed"].get<bool>());
+}
+
+TEST_F(MonitorBallTest, another_pose_of_the_robot_is_named) {
+  take_into_use();
+  const Ended moved = calibrate("check " + scan("good", 0.0) + " --ball --flange '1500 200 900 0 1 0 0'");
+  EXPECT_EQ(moved.status, 6);
+  expect_mentions(moved.err, "look from the same pose");
+  expect_mentions(moved.err, "no drift; wrong pose given");
+  EXPECT_EQ(calibrate("check " + scan("more", 0.0) + " --ball").status, 2);
+  EXPECT_EQ(calibrate("check --ball").status, 2);
+  EXPECT_EQ(calibrate("check --live").status, 2);
+  const Ended nobody = calibrate("check --ball --live");
+  EXPECT_EQ(nobody.status, 4);
+  expect_mentions(nobody.err, "is it running");
+}
+
+}  // namespace
+}  // namespace slabd::cli
