@@ -37,13 +37,17 @@ inline constexpr double kPointSigmaPerNoise = 6.0;
 // The limits of a refusal, each with its reason code below.
 inline constexpr std::size_t kViewsMin = 6;
 inline constexpr std::size_t kViewsAdvised = 10;
-inline constexpr double kRotationSpreadMinDeg = 5.0;
+inline constexpr double kRotationSpreadMinDeg = 5.0;  ///< of the second principal value: two axes determine everything
 inline constexpr double kRotationSpreadAdvisedDeg = 15.0;
 inline constexpr double kConditionMax = 50.0;
 inline constexpr double kConditionDegenerate = 1e4;  ///< above it a direction is not determined at all
 inline constexpr double kBallSpreadMinMm = 25.0;
 inline constexpr double kRejectedShareMax = 0.25;
-inline constexpr double kS0Min = 0.3;
+inline constexpr double kS0Min = 0.1;
+/// Below this it is said, not refused. Too large a figure weighs the views alike and predicts too large an error, which
+/// is safe; and a robot's accuracy, stated in good faith, is seen as a smaller noise within a small volume because
+/// neighbouring poses share it.
+inline constexpr double kS0Said = 0.3;
 inline constexpr double kS0Max = 3.0;
 inline constexpr double kLeaveOneOutRatioMax = 4.0;
 inline constexpr double kScannerArmMaxMm =
@@ -54,7 +58,7 @@ enum class Refusal : std::uint8_t {
   too_few_views,       ///< fewer than kViewsMin, or fewer kept than that
   one_orientation,     ///< the scanner was never turned
   one_rotation_axis,   ///< turned about one axis only
-  rotation_too_small,  ///< a principal rotation spread below kRotationSpreadMinDeg
+  rotation_too_small,  ///< turned about fewer than two axes by kRotationSpreadMinDeg
   ball_in_one_place,   ///< the ball was always in one place of the view
   ball_on_a_line,      ///< ... on a line, as the optical axis
   ill_conditioned,     ///< condition above kConditionMax; the text names what is not determined

@@ -30,6 +30,11 @@ void refuse(HandEye& result, Refusal code, std::string text, std::string cure) {
   result.reasons.push_back({code, std::move(text), std::move(cure)});
 }
 
+/// Of positions and rotations one may well be better than stated; both are only when the figures were made up.
+double larger_s0(const HandEye& result) {
+  return has_value(result.s0_rotation) ? std::max(result.s0_position, result.s0_rotation) : result.s0;
+}
+
 /// Poses that mean something else than was stated. True when that explains everything.
 bool judge_reading(const Circumstances& c, HandEye& result) {
   const ConventionReport& report = result.conventions;
@@ -89,10 +94,11 @@ void judge_count(const Circumstances& c, HandEye& result) {
         "repeat the rejected views and capture more");
 }
 
-/// True when the rotations are the cause of whatever is badly determined.
+/// True when the rotations are the cause of whatever is badly determined. Turns about two axes determine the
+/// calibration (tilts to all sides without a roll); the third only adds to it, so the second principal value decides.
 bool judge_rotations(HandEye& result) {
   const std::array<double, 3>& spread = result.rotation_spread_axes_deg;
-  if (!(spread[2] < kRotationSpreadMinDeg)) return false;
+  if (!(spread[1] < kRotationSpreadMinDeg)) return false;
   if (spread[0] < kNoRotationDeg) {
     refuse(
         result, Refusal::one_orientation,
@@ -109,15 +115,11 @@ bool judge_rotations(HandEye& result) {
         "tilt about a second axis too, +-25 deg");
   } else {
     refuse(result, Refusal::rotation_too_small,
-           sentence("the scanner was hardly turned about %s: principal rotation spread %.1f, %.1f, %.1f deg, the "
-                    "smallest must reach %.0f (better %.0f)",
-                    spread[0] < kRotationSpreadMinDeg   ? "any axis"
-                    : spread[1] < kRotationSpreadMinDeg ? "two of three axes"
-                                                        : "one of three axes",
-                    spread[0], spread[1], spread[2], kRotationSpreadMinDeg, kRotationSpreadAdvisedDeg),
-           spread[1] < kRotationSpreadMinDeg ? "use larger tilts, 20 to 35 deg in six or more directions"
-                                             : "turn about all three axes: tilts of 20 to 35 deg in six or more "
-                                               "directions, and roll of +-45 deg or more");
+           sentence("the scanner was hardly turned about %s: principal rotation spread %.1f, %.1f, %.1f deg, two of "
+                    "them must reach %.0f (better all three %.0f)",
+                    spread[0] < kRotationSpreadMinDeg ? "any axis" : "two of three axes", spread[0], spread[1],
+                    spread[2], kRotationSpreadMinDeg, kRotationSpreadAdvisedDeg),
+           "use larger tilts, 20 to 35 deg in six or more directions");
   }
   return true;
 }
@@ -162,9 +164,7 @@ void judge_fit(const Circumstances& c, HandEye& result) {
             : sentence("if the robot is no better than that, state it (about %.2g mm); else find out what moved",
                        fits_mm));
   }
-  // Of positions and rotations one may well be better than stated; both are only when the figures were made up.
-  const double larger = has_value(result.s0_rotation) ? std::max(result.s0_position, result.s0_rotation) : result.s0;
-  if (larger < kS0Min)
+  if (const double larger = larger_s0(result); larger < kS0Min)
     refuse(result, Refusal::noise_below_stated,
            sentence("residuals are only %.2g of what the stated noise explains (at least %.1f)", larger, kS0Min),
            sentence("if the stated figure is the robot's accuracy, which neighbouring poses share, state its "
@@ -189,9 +189,17 @@ void judge_fit(const Circumstances& c, HandEye& result) {
 void advise(const Circumstances& c, HandEye& result) {
   if (c.views.size() < kViewsAdvised && c.views.size() >= kViewsMin)
     result.warnings.push_back(sentence("%zu views; 15 to 25 are advised", c.views.size()));
-  if (result.rotation_spread_deg < kRotationSpreadAdvisedDeg && result.rotation_spread_deg >= kRotationSpreadMinDeg)
-    result.warnings.push_back(sentence("smallest rotation spread %.1f deg; %.0f is advised: larger tilts",
-                                       result.rotation_spread_deg, kRotationSpreadAdvisedDeg));
+  const std::array<double, 3>& spread = result.rotation_spread_axes_deg;
+  if (spread[2] < kRotationSpreadAdvisedDeg && spread[1] >= kRotationSpreadMinDeg)
+    result.warnings.push_back(
+        sentence("smallest rotation spread %.1f deg; %.0f is advised: %s", spread[2], kRotationSpreadAdvisedDeg,
+                 spread[1] < kRotationSpreadAdvisedDeg ? "larger tilts"
+                                                       : "turn about the third axis too (roll of +-45 deg or more)"));
+  if (const double larger = larger_s0(result); larger >= kS0Min && larger < kS0Said)
+    result.warnings.push_back(
+        sentence("residuals are only %.2g of what the stated noise explains: errors that neighbouring poses share (the "
+                 "robot's accuracy) do not show in them; the scatter of these views is about %.2g mm",
+                 larger, result.s0_position * std::hypot(c.noise.robot_mm, c.noise.target_mm)));
   if (result.reweighted)
     result.warnings.push_back(
         sentence("positions err %.2f and rotations %.2f times as much as stated; they were weighed accordingly",

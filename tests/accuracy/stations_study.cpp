@@ -112,7 +112,13 @@ bool run_lines(const StudyOptions& options, const Recipe& recipe, const Mastered
   table.tell(what + ": seats in space, hand-eye alone, rms", rms(without.seats_mm), "mm");
   for (const auto& [outcome, words] : {std::pair{&with, "corrected"}, std::pair{&without, "hand-eye alone"}}) {
     table.at_most(fmt::format("{}: {}, items that pass and should not", what, words), outcome->wrong_passes, 0, "");
-    table.at_most(fmt::format("{}: {}, items without value or U", what, words), outcome->undecided, 0, "");
+    // By hand-eye alone seats lie a millimetre off: where too few of a row agree on a warp, nobody says which of them
+    // are in place, and the row's heights are not measured.
+    const std::string open = fmt::format("{}: {}, items without value or U", what, words);
+    if (outcome == &with)
+      table.at_most(open, outcome->undecided, 0, "");
+    else
+      table.tell(open, outcome->undecided, "");
     for (const auto& [id, tally] : outcome->items) {
       const std::string name = fmt::format("{}: {}, {}", what, words, info(id).name);
       const std::string unit(slabd::name(info(id).unit));

@@ -222,6 +222,43 @@ TEST(HandEye, stated_noise_that_is_wrong_is_refused_but_x_stays_right) {
   }
 }
 
+TEST(HandEye, accuracy_stated_as_noise_is_said_and_does_not_forbid_the_use) {
+  // Neighbouring poses share most of a smooth error: the scatter is a part of what was stated in good faith.
+  Plan plan = plan_of(15);
+  plan.robot_mm = 0.06;
+  plan.smooth_mm = 0.7;
+  int said = 0;
+  for (const ArtefactKind kind : kKinds)
+    for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+      const HandEye result = solved(kind, make(kind, plan, seed), plan);
+      EXPECT_TRUE(result.ok) << seed << told(result);
+      const bool low = std::max(result.s0_position, has_value(result.s0_rotation) ? result.s0_rotation : 0.0) < kS0Said;
+      const bool warned = std::any_of(result.warnings.begin(), result.warnings.end(), [](const std::string& w) {
+        return w.find("of what the stated noise explains") != std::string::npos;
+      });
+      EXPECT_EQ(warned, low) << seed;
+      said += warned ? 1 : 0;
+      EXPECT_GE(result.predicted_point_sigma_mm, 0.3) << "and the prediction stays that of the stated noise";
+    }
+  EXPECT_GT(said, 0);
+}
+
+TEST(HandEye, tilts_to_all_sides_without_a_roll_are_enough_and_a_roll_is_advised) {
+  Plan plan = plan_of(15);
+  plan.roll_deg = 0.0;
+  for (const ArtefactKind kind : kKinds)
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+      const Set set = make(kind, plan, seed);
+      const HandEye result = solved(kind, set, plan);
+      EXPECT_TRUE(result.ok) << seed << told(result);
+      EXPECT_LT(result.rotation_spread_deg, kRotationSpreadAdvisedDeg);
+      EXPECT_TRUE(std::any_of(result.warnings.begin(), result.warnings.end(),
+                              [](const std::string& w) { return w.find("roll of +-45") != std::string::npos; }));
+      EXPECT_LT(scene::point_error_mm(result.T_flange_scanner, set.T_flange_scanner),
+                3.5 * result.predicted_point_sigma_mm);
+    }
+}
+
 TEST(HandEye, positions_and_rotations_are_weighed_by_what_they_are) {
   // Rotations ten times as noisy as stated: weighed as stated they spoil X, weighed by what they are they do not.
   Plan plan = plan_of(25, 0.1);
