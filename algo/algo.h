@@ -106,6 +106,21 @@ struct DeviationMap {
   }
 };
 
+struct CellSum;
+
+/// Mean heights over the fitted seat plane by cell of the evaluation region, the cells that flatness is made of. Cells
+/// row by row, a row along the rail, the first at the lowest x and s. Without columns: the seat was not measured.
+struct SeatMap {
+  std::size_t columns = 0;  ///< along x
+  std::size_t rows = 0;     ///< along the seat
+  double cell_mm = 0.0;
+  std::uint32_t points_min = 0;
+  std::span<const CellSum> cells;
+
+  /// NaN where too few points were seen.
+  [[nodiscard]] double mean_mm(std::size_t column, std::size_t row) const;
+};
+
 /// Measures one block. Construct once (allocates the whole workspace, limits::kWorkspaceBytes), then `use` a recipe
 /// and run the stages in order for each scan; the caller times them. Not thread-safe; one per worker.
 class BlockInspector {
@@ -144,6 +159,8 @@ class BlockInspector {
 
   /// Of the last scan that `extract` went over; valid until the next one.
   [[nodiscard]] DeviationMap deviation_map() const;
+  /// Of the block measured last; valid until the next one begins.
+  [[nodiscard]] SeatMap seat_map() const;
   [[nodiscard]] const BlockResult& result() const;
   [[nodiscard]] BlockResult& result();
 

@@ -21,6 +21,7 @@
 #include "algo/block_model.h"
 #include "algo/block_search.h"
 #include "algo/casing.h"
+#include "algo/cell_grid.h"
 #include "algo/denoise.h"
 #include "algo/flatness.h"
 #include "algo/plane_fit.h"
@@ -124,6 +125,18 @@ PlaneSupport support_of(const FaceExtent& whole, const EvaluationSettings& evalu
   support.narrow_mm = kSpreadShare * whole.narrow_mm;
   if (has_value(U_deg)) support.tilt_sigma_max_rad = kNoiseShare * 0.5 * rad_from_deg(U_deg);
   return support;
+}
+
+/// Where flatness is measured.
+FlatnessRegion flatness_region(const Recipe& recipe) {
+  const EvaluationSettings& evaluation = recipe.evaluation;
+  FlatnessRegion region{evaluation.crop_half_x_mm, evaluation.crop_half_s_mm, evaluation.cell_mm,
+                        evaluation.cell_points_min};
+  region.cells_missing_max = evaluation.cells_missing_max;
+  region.defect_sigmas = evaluation.defect_sigmas;
+  region.casing_s_mm = recipe.block.casing_half_spacing_mm.value;
+  region.casing_clear_mm = 0.5 * recipe.block.casing_rim_diameter_mm.value + evaluation.edge_margin_mm;
+  return region;
 }
 
 /// A scan that never came as far as the registration has none; `note` says why.
@@ -260,12 +273,7 @@ Status BlockInspector::extract(const Cloud& cloud) {
                  evaluation.inlier_share_min);
 
   const BlockGeometry& geometry = w.recipe.block;
-  FlatnessRegion region{evaluation.crop_half_x_mm, evaluation.crop_half_s_mm, evaluation.cell_mm,
-                        evaluation.cell_points_min};
-  region.cells_missing_max = evaluation.cells_missing_max;
-  region.defect_sigmas = evaluation.defect_sigmas;
-  region.casing_s_mm = geometry.casing_half_spacing_mm.value;
-  region.casing_clear_mm = 0.5 * geometry.casing_rim_diameter_mm.value + evaluation.edge_margin_mm;
+  const FlatnessRegion region = flatness_region(w.recipe);
   const SeatFrame frame = SeatFrame::of(w.model);
   const Flatness flatness = measure_flatness(survey.over_crop(), frame, seat.plane, region, w.flatness, w.team);
   seat.grid_points = flatness.cells;
@@ -311,6 +319,21 @@ void BlockInspector::judge(Code code) {
 DeviationMap BlockInspector::deviation_map() const {
   return {limits::kFaceTableX / limits::kDeviationMapCell_mm, limits::kFaceTableY / limits::kDeviationMapCell_mm,
           static_cast<double>(limits::kDeviationMapCell_mm), work_->map_sum[0], work_->map_count[0]};
+}
+
+SeatMap BlockInspector::seat_map() const {
+  const Workspace& w = *work_;
+  // A seat whose cells were summed up has its extremes.
+  if (!has_value(w.result.seat.raw_low_mm)) return {};
+  const FlatnessRegion region = flatness_region(w.recipe);
+  const CellGrid grid(region);
+  return {grid.columns, grid.rows, region.cell_mm, std::max(region.cell_points_min, 1U),
+          w.flatness.sums.first(grid.cells())};
+}
+
+double SeatMap::mean_mm(std::size_t column, std::size_t row) const {
+  const CellSum& sum = cells[row * columns + column];
+  return sum.points < points_min ? kNoValue : sum.height() / static_cast<double>(sum.points);
 }
 
 const BlockResult& BlockInspector::result() const {

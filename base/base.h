@@ -13,6 +13,7 @@
 #include "base/items.h"
 #include "base/recipe.h"
 #include "base/records.h"
+#include "base/packed_map.h"
 #include "base/robot.h"
 #include "base/plc.h"
 // clang-format on

@@ -6,6 +6,7 @@
 #include <variant>
 
 #include "base/calibration.h"
+#include "base/packed_map.h"
 #include "base/plc.h"
 #include "base/recipe.h"
 #include "base/records.h"
@@ -115,6 +116,7 @@ struct BlockJob {
   std::uint8_t attempt = 0;
   BlockResult block;
   PlcResult record;
+  BlockMaps maps{};  ///< empty when the block was not found
 };
 /// The slab's end: items, verdict, final station verdicts and the record, one transaction. Closes slab and command.
 struct SlabJob {

@@ -85,6 +85,17 @@ inline constexpr std::size_t kDeviationMapCell_mm = 4;
 inline constexpr std::size_t kDeviationMapCells =
     (kFaceTableX / kDeviationMapCell_mm) * (kFaceTableY / kDeviationMapCell_mm);
 
+// ---- maps kept with a block (base/packed_map.h) ------------------------------------------------------------------
+/// Columns, and rows, of a map: the deviation map has 100 x 150 cells, the seat's 68 x 100.
+inline constexpr std::size_t kMapColumnsMax = 512;
+/// Room for one packed map. Of a scan with 0.03 mm noise the deviation map takes 5 kB and the seat's 2 kB; a rougher
+/// one is kept with a wider step. Two of them for each block whose result waits to be stored.
+inline constexpr std::size_t kPackedMapBytes = 8'192;
+/// Heights are kept to this: well below the noise of one cell, and far below what a colour shows.
+inline constexpr double kDeviationMapStep_mm = 0.01;
+inline constexpr double kSeatMapStep_mm = 0.005;
+static_assert(kDeviationMapCells <= kMapColumnsMax * kMapColumnsMax);
+
 /// Bytes of algo's workspace, array by array as algo/inspector.cpp takes them; taking more ends the process.
 inline constexpr std::size_t kWorkspaceBytes =
     array_bytes(kScanPointsMax, sizeof(std::uint32_t)) +                 // an index of each point

@@ -77,6 +77,9 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
                                    const Pose& T_base_block, const Pose& T_base_scanner, algo::Cloud cloud,
                                    const ScanShape& read, double read_ms);
 
+/// What a report will draw of the block measured last; empty maps when it was not found. No heap; 1 ms.
+void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps);
+
 // ---- changing calibrations from outside the process ----------------------------------------------------------------
 
 /// slabctl leaves a change as a file in this folder, because one control line could not hold a record, and tells the

@@ -149,6 +149,7 @@ BlockMeasured Loop::measure(const MeasureBlock& job) {
       measure_block(*inspector_, ports_.clock, job.station, job.T_base_slab * T_slab_block(*recipe, job.station),
                     job.T_base_scanner, cloud, shape, read_ms);
   done.block = inspector_->result();
+  pack_maps(*inspector_, done.maps);
   if (!status.ok()) {
     LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(status.error().code), {}};
     line.text.printf("station %u: %s", job.station, status.error().text.c_str());

@@ -36,6 +36,20 @@ Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, i
   return status;
 }
 
+void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps) {
+  maps = {};
+  if (inspector.result().registration.deviation.count == 0) return;
+  const algo::DeviationMap deviations = inspector.deviation_map();
+  pack_map(
+      deviations.columns, deviations.rows, deviations.cell_mm, limits::kDeviationMapStep_mm,
+      [&](std::size_t column, std::size_t row) { return deviations.mean_mm(row * deviations.columns + column); },
+      maps.registration);
+  const algo::SeatMap seat = inspector.seat_map();
+  pack_map(
+      seat.columns, seat.rows, seat.cell_mm, limits::kSeatMapStep_mm,
+      [&](std::size_t column, std::size_t row) { return seat.mean_mm(column, row); }, maps.seat);
+}
+
 int default_measure_threads() {
   return std::thread::hardware_concurrency() >= 2 ? 2 : 1;
 }

@@ -83,6 +83,7 @@ struct BlockMeasured {
   std::uint16_t cmd_seq = 0;  ///< of the SCAN that took this cloud, as it was asked to be measured
   std::int64_t scan_utime_us = 0;
   BlockResult block;
+  BlockMaps maps{};  ///< only carried through
 };
 struct SlabJudged {
   std::int64_t slab_key = 0;

@@ -176,7 +176,8 @@ void commit_block(Station& s, const BlockMeasured& measured, Actions& actions) {
   number_record(s, pending.record);
   log(actions, LogLine::Level::info, Code::ok, "station %u: %s (reason %u) after %.0f ms", measured.block.station,
       name(measured.block.verdict).data(), measured.block.reason, measured.block.times.total_ms);
-  submit(s, actions, BlockJob{measured.slab_key, measured.attempt, measured.block, pending.record}, pending);
+  submit(s, actions, BlockJob{measured.slab_key, measured.attempt, measured.block, pending.record, measured.maps},
+         pending);
 }
 
 }  // namespace

@@ -68,6 +68,7 @@ Jobs::Jobs(Connection& db, std::string spool_dir, const HeldBack& held_back)
       insert_casing_(db, insert_for<BlockKey, FeatureName, CasingFeature>("casing")),
       delete_items_(db, "DELETE FROM item WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
       insert_item_(db, insert_for<BlockKey, ItemPosition, Item>("item")),
+      insert_map_(db, insert_for<BlockKey, FeatureName, PackedMap>("map")),
       upsert_slab_result_(db, upsert_for<SlabKey, SlabEnd, SlabResult>("slab_result", {"slab_key"})),
       upsert_station_result_(db, upsert_for<SlabKey, StationResult>("station_result", {"slab_key", "station"})),
       delete_unseen_result_(db,
@@ -198,6 +199,7 @@ void Jobs::operator()(const BlockJob& job) {
   attempt_command_.reset();
 
   insert_block(key, job.block);
+  insert_maps(key, job.maps);
   set_measured_.bind(1, key.slab_key).bind(2, number(key.station)).bind(3, number(key.attempt)).run();
   close_command(session, cmd_seq, kDone, true);
   insert_result(key.slab_key, false, job.record);
@@ -217,6 +219,12 @@ void Jobs::insert_block(const BlockKey& key, const BlockResult& block) {
   write_row(insert_casing_, key, FeatureName{"inner"}, block.casing_inner);
   write_row(insert_casing_, key, FeatureName{"outer"}, block.casing_outer);
   insert_items(key, block.items.begin(), block.items.end());
+}
+
+/// After insert_block, which took away the maps of an earlier answer together with their block.
+void Jobs::insert_maps(const BlockKey& key, const BlockMaps& maps) {
+  if (!maps.registration.empty()) write_row(insert_map_, key, FeatureName{"registration"}, maps.registration);
+  if (!maps.seat.empty()) write_row(insert_map_, key, FeatureName{"seat"}, maps.seat);
 }
 
 void Jobs::insert_items(const BlockKey& key, const Item* begin, const Item* end) {

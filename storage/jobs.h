@@ -46,6 +46,7 @@ class Jobs {
   void insert_result(std::int64_t slab_key, bool is_repeat, const PlcResult& record);
   void insert_failed_scan(std::int64_t slab_key, std::uint8_t station, std::uint16_t session, std::uint16_t cmd_seq);
   void insert_block(const BlockKey& key, const BlockResult& block);
+  void insert_maps(const BlockKey& key, const BlockMaps& maps);
   void insert_items(const BlockKey& key, const Item* begin, const Item* end);
   [[nodiscard]] AttemptState state_of(const Attempt& attempt, StationPhase phase, std::uint16_t code) const;
 
@@ -70,6 +71,7 @@ class Jobs {
   Statement insert_casing_;
   Statement delete_items_;
   Statement insert_item_;
+  Statement insert_map_;
   Statement upsert_slab_result_;
   Statement upsert_station_result_;
   Statement delete_unseen_result_;

@@ -42,7 +42,8 @@ Loader::Loader(Connection& db)
       block_(db, select<BlockResult>("block", kOfBlock)),
       planes_(db, select<FeatureName, PlaneFit>("plane", kOfBlock)),
       casings_(db, select<FeatureName, CasingFeature>("casing", kOfBlock)),
-      items_(db, select<Item>("item", (std::string(kOfBlock) + " ORDER BY position").c_str())) {}
+      items_(db, select<Item>("item", (std::string(kOfBlock) + " ORDER BY position").c_str())),
+      maps_(db, select<FeatureName, PackedMap>("map", kOfBlock)) {}
 
 std::optional<SlabHeader> Loader::slab(std::int64_t slab_key) {
   if (!slab_.bind(1, slab_key).step()) return std::nullopt;
@@ -110,6 +111,23 @@ bool Loader::block(const BlockKey& key, BlockResult& out) {
   }
   items(key, out.items);
   return true;
+}
+
+void Loader::maps(const BlockKey& key, BlockMaps& out) {
+  out = {};
+  bind_key(maps_, key);
+  while (maps_.step()) {
+    FeatureName feature;
+    PackedMap map;
+    read_row(maps_, 0, feature, map);
+    if (feature.feature.view() == "registration") {
+      out.registration = map;
+    } else if (feature.feature.view() == "seat") {
+      out.seat = map;
+    } else {
+      maps_.refuse(0, "names no map of a block");
+    }
+  }
 }
 
 template <std::size_t N>

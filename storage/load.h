@@ -26,6 +26,8 @@ class Loader {
   [[nodiscard]] std::vector<StoredAttempt> attempts(std::int64_t slab_key);
   /// False: nothing was measured; `out` is untouched.
   [[nodiscard]] bool block(const BlockKey& key, BlockResult& out);
+  /// Maps that were not kept stay empty.
+  void maps(const BlockKey& key, BlockMaps& out);
 
  private:
   template <std::size_t N>
@@ -39,6 +41,7 @@ class Loader {
   Statement planes_;
   Statement casings_;
   Statement items_;
+  Statement maps_;
 };
 
 }  // namespace slabd::storage

@@ -2,12 +2,12 @@
 //
 // Reading beside the running daemon. Every call is one read transaction of its own: it sees one moment, and it holds
 // no moment for long, because the write-ahead log cannot be emptied past a reader.
-#include <algorithm>
 #include <exception>
 
 #include "storage/calibrations.h"
 #include "storage/database.h"
 #include "storage/load.h"
+#include "storage/search.h"
 #include "storage/storage.h"
 
 namespace slabd::storage {
@@ -19,7 +19,6 @@ class SqliteReader final : public Reader {
       : db_(std::move(db)),
         path_(std::move(path)),
         loader_(*db_),
-        newest_keys_(*db_, "SELECT slab_key FROM slab ORDER BY slab_key DESC LIMIT ?1"),
         find_(*db_, "SELECT max(slab_key) FROM slab WHERE slab_id = ?1"),
         acknowledged_(*db_,
                       "SELECT acknowledged FROM result WHERE slab_key = ?1 AND kind = 2 AND is_repeat = 0 "
@@ -28,18 +27,11 @@ class SqliteReader final : public Reader {
                   "SELECT count(*) FROM attempt AS a WHERE slab_key = ?1 AND phase = 'measured' AND attempt = "
                   "(SELECT max(attempt) FROM attempt AS b WHERE b.slab_key = a.slab_key AND b.station = a.station)") {}
 
-  Result<std::vector<SlabSummary>> slabs(std::size_t limit) override {
-    std::vector<SlabSummary> list;
-    const Status status = read([&] {
-      std::vector<std::int64_t> keys;
-      newest_keys_.bind(1, static_cast<std::int64_t>(std::min<std::size_t>(limit, 1'000'000'000)));
-      while (newest_keys_.step()) keys.push_back(newest_keys_.integer(0));
-      SlabResult unused;
-      for (const std::int64_t key : keys)
-        if (const std::optional<SlabHeader> header = loader_.slab(key)) list.push_back(summary(*header, unused));
-    });
-    if (!status.ok()) return status.error();
-    return list;
+  Result<std::vector<SlabSummary>> slabs(const SlabFilter& filter) override {
+    return read_value<std::vector<SlabSummary>>([&] { return find_slabs(*db_, filter); });
+  }
+  Result<std::vector<ItemValue>> values(const ItemFilter& filter) override {
+    return read_value<std::vector<ItemValue>>([&] { return find_values(*db_, filter); });
   }
 
   Result<std::optional<SlabRecord>> slab(std::int64_t key) override {
@@ -63,6 +55,15 @@ class SqliteReader final : public Reader {
     });
     if (!status.ok()) return status.error();
     return key;
+  }
+
+  Result<std::unique_ptr<BlockMaps>> maps(std::int64_t key, int station, int attempt) override {
+    auto maps = std::make_unique<BlockMaps>();
+    const Status status = read([&] {
+      loader_.maps({key, static_cast<std::uint8_t>(station), static_cast<std::uint8_t>(attempt)}, *maps);
+    });
+    if (!status.ok()) return status.error();
+    return maps;
   }
 
   Result<std::vector<CalibrationRecord>> calibrations() override {
@@ -140,7 +141,6 @@ class SqliteReader final : public Reader {
   std::unique_ptr<Connection> db_;
   std::string path_;
   Loader loader_;
-  Statement newest_keys_;
   Statement find_;
   Statement acknowledged_;
   Statement measured_;

@@ -105,6 +105,10 @@ class Bind {
   void put(const FixedString<N>& text) {
     statement_.bind(index_++, text.view());
   }
+  template <std::size_t N>
+  void put(const FixedVector<std::uint8_t, N>& bytes) {
+    statement_.bind(index_++, std::span<const std::uint8_t>(bytes.data(), bytes.size()));
+  }
   void put(const std::string& text) { statement_.bind(index_++, std::string_view(text)); }
   template <std::integral T>
   void put(T value) {
@@ -156,6 +160,13 @@ class Fetch {
     const std::string_view stored = statement_.text(column_);
     if (stored.size() > N) statement_.refuse(column_, "is longer than " + std::to_string(N) + " bytes");
     text.assign(stored);
+    ++column_;
+  }
+  template <std::size_t N>
+  void take(FixedVector<std::uint8_t, N>& bytes) {
+    bytes.clear();
+    for (const std::uint8_t byte : statement_.bytes(column_))
+      if (!bytes.push(byte)) statement_.refuse(column_, "is longer than " + std::to_string(N) + " bytes");
     ++column_;
   }
   void take(std::string& text) { text = statement_.text(column_++); }

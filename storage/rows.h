@@ -292,6 +292,15 @@ void columns(V& v, R& r) {
   for (std::size_t part = 0; part < kBudgetParts; ++part) v(kBudgetColumns[part], r.budget[part]);
 }
 
+template <typename V, RowOf<PackedMap> R>
+void columns(V& v, R& r) {
+  v("columns", r.columns);
+  v("rows", r.rows);
+  v("cell_mm", r.cell_mm);
+  v("step_mm", r.step_mm);
+  v("bytes", r.bytes);
+}
+
 template <typename V, RowOf<ResultState> R>
 void columns(V& v, R& r) {
   v("is_repeat", r.is_repeat);

@@ -1,12 +1,13 @@
 -- SPDX-License-Identifier: Apache-2.0
 --
--- slabd's memory, schema version 3. One daemon writes, everybody else reads.
+-- slabd's memory, schema version 4. One daemon writes, everybody else reads.
 --
 --   line     one row: the session number last used, the newest wall clock of any record
 --   slab     what SLAB_BEGIN said and what it was measured with; slab_result is its end (no row: still open)
 --   command  the journal of accepted commands; id is their order
 --   attempt  one SCAN of one station; the highest attempt of a station is the valid one, all are kept
 --   block    what an attempt measured, with its planes, casings and items
+--   map      how far it lies from the model, and its seat from the fitted plane, place by place: what a report draws
 --   result   the records the PLC is shown; id is the order in which it is shown them
 --
 --   calibration        every calibration ever kept, with what it was made from; its numbers lie in hand_eye,
@@ -215,6 +216,22 @@ CREATE TABLE casing (
   PRIMARY KEY (slab_key, station, attempt, feature),
   FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
 ) STRICT, WITHOUT ROWID;
+
+-- Deviations by place, packed (base/packed_map.h): registration, seat. Blocks of versions 1 to 3, and blocks that were
+-- not found, have none.
+CREATE TABLE map (
+  slab_key INTEGER NOT NULL,
+  station  INTEGER NOT NULL,
+  attempt  INTEGER NOT NULL,
+  feature  TEXT NOT NULL,
+  columns  INTEGER NOT NULL,
+  rows     INTEGER NOT NULL,
+  cell_mm  REAL NOT NULL,
+  step_mm  REAL NOT NULL,
+  bytes    BLOB NOT NULL,
+  PRIMARY KEY (slab_key, station, attempt, feature),
+  FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
+) STRICT;
 
 -- Measured characteristics. Those of a block carry its station and attempt; those of the slab have both 0 there and
 -- name their stations in from_station and to_station (0 = the whole slab).

@@ -92,6 +92,13 @@ Statement& Statement::bind(int index, std::string_view value) {
   return *this;
 }
 
+Statement& Statement::bind(int index, std::span<const std::uint8_t> bytes) {
+  const void* data = bytes.empty() ? static_cast<const void*>("") : bytes.data();
+  if (sqlite3_bind_blob64(handle_, index, data, bytes.size(), SQLITE_TRANSIENT) != SQLITE_OK)
+    fail(connection_.handle(), "bind");
+  return *this;
+}
+
 Statement& Statement::bind_null(int index) {
   if (sqlite3_bind_null(handle_, index) != SQLITE_OK) fail(connection_.handle(), "bind");
   return *this;
@@ -136,6 +143,12 @@ std::string_view Statement::text(int column) const {
   const void* bytes = sqlite3_column_text(handle_, column);
   const int size = sqlite3_column_bytes(handle_, column);
   return {static_cast<const char*>(bytes), static_cast<std::size_t>(size)};
+}
+
+std::span<const std::uint8_t> Statement::bytes(int column) const {
+  if (sqlite3_column_type(handle_, column) != SQLITE_BLOB) refuse(column, "is not a run of bytes");
+  const void* data = sqlite3_column_blob(handle_, column);
+  return {static_cast<const std::uint8_t*>(data), static_cast<std::size_t>(sqlite3_column_bytes(handle_, column))};
 }
 
 bool Statement::is_null(int column) const {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -51,6 +52,7 @@ class Statement {
   Statement& bind(int index, std::int64_t value);
   Statement& bind(int index, double value);  ///< NaN becomes NULL
   Statement& bind(int index, std::string_view value);
+  Statement& bind(int index, std::span<const std::uint8_t> bytes);
   Statement& bind_null(int index);
 
   /// True: a row is there. False: no more rows, the statement is reset.
@@ -63,6 +65,7 @@ class Statement {
   [[nodiscard]] std::int64_t integer(int column) const;
   [[nodiscard]] double real(int column) const;  ///< NULL becomes NaN
   [[nodiscard]] std::string_view text(int column) const;
+  [[nodiscard]] std::span<const std::uint8_t> bytes(int column) const;  ///< valid until the next step
   [[nodiscard]] bool is_null(int column) const;
   /// A row that cannot have been written by this program.
   [[noreturn]] void refuse(int column, const std::string& why) const;

@@ -16,7 +16,7 @@
 namespace slabd::storage {
 
 inline constexpr int kApplicationId = 0x534C4142;  // "SLAB"
-inline constexpr int kSchemaVersion = 3;
+inline constexpr int kSchemaVersion = 4;
 
 struct StoreSettings {
   std::string db_path;
@@ -134,6 +134,37 @@ struct SlabSummary {
   bool acknowledged = false;
 };
 
+/// Which slabs; everything that is set must hold.
+struct SlabFilter {
+  std::size_t limit = 20;
+  std::int64_t since_utime_us = 0;  ///< began at or after
+  std::int64_t until_utime_us = 0;  ///< began before, 0: no end
+  int slab_type = 0;                ///< 0: all
+  std::string id_part;              ///< somewhere in the SLAB_ID; empty: all
+  /// Without item and block: of the slab. With a block: of that station after SLAB_END. With an item: of the item (at
+  /// that block, when there is one); none: any verdict but pass.
+  Verdict verdict = Verdict::none;
+  int block = 0;  ///< 0: none
+  std::optional<ItemId> item;
+};
+
+/// Which values of one item.
+struct ItemFilter {
+  ItemId item = ItemId::seat_slope;
+  std::size_t slabs = 1'000;  ///< the newest ones
+  std::int64_t since_utime_us = 0;
+  std::int64_t until_utime_us = 0;
+  int slab_type = 0;
+  int block = 0;  ///< 0: all; of a spacing or a pair: its first station
+};
+/// One value of an item, of the valid attempt; the slab's own one where SLAB_END computed it anew.
+struct ItemValue {
+  std::int64_t slab_key = 0;
+  SlabId slab_id;
+  std::int64_t began_utime_us = 0;
+  Item item;  ///< budget and companion are not read
+};
+
 struct SlabBlock {
   Attempt attempt;
   StationPhase phase = StationPhase::empty;
@@ -153,10 +184,19 @@ class Reader {
  public:
   virtual ~Reader() = default;
   /// Newest first.
-  [[nodiscard]] virtual Result<std::vector<SlabSummary>> slabs(std::size_t limit) = 0;
+  [[nodiscard]] virtual Result<std::vector<SlabSummary>> slabs(const SlabFilter& filter) = 0;
+  [[nodiscard]] Result<std::vector<SlabSummary>> slabs(std::size_t limit) {
+    SlabFilter filter;
+    filter.limit = limit;
+    return slabs(filter);
+  }
+  /// Oldest first; of one slab by station.
+  [[nodiscard]] virtual Result<std::vector<ItemValue>> values(const ItemFilter& filter) = 0;
   /// By key, or by the newest slab with this SLAB_ID.
   [[nodiscard]] virtual Result<std::optional<SlabRecord>> slab(std::int64_t key) = 0;
   [[nodiscard]] virtual Result<std::optional<std::int64_t>> find(std::string_view slab_id) = 0;
+  /// What was kept of one attempt to draw it; empty maps: nothing (an older slabd, or the block was not found).
+  [[nodiscard]] virtual Result<std::unique_ptr<BlockMaps>> maps(std::int64_t key, int station, int attempt) = 0;
 
   /// Every record, newest first.
   [[nodiscard]] virtual Result<std::vector<CalibrationRecord>> calibrations() = 0;

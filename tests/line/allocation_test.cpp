@@ -102,6 +102,7 @@ TEST(Allocation, none_from_scan_file_to_block_verdict) {
   inspector.use(recipe);
   std::vector<float> buffer(limits::kScanPointsMax * 3);
   Verdict verdict = Verdict::none;
+  BlockMaps maps;
   const auto measure = [&](const fs::path& path) {
     const Result<ScanShape> shape = hal::read_scan(path.c_str(), hal::LengthUnit::mm, buffer);
     if (!shape.ok()) return;
@@ -109,6 +110,7 @@ TEST(Allocation, none_from_scan_file_to_block_verdict) {
     const Status status = daemon::measure_block(inspector, *clock, 1, Pose::identity(), nominal_T_block_scanner(),
                                                 cloud, shape.value(), 0.0);
     verdict = status.ok() ? inspector.result().verdict : Verdict::none;
+    daemon::pack_maps(inspector, maps);
   };
   measure(first);
   {
@@ -118,6 +120,21 @@ TEST(Allocation, none_from_scan_file_to_block_verdict) {
     EXPECT_EQ(count.calls(), 0U);
   }
   EXPECT_EQ(verdict, Verdict::pass);
+  // What is kept of it can be drawn: most of the crop was seen, and it is as flat as the block is.
+  const std::optional<std::vector<float>> seat = unpack_map(maps.seat);
+  ASSERT_TRUE(seat.has_value());
+  std::size_t seen = 0;
+  for (const float height_mm : *seat) {
+    if (std::isnan(height_mm)) continue;
+    ++seen;
+    EXPECT_LT(std::abs(height_mm), 0.1F);
+  }
+  EXPECT_EQ(seen, inspector.result().seat.grid_points) << "the cells of the map are those of flatness";
+  EXPECT_EQ(maps.seat.step_mm, limits::kSeatMapStep_mm) << "an ordinary map must not need a wider step";
+  EXPECT_EQ(maps.registration.step_mm, limits::kDeviationMapStep_mm);
+  EXPECT_TRUE(unpack_map(maps.registration).has_value());
+  RecordProperty("registration_bytes", static_cast<int>(maps.registration.bytes.size()));
+  RecordProperty("seat_bytes", static_cast<int>(maps.seat.bytes.size()));
 }
 
 TEST(Allocation, none_when_the_slab_is_judged) {

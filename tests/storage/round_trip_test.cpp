@@ -46,6 +46,27 @@ TEST_F(RoundTripTest, slab_attempts_blocks_and_items_keep_their_bits) {
   }
 }
 
+TEST_F(RoundTripTest, maps_keep_their_bytes_and_go_with_the_block_they_belong_to) {
+  open();
+  begin(1);
+  acquire(1, 4, 1);
+  BlockJob job{1, 1, random_block(prng_, 4, Verdict::pass), random_record(prng_, ++res_seq_, 1), random_maps(prng_)};
+  apply(job);
+  job.maps = random_maps(prng_);  // after an error the block is measured once more
+  apply(job);
+  Result<std::unique_ptr<BlockMaps>> read = reader()->maps(1, 4, 1);
+  ASSERT_TRUE(read.ok()) << read.error().text.view();
+  expect_same(read.value()->registration, job.maps.registration);
+  expect_same(read.value()->seat, job.maps.seat);
+
+  job.maps = {};
+  apply(job);
+  read = reader()->maps(1, 4, 1);
+  ASSERT_TRUE(read.ok()) << read.error().text.view();
+  EXPECT_TRUE(read.value()->registration.empty()) << "a map of a measurement that was replaced";
+  EXPECT_TRUE(read.value()->seat.empty());
+}
+
 TEST_F(RoundTripTest, results_keep_their_bits_and_their_order_over_a_wrap_of_the_sequence) {
   open();
   begin(1);

@@ -42,7 +42,7 @@ TEST_F(SettingsTest, settings_are_in_force_on_the_writing_connection) {
   ASSERT_TRUE(opened.ok()) << opened.error().text.view();
   Connection& db = *opened.value();
   EXPECT_EQ(db.integer("PRAGMA application_id"), kApplicationId);
-  EXPECT_EQ(db.integer("PRAGMA user_version"), 3);
+  EXPECT_EQ(db.integer("PRAGMA user_version"), 4);
   EXPECT_EQ(db.integer("PRAGMA synchronous"), 3) << "EXTRA";
   EXPECT_EQ(db.text("PRAGMA journal_mode"), "wal");
   EXPECT_EQ(db.text("PRAGMA locking_mode"), "normal");
@@ -131,9 +131,9 @@ TEST_F(SettingsTest, database_with_tables_and_no_application_id_is_foreign) {
 TEST_F(SettingsTest, newer_schema_is_refused) {
   open();
   close();
-  make("PRAGMA user_version = 4");
+  make("PRAGMA user_version = 5");
   const std::string text = refusal();
-  EXPECT_NE(text.find("newer slabd (schema version 4, this program knows up to 3)"), std::string::npos) << text;
+  EXPECT_NE(text.find("newer slabd (schema version 5, this program knows up to 4)"), std::string::npos) << text;
   const Result<std::unique_ptr<Reader>> reader = open_reader(settings_.db_path);
   ASSERT_FALSE(reader.ok());
   EXPECT_NE(reader.error().text.view().find("newer slabd"), std::string_view::npos);

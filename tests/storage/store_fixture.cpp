@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/storage/store_fixture.h"
 
+#include <algorithm>
 #include <bit>
 #include <filesystem>
 #include <fstream>
@@ -211,6 +212,14 @@ void expect_same(const Attempt& a, const Attempt& b) {
   SAME_BITS(acquire_ms);
 }
 
+void expect_same(const PackedMap& a, const PackedMap& b) {
+  EXPECT_EQ(a.columns, b.columns);
+  EXPECT_EQ(a.rows, b.rows);
+  EXPECT_EQ(a.cell_mm, b.cell_mm);
+  EXPECT_EQ(a.step_mm, b.step_mm);
+  EXPECT_TRUE(std::equal(a.bytes.begin(), a.bytes.end(), b.bytes.begin(), b.bytes.end()));
+}
+
 void expect_same(const BlockResult& a, const BlockResult& b) {
   SAME(station);
   SAME(verdict);
@@ -354,6 +363,19 @@ Attempt random_attempt(Prng& prng, std::int64_t slab_key, int station, int numbe
   for (double* x : {&s.off_mm, &s.off_rad, &s.calibration_mm, &s.calibration_rad, &s.robot_mm, &s.robot_rad})
     *x = number(prng);
   return a;
+}
+
+BlockMaps random_maps(Prng& prng) {
+  BlockMaps maps;
+  for (PackedMap* map : {&maps.registration, &maps.seat}) {
+    integer(prng, map->columns);
+    integer(prng, map->rows);
+    map->cell_mm = 1.0 + prng.uniform();
+    map->step_mm = prng.uniform();
+    const std::uint64_t bytes = 1 + prng.below(limits::kPackedMapBytes);
+    for (std::uint64_t i = 0; i < bytes; ++i) EXPECT_TRUE(map->bytes.push(static_cast<std::uint8_t>(prng.below(256))));
+  }
+  return maps;
 }
 
 BlockResult random_block(Prng& prng, int station, Verdict verdict) {

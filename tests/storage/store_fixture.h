@@ -64,6 +64,7 @@ class StoreTest : public ::testing::Test {
 // Every field different from its default and from its neighbours; some numbers are NaN, as real ones are.
 [[nodiscard]] SlabHeader random_header(Prng& prng, std::int64_t key);
 [[nodiscard]] Attempt random_attempt(Prng& prng, std::int64_t slab_key, int station, int number);
+[[nodiscard]] BlockMaps random_maps(Prng& prng);
 [[nodiscard]] BlockResult random_block(Prng& prng, int station, Verdict verdict);
 [[nodiscard]] SlabResult random_slab(Prng& prng, Verdict verdict);
 [[nodiscard]] PlcResult random_record(Prng& prng, std::uint16_t res_seq, std::uint16_t kind);
@@ -71,6 +72,7 @@ class StoreTest : public ::testing::Test {
 // Bit for bit; NaN equals NaN. Written out field by field, so that a field forgotten by storage is noticed here.
 void expect_same(const SlabHeader& a, const SlabHeader& b);
 void expect_same(const Attempt& a, const Attempt& b);
+void expect_same(const PackedMap& a, const PackedMap& b);
 void expect_same(const BlockResult& a, const BlockResult& b);
 void expect_same(const SlabResult& a, const SlabResult& b);
 void expect_same(const PlcResult& a, const PlcResult& b);

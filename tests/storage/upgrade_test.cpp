@@ -160,6 +160,24 @@ TEST_F(UpgradeTest, slabs_of_version_2_keep_everything_and_say_that_no_splice_wa
   EXPECT_TRUE(fs::exists(settings_.db_path + ".v2-backup"));
 }
 
+TEST_F(UpgradeTest, blocks_of_version_3_have_no_maps_and_new_ones_have) {
+  make_version(3);
+  open();
+  const auto line = recover();
+  expect_same(line->stations[4].block, blocks_[1]);
+  Result<std::unique_ptr<BlockMaps>> maps = reader()->maps(2, 5, 1);
+  ASSERT_TRUE(maps.ok()) << maps.error().text.view();
+  EXPECT_TRUE(maps.value()->registration.empty() && maps.value()->seat.empty());
+  acquire(2, 6, 1);
+  PlcResult record = random_record(prng_, ++res_seq_, 1);
+  record.station = 6;
+  const BlockJob job{2, 1, random_block(prng_, 6, Verdict::pass), record, random_maps(prng_)};
+  apply(job);
+  maps = reader()->maps(2, 6, 1);
+  ASSERT_TRUE(maps.ok()) << maps.error().text.view();
+  expect_same(maps.value()->seat, job.maps.seat);
+}
+
 TEST_F(UpgradeTest, copy_of_the_old_database_stays_beside_it) {
   make_version_1();
   open();

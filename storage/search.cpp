@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What somebody looks for among tens of thousands of slabs. One statement each: the newest slabs are walked by their
+// key, and what is asked of each is found by its own key, so that the limit ends the work, not the size of the
+// database.
+#include "storage/search.h"
+
+#include <algorithm>
+
+namespace slabd::storage {
+namespace {
+
+/// The valid attempt of the item's station.
+constexpr const char* kValidAttempt =
+    "item.attempt = (SELECT max(a.attempt) FROM attempt AS a WHERE a.slab_key = item.slab_key AND a.station = "
+    "item.station)";
+
+constexpr std::int64_t kForEver = 9'000'000'000'000'000'000;
+
+std::int64_t count_of(std::size_t limit) {
+  return static_cast<std::int64_t>(std::min<std::size_t>(limit, 1'000'000'000));
+}
+
+/// The same columns with the table's name before them: other tables of the statement share some.
+std::string of_table(const char* table, const std::vector<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + (table + ("." + name));
+  return text;
+}
+
+std::string condition(const SlabFilter& filter) {
+  std::string where = "slab.began_utime_us >= ?2 AND slab.began_utime_us < ?3";
+  if (filter.slab_type != 0) where += " AND slab.slab_type = ?4";
+  if (!filter.id_part.empty()) where += " AND instr(slab.slab_id, ?5) > 0";
+  const bool any = filter.verdict == Verdict::none;
+  if (filter.item) {
+    where += " AND EXISTS (SELECT 1 FROM item WHERE item.slab_key = slab.slab_key AND item.id = ?6 AND ";
+    where += any ? "item.verdict NOT IN ('pass', 'none')" : "item.verdict = ?7";
+    if (filter.block != 0)
+      where += " AND (item.station = ?8 OR (item.station = 0 AND ?8 IN (item.from_station, item.to_station)))";
+    where += std::string(" AND (item.station = 0 OR ") + kValidAttempt + "))";
+  } else if (filter.block != 0) {
+    where += " AND EXISTS (SELECT 1 FROM station_result AS s WHERE s.slab_key = slab.slab_key AND s.station = ?8 AND ";
+    where += any ? "s.verdict <> 'pass')" : "s.verdict = ?7)";
+  } else if (!any) {
+    where += " AND slab_result.verdict = ?7";
+  }
+  return where;
+}
+
+}  // namespace
+
+std::vector<SlabSummary> find_slabs(Connection& db, const SlabFilter& filter) {
+  const std::vector<std::string> header = names_of<SlabHeader>();
+  Statement rows(
+      db,
+      "SELECT " + of_table("slab", header) +
+          ", slab_result.ended_utime_us, slab_result.verdict, slab_result.reason, "
+          "(SELECT acknowledged FROM result WHERE result.slab_key = slab.slab_key AND kind = 2 AND is_repeat = 0 "
+          "ORDER BY id DESC LIMIT 1), "
+          "(SELECT count(*) FROM attempt AS a WHERE a.slab_key = slab.slab_key AND phase = 'measured' AND attempt = "
+          "(SELECT max(attempt) FROM attempt AS b WHERE b.slab_key = a.slab_key AND b.station = a.station)) "
+          "FROM slab LEFT JOIN slab_result USING (slab_key) WHERE " +
+          condition(filter) + " ORDER BY slab.slab_key DESC LIMIT ?1");
+  rows.bind(1, count_of(filter.limit))
+      .bind(2, filter.since_utime_us)
+      .bind(3, filter.until_utime_us == 0 ? kForEver : filter.until_utime_us);
+  if (filter.slab_type != 0) rows.bind(4, std::int64_t{filter.slab_type});
+  if (!filter.id_part.empty()) rows.bind(5, std::string_view(filter.id_part));
+  if (filter.item) rows.bind(6, word(*filter.item));
+  if (filter.verdict != Verdict::none) rows.bind(7, word(filter.verdict));
+  if (filter.block != 0) rows.bind(8, std::int64_t{filter.block});
+  std::vector<SlabSummary> list;
+  while (rows.step()) {
+    SlabSummary& summary = list.emplace_back();
+    const int next = read_row(rows, 0, summary.header);
+    if (!rows.is_null(next)) {
+      summary.ended_utime_us = rows.integer(next);
+      if (!from_word(rows.text(next + 1), summary.verdict)) rows.refuse(next + 1, "holds an unknown word");
+      summary.reason = static_cast<std::uint16_t>(rows.integer(next + 2));
+    }
+    summary.acknowledged = !rows.is_null(next + 3) && rows.integer(next + 3) == 1;
+    summary.stations_measured = static_cast<int>(rows.integer(next + 4));
+  }
+  return list;
+}
+
+std::vector<ItemValue> find_values(Connection& db, const ItemFilter& filter) {
+  // CROSS JOIN keeps the order of the tables: from the chosen slabs to their items, not from all items of that name.
+  // The slab's own rows (station 0) come first of each place, so that a block's value which SLAB_END computed anew is
+  // passed over.
+  std::string sql =
+      "WITH chosen AS (SELECT slab_key, slab_id, began_utime_us FROM slab WHERE began_utime_us >= ?2 AND "
+      "began_utime_us < ?3";
+  if (filter.slab_type != 0) sql += " AND slab_type = ?4";
+  sql +=
+      " ORDER BY slab_key DESC LIMIT ?1) "
+      "SELECT chosen.slab_key, chosen.slab_id, chosen.began_utime_us, "
+      "CASE WHEN item.station > 0 THEN item.station ELSE item.from_station END AS place, item.to_station, "
+      "item.verdict, item.required, item.value, item.nominal, item.lower, item.upper, item.U "
+      "FROM chosen CROSS JOIN item ON item.slab_key = chosen.slab_key AND item.id = ?5 WHERE (item.station = 0 OR ";
+  sql += kValidAttempt;
+  sql += ")";
+  if (filter.block != 0) sql += " AND place = ?6";
+  sql += " ORDER BY chosen.slab_key, place, item.station";
+  Statement rows(db, sql);
+  rows.bind(1, count_of(filter.slabs))
+      .bind(2, filter.since_utime_us)
+      .bind(3, filter.until_utime_us == 0 ? kForEver : filter.until_utime_us)
+      .bind(5, word(filter.item));
+  if (filter.slab_type != 0) rows.bind(4, std::int64_t{filter.slab_type});
+  if (filter.block != 0) rows.bind(6, std::int64_t{filter.block});
+  std::vector<ItemValue> list;
+  while (rows.step()) {
+    ItemValue value;
+    value.slab_key = rows.integer(0);
+    value.slab_id.assign(rows.text(1));
+    value.began_utime_us = rows.integer(2);
+    value.item.id = filter.item;
+    value.item.station = static_cast<std::uint8_t>(rows.integer(3));
+    value.item.station_to = static_cast<std::uint8_t>(rows.integer(4));
+    if (!list.empty() && list.back().slab_key == value.slab_key && list.back().item.station == value.item.station &&
+        list.back().item.station_to == value.item.station_to)
+      continue;
+    if (!from_word(rows.text(5), value.item.verdict)) rows.refuse(5, "holds an unknown word");
+    value.item.required = rows.integer(6) == 1;
+    value.item.value = rows.real(7);
+    value.item.nominal = rows.real(8);
+    value.item.lower = rows.real(9);
+    value.item.upper = rows.real(10);
+    value.item.U = rows.real(11);
+    list.push_back(value);
+  }
+  return list;
+}
+
+}  // namespace slabd::storage

@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Finding slabs and values among many, against slabs whose answers are known.
+#include "tests/storage/store_fixture.h"
+
+namespace slabd::storage {
+namespace {
+
+class SearchTest : public StoreTest {
+ protected:
+  static Item an_item(ItemId id, int station, double value, Verdict verdict) {
+    Item item;
+    item.id = id;
+    item.station = static_cast<std::uint8_t>(station);
+    item.value = value;
+    item.upper = 1.0;
+    item.verdict = verdict;
+    return item;
+  }
+  /// One more attempt of a station whose only items are flatness and slope.
+  void measured(std::int64_t key, int station, int number, double flatness_mm, Verdict verdict) {
+    acquire(key, station, number);
+    BlockResult block;
+    block.station = static_cast<std::uint8_t>(station);
+    block.verdict = verdict;
+    EXPECT_TRUE(block.items.push(an_item(ItemId::seat_flatness, station, flatness_mm, verdict)));
+    EXPECT_TRUE(block.items.push(an_item(ItemId::seat_slope, station, 1.0, Verdict::pass)));
+    PlcResult record = random_record(prng_, ++res_seq_, 1);
+    record.station = static_cast<std::uint16_t>(station);
+    apply(BlockJob{key, static_cast<std::uint8_t>(number), block, record});
+  }
+  void ended(std::int64_t key, Verdict verdict, int bad_station) {
+    SlabResult slab;
+    slab.verdict = verdict;
+    slab.station_verdict.fill(Verdict::pass);
+    if (bad_station > 0) slab.station_verdict[static_cast<std::size_t>(bad_station - 1)] = verdict;
+    // SLAB_END computes the slope of station 2 anew.
+    EXPECT_TRUE(slab.items.push(an_item(ItemId::seat_slope, 2, 1.25, verdict)));
+    EXPECT_TRUE(slab.items.push(an_item(ItemId::corner_level, 0, 0.5, Verdict::pass)));
+    apply(SlabJob{key, slab, random_record(prng_, ++res_seq_, 2), 9'000'000});
+  }
+  /// Slab n begins at n seconds, of type 56 (odd) or 49: 1 passes, 2 fails at block 2's flatness, 3 fails at block 7 in
+  /// an attempt that was scanned again and passes, 4 is open.
+  void make_four() {
+    open();
+    for (std::int64_t key = 1; key <= 4; ++key) {
+      BeginSlabJob job{random_header(prng_, key), 1, ++cmd_seq_};
+      job.slab.slab_type = key % 2 == 1 ? 56 : 49;
+      job.slab.slab_id.assign("LINE-A-" + std::to_string(key));
+      job.slab.began_utime_us = key * 1'000'000;
+      apply(job);
+      measured(key, 2, 1, 0.1 * static_cast<double>(key), key == 2 ? Verdict::fail : Verdict::pass);
+      if (key == 3) {
+        measured(key, 7, 1, 9.0, Verdict::fail);
+        measured(key, 7, 2, 0.7, Verdict::pass);
+      }
+      if (key < 4) ended(key, key == 2 ? Verdict::fail : Verdict::pass, key == 2 ? 2 : 0);
+    }
+  }
+  std::vector<std::int64_t> found(const SlabFilter& filter) {
+    const Result<std::vector<SlabSummary>> slabs = reader()->slabs(filter);
+    EXPECT_TRUE(slabs.ok()) << slabs.error().text.view();
+    std::vector<std::int64_t> keys;
+    if (slabs.ok())
+      for (const SlabSummary& slab : slabs.value()) keys.push_back(slab.header.key);
+    return keys;
+  }
+};
+
+using Keys = std::vector<std::int64_t>;
+
+TEST_F(SearchTest, slabs_by_time_type_id_and_verdict) {
+  make_four();
+  SlabFilter filter;
+  EXPECT_EQ(found(filter), (Keys{4, 3, 2, 1}));
+  filter.limit = 2;
+  EXPECT_EQ(found(filter), (Keys{4, 3}));
+  filter = {};
+  filter.since_utime_us = 2'000'000;
+  filter.until_utime_us = 4'000'000;
+  EXPECT_EQ(found(filter), (Keys{3, 2}));
+  filter = {};
+  filter.slab_type = 56;
+  EXPECT_EQ(found(filter), (Keys{3, 1}));
+  filter = {};
+  filter.verdict = Verdict::fail;
+  EXPECT_EQ(found(filter), (Keys{2}));
+  filter.slab_type = 56;
+  EXPECT_EQ(found(filter), Keys{}) << "all that is asked for must hold";
+  filter = {};
+  filter.id_part = "A-3";
+  EXPECT_EQ(found(filter), (Keys{3}));
+  filter.id_part = "%";
+  EXPECT_EQ(found(filter), Keys{}) << "an id is text, not a pattern";
+}
+
+TEST_F(SearchTest, slabs_by_block_and_item) {
+  make_four();
+  SlabFilter filter;
+  filter.block = 2;
+  EXPECT_EQ(found(filter), (Keys{2})) << "any verdict but pass";
+  filter.verdict = Verdict::pass;
+  EXPECT_EQ(found(filter), (Keys{3, 1})) << "an open slab has no final verdicts";
+  filter = {};
+  filter.item = ItemId::seat_flatness;
+  EXPECT_EQ(found(filter), (Keys{2})) << "an attempt that was scanned again does not count";
+  filter.block = 3;
+  EXPECT_EQ(found(filter), Keys{});
+  filter.block = 2;
+  filter.verdict = Verdict::pass;
+  EXPECT_EQ(found(filter), (Keys{4, 3, 1}));
+  filter.item = ItemId::seat_slope;
+  filter.verdict = Verdict::fail;
+  EXPECT_EQ(found(filter), (Keys{2})) << "the slab's own slope of block 2";
+}
+
+TEST_F(SearchTest, values_are_those_of_valid_attempts_and_the_slabs_own_come_first) {
+  make_four();
+  ItemFilter filter;
+  filter.item = ItemId::seat_flatness;
+  Result<std::vector<ItemValue>> values = reader()->values(filter);
+  ASSERT_TRUE(values.ok()) << values.error().text.view();
+  ASSERT_EQ(values.value().size(), 5U);
+  EXPECT_EQ(values.value()[0].slab_key, 1);
+  EXPECT_EQ(values.value()[0].slab_id.view(), "LINE-A-1");
+  EXPECT_EQ(values.value()[0].began_utime_us, 1'000'000);
+  EXPECT_EQ(values.value()[0].item.station, 2);
+  EXPECT_EQ(values.value()[0].item.upper, 1.0);
+  EXPECT_FALSE(has_value(values.value()[0].item.lower));
+  EXPECT_EQ(values.value()[3].item.station, 7);
+  EXPECT_EQ(values.value()[3].item.value, 0.7) << "not the attempt before";
+
+  filter.item = ItemId::seat_slope;
+  filter.block = 2;
+  values = reader()->values(filter);
+  ASSERT_TRUE(values.ok());
+  ASSERT_EQ(values.value().size(), 4U);
+  EXPECT_EQ(values.value()[0].item.value, 1.25) << "computed anew by SLAB_END";
+  EXPECT_EQ(values.value()[3].item.value, 1.0) << "the open slab's provisional one";
+  filter.slabs = 1;
+  EXPECT_EQ(reader()->values(filter).value().size(), 1U);
+  filter = {};
+  filter.item = ItemId::corner_level;
+  filter.slab_type = 49;
+  values = reader()->values(filter);
+  ASSERT_EQ(values.value().size(), 1U);
+  EXPECT_EQ(values.value()[0].slab_key, 2);
+  EXPECT_EQ(values.value()[0].item.station, 0);
+}
+
+}  // namespace
+}  // namespace slabd::storage
