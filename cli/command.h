@@ -27,6 +27,7 @@ void add_history(CLI::App& app, int& exit_status);
 void add_show(CLI::App& app, int& exit_status);
 void add_simulate(CLI::App& app, int& exit_status);
 void add_calibrate(CLI::App& app, int& exit_status);
+void add_plc(CLI::App& app, int& exit_status);
 
 /// Parses and runs a command line; returns the exit status. Nothing but this and the commands knows CLI11.
 [[nodiscard]] int run(int argc, const char* const* argv);

@@ -91,6 +91,7 @@ int run(int argc, const char* const* argv) {
   add_show(app, exit_status);
   add_simulate(app, exit_status);
   add_calibrate(app, exit_status);
+  add_plc(app, exit_status);
   add_config(app, exit_status);
   add_recipe(app, exit_status);
 

@@ -6,8 +6,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "daemon/daemon.h"
-#include "daemon/toml_reader.h"
+#include "daemon/config_parts.h"
 
 /// slabd.toml -> Config. One function per table; each fills what it can and reports the rest, so that a fault in one
 /// table does not hide faults in another and the PLC can still be told about code 504.
@@ -24,81 +23,9 @@ static_assert(kSamplesMinMax < limits::kPoseRing && kStandstillMaxMs * 250 / 100
 constexpr std::size_t kPathMax = limits::kPathBytes - 64;  ///< names inside a folder are appended
 
 /// 127.0.0.0/8: nobody but this computer until told otherwise.
-void allow_loopback_only(hal::PlcServerSettings& plc) {
+void allow_loopback_only(hal::PlcSettings& plc) {
   plc.allow.clear();
   if (!plc.allow.push({0x7F00'0000U, 0xFF00'0000U})) plc.allow.clear();
-}
-
-template <std::size_t Capacity>
-void read_text(TableReader& table, std::string_view key, FixedString<Capacity>& out) {
-  std::string text(out.view());
-  table.optional_text(key, text, Capacity);
-  out.assign(text);
-}
-
-/// "127.0.0.1:1502" -> host and port.
-void read_listen(TableReader& plc, hal::PlcServerSettings& out) {
-  std::string listen;
-  plc.optional_text("listen", listen, 64);
-  if (listen.empty()) return;
-  const std::size_t colon = listen.rfind(':');
-  const std::string port = colon == std::string::npos ? "" : listen.substr(colon + 1);
-  const bool digits = !port.empty() && port.size() <= 5 && port.find_first_not_of("0123456789") == std::string::npos;
-  if (!digits || colon == 0 || std::stoul(port) > 65'535) {
-    plc.problem("listen", fmt::format("found \"{}\", allowed is \"address:port\" with port 0..65535", listen));
-    return;
-  }
-  out.host.assign(std::string_view(listen).substr(0, colon));
-  out.port = static_cast<std::uint16_t>(std::stoul(port));
-}
-
-void read_allow(TableReader& plc, hal::PlcServerSettings& out) {
-  const TomlValue* list = plc.value("allow");
-  if (list == nullptr) return;
-  const std::size_t capacity = out.allow.capacity();
-  if (list->kind != TomlValue::Kind::array || list->items.empty() || list->items.size() > capacity) {
-    plc.problem("allow", fmt::format("found {}, allowed is a list of 1..{} networks like \"10.0.0.0/8\"", found(*list),
-                                     capacity));
-    return;
-  }
-  out.allow.clear();
-  for (const TomlValue& item : list->items) {
-    if (item.kind != TomlValue::Kind::text) {
-      plc.problem_at(item, "allow", fmt::format("found {}, allowed is a network like \"10.0.0.0/8\"", found(item)));
-      continue;
-    }
-    const Result<hal::PlcServerSettings::Network> network = hal::parse_network(item.text);
-    if (!network.ok()) {
-      plc.problem_at(item, "allow", fmt::format("found {}: {}", found(item), network.error().text.view()));
-      continue;
-    }
-    const bool room = out.allow.push(network.value());
-    assert(room);
-    static_cast<void>(room);
-  }
-}
-
-void read_plc(TableReader plc, hal::PlcServerSettings& out) {
-  const TomlValue* role = plc.value("role");
-  if (role != nullptr && role->text != "server")
-    plc.problem("role", fmt::format("found {}, allowed is \"server\"; this version supports the Modbus TCP server only",
-                                    found(*role)));
-  read_listen(plc, out);
-  std::int64_t unit_id = out.unit_id;
-  plc.optional_integer("unit_id", unit_id, 1, 247);  // Modbus over serial line V1.02, 2.2
-  out.unit_id = static_cast<std::uint8_t>(unit_id);
-  read_allow(plc, out);
-  std::size_t order = out.word_order == hal::WordOrder::abcd ? 0 : 1;
-  plc.optional_word("word_order", order, {"abcd", "cdab"});
-  out.word_order = order == 0 ? hal::WordOrder::abcd : hal::WordOrder::cdab;
-  plc.finish();
-}
-
-/// A time in ms in the file, ns inside.
-void read_ms(TableReader& table, std::string_view key, std::int64_t& out_ns, Allowed allowed_ms) {
-  double time_ms = static_cast<double>(out_ns) / 1e6;
-  table.optional_number(key, time_ms, allowed_ms);
-  out_ns = std::llround(time_ms * 1e6);
 }
 
 void read_s(TableReader& table, std::string_view key, std::int64_t& out_ns, Allowed allowed_s) {

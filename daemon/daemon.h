@@ -21,7 +21,7 @@ namespace slabd::daemon {
 
 struct Config {
   std::string path;
-  hal::PlcServerSettings plc;
+  hal::PlcSettings plc;
   hal::LcmSettings robot;
   PoseSettings pose;
   hal::ScanDropSettings scanner;

@@ -256,6 +256,20 @@ void Loop::serve_plc() {
     handle(inputs);
     ports_.plc.publish(plc_view(*station_));
   }
+  say_plc_news();
+}
+
+void Loop::say_plc_news() {
+  LogLine line;
+  if (ports_.plc.trouble() != plc_trouble_said_) {
+    plc_trouble_said_ = ports_.plc.trouble();
+    line.level = plc_trouble_said_.empty() ? LogLine::Level::info : LogLine::Level::error;
+    line.text = plc_trouble_said_.empty() ? std::string_view("PLC link is up") : std::string_view(plc_trouble_said_);
+    say(line);
+  }
+  if (!ports_.plc.next_note(ports_.clock.mono_ns(), line.text)) return;
+  line.level = LogLine::Level::warning;
+  say(line);
 }
 
 void Loop::serve_control() {

@@ -36,6 +36,8 @@ struct LoopFigures {
   double block_max_ms = 0.0;
   double commit_last_ms = 0.0;
   double commit_max_ms = 0.0;
+  hal::PlcRole plc_role = hal::PlcRole::server;
+  hal::WordOrder plc_word_order = hal::WordOrder::abcd;
   std::string config_path;
   std::string db_path;
 };
@@ -74,6 +76,7 @@ class Loop {
   void take_poses();
   void take_answers();
   void serve_plc();
+  void say_plc_news();
   void serve_control();
   void feed_watchdog();
   void handle(const Event& event);
@@ -109,6 +112,7 @@ class Loop {
   std::array<std::uint64_t, 3> worker_turns_{};
   std::array<std::int64_t, 3> worker_moved_ns_{};
   std::string trouble_said_;
+  std::string plc_trouble_said_;
   std::string spool_trouble_said_;  ///< storage thread only
   CalibrationDesk calibration_desk_;
 

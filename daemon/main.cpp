@@ -36,6 +36,19 @@ void print(const std::vector<Problem>& problems) {
   for (const Problem& problem : problems) std::fprintf(stderr, "error: %s\n", problem.text.c_str());
 }
 
+/// Where the PLC is met.
+FixedString<limits::kErrorTextBytes> plc_place(const hal::PlcSettings& plc) {
+  FixedString<limits::kErrorTextBytes> place;
+  switch (plc.role) {
+    case hal::PlcRole::server: place.printf("Modbus/TCP server on %s:%u", plc.host.c_str(), unsigned{plc.port}); break;
+    case hal::PlcRole::client: place.printf("Modbus/TCP client of %s:%u", plc.host.c_str(), unsigned{plc.port}); break;
+    case hal::PlcRole::rtu:
+      place.printf("Modbus RTU slave %u on %s, %u baud", unsigned{plc.unit_id}, plc.device.c_str(), plc.baud);
+      break;
+  }
+  return place;
+}
+
 int check(const Config& config, const std::vector<Problem>& config_problems, const std::vector<Recipe>& recipes,
           const std::vector<Problem>& recipe_problems) {
   print(config_problems);
@@ -49,6 +62,7 @@ int check(const Config& config, const std::vector<Problem>& config_problems, con
               config.calibration.id.empty()
                   ? "none in the configuration: slabs wait for one to be applied"
                   : (std::string(config.calibration.id.view()) + " (commissioning values)").c_str());
+  std::printf("PLC: %s\n", plc_place(config.plc).c_str());
   std::printf("inspection memory %.0f MB\n", static_cast<double>(limits::kInspectionBytes) / 1e6);
   return 0;
 }
@@ -82,7 +96,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   print(config_problems);
   print(recipe_problems);
 
-  auto plc = hal::make_modbus_server(config.plc);
+  const auto plc = hal::make_plc_port(config.plc);
   if (!plc.ok()) {
     std::fprintf(stderr, "error: %s\n", plc.error().text.c_str());
     return kExitUnreachable;
@@ -137,11 +151,13 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
 
   LoopFigures figures;
   figures.config_path = config.path;
+  figures.plc_role = config.plc.role;
+  figures.plc_word_order = config.plc.word_order;
   figures.db_path = config.storage.db_path;
   const Ports ports{*plc.value(), *pose, *scanner, store.get(), control.get(), *clock, *notify};
   Loop loop(ports, settings, config.scanner.unit, config.measure_threads, std::move(figures));
-  std::fprintf(stderr, "info: %s: Modbus/TCP on %s:%u, inspection memory %.0f MB%s\n", settings.software.c_str(),
-               config.plc.host.c_str(), plc.value()->bound_port(), static_cast<double>(limits::kInspectionBytes) / 1e6,
+  std::fprintf(stderr, "info: %s: %s, inspection memory %.0f MB%s\n", settings.software.c_str(),
+               plc_place(config.plc).c_str(), static_cast<double>(limits::kInspectionBytes) / 1e6,
                settings.fault == Code::ok ? "" : "; in FAULT, see above");
   loop.run(g_stop);
   std::fprintf(stderr, "info: slabd: stopped\n");

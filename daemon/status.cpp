@@ -9,6 +9,7 @@
 
 #include "daemon/loop.h"
 #include "daemon/station_parts.h"
+#include "hal/plc_map.h"
 
 namespace slabd::daemon {
 namespace {
@@ -108,6 +109,40 @@ Json in_force(const Station& station) {
   return j;
 }
 
+Json plc_link(const hal::PlcPort& plc, bool alive, std::int64_t now_ns) {
+  const hal::PlcLinkCounters& c = plc.counters();
+  return {{"clients", plc.clients()},
+          {"alive", alive},
+          {"trouble", plc.trouble()},
+          {"last_frame_s",
+           c.last_frame_ns == 0 ? Json(nullptr) : Json(static_cast<double>(now_ns - c.last_frame_ns) / 1e9)},
+          {"connections", c.connections},
+          {"frames", c.frames},
+          {"exceptions", c.exceptions},
+          {"not_allowed", c.not_allowed},
+          {"read_only", c.read_only},
+          {"displaced", c.displaced},
+          {"malformed", c.malformed},
+          {"late", c.late},
+          {"idle", c.idle},
+          {"unsent", c.unsent}};
+}
+
+/// Both memories as they are on the wire now, in the configured word order.
+std::string plc_image_json(const Station& station, const hal::PlcPort& plc, const LoopFigures& figures) {
+  hal::InputImage input{};
+  hal::encode_outputs(plc_view(station), figures.plc_word_order, input);
+  const std::span<const std::uint16_t> holding = plc.holding();
+  Json j;
+  j["schema"] = "slabd.plc_image/1";
+  j["role"] = hal::kPlcRoles.at(static_cast<std::size_t>(figures.plc_role));
+  j["word_order"] = figures.plc_word_order == hal::WordOrder::abcd ? "abcd" : "cdab";
+  j["trouble"] = plc.trouble();
+  j["holding"] = std::vector<std::uint16_t>(holding.begin(), holding.end());
+  j["input"] = std::vector<std::uint16_t>(input.begin(), input.end());
+  return text_of(j);
+}
+
 }  // namespace
 
 std::string status_json(const Station& station, const Ports& ports, const LoopFigures& figures) {
@@ -140,7 +175,7 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
                           {"stations", station.slab.header.stations},
                           {"mask", view.station_mask}}
                    : Json(nullptr);
-  j["links"]["plc"] = {{"clients", ports.plc.clients()}, {"alive", view.plc_link_ok}};
+  j["links"]["plc"] = plc_link(ports.plc, view.plc_link_ok, station.now_ns);
   const hal::PoseLinkCounters& counters = ports.pose.counters();
   j["links"]["pose"] = {{"ok", view.pose_ok},
                         {"code", static_cast<int>(pose)},
@@ -198,8 +233,9 @@ std::string answer_control(std::string_view line, const Station& station, const 
     if (verb == request.end() || !verb->is_string()) return refusal("the key \"verb\" is missing or not a string");
     if (*verb == "status") return status_json(station, ports, figures);
     if (*verb == "calibration") return calibration_json(station, desk);
+    if (*verb == "plc_image") return plc_image_json(station, ports.plc, figures);
     if (*verb != "calibration_change" && *verb != "capture")
-      return refusal("unknown verb; known: status, calibration, calibration_change, capture");
+      return refusal("unknown verb; known: status, calibration, plc_image, calibration_change, capture");
     const std::uint32_t uid = ports.control == nullptr ? hal::ControlPort::kNobody : ports.control->peer_uid();
     if (*verb == "capture") {
       const Result<CaptureRequest> capture = parse_capture(line, uid);

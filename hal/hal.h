@@ -47,6 +47,24 @@ class ServiceNotify {
 
 inline constexpr std::size_t kPlcPollFds = limits::kModbusClientsMax + 1;
 
+/// What happened on the way to the PLC since the start.
+struct PlcLinkCounters {
+  std::uint64_t connections = 0;   ///< accepted (server), opened (client, serial line)
+  std::uint64_t frames = 0;        ///< whole requests served, or answers received (client)
+  std::uint64_t exceptions = 0;    ///< refusals given, or received (client)
+  std::uint64_t not_allowed = 0;   ///< connections from an address that may not connect
+  std::uint64_t read_only = 0;     ///< writes from an address that may only read
+  std::uint64_t displaced = 0;     ///< connections closed to make room for a newer one
+  std::uint64_t malformed = 0;     ///< bytes that are no Modbus: wrong protocol, length or checksum
+  std::uint64_t late = 0;          ///< frames not complete in time; questions without an answer (client)
+  std::uint64_t idle = 0;          ///< connections closed because nobody spoke
+  std::uint64_t unsent = 0;        ///< replies that the peer did not take
+  std::int64_t last_frame_ns = 0;  ///< when the last of `frames` came, 0: never
+};
+
+using PlcNoteText = FixedString<limits::kErrorTextBytes>;
+
+/// The PLC, whoever of the two moves the bytes.
 class PlcPort {
  public:
   virtual ~PlcPort() = default;
@@ -59,32 +77,80 @@ class PlcPort {
   virtual void publish(const PlcOutputs& outputs) = 0;
   /// Connections now open.
   [[nodiscard]] virtual std::size_t clients() const = 0;
+  [[nodiscard]] virtual const PlcLinkCounters& counters() const = 0;
+  /// Why there is no link, with the cure; empty while there is one, and always for a server, which waits.
+  [[nodiscard]] virtual std::string_view trouble() const = 0;
+  /// A line for the log about what went wrong on the wire since the last one: at once for the first, then at most one
+  /// in ten seconds, so that nobody on the network can fill the disk. False: nothing to say.
+  [[nodiscard]] virtual bool next_note(std::int64_t mono_ns, PlcNoteText& text) = 0;
+  /// HR 0..39 as the PLC last wrote them.
+  [[nodiscard]] virtual std::span<const std::uint16_t> holding() const = 0;
 };
 
 enum class WordOrder : std::uint8_t { abcd, cdab };
 
-struct PlcServerSettings {
-  FixedString<64> host = "127.0.0.1";
-  std::uint16_t port = 1502;  ///< 0 = any free port (tests); `bound_port` tells which
-  std::uint8_t unit_id = 1;
+/// Who moves the bytes of register map 1.0. What they mean is the same in all three.
+enum class PlcRole : std::uint8_t {
+  server,  ///< Modbus/TCP: the PLC connects to slabd
+  client,  ///< Modbus/TCP: slabd connects to the PLC, whose memory holds both halves
+  rtu,     ///< serial line: the PLC is the master, slabd a slave
+};
+inline constexpr std::array<std::string_view, 3> kPlcRoles = {"server", "client", "rtu"};
+
+enum class SerialParity : std::uint8_t { even, odd, none };
+
+struct PlcSettings {
+  PlcRole role = PlcRole::server;
+  std::uint8_t unit_id = 1;  ///< slabd's own (server, rtu), or the PLC's (client)
   WordOrder word_order = WordOrder::abcd;
+
+  FixedString<64> host = "127.0.0.1";  ///< IPv4: where the server listens, or of the PLC (client)
+  std::uint16_t port = 1502;           ///< server: 0 = any free port (tests); `bound_port` tells which
+
+  // server
   /// CIDR blocks that may connect; IPv4, network byte order folded into host integers. None: this computer only.
   struct Network {
     std::uint32_t address = 0;
     std::uint32_t mask = 0;
   };
   FixedVector<Network, 16> allow;
+  FixedVector<Network, 16> read_only;  ///< who of them may only read: displays
+
+  // client: the same two memories in the PLC
+  std::uint16_t command_base = 0;    ///< holding register of the PLC that is HR 0
+  std::uint16_t status_base = 1000;  ///< holding register of the PLC that is IR 0
+  bool read_write = false;           ///< use FC 23 to write and read at once
+  std::int64_t poll_ns = 50'000'000;
+  std::int64_t timeout_ns = 500'000'000;  ///< of connecting, and of one answer
+
+  // serial line
+  PathText device;
+  std::uint32_t baud = 115'200;
+  SerialParity parity = SerialParity::even;
+  std::uint8_t stop_bits = 1;
+  bool rs485 = false;  ///< the kernel's driver switches the direction (TIOCSRS485)
 };
+
+/// The port that `settings.role` asks for. config: what is wrong with the settings, or a listening address in use; a
+/// PLC that does not answer and a serial line that is not there are troubles of the port, not errors.
+[[nodiscard]] Result<std::unique_ptr<PlcPort>> make_plc_port(const PlcSettings& settings);
 
 class ModbusServer : public PlcPort {
  public:
   [[nodiscard]] virtual std::uint16_t bound_port() const = 0;
 };
 /// Opens the listening socket. config on a bad address, a port in use (the text names it).
-[[nodiscard]] Result<std::unique_ptr<ModbusServer>> make_modbus_server(const PlcServerSettings& settings);
+[[nodiscard]] Result<std::unique_ptr<ModbusServer>> make_modbus_server(const PlcSettings& settings);
+/// Starts the thread that talks to the PLC. config on a bad address or registers that overlap.
+[[nodiscard]] Result<std::unique_ptr<PlcPort>> make_modbus_client(const PlcSettings& settings);
+/// Opens the line, now or when it is there. config on a unit id or a speed that does not exist.
+[[nodiscard]] Result<std::unique_ptr<PlcPort>> make_modbus_rtu(const PlcSettings& settings);
 
 /// "10.0.0.0/8" -> Network.
-[[nodiscard]] Result<PlcServerSettings::Network> parse_network(std::string_view cidr);
+[[nodiscard]] Result<PlcSettings::Network> parse_network(std::string_view cidr);
+/// The speeds a serial line may have.
+inline constexpr std::array<std::uint32_t, 8> kSerialBauds = {1'200,  2'400,  4'800,  9'600,
+                                                              19'200, 38'400, 57'600, 115'200};
 
 // ---- robot pose ------------------------------------------------------------------------------------------------
 

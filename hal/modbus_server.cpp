@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <arpa/inet.h>
 #include <fcntl.h>
-#include <modbus/modbus.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <sys/socket.h>
@@ -16,14 +15,16 @@
 #include "hal/modbus_codec.h"
 #include "hal/os.h"
 #include "hal/plc_map.h"
+#include "hal/plc_notes.h"
 
 // Problem: one slow, broken or hostile client must cost the PLC nothing, and no write of the PLC may be skipped.
-// Idea: own non-blocking framing; libmodbus' modbus_reply() only ever sees whole requests that it can answer at once.
+// Idea: non-blocking framing of our own in front of the codec, one small buffer a client, deadlines instead of waits.
 // Invariants:
 //   - exactly one frame is read at a time, never a byte of the next: what waits stays in the kernel, where poll()
 //     sees it, and the buffer cannot overflow;
 //   - next() returns after each write, so the caller looks at every state the PLC has written;
 //   - nothing blocks: a client that does not take its reply is closed;
+//   - nobody can push the one who commands off the line: of a full house those go first who never spoke;
 //   - no heap after construction.
 namespace slabd::hal {
 namespace {
@@ -35,29 +36,31 @@ constexpr std::int64_t kFrameDeadlineNs = ns_from_ms(300);
 constexpr std::int64_t kIdleLimitNs = 60 * kNsPerS;
 /// Pause of accepting when the process has no descriptors left.
 constexpr std::int64_t kAcceptPauseNs = kNsPerS;
+/// Connections the kernel keeps for us, and how many of them are looked at in one turn: a PLC that connects in the
+/// middle of a flood of connections must not stand at the end of a long queue. Each costs some ten microseconds.
+constexpr int kBacklog = 128;
+constexpr int kAcceptsPerTurn = 64;
 /// A dead link is noticed after 10 + 3 * 3 s by probes, after 5 s when a reply is not acknowledged.
 constexpr int kKeepaliveIdleS = 10;
 constexpr int kKeepaliveIntervalS = 3;
 constexpr int kKeepaliveProbes = 3;
 constexpr int kUnacknowledgedMs = 5000;
+/// Whoever wrote the command block last keeps his place while he speaks at least this often (a PLC: every 500 ms).
+constexpr std::int64_t kOwnerSilenceNs = 5 * kNsPerS;
 /// Replies the kernel keeps for a client that does not read, some hundreds; then it is closed.
 constexpr int kSendBufferBytes = 1 << 16;
 
 struct Client {
   Fd fd;
   std::uint32_t number = 0;
+  std::uint32_t address = 0;
+  bool read_only = false;
+  bool spoke = false;              ///< a whole frame has come
   std::int64_t active_ns = 0;      ///< accepted, or last whole frame
   std::int64_t first_byte_ns = 0;  ///< of the frame in `frame`
   std::size_t bytes = 0;
-  std::size_t served = 0;                                   ///< frames this turn
-  std::array<std::uint8_t, limits::kModbusAduMax> frame{};  ///< zero beyond `bytes`
-};
-
-struct ContextDeleter {
-  void operator()(modbus_t* context) const { modbus_free(context); }
-};
-struct MappingDeleter {
-  void operator()(modbus_mapping_t* mapping) const { modbus_mapping_free(mapping); }
+  std::size_t served = 0;  ///< frames this turn
+  std::array<std::uint8_t, limits::kModbusAduMax> frame{};
 };
 
 void set_option(int fd, int level, int option, int value) {
@@ -76,9 +79,8 @@ void prepare_client(int fd) {
 
 class Server final : public ModbusServer {
  public:
-  Server(const PlcServerSettings& settings, Fd listener, std::uint16_t port, modbus_t* context,
-         modbus_mapping_t* mapping)
-      : settings_(settings), port_(port), listener_(std::move(listener)), context_(context), mapping_(mapping) {
+  Server(const PlcSettings& settings, Fd listener, std::uint16_t port)
+      : settings_(settings), port_(port), listener_(std::move(listener)) {
     publish(PlcOutputs{});
   }
 
@@ -98,7 +100,7 @@ class Server final : public ModbusServer {
     for (; turn_visited_ < clients_.size(); ++turn_visited_) {
       Client& client = clients_[(turn_first_ + turn_visited_) % clients_.size()];
       if (serve(client)) {
-        inputs = decode_inputs(holding_image(), settings_.word_order);
+        inputs = decode_inputs(bank_.holding, settings_.word_order);
         inputs.command_writer = command_writer_;
         return true;
       }
@@ -107,17 +109,22 @@ class Server final : public ModbusServer {
     return false;
   }
 
-  void publish(const PlcOutputs& outputs) override {
-    InputImage image;
-    encode_outputs(outputs, settings_.word_order, image);
-    std::copy(image.begin(), image.end(), mapping_->tab_input_registers);
-    std::copy(image.begin(), image.end(), mapping_->tab_registers + kMirrorFirst);
-  }
+  void publish(const PlcOutputs& outputs) override { encode_outputs(outputs, settings_.word_order, bank_.input); }
 
   std::size_t clients() const override {
     return static_cast<std::size_t>(
         std::count_if(clients_.begin(), clients_.end(), [](const Client& c) { return c.fd.is_open(); }));
   }
+
+  const PlcLinkCounters& counters() const override { return counters_; }
+  std::string_view trouble() const override { return {}; }
+  bool next_note(std::int64_t mono_ns, PlcNoteText& text) override {
+    in_addr last{htonl(troubled_)};
+    std::array<char, INET_ADDRSTRLEN> from{};
+    if (troubled_ != 0) inet_ntop(AF_INET, &last, from.data(), from.size());
+    return notes_.next(mono_ns, counters_, from.data(), text);
+  }
+  std::span<const std::uint16_t> holding() const override { return bank_.holding; }
 
  private:
   /// Each turn starts at another client, so that none is always served last.
@@ -133,7 +140,7 @@ class Server final : public ModbusServer {
 
   void accept_clients() {
     if (now_ns_ < accept_after_ns_) return;
-    for (std::size_t i = 0; i < clients_.size(); ++i) {
+    for (int i = 0; i < kAcceptsPerTurn; ++i) {
       sockaddr_in peer{};
       socklen_t peer_bytes = sizeof peer;
       Fd fd(accept4(listener_.get(), reinterpret_cast<sockaddr*>(&peer), &peer_bytes, SOCK_NONBLOCK | SOCK_CLOEXEC));
@@ -142,31 +149,50 @@ class Server final : public ModbusServer {
         if (exhausted) accept_after_ns_ = now_ns_ + kAcceptPauseNs;
         return;
       }
-      if (!allowed(ntohl(peer.sin_addr.s_addr))) continue;
+      const std::uint32_t address = ntohl(peer.sin_addr.s_addr);
+      const bool reader = contains(settings_.read_only, address);
+      if (!reader && !contains(settings_.allow, address)) {
+        blame(counters_.not_allowed, address);
+        continue;
+      }
       prepare_client(fd.get());
-      seat(std::move(fd));
+      seat(std::move(fd), address, reader);
     }
   }
 
-  bool allowed(std::uint32_t address) const {
-    return std::any_of(settings_.allow.begin(), settings_.allow.end(),
+  static bool contains(const FixedVector<PlcSettings::Network, 16>& networks, std::uint32_t address) {
+    return std::any_of(networks.begin(), networks.end(),
                        [address](const auto& network) { return (address & network.mask) == network.address; });
   }
 
-  /// A free place, or that of the client that has been silent longest.
-  void seat(Fd fd) {
+  /// Who makes room before whom: a free place, who never spoke, who reads, the one who commands; among equals who has
+  /// been silent longest.
+  int rank(const Client& client) const {
+    if (!client.fd.is_open()) return 0;
+    const bool owner = client.number == command_writer_ && now_ns_ - client.active_ns < kOwnerSilenceNs;
+    return owner ? 3 : client.spoke ? 2 : 1;
+  }
+
+  void seat(Fd fd, std::uint32_t address, bool reader) {
     Client* place = &clients_[0];
     for (Client& client : clients_) {
-      if (!client.fd.is_open()) {
-        place = &client;
-        break;
-      }
-      if (client.active_ns < place->active_ns) place = &client;
+      const int order = rank(client) - rank(*place);
+      if (order < 0 || (order == 0 && client.active_ns < place->active_ns)) place = &client;
     }
+    if (place->fd.is_open()) blame(counters_.displaced, place->address);
     forget(*place);
+    ++counters_.connections;
     place->fd = std::move(fd);
     place->number = ++last_number_ == 0 ? ++last_number_ : last_number_;
+    place->address = address;
+    place->read_only = reader;
+    place->spoke = false;
     place->active_ns = now_ns_;
+  }
+
+  void blame(std::uint64_t& counter, std::uint32_t address) {
+    ++counter;
+    troubled_ = address;
   }
 
   static void forget(Client& client) {
@@ -174,11 +200,7 @@ class Server final : public ModbusServer {
     clear_frame(client);
   }
 
-  /// Zeroed, because libmodbus looks at an address even where a request is too short to have one.
-  static void clear_frame(Client& client) {
-    client.frame.fill(0);
-    client.bytes = 0;
-  }
+  static void clear_frame(Client& client) { client.bytes = 0; }
 
   // ---- serving
 
@@ -186,7 +208,10 @@ class Server final : public ModbusServer {
   bool serve(Client& client) {
     while (client.fd.is_open() && client.served < limits::kModbusFramesPerTurn && receive(client)) {
       ++client.served;
+      client.spoke = true;
       client.active_ns = now_ns_;
+      ++counters_.frames;
+      counters_.last_frame_ns = now_ns_;
       const bool wrote = answer(client);
       clear_frame(client);
       if (wrote) return true;
@@ -202,6 +227,7 @@ class Server final : public ModbusServer {
       if (client.bytes >= kMbapLengthEnd) {
         const auto whole = frame_bytes(std::span(client.frame).first<kMbapLengthEnd>());
         if (!whole) {
+          blame(counters_.malformed, client.address);
           forget(client);
           return false;
         }
@@ -224,38 +250,50 @@ class Server final : public ModbusServer {
   /// reply could not be sent: the registers have changed.
   bool answer(Client& client) {
     const auto frame = std::span<const std::uint8_t>(client.frame).first(client.bytes);
-    const RequestCheck check = check_request(frame, settings_.unit_id);
-    if (check.refusal) {
-      const auto reply = exception_reply(frame, *check.refusal);
-      if (send(client.fd.get(), reply.data(), reply.size(), MSG_NOSIGNAL | MSG_DONTWAIT) !=
-          static_cast<ssize_t>(reply.size()))
-        forget(client);
-      return false;
+    RequestCheck check = check_request(frame, settings_.unit_id);
+    if (check.writes && client.read_only) {
+      check = {ModbusException::device_failure, false, false};
+      blame(counters_.read_only, client.address);
+    } else if (check.refusal) {
+      blame(counters_.exceptions, client.address);
     }
-    modbus_set_socket(context_.get(), client.fd.get());
-    const int sent = modbus_reply(context_.get(), frame.data(), static_cast<int>(frame.size()), mapping_.get());
+    std::array<std::uint8_t, limits::kModbusAduMax> reply{};
+    std::copy_n(frame.begin(), kMbapBytes, reply.begin());  // transaction, protocol and unit as they came
+    const auto reply_pdu = std::span(reply).subspan<kMbapBytes>();
+    const auto pdu = frame.subspan(kMbapBytes);
+    std::size_t bytes = kExceptionPduBytes;
+    if (check.refusal) {
+      std::ranges::copy(exception_pdu(pdu[0], *check.refusal), reply_pdu.begin());
+    } else {
+      bytes = answer_pdu(pdu, bank_, reply_pdu);
+    }
+    reply[kMbapLengthEnd - 2] = static_cast<std::uint8_t>((bytes + 1) >> 8U);
+    reply[kMbapLengthEnd - 1] = static_cast<std::uint8_t>((bytes + 1) & 0xFFU);
+    bytes += kMbapBytes;
     if (check.writes_command) command_writer_ = client.number;
-    if (sent < 0) forget(client);
+    if (send(client.fd.get(), reply.data(), bytes, MSG_NOSIGNAL | MSG_DONTWAIT) != static_cast<ssize_t>(bytes)) {
+      blame(counters_.unsent, client.address);
+      forget(client);
+    }
     return check.writes;
   }
 
   void close_if_late(Client& client) {
     if (!client.fd.is_open()) return;
     const bool frame_late = client.bytes > 0 && now_ns_ - client.first_byte_ns > kFrameDeadlineNs;
-    if (frame_late || now_ns_ - client.active_ns > kIdleLimitNs) forget(client);
+    const bool idle = now_ns_ - client.active_ns > kIdleLimitNs;
+    if (!frame_late && !idle) return;
+    blame(frame_late ? counters_.late : counters_.idle, client.address);
+    forget(client);
   }
 
-  HoldingImage holding_image() const {
-    HoldingImage image;
-    std::copy_n(mapping_->tab_registers, image.size(), image.begin());
-    return image;
-  }
-
-  PlcServerSettings settings_;
+  PlcSettings settings_;
   std::uint16_t port_;
   Fd listener_;
-  std::unique_ptr<modbus_t, ContextDeleter> context_;
-  std::unique_ptr<modbus_mapping_t, MappingDeleter> mapping_;
+  RegisterBank bank_;
+  PlcLinkCounters counters_;
+  PlcNotes notes_;
+  std::uint32_t troubled_ = 0;  ///< address that last went wrong
   std::array<Client, limits::kModbusClientsMax> clients_;
   std::uint32_t last_number_ = 0;
   std::uint32_t command_writer_ = 0;
@@ -268,7 +306,7 @@ class Server final : public ModbusServer {
 };
 
 /// Opens the listening socket and reports the port it got.
-Result<Fd> listen_on(const PlcServerSettings& settings, std::uint16_t& port) {
+Result<Fd> listen_on(const PlcSettings& settings, std::uint16_t& port) {
   const char* host = settings.host.c_str();
   sockaddr_in address{};
   address.sin_family = AF_INET;
@@ -279,7 +317,7 @@ Result<Fd> listen_on(const PlcServerSettings& settings, std::uint16_t& port) {
   if (!fd.is_open()) return error(Code::config, "plc.listen: no socket: %s", errno_text(errno));
   set_option(fd.get(), SOL_SOCKET, SO_REUSEADDR, 1);
   if (bind(fd.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0 ||
-      listen(fd.get(), static_cast<int>(limits::kModbusClientsMax)) != 0) {
+      listen(fd.get(), kBacklog) != 0) {
     const char* cure = errno == EADDRINUSE      ? " (another program serves this port)"
                        : errno == EACCES        ? " (ports below 1024 need CAP_NET_BIND_SERVICE)"
                        : errno == EADDRNOTAVAIL ? " (no interface has this address)"
@@ -294,31 +332,20 @@ Result<Fd> listen_on(const PlcServerSettings& settings, std::uint16_t& port) {
 
 }  // namespace
 
-Result<std::unique_ptr<ModbusServer>> make_modbus_server(const PlcServerSettings& settings) {
+Result<std::unique_ptr<ModbusServer>> make_modbus_server(const PlcSettings& settings) {
   if (settings.unit_id < 1 || settings.unit_id > 247)
     return error(Code::config, "plc.unit_id is %u, allowed 1..247", unsigned{settings.unit_id});
-  PlcServerSettings complete = settings;
+  PlcSettings complete = settings;
   // Nobody named: this computer only, never everybody.
   if (complete.allow.empty()) static_cast<void>(complete.allow.push({0x7F000000U, 0xFF000000U}));
   std::uint16_t port = 0;
   Result<Fd> listener = listen_on(complete, port);
   if (!listener) return listener.error();
 
-  // The address given here is never connected to; the context only carries the socket for modbus_reply().
-  modbus_t* context = modbus_new_tcp("127.0.0.1", 1502);
-  modbus_mapping_t* mapping = modbus_mapping_new(0, 0, kMirrorFirst + kInputRegisters, kInputRegisters);
-  if (context == nullptr || mapping == nullptr) {
-    modbus_free(context);
-    if (mapping != nullptr) modbus_mapping_free(mapping);
-    return error(Code::internal, "libmodbus: %s", errno_text(errno));
-  }
-  // What libmodbus sleeps before an exception of its own. None is ever reached; if one were, it must not stall.
-  modbus_set_response_timeout(context, 0, 1);
-  return std::unique_ptr<ModbusServer>(
-      std::make_unique<Server>(complete, std::move(listener.value()), port, context, mapping));
+  return std::unique_ptr<ModbusServer>(std::make_unique<Server>(complete, std::move(listener.value()), port));
 }
 
-Result<PlcServerSettings::Network> parse_network(std::string_view cidr) {
+Result<PlcSettings::Network> parse_network(std::string_view cidr) {
   const std::size_t slash = cidr.find('/');
   const std::string_view address_part = cidr.substr(0, slash);
   const FixedString<INET_ADDRSTRLEN> address_text(address_part);  // for its terminator
@@ -334,7 +361,7 @@ Result<PlcServerSettings::Network> parse_network(std::string_view cidr) {
       return error(Code::config, "\"%s\": prefix length \"%.*s\", allowed 0..32", shown.c_str(),
                    static_cast<int>(std::min<std::size_t>(text.size(), 16)), text.data());
   }
-  PlcServerSettings::Network network;
+  PlcSettings::Network network;
   network.mask = bits == 0 ? 0U : ~0U << (32 - bits);
   network.address = ntohl(address.s_addr);
   if ((network.address & ~network.mask) != 0)

@@ -4,7 +4,9 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <span>
+#include <string_view>
 
 #include "base/base.h"
 #include "hal/hal.h"
@@ -15,7 +17,7 @@
 ///   holding registers 0..39   written by the PLC    (FC 6, 16, 23), read back by FC 3
 ///   input registers 0..109    written by slabd      (FC 4), mirrored read-only at holding registers 1000..1109
 ///
-/// Each memory is listed once (plc_map.cpp) and walked in both directions, so that what the daemon encodes is what
+/// Each memory is listed once (plc_registers.h) and walked in both directions, so that what the daemon encodes is what
 /// the emulated PLC and the tools decode. No heap, no I/O; a few hundred nanoseconds each.
 namespace slabd::hal {
 
@@ -63,7 +65,40 @@ void encode_inputs(const PlcInputs& inputs, WordOrder order, bool with_crc, Hold
 /// registers in pieces must check this; all-zero memory is never intact.
 [[nodiscard]] bool record_intact(const InputImage& image);
 
-/// CRC-16/Modbus (reflected 0x8005, start 0xFFFF) over registers in wire order, high byte first.
+// ---- in words (documentation, tools) ------------------------------------------------------------------------------
+
+using RegisterText = FixedString<160>;
+
+/// A row of the register table. Texts are valid during the call of the sink only.
+struct RegisterRow {
+  enum class Memory : std::uint8_t { holding, input } memory = Memory::holding;
+  std::uint16_t address = 0;
+  std::size_t count = 1;                    ///< registers
+  int bit = -1;                             ///< of a single bit, else -1
+  int series = 0;                           ///< 1..18 in the station table, else 0
+  std::string_view type;                    ///< "u16", "i16 / 1000", ...; "" = reserved
+  std::string_view name;                    ///< "PLC_HEARTBEAT"; IR 42..55: the item of the record's kind
+  std::string_view unit;                    ///< of the value, "" = a number
+  std::string_view meaning;                 ///< one sentence
+  std::string_view since;                   ///< version of the map
+  std::span<const std::string_view> words;  ///< what 0, 1, ... mean
+  std::string_view slab_name;               ///< IR 42..55: the item when the record is about a slab
+  std::string_view slab_unit;
+};
+using RegisterSink = std::function<void(const RegisterRow& row, std::string_view value)>;
+
+/// Every register in order of address, with its value in words. No value is refused: what the map does not know is
+/// called unknown, a wrong constant wrong.
+void tell_inputs(const HoldingImage& image, WordOrder order, const RegisterSink& sink);
+void tell_outputs(const InputImage& image, WordOrder order, const RegisterSink& sink);
+
+/// One byte more in a CRC-16/Modbus (reflected 0x8005, begun with 0xFFFF).
+[[nodiscard]] constexpr unsigned crc16_step(unsigned crc, unsigned byte) {
+  crc ^= byte;
+  for (int bit = 0; bit < 8; ++bit) crc = (crc & 1U) != 0 ? (crc >> 1U) ^ 0xA001U : crc >> 1U;
+  return crc;
+}
+/// CRC-16/Modbus over registers in wire order, high byte first.
 [[nodiscard]] std::uint16_t crc16_modbus(std::span<const std::uint16_t> registers);
 
 }  // namespace slabd::hal

@@ -22,6 +22,7 @@
 #include "cli/calibrate/live_capture.h"
 #include "cli/control.h"
 #include "cli/doctor/doctor.h"
+#include "cli/plc/plc.h"
 #include "hal/plc_map.h"
 
 namespace slabd::cli {
@@ -120,6 +121,23 @@ bool read_image(modbus_t* client, hal::InputImage& input, hal::HoldingImage& hol
              static_cast<int>(holding.size());
 }
 
+/// What the PLC has written, looked at twice.
+void examine_plc_half(const daemon::Config& config, const hal::HoldingImage& first, const hal::HoldingImage& later,
+                      Examination& report) {
+  const PlcInputs plc = hal::decode_inputs(later, config.plc.word_order);
+  if (first[0] == later[0])
+    report.failed("plc heartbeat", fmt::format("HR 0 stands at {}", later[0]),
+                  "the PLC must change HR 0 every 500 ms: is it in RUN, connected, and writing?");
+  else
+    report.ok("plc heartbeat", fmt::format("HR 0 went from {} to {} in 1.2 s", first[0], later[0]));
+  if (!plc.enable)
+    report.note("plc enable", "ENABLE (HR 1, bit 0) is off: commands are refused", "switch the PLC to automatic");
+  // A slab number from the other word order is a multiple of 65536.
+  if (plc.slab_no != 0 && (plc.slab_no & 0xFFFFU) == 0)
+    report.warning("word order", fmt::format("SLAB_NO reads {}, as if its words were swapped", plc.slab_no),
+                   "compare WORD_PROBE (IR 2-3) in the PLC with 0x12345678; set [plc] word_order");
+}
+
 void examine_registers(const daemon::Config& config, Examination& report) {
   const std::string where = fmt::format("{}:{}", reach(config), config.plc.port);
   const std::unique_ptr<modbus_t, ModbusFree> client(modbus_new_tcp(reach(config).c_str(), config.plc.port));
@@ -142,18 +160,45 @@ void examine_registers(const daemon::Config& config, Examination& report) {
   if (!read_image(client.get(), input, later))
     return report.failed("plc registers", fmt::format("{}: {}", where, modbus_strerror(errno)),
                          "look at the daemon's log");
-  const PlcInputs plc = hal::decode_inputs(later, config.plc.word_order);
-  if (first[0] == later[0])
-    report.failed("plc heartbeat", fmt::format("HR 0 stands at {}", later[0]),
-                  "the PLC must change HR 0 every 500 ms: is it in RUN, connected, and writing?");
+  examine_plc_half(config, first, later, report);
+}
+
+/// The wire belongs to the PLC (client, serial line): the daemon says what it sees there.
+void examine_through_daemon(const daemon::Config& config, Examination& report) {
+  hal::HoldingImage first{};
+  hal::HoldingImage later{};
+  for (hal::HoldingImage* holding : {&first, &later}) {
+    if (holding == &later) std::this_thread::sleep_for(std::chrono::milliseconds(1'200));
+    const Result<PlcRegisters> seen = plc_registers(config.control_socket);
+    if (!seen) return report.unknown("plc registers", std::string(seen.error().text.view()));
+    if (!seen.value().trouble.empty())
+      return report.failed("plc link", seen.value().trouble, "docs/PLC.md, who moves the bytes");
+    *holding = seen.value().holding;
+  }
+  report.ok("plc link", "the daemon has a connection");
+  examine_plc_half(config, first, later, report);
+}
+
+/// Without the daemon: is there somebody, or something, to talk to?
+void examine_far_end(const daemon::Config& config, Examination& report) {
+  if (config.plc.role == hal::PlcRole::rtu) {
+    const char* device = config.plc.device.c_str();
+    if (::access(device, R_OK | W_OK) == 0)
+      report.ok("plc line", fmt::format("{} can be opened", device));
+    else
+      report.failed("plc line", fmt::format("{}: {}", device, std::strerror(errno)),
+                    "is the adapter plugged in, and are you (and slabd) in the group dialout?");
+    return;
+  }
+  const std::string where = fmt::format("{}:{}", config.plc.host.view(), config.plc.port);
+  const std::unique_ptr<modbus_t, ModbusFree> client(modbus_new_tcp(config.plc.host.c_str(), config.plc.port));
+  if (client == nullptr) return report.unknown("plc", modbus_strerror(errno));
+  modbus_set_response_timeout(client.get(), 1, 0);
+  if (modbus_connect(client.get()) == 0)
+    report.ok("plc", where + " takes a connection");
   else
-    report.ok("plc heartbeat", fmt::format("HR 0 went from {} to {} in 1.2 s", first[0], later[0]));
-  if (!plc.enable)
-    report.note("plc enable", "ENABLE (HR 1, bit 0) is off: commands are refused", "switch the PLC to automatic");
-  // A slab number from the other word order is a multiple of 65536.
-  if (plc.slab_no != 0 && (plc.slab_no & 0xFFFFU) == 0)
-    report.warning("word order", fmt::format("SLAB_NO reads {}, as if its words were swapped", plc.slab_no),
-                   "compare WORD_PROBE (IR 2-3) in the PLC with 0x12345678; set [plc] word_order");
+    report.failed("plc", fmt::format("{}: {}", where, modbus_strerror(errno)),
+                  "is the PLC's Modbus server on, and is [plc] connect right?");
 }
 
 // ---- robot ---------------------------------------------------------------------------------------------------------
@@ -270,6 +315,8 @@ std::string examine_daemon(const daemon::Config& config, Examination& report) {
 }
 
 void examine_plc(const daemon::Config& config, bool daemon_runs, Examination& report) {
+  if (config.plc.role != hal::PlcRole::server)
+    return daemon_runs ? examine_through_daemon(config, report) : examine_far_end(config, report);
   examine_reachability(config, report);
   if (daemon_runs)
     examine_registers(config, report);

@@ -15,7 +15,6 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr int kIssueAttempts = 8;
 constexpr milliseconds kConnectTimeout{5'000};
 constexpr milliseconds kReconnectPeriod{500};
 constexpr milliseconds kSessionTimeout{3'000};

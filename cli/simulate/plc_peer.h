@@ -21,6 +21,9 @@ namespace slabd::simulate {
 
 using PlcClock = std::chrono::steady_clock;
 
+/// Writes of one order before it is given up: refused as stale, busy or not enabled.
+inline constexpr int kIssueAttempts = 8;
+
 struct PlcTraits {
   std::string host = "127.0.0.1";
   std::uint16_t port = 1502;

@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <csignal>
 #include <fstream>
+#include <iostream>
 #include <memory>
 
 #include "cli/command.h"
@@ -15,6 +16,7 @@
 #include "cli/simulate/simulate_plane.h"
 #include "cli/simulate/simulate_report.h"
 #include "cli/simulate/simulate_scan.h"
+#include "cli/simulate/stand_by.h"
 
 namespace slabd::simulate {
 namespace {
@@ -34,6 +36,7 @@ struct Options {
   int plc_cycle_ms = 5;
   int scans_per_station = 3;
   std::string certificate;  ///< where to write what a laboratory would say of the slab
+  bool stand_by = false;    ///< robot and scanner only
   bool json = false;
 };
 
@@ -78,7 +81,7 @@ class Progress {
 };
 
 /// "0.0.0.0" is where a server listens, not where a client connects.
-std::string connect_host(const hal::PlcServerSettings& plc) {
+std::string connect_host(const hal::PlcSettings& plc) {
   const std::string_view host = plc.host.view();
   return host.empty() || host == "0.0.0.0" ? "127.0.0.1" : std::string(host);
 }
@@ -233,6 +236,12 @@ int simulate(const Options& options) {
   daemon::Config config;
   Recipe recipe;
   if (!cli::config_from(options.config, config) || !find_recipe(config, options.type, recipe)) return cli::kBadInput;
+  if (config.plc.role != hal::PlcRole::server && !options.stand_by) {
+    cli::complain(fmt::format(
+        "{}: the emulated PLC speaks to [plc] role = \"server\" only (--stand-by for another PLC), found \"{}\"",
+        options.config, hal::kPlcRoles.at(static_cast<std::size_t>(config.plc.role))));
+    return cli::kBadInput;
+  }
   if (config.calibration.id.empty()) {
     cli::complain(fmt::format("{}: [calibration] T_flange_scanner is missing; the emulated scanner really sits there",
                               options.config));
@@ -258,10 +267,14 @@ int simulate(const Options& options) {
   int exit_status = cli::kDone;
   const auto robot = RobotPeer::start(robot_traits(config, options), truths.value()[0].at(1).T_base_flange_reported);
   if (!started(robot, exit_status)) return exit_status;
-  const auto plc = PlcPeer::connect(plc_traits(config, options), stop_requested);
-  if (!started(plc, exit_status)) return exit_status;
   const auto scanner = ScannerPeer::start(scanner_traits(config, options));
   if (!started(scanner, exit_status)) return exit_status;
+  if (options.stand_by) {
+    stand_by({*robot.value(), *scanner.value(), recipe, cell, truths.value()}, std::cin, std::cout, stop_requested);
+    return cli::kDone;
+  }
+  const auto plc = PlcPeer::connect(plc_traits(config, options), stop_requested);
+  if (!started(plc, exit_status)) return exit_status;
   facts.peer = plc.value()->peer_name();
 
   const std::vector<SlabOutcome> outcomes =
@@ -354,6 +367,8 @@ void add_simulate(CLI::App& app, int& exit_status) {
       ->check(CLI::IsMember(simulate::scan_format_names()))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print slabd.simulation/1 on stdout");
+  command->add_flag("--stand-by", options->stand_by,
+                    "Robot and scanner only, for another PLC: orders \"slab N\" and \"station K\" on stdin");
   command->require_subcommand(0, 1);
   simulate::add_simulate_scan(*command, exit_status);
   simulate::add_simulate_plane(*command, exit_status);

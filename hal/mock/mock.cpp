@@ -30,6 +30,13 @@ bool MockPlc::next(std::int64_t /*mono_ns*/, PlcInputs& inputs) {
   return true;
 }
 
+bool MockPlc::next_note(std::int64_t /*mono_ns*/, PlcNoteText& text) {
+  if (notes.empty()) return false;
+  text = std::string_view(notes.front());
+  notes.pop_front();
+  return true;
+}
+
 bool MockPose::next(std::int64_t mono_ns, PoseSample& sample) {
   if (!link_trouble.empty() || samples.empty() || samples.front().arrival_ns > mono_ns) return false;
   sample = samples.front();

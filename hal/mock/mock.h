@@ -52,7 +52,15 @@ class MockPlc final : public PlcPort {
   [[nodiscard]] bool next(std::int64_t mono_ns, PlcInputs& inputs) override;
   void publish(const PlcOutputs& outputs) override { published.push_back(outputs); }
   [[nodiscard]] std::size_t clients() const override { return client_count; }
+  [[nodiscard]] const PlcLinkCounters& counters() const override { return link_counters; }
+  [[nodiscard]] std::string_view trouble() const override { return link_trouble; }
+  [[nodiscard]] bool next_note(std::int64_t mono_ns, PlcNoteText& text) override;
+  [[nodiscard]] std::span<const std::uint16_t> holding() const override { return registers; }
 
+  PlcLinkCounters link_counters;
+  std::string link_trouble;
+  std::deque<std::string> notes;
+  std::vector<std::uint16_t> registers;
   std::deque<PlcInputs> writes;
   std::vector<PlcOutputs> published;
   std::size_t client_count = 1;

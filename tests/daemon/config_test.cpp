@@ -19,6 +19,7 @@ role = "server"
 listen = "10.1.2.3:502"
 unit_id = 17
 allow = ["10.0.0.0/8", "192.168.1.7/32"]
+read_only = ["10.9.0.0/16"]
 word_order = "cdab"
 [robot]
 lcm_url = "udpm://239.255.76.99:7777?ttl=1"
@@ -154,6 +155,8 @@ TEST_F(ConfigTest, every_key_is_taken) {
   EXPECT_EQ(config_.plc.unit_id, 17);
   EXPECT_EQ(config_.plc.allow.size(), 2U);
   EXPECT_EQ(config_.plc.allow[1].address, 0xC0A8'0107U);
+  ASSERT_EQ(config_.plc.read_only.size(), 1U);
+  EXPECT_EQ(config_.plc.read_only[0].address, 0x0A09'0000U);
   EXPECT_EQ(config_.plc.word_order, hal::WordOrder::cdab);
   EXPECT_EQ(config_.robot.url.view(), "udpm://239.255.76.99:7777?ttl=1");
   EXPECT_EQ(config_.robot.channel.view(), "POSE");
@@ -226,10 +229,10 @@ TEST_F(ConfigTest, all_faults_are_reported_with_line_column_key_and_range) {
       "[recepies]\n"
       "dir = \"/x\"\n");
   const Texts expected = {
-      "slabd.toml:3:10: plc.listen: found \"127.0.0.1:99999\", allowed is \"address:port\" with port 0..65535",
       "slabd.toml:4:11: plc.unit_id: found 300, allowed is a whole number 1..247",
-      "slabd.toml:5:24: plc.allow: found 7, allowed is a network like \"10.0.0.0/8\"",
       "slabd.toml:6:14: plc.word_order: found \"badc\", allowed is \"abcd\" or \"cdab\"",
+      "slabd.toml:3:10: plc.listen: found \"127.0.0.1:99999\", allowed is \"address:port\" with port 0..65535",
+      "slabd.toml:5:24: plc.allow: found 7, allowed is a network like \"10.0.0.0/8\"",
       "slabd.toml:2:1: plc.unitid: unknown key; the nearest known one is \"unit_id\"",
       "slabd.toml:9:15: robot.samples_min: found 20.5, allowed is a whole number 3..300",
       "slabd.toml:8:14: robot.settled_mm: found \"small\", allowed is a number 0.001..1",
@@ -246,11 +249,76 @@ TEST_F(ConfigTest, all_faults_are_reported_with_line_column_key_and_range) {
   EXPECT_EQ(problems, expected);
 }
 
+TEST_F(ConfigTest, the_plc_may_be_polled) {
+  const std::string start = kShortest;
+  EXPECT_EQ(load(start + "[plc]\nrole = \"client\"\nconnect = \"10.0.0.5:502\"\nunit_id = 255\ncommand_base = 500\n"
+                         "status_base = 600\nread_write = true\npoll_ms = 20\ntimeout_ms = 250\n"),
+            Texts{});
+  EXPECT_EQ(config_.plc.role, hal::PlcRole::client);
+  EXPECT_EQ(config_.plc.host.view(), "10.0.0.5");
+  EXPECT_EQ(config_.plc.port, 502);
+  EXPECT_EQ(config_.plc.unit_id, 255);
+  EXPECT_EQ(config_.plc.command_base, 500);
+  EXPECT_EQ(config_.plc.status_base, 600);
+  EXPECT_TRUE(config_.plc.read_write);
+  EXPECT_EQ(config_.plc.poll_ns, 20'000'000);
+  EXPECT_EQ(config_.plc.timeout_ns, 250'000'000);
+
+  EXPECT_EQ(load(start + "[plc]\nrole = \"client\"\n"),
+            Texts{"slabd.toml:5:1: plc.connect: missing; expected the PLC, \"address:port\""});
+  EXPECT_EQ(
+      load(start + "[plc]\nrole = \"client\"\nconnect = \"plc:0\"\nunit_id = 250\nstatus_base = 30\npoll_ms = 1\n"),
+      (Texts{"slabd.toml:8:11: plc.unit_id: found 250, allowed is 0..247 or 255",
+             "slabd.toml:7:11: plc.connect: found \"plc:0\", allowed is \"address:port\" with port 1..65535",
+             "slabd.toml:9:15: plc.status_base: the 110 registers from 30 on and the 40 of command_base = 0 overlap",
+             "slabd.toml:10:11: plc.poll_ms: found 1, allowed is a number 10..500"}));
+  EXPECT_EQ(
+      load(start + "[plc]\nrole = \"client\"\nconnect = \"plc:502\"\n"),
+      Texts{"slabd.toml:7:11: plc.connect: found \"plc:502\", allowed is an IPv4 address before the port, such as "
+            "127.0.0.1"});
+}
+
+TEST_F(ConfigTest, the_plc_may_sit_on_a_serial_line) {
+  const std::string start = kShortest;
+  EXPECT_EQ(load(start + "[plc]\nrole = \"rtu\"\ndevice = \"/dev/ttyS1\"\n"), Texts{});
+  EXPECT_EQ(config_.plc.unit_id, 17);
+  EXPECT_EQ(config_.plc.baud, 115'200U);
+  EXPECT_EQ(config_.plc.parity, hal::SerialParity::even);
+  EXPECT_EQ(config_.plc.stop_bits, 1);
+  EXPECT_FALSE(config_.plc.rs485);
+  EXPECT_EQ(load(start + "[plc]\nrole = \"rtu\"\ndevice = \"/dev/ttyS1\"\nunit_id = 3\nbaud = 19200\n"
+                         "parity = \"none\"\nstop_bits = 2\nrs485 = true\n"),
+            Texts{});
+  EXPECT_EQ(config_.plc.unit_id, 3);
+  EXPECT_EQ(config_.plc.baud, 19'200U);
+  EXPECT_EQ(config_.plc.parity, hal::SerialParity::none);
+  EXPECT_EQ(config_.plc.stop_bits, 2);
+  EXPECT_TRUE(config_.plc.rs485);
+
+  EXPECT_EQ(load(start + "[plc]\nrole = \"rtu\"\n"),
+            Texts{"slabd.toml:5:1: plc.device: missing; expected the serial line, such as \"/dev/ttyS0\""});
+  EXPECT_EQ(
+      load(start + "[plc]\nrole = \"rtu\"\ndevice = \"COM1\"\nbaud = 14400\nparity = \"E\"\nstop_bits = 3\n"),
+      (Texts{"slabd.toml:7:10: plc.device: found \"COM1\", allowed is a path such as \"/dev/ttyS0\"",
+             "slabd.toml:8:8: plc.baud: found 14400, allowed are 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200",
+             "slabd.toml:9:10: plc.parity: found \"E\", allowed is \"even\" or \"odd\" or \"none\"",
+             "slabd.toml:10:13: plc.stop_bits: found 3, allowed is a whole number 1..2"}));
+}
+
+TEST_F(ConfigTest, a_key_of_another_role_is_refused_by_name) {
+  const std::string start = kShortest;
+  EXPECT_EQ(
+      load(start + "[plc]\nbaud = 9600\nconnect = \"10.0.0.5:502\"\n"),
+      (Texts{"slabd.toml:7:11: plc.connect: has no meaning with role = \"server\"; it belongs to role = \"client\"",
+             "slabd.toml:6:8: plc.baud: has no meaning with role = \"server\"; it belongs to role = \"rtu\""}));
+  EXPECT_EQ(load(start + "[plc]\nrole = \"rtu\"\ndevice = \"/dev/ttyS0\"\nlisten = \"0.0.0.0:502\"\n"),
+            Texts{"slabd.toml:8:10: plc.listen: has no meaning with role = \"rtu\"; it belongs to role = \"server\""});
+  EXPECT_EQ(load(start + "[plc]\nrole = \"slave\"\n"),
+            Texts{"slabd.toml:6:8: plc.role: found \"slave\", allowed is \"server\" or \"client\" or \"rtu\""});
+}
+
 TEST_F(ConfigTest, what_this_version_cannot_do_is_said) {
   const std::string start = kShortest;
-  EXPECT_EQ(load(start + "[plc]\nrole = \"client\"\n"),
-            Texts{"slabd.toml:6:8: plc.role: found \"client\", allowed is \"server\"; this version supports the Modbus "
-                  "TCP server only"});
   EXPECT_EQ(load(start + "[scanner]\nbackend = \"gige\"\n"),
             Texts{"slabd.toml:6:11: scanner.backend: found \"gige\", allowed is \"drop\"; this version supports the "
                   "drop folder only"});

@@ -150,10 +150,85 @@ TEST(ModbusCodec, frame_length_is_believed_between_2_and_254_under_protocol_0_on
   EXPECT_FALSE(frame_bytes(std::array<std::uint8_t, 6>{0, 1, 1, 0, 0, 6}).has_value());
 }
 
-TEST(ModbusCodec, exception_reply_is_the_standards) {
-  const auto reply = exception_reply(frame(17, read_pdu(4, 0, 0)), ModbusException::illegal_value);
-  const std::array<std::uint8_t, 9> expected = {0x12, 0x34, 0, 0, 0, 3, 17, 0x84, 3};
-  EXPECT_EQ(reply, expected);
+TEST(ModbusCodec, refusals_are_the_standards) {
+  const std::array<std::uint8_t, 2> expected = {0x84, 3};
+  EXPECT_EQ(exception_pdu(4, ModbusException::illegal_value), expected);
+}
+
+Bytes answered(const Bytes& pdu, RegisterBank& bank) {
+  EXPECT_FALSE(check_pdu(pdu).refusal.has_value());
+  std::array<std::uint8_t, kPduBytesMax> reply{};
+  const std::size_t bytes = answer_pdu(pdu, bank, reply);
+  return {reply.begin(), reply.begin() + static_cast<std::ptrdiff_t>(bytes)};
+}
+
+RegisterBank numbered_bank() {
+  RegisterBank bank;
+  for (std::size_t i = 0; i < bank.holding.size(); ++i) bank.holding[i] = static_cast<std::uint16_t>(0x0100 + i);
+  for (std::size_t i = 0; i < bank.input.size(); ++i) bank.input[i] = static_cast<std::uint16_t>(0x2000 + i);
+  return bank;
+}
+
+TEST(ModbusCodec, every_register_answers_with_its_own_value_on_every_way) {
+  RegisterBank bank = numbered_bank();
+  for (unsigned i = 0; i < 110; ++i) {
+    const Bytes value = {2, 0x20, static_cast<std::uint8_t>(i)};
+    Bytes expected = {4};
+    expected.insert(expected.end(), value.begin(), value.end());
+    EXPECT_EQ(answered(read_pdu(4, i, 1), bank), expected);
+    expected[0] = 3;
+    EXPECT_EQ(answered(read_pdu(3, 1000 + i, 1), bank), expected) << "mirrored";
+  }
+  for (unsigned i = 0; i < 40; ++i)
+    EXPECT_EQ(answered(read_pdu(3, i, 1), bank), (Bytes{3, 2, 1, static_cast<std::uint8_t>(i)}));
+  const Bytes all = answered(read_pdu(4, 0, 110), bank);
+  ASSERT_EQ(all.size(), 222U);
+  EXPECT_EQ(all[1], 220);
+  EXPECT_EQ(all[221], 109);
+}
+
+TEST(ModbusCodec, writes_change_what_they_name_and_nothing_else) {
+  RegisterBank bank = numbered_bank();
+  const RegisterBank before = bank;
+  EXPECT_EQ(answered({6, 0, 39, 0xAB, 0xCD}, bank), (Bytes{6, 0, 39, 0xAB, 0xCD}));
+  EXPECT_EQ(bank.holding[39], 0xABCD);
+  bank.holding[39] = before.holding[39];
+  EXPECT_EQ(bank.holding, before.holding);
+  EXPECT_EQ(answered({16, 0, 10, 0, 2, 4, 1, 2, 3, 4}, bank), (Bytes{16, 0, 10, 0, 2}));
+  EXPECT_EQ(bank.holding[10], 0x0102);
+  EXPECT_EQ(bank.holding[11], 0x0304);
+  EXPECT_EQ(bank.holding[12], before.holding[12]);
+  // FC 23 writes first (specification 6.17): the read sees it.
+  EXPECT_EQ(answered({23, 0, 0, 0, 2, 0, 1, 0, 1, 2, 0x77, 0x66}, bank), (Bytes{23, 4, 1, 0, 0x77, 0x66}));
+  EXPECT_EQ(bank.input, before.input);
+}
+
+TEST(ModbusRtu, lengths_come_from_the_first_bytes) {
+  const auto length = [](Bytes begin) { return rtu_request_bytes(begin); };
+  EXPECT_EQ(length({17}), 0U);
+  EXPECT_EQ(length({17, 4}), 8U);
+  EXPECT_EQ(length({17, 6}), 8U);
+  EXPECT_EQ(length({17, 16, 0, 0, 0}), 0U) << "not known yet";
+  EXPECT_EQ(length({17, 16, 0, 0, 0, 2, 4}), 13U);
+  EXPECT_EQ(length({17, 23, 0, 0, 0, 1, 0, 0, 0, 1, 2}), 15U);
+  EXPECT_EQ(length({17, 7, 0x4C, 0x22}), 0U) << "not served";
+}
+
+TEST(ModbusRtu, the_checksum_is_the_standards) {
+  // Serial line specification, appendix B: the CRC of 02 07 is 0x1241, sent as 41 12.
+  std::array<std::uint8_t, kRtuBytesMax> frame = {0x02, 0x07};
+  ASSERT_EQ(rtu_close(frame, 2), 4U);
+  EXPECT_EQ(frame[2], 0x41);
+  EXPECT_EQ(frame[3], 0x12);
+  const auto whole = std::span<const std::uint8_t>(frame).first(4);
+  EXPECT_TRUE(rtu_intact(whole));
+  EXPECT_FALSE(rtu_intact(whole.first(3)));
+  for (std::size_t i = 0; i < 4; ++i)
+    for (unsigned bit = 0; bit < 8; ++bit) {
+      frame[i] = static_cast<std::uint8_t>(frame[i] ^ (1U << bit));
+      EXPECT_FALSE(rtu_intact(whole));
+      frame[i] = static_cast<std::uint8_t>(frame[i] ^ (1U << bit));
+    }
 }
 
 }  // namespace

@@ -111,7 +111,7 @@ class ModbusServerTest : public ::testing::Test {
  protected:
   void SetUp() override { open({}); }
 
-  void open(PlcServerSettings settings) {
+  void open(PlcSettings settings) {
     settings.port = 0;
     auto made = make_modbus_server(settings);
     ASSERT_TRUE(made.ok()) << made.error().text.c_str();
@@ -325,8 +325,94 @@ TEST_F(ModbusServerTest, a_ninth_client_takes_the_place_of_the_longest_idle) {
   EXPECT_EQ(asked(*ninth, read_frame(1, 4, 0, 1)).size(), 11U);
 }
 
+TEST_F(ModbusServerTest, a_thousand_connections_do_not_push_the_plc_off) {
+  const auto plc = connected();
+  plc->send(write_frame(1, 39, {1}));
+  turn();
+  static_cast<void>(plc->receive());
+  const auto display = connected();
+  EXPECT_EQ(asked(*display, read_frame(1, 4, 0, 1)).size(), 11U);
+  std::vector<std::unique_ptr<RawClient>> flood;
+  for (int i = 0; i < 1000; ++i) {
+    flood.push_back(std::make_unique<RawClient>(server_->bound_port()));
+    now_ns_ += kNsPerMs;
+    turn();
+  }
+  EXPECT_EQ(server_->clients(), limits::kModbusClientsMax);
+  EXPECT_TRUE(plc->still_open());
+  EXPECT_TRUE(display->still_open()) << "who has spoken stays before who has not";
+  EXPECT_EQ(asked(*plc, read_frame(2, 4, 0, 1)).size(), 11U);
+  EXPECT_EQ(server_->counters().displaced, 1000U - 6U);
+  // Also when every newcomer speaks: then the display goes, the one who commands does not.
+  for (int i = 0; i < 20; ++i) {
+    flood.push_back(connected());
+    EXPECT_EQ(asked(*flood.back(), read_frame(1, 4, 0, 1)).size(), 11U);
+    EXPECT_EQ(asked(*plc, read_frame(3, 4, 0, 1)).size(), 11U);
+    now_ns_ += kNsPerMs;
+  }
+  EXPECT_FALSE(display->still_open());
+}
+
+TEST_F(ModbusServerTest, a_commander_that_fell_silent_makes_room_as_others_do) {
+  const auto plc = connected();
+  plc->send(write_frame(1, 39, {1}));
+  turn();
+  static_cast<void>(plc->receive());
+  now_ns_ += 6 * kNsPerS;
+  std::vector<std::unique_ptr<RawClient>> others;
+  for (int i = 0; i < 8; ++i) {
+    others.push_back(connected());
+    EXPECT_EQ(asked(*others.back(), read_frame(1, 4, 0, 1)).size(), 11U);
+  }
+  EXPECT_TRUE(plc->closed_by_server());
+}
+
+TEST_F(ModbusServerTest, read_only_networks_read_and_do_not_write) {
+  PlcSettings settings;
+  ASSERT_TRUE(settings.allow.push(parse_network("127.0.0.0/8").value()));
+  ASSERT_TRUE(settings.read_only.push(parse_network("127.0.0.7").value()));
+  open(settings);
+  const auto display = connected("127.0.0.7");
+  EXPECT_EQ(asked(*display, read_frame(1, 4, 0, 1)).size(), 11U);
+  for (const Bytes& write : {write_frame(2, 0, {1}), write_frame(2, 39, {1}), frame(2, {6, 0, 0, 0, 1}),
+                             frame(2, {23, 0, 0, 0, 1, 0, 0, 0, 1, 2, 0, 1})}) {
+    display->send(write);
+    EXPECT_TRUE(turn().empty());
+    const Bytes reply = display->receive();
+    ASSERT_EQ(reply.size(), 9U);
+    EXPECT_EQ(reply[8], 4);
+  }
+  EXPECT_EQ(server_->counters().read_only, 4U);
+  for (const std::uint16_t word : server_->holding()) EXPECT_EQ(word, 0);
+  const auto plc = connected("127.0.0.8");
+  plc->send(write_frame(3, 0, {1}));
+  EXPECT_EQ(turn().size(), 1U);
+}
+
+TEST_F(ModbusServerTest, what_goes_wrong_is_counted_and_told_once_in_ten_seconds) {
+  PlcNoteText text;
+  EXPECT_FALSE(server_->next_note(now_ns_, text)) << "nothing happened";
+  const auto hostile = connected();
+  hostile->send({0, 1, 0, 9, 0, 2, 1, 4});
+  turn();
+  EXPECT_EQ(server_->counters().malformed, 1U);
+  ASSERT_TRUE(server_->next_note(now_ns_, text));
+  EXPECT_NE(text.view().find("1 streams or frames that are no Modbus"), std::string_view::npos) << text.c_str();
+  EXPECT_NE(text.view().find("127.0.0.1"), std::string_view::npos) << text.c_str();
+  for (int i = 0; i < 50; ++i) {
+    connected()->send({0, 1, 0, 9, 0, 2, 1, 4});
+    turn();
+    EXPECT_FALSE(server_->next_note(now_ns_, text)) << "too early";
+  }
+  now_ns_ += 10 * kNsPerS;
+  ASSERT_TRUE(server_->next_note(now_ns_, text));
+  EXPECT_NE(text.view().find("50 streams"), std::string_view::npos) << text.c_str();
+  now_ns_ += 10 * kNsPerS;
+  EXPECT_FALSE(server_->next_note(now_ns_, text)) << "nothing new";
+}
+
 TEST_F(ModbusServerTest, only_allowed_networks_get_in) {
-  PlcServerSettings settings;
+  PlcSettings settings;
   ASSERT_TRUE(settings.allow.push(parse_network("127.0.0.2/31").value()));
   open(settings);
   const auto stranger = connected("127.0.0.1");
@@ -405,7 +491,7 @@ TEST_F(ModbusServerTest, a_client_that_never_reads_is_closed_and_never_waited_fo
 }
 
 TEST_F(ModbusServerTest, word_order_of_the_settings_is_used_in_both_directions) {
-  PlcServerSettings settings;
+  PlcSettings settings;
   settings.word_order = WordOrder::cdab;
   open(settings);
   const auto client = connected();
@@ -488,7 +574,7 @@ TEST_F(ModbusServerTest, libmodbus_as_plc_can_command_and_read) {
 // ---- settings ------------------------------------------------------------------------------------------------------
 
 TEST(ModbusServerSettings, a_port_in_use_is_named) {
-  PlcServerSettings settings;
+  PlcSettings settings;
   settings.port = 0;
   auto first = make_modbus_server(settings);
   ASSERT_TRUE(first.ok());
@@ -500,7 +586,7 @@ TEST(ModbusServerSettings, a_port_in_use_is_named) {
 }
 
 TEST(ModbusServerSettings, bad_hosts_and_units_are_refused) {
-  PlcServerSettings settings;
+  PlcSettings settings;
   settings.host = "plc.example";
   EXPECT_FALSE(make_modbus_server(settings).ok());
   settings.host = "192.0.2.254";  // TEST-NET: no interface of ours

@@ -82,7 +82,7 @@ TEST(NoHeap, the_guard_bites) {
 }
 
 TEST(NoHeap, serving_a_plc) {
-  PlcServerSettings settings;
+  PlcSettings settings;
   settings.port = 0;
   auto server = make_modbus_server(settings);
   ASSERT_TRUE(server.ok());

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "base/codes.h"
+#include "base/items.h"
+#include "cli/exit.h"
+#include "cli/plc/plc.h"
+#include "hal/plc_map.h"
+
+namespace slabd::cli {
+namespace {
+
+using hal::RegisterRow;
+
+void each_row(RegisterRow::Memory memory, const std::function<void(const RegisterRow&)>& take) {
+  const hal::RegisterSink sink = [&](const RegisterRow& row, std::string_view) { take(row); };
+  if (memory == RegisterRow::Memory::holding) {
+    hal::tell_inputs({}, hal::WordOrder::abcd, sink);
+  } else {
+    hal::tell_outputs({}, hal::WordOrder::abcd, sink);
+  }
+}
+
+std::string address_text(const RegisterRow& row) {
+  if (row.bit >= 0) return fmt::format("{}.{}", row.address, row.bit);
+  if (row.count > 1) return fmt::format("{}-{}", row.address, row.address + row.count - 1);
+  return fmt::format("{}", row.address);
+}
+
+std::string words_text(const RegisterRow& row) {
+  std::string text;
+  for (std::size_t i = 0; i < row.words.size(); ++i)
+    text += fmt::format("{}{} {}", i == 0 ? "" : ", ", i, row.words[i]);
+  return text;
+}
+
+std::string meaning_text(const RegisterRow& row) {
+  if (!row.slab_name.empty())
+    return fmt::format("deviation from nominal, 0x8000 = none, saturated; {} in a slab's record", row.slab_name);
+  const std::string words = words_text(row);
+  if (words.empty()) return std::string(row.meaning);
+  return fmt::format("{}: {}", row.meaning, words);
+}
+
+std::string table(RegisterRow::Memory memory, const char* prefix) {
+  std::string text = fmt::format("| {} | Name | Type | Unit | Meaning | Since |\n|---|---|---|---|---|---|\n", prefix);
+  each_row(memory, [&](const RegisterRow& row) {
+    if (row.series > 1) return;  // the station table: its first row stands for all
+    std::string address = address_text(row);
+    std::string name(row.name);
+    std::string unit(row.unit);
+    if (row.series == 1) {
+      address = fmt::format("{}, {}, .. {}", row.address, row.address + 2, row.address + 34);
+      name.replace(name.find('1'), 1, "k");
+    }
+    if (!row.slab_name.empty()) {
+      name = fmt::format("{} / {}", row.name, row.slab_name);
+      unit = fmt::format("{} / {}", row.unit.empty() ? "-" : row.unit, row.slab_unit.empty() ? "-" : row.slab_unit);
+    }
+    text +=
+        fmt::format("| {} | {} | {} | {} | {} | {} |\n", address, name, row.type, unit, meaning_text(row), row.since);
+  });
+  return text;
+}
+
+std::string csv_text(std::string_view text) {
+  std::string quoted = "\"";
+  for (const char c : text) quoted += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return quoted + "\"";
+}
+
+nlohmann::ordered_json register_json() {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const auto memory : {RegisterRow::Memory::holding, RegisterRow::Memory::input})
+    each_row(memory, [&](const RegisterRow& row) {
+      nlohmann::ordered_json j = {
+          {"memory", memory == RegisterRow::Memory::holding ? "holding" : "input"},
+          {"address", row.address},
+          {"registers", row.count},
+          {"bit", row.bit < 0 ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(row.bit)},
+          {"name", row.name},
+          {"type", row.type},
+          {"unit", row.unit},
+          {"meaning", row.meaning},
+          {"since", row.since}};
+      if (!row.words.empty()) j["words"] = std::vector<std::string>(row.words.begin(), row.words.end());
+      if (!row.slab_name.empty()) j["slab"] = {{"name", row.slab_name}, {"unit", row.slab_unit}};
+      list.push_back(std::move(j));
+    });
+  return {{"schema", "slabd.plc_map/1"}, {"version", "1.0"}, {"registers", std::move(list)}};
+}
+
+}  // namespace
+
+std::string register_markdown() {
+  return "**Holding registers, written by the PLC**\n\n" + table(RegisterRow::Memory::holding, "HR") +
+         "\n**Input registers, written by slabd**\n\n" + table(RegisterRow::Memory::input, "IR");
+}
+
+std::string register_csv() {
+  std::string text = "memory,address,bit,registers,name,type,unit,meaning,since\n";
+  for (const auto memory : {RegisterRow::Memory::holding, RegisterRow::Memory::input})
+    each_row(memory, [&](const RegisterRow& row) {
+      text += fmt::format("{},{},{},{},{},{},{},{},{}\n", memory == RegisterRow::Memory::holding ? "HR" : "IR",
+                          row.address, row.bit < 0 ? "" : std::to_string(row.bit), row.count, csv_text(row.name),
+                          csv_text(row.type), csv_text(row.unit), csv_text(meaning_text(row)), row.since);
+    });
+  return text;
+}
+
+std::string code_markdown() {
+  std::string text = "| Code | What it is | What to do |\n|---|---|---|\n";
+  const std::string_view unknown = describe(static_cast<Code>(1));
+  for (std::uint16_t code = 100; code < kReasonItemBase; ++code)
+    if (describe(static_cast<Code>(code)) != unknown)
+      text += fmt::format("| {} | {} | {} |\n", code, describe(static_cast<Code>(code)), cure(static_cast<Code>(code)));
+  for (std::size_t item = 0; item < 16; ++item)
+    text += fmt::format("| {} | item {} failed: {} | `slabctl show` names value, limits and U; look at the block |\n",
+                        kReasonItemBase + item, item, info(static_cast<ItemId>(item)).name);
+  return text;
+}
+
+void add_plc(CLI::App& app, int& exit_status) {
+  struct Options {
+    bool csv = false;
+    bool json = false;
+  };
+  CLI::App* plc = app.add_subcommand("plc", "For the PLC's programmer: live registers, the map, the codes");
+  plc->require_subcommand(1);
+  auto options = std::make_shared<Options>();
+  CLI::App* map = plc->add_subcommand("map", "Register map 1.0, as docs/PLC.md has it");
+  auto* csv = map->add_flag("--csv", options->csv, "For import into a tag list");
+  map->add_flag("--json", options->json, "slabd.plc_map/1")->excludes(csv);
+  map->callback([options, &exit_status] {
+    fmt::print("{}", options->csv    ? register_csv()
+                     : options->json ? register_json().dump(2) + "\n"
+                                     : register_markdown());
+    exit_status = kDone;
+  });
+  plc->add_subcommand("codes", "Every code with its cure")->callback([&exit_status] {
+    fmt::print("{}", code_markdown());
+    exit_status = kDone;
+  });
+  add_plc_monitor(*plc, exit_status);
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cmath>
+#include <string>
+
+#include "daemon/daemon.h"
+#include "daemon/toml_reader.h"
+
+/// What the readers of slabd.toml share; private to them.
+namespace slabd::daemon {
+
+template <std::size_t Capacity>
+void read_text(TableReader& table, std::string_view key, FixedString<Capacity>& out) {
+  std::string text(out.view());
+  table.optional_text(key, text, Capacity);
+  out.assign(text);
+}
+
+/// A time in ms in the file, ns inside.
+inline void read_ms(TableReader& table, std::string_view key, std::int64_t& out_ns, Allowed allowed_ms) {
+  double time_ms = static_cast<double>(out_ns) / 1e6;
+  table.optional_number(key, time_ms, allowed_ms);
+  out_ns = std::llround(time_ms * 1e6);
+}
+
+/// [plc]. Fills what it can; every fault is a problem of the table.
+void read_plc(TableReader plc, hal::PlcSettings& out);
+
+}  // namespace slabd::daemon

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "hal/hal.h"
+
+/// What a link has to say for the log, made from its counters: at once when the first thing goes wrong, then at most
+/// one line in ten seconds with the sums since the last one. Whoever floods the port writes six lines a minute.
+namespace slabd::hal {
+
+class PlcNotes {
+ public:
+  static constexpr std::int64_t kPeriodNs = 10 * kNsPerS;
+
+  /// False while nothing new went wrong, or it is too early. `detail` (may be empty) says who or what, last.
+  bool next(std::int64_t mono_ns, const PlcLinkCounters& now, const char* detail, PlcNoteText& text) {
+    struct Trouble {
+      std::uint64_t count;
+      const char* what;
+    };
+    const std::array troubles = {
+        Trouble{now.not_allowed - said_.not_allowed, "connections from addresses outside [plc] allow"},
+        Trouble{now.read_only - said_.read_only, "writes from addresses in [plc] read_only"},
+        Trouble{now.displaced - said_.displaced, "connections closed to make room"},
+        Trouble{now.malformed - said_.malformed, "streams or frames that are no Modbus"},
+        Trouble{now.late - said_.late, "frames not complete in time"},
+        Trouble{now.idle - said_.idle, "connections closed in silence"},
+        Trouble{now.unsent - said_.unsent, "replies not taken"},
+        Trouble{now.exceptions - said_.exceptions, "requests refused"},
+    };
+    bool any = false;
+    for (const Trouble& trouble : troubles) any = any || trouble.count != 0;
+    if (!any || mono_ns < next_ns_) return false;
+    next_ns_ = mono_ns + kPeriodNs;
+    said_ = now;
+    text = "PLC link:";
+    const char* comma = " ";
+    for (const Trouble& trouble : troubles) {
+      if (trouble.count == 0) continue;
+      FixedString<96> part;
+      part.printf("%s%llu %s", comma, static_cast<unsigned long long>(trouble.count), trouble.what);
+      text.append(part.view());
+      comma = ", ";
+    }
+    if (*detail != '\0') {
+      text.append("; last: ");
+      text.append(detail);
+    }
+    return true;
+  }
+
+ private:
+  PlcLinkCounters said_;
+  std::int64_t next_ns_ = 0;
+};
+
+}  // namespace slabd::hal

@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A line around a real slabd: its folder and configuration, robot and scanner (slabctl simulate --stand-by), and a PLC
+made of pymodbus and the function block of docs/plc. Nothing of the PLC's side shares code with slabd."""
+import json
+import logging
+import os
+import random
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+import threading
+import time
+
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+from pymodbus.datastore import ModbusSequentialDataBlock, ModbusServerContext, ModbusSlaveContext
+from pymodbus.exceptions import ModbusException
+from pymodbus.server import ServerStop, StartTcpServer
+
+from st_block import Block
+
+logging.disable(logging.ERROR)  # pymodbus says every reconnection; timeout= must be whole seconds for it
+
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+SLAB_BEGIN, SCAN, SLAB_END, SLAB_ABORT = 1, 2, 3, 4
+PASS, FAIL = 1, 2
+STATIONS = 18
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+class Box:
+    """One slabd with everything of its own."""
+
+    def __init__(self, build, role):
+        self.build, self.role = build, role
+        self.dir = tempfile.mkdtemp(prefix="slabd-plc-")
+        self.port = free_port()
+        self.daemon = self.peers = self.socat = None
+        self.pty = [os.path.join(self.dir, "line-slabd"), os.path.join(self.dir, "line-plc")]
+        plc = {"server": f'listen = "127.0.0.1:{self.port}"',
+               "client": f'connect = "127.0.0.1:{self.port}"\npoll_ms = 20',
+               "rtu": f'device = "{self.pty[0]}"\nparity = "none"\nunit_id = 17'}[role]
+        self.config = os.path.join(self.dir, "slabd.toml")
+        with open(self.config, "w", encoding="utf-8") as file:
+            file.write(f"""[plc]
+role = "{role}"
+{plc}
+[robot]
+lcm_url = "udpm://239.255.78.{random.randint(2, 250)}:{random.randint(30000, 50000)}?ttl=0"
+interface = "lo"
+window_ms = 100
+samples_min = 5
+dwell_ms = 0
+[scanner]
+drop_dir = "{self.dir}/drop"
+[storage]
+db = "{self.dir}/slabd.db"
+spool_dir = "{self.dir}/spool"
+spool_budget_gb = 3
+[recipes]
+dir = "{ROOT}/recipes"
+[cell]
+T_base_slab = [1800.0, 0.0, 300.0, 1.0, 0.0, 0.0, 0.0]
+[calibration]
+T_flange_scanner = [0.0, 80.0, 150.0, 1.0, 0.0, 0.0, 0.0]
+station_sigma_mm = 0.02
+station_sigma_deg = 0.001
+[control]
+socket = "{self.dir}/control.sock"
+""")
+        if role == "rtu":
+            self.cable()
+
+    def cable(self):
+        self.socat = subprocess.Popen(["socat"] + [f"pty,raw,echo=0,link={end}" for end in self.pty],
+                                      stderr=subprocess.DEVNULL)
+        wait_for(lambda: all(os.path.exists(end) for end in self.pty), 10, "socat")
+
+    def start(self):
+        with open(os.path.join(self.dir, "slabd.err"), "a", encoding="utf-8") as log:
+            self.daemon = subprocess.Popen([f"{self.build}/daemon/slabd", "--config", self.config], stderr=log)
+        wait_for(lambda: os.path.exists(f"{self.dir}/control.sock") and self.status() is not None, 30, "slabd")
+
+    def stand_by(self, slabs, defects=()):
+        command = [f"{self.build}/cli/slabctl", "simulate", "--config", self.config, "--points", "quarter", "--stand-by",
+                   "--move-s", "0.05", "--slabs", str(slabs)]
+        for defect in defects:
+            command += ["--defect", defect]
+        wait_for(lambda: os.path.isdir(f"{self.dir}/drop/request"), 10, "the drop folder")
+        self.peers = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def order(self, text, expected):
+        self.peers.stdin.write(text + "\n")
+        self.peers.stdin.flush()
+        answer = self.peers.stdout.readline().strip()
+        assert answer == expected, f"{text}: {answer!r}"
+
+    def slabctl(self, *arguments):
+        done = subprocess.run([f"{self.build}/cli/slabctl", *arguments], capture_output=True, text=True, check=False)
+        return done.returncode, done.stdout
+
+    def status(self):
+        code, out = self.slabctl("status", "--socket", f"{self.dir}/control.sock", "--json")
+        return json.loads(out) if code == 0 else None
+
+    def log(self):
+        with open(os.path.join(self.dir, "slabd.err"), encoding="utf-8") as file:
+            return file.read()
+
+    def kill(self):
+        self.daemon.kill()
+        self.daemon.wait()
+        os.unlink(f"{self.dir}/control.sock")
+
+    def close(self):
+        for process in (self.peers, self.daemon, self.socat):
+            if process is not None and process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+                process.wait()
+        shutil.rmtree(self.dir, ignore_errors=True)
+
+
+def wait_for(done, seconds, what):
+    end = time.monotonic() + seconds
+    while not done():
+        assert time.monotonic() < end, f"waited {seconds} s for {what}"
+        time.sleep(0.02)
+
+
+# ---- three ways to move the registers ----------------------------------------------------------------------------
+
+
+class MasterWire:
+    """The PLC asks: Modbus/TCP client, or master of a serial line."""
+
+    def __init__(self, make, unit):
+        self.make, self.unit, self.client = make, unit, None
+
+    def read(self):
+        try:
+            if self.client is None:
+                self.client = self.make()
+                if not self.client.connect():
+                    raise ModbusException("no connection")
+            answer = self.client.read_input_registers(0, 110, slave=self.unit)
+            if answer.isError():
+                raise ModbusException(str(answer))
+            return list(answer.registers)
+        except (ModbusException, OSError):
+            self.drop()
+            return None
+
+    def write(self, first, values):
+        try:
+            if self.client is not None and self.client.write_registers(first, values, slave=self.unit).isError():
+                self.drop()
+        except (ModbusException, OSError):
+            self.drop()
+
+    def sync_last(self):
+        for _ in range(100):
+            if self.read() is not None:
+                answer = self.client.read_holding_registers(3, 1, slave=self.unit)
+                if not answer.isError():
+                    return answer.registers[0]
+            time.sleep(0.1)
+        raise AssertionError("slabd does not answer")
+
+    def drop(self):
+        if self.client is not None:
+            self.client.close()
+        self.client = None
+
+    close = drop
+
+
+class MemoryWire:
+    """slabd asks: the registers lie in the PLC's own memory, served by pymodbus."""
+
+    def __init__(self, port, sync_last=0):
+        self.memory = ModbusSequentialDataBlock(0, [0] * 1200)
+        self.sync = sync_last
+        context = ModbusServerContext(slaves=ModbusSlaveContext(hr=self.memory, zero_mode=True), single=True)
+        self.thread = threading.Thread(target=StartTcpServer, daemon=True,
+                                       kwargs={"context": context, "address": ("127.0.0.1", port),
+                                               "allow_reuse_address": True})
+        self.thread.start()
+        self.beat, self.beat_at = None, time.monotonic()
+
+    def read(self):
+        image = self.memory.getValues(1000, 110)
+        if image[4] != self.beat:
+            self.beat, self.beat_at = image[4], time.monotonic()
+        return image if time.monotonic() - self.beat_at < 2.5 else None  # slabd's heartbeat is the link
+
+    def write(self, first, values):
+        self.memory.setValues(first, list(values))
+
+    def sync_last(self):
+        return self.sync
+
+    def close(self):
+        ServerStop()
+        self.thread.join()
+
+
+def wire_for(box, sync_last=0):
+    if box.role == "client":
+        return MemoryWire(box.port, sync_last)
+    if box.role == "rtu":
+        return MasterWire(lambda: ModbusSerialClient(box.pty[1], baudrate=115200, parity="N", timeout=1, retries=0), 17)
+    return MasterWire(lambda: ModbusTcpClient("127.0.0.1", port=box.port, timeout=1, retries=0), 1)
+
+
+# ---- the PLC ------------------------------------------------------------------------------------------------------
+
+
+class Plc:
+    """Cycles the function block; a program written as plain calls runs on top."""
+
+    def __init__(self, wire, period=0.01):
+        self.wire, self.period = wire, period
+        self.block = Block(os.path.join(ROOT, "docs/plc/FB_SLABD.st"))
+        self.inputs = {"uiSyncLast": wire.sync_last(), "xEnable": True, "xExecute": False, "xStored": False}
+        self.results = {}  # stored records by (slab, station, CMD_SEQ)
+        self.cycles = 0
+
+    def cycle(self):
+        image = self.wire.read()
+        fb = self.block
+        if image is not None:
+            self.inputs["IR"] = image
+        fb(xLinkOk=image is not None, **self.inputs)
+        self.inputs["xStored"] = False
+        if fb.xWriteControl:
+            self.wire.write(0, fb.HR[0:4])
+        if fb.xWriteCommand:
+            self.wire.write(10, fb.HR[10:40])
+        if fb.xNewResult:
+            record = list(fb.awRecord)
+            self.results[(record[4] << 16 | record[5], record[3], record[2])] = record
+            self.inputs["xStored"] = True
+        self.cycles += 1
+        time.sleep(self.period)
+
+    def until(self, done, seconds, what):
+        end = time.monotonic() + seconds
+        while not done():
+            assert time.monotonic() < end, f"waited {seconds} s for {what}; step {self.block.uiStep}, " \
+                f"code {self.block.uiCode}, IR {self.block.IR[:30]}"
+            self.cycle()
+
+    def order(self, cmd, station=0, slab_no=0, slab_id=""):
+        """Carries one order out; returns (0 or code, CMD_SEQ)."""
+        fb = self.block
+        self.until(lambda: fb.xReady, 60, "READY")
+        text = slab_id.encode().ljust(32, b"\0")
+        self.inputs.update(xExecute=True, uiCmd=cmd, uiStation=station, uiSlabType=5600, udSlabNo=slab_no,
+                           awSlabId=[text[i] << 8 | text[i + 1] for i in range(0, 32, 2)])
+        self.until(lambda: fb.xDone or fb.xError, 90, f"order {cmd}")
+        code = 0 if fb.xDone else fb.uiCode or 9999
+        seq = fb.HR[39]
+        self.inputs["xExecute"] = False
+        self.cycle()
+        return code, seq
+
+    def scan(self, box, station, slab_no):
+        box.order(f"station {station}", f"standing {station}")
+        for _ in range(4):
+            code, seq = self.order(SCAN, station, slab_no)
+            if code == 0:
+                return seq
+        raise AssertionError(f"station {station}: code {code}")
+
+    def slab(self, box, number, slab_no, continued=False):
+        """One whole slab; returns its verdict."""
+        box.order(f"slab {number}", f"slab {number}")
+        if not continued:
+            code, _ = self.order(SLAB_BEGIN, slab_no=slab_no, slab_id=f"PY-{slab_no}")
+            assert code == 0, f"SLAB_BEGIN {slab_no}: code {code}"
+        for station in range(1, STATIONS + 1):
+            mask = self.block.IR[18] << 16 | self.block.IR[19]
+            if not (continued and mask >> (station - 1) & 1):
+                self.scan(box, station, slab_no)
+        code, seq = self.order(SLAB_END, slab_no=slab_no)
+        assert code == 0, f"SLAB_END {slab_no}: code {code}"
+        self.until(lambda: (slab_no, 0, seq) in self.results, 60, "the slab's record")
+        record = self.results[(slab_no, 0, seq)]
+        assert record[1] == 2 and record[0] == record[33], record
+        self.until(lambda: self.block.IR[20] == 0, 30, "no record waiting")
+        assert self.block.IR[106] == record[6], "the record and IR 106 agree"
+        return record[6]
+
+    def stations_stored(self, slab_no):
+        return {key[1] for key in self.results if key[0] == slab_no and key[1] != 0}
