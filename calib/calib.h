@@ -7,9 +7,11 @@
 #include "calib/artefact.h"
 #include "calib/ball.h"
 #include "calib/conventions.h"
+#include "calib/coverage.h"
 #include "calib/hand_eye.h"
 #include "calib/observations.h"
 #include "calib/reference.h"
+#include "calib/session.h"
 #include "calib/stations.h"
 
 /// Where the scanner sits on the flange, and how well that is known: found from views of an artefact (hand_eye.h),

@@ -157,7 +157,7 @@ void read_capture(TableReader& table, CaptureGuard& guard) {
   read_s(table, "capture_stable_s", guard.stable_ns, {0.2, static_cast<double>(CaptureGuard::kStableNs) / 1e9});
 }
 
-void read_calibration(TableReader table, Config& config) {
+void read_calibration(TableReader table, const std::string& folder, Config& config) {
   std::array<double, 7> pose = Pose::identity().to_array();
   double sigma_mm = kNoValue;  // absent: slab-frame items will be indeterminate
   double sigma_deg = kNoValue;
@@ -169,6 +169,8 @@ void read_calibration(TableReader table, Config& config) {
   read_deg(table, "station_gate_deg", config.splice.gate_rad, {0.001, 1.0});
   read_checks(table, config);
   read_capture(table, config.capture);
+  config.sessions_dir = std::filesystem::path(config.storage.db_path).parent_path().native() + "/calibration";
+  read_path(table, "sessions_dir", folder, config.sessions_dir);
   table.finish();
   if (!commissioned) return;  // what is applied counts; without it every slab is refused with fault 503
   const Result<calib::Calibration> calibration = calib::commissioning(pose, sigma_mm, sigma_deg);
@@ -239,7 +241,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   read_scanner(root.table("scanner"), folder, config.scanner, config.scan_timeout_ns);
   read_storage(root.table("storage"), folder, config.storage);
   read_cell(root.table("cell"), config.T_base_slab);
-  read_calibration(root.table("calibration"), config);
+  read_calibration(root.table("calibration"), folder, config);
   read_measure(root.table("measure"), config.measure_threads);
   read_rest(root, folder, config);
   check_timeouts(root, config);

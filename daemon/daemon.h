@@ -37,6 +37,7 @@ struct Config {
   std::int64_t check_interval_us = 24 * 3'600'000'000LL;  ///< between daily checks; 0: none are due
   calib::CheckLimits check_limits;
   CaptureGuard capture;              ///< of views for a calibration
+  std::string sessions_dir;          ///< where slabctl keeps calibrations under way; default: beside the database
   int calibration_valid_days = 365;  ///< of what slabctl keeps from now on; 0: for ever
   std::string control_socket = "/run/slabd/control.sock";
   int measure_threads = 1;  ///< [measure] threads: 1 or 2; the results are the same

@@ -8,6 +8,7 @@
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/record_options.h"
+#include "cli/calibrate/session_solution.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
@@ -47,6 +48,70 @@ int carry_out(const Options& options, const storage::CalibrationChange& change) 
   } else {
     fmt::print("{} is in force{}\n", done.value().id,
                done.value().after_slab ? " from the next slab on; one is open now" : "");
+  }
+  return kDone;
+}
+
+/// The session's solution becomes a record with everything it was made from, and comes into force.
+int apply_session(const SessionOptions& which, RecordOptions record_options, bool json_wanted) {
+  int exit_status = kDone;
+  std::optional<Session> session = find_session(which, exit_status);
+  if (!session) return exit_status;
+  if (const Status locked = session->lock(); !locked.ok()) {
+    complain(locked.error().text.view());
+    return exit_for(locked.error().code);
+  }
+  if (!ready_to_use(*session, exit_status)) return exit_status;
+  const Session::Solution& solution = *session->solution();
+  if (!solution.verified || solution.verified->inputs != session->inputs(calib::ViewUse::held_out)) {
+    complain(fmt::format("{} is not verified{}; next: slabctl calibrate verify", solution.record.id,
+                         solution.verified ? " with the views that are held out now" : ""));
+    return kRefused;
+  }
+  record_options.config = !which.config.empty()                 ? which.config
+                          : !session->settings().config.empty() ? session->settings().config
+                                                                : kDefaultConfig;
+  daemon::Config config;
+  if (!config_from(record_options.config, config)) {
+    complain("applying needs the daemon's configuration: slabctl calibrate apply --config FILE");
+    return kBadInput;
+  }
+  InForce now;
+  if (!hand_eye_in_force(config, now, exit_status)) return exit_status;
+  if (now.id.view() != solution.record.id && now.id.view() != solution.verified->before_id) {
+    complain(fmt::format("{} is in force now, and it was verified against {}; next: slabctl calibrate verify",
+                         now.id.empty() ? std::string_view("nothing") : now.id.view(),
+                         solution.verified->before_id.empty() ? "nothing" : solution.verified->before_id));
+    return kRefused;
+  }
+  storage::CalibrationRecord record;
+  if (record_options.operator_name.empty()) record_options.operator_name = session->settings().operator_name;
+  record_options.describe(config, record);
+  record.numbers = solution.record.numbers;
+  record.observations = observations_text(*session);
+  record.certificate = session->certificate_text();
+  const Result<std::string> figures = text_file(solution.folder + "/figures.json");
+  if (!figures.ok() || calib::sha256_hex(figures.value()) != solution.record.figures) {
+    complain(fmt::format("{}/figures.json is missing or was changed: remove that folder, then slabctl calibrate solve",
+                         solution.folder));
+    return kBadInput;
+  }
+  record.figures = figures.value();
+  record_options.apply = true;
+  if (record_options.why.empty()) record_options.why = "calibrated in session " + session->settings().name;
+  const Kept kept = keep_record(config, record_options, record, exit_status);
+  if (!kept.ok) return exit_status;
+  if (json_wanted) {
+    Json json;
+    json.begin_object().field("schema", "slabd.calibration_change/1").field("id", std::string_view(kept.id));
+    write_session(json, *session);
+    json.field("after_slab", kept.after_slab).field("replaced", now.id.view()).end_object();
+    fmt::print("{}", json.text());
+  } else {
+    fmt::print("{}\n{}slabctl calibrate history shows it{}\n", session_words(*session), kept_text(kept, false),
+               now.applied && now.id.view() != kept.id
+                   ? fmt::format("; slabctl calibrate rollback --why \"...\" puts {} back", now.id.view())
+                   : "");
   }
   return kDone;
 }
@@ -149,18 +214,40 @@ void add_note(CLI::App& command, Options& options) {
 }  // namespace
 
 void add_calibrate_apply(CLI::App& group, int& exit_status) {
-  auto options = std::make_shared<Options>();
-  CLI::App* command = group.add_subcommand("apply", "Put a kept calibration in force, from the next slab on");
+  struct Apply {
+    Options known;
+    SessionOptions session;
+    RecordOptions record;
+  };
+  auto options = std::make_shared<Apply>();
+  CLI::App* command = group.add_subcommand("apply", "Put the session's calibration, or a kept one, in force");
   command->footer(
-      "\nAtomic: killed at any moment, either the old one is in force or the new one. Giving it again changes "
-      "nothing.\n"
+      "\nWithout ID: the session's, once it is solved and verified, stored with its views, figures and certificate.\n"
+      "From the next slab on. Atomic: killed at any moment, either the old one is in force or the new one. Giving it "
+      "again changes nothing.\n"
       "Exit status 6: refused, the text says what to do.\n"
-      "Example: slabctl calibrate apply he-3f2a91c07b5e --why \"scanner exchanged\"");
-  command->add_option("ID", options->id, "Of the record, or its first characters")->required();
-  add_common(*command, *options);
-  add_note(*command, *options);
+      "Examples: slabctl calibrate apply --robot-serial KR120-4711 --scanner-serial S-0815 --temperature 21.5\n"
+      "          slabctl calibrate apply he-3f2a91c07b5e --why \"scanner exchanged\"");
+  command->add_option("ID", options->known.id, "Of a kept record, or its first characters");
+  options->session.add_to(*command);
+  options->record.add_origin_to(*command);
+  command->add_option("--why", options->record.why, "Why, for the history; must be given with ID");
+  command->add_flag("--json", options->known.json, "JSON on stdout");
   command->callback([options, &exit_status] {
-    exit_status = carry_out(*options, storage::ApplyCalibration{options->id, note_of(*options)});
+    Options& known = options->known;
+    if (known.id.empty()) {
+      exit_status = apply_session(options->session, options->record, known.json);
+      return;
+    }
+    known.config = options->session.config.empty() ? kDefaultConfig : options->session.config;
+    known.who = options->record.operator_name;
+    known.why = options->record.why;
+    if (known.why.empty()) {
+      complain("say why, for the history: --why \"...\"");
+      exit_status = kUsage;
+      return;
+    }
+    exit_status = carry_out(known, storage::ApplyCalibration{known.id, note_of(known)});
   });
 }
 

@@ -60,26 +60,21 @@ int run_artefact(const Options& options) {
   json.begin_object().field("schema", "slabd.artefacts/1").field("certificate", certificate.value().id.view());
   json.field("certificate_date", certificate.value().date.view()).key("views").begin_array();
   std::size_t accepted = 0;
-  for (const std::string& path : options.scans) {
-    const Result<std::vector<float>> xyz = scan_points(path, options.ball.unit);
-    if (!xyz) {
-      complain(fmt::format("{}", xyz.error().text.view()));
-      return kBadInput;
-    }
-    const Result<calib::ArtefactReport> report = calib::find_artefact(xyz.value(), certificate.value(), settings);
-    if (!report) {
-      complain(fmt::format("{}: {}", path, report.error().text.view()));
-      return kUsage;
-    }
-    reports.push_back(report.value());
-    accepted += report.value().ok() ? 1U : 0U;
-    json.begin_object().field("file", std::string_view(path));
-    write_artefact(json, report.value());
-    json.end_object();
-    if (!options.json)
-      fmt::print("{}{}\n{}", path, report.value().ok() ? ": accepted" : ": refused",
-                 artefact_text(report.value(), certificate.value(), settings));
-  }
+  const int read =
+      each_scan(options.scans, options.ball.unit, [&](const std::string& path, std::span<const float> xyz) {
+        const Result<calib::ArtefactReport> report = calib::find_artefact(xyz, certificate.value(), settings);
+        if (!report) return Status(report.error());
+        reports.push_back(report.value());
+        accepted += report.value().ok() ? 1U : 0U;
+        json.begin_object().field("file", std::string_view(path));
+        write_artefact(json, report.value());
+        json.end_object();
+        if (!options.json)
+          fmt::print("{}{}\n{}", path, report.value().ok() ? ": accepted" : ": refused",
+                     artefact_text(report.value(), certificate.value(), settings));
+        return success();
+      });
+  if (read != kDone) return read;
   const bool good = accepted == reports.size();
   json.end_array().field("accepted", accepted).field("status", good ? "ok" : "refused").end_object();
   if (options.json)

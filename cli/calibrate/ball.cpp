@@ -105,37 +105,27 @@ int run_ball(const Options& options) {
   json.begin_object().field("schema", "slabd.balls/1").field("radius_mm", options.radius_mm);
   json.field("count", options.count).key("views").begin_array();
   std::size_t accepted = 0;
-  for (const std::string& path : options.scans) {
-    const Result<std::vector<float>> xyz = scan_points(path, options.ball.unit);
-    if (!xyz) {
-      complain(fmt::format("{}", xyz.error().text.view()));
-      return kBadInput;
-    }
-    const Result<calib::BallView> view = calib::find_balls(xyz.value(), settings);
-    if (!view) {
-      complain(fmt::format("{}: {}", path, view.error().text.view()));
-      return kUsage;
-    }
-    views.push_back(view.value());
-    accepted += view.value().ok() ? 1U : 0U;
-    json.begin_object().field("file", std::string_view(path));
-    write_ball_view(json, view.value());
-    json.end_object();
-    if (!options.json)
-      fmt::print("{}{}\n{}", path, view.value().ok() ? ": accepted" : ": refused",
-                 ball_view_text(view.value(), settings));
-  }
+  const int read =
+      each_scan(options.scans, options.ball.unit, [&](const std::string& path, std::span<const float> xyz) {
+        const Result<calib::BallView> view = calib::find_balls(xyz, settings);
+        if (!view) return Status(view.error());
+        views.push_back(view.value());
+        accepted += view.value().ok() ? 1U : 0U;
+        json.begin_object().field("file", std::string_view(path));
+        write_ball_view(json, view.value());
+        json.end_object();
+        if (!options.json)
+          fmt::print("{}{}\n{}", path, view.value().ok() ? ": accepted" : ": refused",
+                     ball_view_text(view.value(), settings));
+        return success();
+      });
+  if (read != kDone) return read;
   json.end_array();
   bool good = accepted == views.size();
   if (options.count == 1) tell_radius(options, views, json);
   if (options.shots) {
     std::vector<calib::BallReport> reports;
-    for (const calib::BallView& view : views) {
-      calib::BallReport report = view.balls.empty() ? calib::BallReport{} : view.balls[0];
-      report.refusal = view.refusal;  // also when only the view as a whole is refused
-      report.words = view.words;
-      reports.push_back(report);
-    }
+    for (const calib::BallView& view : views) reports.push_back(as_shot(view));
     const calib::BallShots shots = calib::average_shots(reports, settings);
     good = good && shots.ok();
     write_shots(json, shots);
@@ -189,6 +179,29 @@ Result<std::vector<float>> scan_points(const std::string& path, const std::strin
   if (!shape) return shape.error();
   xyz.resize(3 * shape.value().points);
   return xyz;
+}
+
+calib::BallReport as_shot(const calib::BallView& view) {
+  calib::BallReport report = view.balls.empty() ? calib::BallReport{} : view.balls[0];
+  report.refusal = view.refusal;
+  report.words = view.words;
+  return report;
+}
+
+int each_scan(const std::vector<std::string>& paths, const std::string& unit,
+              const std::function<Status(const std::string&, std::span<const float>)>& use) {
+  for (const std::string& path : paths) {
+    const Result<std::vector<float>> xyz = scan_points(path, unit);
+    if (!xyz) {
+      complain(fmt::format("{}", xyz.error().text.view()));
+      return kBadInput;
+    }
+    if (const Status used = use(path, xyz.value()); !used) {
+      complain(fmt::format("{}: {}", path, used.error().text.view()));
+      return kUsage;
+    }
+  }
+  return kDone;
 }
 
 void add_calibrate_ball(CLI::App& group, int& exit_status) {

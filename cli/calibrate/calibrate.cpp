@@ -12,16 +12,22 @@ namespace slabd::cli {
 void add_calibrate(CLI::App& app, int& exit_status) {
   CLI::App* group = app.add_subcommand("calibrate", "Where the scanner sits on the flange: hand-eye and stations");
   group->require_subcommand(1);
+  add_calibrate_new(*group, exit_status);
+  add_calibrate_capture(*group, exit_status);
+  add_calibrate_list(*group, exit_status);
+  add_calibrate_drop(*group, exit_status);
+  add_calibrate_undo(*group, exit_status);
+  add_calibrate_solve(*group, exit_status);
+  add_calibrate_verify(*group, exit_status);
+  add_calibrate_apply(*group, exit_status);
+  add_calibrate_rollback(*group, exit_status);
+  add_calibrate_history(*group, exit_status);
   add_calibrate_ball(*group, exit_status);
   add_calibrate_artefact(*group, exit_status);
-  add_calibrate_solve(*group, exit_status);
   add_calibrate_stations(*group, exit_status);
   add_calibrate_reference(*group, exit_status);
   add_calibrate_check(*group, exit_status);
-  add_calibrate_apply(*group, exit_status);
   add_calibrate_adopt(*group, exit_status);
-  add_calibrate_rollback(*group, exit_status);
-  add_calibrate_history(*group, exit_status);
 }
 
 }  // namespace slabd::cli

@@ -14,6 +14,12 @@ class App;
 /// status (cli/exit.h) in `exit_status`.
 namespace slabd::cli {
 
+void add_calibrate_new(CLI::App& group, int& exit_status);
+void add_calibrate_capture(CLI::App& group, int& exit_status);
+void add_calibrate_list(CLI::App& group, int& exit_status);
+void add_calibrate_drop(CLI::App& group, int& exit_status);
+void add_calibrate_undo(CLI::App& group, int& exit_status);
+void add_calibrate_verify(CLI::App& group, int& exit_status);
 void add_calibrate_ball(CLI::App& group, int& exit_status);
 void add_calibrate_artefact(CLI::App& group, int& exit_status);
 void add_calibrate_solve(CLI::App& group, int& exit_status);
@@ -24,6 +30,18 @@ void add_calibrate_apply(CLI::App& group, int& exit_status);
 void add_calibrate_adopt(CLI::App& group, int& exit_status);
 void add_calibrate_rollback(CLI::App& group, int& exit_status);
 void add_calibrate_history(CLI::App& group, int& exit_status);
+
+// How a session is told, after every step of it.
+
+class Session;
+/// How far the views reach, what is missing, the suggested next pose in words, as quaternion and for KUKA.
+[[nodiscard]] std::string guide_text(const Session& session, const calib::Guide& guide);
+/// The same as fields of the open object: `coverage`, `suggestion` (null: none needed), `next` (a command).
+void write_guide(Json& json, const Session& session, const calib::Guide& guide);
+/// `session` and `folder`, fields of the open object.
+void write_session(Json& json, const Session& session);
+/// The command that leads on from here.
+[[nodiscard]] std::string next_command(const Session& session);
 
 // How a hand-eye result is told, for every verb that solves.
 

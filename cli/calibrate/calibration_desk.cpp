@@ -5,20 +5,17 @@
 // named after its numbers and applying what is in force changes nothing.
 #include "cli/calibrate/calibration_desk.h"
 
-#include <fcntl.h>
 #include <pwd.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <cerrno>
 #include <chrono>
-#include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <nlohmann/json.hpp>
 #include <thread>
 
 #include "cli/control.h"
+#include "cli/durable.h"
 #include "hal/hal.h"
 
 namespace slabd::cli {
@@ -29,31 +26,12 @@ using nlohmann::json;
 constexpr auto kPollEvery = std::chrono::milliseconds(50);
 constexpr int kPollsMax = 400;  ///< 20 s: longer than any sync the daemon survives
 
-Error cannot(const std::string& path, const char* what) {
-  return error(Code::journal_write, "cannot %s %s: %s", what, path.c_str(), std::strerror(errno));
-}
-
 /// Leaves `text` in `folder` under a new name, on the disk for good; returns the name.
 Result<std::string> leave_file(const std::string& folder, const std::string& text) {
   if (::mkdir(folder.c_str(), 0770) == 0) static_cast<void>(::chmod(folder.c_str(), 02770));
   const std::string name = std::to_string(wall_clock_us()) + "-" + std::to_string(::getpid()) + ".json";
-  const std::string path = folder + "/" + name;
-  const std::string part = path + ".part";
-  const int fd = ::open(part.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0660);
-  if (fd < 0) return cannot(part, "write");
-  bool good = ::fchmod(fd, 0660) == 0;
-  for (std::size_t done = 0; good && done < text.size();) {
-    const ssize_t n = ::write(fd, text.data() + done, text.size() - done);
-    good = n > 0 || errno == EINTR;
-    if (n > 0) done += static_cast<std::size_t>(n);
-  }
-  good = ::fsync(fd) == 0 && good;
-  good = ::close(fd) == 0 && good;
-  if (!good || std::rename(part.c_str(), path.c_str()) != 0) {
-    const Error why = cannot(part, "write");
-    ::unlink(part.c_str());
-    return why;
-  }
+  const Status written = write_durably(folder + "/" + name, text, 0660);
+  if (!written.ok()) return written.error();
   return name;
 }
 

@@ -13,6 +13,13 @@ namespace slabd::cli {
 
 void RecordOptions::add_to(CLI::App& command) {
   command.add_option("--config", config, "The daemon's configuration")->default_val(kDefaultConfig);
+  add_origin_to(command);
+  CLI::Option* apply_flag = command.add_flag("--apply", apply, "Put it in force at once");
+  command.add_option("--why", why, "Why it is put in force, for the history")->needs(apply_flag);
+  command.add_flag("--dry-run", dry_run, "Only compute and show: nothing is kept")->excludes(apply_flag);
+}
+
+void RecordOptions::add_origin_to(CLI::App& command) {
   command.add_option("--operator", operator_name, "Who did it (default: your login)");
   command.add_option("--robot-serial", robot_serial, "Serial number of the robot");
   command.add_option("--scanner-serial", scanner_serial, "Serial number of the scanner");
@@ -21,9 +28,6 @@ void RecordOptions::add_to(CLI::App& command) {
       .add_option("--valid-days", valid_days,
                   "How long it may be used, 0 = for ever (default: [calibration] valid_days)")
       ->check(CLI::Range(0, 36'500));
-  CLI::Option* apply_flag = command.add_flag("--apply", apply, "Put it in force at once");
-  command.add_option("--why", why, "Why it is put in force, for the history")->needs(apply_flag);
-  command.add_flag("--dry-run", dry_run, "Only compute and show: nothing is kept")->excludes(apply_flag);
 }
 
 void RecordOptions::describe(const daemon::Config& config_in, storage::CalibrationRecord& record) const {
@@ -81,6 +85,27 @@ bool open_records(const daemon::Config& config, std::unique_ptr<storage::Reader>
   complain(fmt::format("{}", opened.error().text.view()));
   exit_status = kNotReachable;
   return false;
+}
+
+bool hand_eye_in_force(storage::Reader* reader, const daemon::Config& config, InForce& out, int& exit_status) {
+  out = {config.calibration.id, config.calibration.T_flange_scanner, false};
+  if (reader == nullptr) return true;
+  const auto current = reader->current(CalibrationKind::hand_eye);
+  if (!current.ok()) {
+    complain(current.error().text.view());
+    exit_status = exit_for(current.error().code);
+    return false;
+  }
+  if (!current.value()) return true;
+  out.id.assign(current.value()->id);
+  out.T_flange_scanner = std::get<HandEyeNumbers>(current.value()->numbers).T_flange_scanner;
+  out.applied = true;
+  return true;
+}
+
+bool hand_eye_in_force(const daemon::Config& config, InForce& out, int& exit_status) {
+  std::unique_ptr<storage::Reader> reader;
+  return open_records(config, reader, exit_status) && hand_eye_in_force(reader.get(), config, out, exit_status);
 }
 
 }  // namespace slabd::cli

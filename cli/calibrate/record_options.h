@@ -26,6 +26,8 @@ struct RecordOptions {
   bool dry_run = false;
 
   void add_to(CLI::App& command);
+  /// Only who, with what and for how long: --operator, --robot-serial, --scanner-serial, --temperature, --valid-days.
+  void add_origin_to(CLI::App& command);
   /// Fills operator, serials, temperature, software, times.
   void describe(const daemon::Config& config_in, storage::CalibrationRecord& record) const;
 };
@@ -45,5 +47,16 @@ struct Kept {
 /// The database, read-only; a fresh installation has none yet, which is no error here. False: printed.
 [[nodiscard]] bool open_records(const daemon::Config& config, std::unique_ptr<storage::Reader>& reader,
                                 int& exit_status);
+
+/// The hand-eye calibration that counts: the one applied, else the configuration's commissioning value.
+struct InForce {
+  CalibrationId id;  ///< empty: neither
+  Pose T_flange_scanner;
+  bool applied = false;
+};
+/// False: printed.
+[[nodiscard]] bool hand_eye_in_force(const daemon::Config& config, InForce& out, int& exit_status);
+[[nodiscard]] bool hand_eye_in_force(storage::Reader* reader, const daemon::Config& config, InForce& out,
+                                     int& exit_status);
 
 }  // namespace slabd::cli

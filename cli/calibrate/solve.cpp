@@ -1,18 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate solve: two tables of poses in, T_flange_scanner and every figure out.
+// slabctl calibrate solve: views of the session, or two tables of poses, in; T_flange_scanner and every figure out.
 #include <fmt/core.h>
 
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <cerrno>
-#include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <cstring>
 #include <memory>
 
 #include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/session_solution.h"
+#include "cli/calibrate/solve_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 
@@ -20,51 +19,15 @@ namespace slabd::cli {
 namespace {
 
 struct Options {
+  SolveOptions solve;
   std::string kind;
   std::string flange;
   std::string target;
-  double robot_sigma_mm = calib::StatedNoise{}.robot_mm;
-  double robot_sigma_deg = kNoValue;
-  double target_sigma_mm = calib::StatedNoise{}.target_mm;
-  double target_sigma_deg = kNoValue;
-  double limit_mm = kNoValue;
-  std::vector<double> fov;
   std::vector<double> ball_bar;
+  SessionOptions session;
+  bool force = false;
   bool json = false;
-
-  /// Who states nothing but a position noise for the robot gets rotations in proportion: a robot of 0.7 mm with the
-  /// angles of one of 0.06 mm would weigh them a hundred times too much. Targets are not taken to be better for it.
-  [[nodiscard]] calib::StatedNoise noise() const {
-    const bool rotation_stated = has_value(robot_sigma_deg);
-    calib::StatedNoise noise;
-    noise.robot_mm = robot_sigma_mm;
-    noise.robot_rad = rotation_stated ? rad_from_deg(robot_sigma_deg) : calib::robot_rad_for(robot_sigma_mm);
-    noise.target_mm = target_sigma_mm;
-    if (has_value(target_sigma_deg))
-      noise.target_rad = rad_from_deg(target_sigma_deg);
-    else if (!rotation_stated)
-      noise.target_rad *= std::max(1.0, robot_sigma_mm / calib::StatedNoise{}.robot_mm);
-    return noise;
-  }
-  [[nodiscard]] calib::SolveSettings settings() const {
-    calib::SolveSettings settings;
-    if (fov.size() == 4) settings.fov = {fov[0], fov[1], fov[2], fov[3]};
-    settings.point_sigma_mm_max = limit_mm;
-    return settings;
-  }
 };
-
-/// A number of at least `low`, NaN and infinity refused, which CLI::Range lets through.
-CLI::Validator at_least(double low) {
-  const std::string range = fmt::format("at least {}", low);
-  return {[=](std::string& text) {
-            char* end = nullptr;
-            const double value = std::strtod(text.c_str(), &end);
-            const bool number = !text.empty() && end == text.c_str() + text.size() && std::isfinite(value);
-            return number && value >= low ? std::string() : fmt::format("\"{}\" is not a number of {}", text, range);
-          },
-          range};
-}
 
 Result<std::vector<calib::View>> read_views(calib::ArtefactKind kind, const Options& options) {
   const Result<std::string> flange_text = text_file(options.flange);
@@ -85,15 +48,15 @@ std::string scale_text(const calib::ScaleDiagnosis& scale, const std::vector<dou
       scale.ppm, scale.sigma_ppm, bar[2], scale.views, scale.suspicious ? ": SUSPICIOUS" : "");
 }
 
-int solve(const Options& options) {
+int solve_tables(const Options& options) {
   const calib::ArtefactKind kind = options.kind == "pose" ? calib::ArtefactKind::pose : calib::ArtefactKind::ball;
   const Result<std::vector<calib::View>> views = read_views(kind, options);
   if (!views) {
     complain(views.error().text.view());
     return kBadInput;
   }
-  const calib::StatedNoise noise = options.noise();
-  const Result<calib::HandEye> solved = calib::solve(kind, views.value(), noise, options.settings());
+  const calib::StatedNoise noise = options.solve.noise();
+  const Result<calib::HandEye> solved = calib::solve(kind, views.value(), noise, options.solve.settings());
   if (!solved) {
     complain(solved.error().text.view());
     return kBadInput;
@@ -124,7 +87,70 @@ int solve(const Options& options) {
   return result.ok ? kDone : kRefused;
 }
 
+int solve_kept_views(const Options& options) {
+  int exit_status = kDone;
+  std::optional<Session> session = find_session(options.session, exit_status);
+  if (!session) return exit_status;
+  const auto fail = [](const Error& why) {
+    complain(why.text.view());
+    return exit_for(why.code);
+  };
+  if (const Status locked = session->lock(); !locked.ok()) return fail(locked.error());
+  Result<SessionSolution> solved = solve_session(*session);
+  if (!solved.ok()) return fail(solved.error());
+  SessionSolution& solution = solved.value();
+  const calib::HandEye& h = solution.hand_eye;
+  const std::size_t before = session->solution() ? session->solution()->record.step : 0;
+  const bool keeps = h.ok || options.force;
+  if (keeps)
+    if (const Status kept = session->keep_solution(solution.record, solution.figures); !kept.ok())
+      return fail(kept.error());
+  const bool again = keeps && before == solution.record.step;
+  if (options.json) {
+    Json json;
+    json.begin_object().field("schema", "slabd.hand_eye/1").field("software", daemon::software_version().view());
+    write_session(json, *session);
+    json.field("id", std::string_view(solution.record.id)).field("stored", keeps).field("same_as_before", again);
+    json.field("inputs_sha256", std::string_view(solution.record.inputs));
+    json.field("figures_sha256", std::string_view(solution.record.figures));
+    write_hand_eye(json, session->settings().kind, h, session->settings().noise);
+    json.field("next", std::string_view(next_command(*session)));
+    fmt::print("{}", json.end_object().text());
+  } else {
+    fmt::print("{}: {}", session_words(*session),
+               hand_eye_text(session->settings().kind, h, session->settings().noise));
+    if (keeps)
+      fmt::print("{} as {} (step {}){}\n", again ? "the same, bit for bit, as stored" : "stored", solution.record.id,
+                 solution.record.step, h.ok ? "" : "; refused, so it is never applied");
+  }
+  for (const Session::Entry& entry : session->entries())
+    if (!entry.unreadable.empty())
+      complain(fmt::format("view {} is left out: {}", entry.view.number, entry.unreadable));
+  if (h.ok) {
+    if (!options.json) fmt::print("next: slabctl calibrate verify\n");
+    return kDone;
+  }
+  if (!options.json)
+    fmt::print(
+        "next: cure what is named above; slabctl calibrate list shows every view, slabctl calibrate drop N --why "
+        "\"...\" leaves one out, slabctl calibrate capture takes more\n");
+  return kRefused;
+}
+
+int solve(const Options& options) {
+  const int given =
+      (options.kind.empty() ? 0 : 1) + (options.flange.empty() ? 0 : 1) + (options.target.empty() ? 0 : 1);
+  if (given == 0 && options.ball_bar.empty()) return solve_kept_views(options);
+  if (given == 3) return solve_tables(options);
+  complain("give --kind, --flange and --target to solve two tables, or none of them to solve the session");
+  return kUsage;
+}
+
 constexpr const char* kFooter = R"(
+Without tables: solves the views of the session (slabctl calibrate new, capture) with the noise, field of view and
+limit agreed at its beginning, and stores the result in it. Solving again gives the same bits.
+
+With tables:
 FLANGE and TARGET are tables of text, one pose a line, `x y z qw qx qy qz` (mm, unit quaternion, # comments):
 T_base_flange as the robot reported it, and on the same line of the other table T_scanner_target, or for a ball
 its centre `x y z 1 0 0 0`. Any other form is declared in a header line, never guessed:
@@ -159,42 +185,17 @@ void add_calibrate_solve(CLI::App& group, int& exit_status) {
   CLI::App* command = group.add_subcommand("solve", "T_flange_scanner from views of a fixed artefact, or why not");
   command->footer(kFooter);
   command->add_option("--kind", options->kind, "Artefact: ball (one or more tooling balls) or pose")
-      ->required()
       ->check(CLI::IsMember({"ball", "pose"}));
-  command->add_option("--flange", options->flange, "Table of T_base_flange")->required();
-  command->add_option("--target", options->target, "Table of ball centres or T_scanner_target")->required();
-  command->add_option("--robot-sigma-mm", options->robot_sigma_mm, "Robot's position noise per axis")
-      ->check(at_least(0.0))
-      ->capture_default_str();
-  command
-      ->add_option("--robot-sigma-deg", options->robot_sigma_deg,
-                   "Robot's rotation noise per axis; default 0.0023 per 0.06 mm of its position noise")
-      ->check(at_least(0.0));
-  command
-      ->add_option("--target-sigma-mm", options->target_sigma_mm, "Noise of a ball's centre or the artefact's origin")
-      ->check(at_least(0.0))
-      ->capture_default_str();
-  command
-      ->add_option("--target-sigma-deg", options->target_sigma_deg,
-                   "Noise of the artefact's rotation; default 0.003, or if no rotation noise is stated and the robot's "
-                   "position noise is above 0.06 mm, in proportion to it")
-      ->check(at_least(0.0));
-  command
-      ->add_option(
-          "--limit-mm", options->limit_mm,
-          "Refuse when the predicted point error (1 sigma) is above; default 6 times the stated position noise")
-      ->check(at_least(0.0));
-  command
-      ->add_option(
-          "--fov", options->fov,
-          "Where the error is predicted: half width, half height, nearest, furthest (mm); default 100 100 420 580")
-      ->expected(4)
-      ->check(at_least(0.0));
+  command->add_option("--flange", options->flange, "Table of T_base_flange");
+  command->add_option("--target", options->target, "Table of ball centres or T_scanner_target");
+  options->solve.add_to(*command);
   command
       ->add_option("--ball-bar", options->ball_bar,
                    "Diagnose the scanner's scale: two ball numbers, their certified distance and its sigma (mm)")
       ->expected(4)
       ->check(at_least(0.0));
+  options->session.add_to(*command);
+  command->add_flag("--force", options->force, "Session: store a refused solution too; it is never applied");
   command->add_flag("--json", options->json, "Print slabd.hand_eye/1 on stdout");
   command->callback([options, &exit_status] { exit_status = solve(*options); });
 }

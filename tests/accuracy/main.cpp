@@ -37,6 +37,7 @@ constexpr std::array kStudies = {
           "a robot that is off: station corrections, seats with and without, coverage of U"},
     Study{"coverage", coverage_study, "slabs at the level of features: U covers, and is no larger than needed"},
     Study{"handeye", handeye_study, "hand-eye calibration: error against the floor, prediction, refusals"},
+    Study{"guide", guide_study, "hand-eye calibration: suggested poses against the usual advice"},
 };
 
 const Study* find(const std::string& name) {

@@ -62,5 +62,7 @@ struct StudyOptions {
 /// Hand-eye sets with planted truth: error in the field of view against the optimum's, whether the predicted error is
 /// true, and whether sets that carry no calibration are refused for the right reason.
 [[nodiscard]] bool handeye_study(const StudyOptions& options, Table& table);
+/// Calibrations driven by the suggested poses alone, against views drawn by the usual advice.
+[[nodiscard]] bool guide_study(const StudyOptions& options, Table& table);
 
 }  // namespace slabd::accuracy

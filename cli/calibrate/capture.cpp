@@ -1,0 +1,300 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl calibrate capture: one view, or a whole folder of them, into the session. The scans are copied first and
+// judged as copied, so that what the session keeps is what was judged. A view that was taken before is recognised by
+// its pose and the content of its scans: giving a command again after it was stopped finishes it and doubles nothing.
+// A refused view is kept too, with its reason; it counts for nothing.
+#include <fmt/core.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <filesystem>
+#include <map>
+#include <memory>
+
+#include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/capture.h"
+#include "cli/calibrate/live_capture.h"
+#include "cli/calibrate/session.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+
+namespace slabd::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Options {
+  SessionOptions session;
+  std::vector<std::string> scans;
+  std::string flange;
+  std::string flange_file;
+  std::string set;
+  bool live = false;
+  bool end = false;
+  int shots = 3;
+  bool hold_out = false;
+  bool json = false;
+};
+
+/// A table of poses with its lines as they stand there, so that a view keeps what was written.
+struct WrittenTable {
+  calib::PoseTable table;
+  std::string form;
+  std::vector<std::string> lines;
+};
+
+std::string single_blanks(const std::string& text) {
+  std::string out;
+  for (const char c : text.substr(0, text.find('#'))) {
+    const bool blank = c == ' ' || c == '\t' || c == '\r' || c == ',';
+    if (!blank)
+      out += c;
+    else if (!out.empty() && out.back() != ' ')
+      out += ' ';
+  }
+  if (out.ends_with(' ')) out.pop_back();
+  return out;
+}
+
+Result<WrittenTable> read_table(const std::string& path) {
+  const Result<std::string> text = text_file(path);
+  if (!text.ok()) return text.error();
+  Result<calib::PoseTable> parsed = calib::parse_poses(text.value(), path, calib::TableRole::flange);
+  if (!parsed.ok()) return parsed.error();
+  WrittenTable written{std::move(parsed.value()), "", {}};
+  std::string rest = text.value();
+  for (std::size_t at = 0; at < rest.size();) {
+    const std::size_t end = std::min(rest.find('\n', at), rest.size());
+    written.lines.push_back(rest.substr(at, end - at));
+    at = end + 1;
+  }
+  constexpr std::string_view kHeader = "format:";
+  if (written.table.format.declared)
+    for (const std::string& line : written.lines) {
+      const std::size_t first = line.find_first_not_of("# \t");
+      if (first == std::string::npos || line.find('#') >= first || line.compare(first, kHeader.size(), kHeader) != 0)
+        continue;
+      written.form = single_blanks(line.substr(first + kHeader.size()));
+      break;
+    }
+  return written;
+}
+
+ViewRequest request_from(const WrittenTable& table, std::size_t row) {
+  ViewRequest request;
+  request.flange_form = table.form;
+  request.flange = single_blanks(table.lines[table.table.lines[row] - 1]);
+  return request;
+}
+
+/// The numbers in "view_07_2.ply": view 7, shot 2. False: not the name of a view's scan.
+bool numbers_of(const std::string& name, std::size_t& view, std::size_t& shot) {
+  unsigned v = 0;
+  unsigned s = 1;
+  int end = 0;
+  const std::string stem = fs::path(name).stem().string();
+  if (std::sscanf(stem.c_str(), "view_%u_%u%n", &v, &s, &end) != 2 || end != static_cast<int>(stem.size())) {
+    s = 1;
+    if (std::sscanf(stem.c_str(), "view_%u%n", &v, &end) != 1 || end != static_cast<int>(stem.size())) return false;
+  }
+  view = v;
+  shot = s;
+  return v > 0;
+}
+
+/// A folder with flange.txt and view_NN.ply or view_NN_S.ply: NN is the pose in the table, S the shot.
+Result<std::vector<ViewRequest>> requests_from_set(const std::string& dir) {
+  const Result<WrittenTable> table = read_table(dir + "/flange.txt");
+  if (!table.ok()) return table.error();
+  std::map<std::pair<std::size_t, std::size_t>, std::string> scans;
+  std::error_code fault;
+  for (fs::directory_iterator it(dir, fault), end; !fault && it != end; it.increment(fault)) {
+    std::size_t view = 0;
+    std::size_t shot = 0;
+    if (numbers_of(it->path().filename().string(), view, shot)) scans[{view, shot}] = it->path().string();
+  }
+  std::vector<ViewRequest> requests;
+  std::size_t last = 0;
+  for (const auto& [key, path] : scans) {
+    const std::size_t view = key.first;
+    if (view > table.value().table.poses.size())
+      return error(Code::config, "%s: flange.txt beside it has %zu poses, so there is none for view %zu", path.c_str(),
+                   table.value().table.poses.size(), view);
+    if (view != last) requests.push_back(request_from(table.value(), view - 1));
+    requests.back().scans.push_back(path);
+    last = view;
+  }
+  if (requests.empty())
+    return error(Code::config, "%s: no scan named view_NN.ply or view_NN_SHOT.ply in it", dir.c_str());
+  return requests;
+}
+
+Result<std::vector<ViewRequest>> requests_from(const Options& options, const Session& session) {
+  if (!options.set.empty()) return requests_from_set(options.set);
+  ViewRequest request;
+  if (!options.flange_file.empty()) {
+    const std::size_t colon = options.flange_file.rfind(':');
+    const std::string line = colon == std::string::npos ? "" : options.flange_file.substr(colon + 1);
+    const std::size_t number =
+        line.empty() || line.size() > 6 || line.find_first_not_of("0123456789") != std::string::npos
+            ? 0
+            : static_cast<std::size_t>(std::stoul(line));
+    if (number == 0)
+      return error(Code::config, "--flange-file %s: expected FILE:LINE, the line as an editor counts it",
+                   options.flange_file.c_str());
+    const std::string path = options.flange_file.substr(0, colon);
+    const Result<WrittenTable> table = read_table(path);
+    if (!table.ok()) return table.error();
+    const auto& lines = table.value().table.lines;
+    const auto row = std::find(lines.begin(), lines.end(), number);
+    if (row == lines.end())
+      return error(Code::config, "%s:%zu holds no pose; poses are on lines %zu to %zu", path.c_str(), number,
+                   lines.front(), lines.back());
+    request = request_from(table.value(), static_cast<std::size_t>(row - lines.begin()));
+  } else {
+    request.flange_form = session.settings().flange_form;
+    request.flange = single_blanks(options.flange);
+  }
+  request.scans = options.scans;
+  return std::vector<ViewRequest>{request};
+}
+
+std::string found_text(const Session& session, const calib::CapturedView& v, const calib::Guide& guide) {
+  if (!v.accepted()) return fmt::format("REFUSED ({}): {}\n  cure: {}", v.refusal, v.reason, v.cure);
+  std::string text = v.use == calib::ViewUse::held_out ? "accepted, held out to verify with" : "accepted";
+  const bool ball = session.settings().kind == calib::ArtefactKind::ball;
+  if (ball)
+    text += fmt::format("; {} points, cap {:.0f} deg, rms {:.3f} mm, free radius {:+.3f} mm", v.points,
+                        v.half_angle_deg, v.rms_mm, v.radius_off_mm);
+  else
+    text += fmt::format("; balls within {:.3f} mm of the certificate", v.rms_mm);
+  if (has_value(v.repeat_mm)) text += fmt::format(", {} shots repeat to {:.4f} mm", v.shots.size(), v.repeat_mm);
+  const auto pose = calib::parse_flange(v.flange_form, v.flange, "");
+  if (guide.T_flange_scanner && pose.ok())
+    text += fmt::format(", tilt {:.0f} deg",
+                        calib::tilt_deg(pose.value(), *guide.T_flange_scanner, session.settings().down_base));
+  return text;
+}
+
+void write_view(Json& json, const Taken& taken) {
+  const calib::CapturedView& v = taken.view;
+  json.begin_object().field("view", v.number).field("already", taken.already).field("use", name(v.use));
+  json.field("status", v.accepted() ? "ok" : "refused").field("refusal", std::string_view(v.refusal));
+  json.field("reason", std::string_view(v.reason)).field("cure", std::string_view(v.cure));
+  json.field("shots", v.shots.size()).field("points", v.points).field("half_angle_deg", v.half_angle_deg);
+  json.field("rms_mm", v.rms_mm).field("radius_off_mm", v.radius_off_mm).field("repeat_mm", v.repeat_mm);
+  json.end_object();
+}
+
+int fail(const Error& why) {
+  complain(why.text.view());
+  return exit_for(why.code);
+}
+
+int capture(const Options& options) {
+  const int sources = (options.live ? 1 : 0) + (options.set.empty() ? 0 : 1) + (options.scans.empty() ? 0 : 1);
+  const int poses = (options.flange.empty() ? 0 : 1) + (options.flange_file.empty() ? 0 : 1);
+  if (sources != 1 || (!options.scans.empty() && poses != 1) || (options.scans.empty() && poses != 0)) {
+    complain(
+        "say where the view comes from: --live (the running line), --scan FILE with --flange \"POSE\" or --flange-file "
+        "FILE:LINE, or --set FOLDER with flange.txt and view_NN.ply");
+    return kUsage;
+  }
+  int exit_status = kDone;
+  std::optional<Session> session = find_session(options.session, exit_status);
+  if (!session) return exit_status;
+  if (options.end) {
+    const Status ended = end_live(*session);
+    if (!ended.ok()) return fail(ended.error());
+    if (!options.json) fmt::print("{}: the line is idle again\n", session_words(*session));
+    return kDone;
+  }
+  if (const Status locked = session->lock(); !locked.ok()) return fail(locked.error());
+  if (!options.json) fmt::print("{}\n", session_words(*session));
+  for (const std::string& words : session->half_done()) complain(words);
+
+  Json json;
+  json.begin_object().field("schema", "slabd.calibration_capture/1");
+  write_session(json, *session);
+  json.key("views").begin_array();
+  Result<std::vector<ViewRequest>> requests =
+      options.live ? Result<std::vector<ViewRequest>>(std::vector<ViewRequest>(1)) : requests_from(options, *session);
+  if (!requests.ok()) return fail(requests.error());
+  std::size_t refused = 0;
+  std::size_t fresh = 0;
+  const bool terminal = isatty(STDERR_FILENO) != 0;
+  std::size_t done = 0;
+  for (ViewRequest& request : requests.value()) {
+    request.hold_out = options.hold_out;
+    if (terminal && requests.value().size() > 1)
+      fmt::print(stderr, "\r\x1b[Kscan {}/{}", ++done, requests.value().size());
+    const Result<Taken> taken =
+        options.live ? take_live(*session, options.shots, options.hold_out) : take_view(*session, request);
+    if (terminal && requests.value().size() > 1) fmt::print(stderr, "\r\x1b[K");
+    if (!taken.ok()) {
+      complain(taken.error().text.view());
+      if (options.live) complain("no view was taken; cure it and give the command again");
+      if (fresh > 0) complain(fmt::format("{} views before it are kept; cure it and give the command again", fresh));
+      return options.live ? live_capture_exit(taken.error().code) : exit_for(taken.error().code);
+    }
+    refused += taken.value().view.accepted() ? 0U : 1U;
+    fresh += taken.value().already ? 0U : 1U;
+    write_view(json, taken.value());
+    if (options.json) continue;
+    calib::Guide guide;
+    if (requests.value().size() == 1) guide = session->guide();
+    fmt::print("view {}: {}{}\n", taken.value().view.number, taken.value().already ? "captured already, " : "",
+               found_text(*session, taken.value().view, guide));
+  }
+  const calib::Guide guide = session->guide();
+  session->leave_next_pose(guide);
+  json.end_array();
+  write_guide(json, *session, guide);
+  if (options.json)
+    fmt::print("{}", json.end_object().text());
+  else
+    fmt::print("{}", guide_text(*session, guide));
+  if (refused > 0 && !options.json)
+    fmt::print("{} of {} refused: they are kept and count for nothing; take them again after the cure\n", refused,
+               requests.value().size());
+  return refused > 0 ? kRefused : kDone;
+}
+
+}  // namespace
+
+void add_calibrate_capture(CLI::App& group, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = group.add_subcommand("capture", "Take a view into the session, and say where to drive next");
+  command->footer(
+      "\nPoses are T_base_flange as the robot reported them: the flange in the robot root, not a tool. --flange is in "
+      "the\n"
+      "form that `new` declared; a file says its form in its header (slabctl calibrate solve --help).\n"
+      "The scans are copied. A view that was captured already is recognised and not taken twice.\n"
+      "Examples: slabctl calibrate capture --live\n"
+      "          slabctl calibrate capture --scan a.ply --scan b.ply --flange \"1500 200 900 0 1 0 0\"\n"
+      "          slabctl calibrate capture --scan a.ply --flange-file poses.txt:12\n"
+      "          slabctl calibrate capture --set folder\n"
+      "Exit status: 0 accepted, 6 refused (kept, with the cure), 2 usage, 3 bad input, 4 daemon or disk.");
+  options->session.add_to(*command);
+  command->add_option("--scan", options->scans, "Scan of the artefact; several are shots of one pose, averaged");
+  command->add_option("--flange", options->flange, "Where the robot stood");
+  command->add_option("--flange-file", options->flange_file, "... as FILE:LINE of a table of poses");
+  command->add_option("--set", options->set, "Folder with flange.txt and view_NN.ply or view_NN_SHOT.ply: all of them");
+  CLI::Option* live = command->add_flag("--live", options->live,
+                                        "From the running line: the robot must stand still, no slab may be open");
+  command
+      ->add_flag("--end", options->end,
+                 "With --live: take nothing, give the line back (it comes back by itself "
+                 "at the goal, or after 5 minutes)")
+      ->needs(live);
+  command->add_option("--shots", options->shots, "With --live: scans that are averaged")
+      ->check(CLI::Range(1, 9))
+      ->capture_default_str();
+  command->add_flag("--hold-out", options->hold_out, "Leave these views out of the fit, to verify with");
+  command->add_flag("--json", options->json, "Print slabd.calibration_capture/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = capture(*options); });
+}
+
+}  // namespace slabd::cli

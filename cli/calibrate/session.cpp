@@ -1,0 +1,378 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The folder of a calibration. Two rules make it survive a stop at any moment:
+//
+// - What is new is collected under a name that begins with ".part-", synced, and renamed. There is no state of a
+//   command that is not either not begun or done.
+// - What a view is worth now (taken back, dropped, undone) is never written over: every step is a file of its own
+//   beside the view, numbered over the whole session, and the state is what the steps say in their order.
+//
+// A leftover ".part-" folder is a capture that was stopped. Readers name it; the next capture, which holds the lock and
+// so knows that nobody is at it, clears it away: its scans are still where they came from.
+#include "cli/calibrate/session.h"
+
+#include <fmt/core.h>
+#include <sys/stat.h>
+#include <algorithm>
+#include <filesystem>
+
+#include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/calibration_desk.h"
+#include "cli/json.h"
+
+namespace slabd::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kPart = ".part-";
+constexpr const char* kIntent = "being-copied.txt";
+
+Error cannot_make(const std::string& path, const std::error_code& fault) {
+  return error(Code::journal_write, "cannot make %s: %s", path.c_str(), fault.message().c_str());
+}
+
+/// Names of what a folder holds, sorted: the order of a directory is nobody's.
+std::vector<std::string> names_in(const std::string& folder) {
+  std::vector<std::string> names;
+  std::error_code fault;
+  for (fs::directory_iterator it(folder, fault), end; !fault && it != end; it.increment(fault))
+    names.push_back(it->path().filename().string());
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+/// Makes a folder with its parents; those that are new belong to the group, as everything of slabd does.
+Status make_folders(const std::string& path) {
+  std::error_code fault;
+  fs::create_directories(path, fault);
+  if (fault || !fs::is_directory(path, fault)) return cannot_make(path, fault);
+  return success();
+}
+
+/// A new folder. A calibration begun by one of the group may be finished by another.
+Status make_folder(const std::string& path) {
+  std::error_code fault;
+  if (!fs::create_directory(path, fault)) return cannot_make(path, fault);
+  ::chmod(path.c_str(), 02775);
+  return success();
+}
+
+std::size_t number_of(const std::string& name) {
+  const bool digits = !name.empty() && name.size() < 7 &&
+                      std::all_of(name.begin(), name.end(), [](char c) { return c >= '0' && c <= '9'; });
+  return digits ? static_cast<std::size_t>(std::stoul(name)) : 0;
+}
+
+}  // namespace
+
+Status Session::create(const std::string& dir, const calib::SessionSettings& settings, const std::string& certificate) {
+  std::error_code fault;
+  const fs::path whole = fs::absolute(dir, fault).lexically_normal();
+  const std::string target = whole.filename().empty() ? whole.parent_path().string() : whole.string();
+  if (fs::exists(target, fault) && !(fs::is_directory(target, fault) && fs::is_empty(target, fault)))
+    return error(Code::config, "%s exists already; name another, or go on with it: slabctl calibrate list --session %s",
+                 target.c_str(), target.c_str());
+  const std::string parent = fs::path(target).parent_path().string();
+  if (const Status made = make_folders(parent); !made.ok()) return made;
+  const std::string part = parent + "/" + kPart + fs::path(target).filename().string();
+  fs::remove_all(part, fault);  // of a stopped `new`: it held nothing yet
+  for (const char* inner : {"", "/views", "/solutions"})
+    if (const Status made = make_folder(part + inner); !made.ok()) return made;
+  Status written = write_durably(part + "/session.txt", calib::session_text(settings));
+  if (written.ok() && !certificate.empty()) written = write_durably(part + "/certificate.txt", certificate);
+  if (written.ok()) written = sync_folder(part);
+  if (written.ok()) written = rename_durably(part, target);
+  return written;
+}
+
+Result<Session> Session::open(const std::string& dir) {
+  Session session;
+  std::error_code fault;
+  session.dir_ = fs::absolute(dir, fault).lexically_normal().string();
+  while (session.dir_.size() > 1 && session.dir_.ends_with('/')) session.dir_.pop_back();
+  const std::string file = session.dir_ + "/session.txt";
+  const Result<std::string> text = text_file(file);
+  if (!text.ok())
+    return error(Code::config, "%s is no calibration session; begin one with: slabctl calibrate new NAME --help",
+                 session.dir_.c_str());
+  Result<calib::SessionSettings> settings = calib::parse_session(text.value(), file);
+  if (!settings.ok()) return settings.error();
+  session.settings_ = std::move(settings.value());
+  if (session.settings_.kind == calib::ArtefactKind::pose) {
+    const Result<std::string> certificate = text_file(session.dir_ + "/certificate.txt");
+    if (!certificate.ok()) return certificate.error();
+    session.certificate_text_ = certificate.value();
+    const auto parsed = calib::parse_certificate(session.certificate_text_, session.dir_ + "/certificate.txt");
+    if (!parsed.ok()) return parsed.error();
+  }
+  if (const Status read = session.read_views(); !read.ok()) return read.error();
+  session.read_solutions();
+  return session;
+}
+
+Status Session::read_views() {
+  std::vector<calib::ViewChange> undos;
+  for (const std::string& name : names_in(dir_ + "/views")) {
+    const std::string folder = dir_ + "/views/" + name;
+    if (name.starts_with(kPart)) {
+      const Result<std::string> intent = text_file(folder + "/" + kIntent);
+      half_done_paths_.push_back(folder);
+      half_done_.push_back("a capture was stopped before it was done and counts for nothing; capture it again: " +
+                           (intent.ok() ? intent.value() : "what it was is not known"));
+      continue;
+    }
+    const std::size_t number = number_of(name);
+    if (number == 0) continue;  // not ours
+    Entry entry;
+    entry.folder = folder;
+    const Result<std::string> text = text_file(folder + "/view.txt");
+    const auto view =
+        text.ok() ? calib::parse_view(text.value(), folder + "/view.txt") : Result<calib::CapturedView>(text.error());
+    if (view.ok())
+      entry.view = view.value();
+    else
+      entry.unreadable = view.error().text.view();
+    if (view.ok() && view.value().number != number) entry.unreadable = folder + ": its view.txt is of another view";
+    entry.view.number = number;
+    last_step_ = std::max(last_step_, entry.view.step);
+    if (entry.unreadable.empty()) steps_.push_back({entry.view.step, number, false, false});
+    for (const std::string& file : names_in(folder)) {
+      const bool drop = file.starts_with("drop-");
+      if (!(drop || file.starts_with("undo-")) || !file.ends_with(".txt")) continue;
+      const Result<std::string> words = text_file(folder + "/" + file);
+      const auto change = words.ok() ? calib::parse_view_change(words.value(), folder + "/" + file)
+                                     : Result<calib::ViewChange>(words.error());
+      if (!change.ok()) return change.error();
+      last_step_ = std::max(last_step_, change.value().step);
+      if (drop)
+        steps_.push_back({change.value().step, number, true, false});
+      else
+        undos.push_back(change.value());
+      if (drop) entry.dropped_why = change.value().why;
+    }
+    entries_.push_back(std::move(entry));
+  }
+  for (const calib::ViewChange& undo : undos)
+    for (Step& step : steps_)
+      if (step.step == undo.undoes) step.taken_back = true;
+  for (Entry& entry : entries_)
+    for (const Step& step : steps_) {
+      if (step.view != entry.view.number) continue;
+      if (step.is_drop && !step.taken_back) entry.dropped_step = step.step;
+      if (!step.is_drop && step.taken_back) entry.undone = true;
+    }
+  return success();
+}
+
+void Session::read_solutions() {
+  for (const std::string& name : names_in(dir_ + "/solutions")) {
+    if (number_of(name) == 0) continue;
+    const std::string folder = dir_ + "/solutions/" + name;
+    const Result<std::string> text = text_file(folder + "/solved.txt");
+    const auto solved = text.ok() ? calib::parse_solved(text.value(), folder + "/solved.txt")
+                                  : Result<calib::SolvedRecord>(text.error());
+    if (!solved.ok()) {  // can be solved again at any time
+      half_done_.push_back(std::string(solved.error().text.view()) + "; solve again");
+      continue;
+    }
+    last_step_ = std::max(last_step_, solved.value().step);
+    solution_ = Solution{solved.value(), folder, std::nullopt};
+    const Result<std::string> words = text_file(folder + "/verified.txt");
+    if (!words.ok()) continue;
+    const auto verified = calib::parse_verified(words.value(), folder + "/verified.txt");
+    if (verified.ok()) solution_->verified = verified.value();
+  }
+}
+
+std::size_t Session::counted(calib::ViewUse use) const {
+  return static_cast<std::size_t>(std::count_if(
+      entries_.begin(), entries_.end(), [&](const Entry& entry) { return entry.counts() && entry.view.use == use; }));
+}
+
+Result<std::vector<calib::View>> Session::views(calib::ViewUse use) const {
+  std::vector<calib::View> views;
+  for (const Entry& entry : entries_) {
+    if (!entry.counts() || entry.view.use != use) continue;
+    const Result<calib::View> view = calib::solver_view(settings_.kind, entry.view, entry.folder + "/view.txt");
+    if (!view.ok()) return view.error();
+    views.push_back(view.value());
+  }
+  return views;
+}
+
+std::string Session::inputs(calib::ViewUse use) const {
+  const Result<std::vector<calib::View>> some = views(use);
+  return calib::sha256_hex(some.ok() ? calib::solver_inputs(settings_, some.value()) : "");
+}
+
+calib::SolveSettings Session::solve_settings() const {
+  calib::SolveSettings solve;
+  solve.fov = settings_.fov;
+  solve.point_sigma_mm_max = settings_.limit_mm;
+  return solve;
+}
+
+calib::CoverageSettings Session::coverage_settings() const {
+  calib::CoverageSettings coverage;
+  coverage.fov = settings_.fov;
+  coverage.down_base = settings_.down_base;
+  coverage.goal = settings_.goal;
+  if (const auto c = certificate())
+    for (const Vec3& ball : c->balls_mm)
+      coverage.target_radius_mm = std::max(coverage.target_radius_mm, ball.norm() + c->ball_radius_mm);
+  // Whatever its size, an artefact need not stay in the middle to be whole in the picture.
+  coverage.target_radius_mm =
+      std::min(coverage.target_radius_mm, 0.6 * std::min(settings_.fov.half_x_mm, settings_.fov.half_y_mm));
+  return coverage;
+}
+
+calib::Guide Session::guide() const {
+  const auto fit = views(calib::ViewUse::fit);
+  return calib::guide_next(settings_.kind, fit.ok() ? fit.value() : std::vector<calib::View>{}, settings_.noise,
+                           coverage_settings(), settings_.has_start ? &settings_.T_flange_scanner : nullptr);
+}
+
+std::optional<calib::ArtefactCertificate> Session::certificate() const {
+  if (certificate_text_.empty()) return std::nullopt;
+  const auto parsed = calib::parse_certificate(certificate_text_, "certificate.txt");
+  if (!parsed.ok()) return std::nullopt;
+  return parsed.value();
+}
+
+// ---- changes -----------------------------------------------------------------------------------------------------
+
+Status Session::lock() {
+  lock_.emplace();
+  if (lock_->take(dir_ + "/lock")) {
+    // What was read before the lock may be old by now.
+    Result<Session> again = open(dir_);
+    if (!again.ok()) return again.error();
+    again.value().lock_.emplace(std::move(*lock_));
+    *this = std::move(again.value());
+    return success();
+  }
+  lock_.reset();
+  return error(Code::config, "%s: another slabctl is working on this session, or it may not be written; try again",
+               dir_.c_str());
+}
+
+Result<std::string> Session::begin_view(const std::string& intent) {
+  std::error_code fault;
+  for (const std::string& left : half_done_paths_) fs::remove_all(left, fault);
+  half_done_paths_.clear();
+  std::string part = dir_ + "/views/" + kPart + std::to_string(entries_.empty() ? 1 : entries_.back().view.number + 1);
+  fs::remove_all(part, fault);
+  if (const Status made = make_folder(part); !made.ok()) return made.error();
+  if (const Status told = write_durably(part + "/" + kIntent, intent + "\n"); !told.ok()) return told.error();
+  return part;
+}
+
+void Session::discard_view(const std::string& part) const {
+  std::error_code fault;
+  fs::remove_all(part, fault);
+}
+
+Status Session::commit_view(const std::string& part, calib::CapturedView& view) {
+  view.number = entries_.empty() ? 1 : entries_.back().view.number + 1;
+  view.step = last_step_ + 1;
+  view.captured = iso_time(wall_clock_us());
+  if (view.use == calib::ViewUse::fit &&
+      calib::hold_out_next(settings_, counted(calib::ViewUse::fit) + counted(calib::ViewUse::held_out),
+                           counted(calib::ViewUse::held_out)))
+    view.use = calib::ViewUse::held_out;
+  std::error_code fault;
+  fs::remove(part + "/" + kIntent, fault);
+  if (const Status written = write_durably(part + "/view.txt", calib::view_text(view)); !written.ok()) return written;
+  if (const Status synced = sync_folder(part); !synced.ok()) return synced;
+  Entry entry;
+  entry.folder = dir_ + "/views/" + fmt::format("{:03}", view.number);
+  if (const Status named = rename_durably(part, entry.folder); !named.ok()) return named;
+  entry.view = view;
+  entries_.push_back(entry);
+  last_step_ = view.step;
+  steps_.push_back({view.step, view.number, false, false});
+  return success();
+}
+
+Status Session::add_step(const Entry& entry, const std::string& word, const calib::ViewChange& change) {
+  return write_durably(fmt::format("{}/{}-{}.txt", entry.folder, word, change.step), calib::change_text(change));
+}
+
+Status Session::drop(std::size_t number, const std::string& who, const std::string& why) {
+  for (Entry& entry : entries_) {
+    if (entry.view.number != number || entry.undone) continue;
+    if (entry.dropped_step != 0)
+      return error(Code::config, "view %zu was dropped already (%s); take that back with: slabctl calibrate undo",
+                   number, entry.dropped_why.c_str());
+    const Status added = add_step(entry, "drop", {last_step_ + 1, 0, iso_time(wall_clock_us()), who, why});
+    if (!added.ok()) return added;
+    entry.dropped_step = ++last_step_;
+    entry.dropped_why = why;
+    steps_.push_back({last_step_, number, true, false});
+    return success();
+  }
+  return error(Code::config, "there is no view %zu; slabctl calibrate list shows them", number);
+}
+
+Result<std::string> Session::undo(const std::string& who) {
+  Step* newest = nullptr;
+  for (Step& step : steps_)
+    if (!step.taken_back && (newest == nullptr || step.step > newest->step)) newest = &step;
+  if (newest == nullptr)
+    return error(Code::config, "there is nothing to undo; slabctl calibrate list shows the session");
+  for (Entry& entry : entries_) {
+    if (entry.view.number != newest->view) continue;
+    const Status added = add_step(entry, "undo", {last_step_ + 1, newest->step, iso_time(wall_clock_us()), who, ""});
+    if (!added.ok()) return added.error();
+    ++last_step_;
+    newest->taken_back = true;
+    if (newest->is_drop) {
+      entry.dropped_step = 0;
+      return fmt::format("view {} counts again: dropping it is undone", entry.view.number);
+    }
+    entry.undone = true;
+    return fmt::format("view {} is taken back; its scans stay in {}", entry.view.number, entry.folder);
+  }
+  return error(Code::internal, "step %zu belongs to no view", newest->step);
+}
+
+Status Session::keep_solution(calib::SolvedRecord& record, const std::string& figures) {
+  record.figures = calib::sha256_hex(figures);
+  if (solution_ && solution_->record.inputs == record.inputs && solution_->record.figures == record.figures &&
+      solution_->record.id == record.id && solution_->record.ok == record.ok) {
+    record = solution_->record;
+    return success();
+  }
+  record.step = last_step_ + 1;
+  record.when = iso_time(wall_clock_us());
+  const std::string folder = fmt::format("{}/solutions/{:04}", dir_, record.step);
+  const std::string part = dir_ + "/solutions/" + kPart + std::to_string(record.step);
+  std::error_code fault;
+  fs::remove_all(part, fault);
+  Status written = make_folder(part);
+  if (written.ok()) written = write_durably(part + "/figures.json", figures);
+  if (written.ok()) written = write_durably(part + "/solved.txt", calib::solved_text(record));
+  if (written.ok()) written = rename_durably(part, folder);
+  if (!written.ok()) return written;
+  last_step_ = record.step;
+  solution_ = Solution{record, folder, std::nullopt};
+  return success();
+}
+
+void Session::leave_next_pose(const calib::Guide& guide) const {
+  if (!guide.next) return;
+  const std::array one = {guide.next->T_base_flange};
+  static_cast<void>(
+      write_durably(dir_ + "/next-pose.txt", calib::write_poses(one, calib::PoseFormat{}, calib::TableRole::flange)));
+}
+
+Status Session::keep_verified(const calib::VerifiedRecord& record) const {
+  return write_durably(solution_->folder + "/verified.txt", calib::verified_text(record));
+}
+
+std::string session_words(const Session& session) {
+  return fmt::format("session {} ({})", session.settings().name, session.dir());
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Which session a command means when nobody says: the one this person worked on last, else the only one there is. Every
+// command says which it took. The note of the last one is a convenience; without it (no home folder) everything works
+// with --session.
+#include <fmt/core.h>
+#include <pwd.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+#include <filesystem>
+
+#include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/session.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+
+namespace slabd::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Empty: nowhere to keep it.
+std::string note_path() {
+  if (const char* state = std::getenv("XDG_STATE_HOME"); state != nullptr && *state == '/')
+    return std::string(state) + "/slabd/calibration-session";
+  const char* home = std::getenv("HOME");
+  if (home == nullptr || *home != '/') {
+    const passwd* user = ::getpwuid(::getuid());
+    home = user == nullptr ? nullptr : user->pw_dir;
+  }
+  return home == nullptr || *home != '/' ? "" : std::string(home) + "/.local/state/slabd/calibration-session";
+}
+
+bool is_session(const std::string& dir) {
+  std::error_code fault;
+  return fs::exists(dir + "/session.txt", fault);
+}
+
+std::string last_session() {
+  const std::string path = note_path();
+  if (path.empty()) return "";
+  const Result<std::string> text = text_file(path);
+  if (!text.ok()) return "";
+  const std::string dir = text.value().substr(0, text.value().find('\n'));
+  return is_session(dir) ? dir : "";
+}
+
+std::vector<std::string> sessions_in(const std::string& folder) {
+  std::vector<std::string> found;
+  std::error_code fault;
+  for (fs::directory_iterator it(folder, fault), end; !fault && it != end; it.increment(fault))
+    if (is_session(it->path().string())) found.push_back(it->path().string());
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+constexpr const char* kHowToBegin =
+    "begin one with: slabctl calibrate new NAME --kind ball --radius MM (slabctl calibrate new --help explains)";
+
+/// Empty: complained.
+std::string which_session(const SessionOptions& options, int& exit_status) {
+  if (!options.session.empty()) {
+    const Result<std::string> dir = session_dir(options.session, options.config);
+    if (dir.ok()) return dir.value();
+    complain(dir.error().text.view());
+    exit_status = kUsage;
+    return "";
+  }
+  if (std::string last = last_session(); !last.empty()) return last;
+  std::optional<daemon::Config> config;
+  exit_status = kBadInput;
+  if (!config_if_any(options.config, config)) return "";
+  const std::vector<std::string> found = config ? sessions_in(config->sessions_dir) : std::vector<std::string>{};
+  if (found.size() == 1) return found.front();
+  if (found.empty()) {
+    complain(fmt::format("there is no calibration session yet{}; {}",
+                         config ? " in " + config->sessions_dir : std::string(), kHowToBegin));
+    return "";
+  }
+  std::string names;
+  for (const std::string& dir : found) names += (names.empty() ? "" : ", ") + fs::path(dir).filename().string();
+  complain(fmt::format("there are several calibration sessions ({}); say which with --session NAME", names));
+  return "";
+}
+
+}  // namespace
+
+void SessionOptions::add_to(CLI::App& command) {
+  command.add_option("--session", session,
+                     "Name or folder (default: the one you worked on last, else the only one there is)");
+  command.add_option("--config", config, fmt::format("The daemon's configuration (default: {})", kDefaultConfig));
+}
+
+bool config_if_any(const std::string& path, std::optional<daemon::Config>& config) {
+  const std::string file = path.empty() ? kDefaultConfig : path;
+  std::error_code fault;
+  if (path.empty() && !fs::exists(file, fault)) return true;
+  daemon::Config read;
+  if (!config_from(file, read)) return false;
+  config = std::move(read);
+  return true;
+}
+
+Result<std::string> session_dir(const std::string& name, const std::string& config_path) {
+  if (name.find('/') != std::string::npos || name == "." || name == "..") return fs::absolute(name).string();
+  std::optional<daemon::Config> config;
+  if (!config_if_any(config_path, config))
+    return error(Code::config, "the configuration says where sessions lie, and cannot be used; give a folder: ./%s",
+                 name.c_str());
+  if (config) return config->sessions_dir + "/" + name;
+  return error(Code::config,
+               "'%s' is a bare name, and without a configuration (%s, or --config FILE) there is no place for it; "
+               "give a folder: ./%s",
+               name.c_str(), kDefaultConfig, name.c_str());
+}
+
+std::optional<Session> find_session(const SessionOptions& options, int& exit_status) {
+  const std::string dir = which_session(options, exit_status);
+  if (dir.empty()) return std::nullopt;
+  Result<Session> session = Session::open(dir);
+  if (!session.ok()) {
+    complain(session.error().text.view());
+    exit_status = kBadInput;
+    return std::nullopt;
+  }
+  exit_status = kDone;
+  remember_session(session.value().dir());
+  return std::move(session.value());
+}
+
+void remember_session(const std::string& dir) {
+  const std::string path = note_path();
+  if (path.empty() || last_session() == dir) return;
+  std::error_code fault;
+  fs::create_directories(fs::path(path).parent_path(), fault);
+  // Failing to remember is no reason to fail.
+  if (!fault) static_cast<void>(write_durably(path, dir + "\n"));
+}
+
+}  // namespace slabd::cli

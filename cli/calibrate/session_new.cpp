@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl calibrate new: what is known before the first view is agreed once, so that every later command is short and
+// every view is judged alike.
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <memory>
+
+#include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/calibration_desk.h"
+#include "cli/calibrate/find_ball.h"
+#include "cli/calibrate/record_options.h"
+#include "cli/calibrate/session.h"
+#include "cli/calibrate/solve_options.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/parse.h"
+
+namespace slabd::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Options {
+  std::string name;
+  std::string config;
+  std::string kind = "ball";
+  double radius_mm = kNoValue;
+  double radius_sigma_mm = 0.003;
+  std::string certificate;
+  SolveOptions solve;
+  BallOptions ball;
+  std::size_t goal = 20;
+  std::size_t held_out = 3;
+  std::string flange_form = "quaternion";
+  std::string start;
+  std::string operator_name;
+  bool json = false;
+};
+
+int usage(const std::string& sentence) {
+  complain(sentence);
+  return kUsage;
+}
+
+/// The scanner's place as it is believed to be: what was said, else in force, else commissioned.
+bool find_start(const Options& options, const std::optional<daemon::Config>& config, calib::SessionSettings& settings,
+                int& exit_status) {
+  if (!options.start.empty()) {
+    const Result<Pose> pose = parse_pose(options.start);
+    if (!pose.ok()) {
+      complain(fmt::format("--start: {}", pose.error().text.view()));
+      exit_status = kUsage;
+      return false;
+    }
+    settings.has_start = true;
+    settings.T_flange_scanner = pose.value();
+    settings.start_id = "as given";
+    return true;
+  }
+  if (!config) return true;
+  InForce in_force;
+  if (!hand_eye_in_force(*config, in_force, exit_status)) return false;
+  settings.has_start = !in_force.id.empty();
+  settings.T_flange_scanner = in_force.T_flange_scanner;
+  settings.start_id = in_force.id.view();
+  return true;
+}
+
+/// The words of a format header that `--flange-form` means.
+std::string form_words(const std::string& form) {
+  if (form == "quaternion") return "";
+  if (form == "kuka") return "rotation=kuka_abc unit=mm angle=deg";
+  return form;
+}
+
+int begin(const Options& options) {
+  std::optional<daemon::Config> config;
+  if (!config_if_any(options.config, config)) return kBadInput;
+  const Result<std::string> dir = session_dir(options.name, options.config);
+  if (!dir.ok()) return usage(std::string(dir.error().text.view()));
+
+  calib::SessionSettings settings;
+  settings.kind = options.kind == "ball" ? calib::ArtefactKind::ball : calib::ArtefactKind::pose;
+  settings.name = fs::path(dir.value()).lexically_normal().filename().string();
+  if (settings.name.empty()) settings.name = fs::path(dir.value()).parent_path().filename().string();
+  settings.created = iso_time(wall_clock_us());
+  if (config) settings.config = fs::absolute(options.config.empty() ? kDefaultConfig : options.config).string();
+  settings.operator_name = options.operator_name.empty() ? default_operator() : options.operator_name;
+  settings.noise = options.solve.noise();
+  settings.limit_mm = options.solve.limit_mm;
+  settings.fov = options.solve.settings().fov;
+  settings.scanner_noise_mm = options.ball.noise_mm;
+  settings.noise_correlation_mm = options.ball.noise_correlation_mm;
+  settings.parallel = options.ball.parallel;
+  settings.unit = options.ball.unit;
+  settings.goal = options.goal;
+  settings.held_out = options.held_out;
+  settings.flange_form = form_words(options.flange_form);
+  if (config) settings.down_base = config->T_base_slab.rotation * -Vec3::UnitZ();
+  if (settings.fov.near_mm >= settings.fov.far_mm || settings.fov.half_x_mm <= 0.0 || settings.fov.half_y_mm <= 0.0)
+    return usage("--fov: half width, half height, nearest, furthest in mm; nearest must be less than furthest");
+  if (settings.goal < settings.held_out + calib::kViewsMin)
+    return usage(fmt::format("--views {}: with {} held out, {} would be left to solve with; at least {} are needed",
+                             settings.goal, settings.held_out,
+                             settings.goal - std::min(settings.goal, settings.held_out), calib::kViewsMin));
+  // The form is tried on a pose, so that a wrong word shows now and not at the robot.
+  const std::string sample = settings.flange_form.find("kuka") != std::string::npos ? "0 0 0 0 0 0" : "0 0 0 1 0 0 0";
+  if (options.flange_form != "quaternion" && options.flange_form != "kuka" &&
+      settings.flange_form.find("xyzw") == std::string::npos)
+    if (const Result<Pose> tried = calib::parse_flange(settings.flange_form, sample, "--flange-form"); !tried.ok())
+      return usage(std::string(tried.error().text.view()));
+
+  std::string certificate;
+  if (settings.kind == calib::ArtefactKind::ball) {
+    if (!has_value(options.radius_mm))
+      return usage("kind ball needs --radius: the certified, effective radius in mm (not the diameter)");
+    settings.radius_mm = options.radius_mm;
+    settings.radius_sigma_mm = options.radius_sigma_mm;
+  } else {
+    if (options.certificate.empty()) return usage("kind artefact needs --certificate; docs/CALIBRATION.md shows one");
+    const Result<std::string> text = text_file(options.certificate);
+    if (!text.ok()) {
+      complain(text.error().text.view());
+      return kBadInput;
+    }
+    const auto parsed = calib::parse_certificate(text.value(), options.certificate);
+    if (!parsed.ok()) {
+      complain(parsed.error().text.view());
+      return kBadInput;
+    }
+    certificate = text.value();
+  }
+  int exit_status = kDone;
+  if (!find_start(options, config, settings, exit_status)) return exit_status;
+  if (const Status made = Session::create(dir.value(), settings, certificate); !made.ok()) {
+    complain(made.error().text.view());
+    return exit_for(made.error().code);
+  }
+  const Result<Session> session = Session::open(dir.value());
+  if (!session.ok()) {
+    complain(session.error().text.view());
+    return kInternal;
+  }
+  remember_session(session.value().dir());
+  if (options.json) {
+    Json json;
+    json.begin_object().field("schema", "slabd.calibration_session/1");
+    write_session(json, session.value());
+    fmt::print("{}", json.end_object().text());
+    return kDone;
+  }
+  fmt::print("{}: begun\n", session_words(session.value()));
+  if (!settings.has_start)
+    fmt::print(
+        "where the scanner sits is not known even roughly: poses are suggested from the sixth view on; --start "
+        "would help\n");
+  fmt::print("{}", guide_text(session.value(), session.value().guide()));
+  return kDone;
+}
+
+}  // namespace
+
+void add_calibrate_new(CLI::App& group, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command =
+      group.add_subcommand("new", "Begin a calibration of the scanner on the flange: the commands after it lead on");
+  command->footer(
+      "\nThe routine: new, then capture until the goal is reached, solve, verify, apply; list, drop and undo on the "
+      "way.\n"
+      "Every command can be stopped at any moment and given again; nothing that was captured is lost.\n"
+      "Example: slabctl calibrate new hall-2 --kind ball --radius 25.4 --robot-sigma-mm 0.017\n"
+      "Exit status: 0 done, 2 usage, 3 bad input, 4 the disk.");
+  command
+      ->add_option("NAME", options->name,
+                   "Of the session: a name below [calibration] sessions_dir, or a folder (with a /) to make")
+      ->required();
+  command->add_option("--config", options->config,
+                      fmt::format("The daemon's configuration (default: {})", kDefaultConfig));
+  command->add_option("--kind", options->kind, "ball: a tooling ball; artefact: three to eight balls on a frame")
+      ->check(CLI::IsMember({"ball", "artefact", "pose"}))
+      ->capture_default_str();
+  command->add_option("--radius", options->radius_mm, "Kind ball: certified radius in mm")
+      ->check(CLI::Range(1.0, 200.0));
+  command->add_option("--radius-sigma-mm", options->radius_sigma_mm, "Its standard uncertainty (k = 1)")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  command->add_option("--certificate", options->certificate, "Kind artefact: what the laboratory certified");
+  command->add_option("--views", options->goal, "Goal: accepted views, held-out ones among them")
+      ->check(CLI::Range(std::size_t{6}, calib::kViewsMax))
+      ->capture_default_str();
+  command->add_option("--hold-out", options->held_out, "How many of them take no part in the fit, to verify it")
+      ->check(CLI::Range(std::size_t{3}, std::size_t{100}))
+      ->capture_default_str();
+  command
+      ->add_option("--flange-form", options->flange_form,
+                   "Form of poses given with --flange: quaternion (x y z qw qx qy qz, mm), kuka (X Y Z A B C, mm and "
+                   "deg), or the words of a table's format header")
+      ->capture_default_str();
+  command->add_option(
+      "--start", options->start,
+      "Roughly where the scanner sits, T_flange_scanner \"x y z qw qx qy qz\" (default: the calibration "
+      "in force, else the commissioning value)");
+  command->add_option("--operator", options->operator_name, "Who does it (default: your login)");
+  options->solve.add_to(*command);
+  options->ball.add_to(*command);
+  command->add_flag("--json", options->json, "Print slabd.calibration_session/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = begin(*options); });
+}
+
+}  // namespace slabd::cli

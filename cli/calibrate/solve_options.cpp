@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/calibrate/solve_options.h"
+
+#include <fmt/core.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+
+namespace slabd::cli {
+
+calib::StatedNoise SolveOptions::noise() const {
+  const bool rotation_stated = has_value(robot_sigma_deg);
+  calib::StatedNoise noise;
+  noise.robot_mm = robot_sigma_mm;
+  noise.robot_rad = rotation_stated ? rad_from_deg(robot_sigma_deg) : calib::robot_rad_for(robot_sigma_mm);
+  noise.target_mm = target_sigma_mm;
+  if (has_value(target_sigma_deg))
+    noise.target_rad = rad_from_deg(target_sigma_deg);
+  else if (!rotation_stated)
+    noise.target_rad *= std::max(1.0, robot_sigma_mm / calib::StatedNoise{}.robot_mm);
+  return noise;
+}
+
+calib::SolveSettings SolveOptions::settings() const {
+  calib::SolveSettings settings;
+  if (fov.size() == 4) settings.fov = {fov[0], fov[1], fov[2], fov[3]};
+  settings.point_sigma_mm_max = limit_mm;
+  return settings;
+}
+
+CLI::Validator at_least(double low) {
+  const std::string range = fmt::format("at least {}", low);
+  return {[=](std::string& text) {
+            char* end = nullptr;
+            const double value = std::strtod(text.c_str(), &end);
+            const bool number = !text.empty() && end == text.c_str() + text.size() && std::isfinite(value);
+            return number && value >= low ? std::string() : fmt::format("\"{}\" is not a number of {}", text, range);
+          },
+          range};
+}
+
+void SolveOptions::add_to(CLI::App& command) {
+  command.add_option("--robot-sigma-mm", robot_sigma_mm, "Robot's position noise per axis")
+      ->check(at_least(0.0))
+      ->capture_default_str();
+  command
+      .add_option("--robot-sigma-deg", robot_sigma_deg,
+                  "Robot's rotation noise per axis; default 0.0023 per 0.06 mm of its position noise")
+      ->check(at_least(0.0));
+  command.add_option("--target-sigma-mm", target_sigma_mm, "Noise of a ball's centre or the artefact's origin")
+      ->check(at_least(0.0))
+      ->capture_default_str();
+  command
+      .add_option("--target-sigma-deg", target_sigma_deg,
+                  "Noise of the artefact's rotation; default 0.003, or if no rotation noise is stated and the robot's "
+                  "position noise is above 0.06 mm, in proportion to it")
+      ->check(at_least(0.0));
+  command
+      .add_option("--limit-mm", limit_mm,
+                  "Refuse when the predicted point error (1 sigma) is above; default 6 times the stated position noise")
+      ->check(at_least(0.0));
+  command
+      .add_option(
+          "--fov", fov,
+          "Where the error is predicted: half width, half height, nearest, furthest (mm); default 100 100 420 580")
+      ->expected(4)
+      ->check(at_least(0.0));
+}
+
+}  // namespace slabd::cli

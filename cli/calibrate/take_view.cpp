@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/core.h>
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+
+#include "cli/calibrate/capture.h"
+#include "cli/calibrate/find_ball.h"
+
+namespace slabd::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+calib::BallSettings ball_settings(const calib::SessionSettings& s) {
+  BallOptions options;
+  options.noise_mm = s.scanner_noise_mm;
+  options.noise_correlation_mm = s.noise_correlation_mm;
+  options.parallel = s.parallel;
+  calib::BallSettings settings = options.settings();
+  settings.radius_mm = s.radius_mm;
+  settings.radius_sigma_mm = s.radius_sigma_mm;
+  return settings;
+}
+
+void refuse(calib::CapturedView& view, std::string_view word, const calib::BallWords& words) {
+  view.use = calib::ViewUse::refused;
+  view.refusal = word;
+  view.reason = words.reason.view();
+  view.cure = words.cure.view();
+}
+
+double smaller(double a, double b) {
+  return has_value(a) && !(b < a) ? a : b;
+}
+double larger(double a, double b) {
+  return has_value(a) && !(b > a) ? a : b;
+}
+
+void note_ball(calib::CapturedView& view, const calib::BallReport& ball) {
+  view.points += ball.points_used;
+  view.half_angle_deg = smaller(view.half_angle_deg, deg_from_rad(ball.half_angle_rad));
+}
+
+/// One ball, from all shots together.
+Status find_one_ball(const Session& session, const std::vector<std::vector<float>>& scans, calib::CapturedView& view) {
+  const calib::BallSettings settings = ball_settings(session.settings());
+  std::vector<calib::BallReport> shots;
+  double off_mm = 0.0;
+  for (const std::vector<float>& xyz : scans) {
+    const Result<calib::BallView> found = calib::find_balls(xyz, settings);
+    if (!found.ok()) return found.error();
+    shots.push_back(as_shot(found.value()));
+    note_ball(view, shots.back());
+    view.rms_mm = larger(view.rms_mm, shots.back().rms_mm);
+    off_mm += shots.back().radius_free_mm - settings.radius_mm;
+  }
+  view.radius_off_mm = off_mm / static_cast<double>(shots.size());
+  const calib::BallShots mean = calib::average_shots(shots, settings);
+  view.repeat_mm = mean.repeat_mm;
+  if (!mean.ok()) {
+    refuse(view, name(mean.refusal), mean.words);
+    return success();
+  }
+  view.T_scanner_target.translation_mm = mean.centre_mm;
+  view.covariance.setZero();
+  view.covariance.topLeftCorner<3, 3>() = mean.cov_mm2;
+  return success();
+}
+
+/// An artefact's pose: the mean over the shots. The covariance stays that of one: most of it is what neighbouring
+/// points err in common, and repeated shots do not reduce that.
+Status find_one_artefact(const Session& session, const std::vector<std::vector<float>>& scans,
+                         calib::CapturedView& view) {
+  calib::ArtefactSettings settings;
+  settings.ball = ball_settings(session.settings());
+  const std::optional<calib::ArtefactCertificate> certificate = session.certificate();
+  if (!certificate) return error(Code::config, "%s/certificate.txt cannot be used", session.dir().c_str());
+  std::vector<calib::View> poses;
+  for (const std::vector<float>& xyz : scans) {
+    const Result<calib::ArtefactReport> found = calib::find_artefact(xyz, *certificate, settings);
+    if (!found.ok()) return found.error();
+    const calib::ArtefactReport& report = found.value();
+    for (const calib::BallReport& ball : report.view.balls) note_ball(view, ball);
+    view.rms_mm = larger(view.rms_mm, report.residual_rms_mm);
+    if (!report.ok()) {
+      refuse(view, name(report.refusal), report.words.reason.empty() ? report.view.words : report.words);
+      return success();
+    }
+    view.covariance = report.target.covariance;
+    poses.emplace_back().T_scanner_target = report.target.T_scanner_target;
+  }
+  view.T_scanner_target = calib::best_targets(calib::ArtefactKind::pose, poses, Pose::identity()).front();
+  if (poses.size() < 2) return success();
+  double squares = 0.0;
+  for (const calib::View& pose : poses)
+    squares += (pose.T_scanner_target.translation_mm - view.T_scanner_target.translation_mm).squaredNorm();
+  view.repeat_mm = std::sqrt(squares / 3.0 / static_cast<double>(poses.size() - 1));
+  if (view.repeat_mm <= settings.ball.repeat_max_mm) return success();
+  calib::BallWords words;
+  words.reason.printf("the shots scatter by %.4f mm per axis, limit %.4f mm", view.repeat_mm,
+                      settings.ball.repeat_max_mm);
+  words.cure.assign("wait until the robot has settled, tighten artefact and stand, scan again");
+  refuse(view, "repeat", words);
+  return success();
+}
+
+struct Digests {
+  std::vector<FileDigest> shots;
+};
+
+/// Was this very view, or this very scan, captured before?
+Result<const Session::Entry*> known_view(const Session& session, const ViewRequest& request, const Digests& digests) {
+  for (const Session::Entry& entry : session.entries()) {
+    if (!entry.unreadable.empty() || entry.undone) continue;
+    const calib::CapturedView& v = entry.view;
+    std::size_t same = 0;
+    for (const FileDigest& digest : digests.shots)
+      same += static_cast<std::size_t>(std::count_if(v.shots.begin(), v.shots.end(), [&](const calib::KeptShot& shot) {
+        return shot.bytes == digest.bytes && shot.sha256 == digest.sha256;
+      }));
+    if (same == 0) continue;
+    const bool same_pose = v.flange == request.flange && v.flange_form == request.flange_form;
+    if (same_pose && same >= digests.shots.size() && v.shots.size() == digests.shots.size()) return &entry;
+    return error(Code::config,
+                 "%s is a scan of view %zu, which has %s: one scan cannot be two views; if view %zu is the wrong one, "
+                 "slabctl calibrate drop %zu --why \"wrong pose\" does not bring the scan back, slabctl calibrate undo "
+                 "does",
+                 request.scans.front().c_str(), v.number, same_pose ? "other shots beside it" : "another pose",
+                 v.number, v.number);
+  }
+  return static_cast<const Session::Entry*>(nullptr);
+}
+
+std::string intent_of(const ViewRequest& request) {
+  std::string words;
+  for (const std::string& scan : request.scans) words += (words.empty() ? "" : ", ") + scan;
+  return words + " with T_base_flange " + request.flange;
+}
+
+/// Everything between the first byte copied and the view's last; the caller gives the folder up when it fails.
+Result<calib::CapturedView> collect(Session& session, const ViewRequest& request, const Digests& digests,
+                                    const std::string& part) {
+  calib::CapturedView view;
+  view.use = request.hold_out ? calib::ViewUse::held_out : calib::ViewUse::fit;
+  view.flange_form = request.flange_form;
+  view.flange = request.flange;
+  view.live = request.live;
+  std::vector<std::vector<float>> scans;
+  for (std::size_t i = 0; i < request.scans.size(); ++i) {
+    const std::string extension = fs::path(request.scans[i]).extension().string();
+    calib::KeptShot shot;
+    shot.file = fmt::format("shot_{}{}", i + 1, extension);
+    shot.source = request.scans[i];
+    const std::string copy = part + "/" + shot.file;
+    if (const Status copied = copy_synced(request.scans[i], copy); !copied.ok()) return copied.error();
+    const Result<FileDigest> digest = digest_of(copy);
+    if (!digest.ok()) return digest.error();
+    if (digest.value().sha256 != digests.shots[i].sha256)
+      return error(Code::config, "%s changed while it was copied; is it still being written?",
+                   request.scans[i].c_str());
+    shot.bytes = digest.value().bytes;
+    shot.sha256 = digest.value().sha256;
+    view.shots.push_back(shot);
+    Result<std::vector<float>> xyz = scan_points(copy, session.settings().unit);
+    if (!xyz.ok()) {  // its text names the copy, which is about to go
+      const std::string_view why = xyz.error().text.view();
+      const std::size_t after = why.starts_with(copy) ? copy.size() : 0;
+      return error(Code::config, "%s%.*s", request.scans[i].c_str(), static_cast<int>(why.size() - after),
+                   why.data() + after);
+    }
+    scans.push_back(std::move(xyz.value()));
+  }
+  const Status found = session.settings().kind == calib::ArtefactKind::ball ? find_one_ball(session, scans, view)
+                                                                            : find_one_artefact(session, scans, view);
+  if (!found.ok()) return found.error();
+  return view;
+}
+
+}  // namespace
+
+Result<Taken> take_view(Session& session, const ViewRequest& request) {
+  const Result<Pose> pose = calib::parse_flange(request.flange_form, request.flange, "T_base_flange");
+  if (!pose.ok()) return pose.error();
+  Digests digests;
+  for (const std::string& scan : request.scans) {
+    Result<FileDigest> digest = digest_of(scan);
+    if (!digest.ok()) return error(Code::config, "%s", digest.error().text.c_str());
+    for (const FileDigest& other : digests.shots)
+      if (other.sha256 == digest.value().sha256)
+        return error(Code::config, "%s: the same scan is given twice", scan.c_str());
+    digests.shots.push_back(std::move(digest.value()));
+  }
+  const Result<const Session::Entry*> known = known_view(session, request, digests);
+  if (!known.ok()) return known.error();
+  if (known.value() != nullptr) return Taken{known.value()->view, true};
+  if (session.entries().size() >= calib::kViewsMax)
+    return error(Code::config, "the session has %zu views, the most there may be; solve, or begin another",
+                 session.entries().size());
+  const Result<std::string> part = session.begin_view(intent_of(request));
+  if (!part.ok()) return part.error();
+  Result<calib::CapturedView> view = collect(session, request, digests, part.value());
+  if (!view.ok()) {
+    session.discard_view(part.value());
+    return view.error();
+  }
+  if (const Status kept = session.commit_view(part.value(), view.value()); !kept.ok()) {
+    session.discard_view(part.value());
+    return kept.error();
+  }
+  return Taken{view.value(), false};
+}
+
+}  // namespace slabd::cli

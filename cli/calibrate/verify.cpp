@@ -1,0 +1,349 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl calibrate verify: the solution against views that took no part in it, beside what is in force, and what would
+// change at the slab. A calibration can fit its own views and be wrong; views that were kept apart cannot be flattered.
+#include <fmt/core.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+
+#include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/calibration_desk.h"
+#include "cli/calibrate/record_options.h"
+#include "cli/calibrate/session_solution.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/render.h"
+
+namespace slabd::cli {
+namespace {
+
+constexpr std::size_t kHeldOutMin = 3;
+constexpr double kConfirmAboveMm = 0.2;
+
+struct Options {
+  SessionOptions session;
+  std::uint16_t slab_type = 0;
+  bool yes = false;
+  bool json = false;
+};
+
+struct StationShift {
+  int station = 0;
+  bool taught = false;  ///< by the pose it was mastered at; else by the nominal one
+  Vec3 shift_mm;        ///< of the seat's centre, slab axes
+};
+
+struct Verification {
+  InForce before;
+  bool has_before = false;
+  std::vector<calib::ViewFit> before_fits, after_fits;  ///< held-out views
+  std::vector<calib::ViewFit> before_own, after_own;    ///< the views of the fit, rejected ones left out
+  std::vector<StationShift> stations;
+  std::string slab;  ///< which recipe the stations are of, in words
+  double shift_max_mm = kNoValue;
+  double turn_deg = kNoValue;
+  double limit_mm = kNoValue;  ///< of a held-out view's residual
+  bool passed = false;
+};
+
+calib::Spread mm_of(const std::vector<calib::ViewFit>& fits) {
+  std::vector<double> values;
+  for (const calib::ViewFit& fit : fits) values.push_back(fit.residual_mm);
+  return calib::spread_of(values);
+}
+calib::Spread deg_of(const std::vector<calib::ViewFit>& fits) {
+  std::vector<double> values;
+  for (const calib::ViewFit& fit : fits) values.push_back(fit.residual_deg);
+  return calib::spread_of(values);
+}
+
+/// Where the seats go when one T_flange_scanner takes the place of another: the robot stands as it was taught, or as it
+/// nominally would be, and sees the same.
+bool find_shifts(const Options& options, const daemon::Config& config, const Pose& before, const Pose& after,
+                 Verification& v, int& exit_status) {
+  std::vector<Recipe> recipes;
+  std::vector<daemon::Problem> problems;
+  daemon::load_recipes(config.recipes_dir, recipes, problems);
+  const auto recipe = std::find_if(recipes.begin(), recipes.end(), [&](const Recipe& r) {
+    return options.slab_type == 0 || r.slab_type == options.slab_type;
+  });
+  if (recipe == recipes.end()) {
+    complain(fmt::format("no recipe of slab type {} in {}: what changes at the slab cannot be told", options.slab_type,
+                         config.recipes_dir));
+    exit_status = kBadInput;
+    return false;
+  }
+  std::unique_ptr<storage::Reader> reader;
+  if (!open_records(config, reader, exit_status)) return false;
+  std::unique_ptr<LineCalibration> line;
+  if (reader != nullptr) {
+    auto read = reader->line_calibration();
+    if (!read.ok()) {
+      complain(read.error().text.view());
+      exit_status = exit_for(read.error().code);
+      return false;
+    }
+    line = std::move(read.value());
+  }
+  const StationsInForce* table = line == nullptr ? nullptr : line->table_for(recipe->slab_type);
+  v.slab = fmt::format("slab type {}", recipe->slab_type);
+  v.shift_max_mm = 0.0;
+  for (int station = 1; station <= recipe->stations(); ++station) {
+    const Pose T_base_block = config.T_base_slab * T_slab_block(*recipe, station);
+    StationShift s;
+    s.station = station;
+    Pose T_base_flange = T_base_block * nominal_T_block_scanner() * before.inverse();
+    if (table != nullptr) {
+      const StationCorrection& mastered = table->table.station[static_cast<std::size_t>(station - 1)];
+      s.taught = mastered.visits > 0;
+      if (s.taught) T_base_flange = mastered.T_base_flange;
+    }
+    const Vec3 seen = (T_base_flange * before).inverse() * T_base_block.translation_mm;
+    s.shift_mm =
+        config.T_base_slab.rotation.conjugate() * Vec3(T_base_flange * (after * seen) - T_base_block.translation_mm);
+    v.shift_max_mm = std::max(v.shift_max_mm, s.shift_mm.norm());
+    v.stations.push_back(s);
+  }
+  return true;
+}
+
+bool carry_out(const Options& options, const Session& session, const SessionSolution& solution, Verification& v,
+               int& exit_status) {
+  const calib::SessionSettings& settings = session.settings();
+  const Result<std::vector<calib::View>> held_out = session.views(calib::ViewUse::held_out);
+  if (!held_out.ok()) {
+    complain(held_out.error().text.view());
+    exit_status = kBadInput;
+    return false;
+  }
+  if (held_out.value().size() < kHeldOutMin) {
+    complain(
+        fmt::format("{} views are held out, {} are needed to verify; take more with: slabctl calibrate capture "
+                    "--hold-out",
+                    held_out.value().size(), kHeldOutMin));
+    exit_status = kRefused;
+    return false;
+  }
+  std::optional<daemon::Config> config;
+  const std::string config_path = options.session.config.empty() ? settings.config : options.session.config;
+  if (!config_if_any(config_path, config)) {
+    exit_status = kBadInput;
+    return false;
+  }
+  if (config) {
+    if (!hand_eye_in_force(*config, v.before, exit_status)) return false;
+    v.has_before = !v.before.id.empty();
+  }
+  if (!v.has_before && settings.has_start) {
+    v.before.T_flange_scanner = settings.T_flange_scanner;
+    v.before.id.assign(settings.start_id);
+    v.has_before = true;
+  }
+  const calib::HandEye& after = solution.hand_eye;
+  std::vector<calib::View> own;
+  for (std::size_t i = 0; i < solution.views.size(); ++i)
+    if (after.views[i].kept) own.push_back(solution.views[i]);
+  v.after_own = calib::residuals_of(settings.kind, own, after.T_flange_scanner, after.targets, settings.noise);
+  if (v.has_before) {
+    const Pose& X = v.before.T_flange_scanner;
+    const std::vector<Pose> targets = calib::best_targets(settings.kind, own, X);
+    v.before_own = calib::residuals_of(settings.kind, own, X, targets, settings.noise);
+    v.before_fits = calib::residuals_of(settings.kind, held_out.value(), X, targets, settings.noise);
+    v.turn_deg = deg_from_rad(angle_between_rad(X.rotation, after.T_flange_scanner.rotation));
+    if (config) {
+      if (!find_shifts(options, *config, X, after.T_flange_scanner, v, exit_status)) return false;
+    } else {
+      const Vec3 middle(0.0, 0.0, 0.5 * (settings.fov.near_mm + settings.fov.far_mm));
+      v.shift_max_mm = (after.T_flange_scanner * middle - X * middle).norm();
+    }
+  }
+  v.after_fits =
+      calib::residuals_of(settings.kind, held_out.value(), after.T_flange_scanner, after.targets, settings.noise);
+  v.limit_mm = calib::kLeaveOneOutRatioMax * after.leave_one_out_mm.median;
+  v.passed = mm_of(v.after_fits).max <= v.limit_mm;
+  return true;
+}
+
+// ---- telling -----------------------------------------------------------------------------------------------------
+
+void write_fits(Json& json, std::string_view key, const std::vector<calib::ViewFit>& fits) {
+  json.key(key);
+  if (fits.empty()) {
+    json.null();
+    return;
+  }
+  const calib::Spread mm = mm_of(fits);
+  const calib::Spread deg = deg_of(fits);
+  json.begin_object().key("residual_mm").begin_object();
+  json.field("median", mm.median).field("rms", mm.rms).field("max", mm.max).end_object();
+  json.key("residual_deg").begin_object();
+  json.field("median", deg.median).field("rms", deg.rms).field("max", deg.max).end_object().end_object();
+}
+
+std::string as_json(const Session& session, const SessionSolution& solution, const Verification& v, bool confirmed) {
+  Json json;
+  json.begin_object().field("schema", "slabd.calibration_verification/1");
+  write_session(json, session);
+  json.field("id", std::string_view(solution.record.id)).field("status", v.passed ? "ok" : "refused");
+  json.field("confirmed", confirmed).field("held_out", v.after_fits.size()).field("limit_mm", v.limit_mm);
+  json.key("before_id");
+  if (v.has_before)
+    json.value(v.before.id.view());
+  else
+    json.null();
+  write_fits(json, "before", v.before_fits);
+  write_fits(json, "after", v.after_fits);
+  write_fits(json, "before_fit_views", v.before_own);
+  write_fits(json, "after_fit_views", v.after_own);
+  json.field("turn_deg", v.turn_deg).field("shift_max_mm", v.shift_max_mm).key("stations").begin_array();
+  for (const StationShift& s : v.stations) {
+    json.begin_object().field("station", s.station).field("taught", s.taught);
+    json.field("shift_mm", std::span<const double>(s.shift_mm.data(), 3)).field("distance_mm", s.shift_mm.norm());
+    json.end_object();
+  }
+  json.end_array();
+  json.field("next", std::string_view(v.passed && confirmed ? "slabctl calibrate apply" : next_command(session)));
+  return json.end_object().text();
+}
+
+void print(const Session& session, const SessionSolution& solution, const Verification& v) {
+  fmt::print("{}\n{} on {} views that took no part in the fit\n", session_words(session), solution.record.id,
+             v.after_fits.size());
+  const bool pose = session.settings().kind == calib::ArtefactKind::pose;
+  std::vector<std::vector<std::string>> rows = {{"calibration<", "views<", "median", "rms", "max", "unit<"}};
+  const auto add = [&](const std::string& what, const char* views, const std::vector<calib::ViewFit>& fits) {
+    if (fits.empty()) return;
+    const calib::Spread mm = mm_of(fits);
+    rows.push_back({what, views, fmt::format("{:.3f}", mm.median), fmt::format("{:.3f}", mm.rms),
+                    fmt::format("{:.3f}", mm.max), "mm"});
+    if (!pose) return;
+    const calib::Spread deg = deg_of(fits);
+    rows.push_back({"", "", fmt::format("{:.4f}", deg.median), fmt::format("{:.4f}", deg.rms),
+                    fmt::format("{:.4f}", deg.max), "deg"});
+  };
+  const std::string before = fmt::format("before: {}", v.before.id.view());
+  add(before, "held out", v.before_fits);
+  add("after: " + solution.record.id, "held out", v.after_fits);
+  add(before, "of the fit", v.before_own);
+  add("after: " + solution.record.id, "of the fit", v.after_own);
+  fmt::print("{}", table(rows));
+  if (!v.has_before) fmt::print("nothing is in force to compare with\n");
+  if (!v.stations.empty()) {
+    fmt::print("if applied, seats of {} move by (mm, slab axes; the scanner turns by {:.3f} deg):\n", v.slab,
+               v.turn_deg);
+    rows = {{"station", "x", "y", "z", "distance", "pose<"}};
+    for (const StationShift& s : v.stations)
+      rows.push_back({std::to_string(s.station), fmt::format("{:+.3f}", s.shift_mm.x()),
+                      fmt::format("{:+.3f}", s.shift_mm.y()), fmt::format("{:+.3f}", s.shift_mm.z()),
+                      fmt::format("{:.3f}", s.shift_mm.norm()), s.taught ? "mastered" : "nominal"});
+    fmt::print("{}", table(rows));
+    if (std::any_of(v.stations.begin(), v.stations.end(), [](const StationShift& s) { return s.taught; }))
+      fmt::print(
+          "the station corrections in force hold for the old calibration and become stale; afterwards: slabctl "
+          "calibrate stations --again --apply\n");
+  } else if (has_value(v.shift_max_mm)) {
+    fmt::print("if applied, the middle of the view moves by {:.3f} mm; the scanner turns by {:.3f} deg\n",
+               v.shift_max_mm, v.turn_deg);
+  }
+  if (v.has_before && mm_of(v.after_fits).rms > mm_of(v.before_fits).rms)
+    complain("warning: the held-out views fit what is in force better than the new solution; is a change needed?");
+}
+
+bool asks_yes() {
+  fmt::print("Use it? Type yes: ");
+  std::fflush(stdout);
+  std::array<char, 16> line{};
+  return std::fgets(line.data(), static_cast<int>(line.size()), stdin) != nullptr &&
+         std::string_view(line.data()).starts_with("yes");
+}
+
+int verify(const Options& options) {
+  int exit_status = kDone;
+  std::optional<Session> session = find_session(options.session, exit_status);
+  if (!session) return exit_status;
+  if (const Status locked = session->lock(); !locked.ok()) {
+    complain(locked.error().text.view());
+    return exit_for(locked.error().code);
+  }
+  if (!ready_to_use(*session, exit_status)) return exit_status;
+  const Result<SessionSolution> solution = solve_session(*session);
+  if (!solution.ok()) {
+    complain(solution.error().text.view());
+    return exit_for(solution.error().code);
+  }
+  if (solution.value().record.id != session->solution()->record.id) {
+    complain(
+        fmt::format("solving again gives {} and not the {} that is stored: another version of slabctl solved it; "
+                    "next: slabctl calibrate solve",
+                    solution.value().record.id, session->solution()->record.id));
+    return kRefused;
+  }
+  Verification v;
+  if (!carry_out(options, *session, solution.value(), v, exit_status)) return exit_status;
+  if (!options.json) print(*session, solution.value(), v);
+  if (!v.passed) {
+    const auto worst = std::max_element(v.after_fits.begin(), v.after_fits.end(),
+                                        [](const auto& a, const auto& b) { return a.residual_mm < b.residual_mm; });
+    if (options.json) fmt::print("{}", as_json(*session, solution.value(), v, false));
+    complain(
+        fmt::format("refused (held_out): view {} is missed by {:.3f} mm, limit {:.3f} mm (four leave-one-out "
+                    "medians)\n  what to do: look at its scan; if it was disturbed, slabctl calibrate drop {} --why "
+                    "\"...\" and take another with capture --hold-out; if it was not, the fit is wrong: take more "
+                    "views near it",
+                    worst->number, worst->residual_mm, v.limit_mm, worst->number));
+    return kRefused;
+  }
+  calib::VerifiedRecord record;
+  record.when = iso_time(wall_clock_us());
+  record.who = default_operator();
+  record.inputs = session->inputs(calib::ViewUse::held_out);
+  if (v.has_before) record.before_id = v.before.id.view();
+  record.before_rms_mm = v.before_fits.empty() ? kNoValue : mm_of(v.before_fits).rms;
+  record.after_rms_mm = mm_of(v.after_fits).rms;
+  record.after_max_mm = mm_of(v.after_fits).max;
+  record.shift_max_mm = v.shift_max_mm;
+
+  const auto& last = session->solution()->verified;
+  const bool told_before = last && last->inputs == record.inputs && last->before_id == record.before_id;
+  const bool small = has_value(v.shift_max_mm) && v.shift_max_mm <= kConfirmAboveMm;
+  const bool may_ask = !options.json && isatty(STDIN_FILENO) != 0 && isatty(STDOUT_FILENO) != 0;
+  const bool confirmed = small || options.yes || told_before || (may_ask && asks_yes());
+  if (confirmed && !told_before)
+    if (const Status kept = session->keep_verified(record); !kept.ok()) {
+      complain(kept.error().text.view());
+      return exit_for(kept.error().code);
+    }
+  if (options.json) fmt::print("{}", as_json(*session, solution.value(), v, confirmed));
+  if (!confirmed) {
+    complain(
+        fmt::format("a change of {} needs a word of yours: look at the shifts, then slabctl calibrate verify --yes",
+                    has_value(v.shift_max_mm) ? fmt::format("{:.3f} mm (above {} mm)", v.shift_max_mm, kConfirmAboveMm)
+                                              : std::string("unknown size")));
+    return kRefused;
+  }
+  if (!options.json) fmt::print("verified; next: slabctl calibrate apply\n");
+  return kDone;
+}
+
+}  // namespace
+
+void add_calibrate_verify(CLI::App& group, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command =
+      group.add_subcommand("verify", "Hold the solution against the held-out views; what changes at the slab");
+  command->footer(
+      "\nCompared with the calibration in force, or the commissioning value. A shift above 0.2 mm is asked about.\n"
+      "Example: slabctl calibrate verify\n"
+      "Exit status 6: refused, or not confirmed; the text says what to do.");
+  options->session.add_to(*command);
+  command->add_option("--slab-type", options->slab_type, "Whose stations are shown (default: the first recipe's)");
+  command->add_flag("--yes", options->yes, "The shift is looked at and wanted");
+  command->add_flag("--json", options->json, "Print slabd.calibration_verification/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = verify(*options); });
+}
+
+}  // namespace slabd::cli
