@@ -8,6 +8,7 @@
 
 #include <fmt/core.h>
 
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <csignal>
@@ -55,7 +56,8 @@ class LiveCell {
         unit_(config.scanner.unit),
         drop_(std::move(drop)),
         robot_(robot),
-        views_(std::move(views)) {}
+        views_(std::move(views)),
+        standing_at_(views_.front().to_array()) {}
 
   void run() {
     say_view();
@@ -122,13 +124,13 @@ class LiveCell {
     if (!text || *text == followed_) return;
     followed_ = *text;
     const Result<calib::PoseTable> table = calib::parse_poses(*text, order_.follow_file, calib::TableRole::flange);
-    if (!table) {
-      cli::complain(fmt::format("{}", table.error().text.view()));
-      return;
-    }
+    if (!table) return;
+    const Pose& next = table.value().poses.back();
+    if (next.to_array() == standing_at_) return;
+    standing_at_ = next.to_array();
     shots_ = 0;
     ++view_;
-    robot_.move_to(table.value().poses.back());
+    robot_.move_to(next);
     say_view();
   }
 
@@ -138,6 +140,7 @@ class LiveCell {
   DropAnswers drop_;
   RobotPeer& robot_;
   std::vector<Pose> views_;
+  std::array<double, 7> standing_at_;
   std::size_t view_ = 1;  ///< the robot's how-manieth coming; its repeatability is new at each
   int shots_ = 0;
   bool goes_on_ = false;
@@ -183,13 +186,15 @@ int run_calibration_live(CalibrationLiveOrder order) {
   if (!there(scene, exit_status)) return exit_status;
 
   std::vector<Pose> views = scene.value().plan_views(order.views);
-  const std::string& given = !order.follow_file.empty() ? order.follow_file : order.poses_file;
-  if (!given.empty() && (order.follow_file.empty() || fs::exists(given))) {
-    Result<std::vector<Pose>> poses = poses_in(given);
+  if (!order.poses_file.empty()) {
+    Result<std::vector<Pose>> poses = poses_in(order.poses_file);
     if (!there(poses, exit_status)) return exit_status;
     views = std::move(poses.value());
+  } else if (!order.follow_file.empty()) {
+    // Nobody may have suggested a pose yet: the first view is then the plan's.
+    const Result<std::vector<Pose>> poses = poses_in(order.follow_file);
+    views = {poses.ok() ? poses.value().back() : views.front()};
   }
-  if (!order.follow_file.empty()) views.erase(views.begin(), views.end() - 1);
   if (!order.out_dir.empty() &&
       !write_calibration_truth(scene.value(), order.scan, views, order.shots, order.out_dir, exit_status))
     return exit_status;

@@ -20,7 +20,7 @@ struct CalibrationLiveOrder {
   std::string recipe;   ///< for the reference block
   std::string out_dir;  ///< empty, or where certificate.txt, flange.txt (the views) and truth.json are written
   int views = 24;
-  int shots = 1;            ///< scans at every view; then the robot goes on
+  int shots = 3;            ///< scans at every view; then the robot goes on
   std::string poses_file;   ///< not empty: the views, one T_base_flange a line in the neutral form
   std::string follow_file;  ///< not empty: the robot goes to the last line of this file whenever it changes
   double move_s = 0.5;

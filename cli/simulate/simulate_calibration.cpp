@@ -253,7 +253,9 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
   command->add_option("--move-s", running.move_s, "--live: time from one view to the next")
       ->check(CLI::Range(0.0, 60.0))
       ->capture_default_str();
-  command->add_option("--shots", order.shots, "Scans at every pose")->check(CLI::Range(1, 9))->capture_default_str();
+  CLI::Option* shots = command->add_option("--shots", order.shots, "Scans at every pose (--live: 3 if not given)")
+                           ->check(CLI::Range(1, 9))
+                           ->capture_default_str();
   command->add_option("--seed", order.scene.seed, "Decides everything random")->capture_default_str();
   command->add_option("--recipe", order.recipe, "Recipe of the reference block (kind block)");
   command->add_option("--ball-radius-mm", order.scene.ball_radius_mm, "Radius of the balls")
@@ -295,7 +297,7 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
       ->capture_default_str();
   command->add_flag("--unorganised", options->unorganised, "Write only the points that returned, without their grid");
   command->add_flag("--bare", options->bare, "Without table, wall, rod and foreign ball");
-  command->callback([options, views, config, &exit_status] {
+  command->callback([options, views, shots, config, &exit_status] {
     CalibrationOrder& o = options->order;
     const auto pose_option = [&](const std::string& text, const char* option, Pose& pose) {
       if (text.empty()) return true;
@@ -344,7 +346,7 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
       line.recipe = o.recipe;
       line.out_dir = o.out_dir;
       line.views = o.views;
-      line.shots = o.shots;
+      if (!shots->empty()) line.shots = o.shots;
       line.poses_file = o.poses_file;
       line.keep_flange = !options->T_flange_scanner.empty();
       line.keep_target = !options->T_base_target.empty();

@@ -40,7 +40,7 @@ class CaptureLineTest : public testing::Test {
   std::unique_ptr<Process> emulate() const {
     return std::make_unique<Process>(
         std::vector<std::string>{SLABCTL_PROGRAM, "simulate", "calibration", "--live", "--kind", "ball", "--views", "3",
-                                 "--move-s", "0.2", "--config", box_.config.native(), "--out",
+                                 "--shots", "1", "--move-s", "0.2", "--config", box_.config.native(), "--out",
                                  (box_.dir / "truth").native()},
         box_.dir / "cell.out", box_.dir / "cell.err");
   }
