@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """slabd and an independent PLC in each of the three roles: whole slabs, power losses, attacks on the port.
 
-  plc_peers_test.py --build build/dev [--role server|client|rtu] [--slabs N] [--case slabs|losses|attacks]
+  plc_peers_test.py --build build/dev [--role server|client|rtu] [--slabs N] [--case slabs|losses|linkdown|attacks]
 
 Figures go to stdout. Exit status 0: every promise held."""
 import argparse
@@ -143,6 +143,42 @@ def losses(box):
         abandoned.close()
     say(f"{box.role}: slabd killed in a scan, PLC restarted, link broken: the slab went on and failed on block 4 alone, "
         f"{plc.block.IR[21]} refusals")
+    wire.close()
+
+
+def link_down(box):
+    """The network goes down for five seconds in the middle of a slab. Needs a network namespace of its own:
+    unshare -rn tests/plc/plc_peers_test.py --build build/dev --case linkdown"""
+
+    def ip(*words):
+        subprocess.run(["ip", *words], check=True)
+
+    def link_up():
+        ip("link", "set", "lo", "up")
+        ip("route", "replace", "239.255.0.0/16", "dev", "lo")
+
+    assert not [line for line in open("/proc/net/route", encoding="ascii") if "00000000" in line.split()[1:2]], \
+        "this would take a real network down: run it under unshare -rn"
+    link_up()
+    box.start()
+    box.stand_by(1)
+    wire = wire_for(box)
+    plc = Plc(wire)
+    box.order("slab 1", "slab 1")
+    assert plc.order(SLAB_BEGIN, slab_no=9, slab_id="LINK")[0] == 0
+    for station in range(1, 4):
+        plc.scan(box, station, 9)
+    session = plc.block.IR[9]
+    ip("link", "set", "lo", "down")
+    down = time.monotonic()
+    while time.monotonic() - down < 5:
+        plc.cycle()
+    link_up()
+    begun = time.monotonic()
+    plc.until(lambda: plc.block.xReady and plc.block.IR[9] != session, 60, "the line to resume")
+    resumed = time.monotonic() - begun
+    assert plc.slab(box, 1, 9, continued=True) == PASS
+    say(f"{box.role}: link down for 5 s in a slab, resumed {resumed:.1f} s after it came back, the slab passed")
     wire.close()
 
 
@@ -290,7 +326,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--build", required=True)
     parser.add_argument("--role", choices=("server", "client", "rtu"), default="server")
-    parser.add_argument("--case", choices=("slabs", "losses", "attacks"), default="slabs")
+    parser.add_argument("--case", choices=("slabs", "losses", "linkdown", "attacks"), default="slabs")
     parser.add_argument("--slabs", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=2.0, help="of each attack")
     options = parser.parse_args()
@@ -300,6 +336,8 @@ def main():
             slabs(box, options.slabs)
         elif options.case == "losses":
             losses(box)
+        elif options.case == "linkdown":
+            link_down(box)
         else:
             attacks(box, options.seconds)
     except BaseException:
