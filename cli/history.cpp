@@ -3,6 +3,8 @@
 // slabctl history: the newest slabs, one line each.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
+#include <array>
+#include <chrono>
 #include <memory>
 #include <vector>
 
@@ -10,6 +12,7 @@
 #include "cli/database.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/parse.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
@@ -17,9 +20,48 @@ namespace {
 
 struct Options {
   DatabaseOptions database;
-  std::size_t limit = 20;
+  storage::SlabFilter filter;
+  std::string since;
+  std::string until;
+  std::string item;
+  std::string verdict;
   bool json = false;
 };
+
+constexpr std::array kVerdicts = {Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted,
+                                  Verdict::indeterminate};
+
+/// The words of the command line as a filter; what is wrong is said.
+bool complete(const Options& options, storage::SlabFilter& filter) {
+  filter = options.filter;
+  const std::int64_t now_us =
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+          .count();
+  for (const auto& [text, option, target] : {std::tuple{&options.since, "--since", &filter.since_utime_us},
+                                             std::tuple{&options.until, "--until", &filter.until_utime_us}}) {
+    if (text->empty()) continue;
+    const Result<std::int64_t> time = parse_time(*text, now_us);
+    if (!time) {
+      complain(fmt::format("{}: {}", option, time.error().text.view()));
+      return false;
+    }
+    *target = time.value();
+  }
+  if (!options.item.empty()) {
+    filter.item = item_from_name(options.item);
+    if (!filter.item) {
+      std::vector<std::string> names;
+      for (std::size_t i = 0; i < kItemCount; ++i) names.emplace_back(info(static_cast<ItemId>(i)).name);
+      const std::string meant = nearest(options.item, names);
+      complain(fmt::format("--item: no item '{}'{}", options.item,
+                           meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant)));
+      return false;
+    }
+  }
+  for (const Verdict verdict : kVerdicts)
+    if (name(verdict) == options.verdict) filter.verdict = verdict;
+  return true;
+}
 
 std::string as_json(const std::vector<storage::SlabSummary>& slabs) {
   Json json;
@@ -58,10 +100,12 @@ void print_slabs(const std::vector<storage::SlabSummary>& slabs) {
 }
 
 int show_history(const Options& options) {
+  storage::SlabFilter filter;
+  if (!complete(options, filter)) return kUsage;
   int exit_status = kDone;
   const auto reader = open_database(options.database, exit_status);
   if (reader == nullptr) return exit_status;
-  const auto slabs = reader->slabs(options.limit);
+  const auto slabs = reader->slabs(filter);
   if (!slabs) {
     complain(fmt::format("{}", slabs.error().text.view()));
     return kNotReachable;
@@ -101,13 +145,26 @@ std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, i
 
 void add_history(CLI::App& app, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand("history", "The newest slabs and their verdicts");
+  CLI::App* command = app.add_subcommand("history", "The newest slabs and their verdicts, or those you look for");
   command->footer(
-      "\nReads the database while the daemon runs; changes nothing.\nExample: slabctl history --limit 50 --json");
+      "\nReads the database while the daemon runs; changes nothing. All that is asked for must hold. --verdict is the\n"
+      "slab's; with --block that station's, with --item the item's. With --item or --block alone: any but pass.\n"
+      "Examples: slabctl history --limit 50 --json\n"
+      "          slabctl history --since 7d --verdict fail\n"
+      "          slabctl history --item jaw_distance --block 11");
   options->database.add_to(*command);
-  command->add_option("--limit", options->limit, "How many slabs, newest first")
+  command->add_option("--limit", options->filter.limit, "How many slabs, newest first")
       ->check(CLI::Range(std::size_t{1}, std::size_t{100'000}))
       ->capture_default_str();
+  command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
+  command->add_option("--until", options->until, "Began before that");
+  command->add_option("--type", options->filter.slab_type, "Of this SLAB_TYPE")->check(CLI::Range(1, 65'535));
+  command->add_option("--id", options->filter.id_part, "With this somewhere in the slab id");
+  command->add_option("--verdict", options->verdict, "With this verdict")
+      ->check(CLI::IsMember({"pass", "fail", "not_measured", "aborted", "indeterminate"}));
+  command->add_option("--block", options->filter.block, "At this block")
+      ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));
+  command->add_option("--item", options->item, "Of this item, as `slabctl show` names it");
   command->add_flag("--json", options->json, "Print slabd.history/1 on stdout");
   command->callback([options, &exit_status] { exit_status = show_history(*options); });
 }

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/parse.h"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
+#include <chrono>
 #include <cmath>
 
 namespace slabd::cli {
@@ -28,6 +30,41 @@ Result<Pose> parse_pose(std::string_view text) {
   if (std::abs(length - 1.0) > 1e-3)
     return error(Code::config, "the quaternion's length is %.6f, allowed 0.999..1.001", length);
   return Pose::from_array(numbers);
+}
+
+Result<std::int64_t> parse_time(std::string_view text, std::int64_t now_utime_us) {
+  const auto wrong = [&] {
+    return error(Code::config, "'%.*s' is no time; expected 2026-11-20, 2026-11-20T23:28:01Z, 30m, 12h or 7d",
+                 static_cast<int>(std::min<std::size_t>(text.size(), 60)), text.data());
+  };
+  if (!text.empty() && text.find_first_not_of("0123456789") == text.size() - 1) {
+    std::int64_t count = 0;
+    const auto [stop, fault] = std::from_chars(text.data(), text.data() + text.size() - 1, count);
+    const std::int64_t seconds = text.back() == 'd' ? 86'400 : text.back() == 'h' ? 3'600 : text.back() == 'm' ? 60 : 0;
+    if (fault != std::errc{} || stop != text.data() + text.size() - 1 || seconds == 0 || count > 100'000'000)
+      return wrong();
+    return now_utime_us - count * seconds * 1'000'000;
+  }
+  // Places of a date's digits; everything else must be as it stands here.
+  constexpr std::string_view kForm = "0000-00-00T00:00:00Z";
+  if (text.size() != 10 && text.size() != kForm.size()) return wrong();
+  for (std::size_t i = 0; i < text.size(); ++i)
+    if (kForm[i] == '0' ? (text[i] < '0' || text[i] > '9') : text[i] != kForm[i]) return wrong();
+  const auto number = [&](std::size_t from, std::size_t count) {
+    int value = 0;
+    for (std::size_t i = from; i < from + count && i < text.size(); ++i) value = 10 * value + (text[i] - '0');
+    return value;
+  };
+  const std::chrono::year_month_day day{std::chrono::year(number(0, 4)),
+                                        std::chrono::month(static_cast<unsigned>(number(5, 2))),
+                                        std::chrono::day(static_cast<unsigned>(number(8, 2)))};
+  const int hour = number(11, 2);
+  const int minute = number(14, 2);
+  const int second = number(17, 2);
+  if (!day.ok() || hour > 23 || minute > 59 || second > 59) return wrong();
+  const auto time = std::chrono::sys_days(day) + std::chrono::hours(hour) + std::chrono::minutes(minute) +
+                    std::chrono::seconds(second);
+  return std::chrono::duration_cast<std::chrono::microseconds>(time.time_since_epoch()).count();
 }
 
 std::optional<hal::LengthUnit> length_unit(std::string_view name) {

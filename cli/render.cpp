@@ -8,6 +8,8 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "cli/figures.h"
+
 namespace slabd::cli {
 namespace {
 
@@ -29,36 +31,14 @@ Look look_of(Verdict verdict) {
   return {"·", ".", "2"};
 }
 
-std::string coloured(std::string_view text, std::string_view colour, Style style) {
-  return style.colour ? fmt::format("\x1b[{}m{}\x1b[0m", colour, text) : std::string(text);
-}
-
-/// Columns on the screen: escape sequences count nothing, a UTF-8 character counts one.
-std::size_t width_of(std::string_view text) {
-  std::size_t width = 0;
-  bool escape = false;
-  for (const char c : text) {
-    if (c == '\x1b') escape = true;
-    if (!escape && (static_cast<unsigned char>(c) & 0xC0U) != 0x80U) ++width;
-    if (escape && c == 'm') escape = false;
-  }
-  return width;
-}
-
 std::string padded(const std::string& text, std::size_t width, bool right) {
-  const std::string space(width - std::min(width, width_of(text)), ' ');
+  const std::string space(width - std::min(width, display_width(text)), ' ');
   return right ? space + text : text + space;
 }
 
-std::string number(double value, int decimals) {
-  return has_value(value) ? fmt::format("{:.{}f}", value, decimals) : "-";
-}
-
-std::string limits_text(const Item& item, int decimals) {
-  if (!has_value(item.lower) && !has_value(item.upper)) return "info";
-  if (!has_value(item.lower)) return fmt::format("<= {}", number(item.upper, decimals));
-  if (!has_value(item.upper)) return fmt::format(">= {}", number(item.lower, decimals));
-  return fmt::format("{} .. {}", number(item.lower, decimals), number(item.upper, decimals));
+std::string limits_text(const Item& item) {
+  const std::string limits = limits_figure(item);
+  return limits.empty() ? "info" : limits;
 }
 
 /// Neither as good as sure nor as good as impossible.
@@ -76,6 +56,10 @@ std::string item_label(const Item& item, bool of_slab) {
 }
 
 }  // namespace
+
+std::string coloured(std::string_view text, std::string_view colour, Style style) {
+  return style.colour ? fmt::format("\x1b[{}m{}\x1b[0m", colour, text) : std::string(text);
+}
 
 Style style_for(std::FILE* stream) {
   const auto variable = [](const char* key) -> std::string_view {
@@ -101,6 +85,32 @@ std::string verdict_text(Verdict verdict, Style style) {
   return coloured(fmt::format("{} {}", symbol(verdict, style), name(verdict)), look_of(verdict).colour, style);
 }
 
+std::size_t display_width(std::string_view text) {
+  std::size_t width = 0;
+  for (std::size_t at = 0; at < text.size();) {
+    const auto byte = [&](std::size_t i) {
+      return at + i < text.size() ? static_cast<unsigned char>(text[at + i]) : 0U;
+    };
+    if (text[at] == '\x1b') {
+      while (at < text.size() && text[at] != 'm') ++at;
+      ++at;
+      continue;
+    }
+    const unsigned first = byte(0);
+    const std::size_t length = first < 0x80 ? 1 : first < 0xE0 ? 2 : first < 0xF0 ? 3 : 4;
+    unsigned code = length == 1 ? first : first & (0xFFU >> (length + 1));
+    for (std::size_t i = 1; i < length; ++i) code = code << 6U | (byte(i) & 0x3FU);
+    // East Asian Width W and F (Unicode TR 11), in whole blocks.
+    const bool wide = (code >= 0x1100 && code <= 0x115F) || (code >= 0x2E80 && code <= 0xA4CF) ||
+                      (code >= 0xAC00 && code <= 0xD7A3) || (code >= 0xF900 && code <= 0xFAFF) ||
+                      (code >= 0xFE30 && code <= 0xFE6F) || (code >= 0xFF00 && code <= 0xFF60) ||
+                      (code >= 0xFFE0 && code <= 0xFFE6) || (code >= 0x1F300 && code <= 0x3FFFD);
+    width += wide ? 2 : 1;
+    at += length;
+  }
+  return width;
+}
+
 std::string table(const std::vector<std::vector<std::string>>& rows) {
   std::vector<std::vector<std::string>> cells = rows;
   std::vector<bool> left;
@@ -114,7 +124,7 @@ std::string table(const std::vector<std::vector<std::string>>& rows) {
   std::vector<std::size_t> widths(left.size(), 0);
   for (const auto& row : cells)
     for (std::size_t c = 0; c < std::min(row.size(), widths.size()); ++c)
-      widths[c] = std::max(widths[c], width_of(row[c]));
+      widths[c] = std::max(widths[c], display_width(row[c]));
 
   std::string text;
   for (std::size_t r = 0; r < cells.size(); ++r) {
@@ -137,15 +147,13 @@ std::string item_table(std::span<const Item> items, Style style, bool of_slab) {
   const bool with_probability = std::any_of(items.begin(), items.end(), is_doubtful);
   if (with_probability) rows[0].insert(rows[0].begin() + 6, "conforms");
   for (const Item& item : items) {
-    const int decimals = info(item.id).unit == ItemUnit::deg ? 4 : 3;
-    rows.push_back({item_label(item, of_slab), number(item.nominal, decimals), limits_text(item, decimals),
-                    number(item.value, decimals), number(item.deviation(), decimals), number(item.U, decimals),
-                    verdict_text(item.verdict, style)});
+    rows.push_back({item_label(item, of_slab), nominal_figure(item), limits_text(item), value_figure(item),
+                    deviation_figure(item), U_figure(item), verdict_text(item.verdict, style)});
     if (with_probability)
       rows.back().insert(rows.back().begin() + 6,
                          is_doubtful(item) ? fmt::format("{:.1f} %", 100.0 * conformance_probability(item)) : "");
     if (const std::string_view beside = beside_name(item.id); !beside.empty() && has_value(item.beside))
-      rows.push_back({fmt::format("  {}", beside), "", "", number(item.beside, 3), "", "", "", ""});
+      rows.push_back({fmt::format("  {}", beside), "", "", figure(item.beside, 3), "", "", "", ""});
   }
   return table(rows);
 }

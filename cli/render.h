@@ -26,6 +26,11 @@ struct Style {
 /// Symbol and word, coloured: "✓ pass".
 [[nodiscard]] std::string verdict_text(Verdict verdict, Style style);
 
+/// Columns that a text takes in a terminal: escape sequences none, Chinese characters two, others one.
+[[nodiscard]] std::size_t display_width(std::string_view text);
+/// In the colour of these SGR parameters, where there is colour.
+[[nodiscard]] std::string coloured(std::string_view text, std::string_view sgr, Style style);
+
 /// Rows of cells, padded by what a cell looks like and not by its bytes; the first row is the heading, columns after
 /// the first are right-aligned except where the heading ends with '<'.
 [[nodiscard]] std::string table(const std::vector<std::vector<std::string>>& rows);

@@ -5,7 +5,6 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <memory>
 #include <optional>
@@ -16,6 +15,7 @@
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/render.h"
+#include "cli/slab_view.h"
 
 namespace slabd::cli {
 namespace {
@@ -29,36 +29,6 @@ struct Options {
   int block = 0;
   bool json = false;
 };
-
-/// The valid attempt of a station: its latest one; nullptr when there is none.
-const SlabBlock* latest(const SlabRecord& record, int station) {
-  const SlabBlock* found = nullptr;
-  for (const SlabBlock& block : record.blocks)
-    if (block.attempt.station == station) found = &block;
-  return found;
-}
-
-struct Shown {
-  Verdict verdict = Verdict::none;
-  std::uint16_t reason = 0;
-};
-
-bool is_open(const SlabRecord& record) {
-  return record.summary.ended_utime_us == 0;
-}
-
-/// What map and tables say of a station: the final verdict once the slab has ended, also of a station that was never
-/// scanned; the latest attempt's own before.
-Shown shown(const SlabRecord& record, int station) {
-  const auto i = static_cast<std::size_t>(station - 1);
-  if (!is_open(record) && record.slab.station_verdict[i] != Verdict::none)
-    return {record.slab.station_verdict[i], record.slab.station_reason[i]};
-  const SlabBlock* block = latest(record, station);
-  if (block == nullptr) return {};
-  if (block->phase == StationPhase::failed) return {Verdict::not_measured, block->code};
-  if (block->phase != StationPhase::measured) return {};
-  return {block->block.verdict, block->block.reason};
-}
 
 /// What the scan was spliced with, and what that is worth at the block (k = 1).
 void write_splice(Json& json, const Splice& splice) {
@@ -272,20 +242,6 @@ int print_block(const SlabRecord& record, int station, Style style) {
   fmt::print("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", result.times.total_ms,
              result.times.read_ms, result.times.denoise_ms, result.times.register_ms, result.times.extract_ms);
   return kDone;
-}
-
-/// A number is a key; anything else, and a number that is no key, is a SLAB_ID.
-Result<std::optional<SlabRecord>> find_slab(storage::Reader& reader, const std::string& wanted) {
-  std::int64_t key = 0;
-  const auto [stop, fault] = std::from_chars(wanted.data(), wanted.data() + wanted.size(), key);
-  if (fault == std::errc{} && stop == wanted.data() + wanted.size()) {
-    auto by_key = reader.slab(key);
-    if (!by_key || by_key.value().has_value()) return by_key;
-  }
-  const auto by_id = reader.find(wanted);
-  if (!by_id) return by_id.error();
-  if (!by_id.value()) return std::optional<SlabRecord>{};
-  return reader.slab(*by_id.value());
 }
 
 int show(const Options& options) {

@@ -89,11 +89,14 @@ int run(int argc, const char* const* argv) {
   add_doctor(app, exit_status);
   add_history(app, exit_status);
   add_show(app, exit_status);
+  add_report(app, exit_status);
+  add_trend(app, exit_status);
   add_simulate(app, exit_status);
   add_calibrate(app, exit_status);
   add_plc(app, exit_status);
   add_config(app, exit_status);
   add_recipe(app, exit_status);
+  add_completion(app, exit_status);
 
   if (argc >= 2 && argv[1][0] != '-') {
     const std::vector<std::string> names = command_names(app);

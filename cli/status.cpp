@@ -12,6 +12,7 @@
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/render.h"
+#include "cli/watch/watch.h"
 
 namespace slabd::cli {
 namespace {
@@ -21,7 +22,9 @@ using nlohmann::json;
 struct Options {
   std::string config;
   std::string socket;
+  std::string language = "en";
   bool as_json = false;
+  bool watch = false;
 };
 
 /// The text of `document[path...]`, "-" when it is not there; a newer or older daemon may know other keys.
@@ -138,6 +141,7 @@ int show_status(const Options& options) {
     if (!config_from(options.config, config)) return kBadInput;
     path = config.control_socket;
   }
+  if (options.watch) return watch::run(path, options.language == "zh" ? report::Language::zh : report::Language::en);
   const Result<std::string> answer = ask_daemon(path, "{\"verb\":\"status\"}\n");
   if (!answer) {
     complain(fmt::format("{}", answer.error().text.view()));
@@ -161,11 +165,19 @@ int show_status(const Options& options) {
 void add_status(CLI::App& app, int& exit_status) {
   auto options = std::make_shared<Options>();
   CLI::App* command = app.add_subcommand("status", "State, links and last verdict of the running daemon");
-  command->footer("\nExit status 4 when the daemon does not answer.\nExample: slabctl status --json");
+  command->footer(
+      "\nExit status 4 when the daemon does not answer. With --watch the screen stays until q; it goes grey when the\n"
+      "daemon's last answer is older than three seconds.\n"
+      "Examples: slabctl status --json\n          slabctl status --watch --language zh");
   auto* config = command->add_option("--config", options->config, "Configuration that names the control socket")
                      ->default_val(kDefaultConfig);
   command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
-  command->add_flag("--json", options->as_json, "Print slabd.status/1 on stdout");
+  auto* as_json = command->add_flag("--json", options->as_json, "Print slabd.status/1 on stdout");
+  command->add_flag("--watch", options->watch, "The operator's screen: slab map, links, last slabs, every second")
+      ->excludes(as_json);
+  command->add_option("--language", options->language, "Of the screen")
+      ->check(CLI::IsMember({"en", "zh"}))
+      ->capture_default_str();
   command->callback([options, &exit_status] { exit_status = show_status(*options); });
 }
 

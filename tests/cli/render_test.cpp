@@ -26,6 +26,17 @@ TEST(Render, every_verdict_has_its_own_symbol_in_both_alphabets) {
   EXPECT_EQ(verdict_text(Verdict::fail, kColour), "\x1b[1;31m✗ fail\x1b[0m");
 }
 
+TEST(Render, columns_line_up_whatever_the_cells_are_written_in) {
+  EXPECT_EQ(display_width("abc"), 3U);
+  EXPECT_EQ(display_width("承轨台 4"), 8U);
+  EXPECT_EQ(display_width("\x1b[1;31m✗ fail\x1b[0m"), 6U);
+  EXPECT_EQ(table({{"项目", "值"}, {"坡度", "1"}, {"abcd", "22"}}),
+            "项目  值\n"
+            "--------\n"
+            "坡度   1\n"
+            "abcd  22\n");
+}
+
 TEST(Render, map_shows_the_rows_as_they_lie_on_the_slab) {
   std::array<Verdict, 18> verdicts;
   verdicts.fill(Verdict::pass);

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/figures.h"
+
+#include <fmt/core.h>
+
+#include <cmath>
+
+namespace slabd::cli {
+
+int decimals(ItemUnit unit) {
+  return unit == ItemUnit::deg ? 4 : 3;
+}
+int decimals(ItemId id) {
+  return decimals(info(id).unit);
+}
+
+std::string figure(double value, int decimals) {
+  if (!std::isfinite(value)) return "-";
+  std::string text = fmt::format("{:.{}f}", value, decimals);
+  // What is shown is zero, whichever side of it the value lies on.
+  if (text.front() == '-' && text.find_first_of("123456789") == std::string::npos) text.erase(0, 1);
+  return text;
+}
+
+std::string nominal_figure(const Item& item) {
+  return figure(item.nominal, decimals(item.id));
+}
+std::string value_figure(const Item& item) {
+  return figure(item.value, decimals(item.id));
+}
+std::string deviation_figure(const Item& item) {
+  return figure(item.deviation(), decimals(item.id));
+}
+std::string U_figure(const Item& item) {
+  const std::string text = figure(item.U, decimals(item.id));
+  // An uncertainty is never zero.
+  if (!(item.U > 0.0) || text.find_first_of("123456789") != std::string::npos) return text;
+  return decimals(item.id) == 4 ? "< 0.0001" : "< 0.001";
+}
+
+std::string limits_figure(const Item& item) {
+  const int digits = decimals(item.id);
+  if (!has_value(item.lower) && !has_value(item.upper)) return "";
+  if (!has_value(item.lower)) return fmt::format("<= {}", figure(item.upper, digits));
+  if (!has_value(item.upper)) return fmt::format(">= {}", figure(item.lower, digits));
+  return fmt::format("{} .. {}", figure(item.lower, digits), figure(item.upper, digits));
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "base/base.h"
+
+/// How a number becomes text, in the terminal and in every report. One place, so that no two of them disagree.
+namespace slabd::cli {
+
+/// Decimals shown: a micrometre, a ten-thousandth of a degree.
+[[nodiscard]] int decimals(ItemUnit unit);
+[[nodiscard]] int decimals(ItemId id);
+
+/// "-" for none; zero has no sign.
+[[nodiscard]] std::string figure(double value, int decimals);
+
+[[nodiscard]] std::string nominal_figure(const Item& item);
+[[nodiscard]] std::string value_figure(const Item& item);
+[[nodiscard]] std::string deviation_figure(const Item& item);
+/// "< 0.001" where rounding would make it zero.
+[[nodiscard]] std::string U_figure(const Item& item);
+/// "1.3325 .. 1.5486", "<= 1.000", ">= 0.100"; empty when the item has no limits.
+[[nodiscard]] std::string limits_figure(const Item& item);
+
+}  // namespace slabd::cli

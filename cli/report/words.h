@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "base/base.h"
+
+/// Every word of the report in every language it is written in. Numbers, ids and units are the same in all of them.
+namespace slabd::cli::report {
+
+enum class Language : std::uint8_t { en, zh };
+/// "en", "zh": the HTML lang attribute.
+[[nodiscard]] std::string_view code(Language language);
+
+enum class Word : std::uint8_t {
+  title,
+  overview,
+  findings,
+  no_findings,
+  more_findings,
+  warnings,
+  identity,
+  block,
+  blocks,
+  slab_items,
+  seats,
+  full_and_crop,
+  registration_table,
+  cycle_times,
+  characteristic,
+  unit,
+  nominal,
+  limits,
+  measured,
+  deviation,
+  uncertainty,
+  verdict,
+  information,
+  map_title,
+  map_alt,
+  row_positive,
+  row_negative,
+  registration_map,
+  seat_map,
+  tolerance_chart,
+  flatness,
+  standard_deviation,
+  chart_title,
+  points,
+  mean,
+  crop,
+  full_plane,
+  normal,
+  inliers,
+  attempts,
+  settle,
+  acquire,
+  read,
+  denoise,
+  register_step,
+  extract,
+  total,
+  evaluation_points,
+  slab_id,
+  slab_number,
+  slab_type,
+  database_key,
+  began,
+  ended,
+  still_open,
+  recipe,
+  hand_eye,
+  station_corrections,
+  software,
+  acceptance,
+  guarded,
+  simple_acceptance,
+  slab_fit,
+  slab_fit_value,
+  scan_file,
+  scanned,
+  none,
+  not_scanned,
+  not_measured_sentence,
+  no_map,
+  unconfirmed,
+  not_visible,
+  commissioning,
+  open_warning,
+  outside_scale,
+  scale_note,
+  defect,
+  standing_out,
+  sunk,
+  lower_end,
+  upper_end,
+  slab_word,
+  temperature,
+  age,
+  key,
+  value,
+  page,
+  flatness_note,
+};
+[[nodiscard]] std::string_view word(Word word, Language language);
+
+[[nodiscard]] std::string item_word(ItemId id, Language language);
+[[nodiscard]] std::string_view verdict_word(Verdict verdict, Language language);
+/// "seat slope", or "402: no supporting block was found, ..."; empty for 0.
+[[nodiscard]] std::string reason_sentence(std::uint16_t reason, Language language);
+
+}  // namespace slabd::cli::report

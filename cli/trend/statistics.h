@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/items.h"
+#include "base/limits.h"
+
+/// Statistical process control of one characteristic: individuals and moving range, capability with its confidence,
+/// and what each station does differently from the others.
+namespace slabd::cli::trend {
+
+/// Fewer values say nothing about limits and capability: what is computed from them is shown grey, Cp and Cpk not at
+/// all (AIAG SPC, 2nd edition, asks for 25 subgroups).
+inline constexpr std::size_t kValuesMin = 25;
+
+/// Why a value stands out.
+enum class Signal : std::uint8_t { none, beyond_limits, nine_on_one_side };
+
+/// Charts of single values in their order.
+struct Individuals {
+  std::size_t count = 0;
+  double mean = kNoValue;
+  double moving_range = kNoValue;  ///< mean of |x_i - x_(i-1)|
+  double sigma = kNoValue;         ///< short-term: moving_range / 1.128
+  double lower_control = kNoValue;
+  double upper_control = kNoValue;
+  double range_control = kNoValue;  ///< 3.267 * moving_range
+  double std = kNoValue;            ///< long-term: about the mean, n - 1
+  std::vector<Signal> signals;      ///< one per value
+  [[nodiscard]] bool preliminary() const { return count < kValuesMin; }
+};
+/// Two values at least, else everything but `count` and `mean` stays NaN. Values are finite.
+[[nodiscard]] Individuals individuals(std::span<const double> values);
+
+/// An index with its 95 % confidence interval.
+struct Index {
+  double value = kNoValue;
+  double low = kNoValue;
+  double high = kNoValue;
+};
+struct Capability {
+  Index cp;  ///< NaN for one-sided limits
+  Index cpk;
+};
+/// From the short-term sigma. Its degrees of freedom are 0.62 (n - 1) (moving ranges overlap); Cp's interval is that of
+/// chi-squared, Cpk's Bissell's (1990). NaN: fewer than kValuesMin values, no limits, or no scatter.
+[[nodiscard]] Capability capability(const Individuals& chart, double lower, double upper);
+
+/// What one station does differently from the median of all stations of the same slab: one that is far off must not
+/// make the others look off the other way.
+struct StationBias {
+  int station = 0;
+  std::size_t slabs = 0;
+  double bias = kNoValue;
+  double bias_sigma = kNoValue;  ///< standard error
+  double drift = kNoValue;       ///< of the bias from the first slab to the last, by a straight line
+  double drift_sigma = kNoValue;
+  bool preliminary = true;  ///< fewer than kValuesMin slabs
+  /// Beyond four standard errors: among 18 stations chance alone does that once in a thousand looks.
+  [[nodiscard]] bool biased() const;
+  [[nodiscard]] bool drifting() const;
+};
+/// One value of one station of one slab, ordered by slab.
+struct Placed {
+  std::int64_t slab_key = 0;
+  int station = 0;
+  double value = kNoValue;
+};
+/// By station. Slabs with fewer than three stations are left out.
+[[nodiscard]] std::vector<StationBias> station_biases(std::span<const Placed> values);
+
+/// Bars of eight heights in one line, the newest `width` values; "·" for none.
+[[nodiscard]] std::string sparkline(std::span<const double> values, std::size_t width, bool unicode);
+
+}  // namespace slabd::cli::trend

@@ -1,0 +1,242 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl trend: one characteristic over the slabs. Is the process calm, is it capable, and does one station go its own
+// way?
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+
+#include "cli/command.h"
+#include "cli/database.h"
+#include "cli/exit.h"
+#include "cli/figures.h"
+#include "cli/json.h"
+#include "cli/parse.h"
+#include "cli/render.h"
+#include "cli/trend/trend_figure.h"
+
+namespace slabd::cli {
+namespace {
+
+using trend::Index;
+using trend::Signal;
+using trend::StationBias;
+using trend::Trend;
+
+struct Options {
+  DatabaseOptions database;
+  std::string item;
+  std::string since;
+  std::string until;
+  std::string out;
+  std::string language = "en";
+  std::size_t slabs = 200;
+  int block = 0;
+  int type = 0;
+  bool json = false;
+};
+
+std::string_view name(Signal signal) {
+  switch (signal) {
+    case Signal::none: break;
+    case Signal::beyond_limits: return "beyond_limits";
+    case Signal::nine_on_one_side: return "nine_on_one_side";
+  }
+  return "none";
+}
+
+void write_index(Json& json, std::string_view key, const Index& index) {
+  json.key(key).begin_object();
+  json.field("value", index.value).field("low", index.low).field("high", index.high).end_object();
+}
+
+std::string as_json(const Trend& t) {
+  Json json;
+  json.begin_object();
+  json.field("schema", "slabd.trend/1").field("item", info(t.item).name).field("unit", slabd::name(info(t.item).unit));
+  json.key("block");
+  if (t.block == 0) {
+    json.null();
+  } else {
+    json.value(t.block);
+  }
+  json.field("value_is", t.is_mean ? "mean of the slab" : "single").field("slabs", t.chart.count);
+  json.field("not_measured", t.not_measured).field("preliminary", t.chart.preliminary());
+  json.field("nominal", t.nominal).field("lower", t.lower).field("upper", t.upper);
+  json.key("chart").begin_object();
+  json.field("mean", t.chart.mean).field("sigma", t.chart.sigma).field("std", t.chart.std);
+  json.field("moving_range", t.chart.moving_range).field("lower_control", t.chart.lower_control);
+  json.field("upper_control", t.chart.upper_control).field("range_control", t.chart.range_control).end_object();
+  json.key("capability").begin_object();
+  json.field("confidence", 0.95).field("values", t.singles.count);
+  write_index(json, "cp", t.capable.cp);
+  write_index(json, "cpk", t.capable.cpk);
+  json.end_object();
+  json.key("series").begin_array();
+  for (std::size_t i = 0; i < t.values.size(); ++i) {
+    json.begin_object().field("key", t.keys[i]).field("slab_id", t.ids[i].view());
+    write_time(json, "began", t.began_utime_us[i]);
+    json.field("value", t.values[i]).field("signal", name(t.chart.signals[i])).end_object();
+  }
+  json.end_array();
+  json.key("stations").begin_array();
+  for (const StationBias& s : t.stations) {
+    json.begin_object().field("station", s.station).field("slabs", s.slabs).field("bias", s.bias);
+    json.field("bias_sigma", s.bias_sigma).field("drift", s.drift).field("drift_sigma", s.drift_sigma);
+    json.field("biased", s.biased()).field("drifting", s.drifting()).end_object();
+  }
+  json.end_array().end_object();
+  return json.text();
+}
+
+/// What is preliminary is printed faint, and says so.
+std::string faint(std::string text, bool yes, Style style) {
+  return yes && style.colour ? "\x1b[2m" + text + "\x1b[0m" : text;
+}
+
+void print_trend(const Trend& t) {
+  const Style style = style_for(stdout);
+  const int digits = decimals(t.item);
+  fmt::print("{} [{}]{}, {} slabs", info(t.item).name, slabd::name(info(t.item).unit),
+             t.block != 0 ? fmt::format(" of block {}", t.block) : (t.is_mean ? ", mean of each slab" : ""),
+             t.chart.count);
+  if (t.not_measured > 0) fmt::print(", {} values not measured", t.not_measured);
+  fmt::print("\n");
+  if (t.values.empty()) return;
+  fmt::print("{} .. {}\n\n", iso_time(t.began_utime_us.front()), iso_time(t.began_utime_us.back()));
+  fmt::print("  {}\n\n", trend::sparkline(t.values, 72, style.unicode));
+  const bool few = t.chart.preliminary();
+  std::size_t signals = 0;
+  for (const Signal signal : t.chart.signals) signals += signal == Signal::none ? 0U : 1U;
+  std::string text;
+  text += fmt::format("mean {}   nominal {}   limits {} .. {}\n", figure(t.chart.mean, digits),
+                      figure(t.nominal, digits), figure(t.lower, digits), figure(t.upper, digits));
+  text += fmt::format("control limits {} .. {}   sigma {} short-term, {} long-term\n",
+                      figure(t.chart.lower_control, digits), figure(t.chart.upper_control, digits),
+                      figure(t.chart.sigma, digits), figure(t.chart.std, digits));
+  fmt::print("{}", faint(text, few, style));
+  if (few) {
+    fmt::print("preliminary: {} slabs of {}; no capability, no signals before that\n", t.chart.count,
+               trend::kValuesMin);
+  } else {
+    fmt::print("Cp {}   Cpk {}   (95 %, of {} single values)\n", trend::index_text(t.capable.cp),
+               trend::index_text(t.capable.cpk), t.singles.count);
+    fmt::print("{} of {} values out of control\n", signals, t.chart.count);
+  }
+  if (t.stations.empty()) return;
+  std::vector<std::vector<std::string>> rows = {{"station", "slabs", "bias", "+-2s", "drift", "+-2s", "<"}};
+  for (const StationBias& s : t.stations)
+    rows.push_back({std::to_string(s.station), std::to_string(s.slabs), figure(s.bias, digits),
+                    figure(2.0 * s.bias_sigma, digits), figure(s.drift, digits), figure(2.0 * s.drift_sigma, digits),
+                    s.drifting() ? "drifts"
+                    : s.biased() ? "biased"
+                                 : ""});
+  fmt::print("\nEach station against the others of its slab\n{}", faint(table(rows), few, style));
+}
+
+/// Writes the chart; what could not be written is said.
+int write_out(const Trend& t, const Options& options) {
+  const report::Language language = options.language == "zh" ? report::Language::zh : report::Language::en;
+  const report::Report document = trend::document_of(t, language);
+  const std::string extension = std::filesystem::path(options.out).extension().string();
+  Status status = success();
+  if (extension == ".pdf") {
+    status = report::write_pdf(document, options.out);
+  } else if (extension == ".svg") {
+    status = report::write_svg(document, 1, options.out);
+  } else if (extension == ".png") {
+    status = report::write_png(document, 1, 100.0, options.out);
+  } else {
+    complain(fmt::format("--out {}: the name must end in .pdf, .svg or .png", options.out));
+    return kUsage;
+  }
+  if (status.ok()) return kDone;
+  complain(fmt::format("{}", status.error().text.view()));
+  return kBadInput;
+}
+
+int show_trend(const Options& options) {
+  const std::optional<ItemId> item = item_from_name(options.item);
+  if (!item) {
+    std::vector<std::string> names;
+    std::string known;
+    for (std::size_t i = 0; i < kItemCount; ++i) {
+      names.emplace_back(info(static_cast<ItemId>(i)).name);
+      known += (known.empty() ? "" : ", ") + names.back();
+    }
+    const std::string meant = nearest(options.item, names);
+    complain(fmt::format("no item '{}'{}; items are {}", options.item,
+                         meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant), known));
+    return kUsage;
+  }
+  storage::ItemFilter filter;
+  filter.item = *item;
+  filter.slabs = options.slabs;
+  filter.slab_type = options.type;
+  filter.block = options.block;
+  const std::int64_t now_us =
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+          .count();
+  for (const auto& [text, option, target] : {std::tuple{&options.since, "--since", &filter.since_utime_us},
+                                             std::tuple{&options.until, "--until", &filter.until_utime_us}}) {
+    if (text->empty()) continue;
+    const Result<std::int64_t> time = parse_time(*text, now_us);
+    if (!time) {
+      complain(fmt::format("{}: {}", option, time.error().text.view()));
+      return kUsage;
+    }
+    *target = time.value();
+  }
+  int exit_status = kDone;
+  const auto reader = open_database(options.database, exit_status);
+  if (reader == nullptr) return exit_status;
+  const auto values = reader->values(filter);
+  if (!values) {
+    complain(fmt::format("{}", values.error().text.view()));
+    return kNotReachable;
+  }
+  const Trend t = trend::trend_of(*item, options.block, values.value());
+  if (!options.out.empty())
+    if (const int status = write_out(t, options); status != kDone) return status;
+  if (options.json) {
+    fmt::print("{}", as_json(t));
+  } else {
+    print_trend(t);
+  }
+  return kDone;
+}
+
+}  // namespace
+
+void add_trend(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand("trend", "One characteristic over the slabs: control chart, Cpk, stations");
+  command->footer(
+      "\nWithout --block the chart shows each slab's mean, and a table how far every station lies off the others.\n"
+      "Fewer than 25 slabs are preliminary: no Cp, no Cpk, no signals.\n"
+      "Examples: slabctl trend seat_slope\n"
+      "          slabctl trend jaw_distance --block 4 --slabs 500 --out jaw-4.pdf\n"
+      "          slabctl trend seat_flatness --since 7d --json");
+  command->add_option("ITEM", options->item, "As `slabctl show` names it, such as seat_slope")->required();
+  command->add_option("--block", options->block, "Of this block alone; of a spacing or pair, its first station")
+      ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));
+  command->add_option("--slabs", options->slabs, "How many slabs, the newest")
+      ->check(CLI::Range(std::size_t{2}, std::size_t{100'000}))
+      ->capture_default_str();
+  command->add_option("--type", options->type, "Of this SLAB_TYPE alone")->check(CLI::Range(1, 65'535));
+  command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
+  command->add_option("--until", options->until, "Began before that");
+  command->add_option("--out", options->out, "Draw it as well: .pdf, .svg or .png");
+  command->add_option("--language", options->language, "Of the drawing")
+      ->check(CLI::IsMember({"en", "zh"}))
+      ->capture_default_str();
+  options->database.add_to(*command);
+  command->add_flag("--json", options->json, "Print slabd.trend/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = show_trend(*options); });
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,250 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/trend/trend_figure.h"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "cli/figures.h"
+#include "cli/json.h"
+
+namespace slabd::cli::trend {
+namespace {
+
+using report::Anchor;
+using report::Canvas;
+using report::Colour;
+using report::Language;
+using report::TextStyle;
+
+constexpr Colour kLimit{0.62, 0.05, 0.10};
+
+std::string pick(Language language, std::string_view en, std::string_view zh) {
+  return std::string(language == Language::zh ? zh : en);
+}
+
+/// One panel of the chart: values from left to right between the lowest and highest thing drawn.
+struct Panel {
+  double top = 0.0;
+  double height = 0.0;
+  double low = 0.0;
+  double high = 1.0;
+  std::size_t count = 1;
+  static constexpr double kLeft = 20.0;
+  static constexpr double kWidth = 142.0;
+
+  [[nodiscard]] double x(std::size_t i) const {
+    return kLeft + kWidth * (static_cast<double>(i) + 0.5) / static_cast<double>(count);
+  }
+  [[nodiscard]] double y(double value) const { return top + height * (high - value) / (high - low); }
+};
+
+void level(Canvas& canvas, const Panel& panel, double value, std::string_view label, Colour colour, bool dashed,
+           int digits) {
+  if (!has_value(value) || value < panel.low || value > panel.high) return;
+  const double y = panel.y(value);
+  canvas.line(Panel::kLeft, y, Panel::kLeft + Panel::kWidth, y, 0.25, colour, dashed);
+  canvas.text(Panel::kLeft + Panel::kWidth + 1.0, y + 0.8, fmt::format("{} {}", label, figure(value, digits)),
+              {5.5, false, colour, Anchor::left});
+}
+
+void points(Canvas& canvas, const Panel& panel, const std::vector<double>& values, const std::vector<Signal>& signals,
+            Colour colour) {
+  for (std::size_t i = 0; i + 1 < values.size(); ++i)
+    canvas.line(panel.x(i), panel.y(values[i]), panel.x(i + 1), panel.y(values[i + 1]), 0.2, colour);
+  const double radius = values.size() > 150 ? 0.4 : 0.7;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const Signal signal = i < signals.size() ? signals[i] : Signal::none;
+    if (signal == Signal::none) {
+      canvas.circle(panel.x(i), panel.y(values[i]), radius, colour);
+    } else if (signal == Signal::beyond_limits) {
+      canvas.symbol(Verdict::fail, panel.x(i), panel.y(values[i]), 2.6, kLimit);
+    } else {
+      canvas.rectangle(panel.x(i) - radius, panel.y(values[i]) - radius, 2.0 * radius, 2.0 * radius, report::kWhite,
+                       kLimit, 0.3);
+    }
+  }
+}
+
+void include(Panel& panel, double value) {
+  if (!has_value(value)) return;
+  panel.low = std::min(panel.low, value);
+  panel.high = std::max(panel.high, value);
+}
+
+void widen(Panel& panel) {
+  const double margin = std::max(0.08 * (panel.high - panel.low), 1e-6);
+  panel.low -= margin;
+  panel.high += margin;
+}
+
+}  // namespace
+
+std::string index_text(const Index& index) {
+  return has_value(index.value) ? fmt::format("{:.2f} ({:.2f} .. {:.2f})", index.value, index.low, index.high) : "-";
+}
+
+Trend trend_of(ItemId item, int block, const std::vector<storage::ItemValue>& values) {
+  Trend trend;
+  trend.item = item;
+  trend.block = block;
+  std::vector<Placed> placed;
+  std::vector<double> singles;
+  for (const storage::ItemValue& value : values) {
+    if (!has_value(value.item.value)) {
+      ++trend.not_measured;
+      continue;
+    }
+    placed.push_back({value.slab_key, value.item.station, value.item.value});
+    singles.push_back(value.item.value);
+    trend.nominal = value.item.nominal;
+    trend.lower = value.item.lower;
+    trend.upper = value.item.upper;
+    if (trend.keys.empty() || trend.keys.back() != value.slab_key) {
+      trend.keys.push_back(value.slab_key);
+      trend.ids.push_back(value.slab_id);
+      trend.began_utime_us.push_back(value.began_utime_us);
+      trend.values.push_back(0.0);
+    }
+  }
+  std::size_t at = 0;
+  for (std::size_t i = 0; i < trend.keys.size(); ++i) {
+    double sum = 0.0;
+    std::size_t count = 0;
+    for (; at < placed.size() && placed[at].slab_key == trend.keys[i]; ++at, ++count) sum += placed[at].value;
+    trend.values[i] = sum / static_cast<double>(count);
+    trend.is_mean = trend.is_mean || count > 1;
+  }
+  trend.chart = individuals(trend.values);
+  trend.singles = individuals(singles);
+  // Twenty-five slabs, however many blocks they have.
+  if (!trend.chart.preliminary()) trend.capable = capability(trend.singles, trend.lower, trend.upper);
+  if (trend.is_mean) trend.stations = station_biases(placed);
+  return trend;
+}
+
+report::Figure chart_figure(const Trend& trend, Language language) {
+  report::Figure result;
+  const int digits = decimals(trend.item);
+  result.width_mm = 180.0;
+  result.height_mm = 112.0;
+  result.title = fmt::format("{} [{}]{}", report::item_word(trend.item, language), name(info(trend.item).unit),
+                             trend.block != 0 ? fmt::format(", {} {}", pick(language, "block", "承轨台"), trend.block)
+                             : trend.is_mean  ? pick(language, ", mean of each slab", "，每板平均值")
+                                              : std::string());
+  result.alt = fmt::format("{}: n = {}, {} {}", result.title, trend.chart.count, pick(language, "mean", "平均值"),
+                           figure(trend.chart.mean, digits));
+  result.draw = [&trend, language, digits](Canvas& canvas) {
+    if (trend.values.empty()) {
+      canvas.text(2.0, 10.0, pick(language, "no values", "没有数据"), {9.0, false, report::kGrey, Anchor::left});
+      return;
+    }
+    const Individuals& chart = trend.chart;
+    const Colour ink = chart.preliminary() ? Colour{0.62, 0.62, 0.62} : Colour{0.12, 0.25, 0.42};
+    std::vector<double> ranges;
+    for (std::size_t i = 1; i < trend.values.size(); ++i)
+      ranges.push_back(std::abs(trend.values[i] - trend.values[i - 1]));
+
+    Panel upper{4.0, 62.0, trend.values[0], trend.values[0], trend.values.size()};
+    for (const double value : trend.values) include(upper, value);
+    include(upper, chart.lower_control);
+    include(upper, chart.upper_control);
+    // Tolerances join when they do not squeeze the values into a line.
+    const double spread = std::max(upper.high - upper.low, 1e-9);
+    for (const double limit : {trend.lower, trend.upper})
+      if (has_value(limit) && std::abs(limit - chart.mean) < 4.0 * spread) include(upper, limit);
+    widen(upper);
+    canvas.rectangle(Panel::kLeft, upper.top, Panel::kWidth, upper.height, std::nullopt, report::kGrey, 0.15);
+    level(canvas, upper, trend.lower, pick(language, "limit", "限值"), kLimit, false, digits);
+    level(canvas, upper, trend.upper, pick(language, "limit", "限值"), kLimit, false, digits);
+    level(canvas, upper, chart.lower_control, "LCL", ink, true, digits);
+    level(canvas, upper, chart.upper_control, "UCL", ink, true, digits);
+    level(canvas, upper, chart.mean, "mean", ink, false, digits);
+    points(canvas, upper, trend.values, chart.signals, ink);
+    canvas.text(0.0, upper.top + 3.0, "I", {9.0, true, ink, Anchor::left});
+
+    Panel lower{72.0, 28.0, 0.0, 1e-9, trend.values.size()};
+    for (const double range : ranges) include(lower, range);
+    include(lower, chart.range_control);
+    lower.high += std::max(0.08 * lower.high, 1e-6);
+    canvas.rectangle(Panel::kLeft, lower.top, Panel::kWidth, lower.height, std::nullopt, report::kGrey, 0.15);
+    level(canvas, lower, chart.range_control, "UCL", ink, true, digits);
+    level(canvas, lower, chart.moving_range, "mean", ink, false, digits);
+    for (std::size_t i = 0; i < ranges.size(); ++i) {
+      canvas.circle(lower.x(i + 1), lower.y(ranges[i]), 0.4, ink);
+      if (i > 0) canvas.line(lower.x(i), lower.y(ranges[i - 1]), lower.x(i + 1), lower.y(ranges[i]), 0.15, ink);
+    }
+    canvas.text(0.0, lower.top + 3.0, "MR", {9.0, true, ink, Anchor::left});
+    const TextStyle small{6.0, false, report::kGrey, Anchor::left};
+    TextStyle right = small;
+    right.anchor = Anchor::right;
+    canvas.text(Panel::kLeft, 104.0, fmt::format("{} {}", trend.keys.front(), iso_time(trend.began_utime_us.front())),
+                small);
+    canvas.text(Panel::kLeft + Panel::kWidth, 104.0,
+                fmt::format("{} {}", trend.keys.back(), iso_time(trend.began_utime_us.back())), right);
+    if (chart.preliminary())
+      canvas.text(Panel::kLeft + 2.0, upper.top + 4.0,
+                  fmt::format(fmt::runtime(pick(language, "preliminary: {} of {} slabs", "数据不足：{} / {} 块板")),
+                              chart.count, kValuesMin),
+                  {8.0, true, report::kGrey, Anchor::left});
+  };
+  return result;
+}
+
+report::Report document_of(const Trend& trend, Language language) {
+  const int digits = decimals(trend.item);
+  report::Report document;
+  document.language = language;
+  document.judged = false;
+  document.title = pick(language, "Trend", "趋势");
+  report::Figure chart = chart_figure(trend, language);
+  document.subject = chart.title;
+  report::Section section;
+  section.parts.emplace_back(report::Figures{{std::move(chart)}});
+  report::Table figures;
+  figures.caption = pick(language, "Figures", "统计值");
+  figures.columns = {{pick(language, "figure", "名称"), true, 0.5}, {pick(language, "value", "数值"), false, 0.5}};
+  const auto add = [&](std::string key, std::string value) {
+    figures.rows.push_back({{std::move(key), std::move(value)}, Verdict::none});
+  };
+  add(pick(language, "slabs", "板数"), std::to_string(trend.chart.count));
+  add(pick(language, "values not measured", "未测量"), std::to_string(trend.not_measured));
+  add(pick(language, "mean", "平均值"), figure(trend.chart.mean, digits));
+  add(pick(language, "control limits", "控制限"),
+      fmt::format("{} .. {}", figure(trend.chart.lower_control, digits), figure(trend.chart.upper_control, digits)));
+  add(pick(language, "limits", "限值"),
+      fmt::format("{} .. {}", figure(trend.lower, digits), figure(trend.upper, digits)));
+  const std::string few =
+      trend.chart.preliminary()
+          ? fmt::format(fmt::runtime(pick(language, "not before {} slabs", "至少需要 {} 块板")), kValuesMin)
+          : std::string();
+  add("Cp (95 %)", few.empty() ? index_text(trend.capable.cp) : few);
+  add("Cpk (95 %)", few.empty() ? index_text(trend.capable.cpk) : few);
+  section.parts.emplace_back(std::move(figures));
+  if (!trend.stations.empty()) {
+    report::Table table;
+    table.caption = pick(language, "Each station against the others of its slab", "各测站与同板其他测站之差");
+    table.columns = {{pick(language, "station", "测站"), true, 0.12},
+                     {pick(language, "slabs", "板数"), false, 0.13},
+                     {pick(language, "bias", "偏移"), false, 0.18},
+                     {"± 2σ", false, 0.15},
+                     {pick(language, "drift", "漂移"), false, 0.18},
+                     {"± 2σ", false, 0.14},
+                     {"", true, 0.10}};
+    for (const StationBias& s : trend.stations)
+      table.rows.push_back(
+          {{std::to_string(s.station), std::to_string(s.slabs), figure(s.bias, digits),
+            figure(2.0 * s.bias_sigma, digits), figure(s.drift, digits), figure(2.0 * s.drift_sigma, digits),
+            s.drifting() ? pick(language, "drifts", "漂移")
+            : s.biased() ? pick(language, "biased", "偏移")
+                         : std::string()},
+           s.drifting() ? Verdict::indeterminate : Verdict::none});
+    section.parts.emplace_back(std::move(table));
+  }
+  document.sections.push_back(std::move(section));
+  return document;
+}
+
+}  // namespace slabd::cli::trend

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "cli/report/content.h"
+#include "cli/trend/statistics.h"
+
+namespace slabd::cli::trend {
+
+/// One characteristic over the slabs, as the trend command shows it.
+struct Trend {
+  ItemId item = ItemId::seat_slope;
+  int block = 0;  ///< 0: mean over the stations of each slab, or an item of the whole slab
+  bool is_mean = false;
+  std::size_t not_measured = 0;
+  std::vector<std::int64_t> keys;
+  std::vector<SlabId> ids;
+  std::vector<std::int64_t> began_utime_us;
+  std::vector<double> values;
+  double nominal = kNoValue;  ///< of the newest slab, and so are the limits
+  double lower = kNoValue;
+  double upper = kNoValue;
+  Individuals chart;
+  Individuals singles;  ///< all single values in their order: what capability rests on
+  Capability capable;
+  std::vector<StationBias> stations;
+};
+
+/// From what the database holds of it, oldest first.
+[[nodiscard]] Trend trend_of(ItemId item, int block, const std::vector<storage::ItemValue>& values);
+
+/// Individuals above moving ranges, control limits, tolerance when it is in reach; grey while preliminary.
+[[nodiscard]] report::Figure chart_figure(const Trend& trend, report::Language language);
+/// The chart and its figures as a document.
+[[nodiscard]] report::Report document_of(const Trend& trend, report::Language language);
+
+/// "1.63 (1.41 .. 1.85)", or why there is none.
+[[nodiscard]] std::string index_text(const Index& index);
+
+}  // namespace slabd::cli::trend

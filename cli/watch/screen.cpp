@@ -1,0 +1,240 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Looked at from three metres, for a second, by somebody with other things to do. So: the blocks first and large, one
+// word for every link, what to do beside what is wrong, and everything grey as soon as it is no longer true for sure.
+// Colour only repeats what symbol and word say.
+#include "cli/watch/screen.h"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace slabd::cli::watch {
+namespace {
+
+using report::Language;
+using report::verdict_word;
+
+constexpr std::string_view kRed = "1;31";
+constexpr std::string_view kGreen = "32";
+constexpr std::string_view kYellow = "33";
+constexpr std::string_view kBold = "1";
+constexpr std::string_view kFaint = "2";
+constexpr std::string_view kInverse = "7";
+
+struct Piece {
+  std::string text;
+  std::string_view sgr;
+};
+using Line = std::vector<Piece>;
+
+std::string_view colour_of(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::pass: return kGreen;
+    case Verdict::fail: return kRed;
+    case Verdict::indeterminate: return kYellow;
+    case Verdict::not_measured:
+    case Verdict::aborted: return "35";
+    case Verdict::none: break;
+  }
+  return kFaint;
+}
+
+/// The first characters of `text` that fit.
+std::string cut(const std::string& text, std::size_t columns) {
+  if (display_width(text) <= columns) return text;
+  std::string out;
+  for (std::size_t at = 0; at < text.size();) {
+    std::size_t end = at + 1;
+    while (end < text.size() && (static_cast<unsigned char>(text[end]) & 0xC0U) == 0x80U) ++end;
+    if (display_width(out) + display_width(text.substr(at, end - at)) > columns) break;
+    out += text.substr(at, end - at);
+    at = end;
+  }
+  return out;
+}
+
+std::string padded(std::string text, std::size_t columns) {
+  const std::size_t width = display_width(text);
+  if (width < columns) text.append(columns - width, ' ');
+  return cut(text, columns);
+}
+
+class Composer {
+ public:
+  Composer(const Picture& picture, std::size_t columns, std::size_t rows, Style style, Language language)
+      : p_(picture),
+        columns_(columns),
+        rows_(rows),
+        style_(style),
+        zh_(language == Language::zh),
+        language_(language) {}
+
+  std::vector<std::string> compose() {
+    header();
+    map();
+    links();
+    trouble();
+    past();
+    while (lines_.size() + 1 < rows_) lines_.emplace_back();
+    lines_.resize(rows_ - 1);
+    add({{say("q quit   l language", "q 退出   l 语言"), kFaint}});
+    std::vector<std::string> out;
+    for (const Line& line : lines_) out.push_back(render(line));
+    return out;
+  }
+
+ private:
+  [[nodiscard]] std::string say(std::string_view en, std::string_view zh) const { return std::string(zh_ ? zh : en); }
+  void add(Line line) { lines_.push_back(std::move(line)); }
+
+  [[nodiscard]] std::string render(const Line& line) const {
+    std::string out;
+    std::size_t left = columns_;
+    for (const Piece& piece : line) {
+      const std::string text = cut(piece.text, left);
+      left -= std::min(left, display_width(text));
+      // What may be old has no colour of its own.
+      const std::string_view sgr = p_.stale() && piece.sgr != kInverse ? kFaint : piece.sgr;
+      out += sgr.empty() ? text : coloured(text, sgr, style_);
+    }
+    return out;
+  }
+
+  void header() {
+    if (p_.stale()) {
+      const std::string age = has_value(p_.age_s) ? say("STALE: last answer ", "数据过期：最后应答于 ") +
+                                                        age_text(p_.age_s) + say(" ago", " 前")
+                                                  : say("NO ANSWER from slabd", "slabd 无应答");
+      add({{padded(" " + age + "  " + p_.trouble, columns_), kInverse}});
+    } else {
+      add({{p_.software + "  ", kBold},
+           {p_.state, p_.fault != 0 ? kRed : kBold},
+           {say("   up ", "   已运行 ") + age_text(p_.uptime_s) + say("   age ", "   数据 ") + age_text(p_.age_s),
+            {}}});
+    }
+    std::string about = p_.slab.empty()
+                            ? say("no slab yet", "尚无轨道板")
+                            : (p_.slab_open ? say("slab ", "轨道板 ") : say("last slab ", "上一块板 ")) + p_.slab;
+    if (p_.slab_open)
+      about += fmt::format("   {} {}/{}", say("scanned", "已扫描"), p_.stations_done, p_.stations.size());
+    if (p_.current_station != 0) about += fmt::format("   {} {}", say("now block", "当前承轨台"), p_.current_station);
+    if (has_value(p_.map_age_s)) about += fmt::format("   {} {}", say("age", "数据"), age_text(p_.map_age_s));
+    add({{about, kBold}});
+    add({});
+  }
+
+  void map() {
+    const std::size_t pairs = p_.stations.size() / 2;
+    if (pairs == 0) return;
+    // A tile: number and symbol; three rows high where there is room.
+    const std::size_t tile = std::clamp<std::size_t>((columns_ - 8) / pairs, 6, 16);
+    const bool tall = rows_ >= 34;
+    for (const bool left : {true, false}) {
+      for (std::size_t row = 0; row < (tall ? 3U : 1U); ++row) {
+        Line line = {{padded(row == (tall ? 1U : 0U) ? (left ? " Y > 0" : " Y < 0") : "", 8), kFaint}};
+        for (std::size_t column = 0; column < pairs; ++column) {
+          const std::size_t station = left ? column + 1 : 2 * pairs - column;
+          const Verdict verdict = p_.stations[station - 1];
+          const bool now = p_.current_station == static_cast<int>(station);
+          std::string text;
+          if (!tall || row == 1)
+            text = fmt::format("{}{:>2} {}{}", now ? '[' : ' ', station, symbol(verdict, style_), now ? ']' : ' ');
+          else if (row == 2 && verdict != Verdict::none)
+            text = " " + std::string(verdict_word(verdict, language_));
+          line.push_back({padded(std::move(text), tile), now ? kBold : colour_of(verdict)});
+        }
+        add(std::move(line));
+      }
+    }
+    Line legend = {{"        ", {}}};
+    for (const Verdict verdict : {Verdict::pass, Verdict::fail, Verdict::indeterminate, Verdict::not_measured})
+      legend.push_back(
+          {fmt::format("{} {}   ", symbol(verdict, style_), verdict_word(verdict, language_)), colour_of(verdict)});
+    add(std::move(legend));
+    add({});
+  }
+
+  [[nodiscard]] std::string name_of(Link link) const {
+    switch (link) {
+      case Link::plc: return say("PLC", "PLC");
+      case Link::robot: return say("robot", "机器人");
+      case Link::scanner: return say("scanner", "扫描仪");
+      case Link::store: return say("database", "数据库");
+      case Link::calibration: return say("calibration", "标定");
+    }
+    return "";
+  }
+
+  void links() {
+    for (const LinkState& state : p_.links) {
+      Line line = {
+          {padded(" " + name_of(state.link), 14), {}},
+          {padded(fmt::format("{} {}", symbol(state.ok ? Verdict::pass : Verdict::fail, style_), state.word), 16),
+           state.ok ? kGreen : kRed},
+          {padded(
+               fmt::format("{}{}", state.at_least ? say("for > ", "已 > ") : say("for ", "已 "), age_text(state.for_s)),
+               14),
+           kFaint}};
+      if (!state.ok && !state.cure.empty()) line.push_back({"-> " + state.cure, kBold});
+      add(std::move(line));
+    }
+    add({});
+  }
+
+  void trouble() {
+    if (p_.fault != 0) {
+      add({{fmt::format(" {} {}: {}", say("FAULT", "故障"), p_.fault, p_.fault_text), kRed}});
+      add({{"  -> " + p_.fault_cure, kBold}});
+    }
+    // Two always; more of them where the past still has room.
+    const std::size_t room = rows_ > 30 ? p_.warnings.size() : 2;
+    for (std::size_t i = 0; i < std::min(room, p_.warnings.size()); ++i) {
+      std::string text = " ! " + p_.warnings[i];
+      if (i + 1 == room && p_.warnings.size() > room) text += fmt::format("  (+{})", p_.warnings.size() - room);
+      add({{text, kYellow}});
+    }
+    if (p_.fault != 0 || !p_.warnings.empty()) add({});
+  }
+
+  void past() {
+    for (const PastSlab& slab : p_.past) {
+      if (lines_.size() + 1 >= rows_) break;
+      const std::string verdict = slab.verdict == Verdict::none ? say(". open", ". 未结束")
+                                                                : fmt::format("{} {}", symbol(slab.verdict, style_),
+                                                                              verdict_word(slab.verdict, language_));
+      add({{padded(fmt::format(" {:>6} {}", slab.number, slab.id), std::min<std::size_t>(30, columns_ / 3)), {}},
+           {" " + padded(verdict, 17), colour_of(slab.verdict)},
+           {padded(slab.verdict == Verdict::none ? "" : age_text(slab.age_s) + say(" ago", " 前"), 12), kFaint},
+           {report::reason_sentence(slab.reason, language_), {}}});
+    }
+  }
+
+  const Picture& p_;
+  std::size_t columns_;
+  std::size_t rows_;
+  Style style_;
+  bool zh_;
+  Language language_;
+  std::vector<Line> lines_;
+};
+
+}  // namespace
+
+std::string age_text(double age_s) {
+  if (!std::isfinite(age_s)) return "?";
+  const double age = std::max(age_s, 0.0);
+  if (age < 100.0) return fmt::format("{:.0f} s", std::floor(age));
+  if (age < 6'000.0) return fmt::format("{:.0f} min", std::floor(age / 60.0));
+  if (age < 172'800.0) return fmt::format("{:.0f} h", std::floor(age / 3'600.0));
+  return fmt::format("{:.0f} d", std::floor(age / 86'400.0));
+}
+
+std::vector<std::string> screen(const Picture& picture, std::size_t columns, std::size_t rows, Style style,
+                                report::Language language) {
+  return Composer(picture, std::max<std::size_t>(columns, 20), std::max<std::size_t>(rows, 4), style, language)
+      .compose();
+}
+
+}  // namespace slabd::cli::watch

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "base/base.h"
+#include "cli/render.h"
+#include "cli/report/words.h"
+
+/// The operator's screen: what there is to see, and how it looks in so many columns and rows. Pure; the watch command
+/// asks the daemon, reads the database and writes the lines.
+namespace slabd::cli::watch {
+
+/// Older than this and nothing on the screen may look live.
+inline constexpr double kStaleAfter_s = 3.0;
+
+enum class Link : std::uint8_t { plc, robot, scanner, store, calibration };
+
+struct LinkState {
+  Link link{};
+  bool ok = false;
+  std::string word;      ///< "alive", "missing", ...: one word, already in the screen's language
+  std::string cure;      ///< when it is not ok
+  double for_s = 0.0;    ///< how long it has been so ...
+  bool at_least = true;  ///< ... or longer: it was so when the watch began
+};
+
+struct PastSlab {
+  std::uint32_t number = 0;
+  std::string id;
+  Verdict verdict = Verdict::none;  ///< none: open
+  std::uint16_t reason = 0;
+  double age_s = 0.0;  ///< since its end
+};
+
+struct Picture {
+  double age_s = kNoValue;  ///< of the daemon's last answer; NaN: it never answered
+  std::string trouble;      ///< why it does not answer now
+  std::string software;
+  std::string state;
+  double uptime_s = 0.0;
+  std::vector<LinkState> links;
+  std::uint16_t fault = 0;
+  std::string fault_text;
+  std::string fault_cure;
+  std::vector<std::string> warnings;
+
+  bool slab_open = false;
+  std::string slab;  ///< of the map: "7 \"SLAB-7\""
+  int stations_done = 0;
+  int current_station = 0;        ///< 0: none
+  std::vector<Verdict> stations;  ///< [station - 1]; of the open slab, else of the last one
+  double map_age_s = kNoValue;    ///< since the newest of these verdicts; NaN: unknown
+  std::vector<PastSlab> past;     ///< newest first
+
+  [[nodiscard]] bool stale() const { return !(age_s <= kStaleAfter_s); }
+};
+
+/// "3 s", "12 min", "5 h", "9 d"; "?" for NaN.
+[[nodiscard]] std::string age_text(double age_s);
+
+/// Exactly `rows` lines, none wider than `columns`. From 80 x 24 on everything important is there; a larger screen gets
+/// larger blocks and more of the past.
+[[nodiscard]] std::vector<std::string> screen(const Picture& picture, std::size_t columns, std::size_t rows,
+                                              Style style, report::Language language);
+
+}  // namespace slabd::cli::watch

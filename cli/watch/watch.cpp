@@ -1,0 +1,262 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The watch command: a loop of ask, read, draw. What the daemon says of its links is true now; how long it has been so
+// is what this process saw, and the screen says "for >" as long as it has not seen the beginning.
+#include "cli/watch/watch.h"
+
+#include <fmt/core.h>
+#include <poll.h>
+#include <sys/ioctl.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <array>
+#include <chrono>
+#include <csignal>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "cli/command.h"
+#include "cli/control.h"
+#include "cli/exit.h"
+#include "cli/slab_view.h"
+#include "cli/watch/screen.h"
+
+namespace slabd::cli::watch {
+namespace {
+
+using nlohmann::json;
+using report::Language;
+using Clock = std::chrono::steady_clock;
+
+volatile std::sig_atomic_t g_stop = 0;
+
+double seconds_since(Clock::time_point then) {
+  return std::chrono::duration<double>(Clock::now() - then).count();
+}
+double seconds_since(std::int64_t utime_us) {
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  return std::chrono::duration<double>(now).count() - 1e-6 * static_cast<double>(utime_us);
+}
+
+/// The value at a path, or `otherwise`: a newer or older daemon may know other keys.
+template <typename T>
+T at(const json& document, std::initializer_list<const char*> path, T otherwise) {
+  const json* node = &document;
+  for (const char* key : path) {
+    if (!node->is_object() || !node->contains(key)) return otherwise;
+    node = &(*node)[key];
+  }
+  if constexpr (std::is_same_v<T, std::string>) {
+    return node->is_string() ? node->template get<T>() : otherwise;
+  } else if constexpr (std::is_same_v<T, bool>) {
+    return node->is_boolean() ? node->template get<T>() : otherwise;
+  } else {
+    return node->is_number() ? node->template get<T>() : otherwise;
+  }
+}
+
+/// Remembers since when a link's word is what it is.
+class Since {
+ public:
+  void note(LinkState& state) {
+    Seen& seen = seen_[state.link];
+    if (seen.word.empty()) {
+      seen = {state.word, Clock::now(), true};
+    } else if (seen.word != state.word) {
+      seen = {state.word, Clock::now(), false};
+    }
+    state.for_s = seconds_since(seen.when);
+    state.at_least = seen.at_least;
+  }
+
+ private:
+  struct Seen {
+    std::string word;
+    Clock::time_point when;
+    bool at_least = true;
+  };
+  std::map<Link, Seen> seen_;
+};
+
+/// The terminal, taken over and given back: own screen, no echo, no cursor.
+class Terminal {
+ public:
+  Terminal() {
+    tcgetattr(STDIN_FILENO, &before_);
+    termios raw = before_;
+    raw.c_lflag &= ~static_cast<tcflag_t>(ICANON | ECHO);
+    tcsetattr(STDIN_FILENO, TCSANOW, &raw);
+    write_all("\x1b[?1049h\x1b[?25l");
+  }
+  ~Terminal() {
+    write_all("\x1b[?25h\x1b[?1049l");
+    tcsetattr(STDIN_FILENO, TCSANOW, &before_);
+  }
+  Terminal(const Terminal&) = delete;
+  Terminal& operator=(const Terminal&) = delete;
+
+  static void write_all(std::string_view text) {
+    while (!text.empty()) {
+      const ssize_t written = ::write(STDOUT_FILENO, text.data(), text.size());
+      if (written <= 0) return;
+      text.remove_prefix(static_cast<std::size_t>(written));
+    }
+  }
+  static void draw(const Picture& picture, Style style, Language language) {
+    winsize size{};
+    if (::ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) != 0 || size.ws_col == 0) size = {24, 80, 0, 0};
+    std::string out = "\x1b[H";
+    const std::vector<std::string> lines = screen(picture, size.ws_col, size.ws_row, style, language);
+    // Line by line, each cleared behind its end: nothing flickers.
+    for (std::size_t i = 0; i < lines.size(); ++i) out += (i == 0 ? "" : "\r\n") + lines[i] + "\x1b[K";
+    write_all(out + "\x1b[J");
+  }
+
+ private:
+  termios before_{};
+};
+
+class Watcher {
+ public:
+  Watcher(std::string socket, Language language) : socket_(std::move(socket)), language_(language) {}
+
+  void turn_language() { language_ = language_ == Language::en ? Language::zh : Language::en; }
+  [[nodiscard]] Language language() const { return language_; }
+
+  const Picture& look() {
+    const Result<std::string> answer = ask_daemon(socket_, "{\"verb\":\"status\"}\n");
+    const json status = answer ? json::parse(answer.value(), nullptr, false) : json();
+    if (status.is_object() && at<std::string>(status, {"schema"}, "") == "slabd.status/1") {
+      answered_ = Clock::now();
+      has_answer_ = true;
+      picture_.trouble.clear();
+      take(status);
+    } else {
+      picture_.trouble = answer ? std::string("no slabd.status/1 answer") : std::string(answer.error().text.view());
+    }
+    picture_.age_s = has_answer_ ? seconds_since(answered_) : kNoValue;
+    return picture_;
+  }
+
+ private:
+  [[nodiscard]] std::string say(std::string_view en, std::string_view zh) const {
+    return std::string(language_ == Language::zh ? zh : en);
+  }
+
+  void take(const json& status) {
+    Picture& p = picture_;
+    p.software = at<std::string>(status, {"software"}, "slabd");
+    p.state = at<std::string>(status, {"state"}, "?");
+    p.uptime_s = at<double>(status, {"uptime_s"}, 0.0);
+    p.fault = at<std::uint16_t>(status, {"fault", "code"}, 0);
+    p.fault_text = at<std::string>(status, {"fault", "text"}, "");
+    p.fault_cure = at<std::string>(status, {"fault", "cure"}, "");
+    p.warnings.clear();
+    if (status.contains("warn") && status["warn"].is_array())
+      for (const json& warning : status["warn"])
+        if (warning.is_string()) p.warnings.push_back(warning.get<std::string>());
+    p.slab_open = status.contains("slab") && status["slab"].is_object();
+    p.stations_done = at<int>(status, {"slab", "stations_done"}, 0);
+    p.current_station = p.slab_open ? at<int>(status, {"slab", "current_station"}, 0) : 0;
+    take_links(status);
+    read_database(at<std::string>(status, {"db"}, ""));
+  }
+
+  void take_links(const json& status) {
+    picture_.links.clear();
+    const auto add = [&](Link link, bool ok, std::string word, std::string cure) {
+      LinkState state{link, ok, std::move(word), std::move(cure)};
+      since_.note(state);
+      picture_.links.push_back(std::move(state));
+    };
+    const bool plc = at<bool>(status, {"links", "plc", "alive"}, false);
+    add(Link::plc, plc, plc ? say("alive", "在线") : say("silent", "无心跳"),
+        at<int>(status, {"links", "plc", "clients"}, 0) == 0
+            ? say("no client connected: check cable and PLC address", "无连接：检查网线和 PLC 地址")
+            : say("its heartbeat (HR 0) stands still: check the PLC program", "心跳 (HR 0) 不变：检查 PLC 程序"));
+    const bool robot = at<bool>(status, {"links", "pose", "ok"}, false);
+    const auto code = static_cast<Code>(at<std::uint16_t>(status, {"links", "pose", "code"}, 0));
+    add(Link::robot, robot, robot ? say("poses", "有位姿") : say("no poses", "无位姿"), std::string(cure(code)));
+    const bool scanner = at<bool>(status, {"links", "scanner", "online"}, false);
+    add(Link::scanner, scanner, scanner ? say("online", "在线") : say("offline", "离线"),
+        std::string(cure(Code::scanner_offline)));
+    const bool store = at<bool>(status, {"links", "store", "ok"}, false);
+    add(Link::store, store, store ? say("writing", "正常") : say("failed", "故障"),
+        std::string(cure(Code::journal_write)));
+    const std::string source = at<std::string>(status, {"calibration", "source"}, "missing");
+    const bool applied = source == "applied";
+    add(Link::calibration, applied, applied ? say("applied", "已生效") : source,
+        say("calibrate: slabctl calibrate", "请标定：slabctl calibrate"));
+  }
+
+  /// Stays with what was read last when the database cannot be read now.
+  void read_database(const std::string& path) {
+    if (reader_ == nullptr || path != reader_path_) {
+      auto opened = storage::open_reader(path);
+      if (!opened) return;
+      reader_ = std::move(opened.value());
+      reader_path_ = path;
+    }
+    storage::SlabFilter filter;
+    filter.limit = 40;
+    const auto slabs = reader_->slabs(filter);
+    if (!slabs || slabs.value().empty()) return;
+    Picture& p = picture_;
+    p.past.clear();
+    for (const storage::SlabSummary& slab : slabs.value())
+      p.past.push_back({slab.header.slab_no, std::string(slab.header.slab_id.view()), slab.verdict, slab.reason,
+                        slab.ended_utime_us == 0 ? kNoValue : seconds_since(slab.ended_utime_us)});
+    const storage::SlabSummary& newest = slabs.value().front();
+    const auto record = reader_->slab(newest.header.key);
+    if (!record || !record.value()) return;
+    p.slab = fmt::format("{} \"{}\"", newest.header.slab_no, newest.header.slab_id.view());
+    if (!is_open(*record.value())) p.slab += fmt::format(": {}", report::verdict_word(newest.verdict, language_));
+    p.stations.clear();
+    std::int64_t newest_us = newest.ended_utime_us;
+    for (int station = 1; station <= newest.header.stations; ++station) {
+      p.stations.push_back(shown(*record.value(), station).verdict);
+      if (const storage::SlabBlock* block = latest(*record.value(), station))
+        newest_us = std::max(newest_us, block->attempt.scan_utime_us);
+    }
+    p.map_age_s = newest_us == 0 ? kNoValue : seconds_since(newest_us);
+  }
+
+  std::string socket_;
+  Language language_;
+  Picture picture_;
+  Since since_;
+  bool has_answer_ = false;
+  Clock::time_point answered_{};
+  std::unique_ptr<storage::Reader> reader_;
+  std::string reader_path_;
+};
+
+}  // namespace
+
+int run(const std::string& socket, Language language) {
+  if (isatty(STDOUT_FILENO) == 0 || isatty(STDIN_FILENO) == 0) {
+    complain("--watch needs a terminal; `slabctl status --json` is for programs");
+    return kUsage;
+  }
+  struct sigaction action {};
+  action.sa_handler = [](int) { g_stop = 1; };
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+  const Terminal terminal;
+  const Style style = style_for(stdout);
+  Watcher watcher(socket, language);
+  while (g_stop == 0) {
+    Terminal::draw(watcher.look(), style, watcher.language());
+    // Until the next second, a key, or the terminal going away; a changed window interrupts as well.
+    pollfd input{STDIN_FILENO, POLLIN, 0};
+    if (::poll(&input, 1, 1000) <= 0) continue;
+    char key = 0;
+    if (::read(STDIN_FILENO, &key, 1) <= 0 || key == 'q' || key == 'Q') break;
+    if (key == 'l' || key == 'L') watcher.turn_language();
+  }
+  return kDone;
+}
+
+}  // namespace slabd::cli::watch

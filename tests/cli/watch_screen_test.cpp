@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include "cli/watch/screen.h"
+
+namespace slabd::cli::watch {
+namespace {
+
+using report::Language;
+
+constexpr Style kPlain{false, false};
+constexpr Style kColour{true, true};
+
+Picture busy_line() {
+  Picture p;
+  p.age_s = 0.4;
+  p.software = "slabd 0.1.0";
+  p.state = "scanning";
+  p.uptime_s = 7'300.0;
+  p.links = {{Link::plc, true, "alive", "", 35.0, false},
+             {Link::robot, false, "no poses", "start the robot bridge", 12.0, false},
+             {Link::scanner, true, "online", "", 35.0, true},
+             {Link::store, true, "writing", "", 35.0, true},
+             {Link::calibration, true, "applied", "", 35.0, true}};
+  p.warnings = {"one", "two", "three"};
+  p.slab_open = true;
+  p.slab = "7 \"SLAB-7\"";
+  p.stations.assign(18, Verdict::none);
+  p.stations[0] = Verdict::pass;
+  p.stations[3] = Verdict::fail;
+  p.stations_done = 4;
+  p.current_station = 5;
+  p.map_age_s = 8.0;
+  for (std::uint32_t i = 0; i < 30; ++i) p.past.push_back({100 - i, "SLAB-X", Verdict::pass, 0, 600.0 * i});
+  return p;
+}
+
+std::string joined(const std::vector<std::string>& lines) {
+  std::string text;
+  for (const std::string& line : lines) text += line + "\n";
+  return text;
+}
+
+TEST(Screen, fills_every_size_from_80_by_24_up_and_never_overflows_it) {
+  for (const Language language : {Language::en, Language::zh}) {
+    for (const auto& [columns, rows] : {std::pair{80UL, 24UL}, {100UL, 30UL}, {240UL, 67UL}, {20UL, 4UL}}) {
+      for (const Style style : {kPlain, kColour}) {
+        for (const double age_s : {0.1, 60.0, kNoValue}) {
+          Picture p = busy_line();
+          p.age_s = age_s;
+          const std::vector<std::string> lines = screen(p, columns, rows, style, language);
+          EXPECT_EQ(lines.size(), rows);
+          for (const std::string& line : lines) EXPECT_LE(display_width(line), columns) << line;
+        }
+      }
+    }
+  }
+}
+
+TEST(Screen, of_80_by_24_has_all_blocks_links_cures_and_the_last_slabs) {
+  const std::string text = joined(screen(busy_line(), 80, 24, kPlain, Language::en));
+  for (int station = 1; station <= 18; ++station)
+    EXPECT_NE(text.find(" " + std::to_string(station)), std::string::npos) << station;
+  for (const char* words : {" 4 X", "[ 5 .]", "now block 5", "-> start the robot bridge", "for 12 s", "for > 35 s",
+                            "slabd 0.1.0", "scanning", "age 0 s", "SLAB-X", "10 min ago", "(+1)", "4/18"})
+    EXPECT_NE(text.find(words), std::string::npos) << words << "\n" << text;
+}
+
+TEST(Screen, that_is_stale_says_so_first_and_has_no_colour_of_life) {
+  Picture p = busy_line();
+  p.age_s = 12.0;
+  p.trouble = "connection refused";
+  const std::vector<std::string> lines = screen(p, 80, 24, kColour, Language::en);
+  EXPECT_NE(lines[0].find("STALE: last answer 12 s ago  connection refused"), std::string::npos) << lines[0];
+  for (std::size_t i = 1; i < lines.size(); ++i)
+    for (const char* colour : {"\x1b[32m", "\x1b[1;31m", "\x1b[33m"})
+      EXPECT_EQ(lines[i].find(colour), std::string::npos) << lines[i];
+  p.age_s = kNoValue;
+  EXPECT_NE(joined(screen(p, 80, 24, kPlain, Language::en)).find("NO ANSWER"), std::string::npos);
+  EXPECT_NE(joined(screen(p, 80, 24, kPlain, Language::zh)).find("无应答"), std::string::npos);
+}
+
+TEST(Screen, without_colour_has_no_escape_sequence) {
+  EXPECT_EQ(joined(screen(busy_line(), 80, 24, {false, true}, Language::zh)).find('\x1b'), std::string::npos);
+}
+
+TEST(Screen, shows_fault_and_cure_before_anything_of_the_past) {
+  Picture p = busy_line();
+  p.fault = 503;
+  p.fault_text = "there is no valid calibration";
+  p.fault_cure = "calibrate";
+  const std::string text = joined(screen(p, 80, 24, kPlain, Language::en));
+  const std::size_t fault = text.find("FAULT 503: there is no valid calibration");
+  ASSERT_NE(fault, std::string::npos);
+  EXPECT_NE(text.find("-> calibrate"), std::string::npos);
+  EXPECT_LT(fault, text.find("SLAB-X"));
+}
+
+TEST(Age, is_told_in_the_unit_people_think_in) {
+  EXPECT_EQ(age_text(2.9), "2 s");
+  EXPECT_EQ(age_text(150.0), "2 min");
+  EXPECT_EQ(age_text(7'300.0), "2 h");
+  EXPECT_EQ(age_text(400'000.0), "4 d");
+  EXPECT_EQ(age_text(-5.0), "0 s") << "a clock that was set back";
+  EXPECT_EQ(age_text(kNoValue), "?");
+}
+
+}  // namespace
+}  // namespace slabd::cli::watch
