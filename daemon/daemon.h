@@ -10,6 +10,7 @@
 #include "algo/algo.h"
 #include "base/base.h"
 #include "calib/calib.h"
+#include "daemon/pose_gate.h"
 #include "daemon/still_watch.h"
 #include "hal/hal.h"
 #include "storage/storage.h"

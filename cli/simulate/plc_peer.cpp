@@ -153,18 +153,19 @@ Result<std::unique_ptr<PlcPeer>> PlcPeer::connect(const PlcTraits& traits, const
   impl->stop = &stop;
   impl->name = fmt::format("{}:{}", traits.host, traits.port);
   const auto started = PlcClock::now();
-  while (!impl->open()) {
+  std::uint16_t sync = 0;
+  hal::InputImage image{};
+  // A daemon that has just been started listens before it answers.
+  for (bool connected = false; !(connected = impl->open()) || !impl->read_outputs(image) || !impl->read_sync(sync);) {
     const int reason = errno;
     if (PlcClock::now() - started > kConnectTimeout || stop.load())
       return error(Code::scanner_offline,
-                   "slabd does not answer on %s (Modbus/TCP): %s; is it running with this config?", impl->name.c_str(),
-                   modbus_strerror(reason));
+                   connected ? "%s does not answer reads: %s; is this address in [plc] allow?"
+                             : "slabd does not answer on %s (Modbus/TCP): %s; is it running with "
+                               "this config?",
+                   impl->name.c_str(), modbus_strerror(reason));
     std::this_thread::sleep_for(kReconnectPeriod);
   }
-  std::uint16_t sync = 0;
-  hal::InputImage image{};
-  if (!impl->read_outputs(image) || !impl->read_sync(sync))
-    return error(Code::scanner_offline, "%s does not answer reads: %s", impl->name.c_str(), modbus_strerror(errno));
 
   PlcTrouble trouble;
   if (!impl->understand(image, trouble)) return error(Code::config, "%s", trouble.text.c_str());

@@ -5,9 +5,12 @@
 
 #include <chrono>
 #include <mutex>
+#include <optional>
 #include <slabd/flange_pose_t.hpp>
 #include <thread>
 #include <vector>
+
+#include "cli/simulate/rsi_sender.h"
 
 namespace slabd::simulate {
 namespace {
@@ -48,6 +51,7 @@ std::string_view multicast_group(std::string_view lcm_url) {
 struct RobotPeer::Impl {
   RobotTraits traits;
   lcm_t* lcm = nullptr;
+  std::optional<RsiSender> rsi;  // instead
 
   mutable std::mutex mutex;  // guards the motion
   Pose from;
@@ -76,17 +80,32 @@ struct RobotPeer::Impl {
     std::int32_t sequence = 0;
     auto next = SteadyClock::now();
     while (!stop.stop_requested()) {
-      const slabd::flange_pose_t message = sample(random, sequence++);
-      wire.resize(static_cast<std::size_t>(message.getEncodedSize()));
-      message.encode(wire.data(), 0, static_cast<int>(wire.size()));
-      // A lost datagram is the receiver's business: its gap check is part of what is emulated.
-      lcm_publish(lcm, traits.channel.c_str(), wire.data(), static_cast<unsigned>(wire.size()));
+      const Shown shown = sample(random);
+      if (rsi)
+        rsi->send(shown.T_base_flange, traits.base_id, traits.tool_id, shown.stands, milliseconds_now());
+      else
+        publish(message_of(shown, sequence++), wire);
       next += period;
       std::this_thread::sleep_until(next);
     }
   }
 
-  slabd::flange_pose_t sample(Prng& random, std::int32_t sequence) const {
+  void publish(const slabd::flange_pose_t& message, std::vector<std::uint8_t>& wire) const {
+    wire.resize(static_cast<std::size_t>(message.getEncodedSize()));
+    message.encode(wire.data(), 0, static_cast<int>(wire.size()));
+    // A lost datagram is the receiver's business: its gap check is part of what is emulated.
+    lcm_publish(lcm, traits.channel.c_str(), wire.data(), static_cast<unsigned>(wire.size()));
+  }
+  [[nodiscard]] static std::int64_t milliseconds_now() {
+    return std::chrono::duration_cast<std::chrono::milliseconds>(SteadyClock::now().time_since_epoch()).count();
+  }
+
+  struct Shown {
+    Pose T_base_flange;
+    bool stands = false;
+  };
+  /// With the tremor of the encoders.
+  Shown sample(Prng& random) const {
     Pose pose;
     bool stands = false;
     {
@@ -100,7 +119,11 @@ struct RobotPeer::Impl {
     const Quat shake = rotation_from_kuka_abc(tremor_rad * random.normal(), tremor_rad * random.normal(),
                                               tremor_rad * random.normal());
     pose.rotation = (pose.rotation * shake).normalized();
+    return {pose, stands};
+  }
 
+  slabd::flange_pose_t message_of(const Shown& shown, std::int32_t sequence) const {
+    const Pose& pose = shown.T_base_flange;
     slabd::flange_pose_t message{};
     message.utime =
         std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
@@ -110,7 +133,7 @@ struct RobotPeer::Impl {
     message.seq = sequence;
     message.base_id = traits.base_id;
     message.tool_id = traits.tool_id;
-    message.flags = kMeasured | kRunning | (stands ? kStopped : 0);
+    message.flags = kMeasured | kRunning | (shown.stands ? kStopped : 0);
     for (int axis = 0; axis < 3; ++axis) message.trans[axis] = m_from_mm(pose.translation_mm[axis]);
     message.quat[0] = pose.rotation.w();
     message.quat[1] = pose.rotation.x();
@@ -128,8 +151,14 @@ Result<std::unique_ptr<RobotPeer>> RobotPeer::start(const RobotTraits& traits, c
   impl->traits = traits;
   impl->from = impl->to = T_base_flange;
   impl->started = SteadyClock::now() - std::chrono::hours(1);
-  impl->lcm = lcm_create(traits.lcm_url.c_str());
-  if (impl->lcm == nullptr) {
+  if (!traits.rsi.empty()) {
+    Result<RsiSender> rsi = RsiSender::open(traits.rsi, traits.rsi_faults, traits.seed);
+    if (!rsi) return rsi.error();
+    impl->rsi.emplace(std::move(rsi.value()));
+  } else {
+    impl->lcm = lcm_create(traits.lcm_url.c_str());
+  }
+  if (traits.rsi.empty() && impl->lcm == nullptr) {
     const std::string group(multicast_group(traits.lcm_url));
     return error(Code::no_pose,
                  "the robot cannot publish on %s: no route for its multicast group; as root: "

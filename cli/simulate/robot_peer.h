@@ -7,9 +7,9 @@
 
 #include "base/base.h"
 
-/// The robot's half of the line: a thread that publishes FLANGE_POSE over LCM as a KUKA bridge does, whether the arm
-/// moves or stands. While it moves the "stopped" flag is clear; standing, the measured pose trembles by a few
-/// micrometres, as encoders do.
+/// The robot's half of the line: a thread that publishes FLANGE_POSE over LCM as a KUKA bridge does, or sends RSI to
+/// such a bridge as the controller does, whether the arm moves or stands. While it moves the "stopped" flag is clear;
+/// standing, the measured pose trembles by a few micrometres, as encoders do.
 namespace slabd::simulate {
 
 struct RobotTraits {
@@ -21,6 +21,8 @@ struct RobotTraits {
   std::int16_t base_id = 0;
   std::int16_t tool_id = 0;
   std::uint64_t seed = 1;
+  std::string rsi;          ///< "HOST:PORT" of a bridge; empty: LCM
+  double rsi_faults = 0.0;  ///< share of RSI packets that get lost, come late or garbled
 };
 
 /// "udpm://239.255.76.99:7667?ttl=0" -> "239.255.76.99"; LCM's own group when the URL names none.
@@ -28,7 +30,8 @@ struct RobotTraits {
 
 class RobotPeer {
  public:
-  /// Opens LCM and starts to publish `T_base_flange`, standing. no_pose with the cure when there is no multicast route.
+  /// Opens the link and starts to publish `T_base_flange`, standing. no_pose with the cure when there is no multicast
+  /// route; config when `rsi` is no address.
   [[nodiscard]] static Result<std::unique_ptr<RobotPeer>> start(const RobotTraits& traits, const Pose& T_base_flange);
   ~RobotPeer();
   RobotPeer(const RobotPeer&) = delete;

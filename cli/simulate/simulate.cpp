@@ -32,6 +32,8 @@ struct Options {
   ScannerOptions scanner;
   std::string scan_format = "ply";
   double robot_rate_hz = 125.0;
+  std::string rsi;
+  double rsi_faults = 0.0;
   double move_s = 0.3;
   int plc_cycle_ms = 5;
   int scans_per_station = 3;
@@ -105,6 +107,8 @@ RobotTraits robot_traits(const daemon::Config& config, const Options& options) {
   traits.base_id = config.pose.base_id;
   traits.tool_id = config.pose.tool_id;
   traits.seed = derived_seed(options.variation.seed, 6, 0);
+  traits.rsi = options.rsi;
+  traits.rsi_faults = options.rsi_faults;
   return traits;
 }
 
@@ -353,6 +357,11 @@ void add_simulate(CLI::App& app, int& exit_status) {
   command->add_option("--robot-rate-hz", options->robot_rate_hz, "Poses per second")
       ->check(CLI::Range(10.0, 500.0))
       ->capture_default_str();
+  auto* rsi = command->add_option("--rsi", options->rsi,
+                                  "Send poses as a KUKA controller does (RSI) to slabd-kuka-bridge at ADDRESS:PORT");
+  command->add_option("--rsi-faults", options->rsi_faults, "Share of RSI packets that get lost, come late or garbled")
+      ->check(CLI::Range(0.0, 0.9))
+      ->needs(rsi);
   command->add_option("--move-s", options->move_s, "Time from one block to the next")
       ->check(CLI::Range(0.0, 60.0))
       ->capture_default_str();

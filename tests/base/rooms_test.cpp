@@ -25,6 +25,7 @@ const std::map<std::string, std::set<std::string>> kMayInclude = {
     {"storage", {"base", "storage"}},
     {"daemon", {"base", "algo", "calib", "hal", "storage", "daemon"}},
     {"cli", {"base", "algo", "calib", "hal", "storage", "daemon", "cli"}},
+    {"kuka", {"base", "kuka"}},
 };
 
 /// All headers of base are vocabulary and public.

@@ -1,0 +1,258 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl robot monitor: what the robot says, as slabd hears it, through the same reader and the same gate. It listens
+// beside a running daemon; multicast reaches both.
+#include <fmt/core.h>
+#include <poll.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <csignal>
+#include <memory>
+#include <thread>
+
+#include "calib/calib.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/render.h"
+
+namespace slabd::cli {
+namespace {
+
+struct Options {
+  std::string config;
+  double seconds = 0.0;
+  bool once = false;
+  bool as_json = false;
+};
+
+constexpr std::int64_t kShow_ns = 500'000'000;
+/// Long enough for the gate's window, its dwell and a slow sender.
+constexpr std::int64_t kOnce_ns = 3 * kNsPerS;
+
+std::atomic<bool> g_stop{false};
+void on_signal(int) {
+  g_stop = true;
+}
+
+/// Counts over the time since the last look.
+struct Traffic {
+  std::int64_t since_ns = 0;
+  std::uint64_t poses = 0;
+  std::uint64_t gaps = 0;
+  void begin(std::int64_t now_ns) { *this = {now_ns, 0, 0}; }
+  [[nodiscard]] double rate_hz(std::int64_t now_ns) const {
+    return now_ns > since_ns ? 1e9 * static_cast<double>(poses) / static_cast<double>(now_ns - since_ns) : 0.0;
+  }
+};
+
+/// What there is to be said at one moment.
+struct View {
+  double rate_hz = 0.0;
+  std::uint64_t gaps = 0;
+  double age_ms = kNoValue;
+  bool heard = false;
+  PoseSample newest;
+  Code settled = Code::no_pose;
+  daemon::PoseMean mean;
+  std::string trouble;
+  hal::PoseLinkCounters counters;
+};
+
+class Monitor {
+ public:
+  Monitor(const daemon::Config& config, hal::PosePort& port) : config_(config), port_(port), gate_(config.pose) {
+    traffic_.begin(clock_->mono_ns());
+  }
+
+  /// Listens until `end_ns`.
+  void listen(std::int64_t end_ns) {
+    for (std::int64_t now = clock_->mono_ns(); now < end_ns && !g_stop; now = clock_->mono_ns()) {
+      PoseSample sample;
+      while (port_.next(now, sample)) take(sample, now);
+      if (port_.fd() < 0) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        continue;
+      }
+      pollfd waiting{port_.fd(), POLLIN, 0};
+      (void)::poll(&waiting, 1, 20);
+    }
+  }
+  View look() {
+    const std::int64_t now = clock_->mono_ns();
+    View view;
+    view.rate_hz = traffic_.rate_hz(now);
+    view.gaps = traffic_.gaps;
+    view.heard = heard_;
+    view.newest = newest_;
+    if (heard_) view.age_ms = ms_from_ns(now - newest_.arrival_ns);
+    view.settled = gate_.settled(now, view.mean);
+    view.trouble = std::string(port_.trouble());
+    view.counters = port_.counters();
+    traffic_.begin(now);
+    return view;
+  }
+  [[nodiscard]] std::int64_t now_ns() const { return clock_->mono_ns(); }
+
+ private:
+  void take(PoseSample sample, std::int64_t now_ns) {
+    sample.arrival_ns = now_ns;
+    ++traffic_.poses;
+    if (heard_ && sample.seq != newest_.seq + 1) ++traffic_.gaps;
+    gate_.add(sample);
+    newest_ = sample;
+    heard_ = true;
+  }
+
+  const daemon::Config& config_;
+  hal::PosePort& port_;
+  std::unique_ptr<hal::Clock> clock_ = hal::make_system_clock();
+  daemon::PoseGate gate_;
+  Traffic traffic_;
+  PoseSample newest_;
+  bool heard_ = false;
+};
+
+std::string why(const daemon::Config& config, const View& view) {
+  if (!view.trouble.empty()) return view.trouble;
+  if (!view.heard)
+    return fmt::format("no poses on channel {} of {}; {} foreign datagrams, {} malformed poses",
+                       config.robot.channel.view(), config.robot.url.view(), view.counters.foreign,
+                       view.counters.malformed);
+  if (view.settled == Code::ok) return "settled: a scan could begin";
+  const std::string frame =
+      view.settled != Code::wrong_frame
+          ? ""
+          : fmt::format(": base {} and tool {} are active, expected {} and {}", view.newest.base_id,
+                        view.newest.tool_id, config.pose.base_id, config.pose.tool_id);
+  return fmt::format("{} {}{}; {}", static_cast<int>(view.settled), describe(view.settled), frame, cure(view.settled));
+}
+
+std::string flags(const PoseSample& pose) {
+  std::string text = pose.measured ? "measured" : "commanded";
+  if (pose.stopped) text += ", stopped";
+  if (pose.running) text += ", program running";
+  if (pose.estop) text += ", EMERGENCY STOP";
+  return text;
+}
+
+std::vector<std::string> lines_of(const daemon::Config& config, const View& view) {
+  std::vector<std::string> lines;
+  lines.push_back(fmt::format("robot      {}", why(config, view)));
+  if (!view.heard) return lines;
+  const Pose& pose = view.newest.T_base_flange;
+  const Vec3& p = pose.translation_mm;
+  const calib::KukaAbc abc = calib::kuka_abc_from_rotation(pose.rotation);
+  lines.push_back(fmt::format("link       {:.0f} poses/s, newest {:.0f} ms old, {} gaps, number {}, {} malformed",
+                              view.rate_hz, view.age_ms, view.gaps, view.newest.seq, view.counters.malformed));
+  lines.push_back(fmt::format("flange     X {:.3f}  Y {:.3f}  Z {:.3f} mm   A {:.4f}  B {:.4f}  C {:.4f} deg", p.x(),
+                              p.y(), p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)));
+  const Quat& q = pose.rotation;
+  lines.push_back(fmt::format("quaternion w {:.7f}  x {:.7f}  y {:.7f}  z {:.7f}", q.w(), q.x(), q.y(), q.z()));
+  lines.push_back(
+      fmt::format("frame      base {}, tool {}, {}", view.newest.base_id, view.newest.tool_id, flags(view.newest)));
+  if (view.mean.samples != 0)
+    lines.push_back(fmt::format("spread     {:.4f} mm, {:.5f} deg over {} poses (allowed {:.3f} mm, {:.4f} deg)",
+                                view.mean.spread_mm, deg_from_rad(view.mean.spread_rad), view.mean.samples,
+                                config.pose.settled_mm, deg_from_rad(config.pose.settled_rad)));
+  return lines;
+}
+
+std::string json_of(const daemon::Config& config, const View& view) {
+  Json json;
+  json.begin_object();
+  json.field("schema", "slabd.robot/1").field("settled", view.settled == Code::ok);
+  json.field("code", static_cast<int>(view.settled)).field("text", why(config, view));
+  json.field("rate_hz", view.rate_hz).field("age_ms", view.age_ms).field("gaps", view.gaps);
+  json.field("foreign", view.counters.foreign).field("malformed", view.counters.malformed);
+  if (view.heard) {
+    json.field("seq", view.newest.seq).field("base_id", view.newest.base_id).field("tool_id", view.newest.tool_id);
+    json.field("measured", view.newest.measured).field("stopped", view.newest.stopped);
+    json.field("running", view.newest.running).field("estop", view.newest.estop);
+    write_pose(json, "T_base_flange", view.newest.T_base_flange);
+    const calib::KukaAbc abc = calib::kuka_abc_from_rotation(view.newest.T_base_flange.rotation);
+    const std::array<double, 3> abc_deg = {deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};
+    json.field("kuka_abc_deg", std::span<const double>(abc_deg));
+    json.field("spread_mm", view.mean.samples != 0 ? view.mean.spread_mm : kNoValue);
+    json.field("spread_deg", view.mean.samples != 0 ? deg_from_rad(view.mean.spread_rad) : kNoValue);
+  }
+  json.end_object();
+  return json.text();
+}
+
+/// Over the last picture on a terminal, below it elsewhere.
+void show(const std::vector<std::string>& lines, std::size_t& shown) {
+  const bool terminal = ::isatty(STDOUT_FILENO) == 1;
+  if (terminal && shown != 0) fmt::print("\x1b[{}A", shown);
+  for (const std::string& line : lines) fmt::print("{}{}\n", line, terminal ? "\x1b[K" : "");
+  if (terminal && lines.size() < shown) {
+    for (std::size_t i = lines.size(); i < shown; ++i) fmt::print("\x1b[K\n");
+  } else {
+    shown = lines.size();
+  }
+  if (!terminal) fmt::print("\n");
+  std::fflush(stdout);
+}
+
+int monitor(const Options& options) {
+  daemon::Config config;
+  if (!config_from(options.config, config)) return kBadInput;
+  const Result<std::unique_ptr<hal::PosePort>> port = hal::make_lcm_pose_port(config.robot);
+  if (!port) {
+    complain(std::string(port.error().text.view()));
+    return kBadInput;
+  }
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+  Monitor monitor(config, *port.value());
+  const std::int64_t start = monitor.now_ns();
+  View view;
+  if (options.once) {
+    do {
+      monitor.listen(monitor.now_ns() + kShow_ns);
+      view = monitor.look();
+    } while (!g_stop && view.settled != Code::ok && monitor.now_ns() - start < kOnce_ns);
+    if (options.as_json) {
+      fmt::print("{}", json_of(config, view));
+    } else {
+      std::size_t shown = 0;
+      show(lines_of(config, view), shown);
+    }
+    return view.heard ? kDone : kNotReachable;
+  }
+  const auto end = static_cast<std::int64_t>(options.seconds * 1e9);
+  for (std::size_t shown = 0; !g_stop && (end == 0 || monitor.now_ns() - start < end);) {
+    monitor.listen(monitor.now_ns() + kShow_ns);
+    view = monitor.look();
+    if (options.as_json)
+      fmt::print("{}", json_of(config, view));
+    else
+      show(lines_of(config, view), shown);
+    std::fflush(stdout);
+  }
+  return view.heard ? kDone : kNotReachable;
+}
+
+}  // namespace
+
+void add_robot(CLI::App& app, int& exit_status) {
+  CLI::App* robot = app.add_subcommand("robot", "What the robot says");
+  robot->require_subcommand(1);
+  auto options = std::make_shared<Options>();
+  CLI::App* command =
+      robot->add_subcommand("monitor", "The flange as slabd hears it: rate, age, spread, settled or why not");
+  command->footer(
+      "\nCompare X, Y, Z, A, B, C with the pendant ($POS_ACT_MES with $BASE and $TOOL at $NULLFRAME): they must be "
+      "equal.\n"
+      "Runs beside the daemon. Until Ctrl-C; --once until the robot has settled, for 3 s at most.\n"
+      "Exit status: 0 poses came, 3 bad configuration, 4 none came.\nExample: slabctl robot monitor --once");
+  command->add_option("--config", options->config, "Configuration with [robot]")->default_val(kDefaultConfig);
+  command->add_option("--seconds", options->seconds, "Stop after this time")->check(CLI::Range(0.5, 1e6));
+  command->add_flag("--once", options->once, "One picture");
+  command->add_flag("--json", options->as_json, "Print slabd.robot/1");
+  command->callback([options, &exit_status] { exit_status = monitor(*options); });
+}
+
+}  // namespace slabd::cli

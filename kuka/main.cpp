@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabd-kuka-bridge: takes what a KUKA controller sends over RSI and publishes it as slabd.flange_pose_t over LCM. It
+// never answers the controller (RSI with ONLYSEND), so it cannot move or stop the robot.
+#include <arpa/inet.h>
+#include <fmt/core.h>
+#include <lcm/lcm.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <chrono>
+#include <csignal>
+#include <cstring>
+#include <slabd/flange_pose_t.hpp>
+#include <thread>
+#include <vector>
+
+#include "kuka/rsi.h"
+
+namespace slabd::kuka {
+namespace {
+
+using SteadyClock = std::chrono::steady_clock;
+
+constexpr int kExitUsage = 2;
+constexpr int kExitBadInput = 3;
+constexpr int kExitUnreachable = 4;
+constexpr auto kSilence = std::chrono::seconds(1);
+constexpr auto kReportPeriod = std::chrono::minutes(1);
+
+std::atomic<bool> g_stop{false};
+void on_signal(int) {
+  g_stop = true;
+}
+
+struct Options {
+  std::string listen = "0.0.0.0:49152";
+  std::string from;
+  std::string lcm_url = "udpm://239.255.76.67:7667?ttl=0";
+  std::string channel = "FLANGE_POSE";
+  BridgeSettings settings;
+};
+
+/// stderr, one line: the journal adds the time.
+template <typename... Args>
+void say(const char* format, const Args&... args) {
+  fmt::print(stderr, "{}\n", fmt::format(fmt::runtime(format), args...));
+}
+
+bool parse_listen(const std::string& text, sockaddr_in& address) {
+  const std::size_t colon = text.rfind(':');
+  if (colon == std::string::npos) return false;
+  const long port = std::strtol(text.c_str() + colon + 1, nullptr, 10);
+  address.sin_family = AF_INET;
+  address.sin_port = htons(static_cast<std::uint16_t>(port));
+  return port > 0 && port < 65'536 && ::inet_pton(AF_INET, text.substr(0, colon).c_str(), &address.sin_addr) == 1;
+}
+
+/// The receiving socket; -1 and a sentence when there is none.
+int open_socket(const sockaddr_in& address, const std::string& listen) {
+  const int fd = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (fd < 0 || ::bind(fd, static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address) != 0) {
+    say("error: {}: {}; does another program listen there, is it an address of this computer?", listen,
+        std::strerror(errno));
+    if (fd >= 0) ::close(fd);
+    return -1;
+  }
+  return fd;
+}
+
+flange_pose_t message_of(const FlangePose& pose) {
+  flange_pose_t message{};
+  message.utime =
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+          .count();
+  message.robot_time_us = pose.robot_time_us;
+  message.seq = pose.seq;
+  message.base_id = pose.base_id;
+  message.tool_id = pose.tool_id;
+  message.flags = pose.flags;
+  for (int axis = 0; axis < 3; ++axis) message.trans[axis] = m_from_mm(pose.T_base_flange.translation_mm[axis]);
+  const Quat& q = pose.T_base_flange.rotation;
+  message.quat[0] = q.w(), message.quat[1] = q.x(), message.quat[2] = q.y(), message.quat[3] = q.z();
+  return message;
+}
+
+class Publisher {
+ public:
+  explicit Publisher(const Options& options) : options_(options) {}
+  ~Publisher() {
+    if (lcm_ != nullptr) lcm_destroy(lcm_);
+  }
+  Publisher(const Publisher&) = delete;
+  Publisher& operator=(const Publisher&) = delete;
+
+  /// Without a route for the group there is no LCM: tried again until there is one.
+  bool open() {
+    for (bool said = false; !g_stop && lcm_ == nullptr;) {
+      lcm_ = lcm_create(options_.lcm_url.c_str());
+      if (lcm_ != nullptr) break;
+      if (!said)
+        say("no route for the multicast group of {}; ip route add GROUP/32 dev INTERFACE; trying on", options_.lcm_url);
+      said = true;
+      for (int i = 0; i < 10 && !g_stop; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    }
+    return lcm_ != nullptr;
+  }
+  void publish(const FlangePose& pose) {
+    const flange_pose_t message = message_of(pose);
+    wire_.resize(static_cast<std::size_t>(message.getEncodedSize()));
+    message.encode(wire_.data(), 0, static_cast<int>(wire_.size()));
+    lcm_publish(lcm_, options_.channel.c_str(), wire_.data(), static_cast<unsigned>(wire_.size()));
+  }
+
+ private:
+  const Options& options_;
+  lcm_t* lcm_ = nullptr;
+  std::vector<std::uint8_t> wire_;
+};
+
+/// What is said about the link, rarely: a robot sends 250 times a second.
+class Voice {
+ public:
+  void heard(const std::string& sender) {
+    if (silent_) say("packets come from {}", sender);
+    silent_ = false;
+    heard_at_ = SteadyClock::now();
+  }
+  void malformed(const Error& why) {
+    const auto now = SteadyClock::now();
+    if (now - complained_at_ < kSilence) return;
+    complained_at_ = now;
+    say("{}", why.text.view());
+  }
+  void look(const BridgeCounters& counters, std::uint64_t foreign) {
+    const auto now = SteadyClock::now();
+    if (!silent_ && now - heard_at_ > kSilence) {
+      silent_ = true;
+      say("no packets for a second: is RSI on, is the network up?");
+    }
+    if (now - reported_at_ < kReportPeriod) return;
+    reported_at_ = now;
+    say("{} poses published, {} malformed, {} old, {} lost, {} restarts, {} from others", counters.published,
+        counters.malformed, counters.old, counters.lost, counters.restarts, foreign);
+  }
+
+ private:
+  bool silent_ = true;
+  SteadyClock::time_point heard_at_ = SteadyClock::now();
+  SteadyClock::time_point complained_at_ = SteadyClock::now() - kSilence;
+  SteadyClock::time_point reported_at_ = SteadyClock::now();
+};
+
+int bridge(const Options& options) {
+  sockaddr_in address{};
+  in_addr from{};
+  if (!parse_listen(options.listen, address)) {
+    say("error: --listen {}: expected ADDRESS:PORT, such as 192.168.10.2:49152", options.listen);
+    return kExitBadInput;
+  }
+  if (!options.from.empty() && ::inet_pton(AF_INET, options.from.c_str(), &from) != 1) {
+    say("error: --from {}: expected the controller's IPv4 address", options.from);
+    return kExitBadInput;
+  }
+  const int fd = open_socket(address, options.listen);
+  if (fd < 0) return kExitUnreachable;
+  Publisher publisher(options);
+  if (!publisher.open()) return 0;
+  say("RSI on {} -> {} on {}", options.listen, options.channel, options.lcm_url);
+
+  Bridge translator(options.settings);
+  Voice voice;
+  std::uint64_t foreign = 0;
+  std::array<char, kRsiBytesMax + 1> buffer{};
+  while (!g_stop) {
+    pollfd waiting{fd, POLLIN, 0};
+    const int ready = ::poll(&waiting, 1, 200);
+    voice.look(translator.counters(), foreign);
+    if (ready <= 0) continue;
+    sockaddr_in sender{};
+    socklen_t size = sizeof sender;
+    const ssize_t got =
+        ::recvfrom(fd, buffer.data(), buffer.size(), 0, static_cast<sockaddr*>(static_cast<void*>(&sender)), &size);
+    if (got < 0) continue;
+    if (!options.from.empty() && sender.sin_addr.s_addr != from.s_addr) {
+      ++foreign;
+      continue;
+    }
+    const Result<RsiPacket> packet = parse_rsi(std::string_view(buffer.data(), static_cast<std::size_t>(got)));
+    if (!packet) {
+      translator.count_malformed();
+      voice.malformed(packet.error());
+      continue;
+    }
+    std::array<char, INET_ADDRSTRLEN> name{};
+    voice.heard(::inet_ntop(AF_INET, &sender.sin_addr, name.data(), name.size()));
+    if (const auto pose = translator.translate(packet.value())) publisher.publish(*pose);
+  }
+  ::close(fd);
+  return 0;
+}
+
+}  // namespace
+}  // namespace slabd::kuka
+
+int main(int argc, char** argv) {
+  using namespace slabd::kuka;
+  struct sigaction action {};
+  action.sa_handler = on_signal;
+  sigaction(SIGTERM, &action, nullptr);
+  sigaction(SIGINT, &action, nullptr);
+
+  Options options;
+  CLI::App app("Publishes what a KUKA controller sends over RSI (ONLYSEND) as flange poses for slabd");
+  app.footer(
+      "\nSet up on the robot: docs/ROBOT.md.\nExample: slabd-kuka-bridge --listen 192.168.10.2:49152 --from "
+      "192.168.10.1");
+  app.add_option("--listen", options.listen, "Address and port that the controller sends to")->capture_default_str();
+  app.add_option("--from", options.from, "The controller's address; packets of others are dropped");
+  app.add_option("--cycle-ms", options.settings.cycle_ms, "RSI's cycle: 4 (IPO_FAST) or 12")
+      ->check(CLI::IsMember({4, 12}))
+      ->capture_default_str();
+  app.add_option("--lcm-url", options.lcm_url, "As [robot] lcm_url of slabd")->capture_default_str();
+  app.add_option("--channel", options.channel, "As [robot] channel of slabd")->capture_default_str();
+  app.add_option("--base", options.settings.base_id, "$ACT_BASE where the packets have no <Base>")
+      ->check(CLI::Range(0, 32))
+      ->capture_default_str();
+  app.add_option("--tool", options.settings.tool_id, "$ACT_TOOL where the packets have no <Tool>")
+      ->check(CLI::Range(0, 16))
+      ->capture_default_str();
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& fault) {
+    const int status = app.exit(fault);
+    return status == 0 ? 0 : kExitUsage;
+  }
+  return bridge(options);
+}

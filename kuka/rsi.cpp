@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "kuka/rsi.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <pugixml.hpp>
+
+namespace slabd::kuka {
+namespace {
+
+constexpr double kReach_mm = 10'000.0;
+constexpr double kAngle_deg = 360.0;
+constexpr std::int64_t kRestart_ms = 1'000;
+constexpr std::int32_t kMeasured = 1;
+constexpr std::int32_t kStopped = 2;
+
+/// The whole text as a number.
+template <typename Number>
+bool number_from(std::string_view text, Number& value) {
+  while (!text.empty() && (text.front() == ' ' || text.front() == '+')) text.remove_prefix(1);
+  while (!text.empty() && text.back() == ' ') text.remove_suffix(1);
+  const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return fault == std::errc() && end == text.data() + text.size();
+}
+
+Error unusable(const char* what, const char* expected) {
+  return error(Code::frame_incomplete, "RSI packet: %s, expected %s", what, expected);
+}
+
+Status coordinate(const pugi::xml_node& node, const char* attribute, double limit, double& value) {
+  const pugi::xml_attribute found = node.attribute(attribute);
+  if (!found) return error(Code::frame_incomplete, "RSI packet: <RIst> has no attribute %s", attribute);
+  if (!number_from(std::string_view(found.value()), value) || !(std::abs(value) <= limit))
+    return error(Code::frame_incomplete, "RSI packet: <RIst %s=\"%.20s\">, expected a number from -%.0f to %.0f",
+                 attribute, found.value(), limit, limit);
+  return Nothing{};
+}
+
+/// A whole number that may be missing.
+template <typename Number>
+Status optional_number(const pugi::xml_node& robot, const char* element, std::int64_t low, std::int64_t high,
+                       std::optional<Number>& to) {
+  const pugi::xml_node node = robot.child(element);
+  if (!node) return Nothing{};
+  std::int64_t value = 0;
+  if (!number_from(std::string_view(node.child_value()), value) || value < low || value > high)
+    return error(Code::frame_incomplete, "RSI packet: <%s>%.20s</%s>, expected a whole number from %lld to %lld",
+                 element, node.child_value(), element, static_cast<long long>(low), static_cast<long long>(high));
+  to = static_cast<Number>(value);
+  return Nothing{};
+}
+
+}  // namespace
+
+Result<RsiPacket> parse_rsi(std::string_view datagram) {
+  if (datagram.size() > kRsiBytesMax) return unusable("longer than 1500 bytes", "one datagram");
+  pugi::xml_document document;
+  const pugi::xml_parse_result parsed =
+      document.load_buffer(datagram.data(), datagram.size(), pugi::parse_minimal, pugi::encoding_utf8);
+  if (!parsed)
+    return error(Code::frame_incomplete, "RSI packet: byte %lld: %s", static_cast<long long>(parsed.offset),
+                 parsed.description());
+  const pugi::xml_node robot = document.child("Rob");
+  if (!robot) return unusable("no element <Rob>", "what a KUKA controller sends");
+  const pugi::xml_node place = robot.child("RIst");
+  if (!place) return unusable("no element <RIst>", "DEF_RIst in the SEND part of the ETHERNET object");
+
+  std::array<double, 3> at{};
+  std::array<double, 3> angle_deg{};
+  static constexpr std::array<const char*, 3> kAxes = {"X", "Y", "Z"};
+  static constexpr std::array<const char*, 3> kAngles = {"A", "B", "C"};
+  for (std::size_t i = 0; i < 3; ++i)
+    if (const Status read = coordinate(place, kAxes[i], kReach_mm, at[i]); !read) return read.error();
+  for (std::size_t i = 0; i < 3; ++i)
+    if (const Status read = coordinate(place, kAngles[i], kAngle_deg, angle_deg[i]); !read) return read.error();
+
+  RsiPacket packet;
+  packet.T_base_flange = {
+      rotation_from_kuka_abc(rad_from_deg(angle_deg[0]), rad_from_deg(angle_deg[1]), rad_from_deg(angle_deg[2])),
+      Vec3(at[0], at[1], at[2])};
+  const pugi::xml_node count = robot.child("IPOC");
+  if (!count) return unusable("no element <IPOC>", "the controller's count of milliseconds");
+  if (!number_from(std::string_view(count.child_value()), packet.ipoc_ms) || packet.ipoc_ms < 0)
+    return error(Code::frame_incomplete, "RSI packet: <IPOC>%.24s</IPOC>, expected a whole number from 0",
+                 count.child_value());
+  std::optional<std::int16_t> stopped;
+  for (const Status& read :
+       {optional_number(robot, "Base", 0, 32, packet.base_id), optional_number(robot, "Tool", 0, 16, packet.tool_id),
+        optional_number(robot, "Stopped", 0, 1, stopped)})
+    if (!read) return read.error();
+  if (stopped) packet.stopped = *stopped == 1;
+  return packet;
+}
+
+std::optional<FlangePose> Bridge::translate(const RsiPacket& packet) {
+  const std::int64_t ahead_ms = packet.ipoc_ms - ipoc_ms_;
+  if (ipoc_ms_ < 0) {
+    ++seq_;
+  } else if (ahead_ms > 0) {
+    // The count may tremble by a millisecond; a cycle is not lost by that.
+    const std::int64_t cycles = std::max<std::int64_t>(1, (ahead_ms + settings_.cycle_ms / 2) / settings_.cycle_ms);
+    counters_.lost += static_cast<std::uint64_t>(cycles - 1);
+    // Wraps as an unsigned number does; slabd looks at the step alone.
+    seq_ = static_cast<std::int32_t>((static_cast<std::uint32_t>(seq_) + static_cast<std::uint32_t>(cycles)) &
+                                     0x7FFF'FFFFU);
+  } else if (ahead_ms > -kRestart_ms) {
+    ++counters_.old;
+    return std::nullopt;
+  } else {
+    ++counters_.restarts;
+    // More than the next number: to slabd a gap.
+    seq_ = static_cast<std::int32_t>((static_cast<std::uint32_t>(seq_) + 2U) & 0x7FFF'FFFFU);
+  }
+  ipoc_ms_ = packet.ipoc_ms;
+  ++counters_.published;
+
+  FlangePose pose;
+  pose.robot_time_us = packet.ipoc_ms * 1000;
+  pose.seq = seq_;
+  pose.base_id = packet.base_id.value_or(settings_.base_id);
+  pose.tool_id = packet.tool_id.value_or(settings_.tool_id);
+  pose.flags = kMeasured | (packet.stopped.value_or(false) ? kStopped : 0);
+  pose.T_base_flange = packet.T_base_flange;
+  return pose;
+}
+
+}  // namespace slabd::kuka

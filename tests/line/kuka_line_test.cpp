@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A KUKA controller sends RSI to the bridge, the bridge publishes on LCM, the daemon measures a slab.
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <csignal>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <thread>
+
+#include "processes.h"
+
+namespace slabd::line {
+namespace {
+
+using nlohmann::json;
+
+class KukaLineTest : public testing::Test {
+ protected:
+  KukaLineTest() : rsi_("127.0.0.1:" + std::to_string(free_tcp_port())) {}
+
+  [[nodiscard]] std::string lcm_url() const {
+    std::smatch match;
+    const std::string text = read_file(box_.config);
+    return std::regex_search(text, match, std::regex("lcm_url = \"([^\"]+)\"")) ? match[1].str() : "";
+  }
+  [[nodiscard]] std::unique_ptr<Process> start_bridge(std::vector<std::string> more = {}) const {
+    std::vector<std::string> command = {BRIDGE_PROGRAM, "--listen", rsi_, "--lcm-url", lcm_url()};
+    command.insert(command.end(), more.begin(), more.end());
+    return std::make_unique<Process>(command, box_.dir / "bridge.out", box_.dir / "bridge.err");
+  }
+  /// 4 s of packets without <Base>, <Tool> and <Stopped>.
+  [[nodiscard]] std::unique_ptr<Process> standing_robot() const {
+    const std::string script =
+        "for i in $(seq 400); do printf '<Rob><RIst X=\"1800\" Y=\"-12.5\" Z=\"900\" A=\"30\" B=\"-20\" C=\"110\"/>"
+        "<IPOC>%d</IPOC></Rob>' $((i*4)) >/dev/udp/" +
+        std::regex_replace(rsi_, std::regex(":"), "/") + "; sleep 0.01; done";
+    return std::make_unique<Process>(std::vector<std::string>{"/bin/bash", "-c", script}, box_.dir / "robot.out",
+                                     box_.dir / "robot.err");
+  }
+  [[nodiscard]] json status() const {
+    const Box::Answer answer = box_.slabctl({"status", "--config", box_.config.native(), "--json"});
+    return answer.exit_status == 0 ? json::parse(answer.out, nullptr, false) : json(nullptr);
+  }
+
+  Box box_;
+  std::string rsi_;
+};
+
+TEST_F(KukaLineTest, a_slab_is_finished_although_packets_get_lost_come_late_and_garbled) {
+  box_.start();
+  ASSERT_TRUE(box_.ready()) << box_.log();
+  const auto bridge = start_bridge();
+  const auto line = box_.simulate(
+      {"--slab-no", "1", "--rsi", rsi_, "--rsi-faults", "0.002", "--robot-rate-hz", "250", "--scans-per-block", "3"});
+  EXPECT_EQ(line->wait(), 0) << read_file(box_.dir / "simulate.err") << read_file(box_.dir / "bridge.err");
+  const std::string said = read_file(box_.dir / "bridge.err");
+  EXPECT_NE(said.find("packets come from 127.0.0.1"), std::string::npos) << said;
+  EXPECT_NE(said.find("RSI packet: "), std::string::npos) << "garbled ones are told of: " << said;
+  EXPECT_EQ(status()["links"]["pose"]["malformed"], 0) << "and never reach the daemon";
+  bridge->signal(SIGTERM);
+  EXPECT_EQ(bridge->wait(), 0);
+}
+
+TEST_F(KukaLineTest, a_robot_in_the_wrong_base_is_refused) {
+  box_.start();
+  ASSERT_TRUE(box_.ready()) << box_.log();
+  const auto bridge = start_bridge({"--base", "4"});
+  // Packets without <Base>: what the operator stated counts.
+  const auto robot = standing_robot();
+  json seen;
+  for (int i = 0; i < 100; ++i) {
+    seen = status();
+    if (seen.is_object() && seen["links"]["pose"]["code"] == 206) break;
+    std::this_thread::sleep_for(std::chrono::milliseconds(30));
+  }
+  EXPECT_EQ(seen["links"]["pose"]["code"], 206) << seen;
+}
+
+TEST_F(KukaLineTest, the_monitor_shows_the_pendants_numbers_and_that_the_robot_stands) {
+  const auto bridge = start_bridge();
+  const auto robot = standing_robot();
+  const Box::Answer answer = box_.slabctl({"robot", "monitor", "--once", "--json", "--config", box_.config.native()});
+  EXPECT_EQ(answer.exit_status, 0) << answer.err;
+  const json seen = json::parse(answer.out);
+  EXPECT_EQ(seen["settled"], true) << seen;
+  EXPECT_EQ(seen["gaps"], 0);
+  EXPECT_NEAR(seen["T_base_flange"][0].get<double>(), 1800.0, 1e-9);
+  EXPECT_NEAR(seen["kuka_abc_deg"][0].get<double>(), 30.0, 1e-9);
+  EXPECT_NEAR(seen["kuka_abc_deg"][1].get<double>(), -20.0, 1e-9);
+  EXPECT_NEAR(seen["kuka_abc_deg"][2].get<double>(), 110.0, 1e-9);
+}
+
+TEST_F(KukaLineTest, the_monitor_says_that_nobody_sends) {
+  const Box::Answer answer = box_.slabctl({"robot", "monitor", "--seconds", "0.6", "--config", box_.config.native()});
+  EXPECT_EQ(answer.exit_status, 4);
+  EXPECT_NE(answer.out.find("no poses on channel FLANGE_POSE"), std::string::npos) << answer.out;
+}
+
+TEST_F(KukaLineTest, packets_of_a_stranger_are_dropped) {
+  const auto bridge = start_bridge({"--from", "127.0.0.9"});
+  const auto line = box_.simulate({"--slab-no", "1", "--rsi", rsi_});
+  std::this_thread::sleep_for(std::chrono::milliseconds(1'500));
+  EXPECT_EQ(read_file(box_.dir / "bridge.err").find("packets come from"), std::string::npos);
+  EXPECT_TRUE(bridge->running());
+}
+
+TEST_F(KukaLineTest, a_mistake_on_the_command_line_is_named) {
+  const struct {
+    std::vector<std::string> arguments;
+    int status;
+    const char* told;
+  } cases[] = {{{"--listen", "here"}, 3, "ADDRESS:PORT"},
+               {{"--from", "kuka"}, 3, "IPv4"},
+               {{"--listen", "192.0.2.1:49152"}, 4, "192.0.2.1"},
+               {{"--cycle-ms", "5"}, 2, "cycle-ms"}};
+  for (const auto& c : cases) {
+    std::vector<std::string> command = {BRIDGE_PROGRAM};
+    command.insert(command.end(), c.arguments.begin(), c.arguments.end());
+    Process bridge(command, box_.dir / "out", box_.dir / "err");
+    EXPECT_EQ(bridge.wait(), c.status);
+    EXPECT_NE((read_file(box_.dir / "err") + read_file(box_.dir / "out")).find(c.told), std::string::npos)
+        << read_file(box_.dir / "err");
+  }
+}
+
+}  // namespace
+}  // namespace slabd::line
