@@ -127,4 +127,16 @@ Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path) {
   }
 }
 
+bool unused_at(const std::string& path) {
+  std::error_code ec;
+  if (!std::filesystem::exists(path, ec)) return !ec;
+  try {
+    Connection db(path, SQLITE_OPEN_READONLY);
+    protect(db);
+    return owner_of(db) == Owner::nobody;
+  } catch (const SqlFailure&) {
+    return false;  // whoever opens it properly says what is wrong
+  }
+}
+
 }  // namespace slabd::storage

@@ -18,4 +18,7 @@ namespace slabd::storage {
 /// Opens an existing database read-only; config when it does not exist or is not ours.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path);
 
+/// As is_unused() in storage/storage.h.
+[[nodiscard]] bool unused_at(const std::string& path);
+
 }  // namespace slabd::storage

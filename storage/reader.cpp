@@ -148,6 +148,10 @@ class SqliteReader final : public Reader {
 
 }  // namespace
 
+bool is_unused(const std::string& db_path) {
+  return unused_at(db_path);
+}
+
 Result<std::unique_ptr<Reader>> open_reader(const std::string& db_path) {
   Result<std::unique_ptr<Connection>> db = open_for_reading(db_path);
   if (!db.ok()) return db.error();

@@ -215,5 +215,8 @@ class Reader {
 /// config when the file does not exist, is no slabd database, or is one of an older or newer schema version (a reader
 /// changes nothing; the daemon's start brings an older one up to date).
 [[nodiscard]] Result<std::unique_ptr<Reader>> open_reader(const std::string& db_path);
+/// Nobody has kept anything there yet: no file, or one whose creation was stopped before its first transaction. The
+/// next writer makes it whole. Never true of a file that holds anything, ours or not.
+[[nodiscard]] bool is_unused(const std::string& db_path);
 
 }  // namespace slabd::storage

@@ -3,7 +3,6 @@
 
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
-#include <filesystem>
 
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/command.h"
@@ -75,8 +74,7 @@ std::string kept_text(const Kept& kept, bool dry_run) {
 }
 
 bool open_records(const daemon::Config& config, std::unique_ptr<storage::Reader>& reader, int& exit_status) {
-  std::error_code ec;
-  if (!std::filesystem::exists(config.storage.db_path, ec)) return true;
+  if (storage::is_unused(config.storage.db_path)) return true;
   auto opened = storage::open_reader(config.storage.db_path);
   if (opened.ok()) {
     reader = std::move(opened.value());

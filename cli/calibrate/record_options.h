@@ -44,7 +44,8 @@ struct Kept {
 /// "kept as st-...; apply it with ...", for people.
 [[nodiscard]] std::string kept_text(const Kept& kept, bool dry_run);
 
-/// The database, read-only; a fresh installation has none yet, which is no error here. False: printed.
+/// The database, read-only; a fresh installation has none yet, or one whose creation was stopped, which
+/// is no error here. False: printed.
 [[nodiscard]] bool open_records(const daemon::Config& config, std::unique_ptr<storage::Reader>& reader,
                                 int& exit_status);
 

@@ -214,6 +214,24 @@ TEST_F(CalibrateSession, killed_at_any_moment_loses_nothing_and_ends_with_the_sa
   EXPECT_EQ(history["records"].size(), 1U);
 }
 
+TEST_F(CalibrateSession, a_database_whose_creation_was_stopped_does_not_stand_in_the_way) {
+  simulate("set", "--views 10 --seed 13");
+  ASSERT_EQ(run(new_in("a", "", 10)).status, 0);
+  ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
+  ASSERT_EQ(run("calibrate solve").status, 0);
+  // A file that is there and holds nothing, as after a stop between its making and its first transaction.
+  ASSERT_FALSE(write("a/slabd.db", "").empty());
+  EXPECT_EQ(run("calibrate verify --yes").status, 0);
+  EXPECT_EQ(run("calibrate history --config " + file("a/slabd.toml")).status, 0);
+  expect_next(run("calibrate apply"), 0, "is in force");
+  EXPECT_FALSE(in_force("a").id.empty());
+  // What is somebody else's is not taken for it.
+  ASSERT_EQ(run(new_in("b", "", 10)).status, 0);
+  ASSERT_FALSE(write("b/slabd.db", "this is no database, and it is longer than nothing").empty());
+  EXPECT_NE(run("calibrate history --config " + file("b/slabd.toml")).status, 0);
+  EXPECT_EQ(content(file("b/slabd.db")), "this is no database, and it is longer than nothing");
+}
+
 TEST_F(CalibrateSession, a_half_copied_scan_is_named_and_counts_for_nothing) {
   simulate("set", "--views 2 --seed 5");
   ASSERT_EQ(run(new_in("a")).status, 0);
