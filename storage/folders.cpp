@@ -36,7 +36,8 @@ Status make_folder(const std::string& path) {
   if (mkdir(path.c_str(), kFolderMode) != 0 && errno != EEXIST) return trouble("cannot make folder", path);
   // mkdir obeys the umask and drops the set-group-id bit.
   if (chmod(path.c_str(), kFolderMode) != 0) return trouble("cannot set mode 2770 of folder", path);
-  return success();
+  // What will be promised about files in here is worth nothing while the folder itself may vanish.
+  return sync_file(parent);
 }
 
 Status create_file(const std::string& path) {
@@ -45,7 +46,8 @@ Status create_file(const std::string& path) {
   const bool ok = fchmod(fd, kFileMode) == 0;
   Status status = ok ? success() : trouble("cannot set mode 0660 of", path);
   close(fd);
-  return status;
+  if (!status.ok()) return status;
+  return sync_file(std::filesystem::path(path).parent_path().string());
 }
 
 Status sync_file(const std::string& path) {

@@ -9,12 +9,13 @@
 /// Folders, free space, and the lock that keeps a second writer away. Plain POSIX; no SQLite here.
 namespace slabd::storage {
 
-/// Makes `path` and its parents. Folders made here get mode 2770: the group may read and keeps its name on new files.
+/// Makes `path` and its parents. Folders made here get mode 2770: the group may read and keeps its name on new files;
+/// each is on the disk when this returns.
 [[nodiscard]] Status make_folder(const std::string& path);
 
 /// Creates an empty file of mode 0660 unless it exists. SQLite gives its side files the same mode, so that the group
-/// can read while the daemon writes. An existing file is not even opened: closing it again would drop the POSIX locks
-/// of a connection this process may have on it.
+/// can read while the daemon writes. Its name is on the disk when this returns. An existing file is not even opened:
+/// closing it again would drop the POSIX locks of a connection this process may have on it.
 [[nodiscard]] Status create_file(const std::string& path);
 
 /// What was written to this file or folder is on the disk when it returns. An empty path is the working folder.

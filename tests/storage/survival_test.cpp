@@ -1,0 +1,463 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Power cuts, kills and failing calls at every point of the store's life, in the product's own settings. A life is a
+// list of steps; after each one that was reported as done, the content of the database is known (a number made from
+// every row of every table). Whatever happens then, the database must be whole and hold the content of the last
+// reported step, or of the one under way: nothing lost, nothing half done.
+//
+// The default run looks at some hundred images and points. SLABD_SURVIVAL_IMAGES, _POINTS and _SEED ask for more
+// (script/survival).
+#include <signal.h>
+#include <sqlite3.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+
+#include "storage/database.h"
+#include "tests/storage/crash_disk.h"
+#include "tests/storage/store_fixture.h"
+
+namespace slabd::storage {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::uint64_t number_from(const char* name, std::uint64_t otherwise) {
+  const char* text = std::getenv(name);
+  return text == nullptr ? otherwise : std::strtoull(text, nullptr, 10);
+}
+
+/// FNV-1a over every value of every row, in the order of the keys.
+std::uint64_t content_of(Connection& db) {
+  std::uint64_t hash = 14695981039346656037ULL;
+  const auto add = [&](const void* bytes, std::size_t size) {
+    for (std::size_t i = 0; i < size; ++i)
+      hash = (hash ^ static_cast<const unsigned char*>(bytes)[i]) * 1099511628211ULL;
+  };
+  std::vector<std::string> tables;
+  Statement names(db, "SELECT name FROM sqlite_schema WHERE type = 'table' ORDER BY name");
+  while (names.step()) tables.emplace_back(names.text(0));
+  for (const std::string& table : tables) {
+    add(table.data(), table.size());
+    sqlite3_stmt* rows = nullptr;
+    if (sqlite3_prepare_v2(db.handle(), ("SELECT * FROM \"" + table + "\"").c_str(), -1, &rows, nullptr) != SQLITE_OK)
+      throw SqlFailure{SQLITE_ERROR, sqlite3_errmsg(db.handle())};
+    int result = sqlite3_step(rows);
+    for (; result == SQLITE_ROW; result = sqlite3_step(rows)) {
+      for (int column = 0; column < sqlite3_column_count(rows); ++column) {
+        const int type = sqlite3_column_type(rows, column);
+        add(&type, sizeof type);
+        if (type == SQLITE_INTEGER) {
+          const sqlite3_int64 value = sqlite3_column_int64(rows, column);
+          add(&value, sizeof value);
+        } else if (type == SQLITE_FLOAT) {
+          const double value = sqlite3_column_double(rows, column);
+          add(&value, sizeof value);
+        } else if (type != SQLITE_NULL) {
+          const void* bytes = sqlite3_column_blob(rows, column);
+          add(bytes, static_cast<std::size_t>(sqlite3_column_bytes(rows, column)));
+        }
+      }
+    }
+    sqlite3_finalize(rows);
+    if (result != SQLITE_DONE) throw SqlFailure{result, sqlite3_errmsg(db.handle())};
+  }
+  return hash;
+}
+
+/// Memory, where there is some: what is looked at there need not be synced to a disk ten thousand times.
+std::string fast_folder() {
+  return fs::is_directory("/dev/shm") && access("/dev/shm", W_OK) == 0 ? "/dev/shm"
+                                                                       : fs::temp_directory_path().string();
+}
+
+class SurvivalTest : public StoreTest {
+ protected:
+  /// Returns false when it came to nothing; then it is asked again, as the line would.
+  using Step = std::function<bool()>;
+
+  SurvivalTest() : seed_(number_from("SLABD_SURVIVAL_SEED", 1)), prng_of_cuts_(seed_) {
+    std::string name = fast_folder() + "/slabd-survival-XXXXXX";
+    if (mkdtemp(name.data()) == nullptr) throw std::runtime_error("no folder for images");
+    images_ = name;
+    root_ = images_ + "/life";
+    fs::create_directories(root_);
+    settings_.db_path = root_ + "/db/slabd.db";
+    settings_.spool_dir = root_ + "/spool";
+    settings_.spool_free_bytes_min = 0;
+  }
+  ~SurvivalTest() override {
+    close();
+    fs::remove_all(images_);
+  }
+
+  /// Every job is made before the life begins, so that each life of a seed is the same one.
+  void make_life(int slabs, int stations) {
+    steps_.clear();
+    steps_.push_back([this] {
+      Result<std::unique_ptr<Store>> store = open_store(settings_);
+      if (!store.ok()) return false;
+      store_ = std::move(store.value());
+      return store_->recover().ok();
+    });
+    job(SessionJob{7});
+    for (int slab = 1; slab <= slabs; ++slab) {
+      const std::int64_t key = slab;
+      SlabHeader header = random_header(prng_, key);
+      job(BeginSlabJob{header, session_, ++cmd_seq_});
+      for (int station = 1; station <= stations; ++station) {
+        ++cmd_seq_;
+        job(CommandJob{session_, cmd_seq_, static_cast<std::uint16_t>(PlcCommand::scan),
+                       static_cast<std::uint8_t>(station), key, 1000});
+        Attempt a = random_attempt(prng_, key, station, 1);
+        a.session = session_;
+        a.cmd_seq = cmd_seq_;
+        job(AcquiredJob{a});
+        PlcResult record = random_record(prng_, ++res_seq_, 1);
+        record.station = static_cast<std::uint16_t>(station);
+        record.cmd_seq = cmd_seq_;
+        job(BlockJob{key, 1, random_block(prng_, station, Verdict::pass), record, random_maps(prng_)});
+        job(AckJob{res_seq_});
+        if (station % 2 == 0) quiet();
+      }
+      job(CommandJob{session_, ++cmd_seq_, static_cast<std::uint16_t>(PlcCommand::slab_end), 0, key, 2000});
+      PlcResult record = random_record(prng_, ++res_seq_, 2);
+      record.cmd_seq = cmd_seq_;
+      job(SlabJob{key, random_slab(prng_, Verdict::pass), record, 3000});
+      job(AckJob{res_seq_});
+    }
+  }
+  void job(const decltype(StoreJob::what)& what) {
+    auto kept = std::make_shared<StoreJob>(StoreJob{1, what});
+    steps_.push_back([this, kept] { return store_ != nullptr && store_->apply(*kept).ok(); });
+  }
+  /// Nothing to do for a while: the log is moved into the database. Part of the step before it.
+  void quiet() {
+    Step before = steps_.back();
+    steps_.back() = [this, before] {
+      if (!before()) return false;
+      for (int i = 0; i < 5; ++i) store_->idle();
+      return true;
+    };
+  }
+
+  /// The content after each step of an undisturbed life; [0] is that of a database just made.
+  void learn_contents() {
+    contents_.clear();
+    {
+      const TemporaryFolder elsewhere;
+      const std::string path = elsewhere.path() + "/slabd.db";
+      contents_.push_back(content_at(path));
+    }
+    for (const Step& step : steps_) {
+      ASSERT_TRUE(step());
+      contents_.push_back(content_at(settings_.db_path, true));
+    }
+    close();
+    fs::remove_all(fs::path(settings_.db_path).parent_path());
+    fs::remove_all(settings_.spool_dir);
+  }
+  static std::uint64_t content_at(const std::string& path, bool beside_writer = false) {
+    Result<std::unique_ptr<Connection>> db = beside_writer ? open_for_reading(path) : open_for_writing(path);
+    if (!db.ok()) throw std::runtime_error(std::string(db.error().text.view()));
+    return content_of(*db.value());
+  }
+
+  /// Looks at what is left at `root`: whole, and with the content of step `done` or the next. Returns which one.
+  std::size_t expect_survived(const std::string& root, std::size_t done, const std::string& what) {
+    const std::string path = root + "/db/slabd.db";
+    try {
+      Result<std::unique_ptr<Connection>> db = open_for_writing(path);
+      if (!db.ok()) {
+        ADD_FAILURE() << what << ": " << db.error().text.view();
+        ++corrupt_;
+        return done;
+      }
+      if (const std::string answer = db.value()->text("PRAGMA integrity_check"); answer != "ok") {
+        ADD_FAILURE() << what << ": " << answer;
+        ++corrupt_;
+      }
+      const std::uint64_t content = content_of(*db.value());
+      for (std::size_t step = done; step <= std::min(done + 1, contents_.size() - 1); ++step)
+        if (contents_[step] == content) return step;
+    } catch (const SqlFailure& failure) {
+      ADD_FAILURE() << what << ": " << failure.text;
+      ++corrupt_;
+      return done;
+    }
+    ++lost_;
+    ADD_FAILURE() << what << ": the content is neither that of step " << done << ", which was reported, nor the next";
+    return done;
+  }
+
+  /// A daemon starts with what is left, and works.
+  void expect_goes_on(const std::string& root, const std::string& what) {
+    StoreSettings settings = settings_;
+    settings.db_path = root + "/db/slabd.db";
+    settings.spool_dir = root + "/spool";
+    Result<std::unique_ptr<Store>> store = open_store(settings);
+    ASSERT_TRUE(store.ok()) << what << ": " << store.error().text.view();
+    EXPECT_TRUE(store.value()->recover().ok()) << what;
+    EXPECT_TRUE(store.value()->apply(StoreJob{1, SessionJob{99}}).ok()) << what;
+    store.value().reset();
+    store = open_store(settings);
+    ASSERT_TRUE(store.ok()) << what << ": " << store.error().text.view();
+    const auto line = store.value()->recover();
+    ASSERT_TRUE(line.ok()) << what;
+    EXPECT_EQ(line.value()->session, 99) << what;
+  }
+
+  std::uint64_t seed_;
+  Prng prng_of_cuts_;
+  std::string images_;  ///< everything of this test lies in here
+  std::string root_;    ///< what the power is cut of
+  std::vector<Step> steps_;
+  std::vector<std::uint64_t> contents_;
+  int corrupt_ = 0;
+  int lost_ = 0;
+};
+
+DiskLog record(const std::string& root, const std::vector<std::function<bool()>>& steps) {
+  crash_disk::watch(root);
+  for (const auto& step : steps) {
+    EXPECT_TRUE(step());
+    crash_disk::mark();
+  }
+  return crash_disk::stop();
+}
+
+class PowerCutTest : public SurvivalTest, public ::testing::WithParamInterface<NameModel> {};
+INSTANTIATE_TEST_SUITE_P(Names, PowerCutTest, ::testing::Values(NameModel::ordered, NameModel::strict),
+                         [](const auto& model) { return model.param == NameModel::ordered ? "ordered" : "strict"; });
+
+TEST_P(PowerCutTest, leaves_a_whole_database_with_every_reported_step) {
+  const std::uint64_t images = number_from("SLABD_SURVIVAL_IMAGES", 300) / 2;
+  make_life(2, 4);
+  learn_contents();
+  const DiskLog log = record(root_, steps_);
+  close();
+  ASSERT_GT(log.changes.size(), 200U) << "the disk saw nothing: are the calls still taken over?";
+  std::printf("seed %llu, %zu changes, %zu steps, %llu images\n", static_cast<unsigned long long>(seed_),
+              log.changes.size(), steps_.size(), static_cast<unsigned long long>(images));
+  std::uint64_t under_way = 0;
+  for (std::uint64_t i = 0; i < images && !HasFailure(); ++i) {
+    // Every point first, then again.
+    const std::size_t end =
+        images <= log.changes.size() ? 1 + i * (log.changes.size() - 1) / images : 1 + i % log.changes.size();
+    const std::size_t done = log.marks_before(end);
+    const std::string root = images_ + "/cut";
+    image_after(log, end, GetParam(), prng_of_cuts_).write_to(root);
+    const std::string what = "cut after change " + std::to_string(end) + ", image " + std::to_string(i);
+    if (expect_survived(root, done, what) != done) ++under_way;
+    if (i % 5 == 0) expect_goes_on(root, what);
+    fs::remove_all(root);
+  }
+  EXPECT_EQ(corrupt_, 0);
+  EXPECT_EQ(lost_, 0);
+  EXPECT_GT(under_way, 0U) << "no image kept a step that was not reported yet: too friendly a disk";
+}
+
+// Power fails again while the database comes back.
+TEST_P(PowerCutTest, during_the_restart_after_a_power_cut_loses_nothing_either) {
+  const std::uint64_t cuts = number_from("SLABD_SURVIVAL_IMAGES", 300) / 60;
+  make_life(1, 3);
+  learn_contents();
+  const DiskLog log = record(root_, steps_);
+  close();
+  for (std::uint64_t i = 0; i < cuts && !HasFailure(); ++i) {
+    const std::size_t end = log.changes.size() / 4 + prng_of_cuts_.below(log.changes.size() * 3 / 4);
+    const std::size_t done = log.marks_before(end);
+    const std::string first = images_ + "/first";
+    image_after(log, end, GetParam(), prng_of_cuts_).write_to(first);
+    StoreSettings settings = settings_;
+    settings.db_path = first + "/db/slabd.db";
+    settings.spool_dir = first + "/spool";
+    crash_disk::watch(first);
+    { const auto store = open_store(settings); }
+    const DiskLog restart = crash_disk::stop();
+    for (int again = 0; again < 6; ++again) {
+      const std::string second = images_ + "/second";
+      const std::size_t cut = prng_of_cuts_.below(restart.changes.size() + 1);
+      image_after(restart, cut, GetParam(), prng_of_cuts_).write_to(second);
+      (void)expect_survived(second, done,
+                            "cut after " + std::to_string(end) + ", and again after " + std::to_string(cut));
+      fs::remove_all(second);
+    }
+    fs::remove_all(first);
+  }
+}
+
+TEST_F(SurvivalTest, a_disk_that_forgets_what_was_synced_is_noticed) {
+  make_life(1, 2);
+  learn_contents();
+  DiskLog log = record(root_, steps_);
+  close();
+  const auto is_sync = [](const DiskChange& change) {
+    return change.kind == DiskChange::Kind::sync || change.kind == DiskChange::Kind::sync_folder;
+  };
+  const std::size_t marks = log.marks_before(log.changes.size());
+  log.changes.erase(std::remove_if(log.changes.begin(), log.changes.end(), is_sync), log.changes.end());
+  int noticed = 0;
+  for (int i = 0; i < 40; ++i) {
+    const std::string root = images_ + "/lying";
+    image_after(log, log.changes.size(), NameModel::ordered, prng_of_cuts_).write_to(root);
+    const std::string path = root + "/db/slabd.db";
+    const auto db = open_for_writing(path);
+    bool whole = db.ok();
+    try {
+      whole = whole && content_of(*db.value()) == contents_[marks];
+    } catch (const SqlFailure&) {
+      whole = false;
+    }
+    noticed += whole ? 0 : 1;
+    fs::remove_all(root);
+  }
+  EXPECT_GT(noticed, 10) << "the test cannot fail";
+}
+
+/// Which of `total` points are looked at: all that were asked for, evenly.
+std::vector<std::uint64_t> points_of(std::uint64_t total, std::uint64_t wanted, std::uint64_t seed) {
+  std::vector<std::uint64_t> points;
+  const std::uint64_t step = std::max<std::uint64_t>(1, total / std::max<std::uint64_t>(1, wanted));
+  for (std::uint64_t point = 1 + seed % step; point <= total; point += step) points.push_back(point);
+  return points;
+}
+
+TEST_F(SurvivalTest, kill_9_at_every_call_loses_no_reported_step) {
+  make_life(1, 4);
+  learn_contents();
+  crash_disk::kill_at(root_, ~std::uint64_t{0} >> 1U);
+  for (const Step& step : steps_) ASSERT_TRUE(step());
+  const std::uint64_t calls = crash_disk::heal();
+  close();
+  fs::remove_all(root_ + "/db");
+  fs::remove_all(settings_.spool_dir);
+  int killed = 0;
+  const auto points = points_of(calls, number_from("SLABD_SURVIVAL_POINTS", 60), seed_);
+  for (const std::uint64_t point : points) {
+    std::array<int, 2> ends{};
+    ASSERT_EQ(pipe(ends.data()), 0);
+    const pid_t child = fork();
+    if (child == 0) {
+      crash_disk::kill_at(root_, point);
+      for (const Step& step : steps_) {
+        if (!step()) _exit(1);
+        if (write(ends[1], "d", 1) != 1) _exit(2);
+      }
+      _exit(0);
+    }
+    ::close(ends[1]);
+    std::size_t done = 0;
+    char byte = 0;
+    while (read(ends[0], &byte, 1) == 1) ++done;
+    ::close(ends[0]);
+    int status = 0;
+    ASSERT_EQ(waitpid(child, &status, 0), child);
+    EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL) << "at call " << point << ": " << status;
+    ++killed;
+    (void)expect_survived(root_, done, "killed at call " + std::to_string(point));
+    expect_goes_on(root_, "killed at call " + std::to_string(point));
+    fs::remove_all(root_ + "/db");
+    fs::remove_all(settings_.spool_dir);
+    if (HasFailure()) break;
+  }
+  std::printf("seed %llu: killed at %d of %llu calls\n", static_cast<unsigned long long>(seed_), killed,
+              static_cast<unsigned long long>(calls));
+}
+
+struct Trouble {
+  const char* name;
+  int error_number;
+  bool with_reads;
+  std::uint64_t calls;  ///< that fail in a row
+};
+
+class FailingCallTest : public SurvivalTest, public ::testing::WithParamInterface<Trouble> {};
+INSTANTIATE_TEST_SUITE_P(Disk, FailingCallTest,
+                         ::testing::Values(Trouble{"one_io_error", EIO, true, 1}, Trouble{"io_errors", EIO, true, 12},
+                                           Trouble{"one_refusal_for_space", ENOSPC, false, 1},
+                                           Trouble{"full", ENOSPC, false, 12}, Trouble{"read_only", EROFS, false, 6}),
+                         [](const auto& trouble) { return trouble.param.name; });
+
+TEST_P(FailingCallTest, at_every_call_is_reported_or_mended_and_a_repeat_brings_the_slab_to_the_same_end) {
+  const Trouble& trouble = GetParam();
+  make_life(1, 3);
+  learn_contents();
+  crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, trouble.with_reads);
+  for (const Step& step : steps_) ASSERT_TRUE(step());
+  const std::uint64_t calls = crash_disk::heal();
+  close();
+  fs::remove_all(root_ + "/db");
+  fs::remove_all(settings_.spool_dir);
+  const auto points = points_of(calls, number_from("SLABD_SURVIVAL_POINTS", 60) / 2, seed_);
+  int reported = 0;
+  for (const std::uint64_t point : points) {
+    crash_disk::fail(root_, point, trouble.calls, trouble.error_number, trouble.with_reads);
+    for (std::size_t i = 0; i < steps_.size(); ++i) {
+      bool done = false;
+      for (int attempt = 0; attempt < 25 && !done; ++attempt) {
+        done = steps_[i]();
+        reported += done ? 0 : 1;
+      }
+      ASSERT_TRUE(done) << "step " << i << " never works again after call " << point << " failed";
+    }
+    EXPECT_TRUE(crash_disk::has_hit());
+    (void)crash_disk::heal();
+    close();
+    const std::size_t last = contents_.size() - 1;
+    EXPECT_EQ(expect_survived(root_, last, "call " + std::to_string(point) + " failed"), last);
+    fs::remove_all(root_ + "/db");
+    fs::remove_all(settings_.spool_dir);
+    if (HasFailure()) break;
+  }
+  EXPECT_GT(reported, 0) << "no failure was ever reported: are the calls still taken over?";
+  std::printf("%s: %zu of %llu calls failed, %d times reported\n", trouble.name, points.size(),
+              static_cast<unsigned long long>(calls), reported);
+}
+
+// The two halves of `script/survival --strace`: a life in a given folder, which writes a byte for every reported step,
+// and the look at what a kill left of it. Without that folder each is an undisturbed life.
+class StraceTest : public SurvivalTest {
+ protected:
+  StraceTest() {
+    if (const char* folder = std::getenv("SLABD_SURVIVAL_FOLDER"); folder != nullptr) {
+      root_ = folder;
+      settings_.db_path = root_ + "/db/slabd.db";
+      settings_.spool_dir = root_ + "/spool";
+    }
+    make_life(1, 2);
+  }
+  void live() {
+    std::ofstream reported(root_ + "/reported");
+    for (const Step& step : steps_) {
+      ASSERT_TRUE(step());
+      reported << 'd' << std::flush;
+    }
+  }
+};
+
+TEST_F(StraceTest, lives) {
+  live();
+}
+
+TEST_F(StraceTest, is_whole) {
+  if (!fs::exists(root_ + "/db")) live();
+  close();
+  const std::string given = settings_.db_path;
+  settings_.db_path = images_ + "/learn/db/slabd.db";
+  learn_contents();
+  settings_.db_path = given;
+  const std::size_t done = fs::exists(root_ + "/reported") ? fs::file_size(root_ + "/reported") : 0;
+  (void)expect_survived(root_, done, "after " + std::to_string(done) + " reported steps");
+  expect_goes_on(root_, "after the kill");
+}
+
+}  // namespace
+}  // namespace slabd::storage
