@@ -28,29 +28,26 @@ constexpr std::int64_t kCaptureKeptUs = 7 * 86'400'000'000LL;
 
 Loop::Loop(const Ports& ports, const StationSettings& settings, hal::LengthUnit scan_unit, int measure_threads,
            LoopFigures figures)
+    : Loop(ports, settings, make_crew(settings.recipes, scan_unit, ports.clock, measure_threads), std::move(figures)) {}
+
+Loop::Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<Crew> crew, LoopFigures figures)
     : ports_(ports),
       figures_(std::move(figures)),
-      recipes_(settings.recipes),
-      scan_unit_(scan_unit),
       station_(std::make_unique<Station>(settings)),
       actions_(std::make_unique<Actions>()),
       follow_up_(std::make_unique<Event>()),
       blocks_(limits::kStationsMax),
       judged_(std::make_unique<SlabJudged>()),
-      inspector_(std::make_unique<algo::BlockInspector>(measure_threads)),
-      scan_memory_(limits::kScanSlots * limits::kScanSlotBytes),
+      crew_(std::move(crew)),
       calibration_desk_(change_folder(figures_.db_path)) {
-  for (std::span<float>& slot : slots_) slot = scan_memory_.take<float>(limits::kScanPointsMax * 3);
   figures_.started_ns = ports_.clock.mono_ns();
-  store_worker_ = std::make_unique<StoreWorker>(
-      "slabd-store", [this](const StoreTask& task) { return store(task); },
-      [this] {
-        if (ports_.store != nullptr) ports_.store->idle();
-      });
-  scan_worker_ = std::make_unique<ScanWorker>(
-      "slabd-scan", [this](const AcquireScan& job) { return scan(job); }, [this] { ports_.scanner.idle(); });
-  measure_worker_ = std::make_unique<MeasureWorker>(
-      "slabd-measure", [this](const MeasureBlock& job) { return measure(job); }, [] {});
+  store_worker_ = crew_->storage([this](const StoreTask& task) { return store(task); },
+                                 [this] {
+                                   if (ports_.store != nullptr) ports_.store->idle();
+                                 });
+  scan_worker_ =
+      crew_->scanner([this](const AcquireScan& job) { return scan(job); }, [this] { ports_.scanner.idle(); });
+  measure_worker_ = crew_->measuring();
 }
 
 Loop::~Loop() {
@@ -94,11 +91,11 @@ ScanDone Loop::scan(const AcquireScan& job) {
   done.cmd_seq = job.request.cmd_seq;
   done.slot = job.slot;
   // Measuring need not wait for the disk. Where nobody takes the news, it begins when the scan is durable.
-  const Result<AcquiredScan> result =
-      ports_.scanner.acquire(job.request, slots_[job.slot], cancel_scan_, [this, &done](const AcquiredScan& decoded) {
-        done.scan = decoded;
-        (void)scan_worker_->post(done);
-      });
+  const Result<AcquiredScan> result = ports_.scanner.acquire(job.request, crew_->slot(job.slot), cancel_scan_,
+                                                             [this, &done](const AcquiredScan& decoded) {
+                                                               done.scan = decoded;
+                                                               (void)scan_worker_->post(done);
+                                                             });
   done.durable = true;
   if (result.ok()) {
     done.scan = result.value();
@@ -110,57 +107,15 @@ ScanDone Loop::scan(const AcquireScan& job) {
   return done;
 }
 
-BlockMeasured Loop::measure(const MeasureBlock& job) {
-  BlockMeasured done;
-  done.slab_key = job.slab_key;
-  done.attempt = job.attempt;
-  done.slot = job.slot;
-  done.cmd_seq = job.cmd_seq;
-  done.scan_utime_us = job.scan_utime_us;
-  done.block.station = job.station;
-  const Recipe* recipe = nullptr;
-  for (const Recipe& candidate : recipes_)
-    if (candidate.slab_type == job.slab_type) recipe = &candidate;
-  ScanShape shape = job.shape;
-  double read_ms = job.read_ms;
-  Code code = recipe == nullptr ? Code::unknown_type : Code::ok;
-  if (code == Code::ok && job.reload) {
-    const std::int64_t start_ns = ports_.clock.mono_ns();
-    const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_unit_, slots_[job.slot]);
-    read_ms = ms_from_ns(ports_.clock.mono_ns() - start_ns);
-    if (read.ok()) {
-      shape = read.value();
-    } else {
-      code = read.error().code;
-      say({LogLine::Level::error, static_cast<std::uint16_t>(code), read.error().text});
-    }
-  }
-  if (code != Code::ok) {
-    done.block.verdict = Verdict::not_measured;
-    done.block.reason = static_cast<std::uint16_t>(code);
-    return done;
-  }
-  if (recipe != inspector_recipe_) {
-    inspector_->use(*recipe);
-    inspector_recipe_ = recipe;
-  }
-  algo::Cloud cloud{slots_[job.slot], shape.points, shape.width, shape.height};
-  const Status status =
-      measure_block(*inspector_, ports_.clock, job.station, job.T_base_slab * T_slab_block(*recipe, job.station),
-                    job.T_base_scanner, cloud, shape, read_ms);
-  done.block = inspector_->result();
-  pack_maps(*inspector_, done.maps);
-  if (!status.ok()) {
-    LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(status.error().code), {}};
-    line.text.printf("station %u: %s", job.station, status.error().text.c_str());
-    say(line);
-  }
-  return done;
-}
-
 // ---- on the loop's thread ----------------------------------------------------------------------------------------
 
 void Loop::run(const std::atomic<bool>& stop) {
+  start();
+  while (!stop.load()) turn(kTurnMs);
+  finish();
+}
+
+void Loop::start() {
   if (ports_.store != nullptr) {
     const Result<std::unique_ptr<RecoveredLine>> line = ports_.store->recover();
     if (line.ok()) {
@@ -177,7 +132,9 @@ void Loop::run(const std::atomic<bool>& stop) {
     handle(Recovered{line.get()});
   }
   ports_.notify.ready();
-  while (!stop.load()) turn(kTurnMs);
+}
+
+void Loop::finish() {
   ports_.notify.stopping();
   cancel_scan_ = true;
   store_worker_->drain();
@@ -185,6 +142,10 @@ void Loop::run(const std::atomic<bool>& stop) {
 
 void Loop::turn(int wait_ms) {
   wait(wait_ms);
+  serve();
+}
+
+void Loop::serve() {
   tick();
   take_poses();
   take_answers();
@@ -386,7 +347,7 @@ void Loop::tidy_captures(const PathText& folder) const {
   }
 }
 
-void Loop::say(const LogLine& line) const {
+void say_line(const LogLine& line) {
   // Under a service manager stderr is the journal and "<n>" its priority; on a terminal a word reads better.
   static const bool journal = std::getenv("JOURNAL_STREAM") != nullptr;
   const char* prefix = "";

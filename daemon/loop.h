@@ -9,11 +9,10 @@
 #include <string_view>
 #include <vector>
 
-#include "base/pages.h"
 #include "daemon/calibration_desk.h"
+#include "daemon/crew.h"
 #include "daemon/daemon.h"
 #include "daemon/station.h"
-#include "daemon/worker.h"
 
 namespace slabd::daemon {
 
@@ -42,13 +41,15 @@ struct LoopFigures {
   std::string db_path;
 };
 
-/// Ports -> events -> step -> actions, on one thread; three workers (storage, scanner, measuring) do what blocks.
+/// Ports -> events -> step -> actions, on one thread; the crew (storage, scanner, measuring) does what blocks.
 /// Everything is allocated by the constructor; run() allocates nothing on the inspection path.
 class Loop {
  public:
-  /// `scan_unit`: of the scan files, which lie in the spool as the scanner wrote them. `measure_threads`: 1 or 2.
+  /// With the crew of a running daemon. `scan_unit`: of the scan files, which lie in the spool as the scanner wrote
+  /// them. `measure_threads`: 1 or 2.
   Loop(const Ports& ports, const StationSettings& settings, hal::LengthUnit scan_unit, int measure_threads,
        LoopFigures figures);
+  Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<Crew> crew, LoopFigures figures);
   ~Loop();
   Loop(const Loop&) = delete;
   Loop& operator=(const Loop&) = delete;
@@ -56,21 +57,19 @@ class Loop {
   /// Runs until `stop` becomes true; finishes store jobs under way before it returns.
   void run(const std::atomic<bool>& stop);
 
-  /// One turn: waits at most `wait_ms` for something to happen, then handles it all.
+  // What run() consists of, for whoever moves the clock himself.
+  /// Takes up what storage remembers; once, first.
+  void start();
+  /// One turn: waits at most `wait_ms` for something to happen, then serves it all.
   void turn(int wait_ms);
+  /// Handles everything that has happened, without waiting.
+  void serve();
+  /// Ends the scan in hand and waits for the store jobs under way; last.
+  void finish();
 
   [[nodiscard]] const Station& station() const { return *station_; }
 
  private:
-  /// A job of the station, or the change that lies on the calibration desk.
-  struct StoreTask {
-    bool is_change = false;
-    StoreJob job;
-  };
-  using StoreWorker = Worker<StoreTask, StoreDone, limits::kWorkerQueue>;
-  using ScanWorker = Worker<AcquireScan, ScanDone, 4>;
-  using MeasureWorker = Worker<MeasureBlock, BlockMeasured, 4>;
-
   void wait(int wait_ms);
   void tick();
   void take_poses();
@@ -84,16 +83,13 @@ class Loop {
   void judge_slab(const JudgeSlab& action);
   void drop_scan(const PathText& path) const;
   void tidy_captures(const PathText& folder) const;
-  void say(const LogLine& line) const;
+  void say(const LogLine& line) const { say_line(line); }
 
   [[nodiscard]] StoreDone store(const StoreTask& task);
   [[nodiscard]] ScanDone scan(const AcquireScan& job);
-  [[nodiscard]] BlockMeasured measure(const MeasureBlock& job);
 
   Ports ports_;
   LoopFigures figures_;
-  std::span<const Recipe> recipes_;
-  hal::LengthUnit scan_unit_;
 
   std::unique_ptr<Station> station_;
   std::unique_ptr<Actions> actions_;
@@ -102,10 +98,7 @@ class Loop {
   std::vector<BlockResult> blocks_;  ///< of the slab being judged
   std::unique_ptr<SlabJudged> judged_;
 
-  std::unique_ptr<algo::BlockInspector> inspector_;
-  const Recipe* inspector_recipe_ = nullptr;
-  Pages scan_memory_;  ///< of the slots
-  std::array<std::span<float>, limits::kScanSlots> slots_;
+  std::unique_ptr<Crew> crew_;
   std::atomic<bool> cancel_scan_{false};
 
   std::int64_t watchdog_ns_ = 0;
@@ -116,10 +109,10 @@ class Loop {
   std::string spool_trouble_said_;  ///< storage thread only
   CalibrationDesk calibration_desk_;
 
-  // Last: the threads start when everything they touch exists, and end first.
-  std::unique_ptr<StoreWorker> store_worker_;
-  std::unique_ptr<ScanWorker> scan_worker_;
-  std::unique_ptr<MeasureWorker> measure_worker_;
+  // Last: the workers start when everything they touch exists, and end first.
+  std::unique_ptr<StoreQueue> store_worker_;
+  std::unique_ptr<ScanQueue> scan_worker_;
+  std::unique_ptr<MeasureQueue> measure_worker_;
 };
 
 /// The answer to {"verb":"status"} on the control socket: one line of JSON, schema slabd.status/1.

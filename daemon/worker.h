@@ -17,10 +17,30 @@
 
 namespace slabd::daemon {
 
+/// Jobs that somebody else carries out in order, and their answers. Worker does it on a thread of its own; a simulation
+/// on its own clock.
+template <typename Job, typename Done>
+class JobQueue {
+ public:
+  virtual ~JobQueue() = default;
+  /// Readable when an answer waits; -1: nothing to wait on.
+  [[nodiscard]] virtual int fd() const = 0;
+  /// False when the queue is full.
+  [[nodiscard]] virtual bool push(const Job& job) = 0;
+  /// Called by whoever carries out a job: an answer ahead of the job's own. False when there is no room.
+  virtual bool post(const Done& done) = 0;
+  /// Oldest answer; false when none waits.
+  [[nodiscard]] virtual bool next(Done& done) = 0;
+  /// Signs of life; they stand still only while a job is stuck.
+  [[nodiscard]] virtual std::uint64_t turns() const = 0;
+  /// Waits until no job is queued or running (tests, shutdown).
+  virtual void drain() = 0;
+};
+
 /// One thread that carries out jobs in order, so that the loop never waits for a disk, a scanner or a fit. Queues are
 /// fixed; a full one is a return value. `fd()` becomes readable when an answer waits.
 template <typename Job, typename Done, std::size_t Capacity>
-class Worker {
+class Worker final : public JobQueue<Job, Done> {
  public:
   /// `work` runs on the thread for every job; `idle` runs there about ten times a second while there is none. `name`:
   /// of the thread, as ps and gdb show it, at most 15 characters.
@@ -33,7 +53,7 @@ class Worker {
   Worker(const Worker&) = delete;
   Worker& operator=(const Worker&) = delete;
   /// Waits for the job in hand; jobs still queued are dropped (their effects were never promised).
-  ~Worker() {
+  ~Worker() override {
     {
       const std::lock_guard lock(mutex_);
       stop_ = true;
@@ -43,9 +63,9 @@ class Worker {
     ::close(event_fd_);
   }
 
-  [[nodiscard]] int fd() const { return event_fd_; }
+  [[nodiscard]] int fd() const override { return event_fd_; }
 
-  [[nodiscard]] bool push(const Job& job) {
+  [[nodiscard]] bool push(const Job& job) override {
     {
       const std::lock_guard lock(mutex_);
       if (!jobs_.push(job)) return false;
@@ -54,14 +74,12 @@ class Worker {
     return true;
   }
 
-  /// Called by `work` on its thread: an answer ahead of the one that `work` returns. False when there is no room.
-  bool post(const Done& done) {
+  bool post(const Done& done) override {
     const std::lock_guard lock(mutex_);
     return give(done);
   }
 
-  /// Oldest answer; false when none waits.
-  [[nodiscard]] bool next(Done& done) {
+  [[nodiscard]] bool next(Done& done) override {
     const std::lock_guard lock(mutex_);
     if (dones_.empty()) {
       std::uint64_t count = 0;
@@ -74,10 +92,8 @@ class Worker {
     return true;
   }
 
-  /// Turns of the thread; stands still only while it is stuck in a job.
-  [[nodiscard]] std::uint64_t turns() const { return turns_.load(std::memory_order_relaxed); }
-  /// Waits until no job is queued or running (tests, shutdown).
-  void drain() {
+  [[nodiscard]] std::uint64_t turns() const override { return turns_.load(std::memory_order_relaxed); }
+  void drain() override {
     std::unique_lock lock(mutex_);
     settled_.wait(lock, [this] { return jobs_.empty() && !running_; });
   }

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/crew.h"
+
+#include <array>
+
+#include "base/pages.h"
+#include "daemon/daemon.h"
+
+namespace slabd::daemon {
+namespace {
+
+class ThreadCrew final : public Crew {
+ public:
+  ThreadCrew(std::span<const Recipe> recipes, hal::LengthUnit scan_unit, const hal::Clock& clock, int measure_threads)
+      : recipes_(recipes),
+        scan_unit_(scan_unit),
+        clock_(clock),
+        inspector_(measure_threads),
+        scan_memory_(limits::kScanSlots * limits::kScanSlotBytes) {
+    for (std::span<float>& slot : slots_) slot = scan_memory_.take<float>(limits::kScanPointsMax * 3);
+  }
+
+  std::unique_ptr<StoreQueue> storage(std::function<StoreDone(const StoreTask&)> work,
+                                      std::function<void()> idle) override {
+    return std::make_unique<Worker<StoreTask, StoreDone, limits::kWorkerQueue>>("slabd-store", std::move(work),
+                                                                                std::move(idle));
+  }
+  std::unique_ptr<ScanQueue> scanner(std::function<ScanDone(const AcquireScan&)> work,
+                                     std::function<void()> idle) override {
+    return std::make_unique<Worker<AcquireScan, ScanDone, 4>>("slabd-scan", std::move(work), std::move(idle));
+  }
+  std::unique_ptr<MeasureQueue> measuring() override {
+    return std::make_unique<Worker<MeasureBlock, BlockMeasured, 4>>(
+        "slabd-measure", [this](const MeasureBlock& job) { return measure(job); }, [] {});
+  }
+  std::span<float> slot(std::size_t index) override { return slots_[index]; }
+
+ private:
+  BlockMeasured measure(const MeasureBlock& job);
+
+  std::span<const Recipe> recipes_;
+  hal::LengthUnit scan_unit_;
+  const hal::Clock& clock_;
+  algo::BlockInspector inspector_;
+  const Recipe* inspector_recipe_ = nullptr;
+  Pages scan_memory_;  ///< of the slots
+  std::array<std::span<float>, limits::kScanSlots> slots_;
+};
+
+BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
+  BlockMeasured done;
+  done.slab_key = job.slab_key;
+  done.attempt = job.attempt;
+  done.slot = job.slot;
+  done.cmd_seq = job.cmd_seq;
+  done.scan_utime_us = job.scan_utime_us;
+  done.block.station = job.station;
+  const Recipe* recipe = nullptr;
+  for (const Recipe& candidate : recipes_)
+    if (candidate.slab_type == job.slab_type) recipe = &candidate;
+  ScanShape shape = job.shape;
+  double read_ms = job.read_ms;
+  Code code = recipe == nullptr ? Code::unknown_type : Code::ok;
+  if (code == Code::ok && job.reload) {
+    const std::int64_t start_ns = clock_.mono_ns();
+    const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_unit_, slots_[job.slot]);
+    read_ms = ms_from_ns(clock_.mono_ns() - start_ns);
+    if (read.ok()) {
+      shape = read.value();
+    } else {
+      code = read.error().code;
+      say_line({LogLine::Level::error, static_cast<std::uint16_t>(code), read.error().text});
+    }
+  }
+  if (code != Code::ok) {
+    done.block.verdict = Verdict::not_measured;
+    done.block.reason = static_cast<std::uint16_t>(code);
+    return done;
+  }
+  if (recipe != inspector_recipe_) {
+    inspector_.use(*recipe);
+    inspector_recipe_ = recipe;
+  }
+  algo::Cloud cloud{slots_[job.slot], shape.points, shape.width, shape.height};
+  const Status status =
+      measure_block(inspector_, clock_, job.station, job.T_base_slab * T_slab_block(*recipe, job.station),
+                    job.T_base_scanner, cloud, shape, read_ms);
+  done.block = inspector_.result();
+  pack_maps(inspector_, done.maps);
+  if (!status.ok()) {
+    LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(status.error().code), {}};
+    line.text.printf("station %u: %s", job.station, status.error().text.c_str());
+    say_line(line);
+  }
+  return done;
+}
+
+}  // namespace
+
+std::unique_ptr<Crew> make_crew(std::span<const Recipe> recipes, hal::LengthUnit scan_unit, const hal::Clock& clock,
+                                int measure_threads) {
+  return std::make_unique<ThreadCrew>(recipes, scan_unit, clock, measure_threads);
+}
+
+}  // namespace slabd::daemon

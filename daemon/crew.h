@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <span>
+
+#include "daemon/station.h"
+#include "daemon/worker.h"
+#include "hal/hal.h"
+
+/// Who carries out what the loop must not wait for. A running daemon has three threads, an inspector and the memory of
+/// the scans; a simulation has its own, which work on its clock.
+namespace slabd::daemon {
+
+/// A job of the station, or the change that lies on the calibration desk.
+struct StoreTask {
+  bool is_change = false;
+  StoreJob job;
+};
+using StoreQueue = JobQueue<StoreTask, StoreDone>;
+using ScanQueue = JobQueue<AcquireScan, ScanDone>;
+using MeasureQueue = JobQueue<MeasureBlock, BlockMeasured>;
+
+class Crew {
+ public:
+  virtual ~Crew() = default;
+  // Each is asked for once, and the queues go before the crew. `idle` is called about ten times a second while there is
+  // no job.
+  [[nodiscard]] virtual std::unique_ptr<StoreQueue> storage(std::function<StoreDone(const StoreTask&)> work,
+                                                            std::function<void()> idle) = 0;
+  [[nodiscard]] virtual std::unique_ptr<ScanQueue> scanner(std::function<ScanDone(const AcquireScan&)> work,
+                                                           std::function<void()> idle) = 0;
+  /// Measures what lies in the buffers. A block is answered whatever happens to it.
+  [[nodiscard]] virtual std::unique_ptr<MeasureQueue> measuring() = 0;
+  /// Where the points of a scan go; `index` below limits::kScanSlots.
+  [[nodiscard]] virtual std::span<float> slot(std::size_t index) = 0;
+};
+
+/// Threads, and all memory of the inspection path, resident from the start. `recipes` and `clock` must outlive it.
+[[nodiscard]] std::unique_ptr<Crew> make_crew(std::span<const Recipe> recipes, hal::LengthUnit scan_unit,
+                                              const hal::Clock& clock, int measure_threads);
+
+/// One line to the service manager's journal, or to a terminal.
+void say_line(const LogLine& line);
+
+}  // namespace slabd::daemon
