@@ -109,10 +109,19 @@ ScanDone Loop::scan(const AcquireScan& job) {
 
 // ---- on the loop's thread ----------------------------------------------------------------------------------------
 
-void Loop::run(const std::atomic<bool>& stop) {
+bool Loop::run(const std::atomic<bool>& stop, std::int64_t patience_ns) {
   start();
-  while (!stop.load()) turn(kTurnMs);
+  while (!stop.load()) {
+    turn(kTurnMs);
+    if (wants_store(patience_ns)) return true;
+  }
   finish();
+  return false;
+}
+
+bool Loop::wants_store(std::int64_t patience_ns) const {
+  if (ports_.store != nullptr || station_->settings.fault != Code::journal_write) return false;
+  return fault_was_reset_ || ports_.clock.mono_ns() - figures_.started_ns >= patience_ns;
 }
 
 void Loop::start() {
@@ -214,6 +223,8 @@ void Loop::serve_plc() {
   // Every write is one event; bounded, so that a PLC that only writes cannot hold the loop.
   for (std::size_t i = 0; i < limits::kModbusClientsMax * limits::kModbusFramesPerTurn; ++i) {
     if (!ports_.plc.next(ports_.clock.mono_ns(), inputs)) break;
+    // Held down is not reset: the edge counts, as for every other fault.
+    fault_was_reset_ = fault_was_reset_ || (inputs.fault_reset && !station_->plc.inputs.fault_reset);
     handle(inputs);
     ports_.plc.publish(plc_view(*station_));
   }

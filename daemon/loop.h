@@ -45,6 +45,10 @@ struct LoopFigures {
 /// Everything is allocated by the constructor; run() allocates nothing on the inspection path.
 class Loop {
  public:
+  static constexpr std::int64_t kStorePatience_ns = 5 * kNsPerS;
+  /// Each try reads the whole database; a damaged one does not become better by it.
+  static constexpr std::int64_t kStorePatienceMax_ns = 300 * kNsPerS;
+
   /// With the crew of a running daemon. `scan_unit`: of the scan files, which lie in the spool as the scanner wrote
   /// them. `measure_threads`: 1 or 2.
   Loop(const Ports& ports, const StationSettings& settings, hal::LengthUnit scan_unit, int measure_threads,
@@ -54,8 +58,9 @@ class Loop {
   Loop(const Loop&) = delete;
   Loop& operator=(const Loop&) = delete;
 
-  /// Runs until `stop` becomes true; finishes store jobs under way before it returns.
-  void run(const std::atomic<bool>& stop);
+  /// Runs until `stop` becomes true, and finishes store jobs under way before it returns. Also returns, with true, when
+  /// wants_store(patience_ns).
+  bool run(const std::atomic<bool>& stop, std::int64_t patience_ns = kStorePatience_ns);
 
   // What run() consists of, for whoever moves the clock himself.
   /// Takes up what storage remembers; once, first.
@@ -64,6 +69,10 @@ class Loop {
   void turn(int wait_ms);
   /// Handles everything that has happened, without waiting.
   void serve();
+  /// Storage could not be used at the start (fault 502), and either `patience_ns` are over or the PLC has reset the
+  /// fault: whoever made this loop opens the store anew and makes another one. A disk that fails for a moment must not
+  /// stop the line until somebody comes.
+  [[nodiscard]] bool wants_store(std::int64_t patience_ns) const;
   /// Ends the scan in hand and waits for the store jobs under way; last.
   void finish();
 
@@ -101,6 +110,7 @@ class Loop {
   std::unique_ptr<Crew> crew_;
   std::atomic<bool> cancel_scan_{false};
 
+  bool fault_was_reset_ = false;  ///< by the PLC, since the start
   std::int64_t watchdog_ns_ = 0;
   std::array<std::uint64_t, 3> worker_turns_{};
   std::array<std::int64_t, 3> worker_moved_ns_{};

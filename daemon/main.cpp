@@ -3,6 +3,7 @@
 // slabd: plugs the ports into the loop and runs it. A configuration or a database that cannot be used does not end the
 // process: the PLC must see the fault, not a dark interface.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <atomic>
 #include <csignal>
 #include <cstdio>
@@ -110,7 +111,6 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
 
   std::unique_ptr<hal::PosePort> pose;
   std::unique_ptr<hal::ScannerPort> scanner;
-  std::unique_ptr<storage::Store> store;
   std::unique_ptr<hal::ControlPort> control;
   if (settings.fault == Code::ok) {
     if (auto made = hal::make_lcm_pose_port(config.robot); made.ok()) {
@@ -131,12 +131,6 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
       std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
       scanner = std::make_unique<AbsentScanner>(made.error());
     }
-    if (auto made = storage::open_store(config.storage); made.ok()) {
-      store = std::move(made.value());
-    } else {
-      std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
-      settings.fault = Code::journal_write;
-    }
     if (auto made = hal::make_control_socket(config.control_socket.c_str()); made.ok()) {
       control = std::move(made.value());
     } else {
@@ -154,12 +148,26 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   figures.plc_role = config.plc.role;
   figures.plc_word_order = config.plc.word_order;
   figures.db_path = config.storage.db_path;
-  const Ports ports{*plc.value(), *pose, *scanner, store.get(), control.get(), *clock, *notify};
-  Loop loop(ports, settings, config.scanner.unit, config.measure_threads, std::move(figures));
-  std::fprintf(stderr, "info: %s: %s, inspection memory %.0f MB%s\n", settings.software.c_str(),
-               plc_place(config.plc).c_str(), static_cast<double>(limits::kInspectionBytes) / 1e6,
-               settings.fault == Code::ok ? "" : "; in FAULT, see above");
-  loop.run(g_stop);
+  // Once, unless storage cannot be used: then it is opened again and again, and everything else stays up meanwhile.
+  std::int64_t patience_ns = Loop::kStorePatience_ns;
+  for (bool again = true; again; patience_ns = std::min(2 * patience_ns, Loop::kStorePatienceMax_ns)) {
+    StationSettings now = settings;
+    std::unique_ptr<storage::Store> store;
+    if (now.fault == Code::ok) {
+      if (auto made = storage::open_store(config.storage); made.ok()) {
+        store = std::move(made.value());
+      } else {
+        std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
+        now.fault = Code::journal_write;
+      }
+    }
+    const Ports ports{*plc.value(), *pose, *scanner, store.get(), control.get(), *clock, *notify};
+    Loop loop(ports, now, config.scanner.unit, config.measure_threads, figures);
+    std::fprintf(stderr, "info: %s: %s, inspection memory %.0f MB%s\n", now.software.c_str(),
+                 plc_place(config.plc).c_str(), static_cast<double>(limits::kInspectionBytes) / 1e6,
+                 now.fault == Code::ok ? "" : "; in FAULT, see above");
+    again = loop.run(g_stop, patience_ns);
+  }
   std::fprintf(stderr, "info: slabd: stopped\n");
   return 0;
 }

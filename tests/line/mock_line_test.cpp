@@ -230,5 +230,46 @@ TEST_F(MockLineTest, a_scanner_that_hangs_is_given_up_on_abort) {
   EXPECT_TRUE(view().slab_open);
 }
 
+/// The disk failed at the start: the loop runs without a store, in fault 502.
+struct MockLineWithoutStore : MockLineTest {
+  void SetUp() override {
+    MockLineTest::SetUp();
+    StationSettings settings;
+    settings.recipes = recipes;
+    settings.fault = fault;
+    loop.reset();
+    loop = std::make_unique<Loop>(Ports{plc, pose, scanner, nullptr, nullptr, clock, notify}, settings,
+                                  hal::LengthUnit::mm, 1, LoopFigures{});
+  }
+  Code fault = Code::journal_write;
+  const std::atomic<bool> go_on{false};
+};
+
+TEST_F(MockLineWithoutStore, asks_for_the_store_again_after_a_while_and_at_a_reset_of_the_fault) {
+  loop->start();
+  loop->turn(0);
+  EXPECT_EQ(view().fault, 502);
+  EXPECT_FALSE(loop->wants_store(5 * kNsPerS));
+  clock.advance(5 * kNsPerS);
+  EXPECT_TRUE(loop->wants_store(5 * kNsPerS));
+  EXPECT_FALSE(loop->wants_store(60 * kNsPerS)) << "each try waits longer";
+  inputs.fault_reset = true;
+  plc.write(inputs);
+  EXPECT_TRUE(loop->run(go_on, 3600 * kNsPerS));
+}
+
+struct MockLineWithoutConfig : MockLineWithoutStore {
+  MockLineWithoutConfig() { fault = Code::config; }
+};
+TEST_F(MockLineWithoutConfig, a_faulty_configuration_is_nothing_that_trying_again_mends) {
+  loop->start();
+  inputs.fault_reset = true;
+  plc.write(inputs);
+  loop->turn(0);
+  clock.advance(3600 * kNsPerS);
+  EXPECT_EQ(view().fault, 504);
+  EXPECT_FALSE(loop->wants_store(5 * kNsPerS));
+}
+
 }  // namespace
 }  // namespace slabd::daemon
