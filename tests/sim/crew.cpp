@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/sim/crew.h"
+
+namespace slabd::sim {
+
+daemon::BlockMeasured FiberCrew::measure(const daemon::MeasureBlock& job) {
+  daemon::BlockMeasured done;
+  done.slab_key = job.slab_key;
+  done.attempt = job.attempt;
+  done.slot = job.slot;
+  done.cmd_seq = job.cmd_seq;
+  done.scan_utime_us = job.scan_utime_us;
+  done.block.station = job.station;
+  const Recipe* recipe = nullptr;
+  for (const Recipe& candidate : recipes_)
+    if (candidate.slab_type == job.slab_type) recipe = &candidate;
+  Code code = recipe == nullptr ? Code::unknown_type : Code::ok;
+  auto& slot = slots_[job.slot];
+  if (code == Code::ok && job.reload) {
+    process_.sleep_for(between(chance_, 40 * kMs, 200 * kMs));
+    const ScanTruth scan = line_.in_spool(std::string(job.scan_path.view()));
+    if (scan.take == 0)
+      code = Code::frame_incomplete;
+    else
+      line_.write(scan, slot);
+  }
+  if (code != Code::ok) {
+    done.block.verdict = Verdict::not_measured;
+    done.block.reason = static_cast<std::uint16_t>(code);
+    return done;
+  }
+  const ScanTruth shown = line_.read(slot);
+  const bool slow = line_.world.faulty(Fault::measure_slow);
+  process_.sleep_for(slow ? between(chance_, kSecond, 25 * kSecond) : between(chance_, 120 * kMs, 450 * kMs));
+  if (process_.dead()) return done;
+  if (line_.read(slot).take != shown.take)
+    line_.world.violated("the buffer of station %u was written while it was measured", job.station);
+  gauge(*recipe, job, shown, done.block);
+  return done;
+}
+
+}  // namespace slabd::sim

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "tests/sim/process.h"
+
+/// The disk under the database: SQLite's own file layer on a folder in memory, with a layer of ours above it that knows
+/// what has been synced. It can fail as disks do, lose or tear at a loss of power what was not synced, and end the
+/// process in the middle of any write.
+///
+/// After a failed sync what was written stays readable and is never written again, as Linux does it: a later sync that
+/// succeeds says nothing about it.
+namespace slabd::sim {
+
+class Disk {
+ public:
+  /// Registers the layer as SQLite's default once; at most one Disk at a time.
+  explicit Disk(World& world);
+  ~Disk();
+  Disk(const Disk&) = delete;
+  Disk& operator=(const Disk&) = delete;
+
+  /// Whose calls are to be believed; nullptr: nobody's.
+  void serve(Process* process) { process_ = process; }
+  /// The process dies at its `count`-th call that changes a file, a write being torn when `torn`.
+  void kill_at(std::int64_t count, bool torn) {
+    kill_in_ = count;
+    kill_torn_ = torn;
+  }
+  /// What was not synced is lost, kept or torn, sector by sector. Only when no process runs.
+  void lose_power();
+  [[nodiscard]] std::uint64_t calls() const { return calls_; }
+  [[nodiscard]] std::uint64_t free_bytes() const;
+
+  // ---- for the layer ----
+  static constexpr std::int64_t kSector = 512;
+  struct OldSector {
+    bool existed = false;
+    bool doomed = false;  ///< its sync failed
+    std::array<unsigned char, kSector> bytes{};
+  };
+  struct File {
+    std::map<std::int64_t, OldSector> unsynced;  ///< by sector: as it was when last synced
+    std::int64_t synced_bytes = 0;
+  };
+  enum class Call : std::uint8_t { read, write, truncate, sync, remove, open };
+  /// SQLITE_OK: go on. Otherwise the call fails with it. `tear` becomes true when half of the write is to be done
+  /// first.
+  int allow(Call call, bool& tear);
+  [[nodiscard]] bool believed() const { return process_ != nullptr && !process_->dead(); }
+  File& file(const std::string& path) { return files_[path]; }
+  void forget(const std::string& path) { files_.erase(path); }
+  void sync_takes_time();
+
+ private:
+  World& world_;
+  Prng chance_;
+  Process* process_ = nullptr;
+  std::map<std::string, File> files_;
+  std::int64_t kill_in_ = 0;
+  bool kill_torn_ = false;
+  std::uint64_t calls_ = 0;
+};
+
+}  // namespace slabd::sim

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <setjmp.h>
+#include <ucontext.h>
+
+#include <array>
+#include <cstddef>
+#include <functional>
+#include <memory>
+
+/// Threads that take turns on one thread, so that a simulation alone decides who runs when. A fiber runs until it
+/// yields; whoever resumed it goes on then.
+namespace slabd::sim {
+
+class Fiber {
+ public:
+  explicit Fiber(std::function<void()> body);
+  Fiber(const Fiber&) = delete;
+  Fiber& operator=(const Fiber&) = delete;
+  /// It must have finished: what its stack owns would otherwise be lost.
+  ~Fiber();
+
+  /// Runs it until it yields or ends. Not from inside a fiber.
+  void resume();
+  /// Back to whoever resumed; from inside the running fiber only.
+  static void yield();
+  [[nodiscard]] static bool inside();
+  [[nodiscard]] bool finished() const { return finished_; }
+
+ private:
+  using Stack = std::unique_ptr<std::byte[]>;
+  static void enter();
+  void switch_in();
+  void switch_out();
+  void switch_exceptions();
+
+  std::function<void()> body_;
+  Stack stack_;
+  ucontext_t own_{};
+  ucontext_t caller_{};
+  // After the first time: without the two system calls of swapcontext for a signal mask that never changes.
+  jmp_buf own_jump_{};
+  jmp_buf caller_jump_{};
+  bool entered_ = false;
+  /// What the C++ runtime knows of exceptions being handled belongs to a stack, not to a thread.
+  std::array<std::byte, 16> exceptions_{};
+  bool finished_ = false;
+#if defined(__SANITIZE_ADDRESS__)
+  void* fake_stack_ = nullptr;
+  const void* caller_bottom_ = nullptr;
+  std::size_t caller_size_ = 0;
+#endif
+};
+
+}  // namespace slabd::sim

@@ -1,0 +1,496 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/sim/life.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+
+#include "daemon/daemon.h"
+#include "daemon/loop.h"
+#include "tests/sim/allocation.h"
+#include "tests/sim/crew.h"
+#include "tests/sim/disk.h"
+#include "tests/sim/ports.h"
+#include "tests/sim/promises.h"
+
+namespace slabd::sim {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kDatabase = "data/slabd.db";
+constexpr const char* kSpool = "spool";
+constexpr std::int64_t kTurn = 20 * kMs;
+constexpr std::int64_t kQuietTurn = 60 * kMs;
+constexpr std::int64_t kWatchdog = 10 * kSecond;      ///< of the unit
+constexpr std::int64_t kStartTimeout = 60 * kSecond;  ///< of the unit
+constexpr std::int64_t kRestartPause = 2 * kSecond;   ///< of the unit
+constexpr std::int64_t kCalmTimeout = 900 * kSecond;  ///< for the line to pass a good slab once nothing goes wrong
+constexpr std::size_t kAnyState = kStates;
+
+/// A fault waits for its time and for a state of slabd.
+struct Episode {
+  Fault fault = Fault::kill;
+  std::int64_t from_ns = 0;
+  std::size_t state = kAnyState;
+  std::int64_t lasts_ns = 0;
+  bool fired = false;
+};
+
+class Life {
+ public:
+  Life(std::uint64_t seed, const std::vector<Recipe>& recipes, bool loud)
+      : world_(seed, loud),
+        clock_(world_),
+        recipes_(recipes),
+        line_(world_, recipes_),
+        disk_(world_),
+        wire_(world_),
+        plc_(world_, line_, wire_),
+        poses_(world_, line_.robot),
+        control_room_(world_),
+        promises_(world_, line_),
+        notify_(world_),
+        chance_(world_.chance(10)) {
+    plc_.decided = [this](const Decision& decision) {
+      promises_.decided(decision);
+      if (calm_ && decision.slab_no == calm_slab_no_) calm_verdict_ = decision.verdict;
+    };
+    overhear_log();
+    think_up_faults();
+  }
+  ~Life() {
+    process_.reset();
+    std::fclose(stderr);
+    stderr = real_stderr_;
+  }
+  Life(const Life&) = delete;
+  Life& operator=(const Life&) = delete;
+
+  LifeResult run();
+
+ private:
+  void overhear_log();
+  void think_up_faults();
+  void boot();
+  void run_daemon();
+  bool run_loop(daemon::Ports ports, std::int64_t patience_ns);
+  void bury(bool power);
+  void manage_service();
+  void trigger_faults();
+  void fire(Episode& episode);
+  void begin_calm();
+  void check_calm();
+  [[nodiscard]] std::int64_t next_ns() const;
+  [[nodiscard]] std::size_t state() const;
+  [[nodiscard]] daemon::StationSettings settings() const;
+
+  World world_;
+  WorldClock clock_;
+  std::vector<Recipe> recipes_;
+  Line line_;
+  Disk disk_;
+  Wire wire_;
+  Plc plc_;
+  PoseStream poses_;
+  ControlRoom control_room_;
+  Promises promises_;
+  SimNotify notify_;
+  Prng chance_;
+  FILE* real_stderr_ = nullptr;
+
+  std::unique_ptr<Process> process_;
+  Process::Thread* loop_thread_ = nullptr;
+  std::int64_t booted_ns_ = 0;
+  std::int64_t boot_at_ns_ = 0;
+  std::size_t shown_state_ = 0;
+  bool quiet_ = false;
+  bool stop_ = false;         ///< asked to end, as by systemctl restart
+  bool power_after_ = false;  ///< the process's end is one of the whole computer
+  bool config_broken_ = false;
+  std::int64_t repaired_ns_ = 0;
+  std::int64_t fail_allocation_ = 0;
+  std::int64_t kill_in_boot_ = 0;
+
+  std::vector<Episode> episodes_;
+  std::int64_t faults_end_ns_ = 0;
+  std::int64_t mono_released_ns_ = 0;
+  std::size_t covered_state_ = kAnyState;
+  bool calm_ = false;
+  std::int64_t calm_ns_ = 0;
+  std::uint32_t calm_slab_no_ = 0;
+  Verdict calm_verdict_ = Verdict::none;
+  std::int64_t dwell_ns_ = 0;
+};
+
+/// The daemon's log goes into the trace instead of the journal.
+void Life::overhear_log() {
+  cookie_io_functions_t io{};
+  io.write = [](void* world, const char* text, std::size_t bytes) -> ssize_t {
+    auto& w = *static_cast<World*>(world);
+    const std::size_t end = bytes > 0 && text[bytes - 1] == '\n' ? bytes - 1 : bytes;
+    w.trace.line(w.now_ns, "  %.*s", static_cast<int>(end), text);
+    return static_cast<ssize_t>(bytes);
+  };
+  real_stderr_ = stderr;
+  stderr = fopencookie(&world_, "w", io);
+  static std::array<char, 4096> buffer;
+  std::setvbuf(stderr, buffer.data(), _IOLBF, buffer.size());
+}
+
+void Life::think_up_faults() {
+  faults_end_ns_ = between(chance_, 150, 420) * kSecond;
+  const auto count = happens(chance_, 0.05) ? 0 : 4 + chance_.below(16);
+  for (std::uint64_t i = 0; i < count; ++i) {
+    Episode e;
+    e.fault = static_cast<Fault>(chance_.below(kFaults));
+    e.from_ns = between(chance_, 0, faults_end_ns_ - 20 * kSecond);
+    e.state = happens(chance_, 0.75) ? chance_.below(kStates) : kAnyState;
+    e.lasts_ns = between(chance_, kSecond, happens(chance_, 0.2) ? 60 * kSecond : 12 * kSecond);
+    episodes_.push_back(e);
+  }
+  // Nobody is in maintenance unless somebody goes there.
+  if (std::any_of(episodes_.begin(), episodes_.end(), [](const Episode& e) { return e.state == 8; }))
+    episodes_.push_back({Fault::capture, between(chance_, 0, 60 * kSecond), 2, 20 * kSecond, false});
+}
+
+std::size_t Life::state() const {
+  return process_ == nullptr ? kStateDown : shown_state_;
+}
+
+daemon::StationSettings Life::settings() const {
+  daemon::StationSettings s;
+  s.recipes = recipes_;
+  s.T_base_slab = line_.T_base_slab;
+  s.T_flange_scanner = line_.T_flange_scanner;
+  s.calibration_id = "commissioning";
+  s.splice.commissioning_mm = 0.02;
+  s.splice.commissioning_rad = rad_from_deg(0.001);
+  s.splice.repeatability_mm = 0.017;
+  s.splice.repeatability_rad = rad_from_deg(0.001);
+  s.software = "slabd simulated";
+  s.spool_dir = kSpool;
+  s.simulation = true;
+  return s;
+}
+
+// ---- one process of slabd
+// ----------------------------------------------------------------------------------------------
+
+void Life::boot() {
+  world_.trace.line(world_.now_ns, "slabd starts");
+  process_ = std::make_unique<Process>(world_);
+  disk_.serve(process_.get());
+  if (kill_in_boot_ > 0) disk_.kill_at(std::exchange(kill_in_boot_, 0), happens(chance_, 0.5));
+  notify_.begin();
+  booted_ns_ = world_.now_ns;
+  shown_state_ = 0;
+  stop_ = false;
+  wire_.listen(true);
+  loop_thread_ = &process_->start([this] { run_daemon(); });
+}
+
+/// True: the store is to be tried again.
+bool Life::run_loop(daemon::Ports ports, std::int64_t patience_ns) {
+  Process& process = *process_;
+  daemon::StationSettings station = settings();
+  if (config_broken_) station.fault = Code::config;
+  std::unique_ptr<storage::Store> store;
+  shown_state_ = 0;
+  if (!config_broken_) {
+    storage::StoreSettings where;
+    where.db_path = kDatabase;
+    where.spool_dir = kSpool;
+    if (auto made = storage::open_store(where); made.ok()) {
+      const heap::Aside aside;
+      store = std::make_unique<OverheardStore>(std::move(made.value()), promises_, world_, process);
+    } else {
+      daemon::say_line(
+          {daemon::LogLine::Level::error, static_cast<std::uint16_t>(made.error().code), made.error().text});
+      station.fault = Code::journal_write;
+    }
+  }
+  shown_state_ = 1;
+  promises_.process_started(store != nullptr);
+  ports.store = store.get();
+  daemon::LoopFigures figures;
+  figures.db_path = kDatabase;
+  daemon::Loop loop(ports, station, std::make_unique<FiberCrew>(process, line_, recipes_), std::move(figures));
+  loop.start();
+  heap::fail_at(0);
+  if (loop.station().settings.fault != Code::ok)
+    promises_.process_started(false);
+  else if (!process.dead())
+    promises_.check_rows(kDatabase);
+  while (!process.dead() && !stop_) {
+    process.sleep_until(std::min(world_.now_ns + (quiet_ ? kQuietTurn : kTurn),
+                                 std::max(world_.now_ns + kMs, wire_.next_request_ns())));
+    if (process.dead()) break;
+    const std::uint64_t answers = control_room_.answers;
+    heap::watch();
+    loop.serve();
+    const std::uint64_t requests = heap::stop();
+    if (requests > 0 && answers == control_room_.answers)
+      world_.violated("the loop asked %llu times for memory after the start",
+                      static_cast<unsigned long long>(requests));
+    ++world_.totals.turns;
+    if (loop.wants_store(patience_ns)) return true;
+  }
+  if (stop_ && !process.dead()) loop.finish();
+  return false;
+}
+
+/// What main() does, on simulated ports.
+void Life::run_daemon() {
+  Process& process = *process_;
+  heap::fail_at(std::exchange(fail_allocation_, 0));
+  try {
+    SimPlcPort plc(wire_, [this](const PlcOutputs& out, const hal::InputImage& image) {
+      world_.trace.bytes(image.data(), sizeof image);
+      promises_.shown(out);
+      shown_state_ = static_cast<std::size_t>(out.state);
+      quiet_ = !out.busy && !out.slab_open;
+    });
+    SimPose pose(poses_);
+    SimScanner scanner(line_, process);
+    SimControl control(world_, control_room_);
+    std::int64_t patience_ns = daemon::Loop::kStorePatience_ns;
+    for (bool again = true; again; patience_ns *= 2)
+      again = run_loop({plc, pose, scanner, nullptr, &control, clock_, notify_}, patience_ns);
+  } catch (const std::exception& e) {
+    heap::fail_at(0);
+    world_.trace.line(world_.now_ns, "slabd exits: %s", e.what());
+  }
+  heap::fail_at(0);
+}
+
+void Life::bury(bool power) {
+  process_->die();
+  process_->bury();
+  process_.reset();
+  loop_thread_ = nullptr;
+  disk_.serve(nullptr);
+  disk_.kill_at(0, false);
+  wire_.listen(false);
+  ++world_.totals.restarts;
+  boot_at_ns_ = world_.now_ns + kRestartPause;
+  if (!power) return;
+  ++world_.totals.power_losses;
+  disk_.lose_power();
+  boot_at_ns_ = world_.now_ns + between(chance_, 5 * kSecond, 40 * kSecond);
+  world_.mono_offset_ns = 5 * kSecond - boot_at_ns_;
+  world_.mono_held_ns = 0;
+  world_.trace.line(world_.now_ns, "the computer has lost power");
+}
+
+/// systemd: the unit's watchdog, start timeout and restart.
+void Life::manage_service() {
+  if (process_ == nullptr) {
+    if (world_.now_ns >= boot_at_ns_) boot();
+    return;
+  }
+  if (process_->dead() || process_->ended()) {
+    const bool died = process_->dead();
+    world_.trace.line(world_.now_ns, died ? "slabd has died" : "slabd has ended");
+    bury(std::exchange(power_after_, false) && died);
+    return;
+  }
+  const bool hangs = notify_.is_ready ? world_.now_ns - notify_.fed_ns > kWatchdog && !notify_.is_stopping
+                                      : world_.now_ns - booted_ns_ > kStartTimeout;
+  if (!hangs) return;
+  world_.trace.line(world_.now_ns, "the service manager's watchdog ends slabd");
+  bury(false);
+}
+
+// ---- faults
+// --------------------------------------------------------------------------------------------------------------
+
+void Life::trigger_faults() {
+  const std::size_t now = state();
+  if (now != covered_state_) {
+    covered_state_ = now;
+    for (std::size_t f = 0; f < kFaults; ++f)
+      if (world_.weather.until_ns[f] > world_.now_ns) ++world_.totals.injected[f][now];
+  }
+  if (world_.mono_held_ns != 0 && world_.now_ns >= mono_released_ns_) {
+    world_.mono_offset_ns = world_.mono_held_ns - world_.now_ns;
+    world_.mono_held_ns = 0;
+  }
+  if (config_broken_ && world_.now_ns >= repaired_ns_) {
+    config_broken_ = false;
+    stop_ = true;  // whoever repaired it restarts the service
+  }
+  for (Episode& e : episodes_) {
+    if (e.fired || world_.now_ns < e.from_ns) continue;
+    if (e.state != kAnyState && e.state != now && world_.now_ns < e.from_ns + 90 * kSecond) continue;
+    fire(e);
+  }
+}
+
+void Life::fire(Episode& e) {
+  e.fired = true;
+  ++world_.totals.injected[static_cast<std::size_t>(e.fault)][state()];
+  world_.trace.line(world_.now_ns, "fault: %s in state \"%s\"", name(e.fault).data(), state_name(state()).data());
+  const std::int64_t until_ns = world_.now_ns + e.lasts_ns;
+  switch (e.fault) {
+    case Fault::clock_ahead: world_.utime_offset_us += 3'600'000'000; break;
+    case Fault::clock_back: world_.utime_offset_us -= 3'600'000'000; break;
+    case Fault::clock_stall:
+      if (world_.mono_held_ns == 0) world_.mono_held_ns = world_.mono_ns();
+      mono_released_ns_ = until_ns;
+      break;
+    case Fault::process_pause:
+      if (process_ != nullptr) process_->hold(until_ns);
+      break;
+    case Fault::torn_write:
+    case Fault::kill_at_write:
+      power_after_ = e.fault == Fault::torn_write;
+      if (process_ != nullptr)
+        disk_.kill_at(between(chance_, 1, 60), happens(chance_, 0.7));
+      else
+        kill_in_boot_ = between(chance_, 1, 150);
+      break;
+    case Fault::allocation:
+      fail_allocation_ = between(chance_, 1, happens(chance_, 0.5) ? 60 : 3'000);
+      if (process_ != nullptr) bury(false);
+      break;
+    case Fault::kill:
+      if (process_ != nullptr) bury(false);
+      break;
+    case Fault::power_loss:
+      if (process_ != nullptr) bury(true);
+      break;
+    case Fault::config_reload: {
+      // An editor's work on a recipe, then a restart of the service.
+      Recipe& recipe = recipes_[chance_.below(recipes_.size())];
+      std::string sha(recipe.sha256.view());
+      sha[0] = sha[0] == '0' ? '1' : '0';
+      recipe.sha256 = std::string_view(sha);
+      stop_ = true;
+      break;
+    }
+    case Fault::config_broken:
+      config_broken_ = true;
+      repaired_ns_ = until_ns + 20 * kSecond;
+      stop_ = true;
+      break;
+    case Fault::plc_restart: plc_.restart(); break;
+    case Fault::plc_abort: plc_.wishes.abort = true; break;
+    case Fault::plc_slab_abort: plc_.wishes.slab_abort = true; break;
+    case Fault::plc_disable: plc_.wishes.disabled_until_ns = until_ns; break;
+    case Fault::plc_report: plc_.wishes.report = true; break;
+    case Fault::plc_rescan: plc_.wishes.rescan = true; break;
+    case Fault::scanner_wrong_block: plc_.wishes.wrong_station = true; break;
+    default: world_.weather.until_ns[static_cast<std::size_t>(e.fault)] = until_ns; break;
+  }
+}
+
+// ---- the end of a life: nothing goes wrong any more
+// -------------------------------------------------------------------------
+
+void Life::begin_calm() {
+  calm_ = true;
+  calm_ns_ = world_.now_ns;
+  world_.weather.clear();
+  for (Episode& e : episodes_) e.fired = true;
+  if (world_.mono_held_ns != 0) mono_released_ns_ = world_.now_ns;
+  if (config_broken_) repaired_ns_ = world_.now_ns;
+  plc_.wishes = {};
+  disk_.kill_at(0, false);
+  power_after_ = false;
+  fail_allocation_ = kill_in_boot_ = 0;
+  plc_.next_is_good = true;
+  world_.trace.line(world_.now_ns, "from here on nothing goes wrong");
+}
+
+void Life::check_calm() {
+  if (calm_slab_no_ == 0 && plc_.line_is_empty()) calm_slab_no_ = line_.slab.slab_no + 1;
+  if (world_.now_ns - calm_ns_ < kCalmTimeout) return;
+  ++world_.totals.stuck;
+  world_.violated("the line is stuck: no good slab has passed within %lld s without a fault (state %s, fault %u)",
+                  static_cast<long long>(kCalmTimeout / kSecond), state_name(state()).data(), plc_.seen().fault);
+}
+
+// ---- time
+// ------------------------------------------------------------------------------------------------------------------
+
+std::int64_t Life::next_ns() const {
+  std::int64_t next = std::min(plc_.next_ns(), world_.now_ns + 500 * kMs);
+  if (process_ != nullptr)
+    next = std::min(next, process_->next_ns());
+  else
+    next = std::min(next, boot_at_ns_);
+  return std::max(next, world_.now_ns);
+}
+
+LifeResult Life::run() {
+  boot();
+  while (world_.violation.empty() && calm_verdict_ == Verdict::none) {
+    world_.now_ns = next_ns();
+    trigger_faults();
+    manage_service();
+    if (process_ != nullptr) process_->run_due();
+    plc_.act();
+    if (process_ != nullptr && wire_.next_request_ns() != kNever && !process_->dead() && loop_thread_ != nullptr)
+      loop_thread_->wake_ns = std::min(loop_thread_->wake_ns, std::max(world_.now_ns + kMs, wire_.next_request_ns()));
+    if (!calm_ && world_.now_ns >= faults_end_ns_) begin_calm();
+    if (calm_) check_calm();
+  }
+  if (world_.violation.empty() && calm_verdict_ != Verdict::pass)
+    world_.violated("a good slab without any fault ended as %s", name(calm_verdict_).data());
+  world_.totals.seeds = 1;
+  world_.totals.failed = world_.violation.empty() ? 0 : 1;
+  world_.totals.simulated_ns = world_.now_ns;
+  LifeResult result;
+  result.hash = world_.trace.hash();
+  result.violation = world_.violation;
+  result.totals = world_.totals;
+  result.last_lines.assign(world_.trace.last_lines().begin(), world_.trace.last_lines().end());
+  return result;
+}
+
+}  // namespace
+
+std::vector<Recipe> life_recipes() {
+  std::vector<daemon::Problem> problems;
+  Recipe whole;
+  daemon::load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml", whole, problems);
+  if (!problems.empty()) {
+    std::printf("%s\n", problems[0].text.c_str());
+    std::exit(3);
+  }
+  // Six pairs are the fewest that make a slab frame: a life is then made of more slabs.
+  Recipe small = whole;
+  small.name = "P3710";
+  small.slab_type = 3710;
+  small.sha256 = "d1";
+  small.sha256.append(whole.sha256.view().substr(2));
+  small.slab.pairs = 6;
+  small.slab.length_mm.value = 3710;
+  return {small, whole};
+}
+
+LifeResult live(std::uint64_t seed, const std::vector<Recipe>& recipes, bool loud) {
+  heap::take_over();
+  fs::remove_all("data");
+  fs::remove_all(kSpool);
+  Life life(seed, recipes, loud);
+  return life.run();
+}
+
+std::string enter_own_folder() {
+  for (const char* base : {"/dev/shm", "/tmp"}) {
+    std::string path = std::string(base) + "/slabd-sim-XXXXXX";
+    if (mkdtemp(path.data()) == nullptr) continue;
+    if (chdir(path.c_str()) == 0) return path;
+  }
+  std::printf("no folder for the simulated disk can be made\n");
+  std::exit(5);
+}
+
+}  // namespace slabd::sim

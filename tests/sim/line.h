@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "base/jobs.h"
+#include "daemon/station.h"
+#include "tests/sim/world.h"
+
+/// What is physically there: the slab on the line, the robot with the scanner, and what every scan really showed. slabd
+/// never sees any of this; its verdicts are compared with it.
+namespace slabd::sim {
+
+enum class BlockTruth : std::uint8_t { good, slope, jaw, protrusion, flatness, hidden, displaced };
+[[nodiscard]] inline bool is_good(BlockTruth truth) {
+  return truth == BlockTruth::good;
+}
+
+/// One slab on the line, from the moment it is laid down.
+struct SlabTruth {
+  std::uint32_t serial = 0;  ///< counts placements: the same slab laid down again is another one
+  std::uint32_t slab_no = 0;
+  const Recipe* recipe = nullptr;
+  std::array<BlockTruth, limits::kStationsMax> blocks{};
+  Pose T_base_slab;  ///< where it really lies
+  std::int64_t placed_ns = 0;
+
+  [[nodiscard]] bool good() const {
+    for (int k = 0; k < recipe->stations(); ++k)
+      if (!is_good(blocks[static_cast<std::size_t>(k)])) return false;
+    return true;
+  }
+};
+
+/// What one scan really shows. Its number travels through slabd as the points do: in the buffer, and in the spool.
+struct ScanTruth {
+  std::uint32_t take = 0;    ///< number of the exposure; 0: nothing was ever written here
+  std::uint32_t serial = 0;  ///< of the slab
+  std::uint8_t block = 0;    ///< seen, 0: none
+  BlockTruth truth = BlockTruth::hidden;
+  bool smeared = false;  ///< the robot moved meanwhile
+  bool mostly_nan = false;
+  Pose T_scanner_block;
+  std::int64_t exposed_ns = 0;  ///< when it began
+};
+/// Floats of a buffer that say which exposure lies there.
+inline constexpr std::size_t kTruthFloats = 4;
+
+/// The robot: stands at a station (0: home) or travels.
+class Robot {
+ public:
+  Robot(World& world, const Pose& T_base_slab_nominal, const Pose& T_flange_scanner);
+
+  /// By the PLC's order; takes a second or so.
+  void go_to(const Recipe& recipe, int station);
+  [[nodiscard]] bool arrived() const { return world_.now_ns >= arrives_ns_; }
+  /// Of the flange, at this moment or another one near it.
+  [[nodiscard]] Pose T_base_flange(std::int64_t at_ns) const;
+  [[nodiscard]] Pose T_base_scanner(std::int64_t at_ns) const { return T_base_flange(at_ns) * T_flange_scanner_; }
+  /// Does it move somewhere in this stretch of time?
+  [[nodiscard]] bool moves(std::int64_t from_ns, std::int64_t to_ns) const;
+  /// Something shakes it for a moment.
+  void jolt(std::int64_t at_ns, std::int64_t for_ns) {
+    jolt_from_ns_ = at_ns;
+    jolt_to_ns_ = at_ns + for_ns;
+  }
+
+ private:
+  World& world_;
+  Prng chance_;
+  Pose T_base_slab_;
+  Pose T_flange_scanner_;
+  Pose from_;
+  Pose to_;
+  std::int64_t leaves_ns_ = 0;
+  std::int64_t arrives_ns_ = 0;
+  std::int64_t jolt_from_ns_ = 0;
+  std::int64_t jolt_to_ns_ = 0;
+};
+
+/// The line as it stands.
+struct Line {
+  Line(World& world_in, std::span<const Recipe> recipes_in);
+
+  World& world;
+  std::span<const Recipe> recipes;
+  Prng chance;
+  Pose T_base_slab;  ///< as configured
+  Pose T_flange_scanner;
+  Robot robot;
+  SlabTruth slab;                              ///< serial 0: none lies there
+  std::vector<ScanTruth> takes;                ///< every exposure
+  std::map<std::string, std::uint32_t> spool;  ///< durable scans by path: number of the exposure
+
+  /// Lays down the next slab. `again`: the last one, perhaps damaged meanwhile.
+  void lay_down(bool again, bool certainly_good);
+  void take_away() { slab.serial = 0; }
+  /// Begins an exposure; what it shows may still be spoilt by what happens meanwhile.
+  [[nodiscard]] ScanTruth& expose();
+  void write(const ScanTruth& shown, std::span<float> xyz) const;
+  /// What lies in a buffer; take 0: nothing.
+  [[nodiscard]] ScanTruth read(std::span<const float> xyz) const;
+  [[nodiscard]] ScanTruth in_spool(const std::string& path) const;
+
+ private:
+  std::uint32_t serials_ = 0;
+  std::uint32_t last_no_ = 0;
+};
+
+/// Stands in for the inspector: what it would find in these points, as items judged by the recipe. The points carry
+/// what they show, so no scan of millions of points is needed.
+void gauge(const Recipe& recipe, const daemon::MeasureBlock& job, const ScanTruth& shown, BlockResult& block);
+
+}  // namespace slabd::sim

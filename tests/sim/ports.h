@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <deque>
+#include <string>
+
+#include "hal/modbus_codec.h"
+#include "tests/sim/line.h"
+#include "tests/sim/process.h"
+
+/// slabd's ports, plugged into the simulated line. A port belongs to one process; what it talks to outlives it.
+namespace slabd::sim {
+
+// ---- robot poses ---------------------------------------------------------------------------------------------------
+
+/// Datagrams of the robot bridge, decoded by slabd's own reader.
+class PoseStream {
+ public:
+  PoseStream(World& world, const Robot& robot) : world_(world), robot_(robot), chance_(world.chance(4)) {}
+  /// Nothing that was sent before now is delivered any more.
+  void begin() { sent_ns_ = world_.now_ns; }
+  [[nodiscard]] bool next(PoseSample& sample, hal::PoseLinkCounters& counters);
+
+ private:
+  using Datagram = std::vector<std::byte>;
+  void send();
+  World& world_;
+  const Robot& robot_;
+  Prng chance_;
+  std::int64_t period_ns_ = 16 * kMs;
+  std::int64_t sent_ns_ = 0;
+  std::int32_t seq_ = 0;
+  std::deque<Datagram> waiting_;
+  Datagram held_back_;
+  Datagram last_;
+};
+
+class SimPose final : public hal::PosePort {
+ public:
+  explicit SimPose(PoseStream& stream) : stream_(stream) { stream_.begin(); }
+  [[nodiscard]] int fd() const override { return -1; }
+  [[nodiscard]] bool next(std::int64_t mono_ns, PoseSample& sample) override {
+    sample.arrival_ns = mono_ns;
+    return stream_.next(sample, counters_);
+  }
+  [[nodiscard]] const hal::PoseLinkCounters& counters() const override { return counters_; }
+  [[nodiscard]] std::string_view trouble() const override { return {}; }
+
+ private:
+  PoseStream& stream_;
+  hal::PoseLinkCounters counters_;
+};
+
+// ---- scanner -------------------------------------------------------------------------------------------------------
+
+class SimScanner final : public hal::ScannerPort {
+ public:
+  SimScanner(Line& line, Process& process);
+  [[nodiscard]] Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz,
+                                             const std::atomic<bool>& cancel, const hal::ScanDecoded& decoded) override;
+  void idle() override {}
+  [[nodiscard]] bool online() const override { return true; }
+  [[nodiscard]] std::uint64_t stray_files() const override { return stray_; }
+
+ private:
+  /// False: cancelled, or the process is gone.
+  bool wait(std::int64_t time_ns, const std::atomic<bool>& cancel);
+  Line& line_;
+  Process& process_;
+  Prng chance_;
+  std::uint64_t stray_ = 0;
+};
+
+// ---- control socket ------------------------------------------------------------------------------------------------
+
+/// Whoever talks to the control socket: nobody, a flood, or a person who takes views for a calibration.
+class ControlRoom {
+ public:
+  explicit ControlRoom(World& world) : world_(world), chance_(world.chance(6)) {}
+  [[nodiscard]] bool next(std::string& line);
+  std::uint64_t answers = 0;
+
+ private:
+  World& world_;
+  Prng chance_;
+  std::int64_t next_ns_ = 0;
+  bool in_session_ = false;
+};
+
+class SimControl final : public hal::ControlPort {
+ public:
+  SimControl(World& world, ControlRoom& room) : world_(world), room_(room) {}
+  [[nodiscard]] std::size_t poll_fds(std::span<pollfd>) override { return 0; }
+  [[nodiscard]] bool next(std::int64_t, std::string_view& line) override {
+    if (!room_.next(line_)) return false;
+    line = line_;
+    return true;
+  }
+  void reply(std::string_view json) override {
+    ++room_.answers;
+    world_.trace.number(json.size());
+    if (json.empty()) world_.violated("a control request was answered with nothing");
+  }
+  [[nodiscard]] std::uint32_t peer_uid() const override { return 1000; }
+
+ private:
+  World& world_;
+  ControlRoom& room_;
+  std::string line_;
+};
+
+// ---- service manager -----------------------------------------------------------------------------------------------
+
+class SimNotify final : public hal::ServiceNotify {
+ public:
+  explicit SimNotify(World& world) : world_(world) {}
+  void ready() override {
+    is_ready = true;
+    fed_ns = world_.now_ns;
+  }
+  void watchdog() override { fed_ns = world_.now_ns; }
+  void status(std::string_view line) override { world_.trace.bytes(line.data(), line.size()); }
+  void stopping() override { is_stopping = true; }
+  void begin() {
+    is_ready = is_stopping = false;
+    fed_ns = 0;
+  }
+  bool is_ready = false;
+  bool is_stopping = false;
+  std::int64_t fed_ns = 0;
+
+ private:
+  World& world_;
+};
+
+}  // namespace slabd::sim

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <map>
+#include <set>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include "storage/storage.h"
+#include "tests/sim/line.h"
+#include "tests/sim/plc.h"
+#include "tests/sim/process.h"
+
+/// What slabd promises, looked at after everything it does, by somebody who knows what really happened:
+///
+///   a pass is shown only when it is committed, and a slab passes only when each of its blocks was scanned as it lies
+///   there now, standing still, and is good; a slab has one verdict; a record shown under a number never changes; what
+///   was committed survives the process and the power; SESSION is never used twice; CMD_ACK counts by one; nothing
+///   shown as acquired is missing from the database.
+namespace slabd::sim {
+
+class Promises {
+ public:
+  Promises(World& world, Line& line) : world_(world), line_(line) {}
+
+  // ---- the database ----
+  /// `apply` answered ok, and the process was alive.
+  void committed(const StoreJob& job);
+  /// It answered an error, or the process died in it: the job may be there or not.
+  void doubtful(const StoreJob& job);
+  /// At a start, on the database as the process left it: every committed row is there. What was doubtful is decided.
+  void check_rows(const char* db_path);
+  void recovered(const RecoveredLine& line);
+
+  // ---- the wire ----
+  /// `has_store`: without one a process shows a fault, and numbers that nobody may use.
+  void process_started(bool has_store) {
+    fresh_process_ = true;
+    has_store_ = has_store;
+  }
+  void shown(const PlcOutputs& out);
+  void decided(const Decision& decision);
+
+ private:
+  using AttemptKey = std::tuple<std::int64_t, int, int>;  // slab, station, attempt
+  struct Record {
+    std::int64_t slab_key = 0;
+    std::uint16_t kind = 0;
+    std::uint16_t station = 0;
+    std::uint16_t cmd_seq = 0;
+    std::uint32_t slab_no = 0;
+    Verdict verdict = Verdict::none;
+    bool acknowledged = false;
+    bool operator==(const Record&) const = default;
+  };
+  [[nodiscard]] const char* why_no_pass(std::int64_t slab_key, int& station) const;
+  static Record record_of(std::int64_t slab_key, const PlcResult& record);
+
+  World& world_;
+  Line& line_;
+  std::map<std::uint16_t, Record> records_;     ///< committed, by RES_SEQ
+  std::map<AttemptKey, std::string> acquired_;  ///< committed, with the scan's path
+  std::map<std::int64_t, Verdict> slabs_;       ///< committed ends
+  std::map<std::int64_t, std::uint32_t> slab_nos_;
+  std::set<std::uint16_t> acquired_commands_;
+  std::set<std::uint16_t> sessions_;  ///< shown
+  std::uint16_t session_stored_ = 0;
+  std::map<std::uint16_t, Record> shown_records_;
+  bool fresh_process_ = true;
+  bool has_store_ = true;
+  PlcOutputs last_;
+};
+
+/// The real store, overheard.
+class OverheardStore final : public storage::Store {
+ public:
+  OverheardStore(std::unique_ptr<storage::Store> store, Promises& promises, World& world, const Process& process)
+      : store_(std::move(store)), promises_(promises), world_(world), process_(process) {}
+  [[nodiscard]] Result<std::unique_ptr<RecoveredLine>> recover() override;
+  [[nodiscard]] Status apply(const StoreJob& job) override;
+  [[nodiscard]] Result<std::string> change(const storage::CalibrationChange& change) override {
+    return store_->change(change);
+  }
+  [[nodiscard]] Result<std::unique_ptr<LineCalibration>> calibration() override { return store_->calibration(); }
+  void idle() override { store_->idle(); }
+  [[nodiscard]] std::string_view spool_trouble() const override { return store_->spool_trouble(); }
+
+ private:
+  std::unique_ptr<storage::Store> store_;
+  Promises& promises_;
+  World& world_;
+  const Process& process_;
+};
+
+}  // namespace slabd::sim

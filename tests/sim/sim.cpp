@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Lives by the thousand: as many processes as asked for take seeds from a common counter and add up their figures in
+// shared memory. The first life that breaks a promise is printed at once, with the command that lives it again.
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+
+#include "tests/sim/life.h"
+
+namespace slabd::sim {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+struct Options {
+  std::uint64_t seeds = 1'000;
+  std::uint64_t from = 1;
+  std::uint64_t seed = 0;
+  std::uint64_t hashes = 0;
+  unsigned jobs = 1;
+  bool keep_going = false;
+};
+
+/// Lies in memory that all workers share.
+struct Shared {
+  std::atomic<std::uint64_t> next{0};
+  std::atomic<bool> stop{false};
+  std::atomic_flag lock = ATOMIC_FLAG_INIT;
+  Totals totals;
+  double slowest_s = 0.0;
+  std::uint64_t slowest_seed = 0;
+  std::uint64_t finished = 0;
+};
+
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+void print_failure(std::uint64_t seed, const LifeResult& life) {
+  std::printf("SEED %llu BROKE A PROMISE: %s\n  again: script/sim --seed %llu\n", static_cast<unsigned long long>(seed),
+              life.violation.c_str(), static_cast<unsigned long long>(seed));
+  const std::size_t shown = std::min<std::size_t>(life.last_lines.size(), 25);
+  for (std::size_t i = life.last_lines.size() - shown; i < life.last_lines.size(); ++i)
+    std::printf("  %s\n", life.last_lines[i].c_str());
+  std::fflush(stdout);
+}
+
+void work(const Options& options, Shared& shared) {
+  const std::vector<Recipe> recipes = life_recipes();
+  const std::string folder = enter_own_folder();
+  while (!shared.stop) {
+    const std::uint64_t index = shared.next++;
+    if (index >= options.seeds) break;
+    const auto start = Clock::now();
+    const LifeResult life = live(options.from + index, recipes, false);
+    const double took_s = seconds_since(start);
+    while (shared.lock.test_and_set()) ::usleep(50);
+    shared.totals.add(life.totals);
+    ++shared.finished;
+    if (took_s > shared.slowest_s) {
+      shared.slowest_s = took_s;
+      shared.slowest_seed = options.from + index;
+    }
+    if (!life.violation.empty()) {
+      print_failure(options.from + index, life);
+      if (!options.keep_going) shared.stop = true;
+    }
+    shared.lock.clear();
+  }
+  std::filesystem::current_path("/");
+  std::filesystem::remove_all(folder);
+}
+
+void print_summary(const Options& options, const Shared& shared, double real_s) {
+  const Totals& t = shared.totals;
+  const auto u = [](std::uint64_t value) { return static_cast<unsigned long long>(value); };
+  const double simulated_h = static_cast<double>(t.simulated_ns) * 1e-9 / 3600.0;
+  std::printf("seeds                    %llu (%llu..%llu), %llu broke a promise\n", u(t.seeds), u(options.from),
+              u(options.from + t.seeds - 1), u(t.failed));
+  std::printf("simulated                %.1f h in %.1f s (%.0f times as fast)\n", simulated_h, real_s,
+              simulated_h * 3600.0 / real_s);
+  std::printf("slabs                    %llu begun, %llu judged, %llu passed, %llu let go on a pass\n",
+              u(t.slabs_begun), u(t.slabs_judged), u(t.passes), u(t.passes_taken));
+  const std::uint64_t slabs = t.slabs_judged;
+  std::printf("wrong passes             %llu of %llu judged (below %.2g per slab and %.2g per seed with 95 %%)\n",
+              u(t.wrong_passes), u(slabs), 3.0 / static_cast<double>(std::max<std::uint64_t>(slabs, 1)),
+              3.0 / static_cast<double>(std::max<std::uint64_t>(t.seeds, 1)));
+  std::printf("lost rows                %llu of %llu looked for after restarts\n", u(t.lost_rows), u(t.rows_checked));
+  std::printf("stuck lives              %llu\n", u(t.stuck));
+  std::printf("restarts                 %llu, of which %llu after a loss of power\n", u(t.restarts), u(t.power_losses));
+  std::printf("scans, commits, turns    %llu, %llu, %llu\n", u(t.scans), u(t.commits), u(t.turns));
+  std::printf("slowest seed             %llu, %.2f s\n", u(shared.slowest_seed), shared.slowest_s);
+
+  std::printf("\n%-24s", "fault in state");
+  for (std::size_t s = 0; s < kStates; ++s) std::printf(" %9.9s", state_name(s).data());
+  std::printf("\n");
+  std::string unreached;
+  int missing = 0;
+  for (std::size_t f = 0; f < kFaults; ++f) {
+    std::printf("%-24s", name(static_cast<Fault>(f)).data());
+    for (std::size_t s = 0; s < kStates; ++s) {
+      std::printf(" %9llu", u(t.injected[f][s]));
+      if (t.injected[f][s] != 0) continue;
+      ++missing;
+      unreached += "  " + std::string(name(static_cast<Fault>(f))) + " / " + std::string(state_name(s)) + "\n";
+    }
+    std::printf("\n");
+  }
+  std::printf("\nunreached pairs          %d of %zu\n%s", missing, kFaults * kStates, unreached.c_str());
+}
+
+int live_once(const Options& options) {
+  const std::vector<Recipe> recipes = life_recipes();
+  const std::string folder = enter_own_folder();
+  const LifeResult life = live(options.seed, recipes, true);
+  std::filesystem::current_path("/");
+  std::filesystem::remove_all(folder);
+  std::printf("seed %llu, %.0f s, trace %016llx: %s\n", static_cast<unsigned long long>(options.seed),
+              static_cast<double>(life.totals.simulated_ns) * 1e-9, static_cast<unsigned long long>(life.hash),
+              life.violation.empty() ? "every promise kept" : life.violation.c_str());
+  return life.violation.empty() ? 0 : 1;
+}
+
+/// One line for each seed, to be compared with that of another compiler.
+int print_hashes(const Options& options) {
+  const std::vector<Recipe> recipes = life_recipes();
+  const std::string folder = enter_own_folder();
+  for (std::uint64_t i = 0; i < options.hashes; ++i)
+    std::printf("%llu %016llx\n", static_cast<unsigned long long>(options.from + i),
+                static_cast<unsigned long long>(live(options.from + i, recipes, false).hash));
+  std::filesystem::current_path("/");
+  std::filesystem::remove_all(folder);
+  return 0;
+}
+
+int live_many(const Options& options) {
+  void* memory = ::mmap(nullptr, sizeof(Shared), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  if (memory == MAP_FAILED) return 5;
+  auto* shared = new (memory) Shared;
+  const auto start = Clock::now();
+  std::vector<pid_t> workers;
+  for (unsigned i = 0; i < std::max(1U, options.jobs); ++i) {
+    const pid_t pid = ::fork();
+    if (pid == 0) {
+      work(options, *shared);
+      std::fflush(stdout);
+      ::_exit(0);
+    }
+    workers.push_back(pid);
+  }
+  bool crashed = false;
+  for (const pid_t pid : workers) {
+    int status = 0;
+    ::waitpid(pid, &status, 0);
+    crashed = crashed || !WIFEXITED(status) || WEXITSTATUS(status) != 0;
+  }
+  print_summary(options, *shared, seconds_since(start));
+  if (crashed) std::printf("A WORKER CRASHED\n");
+  return crashed || shared->totals.failed != 0 ? 1 : 0;
+}
+
+}  // namespace
+}  // namespace slabd::sim
+
+int main(int argc, char** argv) {
+  using namespace slabd::sim;
+  CLI::App app{"Lives of the simulated line: seeds that break a promise of slabd's, and what was tried"};
+  Options options;
+  app.add_option("--seeds", options.seeds, "how many lives")->capture_default_str();
+  app.add_option("--from", options.from, "the first of them")->capture_default_str();
+  app.add_option("--seed", options.seed, "live only this one, and tell everything");
+  app.add_option("--hashes", options.hashes, "print the trace's hash of so many lives from --from on");
+  app.add_option("--jobs", options.jobs, "processes")->capture_default_str();
+  app.add_flag("--keep-going", options.keep_going, "also after a promise was broken");
+  CLI11_PARSE(app, argc, argv);
+  ::unsetenv("JOURNAL_STREAM");  // the log's prefixes belong to the trace
+  if (options.seed != 0) return live_once(options);
+  if (options.hashes != 0) return print_hashes(options);
+  return live_many(options);
+}
