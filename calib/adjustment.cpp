@@ -193,6 +193,7 @@ Eigen::MatrixXd Equations::covariance(std::size_t i, const State& state, const W
   const auto square = [](double v) { return v * v; };
   const double robot_mm2 = square(weighing.position * weighing.noise.robot_mm);
   const double robot_rad2 = square(weighing.robot_rotation * weighing.noise.robot_rad);
+  const double carried_rad2 = weighing.lever ? robot_rad2 : 0.0;
   const double target_mm2 = square(weighing.position * weighing.noise.target_mm);
   const double target_rad2 = square(weighing.target_rotation * weighing.noise.target_rad);
   const Mat3 R_X = state.X.rotation.toRotationMatrix();
@@ -203,7 +204,7 @@ Eigen::MatrixXd Equations::covariance(std::size_t i, const State& state, const W
     for (std::size_t j = 0; j < levers.size(); ++j)
       for (std::size_t k = 0; k < levers.size(); ++k)
         C.block<3, 3>(3 * static_cast<int>(j), 3 * static_cast<int>(k)) =
-            robot_mm2 * Mat3::Identity() + robot_rad2 * levers[j] * levers[k].transpose();
+            robot_mm2 * Mat3::Identity() + carried_rad2 * levers[j] * levers[k].transpose();
     for (std::size_t k = 0; k < levers.size(); ++k) {
       const std::optional<Mat3>& own = view.balls[k].cov_mm2;
       const Mat3 seen =
@@ -213,9 +214,9 @@ Eigen::MatrixXd Equations::covariance(std::size_t i, const State& state, const W
   } else {
     const Mat3 lever = skew(state.X * view.T_scanner_target.translation_mm);
     C.topLeftCorner<3, 3>() = robot_rad2 * Mat3::Identity();
-    C.bottomLeftCorner<3, 3>() = -robot_rad2 * lever;
+    C.bottomLeftCorner<3, 3>() = -carried_rad2 * lever;
     C.topRightCorner<3, 3>() = C.bottomLeftCorner<3, 3>().transpose().eval();
-    C.bottomRightCorner<3, 3>() = robot_mm2 * Mat3::Identity() + robot_rad2 * lever * lever.transpose();
+    C.bottomRightCorner<3, 3>() = robot_mm2 * Mat3::Identity() + carried_rad2 * lever * lever.transpose();
     if (view.target_covariance) {
       const Mat3 R = R_X * view.T_scanner_target.rotation.toRotationMatrix();
       const Mat6& own = *view.target_covariance;

@@ -36,6 +36,8 @@ struct Weighing {
   double position = 1.0;  ///< robot and target
   double robot_rotation = 1.0;
   double target_rotation = 1.0;
+  /// The robot's turn acts over the lever [u]x as above; false: on rotations alone.
+  bool lever = true;
 };
 
 /// Parameters, in this order: X shift (flange axes, mm), X turn (scanner axes, rad), then for each target its shift

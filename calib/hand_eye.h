@@ -113,13 +113,14 @@ struct HandEye {
   Spread residual_mm, residual_deg;   ///< of kept views
   Spread leave_one_out_mm, leave_one_out_deg;
 
-  double s0 = kNoValue;                       ///< residuals over stated noise; 1 when the stated noise is right
-  double s0_position = kNoValue;              ///< the same for positions and rotations apart
-  double s0_rotation = kNoValue;              ///< pose
-  bool reweighted = false;                    ///< position and rotation were weighed by s0_position and s0_rotation
-  double condition = kNoValue;                ///< of the whitened Jacobian, rotations scaled by 500 mm
-  double smallest_singular_value = kNoValue;  ///< of the same, 1 / mm
-  double rotation_spread_deg = kNoValue;      ///< the smallest principal value
+  double s0 = kNoValue;           ///< residuals over stated noise; 1 when the stated noise is right
+  double s0_position = kNoValue;  ///< the same for positions and rotations apart
+  double s0_rotation = kNoValue;  ///< pose
+  bool reweighted = false;        ///< position and rotation were weighed by s0_position and s0_rotation
+  bool robot_lever = true;      ///< pose: false: positions were weighed without what the robot's turns would do to them
+  double condition = kNoValue;  ///< of the whitened Jacobian, rotations scaled by 500 mm
+  double smallest_singular_value = kNoValue;                                     ///< of the same, 1 / mm
+  double rotation_spread_deg = kNoValue;                                         ///< the smallest principal value
   std::array<double, 3> rotation_spread_axes_deg{kNoValue, kNoValue, kNoValue};  ///< all, descending
   std::array<double, 3> ball_spread_axes_mm{kNoValue, kNoValue, kNoValue};       ///< ball: sd in the view, descending
   double predicted_point_sigma_mm =

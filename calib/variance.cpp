@@ -76,14 +76,17 @@ Step evaluate(const std::vector<Block>& blocks, const Factors& factors) {
 }  // namespace
 
 Components estimate_components(const Equations& equations, std::span<const std::size_t> kept, const State& state,
-                               const StatedNoise& noise) {
+                               const Weighing& stated) {
+  const auto times = [&](double position, double robot_rotation, double target_rotation) {
+    return Weighing{stated.noise, position, robot_rotation, target_rotation, stated.lever};
+  };
   std::vector<Block> blocks;
   for (const std::size_t i : kept) {
     Block block;
     equations.residual(i, state, block.r, &block.J);
-    block.V = {equations.covariance(i, state, {noise, 1.0, 0.0, 0.0}),
-               equations.covariance(i, state, {noise, 0.0, 1.0, 0.0}),
-               equations.covariance(i, state, {noise, 0.0, 0.0, 1.0})};
+    block.V = {equations.covariance(i, state, times(1.0, 0.0, 0.0)),
+               equations.covariance(i, state, times(0.0, 1.0, 0.0)),
+               equations.covariance(i, state, times(0.0, 0.0, 1.0))};
     blocks.push_back(std::move(block));
   }
   // One common factor has a closed form: all corrections weighed by their traces; iterating it settles at once.
@@ -93,12 +96,12 @@ Components estimate_components(const Equations& equations, std::span<const std::
   double squares = 0.0;
   for (const Block& block : blocks) squares += static_cast<double>(block.r.size());
   const double freedom = squares - equations.parameters();
-  Components components{{noise, 1.0, 1.0, 1.0}, 0.0};
+  Components components{times(1.0, 1.0, 1.0), 0.0};
   if (!(freedom > static_cast<double>(kParts))) return components;
 
   double chi2 = 0.0;
   for (std::size_t k = 0; k < kept.size(); ++k)
-    chi2 += (equations.whitener(kept[k], state, {noise}) * blocks[k].r).squaredNorm();
+    chi2 += (equations.whitener(kept[k], state, times(1.0, 1.0, 1.0)) * blocks[k].r).squaredNorm();
   const double common = std::max(chi2 / freedom, kFactorMin);
   Factors factors = {common, common, common};
   Step step = evaluate(blocks, factors);
@@ -114,7 +117,7 @@ Components estimate_components(const Equations& equations, std::span<const std::
     if (change < kSettled) break;
   }
   components.gain = step.likelihood - as_stated;
-  components.weighing = {noise, std::sqrt(factors[0]), std::sqrt(factors[1]), std::sqrt(factors[2])};
+  components.weighing = times(std::sqrt(factors[0]), std::sqrt(factors[1]), std::sqrt(factors[2]));
   return components;
 }
 

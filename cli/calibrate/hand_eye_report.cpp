@@ -61,10 +61,11 @@ std::string figures(ArtefactKind kind, const HandEye& r) {
   if (pose) add("", three(r.leave_one_out_deg, 4), "deg", "");
   add("residuals", three(r.residual_mm, 3), "mm", "median / rms / max of the views kept; says less than the two above");
   if (pose) add("", three(r.residual_deg, 4), "deg", "");
-  add("s0", number(r.s0, 2), "", "residuals over stated noise: 1 when the noise is as stated, allowed 0.3 to 3");
+  add("s0", number(r.s0, 2), "", "residuals over stated noise: 1 when the noise is as stated, allowed 0.1 to 3");
   if (pose)
     add("  position / rotation", fmt::format("{} / {}", number(r.s0_position, 2), number(r.s0_rotation, 2)), "",
-        r.reweighted ? "weighed by these" : "weighed as stated");
+        fmt::format("{}{}", r.reweighted ? "weighed by these" : "weighed as stated",
+                    r.robot_lever ? "" : "; the robot errs smoothly: its turns do not move positions"));
   add("sigma of X, position", sigmas_of_pose(r.covariance, false), "mm", "along the flange's x / y / z");
   add("sigma of X, rotation", sigmas_of_pose(r.covariance, true), "deg", "about the scanner's x / y / z");
   add("condition", fmt::format("{:.3g}", r.condition), "", "of the adjustment: healthy 8 to 22, at most 50");
@@ -201,7 +202,7 @@ void write_hand_eye(Json& json, ArtefactKind kind, const HandEye& r, const calib
   write_spread(json, "leave_one_out_mm", r.leave_one_out_mm);
   write_spread(json, "leave_one_out_deg", r.leave_one_out_deg);
   json.field("s0", r.s0).field("s0_position", r.s0_position).field("s0_rotation", r.s0_rotation);
-  json.field("reweighted", r.reweighted).field("condition", r.condition);
+  json.field("reweighted", r.reweighted).field("robot_lever", r.robot_lever).field("condition", r.condition);
   json.field("rotation_spread_deg", r.rotation_spread_deg);
   json.field("rotation_spread_axes_deg", std::span<const double>(r.rotation_spread_axes_deg));
   json.field("ball_spread_axes_mm", std::span<const double>(r.ball_spread_axes_mm));

@@ -279,6 +279,67 @@ TEST(HandEye, positions_and_rotations_are_weighed_by_what_they_are) {
   EXPECT_LE(std::sqrt(ours / best), 1.03);
 }
 
+TEST(HandEye, a_robot_that_errs_anew_is_weighed_with_its_lever) {
+  // Independent turns of the flange carry the target along, and weights that know it are the best there are.
+  const Plan plan = plan_of(20, 0.7);
+  double ours = 0.0;
+  double best = 0.0;
+  int with = 0;
+  constexpr int kSets = 25;
+  for (std::uint64_t seed = 1; seed <= kSets; ++seed) {
+    const Set set = make(ArtefactKind::pose, plan, seed);
+    const HandEye result = solved(ArtefactKind::pose, set, plan);
+    with += result.robot_lever ? 1 : 0;
+    ours += std::pow(scene::point_error_mm(result.T_flange_scanner, set.T_flange_scanner), 2);
+    best += std::pow(
+        scene::point_error_mm(scene::reference(ArtefactKind::pose, set, plan.noise()), set.T_flange_scanner), 2);
+  }
+  EXPECT_GE(with, kSets - 2);
+  EXPECT_LE(std::sqrt(ours / best), 1.03);
+}
+
+TEST(HandEye, turns_that_carry_nothing_are_found_out) {
+  // What is stated of the robot is the sighting's: the same size of turns, but none of them over the lever. Many views
+  // show it in the sizes of the residuals, few by what they miss.
+  for (const std::size_t views : {std::size_t{8}, std::size_t{20}}) {
+    Plan plan = plan_of(views, 0.05);
+    plan.robot_deg = 0.0;
+    plan.target_mm = 0.7;
+    plan.target_deg = 0.08;
+    StatedNoise wrong;
+    wrong.robot_mm = 0.7;
+    wrong.robot_rad = rad_from_deg(0.08);
+    wrong.target_mm = 0.05;
+    wrong.target_rad = rad_from_deg(0.001);
+    double ours = 0.0;
+    double stubborn = 0.0;
+    double best = 0.0;
+    int without = 0;
+    int reweighed = 0;
+    constexpr int kSets = 40;
+    const auto error2 = [&](const Set& set, const Pose& X) {
+      return std::pow(scene::point_error_mm(X, set.T_flange_scanner), 2);
+    };
+    for (std::uint64_t seed = 1; seed <= kSets; ++seed) {
+      const Set set = make(ArtefactKind::pose, plan, seed);
+      const HandEye result = solve(ArtefactKind::pose, set.views, wrong).value();
+      without += result.robot_lever ? 0 : 1;
+      reweighed += result.reweighted ? 1 : 0;
+      ours += error2(set, result.T_flange_scanner);
+      stubborn += error2(set, scene::reference(ArtefactKind::pose, set, wrong));
+      best += error2(set, scene::reference(ArtefactKind::pose, set, plan.noise()));
+    }
+    EXPECT_GT(std::sqrt(stubborn / best), 1.3);
+    if (views == 8) {
+      EXPECT_GT(without, 5);
+      EXPECT_LE(std::sqrt(ours / best), 1.1);
+    } else {
+      EXPECT_EQ(reweighed, kSets);
+      EXPECT_LE(std::sqrt(ours / best), 1.02);
+    }
+  }
+}
+
 TEST(HandEye, one_view_that_decides_is_named) {
   // The smallest sets that are allowed: by chance one of a hundred hangs on a single view.
   const Plan plan = plan_of(6);
