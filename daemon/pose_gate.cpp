@@ -100,12 +100,23 @@ void PoseGate::begin_exposure(const Pose& start) {
   exposure_ = {};
   exposure_.start = start;
   exposure_.verdict = Code::ok;
+  if (!ring_.empty()) exposure_.newest_utime_us = ring_[ring_.size() - 1].utime_us;
 }
 
 void PoseGate::watch(const PoseSample& sample) {
   Exposure& x = exposure_;
-  x.newest_ns = sample.arrival_ns;
   if (x.verdict != Code::ok) return;
+  // Only what the sender made later than anything known says where the robot stands now: a sample that is repeated, or
+  // late, is no witness. And where none came for too long, nobody knows. Unsigned: the numbers come from outside.
+  const std::uint64_t step_us =
+      static_cast<std::uint64_t>(sample.utime_us) - static_cast<std::uint64_t>(x.newest_utime_us);
+  if (step_us == 0 || step_us > std::uint64_t{INT64_MAX}) return;
+  x.newest_utime_us = sample.utime_us;
+  x.newest_ns = sample.arrival_ns;
+  if (step_us > static_cast<std::uint64_t>(settings_.gap_us)) {
+    x.verdict = Code::pose_stale;
+    return;
+  }
   const Vec3 offset_mm = sample.T_base_flange.translation_mm - x.start.translation_mm;
   const double away_rad = angle_between_rad(sample.T_base_flange.rotation, x.start.rotation);
   if (wrong_frame(sample, settings_)) {

@@ -39,7 +39,8 @@ class PoseGate {
   void begin_exposure(const Pose& start);
   /// After the exposure, which ended at `to_ns`: ok and the mean over it; moved_during_scan when any sample left the
   /// start by more than the limits or said "moving"; wrong_frame; pose_stale while nothing newer than `to_ns` has come
-  /// (ask again after the next sample).
+  /// (ask again after the next sample), and for good when samples were missing for longer than `gap_us` of the sender's
+  /// clock. Samples that are not newer than the last one do not count.
   [[nodiscard]] Code held_still(std::int64_t to_ns, PoseMean& mean) const;
 
  private:
@@ -52,6 +53,7 @@ class PoseGate {
     Pose start;
     Code verdict = Code::no_pose;  ///< ok while every sample so far held still
     std::int64_t newest_ns = 0;
+    std::int64_t newest_utime_us = 0;
     std::uint32_t samples = 0;
     Vec3 offset_sum_mm = Vec3::Zero();
     Vec3 offset_low_mm = Vec3::Zero();

@@ -144,6 +144,39 @@ TEST_F(PoseGateTest, watches_an_exposure_longer_than_its_ring) {
   EXPECT_EQ(gate.held_still(now_ns - 1, mean), Code::moved_during_scan);
 }
 
+TEST_F(PoseGateTest, a_motion_hidden_in_lost_samples_is_no_standstill) {
+  send(300);
+  PoseMean mean;
+  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
+  gate.begin_exposure(mean.T_base_flange);
+  send(20);
+  now_ns += settings.gap_us * kNsPerUs;  // a jolt, and the robot is back before the next sample
+  send(20);
+  EXPECT_EQ(gate.held_still(now_ns - 1, mean), Code::pose_stale);
+  send(200);
+  EXPECT_EQ(gate.held_still(now_ns - 1, mean), Code::pose_stale) << "nobody will ever know";
+}
+
+TEST_F(PoseGateTest, a_sample_that_comes_again_does_not_say_where_the_robot_is_now) {
+  send(300);
+  PoseMean mean;
+  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
+  gate.begin_exposure(mean.T_base_flange);
+  send(1);
+  PoseSample old;
+  old.utime_us = now_ns / 1000;
+  old.seq = seq;
+  old.T_base_flange.translation_mm = at;
+  const std::int64_t taken_ns = now_ns;
+  for (int i = 0; i < 50; ++i) {
+    now_ns += ns_from_ms(period_ms);
+    old.arrival_ns = now_ns;
+    if (i == 25) old.utime_us -= 1'000;
+    gate.add(old);
+  }
+  EXPECT_EQ(gate.held_still(taken_ns, mean), Code::pose_stale);
+}
+
 TEST_F(PoseGateTest, gives_the_mean_over_the_exposure_once_something_newer_has_come) {
   send(200);
   PoseMean mean;
