@@ -92,11 +92,19 @@ using RegisterSink = std::function<void(const RegisterRow& row, std::string_view
 void tell_inputs(const HoldingImage& image, WordOrder order, const RegisterSink& sink);
 void tell_outputs(const InputImage& image, WordOrder order, const RegisterSink& sink);
 
-/// One byte more in a CRC-16/Modbus (reflected 0x8005, begun with 0xFFFF).
+/// CRC-16/Modbus (reflected 0x8005) of one byte.
+inline constexpr std::array<std::uint16_t, 256> kCrc16OfByte = [] {
+  std::array<std::uint16_t, 256> table{};
+  for (unsigned i = 0; i < table.size(); ++i) {
+    unsigned c = i;
+    for (int bit = 0; bit < 8; ++bit) c = (c & 1U) != 0 ? (c >> 1U) ^ 0xA001U : c >> 1U;
+    table[i] = static_cast<std::uint16_t>(c);
+  }
+  return table;
+}();
+/// One byte more in a CRC-16/Modbus, which begins with 0xFFFF.
 [[nodiscard]] constexpr unsigned crc16_step(unsigned crc, unsigned byte) {
-  crc ^= byte;
-  for (int bit = 0; bit < 8; ++bit) crc = (crc & 1U) != 0 ? (crc >> 1U) ^ 0xA001U : crc >> 1U;
-  return crc;
+  return (crc >> 8U) ^ kCrc16OfByte[(crc ^ byte) & 0xFFU];
 }
 /// CRC-16/Modbus over registers in wire order, high byte first.
 [[nodiscard]] std::uint16_t crc16_modbus(std::span<const std::uint16_t> registers);

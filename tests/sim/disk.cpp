@@ -42,21 +42,29 @@ std::int64_t size_of(const LayerFile& f) {
 void keep_old(LayerFile& f, std::int64_t first_byte, std::int64_t end_byte) {
   const heap::Aside aside;
   Disk::File& log = g_disk->file(*f.path);
-  // A page of the cache that is written again is dirty again, as a whole.
   constexpr std::int64_t kPage = 4096 / Disk::kSector;
-  const std::int64_t end = (end_byte - 1) / Disk::kSector / kPage * kPage + kPage;
-  for (auto at = log.unsynced.lower_bound(first_byte / Disk::kSector / kPage * kPage);
-       at != log.unsynced.end() && at->first < end; ++at)
-    at->second.doomed = false;
-  for (std::int64_t s = first_byte / Disk::kSector; s * Disk::kSector < end_byte; ++s) {
-    const auto [at, added] = log.unsynced.try_emplace(s);
-    if (!added || s * Disk::kSector >= log.synced_bytes) continue;
-    Disk::OldSector& old = at->second;
-    old.existed = true;
-    const int read = f.real->pMethods->xRead(f.real, old.bytes.data(), Disk::kSector, s * Disk::kSector);
+  if (!log.unsynced.empty()) {
+    // A page of the cache that is written again is dirty again, as a whole.
+    const std::int64_t end = (end_byte - 1) / Disk::kSector / kPage * kPage + kPage;
+    for (auto at = log.unsynced.lower_bound(first_byte / Disk::kSector / kPage * kPage);
+         at != log.unsynced.end() && at->first < end; ++at)
+      at->second.doomed = false;
+  }
+  Disk::Run run;
+  run.sector = first_byte / Disk::kSector;
+  run.count = (end_byte - 1) / Disk::kSector - run.sector + 1;
+  run.old_at = log.old.size();
+  const std::int64_t existing =
+      std::min(log.synced_bytes, (run.sector + run.count) * Disk::kSector) - run.sector * Disk::kSector;
+  if (existing > 0) {
+    run.old_bytes = static_cast<std::size_t>(existing);
+    log.old.resize(run.old_at + run.old_bytes);
+    const int read =
+        f.real->pMethods->xRead(f.real, &log.old[run.old_at], static_cast<int>(existing), run.sector * Disk::kSector);
     assert(read == SQLITE_OK || read == SQLITE_IOERR_SHORT_READ);
     (void)read;
   }
+  log.runs.push_back(run);
 }
 
 int x_close(sqlite3_file* file) {
@@ -89,7 +97,7 @@ int x_truncate(sqlite3_file* file, sqlite3_int64 bytes) {
   LayerFile& f = *layer(file);
   bool tear = false;
   if (const int result = g_disk->allow(Disk::Call::truncate, tear); result != SQLITE_OK) return result;
-  keep_old(f, bytes, size_of(f));
+  if (size_of(f) > bytes) keep_old(f, bytes, size_of(f));
   return f.real->pMethods->xTruncate(f.real, bytes);
 }
 int x_sync(sqlite3_file* file, int) {
@@ -101,9 +109,13 @@ int x_sync(sqlite3_file* file, int) {
   const heap::Aside aside;
   Disk::File& log = g_disk->file(*f.path);
   if (result != SQLITE_OK) {
+    log.fold(true);
     for (auto& [sector, old] : log.unsynced) old.doomed = true;
     return result;
   }
+  if (!log.unsynced.empty()) log.fold(false);
+  log.runs.clear();
+  log.old.clear();
   for (auto at = log.unsynced.begin(); at != log.unsynced.end();)
     at = at->second.doomed ? std::next(at) : log.unsynced.erase(at);
   log.synced_bytes = size_of(f);
@@ -219,6 +231,23 @@ void register_layer() {
 
 }  // namespace
 
+void Disk::File::fold(bool doomed) {
+  for (const Run& run : runs)
+    for (std::int64_t i = 0; i < run.count; ++i) {
+      const auto [at, added] = unsynced.try_emplace(run.sector + i);
+      if (!added) continue;
+      OldSector& sector = at->second;
+      sector.doomed = doomed;
+      const auto from = static_cast<std::size_t>(i * kSector);
+      if (from >= run.old_bytes) continue;
+      sector.existed = true;
+      std::copy_n(old.begin() + static_cast<std::ptrdiff_t>(run.old_at + from),
+                  std::min<std::size_t>(kSector, run.old_bytes - from), sector.bytes.begin());
+    }
+  runs.clear();
+  old.clear();
+}
+
 Disk::Disk(World& world) : world_(world), chance_(world.chance(1)) {
   register_layer();
   assert(g_disk == nullptr);
@@ -267,6 +296,7 @@ int Disk::allow(Call call, bool& tear) {
 void Disk::lose_power() {
   const std::uint64_t mode = chance_.below(4);  // 0: everything unsynced is lost, 1..2: some of it, 3: nothing
   for (auto& [path, f] : files_) {
+    f.fold(false);
     const int fd = ::open(path.c_str(), O_RDWR | O_CLOEXEC);
     if (fd < 0) continue;
     struct stat there {};

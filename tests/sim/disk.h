@@ -44,9 +44,20 @@ class Disk {
     bool doomed = false;  ///< its sync failed
     std::array<unsigned char, kSector> bytes{};
   };
+  /// A run of sectors that was written, and how it was before.
+  struct Run {
+    std::int64_t sector = 0;
+    std::int64_t count = 0;
+    std::size_t old_at = 0;     ///< in `old`
+    std::size_t old_bytes = 0;  ///< fewer than the run: the rest did not exist
+  };
   struct File {
-    std::map<std::int64_t, OldSector> unsynced;  ///< by sector: as it was when last synced
+    std::vector<Run> runs;  ///< since the last sync, in order
+    std::vector<unsigned char> old;
+    std::map<std::int64_t, OldSector> unsynced;  ///< the same by sector, as soon as something goes wrong
     std::int64_t synced_bytes = 0;
+    /// Puts the runs into `unsynced`.
+    void fold(bool doomed);
   };
   enum class Call : std::uint8_t { read, write, truncate, sync, remove, open };
   /// SQLITE_OK: go on. Otherwise the call fails with it. `tear` becomes true when half of the write is to be done

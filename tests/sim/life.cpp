@@ -25,7 +25,7 @@ namespace fs = std::filesystem;
 
 constexpr const char* kDatabase = "data/slabd.db";
 constexpr const char* kSpool = "spool";
-constexpr std::int64_t kTurn = 20 * kMs;
+constexpr std::int64_t kTurn = 25 * kMs;
 constexpr std::int64_t kQuietTurn = 60 * kMs;
 constexpr std::int64_t kWatchdog = 10 * kSecond;      ///< of the unit
 constexpr std::int64_t kStartTimeout = 60 * kSecond;  ///< of the unit
@@ -145,18 +145,25 @@ void Life::overhear_log() {
 
 void Life::think_up_faults() {
   faults_end_ns_ = between(chance_, 150, 420) * kSecond;
-  const auto count = happens(chance_, 0.05) ? 0 : 4 + chance_.below(16);
+  const auto count = happens(chance_, 0.05) ? 0 : 6 + chance_.below(24);
   for (std::uint64_t i = 0; i < count; ++i) {
     Episode e;
     e.fault = static_cast<Fault>(chance_.below(kFaults));
     e.from_ns = between(chance_, 0, faults_end_ns_ - 20 * kSecond);
-    e.state = happens(chance_, 0.75) ? chance_.below(kStates) : kAnyState;
+    // Mostly where the work is done, but everywhere.
+    const double where = chance_.uniform();
+    e.state = where < 0.45 ? 3 + chance_.below(3) : where < 0.8 ? chance_.below(kStates) : kAnyState;
     e.lasts_ns = between(chance_, kSecond, happens(chance_, 0.2) ? 60 * kSecond : 12 * kSecond);
     episodes_.push_back(e);
   }
-  // Nobody is in maintenance unless somebody goes there.
-  if (std::any_of(episodes_.begin(), episodes_.end(), [](const Episode& e) { return e.state == 8; }))
-    episodes_.push_back({Fault::capture, between(chance_, 0, 60 * kSecond), 2, 20 * kSecond, false});
+  // A fault that waits for a state waits for ever unless something leads there.
+  for (std::size_t i = 0; i < count; ++i) {
+    const Episode& e = episodes_[i];
+    const bool by_restart = e.state <= 1 || e.state == kStateDown;
+    if (by_restart) episodes_.push_back({Fault::kill, e.from_ns + kMs, kAnyState, 0, false});
+    if (e.state == 7) episodes_.push_back({Fault::disk_read_only, e.from_ns, 3, 8 * kSecond, false});
+    if (e.state == 8) episodes_.push_back({Fault::capture, e.from_ns, 2, 20 * kSecond, false});
+  }
 }
 
 std::size_t Life::state() const {
@@ -202,6 +209,8 @@ bool Life::run_loop(daemon::Ports ports, std::int64_t patience_ns) {
   if (config_broken_) station.fault = Code::config;
   std::unique_ptr<storage::Store> store;
   shown_state_ = 0;
+  process.sleep_for(between(chance_, 5 * kMs, 60 * kMs));
+  heap::fail_at(std::exchange(fail_allocation_, 0));
   if (!config_broken_) {
     storage::StoreSettings where;
     where.db_path = kDatabase;
@@ -216,6 +225,7 @@ bool Life::run_loop(daemon::Ports ports, std::int64_t patience_ns) {
     }
   }
   shown_state_ = 1;
+  process.sleep_for(between(chance_, 20 * kMs, 150 * kMs));  // the memory of the scans is touched
   promises_.process_started(store != nullptr);
   ports.store = store.get();
   daemon::LoopFigures figures;
@@ -248,7 +258,6 @@ bool Life::run_loop(daemon::Ports ports, std::int64_t patience_ns) {
 /// What main() does, on simulated ports.
 void Life::run_daemon() {
   Process& process = *process_;
-  heap::fail_at(std::exchange(fail_allocation_, 0));
   try {
     SimPlcPort plc(wire_, [this](const PlcOutputs& out, const hal::InputImage& image) {
       world_.trace.bytes(image.data(), sizeof image);
@@ -386,6 +395,16 @@ void Life::fire(Episode& e) {
     case Fault::plc_report: plc_.wishes.report = true; break;
     case Fault::plc_rescan: plc_.wishes.rescan = true; break;
     case Fault::scanner_wrong_block: plc_.wishes.wrong_station = true; break;
+    case Fault::robot_moves:
+      world_.weather.until_ns[static_cast<std::size_t>(e.fault)] = until_ns;
+      // Two at once: poses that would show it do not come, or old ones do.
+      if (happens(chance_, 0.5)) {
+        const auto first = static_cast<std::size_t>(Fault::lcm_loss);
+        const std::size_t also = first + chance_.below(static_cast<std::size_t>(Fault::robot_moves) - first);
+        world_.weather.until_ns[also] = until_ns;
+        ++world_.totals.injected[also][state()];
+      }
+      break;
     default: world_.weather.until_ns[static_cast<std::size_t>(e.fault)] = until_ns; break;
   }
 }

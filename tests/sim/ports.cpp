@@ -13,8 +13,9 @@ namespace {
 constexpr std::string_view kChannel = "FLANGE_POSE";
 constexpr std::size_t kDatagramsWaiting = 200;  ///< a socket's buffer
 
-void put_u32(std::vector<std::byte>& out, std::uint32_t value) {
-  for (int shift = 24; shift >= 0; shift -= 8) out.push_back(static_cast<std::byte>((value >> shift) & 0xFFU));
+template <typename Datagram>
+void put_u32(Datagram& out, std::uint32_t value) {
+  for (int shift = 24; shift >= 0; shift -= 8) out.bytes[out.size++] = static_cast<std::byte>((value >> shift) & 0xFFU);
 }
 
 }  // namespace
@@ -25,8 +26,7 @@ void PoseStream::send() {
   const Pose pose = robot_.T_base_flange(sent_ns_);
   flange_pose_t message{};
   message.utime = sent_ns_ / 1000 + 1'790'000'000'000'000;  // the sender's clock
-  if (world_.faulty(Fault::lcm_old_time) && happens(chance_, 0.3))
-    message.utime -= between(chance_, 1'000, 3'600'000'000);
+  if (happens(chance_, world_.often(Fault::lcm_old_time, 0.3))) message.utime -= between(chance_, 1'000, 3'600'000'000);
   message.robot_time_us = -1;
   message.seq = ++seq_;
   message.flags = 1;
@@ -40,23 +40,29 @@ void PoseStream::send() {
   Datagram bytes;
   put_u32(bytes, 0x4C433032);  // "LC02"
   put_u32(bytes, static_cast<std::uint32_t>(seq_));
-  for (const char c : kChannel) bytes.push_back(static_cast<std::byte>(c));
-  bytes.push_back(std::byte{0});
-  const std::size_t at = bytes.size();
+  for (const char c : kChannel) bytes.bytes[bytes.size++] = static_cast<std::byte>(c);
+  bytes.bytes[bytes.size++] = std::byte{0};
+  const std::size_t at = bytes.size;
   const int size = message.getEncodedSize();
-  bytes.resize(at + static_cast<std::size_t>(size));
-  message.encode(bytes.data(), static_cast<int>(at), size);
+  bytes.size += static_cast<std::size_t>(size);
+  message.encode(bytes.bytes.data(), static_cast<int>(at), size);
 
-  if (world_.faulty(Fault::lcm_loss) && happens(chance_, 0.2)) return;
-  if (world_.faulty(Fault::lcm_wrong_fingerprint) && happens(chance_, 0.2)) bytes[at + 3] ^= std::byte{0x40};
-  if (world_.faulty(Fault::lcm_duplicate) && happens(chance_, 0.1)) waiting_.push_back(last_.empty() ? bytes : last_);
-  if (world_.faulty(Fault::lcm_reorder) && held_back_.empty() && happens(chance_, 0.1)) {
+  // What shakes the robot shakes its cable.
+  const bool shaken = robot_.moves(sent_ns_, sent_ns_ + 1);
+  if (happens(chance_, shaken && world_.faulty(Fault::lcm_loss) ? 0.95 : world_.often(Fault::lcm_loss, 0.2))) {
+    if (shaken && world_.faulty(Fault::lcm_duplicate)) waiting_.push_back(last_);
+    return;
+  }
+  if (happens(chance_, world_.often(Fault::lcm_wrong_fingerprint, shaken ? 1.0 : 0.2)))
+    bytes.bytes[at + 3] ^= std::byte{0x40};
+  if (happens(chance_, world_.often(Fault::lcm_duplicate, 0.1))) waiting_.push_back(last_.size == 0 ? bytes : last_);
+  if (held_back_.size == 0 && happens(chance_, world_.often(Fault::lcm_reorder, 0.1))) {
     held_back_ = bytes;
     return;
   }
   last_ = bytes;
-  waiting_.push_back(std::move(bytes));
-  if (!held_back_.empty()) waiting_.push_back(std::exchange(held_back_, {}));
+  waiting_.push_back(bytes);
+  if (held_back_.size != 0) waiting_.push_back(std::exchange(held_back_, {}));
 }
 
 bool PoseStream::next(PoseSample& sample, hal::PoseLinkCounters& counters) {
@@ -70,9 +76,9 @@ bool PoseStream::next(PoseSample& sample, hal::PoseLinkCounters& counters) {
     send();
   }
   while (!waiting_.empty()) {
-    const Datagram datagram = std::move(waiting_.front());
+    const Datagram datagram = waiting_.front();
     waiting_.pop_front();
-    if (hal::decode_pose_datagram(datagram, kChannel, sample, counters)) return true;
+    if (hal::decode_pose_datagram(datagram.span(), kChannel, sample, counters)) return true;
   }
   return false;
 }
@@ -101,13 +107,14 @@ Result<AcquiredScan> SimScanner::acquire(const ScanRequest& request, std::span<f
   if (!wait(between(chance_, 20 * kMs, 120 * kMs), cancel)) return cancelled;
   const std::int64_t exposure_ns = between(chance_, 150 * kMs, 500 * kMs);
   const std::size_t take = line_.expose().take;
-  if (world.faulty(Fault::robot_moves) && happens(chance_, 0.5)) {
-    line_.robot.jolt(world.now_ns + between(chance_, 0, exposure_ns), between(chance_, 30 * kMs, 200 * kMs));
+  if (world.faulty(Fault::robot_moves) && happens(chance_, 0.7)) {
+    line_.robot.jolt(world.now_ns + between(chance_, 0, exposure_ns), between(chance_, 120 * kMs, 300 * kMs));
   }
   const std::int64_t exposed_ns = world.now_ns;
   if (!wait(exposure_ns, cancel)) return cancelled;
   ScanTruth& shown = line_.takes[take - 1];
   shown.smeared = line_.robot.moves(exposed_ns, world.now_ns);
+  if (shown.smeared) world.trace.line(world.now_ns, "the robot moved during the exposure");
   const std::int64_t taken_ns = world.mono_ns();
   const std::int64_t taken_us = world.utime_us();
 

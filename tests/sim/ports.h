@@ -22,12 +22,16 @@ class PoseStream {
   [[nodiscard]] bool next(PoseSample& sample, hal::PoseLinkCounters& counters);
 
  private:
-  using Datagram = std::vector<std::byte>;
+  struct Datagram {
+    std::array<std::byte, 160> bytes{};
+    std::size_t size = 0;
+    [[nodiscard]] std::span<const std::byte> span() const { return {bytes.data(), size}; }
+  };
   void send();
   World& world_;
   const Robot& robot_;
   Prng chance_;
-  std::int64_t period_ns_ = 16 * kMs;
+  std::int64_t period_ns_ = 20 * kMs;
   std::int64_t sent_ns_ = 0;
   std::int32_t seq_ = 0;
   std::deque<Datagram> waiting_;

@@ -78,6 +78,12 @@ struct World {
   [[nodiscard]] std::int64_t utime_us() const { return now_ns / 1000 + utime_offset_us; }
 
   [[nodiscard]] bool faulty(Fault fault) const { return weather.has(fault, now_ns); }
+  /// Some windows of a fault are storms, in most it happens now and then: then work goes on in spite of it.
+  [[nodiscard]] double often(Fault fault, double in_storm) const {
+    const std::int64_t until_ns = weather.until_ns[static_cast<std::size_t>(fault)];
+    if (until_ns <= now_ns) return 0.0;
+    return until_ns / kMs % 4 == 0 ? in_storm : 0.05 * in_storm;
+  }
   /// An independent source of chance for each part, so that one more draw in one does not change the others.
   [[nodiscard]] Prng chance(std::uint64_t part) const {
     return Prng(seed * 0x9E3779B97F4A7C15U + part * 0xD1B54A32D192ED03U);
