@@ -183,8 +183,8 @@ class MasterWire:
 class MemoryWire:
     """slabd asks: the registers lie in the PLC's own memory, served by pymodbus."""
 
-    def __init__(self, port, sync_last=0):
-        self.memory = ModbusSequentialDataBlock(0, [0] * 1200)
+    def __init__(self, port, sync_last=0, memory=None):
+        self.memory = memory or ModbusSequentialDataBlock(0, [0] * 1200)
         self.sync = sync_last
         context = ModbusServerContext(slaves=ModbusSlaveContext(hr=self.memory, zero_mode=True), single=True)
         self.thread = threading.Thread(target=StartTcpServer, daemon=True,
