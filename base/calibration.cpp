@@ -78,11 +78,13 @@ FixedString<limits::kErrorTextBytes> describe(CalibrationFault fault, const Line
   return text;
 }
 
+std::int64_t checked_from_utime_us(const LineCalibration::Watch& watch) {
+  return watch.checked_utime_us != 0 ? watch.checked_utime_us : watch.since_utime_us;
+}
+
 bool overdue(const LineCalibration::Watch& watch, std::int64_t interval_us, std::int64_t utime_us) {
   if (interval_us == 0 || watch.reference_id.empty()) return false;
-  const std::int64_t last =
-      watch.checked_utime_us > watch.since_utime_us ? watch.checked_utime_us : watch.since_utime_us;
-  return utime_us - last > interval_us;
+  return utime_us - checked_from_utime_us(watch) > interval_us;
 }
 
 Splice splice_for(const LineCalibration& calibration, const SpliceSettings& settings, std::uint16_t slab_type,

@@ -43,7 +43,7 @@ struct StationCorrection {
   std::uint8_t visits = 0;      ///< M; 0: this station was not mastered
   Pose T_base_reported;         ///< C_s: from where the reported pose puts a point to where it is
   Pose T_base_flange;           ///< mean reported pose of the visits
-  double sigma_mm = kNoValue;   ///< of one visit about the mean of many, per axis, at the block
+  double sigma_mm = kNoValue;   ///< of one visit about the mean of many, per axis, at the block; with the certificate's
   double sigma_rad = kNoValue;  ///< ... of its rotation
   double spread_mm = kNoValue;  ///< standard deviation of this station's own visits, per axis
 };
@@ -111,9 +111,9 @@ struct LineCalibration {
 
   struct Watch {
     CalibrationId reference_id;         ///< the artefact in force; empty: there is none, and no check is due
-    std::int64_t since_utime_us = 0;    ///< when it was taken into use
-    std::int64_t checked_utime_us = 0;  ///< last check against it; 0: none yet
-    bool failed = false;                ///< the last check against it failed
+    std::int64_t since_utime_us = 0;    ///< when it was first taken into use
+    std::int64_t checked_utime_us = 0;  ///< last check of this kind, whatever artefact was in force then; 0: none yet
+    bool failed = false;                ///< that check failed; another artefact does not undo it, a passed check does
     FixedString<160> note;              ///< ... because
   };
   Watch block;  ///< reference block
@@ -138,6 +138,9 @@ enum CalibrationWarn : std::uint16_t {
   kWarnStationsNotCorrected = 1U << 9U,
 };
 
+/// What the next check is counted from: the last one, or the artefact's first day. Taking an artefact into use is no
+/// check: once there was one, only the next one moves what is due.
+[[nodiscard]] std::int64_t checked_from_utime_us(const LineCalibration::Watch& watch);
 /// Is a check due? `interval_us` 0: never. True from the moment an artefact is in force for longer than the interval
 /// without a check.
 [[nodiscard]] bool overdue(const LineCalibration::Watch& watch, std::int64_t interval_us, std::int64_t utime_us);

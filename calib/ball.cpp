@@ -212,6 +212,12 @@ BallShots average_shots(std::span<const BallReport> shots, const BallSettings& s
   return mean;
 }
 
+// Least squares of dr + dz cos(phi) = 0 over the cap's area: means of cos and cos^2 over it.
+double shift_per_radius(double half_angle_rad) {
+  const double c = std::cos(half_angle_rad);
+  return 1.5 * (1.0 + c) / (1.0 + c + c * c);
+}
+
 RadiusCheck check_radius(std::span<const BallReport> balls, const BallSettings& settings) {
   RadiusCheck check;
   double sum = 0.0;

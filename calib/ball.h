@@ -156,5 +156,7 @@ struct RadiusCheck {
 /// Suspicious from five views on: the mean is further from the certified radius than three of its sigmas, two of the
 /// certificate's, and a hundredth of a millimetre.
 [[nodiscard]] RadiusCheck check_radius(std::span<const BallReport> balls, const BallSettings& settings);
+/// By how much a centre is shifted along the view for each mm that the held radius is wrong, on a cap this wide.
+[[nodiscard]] double shift_per_radius(double half_angle_rad);
 
 }  // namespace slabd::calib

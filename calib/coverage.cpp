@@ -35,6 +35,9 @@ constexpr double kStartShiftMm = 30.0;
 const double kStartTurnRad = rad_from_deg(10.0);
 constexpr double kPlaceUnknownMm = 1000.0;
 
+/// A candidate this near to a pose that was driven would be driven there again.
+constexpr double kAgainMm = 20.0;
+const double kAgainRad = rad_from_deg(3.0);
 /// A candidate lies at most this far from some pose that was driven.
 constexpr double kReachMm = 600.0;
 const double kReachRad = rad_from_deg(80.0);
@@ -245,7 +248,7 @@ class Search {
       near_mm = std::min(near_mm, away_mm);
       near_rad = std::min(near_rad, away_rad);
     }
-    if (!reachable) return;
+    if (!reachable || driven_before(s.T_base_flange)) return;
     std::vector<View> one(1, views_[0]);
     one[0].T_base_flange = s.T_base_flange;
     one[0] = ideal(kind_, one[0], state_);
@@ -262,6 +265,15 @@ class Search {
     made.novelty = (coverage_.sectors[s.sector] ? 0.0 : 2.0) + (coverage_.cells[cell] ? 0.0 : 1.5) +
                    std::min(1.0, near_rad / rad_from_deg(40.0)) + std::min(0.5, near_mm / 400.0);
     offers_.push_back(made);
+  }
+
+  [[nodiscard]] bool driven_before(const Pose& pose) const {
+    const auto again = [&](const Pose& other) {
+      return (other.translation_mm - pose.translation_mm).norm() < kAgainMm &&
+             angle_between_rad(other.rotation, pose.rotation) < kAgainRad;
+    };
+    return std::any_of(settings_.taken.begin(), settings_.taken.end(), again) ||
+           std::any_of(views_.begin(), views_.end(), [&](const View& view) { return again(view.T_base_flange); });
   }
 
   /// Will the target be seen, as far as its place is known?

@@ -28,6 +28,7 @@ struct CoverageSettings {
   Vec3 down_base = -Vec3::UnitZ();  ///< where the scanner looks in production
   double target_radius_mm = 0.0;    ///< of what must be whole in the view; an artefact's reach
   std::size_t goal = 20;            ///< views
+  std::vector<Pose> taken;          ///< flange poses not to suggest again, beside those of the views: held-out ones
 };
 
 /// What is covered. `views` are those that take part in the fit.

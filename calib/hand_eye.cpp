@@ -280,7 +280,9 @@ void leave_one_out(const Equations& equations, Solution& solution) {
     if (alone) continue;  // without this view nobody knows where its ball is
     Chosen others;
     for (const std::size_t i : selected.kept)
-      if (i != out) others.push_back(i);
+      if (i != out && !same_place(equations.view(i).T_base_flange, equations.view(out).T_base_flange))
+        others.push_back(i);
+    if (others.size() < 3) continue;
     const Adjusted without = adjust(equations, others, whiteners, state, false);
     solution.leave_one_out[out] = fit_of(equations, out, without.state);
   }
@@ -353,6 +355,17 @@ void forget_pose(HandEye& result) {
   const Quat unturned(kNoValue, kNoValue, kNoValue, kNoValue);
   result.T_flange_scanner = {unturned, nowhere};
   for (Pose& target : result.targets) target = {unturned, nowhere};
+}
+
+/// How many different flange poses there are.
+std::size_t places_of(std::span<const View> views, const Chosen& kept) {
+  std::vector<const Pose*> places;
+  for (const std::size_t i : kept) {
+    const Pose& pose = views[i].T_base_flange;
+    if (std::none_of(places.begin(), places.end(), [&](const Pose* other) { return same_place(*other, pose); }))
+      places.push_back(&pose);
+  }
+  return places.size();
 }
 
 Circumstances circumstances_of(const Equations& equations, const StatedNoise& noise) {
@@ -430,6 +443,7 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
   Circumstances circumstances = circumstances_of(equations, noise);
   circumstances.views = views;
   circumstances.converged = selected.adjusted.converged;
+  circumstances.places = places_of(views, selected.kept);
   result.condition = weakness.condition;
   result.smallest_singular_value = weakness.smallest;
   result.determined = weakness.condition <= kConditionDegenerate;

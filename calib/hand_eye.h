@@ -71,6 +71,7 @@ enum class Refusal : std::uint8_t {
   predicted_error,     ///< predicted point error above its limit
   not_converged,       ///< the adjustment did not settle
   implausible,         ///< a scanner further than kScannerArmMaxMm from its flange
+  ball_radius,         ///< the scans show balls of another radius than certified
 };
 [[nodiscard]] std::string_view name(Refusal refusal);
 

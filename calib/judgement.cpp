@@ -92,6 +92,14 @@ void judge_count(const Circumstances& c, HandEye& result) {
         result, Refusal::too_few_views,
         sentence("%zu of %zu views are left after rejection; at least %zu are needed", kept, c.views.size(), kViewsMin),
         "repeat the rejected views and capture more");
+  else if (c.places < kViewsMin)
+    refuse(
+        result, Refusal::too_few_views,
+        sentence("%zu views, but from %zu poses of the flange only (nearer than %.0f mm and %.1f deg is one pose); at "
+                 "least %zu are needed, 15 to 25 advised",
+                 kept, c.places, kSamePlaceMm, kSamePlaceDeg, kViewsMin),
+        "drive to other poses, tilted 20 to 35 deg in different directions; a view from the same pose again says "
+        "nothing new");
 }
 
 /// True when the rotations are the cause of whatever is badly determined. Turns about two axes determine the
@@ -273,6 +281,7 @@ std::string_view name(Refusal refusal) {
     case Refusal::predicted_error: return "predicted_error";
     case Refusal::not_converged: return "not_converged";
     case Refusal::implausible: return "implausible";
+    case Refusal::ball_radius: return "ball_radius";
   }
   return "";
 }

@@ -14,7 +14,8 @@ struct Circumstances {
   std::span<const View> views;
   StatedNoise noise;
   bool converged = false;
-  std::string weakest;  ///< the direction that is determined worst, in words
+  std::size_t places = 0;  ///< different flange poses among the views kept
+  std::string weakest;     ///< the direction that is determined worst, in words
   double median_flange_mm = kNoValue;
   double median_target_mm = kNoValue;
 };

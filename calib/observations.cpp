@@ -364,4 +364,9 @@ KukaAbc kuka_abc_from_rotation(const Quat& rotation) {
   return abc;
 }
 
+bool same_place(const Pose& a, const Pose& b) {
+  return (a.translation_mm - b.translation_mm).norm() < kSamePlaceMm &&
+         angle_between_rad(a.rotation, b.rotation) < rad_from_deg(kSamePlaceDeg);
+}
+
 }  // namespace slabd::calib

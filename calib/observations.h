@@ -128,4 +128,10 @@ struct KukaAbc {
 };
 [[nodiscard]] KukaAbc kuka_abc_from_rotation(const Quat& rotation);
 
+/// Two flange poses nearer than this are one place: a view from there again repeats the first one's error of the robot
+/// and says nothing new about where the scanner sits.
+inline constexpr double kSamePlaceMm = 1.0;
+inline constexpr double kSamePlaceDeg = 0.1;
+[[nodiscard]] bool same_place(const Pose& a, const Pose& b);
+
 }  // namespace slabd::calib

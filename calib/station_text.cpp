@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kCoordinateMaxMm = 20'000.0;
 constexpr double kUnitTolerance = 1e-3;  ///< of a direction as printed in a certificate
-constexpr double kRightAngleMax = 0.02;  ///< cosine between normal and direction along the seat
+constexpr double kRightAngleMax = 5e-4;  ///< 0.03 deg; certificates give six digits
 constexpr const char* kCertificateKeys =
     "id, date, issuer, slab_type, frame, U_mm, coverage_factor, temperature_c, seat, ball";
 
@@ -170,6 +170,8 @@ std::optional<StationVisit> seat_visit(const BlockResult& block, const Pose& T_b
   for (const Vec3& p : seat.points_mm) visit.points_mm.push_back(block.registration.T_scanner_block * p);
   for (const Vec3& p : visit.points_mm)
     if (!p.allFinite()) return std::nullopt;
+  for (const Item& item : block.items)
+    if (item.id == ItemId::seat_slope) visit.local_slope_rad = rad_from_deg(item.value);
   return visit;
 }
 

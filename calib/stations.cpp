@@ -19,9 +19,9 @@
 namespace slabd::calib {
 namespace {
 
-constexpr std::array<std::string_view, 10> kRefusals = {
-    "too_few_visits", "unknown_station", "wrong_points", "outside_gate", "slab_moved",
-    "spread",         "shape",           "shift",        "placement",    "copies"};
+constexpr std::array<std::string_view, 12> kRefusals = {
+    "too_few_visits", "unknown_station", "wrong_points", "outside_gate", "slab_moved", "spread",
+    "shape",          "shift",           "placement",    "copies",       "turn",       "slope"};
 constexpr std::size_t kPlacementStationsMin = 3;
 /// Below what a scan's noise alone does to a seat.
 constexpr double kScatterMinMm = 1e-5;
@@ -99,6 +99,15 @@ Vec3 reference_point(const MasterStation& certified, const std::vector<Vec3>& po
   return sum / static_cast<double>(points.size());
 }
 
+/// How far from the reference point lies what certifies the directions.
+double lever_mm(const MasterStation& certified) {
+  if (certified.is_seat) return kSeatLeverMm;
+  const Vec3 centre = reference_point(certified, certified.points_mm);
+  double squares = 0.0;
+  for (const Vec3& p : certified.points_mm) squares += (p - centre).squaredNorm();
+  return std::sqrt(squares / static_cast<double>(certified.points_mm.size()));
+}
+
 double sum_of_squares(const std::vector<Vec3>& list) {
   double sum = 0.0;
   for (const Vec3& v : list) sum += v.squaredNorm();
@@ -120,6 +129,7 @@ class Solver {
     for (Work& work : work_) correct(work);
     check_rounds();
     for (std::size_t i = 0; i < work_.size(); ++i) check(work_[i], out_.stations[i]);
+    check_slopes();
     judge();
     return out_;
   }
@@ -273,8 +283,13 @@ class Solver {
     const double degrees = 3.0 * (static_cast<double>(work.visits.size()) - 1.0);
     c.spread_mm = std::sqrt(sum_of_squares(work.off_mm) / degrees);
     s.spread_rad = std::sqrt(sum_of_squares(work.off_rad) / degrees);
-    c.sigma_mm = settle(c.spread_mm, degrees, out_.pooled_sigma_mm);
-    c.sigma_rad = settle(s.spread_rad, degrees, out_.pooled_sigma_rad);
+    // What the certificate may be wrong by is in every use of the correction, once. It is taken into the sigma of one
+    // visit so that this visit and the mean of the M before it have it together: sigma^2 (1 + 1 / M).
+    const double share = 1.0 / (1.0 + 1.0 / static_cast<double>(work.visits.size()));
+    const double certified_rad = certificate_.sigma_mm / lever_mm(*work.certified);
+    c.sigma_mm =
+        std::hypot(settle(c.spread_mm, degrees, out_.pooled_sigma_mm), std::sqrt(share) * certificate_.sigma_mm);
+    c.sigma_rad = std::hypot(settle(s.spread_rad, degrees, out_.pooled_sigma_rad), std::sqrt(share) * certified_rad);
 
     double shape2 = 0.0;
     for (std::size_t i = 0; i < work.mean_points.size(); ++i)
@@ -371,6 +386,42 @@ class Solver {
              "calibration in force?",
              "station %d: the correction would move the seat by %.3f mm, more than the %.3f mm that a robot may be off",
              s.station, s.shift_mm.norm(), settings_.shift_max_mm);
+    if (!(s.turn_rad <= settings_.turn_max_rad))
+      refuse(
+          StationRefusal::turn, s.station,
+          "look at this station's normal and direction in the certificate (from the inner to the outer casing), and "
+          "whether the slab lies the way round the certificate means",
+          "station %d: the correction would turn the seat by %.4f deg, more than the %.4f deg that a robot may be off",
+          s.station, deg_from_rad(s.turn_rad), deg_from_rad(settings_.turn_max_rad));
+  }
+
+  /// A direction certified wrong is taken up by its correction without a trace, and the seat then reads as certified.
+  /// The block itself knows better: its seat against the slab's top beside it. The two differ by how the slab is warped
+  /// and tilted, much the same at all stations; one that stands out is a mistake in the certificate or a bad block.
+  void check_slopes() {
+    std::vector<std::pair<double, int>> off;
+    for (const Work& work : work_) {
+      if (!work.certified->is_seat || certificate_.frame != MasterCertificate::Frame::slab) continue;
+      double local = 0.0;
+      for (const StationVisit* visit : work.visits)
+        local += visit->local_slope_rad / static_cast<double>(work.visits.size());
+      const Vec3 n = work.certified->points_mm[1] - work.certified->points_mm[0];
+      if (has_value(local)) off.emplace_back(std::abs(std::atan2(n.y(), n.z())) - local, work.certified->station);
+    }
+    if (off.size() < kPlacementStationsMin) return;
+    std::vector<std::pair<double, int>> sorted = off;
+    std::sort(sorted.begin(), sorted.end());
+    const double usual = sorted[sorted.size() / 2].first;
+    for (const auto& [difference, station] : off) {
+      if (std::abs(difference - usual) <= settings_.slope_max_rad) continue;
+      refuse(
+          StationRefusal::slope, station,
+          "compare the certificate with the block: is its normal that of this seat? If the slab is right, master with "
+          "another one whose top is even beside this seat",
+          "station %d: the certified slope differs from the one measured on the block by %.4f deg, at the other "
+          "stations by %.4f deg; %.4f deg beside them are allowed",
+          station, deg_from_rad(difference), deg_from_rad(usual), deg_from_rad(settings_.slope_max_rad));
+    }
   }
 
   void judge() {

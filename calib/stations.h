@@ -40,7 +40,7 @@ struct MasterCertificate {
   std::string date;    ///< YYYY-MM-DD
   std::string issuer;  ///< may be empty
   std::uint16_t slab_type = 0;
-  double sigma_mm = kNoValue;  ///< of a coordinate, k = 1
+  double sigma_mm = kNoValue;  ///< of a coordinate, k = 1; goes into what the corrections claim
   double temperature_c = 20.0;
   std::vector<MasterStation> stations;  ///< ascending
 };
@@ -71,6 +71,8 @@ struct StationVisit {
   std::string round;            ///< which round it belongs to, such as "slab 12": all stations of one round together
   Pose T_base_flange;           ///< as reported
   std::vector<Vec3> points_mm;  ///< scanner frame, in the certificate's order
+  /// Of the seat against the slab's top beside it, where the inspection measured that; not part of the text form.
+  double local_slope_rad = kNoValue;
 };
 /// A seat as the normal inspection measured it; nothing when seat or casings were not measured.
 [[nodiscard]] std::optional<StationVisit> seat_visit(const BlockResult& block, const Pose& T_base_flange,
@@ -88,7 +90,10 @@ struct StationSettings {
   double spread_max_mm = 0.05;  ///< standard deviation of a station's visits, per axis
   double gate_mm = 1.0;         ///< reported pose of any visit from their mean
   double gate_rad = rad_from_deg(0.05);
-  double shift_max_mm = 5.0;   ///< more than a robot's absolute error: a wrong certificate or a wrong station
+  double shift_max_mm = 5.0;  ///< more than a robot's absolute error: a wrong certificate or a wrong station
+  double turn_max_rad = rad_from_deg(0.3);  ///< the same of its rotation
+  /// A certified slope against the one measured on the block itself may stand out from the other stations by this.
+  double slope_max_rad = rad_from_deg(0.06);
   double shape_max_mm = 0.10;  ///< what the certified points differ from the measured ones after the correction
 };
 
@@ -104,6 +109,8 @@ enum class StationRefusal : std::uint8_t {
   shift,            ///< the correction is larger than a robot's error
   placement,        ///< too few stations to find where the slab lies
   copies,           ///< visits without any scatter: one visit given several times
+  turn,             ///< the correction turns the seat further than a robot's error
+  slope,            ///< a certified slope that the block itself contradicts
 };
 [[nodiscard]] std::string_view name(StationRefusal refusal);
 

@@ -107,8 +107,10 @@ void print_status(const json& status) {
   if (status.contains("warn") && status["warn"].is_array())
     for (const json& warning : status["warn"])
       print_line("warning", warning.is_string() ? warning.get<std::string>() : warning.dump());
-  print_line("plc", fmt::format("{} clients, heartbeat {}", text_at(status, {"links", "plc", "clients"}),
-                                text_at(status, {"links", "plc", "alive"}) == "yes" ? "alive" : "missing"));
+  const std::string trouble = text_at(status, {"links", "plc", "trouble"});
+  print_line("plc", fmt::format("{} clients, heartbeat {}{}{}", text_at(status, {"links", "plc", "clients"}),
+                                text_at(status, {"links", "plc", "alive"}) == "yes" ? "alive" : "missing",
+                                trouble.empty() || trouble == "-" ? "" : "; ", trouble == "-" ? "" : trouble));
   print_line("robot", text_at(status, {"links", "pose", "ok"}) == "yes"
                           ? "poses arrive"
                           : fmt::format("{}: {}", text_at(status, {"links", "pose", "code"}),

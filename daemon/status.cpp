@@ -96,7 +96,7 @@ Json in_force(const Station& station) {
   const std::int64_t interval = station.settings.check_interval_us;
   const auto watch = [&](const LineCalibration::Watch& w) {
     if (w.reference_id.empty()) return Json(nullptr);
-    const std::int64_t last = w.checked_utime_us > w.since_utime_us ? w.checked_utime_us : w.since_utime_us;
+    const std::int64_t last = checked_from_utime_us(w);
     return Json{{"id", w.reference_id.view()},
                 {"checked_utime_us", w.checked_utime_us},
                 {"passed", w.checked_utime_us == 0 ? Json(nullptr) : Json(!w.failed)},

@@ -8,6 +8,7 @@
 #include <sqlite3.h>
 
 #include <algorithm>
+#include <cstdlib>
 
 #include "storage/calibration_numbers.h"
 #include "storage/calibration_rows.h"
@@ -49,7 +50,7 @@ std::string Calibrations::keep(const CalibrationRecord& given) {
     refuse("this " + kind + " calibration is not kept: " + nonsense);
   if (record.observations.size() + record.certificate.size() + record.figures.size() > kTextMax)
     refuse("this " + kind + " calibration is not kept: its observations and certificate have more than 32 MB");
-  if (find(record.id)) return record.id;
+  if (const std::string there = kept_already(record); !there.empty()) return there;
 
   std::vector<std::string> names = {"kind", "slab_type"};
   const std::vector<std::string> rest = names_of<CalibrationRecord>();
@@ -77,6 +78,23 @@ std::string Calibrations::keep(const CalibrationRecord& given) {
     write_row(row, of, std::get<MonitorBall>(record.numbers));
   }
   return record.id;
+}
+
+/// The id of this very record when it is kept already (a change is given again when its answer was lost), else empty;
+/// `record.id` is then a free one. The same numbers under another certificate or for another time are another record,
+/// with a number behind the id.
+std::string Calibrations::kept_already(CalibrationRecord& record) {
+  constexpr std::int64_t kSameDayUs = 86'400'000'000;
+  const std::string numbers = record.id;
+  for (int n = 2;; ++n) {
+    const std::optional<CalibrationRecord> there = find_exactly(record.id);
+    if (!there) return {};
+    const std::int64_t apart = there->expires_utime_us - record.expires_utime_us;
+    const bool same_end =
+        (there->expires_utime_us == 0) == (record.expires_utime_us == 0) && std::abs(apart) < kSameDayUs;
+    if (same_end && there->certificate == record.certificate) return record.id;
+    record.id = numbers + "." + std::to_string(n);
+  }
 }
 
 Calibrations::Row Calibrations::newest(CalibrationKind kind, std::uint16_t slab_type) {
@@ -123,8 +141,8 @@ std::string Calibrations::apply(const ApplyCalibration& change) {
   const std::optional<CalibrationRecord> record = find(change.id);
   if (!record) refuse("there is no calibration \"" + change.id + "\"; slabctl calibrate history lists them");
   const Row replaced = newest(record->kind(), record->slab_type());
-  if (replaced.calibration_id == record->id) return record->id;  // given again because its answer was lost
   check_may_apply(*record, change.note);
+  if (replaced.calibration_id == record->id) return record->id;  // given again because its answer was lost
   insert_applied(*record, replaced, false, replaced.seq, change.note);
   return record->id;
 }
@@ -209,8 +227,16 @@ std::vector<CalibrationRecord> Calibrations::all() {
   return list;
 }
 
+std::optional<CalibrationRecord> Calibrations::find_exactly(std::string_view id) {
+  Statement rows(db_, "SELECT kind, slab_type, " + joined(names_of<CalibrationRecord>(), ", ") +
+                          " FROM calibration WHERE id = ?1");
+  if (!rows.bind(1, id).step()) return std::nullopt;
+  return read(rows);
+}
+
 std::optional<CalibrationRecord> Calibrations::find(std::string_view id) {
   if (id.empty()) return std::nullopt;
+  if (auto exact = find_exactly(id)) return exact;
   // The first characters of an id do when only one begins so; ids hold no wildcards, what is asked for may.
   Statement rows(db_, "SELECT kind, slab_type, " + joined(names_of<CalibrationRecord>(), ", ") +
                           " FROM calibration WHERE substr(id, 1, length(?1)) = ?1 LIMIT 2");
@@ -294,10 +320,12 @@ LineCalibration::Watch Calibrations::watch(CalibrationKind kind) {
   const Row row = newest(kind, 0);
   if (row.seq == 0) return watch;
   watch.reference_id.assign(row.calibration_id);
-  watch.since_utime_us = db_.integer("SELECT utime_us FROM applied WHERE seq = " + std::to_string(row.seq));
-  Statement last(db_,
-                 select<CalibrationCheck>("calibration_check", "WHERE reference_id = ?1 ORDER BY seq DESC LIMIT 1"));
-  if (!last.bind(1, std::string_view(row.calibration_id)).step()) return watch;
+  Statement first(db_, "SELECT min(utime_us) FROM applied WHERE calibration_id = ?1");
+  if (first.bind(1, std::string_view(row.calibration_id)).step()) watch.since_utime_us = first.integer(0);
+  first.reset();
+  // Of the kind, not of the artefact: what failed against one artefact is not cured by taking another.
+  Statement last(db_, select<CalibrationCheck>("calibration_check", "WHERE kind = ?1 ORDER BY seq DESC LIMIT 1"));
+  if (!last.bind(1, name(kind)).step()) return watch;
   CalibrationCheck check;
   read_row(last, 0, check);
   watch.checked_utime_us = check.utime_us;

@@ -20,6 +20,7 @@ class Calibrations {
   std::string carry_out(const CalibrationChange& change);
 
   [[nodiscard]] std::vector<CalibrationRecord> all();
+  /// By id, or by how it begins when only one begins so.
   [[nodiscard]] std::optional<CalibrationRecord> find(std::string_view id);
   [[nodiscard]] std::optional<CalibrationRecord> current(CalibrationKind kind, std::uint16_t slab_type);
   [[nodiscard]] std::vector<AppliedChange> applied(std::size_t limit);
@@ -32,6 +33,8 @@ class Calibrations {
   void of_slab(const SlabHeader& slab, LineCalibration& out);
 
  private:
+  [[nodiscard]] std::optional<CalibrationRecord> find_exactly(std::string_view id);
+  [[nodiscard]] std::string kept_already(CalibrationRecord& record);
   std::string keep(const CalibrationRecord& record);
   std::string apply(const ApplyCalibration& change);
   std::string roll_back(const RollBackCalibration& change);

@@ -9,7 +9,9 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cstdio>
 #include <filesystem>
+#include <iostream>
 #include <map>
 #include <memory>
 
@@ -32,6 +34,7 @@ struct Options {
   std::string flange_file;
   std::string set;
   bool live = false;
+  bool all = false;
   bool end = false;
   int shots = 3;
   bool hold_out = false;
@@ -262,6 +265,23 @@ int capture(const Options& options) {
   return refused > 0 ? kRefused : kDone;
 }
 
+/// View after view with one command: a line on stdin says that the robot stands at the next pose.
+int capture_all(const Options& options) {
+  for (;;) {
+    const int status = capture(options);
+    if (status != kDone && status != kRefused) return status;
+    int exit_status = kDone;
+    const std::optional<Session> session = find_session(options.session, exit_status);
+    if (!session) return exit_status;
+    const std::size_t counted = session->counted(calib::ViewUse::fit) + session->counted(calib::ViewUse::held_out);
+    if (counted >= session->settings().goal) return kDone;
+    fmt::print("drive there, stand still, then Enter; q and Enter to stop here\n");
+    std::fflush(stdout);
+    std::string line;
+    if (!std::getline(std::cin, line) || line.starts_with('q')) return kDone;
+  }
+}
+
 }  // namespace
 
 void add_calibrate_capture(CLI::App& group, int& exit_status) {
@@ -272,7 +292,8 @@ void add_calibrate_capture(CLI::App& group, int& exit_status) {
       "the\n"
       "form that `new` declared; a file says its form in its header (slabctl calibrate solve --help).\n"
       "The scans are copied. A view that was captured already is recognised and not taken twice.\n"
-      "Examples: slabctl calibrate capture --live\n"
+      "Examples: slabctl calibrate capture --live --all\n"
+      "          slabctl calibrate capture --live\n"
       "          slabctl calibrate capture --scan a.ply --scan b.ply --flange \"1500 200 900 0 1 0 0\"\n"
       "          slabctl calibrate capture --scan a.ply --flange-file poses.txt:12\n"
       "          slabctl calibrate capture --set folder\n"
@@ -289,12 +310,16 @@ void add_calibrate_capture(CLI::App& group, int& exit_status) {
                  "With --live: take nothing, give the line back (it comes back by itself "
                  "at the goal, or after 5 minutes)")
       ->needs(live);
+  command->add_flag("--all", options->all, "With --live: view after view until the goal; Enter when the robot stands")
+      ->needs(live)
+      ->excludes("--end");
   command->add_option("--shots", options->shots, "With --live: scans that are averaged")
       ->check(CLI::Range(1, 9))
       ->capture_default_str();
   command->add_flag("--hold-out", options->hold_out, "Leave these views out of the fit, to verify with");
-  command->add_flag("--json", options->json, "Print slabd.calibration_capture/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = capture(*options); });
+  command->add_flag("--json", options->json, "Print slabd.calibration_capture/1 on stdout")->excludes("--all");
+  command->callback(
+      [options, &exit_status] { exit_status = options->all ? capture_all(*options) : capture(*options); });
 }
 
 }  // namespace slabd::cli

@@ -15,6 +15,7 @@
 #include "cli/calibrate/monitor_ball.h"
 #include "cli/calibrate/record_options.h"
 #include "cli/command.h"
+#include "cli/durable.h"
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/parse.h"
@@ -157,7 +158,7 @@ void write_check(Json& json, const CalibrationCheck& check) {
 
 std::string due_text(const LineCalibration::Watch& watch, std::int64_t interval_us) {
   if (watch.reference_id.empty()) return "";
-  const std::int64_t last = std::max(watch.checked_utime_us, watch.since_utime_us);
+  const std::int64_t last = checked_from_utime_us(watch);
   if (interval_us == 0) return "no checks are due ([calibration] check_interval_hours = 0)";
   return fmt::format("next check due {}{}", iso_time(last + interval_us),
                      overdue(watch, interval_us, wall_clock_us()) ? ": OVERDUE" : "");
@@ -195,7 +196,7 @@ int show_trend(const CheckOptions& options, const daemon::Config& config, storag
         json.null();
         continue;
       }
-      const std::int64_t last = std::max(watch->checked_utime_us, watch->since_utime_us);
+      const std::int64_t last = checked_from_utime_us(*watch);
       json.begin_object().field("id", watch->reference_id.view()).field("failed", watch->failed);
       write_time(json, "checked", watch->checked_utime_us);
       write_time(json, "due", config.check_interval_us == 0 ? 0 : last + config.check_interval_us);
@@ -226,6 +227,29 @@ int show_trend(const CheckOptions& options, const daemon::Config& config, storag
 
 // ---- the commands ------------------------------------------------------------------------------------------------
 
+/// A scan is one look at the artefact: judged twice it says nothing new. Adds what identifies it to `source`; false:
+/// it was judged before (printed).
+bool is_new(const CheckOptions& options, storage::Reader& reader, std::string& source, int& exit_status) {
+  constexpr std::size_t kLookBack = 10'000;
+  if (options.look.live) return true;
+  if (options.slab.empty()) {
+    const Result<FileDigest> digest = digest_of(options.scan);
+    if (!digest.ok()) return failed(digest.error(), exit_status);
+    source = fmt::format("sha256 {} {}", digest.value().sha256.substr(0, 16), source);
+  }
+  const std::string_view identity = std::string_view(source).substr(0, options.slab.empty() ? 23 : source.size());
+  const auto checks = reader.checks(kLookBack);
+  if (!checks.ok()) return failed(checks.error(), exit_status);
+  for (const CalibrationCheck& check : checks.value()) {
+    if (!check.source.view().starts_with(identity)) continue;
+    complain(fmt::format("this scan was judged before, at {}: {}; a check needs a scan of its own: take a new one",
+                         iso_time(check.utime_us), check.passed ? "passed" : "FAILED"));
+    exit_status = kRefused;
+    return false;
+  }
+  return true;
+}
+
 /// Compares with the artefact in force.
 bool judge(const CheckOptions& options, const daemon::Config& config, storage::Reader& reader, CalibrationCheck& check,
            int& exit_status) {
@@ -237,11 +261,20 @@ bool judge(const CheckOptions& options, const daemon::Config& config, storage::R
     exit_status = kBadInput;
     return false;
   }
+  if (const std::int64_t end = reference.value()->expires_utime_us; end != 0 && wall_clock_us() >= end) {
+    complain(
+        fmt::format("{} expired on {}: it says nothing any more; have it certified again, then slabctl calibrate "
+                    "reference",
+                    reference.value()->id, iso_time(end)));
+    exit_status = kRefused;
+    return false;
+  }
   CalibrationId hand_eye_id;
   Pose X;
   if (!hand_eye_in_force(&reader, config, hand_eye_id, X, exit_status)) return false;
   std::string source =
       options.slab.empty() ? options.scan : fmt::format("slab {} station {}", options.slab, options.station);
+  if (!is_new(options, reader, source, exit_status)) return false;
   if (options.ball) {
     const auto& ball = std::get<MonitorBall>(reference.value()->numbers);
     BallLook look = options.look;
@@ -251,7 +284,7 @@ bool judge(const CheckOptions& options, const daemon::Config& config, storage::R
     SeenBall seen;
     if (!look_at_ball(config, look, X, seen, exit_status)) return false;
     check = calib::check_ball(ball, seen.p_base_mm);
-    source = seen.source;
+    if (options.look.live) source = seen.source;
     if (const std::string where = elsewhere(config, reference.value()->observations, seen); !where.empty())
       complain(fmt::format("warning: {}", where));
   } else {
@@ -313,7 +346,7 @@ int check_calibration(const CheckOptions& options) {
                     check.kind == CalibrationKind::monitor_ball
                         ? "look whether ball, scanner and robot sit where they sat, clean the ball, let the robot "
                           "warm up, check again from the same pose; if it fails again, calibrate and master the "
-                          "stations anew, then take the ball into use again"
+                          "stations anew, then take the ball into use again and check"
                         : "clean artefact and scanner, let both warm up, check again; if it fails again, calibrate "
                           "and have the scanner examined"));
   return check.passed ? kDone : kRefused;

@@ -221,6 +221,8 @@ calib::CoverageSettings Session::coverage_settings() const {
   if (const auto c = certificate())
     for (const Vec3& ball : c->balls_mm)
       coverage.target_radius_mm = std::max(coverage.target_radius_mm, ball.norm() + c->ball_radius_mm);
+  if (const auto held_out = views(calib::ViewUse::held_out); held_out.ok())
+    for (const calib::View& view : held_out.value()) coverage.taken.push_back(view.T_base_flange);
   // Whatever its size, an artefact need not stay in the middle to be whole in the picture.
   coverage.target_radius_mm =
       std::min(coverage.target_radius_mm, 0.6 * std::min(settings_.fov.half_x_mm, settings_.fov.half_y_mm));

@@ -6,12 +6,48 @@
 
 #include <fmt/core.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "cli/calibrate/calibrate.h"
 #include "cli/exit.h"
 
 namespace slabd::cli {
+
+namespace {
+
+/// A wrong radius shifts every centre along the view and X with them; no residual, left-out or held-out view shows it.
+/// What the balls themselves show is held against the certificate, and the shift against what the result claims.
+void judge_radius(const Session& session, calib::HandEye& h) {
+  const calib::SessionSettings& settings = session.settings();
+  calib::BallSettings balls;
+  balls.radius_mm = settings.radius_mm;
+  balls.radius_sigma_mm = settings.radius_sigma_mm;
+  if (const auto certificate = session.certificate()) {
+    balls.radius_mm = certificate->ball_radius_mm;
+    balls.radius_sigma_mm = certificate->ball_radius_sigma_mm;
+  }
+  std::vector<calib::BallReport> seen;
+  for (const Session::Entry& entry : session.entries()) {
+    if (!entry.counts() || !has_value(entry.view.radius_off_mm)) continue;
+    calib::BallReport& ball = seen.emplace_back();
+    ball.refusal = calib::BallRefusal::none;
+    ball.radius_free_mm = balls.radius_mm + entry.view.radius_off_mm;
+    ball.shift_per_radius = calib::shift_per_radius(rad_from_deg(entry.view.half_angle_deg)) * Vec3::UnitZ();
+  }
+  const calib::RadiusCheck check = calib::check_radius(seen, balls);
+  if (!check.suspicious) return;
+  constexpr double kLeastMm = 0.02;
+    if (!(std::abs(check.shift_mm) > std::max(kLeastMm, h.predicted_point_sigma_mm))) {
+    h.warnings.emplace_back(check.words.reason.view());
+    return;
+  }
+  h.ok = false;
+  h.reasons.push_back({calib::Refusal::ball_radius, std::string(check.words.reason.view()),
+                       std::string(check.words.cure.view()) + "; then begin a session with that radius"});
+}
+
+}  // namespace
 
 Result<SessionSolution> solve_session(const Session& session) {
   Result<std::vector<calib::View>> views = session.views(calib::ViewUse::fit);
@@ -22,6 +58,7 @@ Result<SessionSolution> solve_session(const Session& session) {
   Result<calib::HandEye> solved = calib::solve(settings.kind, views.value(), settings.noise, session.solve_settings());
   if (!solved.ok()) return solved.error();
   SessionSolution solution{std::move(views.value()), std::move(solved.value()), {}, {}};
+  judge_radius(session, solution.hand_eye);
   const calib::HandEye& h = solution.hand_eye;
   calib::SolvedRecord& record = solution.record;
   record.inputs = session.inputs();

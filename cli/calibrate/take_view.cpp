@@ -77,11 +77,18 @@ Status find_one_artefact(const Session& session, const std::vector<std::vector<f
   const std::optional<calib::ArtefactCertificate> certificate = session.certificate();
   if (!certificate) return error(Code::config, "%s/certificate.txt cannot be used", session.dir().c_str());
   std::vector<calib::View> poses;
+  double off_mm = 0.0;
+  std::size_t balls = 0;
   for (const std::vector<float>& xyz : scans) {
     const Result<calib::ArtefactReport> found = calib::find_artefact(xyz, *certificate, settings);
     if (!found.ok()) return found.error();
     const calib::ArtefactReport& report = found.value();
-    for (const calib::BallReport& ball : report.view.balls) note_ball(view, ball);
+    for (const calib::BallReport& ball : report.view.balls) {
+      note_ball(view, ball);
+      if (!ball.ok() || !has_value(ball.radius_free_mm)) continue;
+      off_mm += ball.radius_free_mm - certificate->ball_radius_mm;
+      ++balls;
+    }
     view.rms_mm = larger(view.rms_mm, report.residual_rms_mm);
     if (!report.ok()) {
       refuse(view, name(report.refusal), report.words.reason.empty() ? report.view.words : report.words);
@@ -90,6 +97,7 @@ Status find_one_artefact(const Session& session, const std::vector<std::vector<f
     view.covariance = report.target.covariance;
     poses.emplace_back().T_scanner_target = report.target.T_scanner_target;
   }
+  if (balls > 0) view.radius_off_mm = off_mm / static_cast<double>(balls);
   view.T_scanner_target = calib::best_targets(calib::ArtefactKind::pose, poses, Pose::identity()).front();
   if (poses.size() < 2) return success();
   double squares = 0.0;
@@ -103,6 +111,27 @@ Status find_one_artefact(const Session& session, const std::vector<std::vector<f
   words.cure.assign("wait until the robot has settled, tighten artefact and stand, scan again");
   refuse(view, "repeat", words);
   return success();
+}
+
+/// A view from a pose that has one already: it would count without adding anything, and held out it would verify
+/// nothing.
+void refuse_same_place(const Session& session, const Pose& pose, calib::CapturedView& view) {
+  if (view.use == calib::ViewUse::refused) return;
+  for (const Session::Entry& entry : session.entries()) {
+    if (!entry.counts()) continue;
+    const calib::CapturedView& other = entry.view;
+    const Result<Pose> there = calib::parse_flange(other.flange_form, other.flange, "T_base_flange");
+    if (!there.ok() || !calib::same_place(there.value(), pose)) continue;
+    calib::BallWords words;
+    words.reason.printf("the flange stands where it stood for view %zu (%.3f mm, %.4f deg away)", other.number,
+                        (there.value().translation_mm - pose.translation_mm).norm(),
+                        deg_from_rad(angle_between_rad(there.value().rotation, pose.rotation)));
+    words.cure.assign(
+        "drive to another pose; several shots of one pose are one view: --scan a.ply --scan b.ply, or "
+        "drop the other view first");
+    refuse(view, "same_pose", words);
+    return;
+  }
 }
 
 struct Digests {
@@ -204,6 +233,7 @@ Result<Taken> take_view(Session& session, const ViewRequest& request) {
     session.discard_view(part.value());
     return view.error();
   }
+  refuse_same_place(session, pose.value(), view.value());
   if (const Status kept = session.commit_view(part.value(), view.value()); !kept.ok()) {
     session.discard_view(part.value());
     return kept.error();

@@ -134,6 +134,8 @@ TEST(CheckDue, counts_from_the_last_check_or_from_taking_the_artefact_into_use) 
   watch.checked_utime_us = 1'050;
   EXPECT_FALSE(overdue(watch, 100, 1'150));
   EXPECT_TRUE(overdue(watch, 100, 1'151));
+  watch.since_utime_us = 1'140;
+  EXPECT_TRUE(overdue(watch, 100, 1'151)) << "another artefact is no check";
   EXPECT_FALSE(overdue(watch, 0, kNow)) << "interval 0: never";
 }
 

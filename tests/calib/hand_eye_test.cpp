@@ -340,6 +340,31 @@ TEST(HandEye, turns_that_carry_nothing_are_found_out) {
   }
 }
 
+TEST(HandEye, a_few_poses_seen_again_and_again_are_no_more_than_a_few_poses) {
+  // They fit each other to the scanner's noise, and what fits may be anywhere.
+  const Plan plan = plan_of(5, 0.017);
+  for (const ArtefactKind kind : kKinds)
+    for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+      Set set = make(kind, plan, seed);
+      const std::vector<View> once = set.views;
+      for (int again = 1; again <= 3; ++again)
+        for (View view : once) {
+          const Vec3 noise(0.003 * again, -0.002 * again, 0.004);
+          view.T_scanner_target.translation_mm += noise;
+          for (BallSighting& ball : view.balls) ball.centre_mm += noise;
+          set.views.push_back(view);
+        }
+      const HandEye result = solved(kind, set, plan);
+      EXPECT_FALSE(result.ok) << seed;
+      EXPECT_TRUE(std::any_of(result.reasons.begin(), result.reasons.end(),
+                              [](const Reason& r) {
+                                return r.code == Refusal::too_few_views &&
+                                       r.text.find("from 5 poses") != std::string::npos;
+                              }))
+          << seed << told(result);
+    }
+}
+
 TEST(HandEye, one_view_that_decides_is_named) {
   // The smallest sets that are allowed: by chance one of a hundred hangs on a single view.
   const Plan plan = plan_of(6);

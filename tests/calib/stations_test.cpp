@@ -121,6 +121,43 @@ TEST(Stations, sigma_is_what_the_visits_scatter_and_a_little_more_for_having_bee
   EXPECT_LT(ratio, 1.10);
 }
 
+TEST(Stations, what_the_certificate_may_be_wrong_by_is_claimed_too) {
+  Scene scene;
+  const double without = scene.solve().stations[0].numbers.sigma_mm;
+  const double without_rad = scene.solve().stations[0].numbers.sigma_rad;
+  scene.certificate.sigma_mm = 1.0;
+  const StationCorrection c = scene.solve().stations[0].numbers;
+  // One visit now and the mean of five then: together they must hold the certificate's millimetre once.
+  const double with2 = c.sigma_mm * c.sigma_mm * (1.0 + 1.0 / 5.0);
+  EXPECT_NEAR(std::sqrt(with2 - without * without * (1.0 + 1.0 / 5.0)), 1.0, 1e-3);
+  const double with2_rad = c.sigma_rad * c.sigma_rad * (1.0 + 1.0 / 5.0);
+  EXPECT_NEAR(std::sqrt(with2_rad - without_rad * without_rad * (1.0 + 1.0 / 5.0)), 1.0 / kSeatLeverMm, 1e-5);
+}
+
+TEST(Stations, a_seat_certified_the_other_way_round_is_refused) {
+  Scene scene;
+  for (MasterStation& s : scene.certificate.stations) s.points_mm[2] = 2.0 * s.points_mm[0] - s.points_mm[2];
+  const StationsSolution s = scene.solve();
+  EXPECT_FALSE(s.ok);
+  EXPECT_TRUE(refused_for(s, StationRefusal::turn, 1));
+}
+
+TEST(Stations, a_slope_that_the_block_itself_contradicts_is_refused) {
+  Scene scene;
+  const double cant = std::atan(0.025);
+  for (StationVisit& visit : scene.visits) visit.local_slope_rad = cant + rad_from_deg(0.01);
+  EXPECT_TRUE(scene.solve().ok);
+  // Certified 0.12 degrees too flat: the correction would take it up, and every seat there would read as certified.
+  MasterStation& wrong = scene.certificate.stations[3];
+  const double flat = cant - rad_from_deg(0.12);
+  wrong = master_seat(4, wrong.points_mm[0], Vec3(0.0, std::sin(flat), std::cos(flat)),
+                      Vec3(0.0, -std::cos(flat), std::sin(flat)));
+  const StationsSolution s = scene.solve();
+  EXPECT_FALSE(s.ok);
+  EXPECT_TRUE(refused_for(s, StationRefusal::slope, 4));
+  for (const int good : {1, 2, 3, 5, 6}) EXPECT_FALSE(refused_for(s, StationRefusal::slope, good)) << good;
+}
+
 TEST(Stations, an_error_of_the_hand_eye_is_taken_up_too) {
   Scene scene;
   const Pose used = scene.X * small_motion(scene.random, 0.3, 3e-4);

@@ -214,6 +214,31 @@ TEST_F(CalibrateSession, killed_at_any_moment_loses_nothing_and_ends_with_the_sa
   EXPECT_EQ(history["records"].size(), 1U);
 }
 
+TEST_F(CalibrateSession, a_view_from_a_pose_that_has_one_counts_for_nothing) {
+  simulate("set", "--views 3 --seed 5");
+  simulate("other", "--views 3 --seed 6");
+  ASSERT_EQ(run(new_in("a")).status, 0);
+  ASSERT_EQ(
+      run("calibrate capture --scan " + file("set") + "/view_01.ply --flange-file " + file("set") + "/flange.txt:1")
+          .status,
+      0);
+  // Another scan, and the flange where it stood.
+  expect_next(
+      run("calibrate capture --scan " + file("other") + "/view_01.ply --flange-file " + file("set") + "/flange.txt:1"),
+      6, "REFUSED (same_pose): the flange stands where it stood for view 1");
+  EXPECT_EQ(list()["views"].size(), 2U);
+}
+
+TEST_F(CalibrateSession, a_radius_that_the_ball_itself_contradicts_refuses_the_solution) {
+  simulate("set", "--views 20 --seed 13");
+  std::string wrong = new_in("a", "", 20);
+  wrong.replace(wrong.find("--radius 25.4 "), 14, "--radius 25.44 ");
+  ASSERT_EQ(run(wrong).status, 0);
+  ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
+  expect_next(run("calibrate solve"), 6, "ball_radius");
+  expect_next(run("calibrate verify --yes"), 6, "not solved");
+}
+
 TEST_F(CalibrateSession, a_database_whose_creation_was_stopped_does_not_stand_in_the_way) {
   simulate("set", "--views 10 --seed 13");
   ASSERT_EQ(run(new_in("a", "", 10)).status, 0);

@@ -102,6 +102,22 @@ TEST_F(DoctorTest, a_daemon_without_plc_and_robot_lacks_heartbeat_and_poses) {
   EXPECT_EQ(opinion.health("calibration"), "warning") << "commissioning values";
 }
 
+TEST_F(DoctorTest, a_plc_that_cannot_be_reached_is_said_by_doctor_and_status) {
+  // slabd asks the PLC, and nobody is there.
+  std::string text = read_file(box_.config);
+  const std::size_t listen = text.find("listen = ");
+  ASSERT_NE(listen, std::string::npos) << text;
+  text.replace(listen, text.find('\n', listen) - listen, "role = \"client\"\nconnect = \"127.0.0.1:1\"");
+  std::ofstream(box_.config) << text;
+  box_.start();
+  Opinion opinion;
+  for (int i = 0; i < 20 && opinion.health("plc link") != "failed"; ++i) opinion = examine();
+  EXPECT_EQ(opinion.health("plc link"), "failed") << opinion.all();
+  const Box::Answer status = box_.slabctl({"status", "--config", box_.config.native()});
+  EXPECT_NE(status.out.find("plc.connect 127.0.0.1:1: connecting: Connection refused"), std::string::npos)
+      << status.out;
+}
+
 TEST_F(DoctorTest, finds_nothing_failed_on_a_running_line_and_leaves_it_alone) {
   start();
   const auto line = box_.simulate({"--slab-no", "1"});

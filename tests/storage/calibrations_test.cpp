@@ -297,5 +297,60 @@ TEST_F(CalibrationsTest, the_last_check_against_the_artefact_in_force_counts) {
   EXPECT_NE(refused(KeepCheck{check}).find("there is no monitor_ball"), std::string::npos);
 }
 
+TEST_F(CalibrationsTest, another_artefact_does_not_undo_a_failed_check) {
+  const std::string first = keep(reference_block());
+  put_in_force(first);
+  const std::int64_t since = in_force().block.since_utime_us;
+  CalibrationCheck check;
+  check.reference_id.assign(first);
+  check.passed = false;
+  check.utime_us = 50;
+  ASSERT_TRUE(store_->change(KeepCheck{check}).ok());
+  CalibrationRecord other = reference_block();
+  other.numbers = ReferenceBlock{0.026, 2e-5, 380.02, 0.004};
+  const std::string second = keep(other);
+  put_in_force(second);
+  EXPECT_TRUE(in_force().block.failed);
+  EXPECT_EQ(in_force().block.checked_utime_us, 50);
+  put_in_force(first);
+  EXPECT_TRUE(in_force().block.failed);
+  EXPECT_EQ(in_force().block.since_utime_us, since) << "its first day";
+  check.passed = true;
+  check.utime_us = 60;
+  ASSERT_TRUE(store_->change(KeepCheck{check}).ok());
+  EXPECT_FALSE(in_force().block.failed);
+}
+
+TEST_F(CalibrationsTest, the_same_numbers_with_another_certificate_or_for_longer_are_another_record) {
+  constexpr std::int64_t kDayUs = 86'400'000'000;
+  CalibrationRecord block = reference_block();
+  block.certificate = "id = A";
+  block.expires_utime_us = 10 * kDayUs;
+  const std::string a = keep(block);
+  block.expires_utime_us += kDayUs / 2;
+  EXPECT_EQ(keep(block), a) << "given again because its answer was lost";
+  block.certificate = "id = B";
+  const std::string b = keep(block);
+  EXPECT_EQ(b, a + ".2");
+  block.expires_utime_us = 700 * kDayUs;
+  const std::string longer = keep(block);
+  EXPECT_EQ(longer, a + ".3");
+  EXPECT_EQ(keep(block), longer);
+  put_in_force(longer);
+  EXPECT_EQ(in_force().block.reference_id.view(), longer) << "its numbers give its id";
+  const auto found = reader()->calibration(a);
+  ASSERT_TRUE(found.ok() && found.value());
+  EXPECT_EQ(found.value()->certificate, "id = A") << "the whole id means one record";
+}
+
+TEST_F(CalibrationsTest, an_expired_record_is_not_put_in_force_again) {
+  CalibrationRecord record = hand_eye(1.0);
+  record.expires_utime_us = utime_us_ + 5;
+  const std::string id = keep(record);
+  put_in_force(id);
+  utime_us_ += 100;
+  EXPECT_NE(refused(ApplyCalibration{id, note()}).find("has expired"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace slabd::storage
