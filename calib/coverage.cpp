@@ -346,6 +346,7 @@ Guide guide_next(ArtefactKind kind, std::span<const View> given, const StatedNoi
     quick.fov = settings.fov;
     quick.convention_test = false;
     const Result<HandEye> solved = solve(kind, views, noise, quick);
+    if (solved && solved.value().s0 > kS0Max) guide.misfit_mm = solved.value().residual_mm.rms;
     if (solved && solved.value().determined && (solved.value().ok || start == nullptr)) {
       guide.solved = true;
       state = State{solved.value().T_flange_scanner, solved.value().targets};
@@ -372,6 +373,10 @@ Guide guide_next(ArtefactKind kind, std::span<const View> given, const StatedNoi
     planned.T_base_flange = guide.next->T_base_flange;
     views.push_back(planned);
     guide.next->point_sigma_mm = sigma(views);
+  }
+  if (has_value(guide.misfit_mm)) {
+    guide.coverage.point_sigma_mm = kNoValue;
+    if (guide.next) guide.next->point_sigma_mm = kNoValue;
   }
   return guide;
 }

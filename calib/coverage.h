@@ -61,7 +61,8 @@ struct Guide {
   Coverage coverage;
   bool solved = false;                   ///< the estimate is the solution of these views; else it leans on the start
   std::optional<Pose> T_flange_scanner;  ///< the present estimate; empty: neither views nor a start say anything
-  std::optional<Suggestion> next;        ///< empty: no view yet (the target's place is not known), or no estimate
+  double misfit_mm = kNoValue;     ///< the views miss each other by far more than stated, rms; no error is predicted
+  std::optional<Suggestion> next;  ///< empty: no view yet (the target's place is not known), or no estimate
 };
 
 /// Looks at what is there and proposes the next view. `start`: roughly where the scanner sits (within some 30 mm and 10

@@ -108,7 +108,9 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
     json.field("after_slab", kept.after_slab).field("replaced", now.id.view()).end_object();
     fmt::print("{}", json.text());
   } else {
-    fmt::print("{}\n{}slabctl calibrate history shows it{}\n", session_words(*session), kept_text(kept, false),
+    const std::string where =
+        record_options.config == kDefaultConfig ? "" : fmt::format(" --config {}", record_options.config);
+    fmt::print("{}\n{}slabctl calibrate history{} shows it{}\n", session_words(*session), kept_text(kept, false), where,
                now.applied && now.id.view() != kept.id
                    ? fmt::format("; slabctl calibrate rollback --why \"...\" puts {} back", now.id.view())
                    : "");

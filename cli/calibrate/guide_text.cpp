@@ -38,6 +38,11 @@ std::string coverage_text(const Session& session, const Guide& guide) {
       c.rotation_spread_axes_deg[0], c.rotation_spread_axes_deg[1], c.rotation_spread_axes_deg[2], c.sectors_seen(),
       calib::kSectors);
   text += fmt::format("{} of {} places in the view\n", c.cells_seen(), calib::kPlaces * calib::kDepths);
+  if (has_value(guide.misfit_mm))
+    return text +
+           fmt::format(
+               "THE VIEWS DO NOT FIT EACH OTHER: they miss by {:.2f} mm (rms); slabctl calibrate solve says why\n",
+               guide.misfit_mm);
   text += fmt::format("predicted point error (1 sigma): {}", sigma(c.point_sigma_mm));
   if (guide.next && has_value(guide.next->point_sigma_mm))
     text += fmt::format(", {} after the next view", sigma(guide.next->point_sigma_mm));
@@ -96,7 +101,10 @@ void write_guide(Json& json, const Session& session, const Guide& guide) {
   json.field("rotation_spread_axes_deg", std::span<const double>(c.rotation_spread_axes_deg));
   json.field("sectors_seen", c.sectors_seen()).field("sectors", calib::kSectors);
   json.field("places_seen", c.cells_seen()).field("places", calib::kPlaces * calib::kDepths);
-  json.field("predicted_point_sigma_mm", c.point_sigma_mm).key("missing").begin_array();
+  json.field("predicted_point_sigma_mm", c.point_sigma_mm)
+      .field("misfit_mm", guide.misfit_mm)
+      .key("missing")
+      .begin_array();
   for (const std::string& words : calib::missing_words(c, session.settings().kind)) json.value(std::string_view(words));
   json.end_array().end_object();
   json.key("suggestion");

@@ -4,6 +4,7 @@
 #include <fmt/core.h>
 #include <unistd.h>
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -148,6 +149,18 @@ bool write_calibration_truth(const CalibrationScene& scene, const CalibrationSca
   return true;
 }
 
+/// The drawn block is exactly what its recipe says; so is its certificate.
+bool write_block_certificate(const Recipe& recipe, const fs::path& dir) {
+  constexpr std::int64_t kCertifiedUtimeUs = 1'767'225'600'000'000;  // 2026-01-01: the same file for the same recipe
+  const std::string text = fmt::format(
+      "# the emulated reference block; read by: slabctl calibrate reference --certificate\n"
+      "id = emulated-block\ndate = {:.10}\nslope_deg = {:.6f}\nslope_U_deg = 0.0005\njaw_distance_mm = {:.4f}\n"
+      "jaw_distance_U_mm = 0.002\n",
+      cli::iso_time(kCertifiedUtimeUs), deg_from_rad(std::atan(1.0 / recipe.block.cant_ratio.value)),
+      2.0 * recipe.block.jaw_half_distance_mm.value);
+  return write_text(dir / "certificate.txt", text);
+}
+
 int write_calibration(const CalibrationOrder& order) {
   std::optional<Recipe> recipe;
   if (order.scene.kind == TargetKind::block) {
@@ -172,6 +185,7 @@ int write_calibration(const CalibrationOrder& order) {
   }
   int exit_status = cli::kDone;
   if (!write_calibration_truth(scene, order.scan, poses, order.shots, order.out_dir, exit_status)) return exit_status;
+  if (recipe && !write_block_certificate(*recipe, dir)) return cli::kNotReachable;
 
   std::vector<float> xyz;
   const bool terminal = isatty(STDERR_FILENO) != 0;
@@ -195,7 +209,7 @@ int write_calibration(const CalibrationOrder& order) {
   }
   if (terminal) fmt::print(stderr, "\r\x1b[K");
   fmt::print("{}: {} views of the {}, flange.txt, {}truth.json\n", order.out_dir, poses.size(), name(order.scene.kind),
-             order.scene.kind == TargetKind::artefact ? "certificate.txt, " : "");
+             order.scene.kind == TargetKind::ball ? "" : "certificate.txt, ");
   return cli::kDone;
 }
 

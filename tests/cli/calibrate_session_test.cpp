@@ -229,6 +229,18 @@ TEST_F(CalibrateSession, a_view_from_a_pose_that_has_one_counts_for_nothing) {
   EXPECT_EQ(list()["views"].size(), 2U);
 }
 
+TEST_F(CalibrateSession, views_that_do_not_fit_each_other_are_said_while_they_are_captured) {
+  simulate("set", "--views 10 --seed 5");
+  // The robot reports the inverse, and nobody said so.
+  std::string table = content(file("set") + "/flange.txt");
+  table.insert(0, "# format: frames=T_flange_base\n");
+  ASSERT_FALSE(write("set/flange.txt", table).empty());
+  ASSERT_EQ(run(new_in("a", "", 10)).status, 0);
+  const Ended captured = run("calibrate capture --set " + file("set"));
+  EXPECT_NE(captured.out.find("THE VIEWS DO NOT FIT EACH OTHER: they miss by"), std::string::npos) << captured.out;
+  EXPECT_EQ(captured.out.find("predicted point error"), std::string::npos) << captured.out;
+}
+
 TEST_F(CalibrateSession, a_radius_that_the_ball_itself_contradicts_refuses_the_solution) {
   simulate("set", "--views 20 --seed 13");
   std::string wrong = new_in("a", "", 20);
