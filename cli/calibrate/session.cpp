@@ -151,6 +151,14 @@ Status Session::read_views() {
         undos.push_back(change.value());
       if (drop) entry.dropped_why = change.value().why;
     }
+    if (entry.unreadable.empty())
+      for (const calib::KeptShot& shot : entry.view.shots) {
+        std::error_code missing;
+        if (fs::file_size(folder + "/" + shot.file, missing) == shot.bytes && !missing) continue;
+        half_done_.push_back(fmt::format(
+            "view {}: its scan {} is gone or was changed; what was found in it still counts, but nobody can look again",
+            number, folder + "/" + shot.file));
+      }
     entries_.push_back(std::move(entry));
   }
   for (const calib::ViewChange& undo : undos)

@@ -284,6 +284,18 @@ TEST_F(CalibrateSession, a_half_copied_scan_is_named_and_counts_for_nothing) {
   EXPECT_TRUE(list()["half_done"].empty());
 }
 
+TEST_F(CalibrateSession, a_scan_that_went_missing_is_named) {
+  simulate("set", "--views 2 --seed 5");
+  ASSERT_EQ(run(new_in("a")).status, 0);
+  ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
+  EXPECT_TRUE(list()["half_done"].empty());
+  const std::string scan = file("a") + "/calibration/hall/views/002/shot_1.ply";
+  ASSERT_TRUE(fs::remove(scan));
+  const json named = list()["half_done"];
+  ASSERT_EQ(named.size(), 1U);
+  EXPECT_NE(named[0].get<std::string>().find(scan + " is gone"), std::string::npos) << named;
+}
+
 TEST_F(CalibrateSession, drop_and_undo_go_back_step_by_step_and_delete_nothing) {
   simulate("set", "--views 3 --seed 6");
   ASSERT_EQ(run(new_in("a")).status, 0);
