@@ -85,7 +85,8 @@ bool write_text(int fd, std::string_view text) {
 Status DropFolders::open() {
   drop_ = Fd(::open(drop_dir_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (!drop_.is_open())
-    return error(Code::scanner_offline, "%s: %s (the drop folder must exist)", drop_dir_.c_str(), errno_text(errno));
+    return error(Code::scanner_offline, "%s: %s%s", drop_dir_.c_str(), errno_text(errno),
+                 errno == ENOENT ? " (the drop folder must exist)" : "");
   if (Status status = open_folder(drop_dir_, drop_.get(), "request", request_); !status) return status;
   if (Status status = open_folder(drop_dir_, drop_.get(), "inbox", inbox_); !status) return status;
   return open_folder(drop_dir_, drop_.get(), "stray", stray_);
@@ -136,11 +137,13 @@ void DropFolders::withdraw_request(const char* name) const {
   unlinkat(request_.get(), name, 0);
 }
 
-void DropFolders::withdraw_all_requests() const {
-  for_each_name(request_.get(), [this](const char* name) {
-    unlinkat(request_.get(), name, 0);
+std::size_t DropFolders::withdraw_all_requests() const {
+  std::size_t count = 0;
+  for_each_name(request_.get(), [&](const char* name) {
+    if (unlinkat(request_.get(), name, 0) == 0) ++count;
     return true;
   });
+  return count;
 }
 
 }  // namespace slabd::hal

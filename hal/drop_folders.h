@@ -53,8 +53,8 @@ class DropFolders {
   /// Puts request/<name> in place by rename, so that nobody reads half of it.
   [[nodiscard]] Status post_request(const char* name, std::string_view text) const;
   void withdraw_request(const char* name) const;
-  /// Requests of a process that died: nobody waits for their answers.
-  void withdraw_all_requests() const;
+  /// Requests of a process that died: nobody waits for their answers. How many there were.
+  std::size_t withdraw_all_requests() const;
 
   [[nodiscard]] int inbox_fd() const { return inbox_.get(); }
   [[nodiscard]] const PathText& drop_dir() const { return drop_dir_; }

@@ -13,6 +13,7 @@
 #include "hal/os.h"
 #include "hal/quiet_watch.h"
 #include "hal/scan_file.h"
+#include "hal/scan_request.h"
 #include "hal/spool.h"
 #include "hal/text_lines.h"
 
@@ -21,6 +22,8 @@
 // that cannot, when it is the one and only file that appeared after the request. Invariants:
 //   - a file that lay in the inbox before its request is never its answer;
 //   - whatever was decoded is byte for byte what lies in the spool;
+//   - without names, an answer that may still come to a request that was given up ends the next one's innocence: it is
+//     waited for, and set aside, before anything else is asked for;
 //   - after acquire() neither the request nor an answer remains, good or bad, so that a repeat can be dropped.
 namespace slabd::hal {
 namespace {
@@ -30,6 +33,9 @@ constexpr std::int64_t kPollNs = 20 * kNsPerMs;
 constexpr std::int64_t kFinishedNs = 500 * kNsPerMs;
 /// ... and a stray when it still has no name that means anything after this long.
 constexpr std::int64_t kStrayNs = 5 * kNsPerS;
+
+/// any_name: a scanner that was asked answers within this time, or not at all (its own timeouts, a restart of slabd).
+constexpr std::int64_t kLateAnswerNs = 10 * kNsPerS;
 
 void wait_for_next_look() {
   const timespec pause{0, kPollNs};
@@ -60,30 +66,11 @@ std::string_view stem_of(std::string_view name) {
   return name.substr(0, name.size() - extension.size() - 1);
 }
 
-/// The request as JSON. The slab id comes from the PLC: what is not plain ASCII is escaped.
-FixedString<512> request_json(const ScanRequest& request) {
-  FixedString<512> json;
-  json.printf(R"({"schema": "slabd.scan_request/1", "session": %u, "cmd_seq": %u, "slab_id": ")",
-              unsigned{request.session}, unsigned{request.cmd_seq});
-  for (const char c : request.slab_id.view()) {
-    const auto byte = static_cast<unsigned char>(c);
-    FixedString<8> escaped;
-    if (byte < 0x20 || byte > 0x7E || c == '"' || c == '\\')
-      escaped.printf("\\u%04x", unsigned{byte});
-    else
-      escaped.append({&c, 1});
-    json.append(escaped.view());
-  }
-  FixedString<32> rest;
-  rest.printf("\", \"station\": %u}\n", unsigned{request.station});
-  json.append(rest.view());
-  return json;
-}
-
 /// An answer that is finished, and when it was first seen so.
 struct Answer {
   InboxEntry entry;
   std::int64_t seen_ns = 0;
+  bool accounted = false;  ///< its own header says that it is whole, whatever happened since it was listed
 };
 
 class ScanDrop final : public ScannerPort {
@@ -93,23 +80,38 @@ class ScanDrop final : public ScannerPort {
 
   /// A folder that is not there yet (a share not mounted) is no reason to give up: idle() looks again.
   void start() {
-    if (open_folders()) folders_.withdraw_all_requests();
+    if (!open_folders()) return;
+    // Of a process that died; its scanner may still be at work.
+    if (folders_.withdraw_all_requests() != 0) answer_may_come_until_ns_ = clock_.mono_ns() + kLateAnswerNs;
   }
 
   Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz, const std::atomic<bool>& cancel,
                                const ScanDecoded& decoded) override {
     if (Status status = open_folders(); !status) return status.error();
+    const std::int64_t begin_ns = clock_.mono_ns();
+    if (settings_.any_name) {
+      // Half of the time at most: a scan that is asked for too late would only be given up too.
+      if (Status status = outwait_late_answer(begin_ns + request.timeout_ns / 2, cancel); !status)
+        return status.error();
+    }
+    const std::int64_t timeout_ns = request.timeout_ns - (clock_.mono_ns() - begin_ns);
     NameText stem;
     stem.printf("%u-%u", unsigned{request.session}, unsigned{request.cmd_seq});
     if (Status status = clear_inbox(stem.view()); !status) return status.error();
 
     NameText request_name(stem.view());
     request_name.append(".json");
-    if (Status status = folders_.post_request(request_name.c_str(), request_json(request).view()); !status)
+    if (Status status = folders_.post_request(request_name.c_str(), scan_request_json(request).view()); !status)
       return status.error();
-    Result<Answer> answer = wait_for_answer(stem.view(), request.timeout_ns, cancel);
+    Result<Answer> answer = wait_for_answer(stem.view(), timeout_ns, cancel);
     folders_.withdraw_request(request_name.c_str());
-    if (!answer) return answer.error();
+    if (!answer) {
+      // Ambiguous answers were answers; for none at all one may still be on its way.
+      const Code why = answer.error().code;
+      if (why == Code::trigger_timeout || why == Code::interrupted)
+        answer_may_come_until_ns_ = clock_.mono_ns() + std::max(kLateAnswerNs, request.timeout_ns);
+      return answer.error();
+    }
 
     Result<AcquiredScan> scan = take(answer.value(), request, xyz, decoded);
     if (!scan) set_aside(answer.value().entry.name);
@@ -132,7 +134,9 @@ class ScanDrop final : public ScannerPort {
   }
 
   void set_aside(const NameText& name) {
-    if (folders_.set_aside(name.c_str())) ++strays_;
+    if (!folders_.set_aside(name.c_str())) return;
+    ++strays_;
+    if (!stem_of(name.view()).empty()) answer_may_come_until_ns_ = 0;  // it has come
   }
 
   /// Looks at the inbox and moves away what is certainly not an answer to `awaited` (empty: nothing is awaited).
@@ -175,6 +179,22 @@ class ScanDrop final : public ScannerPort {
 
   // ---- waiting
 
+  /// any_name: until the answer to a request that was given up has come, and was set aside, or can no longer come.
+  Status outwait_late_answer(std::int64_t deadline_ns, const std::atomic<bool>& cancel) {
+    while (clock_.mono_ns() < answer_may_come_until_ns_) {
+      InboxEntries entries;
+      if (Status status = look({}, entries); !status) return status;
+      for (const InboxEntry& entry : entries) set_aside(entry.name);
+      if (cancel) return error(Code::interrupted, "the scan was cancelled");
+      if (clock_.mono_ns() >= deadline_ns)
+        return error(Code::trigger_timeout,
+                     "an earlier request was given up, and its answer may still come; without names it could not be "
+                     "told from this one's");
+      if (answer_may_come_until_ns_ != 0) wait_for_next_look();
+    }
+    return success();
+  }
+
   Result<Answer> wait_for_answer(std::string_view stem, std::int64_t timeout_ns, const std::atomic<bool>& cancel) {
     const std::int64_t deadline_ns = clock_.mono_ns() + timeout_ns;
     for (;;) {
@@ -193,7 +213,7 @@ class ScanDrop final : public ScannerPort {
     if (Status status = tidy(stem); !status) return status.error();
     for (const QuietWatch::Watched& watched : watch_.watched())
       if (stem_of(watched.entry.name.view()) == stem && is_finished(watched))
-        return std::optional<Answer>(Answer{watched.entry, watched.since_ns});
+        return std::optional<Answer>(Answer{watched.entry, watched.since_ns, !is_quiet(watched)});
     return std::optional<Answer>();
   }
 
@@ -245,9 +265,12 @@ class ScanDrop final : public ScannerPort {
     const Result<int> opened = open_scan(folders_.inbox_fd(), answer.entry.name.c_str(), shown.c_str());
     if (!opened) return opened.error();
     const Fd fd(opened.value());
+    // A file that has just become whole was still growing when it was listed.
+    InboxEntry found = answer.entry;
+    if (answer.accounted) refresh(fd.get(), found);
     Result<ScanShape> shape = read_scan_fd(fd.get(), shown.c_str(), settings_.unit, xyz);
     if (!shape) return shape.error();
-    if (!is_untouched(fd.get(), answer.entry))
+    if (!is_untouched(fd.get(), found))
       return error(Code::frame_incomplete, "%s: changed while it was read (write it under another name, then rename)",
                    shown.c_str());
     scan.shape = shape.value();
@@ -259,6 +282,14 @@ class ScanDrop final : public ScannerPort {
     if (Status status = spool_file(fd.get(), folders_.inbox_fd(), answer.entry.name.c_str(), scan.path); !status)
       return status.error();
     return scan;
+  }
+
+  /// Size and time of now, of the same file.
+  static void refresh(int fd, InboxEntry& entry) {
+    struct stat status {};
+    if (fstat(fd, &status) != 0) return;
+    entry.bytes = status.st_size;
+    entry.changed_ns = status.st_mtim.tv_sec * kNsPerS + status.st_mtim.tv_nsec;
   }
 
   /// The decoded file is the one that was found, and nobody wrote to it meanwhile.
@@ -284,6 +315,7 @@ class ScanDrop final : public ScannerPort {
   const Clock& clock_;
   DropFolders folders_;
   QuietWatch watch_;
+  std::int64_t answer_may_come_until_ns_ = 0;  ///< any_name: 0 or past: no answer is outstanding
   std::atomic<bool> online_ = false;
   std::atomic<std::uint64_t> strays_ = 0;
 };

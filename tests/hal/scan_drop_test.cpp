@@ -1,137 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <chrono>
-#include <cmath>
-#include <fstream>
-#include <functional>
-#include <memory>
-#include <thread>
-#include <vector>
-
-#include "hal/hal.h"
-#include "tests/hal/temporary_folder.h"
+#include "tests/hal/scan_drop_fixture.h"
 
 namespace slabd::hal {
 namespace {
-
-namespace fs = std::filesystem;
-using test::names_in;
-using test::read_file;
-using test::TemporaryFolder;
-using test::write_file;
-
-constexpr std::size_t kPoints = limits::kScanPointsMin + 10;
-
-void wait_ms(int ms) {
-  std::this_thread::sleep_for(std::chrono::milliseconds(ms));
-}
-
-/// Waits, without a limit of its own (the test runner has one), until `done`.
-void wait_until(const std::function<bool()>& done) {
-  while (!done()) wait_ms(2);
-}
-
-class ScanDropTest : public ::testing::Test {
- protected:
-  void SetUp() override {
-    fs::create_directory(drop());
-    open(false);
-  }
-
-  void open(bool any_name) {
-    ScanDropSettings settings;
-    settings.drop_dir = PathText(drop());
-    settings.any_name = any_name;
-    auto made = make_scan_drop(settings, *clock_);
-    ASSERT_TRUE(made.ok()) << made.error().text.c_str();
-    scanner_ = std::move(made.value());
-  }
-
-  std::string drop() const { return folder_ / "drop"; }
-  std::string inbox(const std::string& name = "") const { return drop() + "/inbox/" + name; }
-  std::string stray(const std::string& name = "") const { return drop() + "/stray/" + name; }
-  std::string request_file(const std::string& name = "") const { return drop() + "/request/" + name; }
-
-  ScanRequest request(std::uint16_t seq = 3, std::int64_t timeout_ms = 30'000) const {
-    ScanRequest r;
-    r.session = 7;
-    r.cmd_seq = seq;
-    r.slab_id = "S-1";
-    r.station = 4;
-    r.timeout_ns = ns_from_ms(timeout_ms);
-    r.spool_path = PathText(folder_ / "spool/1/04-1");
-    return r;
-  }
-
-  static std::vector<float> points(float z = 5.0F) {
-    std::vector<float> xyz(3 * kPoints);
-    for (std::size_t i = 0; i < kPoints; ++i) {
-      xyz[3 * i] = static_cast<float>(i);
-      xyz[3 * i + 1] = 1.0F;
-      xyz[3 * i + 2] = z;
-    }
-    return xyz;
-  }
-
-  /// Writes under another name and renames, as scanner software should.
-  void drop_scan(const std::string& name, float z = 5.0F) const {
-    const std::string temporary = drop() + "/" + name + ".writing";
-    ASSERT_TRUE(write_ply(temporary.c_str(), points(z), 0, 0).ok());
-    fs::rename(temporary, inbox(name));
-  }
-
-  /// Runs acquire() on this thread and `scanner_software` on another as soon as the request is there.
-  Result<AcquiredScan> acquire(const ScanRequest& r, const std::function<void()>& scanner_software) {
-    const std::string name = std::to_string(r.session) + "-" + std::to_string(r.cmd_seq) + ".json";
-    std::atomic<bool> over = false;
-    std::thread software([&] {
-      wait_until([&] { return over || fs::exists(request_file(name)); });
-      if (!over) scanner_software();
-    });
-    Result<AcquiredScan> result = scanner_->acquire(r, xyz_, cancel_, on_decoded_);
-    over = true;
-    software.join();
-    EXPECT_TRUE(names_in(request_file()).empty()) << "the request must be gone afterwards";
-    return result;
-  }
-
-  /// The same in any format, by rename from outside the inbox.
-  void drop_scan_as(ScanFormat format, const std::string& name) const {
-    const std::string temporary = drop() + "/writing";
-    ASSERT_TRUE(write_scan(temporary.c_str(), format, points(), 0, 0).ok());
-    fs::rename(temporary, inbox(name));
-  }
-
-  /// Writes into the inbox itself, in parts with pauses, as software does that knows no better.
-  void write_slowly(ScanFormat format, const std::string& name, int parts, int pause_ms) const {
-    const std::string temporary = drop() + "/whole";
-    ASSERT_TRUE(write_scan(temporary.c_str(), format, points(), 0, 0).ok());
-    const std::string bytes = read_file(temporary);
-    fs::remove(temporary);
-    std::ofstream file(inbox(name), std::ios::binary);
-    for (int part = 0; part < parts; ++part) {
-      const std::size_t begin = bytes.size() * static_cast<std::size_t>(part) / static_cast<std::size_t>(parts);
-      const std::size_t end = bytes.size() * static_cast<std::size_t>(part + 1) / static_cast<std::size_t>(parts);
-      file << bytes.substr(begin, end - begin) << std::flush;
-      if (part + 1 < parts) wait_ms(pause_ms);
-    }
-  }
-
-  void expect_nothing_spooled() const {
-    if (!fs::exists(folder_ / "spool")) return;
-    for (const auto& entry : fs::recursive_directory_iterator(folder_ / "spool"))
-      EXPECT_FALSE(entry.is_regular_file()) << entry.path();
-  }
-
-  TemporaryFolder folder_;
-  std::unique_ptr<Clock> clock_ = make_system_clock();
-  std::unique_ptr<ScannerPort> scanner_;
-  std::vector<float> xyz_ = std::vector<float>(3 * 2 * kPoints);
-  std::atomic<bool> cancel_ = false;
-  ScanDecoded on_decoded_ = [](const AcquiredScan&) {};
-};
 
 TEST_F(ScanDropTest, an_answer_is_decoded_and_lies_in_the_spool) {
   std::string request_text;
@@ -486,14 +357,6 @@ TEST_F(ScanDropTest, a_folder_that_is_not_there_yet_is_reported_by_name_and_used
 }
 
 // ---- any_name ------------------------------------------------------------------------------------------------------
-
-class ScanDropAnyNameTest : public ScanDropTest {
- protected:
-  void SetUp() override {
-    fs::create_directory(drop());
-    open(true);
-  }
-};
 
 TEST_F(ScanDropAnyNameTest, the_one_file_that_appears_is_the_answer) {
   const auto result = acquire(request(), [&] { drop_scan("Scan 0001.PLY"); });

@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What goes wrong around a drop directory: disks, rights, clocks, files that are replaced, answers that come late.
+#include <sched.h>
+#include <sys/mount.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "tests/hal/scan_drop_fixture.h"
+
+namespace slabd::hal {
+namespace {
+
+/// In a process of its own, where mounts and users may change. What the body says is an exit status: 0 is good.
+template <typename Body>
+int in_own_process(Body body) {
+  const pid_t child = fork();
+  if (child == 0) _exit(body());
+  int status = -1;
+  waitpid(child, &status, 0);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+}
+
+bool own_mounts() {
+  return (unshare(CLONE_NEWNS) == 0 || unshare(CLONE_NEWUSER | CLONE_NEWNS) == 0) &&
+         mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0;
+}
+
+TEST_F(ScanDropTest, a_full_spool_disk_is_501_and_leaves_nothing_and_a_repeat_works_when_there_is_room) {
+  EXPECT_EQ(in_own_process([this] {
+              const std::string spool = folder_ / "spool";
+              fs::create_directory(spool);
+              if (!own_mounts() || mount("tmpfs", spool.c_str(), "tmpfs", 0, "size=200k") != 0) return 1;
+              const auto full = acquire(request(), [this] { drop_scan("7-3.ply"); });
+              if (full.ok() || full.error().code != Code::store_full) return 2;
+              if (fs::exists(spool + "/1/04-1.ply") || fs::exists(spool + "/1/04-1.ply.part")) return 3;
+              if (!names_in(inbox()).empty()) return 4;
+              if (mount("tmpfs", spool.c_str(), "tmpfs", MS_REMOUNT, "size=10m") != 0) return 5;
+              return acquire(request(4), [this] { drop_scan("7-4.ply"); }).ok() ? 0 : 6;
+            }),
+            0);
+}
+
+TEST_F(ScanDropTest, a_full_drop_disk_is_501_before_anything_is_asked_for) {
+  EXPECT_EQ(in_own_process([this] {
+              if (!own_mounts() || mount("tmpfs", drop().c_str(), "tmpfs", 0, "size=64k") != 0) return 1;
+              open(false);
+              {
+                std::ofstream fill(drop() + "/fill", std::ios::binary);
+                while (fill << std::string(4096, 'x') << std::flush) {
+                }
+              }
+              const auto full = scanner_->acquire(request(3, 200), xyz_, cancel_, on_decoded_);
+              if (full.ok() || full.error().code != Code::store_full) return 2;
+              fs::remove(drop() + "/fill");
+              const auto quiet = scanner_->acquire(request(4, 50), xyz_, cancel_, on_decoded_);
+              return !quiet.ok() && quiet.error().code == Code::trigger_timeout ? 0 : 3;
+            }),
+            0);
+}
+
+TEST_F(ScanDropTest, folders_that_may_not_be_written_are_offline_by_name_and_come_back) {
+  constexpr auto kReadOnly = static_cast<fs::perms>(0555);
+  fs::permissions(folder_.string(), static_cast<fs::perms>(0755));
+  fs::permissions(drop(), static_cast<fs::perms>(0755));
+  fs::permissions(request_file(), fs::perms::all);
+  fs::permissions(stray(), fs::perms::all);
+  fs::permissions(inbox(), kReadOnly);
+  EXPECT_EQ(in_own_process([this] {
+              if (geteuid() == 0 && setresuid(65'534, 65'534, 65'534) != 0) return 1;  // for root nothing is forbidden
+              const auto refused = scanner_->acquire(request(3, 200), xyz_, cancel_, on_decoded_);
+              if (refused.ok() || refused.error().code != Code::scanner_offline) return 2;
+              if (refused.error().text.view().find("inbox") == std::string_view::npos) return 3;
+              return scanner_->online() ? 4 : 0;
+            }),
+            0);
+  fs::permissions(inbox(), fs::perms::owner_all);
+  EXPECT_TRUE(acquire(request(4), [this] { drop_scan("7-4.ply"); }).ok());
+}
+
+TEST_F(ScanDropTest, whatever_time_the_scanners_computer_has_its_files_are_answers) {
+  std::uint16_t seq = 10;
+  for (const int years : {-25, -1, 0, 1, 74}) {
+    const std::string name = "7-" + std::to_string(++seq) + ".xyz";  // a table: nothing but standing still ends it
+    const auto result = acquire(request(seq), [&] {
+      const std::string temporary = drop() + "/skewed";
+      ASSERT_TRUE(write_scan(temporary.c_str(), ScanFormat::xyz, points(), 0, 0).ok());
+      fs::last_write_time(temporary, fs::file_time_type::clock::now() + std::chrono::hours(24 * 365 * years));
+      fs::rename(temporary, inbox(name));
+    });
+    EXPECT_TRUE(result.ok()) << years << " years off: " << result.error().text.c_str();
+  }
+}
+
+TEST_F(ScanDropTest, an_answer_replaced_by_another_file_is_read_as_one_or_the_other_and_never_as_both) {
+  for (int round = 0; round < 20; ++round) {
+    const auto seq = static_cast<std::uint16_t>(20 + round);
+    const std::string name = "7-" + std::to_string(seq) + ".ply";
+    const auto result = acquire(request(seq), [&] {
+      drop_scan(name, 5.0F);
+      for (int i = 0; i < 5; ++i) {
+        const std::string temporary = drop() + "/again";
+        ASSERT_TRUE(write_ply(temporary.c_str(), points(6.0F), 0, 0).ok());
+        if (::access(inbox(name).c_str(), F_OK) == 0) fs::rename(temporary, inbox(name));
+      }
+    });
+    if (!result.ok()) {
+      EXPECT_EQ(result.error().code, Code::frame_incomplete) << result.error().text.c_str();
+    } else {
+      std::vector<float> spooled(xyz_.size());
+      ASSERT_TRUE(read_scan(result.value().path.c_str(), LengthUnit::mm, std::span<float>(spooled)).ok());
+      EXPECT_EQ(std::memcmp(spooled.data(), xyz_.data(), 12 * kPoints), 0) << "what was decoded is what is kept";
+      const float z = xyz_[2];
+      for (std::size_t p = 0; p < kPoints; ++p) ASSERT_EQ(xyz_[3 * p + 2], z) << p;
+    }
+    scanner_->idle();
+  }
+}
+
+TEST_F(ScanDropAnyNameTest, the_late_answer_to_a_request_that_was_given_up_is_never_the_next_ones) {
+  const auto none = acquire(request(3, 60), [] {});
+  ASSERT_FALSE(none.ok());
+  EXPECT_EQ(none.error().code, Code::trigger_timeout);
+  std::thread scanner_that_was_slow([&] {
+    wait_ms(100);
+    drop_scan("late.ply", 9.0F);
+  });
+  const auto next = acquire(request(4), [&] { drop_scan("fresh.ply", 5.0F); });
+  scanner_that_was_slow.join();
+  ASSERT_TRUE(next.ok()) << next.error().text.c_str();
+  EXPECT_EQ(xyz_[2], 5.0F);
+  EXPECT_TRUE(fs::exists(stray("late.ply")));
+}
+
+TEST_F(ScanDropAnyNameTest, while_a_late_answer_may_come_nothing_is_asked_for) {
+  const auto none = acquire(request(3, 60), [] {});
+  ASSERT_FALSE(none.ok());
+  const auto next = acquire(request(4, 200), [] { ADD_FAILURE() << "asked for another scan"; });
+  ASSERT_FALSE(next.ok());
+  EXPECT_EQ(next.error().code, Code::trigger_timeout);
+  EXPECT_NE(next.error().text.view().find("may still come"), std::string_view::npos) << next.error().text.view();
+}
+
+}  // namespace
+}  // namespace slabd::hal
