@@ -224,7 +224,8 @@ void advance_acquisition(Station& s, Actions& actions) {
 void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   if (on_view_scanned(s, done, actions)) return;
   Acquisition& a = s.acquisition;
-  if (a.phase != Acquisition::Phase::scanning || done.cmd_seq != a.cmd_seq) return;
+  // The buffer names the scan as much as the number does: numbers begin anew with a session.
+  if (a.phase != Acquisition::Phase::scanning || done.cmd_seq != a.cmd_seq || done.slot != a.slot) return;
   a.attempt.scan_path = done.scan.path;
   a.attempt.shape = done.scan.shape;
   a.attempt.scan_utime_us = done.scan.taken_utime_us;

@@ -457,6 +457,28 @@ TEST_F(StationTest, abort_ends_the_scan_in_hand_and_keeps_the_slab) {
   EXPECT_EQ(line.view().cmd_status, 4);
 }
 
+TEST_F(StationTest, a_scan_in_another_buffer_than_the_one_that_was_given_is_nobodys) {
+  begin();
+  line.scanner_answers = false;
+  line.scan(1);
+  ASSERT_EQ(line.view().state, PlcState::scanning);
+  const AcquireScan& asked = line.scans.back();
+  ScanDone done;
+  done.cmd_seq = asked.request.cmd_seq;
+  done.slot = static_cast<std::uint8_t>(1 - asked.slot);
+  done.durable = true;
+  done.scan.path = asked.request.spool_path;
+  done.scan.shape = {1000, 900, 0, 0};
+  line.feed(done);
+  line.run_for(40);
+  EXPECT_EQ(line.view().state, PlcState::scanning) << "still waiting for its own";
+  EXPECT_TRUE(line.measured.empty());
+  done.slot = asked.slot;
+  line.feed(done);
+  line.run_for(40);
+  EXPECT_EQ(line.measured.size(), 1U);
+}
+
 TEST_F(StationTest, slab_abort_reads_aborted) {
   begin();
   line.scan(1);
