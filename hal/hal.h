@@ -154,11 +154,27 @@ inline constexpr std::array<std::uint32_t, 8> kSerialBauds = {1'200,  2'400,  4'
 
 // ---- robot pose ------------------------------------------------------------------------------------------------
 
+/// Each thing that can be wrong with what arrives has a counter of its own.
 struct PoseLinkCounters {
   std::uint64_t accepted = 0;
-  std::uint64_t foreign = 0;    ///< other channel, other magic, other length or fingerprint
-  std::uint64_t malformed = 0;  ///< NaN, not a unit quaternion, absurd position
+  // Datagrams that are no pose for us.
+  std::uint64_t foreign = 0;       ///< other channel, other magic, other length or fingerprint
+  std::uint64_t wrong_sender = 0;  ///< from an address outside [pose] senders, or not of this computer
+  // Poses that are refused. `malformed` is the sum of the three below it.
+  std::uint64_t malformed = 0;
+  std::uint64_t not_finite = 0;        ///< NaN or infinity
+  std::uint64_t not_unit = 0;          ///< the quaternion is not one of unit length
+  std::uint64_t out_of_reach = 0;      ///< no robot of this line reaches there
+  std::uint64_t second_publisher = 0;  ///< while two publish, neither is believed
+  std::uint64_t repeated = 0;          ///< the same message again
+  std::uint64_t time_back = 0;         ///< the sender's clock stands still or runs backwards
+  std::uint64_t jumps = 0;             ///< faster than any robot, and the next pose does not confirm it
+  // Accepted, but the settled window begins again.
+  std::uint64_t gaps = 0;  ///< breaks in the numbering ...
+  std::uint64_t lost = 0;  ///< ... and the messages that are missing in them
 };
+
+using PoseNoteText = FixedString<limits::kErrorTextBytes>;
 
 class PosePort {
  public:
@@ -171,12 +187,33 @@ class PosePort {
   [[nodiscard]] virtual const PoseLinkCounters& counters() const = 0;
   /// Why there is no link (interface down, no address, no route) with the cure; empty while there is one.
   [[nodiscard]] virtual std::string_view trouble() const = 0;
+  /// Why poses that arrive are not believed, with who sent them; empty when none was refused within two seconds.
+  [[nodiscard]] virtual std::string_view refusal(std::int64_t mono_ns) const {
+    static_cast<void>(mono_ns);
+    return {};
+  }
+  /// A line for the log about what was refused since the last one: at once for the first, then at most one in ten
+  /// seconds. False: nothing to say.
+  [[nodiscard]] virtual bool next_note(std::int64_t mono_ns, PoseNoteText& text) {
+    static_cast<void>(mono_ns);
+    static_cast<void>(text);
+    return false;
+  }
 };
+
+/// What the robot's bridge publishes.
+enum class PoseType : std::uint8_t {
+  flange_pose,      ///< slabd.flange_pose_t
+  rigid_transform,  ///< bot_core.rigid_transform_t: no number, no frame, no flags; only its clock orders it
+};
+inline constexpr std::array<std::string_view, 2> kPoseTypes = {"slabd.flange_pose_t", "bot_core.rigid_transform_t"};
 
 struct LcmSettings {
   FixedString<128> url = "udpm://239.255.76.67:7667?ttl=0";
   FixedString<63> channel = "FLANGE_POSE";
   FixedString<32> interface;  ///< name or IPv4 address; empty = the kernel's route
+  PoseType type = PoseType::flange_pose;
+  FixedVector<PlcSettings::Network, 16> senders;  ///< who may publish; none: everybody whom the interface lets in
 };
 /// Checks url, channel and interface name; the link itself is opened (and re-opened) by next().
 [[nodiscard]] Result<std::unique_ptr<PosePort>> make_lcm_pose_port(const LcmSettings& settings);
@@ -184,7 +221,8 @@ struct LcmSettings {
 /// The bounded LC02 reader (hal/lc02_reader): one datagram in, one pose out. No heap, never reads past `datagram`.
 /// False: not a pose on `channel`; `counters` says why. `sample.arrival_ns` is left for the caller.
 [[nodiscard]] bool decode_pose_datagram(std::span<const std::byte> datagram, std::string_view channel,
-                                        PoseSample& sample, PoseLinkCounters& counters);
+                                        PoseSample& sample, PoseLinkCounters& counters,
+                                        PoseType type = PoseType::flange_pose);
 
 // ---- scans -----------------------------------------------------------------------------------------------------
 
@@ -240,6 +278,8 @@ inline constexpr std::array kScanFormats = {ScanFormat::ply, ScanFormat::ply_asc
 /// the scan may still fail. Its `path` is where it is going to lie.
 using ScanDecoded = std::function<void(const AcquiredScan&)>;
 
+using ScannerText = FixedString<limits::kErrorTextBytes>;
+
 class ScannerPort {
  public:
   virtual ~ScannerPort() = default;
@@ -254,6 +294,8 @@ class ScannerPort {
   virtual void idle() = 0;
   [[nodiscard]] virtual bool online() const = 0;                ///< callable from any thread
   [[nodiscard]] virtual std::uint64_t stray_files() const = 0;  ///< moved aside since start; any thread
+  /// Why it is not online, and what was wrong last; empty: nothing. Any thread.
+  [[nodiscard]] virtual ScannerText trouble() const { return {}; }
 };
 
 struct ScanDropSettings {
@@ -264,6 +306,25 @@ struct ScanDropSettings {
 /// Makes request/, inbox/ and stray/ below drop_dir; while that is not possible (a share not mounted yet) the port is
 /// offline, and idle() looks again. config: drop_dir is empty or too long.
 [[nodiscard]] Result<std::unique_ptr<ScannerPort>> make_scan_drop(const ScanDropSettings& settings, const Clock& clock);
+
+/// Scans over TCP: slabd listens, the scanner's gateway connects (docs/SCANNER.md).
+struct ScanStreamSettings {
+  FixedString<64> host = "127.0.0.1";  ///< IPv4
+  std::uint16_t port = 1504;           ///< 0 = any free port (tests)
+  FixedVector<PlcSettings::Network, 16> allow;
+};
+class ScanStreamPort : public ScannerPort {
+ public:
+  [[nodiscard]] virtual std::uint16_t bound_port() const = 0;
+};
+/// `stray_files` counts data that nobody asked for, damaged scans and connections that were turned away. The spool file
+/// is binary PLY in mm whatever unit the sender uses. config: a bad address; one that cannot be listened on now is a
+/// trouble, and idle() tries again.
+[[nodiscard]] Result<std::unique_ptr<ScanStreamPort>> make_scan_stream(const ScanStreamSettings& settings,
+                                                                       const Clock& clock);
+
+enum class ScannerBackend : std::uint8_t { drop, tcp };
+inline constexpr std::array<std::string_view, 2> kScannerBackends = {"drop", "tcp"};
 
 // ---- control socket --------------------------------------------------------------------------------------------
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "hal/lc02_reader.h"
 
-#include <array>
+#include <bot_core/rigid_transform_t.hpp>
 #include <cmath>
 #include <cstring>
 #include <slabd/flange_pose_t.hpp>
@@ -21,29 +21,58 @@ std::uint32_t big_endian_u32(const std::byte* at) {
   return value;
 }
 
-/// The payload of a pose on `channel`, or an empty span.
-std::span<const std::byte> pose_payload(std::span<const std::byte> datagram, std::string_view channel) {
+/// The payload of `payload_bytes` on `channel`, or an empty span.
+std::span<const std::byte> payload_of(std::span<const std::byte> datagram, std::string_view channel,
+                                      std::size_t payload_bytes) {
   const std::size_t payload_at = kLc02HeaderBytes + channel.size() + 1;
-  if (channel.size() > kLcmChannelMax || datagram.size() != payload_at + kPosePayloadBytes) return {};
+  if (channel.size() > kLcmChannelMax || datagram.size() != payload_at + payload_bytes) return {};
   if (big_endian_u32(datagram.data()) != kLc02ShortMagic) return {};
   const std::byte* name = datagram.data() + kLc02HeaderBytes;
   if (std::memcmp(name, channel.data(), channel.size()) != 0 || name[channel.size()] != std::byte{0}) return {};
   return datagram.subspan(payload_at);
 }
 
-bool plausible(const flange_pose_t& message) {
-  double trans2_m2 = 0.0;
-  double norm2 = 0.0;
-  for (const double t : message.trans) trans2_m2 += t * t;
-  for (const double q : message.quat) norm2 += q * q;
-  // NaN and infinity fail both comparisons.
-  return trans2_m2 <= kFlangeReachMaxM * kFlangeReachMaxM &&
-         std::abs(std::sqrt(norm2) - 1.0) <= kQuaternionNormTolerance;
+template <typename Message>
+bool decode(std::span<const std::byte> payload, Message& message) {
+  return !payload.empty() &&
+         message.decode(payload.data(), 0, static_cast<int>(payload.size())) == static_cast<int>(payload.size());
 }
 
-PoseSample converted(const flange_pose_t& message) {
-  PoseSample sample;
+/// The members that both types have; counts what is wrong with them.
+template <typename Message>
+bool take_pose(const Message& message, PoseSample& sample, PoseLinkCounters& counters) {
+  double trans2_m2 = 0.0;
+  double norm2 = 0.0;
+  bool finite = true;
+  for (const double t : message.trans) {
+    finite = finite && std::isfinite(t);
+    trans2_m2 += t * t;
+  }
+  for (const double q : message.quat) {
+    finite = finite && std::isfinite(q);
+    norm2 += q * q;
+  }
+  std::uint64_t* fault = nullptr;
+  // Squares of huge numbers are infinite and fail the comparisons as they should.
+  if (!finite)
+    fault = &counters.not_finite;
+  else if (!(std::abs(std::sqrt(norm2) - 1.0) <= kQuaternionNormTolerance))
+    fault = &counters.not_unit;
+  else if (!(trans2_m2 <= kFlangeReachMaxM * kFlangeReachMaxM))
+    fault = &counters.out_of_reach;
+  if (fault != nullptr) {
+    ++*fault;
+    ++counters.malformed;
+    return false;
+  }
   sample.utime_us = message.utime;
+  sample.T_base_flange.translation_mm =
+      Vec3(mm_from_m(message.trans[0]), mm_from_m(message.trans[1]), mm_from_m(message.trans[2]));
+  sample.T_base_flange.rotation = Quat(message.quat[0], message.quat[1], message.quat[2], message.quat[3]).normalized();
+  return true;
+}
+
+void take_rest(const flange_pose_t& message, PoseSample& sample) {
   sample.seq = message.seq;
   sample.base_id = message.base_id;
   sample.tool_id = message.tool_id;
@@ -52,30 +81,35 @@ PoseSample converted(const flange_pose_t& message) {
   sample.stopped = (flags & kStopped) != 0;
   sample.running = (flags & kRunning) != 0;
   sample.estop = (flags & kEstop) != 0;
-  sample.T_base_flange.translation_mm =
-      Vec3(mm_from_m(message.trans[0]), mm_from_m(message.trans[1]), mm_from_m(message.trans[2]));
-  sample.T_base_flange.rotation = Quat(message.quat[0], message.quat[1], message.quat[2], message.quat[3]).normalized();
-  return sample;
 }
 
 }  // namespace
 
 bool decode_pose_datagram(std::span<const std::byte> datagram, std::string_view channel, PoseSample& sample,
-                          PoseLinkCounters& counters) {
-  const std::span<const std::byte> payload = pose_payload(datagram, channel);
-  flange_pose_t message{};
-  if (payload.empty() ||
-      message.decode(payload.data(), 0, static_cast<int>(payload.size())) != static_cast<int>(payload.size())) {
+                          PoseLinkCounters& counters, PoseType type) {
+  PoseSample fresh;
+  fresh.arrival_ns = sample.arrival_ns;
+  flange_pose_t flange{};
+  bot_core::rigid_transform_t rigid{};
+  bool good = false;
+  switch (type) {
+    case PoseType::flange_pose:
+      if (!decode(payload_of(datagram, channel, kPosePayloadBytes), flange)) break;
+      if (!take_pose(flange, fresh, counters)) return false;
+      take_rest(flange, fresh);
+      good = true;
+      break;
+    case PoseType::rigid_transform:
+      if (!decode(payload_of(datagram, channel, kRigidTransformPayloadBytes), rigid)) break;
+      if (!take_pose(rigid, fresh, counters)) return false;
+      good = true;
+      break;
+  }
+  if (!good) {
     ++counters.foreign;
     return false;
   }
-  if (!plausible(message)) {
-    ++counters.malformed;
-    return false;
-  }
-  const std::int64_t arrival_ns = sample.arrival_ns;
-  sample = converted(message);
-  sample.arrival_ns = arrival_ns;
+  sample = fresh;
   ++counters.accepted;
   return true;
 }

@@ -21,6 +21,8 @@ inline constexpr std::size_t kLc02HeaderBytes = 8;
 inline constexpr std::size_t kLcmChannelMax = 63;
 /// Fingerprint and members of slabd.flange_pose_t.
 inline constexpr std::size_t kPosePayloadBytes = 92;
+/// Fingerprint and members of bot_core.rigid_transform_t.
+inline constexpr std::size_t kRigidTransformPayloadBytes = 72;
 static_assert(kLc02HeaderBytes + kLcmChannelMax + 1 + kPosePayloadBytes < limits::kLcmDatagramMax,
               "a pose on the longest channel must fit the receive buffer, or it would arrive cut");
 

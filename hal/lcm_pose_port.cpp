@@ -16,6 +16,7 @@
 #include "hal/lc02_reader.h"
 #include "hal/lcm_url.h"
 #include "hal/os.h"
+#include "hal/pose_screen.h"
 
 // Problem: poses must come from the robot's bridge and nowhere else, over an interface that may not exist yet. Idea:
 // one socket bound to the group's own address (liblcm binds every address, so that any datagram to the port is a
@@ -47,6 +48,10 @@ class LcmPosePort final : public PosePort {
   int fd() const override { return socket_.get(); }
   const PoseLinkCounters& counters() const override { return counters_; }
   std::string_view trouble() const override { return trouble_.view(); }
+  std::string_view refusal(std::int64_t mono_ns) const override { return screen_.refusal(mono_ns); }
+  bool next_note(std::int64_t mono_ns, PoseNoteText& text) override {
+    return screen_.next_note(mono_ns, counters_, text);
+  }
 
   bool next(std::int64_t mono_ns, PoseSample& sample) override {
     if (!checked_ || mono_ns - checked_ns_ >= kRetryNs) {
@@ -58,10 +63,7 @@ class LcmPosePort final : public PosePort {
     // Bounded: a flood of foreign datagrams must not keep the caller here.
     for (std::size_t i = 0; i < limits::kPosesPerTurn; ++i) {
       bool waiting = false;
-      if (receive(sample, waiting)) {
-        sample.arrival_ns = mono_ns;
-        return true;
-      }
+      if (receive(mono_ns, sample, waiting)) return true;
       if (!waiting) return false;
     }
     return false;
@@ -71,7 +73,7 @@ class LcmPosePort final : public PosePort {
   // ---- receiving
 
   /// One datagram. `waiting` is false when there was none.
-  bool receive(PoseSample& sample, bool& waiting) {
+  bool receive(std::int64_t mono_ns, PoseSample& sample, bool& waiting) {
     std::array<std::byte, limits::kLcmDatagramMax> datagram;
     sockaddr_in from{};
     socklen_t from_bytes = sizeof from;
@@ -82,13 +84,46 @@ class LcmPosePort final : public PosePort {
       if (!waiting && errno != EAGAIN && errno != EWOULDBLOCK) lose("receiving", errno, "");
       return false;
     }
-    if (!is_trusted(ntohl(from.sin_addr.s_addr))) {
-      stranger_seen_ = true;
-      ++counters_.foreign;
+    const PosePublisher publisher{ntohl(from.sin_addr.s_addr), ntohs(from.sin_port)};
+    // A flood of other programs' messages on the group is not worth a line; a pose from a stranger is.
+    const PoseLinkCounters before = counters_;
+    PoseSample decoded;
+    const bool good = decode_pose_datagram(std::span(datagram).first(static_cast<std::size_t>(n)),
+                                           settings_.channel.view(), decoded, counters_, settings_.type);
+    if (!good && counters_.malformed == before.malformed) return false;
+    if (const char* why = why_not(publisher.address); why != nullptr) {
+      counters_ = before;
+      ++counters_.wrong_sender;
+      screen_.note_sender(publisher, mono_ns, why);
       return false;
     }
-    return decode_pose_datagram(std::span(datagram).first(static_cast<std::size_t>(n)), settings_.channel.view(),
-                                sample, counters_);
+    if (!good) {
+      screen_.note_sender(publisher, mono_ns,
+                          "a pose that cannot be one (not finite, no unit quaternion, out of reach)");
+      return false;
+    }
+    if (!screen_.admit(publisher, mono_ns, decoded, counters_)) {
+      --counters_.accepted;
+      return false;
+    }
+    sample = decoded;
+    sample.arrival_ns = mono_ns;
+    return true;
+  }
+
+  /// Why an address may not publish; nullptr: it may.
+  const char* why_not(std::uint32_t source) {
+    if (!is_trusted(source)) {
+      stranger_seen_ = true;
+      return "interface is this computer's own, and the pose comes";
+    }
+    return may_publish(source) ? nullptr : "a pose that is not of [pose] senders, but";
+  }
+
+  bool may_publish(std::uint32_t source) const {
+    return settings_.senders.empty() ||
+           std::any_of(settings_.senders.begin(), settings_.senders.end(),
+                       [source](const PlcSettings::Network& n) { return (source & n.mask) == n.address; });
   }
 
   bool is_trusted(std::uint32_t source) const {
@@ -240,6 +275,7 @@ class LcmPosePort final : public PosePort {
   FixedString<IF_NAMESIZE> name_;  ///< of the interface that the setting's address was found on
   FixedVector<std::uint32_t, kOwnAddressesMax> own_addresses_;
   PoseLinkCounters counters_;
+  PoseScreen screen_;
   FixedString<limits::kErrorTextBytes> trouble_;
   bool checked_ = false;
   std::int64_t checked_ns_ = 0;

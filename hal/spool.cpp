@@ -9,6 +9,7 @@
 #include <cerrno>
 
 #include "hal/os.h"
+#include "hal/spool_writer.h"
 
 // Order matters here: contents before names, a name before the folder that holds it, new folders before their
 // parents' word for them. Only then may anybody be told that the scan is safe.
@@ -70,10 +71,16 @@ bool copy_bytes(int from, int to) {
   }
 }
 
-/// To another file system: a whole, synced copy under a working name first, then the rename.
-Status copy_across(int fd, int from_folder, const char* name, const PathText& path) {
+/// Where a scan lies while it is not whole.
+FixedString<limits::kPathBytes + 8> working_name(const PathText& path) {
   FixedString<limits::kPathBytes + 8> working(path.view());
   working.append(".part");
+  return working;
+}
+
+/// To another file system: a whole, synced copy under a working name first, then the rename.
+Status copy_across(int fd, int from_folder, const char* name, const PathText& path) {
+  const auto working = working_name(path);
   {
     const Fd copy(open(working.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0660));
     if (!copy.is_open()) return spool_error(path, "creating", errno);
@@ -112,6 +119,45 @@ Status spool_file(int fd, int from_folder, const char* name, const PathText& pat
     return spool_error(path, "syncing the folder", why);
   }
   return success();
+}
+
+Status SpoolWriter::begin(const PathText& path) {
+  abandon();
+  if (Status status = make_folders(path); !status) return status;
+  fd_ = Fd(open(working_name(path).c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0660));
+  if (!fd_.is_open()) return spool_error(path, "creating", errno);
+  path_ = path;
+  return success();
+}
+
+Status SpoolWriter::write(std::span<const std::byte> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t n = ::write(fd_.get(), bytes.data(), bytes.size());
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) return spool_error(path_, "writing the scan", errno);
+    bytes = bytes.subspan(static_cast<std::size_t>(n));
+  }
+  return success();
+}
+
+Status SpoolWriter::finish() {
+  const auto working = working_name(path_);
+  if (fsync(fd_.get()) != 0 || rename(working.c_str(), path_.c_str()) != 0) {
+    const Error why = spool_error(path_, "syncing the scan", errno);
+    abandon();
+    return why;
+  }
+  fd_.reset();
+  if (sync_folder(folder_of(path_))) return success();
+  const Error why = spool_error(path_, "syncing the folder", errno);
+  unlink(path_.c_str());
+  return why;
+}
+
+void SpoolWriter::abandon() {
+  if (!fd_.is_open()) return;
+  fd_.reset();
+  unlink(working_name(path_).c_str());
 }
 
 }  // namespace slabd::hal

@@ -2,10 +2,17 @@
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <lcm/lcm.h>
+#include <net/if.h>
 #include <netinet/in.h>
 #include <poll.h>
+#include <sched.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include <bot_core/rigid_transform_t.hpp>
+#include <cstring>
 #include <memory>
 #include <slabd/flange_pose_t.hpp>
 #include <string>
@@ -50,6 +57,7 @@ using Publisher = std::unique_ptr<lcm_t, LcmCloser>;
 flange_pose_t pose(std::int32_t seq) {
   flange_pose_t m{};
   m.seq = seq;
+  m.utime = 1'700'000'000'000'000 + 4'000 * seq;
   m.flags = 1;
   m.trans[0] = 0.001 * seq;
   m.quat[0] = 1.0;
@@ -174,6 +182,119 @@ TEST(LcmPosePort, an_address_nobody_has_is_trouble) {
   PoseSample sample;
   EXPECT_FALSE(port->next(kNsPerS, sample));
   EXPECT_NE(port->trouble().find("no interface has this address"), std::string_view::npos);
+}
+
+TEST(LcmPosePort, only_the_configured_sender_is_believed) {
+  LcmSettings settings = settings_for(free_udp_port(), "lo");
+  ASSERT_TRUE(settings.senders.push(parse_network("203.0.113.7").value()));
+  const Publisher publisher(lcm_create(settings.url.c_str()));
+  ASSERT_TRUE(publisher) << kNoRoute;
+  const auto port = open_port(settings);
+  PoseSample sample;
+  EXPECT_FALSE(port->next(1, sample));
+  publish(publisher.get(), pose(1));
+  EXPECT_FALSE(wait_and_take(*port, 2, sample));
+  EXPECT_EQ(port->counters().wrong_sender, 1U);
+  EXPECT_EQ(port->counters().accepted, 0U);
+  EXPECT_NE(port->refusal(2).find("[pose] senders"), std::string_view::npos) << port->refusal(2);
+  PoseNoteText note;
+  EXPECT_TRUE(port->next_note(2, note));
+  EXPECT_NE(note.view().find("1 datagrams from senders that may not publish"), std::string_view::npos) << note.view();
+}
+
+TEST(LcmPosePort, two_publishers_are_named_and_neither_is_believed_until_one_is_silent) {
+  const LcmSettings settings = settings_for(free_udp_port(), "lo");
+  const Publisher one(lcm_create(settings.url.c_str()));
+  const Publisher two(lcm_create(settings.url.c_str()));
+  ASSERT_TRUE(one && two) << kNoRoute;
+  const auto port = open_port(settings);
+  PoseSample sample;
+  EXPECT_FALSE(port->next(1, sample));
+  publish(one.get(), pose(1));
+  EXPECT_TRUE(wait_and_take(*port, 2, sample));
+  publish(two.get(), pose(100));
+  EXPECT_FALSE(wait_and_take(*port, 3, sample));
+  publish(one.get(), pose(2));
+  EXPECT_FALSE(wait_and_take(*port, 4, sample));
+  EXPECT_EQ(port->counters().second_publisher, 2U);
+  EXPECT_NE(port->refusal(4).find("two programs publish"), std::string_view::npos) << port->refusal(4);
+  publish(two.get(), pose(101));
+  EXPECT_TRUE(wait_and_take(*port, 2 * kNsPerS, sample)) << "the other one has ended";
+  EXPECT_EQ(sample.seq, 101);
+}
+
+TEST(LcmPosePort, a_rigid_transform_is_a_pose_when_the_configuration_says_so) {
+  LcmSettings settings = settings_for(free_udp_port(), "lo");
+  settings.type = PoseType::rigid_transform;
+  const Publisher publisher(lcm_create(settings.url.c_str()));
+  ASSERT_TRUE(publisher) << kNoRoute;
+  const auto port = open_port(settings);
+  PoseSample sample;
+  EXPECT_FALSE(port->next(1, sample));
+  bot_core::rigid_transform_t m{};
+  m.utime = 77;
+  m.trans[1] = -1.25;
+  m.quat[0] = 0.5;
+  m.quat[1] = m.quat[2] = 0.5;
+  m.quat[3] = -0.5;
+  std::string bytes(static_cast<std::size_t>(m.getEncodedSize()), '\0');
+  m.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+  publish(publisher.get(), pose(1));  // the other type is foreign now
+  ASSERT_EQ(lcm_publish(publisher.get(), "FLANGE_POSE", bytes.data(), static_cast<unsigned>(bytes.size())), 0);
+  ASSERT_TRUE(wait_and_take(*port, 2, sample));
+  EXPECT_EQ(sample.utime_us, 77);
+  EXPECT_EQ(sample.seq, 0);
+  EXPECT_NEAR(sample.T_base_flange.translation_mm.y(), -1250.0, 1e-9);
+  EXPECT_NEAR(sample.T_base_flange.rotation.z(), -0.5, 1e-12);
+  EXPECT_EQ(port->counters().foreign, 1U);
+}
+
+/// In a network of its own, where `lo` is down and there is no route. What the body says is an exit status: 0 is good.
+template <typename Body>
+int in_own_network(Body body) {
+  const pid_t child = fork();
+  if (child == 0) {
+    if (unshare(CLONE_NEWNET) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWNET) != 0) _exit(99);
+    _exit(body());
+  }
+  int status = -1;
+  waitpid(child, &status, 0);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+}
+
+bool set_up(const char* name, bool up) {
+  const Fd fd(socket(AF_INET, SOCK_DGRAM, 0));
+  ifreq request{};
+  std::strncpy(request.ifr_name, name, sizeof request.ifr_name - 1);
+  if (ioctl(fd.get(), SIOCGIFFLAGS, &request) != 0) return false;
+  request.ifr_flags = static_cast<short>(up ? request.ifr_flags | IFF_UP : request.ifr_flags & ~IFF_UP);
+  return ioctl(fd.get(), SIOCSIFFLAGS, &request) == 0;
+}
+
+TEST(LcmPosePort, an_interface_that_goes_down_and_comes_back_is_listened_on_again) {
+  EXPECT_EQ(in_own_network([] {
+              const auto port = open_port(settings_for(7667, "lo"));
+              PoseSample sample;
+              if (port->next(kNsPerS, sample) || port->fd() >= 0) return 1;
+              if (port->trouble().find("the interface is down") == std::string_view::npos) return 2;
+              if (!set_up("lo", true) || port->next(2 * kNsPerS, sample) || port->fd() < 0) return 3;
+              if (!port->trouble().empty()) return 4;
+              if (!set_up("lo", false) || port->next(3 * kNsPerS, sample) || port->fd() >= 0) return 5;
+              if (!set_up("lo", true) || port->next(4 * kNsPerS, sample) || port->fd() < 0) return 6;
+              return 0;
+            }),
+            0);
+}
+
+TEST(LcmPosePort, without_a_route_the_cure_is_named) {
+  EXPECT_EQ(in_own_network([] {
+              if (!set_up("lo", true)) return 1;
+              const auto port = open_port(settings_for(7667, ""));  // the kernel's route, of which there is none
+              PoseSample sample;
+              if (port->next(kNsPerS, sample) || port->fd() >= 0) return 2;
+              return port->trouble().find("ip route add 239.255.76.67/32 dev lo") == std::string_view::npos ? 3 : 0;
+            }),
+            0);
 }
 
 TEST(LcmPosePort, settings_that_cannot_work_are_refused) {

@@ -128,8 +128,10 @@ TEST(NoHeap, receiving_poses) {
   EXPECT_EQ(counters.accepted, 100U);
 
   // The open port, through its once-a-second look at the interface.
-  auto port = make_lcm_pose_port(
-      {.url = "udpm://239.255.76.68:17667?ttl=0", .channel = "FLANGE_POSE", .interface = "127.0.0.1"});
+  LcmSettings settings;
+  settings.url = "udpm://239.255.76.68:17667?ttl=0";
+  settings.interface = "127.0.0.1";
+  auto port = make_lcm_pose_port(settings);
   ASSERT_TRUE(port.ok());
   static_cast<void>(port.value()->next(0, sample));
   ASSERT_TRUE(port.value()->trouble().empty()) << port.value()->trouble();
