@@ -24,6 +24,8 @@ void add_recipe(CLI::App& app, int& exit_status);
 void add_status(CLI::App& app, int& exit_status);
 void add_doctor(CLI::App& app, int& exit_status);
 void add_robot(CLI::App& app, int& exit_status);
+void add_scanner(CLI::App& app, int& exit_status);
+void add_stations(CLI::App& app, int& exit_status);
 void add_history(CLI::App& app, int& exit_status);
 void add_show(CLI::App& app, int& exit_status);
 void add_report(CLI::App& app, int& exit_status);

@@ -41,8 +41,8 @@ void on_signal(int) {
 struct Traffic {
   std::int64_t since_ns = 0;
   std::uint64_t poses = 0;
-  std::uint64_t gaps = 0;
-  void begin(std::int64_t now_ns) { *this = {now_ns, 0, 0}; }
+  std::uint64_t gaps = 0;  ///< the link had counted then
+  void begin(std::int64_t now_ns, std::uint64_t gaps_then) { *this = {now_ns, 0, gaps_then}; }
   [[nodiscard]] double rate_hz(std::int64_t now_ns) const {
     return now_ns > since_ns ? 1e9 * static_cast<double>(poses) / static_cast<double>(now_ns - since_ns) : 0.0;
   }
@@ -58,13 +58,14 @@ struct View {
   Code settled = Code::no_pose;
   daemon::PoseMean mean;
   std::string trouble;
+  std::string refusal;
   hal::PoseLinkCounters counters;
 };
 
 class Monitor {
  public:
   Monitor(const daemon::Config& config, hal::PosePort& port) : config_(config), port_(port), gate_(config.pose) {
-    traffic_.begin(clock_->mono_ns());
+    traffic_.begin(clock_->mono_ns(), 0);
   }
 
   /// Listens until `end_ns`.
@@ -84,14 +85,15 @@ class Monitor {
     const std::int64_t now = clock_->mono_ns();
     View view;
     view.rate_hz = traffic_.rate_hz(now);
-    view.gaps = traffic_.gaps;
+    view.gaps = port_.counters().gaps - traffic_.gaps;
     view.heard = heard_;
     view.newest = newest_;
     if (heard_) view.age_ms = ms_from_ns(now - newest_.arrival_ns);
     view.settled = gate_.settled(now, view.mean);
     view.trouble = std::string(port_.trouble());
+    view.refusal = std::string(port_.refusal(now));
     view.counters = port_.counters();
-    traffic_.begin(now);
+    traffic_.begin(now, view.counters.gaps);
     return view;
   }
   [[nodiscard]] std::int64_t now_ns() const { return clock_->mono_ns(); }
@@ -100,7 +102,6 @@ class Monitor {
   void take(PoseSample sample, std::int64_t now_ns) {
     sample.arrival_ns = now_ns;
     ++traffic_.poses;
-    if (heard_ && sample.seq != newest_.seq + 1) ++traffic_.gaps;
     gate_.add(sample);
     newest_ = sample;
     heard_ = true;
@@ -118,9 +119,9 @@ class Monitor {
 std::string why(const daemon::Config& config, const View& view) {
   if (!view.trouble.empty()) return view.trouble;
   if (!view.heard)
-    return fmt::format("no poses on channel {} of {}; {} foreign datagrams, {} malformed poses",
-                       config.robot.channel.view(), config.robot.url.view(), view.counters.foreign,
-                       view.counters.malformed);
+    return fmt::format("no poses on channel {} of {} ({}); {} foreign datagrams{}{}", config.robot.channel.view(),
+                       config.robot.url.view(), hal::kPoseTypes.at(static_cast<std::size_t>(config.robot.type)),
+                       view.counters.foreign, view.refusal.empty() ? "" : "; refused: ", view.refusal);
   if (view.settled == Code::ok) return "settled: a scan could begin";
   const std::string frame =
       view.settled != Code::wrong_frame
@@ -138,6 +139,34 @@ std::string flags(const PoseSample& pose) {
   return text;
 }
 
+/// Each counter of the link with its name in JSON.
+struct NamedCount {
+  const char* name;
+  std::uint64_t count;
+};
+std::array<NamedCount, 12> refused(const hal::PoseLinkCounters& c) {
+  return {{{"wrong_sender", c.wrong_sender},
+           {"second_publisher", c.second_publisher},
+           {"malformed", c.malformed},
+           {"not_finite", c.not_finite},
+           {"not_unit", c.not_unit},
+           {"out_of_reach", c.out_of_reach},
+           {"repeated", c.repeated},
+           {"time_back", c.time_back},
+           {"jumps", c.jumps},
+           {"gaps_total", c.gaps},
+           {"lost", c.lost},
+           {"accepted", c.accepted}}};
+}
+
+std::string refused_text(const View& view) {
+  std::string text;
+  for (const NamedCount& c : refused(view.counters))
+    if (c.count != 0) text += fmt::format("{}{} {}", text.empty() ? "" : ", ", c.count, c.name);
+  if (!view.refusal.empty()) text += "; now refused: " + view.refusal;
+  return text;
+}
+
 std::vector<std::string> lines_of(const daemon::Config& config, const View& view) {
   std::vector<std::string> lines;
   lines.push_back(fmt::format("robot      {}", why(config, view)));
@@ -145,8 +174,9 @@ std::vector<std::string> lines_of(const daemon::Config& config, const View& view
   const Pose& pose = view.newest.T_base_flange;
   const Vec3& p = pose.translation_mm;
   const calib::KukaAbc abc = calib::kuka_abc_from_rotation(pose.rotation);
-  lines.push_back(fmt::format("link       {:.0f} poses/s, newest {:.0f} ms old, {} gaps, number {}, {} malformed",
-                              view.rate_hz, view.age_ms, view.gaps, view.newest.seq, view.counters.malformed));
+  lines.push_back(fmt::format("link       {:.0f} poses/s, newest {:.0f} ms old, {} gaps, number {}", view.rate_hz,
+                              view.age_ms, view.gaps, view.newest.seq));
+  lines.push_back(fmt::format("since      {}", refused_text(view)));
   lines.push_back(fmt::format("flange     X {:.3f}  Y {:.3f}  Z {:.3f} mm   A {:.4f}  B {:.4f}  C {:.4f} deg", p.x(),
                               p.y(), p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)));
   const Quat& q = pose.rotation;
@@ -166,7 +196,8 @@ std::string json_of(const daemon::Config& config, const View& view) {
   json.field("schema", "slabd.robot/1").field("settled", view.settled == Code::ok);
   json.field("code", static_cast<int>(view.settled)).field("text", why(config, view));
   json.field("rate_hz", view.rate_hz).field("age_ms", view.age_ms).field("gaps", view.gaps);
-  json.field("foreign", view.counters.foreign).field("malformed", view.counters.malformed);
+  json.field("foreign", view.counters.foreign).field("refusal", view.refusal);
+  for (const NamedCount& c : refused(view.counters)) json.field(c.name, c.count);
   if (view.heard) {
     json.field("seq", view.newest.seq).field("base_id", view.newest.base_id).field("tool_id", view.newest.tool_id);
     json.field("measured", view.newest.measured).field("stopped", view.newest.stopped);

@@ -88,6 +88,8 @@ int run(int argc, const char* const* argv) {
   add_status(app, exit_status);
   add_doctor(app, exit_status);
   add_robot(app, exit_status);
+  add_scanner(app, exit_status);
+  add_stations(app, exit_status);
   add_history(app, exit_status);
   add_show(app, exit_status);
   add_report(app, exit_status);

@@ -96,6 +96,19 @@ void print_calibration(const json& status) {
   print_watch(calibration, "monitor_ball", "monitor ball");
 }
 
+/// What was refused on the pose link, when anything was.
+void print_pose_faults(const json& status) {
+  std::string faults;
+  for (const char* key : {"wrong_sender", "second_publisher", "not_finite", "not_unit", "out_of_reach", "repeated",
+                          "time_back", "jumps", "gaps", "lost", "stale", "wrong_frame"}) {
+    const std::string count = text_at(status, {"links", "pose", key});
+    if (count != "0" && count != "-") faults += fmt::format("{}{} {}", faults.empty() ? "" : ", ", count, key);
+  }
+  if (!faults.empty()) print_line("", fmt::format("since the start: {}", faults));
+  if (const std::string now = text_at(status, {"links", "pose", "refusal"}); now != "-" && !now.empty())
+    print_line("", fmt::format("now refused: {}", now));
+}
+
 void print_status(const json& status) {
   const Style style = style_for(stdout);
   print_line("software", text_at(status, {"software"}));
@@ -115,8 +128,11 @@ void print_status(const json& status) {
                           ? "poses arrive"
                           : fmt::format("{}: {}", text_at(status, {"links", "pose", "code"}),
                                         text_at(status, {"links", "pose", "text"})));
+  print_pose_faults(status);
   print_line("scanner", fmt::format("online {}, {} stray files", text_at(status, {"links", "scanner", "online"}),
                                     text_at(status, {"links", "scanner", "strays"})));
+  if (const std::string why = text_at(status, {"links", "scanner", "text"}); why != "-" && !why.empty())
+    print_line("", why);
   print_line("store", fmt::format("ok {}, {} results wait for the PLC", text_at(status, {"links", "store", "ok"}),
                                   text_at(status, {"results_pending"})));
   print_calibration(status);

@@ -23,9 +23,10 @@ static_assert(kSamplesMinMax < limits::kPoseRing && kStandstillMaxMs * 250 / 100
 constexpr std::size_t kPathMax = limits::kPathBytes - 64;  ///< names inside a folder are appended
 
 /// 127.0.0.0/8: nobody but this computer until told otherwise.
-void allow_loopback_only(hal::PlcSettings& plc) {
-  plc.allow.clear();
-  if (!plc.allow.push({0x7F00'0000U, 0xFF00'0000U})) plc.allow.clear();
+template <typename Networks>
+void allow_loopback_only(Networks& allow) {
+  allow.clear();
+  if (!allow.push({0x7F00'0000U, 0xFF00'0000U})) allow.clear();
 }
 
 void read_s(TableReader& table, std::string_view key, std::int64_t& out_ns, Allowed allowed_s) {
@@ -90,6 +91,20 @@ void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, Co
   robot.finish();
 }
 
+/// [pose]: who may publish, and what.
+void read_pose(TableReader table, const PoseSettings& pose, hal::LcmSettings& lcm) {
+  std::size_t type = static_cast<std::size_t>(lcm.type);
+  table.optional_word("type", type, {hal::kPoseTypes[0], hal::kPoseTypes[1]});
+  lcm.type = static_cast<hal::PoseType>(type);
+  if (lcm.type == hal::PoseType::rigid_transform && (pose.base_id != 0 || pose.tool_id != 0))
+    table.problem("type",
+                  fmt::format("{} does not say which base and tool are active, so robot.base_id and "
+                              "robot.tool_id must be 0 and the bridge must publish the flange in the robot root",
+                              hal::kPoseTypes[1]));
+  read_networks(table, "senders", lcm.senders);
+  table.finish();
+}
+
 /// A relative path starts at the configuration's own folder: the daemon's working directory is nobody's business.
 void read_path(TableReader& table, std::string_view key, const std::string& folder, std::string& out) {
   std::string path = out;
@@ -102,12 +117,7 @@ void read_path(TableReader& table, std::string_view key, const std::string& fold
   out = path;
 }
 
-void read_scanner(TableReader scanner, const std::string& folder, hal::ScanDropSettings& out,
-                  std::int64_t& timeout_ns) {
-  const TomlValue* backend = scanner.value("backend");
-  if (backend != nullptr && backend->text != "drop")
-    scanner.problem("backend", fmt::format("found {}, allowed is \"drop\"; this version supports the drop folder only",
-                                           found(*backend)));
+void read_drop(TableReader& scanner, const std::string& folder, hal::ScanDropSettings& out) {
   std::string drop_dir(out.drop_dir.view());
   read_path(scanner, "drop_dir", folder, drop_dir);
   out.drop_dir.assign(drop_dir);
@@ -115,7 +125,27 @@ void read_scanner(TableReader scanner, const std::string& folder, hal::ScanDropS
   std::size_t unit = static_cast<std::size_t>(out.unit);
   scanner.optional_word("unit", unit, {"mm", "m", "um"});
   out.unit = static_cast<hal::LengthUnit>(unit);
-  read_s(scanner, "timeout_s", timeout_ns, {0.5, 15.0});
+  for (const char* key : {"listen", "allow"})
+    if (scanner.has(key)) scanner.problem(key, "backend = \"drop\" does not listen; it needs backend = \"tcp\"");
+}
+
+void read_stream(TableReader& scanner, hal::ScanStreamSettings& out) {
+  read_endpoint(scanner, "listen", 1, out.host, out.port);
+  read_networks(scanner, "allow", out.allow);
+  for (const char* key : {"drop_dir", "any_name", "unit"})
+    if (scanner.has(key))
+      scanner.problem(key, "backend = \"tcp\" has no use for it: every scan says its request and its unit");
+}
+
+void read_scanner(TableReader scanner, const std::string& folder, Config& config) {
+  std::size_t backend = static_cast<std::size_t>(config.scanner_backend);
+  scanner.optional_word("backend", backend, {hal::kScannerBackends[0], hal::kScannerBackends[1]});
+  config.scanner_backend = static_cast<hal::ScannerBackend>(backend);
+  if (config.scanner_backend == hal::ScannerBackend::tcp)
+    read_stream(scanner, config.stream);
+  else
+    read_drop(scanner, folder, config.scanner);
+  read_s(scanner, "timeout_s", config.scan_timeout_ns, {0.5, 15.0});
   scanner.finish();
 }
 
@@ -224,7 +254,8 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   config.storage.db_path = "/var/lib/slabd/slabd.db";
   config.storage.spool_dir = "/var/lib/slabd/spool";
   config.measure_threads = default_measure_threads();
-  allow_loopback_only(config.plc);
+  allow_loopback_only(config.plc.allow);
+  allow_loopback_only(config.stream.allow);
 
   const std::optional<std::string> bytes = read_text_file(path, problems);
   if (!bytes) return;
@@ -238,7 +269,8 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   TableReader root(path, &tree, "", complete ? problems : ignored);
   read_plc(root.table("plc"), config.plc);
   read_robot(root.table("robot"), config.robot, config.pose, config);
-  read_scanner(root.table("scanner"), folder, config.scanner, config.scan_timeout_ns);
+  read_pose(root.table("pose"), config.pose, config.robot);
+  read_scanner(root.table("scanner"), folder, config);
   read_storage(root.table("storage"), folder, config.storage);
   read_cell(root.table("cell"), config.T_base_slab);
   read_calibration(root.table("calibration"), folder, config);

@@ -24,6 +24,13 @@ inline void read_ms(TableReader& table, std::string_view key, std::int64_t& out_
   out_ns = std::llround(time_ms * 1e6);
 }
 
+/// "127.0.0.1:1502" -> host and port, the port at least `port_min`.
+void read_endpoint(TableReader& table, std::string_view key, unsigned port_min, FixedString<64>& host,
+                   std::uint16_t& port);
+
+/// A list of IPv4 networks or addresses; `out` keeps what it has when the key is absent.
+void read_networks(TableReader& table, std::string_view key, FixedVector<hal::PlcSettings::Network, 16>& out);
+
 /// [plc]. Fills what it can; every fault is a problem of the table.
 void read_plc(TableReader plc, hal::PlcSettings& out);
 

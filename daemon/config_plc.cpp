@@ -16,54 +16,6 @@ namespace {
 /// A slave's address on a serial line when none is given: not 1, which every device has from the factory.
 constexpr std::int64_t kRtuUnitId = 17;
 
-/// "127.0.0.1:1502" -> host and port.
-void read_endpoint(TableReader& plc, std::string_view key, unsigned port_min, hal::PlcSettings& out) {
-  std::string endpoint;
-  plc.optional_text(key, endpoint, 64);
-  if (endpoint.empty()) return;
-  const std::size_t colon = endpoint.rfind(':');
-  const std::string port = colon == std::string::npos ? "" : endpoint.substr(colon + 1);
-  const bool digits = !port.empty() && port.size() <= 5 && port.find_first_not_of("0123456789") == std::string::npos;
-  if (!digits || colon == 0 || std::stoul(port) > 65'535 || std::stoul(port) < port_min) {
-    plc.problem(key, fmt::format("found \"{}\", allowed is \"address:port\" with port {}..65535", endpoint, port_min));
-    return;
-  }
-  const std::string_view host = std::string_view(endpoint).substr(0, colon);
-  if (!hal::parse_network(host).ok()) {
-    plc.problem(key,
-                fmt::format("found \"{}\", allowed is an IPv4 address before the port, such as 127.0.0.1", endpoint));
-    return;
-  }
-  out.host.assign(host);
-  out.port = static_cast<std::uint16_t>(std::stoul(port));
-}
-
-void read_networks(TableReader& plc, std::string_view key, FixedVector<hal::PlcSettings::Network, 16>& out) {
-  const TomlValue* list = plc.value(key);
-  if (list == nullptr) return;
-  const std::size_t capacity = out.capacity();
-  if (list->kind != TomlValue::Kind::array || list->items.empty() || list->items.size() > capacity) {
-    plc.problem(
-        key, fmt::format("found {}, allowed is a list of 1..{} networks like \"10.0.0.0/8\"", found(*list), capacity));
-    return;
-  }
-  out.clear();
-  for (const TomlValue& item : list->items) {
-    if (item.kind != TomlValue::Kind::text) {
-      plc.problem_at(item, key, fmt::format("found {}, allowed is a network like \"10.0.0.0/8\"", found(item)));
-      continue;
-    }
-    const Result<hal::PlcSettings::Network> network = hal::parse_network(item.text);
-    if (!network.ok()) {
-      plc.problem_at(item, key, fmt::format("found {}: {}", found(item), network.error().text.view()));
-      continue;
-    }
-    const bool room = out.push(network.value());
-    assert(room);
-    static_cast<void>(room);
-  }
-}
-
 /// A key of another role does nothing, and somebody thinks it does.
 void refuse_keys_of_other_roles(TableReader& plc, hal::PlcRole role) {
   struct RoleKey {
@@ -108,7 +60,7 @@ void read_bases(TableReader& plc, hal::PlcSettings& out) {
 void read_client(TableReader& plc, hal::PlcSettings& out) {
   out.host.clear();  // nobody, rather than the address the server would listen on
   if (!plc.has("connect")) plc.missing("connect", "the PLC, \"address:port\"");
-  read_endpoint(plc, "connect", 1, out);
+  read_endpoint(plc, "connect", 1, out.host, out.port);
   read_bases(plc, out);
   plc.optional_boolean("read_write", out.read_write);
   read_ms(plc, "poll_ms", out.poll_ns, {10.0, 500.0});
@@ -136,6 +88,55 @@ void read_serial(TableReader& plc, hal::PlcSettings& out) {
 
 }  // namespace
 
+void read_endpoint(TableReader& table, std::string_view key, unsigned port_min, FixedString<64>& host_out,
+                   std::uint16_t& port_out) {
+  std::string endpoint;
+  table.optional_text(key, endpoint, 64);
+  if (endpoint.empty()) return;
+  const std::size_t colon = endpoint.rfind(':');
+  const std::string port = colon == std::string::npos ? "" : endpoint.substr(colon + 1);
+  const bool digits = !port.empty() && port.size() <= 5 && port.find_first_not_of("0123456789") == std::string::npos;
+  if (!digits || colon == 0 || std::stoul(port) > 65'535 || std::stoul(port) < port_min) {
+    table.problem(key,
+                  fmt::format("found \"{}\", allowed is \"address:port\" with port {}..65535", endpoint, port_min));
+    return;
+  }
+  const std::string_view host = std::string_view(endpoint).substr(0, colon);
+  if (!hal::parse_network(host).ok()) {
+    table.problem(key,
+                  fmt::format("found \"{}\", allowed is an IPv4 address before the port, such as 127.0.0.1", endpoint));
+    return;
+  }
+  host_out.assign(host);
+  port_out = static_cast<std::uint16_t>(std::stoul(port));
+}
+
+void read_networks(TableReader& plc, std::string_view key, FixedVector<hal::PlcSettings::Network, 16>& out) {
+  const TomlValue* list = plc.value(key);
+  if (list == nullptr) return;
+  const std::size_t capacity = out.capacity();
+  if (list->kind != TomlValue::Kind::array || list->items.empty() || list->items.size() > capacity) {
+    plc.problem(
+        key, fmt::format("found {}, allowed is a list of 1..{} networks like \"10.0.0.0/8\"", found(*list), capacity));
+    return;
+  }
+  out.clear();
+  for (const TomlValue& item : list->items) {
+    if (item.kind != TomlValue::Kind::text) {
+      plc.problem_at(item, key, fmt::format("found {}, allowed is a network like \"10.0.0.0/8\"", found(item)));
+      continue;
+    }
+    const Result<hal::PlcSettings::Network> network = hal::parse_network(item.text);
+    if (!network.ok()) {
+      plc.problem_at(item, key, fmt::format("found {}: {}", found(item), network.error().text.view()));
+      continue;
+    }
+    const bool room = out.push(network.value());
+    assert(room);
+    static_cast<void>(room);
+  }
+}
+
 void read_plc(TableReader plc, hal::PlcSettings& out) {
   std::size_t role = 0;
   plc.optional_word("role", role, {hal::kPlcRoles.begin(), hal::kPlcRoles.end()});
@@ -153,7 +154,7 @@ void read_plc(TableReader plc, hal::PlcSettings& out) {
   refuse_keys_of_other_roles(plc, out.role);
   switch (out.role) {
     case hal::PlcRole::server:
-      read_endpoint(plc, "listen", 0, out);
+      read_endpoint(plc, "listen", 0, out.host, out.port);
       read_networks(plc, "allow", out.allow);
       read_networks(plc, "read_only", out.read_only);
       break;

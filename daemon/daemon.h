@@ -25,7 +25,9 @@ struct Config {
   hal::PlcSettings plc;
   hal::LcmSettings robot;
   PoseSettings pose;
-  hal::ScanDropSettings scanner;
+  hal::ScannerBackend scanner_backend = hal::ScannerBackend::drop;
+  hal::ScanDropSettings scanner;   ///< backend "drop"; `unit` also of what lies in the spool: mm with "tcp"
+  hal::ScanStreamSettings stream;  ///< backend "tcp"
   std::int64_t scan_timeout_ns = 10 * kNsPerS;
   std::int64_t settle_timeout_ns = 8 * kNsPerS;
   /// What is assumed of the robot and of commissioning values, and the gate of station corrections.

@@ -189,6 +189,35 @@ void Loop::take_poses() {
     line.text = trouble_said_.empty() ? std::string_view("robot pose link is up") : std::string_view(trouble_said_);
     say(line);
   }
+  say_pose_news();
+}
+
+/// Stale and wrong frame are said when they have lasted for a moment, so that a flickering link cannot fill the disk.
+void Loop::say_pose_news() {
+  constexpr std::int64_t kLastsNs = kNsPerS;
+  const std::int64_t now_ns = ports_.clock.mono_ns();
+  const Code code = station_->gate.link(now_ns);
+  if (code != pose_seen_) {
+    if (code == Code::pose_stale) ++figures_.poses_stale;
+    if (code == Code::wrong_frame) ++figures_.poses_wrong_frame;
+    pose_seen_ = code;
+    pose_seen_ns_ = now_ns;
+  }
+  LogLine line;
+  if (code != pose_said_ && now_ns - pose_seen_ns_ >= kLastsNs) {
+    pose_said_ = code;
+    line.level = code == Code::ok ? LogLine::Level::info : LogLine::Level::warning;
+    line.code = static_cast<std::uint16_t>(code);
+    if (code == Code::ok) {
+      line.text = "robot poses arrive";
+    } else {
+      line.text.printf("robot pose: %s; %s", describe(code).data(), cure(code).data());
+    }
+    say(line);
+  }
+  line.code = 0;
+  line.level = LogLine::Level::warning;
+  if (ports_.pose.next_note(now_ns, line.text)) say(line);
 }
 
 void Loop::take_answers() {

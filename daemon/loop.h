@@ -35,6 +35,8 @@ struct LoopFigures {
   double block_max_ms = 0.0;
   double commit_last_ms = 0.0;
   double commit_max_ms = 0.0;
+  std::uint64_t poses_stale = 0;        ///< times that the newest pose became too old
+  std::uint64_t poses_wrong_frame = 0;  ///< times that another base or tool became active
   hal::PlcRole plc_role = hal::PlcRole::server;
   hal::WordOrder plc_word_order = hal::WordOrder::abcd;
   std::string config_path;
@@ -82,6 +84,7 @@ class Loop {
   void wait(int wait_ms);
   void tick();
   void take_poses();
+  void say_pose_news();
   void take_answers();
   void serve_plc();
   void say_plc_news();
@@ -115,6 +118,9 @@ class Loop {
   std::array<std::uint64_t, 3> worker_turns_{};
   std::array<std::int64_t, 3> worker_moved_ns_{};
   std::string trouble_said_;
+  Code pose_said_ = Code::no_pose;  ///< the last state of the pose link that the log tells
+  Code pose_seen_ = Code::no_pose;
+  std::int64_t pose_seen_ns_ = 0;  ///< since when it is so
   std::string plc_trouble_said_;
   std::string spool_trouble_said_;  ///< storage thread only
   CalibrationDesk calibration_desk_;

@@ -92,6 +92,27 @@ StationSettings station_settings(const Config& config, const std::vector<Recipe>
   return settings;
 }
 
+/// The scanner, whichever way its scans come; one that cannot be set up says why whenever it is asked.
+std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::Clock& clock) {
+  if (config.scanner_backend == hal::ScannerBackend::tcp) {
+    auto made = hal::make_scan_stream(config.stream, clock);
+    if (made.ok()) return std::move(made.value());
+    std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
+    return std::make_unique<AbsentScanner>(made.error());
+  }
+  std::error_code ignored;  // the port below says what is wrong with the folder
+  std::filesystem::create_directories(config.scanner.drop_dir.c_str(), ignored);
+  auto made = hal::make_scan_drop(config.scanner, clock);
+  if (!made.ok()) {
+    std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
+    return std::make_unique<AbsentScanner>(made.error());
+  }
+  if (!made.value()->online())
+    std::fprintf(stderr, "warning: scanner.drop_dir %s cannot be used yet; it is looked for again\n",
+                 config.scanner.drop_dir.c_str());
+  return std::move(made.value());
+}
+
 int run(const Config& config, const std::vector<Problem>& config_problems, const std::vector<Recipe>& recipes,
         const std::vector<Problem>& recipe_problems) {
   print(config_problems);
@@ -120,17 +141,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
       settings.fault = Code::config;
       pose = std::make_unique<AbsentPose>(made.error().text.view());
     }
-    std::error_code ignored;  // the port below says what is wrong with the folder
-    std::filesystem::create_directories(config.scanner.drop_dir.c_str(), ignored);
-    if (auto made = hal::make_scan_drop(config.scanner, *clock); made.ok()) {
-      scanner = std::move(made.value());
-      if (!scanner->online())
-        std::fprintf(stderr, "warning: scanner.drop_dir %s cannot be used yet; it is looked for again\n",
-                     config.scanner.drop_dir.c_str());
-    } else {
-      std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
-      scanner = std::make_unique<AbsentScanner>(made.error());
-    }
+    scanner = scanner_port(config, *clock);
     if (auto made = hal::make_control_socket(config.control_socket.c_str()); made.ok()) {
       control = std::move(made.value());
     } else {

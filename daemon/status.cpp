@@ -128,6 +128,35 @@ Json plc_link(const hal::PlcPort& plc, bool alive, std::int64_t now_ns) {
           {"unsent", c.unsent}};
 }
 
+Json pose_link(const hal::PosePort& port, bool ok, Code code, std::int64_t now_ns, const LoopFigures& figures) {
+  const hal::PoseLinkCounters& c = port.counters();
+  const std::string_view refusal = port.refusal(now_ns);
+  std::string text(describe(code));
+  if (!port.trouble().empty())
+    text = port.trouble();
+  else if (code != Code::ok && !refusal.empty())
+    text += std::string(": ") + std::string(refusal);
+  return {{"ok", ok},
+          {"code", static_cast<int>(code)},
+          {"text", text},
+          {"refusal", refusal},
+          {"accepted", c.accepted},
+          {"foreign", c.foreign},
+          {"wrong_sender", c.wrong_sender},
+          {"malformed", c.malformed},
+          {"not_finite", c.not_finite},
+          {"not_unit", c.not_unit},
+          {"out_of_reach", c.out_of_reach},
+          {"second_publisher", c.second_publisher},
+          {"repeated", c.repeated},
+          {"time_back", c.time_back},
+          {"jumps", c.jumps},
+          {"gaps", c.gaps},
+          {"lost", c.lost},
+          {"stale", figures.poses_stale},
+          {"wrong_frame", figures.poses_wrong_frame}};
+}
+
 /// Both memories as they are on the wire now, in the configured word order.
 std::string plc_image_json(const Station& station, const hal::PlcPort& plc, const LoopFigures& figures) {
   hal::InputImage input{};
@@ -176,14 +205,9 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
                           {"mask", view.station_mask}}
                    : Json(nullptr);
   j["links"]["plc"] = plc_link(ports.plc, view.plc_link_ok, station.now_ns);
-  const hal::PoseLinkCounters& counters = ports.pose.counters();
-  j["links"]["pose"] = {{"ok", view.pose_ok},
-                        {"code", static_cast<int>(pose)},
-                        {"text", ports.pose.trouble().empty() ? describe(pose) : ports.pose.trouble()},
-                        {"accepted", counters.accepted},
-                        {"foreign", counters.foreign},
-                        {"malformed", counters.malformed}};
-  j["links"]["scanner"] = {{"online", view.scanner_ok}, {"strays", station.links.stray_files}};
+  j["links"]["pose"] = pose_link(ports.pose, view.pose_ok, pose, station.now_ns, figures);
+  j["links"]["scanner"] = {
+      {"online", view.scanner_ok}, {"strays", station.links.stray_files}, {"text", ports.scanner.trouble().view()}};
   j["links"]["store"] = {
       {"ok", view.store_ok}, {"commit_last_ms", figures.commit_last_ms}, {"commit_max_ms", figures.commit_max_ms}};
   j["results_pending"] = view.results_pending;

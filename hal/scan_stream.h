@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <span>
 
+#include "hal/crc32c.h"
 #include "hal/hal.h"
 
 /// Scans as a stream of bytes: what a scanner's gateway sends over TCP (docs/SCANNER.md). One scan is a header of 64

@@ -247,7 +247,8 @@ void examine_disk(const daemon::Config& config, Examination& report) {
   const std::string db_folder = fs::path(config.storage.db_path).parent_path().string();
   const bool database = examine_folder("database", db_folder.empty() ? "." : db_folder, account, report);
   const bool spool = examine_folder("scans", config.storage.spool_dir, account, report);
-  (void)examine_folder("scan drop", config.scanner.drop_dir.c_str(), account, report);
+  if (config.scanner_backend == hal::ScannerBackend::drop)
+    (void)examine_folder("scan drop", config.scanner.drop_dir.c_str(), account, report);
   if (database) examine_space("database disk", db_folder, kDatabaseFreeMin, 2 * kDatabaseFreeMin, "records", report);
   if (spool) {
     const std::uint64_t least = config.storage.spool_free_bytes_min;

@@ -350,15 +350,24 @@ void examine_robot(const daemon::Config& config, double seconds, Examination& re
 void examine_scanner(const daemon::Config& config, const std::string& status_text, bool scan, Examination& report) {
   const json status = status_of(status_text);
   const std::string drop(config.scanner.drop_dir.view());
+  const bool stream = config.scanner_backend == hal::ScannerBackend::tcp;
+  const std::string endpoint = fmt::format("{}:{}", config.stream.host.view(), config.stream.port);
   if (!status.is_null()) {
     if (yes(at(status, {"links", "scanner", "online"})))
-      report.ok("scanner link", drop + "/request and /inbox are there for the daemon");
+      report.ok("scanner link", stream ? "the scanner's gateway is connected to " + endpoint
+                                       : drop + "/request and /inbox are there for the daemon");
+    else if (stream)
+      report.failed("scanner link", "no gateway is connected to " + endpoint,
+                    "start the gateway; its address must be in [scanner] allow (docs/SCANNER.md)");
     else
       report.failed("scanner link", "the daemon cannot use " + drop, "mount the share, and make it writable for slabd");
     const json& strays = at(status, {"links", "scanner", "strays"});
     if (strays.is_number() && strays.get<int>() != 0)
-      report.warning("scanner link", fmt::format("{} files answered no request and lie in stray/", strays.get<int>()),
-                     "the scanner's software must name its file after the request");
+      report.warning("scanner link",
+                     stream ? fmt::format("{} scans or connections were refused", strays.get<int>())
+                            : fmt::format("{} files answered no request and lie in stray/", strays.get<int>()),
+                     stream ? "slabctl status says what was wrong last; docs/SCANNER.md"
+                            : "the scanner's software must name its file after the request");
   }
   if (!scan) return report.note("scan", "not tried", "slabctl doctor --scan has one taken");
   if (status.is_null()) return report.unknown("scan", "the daemon does not run");

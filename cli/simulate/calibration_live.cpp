@@ -20,8 +20,8 @@
 #include "calib/calib.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/simulate/drop_answers.h"
 #include "cli/simulate/robot_peer.h"
+#include "cli/simulate/scan_outlet.h"
 #include "cli/simulate/simulate_calibration.h"
 #include "cli/simulate/slab_scene.h"
 
@@ -49,12 +49,11 @@ void on_signal(int) {
 
 class LiveCell {
  public:
-  LiveCell(const CalibrationLiveOrder& order, const CalibrationScene& scene, const daemon::Config& config,
-           DropAnswers drop, RobotPeer& robot, std::vector<Pose> views)
+  LiveCell(const CalibrationLiveOrder& order, const CalibrationScene& scene, ScanOutlet& outlet, RobotPeer& robot,
+           std::vector<Pose> views)
       : order_(order),
         scene_(scene),
-        unit_(config.scanner.unit),
-        drop_(std::move(drop)),
+        outlet_(outlet),
         robot_(robot),
         views_(std::move(views)),
         standing_at_(views_.front().to_array()) {}
@@ -63,13 +62,12 @@ class LiveCell {
     say_view();
     while (!g_stop) {
       std::string bad;
-      if (const std::string name = drop_.pending(bad); !name.empty()) answer(name);
+      if (const std::string name = outlet_.pending(bad); !name.empty()) answer(name);
       if (!bad.empty()) cli::complain(fmt::format("scanner: {}", bad));
       if (goes_on_ && Clock::now() >= goes_on_at_) go_on();
       if (!order_.follow_file.empty()) follow();
       std::this_thread::sleep_for(kLookEvery);
     }
-    drop_.remove_part();
   }
 
  private:
@@ -85,17 +83,14 @@ class LiveCell {
         scene_.draw(robot_.pose(), view_, order_.scan, xyz_, static_cast<std::uint64_t>(shots_));
     if (!drawn) {
       cli::complain(fmt::format("scanner: {}", drawn.error().text.view()));
-      drop_.give_up(name);
+      outlet_.give_up(name);
       return;
     }
-    if (const auto scale = static_cast<float>(per_mm(unit_)); unit_ != hal::LengthUnit::mm)
-      for (float& v : xyz_) v *= scale;
-    Status given = hal::write_scan(drop_.part_path().c_str(), hal::ScanFormat::ply, xyz_, drawn.value().width,
-                                   drawn.value().height);
-    if (given) given = drop_.deliver(name, hal::ScanFormat::ply);
+    Status given = outlet_.put(xyz_, drawn.value().width, drawn.value().height);
+    if (given) given = outlet_.deliver(name);
     if (!given) {
       cli::complain(fmt::format("scanner: {}", given.error().text.view()));
-      drop_.give_up(name);
+      outlet_.give_up(name);
       return;
     }
     if (++shots_ < order_.shots || !order_.follow_file.empty()) return;
@@ -136,8 +131,7 @@ class LiveCell {
 
   const CalibrationLiveOrder& order_;
   const CalibrationScene& scene_;
-  hal::LengthUnit unit_;
-  DropAnswers drop_;
+  ScanOutlet& outlet_;
   RobotPeer& robot_;
   std::vector<Pose> views_;
   std::array<double, 7> standing_at_;
@@ -199,8 +193,8 @@ int run_calibration_live(CalibrationLiveOrder order) {
       !write_calibration_truth(scene.value(), order.scan, views, order.shots, order.out_dir, exit_status))
     return exit_status;
 
-  Result<DropAnswers> drop = DropAnswers::open(config.scanner.drop_dir.c_str());
-  if (!there(drop, exit_status)) return exit_status;
+  const auto outlet = open_outlet(config, hal::ScanFormat::ply);
+  if (!there(outlet, exit_status)) return exit_status;
   RobotTraits traits;
   traits.lcm_url = config.robot.url.view();
   traits.channel = config.robot.channel.view();
@@ -213,7 +207,7 @@ int run_calibration_live(CalibrationLiveOrder order) {
   const auto robot = RobotPeer::start(traits, views.front());
   if (!there(robot, exit_status)) return exit_status;
   catch_signals();
-  LiveCell(order, scene.value(), config, std::move(drop.value()), *robot.value(), std::move(views)).run();
+  LiveCell(order, scene.value(), *outlet.value(), *robot.value(), std::move(views)).run();
   return cli::kDone;
 }
 

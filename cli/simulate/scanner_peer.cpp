@@ -7,8 +7,6 @@
 #include <thread>
 #include <vector>
 
-#include "cli/simulate/drop_answers.h"
-
 namespace slabd::simulate {
 namespace {
 
@@ -28,8 +26,8 @@ struct Job {
 }  // namespace
 
 struct ScannerPeer::Impl {
-  ScannerPeerTraits traits;
-  DropAnswers drop;
+  ScannerTraits traits;
+  std::unique_ptr<ScanOutlet> outlet;
 
   mutable std::mutex mutex;  // guards job, delivered, trouble
   Job job;
@@ -40,14 +38,13 @@ struct ScannerPeer::Impl {
   std::vector<float> xyz;
   std::array<std::uint64_t, limits::kStationsMax + 1> scans{};  ///< drawn so far of each station
   std::uint64_t drawn_slab = 0;
-  int drawn_station = 0;  ///< of drawn_slab: whose scan lies in part_path; 0 = nobody's
+  int drawn_station = 0;  ///< of drawn_slab: whose scan is ready; 0 = nobody's
 
   std::jthread thread;  // last: joined before the rest goes
 
   ~Impl() {
     thread.request_stop();
     if (thread.joinable()) thread.join();
-    drop.remove_part();
   }
 
   void complain(const std::string& text) {
@@ -55,30 +52,27 @@ struct ScannerPeer::Impl {
     trouble = text;
   }
 
-  /// Draws and writes `station` to part_path.
+  /// Draws `station` and makes it ready.
   bool draw(const Job& now, int station) {
     drawn_station = 0;
     if (drawn_slab != now.slab_count) scans.fill(0);
     drawn_slab = now.slab_count;
     if (now.slab == nullptr || station < 1 || station > now.slab->stations) return false;
     const StationTruth& truth = now.slab->at(station);
-    auto surface = BlockSurface::make(*now.recipe, truth.block, T_scanner_block(*now.slab, *now.cell, station),
-                                      traits.scanner.projection);
+    auto surface =
+        BlockSurface::make(*now.recipe, truth.block, T_scanner_block(*now.slab, *now.cell, station), traits.projection);
     if (!surface) {
       complain(surface.error().text.c_str());
       return false;
     }
-    ScannerTraits scanner = traits.scanner;
+    ScannerTraits scanner = traits;
     scanner.noise_mm = truth.noise_mm;
     scanner.outlier_share = truth.outlier_share;
     const auto k = static_cast<std::size_t>(station);
     const std::uint64_t seed = derived_seed(now.slab->scan_seed, k, ++scans[k]);
     const DrawnScan drawn = draw_scan(surface.value(), scanner, seed, xyz);
-    if (const auto scale = static_cast<float>(per_mm(traits.unit)); traits.unit != hal::LengthUnit::mm)
-      for (float& v : xyz) v *= scale;
-    if (const Status written = hal::write_scan(drop.part_path().c_str(), traits.format, xyz, drawn.width, drawn.height);
-        !written) {
-      complain(written.error().text.c_str());
+    if (const Status ready = outlet->put(xyz, drawn.width, drawn.height); !ready) {
+      complain(ready.error().text.c_str());
       return false;
     }
     drawn_station = station;
@@ -88,11 +82,11 @@ struct ScannerPeer::Impl {
   void answer(const std::string& name, const Job& now) {
     const bool ready = drawn_station == now.station && drawn_slab == now.slab_count;
     if (!ready && !draw(now, now.station)) {
-      drop.give_up(name);
+      outlet->give_up(name);
       return;
     }
     drawn_station = 0;
-    if (const Status given = drop.deliver(name, traits.format); !given) {
+    if (const Status given = outlet->deliver(name); !given) {
       complain(given.error().text.c_str());
       return;
     }
@@ -103,7 +97,7 @@ struct ScannerPeer::Impl {
   /// "<session>-<seq>" of an unanswered request, or empty.
   std::string pending_request() {
     std::string bad;
-    std::string name = drop.pending(bad);
+    std::string name = outlet->pending(bad);
     if (!bad.empty()) complain(bad);
     return name;
   }
@@ -138,12 +132,11 @@ struct ScannerPeer::Impl {
 ScannerPeer::ScannerPeer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 ScannerPeer::~ScannerPeer() = default;
 
-Result<std::unique_ptr<ScannerPeer>> ScannerPeer::start(const ScannerPeerTraits& traits) {
-  Result<DropAnswers> drop = DropAnswers::open(traits.drop_dir);
-  if (!drop) return drop.error();
+Result<std::unique_ptr<ScannerPeer>> ScannerPeer::start(const ScannerTraits& traits,
+                                                        std::unique_ptr<ScanOutlet> outlet) {
   auto impl = std::make_unique<Impl>();
   impl->traits = traits;
-  impl->drop = std::move(drop.value());
+  impl->outlet = std::move(outlet);
   Impl* raw = impl.get();
   impl->thread = std::jthread([raw](const std::stop_token& stop) { raw->watch_until(stop); });
   return std::unique_ptr<ScannerPeer>(new ScannerPeer(std::move(impl)));

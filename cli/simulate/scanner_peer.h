@@ -7,27 +7,21 @@
 
 #include "base/base.h"
 #include "cli/simulate/scan_drawing.h"
+#include "cli/simulate/scan_outlet.h"
 #include "cli/simulate/slab_scene.h"
 #include "hal/hal.h"
 
-/// The scanner's half of the line: a thread that watches request/ of the drop directory and answers each request with
-/// a scan of what stands before the scanner then, as inbox/<session>-<seq>.<ext>, by rename.
+/// The scanner's half of the line: a thread that answers each request with a scan of what stands before the scanner
+/// then, by the outlet it was given.
 ///
-/// A scan takes longer to write than to draw, so the next station's scan is drawn and written ahead, beside the inbox,
-/// while the daemon measures; answering is then one rename. A request for which nothing fits is drawn on the spot.
+/// A scan takes longer to draw and to write than to deliver, so the next station's scan is made ready while the daemon
+/// measures. A request for which nothing fits is drawn on the spot.
 namespace slabd::simulate {
-
-struct ScannerPeerTraits {
-  std::string drop_dir;
-  hal::LengthUnit unit = hal::LengthUnit::mm;
-  ScannerTraits scanner;
-  hal::ScanFormat format = hal::ScanFormat::ply;
-};
 
 class ScannerPeer {
  public:
-  /// scanner_offline when the drop directory has no request/ and inbox/ that can be used (the daemon makes them).
-  [[nodiscard]] static Result<std::unique_ptr<ScannerPeer>> start(const ScannerPeerTraits& traits);
+  [[nodiscard]] static Result<std::unique_ptr<ScannerPeer>> start(const ScannerTraits& traits,
+                                                                  std::unique_ptr<ScanOutlet> outlet);
   ~ScannerPeer();
   ScannerPeer(const ScannerPeer&) = delete;
   ScannerPeer& operator=(const ScannerPeer&) = delete;

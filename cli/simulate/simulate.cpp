@@ -17,6 +17,7 @@
 #include "cli/simulate/simulate_report.h"
 #include "cli/simulate/simulate_scan.h"
 #include "cli/simulate/stand_by.h"
+#include "cli/stations/krl.h"
 
 namespace slabd::simulate {
 namespace {
@@ -31,6 +32,8 @@ struct Options {
   SlabVariation variation;
   ScannerOptions scanner;
   std::string scan_format = "ply";
+  std::string stations;  ///< KRL points that the robot drives to
+  std::string backend;   ///< empty: the configuration's
   double robot_rate_hz = 125.0;
   std::string rsi;
   double rsi_faults = 0.0;
@@ -110,11 +113,6 @@ RobotTraits robot_traits(const daemon::Config& config, const Options& options) {
   traits.rsi = options.rsi;
   traits.rsi_faults = options.rsi_faults;
   return traits;
-}
-
-ScannerPeerTraits scanner_traits(const daemon::Config& config, const Options& options) {
-  return {config.scanner.drop_dir.c_str(), config.scanner.unit, options.scanner.traits(),
-          *hal::scan_format_named(options.scan_format)};
 }
 
 /// The recipe that the daemon will use for this slab type (0: the longest slab there is a recipe for); faulty other
@@ -251,7 +249,24 @@ int simulate(const Options& options) {
                               options.config));
     return cli::kBadInput;
   }
-  const Cell cell{config.T_base_slab, config.calibration.T_flange_scanner};
+  const std::string_view backend = hal::kScannerBackends.at(static_cast<std::size_t>(config.scanner_backend));
+  if (!options.backend.empty() && options.backend != backend) {
+    cli::complain(fmt::format("--scanner {}: {} has [scanner] backend = \"{}\", and the daemon hears no other",
+                              options.backend, options.config, backend));
+    return cli::kUsage;
+  }
+  Cell cell{config.T_base_slab, config.calibration.T_flange_scanner};
+  if (!options.stations.empty()) {
+    Result<std::vector<Pose>> points = cli::read_krl_points(options.stations);
+    if (points && points.value().size() != recipe.stations())
+      points = error(Code::config, "%s: %zu points, the slab has %u stations", options.stations.c_str(),
+                     points.value().size(), unsigned{recipe.stations()});
+    if (!points) {
+      cli::complain(points.error().text.view());
+      return cli::kBadInput;
+    }
+    cell.taught = std::move(points.value());
+  }
   const Result<std::vector<SlabTruth>> truths = cast_slabs(options, recipe, cell, facts.defects);
   if (!truths) {
     cli::complain(fmt::format("{}", truths.error().text.view()));
@@ -271,7 +286,9 @@ int simulate(const Options& options) {
   int exit_status = cli::kDone;
   const auto robot = RobotPeer::start(robot_traits(config, options), truths.value()[0].at(1).T_base_flange_reported);
   if (!started(robot, exit_status)) return exit_status;
-  const auto scanner = ScannerPeer::start(scanner_traits(config, options));
+  auto outlet = open_outlet(config, *hal::scan_format_named(options.scan_format));
+  if (!started(outlet, exit_status)) return exit_status;
+  const auto scanner = ScannerPeer::start(options.scanner.traits(), std::move(outlet.value()));
   if (!started(scanner, exit_status)) return exit_status;
   if (options.stand_by) {
     stand_by({*robot.value(), *scanner.value(), recipe, cell, truths.value()}, std::cin, std::cout, stop_requested);
@@ -375,6 +392,11 @@ void add_simulate(CLI::App& app, int& exit_status) {
   command->add_option("--scan-format", options->scan_format, "In which format the scanner drops its scans")
       ->check(CLI::IsMember(simulate::scan_format_names()))
       ->capture_default_str();
+  command->add_option(
+      "--stations", options->stations,
+      "Drive to these points (KRL, as slabctl stations writes them) instead of straight above each block");
+  command->add_option("--scanner", options->backend, "How scans are delivered (default: as configured)")
+      ->check(CLI::IsMember({"drop", "tcp"}));
   command->add_flag("--json", options->json, "Print slabd.simulation/1 on stdout");
   command->add_flag("--stand-by", options->stand_by,
                     "Robot and scanner only, for another PLC: orders \"slab N\" and \"station K\" on stdin");

@@ -164,8 +164,9 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
     station.T_slab_block.translation_mm += station.offset_slab_mm;
 
     // The robot was taught on a nominal slab in the nominal place and knows nothing of this one.
-    const Pose taught =
-        cell.T_base_slab * T_slab_block(recipe, k) * nominal_T_block_scanner() * cell.T_flange_scanner.inverse();
+    const Pose taught = cell.taught.empty() ? cell.T_base_slab * T_slab_block(recipe, k) * nominal_T_block_scanner() *
+                                                  cell.T_flange_scanner.inverse()
+                                            : cell.taught[static_cast<std::size_t>(k - 1)];
     station.T_base_flange_reported = taught;
     station.T_base_flange_reported.translation_mm += cell.T_base_slab.rotation * Vec3(0.0, 0.0, reported_above_mm);
     station.T_base_flange_real = robot_repeats(robot_error(taught, variation), variation, k);

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "base/base.h"
 #include "calib/calib.h"
@@ -55,8 +56,9 @@ struct SlabTruth {
 
 /// The cell the slab lies in, from the daemon's configuration.
 struct Cell {
-  Pose T_base_slab;       ///< nominal
-  Pose T_flange_scanner;  ///< taken as true
+  Pose T_base_slab;            ///< nominal
+  Pose T_flange_scanner;       ///< taken as true
+  std::vector<Pose> taught{};  ///< where the robot drives to, station by station; empty: straight above each block
 };
 
 /// Casts the slab. config when a defect names a block that the recipe does not have.

@@ -320,10 +320,40 @@ TEST_F(ConfigTest, a_key_of_another_role_is_refused_by_name) {
 TEST_F(ConfigTest, what_this_version_cannot_do_is_said) {
   const std::string start = kShortest;
   EXPECT_EQ(load(start + "[scanner]\nbackend = \"gige\"\n"),
-            Texts{"slabd.toml:6:11: scanner.backend: found \"gige\", allowed is \"drop\"; this version supports the "
-                  "drop folder only"});
+            Texts{"slabd.toml:6:11: scanner.backend: found \"gige\", allowed is \"drop\" or \"tcp\""});
   EXPECT_EQ(load(start + "[robot]\nlcm_url = \"tcp://host\"\n"),
             Texts{"slabd.toml:6:11: robot.lcm_url: found \"tcp://host\", allowed is \"udpm://group:port?ttl=n\""});
+}
+
+TEST_F(ConfigTest, scans_may_come_over_tcp) {
+  const std::string start = kShortest;
+  EXPECT_EQ(load(start + "[scanner]\nbackend = \"tcp\"\nlisten = \"10.1.2.3:1600\"\nallow = [\"10.1.2.30\"]\n"),
+            Texts{});
+  EXPECT_EQ(config_.scanner_backend, hal::ScannerBackend::tcp);
+  EXPECT_EQ(config_.stream.host.view(), "10.1.2.3");
+  EXPECT_EQ(config_.stream.port, 1600);
+  ASSERT_EQ(config_.stream.allow.size(), 1U);
+  EXPECT_EQ(config_.stream.allow[0].address, 0x0A01'021EU);
+  EXPECT_EQ(config_.scanner.unit, hal::LengthUnit::mm) << "what lies in the spool";
+  EXPECT_EQ(
+      load(start + "[scanner]\nbackend = \"tcp\"\nunit = \"m\"\n"),
+      Texts{"slabd.toml:7:8: scanner.unit: backend = \"tcp\" has no use for it: every scan says its request and its "
+            "unit"});
+  EXPECT_EQ(load(start + "[scanner]\nlisten = \"10.1.2.3:1600\"\n").size(), 1U);
+}
+
+TEST_F(ConfigTest, who_may_publish_poses_and_what) {
+  const std::string start = kShortest;
+  EXPECT_EQ(load(start + "[pose]\ntype = \"bot_core.rigid_transform_t\"\nsenders = [\"192.168.10.2\"]\n"), Texts{});
+  EXPECT_EQ(config_.robot.type, hal::PoseType::rigid_transform);
+  ASSERT_EQ(config_.robot.senders.size(), 1U);
+  EXPECT_EQ(config_.robot.senders[0].mask, 0xFFFF'FFFFU);
+  EXPECT_EQ(load(start + "[pose]\ntype = \"bot_core.pose_t\"\n"),
+            Texts{"slabd.toml:6:8: pose.type: found \"bot_core.pose_t\", allowed is \"slabd.flange_pose_t\" or "
+                  "\"bot_core.rigid_transform_t\""});
+  const Texts blind = load(start + "[robot]\ntool_id = 3\n[pose]\ntype = \"bot_core.rigid_transform_t\"\n");
+  ASSERT_EQ(blind.size(), 1U);
+  EXPECT_NE(blind[0].find("does not say which base and tool"), std::string::npos) << blind[0];
 }
 
 TEST_F(ConfigTest, poses_must_be_there) {

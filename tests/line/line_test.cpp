@@ -134,6 +134,77 @@ TEST_F(LineTest, daemon_survives_files_that_are_no_scans) {
   EXPECT_EQ(status()["links"]["scanner"]["strays"].get<int>(), 2);
 }
 
+TEST_F(LineTest, a_slab_is_finished_among_strays_old_files_and_half_ones_at_every_step) {
+  const fs::path drop = box.dir / "drop";
+  wait_until([&] { return fs::exists(drop / "inbox"); });
+  const auto line = box.simulate({"--slab-no", "9", "--defect", "slope=11:1/35"});
+  std::uint32_t turn = 0;
+  std::string kept;  // a scan that answered an earlier request
+  while (line->running()) {
+    std::error_code gone;
+    for (const auto& entry : fs::directory_iterator(drop / "request", gone)) {
+      const std::string stem = entry.path().stem();
+      const std::size_t dash = stem.find('-');
+      if (dash == std::string::npos || stem.starts_with(".")) continue;
+      const int seq = std::stoi(stem.substr(dash + 1));
+      const std::string session = stem.substr(0, dash + 1);
+      switch (turn++ % 5) {
+        case 0: std::ofstream(drop / "inbox" / (stem + ".ply.part")) << "ply\nformat"; break;
+        case 1: std::ofstream(drop / "inbox" / "Scan 001.ply") << "ply\n"; break;
+        case 2: std::ofstream(drop / "inbox" / (session + std::to_string(seq - 1) + ".ply")) << kept; break;
+        case 3: std::ofstream(drop / "inbox" / (session + std::to_string(seq + 1) + ".ply")) << kept; break;
+        default: fs::create_directory(drop / "inbox" / ("folder" + std::to_string(turn)), gone);
+      }
+    }
+    if (kept.empty())
+      for (const auto& entry : fs::recursive_directory_iterator(box.dir / "spool", gone))
+        if (entry.path().extension() == ".ply" && entry.file_size(gone) < 20'000'000) kept = read_file(entry.path());
+    std::this_thread::sleep_for(std::chrono::milliseconds(7));
+  }
+  EXPECT_EQ(line->wait(), 1) << read_file(box.dir / "simulate.err");
+  const fs::path db = box.dir / "slabd.db";
+  // Copies of other blocks' scans lay about all the time, and the one bad block is still the right one.
+  EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'pass'"), 17);
+  EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'fail' AND station = 11"), 1);
+  EXPECT_GT(status()["links"]["scanner"]["strays"].get<int>(), 5);
+}
+
+/// A line whose scans come over TCP.
+struct StreamLineTest : LineTest {
+  std::uint16_t scanner_port = free_tcp_port();
+  void SetUp() override {
+    std::string text = read_file(box.config);
+    const std::size_t begin = text.find("drop_dir");
+    text.replace(begin, text.find('\n', begin) - begin,
+                 "backend = \"tcp\"\nlisten = \"127.0.0.1:" + std::to_string(scanner_port) + "\"");
+    std::ofstream(box.config) << text;
+    LineTest::SetUp();
+  }
+};
+
+TEST_F(StreamLineTest, a_slab_is_finished_over_tcp_from_planned_stations) {
+  const Box::Answer plan =
+      box.slabctl({"stations", "--config", box.config.native(), "--krl", (box.dir / "SLABPTS").native(), "--json"});
+  ASSERT_EQ(plan.exit_status, 0) << plan.out << plan.err;
+  EXPECT_EQ(Json::parse(plan.out)["stations"].size(), 18U);
+  EXPECT_NE(status()["links"]["scanner"]["text"].get<std::string>().find("no gateway"), std::string::npos);
+  const Box::Answer answer = simulate({"--slab-no", "7", "--scanner", "tcp", "--stations",
+                                       (box.dir / "SLABPTS.dat").native(), "--defect", "slope=4:1/35"});
+  EXPECT_EQ(answer.exit_status, 1) << answer.out << answer.err;
+  const fs::path db = box.dir / "slabd.db";
+  EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'pass'"), 17);
+  EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'fail' AND station = 4"), 1);
+  // What is drawn ahead for one station is never another's: no second attempt was needed.
+  EXPECT_EQ(query(db, "SELECT count(*) FROM attempt"), 18);
+  const Box::Answer taught = box.slabctl(
+      {"stations", "--config", box.config.native(), "--taught", (box.dir / "SLABPTS.dat").native(), "--json"});
+  EXPECT_EQ(taught.exit_status, 0) << taught.err;
+  EXPECT_LT(Json::parse(taught.out)["stations"][17]["taught_off_mm"].get<double>(), 1e-4);
+  const Box::Answer wrong = simulate({"--scanner", "drop"});
+  EXPECT_EQ(wrong.exit_status, 2);
+  EXPECT_EQ(box.stop(), 0);
+}
+
 TEST(FaultyConfiguration, shows_the_plc_fault_504_and_names_the_line) {
   Box box;
   std::ofstream(box.config, std::ios::app) << "[scaner]\n";

@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl scanner send: scan files as answers over TCP, for whoever writes a gateway and wants to see one that works.
+#include <fmt/core.h>
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <memory>
+#include <thread>
+
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/scanner/scanner.h"
+#include "cli/scanner/stream_gateway.h"
+
+namespace slabd::cli {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+struct Options {
+  std::vector<std::string> files;
+  std::string to = "127.0.0.1:1504";
+  std::size_t unit = 0;
+  double wait_s = 60.0;
+  std::size_t cut_after = 0;
+};
+
+std::atomic<bool> g_stop{false};
+void on_signal(int) {
+  g_stop = true;
+}
+
+struct Scan {
+  std::vector<float> xyz;
+  ScanShape shape;
+};
+
+std::optional<Scan> read(const std::string& path, hal::LengthUnit unit) {
+  Scan scan;
+  scan.xyz.resize(3 * limits::kScanPointsMax);
+  const Result<ScanShape> shape = hal::read_scan(path.c_str(), unit, std::span<float>(scan.xyz));
+  if (!shape) {
+    complain(std::string(shape.error().text.view()));
+    return std::nullopt;
+  }
+  scan.shape = shape.value();
+  scan.xyz.resize(3 * scan.shape.points);
+  return scan;
+}
+
+/// "address:port".
+bool split(const std::string& to, std::string& host, std::uint16_t& port) {
+  const std::size_t colon = to.rfind(':');
+  const std::string digits = colon == std::string::npos ? "" : to.substr(colon + 1);
+  if (colon == std::string::npos || digits.empty() || digits.size() > 5 ||
+      digits.find_first_not_of("0123456789") != std::string::npos || std::stoul(digits) > 65'535)
+    return false;
+  host = to.substr(0, colon);
+  port = static_cast<std::uint16_t>(std::stoul(digits));
+  return true;
+}
+
+/// Delivers one scan; tries again, from where it was cut, while the time lasts.
+int deliver(StreamGateway& gateway, const Scan& scan, const std::string& file, const Options& options,
+            Clock::time_point until) {
+  const std::int64_t utime_us =
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+          .count();
+  std::size_t cut_after = options.cut_after == 0 ? SIZE_MAX : options.cut_after;
+  std::string last = "slabd asked for nothing";
+  while (!g_stop && Clock::now() < until) {
+    if (const Status up = gateway.connect(); !up) {
+      if (up.error().code == Code::config) return complain(std::string(up.error().text.view())), kUsage;
+      last = up.error().text.view();
+      std::this_thread::sleep_for(std::chrono::milliseconds(200));
+      continue;
+    }
+    std::string note;
+    const std::optional<StreamRequest> request = gateway.next_request(200, note);
+    if (!note.empty()) last = "slabd: " + note;
+    if (!request) continue;
+    const Status sent = gateway.answer(*request, scan.xyz, scan.shape.width, scan.shape.height, utime_us,
+                                       std::exchange(cut_after, SIZE_MAX));
+    if (sent) {
+      fmt::print(
+          "request {} (slab \"{}\", station {}): {}, {} points{}\n", request->name(), request->slab_id,
+          request->station, file, scan.shape.points,
+          request->have_points != 0 ? fmt::format(", {} of them from before the cut", request->have_points) : "");
+      std::fflush(stdout);
+      return kDone;
+    }
+    last = sent.error().text.view();
+    if (sent.error().code != Code::scanner_offline) {
+      complain(last);
+      return exit_for(sent.error().code);
+    }
+    fmt::print(stderr, "{}; trying again\n", last);
+  }
+  complain(fmt::format("{}: {}", options.to, last));
+  return kNotReachable;
+}
+
+int send(const Options& options) {
+  std::string host;
+  std::uint16_t port = 0;
+  if (!split(options.to, host, port)) {
+    complain(fmt::format("--to {}: expected ADDRESS:PORT, such as 127.0.0.1:1504", options.to));
+    return kUsage;
+  }
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+  StreamGateway gateway(host, port);
+  for (const std::string& file : options.files) {
+    const std::optional<Scan> scan = read(file, static_cast<hal::LengthUnit>(options.unit));
+    if (!scan) return kBadInput;
+    const auto until = Clock::now() + std::chrono::milliseconds(static_cast<std::int64_t>(1e3 * options.wait_s));
+    if (const int status = deliver(gateway, *scan, file, options, until); status != kDone) return status;
+  }
+  return kDone;
+}
+
+}  // namespace
+
+void add_scanner_send(CLI::App& scanner, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = scanner.add_subcommand("send", "Answer slabd's next requests with scan files, over TCP");
+  command->footer(
+      "\nThe reference of docs/SCANNER.md: connects as a gateway does, waits for a request, sends the file, prints "
+      "what\n"
+      "became of it; with several files one request after the other. Goes on where a connection was cut.\n"
+      "Exit status: 0 all taken, 1 or 3 a scan was refused, 4 no request or no daemon within --wait-s.\n"
+      "Example: slabctl scanner send block.ply --to 127.0.0.1:1504");
+  command->add_option("FILES", options->files, "Scans: .ply, .pcd, .xyz")->required();
+  command->add_option("--to", options->to, "Where slabd listens: [scanner] listen")->capture_default_str();
+  command->add_option("--unit", options->unit, "Of the files: 0 mm, 1 m, 2 um; or mm, m, um")
+      ->transform(
+          CLI::CheckedTransformer(std::vector<std::pair<std::string, std::size_t>>{{"mm", 0}, {"m", 1}, {"um", 2}}));
+  command->add_option("--wait-s", options->wait_s, "For each request")
+      ->check(CLI::Range(0.1, 1e6))
+      ->capture_default_str();
+  command->add_option("--cut-after", options->cut_after,
+                      "Cut the first connection after so many points and connect again, to try just that");
+  command->callback([options, &exit_status] { exit_status = send(*options); });
+}
+
+}  // namespace slabd::cli

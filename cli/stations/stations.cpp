@@ -1,0 +1,367 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl stations: where the flange must stand for every block, whether the scanner sees there what the recipe
+// measures, and the points for the robot's program; or how taught points compare with the plan.
+#include <fmt/core.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <optional>
+#include <sstream>
+
+#include "calib/calib.h"
+#include "cli/calibrate/record_options.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/stations/krl.h"
+#include "cli/stations/station_plan.h"
+
+namespace slabd::cli {
+namespace {
+
+struct Options {
+  std::string config;
+  std::uint16_t type = 0;
+  std::string krl;
+  std::string taught;
+  double standoff_mm = 600.0;
+  double turn_deg = 0.0;
+  ScannerView view;
+  double incidence_deg = 70.0;
+  bool as_json = false;
+};
+
+/// One station: the plan, and the taught point where there is one.
+struct Row {
+  int station = 0;
+  Pose planned;
+  StationView view;
+  std::optional<Pose> taught;
+  StationView taught_view;
+  std::optional<Pose> mastered;  ///< where the robot stood when the station was mastered
+};
+
+struct Sources {
+  daemon::Config config;
+  Recipe recipe;
+  InForce hand_eye;
+  std::optional<StationTable> table;
+};
+
+bool find_recipe(const daemon::Config& config, std::uint16_t slab_type, Recipe& recipe) {
+  std::vector<Recipe> recipes;
+  std::vector<daemon::Problem> problems;
+  daemon::load_recipes(config.recipes_dir, recipes, problems);
+  const Recipe* found = nullptr;
+  for (const Recipe& candidate : recipes) {
+    const bool longer = found == nullptr || candidate.slab.length_mm.value > found->slab.length_mm.value;
+    if (slab_type == 0 ? longer : candidate.slab_type == slab_type) found = &candidate;
+  }
+  if (found == nullptr) {
+    std::ignore = report_problems(problems);
+    complain(fmt::format("--type {}: {} has no usable recipe for this slab type", slab_type, config.recipes_dir));
+    return false;
+  }
+  recipe = *found;
+  return true;
+}
+
+bool gather(const Options& options, Sources& out, int& exit_status) {
+  exit_status = kBadInput;
+  if (!config_from(options.config, out.config) || !find_recipe(out.config, options.type, out.recipe)) return false;
+  std::unique_ptr<storage::Reader> reader;
+  if (!open_records(out.config, reader, exit_status) ||
+      !hand_eye_in_force(reader.get(), out.config, out.hand_eye, exit_status))
+    return false;
+  if (out.hand_eye.id.empty()) {
+    complain(
+        "where the scanner sits on the flange is not known: apply a calibration, or set [calibration] "
+        "T_flange_scanner");
+    exit_status = kBadInput;
+    return false;
+  }
+  if (reader == nullptr) return true;
+  const auto table = reader->current(CalibrationKind::stations, out.recipe.slab_type);
+  if (table.ok() && table.value()) out.table = std::get<StationTable>(table.value()->numbers);
+  return true;
+}
+
+/// Taught points: a KRL data list or program, else the neutral form, one pose a line.
+bool read_taught(const std::string& path, std::vector<Pose>& poses) {
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream bytes;
+  bytes << file.rdbuf();
+  if (!file) {
+    complain(fmt::format("{}: cannot be read", path));
+    return false;
+  }
+  const std::string text = bytes.str();
+  if (text.find('{') != std::string::npos) {
+    Result<std::vector<Pose>> points = parse_krl_points(text, path);
+    if (points) {
+      poses = std::move(points.value());
+      return true;
+    }
+    complain(points.error().text.view());
+    return false;
+  }
+  const Result<calib::PoseTable> table = calib::parse_poses(text, path, calib::TableRole::flange);
+  if (!table) {
+    complain(table.error().text.view());
+    return false;
+  }
+  poses.assign(table.value().poses.begin(), table.value().poses.end());
+  return true;
+}
+
+/// The scanner over a block: looking straight down, turned about its axis.
+Pose T_block_scanner(const Options& options) {
+  Pose pose = nominal_T_block_scanner();
+  pose.translation_mm.z() = options.standoff_mm;
+  pose.rotation =
+      (pose.rotation * Quat(Eigen::AngleAxisd(rad_from_deg(options.turn_deg), Eigen::Vector3d::UnitZ()))).normalized();
+  return pose;
+}
+
+std::vector<Row> plan(const Options& options, const Sources& sources, const std::vector<Pose>& taught) {
+  const auto look = [&](const Pose& T_base_flange, int station) {
+    return look_at(sources.recipe, options.view, sources.config.T_base_slab, sources.hand_eye.T_flange_scanner,
+                   T_base_flange, station);
+  };
+  std::vector<Row> rows;
+  for (int station = 1; station <= sources.recipe.stations(); ++station) {
+    const auto index = static_cast<std::size_t>(station - 1);
+    Row row;
+    row.station = station;
+    row.planned = planned_flange(sources.recipe, sources.config.T_base_slab, sources.hand_eye.T_flange_scanner,
+                                 T_block_scanner(options), station);
+    row.view = look(row.planned, station);
+    if (index < taught.size()) {
+      row.taught = taught[index];
+      row.taught_view = look(taught[index], station);
+    }
+    if (sources.table && sources.table->station.at(index).visits != 0)
+      row.mastered = sources.table->station.at(index).T_base_flange;
+    rows.push_back(row);
+  }
+  return rows;
+}
+
+double off_mm(const Pose& a, const Pose& b) {
+  return (a.translation_mm - b.translation_mm).norm();
+}
+double off_deg(const Pose& a, const Pose& b) {
+  return deg_from_rad(angle_between_rad(a.rotation, b.rotation));
+}
+bool in_gate(const Pose& planned, const Pose& mastered, const SpliceSettings& splice) {
+  return off_mm(planned, mastered) <= splice.gate_mm &&
+         angle_between_rad(planned.rotation, mastered.rotation) <= splice.gate_rad;
+}
+
+/// What is wrong with a view, in words; empty: nothing.
+std::string faults(const StationView& view, double look_mm) {
+  std::string text;
+  const auto add = [&text](const std::string& part) { text += (text.empty() ? "" : "; ") + part; };
+  if (view.off_axis_mm > look_mm)
+    add(fmt::format("centre {:.0f} mm off the axis, look_mm is {:.0f}", view.off_axis_mm, look_mm));
+  if (view.distance_mm <= 0.0) add("the scanner looks away");
+  for (std::size_t i = 0; i < kFeatures; ++i) {
+    const FeatureView& f = view.feature[i];
+    if (f.ok()) continue;
+    add(fmt::format("{} {:.0f} % seen (needs {:.0f}), border {:+.0f} mm, incidence up to {:.0f} deg",
+                    name(static_cast<Feature>(i)), 100.0 * f.seen, 100.0 * f.needed, f.margin_mm,
+                    deg_from_rad(f.incidence_max_rad)));
+  }
+  return text;
+}
+
+void print_pose(const Pose& pose) {
+  const Vec3& p = pose.translation_mm;
+  const calib::KukaAbc abc = calib::kuka_abc_from_rotation(pose.rotation);
+  fmt::print("{:10.3f} {:10.3f} {:10.3f} {:9.4f} {:9.4f} {:9.4f}", p.x(), p.y(), p.z(), deg_from_rad(abc.a_rad),
+             deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
+}
+
+void print_table(const Sources& sources, const std::vector<Row>& rows) {
+  const double look_mm = sources.config.pose.look_mm;
+  fmt::print("slab type {} ({}), hand-eye {}{}\n", sources.recipe.slab_type, sources.recipe.name.view(),
+             sources.hand_eye.id.view(), sources.hand_eye.applied ? "" : " (commissioning values)");
+  fmt::print("station          X          Y          Z         A         B         C   seen\n");
+  for (const Row& row : rows) {
+    fmt::print("{:7} ", row.station);
+    print_pose(row.planned);
+    const std::string wrong = faults(row.view, look_mm);
+    fmt::print("   {}\n", wrong.empty() ? "all" : wrong);
+    if (row.taught) {
+      const std::string taught_wrong = faults(row.taught_view, look_mm);
+      fmt::print(" taught ");
+      print_pose(*row.taught);
+      fmt::print("   {}; {:.2f} mm, {:.3f} deg from the plan\n", taught_wrong.empty() ? "all" : taught_wrong,
+                 off_mm(row.planned, *row.taught), off_deg(row.planned, *row.taught));
+    }
+    if (row.mastered) {
+      const Pose& stands = row.taught ? *row.taught : row.planned;
+      const bool holds = in_gate(stands, *row.mastered, sources.config.splice);
+      fmt::print("        mastered {:.2f} mm, {:.3f} deg away: its correction {}\n", off_mm(stands, *row.mastered),
+                 off_deg(stands, *row.mastered),
+                 holds ? "holds" : "would NOT hold (calibration.station_gate_mm, station_gate_deg)");
+    }
+  }
+}
+
+void write_view(Json& json, std::string_view key, const StationView& view, double look_mm) {
+  json.key(key).begin_object();
+  json.field("ok", view.ok(look_mm)).field("off_axis_mm", view.off_axis_mm).field("distance_mm", view.distance_mm);
+  json.key("features").begin_array();
+  for (std::size_t i = 0; i < kFeatures; ++i) {
+    const FeatureView& f = view.feature[i];
+    json.begin_object().field("feature", name(static_cast<Feature>(i))).field("ok", f.ok()).field("seen", f.seen);
+    json.field("needed", f.needed).field("margin_mm", f.margin_mm);
+    json.field("incidence_max_deg", deg_from_rad(f.incidence_max_rad)).end_object();
+  }
+  json.end_array().end_object();
+}
+
+void write_flange(Json& json, std::string_view key, const Pose& pose) {
+  write_pose(json, key, pose);
+  const calib::KukaAbc abc = calib::kuka_abc_from_rotation(pose.rotation);
+  const std::array<double, 3> abc_deg = {deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};
+  json.field(std::string(key) + "_abc_deg", std::span<const double>(abc_deg));
+}
+
+std::string json_of(const Sources& sources, const std::vector<Row>& rows, bool all_ok) {
+  const double look_mm = sources.config.pose.look_mm;
+  Json json;
+  json.begin_object();
+  json.field("schema", "slabd.stations/1").field("ok", all_ok).field("slab_type", sources.recipe.slab_type);
+  json.field("recipe", sources.recipe.name.view()).field("hand_eye_id", sources.hand_eye.id.view());
+  json.field("look_mm", look_mm);
+  json.key("stations").begin_array();
+  for (const Row& row : rows) {
+    json.begin_object().field("station", row.station);
+    write_flange(json, "T_base_flange", row.planned);
+    write_view(json, "view", row.view, look_mm);
+    if (row.taught) {
+      write_flange(json, "taught", *row.taught);
+      json.field("taught_off_mm", off_mm(row.planned, *row.taught));
+      json.field("taught_off_deg", off_deg(row.planned, *row.taught));
+      write_view(json, "taught_view", row.taught_view, look_mm);
+    }
+    if (row.mastered) {
+      const Pose& stands = row.taught ? *row.taught : row.planned;
+      json.field("mastered_off_mm", off_mm(stands, *row.mastered));
+      json.field("mastered_off_deg", off_deg(stands, *row.mastered));
+      json.field("correction_holds", in_gate(stands, *row.mastered, sources.config.splice));
+    }
+    json.end_object();
+  }
+  json.end_array().end_object();
+  return json.text();
+}
+
+bool write_file(const std::string& path, const std::string& text) {
+  std::ofstream file(path, std::ios::binary);
+  file << text;
+  if (file.flush()) return true;
+  complain(fmt::format("{}: cannot be written", path));
+  return false;
+}
+
+/// FILE.dat and FILE.src; the module's name is the file's.
+bool write_krl(const std::string& path, const std::vector<Row>& rows) {
+  std::filesystem::path base(path);
+  base.replace_extension();
+  const std::string name = base.filename().string();
+  const bool is_name = !name.empty() && name.size() <= 24 && !(name[0] >= '0' && name[0] <= '9') &&
+                       std::all_of(name.begin(), name.end(), [](char c) {
+                         return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_';
+                       });
+  if (!is_name) {
+    complain(fmt::format("--krl {}: the name of a KRL module has 1..24 letters, digits and _, and begins with a letter",
+                         path));
+    return false;
+  }
+  std::vector<Pose> poses;
+  for (const Row& row : rows) poses.push_back(row.planned);
+  return write_file(base.string() + ".dat", krl_data_list(name, poses)) &&
+         write_file(base.string() + ".src", krl_program(name, poses.size()));
+}
+
+int stations(Options& options) {
+  options.view.incidence_max_rad = rad_from_deg(options.incidence_deg);
+  Sources sources;
+  int exit_status = kDone;
+  if (!gather(options, sources, exit_status)) return exit_status;
+  std::vector<Pose> taught;
+  if (!options.taught.empty() && !read_taught(options.taught, taught)) return kBadInput;
+  if (!options.taught.empty() && taught.size() != sources.recipe.stations()) {
+    complain(fmt::format("{}: {} points, slab type {} has {} stations", options.taught, taught.size(),
+                         sources.recipe.slab_type, sources.recipe.stations()));
+    return kBadInput;
+  }
+  warn_unconfirmed(sources.recipe);
+  const std::vector<Row> rows = plan(options, sources, taught);
+  const double look_mm = sources.config.pose.look_mm;
+  const bool all_ok = std::all_of(rows.begin(), rows.end(), [&](const Row& row) {
+    return row.taught ? row.taught_view.ok(look_mm) : row.view.ok(look_mm);
+  });
+  if (!options.krl.empty() && !write_krl(options.krl, rows)) return kBadInput;
+  if (options.as_json)
+    fmt::print("{}", json_of(sources, rows, all_ok));
+  else
+    print_table(sources, rows);
+  return all_ok ? kDone : kNotPass;
+}
+
+}  // namespace
+
+void add_stations(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand(
+      "stations", "Where the flange must stand over every block, and what the scanner sees there; KRL points");
+  command->footer(
+      "\nFrom the recipe, [cell] T_base_slab and the hand-eye calibration in force. A feature counts as seen when it "
+      "is\n"
+      "inside the scanner's view, met steeply enough and not hidden by the block. Run the points in T1 first: the way\n"
+      "between them and the arm's reach are not looked at.\n"
+      "Exit status: 0 everything is seen from every station (the taught ones, with --taught), 1 not.\n"
+      "Examples: slabctl stations --krl SLABPTS      writes SLABPTS.dat and SLABPTS.src\n"
+      "          slabctl stations --taught SLABPTS.dat --json");
+  command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command->add_option("--type", options->type, "Slab type (default: the longest slab there is a recipe for)");
+  command->add_option("--krl", options->krl, "Write the points as a KRL data list and a program fragment");
+  command->add_option("--taught", options->taught, "Compare these points: a KRL .dat or .src, or poses one per line");
+  command->add_option("--standoff-mm", options->standoff_mm, "Scanner above the block's origin")
+      ->check(CLI::Range(100.0, 3'000.0))
+      ->capture_default_str();
+  command->add_option("--turn-deg", options->turn_deg, "Scanner turned about its own axis, against the block's X")
+      ->check(CLI::Range(-180.0, 180.0))
+      ->capture_default_str();
+  ScannerView& view = options->view;
+  command->add_option("--view-distance-mm", view.distance_mm, "Where the next two hold")
+      ->check(CLI::Range(50.0, 3'000.0))
+      ->capture_default_str();
+  command->add_option("--view-x-mm", view.x_mm, "Width of the scanner's view, along its X")
+      ->check(CLI::Range(10.0, 3'000.0))
+      ->capture_default_str();
+  command->add_option("--view-y-mm", view.y_mm, "... along its Y")
+      ->check(CLI::Range(10.0, 3'000.0))
+      ->capture_default_str();
+  command->add_option("--near-mm", view.near_mm, "Nearest measured point")
+      ->check(CLI::Range(1.0, 3'000.0))
+      ->capture_default_str();
+  command->add_option("--far-mm", view.far_mm, "Furthest measured point")
+      ->check(CLI::Range(1.0, 5'000.0))
+      ->capture_default_str();
+  command->add_option("--incidence-deg", options->incidence_deg, "Between ray and normal, at most")
+      ->check(CLI::Range(10.0, 89.0))
+      ->capture_default_str();
+  command->add_flag("--json", options->as_json, "Print slabd.stations/1");
+  command->callback([options, &exit_status] { exit_status = stations(*options); });
+}
+
+}  // namespace slabd::cli

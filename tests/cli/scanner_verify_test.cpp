@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "base/prng.h"
+#include "hal/hal.h"
+#include "slabctl_process.h"
+
+namespace slabd::cli {
+namespace {
+
+/// A plate 600 mm away with noise of 0.02 mm, as a scan file.
+void write_plate(const std::string& path) {
+  Prng prng(5);
+  constexpr std::size_t kSide = 300;
+  std::vector<float> xyz;
+  for (std::size_t row = 0; row < kSide; ++row)
+    for (std::size_t column = 0; column < kSide; ++column) {
+      xyz.push_back(0.4F * static_cast<float>(column) - 60.0F);
+      xyz.push_back(0.4F * static_cast<float>(row) - 60.0F);
+      xyz.push_back(static_cast<float>(600.0 + 0.02 * prng.normal()));
+    }
+  ASSERT_TRUE(hal::write_ply(path.c_str(), xyz, kSide, kSide).ok());
+}
+
+using ScannerVerify = Slabctl;
+
+TEST_F(ScannerVerify, figures_are_told_kept_and_found_again_and_limits_decide_the_exit_status) {
+  const std::string plate = file("plate.ply");
+  write_plate(plate);
+  const std::string config =
+      write("slabd.toml", "[storage]\ndb = \"" + file("slabd.db") + "\"\n[cell]\nT_base_slab = [0,0,0,1,0,0,0]\n");
+  const Ended good =
+      run("scanner verify --plate " + plate + " --limit-rf-mm 0.2 --scanner SN7 --keep --config " + config + " --json");
+  ASSERT_EQ(good.status, 0) << good.err;
+  const auto record = nlohmann::json::parse(good.out);
+  EXPECT_EQ(record["schema"], "slabd.scanner_verification/1");
+  EXPECT_NEAR(record["plates"][0]["noise_sigma_mm"].get<double>(), 0.02, 0.001);
+  EXPECT_TRUE(record["PF_mm"].is_null()) << "no ball, no figure";
+  expect_mentions(record["uncertainty"].get<std::string>(), "scanner_form_mm = { value = ");
+
+  const Ended bad = run("scanner verify --plate " + plate + " --limit-rf-mm 0.05 --keep --config " + config);
+  EXPECT_EQ(bad.status, 6) << bad.err;
+  expect_mentions(bad.out, "OUT OF LIMITS");
+  expect_mentions(bad.err, "6 places");
+  EXPECT_EQ(run("scanner verify --plate " + plate + " --limit-pf-mm 0.5").status, 6)
+      << "a limit of a figure that was not measured is not kept";
+
+  const Ended history = run("scanner history --json --config " + config);
+  ASSERT_EQ(history.status, 0) << history.err;
+  const auto kept = nlohmann::json::parse(history.out)["records"];
+  ASSERT_EQ(kept.size(), 2U);
+  EXPECT_EQ(kept[0]["scanner"], "SN7");
+  EXPECT_EQ(kept[0]["within_limits"], true);
+  EXPECT_EQ(kept[1]["within_limits"], false);
+}
+
+TEST_F(ScannerVerify, what_is_missing_is_said) {
+  EXPECT_EQ(run("scanner verify").status, 2);
+  EXPECT_EQ(run("scanner verify --ball x.ply").status, 2);
+  EXPECT_EQ(run("scanner verify --plate /nowhere/x.ply").status, 3);
+}
+
+}  // namespace
+}  // namespace slabd::cli

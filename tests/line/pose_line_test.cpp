@@ -1,0 +1,290 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A real daemon hears poses as they really come: crafted datagrams by the hundred thousand, two publishers, a recorded
+// log, a type that others publish.
+#include <arpa/inet.h>
+#include <gtest/gtest.h>
+#include <lcm/eventlog.h>
+#include <lcm/lcm.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <bot_core/rigid_transform_t.hpp>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <slabd/flange_pose_t.hpp>
+#include <thread>
+
+#include "base/prng.h"
+#include "processes.h"
+
+namespace slabd::line {
+namespace {
+
+using Json = nlohmann::json;
+using namespace std::chrono_literals;
+
+constexpr const char* kChannel = "FLANGE_POSE";
+constexpr std::int64_t kPeriodUs = 4'000;
+
+flange_pose_t pose(std::int32_t seq) {
+  flange_pose_t m{};
+  m.utime = 1'700'000'000'000'000 + kPeriodUs * seq;
+  m.robot_time_us = -1;
+  m.seq = seq;
+  m.flags = 1;
+  m.trans[0] = 1.8;
+  m.trans[2] = 0.9;
+  m.quat[0] = 1.0;
+  return m;
+}
+
+template <typename Message>
+std::string encoded(const Message& m) {
+  std::string bytes(static_cast<std::size_t>(m.getEncodedSize()), '\0');
+  m.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+  return bytes;
+}
+
+std::string datagram(const std::string& payload, const std::string& channel = kChannel) {
+  return std::string("LC02") + std::string("\0\0\0\1", 4) + channel + '\0' + payload;
+}
+
+/// A fragment of LCM's long message, which slabd never takes: the kinds that write outside of liblcm 1.3.1's buffers.
+std::string fragment(std::uint32_t total, std::uint32_t offset, std::uint16_t number, std::uint16_t of,
+                     const std::string& body) {
+  std::string bytes = "LC03";
+  const auto put = [&bytes](std::uint32_t value, int size) {
+    for (int i = size - 1; i >= 0; --i) bytes += static_cast<char>(value >> (8 * i));
+  };
+  put(9, 4);
+  put(total, 4);
+  put(offset, 4);
+  put(number, 2);
+  put(of, 2);
+  return bytes + (number == 0 ? std::string(kChannel) + '\0' : "") + body;
+}
+
+class Sender {
+ public:
+  explicit Sender(const std::string& url) : fd_(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+    std::smatch match;
+    EXPECT_TRUE(std::regex_search(url, match, std::regex("udpm://([0-9.]+):([0-9]+)")));
+    to_.sin_family = AF_INET;
+    to_.sin_port = htons(static_cast<std::uint16_t>(std::stoi(match[2])));
+    inet_pton(AF_INET, match[1].str().c_str(), &to_.sin_addr);
+    const unsigned char ttl = 0;
+    ::setsockopt(fd_, IPPROTO_IP, IP_MULTICAST_TTL, &ttl, sizeof ttl);
+  }
+  ~Sender() { ::close(fd_); }
+  Sender(const Sender&) = delete;
+  Sender& operator=(const Sender&) = delete;
+  bool send(const std::string& bytes) const {
+    return ::sendto(fd_, bytes.data(), bytes.size(), 0, reinterpret_cast<const sockaddr*>(&to_), sizeof to_) ==
+           static_cast<ssize_t>(bytes.size());
+  }
+
+ private:
+  int fd_;
+  sockaddr_in to_{};
+};
+
+/// One of the kinds of datagram that are no pose, or a wrong one.
+std::string crafted(Prng& prng, std::int32_t seq) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  flange_pose_t m = pose(seq);
+  const auto index = [&prng](std::uint64_t below) { return static_cast<std::size_t>(prng.next() % below); };
+  switch (index(18)) {
+    case 0: m.trans[index(3)] = kNan; return datagram(encoded(m));
+    case 1: m.quat[index(4)] = std::numeric_limits<double>::infinity(); return datagram(encoded(m));
+    case 2: m.quat[0] = 1.01; return datagram(encoded(m));
+    case 3: m.quat[0] = 0.0; return datagram(encoded(m));
+    case 4: m.trans[1] = 1e300; return datagram(encoded(m));
+    case 5: m.trans[1] = 10.5; return datagram(encoded(m));
+    case 6: m.utime -= 8'000'000; return datagram(encoded(m));  // from the past
+    case 7:
+      m.utime -= kPeriodUs;
+      m.seq -= 1;
+      return datagram(encoded(m));  // the last one again
+    case 8: return datagram(encoded(m), "OTHER");
+    case 9: return datagram(encoded(m)).substr(0, index(111));                  // cut
+    case 10: return datagram(encoded(m)) + std::string(1 + index(1'000), 'x');  // too long
+    case 11: return datagram(std::string(92, static_cast<char>(prng.next())));  // fingerprint
+    case 12: return fragment(0xFFFF'FFFF, 0, 0, 2, std::string(64, 'a'));
+    case 13: return fragment(200, 0xFFFF'FFF0, 1, 2, std::string(64, 'b'));
+    case 14: return fragment(200, 150, 1, 2, std::string(120, 'c'));
+    case 15: return std::string("LC02") + std::string(4, '\0') + std::string(1'200, 'n');  // a channel without end
+    case 16: return datagram(encoded(m), std::string(64, 'c'));
+    default: {
+      std::string noise(index(1'400), '\0');
+      for (char& c : noise) c = static_cast<char>(prng.next());
+      return noise;
+    }
+  }
+}
+
+class PoseLineTest : public testing::Test {
+ protected:
+  void TearDown() override {
+    if (HasFailure()) std::fprintf(stderr, "---- slabd ----\n%s", box_.log().c_str());
+  }
+  [[nodiscard]] std::string url() const {
+    std::smatch match;
+    const std::string text = read_file(box_.config);
+    return std::regex_search(text, match, std::regex("lcm_url = \"([^\"]+)\"")) ? match[1].str() : "";
+  }
+  [[nodiscard]] Json status() const {
+    const Box::Answer answer = box_.slabctl({"status", "--config", box_.config.native(), "--json"});
+    EXPECT_EQ(answer.exit_status, 0) << answer.err;
+    return Json::parse(answer.out, nullptr, false);
+  }
+  [[nodiscard]] Json link() const { return status()["links"]["pose"]; }
+  /// Polls until `done`; the test's own timeout ends a wait that never comes true.
+  static void wait_until(const std::function<bool()>& done) {
+    while (!done()) std::this_thread::sleep_for(30ms);
+  }
+  void start() {
+    box_.start();
+    ASSERT_TRUE(box_.ready()) << box_.log();
+    // A loaded computer takes its time until the first turn.
+    wait_until([this] {
+      return box_.slabctl({"status", "--config", box_.config.native()}).exit_status == 0 || !box_.running();
+    });
+    EXPECT_EQ(link()["code"], 201) << "it listens, and hears nothing";
+  }
+
+  Box box_;
+};
+
+TEST_F(PoseLineTest, two_hundred_thousand_crafted_datagrams_change_neither_pose_nor_memory) {
+  start();
+  const Sender robot(url());
+  Prng prng(20'261'121);
+  constexpr int kBursts = 1'000;
+  constexpr int kCraftedPerBurst = 200;
+  std::int32_t seq = 0;
+  const auto burst = [&](int crafted_ones) {
+    // Between true poses, from the same address and port: nothing but their content tells them apart.
+    for (int i = 0; i < crafted_ones; ++i) static_cast<void>(robot.send(crafted(prng, seq + 1)));
+    ASSERT_TRUE(robot.send(datagram(encoded(pose(++seq)))));
+  };
+  burst(0);  // whoever speaks first is believed
+  for (int i = 0; i < 20; ++i) burst(kCraftedPerBurst);
+  const Json before = status();
+  for (int i = 20; i < kBursts; ++i) {
+    burst(kCraftedPerBurst);
+    if (i % 4 == 0) std::this_thread::sleep_for(2ms);  // the receive buffer is the kernel's, and finite
+  }
+  // A true one that was lost in a full buffer is a gap, never a wrong pose.
+  wait_until([&] { return link()["code"] != 0; });  // all are read
+  const Json after = status();
+  const Json& pose_link = after["links"]["pose"];
+  EXPECT_TRUE(box_.running());
+  EXPECT_LE(pose_link["accepted"].get<int>(), seq) << "only true ones";
+  EXPECT_GE(pose_link["accepted"].get<int>(), seq / 4);
+  EXPECT_EQ(pose_link["jumps"], 0);
+  for (const char* counter :
+       {"foreign", "malformed", "not_finite", "not_unit", "out_of_reach", "repeated", "time_back"})
+    EXPECT_GT(pose_link[counter].get<int>(), 1'000) << counter;
+  EXPECT_LE(after["memory"]["rss_kb"].get<int>(), before["memory"]["rss_kb"].get<int>() + 512);
+  // Poses have stopped, and that has a name.
+  EXPECT_EQ(pose_link["code"], 202) << pose_link;
+  EXPECT_GE(pose_link["stale"].get<int>(), 1);
+  EXPECT_EQ(box_.stop(), 0);
+}
+
+TEST_F(PoseLineTest, two_publishers_are_told_and_the_slab_is_finished_when_one_is_stopped) {
+  start();
+  // Another program that shows the arm elsewhere, for the first seconds of the slab.
+  std::atomic<bool> stop{false};
+  std::thread second([&] {
+    lcm_t* lcm = lcm_create(url().c_str());
+    for (std::int32_t seq = 1; !stop; ++seq) {
+      flange_pose_t m = pose(seq);
+      m.trans[0] = 0.3;
+      const std::string bytes = encoded(m);
+      lcm_publish(lcm, kChannel, bytes.data(), static_cast<unsigned>(bytes.size()));
+      std::this_thread::sleep_for(8ms);
+    }
+    lcm_destroy(lcm);
+  });
+  wait_until([&] { return link()["accepted"].get<int>() > 10; });
+  const auto line = box_.simulate({"--slab-no", "1"});
+  Json seen;
+  wait_until([&] {
+    seen = link();
+    return seen["second_publisher"].get<int>() > 100 || !line->running();
+  });
+  EXPECT_NE(seen["refusal"].get<std::string>().find("two programs publish"), std::string::npos) << seen;
+  EXPECT_NE(seen["code"], 0) << "nobody is believed";
+  stop = true;
+  second.join();
+  EXPECT_EQ(line->wait(), 0) << read_file(box_.dir / "simulate.err");
+  EXPECT_NE(box_.log().find("while two programs publish"), std::string::npos) << box_.log();
+}
+
+TEST_F(PoseLineTest, a_log_played_by_lcm_logplayer_arrives_pose_by_pose) {
+  constexpr int kPoses = 250;
+  const std::string log = box_.dir / "poses.lcmlog";
+  lcm_eventlog_t* file = lcm_eventlog_create(log.c_str(), "w");
+  ASSERT_NE(file, nullptr);
+  for (int i = 1; i <= kPoses; ++i) {
+    std::string bytes = encoded(pose(i));
+    lcm_eventlog_event_t event{};
+    event.eventnum = i;
+    event.timestamp = pose(i).utime;
+    std::string channel = i % 5 == 0 ? "CAMERA" : kChannel;  // a log holds more than poses
+    event.channellen = static_cast<int>(channel.size());
+    event.datalen = static_cast<int>(bytes.size());
+    event.channel = channel.data();
+    event.data = bytes.data();
+    ASSERT_EQ(lcm_eventlog_write_event(file, &event), 0);
+  }
+  lcm_eventlog_destroy(file);
+  start();
+  Process player({"/usr/bin/lcm-logplayer", "--lcm-url", url(), log}, box_.dir / "player.out", box_.dir / "player.err");
+  EXPECT_EQ(player.wait(), 0) << read_file(box_.dir / "player.err");
+  wait_until([&] { return link()["code"] == 202; });
+  const Json seen = link();
+  EXPECT_EQ(seen["accepted"], kPoses - kPoses / 5) << seen;
+  EXPECT_EQ(seen["foreign"], kPoses / 5);
+  EXPECT_EQ(seen["gaps"], kPoses / 5 - 1) << "those on the other channel are missing in the numbers";
+  EXPECT_EQ(seen["malformed"], 0);
+}
+
+TEST_F(PoseLineTest, a_rigid_transform_settles_and_a_stranger_is_refused_by_name) {
+  std::ofstream(box_.config, std::ios::app) << "[pose]\ntype = \"bot_core.rigid_transform_t\"\n";
+  std::atomic<bool> stop{false};
+  std::thread robot([&] {
+    lcm_t* lcm = lcm_create(url().c_str());
+    bot_core::rigid_transform_t m{};
+    m.trans[2] = 1.25;
+    m.quat[0] = 1.0;
+    for (m.utime = 1; !stop; m.utime += 8'000) {
+      const std::string bytes = encoded(m);
+      lcm_publish(lcm, kChannel, bytes.data(), static_cast<unsigned>(bytes.size()));
+      std::this_thread::sleep_for(8ms);
+    }
+    lcm_destroy(lcm);
+  });
+  const Box::Answer good = box_.slabctl({"robot", "monitor", "--once", "--json", "--config", box_.config.native()});
+  std::ofstream(box_.config, std::ios::app) << "senders = [\"203.0.113.0/24\"]\n";
+  const Box::Answer strange = box_.slabctl({"robot", "monitor", "--once", "--config", box_.config.native()});
+  stop = true;
+  robot.join();
+  EXPECT_EQ(good.exit_status, 0) << good.err;
+  EXPECT_EQ(Json::parse(good.out)["settled"], true) << good.out;
+  EXPECT_EQ(strange.exit_status, 4) << strange.out;
+  EXPECT_NE(strange.out.find("[pose] senders"), std::string::npos) << strange.out;
+}
+
+}  // namespace
+}  // namespace slabd::line

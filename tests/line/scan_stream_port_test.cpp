@@ -1,0 +1,271 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/wait.h>
+
+#include <cmath>
+#include <fstream>
+#include <functional>
+#include <thread>
+#include <vector>
+
+#include "cli/scanner/stream_gateway.h"
+#include "hal/crc32c.h"
+#include "hal/hal.h"
+#include "hal/scan_stream.h"
+#include "tests/hal/temporary_folder.h"
+
+namespace slabd::line {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace hal;
+namespace test = hal::test;
+using cli::StreamGateway;
+using cli::StreamRequest;
+using test::names_in;
+using test::TemporaryFolder;
+
+constexpr std::size_t kPoints = limits::kScanPointsMin + 10;
+
+std::vector<float> points(float z) {
+  std::vector<float> xyz(3 * kPoints, z);
+  for (std::size_t i = 0; i < kPoints; ++i) xyz[3 * i] = static_cast<float>(i);
+  xyz[30] = std::nanf("");
+  return xyz;
+}
+
+class ScanStreamPortTest : public testing::Test {
+ protected:
+  void SetUp() override { open("127.0.0.0/8"); }
+  void open(const char* allow) {
+    ScanStreamSettings settings;
+    settings.port = 0;
+    ASSERT_TRUE(settings.allow.push(parse_network(allow).value()));
+    port_.reset();
+    auto made = make_scan_stream(settings, *clock_);
+    ASSERT_TRUE(made.ok()) << made.error().text.c_str();
+    port_ = std::move(made.value());
+  }
+  ScanRequest request(std::uint16_t seq = 3, std::int64_t timeout_ms = 30'000) const {
+    ScanRequest r;
+    r.session = 7;
+    r.cmd_seq = seq;
+    r.slab_id = "S \"1\"";
+    r.station = 4;
+    r.timeout_ns = ns_from_ms(timeout_ms);
+    r.spool_path = PathText(folder_ / "spool/1/04-1");
+    return r;
+  }
+  StreamGateway gateway() const { return {"127.0.0.1", port_->bound_port()}; }
+  /// The gateway's side, on its own thread; acquire() on this one.
+  Result<AcquiredScan> acquire(const ScanRequest& r, const std::function<void(StreamGateway&)>& software) {
+    std::thread thread([&] {
+      StreamGateway g = gateway();
+      ASSERT_TRUE(g.connect().ok());
+      software(g);
+    });
+    Result<AcquiredScan> result = port_->acquire(r, xyz_, cancel_, [this](const AcquiredScan&) { ++decoded_; });
+    thread.join();
+    return result;
+  }
+  static StreamRequest wait_for(StreamGateway& g) {
+    std::string note;
+    for (;;) {
+      // A connection that slabd has ended may still look open here.
+      static_cast<void>(g.connect());
+      if (const auto r = g.next_request(1'000, note)) return *r;
+    }
+  }
+  void expect_nothing_left() const {
+    const std::string spool = folder_ / "spool/1";
+    const auto left = fs::exists(spool) ? names_in(spool) : std::vector<std::string>{};
+    EXPECT_TRUE(left.empty()) << left.front();
+  }
+
+  TemporaryFolder folder_;
+  std::unique_ptr<Clock> clock_ = make_system_clock();
+  std::unique_ptr<ScanStreamPort> port_;
+  std::vector<float> xyz_ = std::vector<float>(3 * (kPoints + 100));
+  std::atomic<bool> cancel_{false};
+  int decoded_ = 0;
+};
+
+TEST_F(ScanStreamPortTest, a_scan_is_measured_from_the_bytes_that_lie_in_the_spool) {
+  const auto result = acquire(request(), [](StreamGateway& g) {
+    const StreamRequest r = wait_for(g);
+    EXPECT_EQ(r.name(), "7-3");
+    EXPECT_EQ(r.station, 4);
+    EXPECT_EQ(r.slab_id, "S \"1\"");
+    EXPECT_TRUE(g.answer(r, points(5.0F), 0, 0, 99).ok());
+  });
+  ASSERT_TRUE(result.ok()) << result.error().text.c_str();
+  EXPECT_EQ(decoded_, 1);
+  EXPECT_EQ(result.value().shape.points, kPoints);
+  EXPECT_EQ(result.value().shape.finite, kPoints - 1);
+  EXPECT_TRUE(port_->online());
+  EXPECT_EQ(names_in(folder_ / "spool/1"), std::vector<std::string>{"04-1.ply"});
+  std::vector<float> again(xyz_.size());
+  const auto read = read_scan(result.value().path.c_str(), LengthUnit::mm, std::span<float>(again));
+  ASSERT_TRUE(read.ok()) << read.error().text.c_str();
+  EXPECT_EQ(read.value().finite, kPoints - 1);
+  EXPECT_EQ(std::memcmp(again.data(), xyz_.data(), 12 * kPoints), 0);
+}
+
+TEST_F(ScanStreamPortTest, a_scan_goes_on_where_its_connection_was_cut) {
+  const auto result = acquire(request(), [](StreamGateway& g) {
+    EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99, 20'000).ok());
+    ASSERT_TRUE(g.connect().ok());
+    const StreamRequest again = wait_for(g);
+    EXPECT_EQ(again.have_points, 20'000U);
+    EXPECT_TRUE(g.answer(again, points(5.0F), 0, 0, 99).ok());
+  });
+  ASSERT_TRUE(result.ok()) << result.error().text.c_str();
+  std::vector<float> again(xyz_.size());
+  ASSERT_TRUE(read_scan(result.value().path.c_str(), LengthUnit::mm, std::span<float>(again)).ok());
+  EXPECT_EQ(std::memcmp(again.data(), xyz_.data(), 12 * kPoints), 0) << "the file has every point once";
+}
+
+TEST_F(ScanStreamPortTest, a_scan_taken_anew_after_a_cut_leaves_nothing_of_the_first) {
+  const auto result = acquire(request(), [](StreamGateway& g) {
+    EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99, 20'000).ok());
+    ASSERT_TRUE(g.connect().ok());
+    StreamRequest again = wait_for(g);
+    EXPECT_FALSE(g.answer(again, points(6.0F), 0, 0, 100).ok()) << "another scan does not go on at point 20000";
+    ASSERT_TRUE(g.connect().ok());
+    again = wait_for(g);
+    again.have_points = 0;
+    EXPECT_TRUE(g.answer(again, points(6.0F), 0, 0, 100).ok());
+  });
+  ASSERT_TRUE(result.ok()) << result.error().text.c_str();
+  for (std::size_t i = 0; i < kPoints; ++i) ASSERT_NE(xyz_[3 * i + 2], 5.0F) << i;
+  std::vector<float> again(xyz_.size());
+  ASSERT_TRUE(read_scan(result.value().path.c_str(), LengthUnit::mm, std::span<float>(again)).ok());
+  EXPECT_EQ(std::memcmp(again.data(), xyz_.data(), 12 * kPoints), 0);
+  EXPECT_EQ(port_->stray_files(), 1U);
+}
+
+TEST_F(ScanStreamPortTest, the_late_answer_to_a_request_that_was_given_up_is_never_the_next_ones) {
+  StreamGateway g = gateway();
+  ASSERT_TRUE(g.connect().ok());
+  port_->idle();
+  const auto none = port_->acquire(request(3, 50), xyz_, cancel_, [](const AcquiredScan&) {});
+  ASSERT_FALSE(none.ok());
+  EXPECT_EQ(none.error().code, Code::trigger_timeout);
+  const StreamRequest late = wait_for(g);
+  std::thread software([&] { EXPECT_FALSE(g.answer(late, points(5.0F), 0, 0, 99).ok()); });
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  const auto next = port_->acquire(request(4, 300), xyz_, cancel_, [this](const AcquiredScan&) { ++decoded_; });
+  software.join();
+  EXPECT_FALSE(next.ok());
+  EXPECT_EQ(decoded_, 0);
+  EXPECT_GE(port_->stray_files(), 1U);
+  expect_nothing_left();
+  const auto good = acquire(request(5), [](StreamGateway& fresh) {
+    EXPECT_TRUE(fresh.answer(wait_for(fresh), points(7.0F), 0, 0, 101).ok());
+  });
+  EXPECT_TRUE(good.ok()) << good.error().text.c_str();
+}
+
+TEST_F(ScanStreamPortTest, without_a_gateway_the_scanner_is_offline) {
+  const auto none = port_->acquire(request(3, 50), xyz_, cancel_, [](const AcquiredScan&) {});
+  ASSERT_FALSE(none.ok());
+  EXPECT_EQ(none.error().code, Code::scanner_offline);
+  EXPECT_FALSE(port_->online());
+  EXPECT_NE(port_->trouble().view().find("no gateway"), std::string_view::npos);
+}
+
+TEST_F(ScanStreamPortTest, a_scan_that_stays_cut_is_incomplete_and_leaves_nothing) {
+  const auto result = acquire(request(3, 400), [](StreamGateway& g) {
+    EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99, 20'000).ok());
+  });
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::frame_incomplete);
+  EXPECT_NE(result.error().text.view().find("cut after 20000 points"), std::string_view::npos)
+      << result.error().text.c_str();
+  EXPECT_EQ(decoded_, 0);
+  expect_nothing_left();
+}
+
+TEST_F(ScanStreamPortTest, too_few_points_are_told_to_both_sides) {
+  const auto result = acquire(request(), [](StreamGateway& g) {
+    const Status status = g.answer(wait_for(g), std::vector<float>(300, 1.0F), 0, 0, 99);
+    ASSERT_FALSE(status.ok());
+    EXPECT_EQ(status.error().code, Code::too_few_points);
+  });
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::too_few_points);
+  expect_nothing_left();
+}
+
+TEST_F(ScanStreamPortTest, a_spool_that_cannot_be_written_is_told_to_both_sides) {
+  test::write_file(folder_ / "spool", "a file where a folder should be");
+  const auto result =
+      acquire(request(), [](StreamGateway& g) { EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99).ok()); });
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::journal_write);
+}
+
+TEST_F(ScanStreamPortTest, only_allowed_addresses_are_served) {
+  open("203.0.113.0/24");
+  StreamGateway g = gateway();
+  ASSERT_TRUE(g.connect().ok()) << "the kernel accepts, slabd hangs up";
+  port_->idle();
+  EXPECT_FALSE(port_->online());
+  EXPECT_EQ(port_->stray_files(), 1U);
+  EXPECT_NE(port_->trouble().view().find("[scanner] allow"), std::string_view::npos) << port_->trouble().view();
+}
+
+TEST_F(ScanStreamPortTest, a_restarted_gateway_takes_its_own_place) {
+  StreamGateway first = gateway();
+  StreamGateway second = gateway();
+  ASSERT_TRUE(first.connect().ok());
+  port_->idle();
+  const auto result =
+      acquire(request(), [](StreamGateway& g) { EXPECT_TRUE(g.answer(wait_for(g), points(5.0F), 0, 0, 99).ok()); });
+  EXPECT_TRUE(result.ok()) << "although the first connection was never closed";
+}
+
+TEST_F(ScanStreamPortTest, cancelling_ends_the_wait) {
+  StreamGateway g = gateway();
+  ASSERT_TRUE(g.connect().ok());
+  cancel_ = true;
+  const auto result = port_->acquire(request(), xyz_, cancel_, [](const AcquiredScan&) {});
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::interrupted);
+}
+
+/// The gateway that docs/SCANNER.md shows, as it stands there.
+TEST_F(ScanStreamPortTest, the_documented_gateway_delivers) {
+  const std::string text = test::read_file(std::string(SLABD_SOURCE_DIR) + "/docs/SCANNER.md");
+  const std::size_t begin = text.find("```python\n");
+  const std::size_t end = text.find("```\n", begin + 10);
+  ASSERT_NE(begin, std::string::npos);
+  const std::string program = text.substr(begin + 10, end - begin - 10);
+  EXPECT_LE(std::count(program.begin(), program.end(), '\n'), 50);
+  test::write_file(folder_ / "gateway.py", program);
+  const std::vector<float> scan = points(5.0F);
+  test::write_file(folder_ / "scan.bin", {reinterpret_cast<const char*>(scan.data()), 4 * scan.size()});
+  const std::string to = "127.0.0.1:" + std::to_string(port_->bound_port());
+  const std::string script = folder_ / "gateway.py";
+  const std::string data = folder_ / "scan.bin";
+  const std::string said = folder_ / "said";
+  const pid_t python = fork();
+  if (python == 0) {
+    std::ignore = freopen(said.c_str(), "w", stdout);
+    execlp("python3", "python3", script.c_str(), to.c_str(), data.c_str(), nullptr);
+    _exit(127);
+  }
+  for (std::uint16_t seq = 3; seq < 5; ++seq) {
+    const auto result = port_->acquire(request(seq), xyz_, cancel_, [](const AcquiredScan&) {});
+    EXPECT_TRUE(result.ok()) << result.error().text.c_str();
+    EXPECT_TRUE(!result.ok() || result.value().shape.finite == kPoints - 1);
+  }
+  while (test::read_file(said).find("\"cmd_seq\": 4, \"ok\": true") == std::string::npos)
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  kill(python, SIGKILL);
+  waitpid(python, nullptr, 0);
+}
+
+}  // namespace
+}  // namespace slabd::line
