@@ -21,6 +21,15 @@ bool breaks_run(const PoseSample& before, const PoseSample& sample, const PoseSe
   return (counts && !next) || step_us == 0 || step_us > static_cast<std::uint64_t>(settings.gap_us);
 }
 
+/// Our clock minus the sender's, and the sample's way here on top of it: of many samples the least is nearest to the
+/// truth. Modulo 2^64, as the numbers come from outside.
+std::uint64_t clocks_apart_us(const PoseSample& sample) {
+  return static_cast<std::uint64_t>(sample.arrival_ns / kNsPerUs) - static_cast<std::uint64_t>(sample.utime_us);
+}
+std::uint64_t less_apart_us(std::uint64_t a, std::uint64_t b) {
+  return b - a > std::uint64_t{INT64_MAX} ? b : a;
+}
+
 /// Mean and spread of ring entries [first, last]. Translations are summed about the first one, quaternions are turned
 /// to its side before they are averaged: exact enough for poses that differ by microns.
 template <typename Ring>
@@ -100,7 +109,11 @@ void PoseGate::begin_exposure(const Pose& start) {
   exposure_ = {};
   exposure_.start = start;
   exposure_.verdict = Code::ok;
-  if (!ring_.empty()) exposure_.newest_utime_us = ring_[ring_.size() - 1].utime_us;
+  if (ring_.empty()) return;
+  exposure_.newest_utime_us = ring_[ring_.size() - 1].utime_us;
+  exposure_.clocks_apart_us = clocks_apart_us(ring_[ring_.size() - 1]);
+  for (std::size_t i = ring_.size() - run_length_; i < ring_.size(); ++i)
+    exposure_.clocks_apart_us = less_apart_us(exposure_.clocks_apart_us, clocks_apart_us(ring_[i]));
 }
 
 void PoseGate::watch(const PoseSample& sample) {
@@ -112,7 +125,7 @@ void PoseGate::watch(const PoseSample& sample) {
       static_cast<std::uint64_t>(sample.utime_us) - static_cast<std::uint64_t>(x.newest_utime_us);
   if (step_us == 0 || step_us > std::uint64_t{INT64_MAX}) return;
   x.newest_utime_us = sample.utime_us;
-  x.newest_ns = sample.arrival_ns;
+  x.clocks_apart_us = less_apart_us(x.clocks_apart_us, clocks_apart_us(sample));
   if (step_us > static_cast<std::uint64_t>(settings_.gap_us)) {
     x.verdict = Code::pose_stale;
     return;
@@ -137,7 +150,11 @@ void PoseGate::watch(const PoseSample& sample) {
 Code PoseGate::held_still(std::int64_t to_ns, PoseMean& mean) const {
   const Exposure& x = exposure_;
   if (x.verdict != Code::ok) return x.verdict;
-  if (x.samples == 0 || x.newest_ns <= to_ns) return Code::pose_stale;
+  if (x.samples == 0) return Code::pose_stale;
+  // When it was sent, not when it came: one that was on its way as the exposure ended has not seen the end.
+  const std::uint64_t sent_us = static_cast<std::uint64_t>(x.newest_utime_us) + x.clocks_apart_us;
+  const std::uint64_t after_us = sent_us - static_cast<std::uint64_t>(to_ns / kNsPerUs);
+  if (after_us == 0 || after_us > std::uint64_t{INT64_MAX}) return Code::pose_stale;
   mean.samples = x.samples;
   mean.T_base_flange.translation_mm = x.start.translation_mm + x.offset_sum_mm / x.samples;
   mean.T_base_flange.rotation.coeffs() = x.quat_sum.normalized();

@@ -38,7 +38,7 @@ class PoseGate {
   /// take longer than two seconds.
   void begin_exposure(const Pose& start);
   /// After the exposure, which ended at `to_ns`: ok and the mean over it; moved_during_scan when any sample left the
-  /// start by more than the limits or said "moving"; wrong_frame; pose_stale while nothing newer than `to_ns` has come
+  /// start by more than the limits or said "moving"; wrong_frame; pose_stale while nothing sent after `to_ns` has come
   /// (ask again after the next sample), and for good when samples were missing for longer than `gap_us` of the sender's
   /// clock. Samples that are not newer than the last one do not count.
   [[nodiscard]] Code held_still(std::int64_t to_ns, PoseMean& mean) const;
@@ -52,8 +52,8 @@ class PoseGate {
   struct Exposure {
     Pose start;
     Code verdict = Code::no_pose;  ///< ok while every sample so far held still
-    std::int64_t newest_ns = 0;
     std::int64_t newest_utime_us = 0;
+    std::uint64_t clocks_apart_us = 0;  ///< our clock minus the sender's, modulo 2^64
     std::uint32_t samples = 0;
     Vec3 offset_sum_mm = Vec3::Zero();
     Vec3 offset_low_mm = Vec3::Zero();

@@ -144,6 +144,25 @@ TEST_F(PoseGateTest, watches_an_exposure_longer_than_its_ring) {
   EXPECT_EQ(gate.held_still(now_ns - 1, mean), Code::moved_during_scan);
 }
 
+TEST_F(PoseGateTest, a_sample_sent_before_the_end_of_the_exposure_has_not_seen_it) {
+  send(300);
+  PoseMean mean;
+  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
+  gate.begin_exposure(mean.T_base_flange);
+  send(20);
+  PoseSample late;
+  late.utime_us = now_ns / 1000 + 4'000;
+  late.seq = ++seq;
+  late.T_base_flange.translation_mm = at;
+  const std::int64_t taken_ns = now_ns + ns_from_ms(10);
+  late.arrival_ns = now_ns + ns_from_ms(15);  // 11 ms on its way
+  gate.add(late);
+  EXPECT_EQ(gate.held_still(taken_ns, mean), Code::pose_stale);
+  now_ns += ns_from_ms(10);
+  send(1);
+  EXPECT_EQ(gate.held_still(taken_ns, mean), Code::ok);
+}
+
 TEST_F(PoseGateTest, a_motion_hidden_in_lost_samples_is_no_standstill) {
   send(300);
   PoseMean mean;
