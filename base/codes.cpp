@@ -42,7 +42,7 @@ constexpr std::array kTable = {
     Entry{Code::scanner_offline, "the scanner's folder cannot be used",
           "check the path, its permissions and the mount"},
     Entry{Code::trigger_timeout, "the scanner did not answer in time", "check the scanner program; scan again"},
-    Entry{Code::frame_incomplete, "the scan is incomplete or unreadable", "scan this station again"},
+    Entry{Code::frame_incomplete, "the scan is incomplete, unreadable or an earlier one again", "scan this station again"},
     Entry{Code::exposure, "the scan is over- or underexposed", "check the scanner's exposure settings"},
     Entry{Code::too_few_points, "the scan has too few valid points", "check distance, exposure and dirt; scan again"},
     Entry{Code::block_not_found, "no supporting block was found, or the station was never scanned",

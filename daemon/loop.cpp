@@ -4,6 +4,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <bit>
 #include <cerrno>
 #include <cstdio>
 #include <cstdlib>
@@ -86,16 +88,28 @@ StoreDone Loop::store(const StoreTask& task) {
   return done;
 }
 
+/// A number for what the points are, from some thousands of their coordinates spread over the scan. Never 0.
+static std::uint64_t fingerprint_of(std::span<const float> xyz) {
+  constexpr std::size_t kLooks = 8'191;
+  std::uint64_t hash = xyz.size() + 1;
+  const std::size_t step = xyz.size() / kLooks + 1;
+  for (std::size_t i = 0; i < xyz.size(); i += step)
+    hash = (hash ^ std::bit_cast<std::uint32_t>(xyz[i])) * 0x9E3779B97F4A7C15U ^ (hash >> 31U);
+  return hash | 1U;
+}
+
 ScanDone Loop::scan(const AcquireScan& job) {
   ScanDone done;
   done.cmd_seq = job.request.cmd_seq;
   done.slot = job.slot;
   // Measuring need not wait for the disk. Where nobody takes the news, it begins when the scan is durable.
-  const Result<AcquiredScan> result = ports_.scanner.acquire(job.request, crew_->slot(job.slot), cancel_scan_,
-                                                             [this, &done](const AcquiredScan& decoded) {
-                                                               done.scan = decoded;
-                                                               (void)scan_worker_->post(done);
-                                                             });
+  const std::span<float> xyz = crew_->slot(job.slot);
+  const Result<AcquiredScan> result =
+      ports_.scanner.acquire(job.request, xyz, cancel_scan_, [this, &done, xyz](const AcquiredScan& decoded) {
+        done.scan = decoded;
+        done.fingerprint = fingerprint_of(xyz.first(std::min(3 * decoded.shape.points, xyz.size())));
+        (void)scan_worker_->post(done);
+      });
   done.durable = true;
   if (result.ok()) {
     done.scan = result.value();

@@ -74,6 +74,7 @@ struct ScanDone {
   bool durable = false;  ///< the last word
   Code code = Code::ok;
   AcquiredScan scan;                          ///< valid when code is ok
+  std::uint64_t fingerprint = 0;              ///< of its points; 0: not taken
   FixedString<limits::kErrorTextBytes> text;  ///< why not
 };
 struct BlockMeasured {
@@ -201,7 +202,8 @@ struct Acquisition {
   std::int64_t taken_ns = 0;  ///< checking: when the exposure was over
   double read_ms = 0.0;
   Attempt attempt;
-  bool decoded = false;  ///< the points are in the buffer
+  bool decoded = false;  ///< the points are in the buffer, and are new
+  bool repeats = false;  ///< they are those of an earlier scan
   /// Measuring ahead of the disk. From its beginning on the buffer is the measurement's.
   enum class Ahead : std::uint8_t { no, measuring, measured } ahead = Ahead::no;
   BlockMeasured block;  ///< measured ahead: kept back
@@ -293,6 +295,10 @@ struct PendingStore {
   PlcResult record;
 };
 
+/// Scans whose fingerprints are remembered: three whole slabs and some attempts. A scanner that hangs gives its last
+/// scan again; one that hands out old files perhaps one of the last slabs'.
+inline constexpr std::size_t kFingerprintsKept = 64;
+
 struct Station {
   explicit Station(const StationSettings& settings_in)
       : settings(settings_in), gate(settings_in.pose), still(settings_in.capture, settings_in.pose) {}
@@ -320,6 +326,8 @@ struct Station {
   Acquisition acquisition;
   OpenSlab slab;
   ResultDesk results;
+  std::array<std::uint64_t, kFingerprintsKept> fingerprints{};  ///< of the last scans; 0: none
+  std::size_t fingerprint_next = 0;                             ///< the oldest
   std::array<bool, limits::kScanSlots> slot_busy{};
   std::array<bool, limits::kStationsMax> station_measuring{};  ///< until its result is stored
   std::uint32_t measuring = 0;                                 ///< how many of them

@@ -7,6 +7,7 @@
 // Measuring starts as soon as points and pose are there, while the scan is still on its way to the disk: it is the
 // slower way, so the result waits and the PLC does not. A scan that comes to nothing after all takes the measurement
 // with it: its answer then finds nobody and only gives the buffer back.
+#include <algorithm>
 #include <cmath>
 
 #include "daemon/station_parts.h"
@@ -221,6 +222,16 @@ void advance_acquisition(Station& s, Actions& actions) {
   }
 }
 
+/// A scanner program that hangs may export its last scan under every new name, and 18 blocks are as alike as one to
+/// itself: the same points again are no scan of this block. Two real scans never agree in all their noise.
+static bool is_repeated(Station& s, std::uint64_t fingerprint) {
+  if (fingerprint == 0) return false;
+  if (std::find(s.fingerprints.begin(), s.fingerprints.end(), fingerprint) != s.fingerprints.end()) return true;
+  s.fingerprints[s.fingerprint_next] = fingerprint;
+  s.fingerprint_next = (s.fingerprint_next + 1) % s.fingerprints.size();
+  return false;
+}
+
 void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   if (on_view_scanned(s, done, actions)) return;
   Acquisition& a = s.acquisition;
@@ -231,10 +242,18 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   a.attempt.scan_utime_us = done.scan.taken_utime_us;
   a.taken_ns = done.scan.taken_mono_ns;
   a.read_ms = done.scan.read_ms;
-  a.decoded = done.code == Code::ok;
+  if (done.code == Code::ok && !a.decoded && !a.repeats && is_repeated(s, done.fingerprint)) {
+    // An emulated line may be one without noise.
+    a.repeats = !s.settings.simulation;
+    log(actions, LogLine::Level::error, Code::frame_incomplete,
+        "station %u: the scanner gave the points of an earlier scan again%s", a.station,
+        a.repeats ? "; restart the scanner program" : "; accepted, because the line is emulated");
+  }
+  a.decoded = done.code == Code::ok && !a.repeats;
   if (!done.durable) return;
-  if (a.abort || done.code != Code::ok) {
-    fail_acquisition(s, a.abort ? Code::interrupted : done.code, actions);
+  if (a.abort || done.code != Code::ok || a.repeats) {
+    const Code code = done.code != Code::ok ? done.code : Code::frame_incomplete;
+    fail_acquisition(s, a.abort ? Code::interrupted : code, actions);
     return;
   }
   a.phase = Acquisition::Phase::checking;

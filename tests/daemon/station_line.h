@@ -152,9 +152,10 @@ class Line {
   std::int16_t robot_tool = 0;  ///< active on the controller
   Code scan_code = Code::ok;
   bool scanner_answers = true;
-  bool disk_syncs = true;       ///< false: the scan lies in the buffer, and `sync_ends` says when and how it goes on
-  bool decodes_first = true;    ///< false: nobody hears of the points before they are durable
-  bool measuring_works = true;  ///< false: MeasureBlock is never answered
+  bool disk_syncs = true;         ///< false: the scan lies in the buffer, and `sync_ends` says when and how it goes on
+  std::uint64_t fingerprint = 0;  ///< of the next scans' points
+  bool decodes_first = true;      ///< false: nobody hears of the points before they are durable
+  bool measuring_works = true;    ///< false: MeasureBlock is never answered
   Verdict block_verdict = Verdict::pass;
   bool plc_beats = true;
 
@@ -330,6 +331,7 @@ class Line {
     done.scan.path = acquire.request.spool_path;
     done.scan.taken_mono_ns = now_ns_ + 4 * kNsPerMs;
     done.scan.shape = {1000, 900, 0, 0};
+    done.fingerprint = fingerprint;
     return done;
   }
 

@@ -101,6 +101,33 @@ TEST_F(StationTest, robot_may_leave_only_when_cloud_and_pose_are_durable) {
   EXPECT_TRUE(stored_before);
 }
 
+TEST_F(StationTest, a_scanner_that_gives_an_earlier_scan_again_has_not_scanned) {
+  begin();
+  line.fingerprint = 4711;
+  line.scan(1);
+  EXPECT_EQ(line.view().stations_done, 1);
+  line.scan(2);  // it hangs
+  EXPECT_EQ(line.view().cmd_status, failed(Code::frame_incomplete));
+  EXPECT_EQ(line.view().stations_done, 1);
+  EXPECT_EQ(line.measured.size(), 1U) << "nothing is measured ahead";
+  line.decodes_first = false;  // whoever hears of the points when they are durable learns the same
+  line.scan(2);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::frame_incomplete));
+  line.fingerprint = 4713;
+  line.scan(2);
+  EXPECT_EQ(line.view().stations_done, 2);
+}
+
+TEST_F(StationTest, an_emulated_line_may_be_one_without_noise) {
+  line.settings.simulation = true;
+  line.start();
+  begin();
+  line.fingerprint = 4711;
+  line.scan(1);
+  line.scan(2);
+  EXPECT_EQ(line.view().stations_done, 2);
+}
+
 TEST_F(StationTest, next_scan_may_begin_while_the_last_one_is_measured) {
   begin();
   line.measuring_works = false;

@@ -19,6 +19,7 @@ std::string_view name(Fault fault) {
                                                             "scanner duplicate",
                                                             "scanner wrong block",
                                                             "scanner late",
+                                                            "scanner frozen",
                                                             "LCM loss",
                                                             "LCM duplicate",
                                                             "LCM reorder",

@@ -29,6 +29,7 @@ enum class Fault : std::uint8_t {
   scanner_duplicate,
   scanner_wrong_block,
   scanner_late,
+  scanner_frozen,
   // the robot and its poses
   lcm_loss,
   lcm_duplicate,

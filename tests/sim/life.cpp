@@ -182,7 +182,6 @@ daemon::StationSettings Life::settings() const {
   s.splice.repeatability_rad = rad_from_deg(0.001);
   s.software = "slabd simulated";
   s.spool_dir = kSpool;
-  s.simulation = true;
   return s;
 }
 

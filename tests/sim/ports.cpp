@@ -138,7 +138,11 @@ Result<AcquiredScan> SimScanner::acquire(const ScanRequest& request, std::span<f
     scan.shape.finite = happens(chance_, 0.5) ? 10 : 200'000;
     if (scan.shape.finite < request.points_min) return error(Code::too_few_points, "10 points are finite");
   }
-  line_.write(shown, xyz);
+  // A scanner program that hangs exports what it has under the new name.
+  std::size_t exported = take;
+  if (world.faulty(Fault::scanner_frozen) && last_take_ != 0 && happens(chance_, 0.6)) exported = last_take_;
+  last_take_ = static_cast<std::uint32_t>(exported);
+  line_.write(line_.takes[exported - 1], xyz);
   scan.path = request.spool_path;
   scan.path.append(".ply");
   scan.taken_mono_ns = taken_ns;
@@ -152,7 +156,7 @@ Result<AcquiredScan> SimScanner::acquire(const ScanRequest& request, std::span<f
   if (world.faulty(Fault::spool_full) || world.faulty(Fault::disk_full)) return error(Code::store_full, "no space");
   if (world.faulty(Fault::disk_read_only) || (world.faulty(Fault::disk_eio) && happens(chance_, 0.3)))
     return error(Code::journal_write, "the spool cannot be written");
-  line_.spool[std::string(scan.path.view())] = static_cast<std::uint32_t>(take);
+  line_.spool[std::string(scan.path.view())] = static_cast<std::uint32_t>(exported);
   return scan;
 }
 

@@ -8,7 +8,9 @@
 
 #include <CLI/CLI.hpp>
 #include <atomic>
+#include <cerrno>
 #include <chrono>
+#include <csignal>
 #include <cstdio>
 #include <filesystem>
 
@@ -25,6 +27,7 @@ struct Options {
   std::uint64_t seed = 0;
   std::uint64_t hashes = 0;
   unsigned jobs = 1;
+  double minutes = 0.0;
   bool keep_going = false;
 };
 
@@ -38,6 +41,12 @@ struct Shared {
   std::uint64_t slowest_seed = 0;
   std::uint64_t finished = 0;
 };
+
+Shared* g_shared = nullptr;
+/// Ctrl-C ends a run as its last seed would: with the summary.
+void on_signal(int) {
+  if (g_shared != nullptr) g_shared->stop = true;
+}
 
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
@@ -53,11 +62,13 @@ void print_failure(std::uint64_t seed, const LifeResult& life) {
 }
 
 void work(const Options& options, Shared& shared) {
+  const auto begun = Clock::now();
   const std::vector<Recipe> recipes = life_recipes();
   const std::string folder = enter_own_folder();
   while (!shared.stop) {
     const std::uint64_t index = shared.next++;
     if (index >= options.seeds) break;
+    if (options.minutes > 0.0 && seconds_since(begun) > 60.0 * options.minutes) break;
     const auto start = Clock::now();
     const LifeResult life = live(options.from + index, recipes, false);
     const double took_s = seconds_since(start);
@@ -144,6 +155,9 @@ int live_many(const Options& options) {
   void* memory = ::mmap(nullptr, sizeof(Shared), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   if (memory == MAP_FAILED) return 5;
   auto* shared = new (memory) Shared;
+  g_shared = shared;
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
   const auto start = Clock::now();
   std::vector<pid_t> workers;
   for (unsigned i = 0; i < std::max(1U, options.jobs); ++i) {
@@ -158,7 +172,8 @@ int live_many(const Options& options) {
   bool crashed = false;
   for (const pid_t pid : workers) {
     int status = 0;
-    ::waitpid(pid, &status, 0);
+    while (::waitpid(pid, &status, 0) < 0 && errno == EINTR) {
+    }
     crashed = crashed || !WIFEXITED(status) || WEXITSTATUS(status) != 0;
   }
   print_summary(options, *shared, seconds_since(start));
@@ -178,6 +193,7 @@ int main(int argc, char** argv) {
   app.add_option("--seed", options.seed, "live only this one, and tell everything");
   app.add_option("--hashes", options.hashes, "print the trace's hash of so many lives from --from on");
   app.add_option("--jobs", options.jobs, "processes")->capture_default_str();
+  app.add_option("--minutes", options.minutes, "end after so long, whatever --seeds says");
   app.add_flag("--keep-going", options.keep_going, "also after a promise was broken");
   CLI11_PARSE(app, argc, argv);
   ::unsetenv("JOURNAL_STREAM");  // the log's prefixes belong to the trace
