@@ -12,7 +12,11 @@
 
 #include <sqlite3.h>
 
+#include <algorithm>
+#include <cstddef>
 #include <filesystem>
+#include <memory>
+#include <vector>
 
 #include "storage/folders.h"
 #include "storage/schema.h"
@@ -80,12 +84,50 @@ void check(Connection& db) {
   if (answer != "ok") throw SqlFailure{SQLITE_CORRUPT, "it is damaged (quick_check: " + answer + ")"};
 }
 
+/// Writes the write-ahead log onto itself and syncs it. What a failed sync has left unwritten, Linux takes for written:
+/// it can still be read, and no later sync writes it, so commits behind it would go with it at the next power cut. The
+/// same bytes written once more are written for good.
+void write_log(const std::string& db_path) {
+  const std::string path = db_path + "-wal";
+  sqlite3_vfs* vfs = sqlite3_vfs_find(nullptr);
+  int exists = 0;
+  if (vfs->xAccess(vfs, path.c_str(), SQLITE_ACCESS_EXISTS, &exists) != SQLITE_OK || exists == 0) return;
+  const auto memory =
+      std::make_unique<std::max_align_t[]>(static_cast<std::size_t>(vfs->szOsFile) / sizeof(std::max_align_t) + 1);
+  void* place = memory.get();
+  auto* file = static_cast<sqlite3_file*>(place);
+  int result = vfs->xOpen(vfs, path.c_str(), file, SQLITE_OPEN_READWRITE | SQLITE_OPEN_WAL, nullptr);
+  if (result == SQLITE_OK) {
+    sqlite3_int64 bytes = 0;
+    result = file->pMethods->xFileSize(file, &bytes);
+    std::vector<unsigned char> chunk(65'536);
+    for (sqlite3_int64 at = 0; result == SQLITE_OK && at < bytes; at += static_cast<sqlite3_int64>(chunk.size())) {
+      const int size = static_cast<int>(std::min(bytes - at, static_cast<sqlite3_int64>(chunk.size())));
+      result = file->pMethods->xRead(file, chunk.data(), size, at);
+      if (result == SQLITE_OK) result = file->pMethods->xWrite(file, chunk.data(), size, at);
+    }
+    if (result == SQLITE_OK && bytes > 0) result = file->pMethods->xSync(file, SQLITE_SYNC_FULL);
+  }
+  if (file->pMethods != nullptr) file->pMethods->xClose(file);
+  if (result != SQLITE_OK)
+    throw SqlFailure{result, "its log cannot be written again (SQLite " + std::to_string(result) + ")"};
+}
+
 Error cannot_open(const std::string& path, const SqlFailure& failure, Code code) {
   const bool full = (failure.result & 0xFF) == SQLITE_FULL;
   return error(full ? Code::store_full : code, "cannot use database %s: %s", path.c_str(), failure.text.c_str());
 }
 
 }  // namespace
+
+Status write_log_again(const std::string& path) {
+  try {
+    write_log(path);
+    return success();
+  } catch (const SqlFailure& failure) {
+    return cannot_open(path, failure, Code::journal_write);
+  }
+}
 
 Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path) {
   const std::string folder = std::filesystem::path(path).parent_path().string();

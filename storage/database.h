@@ -21,4 +21,10 @@ namespace slabd::storage {
 /// As is_unused() in storage/storage.h.
 [[nodiscard]] bool unused_at(const std::string& path);
 
+/// Writes the write-ahead log of `path` onto itself and syncs it; for after a failed sync, before the file is opened
+/// anew. What a failed sync has left unwritten, Linux takes for written: it can still be read, no later sync writes it,
+/// and commits put behind it would go with it at the next power cut. The same bytes written once more are written for
+/// good. Not without need: a power cut in the middle of it may spoil a sector that was safe.
+[[nodiscard]] Status write_log_again(const std::string& path);
+
 }  // namespace slabd::storage

@@ -131,6 +131,9 @@ class SqliteStore final : public Store {
         return status;
       }
     }
+    if (log_in_doubt_)
+      if (Status status = write_log_again(settings_.db_path); !status.ok()) return status;
+    log_in_doubt_ = false;
     Result<std::unique_ptr<Connection>> db = open_for_writing(settings_.db_path);
     if (!db.ok()) return db.error();
     try {
@@ -151,13 +154,20 @@ class SqliteStore final : public Store {
       return refusal.error;
     } catch (const SqlFailure& failure) {
       const bool full = (failure.result & 0xFF) == SQLITE_FULL;
-      if (!leaves_connection_good(failure.result)) open_.reset();
+      if (!leaves_connection_good(failure.result)) give_up();
       return error(full ? Code::store_full : Code::journal_write, "%s: %s not written: %s", settings_.db_path.c_str(),
                    what, failure.text.c_str());
     } catch (const std::exception& e) {
-      open_.reset();
+      give_up();
       return error(Code::internal, "%s: %s not written: %s", settings_.db_path.c_str(), what, e.what());
     }
+  }
+
+  /// Nobody knows what of the log is on the disk, so closing must not move it into the database.
+  void give_up() {
+    if (open_) (void)sqlite3_db_config(open_->db->handle(), SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, nullptr);
+    open_.reset();
+    log_in_doubt_ = true;
   }
 
   Status check_free_space() const {
@@ -185,6 +195,7 @@ class SqliteStore final : public Store {
   std::unique_ptr<OpenDatabase> open_;
   FixedString<limits::kErrorTextBytes> spool_trouble_;
   bool log_holds_commits_ = false;
+  bool log_in_doubt_ = false;  ///< a write or sync of it failed
   int quiet_looks_ = 0;
 };
 
