@@ -24,6 +24,7 @@ void add_calibrate(CLI::App& app, int& exit_status) {
   add_calibrate_history(*group, exit_status);
   add_calibrate_ball(*group, exit_status);
   add_calibrate_artefact(*group, exit_status);
+  add_calibrate_block(*group, exit_status);
   add_calibrate_stations(*group, exit_status);
   add_calibrate_reference(*group, exit_status);
   add_calibrate_check(*group, exit_status);

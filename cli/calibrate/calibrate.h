@@ -22,6 +22,7 @@ void add_calibrate_undo(CLI::App& group, int& exit_status);
 void add_calibrate_verify(CLI::App& group, int& exit_status);
 void add_calibrate_ball(CLI::App& group, int& exit_status);
 void add_calibrate_artefact(CLI::App& group, int& exit_status);
+void add_calibrate_block(CLI::App& group, int& exit_status);
 void add_calibrate_solve(CLI::App& group, int& exit_status);
 void add_calibrate_stations(CLI::App& group, int& exit_status);
 void add_calibrate_reference(CLI::App& group, int& exit_status);

@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl calibrate block: a supporting block, or the reference block, as an artefact with a full pose. Its pose in a
+// scan is what the registration of every inspection finds, by the same code.
+//
+// A registration needs to know where to look, to about 15 mm and 3 degrees, and views of a calibration are tilted to
+// all sides. The first view looks straight down as the line does; from then on the robot's poses, with what is known of
+// the scanner's place, say where the block must be. What is known grows: from the sixth view on it is the solution of
+// the views so far.
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+#include <fstream>
+#include <memory>
+#include <span>
+
+#include "base/pages.h"
+#include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/record_options.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/parse.h"
+
+namespace slabd::cli {
+namespace {
+
+struct Options {
+  std::vector<std::string> scans;
+  std::string recipe;
+  std::string flange;
+  std::string start;
+  std::string config;
+  std::string target;
+  std::string unit = "mm";
+  bool json = false;
+};
+
+bool failed(const Error& why, int& exit_status) {
+  complain(why.text.view());
+  exit_status = exit_for(why.code);
+  return false;
+}
+
+/// Roughly where the scanner sits: as said, else of the configuration.
+bool find_start(const Options& options, Pose& X, int& exit_status) {
+  exit_status = kUsage;
+  if (!options.start.empty()) {
+    const Result<Pose> pose = calib::parse_flange("", options.start, "--start");
+    if (!pose.ok()) return failed(pose.error(), exit_status);
+    X = pose.value();
+    return true;
+  }
+  daemon::Config config;
+  if (!config_from(options.config, config)) {
+    complain("--start says roughly where the scanner sits (T_flange_scanner), or --config where to read it");
+    return false;
+  }
+  InForce now;
+  if (!hand_eye_in_force(config, now, exit_status)) return false;
+  X = now.T_flange_scanner;
+  return true;
+}
+
+/// The block's pose in one scan.
+class BlockFinder {
+ public:
+  explicit BlockFinder(const Recipe& recipe)
+      : memory_(limits::kScanSlotBytes),
+        xyz_(memory_.take<float>(limits::kScanPointsMax * 3)),
+        clock_(hal::make_system_clock()),
+        inspector_(daemon::default_measure_threads()) {
+    inspector_.use(recipe);
+  }
+
+  /// `T_block_scanner`: where to look.
+  Result<RegistrationReport> find(const std::string& path, hal::LengthUnit unit, const Pose& T_block_scanner) {
+    const Result<ScanShape> read = hal::read_scan(path.c_str(), unit, xyz_);
+    if (!read.ok()) return read.error();
+    const ScanShape& shape = read.value();
+    const algo::Cloud cloud{xyz_, shape.points, shape.width, shape.height};
+    // Items that cannot be measured from such a side are no fault here: the registration is what counts.
+    static_cast<void>(
+        daemon::measure_block(inspector_, *clock_, 1, Pose::identity(), T_block_scanner, cloud, shape, 0.0));
+    return inspector_.result().registration;
+  }
+
+ private:
+  Pages memory_;
+  std::span<float> xyz_;
+  std::unique_ptr<hal::Clock> clock_;
+  algo::BlockInspector inspector_;
+};
+
+/// What the views so far say of the scanner and the block; nothing before there are enough.
+void learn(std::span<const calib::View> views, Pose& X, Pose& T_base_block) {
+  if (views.size() < calib::kViewsMin) return;
+  calib::SolveSettings quick;
+  quick.convention_test = false;
+  const Result<calib::HandEye> solved = calib::solve(calib::ArtefactKind::pose, views, {}, quick);
+  if (!solved.ok() || !solved.value().determined) return;
+  X = solved.value().T_flange_scanner;
+  T_base_block = solved.value().targets.front();
+}
+
+int run_block(const Options& options) {
+  int exit_status = kDone;
+  Recipe recipe;
+  if (!recipe_from(options.recipe, recipe)) return kBadInput;
+  const Result<std::string> text = text_file(options.flange);
+  if (!text.ok()) {
+    failed(text.error(), exit_status);
+    return exit_status;
+  }
+  const Result<calib::PoseTable> flange = calib::parse_poses(text.value(), options.flange, calib::TableRole::flange);
+  if (!flange.ok()) {
+    failed(flange.error(), exit_status);
+    return exit_status;
+  }
+  if (flange.value().poses.size() < options.scans.size()) {
+    complain(fmt::format("{}: {} poses for {} scans; one line for each scan, in their order", options.flange,
+                         flange.value().poses.size(), options.scans.size()));
+    return kBadInput;
+  }
+  Pose X;
+  if (!find_start(options, X, exit_status)) return exit_status;
+
+  BlockFinder finder(recipe);
+  std::vector<calib::View> views;
+  Pose T_base_block = flange.value().poses.front() * X * nominal_T_block_scanner().inverse();
+  Json json;
+  json.begin_object()
+      .field("schema", "slabd.block_poses/1")
+      .field("recipe", recipe.name.view())
+      .key("views")
+      .begin_array();
+  for (std::size_t i = 0; i < options.scans.size(); ++i) {
+    const Pose& T_base_flange = flange.value().poses[i];
+    const Result<RegistrationReport> found =
+        finder.find(options.scans[i], *length_unit(options.unit), T_base_block.inverse() * T_base_flange * X);
+    if (!found.ok()) {
+      failed(found.error(), exit_status);
+      return exit_status;
+    }
+    const RegistrationReport& r = found.value();
+    const bool ok = r.status == RegistrationStatus::converged && r.T_scanner_block.all_finite();
+    json.begin_object().field("file", std::string_view(options.scans[i])).field("status", ok ? "ok" : "refused");
+    json.field("note", r.note.view()).field("share_associated", r.share_associated);
+    if (ok) write_pose(json, "T_scanner_block", r.T_scanner_block);
+    json.end_object();
+    if (!options.json)
+      fmt::print("{}: {}\n", options.scans[i],
+                 ok ? fmt::format("found; {:.0f} % of the points belong to the block, noise {:.3f} mm",
+                                  100.0 * r.share_associated, r.noise_mm)
+                    : fmt::format("REFUSED: the block was not found ({}{}{})", name(r.status),
+                                  r.note.empty() ? "" : ": ", r.note.view()));
+    if (!ok) continue;
+    calib::View& view = views.emplace_back();
+    view.T_base_flange = T_base_flange;
+    view.T_scanner_target = r.T_scanner_block;
+    view.number = i + 1;
+    if (views.size() == 1) T_base_block = T_base_flange * X * r.T_scanner_block;
+    learn(views, X, T_base_block);
+  }
+  const bool good = views.size() == options.scans.size();
+  json.end_array().field("accepted", views.size()).field("status", good ? "ok" : "refused").end_object();
+  if (options.json) fmt::print("{}", json.text());
+  if (!good) {
+    complain(
+        fmt::format("{} of {} scans refused, {} is not written. What to do: the first view must look straight down "
+                    "at the block from 600 mm, --start be right to about 10 mm and 2 deg, and the whole block be in "
+                    "the picture; leave a refused scan out, and its line of {} with it",
+                    options.scans.size() - views.size(), options.scans.size(),
+                    options.target.empty() ? "the table" : options.target, options.flange));
+    return kRefused;
+  }
+  if (options.target.empty()) return kDone;
+  std::vector<Pose> poses;
+  for (const calib::View& view : views) poses.push_back(view.T_scanner_target);
+  std::ofstream file(options.target);
+  file << calib::write_poses(poses, calib::PoseFormat{}, calib::TableRole::target);
+  if (!file.flush()) {
+    complain(fmt::format("{} cannot be written", options.target));
+    return kNotReachable;
+  }
+  if (!options.json)
+    fmt::print("{}: {} poses\nnext: slabctl calibrate solve --kind pose --flange {} --target {}\n", options.target,
+               poses.size(), options.flange, options.target);
+  return kDone;
+}
+
+}  // namespace
+
+void add_calibrate_block(CLI::App& group, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command =
+      group.add_subcommand("block", "Find a block in tilted scans by registration: an artefact at hand");
+  command->footer(
+      "\nThe block must stand still, and the first view look straight down at it from 600 mm, as on the line. Further\n"
+      "views are tilted 20 to 35 deg to all sides; where the block is in them follows from the robot's poses.\n"
+      "Example: slabctl calibrate block view_*.ply --recipe p5600.toml --flange flange.txt --target target.txt\n"
+      "Exit status: 0 every scan accepted, 6 one refused, 2 usage, 3 bad input.");
+  command->add_option("SCAN", options->scans, "Scans of the block, one a view, in the order of the flange poses")
+      ->required();
+  command->add_option("--recipe", options->recipe, "Recipe whose block it is")->required();
+  command->add_option("--flange", options->flange, "Table of T_base_flange, one line a scan")->required();
+  command->add_option("--start", options->start,
+                      "Roughly T_flange_scanner, \"x y z qw qx qy qz\" (default: what the configuration uses)");
+  command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command->add_option("--target", options->target,
+                      "Write the poses as a target table for `calibrate solve --kind pose`; all must be accepted");
+  command->add_option("--unit", options->unit, "Unit of the scans: mm, m or um")
+      ->check(CLI::IsMember({"mm", "m", "um"}))
+      ->capture_default_str();
+  command->add_flag("--json", options->json, "Print slabd.block_poses/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = run_block(*options); });
+}
+
+}  // namespace slabd::cli
