@@ -274,7 +274,6 @@ bool judge(const CheckOptions& options, const daemon::Config& config, storage::R
   if (!hand_eye_in_force(&reader, config, hand_eye_id, X, exit_status)) return false;
   std::string source =
       options.slab.empty() ? options.scan : fmt::format("slab {} station {}", options.slab, options.station);
-  if (!is_new(options, reader, source, exit_status)) return false;
   if (options.ball) {
     const auto& ball = std::get<MonitorBall>(reference.value()->numbers);
     BallLook look = options.look;
@@ -285,13 +284,14 @@ bool judge(const CheckOptions& options, const daemon::Config& config, storage::R
     if (!look_at_ball(config, look, X, seen, exit_status)) return false;
     check = calib::check_ball(ball, seen.p_base_mm);
     if (options.look.live) source = seen.source;
+    if (!is_new(options, reader, source, exit_status)) return false;
     if (const std::string where = elsewhere(config, reference.value()->observations, seen); !where.empty())
       complain(fmt::format("warning: {}", where));
   } else {
     BlockResult block;
     const bool measured = options.slab.empty() ? measure_scan(options, block, exit_status)
                                                : take_from_slab(options, reader, block, exit_status);
-    if (!measured) return false;
+    if (!measured || !is_new(options, reader, source, exit_status)) return false;
     check = calib::check_block(std::get<ReferenceBlock>(reference.value()->numbers), block, config.check_limits);
   }
   check.reference_id.assign(reference.value()->id);
