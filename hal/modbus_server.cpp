@@ -37,9 +37,10 @@ constexpr std::int64_t kIdleLimitNs = 60 * kNsPerS;
 /// Pause of accepting when the process has no descriptors left.
 constexpr std::int64_t kAcceptPauseNs = kNsPerS;
 /// Connections the kernel keeps for us, and how many of them are looked at in one turn: a PLC that connects in the
-/// middle of a flood of connections must not stand at the end of a long queue. Each costs some ten microseconds.
+/// middle of a flood of connections must not stand at the end of a long queue, and none that was let in may lose its
+/// place to the next before it was asked once what it wants. Each costs some ten microseconds.
 constexpr int kBacklog = 128;
-constexpr int kAcceptsPerTurn = 64;
+constexpr int kAcceptsPerTurn = static_cast<int>(limits::kModbusClientsMax / 2);
 /// A dead link is noticed after 10 + 3 * 3 s by probes, after 5 s when a reply is not acknowledged.
 constexpr int kKeepaliveIdleS = 10;
 constexpr int kKeepaliveIntervalS = 3;
