@@ -73,6 +73,27 @@ std::string csv_text(std::string_view text) {
   return quoted + "\"";
 }
 
+/// use(code, what it is, what to do): those of the interface, then the items.
+template <typename Use>
+void each_code(Use&& use) {
+  const std::string_view unknown = describe(static_cast<Code>(1));
+  for (std::uint16_t code = 100; code < kReasonItemBase; ++code)
+    if (const std::string_view what = describe(static_cast<Code>(code)); what != unknown)
+      use(unsigned{code}, std::string(what), std::string(cure(static_cast<Code>(code))));
+  for (std::size_t item = 0; item < 16; ++item)
+    use(static_cast<unsigned>(kReasonItemBase + item),
+        fmt::format("item {} failed: {}", item, info(static_cast<ItemId>(item)).name),
+        "`slabctl show` names value, limits and U; look at the block");
+}
+
+nlohmann::ordered_json code_json() {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  each_code([&](unsigned code, const std::string& what, const std::string& todo) {
+    list.push_back({{"code", code}, {"what", what}, {"cure", todo}});
+  });
+  return {{"schema", "slabd.plc_codes/1"}, {"codes", std::move(list)}};
+}
+
 nlohmann::ordered_json register_json() {
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
   for (const auto memory : {RegisterRow::Memory::holding, RegisterRow::Memory::input})
@@ -114,13 +135,17 @@ std::string register_csv() {
 
 std::string code_markdown() {
   std::string text = "| Code | What it is | What to do |\n|---|---|---|\n";
-  const std::string_view unknown = describe(static_cast<Code>(1));
-  for (std::uint16_t code = 100; code < kReasonItemBase; ++code)
-    if (describe(static_cast<Code>(code)) != unknown)
-      text += fmt::format("| {} | {} | {} |\n", code, describe(static_cast<Code>(code)), cure(static_cast<Code>(code)));
-  for (std::size_t item = 0; item < 16; ++item)
-    text += fmt::format("| {} | item {} failed: {} | `slabctl show` names value, limits and U; look at the block |\n",
-                        kReasonItemBase + item, item, info(static_cast<ItemId>(item)).name);
+  each_code([&](unsigned code, const std::string& what, const std::string& cure) {
+    text += fmt::format("| {} | {} | {} |\n", code, what, cure);
+  });
+  return text;
+}
+
+std::string code_csv() {
+  std::string text = "code,what,cure\n";
+  each_code([&](unsigned code, const std::string& what, const std::string& cure) {
+    text += fmt::format("{},{},{}\n", code, csv_text(what), csv_text(cure));
+  });
   return text;
 }
 
@@ -141,8 +166,12 @@ void add_plc(CLI::App& app, int& exit_status) {
                                      : register_markdown());
     exit_status = kDone;
   });
-  plc->add_subcommand("codes", "Every code with its cure")->callback([&exit_status] {
-    fmt::print("{}", code_markdown());
+  auto told = std::make_shared<Options>();
+  CLI::App* codes = plc->add_subcommand("codes", "Every code with its cure");
+  auto* codes_csv = codes->add_flag("--csv", told->csv, "For import into a tag list");
+  codes->add_flag("--json", told->json, "slabd.plc_codes/1")->excludes(codes_csv);
+  codes->callback([told, &exit_status] {
+    fmt::print("{}", told->csv ? code_csv() : told->json ? code_json().dump(2) + "\n" : code_markdown());
     exit_status = kDone;
   });
   add_plc_monitor(*plc, exit_status);
