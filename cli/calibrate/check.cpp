@@ -237,11 +237,16 @@ bool is_new(const CheckOptions& options, storage::Reader& reader, std::string& s
     if (!digest.ok()) return failed(digest.error(), exit_status);
     source = fmt::format("sha256 {} {}", digest.value().sha256.substr(0, 16), source);
   }
-  const std::string_view identity = std::string_view(source).substr(0, options.slab.empty() ? 23 : source.size());
+  // A file is known by what is in it, wherever it lies; a station of a slab by its name, whole: station 1 is not 12.
+  const std::size_t digest_end = std::string_view("sha256 0123456789abcdef ").size();
+  const auto same = [&](std::string_view other) {
+    return options.slab.empty() ? other.substr(0, digest_end) == source.substr(0, digest_end) : other == source;
+  };
+  const CalibrationKind kind = options.ball ? CalibrationKind::monitor_ball : CalibrationKind::reference_block;
   const auto checks = reader.checks(kLookBack);
   if (!checks.ok()) return failed(checks.error(), exit_status);
   for (const CalibrationCheck& check : checks.value()) {
-    if (!check.source.view().starts_with(identity)) continue;
+    if (check.kind != kind || !same(check.source.view())) continue;
     complain(fmt::format("this scan was judged before, at {}: {}; a check needs a scan of its own: take a new one",
                          iso_time(check.utime_us), check.passed ? "passed" : "FAILED"));
     exit_status = kRefused;
