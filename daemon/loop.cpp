@@ -12,6 +12,8 @@
 #include <cstring>
 #include <filesystem>
 
+#include "hal/journal.h"
+
 namespace slabd::daemon {
 namespace {
 
@@ -402,18 +404,33 @@ void Loop::tidy_captures(const PathText& folder) const {
 }
 
 void say_line(const LogLine& line) {
-  // Under a service manager stderr is the journal and "<n>" its priority; on a terminal a word reads better.
-  static const bool journal = std::getenv("JOURNAL_STREAM") != nullptr;
-  const char* prefix = "";
+  // Under a service manager a line goes to the journal with its fields; on a terminal a word reads better.
+  static const bool in_journal = hal::stderr_is_journal();
+  static const hal::Journal journal;
+  hal::Priority priority = hal::Priority::info;
+  const char* word = "info";
   switch (line.level) {
-    case LogLine::Level::info: prefix = journal ? "<6>" : "info: "; break;
-    case LogLine::Level::warning: prefix = journal ? "<4>" : "warning: "; break;
-    case LogLine::Level::error: prefix = journal ? "<3>" : "error: "; break;
+    case LogLine::Level::info: break;
+    case LogLine::Level::warning:
+      priority = hal::Priority::warning;
+      word = "warning";
+      break;
+    case LogLine::Level::error:
+      priority = hal::Priority::error;
+      word = "error";
+      break;
+  }
+  if (in_journal && journal.say(priority, line.code, line.text.view())) return;
+  FixedString<16> prefix;
+  if (in_journal) {
+    prefix.printf("<%u>", static_cast<unsigned>(priority));
+  } else {
+    prefix.printf("%s: ", word);
   }
   if (line.code != 0) {
-    std::fprintf(stderr, "%sslabd: [%u] %s\n", prefix, line.code, line.text.c_str());
+    std::fprintf(stderr, "%sslabd: [%u] %s\n", prefix.c_str(), line.code, line.text.c_str());
   } else {
-    std::fprintf(stderr, "%sslabd: %s\n", prefix, line.text.c_str());
+    std::fprintf(stderr, "%sslabd: %s\n", prefix.c_str(), line.text.c_str());
   }
 }
 

@@ -34,8 +34,11 @@ Status make_folder(const std::string& path) {
   if (!parent.empty() && parent != path)
     if (Status status = make_folder(parent); !status.ok()) return status;
   if (mkdir(path.c_str(), kFolderMode) != 0 && errno != EEXIST) return trouble("cannot make folder", path);
-  // mkdir obeys the umask and drops the set-group-id bit.
-  if (chmod(path.c_str(), kFolderMode) != 0) return trouble("cannot set mode 2770 of folder", path);
+  // mkdir obeys the umask, and takes the set-group-id bit from the parent only. A service that may set no such bit
+  // (RestrictSUIDSGID) has its group on new files all the same.
+  const bool right = stat(path.c_str(), &there) == 0 && (there.st_mode & 07777U) == kFolderMode;
+  if (!right && chmod(path.c_str(), kFolderMode) != 0 && chmod(path.c_str(), kFolderMode & 0777U) != 0)
+    return trouble("cannot set mode 2770 of folder", path);
   // What will be promised about files in here is worth nothing while the folder itself may vanish.
   return sync_file(parent);
 }

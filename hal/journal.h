@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+
+#include "base/fixed.h"
+
+/// Lines in the system's journal with fields that a machine can look for. The protocol is one datagram of
+/// FIELD=value lines, so no library and no heap is needed.
+namespace slabd::hal {
+
+/// syslog's numbers.
+enum class Priority : std::uint8_t { error = 3, warning = 4, info = 6 };
+
+/// MESSAGE_ID of a code: `journalctl MESSAGE_ID=...` finds every line about it, and systemd/slabd.catalog explains it.
+/// 0: lines without a code.
+[[nodiscard]] FixedString<32> message_id(std::uint16_t code);
+
+/// Whether what goes to stderr ends in the journal ($JOURNAL_STREAM names this very stream).
+[[nodiscard]] bool stderr_is_journal();
+
+class Journal {
+ public:
+  /// `socket_path`: where the journal listens. Nothing is opened before the first line.
+  explicit Journal(const char* socket_path = "/run/systemd/journal/socket");
+  ~Journal();
+  Journal(const Journal&) = delete;
+  Journal& operator=(const Journal&) = delete;
+
+  /// PRIORITY, MESSAGE, MESSAGE_ID, SLABD_CODE, SYSLOG_IDENTIFIER. False: nobody took it, say it another way. Never
+  /// blocks; callable from any thread.
+  [[nodiscard]] bool say(Priority priority, std::uint16_t code, std::string_view message) const;
+
+ private:
+  int fd_ = -1;
+  FixedString<107> path_;
+};
+
+}  // namespace slabd::hal
