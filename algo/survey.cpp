@@ -23,7 +23,6 @@ namespace slabd::algo {
 namespace {
 
 constexpr std::size_t kBlockPoints = limits::kSurveyBlockPoints;
-constexpr std::size_t kSixteen = 16;
 /// Points that the scouts look at, about.
 constexpr std::size_t kScouted = 80'000;
 /// Half of the bracket around a limit of the shares, as a part of it. Between the two the share is taken as a straight

@@ -43,7 +43,6 @@ bool is_jump(const PoseSample& from, const PoseSample& to) {
 }  // namespace
 
 void PoseScreen::refuse(const PosePublisher& from, std::int64_t mono_ns, const char* format, ...) {
-  FixedString<200> why;
   va_list args;
   va_start(args, format);
   std::array<char, 200> bytes{};

@@ -80,7 +80,6 @@ void TextLines::took(std::size_t bytes, std::size_t lines) {
 }
 
 Error TextLines::refuse(const char* format, ...) const {
-  FixedString<limits::kErrorTextBytes> sentence;
   std::array<char, limits::kErrorTextBytes> text{};
   va_list args;
   va_start(args, format);

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A damaged database: the input says which bytes of a good one are changed to what (offset, value pairs), or, when it
+// begins as SQLite's files do, is the file itself. Read as slabctl does, then opened as the daemon does.
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "base/prng.h"
+#include "storage/storage.h"
+#include "tests/fuzz/fuzz.h"
+
+using namespace slabd;           // NOLINT(google-build-using-namespace)
+using namespace slabd::storage;  // NOLINT(google-build-using-namespace)
+
+namespace {
+
+namespace fs = std::filesystem;
+
+StoreSettings settings_in(const std::string& folder) {
+  StoreSettings settings;
+  settings.db_path = folder + "/db/slabd.db";
+  settings.spool_dir = folder + "/spool";
+  settings.spool_free_bytes_min = 0;
+  return settings;
+}
+
+/// A small good one: a slab, a command, a calibration.
+std::string good_database() {
+  const fuzz::InputFile place(".x");
+  const StoreSettings settings = settings_in(place.folder());
+  {
+    auto store = open_store(settings);
+    fuzz::must(store.ok() && store.value()->recover().ok(), "a new database");
+    SlabHeader header;
+    header.key = 1;
+    header.slab_id = "S-1";
+    header.stations = 18;
+    header.recipe = "P5600";
+    fuzz::must(store.value()->apply(StoreJob{1, BeginSlabJob{header, 1, 1}}).ok(), "a slab");
+    fuzz::must(store.value()->apply(StoreJob{2, CommandJob{1, 2, 2, 3, 1, 5}}).ok(), "a command");
+    CalibrationRecord record;
+    record.numbers = ReferenceBlock{};
+    record.operator_name = "anna";
+    static_cast<void>(store.value()->change(KeepCalibration{record}));
+  }
+  std::ifstream in(settings.db_path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  static const std::string good = good_database();
+  static const fuzz::InputFile place(".x");
+  const std::string_view input = fuzz::text_of(data, size);
+  std::string bytes = good;
+  if (input.starts_with("SQLite format 3")) {
+    bytes = input;
+  } else {
+    for (std::size_t i = 0; i + 4 <= input.size(); i += 4) {
+      const std::size_t at =
+          (static_cast<std::size_t>(data[i]) << 16U | static_cast<std::size_t>(data[i + 1]) << 8U | data[i + 2]) %
+          bytes.size();
+      bytes[at] = static_cast<char>(data[i + 3]);
+    }
+  }
+  std::error_code ec;
+  fs::remove_all(place.folder() + "/db", ec);
+  fs::create_directories(place.folder() + "/db");
+  const StoreSettings settings = settings_in(place.folder());
+  std::ofstream(settings.db_path, std::ios::binary) << bytes;
+  {
+    auto reader = open_reader(settings.db_path);
+    if (reader.ok()) {
+      static_cast<void>(reader.value()->slabs(10));
+      static_cast<void>(reader.value()->slab(1));
+      static_cast<void>(reader.value()->values({}));
+      static_cast<void>(reader.value()->maps(1, 1, 1));
+      static_cast<void>(reader.value()->calibrations());
+      static_cast<void>(reader.value()->line_calibration());
+      static_cast<void>(reader.value()->applied(10));
+      static_cast<void>(reader.value()->checks(10));
+    }
+  }
+  auto store = open_store(settings);
+  if (store.ok()) {
+    const auto line = store.value()->recover();
+    if (line.ok()) static_cast<void>(store.value()->apply(StoreJob{1, SessionJob{9}}));
+  } else {
+    fuzz::must(fs::exists(settings.db_path), "a database that cannot be used is never replaced by nothing");
+  }
+  return 0;
+}
