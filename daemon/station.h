@@ -266,6 +266,7 @@ struct OpenSlab {
 struct ResultDesk {
   FixedQueue<PlcResult, limits::kResultQueueMax> queue;  ///< front is presented
   std::uint16_t last_seq = 0;
+  std::uint16_t ack_before = 0;  ///< RES_ACK that stood here before the record of this number was shown; 0: none
   std::array<PlcStationRow, limits::kStationsMax> table{};
   Verdict slab_verdict = Verdict::none;
   std::uint16_t slab_reason = 0;

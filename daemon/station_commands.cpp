@@ -146,7 +146,10 @@ void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
   desk.judged_echo = in.session_echo;
   desk.judged_writer = in.command_writer;
 
-  if (in.cmd_seq == desk.ack) return;  // the same command again: CMD_ACK already says so
+  if (in.cmd_seq == desk.ack) {  // the same command again, late or after a restart: CMD_ACK already says so
+    ++desk.refused;
+    return;
+  }
   take_over(s, in, actions);
   if (desk.session != desk.session_next || in.session_echo != desk.session) {
     refuse(s, in, Code::stale_session, actions);
@@ -159,8 +162,11 @@ void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
   }
 }
 
+/// RES_ACK is a level that stands until the next record, so it says something of a record only when it came after it:
+/// a number that stood there before belongs to another one (number_record).
 void acknowledge(Station& s, const PlcInputs& in, Actions& actions) {
-  if (s.results.queue.empty() || in.res_ack != s.results.queue.front().res_seq) return;
+  if (in.res_ack != s.results.ack_before) s.results.ack_before = 0;
+  if (s.results.queue.empty() || in.res_ack != s.results.queue.front().res_seq || s.results.ack_before != 0) return;
   if (s.storing.size() + 8 > s.storing.capacity()) return;  // asked again with the PLC's next write
   s.results.queue.pop();
   PendingStore pending;

@@ -9,6 +9,19 @@
 namespace slabd::daemon {
 namespace {
 
+/// Queues a record that is durable. RES_ACK may have come to stand at its number on its way to the disk: that is not
+/// its acknowledgement, nobody has seen it.
+bool present(Station& s, const PlcResult& record, Actions& actions) {
+  if (!s.results.queue.push(record)) return false;
+  if (record.res_seq != s.plc.inputs.res_ack) return true;
+  s.results.ack_before = record.res_seq;
+  log(actions, LogLine::Level::warning, Code::bad_sequence,
+      "RES_ACK stood at %u before record %u was shown: the record waits until RES_ACK has been another number; the PLC "
+      "must copy RES_SEQ, not count",
+      record.res_seq, record.res_seq);
+  return true;
+}
+
 void on_session(Station& s, const PendingStore& pending, Code code, Actions& actions) {
   if (code != Code::ok) {
     raise_fault(s, actions, code, "recording the session");
@@ -52,7 +65,7 @@ void on_block(Station& s, const PendingStore& pending, Code code, Actions& actio
     record.phase = StationPhase::measured;
     set_status(s, pending.value, CommandStatus::done);
   }
-  const bool queued = s.results.queue.push(pending.record);
+  const bool queued = present(s, pending.record, actions);
   assert(queued);  // check_scan() kept room
   (void)queued;
 }
@@ -79,7 +92,7 @@ void on_slab(Station& s, const PendingStore& pending, Code code, Actions& action
   desk.slab_reason = result.reason;
   desk.slab_no = s.slab.header.slab_no;
   desk.slab_record = pending.record;
-  const bool queued = desk.queue.push(pending.record);
+  const bool queued = present(s, pending.record, actions);
   assert(queued);
   (void)queued;
   log(actions, LogLine::Level::info, Code::ok, "slab %u \"%s\": %s (reason %u)", s.slab.header.slab_no,
@@ -95,7 +108,7 @@ void on_report(Station& s, const PendingStore& pending, Code code, Actions& acti
     set_failed(s, pending.value, code);
     return;
   }
-  if (!s.results.queue.push(pending.record)) {
+  if (!present(s, pending.record, actions)) {
     set_failed(s, pending.value, Code::busy);
     return;
   }

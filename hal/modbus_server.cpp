@@ -24,7 +24,8 @@
 //     sees it, and the buffer cannot overflow;
 //   - next() returns after each write, so the caller looks at every state the PLC has written;
 //   - nothing blocks: a client that does not take its reply is closed;
-//   - nobody can push the one who commands off the line: of a full house those go first who never spoke;
+//   - nobody can push the one who commands off the line: of a full house those go first who never spoke, then displays;
+//   - a command is one connection's: what another wrote into the block is gone when the next writes;
 //   - no heap after construction.
 namespace slabd::hal {
 namespace {
@@ -48,6 +49,8 @@ constexpr int kKeepaliveProbes = 3;
 constexpr int kUnacknowledgedMs = 5000;
 /// Whoever wrote the command block last keeps his place while he speaks at least this often (a PLC: every 500 ms).
 constexpr std::int64_t kOwnerSilenceNs = 5 * kNsPerS;
+/// Places for those who may only read; the others are for those who may write.
+constexpr std::size_t kReadersMax = limits::kModbusClientsMax - 2;
 /// Replies the kernel keeps for a client that does not read, some hundreds; then it is closed.
 constexpr int kSendBufferBytes = 1 << 16;
 
@@ -166,17 +169,26 @@ class Server final : public ModbusServer {
                        [address](const auto& network) { return (address & network.mask) == network.address; });
   }
 
-  /// Who makes room before whom: a free place, who never spoke, who reads, the one who commands; among equals who has
-  /// been silent longest.
+  /// Who makes room before whom: a free place, who never spoke, who may only read, who may write, the one who
+  /// commands; among equals who has been silent longest.
   int rank(const Client& client) const {
     if (!client.fd.is_open()) return 0;
+    if (!client.spoke) return 1;
+    if (client.read_only) return 2;
     const bool owner = client.number == command_writer_ && now_ns_ - client.active_ns < kOwnerSilenceNs;
-    return owner ? 3 : client.spoke ? 2 : 1;
+    return owner ? 4 : 3;
   }
 
+  /// Displays never take the last places: however many there are, a PLC finds one without pushing anybody off.
   void seat(Fd fd, std::uint32_t address, bool reader) {
-    Client* place = &clients_[0];
+    const bool readers_full =
+        reader && static_cast<std::size_t>(std::count_if(clients_.begin(), clients_.end(), [](const Client& c) {
+                    return c.fd.is_open() && c.read_only;
+                  })) >= kReadersMax;
+    Client* place = nullptr;
     for (Client& client : clients_) {
+      if (readers_full && !(client.fd.is_open() && client.read_only)) continue;
+      if (place == nullptr) place = &client;
       const int order = rank(client) - rank(*place);
       if (order < 0 || (order == 0 && client.active_ns < place->active_ns)) place = &client;
     }
@@ -266,17 +278,25 @@ class Server final : public ModbusServer {
     if (check.refusal) {
       std::ranges::copy(exception_pdu(pdu[0], *check.refusal), reply_pdu.begin());
     } else {
+      if (check.writes_command) take_command_block(client);
       bytes = answer_pdu(pdu, bank_, reply_pdu);
     }
     reply[kMbapLengthEnd - 2] = static_cast<std::uint8_t>((bytes + 1) >> 8U);
     reply[kMbapLengthEnd - 1] = static_cast<std::uint8_t>((bytes + 1) & 0xFFU);
     bytes += kMbapBytes;
-    if (check.writes_command) command_writer_ = client.number;
     if (send(client.fd.get(), reply.data(), bytes, MSG_NOSIGNAL | MSG_DONTWAIT) != static_cast<ssize_t>(bytes)) {
       blame(counters_.unsent, client.address);
       forget(client);
     }
     return check.writes;
+  }
+
+  /// The block is one connection's. Another one's write begins an empty block: words of two writers never make one
+  /// command.
+  void take_command_block(const Client& client) {
+    if (client.number == command_writer_) return;
+    command_writer_ = client.number;
+    std::fill(bank_.holding.begin() + kCommandFirst, bank_.holding.begin() + kCommandLast + 1, std::uint16_t{0});
   }
 
   void close_if_late(Client& client) {

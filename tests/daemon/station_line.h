@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <deque>
 #include <map>
 #include <optional>
@@ -342,6 +344,24 @@ class Line {
   ScanDone syncing_;
   Actions actions_;
   std::deque<Event> pending_;
+};
+
+/// CMD_STATUS of a command that came to nothing.
+constexpr std::uint16_t failed(Code code) {
+  return static_cast<std::uint16_t>(kCommandFailed + static_cast<std::uint16_t>(code));
+}
+
+/// A line of its own, with an open slab after begin().
+struct StationTest : testing::Test {
+  MemoryStore store;
+  Line line{store};
+
+  void begin() {
+    line.run_for(300);
+    line.command(PlcCommand::slab_begin);
+    line.run_for(20);
+    ASSERT_TRUE(line.view().slab_open);
+  }
 };
 
 }  // namespace slabd::daemon

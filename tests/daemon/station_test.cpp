@@ -12,22 +12,6 @@
 namespace slabd::daemon {
 namespace {
 
-constexpr std::uint16_t failed(Code code) {
-  return static_cast<std::uint16_t>(kCommandFailed + static_cast<std::uint16_t>(code));
-}
-
-struct StationTest : testing::Test {
-  MemoryStore store;
-  Line line{store};
-
-  void begin() {
-    line.run_for(300);
-    line.command(PlcCommand::slab_begin);
-    line.run_for(20);
-    ASSERT_TRUE(line.view().slab_open);
-  }
-};
-
 TEST_F(StationTest, takes_a_slab_from_begin_to_an_acknowledged_verdict) {
   begin();
   for (int k = 1; k <= 18; ++k) {
@@ -273,123 +257,6 @@ TEST_F(StationTest, nothing_is_shown_that_could_not_be_stored) {
   EXPECT_EQ(line.take_results().size(), 1U);
 }
 
-TEST_F(StationTest, a_repeated_command_block_does_nothing) {
-  begin();
-  line.scan(1);
-  const std::size_t scans = line.scans.size();
-  for (int i = 0; i < 5; ++i) line.feed(line.plc);
-  line.run_for(1000);
-  EXPECT_EQ(line.scans.size(), scans);
-  EXPECT_EQ(line.view().refused, 0);
-}
-
-TEST_F(StationTest, refuses_a_number_that_is_not_the_successor) {
-  begin();
-  const std::uint16_t ack = line.view().cmd_ack;
-  line.plc.command = 2;
-  line.plc.station = 1;
-  line.plc.cmd_seq = static_cast<std::uint16_t>(ack + 2);
-  line.feed(line.plc);
-  EXPECT_EQ(line.view().cmd_ack, ack);
-  EXPECT_EQ(line.view().refuse_code, 111);
-  EXPECT_EQ(line.view().refuse_seq, ack + 2);
-}
-
-TEST_F(StationTest, refuses_a_stale_session_without_using_the_number_up) {
-  begin();
-  const std::uint16_t ack = line.view().cmd_ack;
-  line.plc.command = 2;
-  line.plc.station = 1;
-  line.plc.cmd_seq = static_cast<std::uint16_t>(ack + 1);
-  line.plc.session_echo = static_cast<std::uint16_t>(line.view().session - 1);
-  line.feed(line.plc);
-  EXPECT_EQ(line.view().cmd_ack, ack);
-  EXPECT_EQ(line.view().refuse_code, 102);
-  // The same number with the right session is carried out.
-  line.plc.session_echo = line.view().session;
-  line.feed(line.plc);
-  line.run_for(20);
-  EXPECT_EQ(line.view().cmd_ack, ack + 1);
-}
-
-TEST_F(StationTest, session_changes_on_sync_takeover_and_heartbeat_return) {
-  begin();
-  std::uint16_t session = line.view().session;
-  const auto changed = [&] {
-    line.run_for(20);
-    const bool yes = line.view().session != session;
-    session = line.view().session;
-    return yes;
-  };
-  line.plc.sync_req = 5;
-  line.feed(line.plc);
-  EXPECT_TRUE(changed());
-  line.plc.command_writer = 2;
-  line.feed(line.plc);
-  EXPECT_FALSE(changed()) << "another connection that repeats the block takes nothing over";
-  line.command(PlcCommand::scan, 1);
-  EXPECT_TRUE(changed());
-  line.plc_beats = false;
-  line.run_for(3000);
-  EXPECT_FALSE(line.view().plc_link_ok);
-  line.command(PlcCommand::scan, 1);
-  EXPECT_EQ(line.view().cmd_status, failed(Code::not_enabled));
-  line.plc_beats = true;
-  line.run_for(300);
-  EXPECT_TRUE(changed());
-  EXPECT_FALSE(changed());
-}
-
-TEST_F(StationTest, first_block_of_a_new_connection_is_refused_once) {
-  begin();
-  line.plc.command_writer = 9;
-  const std::uint16_t seq = line.command(PlcCommand::scan, 1);
-  EXPECT_EQ(line.view().refuse_code, 102);
-  line.run_for(20);
-  EXPECT_EQ(line.command(PlcCommand::scan, 1), seq);
-  line.run_for(20);
-  EXPECT_EQ(line.view().cmd_ack, seq);
-}
-
-TEST_F(StationTest, content_refusals_use_the_number_up_and_say_why) {
-  line.run_for(300);
-  const auto refused = [&](Code code) {
-    line.run_for(20);
-    EXPECT_EQ(line.view().cmd_ack, line.plc.cmd_seq);
-    EXPECT_EQ(line.view().cmd_status, failed(code));
-    EXPECT_EQ(line.view().refuse_code, static_cast<std::uint16_t>(code));
-  };
-  line.command(PlcCommand::scan, 1);
-  refused(Code::wrong_slab);
-  line.command(static_cast<PlcCommand>(9));
-  refused(Code::unknown_command);
-  line.plc.crc_ok = false;
-  line.command(PlcCommand::slab_begin);
-  refused(Code::bad_crc);
-  line.plc.crc_ok = true;
-  line.plc.slab_id[0] = '\x01';
-  line.command(PlcCommand::slab_begin);
-  refused(Code::bad_id_text);
-  line.plc.slab_id[0] = 'A';
-  line.recipe.slab_type = 4925;
-  line.command(PlcCommand::slab_begin);
-  refused(Code::unknown_type);
-  line.recipe.slab_type = 5600;
-  line.command(PlcCommand::slab_begin);
-  line.run_for(20);
-  ASSERT_TRUE(line.view().slab_open);
-  line.command(PlcCommand::scan, 19);
-  refused(Code::station_range);
-  line.command(PlcCommand::scan, 0);
-  refused(Code::station_range);
-  line.plc.slab_no = 78;
-  line.command(PlcCommand::scan, 1);
-  refused(Code::wrong_slab);
-  line.plc.slab_no = 77;
-  line.command(PlcCommand::slab_begin);
-  refused(Code::wrong_slab);
-}
-
 TEST_F(StationTest, each_way_a_scan_can_fail_has_its_code_and_the_slab_goes_on) {
   begin();
   const auto expect_failed = [&](Code code) {
@@ -572,58 +439,6 @@ TEST_F(StationTest, an_open_slab_of_a_recipe_that_changed_can_only_be_aborted) {
   EXPECT_EQ(line.view().slab_verdict, Verdict::aborted);
 }
 
-TEST_F(StationTest, a_plc_that_never_acknowledges_fills_the_queue_and_nothing_is_lost) {
-  begin();
-  int accepted = 0;
-  for (int i = 0; i < 80; ++i) {
-    line.scan(1 + i % 18);
-    if (line.view().cmd_status != 4) break;
-    ++accepted;
-  }
-  EXPECT_EQ(line.view().cmd_status, failed(Code::busy));
-  EXPECT_EQ(line.take_results().size(), static_cast<std::size_t>(accepted));
-  line.scan(1);
-  EXPECT_EQ(line.view().cmd_status, 4);
-}
-
-TEST_F(StationTest, a_full_queue_refuses_everything_that_would_need_a_place_in_it) {
-  begin();
-  for (int i = 0; line.view().results_pending + 2U <= limits::kResultQueueMax && i < 100; ++i) {
-    line.scan(1 + i % 18);
-    if (line.view().cmd_status != 4) break;
-  }
-  // The slab's own record keeps its place; nothing else fits any more.
-  line.command(PlcCommand::report, 1);
-  line.run_for(20);
-  EXPECT_EQ(line.view().cmd_status, failed(Code::busy));
-  line.command(PlcCommand::slab_end);
-  line.run_for(60);
-  EXPECT_EQ(line.view().cmd_status, 4);
-  EXPECT_EQ(line.view().results_pending, limits::kResultQueueMax);
-  for (const PlcCommand what : {PlcCommand::slab_begin, PlcCommand::report}) {
-    line.command(what);
-    line.run_for(20);
-    EXPECT_EQ(line.view().cmd_status, failed(Code::busy));
-  }
-  EXPECT_EQ(line.take_results().size(), limits::kResultQueueMax);
-  line.command(PlcCommand::slab_begin);
-  line.run_for(20);
-  EXPECT_TRUE(line.view().slab_open);
-}
-
-TEST_F(StationTest, a_flood_of_session_changes_is_one_change_at_a_time) {
-  begin();
-  const std::size_t before = store.applied.size();
-  for (int i = 0; i < 1000; ++i) {
-    ++line.plc.sync_req;
-    line.feed(line.plc);
-  }
-  EXPECT_EQ(store.applied.size(), before + 1);
-  line.run_for(20);
-  line.scan(1);
-  EXPECT_EQ(line.view().cmd_status, 4);
-}
-
 TEST_F(StationTest, abort_counts_while_the_scan_is_on_its_way_to_the_journal_and_while_it_is_held) {
   begin();
   line.run_for(600);
@@ -654,41 +469,6 @@ TEST_F(StationTest, a_scan_that_comes_before_the_robot_has_left_waits_for_it) {
   EXPECT_EQ(line.scans.back().request.station, 2);
 }
 
-TEST_F(StationTest, a_result_carries_the_number_of_the_scan_it_was_measured_from) {
-  begin();
-  line.measuring_works = false;
-  line.scan(1);
-  line.scan(2);
-  const std::uint16_t first_seq = line.measured.at(1).cmd_seq;
-  line.measuring_works = true;
-  line.plc = {};
-  line.start();  // both clouds are durable and not measured
-  line.run_for(4);
-  line.command(PlcCommand::scan, 2);  // while they are measured again
-  line.run_for(2000);
-  line.scan(2);
-  int of_first = 0;
-  for (const PlcResult& record : line.take_results()) of_first += record.cmd_seq == first_seq ? 1 : 0;
-  EXPECT_LE(of_first, 1);
-  std::map<std::uint16_t, int> seen;
-  for (const StoreJob& job : store.applied)
-    if (const auto* block = std::get_if<BlockJob>(&job.what)) ++seen[block->record.cmd_seq];
-  for (const auto& [seq, count] : seen) EXPECT_EQ(count, 1) << "CMD_SEQ " << seq;
-}
-
-TEST_F(StationTest, report_shows_a_record_again_under_a_new_number) {
-  begin();
-  line.scan(4);
-  const PlcResult first = line.take_results().at(0);
-  line.command(PlcCommand::report, 4);
-  line.run_for(20);
-  const auto again = line.take_results();
-  ASSERT_EQ(again.size(), 1U);
-  EXPECT_EQ(again[0].station, 4);
-  EXPECT_EQ(again[0].cmd_seq, first.cmd_seq);
-  EXPECT_NE(again[0].res_seq, first.res_seq);
-}
-
 TEST_F(StationTest, a_config_fault_shows_itself_and_refuses_work) {
   line.settings.fault = Code::config;
   line.plc = {};
@@ -700,17 +480,6 @@ TEST_F(StationTest, a_config_fault_shows_itself_and_refuses_work) {
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
   EXPECT_EQ(line.view().cmd_status, failed(Code::config));
-}
-
-TEST_F(StationTest, counter_wraps_past_65535_without_using_zero) {
-  store.line.cmd_ack = 0xFFFF;
-  line.plc = {};
-  line.start();
-  line.run_for(300);
-  EXPECT_EQ(line.command(PlcCommand::slab_begin), 1);
-  line.run_for(20);
-  EXPECT_EQ(line.view().cmd_ack, 1);
-  EXPECT_TRUE(line.view().slab_open);
 }
 
 TEST_F(StationTest, a_full_disk_refuses_the_slab_before_it_begins) {
