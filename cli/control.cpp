@@ -52,6 +52,14 @@ int connect_to(const std::string& path, const Socket& socket) {
 
 }  // namespace
 
+std::int64_t daemon_process(const std::string& path) {
+  const Socket socket;
+  ucred who{};
+  socklen_t bytes = sizeof who;
+  if (connect_to(path, socket) != 0 || ::getsockopt(socket.fd(), SOL_SOCKET, SO_PEERCRED, &who, &bytes) != 0) return 0;
+  return who.pid;
+}
+
 bool daemon_listens(const std::string& path) {
   const Socket socket;
   // EAGAIN: somebody listens and is busy.

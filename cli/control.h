@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <string_view>
 
@@ -12,6 +13,9 @@ namespace slabd::cli {
 /// Sends one line (with its newline) and returns the answer's line. scanner_offline: nobody listens at `path`, or
 /// nobody answers within 3 s; the text says what to look at.
 [[nodiscard]] Result<std::string> ask_daemon(const std::string& path, std::string_view line);
+
+/// The process that listens at `path`, as the kernel knows it; 0: nobody, or not to be had.
+[[nodiscard]] std::int64_t daemon_process(const std::string& path);
 
 /// Does somebody listen at `path`?
 [[nodiscard]] bool daemon_listens(const std::string& path);

@@ -149,9 +149,9 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
       settings.warn |= kWarnControlSocket;
     }
   } else {
-    const Error why = error(Code::config, "the configuration is not usable");
-    pose = std::make_unique<AbsentPose>(why.text.view());
-    scanner = std::make_unique<AbsentScanner>(why);
+    // Nothing more is said of the links: the configuration comes first.
+    pose = std::make_unique<AbsentPose>(std::string_view());
+    scanner = std::make_unique<AbsentScanner>(error(Code::config, "the configuration is not usable"));
   }
 
   LoopFigures figures;

@@ -63,6 +63,7 @@ void advance_calibration(Station& s, Actions& actions) {
       log(actions, LogLine::Level::info, Code::ok, "calibration %s is in force%s", s.calibration.id.c_str(),
           s.slab.phase == SlabPhase::none ? "" : " from the next slab on");
   }
+  if (s.settings.fault != Code::ok) return;  // what is wrong first has been said
   const CalibrationFault fault = calibration_fault(s);
   if (fault == s.calibration_fault_said || s.slab.phase != SlabPhase::none) return;
   s.calibration_fault_said = fault;

@@ -36,6 +36,12 @@ class Encoder {
 
   void u16(const Reg& reg, std::uint16_t value) { image_[reg.address] = value; }
   void code(const Reg& reg, std::uint16_t value) { u16(reg, value); }
+  template <typename Words>
+  void flags(const Reg& reg, std::uint16_t value, const Words&) {
+    u16(reg, value);
+  }
+  void items(const Reg& reg, std::uint16_t value) { u16(reg, value); }
+  void stations(const Reg& reg, std::uint32_t value) { u32(reg, value); }
   void command_status(const Reg& reg, std::uint16_t value) { u16(reg, value); }
   template <typename Words>
   void word(const Reg& reg, std::uint16_t value, const Words&) {
@@ -90,6 +96,12 @@ class Decoder {
 
   void u16(const Reg& reg, std::uint16_t& value) { value = image_[reg.address]; }
   void code(const Reg& reg, std::uint16_t& value) { u16(reg, value); }
+  template <typename Words>
+  void flags(const Reg& reg, std::uint16_t& value, const Words&) {
+    u16(reg, value);
+  }
+  void items(const Reg& reg, std::uint16_t& value) { u16(reg, value); }
+  void stations(const Reg& reg, std::uint32_t& value) { u32(reg, value); }
   void command_status(const Reg& reg, std::uint16_t& value) { u16(reg, value); }
   template <typename Words>
   void word(const Reg& reg, std::uint16_t& value, const Words&) {

@@ -67,7 +67,7 @@ void encode_inputs(const PlcInputs& inputs, WordOrder order, bool with_crc, Hold
 
 // ---- in words (documentation, tools) ------------------------------------------------------------------------------
 
-using RegisterText = FixedString<160>;
+using RegisterText = FixedString<320>;  ///< sixteen names of items
 
 /// A row of the register table. Texts are valid during the call of the sink only.
 struct RegisterRow {

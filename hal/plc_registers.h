@@ -52,6 +52,11 @@ inline constexpr std::array<std::string_view, 6> kVerdictWords = {"none",       
 inline constexpr std::array<std::string_view, 6> kCommandWords = {"none",     "SLAB_BEGIN", "SCAN",
                                                                   "SLAB_END", "SLAB_ABORT", "REPORT"};
 inline constexpr std::array<std::string_view, 5> kStatusWords = {"none", "accepted", "acquiring", "acquired", "done"};
+/// PlcWarn, bit by bit.
+inline constexpr std::array<std::string_view, 10> kWarnWords = {
+    "nominals nobody confirmed", "commissioning calibration",  "stray scan files", "results wait for RES_ACK",
+    "clock behind the records",  "a recipe is unusable",       "disk nearly full", "no control socket",
+    "calibration check overdue", "stations without correction"};
 inline constexpr std::array<std::string_view, 3> kKindWords = {"none", "station", "slab"};
 
 /// IR 42..55, by kind of record. A plain number is a station, pair or count.
@@ -89,7 +94,8 @@ template <typename Cursor, ValueOrConst<PlcInputs> Inputs>
 void walk_inputs(Cursor& io, Inputs& in) {
   io.u16({0, "PLC_HEARTBEAT", "", "any change, at least every 500 ms; lost after 2.5 s"}, in.heartbeat);
   io.bit({1, "ENABLE", "", "PLC_CONTROL bit 0: automatic; commands are taken only while it is set"}, 0, in.enable);
-  io.bit({1, "ABORT", "", "PLC_CONTROL bit 1, rising edge: gives up the scan in hand"}, 1, in.abort);
+  io.bit({1, "ABORT", "", "PLC_CONTROL bit 1: gives up the scan in hand; while it is set every SCAN ends with 110"}, 1,
+         in.abort);
   io.bit({1, "FAULT_RESET", "", "PLC_CONTROL bit 2, rising edge: clears a fault whose cause is gone"}, 2,
          in.fault_reset);
   io.u16({2, "RES_ACK", "", "copy of RES_SEQ once the record is stored in the PLC"}, in.res_ack);
@@ -133,7 +139,7 @@ void walk_state(Cursor& io, Outputs& out) {
   io.bit({5, "SIMULATION", "", "the line is emulated: nothing here is a verdict on concrete"}, 11, out.simulation);
   io.enumerated({6, "STATE", "", "what slabd is doing"}, out.state, PlcState::maintenance, kStateWords);
   io.code({7, "FAULT", "", "code of the fault, 0 = none"}, out.fault);
-  io.u16({8, "WARN", "", "bit field, see below"}, out.warn);
+  io.flags({8, "WARN", "", "a bit each"}, out.warn, kWarnWords);
   io.u16({9, "SESSION", "", "copy it to SESSION_ECHO; changes with every restart of either side"}, out.session);
   io.u16({10, "CMD_ACK", "", "last CMD_SEQ consumed; the next command has CMD_ACK + 1"}, out.cmd_ack);
   io.command_status({11, "CMD_STATUS", "", "of that command; 0x8000 + code: refused or failed"}, out.cmd_status);
@@ -142,7 +148,7 @@ void walk_state(Cursor& io, Outputs& out) {
   io.u32({14, "SLAB_NO", "", "of the open slab, 0 = none"}, out.slab_no);
   io.u16({16, "SLAB_TYPE", "", "of the open slab"}, out.slab_type);
   io.u16({17, "STATIONS_DONE", "", "how many stations have a durable scan"}, out.stations_done);
-  io.u32({18, "STATION_MASK", "", "which: bit 0 = station 1"}, out.station_mask);
+  io.stations({18, "STATION_MASK", "", "which: bit 0 = station 1"}, out.station_mask);
   io.u16({20, "RES_PENDING", "", "records that wait for RES_ACK"}, out.results_pending);
   io.u16({21, "REFUSED", "", "counts refused and repeated commands"}, out.refused);
   io.time_us({22, "UTIME", "us", "since 1970-01-01 UTC"}, out.utime_us);
@@ -161,8 +167,8 @@ void walk_record(Cursor& io, Record& record) {
   io.u32({34, "RES_SLAB_NO", "", "the slab"}, record.slab_no);
   io.enumerated({36, "VERDICT", "", "only 1 is a pass"}, record.verdict, Verdict::indeterminate, kVerdictWords);
   io.code({37, "REASON", "", "600 + lowest failing item, or a code; 0 = none"}, record.reason);
-  io.u16({38, "FAIL_MASK", "", "bit per item that failed"}, record.fail_mask);
-  io.u16({39, "OPEN_MASK", "", "bit per item that is indeterminate or not measured"}, record.open_mask);
+  io.items({38, "FAIL_MASK", "", "bit per item that failed"}, record.fail_mask);
+  io.items({39, "OPEN_MASK", "", "bit per item that is indeterminate or not measured"}, record.open_mask);
   io.fixed({40, "FLATNESS", "mm", "seat_flatness"}, record.flatness_mm);
   io.fixed({41, "STD", "mm", "seat_std"}, record.std_mm);
   for (std::size_t i = 0; i < kPlcDeviations; ++i) io.deviation(i, record.deviation[i], record.kind == kKindSlab);

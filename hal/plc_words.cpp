@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <bit>
 #include <ctime>
 
 #include "hal/plc_map.h"
@@ -23,6 +24,29 @@ class Teller {
   void code(const Reg& reg, std::uint16_t& value) {
     value = image_[reg.address];
     tell(reg, 1, "u16", code_text(value));
+  }
+  template <typename Words>
+  void flags(const Reg& reg, std::uint16_t& value, const Words& words) {
+    value = image_[reg.address];
+    tell(reg, 1, "u16",
+         set_bits(value, [&](unsigned bit) { return bit < words.size() ? words[bit] : std::string_view("UNKNOWN"); }),
+         words);
+  }
+  void items(const Reg& reg, std::uint16_t& value) {
+    value = image_[reg.address];
+    tell(reg, 1, "u16", set_bits(value, [](unsigned bit) { return info(static_cast<ItemId>(bit)).name; }));
+  }
+  /// "3: 1 2 18": how many, and which.
+  void stations(const Reg& reg, std::uint32_t& value) {
+    value = static_cast<std::uint32_t>(wide_value(image_, reg.address, 2, order_));
+    Text text;
+    text.printf("%d", std::popcount(value));
+    for (unsigned bit = 0; bit < 32; ++bit) {
+      FixedString<8> station;
+      station.printf("%s%u", text.view().find(':') == std::string_view::npos ? ": " : " ", bit + 1);
+      if ((value >> bit & 1U) != 0) text.append(station.view());
+    }
+    tell(reg, 2, "u32", text);
   }
   void command_status(const Reg& reg, std::uint16_t& value) {
     value = image_[reg.address];
@@ -165,6 +189,21 @@ class Teller {
     } else {
       text.printf("%.3f %s%s", static_cast<double>(value) / kThousandths, unit,
                   value == 32767 || value == -32767 ? " or more" : "");
+    }
+    return text;
+  }
+  /// "0x0003 first, second"
+  template <typename Name>
+  static Text set_bits(std::uint16_t value, Name&& name) {
+    Text text;
+    if (value == 0) return "0";
+    text.printf("0x%04X", unsigned{value});
+    const char* before = " ";
+    for (unsigned bit = 0; bit < 16; ++bit) {
+      if ((unsigned{value} >> bit & 1U) == 0) continue;
+      text.append(before);
+      text.append(name(bit));
+      before = ", ";
     }
     return text;
   }

@@ -88,6 +88,8 @@ int examine(const Options& options) {
     examine_clock(report);
     examine_disk(config, report);
     const std::string status = examine_daemon(config, report);
+    if (!status.empty()) examine_limits(config, report);
+    examine_routes(config, report);
     examine_plc(config, !status.empty(), report);
     examine_robot(config, options.listen_s, report);
     examine_scanner(config, status, options.scan, report);
@@ -127,10 +129,9 @@ void add_doctor(CLI::App& app, int& exit_status) {
   auto options = std::make_shared<Options>();
   CLI::App* command = app.add_subcommand("doctor", "Look at everything the line needs, and say what to do");
   command->footer(
-      "\nIn order: configuration, recipes, computer, clock, disks, daemon, PLC, robot, scanner, calibration. Nothing\n"
-      "is changed; 64 MB are written beside the scans and deleted. --scan has the scanner take one scan: the daemon "
-      "goes\n"
-      "to maintenance for it, so no slab may be open and the robot must stand.\n\n"
+      "\nIn order: configuration, recipes, computer, clock, disks, daemon and its limits, routes, PLC, robot, scanner,\n"
+      "calibration. Nothing is changed; 64 MB are written beside the scans and deleted. --scan has the scanner take one\n"
+      "scan: the daemon goes to maintenance for it, so no slab may be open and the robot must stand.\n\n"
       "Exit status: 0 nothing failed, 3 the configuration cannot be used, 4 something failed.\n"
       "Example: slabctl doctor --scan");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);

@@ -72,6 +72,12 @@ void examine_disk(const daemon::Config& config, Examination& report);
 
 void examine_machine(const daemon::Config& config, Examination& report);
 void examine_clock(Examination& report);
+/// What the kernel lets the running daemon have: file sizes, open files, memory.
+void examine_limits(const daemon::Config& config, Examination& report);
+
+// ---- doctor_routes.cpp: the way to PLC and robot -----------------------------------------------------------------
+
+void examine_routes(const daemon::Config& config, Examination& report);
 
 // ---- doctor_links.cpp: the daemon and who it talks to ------------------------------------------------------------
 

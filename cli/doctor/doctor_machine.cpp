@@ -4,12 +4,14 @@
 #include <sys/timex.h>
 
 #include <algorithm>
+#include <array>
 #include <fstream>
 #include <string>
 #include <thread>
 
 #include "algo/algo.h"
 #include "base/limits.h"
+#include "cli/control.h"
 #include "cli/doctor/doctor.h"
 
 namespace slabd::cli {
@@ -67,6 +69,46 @@ void examine_machine(const daemon::Config& config, Examination& report) {
   if (pages.find("[never]") != std::string::npos)
     report.note("huge pages", "switched off: reading a scan takes longer",
                 "echo madvise > /sys/kernel/mm/transparent_hugepage/enabled");
+}
+
+void examine_limits(const daemon::Config& config, Examination& report) {
+  const std::int64_t pid = daemon_process(config.control_socket);
+  std::ifstream file(fmt::format("/proc/{}/limits", pid));
+  if (pid == 0 || !file)
+    return report.unknown("limits", "those of the daemon cannot be read", "as root: slabctl doctor");
+  struct Need {
+    const char* name;  ///< as the kernel writes it
+    std::uint64_t least;
+    const char* unit;
+    const char* cure;
+  };
+  // A scan of 6 million points as PLY, or a database of some ten thousand slabs; sockets, files and a reserve; the
+  // buffers with everything a process has beside them.
+  static constexpr std::array kNeeds = {
+      Need{"Max file size", std::uint64_t{100} << 30U, "bytes",
+           "LimitFSIZE=infinity in the unit, or ulimit -f unlimited"},
+      Need{"Max open files", 256, "files", "LimitNOFILE=1024 in the unit"},
+      Need{"Max address space", 4 * static_cast<std::uint64_t>(limits::kInspectionBytes), "bytes",
+           "LimitAS=infinity in the unit, or twice what slabctl status says of memory"}};
+  std::string line;
+  bool all = true;
+  std::size_t found = 0;
+  while (std::getline(file, line))
+    for (const Need& need : kNeeds) {
+      if (line.rfind(need.name, 0) != 0) continue;
+      ++found;
+      const std::string soft = line.substr(std::string_view(need.name).size());
+      const std::size_t at = soft.find_first_not_of(' ');
+      if (at == std::string::npos || soft.compare(at, 9, "unlimited") == 0) continue;
+      const std::uint64_t allowed = std::strtoull(soft.c_str() + at, nullptr, 10);
+      if (allowed >= need.least) continue;
+      all = false;
+      report.failed("limits", fmt::format("{}: {} {}, needed {}", need.name, allowed, need.unit, need.least),
+                    need.cure);
+    }
+  if (found != kNeeds.size())
+    return report.unknown("limits", "the kernel lists them in a form this slabctl does not know");
+  if (all) report.ok("limits", "file size, open files and address space suffice");
 }
 
 void examine_clock(Examination& report) {

@@ -11,6 +11,7 @@
 #include <cerrno>
 #include <chrono>
 #include <csignal>
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -104,6 +105,7 @@ class Pulse {
     if (seen_ && value != value_) changed_ = now;
     if (!seen_) first_ = now;
     seen_ = true;
+    ++looks_;
     value_ = value;
   }
   [[nodiscard]] std::string text() const {
@@ -111,6 +113,7 @@ class Pulse {
       return std::chrono::duration<double>(Clock::now() - then).count();
     };
     if (changed_) return fmt::format("moved {:.1f} s ago", since(*changed_));
+    if (looks_ < 2) return "seen once: whether it moves is not known";
     return fmt::format("not moved for {:.1f} s", since(first_));
   }
   [[nodiscard]] std::optional<double> age_s() const {
@@ -120,6 +123,7 @@ class Pulse {
 
  private:
   bool seen_ = false;
+  int looks_ = 0;
   std::uint16_t value_ = 0;
   Clock::time_point first_;
   std::optional<Clock::time_point> changed_;
@@ -227,7 +231,9 @@ void show(const Options& options, const Result<Registers>& registers, Pulses& pu
 
 int monitor(Options options) {
   daemon::Config config;
-  if (!config_from(options.config, config)) return kBadInput;
+  // Another slabd is looked at from a computer that has none: unit 1, high word first.
+  const bool foreign = !options.connect.empty() && !std::filesystem::exists(options.config);
+  if (!foreign && !config_from(options.config, config)) return kBadInput;
   if (!options.connect.empty()) {
     const std::size_t colon = options.connect.rfind(':');
     const unsigned long port =
@@ -279,7 +285,7 @@ void add_plc_monitor(CLI::App& plc, int& exit_status) {
   command->footer("\nExit status 4 when slabd does not answer.\nExample: slabctl plc monitor --once");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
   auto* connect =
-      command->add_option("--connect", options->connect, "ADDRESS:PORT of another slabd than the configured");
+      command->add_option("--connect", options->connect, "ADDRESS:PORT of another slabd than the configured; needs no configuration here");
   command->add_option("--socket", options->socket, "Ask this control socket instead of Modbus")->excludes(connect);
   command->add_flag("--once", options->once, "Print once and end (always so when not on a terminal)");
   command->add_flag("--json", options->as_json, "slabd.plc_monitor/1; without --once one object a line");

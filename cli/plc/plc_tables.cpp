@@ -82,7 +82,8 @@ void each_code(Use&& use) {
       use(unsigned{code}, std::string(what), std::string(cure(static_cast<Code>(code))));
   for (std::size_t item = 0; item < 16; ++item)
     use(static_cast<unsigned>(kReasonItemBase + item),
-        fmt::format("item {} failed: {}", item, info(static_cast<ItemId>(item)).name),
+        fmt::format("item {}, {}: failed; with VERDICT 3 not measured, with 5 indeterminate", item,
+                    info(static_cast<ItemId>(item)).name),
         "`slabctl show` names value, limits and U; look at the block");
 }
 

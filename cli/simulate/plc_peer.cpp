@@ -207,6 +207,16 @@ bool PlcPeer::await(const std::function<bool()>& done, milliseconds timeout, con
   return true;
 }
 
+/// An order that nobody answered may still be on its way: it is given up only when a new session makes it void.
+void PlcPeer::make_void() {
+  const std::uint16_t session = seen().session;
+  ++impl_->memory.sync_req;
+  impl_->write_control();  // written again with every heartbeat
+  PlcTrouble ignored;      // whoever gave up reports why
+  static_cast<void>(
+      await([&] { return seen().session != session && !seen().busy; }, kSessionTimeout, "a new session", ignored));
+}
+
 bool PlcPeer::issue(const PlcOrder& order, std::uint16_t& cmd_seq, PlcTrouble& trouble, PlcClock::time_point* written) {
   trouble = {};
   PlcInputs& memory = impl_->memory;
@@ -233,6 +243,7 @@ bool PlcPeer::issue(const PlcOrder& order, std::uint16_t& cmd_seq, PlcTrouble& t
       if (PlcClock::now() - written_at < impl_->traits.ack_timeout) continue;
       if (rewrites++ == impl_->traits.ack_rewrites) {
         trouble.text = fmt::format("{}: command {} was not answered", impl_->name, memory.cmd_seq);
+        make_void();
         return false;
       }
       written_at = PlcClock::now();

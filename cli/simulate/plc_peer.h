@@ -91,6 +91,7 @@ class PlcPeer {
 
  private:
   struct Impl;
+  void make_void();
   explicit PlcPeer(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };

@@ -18,9 +18,13 @@ namespace slabd::handshake {
 // ---- slabd ---------------------------------------------------------------------------------------------------------
 
 void Slabd::receive(const Frame& frame, const Rules& rules) {
-  if (frame.seq == judged.seq && frame.session == judged.session) return;
-  judged = {frame.seq, frame.session, 0};
+  if (!up) return;
+  if (frame.seq == judged.seq && frame.session == judged.session && frame.writer == judged.writer) return;
+  judged = {frame.seq, frame.session, 0, frame.writer};
   if (frame.seq == ack) return;
+  const bool takeover = writer != 0 && frame.writer != writer;
+  writer = frame.writer;
+  if (takeover && rules.one_connection_commands) change_session(rules);
   const bool stale = session != session_next || frame.session != session;
   if (rules.session_is_echoed && stale) return;
   if (phase == Phase::journalling || phase == Phase::storing) {
@@ -28,13 +32,14 @@ void Slabd::receive(const Frame& frame, const Rules& rules) {
     if (phase == Phase::journalling || (rules.number_is_successor && frame.seq != next_sequence(ack))) return;
   }
   if (rules.number_is_successor && frame.seq != next_sequence(ack)) return;
-  if (busy()) {  // refused on its content, which uses the number up
+  const bool enabled = !rules.enable_is_required || (enable && heard);
+  if (busy() || !enabled) {  // refused on its content, which uses the number up
     ack = frame.seq;
     status = Status::failed;
     return;
   }
   phase = Phase::journalling;
-  command = frame;
+  command = command_stored = frame;
   ack_stored = frame.seq;
   status_stored = Status::accepted;
 }
@@ -105,30 +110,53 @@ void Slabd::acknowledged() {
   results.back() = 0;
 }
 
-void Slabd::die_and_start(const Rules& rules) {
+void Slabd::die() {
   Slabd next;
+  next.up = false;
   next.session_stored = next.session_next = session_stored;
   next.ack = next.ack_stored = ack_stored;
   next.acquired = next.acquired_stored = acquired_stored;
-  next.status_stored = status_stored == Status::accepted ? Status::failed : status_stored;
-  next.status = next.status_stored;
+  next.command_stored = command_stored;
+  next.status = next.status_stored = status_stored;
   next.has = has;
-  if (rules.result_is_kept) next.results = results;
+  next.results = results;
   next.session = session_stored;
+  next.enable = enable;  // the PLC writes them again
+  next.heard = heard;
   *this = next;
-  if (rules.session_changes_at_start) {
-    change_session(rules);
-    if (rules.session_is_durable_first) session = 0;
-  }
 }
 
-// ---- everything that may happen
-// --------------------------------------------------------------------------------------
+void Slabd::start(const Rules& rules) {
+  up = true;
+  if (!rules.result_is_kept) results = {};
+  if (status_stored == Status::accepted && !rules.never_scans_by_itself) {
+    phase = Phase::acquiring;
+    command = command_stored;
+  } else if (status_stored == Status::accepted) {
+    status = status_stored = Status::failed;
+  }
+  if (!rules.session_changes_at_start) return;
+  change_session(rules);
+  if (rules.session_is_durable_first) session = 0;
+}
+
+void Slabd::lose_heartbeat() {
+  heard = false;
+  was_lost = up;
+}
+
+void Slabd::hear_heartbeat(const Rules& rules) {
+  heard = true;
+  if (was_lost && rules.session_changes_when_heard_again) change_session(rules);
+  was_lost = false;
+}
+
+// ---- everything that may happen ------------------------------------------------------------------------------------
 
 namespace {
 
 /// A state as bytes, without the gaps of a struct.
-using Key = std::array<char, 80>;
+using Key = std::array<char, 104>;
 struct HashOfKey {
   std::size_t operator()(const Key& key) const {
     return std::hash<std::string_view>()(std::string_view(key.data(), key.size()));
@@ -142,14 +170,16 @@ Key key_of(const World& w) {
     std::memcpy(&key.at(size + sizeof value - 1) - (sizeof value - 1), &value, sizeof value);
     size += sizeof value;
   };
-  const auto put_frame = [&](const Frame& f) { put(f.seq), put(f.session), put(f.station); };
+  const auto put_frame = [&](const Frame& f) { put(f.seq), put(f.session), put(f.station), put(f.writer); };
   const Slabd& s = w.slabd;
   put(s.session_stored), put(s.ack_stored), put(s.acquired_stored), put(s.status_stored);
   put(s.session), put(s.session_next), put(s.ack), put(s.acquired), put(s.status), put(s.phase);
   for (std::size_t i = 0; i < kStations; ++i)
     put(s.has[i]), put(s.results[i]), put(s.cloud_in_memory_only[i]), put(w.plc.stored[i]), put(w.left[i]);
   put_frame(s.command), put_frame(s.judged), put_frame(w.plc.command), put_frame(w.wire);
+  put_frame(s.command_stored), put_frame(w.stranger);
   for (const Frame& f : w.old) put_frame(f);
+  put(s.up), put(s.writer), put(s.enable), put(s.heard), put(s.was_lost), put(w.given_up), put(w.strangers);
   put(w.plc.phase), put(w.plc.session_before), put(w.plc.own_count), put(w.plc.target), put(w.plc.to_store);
   put(w.robot), put(w.deaths), put(w.repeats), put(w.failures);
   return key;
@@ -189,6 +219,10 @@ class Steps {
 
   void slabd_steps(const World& w) {
     const Slabd& s = w.slabd;
+    if (!s.up) {
+      add(w, "slabd starts").slabd.start(rules_);
+      return;
+    }
     if (s.session != s.session_next || s.session_stored != s.session_next)
       add(w, "session {} is durable and shown", s.session_next).slabd.session_was_stored();
     if (s.phase == Slabd::Phase::journalling)
@@ -211,8 +245,8 @@ class Steps {
       if (s.has[i] == Has::cloud && one_at_a_time)
         add(w, "station {} is measured, the result is durable", i + 1).slabd.measured(i);
     if (w.deaths < mishaps_.deaths) {
-      World& next = mishap(w, "slabd dies and starts again");
-      next.slabd.die_and_start(rules_);
+      World& next = mishap(w, "slabd dies");
+      next.slabd.die();
       ++next.deaths;
     }
   }
@@ -225,19 +259,24 @@ class Steps {
       Plc fresh;
       fresh.stored = p.stored;
       next.plc = fresh;
+      if (mishaps_.deaths_are_noticed) next.slabd.lose_heartbeat();
       ++next.deaths;
     }
+    give_up(w);
+    if (!s.up) return;  // nothing can be read, nothing is believed
     results(w);
     switch (p.phase) {
       case Plc::Phase::started: {
-        World& next = add(w, "PLC: SYNC_REQ");
+        World& next = add(w, rules_.synchronises ? "PLC: starts, SYNC_REQ" : "PLC: starts");
         next.plc.phase = Plc::Phase::synchronising;
         next.plc.session_before = s.session;
-        next.slabd.synchronise(rules_);
+        next.slabd.enable = true;
+        next.slabd.hear_heartbeat(rules_);
+        if (rules_.synchronises) next.slabd.synchronise(rules_);
         break;
       }
       case Plc::Phase::synchronising: {
-        const bool fresh = s.session != p.session_before || !rules_.session_changes_on_request;
+        const bool fresh = s.session != p.session_before || !rules_.session_changes_on_request || !rules_.synchronises;
         if (!fresh || s.session == 0 || (rules_.restarted_plc_waits && s.busy())) break;
         add(w, "PLC: new session, not BUSY; the robot may be moved").plc.phase = Plc::Phase::homing;
         break;
@@ -251,8 +290,40 @@ class Steps {
       case Plc::Phase::choosing: choose(w); break;
       case Plc::Phase::commanding: command(w); break;
       case Plc::Phase::awaiting: await(w); break;
+      case Plc::Phase::in_hand: {
+        World& next = add(w, "the operator gives the line back");
+        next.plc.phase = Plc::Phase::started;  // ENABLE with the same write as SYNC_REQ
+        if (rules_.given_up_means_synchronise) break;
+        next.slabd.enable = true;
+        next.plc.phase = Plc::Phase::choosing;
+        break;
+      }
       case Plc::Phase::finished: break;
     }
+  }
+
+  /// An order that nobody answers is given up: the robot may move only when it is void. Or an operator takes the line
+  /// in hand and moves it, with ENABLE away. Neither while slabd is BUSY, as far as that can be read.
+  void give_up(const World& w) {
+    const Plc& p = w.plc;
+    const bool may = p.phase == Plc::Phase::choosing || p.phase == Plc::Phase::commanding ||
+                     (p.phase == Plc::Phase::awaiting && !w.slabd.up);
+    const bool busy = w.slabd.up && w.slabd.busy() && rules_.restarted_plc_waits;
+    if (!may || busy || w.given_up >= mishaps_.given_up) return;
+    const auto give_up = [&](const char* what) -> World& {
+      World& next = mishap(w, what);
+      next.plc.command = {};
+      next.plc.target = 0;
+      ++next.given_up;
+      return next;
+    };
+    World& in_hand = give_up("the operator takes the line in hand and moves the robot away");
+    in_hand.slabd.enable = false;
+    in_hand.plc.phase = Plc::Phase::in_hand;
+    in_hand.robot = 0;
+    if (p.phase == Plc::Phase::choosing) return;
+    World& next = give_up("PLC: gives the order up");
+    next.plc.phase = rules_.given_up_means_synchronise ? Plc::Phase::started : Plc::Phase::homing;
   }
 
   void results(const World& w) {
@@ -341,6 +412,7 @@ class Steps {
       remember(lost, w.wire);
       lost.wire = {};
     }
+    strangers(w);
     if (w.repeats >= mishaps_.repeats) return;
     for (const Frame& frame : w.old) {
       if (frame.station == 0) continue;
@@ -348,6 +420,22 @@ class Steps {
                            frame.session);
       next.slabd.receive(frame, rules_);
       ++next.repeats;
+    }
+  }
+  /// Somebody who could be the PLC: a spare one, a panel, a laptop. He knows the numbers and not where the robot is.
+  void strangers(const World& w) {
+    const Slabd& s = w.slabd;
+    if (w.stranger.station != 0) {
+      World& next =
+          mishap(w, "the second commander's block arrives: SCAN {} as command {}", w.stranger.station, w.stranger.seq);
+      next.slabd.receive(w.stranger, rules_);
+      next.stranger = {};
+    } else if (w.strangers < mishaps_.strangers && s.up && s.session != 0 && s.writer == kPlc) {
+      for (std::uint8_t station = 1; station <= kStations; ++station) {
+        World& next = mishap(w, "a second commander reads CMD_ACK {} and SESSION {}", s.ack, s.session);
+        next.stranger = {next_sequence(s.ack), s.session, station, kStranger};
+        ++next.strangers;
+      }
     }
   }
   static void remember(World& w, const Frame& frame) {

@@ -13,8 +13,13 @@
 /// robot, slabd, a link that loses and repeats command blocks, and both sides dying at any moment. Numbers are the real
 /// 16-bit ones, started just below their wrap.
 ///
+/// Beside them there are an operator, who takes the line in hand and moves the robot, and a second commander, who has
+/// read SESSION and CMD_ACK and writes a block of his own.
+///
 /// What the model leaves out: time (every message may take any time), the pose window (a robot in the wrong place is
-/// scanned), verdicts (a result is a result), SLAB_BEGIN and SLAB_END (they move no robot).
+/// scanned), verdicts (a result is a result), SLAB_BEGIN and SLAB_END (they move no robot). ENABLE and the heartbeat
+/// arrive at once: they are levels, written again and again. A second commander who reads before the PLC has commanded
+/// this process of slabd would be believed: who may command at all is for the list of addresses.
 namespace slabd::handshake {
 
 constexpr std::size_t kStations = 2;
@@ -22,25 +27,35 @@ constexpr std::size_t kStations = 2;
 /// The rules, each of which can be taken away.
 struct Rules {
   // slabd's
-  bool number_is_successor = true;         ///< CMD_SEQ must be the one after CMD_ACK
-  bool session_is_echoed = true;           ///< SESSION_ECHO must be the session shown
-  bool session_changes_at_start = true;    ///< of slabd
-  bool session_changes_on_request = true;  ///< SYNC_REQ, after the PLC's restart
-  bool session_is_durable_first = true;    ///< and shown second
-  bool scan_is_durable_first = true;       ///< and ACQUIRED second
-  bool result_is_kept = true;              ///< until it is acknowledged, over restarts
+  bool number_is_successor = true;               ///< CMD_SEQ must be the one after CMD_ACK
+  bool session_is_echoed = true;                 ///< SESSION_ECHO must be the session shown
+  bool session_changes_at_start = true;          ///< of slabd
+  bool session_changes_on_request = true;        ///< SYNC_REQ, after the PLC's restart
+  bool session_is_durable_first = true;          ///< and shown second
+  bool scan_is_durable_first = true;             ///< and ACQUIRED second
+  bool result_is_kept = true;                    ///< until it is acknowledged, over restarts
+  bool enable_is_required = true;                ///< for a command
+  bool one_connection_commands = true;           ///< a block over another one changes the session and is refused
+  bool never_scans_by_itself = true;             ///< an order that a death cut off is not taken up again
+  bool session_changes_when_heard_again = true;  ///< when the PLC's heartbeat was lost
   // the PLC's
-  bool robot_waits_for_acquired = true;  ///< before it leaves
-  bool restarted_plc_waits = true;       ///< until slabd is not BUSY, before it moves the robot
-  bool number_follows_ack = true;        ///< CMD_SEQ is made from CMD_ACK, not from a count of the PLC's own
-  bool result_is_stored_first = true;    ///< and acknowledged second
+  bool robot_waits_for_acquired = true;    ///< before it leaves
+  bool restarted_plc_waits = true;         ///< until slabd is not BUSY, before it moves the robot
+  bool number_follows_ack = true;          ///< CMD_SEQ is made from CMD_ACK, not from a count of the PLC's own
+  bool result_is_stored_first = true;      ///< and acknowledged second
+  bool synchronises = true;                ///< SYNC_REQ after its own start
+  bool given_up_means_synchronise = true;  ///< SYNC_REQ when an order was given up or the line taken in hand
 };
+
+constexpr std::uint8_t kPlc = 1;
+constexpr std::uint8_t kStranger = 2;
 
 /// A command block: SCAN of a station.
 struct Frame {
   std::uint16_t seq = 0;
   std::uint16_t session = 0;
-  std::uint8_t station = 0;  ///< from 1; 0: no frame
+  std::uint8_t station = 0;    ///< from 1; 0: no frame
+  std::uint8_t writer = kPlc;  ///< whose connection
   bool operator==(const Frame&) const = default;
 };
 
@@ -56,10 +71,16 @@ struct Slabd {
   std::uint16_t ack_stored = 65533;
   std::uint16_t acquired_stored = 0;
   Status status_stored = Status::none;
+  Frame command_stored;
   std::array<Has, kStations> has{};
   std::array<std::uint8_t, kStations> results{};  ///< stations whose results wait, oldest first; 0: none
 
   // in memory
+  bool up = true;
+  std::uint8_t writer = 0;  ///< who commands; 0: nobody yet
+  bool enable = true;       ///< as the PLC has written it
+  bool heard = true;        ///< its heartbeat moves
+  bool was_lost = false;
   std::uint16_t session = 65533;  ///< shown; 0: none yet
   std::uint16_t session_next = 65533;
   std::uint16_t ack = 65533;
@@ -83,7 +104,10 @@ struct Slabd {
   void scan_was_stored();
   void measured(std::size_t index);
   void acknowledged();  ///< the oldest result is with the PLC
-  void die_and_start(const Rules& rules);
+  void die();
+  void start(const Rules& rules);
+  void lose_heartbeat();
+  void hear_heartbeat(const Rules& rules);
 
  private:
   void change_session(const Rules& rules);
@@ -91,7 +115,7 @@ struct Slabd {
 
 /// The PLC's half.
 struct Plc {
-  enum class Phase : std::uint8_t { started, synchronising, homing, choosing, commanding, awaiting, finished };
+  enum class Phase : std::uint8_t { started, synchronising, homing, choosing, commanding, awaiting, in_hand, finished };
   Phase phase = Phase::started;
   std::uint16_t session_before = 0;
   std::uint16_t own_count = 65533;
@@ -109,17 +133,23 @@ struct World {
   std::array<bool, kStations> left{};  ///< the robot has gone on, believing the scan to be taken
   Frame wire;                          ///< on its way
   std::array<Frame, 2> old;            ///< sent before, any of which may come again
+  Frame stranger;                      ///< of the second commander, not sent yet
   std::uint8_t deaths = 0;
   std::uint8_t repeats = 0;
   std::uint8_t failures = 0;
+  std::uint8_t given_up = 0;
+  std::uint8_t strangers = 0;
   bool operator==(const World&) const = default;
 };
 
 /// How much goes wrong at most.
 struct Mishaps {
-  std::uint8_t deaths = 3;    ///< of either side
-  std::uint8_t repeats = 1;   ///< old blocks that come again
-  std::uint8_t failures = 1;  ///< scans that come to nothing
+  std::uint8_t deaths = 3;          ///< of either side
+  std::uint8_t repeats = 1;         ///< old blocks that come again
+  std::uint8_t failures = 1;        ///< scans that come to nothing
+  std::uint8_t given_up = 0;        ///< orders given up, lines taken in hand
+  std::uint8_t strangers = 0;       ///< blocks of a second commander
+  bool deaths_are_noticed = false;  ///< slabd misses the heartbeat of every PLC that dies
 };
 
 struct Finding {

@@ -234,10 +234,13 @@ TEST_F(ModbusClientTest, a_plc_that_restarts_gets_the_present_image_and_is_a_new
     port->publish(outputs);
   }
   const int before = plc.writes_of_all;
+  const int connections = plc.connections;
   plc.power(true);
   until([&] { return linked() && plc.get(1009) == 5; });
-  EXPECT_EQ(plc.writes_of_all, before + 1);
-  EXPECT_EQ(seen.back().command_writer, 2U);
+  // Once a connection; a slow test computer may need more than one of them.
+  EXPECT_GE(plc.writes_of_all, before + 1);
+  EXPECT_LE(plc.writes_of_all - before, plc.connections - connections);
+  EXPECT_GE(seen.back().command_writer, 2U);
   EXPECT_EQ(seen.back().cmd_seq, 0) << "its memory is blank, and that is told";
 }
 

@@ -4,6 +4,7 @@
 // is well.
 #include <gtest/gtest.h>
 #include <netinet/in.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -100,6 +101,26 @@ TEST_F(DoctorTest, a_daemon_without_plc_and_robot_lacks_heartbeat_and_poses) {
   EXPECT_EQ(opinion.health("robot poses"), "failed");
   EXPECT_EQ(opinion.health("scanner link"), "ok");
   EXPECT_EQ(opinion.health("calibration"), "warning") << "commissioning values";
+}
+
+TEST_F(DoctorTest, a_limit_under_which_a_scan_cannot_be_written_is_found) {
+  start();
+  EXPECT_EQ(examine().health("limits"), "ok");
+  const rlimit small{50'000'000, 50'000'000};
+  ASSERT_EQ(::prlimit(box_.pid(), RLIMIT_FSIZE, &small, nullptr), 0);
+  const Opinion opinion = examine();
+  EXPECT_EQ(opinion.health("limits"), "failed") << opinion.all();
+}
+
+TEST_F(DoctorTest, says_by_which_interface_the_plc_is_reached) {
+  std::string text = read_file(box_.config);
+  const std::size_t listen = text.find("listen = ");
+  ASSERT_NE(listen, std::string::npos) << text;
+  text.insert(listen, "allow = [\"127.0.0.9/32\"]\n");
+  std::ofstream(box_.config) << text;
+  const Opinion opinion = examine();
+  EXPECT_EQ(opinion.health("plc route"), "ok") << opinion.all();
+  EXPECT_NE(opinion.all().find("127.0.0.9 by lo"), std::string::npos) << opinion.all();
 }
 
 TEST_F(DoctorTest, a_plc_that_cannot_be_reached_is_said_by_doctor_and_status) {

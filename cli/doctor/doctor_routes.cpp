@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Which way packets to the PLC and to the robot's group would go. The kernel is asked by connecting a datagram socket:
+// that looks the route up and sends nothing.
+#include <arpa/inet.h>
+#include <fmt/core.h>
+#include <ifaddrs.h>
+#include <net/if.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <memory>
+#include <optional>
+
+#include "cli/doctor/doctor.h"
+
+namespace slabd::cli {
+namespace {
+
+struct RouteSeen {
+  int fault = 0;              ///< errno when there is none
+  std::uint32_t address = 0;  ///< of this computer
+  std::string interface;
+  bool running = false;  ///< cable in, other end alive
+};
+
+std::string dotted(std::uint32_t address) {
+  const in_addr raw{htonl(address)};
+  std::string text(INET_ADDRSTRLEN, '\0');
+  return ::inet_ntop(AF_INET, &raw, text.data(), INET_ADDRSTRLEN) == nullptr ? "?" : std::string(text.c_str());
+}
+
+void name_interface(RouteSeen& route) {
+  ifaddrs* list = nullptr;
+  if (::getifaddrs(&list) != 0) return;
+  const std::unique_ptr<ifaddrs, void (*)(ifaddrs*)> owner(list, ::freeifaddrs);
+  for (const ifaddrs* entry = list; entry != nullptr; entry = entry->ifa_next) {
+    if (entry->ifa_addr == nullptr || entry->ifa_addr->sa_family != AF_INET) continue;
+    sockaddr_in own{};
+    std::memcpy(&own, entry->ifa_addr, sizeof own);
+    if (ntohl(own.sin_addr.s_addr) != route.address) continue;
+    route.interface = entry->ifa_name;
+    route.running = (entry->ifa_flags & IFF_RUNNING) != 0;
+  }
+}
+
+RouteSeen route_to(std::uint32_t address) {
+  RouteSeen route;
+  const int fd = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (fd < 0) return {errno, 0, {}, false};
+  sockaddr_in peer{};
+  peer.sin_family = AF_INET;
+  peer.sin_port = htons(9);
+  peer.sin_addr.s_addr = htonl(address);
+  sockaddr_in own{};
+  socklen_t bytes = sizeof own;
+  if (::connect(fd, static_cast<const sockaddr*>(static_cast<const void*>(&peer)), sizeof peer) != 0 ||
+      ::getsockname(fd, static_cast<sockaddr*>(static_cast<void*>(&own)), &bytes) != 0)
+    route.fault = errno;
+  ::close(fd);
+  route.address = ntohl(own.sin_addr.s_addr);
+  if (route.fault == 0) name_interface(route);
+  return route;
+}
+
+std::optional<std::uint32_t> address_in(std::string_view text) {
+  in_addr raw{};
+  if (::inet_pton(AF_INET, std::string(text).c_str(), &raw) != 1) return std::nullopt;
+  return ntohl(raw.s_addr);
+}
+
+/// `far`: what lies at the other end, "the PLC 192.168.0.10".
+bool examine_route(std::string_view check, const std::string& far, const RouteSeen& route, Examination& report) {
+  if (route.fault != 0) {
+    report.failed(check, fmt::format("no way to {}: {}", far, std::strerror(route.fault)),
+                  "ip route; give this computer an address in that network (ip address add), or a route to it");
+    return false;
+  }
+  const std::string way = fmt::format("{} by {} ({})", far, route.interface, dotted(route.address));
+  if (!route.running) {
+    report.failed(check, way + ", which has no carrier", "is the cable in, and the other end switched on?");
+    return false;
+  }
+  report.ok(check, way);
+  return true;
+}
+
+void examine_plc_route(const daemon::Config& config, Examination& report) {
+  if (config.plc.role == hal::PlcRole::rtu) return;  // a serial line has no route
+  if (config.plc.role == hal::PlcRole::client) {
+    const auto plc = address_in(config.plc.host.view());
+    if (!plc) return;  // the configuration allows addresses only
+    examine_route("plc route", fmt::format("the PLC {}", dotted(*plc)), route_to(*plc), report);
+    return;
+  }
+  const auto listen = address_in(config.plc.host.view());
+  for (const hal::PlcSettings::Network& network : config.plc.allow) {
+    const bool one = network.mask == ~0U;
+    // Everybody, or a whole private range, says nothing about where the PLC is.
+    if (network.mask < 0xFFFF0000U) continue;
+    const std::uint32_t somebody = one ? network.address : network.address + 1;
+    const RouteSeen route = route_to(somebody);
+    const std::string far =
+        one ? dotted(somebody) : fmt::format("{}/{}", dotted(network.address), dotted(network.mask));
+    if (!examine_route("plc route", far, route, report)) continue;
+    if (listen && *listen != 0 && *listen != route.address)
+      report.warning(
+          "plc route",
+          fmt::format("{} comes in at {}, and [plc] listen is {}", far, dotted(route.address), dotted(*listen)),
+          "listen at the address in the PLC's network, or at 0.0.0.0");
+  }
+}
+
+void examine_robot_route(const daemon::Config& config, Examination& report) {
+  const std::string_view url = config.robot.url.view();
+  const std::size_t begin = url.find("//");
+  if (begin == std::string_view::npos) return;
+  const auto group = address_in(url.substr(begin + 2, url.find(':', begin) - begin - 2));
+  if (!group) return;
+  const std::string_view wanted = config.robot.interface.view();
+  const RouteSeen route = route_to(*group);
+  // The named interface is joined whatever the route says; without a name the route decides.
+  if (wanted.empty()) {
+    examine_route("robot route", fmt::format("group {}", dotted(*group)), route, report);
+  } else {
+    report.ok("robot route",
+              fmt::format("group {} is joined on {}, as [robot] interface says; what this computer sends "
+                          "to it goes by {}",
+                          dotted(*group), wanted, route.fault == 0 ? route.interface : "no interface"));
+  }
+}
+
+}  // namespace
+
+void examine_routes(const daemon::Config& config, Examination& report) {
+  examine_plc_route(config, report);
+  examine_robot_route(config, report);
+}
+
+}  // namespace slabd::cli

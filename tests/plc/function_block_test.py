@@ -1,0 +1,129 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""The function block of docs/plc alone, cycle by cycle, on a clock of the test's own: what it writes when an order is
+given up and when the line comes back from hand. Whole slabs with it are plc_peers_test's."""
+
+import os
+import unittest
+
+from st_block import Block
+
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+SYNC, CONTROL, CMD_SEQ = 3, 1, 39
+SESSION, ACK, STATUS = 9, 10, 11
+
+
+class Line:
+    """slabd as registers: what the block reads, set by hand."""
+
+    def __init__(self):
+        self.now = 100.0
+        self.block = Block(os.path.join(ROOT, "docs/plc/FB_SLABD.st"), clock=lambda: self.now)
+        self.ir = [0] * 110
+        self.ir[0:4] = [0x534C, 0x0100, 0x1234, 0x5678]
+        self.ir[5] = 0b1000000001  # READY, PLC_LINK_OK
+        self.ir[SESSION] = 7
+        self.ir[ACK] = 41
+        self.inputs = {"xEnable": True, "uiSyncLast": 5}
+
+    def cycle(self, seconds=0.01, **inputs):
+        self.now += seconds
+        self.inputs.update(inputs)
+        self.block(IR=list(self.ir), xLinkOk=True, **self.inputs)
+        return self.block
+
+    def started(self):
+        self.cycle()
+        self.ir[SESSION] += 1
+        block = self.cycle()
+        assert block.xReady
+        return block
+
+    def order(self):
+        """A SCAN whose block is written and not answered."""
+        block = self.started()
+        self.cycle(xExecute=True, uiCmd=2, uiStation=1)
+        written = block.xWriteCommand
+        self.cycle()
+        assert written or block.xWriteCommand
+        return block
+
+
+class FunctionBlock(unittest.TestCase):
+    def test_after_its_start_it_asks_for_one_session(self):
+        line = Line()
+        line.cycle()
+        self.assertEqual(line.block.HR[SYNC], 6)
+        self.assertFalse(line.block.xReady)
+        for _ in range(5):
+            line.cycle()
+        self.assertEqual(line.block.HR[SYNC], 6)
+        self.assertFalse(line.block.xReady)
+        line.ir[SESSION] += 1
+        self.assertTrue(line.cycle().xReady)
+
+    def test_an_order_without_an_answer_is_made_void(self):
+        line = Line()
+        block = line.order()
+        rewrites = 0
+        for _ in range(300):
+            if line.cycle().xError:
+                break
+            rewrites += block.xWriteCommand
+        self.assertTrue(block.xError)
+        self.assertEqual(rewrites, 3)
+        line.cycle()
+        self.assertEqual(block.HR[SYNC], 7, "a block still on its way carries the old session")
+        self.assertTrue(block.xWriteControl)
+        line.cycle(xExecute=False)
+        line.cycle()
+        self.assertFalse(block.xReady, "not before the new session is there")
+        line.ir[SESSION] += 1
+        line.cycle()
+        self.assertTrue(line.cycle().xReady)
+
+    def test_an_order_that_was_answered_needs_no_new_session(self):
+        line = Line()
+        block = line.order()
+        line.ir[ACK], line.ir[STATUS] = 42, 0x8000 + 202
+        for _ in range(5):
+            line.cycle()
+        self.assertTrue(block.xError)
+        self.assertEqual(block.uiCode, 202)
+        self.assertEqual(block.HR[SYNC], 6)
+
+    def test_a_line_taken_in_hand_gives_up_what_was_not_accepted(self):
+        line = Line()
+        block = line.order()
+        line.cycle(xEnable=False)
+        self.assertTrue(block.xError)
+        self.assertEqual(block.uiCode, 107)
+        self.assertEqual(block.HR[CONTROL] & 1, 0)
+        line.ir[SESSION] += 1
+        line.cycle(1.0, xExecute=False)
+        line.cycle(1.0)
+        before = block.HR[SYNC]
+        line.cycle(xEnable=True)
+        self.assertEqual((block.HR[CONTROL] & 1, block.HR[SYNC]), (1, before + 1), "in one write")
+        self.assertTrue(block.xWriteControl)
+        self.assertFalse(block.xWriteCommand)
+        self.assertFalse(block.xReady)
+        line.ir[SESSION] += 1
+        line.cycle()
+        self.assertTrue(line.cycle().xReady)
+
+    def test_an_accepted_order_goes_on_while_the_line_is_in_hand(self):
+        line = Line()
+        block = line.order()
+        line.ir[ACK], line.ir[STATUS] = 42, 1
+        line.cycle()
+        line.cycle()
+        line.cycle(xEnable=False)
+        self.assertFalse(block.xError)
+        line.ir[STATUS] = 3
+        line.cycle()
+        self.assertTrue(block.xDone)
+
+
+if __name__ == "__main__":
+    unittest.main()
