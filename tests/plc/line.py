@@ -37,8 +37,10 @@ def free_port():
 class Box:
     """One slabd with everything of its own."""
 
-    def __init__(self, build, role):
-        self.build, self.role = build, role
+    def __init__(self, build, role, scanner=None, peers_scanner=None, user=None):
+        """`scanner`, `peers_scanner`: the [scanner] table of slabd and of robot and scanner, where they are not to meet
+        in one folder; {dir} stands for the box's. `user`: slabd runs as this uid."""
+        self.build, self.role, self.user, self.one_folder = build, role, user, peers_scanner is None
         self.dir = tempfile.mkdtemp(prefix="slabd-plc-")
         self.port = free_port()
         self.daemon = self.peers = self.socat = None
@@ -46,9 +48,7 @@ class Box:
         plc = {"server": f'listen = "127.0.0.1:{self.port}"',
                "client": f'connect = "127.0.0.1:{self.port}"\npoll_ms = 20',
                "rtu": f'device = "{self.pty[0]}"\nparity = "none"\nunit_id = 17'}[role]
-        self.config = os.path.join(self.dir, "slabd.toml")
-        with open(self.config, "w", encoding="utf-8") as file:
-            file.write(f"""[plc]
+        common = f"""[plc]
 role = "{role}"
 {plc}
 [robot]
@@ -57,8 +57,6 @@ interface = "lo"
 window_ms = 100
 samples_min = 5
 dwell_ms = 0
-[scanner]
-drop_dir = "{self.dir}/drop"
 [storage]
 db = "{self.dir}/slabd.db"
 spool_dir = "{self.dir}/spool"
@@ -73,9 +71,21 @@ station_sigma_mm = 0.02
 station_sigma_deg = 0.001
 [control]
 socket = "{self.dir}/control.sock"
-""")
+[scanner]
+"""
+        drop = 'drop_dir = "{dir}/drop"'
+        self.config, self.peers_config = (self.write(name, common + table.replace("{dir}", self.dir) + "\n") for name, table
+                                          in (("slabd.toml", scanner or drop), ("peers.toml", peers_scanner or drop)))
+        if user is not None:
+            shutil.chown(self.dir, user)
         if role == "rtu":
             self.cable()
+
+    def write(self, name, text):
+        path = os.path.join(self.dir, name)
+        with open(path, "w", encoding="utf-8") as file:
+            file.write(text)
+        return path
 
     def cable(self):
         self.socat = subprocess.Popen(["socat"] + [f"pty,raw,echo=0,link={end}" for end in self.pty],
@@ -84,15 +94,17 @@ socket = "{self.dir}/control.sock"
 
     def start(self):
         with open(os.path.join(self.dir, "slabd.err"), "a", encoding="utf-8") as log:
-            self.daemon = subprocess.Popen([f"{self.build}/daemon/slabd", "--config", self.config], stderr=log)
+            self.daemon = subprocess.Popen([f"{self.build}/daemon/slabd", "--config", self.config], stderr=log,
+                                           user=self.user)
         wait_for(lambda: os.path.exists(f"{self.dir}/control.sock") and self.status() is not None, 30, "slabd")
 
     def stand_by(self, slabs, defects=()):
-        command = [f"{self.build}/cli/slabctl", "simulate", "--config", self.config, "--points", "quarter", "--stand-by",
+        command = [f"{self.build}/cli/slabctl", "simulate", "--config", self.peers_config, "--points", "quarter", "--stand-by",
                    "--move-s", "0.05", "--slabs", str(slabs)]
         for defect in defects:
             command += ["--defect", defect]
-        wait_for(lambda: os.path.isdir(f"{self.dir}/drop/request"), 10, "the drop folder")
+        if self.one_folder:
+            wait_for(lambda: os.path.isdir(f"{self.dir}/drop/request"), 10, "the drop folder")
         self.peers = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def order(self, text, expected):
