@@ -2,12 +2,11 @@
 #include "cli/simulate/plc_peer.h"
 
 #include <fmt/core.h>
-#include <modbus.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <thread>
 
+#include "cli/simulate/plc_wire.h"
 #include "hal/plc_map.h"
 
 namespace slabd::simulate {
@@ -16,24 +15,17 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kConnectTimeout{5'000};
+constexpr milliseconds kAskedTimeout{12'000};  // slabd as client looks for a lost PLC every five seconds
 constexpr milliseconds kReconnectPeriod{500};
 constexpr milliseconds kSessionTimeout{3'000};
 constexpr int kControlRegisters = 4;  // HR 0..3
-
-struct ModbusFree {
-  void operator()(modbus_t* context) const {
-    modbus_close(context);
-    modbus_free(context);
-  }
-};
-using ModbusClient = std::unique_ptr<modbus_t, ModbusFree>;
 
 }  // namespace
 
 struct PlcPeer::Impl {
   PlcTraits traits;
   const std::atomic<bool>* stop = nullptr;
-  ModbusClient client;
+  std::unique_ptr<PlcWire> wire;
   std::string name;
 
   PlcInputs memory;  // what this PLC holds for slabd
@@ -44,26 +36,13 @@ struct PlcPeer::Impl {
 
   // ---- the wire ---------------------------------------------------------------------------------------------------
 
-  bool open() {
-    client.reset(modbus_new_tcp(traits.host.c_str(), traits.port));
-    if (client == nullptr) return false;
-    modbus_set_slave(client.get(), traits.unit_id);
-    modbus_set_response_timeout(client.get(), 1, 0);
-    return modbus_connect(client.get()) == 0;
-  }
-
   bool write_registers(int first, int count) {
     hal::HoldingImage image{};
-    hal::encode_inputs(memory, traits.word_order, true, image);
-    return modbus_write_registers(client.get(), first, count, image.data() + first) == count;
+    hal::encode_inputs(memory, traits.plc.word_order, true, image);
+    return wire->write(first, count, image);
   }
   bool write_control() { return write_registers(0, kControlRegisters); }
   bool write_command() { return write_registers(hal::kCommandFirst, hal::kCommandLast - hal::kCommandFirst + 1); }
-
-  bool read_outputs(hal::InputImage& image) {
-    const auto count = static_cast<int>(image.size());
-    return modbus_read_input_registers(client.get(), 0, count, image.data()) == count;
-  }
 
   // ---- one cycle --------------------------------------------------------------------------------------------------
 
@@ -82,7 +61,7 @@ struct PlcPeer::Impl {
   }
 
   bool exchange(hal::InputImage& image) {
-    if (client == nullptr || !read_outputs(image)) return false;
+    if (!wire->read(image)) return false;
     if (PlcClock::now() - beat_at < traits.heartbeat) return true;
     ++memory.heartbeat;
     beat_at = PlcClock::now();
@@ -90,7 +69,7 @@ struct PlcPeer::Impl {
   }
 
   bool understand(const hal::InputImage& image, PlcTrouble& trouble) {
-    const Result<PlcOutputs> outputs = hal::decode_outputs(image, traits.word_order);
+    const Result<PlcOutputs> outputs = hal::decode_outputs(image, traits.plc.word_order);
     if (!outputs) {
       trouble.code = Code::config;
       trouble.text = fmt::format("{}: {}", name, outputs.error().text.view());
@@ -119,9 +98,9 @@ struct PlcPeer::Impl {
   bool mend(PlcTrouble& trouble) {
     const auto lost_at = PlcClock::now();
     while (PlcClock::now() - lost_at < traits.link_timeout && !stop->load()) {
-      client.reset();
+      wire->close();
       hal::InputImage image{};
-      if (open() && write_control() && read_outputs(image)) return understand(image, trouble);
+      if (wire->open() && write_control() && wire->read(image)) return understand(image, trouble);
       std::this_thread::sleep_for(kReconnectPeriod);
     }
     trouble.link_lost = true;
@@ -129,9 +108,6 @@ struct PlcPeer::Impl {
                                traits.link_timeout.count() / 1000);
     return false;
   }
-
-  /// SYNC_REQ as it stands in slabd, so that this PLC's value differs from it.
-  bool read_sync(std::uint16_t& value) { return modbus_read_registers(client.get(), 3, 1, &value) == 1; }
 };
 
 PlcPeer::PlcPeer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -151,19 +127,18 @@ Result<std::unique_ptr<PlcPeer>> PlcPeer::connect(const PlcTraits& traits, const
   auto impl = std::make_unique<Impl>();
   impl->traits = traits;
   impl->stop = &stop;
-  impl->name = fmt::format("{}:{}", traits.host, traits.port);
+  Result<std::unique_ptr<PlcWire>> wire = make_plc_wire(traits.plc, traits.device);
+  if (!wire) return wire.error();
+  impl->wire = std::move(wire.value());
+  impl->name = impl->wire->name();
   const auto started = PlcClock::now();
+  const milliseconds patience = traits.plc.role == hal::PlcRole::client ? kAskedTimeout : kConnectTimeout;
   std::uint16_t sync = 0;
   hal::InputImage image{};
   // A daemon that has just been started listens before it answers.
-  for (bool connected = false; !(connected = impl->open()) || !impl->read_outputs(image) || !impl->read_sync(sync);) {
-    const int reason = errno;
-    if (PlcClock::now() - started > kConnectTimeout || stop.load())
-      return error(Code::scanner_offline,
-                   connected ? "%s does not answer reads: %s; is this address in [plc] allow?"
-                             : "slabd does not answer on %s (Modbus/TCP): %s; is it running with "
-                               "this config?",
-                   impl->name.c_str(), modbus_strerror(reason));
+  while (!impl->wire->open() || !impl->wire->read(image) || !impl->wire->read_sync(sync)) {
+    if (PlcClock::now() - started > patience || stop.load())
+      return error(Code::scanner_offline, "%s", impl->wire->fault().c_str());
     std::this_thread::sleep_for(kReconnectPeriod);
   }
 
@@ -173,9 +148,7 @@ Result<std::unique_ptr<PlcPeer>> PlcPeer::connect(const PlcTraits& traits, const
   impl->memory.sync_req = static_cast<std::uint16_t>(sync + 1U);
   impl->memory.enable = true;
   ++impl->memory.heartbeat;
-  if (!impl->write_control())
-    return error(Code::scanner_offline, "%s does not take writes: %s; is this address in [plc] allow?",
-                 impl->name.c_str(), modbus_strerror(errno));
+  if (!impl->write_control()) return error(Code::scanner_offline, "%s", impl->wire->fault().c_str());
 
   std::unique_ptr<PlcPeer> peer(new PlcPeer(std::move(impl)));
   const auto fresh = [&] {
@@ -308,7 +281,7 @@ const StoredResult* PlcPeer::result(std::uint32_t slab_no, int kind, int station
 
 void PlcPeer::disable() {
   impl_->memory.enable = false;
-  if (impl_->client != nullptr) impl_->write_control();
+  impl_->write_control();
 }
 
 }  // namespace slabd::simulate

@@ -11,8 +11,9 @@
 #include "base/base.h"
 #include "hal/hal.h"
 
-/// The PLC's half of the line: a Modbus/TCP client that works as a PLC program does, one cycle after the other. Each
-/// cycle reads the 110 input registers, stores and acknowledges a result when one is shown, and keeps its heartbeat.
+/// The PLC's half of the line, which works as a PLC program does, one cycle after the other, whoever moves the
+/// registers (plc_wire.h). Each cycle reads the 110 input registers, stores and acknowledges a result when one is
+/// shown, and keeps its heartbeat.
 ///
 /// What a PLC programmer should copy from here: the command number is seeded from CMD_ACK, never from memory; the
 /// session is read again after every refusal; a command without an answer is written again under the *same* number;
@@ -25,10 +26,8 @@ using PlcClock = std::chrono::steady_clock;
 inline constexpr int kIssueAttempts = 8;
 
 struct PlcTraits {
-  std::string host = "127.0.0.1";
-  std::uint16_t port = 1502;
-  std::uint8_t unit_id = 1;
-  hal::WordOrder word_order = hal::WordOrder::abcd;
+  hal::PlcSettings plc;  ///< the daemon's, of which this is the other end
+  std::string device;    ///< rtu: the other end of the serial line
   std::chrono::milliseconds cycle{5};
   std::chrono::milliseconds heartbeat{250};
   std::chrono::milliseconds ack_timeout{500};

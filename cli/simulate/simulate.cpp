@@ -39,6 +39,7 @@ struct Options {
   double rsi_faults = 0.0;
   double move_s = 0.3;
   int plc_cycle_ms = 5;
+  std::string plc_device;  ///< other end of the serial line
   int scans_per_station = 3;
   std::string certificate;  ///< where to write what a laboratory would say of the slab
   bool stand_by = false;    ///< robot and scanner only
@@ -85,18 +86,10 @@ class Progress {
   bool shown_;
 };
 
-/// "0.0.0.0" is where a server listens, not where a client connects.
-std::string connect_host(const hal::PlcSettings& plc) {
-  const std::string_view host = plc.host.view();
-  return host.empty() || host == "0.0.0.0" ? "127.0.0.1" : std::string(host);
-}
-
 PlcTraits plc_traits(const daemon::Config& config, const Options& options) {
   PlcTraits traits;
-  traits.host = connect_host(config.plc);
-  traits.port = config.plc.port;
-  traits.unit_id = config.plc.unit_id;
-  traits.word_order = config.plc.word_order;
+  traits.plc = config.plc;
+  traits.device = options.plc_device;
   traits.cycle = std::chrono::milliseconds(options.plc_cycle_ms);
   return traits;
 }
@@ -238,11 +231,13 @@ int simulate(const Options& options) {
   daemon::Config config;
   Recipe recipe;
   if (!cli::config_from(options.config, config) || !find_recipe(config, options.type, recipe)) return cli::kBadInput;
-  if (config.plc.role != hal::PlcRole::server && !options.stand_by) {
-    cli::complain(fmt::format(
-        "{}: the emulated PLC speaks to [plc] role = \"server\" only (--stand-by for another PLC), found \"{}\"",
-        options.config, hal::kPlcRoles.at(static_cast<std::size_t>(config.plc.role))));
-    return cli::kBadInput;
+  if ((config.plc.role == hal::PlcRole::rtu) != !options.plc_device.empty() && !options.stand_by) {
+    cli::complain(options.plc_device.empty()
+                      ? fmt::format("{} has [plc] role = \"rtu\": --plc-device names the other end of the serial line",
+                                    options.config)
+                      : fmt::format("--plc-device: {} has [plc] role = \"{}\", which has no serial line",
+                                    options.config, hal::kPlcRoles.at(static_cast<std::size_t>(config.plc.role))));
+    return cli::kUsage;
   }
   if (config.calibration.id.empty()) {
     cli::complain(fmt::format("{}: [calibration] T_flange_scanner is missing; the emulated scanner really sits there",
@@ -385,6 +380,8 @@ void add_simulate(CLI::App& app, int& exit_status) {
   command->add_option("--plc-cycle-ms", options->plc_cycle_ms, "Cycle of the PLC's program: how often it looks")
       ->check(CLI::Range(1, 1'000))
       ->capture_default_str();
+  command->add_option("--plc-device", options->plc_device,
+                      "With [plc] role = \"rtu\": the other end of the serial line, such as that of a socat pty pair");
   command->add_option("--scans-per-block", options->scans_per_station, "SCAN attempts before a block is left out")
       ->check(CLI::Range(1, 20))
       ->capture_default_str();

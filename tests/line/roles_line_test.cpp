@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The main job when it is not the PLC that asks over Ethernet: slabd as Modbus client of the emulated PLC, and both on
+// a serial line (a socat pty pair). What independent PLCs see is tests/plc's.
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "processes.h"
+
+namespace slabd::line {
+namespace {
+
+using Json = nlohmann::json;
+
+class RolesLineTest : public testing::Test {
+ protected:
+  /// Puts `lines` in the place of plc.listen.
+  void give_role(const std::string& lines) {
+    std::string text = read_file(box_.config);
+    const std::size_t listen = text.find("listen = ");
+    ASSERT_NE(listen, std::string::npos);
+    text.replace(listen, text.find('\n', listen) - listen, lines);
+    std::ofstream(box_.config) << text;
+  }
+  void start() {
+    box_.start();
+    for (int i = 0; i < 500 && box_.running() && status().is_null(); ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    ASSERT_FALSE(status().is_null()) << box_.log();
+  }
+  [[nodiscard]] Json status() const {
+    const Box::Answer answer = box_.slabctl({"status", "--config", box_.config.native(), "--json"});
+    return answer.exit_status == 0 ? Json::parse(answer.out, nullptr, false) : Json();
+  }
+  [[nodiscard]] Box::Answer slab(int number, std::vector<std::string> more = {}) const {
+    std::vector<std::string> args = {"simulate", "--config",  box_.config.native(),  "--points",
+                                     "quarter",  "--slab-no", std::to_string(number)};
+    args.insert(args.end(), more.begin(), more.end());
+    return box_.slabctl(args);
+  }
+  /// A good slab and a bad one; after the first the daemon's memory stands.
+  void run_slabs(const std::vector<std::string>& more = {}) {
+    const Box::Answer first = slab(1, more);
+    ASSERT_EQ(first.exit_status, 0) << first.out << first.err << box_.log();
+    const auto peak_kb = status()["memory"]["peak_kb"].get<std::int64_t>();
+    std::vector<std::string> bad = {"--defect", "slope=4:1/35"};
+    bad.insert(bad.end(), more.begin(), more.end());
+    EXPECT_EQ(slab(2, bad).exit_status, 1);
+    EXPECT_LT(status()["memory"]["peak_kb"].get<std::int64_t>(), peak_kb + 2048);
+    EXPECT_EQ(box_.stop(), 0);
+  }
+
+  Box box_;
+};
+
+TEST_F(RolesLineTest, slabs_pass_and_fail_when_slabd_asks_the_plc) {
+  give_role("role = \"client\"\nconnect = \"127.0.0.1:" + std::to_string(box_.port) + "\"");
+  start();
+  run_slabs();
+}
+
+TEST_F(RolesLineTest, slabs_pass_and_fail_over_a_serial_line) {
+  const fs::path ours = box_.dir / "tty.slabd";
+  const fs::path theirs = box_.dir / "tty.plc";
+  const Process line(
+      {"/usr/bin/socat", "pty,raw,echo=0,link=" + ours.native(), "pty,raw,echo=0,link=" + theirs.native()},
+      box_.dir / "socat.out", box_.dir / "socat.err");
+  for (int i = 0; i < 200 && !(fs::exists(ours) && fs::exists(theirs)); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  ASSERT_TRUE(fs::exists(theirs)) << read_file(box_.dir / "socat.err");
+  give_role("role = \"rtu\"\ndevice = \"" + ours.native() + "\"\nparity = \"none\"");
+  start();
+  EXPECT_EQ(slab(1).exit_status, 2) << "the other end of the line has to be named";
+  run_slabs({"--plc-device", theirs.native()});
+}
+
+TEST_F(RolesLineTest, a_slabd_that_never_asks_is_told_by_the_emulated_plc) {
+  give_role("role = \"client\"\nconnect = \"127.0.0.1:" + std::to_string(box_.port) + "\"");
+  fs::create_directories(box_.dir / "drop" / "request");
+  fs::create_directories(box_.dir / "drop" / "inbox");
+  const Box::Answer answer = slab(1);
+  EXPECT_EQ(answer.exit_status, 4) << answer.err;
+  EXPECT_NE(answer.err.find("slabd has not connected"), std::string::npos) << answer.err;
+}
+
+}  // namespace
+}  // namespace slabd::line
