@@ -9,6 +9,7 @@
 
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/replay/replay.h"
 
 namespace slabd::cli {
 namespace {
@@ -94,6 +95,7 @@ int run(int argc, const char* const* argv) {
   add_show(app, exit_status);
   add_report(app, exit_status);
   add_trend(app, exit_status);
+  add_replay(app, exit_status);
   add_simulate(app, exit_status);
   add_calibrate(app, exit_status);
   add_plc(app, exit_status);

@@ -12,6 +12,7 @@
 #include <cstring>
 #include <filesystem>
 
+#include "daemon/judge.h"
 #include "hal/journal.h"
 
 namespace slabd::daemon {
@@ -356,29 +357,9 @@ void Loop::perform(const Action& action) {
 
 void Loop::judge_slab(const JudgeSlab& action) {
   const OpenSlab& slab = station_->slab;
-  for (std::size_t i = 0; i < blocks_.size(); ++i) {
-    const StationRecord& record = slab.stations[i];
-    if (record.phase == StationPhase::measured) {
-      blocks_[i] = record.block;
-    } else {
-      blocks_[i] = {};
-      blocks_[i].station = static_cast<std::uint8_t>(i + 1);
-      if (record.phase == StationPhase::failed) {
-        blocks_[i].verdict = Verdict::not_measured;
-        blocks_[i].reason = record.code;
-      }
-    }
-  }
-  // What each scan was really spliced with, as its attempt keeps it.
-  std::array<algo::StationSigma, limits::kStationsMax> sigmas;
-  for (std::size_t i = 0; i < sigmas.size(); ++i) {
-    const Splice& splice = slab.stations[i].attempt.splice;
-    sigmas[i] = {splice.calibration_mm, splice.calibration_rad, splice.robot_mm, splice.robot_rad};
-  }
   judged_->slab_key = action.slab_key;
   judged_->slab = {};
-  algo::inspect_slab(*slab.recipe, std::span(blocks_).first(slab.recipe->stations()), sigmas, slab.header.T_base_slab,
-                     judged_->slab);
+  daemon::judge_slab(*slab.recipe, slab.stations, slab.header.T_base_slab, blocks_, judged_->slab);
   *follow_up_ = *judged_;
   has_follow_up_ = true;
 }

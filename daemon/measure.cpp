@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <array>
+#include <cassert>
 #include <thread>
 
 #include "daemon/daemon.h"
+#include "daemon/judge.h"
 
 namespace slabd::daemon {
 
@@ -34,6 +37,29 @@ Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, i
   result.scan.points_finite = read.finite;
   result.times = times;
   return status;
+}
+
+void judge_slab(const Recipe& recipe, std::span<const StationRecord> stations, const Pose& T_base_slab,
+                std::span<BlockResult> blocks, SlabResult& out) {
+  assert(stations.size() <= limits::kStationsMax && blocks.size() >= recipe.stations());
+  std::array<algo::StationSigma, limits::kStationsMax> sigmas;
+  for (std::size_t i = 0; i < stations.size() && i < blocks.size(); ++i) {
+    const StationRecord& record = stations[i];
+    if (record.phase == StationPhase::measured) {
+      blocks[i] = record.block;
+    } else {
+      blocks[i] = {};
+      blocks[i].station = static_cast<std::uint8_t>(i + 1);
+      if (record.phase == StationPhase::failed) {
+        blocks[i].verdict = Verdict::not_measured;
+        blocks[i].reason = record.code;
+      }
+    }
+    // What each scan was really spliced with, as its attempt keeps it.
+    const Splice& splice = record.attempt.splice;
+    sigmas[i] = {splice.calibration_mm, splice.calibration_rad, splice.robot_mm, splice.robot_rad};
+  }
+  algo::inspect_slab(recipe, blocks.first(recipe.stations()), sigmas, T_base_slab, out);
 }
 
 void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps) {

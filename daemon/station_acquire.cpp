@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/splice.h"
 #include "daemon/station_parts.h"
 
 namespace slabd::daemon {
@@ -89,9 +90,7 @@ MeasureBlock block_to_measure(const Station& s, const Attempt& attempt, std::uin
   action.scan_path = attempt.scan_path;
   action.shape = attempt.shape;
   action.slab_type = s.slab.header.slab_type;
-  const Splice& splice = attempt.splice;
-  action.T_base_scanner = attempt.T_base_flange * s.slab.header.T_flange_scanner;
-  if (splice.source == SpliceSource::corrected) action.T_base_scanner = splice.T_base_reported * action.T_base_scanner;
+  action.T_base_scanner = stored_T_base_scanner(s.slab.header, attempt);
   action.T_base_slab = s.slab.header.T_base_slab;
   return action;
 }

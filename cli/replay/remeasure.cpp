@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/replay/remeasure.h"
+
+#include <fmt/core.h>
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <filesystem>
+
+#include "base/splice.h"
+#include "cli/json.h"
+
+namespace slabd::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A file moved into the spool keeps the time it was written at, which is before it was seen. Between two file systems
+/// it is copied then, which takes a moment.
+constexpr std::int64_t kWrittenLater_us = 60'000'000;
+
+/// Where the scan lies today: where it was stored, or under the same folder and name below `scans_dir`.
+std::string scan_at(const storage::SlabBlock& stored, const std::string& scans_dir) {
+  const fs::path path(stored.attempt.scan_path.view());
+  std::error_code ignored;
+  if (scans_dir.empty() || fs::exists(path, ignored)) return path.string();
+  return (fs::path(scans_dir) / path.parent_path().filename() / path.filename()).string();
+}
+
+/// What of the file is not as it was acquired. No checksum is stored with a scan: these are its signs.
+std::string signs_of_change(const std::string& path, const storage::SlabBlock& stored, const ScanShape& shape) {
+  const ScanShape& was = stored.attempt.shape;
+  if (shape.points != was.points || shape.finite != was.finite || shape.width != was.width ||
+      shape.height != was.height)
+    return fmt::format("it holds {} points ({} finite, {} x {}), acquired were {} ({} finite, {} x {})", shape.points,
+                       shape.finite, shape.width, shape.height, was.points, was.finite, was.width, was.height);
+  struct stat file {};
+  if (::stat(path.c_str(), &file) != 0) return "";
+  const std::int64_t written_us = file.st_mtim.tv_sec * std::int64_t{1'000'000};
+  if (written_us > stored.attempt.scan_utime_us + kWrittenLater_us)
+    return fmt::format("it was written {}, after it had been acquired {}", iso_time(written_us),
+                       iso_time(stored.attempt.scan_utime_us));
+  return "";
+}
+
+}  // namespace
+
+Remeasurer::Remeasurer(int threads, hal::LengthUnit unit, std::string scans_dir)
+    : clock_(hal::make_system_clock()),
+      memory_(limits::kScanSlotBytes),
+      xyz_(memory_.take<float>(limits::kScanPointsMax * 3)),
+      inspector_(threads),
+      unit_(unit),
+      scans_dir_(std::move(scans_dir)) {}
+
+void Remeasurer::use(const Recipe& recipe) {
+  if (recipe_ == &recipe) return;
+  inspector_.use(recipe);
+  recipe_ = &recipe;
+}
+
+void Remeasurer::measure(const SlabHeader& slab, const storage::SlabBlock& stored, Remeasured& out) {
+  out = {};
+  out.path = scan_at(stored, scans_dir_);
+  std::error_code ignored;
+  if (!fs::exists(out.path, ignored)) {
+    // The daemon keeps its budget a slab at a time, and the folder goes with the last scan.
+    const bool pruned = !fs::exists(fs::path(out.path).parent_path(), ignored);
+    out.scan = pruned ? Remeasured::Scan::pruned : Remeasured::Scan::missing;
+    out.note = pruned ? "the scans of this slab are gone, pruned or moved away" : "its scan is not there";
+    return;
+  }
+  const Result<ScanShape> shape = hal::read_scan(out.path.c_str(), unit_, xyz_);
+  if (!shape) {
+    out.scan = Remeasured::Scan::unreadable;
+    out.note = std::string(shape.error().text.view());
+    return;
+  }
+  const int station = stored.attempt.station;
+  const algo::Cloud cloud{xyz_, shape.value().points, shape.value().width, shape.value().height};
+  // A block that cannot be measured is a result like any other; why not stands in it.
+  static_cast<void>(daemon::measure_block(inspector_, *clock_, station,
+                                          slab.T_base_slab * T_slab_block(*recipe_, station),
+                                          stored_T_base_scanner(slab, stored.attempt), cloud, shape.value(), 0.0));
+  out.scan = Remeasured::Scan::measured;
+  out.note = signs_of_change(out.path, stored, shape.value());
+  out.block = inspector_.result();
+  daemon::pack_maps(inspector_, out.maps);
+}
+
+std::vector<StationRecord> stations_of(const storage::SlabRecord& record, std::span<const BlockResult* const> blocks) {
+  std::vector<StationRecord> stations(limits::kStationsMax);
+  for (std::size_t i = 0; i < record.blocks.size(); ++i) {
+    const storage::SlabBlock& stored = record.blocks[i];
+    StationRecord& station = stations[stored.attempt.station - 1U];
+    station.attempts = std::max(station.attempts, stored.attempt.number);
+    station.phase = stored.phase;
+    station.code = stored.code;
+    if (stored.phase != StationPhase::failed) station.attempt = stored.attempt;
+    if (stored.phase == StationPhase::measured) station.block = blocks[i] != nullptr ? *blocks[i] : stored.block;
+  }
+  return stations;
+}
+
+std::vector<Recipe> recipes_in(const std::string& dir, std::vector<daemon::Problem>& problems) {
+  std::vector<Recipe> recipes;
+  std::vector<std::string> paths;
+  std::error_code fault;
+  for (fs::directory_iterator entry(dir, fault), end; !fault && entry != end; entry.increment(fault))
+    if (entry->path().extension() == ".toml") paths.push_back(entry->path().string());
+  if (fault) problems.push_back({fmt::format("{}: the recipe folder cannot be read: {}", dir, fault.message())});
+  std::sort(paths.begin(), paths.end());
+  for (const std::string& path : paths) {
+    const std::size_t before = problems.size();
+    Recipe recipe;
+    daemon::load_recipe(path, recipe, problems);
+    if (problems.size() == before) recipes.push_back(recipe);
+  }
+  return recipes;
+}
+
+}  // namespace slabd::cli

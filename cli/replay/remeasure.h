@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/pages.h"
+#include "daemon/daemon.h"
+#include "storage/storage.h"
+
+/// Stored scans measured again by the daemon's own path. Files and database are only read.
+namespace slabd::cli {
+
+struct Remeasured {
+  enum class Scan : std::uint8_t {
+    measured,    ///< `block` and `maps` are filled in, whatever the verdict
+    pruned,      ///< no scan of this slab is there: the daemon deletes them together to keep its budget
+    missing,     ///< it should be there
+    unreadable,  ///< it is no scan (any more)
+  };
+  Scan scan = Scan::missing;
+  std::string path;  ///< of the scan
+  std::string
+      note;  ///< one sentence: why there is no result, or what of the file is not as it was acquired; else empty
+  BlockResult block;
+  BlockMaps maps;
+};
+
+class Remeasurer {
+ public:
+  /// `scans_dir`: a copy of the spool to look in when a scan does not lie where it was stored; empty: none. Takes the
+  /// memory of one scan and of the measuring workspace.
+  Remeasurer(int threads, hal::LengthUnit unit, std::string scans_dir);
+
+  /// Builds the recipe's model, unless it is the one in use. `recipe` must outlive its use.
+  void use(const Recipe& recipe);
+  /// Measures the attempt's scan with the poses that are stored with it.
+  void measure(const SlabHeader& slab, const storage::SlabBlock& stored, Remeasured& out);
+
+ private:
+  std::unique_ptr<hal::Clock> clock_;
+  Pages memory_;
+  std::span<float> xyz_;
+  algo::BlockInspector inspector_;
+  const Recipe* recipe_ = nullptr;
+  hal::LengthUnit unit_;
+  std::string scans_dir_;
+};
+
+/// What SLAB_END saw, attempt by attempt as the daemon keeps its stations, with `blocks[i]` in place of what was stored
+/// of the i-th attempt (nullptr: what was stored).
+[[nodiscard]] std::vector<StationRecord> stations_of(const storage::SlabRecord& record,
+                                                     std::span<const BlockResult* const> blocks);
+
+/// All recipes that can be read in a folder; `problems` names the others.
+[[nodiscard]] std::vector<Recipe> recipes_in(const std::string& dir, std::vector<daemon::Problem>& problems);
+
+}  // namespace slabd::cli

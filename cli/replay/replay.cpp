@@ -1,0 +1,295 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl replay: stored slabs measured again from their scans. Either everything that was stored must come out again
+// (--verify), or another recipe decides and the verdicts are compared (--recipe).
+#include <fmt/core.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <memory>
+#include <optional>
+
+#include "cli/command.h"
+#include "cli/database.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/parse.h"
+#include "cli/progress.h"
+#include "cli/render.h"
+#include "cli/replay/replay.h"
+#include "cli/replay/verify.h"
+#include "cli/replay/what_if.h"
+#include "cli/slab_choice.h"
+#include "daemon/judge.h"
+
+namespace slabd::cli {
+namespace {
+
+struct ReplayOptions {
+  DatabaseOptions database;
+  SlabChoice choice;
+  bool verify = false;
+  std::string recipe;
+  std::string recipes_dir;
+  std::string scans_dir;
+  std::string unit;
+  int threads = daemon::default_measure_threads();
+  bool json = false;
+};
+
+/// Shown to people; JSON has all.
+constexpr std::size_t kDifferencesNamed = 3;
+
+void write_comparison(Json& json, const storage::Comparison& comparison) {
+  json.field("figures", comparison.figures);
+  json.key("differences").begin_array();
+  for (const storage::Difference& difference : comparison.differences)
+    json.begin_object()
+        .field("figure", std::string_view(difference.figure))
+        .field("stored", std::string_view(difference.stored))
+        .field("now", std::string_view(difference.now))
+        .end_object();
+  json.end_array();
+}
+
+void write_slab(Json& json, const SlabReplay& slab) {
+  json.begin_object();
+  json.field("key", slab.header.key).field("slab_id", slab.header.slab_id.view());
+  json.field("verdict", slabd::name(slab.verdict)).field("outcome", name(slab.outcome));
+  json.field("figures", slab.figures()).field("differences", slab.differences());
+  json.key("changed").begin_array();
+  for (const ChangedInput& input : slab.changed)
+    json.begin_object()
+        .field("what", std::string_view(input.what))
+        .field("stored", std::string_view(input.stored))
+        .field("now", std::string_view(input.now))
+        .end_object();
+  json.end_array();
+  json.key("blocks").begin_array();
+  for (const BlockReplay& block : slab.blocks) {
+    json.begin_object().field("station", block.station).field("attempt", block.attempt);
+    json.field("scan", std::string_view(block.scan)).field("outcome", name(block.outcome));
+    json.field("why", std::string_view(block.why));
+    write_comparison(json, block.comparison);
+    json.end_object();
+  }
+  json.end_array();
+  json.key("slab").begin_object();
+  json.field("compared", slab.slab_compared).field("why", std::string_view(slab.slab_why));
+  write_comparison(json, slab.slab);
+  json.end_object().end_object();
+}
+
+void print_differences(const storage::Comparison& comparison) {
+  for (std::size_t i = 0; i < std::min(comparison.differences.size(), kDifferencesNamed); ++i) {
+    const storage::Difference& difference = comparison.differences[i];
+    fmt::print("    {}: stored {}, now {}\n", difference.figure, difference.stored, difference.now);
+  }
+  if (comparison.differences.size() > kDifferencesNamed)
+    fmt::print("    and {} more\n", comparison.differences.size() - kDifferencesNamed);
+}
+
+void print_slab(const SlabReplay& slab) {
+  const auto replayed = std::count_if(slab.blocks.begin(), slab.blocks.end(),
+                                      [](const BlockReplay& block) { return block.comparison.figures > 0; });
+  fmt::print("slab {} \"{}\" ({}): {}: {} of {} scans measured again, {} figures compared, {} differ\n",
+             slab.header.key, slab.header.slab_id.view(), slabd::name(slab.verdict), name(slab.outcome), replayed,
+             slab.blocks.size(), slab.figures(), slab.differences());
+  for (const ChangedInput& input : slab.changed)
+    fmt::print("  another {}: recorded {}; now {}\n", input.what, input.stored, input.now);
+  for (const BlockReplay& block : slab.blocks) {
+    if (block.outcome == ReplayOutcome::identical && block.why.empty()) continue;
+    fmt::print("  block {} attempt {}: {}: {}\n    scan {}\n", block.station, block.attempt, name(block.outcome),
+               block.why, block.scan);
+    print_differences(block.comparison);
+  }
+  if (!slab.slab_why.empty()) fmt::print("  slab: {}\n", slab.slab_why);
+  print_differences(slab.slab);
+}
+
+struct ReplaySources {
+  std::unique_ptr<storage::Reader> reader;
+  std::string recipes_dir;
+  hal::LengthUnit unit = hal::LengthUnit::mm;
+};
+
+/// The configuration says where recipes lie and in which unit scans are, unless the command line does.
+bool open_sources(const ReplayOptions& options, ReplaySources& sources, int& exit_status) {
+  daemon::Config config;
+  if (options.database.db.empty()) {
+    if (!config_from(options.database.config, config)) {
+      exit_status = kBadInput;
+      return false;
+    }
+    sources.unit = config.scanner.unit;
+  }
+  sources.recipes_dir = options.recipes_dir.empty() ? config.recipes_dir : options.recipes_dir;
+  if (!options.unit.empty()) sources.unit = *length_unit(options.unit);
+  sources.reader = open_database(options.database, exit_status);
+  return sources.reader != nullptr;
+}
+
+/// Calls `work(record)` for every slab chosen, oldest first; false when the database could not be read.
+template <typename Work>
+bool for_each_slab(storage::Reader& reader, const std::vector<std::int64_t>& keys, const Work& work) {
+  for (const std::int64_t key : keys) {
+    const auto record = reader.slab(key);
+    if (!record) {
+      complain(record.error().text.view());
+      return false;
+    }
+    if (!record.value()) continue;  // it was there a moment ago: records are pruned by the daemon only
+    if (!work(*record.value())) return false;
+  }
+  return true;
+}
+
+int verify(const ReplayOptions& options, ReplaySources& sources, const std::vector<std::int64_t>& keys) {
+  std::vector<daemon::Problem> problems;
+  const std::vector<Recipe> recipes = recipes_in(sources.recipes_dir, problems);
+  static_cast<void>(report_problems(problems));
+  Remeasurer remeasurer(options.threads, sources.unit, options.scans_dir);
+  std::array<int, 3> count{};
+  Json json;
+  json.begin_object().field("schema", "slabd.replay/1").field("software", daemon::software_version().view());
+  json.field("threads", options.threads).field("instruction_set", algo::instruction_set());
+  json.key("slabs").begin_array();
+  const bool read = for_each_slab(*sources.reader, keys, [&](const storage::SlabRecord& record) {
+    std::optional<ProgressNote> note(std::in_place, stderr,
+                                     fmt::format("measuring slab {} again ...", record.summary.header.key),
+                                     std::chrono::seconds(1));
+    const Result<SlabReplay> slab = replay_slab(*sources.reader, record, recipes, remeasurer);
+    note.reset();
+    if (!slab) {
+      complain(slab.error().text.view());
+      return false;
+    }
+    ++count[static_cast<std::size_t>(slab.value().outcome)];
+    if (options.json) {
+      write_slab(json, slab.value());
+    } else {
+      print_slab(slab.value());
+      std::fflush(stdout);
+    }
+    return true;
+  });
+  if (!read) return kNotReachable;
+  const auto [identical, differs, not_verified] = count;
+  json.end_array();
+  json.field("identical", identical).field("differs", differs).field("not_verified", not_verified).end_object();
+  if (options.json) {
+    fmt::print("{}", json.text());
+  } else {
+    fmt::print("identical {}, differ {}, not verified {}; {} thread{}, {}, {}\n", identical, differs, not_verified,
+               options.threads, options.threads == 1 ? "" : "s", algo::instruction_set(),
+               daemon::software_version().view());
+  }
+  // Old scans are deleted as a matter of course: among many slabs that is no finding, of a named one it is.
+  const bool enough = options.choice.slabs.empty() ? identical > 0 : not_verified == 0;
+  return differs == 0 && enough ? kDone : kNotPass;
+}
+
+/// What the slab would have come to with `recipe`; why not, when that cannot be said.
+std::string decide_anew(const storage::SlabRecord& record, const Recipe& recipe, Remeasurer& remeasurer,
+                        WhatIf& what_if) {
+  const SlabHeader& slab = record.summary.header;
+  if (record.summary.ended_utime_us == 0) return "it is still open";
+  if (record.summary.verdict == Verdict::aborted) return "it was aborted";
+  if (recipe.slab_type != slab.slab_type || recipe.stations() != slab.stations)
+    return fmt::format("it is of slab type {} with {} blocks, the recipe of type {} with {}", slab.slab_type,
+                       slab.stations, recipe.slab_type, recipe.stations());
+  std::vector<std::unique_ptr<Remeasured>> again(record.blocks.size());
+  std::vector<const BlockResult*> blocks(record.blocks.size(), nullptr);
+  for (std::size_t i = 0; i < record.blocks.size(); ++i) {
+    const storage::SlabBlock& stored = record.blocks[i];
+    const bool valid = i + 1 == record.blocks.size() || record.blocks[i + 1].attempt.station != stored.attempt.station;
+    if (!valid || stored.phase != StationPhase::measured) continue;
+    again[i] = std::make_unique<Remeasured>();
+    remeasurer.measure(slab, stored, *again[i]);
+    if (again[i]->scan != Remeasured::Scan::measured)
+      return fmt::format("block {}: {} ({})", stored.attempt.station, again[i]->note, again[i]->path);
+    blocks[i] = &again[i]->block;
+  }
+  const std::vector<StationRecord> stations = stations_of(record, blocks);
+  std::vector<BlockResult> room(limits::kStationsMax);
+  auto judged = std::make_unique<SlabResult>();
+  daemon::judge_slab(recipe, stations, slab.T_base_slab, room, *judged);
+  what_if.add(record, stations, *judged);
+  return "";
+}
+
+int decide(const ReplayOptions& options, ReplaySources& sources, const std::vector<std::int64_t>& keys) {
+  Recipe recipe;
+  if (!recipe_from(options.recipe, recipe)) return kBadInput;
+  warn_unconfirmed(recipe);
+  Remeasurer remeasurer(options.threads, sources.unit, options.scans_dir);
+  remeasurer.use(recipe);
+  WhatIf what_if;
+  const bool read = for_each_slab(*sources.reader, keys, [&](const storage::SlabRecord& record) {
+    std::optional<ProgressNote> note(std::in_place, stderr,
+                                     fmt::format("measuring slab {} again ...", record.summary.header.key),
+                                     std::chrono::seconds(1));
+    std::string why = decide_anew(record, recipe, remeasurer, what_if);
+    note.reset();
+    if (!why.empty()) what_if.leave_out(record.summary.header, std::move(why));
+    return true;
+  });
+  if (!read) return kNotReachable;
+  if (options.json) {
+    Json json;
+    json.begin_object().field("schema", "slabd.what_if/1").field("software", daemon::software_version().view());
+    json.field("from", "scans");
+    json.key("recipe").begin_object().field("name", recipe.name.view()).field("sha256", recipe.sha256.view());
+    json.field("file", recipe.path.view()).end_object();
+    what_if.write(json);
+    json.end_object();
+    fmt::print("{}", json.text());
+  } else {
+    fmt::print("what recipe {} ({}) would have decided, measured again from the scans\n", recipe.name.view(),
+               recipe.path.view());
+    what_if.print(style_for(stdout));
+  }
+  return what_if.any() ? kDone : kNotPass;
+}
+
+int replay(const ReplayOptions& options) {
+  ReplaySources sources;
+  int exit_status = kDone;
+  if (!open_sources(options, sources, exit_status)) return exit_status;
+  const auto keys = chosen_slabs(*sources.reader, options.choice, exit_status);
+  if (!keys) return exit_status;
+  return options.recipe.empty() ? verify(options, sources, *keys) : decide(options, sources, *keys);
+}
+
+}  // namespace
+
+void add_replay(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<ReplayOptions>();
+  CLI::App* command = app.add_subcommand("replay", "Measure stored slabs again: the same bits? or with another recipe");
+  command->footer(
+      "\nReads database and scans, changes nothing. --verify (the default): every block is measured again with the\n"
+      "poses, calibration and recipe that are recorded, the slab is judged again, and each stored figure must come "
+      "out\n"
+      "with the same bits. Where one does not, what is not as it was is named: software, recipe, calibration, scan.\n"
+      "--recipe: what that recipe would have decided, item by item. Exit status 0: identical; 1: not, or not enough\n"
+      "scans are left (of slabs chosen by filters, those whose scans were deleted for the budget do not count).\n"
+      "Examples: slabctl replay SLAB-0042 --verify\n"
+      "          slabctl replay --since 7d --verify --json\n"
+      "          slabctl replay --all --type 5600 --recipe p5600-new.toml");
+  options->choice.add_to(*command);
+  options->database.add_to(*command);
+  auto* verify_flag = command->add_flag("--verify", options->verify, "Every stored figure must come out again");
+  command->add_option("--recipe", options->recipe, "What this recipe would have decided")->excludes(verify_flag);
+  command->add_option("--recipes", options->recipes_dir,
+                      "Folder with the recipes, also former ones; default: the configuration's");
+  command->add_option("--scans", options->scans_dir, "A copy of the spool, for scans that were moved away");
+  command->add_option("--unit", options->unit, "Unit of the scans: mm, m or um; default: the configuration's, or mm")
+      ->check(CLI::IsMember({"mm", "m", "um"}));
+  command->add_option("--threads", options->threads, "Threads that measure; the results are the same")
+      ->check(CLI::Range(1, 2))
+      ->capture_default_str();
+  command->add_flag("--json", options->json, "Print slabd.replay/1, with --recipe slabd.what_if/1, on stdout");
+  command->callback([options, &exit_status] { exit_status = replay(*options); });
+}
+
+}  // namespace slabd::cli

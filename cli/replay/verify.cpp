@@ -1,0 +1,203 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Problem: years later somebody asks whether a verdict can be trusted. Idea: measure the stored scans again by the same
+// path and compare every stored figure. Same input, same bits: on one thread or two, on any instruction set, by any
+// build. So where a bit differs, something that went in is not what is recorded, and it is looked for: software,
+// recipe, calibration, the scan's file.
+//
+// Invariant: what could not be compared is never called identical.
+#include "cli/replay/verify.h"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <array>
+
+#include "cli/slab_view.h"
+#include "daemon/judge.h"
+
+namespace slabd::cli {
+namespace {
+
+bool same(const Pose& a, const Pose& b) {
+  return a.to_array() == b.to_array();
+}
+
+std::string recipe_words(std::string_view recipe, std::string_view sha256) {
+  return fmt::format("{} (sha256 {})", recipe, sha256);
+}
+
+const Recipe* recipe_of(const SlabHeader& slab, std::span<const Recipe> recipes, std::vector<ChangedInput>& changed) {
+  const Recipe* of_type = nullptr;
+  for (const Recipe& recipe : recipes) {
+    if (recipe.sha256 == slab.recipe_sha256) return &recipe;
+    if (recipe.slab_type == slab.slab_type && recipe.stations() == slab.stations && of_type == nullptr)
+      of_type = &recipe;
+  }
+  changed.push_back(
+      {"recipe", recipe_words(slab.recipe.view(), slab.recipe_sha256.view()),
+       of_type == nullptr
+           ? fmt::format("none of slab type {} with {} blocks is there", slab.slab_type, slab.stations)
+           : recipe_words(of_type->name.view(), of_type->sha256.view()) + ", " + std::string(of_type->path.view())});
+  return of_type;
+}
+
+/// The poses that count are stored with the slab and its attempts; this holds them against the records they came from.
+Status check_calibration(storage::Reader& reader, const storage::SlabRecord& record,
+                         std::vector<ChangedInput>& changed) {
+  const SlabHeader& slab = record.summary.header;
+  const std::string_view hand_eye_id = slab.calibration_id.view();
+  if (!hand_eye_id.empty() && !hand_eye_id.starts_with("commissioning-")) {
+    const auto found = reader.calibration(hand_eye_id);
+    if (!found) return found.error();
+    const HandEyeNumbers* numbers = !found.value() || found.value()->id != hand_eye_id
+                                        ? nullptr
+                                        : std::get_if<HandEyeNumbers>(&found.value()->numbers);
+    if (numbers == nullptr)
+      changed.push_back({"calibration", std::string(hand_eye_id), "the database holds no such record"});
+    else if (!same(numbers->T_flange_scanner, slab.T_flange_scanner))
+      changed.push_back({"calibration", std::string(hand_eye_id), "its record holds another T_flange_scanner"});
+  }
+  const std::string_view stations_id = slab.stations_id.view();
+  if (stations_id.empty()) return success();
+  const auto found = reader.calibration(stations_id);
+  if (!found) return found.error();
+  const StationTable* table =
+      !found.value() || found.value()->id != stations_id ? nullptr : std::get_if<StationTable>(&found.value()->numbers);
+  if (table == nullptr) {
+    changed.push_back({"stations", std::string(stations_id), "the database holds no such record"});
+    return success();
+  }
+  for (const storage::SlabBlock& block : record.blocks) {
+    if (block.attempt.splice.source != SpliceSource::corrected) continue;
+    if (same(table->station[block.attempt.station - 1U].T_base_reported, block.attempt.splice.T_base_reported))
+      continue;
+    changed.push_back({"stations", std::string(stations_id),
+                       fmt::format("its record corrects station {} otherwise", block.attempt.station)});
+  }
+  return success();
+}
+
+std::string names_of(const std::vector<ChangedInput>& changed) {
+  std::string names;
+  for (const ChangedInput& input : changed) names += (names.empty() ? "" : ", ") + input.what;
+  return names;
+}
+
+/// Why the figures are not the same, as far as the records can tell.
+std::string reason_for_difference(const std::vector<ChangedInput>& changed, const Remeasured& again) {
+  std::string why;
+  if (!changed.empty()) why = "measured with another " + names_of(changed);
+  if (!again.note.empty())
+    why += (why.empty() ? "the scan was changed: " : "; and the scan was changed: ") + again.note;
+  if (!why.empty()) return why;
+  return "no recorded input differs: the scan's content was changed after it was acquired, or this build measures "
+         "otherwise under the same version";
+}
+
+BlockReplay replay_block(const SlabHeader& slab, const storage::SlabBlock& stored, const BlockMaps& maps,
+                         const std::vector<ChangedInput>& changed, Remeasurer& remeasurer, Remeasured& again) {
+  BlockReplay replay;
+  replay.station = stored.attempt.station;
+  replay.attempt = stored.attempt.number;
+  remeasurer.measure(slab, stored, again);
+  replay.scan = again.path;
+  replay.why = again.note;
+  if (again.scan != Remeasured::Scan::measured) {
+    replay.outcome = again.scan == Remeasured::Scan::pruned ? ReplayOutcome::not_verified : ReplayOutcome::differs;
+    return replay;
+  }
+  storage::compare(stored.block, again.block, replay.comparison);
+  storage::compare(maps, again.maps, replay.comparison);
+  replay.outcome = replay.comparison.differences.empty() ? ReplayOutcome::identical : ReplayOutcome::differs;
+  if (replay.outcome == ReplayOutcome::differs) replay.why = reason_for_difference(changed, again);
+  return replay;
+}
+
+ReplayOutcome outcome_of(const SlabReplay& replay) {
+  bool open = replay.blocks.empty() && !replay.slab_compared;
+  for (const BlockReplay& block : replay.blocks) {
+    if (block.outcome == ReplayOutcome::differs) return ReplayOutcome::differs;
+    open = open || block.outcome == ReplayOutcome::not_verified;
+  }
+  if (!replay.slab.differences.empty()) return ReplayOutcome::differs;
+  return open ? ReplayOutcome::not_verified : ReplayOutcome::identical;
+}
+
+}  // namespace
+
+std::string_view name(ReplayOutcome outcome) {
+  switch (outcome) {
+    case ReplayOutcome::identical: return "identical";
+    case ReplayOutcome::differs: return "differs";
+    case ReplayOutcome::not_verified: break;
+  }
+  return "not_verified";
+}
+
+std::size_t SlabReplay::figures() const {
+  std::size_t sum = slab.figures;
+  for (const BlockReplay& block : blocks) sum += block.comparison.figures;
+  return sum;
+}
+
+std::size_t SlabReplay::differences() const {
+  std::size_t sum = slab.differences.size();
+  for (const BlockReplay& block : blocks) sum += block.comparison.differences.size();
+  return sum;
+}
+
+Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecord& record,
+                               std::span<const Recipe> recipes, Remeasurer& remeasurer) {
+  SlabReplay replay;
+  replay.header = record.summary.header;
+  replay.verdict = record.summary.verdict;
+  const SlabHeader& slab = replay.header;
+  if (!(slab.software == daemon::software_version()))
+    replay.changed.push_back(
+        {"software", std::string(slab.software.view()), std::string(daemon::software_version().view())});
+  const Recipe* recipe = recipe_of(slab, recipes, replay.changed);
+  if (Status status = check_calibration(reader, record, replay.changed); !status) return status.error();
+  if (recipe == nullptr) {
+    replay.slab_why = "without a recipe nothing can be measured";
+    return replay;
+  }
+  remeasurer.use(*recipe);
+
+  std::vector<std::unique_ptr<Remeasured>> again(record.blocks.size());
+  std::vector<const BlockResult*> blocks(record.blocks.size(), nullptr);
+  for (std::size_t i = 0; i < record.blocks.size(); ++i) {
+    const storage::SlabBlock& stored = record.blocks[i];
+    if (stored.phase != StationPhase::measured) continue;
+    const auto maps = reader.maps(slab.key, stored.attempt.station, stored.attempt.number);
+    if (!maps) return maps.error();
+    again[i] = std::make_unique<Remeasured>();
+    replay.blocks.push_back(replay_block(slab, stored, *maps.value(), replay.changed, remeasurer, *again[i]));
+    if (again[i]->scan == Remeasured::Scan::measured) blocks[i] = &again[i]->block;
+  }
+
+  if (is_open(record)) {
+    replay.slab_why = "the slab is still open";
+  } else if (record.summary.verdict == Verdict::aborted) {
+    replay.slab_why = "the slab was aborted: nothing was judged";
+  } else {
+    // Stations whose scan is gone take part with what was stored, so that the judging itself is always verified.
+    std::vector<BlockResult> room(limits::kStationsMax);
+    auto judged = std::make_unique<SlabResult>();
+    daemon::judge_slab(*recipe, stations_of(record, blocks), slab.T_base_slab, room, *judged);
+    storage::compare(record.slab, *judged, replay.slab);
+    replay.slab_compared = true;
+    const bool block_differs = std::any_of(replay.blocks.begin(), replay.blocks.end(), [](const BlockReplay& block) {
+      return !block.comparison.differences.empty();
+    });
+    if (!replay.slab.differences.empty())
+      replay.slab_why = block_differs ? "its blocks differ"
+                        : !replay.changed.empty()
+                            ? "judged with another " + names_of(replay.changed)
+                            : "no recorded input differs: the stored result is not what they give";
+  }
+  replay.outcome = outcome_of(replay);
+  return replay;
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Problem: a limit is about to be moved; how many slabs that were judged would have been judged otherwise, and by which
+// item? Each item counts once per slab and place: of the slope, which a block judges against its own slab top and the
+// slab against its frame, the slab's word where it has one.
+#include "cli/replay/what_if.h"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+
+#include "cli/figures.h"
+#include "cli/slab_view.h"
+
+namespace slabd::cli {
+namespace {
+
+std::vector<Item> items_in_force(std::span<const BlockResult* const> blocks, const SlabResult& slab) {
+  std::vector<Item> items(slab.items.begin(), slab.items.end());
+  for (const BlockResult* block : blocks) {
+    if (block == nullptr) continue;
+    for (Item item : block->items) {
+      item.station = block->station;
+      if (find_item(slab.items.begin(), slab.items.end(), item.id, item.station) == nullptr) items.push_back(item);
+    }
+  }
+  return items;
+}
+
+const Item* same_place(const std::vector<Item>& items, const Item& wanted) {
+  for (const Item& item : items)
+    if (item.id == wanted.id && item.station == wanted.station && item.station_to == wanted.station_to) return &item;
+  return nullptr;
+}
+
+std::string place_words(const Item& item) {
+  if (item.station == 0) return "";
+  return item.station_to == 0 ? fmt::format(" {}", item.station) : fmt::format(" {}-{}", item.station, item.station_to);
+}
+
+double share(const VerdictTally& tally) {
+  return tally.count == 0 ? kNoValue : static_cast<double>(tally.changed()) / tally.count;
+}
+
+std::string percent(const VerdictTally& tally) {
+  return tally.count == 0 ? "-" : fmt::format("{:.1f} %", 100.0 * share(tally));
+}
+
+std::string change_words(const VerdictTally& tally) {
+  std::string words;
+  for (const auto& [pair, count] : tally.changes)
+    words += fmt::format("{}{} -> {}: {}", words.empty() ? "" : ", ", name(pair.first), name(pair.second), count);
+  return words;
+}
+
+void write_tally(Json& json, const VerdictTally& tally) {
+  json.field("count", tally.count).field("changed", tally.changed()).field("share_changed", share(tally));
+  json.key("changes").begin_array();
+  for (const auto& [pair, count] : tally.changes)
+    json.begin_object()
+        .field("stored", name(pair.first))
+        .field("now", name(pair.second))
+        .field("count", count)
+        .end_object();
+  json.end_array();
+}
+
+}  // namespace
+
+void VerdictTally::add(Verdict stored, Verdict now) {
+  ++count;
+  if (stored != now) ++changes[{stored, now}];
+}
+
+int VerdictTally::changed() const {
+  int sum = 0;
+  for (const auto& [pair, count_of_pair] : changes) sum += count_of_pair;
+  return sum;
+}
+
+void WhatIf::add(const storage::SlabRecord& stored, std::span<const StationRecord> stations, const SlabResult& now) {
+  std::vector<const BlockResult*> blocks_then;
+  std::vector<const BlockResult*> blocks_now;
+  for (std::size_t i = 0; i < stations.size(); ++i) {
+    const storage::SlabBlock* then = latest(stored, static_cast<int>(i + 1));
+    const bool measured = then != nullptr && then->phase == StationPhase::measured;
+    blocks_then.push_back(measured ? &then->block : nullptr);
+    blocks_now.push_back(measured ? &stations[i].block : nullptr);
+  }
+  const std::vector<Item> items_then = items_in_force(blocks_then, stored.slab);
+  const std::vector<Item> items_now = items_in_force(blocks_now, now);
+
+  ChangedSlab slab;
+  slab.key = stored.summary.header.key;
+  slab.slab_id = std::string(stored.summary.header.slab_id.view());
+  slab.stored = stored.summary.verdict;
+  slab.now = now.verdict;
+  slabs_.add(slab.stored, slab.now);
+  for (const Item& then : items_then) {
+    const Item* item = same_place(items_now, then);
+    if (item == nullptr) continue;
+    items_[static_cast<std::size_t>(then.id)].add(then.verdict, item->verdict);
+    if (then.verdict != item->verdict) slab.items.push_back({then, *item});
+  }
+  if (slab.stored != slab.now || !slab.items.empty()) changed_.push_back(std::move(slab));
+}
+
+void WhatIf::leave_out(const SlabHeader& slab, std::string why) {
+  left_out_.push_back({slab.key, std::string(slab.slab_id.view()), std::move(why)});
+}
+
+void WhatIf::print(Style style) const {
+  std::vector<std::vector<std::string>> rows = {{"item", "values", "changed", "share", "changes<"}};
+  for (std::size_t i = 0; i < kItemCount; ++i) {
+    const VerdictTally& tally = items_[i];
+    if (tally.count == 0) continue;
+    rows.push_back({std::string(info(static_cast<ItemId>(i)).name), std::to_string(tally.count),
+                    std::to_string(tally.changed()), percent(tally), change_words(tally)});
+  }
+  rows.push_back({"slab verdict", std::to_string(slabs_.count), std::to_string(slabs_.changed()), percent(slabs_),
+                  change_words(slabs_)});
+  fmt::print("{}", table(rows));
+  if (!changed_.empty()) {
+    rows = {{"key", "id<", "stored<", "now<", "items whose verdict changes<"}};
+    for (const ChangedSlab& slab : changed_) {
+      std::string items;
+      constexpr std::size_t kNamed = 4;
+      for (std::size_t i = 0; i < std::min(slab.items.size(), kNamed); ++i) {
+        const auto& [then, now] = slab.items[i];
+        items += fmt::format("{}{}{} {} -> {}", items.empty() ? "" : ", ", info(then.id).name, place_words(then),
+                             name(then.verdict), name(now.verdict));
+      }
+      if (slab.items.size() > kNamed) items += fmt::format(" and {} more", slab.items.size() - kNamed);
+      rows.push_back({std::to_string(slab.key), slab.slab_id, verdict_text(slab.stored, style),
+                      verdict_text(slab.now, style), items});
+    }
+    fmt::print("\n{}", table(rows));
+  }
+  for (const LeftOut& slab : left_out_) fmt::print("left out: slab {} \"{}\": {}\n", slab.key, slab.slab_id, slab.why);
+}
+
+void WhatIf::write(Json& json) const {
+  json.key("slabs").begin_object();
+  write_tally(json, slabs_);
+  json.end_object();
+  json.key("items").begin_array();
+  for (std::size_t i = 0; i < kItemCount; ++i) {
+    if (items_[i].count == 0) continue;
+    json.begin_object().field("id", info(static_cast<ItemId>(i)).name);
+    write_tally(json, items_[i]);
+    json.end_object();
+  }
+  json.end_array();
+  json.key("changed").begin_array();
+  for (const ChangedSlab& slab : changed_) {
+    json.begin_object().field("key", slab.key).field("slab_id", std::string_view(slab.slab_id));
+    json.field("stored", name(slab.stored)).field("now", name(slab.now));
+    json.key("items").begin_array();
+    for (const auto& [then, now] : slab.items) {
+      json.begin_object().field("id", info(then.id).name).field("station", unsigned{then.station});
+      json.field("station_to", unsigned{then.station_to});
+      for (const auto& [key, item] : {std::pair{"stored", &then}, std::pair{"now", &now}}) {
+        json.key(key).begin_object();
+        json.field("value", item->value).field("U", item->U).field("lower", item->lower).field("upper", item->upper);
+        json.field("verdict", name(item->verdict)).end_object();
+      }
+      json.end_object();
+    }
+    json.end_array().end_object();
+  }
+  json.end_array();
+  json.key("left_out").begin_array();
+  for (const LeftOut& slab : left_out_)
+    json.begin_object()
+        .field("key", slab.key)
+        .field("slab_id", std::string_view(slab.slab_id))
+        .field("why", std::string_view(slab.why))
+        .end_object();
+  json.end_array();
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/slab_choice.h"
+
+#include <fmt/core.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <chrono>
+
+#include "cli/exit.h"
+#include "cli/parse.h"
+#include "cli/slab_view.h"
+
+namespace slabd::cli {
+namespace {
+
+constexpr std::array kChosenVerdicts = {Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted,
+                                        Verdict::indeterminate};
+
+bool has_filter(const SlabChoice& choice) {
+  return choice.all || !choice.since.empty() || !choice.until.empty() || choice.slab_type != 0 ||
+         !choice.verdict.empty();
+}
+
+bool complete(const SlabChoice& choice, storage::SlabFilter& filter) {
+  filter.limit = 1'000'000'000;
+  filter.slab_type = choice.slab_type;
+  const std::int64_t now_us =
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+          .count();
+  for (const auto& [text, option, target] : {std::tuple{&choice.since, "--since", &filter.since_utime_us},
+                                             std::tuple{&choice.until, "--until", &filter.until_utime_us}}) {
+    if (text->empty()) continue;
+    const Result<std::int64_t> time = parse_time(*text, now_us);
+    if (!time) {
+      complain(fmt::format("{}: {}", option, time.error().text.view()));
+      return false;
+    }
+    *target = time.value();
+  }
+  for (const Verdict verdict : kChosenVerdicts)
+    if (name(verdict) == choice.verdict) filter.verdict = verdict;
+  return true;
+}
+
+}  // namespace
+
+void SlabChoice::add_to(CLI::App& command) {
+  command.add_option("SLAB", slabs, "Keys (see history) or slab ids; of an id the newest slab");
+  command.add_flag("--all", all, "Every slab that has ended");
+  command.add_option("--since", since, "Slabs that began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
+  command.add_option("--until", until, "Slabs that began before that");
+  command.add_option("--type", slab_type, "Slabs of this SLAB_TYPE")->check(CLI::Range(1, 65'535));
+  command.add_option("--verdict", verdict, "Slabs with this verdict")
+      ->check(CLI::IsMember({"pass", "fail", "not_measured", "aborted", "indeterminate"}));
+}
+
+std::optional<std::vector<std::int64_t>> chosen_slabs(storage::Reader& reader, const SlabChoice& choice,
+                                                      int& exit_status) {
+  if (choice.slabs.empty() != has_filter(choice)) {
+    complain(choice.slabs.empty() ? "name slabs, or say --all, --since, --until, --type or --verdict"
+                                  : "slabs are named and filtered; allowed is one of the two");
+    exit_status = kUsage;
+    return std::nullopt;
+  }
+  std::vector<std::int64_t> keys;
+  for (const std::string& wanted : choice.slabs) {
+    const auto found = find_slab(reader, wanted);
+    if (!found) {
+      complain(found.error().text.view());
+      exit_status = kNotReachable;
+      return std::nullopt;
+    }
+    if (!found.value()) {
+      complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", wanted));
+      exit_status = kBadInput;
+      return std::nullopt;
+    }
+    keys.push_back(found.value()->summary.header.key);
+  }
+  if (!choice.slabs.empty()) return keys;
+  storage::SlabFilter filter;
+  if (!complete(choice, filter)) {
+    exit_status = kUsage;
+    return std::nullopt;
+  }
+  const auto slabs = reader.slabs(filter);
+  if (!slabs) {
+    complain(slabs.error().text.view());
+    exit_status = kNotReachable;
+    return std::nullopt;
+  }
+  for (const storage::SlabSummary& slab : slabs.value())
+    if (slab.ended_utime_us != 0) keys.push_back(slab.header.key);
+  std::reverse(keys.begin(), keys.end());
+  return keys;
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "storage/storage.h"
+
+namespace CLI {
+class App;
+}
+
+/// Which stored slabs a command works on: named ones, or all that the filters let through.
+namespace slabd::cli {
+
+struct SlabChoice {
+  std::vector<std::string> slabs;  ///< keys or slab ids
+  bool all = false;
+  std::string since;
+  std::string until;
+  int slab_type = 0;
+  std::string verdict;
+
+  void add_to(CLI::App& command);
+};
+
+/// Keys, oldest first; slabs that are still open only when they are named. nullopt: it cannot be, the sentence is
+/// printed and `exit_status` set; no slab at all is such a case when one was named, and an empty list when not.
+[[nodiscard]] std::optional<std::vector<std::int64_t>> chosen_slabs(storage::Reader& reader, const SlabChoice& choice,
+                                                                    int& exit_status);
+
+}  // namespace slabd::cli

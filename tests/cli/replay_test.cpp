@@ -1,0 +1,179 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl replay on a stored slab of three blocks: what comes out again, and what is named when something does not.
+#include <nlohmann/json.hpp>
+
+#include "cli/replay/what_if.h"
+#include "tests/cli/stored_slab.h"
+
+namespace slabd::cli {
+namespace {
+
+using nlohmann::json;
+
+struct Replay : StoredSlab {
+  void SetUp() override {
+    begin();
+    measure(3);
+    measure(4, "--defect jaw-distance=4:0.9");
+    measure(12);
+    end();
+  }
+  [[nodiscard]] Ended replay(const std::string& more = "") const {
+    return replay_with(std::string(SLABD_SOURCE_DIR) + "/recipes", more);
+  }
+  [[nodiscard]] Ended replay_with(const std::string& recipes, const std::string& more = "") const {
+    return run("replay 1 --db " + db() + " --recipes " + recipes + " " + more);
+  }
+  [[nodiscard]] json replayed(const std::string& more = "") const {
+    return json::parse(replay("--json " + more).out, nullptr, false)["slabs"][0];
+  }
+  /// The recipe with a text replaced, in a folder of its own.
+  [[nodiscard]] std::string recipe_with(const std::string& text, const std::string& other) const {
+    std::string recipe = content(kRecipe);
+    const std::size_t at = recipe.find(text);
+    EXPECT_NE(at, std::string::npos);
+    fs::create_directories(file("recipes"));
+    return write("recipes/p5600.toml", recipe.replace(at, text.size(), other));
+  }
+  void change_byte(const std::string& path, std::size_t from_end) const {
+    std::string bytes = content(path);
+    bytes[bytes.size() - from_end] = static_cast<char>(bytes[bytes.size() - from_end] ^ 0x10);
+    std::ofstream(path, std::ios::binary) << bytes;
+  }
+};
+
+TEST_F(Replay, comes_out_again_bit_for_bit_on_one_thread_and_on_two_and_writes_nothing) {
+  const std::string before = content(db());
+  for (const char* threads : {"--threads 1", "--threads 2"}) {
+    const Ended ended = replay(threads);
+    EXPECT_EQ(ended.status, 0) << ended.out << ended.err;
+    expect_mentions(ended.out, "slab 1 \"SLAB-0042\" (fail): identical: 3 of 3 scans measured again");
+  }
+  const json slab = replayed();
+  EXPECT_EQ(slab["outcome"], "identical");
+  EXPECT_EQ(slab["differences"], 0);
+  EXPECT_GT(slab["figures"], 3 * 500);
+  EXPECT_TRUE(slab["slab"]["compared"]);
+  EXPECT_EQ(content(db()), before);
+}
+
+TEST_F(Replay, a_changed_byte_in_a_scan_is_named) {
+  // The middle of the file is the middle of an organised scan: the seat.
+  change_byte(scan(4), fs::file_size(scan(4)) / 2);
+  const Ended ended = replay();
+  EXPECT_EQ(ended.status, 1);
+  expect_mentions(ended.out, "block 4 attempt 1: differs: no recorded input differs: the scan's content was changed");
+  expect_mentions(ended.out, scan(4));
+  const json slab = replayed();
+  EXPECT_EQ(slab["outcome"], "differs");
+  EXPECT_EQ(slab["blocks"][0]["outcome"], "identical");
+  EXPECT_EQ(slab["blocks"][1]["outcome"], "differs");
+  EXPECT_EQ(slab["blocks"][2]["outcome"], "identical");
+}
+
+TEST_F(Replay, a_missing_a_cut_and_another_scan_are_told_apart) {
+  fs::remove(scan(3));
+  fs::resize_file(scan(4), fs::file_size(scan(4)) - 1);
+  ASSERT_EQ(run("simulate scan --points quarter --seed 9 --recipe " + kRecipe + " --block 12 --out " + scan(12)).status,
+            0);
+  const Ended ended = replay();
+  EXPECT_EQ(ended.status, 1);
+  expect_mentions(ended.out, "block 3 attempt 1: differs: its scan is not there");
+  expect_mentions(ended.out, "block 4 attempt 1: differs: " + scan(4));
+  expect_mentions(ended.out, "block 12 attempt 1: differs: the scan was changed: it holds ");
+}
+
+TEST_F(Replay, scans_that_were_moved_away_are_found_in_the_archive) {
+  fs::create_directories(file("archive"));
+  fs::rename(file("spool/1"), file("archive/1"));
+  EXPECT_EQ(replay().status, 1);
+  const Ended ended = replay("--scans " + file("archive"));
+  EXPECT_EQ(ended.status, 0) << ended.out;
+  expect_mentions(ended.out, "identical");
+}
+
+TEST_F(Replay, another_recipe_is_named_whether_it_changes_figures_or_not) {
+  static_cast<void>(recipe_with("# CRTS III", "# Comment"));
+  const Ended comment = replay_with(file("recipes"));
+  EXPECT_EQ(comment.status, 0) << comment.out;
+  expect_mentions(comment.out, "another recipe: recorded P5600 (sha256 " + std::string(recipe_.sha256.view()));
+
+  static_cast<void>(recipe_with("crop_half_x_mm = 51.0", "crop_half_x_mm = 50.0"));
+  const Ended crop = replay_with(file("recipes"));
+  EXPECT_EQ(crop.status, 1);
+  expect_mentions(crop.out, "another recipe: recorded P5600");
+  expect_mentions(crop.out, "block 3 attempt 1: differs: measured with another recipe");
+}
+
+TEST_F(Replay, another_recipe_decides) {
+  const std::string wider = recipe_with("nominal = 380\ntolerance = 0.5", "nominal = 380\ntolerance = 2.0");
+  const Ended ended = run("replay --all --db " + db() + " --recipe " + wider);
+  EXPECT_EQ(ended.status, 0) << ended.err;
+  expect_mentions(ended.out, "fail -> not_measured: 1");
+  const json document = json::parse(run("replay --all --db " + db() + " --recipe " + wider + " --json").out);
+  EXPECT_EQ(document["schema"], "slabd.what_if/1");
+  EXPECT_EQ(document["slabs"]["count"], 1);
+  ASSERT_EQ(document["changed"].size(), 1U);
+  EXPECT_EQ(document["changed"][0]["items"][0]["id"], "jaw_distance");
+  EXPECT_EQ(document["changed"][0]["items"][0]["station"], 4);
+  EXPECT_EQ(document["changed"][0]["items"][0]["stored"]["verdict"], "fail");
+  EXPECT_EQ(document["changed"][0]["items"][0]["now"]["verdict"], "pass");
+}
+
+TEST_F(Replay, wrong_use_is_said) {
+  EXPECT_EQ(run("replay --db " + db()).status, 2);
+  EXPECT_EQ(run("replay 1 --all --db " + db()).status, 2);
+  EXPECT_EQ(run("replay 77 --db " + db()).status, 3);
+  EXPECT_EQ(run("replay 1 --verify --recipe x.toml --db " + db()).status, 2);
+  EXPECT_EQ(run("replay --all --since yesterday --db " + db()).status, 2);
+  EXPECT_EQ(run("replay 1 --db " + file("none.db")).status, 4);
+}
+
+/// What is recorded is held against what there is.
+struct ReplayOther : StoredSlab {};
+
+TEST_F(ReplayOther, another_software_or_calibration_is_named) {
+  header_.software = "slabd 0.0.9";
+  header_.calibration_id = "he-0123456789ab";
+  begin();
+  measure(3);
+  end();
+  const Ended ended =
+      run("replay 1 --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes --threads 1");
+  EXPECT_EQ(ended.status, 0) << ended.out;
+  expect_mentions(ended.out, "another software: recorded slabd 0.0.9; now slabd ");
+  expect_mentions(ended.out, "another calibration: recorded he-0123456789ab; now the database holds no such record");
+}
+
+TEST_F(ReplayOther, a_stored_figure_that_was_edited_is_found) {
+  begin();
+  measure(3);
+  stations_[2].block.items[0].value += 1e-12;
+  end();
+  BlockJob edited;
+  store_ = std::move(storage::open_store({db(), file("spool"), 0}).value());
+  edited.slab_key = 1;
+  edited.attempt = 1;
+  edited.block = stations_[2].block;
+  edited.record.kind = 1;
+  edited.record.res_seq = 2000;
+  edited.record.station = 3;
+  apply(edited);
+  store_.reset();
+  const Ended ended = run("replay 1 --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes");
+  EXPECT_EQ(ended.status, 1);
+  expect_mentions(ended.out, "item seat_slope 3 value: stored ");
+}
+
+TEST(WhatIf, counts_verdicts_that_differ_once_for_each_place) {
+  VerdictTally tally;
+  tally.add(Verdict::pass, Verdict::pass);
+  tally.add(Verdict::pass, Verdict::fail);
+  tally.add(Verdict::pass, Verdict::fail);
+  EXPECT_EQ(tally.count, 3);
+  EXPECT_EQ(tally.changed(), 2);
+}
+
+}  // namespace
+}  // namespace slabd::cli

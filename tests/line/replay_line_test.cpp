@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A whole slab through the real daemon, then measured again from its scans: the database must come out bit by bit.
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "processes.h"
+
+namespace slabd::line {
+namespace {
+
+using Json = nlohmann::json;
+
+TEST(ReplayLine, a_slab_of_the_line_comes_out_again_bit_for_bit_beside_the_running_daemon) {
+  Box box;
+  box.start();
+  ASSERT_TRUE(box.ready()) << box.log();
+  const Box::Answer line =
+      box.slabctl({"simulate", "--config", box.config.native(), "--points", "quarter", "--slab-no", "7", "--slab-id",
+                   "AGAIN", "--type", "4856", "--defect", "jaw-distance=11:0.9", "--defect", "missing=5"});
+  ASSERT_EQ(line.exit_status, 1) << line.out << line.err;
+
+  std::size_t figures = 0;
+  for (const char* threads : {"1", "2"}) {
+    const Box::Answer again =
+        box.slabctl({"replay", "AGAIN", "--verify", "--config", box.config.native(), "--threads", threads, "--json"});
+    EXPECT_EQ(again.exit_status, 0) << again.out << again.err;
+    const Json slab = Json::parse(again.out, nullptr, false)["slabs"][0];
+    EXPECT_EQ(slab["outcome"], "identical");
+    EXPECT_GE(slab["blocks"].size(), 16U);
+    EXPECT_TRUE(slab["slab"]["compared"]);
+    EXPECT_TRUE(slab["changed"].empty()) << slab["changed"];
+    EXPECT_TRUE(figures == 0 || figures == slab["figures"].get<std::size_t>());
+    figures = slab["figures"].get<std::size_t>();
+  }
+  EXPECT_GT(figures, 16U * 300);
+  EXPECT_EQ(box.stop(), 0);
+}
+
+}  // namespace
+}  // namespace slabd::line
