@@ -1,0 +1,220 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/study/compare.h"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "cli/figures.h"
+#include "cli/json.h"
+#include "cli/render.h"
+#include "daemon/daemon.h"
+
+namespace slabd::cli::study {
+namespace {
+
+std::string interval(const Estimate& estimate, int digits) {
+  return fmt::format("{} ({} .. {})", figure(estimate.value, digits), figure(estimate.low, digits),
+                     figure(estimate.high, digits));
+}
+
+std::string where(const ThingKey& key) {
+  return key.block == 0 ? key.id : fmt::format("{} block {}", key.id, key.block);
+}
+
+void judge_item(CompareItem& item) {
+  if (!has_value(item.allowed)) return;
+  item.judgement = Judgement::undecided;
+  if (item.errors.max_abs > item.allowed) {
+    item.judgement = Judgement::not_capable;
+    item.reason = fmt::format("off by more than {:g}", item.allowed);
+  } else if (!has_value(item.limits.lower.low)) {
+    item.reason = fmt::format("too few: {} pairs", item.pairs.size());
+  } else if (item.limits.lower.low >= -item.allowed && item.limits.upper.high <= item.allowed) {
+    item.judgement = Judgement::capable;
+  } else {
+    item.reason = "the agreement limits' intervals reach beyond";
+  }
+}
+
+void write_estimate(Json& json, std::string_view key, const Estimate& estimate) {
+  json.key(key).begin_object().field("value", estimate.value).field("low", estimate.low);
+  json.field("high", estimate.high).end_object();
+}
+
+void write_errors(Json& json, std::string_view key, const Errors& errors) {
+  json.key(key).begin_object().field("n", errors.count);
+  write_estimate(json, "mean", errors.mean);
+  json.field("mean_abs", errors.mean_abs).field("max_abs", errors.max_abs).field("rms", errors.rms);
+  json.field("std", errors.std).field("en_max", errors.en_max).field("en_count", errors.en_count).end_object();
+}
+
+void write_key(Json& json, const ThingKey& key) {
+  json.begin_object().field("id", std::string_view(key.id)).field("block", key.block);
+  json.field("item", std::string_view(key.item)).end_object();
+}
+
+}  // namespace
+
+void add_to(Side& side, const std::string& id, const Reading& reading) {
+  if (!has_value(reading.value)) return;
+  SideValue& there = side[{id, reading.item, reading.block}];
+  const auto before = static_cast<double>(there.count);
+  ++there.count;
+  if (there.count == 1) {
+    there.reading = reading;
+    return;
+  }
+  // U is mostly what repeats have in common, so averaging does not shrink it.
+  there.reading.value = (before * there.reading.value + reading.value) / (before + 1.0);
+  there.reading.U = (before * there.reading.U + reading.U) / (before + 1.0);
+}
+
+Result<Side> side_of(const CsvTable& table) {
+  if (const Status good = table.expect({"id", "item", "value"}, {"block", "U"}); !good.ok()) return good.error();
+  Side side;
+  for (std::size_t row = 0; row < table.rows(); ++row) {
+    Reading reading;
+    reading.item = table.cell(row, "item");
+    for (const char* column : {"id", "item", "value"})
+      if (table.cell(row, column).empty()) return error(Code::config, "%s: no %s", table.place(row).c_str(), column);
+    const Result<int> block = table.block(row);
+    const Result<double> value = table.number(row, "value");
+    const Result<double> U = table.number(row, "U");
+    if (!block.ok()) return block.error();
+    if (!value.ok()) return value.error();
+    if (!U.ok()) return U.error();
+    if (U.value() <= 0.0) return error(Code::config, "%s: U must be above 0", table.place(row).c_str());
+    reading.block = block.value();
+    reading.value = value.value();
+    reading.U = U.value();
+    add_to(side, table.cell(row, "id"), reading);
+  }
+  return side;
+}
+
+CompareStudy compare(const Side& reference, const Side& measured, const std::map<std::string, double>& allowed) {
+  CompareStudy study;
+  std::map<std::pair<std::size_t, std::string>, CompareItem> items;
+  std::vector<Pair> all_mm;
+  for (const auto& [key, theirs] : reference) {
+    const auto found = measured.find(key);
+    if (found == measured.end()) {
+      study.only_reference.push_back(key);
+      continue;
+    }
+    const Reading& ours = found->second.reading;
+    const Pair pair{theirs.reading.value, ours.value, theirs.reading.U, ours.U};
+    CompareItem& item = items[{rank_of(key.item), key.item}];
+    item.item = key.item;
+    item.things.push_back(key);
+    item.pairs.push_back(pair);
+    if (unit_of(key.item) == "mm") all_mm.push_back(pair);
+  }
+  for (const auto& [key, ours] : measured)
+    if (!reference.contains(key)) study.only_measured.push_back(key);
+  for (auto& [rank, item] : items) {
+    std::vector<double> theirs;
+    std::vector<double> ours;
+    for (const Pair& pair : item.pairs) {
+      theirs.push_back(pair.reference);
+      ours.push_back(pair.value);
+    }
+    item.reference_mean = spread_of(theirs).mean;
+    item.value_mean = spread_of(ours).mean;
+    item.errors = errors_of(item.pairs);
+    item.limits = agreement_limits(item.pairs);
+    item.line = deming(item.pairs);
+    if (const auto limit = allowed.find(item.item); limit != allowed.end()) item.allowed = limit->second;
+    judge_item(item);
+    study.items.push_back(std::move(item));
+  }
+  study.all_mm = errors_of(all_mm);
+  return study;
+}
+
+Judgement CompareStudy::judgement() const {
+  Judgement worst = Judgement::not_judged;
+  for (const CompareItem& item : items) {
+    if (item.judgement == Judgement::not_capable) return item.judgement;
+    if (item.judgement == Judgement::undecided || worst == Judgement::not_judged) worst = item.judgement;
+  }
+  return worst;
+}
+
+std::string compare_json(const CompareStudy& study) {
+  Json json;
+  json.begin_object();
+  json.field("schema", "slabd.study_compare/1").field("software", daemon::software_version().view());
+  json.field("source", std::string_view(study.source)).field("judgement", name(study.judgement()));
+  json.key("items").begin_array();
+  for (const CompareItem& item : study.items) {
+    json.begin_object().field("item", std::string_view(item.item)).field("unit", std::string_view(unit_of(item.item)));
+    json.field("reference_mean", item.reference_mean).field("value_mean", item.value_mean);
+    write_errors(json, "errors", item.errors);
+    json.key("agreement_limits").begin_object();
+    write_estimate(json, "lower", item.limits.lower);
+    write_estimate(json, "upper", item.limits.upper);
+    json.end_object().key("regression").begin_object();
+    json.field("method", "deming").field("ok", item.line.ok).field("why_not", std::string_view(item.line.why_not));
+    json.field("variance_ratio", item.line.ratio).field("variance_ratio_from_U", item.line.ratio_from_U);
+    write_estimate(json, "slope", item.line.slope);
+    write_estimate(json, "intercept", item.line.intercept);
+    json.end_object();
+    json.field("allowed", item.allowed).field("judgement", name(item.judgement));
+    json.field("reason", std::string_view(item.reason));
+    json.key("pairs").begin_array();
+    for (std::size_t i = 0; i < item.pairs.size(); ++i) {
+      json.begin_object().field("id", std::string_view(item.things[i].id)).field("block", item.things[i].block);
+      json.field("reference", item.pairs[i].reference).field("value", item.pairs[i].value);
+      json.field("reference_U", item.pairs[i].reference_U).field("U", item.pairs[i].U).end_object();
+    }
+    json.end_array().end_object();
+  }
+  json.end_array();
+  write_errors(json, "all_mm", study.all_mm);
+  for (const auto& [key, list] :
+       {std::pair{"only_reference", &study.only_reference}, {"only_measured", &study.only_measured}}) {
+    json.key(key).begin_array();
+    for (const ThingKey& thing : *list) write_key(json, thing);
+    json.end_array();
+  }
+  json.end_object();
+  return json.text();
+}
+
+void print_compare(const CompareStudy& study) {
+  const Style style = style_for(stdout);
+  fmt::print("{}\n\n", study.source);
+  std::vector<std::vector<std::string>> rows = {{"characteristic", "unit<", "n", "reference", "measured",
+                                                 "mean error (95 %)", "mean |error|", "max |error|", "at<", "En max"}};
+  for (const CompareItem& item : study.items) {
+    const int digits = decimals_of(item.item);
+    rows.push_back(
+        {item.item, unit_of(item.item), std::to_string(item.pairs.size()), figure(item.reference_mean, digits),
+         figure(item.value_mean, digits), interval(item.errors.mean, digits), figure(item.errors.mean_abs, digits),
+         figure(item.errors.max_abs, digits), where(item.things[item.errors.worst]), figure(item.errors.en_max, 2)});
+  }
+  fmt::print("{}", table(rows));
+  if (study.all_mm.count > 0)
+    fmt::print("all {} lengths: mean |error| {} mm, max |error| {} mm\n", study.all_mm.count,
+               figure(study.all_mm.mean_abs, 3), figure(study.all_mm.max_abs, 3));
+  rows = {{"agreement", "lower limit (95 %)", "upper limit (95 %)", "slope (95 %)", "intercept (95 %)", "judgement<"}};
+  for (const CompareItem& item : study.items) {
+    const int digits = decimals_of(item.item);
+    const bool judged = item.judgement != Judgement::not_judged;
+    rows.push_back({item.item, interval(item.limits.lower, digits), interval(item.limits.upper, digits),
+                    item.line.ok ? interval(item.line.slope, 4) : "-",
+                    item.line.ok ? interval(item.line.intercept, digits) : "-",
+                    judged ? std::string(symbol(as_verdict(item.judgement), style)) + " " +
+                                 std::string(name(item.judgement)) + (item.reason.empty() ? "" : ": " + item.reason)
+                           : ""});
+  }
+  fmt::print("\n{}", table(rows));
+  for (const CompareItem& item : study.items)
+    if (!item.line.ok) fmt::print("no line for {}: {}\n", item.item, item.line.why_not);
+  fmt::print("lines by Deming's regression, because both sides err\n");
+}
+
+}  // namespace slabd::cli::study

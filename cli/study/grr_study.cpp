@@ -1,0 +1,292 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/study/grr_study.h"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <map>
+#include <tuple>
+
+#include "cli/figures.h"
+#include "cli/json.h"
+#include "cli/render.h"
+#include "daemon/daemon.h"
+
+namespace slabd::cli::study {
+namespace {
+
+std::size_t place_of(std::vector<std::string>& names, const std::string& name) {
+  const auto found = std::find(names.begin(), names.end(), name);
+  if (found != names.end()) return static_cast<std::size_t>(found - names.begin());
+  names.push_back(name);
+  return names.size() - 1;
+}
+
+struct GrrCell {
+  std::string place;
+  double value = kNoValue;
+};
+
+/// The values of one item as they come, before anybody knows whether they make a whole table.
+struct LooseTable {
+  GrrItem item;
+  std::map<std::tuple<std::size_t, std::size_t, std::size_t>, GrrCell> cells;
+  std::string twice;
+  bool any = false;
+
+  void put(const Placing& placing) {
+    item.about = placing.reading;
+    const auto key = std::tuple{place_of(item.parts, placing.part), place_of(item.appraisers, placing.appraiser),
+                                place_of(item.trials, placing.trial)};
+    any = any || has_value(placing.reading.value);
+    const auto [at, fresh] = cells.try_emplace(key, GrrCell{placing.place, placing.reading.value});
+    if (!fresh && twice.empty())
+      twice = fmt::format("{} and {} both give part {}, appraiser {}, trial {}", at->second.place, placing.place,
+                          placing.part, placing.appraiser, placing.trial);
+  }
+
+  /// Empty when the table is whole; fills `item.crossed` then.
+  std::string fill() {
+    if (!twice.empty()) return twice;
+    item.crossed = {item.parts.size(), item.appraisers.size(), item.trials.size(), {}};
+    std::string first;
+    std::size_t holes = 0;
+    for (std::size_t p = 0; p < item.parts.size(); ++p)
+      for (std::size_t a = 0; a < item.appraisers.size(); ++a)
+        for (std::size_t t = 0; t < item.trials.size(); ++t) {
+          const auto found = cells.find({p, a, t});
+          const bool there = found != cells.end() && has_value(found->second.value);
+          item.crossed.value.push_back(there ? found->second.value : kNoValue);
+          if (there || holes++ > 0) continue;
+          first = fmt::format("part {}, appraiser {}, trial {} {}", item.parts[p], item.appraisers[a], item.trials[t],
+                              found == cells.end() ? "is missing" : "was not measured (" + found->second.place + ")");
+        }
+    if (holes == 0) return {};
+    return fmt::format("{}{}; every appraiser must measure every part equally often", first,
+                       holes > 1 ? fmt::format(", and {} more", holes - 1) : "");
+  }
+};
+
+std::string join(const std::vector<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
+  return text;
+}
+
+std::string percent(double value) {
+  return figure(value, 1);
+}
+
+std::string judged_text(const GrrJudgement& judged, Style style) {
+  return std::string(symbol(as_verdict(judged.judgement), style)) + " " +
+         (judged.conditional ? "conditional" : std::string(name(judged.judgement))) +
+         (judged.reason.empty() ? "" : ": " + judged.reason);
+}
+
+void print_item(const GrrItem& item, Style style) {
+  const int digits = decimals_of(item.about.item) + 2;
+  fmt::print("\n{} [{}]: {} parts, {} appraisers ({}), {} trials\n\n", item.about.item, unit_of(item.about.item),
+             item.parts.size(), item.appraisers.size(), join(item.appraisers), item.trials.size());
+  const Components& c = item.by_anova.components;
+  std::vector<std::vector<std::string>> rows = {
+      {"source", "sigma", "% of TV", "% of T", "average-range sigma", "% of TV"}};
+  const auto add = [&](const char* what, double own, double other, bool zeroed) {
+    rows.push_back({std::string(what) + (zeroed ? " (negative, set to 0)" : ""), figure(own, digits),
+                    percent(100.0 * own / c.TV), percent(600.0 * own / item.tolerance), figure(other, digits),
+                    percent(item.by_range ? 100.0 * other / item.by_range->TV : kNoValue)});
+  };
+  const Components none;
+  const Components& r = item.by_range ? *item.by_range : none;
+  add("repeatability EV", c.EV, r.EV, false);
+  add("reproducibility AV", c.AV, r.AV, c.av_zeroed);
+  if (!item.by_anova.is_pooled) add("interaction INT", c.INT, kNoValue, c.int_zeroed);
+  add("gauge R&R", c.GRR, r.GRR, false);
+  add("parts PV", c.PV, r.PV, c.pv_zeroed);
+  add("total TV", c.TV, r.TV, false);
+  fmt::print("{}ndc {} ({} by ranges){}\n\n", table(rows), figure(c.ndc(), 2), figure(r.ndc(), 2),
+             item.by_range ? "" : fmt::format("; the ranges' factors end at {}", kGrrRangeMax));
+  rows = {{"analysis of variance", "SS", "df", "MS", "F", "p"}};
+  const Anova& a = item.by_anova;
+  for (const auto& [what, row] : {std::pair{"parts", &a.part},
+                                  {"appraisers", &a.appraiser},
+                                  {"interaction", &a.interaction},
+                                  {"repeatability", &a.repeatability},
+                                  {"repeatability, pooled", &a.pooled},
+                                  {"total", &a.total}})
+    rows.push_back({what, fmt::format("{:.6g}", row->ss), figure(row->df, 0), fmt::format("{:.6g}", row->ms),
+                    figure(row->f, 3), figure(row->p, 3)});
+  fmt::print("{}interaction {} with the repeatability: p {} {} {}\n{}\n", table(rows),
+             a.is_pooled ? "pooled" : "not pooled", figure(a.interaction.p, 3),
+             a.interaction.p > kPoolAbove ? ">" : "<=", kPoolAbove, judged_text(item.judged, style));
+}
+
+void write_components(Json& json, std::string_view key, const Components& c, double tolerance) {
+  json.key(key).begin_object();
+  json.field("EV", c.EV).field("AV", c.AV).field("INT", c.INT).field("GRR", c.GRR).field("PV", c.PV).field("TV", c.TV);
+  json.field("percent_of_variation", c.of_variation()).field("percent_of_tolerance", c.of_tolerance(tolerance));
+  json.field("ndc", c.ndc()).field("AV_zeroed", c.av_zeroed).field("INT_zeroed", c.int_zeroed);
+  json.field("PV_zeroed", c.pv_zeroed).end_object();
+}
+
+void write_anova(Json& json, std::string_view key, const AnovaRow& row) {
+  json.key(key).begin_object().field("ss", row.ss).field("df", row.df).field("ms", row.ms);
+  json.field("f", row.f).field("p", row.p).end_object();
+}
+
+void write_names(Json& json, std::string_view key, const std::vector<std::string>& names) {
+  json.key(key).begin_array();
+  for (const std::string& name : names) json.value(std::string_view(name));
+  json.end_array();
+}
+
+/// Everything of one plan line as placings.
+void place_all(const std::string& place, const CsvTable& plan, std::size_t row, int block, bool every_block,
+               std::vector<Reading> readings, std::vector<Placing>& out) {
+  const std::string& part = plan.cell(row, "part");
+  for (Reading& reading : readings) {
+    if (block != 0 && reading.block != block) continue;
+    const std::string own = block_text(reading.block, reading.block_to);
+    const std::string label = part.empty() ? own : every_block && reading.block != 0 ? part + "/" + own : part;
+    out.push_back({place, label, plan.cell(row, "appraiser"), plan.cell(row, "trial"), std::move(reading)});
+  }
+}
+
+}  // namespace
+
+Judgement GrrStudy::judgement() const {
+  Judgement worst = items.empty() || !refused.empty() ? Judgement::undecided : Judgement::capable;
+  for (const GrrItem& item : items) {
+    if (item.judged.judgement == Judgement::not_capable) return Judgement::not_capable;
+    if (item.judged.judgement != Judgement::capable) worst = Judgement::undecided;
+  }
+  return worst;
+}
+
+Result<std::vector<Placing>> placings_of(const CsvTable& plan, const PlanReaders& readers) {
+  const bool scans = plan.has("scan");
+  const bool slabs = plan.has("slab");
+  const Status good = scans   ? plan.expect({"appraiser", "trial", "scan", "block"}, {"part"})
+                      : slabs ? plan.expect({"appraiser", "trial", "slab"}, {"part", "block"})
+                              : plan.expect({"appraiser", "trial", "part", "value"}, {"item", "lower", "upper"});
+  if (!good.ok()) return good.error();
+  std::vector<Placing> out;
+  for (std::size_t row = 0; row < plan.rows(); ++row) {
+    const std::string place = plan.place(row);
+    for (const char* column : {"appraiser", "trial", scans ? "scan" : slabs ? "slab" : "part"})
+      if (plan.cell(row, column).empty()) return error(Code::config, "%s: no %s", place.c_str(), column);
+    const Result<int> block = plan.block(row);
+    if (!block.ok()) return block.error();
+    if (scans && block.value() == 0) return error(Code::config, "%s: no block", place.c_str());
+    if (scans || slabs) {
+      auto read = scans ? readers.scan(plan.cell(row, "scan"), block.value()) : readers.slab(plan.cell(row, "slab"));
+      if (!read.ok())
+        return error(read.error().code, "%s: %s", place.c_str(), std::string(read.error().text.view()).c_str());
+      place_all(place, plan, row, block.value(), slabs && block.value() == 0, std::move(read.value()), out);
+      continue;
+    }
+    Reading reading;
+    reading.item = plan.has("item") ? plan.cell(row, "item") : "value";
+    if (reading.item.empty()) return error(Code::config, "%s: no item", place.c_str());
+    for (const auto& [column, target] :
+         {std::pair{"value", &reading.value}, {"lower", &reading.lower}, {"upper", &reading.upper}}) {
+      const Result<double> number = plan.number(row, column);
+      if (!number.ok()) return number.error();
+      *target = number.value();
+    }
+    out.push_back({place, plan.cell(row, "part"), plan.cell(row, "appraiser"), plan.cell(row, "trial"), reading});
+  }
+  return out;
+}
+
+GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::string>& items,
+                   const std::function<double(const std::string&)>& tolerance, Interaction interaction) {
+  std::map<std::pair<std::size_t, std::string>, LooseTable> tables;
+  for (const Placing& placing : placings) {
+    const std::string& item = placing.reading.item;
+    if (!items.empty() && std::find(items.begin(), items.end(), item) == items.end()) continue;
+    tables[{rank_of(item), item}].put(placing);
+  }
+  GrrStudy study;
+  for (auto& [key, loose] : tables) {
+    // What is never measured, or is of no part but the whole slab, was not meant when nobody named it.
+    if (items.empty() && (!loose.any || (tables.size() > 1 && loose.item.parts.size() < 2))) continue;
+    GrrItem& item = loose.item;
+    std::string hole = loose.fill();
+    if (hole.empty()) {
+      if (const auto found = anova(item.crossed, interaction)) {
+        item.by_anova = *found;
+      } else {
+        hole = fmt::format("{} parts, {} appraisers, {} trials; two of each at least", item.parts.size(),
+                           item.appraisers.size(), item.trials.size());
+      }
+    }
+    if (!hole.empty()) {
+      study.refused.push_back(fmt::format("{}: {}", key.second, hole));
+      continue;
+    }
+    item.by_range = average_range(item.crossed);
+    item.tolerance = tolerance(key.second);
+    if (!has_value(item.tolerance)) item.tolerance = item.about.upper - item.about.lower;
+    item.judged = judge(item.crossed, item.by_anova.components, item.tolerance);
+    study.items.push_back(std::move(item));
+  }
+  return study;
+}
+
+std::string grr_json(const GrrStudy& study) {
+  Json json;
+  json.begin_object();
+  json.field("schema", "slabd.study_grr/1").field("software", daemon::software_version().view());
+  json.field("source", std::string_view(study.source)).field("judgement", name(study.judgement()));
+  write_names(json, "refused", study.refused);
+  json.key("items").begin_array();
+  for (const GrrItem& item : study.items) {
+    json.begin_object().field("item", std::string_view(item.about.item));
+    json.field("unit", std::string_view(unit_of(item.about.item))).field("tolerance", item.tolerance);
+    write_names(json, "parts", item.parts);
+    write_names(json, "appraisers", item.appraisers);
+    write_names(json, "trials", item.trials);
+    const Anova& a = item.by_anova;
+    json.key("anova").begin_object().field("pooled", a.is_pooled).field("pool_above", kPoolAbove);
+    write_anova(json, "part", a.part);
+    write_anova(json, "appraiser", a.appraiser);
+    write_anova(json, "interaction", a.interaction);
+    write_anova(json, "repeatability", a.repeatability);
+    write_anova(json, "repeatability_pooled", a.pooled);
+    write_anova(json, "total", a.total);
+    write_components(json, "components", a.components, item.tolerance);
+    write_components(json, "with_interaction", a.with_interaction, item.tolerance);
+    write_components(json, "without_interaction", a.without_interaction, item.tolerance);
+    json.end_object().key("average_range");
+    if (item.by_range) {
+      json.begin_object();
+      write_components(json, "components", *item.by_range, item.tolerance);
+      json.end_object();
+    } else {
+      json.null();
+    }
+    json.field("judgement", name(item.judged.judgement)).field("conditional", item.judged.conditional);
+    json.field("reason", std::string_view(item.judged.reason)).end_object();
+  }
+  json.end_array().end_object();
+  return json.text();
+}
+
+void print_grr(const GrrStudy& study, bool details) {
+  const Style style = style_for(stdout);
+  fmt::print("{}\n\n", study.source);
+  std::vector<std::vector<std::string>> rows = {
+      {"gauge R&R", "unit<", "EV", "AV", "GRR", "% of T", "% of TV", "ndc", "judgement<"}};
+  for (const GrrItem& item : study.items) {
+    const Components& c = item.by_anova.components;
+    const int digits = decimals_of(item.about.item) + 1;
+    rows.push_back({item.about.item, unit_of(item.about.item), figure(c.EV, digits), figure(c.AV, digits),
+                    figure(c.GRR, digits), percent(c.of_tolerance(item.tolerance)), percent(c.of_variation()),
+                    figure(c.ndc(), 2), judged_text(item.judged, style)});
+  }
+  fmt::print("{}", table(rows));
+  if (details || study.items.size() == 1)
+    for (const GrrItem& item : study.items) print_item(item, style);
+}
+
+}  // namespace slabd::cli::study

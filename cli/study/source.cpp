@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/study/source.h"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <charconv>
+#include <filesystem>
+#include <map>
+
+#include "cli/figures.h"
+#include "cli/slab_view.h"
+#include "daemon/daemon.h"
+
+namespace slabd::cli::study {
+
+Reading reading_of(const Item& item) {
+  return {std::string(info(item.id).name), item.station, item.station_to, item.value, item.lower, item.upper, item.U};
+}
+
+std::string block_text(int block, int block_to) {
+  if (block == 0) return "-";
+  return block_to == 0 ? std::to_string(block) : fmt::format("{}-{}", block, block_to);
+}
+
+std::string title_of(const Reading& reading) {
+  if (reading.block == 0) return reading.item;
+  return fmt::format("{}, block {}", reading.item, block_text(reading.block, reading.block_to));
+}
+
+int decimals_of(const std::string& item) {
+  const auto id = item_from_name(item);
+  return id ? decimals(*id) : 4;
+}
+
+std::string unit_of(const std::string& item) {
+  const auto id = item_from_name(item);
+  return id ? std::string(slabd::name(info(*id).unit)) : std::string();
+}
+
+std::size_t rank_of(const std::string& item) {
+  const auto id = item_from_name(item);
+  return id ? static_cast<std::size_t>(*id) : kItemCount;
+}
+
+std::string same_scan_twice(std::span<const Take> takes) {
+  const auto same = [](const Take& a, const Take& b) {
+    if (a.readings.size() != b.readings.size()) return false;
+    bool any = false;
+    for (std::size_t i = 0; i < a.readings.size(); ++i) {
+      const Reading& x = a.readings[i];
+      const Reading& y = b.readings[i];
+      if (x.item != y.item || x.block != y.block || has_value(x.value) != has_value(y.value)) return false;
+      if (has_value(x.value) && x.value != y.value) return false;
+      any = any || has_value(x.value);
+    }
+    return any;
+  };
+  for (std::size_t i = 0; i < takes.size(); ++i)
+    for (std::size_t j = 0; j < i; ++j)
+      if (same(takes[j], takes[i])) return fmt::format("{} and {}", takes[j].name, takes[i].name);
+  return {};
+}
+
+ScanMeter::ScanMeter(const Recipe& recipe, hal::LengthUnit unit, int threads)
+    : memory_(limits::kScanSlotBytes),
+      xyz_(memory_.take<float>(limits::kScanPointsMax * 3)),
+      unit_(unit),
+      clock_(hal::make_system_clock()),
+      inspector_(threads) {
+  inspector_.use(recipe);
+}
+
+Result<std::vector<Reading>> ScanMeter::measure(const std::string& path, int block, const Pose& T_block_scanner) {
+  const Result<ScanShape> read = hal::read_scan(path.c_str(), unit_, xyz_);
+  if (!read.ok()) return read.error();
+  const ScanShape& shape = read.value();
+  const algo::Cloud cloud{xyz_, shape.points, shape.width, shape.height};
+  // A block that was not found leaves its items without a value, and the study counts them.
+  static_cast<void>(
+      daemon::measure_block(inspector_, *clock_, block, Pose::identity(), T_block_scanner, cloud, shape, 0.0));
+  std::vector<Reading> readings;
+  for (const Item& item : inspector_.result().items) {
+    readings.push_back(reading_of(item));
+    readings.back().block = block;
+  }
+  return readings;
+}
+
+Result<std::vector<std::string>> scan_files(const std::vector<std::string>& names) {
+  namespace fs = std::filesystem;
+  std::vector<std::string> files;
+  for (const std::string& name : names) {
+    std::error_code trouble;
+    if (!fs::is_directory(name, trouble)) {
+      files.push_back(name);
+      continue;
+    }
+    std::vector<std::string> inside;
+    for (fs::directory_iterator at(name, trouble), end; !trouble && at != end; at.increment(trouble)) {
+      const std::string path = at->path().string();
+      if (hal::scan_format_of(path) && at->path().extension() != ".csv") inside.push_back(path);
+    }
+    if (trouble) return error(Code::config, "%s cannot be read: %s", name.c_str(), trouble.message().c_str());
+    if (inside.empty()) return error(Code::config, "%s: no scans (.ply .pcd .xyz .asc .txt) in it", name.c_str());
+    std::sort(inside.begin(), inside.end());
+    files.insert(files.end(), inside.begin(), inside.end());
+  }
+  return files;
+}
+
+Take take_of(const storage::SlabRecord& record) {
+  Take take;
+  take.name = fmt::format("{} ({})", record.summary.header.key, record.summary.header.slab_id.view());
+  for (int station = 1; station <= record.summary.header.stations; ++station) {
+    const storage::SlabBlock* block = latest(record, station);
+    if (block == nullptr) continue;
+    for (const Item& item : block->block.items) {
+      take.readings.push_back(reading_of(item));
+      take.readings.back().block = station;
+    }
+  }
+  for (const Item& item : record.slab.items) {
+    Reading reading = reading_of(item);
+    const auto before = std::find_if(take.readings.begin(), take.readings.end(), [&](const Reading& r) {
+      return r.item == reading.item && r.block == reading.block && r.block_to == reading.block_to;
+    });
+    if (before != take.readings.end()) {
+      *before = std::move(reading);
+    } else {
+      take.readings.push_back(std::move(reading));
+    }
+  }
+  return take;
+}
+
+std::vector<Take> attempts_of(const storage::SlabRecord& record) {
+  std::vector<Take> takes;
+  for (const storage::SlabBlock& block : record.blocks) {
+    Take& take = takes.emplace_back();
+    take.name =
+        fmt::format("{} block {} attempt {}", record.summary.header.key, block.attempt.station, block.attempt.number);
+    for (const Item& item : block.block.items) {
+      take.readings.push_back(reading_of(item));
+      take.readings.back().block = block.attempt.station;
+    }
+  }
+  return takes;
+}
+
+Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, const std::string& wanted,
+                                                     std::size_t limit) {
+  std::vector<storage::SlabRecord> records;
+  std::int64_t key = 0;
+  const auto [stop, fault] = std::from_chars(wanted.data(), wanted.data() + wanted.size(), key);
+  if (fault == std::errc{} && stop == wanted.data() + wanted.size()) {
+    auto by_key = reader.slab(key);
+    if (!by_key.ok()) return by_key.error();
+    if (by_key.value().has_value()) {
+      records.push_back(std::move(*by_key.value()));
+      return records;
+    }
+  }
+  storage::SlabFilter filter;
+  filter.limit = 100'000;  // the id is looked for as a part of ids, so more may come than are meant
+  filter.id_part = wanted;
+  const auto found = reader.slabs(filter);
+  if (!found.ok()) return found.error();
+  for (const storage::SlabSummary& summary : found.value()) {
+    if (summary.header.slab_id.view() != wanted || summary.ended_utime_us == 0 || records.size() >= limit) continue;
+    auto record = reader.slab(summary.header.key);
+    if (!record.ok()) return record.error();
+    if (record.value().has_value()) records.push_back(std::move(*record.value()));
+  }
+  if (records.empty())
+    return error(Code::config, "no slab that has ended with key or id '%s'; `slabctl history` lists them",
+                 wanted.c_str());
+  std::reverse(records.begin(), records.end());
+  return records;
+}
+
+Result<std::vector<Take>> takes_of(const CsvTable& table) {
+  if (const Status good = table.expect({"item", "value"}, {"run", "block", "lower", "upper"}); !good.ok())
+    return good.error();
+  std::vector<Take> takes;
+  std::map<std::pair<std::string, int>, std::size_t> seen;
+  for (std::size_t row = 0; row < table.rows(); ++row) {
+    Reading reading;
+    reading.item = table.cell(row, "item");
+    if (reading.item.empty()) return error(Code::config, "%s: no item", table.place(row).c_str());
+    const Result<int> block = table.block(row);
+    if (!block.ok()) return block.error();
+    reading.block = block.value();
+    for (const auto& [column, target] :
+         {std::pair{"value", &reading.value}, {"lower", &reading.lower}, {"upper", &reading.upper}}) {
+      const Result<double> number = table.number(row, column);
+      if (!number.ok()) return number.error();
+      *target = number.value();
+    }
+    std::string run = table.cell(row, "run");
+    if (run.empty()) run = std::to_string(++seen[{reading.item, reading.block}]);
+    auto take = std::find_if(takes.begin(), takes.end(), [&](const Take& t) { return t.name == run; });
+    if (take == takes.end()) take = takes.insert(takes.end(), Take{run, {}});
+    for (const Reading& other : take->readings)
+      if (other.item == reading.item && other.block == reading.block)
+        return error(Code::config, "%s: run %s has %s twice", table.place(row).c_str(), run.c_str(),
+                     title_of(reading).c_str());
+    take->readings.push_back(std::move(reading));
+  }
+  return takes;
+}
+
+}  // namespace slabd::cli::study

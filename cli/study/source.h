@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "algo/algo.h"
+#include "base/base.h"
+#include "base/pages.h"
+#include "cli/study/csv.h"
+#include "hal/hal.h"
+#include "storage/storage.h"
+
+/// Where the values of a study come from: scan files measured here and now by the daemon's code, stored slabs, tables.
+namespace slabd::cli::study {
+
+/// One value of one characteristic.
+struct Reading {
+  std::string item;  ///< as `slabctl show` names it; a table may name others
+  int block = 0;     ///< 0: of the whole slab
+  int block_to = 0;  ///< second block of a spacing or a pair
+  double value = kNoValue;
+  double lower = kNoValue;
+  double upper = kNoValue;
+  double U = kNoValue;
+};
+[[nodiscard]] Reading reading_of(const Item& item);
+/// "seat_slope, block 3"
+[[nodiscard]] std::string title_of(const Reading& reading);
+/// "3", "3-4", "-"
+[[nodiscard]] std::string block_text(int block, int block_to);
+/// Decimals and unit that an item is shown with; four and none for one that slabd does not know.
+[[nodiscard]] int decimals_of(const std::string& item);
+[[nodiscard]] std::string unit_of(const std::string& item);
+/// The order items are listed in: slabd's own, then the others.
+[[nodiscard]] std::size_t rank_of(const std::string& item);
+
+/// Everything measured in one go.
+struct Take {
+  std::string name;  ///< a file, a slab, the number of a run
+  std::vector<Reading> readings;
+};
+/// Two takes that agree in every digit of every value (one at least) are one scan taken twice; its name, or empty.
+/// Tables with few digits may agree by chance: not for them.
+[[nodiscard]] std::string same_scan_twice(std::span<const Take> takes);
+
+/// Measures scan files as `slabctl inspect` does. 72 MB and the workspace, once.
+class ScanMeter {
+ public:
+  ScanMeter(const Recipe& recipe, hal::LengthUnit unit, int threads);
+  /// The block's items; one that could not be measured has no value. `T_block_scanner`: where to look. config and the
+  /// like: the file cannot be read.
+  [[nodiscard]] Result<std::vector<Reading>> measure(const std::string& path, int block,
+                                                     const Pose& T_block_scanner = nominal_T_block_scanner());
+
+ private:
+  Pages memory_;
+  std::span<float> xyz_;
+  hal::LengthUnit unit_;
+  std::unique_ptr<hal::Clock> clock_;
+  algo::BlockInspector inspector_;
+};
+
+/// Scans named one by one, or all in the folders named, in the order of their names.
+[[nodiscard]] Result<std::vector<std::string>> scan_files(const std::vector<std::string>& names);
+
+/// The valid attempts of all blocks, and the items of the slab; those that SLAB_END computed anew count.
+[[nodiscard]] Take take_of(const storage::SlabRecord& record);
+/// One take for each attempt at a block, by station and number.
+[[nodiscard]] std::vector<Take> attempts_of(const storage::SlabRecord& record);
+/// All slabs that this means, oldest first: the one with this key, or the newest `limit` of this SLAB_ID that have
+/// ended. config: there is none.
+[[nodiscard]] Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, const std::string& wanted,
+                                                                   std::size_t limit);
+
+/// Takes from a table: columns item, value; optional run (else the n-th value of an item is run n), block, lower,
+/// upper.
+[[nodiscard]] Result<std::vector<Take>> takes_of(const CsvTable& table);
+
+}  // namespace slabd::cli::study

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "base/recipe.h"
+#include "cli/study/repeatability.h"
+
+namespace CLI {
+class App;
+}
+
+namespace slabd::cli {
+
+/// `slabctl study`, like the commands of cli/command.h.
+void add_study(CLI::App& app, int& exit_status);
+
+}  // namespace slabd::cli
+
+/// The verbs of `slabctl study`.
+namespace slabd::cli::study {
+
+void add_repeat(CLI::App& study, int& exit_status);
+void add_grr(CLI::App& study, int& exit_status);
+void add_compare(CLI::App& study, int& exit_status);
+
+/// How scans are to be measured.
+struct ScanOptions {
+  std::string recipe;
+  std::string unit = "mm";
+  int threads = 1;
+  void add_to(CLI::App& command);
+  /// False, and said, when there is no recipe or a wrong one.
+  [[nodiscard]] bool load(Recipe& out, int& exit_status) const;
+};
+
+/// 0 capable or nothing judged, 1 else.
+[[nodiscard]] int exit_of(Judgement judgement);
+
+/// "item=value": false, and said, when it is none or names no item.
+[[nodiscard]] bool parse_assignment(const std::string& option, const std::string& text, std::string& item,
+                                    double& value);
+
+}  // namespace slabd::cli::study

@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl study compare: a laboratory's table against stored slabs, scans, or another table.
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <memory>
+#include <set>
+
+#include "cli/command.h"
+#include "cli/database.h"
+#include "cli/exit.h"
+#include "cli/parse.h"
+#include "cli/progress.h"
+#include "cli/study/compare.h"
+#include "cli/study/study.h"
+
+namespace slabd::cli::study {
+namespace {
+
+struct CompareOptions {
+  std::string contact;
+  std::string values;
+  std::string scans;
+  ScanOptions scan;
+  DatabaseOptions database;
+  std::size_t runs = 1;
+  std::vector<std::string> items;
+  std::vector<std::string> allowed;
+  bool json = false;
+};
+
+Status from_table(const CompareOptions& options, Side& side) {
+  const auto table = CsvTable::read(options.values);
+  if (!table.ok()) return table.error();
+  auto read = side_of(table.value());
+  if (!read.ok()) return read.error();
+  side = std::move(read.value());
+  return success();
+}
+
+/// Columns id, block, scan; paths from the table's own folder.
+Status from_scans(const CompareOptions& options, const Recipe& recipe, Side& side) {
+  const auto table = CsvTable::read(options.scans);
+  if (!table.ok()) return table.error();
+  if (const Status good = table.value().expect({"id", "block", "scan"}, {}); !good.ok()) return good;
+  ScanMeter meter(recipe, *length_unit(options.scan.unit), options.scan.threads);
+  for (std::size_t row = 0; row < table.value().rows(); ++row) {
+    const Result<int> block = table.value().block(row);
+    if (!block.ok()) return block.error();
+    const std::string& name = table.value().cell(row, "scan");
+    if (block.value() == 0 || name.empty())
+      return error(Code::config, "%s: no block or no scan", table.value().place(row).c_str());
+    const std::string path = (std::filesystem::path(options.scans).parent_path() / name).string();
+    const ProgressNote note(stderr, fmt::format("measuring {} ...", path), std::chrono::seconds(1));
+    const auto readings = meter.measure(path, block.value());
+    if (!readings.ok()) return readings.error();
+    for (const Reading& reading : readings.value()) add_to(side, table.value().cell(row, "id"), reading);
+  }
+  return success();
+}
+
+/// Of the slabs that the laboratory names, what it measured on them.
+Status from_slabs(const CompareOptions& options, const Side& contact, storage::Reader& reader, Side& side) {
+  std::set<std::string> ids;
+  for (const auto& [key, value] : contact) ids.insert(key.id);
+  for (const std::string& id : ids) {
+    const auto records = slabs_named(reader, id, options.runs);
+    if (!records.ok()) {
+      if (records.error().code != Code::config) return records.error();
+      continue;  // its rows are named as unmatched
+    }
+    for (const storage::SlabRecord& record : records.value())
+      for (const Reading& reading : take_of(record).readings)
+        if (contact.contains({id, reading.item, reading.block})) add_to(side, id, reading);
+  }
+  return success();
+}
+
+void name_unmatched(const std::vector<ThingKey>& things, const char* side) {
+  constexpr std::size_t kNamed = 20;
+  for (std::size_t i = 0; i < std::min(things.size(), kNamed); ++i)
+    complain(fmt::format("{}: {}, {}, {}", side, things[i].id, things[i].item,
+                         things[i].block == 0 ? "whole slab" : fmt::format("block {}", things[i].block)));
+  if (things.size() > kNamed) complain(fmt::format("{}: and {} more", side, things.size() - kNamed));
+}
+
+void keep_items(Side& side, const std::vector<std::string>& items) {
+  if (items.empty()) return;
+  std::erase_if(
+      side, [&](const auto& entry) { return std::find(items.begin(), items.end(), entry.first.item) == items.end(); });
+}
+
+int run_compare(const CompareOptions& options) {
+  if (!options.values.empty() && !options.scans.empty()) {
+    complain("--values or --scans, not both; without them stored slabs are compared");
+    return kUsage;
+  }
+  std::map<std::string, double> allowed;
+  for (const std::string& text : options.allowed) {
+    std::string item;
+    double value = 0.0;
+    if (!parse_assignment("--max-error", text, item, value)) return kUsage;
+    if (!(value > 0.0)) {
+      complain(fmt::format("--max-error '{}': a size above 0", text));
+      return kUsage;
+    }
+    allowed[item] = value;
+  }
+  const auto fail = [](const Error& why) {
+    complain(why.text.view());
+    return exit_for(why.code);
+  };
+  const auto table = CsvTable::read(options.contact);
+  if (!table.ok()) return fail(table.error());
+  auto contact = side_of(table.value());
+  if (!contact.ok()) return fail(contact.error());
+  int exit_status = kDone;
+  Side measured;
+  Status good = success();
+  if (!options.values.empty()) {
+    good = from_table(options, measured);
+  } else if (!options.scans.empty()) {
+    Recipe recipe;
+    if (!options.scan.load(recipe, exit_status)) return exit_status;
+    warn_unconfirmed(recipe);
+    good = from_scans(options, recipe, measured);
+  } else {
+    const auto reader = open_database(options.database, exit_status);
+    if (reader == nullptr) return exit_status;
+    good = from_slabs(options, contact.value(), *reader, measured);
+  }
+  if (!good.ok()) return fail(good.error());
+  keep_items(contact.value(), options.items);
+  keep_items(measured, options.items);
+  CompareStudy study = compare(contact.value(), measured, allowed);
+  study.source = fmt::format("{} against {}",
+                             !options.values.empty()  ? options.values
+                             : !options.scans.empty() ? options.scans
+                                                      : std::string("stored slabs"),
+                             options.contact);
+  name_unmatched(study.only_reference, "not measured by slabd");
+  // Of a scan the laboratory need not have measured everything.
+  if (!options.values.empty()) name_unmatched(study.only_measured, "not in the contact table");
+  if (study.items.empty()) {
+    complain(fmt::format("{}: nothing in it was measured by slabd too; ids, items and blocks must be the same",
+                         options.contact));
+    return kBadInput;
+  }
+  for (const auto& [item, value] : allowed) {
+    if (std::any_of(study.items.begin(), study.items.end(), [&](const CompareItem& c) { return c.item == item; }))
+      continue;
+    complain(fmt::format("--max-error: '{}' was not compared", item));
+    return kUsage;
+  }
+  if (options.json) {
+    fmt::print("{}", compare_json(study));
+  } else {
+    print_compare(study);
+  }
+  return exit_of(study.judgement());
+}
+
+}  // namespace
+
+void add_compare(CLI::App& study, int& exit_status) {
+  auto options = std::make_shared<CompareOptions>();
+  CLI::App* command = study.add_subcommand("compare", "Against a laboratory: errors, agreement limits, regression");
+  command->footer(
+      "\nCONTACT is the laboratory's table with the columns id (slab id or key), item, value and, if you like, block "
+      "and\n"
+      "U (k = 2). Compared with the newest inspection of each slab, or with --values (the same columns), or with "
+      "--scans\n"
+      "(columns id, block, scan). Several values of one thing are averaged on either side; what only one side has is\n"
+      "named. The line is Deming's, because both sides err: by the stated U, or with equal errors.\n"
+      "--max-error judges: capable when the agreement limits with their intervals lie inside, not capable when any\n"
+      "error is larger, else undecided.\n"
+      "Example: slabctl study compare cmm.csv --max-error jaw_distance=0.2\n"
+      "Exit status: 0 done, and capable where judged; 1 not capable or undecided.");
+  command->add_option("CONTACT", options->contact, "The laboratory's table")->required();
+  command->add_option("--values", options->values, "What slabd found, as a table");
+  command->add_option("--scans", options->scans, "Scans to measure, as a table");
+  options->scan.add_to(*command);
+  command->add_option("--runs", options->runs, "Of each slab id: the mean of this many inspections, the newest")
+      ->check(CLI::Range(std::size_t{1}, std::size_t{100'000}))
+      ->capture_default_str();
+  command->add_option("--item", options->items, "Of this item alone; repeatable")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
+  command->add_option("--max-error", options->allowed, "Largest error allowed: ITEM=VALUE; repeatable")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
+  options->database.add_to(*command);
+  command->add_flag("--json", options->json, "Print slabd.study_compare/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = run_compare(*options); });
+}
+
+}  // namespace slabd::cli::study

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl study grr: a plan of who measured what, from a table, scans or stored slabs.
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+
+#include "cli/command.h"
+#include "cli/database.h"
+#include "cli/exit.h"
+#include "cli/parse.h"
+#include "cli/progress.h"
+#include "cli/study/grr_study.h"
+#include "cli/study/study.h"
+
+namespace slabd::cli::study {
+namespace {
+
+struct GrrOptions {
+  std::string plan;
+  ScanOptions scan;
+  DatabaseOptions database;
+  std::vector<std::string> items;
+  std::vector<std::string> tolerances;
+  std::string interaction = "auto";
+  bool details = false;
+  bool json = false;
+};
+
+/// A path as the plan says it, from the plan's own folder.
+std::string beside(const std::string& plan, const std::string& path) {
+  return (std::filesystem::path(plan).parent_path() / path).string();
+}
+
+int run_grr(const GrrOptions& options) {
+  std::map<std::string, double> tolerances;
+  for (const std::string& text : options.tolerances) {
+    std::string item;
+    double value = 0.0;
+    if (!parse_assignment("--tolerance", text, item, value)) return kUsage;
+    if (!(value > 0.0)) {
+      complain(fmt::format("--tolerance '{}': a width above 0, upper limit minus lower limit", text));
+      return kUsage;
+    }
+    tolerances[item] = value;
+  }
+  const auto plan = CsvTable::read(options.plan);
+  if (!plan.ok()) {
+    complain(plan.error().text.view());
+    return kBadInput;
+  }
+  int exit_status = kDone;
+  std::optional<ScanMeter> meter;
+  std::unique_ptr<storage::Reader> reader;
+  if (plan.value().has("scan")) {
+    Recipe recipe;
+    if (!options.scan.load(recipe, exit_status)) return exit_status;
+    warn_unconfirmed(recipe);
+    meter.emplace(recipe, *length_unit(options.scan.unit), options.scan.threads);
+  } else if (plan.value().has("slab")) {
+    reader = open_database(options.database, exit_status);
+    if (reader == nullptr) return exit_status;
+  }
+  PlanReaders readers;
+  std::vector<Take> scans;
+  readers.scan = [&](const std::string& path, int block) -> Result<std::vector<Reading>> {
+    const ProgressNote note(stderr, fmt::format("measuring {} ...", path), std::chrono::seconds(1));
+    auto read = meter->measure(beside(options.plan, path), block);
+    if (read.ok()) scans.push_back({path, read.value()});
+    return read;
+  };
+  readers.slab = [&](const std::string& slab) -> Result<std::vector<Reading>> {
+    auto records = slabs_named(*reader, slab, 1000);
+    if (!records.ok()) return records.error();
+    if (records.value().size() > 1)
+      return error(Code::config, "slab id '%s' has %zu inspections; name the key of the one that is meant",
+                   slab.c_str(), records.value().size());
+    scans.push_back(take_of(records.value().front()));
+    return scans.back().readings;
+  };
+  const auto placings = placings_of(plan.value(), readers);
+  if (!placings.ok()) {
+    complain(placings.error().text.view());
+    return exit_for(placings.error().code);
+  }
+  const Interaction interaction = options.interaction == "keep"   ? Interaction::keep
+                                  : options.interaction == "pool" ? Interaction::pool
+                                                                  : Interaction::automatic;
+  const auto tolerance = [&](const std::string& item) {
+    const auto found = tolerances.find(item);
+    return found == tolerances.end() ? kNoValue : found->second;
+  };
+  GrrStudy study = grr_study(placings.value(), options.items, tolerance, interaction);
+  study.source = options.plan;
+  if (const std::string twice = same_scan_twice(scans); !twice.empty())
+    study.refused.push_back(
+        fmt::format("{} have the same values to the last digit: one measurement used twice", twice));
+  for (const std::string& sentence : study.refused) complain(sentence);
+  if (study.items.empty()) {
+    if (study.refused.empty()) complain(fmt::format("{}: no such item was measured", options.plan));
+    return kBadInput;
+  }
+  if (options.json) {
+    fmt::print("{}", grr_json(study));
+  } else {
+    print_grr(study, options.details);
+  }
+  return study.refused.empty() ? exit_of(study.judgement()) : static_cast<int>(kBadInput);
+}
+
+}  // namespace
+
+void add_grr(CLI::App& study, int& exit_status) {
+  auto options = std::make_shared<GrrOptions>();
+  CLI::App* command = study.add_subcommand("grr", "Gauge R&R: repeatability, reproducibility, %GRR and ndc");
+  command->footer(
+      "\nPLAN is a table with the columns appraiser, trial and\n"
+      "  part, value [, item, lower, upper]   values measured elsewhere\n"
+      "  scan, block [, part]                 scans, from the plan's folder; a part is the block, or has a name\n"
+      "  slab [, block, part]                 stored slabs by key; every block is a part (name/block)\n"
+      "Appraisers are re-clampings, homings of the robot, or shifts. Every appraiser measures every part equally "
+      "often.\n"
+      "Judged by 6 GRR / T from the analysis of variance, without tolerance by GRR / TV and ndc: below 10 % capable,\n"
+      "above 30 % not, between a decision of people. Fewer than 10 parts, 2 appraisers, 2 trials: undecided.\n"
+      "An interaction with p > 0.05 is pooled with the repeatability.\n"
+      "Example: slabctl study grr plan.csv --item seat_slope --tolerance seat_slope=0.2\n"
+      "Exit status: 0 capable, 1 not capable or undecided, 3 the plan has a hole.");
+  command->add_option("PLAN", options->plan, "The table of who measured what")->required();
+  options->scan.add_to(*command);
+  command->add_option("--item", options->items, "Of this item alone; repeatable")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
+  command->add_option("--tolerance", options->tolerances, "T, upper limit minus lower limit: ITEM=WIDTH; repeatable")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
+  command
+      ->add_option("--interaction", options->interaction,
+                   "auto: pooled when not significant; keep: never pooled; pool: always")
+      ->check(CLI::IsMember({"auto", "keep", "pool"}))
+      ->capture_default_str();
+  command->add_flag("--details", options->details, "The tables behind every item");
+  options->database.add_to(*command);
+  command->add_flag("--json", options->json, "Print slabd.study_grr/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = run_grr(*options); });
+}
+
+}  // namespace slabd::cli::study

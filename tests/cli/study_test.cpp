@@ -1,0 +1,354 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl study as people run it: on scans, stored slabs and tables.
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "base/prng.h"
+#include "cli/study/csv.h"
+#include "storage/storage.h"
+#include "tests/cli/slabctl_process.h"
+
+namespace slabd::cli {
+namespace {
+
+using nlohmann::json;
+using study::CsvTable;
+
+class StudyTest : public Slabctl {
+ protected:
+  /// Inspections of slab T-1: two blocks, their slope scattered by 0.001 deg about 1.43 and 1.45.
+  void store(int inspections) {
+    auto opened = storage::open_store({file("slabd.db"), file("spool"), 0});
+    ASSERT_TRUE(opened.ok());
+    Prng prng(11);
+    for (int key = 1; key <= inspections; ++key) {
+      const auto apply = [&](const decltype(StoreJob::what)& what) {
+        const Status status = opened.value()->apply({1, what});
+        ASSERT_TRUE(status.ok()) << status.error().text.view();
+      };
+      SlabHeader header;
+      header.key = key;
+      header.slab_id = key % 6 != 0 ? "T-1" : "T-10";
+      header.stations = 2;
+      header.recipe = "P5600";
+      header.began_utime_us = 1'763'681'281'000'000 + key;
+      apply(BeginSlabJob{header, 1, 1});
+      for (const int station : {1, 2}) {
+        Attempt attempt;
+        attempt.slab_key = key;
+        attempt.station = static_cast<std::uint8_t>(station);
+        attempt.number = 1;
+        apply(AcquiredJob{attempt});
+        BlockResult block;
+        block.station = attempt.station;
+        Item slope;
+        slope.id = ItemId::seat_slope;
+        slope.station = attempt.station;
+        slope.value = (station == 1 ? 1.43 : 1.45) + 0.001 * prng.normal();
+        slope.nominal = 1.432096;
+        slope.lower = 1.3321;
+        slope.upper = 1.5321;
+        slope.U = 0.02;
+        EXPECT_TRUE(block.items.push(slope));
+        PlcResult record;
+        record.kind = 1;
+        record.res_seq = static_cast<std::uint16_t>(key * 10 + station);
+        record.station = attempt.station;
+        apply(BlockJob{key, 1, block, record, {}});
+      }
+      PlcResult record;
+      record.kind = 2;
+      record.res_seq = static_cast<std::uint16_t>(key * 10 + 5);
+      apply(SlabJob{key, SlabResult{}, record, header.began_utime_us + 1'000'000});
+    }
+  }
+  [[nodiscard]] static json parsed(const Ended& ended) { return json::parse(ended.out, nullptr, false); }
+};
+
+TEST_F(StudyTest, csv_reads_what_people_write_and_names_what_it_cannot_read) {
+  const auto table =
+      CsvTable::parse("\xEF\xBB\xBF# a comment\nid; value ;block\r\n\"a;\"\"b\"\"\" ; +1.5;3\n\n x ;;\n", "t.csv");
+  ASSERT_TRUE(table.ok()) << table.error().text.view();
+  EXPECT_EQ(table.value().cell(0, "id"), "a;\"b\"");
+  EXPECT_EQ(table.value().number(0, "value").value(), 1.5);
+  EXPECT_EQ(table.value().block(0).value(), 3);
+  EXPECT_TRUE(std::isnan(table.value().number(1, "value").value()));
+  EXPECT_EQ(table.value().place(1), "t.csv:5");
+  const auto why = [](const char* text) {
+    const auto wrong = CsvTable::parse(text, "t.csv");
+    return wrong.ok() ? std::string() : std::string(wrong.error().text.view());
+  };
+  expect_mentions(why("a,b\n1\n"), "t.csv:2: 1 cells");
+  expect_mentions(why("a,a\n1,2\n"), "two columns are named 'a'");
+  expect_mentions(why("a,b\n\"1,2\n"), "t.csv:2: a quote");
+  expect_mentions(why("a,b\n"), "no values");
+  expect_mentions(why(""), "no values");
+  const auto comma = CsvTable::parse("item;value;block\nx;1,5;19\n", "t.csv");
+  expect_mentions(std::string(comma.value().number(0, "value").error().text.view()), "t.csv:2: value '1,5'");
+  expect_mentions(std::string(comma.value().block(0).error().text.view()), "1..18");
+  expect_mentions(std::string(comma.value().expect({"item"}, {"value"}).error().text.view()), "no column 'block'");
+  expect_mentions(std::string(comma.value().expect({"run"}, {}).error().text.view()), "column missing: run");
+}
+
+TEST_F(StudyTest, repeat_of_a_table_gives_the_reference_figures) {
+  std::string text = "item,value\n";
+  for (const char* value : {"10.00", "10.01", "9.99", "10.02", "10.00", "9.98", "10.01", "10.00", "9.99", "10.01"})
+    text += std::string("pin,") + value + "\n";
+  const std::string values = write("values.csv", text);
+  const Ended ended = run("study repeat --values " + values + " --reference pin=10 --tolerance pin=0.5 --json");
+  EXPECT_EQ(ended.status, 1) << "ten runs convince nobody\n" << ended.err;
+  const json study = parsed(ended);
+  ASSERT_TRUE(study.is_object()) << ended.out;
+  EXPECT_EQ(study["schema"], "slabd.study_repeat/1");
+  EXPECT_EQ(study["judgement"], "undecided");
+  const json pin = study["characteristics"][0];
+  EXPECT_EQ(pin["n"], 10);
+  EXPECT_NEAR(pin["std"].get<double>(), 0.011972190, 5e-10);
+  EXPECT_NEAR(pin["gauge"]["cg"].get<double>(), 1.392115, 5e-7);
+  EXPECT_NEAR(pin["gauge"]["cgk"].get<double>(), 1.364273, 5e-7);
+  const Ended shown = run("study repeat --values " + values + " --reference pin=10 --tolerance pin=0.5");
+  expect_mentions(shown.out, "too few runs: 10 of 50");
+  expect_mentions(shown.out, "1.39");
+  expect_mentions(shown.err, "0.69 .. 1.83");
+}
+
+TEST_F(StudyTest, repeat_of_a_table_counts_what_was_not_measured) {
+  const std::string values = write("values.csv", "run,item,block,value\n1,a,1,5\n2,a,1,\n3,a,1,7\n1,b,2,1\n2,b,2,2\n");
+  const json study = parsed(run("study repeat --values " + values + " --json"));
+  ASSERT_EQ(study["characteristics"].size(), 2U);
+  EXPECT_EQ(study["characteristics"][0]["missing"], 1);
+  EXPECT_TRUE(study["characteristics"][0]["values"][1].is_null());
+  EXPECT_EQ(study["characteristics"][0]["range"], 2.0);
+  EXPECT_EQ(study["characteristics"][1]["missing"], 1) << "run 3 does not have it at all";
+  const Ended twice = run("study repeat --values " + write("twice.csv", "run,item,value\n1,a,5\n1,a,6\n"));
+  EXPECT_EQ(twice.status, 3);
+  expect_mentions(twice.err, "twice.csv:3: run 1 has a twice");
+}
+
+TEST_F(StudyTest, repeat_of_a_stored_slab_takes_every_inspection_of_that_id_and_no_other) {
+  store(6);
+  const Ended ended = run("study repeat --slab T-1 --db " + file("slabd.db") + " --json");
+  EXPECT_EQ(ended.status, 0) << ended.err;
+  const json study = parsed(ended);
+  EXPECT_EQ(study["runs"], json::array({"1 (T-1)", "2 (T-1)", "3 (T-1)", "4 (T-1)", "5 (T-1)"}));
+  ASSERT_EQ(study["characteristics"].size(), 2U);
+  EXPECT_EQ(study["characteristics"][1]["block"], 2);
+  EXPECT_NEAR(study["characteristics"][1]["mean"].get<double>(), 1.45, 0.003);
+  const Ended none = run("study repeat --slab T-2 --db " + file("slabd.db"));
+  EXPECT_EQ(none.status, 3);
+  expect_mentions(none.err, "T-2");
+}
+
+TEST_F(StudyTest, repeat_calls_a_good_gauge_capable_and_a_biased_one_not) {
+  store(60);
+  const std::string what = "study repeat --slab T-1 --db " + file("slabd.db") + " --json ";
+  const Ended good = run(what + "--block 1 --reference seat_slope=1.43");
+  EXPECT_EQ(good.status, 0) << good.err;
+  EXPECT_EQ(parsed(good)["judgement"], "capable");
+  const Ended biased = run(what + "--reference seat_slope@1=1.43 --reference seat_slope@2=1.43");
+  EXPECT_EQ(biased.status, 1);
+  EXPECT_EQ(parsed(biased)["judgement"], "not_capable") << "block 2 is 0.02 deg off, a tenth of T";
+  const Ended few = run(what + "--runs 49 --block 1 --reference seat_slope=1.43");
+  EXPECT_EQ(few.status, 1);
+  EXPECT_EQ(parsed(few)["judgement"], "undecided");
+}
+
+TEST_F(StudyTest, repeat_of_scans_measures_them_and_tells_one_scan_copied_from_two) {
+  for (const char* seed : {"1", "2"})
+    ASSERT_EQ(
+        simulate_scan(std::string("scan") + seed + ".ply", std::string("--nominal-view --casting 0 --seed ") + seed)
+            .status,
+        0);
+  fs::create_directory(file("scans"));
+  fs::rename(file("scan1.ply"), file("scans/a.ply"));
+  fs::rename(file("scan2.ply"), file("scans/b.ply"));
+  const std::string what = "study repeat " + file("scans") + " --recipe " + kRecipe + " --block 3 --json";
+  const Ended two = run(what);
+  EXPECT_EQ(two.status, 0) << two.err;
+  const json study = parsed(two);
+  ASSERT_TRUE(study.is_object()) << two.out << two.err;
+  bool slope = false;
+  for (const json& c : study["characteristics"]) {
+    if (c["item"] != "seat_slope") continue;
+    slope = true;
+    EXPECT_EQ(c["n"], 2);
+    EXPECT_NEAR(c["mean"].get<double>(), 1.432096, 0.001);
+    EXPECT_GT(c["range"].get<double>(), 0.0);
+    EXPECT_LT(c["range"].get<double>(), 0.002);
+  }
+  EXPECT_TRUE(slope);
+  EXPECT_EQ(two.err.find("taken twice"), std::string::npos) << two.err;
+  fs::copy(file("scans/a.ply"), file("scans/c.ply"));
+  const Ended copied = run(what);
+  expect_mentions(copied.err, "one scan taken twice");
+  expect_mentions(copied.err, "c.ply");
+}
+
+TEST_F(StudyTest, repeat_says_what_is_missing_or_misspelt) {
+  EXPECT_EQ(run("study repeat").status, 2);
+  const std::string values = write("values.csv", "item,value\na,1\na,2\n");
+  const Ended both = run("study repeat scan.ply --values " + values);
+  EXPECT_EQ(both.status, 2);
+  const Ended slip = run("study repeat --values " + values + " --item aa");
+  EXPECT_EQ(slip.status, 2);
+  expect_mentions(slip.err, "did you mean 'a'?");
+  EXPECT_EQ(run("study repeat --values " + values + " --reference a").status, 2);
+  EXPECT_EQ(run("study repeat --values " + values + " --tolerance a=-1").status, 2);
+  EXPECT_EQ(run("study repeat --values " + file("none.csv")).status, 3);
+  const Ended one = run("study repeat --values " + write("one.csv", "item,value\na,1\n"));
+  EXPECT_EQ(one.status, 3);
+  expect_mentions(one.err, "two runs at least");
+  const Ended block = run("study repeat scan.ply --recipe " + kRecipe);
+  EXPECT_EQ(block.status, 2);
+  expect_mentions(block.err, "--block");
+}
+
+// ---- gauge R&R -----------------------------------------------------------------------------------------------------
+
+/// The handbook's set as a plan; `leave_out` drops lines that begin so.
+std::string aiag_plan(const std::string& leave_out = "-") {
+  const char* rows[9] = {
+      ".29 -.56 1.34 .47 -.80 .02 .59 -.31 2.26 -1.36",   ".41 -.68 1.17 .50 -.92 -.11 .75 -.20 1.99 -1.25",
+      ".64 -.58 1.27 .64 -.84 -.21 .66 -.17 2.01 -1.31",  ".08 -.47 1.19 .01 -.56 -.20 .47 -.63 1.80 -1.68",
+      ".25 -1.22 .94 1.03 -1.20 .22 .55 .08 2.12 -1.62",  ".07 -.68 1.34 .20 -1.28 .06 .83 -.34 2.19 -1.50",
+      ".04 -1.38 .88 .14 -1.46 -.29 .02 -.46 1.77 -1.49", "-.11 -1.13 1.09 .20 -1.07 -.67 .01 -.56 1.45 -1.77",
+      "-.15 -.96 .67 .11 -1.45 -.49 .21 -.49 1.87 -2.16"};
+  std::string text = "part,appraiser,trial,value\n";
+  for (int row = 0; row < 9; ++row) {
+    std::istringstream values(rows[row]);
+    std::string value;
+    for (int part = 1; values >> value; ++part) {
+      const std::string line = std::to_string(part) + "," + "ABC"[row / 3] + "," + std::to_string(row % 3 + 1) + ",";
+      if (line != leave_out) text += line + value + "\n";
+    }
+  }
+  return text;
+}
+
+TEST_F(StudyTest, grr_of_the_handbook_gives_its_figures) {
+  const std::string plan = write("plan.csv", aiag_plan());
+  const Ended ended = run("study grr " + plan + " --json");
+  EXPECT_EQ(ended.status, 1) << "27.86 % and four categories" << ended.err;
+  const json study = parsed(ended);
+  ASSERT_TRUE(study.is_object()) << ended.out;
+  EXPECT_EQ(study["schema"], "slabd.study_grr/1");
+  const json item = study["items"][0];
+  EXPECT_EQ(item["anova"]["pooled"], true);
+  EXPECT_NEAR(item["anova"]["components"]["GRR"].get<double>(), 0.302372, 5e-7);
+  EXPECT_NEAR(item["anova"]["components"]["percent_of_variation"].get<double>(), 27.86, 0.005);
+  EXPECT_NEAR(item["average_range"]["components"]["percent_of_variation"].get<double>(), 26.68, 0.005);
+  EXPECT_NEAR(item["average_range"]["components"]["ndc"].get<double>(), 5.09, 0.005);
+  EXPECT_TRUE(item["anova"]["components"]["percent_of_tolerance"].is_null());
+  const Ended wide = run("study grr " + plan + " --tolerance value=20");
+  EXPECT_EQ(wide.status, 0) << "9.07 % of the tolerance";
+  expect_mentions(wide.out, "+ capable");
+  expect_mentions(wide.out, "interaction pooled");
+  EXPECT_EQ(run("study grr " + plan + " --tolerance value=10").status, 1) << "18 %: a decision of people";
+}
+
+TEST_F(StudyTest, grr_names_the_cell_that_is_missing_and_the_one_given_twice) {
+  const Ended hole = run("study grr " + write("hole.csv", aiag_plan("7,B,2,")));
+  EXPECT_EQ(hole.status, 3);
+  expect_mentions(hole.err, "part 7, appraiser B, trial 2 is missing");
+  const Ended twice = run("study grr " + write("twice.csv", aiag_plan() + "7,B,2,0.5\n"));
+  EXPECT_EQ(twice.status, 3);
+  expect_mentions(twice.err, "twice.csv:92 both give part 7, appraiser B, trial 2");
+  const Ended one = run("study grr " + write("one.csv", "part,appraiser,trial,value\n1,A,1,5\n2,A,1,6\n"));
+  EXPECT_EQ(one.status, 3);
+  expect_mentions(one.err, "two of each at least");
+  const Ended empty =
+      run("study grr " + write("empty.csv", "part,appraiser,trial,value\n1,A,1,5\n1,A,2,\n2,A,1,5\n2,A,2,5\n"));
+  expect_mentions(empty.err, "was not measured (" + file("empty.csv") + ":3)");
+  expect_mentions(run("study grr " + write("wrong.csv", "part,trial,value\n1,1,5\n")).err, "column missing: appraiser");
+}
+
+TEST_F(StudyTest, grr_of_stored_slabs_takes_their_blocks_for_parts) {
+  store(4);
+  const std::string plan = write("plan.csv", "slab,appraiser,trial\n1,early,1\n2,early,2\n3,late,1\n4,late,2\n");
+  const Ended ended = run("study grr " + plan + " --db " + file("slabd.db") + " --json");
+  EXPECT_EQ(ended.status, 1) << "two parts are too few\n" << ended.err;
+  const json study = parsed(ended);
+  ASSERT_EQ(study["items"].size(), 1U) << ended.out;
+  EXPECT_EQ(study["items"][0]["item"], "seat_slope");
+  EXPECT_EQ(study["items"][0]["parts"], json::array({"1", "2"}));
+  EXPECT_EQ(study["items"][0]["appraisers"], json::array({"early", "late"}));
+  EXPECT_NEAR(study["items"][0]["tolerance"].get<double>(), 0.2, 1e-9) << "the recipe's";
+  EXPECT_EQ(study["items"][0]["judgement"], "undecided");
+  EXPECT_LT(study["items"][0]["anova"]["components"]["GRR"].get<double>(), 0.004);
+  const Ended vague =
+      run("study grr " + write("vague.csv", "slab,appraiser,trial\nT-1,a,1\n") + " --db " + file("slabd.db"));
+  EXPECT_EQ(vague.status, 3);
+  expect_mentions(vague.err, "4 inspections; name the key");
+  const std::string again = write("again.csv", "slab,appraiser,trial\n1,early,1\n2,early,2\n3,late,1\n1,late,2\n");
+  const Ended copied = run("study grr " + again + " --db " + file("slabd.db"));
+  EXPECT_EQ(copied.status, 3) << "one inspection as two appraisers";
+  expect_mentions(copied.err, "one measurement used twice");
+}
+
+// ---- against a laboratory ------------------------------------------------------------------------------------------
+
+TEST_F(StudyTest, compare_of_two_tables_gives_errors_limits_and_line) {
+  std::string contact = "id,block,item,value,U\n";
+  std::string ours = "id,block,item,value,U\n";
+  const double off[6] = {0.01, -0.02, 0.03, 0.00, -0.01, 0.05};
+  for (int i = 0; i < 6; ++i) {
+    const std::string thing = "S" + std::to_string(i) + "," + std::to_string(i + 1) + ",jaw_distance,";
+    contact += thing + std::to_string(379.5 + 0.2 * i) + ",0.01\n";
+    ours += thing + std::to_string(379.5 + 0.2 * i + off[i]) + ",0.05\n";
+  }
+  contact += "S9,1,jaw_distance,380,0.01\n";
+  ours += "S1,2,seat_slope,1.43,0.02\n";
+  const std::string what = "study compare " + write("contact.csv", contact) + " --values " + write("ours.csv", ours);
+  const Ended ended = run(what + " --json");
+  EXPECT_EQ(ended.status, 0) << ended.err;
+  expect_mentions(ended.err, "not measured by slabd: S9, jaw_distance, block 1");
+  expect_mentions(ended.err, "not in the contact table: S1, seat_slope, block 2");
+  const json study = parsed(ended);
+  EXPECT_EQ(study["schema"], "slabd.study_compare/1");
+  const json item = study["items"][0];
+  EXPECT_NEAR(item["errors"]["mean"]["value"].get<double>(), 0.01, 1e-9);
+  EXPECT_NEAR(item["errors"]["max_abs"].get<double>(), 0.05, 1e-9);
+  EXPECT_NEAR(item["errors"]["mean_abs"].get<double>(), 0.02, 1e-9);
+  EXPECT_NEAR(item["errors"]["en_max"].get<double>(), 0.05 / std::hypot(0.05, 0.01), 1e-6);
+  EXPECT_EQ(item["regression"]["ok"], true);
+  EXPECT_NEAR(item["regression"]["variance_ratio"].get<double>(), 25.0, 1e-9);
+  EXPECT_NEAR(item["regression"]["slope"]["value"].get<double>(), 1.0, 0.05);
+  EXPECT_NEAR(study["all_mm"]["max_abs"].get<double>(), 0.05, 1e-9);
+  EXPECT_EQ(study["only_reference"].size(), 1U);
+  const Ended shown = run(what);
+  expect_mentions(shown.out, "S5 block 6");
+  EXPECT_EQ(run(what + " --max-error jaw_distance=0.04").status, 1);
+  EXPECT_EQ(run(what + " --max-error jaw_distance=0.08").status, 1) << "the intervals reach beyond: undecided";
+  EXPECT_EQ(run(what + " --max-error jaw_distance=1").status, 0);
+  EXPECT_EQ(run(what + " --max-error jaw=1").status, 2);
+}
+
+TEST_F(StudyTest, compare_of_stored_slabs_takes_the_newest_or_the_mean_of_several) {
+  store(5);
+  const std::string contact = write("contact.csv",
+                                    "id;block;item;value\nT-1;1;seat_slope;1.43\nT-1;2;seat_slope;1.45\nT-1;2;jaw_"
+                                    "distance;380\nT-7;1;seat_slope;1.43\n");
+  const std::string what = "study compare " + contact + " --db " + file("slabd.db") + " --json";
+  const Ended newest = run(what);
+  EXPECT_EQ(newest.status, 0) << newest.err;
+  expect_mentions(newest.err, "not measured by slabd: T-1, jaw_distance, block 2");
+  expect_mentions(newest.err, "not measured by slabd: T-7, seat_slope, block 1");
+  const json one = parsed(newest);
+  const json mean = parsed(run(what + " --runs 5"));
+  const json runs = parsed(run("study repeat --slab T-1 --db " + file("slabd.db") + " --json"));
+  EXPECT_EQ(one["items"][0]["pairs"][0]["value"], runs["characteristics"][0]["values"][4]);
+  EXPECT_NEAR(mean["items"][0]["pairs"][0]["value"].get<double>(), runs["characteristics"][0]["mean"].get<double>(),
+              1e-12);
+  const Ended none =
+      run("study compare " + write("none.csv", "id,item,value\nX,warp_left,1\n") + " --db " + file("slabd.db"));
+  EXPECT_EQ(none.status, 3);
+  EXPECT_EQ(
+      run("study compare " + write("bad.csv", "id,item,value,U\nX,warp_left,1,-1\n") + " --db " + file("slabd.db"))
+          .status,
+      3);
+}
+
+}  // namespace
+}  // namespace slabd::cli
