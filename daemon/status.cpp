@@ -186,6 +186,7 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
   if (fault == Code::calibration_missing)
     j["fault"]["text"] = describe(calibration_fault(station), station.calibration).view();
   j["warn"] = warnings(view.warn);
+  j["warn_bits"] = view.warn;
   j["calibration"] = in_force(station);
   const Capture& capture = station.capture;
   j["maintenance"] = in_maintenance(station)

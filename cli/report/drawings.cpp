@@ -2,6 +2,7 @@
 #include <fmt/core.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "cli/figures.h"
@@ -69,10 +70,11 @@ void draw_axes(Canvas& canvas, const Frame& frame, double tick_mm) {
 }
 
 void draw_scale(Canvas& canvas, double x, double top, double height, double scale_mm) {
-  constexpr int kSteps = 50;
-  for (int i = 0; i < kSteps; ++i)
-    canvas.rectangle(x, top + height * (kSteps - 1 - i) / kSteps, 2.6, height / kSteps + 0.05,
-                     scale_colour((i + 0.5) / kSteps));
+  constexpr std::size_t kSteps = 64;
+  std::array<std::uint32_t, kSteps> argb{};
+  for (std::size_t i = 0; i < kSteps; ++i)
+    argb[i] = argb_of(scale_colour((static_cast<double>(i) + 0.5) / static_cast<double>(kSteps)));
+  canvas.cells(x, top, 2.6, height, 1, kSteps, argb);
   canvas.rectangle(x, top, 2.6, height, std::nullopt, kBlack, 0.12);
   const int digits = scale_mm < 0.1 ? 3 : 2;
   for (const double share : {1.0, 0.5, 0.0, -0.5, -1.0}) {

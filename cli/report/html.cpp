@@ -4,6 +4,8 @@
 // and scopes, every drawing with a description that says what it shows, nothing told by colour alone.
 #include <fmt/core.h>
 
+#include <map>
+
 #include "cli/report/content.h"
 
 namespace slabd::cli::report {
@@ -57,6 +59,52 @@ std::string escaped(std::string_view text) {
   }
   return out;
 }
+
+/// The drawings write their text as outlines, and each brings the outline of every letter it uses. One document needs
+/// each of them once: later drawings refer to the first one's.
+class Letters {
+ public:
+  std::string share(const std::string& svg) {
+    static constexpr std::string_view kBegin = "<symbol ";
+    static constexpr std::string_view kEnd = "</symbol>\n";
+    std::map<std::string, std::string, std::less<>> renamed;
+    std::string out;
+    std::size_t at = 0;
+    for (std::size_t begin = svg.find(kBegin); begin != std::string::npos; begin = svg.find(kBegin, at)) {
+      const std::size_t end = svg.find(kEnd, begin);
+      const std::size_t id = svg.find("id=\"", begin) + 4;
+      const std::size_t id_end = svg.find('"', id);
+      const std::size_t body = svg.find('>', begin);
+      if (end == std::string::npos || id_end > body) break;  // not as this drawing library writes it: left as it is
+      const std::string name = svg.substr(id, id_end - id);
+      const auto [known, fresh] = first_.try_emplace(svg.substr(body, end - body), name);
+      out.append(svg, at, (fresh ? end + kEnd.size() : begin) - at);
+      if (!fresh) renamed.emplace(name, known->second);
+      at = end + kEnd.size();
+    }
+    out.append(svg, at);
+    return with_references(out, renamed);
+  }
+
+ private:
+  static std::string with_references(const std::string& svg,
+                                     const std::map<std::string, std::string, std::less<>>& renamed) {
+    static constexpr std::string_view kReference = "xlink:href=\"#";
+    std::string out;
+    std::size_t at = 0;
+    for (std::size_t found = svg.find(kReference); found != std::string::npos; found = svg.find(kReference, at)) {
+      const std::size_t name = found + kReference.size();
+      const std::size_t end = svg.find('"', name);
+      const auto other = renamed.find(std::string_view(svg).substr(name, end - name));
+      out.append(svg, at, name - at);
+      out += other == renamed.end() ? svg.substr(name, end - name) : other->second;
+      at = end;
+    }
+    return out.append(svg, at);
+  }
+
+  std::map<std::string, std::string> first_;  ///< outline -> its id
+};
 
 class Writer {
  public:
@@ -125,7 +173,7 @@ class Writer {
   void write(const Figures& figures) {
     for (const Figure& figure : figures.list) {
       const std::string id = fmt::format("f{}", ++figures_);
-      std::string svg = svg_of(figure, id + "-");
+      std::string svg = letters_.share(svg_of(figure, id + "-"));
       const std::size_t end = svg.find('>');
       if (end == std::string::npos) continue;
       svg.insert(end + 1, fmt::format("<desc id=\"{}-alt\">{}</desc>", id, escaped(figure.alt)));
@@ -136,6 +184,7 @@ class Writer {
 
   const Report& report_;
   std::string out_;
+  Letters letters_;
   int figures_ = 0;
 };
 

@@ -147,25 +147,6 @@ Entry item_entry(ItemId id) {
   return {};
 }
 
-/// The codes that a block or a slab can end with; the others never reach a report, and read in English.
-constexpr std::array<std::pair<Code, std::string_view>, 15> kCodesZh = {{
-    {Code::interrupted, "命令因重启或中止而中断"},
-    {Code::no_pose, "没有收到机器人位姿"},
-    {Code::pose_stale, "机器人位姿过旧"},
-    {Code::not_settled, "机器人未静止"},
-    {Code::outside_window, "扫描仪未对准指令测站"},
-    {Code::moved_during_scan, "扫描期间机器人移动"},
-    {Code::wrong_frame, "位姿不是法兰在机器人基坐标系中的位姿"},
-    {Code::scanner_offline, "扫描仪目录不可用"},
-    {Code::trigger_timeout, "扫描仪未按时响应"},
-    {Code::frame_incomplete, "扫描不完整或无法读取"},
-    {Code::too_few_points, "有效点过少"},
-    {Code::block_not_found, "未找到承轨台，或该测站未扫描"},
-    {Code::fit_failed, "必需特征无法测量"},
-    {Code::ambiguous, "扫描与承轨台的匹配不唯一"},
-    {Code::deadline, "测量未按时完成"},
-}};
-
 std::string_view pick(const Entry& entry, Language language) {
   return language == Language::zh ? entry.zh : entry.en;
 }
@@ -207,10 +188,8 @@ std::string reason_sentence(std::uint16_t reason, Language language) {
       return item_word(facts.id, language);
     }
   }
-  if (language == Language::zh)
-    for (const auto& [known, text] : kCodesZh)
-      if (reason == static_cast<std::uint16_t>(known)) return fmt::format("{}：{}", reason, text);
-  return fmt::format("{}: {}", reason, describe(static_cast<Code>(reason)));
+  return fmt::format("{}{}{}", reason, language == Language::zh ? "：" : ": ",
+                     meaning(static_cast<Code>(reason), language));
 }
 
 }  // namespace slabd::cli::report

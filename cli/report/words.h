@@ -111,4 +111,14 @@ enum class Word : std::uint8_t {
 /// "seat slope", or "402: no supporting block was found, ..."; empty for 0.
 [[nodiscard]] std::string reason_sentence(std::uint16_t reason, Language language);
 
+// ---- code_words.cpp ----------------------------------------------------------------------------------------------
+
+/// describe() and cure() of a code in either language.
+[[nodiscard]] std::string_view meaning(Code code, Language language);
+[[nodiscard]] std::string_view cure_words(Code code, Language language);
+/// A WARN bit in Chinese; empty: not known here (the daemon says it in English).
+[[nodiscard]] std::string_view warning_zh(std::uint16_t bit);
+/// STATE as slabd.status/1 names it.
+[[nodiscard]] std::string_view state_word(std::string_view state, Language language);
+
 }  // namespace slabd::cli::report

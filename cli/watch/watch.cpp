@@ -148,15 +148,27 @@ class Watcher {
   void take(const json& status) {
     Picture& p = picture_;
     p.software = at<std::string>(status, {"software"}, "slabd");
-    p.state = at<std::string>(status, {"state"}, "?");
+    p.state = report::state_word(at<std::string>(status, {"state"}, "?"), language_);
     p.uptime_s = at<double>(status, {"uptime_s"}, 0.0);
     p.fault = at<std::uint16_t>(status, {"fault", "code"}, 0);
     p.fault_text = at<std::string>(status, {"fault", "text"}, "");
     p.fault_cure = at<std::string>(status, {"fault", "cure"}, "");
+    if (language_ == Language::zh && p.fault != 0) {
+      p.fault_text = report::meaning(static_cast<Code>(p.fault), language_);
+      p.fault_cure = report::cure_words(static_cast<Code>(p.fault), language_);
+    }
     p.warnings.clear();
+    // In the order of their bits, as the daemon lists them.
+    std::vector<std::string_view> chinese;
+    if (language_ == Language::zh)
+      for (unsigned bit = 0, bits = at<std::uint16_t>(status, {"warn_bits"}, 0); bit < 16; ++bit)
+        if ((bits >> bit & 1U) != 0) chinese.push_back(report::warning_zh(static_cast<std::uint16_t>(1U << bit)));
     if (status.contains("warn") && status["warn"].is_array())
       for (const json& warning : status["warn"])
-        if (warning.is_string()) p.warnings.push_back(warning.get<std::string>());
+        if (warning.is_string()) {
+          const std::string_view word = p.warnings.size() < chinese.size() ? chinese[p.warnings.size()] : "";
+          p.warnings.push_back(word.empty() ? warning.get<std::string>() : std::string(word));
+        }
     p.slab_open = status.contains("slab") && status["slab"].is_object();
     p.stations_done = at<int>(status, {"slab", "stations_done"}, 0);
     p.current_station = p.slab_open ? at<int>(status, {"slab", "current_station"}, 0) : 0;
@@ -178,13 +190,14 @@ class Watcher {
             : say("its heartbeat (HR 0) stands still: check the PLC program", "心跳 (HR 0) 不变：检查 PLC 程序"));
     const bool robot = at<bool>(status, {"links", "pose", "ok"}, false);
     const auto code = static_cast<Code>(at<std::uint16_t>(status, {"links", "pose", "code"}, 0));
-    add(Link::robot, robot, robot ? say("poses", "有位姿") : say("no poses", "无位姿"), std::string(cure(code)));
+    add(Link::robot, robot, robot ? say("poses", "有位姿") : say("no poses", "无位姿"),
+        std::string(report::cure_words(code, language_)));
     const bool scanner = at<bool>(status, {"links", "scanner", "online"}, false);
     add(Link::scanner, scanner, scanner ? say("online", "在线") : say("offline", "离线"),
-        std::string(cure(Code::scanner_offline)));
+        std::string(report::cure_words(Code::scanner_offline, language_)));
     const bool store = at<bool>(status, {"links", "store", "ok"}, false);
     add(Link::store, store, store ? say("writing", "正常") : say("failed", "故障"),
-        std::string(cure(Code::journal_write)));
+        std::string(report::cure_words(Code::journal_write, language_)));
     const std::string source = at<std::string>(status, {"calibration", "source"}, "missing");
     const bool applied = source == "applied";
     add(Link::calibration, applied, applied ? say("applied", "已生效") : source,
