@@ -23,4 +23,27 @@ class ProgressNote {
   std::jthread thread_;
 };
 
+/// "time left" of work that is a number of like pieces: "" before the first is done.
+[[nodiscard]] std::string time_left(std::size_t done, std::size_t total, double seconds_so_far);
+
+/// The same for work of many pieces: which one, of how many, and about how long it will take yet. Says nothing for a
+/// single piece, nor elsewhere than on a terminal.
+class ProgressCount {
+ public:
+  ProgressCount(std::FILE* stream, std::size_t total);
+  ~ProgressCount();
+  ProgressCount(const ProgressCount&) = delete;
+  ProgressCount& operator=(const ProgressCount&) = delete;
+  /// The next piece begins: "reading a.ply".
+  void next(const std::string& what);
+  /// Before anything else is written; the next piece shows the line again.
+  void erase();
+
+ private:
+  std::FILE* stream_;  ///< nullptr: nobody looks
+  std::size_t total_;
+  std::size_t begun_ = 0;
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
 }  // namespace slabd::cli

@@ -11,6 +11,7 @@
 #include "cli/calibrate/find_ball.h"
 #include "cli/exit.h"
 #include "cli/parse.h"
+#include "cli/progress.h"
 #include "hal/hal.h"
 
 namespace slabd::cli {
@@ -190,9 +191,12 @@ calib::BallReport as_shot(const calib::BallView& view) {
 
 int each_scan(const std::vector<std::string>& paths, const std::string& unit,
               const std::function<Status(const std::string&, std::span<const float>)>& use) {
+  ProgressCount progress(stderr, paths.size());
   for (const std::string& path : paths) {
+    progress.next(path);
     const Result<std::vector<float>> xyz = scan_points(path, unit);
     if (!xyz) {
+      progress.erase();
       complain(fmt::format("{}", xyz.error().text.view()));
       return kBadInput;
     }

@@ -38,7 +38,7 @@ void judge_radius(const Session& session, calib::HandEye& h) {
   const calib::RadiusCheck check = calib::check_radius(seen, balls);
   if (!check.suspicious) return;
   constexpr double kLeastMm = 0.02;
-    if (!(std::abs(check.shift_mm) > std::max(kLeastMm, h.predicted_point_sigma_mm))) {
+  if (!(std::abs(check.shift_mm) > std::max(kLeastMm, h.predicted_point_sigma_mm))) {
     h.warnings.emplace_back(check.words.reason.view());
     return;
   }

@@ -129,8 +129,10 @@ void add_doctor(CLI::App& app, int& exit_status) {
   auto options = std::make_shared<Options>();
   CLI::App* command = app.add_subcommand("doctor", "Look at everything the line needs, and say what to do");
   command->footer(
-      "\nIn order: configuration, recipes, computer, clock, disks, daemon and its limits, routes, PLC, robot, scanner,\n"
-      "calibration. Nothing is changed; 64 MB are written beside the scans and deleted. --scan has the scanner take one\n"
+      "\nIn order: configuration, recipes, computer, clock, disks, daemon and its limits, routes, PLC, robot, "
+      "scanner,\n"
+      "calibration. Nothing is changed; 64 MB are written beside the scans and deleted. --scan has the scanner take "
+      "one\n"
       "scan: the daemon goes to maintenance for it, so no slab may be open and the robot must stand.\n\n"
       "Exit status: 0 nothing failed, 3 the configuration cannot be used, 4 something failed.\n"
       "Example: slabctl doctor --scan");

@@ -284,8 +284,8 @@ void add_plc_monitor(CLI::App& plc, int& exit_status) {
   CLI::App* command = plc.add_subcommand("monitor", "Every register live, in words; reads only, owns nothing");
   command->footer("\nExit status 4 when slabd does not answer.\nExample: slabctl plc monitor --once");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
-  auto* connect =
-      command->add_option("--connect", options->connect, "ADDRESS:PORT of another slabd than the configured; needs no configuration here");
+  auto* connect = command->add_option("--connect", options->connect,
+                                      "ADDRESS:PORT of another slabd than the configured; needs no configuration here");
   command->add_option("--socket", options->socket, "Ask this control socket instead of Modbus")->excludes(connect);
   command->add_flag("--once", options->once, "Print once and end (always so when not on a terminal)");
   command->add_flag("--json", options->as_json, "slabd.plc_monitor/1; without --once one object a line");

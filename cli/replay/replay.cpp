@@ -154,12 +154,11 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
   json.begin_object().field("schema", "slabd.replay/1").field("software", daemon::software_version().view());
   json.field("threads", options.threads).field("instruction_set", algo::instruction_set());
   json.key("slabs").begin_array();
+  ProgressCount progress(stderr, keys.size());
   const bool read = for_each_slab(*sources.reader, keys, [&](const storage::SlabRecord& record) {
-    std::optional<ProgressNote> note(std::in_place, stderr,
-                                     fmt::format("measuring slab {} again ...", record.summary.header.key),
-                                     std::chrono::seconds(1));
+    progress.next(fmt::format("measuring slab {} again", record.summary.header.key));
     const Result<SlabReplay> slab = replay_slab(*sources.reader, record, recipes, remeasurer);
-    note.reset();
+    progress.erase();
     if (!slab) {
       complain(slab.error().text.view());
       return false;

@@ -15,6 +15,7 @@
 #include "cli/durable.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/progress.h"
 #include "cli/scanner/acceptance.h"
 #include "cli/scanner/scanner.h"
 #include "hal/hal.h"
@@ -95,7 +96,9 @@ bool each(
     const std::function<std::optional<Error>(const std::string&, std::span<const float>, const ScanShape&)>& judge,
     int& exit_status) {
   std::vector<float> xyz(3 * limits::kScanPointsMax);
+  ProgressCount progress(stderr, files.size());
   for (const std::string& file : files) {
+    progress.next(file);
     const Result<ScanShape> shape = hal::read_scan(file.c_str(), unit, std::span<float>(xyz));
     if (!shape) {
       complain(shape.error().text.view());

@@ -68,6 +68,43 @@ TEST(ProgressNote, nothing_is_written_where_there_is_no_terminal) {
   EXPECT_EQ(std::ftell(file.get()), 0);
 }
 
+TEST(ProgressCount, says_which_piece_of_how_many_and_is_erased) {
+  const Terminal terminal;
+  {
+    ProgressCount progress(terminal.stream, 3);
+    progress.next("a.ply");
+    EXPECT_EQ(terminal.seen_until("ply"), "\r\x1b[K1 of 3: a.ply");
+    progress.next("b.ply");
+    EXPECT_EQ(terminal.seen_until("left"), "\r\x1b[K2 of 3: b.ply; about 1 s left");
+  }
+  EXPECT_EQ(terminal.seen_until("K"), "\r\x1b[K");
+}
+
+TEST(ProgressCount, a_single_piece_and_a_file_get_nothing) {
+  const Terminal terminal;
+  {
+    ProgressCount progress(terminal.stream, 1);
+    progress.next("a.ply");
+  }
+  std::fputs("result", terminal.stream);
+  std::fflush(terminal.stream);
+  EXPECT_EQ(terminal.seen_until("result"), "result");
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::tmpfile(), &std::fclose);
+  {
+    ProgressCount progress(file.get(), 5);
+    progress.next("a.ply");
+  }
+  EXPECT_EQ(std::ftell(file.get()), 0);
+}
+
+TEST(ProgressCount, the_time_left_is_what_like_pieces_will_take) {
+  EXPECT_EQ(time_left(0, 10, 5.0), "");
+  EXPECT_EQ(time_left(2, 10, 5.0), "about 20 s left");
+  EXPECT_EQ(time_left(1, 21, 30.0), "about 10 min left");
+  EXPECT_EQ(time_left(1, 1000, 60.0), "about 16.6 h left");
+  EXPECT_EQ(time_left(10, 10, 5.0), "");
+}
+
 TEST(RobotPeer, cure_for_a_missing_route_names_the_group_in_use) {
   using simulate::multicast_group;
   EXPECT_EQ(multicast_group("udpm://239.1.2.3:7000?ttl=0"), "239.1.2.3");
