@@ -48,7 +48,7 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<
   figures_.started_ns = ports_.clock.mono_ns();
   store_worker_ = crew_->storage([this](const StoreTask& task) { return store(task); },
                                  [this] {
-                                   if (ports_.store != nullptr) ports_.store->idle();
+                                   if (store_handed_over_.load(std::memory_order_acquire)) ports_.store->idle();
                                  });
   scan_worker_ =
       crew_->scanner([this](const AcquireScan& job) { return scan(job); }, [this] { ports_.scanner.idle(); });
@@ -157,6 +157,7 @@ void Loop::start() {
     const auto line = std::make_unique<RecoveredLine>();
     handle(Recovered{line.get()});
   }
+  store_handed_over_.store(ports_.store != nullptr, std::memory_order_release);
   ports_.notify.ready();
 }
 

@@ -112,6 +112,8 @@ class Loop {
 
   std::unique_ptr<Crew> crew_;
   std::atomic<bool> cancel_scan_{false};
+  /// The store has gone over from start(), which reads it on the loop's thread, to the storage thread.
+  std::atomic<bool> store_handed_over_{false};
 
   bool fault_was_reset_ = false;  ///< by the PLC, since the start
   std::int64_t watchdog_ns_ = 0;

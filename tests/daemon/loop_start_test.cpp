@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <thread>
+#include <vector>
+
+#include "daemon/crew.h"
+#include "daemon/loop.h"
+#include "hal/mock/mock.h"
+
+namespace slabd::daemon {
+namespace {
+
+/// Counts who touches it while it is being read at the start. Reading takes as long as some looks of an idle worker.
+class SlowStore final : public storage::Store {
+ public:
+  explicit SlowStore(bool readable) : readable_(readable) {}
+
+  Result<std::unique_ptr<RecoveredLine>> recover() override {
+    recovering_ = true;
+    std::this_thread::sleep_for(std::chrono::milliseconds(350));
+    recovering_ = false;
+    if (!readable_) return error(Code::journal_write, "cannot be read");
+    return std::make_unique<RecoveredLine>();
+  }
+  Status apply(const StoreJob& /*job*/) override { return success(); }
+  Result<std::string> change(const storage::CalibrationChange& /*change*/) override {
+    return error(Code::config, "not here");
+  }
+  Result<std::unique_ptr<LineCalibration>> calibration() override { return error(Code::config, "not here"); }
+  void idle() override {
+    ++idles;
+    if (recovering_) ++idles_while_recovering;
+  }
+
+  std::atomic<int> idles{0};
+  std::atomic<int> idles_while_recovering{0};
+
+ private:
+  bool readable_;
+  std::atomic<bool> recovering_{false};
+};
+
+/// Real threads and queues, but nothing to measure.
+class IdleCrew final : public Crew {
+ public:
+  std::unique_ptr<StoreQueue> storage(std::function<StoreDone(const StoreTask&)> work,
+                                      std::function<void()> idle) override {
+    return std::make_unique<Worker<StoreTask, StoreDone, limits::kWorkerQueue>>("store", std::move(work),
+                                                                                std::move(idle));
+  }
+  std::unique_ptr<ScanQueue> scanner(std::function<ScanDone(const AcquireScan&)> work,
+                                     std::function<void()> idle) override {
+    return std::make_unique<Worker<AcquireScan, ScanDone, 4>>("scan", std::move(work), std::move(idle));
+  }
+  std::unique_ptr<MeasureQueue> measuring() override {
+    return std::make_unique<Worker<MeasureBlock, BlockMeasured, 4>>(
+        "measure", [](const MeasureBlock&) { return BlockMeasured{}; }, [] {});
+  }
+  std::span<float> slot(std::size_t /*index*/) override { return points_; }
+
+ private:
+  std::vector<float> points_ = std::vector<float>(3);
+};
+
+struct LoopStart : ::testing::Test {
+  hal::ManualClock clock;
+  hal::MockNotify notify;
+  hal::MockPlc plc;
+  hal::MockPose pose;
+  hal::MockScanner scanner{clock};
+
+  /// Starts a loop on `store` and turns it for half a second.
+  void live(SlowStore& store) {
+    const Ports ports{plc, pose, scanner, &store, nullptr, clock, notify};
+    Loop loop(ports, StationSettings{}, std::make_unique<IdleCrew>(), LoopFigures{});
+    loop.start();
+    for (int i = 0; i < 50; ++i) loop.turn(10);
+    loop.finish();
+  }
+};
+
+TEST_F(LoopStart, nobody_else_touches_the_database_while_it_is_read) {
+  SlowStore store(true);
+  live(store);
+  EXPECT_EQ(store.idles_while_recovering, 0);
+  EXPECT_GT(store.idles, 0) << "afterwards the storage thread looks after it";
+}
+
+TEST_F(LoopStart, a_database_that_could_not_be_read_is_left_alone) {
+  SlowStore store(false);
+  live(store);
+  EXPECT_EQ(store.idles, 0);
+}
+
+}  // namespace
+}  // namespace slabd::daemon
