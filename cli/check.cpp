@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl config check, recipe check, recipe show: the same readers as the daemon's, for people.
+// slabctl config check, recipe check, recipe show (recipe diff: cli/recipe): the same readers as the daemon's, for
+// people.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
 #include <memory>
@@ -9,62 +10,17 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/recipe/recipe_diff.h"
+#include "cli/recipe/recipe_keys.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
 namespace {
 
-struct NamedNominal {
-  const char* name;
-  Nominal nominal;
-  bool is_angle = false;
-};
-
-std::vector<NamedNominal> geometry_of(const Recipe& recipe) {
-  const BlockGeometry& b = recipe.block;
-  const SlabGeometry& s = recipe.slab;
-  return {{"slab.length_mm", s.length_mm},
-          {"slab.width_mm", s.width_mm},
-          {"slab.thickness_mm", s.thickness_mm},
-          {"slab.pitch_mm", s.pitch_mm},
-          {"slab.first_pair_from_end_mm", s.first_pair_from_end_mm},
-          {"slab.seat_centre_distance_mm", s.seat_centre_distance_mm},
-          {"slab.block_origin_z_mm", s.block_origin_z_mm},
-          {"block.cant_ratio", b.cant_ratio},
-          {"block.jaw_half_distance_mm", b.jaw_half_distance_mm},
-          {"block.jaw_reference_height_mm", b.jaw_reference_height_mm},
-          {"block.jaw_angle_deg", b.jaw_angle_rad, true},
-          {"block.shoulder_outer_z_mm", b.shoulder_outer_z_mm},
-          {"block.shoulder_inner_z_mm", b.shoulder_inner_z_mm},
-          {"block.end_half_length_mm", b.end_half_length_mm},
-          {"block.side_half_width_mm", b.side_half_width_mm},
-          {"block.draft_deg", b.draft_rad, true},
-          {"block.slab_top_z_mm", b.slab_top_z_mm},
-          {"block.casing_half_spacing_mm", b.casing_half_spacing_mm},
-          {"block.casing_bore_diameter_mm", b.casing_bore_diameter_mm},
-          {"block.casing_rim_diameter_mm", b.casing_rim_diameter_mm},
-          {"block.casing_rim_height_mm", b.casing_rim_height_mm}};
-}
-
-/// Empty when the recipe has no [uncertainty].
-std::vector<NamedNominal> uncertainty_of(const Recipe& recipe) {
-  const UncertaintySettings& u = recipe.uncertainty;
-  if (!u.given) return {};
-  return {{"uncertainty.scanner_form_mm", u.scanner_form_mm},
-          {"uncertainty.scanner_form_length_mm", u.scanner_form_length_mm},
-          {"uncertainty.scanner_length_ppm", u.scanner_length_ppm},
-          {"uncertainty.reference_mm", u.reference_mm},
-          {"uncertainty.reference_deg", u.reference_rad, true}};
-}
-
 std::vector<NamedNominal> nominals_of(const Recipe& recipe) {
   std::vector<NamedNominal> list = geometry_of(recipe);
   for (const NamedNominal& assumption : uncertainty_of(recipe)) list.push_back(assumption);
   return list;
-}
-
-double shown(const NamedNominal& n) {
-  return n.is_angle ? deg_from_rad(n.nominal.value) : n.nominal.value;
 }
 
 std::vector<Item> tolerances_of(const Recipe& recipe) {
@@ -261,6 +217,7 @@ void add_recipe(CLI::App& app, int& exit_status) {
   show->add_option("FILE", options->file, "Recipe file")->required();
   show->add_flag("--json", options->json, "Print slabd.recipe/1 on stdout; of a faulty file slabd.check/1");
   show->callback([options, &exit_status] { exit_status = show_recipe(options->file, options->json); });
+  add_recipe_diff(*recipe, exit_status);
 }
 
 }  // namespace slabd::cli

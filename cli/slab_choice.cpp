@@ -49,6 +49,10 @@ bool complete(const SlabChoice& choice, storage::SlabFilter& filter) {
 void SlabChoice::add_to(CLI::App& command) {
   command.add_option("SLAB", slabs, "Keys (see history) or slab ids; of an id the newest slab");
   command.add_flag("--all", all, "Every slab that has ended");
+  add_filters_to(command);
+}
+
+void SlabChoice::add_filters_to(CLI::App& command) {
   command.add_option("--since", since, "Slabs that began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command.add_option("--until", until, "Slabs that began before that");
   command.add_option("--type", slab_type, "Slabs of this SLAB_TYPE")->check(CLI::Range(1, 65'535));

@@ -24,6 +24,8 @@ struct SlabChoice {
   std::string verdict;
 
   void add_to(CLI::App& command);
+  /// The filters alone; no slab can be named, and without any all are meant.
+  void add_filters_to(CLI::App& command);
 };
 
 /// Keys, oldest first; slabs that are still open only when they are named. nullopt: it cannot be, the sentence is

@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl recipe diff: what two recipes say otherwise, and what the second would have made of the slabs that are
+// stored.
+//
+// Measured values and their budgets are in the database, and so are the seats that the slab's items follow from. So
+// other limits, another guard band and another slab geometry can be tried on years of slabs in seconds, without a scan.
+// What is measured on a block, and its U, rest on the block's nominals, on [evaluation] and on [uncertainty]: where
+// those differ, only the scans can tell (slabctl replay --recipe), and that is said.
+#include "cli/recipe/recipe_diff.h"
+
+#include <fmt/core.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <memory>
+
+#include "cli/command.h"
+#include "cli/database.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/recipe/recipe_keys.h"
+#include "cli/render.h"
+#include "cli/replay/remeasure.h"
+#include "cli/replay/what_if.h"
+#include "cli/slab_choice.h"
+#include "daemon/judge.h"
+
+namespace slabd::cli {
+namespace {
+
+struct DiffOptions {
+  DatabaseOptions database;
+  SlabChoice choice;
+  std::string a;
+  std::string b;
+  bool stored = false;
+  bool json = false;
+};
+
+struct KeyDifference {
+  std::string key;
+  std::string a;
+  std::string b;
+  KeyEffect effect = KeyEffect::none;
+};
+
+std::vector<KeyDifference> differences_of(const Recipe& a, const Recipe& b) {
+  std::vector<KeyDifference> list;
+  const std::vector<RecipeKey> of_a = keys_of(a);
+  const std::vector<RecipeKey> of_b = keys_of(b);
+  for (std::size_t i = 0; i < of_a.size(); ++i)
+    if (of_a[i].value != of_b[i].value) list.push_back({of_a[i].key, of_a[i].value, of_b[i].value, of_a[i].effect});
+  return list;
+}
+
+bool has_budget(const Item& item) {
+  return std::any_of(item.budget.begin(), item.budget.end(), [](double part) { return part != 0.0; });
+}
+
+void rejudge(const Recipe& recipe, BlockResult& block) {
+  for (Item& item : block.items) {
+    Item judged = blank_item(recipe, item.id, item.station, item.station_to);
+    judged.value = item.value;
+    judged.beside = item.beside;
+    judged.budget = item.budget;
+    if (has_budget(item)) judged.U = item.U;
+    judged.verdict = judge(judged, recipe.guard);
+    item = judged;
+  }
+  // A block that came to nothing keeps what it came to.
+  const Code code = block.reason != 0 && block.reason < kReasonItemBase ? static_cast<Code>(block.reason) : Code::ok;
+  if (code != Code::ok) return;
+  block.verdict = combine(block.items.begin(), block.items.end());
+  block.reason = reason_for(block.verdict, block.items.begin(), block.items.end(), code);
+}
+
+struct StoredSlabs {
+  WhatIf what_if;
+  int of_a = 0;  ///< judged with the first recipe
+};
+
+/// False when the database could not be read.
+bool judge_stored(storage::Reader& reader, const std::vector<std::int64_t>& keys, const Recipe& a, const Recipe& b,
+                  StoredSlabs& out) {
+  std::vector<BlockResult> room(limits::kStationsMax);
+  auto judged = std::make_unique<SlabResult>();
+  for (const std::int64_t key : keys) {
+    const auto found = reader.slab(key);
+    if (!found) {
+      complain(found.error().text.view());
+      return false;
+    }
+    if (!found.value()) continue;
+    const storage::SlabRecord& record = *found.value();
+    const SlabHeader& slab = record.summary.header;
+    if (record.summary.verdict == Verdict::aborted) {
+      out.what_if.leave_out(slab, "it was aborted");
+      continue;
+    }
+    if (slab.stations != b.stations()) {
+      out.what_if.leave_out(slab, fmt::format("it has {} blocks, the recipe {}", slab.stations, b.stations()));
+      continue;
+    }
+    if (slab.recipe_sha256 == a.sha256) ++out.of_a;
+    const std::vector<StationRecord> stations = rejudged(record, b);
+    daemon::judge_slab(b, stations, slab.T_base_slab, room, *judged);
+    out.what_if.add(record, stations, *judged);
+  }
+  return true;
+}
+
+void write_recipe(Json& json, std::string_view key, const Recipe& recipe) {
+  json.key(key).begin_object().field("name", recipe.name.view()).field("slab_type", recipe.slab_type);
+  json.field("sha256", recipe.sha256.view()).field("file", recipe.path.view()).end_object();
+}
+
+std::string as_json(const Recipe& a, const Recipe& b, const std::vector<KeyDifference>& differences,
+                    const StoredSlabs* stored) {
+  Json json;
+  json.begin_object().field("schema", "slabd.recipe_diff/1");
+  write_recipe(json, "a", a);
+  write_recipe(json, "b", b);
+  json.key("differences").begin_array();
+  for (const KeyDifference& difference : differences)
+    json.begin_object()
+        .field("key", std::string_view(difference.key))
+        .field("a", std::string_view(difference.a))
+        .field("b", std::string_view(difference.b))
+        .field("effect", name(difference.effect))
+        .end_object();
+  json.end_array();
+  json.key("stored");
+  if (stored == nullptr) {
+    json.null();
+  } else {
+    json.begin_object().field("judged_with_a", stored->of_a);
+    stored->what_if.write(json);
+    json.end_object();
+  }
+  json.end_object();
+  return json.text();
+}
+
+void print_differences(const Recipe& a, const Recipe& b, const std::vector<KeyDifference>& differences) {
+  fmt::print("a: {} ({:.12})  {}\nb: {} ({:.12})  {}\n\n", a.name.view(), a.sha256.view(), a.path.view(), b.name.view(),
+             b.sha256.view(), b.path.view());
+  if (differences.empty()) {
+    fmt::print("no key differs\n");
+    return;
+  }
+  std::vector<std::vector<std::string>> rows = {{"key", "a", "b", "changes<"}};
+  for (const KeyDifference& difference : differences)
+    rows.push_back({difference.key, difference.a, difference.b, std::string(name(difference.effect))});
+  fmt::print("{}", table(rows));
+}
+
+int diff(const DiffOptions& options) {
+  Recipe a;
+  Recipe b;
+  if (!recipe_from(options.a, a) || !recipe_from(options.b, b)) return kBadInput;
+  const std::vector<KeyDifference> differences = differences_of(a, b);
+  StoredSlabs stored;
+  if (options.stored) {
+    int exit_status = kDone;
+    const auto reader = open_database(options.database, exit_status);
+    if (reader == nullptr) return exit_status;
+    SlabChoice choice = options.choice;
+    if (choice.slab_type == 0) choice.slab_type = b.slab_type;
+    const auto keys = chosen_slabs(*reader, choice, exit_status);
+    if (!keys) return exit_status;
+    if (!judge_stored(*reader, *keys, a, b, stored)) return kNotReachable;
+  }
+  if (options.json) {
+    fmt::print("{}", as_json(a, b, differences, options.stored ? &stored : nullptr));
+  } else {
+    print_differences(a, b, differences);
+    if (options.stored) {
+      fmt::print("\nwhat b would have made of the stored values; {} of the slabs were judged with a\n", stored.of_a);
+      stored.what_if.print(style_for(stdout));
+    }
+  }
+  const auto measured = std::count_if(differences.begin(), differences.end(), [](const KeyDifference& difference) {
+    return difference.effect == KeyEffect::measured;
+  });
+  if (options.stored && measured > 0)
+    complain(
+        fmt::format("warning: {} differences change what is measured; stored values do not show that, `slabctl replay "
+                    "--recipe {}` does, from the scans",
+                    measured, options.b));
+  return kDone;
+}
+
+}  // namespace
+
+std::vector<StationRecord> rejudged(const storage::SlabRecord& record, const Recipe& recipe) {
+  const std::vector<const BlockResult*> as_stored(record.blocks.size(), nullptr);
+  std::vector<StationRecord> stations = stations_of(record, as_stored);
+  for (StationRecord& station : stations)
+    if (station.phase == StationPhase::measured) rejudge(recipe, station.block);
+  return stations;
+}
+
+void add_recipe_diff(CLI::App& recipe, int& exit_status) {
+  auto options = std::make_shared<DiffOptions>();
+  CLI::App* command = recipe.add_subcommand("diff", "What two recipes say otherwise, and what that makes of slabs");
+  command->footer(
+      "\nThe last column says what a key changes: verdict and slab follow from stored values, measured only from "
+      "scans\n"
+      "(slabctl replay --recipe B). With --db or --config also the share of stored slabs of B's slab type whose "
+      "verdict\n"
+      "would change, item by item.\n"
+      "Examples: slabctl recipe diff p5600.toml p5600-new.toml\n"
+      "          slabctl recipe diff p5600.toml p5600-new.toml --db /var/lib/slabd/slabd.db --since 30d");
+  command->add_option("A", options->a, "Recipe file")->required();
+  command->add_option("B", options->b, "Recipe file")->required();
+  options->choice.add_filters_to(*command);
+  options->database.add_to(*command);
+  command->add_flag("--json", options->json, "Print slabd.recipe_diff/1 on stdout");
+  command->callback([options, command, &exit_status] {
+    options->stored = command->count("--db") > 0 || command->count("--config") > 0;
+    exit_status = diff(*options);
+  });
+}
+
+}  // namespace slabd::cli

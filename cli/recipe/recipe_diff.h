@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <vector>
+
+#include "storage/storage.h"
+
+namespace CLI {
+class App;
+}
+
+namespace slabd::cli {
+
+/// `slabctl recipe diff`, below the command `recipe`.
+void add_recipe_diff(CLI::App& recipe, int& exit_status);
+
+/// The stations of a stored slab with their block items judged anew by `recipe`: its limits, its guard band, and its U
+/// where no budget was computed. Values, budgets and seats stay as they were measured.
+[[nodiscard]] std::vector<StationRecord> rejudged(const storage::SlabRecord& record, const Recipe& recipe);
+
+}  // namespace slabd::cli

@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl recipe diff: keys, and what another recipe would have made of stored values.
+#include "cli/recipe/recipe_diff.h"
+
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "cli/recipe/recipe_keys.h"
+#include "tests/cli/stored_slab.h"
+
+namespace slabd::cli {
+namespace {
+
+using nlohmann::json;
+
+struct RecipeDiff : StoredSlab {
+  [[nodiscard]] std::string recipe_with(const std::string& text, const std::string& other) const {
+    std::string recipe = content(kRecipe);
+    const std::size_t at = recipe.find(text);
+    EXPECT_NE(at, std::string::npos);
+    return write("other.toml", recipe.replace(at, text.size(), other));
+  }
+  [[nodiscard]] json diff(const std::string& other, const std::string& more = "") const {
+    const Ended ended = run("recipe diff " + kRecipe + " " + other + " --json " + more);
+    EXPECT_EQ(ended.status, 0) << ended.err;
+    return json::parse(ended.out, nullptr, false);
+  }
+};
+
+TEST_F(RecipeDiff, names_each_key_once_and_what_it_changes) {
+  EXPECT_TRUE(diff(recipe_with("# CRTS III", "# Comment"))["differences"].empty());
+  const auto only = [&](const std::string& text, const std::string& other) {
+    const json differences = diff(recipe_with(text, other))["differences"];
+    EXPECT_EQ(differences.size(), 1U) << differences;
+    return differences.empty() ? json() : differences[0];
+  };
+  EXPECT_EQ(only("guard = 1.0", "guard = 0.5"),
+            (json{{"key", "guard"}, {"a", "1"}, {"b", "0.5"}, {"effect", "verdict"}}));
+  EXPECT_EQ(only("remove_warp = true", "remove_warp = false")["effect"], "slab");
+  EXPECT_EQ(only("crop_half_x_mm = 51.0", "crop_half_x_mm = 50.0")["effect"], "measured");
+  EXPECT_EQ(only("scanner_length_ppm = { value = 50,", "scanner_length_ppm = { value = 20,")["effect"], "measured");
+  EXPECT_EQ(only("length_mm = { value = 5600, confirmed = false", "length_mm = { value = 5600, confirmed = true"),
+            (json{{"key", "slab.length_mm.confirmed"}, {"a", "false"}, {"b", "true"}, {"effect", "none"}}));
+  const json wider = diff(recipe_with("nominal = 380\ntolerance = 0.5", "nominal = 380\ntolerance = 2"));
+  ASSERT_EQ(wider["differences"].size(), 2U);
+  EXPECT_EQ(wider["differences"][0]["key"], "items.jaw_distance.lower");
+  EXPECT_EQ(wider["differences"][1],
+            (json{{"key", "items.jaw_distance.upper"}, {"a", "380.5"}, {"b", "382"}, {"effect", "verdict"}}));
+  EXPECT_TRUE(wider["stored"].is_null());
+}
+
+TEST_F(RecipeDiff, the_same_recipe_makes_the_same_of_every_stored_value) {
+  begin();
+  measure(3);
+  measure(4, "--defect jaw-distance=4:0.9");
+  measure(12);
+  end();
+  const json same = diff(kRecipe, "--db " + db());
+  EXPECT_EQ(same["stored"]["judged_with_a"], 1);
+  EXPECT_EQ(same["stored"]["slabs"]["count"], 1);
+  EXPECT_EQ(same["stored"]["slabs"]["changed"], 0);
+  EXPECT_TRUE(same["stored"]["changed"].empty()) << same["stored"]["changed"];
+
+  // Wider limits let the fourth block pass; narrower ones fail the others too, whose U stays what it was.
+  const json wider =
+      diff(recipe_with("nominal = 380\ntolerance = 0.5", "nominal = 380\ntolerance = 2"), "--db " + db());
+  ASSERT_EQ(wider["stored"]["changed"].size(), 1U);
+  const json& item = wider["stored"]["changed"][0]["items"][0];
+  EXPECT_EQ(item["id"], "jaw_distance");
+  EXPECT_EQ(item["station"], 4);
+  EXPECT_EQ(item["stored"]["verdict"], "fail");
+  EXPECT_EQ(item["now"]["verdict"], "pass");
+  EXPECT_EQ(item["stored"]["value"], item["now"]["value"]);
+  EXPECT_EQ(item["stored"]["U"], item["now"]["U"]);
+}
+
+TEST_F(RecipeDiff, what_only_scans_can_tell_is_said) {
+  begin();
+  measure(3);
+  end();
+  const Ended ended = run("recipe diff " + kRecipe + " " +
+                          recipe_with("crop_half_x_mm = 51.0", "crop_half_x_mm = 50.0") + " --db " + db());
+  EXPECT_EQ(ended.status, 0);
+  expect_mentions(ended.err, "1 differences change what is measured");
+  expect_mentions(ended.out, "evaluation.crop_half_x_mm");
+  // Of other slabs nothing can be said.
+  const Ended other = run("recipe diff " + kRecipe + " " + std::string(SLABD_SOURCE_DIR) +
+                          "/recipes/p4925.toml --type 5600 --db " + db());
+  expect_mentions(other.out, "left out: slab 1 \"SLAB-0042\": it has 18 blocks, the recipe 16");
+}
+
+TEST_F(RecipeDiff, every_key_is_named_once) {
+  std::set<std::string> keys;
+  for (const RecipeKey& key : keys_of(recipe_)) EXPECT_TRUE(keys.insert(key.key).second) << key.key;
+  EXPECT_TRUE(keys.contains("items.seat_slope.upper"));
+  EXPECT_TRUE(keys.contains("uncertainty.reference_deg"));
+}
+
+}  // namespace
+}  // namespace slabd::cli
