@@ -6,7 +6,7 @@
 #include <fstream>
 #include <iterator>
 
-#include "base/prng.h"
+#include "base/packed_map.h"
 #include "storage/storage.h"
 #include "tests/fuzz/fuzz.h"
 
@@ -25,7 +25,31 @@ StoreSettings settings_in(const std::string& folder) {
   return settings;
 }
 
-/// A small good one: a slab, a command, a calibration.
+/// A block as measured, with maps of a few cells.
+BlockJob measured_block() {
+  BlockJob job{1, 1, {}, {}};
+  job.block.station = 1;
+  job.block.verdict = Verdict::fail;
+  job.block.reason = 601;
+  job.block.registration.status = RegistrationStatus::converged;
+  for (const ItemId id : {ItemId::seat_slope, ItemId::seat_flatness, ItemId::jaw_distance}) {
+    Item item;
+    item.id = id;
+    item.station = 1;
+    item.verdict = Verdict::fail;
+    item.value = 1.5;
+    fuzz::must(job.block.items.push(item), "an item");
+  }
+  job.record.res_seq = 1;
+  job.record.kind = 1;
+  job.record.station = 1;
+  const auto height_mm = [](std::size_t column, std::size_t row) { return 0.03 * static_cast<double>(column * row); };
+  pack_map(12, 9, 4.0, 0.01, height_mm, job.maps.registration);
+  pack_map(20, 15, 1.5, 0.001, height_mm, job.maps.seat);
+  return job;
+}
+
+/// A small good one: a slab, a command, a scan, a block, a calibration.
 std::string good_database() {
   const fuzz::InputFile place(".x");
   const StoreSettings settings = settings_in(place.folder());
@@ -39,6 +63,14 @@ std::string good_database() {
     header.recipe = "P5600";
     fuzz::must(store.value()->apply(StoreJob{1, BeginSlabJob{header, 1, 1}}).ok(), "a slab");
     fuzz::must(store.value()->apply(StoreJob{2, CommandJob{1, 2, 2, 3, 1, 5}}).ok(), "a command");
+    Attempt attempt;
+    attempt.slab_key = 1;
+    attempt.station = 1;
+    attempt.number = 1;
+    attempt.cmd_seq = 2;
+    attempt.scan_path.assign(settings.spool_dir + "/1/01-1.ply");
+    fuzz::must(store.value()->apply(StoreJob{3, AcquiredJob{attempt}}).ok(), "a scan");
+    fuzz::must(store.value()->apply(StoreJob{4, measured_block()}).ok(), "a block");
     CalibrationRecord record;
     record.numbers = ReferenceBlock{};
     record.operator_name = "anna";
@@ -76,7 +108,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       static_cast<void>(reader.value()->slabs(10));
       static_cast<void>(reader.value()->slab(1));
       static_cast<void>(reader.value()->values({}));
-      static_cast<void>(reader.value()->maps(1, 1, 1));
+      if (const auto maps = reader.value()->maps(1, 1, 1); maps.ok() && maps.value() != nullptr) {
+        static_cast<void>(unpack_map(maps.value()->registration));
+        static_cast<void>(unpack_map(maps.value()->seat));
+      }
       static_cast<void>(reader.value()->calibrations());
       static_cast<void>(reader.value()->line_calibration());
       static_cast<void>(reader.value()->applied(10));
