@@ -114,8 +114,6 @@ Verdict combine(const Item* begin, const Item* end) {
       case Verdict::pass: any_measured = true; break;
       case Verdict::none:
         // Information, unless somebody made it required: then a verdict was expected and there is none.
-        missing = missing || item->required;
-        break;
       case Verdict::not_measured:
       case Verdict::aborted: missing = missing || item->required; break;
     }

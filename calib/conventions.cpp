@@ -210,7 +210,7 @@ std::vector<View> read_as(const Reading& reading, std::span<const View> views) {
   return shifted;
 }
 
-double median(std::vector<double> values) {
+double median(std::span<const double> values) {
   return spread_of(values).median;
 }
 

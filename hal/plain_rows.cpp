@@ -22,12 +22,13 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "the first character is the lowest byte");
 
-constexpr std::array<std::uint64_t, 17> kIntegerPowers = [] {
+constexpr std::array<std::uint64_t, 17> integer_powers() {
   std::array<std::uint64_t, 17> power{};
   power[0] = 1;
   for (std::size_t k = 1; k < power.size(); ++k) power[k] = 10 * power[k - 1];
   return power;
-}();
+}
+constexpr std::array<std::uint64_t, 17> kIntegerPowers = integer_powers();
 /// 10^22 is the last power of ten that is a double without rounding.
 constexpr int kExactPowerMax = 22;
 constexpr std::array<double, kExactPowerMax + 1> kPowers = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
