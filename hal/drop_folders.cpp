@@ -118,6 +118,32 @@ bool DropFolders::set_aside(const char* name) const {
   return false;
 }
 
+bool DropFolders::trim_stray(std::uint64_t bytes_max) const {
+  constexpr int kDeletedPerCall = 64;
+  for (int deleted = 0; deleted < kDeletedPerCall; ++deleted) {
+    std::uint64_t bytes = 0;
+    NameText oldest;
+    timespec oldest_moved{};
+    const bool listed_all = for_each_name(stray_.get(), [&](const char* name) {
+      struct stat status {};
+      if (fstatat(stray_.get(), name, &status, AT_SYMLINK_NOFOLLOW) != 0 || S_ISDIR(status.st_mode)) return true;
+      bytes += static_cast<std::uint64_t>(status.st_size);
+      // The change time is when it was moved here, by the file system's own clock; what the scanner's computer wrote
+      // into the file's time does not matter.
+      const timespec moved = status.st_ctim;
+      if (oldest.empty() || moved.tv_sec < oldest_moved.tv_sec ||
+          (moved.tv_sec == oldest_moved.tv_sec && moved.tv_nsec < oldest_moved.tv_nsec)) {
+        oldest.assign(name);
+        oldest_moved = moved;
+      }
+      return true;
+    });
+    if (!listed_all || bytes <= bytes_max || oldest.empty()) return true;
+    if (unlinkat(stray_.get(), oldest.c_str(), 0) != 0) return true;  // tried again when the next one comes
+  }
+  return false;
+}
+
 Status DropFolders::post_request(const char* name, std::string_view text) const {
   constexpr mode_t kReadableByScanner = 0664;
   NameText temporary;

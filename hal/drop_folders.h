@@ -50,6 +50,10 @@ class DropFolders {
   /// Moves an inbox entry to stray/ under its own name or, when that is taken, with a number behind it.
   [[nodiscard]] bool set_aside(const char* name) const;
 
+  /// Deletes the files that were moved to stray/ first until it holds at most `bytes_max`; folders there are left
+  /// alone. False: there is more to delete than one call does. O(files * files deleted).
+  [[nodiscard]] bool trim_stray(std::uint64_t bytes_max) const;
+
   /// Puts request/<name> in place by rename, so that nobody reads half of it.
   [[nodiscard]] Status post_request(const char* name, std::string_view text) const;
   void withdraw_request(const char* name) const;

@@ -143,9 +143,11 @@ class LcmPosePort final : public PosePort {
     if (!interface) return;
     if (socket_.is_open() && interface->index != joined_index_) lose("the interface was replaced", 0, "");
     if (!socket_.is_open()) open_link(*interface);
+    // The kernel's choice may be another interface by now: an adapter was pulled and plugged in again, a route changed.
+    // Joining twice does nothing.
+    if (socket_.is_open() && settings_.interface.empty()) static_cast<void>(join(0));
     if (socket_.is_open() && own_host_only_) {
-      // Routes and addresses may appear after we do. Joining twice does nothing; an unknown sender may be our own new
-      // address.
+      // Routes and addresses may appear after we do; an unknown sender may be our own new address.
       static_cast<void>(join(0));
       if (stranger_seen_) read_own_addresses();
       stranger_seen_ = false;

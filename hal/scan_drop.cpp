@@ -34,6 +34,10 @@ constexpr std::int64_t kFinishedNs = 500 * kNsPerMs;
 /// ... and a stray when it still has no name that means anything after this long.
 constexpr std::int64_t kStrayNs = 5 * kNsPerS;
 
+/// What stray/ may hold: thirty full-size scans. What somebody wants to look at is there, and no scanner program that
+/// exports without end fills the disk.
+constexpr std::uint64_t kStrayBytesMax = 2'000'000'000;
+
 /// any_name: a scanner that was asked answers within this time, or not at all (its own timeouts, a restart of slabd).
 constexpr std::int64_t kLateAnswerNs = 10 * kNsPerS;
 
@@ -136,6 +140,7 @@ class ScanDrop final : public ScannerPort {
   void set_aside(const NameText& name) {
     if (!folders_.set_aside(name.c_str())) return;
     ++strays_;
+    trimmed_ = false;
     if (!stem_of(name.view()).empty()) answer_may_come_until_ns_ = 0;  // it has come
   }
 
@@ -150,6 +155,8 @@ class ScanDrop final : public ScannerPort {
       const bool left_behind = clock_.mono_ns() - watched.since_ns >= kStrayNs;
       if (answers_another || left_behind) set_aside(watched.entry.name);
     }
+    // While a scan is waited for too: a disk is filled within a timeout.
+    if (!trimmed_) trimmed_ = folders_.trim_stray(kStrayBytesMax);
     return success();
   }
 
@@ -316,6 +323,7 @@ class ScanDrop final : public ScannerPort {
   DropFolders folders_;
   QuietWatch watch_;
   std::int64_t answer_may_come_until_ns_ = 0;  ///< any_name: 0 or past: no answer is outstanding
+  bool trimmed_ = false;                       ///< stray/ keeps its budget
   std::atomic<bool> online_ = false;
   std::atomic<std::uint64_t> strays_ = 0;
 };

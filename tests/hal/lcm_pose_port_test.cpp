@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <arpa/inet.h>
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <lcm/lcm.h>
+#include <linux/if_tun.h>
 #include <net/if.h>
+#include <net/route.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <sched.h>
@@ -11,6 +14,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <array>
 #include <bot_core/rigid_transform_t.hpp>
 #include <cstring>
 #include <memory>
@@ -284,6 +288,80 @@ TEST(LcmPosePort, an_interface_that_goes_down_and_comes_back_is_listened_on_agai
               return 0;
             }),
             0);
+}
+
+/// A network adapter that can be pulled and plugged in again, with the route to all groups over it. Each time it is
+/// another interface to the kernel, as an adapter on USB is.
+class Adapter {
+ public:
+  /// False where this computer has no such device, or not for us.
+  bool plug() {
+    tap_ = Fd(open("/dev/net/tun", O_RDWR | O_CLOEXEC));
+    ifreq request = named();
+    request.ifr_flags = IFF_TAP | IFF_NO_PI;
+    if (!tap_.is_open() || ioctl(tap_.get(), TUNSETIFF, &request) != 0) return false;
+    const Fd fd(socket(AF_INET, SOCK_DGRAM, 0));
+    rtentry route{};
+    route.rt_dev = name_.data();
+    route.rt_flags = RTF_UP;
+    write_address(route.rt_dst, "239.0.0.0");
+    write_address(route.rt_genmask, "255.0.0.0");
+    ifreq address = named();
+    write_address(address.ifr_addr, "10.9.0.1");
+    return ioctl(fd.get(), SIOCSIFADDR, &address) == 0 && set_up(name_.data(), true) &&
+           ioctl(fd.get(), SIOCADDRT, &route) == 0;
+  }
+  void pull() { tap_.reset(); }
+
+ private:
+  ifreq named() const {
+    ifreq request{};
+    std::memcpy(request.ifr_name, name_.data(), name_.size());
+    return request;
+  }
+  static void write_address(sockaddr& to, const char* text) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    inet_pton(AF_INET, text, &address.sin_addr);
+    std::memcpy(&to, &address, sizeof address);
+  }
+
+  std::array<char, 6> name_{"robot"};
+  Fd tap_;
+};
+
+TEST(LcmPosePort, an_adapter_that_is_pulled_and_plugged_in_again_is_listened_on_again) {
+  // By the kernel's choice, by name and by address.
+  for (const char* interface : {"", "robot", "10.9.0.1"}) {
+    const auto body = [&] {
+      Adapter adapter;
+      if (!adapter.plug()) return geteuid() == 0 && access("/dev/net/tun", F_OK) == 0 ? 1 : 0;
+      const LcmSettings settings = settings_for(7667, interface);
+      const auto port = open_port(settings);
+      PoseSample sample;
+      std::int64_t now_ns = kNsPerS;
+      const auto hears = [&](std::int32_t seq) {
+        now_ns += 2 * kNsPerS;
+        if (port->next(now_ns, sample) || port->fd() < 0) return false;
+        const Publisher publisher(lcm_create(settings.url.c_str()));
+        if (!publisher) return false;
+        publish(publisher.get(), pose(seq));
+        return wait_and_take(*port, now_ns + 1, sample) && sample.seq == seq;
+      };
+      if (!hears(1)) return 2;
+      for (std::int32_t again = 2; again < 5; ++again) {
+        adapter.pull();
+        now_ns += 2 * kNsPerS;
+        if (port->next(now_ns, sample)) return 3;
+        // A name or an address that is gone has a sentence; the kernel's choice may come back any time.
+        if (*interface != '\0' && port->trouble().empty()) return 4;
+        if (!adapter.plug()) return 5;
+        if (!hears(again)) return 6;
+      }
+      return 0;
+    };
+    EXPECT_EQ(in_own_network(body), 0) << "interface \"" << interface << "\"";
+  }
 }
 
 TEST(LcmPosePort, without_a_route_the_cure_is_named) {

@@ -6,6 +6,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "hal/drop_folders.h"
 #include "tests/hal/scan_drop_fixture.h"
 
 namespace slabd::hal {
@@ -76,6 +77,45 @@ TEST_F(ScanDropTest, folders_that_may_not_be_written_are_offline_by_name_and_com
             0);
   fs::permissions(inbox(), fs::perms::owner_all);
   EXPECT_TRUE(acquire(request(4), [this] { drop_scan("7-4.ply"); }).ok());
+}
+
+TEST_F(ScanDropTest, what_was_set_aside_first_is_deleted_first_when_stray_has_no_room) {
+  fs::create_directory(stray("somebody's folder"));
+  for (int i = 1; i <= 10; ++i) {
+    const std::string name = "7-" + std::to_string(100 + i) + ".ply";
+    drop_scan(name, static_cast<float>(i));
+    // A scanner whose clock is a year ahead, or behind, does not change what is oldest.
+    const auto off = std::chrono::hours(24 * 365 * (i % 2 == 0 ? 1 : -1));
+    fs::last_write_time(inbox(name), fs::file_time_type::clock::now() + off);
+    wait_ms(15);  // the file system's clock has a grain
+    scanner_->idle();
+  }
+  EXPECT_EQ(names_in(stray()).size(), 11U) << "2 GB have room for all of them";
+  DropFolders folders{PathText(drop())};
+  ASSERT_TRUE(folders.open().ok());
+  const std::uint64_t one = fs::file_size(stray("7-110.ply"));
+  EXPECT_TRUE(folders.trim_stray(3 * one + one / 2));
+  auto left = names_in(stray());
+  std::sort(left.begin(), left.end());
+  EXPECT_EQ(left, (std::vector<std::string>{"7-108.ply", "7-109.ply", "7-110.ply", "somebody's folder"}));
+  EXPECT_TRUE(folders.trim_stray(0));
+  EXPECT_EQ(names_in(stray()), std::vector<std::string>{"somebody's folder"});
+}
+
+TEST_F(ScanDropTest, a_scanner_that_exports_without_end_does_not_fill_the_disk) {
+  // Files of 1 GB that take no room here: what counts is their length.
+  for (int i = 1; i <= 5; ++i) {
+    const std::string name = "7-" + std::to_string(300 + i) + ".ply";
+    write_file(drop() + "/part", "x");
+    fs::resize_file(drop() + "/part", 900'000'000);
+    fs::rename(drop() + "/part", inbox(name));
+    wait_ms(15);
+    scanner_->idle();
+  }
+  auto left = names_in(stray());
+  std::sort(left.begin(), left.end());
+  EXPECT_EQ(left, (std::vector<std::string>{"7-304.ply", "7-305.ply"}));
+  EXPECT_EQ(scanner_->stray_files(), 5U) << "what was deleted was counted all the same";
 }
 
 TEST_F(ScanDropTest, whatever_time_the_scanners_computer_has_its_files_are_answers) {
