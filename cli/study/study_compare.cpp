@@ -16,6 +16,7 @@
 #include "cli/progress.h"
 #include "cli/study/compare.h"
 #include "cli/study/study.h"
+#include "cli/study/study_report.h"
 
 namespace slabd::cli::study {
 namespace {
@@ -29,6 +30,7 @@ struct CompareOptions {
   std::size_t runs = 1;
   std::vector<std::string> items;
   std::vector<std::string> allowed;
+  DocumentOptions document;
   bool json = false;
 };
 
@@ -94,6 +96,7 @@ void keep_items(Side& side, const std::vector<std::string>& items) {
 }
 
 int run_compare(const CompareOptions& options) {
+  if (!options.document.usable()) return kUsage;
   if (!options.values.empty() && !options.scans.empty()) {
     complain("--values or --scans, not both; without them stored slabs are compared");
     return kUsage;
@@ -155,6 +158,9 @@ int run_compare(const CompareOptions& options) {
     complain(fmt::format("--max-error: '{}' was not compared", item));
     return kUsage;
   }
+  if (const int status = write_document(compare_report(study, options.document.wanted()), options.document.out);
+      status != kDone)
+    return status;
   if (options.json) {
     fmt::print("{}", compare_json(study));
   } else {
@@ -194,6 +200,7 @@ void add_compare(CLI::App& study, int& exit_status) {
       ->take_all()
       ->expected(1)
       ->allow_extra_args(false);
+  options->document.add_to(*command);
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.study_compare/1 on stdout");
   command->callback([options, &exit_status] { exit_status = run_compare(*options); });

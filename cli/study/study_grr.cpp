@@ -16,6 +16,7 @@
 #include "cli/progress.h"
 #include "cli/study/grr_study.h"
 #include "cli/study/study.h"
+#include "cli/study/study_report.h"
 
 namespace slabd::cli::study {
 namespace {
@@ -28,6 +29,7 @@ struct GrrOptions {
   std::vector<std::string> tolerances;
   std::string interaction = "auto";
   bool details = false;
+  DocumentOptions document;
   bool json = false;
 };
 
@@ -37,6 +39,7 @@ std::string beside(const std::string& plan, const std::string& path) {
 }
 
 int run_grr(const GrrOptions& options) {
+  if (!options.document.usable()) return kUsage;
   std::map<std::string, double> tolerances;
   for (const std::string& text : options.tolerances) {
     std::string item;
@@ -104,6 +107,9 @@ int run_grr(const GrrOptions& options) {
     if (study.refused.empty()) complain(fmt::format("{}: no such item was measured", options.plan));
     return kBadInput;
   }
+  if (const int status = write_document(grr_report(study, options.document.wanted()), options.document.out);
+      status != kDone)
+    return status;
   if (options.json) {
     fmt::print("{}", grr_json(study));
   } else {
@@ -145,6 +151,7 @@ void add_grr(CLI::App& study, int& exit_status) {
       ->check(CLI::IsMember({"auto", "keep", "pool"}))
       ->capture_default_str();
   command->add_flag("--details", options->details, "The tables behind every item");
+  options->document.add_to(*command);
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.study_grr/1 on stdout");
   command->callback([options, &exit_status] { exit_status = run_grr(*options); });

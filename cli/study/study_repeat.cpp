@@ -14,6 +14,7 @@
 #include "cli/progress.h"
 #include "cli/study/repeat.h"
 #include "cli/study/study.h"
+#include "cli/study/study_report.h"
 
 namespace slabd::cli::study {
 namespace {
@@ -31,6 +32,7 @@ struct RepeatOptions {
   std::vector<std::string> references;
   std::vector<std::string> tolerances;
   bool details = false;
+  DocumentOptions document;
   bool json = false;
 };
 
@@ -139,6 +141,7 @@ bool all_known(const RepeatOptions& options, const GaugeTask& task, const std::v
 }
 
 int run_repeat(const RepeatOptions& options) {
+  if (!options.document.usable()) return kUsage;
   const int sources =
       (options.scans.empty() ? 0 : 1) + (options.slabs.empty() ? 0 : 1) + (options.values.empty() ? 0 : 1);
   if (sources != 1) {
@@ -162,6 +165,9 @@ int run_repeat(const RepeatOptions& options) {
   study.source = source;
   if (!all_known(options, task, takes, study)) return kUsage;
   for (const std::string& warning : study.warnings) complain("warning: " + warning);
+  if (const int status = write_document(repeat_report(study, options.document.wanted()), options.document.out);
+      status != kDone)
+    return status;
   if (options.json) {
     fmt::print("{}", repeat_json(study));
   } else {
@@ -215,6 +221,7 @@ void add_repeat(CLI::App& study, int& exit_status) {
       ->expected(1)
       ->allow_extra_args(false);
   command->add_flag("--details", options->details, "Every block in a line of its own");
+  options->document.add_to(*command);
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.study_repeat/1 on stdout");
   command->callback([options, &exit_status] { exit_status = run_repeat(*options); });

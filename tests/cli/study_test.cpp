@@ -2,6 +2,7 @@
 //
 // slabctl study as people run it: on scans, stored slabs and tables.
 #include <cmath>
+#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -348,6 +349,43 @@ TEST_F(StudyTest, compare_of_stored_slabs_takes_the_newest_or_the_mean_of_severa
       run("study compare " + write("bad.csv", "id,item,value,U\nX,warp_left,1,-1\n") + " --db " + file("slabd.db"))
           .status,
       3);
+}
+
+// ---- documents -----------------------------------------------------------------------------------------------------
+
+TEST_F(StudyTest, documents_say_the_figures_of_the_terminal_in_every_form_and_language) {
+  store(12);
+  const std::string db = " --db " + file("slabd.db");
+  const std::string plan = write("plan.csv", "slab,appraiser,trial\n1,early,1\n2,early,2\n3,late,1\n4,late,2\n");
+  const std::string contact =
+      write("contact.csv", "id,block,item,value\nT-1,1,seat_slope,1.43\nT-1,2,seat_slope,1.45\n");
+  for (const std::string& what :
+       {std::string("repeat --slab T-1 --reference seat_slope=1.43"), "grr " + plan, "compare " + contact}) {
+    for (const char* extension : {".html", ".pdf", ".svg"}) {
+      const std::string out = file(std::string("study") + extension);
+      const Ended ended = run("study " + what + db + " --out " + out);
+      EXPECT_LE(ended.status, 1) << what << ended.err;
+      const std::string text = content(out);
+      EXPECT_GT(text.size(), 2000U) << what << extension;
+      EXPECT_TRUE(text.starts_with(extension == std::string(".pdf") ? "%PDF" : "<")) << text.substr(0, 20);
+      fs::remove(out);
+    }
+  }
+  const json study =
+      parsed(run("study repeat --slab T-1 --reference seat_slope=1.43 --json --out " + file("a.html") + db));
+  const std::string html = content(file("a.html"));
+  for (const json& c : study["characteristics"]) {
+    char cg[32];
+    std::snprintf(cg, sizeof cg, ">%.2f<", c["gauge"]["cg"].get<double>());
+    expect_mentions(html, cg);
+  }
+  expect_mentions(html, "undecided");
+  static_cast<void>(
+      run("study repeat --slab T-1 --reference seat_slope=1.43 --language zh --out " + file("zh.html") + db));
+  expect_mentions(content(file("zh.html")), "未定");
+  const Ended wrong = run("study repeat --slab T-1 --out study.doc" + db);
+  EXPECT_EQ(wrong.status, 2);
+  expect_mentions(wrong.err, ".pdf, .html");
 }
 
 }  // namespace

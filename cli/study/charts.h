@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "cli/report/canvas.h"
+
+/// A drawn frame with two scales; what studies draw their charts in.
+namespace slabd::cli::study {
+
+inline constexpr report::Colour kChartInk{0.12, 0.25, 0.42};
+inline constexpr report::Colour kChartLimit{0.62, 0.05, 0.10};
+
+class Chart {
+ public:
+  Chart(double left_mm, double top_mm, double width_mm, double height_mm)
+      : left_(left_mm), top_(top_mm), width_(width_mm), height_(height_mm) {}
+
+  /// Widens the scale so that this value is in it; NaN changes nothing.
+  void include_x(double x);
+  void include_y(double y);
+  /// Leaves a margin on all sides; call it once, after everything is included.
+  void settle();
+
+  [[nodiscard]] double x(double value) const { return left_ + width_ * (value - x_low_) / (x_high_ - x_low_); }
+  [[nodiscard]] double y(double value) const { return top_ + height_ * (y_high_ - value) / (y_high_ - y_low_); }
+  [[nodiscard]] double y_span() const { return y_high_ - y_low_; }
+
+  void frame(report::Canvas& canvas) const;
+  /// Five figures on the scale; none on x when `digits_x` is negative.
+  void scales(report::Canvas& canvas, int digits_x, int digits_y) const;
+  /// Below the frame, at x.
+  void tick_x(report::Canvas& canvas, double at, std::string_view text) const;
+  /// From side to side, with a word at the right end.
+  void level(report::Canvas& canvas, double at, std::string_view label, report::Colour colour, bool dashed) const;
+  /// A straight line, cut at the frame.
+  void line(report::Canvas& canvas, double slope, double intercept, report::Colour colour, bool dashed) const;
+  void point(report::Canvas& canvas, double at_x, double at_y, double radius, report::Colour colour) const;
+
+ private:
+  double left_, top_, width_, height_;
+  double x_low_ = 1.0, x_high_ = -1.0;
+  double y_low_ = 1.0, y_high_ = -1.0;
+};
+
+}  // namespace slabd::cli::study

@@ -1,0 +1,492 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What a study found as pages: a table of figures, and charts that show at a glance what the figures say. The figures
+// are those of the terminal and of the JSON.
+#include "cli/study/study_report.h"
+
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <filesystem>
+
+#include "cli/durable.h"
+#include "cli/exit.h"
+#include "cli/figures.h"
+#include "cli/study/charts.h"
+
+namespace slabd::cli::study {
+namespace {
+
+using report::Canvas;
+using report::Figure;
+using report::Figures;
+using report::Language;
+using report::Section;
+
+std::string pick(Language language, std::string_view en, std::string_view zh) {
+  return std::string(language == Language::zh ? zh : en);
+}
+
+std::string word_of(const std::string& item, Language language) {
+  const auto id = item_from_name(item);
+  return id ? fmt::format("{} [{}]", report::item_word(*id, language), unit_of(item)) : item;
+}
+
+std::string judgement_word(Judgement judgement, Language language) {
+  switch (judgement) {
+    case Judgement::not_judged: break;
+    case Judgement::capable: return pick(language, "capable", "能力满足");
+    case Judgement::not_capable: return pick(language, "not capable", "能力不足");
+    case Judgement::undecided: return pick(language, "undecided", "未定");
+  }
+  return pick(language, "not judged", "未评定");
+}
+
+report::Report document(Language language, std::string title, std::string subject) {
+  report::Report made;
+  made.language = language;
+  made.judged = false;
+  made.title = std::move(title);
+  made.subject = std::move(subject);
+  return made;
+}
+
+std::vector<report::Column> columns(const std::vector<std::pair<std::string, double>>& headings) {
+  std::vector<report::Column> made;
+  for (const auto& [heading, share] : headings) made.push_back({heading, made.empty(), share});
+  return made;
+}
+
+constexpr double kWide_mm = 180.0;
+constexpr int kSmallDigits = 5;
+
+// ---- repeats -------------------------------------------------------------------------------------------------------
+
+/// One block: its values over the runs. `c` is kept, so a figure may outlive the study.
+Figure run_chart(const Characteristic& c, Language language) {
+  Figure chart;
+  chart.title = fmt::format("{}, {} {}", word_of(c.about.item, language), pick(language, "block", "承轨台"),
+                            block_text(c.about.block, c.about.block_to));
+  const int digits = decimals_of(c.about.item) + 1;
+  chart.alt = fmt::format("{}: n = {}, {} {}, s {}", chart.title, c.spread.count, pick(language, "mean", "平均值"),
+                          figure(c.spread.mean, digits), figure(c.spread.std, kSmallDigits));
+  chart.width_mm = kWide_mm;
+  chart.height_mm = 52.0;
+  chart.draw = [c, digits, language](Canvas& canvas) {
+    Chart plot(20.0, 2.0, 136.0, 44.0);
+    const auto n = static_cast<double>(c.values.size());
+    plot.include_x(1.0);
+    plot.include_x(n);
+    for (const double value : c.values) plot.include_y(value);
+    plot.include_y(c.spread.mean - 3.0 * c.spread.std);
+    plot.include_y(c.spread.mean + 3.0 * c.spread.std);
+    plot.include_y(c.gauge.reference);
+    plot.settle();
+    plot.frame(canvas);
+    plot.scales(canvas, -1, digits);
+    plot.level(canvas, c.spread.mean, pick(language, "mean", "平均值"), kChartInk, false);
+    plot.level(canvas, c.spread.mean - 3.0 * c.spread.std, "- 3 s", kChartInk, true);
+    plot.level(canvas, c.spread.mean + 3.0 * c.spread.std, "+ 3 s", kChartInk, true);
+    plot.level(canvas, c.gauge.reference, pick(language, "reference", "参考值"), kChartLimit, false);
+    for (std::size_t i = 0; i < c.values.size(); ++i)
+      plot.point(canvas, static_cast<double>(i + 1), c.values[i], 0.7, kChartInk);
+    plot.tick_x(canvas, 1.0, "1");
+    plot.tick_x(canvas, n, std::to_string(c.values.size()));
+  };
+  return chart;
+}
+
+/// Several blocks: all values of each over its place in the list, with a bar from the smallest to the largest.
+Figure block_chart(const std::vector<Characteristic>& of_item, Language language) {
+  Figure chart;
+  chart.title =
+      fmt::format("{}, {}", word_of(of_item.front().about.item, language), pick(language, "all blocks", "全部承轨台"));
+  const int digits = decimals_of(of_item.front().about.item) + 1;
+  double worst = 0.0;
+  for (const Characteristic& c : of_item)
+    if (has_value(c.spread.range)) worst = std::max(worst, c.spread.range);
+  chart.alt =
+      fmt::format("{}: {} {}", chart.title, pick(language, "largest range", "最大极差"), figure(worst, kSmallDigits));
+  chart.width_mm = kWide_mm;
+  chart.height_mm = 52.0;
+  chart.draw = [of_item, digits](Canvas& canvas) {
+    Chart plot(20.0, 2.0, 150.0, 44.0);
+    plot.include_x(1.0);
+    plot.include_x(static_cast<double>(of_item.size()));
+    for (const Characteristic& c : of_item) {
+      plot.include_y(c.spread.smallest);
+      plot.include_y(c.spread.largest);
+    }
+    plot.settle();
+    plot.frame(canvas);
+    plot.scales(canvas, -1, digits);
+    for (std::size_t i = 0; i < of_item.size(); ++i) {
+      const Characteristic& c = of_item[i];
+      const auto at = static_cast<double>(i + 1);
+      plot.tick_x(canvas, at, block_text(c.about.block, c.about.block_to));
+      if (c.spread.count == 0) continue;
+      canvas.line(plot.x(at), plot.y(c.spread.smallest), plot.x(at), plot.y(c.spread.largest), 0.3, kChartInk);
+      for (const double value : c.values) plot.point(canvas, at, value, 0.5, kChartInk);
+    }
+  };
+  return chart;
+}
+
+report::Table repeat_table(const RepeatStudy& study, Language language) {
+  report::Table table;
+  table.caption = pick(language, "Figures", "统计值");
+  table.columns = columns({{pick(language, "characteristic", "检测项目"), 0.28},
+                           {pick(language, "block", "承轨台"), 0.09},
+                           {"n", 0.07},
+                           {pick(language, "mean", "平均值"), 0.14},
+                           {"s", 0.12},
+                           {pick(language, "range", "极差"), 0.14},
+                           {pick(language, "largest deviation", "最大偏离"), 0.16}});
+  for (const Characteristic& c : study.characteristics)
+    table.rows.push_back({{word_of(c.about.item, language), block_text(c.about.block, c.about.block_to),
+                           c.missing == 0 ? std::to_string(c.spread.count)
+                                          : fmt::format("{}/{}", c.spread.count, c.spread.count + c.missing),
+                           figure(c.spread.mean, decimals_of(c.about.item)), figure(c.spread.std, kSmallDigits),
+                           figure(c.spread.range, kSmallDigits), figure(c.spread.deviation_max, kSmallDigits)},
+                          Verdict::none});
+  return table;
+}
+
+report::Table gauge_table(const RepeatStudy& study, Language language) {
+  report::Table table;
+  table.caption = fmt::format("{}: Cg = 0.2 T / (6 s), Cgk = (0.1 T - |{}|) / (3 s), >= {}, n >= {}",
+                              pick(language, "Type-1 study", "第一类量具研究"), pick(language, "bias", "偏倚"),
+                              kGaugeCapable, kGaugeRunsMin);
+  table.columns = columns({{pick(language, "characteristic", "检测项目"), 0.24},
+                           {pick(language, "block", "承轨台"), 0.08},
+                           {"T", 0.09},
+                           {pick(language, "reference", "参考值"), 0.12},
+                           {pick(language, "bias", "偏倚"), 0.12},
+                           {"p", 0.08},
+                           {"Cg", 0.08},
+                           {"Cgk", 0.08},
+                           {pick(language, "judgement", "评定"), 0.11}});
+  table.columns.back().left = true;
+  for (const Characteristic& c : study.characteristics) {
+    const Gauge& g = c.gauge;
+    if (g.judgement == Judgement::not_judged) continue;
+    const int digits = decimals_of(c.about.item);
+    table.rows.push_back({{word_of(c.about.item, language), block_text(c.about.block, c.about.block_to),
+                           figure(g.tolerance, digits), figure(g.reference, digits), figure(g.bias, kSmallDigits),
+                           figure(g.p, 3), figure(g.cg, 2), figure(g.cgk, 2), judgement_word(g.judgement, language)},
+                          as_verdict(g.judgement)});
+  }
+  return table;
+}
+
+// ---- gauge R&R -----------------------------------------------------------------------------------------------------
+
+Figure component_bars(const GrrItem& item, Language language) {
+  const bool by_tolerance = has_value(item.tolerance);
+  Figure chart;
+  chart.title = pick(language, by_tolerance ? "6 sigma, % of the tolerance" : "% of the total variation",
+                     by_tolerance ? "6 sigma 占公差 %" : "占总变差 %");
+  const Components c = item.by_anova.components;
+  chart.alt =
+      fmt::format("{}: GRR {:.1f}", chart.title, by_tolerance ? c.of_tolerance(item.tolerance) : c.of_variation());
+  chart.width_mm = 86.0;
+  chart.height_mm = 52.0;
+  chart.draw = [c, by_tolerance, tolerance = item.tolerance](Canvas& canvas) {
+    const std::array<std::pair<const char*, double>, 5> bars = {
+        {{"EV", c.EV}, {"AV", c.AV}, {"INT", c.INT}, {"GRR", c.GRR}, {"PV", c.PV}}};
+    double largest = 10.0;
+    const auto percent = [&](double sigma) { return by_tolerance ? 600.0 * sigma / tolerance : 100.0 * sigma / c.TV; };
+    for (const auto& [name, sigma] : bars) largest = std::max(largest, percent(sigma));
+    constexpr double kLeft = 10.0;
+    constexpr double kLength = 58.0;
+    double y = 4.0;
+    for (const auto& [name, sigma] : bars) {
+      const double length = kLength * percent(sigma) / largest;
+      canvas.text(kLeft - 1.5, y + 4.0, name, {6.5, false, report::kBlack, report::Anchor::right});
+      canvas.rectangle(kLeft, y, std::max(length, 0.1), 6.0, kChartInk);
+      canvas.text(kLeft + length + 1.0, y + 4.0, figure(percent(sigma), 1),
+                  {6.0, false, report::kGrey, report::Anchor::left});
+      y += 9.0;
+    }
+    for (const double limit : {10.0, 30.0})
+      if (limit <= largest)
+        canvas.line(kLeft + kLength * limit / largest, 2.0, kLeft + kLength * limit / largest, y, 0.25, kChartLimit,
+                    true);
+  };
+  return chart;
+}
+
+/// What each appraiser found on each part, less the part's mean: level lines of one height agree.
+Figure appraiser_lines(const GrrItem& item, Language language) {
+  Figure chart;
+  chart.title = pick(language, "each appraiser's mean, less the part's", "各评价人均值与零件均值之差");
+  chart.alt = chart.title;
+  chart.width_mm = 92.0;
+  chart.height_mm = 52.0;
+  chart.draw = [study = item.crossed, names = item.appraisers,
+                digits = decimals_of(item.about.item) + 1](Canvas& canvas) {
+    Chart plot(16.0, 2.0, 58.0, 44.0);
+    std::vector<std::vector<double>> off(study.appraisers, std::vector<double>(study.parts));
+    for (std::size_t p = 0; p < study.parts; ++p) {
+      double part = 0.0;
+      for (std::size_t a = 0; a < study.appraisers; ++a) {
+        for (std::size_t t = 0; t < study.trials; ++t)
+          off[a][p] += study.at(p, a, t) / static_cast<double>(study.trials);
+        part += off[a][p] / static_cast<double>(study.appraisers);
+      }
+      for (auto& of_appraiser : off) {
+        of_appraiser[p] -= part;
+        plot.include_y(of_appraiser[p]);
+      }
+    }
+    plot.include_x(1.0);
+    plot.include_x(static_cast<double>(study.parts));
+    plot.settle();
+    plot.frame(canvas);
+    plot.scales(canvas, -1, digits);
+    plot.tick_x(canvas, 1.0, "1");
+    plot.tick_x(canvas, static_cast<double>(study.parts), std::to_string(study.parts));
+    for (std::size_t a = 0; a < off.size(); ++a) {
+      const report::Colour colour =
+          report::scale_colour(0.85 * static_cast<double>(a) / static_cast<double>(off.size()));
+      for (std::size_t p = 0; p < study.parts; ++p) {
+        const auto at = static_cast<double>(p + 1);
+        plot.point(canvas, at, off[a][p], 0.6, colour);
+        if (p > 0) canvas.line(plot.x(at - 1.0), plot.y(off[a][p - 1]), plot.x(at), plot.y(off[a][p]), 0.2, colour);
+      }
+      if (a < 12)
+        canvas.text(75.5, 5.0 + 3.5 * static_cast<double>(a), names[a], {5.5, false, colour, report::Anchor::left});
+    }
+  };
+  return chart;
+}
+
+report::Table component_table(const GrrItem& item, Language language) {
+  const Components& c = item.by_anova.components;
+  report::Table table;
+  table.caption = fmt::format(
+      "{} {}, {} {}, {} {}; {}", item.parts.size(), pick(language, "parts", "个零件"), item.appraisers.size(),
+      pick(language, "appraisers", "名评价人"), item.trials.size(), pick(language, "trials", "次试验"),
+      item.by_anova.is_pooled ? fmt::format("{} (p {:.3f})", pick(language, "interaction pooled", "交互作用已合并"),
+                                            item.by_anova.interaction.p)
+                              : fmt::format("{} (p {:.3f})", pick(language, "with interaction", "含交互作用"),
+                                            item.by_anova.interaction.p));
+  table.columns = columns({{pick(language, "source", "来源"), 0.28},
+                           {pick(language, "sigma (ANOVA)", "sigma（方差分析）"), 0.18},
+                           {"% TV", 0.12},
+                           {"% T", 0.12},
+                           {pick(language, "sigma (average range)", "sigma（均值极差）"), 0.18},
+                           {"% TV", 0.12}});
+  const Components none;
+  const Components& r = item.by_range ? *item.by_range : none;
+  const std::array<std::tuple<std::string, double, double>, 6> rows = {
+      {{pick(language, "repeatability EV", "重复性 EV"), c.EV, r.EV},
+       {pick(language, "reproducibility AV", "再现性 AV"), c.AV, r.AV},
+       {pick(language, "interaction INT", "交互作用 INT"), c.INT, kNoValue},
+       {"GRR", c.GRR, r.GRR},
+       {pick(language, "parts PV", "零件变差 PV"), c.PV, r.PV},
+       {pick(language, "total TV", "总变差 TV"), c.TV, r.TV}}};
+  for (const auto& [what, own, other] : rows)
+    table.rows.push_back(
+        {{what, figure(own, kSmallDigits), figure(100.0 * own / c.TV, 1), figure(600.0 * own / item.tolerance, 1),
+          figure(other, kSmallDigits), figure(100.0 * other / r.TV, 1)},
+         Verdict::none});
+  table.rows.push_back({{"ndc", figure(c.ndc(), 2), "", "", figure(r.ndc(), 2), ""}, Verdict::none});
+  return table;
+}
+
+// ---- against a laboratory ------------------------------------------------------------------------------------------
+
+Figure scatter_chart(const CompareItem& item, Language language) {
+  Figure chart;
+  chart.title = pick(language, "measured over reference", "测量值与参考值");
+  chart.alt = fmt::format("{}: n = {}", chart.title, item.pairs.size());
+  chart.width_mm = 86.0;
+  chart.height_mm = 62.0;
+  chart.draw = [pairs = item.pairs, line = item.line, digits = decimals_of(item.item), language](Canvas& canvas) {
+    Chart plot(18.0, 2.0, 62.0, 50.0);
+    for (const Pair& pair : pairs) {
+      plot.include_x(pair.reference);
+      plot.include_y(pair.value);
+    }
+    plot.settle();
+    plot.frame(canvas);
+    plot.scales(canvas, digits, digits);
+    plot.line(canvas, 1.0, 0.0, report::kGrey, true);
+    if (line.ok) plot.line(canvas, line.slope.value, line.intercept.value, kChartLimit, false);
+    for (const Pair& pair : pairs) plot.point(canvas, pair.reference, pair.value, 0.7, kChartInk);
+    canvas.text(18.0, 60.0,
+                line.ok ? pick(language, "dashed: equal; line: Deming", "虚线：相等；实线：Deming 回归")
+                        : pick(language, "dashed: equal; no line", "虚线：相等；无回归线"),
+                {5.5, false, report::kGrey, report::Anchor::left});
+  };
+  return chart;
+}
+
+Figure difference_chart(const CompareItem& item, Language language) {
+  Figure chart;
+  chart.title = pick(language, "difference, with 95 % limits of agreement", "差值与 95 % 一致性界限");
+  chart.alt =
+      fmt::format("{}: {} .. {}", chart.title, figure(item.limits.lower.value, 4), figure(item.limits.upper.value, 4));
+  chart.width_mm = 92.0;
+  chart.height_mm = 62.0;
+  chart.draw = [pairs = item.pairs, limits = item.limits, mean = item.errors.mean.value,
+                digits = decimals_of(item.item), language](Canvas& canvas) {
+    Chart plot(18.0, 2.0, 56.0, 50.0);
+    for (const Pair& pair : pairs) {
+      plot.include_x(0.5 * (pair.reference + pair.value));
+      plot.include_y(pair.value - pair.reference);
+    }
+    for (const double y : {limits.lower.low, limits.upper.high, 0.0}) plot.include_y(y);
+    plot.settle();
+    plot.frame(canvas);
+    plot.scales(canvas, digits, digits + 1);
+    plot.level(canvas, 0.0, "0", report::kGrey, true);
+    plot.level(canvas, mean, pick(language, "mean", "平均值"), kChartInk, false);
+    plot.level(canvas, limits.lower.value, "- 1.96 s", kChartLimit, false);
+    plot.level(canvas, limits.upper.value, "+ 1.96 s", kChartLimit, false);
+    for (const double edge : {limits.lower.low, limits.lower.high, limits.upper.low, limits.upper.high})
+      plot.level(canvas, edge, "", kChartLimit, true);
+    for (const Pair& pair : pairs)
+      plot.point(canvas, 0.5 * (pair.reference + pair.value), pair.value - pair.reference, 0.7, kChartInk);
+  };
+  return chart;
+}
+
+report::Table error_table(const CompareStudy& study, Language language) {
+  report::Table table;
+  table.caption = pick(language, "Errors: measured less reference", "误差：测量值减参考值");
+  table.columns = columns({{pick(language, "characteristic", "检测项目"), 0.25},
+                           {"n", 0.07},
+                           {pick(language, "mean", "平均值"), 0.13},
+                           {pick(language, "mean size", "平均绝对误差"), 0.13},
+                           {pick(language, "largest", "最大误差"), 0.13},
+                           {"En", 0.09},
+                           {pick(language, "judgement", "评定"), 0.2}});
+  table.columns.back().left = true;
+  for (const CompareItem& item : study.items) {
+    const int digits = decimals_of(item.item) + 1;
+    table.rows.push_back(
+        {{word_of(item.item, language), std::to_string(item.pairs.size()), figure(item.errors.mean.value, digits),
+          figure(item.errors.mean_abs, digits), figure(item.errors.max_abs, digits), figure(item.errors.en_max, 2),
+          judgement_word(item.judgement, language)},
+         as_verdict(item.judgement)});
+  }
+  return table;
+}
+
+std::string ending(const std::string& path) {
+  std::string extension = std::filesystem::path(path).extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return extension;
+}
+
+}  // namespace
+
+report::Report repeat_report(const RepeatStudy& study, Language language) {
+  report::Report made = document(language, pick(language, "Repeatability", "重复性"), study.source);
+  Section& figures = made.sections.emplace_back();
+  figures.title = pick(language, "Repeats", "重复测量");
+  for (const std::string& warning : study.warnings)
+    figures.parts.emplace_back(report::Paragraph{warning, Verdict::none, true});
+  if (study.judgement() != Judgement::not_judged) {
+    figures.verdict = as_verdict(study.judgement());
+    figures.parts.emplace_back(gauge_table(study, language));
+    for (const Characteristic& c : study.characteristics)
+      if (!c.gauge.reason.empty())
+        figures.parts.emplace_back(report::Paragraph{fmt::format("{}: {}", title_of(c.about), c.gauge.reason),
+                                                     as_verdict(c.gauge.judgement), false});
+  }
+  for (std::size_t i = 0; i < study.characteristics.size();) {
+    std::vector<Characteristic> of_item;
+    const std::string item = study.characteristics[i].about.item;
+    for (; i < study.characteristics.size() && study.characteristics[i].about.item == item; ++i)
+      of_item.push_back(study.characteristics[i]);
+    Section& section = made.sections.emplace_back();
+    section.title = word_of(item, language);
+    section.together = true;
+    section.parts.emplace_back(
+        Figures{{of_item.size() == 1 ? run_chart(of_item.front(), language) : block_chart(of_item, language)}});
+  }
+  made.sections.emplace_back().parts.emplace_back(repeat_table(study, language));
+  made.sections.back().title = pick(language, "All figures", "全部统计值");
+  return made;
+}
+
+report::Report grr_report(const GrrStudy& study, Language language) {
+  report::Report made = document(language, pick(language, "Gauge R&R", "量具重复性与再现性"), study.source);
+  for (const GrrItem& item : study.items) {
+    Section& section = made.sections.emplace_back();
+    section.title = word_of(item.about.item, language);
+    section.verdict = as_verdict(item.judged.judgement);
+    section.remark = judgement_word(item.judged.judgement, language);
+    section.together = true;
+    if (!item.judged.reason.empty())
+      section.parts.emplace_back(report::Paragraph{item.judged.reason, as_verdict(item.judged.judgement), false});
+    section.parts.emplace_back(Figures{{component_bars(item, language), appraiser_lines(item, language)}});
+    section.parts.emplace_back(component_table(item, language));
+  }
+  Section refused;
+  refused.title = pick(language, "Refused", "未采用");
+  for (const std::string& sentence : study.refused)
+    refused.parts.emplace_back(report::Paragraph{sentence, Verdict::none, true});
+  if (!refused.parts.empty()) made.sections.push_back(std::move(refused));
+  return made;
+}
+
+report::Report compare_report(const CompareStudy& study, Language language) {
+  report::Report made = document(language, pick(language, "Against a laboratory", "与接触测量比对"), study.source);
+  Section& errors = made.sections.emplace_back();
+  errors.title = pick(language, "Errors", "误差");
+  errors.parts.emplace_back(error_table(study, language));
+  const std::size_t unmatched = study.only_reference.size();
+  if (unmatched > 0)
+    errors.parts.emplace_back(report::Paragraph{
+        fmt::format("{}: {}",
+                    pick(language, "values of the laboratory that slabd has none for", "无对应测量值的参考值"),
+                    unmatched),
+        Verdict::none, true});
+  for (const CompareItem& item : study.items) {
+    Section& section = made.sections.emplace_back();
+    section.title = word_of(item.item, language);
+    section.verdict = as_verdict(item.judgement);
+    section.together = true;
+    section.parts.emplace_back(Figures{{scatter_chart(item, language), difference_chart(item, language)}});
+    if (!item.line.ok) section.parts.emplace_back(report::Paragraph{item.line.why_not, Verdict::none, false});
+  }
+  return made;
+}
+
+void DocumentOptions::add_to(CLI::App& command) {
+  command.add_option("--out", out, "A document as well: .pdf, .html, .svg or .png");
+  command.add_option("--language", language, "Of the document")
+      ->check(CLI::IsMember({"en", "zh"}))
+      ->capture_default_str();
+}
+
+bool DocumentOptions::usable() const {
+  const std::string extension = ending(out);
+  if (out.empty() || extension == ".pdf" || extension == ".html" || extension == ".svg" || extension == ".png")
+    return true;
+  complain(fmt::format("--out {}: the name must end in .pdf, .html, .svg or .png", out));
+  return false;
+}
+
+int write_document(const report::Report& document, const std::string& path) {
+  if (path.empty()) return kDone;
+  const std::string extension = ending(path);
+  const Status written = extension == ".pdf"   ? report::write_pdf(document, path)
+                         : extension == ".svg" ? report::write_svg(document, 0, path)
+                         : extension == ".png" ? report::write_png(document, 0, 100.0, path)
+                                               : write_durably(path, report::html(document));
+  if (written.ok()) return kDone;
+  complain(written.error().text.view());
+  return kBadInput;
+}
+
+}  // namespace slabd::cli::study

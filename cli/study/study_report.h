@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "cli/report/content.h"
+#include "cli/study/compare.h"
+#include "cli/study/grr_study.h"
+#include "cli/study/repeat.h"
+
+namespace CLI {
+class App;
+}
+
+/// Studies as documents, by the drawing code of the slab reports.
+namespace slabd::cli::study {
+
+/// One chart an item: over the runs for one block, over the blocks for several (the paper's Figs. 18 and 19).
+[[nodiscard]] report::Report repeat_report(const RepeatStudy& study, report::Language language);
+/// Components, and what each appraiser found on each part.
+[[nodiscard]] report::Report grr_report(const GrrStudy& study, report::Language language);
+/// Measured over reference with the line, and differences with the limits of agreement.
+[[nodiscard]] report::Report compare_report(const CompareStudy& study, report::Language language);
+
+/// What --out asks for.
+struct DocumentOptions {
+  std::string out;
+  std::string language = "en";
+  void add_to(CLI::App& command);
+  [[nodiscard]] report::Language wanted() const {
+    return language == "zh" ? report::Language::zh : report::Language::en;
+  }
+  /// False, and said: a name that ends in none of .pdf, .html, .svg, .png.
+  [[nodiscard]] bool usable() const;
+};
+/// Writes the document; kDone, or what could not be done is said.
+[[nodiscard]] int write_document(const report::Report& document, const std::string& path);
+
+}  // namespace slabd::cli::study
