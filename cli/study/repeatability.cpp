@@ -66,7 +66,7 @@ void judge_gauge(const Spread& spread, std::size_t missing, Gauge& gauge) {
     gauge.reason = "all values are the same: coarse figures, or one scan taken many times";
   } else if (gauge.cg_high < kGaugeCapable) {
     gauge.judgement = Judgement::not_capable;
-    gauge.reason = fmt::format("Cg below {} whatever more runs may show", kGaugeCapable);
+    gauge.reason = fmt::format("the whole 95 % interval of Cg lies below {}", kGaugeCapable);
   } else if (spread.count < kGaugeRunsMin) {
     gauge.reason = fmt::format("too few runs: {} of {}", spread.count, kGaugeRunsMin);
   } else if (gauge.cg >= kGaugeCapable && gauge.cgk >= kGaugeCapable) {

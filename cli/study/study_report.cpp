@@ -279,7 +279,7 @@ report::Table component_table(const GrrItem& item, Language language) {
                            {pick(language, "sigma (ANOVA)", "sigma（方差分析）"), 0.18},
                            {"% TV", 0.12},
                            {"% T", 0.12},
-                           {pick(language, "sigma (average range)", "sigma（均值极差）"), 0.18},
+                           {pick(language, "sigma (ranges)", "sigma（均值极差）"), 0.18},
                            {"% TV", 0.12}});
   const Components none;
   const Components& r = item.by_range ? *item.by_range : none;

@@ -61,6 +61,11 @@ bool BlockBench::measure(const Sight& sight, const simulate::ScannerTraits& trai
     return false;
   }
   const simulate::DrawnScan drawn = simulate::draw_scan(surface.value(), traits, seed, xyz_);
+  if (field_error_mm != 0.0)
+    for (std::size_t i = 0; i + 2 < xyz_.size(); i += 3) {
+      const double share = 2.0 * double{xyz_[i + 1]} / traits.field_y_mm;
+      xyz_[i + 2] += static_cast<float>(field_error_mm * share * share * share);
+    }
   algo::Cloud cloud{xyz_, xyz_.size() / 3, drawn.width, drawn.height};
   Status status = inspector_.denoise(cloud);
   if (status) status = inspector_.register_to_model(cloud);

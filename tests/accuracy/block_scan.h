@@ -39,6 +39,9 @@ class BlockBench {
   [[nodiscard]] bool measure(const Sight& sight, const simulate::ScannerTraits& traits, std::uint64_t seed,
                              const Pose& T_block_scanner_start = nominal_T_block_scanner());
 
+  /// The scanner's field is bent: depths are off by +-this at both ends of the picture along its Y, in an S (cubic).
+  double field_error_mm = 0.0;
+
   [[nodiscard]] const BlockResult& result() const { return inspector_.result(); }
   [[nodiscard]] const std::string& trouble() const { return trouble_; }
   /// The item's value; NaN when not measured.
