@@ -15,6 +15,7 @@
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/render.h"
+#include "cli/slab_json.h"
 #include "cli/slab_view.h"
 
 namespace slabd::cli {
@@ -29,17 +30,6 @@ struct Options {
   int block = 0;
   bool json = false;
 };
-
-/// What the scan was spliced with, and what that is worth at the block (k = 1).
-void write_splice(Json& json, const Splice& splice) {
-  json.key("splice").begin_object();
-  json.field("source", name(splice.source)).field("visits", unsigned{splice.visits});
-  if (splice.source == SpliceSource::corrected) write_pose(json, "T_base_reported", splice.T_base_reported);
-  json.field("off_mm", splice.off_mm).field("off_deg", deg_from_rad(splice.off_rad));
-  json.field("calibration_mm", splice.calibration_mm).field("calibration_deg", deg_from_rad(splice.calibration_rad));
-  json.field("robot_mm", splice.robot_mm).field("robot_deg", deg_from_rad(splice.robot_rad));
-  json.end_object();
-}
 
 /// One line: what U of the slab's items rests on.
 std::string splice_words(const Splice& splice) {
@@ -82,68 +72,6 @@ std::string splice_summary(const SlabRecord& record) {
                           name(static_cast<SpliceSource>(i)));
   if (stations > 0 && has_value(worst_mm)) text += fmt::format("; sigma of the worst {:.3f} mm per axis", worst_mm);
   return text;
-}
-
-void write_attempt(Json& json, const SlabRecord& record, const SlabBlock& block) {
-  json.begin_object();
-  json.field("station", unsigned{block.attempt.station}).field("attempt", unsigned{block.attempt.number});
-  json.field("valid", latest(record, block.attempt.station) == &block);
-  json.field("final_verdict", name(block.final_verdict)).field("final_reason", block.final_reason);
-  json.field("code", block.code);
-  json.field("scan_path", block.attempt.scan_path.view()).field("points", block.attempt.shape.points);
-  write_time(json, "scanned", block.attempt.scan_utime_us);
-  json.field("settle_ms", block.attempt.settle_ms).field("acquire_ms", block.attempt.acquire_ms);
-  write_pose(json, "T_base_flange", block.attempt.T_base_flange);
-  json.field("pose_samples", block.attempt.pose_samples).field("pose_spread_mm", block.attempt.pose_spread_mm);
-  write_splice(json, block.attempt.splice);
-  if (block.phase == StationPhase::measured) {
-    json.key("result").begin_object();
-    write_block(json, block.block, record.summary.header.cell_mm);
-    json.end_object();
-  }
-  json.end_object();
-}
-
-std::string as_json(const SlabRecord& record, int only_block) {
-  const SlabHeader& header = record.summary.header;
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.slab/1").field("key", header.key).field("slab_id", header.slab_id.view());
-  json.field("slab_no", header.slab_no).field("slab_type", header.slab_type);
-  json.field("verdict", name(record.summary.verdict)).field("reason", record.summary.reason);
-  write_time(json, "began", header.began_utime_us);
-  write_time(json, "ended", record.summary.ended_utime_us);
-  json.field("acknowledged", record.summary.acknowledged).field("recipe", header.recipe.view());
-  json.field("recipe_sha256", header.recipe_sha256.view()).field("calibration_id", header.calibration_id.view());
-  json.field("stations_id", header.stations_id.view());
-  json.field("unconfirmed", header.unconfirmed).field("guard", header.guard).field("cell_mm", header.cell_mm);
-  json.field("software", header.software.view()).field("stations", unsigned{header.stations});
-  json.field("stations_measured", record.summary.stations_measured);
-
-  const SlabFitReport& fit = record.slab.fit;
-  json.key("slab_fit").begin_object();
-  json.field("ok", fit.ok).field("seats", unsigned{fit.seats}).field("iterations", fit.iterations);
-  json.field("rms_mm", fit.rms_mm).field("plain_rms_mm", fit.plain_rms_mm).field("note", fit.note.view());
-  write_pose(json, "T_base_slab", fit.T_base_slab);
-  json.end_object();
-
-  json.key("station_verdicts").begin_array();
-  for (int station = 1; station <= header.stations; ++station) {
-    const auto [verdict, reason] = shown(record, station);
-    json.begin_object();
-    json.field("station", station).field("verdict", name(verdict)).field("reason", reason).end_object();
-  }
-  json.end_array();
-  json.key("items").begin_array();
-  for (const Item& item : record.slab.items) write_item(json, item, true);
-  json.end_array();
-  json.key("blocks").begin_array();
-  for (const SlabBlock& block : record.blocks)
-    if (only_block == 0 || block.attempt.station == only_block) write_attempt(json, record, block);
-  json.end_array();
-  json.field("not_visible", kNotVisible);
-  json.end_object();
-  return json.text();
 }
 
 void print_header(const SlabRecord& record, Style style) {
@@ -263,7 +191,7 @@ int show(const Options& options) {
     return kUsage;
   }
   if (options.json) {
-    fmt::print("{}", as_json(record, options.block));
+    fmt::print("{}", slab_json(record, options.block));
     return kDone;
   }
   const Style style = style_for(stdout);

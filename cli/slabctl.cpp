@@ -9,6 +9,7 @@
 
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/export/export.h"
 #include "cli/replay/replay.h"
 #include "cli/study/study.h"
 
@@ -97,6 +98,7 @@ int run(int argc, const char* const* argv) {
   add_report(app, exit_status);
   add_trend(app, exit_status);
   add_replay(app, exit_status);
+  add_export(app, exit_status);
   add_study(app, exit_status);
   add_simulate(app, exit_status);
   add_calibrate(app, exit_status);

@@ -19,14 +19,6 @@ namespace fs = std::filesystem;
 /// it is copied then, which takes a moment.
 constexpr std::int64_t kWrittenLater_us = 60'000'000;
 
-/// Where the scan lies today: where it was stored, or under the same folder and name below `scans_dir`.
-std::string scan_at(const storage::SlabBlock& stored, const std::string& scans_dir) {
-  const fs::path path(stored.attempt.scan_path.view());
-  std::error_code ignored;
-  if (scans_dir.empty() || fs::exists(path, ignored)) return path.string();
-  return (fs::path(scans_dir) / path.parent_path().filename() / path.filename()).string();
-}
-
 /// What of the file is not as it was acquired. No checksum is stored with a scan: these are its signs.
 std::string signs_of_change(const std::string& path, const storage::SlabBlock& stored, const ScanShape& shape) {
   const ScanShape& was = stored.attempt.shape;
@@ -100,6 +92,23 @@ std::vector<StationRecord> stations_of(const storage::SlabRecord& record, std::s
     if (stored.phase == StationPhase::measured) station.block = blocks[i] != nullptr ? *blocks[i] : stored.block;
   }
   return stations;
+}
+
+std::string scan_at(const storage::SlabBlock& stored, const std::string& scans_dir) {
+  const fs::path path(stored.attempt.scan_path.view());
+  std::error_code ignored;
+  if (scans_dir.empty() || fs::exists(path, ignored)) return path.string();
+  return (fs::path(scans_dir) / path.parent_path().filename() / path.filename()).string();
+}
+
+const Recipe* recipe_for(const SlabHeader& slab, std::span<const Recipe> recipes) {
+  const Recipe* of_type = nullptr;
+  for (const Recipe& recipe : recipes) {
+    if (recipe.sha256 == slab.recipe_sha256) return &recipe;
+    if (recipe.slab_type == slab.slab_type && recipe.stations() == slab.stations && of_type == nullptr)
+      of_type = &recipe;
+  }
+  return of_type;
 }
 
 std::vector<Recipe> recipes_in(const std::string& dir, std::vector<daemon::Problem>& problems) {

@@ -55,7 +55,12 @@ class Remeasurer {
 [[nodiscard]] std::vector<StationRecord> stations_of(const storage::SlabRecord& record,
                                                      std::span<const BlockResult* const> blocks);
 
+/// Where an attempt's scan lies today: where it was stored, or under the same folder and name below `scans_dir`.
+[[nodiscard]] std::string scan_at(const storage::SlabBlock& stored, const std::string& scans_dir);
+
 /// All recipes that can be read in a folder; `problems` names the others.
 [[nodiscard]] std::vector<Recipe> recipes_in(const std::string& dir, std::vector<daemon::Problem>& problems);
+/// The recipe that the slab was measured with, else the first of its slab type and size, else nullptr.
+[[nodiscard]] const Recipe* recipe_for(const SlabHeader& slab, std::span<const Recipe> recipes);
 
 }  // namespace slabd::cli

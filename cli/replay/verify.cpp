@@ -28,12 +28,8 @@ std::string recipe_words(std::string_view recipe, std::string_view sha256) {
 }
 
 const Recipe* recipe_of(const SlabHeader& slab, std::span<const Recipe> recipes, std::vector<ChangedInput>& changed) {
-  const Recipe* of_type = nullptr;
-  for (const Recipe& recipe : recipes) {
-    if (recipe.sha256 == slab.recipe_sha256) return &recipe;
-    if (recipe.slab_type == slab.slab_type && recipe.stations() == slab.stations && of_type == nullptr)
-      of_type = &recipe;
-  }
+  const Recipe* of_type = recipe_for(slab, recipes);
+  if (of_type != nullptr && of_type->sha256 == slab.recipe_sha256) return of_type;
   changed.push_back(
       {"recipe", recipe_words(slab.recipe.view(), slab.recipe_sha256.view()),
        of_type == nullptr

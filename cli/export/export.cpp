@@ -1,0 +1,254 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl export: what slabd measured, for other systems. Results leave as CSV or JSON, slab by slab, so that a year of
+// them needs no more memory than one.
+#include "cli/export/export.h"
+
+#include <fmt/core.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cctype>
+#include <filesystem>
+#include <memory>
+
+#include "cli/command.h"
+#include "cli/database.h"
+#include "cli/exit.h"
+#include "cli/export/cloud.h"
+#include "cli/export/item_rows.h"
+#include "cli/export/mesh.h"
+#include "cli/export/out_file.h"
+#include "cli/parse.h"
+#include "cli/progress.h"
+#include "cli/slab_choice.h"
+#include "cli/slab_json.h"
+#include "cli/slab_view.h"
+
+namespace slabd::cli {
+namespace {
+
+struct ExportOptions {
+  DatabaseOptions database;
+  SlabChoice choice;
+  std::string out = "-";
+  std::string format;
+  bool bom = false;
+};
+
+/// What --format says, else the file's extension, else csv; empty and a word on stderr for others.
+std::string format_of(const ExportOptions& options) {
+  if (!options.format.empty()) return options.format;
+  std::string extension = std::filesystem::path(options.out).extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  if (options.out == "-" || extension == ".csv") return "csv";
+  if (extension == ".json") return "json";
+  complain(fmt::format("--out {}: allowed are .csv and .json, or say --format", options.out));
+  return "";
+}
+
+/// Calls `write(record)` for each slab; the exit status.
+template <typename Write>
+int for_each(storage::Reader& reader, const std::vector<std::int64_t>& keys, const Write& write) {
+  ProgressCount progress(stderr, keys.size());
+  for (const std::int64_t key : keys) {
+    progress.next(fmt::format("exporting slab {}", key));
+    const auto record = reader.slab(key);
+    if (!record) {
+      progress.erase();
+      complain(record.error().text.view());
+      return kNotReachable;
+    }
+    if (record.value()) write(*record.value());
+  }
+  return kDone;
+}
+
+int export_results(const ExportOptions& options) {
+  const std::string format = format_of(options);
+  if (format.empty()) return kUsage;
+  if (options.bom && format != "csv") {
+    complain("--bom: JSON has none");
+    return kUsage;
+  }
+  int exit_status = kDone;
+  const auto reader = open_database(options.database, exit_status);
+  if (reader == nullptr) return exit_status;
+  const auto keys = chosen_slabs(*reader, options.choice, exit_status);
+  if (!keys) return exit_status;
+
+  OutFile out(options.out);
+  if (format == "csv") {
+    if (options.bom) out.write("\xEF\xBB\xBF");
+    out.write(item_heading());
+    exit_status = for_each(*reader, *keys, [&](const storage::SlabRecord& record) { out.write(item_rows(record)); });
+  } else if (options.choice.slabs.size() == 1) {
+    exit_status = for_each(*reader, *keys, [&](const storage::SlabRecord& record) { out.write(slab_json(record)); });
+  } else {
+    bool first = true;
+    out.write("{\n\"schema\": \"slabd.export/1\",\n\"slabs\": [\n");
+    exit_status = for_each(*reader, *keys, [&](const storage::SlabRecord& record) {
+      if (!first) out.write(",\n");
+      first = false;
+      out.write(slab_json(record));
+    });
+    out.write("]\n}\n");
+  }
+  if (exit_status != kDone) return exit_status;
+  if (const Status closed = out.close(); !closed) {
+    complain(closed.error().text.view());
+    return kBadInput;
+  }
+  return kDone;
+}
+
+// ---- clouds and models ---------------------------------------------------------------------------------------------
+
+struct CloudOptions {
+  DatabaseOptions database;
+  std::string slab;
+  std::string out;
+  std::string recipes_dir;
+  std::string unit;
+  int block = 0;
+  CloudSettings cloud;
+};
+
+struct ModelOptions {
+  std::string recipe;
+  std::string out;
+  bool block = false;
+};
+
+int complain_of(const Error& trouble, int exit_status = kBadInput) {
+  complain(trouble.text.view());
+  return exit_status;
+}
+
+int export_cloud(CloudOptions options) {
+  if (options.block != 0 && options.cloud.voxel_mm != 0.0) {
+    complain("--voxel: of a block every point is written");
+    return kUsage;
+  }
+  daemon::Config config;
+  if (options.database.db.empty()) {
+    if (!config_from(options.database.config, config)) return kBadInput;
+    options.cloud.unit = config.scanner.unit;
+  }
+  if (!options.unit.empty()) options.cloud.unit = *length_unit(options.unit);
+  int exit_status = kDone;
+  const auto reader = open_database(options.database, exit_status);
+  if (reader == nullptr) return exit_status;
+  const auto found = find_slab(*reader, options.slab);
+  if (!found) return complain_of(found.error(), kNotReachable);
+  if (!found.value()) {
+    complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", options.slab));
+    return kBadInput;
+  }
+  const storage::SlabRecord& record = *found.value();
+  const SlabHeader& slab = record.summary.header;
+  std::vector<daemon::Problem> problems;
+  const std::vector<Recipe> recipes =
+      recipes_in(options.recipes_dir.empty() ? config.recipes_dir : options.recipes_dir, problems);
+  static_cast<void>(report_problems(problems));
+  const Recipe* recipe = recipe_for(slab, recipes);
+  if (recipe == nullptr) {
+    complain(fmt::format("no recipe of slab type {} with {} blocks is there; --recipes says where", slab.slab_type,
+                         slab.stations));
+    return kBadInput;
+  }
+  if (!(recipe->sha256 == slab.recipe_sha256))
+    complain(fmt::format("warning: {} is not the recipe that the slab was measured with", recipe->path.view()));
+  if (options.block > slab.stations) {
+    complain(fmt::format("--block {}: this slab has blocks 1..{}", options.block, slab.stations));
+    return kUsage;
+  }
+  const Result<CloudCount> count = options.block != 0
+                                       ? write_block_cloud(options.out, record, options.block, *recipe, options.cloud)
+                                       : write_slab_cloud(options.out, record, *recipe, options.cloud);
+  if (!count) return complain_of(count.error());
+  for (const std::string& sentence : count.value().not_scanned) complain("left out: " + sentence);
+  fmt::print("{}: {} points", options.out, count.value().points);
+  if (count.value().left_out > 0)
+    fmt::print(", {} further than 25 mm from every face left out", count.value().left_out);
+  fmt::print("\n");
+  return kDone;
+}
+
+int export_model(const ModelOptions& options) {
+  Recipe recipe;
+  if (!recipe_from(options.recipe, recipe)) return kBadInput;
+  const Result<Mesh> mesh = options.block ? block_mesh(recipe) : slab_mesh(recipe);
+  if (!mesh) return complain_of(mesh.error());
+  const std::string title = fmt::format("{} of recipe {} {:.12}, mm", options.block ? "block" : "slab",
+                                        recipe.name.view(), recipe.sha256.view());
+  if (const Status written = write_mesh(options.out, mesh.value(), title); !written)
+    return complain_of(written.error());
+  fmt::print("{}: {} triangles\n", options.out, mesh.value().triangles.size());
+  return kDone;
+}
+
+void add_cloud(CLI::App& parent, int& exit_status) {
+  auto options = std::make_shared<CloudOptions>();
+  CLI::App* command = parent.add_subcommand("cloud", "A slab's scans as one cloud in the slab frame, or one block's");
+  command->footer(
+      "\nPLY, binary, mm, without the points that no surface goes through. Of a slab: x, y, z, station. Of a block, "
+      "in\n"
+      "the block's frame as registered: x, y, z, deviation_mm (to the recipe's block), face.\n"
+      "Examples: slabctl export cloud SLAB-0042 --out slab.ply --voxel 2\n"
+      "          slabctl export cloud SLAB-0042 --block 7 --out block7.ply");
+  command->add_option("SLAB", options->slab, "Key or slab id")->required();
+  command->add_option("--out", options->out, "PLY file")->required();
+  command->add_option("--block", options->block, "This block alone")
+      ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));
+  command
+      ->add_option("--voxel", options->cloud.voxel_mm,
+                   "One mean point for each cube of so many mm; default: all points")
+      ->check(CLI::Range(0.2, 100.0));
+  options->database.add_to(*command);
+  command->add_option("--recipes", options->recipes_dir, "Folder with the recipes; default: the configuration's");
+  command->add_option("--scans", options->cloud.scans_dir, "A copy of the spool, for scans that were moved away");
+  command->add_option("--unit", options->unit, "Unit of the scans: mm, m or um; default: the configuration's, or mm")
+      ->check(CLI::IsMember({"mm", "m", "um"}));
+  command->callback([options, &exit_status] { exit_status = export_cloud(*options); });
+}
+
+void add_model(CLI::App& parent, int& exit_status) {
+  auto options = std::make_shared<ModelOptions>();
+  CLI::App* command = parent.add_subcommand("model", "A recipe's slab as triangles: STL or PLY");
+  command->footer("\nExample: slabctl export model p5600.toml --block --out block.stl");
+  command->add_option("RECIPE", options->recipe, "Recipe file")->required();
+  command->add_option("--out", options->out, "File, .stl or .ply, mm")->required();
+  command->add_flag("--block", options->block, "One block in its own frame instead of the slab");
+  command->callback([options, &exit_status] { exit_status = export_model(*options); });
+}
+
+}  // namespace
+
+void add_export(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<ExportOptions>();
+  CLI::App* command = app.add_subcommand("export", "Results as CSV or JSON, clouds and models, for other programs");
+  command->footer(
+      "\nCSV: one row for each item (docs/EXPORT.md has the columns), RFC 4180, UTF-8. JSON: of one named slab\n"
+      "slabd.slab/1, else slabd.export/1 with such documents (docs/schemas). Reads the database while the daemon "
+      "runs.\n"
+      "Examples: slabctl export --since 1d --out yesterday.csv --bom\n"
+      "          slabctl export SLAB-0042 --out slab.json\n"
+      "          slabctl export --all --type 5600 --verdict fail --format json | jq '.slabs[].slab_id'");
+  options->choice.add_to(*command);
+  options->database.add_to(*command);
+  command->add_option("--out", options->out, "File, .csv or .json; - is standard output")->capture_default_str();
+  command->add_option("--format", options->format, "csv or json; default: the file's extension, else csv")
+      ->check(CLI::IsMember({"csv", "json"}));
+  command->add_flag("--bom", options->bom,
+                    "Begin CSV with a byte order mark, which Excel needs to see that it is UTF-8");
+  command->require_subcommand(0, 1);
+  add_cloud(*command, exit_status);
+  add_model(*command, exit_status);
+  command->callback([options, command, &exit_status] {
+    if (command->get_subcommands().empty()) exit_status = export_results(*options);
+  });
+}
+
+}  // namespace slabd::cli
