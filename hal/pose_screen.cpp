@@ -56,18 +56,34 @@ void PoseScreen::note_sender(const PosePublisher& from, std::int64_t mono_ns, co
   refuse(from, mono_ns, "%s", why);
 }
 
-bool PoseScreen::is_alone(const PosePublisher& from, std::int64_t mono_ns) {
+bool PoseScreen::is_alone(const PosePublisher& from, std::int64_t mono_ns, PoseLinkCounters& counters) {
   if (owner_.ever && !(owner_.who == from) && owner_.within(mono_ns, kSilentNs)) {
+    // One of two, or the owner's successor: the owner's next word, or its silence, tells. Two newcomers are two.
+    const bool two_newcomers = !(rival_.who == from) && rival_.within(mono_ns, kSilentNs);
     rival_ = {from, mono_ns, true};
+    ++since_owner_;
+    if (two_newcomers) settle_rivals(counters);
     return false;
   }
-  if (!owner_.ever || !(owner_.who == from)) {
+  if (owner_.ever && owner_.who == from) {
+    settle_rivals(counters);
+  } else {
     // Another program, with its own clock and numbers.
     has_last_ = has_pending_ = has_seq_ = false;
     if (rival_.who == from) rival_.ever = false;
+    if (owner_.ever) ++changes_;
+    waited_ += since_owner_;
+    since_owner_ = 0;
   }
   owner_ = {from, mono_ns, true};
-  return !rival_.within(mono_ns, kSilentNs);
+  if (!rival_.within(mono_ns, kSilentNs)) return true;
+  ++counters.second_publisher;
+  return false;
+}
+
+void PoseScreen::settle_rivals(PoseLinkCounters& counters) {
+  counters.second_publisher += since_owner_;
+  since_owner_ = 0;
 }
 
 void PoseScreen::count_numbering(const PoseSample& sample, PoseLinkCounters& counters) {
@@ -84,8 +100,7 @@ void PoseScreen::count_numbering(const PoseSample& sample, PoseLinkCounters& cou
 
 bool PoseScreen::admit(const PosePublisher& from, std::int64_t mono_ns, const PoseSample& sample,
                        PoseLinkCounters& counters) {
-  if (!is_alone(from, mono_ns)) {
-    ++counters.second_publisher;
+  if (!is_alone(from, mono_ns, counters)) {
     const PosePublisher& other = owner_.who == from ? rival_.who : owner_.who;
     refuse(from, mono_ns, "two programs publish poses, so neither is believed: %s, and another",
            text_of(other).c_str());
@@ -145,7 +160,7 @@ bool PoseScreen::next_note(std::int64_t mono_ns, const PoseLinkCounters& now, Po
       Trouble{now.jumps - said_.jumps, "jumps"},
       Trouble{now.lost - said_.lost, "lost"},
   };
-  bool any = now.gaps != said_.gaps;
+  bool any = now.gaps != said_.gaps || changes_ != 0;
   for (const Trouble& trouble : troubles) any = any || trouble.count != 0;
   if (!any || mono_ns < next_note_ns_) return false;
   next_note_ns_ = mono_ns + kNotePeriodNs;
@@ -156,6 +171,13 @@ bool PoseScreen::next_note(std::int64_t mono_ns, const PoseLinkCounters& now, Po
     FixedString<96> part;
     part.printf(", %llu %s", static_cast<unsigned long long>(trouble.count), trouble.what);
     text.append(part.view());
+  }
+  if (changes_ != 0) {
+    FixedString<96> part;
+    part.printf(", %llu times another sender (%llu of its poses waited for the old one's silence)",
+                static_cast<unsigned long long>(changes_), static_cast<unsigned long long>(waited_));
+    text.append(part.view());
+    changes_ = waited_ = 0;
   }
   if (const std::string_view last = refusal(mono_ns); !last.empty()) {
     text.append("; last: ");

@@ -27,7 +27,9 @@ class PoseScreen {
 
   /// Whether a well-formed pose that came at `mono_ns` is believed. Counts in `counters` what is wrong with it, and
   /// breaks in the numbering of those that are believed.
-  ///   - Two publishers within a second: neither is believed, because nobody can say which one is the robot.
+  ///   - Two publishers within a second: neither is believed, because nobody can say which one is the robot. Whether
+  ///     they were two or one took the other's place shows later: when the first is heard again, or is not. Poses of
+  ///     one that took over are no `second_publisher`; next_note() tells the change and how many were not believed.
   ///   - A clock that stands still or runs back: an old or a repeated message. After a second without any that could
   ///     be believed, whatever comes is: the sender's clock was set.
   ///   - A jump: refused once, and believed when the next sample lies where the jump went.
@@ -49,12 +51,16 @@ class PoseScreen {
       return ever && mono_ns - at_ns < span_ns;
     }
   };
-  [[nodiscard]] bool is_alone(const PosePublisher& from, std::int64_t mono_ns);
+  [[nodiscard]] bool is_alone(const PosePublisher& from, std::int64_t mono_ns, PoseLinkCounters& counters);
+  void settle_rivals(PoseLinkCounters& counters);
   void count_numbering(const PoseSample& sample, PoseLinkCounters& counters);
   [[gnu::format(printf, 4, 5)]] void refuse(const PosePublisher& from, std::int64_t mono_ns, const char* format, ...);
 
   Heard owner_;
   Heard rival_;
+  std::uint64_t since_owner_ = 0;  ///< poses of the rival since the owner was heard
+  std::uint64_t changes_ = 0;      ///< of the owner, since the last note ...
+  std::uint64_t waited_ = 0;       ///< ... and poses of the new one that were not believed before it
   bool has_last_ = false;
   PoseSample last_;           ///< believed
   std::int64_t last_ns_ = 0;  ///< when

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <string>
+
 namespace slabd::hal {
 namespace {
 
@@ -119,7 +121,44 @@ TEST_F(PoseScreenTest, a_bridge_that_was_restarted_is_taken_over_when_the_old_on
   while (!send()) ++refused;
   EXPECT_NEAR(refused, 249, 2);
   EXPECT_EQ(counters.time_back, 0U) << "a new program has its own clock";
+  EXPECT_EQ(counters.second_publisher, 0U) << "the old one never spoke again";
+  PoseNoteText note;
+  ASSERT_TRUE(screen.next_note(now_ns, counters, note));
+  EXPECT_NE(note.view().find("1 times another sender (" + std::to_string(refused) + " of its poses"),
+            std::string_view::npos)
+      << note.view();
   EXPECT_EQ(counters.gaps, 0U);
+}
+
+TEST_F(PoseScreenTest, senders_that_follow_each_other_after_a_silence_are_no_two_publishers) {
+  for (std::uint16_t run = 0; run < 5; ++run) {
+    robot.port = static_cast<std::uint16_t>(42'000 + run);
+    for (int i = 0; i < 20; ++i) EXPECT_TRUE(send());
+    now_ns += PoseScreen::kSilentNs;
+  }
+  EXPECT_EQ(counters.second_publisher, 0U);
+  PoseNoteText note;
+  ASSERT_TRUE(screen.next_note(now_ns, counters, note));
+  EXPECT_NE(note.view().find("4 times another sender (0 of"), std::string_view::npos) << note.view();
+}
+
+TEST_F(PoseScreenTest, a_sender_that_comes_back_shows_that_there_were_two) {
+  ASSERT_TRUE(send());
+  for (int i = 0; i < 10; ++i) EXPECT_FALSE(offer(other, i, utime_us + 1'000 + i));
+  EXPECT_EQ(counters.second_publisher, 0U) << "not known yet";
+  EXPECT_FALSE(send());
+  EXPECT_EQ(counters.second_publisher, 11U) << "now it is";
+}
+
+TEST_F(PoseScreenTest, two_newcomers_while_the_old_sender_is_silent_are_two_publishers) {
+  ASSERT_TRUE(send());
+  const PosePublisher third{other.address, 50'001};
+  for (int i = 0; i < 10; ++i) {
+    now_ns += 4 * kNsPerMs;
+    EXPECT_FALSE(offer(other, i, utime_us + 1'000 + i));
+    EXPECT_FALSE(offer(third, i, utime_us + 1'000 + i));
+  }
+  EXPECT_GE(counters.second_publisher, 19U);
 }
 
 TEST_F(PoseScreenTest, times_at_the_ends_of_their_range_are_harmless) {
