@@ -14,6 +14,7 @@
 #include "cli/progress.h"
 #include "cli/study/repeat.h"
 #include "cli/study/study.h"
+#include "cli/study/study_live.h"
 #include "cli/study/study_report.h"
 
 namespace slabd::cli::study {
@@ -26,6 +27,9 @@ struct RepeatOptions {
   std::size_t runs = 1000;
   bool attempts = false;
   std::string values;
+  int live = 0;
+  std::size_t count = 50;
+  bool enter = false;
   DatabaseOptions database;
   int block = 0;
   std::vector<std::string> items;
@@ -92,6 +96,22 @@ bool from_slabs(const RepeatOptions& options, std::vector<Take>& takes, std::str
   return true;
 }
 
+bool from_line(const RepeatOptions& options, std::vector<Take>& takes, std::string& source, int& exit_status) {
+  Recipe recipe;
+  if (!options.scan.load(recipe, exit_status)) return false;
+  if (options.live > recipe.stations() || (options.block != 0 && options.block != options.live)) {
+    complain(fmt::format("--live {}: recipe {} has blocks 1..{}, and --block is not needed", options.live,
+                         recipe.name.view(), recipe.stations()));
+    exit_status = kUsage;
+    return false;
+  }
+  warn_unconfirmed(recipe);
+  const LiveOrder order{options.database.config, options.live, options.count, options.enter, options.scan.threads};
+  if (!live_takes(order, recipe, takes, exit_status)) return false;
+  source = fmt::format("{} scans of block {} on the line, recipe {}", takes.size(), options.live, recipe.name.view());
+  return true;
+}
+
 bool from_table(const RepeatOptions& options, std::vector<Take>& takes, std::string& source, int& exit_status) {
   const auto table = CsvTable::read(options.values);
   if (!table.ok()) return failed(table.error(), exit_status);
@@ -142,10 +162,10 @@ bool all_known(const RepeatOptions& options, const GaugeTask& task, const std::v
 
 int run_repeat(const RepeatOptions& options) {
   if (!options.document.usable()) return kUsage;
-  const int sources =
-      (options.scans.empty() ? 0 : 1) + (options.slabs.empty() ? 0 : 1) + (options.values.empty() ? 0 : 1);
+  const int sources = (options.scans.empty() ? 0 : 1) + (options.slabs.empty() ? 0 : 1) +
+                      (options.values.empty() ? 0 : 1) + (options.live == 0 ? 0 : 1);
   if (sources != 1) {
-    complain("say what was repeated: scans or a folder of them, --slab, or --values; one of them");
+    complain("say what was repeated: scans or a folder of them, --slab, --values, or --live; one of them");
     return kUsage;
   }
   GaugeTask task;
@@ -155,6 +175,7 @@ int run_repeat(const RepeatOptions& options) {
   int exit_status = kDone;
   const bool good = !options.scans.empty()   ? from_scans(options, takes, source, exit_status)
                     : !options.slabs.empty() ? from_slabs(options, takes, source, exit_status)
+                    : options.live != 0      ? from_line(options, takes, source, exit_status)
                                              : from_table(options, takes, source, exit_status);
   if (!good) return exit_status;
   if (takes.size() < 2) {
@@ -191,6 +212,8 @@ void add_repeat(CLI::App& study, int& exit_status) {
       "          slabctl study repeat --slab MASTER-1                 # every inspection of this slab\n"
       "          slabctl study repeat --slab MASTER-1 --block 3 --reference seat_slope=1.4312\n"
       "          slabctl study repeat --slab 12 --attempts --block 3  # the attempts at one block\n"
+      "          slabctl study repeat --live 3 --count 50 --enter --recipe p5600.toml  # on the line, robot coming "
+      "back\n"
       "Exit status: 0 done, and capable where a reference is given; 1 not capable or undecided.");
   command->add_option("SCAN", options->scans, "Scan files, or folders of them in the order of their names");
   options->scan.add_to(*command);
@@ -203,6 +226,14 @@ void add_repeat(CLI::App& study, int& exit_status) {
       ->capture_default_str();
   command->add_flag("--attempts", options->attempts, "Every attempt at --block is a run, not only the valid one");
   command->add_option("--values", options->values, "A table of values measured elsewhere");
+  command
+      ->add_option("--live", options->live,
+                   "On the running line: scans of the block that the robot stands over, through the daemon")
+      ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));
+  command->add_option("--count", options->count, "With --live: how many scans")
+      ->check(CLI::Range(std::size_t{2}, std::size_t{1000}))
+      ->capture_default_str();
+  command->add_flag("--enter", options->enter, "With --live: Enter before every scan, when the robot has come back");
   command->add_option("--block", options->block, "Of this block alone; needed for scans")
       ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));
   command->add_option("--item", options->items, "Of this item alone; repeatable")

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// One scan after the other from the running daemon, by the same verb that calibration views come from. Each is measured
+// here, from the pose the daemon says the robot stood at; the daemon's copy is let go at once.
+#include "cli/study/study_live.h"
+
+#include <fmt/core.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <iostream>
+#include <string>
+
+#include "cli/calibrate/calibration_desk.h"
+#include "cli/calibrate/live_capture.h"
+#include "cli/calibrate/record_options.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+
+namespace slabd::cli::study {
+namespace {
+
+bool refused(const Error& why, int& exit_status) {
+  complain(why.text.view());
+  exit_status = live_capture_exit(why.code);
+  return false;
+}
+
+bool robot_is_back(std::size_t number, std::size_t count) {
+  fmt::print(stderr, "scan {} of {}: Enter when the robot stands there again\n", number, count);
+  std::string line;
+  return static_cast<bool>(std::getline(std::cin, line));
+}
+
+/// A robot that stirred is no fault of the study: the scan is taken again, a few times.
+Result<LiveShot> shoot(LiveCapture& line, const std::string& what) {
+  constexpr int kTries = 5;
+  const bool terminal = isatty(STDERR_FILENO) != 0;
+  for (int i = 1;; ++i) {
+    Result<LiveShot> shot = line.shoot([&](std::string_view doing) {
+      if (terminal) fmt::print(stderr, "\r\x1b[K{}: {}", what, doing);
+    });
+    if (terminal) fmt::print(stderr, "\r\x1b[K");
+    if (shot.ok() || i == kTries) return shot;
+    const Code code = shot.error().code;
+    if (code != Code::not_settled && code != Code::moved_during_scan) return shot;
+    complain(fmt::format("{} again: {}", what, shot.error().text.view()));
+  }
+}
+
+bool take_all(const LiveOrder& order, const daemon::Config& config, const Pose& X, const Recipe& recipe,
+              LiveCapture& line, std::vector<Take>& takes, int& exit_status) {
+  ScanMeter meter(recipe, config.scanner.unit, order.threads);
+  const Pose T_block_base = (config.T_base_slab * T_slab_block(recipe, order.station)).inverse();
+  for (std::size_t i = 1; i <= order.count; ++i) {
+    if (order.enter && !robot_is_back(i, order.count)) {
+      complain("stdin ended before the last scan");
+      exit_status = kUsage;
+      return false;
+    }
+    const Result<LiveShot> shot = shoot(line, fmt::format("scan {}/{}", i, order.count));
+    if (!shot.ok()) return refused(shot.error(), exit_status);
+    auto readings = meter.measure(shot.value().scan_path, order.station, T_block_base * shot.value().T_base_flange * X);
+    // A copy that is not let go now is let go by the daemon in a week; that is no reason to fail.
+    static_cast<void>(line.release(shot.value().scan_path));
+    if (!readings.ok()) return refused(readings.error(), exit_status);
+    const std::vector<Reading>& values = readings.value();
+    if (i == 1 && std::none_of(values.begin(), values.end(), [](const Reading& r) { return has_value(r.value); })) {
+      complain(fmt::format("no block was found in the first scan; does the robot stand over block {}?", order.station));
+      exit_status = kBadInput;
+      return false;
+    }
+    takes.push_back({fmt::format("scan {}", i), std::move(readings.value())});
+  }
+  return true;
+}
+
+}  // namespace
+
+bool live_takes(const LiveOrder& order, const Recipe& recipe, std::vector<Take>& takes, int& exit_status) {
+  daemon::Config config;
+  if (!config_from(order.config, config)) {
+    exit_status = kBadInput;
+    return false;
+  }
+  InForce now;
+  if (!hand_eye_in_force(config, now, exit_status)) return false;
+  Result<LiveCapture> line = LiveCapture::begin(
+      config.control_socket, {fmt::format("study of block {}", order.station), default_operator().substr(0, 60)});
+  if (!line.ok()) return refused(line.error(), exit_status);
+  for (const std::string& warning : line.value().warnings()) complain("warning: " + warning);
+  const bool good = take_all(order, config, now.T_flange_scanner, recipe, line.value(), takes, exit_status);
+  if (const Status ended = line.value().end(); !ended.ok())
+    complain(fmt::format("warning: the line stays in maintenance until the lease ends: {}", ended.error().text.view()));
+  return good;
+}
+
+}  // namespace slabd::cli::study
