@@ -37,6 +37,8 @@ struct PlcInputs {
 
   /// Connection that last wrote HR 10..39; 0 = nobody yet. Unique over the life of the process.
   std::uint32_t command_writer = 0;
+  /// How often HR 10..39 were written: the same block written again is another event than one that still stands there.
+  std::uint32_t command_writes = 0;
 };
 
 enum class PlcState : std::uint16_t {

@@ -26,6 +26,9 @@ constexpr std::int64_t kWatchdogPeriodNs = 3 * kNsPerS;
 constexpr std::int64_t kWorkerStuckNs = 60 * kNsPerS;
 /// Of the desk's change; the station counts its tickets up from 1 and does not come here in a century.
 constexpr std::uint32_t kChangeTicket = 0xFFFF'FFFF;
+/// The PLC link's state is logged when it has lasted so long, or when nothing was logged of it for the second time.
+constexpr std::int64_t kPlcNewsNs = kNsPerS;
+constexpr std::int64_t kPlcNewsPeriodNs = 60 * kNsPerS;
 /// Views that nobody came for: whoever calibrates comes back within a week, or begins anew.
 constexpr std::int64_t kCaptureKeptUs = 7 * 86'400'000'000LL;
 
@@ -280,8 +283,16 @@ void Loop::serve_plc() {
 
 void Loop::say_plc_news() {
   LogLine line;
-  if (ports_.plc.trouble() != plc_trouble_said_) {
-    plc_trouble_said_ = ports_.plc.trouble();
+  // A link that comes and goes is told of when it stayed so for a moment, or every ten seconds.
+  const std::int64_t now_ns = ports_.clock.mono_ns();
+  if (ports_.plc.trouble() != plc_trouble_seen_) {
+    plc_trouble_seen_ = ports_.plc.trouble();
+    plc_trouble_ns_ = now_ns;
+  }
+  const bool lasts = now_ns - plc_trouble_ns_ >= kPlcNewsNs;
+  if (plc_trouble_seen_ != plc_trouble_said_ && (lasts || now_ns - plc_said_ns_ >= kPlcNewsPeriodNs)) {
+    plc_trouble_said_ = plc_trouble_seen_;
+    plc_said_ns_ = now_ns;
     line.level = plc_trouble_said_.empty() ? LogLine::Level::info : LogLine::Level::error;
     line.text = plc_trouble_said_.empty() ? std::string_view("PLC link is up") : std::string_view(plc_trouble_said_);
     say(line);

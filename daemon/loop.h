@@ -124,6 +124,9 @@ class Loop {
   Code pose_seen_ = Code::no_pose;
   std::int64_t pose_seen_ns_ = 0;  ///< since when it is so
   std::string plc_trouble_said_;
+  std::string plc_trouble_seen_;
+  std::int64_t plc_trouble_ns_ = 0;  ///< since when it is so
+  std::int64_t plc_said_ns_ = -(std::int64_t{1} << 40U);
   std::string spool_trouble_said_;  ///< storage thread only
   CalibrationDesk calibration_desk_;
 

@@ -174,10 +174,14 @@ struct CommandDesk {
   std::uint16_t judged_seq = 0;  ///< CMD_SEQ (with `judged_echo`) last looked at: a repeated image is not news
   std::uint16_t judged_echo = 0;
   std::uint32_t judged_writer = 0;
+  std::uint32_t judged_writes = 0;
+  std::uint16_t judged_ack = 0;               ///< CMD_ACK then
   std::int64_t refusal_logged_ns = -kNsPerS;  ///< a peer that repeats itself fills one line a second
-  bool pending = false;                       ///< `pending_inputs` waits for its journal entry
-  bool pending_abort = false;                 ///< ABORT was raised meanwhile
-  PlcInputs pending_inputs;
+  std::int64_t session_logged_ns = -kNsPerS;  ///< likewise
+  std::uint32_t sessions_unsaid = 0;
+  bool pending = false;        ///< `pending_inputs` waits for its journal entry
+  bool pending_abort = false;  ///< ABORT was raised meanwhile
+  PlcInputs pending_inputs;    ///< also after it is done: the command of CMD_ACK, when its CMD_SEQ says so
   BeginSlabJob pending_begin;  ///< when it is SLAB_BEGIN
 };
 

@@ -22,6 +22,7 @@ void refuse(Station& s, const PlcInputs& in, Code code, Actions& actions) {
   ++desk.refused;
   if (code != Code::stale_session && code != Code::bad_sequence) {
     desk.ack = in.cmd_seq;
+    desk.pending_inputs = in;
     set_failed(s, in.cmd_seq, code);
   }
   if (s.now_ns - desk.refusal_logged_ns < kNsPerS) return;
@@ -107,6 +108,8 @@ void journal(Station& s, const PlcInputs& in, Actions& actions) {
   s.desk.pending = true;
   s.desk.pending_abort = false;
   s.desk.pending_inputs = in;
+  // What was refused under this number has been mended: REFUSE_SEQ speaks of this order only if it is refused too.
+  if (s.desk.refuse_seq == in.cmd_seq) s.desk.refuse_seq = s.desk.refuse_code = 0;
   PendingStore pending;
   pending.value = in.cmd_seq;
   if (static_cast<PlcCommand>(in.command) == PlcCommand::slab_begin) {
@@ -136,18 +139,37 @@ void take_over(Station& s, const PlcInputs& in, Actions& actions) {
   if (takeover) bump_session(s, actions, "another connection took over the command block");
 }
 
+/// The order, whoever writes it and in whatever session.
+bool is_same_command(const PlcInputs& a, const PlcInputs& b) {
+  return a.command == b.command && a.station == b.station && a.slab_type == b.slab_type && a.slab_no == b.slab_no &&
+         a.slab_id == b.slab_id;
+}
+
 void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
   CommandDesk& desk = s.desk;
-  if (in.cmd_seq == 0 || in.command_writer == 0) return;
-  const bool looked_at =
-      in.cmd_seq == desk.judged_seq && in.session_echo == desk.judged_echo && in.command_writer == desk.judged_writer;
+  if (in.command_writer == 0) return;
+  // A block that stands there is judged once. Written again it is judged again when CMD_ACK has moved since: a number
+  // that came too early may be the right one now.
+  const bool looked_at = in.cmd_seq == desk.judged_seq && in.session_echo == desk.judged_echo &&
+                         in.command_writer == desk.judged_writer &&
+                         (in.command_writes == desk.judged_writes || desk.ack == desk.judged_ack);
   if (looked_at) return;
   desk.judged_seq = in.cmd_seq;
   desk.judged_echo = in.session_echo;
   desk.judged_writer = in.command_writer;
+  desk.judged_writes = in.command_writes;
+  desk.judged_ack = desk.ack;
+  if (in.cmd_seq == 0) return;
 
-  if (in.cmd_seq == desk.ack) {  // the same command again, late or after a restart: CMD_ACK already says so
-    ++desk.refused;
+  if (in.cmd_seq == desk.ack) {
+    // The same command again, late or after a restart: CMD_ACK already says so. Another one under this number is
+    // somebody's who has counted as the one before him did: to be silent would tell him that it is carried out.
+    const PlcInputs& known = desk.pending_inputs;
+    if (known.cmd_seq == in.cmd_seq && !is_same_command(known, in))
+      refuse(s, in, Code::bad_sequence, actions);
+    else if (known.cmd_seq != in.cmd_seq || known.session_echo != in.session_echo ||
+             known.command_writer != in.command_writer)
+      ++desk.refused;  // not the PLC that only writes it again because no answer came
     return;
   }
   take_over(s, in, actions);
@@ -205,7 +227,13 @@ void bump_session(Station& s, Actions& actions, const char* why) {
   });
   if (under_way) return;
   s.desk.session_next = next_sequence(s.desk.session_next);
-  log(actions, LogLine::Level::info, Code::ok, "session %u: %s", s.desk.session_next, why);
+  ++s.desk.sessions_unsaid;
+  if (s.now_ns - s.desk.session_logged_ns >= kNsPerS) {
+    s.desk.session_logged_ns = s.now_ns;
+    log(actions, LogLine::Level::info, Code::ok, "session %u: %s%s", s.desk.session_next, why,
+        s.desk.sessions_unsaid > 1 ? " (and others since the last line)" : "");
+    s.desk.sessions_unsaid = 0;
+  }
   PendingStore pending;
   pending.kind = PendingStore::Kind::session;
   pending.value = s.desk.session_next;

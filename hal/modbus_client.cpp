@@ -89,6 +89,7 @@ class Client final : public PlcPort {
     holding_seen_ = unread_.front().image;
     inputs = decode_inputs(holding_seen_, settings_.word_order);
     inputs.command_writer = unread_.front().connection;
+    inputs.command_writes = unread_.front().number;
     unread_.pop();
     return true;
   }
@@ -118,6 +119,7 @@ class Client final : public PlcPort {
   struct Unread {
     HoldingImage image{};
     std::uint32_t connection = 0;
+    std::uint32_t number = 0;
   };
 
   // ---- the thread. plan_ and written images are its own but for the look of publish(), under the mutex.
@@ -191,6 +193,8 @@ class Client final : public PlcPort {
       ++connection_;
       ++counters_.connections;
       fresh_ = true;
+      has_candidate_ = false;
+      std::fill(confirmed_.begin(), confirmed_.end(), std::uint16_t{0});
       plan_.connected(now_ns);
       return;
     }
@@ -201,14 +205,34 @@ class Client final : public PlcPort {
     if (deed != ClientDeed::read && !settings_.read_write) return;
     plan_.has_read(now_ns);
     trouble_.clear();
-    if (!fresh_ && read_image == last_read_) return;
+    const HoldingImage image_now = confirm_command(read_image, now_ns);
+    if (!fresh_ && image_now == last_read_) return;
     fresh_ = false;
-    last_read_ = read_image;
+    last_read_ = image_now;
     // The loop stands still: the oldest states are lost, as they are to any poll that comes late. Its own heartbeat is
     // frozen then, and the PLC sees that.
     if (unread_.full()) unread_.pop();
-    static_cast<void>(unread_.push({read_image, connection_}));
+    static_cast<void>(unread_.push({image_now, connection_, ++delivered_}));
     raise();
+  }
+
+  /// A PLC may copy its memory into an answer while its program fills the command block: then half of it is of the
+  /// order before, and neither CMD_SEQ being last nor the CRC, which ends before it, tells. So a new block counts when
+  /// two answers in a row agree; the second is asked for at once. Until then the last confirmed one stands.
+  HoldingImage confirm_command(const HoldingImage& read, std::int64_t now_ns) {
+    const auto command = std::span(read).subspan(kCommandFirst);
+    if (has_candidate_ && std::equal(command.begin(), command.end(), candidate_.begin())) {
+      confirmed_ = candidate_;
+      read_again_ = false;
+    } else {
+      std::copy(command.begin(), command.end(), candidate_.begin());
+      has_candidate_ = true;
+      if (!read_again_) plan_.read_again(now_ns);
+      read_again_ = !read_again_;  // once at once; a block that changes with every answer waits for the next poll
+    }
+    HoldingImage image = read;
+    std::copy(confirmed_.begin(), confirmed_.end(), image.begin() + kCommandFirst);
+    return image;
   }
 
   void lose(ClientDeed deed, int error_number, std::int64_t now_ns) {
@@ -263,6 +287,11 @@ class Client final : public PlcPort {
   FixedQueue<Unread, kUnreadMax> unread_;
   HoldingImage last_read_{};
   bool fresh_ = true;  ///< nothing was read on this connection yet
+  std::array<std::uint16_t, kHoldingRegisters - kCommandFirst> candidate_{};  ///< HR 10..39 of the last answer
+  std::array<std::uint16_t, kHoldingRegisters - kCommandFirst> confirmed_{};  ///< of two answers in a row
+  bool has_candidate_ = false;
+  bool read_again_ = false;  ///< the next answer was asked for early
+  std::uint32_t delivered_ = 0;
   std::uint32_t connection_ = 0;
   PlcLinkCounters counters_;
   Trouble trouble_;

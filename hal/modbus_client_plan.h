@@ -65,6 +65,8 @@ class ClientPlan {
     read_ns_ = now_ns + poll_ns_;
     back_off_ns_ = kBackOffFirstNs;
   }
+  /// What has come may be torn: the next answer tells.
+  void read_again(std::int64_t now_ns) { read_ns_ = now_ns; }
   [[nodiscard]] bool is_connected() const { return connected_; }
 
  private:

@@ -34,6 +34,9 @@ constexpr std::int64_t kPauseNs = ns_from_ms(60);
 constexpr std::int64_t kReopenNs = kNsPerS;
 /// A reply that comes back as an echo does so within this time after it left.
 constexpr std::int64_t kEchoNs = ns_from_ms(60);
+/// So many replies that did not come back, and the adapter is one that does not echo.
+constexpr int kRepliesToBeSure = 3;
+constexpr std::uint8_t kWriteOne = 6;
 /// Reads in one turn of the loop: what a terminal's buffer of 4 kB holds, so that noise cannot hold the loop.
 constexpr int kPiecesPerTurn = 16;
 /// Bits of one character: start, 8 data, parity or second stop, stop.
@@ -108,6 +111,7 @@ class RtuSlave final : public PlcPort {
       if (!serve()) continue;
       inputs = decode_inputs(bank_.holding, settings_.word_order);
       inputs.command_writer = opened_;
+      inputs.command_writes = command_writes_;
       return true;
     }
     return false;
@@ -127,6 +131,7 @@ class RtuSlave final : public PlcPort {
   // ---- the line
 
   void open_line() {
+    replies_without_echo_ = 0;
     reopen_ns_ = now_ns_ + kReopenNs;
     Fd fd(open(settings_.device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
     if (!fd.is_open()) {
@@ -211,6 +216,7 @@ class RtuSlave final : public PlcPort {
         return false;
       }
       answer(frame);
+      if (check.writes_command) ++command_writes_;
       return check.writes;
     }
     return false;
@@ -230,6 +236,7 @@ class RtuSlave final : public PlcPort {
     echo_[0] = settings_.unit_id;
     std::copy(pdu.begin(), pdu.end(), echo_.begin() + 1);
     echo_bytes_ = rtu_close(echo_, 1 + pdu.size());
+    reply_is_request_ = pdu[0] == kWriteOne;
     echo_until_ns_ = now_ns_ + static_cast<std::int64_t>(echo_bytes_) * character_ns_ + kEchoNs;
     if (write(fd_.get(), echo_.data(), echo_bytes_) == static_cast<ssize_t>(echo_bytes_)) return;
     ++counters_.unsent;
@@ -237,14 +244,18 @@ class RtuSlave final : public PlcPort {
   }
 
   /// An adapter that listens while it speaks hands our reply back, and the reply to FC 6 is the request: answering it
-  /// would never end. True: what has come so far may still be the echo.
+  /// would never end. A master that writes the same twice looks alike; which of the two it is, other replies tell,
+  /// whose echo is like no request. True: what has come so far may still be the echo.
   bool swallow_echo() {
+    if (echo_bytes_ == 0) return false;
+    if (reply_is_request_ && replies_without_echo_ >= kRepliesToBeSure) echo_bytes_ = 0;
     if (echo_bytes_ == 0) return false;
     const std::size_t common = std::min(bytes_, echo_bytes_);
     const bool echo = now_ns_ < echo_until_ns_ &&
                       std::equal(echo_.begin(), echo_.begin() + static_cast<std::ptrdiff_t>(common), buffer_.begin());
     if (echo && common < echo_bytes_) return true;
     const std::size_t swallowed = echo ? echo_bytes_ : 0;
+    if (!reply_is_request_) replies_without_echo_ = echo ? 0 : std::min(replies_without_echo_ + 1, kRepliesToBeSure);
     echo_bytes_ = 0;
     std::copy(buffer_.begin() + static_cast<std::ptrdiff_t>(swallowed),
               buffer_.begin() + static_cast<std::ptrdiff_t>(bytes_), buffer_.begin());
@@ -264,6 +275,9 @@ class RtuSlave final : public PlcPort {
   std::array<std::uint8_t, kRtuBytesMax> echo_{};  ///< the last reply
   std::size_t echo_bytes_ = 0;
   std::int64_t echo_until_ns_ = 0;
+  bool reply_is_request_ = false;  ///< the last reply was to FC 6
+  int replies_without_echo_ = 0;   ///< in a row, on this line
+  std::uint32_t command_writes_ = 0;
 
   RegisterBank bank_;
   PlcLinkCounters counters_;

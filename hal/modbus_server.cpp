@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cerrno>
 #include <charconv>
 #include <cstring>
@@ -106,6 +107,7 @@ class Server final : public ModbusServer {
       if (serve(client)) {
         inputs = decode_inputs(bank_.holding, settings_.word_order);
         inputs.command_writer = command_writer_;
+        inputs.command_writes = command_writes_;
         return true;
       }
     }
@@ -154,8 +156,10 @@ class Server final : public ModbusServer {
         return;
       }
       const std::uint32_t address = ntohl(peer.sin_addr.s_addr);
-      const bool reader = contains(settings_.read_only, address);
-      if (!reader && !contains(settings_.allow, address)) {
+      const int may_write = narrowest(settings_.allow, address);
+      const int may_read = narrowest(settings_.read_only, address);
+      const bool reader = may_read >= may_write;
+      if (may_write < 0 && may_read < 0) {
         blame(counters_.not_allowed, address);
         continue;
       }
@@ -164,19 +168,27 @@ class Server final : public ModbusServer {
     }
   }
 
-  static bool contains(const FixedVector<PlcSettings::Network, 16>& networks, std::uint32_t address) {
-    return std::any_of(networks.begin(), networks.end(),
-                       [address](const auto& network) { return (address & network.mask) == network.address; });
+  /// Prefix length of the narrowest network that holds the address, -1: none does. Of `allow` and `read_only` the
+  /// narrower one decides, as among routes: the PLC may stand in a network that else may only read.
+  static int narrowest(const FixedVector<PlcSettings::Network, 16>& networks, std::uint32_t address) {
+    int longest = -1;
+    for (const PlcSettings::Network& network : networks)
+      if ((address & network.mask) == network.address) longest = std::max(longest, std::popcount(network.mask));
+    return longest;
   }
 
-  /// Who makes room before whom: a free place, who never spoke, who may only read, who may write, the one who
-  /// commands; among equals who has been silent longest.
+  /// Who makes room before whom: a free place, whoever holds most places, who never spoke, who may only read, who may
+  /// write, the one who commands; among equals who has been silent longest. So a computer that floods the server pushes
+  /// its own connections off, and a PLC that comes back is not the one to go before it has spoken.
   int rank(const Client& client) const {
-    if (!client.fd.is_open()) return 0;
-    if (!client.spoke) return 1;
-    if (client.read_only) return 2;
+    if (!client.fd.is_open()) return -1000;
     const bool owner = client.number == command_writer_ && now_ns_ - client.active_ns < kOwnerSilenceNs;
-    return owner ? 4 : 3;
+    if (owner) return 1000;
+    const auto places = std::count_if(clients_.begin(), clients_.end(), [&](const Client& other) {
+      return other.fd.is_open() && other.address == client.address;
+    });
+    const int kind = !client.spoke ? 0 : client.read_only ? 1 : 2;
+    return kind - 10 * static_cast<int>(places);
   }
 
   /// Displays never take the last places: however many there are, a PLC finds one without pushing anybody off.
@@ -294,6 +306,7 @@ class Server final : public ModbusServer {
   /// The block is one connection's. Another one's write begins an empty block: words of two writers never make one
   /// command.
   void take_command_block(const Client& client) {
+    ++command_writes_;
     if (client.number == command_writer_) return;
     command_writer_ = client.number;
     std::fill(bank_.holding.begin() + kCommandFirst, bank_.holding.begin() + kCommandLast + 1, std::uint16_t{0});
@@ -318,6 +331,7 @@ class Server final : public ModbusServer {
   std::array<Client, limits::kModbusClientsMax> clients_;
   std::uint32_t last_number_ = 0;
   std::uint32_t command_writer_ = 0;
+  std::uint32_t command_writes_ = 0;
 
   std::int64_t now_ns_ = 0;
   std::int64_t accept_after_ns_ = 0;

@@ -94,7 +94,13 @@ class Teller {
     const DeviationColumn& column = kDeviations[index];
     Reg reg{static_cast<std::uint16_t>(kDeviationFirst + index), of_slab ? column.slab_name : column.station_name,
             of_slab ? column.slab_unit : column.station_unit, ""};
-    RegisterRow row = begin(reg, 1, *reg.unit == '\0' ? "i16" : "i16 / 1000");
+    // A column may be a length in one kind of record and a plain number in the other.
+    const bool station_scaled = *column.station_unit != '\0';
+    const bool slab_scaled = *column.slab_unit != '\0';
+    const char* const type = station_scaled == slab_scaled ? (station_scaled ? "i16 / 1000" : "i16")
+                             : station_scaled              ? "i16 / 1000; slab: i16"
+                                                           : "i16; slab: i16 / 1000";
+    RegisterRow row = begin(reg, 1, type);
     row.slab_name = column.slab_name;
     row.slab_unit = column.slab_unit;
     sink_(row, length(reg.address, reg.unit).view());

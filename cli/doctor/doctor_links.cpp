@@ -138,31 +138,6 @@ void examine_plc_half(const daemon::Config& config, const hal::HoldingImage& fir
                    "compare WORD_PROBE (IR 2-3) in the PLC with 0x12345678; set [plc] word_order");
 }
 
-void examine_registers(const daemon::Config& config, Examination& report) {
-  const std::string where = fmt::format("{}:{}", reach(config), config.plc.port);
-  const std::unique_ptr<modbus_t, ModbusFree> client(modbus_new_tcp(reach(config).c_str(), config.plc.port));
-  if (client == nullptr) return report.unknown("plc registers", modbus_strerror(errno));
-  modbus_set_slave(client.get(), config.plc.unit_id);
-  modbus_set_response_timeout(client.get(), 1, 0);
-  hal::InputImage input{};
-  hal::HoldingImage first{};
-  hal::HoldingImage later{};
-  if (modbus_connect(client.get()) != 0 || !read_image(client.get(), input, first))
-    return report.failed("plc registers", fmt::format("{}: {}", where, modbus_strerror(errno)),
-                         "is this computer in [plc] allow, and are not all connections taken?");
-  const Result<PlcOutputs> outputs = hal::decode_outputs(input, config.plc.word_order);
-  if (!outputs)
-    return report.failed("plc registers", std::string(outputs.error().text.view()), "is this slabd's port?");
-  const bool abcd = config.plc.word_order == hal::WordOrder::abcd;
-  report.ok("plc registers", fmt::format("map 1.0 on {}; WORD_PROBE is {:04X} {:04X} ({})", where, input[2], input[3],
-                                         abcd ? "abcd, high word first" : "cdab, low word first"));
-  std::this_thread::sleep_for(std::chrono::milliseconds(1'200));
-  if (!read_image(client.get(), input, later))
-    return report.failed("plc registers", fmt::format("{}: {}", where, modbus_strerror(errno)),
-                         "look at the daemon's log");
-  examine_plc_half(config, first, later, report);
-}
-
 /// The wire belongs to the PLC (client, serial line): the daemon says what it sees there.
 void examine_through_daemon(const daemon::Config& config, Examination& report) {
   hal::HoldingImage first{};
@@ -176,6 +151,37 @@ void examine_through_daemon(const daemon::Config& config, Examination& report) {
     *holding = seen.value().holding;
   }
   report.ok("plc link", "the daemon has a connection");
+  examine_plc_half(config, first, later, report);
+}
+
+void examine_registers(const daemon::Config& config, Examination& report) {
+  const std::string where = fmt::format("{}:{}", reach(config), config.plc.port);
+  const std::unique_ptr<modbus_t, ModbusFree> client(modbus_new_tcp(reach(config).c_str(), config.plc.port));
+  if (client == nullptr) return report.unknown("plc registers", modbus_strerror(errno));
+  modbus_set_slave(client.get(), config.plc.unit_id);
+  modbus_set_response_timeout(client.get(), 1, 0);
+  hal::InputImage input{};
+  hal::HoldingImage first{};
+  hal::HoldingImage later{};
+  if (modbus_connect(client.get()) != 0 || !read_image(client.get(), input, first)) {
+    if (plc_registers(config.control_socket)) {
+      report.note("plc registers", fmt::format("{} does not let this computer read; the daemon is asked", where),
+                  "right as it is, when [plc] allow names the PLC alone");
+      return examine_through_daemon(config, report);
+    }
+    return report.failed("plc registers", fmt::format("{}: {}", where, modbus_strerror(errno)),
+                         "is this computer in [plc] allow, and are not all connections taken?");
+  }
+  const Result<PlcOutputs> outputs = hal::decode_outputs(input, config.plc.word_order);
+  if (!outputs)
+    return report.failed("plc registers", std::string(outputs.error().text.view()), "is this slabd's port?");
+  const bool abcd = config.plc.word_order == hal::WordOrder::abcd;
+  report.ok("plc registers", fmt::format("map 1.0 on {}; WORD_PROBE is {:04X} {:04X} ({})", where, input[2], input[3],
+                                         abcd ? "abcd, high word first" : "cdab, low word first"));
+  std::this_thread::sleep_for(std::chrono::milliseconds(1'200));
+  if (!read_image(client.get(), input, later))
+    return report.failed("plc registers", fmt::format("{}: {}", where, modbus_strerror(errno)),
+                         "look at the daemon's log");
   examine_plc_half(config, first, later, report);
 }
 

@@ -255,7 +255,10 @@ int monitor(Options options) {
   if (!terminal && !options.as_json) options.once = true;
   std::signal(SIGINT, on_interrupt);
   for (;;) {
-    const Result<Registers> registers = over_wire ? wire.read() : plc_registers(socket);
+    Result<Registers> registers = over_wire ? wire.read() : plc_registers(socket);
+    // This computer need not be in [plc] allow to be told by its own daemon.
+    if (!registers && over_wire && options.connect.empty())
+      if (Result<Registers> told = plc_registers(socket); told) registers = std::move(told);
     show(options, registers, pulses, terminal && !options.once && !options.as_json);
     if (options.once || g_stop != 0) return registers ? kDone : kNotReachable;
     std::this_thread::sleep_for(std::chrono::milliseconds(options.interval_ms));

@@ -208,11 +208,14 @@ bool PlcPeer::issue(const PlcOrder& order, std::uint16_t& cmd_seq, PlcTrouble& t
     auto written_at = PlcClock::now();
     if (attempt == 0 && written != nullptr) *written = written_at;
     impl_->write_command();  // a failure shows in the next cycle, as a lost link or as no answer
+    bool refused = false;
     for (int rewrites = 0;;) {
       if (!impl_->cycle(trouble)) return false;
-      if (seen().cmd_ack == memory.cmd_seq) break;
-      const bool refused = seen().refused != refused_before && seen().refuse_seq == memory.cmd_seq;
-      if (refused || seen().session != memory.session_echo) break;
+      // Refused first: CMD_ACK may have this number from somebody else's order.
+      refused = seen().refused != refused_before && seen().refuse_seq == memory.cmd_seq &&
+                (seen().refuse_code == static_cast<std::uint16_t>(Code::stale_session) ||
+                 seen().refuse_code == static_cast<std::uint16_t>(Code::bad_sequence));
+      if (refused || seen().cmd_ack == memory.cmd_seq || seen().session != memory.session_echo) break;
       if (PlcClock::now() - written_at < impl_->traits.ack_timeout) continue;
       if (rewrites++ == impl_->traits.ack_rewrites) {
         trouble.text = fmt::format("{}: command {} was not answered", impl_->name, memory.cmd_seq);
@@ -222,7 +225,7 @@ bool PlcPeer::issue(const PlcOrder& order, std::uint16_t& cmd_seq, PlcTrouble& t
       written_at = PlcClock::now();
       impl_->write_command();  // the same number: if the first one arrived, this is a duplicate and does nothing
     }
-    if (seen().cmd_ack != memory.cmd_seq) {
+    if (refused || seen().cmd_ack != memory.cmd_seq) {
       // Stale session or wrong number: SESSION and CMD_ACK are read again. A session on its way to the disk is shown
       // when it is there.
       if (!await([&] { return seen().ready; }, kSessionTimeout, "READY", trouble) &&
@@ -254,11 +257,14 @@ bool PlcPeer::issue(const PlcOrder& order, std::uint16_t& cmd_seq, PlcTrouble& t
 
 bool PlcPeer::await_status(std::uint16_t cmd_seq, CommandStatus status, milliseconds timeout, PlcTrouble& trouble) {
   const auto reached = [&] {
+    if (status == CommandStatus::acquired && seen().acq_seq == cmd_seq) return true;
     if (seen().cmd_ack != cmd_seq) return true;  // not ours any more: decided below
+    if (status == CommandStatus::acquired && seen().cmd_status < kCommandFailed) return false;  // ACQ_SEQ says it
     return seen().cmd_status >= static_cast<std::uint16_t>(status);
   };
   if (!await(reached, timeout, status == CommandStatus::acquired ? "ACQUIRED" : "the command to be done", trouble))
     return false;
+  if (status == CommandStatus::acquired && seen().acq_seq == cmd_seq) return true;
   if (seen().cmd_ack != cmd_seq) {
     trouble.code = Code::interrupted;
     trouble.text = fmt::format("command {} is not the one slabd works on", cmd_seq);

@@ -128,7 +128,7 @@ TEST(PlcDocs, the_function_block_has_the_emulators_times_and_repetitions) {
   EXPECT_EQ(number_behind(text, "tonBeat\\(IN.*PT := "), traits.heartbeat.count());
   EXPECT_EQ(number_behind(text, "tonFree\\(IN.*PT := "), traits.result_timeout.count());
   EXPECT_EQ(number_behind(text, "tonReady\\(IN.*PT := "), 3'000);
-  EXPECT_EQ(number_behind(text, "uiCmd = 2 THEN\\s*tonDone\\(IN.*PT := "), traits.acquire_timeout.count());
+  EXPECT_EQ(number_behind(text, "uiCmdNow = 2 THEN\\s*tonDone\\(IN.*PT := "), traits.acquire_timeout.count());
   EXPECT_EQ(number_behind(text, "REWRITES_MAX : UINT "), traits.ack_rewrites);
   EXPECT_EQ(number_behind(text, "ATTEMPTS_MAX : UINT "), simulate::kIssueAttempts);
   EXPECT_NE(text.find("uiCode = 103 OR uiCode = 107"), std::string::npos) << "what is tried again later";

@@ -273,6 +273,40 @@ TEST_F(StationTest, a_record_shown_again_after_a_restart_is_acknowledged_by_what
   EXPECT_FALSE(line.view().result);
 }
 
+TEST_F(StationTest, a_number_that_came_too_early_is_taken_when_it_is_written_again) {
+  begin();
+  line.run_for(600);
+  const std::uint16_t ack = line.view().cmd_ack;
+  line.command(PlcCommand::scan, 1);  // on its way to the journal
+  ++line.plc.command_writes;
+  line.plc.station = 2;
+  line.plc.cmd_seq = static_cast<std::uint16_t>(ack + 2);
+  line.feed(line.plc);
+  EXPECT_EQ(line.view().refuse_code, 111);
+  line.run_for(1500);
+  EXPECT_EQ(line.view().cmd_ack, ack + 1) << "refused, and not written again since";
+  EXPECT_EQ(line.view().cmd_status, 4);
+  ++line.plc.command_writes;
+  line.feed(line.plc);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_ack, ack + 2);
+}
+
+TEST_F(StationTest, another_order_under_a_number_that_is_taken_is_refused_and_not_silently_dropped) {
+  begin();
+  line.scan(1);
+  const PlcOutputs before = line.view();
+  PlcInputs other = line.plc;
+  other.command_writer = 2;
+  other.station = 5;
+  line.feed(other);
+  EXPECT_EQ(line.view().refused, before.refused + 1);
+  EXPECT_EQ(line.view().refuse_code, 111);
+  EXPECT_EQ(line.view().refuse_seq, other.cmd_seq);
+  EXPECT_EQ(line.view().cmd_ack, before.cmd_ack);
+  EXPECT_EQ(line.scans.size(), 1U);
+}
+
 TEST_F(StationTest, a_late_copy_of_a_command_is_counted_and_does_nothing) {
   begin();
   line.scan(1);

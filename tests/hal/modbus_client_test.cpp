@@ -44,6 +44,19 @@ class FakePlc {
     const std::lock_guard lock(mutex_);
     memory_[address] = value;
   }
+  void order(std::uint16_t station, std::uint16_t cmd_seq) {
+    const std::lock_guard lock(mutex_);
+    memory_[11] = station;
+    memory_[39] = cmd_seq;
+  }
+  /// The next answer that holds this register shows another value in it.
+  void tear_next_answer(std::size_t address, std::uint16_t value) {
+    const std::lock_guard lock(mutex_);
+    torn_at_ = address;
+    torn_to_ = value;
+    tears_ = true;
+  }
+  [[nodiscard]] bool tears() const { return tears_; }
   [[nodiscard]] std::uint16_t get(std::size_t address) const {
     const std::lock_guard lock(mutex_);
     return memory_[address];
@@ -142,8 +155,11 @@ class FakePlc {
       reply.push_back(pdu[0]);
       reply.push_back(static_cast<std::uint8_t>(2 * word(3)));
       for (std::size_t i = 0; i < word(3); ++i) {
-        reply.push_back(static_cast<std::uint8_t>(memory_[word(1) + i] >> 8U));
-        reply.push_back(static_cast<std::uint8_t>(memory_[word(1) + i] & 0xFFU));
+        const bool torn = tears_ && word(1) + i == torn_at_;
+        const unsigned value = torn ? torn_to_ : memory_[word(1) + i];
+        if (torn) tears_ = false;
+        reply.push_back(static_cast<std::uint8_t>(value >> 8U));
+        reply.push_back(static_cast<std::uint8_t>(value & 0xFFU));
       }
     }
     return true;
@@ -154,6 +170,9 @@ class FakePlc {
   std::uint16_t port_ = 0;
   mutable std::mutex mutex_;
   std::array<std::uint16_t, 2000> memory_{};
+  std::atomic<bool> tears_ = false;
+  std::size_t torn_at_ = 0;
+  unsigned torn_to_ = 0;
   std::atomic<bool> powered_ = true;
   std::atomic<bool> stop_ = false;
   std::thread thread_;
@@ -194,7 +213,7 @@ TEST_F(ModbusClientTest, moves_both_images) {
   plc.set(39, 12);
   start();
   outputs.session = 321;
-  until([&] { return plc.get(1009) == 321 && !seen.empty(); });
+  until([&] { return plc.get(1009) == 321 && !seen.empty() && seen.back().cmd_seq != 0; });
   EXPECT_EQ(plc.get(1000), kMapMagic);
   EXPECT_EQ(seen.back().heartbeat, 7);
   EXPECT_EQ(seen.back().cmd_seq, 12);
@@ -208,6 +227,21 @@ TEST_F(ModbusClientTest, moves_both_images) {
   until([&] { return plc.get(1004) == 99; });
 }
 
+TEST_F(ModbusClientTest, a_block_that_was_torn_on_its_way_is_never_delivered) {
+  plc.order(1, 7);
+  start();
+  until([&] { return !seen.empty() && seen.back().cmd_seq == 7; });
+  for (std::uint16_t station = 2; station < 40; ++station) {
+    // An answer that copies registers upwards while the PLC's program writes the next order: its end is already new.
+    plc.tear_next_answer(39, static_cast<std::uint16_t>(station + 6));
+    until([&] { return !plc.tears(); });
+    plc.order(station, static_cast<std::uint16_t>(station + 6));
+    until([&] { return seen.back().cmd_seq == station + 6; });
+    EXPECT_EQ(seen.back().station, station);
+  }
+  for (const PlcInputs& inputs : seen) EXPECT_TRUE(inputs.cmd_seq == 0 || inputs.station + 6 == inputs.cmd_seq);
+}
+
 TEST_F(ModbusClientTest, bases_word_order_and_read_write_are_as_configured) {
   settings.command_base = 500;
   settings.status_base = 300;
@@ -216,7 +250,7 @@ TEST_F(ModbusClientTest, bases_word_order_and_read_write_are_as_configured) {
   plc.set(514, 1);
   plc.set(515, 2);
   start();
-  until([&] { return !seen.empty() && plc.get(300) == kMapMagic; });
+  until([&] { return !seen.empty() && seen.back().slab_no != 0 && plc.get(300) == kMapMagic; });
   EXPECT_EQ(seen.back().slab_no, 0x00020001U);
   EXPECT_EQ(plc.get(302), 0x5678);
   EXPECT_EQ(plc.get(0), 0);

@@ -129,6 +129,54 @@ TEST_F(ModbusServerTest, a_new_connection_is_a_new_writer_even_on_the_same_port)
   EXPECT_GT(turn().at(0).command_writer, first);
 }
 
+TEST_F(ModbusServerTest, who_floods_the_server_pushes_his_own_connections_off) {
+  PlcSettings settings;
+  ASSERT_TRUE(settings.allow.push(parse_network("127.0.0.0/8").value()));
+  open(settings);
+  std::vector<std::unique_ptr<RawClient>> flood;
+  for (int i = 0; i < 20; ++i) {
+    flood.push_back(connected("127.0.0.9"));
+    EXPECT_EQ(asked(*flood.back(), read_frame(1, 4, 0, 1)).size(), 11U);
+    now_ns_ += kNsPerMs;
+  }
+  const auto plc = connected("127.0.0.1");  // back after a loss, and has not spoken yet
+  for (int i = 0; i < 100; ++i) {
+    flood.push_back(connected("127.0.0.9"));
+    EXPECT_EQ(asked(*flood.back(), read_frame(1, 4, 0, 1)).size(), 11U);
+    now_ns_ += kNsPerMs;
+  }
+  EXPECT_TRUE(plc->still_open());
+  EXPECT_EQ(asked(*plc, read_frame(2, 4, 0, 1)).size(), 11U);
+}
+
+TEST_F(ModbusServerTest, of_allow_and_read_only_the_narrower_network_decides) {
+  PlcSettings settings;
+  ASSERT_TRUE(settings.allow.push(parse_network("127.0.0.10/32").value()));
+  ASSERT_TRUE(settings.allow.push(parse_network("127.1.0.0/16").value()));
+  ASSERT_TRUE(settings.read_only.push(parse_network("127.0.0.0/24").value()));
+  ASSERT_TRUE(settings.read_only.push(parse_network("127.1.1.0/24").value()));
+  open(settings);
+  const auto writes = [&](const char* from) {
+    const auto client = connected(from);
+    client->send(write_frame(3, 0, {1}));
+    return turn().size();
+  };
+  EXPECT_EQ(writes("127.0.0.10"), 1U);
+  EXPECT_EQ(writes("127.0.0.11"), 0U);
+  EXPECT_EQ(writes("127.1.2.1"), 1U);
+  EXPECT_EQ(writes("127.1.1.1"), 0U);
+}
+
+TEST_F(ModbusServerTest, each_write_of_the_command_block_is_told_apart) {
+  const auto plc = connected();
+  plc->send(write_frame(1, 10, {1}));
+  const std::uint32_t first = turn().at(0).command_writes;
+  plc->send(write_frame(2, 0, {1}));
+  EXPECT_EQ(turn().at(0).command_writes, first);
+  plc->send(write_frame(3, 10, {1}));
+  EXPECT_EQ(turn().at(0).command_writes, first + 1);
+}
+
 TEST_F(ModbusServerTest, displays_never_take_the_last_two_places) {
   PlcSettings settings;
   ASSERT_TRUE(settings.allow.push(parse_network("127.0.0.0/8").value()));

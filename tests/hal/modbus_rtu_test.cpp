@@ -109,6 +109,14 @@ class RtuTest : public ::testing::Test {
   std::int64_t now_ns_ = kNsPerS;
 };
 
+TEST_F(RtuTest, the_same_write_twice_is_answered_twice_once_the_adapter_is_known_not_to_echo) {
+  for (int i = 0; i < 4; ++i) EXPECT_EQ(asked(kRead), kReadAnswer);
+  for (int i = 0; i < 6; ++i) {
+    EXPECT_EQ(asked(kWriteSeq), kWriteSeq) << i;
+    now_ns_ += kNsPerMs;
+  }
+}
+
 TEST_F(RtuTest, answers_reads_and_hands_over_each_write) {
   EXPECT_EQ(asked(kRead), kReadAnswer);
   send(kWriteSeq);

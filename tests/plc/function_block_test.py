@@ -10,7 +10,7 @@ from st_block import Block
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 SYNC, CONTROL, CMD_SEQ = 3, 1, 39
-SESSION, ACK, STATUS = 9, 10, 11
+SESSION, ACK, STATUS, ACQ, REFUSED, REFUSE_CODE, REFUSE_SEQ = 9, 10, 11, 12, 21, 26, 27
 
 
 class Line:
@@ -120,9 +120,83 @@ class FunctionBlock(unittest.TestCase):
         line.cycle()
         line.cycle(xEnable=False)
         self.assertFalse(block.xError)
-        line.ir[STATUS] = 3
+        line.ir[STATUS], line.ir[ACQ] = 3, 42
         line.cycle()
         self.assertTrue(block.xDone)
+
+    def test_a_scan_is_done_by_its_own_number_and_not_by_somebody_elses_status(self):
+        line = Line()
+        block = line.order()
+        line.ir[ACK], line.ir[STATUS] = 42, 4  # somebody else's order has the number
+        for _ in range(5):
+            line.cycle()
+        self.assertFalse(block.xDone)
+        line.ir[REFUSED] += 1
+        line.ir[REFUSE_CODE], line.ir[REFUSE_SEQ] = 111, 42
+        line.cycle()
+        line.cycle()
+        line.cycle()
+        self.assertEqual(block.HR[CMD_SEQ], 43, "ordered again under the next number")
+        line.ir[ACK], line.ir[STATUS] = 43, 1
+        line.cycle()
+        line.cycle()
+        line.ir[STATUS], line.ir[ACQ] = 3, 43
+        line.cycle()
+        self.assertTrue(block.xDone)
+
+    def test_an_order_given_too_early_begins_when_the_session_is_there(self):
+        line = Line()
+        line.cycle(xExecute=True, uiCmd=2, uiStation=1)
+        for _ in range(5):
+            line.cycle()
+        self.assertFalse(line.block.xWriteCommand)
+        line.ir[SESSION] += 1
+        written = False
+        for _ in range(3):
+            written |= line.cycle().xWriteCommand
+        self.assertTrue(written)
+
+    def test_an_order_that_never_can_begin_ends_in_an_error(self):
+        line = Line()
+        line.cycle(xExecute=True, uiCmd=2, uiStation=1)
+        for _ in range(70):
+            line.cycle(1.0)
+        self.assertTrue(line.block.xError)
+
+    def test_an_order_is_written_as_it_was_when_it_began(self):
+        line = Line()
+        block = line.order()
+        line.inputs["uiStation"] = 17
+        line.ir[SESSION] += 1
+        for _ in range(4):
+            line.cycle()
+        self.assertEqual(block.HR[11], 1)
+
+    def test_each_record_is_stored_for_itself(self):
+        line = Line()
+        line.started()
+        line.ir[5] |= 8
+        line.ir[30] = line.ir[63] = 9
+        line.cycle()
+        self.assertTrue(line.block.xNewResult)
+        line.cycle(xStored=True)
+        self.assertEqual(line.block.HR[2], 9)
+        line.ir[30] = line.ir[63] = 10
+        for _ in range(5):
+            line.cycle()  # xStored still stands
+        self.assertEqual(line.block.HR[2], 9)
+        self.assertTrue(line.block.xNewResult)
+        line.cycle(xStored=False)
+        line.cycle(xStored=True)
+        self.assertEqual(line.block.HR[2], 10)
+
+    def test_a_session_that_does_not_come_is_asked_for_again(self):
+        line = Line()
+        line.cycle()
+        self.assertEqual(line.block.HR[SYNC], 6)
+        line.cycle(3.1)
+        line.cycle()
+        self.assertEqual(line.block.HR[SYNC], 7)
 
 
 if __name__ == "__main__":

@@ -109,7 +109,7 @@ bool SimPlcPort::serve(const Wire::Request& request) {
   reply[4] = static_cast<std::uint8_t>((bytes + 1) >> 8U);
   reply[5] = static_cast<std::uint8_t>((bytes + 1) & 0xFFU);
   reply.insert(reply.end(), pdu.begin(), pdu.begin() + static_cast<std::ptrdiff_t>(bytes));
-  if (check.writes_command) command_writer_ = request.connection;
+  if (check.writes_command) command_writer_ = request.connection, ++command_writes_;
   wire_.answer(request.connection, std::move(reply));
   ++counters_.frames;
   return check.writes;
@@ -123,6 +123,7 @@ bool SimPlcPort::next(std::int64_t mono_ns, PlcInputs& inputs) {
     if (!serve(request)) continue;
     inputs = hal::decode_inputs(bank_.holding, hal::WordOrder::abcd);
     inputs.command_writer = command_writer_;
+    inputs.command_writes = command_writes_;
     return true;
   }
   return false;

@@ -76,6 +76,7 @@ class SimPlcPort final : public hal::PlcPort {
   std::function<void(const PlcOutputs&, const hal::InputImage&)> shown_;
   hal::RegisterBank bank_;
   std::uint32_t command_writer_ = 0;
+  std::uint32_t command_writes_ = 0;
   hal::PlcLinkCounters counters_;
 };
 
