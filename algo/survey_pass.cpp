@@ -180,7 +180,10 @@ class Surveyor {
     for (F16& c : beyond_) c = f16(0.0F);
     distances_.clear();
     sum_ = squares_ = d16(0.0);
-    map_x_ = map_y_ = map_r_ = f16(0.0F);
+    map_x_ = map_y_ = f16(0.0F);
+    map_lane_ = map_first_ = 0;
+    map_round_ = 0;
+    map_r_ = f16(std::numeric_limits<float>::quiet_NaN());
   }
 
   /// `count` sixteens, every `stride`-th.
@@ -402,18 +405,23 @@ class Surveyor {
       beyond_[i] = beyond_[i] + keep(in & (distance > f16(task_.share_mm[DistanceLanes::kWithin + i])), f16(1.0F));
   }
 
-  /// One point of each sixteen goes to the map, another lane each time.
+  /// One point of each sixteen goes to the map, another lane each time, and beginning with another one in each round:
+  /// lanes in one order would come back to the same columns wherever a row is a multiple of 256 points long.
   HWY_INLINE void take_for_map(const F16& x, const F16& y, const F16& r) {
-    const M16 turn = lane_numbers() == f16(static_cast<float>(map_lane_));
+    const M16 turn = lane_numbers() == f16(static_cast<float>((map_lane_ + map_first_) % static_cast<int>(kLanes)));
     map_x_ = select(turn, x, map_x_);
     map_y_ = select(turn, y, map_y_);
     map_r_ = select(turn, r, map_r_);
     if (++map_lane_ == static_cast<int>(kLanes)) put_on_map();
   }
   HWY_NOINLINE void put_on_map() {
-    // At the end not every lane has had its turn.
-    const M16 there = (map_r_ == map_r_) & (lane_numbers() < f16(static_cast<float>(map_lane_)));
+    // At the end not every lane has had its turn: those hold no number.
+    const M16 there = map_r_ == map_r_;
     map_lane_ = 0;
+    map_round_ += 0x9E3779B9U;
+    map_first_ = static_cast<int>(map_round_ >> 28U);
+    const F16 r = map_r_;
+    map_r_ = f16(std::numeric_limits<float>::quiet_NaN());
     if (map_.count.empty()) return;
     constexpr std::size_t kCell = limits::kDeviationMapCell_mm;
     constexpr float kCells = 1.0F / static_cast<float>(kCell);
@@ -424,7 +432,7 @@ class Surveyor {
     alignas(64) std::array<std::int32_t, kLanes> at;
     alignas(64) std::array<std::int32_t, kLanes> r_nm;
     store(to_int(keep(there, cell)), at.data());
-    store(to_int(keep(there, map_r_) * f16(1e6F)), r_nm.data());
+    store(to_int(keep(there, r) * f16(1e6F)), r_nm.data());
     const std::uint32_t lanes = bits(there);
     for (std::size_t i = 0; i < kLanes; ++i) {
       const auto map_cell = static_cast<std::size_t>(at[i]);
@@ -578,6 +586,8 @@ class Surveyor {
   std::array<Cursor, kPointLists> cursors_;
   F16 map_x_, map_y_, map_r_;
   int map_lane_ = 0;
+  int map_first_ = 0;            ///< lane of the round's first point
+  std::uint32_t map_round_ = 0;  ///< steps of the golden ratio: never the same order for long
   int since_flush_ = 0;
 };
 

@@ -43,4 +43,10 @@ Shown shown(const SlabRecord& record, int station) {
   return {block->block.verdict, block->block.reason};
 }
 
+const Item& final_item(const SlabRecord& record, int station, const Item& own) {
+  for (const Item& item : record.slab.items)
+    if (item.id == own.id && item.station == station && item.station_to == 0) return item;
+  return own;
+}
+
 }  // namespace slabd::cli

@@ -26,4 +26,8 @@ struct Shown {
 /// scanned; the latest attempt's own before.
 [[nodiscard]] Shown shown(const storage::SlabRecord& record, int station);
 
+/// The slab's own item of this block that takes the place of `own`, which was judged by the block alone; `own` when
+/// there is none: SLAB_END computes slopes anew against the slab's frame, and only those count.
+[[nodiscard]] const Item& final_item(const storage::SlabRecord& record, int station, const Item& own);
+
 }  // namespace slabd::cli

@@ -203,6 +203,7 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
                           {"recipe", station.slab.header.recipe.view()},
                           {"stations_done", view.stations_done},
                           {"stations", station.slab.header.stations},
+                          {"current_station", view.current_station},
                           {"mask", view.station_mask}}
                    : Json(nullptr);
   j["links"]["plc"] = plc_link(ports.plc, view.plc_link_ok, station.now_ns);

@@ -15,6 +15,11 @@ constexpr const char* kValidAttempt =
     "item.attempt = (SELECT max(a.attempt) FROM attempt AS a WHERE a.slab_key = item.slab_key AND a.station = "
     "item.station)";
 
+/// A block's item counts until SLAB_END has made another of it, against the slab's frame.
+constexpr const char* kNotSuperseded =
+    "NOT EXISTS (SELECT 1 FROM item AS f WHERE f.slab_key = item.slab_key AND f.station = 0 AND f.id = item.id AND "
+    "f.from_station = item.station AND f.to_station = 0)";
+
 constexpr std::int64_t kForEver = 9'000'000'000'000'000'000;
 
 std::int64_t count_of(std::size_t limit) {
@@ -38,7 +43,7 @@ std::string condition(const SlabFilter& filter) {
     where += any ? "item.verdict NOT IN ('pass', 'none')" : "item.verdict = ?7";
     if (filter.block != 0)
       where += " AND (item.station = ?8 OR (item.station = 0 AND ?8 IN (item.from_station, item.to_station)))";
-    where += std::string(" AND (item.station = 0 OR ") + kValidAttempt + "))";
+    where += std::string(" AND (item.station = 0 OR (") + kValidAttempt + " AND " + kNotSuperseded + ")))";
   } else if (filter.block != 0) {
     where += " AND EXISTS (SELECT 1 FROM station_result AS s WHERE s.slab_key = slab.slab_key AND s.station = ?8 AND ";
     where += any ? "s.verdict <> 'pass')" : "s.verdict = ?7)";
@@ -53,15 +58,15 @@ std::string condition(const SlabFilter& filter) {
 std::vector<SlabSummary> find_slabs(Connection& db, const SlabFilter& filter) {
   const std::vector<std::string> header = names_of<SlabHeader>();
   Statement rows(
-      db,
-      "SELECT " + of_table("slab", header) +
-          ", slab_result.ended_utime_us, slab_result.verdict, slab_result.reason, "
-          "(SELECT acknowledged FROM result WHERE result.slab_key = slab.slab_key AND kind = 2 AND is_repeat = 0 "
-          "ORDER BY id DESC LIMIT 1), "
-          "(SELECT count(*) FROM attempt AS a WHERE a.slab_key = slab.slab_key AND phase = 'measured' AND attempt = "
-          "(SELECT max(attempt) FROM attempt AS b WHERE b.slab_key = a.slab_key AND b.station = a.station)) "
-          "FROM slab LEFT JOIN slab_result USING (slab_key) WHERE " +
-          condition(filter) + " ORDER BY slab.slab_key DESC LIMIT ?1");
+      db, "SELECT " + of_table("slab", header) +
+              ", slab_result.ended_utime_us, slab_result.verdict, slab_result.reason, "
+              "(SELECT acknowledged FROM result WHERE result.slab_key = slab.slab_key AND kind = 2 AND is_repeat = 0 "
+              "ORDER BY id DESC LIMIT 1), "
+              "(SELECT count(*) FROM attempt AS a JOIN block USING (slab_key, station, attempt) WHERE "
+              "a.slab_key = slab.slab_key AND phase = 'measured' AND block.verdict <> 'not_measured' AND a.attempt = "
+              "(SELECT max(attempt) FROM attempt AS b WHERE b.slab_key = a.slab_key AND b.station = a.station)) "
+              "FROM slab LEFT JOIN slab_result USING (slab_key) WHERE " +
+              condition(filter) + " ORDER BY slab.slab_key DESC LIMIT ?1");
   rows.bind(1, count_of(filter.limit))
       .bind(2, filter.since_utime_us)
       .bind(3, filter.until_utime_us == 0 ? kForEver : filter.until_utime_us);

@@ -65,7 +65,7 @@ VerdictLook look_of(Verdict verdict) {
     case Verdict::fail: return {{0.62, 0.05, 0.10}, kWhite};
     case Verdict::indeterminate: return {{0.98, 0.80, 0.36}, {0.25, 0.16, 0.0}};
     case Verdict::not_measured:
-    case Verdict::aborted: return {{0.55, 0.50, 0.66}, kWhite};
+    case Verdict::aborted: return {{0.55, 0.50, 0.66}, kBlack};
     case Verdict::none: break;
   }
   return {kWhite, kGrey};

@@ -19,7 +19,7 @@ using storage::SlabBlock;
 using storage::SlabRecord;
 
 /// More of them would push the identities off the first page.
-constexpr std::size_t kFindingsShown = 10;
+constexpr std::size_t kFindingsShown = 22;
 
 class Composer {
  public:
@@ -89,18 +89,18 @@ class Composer {
     list.emplace_back(item.verdict, std::move(text));
   }
 
-  /// A block's own item that SLAB_END computed anew and found no better: one line is enough.
+  /// Said at its block already.
   [[nodiscard]] bool said_by_block(const Item& item) const {
-    const SlabBlock* block = info(item.id).scope == ItemScope::block ? measured(item.station) : nullptr;
-    if (block == nullptr) return false;
-    const Item* own = find_item(block->block.items.begin(), block->block.items.end(), item.id);
-    return own != nullptr && own->verdict == item.verdict;
+    const SlabBlock* block = item.station_to == 0 && item.station != 0 ? measured(item.station) : nullptr;
+    return block != nullptr && find_item(block->block.items.begin(), block->block.items.end(), item.id) != nullptr;
   }
 
   Section findings() {
     Section section;
     section.title = say(Word::findings);
     std::vector<std::pair<Verdict, std::string>> list;
+    if (record_.summary.verdict == Verdict::aborted)
+      list.emplace_back(Verdict::aborted, reason_sentence(record_.summary.reason, language_));
     for (int station = 1; station <= header_.stations; ++station) {
       const SlabBlock* block = measured(station);
       if (block == nullptr) {
@@ -116,7 +116,7 @@ class Composer {
                                                             reason_sentence(block->block.reason, language_)));
         continue;
       }
-      for (const Item& item : block->block.items) add_finding(list, item, station);
+      for (const Item& item : block->block.items) add_finding(list, final_item(record_, station, item), station);
     }
     for (const Item& item : record_.slab.items)
       if (!said_by_block(item)) add_finding(list, item, 0);
@@ -208,7 +208,12 @@ class Composer {
     section.title = say(Word::slab_items);
     section.new_page = true;
     if (record_.slab.items.empty()) {
-      section.parts.push_back(Paragraph{say(Word::open_warning)});
+      const bool aborted = record_.summary.verdict == Verdict::aborted;
+      section.parts.push_back(Paragraph{
+          is_open(record_) ? say(Word::open_warning)
+                           : fmt::format("{}: {}", verdict_word(record_.summary.verdict, language_),
+                                         aborted ? reason_sentence(record_.summary.reason, language_)
+                                                 : std::string(verdict_word(Verdict::not_measured, language_)))});
       return section;
     }
     Table table = item_table(section.title);
@@ -346,7 +351,12 @@ class Composer {
     const BlockResult& result = block->block;
     Table table = item_table(fmt::format("{}: {}", section.title, say(Word::characteristic)));
     add_normal(table, result);
-    for (const Item& item : result.items) add_item(table, item, false);
+    // What SLAB_END made of the block: its slope against the slab's frame, and where its seat lies among the others.
+    std::vector<Item> items;
+    for (const Item& item : result.items) items.push_back(final_item(record_, station, item));
+    for (const Item& item : record_.slab.items)
+      if (item.station == station && item.station_to == 0 && !said_by_block(item)) items.push_back(item);
+    for (const Item& item : items) add_item(table, item, false);
     section.parts.push_back(std::move(table));
     const SurfaceDefect& defect = result.seat.defect;
     if (defect.cells > 0) {
@@ -356,9 +366,8 @@ class Composer {
       paragraph.warning = true;
       section.parts.push_back(std::move(paragraph));
     }
-    section.parts.push_back(
-        Figures{{registration_figure(picture_, station, language_), seat_figure(picture_, station, language_),
-                 tolerance_figure(std::span<const Item>(result.items.begin(), result.items.size()), language_)}});
+    section.parts.push_back(Figures{{registration_figure(picture_, station, language_),
+                                     seat_figure(picture_, station, language_), tolerance_figure(items, language_)}});
     return section;
   }
 

@@ -28,7 +28,12 @@ Entry entry(Word word) {
     case Word::blocks: return {"Blocks", "承轨台"};
     case Word::slab_items: return {"Items of the slab", "整板检测项目"};
     case Word::seats: return {"The seats side by side", "各承轨面对比"};
-    case Word::full_and_crop: return {"Seat plane: whole plane and evaluation region", "承轨面拟合：全平面与裁剪区域"};
+    case Word::full_and_crop:
+      return {
+          "Seat plane: whole plane and evaluation region (normals in the registered block's frame: how the two fits "
+          "agree; the "
+          "slope itself stands with each block)",
+          "承轨面拟合：全平面与裁剪区域（法向量在配准后的承轨台坐标系中，用于比较两种拟合；坡度见各承轨台）"};
     case Word::registration_table: return {"Deviation of the registered points from the model", "配准偏差统计"};
     case Word::cycle_times: return {"Times: after the trigger in s, computing in ms", "节拍：触发后 s，计算 ms"};
     case Word::characteristic: return {"characteristic", "检测项目"};

@@ -66,7 +66,10 @@ Individuals individuals(std::span<const double> values) {
   chart.range_control = kD4 * chart.moving_range;
   if (chart.preliminary()) return chart;
   for (std::size_t i = 0; i < values.size(); ++i)
-    if (values[i] < chart.lower_control || values[i] > chart.upper_control) chart.signals[i] = Signal::beyond_limits;
+    if (values[i] < chart.lower_control || values[i] > chart.upper_control)
+      chart.signals[i] = Signal::beyond_limits;
+    else if (i > 0 && std::abs(values[i] - values[i - 1]) > chart.range_control)
+      chart.signals[i] = Signal::jump;
   mark_runs(values, chart.mean, chart.signals);
   return chart;
 }

@@ -19,8 +19,8 @@ namespace slabd::cli::trend {
 /// all (AIAG SPC, 2nd edition, asks for 25 subgroups).
 inline constexpr std::size_t kValuesMin = 25;
 
-/// Why a value stands out.
-enum class Signal : std::uint8_t { none, beyond_limits, nine_on_one_side };
+/// Why a value stands out. A jump: its moving range lies above the limit of the ranges.
+enum class Signal : std::uint8_t { none, beyond_limits, jump, nine_on_one_side };
 
 /// Charts of single values in their order.
 struct Individuals {

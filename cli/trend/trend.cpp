@@ -44,6 +44,7 @@ std::string_view name(Signal signal) {
   switch (signal) {
     case Signal::none: break;
     case Signal::beyond_limits: return "beyond_limits";
+    case Signal::jump: return "jump";
     case Signal::nine_on_one_side: return "nine_on_one_side";
   }
   return "none";
@@ -66,13 +67,14 @@ std::string as_json(const Trend& t) {
   }
   json.field("value_is", t.is_mean ? "mean of the slab" : "single").field("slabs", t.chart.count);
   json.field("not_measured", t.not_measured).field("preliminary", t.chart.preliminary());
+  json.field("other_limits", t.other_limits).field("incomplete_slabs", t.incomplete);
   json.field("nominal", t.nominal).field("lower", t.lower).field("upper", t.upper);
   json.key("chart").begin_object();
   json.field("mean", t.chart.mean).field("sigma", t.chart.sigma).field("std", t.chart.std);
   json.field("moving_range", t.chart.moving_range).field("lower_control", t.chart.lower_control);
   json.field("upper_control", t.chart.upper_control).field("range_control", t.chart.range_control).end_object();
   json.key("capability").begin_object();
-  json.field("confidence", 0.95).field("values", t.singles.count);
+  json.field("confidence", 0.95).field("block", t.capable_block).field("values", t.singles.count);
   write_index(json, "cp", t.capable.cp);
   write_index(json, "cpk", t.capable.cpk);
   json.end_object();
@@ -106,6 +108,9 @@ void print_trend(const Trend& t) {
              t.chart.count);
   if (t.not_measured > 0) fmt::print(", {} values not measured", t.not_measured);
   fmt::print("\n");
+  if (t.other_limits > 0)
+    fmt::print("{} values left out that were judged by other limits than the newest\n", t.other_limits);
+  if (t.incomplete > 0) fmt::print("{} slabs left out of the chart in which a block was not measured\n", t.incomplete);
   if (t.values.empty()) return;
   fmt::print("{} .. {}\n\n", iso_time(t.began_utime_us.front()), iso_time(t.began_utime_us.back()));
   fmt::print("  {}\n\n", trend::sparkline(t.values, 72, style.unicode));
@@ -123,8 +128,9 @@ void print_trend(const Trend& t) {
     fmt::print("preliminary: {} slabs of {}; no capability, no signals before that\n", t.chart.count,
                trend::kValuesMin);
   } else {
-    fmt::print("Cp {}   Cpk {}   (95 %, of {} single values)\n", trend::index_text(t.capable.cp),
-               trend::index_text(t.capable.cpk), t.singles.count);
+    fmt::print("Cp {}   Cpk {}   (95 %, {} values{})\n", trend::index_text(t.capable.cp),
+               trend::index_text(t.capable.cpk), t.singles.count,
+               t.is_mean && t.capable_block != 0 ? fmt::format(" of block {}, the worst", t.capable_block) : "");
     fmt::print("{} of {} values out of control\n", signals, t.chart.count);
   }
   if (t.stations.empty()) return;

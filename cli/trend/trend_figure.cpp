@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 
 #include "cli/figures.h"
 #include "cli/json.h"
@@ -80,6 +81,28 @@ void widen(Panel& panel) {
   panel.high += margin;
 }
 
+/// The same requirement: what was judged by other limits is another characteristic.
+bool same_requirement(const Item& a, const Item& b) {
+  const auto same = [](double x, double y) { return x == y || (!has_value(x) && !has_value(y)); };
+  return same(a.nominal, b.nominal) && same(a.lower, b.lower) && same(a.upper, b.upper);
+}
+
+/// Of the block that is worst off. All blocks together have no short-term scatter: what lies between two of them is
+/// not what the process does from one slab to the next.
+void judge_blocks(std::span<const Placed> placed, Trend& trend) {
+  std::map<int, std::vector<double>> by_station;
+  for (const Placed& value : placed) by_station[value.station].push_back(value.value);
+  for (const auto& [station, values] : by_station) {
+    const Individuals chart = individuals(values);
+    const Capability capable = capability(chart, trend.lower, trend.upper);
+    if (!has_value(capable.cpk.value)) continue;
+    if (has_value(trend.capable.cpk.value) && trend.capable.cpk.value <= capable.cpk.value) continue;
+    trend.capable = capable;
+    trend.singles = chart;
+    trend.capable_block = station;
+  }
+}
+
 }  // namespace
 
 std::string index_text(const Index& index) {
@@ -90,38 +113,50 @@ Trend trend_of(ItemId item, int block, const std::vector<storage::ItemValue>& va
   Trend trend;
   trend.item = item;
   trend.block = block;
-  std::vector<Placed> placed;
-  std::vector<double> singles;
+  std::map<int, const Item*> newest;  // of each block
+  for (const storage::ItemValue& value : values) newest[value.item.station] = &value.item;
+  std::map<std::int64_t, std::vector<const storage::ItemValue*>> slabs;
   for (const storage::ItemValue& value : values) {
     if (!has_value(value.item.value)) {
       ++trend.not_measured;
+    } else if (!same_requirement(value.item, *newest[value.item.station])) {
+      ++trend.other_limits;
+    } else {
+      slabs[value.slab_key].push_back(&value);
+    }
+  }
+  std::size_t most = 0;
+  for (const auto& [key, list] : slabs) most = std::max(most, list.size());
+  trend.is_mean = most > 1;
+  std::vector<Placed> placed;
+  for (const auto& [key, list] : slabs) {
+    double sum = 0.0;
+    for (const storage::ItemValue* value : list) {
+      placed.push_back({key, value->item.station, value->item.value});
+      sum += value->item.value;
+      trend.nominal = value->item.nominal;
+      trend.lower = value->item.lower;
+      trend.upper = value->item.upper;
+    }
+    // The mean of fewer blocks is another quantity: where one is missing it would look like a shift.
+    if (list.size() < most) {
+      ++trend.incomplete;
       continue;
     }
-    placed.push_back({value.slab_key, value.item.station, value.item.value});
-    singles.push_back(value.item.value);
-    trend.nominal = value.item.nominal;
-    trend.lower = value.item.lower;
-    trend.upper = value.item.upper;
-    if (trend.keys.empty() || trend.keys.back() != value.slab_key) {
-      trend.keys.push_back(value.slab_key);
-      trend.ids.push_back(value.slab_id);
-      trend.began_utime_us.push_back(value.began_utime_us);
-      trend.values.push_back(0.0);
-    }
-  }
-  std::size_t at = 0;
-  for (std::size_t i = 0; i < trend.keys.size(); ++i) {
-    double sum = 0.0;
-    std::size_t count = 0;
-    for (; at < placed.size() && placed[at].slab_key == trend.keys[i]; ++at, ++count) sum += placed[at].value;
-    trend.values[i] = sum / static_cast<double>(count);
-    trend.is_mean = trend.is_mean || count > 1;
+    trend.keys.push_back(key);
+    trend.ids.push_back(list.front()->slab_id);
+    trend.began_utime_us.push_back(list.front()->began_utime_us);
+    trend.values.push_back(sum / static_cast<double>(list.size()));
   }
   trend.chart = individuals(trend.values);
-  trend.singles = individuals(singles);
-  // Twenty-five slabs, however many blocks they have.
-  if (!trend.chart.preliminary()) trend.capable = capability(trend.singles, trend.lower, trend.upper);
-  if (trend.is_mean) trend.stations = station_biases(placed);
+  if (trend.is_mean) {
+    judge_blocks(placed, trend);
+    trend.stations = station_biases(placed);
+  } else {
+    trend.singles = trend.chart;
+    trend.capable = capability(trend.singles, trend.lower, trend.upper);
+    trend.capable_block = block;
+  }
   return trend;
 }
 

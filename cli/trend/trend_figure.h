@@ -15,6 +15,8 @@ struct Trend {
   int block = 0;  ///< 0: mean over the stations of each slab, or an item of the whole slab
   bool is_mean = false;
   std::size_t not_measured = 0;
+  std::size_t other_limits = 0;  ///< values left out: judged by another nominal or other limits than the newest
+  std::size_t incomplete = 0;    ///< slabs left out of the chart of means, a block missing
   std::vector<std::int64_t> keys;
   std::vector<SlabId> ids;
   std::vector<std::int64_t> began_utime_us;
@@ -23,8 +25,9 @@ struct Trend {
   double lower = kNoValue;
   double upper = kNoValue;
   Individuals chart;
-  Individuals singles;  ///< all single values in their order: what capability rests on
-  Capability capable;
+  Individuals singles;    ///< of one block: what capability rests on
+  Capability capable;     ///< of `capable_block`: the one asked for, or the worst
+  int capable_block = 0;  ///< 0: an item of the whole slab, or none has values enough
   std::vector<StationBias> stations;
 };
 

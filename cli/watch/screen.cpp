@@ -115,14 +115,17 @@ class Composer {
             {}}});
     }
     std::string about = p_.slab.empty()
-                            ? say("no slab yet", "尚无轨道板")
+                            ? (p_.past_trouble.empty() ? say("no slab yet", "尚无轨道板") : std::string())
                             : (p_.slab_open ? say("slab ", "轨道板 ") : say("last slab ", "上一块板 ")) + p_.slab;
     if (p_.slab_open)
       about += fmt::format("   {} {}/{}", say("scanned", "已扫描"), p_.stations_done, p_.stations.size());
     if (p_.current_station != 0) about += fmt::format("   {} {}", say("now block", "当前承轨台"), p_.current_station);
     if (has_value(p_.map_age_s)) about += fmt::format("   {} {}", say("age", "数据"), age_text(p_.map_age_s));
     add({{about, kBold}});
-    add({});
+    if (p_.past_trouble.empty())
+      add({});
+    else
+      add({{say(" ! slabs cannot be read: ", " ! 无法读取轨道板记录：") + p_.past_trouble, kYellow}});
   }
 
   void map() {
@@ -143,7 +146,9 @@ class Composer {
             text = fmt::format("{}{:>2} {}{}", now ? '[' : ' ', station, symbol(verdict, style_), now ? ']' : ' ');
           else if (row == 2 && verdict != Verdict::none)
             text = " " + std::string(verdict_word(verdict, language_));
-          line.push_back({padded(std::move(text), tile), now ? kBold : colour_of(verdict)});
+          line.push_back({padded(std::move(text), tile), !p_.past_trouble.empty() ? kFaint
+                                                         : now                    ? kBold
+                                                                                  : colour_of(verdict)});
         }
         add(std::move(line));
       }
@@ -177,8 +182,11 @@ class Composer {
                fmt::format("{}{}", state.at_least ? say("for > ", "已 > ") : say("for ", "已 "), age_text(state.for_s)),
                14),
            kFaint}};
-      if (!state.ok && !state.cure.empty()) line.push_back({"-> " + state.cure, kBold});
+      const bool fits = 44 + 3 + display_width(state.cure) <= columns_;
+      const bool has_cure = !state.ok && !state.cure.empty();
+      if (has_cure && fits) line.push_back({"-> " + state.cure, kBold});
       add(std::move(line));
+      if (has_cure && !fits) add({{"   -> " + state.cure, kBold}});
     }
     add({});
   }

@@ -54,6 +54,7 @@ struct Picture {
   std::vector<Verdict> stations;  ///< [station - 1]; of the open slab, else of the last one
   double map_age_s = kNoValue;    ///< since the newest of these verdicts; NaN: unknown
   std::vector<PastSlab> past;     ///< newest first
+  std::string past_trouble;       ///< why slabs cannot be read now; what was read last is shown faint
 
   [[nodiscard]] bool stale() const { return !(age_s <= kStaleAfter_s); }
 };

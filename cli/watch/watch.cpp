@@ -60,12 +60,13 @@ T at(const json& document, std::initializer_list<const char*> path, T otherwise)
 /// Remembers since when a link's word is what it is.
 class Since {
  public:
-  void note(LinkState& state) {
+  /// `what`: the state in a word that does not change with the language.
+  void note(LinkState& state, const std::string& what) {
     Seen& seen = seen_[state.link];
     if (seen.word.empty()) {
-      seen = {state.word, Clock::now(), true};
-    } else if (seen.word != state.word) {
-      seen = {state.word, Clock::now(), false};
+      seen = {what, Clock::now(), true};
+    } else if (seen.word != what) {
+      seen = {what, Clock::now(), false};
     }
     state.for_s = seconds_since(seen.when);
     state.at_least = seen.at_least;
@@ -178,9 +179,9 @@ class Watcher {
 
   void take_links(const json& status) {
     picture_.links.clear();
-    const auto add = [&](Link link, bool ok, std::string word, std::string cure) {
+    const auto add = [&](Link link, bool ok, std::string word, std::string cure, const std::string& what = {}) {
       LinkState state{link, ok, std::move(word), std::move(cure)};
-      since_.note(state);
+      since_.note(state, what.empty() ? (ok ? "up" : "down") : what);
       picture_.links.push_back(std::move(state));
     };
     const bool plc = at<bool>(status, {"links", "plc", "alive"}, false);
@@ -201,21 +202,28 @@ class Watcher {
     const std::string source = at<std::string>(status, {"calibration", "source"}, "missing");
     const bool applied = source == "applied";
     add(Link::calibration, applied, applied ? say("applied", "已生效") : source,
-        say("calibrate: slabctl calibrate", "请标定：slabctl calibrate"));
+        say("calibrate: slabctl calibrate", "请标定：slabctl calibrate"), source);
   }
 
-  /// Stays with what was read last when the database cannot be read now.
+  /// What was read last stays, and the screen says that it is not of now.
+  void cannot_read(const Error& why) {
+    picture_.past_trouble = why.text.view();
+    reader_.reset();
+  }
+  /// The slabs, from the database.
   void read_database(const std::string& path) {
     if (reader_ == nullptr || path != reader_path_) {
       auto opened = storage::open_reader(path);
-      if (!opened) return;
+      if (!opened) return cannot_read(opened.error());
       reader_ = std::move(opened.value());
       reader_path_ = path;
     }
     storage::SlabFilter filter;
     filter.limit = 40;
     const auto slabs = reader_->slabs(filter);
-    if (!slabs || slabs.value().empty()) return;
+    if (!slabs) return cannot_read(slabs.error());
+    picture_.past_trouble.clear();
+    if (slabs.value().empty()) return;
     Picture& p = picture_;
     p.past.clear();
     for (const storage::SlabSummary& slab : slabs.value())
@@ -223,7 +231,8 @@ class Watcher {
                         slab.ended_utime_us == 0 ? kNoValue : seconds_since(slab.ended_utime_us)});
     const storage::SlabSummary& newest = slabs.value().front();
     const auto record = reader_->slab(newest.header.key);
-    if (!record || !record.value()) return;
+    if (!record) return cannot_read(record.error());
+    if (!record.value()) return;
     p.slab = fmt::format("{} \"{}\"", newest.header.slab_no, newest.header.slab_id.view());
     if (!is_open(*record.value())) p.slab += fmt::format(": {}", report::verdict_word(newest.verdict, language_));
     p.stations.clear();

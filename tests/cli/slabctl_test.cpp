@@ -304,7 +304,7 @@ TEST_F(Slabctl, deviation_map_is_a_table_of_the_places_that_were_seen) {
   }
   // The block is 210 x 480 mm and the scan shows some of the slab around it; the bores are empty.
   EXPECT_GT(cells, 210U * 480U / 16U * 9U / 10U);
-  EXPECT_LT(cells, 350U * 500U / 16U);
+  EXPECT_LT(cells, 360U * 520U / 16U);
   EXPECT_LT(lowest, -0.2) << "the chip";
 
   for (const std::string& where : {file("no-such-folder/map.csv"), std::string("/dev/full")}) {
