@@ -388,5 +388,34 @@ TEST_F(StudyTest, documents_say_the_figures_of_the_terminal_in_every_form_and_la
   expect_mentions(wrong.err, ".pdf, .html");
 }
 
+TEST_F(StudyTest, every_document_holds_against_its_published_schema) {
+  store(5);
+  const std::string db = " --db " + file("slabd.db");
+  const std::string contact =
+      write("contact.csv", "id,block,item,value\nT-1,1,seat_slope,1.43\nT-9,2,seat_slope,1.45\n");
+  std::string many = "id,item,value,U\n";
+  for (int i = 0; i < 8; ++i) many += "S" + std::to_string(i) + ",warp_left," + std::to_string(i) + ",0.1\n";
+  const std::string table = write("many.csv", many);
+  std::string documents;
+  int count = 0;
+  for (const std::string& what :
+       {"repeat --slab T-1" + db, "repeat --slab T-1 --reference seat_slope=1.43" + db,
+        "grr " + write("plan.csv", aiag_plan()),
+        "grr " + write("stored.csv", "slab,appraiser,trial\n1,a,1\n2,a,2\n3,b,1\n4,b,2\n") + db,
+        "compare " + contact + db, "compare " + table + " --values " + table + " --max-error warp_left=1"})
+    documents += " " + write("document-" + std::to_string(++count) + ".json", run("study " + what + " --json").out);
+  const auto validate = [&](const std::string& files) {
+    return std::system(("/usr/bin/python3 " SLABD_SOURCE_DIR "/tests/cli/validate_json.py " SLABD_SOURCE_DIR
+                        "/docs/schemas" +
+                        files + " >" + file("py.out") + " 2>" + file("py.err"))
+                           .c_str());
+  };
+  EXPECT_EQ(validate(documents), 0) << content(file("py.out")) << content(file("py.err"));
+  expect_mentions(content(file("py.out")), "6 documents, 0 faults");
+  json wrong = parsed(run("study grr " + file("plan.csv") + " --json"));
+  wrong["items"][0]["anova"]["pooled"] = "yes";
+  EXPECT_NE(validate(" " + write("wrong.json", wrong.dump())), 0);
+}
+
 }  // namespace
 }  // namespace slabd::cli
