@@ -51,7 +51,7 @@ class BitReader {
         ok_ = false;
         return 0;
       }
-      value = value << 1U | (bytes_[at_ / 8] >> (7U - at_ % 8) & 1U);
+      value = value << 1U | (unsigned{bytes_[at_ / 8]} >> (7U - at_ % 8) & 1U);
       ++at_;
     }
     return value;

@@ -13,12 +13,17 @@
 #include <sqlite3.h>
 
 #include <algorithm>
-#include <cstddef>
+#include <array>
+#include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "storage/folders.h"
+#include "storage/quarantine.h"
+#include "storage/raw_file.h"
 #include "storage/schema.h"
 #include "storage/storage.h"
 #include "storage/upgrade.h"
@@ -26,6 +31,7 @@
 namespace slabd::storage {
 namespace {
 
+constexpr int kMoreLooks = 2;  ///< at a database that looks damaged
 constexpr int kBusyMs = 2000;  ///< only a person with another tool can make the writer wait
 
 /// Settings that write nothing into the file.
@@ -79,9 +85,21 @@ void create_schema(Connection& db) {
   transaction.commit();
 }
 
+/// The code in "unable to get the page. error code=266", by which SQLite's check tells a read that failed; else 0.
+int read_failure_in(const std::string& answer) {
+  static constexpr std::string_view kWords = "error code=";
+  const std::size_t at = answer.find(kWords);
+  if (at == std::string::npos) return 0;
+  const int code = std::atoi(answer.c_str() + at + kWords.size());
+  return (code & 0xFF) == SQLITE_CORRUPT ? 0 : code;
+}
+
 void check(Connection& db) {
   const std::string answer = db.text("PRAGMA quick_check(1)");
-  if (answer != "ok") throw SqlFailure{SQLITE_CORRUPT, "it is damaged (quick_check: " + answer + ")"};
+  if (answer == "ok") return;
+  if (const int code = read_failure_in(answer); code != 0)
+    throw SqlFailure{code, "it cannot be read (quick_check: " + answer + ")"};
+  throw SqlFailure{SQLITE_CORRUPT, "it is damaged (quick_check: " + answer + ")"};
 }
 
 /// Writes the write-ahead log onto itself and syncs it. What a failed sync has left unwritten, Linux takes for written:
@@ -89,33 +107,120 @@ void check(Connection& db) {
 /// same bytes written once more are written for good.
 void write_log(const std::string& db_path) {
   const std::string path = db_path + "-wal";
-  sqlite3_vfs* vfs = sqlite3_vfs_find(nullptr);
-  int exists = 0;
-  if (vfs->xAccess(vfs, path.c_str(), SQLITE_ACCESS_EXISTS, &exists) != SQLITE_OK || exists == 0) return;
-  const auto memory =
-      std::make_unique<std::max_align_t[]>(static_cast<std::size_t>(vfs->szOsFile) / sizeof(std::max_align_t) + 1);
-  void* place = memory.get();
-  auto* file = static_cast<sqlite3_file*>(place);
-  int result = vfs->xOpen(vfs, path.c_str(), file, SQLITE_OPEN_READWRITE | SQLITE_OPEN_WAL, nullptr);
-  if (result == SQLITE_OK) {
-    sqlite3_int64 bytes = 0;
-    result = file->pMethods->xFileSize(file, &bytes);
-    std::vector<unsigned char> chunk(65'536);
-    for (sqlite3_int64 at = 0; result == SQLITE_OK && at < bytes; at += static_cast<sqlite3_int64>(chunk.size())) {
-      const int size = static_cast<int>(std::min(bytes - at, static_cast<sqlite3_int64>(chunk.size())));
-      result = file->pMethods->xRead(file, chunk.data(), size, at);
-      if (result == SQLITE_OK) result = file->pMethods->xWrite(file, chunk.data(), size, at);
-    }
-    if (result == SQLITE_OK && bytes > 0) result = file->pMethods->xSync(file, SQLITE_SYNC_FULL);
+  if (!RawFile::exists(path)) return;
+  RawFile log(path, RawFile::Kind::log);
+  const std::int64_t bytes = log.size();
+  std::vector<unsigned char> chunk(65'536);
+  for (std::int64_t at = 0; at < bytes; at += static_cast<std::int64_t>(chunk.size())) {
+    const auto piece =
+        std::span(chunk).first(static_cast<std::size_t>(std::min(bytes - at, static_cast<std::int64_t>(chunk.size()))));
+    log.read(at, piece);
+    log.write(at, piece);
   }
-  if (file->pMethods != nullptr) file->pMethods->xClose(file);
-  if (result != SQLITE_OK)
-    throw SqlFailure{result, "its log cannot be written again (SQLite " + std::to_string(result) + ")"};
+  if (bytes > 0) log.sync();
 }
 
 Error cannot_open(const std::string& path, const SqlFailure& failure, Code code) {
   const bool full = (failure.result & 0xFF) == SQLITE_FULL;
   return error(full ? Code::store_full : code, "cannot use database %s: %s", path.c_str(), failure.text.c_str());
+}
+
+void checkpoint_on_close(Connection& db, bool on) {
+  if (sqlite3_db_config(db.handle(), SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, on ? 0 : 1, nullptr) != SQLITE_OK)
+    throw SqlFailure{SQLITE_ERROR, "SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE is not available"};
+}
+
+Error in_quarantine(const std::string& path, const std::string& folder, const char* why) {
+  return error(Code::journal_write,
+               "the database %s was damaged (%.100s) and lies in %s; put a backup in its place with slabctl db restore",
+               path.c_str(), why, folder.c_str());
+}
+
+bool is_damage(const SqlFailure& failure) {
+  return (failure.result & 0xFF) == SQLITE_CORRUPT;
+}
+
+/// What a connection of its own finds wrong, damage or not; empty: nothing.
+std::string damage_at(const std::string& path) {
+  try {
+    Connection db(path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
+    checkpoint_on_close(db, false);
+    protect(db);
+    (void)owner_of(db);
+    check(db);
+    return {};
+  } catch (const SqlFailure& failure) {
+    return is_damage(failure) ? failure.text : std::string();
+  }
+}
+
+/// Damage is what every look finds in the same words, in files that can be read from end to end. A read that fails for
+/// a moment may look like damage to SQLite, and a whole database must not be set aside for it.
+bool is_damaged_for_good(const std::string& path) {
+  const std::string damage = damage_at(path);
+  if (damage.empty()) return false;
+  for (int look = 0; look < kMoreLooks; ++look) {
+    try {
+      read_through(path, RawFile::Kind::database);
+      if (RawFile::exists(path + "-wal")) read_through(path + "-wal", RawFile::Kind::log);
+    } catch (const SqlFailure&) {
+      return false;
+    }
+    if (damage_at(path) != damage) return false;
+  }
+  return true;
+}
+
+enum class Upgrade : std::uint8_t { with_copy, in_place };
+
+std::unique_ptr<Connection> open_checked(const std::string& path, Upgrade how) {
+  auto db = std::make_unique<Connection>(path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
+  // Until it is known to be whole, closing it must not move the log: a damaged database stays as it was found.
+  checkpoint_on_close(*db, false);
+  protect(*db);
+  const Owner owner = owner_of(*db);
+  use_write_ahead_log(*db);
+  if (owner == Owner::nobody) create_schema(*db);
+  check(*db);  // before an upgrade: a damaged database is not touched
+  upgrade(*db, path, how == Upgrade::with_copy);
+  checkpoint_on_close(*db, true);
+  return db;
+}
+
+Result<std::unique_ptr<Connection>> open_file_for_writing(const std::string& path, Upgrade how) {
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  if (!folder.empty())
+    if (Status status = make_folder(folder); !status.ok()) return status.error();
+  if (const auto note = quarantine_note(path)) {
+    if (Status status = finish_quarantine(path); !status.ok()) return status.error();
+    return error(Code::journal_write,
+                 "the database %s is in quarantine; put a backup in its place with slabctl db "
+                 "restore",
+                 path.c_str());
+  }
+  if (Status status = create_file(path); !status.ok()) return status.error();
+  try {
+    return open_checked(path, how);
+  } catch (const SqlFailure& failure) {
+    if (!is_damage(failure) || !has_our_header(path) || !is_damaged_for_good(path))
+      return cannot_open(path, failure, Code::journal_write);
+    const Result<std::string> kept = quarantine(path, failure.text);
+    if (!kept.ok()) return cannot_open(path, failure, Code::journal_write);
+    return in_quarantine(path, kept.value(), failure.text.c_str());
+  }
+}
+
+std::unique_ptr<Connection> open_protected(const std::string& path) {
+  auto db = std::make_unique<Connection>(path, SQLITE_OPEN_READONLY);
+  protect(*db);
+  checkpoint_on_close(*db, false);
+  if (owner_of(*db) == Owner::nobody) throw SqlFailure{SQLITE_NOTADB, "it is empty; slabd has not used it yet"};
+  return db;
+}
+
+Error no_database(const std::string& path) {
+  return error(Code::config, "there is no database %s: slabd has not run with it yet, or the path is wrong",
+               path.c_str());
 }
 
 }  // namespace
@@ -125,40 +230,36 @@ Status write_log_again(const std::string& path) {
     write_log(path);
     return success();
   } catch (const SqlFailure& failure) {
-    return cannot_open(path, failure, Code::journal_write);
+    return error((failure.result & 0xFF) == SQLITE_FULL ? Code::store_full : Code::journal_write,
+                 "cannot use database %s: its log cannot be written again: %s", path.c_str(), failure.text.c_str());
   }
 }
 
 Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path) {
-  const std::string folder = std::filesystem::path(path).parent_path().string();
-  if (!folder.empty())
-    if (Status status = make_folder(folder); !status.ok()) return status.error();
-  if (Status status = create_file(path); !status.ok()) return status.error();
+  return open_file_for_writing(path, Upgrade::with_copy);
+}
+
+Result<std::unique_ptr<Connection>> open_copy_for_writing(const std::string& path) {
+  return open_file_for_writing(path, Upgrade::in_place);
+}
+
+Result<std::unique_ptr<Connection>> open_any_version(const std::string& path) {
+  std::error_code ec;
+  if (!std::filesystem::exists(path, ec)) return no_database(path);
   try {
-    auto db = std::make_unique<Connection>(path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
-    protect(*db);
-    const Owner owner = owner_of(*db);
-    use_write_ahead_log(*db);
-    if (owner == Owner::nobody) create_schema(*db);
-    check(*db);  // before an upgrade: a damaged database is not touched
-    upgrade(*db, path);
-    return db;
+    return open_protected(path);
   } catch (const SqlFailure& failure) {
-    return cannot_open(path, failure, Code::journal_write);
+    return cannot_open(path, failure, Code::config);
   }
 }
 
 Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path) {
   std::error_code ec;
-  if (!std::filesystem::exists(path, ec))
-    return error(Code::config, "there is no database %s: slabd has not run with it yet, or the path is wrong",
-                 path.c_str());
+  if (!std::filesystem::exists(path, ec)) return no_database(path);
+  if (const auto note = quarantine_note(path))
+    return error(Code::config, "%s is in quarantine: %.200s", path.c_str(), note->c_str());
   try {
-    auto db = std::make_unique<Connection>(path, SQLITE_OPEN_READONLY);
-    protect(*db);
-    if (sqlite3_db_config(db->handle(), SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, nullptr) != SQLITE_OK)
-      throw SqlFailure{SQLITE_ERROR, "SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE is not available"};
-    if (owner_of(*db) == Owner::nobody) throw SqlFailure{SQLITE_NOTADB, "it is empty; slabd has not used it yet"};
+    auto db = open_protected(path);
     if (const std::int64_t version = db->integer("PRAGMA user_version"); version < kSchemaVersion)
       throw SqlFailure{SQLITE_SCHEMA, "it has schema version " + std::to_string(version) + " of an older slabd, and " +
                                           std::to_string(kSchemaVersion) +
@@ -167,6 +268,18 @@ Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path) {
   } catch (const SqlFailure& failure) {
     return cannot_open(path, failure, Code::config);
   }
+}
+
+bool has_our_header(const std::string& path) {
+  // SQLite's file format: 16 bytes of text; the application's number at byte 68, high byte first.
+  static constexpr std::string_view kMagic("SQLite format 3\0", 16);
+  static constexpr std::string_view kOurs("SLAB");
+  static_assert(kApplicationId == 0x534C4142);
+  std::ifstream in(path, std::ios::binary);
+  std::array<char, 72> header{};
+  in.read(header.data(), header.size());
+  const std::string_view text(header.data(), header.size());
+  return in.good() && text.starts_with(kMagic) && text.substr(68, 4) == kOurs;
 }
 
 bool unused_at(const std::string& path) {

@@ -12,11 +12,21 @@ namespace slabd::storage {
 
 /// Opens or creates the database, checks it (application_id, user_version, quick_check), brings an older one up to date
 /// (storage/upgrade.h) and puts the settings in force.
-/// journal_write; the text names file and figures. A foreign or newer file is left as it was.
+/// journal_write; the text names file and figures. A foreign or newer file is left as it was, a damaged one of ours
+/// goes to quarantine (storage/quarantine.h); the writer's lock must be held.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path);
+
+/// As open_for_writing(), of a file that is itself a copy: brought up to date without another copy.
+[[nodiscard]] Result<std::unique_ptr<Connection>> open_copy_for_writing(const std::string& path);
+
+/// As open_for_reading(), of any schema version.
+[[nodiscard]] Result<std::unique_ptr<Connection>> open_any_version(const std::string& path);
 
 /// Opens an existing database read-only; config when it does not exist or is not ours.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path);
+
+/// Whether the file's first bytes are those of a database of ours, whatever the rest is.
+[[nodiscard]] bool has_our_header(const std::string& path);
 
 /// As is_unused() in storage/storage.h.
 [[nodiscard]] bool unused_at(const std::string& path);

@@ -66,6 +66,10 @@ class SqliteReader final : public Reader {
     return maps;
   }
 
+  Result<std::vector<HistoryGap>> gaps() override {
+    return read_value<std::vector<HistoryGap>>([&] { return find_gaps(); });
+  }
+
   Result<std::vector<CalibrationRecord>> calibrations() override {
     return read_value<std::vector<CalibrationRecord>>([&] { return Calibrations(*db_).all(); });
   }
@@ -95,6 +99,28 @@ class SqliteReader final : public Reader {
     const Status status = read([&] { value = work(); });
     if (!status.ok()) return status.error();
     return value;
+  }
+
+  std::vector<HistoryGap> find_gaps() {
+    std::vector<HistoryGap> gaps;
+    Statement line(*db_, "SELECT pruned_key, pruned_slabs FROM line WHERE pruned_slabs > 0");
+    while (line.step()) {
+      HistoryGap& gap = gaps.emplace_back();
+      gap.what = HistoryGap::What::pruned;
+      gap.slab_key = line.integer(0);
+      gap.slabs = line.integer(1);
+    }
+    Statement care(*db_, "SELECT what, slab_key, source, who, why, utime_us FROM care ORDER BY seq");
+    while (care.step()) {
+      HistoryGap& gap = gaps.emplace_back();
+      gap.what = care.text(0) == "restored" ? HistoryGap::What::restored : HistoryGap::What::begun_anew;
+      gap.slab_key = care.integer(1);
+      gap.source = care.text(2);
+      gap.note.who = care.text(3);
+      gap.note.why = care.text(4);
+      gap.note.utime_us = care.integer(5);
+    }
+    return gaps;
   }
 
   SlabSummary summary(const SlabHeader& header, SlabResult& result) {

@@ -25,8 +25,10 @@ void read_counters(Connection& db, RecoveredLine& line) {
   }
   line.acq_seq =
       static_cast<std::uint16_t>(db.integer("SELECT cmd_seq FROM command WHERE acquired = 1 ORDER BY id DESC LIMIT 1"));
-  line.res_seq = static_cast<std::uint16_t>(db.integer("SELECT res_seq FROM result ORDER BY id DESC LIMIT 1"));
-  line.last_slab_key = db.integer("SELECT coalesce(max(slab_key), 0) FROM slab");
+  // After a restore records count on from another number: the PLC may hold acknowledgements of lost ones.
+  line.res_seq = static_cast<std::uint16_t>(db.integer(
+      "SELECT coalesce((SELECT res_seq FROM care WHERE result_id = (SELECT coalesce(max(id), 0) FROM result) "
+      "ORDER BY seq DESC LIMIT 1), (SELECT res_seq FROM result ORDER BY id DESC LIMIT 1), 0)"));
 }
 
 HeldBack read_unacknowledged(Connection& db, RecoveredLine& line) {
@@ -91,14 +93,17 @@ void read_last_ended(Connection& db, Loader& loader, RecoveredLine& line) {
 HeldBack read_line(Connection& db, RecoveredLine& line) {
   Loader loader(db);
   read_counters(db, line);
+  const std::int64_t newest = db.integer("SELECT coalesce(max(slab_key), 0) FROM slab");
+  // Keys of slabs that only a lost database knew are not used again: their scans may still be there.
+  line.last_slab_key = std::max(newest, db.integer("SELECT max(keys_used, pruned_key) FROM line"));
   const HeldBack held_back = read_unacknowledged(db, line);
-  if (line.last_slab_key != 0) {
+  if (newest != 0) {
     const std::int64_t ended =
-        db.integer("SELECT count(*) FROM slab_result WHERE slab_key = " + std::to_string(line.last_slab_key));
+        db.integer("SELECT count(*) FROM slab_result WHERE slab_key = " + std::to_string(newest));
     line.slab_open = ended == 0;
   }
   if (line.slab_open) {
-    const std::optional<SlabHeader> header = loader.slab(line.last_slab_key);
+    const std::optional<SlabHeader> header = loader.slab(newest);
     if (header) line.slab = *header;
     read_open_slab(loader, line);
   }

@@ -1,8 +1,9 @@
 -- SPDX-License-Identifier: Apache-2.0
 --
--- slabd's memory, schema version 4. One daemon writes, everybody else reads.
+-- slabd's memory, schema version 5. One daemon writes, everybody else reads.
 --
---   line     one row: the session number last used, the newest wall clock of any record
+--   line     one row: the session number last used, the newest wall clock of any record, what retention took away
+--   care     when the history was restored from a backup or begun anew, by whom and why
 --   slab     what SLAB_BEGIN said and what it was measured with; slab_result is its end (no row: still open)
 --   command  the journal of accepted commands; id is their order
 --   attempt  one SCAN of one station; the highest attempt of a station is the valid one, all are kept
@@ -25,7 +26,10 @@
 CREATE TABLE line (
   id              INTEGER PRIMARY KEY CHECK (id = 1),
   session         INTEGER NOT NULL CHECK (session BETWEEN 0 AND 65535),
-  newest_utime_us INTEGER NOT NULL
+  newest_utime_us INTEGER NOT NULL,
+  keys_used       INTEGER NOT NULL DEFAULT 0,  -- slab keys up to here may have been used, whatever table slab says
+  pruned_slabs    INTEGER NOT NULL DEFAULT 0,  -- taken away by retention,
+  pruned_key      INTEGER NOT NULL DEFAULT 0   -- the newest of them
 ) STRICT;
 INSERT INTO line (id, session, newest_utime_us) VALUES (1, 0, 0);
 
@@ -278,6 +282,22 @@ CREATE TABLE result (
 ) STRICT;
 CREATE INDEX result_unacknowledged ON result (id) WHERE acknowledged = 0;
 CREATE INDEX result_by_slab ON result (slab_key, kind, id);
+
+CREATE TABLE care (
+  seq      INTEGER PRIMARY KEY,
+  what     TEXT NOT NULL CHECK (what IN ('restored', 'begun_anew')),
+  slab_key INTEGER NOT NULL,               -- keys up to here may have been used before
+  result_id INTEGER NOT NULL,              -- the newest result at that time; after it
+  res_seq  INTEGER NOT NULL CHECK (res_seq BETWEEN 1 AND 65535),  -- records count on from here: the PLC knows others
+  source   TEXT NOT NULL,                  -- the backup
+  who      TEXT NOT NULL,
+  why      TEXT NOT NULL,
+  utime_us INTEGER NOT NULL
+) STRICT;
+CREATE TRIGGER care_stays BEFORE UPDATE ON care
+  BEGIN SELECT RAISE(ABORT, 'a gap in the history is never changed'); END;
+CREATE TRIGGER care_is_kept BEFORE DELETE ON care
+  BEGIN SELECT RAISE(ABORT, 'a gap in the history is never deleted'); END;
 
 -- ---- calibrations: rows are only ever added --------------------------------------------------------------------------
 

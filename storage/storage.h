@@ -16,7 +16,7 @@
 namespace slabd::storage {
 
 inline constexpr int kApplicationId = 0x534C4142;  // "SLAB"
-inline constexpr int kSchemaVersion = 4;
+inline constexpr int kSchemaVersion = 5;
 
 struct StoreSettings {
   std::string db_path;
@@ -26,7 +26,12 @@ struct StoreSettings {
   /// Bytes of scans the spool may hold; beyond it the scans (never the records) of the oldest acknowledged slabs are
   /// deleted, passed ones first. 0 = keep everything.
   std::uint64_t spool_budget_bytes = 0;
+  /// Slabs whose records are kept, by number and not by age, because a wall clock may be wrong; older ones go when
+  /// their scans are gone and the PLC has every result. 0 = keep everything; else at least kKeepSlabsMin.
+  std::int64_t keep_slabs = 0;
 };
+/// So many slabs always stay: the PLC's table, repeats and counters come from the newest ones.
+inline constexpr std::int64_t kKeepSlabsMin = 100;
 
 // ---- calibrations ------------------------------------------------------------------------------------------------
 
@@ -92,6 +97,31 @@ struct AppliedChange {
   ChangeNote note;
 };
 
+// ---- care of the database as a whole -------------------------------------------------------------------------------
+
+/// Copies the whole database to `path`, which must not exist.
+struct BackupOrder {
+  std::string path;
+};
+/// Takes away the records of slabs older than the newest `keep_slabs`, as StoreSettings::keep_slabs does by itself.
+struct PruneOrder {
+  std::int64_t keep_slabs = 0;
+};
+using CareOrder = std::variant<BackupOrder, PruneOrder>;
+
+/// What became of the last orders.
+struct CareState {
+  enum class Phase : std::uint8_t { none, under_way, done, failed };
+  Phase backup = Phase::none;
+  std::string backup_path;
+  std::int64_t backup_pages = 0;  ///< of backup_pages_all
+  std::int64_t backup_pages_all = 0;
+  std::string backup_error;
+  Phase prune = Phase::none;
+  std::int64_t pruned_slabs = 0;
+  std::string prune_error;
+};
+
 /// The writer. One object, one thread. Every apply() is one transaction, durable when it returns
 /// (synchronous=EXTRA, then WAL). A write error closes the file; the next call opens it anew, with quick_check, before
 /// it does anything. A job given again because its answer was an error replaces what the first one may have left.
@@ -115,12 +145,19 @@ class Store {
   virtual void idle() {}
   /// Why old scans could not be deleted to keep the spool budget; empty when all is well. Never fails a job.
   [[nodiscard]] virtual std::string_view spool_trouble() const { return {}; }
+  /// Callable from any thread. Takes an order, which idle() then carries out piece by piece, so that no job waits for
+  /// long. busy: one of its kind is under way. config: it makes no sense (the text says why).
+  [[nodiscard]] virtual Status order(const CareOrder& order) = 0;
+  /// Callable from any thread.
+  [[nodiscard]] virtual CareState care() const = 0;
 };
 
 /// Opens or creates the database (folders too, mode 2770). One of an older schema version is copied to
 /// `<db>.v<version>-backup` and then brought up to date in one transaction. journal_write when it cannot be opened, is
 /// open for writing elsewhere, is damaged, another application's (application_id), or newer than this program
-/// (user_version); the text names the file and the figures.
+/// (user_version); the text names the file and the figures. A damaged one is moved, with its log, to
+/// `<db>.quarantine-<time>`, and a note stays in its place: nobody begins a new history by accident. For the same
+/// reason none is created where scans, backups or a log show that there has been one.
 [[nodiscard]] Result<std::unique_ptr<Store>> open_store(const StoreSettings& settings);
 
 // ---- reading (slabctl; short read-only transactions, never checkpoints) -------------------------------------------
@@ -180,6 +217,20 @@ struct SlabRecord {
   std::vector<SlabBlock> blocks;  ///< every attempt, by station and number; the latest of a station is the valid one
 };
 
+/// What is known to be missing from the history.
+struct HistoryGap {
+  enum class What : std::uint8_t {
+    restored,    ///< from a backup: slabs measured after it was made are not there
+    begun_anew,  ///< nothing from before is there
+    pruned,      ///< slabs up to `slab_key` were taken away by retention
+  };
+  What what = What::restored;
+  std::int64_t slab_key = 0;  ///< keys up to here may have been used before
+  std::int64_t slabs = 0;     ///< pruned: how many
+  ChangeNote note;            ///< of a person; empty for retention
+  std::string source;         ///< restored: the backup
+};
+
 class Reader {
  public:
   virtual ~Reader() = default;
@@ -197,6 +248,9 @@ class Reader {
   [[nodiscard]] virtual Result<std::optional<std::int64_t>> find(std::string_view slab_id) = 0;
   /// What was kept of one attempt to draw it; empty maps: nothing (an older slabd, or the block was not found).
   [[nodiscard]] virtual Result<std::unique_ptr<BlockMaps>> maps(std::int64_t key, int station, int attempt) = 0;
+
+  /// Oldest first; empty: the history is complete.
+  [[nodiscard]] virtual Result<std::vector<HistoryGap>> gaps() = 0;
 
   /// Every record, newest first.
   [[nodiscard]] virtual Result<std::vector<CalibrationRecord>> calibrations() = 0;
@@ -218,5 +272,41 @@ class Reader {
 /// Nobody has kept anything there yet: no file, or one whose creation was stopped before its first transaction. The
 /// next writer makes it whole. Never true of a file that holds anything, ours or not.
 [[nodiscard]] bool is_unused(const std::string& db_path);
+
+// ---- looking after the file (slabctl) ------------------------------------------------------------------------------
+
+struct DatabaseReport {
+  std::string trouble;  ///< what is damaged or contradicts itself; empty: whole
+  int version = 0;
+  std::int64_t slabs = 0;
+  std::int64_t oldest_key = 0;
+  std::int64_t newest_key = 0;
+  std::int64_t newest_utime_us = 0;  ///< newest wall clock of any record
+  std::int64_t bytes = 0;
+  std::int64_t log_bytes = 0;  ///< of the write-ahead log beside it
+};
+/// Reads a whole database or backup and says whether it can be trusted: SQLite's own check (`full`: indices against
+/// tables as well), references, and that what is called measured and ended is there. Writes nothing. config: there is
+/// no such file, or it is none of ours.
+[[nodiscard]] Result<DatabaseReport> check_database(const std::string& path, bool full);
+
+/// Copies a database that no daemon has open to `to` (which must not exist), synced. For a running daemon:
+/// Store::order.
+[[nodiscard]] Status back_up_database(const std::string& db_path, const std::string& to);
+/// `<folder of the database>/backups`; made for the group when it is not there.
+[[nodiscard]] Result<std::string> backup_folder(const std::string& db_path);
+/// `slabd-20261121T154530.123Z.db` in there; names sort by time.
+[[nodiscard]] Result<std::string> backup_path(const std::string& db_path, std::int64_t utime_us);
+
+struct RestoreOrder {
+  std::string from;  ///< a backup; empty: begin with an empty history
+  ChangeNote note;
+  std::uint16_t session = 0;  ///< drawn by chance: no old command, nor RES_ACK, may fit the next session and record
+};
+/// Puts a backup, checked in full and brought up to date, in the place of the database; what lies there now goes to
+/// quarantine. The history says from then on that it has a gap; slab keys that may have been used are not used again;
+/// a slab that was open in the backup ends aborted. journal_write: a daemon runs, the backup is not whole, or a file
+/// could not be written; then nothing was changed, or the daemon refuses to start until restoring succeeds.
+[[nodiscard]] Status restore_database(const StoreSettings& settings, const RestoreOrder& order);
 
 }  // namespace slabd::storage

@@ -8,13 +8,17 @@
 #include <sqlite3.h>
 
 #include <exception>
+#include <mutex>
 #include <optional>
 
+#include "storage/backup.h"
 #include "storage/calibrations.h"
 #include "storage/database.h"
 #include "storage/folders.h"
 #include "storage/jobs.h"
+#include "storage/quarantine.h"
 #include "storage/recover.h"
+#include "storage/retention.h"
 #include "storage/spool.h"
 #include "storage/storage.h"
 
@@ -23,17 +27,22 @@ namespace {
 
 /// A third of a second: the PLC's next command follows the last commit faster.
 constexpr int kQuietLooks = 4;
+/// 1 MB of a copy in one look, ten times a second: a few milliseconds of a disk.
+constexpr int kBackupPages = 256;
 
 /// Everything that depends on one opened file.
 struct OpenDatabase {
   OpenDatabase(std::unique_ptr<Connection> connection, const StoreSettings& settings, const HeldBack& held_back)
       : db(std::move(connection)),
         jobs(*db, settings.spool_dir, held_back),
-        spool(*db, settings.spool_dir, settings.spool_budget_bytes) {}
+        spool(*db, settings.spool_dir, settings.spool_budget_bytes),
+        retention(*db) {}
 
   std::unique_ptr<Connection> db;
   Jobs jobs;
   Spool spool;
+  Retention retention;
+  std::unique_ptr<Backup> backup;  ///< under way; ends with the connection it reads
 };
 
 /// Errors after which SQLite has rolled back cleanly and the connection is as good as before.
@@ -48,7 +57,13 @@ class SqliteStore final : public Store {
 
   Status open() {
     if (Status status = make_folder(settings_.spool_dir); !status.ok()) return status;
+    if (const std::string sign = sign_of_earlier_life(settings_.db_path, settings_.spool_dir); !sign.empty())
+      return error(Code::journal_write,
+                   "there is no database %s, but %s shows that there was one: is its disk mounted? Else put a backup "
+                   "there with slabctl db restore, or begin anew with --fresh",
+                   settings_.db_path.c_str(), sign.c_str());
     if (Status status = reopen(); !status.ok()) return status;
+    (void)backup_folder(settings_.db_path);  // now, so that whoever orders a copy need not wait for it
     return success();
   }
 
@@ -80,6 +95,7 @@ class SqliteStore final : public Store {
       std::visit(open.jobs, job.what);
       transaction.commit();
     });
+    if (std::holds_alternative<SlabJob>(job.what)) retention_due_ = true;
     const bool may_trim = std::holds_alternative<SlabJob>(job.what) || std::holds_alternative<AckJob>(job.what);
     if (status.ok() && may_trim)
       tidy_spool([&](Spool& spool) { return settings_.spool_budget_bytes > 0 ? spool.trim() : success(); });
@@ -110,15 +126,100 @@ class SqliteStore final : public Store {
   }
 
   void idle() override {
-    if (!log_holds_commits_ || ++quiet_looks_ < kQuietLooks || !open_) return;
-    quiet_looks_ = 0;
+    if (quiet_looks_ < kQuietLooks && ++quiet_looks_ < kQuietLooks) return;
+    back_up_a_piece();
+    prune_one();
+    if (!log_holds_commits_ || !open_) return;
     // What is in the log is durable: a failure here is the next job's to report, on a file that is opened anew.
     (void)run("checkpoint", [&](OpenDatabase& open) { log_holds_commits_ = !open.db->checkpoint(); });
   }
 
   std::string_view spool_trouble() const override { return spool_trouble_.view(); }
 
+  Status order(const CareOrder& order) override {
+    using Phase = CareState::Phase;
+    const std::lock_guard lock(care_mutex_);
+    if (const auto* backup = std::get_if<BackupOrder>(&order)) {
+      if (backup->path.empty()) return error(Code::config, "a backup needs a path");
+      if (care_.backup == Phase::under_way) return error(Code::busy, "a backup is under way already");
+      care_.backup = Phase::under_way;
+      care_.backup_path = backup->path;
+      care_.backup_pages = care_.backup_pages_all = 0;
+      care_.backup_error.clear();
+      return success();
+    }
+    const std::int64_t keep = std::get<PruneOrder>(order).keep_slabs;
+    if (keep < kKeepSlabsMin)
+      return error(Code::config, "at least the newest %lld slabs are kept", static_cast<long long>(kKeepSlabsMin));
+    if (care_.prune == Phase::under_way) return error(Code::busy, "pruning is under way already");
+    care_.prune = Phase::under_way;
+    care_.pruned_slabs = 0;
+    care_.prune_error.clear();
+    prune_keep_ = keep;
+    return success();
+  }
+
+  CareState care() const override {
+    const std::lock_guard lock(care_mutex_);
+    return care_;
+  }
+
  private:
+  /// A failure ends the copy and nothing else: the next job opens the file anew if that is needed.
+  void back_up_a_piece() {
+    std::string path;
+    {
+      const std::lock_guard lock(care_mutex_);
+      if (care_.backup != CareState::Phase::under_way) return;
+      path = care_.backup_path;
+    }
+    CareState::Phase phase = CareState::Phase::under_way;
+    std::int64_t done = 0;
+    std::int64_t all = 0;
+    std::string why;
+    const Status opened = reopen();
+    try {
+      if (!opened.ok()) throw SqlFailure{SQLITE_IOERR, std::string(opened.error().text.view())};
+      if (!open_->backup) open_->backup = std::make_unique<Backup>(*open_->db, path);
+      if (open_->backup->step(kBackupPages)) phase = CareState::Phase::done;
+      done = open_->backup->pages_done();
+      all = open_->backup->pages_all();
+    } catch (const SqlFailure& failure) {
+      phase = CareState::Phase::failed;
+      why = failure.text;
+    }
+    if (phase != CareState::Phase::under_way && open_) open_->backup.reset();
+    const std::lock_guard lock(care_mutex_);
+    care_.backup = phase;
+    care_.backup_error = why;
+    care_.backup_pages = done;
+    care_.backup_pages_all = all;
+  }
+
+  /// By order, or because a slab has ended and only so many are to be kept. Not while a copy is made: it would only
+  /// grow under the copy's hands.
+  void prune_one() {
+    std::int64_t keep = settings_.keep_slabs;
+    bool ordered = false;
+    {
+      const std::lock_guard lock(care_mutex_);
+      if (care_.backup == CareState::Phase::under_way) return;
+      ordered = care_.prune == CareState::Phase::under_way;
+      if (ordered) keep = prune_keep_;
+    }
+    if (!ordered && (!retention_due_ || keep == 0)) return;
+    bool more = false;
+    const Status status = run("retention", [&](OpenDatabase& open) { more = open.retention.take_one(keep); });
+    if (more) log_holds_commits_ = true;
+    if (!more) retention_due_ = false;
+    if (!ordered) return;
+    const std::lock_guard lock(care_mutex_);
+    if (more) ++care_.pruned_slabs;
+    if (more) return;
+    care_.prune = status.ok() ? CareState::Phase::done : CareState::Phase::failed;
+    if (!status.ok()) care_.prune_error = status.error().text.view();
+  }
+
   Status reopen() {
     if (open_) return success();
     if (!lock_) {
@@ -197,6 +298,10 @@ class SqliteStore final : public Store {
   bool log_holds_commits_ = false;
   bool log_in_doubt_ = false;  ///< a write or sync of it failed
   int quiet_looks_ = 0;
+  bool retention_due_ = true;  ///< a slab has ended since the last look
+  mutable std::mutex care_mutex_;
+  CareState care_;
+  std::int64_t prune_keep_ = 0;
 };
 
 }  // namespace

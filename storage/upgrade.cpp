@@ -80,10 +80,10 @@ void back_up(Connection& db, const std::string& path, std::int64_t version) {
 
 }  // namespace
 
-void upgrade(Connection& db, const std::string& path) {
+void upgrade(Connection& db, const std::string& path, bool with_copy) {
   const std::int64_t version = db.integer("PRAGMA user_version");
   if (version >= kSchemaVersion) return;
-  back_up(db, path, version);
+  if (with_copy) back_up(db, path, version);
   Transaction transaction(db, "BEGIN EXCLUSIVE");
   for (std::int64_t from = version; from < kSchemaVersion; ++from) db.execute(upgrade_sql(static_cast<int>(from)));
   db.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion));

@@ -35,6 +35,9 @@ class SlowStore final : public storage::Store {
     if (recovering_) ++idles_while_recovering;
   }
 
+  Status order(const storage::CareOrder& /*order*/) override { return error(Code::config, "not here"); }
+  storage::CareState care() const override { return {}; }
+
   std::atomic<int> idles{0};
   std::atomic<int> idles_while_recovering{0};
 

@@ -85,6 +85,8 @@ class OverheardStore final : public storage::Store {
   [[nodiscard]] Result<std::unique_ptr<LineCalibration>> calibration() override { return store_->calibration(); }
   void idle() override { store_->idle(); }
   [[nodiscard]] std::string_view spool_trouble() const override { return store_->spool_trouble(); }
+  [[nodiscard]] Status order(const storage::CareOrder& order) override { return store_->order(order); }
+  [[nodiscard]] storage::CareState care() const override { return store_->care(); }
 
  private:
   std::unique_ptr<storage::Store> store_;

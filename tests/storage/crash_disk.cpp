@@ -334,7 +334,8 @@ PowerCut replay(const DiskLog& log, std::size_t end, NameModel model) {
 
 std::size_t DiskLog::marks_before(std::size_t end) const {
   std::size_t marks = 0;
-  for (std::size_t i = 0; i < end; ++i) if (changes[i].kind == Kind::mark) ++marks;
+  for (std::size_t i = 0; i < end; ++i)
+    if (changes[i].kind == Kind::mark) ++marks;
   return marks;
 }
 

@@ -191,8 +191,8 @@ TEST_F(OrphanTest, folder_that_leads_out_of_the_spool_is_not_entered) {
 }
 
 TEST_F(OrphanTest, scans_of_a_lost_database_are_not_judged_by_the_new_one) {
-  const std::string of_another_life = scan_file(1, 5, 1, 10);
   open();
+  const std::string of_another_life = scan_file(1, 5, 1, 10);
   begin_at(1, std::int64_t{1} << 60U);  // later than any file
   restart();
   EXPECT_TRUE(std::filesystem::exists(of_another_life));

@@ -21,6 +21,7 @@
 #include <functional>
 
 #include "storage/database.h"
+#include "storage/quarantine.h"
 #include "tests/storage/crash_disk.h"
 #include "tests/storage/store_fixture.h"
 
@@ -294,6 +295,76 @@ TEST_P(PowerCutTest, during_the_restart_after_a_power_cut_loses_nothing_either) 
   }
 }
 
+// What lies under the database's name is the database with its log, or the quarantine's note; with the note, the rest
+// follows at the next start. Never a database alone: it would open as a whole one.
+TEST_P(PowerCutTest, of_a_quarantine_never_parts_a_database_from_its_log) {
+  make_life(1, 3);
+  for (const Step& step : steps_) ASSERT_TRUE(step());
+  const DiskImage running = DiskImage::read_from(root_);
+  close();
+  const std::string name = "db/slabd.db";
+  ASSERT_FALSE(running.files.at(name + "-wal").empty());
+  fs::remove_all(root_);
+  running.write_to(root_);
+  crash_disk::watch(root_);
+  ASSERT_TRUE(quarantine(settings_.db_path, "test").ok());
+  const DiskLog log = crash_disk::stop();
+  int untouched = 0;
+  int noted = 0;
+  for (std::size_t end = 0; end <= log.changes.size(); ++end)
+    for (int i = 0; i < 12; ++i) {
+      DiskImage image = image_after(log, end, GetParam(), prng_of_cuts_);
+      const std::string path = images_ + "/cut/" + name;
+      image.write_to(images_ + "/cut");
+      if (image.files.at(name) == running.files.at(name)) {
+        EXPECT_EQ(image.files[name + "-wal"], running.files.at(name + "-wal")) << end;
+        ++untouched;
+      } else {
+        EXPECT_TRUE(quarantine_note(path).has_value()) << end;
+        EXPECT_FALSE(open_for_writing(path).ok());
+        EXPECT_FALSE(fs::exists(path + "-wal"));
+        ++noted;
+      }
+      fs::remove_all(images_ + "/cut");
+    }
+  EXPECT_GT(untouched, 0);
+  EXPECT_GT(noted, 0);
+}
+
+// Either the old database counts, or the restored one, or a note keeps the daemon from beginning anything.
+TEST_P(PowerCutTest, while_a_backup_is_restored_leaves_one_of_both_or_a_note) {
+  make_life(2, 2);
+  for (const Step& step : steps_) ASSERT_TRUE(step());
+  close();
+  const std::string backup = images_ + "/backup.db";
+  ASSERT_TRUE(back_up_database(settings_.db_path, backup).ok());
+  const std::uint64_t before = content_at(settings_.db_path);
+  crash_disk::watch(root_);
+  ASSERT_TRUE(restore_database(settings_, {backup, {"anna", "test", 5}, 99}).ok());
+  const DiskLog log = crash_disk::stop();
+  const std::uint64_t after = content_at(settings_.db_path);
+  ASSERT_NE(before, after);
+  const std::uint64_t images = number_from("SLABD_SURVIVAL_IMAGES", 300) / 3;
+  std::array<int, 3> seen{};
+  for (std::uint64_t i = 0; i < images && !HasFailure(); ++i) {
+    const std::size_t end = log.changes.size() * (i + 1) / images;
+    image_after(log, end, GetParam(), prng_of_cuts_).write_to(images_ + "/cut");
+    const std::string path = images_ + "/cut/db/slabd.db";
+    if (quarantine_note(path)) {
+      EXPECT_FALSE(open_for_writing(path).ok());
+      EXPECT_TRUE(fs::exists(path));
+      ++seen[1];
+    } else {
+      const std::uint64_t content = content_at(path);
+      EXPECT_TRUE(content == before || content == after) << "cut after change " << end;
+      ++seen[content == before ? 0 : 2];
+    }
+    fs::remove_all(images_ + "/cut");
+  }
+  EXPECT_GT(seen[0], 0);
+  EXPECT_GT(seen[2], 0);
+}
+
 TEST_F(SurvivalTest, a_disk_that_forgets_what_was_synced_is_noticed) {
   make_life(1, 2);
   learn_contents();
@@ -420,6 +491,30 @@ TEST_P(FailingCallTest, at_every_call_is_reported_or_mended_and_a_repeat_brings_
   EXPECT_GT(reported, 0) << "no failure was ever reported: are the calls still taken over?";
   std::printf("%s: %zu of %llu calls failed, %d times reported\n", trouble.name, points.size(),
               static_cast<unsigned long long>(calls), reported);
+}
+
+// SQLite's check tells a read that failed in the words it has for damage. Whatever fails while a whole database is
+// opened, and for however long: it stays where it is, and opens when the disk answers again.
+TEST_F(SurvivalTest, reads_that_fail_set_no_whole_database_aside) {
+  make_life(1, 3);
+  for (const Step& step : steps_) ASSERT_TRUE(step());
+  close();
+  crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, true);
+  ASSERT_TRUE(open_store(settings_).ok());
+  const std::uint64_t calls = crash_disk::heal();
+  int refused = 0;
+  for (const std::uint64_t in_a_row : {1U, 2U, 5U, 100U, 1'000'000U})
+    for (const std::uint64_t point : points_of(calls, number_from("SLABD_SURVIVAL_POINTS", 60), seed_)) {
+      crash_disk::fail(root_, point, in_a_row, EIO, true);
+      refused += open_store(settings_).ok() ? 0 : 1;
+      (void)crash_disk::heal();
+      for (const auto& entry : fs::directory_iterator(root_ + "/db"))
+        ASSERT_EQ(entry.path().string().find("quarantine"), std::string::npos)
+            << "calls " << point << " and " << in_a_row - 1 << " after it failed";
+      ASSERT_TRUE(open_store(settings_).ok()) << "calls " << point << " and " << in_a_row - 1 << " after it failed";
+    }
+  EXPECT_GT(refused, 0);
+  std::printf("reads that fail: %llu calls, %d times refused\n", static_cast<unsigned long long>(calls), refused);
 }
 
 // The two halves of `script/survival --strace`: a life in a given folder, which writes a byte for every reported step,

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "storage/backup.h"
+
+#include <sqlite3.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <ctime>
+#include <filesystem>
+
+#include "storage/database.h"
+#include "storage/folders.h"
+#include "storage/storage.h"
+
+namespace slabd::storage {
+namespace {
+
+constexpr std::uint64_t kRoomLeft = 200'000'000;  ///< for the records of a day
+
+[[noreturn]] void fail(const std::string& text, int result = SQLITE_IOERR) {
+  throw SqlFailure{result, text};
+}
+
+void must(const Status& status) {
+  if (!status.ok()) fail(std::string(status.error().text.view()));
+}
+
+std::string folder_of(const std::string& path) {
+  return std::filesystem::path(path).parent_path().string();
+}
+
+}  // namespace
+
+Backup::Backup(Connection& from, std::string to) : to_(std::move(to)), part_(to_ + ".part") {
+  std::error_code ec;
+  if (std::filesystem::exists(std::filesystem::symlink_status(to_, ec))) fail(to_ + " exists already");
+  const auto bytes = static_cast<std::uint64_t>(from.integer("PRAGMA page_count") * from.integer("PRAGMA page_size"));
+  const Result<std::uint64_t> room = free_bytes(folder_of(to_).empty() ? "." : folder_of(to_));
+  if (!room.ok()) fail(std::string(room.error().text.view()));
+  if (room.value() < bytes + kRoomLeft)
+    fail("a copy needs " + std::to_string((bytes + kRoomLeft) / 1'000'000) + " MB free and " + folder_of(to_) +
+             " has " + std::to_string(room.value() / 1'000'000),
+         SQLITE_FULL);
+  std::filesystem::remove(part_, ec);  // of a copy that was cut short
+  must(create_file(part_));
+  copy_ = std::make_unique<Connection>(part_, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
+  // Synced by step(), and worth nothing until it has its name.
+  copy_->execute("PRAGMA synchronous = OFF");
+  copy_->execute("PRAGMA journal_mode = OFF");
+  copy_->execute("PRAGMA cache_size = -1024");
+  backup_ = sqlite3_backup_init(copy_->handle(), "main", from.handle(), "main");
+  if (backup_ == nullptr) fail(std::string("no copy can be made: ") + sqlite3_errmsg(copy_->handle()));
+}
+
+Backup::~Backup() {
+  if (copy_ == nullptr) return;  // whole
+  end();
+  std::error_code ec;
+  std::filesystem::remove(part_, ec);
+}
+
+void Backup::end() {
+  if (backup_ != nullptr) sqlite3_backup_finish(backup_);
+  backup_ = nullptr;
+  copy_.reset();
+}
+
+bool Backup::step(int pages) {
+  const int stepped = sqlite3_backup_step(backup_, pages);
+  if (stepped == SQLITE_BUSY || stepped == SQLITE_LOCKED) return false;
+  if (stepped != SQLITE_OK && stepped != SQLITE_DONE)
+    fail("copying to " + part_ + ": " + sqlite3_errstr(stepped), stepped);
+  pages_all_ = sqlite3_backup_pagecount(backup_);
+  pages_done_ = pages_all_ - sqlite3_backup_remaining(backup_);
+  if (stepped == SQLITE_DONE) {
+    finish();
+    return true;
+  }
+  must(sync_file(part_));
+  return false;
+}
+
+void Backup::finish() {
+  const int result = sqlite3_backup_finish(backup_);
+  backup_ = nullptr;
+  if (result != SQLITE_OK) fail("copying to " + part_ + ": " + sqlite3_errstr(result), result);
+  // One file that can be read anywhere, without a log beside it.
+  if (copy_->text("PRAGMA journal_mode = DELETE") != "delete") fail(part_ + " cannot be made a file of its own");
+  copy_.reset();
+  must(sync_file(part_));
+  if (rename(part_.c_str(), to_.c_str()) != 0) fail("cannot name the copy " + to_ + ": " + std::strerror(errno));
+  must(sync_file(folder_of(to_)));
+}
+
+Result<std::string> backup_folder(const std::string& db_path) {
+  const std::string folder = db_path.substr(0, db_path.rfind('/') + 1) + "backups";
+  if (Status status = make_folder(folder); !status.ok()) return status.error();
+  return folder;
+}
+
+Result<std::string> backup_path(const std::string& db_path, std::int64_t utime_us) {
+  const Result<std::string> folder = backup_folder(db_path);
+  if (!folder.ok()) return folder.error();
+  const std::time_t seconds = utime_us / 1'000'000;
+  std::tm utc{};
+  gmtime_r(&seconds, &utc);
+  std::array<char, 32> day{};
+  std::strftime(day.data(), day.size(), "/slabd-%Y%m%dT%H%M%S.", &utc);
+  const std::string ms = std::to_string(1000 + utime_us / 1000 % 1000).substr(1);
+  return folder.value() + day.data() + ms + "Z.db";
+}
+
+Status back_up_database(const std::string& db_path, const std::string& to) {
+  Result<std::unique_ptr<Connection>> db = open_for_reading(db_path);
+  if (!db.ok()) return db.error();
+  try {
+    Backup backup(*db.value(), to);
+    while (!backup.step(-1)) usleep(10'000);
+    return success();
+  } catch (const SqlFailure& failure) {
+    return error((failure.result & 0xFF) == SQLITE_FULL ? Code::store_full : Code::journal_write, "backup of %s: %s",
+                 db_path.c_str(), failure.text.c_str());
+  }
+}
+
+}  // namespace slabd::storage

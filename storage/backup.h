@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "storage/sqlite.h"
+
+struct sqlite3_backup;
+
+namespace slabd::storage {
+
+/// A copy of a whole database under way. It is made over the connection that writes, so that what is committed
+/// meanwhile goes into the copy as well and no second process ever has to checkpoint. Piece by piece, each synced; the
+/// copy has its name only when it is whole. Everything throws SqlFailure.
+class Backup {
+ public:
+  /// Fails when `to` exists, or when there is not the room for a copy and one more slab.
+  Backup(Connection& from, std::string to);
+  /// A copy that is not whole is deleted.
+  ~Backup();
+  Backup(const Backup&) = delete;
+  Backup& operator=(const Backup&) = delete;
+
+  /// Copies up to `pages`; -1: all that are left. True: the copy is whole, synced and has its name.
+  bool step(int pages);
+  [[nodiscard]] std::int64_t pages_all() const { return pages_all_; }
+  [[nodiscard]] std::int64_t pages_done() const { return pages_done_; }
+
+ private:
+  void finish();
+  void end();
+
+  std::string to_;
+  std::string part_;
+  std::unique_ptr<Connection> copy_;
+  sqlite3_backup* backup_ = nullptr;
+  std::int64_t pages_all_ = 0;
+  std::int64_t pages_done_ = 0;
+};
+
+}  // namespace slabd::storage

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "base/result.h"
+
+/// A damaged database is evidence and must neither be written to nor be taken for the history. It goes, with its log,
+/// into a folder of its own; a short text stays under its name, which no program takes for a database.
+namespace slabd::storage {
+
+/// Moves `path`, `path`-wal and `path`-journal to `<path>.quarantine-<time>` and leaves the text. Cut short at any
+/// moment, either the database is untouched or is_quarantined() is true and finish_quarantine() moves the rest. The
+/// writer's lock must be held. Returns the folder. journal_write: nothing was moved.
+[[nodiscard]] Result<std::string> quarantine(const std::string& path, const std::string& why);
+
+/// The text under the database's name, when that is what lies there.
+[[nodiscard]] std::optional<std::string> quarantine_note(const std::string& path);
+
+/// Moves what quarantine() was stopped before. Does nothing when no note lies there.
+[[nodiscard]] Status finish_quarantine(const std::string& path);
+
+/// What shows that there has been a database although no file (or an empty one) lies at `path`: a log, a backup, a
+/// quarantine, scans of slabs in the spool. Empty: nothing.
+[[nodiscard]] std::string sign_of_earlier_life(const std::string& path, const std::string& spool_dir);
+
+/// The largest slab number among the spool's folders, 0: none.
+[[nodiscard]] std::int64_t newest_key_in_spool(const std::string& spool_dir);
+
+}  // namespace slabd::storage

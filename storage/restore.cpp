@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A database from yesterday takes the place of today's. What it does not know must not be pretended: the history gets a
+// line that says so, slab keys that may have been used (their scans may still lie in the spool) are stepped over, the
+// session number and the numbers of records go somewhere nobody has been, and a slab that was open yesterday is not
+// open now.
+//
+// Everything is prepared in a file of its own; then what lies in the place goes to quarantine, and the new file takes
+// its name. Stopped in between, the daemon finds the quarantine's note and waits for a person.
+#include <sqlite3.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+
+#include "storage/backup.h"
+#include "storage/database.h"
+#include "storage/folders.h"
+#include "storage/jobs.h"
+#include "storage/quarantine.h"
+#include "storage/storage.h"
+#include "storage/upgrade.h"
+
+namespace slabd::storage {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Newest key of the database that is about to be replaced; 0 when it does not say.
+std::int64_t newest_key_at(const std::string& path) {
+  if (file_bytes(path) == 0 || quarantine_note(path)) return 0;
+  std::int64_t newest = 0;
+  try {
+    Result<std::unique_ptr<Connection>> db = open_any_version(path);
+    if (!db.ok()) return 0;
+    newest = db.value()->integer("SELECT coalesce(max(slab_key), 0) FROM slab");
+    return std::max(newest, db.value()->integer("SELECT max(keys_used, pruned_key) FROM line"));
+  } catch (const SqlFailure&) {
+    return newest;  // damaged, or of a version that did not know of used keys
+  }
+}
+
+void end_open_slab(Connection& db, const RestoreOrder& order, Jobs& jobs) {
+  const std::int64_t key = db.integer(
+      "SELECT coalesce(max(slab.slab_key), 0) FROM slab LEFT JOIN slab_result USING (slab_key) "
+      "WHERE slab_result.slab_key IS NULL");
+  if (key == 0) return;
+  SlabJob job;
+  job.slab_key = key;
+  job.slab.verdict = Verdict::aborted;
+  job.slab.reason = static_cast<std::uint16_t>(Code::interrupted);
+  job.record.res_seq = order.session;
+  job.record.kind = 2;
+  job.record.slab_no =
+      static_cast<std::uint32_t>(db.integer("SELECT slab_no FROM slab WHERE slab_key = " + std::to_string(key)));
+  job.record.verdict = Verdict::aborted;
+  job.record.reason = job.slab.reason;
+  job.ended_utime_us = order.note.utime_us;
+  jobs(job);
+}
+
+void prepare(Connection& db, const StoreSettings& settings, const RestoreOrder& order, std::int64_t keys_used) {
+  const HeldBack nothing;
+  Jobs jobs(db, settings.spool_dir, nothing);
+  Transaction transaction(db, "BEGIN IMMEDIATE");
+  jobs.interrupt_unfinished();
+  end_open_slab(db, order, jobs);
+  const std::int64_t keys = std::max({keys_used, db.integer("SELECT max(keys_used, pruned_key) FROM line"),
+                                      db.integer("SELECT coalesce(max(slab_key), 0) FROM slab")});
+  Statement(db, "UPDATE line SET session = ?1, keys_used = ?2")
+      .bind(1, std::int64_t{order.session})
+      .bind(2, keys)
+      .run();
+  Statement(
+      db,
+      "INSERT INTO care (what, slab_key, source, who, why, utime_us, res_seq, result_id) VALUES (?1, ?2, ?3, ?4, ?5, "
+      "?6, ?7, (SELECT coalesce(max(id), 0) FROM result))")
+      .bind(1, std::string_view(order.from.empty() ? "begun_anew" : "restored"))
+      .bind(2, keys)
+      .bind(3, std::string_view(order.from))
+      .bind(4, std::string_view(order.note.who))
+      .bind(5, std::string_view(order.note.why))
+      .bind(6, order.note.utime_us)
+      .bind(7, std::int64_t{order.session})
+      .run();
+  transaction.commit();
+}
+
+Status clear_part(const std::string& part) {
+  std::error_code ec;
+  for (const char* side : {"", "-wal", "-shm", "-journal", ".part"}) {
+    fs::remove(part + side, ec);
+    if (ec) return error(Code::journal_write, "cannot delete %s%s: %s", part.c_str(), side, ec.message().c_str());
+  }
+  return success();
+}
+
+Status put_in_place(const std::string& part, const std::string& path) {
+  if (file_bytes(path) > 0 && !quarantine_note(path)) {
+    const Result<std::string> folder = quarantine(path, "replaced by slabctl db restore");
+    if (!folder.ok()) return folder.error();
+  }
+  if (Status status = finish_quarantine(path); !status.ok()) return status;
+  for (const char* side : {"-wal", "-shm", "-journal"})
+    if (file_bytes(path + side) > 0)
+      return error(Code::journal_write, "%s%s lies there without its database; move it away", path.c_str(), side);
+  if (rename(part.c_str(), path.c_str()) != 0)
+    return error(Code::journal_write, "cannot rename %s to %s: %s", part.c_str(), path.c_str(), std::strerror(errno));
+  return sync_file(fs::path(path).parent_path().string());
+}
+
+}  // namespace
+
+Status restore_database(const StoreSettings& settings, const RestoreOrder& order) {
+  const std::string& path = settings.db_path;
+  if (const std::string folder = fs::path(path).parent_path().string(); !folder.empty())
+    if (Status status = make_folder(folder); !status.ok()) return status;
+  WriterLock lock;
+  if (Status status = lock.take(path); !status.ok()) return status;
+  if (!order.from.empty()) {
+    const Result<DatabaseReport> report = check_database(order.from, true);
+    if (!report.ok()) return report.error();
+    if (!report.value().trouble.empty())
+      return error(Code::journal_write, "%s is not whole: %s", order.from.c_str(), report.value().trouble.c_str());
+  }
+  const std::int64_t keys_used = std::max(newest_key_at(path), newest_key_in_spool(settings.spool_dir));
+  const std::string part = path + ".restored";
+  if (Status status = clear_part(part); !status.ok()) return status;
+  try {
+    if (!order.from.empty()) {
+      Result<std::unique_ptr<Connection>> source = open_any_version(order.from);
+      if (!source.ok()) return source.error();
+      Backup copy(*source.value(), part);
+      while (!copy.step(-1)) usleep(10'000);
+    }
+    Result<std::unique_ptr<Connection>> db = open_copy_for_writing(part);
+    if (!db.ok()) return db.error();
+    prepare(*db.value(), settings, order, keys_used);
+  } catch (const SqlFailure& failure) {
+    return error((failure.result & 0xFF) == SQLITE_FULL ? Code::store_full : Code::journal_write, "%s: %s",
+                 part.c_str(), failure.text.c_str());
+  }
+  // Closed by its only user: everything is in the file, and no log is left.
+  if (file_bytes(part + "-wal") > 0) return error(Code::journal_write, "%s could not be closed", part.c_str());
+  std::error_code ec;
+  fs::remove(part + "-wal", ec);
+  fs::remove(part + "-shm", ec);
+  if (Status status = sync_file(part); !status.ok()) return status;
+  return put_in_place(part, path);
+}
+
+}  // namespace slabd::storage

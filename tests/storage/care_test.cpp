@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Copies and retention by the daemon's writer, between its jobs.
+#include <filesystem>
+#include <thread>
+
+#include "storage/database.h"
+#include "tests/storage/store_fixture.h"
+
+namespace slabd::storage {
+namespace {
+
+namespace fs = std::filesystem;
+using Phase = CareState::Phase;
+
+class CareTest : public StoreTest {
+ protected:
+  void quiet(int looks) {
+    for (int i = 0; i < looks; ++i) store_->idle();
+  }
+  /// Ended, acknowledged, without scans.
+  void slabs(std::int64_t first, std::int64_t last) {
+    for (std::int64_t key = first; key <= last; ++key) {
+      begin(key);
+      scan_without_file(key, 1, 1);
+      apply(AckJob{end(key, Verdict::pass)});
+    }
+  }
+  /// Measured and acknowledged, with maps; its scan has been deleted.
+  void scan_without_file(std::int64_t key, int station, int number) {
+    accept(PlcCommand::scan, station, key);
+    apply(AcquiredJob{attempt(key, station, number)});
+    PlcResult record = random_record(prng_, ++res_seq_, 1);
+    record.station = static_cast<std::uint16_t>(station);
+    record.cmd_seq = cmd_seq_;
+    apply(BlockJob{key, static_cast<std::uint8_t>(number), random_block(prng_, station, Verdict::pass), record,
+                   random_maps(prng_)});
+    apply(AckJob{res_seq_});
+  }
+  [[nodiscard]] std::int64_t count(const std::string& table) const {
+    Result<std::unique_ptr<Connection>> db = open_for_reading(settings_.db_path);
+    EXPECT_TRUE(db.ok());
+    return db.value()->integer("SELECT count(*) FROM " + table);
+  }
+  [[nodiscard]] std::string copy_path() const { return folder_.path() + "/copy.db"; }
+};
+
+TEST_F(CareTest, a_copy_holds_what_was_committed_before_and_while_it_was_made) {
+  open();
+  (void)recover();
+  slabs(1, 19);
+  begin(20);
+  for (int station = 1; station <= 18; ++station)
+    for (int attempt = 1; attempt <= 4; ++attempt) scan_without_file(20, station, attempt);
+  apply(AckJob{end(20, Verdict::pass)});
+  ASSERT_TRUE(store_->order(BackupOrder{copy_path()}).ok());
+  quiet(4);  // the first piece
+  ASSERT_EQ(store_->care().backup, Phase::under_way);
+  EXPECT_FALSE(fs::exists(copy_path())) << "it has its name only when it is whole";
+  slabs(21, 22);
+  quiet(40);
+  const CareState state = store_->care();
+  EXPECT_EQ(state.backup, Phase::done) << state.backup_error;
+  EXPECT_EQ(state.backup_pages, state.backup_pages_all);
+  EXPECT_FALSE(fs::exists(copy_path() + ".part"));
+  EXPECT_FALSE(fs::exists(copy_path() + "-wal"));
+  const Result<DatabaseReport> report = check_database(copy_path(), true);
+  ASSERT_TRUE(report.ok()) << report.error().text.view();
+  EXPECT_EQ(report.value().trouble, "");
+  EXPECT_EQ(report.value().slabs, 22);
+  EXPECT_EQ(report.value().newest_key, 22);
+  EXPECT_EQ(report.value().version, kSchemaVersion);
+  EXPECT_FALSE(fs::exists(copy_path() + "-wal")) << "looking at a copy changes nothing";
+}
+
+TEST_F(CareTest, one_copy_at_a_time_and_none_over_an_existing_file) {
+  open();
+  (void)recover();
+  ASSERT_TRUE(store_->order(BackupOrder{copy_path()}).ok());
+  EXPECT_EQ(store_->order(BackupOrder{copy_path()}).error().code, Code::busy);
+  quiet(10);
+  ASSERT_EQ(store_->care().backup, Phase::done);
+  ASSERT_TRUE(store_->order(BackupOrder{copy_path()}).ok());
+  quiet(10);
+  EXPECT_EQ(store_->care().backup, Phase::failed);
+  EXPECT_NE(store_->care().backup_error.find("exists already"), std::string::npos);
+  ASSERT_TRUE(store_->order(BackupOrder{folder_.path() + "/no folder/copy.db"}).ok());
+  quiet(10);
+  EXPECT_EQ(store_->care().backup, Phase::failed);
+  begin(1);  // work goes on
+}
+
+TEST_F(CareTest, a_copy_without_a_daemon) {
+  open();
+  (void)recover();
+  slabs(1, 3);
+  close();
+  ASSERT_TRUE(back_up_database(settings_.db_path, copy_path()).ok());
+  const Result<DatabaseReport> report = check_database(copy_path(), true);
+  ASSERT_TRUE(report.ok());
+  EXPECT_EQ(report.value().trouble, "");
+  EXPECT_EQ(report.value().slabs, 3);
+}
+
+TEST_F(CareTest, only_so_many_slabs_are_kept_and_the_history_says_so) {
+  settings_.keep_slabs = kKeepSlabsMin;
+  open();
+  (void)recover();
+  slabs(1, kKeepSlabsMin + 5);
+  quiet(30);
+  EXPECT_EQ(count("slab"), kKeepSlabsMin);
+  for (const char* table : {"block", "attempt", "slab_result"}) EXPECT_EQ(count(table), kKeepSlabsMin) << table;
+  EXPECT_EQ(count("plane"), 5 * kKeepSlabsMin);
+  const Result<DatabaseReport> report = check_database(settings_.db_path, true);
+  ASSERT_TRUE(report.ok());
+  EXPECT_EQ(report.value().trouble, "");
+  EXPECT_EQ(report.value().oldest_key, 6);
+  const auto gaps = reader()->gaps();
+  ASSERT_TRUE(gaps.ok());
+  ASSERT_EQ(gaps.value().size(), 1U);
+  EXPECT_EQ(gaps.value()[0].what, HistoryGap::What::pruned);
+  EXPECT_EQ(gaps.value()[0].slabs, 5);
+  EXPECT_EQ(gaps.value()[0].slab_key, 5);
+  EXPECT_EQ(recover()->last_slab_key, kKeepSlabsMin + 5);
+}
+
+TEST_F(CareTest, slabs_with_scans_or_unseen_results_stay_and_so_do_the_newest) {
+  open();
+  (void)recover();
+  begin(1);
+  scan(1, 1, 1);  // never acknowledged
+  end(1, Verdict::fail);
+  begin(2);
+  accept(PlcCommand::scan, 1, 2);
+  Attempt kept = attempt(2, 1, 1);
+  kept.scan_path.assign(scan_file(2, 1, 1, 1000));
+  apply(AcquiredJob{kept});
+  apply(AckJob{measure(2, 1, 1)});
+  apply(AckJob{end(2, Verdict::pass)});
+  slabs(3, kKeepSlabsMin + 4);
+  EXPECT_EQ(store_->order(PruneOrder{5}).error().code, Code::config) << "fewer than the least are never kept";
+  ASSERT_TRUE(store_->order(PruneOrder{kKeepSlabsMin}).ok());
+  quiet(40);
+  EXPECT_EQ(store_->care().prune, Phase::done);
+  EXPECT_EQ(store_->care().pruned_slabs, 2) << "slabs 3 and 4";
+  Result<std::unique_ptr<Connection>> db = open_for_reading(settings_.db_path);
+  ASSERT_TRUE(db.ok());
+  EXPECT_EQ(db.value()->integer("SELECT count(*) FROM slab WHERE slab_key IN (1, 2)"), 2);
+  EXPECT_EQ(db.value()->integer("SELECT count(*) FROM slab WHERE slab_key IN (3, 4)"), 0);
+}
+
+TEST_F(CareTest, without_an_order_and_without_a_limit_nothing_is_taken_away) {
+  open();
+  (void)recover();
+  slabs(1, kKeepSlabsMin + 3);
+  quiet(50);
+  EXPECT_EQ(count("slab"), kKeepSlabsMin + 3);
+  EXPECT_TRUE(reader()->gaps().value().empty());
+}
+
+TEST_F(CareTest, a_second_process_reads_while_the_daemon_writes_and_never_changes_a_byte) {
+  open();
+  (void)recover();
+  slabs(1, 2);
+  const auto stamp = [&](const char* side) {
+    const std::string path = settings_.db_path + side;
+    return std::pair(fs::file_size(path), fs::last_write_time(path));
+  };
+  for (int round = 0; round < 5; ++round) {
+    const auto database = stamp("");
+    const auto log = stamp("-wal");
+    {
+      const auto reading = reader();
+      EXPECT_TRUE(reading->slabs(100).ok());
+      EXPECT_TRUE(check_database(settings_.db_path, true).ok());
+    }
+    EXPECT_EQ(stamp(""), database);
+    EXPECT_EQ(stamp("-wal"), log);
+    slabs(3 + round, 3 + round);
+    quiet(6);
+  }
+}
+
+}  // namespace
+}  // namespace slabd::storage

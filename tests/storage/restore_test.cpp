@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Yesterday's database in today's place: what it does not know is said, and never made up.
+#include <filesystem>
+#include <fstream>
+
+#include "storage/database.h"
+#include "storage/folders.h"
+#include "tests/storage/store_fixture.h"
+
+namespace slabd::storage {
+namespace {
+
+namespace fs = std::filesystem;
+
+class RestoreTest : public StoreTest {
+ protected:
+  void SetUp() override {
+    open();
+    (void)recover();
+    begin(1);
+    apply(AckJob{scan(1, 1, 1)});
+    apply(AckJob{end(1, Verdict::pass)});
+    begin(2);
+    scan(2, 1, 1);
+    close();
+    ASSERT_TRUE(back_up_database(settings_.db_path, backup_).ok());
+    open();
+    (void)recover();
+    end(2, Verdict::fail);
+    begin(3);
+    apply(AckJob{end(3, Verdict::pass)});
+    close();
+  }
+  [[nodiscard]] Status restore(const std::string& from) {
+    return restore_database(settings_, {from, {"anna", "the disk broke", 1'700'000'000'000'000}, 4711});
+  }
+  [[nodiscard]] std::vector<std::string> left_in_folder() const {
+    std::vector<std::string> names;
+    for (const auto& entry : fs::directory_iterator(fs::path(settings_.db_path).parent_path()))
+      names.push_back(entry.path().filename().string());
+    return names;
+  }
+
+  std::string backup_ = folder_.path() + "/backup.db";
+};
+
+TEST_F(RestoreTest, the_backup_counts_and_the_history_says_that_it_has_a_gap) {
+  ASSERT_TRUE(restore(backup_).ok());
+  open();
+  const auto line = recover();
+  EXPECT_EQ(line->session, 4711);
+  EXPECT_EQ(line->res_seq, 4711) << "RES_ACK may stand at a record that is not in the backup";
+  EXPECT_EQ(line->last_slab_key, 3) << "key 3 was used by a slab that is not in the backup";
+  EXPECT_FALSE(line->slab_open) << "what was open yesterday is not open now";
+  EXPECT_EQ(line->slab_verdict, Verdict::aborted);
+  const auto gaps = reader()->gaps();
+  ASSERT_TRUE(gaps.ok());
+  ASSERT_EQ(gaps.value().size(), 1U);
+  EXPECT_EQ(gaps.value()[0].what, HistoryGap::What::restored);
+  EXPECT_EQ(gaps.value()[0].note.who, "anna");
+  EXPECT_EQ(gaps.value()[0].note.why, "the disk broke");
+  EXPECT_EQ(gaps.value()[0].source, backup_);
+  EXPECT_EQ(gaps.value()[0].slab_key, 3);
+  const auto slab = reader()->slab(1);
+  ASSERT_TRUE(slab.ok() && slab.value().has_value());
+  EXPECT_EQ(slab.value()->summary.verdict, Verdict::pass);
+  begin(4);
+  apply(AckJob{scan(4, 1, 1)});
+  const std::uint16_t newest = res_seq_;
+  close();
+  open();
+  EXPECT_EQ(recover()->res_seq, newest) << "of the newest record";
+  close();
+  const auto report = check_database(settings_.db_path, true);
+  ASSERT_TRUE(report.ok());
+  EXPECT_EQ(report.value().trouble, "");
+}
+
+TEST_F(RestoreTest, what_was_there_is_kept_in_quarantine) {
+  ASSERT_TRUE(restore(backup_).ok());
+  int kept = 0;
+  for (const std::string& name : left_in_folder())
+    if (name.find(".quarantine-") != std::string::npos) {
+      const auto report =
+          check_database(fs::path(settings_.db_path).parent_path().string() + "/" + name + "/slabd.db", true);
+      ASSERT_TRUE(report.ok()) << report.error().text.view();
+      EXPECT_EQ(report.value().slabs, 3);
+      ++kept;
+    }
+  EXPECT_EQ(kept, 1);
+}
+
+TEST_F(RestoreTest, is_refused_while_the_daemon_runs) {
+  open();
+  const Status status = restore(backup_);
+  ASSERT_FALSE(status.ok());
+  EXPECT_NE(status.error().text.view().find("already open for writing"), std::string_view::npos);
+  EXPECT_EQ(recover()->last_slab_key, 3);
+}
+
+TEST_F(RestoreTest, a_backup_that_is_not_whole_changes_nothing) {
+  {
+    std::fstream file(backup_, std::ios::in | std::ios::out | std::ios::binary);
+    for (std::streamoff page = 5; page < 12; ++page) file.seekp(page * 4096) << std::string(3000, 'x');
+  }
+  const Status status = restore(backup_);
+  ASSERT_FALSE(status.ok());
+  EXPECT_NE(status.error().text.view().find("not whole"), std::string_view::npos) << status.error().text.view();
+  open();
+  EXPECT_EQ(recover()->last_slab_key, 3);
+}
+
+TEST_F(RestoreTest, beginning_anew_is_a_gap_too_and_uses_no_old_key) {
+  const std::string scan = scan_file(9, 1, 1, 100);
+  ASSERT_TRUE(restore("").ok());
+  open();
+  const auto line = recover();
+  EXPECT_EQ(line->res_seq, 4711);
+  EXPECT_EQ(line->last_slab_key, 9) << "scans of slab 9 lie in the spool";
+  EXPECT_FALSE(line->slab_open);
+  const auto gaps = reader()->gaps();
+  ASSERT_TRUE(gaps.ok());
+  ASSERT_EQ(gaps.value().size(), 1U);
+  EXPECT_EQ(gaps.value()[0].what, HistoryGap::What::begun_anew);
+  EXPECT_TRUE(fs::exists(scan));
+}
+
+TEST_F(RestoreTest, after_a_quarantine_restoring_brings_the_line_back) {
+  {
+    std::fstream file(settings_.db_path, std::ios::in | std::ios::out | std::ios::binary);
+    for (std::streamoff page = 5; page < 10; ++page) file.seekp(page * 4096) << std::string(2048, '\x5a');
+  }
+  ASSERT_FALSE(open_store(settings_).ok());
+  ASSERT_FALSE(open_store(settings_).ok());
+  ASSERT_TRUE(restore(backup_).ok());
+  open();
+  EXPECT_EQ(recover()->slab_verdict, Verdict::aborted);
+}
+
+TEST_F(RestoreTest, can_be_done_again_and_is_told_again) {
+  ASSERT_TRUE(restore(backup_).ok());
+  ASSERT_TRUE(restore(backup_).ok());
+  open();
+  EXPECT_EQ(reader()->gaps().value().size(), 1U) << "the backup knows nothing of the first time";
+  EXPECT_EQ(recover()->last_slab_key, 3);
+}
+
+}  // namespace
+}  // namespace slabd::storage
