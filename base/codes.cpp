@@ -54,7 +54,9 @@ constexpr std::array kTable = {
     Entry{Code::deadline, "the measurement, or a buffer for the scan, was not ready in time",
           "check the computer's load"},
     Entry{Code::store_full, "the disk has no room for two more slabs", "free space on the spool disk"},
-    Entry{Code::journal_write, "the database could not be written", "check the disk; then reset the fault"},
+    Entry{Code::journal_write, "the database could not be written, is damaged, or is not there",
+          "check the disk and its mount, then reset the fault; `slabctl db check` tells a damaged database, and "
+          "`slabctl db restore` brings a backup back"},
     Entry{Code::calibration_missing, "there is no valid calibration", "calibrate, or set [calibration] in the config"},
     Entry{Code::config, "the configuration is not usable", "run `slabctl config check`; it names file and line"},
     Entry{Code::internal, "an internal check failed", "note the journal entry and restart the service"},

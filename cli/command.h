@@ -34,6 +34,8 @@ void add_completion(CLI::App& app, int& exit_status);
 void add_simulate(CLI::App& app, int& exit_status);
 void add_calibrate(CLI::App& app, int& exit_status);
 void add_plc(CLI::App& app, int& exit_status);
+void add_db(CLI::App& app, int& exit_status);
+void add_metrics(CLI::App& app, int& exit_status);
 
 /// Parses and runs a command line; returns the exit status. Nothing but this and the commands knows CLI11.
 [[nodiscard]] int run(int argc, const char* const* argv);

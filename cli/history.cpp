@@ -63,7 +63,27 @@ bool complete(const Options& options, storage::SlabFilter& filter) {
   return true;
 }
 
-std::string as_json(const std::vector<storage::SlabSummary>& slabs) {
+const char* name(storage::HistoryGap::What what) {
+  switch (what) {
+    case storage::HistoryGap::What::restored: return "restored";
+    case storage::HistoryGap::What::begun_anew: return "begun_anew";
+    case storage::HistoryGap::What::pruned: return "pruned";
+  }
+  return "unknown";
+}
+
+/// What is missing, in a sentence.
+std::string gap_text(const storage::HistoryGap& gap) {
+  if (gap.what == storage::HistoryGap::What::pruned)
+    return fmt::format("{} slabs up to key {} were taken away by retention", gap.slabs, gap.slab_key);
+  const std::string by = fmt::format("{} by {}: {}", iso_time(gap.note.utime_us), gap.note.who, gap.note.why);
+  if (gap.what == storage::HistoryGap::What::begun_anew)
+    return fmt::format("the history was begun anew {}; nothing from before is here", by);
+  return fmt::format("the history was restored from {} {}; slabs up to key {} may be missing", gap.source, by,
+                     gap.slab_key);
+}
+
+std::string as_json(const std::vector<storage::SlabSummary>& slabs, const std::vector<storage::HistoryGap>& gaps) {
   Json json;
   json.begin_object();
   json.field("schema", "slabd.history/1");
@@ -79,6 +99,14 @@ std::string as_json(const std::vector<storage::SlabSummary>& slabs) {
     json.field("verdict", name(slab.verdict)).field("reason", slab.reason);
     json.field("stations_measured", slab.stations_measured).field("stations", unsigned{slab.header.stations});
     json.field("acknowledged", slab.acknowledged).end_object();
+  }
+  json.end_array();
+  json.key("gaps").begin_array();
+  for (const storage::HistoryGap& gap : gaps) {
+    json.begin_object();
+    json.field("what", name(gap.what)).field("slab_key", gap.slab_key).field("slabs", gap.slabs);
+    write_time(json, "at", gap.note.utime_us);
+    json.field("who", gap.note.who).field("why", gap.note.why).field("source", gap.source).end_object();
   }
   json.end_array().end_object();
   return json.text();
@@ -110,10 +138,16 @@ int show_history(const Options& options) {
     complain(fmt::format("{}", slabs.error().text.view()));
     return kNotReachable;
   }
+  const auto gaps = reader->gaps();
+  if (!gaps) {
+    complain(fmt::format("{}", gaps.error().text.view()));
+    return kNotReachable;
+  }
   if (options.json) {
-    fmt::print("{}", as_json(slabs.value()));
+    fmt::print("{}", as_json(slabs.value(), gaps.value()));
   } else {
     print_slabs(slabs.value());
+    for (const storage::HistoryGap& gap : gaps.value()) fmt::print("! {}\n", gap_text(gap));
   }
   return kDone;
 }

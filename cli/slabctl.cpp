@@ -103,6 +103,8 @@ int run(int argc, const char* const* argv) {
   add_simulate(app, exit_status);
   add_calibrate(app, exit_status);
   add_plc(app, exit_status);
+  add_db(app, exit_status);
+  add_metrics(app, exit_status);
   add_config(app, exit_status);
   add_recipe(app, exit_status);
   add_completion(app, exit_status);

@@ -159,6 +159,12 @@ void read_storage(TableReader storage, const std::string& folder, storage::Store
         "spool_budget_gb",
         fmt::format("found {}, allowed is 0 (keep every scan) or 3..100000; a slab's scans are 1.1 GB", budget_gb));
   out.spool_budget_bytes = static_cast<std::uint64_t>(budget_gb * 1e9);
+  double keep_slabs = 0.0;
+  storage.optional_number("keep_slabs", keep_slabs, {0.0, 1e9});
+  if (keep_slabs > 0.0 && keep_slabs < static_cast<double>(storage::kKeepSlabsMin))
+    storage.problem("keep_slabs", fmt::format("found {}, allowed is 0 (keep every record) or {} and more", keep_slabs,
+                                              storage::kKeepSlabsMin));
+  out.keep_slabs = static_cast<std::int64_t>(keep_slabs);
   storage.finish();
 }
 

@@ -146,11 +146,22 @@ class Loop {
 [[nodiscard]] std::string capture_json(const Station& station);
 /// A capture request as an event. config: what is wrong with it.
 [[nodiscard]] Result<CaptureRequest> parse_capture(std::string_view line, std::uint32_t uid);
+/// The answer to {"verb":"care"}: what became of the last backup and of pruning; schema slabd.care/1.
+[[nodiscard]] std::string care_json(const storage::Store& store);
+/// Carries {"verb":"backup"} (to a file named after the time, in the backup folder) or {"verb":"prune","keep_slabs":N}
+/// to the store. config, busy: as Store::order().
+[[nodiscard]] Status order_care(std::string_view line, storage::Store& store, const std::string& db_path,
+                                std::int64_t utime_us);
+/// The text behind {"verb":"metrics"}: Prometheus' exposition format.
+[[nodiscard]] std::string metrics_text(const Station& station, const Ports& ports, const LoopFigures& figures);
+/// "VmRSS" and the like from /proc/self/status, in kB; 0 where there is none.
+[[nodiscard]] std::int64_t memory_kb(const std::string& key);
 /// Answers one control request line; unknown verbs and bad JSON get {"error": ...}. Reading verbs change nothing;
 /// {"verb":"calibration_change","file":...} lays a change on the desk, and the caller has it carried out. "capture" is
-/// an event for the station: `handle` steps it before the answer is made.
+/// an event for the station: `handle` steps it before the answer is made. {"verb":"metrics","reset":true} begins the
+/// maxima of `figures` anew.
 [[nodiscard]] std::string answer_control(std::string_view line, const Station& station, const Ports& ports,
-                                         const LoopFigures& figures, CalibrationDesk& desk,
+                                         LoopFigures& figures, CalibrationDesk& desk,
                                          const std::function<void(const Event&)>& handle);
 
 }  // namespace slabd::daemon

@@ -2,6 +2,8 @@
 //
 // The answer to a status request on the control socket. Control path: heap and exceptions of the JSON library stay in
 // here.
+#include <unistd.h>
+
 #include <array>
 #include <exception>
 #include <fstream>
@@ -62,7 +64,8 @@ std::string refusal(const Error& why) {
   return text_of(Json{{"schema", "slabd.error/1"}, {"error", why.text.view()}, {"code", static_cast<int>(why.code)}});
 }
 
-/// "VmRSS" and the like from /proc/self/status, in kB; 0 where there is none.
+}  // namespace
+
 std::int64_t memory_kb(const std::string& key) {
   std::ifstream status("/proc/self/status");
   std::string line;
@@ -70,6 +73,8 @@ std::int64_t memory_kb(const std::string& key) {
     if (line.rfind(key + ":", 0) == 0) return std::strtoll(line.c_str() + key.size() + 1, nullptr, 10);
   return 0;
 }
+
+namespace {
 
 /// What the next slab will be measured with, and what is due.
 Json in_force(const Station& station) {
@@ -249,9 +254,8 @@ std::string calibration_json(const Station& station, const CalibrationDesk& desk
   return text_of(j);
 }
 
-std::string answer_control(std::string_view line, const Station& station, const Ports& ports,
-                           const LoopFigures& figures, CalibrationDesk& desk,
-                           const std::function<void(const Event&)>& handle) {
+std::string answer_control(std::string_view line, const Station& station, const Ports& ports, LoopFigures& figures,
+                           CalibrationDesk& desk, const std::function<void(const Event&)>& handle) {
   try {
     const Json request = Json::parse(line, nullptr, false);
     if (!request.is_object()) return refusal("a request is one JSON object per line, like {\"verb\":\"status\"}");
@@ -260,8 +264,26 @@ std::string answer_control(std::string_view line, const Station& station, const 
     if (*verb == "status") return status_json(station, ports, figures);
     if (*verb == "calibration") return calibration_json(station, desk);
     if (*verb == "plc_image") return plc_image_json(station, ports.plc, figures);
+    if (*verb == "metrics") {
+      const Json answer = {{"schema", "slabd.metrics/1"}, {"text", metrics_text(station, ports, figures)}};
+      if (request.value("reset", false)) figures.block_max_ms = figures.commit_max_ms = 0.0;
+      return text_of(answer);
+    }
+    if (*verb == "care" || *verb == "backup" || *verb == "prune") {
+      if (ports.store == nullptr) return refusal("the daemon has no usable database");
+      // Taking records away is for who could take the file away.
+      const std::uint32_t who = ports.control == nullptr ? hal::ControlPort::kNobody : ports.control->peer_uid();
+      if (*verb == "prune" && who != 0 && who != ::geteuid())
+        return refusal("only root and slabd's own user may take records away");
+      if (*verb != "care")
+        if (const Status taken = order_care(line, *ports.store, figures.db_path, ports.clock.utime_us()); !taken.ok())
+          return refusal(taken.error());
+      return care_json(*ports.store);
+    }
     if (*verb != "calibration_change" && *verb != "capture")
-      return refusal("unknown verb; known: status, calibration, plc_image, calibration_change, capture");
+      return refusal(
+          "unknown verb; known: status, calibration, plc_image, metrics, care, backup, prune, calibration_change, "
+          "capture");
     const std::uint32_t uid = ports.control == nullptr ? hal::ControlPort::kNobody : ports.control->peer_uid();
     if (*verb == "capture") {
       const Result<CaptureRequest> capture = parse_capture(line, uid);

@@ -52,6 +52,7 @@ timeout_s = 12.5
 db = "/srv/slabd.db"
 spool_dir = "/srv/spool"
 spool_budget_gb = 500
+keep_slabs = 20000
 [measure]
 threads = 1
 [recipes]
@@ -133,6 +134,7 @@ TEST_F(ConfigTest, shortest_configuration_gets_the_documented_defaults) {
   EXPECT_EQ(config_.storage.db_path, "/var/lib/slabd/slabd.db");
   EXPECT_EQ(config_.storage.spool_dir, "/var/lib/slabd/spool");
   EXPECT_EQ(config_.storage.spool_budget_bytes, 0U);
+  EXPECT_EQ(config_.storage.keep_slabs, 0) << "nothing is taken away unasked";
   EXPECT_EQ(config_.recipes_dir, "/usr/share/slabd/recipes");
   EXPECT_EQ(config_.control_socket, "/run/slabd/control.sock");
   EXPECT_EQ(config_.measure_threads, default_measure_threads());
@@ -185,6 +187,7 @@ TEST_F(ConfigTest, every_key_is_taken) {
   EXPECT_EQ(config_.storage.db_path, "/srv/slabd.db");
   EXPECT_EQ(config_.storage.spool_dir, "/srv/spool");
   EXPECT_EQ(config_.storage.spool_budget_bytes, 500'000'000'000U);
+  EXPECT_EQ(config_.storage.keep_slabs, 20'000);
   EXPECT_EQ(config_.recipes_dir, "/srv/recipes");
   EXPECT_EQ(config_.T_base_slab.rotation.z(), -1.0);
   EXPECT_EQ(config_.calibration.station_sigma_mm, 0.02);

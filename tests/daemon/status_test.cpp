@@ -2,6 +2,8 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
+#include <set>
+#include <sstream>
 
 #include "base/prng.h"
 #include "daemon/loop.h"
@@ -55,12 +57,36 @@ TEST_F(StatusTest, bytes_that_are_no_text_do_not_stop_the_answer) {
   EXPECT_EQ(answer["slab"]["id"], "SLAB-\xef\xbf\xbd");
 }
 
+TEST_F(StatusTest, metrics_are_told_as_prometheus_reads_them) {
+  figures_.block_max_ms = 1500.0;
+  station_.settings.software = "slabd \"x\\1\"";
+  const json answer = ask(R"({"verb":"metrics","reset":true})");
+  EXPECT_EQ(answer["schema"], "slabd.metrics/1");
+  const std::string text = answer["text"];
+  EXPECT_NE(text.find("\nslabd_block_max_seconds 1.5\n"), std::string::npos) << text;
+  EXPECT_NE(text.find("slabd_info{software=\"slabd \\\"x\\\\1\\\"\"} 1\n"), std::string::npos) << text;
+  // Every figure is explained once, before its first line.
+  std::set<std::string> explained;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    const std::string name =
+        line.starts_with("# ") ? line.substr(7, line.find(' ', 7) - 7) : line.substr(0, line.find_first_of(" {"));
+    if (line.starts_with("# HELP ")) {
+      EXPECT_TRUE(explained.insert(name).second) << name;
+    } else {
+      EXPECT_TRUE(explained.contains(name)) << line;
+    }
+  }
+  EXPECT_GT(explained.size(), 20U);
+  EXPECT_EQ(figures_.block_max_ms, 0.0) << "since the reset";
+}
+
 TEST_F(StatusTest, whatever_is_asked_is_answered) {
   EXPECT_EQ(ask("")["schema"], "slabd.error/1");
   EXPECT_EQ(ask("[]")["schema"], "slabd.error/1");
   EXPECT_EQ(ask("{\"verb\":7}")["schema"], "slabd.error/1");
   EXPECT_EQ(ask("{\"verb\":\"stop\"}")["error"],
-            "unknown verb; known: status, calibration, plc_image, calibration_change, capture");
+            "unknown verb; known: status, calibration, plc_image, metrics, care, backup, prune, calibration_change, capture");
   EXPECT_EQ(ask("{\"verb\":\"\xff\"}")["schema"], "slabd.error/1");
   EXPECT_EQ(ask(std::string(60'000, '['))["schema"], "slabd.error/1");
   Prng prng(11);

@@ -72,6 +72,10 @@ class Units(unittest.TestCase):
     def test_exposure_of_the_bridge(self):
         self.assertLessEqual(self.exposure("slabd-kuka-bridge.service", read("slabd-kuka-bridge.service")), 1.6)
 
+    def test_exposure_of_what_the_timers_start(self):
+        for name in ("slabd-backup.service", "slabd-metrics.service"):
+            self.assertLessEqual(self.exposure(name, read(name)), 1.6, name)
+
     def test_a_slack_unit_has_a_higher_exposure(self):
         text = read("slabd.service").replace("ProtectSystem=strict", "ProtectSystem=no")
         self.assertGreater(self.exposure("slabd.service", text), 1.2)

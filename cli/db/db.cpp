@@ -1,0 +1,284 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl db: the database as a whole. Only one process may write it: orders go to the daemon while it runs; restoring
+// needs it stopped, and its lock keeps it so.
+#include <fmt/core.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <filesystem>
+#include <memory>
+#include <random>
+#include <thread>
+
+#include "cli/calibrate/calibration_desk.h"
+#include "cli/command.h"
+#include "cli/control.h"
+#include "cli/db/care_answer.h"
+#include "cli/durable.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/render.h"
+
+namespace slabd::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr auto kPollEvery = std::chrono::milliseconds(200);
+/// Nothing happened to a copy for so long: the daemon is busier than any slab keeps it.
+constexpr int kStillPollsMax = 600;
+
+struct Options {
+  std::string config;
+  std::string file;
+  std::string out;
+  std::string why;
+  std::string operator_name;
+  std::int64_t keep_slabs = 0;
+  int keep = 0;
+  bool full = false;
+  bool fresh = false;
+  bool json = false;
+};
+
+int fail(const Error& why) {
+  complain(why.text.view());
+  return exit_for(why.code);
+}
+
+std::string megabytes(std::int64_t bytes) {
+  return fmt::format("{:.1f} MB", static_cast<double>(bytes) / 1e6);
+}
+
+// ---- check, verify -----------------------------------------------------------------------------------------------
+
+/// Backups of a database, oldest first: their names begin with the time.
+std::vector<std::string> backups_of(const std::string& db_path) {
+  std::vector<std::string> found;
+  std::error_code ec;
+  const std::string folder = fs::path(db_path).parent_path().string() + "/backups";
+  for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec))
+    if (entry->path().extension() == ".db") found.push_back(entry->path().string());
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+int tell(const std::string& path, const storage::DatabaseReport& report, const Options& options) {
+  const bool whole = report.trouble.empty();
+  if (options.json) {
+    Json json;
+    json.begin_object();
+    json.field("schema", "slabd.database/1").field("file", path).field("whole", whole);
+    json.field("trouble", report.trouble).field("full", options.full).field("version", report.version);
+    json.field("slabs", report.slabs).field("oldest_key", report.oldest_key).field("newest_key", report.newest_key);
+    json.field("newest_utime_us", report.newest_utime_us).field("bytes", report.bytes);
+    json.field("log_bytes", report.log_bytes).end_object();
+    fmt::print("{}", json.text());
+  } else {
+    fmt::print("{}: {}\n", path, whole ? "whole" : "NOT WHOLE: " + report.trouble);
+    fmt::print("schema version {}, {} slabs ({}..{}), newest record {}, {}{}\n", report.version, report.slabs,
+               report.oldest_key, report.newest_key, iso_time(report.newest_utime_us), megabytes(report.bytes),
+               report.log_bytes > 0 ? fmt::format(" and a log of {}", megabytes(report.log_bytes)) : "");
+  }
+  return whole ? kDone : kBadInput;
+}
+
+int examine(const std::string& path, const Options& options) {
+  const Result<storage::DatabaseReport> report = storage::check_database(path, options.full);
+  return report.ok() ? tell(path, report.value(), options) : fail(report.error());
+}
+
+int check(const Options& options) {
+  daemon::Config config;
+  if (!config_from(options.config, config)) return kBadInput;
+  const int status = examine(config.storage.db_path, options);
+  if (options.json) return status;
+  const auto backups = backups_of(config.storage.db_path);
+  if (backups.empty()) {
+    fmt::print("no backup: make one with slabctl db backup\n");
+  } else {
+    fmt::print("{} backups, newest {}\n", backups.size(), backups.back());
+  }
+  return status;
+}
+
+// ---- backup ------------------------------------------------------------------------------------------------------
+
+Result<CareAnswer> ask_care(const daemon::Config& config, const std::string& line) {
+  const Result<std::string> answer = ask_daemon(config.control_socket, line + "\n");
+  if (!answer.ok()) return answer.error();
+  return parse_care(answer.value());
+}
+
+/// Through the daemon; returns where the copy lies.
+Result<std::string> backup_by_daemon(const daemon::Config& config) {
+  Result<CareAnswer> care = ask_care(config, R"({"verb":"backup"})");
+  std::int64_t last = -1;
+  for (int still = 0; care.ok() && care.value().backup.state == "under_way"; ++still) {
+    if (still > kStillPollsMax)
+      return error(Code::scanner_offline, "slabd has taken the order and nothing happens; slabctl status tells more");
+    if (care.value().backup.done != last) still = 0;
+    last = care.value().backup.done;
+    std::this_thread::sleep_for(kPollEvery);
+    care = ask_care(config, R"({"verb":"care"})");
+  }
+  if (!care.ok()) return care.error();
+  if (care.value().backup.state != "done")
+    return error(Code::journal_write, "the backup failed: %s", care.value().backup.error.c_str());
+  return care.value().backup.path;
+}
+
+Result<std::string> backup_offline(const daemon::Config& config) {
+  Result<std::string> path = storage::backup_path(config.storage.db_path, wall_clock_us());
+  if (!path.ok()) return path;
+  if (Status status = storage::back_up_database(config.storage.db_path, path.value()); !status.ok())
+    return status.error();
+  return path;
+}
+
+/// All but the newest `keep`. Only ever called after one more was found whole.
+void drop_old_backups(const daemon::Config& config, int keep) {
+  const auto backups = backups_of(config.storage.db_path);
+  for (std::size_t i = 0; i + static_cast<std::size_t>(keep) < backups.size(); ++i) {
+    std::error_code ec;
+    fs::remove(backups[i], ec);
+    if (ec) {
+      complain(fmt::format("{} cannot be deleted: {}", backups[i], ec.message()));
+    } else {
+      fmt::print(stderr, "deleted {}\n", backups[i]);
+    }
+  }
+}
+
+int back_up(const Options& options) {
+  daemon::Config config;
+  if (!config_from(options.config, config)) return kBadInput;
+  Result<std::string> made = daemon_listens(config.control_socket) ? backup_by_daemon(config) : backup_offline(config);
+  if (!made.ok()) return fail(made.error());
+  std::string path = made.value();
+  if (!options.out.empty()) {
+    if (fs::exists(options.out)) {
+      complain(fmt::format("{} exists already; the backup is {}", options.out, path));
+      return kBadInput;
+    }
+    if (Status copied = copy_synced(path, options.out + ".part"); !copied.ok()) return fail(copied.error());
+    if (Status named = rename_durably(options.out + ".part", options.out); !named.ok()) return fail(named.error());
+    path = options.out;
+  }
+  Options thorough = options;
+  thorough.full = true;
+  const int status = examine(path, thorough);
+  if (status == kDone && options.keep > 0) drop_old_backups(config, options.keep);
+  return status;
+}
+
+// ---- restore, prune ----------------------------------------------------------------------------------------------
+
+int restore(const Options& options) {
+  if (options.file.empty() != options.fresh) {
+    complain(options.fresh ? "--fresh begins with an empty history and takes no backup"
+                           : "which backup? Or --fresh, to begin with an empty history");
+    return kUsage;
+  }
+  daemon::Config config;
+  if (!config_from(options.config, config)) return kBadInput;
+  if (daemon_listens(config.control_socket)) {
+    complain("slabd runs; stop it first (systemctl stop slabd): its database cannot be replaced under its hands");
+    return kRefused;
+  }
+  storage::RestoreOrder order;
+  order.from = options.file.empty() ? "" : fs::absolute(options.file).string();
+  order.note = {options.operator_name.empty() ? default_operator() : options.operator_name, options.why,
+                wall_clock_us()};
+  std::random_device chance;
+  order.session = static_cast<std::uint16_t>(1 + chance() % 65'000);
+  if (Status status = storage::restore_database(config.storage, order); !status.ok()) return fail(status.error());
+  fmt::print("{} is in place; what was there lies in quarantine beside it. Start slabd.\n",
+             order.from.empty() ? "an empty history" : order.from);
+  if (!order.from.empty()) fmt::print("Slabs measured after that backup are missing, and the history says so.\n");
+  return kDone;
+}
+
+int prune(const Options& options) {
+  daemon::Config config;
+  if (!config_from(options.config, config)) return kBadInput;
+  if (daemon_listens(config.control_socket)) {
+    Result<CareAnswer> care =
+        ask_care(config, fmt::format(R"({{"verb":"prune","keep_slabs":{}}})", options.keep_slabs));
+    while (care.ok() && care.value().prune.state == "under_way") {
+      std::this_thread::sleep_for(kPollEvery);
+      care = ask_care(config, R"({"verb":"care"})");
+    }
+    if (!care.ok()) return fail(care.error());
+    if (care.value().prune.state != "done") {
+      complain(fmt::format("pruning failed: {}", care.value().prune.error));
+      return kNotReachable;
+    }
+    fmt::print("{} slabs taken away\n", care.value().prune.done);
+    return kDone;
+  }
+  Result<std::unique_ptr<storage::Store>> store = storage::open_store(config.storage);
+  if (!store.ok()) return fail(store.error());
+  if (Status taken = store.value()->order(storage::PruneOrder{options.keep_slabs}); !taken.ok())
+    return fail(taken.error());
+  while (store.value()->care().prune == storage::CareState::Phase::under_way) store.value()->idle();
+  const storage::CareState care = store.value()->care();
+  if (care.prune != storage::CareState::Phase::done) {
+    complain(care.prune_error);
+    return kNotReachable;
+  }
+  fmt::print("{} slabs taken away\n", care.pruned_slabs);
+  return kDone;
+}
+
+}  // namespace
+
+void add_db(CLI::App& app, int& exit_status) {
+  CLI::App* group = app.add_subcommand("db", "Look after the database: check, back up, restore, prune");
+  group->require_subcommand(1);
+  auto options = std::make_shared<Options>();
+  const auto verb = [&](const char* name, const char* what, int (*run)(const Options&)) {
+    CLI::App* command = group->add_subcommand(name, what);
+    command->callback([options, run, &exit_status] { exit_status = run(*options); });
+    return command;
+  };
+  const auto with_config = [&](CLI::App* command) {
+    command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+    return command;
+  };
+  CLI::App* command = with_config(verb("check", "Is the database whole? Reads while the daemon runs", check));
+  command->add_flag("--full", options->full, "Indices against tables as well; slower");
+  command->add_flag("--json", options->json, "Print slabd.database/1 on stdout");
+
+  command =
+      with_config(verb("backup", "Copy the database (through the daemon while it runs) and check the copy", back_up));
+  command->add_option("--out", options->out, "A further copy, on another disk");
+  command->add_option("--keep", options->keep, "Delete all but the newest N backups afterwards")
+      ->check(CLI::Range(1, 10'000));
+  command->add_flag("--json", options->json, "Print slabd.database/1 of the copy on stdout");
+
+  command = verb("verify", "Is this backup whole? Changes nothing", [](const Options& o) {
+    Options thorough = o;
+    thorough.full = true;
+    return examine(o.file, thorough);
+  });
+  command->add_option("FILE", options->file, "A backup")->required();
+  command->add_flag("--json", options->json, "Print slabd.database/1 on stdout");
+
+  command = with_config(verb("restore", "Put a backup in the place of the database; slabd must be stopped", restore));
+  command->add_option("FILE", options->file, "A backup");
+  command->add_flag("--fresh", options->fresh, "Begin with an empty history instead");
+  command->add_option("--why", options->why, "Why, for the history")->required();
+  command->add_option("--operator", options->operator_name, "Who does it (default: your login)");
+
+  command = with_config(verb("prune", "Take away the records of old slabs whose scans are gone", prune));
+  command->add_option("--keep-slabs", options->keep_slabs, "So many of the newest slabs stay")
+      ->required()
+      ->check(CLI::Range(storage::kKeepSlabsMin, std::int64_t{1'000'000'000}));
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl metrics: what the daemon knows of itself, for Prometheus. A daemon that does not answer is a figure too.
+#include <fmt/core.h>
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "cli/command.h"
+#include "cli/control.h"
+#include "cli/durable.h"
+#include "cli/exit.h"
+
+namespace slabd::cli {
+namespace {
+
+struct Options {
+  std::string config;
+  std::string socket;
+  std::string out;
+  bool reset = false;
+};
+
+constexpr const char* kUp = "# HELP slabd_up 1: the daemon answers\n# TYPE slabd_up gauge\nslabd_up {}\n";
+
+int tell(const Options& options, const std::string& text, int status) {
+  if (options.out.empty()) {
+    fmt::print("{}", text);
+    return status;
+  }
+  // Whole or not at all: the collector may look at any moment.
+  if (const Status written = write_durably(options.out, text); !written.ok()) {
+    complain(written.error().text.view());
+    return kNotReachable;
+  }
+  return status;
+}
+
+int show_metrics(const Options& options) {
+  std::string path = options.socket;
+  if (path.empty()) {
+    daemon::Config config;
+    if (!config_from(options.config, config)) return kBadInput;
+    path = config.control_socket;
+  }
+  const Result<std::string> answer =
+      ask_daemon(path, options.reset ? "{\"verb\":\"metrics\",\"reset\":true}\n" : "{\"verb\":\"metrics\"}\n");
+  const nlohmann::json metrics =
+      answer.ok() ? nlohmann::json::parse(answer.value(), nullptr, false) : nlohmann::json(nullptr);
+  if (metrics.is_object() && metrics.value("schema", "") == "slabd.metrics/1")
+    return tell(options, fmt::format(kUp, 1) + metrics.value("text", ""), kDone);
+  complain(answer.ok() ? "slabd gave no figures: is it older than slabctl?" : answer.error().text.view());
+  return tell(options, fmt::format(kUp, 0), kNotReachable);
+}
+
+}  // namespace
+
+void add_metrics(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand("metrics", "What the daemon knows of itself, as Prometheus text");
+  command->footer(
+      "\nslabd_up is 0 when the daemon does not answer (exit status 4). slabd-metrics.timer writes the file every 15 "
+      "s.\n"
+      "Example: slabctl metrics --out /run/slabd-metrics/slabd.prom");
+  auto* config = command->add_option("--config", options->config, "Configuration that names the control socket")
+                     ->default_val(kDefaultConfig);
+  command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
+  command->add_option("--out", options->out, "Replace this file instead of printing");
+  command->add_flag("--reset", options->reset, "Begin all maxima anew after these figures");
+  command->callback([options, &exit_status] { exit_status = show_metrics(*options); });
+}
+
+}  // namespace slabd::cli

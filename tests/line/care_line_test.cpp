@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A real daemon and its database: copies while it runs, damage, restoring; and what the PLC reads when nothing works.
+#include <arpa/inet.h>
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <array>
+#include <cstdlib>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "processes.h"
+
+namespace slabd::line {
+namespace {
+
+using nlohmann::json;
+
+/// An input register over Modbus/TCP, -1 when nobody answers.
+int input_register(std::uint16_t port, std::uint8_t address) {
+  const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  sockaddr_in peer{};
+  peer.sin_family = AF_INET;
+  peer.sin_port = htons(port);
+  peer.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  const std::array<unsigned char, 12> ask = {0, 1, 0, 0, 0, 6, 1, 4, 0, address, 0, 1};
+  std::array<unsigned char, 11> answer{};
+  int value = -1;
+  if (::connect(fd, reinterpret_cast<sockaddr*>(&peer), sizeof peer) == 0 &&
+      ::write(fd, ask.data(), ask.size()) == static_cast<ssize_t>(ask.size()) &&
+      ::recv(fd, answer.data(), answer.size(), MSG_WAITALL) == static_cast<ssize_t>(answer.size()) && answer[7] == 4)
+    value = answer[9] << 8 | answer[10];
+  ::close(fd);
+  return value;
+}
+constexpr std::uint8_t kState = 6;
+constexpr std::uint8_t kFault = 7;
+constexpr int kStateFault = 7;
+
+class CareLine : public testing::Test {
+ protected:
+  void start() {
+    box_.start();
+    ASSERT_TRUE(box_.ready()) << box_.log();
+    // With a faulty configuration there is no control socket.
+    for (int i = 0; i < 500 && box_.log().find("Modbus/TCP server") == std::string::npos; ++i) ::usleep(10'000);
+  }
+  [[nodiscard]] Box::Answer db(std::vector<std::string> args) const {
+    args.insert(args.begin(), "db");
+    if (args[1] != "verify") {
+      args.emplace_back("--config");
+      args.push_back(box_.config.native());
+    }
+    return box_.slabctl(args);
+  }
+  /// A copy, and where it lies.
+  [[nodiscard]] std::string backup() const {
+    const Box::Answer answer = db({"backup", "--json"});
+    EXPECT_EQ(answer.exit_status, 0) << answer.err;
+    const json report = json::parse(answer.out, nullptr, false);
+    EXPECT_TRUE(report.is_object() && report["whole"].get<bool>()) << answer.out;
+    return report.is_object() ? report["file"].get<std::string>() : "";
+  }
+
+  Box box_;
+};
+
+TEST_F(CareLine, a_running_daemon_is_backed_up_and_the_backup_restored_when_it_has_stopped) {
+  start();
+  const std::string copy = backup();
+  EXPECT_TRUE(copy.starts_with((box_.dir / "backups/slabd-").native())) << copy;
+  EXPECT_EQ(db({"verify", copy}).exit_status, 0);
+  EXPECT_EQ(db({"check", "--full"}).exit_status, 0);
+  EXPECT_EQ(db({"prune", "--keep-slabs", "100"}).exit_status, 0);
+  EXPECT_EQ(db({"prune", "--keep-slabs", "5"}).exit_status, 2);
+
+  const Box::Answer early = db({"restore", copy, "--why", "test"});
+  EXPECT_EQ(early.exit_status, 6);
+  EXPECT_NE(early.err.find("stop it first"), std::string::npos) << early.err;
+
+  EXPECT_EQ(box_.stop(), 0);
+  const Box::Answer done = db({"restore", copy, "--why", "the disk was changed", "--operator", "anna"});
+  EXPECT_EQ(done.exit_status, 0) << done.err;
+  start();
+  EXPECT_NE(input_register(box_.port, kState), kStateFault) << box_.log();
+  const Box::Answer history = box_.slabctl({"history", "--config", box_.config.native()});
+  EXPECT_NE(history.out.find("restored from " + copy), std::string::npos) << history.out;
+  EXPECT_NE(history.out.find("anna: the disk was changed"), std::string::npos) << history.out;
+  EXPECT_EQ(box_.stop(), 0);
+}
+
+TEST_F(CareLine, a_copy_on_another_disk_is_checked_there_and_old_ones_go) {
+  const std::string out = (box_.dir / "stick.db").native();
+  start();
+  const Box::Answer made = db({"backup", "--out", out});
+  EXPECT_EQ(made.exit_status, 0) << made.out << made.err;
+  EXPECT_EQ(db({"verify", out}).exit_status, 0);
+  EXPECT_EQ(db({"backup", "--out", out}).exit_status, 3) << "nothing is overwritten";
+  EXPECT_EQ(db({"backup", "--keep", "1"}).exit_status, 0);
+  int left = 0;
+  for (const auto& entry : fs::directory_iterator(box_.dir / "backups")) left += entry.is_regular_file() ? 1 : 0;
+  EXPECT_EQ(left, 1);
+  EXPECT_EQ(box_.stop(), 0);
+  const Box::Answer offline = db({"backup"});
+  EXPECT_EQ(offline.exit_status, 0) << "without a daemon too: " << offline.err;
+}
+
+TEST_F(CareLine, a_damaged_database_is_fault_502_with_modbus_up_until_one_is_restored) {
+  start();
+  const std::string copy = backup();
+  EXPECT_EQ(box_.stop(), 0);
+  {
+    std::fstream file(box_.dir / "slabd.db", std::ios::in | std::ios::out | std::ios::binary);
+    for (std::streamoff page = 3; page < 40; ++page) file.seekp(page * 4096) << std::string(2048, '\x5a');
+  }
+  for (int round = 0; round < 2; ++round) {
+    start();
+    EXPECT_EQ(input_register(box_.port, kFault), 502) << box_.log();
+    EXPECT_EQ(input_register(box_.port, kState), kStateFault);
+    EXPECT_NE(box_.log().find("quarantine"), std::string::npos) << box_.log();
+    EXPECT_EQ(box_.stop(), 0);
+  }
+  const Box::Answer history = box_.slabctl({"history", "--config", box_.config.native()});
+  EXPECT_EQ(history.exit_status, 4);
+  EXPECT_NE(history.err.find("quarantine"), std::string::npos) << history.err;
+  const Box::Answer restored = db({"restore", copy, "--why", "damaged"});
+  EXPECT_EQ(restored.exit_status, 0) << restored.err;
+  start();
+  EXPECT_EQ(input_register(box_.port, kFault), 0) << box_.log();
+  EXPECT_EQ(box_.stop(), 0);
+}
+
+TEST_F(CareLine, a_lost_database_is_not_begun_anew_unless_a_person_says_so) {
+  start();
+  (void)backup();
+  EXPECT_EQ(box_.stop(), 0);
+  for (const char* side : {"", "-wal", "-shm"}) fs::remove(box_.dir / (std::string("slabd.db") + side));
+  start();
+  EXPECT_EQ(input_register(box_.port, kFault), 502) << box_.log();
+  EXPECT_NE(box_.log().find("shows that there was one"), std::string::npos) << box_.log();
+  EXPECT_EQ(box_.stop(), 0);
+  EXPECT_EQ(db({"restore", "--why", "x"}).exit_status, 2) << "which one?";
+  EXPECT_EQ(db({"restore", "--fresh", "--why", "a new line"}).exit_status, 0);
+  start();
+  EXPECT_EQ(input_register(box_.port, kFault), 0) << box_.log();
+  const Box::Answer history = box_.slabctl({"history", "--config", box_.config.native()});
+  EXPECT_NE(history.out.find("begun anew"), std::string::npos) << history.out;
+  EXPECT_EQ(box_.stop(), 0);
+}
+
+TEST_F(CareLine, figures_are_told_for_prometheus_and_a_silent_daemon_is_one) {
+  const fs::path file = box_.dir / "slabd.prom";
+  const std::vector<std::string> ask = {"metrics", "--config", box_.config.native(), "--out", file.native()};
+  EXPECT_EQ(box_.slabctl(ask).exit_status, 4);
+  EXPECT_NE(read_file(file).find("\nslabd_up 0\n"), std::string::npos);
+  start();
+  EXPECT_EQ(box_.slabctl(ask).exit_status, 0);
+  const std::string text = read_file(file);
+  for (const char* line : {"\nslabd_up 1\n", "\nslabd_fault_code 0\n", "\nslabd_store_ok 1\n"})
+    EXPECT_NE(text.find(line), std::string::npos) << line << text;
+  EXPECT_EQ(std::system(("promtool check metrics <" + file.native()).c_str()), 0) << "Prometheus' own judge";
+  EXPECT_EQ(box_.stop(), 0);
+}
+
+TEST_F(CareLine, a_faulty_configuration_is_fault_504_with_modbus_up) {
+  std::ofstream(box_.config, std::ios::app) << "\n[scanner2]\n";
+  start();
+  EXPECT_EQ(input_register(box_.port, kFault), 504) << box_.log();
+  EXPECT_EQ(input_register(box_.port, kState), kStateFault);
+  EXPECT_EQ(box_.stop(), 0);
+}
+
+}  // namespace
+}  // namespace slabd::line
