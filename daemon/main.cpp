@@ -11,6 +11,7 @@
 
 #include "daemon/absent.h"
 #include "daemon/loop.h"
+#include "daemon/opening.h"
 
 namespace slabd::daemon {
 namespace {
@@ -165,10 +166,21 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     StationSettings now = settings;
     std::unique_ptr<storage::Store> store;
     if (now.fault == Code::ok) {
-      if (auto made = storage::open_store(config.storage); made.ok()) {
-        store = std::move(made.value());
+      const Ports ports{*plc.value(), *pose, *scanner, nullptr, control.get(), *clock, *notify};
+      const auto made =
+          open_beside_the_line([&config] { return storage::open_store(config.storage); }, ports, now, figures, g_stop);
+      if (made == nullptr) {
+        // The thread is at work on the database and touches what main() would take away; as with a kill, everything
+        // durable stays.
+        notify->stopping();
+        std::fprintf(stderr, "info: slabd: stopped while the database was being opened\n");
+        std::fflush(nullptr);
+        std::_Exit(0);
+      }
+      if (made->ok()) {
+        store = std::move(made->value());
       } else {
-        std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
+        std::fprintf(stderr, "error: %s\n", made->error().text.c_str());
         now.fault = Code::journal_write;
       }
     }

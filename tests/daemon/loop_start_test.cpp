@@ -8,6 +8,7 @@
 
 #include "daemon/crew.h"
 #include "daemon/loop.h"
+#include "daemon/opening.h"
 #include "hal/mock/mock.h"
 
 namespace slabd::daemon {
@@ -96,6 +97,48 @@ TEST_F(LoopStart, a_database_that_could_not_be_read_is_left_alone) {
   SlowStore store(false);
   live(store);
   EXPECT_EQ(store.idles, 0);
+}
+
+TEST_F(LoopStart, while_the_database_is_opened_the_plc_reads_recover_and_a_heartbeat) {
+  std::atomic<bool> stop{false};
+  std::atomic<bool> finish{false};
+  const Ports ports{plc, pose, scanner, nullptr, nullptr, clock, notify};
+  std::atomic<bool> returned{false};
+  std::unique_ptr<Result<std::unique_ptr<storage::Store>>> opened;
+  std::thread waiting([&] {
+    opened = open_beside_the_line(
+        [&]() -> Result<std::unique_ptr<storage::Store>> {
+          while (!finish) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+          return std::unique_ptr<storage::Store>(std::make_unique<SlowStore>(true));
+        },
+        ports, StationSettings{}, LoopFigures{}, stop);
+    returned = true;
+  });
+  std::this_thread::sleep_for(std::chrono::milliseconds(300));
+  EXPECT_FALSE(returned);
+  finish = true;
+  waiting.join();
+  ASSERT_TRUE(opened != nullptr && opened->ok());
+  ASSERT_FALSE(plc.published.empty());
+  EXPECT_EQ(plc.published.back().state, PlcState::recover);
+  EXPECT_FALSE(plc.published.back().ready);
+  EXPECT_FALSE(plc.published.back().store_ok);
+  EXPECT_EQ(plc.published.back().slab_verdict, Verdict::none);
+}
+
+TEST_F(LoopStart, whoever_stops_it_does_not_wait_for_the_database) {
+  const std::atomic<bool> stop{true};
+  const Ports ports{plc, pose, scanner, nullptr, nullptr, clock, notify};
+  const auto finish = std::make_shared<std::atomic<bool>>(false);
+  const auto opened = open_beside_the_line(
+      [finish]() -> Result<std::unique_ptr<storage::Store>> {
+        while (!*finish) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+        return error(Code::journal_write, "nobody asks any more");
+      },
+      ports, StationSettings{}, LoopFigures{}, stop);
+  EXPECT_EQ(opened, nullptr);
+  *finish = true;
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
 }
 
 }  // namespace

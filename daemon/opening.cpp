@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/opening.h"
+
+#include <poll.h>
+
+#include <array>
+#include <thread>
+
+namespace slabd::daemon {
+namespace {
+
+constexpr int kTurnMs = 10;
+constexpr std::int64_t kWatchdogPeriodNs = 3 * kNsPerS;
+
+/// What the thread leaves behind; shared, because it may outlive whoever waited for it.
+struct Opened {
+  std::unique_ptr<Result<std::unique_ptr<storage::Store>>> result;
+  std::atomic<bool> done{false};
+};
+
+void wait(const Ports& ports) {
+  std::array<pollfd, hal::kPlcPollFds + hal::kControlPollFds> fds{};
+  std::size_t count = ports.plc.poll_fds(std::span(fds).first(hal::kPlcPollFds));
+  if (ports.control != nullptr) count += ports.control->poll_fds(std::span(fds).subspan(count, hal::kControlPollFds));
+  ::poll(fds.data(), count, kTurnMs);
+}
+
+void serve_control(const Ports& ports, const Station& station, const LoopFigures& figures) {
+  std::string_view line;
+  for (std::size_t i = 0; i < limits::kControlClientsMax && ports.control->next(ports.clock.mono_ns(), line); ++i)
+    ports.control->reply(line.find("\"status\"") != std::string_view::npos
+                             ? status_json(station, ports, figures)
+                             : R"({"schema":"slabd.error/1","error":"the database is being opened; ask again"})");
+}
+
+}  // namespace
+
+std::unique_ptr<Result<std::unique_ptr<storage::Store>>> open_beside_the_line(const OpenStore& open, const Ports& ports,
+                                                                              const StationSettings& settings,
+                                                                              const LoopFigures& figures,
+                                                                              const std::atomic<bool>& stop) {
+  const auto opened = std::make_shared<Opened>();
+  std::thread([opened, open] {
+    opened->result = std::make_unique<Result<std::unique_ptr<storage::Store>>>(open());
+    opened->done = true;
+  }).detach();
+
+  // A station that has recovered nothing yet refuses everything, and shows that it does.
+  const auto station = std::make_unique<Station>(settings);
+  const auto actions = std::make_unique<Actions>();
+  ports.notify.ready();
+  std::int64_t fed_ns = ports.clock.mono_ns() - kWatchdogPeriodNs;
+  while (!opened->done) {
+    if (stop) return nullptr;
+    wait(ports);
+    const std::int64_t now_ns = ports.clock.mono_ns();
+    step(*station, Tick{now_ns, ports.clock.utime_us()}, *actions);
+    PlcInputs inputs;
+    for (std::size_t i = 0; i < limits::kModbusFramesPerTurn && ports.plc.next(now_ns, inputs); ++i)
+      step(*station, inputs, *actions);
+    ports.plc.publish(plc_view(*station));
+    if (ports.control != nullptr) serve_control(ports, *station, figures);
+    if (now_ns - fed_ns < kWatchdogPeriodNs) continue;
+    fed_ns = now_ns;
+    ports.notify.watchdog();
+    ports.notify.status("the database is being opened and checked");
+  }
+  return std::move(opened->result);
+}
+
+}  // namespace slabd::daemon
