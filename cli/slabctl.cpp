@@ -10,6 +10,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/export/export.h"
+#include "cli/pin.h"
 #include "cli/replay/replay.h"
 #include "cli/study/study.h"
 
@@ -99,6 +100,7 @@ int run(int argc, const char* const* argv) {
   add_trend(app, exit_status);
   add_replay(app, exit_status);
   add_export(app, exit_status);
+  add_pin(app, exit_status);
   add_study(app, exit_status);
   add_simulate(app, exit_status);
   add_calibrate(app, exit_status);

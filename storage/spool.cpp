@@ -44,7 +44,7 @@ Spool::Spool(Connection& db, std::string spool_dir, std::uint64_t budget_bytes)
                  "(SELECT DISTINCT slab_key FROM attempt WHERE scan_state = 'kept') AS kept "
                  "JOIN slab_result ON slab_result.slab_key = kept.slab_key "
                  "WHERE NOT EXISTS (SELECT 1 FROM result WHERE result.slab_key = kept.slab_key AND acknowledged = 0) "
-                 "ORDER BY verdict <> 'pass', slab_result.slab_key LIMIT 1"),
+                 "ORDER BY verdict <> 'pass', slab_result.slab_key"),
       mark_deleting_(db, "UPDATE attempt SET scan_state = 'deleting' WHERE slab_key = ?1 AND scan_state = 'kept'"),
       deleting_(db, "SELECT slab_key, station, attempt, scan_path FROM attempt WHERE scan_state = 'deleting'"),
       mark_deleted_(db,
@@ -57,15 +57,25 @@ Status Spool::trim() {
   std::uint64_t kept = 0;
   if (kept_bytes_.step()) kept = static_cast<std::uint64_t>(kept_bytes_.integer(0));
   kept_bytes_.reset();
-  if (kept <= budget_bytes_ || !next_slab_.step()) return success();
-  const std::int64_t slab_key = next_slab_.integer(0);
+  if (kept <= budget_bytes_) return success();
+  std::int64_t slab_key = 0;
+  while (slab_key == 0 && next_slab_.step())
+    if (!is_pinned(next_slab_.integer(0))) slab_key = next_slab_.integer(0);
   next_slab_.reset();
+  if (slab_key == 0) return success();
   {
     Transaction transaction(db_, "BEGIN IMMEDIATE");
     mark_deleting_.bind(1, slab_key).run();
     transaction.commit();
   }
   return finish_deleting();
+}
+
+bool Spool::is_pinned(std::int64_t slab_key) const {
+  // Whatever cannot be looked at counts as pinned: deleting is what cannot be undone.
+  struct stat there {};
+  const std::string pin = spool_dir_ + "/" + std::to_string(slab_key) + "/" + kPinName;
+  return lstat(pin.c_str(), &there) == 0 || (errno != ENOENT && errno != ENOTDIR);
 }
 
 Status Spool::finish_deleting() {

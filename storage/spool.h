@@ -17,6 +17,10 @@ namespace slabd::storage {
 /// that the next call deletes, or nothing.
 class Spool {
  public:
+  /// A file of this name beside a slab's scans keeps them, whatever the budget: slabctl pin puts it there, with a
+  /// reason.
+  static constexpr const char* kPinName = "pin.json";
+
   Spool(Connection& db, std::string spool_dir, std::uint64_t budget_bytes);
 
   /// Throws SqlFailure. journal_write: a file could not be deleted; its rows stay "deleting" and are tried again.
@@ -29,6 +33,7 @@ class Spool {
 
  private:
   [[nodiscard]] Status finish_deleting();
+  [[nodiscard]] bool is_pinned(std::int64_t slab_key) const;
 
   Connection& db_;
   std::string spool_dir_;

@@ -279,7 +279,19 @@ class Composer {
       for (const double share : deviation.within_sigma) row.cells.push_back(figure(100.0 * share, 3));
       table.rows.push_back(std::move(row));
     }
+    // The same as numbers of points.
+    Table counts = table;
+    counts.caption = say(Word::points);
+    for (std::size_t c = 4; c < counts.columns.size(); ++c) counts.columns[c].heading = fmt::format("±{}σ", c - 3);
+    for (Row& row : counts.rows) {
+      const SlabBlock* block = measured(std::stoi(row.cells[0]));
+      const DeviationStats& deviation = block->block.registration.deviation;
+      for (std::size_t k = 0; k < deviation.within_sigma.size(); ++k)
+        row.cells[4 + k] =
+            std::to_string(std::llround(deviation.within_sigma[k] * static_cast<double>(deviation.count)));
+    }
     section.parts.push_back(std::move(table));
+    section.parts.push_back(std::move(counts));
     return section;
   }
 

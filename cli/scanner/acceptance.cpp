@@ -238,6 +238,8 @@ NoiseFigures noise_of(std::span<const float> xyz, const ScanShape& shape, const 
       break;
     }
     last = share;
+    // Further than this was not looked: at least so far.
+    if (lag == kLagsMax) noise.correlation_mm = noise.pitch_mm * static_cast<double>(kLagsMax);
   }
   return noise;
 }

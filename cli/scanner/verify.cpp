@@ -118,10 +118,11 @@ std::string figure(double value, const char* format = "{:.4f}") {
   return std::isnan(value) ? "-" : fmt::format(fmt::runtime(format), value);
 }
 
-/// What the recipe's [uncertainty] says from now on: the worst form that was seen, and the length it was seen over.
+/// What the recipe's [uncertainty] says from now on: the worst form that was seen, and the shortest length a plate was
+/// seen over, because the same form over less length tilts more.
 std::string budget_lines(const Findings& f) {
   if (f.plates.empty()) return "";
-  const double length = worst(f.plates, [](const Plate& p) { return p.figures.length_mm; });
+  const double length = -worst(f.plates, [](const Plate& p) { return -p.figures.length_mm; });
   return fmt::format(
       "scanner_form_mm = {{ value = {:.4f}, confirmed = true }}\n"
       "scanner_form_length_mm = {{ value = {:.0f}, confirmed = true }}\n",

@@ -166,6 +166,28 @@ TEST_F(ReplayOther, a_stored_figure_that_was_edited_is_found) {
   expect_mentions(ended.out, "item seat_slope 3 value: stored ");
 }
 
+TEST_F(ReplayOther, a_pin_lies_beside_the_scans_and_says_why) {
+  begin();
+  const std::string config = write(
+      "slabd.toml", "[plc]\nlisten = \"127.0.0.1:1502\"\n[recipes]\ndir = \"" + std::string(SLABD_SOURCE_DIR) +
+                        "/recipes\"\n[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n[storage]\ndb = \"" + db() +
+                        "\"\nspool_dir = \"" + file("spool") +
+                        "\"\n[calibration]\nT_flange_scanner = [0, 80, 150, 1, 0, 0, 0]\nstation_sigma_mm = 0.02\n"
+                        "station_sigma_deg = 0.001\n");
+  const std::string of_slab = " SLAB-0042 --config " + config;
+  EXPECT_EQ(run("pin" + of_slab).status, 2) << "a reason is asked for";
+  EXPECT_EQ(run("unpin" + of_slab).status, 3) << "it is not pinned";
+  const Ended pinned = run("pin" + of_slab + " --reason 'complaint 17'");
+  EXPECT_EQ(pinned.status, 0) << pinned.err;
+  const json pin = json::parse(content(file("spool/1/pin.json")), nullptr, false);
+  EXPECT_EQ(pin["reason"], "complaint 17");
+  EXPECT_EQ(pin["key"], 1);
+  EXPECT_EQ(run("unpin" + of_slab).status, 0);
+  EXPECT_FALSE(fs::exists(file("spool/1/pin.json")));
+  fs::remove_all(file("spool/1"));
+  expect_mentions(run("pin" + of_slab + " --reason late").err, "its scans are gone");
+}
+
 TEST(WhatIf, counts_verdicts_that_differ_once_for_each_place) {
   VerdictTally tally;
   tally.add(Verdict::pass, Verdict::pass);

@@ -11,17 +11,16 @@ namespace slabd::cli {
 namespace {
 
 /// A plate 600 mm away with noise of 0.02 mm, as a scan file.
-void write_plate(const std::string& path) {
+void write_plate(const std::string& path, std::size_t side = 300) {
   Prng prng(5);
-  constexpr std::size_t kSide = 300;
   std::vector<float> xyz;
-  for (std::size_t row = 0; row < kSide; ++row)
-    for (std::size_t column = 0; column < kSide; ++column) {
+  for (std::size_t row = 0; row < side; ++row)
+    for (std::size_t column = 0; column < side; ++column) {
       xyz.push_back(0.4F * static_cast<float>(column) - 60.0F);
       xyz.push_back(0.4F * static_cast<float>(row) - 60.0F);
       xyz.push_back(static_cast<float>(600.0 + 0.02 * prng.normal()));
     }
-  ASSERT_TRUE(hal::write_ply(path.c_str(), xyz, kSide, kSide).ok());
+  ASSERT_TRUE(hal::write_ply(path.c_str(), xyz, side, side).ok());
 }
 
 using ScannerVerify = Slabctl;
@@ -54,6 +53,18 @@ TEST_F(ScannerVerify, figures_are_told_kept_and_found_again_and_limits_decide_th
   EXPECT_EQ(kept[0]["scanner"], "SN7");
   EXPECT_EQ(kept[0]["within_limits"], true);
   EXPECT_EQ(kept[1]["within_limits"], false);
+}
+
+TEST_F(ScannerVerify, the_budget_takes_the_shortest_length_because_the_same_form_tilts_more_over_it) {
+  const std::string large = file("large.ply");
+  const std::string small = file("small.ply");
+  write_plate(large, 400);
+  write_plate(small, 200);
+  const Ended both = run("scanner verify --plate " + large + " " + small + " --json");
+  ASSERT_EQ(both.status, 0) << both.err;
+  const auto record = nlohmann::json::parse(both.out);
+  EXPECT_NEAR(record["plates"][1]["length_mm"].get<double>(), 112.6, 0.5);
+  expect_mentions(record["uncertainty"].get<std::string>(), "scanner_form_length_mm = { value = 113");
 }
 
 TEST_F(ScannerVerify, what_is_missing_is_said) {

@@ -362,7 +362,9 @@ TEST(Agreement, deming_intervals_cover_the_line) {
     intercepts += line.intercept.low < 0.2 && 0.2 < line.intercept.high ? 1 : 0;
   }
   EXPECT_GE(slopes, 270) << "of 300; 95 % are promised";
+  EXPECT_LE(slopes, 297) << "wider than they need be";
   EXPECT_GE(intercepts, 270);
+  EXPECT_LE(intercepts, 297);
 }
 
 TEST(Agreement, a_line_through_one_cloud_is_refused) {

@@ -77,6 +77,22 @@ TEST_F(SpoolTest, deletes_only_down_to_the_budget_and_keeps_the_records) {
   EXPECT_EQ(db.value()->integer("SELECT count(*) FROM attempt WHERE slab_key = 3 AND scan_state = 'kept'"), 2);
 }
 
+TEST_F(SpoolTest, pinned_slab_is_passed_over_until_its_pin_is_gone) {
+  settings_.spool_budget_bytes = 100'000;
+  open();
+  for (std::int64_t key = 1; key <= 3; ++key) apply(AckJob{whole_slab(key, Verdict::pass)});
+  const std::string pin = settings_.spool_dir + "/1/pin.json";
+  std::ofstream(pin) << "{}";
+  settings_.spool_budget_bytes = 1;
+  open();
+  for (int i = 0; i < 5; ++i) apply(AckJob{0});
+  EXPECT_EQ(kept(), "1");
+  EXPECT_EQ(store_->spool_trouble(), "");
+  std::filesystem::remove(pin);
+  apply(AckJob{0});
+  EXPECT_EQ(kept(), "");
+}
+
 TEST_F(SpoolTest, file_outside_the_spool_is_never_touched) {
   settings_.spool_budget_bytes = 1;
   const std::string precious = scan_file(1, 1, 1, 5000);

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl pin, unpin: keep a slab's scans whatever the spool's budget. A pin is a file beside the scans, pin.json: it
+// needs neither database nor daemon, goes with the folder into an archive, and the daemon looks for it before it
+// deletes.
+#include "cli/pin.h"
+
+#include <fmt/core.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+
+#include "cli/command.h"
+#include "cli/database.h"
+#include "cli/durable.h"
+#include "cli/exit.h"
+#include "cli/json.h"
+#include "cli/slab_view.h"
+
+namespace slabd::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct PinOptions {
+  std::string config;
+  std::string slab;
+  std::string reason;
+};
+
+struct PinPlace {
+  std::int64_t key = 0;
+  std::string slab_id;
+  std::string file;
+};
+
+/// Where the slab's pin lies; false, with a word on stderr, when there is no such slab or its scans are gone.
+bool place_of(const PinOptions& options, PinPlace& place, int& exit_status) {
+  daemon::Config config;
+  if (!config_from(options.config, config)) {
+    exit_status = kBadInput;
+    return false;
+  }
+  DatabaseOptions database;
+  database.db = config.storage.db_path;
+  const auto reader = open_database(database, exit_status);
+  if (reader == nullptr) return false;
+  const auto found = find_slab(*reader, options.slab);
+  exit_status = kBadInput;
+  if (!found) {
+    complain(found.error().text.view());
+    exit_status = kNotReachable;
+    return false;
+  }
+  if (!found.value()) {
+    complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", options.slab));
+    return false;
+  }
+  place.key = found.value()->summary.header.key;
+  place.slab_id = std::string(found.value()->summary.header.slab_id.view());
+  const fs::path folder = fs::path(config.storage.spool_dir) / std::to_string(place.key);
+  std::error_code ignored;
+  if (!fs::is_directory(folder, ignored)) {
+    complain(
+        fmt::format("slab {} \"{}\": its scans are gone ({} is not there)", place.key, place.slab_id, folder.string()));
+    return false;
+  }
+  place.file = (folder / "pin.json").string();
+  exit_status = kDone;
+  return true;
+}
+
+int pin(const PinOptions& options) {
+  int exit_status = kDone;
+  PinPlace place;
+  if (!place_of(options, place, exit_status)) return exit_status;
+  const std::int64_t now_us =
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+          .count();
+  Json json;
+  json.begin_object().field("schema", "slabd.pin/1").field("key", place.key);
+  json.field("slab_id", std::string_view(place.slab_id)).field("reason", std::string_view(options.reason));
+  write_time(json, "pinned", now_us);
+  json.field("user", static_cast<unsigned>(::getuid())).end_object();
+  if (const Status written = write_durably(place.file, json.text()); !written) {
+    complain(written.error().text.view());
+    return kNotReachable;
+  }
+  fmt::print("slab {} \"{}\": its scans are kept: {}\n", place.key, place.slab_id, options.reason);
+  return kDone;
+}
+
+int unpin(const PinOptions& options) {
+  int exit_status = kDone;
+  PinPlace place;
+  if (!place_of(options, place, exit_status)) return exit_status;
+  if (::unlink(place.file.c_str()) != 0) {
+    complain(errno == ENOENT ? fmt::format("slab {} \"{}\" is not pinned", place.key, place.slab_id)
+                             : fmt::format("{} cannot be removed: {}", place.file, std::strerror(errno)));
+    return errno == ENOENT ? kBadInput : kNotReachable;
+  }
+  fmt::print("slab {} \"{}\": its scans may be deleted again\n", place.key, place.slab_id);
+  return kDone;
+}
+
+}  // namespace
+
+void add_pin(CLI::App& app, int& exit_status) {
+  auto options = std::make_shared<PinOptions>();
+  CLI::App* pinning = app.add_subcommand("pin", "Keep a slab's scans, whatever the spool's budget");
+  pinning->footer("\nPinned scans count against the budget. Example: slabctl pin SLAB-0042 --reason \"complaint 17\"");
+  CLI::App* unpinning = app.add_subcommand("unpin", "Let a slab's scans be deleted again");
+  for (CLI::App* command : {pinning, unpinning}) {
+    command->add_option("SLAB", options->slab, "Key or slab id; of an id the newest slab")->required();
+    command->add_option("--config", options->config, "Configuration that names database and spool")
+        ->default_val(kDefaultConfig);
+  }
+  pinning->add_option("--reason", options->reason, "Why, for whoever asks later")->required();
+  pinning->callback([options, &exit_status] { exit_status = pin(*options); });
+  unpinning->callback([options, &exit_status] { exit_status = unpin(*options); });
+}
+
+}  // namespace slabd::cli
