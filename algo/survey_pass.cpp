@@ -24,6 +24,7 @@
 #include "algo/lanes-inl.h"
 // clang-format on
 
+#include "algo/map_lanes-inl.h"
 #include "algo/segmentation.h"
 #include "algo/survey_pass.h"
 
@@ -180,10 +181,6 @@ class Surveyor {
     for (F16& c : beyond_) c = f16(0.0F);
     distances_.clear();
     sum_ = squares_ = d16(0.0);
-    map_x_ = map_y_ = f16(0.0F);
-    map_lane_ = map_first_ = 0;
-    map_round_ = 0;
-    map_r_ = f16(std::numeric_limits<float>::quiet_NaN());
   }
 
   /// `count` sixteens, every `stride`-th.
@@ -230,7 +227,7 @@ class Surveyor {
 
   void close() {
     flush();
-    put_on_map();
+    map_.put();
     out_.near = sum_of_lanes(distances_.count);
     out_.sum_mm = sum_of_lanes(sum_);
     out_.sum_mm2 = sum_of_lanes(squares_);
@@ -360,7 +357,7 @@ class Surveyor {
       special[specials] = i;
       specials += static_cast<std::size_t>(any(rarely));
       distances.add(in, r, distance, task_.share_mm.data());
-      take_for_map(x, y, r);
+      map_.take(x, y, r);
     }
     distances_.add(distances);
     if constexpr (kLarge) {
@@ -403,42 +400,6 @@ class Surveyor {
   HWY_NOINLINE void count_beyond(const M16& in, const F16& distance) {
     for (std::size_t i = 0; i < beyond_.size(); ++i)
       beyond_[i] = beyond_[i] + keep(in & (distance > f16(task_.share_mm[DistanceLanes::kWithin + i])), f16(1.0F));
-  }
-
-  /// One point of each sixteen goes to the map, another lane each time, and beginning with another one in each round:
-  /// lanes in one order would come back to the same columns wherever a row is a multiple of 256 points long.
-  HWY_INLINE void take_for_map(const F16& x, const F16& y, const F16& r) {
-    const M16 turn = lane_numbers() == f16(static_cast<float>((map_lane_ + map_first_) % static_cast<int>(kLanes)));
-    map_x_ = select(turn, x, map_x_);
-    map_y_ = select(turn, y, map_y_);
-    map_r_ = select(turn, r, map_r_);
-    if (++map_lane_ == static_cast<int>(kLanes)) put_on_map();
-  }
-  HWY_NOINLINE void put_on_map() {
-    // At the end not every lane has had its turn: those hold no number.
-    const M16 there = map_r_ == map_r_;
-    map_lane_ = 0;
-    map_round_ += 0x9E3779B9U;
-    map_first_ = static_cast<int>(map_round_ >> 28U);
-    const F16 r = map_r_;
-    map_r_ = f16(std::numeric_limits<float>::quiet_NaN());
-    if (map_.count.empty()) return;
-    constexpr std::size_t kCell = limits::kDeviationMapCell_mm;
-    constexpr float kCells = 1.0F / static_cast<float>(kCell);
-    constexpr auto kColumns = static_cast<float>(limits::kFaceTableX / kCell);
-    // A missing point goes to the first cell, with nothing.
-    const F16 cell = floor((keep(there, map_y_) + f16(kHalfY)) * f16(kCells)) * f16(kColumns) +
-                     floor((keep(there, map_x_) + f16(kHalfX)) * f16(kCells));
-    alignas(64) std::array<std::int32_t, kLanes> at;
-    alignas(64) std::array<std::int32_t, kLanes> r_nm;
-    store(to_int(keep(there, cell)), at.data());
-    store(to_int(keep(there, r) * f16(1e6F)), r_nm.data());
-    const std::uint32_t lanes = bits(there);
-    for (std::size_t i = 0; i < kLanes; ++i) {
-      const auto map_cell = static_cast<std::size_t>(at[i]);
-      map_.sum_nm[map_cell] += r_nm[i];
-      map_.count[map_cell] += lanes >> i & 1U;
-    }
   }
 
   HWY_INLINE void append(PointList list, const M16& in, const F16& u, const F16& v, const F16& h) {
@@ -491,7 +452,7 @@ class Surveyor {
       const F16 distance = select(near, best, none);
       distances_.add(near, r, distance, task_.share_mm.data());
       if (any(distance > f16(task_.share_mm[DistanceLanes::kWithin]))) count_beyond(near, distance);
-      take_for_map(x, y, select(near, r, none));
+      map_.take(x, y, select(near, r, none));
     }
 
     const M16 known =
@@ -575,7 +536,7 @@ class Surveyor {
 
   const SurveyTask& task_;
   PointPool& pool_;
-  const MapSums& map_;
+  MapLanes map_;
   SurveySums& out_;
   DistanceLanes distances_;
   std::array<F16, 12 - DistanceLanes::kWithin> beyond_;
@@ -584,10 +545,6 @@ class Surveyor {
   std::array<TiltedTotals, kLargeFaces> totals_;
   std::array<F16, kLargeFaces> face_points_;
   std::array<Cursor, kPointLists> cursors_;
-  F16 map_x_, map_y_, map_r_;
-  int map_lane_ = 0;
-  int map_first_ = 0;            ///< lane of the round's first point
-  std::uint32_t map_round_ = 0;  ///< steps of the golden ratio: never the same order for long
   int since_flush_ = 0;
 };
 
