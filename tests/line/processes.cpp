@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "processes.h"
 
+#include <sys/time.h>
+
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include <array>
 
 #include <chrono>
 #include <csignal>
@@ -33,12 +36,22 @@ sockaddr_in loopback(std::uint16_t port) {
   return address;
 }
 
+/// A Modbus server that has done with STATE 0 and 1 (init, recover): the database is open, memory is there. One that
+/// lets nobody read is taken for ready when it listens.
 bool answers(std::uint16_t port) {
   const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  const timeval patience{1, 0};
+  ::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
   const sockaddr_in address = loopback(port);
+  const std::array<std::uint8_t, 12> read_state = {0, 1, 0, 0, 0, 6, 1, 4, 0, 6, 0, 1};
+  std::array<std::uint8_t, 11> answer{};
   const bool connected = ::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
+  const bool answered =
+      connected &&
+      ::send(fd, read_state.data(), read_state.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(read_state.size()) &&
+      ::recv(fd, answer.data(), answer.size(), MSG_WAITALL) == static_cast<ssize_t>(answer.size());
   ::close(fd);
-  return connected;
+  return connected && (!answered || answer[10] > 1);
 }
 
 }  // namespace
