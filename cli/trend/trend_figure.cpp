@@ -177,7 +177,7 @@ report::Figure chart_figure(const Trend& trend, Language language) {
       return;
     }
     const Individuals& chart = trend.chart;
-    const Colour ink = chart.preliminary() ? Colour{0.62, 0.62, 0.62} : Colour{0.12, 0.25, 0.42};
+    const Colour ink = chart.preliminary() ? Colour{0.45, 0.45, 0.45} : Colour{0.12, 0.25, 0.42};
     std::vector<double> ranges;
     for (std::size_t i = 1; i < trend.values.size(); ++i)
       ranges.push_back(std::abs(trend.values[i] - trend.values[i - 1]));

@@ -2,12 +2,15 @@
 //
 // A stored slab and what its report says: the same figures as database, JSON and PLC record, in every form and
 // language.
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <regex>
 
 #include "base/prng.h"
 #include "cli/figures.h"
+#include "cli/report/canvas.h"
 #include "cli/report/words.h"
 #include "hal/plc_map.h"
 #include "storage/storage.h"
@@ -185,6 +188,78 @@ TEST_F(ReportTest, figures_agree_with_database_json_and_plc_record_to_the_last_d
     }
   }
   EXPECT_EQ(compared, 17 * 3);
+}
+
+// What SLAB_END made of a block's slope is what counts, and what everybody must show: the page of the block, the slab's
+// table, the JSON document and the slab's own record for the PLC.
+TEST_F(ReportTest, the_slabs_own_items_agree_in_report_json_and_the_slabs_record) {
+  for (int station = 1; station <= 18; ++station) measure(station);
+  Prng prng(7);
+  SlabResult slab;
+  slab.verdict = Verdict::fail;
+  for (std::size_t i = 0; i < blocks_.size(); ++i) slab.station_verdict[i] = blocks_[i].verdict;
+  for (int station = 1; station <= 18; ++station)
+    for (const ItemId id : {ItemId::seat_slope, ItemId::seat_lateral, ItemId::seat_vertical})
+      ASSERT_TRUE(slab.items.push(an_item(prng, id, station)));
+  PlcResult record = slab_record(slab, 18);
+  record.res_seq = 100;
+  apply(SlabJob{1, slab, record, 1'763'681'999'000'000});
+  ASSERT_EQ(report("r.html").status, 0);
+  const std::string html = content(file("r.html"));
+  const json document = json::parse(run("show 1 --db " + file("slabd.db") + " --json").out);
+  const std::vector<Row> of_slab = rows_below(html, "Items of the slab");
+  int compared = 0;
+  std::array<std::pair<double, double>, 3> worst{};  // deviation by size, as shown
+  for (const json& item : document["items"]) {
+    const ItemId id = *item_from_name(item["id"].get<std::string>());
+    const int station = item["stations"][0];
+    const std::string word = report::item_word(id, report::Language::en);
+    const std::vector<Row> of_block = rows_below(html, "Block " + std::to_string(station));
+    ASSERT_EQ(
+        std::count_if(of_block.begin(), of_block.end(), [&](const Row& row) { return !row.empty() && row[0] == word; }),
+        1)
+        << word << " of block " << station << ": the provisional one beside the final one";
+    const Row* const on_page = row_of(of_block, word);
+    const Row* const in_table = row_of(of_slab, word + " " + std::to_string(station));
+    ASSERT_NE(on_page, nullptr);
+    ASSERT_NE(in_table, nullptr) << word << " " << station;
+    const int digits = decimals(id);
+    for (const Row* row : {on_page, in_table}) {
+      EXPECT_EQ((*row)[4], figure(item["value"], digits));
+      EXPECT_EQ((*row)[5], figure(item["deviation"], digits));
+      EXPECT_EQ((*row)[6], figure(item["U"], digits));
+    }
+    auto& furthest = worst.at(id == ItemId::seat_slope ? 0 : id == ItemId::seat_lateral ? 1 : 2);
+    const double deviation = std::stod((*on_page)[5]);
+    if (std::abs(deviation) > std::abs(furthest.first)) furthest = {deviation, station};
+    ++compared;
+  }
+  EXPECT_EQ(compared, 54);
+  PlcOutputs outputs;
+  outputs.result = true;
+  outputs.record = record;
+  hal::InputImage image{};
+  hal::encode_outputs(outputs, hal::WordOrder::abcd, image);
+  // IR 49, 51, 53: the worst of each kind; its station behind it.
+  for (std::size_t k = 0; k < worst.size(); ++k) {
+    EXPECT_LE(std::abs(worst.at(k).first * 1000.0 - static_cast<std::int16_t>(image[49 + 2 * k])), 0.551) << k;
+    EXPECT_EQ(image[50 + 2 * k], worst.at(k).second) << k;
+  }
+}
+
+// WCAG 2 asks for 4.5 : 1 between small text and what it stands on.
+TEST(ReportColours, ink_of_every_verdict_can_be_read_on_its_fill) {
+  const auto luminance = [](const report::Colour& colour) {
+    const auto linear = [](double c) { return c <= 0.04045 ? c / 12.92 : std::pow((c + 0.055) / 1.055, 2.4); };
+    return 0.2126 * linear(colour.r) + 0.7152 * linear(colour.g) + 0.0722 * linear(colour.b);
+  };
+  for (const Verdict verdict :
+       {Verdict::none, Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted, Verdict::indeterminate}) {
+    const report::VerdictLook look = report::look_of(verdict);
+    const double a = luminance(look.fill) + 0.05;
+    const double b = luminance(look.ink) + 0.05;
+    EXPECT_GE(std::max(a, b) / std::min(a, b), 4.5) << name(verdict);
+  }
 }
 
 TEST_F(ReportTest, html_is_one_document_with_scopes_captions_descriptions_and_a_language) {
