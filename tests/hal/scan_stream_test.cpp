@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -24,6 +25,19 @@ TEST(Crc32c, has_the_values_of_its_standard) {
   EXPECT_EQ(of("123456789"), 0xE306'9283U);
   EXPECT_EQ(of(std::string(32, '\0')), 0x8A91'36AAU) << "RFC 3720, B.4";
   EXPECT_EQ(of(std::string(32, '\xff')), 0x62A8'AB43U);
+}
+
+TEST(Crc32c, is_the_same_with_the_instruction_and_without_at_any_length_and_place) {
+  Prng prng(6);
+  std::vector<std::byte> bytes(40'000);
+  for (std::byte& b : bytes) b = std::byte(prng.next() & 255U);
+  // Around one, two and three times the three stretches that are taken at once.
+  for (const std::size_t length :
+       std::array<std::size_t, 14>{0, 1, 7, 8, 9, 63, 6'143, 6'144, 6'145, 12'287, 12'288, 18'432, 18'441, 39'990})
+    for (std::size_t from = 0; from < 9; ++from) {
+      const auto piece = std::span<const std::byte>(bytes).subspan(from, length);
+      EXPECT_EQ(crc32c(piece, 0x1234'5678U), crc32c_by_tables(piece, 0x1234'5678U)) << length << " from " << from;
+    }
 }
 
 TEST(Crc32c, of_pieces_is_that_of_the_whole) {
