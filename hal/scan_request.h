@@ -36,4 +36,21 @@ void append_json_text(FixedString<Capacity>& json, std::string_view text) {
   return json;
 }
 
+/// slabd.scan_answer/1 as one line: what became of the scan of that request; `why` null: it was taken.
+[[nodiscard]] inline FixedString<640> scan_answer_json(std::uint16_t session, std::uint16_t cmd_seq, const Error* why,
+                                                       std::size_t points) {
+  FixedString<640> line;
+  line.printf(R"({"schema": "slabd.scan_answer/1", "session": %u, "cmd_seq": %u, "ok": %s, "points": %zu)",
+              unsigned{session}, unsigned{cmd_seq}, why == nullptr ? "true" : "false", points);
+  if (why != nullptr) {
+    FixedString<48> code;
+    code.printf(R"(, "code": %d, "error": ")", static_cast<int>(why->code));
+    line.append(code.view());
+    append_json_text(line, why->text.view());
+    line.append("\"");
+  }
+  line.append("}\n");
+  return line;
+}
+
 }  // namespace slabd::hal

@@ -56,21 +56,6 @@ void prepare_sender(int fd) {
   set_option(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, 5'000);
 }
 
-FixedString<640> answer_line(std::uint16_t session, std::uint16_t cmd_seq, const Error* why, std::size_t points) {
-  FixedString<640> line;
-  line.printf(R"({"schema": "slabd.scan_answer/1", "session": %u, "cmd_seq": %u, "ok": %s, "points": %zu)",
-              unsigned{session}, unsigned{cmd_seq}, why == nullptr ? "true" : "false", points);
-  if (why != nullptr) {
-    FixedString<48> code;
-    code.printf(R"(, "code": %d, "error": ")", static_cast<int>(why->code));
-    line.append(code.view());
-    append_json_text(line, why->text.view());
-    line.append("\"");
-  }
-  line.append("}\n");
-  return line;
-}
-
 class StreamPort final : public ScanStreamPort {
  public:
   StreamPort(const ScanStreamSettings& settings, const Clock& clock) : settings_(settings), clock_(clock) {
@@ -204,7 +189,7 @@ class StreamPort final : public ScanStreamPort {
       }
       if (sender_.is_open() && from_.sin_addr.s_addr != from.sin_addr.s_addr) {
         const Error why = error(Code::busy, "another gateway is connected: %s", text_of(from_).c_str());
-        static_cast<void>(send_line(fd.get(), answer_line(0, 0, &why, 0).view()));
+        static_cast<void>(send_line(fd.get(), scan_answer_json(0, 0, &why, 0).view()));
         note_refused(from, "came while another gateway was connected");
         continue;
       }
@@ -238,7 +223,7 @@ class StreamPort final : public ScanStreamPort {
 
   /// Says why, lets the sender read it, and closes.
   void turn_away(const Error& why, std::uint16_t session, std::uint16_t cmd_seq) {
-    static_cast<void>(send_line(sender_.get(), answer_line(session, cmd_seq, &why, 0).view()));
+    static_cast<void>(send_line(sender_.get(), scan_answer_json(session, cmd_seq, &why, 0).view()));
     shutdown(sender_.get(), SHUT_WR);
     const std::int64_t until_ns = clock_.mono_ns() + kFarewellNs;
     std::array<std::byte, limits::kScanReadBytes> unread;
@@ -366,13 +351,14 @@ class StreamPort final : public ScanStreamPort {
     if (!sender_.is_open()) return;
     const ScanRequest& request = job.request;
     if (result) {
-      static_cast<void>(send_line(
-          sender_.get(), answer_line(request.session, request.cmd_seq, nullptr, result.value().shape.points).view()));
+      static_cast<void>(
+          send_line(sender_.get(),
+                    scan_answer_json(request.session, request.cmd_seq, nullptr, result.value().shape.points).view()));
     } else if (is_under_way(job) && !job.decoder.complete()) {
       turn_away(result.error(), request.session, request.cmd_seq);
     } else {
       static_cast<void>(
-          send_line(sender_.get(), answer_line(request.session, request.cmd_seq, &result.error(), 0).view()));
+          send_line(sender_.get(), scan_answer_json(request.session, request.cmd_seq, &result.error(), 0).view()));
     }
   }
 

@@ -42,7 +42,7 @@ int carry_out(const Options& options, const storage::CalibrationChange& change) 
   }
   if (options.json) {
     Json json;
-    json.begin_object().field("schema", "slabd.calibration_change/1").field("id", std::string_view(done.value().id));
+    json.begin_object().field("schema", "slabd.calibration_applied/1").field("id", std::string_view(done.value().id));
     json.field("by_daemon", done.value().by_daemon).field("after_slab", done.value().after_slab).end_object();
     fmt::print("{}", json.text());
   } else {
@@ -103,7 +103,7 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
   if (!kept.ok) return exit_status;
   if (json_wanted) {
     Json json;
-    json.begin_object().field("schema", "slabd.calibration_change/1").field("id", std::string_view(kept.id));
+    json.begin_object().field("schema", "slabd.calibration_applied/1").field("id", std::string_view(kept.id));
     write_session(json, *session);
     json.field("after_slab", kept.after_slab).field("replaced", now.id.view()).end_object();
     fmt::print("{}", json.text());
@@ -234,7 +234,7 @@ void add_calibrate_apply(CLI::App& group, int& exit_status) {
   options->session.add_to(*command);
   options->record.add_origin_to(*command);
   command->add_option("--why", options->record.why, "Why, for the history; must be given with ID");
-  command->add_flag("--json", options->known.json, "JSON on stdout");
+  command->add_flag("--json", options->known.json, "Print slabd.calibration_applied/1 on stdout");
   command->callback([options, &exit_status] {
     Options& known = options->known;
     if (known.id.empty()) {

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Holds JSON documents against the published schemas: validate_json.py SCHEMAS FILE...
 
-Strictly: a key that the schema does not name is an error too, so that nothing is written that is not published.
+Strictly: a key that the schema does not name is an error too, so that nothing is written that is not published. A
+document that does not say what it is (a request) is given as TITLE=FILE.
 """
 import json
 import pathlib
@@ -31,16 +32,18 @@ def main():
         schemas[schema["title"]] = strict(schema)
     by_id = {schema["$id"]: schema for schema in schemas.values()}
     faults = 0
-    for name in sys.argv[2:]:
+    for argument in sys.argv[2:]:
+        title, _, name = argument.rpartition("=")
         document = json.loads(pathlib.Path(name).read_text())
-        schema = schemas.get(document.get("schema"))
+        title = title or document.get("schema")
+        schema = schemas.get(title)
         if schema is None:
-            print(f"{name}: no schema is published for {document.get('schema')}")
+            print(f"{name}: no schema is published for {title}")
             faults += 1
             continue
         resolver = jsonschema.RefResolver(schema["$id"], schema, store=by_id)
         for error in jsonschema.Draft202012Validator(schema, resolver=resolver).iter_errors(document):
-            print(f"{name}: {document['schema']}: {'/'.join(map(str, error.absolute_path))}: {error.message[:300]}")
+            print(f"{name}: {title}: {'/'.join(map(str, error.absolute_path))}: {error.message[:300]}")
             faults += 1
     print(f"{len(sys.argv) - 2} documents, {faults} faults")
     return 1 if faults else 0

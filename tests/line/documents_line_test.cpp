@@ -9,6 +9,9 @@
 #include <fstream>
 #include <thread>
 
+#include "cli/control.h"
+#include "daemon/loop.h"
+#include "hal/scan_request.h"
 #include "processes.h"
 
 namespace slabd::line {
@@ -18,10 +21,15 @@ namespace {
 class Documents {
  public:
   explicit Documents(const Box& box) : box_(box) {}
-  void keep(const std::string& text) {
+  /// `title`: of a document that does not say what it is.
+  void keep(const std::string& text, const std::string& title = "") {
     const fs::path path = box_.dir / ("document-" + std::to_string(++count_) + ".json");
     std::ofstream(path) << text;
-    paths_ += " " + path.native();
+    paths_ += " " + (title.empty() ? "" : title + "=") + path.native();
+  }
+  void keep_file(const fs::path& path) {
+    ASSERT_TRUE(fs::exists(path)) << path;
+    keep(read_file(path));
   }
   void ask(std::vector<std::string> command) {
     command.emplace_back("--json");
@@ -70,6 +78,8 @@ TEST(DocumentsLine, what_a_running_line_says_is_what_its_schemas_publish) {
   ask({"db", "check"});
   ask({"history"});
   ask({"show", "1"});
+  EXPECT_EQ(box.slabctl({"pin", "1", "--reason", "complaint \"17\"", "--config", box.config.native()}).exit_status, 0);
+  documents.keep_file(box.dir / "spool/1/pin.json");
   documents.validate();
 }
 
@@ -89,7 +99,126 @@ TEST(DocumentsLine, what_a_calibration_says_is_what_its_schemas_publish) {
   documents.ask({"calibrate", "undo", "--session", session});
   documents.ask({"calibrate", "list", "--session", session});
   documents.ask({"calibrate", "solve", "--session", session});
-  documents.ask({"calibrate", "verify", "--session", session});
+  documents.ask({"calibrate", "verify", "--session", session, "--yes"});
+  documents.ask({"calibrate", "apply", "--session", session});
+  documents.keep_file(views + "/truth.json");
+  documents.validate();
+}
+
+TEST(DocumentsLine, what_is_in_force_and_was_checked_is_what_its_schemas_publish) {
+  const Box box;
+  Documents documents(box);
+  const std::string recipe = std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml";
+  const auto ask = [&](std::vector<std::string> command) {
+    command.insert(command.end(), {"--config", box.config.native()});
+    documents.ask(command);
+  };
+  const auto done = [&](std::vector<std::string> command) {
+    const Box::Answer answer = box.slabctl(command);
+    EXPECT_EQ(answer.exit_status, 0) << command[0] << " " << command[1] << ": " << answer.err;
+  };
+  ask({"calibrate", "history"});  // nothing was ever kept
+  ask({"calibrate", "check"});
+  ask({"scanner", "history"});
+  for (const char* sigma : {"0.05", "0.06"})
+    done({"calibrate", "adopt", "--sigma-mm", sigma, "--sigma-deg", "0.002", "--why", "tracker", "--apply", "--config",
+          box.config.native()});
+  ask({"calibrate", "rollback", "--why", "worse"});
+  const std::string certificate = (box.dir / "reference.txt").native();
+  std::ofstream(certificate) << "id = RB-01\ndate = 2026-01-01\nslope_deg = 1.432096\nslope_U_deg = 0.001\n"
+                                "jaw_distance_mm = 380.0\njaw_distance_U_mm = 0.01\n";
+  done({"calibrate", "reference", "--certificate", certificate, "--apply", "--why", "new", "--config",
+        box.config.native()});
+  const std::string scan = (box.dir / "block.ply").native();
+  done({"simulate", "scan", "--recipe", recipe, "--block", "1", "--points", "quarter", "--out", scan});
+  documents.keep_file(box.dir / "block.json");
+  ask({"calibrate", "check", scan, "--recipe", recipe});
+  ask({"calibrate", "check"});
+  ask({"calibrate", "history"});
+
+  const std::string slab = (box.dir / "mastered").native();
+  done({"simulate", "calibration", "--kind", "slab", "--recipe", recipe, "--out", slab, "--config",
+        box.config.native()});
+  documents.keep_file(slab + "/truth.json");
+  const std::vector<std::string> solve = {"calibrate", "stations",          "--certificate", slab + "/certificate.txt",
+                                          "--visits",  slab + "/visits.txt"};
+  ask(solve);
+  std::vector<std::string> refused = solve;
+  refused.insert(refused.end(), {"--spread-limit", "0.001"});
+  ask(refused);
+
+  const std::string balls = (box.dir / "artefact").native();
+  done({"simulate", "calibration", "--kind", "artefact", "--views", "2", "--out", balls, "--config",
+        box.config.native()});
+  documents.keep_file(balls + "/truth.json");
+  documents.ask({"calibrate", "artefact", balls + "/view_01.ply", scan, "--certificate", balls + "/certificate.txt"});
+  documents.ask({"calibrate", "block", scan, balls + "/view_01.ply", "--recipe", recipe, "--flange",
+                 balls + "/flange.txt", "--start", "0 80 150 1 0 0 0"});
+  documents.ask({"scanner", "verify", "--ball", balls + "/view_01.ply", "--diameter-mm", "50.8"});
+  ask({"scanner", "verify", "--plate", scan, "--gate-mm", "20", "--keep"});
+  ask({"scanner", "history"});
+  done({"simulate", "plane", "--out", (box.dir / "plane.xyz").native()});
+  documents.keep_file(box.dir / "plane.json");
+  documents.validate();
+}
+
+TEST(DocumentsLine, what_the_daemon_is_asked_and_answers_is_what_its_schemas_publish) {
+  Box box;
+  Documents documents(box);
+  box.start();
+  ASSERT_TRUE(box.ready()) << box.log();
+  const auto ask = [&](const std::string& request, const std::string& schema) {
+    // A peer that asks more than 20 times a second is kept waiting.
+    std::this_thread::sleep_for(std::chrono::milliseconds(60));
+    const Result<std::string> answer = cli::ask_daemon((box.dir / "control.sock").native(), request + "\n");
+    ASSERT_TRUE(answer.ok()) << answer.error().text.view();
+    EXPECT_NE(answer.value().find("\"slabd." + schema + "/1\""), std::string::npos) << answer.value();
+    documents.keep(request, "slabd.control_request/1");
+    documents.keep(answer.value());
+  };
+  for (const char* verb : {"status", "calibration", "plc_image", "metrics", "care"})
+    ask("{\"verb\":\"" + std::string(verb) + "\"}", verb == std::string("calibration") ? "calibration_state" : verb);
+  ask(R"({"verb":"metrics","reset":true})", "metrics");
+  ask(R"({"verb":"backup"})", "care");
+  ask(R"({"verb":"prune","keep_slabs":1000})", "care");
+  ask(R"({"verb":"capture","action":"state","session":"spring"})", "error");
+  ask(R"({"verb":"capture","action":"begin","session":"spring","operator":"anna","lease_s":60,"take_over":true})",
+      "capture");
+  ask(R"({"verb":"capture","action":"shoot","session":"spring"})", "capture");
+  ask("{\"verb\":\"status\"}", "status");  // in maintenance
+  ask(R"({"verb":"capture","action":"end","session":"spring"})", "capture");
+  ask(R"({"verb":"calibration_change","file":"none.json"})", "calibration_state");
+  ask("{\"verb\":\"calibration\"}", "calibration_state");
+
+  // What no test has the patience to wait for, as the daemon writes it.
+  daemon::Station station{daemon::StationSettings{}};
+  station.recovered = true;
+  station.capture.phase = daemon::Capture::Phase::ready;
+  station.capture.shot.number = 1;
+  documents.keep(daemon::capture_json(station));
+  station.capture.shot.done = true;
+  documents.keep(daemon::capture_json(station));
+  station.capture.shot.code = Code::moved_during_scan;
+  documents.keep(daemon::capture_json(station));
+  storage::CalibrationRecord record;
+  StationTable corrections;
+  corrections.station[2].visits = 5;
+  for (const decltype(record.numbers)& numbers :
+       {decltype(record.numbers)(HandEyeNumbers{}), decltype(record.numbers)(corrections),
+        decltype(record.numbers)(ReferenceBlock{}), decltype(record.numbers)(MonitorBall{})}) {
+    record.numbers = numbers;
+    documents.keep(daemon::change_json(storage::KeepCalibration{record}));
+  }
+  documents.keep(daemon::change_json(storage::ApplyCalibration{"he-1", {"anna", "new", 1}}));
+  documents.keep(daemon::change_json(storage::RollBackCalibration{CalibrationKind::hand_eye, 0, {"anna", "worse", 1}}));
+  documents.keep(daemon::change_json(storage::KeepCheck{}));
+  ScanRequest request;
+  request.slab_id = "S-\xff\"";
+  documents.keep(std::string(hal::scan_request_json(request).view()));
+  documents.keep(std::string(hal::scan_request_json(request, R"(, "have_points": 7, "timeout_ms": 20000)").view()));
+  documents.keep(std::string(hal::scan_answer_json(1, 2, nullptr, 3).view()));
+  const Error why = error(Code::too_few_points, "\"few\"");
+  documents.keep(std::string(hal::scan_answer_json(1, 2, &why, 0).view()));
   documents.validate();
 }
 

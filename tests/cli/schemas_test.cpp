@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What is published of the documents the programs write and read: docs/schemas, and the list of them. That the
+// documents keep to their schemas is in export_test, study_test, slabctl_test and tests/line/documents_line_test.cpp.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <set>
+#include <sstream>
+
+namespace slabd::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+const fs::path kSource = SLABD_SOURCE_DIR;
+
+std::string content(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+std::map<std::string, json> published() {
+  std::map<std::string, json> schemas;
+  for (const fs::directory_entry& entry : fs::directory_iterator(kSource / "docs/schemas"))
+    if (entry.path().extension() == ".json")
+      schemas.emplace(entry.path().stem().string(), json::parse(content(entry.path())));
+  return schemas;
+}
+
+/// "slab/1" of every "slabd.slab/1" in the programs' source, comments left out: they may speak of other versions.
+std::set<std::string> named_in_the_source() {
+  std::set<std::string> names;
+  const std::regex name(R"(slabd\.([a-z_]+/[0-9]+))");
+  for (const char* room : {"calib", "cli", "daemon", "hal", "storage"})
+    for (const fs::directory_entry& entry : fs::recursive_directory_iterator(kSource / room)) {
+      if (entry.path().extension() != ".cpp" && entry.path().extension() != ".h") continue;
+      std::istringstream text(content(entry.path()));
+      for (std::string line; std::getline(text, line);) {
+        line = line.substr(0, line.find("//"));
+        for (std::sregex_iterator at(line.begin(), line.end(), name), end; at != end; ++at) names.insert((*at)[1]);
+      }
+    }
+  return names;
+}
+
+/// The first sentence says enough for a list.
+std::string list_of(const std::map<std::string, json>& schemas) {
+  std::string list = "| Schema | Document |\n|---|---|\n";
+  for (const auto& [name, schema] : schemas)
+    list += "| [" + schema["title"].get<std::string>() + "](" + name + ".json) | " +
+            schema["description"].get<std::string>() + " |\n";
+  return list;
+}
+
+TEST(Schemas, every_document_that_the_programs_name_is_published_and_nothing_else) {
+  const std::map<std::string, json> schemas = published();
+  std::set<std::string> named = named_in_the_source();
+  EXPECT_GT(named.size(), 40U);
+  // A CSV (docs/EXPORT.md), and the one document that is known by where it arrives.
+  EXPECT_EQ(named.erase("items/1"), 1U);
+  EXPECT_EQ(named.count("control_request/1"), 0U);
+  named.insert("control_request/1");
+  std::set<std::string> titles;
+  for (const auto& [name, schema] : schemas) {
+    EXPECT_EQ(schema["title"], "slabd." + name + "/1") << "the file is named after its document";
+    EXPECT_EQ(schema["$id"], "urn:slabd:" + name + ":1");
+    titles.insert(name + "/1");
+  }
+  EXPECT_EQ(named, titles);
+}
+
+TEST(Schemas, the_list_of_them_is_theirs) {
+  const fs::path path = kSource / "docs/schemas/README.md";
+  const std::string text = content(path);
+  constexpr std::string_view kBegin = "<!-- list -->\n";
+  const std::size_t begin = text.find(kBegin);
+  const std::size_t end = text.find("<!-- end of list -->");
+  ASSERT_NE(begin, std::string::npos);
+  ASSERT_NE(end, std::string::npos);
+  const std::string made = text.substr(0, begin + kBegin.size()) + list_of(published()) + text.substr(end);
+  if (std::getenv("SLABD_UPDATE_DOCS") != nullptr) std::ofstream(path, std::ios::binary) << made;
+  EXPECT_EQ(content(path), made) << "SLABD_UPDATE_DOCS=1 writes it anew";
+}
+
+}  // namespace
+}  // namespace slabd::cli
