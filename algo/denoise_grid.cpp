@@ -294,6 +294,7 @@ class PlaneFinder {
     M16 unclear = largest < largest;
     std::uint32_t on = 0;
     std::uint32_t tight = 0;
+#pragma GCC unroll 8
     for (int r = 0; r < rows; ++r, from += stride) {
       // Tiles jump from row to row, which no machine foresees.
       for (std::size_t line = 0; line < kNumbers; ++line) hwy::Prefetch(from + kNumbers * kAhead + 16 * line);

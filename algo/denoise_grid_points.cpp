@@ -195,35 +195,52 @@ class PointJudge {
     return false;
   }
 
-  void judge_tile(int tc, int tr) {
+  HWY_INLINE void judge_tile(int tc, int tr) {
     if ((work_.marks.of(tc, tr) & TileMarks::kQuiet) != 0) return;
-    TileBits open = work_.off.of_tile(tc, tr);
+    const TileBits open = work_.off.of_tile(tc, tr);
+    const TilePlane* own = work_.planes(tc, tr);
+    const bool calm =
+        !std::isnan(own[0].z) && std::isnan(own[1].z) && open.count() <= kCalmOff && !work_.too_steep(own[0]);
+    if (!calm || near_other_plane(tc, tr, open)) return judge_by_planes(tc, tr, calm, open);
+    bool company = false;
+    open.for_each([&](int c, int r) { company = company || in_company(tc, tr, c, r); });
+    if (company) return judge_in_company(tc, tr, nullptr, open);
+    work_.noise.set(tc, tr, open);
+  }
+  [[nodiscard]] HWY_INLINE bool in_company(int tc, int tr, int column, int row) const {
+    return std::popcount(work_.off.around(kColumns * tc + column, kRows * tr + row) & window::kAround) >= kCompany;
+  }
+
+  /// Planes from around are asked first.
+  HWY_NOINLINE void judge_by_planes(int tc, int tr, bool calm, TileBits open) {
     const TilePlane* own = work_.planes(tc, tr);
     const int off = open.count();
-    const bool calm = !std::isnan(own[0].z) && std::isnan(own[1].z) && off <= kCalmOff && !work_.too_steep(own[0]);
-
     Region region;
-    bool filled = false;
-    if (!calm || near_other_plane(tc, tr, open)) {
-      fill(region, tc, tr);
-      filled = true;
-      if (!calm)
-        for (int r = 0; r < kRows; ++r)
-          open.set(r, (region.finite[static_cast<std::size_t>(r + kReach)] >> kMargin) & 0xFFFFU);
-      // Nothing reigns where the tile's plane is no surface: the first plane gathered is then another tile's.
-      const bool reigns = !std::isnan(own[0].z) && std::isnan(own[1].z) && !work_.too_steep(own[0]) &&
-                          kReignShare * off <= open.count();
-      std::array<TilePlane, kCandidates> planes;
-      const std::size_t n = gather_planes(tc, tr, planes);
-      for (std::size_t i = calm ? 1 : 0; i < n; ++i)
-        explain(region, planes[i], reigns && i == 0 ? window::kShareReigning : window::kShareMin, open);
-    }
+    fill(region, tc, tr);
+    if (!calm)
+      for (int r = 0; r < kRows; ++r)
+        open.set(r, (region.finite[static_cast<std::size_t>(r + kReach)] >> kMargin) & 0xFFFFU);
+    // Nothing reigns where the tile's plane is no surface: the first plane gathered is then another tile's.
+    const bool reigns =
+        !std::isnan(own[0].z) && std::isnan(own[1].z) && !work_.too_steep(own[0]) && kReignShare * off <= open.count();
+    std::array<TilePlane, kCandidates> planes;
+    const std::size_t n = gather_planes(tc, tr, planes);
+    for (std::size_t i = calm ? 1 : 0; i < n; ++i)
+      explain(region, planes[i], reigns && i == 0 ? window::kShareReigning : window::kShareMin, open);
+    judge_in_company(tc, tr, &region, open);
+  }
+
+  /// What no plane explains: noise if it is alone, or if no surface goes through it. `region` may be missing.
+  HWY_NOINLINE void judge_in_company(int tc, int tr, const Region* region, const TileBits& open) {
+    Region own_region;
     TileBits noise;
     open.for_each([&](int c, int r) {
-      if (std::popcount(work_.off.around(kColumns * tc + c, kRows * tr + r) & window::kAround) >= kCompany) {
-        if (!filled) fill(region, tc, tr);
-        filled = true;
-        if (through(region, c, r, own[0])) return;
+      if (in_company(tc, tr, c, r)) {
+        if (region == nullptr) {
+          fill(own_region, tc, tr);
+          region = &own_region;
+        }
+        if (through(*region, c, r, work_.planes(tc, tr)[0])) return;
       }
       noise.add(r, 1U << static_cast<unsigned>(c));
     });

@@ -101,9 +101,9 @@ void Icp::sort(const Pose& pose) {
   sample_ = sort_by_face(drawn_, view(pose, table_.near()), memory_.points, memory_.labels, team_);
 }
 
-void Icp::associate(const Pose& pose) {
-  (void)count(sample_, pose, association_);
+FaceCounts Icp::associate(const Pose& pose) {
   associated_at_ = pose;
+  return count(sample_, pose, association_);
 }
 
 SumsOfFaces Icp::sums(const Pose& pose, double gate_mm, Weights weights,

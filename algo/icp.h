@@ -56,7 +56,8 @@ class Icp {
   /// Gives each point to its face for the steps that follow: within `single_face_gate` and only where a single face is
   /// near. Between two calls the steps work on one smooth problem, which has a fixed point; points that change sides
   /// with every step have none.
-  void associate(const Pose& T_block_scanner);
+  /// Returns what counts() would: it is known by then.
+  FaceCounts associate(const Pose& T_block_scanner);
 
   /// One step with the associated points within `gate_mm`. Weights::newton converges faster but only close to the end.
   double step(Pose& T_block_scanner, double gate_mm, Weights weights, NormalEquations& eq) const;

@@ -26,7 +26,7 @@ IcpSample columns(std::span<float> memory, std::size_t count, const Vec3& shift)
 }
 
 bool is_point(const float* p) {
-  return std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]);
+  return std::isfinite(p[0] + p[1] + p[2]);
 }
 
 /// Where the points of a row's slices are looked for; none where `first` is `last`.

@@ -263,9 +263,10 @@ FineResult refine(const RegistrationTask& task, Icp& icp, Pose& pose, int& itera
   NormalEquations eq;
   icp.sort(pose);
   Pose at = pose;
+  FaceCounts seen;
   for (int round = 0; round < kRounds && !fine.stands_still; ++round) {
     at = round < kHalfWayFrom ? pose : half_way(at, pose);
-    icp.associate(at);
+    seen = icp.associate(at);
     if (round == 0) fine.gate_mm = last_gate(icp);
     double step_mm = std::numeric_limits<double>::infinity();
     bool newton_helps = true;
@@ -282,7 +283,8 @@ FineResult refine(const RegistrationTask& task, Icp& icp, Pose& pose, int& itera
     if (step_mm < 0.0) break;
     fine.stands_still = step_mm < kStepDone_mm && Icp::length_mm(pose * at.inverse()) < kRoundDone_mm;
   }
-  fine.seen = {icp.counts(pose)};
+  // Where the pose stands still, the association was made with it.
+  fine.seen = {fine.stands_still ? seen : icp.counts(pose)};
   // A face that is not there fixes nothing: where a bare slab passes a jaw's foot, its points only seem to be the
   // jaw's.
   fine.directions =
