@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -32,14 +33,19 @@ void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
   constexpr std::size_t kTurns = limits::kPlaneSampleMax / PlaneSample::kScouts;
   const std::size_t n = points.size();
   const std::size_t m = std::min(n, limits::kPlaneSampleMax);
+  // Dividing by a power of two that the compiler knows costs nothing, by any other number more than all the rest.
+  static_assert(std::has_single_bit(limits::kPlaneSampleMax));
+  const auto start_of = [n](std::size_t slice) {
+    return n < limits::kPlaneSampleMax ? slice : slice * n / limits::kPlaneSampleMax;
+  };
   sample.count = 0;
   for (std::size_t turn = 0; turn < kTurns; ++turn) {
     for (std::size_t neighbours = 0; neighbours < m; neighbours += kTurns) {
       const std::size_t i = neighbours + (turn + Prng(neighbours).next()) % kTurns;
       if (i >= m) continue;
-      const std::size_t first = i * n / m;
-      const std::size_t last = (i + 1) * n / m;
-      sample.add(points[first + prng.below(last - first)]);
+      const std::size_t first = start_of(i);
+      const std::size_t slice = start_of(i + 1) - first;
+      sample.add(points[first + (((prng.next() >> 32U) * slice) >> 32U)]);
     }
   }
   sample.close();

@@ -24,7 +24,7 @@ namespace {
 
 constexpr std::size_t kBlockPoints = limits::kSurveyBlockPoints;
 /// Points that the scouts look at, about.
-constexpr std::size_t kScouted = 80'000;
+constexpr std::size_t kScouted = 40'000;
 /// Half of the bracket around a limit of the shares, as a part of it. Between the two the share is taken as a straight
 /// line, which errs by less than 1e-4.
 constexpr double kBracket = 0.02;
@@ -205,6 +205,9 @@ void SurveyTable::build(const BlockModel& model, const FaceTable& faces, const E
   constexpr auto kRows = static_cast<int>(limits::kFaceTableY);
   // A pose from floats and a place from floats differ by 1e-4 mm from the exact ones.
   constexpr double kGrow_mm = 0.1;
+  constexpr double kRim_mm = 1e-6;
+  constexpr double kHalfX = 0.5 * kColumns;
+  constexpr double kHalfY = 0.5 * kRows;
   rules_.build(model, settings);
   cells_ = cells;
   band_mm_ = std::min(kBand_mm, 0.5 * settings.registration_gate_mm);
@@ -217,13 +220,14 @@ void SurveyTable::build(const BlockModel& model, const FaceTable& faces, const E
       const double y = row - 0.5 * kRows;
       const std::uint16_t candidates = faces.near_at({x + 0.5, y + 0.5, 0.0});
       std::uint32_t regions = 0;
-      // The rim of the table is asked for: beyond it nothing is measured.
-      const bool rim = column == 0 || row == 0 || column == kColumns - 1 || row == kRows - 1;
-      for (std::uint32_t left = rim ? 0U : candidates; left != 0; left &= left - 1) {
+      for (std::uint32_t left = candidates; left != 0; left &= left - 1) {
         const Plane& plane = model.planes()[static_cast<std::size_t>(__builtin_ctz(left))];
         for (int k = 0; k < 10; ++k) {
-          const double px = x + (k % 2 == 0 ? -kGrow_mm : 1.0 + kGrow_mm);
-          const double py = y + (k / 2 % 2 == 0 ? -kGrow_mm : 1.0 + kGrow_mm);
+          // Beyond the table nothing is measured, nor looked up.
+          const double px =
+              std::clamp(x + (k % 2 == 0 ? -kGrow_mm : 1.0 + kGrow_mm), kRim_mm - kHalfX, kHalfX - kRim_mm);
+          const double py =
+              std::clamp(y + (k / 2 % 2 == 0 ? -kGrow_mm : 1.0 + kGrow_mm), kRim_mm - kHalfY, kHalfY - kRim_mm);
           const double off = k < 4 ? -band_mm_ : band_mm_;
           const Vec3 p =
               k < 8 ? Vec3(px, py, plane.z_at(px, py) + off / plane.n.z())
