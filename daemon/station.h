@@ -290,7 +290,8 @@ struct PendingStore {
     slab,
     ack,
     report
-  } kind{};
+  };
+  Kind kind{};
   std::uint32_t ticket = 0;
   std::uint8_t station = 0;
   std::uint8_t attempt = 0;

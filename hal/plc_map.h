@@ -93,7 +93,7 @@ void tell_inputs(const HoldingImage& image, WordOrder order, const RegisterSink&
 void tell_outputs(const InputImage& image, WordOrder order, const RegisterSink& sink);
 
 /// CRC-16/Modbus (reflected 0x8005) of one byte.
-inline constexpr std::array<std::uint16_t, 256> kCrc16OfByte = [] {
+[[nodiscard]] constexpr std::array<std::uint16_t, 256> crc16_table() {
   std::array<std::uint16_t, 256> table{};
   for (unsigned i = 0; i < table.size(); ++i) {
     unsigned c = i;
@@ -101,7 +101,8 @@ inline constexpr std::array<std::uint16_t, 256> kCrc16OfByte = [] {
     table[i] = static_cast<std::uint16_t>(c);
   }
   return table;
-}();
+}
+inline constexpr std::array<std::uint16_t, 256> kCrc16OfByte = crc16_table();
 /// One byte more in a CRC-16/Modbus, which begins with 0xFFFF.
 [[nodiscard]] constexpr unsigned crc16_step(unsigned crc, unsigned byte) {
   return (crc >> 8U) ^ kCrc16OfByte[(crc ^ byte) & 0xFFU];
