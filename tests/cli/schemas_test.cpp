@@ -12,6 +12,8 @@
 #include <regex>
 #include <set>
 #include <sstream>
+#include <string>
+#include <vector>
 
 namespace slabd::cli {
 namespace {
@@ -76,6 +78,34 @@ TEST(Schemas, every_document_that_the_programs_name_is_published_and_nothing_els
     titles.insert(name + "/1");
   }
   EXPECT_EQ(named, titles);
+}
+
+/// Keys without a word of what they are, as paths.
+void add_unexplained(const json& schema, const std::string& path, std::vector<std::string>& list) {
+  if (schema.is_array())
+    for (const json& part : schema) add_unexplained(part, path, list);
+  if (!schema.is_object()) return;
+  for (const auto& [word, part] : schema.items()) {
+    if (word != "properties") {
+      add_unexplained(part, path, list);
+      continue;
+    }
+    for (const auto& [key, value] : part.items()) {
+      // Of a key that holds another document, or always the same word, that is enough.
+      if (!value.contains("description") && !value.contains("$ref") && !value.contains("const"))
+        list.push_back(path + "/" + key);
+      add_unexplained(value, path + "/" + key, list);
+    }
+  }
+}
+
+TEST(Schemas, every_key_says_what_it_is) {
+  std::vector<std::string> unexplained;
+  for (const auto& [name, schema] : published()) {
+    EXPECT_GT(schema["description"].get<std::string>().size(), 20U) << name;
+    add_unexplained(schema, name, unexplained);
+  }
+  EXPECT_EQ(unexplained, std::vector<std::string>());
 }
 
 TEST(Schemas, the_list_of_them_is_theirs) {
