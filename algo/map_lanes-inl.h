@@ -29,11 +29,12 @@ class MapLanes {
   explicit MapLanes(const MapSums& sums) : sums_(sums), x_(f16(0.0F)), y_(f16(0.0F)), r_(f16(kNone)) {}
   /// Sixteen points in the block's frame and their distances; NaN: nothing to draw there.
   HWY_INLINE void take(const F16& x, const F16& y, const F16& r) {
-    const M16 turn = lane_numbers() == f16(static_cast<float>((taken_ + first_) % static_cast<int>(kLanes)));
+    static constexpr std::array<float, kLanes> kNumber = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+    const M16 turn = lane_numbers() == f16(kNumber[(taken_ + first_) % kLanes]);
     x_ = select(turn, x, x_);
     y_ = select(turn, y, y_);
     r_ = select(turn, r, r_);
-    if (++taken_ == static_cast<int>(kLanes)) put();
+    if (++taken_ == kLanes) put();
   }
   /// What was taken goes to the map; also at the end, when not every lane has had its turn: those hold no number.
   HWY_NOINLINE void put() {
@@ -42,7 +43,7 @@ class MapLanes {
     r_ = f16(kNone);
     taken_ = 0;
     round_ += 0x9E3779B9U;  // steps of the golden ratio: never the same order for long
-    first_ = static_cast<int>(round_ >> 28U);
+    first_ = round_ >> 28U;
     if (sums_.count.empty()) return;
     constexpr std::size_t kCell = limits::kDeviationMapCell_mm;
     constexpr float kCells = 1.0F / static_cast<float>(kCell);
@@ -68,8 +69,8 @@ class MapLanes {
   static constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
   const MapSums& sums_;
   F16 x_, y_, r_;
-  int taken_ = 0;
-  int first_ = 0;  ///< lane of the round's first point
+  std::uint32_t taken_ = 0;
+  std::uint32_t first_ = 0;  ///< lane of the round's first point
   std::uint32_t round_ = 0;
 };
 
