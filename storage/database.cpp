@@ -11,17 +11,16 @@
 #include "storage/database.h"
 
 #include <sqlite3.h>
+#include <unistd.h>
 
-#include <algorithm>
 #include <array>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <memory>
-#include <span>
-#include <vector>
 
 #include "storage/folders.h"
+#include "storage/log_copy.h"
 #include "storage/quarantine.h"
 #include "storage/raw_file.h"
 #include "storage/schema.h"
@@ -100,24 +99,6 @@ void check(Connection& db) {
   if (const int code = read_failure_in(answer); code != 0)
     throw SqlFailure{code, "it cannot be read (quick_check: " + answer + ")"};
   throw SqlFailure{SQLITE_CORRUPT, "it is damaged (quick_check: " + answer + ")"};
-}
-
-/// Writes the write-ahead log onto itself and syncs it. What a failed sync has left unwritten, Linux takes for written:
-/// it can still be read, and no later sync writes it, so commits behind it would go with it at the next power cut. The
-/// same bytes written once more are written for good.
-void write_log(const std::string& db_path) {
-  const std::string path = db_path + "-wal";
-  if (!RawFile::exists(path)) return;
-  RawFile log(path, RawFile::Kind::log);
-  const std::int64_t bytes = log.size();
-  std::vector<unsigned char> chunk(65'536);
-  for (std::int64_t at = 0; at < bytes; at += static_cast<std::int64_t>(chunk.size())) {
-    const auto piece =
-        std::span(chunk).first(static_cast<std::size_t>(std::min(bytes - at, static_cast<std::int64_t>(chunk.size()))));
-    log.read(at, piece);
-    log.write(at, piece);
-  }
-  if (bytes > 0) log.sync();
 }
 
 Error cannot_open(const std::string& path, const SqlFailure& failure, Code code) {
@@ -199,6 +180,7 @@ Result<std::unique_ptr<Connection>> open_file_for_writing(const std::string& pat
                  path.c_str());
   }
   if (Status status = create_file(path); !status.ok()) return status.error();
+  if (Status status = make_log_durable(path); !status.ok()) return status.error();
   try {
     return open_checked(path, how);
   } catch (const SqlFailure& failure) {
@@ -210,7 +192,19 @@ Result<std::unique_ptr<Connection>> open_file_for_writing(const std::string& pat
   }
 }
 
+/// A start of the daemon takes a fraction of a second to make its log durable.
+void wait_for_log(const std::string& path) {
+  constexpr unsigned kLook_us = 50'000;
+  for (int waited_ms = 0; log_is_in_doubt(path); waited_ms += static_cast<int>(kLook_us / 1000)) {
+    if (waited_ms >= kBusyMs)
+      throw SqlFailure{SQLITE_BUSY, std::string("its log may be spoilt by a power cut (") + kLogCopy +
+                                        " lies beside it); starting slabd mends that"};
+    usleep(kLook_us);
+  }
+}
+
 std::unique_ptr<Connection> open_protected(const std::string& path) {
+  wait_for_log(path);
   auto db = std::make_unique<Connection>(path, SQLITE_OPEN_READONLY);
   protect(*db);
   checkpoint_on_close(*db, false);
@@ -224,16 +218,6 @@ Error no_database(const std::string& path) {
 }
 
 }  // namespace
-
-Status write_log_again(const std::string& path) {
-  try {
-    write_log(path);
-    return success();
-  } catch (const SqlFailure& failure) {
-    return error((failure.result & 0xFF) == SQLITE_FULL ? Code::store_full : Code::journal_write,
-                 "cannot use database %s: its log cannot be written again: %s", path.c_str(), failure.text.c_str());
-  }
-}
 
 Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path) {
   return open_file_for_writing(path, Upgrade::with_copy);

@@ -10,10 +10,10 @@
 /// Opening the database file: whose it is, and the settings everything else relies on.
 namespace slabd::storage {
 
-/// Opens or creates the database, checks it (application_id, user_version, quick_check), brings an older one up to date
-/// (storage/upgrade.h) and puts the settings in force.
-/// journal_write; the text names file and figures. A foreign or newer file is left as it was, a damaged one of ours
-/// goes to quarantine (storage/quarantine.h); the writer's lock must be held.
+/// Opens or creates the database, makes the log durable that lies there (storage/log_copy.h), checks it
+/// (application_id, user_version, quick_check), brings an older one up to date (storage/upgrade.h) and puts the
+/// settings in force. journal_write; the text names file and figures. A foreign or newer file is left as it was, a
+/// damaged one of ours goes to quarantine (storage/quarantine.h); the writer's lock must be held.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path);
 
 /// As open_for_writing(), of a file that is itself a copy: brought up to date without another copy.
@@ -30,11 +30,5 @@ namespace slabd::storage {
 
 /// As is_unused() in storage/storage.h.
 [[nodiscard]] bool unused_at(const std::string& path);
-
-/// Writes the write-ahead log of `path` onto itself and syncs it; for after a failed sync, before the file is opened
-/// anew. What a failed sync has left unwritten, Linux takes for written: it can still be read, no later sync writes it,
-/// and commits put behind it would go with it at the next power cut. The same bytes written once more are written for
-/// good. Not without need: a power cut in the middle of it may spoil a sector that was safe.
-[[nodiscard]] Status write_log_again(const std::string& path);
 
 }  // namespace slabd::storage

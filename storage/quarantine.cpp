@@ -18,6 +18,7 @@
 #include <fstream>
 
 #include "storage/folders.h"
+#include "storage/log_copy.h"
 
 namespace slabd::storage {
 namespace {
@@ -25,7 +26,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::string_view kFirstLine = "slabd quarantine\n";
-constexpr std::array kSideFiles = {"-wal", "-journal"};
+constexpr std::array kSideFiles = {"-wal", "-journal", kLogCopy};
 constexpr int kFoldersMax = 1000;
 
 Error trouble(const char* doing, const std::string& path) {

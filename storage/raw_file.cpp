@@ -38,6 +38,13 @@ bool RawFile::exists(const std::string& path) {
   return vfs->xAccess(vfs, path.c_str(), SQLITE_ACCESS_EXISTS, &found) == SQLITE_OK && found != 0;
 }
 
+void RawFile::remove(const std::string& path) {
+  sqlite3_vfs* vfs = sqlite3_vfs_find(nullptr);
+  const int result = vfs->xDelete(vfs, path.c_str(), 0);
+  if (result != SQLITE_OK)
+    throw SqlFailure{result, "cannot remove " + path + " (SQLite " + std::to_string(result) + ")"};
+}
+
 std::int64_t RawFile::size() {
   sqlite3_int64 bytes = 0;
   must(file_->pMethods->xFileSize(file_, &bytes), "ask for the size of");

@@ -23,6 +23,8 @@ class RawFile {
   RawFile& operator=(const RawFile&) = delete;
 
   [[nodiscard]] static bool exists(const std::string& path);
+  /// The name is gone; whether it stays gone is for a sync of the folder.
+  static void remove(const std::string& path);
   [[nodiscard]] std::int64_t size();
   void read(std::int64_t at, std::span<unsigned char> bytes);
   void write(std::int64_t at, std::span<const unsigned char> bytes);

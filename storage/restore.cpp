@@ -19,6 +19,7 @@
 #include "storage/database.h"
 #include "storage/folders.h"
 #include "storage/jobs.h"
+#include "storage/log_copy.h"
 #include "storage/quarantine.h"
 #include "storage/storage.h"
 #include "storage/upgrade.h"
@@ -32,6 +33,7 @@ namespace fs = std::filesystem;
 std::int64_t newest_key_at(const std::string& path) {
   if (file_bytes(path) == 0 || quarantine_note(path)) return 0;
   std::int64_t newest = 0;
+  if (!make_log_durable(path).ok()) return 0;
   try {
     Result<std::unique_ptr<Connection>> db = open_any_version(path);
     if (!db.ok()) return 0;
@@ -103,7 +105,7 @@ Status put_in_place(const std::string& part, const std::string& path) {
     if (!folder.ok()) return folder.error();
   }
   if (Status status = finish_quarantine(path); !status.ok()) return status;
-  for (const char* side : {"-wal", "-shm", "-journal"})
+  for (const char* side : {"-wal", "-shm", "-journal", kLogCopy})
     if (file_bytes(path + side) > 0)
       return error(Code::journal_write, "%s%s lies there without its database; move it away", path.c_str(), side);
   if (rename(part.c_str(), path.c_str()) != 0)

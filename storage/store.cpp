@@ -4,7 +4,7 @@
 //
 // A refused job (a contradiction, a full disk) is rolled back and the connection stays. Any other write error closes
 // the connection: after a failed sync nobody knows what is on the disk, and trying again on the same connection could
-// build on it. The next job opens the file anew, which checks it first.
+// build on it. The next job opens the file anew, which makes the log durable and checks the whole first.
 #include <sqlite3.h>
 
 #include <exception>
@@ -232,9 +232,6 @@ class SqliteStore final : public Store {
         return status;
       }
     }
-    if (log_in_doubt_)
-      if (Status status = write_log_again(settings_.db_path); !status.ok()) return status;
-    log_in_doubt_ = false;
     Result<std::unique_ptr<Connection>> db = open_for_writing(settings_.db_path);
     if (!db.ok()) return db.error();
     try {
@@ -268,7 +265,6 @@ class SqliteStore final : public Store {
   void give_up() {
     if (open_) (void)sqlite3_db_config(open_->db->handle(), SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, nullptr);
     open_.reset();
-    log_in_doubt_ = true;
   }
 
   Status check_free_space() const {
@@ -296,7 +292,6 @@ class SqliteStore final : public Store {
   std::unique_ptr<OpenDatabase> open_;
   FixedString<limits::kErrorTextBytes> spool_trouble_;
   bool log_holds_commits_ = false;
-  bool log_in_doubt_ = false;  ///< a write or sync of it failed
   int quiet_looks_ = 0;
   bool retention_due_ = true;  ///< a slab has ended since the last look
   mutable std::mutex care_mutex_;

@@ -7,6 +7,7 @@
 #include <sqlite3.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -248,6 +249,15 @@ void Disk::File::fold(bool doomed) {
   old.clear();
 }
 
+void Disk::renamed(const std::string& from, const std::string& to) {
+  const heap::Aside aside;
+  files_.erase(to);
+  if (auto known = files_.extract(from); !known.empty()) {
+    known.key() = to;
+    files_.insert(std::move(known));
+  }
+}
+
 Disk::Disk(World& world) : world_(world), chance_(world.chance(1)) {
   register_layer();
   assert(g_disk == nullptr);
@@ -333,6 +343,13 @@ void Disk::lose_power() {
 }
 
 }  // namespace slabd::sim
+
+/// Stands in for the C library's: what is known about a file goes with its name.
+extern "C" int rename(const char* from, const char* to) noexcept {
+  const long result = syscall(SYS_rename, from, to);
+  if (result == 0 && slabd::sim::g_disk != nullptr) slabd::sim::g_disk->renamed(from, to);
+  return static_cast<int>(result);
+}
 
 /// Stands in for the C library's: the free space of the spool is the simulated disk's.
 extern "C" int statvfs(const char*, struct statvfs* out) noexcept {

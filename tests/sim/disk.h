@@ -66,6 +66,7 @@ class Disk {
   [[nodiscard]] bool believed() const { return process_ != nullptr && !process_->dead(); }
   File& file(const std::string& path) { return files_[path]; }
   void forget(const std::string& path) { files_.erase(path); }
+  void renamed(const std::string& from, const std::string& to);
   void sync_takes_time();
 
  private:

@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <optional>
 
+#include "storage/storage.h"
 #include "tests/sim/disk.h"
 #include "tests/sim/life.h"
 #include "tests/sim/process.h"
@@ -27,6 +29,7 @@ struct Sim : testing::Test {
   }
   fs::path before;
   fs::path folder;
+  World world{1, false};
 };
 
 TEST_F(Sim, no_seed_makes_a_wrong_pass_a_lost_row_or_a_line_that_stands_still) {
@@ -61,11 +64,95 @@ TEST_F(Sim, a_seed_is_one_life_bit_by_bit) {
   EXPECT_NE(live(1, recipes, false).hash, live(2, recipes, false).hash);
 }
 
+// ---- a log that is not on the disk
+// --------------------------------------------------------------------------------------
+
+/// One process after the other with the store on the simulated disk.
+struct LogInDoubt : Sim {
+  void SetUp() override {
+    Sim::SetUp();
+    settings.db_path = "data/slabd.db";
+    settings.spool_dir = "spool";
+  }
+  /// Lives as long as `work` does, and is then killed.
+  template <typename Work>
+  void process(const Work& work) {
+    Process process(world);
+    disk->serve(&process);
+    process.start([&] {
+      const auto store = storage::open_store(settings);
+      if (store.ok()) work(*store.value());
+      process.die();
+    });
+    while (!process.dead()) {
+      world.now_ns = process.next_ns();
+      process.run_due();
+    }
+    process.bury();
+    disk->serve(nullptr);
+    disk->kill_at(0, false);
+  }
+  static bool commit(storage::Store& store, std::uint16_t session) {
+    return store.apply(StoreJob{1, SessionJob{session}}).ok();
+  }
+  /// Of a process's own start.
+  int stored_session() {
+    int session = -1;
+    process([&](storage::Store& store) {
+      if (const auto line = store.recover(); line.ok()) session = line.value()->session;
+    });
+    return session;
+  }
+  /// Leaves a log with at least one commit whose sync failed; session 1 was committed before, and not more than 2.
+  void leave_doubtful_log() {
+    fs::remove_all("data");
+    disk.reset();
+    disk.emplace(world);
+    process([&](storage::Store& store) {
+      ASSERT_TRUE(commit(store, 1));
+      world.weather.until_ns[static_cast<std::size_t>(Fault::disk_fsync)] = kNever;
+      while (commit(store, 2)) {
+      }
+    });
+    world.weather.clear();
+  }
+  std::optional<Disk> disk;
+  storage::StoreSettings settings;
+};
+
+TEST_F(LogInDoubt, keeps_what_the_next_process_commits_behind_it_when_the_power_goes) {
+  for (int round = 0; round < 20; ++round) {
+    leave_doubtful_log();
+    process([&](storage::Store& store) { ASSERT_TRUE(commit(store, 100)); });
+    disk->lose_power();
+    ASSERT_EQ(stored_session(), 100) << "round " << round;
+  }
+}
+
+TEST_F(LogInDoubt, loses_nothing_when_the_next_start_is_killed_at_any_write) {
+  for (const bool power_goes_too : {false, true}) {
+    bool killed = true;
+    int kills = 0;
+    for (std::int64_t call = 1; killed; ++call) {
+      leave_doubtful_log();
+      killed = true;
+      disk->kill_at(call, call % 2 == 0);
+      process([&](storage::Store& store) { killed = !commit(store, 99); });
+      kills += killed ? 1 : 0;
+      if (power_goes_too) disk->lose_power();
+      ASSERT_GE(stored_session(), 1) << "killed at call " << call;
+      process([&](storage::Store& store) { ASSERT_TRUE(commit(store, 100)); });
+      disk->lose_power();
+      ASSERT_EQ(stored_session(), 100) << "killed at call " << call;
+    }
+    EXPECT_GE(kills, 10) << "nothing was made durable";
+  }
+}
+
 // ---- the simulation's own parts
 // --------------------------------------------------------------------------------------
 
 TEST_F(Sim, a_process_sleeps_on_the_worlds_time_and_is_run_to_its_end_when_it_dies) {
-  World world(1, false);
   Process process(world);
   std::vector<int> order;
   process.start([&] {
@@ -87,7 +174,6 @@ TEST_F(Sim, a_process_sleeps_on_the_worlds_time_and_is_run_to_its_end_when_it_di
 }
 
 TEST_F(Sim, exceptions_of_one_fiber_are_not_those_of_another) {
-  World world(1, false);
   Process process(world);
   std::string heard;
   const auto thrower = [&](const char* word) {

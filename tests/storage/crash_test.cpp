@@ -7,6 +7,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <filesystem>
+#include <fstream>
+
 #include "storage/database.h"
 #include "tests/storage/store_fixture.h"
 
@@ -118,6 +121,50 @@ class FileSizeLimit {
  private:
   rlimit before_{};
 };
+
+// What a power cut leaves while a start makes the log durable: the log spoilt, its copy whole.
+TEST_F(CrashTest, a_log_that_a_power_cut_spoils_comes_back_from_its_copy_and_nobody_reads_it_before) {
+  namespace fs = std::filesystem;
+  open();
+  begin(1);
+  scan(1, 1, 1);
+  const std::string log_path = settings_.db_path + "-wal";
+  const std::string image = folder_.path() + "/cut/slabd.db";
+  fs::create_directories(fs::path(image).parent_path());
+  fs::copy_file(settings_.db_path, image);
+  std::ifstream in(log_path, std::ios::binary);
+  const std::string log{std::istreambuf_iterator<char>(in), {}};
+  ASSERT_FALSE(log.empty());
+  close();
+  std::string spoilt = log;
+  for (std::size_t at = 512; at < spoilt.size(); at += 4096) spoilt[at] = static_cast<char>(~spoilt[at]);
+  std::string copy = "slabd: a copy of the log";
+  copy.resize(512, '\0');
+  std::ofstream(image + "-wal", std::ios::binary) << spoilt;
+  std::ofstream(image + "-log-copy", std::ios::binary) << copy << log;
+  std::ofstream(image + "-log-copy.part", std::ios::binary) << "of an earlier start";
+
+  const auto early = open_reader(image);
+  ASSERT_FALSE(early.ok());
+  EXPECT_NE(early.error().text.view().find("starting slabd"), std::string_view::npos) << early.error().text.view();
+  settings_.db_path = image;
+  open();
+  EXPECT_EQ(recover()->stations[0].phase, StationPhase::measured);
+  EXPECT_FALSE(fs::exists(image + "-log-copy"));
+  EXPECT_TRUE(open_reader(image).ok());
+}
+
+// The name comes back with a power cut after it was removed; by then its first sector says that it is nothing.
+TEST_F(CrashTest, a_copy_of_the_log_that_was_done_with_is_not_believed_again) {
+  open();
+  begin(1);
+  std::string copy(512 + 4096, '\0');
+  close();
+  std::ofstream(settings_.db_path + "-log-copy", std::ios::binary) << copy;
+  open();
+  EXPECT_TRUE(recover()->slab_open);
+  EXPECT_FALSE(std::filesystem::exists(settings_.db_path + "-log-copy"));
+}
 
 TEST_F(CrashTest, failed_write_is_reported_and_the_next_job_opens_the_file_anew) {
   open();

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "base/result.h"
+
+/// Making a write-ahead log durable that an earlier connection or process has left.
+namespace slabd::storage {
+
+/// After this, every byte of `db_path`-wal is on the disk, whatever failed before: a commit may be put behind it.
+/// Without a log it does nothing. A reader may have the log open meanwhile: it always reads the same bytes. The
+/// writer's lock must be held, no connection of this process be open. Needs the log's size (16 MB at most in normal
+/// life) of free space for a moment, and five syncs.
+/// journal_write, store_full: the database must not be used until another call succeeds.
+[[nodiscard]] Status make_log_durable(const std::string& db_path);
+
+/// Such a call is under way, or was cut short and the next start of slabd has to end it: a reader must not open the
+/// database, for it might take a log that a power cut has spoilt for the whole one, and the writer would believe it.
+[[nodiscard]] bool log_is_in_doubt(const std::string& db_path);
+
+/// The copy's name, which belongs to the database as its log does.
+inline constexpr const char* kLogCopy = "-log-copy";
+
+}  // namespace slabd::storage
