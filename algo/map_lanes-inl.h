@@ -26,33 +26,48 @@ namespace HWY_NAMESPACE {
 
 class MapLanes {
  public:
-  explicit MapLanes(const MapSums& sums) : sums_(sums), x_(f16(0.0F)), y_(f16(0.0F)), r_(f16(kNone)) {}
+  explicit MapLanes(const MapSums& sums) : sums_(sums) { begin(); }
   /// Sixteen points in the block's frame and their distances; NaN: nothing to draw there.
   HWY_INLINE void take(const F16& x, const F16& y, const F16& r) {
     static constexpr std::array<float, kLanes> kNumber = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
-    const M16 turn = lane_numbers() == f16(kNumber[(taken_ + first_) % kLanes]);
-    x_ = select(turn, x, x_);
-    y_ = select(turn, y, y_);
-    r_ = select(turn, r, r_);
-    if (++taken_ == kLanes) put();
+    const std::size_t round = taken_ / kLanes;
+    const M16 turn = lane_numbers() == f16(kNumber[(taken_ + first_[round]) % kLanes]);
+    x_[round] = select(turn, x, x_[round]);
+    y_[round] = select(turn, y, y_[round]);
+    r_[round] = select(turn, r, r_[round]);
+    if (++taken_ == kRounds * kLanes) put();
   }
   /// What was taken goes to the map; also at the end, when not every lane has had its turn: those hold no number.
   HWY_NOINLINE void put() {
-    const M16 there = r_ == r_;
-    const F16 r = r_;
-    r_ = f16(kNone);
+    if (!sums_.count.empty())
+      for (std::size_t round = 0; round < kRounds; ++round) put(x_[round], y_[round], r_[round]);
+    begin();
+  }
+
+ private:
+  static constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+  /// Gathered before the map is looked at: its cells and what the caller works with do not fit the registers together.
+  static constexpr std::size_t kRounds = 16;
+
+  HWY_INLINE void begin() {
     taken_ = 0;
-    round_ += 0x9E3779B9U;  // steps of the golden ratio: never the same order for long
-    first_ = round_ >> 28U;
-    if (sums_.count.empty()) return;
+    for (std::size_t round = 0; round < kRounds; ++round) {
+      x_[round] = y_[round] = f16(0.0F);
+      r_[round] = f16(kNone);
+      first_[round] = turn_ >> 28U;
+      turn_ += 0x9E3779B9U;  // steps of the golden ratio: never the same order for long
+    }
+  }
+  HWY_INLINE void put(const F16& x, const F16& y, const F16& r) const {
+    const M16 there = r == r;
     constexpr std::size_t kCell = limits::kDeviationMapCell_mm;
     constexpr float kCells = 1.0F / static_cast<float>(kCell);
     constexpr auto kColumns = static_cast<float>(limits::kFaceTableX / kCell);
     constexpr float kHalfX = 0.5F * static_cast<float>(limits::kFaceTableX);
     constexpr float kHalfY = 0.5F * static_cast<float>(limits::kFaceTableY);
     // A missing point goes to the first cell, with nothing.
-    const F16 cell = floor((keep(there, y_) + f16(kHalfY)) * f16(kCells)) * f16(kColumns) +
-                     floor((keep(there, x_) + f16(kHalfX)) * f16(kCells));
+    const F16 cell = floor((keep(there, y) + f16(kHalfY)) * f16(kCells)) * f16(kColumns) +
+                     floor((keep(there, x) + f16(kHalfX)) * f16(kCells));
     alignas(64) std::array<std::int32_t, kLanes> at;
     alignas(64) std::array<std::int32_t, kLanes> r_nm;
     store(to_int(keep(there, cell)), at.data());
@@ -65,13 +80,11 @@ class MapLanes {
     }
   }
 
- private:
-  static constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
   const MapSums& sums_;
-  F16 x_, y_, r_;
-  std::uint32_t taken_ = 0;
-  std::uint32_t first_ = 0;  ///< lane of the round's first point
-  std::uint32_t round_ = 0;
+  std::array<F16, kRounds> x_, y_, r_;
+  std::array<std::uint32_t, kRounds> first_;  ///< lane of each round's first point
+  std::uint32_t turn_ = 0;
+  std::size_t taken_ = 0;
 };
 
 }  // namespace HWY_NAMESPACE
