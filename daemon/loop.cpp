@@ -13,6 +13,7 @@
 #include <filesystem>
 
 #include "daemon/judge.h"
+#include "daemon/seal.h"
 #include "hal/journal.h"
 
 namespace slabd::daemon {
@@ -31,6 +32,27 @@ constexpr std::int64_t kPlcNewsNs = kNsPerS;
 constexpr std::int64_t kPlcNewsPeriodNs = 60 * kNsPerS;
 /// Views that nobody came for: whoever calibrates comes back within a week, or begins anew.
 constexpr std::int64_t kCaptureKeptUs = 7 * 86'400'000'000LL;
+constexpr std::string_view kNoRoom =
+    R"({"schema":"slabd.error/1","error":"the daemon has no memory for an answer now (--seal); ask again"})";
+
+/// A sealed process may have no memory for somebody's text: then the job has failed, not the daemon.
+template <typename Work>
+auto or_failed(const Work& work) -> decltype(work()) {
+  try {
+    return work();
+  } catch (const std::exception& e) {
+    return error(Code::internal, "%s", e.what());
+  }
+}
+
+/// The same, for what is tried ten times a second anyway.
+template <typename Work>
+void or_later(const Work& work) {
+  try {
+    work();
+  } catch (const std::exception&) {
+  }
+}
 
 }  // namespace
 
@@ -51,10 +73,11 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<
   figures_.started_ns = ports_.clock.mono_ns();
   store_worker_ = crew_->storage([this](const StoreTask& task) { return store(task); },
                                  [this] {
-                                   if (store_handed_over_.load(std::memory_order_acquire)) ports_.store->idle();
+                                   if (store_handed_over_.load(std::memory_order_acquire))
+                                     or_later([this] { ports_.store->idle(); });
                                  });
-  scan_worker_ =
-      crew_->scanner([this](const AcquireScan& job) { return scan(job); }, [this] { ports_.scanner.idle(); });
+  scan_worker_ = crew_->scanner([this](const AcquireScan& job) { return scan(job); },
+                                [this] { or_later([this] { ports_.scanner.idle(); }); });
   measure_worker_ = crew_->measuring();
 }
 
@@ -79,17 +102,16 @@ StoreDone Loop::store(const StoreTask& task) {
     return done;
   }
   const std::int64_t start_ns = ports_.clock.mono_ns();
-  const Status status = ports_.store->apply(job);
+  const Status status = or_failed([&] { return ports_.store->apply(job); });
   done.commit_ms = ms_from_ns(ports_.clock.mono_ns() - start_ns);
   if (!status.ok()) {
     done.code = status.error().code;
     say({LogLine::Level::error, static_cast<std::uint16_t>(done.code), status.error().text});
   }
-  if (ports_.store->spool_trouble() != spool_trouble_said_) {
+  if (ports_.store->spool_trouble() != spool_trouble_said_.view()) {
     spool_trouble_said_ = ports_.store->spool_trouble();
     if (!spool_trouble_said_.empty())
-      say({LogLine::Level::warning, static_cast<std::uint16_t>(Code::store_full),
-           std::string_view(spool_trouble_said_)});
+      say({LogLine::Level::warning, static_cast<std::uint16_t>(Code::store_full), spool_trouble_said_.view()});
   }
   return done;
 }
@@ -110,12 +132,13 @@ ScanDone Loop::scan(const AcquireScan& job) {
   done.slot = job.slot;
   // Measuring need not wait for the disk. Where nobody takes the news, it begins when the scan is durable.
   const std::span<float> xyz = crew_->slot(job.slot);
+  const auto decoded = [this, &done, xyz](const AcquiredScan& scan) {
+    done.scan = scan;
+    done.fingerprint = fingerprint_of(xyz.first(std::min(3 * scan.shape.points, xyz.size())));
+    (void)scan_worker_->post(done);
+  };
   const Result<AcquiredScan> result =
-      ports_.scanner.acquire(job.request, xyz, cancel_scan_, [this, &done, xyz](const AcquiredScan& decoded) {
-        done.scan = decoded;
-        done.fingerprint = fingerprint_of(xyz.first(std::min(3 * decoded.shape.points, xyz.size())));
-        (void)scan_worker_->post(done);
-      });
+      or_failed([&] { return ports_.scanner.acquire(job.request, xyz, cancel_scan_, decoded); });
   done.durable = true;
   if (result.ok()) {
     done.scan = result.value();
@@ -129,8 +152,9 @@ ScanDone Loop::scan(const AcquireScan& job) {
 
 // ---- on the loop's thread ----------------------------------------------------------------------------------------
 
-bool Loop::run(const std::atomic<bool>& stop, std::int64_t patience_ns) {
+bool Loop::run(const std::atomic<bool>& stop, std::int64_t patience_ns, const std::function<void()>& recovered) {
   start();
+  if (recovered && ports_.store != nullptr) recovered();
   while (!stop.load()) {
     turn(kTurnMs);
     if (wants_store(patience_ns)) return true;
@@ -306,8 +330,10 @@ void Loop::serve_control() {
   if (ports_.control == nullptr) return;
   std::string_view line;
   for (std::size_t i = 0; i < limits::kControlClientsMax && ports_.control->next(ports_.clock.mono_ns(), line); ++i)
-    ports_.control->reply(answer_control(line, *station_, ports_, figures_, calibration_desk_,
-                                         [this](const Event& event) { handle(event); }));
+    ports_.control->reply(has_room_for_an_answer()
+                              ? answer_control(line, *station_, ports_, figures_, calibration_desk_,
+                                               [this](const Event& event) { handle(event); })
+                              : kNoRoom);
   if (calibration_desk_.is_waiting() && store_worker_->push(StoreTask{true, {}})) calibration_desk_.started();
 }
 
@@ -322,6 +348,7 @@ void Loop::feed_watchdog() {
   }
   if (!alive || now_ns - watchdog_ns_ < kWatchdogPeriodNs) return;
   watchdog_ns_ = now_ns;
+  put_the_reserve_back();
   ports_.notify.watchdog();
   FixedString<160> line;
   const PlcOutputs view = plc_view(*station_);

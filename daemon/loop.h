@@ -61,8 +61,10 @@ class Loop {
   Loop& operator=(const Loop&) = delete;
 
   /// Runs until `stop` becomes true, and finishes store jobs under way before it returns. Also returns, with true, when
-  /// wants_store(patience_ns).
-  bool run(const std::atomic<bool>& stop, std::int64_t patience_ns = kStorePatience_ns);
+  /// wants_store(patience_ns). `recovered` is called once, when what storage remembers has been taken up and everything
+  /// that works on slabs is there; not when storage cannot be used.
+  bool run(const std::atomic<bool>& stop, std::int64_t patience_ns = kStorePatience_ns,
+           const std::function<void()>& recovered = {});
 
   // What run() consists of, for whoever moves the clock himself.
   /// Takes up what storage remembers; once, first.
@@ -127,7 +129,7 @@ class Loop {
   std::string plc_trouble_seen_;
   std::int64_t plc_trouble_ns_ = 0;  ///< since when it is so
   std::int64_t plc_said_ns_ = -(std::int64_t{1} << 40U);
-  std::string spool_trouble_said_;  ///< storage thread only
+  FixedString<limits::kErrorTextBytes> spool_trouble_said_;  ///< storage thread only
   CalibrationDesk calibration_desk_;
 
   // Last: the workers start when everything they touch exists, and end first.

@@ -12,6 +12,7 @@
 #include "daemon/absent.h"
 #include "daemon/loop.h"
 #include "daemon/opening.h"
+#include "daemon/seal.h"
 
 namespace slabd::daemon {
 namespace {
@@ -114,8 +115,21 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
   return std::move(made.value());
 }
 
+/// A seal that cannot be had is said and done without: a dark interface helps nobody.
+void seal(std::uint64_t headroom_bytes) {
+  bool whole = true;
+  for (const Status& status : {lock_memory(headroom_bytes + kReserveBytes), limit_address_space(headroom_bytes)}) {
+    if (status.ok()) continue;
+    whole = false;
+    std::fprintf(stderr, "error: --seal: %s\n", status.error().text.c_str());
+  }
+  if (whole)
+    std::fprintf(stderr, "info: slabd: memory is locked and sealed, %.0f MB beside it can be had\n",
+                 static_cast<double>(headroom_bytes) / 1e6);
+}
+
 int run(const Config& config, const std::vector<Problem>& config_problems, const std::vector<Recipe>& recipes,
-        const std::vector<Problem>& recipe_problems) {
+        const std::vector<Problem>& recipe_problems, std::uint64_t headroom_bytes) {
   print(config_problems);
   print(recipe_problems);
 
@@ -189,7 +203,11 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     std::fprintf(stderr, "info: %s: %s, inspection memory %.0f MB%s\n", now.software.c_str(),
                  plc_place(config.plc).c_str(), static_cast<double>(limits::kInspectionBytes) / 1e6,
                  now.fault == Code::ok ? "" : "; in FAULT, see above");
-    again = loop.run(g_stop, patience_ns);
+    // Not before the database has been read: until then it may have to be opened anew, on a new thread and beside a new
+    // loop. From there on it is the storage thread that does so, and every thread there will ever be has started.
+    again = loop.run(g_stop, patience_ns, [headroom_bytes] {
+      if (headroom_bytes != 0) seal(headroom_bytes);
+    });
   }
   std::fprintf(stderr, "info: slabd: stopped\n");
   return 0;
@@ -205,6 +223,11 @@ int main(int argc, char** argv) {
   bool check_only = false;
   app.add_option("--config", config_path, "configuration file")->capture_default_str();
   app.add_flag("--check", check_only, "check configuration and recipes, then exit (0 usable, 3 not)");
+  std::uint64_t headroom_mb = 0;
+  app.add_option("--seal", headroom_mb, "lock all memory and let it grow by so many MB at most; see docs/OPERATING.md")
+      ->expected(0, 1)
+      ->default_str(std::to_string(slabd::limits::kProcessBytes / 1'000'000))
+      ->check(CLI::Range(4, 1000));
   app.set_version_flag("--version", std::string(software_version().view()));
   try {
     app.parse(argc, argv);
@@ -215,6 +238,7 @@ int main(int argc, char** argv) {
 
   try {
     catch_signals();
+    use_one_heap();
     Config config;
     std::vector<Problem> config_problems;
     load_config(config_path, config, config_problems);
@@ -222,7 +246,7 @@ int main(int argc, char** argv) {
     std::vector<Problem> recipe_problems;
     if (config_problems.empty()) load_recipes(config.recipes_dir, recipes, recipe_problems);
     if (check_only) return check(config, config_problems, recipes, recipe_problems);
-    return run(config, config_problems, recipes, recipe_problems);
+    return run(config, config_problems, recipes, recipe_problems, headroom_mb * 1'000'000);
   } catch (const std::exception& e) {
     std::fprintf(stderr, "error: slabd: %s\n", e.what());
     return kExitInternal;

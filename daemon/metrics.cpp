@@ -2,11 +2,15 @@
 //
 // What the daemon knows of itself, in the text format of Prometheus. Names and meanings stand in one list; counters
 // count from the start of the process, maxima since the start or the last reset. Control path: uses the heap.
+#include <malloc.h>
+#include <sys/resource.h>
+
 #include <cstdio>
 #include <filesystem>
 #include <string>
 
 #include "daemon/loop.h"
+#include "daemon/seal.h"
 #include "daemon/station_parts.h"
 
 namespace slabd::daemon {
@@ -132,6 +136,16 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
   text.gauge("slabd_block_max_seconds", "The longest block since the last reset", figures.block_max_ms / 1e3);
   text.gauge("slabd_memory_bytes", "Resident memory", 1024.0 * static_cast<double>(memory_kb("VmRSS")));
   text.gauge("slabd_memory_max_bytes", "The most there ever was", 1024.0 * static_cast<double>(memory_kb("VmHWM")));
+  text.gauge("slabd_memory_locked_bytes", "Cannot be swapped out; all of it with --seal",
+             1024.0 * static_cast<double>(memory_kb("VmLck")));
+  text.gauge("slabd_memory_mapped_bytes", "Addresses in use", 1024.0 * static_cast<double>(memory_kb("VmSize")));
+  text.gauge("slabd_heap_bytes", "Of the C library's heap, handed out", static_cast<double>(::mallinfo2().uordblks));
+  rlimit limit{};
+  const bool sealed = ::getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY;
+  text.gauge("slabd_memory_limit_bytes", "Addresses that can be used; 0: no limit",
+             sealed ? static_cast<double>(limit.rlim_cur) : 0.0);
+  text.counter("slabd_memory_reserve_uses_total", "Times that something needed more than --seal leaves",
+               reserve_uses());
   return text.take();
 }
 

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <limits>
+#include <new>
 
 namespace slabd::storage {
 namespace {
@@ -15,11 +16,40 @@ namespace {
   throw SqlFailure{result, std::string(message) + " (SQLite " + std::to_string(result) + ") in: " + doing};
 }
 
+/// SQLite asks like C++ does: what fails is asked for again as long as the process's new-handler knows a way (a sealed
+/// daemon has a reserve). Then SQLite gets nullptr, and the statement fails.
+sqlite3_mem_methods g_plain;
+
+template <typename Ask>
+void* ask_again(const Ask& ask) {
+  void* memory = ask();
+  try {
+    for (std::new_handler handler = std::get_new_handler(); memory == nullptr && handler != nullptr; memory = ask())
+      handler();
+  } catch (const std::bad_alloc&) {
+  }
+  return memory;
+}
+
+void use_the_new_handler() {
+  static const bool done = [] {
+    if (sqlite3_config(SQLITE_CONFIG_GETMALLOC, &g_plain) != SQLITE_OK) return false;  // in use already
+    sqlite3_mem_methods asking = g_plain;
+    asking.xMalloc = [](int bytes) { return ask_again([bytes] { return g_plain.xMalloc(bytes); }); };
+    asking.xRealloc = [](void* old, int bytes) {
+      return ask_again([old, bytes] { return g_plain.xRealloc(old, bytes); });
+    };
+    return sqlite3_config(SQLITE_CONFIG_MALLOC, &asking) == SQLITE_OK;
+  }();
+  (void)done;
+}
+
 }  // namespace
 
 // ---- Connection --------------------------------------------------------------------------------------------------
 
 Connection::Connection(const std::string& path, int flags) {
+  use_the_new_handler();
   if (sqlite3_open_v2(path.c_str(), &handle_, flags, nullptr) == SQLITE_OK) {
     sqlite3_extended_result_codes(handle_, 1);
     return;

@@ -142,9 +142,11 @@ Box::~Box() {
   fs::remove_all(dir, ignored);
 }
 
-void Box::start() {
-  daemon_ = std::make_unique<Process>(std::vector<std::string>{SLABD_PROGRAM, "--config", config.native()},
-                                      dir / "slabd.out", dir / "slabd.err");
+void Box::start(const std::vector<std::string>& more) {
+  std::vector<std::string> command = launcher;
+  command.insert(command.end(), {SLABD_PROGRAM, "--config", config.native()});
+  command.insert(command.end(), more.begin(), more.end());
+  daemon_ = std::make_unique<Process>(command, dir / "slabd.out", dir / "slabd.err");
 }
 
 bool Box::ready() {

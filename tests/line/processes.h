@@ -46,7 +46,8 @@ class Box {
   Box(const Box&) = delete;
   Box& operator=(const Box&) = delete;
 
-  void start();
+  /// With these arguments more.
+  void start(const std::vector<std::string>& more = {});
   /// Waits until the daemon answers on its port; false when it ended instead.
   [[nodiscard]] bool ready();
   void kill_hard();
@@ -66,6 +67,8 @@ class Box {
   /// Starts `slabctl simulate` and does not wait.
   [[nodiscard]] std::unique_ptr<Process> simulate(std::vector<std::string> args) const;
 
+  /// What the daemon's command line begins with: env and its variables, or nothing.
+  std::vector<std::string> launcher;
   fs::path dir;
   fs::path config;
   std::uint16_t port = 0;
