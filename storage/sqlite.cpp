@@ -31,6 +31,8 @@ void* ask_again(const Ask& ask) {
   return memory;
 }
 
+}  // namespace
+
 void use_the_new_handler() {
   static const bool done = [] {
     if (sqlite3_config(SQLITE_CONFIG_GETMALLOC, &g_plain) != SQLITE_OK) return false;  // in use already
@@ -43,8 +45,6 @@ void use_the_new_handler() {
   }();
   (void)done;
 }
-
-}  // namespace
 
 // ---- Connection --------------------------------------------------------------------------------------------------
 

@@ -18,6 +18,10 @@ struct SqlFailure {
   std::string text;  ///< SQLite's message and what was being done
 };
 
+/// From now on SQLite asks the process's std::new_handler when memory runs out. Has to come before anything else is
+/// asked of SQLite, a VFS included; later it does nothing.
+void use_the_new_handler();
+
 class Connection {
  public:
   /// Opens without creating anything but the file. `flags` are SQLITE_OPEN_*.
