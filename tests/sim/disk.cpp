@@ -19,10 +19,12 @@ namespace {
 
 Disk* g_disk = nullptr;
 
+using Content = std::vector<unsigned char>;
+
 struct LayerFile {
   sqlite3_file base;
   std::string* path;
-  bool database;  ///< or its log or journal: anything that must survive
+  std::shared_ptr<Content>* content;
   sqlite3_file* real;
 };
 
@@ -34,9 +36,23 @@ sqlite3_vfs* real_vfs(sqlite3_vfs* vfs) {
 }
 
 std::int64_t size_of(const LayerFile& f) {
+  return static_cast<std::int64_t>((*f.content)->size());
+}
+
+/// Of a file that was just opened.
+std::shared_ptr<Content> content_of(sqlite3_file* real, const std::string& path) {
+  std::weak_ptr<Content>& known = g_disk->file(path).content;
+  if (auto content = known.lock()) return content;
   sqlite3_int64 bytes = 0;
-  f.real->pMethods->xFileSize(f.real, &bytes);
-  return bytes;
+  real->pMethods->xFileSize(real, &bytes);
+  auto content = std::make_shared<Content>(static_cast<std::size_t>(bytes));
+  if (bytes > 0) {
+    const int read = real->pMethods->xRead(real, content->data(), static_cast<int>(bytes), 0);
+    assert(read == SQLITE_OK);
+    (void)read;
+  }
+  known = content;
+  return content;
 }
 
 /// Before sectors change: keeps what a loss of power may bring back.
@@ -60,10 +76,9 @@ void keep_old(LayerFile& f, std::int64_t first_byte, std::int64_t end_byte) {
   if (existing > 0) {
     run.old_bytes = static_cast<std::size_t>(existing);
     log.old.resize(run.old_at + run.old_bytes);
-    const int read =
-        f.real->pMethods->xRead(f.real, &log.old[run.old_at], static_cast<int>(existing), run.sector * Disk::kSector);
-    assert(read == SQLITE_OK || read == SQLITE_IOERR_SHORT_READ);
-    (void)read;
+    const auto from = static_cast<std::size_t>(run.sector * Disk::kSector);
+    if (from < (*f.content)->size())
+      std::memcpy(&log.old[run.old_at], &(**f.content)[from], std::min(run.old_bytes, (*f.content)->size() - from));
   }
   log.runs.push_back(run);
 }
@@ -71,7 +86,9 @@ void keep_old(LayerFile& f, std::int64_t first_byte, std::int64_t end_byte) {
 int x_close(sqlite3_file* file) {
   LayerFile& f = *layer(file);
   const int result = f.real->pMethods->xClose(f.real);
+  const heap::Aside aside;
   delete f.path;
+  delete f.content;
   f.base.pMethods = nullptr;
   return result;
 }
@@ -79,7 +96,14 @@ int x_read(sqlite3_file* file, void* out, int bytes, sqlite3_int64 at) {
   LayerFile& f = *layer(file);
   bool tear = false;
   if (const int result = g_disk->allow(Disk::Call::read, tear); result != SQLITE_OK) return result;
-  return f.real->pMethods->xRead(f.real, out, bytes, at);
+  const Content& content = **f.content;
+  const auto wanted = static_cast<std::size_t>(bytes);
+  const auto from = static_cast<std::size_t>(at);
+  const std::size_t there = from < content.size() ? std::min(wanted, content.size() - from) : 0;
+  if (there > 0) std::memcpy(out, &content[from], there);
+  if (there == wanted) return SQLITE_OK;
+  std::memset(static_cast<unsigned char*>(out) + there, 0, wanted - there);
+  return SQLITE_IOERR_SHORT_READ;
 }
 int x_write(sqlite3_file* file, const void* in, int bytes, sqlite3_int64 at) {
   LayerFile& f = *layer(file);
@@ -91,6 +115,11 @@ int x_write(sqlite3_file* file, const void* in, int bytes, sqlite3_int64 at) {
     keep_old(f, at, at + written);
     const int done = f.real->pMethods->xWrite(f.real, in, written, at);
     if (done != SQLITE_OK) return done;
+    const heap::Aside aside;
+    Content& content = **f.content;
+    const auto end = static_cast<std::size_t>(at + written);
+    if (content.size() < end) content.resize(end);
+    std::memcpy(&content[static_cast<std::size_t>(at)], in, static_cast<std::size_t>(written));
   }
   return result;
 }
@@ -99,7 +128,10 @@ int x_truncate(sqlite3_file* file, sqlite3_int64 bytes) {
   bool tear = false;
   if (const int result = g_disk->allow(Disk::Call::truncate, tear); result != SQLITE_OK) return result;
   if (size_of(f) > bytes) keep_old(f, bytes, size_of(f));
-  return f.real->pMethods->xTruncate(f.real, bytes);
+  const int done = f.real->pMethods->xTruncate(f.real, bytes);
+  const heap::Aside aside;
+  if (done == SQLITE_OK) (*f.content)->resize(static_cast<std::size_t>(bytes));
+  return done;
 }
 int x_sync(sqlite3_file* file, int) {
   LayerFile& f = *layer(file);
@@ -123,7 +155,8 @@ int x_sync(sqlite3_file* file, int) {
   return SQLITE_OK;
 }
 int x_size(sqlite3_file* file, sqlite3_int64* bytes) {
-  return layer(file)->real->pMethods->xFileSize(layer(file)->real, bytes);
+  *bytes = size_of(*layer(file));
+  return SQLITE_OK;
 }
 int x_lock(sqlite3_file* file, int level) {
   return layer(file)->real->pMethods->xLock(layer(file)->real, level);
@@ -174,6 +207,8 @@ int x_open(sqlite3_vfs* vfs, const char* path, sqlite3_file* file, int flags, in
   if (result != SQLITE_OK) return result;
   const heap::Aside aside;
   f.path = new std::string(path != nullptr ? path : "");
+  f.content = new std::shared_ptr<Content>(g_disk != nullptr && path != nullptr ? content_of(f.real, *f.path)
+                                                                                : std::make_shared<Content>());
   f.base.pMethods = &kMethods;
   return SQLITE_OK;
 }
@@ -259,6 +294,7 @@ void Disk::renamed(const std::string& from, const std::string& to) {
 }
 
 Disk::Disk(World& world) : world_(world), chance_(world.chance(1)) {
+  heap::take_over();
   register_layer();
   assert(g_disk == nullptr);
   g_disk = this;
@@ -339,6 +375,7 @@ void Disk::lose_power() {
     ::close(fd);
     f.unsynced.clear();
     f.synced_bytes = end;
+    assert(f.content.expired());
   }
 }
 

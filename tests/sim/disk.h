@@ -4,14 +4,15 @@
 #include <array>
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "tests/sim/process.h"
 
 /// The disk under the database: SQLite's own file layer on a folder in memory, with a layer of ours above it that knows
-/// what has been synced. It can fail as disks do, lose or tear at a loss of power what was not synced, and end the
-/// process in the middle of any write.
+/// what has been synced (and what the files hold: reading asks no kernel). It can fail as disks do, lose or tear at a
+/// loss of power what was not synced, and end the process in the middle of any write.
 ///
 /// After a failed sync what was written stays readable and is never written again, as Linux does it: a later sync that
 /// succeeds says nothing about it.
@@ -56,6 +57,7 @@ class Disk {
     std::vector<unsigned char> old;
     std::map<std::int64_t, OldSector> unsynced;  ///< the same by sector, as soon as something goes wrong
     std::int64_t synced_bytes = 0;
+    std::weak_ptr<std::vector<unsigned char>> content;  ///< as in the folder, for whoever has it open
     /// Puts the runs into `unsynced`.
     void fold(bool doomed);
   };

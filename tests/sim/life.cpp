@@ -494,7 +494,6 @@ std::vector<Recipe> life_recipes() {
 }
 
 LifeResult live(std::uint64_t seed, const std::vector<Recipe>& recipes, bool loud) {
-  heap::take_over();
   fs::remove_all("data");
   fs::remove_all(kSpool);
   Life life(seed, recipes, loud);

@@ -84,10 +84,9 @@ struct World {
     if (until_ns <= now_ns) return 0.0;
     return until_ns / kMs % 4 == 0 ? in_storm : 0.05 * in_storm;
   }
-  /// An independent source of chance for each part, so that one more draw in one does not change the others.
-  [[nodiscard]] Prng chance(std::uint64_t part) const {
-    return Prng(seed * 0x9E3779B97F4A7C15U + part * 0xD1B54A32D192ED03U);
-  }
+  /// An independent source of chance for each part, so that one more draw in one does not change the others. Seeds that
+  /// are not mixed would begin the same sequence a few draws apart, and neighbours would live nearly the same life.
+  [[nodiscard]] Prng chance(std::uint64_t part) const { return Prng(Prng(Prng(seed).next() + part).next()); }
 
   [[gnu::format(printf, 2, 3)]] void violated(const char* format, ...);
 };
