@@ -56,8 +56,11 @@ int check(const Config& config, const std::vector<Problem>& config_problems, con
           const std::vector<Problem>& recipe_problems) {
   print(config_problems);
   print(recipe_problems);
-  if (!config_problems.empty() || !recipe_problems.empty()) return kExitBadInput;
-  std::printf("%s: ok\n", config.path.c_str());
+  if (!config_problems.empty()) return kExitBadInput;
+  // Whoever checks a file before it is installed learns that the file is not to blame.
+  std::printf("%s: ok%s\n", config.path.c_str(),
+              recipe_problems.empty() ? "" : ", but not the recipes it names (see above)");
+  if (!recipe_problems.empty()) return kExitBadInput;
   for (const Recipe& recipe : recipes)
     std::printf("recipe %s: slab type %u, %u blocks, %d nominals and tolerances unconfirmed\n", recipe.name.c_str(),
                 recipe.slab_type, recipe.stations(), unconfirmed_count(recipe));
@@ -117,15 +120,13 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
 
 /// A seal that cannot be had is said and done without: a dark interface helps nobody.
 void seal(std::uint64_t headroom_bytes) {
-  bool whole = true;
-  for (const Status& status : {lock_memory(headroom_bytes + kReserveBytes), limit_address_space(headroom_bytes)}) {
-    if (status.ok()) continue;
-    whole = false;
-    std::fprintf(stderr, "error: --seal: %s\n", status.error().text.c_str());
-  }
-  if (whole)
-    std::fprintf(stderr, "info: slabd: memory is locked and sealed, %.0f MB beside it can be had\n",
-                 static_cast<double>(headroom_bytes) / 1e6);
+  const Status locked = lock_memory(headroom_bytes + kReserveBytes);
+  const Status limited = limit_address_space(headroom_bytes);
+  for (const Status& status : {locked, limited})
+    if (!status.ok()) std::fprintf(stderr, "error: --seal: %s\n", status.error().text.c_str());
+  if (limited.ok())
+    std::fprintf(stderr, "info: slabd: memory is %ssealed, %.0f MB beside it can be had\n",
+                 locked.ok() ? "locked and " : "", static_cast<double>(headroom_bytes) / 1e6);
 }
 
 int run(const Config& config, const std::vector<Problem>& config_problems, const std::vector<Recipe>& recipes,

@@ -254,7 +254,13 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
   std::error_code ec;
   for (std::filesystem::directory_iterator it(dir, ec), end; !ec && it != end; it.increment(ec))
     if (it->path().extension() == ".toml") paths.push_back(it->path().string());
-  if (ec) problems.push_back({fmt::format("{}: the recipe folder cannot be read: {}", dir, ec.message())});
+  if (ec) {
+    problems.push_back(
+        {fmt::format("{}: the recipe folder cannot be read: {}; it is [recipes] dir of the configuration, and slabd's "
+                     "package fills it",
+                     dir, ec.message())});
+    return;
+  }
   std::sort(paths.begin(), paths.end());
 
   std::map<std::uint16_t, std::string> path_of_type;

@@ -205,6 +205,26 @@ TEST_F(StreamLineTest, a_slab_is_finished_over_tcp_from_planned_stations) {
   EXPECT_EQ(box.stop(), 0);
 }
 
+TEST(FaultyConfiguration, a_good_file_is_told_from_a_computer_without_recipes) {
+  Box box;
+  const auto check = [&box] {
+    Process process({SLABD_PROGRAM, "--config", box.config.native(), "--check"}, box.dir / "check.out",
+                    box.dir / "check.err");
+    return process.wait();
+  };
+  EXPECT_EQ(check(), 0) << read_file(box.dir / "check.err");
+  std::string text = read_file(box.config);
+  text.replace(text.find("/recipes"), 8, "/nowhere");
+  std::ofstream(box.config) << text;
+  EXPECT_EQ(check(), 3);
+  EXPECT_NE(read_file(box.dir / "check.out").find(": ok, but not the recipes it names"), std::string::npos);
+  EXPECT_NE(read_file(box.dir / "check.err").find("/nowhere: the recipe folder cannot be read"), std::string::npos);
+  std::ofstream(box.config, std::ios::app) << "[scaner]\n";
+  fs::remove(box.dir / "check.out");
+  EXPECT_EQ(check(), 3);
+  EXPECT_EQ(read_file(box.dir / "check.out"), "") << "nothing is ok";
+}
+
 TEST(FaultyConfiguration, shows_the_plc_fault_504_and_names_the_line) {
   Box box;
   std::ofstream(box.config, std::ios::app) << "[scaner]\n";
