@@ -25,6 +25,7 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <exception>
 #include <filesystem>
 #include <vector>
 
@@ -133,6 +134,9 @@ Status make_log_durable(const std::string& db_path) {
   } catch (const SqlFailure& failure) {
     return error((failure.result & 0xFF) == SQLITE_FULL ? Code::store_full : Code::journal_write,
                  "cannot use database %s: its log cannot be made durable: %s", db_path.c_str(), failure.text.c_str());
+  } catch (const std::exception& e) {
+    return error(Code::internal, "cannot use database %s: its log cannot be made durable: %s", db_path.c_str(),
+                 e.what());
   }
 }
 

@@ -12,7 +12,7 @@ namespace slabd::storage {
 /// Without a log it does nothing. A reader may have the log open meanwhile: it always reads the same bytes. The
 /// writer's lock must be held, no connection of this process be open. Needs the log's size (16 MB at most in normal
 /// life) of free space for a moment, and five syncs.
-/// journal_write, store_full: the database must not be used until another call succeeds.
+/// journal_write, store_full, internal (no memory): the database must not be used until another call succeeds.
 [[nodiscard]] Status make_log_durable(const std::string& db_path);
 
 /// Such a call is under way, or was cut short and the next start of slabd has to end it: a reader must not open the

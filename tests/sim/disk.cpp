@@ -285,7 +285,6 @@ void Disk::File::fold(bool doomed) {
 }
 
 void Disk::renamed(const std::string& from, const std::string& to) {
-  const heap::Aside aside;
   files_.erase(to);
   if (auto known = files_.extract(from); !known.empty()) {
     known.key() = to;
@@ -383,6 +382,7 @@ void Disk::lose_power() {
 
 /// Stands in for the C library's: what is known about a file goes with its name.
 extern "C" int rename(const char* from, const char* to) noexcept {
+  const slabd::sim::heap::Aside aside;
   const long result = syscall(SYS_rename, from, to);
   if (result == 0 && slabd::sim::g_disk != nullptr) slabd::sim::g_disk->renamed(from, to);
   return static_cast<int>(result);

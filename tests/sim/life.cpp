@@ -118,6 +118,7 @@ class Life {
   std::int64_t kill_in_boot_ = 0;
 
   std::vector<Episode> episodes_;
+  std::vector<Episode> sequels_;  ///< of faults that were just fired
   std::int64_t faults_end_ns_ = 0;
   std::int64_t mono_released_ns_ = 0;
   std::size_t covered_state_ = kAnyState;
@@ -338,6 +339,8 @@ void Life::trigger_faults() {
     if (e.state != kAnyState && e.state != now && world_.now_ns < e.from_ns + 90 * kSecond) continue;
     fire(e);
   }
+  episodes_.insert(episodes_.end(), sequels_.begin(), sequels_.end());
+  sequels_.clear();
 }
 
 void Life::fire(Episode& e) {
@@ -403,6 +406,15 @@ void Life::fire(Episode& e) {
         world_.weather.until_ns[also] = until_ns;
         ++world_.totals.injected[also][state()];
       }
+      break;
+    case Fault::disk_fsync:
+    case Fault::disk_eio:
+      world_.weather.until_ns[static_cast<std::size_t>(e.fault)] = until_ns;
+      // What it leaves behind shows when the power goes, before or after the next process has built on it.
+      if (happens(chance_, 0.3))
+        sequels_.push_back({Fault::kill, until_ns - between(chance_, 0, kSecond), kAnyState, 0, false});
+      if (happens(chance_, 0.3))
+        sequels_.push_back({Fault::power_loss, until_ns + between(chance_, 0, 10 * kSecond), kAnyState, 0, false});
       break;
     default: world_.weather.until_ns[static_cast<std::size_t>(e.fault)] = until_ns; break;
   }

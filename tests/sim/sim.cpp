@@ -7,6 +7,8 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
 #include <atomic>
 #include <cerrno>
 #include <chrono>
@@ -31,6 +33,8 @@ struct Options {
   bool keep_going = false;
 };
 
+constexpr unsigned kJobsMax = 256;
+
 /// Lies in memory that all workers share.
 struct Shared {
   std::atomic<std::uint64_t> next{0};
@@ -40,6 +44,7 @@ struct Shared {
   double slowest_s = 0.0;
   std::uint64_t slowest_seed = 0;
   std::uint64_t finished = 0;
+  std::array<std::atomic<std::uint64_t>, kJobsMax> living{};  ///< seed of each worker
 };
 
 Shared* g_shared = nullptr;
@@ -61,7 +66,7 @@ void print_failure(std::uint64_t seed, const LifeResult& life) {
   std::fflush(stdout);
 }
 
-void work(const Options& options, Shared& shared) {
+void work(const Options& options, Shared& shared, unsigned worker) {
   const auto begun = Clock::now();
   const std::vector<Recipe> recipes = life_recipes();
   const std::string folder = enter_own_folder();
@@ -70,6 +75,7 @@ void work(const Options& options, Shared& shared) {
     if (index >= options.seeds) break;
     if (options.minutes > 0.0 && seconds_since(begun) > 60.0 * options.minutes) break;
     const auto start = Clock::now();
+    shared.living[worker] = options.from + index;
     const LifeResult life = live(options.from + index, recipes, false);
     const double took_s = seconds_since(start);
     while (shared.lock.test_and_set()) ::usleep(50);
@@ -160,24 +166,27 @@ int live_many(const Options& options) {
   std::signal(SIGTERM, on_signal);
   const auto start = Clock::now();
   std::vector<pid_t> workers;
-  for (unsigned i = 0; i < std::max(1U, options.jobs); ++i) {
+  for (unsigned i = 0; i < std::clamp(options.jobs, 1U, kJobsMax); ++i) {
     const pid_t pid = ::fork();
     if (pid == 0) {
-      work(options, *shared);
+      work(options, *shared, i);
       std::fflush(stdout);
       ::_exit(0);
     }
     workers.push_back(pid);
   }
   bool crashed = false;
-  for (const pid_t pid : workers) {
+  for (std::size_t i = 0; i < workers.size(); ++i) {
     int status = 0;
-    while (::waitpid(pid, &status, 0) < 0 && errno == EINTR) {
+    while (::waitpid(workers[i], &status, 0) < 0 && errno == EINTR) {
     }
-    crashed = crashed || !WIFEXITED(status) || WEXITSTATUS(status) != 0;
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 0) continue;
+    crashed = true;
+    const auto seed = static_cast<unsigned long long>(shared->living[i].load());
+    std::printf("SEED %llu CRASHED\n  again: script/sim --seed %llu\n", seed, seed);
+    std::fflush(stdout);
   }
   print_summary(options, *shared, seconds_since(start));
-  if (crashed) std::printf("A WORKER CRASHED\n");
   return crashed || shared->totals.failed != 0 ? 1 : 0;
 }
 
