@@ -224,5 +224,84 @@ TEST(StationCalibration, outside_the_gate_the_scan_is_spliced_without_its_correc
   EXPECT_NE(line.view().warn & kWarnStationsNotCorrected, 0);
 }
 
+TEST(StationCalibration, corrections_that_expired_are_not_used_and_not_named) {
+  MemoryStore store;
+  store.line.calibration = mastered("he-1", test_recipe());
+  store.line.calibration.tables[0].expires_utime_us = 1;
+  Line line(store);
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  EXPECT_TRUE(begun(store).stations_id.empty());
+  line.scan(1);
+  EXPECT_EQ(store.line.stations[0].attempt.splice.source, SpliceSource::expired);
+  EXPECT_NE(line.view().warn & kWarnStationsNotCorrected, 0);
+}
+
+TEST(StationCalibration, corrections_that_will_expire_are_used_until_then) {
+  MemoryStore store;
+  store.line.calibration = mastered("he-1", test_recipe());
+  store.line.calibration.tables[0].expires_utime_us = INT64_MAX;
+  Line line(store);
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  EXPECT_EQ(begun(store).stations_id.view(), "st-1");
+}
+
+TEST(StationCalibration, a_station_that_was_never_mastered_among_others_that_were_is_a_warning) {
+  MemoryStore store;
+  store.line.calibration = mastered("he-1", test_recipe());
+  store.line.calibration.tables[0].table.station[1] = {};
+  Line line(store);
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  line.scan(1);
+  EXPECT_EQ(line.view().warn & kWarnStationsNotCorrected, 0);
+  line.scan(2);
+  EXPECT_EQ(store.line.stations[1].attempt.splice.source, SpliceSource::not_mastered);
+  EXPECT_NE(line.view().warn & kWarnStationsNotCorrected, 0);
+}
+
+TEST(StationCalibration, an_overdue_check_of_the_ball_is_a_warning_too) {
+  MemoryStore store;
+  store.line.calibration = hand_eye("he-1");
+  store.line.calibration.ball.reference_id = "ball-1";
+  store.line.calibration.ball.since_utime_us = 2'000'000;
+  Line line(store);
+  line.station->settings.check_interval_us = 3'000'000;
+  line.run_for(5'000);
+  EXPECT_NE(line.view().warn & kWarnCheckOverdue, 0);
+}
+
+TEST(StationCalibration, a_calibration_that_fails_during_a_slab_stops_the_line_after_it) {
+  MemoryStore store;
+  store.line.calibration = hand_eye("he-1");
+  Line line(store);
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  LineCalibration now = hand_eye("he-2");
+  now.block.reference_id = "rb-1";
+  now.block.failed = true;
+  line.feed(CalibrationChanged{&now});
+  line.run_for(100);
+  EXPECT_EQ(line.view().fault, 0) << "a slab that was begun is finished";
+  line.scan(1);
+  EXPECT_EQ(line.view().cmd_status, 4);
+  line.command(PlcCommand::slab_end);
+  line.run_for(100);
+  EXPECT_EQ(line.view().fault, 503);
+}
+
+TEST(StationCalibration, a_line_with_neither_an_applied_nor_a_configured_calibration_begins_no_slab) {
+  MemoryStore store;
+  Line line(store);
+  line.station->settings.calibration_id = "";
+  const LineCalibration nothing;
+  line.feed(CalibrationChanged{&nothing});
+  EXPECT_EQ(line.view().fault, 503);
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  EXPECT_FALSE(line.view().slab_open);
+}
+
 }  // namespace
 }  // namespace slabd::daemon

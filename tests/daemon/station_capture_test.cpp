@@ -41,6 +41,16 @@ class CaptureTest : public ::testing::Test {
   static bool says(const FixedString<limits::kErrorTextBytes>& text, std::string_view part) {
     return text.view().find(part) != std::string_view::npos;
   }
+  /// The scanner's answer to request `index`: a whole scan, on the disk.
+  ScanDone scanned(std::size_t index) const {
+    ScanDone done;
+    done.cmd_seq = line_.scans[index].request.cmd_seq;
+    done.slot = line_.scans[index].slot;
+    done.durable = true;
+    done.scan.path = "/spool/capture/1-1.ply";
+    done.scan.taken_mono_ns = line_.station->now_ns;
+    return done;
+  }
   bool all_buffers_are_free() const {
     return std::none_of(line_.station->slot_busy.begin(), line_.station->slot_busy.end(), [](bool b) { return b; });
   }
@@ -355,6 +365,175 @@ TEST_F(CaptureTest, nonsense_is_refused) {
   line_.feed(request);
   EXPECT_EQ(line_.station->capture.refusal.code, Code::config);
   EXPECT_EQ(line_.view().state, PlcState::idle);
+}
+
+TEST_F(CaptureTest, a_view_without_a_free_buffer_says_so) {
+  begin();
+  line_.station->slot_busy.fill(true);
+  const CaptureShot& shot = shoot(12'000);
+  ASSERT_TRUE(shot.done);
+  EXPECT_EQ(shot.code, Code::deadline);
+  EXPECT_TRUE(says(shot.text, "no buffer")) << shot.text.view();
+  EXPECT_TRUE(line_.scans.empty());
+  EXPECT_EQ(line_.view().state, PlcState::maintenance);
+}
+
+TEST_F(CaptureTest, poses_that_end_with_the_scan_are_no_proof_that_the_robot_stood) {
+  begin();
+  line_.scanner_answers = false;
+  ask(Action::shoot);
+  line_.run_for(1'100);
+  ASSERT_EQ(line_.scans.size(), 1U);
+  line_.robot_present = false;
+  line_.feed(scanned(0));
+  line_.run_for(500);
+  EXPECT_FALSE(line_.station->capture.shot.done) << "one may still come";
+  line_.run_for(1'000);
+  EXPECT_TRUE(line_.station->capture.shot.done);
+  EXPECT_EQ(line_.station->capture.shot.code, Code::pose_stale);
+  EXPECT_TRUE(says(line_.station->capture.shot.text, "no pose came after the scan"));
+  EXPECT_EQ(line_.dropped.size(), 1U);
+  EXPECT_TRUE(all_buffers_are_free());
+}
+
+TEST_F(CaptureTest, another_tool_during_the_scan_is_refused_by_name) {
+  begin();
+  line_.scanner_answers = false;
+  ask(Action::shoot);
+  line_.run_for(1'100);
+  ASSERT_EQ(line_.scans.size(), 1U);
+  line_.robot_tool = 3;
+  line_.run_for(20);
+  line_.feed(scanned(0));
+  line_.run_for(40);
+  EXPECT_EQ(line_.station->capture.shot.code, Code::wrong_frame);
+  EXPECT_EQ(line_.dropped.size(), 1U);
+}
+
+TEST_F(CaptureTest, ABORT_counts_before_the_scan_and_after_it) {
+  begin();
+  const auto abort = [&] {
+    line_.plc.abort = true;
+    line_.feed(line_.plc);
+    line_.plc.abort = false;
+    line_.feed(line_.plc);
+    EXPECT_EQ(line_.station->capture.shot.code, Code::interrupted);
+    EXPECT_TRUE(line_.station->capture.shot.done);
+    EXPECT_EQ(line_.view().state, PlcState::maintenance);
+  };
+  ask(Action::shoot);
+  line_.run_for(500);
+  abort();  // it still settles
+  EXPECT_TRUE(line_.scans.empty());
+
+  line_.scanner_answers = false;
+  ask(Action::shoot);
+  line_.run_for(1'100);
+  ASSERT_EQ(line_.scans.size(), 1U);
+  line_.robot_present = false;
+  line_.feed(scanned(0));
+  line_.run_for(100);
+  abort();  // it waits for a pose
+  EXPECT_EQ(line_.dropped.size(), 1U) << "a view that is refused leaves no scan";
+  EXPECT_TRUE(all_buffers_are_free());
+}
+
+TEST_F(CaptureTest, a_scan_that_was_whole_before_its_ABORT_is_deleted) {
+  begin();
+  line_.scanner_answers = false;
+  ask(Action::shoot);
+  line_.run_for(1'100);
+  ASSERT_EQ(line_.scans.size(), 1U);
+  line_.plc.abort = true;
+  line_.feed(line_.plc);
+  line_.feed(scanned(0));  // the worker had finished; its answer to the cancellation comes as nobody's
+  line_.run_for(40);
+  EXPECT_EQ(line_.station->capture.shot.code, Code::interrupted);
+  ASSERT_EQ(line_.dropped.size(), 1U);
+  EXPECT_TRUE(all_buffers_are_free());
+}
+
+TEST_F(CaptureTest, a_session_that_ends_while_its_view_is_checked_leaves_no_scan) {
+  begin();
+  line_.scanner_answers = false;
+  ask(Action::shoot);
+  line_.run_for(1'100);
+  ASSERT_EQ(line_.scans.size(), 1U);
+  line_.robot_present = false;
+  line_.feed(scanned(0));
+  line_.run_for(100);
+  ask(Action::end);
+  EXPECT_EQ(line_.view().state, PlcState::idle);
+  EXPECT_EQ(line_.dropped.size(), 1U);
+  EXPECT_TRUE(all_buffers_are_free());
+}
+
+TEST_F(CaptureTest, nobody_begins_while_a_session_waits_for_its_buffer) {
+  begin();
+  line_.scanner_answers = false;
+  ask(Action::shoot);
+  line_.run_for(1'100);
+  ask(Action::end);  // waits for the worker's answer
+  EXPECT_EQ(ask(Action::begin, "autumn", true).code, Code::busy);
+  EXPECT_EQ(ask(Action::keep).code, Code::wrong_slab) << "it has been ended";
+}
+
+TEST_F(CaptureTest, answers_to_other_requests_are_nobodys) {
+  begin();
+  line_.scanner_answers = false;
+  ask(Action::shoot);
+  line_.run_for(1'100);
+  ASSERT_EQ(line_.scans.size(), 1U);
+  ScanDone other = scanned(0);
+  ++other.cmd_seq;
+  line_.feed(other);
+  other = scanned(0);
+  other.slot = static_cast<std::uint8_t>(1 - other.slot);
+  line_.feed(other);
+  line_.run_for(40);
+  EXPECT_FALSE(line_.station->capture.shot.done);
+  line_.feed(scanned(0));
+  line_.run_for(40);
+  EXPECT_EQ(line_.station->capture.shot.code, Code::ok);
+}
+
+TEST_F(CaptureTest, a_scanner_that_fails_without_a_word_is_told_by_its_code) {
+  begin();
+  line_.scanner_answers = false;
+  ask(Action::shoot);
+  line_.run_for(1'100);
+  ASSERT_EQ(line_.scans.size(), 1U);
+  ScanDone done = scanned(0);
+  done.code = Code::trigger_timeout;
+  line_.feed(done);
+  EXPECT_EQ(line_.station->capture.shot.code, Code::trigger_timeout);
+  EXPECT_EQ(line_.station->capture.shot.text.view(), describe(Code::trigger_timeout));
+}
+
+TEST_F(CaptureTest, names_without_letters_are_refused) {
+  CaptureRequest request;
+  request.action = Action::begin;
+  request.lease_s = 60;
+  request.session = "spring";
+  for (const char* name : {"", "an\x7f", "a\tb"}) {
+    request.operator_name = name;
+    line_.feed(request);
+    EXPECT_EQ(line_.station->capture.refusal.code, Code::config) << name;
+  }
+  request.session = "";
+  request.operator_name = "anna";
+  line_.feed(request);
+  EXPECT_EQ(line_.station->capture.refusal.code, Code::config);
+  EXPECT_EQ(line_.view().state, PlcState::idle);
+}
+
+TEST_F(CaptureTest, limits_wider_than_they_should_be_are_used_and_said) {
+  line_.settings.capture.stable_mm = 0.05;
+  line_.start();
+  begin();
+  line_.robot_shakes = true;
+  line_.robot_shake_mm = 0.03;
+  EXPECT_EQ(shoot().code, Code::ok);
 }
 
 }  // namespace

@@ -448,5 +448,68 @@ TEST_F(StationRefusals, a_result_of_another_slab_or_attempt_is_nobodys) {
   EXPECT_TRUE(line.view().result);
 }
 
+TEST_F(StationRefusals, after_a_restart_the_last_slabs_table_tells_scans_from_failures) {
+  const auto row = [&](std::size_t station, std::uint8_t attempts, Verdict verdict, std::uint16_t reason) {
+    PlcStationRow& r = store.line.table[station - 1];
+    r.attempts = attempts;
+    r.verdict = verdict;
+    r.reason = reason;
+  };
+  row(1, 1, Verdict::pass, 0);
+  row(2, 1, Verdict::not_measured, 402);  // a scan without its block
+  row(3, 2, Verdict::not_measured, 203);  // no scan
+  row(4, 1, Verdict::not_measured, 502);
+  row(5, 1, Verdict::not_measured, 603);  // a block without an item
+  row(6, 0, Verdict::not_measured, 0);    // never tried
+  row(7, 1, Verdict::none, 0);
+  row(8, 1, Verdict::fail, 605);
+  row(9, 1, Verdict::not_measured, 401);
+  line.plc = {};
+  line.start();
+  const PlcOutputs view = line.view();
+  EXPECT_EQ(view.station_mask, 0b10010011U);
+  EXPECT_EQ(view.stations_done, 4);
+}
+
+TEST_F(StationRefusals, a_slab_on_its_way_to_the_disk_takes_nothing_any_more) {
+  begin();
+  line.command(PlcCommand::slab_end);
+  for (int i = 0; i < 20 && line.station->slab.phase != SlabPhase::storing_end; ++i) line.run_for(4);
+  ASSERT_EQ(line.station->slab.phase, SlabPhase::storing_end);
+  EXPECT_TRUE(line.view().busy);
+  for (const PlcCommand what :
+       {PlcCommand::slab_begin, PlcCommand::scan, PlcCommand::slab_end, PlcCommand::slab_abort}) {
+    line.command(what, 1);
+    EXPECT_EQ(line.station->desk.refuse_code, static_cast<std::uint16_t>(Code::busy));
+  }
+  line.run_for(40);
+  EXPECT_FALSE(line.view().slab_open);
+}
+
+TEST_F(StationRefusals, a_full_disk_is_told_with_the_fault_and_not_as_stored) {
+  begin();
+  line.station->fault = static_cast<std::uint16_t>(Code::store_full);
+  EXPECT_FALSE(line.view().store_ok);
+  EXPECT_FALSE(line.view().ready);
+}
+
+TEST_F(StationRefusals, storage_that_falls_behind_refuses_commands_and_keeps_acknowledgements_for_later) {
+  begin();
+  line.scan(1);
+  ASSERT_TRUE(line.view().result);
+  auto& storing = line.station->storing;
+  const std::size_t before = storing.size();
+  while (storing.size() + 8 <= storing.capacity()) ASSERT_TRUE(storing.push(PendingStore{}));
+  line.plc.res_ack = line.view().record.res_seq;
+  line.feed(line.plc);
+  EXPECT_TRUE(line.view().result) << "it is asked again";
+  line.command(PlcCommand::scan, 2);
+  EXPECT_EQ(line.view().refuse_code, static_cast<std::uint16_t>(Code::busy));
+  while (storing.size() > before) storing.erase(storing.size() - 1);
+  line.feed(line.plc);
+  line.run_for(20);
+  EXPECT_FALSE(line.view().result);
+}
+
 }  // namespace
 }  // namespace slabd::daemon
