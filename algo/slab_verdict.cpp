@@ -58,10 +58,12 @@ Code cause_of(const BlockResult* block) {
   if (block->items.empty() && block->reason == 0) return Code::fit_failed;
   const bool by_item = block->reason == 0 || block->reason >= kReasonItemBase;
   if (block->verdict == Verdict::aborted && by_item) return Code::interrupted;
-  if (by_item) return Code::ok;
-  return block->verdict == Verdict::not_measured || block->verdict == Verdict::aborted
-             ? static_cast<Code>(block->reason)
-             : Code::ok;
+  if (!by_item && (block->verdict == Verdict::not_measured || block->verdict == Verdict::aborted))
+    return static_cast<Code>(block->reason);
+  // Nothing but passes under a verdict that is none: the item that decided was lost on the way here.
+  const bool lost =
+      block->verdict != Verdict::pass && combine(block->items.begin(), block->items.end()) == Verdict::pass;
+  return lost ? Code::internal : Code::ok;
 }
 
 /// The slab's verdict from verdicts already found: fail, then not measured, then indeterminate, then pass.

@@ -408,5 +408,50 @@ TEST(Slab, GivesTheSameBitsTwice) {
   for (std::size_t i = 0; i < a.items.size(); ++i) EXPECT_EQ(a.items[i].value, b.items[i].value);
 }
 
+TEST(Slab, ABlockThatSaysItDoesNotPassNeverDoesWhateverItsItemsSay) {
+  // A record of which an item was lost: what is left of it is good.
+  for (const Verdict verdict : {Verdict::fail, Verdict::not_measured, Verdict::aborted, Verdict::indeterminate}) {
+    for (const int reason : {0, kReasonItemBase + 3, static_cast<int>(Code::fit_failed)}) {
+      Slab slab;
+      slab.block(4).verdict = verdict;
+      slab.block(4).reason = static_cast<std::uint16_t>(reason);
+      const SlabResult r = slab.inspect();
+      EXPECT_EQ(r.station_verdict[3], Verdict::not_measured) << name(verdict) << " " << reason;
+      EXPECT_NE(r.station_reason[3], 0);
+      EXPECT_EQ(r.verdict, Verdict::not_measured);
+      EXPECT_EQ(r.station_verdict[4], Verdict::pass);
+    }
+  }
+}
+
+TEST(Slab, AnInterruptedBlockSaysSo) {
+  Slab slab;
+  BlockResult& b = slab.block(4);
+  b.verdict = Verdict::aborted;
+  b.reason = 0;
+  for (Item& i : b.items) i.verdict = Verdict::not_measured;
+  EXPECT_EQ(slab.inspect().station_reason[3], static_cast<std::uint16_t>(Code::interrupted));
+  b.reason = static_cast<std::uint16_t>(Code::scanner_offline);
+  EXPECT_EQ(slab.inspect().station_reason[3], static_cast<std::uint16_t>(Code::scanner_offline));
+}
+
+TEST(Slab, WithoutAnySlabWideLimitItsStationsDecide) {
+  Slab slab;
+  for (const ItemId id : {ItemId::seat_spacing, ItemId::large_jaw_distance, ItemId::corner_level, ItemId::warp_left,
+                          ItemId::warp_right}) {
+    Tolerance& t = slab.recipe.tolerances[static_cast<std::size_t>(id)];
+    t.lower = t.upper = kNoValue;
+    t.required = false;
+  }
+  EXPECT_EQ(slab.inspect().verdict, Verdict::pass);
+  slab.place(2, Vec3(0.0, 0.8, 0.0), Quat::Identity());
+  const SlabResult r = slab.inspect();
+  EXPECT_EQ(r.verdict, Verdict::fail);
+  EXPECT_EQ(r.reason, kReasonItemBase + 10);
+  slab.recipe.slab.pairs = 0;
+  slab.blocks.clear();
+  EXPECT_EQ(slab.inspect().verdict, Verdict::not_measured) << "no station, nothing to pass";
+}
+
 }  // namespace
 }  // namespace slabd::algo

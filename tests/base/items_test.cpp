@@ -117,5 +117,55 @@ TEST(Items, every_item_has_a_name_that_finds_it) {
   EXPECT_FALSE(item_from_name("seat_slop").has_value());
 }
 
+TEST(Judge, a_lower_limit_alone_looks_at_one_side) {
+  EXPECT_EQ(judge(item(40.0, 1.0, kNoValue, 0.05), 1.0), Verdict::pass);
+  EXPECT_EQ(judge(item(1.02, 1.0, kNoValue, 0.05), 1.0), Verdict::indeterminate);
+  EXPECT_EQ(judge(item(0.98, 1.0, kNoValue, 0.05), 1.0), Verdict::indeterminate);
+  EXPECT_EQ(judge(item(0.9, 1.0, kNoValue, 0.05), 1.0), Verdict::fail);
+  EXPECT_EQ(judge(item(0.9, 1.0, kNoValue, 0.05), 0.0), Verdict::fail);
+}
+
+TEST(Conformance, is_unknown_with_an_endless_U) {
+  EXPECT_TRUE(std::isnan(conformance_probability(item(0.0, -0.5, 0.5, std::numeric_limits<double>::infinity()))));
+}
+
+TEST(Verdict, every_one_has_a_word_of_its_own) {
+  const std::vector<Verdict> all = {Verdict::none,         Verdict::pass,    Verdict::fail,
+                                    Verdict::not_measured, Verdict::aborted, Verdict::indeterminate};
+  std::vector<std::string_view> words;
+  for (const Verdict v : all) words.push_back(name(v));
+  EXPECT_EQ(words, (std::vector<std::string_view>{"none", "pass", "fail", "not_measured", "aborted", "indeterminate"}));
+  EXPECT_EQ(name(static_cast<Verdict>(77)), "none") << "a byte that is no verdict is not a pass";
+}
+
+TEST(Combine, a_verdict_that_is_none_is_missing_where_one_is_required) {
+  std::vector<Item> items(2);
+  items[0].verdict = Verdict::pass;
+  items[1].verdict = Verdict::none;
+  EXPECT_EQ(combine(items.data(), items.data() + 2), Verdict::pass);
+  items[1].required = true;
+  EXPECT_EQ(combine(items.data(), items.data() + 2), Verdict::not_measured);
+  items[1].verdict = Verdict::aborted;
+  EXPECT_EQ(combine(items.data(), items.data() + 2), Verdict::not_measured);
+  items[1].required = false;
+  items[1].verdict = static_cast<Verdict>(77);
+  EXPECT_NE(combine(items.data() + 1, items.data() + 2), Verdict::pass);
+}
+
+TEST(Items, every_budget_part_and_companion_has_a_word) {
+  std::vector<std::string_view> parts;
+  for (std::size_t i = 0; i < kBudgetParts; ++i) parts.push_back(name(static_cast<BudgetPart>(i)));
+  EXPECT_EQ(parts, (std::vector<std::string_view>{"fit", "noise", "scanner", "registration", "calibration", "robot",
+                                                  "reference"}));
+  EXPECT_EQ(name(ItemUnit::mm), "mm");
+  EXPECT_EQ(name(ItemUnit::deg), "deg");
+  EXPECT_EQ(beside_name(ItemId::seat_slope), "ratio_n");
+  EXPECT_EQ(beside_name(ItemId::seat_flatness), "min_zone_mm");
+  EXPECT_EQ(beside_name(ItemId::seat_std), "cells_mm");
+  EXPECT_EQ(beside_name(ItemId::seat_vertical), "unremoved_mm");
+  EXPECT_EQ(beside_name(ItemId::corner_level), "quarter_mm");
+  EXPECT_EQ(beside_name(ItemId::seat_lateral), "");
+}
+
 }  // namespace
 }  // namespace slabd

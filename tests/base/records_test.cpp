@@ -36,6 +36,24 @@ TEST(Reason, prefers_the_code_when_nothing_was_measured) {
   EXPECT_EQ(reason_for(Verdict::pass, items.begin(), items.end(), Code::ok), 0);
 }
 
+TEST(Reason, of_what_no_register_has_a_bit_for_is_a_code) {
+  const std::array items = {judged(ItemId::seat_std, Verdict::fail, true)};
+  EXPECT_EQ(reason_for(Verdict::fail, items.begin(), items.end(), Code::ok), static_cast<int>(Code::fit_failed));
+  EXPECT_EQ(reason_for(Verdict::fail, items.begin(), items.end(), Code::interrupted),
+            static_cast<int>(Code::interrupted));
+  EXPECT_EQ(fail_mask(items.begin(), items.end()), 0U);
+  EXPECT_EQ(open_mask(items.begin(), items.end()), 0U);
+}
+
+TEST(Registration, every_status_has_a_word_of_its_own) {
+  EXPECT_EQ(name(RegistrationStatus::none), "none");
+  EXPECT_EQ(name(RegistrationStatus::converged), "converged");
+  EXPECT_EQ(name(RegistrationStatus::iteration_limit), "iteration_limit");
+  EXPECT_EQ(name(RegistrationStatus::degenerate), "degenerate");
+  EXPECT_EQ(name(RegistrationStatus::rejected), "rejected");
+  EXPECT_EQ(name(static_cast<RegistrationStatus>(99)), "none");
+}
+
 TEST(SlabRecord, carries_the_worst_seat_of_each_kind_with_its_station) {
   SlabResult slab;
   for (const auto& [station, value] : {std::pair{3, 0.2}, std::pair{7, -0.6}, std::pair{11, 0.6}})
