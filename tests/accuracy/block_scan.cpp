@@ -4,6 +4,7 @@
 #include <fmt/core.h>
 
 #include <cassert>
+#include <cmath>
 
 #include "daemon/daemon.h"
 
@@ -51,6 +52,66 @@ BlockBench::BlockBench(const Recipe& recipe) : recipe_(recipe), xyz_(3 * limits:
   inspector_.use(recipe_);
 }
 
+namespace {
+
+/// Heights of a stationary Gaussian relief whose correlation falls as exp(-(r / length)^2), standard deviation 1.
+class Relief {
+ public:
+  explicit Relief(const RoughConcrete& concrete) : heights_(kColumns * kRows) {
+    Prng random(simulate::derived_seed(concrete.seed, 31, 0));
+    // A sum of waves; the spectrum of that correlation is Gaussian with standard deviation sqrt(2) / length.
+    for (int wave = 0; wave < kWaves; ++wave) {
+      const double kx = std::sqrt(2.0) / concrete.length_mm * random.normal();
+      const double ky = std::sqrt(2.0) / concrete.length_mm * random.normal();
+      const double phase = 2.0 * kPi * random.uniform();
+      for (int row = 0; row < kRows; ++row)
+        for (int column = 0; column < kColumns; ++column)
+          heights_[index(column, row)] += std::sqrt(2.0 / kWaves) * std::cos(kx * (column - kColumns / 2) * kStepMm +
+                                                                             ky * (row - kRows / 2) * kStepMm + phase);
+    }
+  }
+  [[nodiscard]] double at(double x_mm, double y_mm) const {
+    const double column = x_mm / kStepMm + kColumns / 2;
+    const double row = y_mm / kStepMm + kRows / 2;
+    const int c = static_cast<int>(std::floor(column));
+    const int r = static_cast<int>(std::floor(row));
+    if (c < 0 || r < 0 || c + 1 >= kColumns || r + 1 >= kRows) return 0.0;
+    const double u = column - c;
+    const double v = row - r;
+    return (1.0 - v) * ((1.0 - u) * heights_[index(c, r)] + u * heights_[index(c + 1, r)]) +
+           v * ((1.0 - u) * heights_[index(c, r + 1)] + u * heights_[index(c + 1, r + 1)]);
+  }
+
+ private:
+  static constexpr double kStepMm = 2.0;
+  static constexpr int kColumns = 400;  // 800 mm: more than the scanner sees
+  static constexpr int kRows = 400;
+  static constexpr int kWaves = 200;
+  static std::size_t index(int column, int row) {
+    return static_cast<std::size_t>(row) * kColumns + static_cast<std::size_t>(column);
+  }
+  std::vector<double> heights_;
+};
+
+/// Between the jaws and near the bearing plane: formed by steel.
+constexpr double kSeatHalfMm = 185.0;
+constexpr double kSeatNearMm = 3.0;
+
+}  // namespace
+
+void BlockBench::roughen(const Sight& sight) {
+  const Relief relief(concrete);
+  const Pose T_block_scanner = sight.T_scanner_block.inverse();
+  const double rise = std::tan(sight.station.block.slope_rad);
+  for (std::size_t i = 0; i + 2 < xyz_.size(); i += 3) {
+    if (!std::isfinite(xyz_[i])) continue;
+    const Vec3 p = T_block_scanner * Vec3(xyz_[i], xyz_[i + 1], xyz_[i + 2]);
+    const bool on_seat = std::abs(p.y()) < kSeatHalfMm && std::abs(p.z() - rise * p.y()) < kSeatNearMm &&
+                         std::abs(p.x()) < recipe_.block.end_half_length_mm.value;
+    if (!on_seat) xyz_[i + 2] += static_cast<float>(concrete.std_mm * relief.at(p.x(), p.y()));
+  }
+}
+
 bool BlockBench::measure(const Sight& sight, const simulate::ScannerTraits& traits, std::uint64_t seed,
                          const Pose& T_block_scanner_start) {
   inspector_.begin(1, Pose::identity(), T_block_scanner_start);
@@ -66,6 +127,7 @@ bool BlockBench::measure(const Sight& sight, const simulate::ScannerTraits& trai
       const double share = 2.0 * double{xyz_[i + 1]} / traits.field_y_mm;
       xyz_[i + 2] += static_cast<float>(field_error_mm * share * share * share);
     }
+  if (concrete.std_mm != 0.0) roughen(sight);
   algo::Cloud cloud{xyz_, xyz_.size() / 3, drawn.width, drawn.height};
   Status status = inspector_.denoise(cloud);
   if (status) status = inspector_.register_to_model(cloud);

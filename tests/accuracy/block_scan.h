@@ -29,6 +29,14 @@ struct Sight {
 /// `off_deg` beside the nominal view, per axis.
 [[nodiscard]] Sight varied_sight(const Recipe& recipe, std::uint64_t seed, double off_mm = 3.0, double off_deg = 0.5);
 
+/// What concrete looks like where no steel has formed it: a smooth random relief, along the scanner's rays, on every
+/// face but the bearing plane. It belongs to the block: every scan of it sees the same.
+struct RoughConcrete {
+  double std_mm = 0.0;
+  double length_mm = 25.0;  ///< distance at which two heights have 1/e in common
+  std::uint64_t seed = 1;
+};
+
 /// Draws and measures; keeps the 72 MB of buffer and the workspace from block to block.
 class BlockBench {
  public:
@@ -41,6 +49,8 @@ class BlockBench {
 
   /// The scanner's field is bent: depths are off by +-this at both ends of the picture along its Y, in an S (cubic).
   double field_error_mm = 0.0;
+  /// std_mm 0: the block is its model.
+  RoughConcrete concrete;
 
   [[nodiscard]] const BlockResult& result() const { return inspector_.result(); }
   [[nodiscard]] const std::string& trouble() const { return trouble_; }
@@ -48,6 +58,8 @@ class BlockBench {
   [[nodiscard]] const Item& item(ItemId id) const;
 
  private:
+  void roughen(const Sight& sight);
+
   Recipe recipe_;
   algo::BlockInspector inspector_;
   std::vector<float> xyz_;
