@@ -66,6 +66,10 @@ struct SlabHeader {
   std::int64_t began_utime_us = 0;
 };
 
+/// Scans whose fingerprints are remembered: three whole slabs and some attempts. A scanner that hangs gives its last
+/// scan again; one that hands out old files perhaps one of the last slabs'.
+inline constexpr std::size_t kFingerprintsKept = 64;
+
 /// One SCAN whose cloud and pose are durable.
 struct Attempt {
   std::int64_t slab_key = 0;
@@ -104,11 +108,13 @@ struct CommandJob {
 /// "acquired n": after this commit the robot may leave.
 struct AcquiredJob {
   Attempt attempt;
+  std::uint64_t fingerprint = 0;  ///< of the scan's points, to be remembered; 0: none
 };
 /// A SCAN that came to nothing (no pose, no scan, unreadable ...): kept as an attempt with its code.
 struct FailedAttemptJob {
   Attempt attempt;  ///< what is known of it
   std::uint16_t code = 0;
+  std::uint64_t fingerprint = 0;  ///< as in AcquiredJob
 };
 /// A measured block and the record the PLC will be shown, one transaction. Closes the command.
 struct BlockJob {
@@ -181,6 +187,9 @@ struct RecoveredLine {
   std::uint16_t slab_reason = 0;
   std::uint32_t table_slab_no = 0;
   PlcResult slab_record;  ///< of the last ended slab, for REPORT
+
+  /// Of the points of the last scans, oldest first; 0 behind the newest.
+  std::array<std::uint64_t, kFingerprintsKept> fingerprints{};
 
   FixedQueue<PlcResult, limits::kResultQueueMax> unacknowledged;  ///< oldest first
 };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/station.h"
 
+#include <algorithm>
 #include <cstdarg>
 
 #include "daemon/station_parts.h"
@@ -56,6 +57,10 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
   s.results.slab_record = line.slab_record;
   s.last_slab_key = line.last_slab_key;
   s.newest_utime_us = line.newest_utime_us;
+  s.fingerprints = line.fingerprints;
+  s.fingerprint_next = static_cast<std::size_t>(std::count_if(line.fingerprints.begin(), line.fingerprints.end(),
+                                                              [](std::uint64_t f) { return f != 0; })) %
+                       s.fingerprints.size();
   if (line.slab_open) {
     s.slab.phase = SlabPhase::open;
     s.slab.header = line.slab;

@@ -206,8 +206,9 @@ struct Acquisition {
   std::int64_t taken_ns = 0;  ///< checking: when the exposure was over
   double read_ms = 0.0;
   Attempt attempt;
-  bool decoded = false;  ///< the points are in the buffer, and are new
-  bool repeats = false;  ///< they are those of an earlier scan
+  bool decoded = false;           ///< the points are in the buffer, and are new
+  bool repeats = false;           ///< they are those of an earlier scan
+  std::uint64_t fingerprint = 0;  ///< of them, when they are new
   /// Measuring ahead of the disk. From its beginning on the buffer is the measurement's.
   enum class Ahead : std::uint8_t { no, measuring, measured } ahead = Ahead::no;
   BlockMeasured block;  ///< measured ahead: kept back
@@ -280,17 +281,7 @@ struct ResultDesk {
 
 /// A store job on its way, so that its answer finds its meaning.
 struct PendingStore {
-  enum class Kind : std::uint8_t {
-    session,
-    begin_slab,
-    command,
-    acquired,
-    failed_attempt,
-    block,
-    slab,
-    ack,
-    report
-  };
+  enum class Kind : std::uint8_t { session, begin_slab, command, acquired, failed_attempt, block, slab, ack, report };
   Kind kind{};
   std::uint32_t ticket = 0;
   std::uint8_t station = 0;
@@ -300,10 +291,6 @@ struct PendingStore {
   std::int64_t slab_key = 0;
   PlcResult record;
 };
-
-/// Scans whose fingerprints are remembered: three whole slabs and some attempts. A scanner that hangs gives its last
-/// scan again; one that hands out old files perhaps one of the last slabs'.
-inline constexpr std::size_t kFingerprintsKept = 64;
 
 struct Station {
   explicit Station(const StationSettings& settings_in)

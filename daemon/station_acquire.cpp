@@ -131,7 +131,7 @@ void check_stillness(Station& s, Actions& actions) {
   pending.slot = a.slot;
   pending.value = a.cmd_seq;
   pending.slab_key = a.attempt.slab_key;
-  submit(s, actions, AcquiredJob{a.attempt}, pending);
+  submit(s, actions, AcquiredJob{a.attempt, a.fingerprint}, pending);
 }
 
 void release(Station& s) {
@@ -223,11 +223,13 @@ void advance_acquisition(Station& s, Actions& actions) {
 
 /// A scanner program that hangs may export its last scan under every new name, and 18 blocks are as alike as one to
 /// itself: the same points again are no scan of this block. Two real scans never agree in all their noise.
+/// What is new is remembered with the job that records the attempt, so that a restart in between does not help it.
 static bool is_repeated(Station& s, std::uint64_t fingerprint) {
   if (fingerprint == 0) return false;
   if (std::find(s.fingerprints.begin(), s.fingerprints.end(), fingerprint) != s.fingerprints.end()) return true;
   s.fingerprints[s.fingerprint_next] = fingerprint;
   s.fingerprint_next = (s.fingerprint_next + 1) % s.fingerprints.size();
+  s.acquisition.fingerprint = fingerprint;
   return false;
 }
 
@@ -303,7 +305,7 @@ void fail_acquisition(Station& s, Code code, Actions& actions) {
   PendingStore pending;
   pending.kind = PendingStore::Kind::failed_attempt;
   pending.station = a.station;
-  submit(s, actions, FailedAttemptJob{a.attempt, static_cast<std::uint16_t>(code)}, pending);
+  submit(s, actions, FailedAttemptJob{a.attempt, static_cast<std::uint16_t>(code), a.fingerprint}, pending);
   release(s);
 }
 

@@ -57,6 +57,9 @@ Jobs::Jobs(Connection& db, std::string spool_dir, const HeldBack& held_back)
       close_newest_(db, kCloseNewest),
       attempt_phase_(db, "SELECT phase FROM attempt WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
       upsert_attempt_(db, upsert_for<Attempt, AttemptState>("attempt", {"slab_key", "station", "attempt"})),
+      remember_scan_(db, "INSERT OR IGNORE INTO seen_scan (fingerprint) VALUES (?1)"),
+      forget_scans_(db, "DELETE FROM seen_scan WHERE id <= (SELECT max(id) FROM seen_scan) - " +
+                            std::to_string(kFingerprintsKept)),
       set_measured_(db,
                     "UPDATE attempt SET phase = 'measured', code = 0 "
                     "WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
@@ -166,6 +169,12 @@ AttemptState Jobs::state_of(const Attempt& attempt, StationPhase phase, std::uin
   return state;
 }
 
+void Jobs::remember_scan(std::uint64_t fingerprint) {
+  if (fingerprint == 0) return;
+  remember_scan_.bind(1, number(fingerprint)).run();
+  forget_scans_.run();
+}
+
 void Jobs::operator()(const AcquiredJob& job) {
   const Attempt& a = job.attempt;
   attempt_phase_.bind(1, a.slab_key).bind(2, number(a.station)).bind(3, number(a.number));
@@ -175,6 +184,7 @@ void Jobs::operator()(const AcquiredJob& job) {
     if (measured) return;
   }
   write_row(upsert_attempt_, a, state_of(a, StationPhase::acquired, 0));
+  remember_scan(job.fingerprint);
   close_command(a.session, a.cmd_seq, kAcquired, true);
   note_time(a.scan_utime_us);
 }
@@ -182,6 +192,7 @@ void Jobs::operator()(const AcquiredJob& job) {
 void Jobs::operator()(const FailedAttemptJob& job) {
   const Attempt& a = job.attempt;
   write_row(upsert_attempt_, a, state_of(a, StationPhase::failed, job.code));
+  remember_scan(job.fingerprint);
   close_command(a.session, a.cmd_seq, static_cast<std::uint16_t>(kCommandFailed + job.code), false);
   note_time(a.scan_utime_us);
 }

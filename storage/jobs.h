@@ -48,6 +48,7 @@ class Jobs {
   void insert_block(const BlockKey& key, const BlockResult& block);
   void insert_maps(const BlockKey& key, const BlockMaps& maps);
   void insert_items(const BlockKey& key, const Item* begin, const Item* end);
+  void remember_scan(std::uint64_t fingerprint);
   [[nodiscard]] AttemptState state_of(const Attempt& attempt, StationPhase phase, std::uint16_t code) const;
 
   std::string spool_dir_;
@@ -63,6 +64,8 @@ class Jobs {
   Statement close_newest_;
   Statement attempt_phase_;
   Statement upsert_attempt_;
+  Statement remember_scan_;
+  Statement forget_scans_;
   Statement set_measured_;
   Statement attempt_command_;
   Statement delete_block_;

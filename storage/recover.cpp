@@ -31,6 +31,12 @@ void read_counters(Connection& db, RecoveredLine& line) {
       "ORDER BY seq DESC LIMIT 1), (SELECT res_seq FROM result ORDER BY id DESC LIMIT 1), 0)"));
 }
 
+void read_fingerprints(Connection& db, RecoveredLine& line) {
+  Statement rows(db, "SELECT fingerprint FROM (SELECT id, fingerprint FROM seen_scan ORDER BY id DESC LIMIT " +
+                         std::to_string(kFingerprintsKept) + ") ORDER BY id");
+  for (std::size_t i = 0; rows.step(); ++i) line.fingerprints.at(i) = static_cast<std::uint64_t>(rows.integer(0));
+}
+
 HeldBack read_unacknowledged(Connection& db, RecoveredLine& line) {
   Statement rows(
       db, "SELECT id, " + joined(names_of<PlcResult>(), ", ") + " FROM result WHERE acknowledged = 0 ORDER BY id");
@@ -108,6 +114,7 @@ HeldBack read_line(Connection& db, RecoveredLine& line) {
     read_open_slab(loader, line);
   }
   read_last_ended(db, loader, line);
+  read_fingerprints(db, line);
   return held_back;
 }
 

@@ -1,12 +1,13 @@
 -- SPDX-License-Identifier: Apache-2.0
 --
--- slabd's memory, schema version 5. One daemon writes, everybody else reads.
+-- slabd's memory, schema version 6. One daemon writes, everybody else reads.
 --
 --   line     one row: the session number last used, the newest wall clock of any record, what retention took away
 --   care     when the history was restored from a backup or begun anew, by whom and why
 --   slab     what SLAB_BEGIN said and what it was measured with; slab_result is its end (no row: still open)
 --   command  the journal of accepted commands; id is their order
 --   attempt  one SCAN of one station; the highest attempt of a station is the valid one, all are kept
+--   seen_scan  fingerprints of the last scans' points
 --   block    what an attempt measured, with its planes, casings and items
 --   map      how far it lies from the model, and its seat from the fitted plane, place by place: what a report draws
 --   result   the records the PLC is shown; id is the order in which it is shown them
@@ -128,6 +129,13 @@ CREATE TABLE attempt (
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX attempt_with_scan ON attempt (slab_key, scan_bytes) WHERE scan_state = 'kept';
 CREATE INDEX attempt_deleting ON attempt (slab_key) WHERE scan_state = 'deleting';
+
+-- A scanner that hangs gives an old scan again under a new name. The newest 64, by id; what is refused because it is one
+-- of them is not added.
+CREATE TABLE seen_scan (
+  id          INTEGER PRIMARY KEY,
+  fingerprint INTEGER NOT NULL UNIQUE    -- 64 bits of the points, as a signed number
+) STRICT;
 
 CREATE TABLE block (
   slab_key INTEGER NOT NULL,

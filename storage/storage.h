@@ -16,7 +16,7 @@
 namespace slabd::storage {
 
 inline constexpr int kApplicationId = 0x534C4142;  // "SLAB"
-inline constexpr int kSchemaVersion = 5;
+inline constexpr int kSchemaVersion = 6;
 
 struct StoreSettings {
   std::string db_path;

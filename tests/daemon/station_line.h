@@ -47,6 +47,7 @@ struct MemoryStore {
   std::optional<Code> fail_next;
   std::vector<StoreJob> applied;
   int slabs_ended = 0;
+  std::size_t fingerprints = 0;
 
   Code apply(const StoreJob& job) {
     if (fail_next) {
@@ -94,6 +95,7 @@ struct MemoryStore {
     StationRecord& record = line.stations[job.attempt.station - 1U];
     record.phase = StationPhase::acquired;
     record.attempt = job.attempt;
+    remember(job.fingerprint);
     line.acq_seq = job.attempt.cmd_seq;
     line.cmd_status = 3;
     open_command = 0;
@@ -102,8 +104,12 @@ struct MemoryStore {
     StationRecord& record = line.stations[job.attempt.station - 1U];
     record.phase = StationPhase::failed;
     record.code = job.code;
+    remember(job.fingerprint);
     line.cmd_status = static_cast<std::uint16_t>(kCommandFailed + job.code);
     open_command = 0;
+  }
+  void remember(std::uint64_t fingerprint) {
+    if (fingerprint != 0) line.fingerprints.at(fingerprints++ % kFingerprintsKept) = fingerprint;
   }
   void keep(const BlockJob& job) {
     StationRecord& record = line.stations[job.block.station - 1U];

@@ -102,6 +102,27 @@ TEST_F(StationTest, a_scanner_that_gives_an_earlier_scan_again_has_not_scanned) 
   EXPECT_EQ(line.view().stations_done, 2);
 }
 
+TEST_F(StationTest, a_restart_does_not_let_an_earlier_scan_pass) {
+  begin();
+  line.fingerprint = 4711;
+  line.scan(1);
+  line.fingerprint = 4712;
+  line.robot_moves_mm = 0.5;
+  line.scan(2);  // refused, and still no scan of any other block
+  line.robot_moves_mm = 0.0;
+  EXPECT_EQ(line.view().stations_done, 1);
+  line.start();
+  line.run_for(300);
+  for (const std::uint64_t old : {4711U, 4712U}) {
+    line.fingerprint = old;
+    line.scan(2);
+    EXPECT_EQ(line.view().cmd_status, failed(Code::frame_incomplete)) << old;
+  }
+  line.fingerprint = 4713;
+  line.scan(2);
+  EXPECT_EQ(line.view().stations_done, 2);
+}
+
 TEST_F(StationTest, an_emulated_line_may_be_one_without_noise) {
   line.settings.simulation = true;
   line.start();

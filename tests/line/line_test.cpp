@@ -169,6 +169,79 @@ TEST_F(LineTest, a_slab_is_finished_among_strays_old_files_and_half_ones_at_ever
   EXPECT_GT(status()["links"]["scanner"]["strays"].get<int>(), 5);
 }
 
+// A scanner that hangs does not become better by a restart of slabd: the first answer to every other request is a scan
+// of block 1, under the new name. Block 5 has its slope planted, so that it passes only if it is taken for another.
+TEST_F(LineTest, a_scan_that_was_taken_before_a_restart_is_no_scan_of_another_block_after_it) {
+  const fs::path db = box.dir / "slabd.db";
+  std::string kept;
+  std::string kept_name;
+  {
+    const auto line = box.simulate({"--slab-no", "21", "--defect", "slope=5:1/35"});
+    wait_until([&] { return query(db, "SELECT count(*) FROM block") >= 2 || !line->running(); });
+    ASSERT_TRUE(line->running()) << read_file(box.dir / "simulate.err");
+    box.kill_hard();
+    line->signal(SIGINT);
+    line->wait();
+  }
+  for (const auto& entry : fs::recursive_directory_iterator(box.dir / "spool"))
+    if (entry.path().extension() == ".ply" && kept.empty()) {
+      kept = read_file(entry.path());
+      kept_name = entry.path().filename();
+    }
+  ASSERT_FALSE(kept.empty());
+  const auto inspect_with_old_answers = [&](const char* slab) {
+    const auto line = box.simulate({"--slab-no", slab, "--defect", "slope=5:1/35"});
+    const fs::path ready = box.dir / "drop/inbox/ready.part";
+    std::string answered;
+    for (std::uint32_t turn = 0; line->running(); std::this_thread::sleep_for(std::chrono::milliseconds(1))) {
+      if (!fs::exists(ready)) std::ofstream(ready) << kept;
+      std::error_code gone;
+      for (const auto& entry : fs::directory_iterator(box.dir / "drop/request", gone)) {
+        const std::string stem = entry.path().stem();
+        if (stem.starts_with(".") || stem == answered) continue;
+        answered = stem;
+        if (turn++ % 2 != 0) continue;
+        line->signal(SIGSTOP);  // or its own scan would come first
+        fs::last_write_time(ready, fs::file_time_type::clock::now(), gone);
+        fs::rename(ready, box.dir / "drop/inbox" / (stem + ".ply"), gone);
+        for (int i = 0; i < 1'000 && fs::exists(entry.path(), gone); ++i)
+          std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        line->signal(SIGCONT);
+        break;
+      }
+    }
+    EXPECT_EQ(line->wait(), 1) << read_file(box.dir / "simulate.err");
+  };
+  const auto refused = [&] {
+    const std::string log = box.log();
+    int count = 0;
+    for (std::size_t at = 0; (at = log.find("points of an earlier scan again", at)) != std::string::npos; ++at) ++count;
+    return count;
+  };
+  box.start();
+  ASSERT_TRUE(box.ready());
+  inspect_with_old_answers("21");  // between two blocks of one slab
+  const int in_the_slab = refused();
+  EXPECT_GT(in_the_slab, 0);
+  EXPECT_EQ(box.stop(), 0);
+  box.start();
+  ASSERT_TRUE(box.ready());
+  inspect_with_old_answers("22");  // and between two slabs
+  EXPECT_GT(refused(), in_the_slab);
+  // Scans differ in their number of points. The old one counts once, and was refused for what it is from the first
+  // time.
+  const std::string old_scan =
+      "SELECT count(*) FROM attempt WHERE scan_finite = (SELECT scan_finite FROM attempt "
+      "WHERE scan_path LIKE '%" +
+      kept_name + "') AND ";
+  EXPECT_EQ(query(db, old_scan + "phase != 'failed'"), 1);
+  constexpr int kRepeated = 303;
+  EXPECT_EQ(query(db, old_scan + "code NOT IN (0, " + std::to_string(kRepeated) + ")"), 0);
+  EXPECT_GE(query(db, old_scan + "code = " + std::to_string(kRepeated)), 2);
+  EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'pass'"), 34);
+  EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'fail' AND station = 5"), 2);
+}
+
 /// A line whose scans come over TCP.
 struct StreamLineTest : LineTest {
   std::uint16_t scanner_port = free_tcp_port();

@@ -87,6 +87,31 @@ TEST_F(RecoverTest, acquired_scan_waits_to_be_measured_from_its_path) {
   EXPECT_EQ(line->stations[3].attempts, 1);
 }
 
+TEST_F(RecoverTest, the_newest_fingerprints_come_back_oldest_first) {
+  EXPECT_EQ(restart()->fingerprints[0], 0U);
+  begin(1);
+  std::uint64_t next = 0xFFFF'FFFF'0000'0000;  // beyond what a signed number holds
+  for (int number = 1; number <= 70; ++number) {
+    accept(PlcCommand::scan, 4, 1);
+    Attempt a = attempt(1, 4, static_cast<std::uint8_t>(number));
+    if (number % 3 == 0) {
+      apply(FailedAttemptJob{a, 303, next++});
+    } else {
+      apply(AcquiredJob{a, next++});
+    }
+    if (number == 3) {
+      EXPECT_EQ(restart()->fingerprints[3], 0U) << "three and no more";
+    }
+  }
+  accept(PlcCommand::scan, 4, 1);
+  apply(FailedAttemptJob{attempt(1, 4, 71), 205});  // no scan came
+  accept(PlcCommand::scan, 4, 1);
+  apply(AcquiredJob{attempt(1, 4, 72), next - 1});  // recorded again, because the first answer was an error
+  const auto line = restart();
+  for (std::size_t i = 0; i < kFingerprintsKept; ++i)
+    EXPECT_EQ(line->fingerprints[i], next - kFingerprintsKept + i) << i;
+}
+
 TEST_F(RecoverTest, measured_station_comes_back_whole) {
   begin(1);
   acquire(1, 4, 1);
