@@ -2,9 +2,14 @@
 //
 // slabctl export: what it writes is read by readers that know nothing of slabd (tests/cli/read_exports.py), and every
 // JSON document is held against its published schema by an independent validator (tests/cli/validate_json.py).
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "cli/export/out_file.h"
 #include "tests/cli/stored_slab.h"
 
 namespace slabd::cli {
@@ -63,8 +68,7 @@ TEST_F(Export, a_table_has_one_row_for_each_item_and_reads_as_rfc_4180) {
   EXPECT_EQ(std::stod((*jaw)["value"].get<std::string>()), stored->value);  // every digit
   EXPECT_EQ(std::stod((*jaw)["U"].get<std::string>()), stored->U);
   // An item that was not measured has no value, and none is 0.
-  for (const json& row : table["rows"])
-    EXPECT_TRUE(row["verdict"] != "not_measured" || row["value"] == "") << row;
+  for (const json& row : table["rows"]) EXPECT_TRUE(row["verdict"] != "not_measured" || row["value"] == "") << row;
   EXPECT_EQ(run("export 1 --db " + db()).out, content(file("items.csv")).substr(3));
 }
 
@@ -195,6 +199,29 @@ TEST_F(Export, the_validator_finds_a_key_too_many_and_a_wrong_type) {
   document.erase("more");
   document["schema"] = "slabd.plc_codes/2";
   EXPECT_EQ(python("validate_json.py " + schemas + write("version.json", document.dump())).status, 1);
+}
+
+TEST(OutFile, a_signal_leaves_neither_the_file_nor_its_beginning) {
+  const fs::path folder = fs::temp_directory_path() / ("slabd-out-" + std::to_string(::getpid()));
+  fs::create_directories(folder);
+  const std::string path = (folder / "cloud.ply").string();
+  for (const int number : {SIGINT, SIGTERM, SIGHUP}) {
+    std::ofstream(path) << "of before";
+    const pid_t child = ::fork();
+    if (child == 0) {
+      OutFile out(path);
+      out.write(std::string(1'000'000, 'x'));
+      ::raise(number);
+      ::_exit(0);
+    }
+    int status = 0;
+    ::waitpid(child, &status, 0);
+    EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == number) << "it ends as it would have";
+    EXPECT_EQ(std::distance(fs::directory_iterator(folder), fs::directory_iterator()), 1);
+    std::ifstream in(path);
+    EXPECT_EQ(std::string(std::istreambuf_iterator<char>(in), {}), "of before");
+  }
+  fs::remove_all(folder);
 }
 
 }  // namespace
