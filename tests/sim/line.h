@@ -95,6 +95,7 @@ struct Line {
   SlabTruth slab;                              ///< serial 0: none lies there
   std::vector<ScanTruth> takes;                ///< every exposure
   std::map<std::string, std::uint32_t> spool;  ///< durable scans by path: number of the exposure
+  std::uint32_t last_export = 0;               ///< exposure that the scanner gave last, whoever asked
 
   /// Lays down the next slab. `again`: the last one, perhaps damaged meanwhile.
   void lay_down(bool again, bool certainly_good);

@@ -140,8 +140,9 @@ Result<AcquiredScan> SimScanner::acquire(const ScanRequest& request, std::span<f
   }
   // A scanner program that hangs exports what it has under the new name.
   std::size_t exported = take;
-  if (world.faulty(Fault::scanner_frozen) && last_take_ != 0 && happens(chance_, 0.6)) exported = last_take_;
-  last_take_ = static_cast<std::uint32_t>(exported);
+  if (world.faulty(Fault::scanner_frozen) && line_.last_export != 0 && happens(chance_, 0.6))
+    exported = line_.last_export;
+  line_.last_export = static_cast<std::uint32_t>(exported);
   line_.write(line_.takes[exported - 1], xyz);
   scan.path = request.spool_path;
   scan.path.append(".ply");

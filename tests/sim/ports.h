@@ -73,7 +73,6 @@ class SimScanner final : public hal::ScannerPort {
   Process& process_;
   Prng chance_;
   std::uint64_t stray_ = 0;
-  std::uint32_t last_take_ = 0;  ///< given by this process
 };
 
 // ---- control socket ------------------------------------------------------------------------------------------------
