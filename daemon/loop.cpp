@@ -7,10 +7,12 @@
 #include <algorithm>
 #include <bit>
 #include <cerrno>
+#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <thread>
 
 #include "daemon/judge.h"
 #include "daemon/seal.h"
@@ -30,6 +32,8 @@ constexpr std::uint32_t kChangeTicket = 0xFFFF'FFFF;
 /// The PLC link's state is logged when it has lasted so long, or when nothing was logged of it for the second time.
 constexpr std::int64_t kPlcNewsNs = kNsPerS;
 constexpr std::int64_t kPlcNewsPeriodNs = 60 * kNsPerS;
+constexpr std::int64_t kScannerNewsNs = 2 * kNsPerS;
+constexpr std::int64_t kScannerNewsPeriodNs = 10 * kNsPerS;
 /// Views that nobody came for: whoever calibrates comes back within a week, or begins anew.
 constexpr std::int64_t kCaptureKeptUs = 7 * 86'400'000'000LL;
 constexpr std::string_view kNoRoom =
@@ -194,6 +198,15 @@ void Loop::finish() {
   store_worker_->drain();
 }
 
+bool Loop::scanner_comes_back() {
+  cancel_scan_ = true;
+  for (const std::uint64_t before = scan_worker_->turns(); scan_worker_->turns() == before;) {
+    if (ports_.scanner.hangs()) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(kTurnMs));
+  }
+  return true;
+}
+
 void Loop::turn(int wait_ms) {
   wait(wait_ms);
   serve();
@@ -219,7 +232,7 @@ void Loop::wait(int wait_ms) {
 
 void Loop::tick() {
   handle(Tick{ports_.clock.mono_ns(), ports_.clock.utime_us()});
-  handle(LinkStatus{ports_.scanner.online(), ports_.scanner.stray_files()});
+  handle(LinkStatus{ports_.scanner.online(), ports_.scanner.hangs(), ports_.scanner.stray_files()});
 }
 
 void Loop::take_poses() {
@@ -282,6 +295,7 @@ void Loop::take_answers() {
   }
   ScanDone scanned;
   while (scan_worker_->next(scanned)) handle(scanned);
+  say_scanner_news();
   BlockMeasured measured;
   while (measure_worker_->next(measured)) {
     ++figures_.blocks_measured;
@@ -289,6 +303,33 @@ void Loop::take_answers() {
     figures_.block_max_ms = std::max(figures_.block_max_ms, figures_.block_last_ms);
     handle(measured);
   }
+}
+
+/// A scanner that comes and goes is told of when it stayed so for a moment, or every ten seconds.
+void Loop::say_scanner_news() {
+  const std::int64_t now_ns = ports_.clock.mono_ns();
+  const bool online = ports_.scanner.online();
+  if (online != scanner_seen_) {
+    scanner_seen_ = online;
+    scanner_seen_ns_ = now_ns;
+  }
+  LogLine line;
+  line.level = LogLine::Level::warning;
+  // At the start its first look is still under way.
+  const bool lasts = now_ns - std::max(scanner_seen_ns_, figures_.started_ns) >= kScannerNewsNs;
+  if (online != scanner_said_ && lasts && now_ns - scanner_said_ns_ >= kScannerNewsPeriodNs) {
+    scanner_said_ = online;
+    scanner_said_ns_ = now_ns;
+    line.level = online ? LogLine::Level::info : LogLine::Level::warning;
+    line.code = static_cast<std::uint16_t>(online ? Code::ok : Code::scanner_offline);
+    const hal::ScannerText why = ports_.scanner.trouble();
+    line.text.printf("%s%s%s", online ? "the scanner can be asked again" : "the scanner cannot be asked",
+                     online || why.empty() ? "" : ": ", online ? "" : why.c_str());
+    say(line);
+  }
+  line.code = 0;
+  line.level = LogLine::Level::warning;
+  if (ports_.scanner.next_note(line.text)) say(line);
 }
 
 void Loop::serve_plc() {
@@ -344,6 +385,8 @@ void Loop::feed_watchdog() {
   for (std::size_t i = 0; i < turns.size(); ++i) {
     if (turns[i] != worker_turns_[i] || worker_moved_ns_[i] == 0) worker_moved_ns_[i] = now_ns;
     worker_turns_[i] = turns[i];
+    // A share that hangs is told of (301) and ends when its server does; killing slabd would not bring it back.
+    if (i == 1 && ports_.scanner.hangs()) worker_moved_ns_[i] = now_ns;
     alive = alive && now_ns - worker_moved_ns_[i] < kWorkerStuckNs;
   }
   if (!alive || now_ns - watchdog_ns_ < kWatchdogPeriodNs) return;

@@ -79,6 +79,8 @@ class Loop {
   [[nodiscard]] bool wants_store(std::int64_t patience_ns) const;
   /// Ends the scan in hand and waits for the store jobs under way; last.
   void finish();
+  /// After finish(): waits until the scanner's worker can be ended. False: it hangs, and nobody can say for how long.
+  [[nodiscard]] bool scanner_comes_back();
 
   [[nodiscard]] const Station& station() const { return *station_; }
 
@@ -88,6 +90,7 @@ class Loop {
   void take_poses();
   void say_pose_news();
   void take_answers();
+  void say_scanner_news();
   void serve_plc();
   void say_plc_news();
   void serve_control();
@@ -125,6 +128,10 @@ class Loop {
   Code pose_said_ = Code::no_pose;  ///< the last state of the pose link that the log tells
   Code pose_seen_ = Code::no_pose;
   std::int64_t pose_seen_ns_ = 0;  ///< since when it is so
+  bool scanner_said_ = true;  ///< online, as the log tells; nothing is told of a scanner that is there from the start
+  bool scanner_seen_ = true;
+  std::int64_t scanner_seen_ns_ = 0;  ///< since when it is so
+  std::int64_t scanner_said_ns_ = -(std::int64_t{1} << 40U);
   std::string plc_trouble_said_;
   std::string plc_trouble_seen_;
   std::int64_t plc_trouble_ns_ = 0;  ///< since when it is so

@@ -7,7 +7,6 @@
 #include <atomic>
 #include <csignal>
 #include <cstdio>
-#include <filesystem>
 
 #include "daemon/absent.h"
 #include "daemon/loop.h"
@@ -105,17 +104,23 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
     std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
     return std::make_unique<AbsentScanner>(made.error());
   }
-  std::error_code ignored;  // the port below says what is wrong with the folder
-  std::filesystem::create_directories(config.scanner.drop_dir.c_str(), ignored);
-  auto made = hal::make_scan_drop(config.scanner, clock);
-  if (!made.ok()) {
-    std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
-    return std::make_unique<AbsentScanner>(made.error());
-  }
-  if (!made.value()->online())
-    std::fprintf(stderr, "warning: scanner.drop_dir %s cannot be used yet; it is looked for again\n",
-                 config.scanner.drop_dir.c_str());
-  return std::move(made.value());
+  // The folder may lie on a share that hangs: only the scanner's own thread looks at it.
+  hal::ScanDropSettings settings = config.scanner;
+  settings.make_drop_dir = true;
+  auto made = hal::make_scan_drop(settings, clock);
+  if (made.ok()) return std::move(made.value());
+  std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
+  return std::make_unique<AbsentScanner>(made.error());
+}
+
+/// The scanner's thread is in a call that nobody can end (a network share that hangs), and would be waited for. Every
+/// record that was promised is durable; as with a kill, everything durable stays. The service manager starts slabd
+/// again where it was not told to stop.
+[[noreturn]] void leave_without_scanner(hal::ServiceNotify& notify) {
+  notify.stopping();
+  std::fprintf(stderr, "info: slabd: stopped while the scanner's drop folder did not answer\n");
+  std::fflush(nullptr);
+  std::_Exit(g_stop ? 0 : kExitUnreachable);
 }
 
 /// A seal that cannot be had is said and done without: a dark interface helps nobody.
@@ -209,6 +214,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     again = loop.run(g_stop, patience_ns, [headroom_bytes] {
       if (headroom_bytes != 0) seal(headroom_bytes);
     });
+    if (!loop.scanner_comes_back()) leave_without_scanner(*notify);
   }
   std::fprintf(stderr, "info: slabd: stopped\n");
   return 0;

@@ -64,6 +64,7 @@ struct Tick {
 };
 struct LinkStatus {
   bool scanner_online = false;
+  bool scanner_hangs = false;  ///< its worker may not come back for long
   std::uint64_t stray_files = 0;
 };
 /// Twice for a scan that comes: when its points lie in the buffer, and when it is durable. The first may be missing; a
@@ -292,6 +293,14 @@ struct PendingStore {
   PlcResult record;
 };
 
+/// A request that was given up because the scanner's worker hangs in a call that nobody can end. Whatever it still does
+/// is done to its own buffer, and nothing else is asked of it until it is back.
+struct OwedScan {
+  bool waits = false;
+  bool slot_taken = false;  ///< the worker may still write into it
+  std::uint8_t slot = 0;
+};
+
 struct Station {
   explicit Station(const StationSettings& settings_in)
       : settings(settings_in), gate(settings_in.pose), still(settings_in.capture, settings_in.pose) {}
@@ -322,6 +331,7 @@ struct Station {
   std::array<std::uint64_t, kFingerprintsKept> fingerprints{};  ///< of the last scans; 0: none
   std::size_t fingerprint_next = 0;                             ///< the oldest
   std::array<bool, limits::kScanSlots> slot_busy{};
+  OwedScan owed;
   std::array<bool, limits::kStationsMax> station_measuring{};  ///< until its result is stored
   std::uint32_t measuring = 0;                                 ///< how many of them
   std::int64_t last_slab_key = 0;

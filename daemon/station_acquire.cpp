@@ -19,6 +19,9 @@ namespace {
 /// A pose newer than the end of the exposure must come within this time, or the link counts as stale.
 constexpr std::int64_t kCheckTimeoutNs = kNsPerS;
 
+/// The PLC waits 20 s for "acquired". A scanner's worker that hangs then is not waited for any longer.
+constexpr std::int64_t kHangTimeoutNs = 19 * kNsPerS + kNsPerS / 2;
+
 StationRecord& record_of(Station& s, std::uint8_t station) {
   return s.slab.stations[station - 1U];
 }
@@ -41,6 +44,7 @@ void try_to_trigger(Station& s, Actions& actions) {
   // A SCAN may come before the robot has left the last station: standing in the wrong place is not yet an error.
   if (code == Code::ok) code = looks_at_station(s, mean.T_base_flange, off_axis_mm);
   const int slot = free_slot(s);
+  if (code == Code::ok && (s.owed.waits || s.links.scanner_hangs)) code = Code::scanner_offline;
   if (code == Code::ok && slot < 0) code = Code::deadline;
   if (code != Code::ok) {
     if (s.now_ns - a.started_ns <= s.settings.settle_timeout_ns) return;
@@ -134,6 +138,15 @@ void check_stillness(Station& s, Actions& actions) {
   submit(s, actions, AcquiredJob{a.attempt, a.fingerprint}, pending);
 }
 
+/// ABORT is the PLC's right at any time; and a PLC that waits gets its answer.
+void give_up_when_scanner_hangs(Station& s, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  if (!s.links.scanner_hangs || (!a.abort && s.now_ns - a.started_ns < kHangTimeoutNs)) return;
+  owe_scan(s, a.slot, a.slot_taken, actions);
+  a.slot_taken = false;
+  fail_acquisition(s, a.abort ? Code::interrupted : Code::scanner_offline, actions);
+}
+
 void release(Station& s) {
   if (s.acquisition.slot_taken) s.slot_busy[s.acquisition.slot] = false;
   s.acquisition = {};
@@ -214,7 +227,10 @@ void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
 void advance_acquisition(Station& s, Actions& actions) {
   switch (s.acquisition.phase) {
     case Acquisition::Phase::settling: try_to_trigger(s, actions); break;
-    case Acquisition::Phase::scanning: measure_ahead(s, actions); break;
+    case Acquisition::Phase::scanning:
+      measure_ahead(s, actions);
+      give_up_when_scanner_hangs(s, actions);
+      break;
     case Acquisition::Phase::checking: check_stillness(s, actions); break;
     case Acquisition::Phase::none:
     case Acquisition::Phase::storing: break;
@@ -233,7 +249,27 @@ static bool is_repeated(Station& s, std::uint64_t fingerprint) {
   return false;
 }
 
+void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions) {
+  s.owed = {true, slot_taken, slot};
+  emit(actions, CancelScan{});
+  log(actions, LogLine::Level::error, Code::scanner_offline,
+      "the scanner's worker hangs, most likely in a network share; nothing more is asked of it until it is back");
+}
+
+/// Nothing else was asked of the worker meanwhile, so whatever it brings is what was given up.
+static void settle_owed(Station& s, const ScanDone& done, Actions& actions) {
+  if (!done.durable) return;
+  if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
+  if (s.owed.slot_taken) s.slot_busy[s.owed.slot] = false;
+  s.owed = {};
+  log(actions, LogLine::Level::info, Code::ok, "the scanner's worker is back; the scan that was given up is dropped");
+}
+
 void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
+  if (s.owed.waits) {
+    settle_owed(s, done, actions);
+    return;
+  }
   if (on_view_scanned(s, done, actions)) return;
   Acquisition& a = s.acquisition;
   // The buffer names the scan as much as the number does: numbers begin anew with a session.

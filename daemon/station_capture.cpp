@@ -25,6 +25,8 @@ constexpr std::int64_t kLeaseMinS = 10;
 constexpr std::int64_t kLeaseMaxS = 3600;
 /// A pose newer than the end of the exposure must come within this time.
 constexpr std::int64_t kCheckTimeoutNs = kNsPerS;
+/// A worker that hangs is waited for this much longer than a robot that does not stand still.
+constexpr std::int64_t kHangTimeoutNs = 20 * kNsPerS;
 
 bool is_text(std::string_view text) {
   return !text.empty() && std::all_of(text.begin(), text.end(), [](char c) {
@@ -178,11 +180,16 @@ void shoot(Station& s) {
   s.still.begin();
 }
 
+Error scanner_does_not_answer() {
+  return error(Code::scanner_offline, "the scanner's worker hangs, most likely in a network share (slabctl status)");
+}
+
 void try_to_ask_scanner(Station& s, Actions& actions) {
   Capture& c = s.capture;
   const Code link = s.gate.link(s.now_ns);
   const int slot = free_slot(s);
-  if (link != Code::ok || !s.still.settled() || slot < 0) {
+  const bool scanner_hangs = s.owed.waits || s.links.scanner_hangs;
+  if (link != Code::ok || !s.still.settled() || slot < 0 || scanner_hangs) {
     if (s.now_ns - c.started_ns <= s.settings.settle_timeout_ns + s.settings.capture.stable_ns) return;
     if (link == Code::no_pose || link == Code::pose_stale) {
       refuse_shot(s,
@@ -191,6 +198,8 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
                   actions);
     } else if (!s.still.settled()) {
       refuse_shot(s, why_not_still(s), actions);
+    } else if (scanner_hangs) {
+      refuse_shot(s, scanner_does_not_answer(), actions);
     } else {
       refuse_shot(s, error(Code::deadline, "no buffer became free for the scan; check the computer's load"), actions);
     }
@@ -213,6 +222,16 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
   action.request.spool_path.printf("%s/%lld-%u", capture_folder(s).c_str(),
                                    static_cast<long long>(s.utime_us / 1'000'000), unsigned{c.request_no});
   emit(actions, action);
+}
+
+/// Its buffer stays taken: the worker may still write into it.
+void give_up_when_scanner_hangs(Station& s, Actions& actions) {
+  Capture& c = s.capture;
+  const std::int64_t patience_ns = s.settings.settle_timeout_ns + s.settings.capture.stable_ns + kHangTimeoutNs;
+  if (!s.links.scanner_hangs || (!c.abort && s.now_ns - c.started_ns < patience_ns)) return;
+  owe_scan(s, c.slot, true, actions);
+  c.phase = Capture::Phase::checking;
+  refuse_shot(s, scanner_does_not_answer(), actions);
 }
 
 void check_stillness(Station& s, Actions& actions) {
@@ -325,8 +344,8 @@ void advance_capture(Station& s, Actions& actions) {
       break;
     case Capture::Phase::settling: try_to_ask_scanner(s, actions); break;
     case Capture::Phase::checking: check_stillness(s, actions); break;
-    case Capture::Phase::closed:
-    case Capture::Phase::scanning: break;
+    case Capture::Phase::scanning: give_up_when_scanner_hangs(s, actions); break;
+    case Capture::Phase::closed: break;
   }
 }
 

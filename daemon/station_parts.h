@@ -83,6 +83,9 @@ void advance_acquisition(Station& s, Actions& actions);
 void on_scan_done(Station& s, const ScanDone& done, Actions& actions);
 void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Actions& actions);
 void fail_acquisition(Station& s, Code code, Actions& actions);
+/// Gives up the request in hand of a worker that hangs; with `slot_taken` its buffer stays busy until the worker is
+/// back.
+void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions);
 void abort_acquisition(Station& s, Actions& actions);
 void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actions);
 /// Clouds that are durable and not measured (after a restart or a storage fault) go back to the worker, one at a time.

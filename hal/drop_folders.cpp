@@ -5,7 +5,9 @@
 #include <fcntl.h>
 #include <stdio.h>
 #include <sys/stat.h>
+#include <sys/vfs.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 
@@ -33,34 +35,49 @@ Error offline(const PathText& drop_dir, const char* folder, int error_number) {
   return error(Code::scanner_offline, "%s/%s: %s", drop_dir.c_str(), folder, errno_text(error_number));
 }
 
+/// File systems whose files another computer may change. FUSE is among them: most of what is mounted so comes over a
+/// network, and what does not loses a second and a half.
+bool is_network(int folder) {
+  constexpr std::array<std::uint32_t, 9> kNetwork = {
+      0x6969,                  // NFS
+      0x517B,     0xFE534D42,  // SMB: smbfs, cifs since 3.0
+      0xFF534D42,              // cifs
+      0x65735546,              // FUSE: sshfs, ...
+      0x01021997,              // 9p, virtio shares
+      0x00C36400,              // Ceph
+      0x5346414F, 0x6B414653,  // AFS
+  };
+  struct statfs status {};
+  if (fstatfs(folder, &status) != 0) return true;
+  const auto type = static_cast<std::uint32_t>(status.f_type);
+  return std::find(kNetwork.begin(), kNetwork.end(), type) != kNetwork.end();
+}
+
+constexpr mode_t kOursAndOurGroups = 02770;
+
 /// Opens a folder below `parent`; one that is missing is made, for us and our group (the scanner software's user).
 Status open_folder(const PathText& drop_dir, int parent, const char* name, Fd& fd) {
-  constexpr mode_t kOursAndOurGroups = 02770;
   const bool made = mkdirat(parent, name, 0770) == 0;
   if (!made && errno != EEXIST) return offline(drop_dir, name, errno);
   fd = Fd(openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC));
   if (!fd.is_open()) return offline(drop_dir, name, errno);
-  if (made && fchmod(fd.get(), kOursAndOurGroups) != 0) return offline(drop_dir, name, errno);
+  if (made && fchmod(fd.get(), kOursAndOurGroups) != 0 && !is_network(fd.get())) return offline(drop_dir, name, errno);
   if (faccessat(parent, name, R_OK | W_OK | X_OK, AT_EACCESS) != 0) return offline(drop_dir, name, errno);
   return success();
 }
 
 bool describe_entry(int folder, const char* name, InboxEntry& entry) {
-  struct stat status {};
-  if (fstatat(folder, name, &status, AT_SYMLINK_NOFOLLOW) != 0) return false;  // gone since it was listed
+  entry.state = file_state(folder, name);
+  if (!entry.state.known) return false;  // gone since it was listed
   entry.name.assign(name);
-  entry.regular = S_ISREG(status.st_mode);
-  entry.device = status.st_dev;
-  entry.inode = status.st_ino;
-  entry.bytes = status.st_size;
-  entry.changed_ns = status.st_mtim.tv_sec * kNsPerS + status.st_mtim.tv_nsec;
+  entry.regular = S_ISREG(entry.state.mode);
   return true;
 }
 
 /// A file renamed while the folder is read can show under both names.
 bool listed(const InboxEntries& entries, const InboxEntry& entry) {
   for (const InboxEntry& other : entries)
-    if (other.device == entry.device && other.inode == entry.inode) return true;
+    if (other.state.device == entry.state.device && other.state.inode == entry.state.inode) return true;
   return false;
 }
 
@@ -82,6 +99,10 @@ bool write_text(int fd, std::string_view text) {
 
 }  // namespace
 
+void DropFolders::make_drop_dir() const {
+  mkdir(drop_dir_.c_str(), kOursAndOurGroups);
+}
+
 Status DropFolders::open() {
   drop_ = Fd(::open(drop_dir_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (!drop_.is_open())
@@ -89,11 +110,14 @@ Status DropFolders::open() {
                  errno == ENOENT ? " (the drop folder must exist)" : "");
   if (Status status = open_folder(drop_dir_, drop_.get(), "request", request_); !status) return status;
   if (Status status = open_folder(drop_dir_, drop_.get(), "inbox", inbox_); !status) return status;
+  on_network_ = is_network(inbox_.get());
   return open_folder(drop_dir_, drop_.get(), "stray", stray_);
 }
 
 Status DropFolders::list_inbox(std::string_view first, InboxEntries& entries) const {
   entries.clear();
+  // A share's kernel lists a folder as it remembers it, unless it knows that it has changed: asking makes it know.
+  if (on_network_ && !file_state(inbox_.get(), "").known) return offline(drop_dir_, "inbox", errno);
   const auto collect = [&](bool wanted_first) {
     return for_each_name(inbox_.get(), [&](const char* name) {
       const bool is_first = !first.empty() && std::string_view(name).substr(0, first.size()) == first;
@@ -118,30 +142,29 @@ bool DropFolders::set_aside(const char* name) const {
   return false;
 }
 
-bool DropFolders::trim_stray(std::uint64_t bytes_max) const {
-  constexpr int kDeletedPerCall = 64;
-  for (int deleted = 0; deleted < kDeletedPerCall; ++deleted) {
-    std::uint64_t bytes = 0;
-    NameText oldest;
-    timespec oldest_moved{};
-    const bool listed_all = for_each_name(stray_.get(), [&](const char* name) {
-      struct stat status {};
-      if (fstatat(stray_.get(), name, &status, AT_SYMLINK_NOFOLLOW) != 0 || S_ISDIR(status.st_mode)) return true;
-      bytes += static_cast<std::uint64_t>(status.st_size);
-      // The change time is when it was moved here, by the file system's own clock; what the scanner's computer wrote
-      // into the file's time does not matter.
-      const timespec moved = status.st_ctim;
-      if (oldest.empty() || moved.tv_sec < oldest_moved.tv_sec ||
-          (moved.tv_sec == oldest_moved.tv_sec && moved.tv_nsec < oldest_moved.tv_nsec)) {
-        oldest.assign(name);
-        oldest_moved = moved;
-      }
-      return true;
-    });
-    if (!listed_all || bytes <= bytes_max || oldest.empty()) return true;
-    if (unlinkat(stray_.get(), oldest.c_str(), 0) != 0) return true;  // tried again when the next one comes
-  }
-  return false;
+DropFolders::Trimmed DropFolders::trim_stray(std::uint64_t bytes_max) const {
+  Trimmed oldest;
+  timespec oldest_moved{};
+  const bool listed_all = for_each_name(stray_.get(), [&](const char* name) {
+    struct stat status {};
+    if (fstatat(stray_.get(), name, &status, AT_SYMLINK_NOFOLLOW) != 0 || S_ISDIR(status.st_mode)) return true;
+    oldest.held += static_cast<std::uint64_t>(status.st_size);
+    // The change time is when it was moved here, by the file system's own clock; what the scanner's computer wrote
+    // into the file's time does not matter.
+    const timespec moved = status.st_ctim;
+    if (oldest.name.empty() || moved.tv_sec < oldest_moved.tv_sec ||
+        (moved.tv_sec == oldest_moved.tv_sec && moved.tv_nsec < oldest_moved.tv_nsec)) {
+      oldest.name.assign(name);
+      oldest.bytes = static_cast<std::uint64_t>(status.st_size);
+      oldest_moved = moved;
+    }
+    return true;
+  });
+  if (!listed_all || oldest.held <= bytes_max || oldest.name.empty()) return oldest;
+  const bool deleted = unlinkat(stray_.get(), oldest.name.c_str(), 0) == 0;
+  oldest.what = deleted ? Trimmed::What::deleted : Trimmed::What::failed;
+  if (!deleted) oldest.error_number = errno;
+  return oldest;
 }
 
 Status DropFolders::post_request(const char* name, std::string_view text) const {
@@ -149,8 +172,9 @@ Status DropFolders::post_request(const char* name, std::string_view text) const 
   NameText temporary;
   temporary.printf(".%s.tmp", name);
   Fd fd(openat(request_.get(), temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0664));
-  if (fd.is_open() && fchmod(fd.get(), kReadableByScanner) == 0 && write_text(fd.get(), text) &&
-      renameat(request_.get(), temporary.c_str(), request_.get(), name) == 0)
+  // On a share its server says who may read what, and some refuse to be told.
+  const bool readable = fd.is_open() && (fchmod(fd.get(), kReadableByScanner) == 0 || on_network_);
+  if (readable && write_text(fd.get(), text) && renameat(request_.get(), temporary.c_str(), request_.get(), name) == 0)
     return success();
   const int why = errno;
   if (fd.is_open()) unlinkat(request_.get(), temporary.c_str(), 0);

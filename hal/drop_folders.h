@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "base/base.h"
+#include "hal/file_state.h"
 #include "hal/os.h"
 
 /// The three folders of a drop directory. request/: what slabd asks the scanner software for. inbox/: what that
@@ -21,14 +22,9 @@ using NameText = FixedString<255>;
 struct InboxEntry {
   NameText name;
   bool regular = false;
-  dev_t device = 0;
-  ino_t inode = 0;
-  std::int64_t bytes = 0;
-  std::int64_t changed_ns = 0;  ///< mtime
+  FileState state;
 
-  [[nodiscard]] bool same_content(const InboxEntry& other) const {
-    return device == other.device && inode == other.inode && bytes == other.bytes && changed_ns == other.changed_ns;
-  }
+  [[nodiscard]] bool same_content(const InboxEntry& other) const { return state.same_content(other.state); }
 };
 
 /// Entries looked at together. An orderly inbox holds one; of a flood the rest is looked at once these are gone.
@@ -39,9 +35,15 @@ class DropFolders {
  public:
   explicit DropFolders(const PathText& drop_dir) : drop_dir_(drop_dir) {}
 
-  /// Opens the folders anew, making those that are missing, and checks that they can be used. scanner_offline: the
-  /// text names the folder and why.
+  /// Opens the folders anew, making those below drop_dir that are missing, and checks that they can be used.
+  /// scanner_offline: the text names the folder and why.
   [[nodiscard]] Status open();
+
+  /// Makes drop_dir in a folder that is there. What goes wrong, open() says.
+  void make_drop_dir() const;
+
+  /// Of open(): another computer may write there, and what the kernel remembers of files may be seconds old.
+  [[nodiscard]] bool on_network() const { return on_network_; }
 
   /// What lies in the inbox. Entries whose name begins with `first` (when not empty) are listed before all others, so
   /// that a flood cannot hide an answer. scanner_offline when the folder cannot be read.
@@ -50,9 +52,16 @@ class DropFolders {
   /// Moves an inbox entry to stray/ under its own name or, when that is taken, with a number behind it.
   [[nodiscard]] bool set_aside(const char* name) const;
 
-  /// Deletes the files that were moved to stray/ first until it holds at most `bytes_max`; folders there are left
-  /// alone. False: there is more to delete than one call does. O(files * files deleted).
-  [[nodiscard]] bool trim_stray(std::uint64_t bytes_max) const;
+  /// Deletes the file that was moved to stray/ first when stray/ holds more than `bytes_max`; folders there are left
+  /// alone. O(files).
+  struct Trimmed {
+    enum class What : std::uint8_t { nothing, deleted, failed } what = What::nothing;
+    NameText name;
+    std::uint64_t bytes = 0;  ///< of the file
+    std::uint64_t held = 0;   ///< in stray/, before
+    int error_number = 0;     ///< why it could not be deleted
+  };
+  [[nodiscard]] Trimmed trim_stray(std::uint64_t bytes_max) const;
 
   /// Puts request/<name> in place by rename, so that nobody reads half of it.
   [[nodiscard]] Status post_request(const char* name, std::string_view text) const;
@@ -65,6 +74,7 @@ class DropFolders {
 
  private:
   PathText drop_dir_;
+  bool on_network_ = false;
   Fd drop_;
   Fd request_;
   Fd inbox_;

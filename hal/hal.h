@@ -296,15 +296,31 @@ class ScannerPort {
   [[nodiscard]] virtual std::uint64_t stray_files() const = 0;  ///< moved aside since start; any thread
   /// Why it is not online, and what was wrong last; empty: nothing. Any thread.
   [[nodiscard]] virtual ScannerText trouble() const { return {}; }
+  /// A call into the operating system has not come back for seconds (a network share that hangs): neither acquire() nor
+  /// idle() returns before it does, and nobody can make it. Any thread.
+  [[nodiscard]] virtual bool hangs() const { return false; }
+  /// Of the files that were moved aside: deleted again, because there was no more room for them.
+  struct Deleted {
+    std::uint64_t files = 0;
+    std::uint64_t bytes = 0;
+  };
+  [[nodiscard]] virtual Deleted deleted() const { return {}; }  ///< since start; any thread
+  /// What somebody should read of what was moved aside or deleted, oldest first; false: nothing new. One thread.
+  [[nodiscard]] virtual bool next_note(ScannerText&) { return false; }
 };
 
 struct ScanDropSettings {
   PathText drop_dir;
   bool any_name = false;
   LengthUnit unit = LengthUnit::mm;
+  bool make_drop_dir = false;  ///< at the first look, in a folder that is there
+  /// What stray/ may hold: thirty full-size scans. What somebody wants to look at is there, and no scanner program that
+  /// exports without end fills the disk.
+  std::uint64_t stray_bytes_max = 2'000'000'000;
 };
-/// Makes request/, inbox/ and stray/ below drop_dir; while that is not possible (a share not mounted yet) the port is
-/// offline, and idle() looks again. config: drop_dir is empty or too long.
+/// Touches nothing itself, for drop_dir may lie on a share that hangs. The first idle() or acquire() makes request/,
+/// inbox/ and stray/ below drop_dir; while that is not possible (a share not mounted yet) the port is offline, and
+/// idle() looks again. config: drop_dir is empty or too long.
 [[nodiscard]] Result<std::unique_ptr<ScannerPort>> make_scan_drop(const ScanDropSettings& settings, const Clock& clock);
 
 /// Scans over TCP: slabd listens, the scanner's gateway connects (docs/SCANNER.md).

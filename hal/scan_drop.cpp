@@ -6,9 +6,12 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <cerrno>
+#include <mutex>
 #include <optional>
 
 #include "hal/drop_folders.h"
+#include "hal/drop_news.h"
 #include "hal/hal.h"
 #include "hal/os.h"
 #include "hal/quiet_watch.h"
@@ -25,18 +28,24 @@
 //   - without names, an answer that may still come to a request that was given up ends the next one's innocence: it is
 //     waited for, and set aside, before anything else is asked for;
 //   - after acquire() neither the request nor an answer remains, good or bad, so that a repeat can be dropped.
+//
+// The folder may lie on a network share, whose kernel shows files as they were some seconds ago, and where any call may
+// hang for as long as the server does. So only the scanner's thread ever touches it (not even the constructor does),
+// that thread leaves word when it goes in (HangWatch), and what a file is at this moment is asked of the server
+// (FileState).
 namespace slabd::hal {
 namespace {
 
 constexpr std::int64_t kPollNs = 20 * kNsPerMs;
 /// A file is finished when nobody has touched it this long, unless it accounts for its own bytes ...
 constexpr std::int64_t kFinishedNs = 500 * kNsPerMs;
+/// ... on a share, where the writing computer sends what it holds in pieces, when it likes.
+constexpr std::int64_t kFinishedOnShareNs = 2 * kNsPerS;
 /// ... and a stray when it still has no name that means anything after this long.
 constexpr std::int64_t kStrayNs = 5 * kNsPerS;
 
-/// What stray/ may hold: thirty full-size scans. What somebody wants to look at is there, and no scanner program that
-/// exports without end fills the disk.
-constexpr std::uint64_t kStrayBytesMax = 2'000'000'000;
+/// Files deleted from stray/ at a look.
+constexpr int kTrimmedAtOnce = 64;
 
 /// any_name: a scanner that was asked answers within this time, or not at all (its own timeouts, a restart of slabd).
 constexpr std::int64_t kLateAnswerNs = 10 * kNsPerS;
@@ -80,17 +89,43 @@ struct Answer {
 class ScanDrop final : public ScannerPort {
  public:
   ScanDrop(const ScanDropSettings& settings, const Clock& clock)
-      : settings_(settings), clock_(clock), folders_(settings.drop_dir) {}
-
-  /// A folder that is not there yet (a share not mounted) is no reason to give up: idle() looks again.
-  void start() {
-    if (!open_folders()) return;
-    // Of a process that died; its scanner may still be at work.
-    if (folders_.withdraw_all_requests() != 0) answer_may_come_until_ns_ = clock_.mono_ns() + kLateAnswerNs;
-  }
+      : settings_(settings), clock_(clock), folders_(settings.drop_dir), hang_(clock), notes_(clock) {}
 
   Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz, const std::atomic<bool>& cancel,
                                const ScanDecoded& decoded) override {
+    hang_.enter(HangWatch::kLookNs);
+    Result<AcquiredScan> scan = ask(request, xyz, cancel, decoded);
+    hang_.leave();
+    return scan;
+  }
+
+  void idle() override {
+    hang_.enter(HangWatch::kLookNs);
+    if (open_folders()) static_cast<void>(tidy({}));
+    hang_.leave();
+  }
+
+  bool online() const override { return online_ && !hangs(); }
+  std::uint64_t stray_files() const override { return strays_; }
+  bool hangs() const override { return hang_.hangs_for_ns() != 0; }
+  Deleted deleted() const override { return {deleted_files_, deleted_bytes_}; }
+  bool next_note(ScannerText& text) override { return notes_.next(text); }
+
+  ScannerText trouble() const override {
+    ScannerText text;
+    if (const std::int64_t hangs_ns = hang_.hangs_for_ns(); hangs_ns != 0) {
+      text.printf("%s has not answered for %lld s; if it is a network share, look at its server and mount options",
+                  settings_.drop_dir.c_str(), static_cast<long long>(hangs_ns / kNsPerS));
+    } else if (!online_) {
+      const std::lock_guard lock(why_mutex_);
+      text = why_offline_;
+    }
+    return text;
+  }
+
+ private:
+  Result<AcquiredScan> ask(const ScanRequest& request, std::span<float> xyz, const std::atomic<bool>& cancel,
+                           const ScanDecoded& decoded) {
     if (Status status = open_folders(); !status) return status.error();
     const std::int64_t begin_ns = clock_.mono_ns();
     if (settings_.any_name) {
@@ -117,31 +152,71 @@ class ScanDrop final : public ScannerPort {
       return answer.error();
     }
 
+    hang_.enter(HangWatch::kTakeNs);
     Result<AcquiredScan> scan = take(answer.value(), request, xyz, decoded);
-    if (!scan) set_aside(answer.value().entry.name);
+    hang_.enter(HangWatch::kLookNs);
+    if (!scan) set_aside(answer.value().entry.name, "it is no scan of the request");
     return scan;
   }
 
-  void idle() override {
-    if (!open_folders()) return;
-    static_cast<void>(tidy({}));
-  }
-
-  bool online() const override { return online_; }
-  std::uint64_t stray_files() const override { return strays_; }
-
- private:
+  /// A folder that is not there yet (a share not mounted) is no reason to give up: the next look opens it anew.
   Status open_folders() {
-    Status status = folders_.open();
-    online_ = status.ok();
+    if (!looked_ && settings_.make_drop_dir) folders_.make_drop_dir();
+    looked_ = true;
+    const Status status = folders_.open();
+    note_whether_online(status);
+    if (!status || begun_) return status;
+    begun_ = true;
+    // Of a process that died; its scanner may still be at work.
+    if (folders_.withdraw_all_requests() != 0) answer_may_come_until_ns_ = clock_.mono_ns() + kLateAnswerNs;
     return status;
   }
 
-  void set_aside(const NameText& name) {
-    if (!folders_.set_aside(name.c_str())) return;
+  void note_whether_online(const Status& status) {
+    if (!status) {
+      const std::lock_guard lock(why_mutex_);
+      why_offline_ = status.error().text;
+    }
+    online_ = status.ok();
+  }
+
+  void set_aside(const NameText& name, const char* why) {
+    ScannerText line;
+    if (!folders_.set_aside(name.c_str())) {
+      if (errno == ENOENT || name == stuck_.view()) return;
+      stuck_ = name;  // it is tried again and again, and said once
+      line.printf("inbox/%.120s cannot be moved to stray/: %s", name.c_str(), errno_text(errno));
+      notes_.add(line);
+      return;
+    }
+    line.printf("inbox/%.120s was moved to stray/: %s", name.c_str(), why);
+    notes_.add(line);
     ++strays_;
     trimmed_ = false;
     if (!stem_of(name.view()).empty()) answer_may_come_until_ns_ = 0;  // it has come
+  }
+
+  /// What was moved to stray/ first goes first, each with a line of its own: somebody may be looking for it.
+  void trim_stray() {
+    for (int i = 0; i < kTrimmedAtOnce; ++i) {
+      const DropFolders::Trimmed trimmed = folders_.trim_stray(settings_.stray_bytes_max);
+      trimmed_ = trimmed.what != DropFolders::Trimmed::What::deleted;
+      if (trimmed.what == DropFolders::Trimmed::What::nothing) return;
+      ScannerText line;
+      if (trimmed.what == DropFolders::Trimmed::What::failed) {
+        // Tried again when the next one comes.
+        line.printf("stray/%.120s cannot be deleted: %s", trimmed.name.c_str(), errno_text(trimmed.error_number));
+        notes_.add(line);
+        return;
+      }
+      line.printf("stray/%.120s (%llu bytes) was deleted: stray/ held %llu bytes, allowed are %llu, it came first",
+                  trimmed.name.c_str(), static_cast<unsigned long long>(trimmed.bytes),
+                  static_cast<unsigned long long>(trimmed.held),
+                  static_cast<unsigned long long>(settings_.stray_bytes_max));
+      notes_.add(line);
+      ++deleted_files_;
+      deleted_bytes_ += trimmed.bytes;
+    }
   }
 
   /// Looks at the inbox and moves away what is certainly not an answer to `awaited` (empty: nothing is awaited).
@@ -153,10 +228,11 @@ class ScanDrop final : public ScannerPort {
       if (!awaited.empty() && stem == awaited) continue;
       const bool answers_another = !settings_.any_name && is_request_stem(stem);
       const bool left_behind = clock_.mono_ns() - watched.since_ns >= kStrayNs;
-      if (answers_another || left_behind) set_aside(watched.entry.name);
+      if (answers_another || left_behind)
+        set_aside(watched.entry.name, answers_another ? "its request is over or never was" : "it answers no request");
     }
     // While a scan is waited for too: a disk is filled within a timeout.
-    if (!trimmed_) trimmed_ = folders_.trim_stray(kStrayBytesMax);
+    if (!trimmed_) trim_stray();
     return success();
   }
 
@@ -167,7 +243,7 @@ class ScanDrop final : public ScannerPort {
     if (status) {
       watch_.look(clock_.mono_ns(), entries);
     } else {
-      online_ = false;
+      note_whether_online(status);
     }
     return status;
   }
@@ -186,18 +262,24 @@ class ScanDrop final : public ScannerPort {
 
   // ---- waiting
 
+  void pause() {
+    hang_.leave();
+    wait_for_next_look();
+    hang_.enter(HangWatch::kLookNs);
+  }
+
   /// any_name: until the answer to a request that was given up has come, and was set aside, or can no longer come.
   Status outwait_late_answer(std::int64_t deadline_ns, const std::atomic<bool>& cancel) {
     while (clock_.mono_ns() < answer_may_come_until_ns_) {
       InboxEntries entries;
       if (Status status = look({}, entries); !status) return status;
-      for (const InboxEntry& entry : entries) set_aside(entry.name);
+      for (const InboxEntry& entry : entries) set_aside(entry.name, "its request was given up");
       if (cancel) return error(Code::interrupted, "the scan was cancelled");
       if (clock_.mono_ns() >= deadline_ns)
         return error(Code::trigger_timeout,
                      "an earlier request was given up, and its answer may still come; without names it could not be "
                      "told from this one's");
-      if (answer_may_come_until_ns_ != 0) wait_for_next_look();
+      if (answer_may_come_until_ns_ != 0) pause();
     }
     return success();
   }
@@ -212,7 +294,7 @@ class ScanDrop final : public ScannerPort {
       if (clock_.mono_ns() >= deadline_ns)
         return error(Code::trigger_timeout, "no answer to request %.*s within %.1f s", static_cast<int>(stem.size()),
                      stem.data(), ms_from_ns(timeout_ns) / 1e3);
-      wait_for_next_look();
+      pause();
     }
   }
 
@@ -236,7 +318,9 @@ class ScanDrop final : public ScannerPort {
     return is_complete_scan(fd.get(), name, settings_.unit);
   }
 
-  bool is_quiet(const QuietWatch::Watched& watched) const { return clock_.mono_ns() - watched.since_ns >= kFinishedNs; }
+  bool is_quiet(const QuietWatch::Watched& watched) const {
+    return clock_.mono_ns() - watched.since_ns >= (folders_.on_network() ? kFinishedOnShareNs : kFinishedNs);
+  }
 
   /// any_name: exactly one entry, a regular file, untouched for half a second.
   Result<std::optional<Answer>> find_only_file() {
@@ -247,7 +331,7 @@ class ScanDrop final : public ScannerPort {
       const Error several =
           error(Code::frame_incomplete, "%s/inbox/%.120s: %s", settings_.drop_dir.c_str(), entries[0].name.c_str(),
                 entries.size() > 1 ? "is not the only answer to one request" : "not a regular file");
-      for (const InboxEntry& entry : entries) set_aside(entry.name);
+      for (const InboxEntry& entry : entries) set_aside(entry.name, several.text.c_str());
       return several;
     }
     const QuietWatch::Watched& only = watch_.watched()[0];
@@ -274,7 +358,7 @@ class ScanDrop final : public ScannerPort {
     const Fd fd(opened.value());
     // A file that has just become whole was still growing when it was listed.
     InboxEntry found = answer.entry;
-    if (answer.accounted) refresh(fd.get(), found);
+    if (answer.accounted) found.state = file_state(fd.get(), "");
     Result<ScanShape> shape = read_scan_fd(fd.get(), shown.c_str(), settings_.unit, xyz);
     if (!shape) return shape.error();
     if (!is_untouched(fd.get(), found))
@@ -291,21 +375,8 @@ class ScanDrop final : public ScannerPort {
     return scan;
   }
 
-  /// Size and time of now, of the same file.
-  static void refresh(int fd, InboxEntry& entry) {
-    struct stat status {};
-    if (fstat(fd, &status) != 0) return;
-    entry.bytes = status.st_size;
-    entry.changed_ns = status.st_mtim.tv_sec * kNsPerS + status.st_mtim.tv_nsec;
-  }
-
   /// The decoded file is the one that was found, and nobody wrote to it meanwhile.
-  static bool is_untouched(int fd, const InboxEntry& entry) {
-    struct stat status {};
-    return fstat(fd, &status) == 0 && status.st_dev == entry.device && status.st_ino == entry.inode &&
-           status.st_size == entry.bytes &&
-           status.st_mtim.tv_sec * kNsPerS + status.st_mtim.tv_nsec == entry.changed_ns;
-  }
+  static bool is_untouched(int fd, const InboxEntry& entry) { return file_state(fd, "").same_content(entry.state); }
 
   static Result<PathText> spool_path(const ScanRequest& request, std::string_view name) {
     const FixedString<16> extension = lower_case(extension_of(name));
@@ -322,10 +393,19 @@ class ScanDrop final : public ScannerPort {
   const Clock& clock_;
   DropFolders folders_;
   QuietWatch watch_;
+  HangWatch hang_;
+  DropNotes notes_;
+  bool looked_ = false;
+  bool begun_ = false;                         ///< the folders could be used once
+  NameText stuck_;                             ///< cannot be moved away
   std::int64_t answer_may_come_until_ns_ = 0;  ///< any_name: 0 or past: no answer is outstanding
   bool trimmed_ = false;                       ///< stray/ keeps its budget
   std::atomic<bool> online_ = false;
   std::atomic<std::uint64_t> strays_ = 0;
+  std::atomic<std::uint64_t> deleted_files_ = 0;
+  std::atomic<std::uint64_t> deleted_bytes_ = 0;
+  mutable std::mutex why_mutex_;
+  ScannerText why_offline_;
 };
 
 }  // namespace
@@ -335,9 +415,7 @@ Result<std::unique_ptr<ScannerPort>> make_scan_drop(const ScanDropSettings& sett
   if (settings.drop_dir.empty() || settings.drop_dir.size() == PathText::capacity())
     return error(Code::config, "scanner.drop_dir \"%s\" is empty or longer than %zu bytes", settings.drop_dir.c_str(),
                  PathText::capacity() - 1);
-  auto port = std::make_unique<ScanDrop>(settings, clock);
-  port->start();
-  return std::unique_ptr<ScannerPort>(std::move(port));
+  return std::unique_ptr<ScannerPort>(std::make_unique<ScanDrop>(settings, clock));
 }
 
 }  // namespace slabd::hal

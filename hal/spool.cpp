@@ -8,6 +8,7 @@
 #include <array>
 #include <cerrno>
 
+#include "hal/file_state.h"
 #include "hal/os.h"
 #include "hal/spool_writer.h"
 
@@ -55,16 +56,18 @@ bool is_same_file(int fd, const PathText& path) {
          opened.st_ino == named.st_ino;
 }
 
-bool copy_bytes(int from, int to) {
+enum class Copied : std::uint8_t { all, unreadable, unwritable };
+
+Copied copy_bytes(int from, int to) {
   std::array<char, limits::kScanReadBytes> piece;
   off_t offset = 0;
   for (;;) {
     const ssize_t n = pread(from, piece.data(), piece.size(), offset);
     if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) return n == 0;
+    if (n <= 0) return n == 0 ? Copied::all : Copied::unreadable;
     for (ssize_t written = 0; written < n;) {
       const ssize_t w = write(to, &piece[static_cast<std::size_t>(written)], static_cast<std::size_t>(n - written));
-      if (w < 0 && errno != EINTR) return false;
+      if (w < 0 && errno != EINTR) return Copied::unwritable;
       if (w > 0) written += w;
     }
     offset += n;
@@ -78,13 +81,22 @@ FixedString<limits::kPathBytes + 8> working_name(const PathText& path) {
   return working;
 }
 
-/// To another file system: a whole, synced copy under a working name first, then the rename.
+/// To another file system: a whole, synced copy under a working name first, then the rename. That file system may be a
+/// share: its own copy need not be durable, it can fail while it is read, and somebody elsewhere may write to it.
 Status copy_across(int fd, int from_folder, const char* name, const PathText& path) {
   const auto working = working_name(path);
   {
+    const FileState before = file_state(fd, "");
     const Fd copy(open(working.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0660));
     if (!copy.is_open()) return spool_error(path, "creating", errno);
-    if (!copy_bytes(fd, copy.get()) || fsync(copy.get()) != 0 || rename(working.c_str(), path.c_str()) != 0) {
+    const Copied copied = copy_bytes(fd, copy.get());
+    if (copied == Copied::unreadable || !file_state(fd, "").same_content(before)) {
+      const int why = errno;
+      unlink(working.c_str());
+      return error(Code::frame_incomplete, "%s: %s", name,
+                   copied == Copied::unreadable ? errno_text(why) : "changed while it was copied");
+    }
+    if (copied != Copied::all || fsync(copy.get()) != 0 || rename(working.c_str(), path.c_str()) != 0) {
       const int why = errno;
       unlink(working.c_str());
       return spool_error(path, "copying", why);
@@ -92,6 +104,13 @@ Status copy_across(int fd, int from_folder, const char* name, const PathText& pa
   }
   unlinkat(from_folder, name, 0);
   return success();
+}
+
+/// Two names can only be of one file on one file system.
+bool on_one_file_system(int fd, const PathText& folder) {
+  struct stat there {};
+  struct stat here {};
+  return fstat(fd, &there) == 0 && stat(folder.c_str(), &here) == 0 && there.st_dev == here.st_dev;
 }
 
 Status move_file(int fd, int from_folder, const char* name, const PathText& path) {
@@ -107,8 +126,15 @@ Status move_file(int fd, int from_folder, const char* name, const PathText& path
 }  // namespace
 
 Status spool_file(int fd, int from_folder, const char* name, const PathText& path) {
-  if (fsync(fd) != 0) return spool_error(path, "syncing the scan", errno);
   if (Status status = make_folders(path); !status) return status;
+  if (!on_one_file_system(fd, folder_of(path))) {
+    if (Status status = copy_across(fd, from_folder, name, path); !status) return status;
+    if (sync_folder(folder_of(path))) return success();
+    const int why = errno;
+    unlink(path.c_str());
+    return spool_error(path, "syncing the folder", why);
+  }
+  if (fsync(fd) != 0) return spool_error(path, "syncing the scan", errno);
   if (Status status = move_file(fd, from_folder, name, path); !status) return status;
   // The old name's folder is synced too, or after a power cut the scan could appear under both names.
   const bool new_name_safe = sync_folder(folder_of(path));

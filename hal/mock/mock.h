@@ -101,10 +101,12 @@ class MockScanner final : public ScannerPort {
   void idle() override { ++idle_count; }
   [[nodiscard]] bool online() const override { return is_online; }
   [[nodiscard]] std::uint64_t stray_files() const override { return stray_count; }
+  [[nodiscard]] bool hangs() const override { return is_hung; }
 
   std::vector<ScanRequest> requests;
   std::atomic<int> idle_count = 0;
   std::atomic<bool> is_online = true;
+  std::atomic<bool> is_hung = false;
   std::atomic<std::uint64_t> stray_count = 0;
 
  private:

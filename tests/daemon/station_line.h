@@ -159,6 +159,7 @@ class Line {
   double robot_turn_rad = 0.0;  ///< about base Z
   std::int16_t robot_tool = 0;  ///< active on the controller
   Code scan_code = Code::ok;
+  bool worker_hangs = false;  ///< the scanner's, in a call that cannot be cancelled
   bool scanner_answers = true;
   bool disk_syncs = true;         ///< false: the scan lies in the buffer, and `sync_ends` says when and how it goes on
   std::uint64_t fingerprint = 0;  ///< of the next scans' points
@@ -296,6 +297,7 @@ class Line {
     } else if (std::holds_alternative<CancelScan>(action)) {
       ++cancelled;
       exposing_ = false;
+      if (worker_hangs) return;
       ScanDone done;
       done.cmd_seq = scans.back().request.cmd_seq;
       done.slot = scans.back().slot;

@@ -412,10 +412,10 @@ TEST_F(StationRefusals, a_wall_clock_older_than_the_newest_record_is_a_warning_a
 
 TEST_F(StationRefusals, files_that_answer_nothing_are_a_warning) {
   begin();
-  line.feed(LinkStatus{true, 0});
+  line.feed(LinkStatus{true, false, 0});
   EXPECT_TRUE(line.view().scanner_ok);
   EXPECT_EQ(line.view().warn & kWarnStrayFiles, 0);
-  line.feed(LinkStatus{false, 2});
+  line.feed(LinkStatus{false, false, 2});
   EXPECT_FALSE(line.view().scanner_ok);
   EXPECT_NE(line.view().warn & kWarnStrayFiles, 0);
 }

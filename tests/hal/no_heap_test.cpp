@@ -148,6 +148,7 @@ TEST(NoHeap, acquiring_a_scan) {
   settings.drop_dir = PathText(folder.string());
   auto scanner = make_scan_drop(settings, *clock);
   ASSERT_TRUE(scanner.ok());
+  scanner.value()->idle();
   std::vector<float> xyz(3 * limits::kScanPointsMin, 1.0F);
   ASSERT_TRUE(write_ply((folder / "inbox/1-1.part").c_str(), xyz, 0, 0).ok());
   ScanRequest request;

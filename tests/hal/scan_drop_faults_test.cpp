@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "hal/drop_folders.h"
+#include "hal/drop_news.h"
 #include "tests/hal/scan_drop_fixture.h"
 
 namespace slabd::hal {
@@ -79,6 +80,12 @@ TEST_F(ScanDropTest, folders_that_may_not_be_written_are_offline_by_name_and_com
   EXPECT_TRUE(acquire(request(4), [this] { drop_scan("7-4.ply"); }).ok());
 }
 
+/// Until stray/ holds no more than `bytes`.
+void trim(const DropFolders& folders, std::uint64_t bytes) {
+  while (folders.trim_stray(bytes).what == DropFolders::Trimmed::What::deleted) {
+  }
+}
+
 TEST_F(ScanDropTest, what_was_set_aside_first_is_deleted_first_when_stray_has_no_room) {
   fs::create_directory(stray("somebody's folder"));
   for (int i = 1; i <= 10; ++i) {
@@ -94,11 +101,11 @@ TEST_F(ScanDropTest, what_was_set_aside_first_is_deleted_first_when_stray_has_no
   DropFolders folders{PathText(drop())};
   ASSERT_TRUE(folders.open().ok());
   const std::uint64_t one = fs::file_size(stray("7-110.ply"));
-  EXPECT_TRUE(folders.trim_stray(3 * one + one / 2));
+  trim(folders, 3 * one + one / 2);
   auto left = names_in(stray());
   std::sort(left.begin(), left.end());
   EXPECT_EQ(left, (std::vector<std::string>{"7-108.ply", "7-109.ply", "7-110.ply", "somebody's folder"}));
-  EXPECT_TRUE(folders.trim_stray(0));
+  trim(folders, 0);
   EXPECT_EQ(names_in(stray()), std::vector<std::string>{"somebody's folder"});
 }
 
@@ -116,6 +123,82 @@ TEST_F(ScanDropTest, a_scanner_that_exports_without_end_does_not_fill_the_disk) 
   std::sort(left.begin(), left.end());
   EXPECT_EQ(left, (std::vector<std::string>{"7-304.ply", "7-305.ply"}));
   EXPECT_EQ(scanner_->stray_files(), 5U) << "what was deleted was counted all the same";
+}
+
+std::vector<std::string> notes_of(ScannerPort& scanner) {
+  std::vector<std::string> notes;
+  for (ScannerText text; scanner.next_note(text);) notes.emplace_back(text.view());
+  return notes;
+}
+
+TEST_F(ScanDropTest, every_file_that_is_moved_aside_or_deleted_is_one_line_and_counted) {
+  ScanDropSettings settings;
+  settings.drop_dir = PathText(drop());
+  settings.stray_bytes_max = 2'500;
+  scanner_ = std::move(make_scan_drop(settings, *clock_).value());
+  scanner_->idle();
+  for (int i = 1; i <= 4; ++i) {
+    write_file(drop() + "/part", std::string(1'000, 'x'));
+    fs::rename(drop() + "/part", inbox("7-" + std::to_string(400 + i) + ".ply"));
+    wait_ms(15);
+    scanner_->idle();
+  }
+  const std::vector<std::string> notes = notes_of(*scanner_);
+  ASSERT_EQ(notes.size(), 6U) << "four moved, two deleted";
+  EXPECT_EQ(notes[0], "inbox/7-401.ply was moved to stray/: its request is over or never was");
+  EXPECT_EQ(notes[3],
+            "stray/7-401.ply (1000 bytes) was deleted: stray/ held 3000 bytes, allowed are 2500, it came first");
+  EXPECT_EQ(notes[5].substr(0, 44), "stray/7-402.ply (1000 bytes) was deleted: st");
+  EXPECT_EQ(scanner_->deleted().files, 2U);
+  EXPECT_EQ(scanner_->deleted().bytes, 2'000U);
+  EXPECT_EQ(scanner_->stray_files(), 4U);
+}
+
+TEST_F(ScanDropTest, a_flood_of_strays_is_thirty_lines_and_then_one_a_second) {
+  for (int round = 0; round < 8; ++round) {
+    for (int i = 0; i < 20; ++i) write_file(inbox("9-" + std::to_string(100 * round + i) + ".ply"), "x");
+    scanner_->idle();
+    scanner_->idle();
+  }
+  ASSERT_EQ(scanner_->stray_files(), 160U);
+  const std::vector<std::string> notes = notes_of(*scanner_);
+  EXPECT_GE(notes.size(), 30U);
+  EXPECT_LE(notes.size(), 60U) << "one a second more, on a slow computer too";
+}
+
+TEST_F(ScanDropTest, whoever_looks_from_outside_is_told_what_is_wrong_and_that_it_is_over) {
+  EXPECT_TRUE(scanner_->online());
+  EXPECT_TRUE(scanner_->trouble().empty());
+  fs::rename(drop(), drop() + ".away");
+  scanner_->idle();
+  EXPECT_FALSE(scanner_->online());
+  EXPECT_NE(scanner_->trouble().view().find("the drop folder must exist"), std::string_view::npos);
+  fs::rename(drop() + ".away", drop());
+  scanner_->idle();
+  EXPECT_TRUE(scanner_->online());
+  EXPECT_TRUE(scanner_->trouble().empty());
+}
+
+TEST(HangWatch, a_call_that_does_not_come_back_shows_after_its_patience_and_not_before) {
+  struct Stepped final : Clock {
+    [[nodiscard]] std::int64_t mono_ns() const override { return now_ns; }
+    [[nodiscard]] std::int64_t utime_us() const override { return 0; }
+    std::int64_t now_ns = kNsPerS;
+  } clock;
+  HangWatch watch(clock);
+  EXPECT_EQ(watch.hangs_for_ns(), 0);
+  watch.enter(3 * kNsPerS);
+  clock.now_ns += 3 * kNsPerS - 1;
+  EXPECT_EQ(watch.hangs_for_ns(), 0);
+  clock.now_ns += 1;
+  EXPECT_EQ(watch.hangs_for_ns(), 3 * kNsPerS);
+  watch.enter(10 * kNsPerS);  // it came back, and goes in again
+  EXPECT_EQ(watch.hangs_for_ns(), 0);
+  clock.now_ns += 9 * kNsPerS;
+  EXPECT_EQ(watch.hangs_for_ns(), 0);
+  watch.leave();
+  clock.now_ns += 100 * kNsPerS;
+  EXPECT_EQ(watch.hangs_for_ns(), 0);
 }
 
 TEST_F(ScanDropTest, whatever_time_the_scanners_computer_has_its_files_are_answers) {

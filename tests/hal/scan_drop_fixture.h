@@ -49,6 +49,7 @@ class ScanDropTest : public ::testing::Test {
     auto made = make_scan_drop(settings, *clock_);
     ASSERT_TRUE(made.ok()) << made.error().text.c_str();
     scanner_ = std::move(made.value());
+    scanner_->idle();  // its first look
   }
 
   std::string drop() const { return folder_ / "drop"; }

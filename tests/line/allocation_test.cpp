@@ -202,7 +202,9 @@ TEST(Allocation, none_when_the_scanner_answers) {
   settings.drop_dir = std::string_view((dir.path / "drop").native());
   fs::create_directories(dir.path / "drop");
   auto scanner = hal::make_scan_drop(settings, *clock);
-  ASSERT_TRUE(scanner.ok() && scanner.value()->online());
+  ASSERT_TRUE(scanner.ok());
+  scanner.value()->idle();
+  ASSERT_TRUE(scanner.value()->online());
   std::vector<float> buffer(limits::kScanPointsMax * 3);
   const std::atomic<bool> cancel{false};
   for (std::uint16_t seq = 1; seq <= 2; ++seq) {

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <atomic>
+#include <mutex>
+
+#include "hal/hal.h"
+
+/// What the thread that works in a drop directory lets others know: whether it is stuck in there, and lines for the
+/// log.
+namespace slabd::hal {
+
+/// Says of a thread that it has been in the operating system for too long. On a network share any call may hang for as
+/// long as the server does, and then nobody but another thread can tell.
+class HangWatch {
+ public:
+  /// A look at folders takes microseconds here, and some tens of ms on a share.
+  static constexpr std::int64_t kLookNs = 3 * kNsPerS;
+  /// Reading and copying 60 MB: 2 s on a share at full 1 Gbit/s, and the spool's disk may be slow too.
+  static constexpr std::int64_t kTakeNs = 10 * kNsPerS;
+
+  explicit HangWatch(const Clock& clock) : clock_(clock) {}
+
+  /// From here on calls may hang, and hang when nothing is heard for `patience_ns`.
+  void enter(std::int64_t patience_ns) {
+    patience_ns_.store(patience_ns, std::memory_order_relaxed);
+    since_ns_.store(clock_.mono_ns(), std::memory_order_release);
+  }
+  void leave() { since_ns_.store(0, std::memory_order_release); }
+
+  /// For how long nothing was heard, once that is too long; else 0. Any thread.
+  [[nodiscard]] std::int64_t hangs_for_ns() const {
+    const std::int64_t since_ns = since_ns_.load(std::memory_order_acquire);
+    if (since_ns == 0) return 0;
+    const std::int64_t for_ns = clock_.mono_ns() - since_ns;
+    return for_ns >= patience_ns_.load(std::memory_order_relaxed) ? for_ns : 0;
+  }
+
+ private:
+  const Clock& clock_;
+  std::atomic<std::int64_t> since_ns_ = 0;
+  std::atomic<std::int64_t> patience_ns_ = kLookNs;
+};
+
+/// Lines from one thread that another one writes to the log: at once as long as they are few, then one a second, and
+/// what is too much as one line that counts it. No heap.
+class DropNotes {
+ public:
+  explicit DropNotes(const Clock& clock) : clock_(clock) {}
+
+  void add(const ScannerText& line) {
+    const std::lock_guard lock(mutex_);
+    if (!lines_.push(line)) ++untold_;
+  }
+  [[nodiscard]] bool next(ScannerText& line) {
+    const std::lock_guard lock(mutex_);
+    if (lines_.empty() && untold_ == 0) return false;
+    const std::int64_t now_ns = clock_.mono_ns();
+    // Every second gives the right to one more line, at most kAtOnce of them saved.
+    paid_until_ns_ = std::max(paid_until_ns_, now_ns - kAtOnce * kNsPerS);
+    if (paid_until_ns_ + kNsPerS > now_ns) return false;
+    paid_until_ns_ += kNsPerS;
+    if (!lines_.empty()) {
+      line = lines_.front();
+      lines_.pop();
+    } else {
+      line.printf("%llu more files were moved to stray/ or deleted there", static_cast<unsigned long long>(untold_));
+      untold_ = 0;
+    }
+    return true;
+  }
+
+ private:
+  static constexpr std::int64_t kAtOnce = 30;
+
+  const Clock& clock_;
+  std::mutex mutex_;
+  FixedQueue<ScannerText, 64> lines_;
+  std::uint64_t untold_ = 0;
+  std::int64_t paid_until_ns_ = -(std::int64_t{1} << 62U);
+};
+
+}  // namespace slabd::hal
