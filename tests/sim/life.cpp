@@ -126,7 +126,6 @@ class Life {
   std::int64_t calm_ns_ = 0;
   std::uint32_t calm_slab_no_ = 0;
   Verdict calm_verdict_ = Verdict::none;
-  std::int64_t dwell_ns_ = 0;
 };
 
 /// The daemon's log goes into the trace instead of the journal.
@@ -217,7 +216,7 @@ bool Life::run_loop(daemon::Ports ports, std::int64_t patience_ns) {
     where.spool_dir = kSpool;
     if (auto made = storage::open_store(where); made.ok()) {
       const heap::Aside aside;
-      store = std::make_unique<OverheardStore>(std::move(made.value()), promises_, world_, process);
+      store = std::make_unique<OverheardStore>(std::move(made.value()), promises_, process);
     } else {
       daemon::say_line(
           {daemon::LogLine::Level::error, static_cast<std::uint16_t>(made.error().code), made.error().text});

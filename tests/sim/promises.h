@@ -75,8 +75,8 @@ class Promises {
 /// The real store, overheard.
 class OverheardStore final : public storage::Store {
  public:
-  OverheardStore(std::unique_ptr<storage::Store> store, Promises& promises, World& world, const Process& process)
-      : store_(std::move(store)), promises_(promises), world_(world), process_(process) {}
+  OverheardStore(std::unique_ptr<storage::Store> store, Promises& promises, const Process& process)
+      : store_(std::move(store)), promises_(promises), process_(process) {}
   [[nodiscard]] Result<std::unique_ptr<RecoveredLine>> recover() override;
   [[nodiscard]] Status apply(const StoreJob& job) override;
   [[nodiscard]] Result<std::string> change(const storage::CalibrationChange& change) override {
@@ -91,7 +91,6 @@ class OverheardStore final : public storage::Store {
  private:
   std::unique_ptr<storage::Store> store_;
   Promises& promises_;
-  World& world_;
   const Process& process_;
 };
 

@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::size_t kLinesKept = 60;
 
-std::string formatted(const char* format, va_list args) {
+[[gnu::format(printf, 1, 0)]] std::string formatted(const char* format, va_list args) {
   std::array<char, 600> text{};
   std::vsnprintf(text.data(), text.size(), format, args);
   return text.data();
