@@ -100,8 +100,12 @@ std::optional<StreamRequest> StreamGateway::next_request(int wait_ms, std::strin
 
 bool StreamGateway::send_all(std::span<const std::byte> bytes) {
   while (!bytes.empty()) {
-    const ssize_t n = send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
-    if (n < 0 && errno == EINTR) continue;
+    // Somebody who has closed without reading leaves a full window, and send() would wait for room for ever.
+    pollfd room{fd_, POLLOUT | POLLRDHUP, 0};
+    if (poll(&room, 1, -1) < 0 && errno != EINTR) return false;
+    if ((room.revents & (POLLRDHUP | POLLHUP | POLLERR)) != 0) return false;
+    const ssize_t n = send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+    if (n < 0 && (errno == EINTR || errno == EAGAIN)) continue;
     if (n <= 0) return false;
     bytes = bytes.subspan(static_cast<std::size_t>(n));
   }

@@ -4,8 +4,10 @@
 #include <fmt/core.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 namespace slabd::simulate {
 
@@ -17,7 +19,14 @@ Result<DropAnswers> DropAnswers::open(const std::string& drop_dir) {
   answers.inbox_dir_ = fs::path(drop_dir) / "inbox";
   answers.part_path_ = fs::path(drop_dir) / fmt::format("emulated-scan-{}.part", ::getpid());
   std::error_code fault;
-  if (!fs::is_directory(answers.request_dir_, fault) || !fs::is_directory(answers.inbox_dir_, fault))
+  const auto is_there = [&] {
+    return fs::is_directory(answers.request_dir_, fault) && fs::is_directory(answers.inbox_dir_, fault);
+  };
+  // A daemon that has just been started makes them when it has read its database.
+  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(5);
+  while (!is_there() && std::chrono::steady_clock::now() < until)
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  if (!is_there())
     return error(Code::scanner_offline,
                  "%s has no request/ and inbox/: create the folder for slabd, which makes them, and start slabd first",
                  drop_dir.c_str());
