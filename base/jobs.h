@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <variant>
 
 #include "base/calibration.h"
@@ -23,6 +24,9 @@ struct ScanShape {
   std::size_t finite = 0;
   std::size_t width = 0;  ///< 0 = unorganised
   std::size_t height = 0;
+  /// The file holds its points as records of one length: they can be read again piece by piece, without memory for a
+  /// scan. Says nothing of what was measured and is not stored.
+  bool in_records = false;
 };
 
 struct ScanRequest {
@@ -86,6 +90,8 @@ struct Attempt {
   std::int64_t scan_utime_us = 0;
   double settle_ms = 0.0;   ///< SCAN accepted until the robot stood still
   double acquire_ms = 0.0;  ///< SCAN accepted until durable
+  /// CRC-32C of the points (hal::points_crc32c); none: not taken.
+  std::optional<std::uint32_t> points_crc32c{};
 };
 
 struct SessionJob {

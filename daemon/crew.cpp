@@ -34,6 +34,7 @@ class ThreadCrew final : public Crew {
         "slabd-measure", [this](const MeasureBlock& job) { return measure(job); }, [] {});
   }
   std::span<float> slot(std::size_t index) override { return slots_[index]; }
+  std::optional<std::uint32_t> points_crc32c(const AcquiredScan& scan) override;
 
  private:
   BlockMeasured measure(const MeasureBlock& job);
@@ -93,6 +94,18 @@ BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
     say_line(line);
   }
   return done;
+}
+
+std::optional<std::uint32_t> ThreadCrew::points_crc32c(const AcquiredScan& scan) {
+  const Result<hal::ScanChecksum> read = hal::read_scan_checksum(scan.path.c_str(), scan_unit_);
+  if (read.ok() && read.value().shape.points == scan.shape.points && read.value().shape.finite == scan.shape.finite)
+    return read.value().crc32c;
+  // The scan is measured all the same; without a checksum it is only less well proven.
+  LogLine line{LogLine::Level::warning, 0, {}};
+  line.text.printf("no checksum is kept of a scan: %s", read.ok() ? scan.path.c_str() : read.error().text.c_str());
+  if (read.ok()) line.text.append(" no longer holds what was read from it");
+  say_line(line);
+  return std::nullopt;
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 
 #include "daemon/station.h"
@@ -35,6 +36,10 @@ class Crew {
   [[nodiscard]] virtual std::unique_ptr<MeasureQueue> measuring() = 0;
   /// Where the points of a scan go; `index` below limits::kScanSlots.
   [[nodiscard]] virtual std::span<float> slot(std::size_t index) = 0;
+  /// CRC-32C of the points of a scan in records that is durable, from its file: its buffer may be in the hands of the
+  /// measuring by then, which changes it. None: the file cannot be read, or holds something else. Called by the
+  /// scanner's thread.
+  [[nodiscard]] virtual std::optional<std::uint32_t> points_crc32c(const AcquiredScan& scan) = 0;
 };
 
 /// Threads, and all memory of the inspection path, resident from the start. `recipes` and `clock` must outlive it.

@@ -65,9 +65,13 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
 /// Reads and checks one recipe; `recipe` is complete only when `problems` stays empty.
 void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& problems);
 
+/// The same from a file's bytes, such as storage has kept; `path` is its name in messages and the recipe's path.
+void parse_recipe(const std::string& path, const std::string& bytes, Recipe& recipe, std::vector<Problem>& problems);
+
 /// All *.toml of a folder, sorted by name; faulty ones are left out and reported. Two recipes of one slab_type, or
-/// none at all, are problems too.
-void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems);
+/// none at all, are problems too. `texts` (may be null): their files, in the same order.
+void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems,
+                  std::vector<storage::RecipeText>* texts = nullptr);
 
 /// Threads that measure a block when nobody says how many: 2 on a computer with two processors or more, else 1.
 [[nodiscard]] int default_measure_threads();

@@ -251,7 +251,8 @@ int main(int argc, char** argv) {
     load_config(config_path, config, config_problems);
     std::vector<slabd::Recipe> recipes;
     std::vector<Problem> recipe_problems;
-    if (config_problems.empty()) load_recipes(config.recipes_dir, recipes, recipe_problems);
+    if (config_problems.empty())
+      load_recipes(config.recipes_dir, recipes, recipe_problems, &config.storage.recipe_texts);
     if (check_only) return check(config, config_problems, recipes, recipe_problems);
     return run(config, config_problems, recipes, recipe_problems, headroom_mb * 1'000'000);
   } catch (const std::exception& e) {

@@ -221,7 +221,7 @@ void read_head(TableReader& root, Recipe& recipe) {
 
 }  // namespace
 
-void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& problems) {
+void parse_recipe(const std::string& path, const std::string& bytes, Recipe& recipe, std::vector<Problem>& problems) {
   recipe = Recipe{};
   recipe.path.assign(path);
   const std::size_t problems_before = problems.size();
@@ -230,11 +230,14 @@ void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& 
         {fmt::format("{}: a path of {} bytes, allowed are {}", path, path.size(), recipe.path.capacity())});
     return;
   }
-  const std::optional<std::string> bytes = read_text_file(path, problems);
-  if (!bytes) return;
-  recipe.sha256 = sha256_of(*bytes);
+  if (bytes.size() > storage::kRecipeTextBytes) {
+    problems.push_back({fmt::format("{}: found {} bytes, allowed are {} (slabd keeps a recipe with its slabs)", path,
+                                    bytes.size(), storage::kRecipeTextBytes)});
+    return;
+  }
+  recipe.sha256 = sha256_of(bytes);
   TomlValue tree;
-  if (!parse_toml(path, *bytes, tree, problems)) return;
+  if (!parse_toml(path, bytes, tree, problems)) return;
 
   TableReader root(path, &tree, "", problems);
   read_head(root, recipe);
@@ -248,8 +251,17 @@ void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& 
   root.finish();
 }
 
-void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems) {
+void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& problems) {
+  recipe = Recipe{};
+  recipe.path.assign(path);
+  if (const std::optional<std::string> bytes = read_text_file(path, problems))
+    parse_recipe(path, *bytes, recipe, problems);
+}
+
+void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems,
+                  std::vector<storage::RecipeText>* texts) {
   recipes.clear();
+  if (texts != nullptr) texts->clear();
   std::vector<std::string> paths;
   std::error_code ec;
   for (std::filesystem::directory_iterator it(dir, ec), end; !ec && it != end; it.increment(ec))
@@ -267,7 +279,9 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
   for (const std::string& path : paths) {
     Recipe recipe;
     const std::size_t problems_before = problems.size();
-    load_recipe(path, recipe, problems);
+    const std::optional<std::string> bytes = read_text_file(path, problems);
+    if (!bytes) continue;
+    parse_recipe(path, *bytes, recipe, problems);
     if (problems.size() != problems_before) continue;
     const auto [other, is_new] = path_of_type.emplace(recipe.slab_type, path);
     if (!is_new) {
@@ -281,6 +295,7 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
       continue;
     }
     recipes.push_back(recipe);
+    if (texts != nullptr) texts->push_back({recipe.sha256, recipe.name, *bytes});
   }
   if (recipes.empty())
     problems.push_back({fmt::format("{}: no usable recipe (*.toml) in this folder; slabd cannot measure", dir)});

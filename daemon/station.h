@@ -74,8 +74,10 @@ struct ScanDone {
   std::uint8_t slot = 0;
   bool durable = false;  ///< the last word
   Code code = Code::ok;
-  AcquiredScan scan;                          ///< valid when code is ok
-  std::uint64_t fingerprint = 0;              ///< of its points; 0: not taken
+  AcquiredScan scan;              ///< valid when code is ok
+  std::uint64_t fingerprint = 0;  ///< of its points; 0: not taken
+  /// Of its points, with the last word; none: not taken.
+  std::optional<std::uint32_t> points_crc32c{};
   FixedString<limits::kErrorTextBytes> text;  ///< why not
 };
 struct BlockMeasured {

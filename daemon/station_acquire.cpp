@@ -277,6 +277,7 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   a.attempt.scan_path = done.scan.path;
   a.attempt.shape = done.scan.shape;
   a.attempt.scan_utime_us = done.scan.taken_utime_us;
+  a.attempt.points_crc32c = done.points_crc32c;
   a.taken_ns = done.scan.taken_mono_ns;
   a.read_ms = done.scan.read_ms;
   if (done.code == Code::ok && !a.decoded && !a.repeats && is_repeated(s, done.fingerprint)) {

@@ -266,6 +266,19 @@ inline constexpr std::array kScanFormats = {ScanFormat::ply, ScanFormat::ply_asc
 /// The same with every digit of the file, for clouds that are analysed and not inspected.
 [[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<double> xyz);
 
+/// CRC-32C (hal/crc32c.h) of points (x, y, z in mm) as they were read, in the order of the file, missing ones included:
+/// each number as the four bytes of its float32, little-endian; of a missing point three times 00 00 C0 7F, whatever
+/// NaN the file had. `before`: of the points in front of these. docs/QUALITY.md has it in ten lines of Python.
+[[nodiscard]] std::uint32_t points_crc32c(std::span<const float> xyz, std::uint32_t before = 0);
+
+struct ScanChecksum {
+  ScanShape shape;
+  std::uint32_t crc32c = 0;  ///< what points_crc32c() gives for the points that read_scan() gives
+};
+/// Reads a scan whose points are records (ScanShape::in_records) piece by piece. frame_incomplete: it is none, or as
+/// read_scan(). No heap; 320 kB of stack; 10 ms for five million points in the page cache.
+[[nodiscard]] Result<ScanChecksum> read_scan_checksum(const char* path, LengthUnit unit);
+
 /// Writes a scan (for the emulator and tests) of float32 points, text with as many digits as bring the same bits back.
 /// width * height > 0: organised, as far as the format can say so. config: the shape does not fit; store_full,
 /// internal: nothing is left of the file. Uses the heap.

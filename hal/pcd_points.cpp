@@ -33,6 +33,16 @@ double load_coordinate(const char* from, bool is_double) {
   return double{value};
 }
 
+PointRecord record_of(const PcdLayout& layout) {
+  PointRecord record;
+  record.bytes = layout.stride;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    record.offset[axis] = layout.xyz[axis].offset;
+    record.is_double[axis] = layout.xyz[axis].is_double;
+  }
+  return record;
+}
+
 /// One file on its way into `xyz`.
 template <typename Real>
 class PcdBody {
@@ -103,13 +113,7 @@ class PcdBody {
   }
 
   Status read_binary() {
-    PointRecord record;
-    record.bytes = layout_.stride;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      record.offset[axis] = layout_.xyz[axis].offset;
-      record.is_double[axis] = layout_.xyz[axis].is_double;
-    }
-    return read_point_records(window_, record, mm_, xyz_, finite_) ? success() : Status(window_.failure());
+    return read_point_records(window_, record_of(layout_), mm_, xyz_, finite_) ? success() : Status(window_.failure());
   }
 
   Status read_compressed() {
@@ -185,6 +189,14 @@ Result<PcdLayout> read_header(ScanWindow& window, LengthUnit unit) {
   return layout;
 }
 
+Status check_size(const ScanWindow& window, const PcdLayout& layout) {
+  const std::uint64_t file_bytes = window.file_bytes();
+  if (file_bytes >= layout.bytes_min && (!layout.bytes_exact || file_bytes <= layout.bytes_min)) return success();
+  return error(Code::frame_incomplete, "%s: byte %llu: the file ends here, its header asks for %s%llu bytes",
+               window.name(), static_cast<unsigned long long>(file_bytes), layout.bytes_exact ? "" : "at least ",
+               static_cast<unsigned long long>(layout.bytes_min));
+}
+
 }  // namespace
 
 template <typename Real>
@@ -192,21 +204,26 @@ Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> 
   const Result<PcdLayout> header = read_header(window, unit);
   if (!header) return header.error();
   const PcdLayout& layout = header.value();
-  const std::uint64_t file_bytes = window.file_bytes();
-  if (file_bytes < layout.bytes_min || (layout.bytes_exact && file_bytes > layout.bytes_min))
-    return error(Code::frame_incomplete, "%s: byte %llu: the file ends here, its header asks for %s%llu bytes",
-                 window.name(), static_cast<unsigned long long>(file_bytes), layout.bytes_exact ? "" : "at least ",
-                 static_cast<unsigned long long>(layout.bytes_min));
+  if (Status status = check_size(window, layout); !status) return status.error();
   if (layout.points > xyz.size() / 3)
     return error(Code::frame_incomplete, "%s: %llu points, allowed are at most %zu", window.name(),
                  static_cast<unsigned long long>(layout.points), xyz.size() / 3);
   PcdBody<Real> body(window, layout, unit, xyz);
   if (Status status = body.read(); !status) return status.error();
-  return ScanShape{layout.points, body.finite(), layout.width, layout.height};
+  return ScanShape{layout.points, body.finite(), layout.width, layout.height, layout.data == PcdData::binary};
 }
 
 template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<float>);
 template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<double>);
+
+Result<PointRun> find_pcd_records(ScanWindow& window, LengthUnit unit) {
+  const Result<PcdLayout> header = read_header(window, unit);
+  if (!header) return header.error();
+  const PcdLayout& layout = header.value();
+  if (Status status = check_size(window, layout); !status) return status.error();
+  if (layout.data != PcdData::binary) return not_in_records(window.name());
+  return PointRun{record_of(layout), {layout.points, 0, layout.width, layout.height, true}};
+}
 
 bool is_complete_pcd(ScanWindow& window, LengthUnit unit) {
   const Result<PcdLayout> header = read_header(window, unit);

@@ -4,6 +4,7 @@
 #include <span>
 
 #include "hal/hal.h"
+#include "hal/point_records.h"
 #include "hal/scan_window.h"
 
 namespace slabd::hal {
@@ -12,6 +13,9 @@ namespace slabd::hal {
 /// binary_compressed (decoded through a fixed window, whatever the data grow to). No heap.
 template <typename Real>  // float or double
 [[nodiscard]] Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> xyz);
+
+/// Goes to the first point of a file whose points are records. frame_incomplete: it is none, or as `read_pcd`.
+[[nodiscard]] Result<PointRun> find_pcd_records(ScanWindow& window, LengthUnit unit);
 
 /// Whether the file in `window` has a binary header that accounts for exactly its bytes: it is complete, nobody is
 /// still writing it. False also for everything that cannot tell (ascii, not a PCD).

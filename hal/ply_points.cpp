@@ -44,6 +44,22 @@ double load_coordinate(const char* from, bool is_double, bool big_endian) {
   return double{std::bit_cast<float>(big_endian ? __builtin_bswap32(bits) : bits)};
 }
 
+PointRecord record_of(const PlyLayout& layout, const PlyElement& vertex) {
+  PointRecord record;
+  record.bytes = vertex.bytes;
+  record.big_endian = layout.encoding == PlyEncoding::big_endian;
+  std::size_t offset = 0;
+  for (const PlyProperty& property : layout.of(vertex)) {
+    if (property.axis >= 0) {
+      const auto axis = static_cast<std::size_t>(property.axis);
+      record.offset[axis] = offset;
+      record.is_double[axis] = property.is_double;
+    }
+    offset += property.bytes;
+  }
+  return record;
+}
+
 /// One file on its way into `xyz`.
 template <typename Real>
 class PlyBody {
@@ -87,23 +103,8 @@ class PlyBody {
       window_.skip(element.count * element.bytes);
       return success();
     }
-    return read_point_records(window_, record_of(element), mm_, xyz_, finite_) ? success() : Status(window_.failure());
-  }
-
-  [[nodiscard]] PointRecord record_of(const PlyElement& vertex) const {
-    PointRecord record;
-    record.bytes = vertex.bytes;
-    record.big_endian = big_endian();
-    std::size_t offset = 0;
-    for (const PlyProperty& property : layout_.of(vertex)) {
-      if (property.axis >= 0) {
-        const auto axis = static_cast<std::size_t>(property.axis);
-        record.offset[axis] = offset;
-        record.is_double[axis] = property.is_double;
-      }
-      offset += property.bytes;
-    }
-    return record;
+    return read_point_records(window_, record_of(layout_, element), mm_, xyz_, finite_) ? success()
+                                                                                        : Status(window_.failure());
   }
 
   /// Items with lists: each has its own length, which only its content tells.
@@ -248,11 +249,29 @@ Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> 
   PlyBody<Real> body(window, layout, unit, xyz);
   const Status status = layout.encoding == PlyEncoding::ascii ? body.read_ascii() : body.read_binary();
   if (!status) return status.error();
-  return ScanShape{layout.vertices, body.finite(), layout.width, layout.height};
+  return ScanShape{layout.vertices, body.finite(), layout.width, layout.height, layout.bytes_exact};
 }
 
 template Result<ScanShape> read_ply(ScanWindow&, LengthUnit, std::span<float>);
 template Result<ScanShape> read_ply(ScanWindow&, LengthUnit, std::span<double>);
+
+Result<PointRun> find_ply_records(ScanWindow& window, LengthUnit unit) {
+  const Result<PlyLayout> header = read_header(window, unit);
+  if (!header) return header.error();
+  const PlyLayout& layout = header.value();
+  if (Status status = check_size(window.name(), layout, window.file_bytes()); !status) return status.error();
+  if (!layout.bytes_exact) return not_in_records(window.name());
+  PointRun run;
+  run.shape = {layout.vertices, 0, layout.width, layout.height, true};
+  for (const PlyElement& element : layout.elements) {
+    if (element.is_vertex) {
+      run.record = record_of(layout, element);
+      break;
+    }
+    window.skip(element.count * element.bytes);
+  }
+  return run;
+}
 
 bool is_complete_ply(ScanWindow& window, LengthUnit unit) {
   const Result<PlyLayout> layout = read_header(window, unit);

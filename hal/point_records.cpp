@@ -57,6 +57,10 @@ void convert(const char* from, const PointRecord& record, std::size_t points, do
 
 }  // namespace
 
+Error not_in_records(const char* name) {
+  return error(Code::frame_incomplete, "%s: its points are not records of one length", name);
+}
+
 template <typename Real>
 bool read_point_records(ScanWindow& window, const PointRecord& record, double mm_per_unit, std::span<Real> xyz,
                         std::size_t& finite) {

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <span>
 
+#include "base/jobs.h"
 #include "hal/scan_window.h"
 
 /// Points in records of one length, as binary PLY and PCD have them.
@@ -17,6 +18,13 @@ struct PointRecord {
   std::array<bool, 3> is_double = {};
   bool big_endian = false;
 };
+
+/// A file's points as one run of records.
+struct PointRun {
+  PointRecord record;
+  ScanShape shape;  ///< how many are finite is not known yet
+};
+[[nodiscard]] Error not_in_records(const char* name);
 
 /// Reads xyz.size() / 3 records into `xyz` (mm), settles them (hal/settle_points.h) and adds to `finite` how many are.
 /// False: the window could not, `window.failure()` says why. What the bytes of the file may become as they are, three

@@ -70,7 +70,7 @@ class ScanStreamDecoder {
     return xyz_.subspan(3 * from, 3 * (points_ - from));
   }
   [[nodiscard]] std::size_t finite() const { return finite_; }
-  [[nodiscard]] ScanShape shape() const { return {points_, finite_, header_.width, header_.height}; }
+  [[nodiscard]] ScanShape shape() const { return {points_, finite_, header_.width, header_.height, true}; }
   /// How often a scan began with its first point: whoever copies the points has to begin again.
   [[nodiscard]] std::uint32_t starts() const { return starts_; }
 

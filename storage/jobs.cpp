@@ -34,8 +34,8 @@ std::int64_t number(std::uint64_t value) {
 
 }  // namespace
 
-Jobs::Jobs(Connection& db, std::string spool_dir, const HeldBack& held_back)
-    : spool_dir_(std::move(spool_dir)),
+Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_back)
+    : settings_(settings),
       held_back_(held_back),
       set_session_(db, "UPDATE line SET session = ?1"),
       set_newest_(db, "UPDATE line SET newest_utime_us = ?1 WHERE newest_utime_us < ?1"),
@@ -44,6 +44,8 @@ Jobs::Jobs(Connection& db, std::string spool_dir, const HeldBack& held_back)
                    "ORDER BY slab.slab_key DESC LIMIT 1"),
       slab_attempts_(db, "SELECT count(*) FROM attempt WHERE slab_key = ?1"),
       upsert_slab_(db, upsert_for<SlabHeader>("slab", {"slab_key"})),
+      has_recipe_(db, "SELECT count(*) FROM recipe_text WHERE sha256 = ?1"),
+      insert_recipe_(db, "INSERT INTO recipe_text (sha256, name, text, kept_utime_us) VALUES (?1, ?2, ?3, ?4)"),
       newest_command_(db,
                       "SELECT session, cmd_seq, command, station, coalesce(slab_key, 0), status FROM command "
                       "ORDER BY id DESC LIMIT 1"),
@@ -118,9 +120,26 @@ void Jobs::operator()(const BeginSlabJob& job) {
     throw Refusal{error(Code::journal_write, "slab key %lld is not above the last one, %lld",
                         static_cast<long long>(job.slab.key), static_cast<long long>(newest))};
   write_row(upsert_slab_, job.slab);
+  keep_recipe(job.slab);
   insert_command({job.session, job.cmd_seq, static_cast<std::uint16_t>(PlcCommand::slab_begin), 0, job.slab.key,
                   job.slab.began_utime_us},
                  kDone);
+}
+
+void Jobs::keep_recipe(const SlabHeader& slab) {
+  // First whether it is there: that costs no copy of the text.
+  const bool kept = has_recipe_.bind(1, slab.recipe_sha256.view()).step() && has_recipe_.integer(0) > 0;
+  has_recipe_.reset();
+  if (kept) return;
+  for (const RecipeText& recipe : settings_.recipe_texts) {
+    if (!(recipe.sha256 == slab.recipe_sha256)) continue;
+    insert_recipe_.bind(1, recipe.sha256.view())
+        .bind(2, recipe.name.view())
+        .bind(3, std::string_view(recipe.text))
+        .bind(4, slab.began_utime_us)
+        .run();
+    return;
+  }
 }
 
 void Jobs::operator()(const CommandJob& job) {
@@ -164,7 +183,7 @@ AttemptState Jobs::state_of(const Attempt& attempt, StationPhase phase, std::uin
   state.code = code;
   const std::string path(attempt.scan_path.view());
   // Only what lies in our spool is ever ours to delete, so only that is counted.
-  if (lies_below(path, spool_dir_)) state.scan_bytes = file_bytes(path);
+  if (lies_below(path, settings_.spool_dir)) state.scan_bytes = file_bytes(path);
   state.scan_state = state.scan_bytes > 0 ? ScanState::kept : ScanState::none;
   return state;
 }

@@ -5,6 +5,7 @@
 
 #include "storage/recover.h"
 #include "storage/rows.h"
+#include "storage/storage.h"
 
 namespace slabd::storage {
 
@@ -23,8 +24,8 @@ struct Refusal {
 /// of its own: it replaces them, or leaves them when nothing would change.
 class Jobs {
  public:
-  /// `held_back` belongs to the caller and may change between jobs.
-  Jobs(Connection& db, std::string spool_dir, const HeldBack& held_back);
+  /// `settings` and `held_back` belong to the caller; `held_back` may change between jobs.
+  Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_back);
 
   void operator()(const SessionJob& job);
   void operator()(const BeginSlabJob& job);
@@ -48,16 +49,19 @@ class Jobs {
   void insert_block(const BlockKey& key, const BlockResult& block);
   void insert_maps(const BlockKey& key, const BlockMaps& maps);
   void insert_items(const BlockKey& key, const Item* begin, const Item* end);
+  void keep_recipe(const SlabHeader& slab);
   void remember_scan(std::uint64_t fingerprint);
   [[nodiscard]] AttemptState state_of(const Attempt& attempt, StationPhase phase, std::uint16_t code) const;
 
-  std::string spool_dir_;
+  const StoreSettings& settings_;
   const HeldBack& held_back_;
   Statement set_session_;
   Statement set_newest_;
   Statement newest_slab_;
   Statement slab_attempts_;
   Statement upsert_slab_;
+  Statement has_recipe_;
+  Statement insert_recipe_;
   Statement newest_command_;
   Statement insert_command_;
   Statement close_command_;

@@ -66,6 +66,10 @@ class SqliteReader final : public Reader {
     return maps;
   }
 
+  Result<std::optional<RecipeText>> recipe_text(std::string_view sha256) override {
+    return read_value<std::optional<RecipeText>>([&] { return find_recipe_text(sha256); });
+  }
+
   Result<std::vector<HistoryGap>> gaps() override {
     return read_value<std::vector<HistoryGap>>([&] { return find_gaps(); });
   }
@@ -99,6 +103,24 @@ class SqliteReader final : public Reader {
     const Status status = read([&] { value = work(); });
     if (!status.ok()) return status.error();
     return value;
+  }
+
+  std::optional<RecipeText> find_recipe_text(std::string_view sha256) {
+    std::optional<RecipeText> found;
+    if (sha256.empty()) return found;
+    Statement rows(*db_,
+                   "SELECT sha256, name, text, kept_utime_us FROM recipe_text "
+                   "WHERE substr(sha256, 1, length(?1)) = ?1 LIMIT 2");
+    rows.bind(1, sha256);
+    while (rows.step()) {
+      if (found) return std::nullopt;  // two begin so
+      found.emplace();
+      found->sha256.assign(rows.text(0));
+      found->name.assign(rows.text(1));
+      found->text = rows.text(2);
+      found->kept_utime_us = rows.integer(3);
+    }
+    return found;
   }
 
   std::vector<HistoryGap> find_gaps() {

@@ -65,7 +65,7 @@ void end_open_slab(Connection& db, const RestoreOrder& order, Jobs& jobs) {
 
 void prepare(Connection& db, const StoreSettings& settings, const RestoreOrder& order, std::int64_t keys_used) {
   const HeldBack nothing;
-  Jobs jobs(db, settings.spool_dir, nothing);
+  Jobs jobs(db, settings, nothing);
   Transaction transaction(db, "BEGIN IMMEDIATE");
   jobs.interrupt_unfinished();
   end_open_slab(db, order, jobs);

@@ -4,6 +4,7 @@
 #include <array>
 #include <concepts>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -16,7 +17,8 @@
 
 /// What a list of columns (storage/rows.h) is used for: names for the SQL text, binding, reading.
 ///
-/// Numbers keep their bits (NaN is NULL; minus zero becomes zero, as SQLite stores REAL). Enumerations are words.
+/// Numbers keep their bits (NaN is NULL; minus zero becomes zero, as SQLite stores REAL), an absent whole number is
+/// NULL. Enumerations are words.
 namespace slabd::storage {
 
 enum class ScanState : std::uint8_t;  // storage/rows.h
@@ -114,6 +116,11 @@ class Bind {
   void put(T value) {
     statement_.bind(index_++, static_cast<std::int64_t>(value));
   }
+  template <std::integral T>
+  void put(std::optional<T> value) {
+    if (value) return put(*value);
+    statement_.bind_null(index_++);
+  }
   template <typename E>
   requires std::is_enum_v<E>
   void put(E value) { statement_.bind(index_++, word(value)); }
@@ -182,6 +189,15 @@ class Fetch {
     if (!std::in_range<T>(stored)) statement_.refuse(column_, "is out of range: " + std::to_string(stored));
     value = static_cast<T>(stored);
     ++column_;
+  }
+  template <std::integral T>
+  void take(std::optional<T>& value) {
+    value.reset();
+    if (statement_.is_null(column_)) {
+      ++column_;
+      return;
+    }
+    take(value.emplace());
   }
   template <typename E>
   requires std::is_enum_v<E>

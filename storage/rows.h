@@ -177,6 +177,7 @@ void columns(V& v, R& r) {
   v("settle_ms", r.settle_ms);
   v("acquire_ms", r.acquire_ms);
   columns(v, r.splice);
+  v("points_crc32c", r.points_crc32c);
 }
 
 template <typename V, RowOf<AttemptState> R>

@@ -1,12 +1,13 @@
 -- SPDX-License-Identifier: Apache-2.0
 --
--- slabd's memory, schema version 6. One daemon writes, everybody else reads.
+-- slabd's memory, schema version 7. One daemon writes, everybody else reads.
 --
 --   line     one row: the session number last used, the newest wall clock of any record, what retention took away
 --   care     when the history was restored from a backup or begun anew, by whom and why
 --   slab     what SLAB_BEGIN said and what it was measured with; slab_result is its end (no row: still open)
 --   command  the journal of accepted commands; id is their order
 --   attempt  one SCAN of one station; the highest attempt of a station is the valid one, all are kept
+--   recipe_text  the files of all recipes that a slab was begun with
 --   seen_scan  fingerprints of the last scans' points
 --   block    what an attempt measured, with its planes, casings and items
 --   map      how far it lies from the model, and its seat from the fitted plane, place by place: what a report draws
@@ -57,6 +58,19 @@ CREATE TABLE slab (
   began_utime_us     INTEGER NOT NULL
 ) STRICT;
 CREATE INDEX slab_by_id ON slab (slab_id, slab_key);
+
+-- Byte for byte as the daemon read them, so that a verdict can be proven when the file has long been changed. Rows are only
+-- added, whatever retention takes away.
+CREATE TABLE recipe_text (
+  sha256        TEXT PRIMARY KEY,          -- of the text, as slab.recipe_sha256
+  name          TEXT NOT NULL,
+  text          TEXT NOT NULL,
+  kept_utime_us INTEGER NOT NULL
+) STRICT;
+CREATE TRIGGER recipe_text_stays BEFORE UPDATE ON recipe_text
+  BEGIN SELECT RAISE(ABORT, 'a recipe that was used is never changed'); END;
+CREATE TRIGGER recipe_text_is_kept BEFORE DELETE ON recipe_text
+  BEGIN SELECT RAISE(ABORT, 'a recipe that was used is never deleted'); END;
 
 CREATE TABLE slab_result (
   slab_key         INTEGER PRIMARY KEY REFERENCES slab (slab_key),
@@ -125,6 +139,7 @@ CREATE TABLE attempt (
   T_base_reported_qz REAL DEFAULT 0.0,
   splice_off_mm REAL, splice_off_rad REAL,
   splice_calibration_mm REAL, splice_calibration_rad REAL, splice_robot_mm REAL, splice_robot_rad REAL,
+  points_crc32c INTEGER CHECK (points_crc32c BETWEEN 0 AND 4294967295),  -- of the scan (docs/QUALITY.md); NULL: not taken
   PRIMARY KEY (slab_key, station, attempt)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX attempt_with_scan ON attempt (slab_key, scan_bytes) WHERE scan_state = 'kept';

@@ -16,7 +16,17 @@
 namespace slabd::storage {
 
 inline constexpr int kApplicationId = 0x534C4142;  // "SLAB"
-inline constexpr int kSchemaVersion = 6;
+inline constexpr int kSchemaVersion = 7;
+
+/// The longest recipe of the line has 8 kB, comments included. The files of all recipes stay in memory.
+inline constexpr std::size_t kRecipeTextBytes = 65'536;
+/// A recipe's file: what a slab's recipe_sha256 stands for.
+struct RecipeText {
+  FixedString<64> sha256;  ///< of `text`, hex
+  FixedString<32> name;
+  std::string text;  ///< byte for byte; at most kRecipeTextBytes
+  std::int64_t kept_utime_us = 0;
+};
 
 struct StoreSettings {
   std::string db_path;
@@ -29,6 +39,9 @@ struct StoreSettings {
   /// Slabs whose records are kept, by number and not by age, because a wall clock may be wrong; older ones go when
   /// their scans are gone and the PLC has every result. 0 = keep everything; else at least kKeepSlabsMin.
   std::int64_t keep_slabs = 0;
+  /// Of the recipes that slabs may be begun with. A slab's one is kept with it, in the same transaction; here it has no
+  /// time yet.
+  std::vector<RecipeText> recipe_texts{};
 };
 /// So many slabs always stay: the PLC's table, repeats and counters come from the newest ones.
 inline constexpr std::int64_t kKeepSlabsMin = 100;
@@ -248,6 +261,10 @@ class Reader {
   [[nodiscard]] virtual Result<std::optional<std::int64_t>> find(std::string_view slab_id) = 0;
   /// What was kept of one attempt to draw it; empty maps: nothing (an older slabd, or the block was not found).
   [[nodiscard]] virtual Result<std::unique_ptr<BlockMaps>> maps(std::int64_t key, int station, int attempt) = 0;
+
+  /// The recipe's file by its SHA-256, or by the first characters of one when only one begins so. None: no slab was
+  /// begun with it, or by a slabd that kept none (before schema 7).
+  [[nodiscard]] virtual Result<std::optional<RecipeText>> recipe_text(std::string_view sha256) = 0;
 
   /// Oldest first; empty: the history is complete.
   [[nodiscard]] virtual Result<std::vector<HistoryGap>> gaps() = 0;

@@ -34,7 +34,7 @@ constexpr int kBackupPages = 256;
 struct OpenDatabase {
   OpenDatabase(std::unique_ptr<Connection> connection, const StoreSettings& settings, const HeldBack& held_back)
       : db(std::move(connection)),
-        jobs(*db, settings.spool_dir, held_back),
+        jobs(*db, settings, held_back),
         spool(*db, settings.spool_dir, settings.spool_budget_bytes),
         retention(*db) {}
 

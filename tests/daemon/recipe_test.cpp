@@ -341,13 +341,45 @@ TEST_F(RecipeTest, folder_is_read_in_order_and_leaves_faulty_recipes_out) {
   files_.write("notes.txt", "not a recipe");
   std::vector<Recipe> recipes;
   std::vector<Problem> problems;
-  load_recipes(files_.folder(), recipes, problems);
+  std::vector<storage::RecipeText> files;
+  load_recipes(files_.folder(), recipes, problems, &files);
   ASSERT_EQ(recipes.size(), 2U);
   EXPECT_EQ(recipes[0].slab_type, 1);
   EXPECT_EQ(recipes[1].slab_type, 3);
+  ASSERT_EQ(files.size(), 2U);
+  for (const std::size_t i : {0U, 1U}) {
+    EXPECT_EQ(files[i].text, of_type(i == 0 ? 1 : 3));
+    EXPECT_EQ(files[i].sha256, recipes[i].sha256);
+    EXPECT_EQ(files[i].name, recipes[i].name);
+  }
   const Texts texts = files_.texts(problems);
   EXPECT_TRUE(texts.front().starts_with("b.toml:1:10: schema: found 1")) << texts.front();
   EXPECT_EQ(texts.back(), "d.toml: slab_type: 1 is already the type of a.toml; allowed is one recipe for each type");
+}
+
+TEST_F(RecipeTest, a_recipe_from_its_bytes_is_the_one_from_its_file) {
+  load_p5600();
+  const Recipe& from_file = recipe_;
+  Recipe from_bytes;
+  std::vector<Problem> problems;
+  parse_recipe("sha256 " + std::string(from_file.sha256.view()), read_whole(kP5600), from_bytes, problems);
+  EXPECT_TRUE(problems.empty());
+  EXPECT_EQ(from_bytes.sha256, from_file.sha256);
+  EXPECT_EQ(from_bytes.slab.pitch_mm.value, from_file.slab.pitch_mm.value);
+  EXPECT_TRUE(from_bytes.path.view().starts_with("sha256 "));
+}
+
+TEST_F(RecipeTest, a_recipe_that_is_too_long_to_be_kept_is_refused) {
+  const std::string good = read_whole(kP5600);
+  for (const std::size_t bytes : {storage::kRecipeTextBytes, storage::kRecipeTextBytes + 1}) {
+    files_.write("long.toml", good + std::string(bytes - good.size(), '\n'));
+    Recipe recipe;
+    std::vector<Problem> problems;
+    load_recipe(files_.folder() + "/long.toml", recipe, problems);
+    EXPECT_EQ(problems.empty(), bytes == storage::kRecipeTextBytes) << bytes;
+    if (problems.empty()) continue;
+    EXPECT_NE(problems[0].text.find("found 65537 bytes, allowed are 65536"), std::string::npos) << problems[0].text;
+  }
 }
 
 TEST_F(RecipeTest, folder_without_recipes_is_a_problem) {

@@ -163,8 +163,9 @@ class Line {
   bool scanner_answers = true;
   bool disk_syncs = true;         ///< false: the scan lies in the buffer, and `sync_ends` says when and how it goes on
   std::uint64_t fingerprint = 0;  ///< of the next scans' points
-  bool decodes_first = true;      ///< false: nobody hears of the points before they are durable
-  bool measuring_works = true;    ///< false: MeasureBlock is never answered
+  std::optional<std::uint32_t> points_crc32c{};
+  bool decodes_first = true;    ///< false: nobody hears of the points before they are durable
+  bool measuring_works = true;  ///< false: MeasureBlock is never answered
   Verdict block_verdict = Verdict::pass;
   bool plc_beats = true;
 
@@ -342,6 +343,7 @@ class Line {
     done.scan.taken_mono_ns = now_ns_ + 4 * kNsPerMs;
     done.scan.shape = {1000, 900, 0, 0};
     done.fingerprint = fingerprint;
+    done.points_crc32c = points_crc32c;
     return done;
   }
 

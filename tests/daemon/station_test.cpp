@@ -102,6 +102,20 @@ TEST_F(StationTest, a_scanner_that_gives_an_earlier_scan_again_has_not_scanned) 
   EXPECT_EQ(line.view().stations_done, 2);
 }
 
+TEST_F(StationTest, the_checksum_of_a_scan_is_stored_with_its_attempt) {
+  begin();
+  line.points_crc32c = 0xFFFF'FFFEU;
+  line.scan(1);
+  line.points_crc32c.reset();
+  line.scan(2);
+  std::vector<std::optional<std::uint32_t>> stored;
+  for (const StoreJob& job : store.applied)
+    if (const auto* acquired = std::get_if<AcquiredJob>(&job.what)) stored.push_back(acquired->attempt.points_crc32c);
+  ASSERT_EQ(stored.size(), 2U);
+  EXPECT_EQ(stored[0], 0xFFFF'FFFEU);
+  EXPECT_FALSE(stored[1].has_value());
+}
+
 TEST_F(StationTest, a_restart_does_not_let_an_earlier_scan_pass) {
   begin();
   line.fingerprint = 4711;

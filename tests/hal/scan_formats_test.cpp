@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <fstream>
 
 #include "hal/lzf.h"
 #include "tests/hal/scan_reading.h"
@@ -142,6 +143,21 @@ std::string pcd(const std::vector<float>& xyz, const Encoding& e, const std::str
          bytes_of(static_cast<std::uint32_t>(planes.size())) + compressed;
 }
 
+/// Read piece by piece, the file says the same; or it says that it cannot be.
+void expect_checksum(const std::string& bytes, const std::string& name, const ScanShape& shape, std::uint32_t crc,
+                     const std::string& what) {
+  TemporaryFolder folder;
+  const std::string path = folder / name;
+  std::ofstream(path, std::ios::binary) << bytes;
+  const Result<ScanChecksum> sum = read_scan_checksum(path.c_str(), LengthUnit::mm);
+  ASSERT_EQ(sum.ok(), shape.in_records) << what;
+  if (!sum.ok()) return;
+  EXPECT_EQ(sum.value().crc32c, crc) << what;
+  EXPECT_EQ(sum.value().shape.points, shape.points) << what;
+  EXPECT_EQ(sum.value().shape.finite, shape.finite) << what;
+  EXPECT_EQ(sum.value().shape.width, shape.width) << what;
+}
+
 void expect_cloud(const std::string& bytes, const std::string& name, bool organised, const std::string& what) {
   const std::vector<float> wanted = cloud();
   const Read r = read_bytes(bytes, name, LengthUnit::mm, wanted.size() / 3);
@@ -153,6 +169,8 @@ void expect_cloud(const std::string& bytes, const std::string& name, bool organi
   EXPECT_EQ(r.shape.value().width, organised ? kWidth : 0U) << what;
   EXPECT_EQ(r.shape.value().height, organised ? kHeight : 0U) << what;
   expect_same_bits(r.xyz, wanted, what);
+  EXPECT_EQ(points_crc32c(r.xyz), points_crc32c(wanted)) << what << ": the same checksum, whatever NaN the file has";
+  expect_checksum(bytes, name, r.shape.value(), points_crc32c(wanted), what);
 }
 
 TEST(ScanFormats, one_cloud_has_the_same_bits_from_every_format_float_and_double_organised_and_not) {

@@ -111,6 +111,7 @@ class FiberCrew final : public daemon::Crew {
         process_, [this](const daemon::MeasureBlock& job) { return measure(job); }, [] {});
   }
   [[nodiscard]] std::span<float> slot(std::size_t index) override { return slots_[index]; }
+  [[nodiscard]] std::optional<std::uint32_t> points_crc32c(const AcquiredScan&) override { return std::nullopt; }
 
  private:
   daemon::BlockMeasured measure(const daemon::MeasureBlock& job);

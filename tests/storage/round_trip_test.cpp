@@ -46,6 +46,26 @@ TEST_F(RoundTripTest, slab_attempts_blocks_and_items_keep_their_bits) {
   }
 }
 
+TEST_F(RoundTripTest, a_checksum_is_any_32_bits_or_none) {
+  open();
+  begin(1);
+  std::uint8_t station = 0;
+  for (const std::optional<std::uint32_t> crc :
+       {std::optional<std::uint32_t>(0U), {0xFFFF'FFFFU}, {}, {0x8000'0000U}}) {
+    accept(PlcCommand::scan, ++station, 1);
+    Attempt a = attempt(1, station, 1);
+    a.points_crc32c = crc;
+    apply(AcquiredJob{a});
+  }
+  const auto read = reader()->slab(1);
+  ASSERT_TRUE(read.ok());
+  ASSERT_EQ(read.value()->blocks.size(), 4U);
+  EXPECT_EQ(read.value()->blocks[0].attempt.points_crc32c, 0U);
+  EXPECT_EQ(read.value()->blocks[1].attempt.points_crc32c, 0xFFFF'FFFFU);
+  EXPECT_FALSE(read.value()->blocks[2].attempt.points_crc32c.has_value());
+  EXPECT_EQ(read.value()->blocks[3].attempt.points_crc32c, 0x8000'0000U);
+}
+
 TEST_F(RoundTripTest, maps_keep_their_bytes_and_go_with_the_block_they_belong_to) {
   open();
   begin(1);

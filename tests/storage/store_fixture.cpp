@@ -210,6 +210,7 @@ void expect_same(const Attempt& a, const Attempt& b) {
   SAME(scan_utime_us);
   SAME_BITS(settle_ms);
   SAME_BITS(acquire_ms);
+  SAME(points_crc32c);
 }
 
 void expect_same(const PackedMap& a, const PackedMap& b) {
@@ -362,6 +363,7 @@ Attempt random_attempt(Prng& prng, std::int64_t slab_key, int station, int numbe
   s.T_base_reported = pose(prng);
   for (double* x : {&s.off_mm, &s.off_rad, &s.calibration_mm, &s.calibration_rad, &s.robot_mm, &s.robot_rad})
     *x = number(prng);
+  if (prng.below(4) != 0) a.points_crc32c = static_cast<std::uint32_t>(prng.next());
   return a;
 }
 

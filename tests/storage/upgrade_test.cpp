@@ -178,6 +178,18 @@ TEST_F(UpgradeTest, blocks_of_version_3_have_no_maps_and_new_ones_have) {
   expect_same(maps.value()->seat, job.maps.seat);
 }
 
+TEST_F(UpgradeTest, scans_of_version_6_have_no_checksum_and_new_ones_may) {
+  make_version(6);
+  open();
+  const auto line = recover();
+  EXPECT_FALSE(line->stations[4].attempt.points_crc32c.has_value());
+  accept(PlcCommand::scan, 6, 2);
+  Attempt a = attempt(2, 6, 1);
+  a.points_crc32c = 0xFFFF'FFFFU;
+  apply(AcquiredJob{a});
+  EXPECT_EQ(recover()->stations[5].attempt.points_crc32c, 0xFFFF'FFFFU);
+}
+
 TEST_F(UpgradeTest, copy_of_the_old_database_stays_beside_it) {
   make_version_1();
   open();
