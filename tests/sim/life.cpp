@@ -360,10 +360,12 @@ void Life::fire(Episode& e) {
     case Fault::torn_write:
     case Fault::kill_at_write:
       power_after_ = e.fault == Fault::torn_write;
-      if (process_ != nullptr)
-        disk_.kill_at(between(chance_, 1, 60), happens(chance_, 0.7));
-      else
+      if (process_ != nullptr) {
+        const std::int64_t call = between(chance_, 1, 60);
+        disk_.kill_at(call, happens(chance_, 0.7));
+      } else {
         kill_in_boot_ = between(chance_, 1, 150);
+      }
       break;
     case Fault::allocation:
       fail_allocation_ = between(chance_, 1, happens(chance_, 0.5) ? 60 : 3'000);

@@ -17,6 +17,13 @@ double small(Prng& chance, double half_width) {
   return (2.0 * chance.uniform() - 1.0) * half_width;
 }
 
+/// Draws one after the other: as arguments of one call they would come in the order that the compiler likes.
+Vec3 scattered(Prng& chance, const Vec3& half_width) {
+  Vec3 off;
+  for (Eigen::Index i = 0; i < off.size(); ++i) off[i] = small(chance, half_width[i]);
+  return off;
+}
+
 }  // namespace
 
 // ---- the robot -----------------------------------------------------------------------------------------------------
@@ -31,7 +38,7 @@ void Robot::go_to(const Recipe& recipe, int station) {
   const Pose T_base_scanner = T_base_slab_ * T_slab_block(recipe, station) * nominal_T_block_scanner();
   from_ = T_base_flange(world_.now_ns);
   to_ = T_base_scanner * T_flange_scanner_.inverse();
-  to_.translation_mm += Vec3(small(chance_, 0.02), small(chance_, 0.02), small(chance_, 0.02));
+  to_.translation_mm += scattered(chance_, Vec3(0.02, 0.02, 0.02));
   leaves_ns_ = world_.now_ns;
   arrives_ns_ = leaves_ns_ + between(chance_, 300 * kMs, 900 * kMs);
 }
@@ -86,7 +93,7 @@ void Line::lay_down(bool again, bool certainly_good) {
     for (std::uint64_t i = 0; i < bad; ++i)
       slab.blocks[chance.below(slab.recipe->stations())] = static_cast<BlockTruth>(1 + chance.below(6));
   }
-  slab.T_base_slab = shifted(T_base_slab, Vec3(small(chance, 1.0), small(chance, 1.0), small(chance, 0.5)));
+  slab.T_base_slab = shifted(T_base_slab, scattered(chance, Vec3(1.0, 1.0, 0.5)));
   world.trace.line(world.now_ns, "line: slab %u (placement %u) of %u blocks, %s", slab.slab_no, slab.serial,
                    slab.recipe->stations(), slab.good() ? "good" : "not good");
 }

@@ -108,7 +108,8 @@ Result<AcquiredScan> SimScanner::acquire(const ScanRequest& request, std::span<f
   const std::int64_t exposure_ns = between(chance_, 150 * kMs, 500 * kMs);
   const std::size_t take = line_.expose().take;
   if (world.faulty(Fault::robot_moves) && happens(chance_, 0.7)) {
-    line_.robot.jolt(world.now_ns + between(chance_, 0, exposure_ns), between(chance_, 120 * kMs, 300 * kMs));
+    const std::int64_t after_ns = between(chance_, 0, exposure_ns);
+    line_.robot.jolt(world.now_ns + after_ns, between(chance_, 120 * kMs, 300 * kMs));
   }
   const std::int64_t exposed_ns = world.now_ns;
   if (!wait(exposure_ns, cancel)) return cancelled;
