@@ -145,10 +145,16 @@ struct ReportJob {
   PlcResult record;
 };
 
+/// Points that became no attempt, of a calibration's view or a scan that was given up: if the scanner gives them again,
+/// they are no scan of any block.
+struct SeenScanJob {
+  std::uint64_t fingerprint = 0;
+};
+
 struct StoreJob {
   std::uint32_t ticket = 0;  ///< returned with the answer
   std::variant<SessionJob, BeginSlabJob, CommandJob, AcquiredJob, FailedAttemptJob, BlockJob, SlabJob, AckJob,
-               ReportJob>
+               ReportJob, SeenScanJob>
       what;
 };
 

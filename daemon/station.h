@@ -246,8 +246,10 @@ struct Capture {
   std::int64_t since_utime_us = 0;
   std::int64_t lease_ns = 0;
   std::int64_t lease_until_ns = 0;
-  bool ending = false;  ///< ended while the scanner's worker still writes into the buffer
-  bool abort = false;   ///< of the view in hand
+  bool ending = false;     ///< ended while the scanner's worker still writes into the buffer
+  bool abort = false;      ///< of the view in hand
+  bool looked_at = false;  ///< its points were compared with those of earlier scans,
+  bool repeats = false;    ///< and are those of one of them
   std::uint8_t slot = 0;
   std::uint16_t request_no = 0;  ///< of the last request to the scanner; never starts where the last process did
   std::int64_t started_ns = 0;
@@ -284,7 +286,18 @@ struct ResultDesk {
 
 /// A store job on its way, so that its answer finds its meaning.
 struct PendingStore {
-  enum class Kind : std::uint8_t { session, begin_slab, command, acquired, failed_attempt, block, slab, ack, report };
+  enum class Kind : std::uint8_t {
+    session,
+    begin_slab,
+    command,
+    acquired,
+    failed_attempt,
+    block,
+    slab,
+    ack,
+    report,
+    seen_scan
+  };
   Kind kind{};
   std::uint32_t ticket = 0;
   std::uint8_t station = 0;

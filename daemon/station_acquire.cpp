@@ -237,15 +237,29 @@ void advance_acquisition(Station& s, Actions& actions) {
   }
 }
 
-/// A scanner program that hangs may export its last scan under every new name, and 18 blocks are as alike as one to
-/// itself: the same points again are no scan of this block. Two real scans never agree in all their noise.
+static bool is_known(const Station& s, std::uint64_t fingerprint) {
+  return std::find(s.fingerprints.begin(), s.fingerprints.end(), fingerprint) != s.fingerprints.end();
+}
+static void remember(Station& s, std::uint64_t fingerprint) {
+  s.fingerprints[s.fingerprint_next] = fingerprint;
+  s.fingerprint_next = (s.fingerprint_next + 1) % s.fingerprints.size();
+}
 /// What is new is remembered with the job that records the attempt, so that a restart in between does not help it.
 static bool is_repeated(Station& s, std::uint64_t fingerprint) {
   if (fingerprint == 0) return false;
-  if (std::find(s.fingerprints.begin(), s.fingerprints.end(), fingerprint) != s.fingerprints.end()) return true;
-  s.fingerprints[s.fingerprint_next] = fingerprint;
-  s.fingerprint_next = (s.fingerprint_next + 1) % s.fingerprints.size();
+  if (is_known(s, fingerprint)) return true;
+  remember(s, fingerprint);
   s.acquisition.fingerprint = fingerprint;
+  return false;
+}
+
+bool was_seen(Station& s, const ScanDone& done, Actions& actions) {
+  if (done.code != Code::ok || done.fingerprint == 0) return false;
+  if (is_known(s, done.fingerprint)) return true;
+  remember(s, done.fingerprint);
+  PendingStore pending;
+  pending.kind = PendingStore::Kind::seen_scan;
+  submit(s, actions, SeenScanJob{done.fingerprint}, pending);
   return false;
 }
 
@@ -258,6 +272,7 @@ void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions) 
 
 /// Nothing else was asked of the worker meanwhile, so whatever it brings is what was given up.
 static void settle_owed(Station& s, const ScanDone& done, Actions& actions) {
+  (void)was_seen(s, done, actions);
   if (!done.durable) return;
   if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
   if (s.owed.slot_taken) s.slot_busy[s.owed.slot] = false;
@@ -273,7 +288,10 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   if (on_view_scanned(s, done, actions)) return;
   Acquisition& a = s.acquisition;
   // The buffer names the scan as much as the number does: numbers begin anew with a session.
-  if (a.phase != Acquisition::Phase::scanning || done.cmd_seq != a.cmd_seq || done.slot != a.slot) return;
+  if (a.phase != Acquisition::Phase::scanning || done.cmd_seq != a.cmd_seq || done.slot != a.slot) {
+    (void)was_seen(s, done, actions);
+    return;
+  }
   a.attempt.scan_path = done.scan.path;
   a.attempt.shape = done.scan.shape;
   a.attempt.scan_utime_us = done.scan.taken_utime_us;

@@ -174,6 +174,7 @@ void shoot(Station& s) {
   c.shot.number = number;
   c.phase = Capture::Phase::settling;
   c.abort = false;
+  c.looked_at = c.repeats = false;
   c.started_ns = s.now_ns;
   // Only poses that arrive from now on: whoever asks for a view has stopped the robot by now, and a pose that was sent
   // before can be of the way there.
@@ -352,11 +353,18 @@ void advance_capture(Station& s, Actions& actions) {
 bool on_view_scanned(Station& s, const ScanDone& done, Actions& actions) {
   Capture& c = s.capture;
   if (c.phase != Capture::Phase::scanning || done.cmd_seq != c.request_no || done.slot != c.slot) return false;
+  if (done.code == Code::ok && !c.looked_at) {
+    c.looked_at = true;
+    c.repeats = was_seen(s, done, actions) && !s.settings.simulation;
+  }
   if (!done.durable) return true;
-  if (done.code != Code::ok || c.abort) {
+  if (done.code != Code::ok || c.abort || c.repeats) {
     if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
-    const Code code = c.abort ? Code::interrupted : done.code;
-    const std::string_view why = c.abort ? "it was broken off" : !done.text.empty() ? done.text.view() : describe(code);
+    const Code code = c.abort ? Code::interrupted : done.code != Code::ok ? done.code : Code::frame_incomplete;
+    const std::string_view why = c.abort              ? "it was broken off"
+                                 : c.repeats          ? kRepeatedScan
+                                 : !done.text.empty() ? done.text.view()
+                                                      : describe(code);
     refuse_shot(s, code, why, actions);
     return true;
   }

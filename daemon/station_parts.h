@@ -83,6 +83,13 @@ void advance_acquisition(Station& s, Actions& actions);
 void on_scan_done(Station& s, const ScanDone& done, Actions& actions);
 void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Actions& actions);
 void fail_acquisition(Station& s, Code code, Actions& actions);
+/// A scanner program that hangs may export its last scan under every new name, and 18 blocks are as alike as one to
+/// itself: the same points again are no scan of this block. Two real scans never agree in all their noise.
+/// True: the points of this scan were there before. New ones are remembered, for good by a job of their own: this is
+/// for scans that become no attempt.
+[[nodiscard]] bool was_seen(Station& s, const ScanDone& done, Actions& actions);
+inline constexpr std::string_view kRepeatedScan =
+    "the scanner gave the points of an earlier scan again; restart the scanner program";
 /// Gives up the request in hand of a worker that hangs; with `slot_taken` its buffer stays busy until the worker is
 /// back.
 void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions);

@@ -135,6 +135,9 @@ void on_stored(Station& s, const StoreDone& done, Actions& actions) {
     case PendingStore::Kind::failed_attempt:
       if (done.code != Code::ok) raise_fault(s, actions, done.code, "recording a failed scan");
       break;
+    case PendingStore::Kind::seen_scan:
+      if (done.code != Code::ok) raise_fault(s, actions, done.code, "remembering what the scanner gave");
+      break;
     case PendingStore::Kind::ack:
       // Not durable: after a restart the PLC sees this record once more and knows it already.
       if (done.code != Code::ok) raise_fault(s, actions, done.code, "recording an acknowledgement");

@@ -308,6 +308,10 @@ void Jobs::operator()(const ReportJob& job) {
   close_newest_.bind(1, number(kDone)).bind(2, report).bind(3, report).run();
 }
 
+void Jobs::operator()(const SeenScanJob& job) {
+  remember_scan(job.fingerprint);
+}
+
 // ---- restart -----------------------------------------------------------------------------------------------------
 
 void Jobs::interrupt_unfinished() {

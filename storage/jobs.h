@@ -36,6 +36,7 @@ class Jobs {
   void operator()(const SlabJob& job);
   void operator()(const AckJob& job);
   void operator()(const ReportJob& job);
+  void operator()(const SeenScanJob& job);
 
   /// Every command that was accepted and not finished becomes "interrupted"; a SCAN among them leaves a failed attempt.
   void interrupt_unfinished();

@@ -195,6 +195,51 @@ TEST_F(CaptureTest, the_scanners_own_words_are_passed_on) {
   EXPECT_NE(line_.scans[0].request.cmd_seq, line_.scans[1].request.cmd_seq);
 }
 
+TEST_F(CaptureTest, a_view_given_again_is_no_scan_of_a_block) {
+  begin();
+  line_.fingerprint = 4711;
+  ASSERT_EQ(shoot().code, Code::ok);
+  ask(Action::end);
+  line_.start();  // a restart does not help it
+  line_.run_for(300);
+  line_.command(PlcCommand::slab_begin);
+  line_.run_for(20);
+  line_.scan(1);
+  EXPECT_EQ(line_.view().cmd_status, failed(Code::frame_incomplete));
+  EXPECT_EQ(line_.view().stations_done, 0);
+  line_.fingerprint = 4712;
+  line_.scan(1);
+  EXPECT_EQ(line_.view().stations_done, 1);
+}
+
+TEST_F(CaptureTest, the_points_of_an_earlier_scan_are_no_view) {
+  for (const bool first_decoded : {true, false}) {
+    line_.decodes_first = first_decoded;
+    begin();
+    line_.fingerprint = first_decoded ? 1 : 2;
+    ASSERT_EQ(shoot().code, Code::ok);
+    const CaptureShot& again = shoot();
+    EXPECT_EQ(again.code, Code::frame_incomplete);
+    EXPECT_TRUE(says(again.text, "restart the scanner program")) << again.text.view();
+    ASSERT_FALSE(line_.dropped.empty());
+    EXPECT_EQ(line_.dropped.back(), line_.scans.back().request.spool_path.view());
+    EXPECT_TRUE(all_buffers_are_free());
+    line_.fingerprint = 0;
+    EXPECT_EQ(shoot().code, Code::ok);
+    ask(Action::end);
+  }
+}
+
+TEST_F(CaptureTest, an_emulated_line_may_give_a_view_twice) {
+  line_.settings.simulation = true;
+  line_.start();
+  line_.run_for(300);
+  begin();
+  line_.fingerprint = 4711;
+  EXPECT_EQ(shoot().code, Code::ok);
+  EXPECT_EQ(shoot().code, Code::ok);
+}
+
 TEST_F(CaptureTest, the_plc_starts_nothing_in_maintenance) {
   begin();
   std::uint16_t seq = line_.command(PlcCommand::slab_begin);

@@ -35,6 +35,7 @@ struct StationHangTest : StationTest {
     done.code = code;
     done.scan.path = asked.request.spool_path;
     done.scan.shape = {1000, 900, 0, 0};
+    done.fingerprint = fingerprint;
     if (code == Code::ok) line.feed(done);  // decoded
     done.durable = true;
     line.feed(done);
@@ -44,6 +45,7 @@ struct StationHangTest : StationTest {
     return std::none_of(line.station->slot_busy.begin(), line.station->slot_busy.end(), [](bool b) { return b; });
   }
   AcquireScan asked;
+  std::uint64_t fingerprint = 0;  ///< of what the worker brings
 };
 
 TEST_F(StationHangTest, a_scan_ends_301_before_the_plc_gives_up_and_the_slab_stays_open) {
@@ -100,6 +102,19 @@ TEST_F(StationHangTest, a_scan_that_comes_after_it_was_given_up_is_dropped_and_m
   line.scan(1);
   EXPECT_EQ(line.view().cmd_status, 4) << "and the line goes on";
   EXPECT_EQ(line.measured.size(), 1U);
+}
+
+TEST_F(StationHangTest, a_scan_that_was_given_up_is_no_later_one_either) {
+  line.run_for(20'000);
+  fingerprint = 4711;
+  come_back(Code::ok);
+  line.fingerprint = 4711;  // the scanner gives it once more, under a name that is waited for
+  line.scan(1);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::frame_incomplete));
+  EXPECT_EQ(line.view().stations_done, 0);
+  line.fingerprint = 4712;
+  line.scan(1);
+  EXPECT_EQ(line.view().stations_done, 1);
 }
 
 TEST_F(StationHangTest, an_error_that_comes_after_it_was_given_up_frees_the_buffer) {

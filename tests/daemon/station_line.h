@@ -138,6 +138,7 @@ struct MemoryStore {
     open_command = 0;
     queue(job.record);
   }
+  void keep(const SeenScanJob& job) { remember(job.fingerprint); }
   void queue(const PlcResult& record) {
     line.res_seq = record.res_seq;
     (void)line.unacknowledged.push(record);

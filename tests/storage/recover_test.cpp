@@ -103,6 +103,7 @@ TEST_F(RecoverTest, the_newest_fingerprints_come_back_oldest_first) {
       EXPECT_EQ(restart()->fingerprints[3], 0U) << "three and no more";
     }
   }
+  apply(SeenScanJob{next++});  // a view
   accept(PlcCommand::scan, 4, 1);
   apply(FailedAttemptJob{attempt(1, 4, 71), 205});  // no scan came
   accept(PlcCommand::scan, 4, 1);
