@@ -87,6 +87,17 @@ std::size_t MoveAndSettle(const float* from, std::size_t points, float* to) {
   return finite;
 }
 
+void CopyWithOneNan(const float* from, std::size_t count, float* to) {
+  const Tag tag;
+  const auto one_nan = hn::Set(tag, std::numeric_limits<float>::quiet_NaN());
+  std::size_t i = 0;
+  for (; i + kLanes <= count; i += kLanes) {
+    const auto v = hn::LoadU(tag, from + i);
+    hn::StoreU(hn::IfThenElse(hn::Eq(v, v), v, one_nan), tag, to + i);
+  }
+  for (; i < count; ++i) to[i] = from[i] == from[i] ? from[i] : std::numeric_limits<float>::quiet_NaN();
+}
+
 }  // namespace HWY_NAMESPACE
 }  // namespace slabd::hal
 HWY_AFTER_NAMESPACE();
@@ -96,6 +107,7 @@ namespace slabd::hal {
 
 HWY_EXPORT(SettleInPlace);
 HWY_EXPORT(MoveAndSettle);
+HWY_EXPORT(CopyWithOneNan);
 
 std::size_t settle_points(float* xyz, std::size_t points) {
   return HWY_DYNAMIC_DISPATCH(SettleInPlace)(xyz, points);
@@ -108,6 +120,10 @@ std::size_t settle_points(double* xyz, std::size_t points) {
 std::size_t move_and_settle_points(const char* from, std::size_t points, float* to) {
   // The bytes are floats at any address, which LoadU and memcpy read.
   return HWY_DYNAMIC_DISPATCH(MoveAndSettle)(reinterpret_cast<const float*>(from), points, to);
+}
+
+void copy_with_one_nan(const float* from, std::size_t count, float* to) {
+  HWY_DYNAMIC_DISPATCH(CopyWithOneNan)(from, count, to);
 }
 
 }  // namespace slabd::hal

@@ -17,4 +17,7 @@ namespace slabd::hal {
 /// larger than they are, and a store that first fetches what it overwrites costs half as much again.
 [[nodiscard]] std::size_t move_and_settle_points(const char* from, std::size_t points, float* to);
 
+/// Copies `count` numbers and gives every NaN the bits 0x7FC00000.
+void copy_with_one_nan(const float* from, std::size_t count, float* to);
+
 }  // namespace slabd::hal

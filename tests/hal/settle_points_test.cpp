@@ -87,6 +87,19 @@ TEST_P(SettlePoints, agree_with_one_by_one_in_place_and_on_the_way) {
       }
 }
 
+TEST_P(SettlePoints, every_nan_gets_the_same_bits_and_nothing_else_is_changed) {
+  Prng prng(4);
+  for (const std::size_t points : {0U, 1U, 5U, 6U, 100U, 1'003U}) {
+    const std::vector<float> from = cloud(points, 0.3, true, prng);
+    std::vector<float> to(from.size() + 1, -7.0F);
+    copy_with_one_nan(from.data(), from.size(), to.data());
+    for (std::size_t i = 0; i < from.size(); ++i)
+      EXPECT_EQ(std::bit_cast<std::uint32_t>(to[i]),
+                from[i] == from[i] ? std::bit_cast<std::uint32_t>(from[i]) : 0x7FC0'0000U);
+    EXPECT_EQ(to.back(), -7.0F);
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Each, SettlePoints, testing::ValuesIn(hwy::SupportedAndGeneratedTargets()),
                          [](const testing::TestParamInfo<std::int64_t>& target) {
                            return std::string(hwy::TargetName(target.param));
