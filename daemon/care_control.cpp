@@ -43,7 +43,12 @@ Status order_care(std::string_view line, storage::Store& store, const std::strin
   const auto keep = request.find("keep_slabs");
   if (keep == request.end() || !keep->is_number_integer())
     return error(Code::config, "\"keep_slabs\" must be a whole number");
-  return store.order(storage::PruneOrder{keep->get<std::int64_t>()});
+  storage::PruneOrder order{keep->get<std::int64_t>()};
+  if (const auto failed = request.find("keep_failed_slabs"); failed != request.end()) {
+    if (!failed->is_number_integer()) return error(Code::config, "\"keep_failed_slabs\" must be a whole number");
+    order.keep_failed_slabs = failed->get<std::int64_t>();
+  }
+  return store.order(order);
 }
 
 }  // namespace slabd::daemon

@@ -149,6 +149,17 @@ void read_scanner(TableReader scanner, const std::string& folder, Config& config
   scanner.finish();
 }
 
+/// A number of slabs: 0, or at least kKeepSlabsMin.
+void read_count(TableReader& storage, std::string_view key, const char* zero, std::int64_t& out) {
+  if (!storage.has(key)) return;
+  auto count = static_cast<double>(out);
+  storage.optional_number(key, count, {0.0, 1e9});
+  if (count > 0.0 && count < static_cast<double>(storage::kKeepSlabsMin))
+    storage.problem(key,
+                    fmt::format("found {}, allowed is 0 ({}) or {} and more", count, zero, storage::kKeepSlabsMin));
+  out = static_cast<std::int64_t>(count);
+}
+
 void read_storage(TableReader storage, const std::string& folder, storage::StoreSettings& out) {
   read_path(storage, "db", folder, out.db_path);
   read_path(storage, "spool_dir", folder, out.spool_dir);
@@ -159,12 +170,15 @@ void read_storage(TableReader storage, const std::string& folder, storage::Store
         "spool_budget_gb",
         fmt::format("found {}, allowed is 0 (keep every scan) or 3..100000; a slab's scans are 1.1 GB", budget_gb));
   out.spool_budget_bytes = static_cast<std::uint64_t>(budget_gb * 1e9);
-  double keep_slabs = 0.0;
-  storage.optional_number("keep_slabs", keep_slabs, {0.0, 1e9});
-  if (keep_slabs > 0.0 && keep_slabs < static_cast<double>(storage::kKeepSlabsMin))
-    storage.problem("keep_slabs", fmt::format("found {}, allowed is 0 (keep every record) or {} and more", keep_slabs,
-                                              storage::kKeepSlabsMin));
-  out.keep_slabs = static_cast<std::int64_t>(keep_slabs);
+  read_count(storage, "keep_slabs", "keep every record", out.keep_slabs);
+  // Twice the room at most, unless somebody says otherwise.
+  out.keep_failed_slabs = out.keep_slabs;
+  const bool says = storage.has("keep_failed_slabs");
+  read_count(storage, "keep_failed_slabs", "keep all that did not pass", out.keep_failed_slabs);
+  if (says && out.keep_slabs == 0)
+    storage.problem("keep_failed_slabs",
+                    "found with keep_slabs = 0, which keeps every record; allowed is beside a "
+                    "keep_slabs that bounds them");
   storage.finish();
 }
 

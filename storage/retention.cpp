@@ -17,21 +17,30 @@ constexpr std::array kTables = {"item",    "block",          "attempt",     "res
 
 Retention::Retention(Connection& db)
     : db_(db),
-      newest_to_go_(db, "SELECT slab_key FROM slab ORDER BY slab_key DESC LIMIT 1 OFFSET ?1"),
+      newest_(db, "SELECT slab_key FROM slab ORDER BY slab_key DESC LIMIT 1 OFFSET ?1"),
+      newest_failed_(
+          db, "SELECT slab_key FROM slab_result WHERE verdict <> 'pass' ORDER BY slab_key DESC LIMIT 1 OFFSET ?1"),
       candidate_(db,
                  "SELECT slab_key FROM slab JOIN slab_result USING (slab_key) WHERE slab_key <= ?1 "
+                 "AND (verdict = 'pass' OR slab_key <= ?2) "
                  "AND NOT EXISTS (SELECT 1 FROM result WHERE result.slab_key = slab.slab_key AND acknowledged = 0) "
                  "AND NOT EXISTS (SELECT 1 FROM attempt WHERE attempt.slab_key = slab.slab_key "
                  "AND scan_state IN ('kept', 'deleting')) ORDER BY slab_key LIMIT 1"),
       note_(db, "UPDATE line SET pruned_slabs = pruned_slabs + 1, pruned_key = max(pruned_key, ?1)") {}
 
-bool Retention::take_one(std::int64_t keep_slabs) {
+std::int64_t Retention::key_at(Statement& newest_first, std::int64_t offset) {
+  if (!newest_first.bind(1, offset).step()) return 0;
+  const std::int64_t key = newest_first.integer(0);
+  newest_first.reset();
+  return key;
+}
+
+bool Retention::take_one(std::int64_t keep_slabs, std::int64_t keep_failed_slabs) {
   Transaction transaction(db_, "BEGIN IMMEDIATE");
-  newest_to_go_.bind(1, std::max(keep_slabs, kKeepSlabsMin));
-  if (!newest_to_go_.step()) return false;
-  const std::int64_t newest = newest_to_go_.integer(0);
-  newest_to_go_.reset();
-  if (!candidate_.bind(1, newest).step()) return false;
+  const std::int64_t newest = key_at(newest_, std::max(keep_slabs, kKeepSlabsMin));
+  if (newest == 0) return false;
+  const std::int64_t newest_failed = keep_failed_slabs == 0 ? 0 : key_at(newest_failed_, keep_failed_slabs);
+  if (!candidate_.bind(1, newest).bind(2, newest_failed).step()) return false;
   const std::int64_t key = candidate_.integer(0);
   candidate_.reset();
   for (const char* table : kTables)

@@ -148,14 +148,18 @@ class SqliteStore final : public Store {
       care_.backup_error.clear();
       return success();
     }
-    const std::int64_t keep = std::get<PruneOrder>(order).keep_slabs;
-    if (keep < kKeepSlabsMin)
+    const PruneOrder& prune = std::get<PruneOrder>(order);
+    const std::int64_t failed = prune.keep_failed_slabs.value_or(prune.keep_slabs);
+    if (prune.keep_slabs < kKeepSlabsMin)
       return error(Code::config, "at least the newest %lld slabs are kept", static_cast<long long>(kKeepSlabsMin));
+    if (failed != 0 && failed < kKeepSlabsMin)
+      return error(Code::config, "of slabs that did not pass at least the newest %lld are kept, or all (0)",
+                   static_cast<long long>(kKeepSlabsMin));
     if (care_.prune == Phase::under_way) return error(Code::busy, "pruning is under way already");
     care_.prune = Phase::under_way;
     care_.pruned_slabs = 0;
     care_.prune_error.clear();
-    prune_keep_ = keep;
+    prune_order_ = {prune.keep_slabs, failed};
     return success();
   }
 
@@ -200,16 +204,19 @@ class SqliteStore final : public Store {
   /// grow under the copy's hands.
   void prune_one() {
     std::int64_t keep = settings_.keep_slabs;
+    std::int64_t keep_failed = settings_.keep_failed_slabs;
     bool ordered = false;
     {
       const std::lock_guard lock(care_mutex_);
       if (care_.backup == CareState::Phase::under_way) return;
       ordered = care_.prune == CareState::Phase::under_way;
-      if (ordered) keep = prune_keep_;
+      if (ordered) keep = prune_order_.keep_slabs;
+      if (ordered) keep_failed = prune_order_.keep_failed_slabs.value_or(keep);
     }
     if (!ordered && (!retention_due_ || keep == 0)) return;
     bool more = false;
-    const Status status = run("retention", [&](OpenDatabase& open) { more = open.retention.take_one(keep); });
+    const Status status =
+        run("retention", [&](OpenDatabase& open) { more = open.retention.take_one(keep, keep_failed); });
     if (more) log_holds_commits_ = true;
     if (!more) retention_due_ = false;
     if (!ordered) return;
@@ -296,7 +303,7 @@ class SqliteStore final : public Store {
   bool retention_due_ = true;  ///< a slab has ended since the last look
   mutable std::mutex care_mutex_;
   CareState care_;
-  std::int64_t prune_keep_ = 0;
+  PruneOrder prune_order_;
 };
 
 }  // namespace

@@ -11,6 +11,7 @@
 #include <chrono>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <random>
 #include <thread>
 
@@ -39,6 +40,7 @@ struct Options {
   std::string why;
   std::string operator_name;
   std::int64_t keep_slabs = 0;
+  std::optional<std::int64_t> keep_failed_slabs;
   int keep = 0;
   bool full = false;
   bool fresh = false;
@@ -207,8 +209,11 @@ int prune(const Options& options) {
   daemon::Config config;
   if (!config_from(options.config, config)) return kBadInput;
   if (daemon_listens(config.control_socket)) {
+    const std::string failed = options.keep_failed_slabs
+                                   ? fmt::format(R"(,"keep_failed_slabs":{})", *options.keep_failed_slabs)
+                                   : std::string();
     Result<CareAnswer> care =
-        ask_care(config, fmt::format(R"({{"verb":"prune","keep_slabs":{}}})", options.keep_slabs));
+        ask_care(config, fmt::format(R"({{"verb":"prune","keep_slabs":{}{}}})", options.keep_slabs, failed));
     while (care.ok() && care.value().prune.state == "under_way") {
       std::this_thread::sleep_for(kPollEvery);
       care = ask_care(config, R"({"verb":"care"})");
@@ -223,7 +228,8 @@ int prune(const Options& options) {
   }
   Result<std::unique_ptr<storage::Store>> store = storage::open_store(config.storage);
   if (!store.ok()) return fail(store.error());
-  if (Status taken = store.value()->order(storage::PruneOrder{options.keep_slabs}); !taken.ok())
+  if (Status taken = store.value()->order(storage::PruneOrder{options.keep_slabs, options.keep_failed_slabs});
+      !taken.ok())
     return fail(taken.error());
   while (store.value()->care().prune == storage::CareState::Phase::under_way) store.value()->idle();
   const storage::CareState care = store.value()->care();
@@ -279,6 +285,8 @@ void add_db(CLI::App& app, int& exit_status) {
   command->add_option("--keep-slabs", options->keep_slabs, "So many of the newest slabs stay")
       ->required()
       ->check(CLI::Range(storage::kKeepSlabsMin, std::int64_t{1'000'000'000}));
+  command->add_option("--keep-failed-slabs", options->keep_failed_slabs,
+                      "And so many of the newest that did not pass, 0: all of them; default: as many as --keep-slabs");
 }
 
 }  // namespace slabd::cli

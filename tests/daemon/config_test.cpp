@@ -53,6 +53,7 @@ db = "/srv/slabd.db"
 spool_dir = "/srv/spool"
 spool_budget_gb = 500
 keep_slabs = 20000
+keep_failed_slabs = 50000
 [measure]
 threads = 1
 [recipes]
@@ -100,6 +101,26 @@ TEST_F(ConfigTest, views_of_a_calibration_may_be_guarded_less_and_never_by_a_lim
   EXPECT_FALSE(config_.capture.is_wider());
   for (const char* key : {"capture_stable_mm = 0.005\n", "capture_stable_deg = 0.0005\n", "capture_stable_s = 2\n"})
     EXPECT_EQ(load(std::string(kShortest) + key).size(), 1U) << key;
+}
+
+TEST_F(ConfigTest, slabs_that_did_not_pass_are_kept_by_a_number_of_their_own) {
+  const auto storage = [](const std::string& keys) { return kShortest + ("[storage]\n" + keys); };
+  EXPECT_EQ(load(storage("keep_slabs = 500\n")), Texts{});
+  EXPECT_EQ(config_.storage.keep_failed_slabs, 500) << "as many more, unless it is said otherwise";
+  for (const int failed : {0, 100, 1'000'000'000}) {
+    EXPECT_EQ(load(storage("keep_slabs = 100\nkeep_failed_slabs = " + std::to_string(failed) + "\n")), Texts{});
+    EXPECT_EQ(config_.storage.keep_failed_slabs, failed);
+  }
+  EXPECT_EQ(
+      load(storage("keep_slabs = 500\nkeep_failed_slabs = 99\n")),
+      Texts{"slabd.toml:7:21: storage.keep_failed_slabs: found 99, allowed is 0 (keep all that did not pass) or 100 "
+            "and more"});
+  EXPECT_EQ(load(storage("keep_slabs = 99\n")),
+            Texts{"slabd.toml:6:14: storage.keep_slabs: found 99, allowed is 0 (keep every record) or 100 and more"});
+  EXPECT_EQ(load(storage("keep_failed_slabs = 500\n")),
+            Texts{"slabd.toml:6:21: storage.keep_failed_slabs: found with keep_slabs = 0, which keeps every record; "
+                  "allowed is beside a keep_slabs that bounds them"});
+  EXPECT_EQ(load(storage("keep_slabs = 500\nkeep_failed_slabs = 1000000001\n")).size(), 1U);
 }
 
 TEST_F(ConfigTest, one_or_two_threads_measure_and_nothing_else) {
@@ -188,6 +209,7 @@ TEST_F(ConfigTest, every_key_is_taken) {
   EXPECT_EQ(config_.storage.spool_dir, "/srv/spool");
   EXPECT_EQ(config_.storage.spool_budget_bytes, 500'000'000'000U);
   EXPECT_EQ(config_.storage.keep_slabs, 20'000);
+  EXPECT_EQ(config_.storage.keep_failed_slabs, 50'000);
   EXPECT_EQ(config_.recipes_dir, "/srv/recipes");
   EXPECT_EQ(config_.T_base_slab.rotation.z(), -1.0);
   EXPECT_EQ(config_.calibration.station_sigma_mm, 0.02);

@@ -124,6 +124,109 @@ TEST_F(CareTest, only_so_many_slabs_are_kept_and_the_history_says_so) {
   EXPECT_EQ(recover()->last_slab_key, kKeepSlabsMin + 5);
 }
 
+/// Ended and acknowledged with this verdict; nothing was scanned.
+class FailedSlabsTest : public CareTest {
+ protected:
+  void ended(std::int64_t first, std::int64_t last, Verdict verdict) {
+    for (std::int64_t key = first; key <= last; ++key) {
+      begin(key);
+      apply(AckJob{end(key, verdict)});
+    }
+  }
+  [[nodiscard]] bool is_there(std::int64_t key) { return reader()->slab(key).value().has_value(); }
+};
+
+TEST_F(FailedSlabsTest, outlive_passed_ones_and_only_so_many_do) {
+  settings_.keep_slabs = kKeepSlabsMin;
+  settings_.keep_failed_slabs = kKeepSlabsMin;
+  open();
+  (void)recover();
+  ended(1, 3, Verdict::fail);
+  ended(4, 5, Verdict::pass);
+  ended(6, kKeepSlabsMin + 3, Verdict::fail);  // with the first three 101 that did not pass
+  ended(kKeepSlabsMin + 4, 2 * kKeepSlabsMin + 3, Verdict::pass);
+  quiet(30);
+  EXPECT_EQ(count("slab"), 2 * kKeepSlabsMin) << "the newest 100, and 100 of those that did not pass";
+  EXPECT_FALSE(is_there(1)) << "the 101st that did not pass";
+  EXPECT_TRUE(is_there(2));
+  EXPECT_TRUE(is_there(3));
+  EXPECT_FALSE(is_there(4));
+  EXPECT_FALSE(is_there(5));
+  EXPECT_TRUE(is_there(6));
+  EXPECT_TRUE(is_there(kKeepSlabsMin + 4)) << "the oldest of the newest 100";
+  ended(2 * kKeepSlabsMin + 4, 2 * kKeepSlabsMin + 4, Verdict::fail);
+  quiet(30);
+  EXPECT_FALSE(is_there(2)) << "now there is another one that did not pass";
+  EXPECT_FALSE(is_there(kKeepSlabsMin + 4)) << "and one more slab at all";
+  EXPECT_TRUE(is_there(3));
+  EXPECT_TRUE(is_there(kKeepSlabsMin + 5));
+  EXPECT_EQ(check_database(settings_.db_path, true).value().trouble, "");
+  EXPECT_EQ(reader()->gaps().value()[0].slabs, 5);
+}
+
+TEST_F(FailedSlabsTest, are_all_that_did_not_pass_and_with_0_all_of_them_stay) {
+  settings_.keep_slabs = kKeepSlabsMin;
+  settings_.keep_failed_slabs = 0;
+  open();
+  (void)recover();
+  ended(1, 1, Verdict::fail);
+  ended(2, 2, Verdict::indeterminate);
+  ended(3, 3, Verdict::pass);
+  ended(4, 4, Verdict::not_measured);
+  ended(5, 5, Verdict::aborted);
+  ended(6, kKeepSlabsMin + 6, Verdict::fail);
+  quiet(30);
+  EXPECT_EQ(count("slab"), kKeepSlabsMin + 5);
+  EXPECT_FALSE(is_there(3));
+}
+
+TEST_F(FailedSlabsTest, by_hand_as_many_stay_as_are_said) {
+  open();
+  (void)recover();
+  ended(1, kKeepSlabsMin + 2, Verdict::fail);
+  ended(kKeepSlabsMin + 3, 2 * kKeepSlabsMin + 2, Verdict::pass);
+  EXPECT_EQ(store_->order(PruneOrder{kKeepSlabsMin, kKeepSlabsMin - 1}).error().code, Code::config);
+  ASSERT_TRUE(store_->order(PruneOrder{kKeepSlabsMin, 0}).ok());
+  quiet(10);
+  EXPECT_EQ(store_->care().pruned_slabs, 0) << "none of those that did not pass";
+  ASSERT_TRUE(store_->order(PruneOrder{kKeepSlabsMin, kKeepSlabsMin + 1}).ok());
+  quiet(10);
+  EXPECT_EQ(store_->care().pruned_slabs, 1);
+  ASSERT_TRUE(store_->order(PruneOrder{kKeepSlabsMin}).ok());
+  quiet(10);
+  EXPECT_EQ(store_->care().pruned_slabs, 1) << "as many as of all";
+  EXPECT_FALSE(is_there(2));
+  EXPECT_TRUE(is_there(3));
+}
+
+TEST_F(FailedSlabsTest, do_not_outlive_the_budget_of_the_disk_and_records_do_not_go_before_scans) {
+  settings_.keep_slabs = kKeepSlabsMin;
+  settings_.keep_failed_slabs = 0;
+  settings_.spool_budget_bytes = 100'000;
+  open();
+  (void)recover();
+  for (const auto& [key, verdict] : {std::pair{1, Verdict::fail}, {2, Verdict::pass}, {3, Verdict::fail}}) {
+    begin(key);
+    scan(key, 1, 1);
+    apply(AckJob{end(key, verdict)});
+  }
+  ended(4, kKeepSlabsMin + 4, Verdict::pass);
+  quiet(20);
+  const auto scan_of = [&](int key) {
+    return fs::exists(settings_.spool_dir + "/" + std::to_string(key) + "/1-1.ply");
+  };
+  EXPECT_TRUE(is_there(2)) << "its scan is kept";
+  settings_.spool_budget_bytes = 1'500;
+  open();
+  for (int i = 0; i < 4; ++i) apply(AckJob{0});
+  EXPECT_FALSE(scan_of(2)) << "passed ones first";
+  EXPECT_FALSE(scan_of(1)) << "and then the oldest that did not pass: the budget counts";
+  EXPECT_TRUE(scan_of(3));
+  quiet(20);
+  EXPECT_FALSE(is_there(2));
+  EXPECT_TRUE(is_there(1)) << "its records stay without the scan";
+}
+
 TEST_F(CareTest, slabs_with_scans_or_unseen_results_stay_and_so_do_the_newest) {
   open();
   (void)recover();
