@@ -305,6 +305,7 @@ struct PendingStore {
   std::uint8_t slot = 0;
   std::uint16_t value = 0;  ///< CMD_SEQ, session or RES_SEQ
   std::int64_t slab_key = 0;
+  std::uint64_t fingerprint = 0;  ///< that the job is to keep; 0: none
   PlcResult record;
 };
 
@@ -345,6 +346,8 @@ struct Station {
   ResultDesk results;
   std::array<std::uint64_t, kFingerprintsKept> fingerprints{};  ///< of the last scans; 0: none
   std::size_t fingerprint_next = 0;                             ///< the oldest
+  /// Those that could not be stored: they go with the first job after which the disk works again.
+  FixedVector<std::uint64_t, kFingerprintsKept> unsaved_fingerprints;
   std::array<bool, limits::kScanSlots> slot_busy{};
   OwedScan owed;
   std::array<bool, limits::kStationsMax> station_measuring{};  ///< until its result is stored

@@ -135,6 +135,7 @@ void check_stillness(Station& s, Actions& actions) {
   pending.slot = a.slot;
   pending.value = a.cmd_seq;
   pending.slab_key = a.attempt.slab_key;
+  pending.fingerprint = a.fingerprint;
   submit(s, actions, AcquiredJob{a.attempt, a.fingerprint}, pending);
 }
 
@@ -257,10 +258,15 @@ bool was_seen(Station& s, const ScanDone& done, Actions& actions) {
   if (done.code != Code::ok || done.fingerprint == 0) return false;
   if (is_known(s, done.fingerprint)) return true;
   remember(s, done.fingerprint);
+  store_fingerprint(s, done.fingerprint, actions);
+  return false;
+}
+
+void store_fingerprint(Station& s, std::uint64_t fingerprint, Actions& actions) {
   PendingStore pending;
   pending.kind = PendingStore::Kind::seen_scan;
-  submit(s, actions, SeenScanJob{done.fingerprint}, pending);
-  return false;
+  pending.fingerprint = fingerprint;
+  submit(s, actions, SeenScanJob{fingerprint}, pending);
 }
 
 void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions) {
@@ -360,6 +366,7 @@ void fail_acquisition(Station& s, Code code, Actions& actions) {
   PendingStore pending;
   pending.kind = PendingStore::Kind::failed_attempt;
   pending.station = a.station;
+  pending.fingerprint = a.fingerprint;
   submit(s, actions, FailedAttemptJob{a.attempt, static_cast<std::uint16_t>(code), a.fingerprint}, pending);
   release(s);
 }

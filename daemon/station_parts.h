@@ -88,6 +88,7 @@ void fail_acquisition(Station& s, Code code, Actions& actions);
 /// True: the points of this scan were there before. New ones are remembered, for good by a job of their own: this is
 /// for scans that become no attempt.
 [[nodiscard]] bool was_seen(Station& s, const ScanDone& done, Actions& actions);
+void store_fingerprint(Station& s, std::uint64_t fingerprint, Actions& actions);
 inline constexpr std::string_view kRepeatedScan =
     "the scanner gave the points of an earlier scan again; restart the scanner program";
 /// Gives up the request in hand of a worker that hangs; with `slot_taken` its buffer stays busy until the worker is

@@ -117,6 +117,20 @@ void on_report(Station& s, const PendingStore& pending, Code code, Actions& acti
 
 }  // namespace
 
+/// What a scanner gave must be known after a restart, also when the disk failed at that moment.
+static void settle_fingerprints(Station& s, const PendingStore& pending, Code code, Actions& actions) {
+  auto& unsaved = s.unsaved_fingerprints;
+  if (code != Code::ok) {
+    const bool known = std::find(unsaved.begin(), unsaved.end(), pending.fingerprint) != unsaved.end();
+    if (pending.fingerprint != 0 && !known) (void)unsaved.push(pending.fingerprint);
+    return;
+  }
+  if (unsaved.empty()) return;
+  const std::uint64_t fingerprint = unsaved[0];
+  unsaved.erase(0);
+  store_fingerprint(s, fingerprint, actions);
+}
+
 void on_stored(Station& s, const StoreDone& done, Actions& actions) {
   const PendingStore* const found = std::find_if(
       s.storing.begin(), s.storing.end(), [&](const PendingStore& pending) { return pending.ticket == done.ticket; });
@@ -124,6 +138,7 @@ void on_stored(Station& s, const StoreDone& done, Actions& actions) {
   const PendingStore pending = *found;
   s.storing.erase(static_cast<std::size_t>(found - s.storing.begin()));
 
+  settle_fingerprints(s, pending, done.code, actions);
   switch (pending.kind) {
     case PendingStore::Kind::session: on_session(s, pending, done.code, actions); break;
     case PendingStore::Kind::begin_slab:

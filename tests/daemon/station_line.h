@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <deque>
+#include <functional>
 #include <map>
 #include <optional>
 #include <vector>
@@ -45,6 +46,7 @@ struct MemoryStore {
   RecoveredLine line;
   std::uint16_t open_command = 0;
   std::optional<Code> fail_next;
+  std::function<bool(const StoreJob&)> fail_when;  ///< jobs that find the disk broken
   std::vector<StoreJob> applied;
   int slabs_ended = 0;
   std::size_t fingerprints = 0;
@@ -55,6 +57,7 @@ struct MemoryStore {
       fail_next.reset();
       return code;
     }
+    if (fail_when && fail_when(job)) return Code::journal_write;
     applied.push_back(job);
     std::visit([this](const auto& what) { keep(what); }, job.what);
     return Code::ok;

@@ -137,6 +137,31 @@ TEST_F(StationTest, a_restart_does_not_let_an_earlier_scan_pass) {
   EXPECT_EQ(line.view().stations_done, 2);
 }
 
+TEST_F(StationTest, a_disk_that_failed_does_not_let_an_earlier_scan_pass) {
+  begin();
+  line.fingerprint = 4711;
+  store.fail_when = [](const StoreJob& job) {
+    return std::holds_alternative<AcquiredJob>(job.what) || std::holds_alternative<FailedAttemptJob>(job.what) ||
+           std::holds_alternative<SeenScanJob>(job.what);
+  };
+  line.scan(1);
+  EXPECT_EQ(line.view().stations_done, 0);
+  store.fail_when = nullptr;
+  line.plc.fault_reset = true;
+  line.feed(line.plc);
+  line.plc.fault_reset = false;
+  line.feed(line.plc);
+  line.fingerprint = 4712;
+  line.scan(1);
+  EXPECT_EQ(line.view().stations_done, 1);
+  line.start();
+  line.run_for(300);
+  line.fingerprint = 4711;
+  line.scan(2);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::frame_incomplete));
+  EXPECT_EQ(line.view().stations_done, 1);
+}
+
 TEST_F(StationTest, an_emulated_line_may_be_one_without_noise) {
   line.settings.simulation = true;
   line.start();

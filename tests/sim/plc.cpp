@@ -322,9 +322,11 @@ void Plc::plan_slab() {
     case Stage::begin:
       if (open)
         kept_.stage = Stage::scan;
-      else if (seen_.slab_open)
+      else if (seen_.slab_open) {
+        // Begun by an order whose answer was lost, or by somebody else: its own number ends it.
         order(PlcCommand::slab_abort, 0);
-      else
+        out_.slab_no = seen_.slab_no;
+      } else
         order(PlcCommand::slab_begin, 0);
       break;
     case Stage::scan: {
