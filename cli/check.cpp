@@ -8,10 +8,12 @@
 #include <vector>
 
 #include "cli/command.h"
+#include "cli/database.h"
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/recipe/recipe_diff.h"
 #include "cli/recipe/recipe_keys.h"
+#include "cli/recipe/recipe_source.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
@@ -175,6 +177,20 @@ int show_recipe(const std::string& file, bool json) {
   return kDone;
 }
 
+/// The bytes that the database has kept, so that they can be put into a file again; with --json as of a file.
+int show_stored(const DatabaseOptions& database, const std::string& word, bool json) {
+  int exit_status = kDone;
+  const auto reader = open_database(database, exit_status);
+  if (reader == nullptr) return exit_status;
+  const auto text = stored_recipe(*reader, word, exit_status);
+  if (!text) return exit_status;
+  Recipe recipe;
+  const bool good = recipe_from(*text, recipe);
+  if (!json) std::fwrite(text->text.data(), 1, text->text.size(), stdout);
+  if (good && json) fmt::print("{}", recipe_json(recipe));
+  return good ? kDone : kBadInput;
+}
+
 int check_config(const std::string& file, bool json) {
   Check check;
   daemon::Config config;
@@ -190,6 +206,9 @@ int check_config(const std::string& file, bool json) {
 struct Options {
   std::vector<std::string> files;
   std::string file;
+  DatabaseOptions database;
+  std::string slab;
+  std::string sha256;
   bool json = false;
 };
 
@@ -214,9 +233,27 @@ void add_recipe(CLI::App& app, int& exit_status) {
   check->add_flag("--json", options->json, "Print slabd.check/1 on stdout");
   check->callback([options, &exit_status] { exit_status = check_recipes(options->files, options->json); });
   CLI::App* show = recipe->add_subcommand("show", "Print nominals and tolerances, and who has confirmed them");
-  show->add_option("FILE", options->file, "Recipe file")->required();
+  show->footer(
+      "\n--slab and --sha256 print the file that the database has kept, byte for byte.\n"
+      "Examples: slabctl recipe show p5600.toml\n"
+      "          slabctl recipe show --slab SLAB-0042 > p5600-then.toml");
+  show->add_option("FILE", options->file, "Recipe file");
+  show->add_option("--slab", options->slab, "The recipe that this slab (key or id) was begun with");
+  show->add_option("--sha256", options->sha256,
+                   "The recipe with this SHA-256, or the only one whose SHA-256 begins so");
+  options->database.add_to(*show);
   show->add_flag("--json", options->json, "Print slabd.recipe/1 on stdout; of a faulty file slabd.check/1");
-  show->callback([options, &exit_status] { exit_status = show_recipe(options->file, options->json); });
+  show->callback([options, &exit_status] {
+    const Options& o = *options;
+    if (int{!o.file.empty()} + int{!o.slab.empty()} + int{!o.sha256.empty()} != 1) {
+      complain("say which recipe: one of FILE, --slab SLAB and --sha256 S");
+      exit_status = kUsage;
+    } else if (!o.file.empty()) {
+      exit_status = show_recipe(o.file, o.json);
+    } else {
+      exit_status = show_stored(o.database, o.slab.empty() ? "sha:" + o.sha256 : "slab:" + o.slab, o.json);
+    }
+  });
   add_recipe_diff(*recipe, exit_status);
 }
 

@@ -291,6 +291,14 @@ std::string iso_time(std::int64_t utime_us) {
                      parts.tm_hour, parts.tm_min, parts.tm_sec);
 }
 
+void write_crc32c(Json& json, std::string_view name, const std::optional<std::uint32_t>& crc32c) {
+  if (crc32c) {
+    json.field(name, std::string_view(fmt::format("{:08x}", *crc32c)));
+  } else {
+    json.key(name).null();
+  }
+}
+
 void write_time(Json& json, std::string_view name, std::int64_t utime_us) {
   json.key(name);
   if (utime_us == 0) {

@@ -4,6 +4,7 @@
 #include <array>
 #include <concepts>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -56,6 +57,9 @@ class Json {
   std::vector<Level> levels_;
   bool after_key_ = false;
 };
+
+/// Eight hex digits, or null.
+void write_crc32c(Json& json, std::string_view name, const std::optional<std::uint32_t>& crc32c);
 
 /// `{id, unit, nominal, value, deviation, lower, upper, U, verdict, required, conformance_probability, budget}`, then
 /// the companion figure under its own name and, for items `of_slab` that belong to stations, `stations`. `budget` holds

@@ -29,6 +29,7 @@ void write_attempt(Json& json, const SlabRecord& record, const SlabBlock& block)
   json.field("final_verdict", name(block.final_verdict)).field("final_reason", block.final_reason);
   json.field("code", block.code);
   json.field("scan_path", block.attempt.scan_path.view()).field("points", block.attempt.shape.points);
+  write_crc32c(json, "points_crc32c", block.attempt.points_crc32c);
   write_time(json, "scanned", block.attempt.scan_utime_us);
   json.field("settle_ms", block.attempt.settle_ms).field("acquire_ms", block.attempt.acquire_ms);
   write_pose(json, "T_base_flange", block.attempt.T_base_flange);

@@ -276,7 +276,7 @@ struct ScanChecksum {
   std::uint32_t crc32c = 0;  ///< what points_crc32c() gives for the points that read_scan() gives
 };
 /// Reads a scan whose points are records (ScanShape::in_records) piece by piece. frame_incomplete: it is none, or as
-/// read_scan(). No heap; 320 kB of stack; 10 ms for five million points in the page cache.
+/// read_scan(). No heap; 320 kB of stack; 5 ms for five million points in the page cache.
 [[nodiscard]] Result<ScanChecksum> read_scan_checksum(const char* path, LengthUnit unit);
 
 /// Writes a scan (for the emulator and tests) of float32 points, text with as many digits as bring the same bits back.

@@ -21,6 +21,7 @@
 #include "cli/export/out_file.h"
 #include "cli/parse.h"
 #include "cli/progress.h"
+#include "cli/recipe/recipe_source.h"
 #include "cli/slab_choice.h"
 #include "cli/slab_json.h"
 #include "cli/slab_view.h"
@@ -149,10 +150,11 @@ int export_cloud(CloudOptions options) {
   const storage::SlabRecord& record = *found.value();
   const SlabHeader& slab = record.summary.header;
   std::vector<daemon::Problem> problems;
-  const std::vector<Recipe> recipes =
-      recipes_in(options.recipes_dir.empty() ? config.recipes_dir : options.recipes_dir, problems);
+  RecipeShelf shelf(recipes_in(options.recipes_dir.empty() ? config.recipes_dir : options.recipes_dir, problems));
   static_cast<void>(report_problems(problems));
-  const Recipe* recipe = recipe_for(slab, recipes);
+  const Result<const Recipe*> very = shelf.very(slab, *reader);
+  if (!very) return complain_of(very.error(), kNotReachable);
+  const Recipe* recipe = very.value() != nullptr ? very.value() : shelf.of_type(slab);
   if (recipe == nullptr) {
     complain(fmt::format("no recipe of slab type {} with {} blocks is there; --recipes says where", slab.slab_type,
                          slab.stations));

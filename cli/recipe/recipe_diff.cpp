@@ -20,6 +20,7 @@
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/recipe/recipe_keys.h"
+#include "cli/recipe/recipe_source.h"
 #include "cli/render.h"
 #include "cli/replay/remeasure.h"
 #include "cli/replay/what_if.h"
@@ -156,15 +157,20 @@ void print_differences(const Recipe& a, const Recipe& b, const std::vector<KeyDi
 }
 
 int diff(const DiffOptions& options) {
+  // A recipe out of the database needs one, the configuration's unless another is named.
+  std::unique_ptr<storage::Reader> reader;
+  int exit_status = kDone;
+  if (options.stored || names_stored_recipe(options.a) || names_stored_recipe(options.b)) {
+    reader = open_database(options.database, exit_status);
+    if (reader == nullptr) return exit_status;
+  }
   Recipe a;
   Recipe b;
-  if (!recipe_from(options.a, a) || !recipe_from(options.b, b)) return kBadInput;
+  if (!recipe_named(reader.get(), options.a, a, exit_status) || !recipe_named(reader.get(), options.b, b, exit_status))
+    return exit_status;
   const std::vector<KeyDifference> differences = differences_of(a, b);
   StoredSlabs stored;
   if (options.stored) {
-    int exit_status = kDone;
-    const auto reader = open_database(options.database, exit_status);
-    if (reader == nullptr) return exit_status;
     SlabChoice choice = options.choice;
     if (choice.slab_type == 0) choice.slab_type = b.slab_type;
     const auto keys = chosen_slabs(*reader, choice, exit_status);
@@ -211,9 +217,10 @@ void add_recipe_diff(CLI::App& recipe, int& exit_status) {
       "verdict\n"
       "would change, item by item.\n"
       "Examples: slabctl recipe diff p5600.toml p5600-new.toml\n"
-      "          slabctl recipe diff p5600.toml p5600-new.toml --db /var/lib/slabd/slabd.db --since 30d");
-  command->add_option("A", options->a, "Recipe file")->required();
-  command->add_option("B", options->b, "Recipe file")->required();
+      "          slabctl recipe diff p5600.toml p5600-new.toml --db /var/lib/slabd/slabd.db --since 30d\n"
+      "          slabctl recipe diff slab:SLAB-0042 p5600.toml");
+  command->add_option("A", options->a, "Recipe file, or out of the database: slab:SLAB, sha:PREFIX")->required();
+  command->add_option("B", options->b, "The same")->required();
   options->choice.add_filters_to(*command);
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.recipe_diff/1 on stdout");

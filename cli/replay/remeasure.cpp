@@ -19,15 +19,19 @@ namespace fs = std::filesystem;
 /// it is copied then, which takes a moment.
 constexpr std::int64_t kWrittenLater_us = 60'000'000;
 
-/// What of the file is not as it was acquired. No checksum is stored with a scan: these are its signs.
-std::string signs_of_change(const std::string& path, const storage::SlabBlock& stored, const ScanShape& shape) {
+/// What of the file is not as it was acquired. Where no checksum was kept of its points, all there is are signs.
+std::string signs_of_change(const Remeasured& again, const storage::SlabBlock& stored, const ScanShape& shape) {
   const ScanShape& was = stored.attempt.shape;
   if (shape.points != was.points || shape.finite != was.finite || shape.width != was.width ||
       shape.height != was.height)
     return fmt::format("it holds {} points ({} finite, {} x {}), acquired were {} ({} finite, {} x {})", shape.points,
                        shape.finite, shape.width, shape.height, was.points, was.finite, was.width, was.height);
+  if (again.altered)
+    return fmt::format("its points are not those that were measured: crc32c {:08x} stored, {:08x} now",
+                       *stored.attempt.points_crc32c, *again.points_crc32c);
+  if (again.proven) return "";
   struct stat file {};
-  if (::stat(path.c_str(), &file) != 0) return "";
+  if (::stat(again.path.c_str(), &file) != 0) return "";
   const std::int64_t written_us = file.st_mtim.tv_sec * std::int64_t{1'000'000};
   if (written_us > stored.attempt.scan_utime_us + kWrittenLater_us)
     return fmt::format("it was written {}, after it had been acquired {}", iso_time(written_us),
@@ -68,6 +72,10 @@ void Remeasurer::measure(const SlabHeader& slab, const storage::SlabBlock& store
     out.note = std::string(shape.error().text.view());
     return;
   }
+  // Before the measuring, which changes them where they lie.
+  out.points_crc32c = hal::points_crc32c(xyz_.first(3 * shape.value().points));
+  out.proven = stored.attempt.points_crc32c == out.points_crc32c;
+  out.altered = stored.attempt.points_crc32c.has_value() && !out.proven;
   const int station = stored.attempt.station;
   const algo::Cloud cloud{xyz_, shape.value().points, shape.value().width, shape.value().height};
   // A block that cannot be measured is a result like any other; why not stands in it.
@@ -75,7 +83,7 @@ void Remeasurer::measure(const SlabHeader& slab, const storage::SlabBlock& store
                                           slab.T_base_slab * T_slab_block(*recipe_, station),
                                           stored_T_base_scanner(slab, stored.attempt), cloud, shape.value(), 0.0));
   out.scan = Remeasured::Scan::measured;
-  out.note = signs_of_change(out.path, stored, shape.value());
+  out.note = signs_of_change(out, stored, shape.value());
   out.block = inspector_.result();
   daemon::pack_maps(inspector_, out.maps);
 }
@@ -99,16 +107,6 @@ std::string scan_at(const storage::SlabBlock& stored, const std::string& scans_d
   std::error_code ignored;
   if (scans_dir.empty() || fs::exists(path, ignored)) return path.string();
   return (fs::path(scans_dir) / path.parent_path().filename() / path.filename()).string();
-}
-
-const Recipe* recipe_for(const SlabHeader& slab, std::span<const Recipe> recipes) {
-  const Recipe* of_type = nullptr;
-  for (const Recipe& recipe : recipes) {
-    if (recipe.sha256 == slab.recipe_sha256) return &recipe;
-    if (recipe.slab_type == slab.slab_type && recipe.stations() == slab.stations && of_type == nullptr)
-      of_type = &recipe;
-  }
-  return of_type;
 }
 
 std::vector<Recipe> recipes_in(const std::string& dir, std::vector<daemon::Problem>& problems) {

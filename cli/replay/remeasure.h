@@ -25,6 +25,9 @@ struct Remeasured {
   std::string path;  ///< of the scan
   std::string
       note;  ///< one sentence: why there is no result, or what of the file is not as it was acquired; else empty
+  std::optional<std::uint32_t> points_crc32c;  ///< of the points that were read
+  bool proven = false;   ///< they are those that were measured: the checksum kept with the attempt says so
+  bool altered = false;  ///< they are not: it says so
   BlockResult block;
   BlockMaps maps;
 };
@@ -60,7 +63,4 @@ class Remeasurer {
 
 /// All recipes that can be read in a folder; `problems` names the others.
 [[nodiscard]] std::vector<Recipe> recipes_in(const std::string& dir, std::vector<daemon::Problem>& problems);
-/// The recipe that the slab was measured with, else the first of its slab type and size, else nullptr.
-[[nodiscard]] const Recipe* recipe_for(const SlabHeader& slab, std::span<const Recipe> recipes);
-
 }  // namespace slabd::cli

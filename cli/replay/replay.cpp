@@ -57,6 +57,7 @@ void write_slab(Json& json, const SlabReplay& slab) {
   json.field("key", slab.header.key).field("slab_id", slab.header.slab_id.view());
   json.field("verdict", slabd::name(slab.verdict)).field("outcome", name(slab.outcome));
   json.field("figures", slab.figures()).field("differences", slab.differences());
+  json.field("recipe", std::string_view(slab.recipe)).field("scans_proven", slab.scans_proven());
   json.key("changed").begin_array();
   for (const ChangedInput& input : slab.changed)
     json.begin_object()
@@ -70,6 +71,8 @@ void write_slab(Json& json, const SlabReplay& slab) {
     json.begin_object().field("station", block.station).field("attempt", block.attempt);
     json.field("scan", std::string_view(block.scan)).field("outcome", name(block.outcome));
     json.field("why", std::string_view(block.why));
+    write_crc32c(json, "crc32c_stored", block.crc32c_stored);
+    write_crc32c(json, "crc32c_now", block.crc32c_now);
     write_comparison(json, block.comparison);
     json.end_object();
   }
@@ -89,12 +92,22 @@ void print_differences(const storage::Comparison& comparison) {
     fmt::print("    and {} more\n", comparison.differences.size() - kDifferencesNamed);
 }
 
+std::string without_checksum(const SlabReplay& slab) {
+  const std::size_t count = slab.scans_without_checksum();
+  return count == 0 ? "" : fmt::format("; of {} none was kept", count);
+}
+
 void print_slab(const SlabReplay& slab) {
   const auto replayed = std::count_if(slab.blocks.begin(), slab.blocks.end(),
                                       [](const BlockReplay& block) { return block.comparison.figures > 0; });
   fmt::print("slab {} \"{}\" ({}): {}: {} of {} scans measured again, {} figures compared, {} differ\n",
              slab.header.key, slab.header.slab_id.view(), slabd::name(slab.verdict), name(slab.outcome), replayed,
              slab.blocks.size(), slab.figures(), slab.differences());
+  fmt::print("  {} of {} scans are proven by their checksum to hold the points that were measured{}\n",
+             slab.scans_proven(), slab.blocks.size(), without_checksum(slab));
+  if (slab.recipe.starts_with("sha:"))
+    fmt::print("  recipe {} is no longer in the folder; measured with what the database has kept ({:.16})\n",
+               slab.header.recipe.view(), slab.recipe);
   for (const ChangedInput& input : slab.changed)
     fmt::print("  another {}: recorded {}; now {}\n", input.what, input.stored, input.now);
   for (const BlockReplay& block : slab.blocks) {
@@ -146,7 +159,7 @@ bool for_each_slab(storage::Reader& reader, const std::vector<std::int64_t>& key
 
 int verify(const ReplayOptions& options, ReplaySources& sources, const std::vector<std::int64_t>& keys) {
   std::vector<daemon::Problem> problems;
-  const std::vector<Recipe> recipes = recipes_in(sources.recipes_dir, problems);
+  RecipeShelf shelf(recipes_in(sources.recipes_dir, problems));
   static_cast<void>(report_problems(problems));
   Remeasurer remeasurer(options.threads, sources.unit, options.scans_dir);
   std::array<int, 3> count{};
@@ -157,7 +170,7 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
   ProgressCount progress(stderr, keys.size());
   const bool read = for_each_slab(*sources.reader, keys, [&](const storage::SlabRecord& record) {
     progress.next(fmt::format("measuring slab {} again", record.summary.header.key));
-    const Result<SlabReplay> slab = replay_slab(*sources.reader, record, recipes, remeasurer);
+    const Result<SlabReplay> slab = replay_slab(*sources.reader, record, shelf, remeasurer);
     progress.erase();
     if (!slab) {
       complain(slab.error().text.view());
@@ -207,6 +220,9 @@ std::string decide_anew(const storage::SlabRecord& record, const Recipe& recipe,
     remeasurer.measure(slab, stored, *again[i]);
     if (again[i]->scan != Remeasured::Scan::measured)
       return fmt::format("block {}: {} ({})", stored.attempt.station, again[i]->note, again[i]->path);
+    if (again[i]->altered)
+      return fmt::format("block {}: the scan was changed: {} ({})", stored.attempt.station, again[i]->note,
+                         again[i]->path);
     blocks[i] = &again[i]->block;
   }
   const std::vector<StationRecord> stations = stations_of(record, blocks);
@@ -219,7 +235,8 @@ std::string decide_anew(const storage::SlabRecord& record, const Recipe& recipe,
 
 int decide(const ReplayOptions& options, ReplaySources& sources, const std::vector<std::int64_t>& keys) {
   Recipe recipe;
-  if (!recipe_from(options.recipe, recipe)) return kBadInput;
+  int exit_status = kDone;
+  if (!recipe_named(sources.reader.get(), options.recipe, recipe, exit_status)) return exit_status;
   warn_unconfirmed(recipe);
   Remeasurer remeasurer(options.threads, sources.unit, options.scans_dir);
   remeasurer.use(recipe);
@@ -270,6 +287,7 @@ void add_replay(CLI::App& app, int& exit_status) {
       "poses, calibration and recipe that are recorded, the slab is judged again, and each stored figure must come "
       "out\n"
       "with the same bits. Where one does not, what is not as it was is named: software, recipe, calibration, scan.\n"
+      "A scan is proven by the checksum of its points; a recipe that is no file any more comes from the database.\n"
       "--recipe: what that recipe would have decided, item by item. Exit status 0: identical; 1: not, or not enough\n"
       "scans are left (of slabs chosen by filters, those whose scans were deleted for the budget do not count).\n"
       "Examples: slabctl replay SLAB-0042 --verify\n"
@@ -278,7 +296,9 @@ void add_replay(CLI::App& app, int& exit_status) {
   options->choice.add_to(*command);
   options->database.add_to(*command);
   auto* verify_flag = command->add_flag("--verify", options->verify, "Every stored figure must come out again");
-  command->add_option("--recipe", options->recipe, "What this recipe would have decided")->excludes(verify_flag);
+  command
+      ->add_option("--recipe", options->recipe, "What this recipe would have decided: a file, slab:SLAB or sha:PREFIX")
+      ->excludes(verify_flag);
   command->add_option("--recipes", options->recipes_dir,
                       "Folder with the recipes, also former ones; default: the configuration's");
   command->add_option("--scans", options->scans_dir, "A copy of the spool, for scans that were moved away");

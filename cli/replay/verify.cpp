@@ -27,9 +27,11 @@ std::string recipe_words(std::string_view recipe, std::string_view sha256) {
   return fmt::format("{} (sha256 {})", recipe, sha256);
 }
 
-const Recipe* recipe_of(const SlabHeader& slab, std::span<const Recipe> recipes, std::vector<ChangedInput>& changed) {
-  const Recipe* of_type = recipe_for(slab, recipes);
-  if (of_type != nullptr && of_type->sha256 == slab.recipe_sha256) return of_type;
+Result<const Recipe*> recipe_of(const SlabHeader& slab, storage::Reader& reader, RecipeShelf& shelf,
+                                std::vector<ChangedInput>& changed) {
+  const Result<const Recipe*> very = shelf.very(slab, reader);
+  if (!very || very.value() != nullptr) return very;
+  const Recipe* of_type = shelf.of_type(slab);
   changed.push_back(
       {"recipe", recipe_words(slab.recipe.view(), slab.recipe_sha256.view()),
        of_type == nullptr
@@ -87,8 +89,12 @@ std::string reason_for_difference(const std::vector<ChangedInput>& changed, cons
   if (!again.note.empty())
     why += (why.empty() ? "the scan was changed: " : "; and the scan was changed: ") + again.note;
   if (!why.empty()) return why;
-  return "no recorded input differs: the scan's content was changed after it was acquired, or this build measures "
-         "otherwise under the same version";
+  if (again.proven)
+    return "no recorded input differs, and the scan's points are those that were measured: this build measures "
+           "otherwise under the same version";
+  return "no recorded input differs: the scan's content was changed after it was acquired (no checksum was kept of "
+         "it), "
+         "or this build measures otherwise under the same version";
 }
 
 BlockReplay replay_block(const SlabHeader& slab, const storage::SlabBlock& stored, const BlockMaps& maps,
@@ -99,6 +105,8 @@ BlockReplay replay_block(const SlabHeader& slab, const storage::SlabBlock& store
   remeasurer.measure(slab, stored, again);
   replay.scan = again.path;
   replay.why = again.note;
+  replay.crc32c_stored = stored.attempt.points_crc32c;
+  replay.crc32c_now = again.points_crc32c;
   if (again.scan != Remeasured::Scan::measured) {
     replay.outcome = again.scan == Remeasured::Scan::pruned ? ReplayOutcome::not_verified : ReplayOutcome::differs;
     return replay;
@@ -106,7 +114,13 @@ BlockReplay replay_block(const SlabHeader& slab, const storage::SlabBlock& store
   storage::compare(stored.block, again.block, replay.comparison);
   storage::compare(maps, again.maps, replay.comparison);
   replay.outcome = replay.comparison.differences.empty() ? ReplayOutcome::identical : ReplayOutcome::differs;
-  if (replay.outcome == ReplayOutcome::differs) replay.why = reason_for_difference(changed, again);
+  if (replay.outcome == ReplayOutcome::differs) {
+    replay.why = reason_for_difference(changed, again);
+  } else if (again.altered) {
+    // A scan that was changed proves nothing, whatever comes out of it.
+    replay.outcome = ReplayOutcome::differs;
+    replay.why = "the scan was changed: " + again.note + "; no stored figure shows it";
+  }
   return replay;
 }
 
@@ -137,14 +151,25 @@ std::size_t SlabReplay::figures() const {
   return sum;
 }
 
+std::size_t SlabReplay::scans_proven() const {
+  return static_cast<std::size_t>(std::count_if(blocks.begin(), blocks.end(), [](const BlockReplay& block) {
+    return block.crc32c_stored.has_value() && block.crc32c_stored == block.crc32c_now;
+  }));
+}
+
+std::size_t SlabReplay::scans_without_checksum() const {
+  return static_cast<std::size_t>(std::count_if(
+      blocks.begin(), blocks.end(), [](const BlockReplay& block) { return !block.crc32c_stored.has_value(); }));
+}
+
 std::size_t SlabReplay::differences() const {
   std::size_t sum = slab.differences.size();
   for (const BlockReplay& block : blocks) sum += block.comparison.differences.size();
   return sum;
 }
 
-Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecord& record,
-                               std::span<const Recipe> recipes, Remeasurer& remeasurer) {
+Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecord& record, RecipeShelf& shelf,
+                               Remeasurer& remeasurer) {
   SlabReplay replay;
   replay.header = record.summary.header;
   replay.verdict = record.summary.verdict;
@@ -152,12 +177,15 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
   if (!(slab.software == daemon::software_version()))
     replay.changed.push_back(
         {"software", std::string(slab.software.view()), std::string(daemon::software_version().view())});
-  const Recipe* recipe = recipe_of(slab, recipes, replay.changed);
+  const Result<const Recipe*> found = recipe_of(slab, reader, shelf, replay.changed);
+  if (!found) return found.error();
+  const Recipe* recipe = found.value();
   if (Status status = check_calibration(reader, record, replay.changed); !status) return status.error();
   if (recipe == nullptr) {
     replay.slab_why = "without a recipe nothing can be measured";
     return replay;
   }
+  replay.recipe = recipe->path.view();
   remeasurer.use(*recipe);
 
   std::vector<std::unique_ptr<Remeasured>> again(record.blocks.size());

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/recipe/recipe_source.h"
 #include "cli/replay/remeasure.h"
 #include "storage/compare.h"
 
@@ -29,6 +30,8 @@ struct BlockReplay {
   int station = 0;
   int attempt = 0;
   std::string scan;
+  std::optional<std::uint32_t> crc32c_stored;  ///< of the points when they were measured; none: not kept
+  std::optional<std::uint32_t> crc32c_now;     ///< of those that the file holds; none: it could not be read
   ReplayOutcome outcome = ReplayOutcome::not_verified;
   std::string why;  ///< of what is not identical; of an identical one what is odd about its file
   storage::Comparison comparison;
@@ -38,6 +41,7 @@ struct SlabReplay {
   SlabHeader header;
   Verdict verdict = Verdict::none;
   ReplayOutcome outcome = ReplayOutcome::not_verified;
+  std::string recipe;  ///< path of what it was measured again with; "sha:..." out of the database; empty: nothing
   std::vector<ChangedInput> changed;
   std::vector<BlockReplay> blocks;  ///< every attempt that was measured
   bool slab_compared = false;       ///< it had ended with a verdict, and no block differs in what its scan was
@@ -45,13 +49,16 @@ struct SlabReplay {
   std::string slab_why;
 
   [[nodiscard]] std::size_t figures() const;
+  /// Scans whose points are those that were measured, by their checksum; and those of which none was kept.
+  [[nodiscard]] std::size_t scans_proven() const;
+  [[nodiscard]] std::size_t scans_without_checksum() const;
   [[nodiscard]] std::size_t differences() const;
 };
 
-/// Measures and judges the slab again with its recipe out of `recipes`: the very one that was recorded if it is there,
-/// else the one of its slab type, which is then a changed input. `ChangedInput`s are found against `reader`.
-/// journal_write: the database cannot be read.
+/// Measures and judges the slab again with its recipe off the shelf: the very one that was recorded if it is there or
+/// in the database, else the one of its slab type, which is then a changed input. `ChangedInput`s are found against
+/// `reader`. journal_write: the database cannot be read.
 [[nodiscard]] Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecord& record,
-                                             std::span<const Recipe> recipes, Remeasurer& remeasurer);
+                                             RecipeShelf& shelf, Remeasurer& remeasurer);
 
 }  // namespace slabd::cli

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl replay on a stored slab of three blocks: what comes out again, and what is named when something does not.
+#include <cstdlib>
+#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "cli/replay/what_if.h"
@@ -12,7 +14,8 @@ namespace {
 using nlohmann::json;
 
 struct Replay : StoredSlab {
-  void SetUp() override {
+  void SetUp() override { make(); }
+  void make() {
     begin();
     measure(3);
     measure(4, "--defect jaw-distance=4:0.9");
@@ -49,12 +52,17 @@ TEST_F(Replay, comes_out_again_bit_for_bit_on_one_thread_and_on_two_and_writes_n
     const Ended ended = replay(threads);
     EXPECT_EQ(ended.status, 0) << ended.out << ended.err;
     expect_mentions(ended.out, "slab 1 \"SLAB-0042\" (fail): identical: 3 of 3 scans measured again");
+    expect_mentions(ended.out, "3 of 3 scans are proven by their checksum to hold the points that were measured\n");
   }
   const json slab = replayed();
   EXPECT_EQ(slab["outcome"], "identical");
   EXPECT_EQ(slab["differences"], 0);
   EXPECT_GT(slab["figures"], 3 * 500);
   EXPECT_TRUE(slab["slab"]["compared"]);
+  EXPECT_EQ(slab["scans_proven"], 3);
+  EXPECT_EQ(slab["blocks"][0]["crc32c_stored"], slab["blocks"][0]["crc32c_now"]);
+  EXPECT_EQ(slab["blocks"][0]["crc32c_now"].get<std::string>().size(), 8U);
+  EXPECT_EQ(slab["recipe"], kRecipe);
   EXPECT_EQ(content(db()), before);
 }
 
@@ -63,7 +71,10 @@ TEST_F(Replay, a_changed_byte_in_a_scan_is_named) {
   change_byte(scan(4), fs::file_size(scan(4)) / 2);
   const Ended ended = replay();
   EXPECT_EQ(ended.status, 1);
-  expect_mentions(ended.out, "block 4 attempt 1: differs: no recorded input differs: the scan's content was changed");
+  expect_mentions(ended.out,
+                  "block 4 attempt 1: differs: the scan was changed: its points are not those that were "
+                  "measured: crc32c ");
+  expect_mentions(ended.out, "2 of 3 scans are proven by their checksum");
   expect_mentions(ended.out, scan(4));
   const json slab = replayed();
   EXPECT_EQ(slab["outcome"], "differs");
@@ -93,7 +104,84 @@ TEST_F(Replay, scans_that_were_moved_away_are_found_in_the_archive) {
   expect_mentions(ended.out, "identical");
 }
 
-TEST_F(Replay, another_recipe_is_named_whether_it_changes_figures_or_not) {
+TEST_F(Replay, a_recipe_that_is_no_file_any_more_comes_from_the_database) {
+  fs::create_directories(file("empty"));
+  const Ended ended = replay_with(file("empty"));
+  EXPECT_EQ(ended.status, 0) << ended.out << ended.err;
+  expect_mentions(ended.out, "identical: 3 of 3 scans measured again");
+  expect_mentions(ended.out, "recipe P5600 is no longer in the folder; measured with what the database has kept (sha:");
+  // Another file of the same name and type does not get in its way.
+  static_cast<void>(recipe_with("crop_half_x_mm = 51.0", "crop_half_x_mm = 50.0"));
+  const json slab = json::parse(replay_with(file("recipes"), "--json").out, nullptr, false)["slabs"][0];
+  EXPECT_EQ(slab["outcome"], "identical");
+  EXPECT_TRUE(slab["changed"].empty()) << slab["changed"];
+  EXPECT_EQ(slab["recipe"], "sha:" + std::string(recipe_.sha256.view()));
+}
+
+TEST_F(Replay, the_recipe_of_a_slab_is_shown_byte_for_byte_and_compared) {
+  const std::string database = " --db " + db();
+  const std::string sha256(recipe_.sha256.view());
+  EXPECT_EQ(run("recipe show --slab SLAB-0042" + database).out, content(kRecipe));
+  EXPECT_EQ(run("recipe show --sha256 " + sha256.substr(0, 6) + database).out, content(kRecipe));
+  EXPECT_EQ(json::parse(run("recipe show --slab 1 --json" + database).out, nullptr, false)["sha256"], sha256);
+  EXPECT_EQ(run("recipe show --slab 77" + database).status, 3);
+  EXPECT_EQ(run("recipe show --sha256 0123" + database).status, 3);
+  EXPECT_EQ(run("recipe show --slab 1 --sha256 " + sha256 + database).status, 2);
+  EXPECT_EQ(run("recipe show").status, 2);
+
+  const std::string wider = recipe_with("nominal = 380\ntolerance = 0.5", "nominal = 380\ntolerance = 2");
+  for (const std::string& a : {std::string("slab:SLAB-0042"), "sha:" + sha256.substr(0, 8)}) {
+    const json diff = json::parse(run("recipe diff " + a + " " + wider + " --json" + database).out, nullptr, false);
+    ASSERT_EQ(diff["differences"].size(), 2U) << a;
+    EXPECT_EQ(diff["differences"][0]["key"], "items.jaw_distance.lower");
+    EXPECT_EQ(diff["a"]["sha256"], sha256);
+  }
+  EXPECT_EQ(run("recipe diff slab:77 " + wider + database).status, 3);
+  const Ended same = run("replay 1 --recipe slab:1" + database);
+  EXPECT_EQ(same.status, 0) << same.err;
+  EXPECT_EQ(same.out.find(" -> "), std::string::npos) << same.out;
+}
+
+TEST_F(Replay, nothing_is_decided_from_a_scan_that_was_changed) {
+  change_byte(scan(4), fs::file_size(scan(4)) / 2);
+  const Ended ended = run("replay --all --db " + db() + " --recipe " + kRecipe);
+  EXPECT_EQ(ended.status, 1);
+  expect_mentions(ended.out, "block 4: the scan was changed: its points are not those that were measured");
+}
+
+/// As slabd kept slabs before schema 7.
+struct ReplayUnproven : Replay {
+  void SetUp() override {
+    keeps_proof_ = false;
+    make();
+  }
+};
+
+TEST_F(ReplayUnproven, a_scan_without_a_checksum_says_so) {
+  const Ended ended = replay();
+  EXPECT_EQ(ended.status, 0) << ended.out;
+  expect_mentions(ended.out,
+                  "0 of 3 scans are proven by their checksum to hold the points that were measured; of 3 none "
+                  "was kept");
+  EXPECT_TRUE(replayed()["blocks"][0]["crc32c_stored"].is_null());
+  change_byte(scan(4), fs::file_size(scan(4)) / 2);
+  expect_mentions(replay().out,
+                  "block 4 attempt 1: differs: no recorded input differs: the scan's content was changed after it was "
+                  "acquired (no checksum was kept of it), or this build");
+}
+
+TEST_F(ReplayUnproven, a_recipe_that_nobody_kept_is_missed) {
+  fs::create_directories(file("empty"));
+  const Ended ended = replay_with(file("empty"));
+  EXPECT_EQ(ended.status, 1);
+  expect_mentions(ended.out, "another recipe: recorded P5600");
+  expect_mentions(ended.out, "without a recipe nothing can be measured");
+  const Ended shown = run("recipe show --slab 1 --db " + db());
+  EXPECT_EQ(shown.status, 3);
+  expect_mentions(shown.err, "slab 1 was begun with P5600 by slabd ");
+}
+
+TEST_F(ReplayUnproven, another_recipe_is_named_whether_it_changes_figures_or_not) {
   static_cast<void>(recipe_with("# CRTS III", "# Comment"));
   const Ended comment = replay_with(file("recipes"));
   EXPECT_EQ(comment.status, 0) << comment.out;
@@ -146,6 +234,17 @@ TEST_F(ReplayOther, another_software_or_calibration_is_named) {
   expect_mentions(ended.out, "another calibration: recorded he-0123456789ab; now the database holds no such record");
 }
 
+TEST_F(ReplayOther, another_scan_of_which_every_figure_comes_out_again_is_no_proof) {
+  crc_error_ = 1;
+  begin();
+  measure(3);
+  end();
+  const Ended ended = run("replay 1 --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes");
+  EXPECT_EQ(ended.status, 1);
+  expect_mentions(ended.out, "block 3 attempt 1: differs: the scan was changed: its points are not those");
+  expect_mentions(ended.out, "; no stored figure shows it");
+}
+
 TEST_F(ReplayOther, a_stored_figure_that_was_edited_is_found) {
   begin();
   measure(3);
@@ -164,6 +263,7 @@ TEST_F(ReplayOther, a_stored_figure_that_was_edited_is_found) {
   const Ended ended = run("replay 1 --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes");
   EXPECT_EQ(ended.status, 1);
   expect_mentions(ended.out, "item seat_slope 3 value: stored ");
+  expect_mentions(ended.out, "the scan's points are those that were measured: this build measures otherwise");
 }
 
 TEST_F(ReplayOther, a_pin_lies_beside_the_scans_and_says_why) {
@@ -186,6 +286,23 @@ TEST_F(ReplayOther, a_pin_lies_beside_the_scans_and_says_why) {
   EXPECT_FALSE(fs::exists(file("spool/1/pin.json")));
   fs::remove_all(file("spool/1"));
   expect_mentions(run("pin" + of_slab + " --reason late").err, "its scans are gone");
+}
+
+using Checksum = Slabctl;
+
+TEST_F(Checksum, the_python_of_the_documents_gives_it) {
+  const std::string quality = content(std::string(SLABD_SOURCE_DIR) + "/docs/QUALITY.md");
+  const std::string fence = "```python\n";
+  const std::size_t begin = quality.find(fence) + fence.size();
+  const std::string script = write("crc.py", quality.substr(begin, quality.find("```", begin) - begin));
+  std::vector<float> xyz;
+  for (int i = 0; i < 600; ++i) xyz.push_back(0.37F * static_cast<float>(i) - 50.0F);
+  xyz[33] = xyz[34] = xyz[35] = -std::numeric_limits<float>::quiet_NaN();
+  ASSERT_TRUE(hal::write_ply(file("a.ply").c_str(), xyz, 0, 0).ok());
+  ASSERT_EQ(std::system(("/usr/bin/python3 " + script + " " + file("a.ply") + " > " + file("crc.txt")).c_str()), 0);
+  char wanted[16];
+  std::snprintf(wanted, sizeof wanted, "%08x\n", hal::points_crc32c(xyz));
+  EXPECT_EQ(content(file("crc.txt")), wanted);
 }
 
 TEST(WhatIf, counts_verdicts_that_differ_once_for_each_place) {

@@ -56,6 +56,12 @@ class StoredSlab : public Slabctl {
   }
 
   void begin() {
+    if (keeps_proof_) {
+      store_.reset();
+      storage::StoreSettings settings{db(), file("spool"), 0};
+      settings.recipe_texts = {{recipe_.sha256, recipe_.name, content(kRecipe)}};
+      store_ = std::move(storage::open_store(settings).value());
+    }
     apply(BeginSlabJob{header_, 1, 1});
     fs::create_directories(file("spool/1"));
   }
@@ -74,6 +80,7 @@ class StoredSlab : public Slabctl {
     attempt.cmd_seq = static_cast<std::uint16_t>(station);
     attempt.scan_path.assign(scan(station, number));
     attempt.shape = shape.value();
+    if (keeps_proof_) attempt.points_crc32c = hal::points_crc32c(xyz_.first(3 * shape.value().points)) ^ crc_error_;
     attempt.scan_utime_us = 4'000'000'000'000'000;  // in the far future: files are never younger
     attempt.splice.source = SpliceSource::commissioning;
     attempt.splice.calibration_mm = 0.02;
@@ -121,6 +128,8 @@ class StoredSlab : public Slabctl {
     return *inspector_;
   }
 
+  bool keeps_proof_ = true;      ///< checksums and the recipe's file, as slabd does since schema 7
+  std::uint32_t crc_error_ = 0;  ///< as if other points had been measured
   Recipe recipe_;
   SlabHeader header_;
   std::vector<StationRecord> stations_ = std::vector<StationRecord>(limits::kStationsMax);

@@ -3,6 +3,7 @@
 // A whole slab through the real daemon, then measured again from its scans: the database must come out bit by bit.
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "processes.h"
@@ -30,11 +31,22 @@ TEST(ReplayLine, a_slab_of_the_line_comes_out_again_bit_for_bit_beside_the_runni
     EXPECT_EQ(slab["outcome"], "identical");
     EXPECT_GE(slab["blocks"].size(), 16U);
     EXPECT_TRUE(slab["slab"]["compared"]);
+    EXPECT_EQ(slab["scans_proven"].get<std::size_t>(), slab["blocks"].size()) << "a checksum of every scan is kept";
     EXPECT_TRUE(slab["changed"].empty()) << slab["changed"];
     EXPECT_TRUE(figures == 0 || figures == slab["figures"].get<std::size_t>());
     figures = slab["figures"].get<std::size_t>();
   }
   EXPECT_GT(figures, 16U * 300);
+
+  // The recipe is no file any more: the daemon has put it beside the slab.
+  const std::filesystem::path empty = box.config.parent_path() / "empty";
+  std::filesystem::create_directories(empty);
+  const Box::Answer kept = box.slabctl(
+      {"replay", "AGAIN", "--verify", "--config", box.config.native(), "--recipes", empty.native(), "--json"});
+  EXPECT_EQ(kept.exit_status, 0) << kept.out << kept.err;
+  const Json slab = Json::parse(kept.out, nullptr, false)["slabs"][0];
+  EXPECT_EQ(slab["outcome"], "identical");
+  EXPECT_TRUE(slab["recipe"].get<std::string>().starts_with("sha:")) << slab["recipe"];
   EXPECT_EQ(box.stop(), 0);
 }
 

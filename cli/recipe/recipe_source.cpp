@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/recipe/recipe_source.h"
+
+#include <fmt/core.h>
+
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/render.h"
+#include "cli/slab_view.h"
+
+namespace slabd::cli {
+namespace {
+
+constexpr std::string_view kSlab = "slab:";
+constexpr std::string_view kSha = "sha:";
+
+std::string path_of(const storage::RecipeText& text) {
+  return fmt::format("sha:{}", text.sha256.view());
+}
+
+}  // namespace
+
+bool names_stored_recipe(std::string_view word) {
+  return word.starts_with(kSlab) || word.starts_with(kSha);
+}
+
+std::optional<storage::RecipeText> stored_recipe(storage::Reader& reader, const std::string& word, int& exit_status) {
+  std::string sha256 = word.starts_with(kSha) ? word.substr(kSha.size()) : "";
+  std::string of_slab;
+  if (word.starts_with(kSlab)) {
+    const std::string wanted = word.substr(kSlab.size());
+    const auto slab = find_slab(reader, wanted);
+    if (!slab) {
+      complain(slab.error().text.view());
+      exit_status = kNotReachable;
+      return std::nullopt;
+    }
+    if (!slab.value()) {
+      complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", wanted));
+      exit_status = kBadInput;
+      return std::nullopt;
+    }
+    const SlabHeader& header = slab.value()->summary.header;
+    sha256 = header.recipe_sha256.view();
+    of_slab =
+        fmt::format("; slab {} was begun with {} by {}", header.key, header.recipe.view(), header.software.view());
+  }
+  auto text = reader.recipe_text(sha256);
+  if (!text) {
+    complain(text.error().text.view());
+    exit_status = kNotReachable;
+    return std::nullopt;
+  }
+  if (!text.value()) {
+    complain(fmt::format("the database has kept no recipe with the SHA-256 '{}', or more than one that begins so{}",
+                         sha256, of_slab));
+    exit_status = kBadInput;
+  }
+  return std::move(text.value());
+}
+
+bool recipe_from(const storage::RecipeText& text, Recipe& recipe) {
+  std::vector<daemon::Problem> problems;
+  daemon::parse_recipe(path_of(text), text.text, recipe, problems);
+  if (problems.empty() && !(recipe.sha256 == text.sha256))
+    problems.push_back({fmt::format("{}: the text that the database holds has the SHA-256 {}: it was changed",
+                                    path_of(text), recipe.sha256.view())});
+  return report_problems(problems);
+}
+
+bool recipe_named(storage::Reader* reader, const std::string& word, Recipe& recipe, int& exit_status) {
+  if (names_stored_recipe(word)) {
+    const auto text = stored_recipe(*reader, word, exit_status);
+    if (!text) return false;
+    if (recipe_from(*text, recipe)) return true;
+  } else if (recipe_from(word, recipe)) {
+    return true;
+  }
+  exit_status = kBadInput;
+  return false;
+}
+
+RecipeShelf::RecipeShelf(std::vector<Recipe> of_folder) : of_folder_(std::move(of_folder)) {}
+
+Result<const Recipe*> RecipeShelf::very(const SlabHeader& slab, storage::Reader& reader) {
+  for (const Recipe& recipe : of_folder_)
+    if (recipe.sha256 == slab.recipe_sha256) return &recipe;
+  for (const Recipe& recipe : of_database_)
+    if (recipe.sha256 == slab.recipe_sha256) return &recipe;
+  const Recipe* const nowhere = nullptr;
+  const auto text = reader.recipe_text(slab.recipe_sha256.view());
+  if (!text) return text.error();
+  if (!text.value() || !(text.value()->sha256 == slab.recipe_sha256)) return nowhere;
+  Recipe recipe;
+  if (!recipe_from(*text.value(), recipe)) return nowhere;
+  of_database_.push_back(recipe);
+  const Recipe* const kept = &of_database_.back();
+  return kept;
+}
+
+const Recipe* RecipeShelf::of_type(const SlabHeader& slab) const {
+  for (const Recipe& recipe : of_folder_)
+    if (recipe.slab_type == slab.slab_type && recipe.stations() == slab.stations) return &recipe;
+  return nullptr;
+}
+
+}  // namespace slabd::cli

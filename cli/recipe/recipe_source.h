@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <list>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/recipe.h"
+#include "storage/storage.h"
+
+/// Recipes that are no files any more: the database keeps what slabs were begun with.
+namespace slabd::cli {
+
+/// "slab:SLAB" (the recipe that this slab was begun with) or "sha:PREFIX" instead of a file's path.
+[[nodiscard]] bool names_stored_recipe(std::string_view word);
+/// nullopt: there is none such, the sentence is printed and `exit_status` set.
+[[nodiscard]] std::optional<storage::RecipeText> stored_recipe(storage::Reader& reader, const std::string& word,
+                                                               int& exit_status);
+/// A kept text as the daemon read it; its path is `sha:` and the whole SHA-256. False: it is no good recipe for this
+/// slabd, or not what its SHA-256 says; printed.
+[[nodiscard]] bool recipe_from(const storage::RecipeText& text, Recipe& recipe);
+
+/// A file, or what `stored_recipe` finds in `reader` (not null for such a word). False: printed, `exit_status` set.
+[[nodiscard]] bool recipe_named(storage::Reader* reader, const std::string& word, Recipe& recipe, int& exit_status);
+
+/// The recipes of a folder and, behind them, those of the database.
+class RecipeShelf {
+ public:
+  explicit RecipeShelf(std::vector<Recipe> of_folder);
+
+  /// The very recipe that the slab was begun with, out of the folder if it is there, else of the database; nullptr: it
+  /// is in neither. As long as the shelf lives. journal_write: the database cannot be read.
+  [[nodiscard]] Result<const Recipe*> very(const SlabHeader& slab, storage::Reader& reader);
+  /// The first one of the folder with the slab's type and size; nullptr: none.
+  [[nodiscard]] const Recipe* of_type(const SlabHeader& slab) const;
+
+ private:
+  std::vector<Recipe> of_folder_;
+  std::list<Recipe> of_database_;
+};
+
+}  // namespace slabd::cli
