@@ -97,7 +97,7 @@ void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps);
 [[nodiscard]] std::string change_json(const storage::CalibrationChange& change);
 [[nodiscard]] Result<storage::CalibrationChange> parse_change(std::string_view json);
 
-/// "slabd 0.1.0": identifies the software in every record.
+/// "slabd 0.1.0+g0a7ddc5": identifies the software in every record, to the commit (daemon/commit.h).
 [[nodiscard]] FixedString<64> software_version();
 
 }  // namespace slabd::daemon

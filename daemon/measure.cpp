@@ -3,6 +3,7 @@
 #include <cassert>
 #include <thread>
 
+#include "daemon/commit.h"
 #include "daemon/daemon.h"
 #include "daemon/judge.h"
 
@@ -82,7 +83,7 @@ int default_measure_threads() {
 
 FixedString<64> software_version() {
   FixedString<64> text;
-  text.printf("slabd %s", SLABD_VERSION);
+  text.printf("slabd %s+%s", SLABD_VERSION, commit());
   return text;
 }
 
