@@ -10,6 +10,7 @@
 #include <string_view>
 
 #include "base/base.h"
+#include "base/calibration.h"
 
 /// Scan in, items out. Pure: no file, clock or log, and no heap after construction. The same scan, recipe and start
 /// pose give the same bits, on one thread or two and on every instruction set.
@@ -136,8 +137,9 @@ class BlockInspector {
 
   /// Starts a block: clears the result, notes the station (1..18, only carried through) and the pose to start from:
   /// base frame <- block's nominal, and scanner in the base frame (splicing: T_base_flange * T_flange_scanner).
-  /// Offline scans pass T_base_block = identity and T_base_scanner = T_block_scanner.
-  void begin(int station, const Pose& T_base_block, const Pose& T_base_scanner);
+  /// Offline scans pass T_base_block = identity and T_base_scanner = T_block_scanner. `verified`: the scanner's
+  /// acceptance, which U takes where it is worse than the recipe's specification; without figures nothing is known.
+  void begin(int station, const Pose& T_base_block, const Pose& T_base_scanner, const ScannerNumbers& verified = {});
 
   /// Sets points that no surface goes through (judged at the scan's own pitch) to NaN, in place. too_few_points when
   /// fewer than limits::kScanPointsMin are left, frame_incomplete when `points` does not fit the buffer. 2 ns a
@@ -184,12 +186,12 @@ struct StationSigma {
 /// One robust rigid fit of all seats to the slab model and the slab-frame items. `blocks` holds one entry per station
 /// (index station - 1); an entry with verdict none is a missing station. Fewer than 12 seats, one row only or fewer
 /// than 4 pitches: slab-frame items not measured. The slab passes only if every station is measured and passes.
-/// No heap.
+/// `verified`: the scanner's acceptance, as in BlockInspector::begin. No heap.
 void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, const StationSigma& sigma,
-                  const Pose& T_base_slab_nominal, SlabResult& out);
+                  const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified = {});
 /// The same with what each station was spliced with, [station - 1]: one outside its calibration's reach is known less
 /// well and counts less in the slab frame. A station beyond the span is not calibrated.
 void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std::span<const StationSigma> sigmas,
-                  const Pose& T_base_slab_nominal, SlabResult& out);
+                  const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified = {});
 
 }  // namespace slabd::algo

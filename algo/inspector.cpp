@@ -103,6 +103,7 @@ struct BlockInspector::Workspace {
   FaceExtents extents;
   Pose T_base_block;
   Pose T_base_scanner;
+  ScannerNumbers verified;
   BlockResult result;
   bool has_recipe = false;
 };
@@ -139,6 +140,12 @@ FlatnessRegion flatness_region(const Recipe& recipe) {
   return region;
 }
 
+/// Points per mm^2 of seat.
+double seat_density(const SeatFeature& seat, const EvaluationSettings& evaluation) {
+  const double area_mm2 = evaluation.cell_mm * evaluation.cell_mm * static_cast<double>(seat.grid_points);
+  return static_cast<double>(seat.plane.inliers) / area_mm2;
+}
+
 /// A scan that never came as far as the registration has none; `note` says why.
 void refuse_registration(RegistrationReport& report, std::string_view note) {
   report.status = RegistrationStatus::rejected;
@@ -160,10 +167,12 @@ void BlockInspector::use(const Recipe& recipe) {
   work_->has_recipe = true;
 }
 
-void BlockInspector::begin(int station, const Pose& T_base_block, const Pose& T_base_scanner) {
+void BlockInspector::begin(int station, const Pose& T_base_block, const Pose& T_base_scanner,
+                           const ScannerNumbers& verified) {
   assert(work_->has_recipe && "use a recipe first");
   work_->T_base_block = T_base_block;
   work_->T_base_scanner = T_base_scanner;
+  work_->verified = verified;
   work_->result = BlockResult{};
   work_->result.station = static_cast<std::uint8_t>(station);
   blank_block_items(work_->recipe, work_->result);
@@ -283,6 +292,8 @@ Status BlockInspector::extract(const Cloud& cloud) {
   seat.raw_low_mm = flatness.raw_low_mm;
   seat.raw_high_mm = flatness.raw_high_mm;
   seat.noise_factor = flatness.noise_factor;
+  if (has_value(seat.noise_factor))
+    seat.noise_factor = std::max(seat.noise_factor, verified_noise_factor(w.verified, seat_density(seat, evaluation)));
   seat.flatness_noise_mm = flatness.noise_mm;
   seat.defect = flatness.defect;
 
@@ -303,7 +314,7 @@ Status BlockInspector::extract(const Cloud& cloud) {
   });
 
   compute_block_items(w.model, result);
-  compute_block_budget(w.recipe, result);
+  compute_block_budget(w.recipe, w.verified, result);
   compute_observation(w.model, w.T_base_scanner * result.registration.T_scanner_block, result);
   return success();
 }

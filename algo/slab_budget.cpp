@@ -36,8 +36,8 @@ Vec3 known(const Vec3& variance, std::initializer_list<double> sigmas) {
 
 }  // namespace
 
-SlabBudget::SlabBudget(const Recipe& recipe, std::span<const StationSigma> sigmas)
-    : settings_(recipe.uncertainty), scanner_(recipe.uncertainty) {
+SlabBudget::SlabBudget(const Recipe& recipe, const ScannerNumbers& verified, std::span<const StationSigma> sigmas)
+    : settings_(recipe.uncertainty), scanner_(recipe.uncertainty, verified) {
   for (std::size_t i = 0; i < sigmas.size() && i < limits::kStationsMax; ++i) sigma_[i + 1] = sigmas[i];
 }
 

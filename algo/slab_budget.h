@@ -56,7 +56,7 @@ struct SlabGradient {
 class SlabBudget {
  public:
   /// `sigmas`: [station - 1]; a station beyond the span is not calibrated.
-  SlabBudget(const Recipe& recipe, std::span<const StationSigma> sigmas);
+  SlabBudget(const Recipe& recipe, const ScannerNumbers& verified, std::span<const StationSigma> sigmas);
 
   [[nodiscard]] const StationSigma& sigma(int station) const { return sigma_[static_cast<std::size_t>(station)]; }
 

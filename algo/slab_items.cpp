@@ -357,16 +357,16 @@ void write_items(const Recipe& recipe, ItemWriter& write) {
 }  // namespace
 
 void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, const StationSigma& sigma,
-                  const Pose& T_base_slab_nominal, SlabResult& out) {
+                  const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified) {
   std::array<StationSigma, limits::kStationsMax> sigmas;
   sigmas.fill(sigma);
-  inspect_slab(recipe, blocks, sigmas, T_base_slab_nominal, out);
+  inspect_slab(recipe, blocks, sigmas, T_base_slab_nominal, out, verified);
 }
 
 void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std::span<const StationSigma> sigmas,
-                  const Pose& T_base_slab_nominal, SlabResult& out) {
+                  const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified) {
   out = SlabResult{};
-  SlabBudget budget(recipe, sigmas);
+  SlabBudget budget(recipe, verified, sigmas);
   const Members members = members_of(recipe, blocks);
   out.fit = locate_slab(recipe, blocks, members, T_base_slab_nominal, budget);
   Seats seats;

@@ -35,10 +35,10 @@ double registration_variance(const Vec6& g, const RegistrationReport& registrati
 /// One block: what its items' budgets have in common.
 class BlockBudget {
  public:
-  BlockBudget(const Recipe& recipe, BlockResult& result)
+  BlockBudget(const Recipe& recipe, const ScannerNumbers& verified, BlockResult& result)
       : recipe_(recipe),
         result_(result),
-        scanner_(recipe.uncertainty),
+        scanner_(recipe.uncertainty, verified),
         noise_factor_(result.seat.noise_factor),
         length_reference_mm_(2.0 * recipe.block.jaw_half_distance_mm.value) {}
 
@@ -167,13 +167,27 @@ void budget_seat_std(BlockResult& result) {
 
 }  // namespace
 
-ScannerModel::ScannerModel(const UncertaintySettings& settings)
-    : place_mm_(settings.scanner_form_mm.value / std::sqrt(3.0)),
-      form_length_mm_(settings.scanner_form_length_mm.value),
-      relative_length_(1e-6 * settings.scanner_length_ppm.value / std::sqrt(3.0)) {}
+ScannerModel::ScannerModel(const UncertaintySettings& settings, const ScannerNumbers& verified)
+    : specified_{settings.scanner_form_mm.value / std::sqrt(3.0), settings.scanner_form_length_mm.value},
+      relative_length_(1e-6 * settings.scanner_length_ppm.value / std::sqrt(3.0)) {
+  if (std::isfinite(verified.form_half_mm) && verified.form_length_mm > 0.0)
+    found_ = {verified.form_half_mm / std::sqrt(3.0), verified.form_length_mm};
+  if (std::isfinite(verified.length_ppm))
+    relative_length_ = std::max(relative_length_, 1e-6 * verified.length_ppm / std::sqrt(3.0));
+}
+
+double ScannerModel::Form::difference_mm(double distance_mm) const {
+  return place_mm * std::min(std::sqrt(2.0), std::abs(distance_mm) / length_mm);
+}
 
 double ScannerModel::difference_mm(double distance_mm) const {
-  return place_mm_ * std::min(std::sqrt(2.0), std::abs(distance_mm) / form_length_mm_);
+  return std::max(specified_.difference_mm(distance_mm), found_.difference_mm(distance_mm));
+}
+
+double verified_noise_factor(const ScannerNumbers& verified, double points_per_mm2) {
+  const double length_mm = verified.noise_correlation_mm;
+  if (!std::isfinite(length_mm) || !std::isfinite(points_per_mm2)) return 1.0;
+  return std::max(1.0, 2.0 * kPi * length_mm * length_mm * points_per_mm2);
 }
 
 double variance(const PlaneGradient& g, const PlaneFit& plane) {
@@ -249,10 +263,10 @@ bool settle(const Budget& budget, Item& item) {
   return true;
 }
 
-void compute_block_budget(const Recipe& recipe, BlockResult& result) {
+void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, BlockResult& result) {
   budget_seat_std(result);
   if (!recipe.uncertainty.given) return;
-  BlockBudget budget(recipe, result);
+  BlockBudget budget(recipe, verified, result);
   budget.slope();
   budget.flatness();
   budget.jaw_angle(ItemId::jaw_angle_inner, result.jaw_inner);

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
 #include "algo/block_model.h"
 #include "base/base.h"
+#include "base/calibration.h"
 
 /// The uncertainty budget (GUM): every item's U = 2 sqrt(sum of its parts squared), each part a standard uncertainty in
 /// the item's unit. The parts, and where they come from:
@@ -14,7 +16,10 @@
 ///                 by its gradient g: u^2 = g' C g. Features are fitted to different points, so theirs add in squares.
 ///   noise         A scanner's neighbouring points err together. SeatFeature::noise_factor f says how much more a
 ///                 mean then varies than white noise would make it: u^2 = (f - 1) fit^2.
-///   scanner       The specification's form error, half width a over the length L, and its length error p:
+///   scanner       The recipe's specification and, where the scanner was verified, what was found; of every term below
+///                 the larger: a lucky verification must not make a specification smaller, a scanner that is worse
+///                 than specified must make U larger. The form error, half width a over the length L, and its length
+///                 error p:
 ///                   tilt of one feature           a / (sqrt(3) L)                     rad, per axis
 ///                   position of one place         a / sqrt(3)                         mm, per axis
 ///                   two places d apart            a / sqrt(3) min(sqrt(2), d / L)     mm: close ones err together
@@ -39,20 +44,32 @@ using Budget = std::array<double, kBudgetParts>;
   return budget[static_cast<std::size_t>(p)];
 }
 
-/// The scanner's part as specified; see above.
+/// The scanner's part: of each term the larger of what the recipe specifies and what was verified (`verified` without
+/// figures: the specification alone, to the bit); see above.
 class ScannerModel {
  public:
-  explicit ScannerModel(const UncertaintySettings& settings);
-  [[nodiscard]] double tilt_rad() const { return place_mm_ / form_length_mm_; }
-  [[nodiscard]] double place_mm() const { return place_mm_; }
+  explicit ScannerModel(const UncertaintySettings& settings, const ScannerNumbers& verified = {});
+  [[nodiscard]] double tilt_rad() const { return std::max(specified_.tilt_rad(), found_.tilt_rad()); }
+  [[nodiscard]] double place_mm() const { return std::max(specified_.place_mm, found_.place_mm); }
   [[nodiscard]] double difference_mm(double distance_mm) const;
   [[nodiscard]] double length_mm(double length_mm) const { return relative_length_ * std::abs(length_mm); }
 
  private:
-  double place_mm_;
-  double form_length_mm_;
+  struct Form {
+    double place_mm = 0.0;
+    double length_mm = 1.0;
+    [[nodiscard]] double tilt_rad() const { return place_mm / length_mm; }
+    [[nodiscard]] double difference_mm(double distance_mm) const;
+  };
+  Form specified_;
+  Form found_;  ///< zero: nothing
   double relative_length_;
 };
+
+/// SeatFeature::noise_factor that follows from the verified correlation length in a scan of so many points per mm^2:
+/// exponential correlation exp(-r / L) sums up to 2 pi L^2 times the density over the plane; one that falls off as a
+/// Gaussian to half of that, so this errs on the large side. At least 1; 1 when nothing was verified.
+[[nodiscard]] double verified_noise_factor(const ScannerNumbers& verified, double points_per_mm2);
 
 /// How a value moves with one fitted plane: by `normal` for a change of its normal (about the centroid), by `height`
 /// for a shift along it.
@@ -103,7 +120,7 @@ bool settle(const Budget& budget, Item& item);
 /// Budget and U of every block item that has a value. seat_std always (its U is its sampling error,
 /// std sqrt(f / (2 (n - 1))) per standard deviation); the others when the recipe's uncertainty is given, else they
 /// keep the recipe's U. Needs the values (compute_block_items).
-void compute_block_budget(const Recipe& recipe, BlockResult& result);
+void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, BlockResult& result);
 
 /// Fills observation.sigma_*: what the scanner's noise (correlation included) leaves in this scan, in block axes.
 /// Form error, calibration and robot are the slab's to add. NaN where a covariance is missing.

@@ -7,7 +7,8 @@ namespace slabd {
 namespace {
 
 constexpr std::array<std::string_view, kCalibrationKinds> kKinds = {"hand_eye", "stations", "reference_block",
-                                                                    "monitor_ball"};
+                                                                    "monitor_ball", "scanner"};
+constexpr std::array<std::string_view, 4> kStandings = {"verified", "never", "expired", "failed"};
 constexpr std::array<std::string_view, kSpliceSources> kSources = {
     "none", "commissioning", "corrected", "not_mastered", "stale", "expired", "outside_gate"};
 
@@ -45,6 +46,32 @@ std::optional<CalibrationKind> calibration_kind_named(std::string_view word) {
 
 std::string_view name(SpliceSource source) {
   return kSources.at(static_cast<std::size_t>(source));
+}
+
+std::string_view name(ScannerStanding standing) {
+  return kStandings.at(static_cast<std::size_t>(standing));
+}
+
+ScannerStanding standing_of(const ScannerInForce& scanner, std::int64_t utime_us) {
+  if (scanner.id.empty()) return ScannerStanding::never;
+  if (scanner.failed || !scanner.numbers.within_limits) return ScannerStanding::failed;
+  return is_over(scanner.expires_utime_us, utime_us) ? ScannerStanding::expired : ScannerStanding::verified;
+}
+
+FixedString<limits::kErrorTextBytes> refusal_of(const ScannerNumbers& n) {
+  FixedString<limits::kErrorTextBytes> text;
+  if (n.plates == 0 || n.balls == 0) {
+    text.printf("no scan of a %s was looked at, an acceptance needs plate and ball", n.plates == 0 ? "plate" : "ball");
+  } else if (n.plates < kPlatePlacesMin || n.balls < kBallPlacesMin) {
+    text.printf("the plate was looked at in %u places and the ball in %u, VDI/VDE 2634-2 asks for %u and %u", n.plates,
+                n.balls, kPlatePlacesMin, kBallPlacesMin);
+  } else if (!std::isfinite(n.form_half_mm) || !std::isfinite(n.form_length_mm) || !(n.form_length_mm > 0.0) ||
+             !std::isfinite(n.length_ppm) || !std::isfinite(n.PF_mm) || !std::isfinite(n.RF_mm)) {
+    text.printf("its figures are not all known");
+  } else if (!n.within_limits) {
+    text.printf("its figures are out of the limits they were given");
+  }
+  return text;
 }
 
 CalibrationFault fault_of(const LineCalibration& calibration, std::int64_t utime_us) {

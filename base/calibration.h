@@ -21,9 +21,10 @@ namespace slabd {
 /// ids mean equal numbers. Commissioning values of the configuration: "commissioning-<12 digits>".
 using CalibrationId = FixedString<64>;
 
-enum class CalibrationKind : std::uint8_t { hand_eye, stations, reference_block, monitor_ball };
-inline constexpr std::size_t kCalibrationKinds = 4;
-/// "hand_eye", "stations", "reference_block", "monitor_ball": the word in JSON, the database and on command lines.
+enum class CalibrationKind : std::uint8_t { hand_eye, stations, reference_block, monitor_ball, scanner };
+inline constexpr std::size_t kCalibrationKinds = 5;
+/// "hand_eye", "stations", "reference_block", "monitor_ball", "scanner": the word in JSON, the database and on command
+/// lines.
 [[nodiscard]] std::string_view name(CalibrationKind kind);
 [[nodiscard]] std::optional<CalibrationKind> calibration_kind_named(std::string_view word);
 
@@ -68,6 +69,28 @@ struct MonitorBall {
   double limit_mm = kNoValue;  ///< further from its place than this: the robot, the scanner's seat or the cell moved
 };
 
+/// The scanner against a plate and a ball (VDI/VDE 2634 part 2): the worst of all places. NaN: not looked at.
+struct ScannerNumbers {
+  FixedString<64> scanner;           ///< its name or serial number; empty: not said
+  double PF_mm = kNoValue;           ///< probing error form
+  double PS_mm = kNoValue;           ///< probing error size, magnitude
+  double RF_mm = kNoValue;           ///< flatness measurement error
+  double form_half_mm = kNoValue;    ///< half width of the form error that does not average away, seen over ...
+  double form_length_mm = kNoValue;  ///< ... this length: the shortest a plate was seen over
+  double length_ppm = kNoValue;      ///< half width of the relative length error, um per m: PS over the ball's diameter
+  double noise_sigma_mm = kNoValue;  ///< of a single point
+  double noise_correlation_mm = kNoValue;  ///< where the noise of neighbours has only 1/e in common; 0: none is seen
+  double pitch_mm = kNoValue;              ///< between neighbours of a row
+  std::uint16_t plates = 0;                ///< places that were looked at
+  std::uint16_t balls = 0;
+  bool within_limits = false;  ///< every figure that was given a limit kept it
+};
+/// The guideline asks for the plate in at least six places of the volume and the ball in ten.
+inline constexpr std::uint16_t kPlatePlacesMin = 6;
+inline constexpr std::uint16_t kBallPlacesMin = 10;
+/// Why these figures cannot vouch for a scanner, as a sentence without its end; empty: they can.
+[[nodiscard]] FixedString<limits::kErrorTextBytes> refusal_of(const ScannerNumbers& numbers);
+
 // ---- checks --------------------------------------------------------------------------------------------------------
 
 /// One daily check of the reference block, or one look at the monitor ball.
@@ -98,6 +121,16 @@ struct StationsInForce {
   StationTable table;
 };
 
+/// The scanner's acceptance in force. Its figures count in U for as long as it stands, expired or not: U does not fall
+/// because a day has passed.
+struct ScannerInForce {
+  CalibrationId id;        ///< empty: the scanner was never accepted, the recipe's specification counts alone
+  ScannerNumbers numbers;  ///< without an id nothing is known
+  std::int64_t expires_utime_us = 0;  ///< 0 = never
+  bool failed = false;                ///< a later verification was out of its limits
+  FixedString<160> trouble;           ///< why what was applied is not used
+};
+
 /// Everything that is applied, as the daemon takes it up at its start and between two slabs.
 struct LineCalibration {
   /// commissioning: nothing was ever applied, the configuration's values count. missing: there are not even those, or
@@ -119,6 +152,8 @@ struct LineCalibration {
   Watch block;  ///< reference block
   Watch ball;   ///< monitor ball
 
+  ScannerInForce scanner;
+
   [[nodiscard]] const StationsInForce* table_for(std::uint16_t slab_type) const {
     for (const StationsInForce& table : tables)
       if (table.table.slab_type == slab_type) return &table;
@@ -136,7 +171,14 @@ enum class CalibrationFault : std::uint8_t { none, missing, expired, check_faile
 enum CalibrationWarn : std::uint16_t {
   kWarnCheckOverdue = 1U << 8U,
   kWarnStationsNotCorrected = 1U << 9U,
+  kWarnScannerNotVerified = 1U << 10U,
 };
+
+/// Does anything vouch for the scanner? Never a reason to stop: a line that never used an acceptance goes on.
+enum class ScannerStanding : std::uint8_t { verified, never, expired, failed };
+/// "verified", "never", "expired", "failed".
+[[nodiscard]] std::string_view name(ScannerStanding standing);
+[[nodiscard]] ScannerStanding standing_of(const ScannerInForce& scanner, std::int64_t utime_us);
 
 /// What the next check is counted from: the last one, or the artefact's first day. Taking an artefact into use is no
 /// check: once there was one, only the next one moves what is due.

@@ -64,6 +64,7 @@ struct SlabHeader {
   double cell_mm = kNoValue;      ///< flatness cell of the recipe
   CalibrationId calibration_id;   ///< hand-eye
   CalibrationId stations_id;      ///< the station corrections in force for this slab type; empty: none
+  CalibrationId scanner_id;       ///< the scanner's acceptance in force, expired or not; empty: none
   FixedString<64> software;
   Pose T_base_slab;  ///< of the cell, as configured
   Pose T_flange_scanner;

@@ -83,7 +83,8 @@ struct SeatFeature {
   double flatness_min_zone_mm = kNoValue;
   double raw_low_mm = kNoValue;  ///< extremes of single points to the plane
   double raw_high_mm = kNoValue;
-  /// Variance of a mean over the one white noise would give it: 1 when neighbouring points err independently.
+  /// Variance of a mean over the one white noise would give it: 1 when neighbouring points err independently. The
+  /// larger of what this scan shows and what follows from the scanner's acceptance.
   double noise_factor = kNoValue;
   double flatness_noise_mm = kNoValue;  ///< what a perfectly flat seat would read with this noise
   SurfaceDefect defect;

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <ctime>
 
+#include "cli/budget_text.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
@@ -136,10 +137,6 @@ void write_registration(Json& json, const RegistrationReport& registration) {
   json.field("std_mm", registration.deviation.std_mm);
   json.field("within_sigma", std::span<const double>(registration.deviation.within_sigma)).end_object();
   json.end_object();
-}
-
-bool has_budget(const Item& item) {
-  return std::any_of(item.budget.begin(), item.budget.end(), [](double part) { return part != 0.0; });
 }
 
 /// null: no budget was computed and U is the recipe's.

@@ -47,6 +47,8 @@ bool is_doubtful(const Item& item) {
   return probability > 0.0005 && probability < 0.9995;
 }
 
+}  // namespace
+
 std::string item_label(const Item& item, bool of_slab) {
   std::string label = fmt::format("{} [{}]", info(item.id).name, name(info(item.id).unit));
   if (of_slab && item.station != 0)
@@ -54,8 +56,6 @@ std::string item_label(const Item& item, bool of_slab) {
         item.station_to != 0 ? fmt::format(" {}-{}", item.station, item.station_to) : fmt::format(" {}", item.station);
   return label;
 }
-
-}  // namespace
 
 std::string coloured(std::string_view text, std::string_view colour, Style style) {
   return style.colour ? fmt::format("\x1b[{}m{}\x1b[0m", colour, text) : std::string(text);

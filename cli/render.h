@@ -35,6 +35,9 @@ struct Style {
 /// the first are right-aligned except where the heading ends with '<'.
 [[nodiscard]] std::string table(const std::vector<std::vector<std::string>>& rows);
 
+/// "seat_spacing [mm] 3-4"; items `of_slab` name their stations.
+[[nodiscard]] std::string item_label(const Item& item, bool of_slab);
+
 /// characteristic, nominal, limits, measured, deviation, U, verdict; items `of_slab` name their stations. Where it is
 /// neither sure nor impossible that a value lies within its limits, a column says how probable it is.
 [[nodiscard]] std::string item_table(std::span<const Item> items, Style style, bool of_slab = false);

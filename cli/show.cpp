@@ -10,11 +10,13 @@
 #include <optional>
 #include <vector>
 
+#include "cli/budget_text.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/render.h"
+#include "cli/replay/remeasure.h"
 #include "cli/slab_json.h"
 #include "cli/slab_view.h"
 
@@ -85,6 +87,7 @@ void print_header(const SlabRecord& record, Style style) {
   fmt::print("recipe {} ({:.12})  calibration {}  {}\n", header.recipe.view(), header.recipe_sha256.view(),
              header.calibration_id.view(), header.software.view());
   if (!header.stations_id.empty()) fmt::print("station corrections {}\n", header.stations_id.view());
+  if (!header.scanner_id.empty()) fmt::print("scanner acceptance {}\n", header.scanner_id.view());
   if (const std::string splices = splice_summary(record); !splices.empty()) fmt::print("splice: {}\n", splices);
   if (header.unconfirmed > 0)
     fmt::print("warning: {} nominals and tolerances of the recipe were not confirmed when this slab was judged\n",
@@ -134,7 +137,23 @@ void print_slab_items(const SlabRecord& record, Style style) {
   fmt::print("{}", item_table(std::span<const Item>(record.slab.items.begin(), record.slab.items.size()), style, true));
 }
 
-int print_block(const SlabRecord& record, int station, Style style) {
+/// Every item's U taken apart, and where each part comes from.
+void print_budget(const SlabRecord& record, const SlabBlock& block, std::span<const Item> in_slab,
+                  const std::string& scanner) {
+  const std::string of_block =
+      budget_table(std::span<const Item>(block.block.items.begin(), block.block.items.size()), false);
+  const std::string of_slab = budget_table(in_slab, true);
+  if (of_block.empty() && of_slab.empty()) return;
+  fmt::print("{}{}{}", of_block, of_slab.empty() ? "" : "\n", of_slab);
+  const SlabHeader& header = record.summary.header;
+  fmt::print(
+      "fit, registration: this scan; noise: the larger of this scan's and the acceptance's\nscanner: {}\n"
+      "calibration, robot: {} ({}{}{})\nreference: recipe {}\n\n",
+      scanner, splice_words(block.attempt.splice), header.calibration_id.view(), header.stations_id.empty() ? "" : ", ",
+      header.stations_id.view(), header.recipe.view());
+}
+
+int print_block(const SlabRecord& record, int station, const std::string& scanner, Style style) {
   const SlabBlock* block = latest(record, station);
   const auto [verdict, reason] = shown(record, station);
   const std::string conclusion =
@@ -166,6 +185,7 @@ int print_block(const SlabRecord& record, int station, Style style) {
   for (const Item& item : record.slab.items)
     if (item.station == station || item.station_to == station) in_slab.push_back(item);
   if (!in_slab.empty()) fmt::print("in the slab's frame\n{}\n", item_table(in_slab, style, true));
+  print_budget(record, *block, in_slab, scanner);
   fmt::print("{}", conclusion);
   fmt::print("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", result.times.total_ms,
              result.times.read_ms, result.times.denoise_ms, result.times.register_ms, result.times.extract_ms);
@@ -197,7 +217,14 @@ int show(const Options& options) {
   const Style style = style_for(stdout);
   print_header(record, style);
   print_map(record, style);
-  if (options.block != 0) return print_block(record, options.block, style);
+  if (options.block != 0) {
+    const auto verified = scanner_of(*reader, record.summary.header);
+    if (!verified) {
+      complain(verified.error().text.view());
+      return kNotReachable;
+    }
+    return print_block(record, options.block, scanner_source(record.summary.header, verified.value()), style);
+  }
   print_blocks(record, style);
   print_slab_items(record, style);
   fmt::print("{}\n", kNotVisible);

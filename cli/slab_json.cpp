@@ -56,7 +56,7 @@ std::string slab_json(const SlabRecord& record, int only_block) {
   write_time(json, "ended", record.summary.ended_utime_us);
   json.field("acknowledged", record.summary.acknowledged).field("recipe", header.recipe.view());
   json.field("recipe_sha256", header.recipe_sha256.view()).field("calibration_id", header.calibration_id.view());
-  json.field("stations_id", header.stations_id.view());
+  json.field("stations_id", header.stations_id.view()).field("scanner_id", header.scanner_id.view());
   json.field("unconfirmed", header.unconfirmed).field("guard", header.guard).field("cell_mm", header.cell_mm);
   json.field("software", header.software.view()).field("stations", unsigned{header.stations});
   json.field("stations_measured", record.summary.stations_measured);

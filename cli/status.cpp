@@ -94,6 +94,9 @@ void print_calibration(const json& status) {
                              text_at(table, {"slab_type"}), text_at(table, {"mastered"}), text_at(table, {"state"})));
   print_watch(calibration, "reference_block", "ref. block");
   print_watch(calibration, "monitor_ball", "monitor ball");
+  if (const json& scanner = calibration.value("scanner", json(nullptr)); scanner.is_object())
+    print_line("acceptance", fmt::format("{} of the scanner: {}, expires {}", text_at(scanner, {"id"}),
+                                         text_at(scanner, {"state"}), time_at(scanner, "expires_utime_us")));
 }
 
 /// What was refused on the pose link, when anything was.

@@ -72,7 +72,40 @@ struct NumbersJson {
   Json operator()(const MonitorBall& n) const {
     return {{"p_base", of(n.p_base)}, {"radius_mm", n.radius_mm}, {"limit_mm", n.limit_mm}};
   }
+  Json operator()(const ScannerNumbers& n) const {
+    return {{"scanner", n.scanner.view()},
+            {"PF_mm", n.PF_mm},
+            {"PS_mm", n.PS_mm},
+            {"RF_mm", n.RF_mm},
+            {"form_half_mm", n.form_half_mm},
+            {"form_length_mm", n.form_length_mm},
+            {"length_ppm", n.length_ppm},
+            {"noise_sigma_mm", n.noise_sigma_mm},
+            {"noise_correlation_mm", n.noise_correlation_mm},
+            {"pitch_mm", n.pitch_mm},
+            {"plates", n.plates},
+            {"balls", n.balls},
+            {"within_limits", n.within_limits}};
+  }
 };
+
+ScannerNumbers scanner(const Json& j) {
+  ScannerNumbers n;
+  n.scanner.assign(j.at("scanner").get<std::string>());
+  n.PF_mm = number(j.at("PF_mm"));
+  n.PS_mm = number(j.at("PS_mm"));
+  n.RF_mm = number(j.at("RF_mm"));
+  n.form_half_mm = number(j.at("form_half_mm"));
+  n.form_length_mm = number(j.at("form_length_mm"));
+  n.length_ppm = number(j.at("length_ppm"));
+  n.noise_sigma_mm = number(j.at("noise_sigma_mm"));
+  n.noise_correlation_mm = number(j.at("noise_correlation_mm"));
+  n.pitch_mm = number(j.at("pitch_mm"));
+  n.plates = j.at("plates").get<std::uint16_t>();
+  n.balls = j.at("balls").get<std::uint16_t>();
+  n.within_limits = j.at("within_limits").get<bool>();
+  return n;
+}
 
 StationTable stations(const Json& j) {
   StationTable table;
@@ -128,6 +161,7 @@ CalibrationRecord record(const Json& j) {
       r.numbers =
           MonitorBall{vector(numbers.at("p_base")), number(numbers.at("radius_mm")), number(numbers.at("limit_mm"))};
       break;
+    case CalibrationKind::scanner: r.numbers = scanner(numbers); break;
   }
   r.parent_id = j.at("parent_id").get<std::string>();
   r.figures = j.at("figures").get<std::string>();

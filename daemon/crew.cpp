@@ -85,7 +85,7 @@ BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
   algo::Cloud cloud{slots_[job.slot], shape.points, shape.width, shape.height};
   const Status status =
       measure_block(inspector_, clock_, job.station, job.T_base_slab * T_slab_block(*recipe, job.station),
-                    job.T_base_scanner, cloud, shape, read_ms);
+                    job.T_base_scanner, cloud, shape, read_ms, job.verified);
   done.block = inspector_.result();
   pack_maps(inspector_, done.maps);
   if (!status.ok()) {

@@ -10,8 +10,9 @@
 namespace slabd::daemon {
 
 Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station, const Pose& T_base_block,
-                     const Pose& T_base_scanner, algo::Cloud cloud, const ScanShape& read, double read_ms) {
-  inspector.begin(station, T_base_block, T_base_scanner);
+                     const Pose& T_base_scanner, algo::Cloud cloud, const ScanShape& read, double read_ms,
+                     const ScannerNumbers& verified) {
+  inspector.begin(station, T_base_block, T_base_scanner, verified);
   StageTimes times;
   times.read_ms = read_ms;
   std::int64_t stage_start_ns = clock.mono_ns();
@@ -40,8 +41,8 @@ Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, i
   return status;
 }
 
-void judge_slab(const Recipe& recipe, std::span<const StationRecord> stations, const Pose& T_base_slab,
-                std::span<BlockResult> blocks, SlabResult& out) {
+void judge_slab(const Recipe& recipe, const ScannerNumbers& verified, std::span<const StationRecord> stations,
+                const Pose& T_base_slab, std::span<BlockResult> blocks, SlabResult& out) {
   assert(stations.size() <= limits::kStationsMax && blocks.size() >= recipe.stations());
   std::array<algo::StationSigma, limits::kStationsMax> sigmas;
   for (std::size_t i = 0; i < stations.size() && i < blocks.size(); ++i) {
@@ -60,7 +61,7 @@ void judge_slab(const Recipe& recipe, std::span<const StationRecord> stations, c
     const Splice& splice = record.attempt.splice;
     sigmas[i] = {splice.calibration_mm, splice.calibration_rad, splice.robot_mm, splice.robot_rad};
   }
-  algo::inspect_slab(recipe, blocks.first(recipe.stations()), sigmas, T_base_slab, out);
+  algo::inspect_slab(recipe, blocks.first(recipe.stations()), sigmas, T_base_slab, out, verified);
 }
 
 void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps) {

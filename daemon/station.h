@@ -138,6 +138,7 @@ struct MeasureBlock {
   std::uint16_t slab_type = 0;
   Pose T_base_scanner;  ///< spliced, with the station's correction where it holds
   Pose T_base_slab;
+  ScannerNumbers verified;  ///< the scanner's acceptance the slab was begun with
 };
 /// Answered at once: run the slab fit over `station.blocks()`.
 struct JudgeSlab {

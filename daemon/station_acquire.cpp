@@ -96,6 +96,7 @@ MeasureBlock block_to_measure(const Station& s, const Attempt& attempt, std::uin
   action.slab_type = s.slab.header.slab_type;
   action.T_base_scanner = stored_T_base_scanner(s.slab.header, attempt);
   action.T_base_slab = s.slab.header.T_base_slab;
+  action.verified = s.slab.calibration.scanner.numbers;
   return action;
 }
 

@@ -6,7 +6,7 @@
 //
 // Nothing here ever makes a calibration better than it is: what is missing, expired or failed its check keeps slabs
 // from beginning; a correction that does not hold falls back to the hand-eye alone with the robot's absolute accuracy
-// in U.
+// in U. The scanner's acceptance can only add to U; that there is none is a warning and stops nothing.
 #include <cmath>
 
 #include "daemon/station_parts.h"
@@ -41,6 +41,8 @@ void recover_calibration(Station& s, const RecoveredLine& line, Actions& actions
   commission(s.settings.calibration_id, s.settings.T_flange_scanner, s.calibration);
   if (!line.calibration.trouble.empty())
     log(actions, LogLine::Level::error, Code::calibration_missing, "%s", line.calibration.trouble.c_str());
+  if (!line.calibration.scanner.trouble.empty())
+    log(actions, LogLine::Level::warning, Code::ok, "%s", line.calibration.scanner.trouble.c_str());
   if (!line.slab_open) return;
   s.slab.calibration = line.slab_calibration;
   // The open slab began with the values its header holds, whatever the configuration says by now.
@@ -57,11 +59,15 @@ void advance_calibration(Station& s, Actions& actions) {
   // A SLAB_BEGIN on its way to the database names the calibration it was given with.
   if (s.calibration_waits && !s.desk.pending) {
     const bool other = !(s.calibration.id == s.calibration_next.id);
+    const bool other_scanner = !(s.calibration.scanner.id == s.calibration_next.scanner.id);
     s.calibration = s.calibration_next;
     s.calibration_waits = false;
+    const char* when = s.slab.phase == SlabPhase::none ? "" : " from the next slab on";
     if (other)
-      log(actions, LogLine::Level::info, Code::ok, "calibration %s is in force%s", s.calibration.id.c_str(),
-          s.slab.phase == SlabPhase::none ? "" : " from the next slab on");
+      log(actions, LogLine::Level::info, Code::ok, "calibration %s is in force%s", s.calibration.id.c_str(), when);
+    if (other_scanner)
+      log(actions, LogLine::Level::info, Code::ok, "scanner acceptance %s is in force%s",
+          s.calibration.scanner.id.c_str(), when);
   }
   if (s.settings.fault != Code::ok) return;  // what is wrong first has been said
   const CalibrationFault fault = calibration_fault(s);
@@ -117,6 +123,7 @@ std::uint16_t calibration_warnings(const Station& s) {
   if (overdue(s.calibration.block, s.settings.check_interval_us, now) ||
       overdue(s.calibration.ball, s.settings.check_interval_us, now))
     warn |= kWarnCheckOverdue;
+  if (standing_of(s.calibration.scanner, now) != ScannerStanding::verified) warn |= kWarnScannerNotVerified;
   // Of the open slab, and of the last one until the next begins.
   for (const StationRecord& record : s.slab.stations)
     if (is_uncorrected(record.attempt.splice.source) && !s.slab.calibration.tables.empty())

@@ -69,6 +69,7 @@ BeginSlabJob slab_to_begin(const Station& s, const PlcInputs& in) {
   slab.cell_mm = recipe->evaluation.cell_mm;
   slab.calibration_id = s.calibration.id;
   if (const StationsInForce* table = usable_table(s, in.slab_type)) slab.stations_id = table->id;
+  slab.scanner_id = s.calibration.scanner.id;
   slab.software = s.settings.software;
   slab.T_base_slab = s.settings.T_base_slab;
   slab.T_flange_scanner = s.calibration.hand_eye.T_flange_scanner;

@@ -48,6 +48,8 @@ Json warnings(std::uint16_t bits) {
   add(kWarnControlSocket, "the control socket could not be opened");
   add(kWarnCheckOverdue, "the check of the reference block or the monitor ball is overdue (slabctl calibrate check)");
   add(kWarnStationsNotCorrected, "stations were measured without their correction; U rests on the robot's accuracy");
+  add(kWarnScannerNotVerified,
+      "the scanner is not verified: never, too long ago or out of limits (slabctl scanner verify)");
   return list;
 }
 
@@ -123,6 +125,11 @@ Json in_force(const Station& station) {
   };
   j["reference_block"] = watch(c.block);
   j["monitor_ball"] = watch(c.ball);
+  j["scanner"] = c.scanner.id.empty() ? Json(nullptr)
+                                      : Json{{"id", c.scanner.id.view()},
+                                             {"scanner", c.scanner.numbers.scanner.view()},
+                                             {"state", name(standing_of(c.scanner, now))},
+                                             {"expires_utime_us", c.scanner.expires_utime_us}};
   return j;
 }
 
@@ -254,7 +261,8 @@ std::string calibration_json(const Station& station, const CalibrationDesk& desk
   j["in_force"] = in_force(station);
   const bool open = station.slab.phase != SlabPhase::none;
   j["open_slab"] = open ? Json{{"calibration_id", station.slab.header.calibration_id.view()},
-                               {"stations_id", station.slab.header.stations_id.view()}}
+                               {"stations_id", station.slab.header.stations_id.view()},
+                               {"scanner_id", station.slab.header.scanner_id.view()}}
                         : Json(nullptr);
   j["last_change"] = desk.file().empty() ? Json(nullptr)
                                          : Json{{"file", desk.file().view()},

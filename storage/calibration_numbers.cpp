@@ -12,17 +12,17 @@
 namespace slabd::storage {
 namespace {
 
-constexpr std::array<const char*, kCalibrationKinds> kPrefix = {"he", "st", "rb", "mb"};
+constexpr std::array<const char*, kCalibrationKinds> kPrefix = {"he", "st", "rb", "mb", "sc"};
 constexpr std::size_t kIdDigits = 12;
 constexpr double kArmMaxMm = 2000.0;
 constexpr double kUnitTolerance = 1e-6;
 
-/// The numbers as text with every digit; minus zero is zero, as SQLite stores it.
+/// The numbers as text with every digit; minus zero is zero, as SQLite stores it, and there is one NaN only.
 class Canonical {
  public:
   void operator()(double x) {
     FixedString<40> word;
-    word.printf(" %.17g", x + 0.0);
+    word.printf(" %.17g", std::isnan(x) ? kNoValue : x + 0.0);
     text_ += word.view();
   }
   void operator()(std::int64_t x) { text_ += " " + std::to_string(x); }
@@ -63,6 +63,13 @@ struct WriteNumbers {
     out(n.p_base);
     for (const double x : {n.radius_mm, n.limit_mm}) out(x);
   }
+  void operator()(const ScannerNumbers& n) const {
+    out(n.scanner.view());
+    for (const double x : {n.PF_mm, n.PS_mm, n.RF_mm, n.form_half_mm, n.form_length_mm, n.length_ppm, n.noise_sigma_mm,
+                           n.noise_correlation_mm, n.pitch_mm})
+      out(x);
+    for (const int x : {int{n.plates}, int{n.balls}, n.within_limits ? 1 : 0}) out(std::int64_t{x});
+  }
 };
 
 bool is_rigid(const Pose& pose) {
@@ -99,6 +106,12 @@ struct FindNonsense {
   std::string operator()(const MonitorBall& n) const {
     const bool good = n.p_base.allFinite() && positive(n.radius_mm) && positive(n.limit_mm);
     return good ? "" : "place, radius and limit must be finite, radius and limit positive";
+  }
+  std::string operator()(const ScannerNumbers& n) const {
+    for (const double x : {n.PF_mm, n.PS_mm, n.RF_mm, n.form_half_mm, n.form_length_mm, n.length_ppm, n.noise_sigma_mm,
+                           n.noise_correlation_mm, n.pitch_mm})
+      if (std::isinf(x) || x < 0.0) return "its figures must be finite and not negative";
+    return n.plates == 0 && n.balls == 0 ? "neither a plate nor a ball was looked at" : "";
   }
 };
 

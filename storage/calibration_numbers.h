@@ -9,7 +9,7 @@
 /// What the numbers of a calibration say about themselves.
 namespace slabd::storage {
 
-/// "he", "st", "rb", "mb": how ids of this kind begin.
+/// "he", "st", "rb", "mb", "sc": how ids of this kind begin.
 [[nodiscard]] std::string_view id_prefix(CalibrationKind kind);
 
 /// What keeps these numbers from being used, as the rest of a sentence; empty: nothing.

@@ -39,6 +39,23 @@ void columns(V& v, R& r) {
   v("limit_mm", r.limit_mm);
 }
 
+template <typename V, RowOf<ScannerNumbers> R>
+void columns(V& v, R& r) {
+  v("scanner", r.scanner);
+  v("PF_mm", r.PF_mm);
+  v("PS_mm", r.PS_mm);
+  v("RF_mm", r.RF_mm);
+  v("form_half_mm", r.form_half_mm);
+  v("form_length_mm", r.form_length_mm);
+  v("length_ppm", r.length_ppm);
+  v("noise_sigma_mm", r.noise_sigma_mm);
+  v("noise_correlation_mm", r.noise_correlation_mm);
+  v("pitch_mm", r.pitch_mm);
+  v("plates", r.plates);
+  v("balls", r.balls);
+  v("within_limits", r.within_limits);
+}
+
 template <typename V, RowOf<CalibrationCheck> R>
 void columns(V& v, R& r) {
   v("kind", r.kind);

@@ -73,9 +73,12 @@ std::string Calibrations::keep(const CalibrationRecord& given) {
   } else if (const auto* block = std::get_if<ReferenceBlock>(&record.numbers)) {
     Statement row(db_, insert_text("reference_block", names_of<NumbersOf, ReferenceBlock>()));
     write_row(row, of, *block);
-  } else {
+  } else if (const auto* ball = std::get_if<MonitorBall>(&record.numbers)) {
     Statement row(db_, insert_text("monitor_ball", names_of<NumbersOf, MonitorBall>()));
-    write_row(row, of, std::get<MonitorBall>(record.numbers));
+    write_row(row, of, *ball);
+  } else {
+    Statement row(db_, insert_text("scanner_acceptance", names_of<NumbersOf, ScannerNumbers>()));
+    write_row(row, of, std::get<ScannerNumbers>(record.numbers));
   }
   return record.id;
 }
@@ -112,6 +115,8 @@ void Calibrations::check_may_apply(const CalibrationRecord& record, const Change
   const std::int64_t now = std::max(note.utime_us, newest_utime_us());
   if (record.expires_utime_us != 0 && now >= record.expires_utime_us)
     refuse(not_in_force + "it has expired; calibrate again");
+  if (const auto* scanner = std::get_if<ScannerNumbers>(&record.numbers))
+    if (const auto why = refusal_of(*scanner); !why.empty()) refuse(not_in_force + std::string(why.view()));
   if (record.kind() != CalibrationKind::stations) return;
   const Row hand_eye = newest(CalibrationKind::hand_eye, 0);
   if (hand_eye.calibration_id != record.parent_id)
@@ -199,6 +204,7 @@ CalibrationRecord Calibrations::read(Statement& row) {
     case CalibrationKind::hand_eye: numbers("hand_eye", HandEyeNumbers{}); break;
     case CalibrationKind::reference_block: numbers("reference_block", ReferenceBlock{}); break;
     case CalibrationKind::monitor_ball: numbers("monitor_ball", MonitorBall{}); break;
+    case CalibrationKind::scanner: numbers("scanner_acceptance", ScannerNumbers{}); break;
     case CalibrationKind::stations: {
       StationTable table;
       table.slab_type = slab_type;
@@ -315,6 +321,27 @@ void Calibrations::use_table(const std::optional<CalibrationRecord>& record, Lin
   static_cast<void>(out.tables.push(table));  // more slab types than recipes: nobody asks for the rest
 }
 
+void Calibrations::use_scanner(const std::optional<CalibrationRecord>& record, ScannerInForce& out) {
+  if (!record || record->kind() != CalibrationKind::scanner) {
+    out.trouble = "the scanner's acceptance is not in the database; U rests on the recipe's specification";
+    return;
+  }
+  if (!numbers_give_id(*record)) {
+    out.trouble.printf("the numbers of %s in the database were changed after it was kept; it is not used",
+                       record->id.c_str());
+    return;
+  }
+  out.id.assign(record->id);
+  out.numbers = std::get<ScannerNumbers>(record->numbers);
+  out.expires_utime_us = record->expires_utime_us;
+  // Only a later acceptance cures a failed verification; to take an older one again does not.
+  Statement later(
+      db_,
+      "SELECT 1 FROM calibration JOIN scanner_acceptance ON calibration_id = id WHERE within_limits = 0 AND "
+      "seq > (SELECT seq FROM calibration WHERE id = ?1) LIMIT 1");
+  out.failed = later.bind(1, std::string_view(record->id)).step();
+}
+
 LineCalibration::Watch Calibrations::watch(CalibrationKind kind) {
   LineCalibration::Watch watch;
   const Row row = newest(kind, 0);
@@ -347,10 +374,13 @@ void Calibrations::in_force(LineCalibration& out) {
   for (const std::uint16_t type : types) use_table(current(CalibrationKind::stations, type), out);
   out.block = watch(CalibrationKind::reference_block);
   out.ball = watch(CalibrationKind::monitor_ball);
+  if (const Row row = newest(CalibrationKind::scanner, 0); row.seq != 0)
+    use_scanner(find(row.calibration_id), out.scanner);
 }
 
 void Calibrations::of_slab(const SlabHeader& slab, LineCalibration& out) {
   out = LineCalibration{};
+  if (!slab.scanner_id.empty()) use_scanner(find(slab.scanner_id.view()), out.scanner);
   // Commissioning values are the configuration's; nothing of them lies here.
   if (!slab.calibration_id.view().starts_with(id_prefix(CalibrationKind::hand_eye))) return;
   use_hand_eye(find(slab.calibration_id.view()), out);

@@ -26,8 +26,8 @@ class Calibrations {
   [[nodiscard]] std::vector<AppliedChange> applied(std::size_t limit);
   [[nodiscard]] std::vector<CalibrationCheck> checks(std::size_t limit);
 
-  /// What is in force. A record whose numbers do not give its id is not used: source `missing`, or the table left out,
-  /// and `trouble` says so.
+  /// What is in force. A record whose numbers do not give its id is not used: source `missing`, or the table or the
+  /// scanner's acceptance left out, and `trouble` says so.
   void in_force(LineCalibration& out);
   /// What this slab was begun with.
   void of_slab(const SlabHeader& slab, LineCalibration& out);
@@ -52,6 +52,7 @@ class Calibrations {
   [[nodiscard]] CalibrationRecord read(Statement& row);
   void use_hand_eye(const std::optional<CalibrationRecord>& record, LineCalibration& out);
   void use_table(const std::optional<CalibrationRecord>& record, LineCalibration& out);
+  void use_scanner(const std::optional<CalibrationRecord>& record, ScannerInForce& out);
   [[nodiscard]] LineCalibration::Watch watch(CalibrationKind kind);
   [[nodiscard]] std::int64_t newest_utime_us();
 

@@ -99,6 +99,7 @@ void columns(V& v, R& r) {
   v("cell_mm", r.cell_mm);
   v("calibration_id", r.calibration_id);
   v("stations_id", r.stations_id);
+  v("scanner_id", r.scanner_id);
   v("software", r.software);
   v("T_base_slab", r.T_base_slab);
   v("T_flange_scanner", r.T_flange_scanner);

@@ -1,6 +1,6 @@
 -- SPDX-License-Identifier: Apache-2.0
 --
--- slabd's memory, schema version 7. One daemon writes, everybody else reads.
+-- slabd's memory, schema version 8. One daemon writes, everybody else reads.
 --
 --   line     one row: the session number last used, the newest wall clock of any record, what retention took away
 --   care     when the history was restored from a backup or begun anew, by whom and why
@@ -14,7 +14,7 @@
 --   result   the records the PLC is shown; id is the order in which it is shown them
 --
 --   calibration        every calibration ever kept, with what it was made from; its numbers lie in hand_eye,
---                      station_correction, reference_block or monitor_ball
+--                      station_correction, reference_block, monitor_ball or scanner_acceptance
 --   applied            what was put in force when, by whom and why; the newest row of a kind (and slab type) counts
 --   calibration_check  the trend of the daily checks
 --
@@ -50,6 +50,7 @@ CREATE TABLE slab (
   cell_mm            REAL,               -- flatness cell
   calibration_id     TEXT NOT NULL,
   stations_id        TEXT NOT NULL DEFAULT '',  -- station corrections in force, empty: none
+  scanner_id         TEXT NOT NULL DEFAULT '',  -- the scanner's acceptance in force, empty: none
   software           TEXT NOT NULL,
   T_base_slab_x REAL, T_base_slab_y REAL, T_base_slab_z REAL,
   T_base_slab_qw REAL, T_base_slab_qx REAL, T_base_slab_qy REAL, T_base_slab_qz REAL,
@@ -327,7 +328,7 @@ CREATE TRIGGER care_is_kept BEFORE DELETE ON care
 CREATE TABLE calibration (
   seq              INTEGER PRIMARY KEY,
   id               TEXT NOT NULL UNIQUE,   -- from the SHA-256 of kind, numbers and parent
-  kind             TEXT NOT NULL CHECK (kind IN ('hand_eye', 'stations', 'reference_block', 'monitor_ball')),
+  kind             TEXT NOT NULL CHECK (kind IN ('hand_eye', 'stations', 'reference_block', 'monitor_ball', 'scanner')),
   slab_type        INTEGER NOT NULL,       -- of station corrections, else 0
   parent_id        TEXT NOT NULL,          -- stations: the hand-eye calibration they hold for
   figures          TEXT NOT NULL,          -- JSON
@@ -374,6 +375,18 @@ CREATE TABLE reference_block (
 CREATE TABLE monitor_ball (
   calibration_id TEXT PRIMARY KEY REFERENCES calibration (id),
   p_base_x REAL, p_base_y REAL, p_base_z REAL, radius_mm REAL, limit_mm REAL
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE scanner_acceptance (
+  calibration_id TEXT PRIMARY KEY REFERENCES calibration (id),
+  scanner        TEXT NOT NULL,            -- its name or serial number, empty: not said
+  PF_mm REAL, PS_mm REAL, RF_mm REAL,      -- VDI/VDE 2634-2, the worst place; PS as a magnitude
+  form_half_mm REAL, form_length_mm REAL,  -- what does not average away, and the shortest length it was seen over
+  length_ppm REAL,                         -- PS over the ball's diameter
+  noise_sigma_mm REAL, noise_correlation_mm REAL, pitch_mm REAL,
+  plates         INTEGER NOT NULL,         -- places that were looked at
+  balls          INTEGER NOT NULL,
+  within_limits  INTEGER NOT NULL
 ) STRICT, WITHOUT ROWID;
 
 CREATE TABLE applied (

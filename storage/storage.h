@@ -16,7 +16,7 @@
 namespace slabd::storage {
 
 inline constexpr int kApplicationId = 0x534C4142;  // "SLAB"
-inline constexpr int kSchemaVersion = 7;
+inline constexpr int kSchemaVersion = 8;
 
 /// The longest recipe of the line has 8 kB, comments included. The files of all recipes stay in memory.
 inline constexpr std::size_t kRecipeTextBytes = 65'536;
@@ -54,7 +54,8 @@ inline constexpr std::int64_t kKeepSlabsMin = 100;
 /// One calibration with everything it was made from. Records are only ever added.
 struct CalibrationRecord {
   std::string id;  ///< made by storage from kind, numbers and parent (`calibration_id`)
-  std::variant<HandEyeNumbers, StationTable, ReferenceBlock, MonitorBall> numbers;  ///< in the order of CalibrationKind
+  /// In the order of CalibrationKind.
+  std::variant<HandEyeNumbers, StationTable, ReferenceBlock, MonitorBall, ScannerNumbers> numbers;
   std::string parent_id;     ///< stations: the hand-eye calibration they were solved with. Empty: none
   std::string figures;       ///< quality figures as a JSON object, as the solver printed them
   std::string observations;  ///< the views as captured, in the neutral text form: enough to solve again

@@ -22,6 +22,11 @@ namespace {
 
 constexpr int kBackupsMax = 100;
 
+/// Only of the table that a step makes anew: every item of every slab would take minutes.
+constexpr const char* kLostReferences =
+    "SELECT count(*) FROM (SELECT DISTINCT m.name FROM sqlite_schema AS m, pragma_foreign_key_list(m.name) AS f "
+    "WHERE f.\"table\" = 'calibration') AS child, pragma_foreign_key_check(child.name)";
+
 [[noreturn]] void fail(const std::string& text, int result = SQLITE_IOERR) {
   throw SqlFailure{result, text};
 }
@@ -84,10 +89,16 @@ void upgrade(Connection& db, const std::string& path, bool with_copy) {
   const std::int64_t version = db.integer("PRAGMA user_version");
   if (version >= kSchemaVersion) return;
   if (with_copy) back_up(db, path, version);
+  // A table that others refer to can only be made anew while nobody looks after references; they are checked as a whole
+  // before anything is committed. Inside a transaction the switch does nothing.
+  db.execute("PRAGMA foreign_keys = OFF");
   Transaction transaction(db, "BEGIN EXCLUSIVE");
   for (std::int64_t from = version; from < kSchemaVersion; ++from) db.execute(upgrade_sql(static_cast<int>(from)));
   db.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion));
+  if (db.integer(kLostReferences) != 0)
+    fail("calibrations that others refer to would be lost", SQLITE_CONSTRAINT_FOREIGNKEY);
   transaction.commit();
+  db.execute("PRAGMA foreign_keys = ON");
 }
 
 }  // namespace slabd::storage

@@ -286,7 +286,7 @@ void add_calibrate_rollback(CLI::App& group, int& exit_status) {
       "\nStation corrections hold for one hand-eye calibration: roll that back first.\n"
       "Example: slabctl calibrate rollback --why \"worse than before\"");
   command->add_option("--kind", options->kind, "What to roll back")
-      ->check(CLI::IsMember({"hand_eye", "stations", "reference_block", "monitor_ball"}))
+      ->check(CLI::IsMember({"hand_eye", "stations", "reference_block", "monitor_ball", "scanner"}))
       ->capture_default_str();
   command->add_option("--slab-type", options->slab_type, "Of station corrections (default: of the newest change)");
   add_common(*command, *options);

@@ -46,7 +46,8 @@ constexpr std::array kColumns = {"version",
                                  "required",
                                  "conformance_probability",
                                  "beside_name",
-                                 "beside"};
+                                 "beside",
+                                 "scanner_id"};
 
 std::string csv_number(double value) {
   return has_value(value) ? fmt::format("{}", value) : "";
@@ -84,7 +85,8 @@ ItemRow head_of(const storage::SlabRecord& record) {
   return row;
 }
 
-std::string row_of(const ItemRow& head, std::string_view scope, const Item& item, const storage::SlabBlock* block) {
+std::string row_of(const ItemRow& head, std::string_view scope, const Item& item, const storage::SlabBlock* block,
+                   std::string_view scanner_id) {
   const ItemInfo& facts = info(item.id);
   ItemRow row = head;
   row.add(scope).add(csv_station(block != nullptr ? block->attempt.station : item.station));
@@ -93,7 +95,7 @@ std::string row_of(const ItemRow& head, std::string_view scope, const Item& item
   row.add(item.nominal).add(item.lower).add(item.upper).add(item.value).add(item.deviation()).add(item.U);
   row.add(name(item.verdict)).add(item.required ? "1" : "0").add(conformance_probability(item));
   const std::string_view beside = beside_name(item.id);
-  row.add(beside).add(beside.empty() ? kNoValue : item.beside);
+  row.add(beside).add(beside.empty() ? kNoValue : item.beside).add(scanner_id);
   return row.end();
 }
 
@@ -117,13 +119,14 @@ std::string item_heading() {
 
 std::string item_rows(const storage::SlabRecord& record) {
   const ItemRow head = head_of(record);
+  const std::string_view scanner_id = record.summary.header.scanner_id.view();
   std::string text;
   for (int station = 1; station <= record.summary.header.stations; ++station) {
     const storage::SlabBlock* block = latest(record, station);
     if (block == nullptr || block->phase != StationPhase::measured) continue;
-    for (const Item& item : block->block.items) text += row_of(head, "block", item, block);
+    for (const Item& item : block->block.items) text += row_of(head, "block", item, block, scanner_id);
   }
-  for (const Item& item : record.slab.items) text += row_of(head, "slab", item, nullptr);
+  for (const Item& item : record.slab.items) text += row_of(head, "slab", item, nullptr, scanner_id);
   return text;
 }
 

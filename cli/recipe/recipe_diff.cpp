@@ -15,6 +15,7 @@
 #include <algorithm>
 #include <memory>
 
+#include "cli/budget_text.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
@@ -53,10 +54,6 @@ std::vector<KeyDifference> differences_of(const Recipe& a, const Recipe& b) {
   for (std::size_t i = 0; i < of_a.size(); ++i)
     if (of_a[i].value != of_b[i].value) list.push_back({of_a[i].key, of_a[i].value, of_b[i].value, of_a[i].effect});
   return list;
-}
-
-bool has_budget(const Item& item) {
-  return std::any_of(item.budget.begin(), item.budget.end(), [](double part) { return part != 0.0; });
 }
 
 void rejudge(const Recipe& recipe, BlockResult& block) {
@@ -104,8 +101,18 @@ bool judge_stored(storage::Reader& reader, const std::vector<std::int64_t>& keys
       continue;
     }
     if (slab.recipe_sha256 == a.sha256) ++out.of_a;
+    const auto verified = scanner_of(reader, slab);
+    if (!verified) {
+      complain(verified.error().text.view());
+      return false;
+    }
+    if (!verified.value()) {
+      out.what_if.leave_out(slab,
+                            fmt::format("the scanner acceptance {} is not in the database", slab.scanner_id.view()));
+      continue;
+    }
     const std::vector<StationRecord> stations = rejudged(record, b);
-    daemon::judge_slab(b, stations, slab.T_base_slab, room, *judged);
+    daemon::judge_slab(b, *verified.value(), stations, slab.T_base_slab, room, *judged);
     out.what_if.add(record, stations, *judged);
   }
   return true;

@@ -55,7 +55,8 @@ void Remeasurer::use(const Recipe& recipe) {
   recipe_ = &recipe;
 }
 
-void Remeasurer::measure(const SlabHeader& slab, const storage::SlabBlock& stored, Remeasured& out) {
+void Remeasurer::measure(const SlabHeader& slab, const ScannerNumbers& verified, const storage::SlabBlock& stored,
+                         Remeasured& out) {
   out = {};
   out.path = scan_at(stored, scans_dir_);
   std::error_code ignored;
@@ -79,13 +80,26 @@ void Remeasurer::measure(const SlabHeader& slab, const storage::SlabBlock& store
   const int station = stored.attempt.station;
   const algo::Cloud cloud{xyz_, shape.value().points, shape.value().width, shape.value().height};
   // A block that cannot be measured is a result like any other; why not stands in it.
-  static_cast<void>(daemon::measure_block(inspector_, *clock_, station,
-                                          slab.T_base_slab * T_slab_block(*recipe_, station),
-                                          stored_T_base_scanner(slab, stored.attempt), cloud, shape.value(), 0.0));
+  static_cast<void>(
+      daemon::measure_block(inspector_, *clock_, station, slab.T_base_slab * T_slab_block(*recipe_, station),
+                            stored_T_base_scanner(slab, stored.attempt), cloud, shape.value(), 0.0, verified));
   out.scan = Remeasured::Scan::measured;
   out.note = signs_of_change(out, stored, shape.value());
   out.block = inspector_.result();
   daemon::pack_maps(inspector_, out.maps);
+}
+
+Result<std::optional<ScannerNumbers>> scanner_of(storage::Reader& reader, const SlabHeader& slab) {
+  if (slab.scanner_id.empty()) return std::optional<ScannerNumbers>(ScannerNumbers{});
+  const auto found = reader.calibration(slab.scanner_id.view());
+  if (!found) return found.error();
+  std::optional<ScannerNumbers> numbers;
+  if (!found.value() || found.value()->id != slab.scanner_id.view()) return numbers;
+  const storage::CalibrationRecord& record = *found.value();
+  const auto* kept = std::get_if<ScannerNumbers>(&record.numbers);
+  // An id says which numbers it stands for; one that was kept again has a number behind it.
+  if (kept != nullptr && record.id.starts_with(storage::calibration_id(record))) numbers = *kept;
+  return numbers;
 }
 
 std::vector<StationRecord> stations_of(const storage::SlabRecord& record, std::span<const BlockResult* const> blocks) {

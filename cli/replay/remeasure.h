@@ -40,8 +40,10 @@ class Remeasurer {
 
   /// Builds the recipe's model, unless it is the one in use. `recipe` must outlive its use.
   void use(const Recipe& recipe);
-  /// Measures the attempt's scan with the poses that are stored with it.
-  void measure(const SlabHeader& slab, const storage::SlabBlock& stored, Remeasured& out);
+  /// Measures the attempt's scan with the poses that are stored with it. `verified`: the scanner's acceptance that the
+  /// slab was begun with.
+  void measure(const SlabHeader& slab, const ScannerNumbers& verified, const storage::SlabBlock& stored,
+               Remeasured& out);
 
  private:
   std::unique_ptr<hal::Clock> clock_;
@@ -52,6 +54,10 @@ class Remeasurer {
   hal::LengthUnit unit_;
   std::string scans_dir_;
 };
+
+/// The scanner's acceptance that the slab was begun with. Nothing: it is not in the database, or its numbers were
+/// changed there. Without one the figures are all unknown, and the recipe's specification counts alone.
+[[nodiscard]] Result<std::optional<ScannerNumbers>> scanner_of(storage::Reader& reader, const SlabHeader& slab);
 
 /// What SLAB_END saw, attempt by attempt as the daemon keeps its stations, with `blocks[i]` in place of what was stored
 /// of the i-th attempt (nullptr: what was stored).

@@ -202,14 +202,17 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
 }
 
 /// What the slab would have come to with `recipe`; why not, when that cannot be said.
-std::string decide_anew(const storage::SlabRecord& record, const Recipe& recipe, Remeasurer& remeasurer,
-                        WhatIf& what_if) {
+std::string decide_anew(storage::Reader& reader, const storage::SlabRecord& record, const Recipe& recipe,
+                        Remeasurer& remeasurer, WhatIf& what_if) {
   const SlabHeader& slab = record.summary.header;
   if (record.summary.ended_utime_us == 0) return "it is still open";
   if (record.summary.verdict == Verdict::aborted) return "it was aborted";
   if (recipe.slab_type != slab.slab_type || recipe.stations() != slab.stations)
     return fmt::format("it is of slab type {} with {} blocks, the recipe of type {} with {}", slab.slab_type,
                        slab.stations, recipe.slab_type, recipe.stations());
+  const auto verified = scanner_of(reader, slab);
+  if (!verified) return std::string(verified.error().text.view());
+  if (!verified.value()) return fmt::format("the scanner acceptance {} is not in the database", slab.scanner_id.view());
   std::vector<std::unique_ptr<Remeasured>> again(record.blocks.size());
   std::vector<const BlockResult*> blocks(record.blocks.size(), nullptr);
   for (std::size_t i = 0; i < record.blocks.size(); ++i) {
@@ -217,7 +220,7 @@ std::string decide_anew(const storage::SlabRecord& record, const Recipe& recipe,
     const bool valid = i + 1 == record.blocks.size() || record.blocks[i + 1].attempt.station != stored.attempt.station;
     if (!valid || stored.phase != StationPhase::measured) continue;
     again[i] = std::make_unique<Remeasured>();
-    remeasurer.measure(slab, stored, *again[i]);
+    remeasurer.measure(slab, *verified.value(), stored, *again[i]);
     if (again[i]->scan != Remeasured::Scan::measured)
       return fmt::format("block {}: {} ({})", stored.attempt.station, again[i]->note, again[i]->path);
     if (again[i]->altered)
@@ -228,7 +231,7 @@ std::string decide_anew(const storage::SlabRecord& record, const Recipe& recipe,
   const std::vector<StationRecord> stations = stations_of(record, blocks);
   std::vector<BlockResult> room(limits::kStationsMax);
   auto judged = std::make_unique<SlabResult>();
-  daemon::judge_slab(recipe, stations, slab.T_base_slab, room, *judged);
+  daemon::judge_slab(recipe, *verified.value(), stations, slab.T_base_slab, room, *judged);
   what_if.add(record, stations, *judged);
   return "";
 }
@@ -245,7 +248,7 @@ int decide(const ReplayOptions& options, ReplaySources& sources, const std::vect
     std::optional<ProgressNote> note(std::in_place, stderr,
                                      fmt::format("measuring slab {} again ...", record.summary.header.key),
                                      std::chrono::seconds(1));
-    std::string why = decide_anew(record, recipe, remeasurer, what_if);
+    std::string why = decide_anew(*sources.reader, record, recipe, remeasurer, what_if);
     note.reset();
     if (!why.empty()) what_if.leave_out(record.summary.header, std::move(why));
     return true;

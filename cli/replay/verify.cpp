@@ -97,12 +97,13 @@ std::string reason_for_difference(const std::vector<ChangedInput>& changed, cons
          "or this build measures otherwise under the same version";
 }
 
-BlockReplay replay_block(const SlabHeader& slab, const storage::SlabBlock& stored, const BlockMaps& maps,
-                         const std::vector<ChangedInput>& changed, Remeasurer& remeasurer, Remeasured& again) {
+BlockReplay replay_block(const SlabHeader& slab, const ScannerNumbers& verified, const storage::SlabBlock& stored,
+                         const BlockMaps& maps, const std::vector<ChangedInput>& changed, Remeasurer& remeasurer,
+                         Remeasured& again) {
   BlockReplay replay;
   replay.station = stored.attempt.station;
   replay.attempt = stored.attempt.number;
-  remeasurer.measure(slab, stored, again);
+  remeasurer.measure(slab, verified, stored, again);
   replay.scan = again.path;
   replay.why = again.note;
   replay.crc32c_stored = stored.attempt.points_crc32c;
@@ -181,6 +182,13 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
   if (!found) return found.error();
   const Recipe* recipe = found.value();
   if (Status status = check_calibration(reader, record, replay.changed); !status) return status.error();
+  const auto scanner = scanner_of(reader, slab);
+  if (!scanner) return scanner.error();
+  if (!scanner.value())
+    replay.changed.push_back({"scanner acceptance", std::string(slab.scanner_id.view()),
+                              "the database holds no such record, or its numbers were changed; the recipe's "
+                              "specification is used alone"});
+  const ScannerNumbers verified = scanner.value().value_or(ScannerNumbers{});
   if (recipe == nullptr) {
     replay.slab_why = "without a recipe nothing can be measured";
     return replay;
@@ -196,7 +204,7 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
     const auto maps = reader.maps(slab.key, stored.attempt.station, stored.attempt.number);
     if (!maps) return maps.error();
     again[i] = std::make_unique<Remeasured>();
-    replay.blocks.push_back(replay_block(slab, stored, *maps.value(), replay.changed, remeasurer, *again[i]));
+    replay.blocks.push_back(replay_block(slab, verified, stored, *maps.value(), replay.changed, remeasurer, *again[i]));
     if (again[i]->scan == Remeasured::Scan::measured) blocks[i] = &again[i]->block;
   }
 
@@ -208,7 +216,7 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
     // Stations whose scan is gone take part with what was stored, so that the judging itself is always verified.
     std::vector<BlockResult> room(limits::kStationsMax);
     auto judged = std::make_unique<SlabResult>();
-    daemon::judge_slab(*recipe, stations_of(record, blocks), slab.T_base_slab, room, *judged);
+    daemon::judge_slab(*recipe, verified, stations_of(record, blocks), slab.T_base_slab, room, *judged);
     storage::compare(record.slab, *judged, replay.slab);
     replay.slab_compared = true;
     const bool block_differs = std::any_of(replay.blocks.begin(), replay.blocks.end(), [](const BlockReplay& block) {

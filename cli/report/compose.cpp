@@ -41,6 +41,7 @@ class Composer {
     report.sections.push_back(slab_items());
     report.sections.push_back(seats());
     report.sections.push_back(registration());
+    add_budget(report.sections);
     report.sections.push_back(times());
     for (int station = 1; station <= header_.stations; ++station) report.sections.push_back(block(station));
     return report;
@@ -147,6 +148,7 @@ class Composer {
       if (const SlabBlock* block = measured(station))
         commissioning = commissioning || block->attempt.splice.source == SpliceSource::commissioning;
     if (commissioning) add(say(Word::commissioning));
+    if (header_.scanner_id.empty()) add(say(Word::scanner_not_verified));
     if (header_.guard == 0.0) add(say(Word::simple_acceptance));
     add(say(Word::not_visible));
     return section;
@@ -172,6 +174,7 @@ class Composer {
     add(Word::recipe, fmt::format("{}, {}", header_.recipe.view(), header_.recipe_sha256.view()));
     add(Word::hand_eye, std::string(header_.calibration_id.view()));
     add(Word::station_corrections, std::string(header_.stations_id.view()));
+    add(Word::scanner_acceptance, std::string(header_.scanner_id.view()));
     add(Word::acceptance, header_.guard == 0.0       ? say(Word::simple_acceptance)
                           : has_value(header_.guard) ? say(Word::guarded, figure(header_.guard, 2))
                                                      : std::string());
@@ -293,6 +296,18 @@ class Composer {
     section.parts.push_back(std::move(table));
     section.parts.push_back(std::move(counts));
     return section;
+  }
+
+  void add_budget(std::vector<Section>& sections) const {
+    std::optional<Table> table = budget_table(record_, language_);
+    if (!table) return;
+    Section section;
+    section.title = table->caption;
+    section.together = true;
+    const std::string id = header_.scanner_id.empty() ? say(Word::none) : std::string(header_.scanner_id.view());
+    section.parts.push_back(Paragraph{say(Word::budget_note, id)});
+    section.parts.push_back(std::move(*table));
+    sections.push_back(std::move(section));
   }
 
   Section times() {

@@ -94,6 +94,9 @@ struct SlabPicture {
 /// `picture` must outlive the report.
 [[nodiscard]] Report compose(const SlabPicture& picture, Language language);
 
+/// Of each characteristic the largest U with its parts; nothing when no budget was computed.
+[[nodiscard]] std::optional<Table> budget_table(const storage::SlabRecord& record, Language language);
+
 // ---- drawings ----------------------------------------------------------------------------------------------------
 
 [[nodiscard]] Figure slab_map_figure(const storage::SlabRecord& record, Language language);

@@ -80,6 +80,28 @@ Entry entry(Word word) {
     case Word::recipe: return {"recipe, SHA-256", "配方，SHA-256"};
     case Word::hand_eye: return {"hand-eye calibration", "手眼标定"};
     case Word::station_corrections: return {"station corrections", "测站修正"};
+    case Word::scanner_acceptance: return {"scanner acceptance", "扫描仪验收"};
+    case Word::scanner_not_verified:
+      return {
+          "The scanner had not been verified when this slab was begun: its part of U is the recipe's specification.",
+          "该板开始时扫描仪未经验证：其不确定度分量取自配方的规格。"};
+    case Word::budget: return {"Uncertainty budget, largest U of each", "不确定度预算（各特征最大 U）"};
+    case Word::budget_note:
+      return {
+          "Parts are standard uncertainties (k = 1) in the characteristic's unit; U / 2 is their root sum of squares. "
+          "Fit, noise, registration: from the scans. Scanner: the larger of recipe and acceptance ({}). Calibration, "
+          "robot: hand-eye and station corrections. Reference: the recipe.",
+          "各分量为标准不确定度 (k = 1)，单位同特征；U / 2 "
+          "为其方和根。拟合、噪声、配准来自扫描；扫描仪取配方与验收（{}"
+          "）中较大者；标定、机器人来自手眼标定与测站修正；基准来自配方。"};
+    case Word::block_column: return {"block", "承轨台"};
+    case Word::budget_fit: return {"fit", "拟合"};
+    case Word::budget_noise: return {"noise", "噪声"};
+    case Word::budget_scanner: return {"scanner", "扫描仪"};
+    case Word::budget_registration: return {"registr.", "配准"};
+    case Word::budget_calibration: return {"calibr.", "标定"};
+    case Word::budget_robot: return {"robot", "机器人"};
+    case Word::budget_reference: return {"reference", "基准"};
     case Word::software: return {"software", "软件"};
     case Word::acceptance: return {"decision rule", "判定规则"};
     case Word::guarded: return {"ISO 14253-1, guard band {} U", "ISO 14253-1，保护带 {} U"};

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl scanner history: the verifications that were kept, oldest first.
+// slabctl scanner history: the verifications that were kept, oldest first. They are records of the database; former
+// versions kept them as files in a folder beside it, and those are shown as well, because nobody may lose what was once
+// kept. Nothing reads a file but this.
 #include <fmt/core.h>
 
 #include <CLI/CLI.hpp>
@@ -10,8 +12,10 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "cli/calibrate/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/json.h"
 #include "cli/scanner/scanner.h"
 
 namespace slabd::cli {
@@ -25,39 +29,80 @@ std::string number(const json& record, const char* key) {
   return value.is_number() ? fmt::format("{:.4f}", value.get<double>()) : "-";
 }
 
+bool is_verification(const json& record) {
+  return record.is_object() && record.value("schema", "") == "slabd.scanner_verification/1";
+}
+
+/// False: printed.
+bool add_files(const daemon::Config& config, std::vector<json>& records) {
+  const fs::path folder = fs::path(config.storage.db_path).parent_path() / "scanner";
+  std::vector<fs::path> files;
+  std::error_code none;  // no folder: no former version kept anything
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, none))
+    if (entry.path().extension() == ".json") files.push_back(entry.path());
+  std::sort(files.begin(), files.end());
+  for (const fs::path& path : files) {
+    std::ifstream file(path, std::ios::binary);
+    records.push_back(json::parse(file, nullptr, false));
+    if (is_verification(records.back())) continue;
+    complain(fmt::format("{}: not a slabd.scanner_verification/1", path.string()));
+    return false;
+  }
+  return true;
+}
+
+/// False: printed.
+bool add_records(const daemon::Config& config, std::vector<json>& records, int& exit_status) {
+  std::unique_ptr<storage::Reader> reader;
+  if (!open_records(config, reader, exit_status)) return false;
+  if (reader == nullptr) return true;
+  const auto all = reader->calibrations();
+  const auto now = reader->current(CalibrationKind::scanner);
+  if (!all.ok() || !now.ok()) {
+    complain((all.ok() ? now.error() : all.error()).text.view());
+    exit_status = kNotReachable;
+    return false;
+  }
+  // They come newest first; two of one second stay in the order in which they were kept.
+  for (auto it = all.value().rbegin(); it != all.value().rend(); ++it) {
+    const storage::CalibrationRecord& kept = *it;
+    if (kept.kind() != CalibrationKind::scanner) continue;
+    json record = json::parse(kept.figures, nullptr, false);
+    if (!is_verification(record)) record = {{"schema", "slabd.scanner_verification/1"}};
+    record["id"] = kept.id;
+    record["in_force"] = now.value() && now.value()->id == kept.id;
+    record["expires"] = kept.expires_utime_us == 0 ? json(nullptr) : json(iso_time(kept.expires_utime_us));
+    records.push_back(std::move(record));
+  }
+  return true;
+}
+
 int history(const std::string& config_path, bool as_json) {
   daemon::Config config;
   if (!config_from(config_path, config)) return kBadInput;
-  std::vector<fs::path> files;
-  std::error_code none;  // no folder: nothing was ever kept
-  for (const fs::directory_entry& entry : fs::directory_iterator(scanner_records(config), none))
-    if (entry.path().extension() == ".json") files.push_back(entry.path());
-  std::sort(files.begin(), files.end());
-  json all = {{"schema", "slabd.scanner_history/1"}, {"records", json::array()}};
-  if (!as_json)
-    fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9}  limits\n", "time", "scanner", "PF", "|PS|", "RF", "form");
-  for (const fs::path& path : files) {
-    std::ifstream file(path, std::ios::binary);
-    const json record = json::parse(file, nullptr, false);
-    if (!record.is_object() || record.value("schema", "") != "slabd.scanner_verification/1") {
-      complain(fmt::format("{}: not a slabd.scanner_verification/1", path.string()));
-      return kBadInput;
-    }
-    all["records"].push_back(record);
-    if (as_json) continue;
-    fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9}  {}\n", record.value("utc", "-"), record.value("scanner", "-"),
-               number(record, "PF_mm"), number(record, "PS_abs_mm"), number(record, "RF_mm"),
-               number(record, "form_half_mm"), record.value("within_limits", false) ? "within" : "OUT");
+  std::vector<json> records;
+  int exit_status = kBadInput;
+  if (!add_files(config, records) || !add_records(config, records, exit_status)) return exit_status;
+  std::stable_sort(records.begin(), records.end(),
+                   [](const json& a, const json& b) { return a.value("utc", "") < b.value("utc", ""); });
+  if (as_json) {
+    fmt::print("{}\n", json{{"schema", "slabd.scanner_history/1"}, {"records", records}}.dump(2));
+    return kDone;
   }
-  if (as_json) fmt::print("{}\n", all.dump(2));
+  fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9} {:7} {:16} {}\n", "time", "scanner", "PF", "|PS|", "RF", "form",
+             "limits", "record", "");
+  for (const json& record : records) {
+    const std::string id = record.value("id", "");
+    fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9} {:7} {:16} {}\n", record.value("utc", "-"),
+               record.value("scanner", "-"), number(record, "PF_mm"), number(record, "PS_abs_mm"),
+               number(record, "RF_mm"), number(record, "form_half_mm"),
+               record.value("within_limits", false) ? "within" : "OUT", id.empty() ? "a file" : id,
+               record.value("in_force", false) ? "in force" : "");
+  }
   return kDone;
 }
 
 }  // namespace
-
-std::string scanner_records(const daemon::Config& config) {
-  return (fs::path(config.storage.db_path).parent_path() / "scanner").string();
-}
 
 void add_scanner_history(CLI::App& scanner, int& exit_status) {
   struct Options {

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <string>
-
-#include "daemon/daemon.h"
-
 namespace CLI {
 class App;
 }
@@ -15,8 +11,5 @@ namespace slabd::cli {
 void add_scanner_send(CLI::App& scanner, int& exit_status);
 void add_scanner_verify(CLI::App& scanner, int& exit_status);
 void add_scanner_history(CLI::App& scanner, int& exit_status);
-
-/// Where verifications are kept: a folder beside the database.
-[[nodiscard]] std::string scanner_records(const daemon::Config& config);
 
 }  // namespace slabd::cli

@@ -325,7 +325,7 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
   const Pose T_base_block = T_base_slab() * T_slab * moved(splice_mm, splice_rad) * built.displacement;
 
   algo::compute_block_items(model_, r);
-  algo::compute_block_budget(recipe_, r);
+  algo::compute_block_budget(recipe_, {}, r);
   algo::compute_observation(model_, T_base_block * registered.inverse(), r);
   for (Item& item : r.items) item.verdict = slabd::judge(item, recipe_.guard);
   r.verdict = combine(r.items.begin(), r.items.end());

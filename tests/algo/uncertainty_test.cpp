@@ -66,7 +66,7 @@ struct Block {
     BlockResult r = result;
     blank_block_items(line.recipe(), r);
     compute_block_items(line.model(), r);
-    compute_block_budget(line.recipe(), r);
+    compute_block_budget(line.recipe(), {}, r);
     return r;
   }
   /// Values after a change of the features, by the real item functions.
@@ -350,6 +350,81 @@ TEST(FlatnessNoise, multiple_covers_a_flat_seat_and_falls_off_where_the_form_is_
   EXPECT_DOUBLE_EQ(flatness_noise_multiple(30.0, 1.0, 6800), 0.95);
   for (double reading = 0.5; reading < 3.0; reading += 0.01)
     EXPECT_GE(flatness_noise_multiple(reading, 1.0, 6800), flatness_noise_multiple(reading + 0.01, 1.0, 6800));
+}
+
+ScannerNumbers verified(double form_half_mm, double form_length_mm, double length_ppm) {
+  ScannerNumbers n;
+  n.form_half_mm = form_half_mm;
+  n.form_length_mm = form_length_mm;
+  n.length_ppm = length_ppm;
+  return n;
+}
+
+TEST(ScannerBudget, of_specification_and_verification_the_larger_counts_term_by_term) {
+  const UncertaintySettings u = simulation::recipe_with_uncertainty().uncertainty;  // 0.05 mm over 150 mm, 50 ppm
+  const ScannerModel specified(u);
+  const auto expect_same = [&](const ScannerModel& model) {
+    EXPECT_EQ(model.tilt_rad(), specified.tilt_rad());
+    EXPECT_EQ(model.place_mm(), specified.place_mm());
+    for (const double d : {0.0, 10.0, 150.0, 233.0, 1e6}) {
+      EXPECT_EQ(model.difference_mm(d), specified.difference_mm(d));
+      EXPECT_EQ(model.length_mm(d), specified.length_mm(d));
+    }
+  };
+  expect_same(ScannerModel(u, {}));
+  expect_same(ScannerModel(u, verified(0.01, 150.0, 5.0)));  // a lucky one makes nothing smaller
+  expect_same(ScannerModel(u, verified(0.01, 150.0, kNoValue)));
+
+  const ScannerModel worse(u, verified(0.10, 150.0, 200.0));
+  EXPECT_NEAR(worse.tilt_rad(), 2.0 * specified.tilt_rad(), 1e-15);
+  EXPECT_NEAR(worse.place_mm(), 2.0 * specified.place_mm(), 1e-15);
+  EXPECT_NEAR(worse.difference_mm(100.0), 2.0 * specified.difference_mm(100.0), 1e-15);
+  EXPECT_NEAR(worse.length_mm(380.0), 4.0 * specified.length_mm(380.0), 1e-15);
+
+  // Less form, but over less length: it tilts more and shifts less.
+  const ScannerModel shorter(u, verified(0.04, 60.0, 5.0));
+  EXPECT_NEAR(shorter.tilt_rad(), 0.04 / std::sqrt(3.0) / 60.0, 1e-15);
+  EXPECT_EQ(shorter.place_mm(), specified.place_mm());
+  EXPECT_GT(shorter.difference_mm(50.0), specified.difference_mm(50.0));
+  EXPECT_EQ(shorter.difference_mm(1e6), specified.difference_mm(1e6));
+}
+
+TEST(ScannerBudget, a_scanner_that_is_worse_than_specified_makes_every_U_larger_and_a_better_one_none_smaller) {
+  Block b;
+  b.result.seat.flatness_mm = 0.05;
+  b.result.seat.flatness_noise_mm = 0.01;
+  b.result.seat.grid_points = 6'800;
+  const auto budgeted = [&](const ScannerNumbers& n) {
+    BlockResult r = b.result;
+    blank_block_items(b.line.recipe(), r);
+    compute_block_items(b.line.model(), r);
+    compute_block_budget(b.line.recipe(), n, r);
+    return r;
+  };
+  const BlockResult alone = budgeted({});
+  const BlockResult better = budgeted(verified(0.001, 300.0, 1.0));
+  const BlockResult worse = budgeted(verified(0.15, 150.0, 400.0));
+  for (const ItemId id : kLinearItems) {
+    EXPECT_EQ(find(better, id).U, find(alone, id).U) << info(id).name;
+    EXPECT_GT(find(worse, id).U, find(alone, id).U) << info(id).name;
+    EXPECT_EQ(part_of(find(worse, id), BudgetPart::reference), part_of(find(alone, id), BudgetPart::reference));
+  }
+  EXPECT_GT(find(worse, ItemId::seat_flatness).U, find(alone, ItemId::seat_flatness).U);
+}
+
+TEST(ScannerBudget, verified_correlation_asks_for_a_noise_factor_by_the_density_of_the_scan) {
+  ScannerNumbers n;
+  EXPECT_EQ(verified_noise_factor(n, 20.0), 1.0) << "nothing was verified";
+  n.noise_correlation_mm = 0.0;
+  EXPECT_EQ(verified_noise_factor(n, 20.0), 1.0) << "neighbours err by themselves";
+  n.noise_correlation_mm = 0.8;
+  EXPECT_EQ(verified_noise_factor(n, kNoValue), 1.0);
+  // The sum of exp(-r / L) over a lattice of the same density.
+  const double pitch = 0.25;
+  double sum = 0.0;
+  for (int i = -80; i <= 80; ++i)
+    for (int j = -80; j <= 80; ++j) sum += std::exp(-pitch * std::hypot(i, j) / 0.8);
+  EXPECT_NEAR(verified_noise_factor(n, 1.0 / (pitch * pitch)), sum, 0.02 * sum);
 }
 
 }  // namespace

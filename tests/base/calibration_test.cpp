@@ -147,5 +147,26 @@ TEST(CalibrationKind, has_a_word_that_comes_back) {
   EXPECT_FALSE(calibration_kind_named("hand-eye").has_value());
 }
 
+TEST(ScannerAcceptance, vouches_while_it_is_neither_out_of_limits_nor_too_old) {
+  ScannerInForce scanner;
+  EXPECT_EQ(standing_of(scanner, 1), ScannerStanding::never);
+  scanner.id = "sc-1";
+  scanner.numbers.within_limits = true;
+  EXPECT_EQ(standing_of(scanner, 1), ScannerStanding::verified);
+  scanner.expires_utime_us = 100;
+  EXPECT_EQ(standing_of(scanner, 99), ScannerStanding::verified);
+  EXPECT_EQ(standing_of(scanner, 100), ScannerStanding::expired);
+  scanner.failed = true;
+  EXPECT_EQ(standing_of(scanner, 100), ScannerStanding::failed);
+  scanner.failed = false;
+  scanner.numbers.within_limits = false;
+  EXPECT_EQ(standing_of(scanner, 1), ScannerStanding::failed);
+  for (const auto& [standing, word] : {std::pair{ScannerStanding::verified, "verified"},
+                                       {ScannerStanding::never, "never"},
+                                       {ScannerStanding::expired, "expired"},
+                                       {ScannerStanding::failed, "failed"}})
+    EXPECT_EQ(name(standing), word);
+}
+
 }  // namespace
 }  // namespace slabd

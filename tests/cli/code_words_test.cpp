@@ -33,7 +33,7 @@ TEST(CodeWords, every_code_is_said_in_chinese_with_its_cure) {
 }
 
 TEST(CodeWords, every_warning_is_said_in_chinese) {
-  for (unsigned bit = 0; bit < std::bit_width(unsigned{kWarnStationsNotCorrected}); ++bit)
+  for (unsigned bit = 0; bit < std::bit_width(unsigned{kWarnScannerNotVerified}); ++bit)
     EXPECT_TRUE(has_chinese(warning_zh(static_cast<std::uint16_t>(1U << bit)))) << bit;
   EXPECT_EQ(warning_zh(1U << 15U), "");
 }

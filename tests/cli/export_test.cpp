@@ -47,7 +47,7 @@ TEST_F(Export, a_table_has_one_row_for_each_item_and_reads_as_rfc_4180) {
   ASSERT_EQ(ended.status, 0) << ended.err;
   const json table = read("csv", file("items.csv"));
   EXPECT_TRUE(table["bom"]);
-  EXPECT_EQ(table["columns"].size(), 33U);
+  EXPECT_EQ(table["columns"].size(), 34U);
   const json document = json::parse(run("show 1 --json --db " + db()).out);
   std::size_t items = document["items"].size();
   for (const json& block : document["blocks"])

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl show on a database made by hand.
+#include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "storage/storage.h"
@@ -147,6 +149,51 @@ TEST_F(Show, slab_of_eight_pairs_has_a_map_of_two_by_eight) {
   const Ended beyond = show("--block 17");
   EXPECT_EQ(beyond.status, 2);
   expect_mentions(beyond.err, "1..16");
+}
+
+TEST_F(Show, U_is_taken_apart_and_every_part_has_a_source) {
+  storage::CalibrationRecord acceptance;
+  ScannerNumbers numbers;
+  numbers.PF_mm = numbers.RF_mm = 0.1;
+  numbers.form_half_mm = 0.0612;
+  numbers.form_length_mm = 113.0;
+  numbers.length_ppm = 77.0;
+  numbers.plates = kPlatePlacesMin;
+  numbers.balls = kBallPlacesMin;
+  numbers.within_limits = true;
+  acceptance.numbers = numbers;
+  const Result<std::string> id = store_->change(storage::KeepCalibration{acceptance});
+  ASSERT_TRUE(id.ok()) << id.error().text.view();
+  header_.scanner_id.assign(id.value());
+  header_.calibration_id = "he-123";
+  apply(BeginSlabJob{header_, 1, 1});
+  Item item;
+  item.id = ItemId::jaw_distance;
+  item.value = 380.0;
+  item.U = 0.1;
+  item.budget[static_cast<std::size_t>(BudgetPart::scanner)] = 0.04;
+  item.budget[static_cast<std::size_t>(BudgetPart::fit)] = 0.03;
+  ASSERT_TRUE(block_.items.push(item));
+  measure_station_3();
+  const Ended text = show("--block 3");
+  expect_mentions(text.out, "U from, k = 1");
+  expect_mentions(text.out, "0.04000");
+  expect_mentions(text.out, "the larger of recipe P5600 and acceptance " + id.value() +
+                                " (form +-0.0612 mm over 113 mm, length 77 um/m, noise correlated over not known)");
+  expect_mentions(show().out, "scanner acceptance " + id.value());
+  EXPECT_EQ(json::parse(show("--json").out)["scanner_id"], id.value());
+  for (const char* language : {"en", "zh"}) {
+    const std::string out = file(std::string(language) + ".html");
+    const Ended report = run("report 1 --db " + file("slabd.db") + " --language " + language + " --out " + out);
+    ASSERT_EQ(report.status, 0) << report.err;
+    std::ifstream html(out);
+    const std::string written((std::istreambuf_iterator<char>(html)), std::istreambuf_iterator<char>());
+    expect_mentions(written, id.value());
+    expect_mentions(written, "0.04000");
+    expect_mentions(written, language == std::string("en")
+                                 ? "Uncertainty budget"
+                                 : "\xe4\xb8\x8d\xe7\xa1\xae\xe5\xae\x9a\xe5\xba\xa6\xe9\xa2\x84\xe7\xae\x97");
+  }
 }
 
 TEST_F(Show, what_was_computed_of_a_block_comes_back_from_the_database) {

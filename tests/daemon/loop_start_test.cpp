@@ -64,6 +64,7 @@ class IdleCrew final : public Crew {
         "measure", [](const MeasureBlock&) { return BlockMeasured{}; }, [] {});
   }
   std::span<float> slot(std::size_t /*index*/) override { return points_; }
+  std::optional<std::uint32_t> points_crc32c(const AcquiredScan& /*scan*/) override { return std::nullopt; }
 
  private:
   std::vector<float> points_ = std::vector<float>(3);

@@ -303,5 +303,67 @@ TEST(StationCalibration, a_line_with_neither_an_applied_nor_a_configured_calibra
   EXPECT_FALSE(line.view().slab_open);
 }
 
+LineCalibration with_scanner(const char* id, double form_half_mm) {
+  LineCalibration c = hand_eye("he-1");
+  c.scanner.id = id;
+  c.scanner.numbers.form_half_mm = form_half_mm;
+  c.scanner.numbers.within_limits = true;
+  return c;
+}
+
+TEST(StationCalibration, a_scanner_nobody_verified_is_a_warning_and_nothing_else) {
+  MemoryStore store;
+  store.line.calibration = hand_eye("he-1");
+  Line line(store);
+  EXPECT_NE(line.view().warn & kWarnScannerNotVerified, 0);
+  EXPECT_EQ(line.view().fault, 0);
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  EXPECT_TRUE(line.view().slab_open);
+  EXPECT_TRUE(begun(store).scanner_id.empty());
+  line.scan(1);
+  ASSERT_FALSE(line.measured.empty());
+  EXPECT_FALSE(has_value(line.measured.back().verified.form_half_mm)) << "the recipe's specification alone";
+}
+
+TEST(StationCalibration, a_slab_is_measured_with_the_acceptance_it_was_begun_with_also_over_a_restart) {
+  MemoryStore store;
+  store.line.calibration = with_scanner("sc-1", 0.06);
+  {
+    Line line(store);
+    EXPECT_EQ(line.view().warn & kWarnScannerNotVerified, 0);
+    line.command(PlcCommand::slab_begin);
+    line.run_for(20);
+    EXPECT_EQ(begun(store).scanner_id.view(), "sc-1");
+    const LineCalibration next = with_scanner("sc-2", 0.09);
+    line.feed(CalibrationChanged{&next});
+    line.scan(1);
+    EXPECT_EQ(line.measured.back().verified.form_half_mm, 0.06) << "the change is for the next slab";
+    EXPECT_EQ(line.station->slab.calibration.scanner.id.view(), "sc-1");
+  }
+  store.line.slab_calibration = with_scanner("sc-1", 0.06);
+  store.line.calibration = with_scanner("sc-2", 0.09);
+  Line restarted(store);
+  restarted.scan(2);
+  EXPECT_EQ(restarted.measured.back().verified.form_half_mm, 0.06);
+}
+
+TEST(StationCalibration, an_acceptance_that_is_too_old_or_was_followed_by_a_failure_warns_and_goes_on_counting) {
+  for (const bool failed : {false, true}) {
+    MemoryStore store;
+    store.line.calibration = with_scanner("sc-1", 0.06);
+    store.line.calibration.scanner.failed = failed;
+    if (!failed) store.line.calibration.scanner.expires_utime_us = 1'000'000;  // the clock starts at two seconds
+    Line line(store);
+    EXPECT_NE(line.view().warn & kWarnScannerNotVerified, 0) << failed;
+    EXPECT_EQ(line.view().fault, 0);
+    line.command(PlcCommand::slab_begin);
+    line.run_for(20);
+    EXPECT_EQ(begun(store).scanner_id.view(), "sc-1");
+    line.scan(1);
+    EXPECT_EQ(line.measured.back().verified.form_half_mm, 0.06) << "U does not fall because a day has passed";
+  }
+}
+
 }  // namespace
 }  // namespace slabd::daemon

@@ -54,6 +54,26 @@ class CalibrationsTest : public StoreTest {
     return r;
   }
 
+  CalibrationRecord scanner(double form_half_mm, bool within_limits = true) {
+    CalibrationRecord r = hand_eye(0.0);
+    ScannerNumbers n;
+    n.scanner = "SN \xc3\x84-7";
+    n.PF_mm = 0.08;
+    n.PS_mm = 0.0123456789012345;
+    n.RF_mm = 0.12;
+    n.form_half_mm = form_half_mm;
+    n.form_length_mm = 113.7;
+    n.length_ppm = 246.9;
+    n.noise_sigma_mm = 0.021;
+    n.noise_correlation_mm = kNoValue;  // points without rows
+    n.pitch_mm = -kNoValue;
+    n.plates = 6;
+    n.balls = 10;
+    n.within_limits = within_limits;
+    r.numbers = n;
+    return r;
+  }
+
   std::string keep(const CalibrationRecord& record) {
     const Result<std::string> id = store_->change(KeepCalibration{record});
     EXPECT_TRUE(id.ok()) << id.error().text.view();
@@ -350,6 +370,107 @@ TEST_F(CalibrationsTest, an_expired_record_is_not_put_in_force_again) {
   put_in_force(id);
   utime_us_ += 100;
   EXPECT_NE(refused(ApplyCalibration{id, note()}).find("has expired"), std::string::npos);
+}
+
+TEST_F(CalibrationsTest, a_scanners_acceptance_comes_back_bit_for_bit_and_is_in_force_beside_the_hand_eye) {
+  const CalibrationRecord given = scanner(0.061);
+  const std::string id = keep(given);
+  EXPECT_EQ(id.substr(0, 3), "sc-");
+  EXPECT_EQ(keep(given), id);
+  const auto back = reader()->calibration(id);
+  ASSERT_TRUE(back.ok() && back.value().has_value());
+  EXPECT_EQ(calibration_id(*back.value()), id) << "a NaN is a NaN, whatever its sign was";
+  const auto& a = std::get<ScannerNumbers>(given.numbers);
+  const auto& b = std::get<ScannerNumbers>(back.value()->numbers);
+  EXPECT_EQ(b.scanner.view(), a.scanner.view());
+  for (const auto& [x, y] : {std::pair{a.PF_mm, b.PF_mm},
+                             {a.PS_mm, b.PS_mm},
+                             {a.RF_mm, b.RF_mm},
+                             {a.form_half_mm, b.form_half_mm},
+                             {a.form_length_mm, b.form_length_mm},
+                             {a.length_ppm, b.length_ppm},
+                             {a.noise_sigma_mm, b.noise_sigma_mm}})
+    EXPECT_EQ(x, y);
+  EXPECT_FALSE(has_value(b.noise_correlation_mm));
+  EXPECT_FALSE(has_value(b.pitch_mm));
+  EXPECT_EQ(b.plates, 6);
+  EXPECT_EQ(b.balls, 10);
+  EXPECT_TRUE(b.within_limits);
+
+  EXPECT_TRUE(in_force().scanner.id.empty()) << "kept is not in force";
+  put_in_force(id);
+  const LineCalibration line = in_force();
+  EXPECT_EQ(line.scanner.id.view(), id);
+  EXPECT_EQ(line.scanner.numbers.form_half_mm, 0.061);
+  EXPECT_FALSE(line.scanner.failed);
+  EXPECT_EQ(line.source, LineCalibration::Source::missing) << "it vouches for the scanner, not for where it sits";
+  EXPECT_TRUE(line.trouble.empty()) << "commissioning values still count";
+}
+
+TEST_F(CalibrationsTest, a_scanner_that_was_not_looked_at_enough_or_is_out_of_its_limits_is_not_put_in_force) {
+  const auto refusal = [&](const CalibrationRecord& record) { return refused(ApplyCalibration{keep(record), note()}); };
+  CalibrationRecord few = scanner(0.05);
+  std::get<ScannerNumbers>(few.numbers).plates = 5;
+  EXPECT_NE(refusal(few).find("in 5 places"), std::string::npos);
+  few = scanner(0.05);
+  std::get<ScannerNumbers>(few.numbers).balls = 9;
+  EXPECT_NE(refusal(few).find("the ball in 9"), std::string::npos);
+  few = scanner(0.05);
+  std::get<ScannerNumbers>(few.numbers).balls = 0;
+  EXPECT_NE(refusal(few).find("no scan of a ball"), std::string::npos);
+  few = scanner(0.05);
+  std::get<ScannerNumbers>(few.numbers).plates = 0;
+  EXPECT_NE(refusal(few).find("no scan of a plate"), std::string::npos);
+  few = scanner(0.05);
+  std::get<ScannerNumbers>(few.numbers).length_ppm = kNoValue;
+  EXPECT_NE(refusal(few).find("not all known"), std::string::npos);
+  EXPECT_NE(refusal(scanner(0.05, false)).find("out of the limits"), std::string::npos);
+  CalibrationRecord nonsense = scanner(-0.05);
+  EXPECT_NE(refused(KeepCalibration{nonsense}).find("not negative"), std::string::npos);
+  EXPECT_TRUE(in_force().scanner.id.empty());
+}
+
+TEST_F(CalibrationsTest, a_verification_out_of_limits_is_remembered_until_a_later_one_is_put_in_force) {
+  const std::string first = keep(scanner(0.05));
+  put_in_force(first);
+  keep(scanner(0.30, false));
+  EXPECT_EQ(in_force().scanner.id.view(), first);
+  EXPECT_TRUE(in_force().scanner.failed);
+  EXPECT_EQ(standing_of(in_force().scanner, 1), ScannerStanding::failed);
+  EXPECT_EQ(keep(scanner(0.05)), first);
+  put_in_force(first);
+  EXPECT_TRUE(in_force().scanner.failed) << "the same figures again prove nothing new";
+  const std::string later = keep(scanner(0.051));
+  put_in_force(later);
+  EXPECT_FALSE(in_force().scanner.failed);
+  EXPECT_EQ(store_->change(RollBackCalibration{CalibrationKind::scanner, 0, note()}).value(), first);
+  EXPECT_TRUE(in_force().scanner.failed) << "going back cures nothing";
+}
+
+TEST_F(CalibrationsTest, a_scanners_figures_that_were_edited_on_the_disk_are_not_used_and_stop_nothing) {
+  const std::string hand = keep(hand_eye(80.0));
+  put_in_force(hand);
+  const std::string id = keep(scanner(0.061));
+  put_in_force(id);
+  SlabHeader header;
+  header.key = 1;
+  header.slab_id = "with";
+  header.stations = 18;
+  header.calibration_id = "commissioning-1";
+  header.scanner_id.assign(id);
+  ASSERT_TRUE(store_->apply({1, BeginSlabJob{header, 1, 1}}).ok());
+  open();
+  const auto recovered = recover();
+  EXPECT_EQ(recovered->slab_calibration.scanner.numbers.form_half_mm, 0.061)
+      << "also of a slab that was begun with commissioning values";
+  EXPECT_EQ(recovered->slab.scanner_id.view(), id);
+  on_the_disk("UPDATE scanner_acceptance SET form_half_mm = 0.001");
+  const LineCalibration line = in_force();
+  EXPECT_TRUE(line.scanner.id.empty());
+  EXPECT_FALSE(has_value(line.scanner.numbers.form_half_mm));
+  EXPECT_NE(line.scanner.trouble.view().find("were changed"), std::string_view::npos);
+  EXPECT_TRUE(line.trouble.empty());
+  EXPECT_EQ(line.id.view(), hand);
 }
 
 }  // namespace

@@ -178,6 +178,7 @@ void expect_same(const SlabHeader& a, const SlabHeader& b) {
   SAME_BITS(cell_mm);
   SAME(calibration_id.view());
   SAME(stations_id.view());
+  SAME(scanner_id.view());
   SAME(software.view());
   expect_same(a.T_base_slab, b.T_base_slab);
   expect_same(a.T_flange_scanner, b.T_flange_scanner);
@@ -335,6 +336,7 @@ SlabHeader random_header(Prng& prng, std::int64_t key) {
   h.cell_mm = number(prng);
   word(prng, h.calibration_id);
   word(prng, h.stations_id);
+  word(prng, h.scanner_id);
   word(prng, h.software);
   h.T_base_slab = pose(prng);
   h.T_flange_scanner = pose(prng);

@@ -190,6 +190,36 @@ TEST_F(UpgradeTest, scans_of_version_6_have_no_checksum_and_new_ones_may) {
   EXPECT_EQ(recover()->stations[5].attempt.points_crc32c, 0xFFFF'FFFFU);
 }
 
+TEST_F(UpgradeTest, calibrations_keep_their_places_when_their_table_is_made_anew_for_the_scanners_acceptance) {
+  make_version(7);
+  {
+    Plain db(settings_.db_path);
+    db.run(
+        "INSERT INTO calibration VALUES (7, 'mb-000000000000', 'monitor_ball', 0, '', '{}', 'o', 'c', 'anna', 'r', "
+        "'s', "
+        "21.5, 'slabd', 1000, 0);"
+        "INSERT INTO monitor_ball VALUES ('mb-000000000000', 1, 2, 3, 19, 0.1);"
+        "INSERT INTO applied VALUES (3, 'monitor_ball', 0, 0, 'mb-000000000000', '', 0, 'anna', 'new', 1001)");
+  }
+  open();
+  EXPECT_TRUE(recover()->slab.scanner_id.empty()) << "older slabs were measured without an acceptance";
+  const auto kept = reader()->calibration("mb-000000000000");
+  ASSERT_TRUE(kept.ok() && kept.value().has_value());
+  EXPECT_EQ(kept.value()->temperature_c, 21.5);
+  EXPECT_EQ(std::get<MonitorBall>(kept.value()->numbers).radius_mm, 19.0);
+  ASSERT_EQ(reader()->applied(10).value().size(), 1U);
+  CalibrationRecord scanner;
+  ScannerNumbers numbers;
+  numbers.plates = 1;
+  scanner.numbers = numbers;
+  const Result<std::string> id = store_->change(KeepCalibration{scanner});
+  EXPECT_TRUE(id.ok()) << id.error().text.view();
+  close();
+  Plain db(settings_.db_path);
+  EXPECT_EQ(db.text("SELECT count(*) FROM pragma_foreign_key_check"), "0");
+  EXPECT_EQ(db.text("SELECT seq FROM calibration WHERE kind = 'monitor_ball'"), "7");
+}
+
 TEST_F(UpgradeTest, copy_of_the_old_database_stays_beside_it) {
   make_version_1();
   open();

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/scanner/verification.h"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <span>
+
+#include "cli/json.h"
+#include "daemon/daemon.h"
+
+namespace slabd::cli {
+namespace {
+
+/// NaN counts as not seen.
+template <typename List, typename Value>
+double worst(const List& list, Value value) {
+  double most = kNoValue;
+  for (const auto& item : list) most = std::fmax(most, value(item));
+  return most;
+}
+
+void write_plate(Json& json, const VerifiedPlate& p) {
+  json.begin_object().field("file", p.file).field("points", p.figures.points).field("rejected", p.figures.rejected);
+  json.field("length_mm", p.figures.length_mm).field("RF_mm", p.figures.RF_mm).field("rms_mm", p.figures.rms_mm);
+  json.field("form_half_mm", p.figures.form_half_mm).field("noise_sigma_mm", p.figures.noise.sigma_mm);
+  json.field("noise_correlation_mm", p.figures.noise.correlation_mm).field("pitch_mm", p.figures.noise.pitch_mm);
+  json.end_object();
+}
+
+void write_ball(Json& json, const VerifiedBall& b) {
+  const std::array<double, 3> centre = {b.figures.centre_mm.x(), b.figures.centre_mm.y(), b.figures.centre_mm.z()};
+  json.begin_object().field("file", b.file).field("points", b.figures.points).field("rejected", b.figures.rejected);
+  json.field("centre_mm", std::span<const double>(centre)).field("diameter_mm", 2.0 * b.figures.radius_mm);
+  json.field("PF_mm", b.figures.PF_mm).field("PS_mm", b.figures.PS_mm).field("rms_mm", b.figures.rms_mm).end_object();
+}
+
+}  // namespace
+
+ScannerNumbers numbers_of(const Verification& v) {
+  ScannerNumbers n;
+  n.scanner.assign(v.scanner);
+  n.plates = static_cast<std::uint16_t>(v.plates.size());
+  n.balls = static_cast<std::uint16_t>(v.balls.size());
+  n.PF_mm = worst(v.balls, [](const VerifiedBall& b) { return b.figures.PF_mm; });
+  n.PS_mm = worst(v.balls, [](const VerifiedBall& b) { return std::abs(b.figures.PS_mm); });
+  n.RF_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.RF_mm; });
+  n.form_half_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.form_half_mm; });
+  // The same form over less length tilts more.
+  n.form_length_mm = -worst(v.plates, [](const VerifiedPlate& p) { return -p.figures.length_mm; });
+  n.length_ppm = 1e6 * n.PS_mm / v.diameter_mm;
+  n.noise_sigma_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.noise.sigma_mm; });
+  n.noise_correlation_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.noise.correlation_mm; });
+  n.pitch_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.noise.pitch_mm; });
+  n.within_limits = limits_broken(v).empty();
+  return n;
+}
+
+std::vector<std::string> limits_broken(const Verification& v) {
+  std::vector<std::string> broken;
+  const auto judge = [&](const char* figure, double value, double limit) {
+    if (std::isnan(limit) || value <= limit) return;  // a figure that is NaN is not within its limit
+    broken.push_back(std::isnan(value) ? fmt::format("{} was not measured (allowed {:.4f} mm)", figure, limit)
+                                       : fmt::format("{} {:.4f} mm (allowed {:.4f} mm)", figure, value, limit));
+  };
+  judge("PF", worst(v.balls, [](const VerifiedBall& b) { return b.figures.PF_mm; }), v.limits.PF_mm);
+  judge("|PS|", worst(v.balls, [](const VerifiedBall& b) { return std::abs(b.figures.PS_mm); }), v.limits.PS_mm);
+  judge("RF", worst(v.plates, [](const VerifiedPlate& p) { return p.figures.RF_mm; }), v.limits.RF_mm);
+  return broken;
+}
+
+std::string budget_lines(const ScannerNumbers& n) {
+  if (n.plates == 0) return "";
+  return fmt::format(
+      "scanner_form_mm = {{ value = {:.4f}, confirmed = true }}\n"
+      "scanner_form_length_mm = {{ value = {:.0f}, confirmed = true }}\n",
+      n.form_half_mm, n.form_length_mm);
+}
+
+std::string verification_json(const Verification& v, std::int64_t utime_us, std::string_view id, bool in_force) {
+  const ScannerNumbers n = numbers_of(v);
+  Json json;
+  json.begin_object().field("schema", "slabd.scanner_verification/1").field("scanner", n.scanner.view());
+  write_time(json, "utc", utime_us);
+  json.field("software", daemon::software_version().view()).field("diameter_mm", v.diameter_mm);
+  json.field("id", id).field("in_force", in_force).field("refusal", refusal_of(n).view());
+  json.field("PF_mm", n.PF_mm).field("PS_abs_mm", n.PS_mm).field("RF_mm", n.RF_mm);
+  json.field("form_half_mm", n.form_half_mm).field("form_length_mm", n.form_length_mm);
+  json.field("length_ppm", n.length_ppm).field("noise_sigma_mm", n.noise_sigma_mm);
+  json.field("noise_correlation_mm", n.noise_correlation_mm).field("pitch_mm", n.pitch_mm);
+  json.field("within_limits", n.within_limits).field("limit_PF_mm", v.limits.PF_mm);
+  json.field("limit_PS_mm", v.limits.PS_mm).field("limit_RF_mm", v.limits.RF_mm);
+  json.field("uncertainty", budget_lines(n));
+  json.key("plates").begin_array();
+  for (const VerifiedPlate& plate : v.plates) write_plate(json, plate);
+  json.end_array().key("balls").begin_array();
+  for (const VerifiedBall& ball : v.balls) write_ball(json, ball);
+  json.end_array().end_object();
+  return json.text();
+}
+
+}  // namespace slabd::cli
