@@ -224,6 +224,7 @@ struct ReplayOther : StoredSlab {};
 TEST_F(ReplayOther, another_software_or_calibration_is_named) {
   header_.software = "slabd 0.0.9";
   header_.calibration_id = "he-0123456789ab";
+  header_.scanner_id = "sc-0123456789ab";
   begin();
   measure(3);
   end();
@@ -232,6 +233,8 @@ TEST_F(ReplayOther, another_software_or_calibration_is_named) {
   EXPECT_EQ(ended.status, 0) << ended.out;
   expect_mentions(ended.out, "another software: recorded slabd 0.0.9; now slabd ");
   expect_mentions(ended.out, "another calibration: recorded he-0123456789ab; now the database holds no such record");
+  expect_mentions(ended.out,
+                  "another scanner acceptance: recorded sc-0123456789ab; now the database holds no such record");
 }
 
 TEST_F(ReplayOther, another_scan_of_which_every_figure_comes_out_again_is_no_proof) {
