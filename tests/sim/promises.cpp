@@ -87,6 +87,10 @@ void Promises::doubtful(const StoreJob& job) {
   // One that came again because its answer was an error replaces what the first left: what is shown is its record.
   if (const auto* block = std::get_if<BlockJob>(&job.what)) records_.erase(block->record.res_seq);
   if (const auto* slab = std::get_if<SlabJob>(&job.what)) records_.erase(slab->record.res_seq);
+  if (const auto* acquired = std::get_if<AcquiredJob>(&job.what)) {
+    const Attempt& a = acquired->attempt;
+    doubtful_scans_[a.cmd_seq] = {{a.slab_key, a.station, a.number}, std::string(a.scan_path.view())};
+  }
 }
 
 const char* Promises::why_no_pass(std::int64_t slab_key, int& station) const {
@@ -181,6 +185,14 @@ void Promises::check_rows(const char* db_path) {
 }
 
 void Promises::recovered(const RecoveredLine& line) {
+  const heap::Aside aside;
+  // A commit whose answer was an error, or nobody heard, may be in the database all the same: the disk may not let
+  // check_rows() see that.
+  if (const auto at = doubtful_scans_.find(line.acq_seq); at != doubtful_scans_.end()) {
+    acquired_commands_.insert(at->first);
+    acquired_.insert(at->second);
+  }
+  doubtful_scans_.clear();
   if (line.session != session_stored_ && sessions_.contains(line.session) && session_stored_ != 0 &&
       static_cast<std::int16_t>(line.session - session_stored_) < 0)
     world_.violated("session %u was committed, and %u was found", session_stored_, line.session);

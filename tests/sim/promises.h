@@ -64,7 +64,8 @@ class Promises {
   std::map<std::int64_t, Verdict> slabs_;       ///< committed ends
   std::map<std::int64_t, std::uint32_t> slab_nos_;
   std::set<std::uint16_t> acquired_commands_;
-  std::set<std::uint16_t> sessions_;  ///< shown
+  std::map<std::uint16_t, std::pair<AttemptKey, std::string>> doubtful_scans_;  ///< by command; committed or not
+  std::set<std::uint16_t> sessions_;                                            ///< shown
   std::uint16_t session_stored_ = 0;
   std::map<std::uint16_t, Record> shown_records_;
   bool fresh_process_ = true;
