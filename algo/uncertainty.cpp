@@ -172,8 +172,7 @@ ScannerModel::ScannerModel(const UncertaintySettings& settings, const ScannerNum
       relative_length_(1e-6 * settings.scanner_length_ppm.value / std::sqrt(3.0)) {
   if (std::isfinite(verified.form_half_mm) && verified.form_length_mm > 0.0)
     found_ = {verified.form_half_mm / std::sqrt(3.0), verified.form_length_mm};
-  if (std::isfinite(verified.length_ppm))
-    relative_length_ = std::max(relative_length_, 1e-6 * verified.length_ppm / std::sqrt(3.0));
+  if (std::isfinite(verified.PS_mm)) found_length_mm_ = std::abs(verified.PS_mm) / std::sqrt(3.0);
 }
 
 double ScannerModel::Form::difference_mm(double distance_mm) const {

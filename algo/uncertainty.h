@@ -23,7 +23,7 @@
 ///                   tilt of one feature           a / (sqrt(3) L)                     rad, per axis
 ///                   position of one place         a / sqrt(3)                         mm, per axis
 ///                   two places d apart            a / sqrt(3) min(sqrt(2), d / L)     mm: close ones err together
-///                   length l                      p l / sqrt(3)                       mm
+///                   length l                      p l / sqrt(3), found: PS / sqrt(3)  mm: not how it grows
 ///                 All rectangular. Tilts of different features count as independent, and a difference between two
 ///                 places takes the features' tilts in already.
 ///   registration  The pose only says where the section x = 0 lies and where X points: u^2 = g' C g with
@@ -52,7 +52,9 @@ class ScannerModel {
   [[nodiscard]] double tilt_rad() const { return std::max(specified_.tilt_rad(), found_.tilt_rad()); }
   [[nodiscard]] double place_mm() const { return std::max(specified_.place_mm, found_.place_mm); }
   [[nodiscard]] double difference_mm(double distance_mm) const;
-  [[nodiscard]] double length_mm(double length_mm) const { return relative_length_ * std::abs(length_mm); }
+  [[nodiscard]] double length_mm(double length_mm) const {
+    return std::max(relative_length_ * std::abs(length_mm), found_length_mm_);
+  }
 
  private:
   struct Form {
@@ -64,6 +66,7 @@ class ScannerModel {
   Form specified_;
   Form found_;  ///< zero: nothing
   double relative_length_;
+  double found_length_mm_ = 0.0;  ///< of any length: a ball says nothing of how it grows
 };
 
 /// SeatFeature::noise_factor that follows from the verified correlation length in a scan of so many points per mm^2:

@@ -66,7 +66,7 @@ FixedString<limits::kErrorTextBytes> refusal_of(const ScannerNumbers& n) {
     text.printf("the plate was looked at in %u places and the ball in %u, VDI/VDE 2634-2 asks for %u and %u", n.plates,
                 n.balls, kPlatePlacesMin, kBallPlacesMin);
   } else if (!std::isfinite(n.form_half_mm) || !std::isfinite(n.form_length_mm) || !(n.form_length_mm > 0.0) ||
-             !std::isfinite(n.length_ppm) || !std::isfinite(n.PF_mm) || !std::isfinite(n.RF_mm)) {
+             !std::isfinite(n.PS_mm) || !std::isfinite(n.PF_mm) || !std::isfinite(n.RF_mm)) {
     text.printf("its figures are not all known");
   } else if (!n.within_limits) {
     text.printf("its figures are out of the limits they were given");

@@ -71,14 +71,13 @@ struct MonitorBall {
 
 /// The scanner against a plate and a ball (VDI/VDE 2634 part 2): the worst of all places. NaN: not looked at.
 struct ScannerNumbers {
-  FixedString<64> scanner;           ///< its name or serial number; empty: not said
-  double PF_mm = kNoValue;           ///< probing error form
-  double PS_mm = kNoValue;           ///< probing error size, magnitude
-  double RF_mm = kNoValue;           ///< flatness measurement error
-  double form_half_mm = kNoValue;    ///< half width of the form error that does not average away, seen over ...
-  double form_length_mm = kNoValue;  ///< ... this length: the shortest a plate was seen over
-  double length_ppm = kNoValue;      ///< half width of the relative length error, um per m: PS over the ball's diameter
-  double noise_sigma_mm = kNoValue;  ///< of a single point
+  FixedString<64> scanner;                 ///< its name or serial number; empty: not said
+  double PF_mm = kNoValue;                 ///< probing error form
+  double PS_mm = kNoValue;                 ///< probing error size, magnitude: half width of the error of any length
+  double RF_mm = kNoValue;                 ///< flatness measurement error
+  double form_half_mm = kNoValue;          ///< half width of the form error that does not average away, seen over ...
+  double form_length_mm = kNoValue;        ///< ... this length: the shortest a plate was seen over
+  double noise_sigma_mm = kNoValue;        ///< of a single point
   double noise_correlation_mm = kNoValue;  ///< where the noise of neighbours has only 1/e in common; 0: none is seen
   double pitch_mm = kNoValue;              ///< between neighbours of a row
   std::uint16_t plates = 0;                ///< places that were looked at

@@ -45,11 +45,10 @@ std::string scanner_source(const SlabHeader& slab, const std::optional<ScannerNu
   if (!verified)
     return fmt::format("the larger of recipe {} and acceptance {}, which is not in the database", slab.recipe.view(),
                        slab.scanner_id.view());
-  return fmt::format(
-      "the larger of recipe {} and acceptance {} (form +-{} over {}, length {}, noise correlated over {})",
-      slab.recipe.view(), slab.scanner_id.view(), known(verified->form_half_mm, 4, "mm"),
-      known(verified->form_length_mm, 0, "mm"), known(verified->length_ppm, 0, "um/m"),
-      known(verified->noise_correlation_mm, 2, "mm"));
+  return fmt::format("the larger of recipe {} and acceptance {} (form +-{} over {}, size {}, noise correlated over {})",
+                     slab.recipe.view(), slab.scanner_id.view(), known(verified->form_half_mm, 4, "mm"),
+                     known(verified->form_length_mm, 0, "mm"), known(verified->PS_mm, 4, "mm"),
+                     known(verified->noise_correlation_mm, 2, "mm"));
 }
 
 }  // namespace slabd::cli

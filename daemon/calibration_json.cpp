@@ -79,7 +79,6 @@ struct NumbersJson {
             {"RF_mm", n.RF_mm},
             {"form_half_mm", n.form_half_mm},
             {"form_length_mm", n.form_length_mm},
-            {"length_ppm", n.length_ppm},
             {"noise_sigma_mm", n.noise_sigma_mm},
             {"noise_correlation_mm", n.noise_correlation_mm},
             {"pitch_mm", n.pitch_mm},
@@ -97,7 +96,6 @@ ScannerNumbers scanner(const Json& j) {
   n.RF_mm = number(j.at("RF_mm"));
   n.form_half_mm = number(j.at("form_half_mm"));
   n.form_length_mm = number(j.at("form_length_mm"));
-  n.length_ppm = number(j.at("length_ppm"));
   n.noise_sigma_mm = number(j.at("noise_sigma_mm"));
   n.noise_correlation_mm = number(j.at("noise_correlation_mm"));
   n.pitch_mm = number(j.at("pitch_mm"));

@@ -65,7 +65,7 @@ struct WriteNumbers {
   }
   void operator()(const ScannerNumbers& n) const {
     out(n.scanner.view());
-    for (const double x : {n.PF_mm, n.PS_mm, n.RF_mm, n.form_half_mm, n.form_length_mm, n.length_ppm, n.noise_sigma_mm,
+    for (const double x : {n.PF_mm, n.PS_mm, n.RF_mm, n.form_half_mm, n.form_length_mm, n.noise_sigma_mm,
                            n.noise_correlation_mm, n.pitch_mm})
       out(x);
     for (const int x : {int{n.plates}, int{n.balls}, n.within_limits ? 1 : 0}) out(std::int64_t{x});
@@ -108,7 +108,7 @@ struct FindNonsense {
     return good ? "" : "place, radius and limit must be finite, radius and limit positive";
   }
   std::string operator()(const ScannerNumbers& n) const {
-    for (const double x : {n.PF_mm, n.PS_mm, n.RF_mm, n.form_half_mm, n.form_length_mm, n.length_ppm, n.noise_sigma_mm,
+    for (const double x : {n.PF_mm, n.PS_mm, n.RF_mm, n.form_half_mm, n.form_length_mm, n.noise_sigma_mm,
                            n.noise_correlation_mm, n.pitch_mm})
       if (std::isinf(x) || x < 0.0) return "its figures must be finite and not negative";
     return n.plates == 0 && n.balls == 0 ? "neither a plate nor a ball was looked at" : "";

@@ -47,7 +47,6 @@ void columns(V& v, R& r) {
   v("RF_mm", r.RF_mm);
   v("form_half_mm", r.form_half_mm);
   v("form_length_mm", r.form_length_mm);
-  v("length_ppm", r.length_ppm);
   v("noise_sigma_mm", r.noise_sigma_mm);
   v("noise_correlation_mm", r.noise_correlation_mm);
   v("pitch_mm", r.pitch_mm);

@@ -382,7 +382,6 @@ CREATE TABLE scanner_acceptance (
   scanner        TEXT NOT NULL,            -- its name or serial number, empty: not said
   PF_mm REAL, PS_mm REAL, RF_mm REAL,      -- VDI/VDE 2634-2, the worst place; PS as a magnitude
   form_half_mm REAL, form_length_mm REAL,  -- what does not average away, and the shortest length it was seen over
-  length_ppm REAL,                         -- PS over the ball's diameter
   noise_sigma_mm REAL, noise_correlation_mm REAL, pitch_mm REAL,
   plates         INTEGER NOT NULL,         -- places that were looked at
   balls          INTEGER NOT NULL,

@@ -39,7 +39,6 @@ CREATE TABLE scanner_acceptance (
   scanner        TEXT NOT NULL,
   PF_mm REAL, PS_mm REAL, RF_mm REAL,
   form_half_mm REAL, form_length_mm REAL,
-  length_ppm REAL,
   noise_sigma_mm REAL, noise_correlation_mm REAL, pitch_mm REAL,
   plates         INTEGER NOT NULL,
   balls          INTEGER NOT NULL,

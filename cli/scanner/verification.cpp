@@ -50,7 +50,6 @@ ScannerNumbers numbers_of(const Verification& v) {
   n.form_half_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.form_half_mm; });
   // The same form over less length tilts more.
   n.form_length_mm = -worst(v.plates, [](const VerifiedPlate& p) { return -p.figures.length_mm; });
-  n.length_ppm = 1e6 * n.PS_mm / v.diameter_mm;
   n.noise_sigma_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.noise.sigma_mm; });
   n.noise_correlation_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.noise.correlation_mm; });
   n.pitch_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.noise.pitch_mm; });
@@ -88,7 +87,7 @@ std::string verification_json(const Verification& v, std::int64_t utime_us, std:
   json.field("id", id).field("in_force", in_force).field("refusal", refusal_of(n).view());
   json.field("PF_mm", n.PF_mm).field("PS_abs_mm", n.PS_mm).field("RF_mm", n.RF_mm);
   json.field("form_half_mm", n.form_half_mm).field("form_length_mm", n.form_length_mm);
-  json.field("length_ppm", n.length_ppm).field("noise_sigma_mm", n.noise_sigma_mm);
+  json.field("noise_sigma_mm", n.noise_sigma_mm);
   json.field("noise_correlation_mm", n.noise_correlation_mm).field("pitch_mm", n.pitch_mm);
   json.field("within_limits", n.within_limits).field("limit_PF_mm", v.limits.PF_mm);
   json.field("limit_PS_mm", v.limits.PS_mm).field("limit_RF_mm", v.limits.RF_mm);

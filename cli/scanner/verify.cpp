@@ -96,9 +96,8 @@ void print(const Verification& v) {
   const ScannerNumbers n = numbers_of(v);
   fmt::print("worst: PF {} mm, |PS| {} mm, RF {} mm{}\n", figure(n.PF_mm), figure(n.PS_mm), figure(n.RF_mm),
              n.within_limits ? "" : "  OUT OF LIMITS");
-  fmt::print("for U: form +-{} mm over {} mm, length {} um/m, noise correlated over {} mm\n", figure(n.form_half_mm),
-             figure(n.form_length_mm, "{:.0f}"), figure(n.length_ppm, "{:.0f}"),
-             figure(n.noise_correlation_mm, "{:.2f}"));
+  fmt::print("for U: form +-{} mm over {} mm, size +-{} mm, noise correlated over {} mm\n", figure(n.form_half_mm),
+             figure(n.form_length_mm, "{:.0f}"), figure(n.PS_mm), figure(n.noise_correlation_mm, "{:.2f}"));
   if (n.balls != 0 && n.balls < kBallPlacesMin)
     complain(fmt::format("warning: VDI/VDE 2634-2 asks for the ball in {} places of the volume, here are {}",
                          kBallPlacesMin, n.balls));

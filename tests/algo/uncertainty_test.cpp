@@ -352,11 +352,11 @@ TEST(FlatnessNoise, multiple_covers_a_flat_seat_and_falls_off_where_the_form_is_
     EXPECT_GE(flatness_noise_multiple(reading, 1.0, 6800), flatness_noise_multiple(reading + 0.01, 1.0, 6800));
 }
 
-ScannerNumbers verified(double form_half_mm, double form_length_mm, double length_ppm) {
+ScannerNumbers verified(double form_half_mm, double form_length_mm, double PS_mm) {
   ScannerNumbers n;
   n.form_half_mm = form_half_mm;
   n.form_length_mm = form_length_mm;
-  n.length_ppm = length_ppm;
+  n.PS_mm = PS_mm;
   return n;
 }
 
@@ -372,17 +372,18 @@ TEST(ScannerBudget, of_specification_and_verification_the_larger_counts_term_by_
     }
   };
   expect_same(ScannerModel(u, {}));
-  expect_same(ScannerModel(u, verified(0.01, 150.0, 5.0)));  // a lucky one makes nothing smaller
+  expect_same(ScannerModel(u, verified(0.01, 150.0, 0.0)));  // a lucky one makes nothing smaller
   expect_same(ScannerModel(u, verified(0.01, 150.0, kNoValue)));
 
-  const ScannerModel worse(u, verified(0.10, 150.0, 200.0));
+  const ScannerModel worse(u, verified(0.10, 150.0, 0.08));
   EXPECT_NEAR(worse.tilt_rad(), 2.0 * specified.tilt_rad(), 1e-15);
   EXPECT_NEAR(worse.place_mm(), 2.0 * specified.place_mm(), 1e-15);
   EXPECT_NEAR(worse.difference_mm(100.0), 2.0 * specified.difference_mm(100.0), 1e-15);
-  EXPECT_NEAR(worse.length_mm(380.0), 4.0 * specified.length_mm(380.0), 1e-15);
+  EXPECT_NEAR(worse.length_mm(380.0), 0.08 / std::sqrt(3.0), 1e-15);
+  EXPECT_EQ(worse.length_mm(1e6), specified.length_mm(1e6));
 
   // Less form, but over less length: it tilts more and shifts less.
-  const ScannerModel shorter(u, verified(0.04, 60.0, 5.0));
+  const ScannerModel shorter(u, verified(0.04, 60.0, 0.0));
   EXPECT_NEAR(shorter.tilt_rad(), 0.04 / std::sqrt(3.0) / 60.0, 1e-15);
   EXPECT_EQ(shorter.place_mm(), specified.place_mm());
   EXPECT_GT(shorter.difference_mm(50.0), specified.difference_mm(50.0));
@@ -402,8 +403,8 @@ TEST(ScannerBudget, a_scanner_that_is_worse_than_specified_makes_every_U_larger_
     return r;
   };
   const BlockResult alone = budgeted({});
-  const BlockResult better = budgeted(verified(0.001, 300.0, 1.0));
-  const BlockResult worse = budgeted(verified(0.15, 150.0, 400.0));
+  const BlockResult better = budgeted(verified(0.001, 300.0, 0.0));
+  const BlockResult worse = budgeted(verified(0.15, 150.0, 0.15));
   for (const ItemId id : kLinearItems) {
     EXPECT_EQ(find(better, id).U, find(alone, id).U) << info(id).name;
     EXPECT_GT(find(worse, id).U, find(alone, id).U) << info(id).name;

@@ -157,7 +157,7 @@ TEST_F(Show, U_is_taken_apart_and_every_part_has_a_source) {
   numbers.PF_mm = numbers.RF_mm = 0.1;
   numbers.form_half_mm = 0.0612;
   numbers.form_length_mm = 113.0;
-  numbers.length_ppm = 77.0;
+  numbers.PS_mm = 0.0123;
   numbers.plates = kPlatePlacesMin;
   numbers.balls = kBallPlacesMin;
   numbers.within_limits = true;
@@ -179,7 +179,7 @@ TEST_F(Show, U_is_taken_apart_and_every_part_has_a_source) {
   expect_mentions(text.out, "U from, k = 1");
   expect_mentions(text.out, "0.04000");
   expect_mentions(text.out, "the larger of recipe P5600 and acceptance " + id.value() +
-                                " (form +-0.0612 mm over 113 mm, length 77 um/m, noise correlated over not known)");
+                                " (form +-0.0612 mm over 113 mm, size 0.0123 mm, noise correlated over not known)");
   expect_mentions(show().out, "scanner acceptance " + id.value());
   EXPECT_EQ(json::parse(show("--json").out)["scanner_id"], id.value());
   for (const char* language : {"en", "zh"}) {

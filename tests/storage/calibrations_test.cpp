@@ -63,7 +63,6 @@ class CalibrationsTest : public StoreTest {
     n.RF_mm = 0.12;
     n.form_half_mm = form_half_mm;
     n.form_length_mm = 113.7;
-    n.length_ppm = 246.9;
     n.noise_sigma_mm = 0.021;
     n.noise_correlation_mm = kNoValue;  // points without rows
     n.pitch_mm = -kNoValue;
@@ -388,7 +387,6 @@ TEST_F(CalibrationsTest, a_scanners_acceptance_comes_back_bit_for_bit_and_is_in_
                              {a.RF_mm, b.RF_mm},
                              {a.form_half_mm, b.form_half_mm},
                              {a.form_length_mm, b.form_length_mm},
-                             {a.length_ppm, b.length_ppm},
                              {a.noise_sigma_mm, b.noise_sigma_mm}})
     EXPECT_EQ(x, y);
   EXPECT_FALSE(has_value(b.noise_correlation_mm));
@@ -422,7 +420,7 @@ TEST_F(CalibrationsTest, a_scanner_that_was_not_looked_at_enough_or_is_out_of_it
   std::get<ScannerNumbers>(few.numbers).plates = 0;
   EXPECT_NE(refusal(few).find("no scan of a plate"), std::string::npos);
   few = scanner(0.05);
-  std::get<ScannerNumbers>(few.numbers).length_ppm = kNoValue;
+  std::get<ScannerNumbers>(few.numbers).PS_mm = kNoValue;
   EXPECT_NE(refusal(few).find("not all known"), std::string::npos);
   EXPECT_NE(refusal(scanner(0.05, false)).find("out of the limits"), std::string::npos);
   CalibrationRecord nonsense = scanner(-0.05);
