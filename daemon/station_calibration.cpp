@@ -45,6 +45,9 @@ void recover_calibration(Station& s, const RecoveredLine& line, Actions& actions
     log(actions, LogLine::Level::warning, Code::ok, "%s", line.calibration.scanner.trouble.c_str());
   if (!line.slab_open) return;
   s.slab.calibration = line.slab_calibration;
+  if (!line.slab_calibration.scanner.trouble.empty())
+    log(actions, LogLine::Level::error, Code::ok, "the open slab goes on with the recipe's scanner alone: %s",
+        line.slab_calibration.scanner.trouble.c_str());
   // The open slab began with the values its header holds, whatever the configuration says by now.
   commission(line.slab.calibration_id, line.slab.T_flange_scanner, s.slab.calibration);
 }
@@ -65,7 +68,10 @@ void advance_calibration(Station& s, Actions& actions) {
     const char* when = s.slab.phase == SlabPhase::none ? "" : " from the next slab on";
     if (other)
       log(actions, LogLine::Level::info, Code::ok, "calibration %s is in force%s", s.calibration.id.c_str(), when);
-    if (other_scanner)
+    if (other_scanner && s.calibration.scanner.id.empty())
+      log(actions, LogLine::Level::warning, Code::ok, "no scanner acceptance is in force%s: %s", when,
+          s.calibration.scanner.trouble.empty() ? "there is none any more" : s.calibration.scanner.trouble.c_str());
+    else if (other_scanner)
       log(actions, LogLine::Level::info, Code::ok, "scanner acceptance %s is in force%s",
           s.calibration.scanner.id.c_str(), when);
   }

@@ -39,8 +39,9 @@ struct StoreSettings {
   /// Slabs whose records are kept, by number and not by age, because a wall clock may be wrong; older ones go when
   /// their scans are gone and the PLC has every result. 0 = keep everything; else at least kKeepSlabsMin.
   std::int64_t keep_slabs = 0;
-  /// Older slabs that did not pass (failed, indeterminate, not measured, aborted): so many of the newest of them are
-  /// kept all the same. 0 = every one; without keep_slabs it means nothing. At least kKeepSlabsMin.
+  /// Of slabs that did not pass (failed, indeterminate, not measured, aborted) so many of the newest are kept all the
+  /// same, those among the newest keep_slabs counted in. 0 = every one; without keep_slabs it means nothing. At least
+  /// kKeepSlabsMin.
   std::int64_t keep_failed_slabs = 0;
   /// Of the recipes that slabs may be begun with. A slab's one is kept with it, in the same transaction; here it has no
   /// time yet.
@@ -123,7 +124,8 @@ struct BackupOrder {
 /// Takes away the records of slabs older than the newest `keep_slabs`, as StoreSettings::keep_slabs does by itself.
 struct PruneOrder {
   std::int64_t keep_slabs = 0;
-  std::optional<std::int64_t> keep_failed_slabs{};  ///< as StoreSettings; none: as many as keep_slabs
+  std::optional<std::int64_t>
+      keep_failed_slabs{};  ///< none: StoreSettings', or as many as keep_slabs where it keeps all
 };
 using CareOrder = std::variant<BackupOrder, PruneOrder>;
 

@@ -149,7 +149,9 @@ class SqliteStore final : public Store {
       return success();
     }
     const PruneOrder& prune = std::get<PruneOrder>(order);
-    const std::int64_t failed = prune.keep_failed_slabs.value_or(prune.keep_slabs);
+    // What is kept by itself is not taken away by hand unless that is said.
+    const std::int64_t failed =
+        prune.keep_failed_slabs.value_or(settings_.keep_slabs != 0 ? settings_.keep_failed_slabs : prune.keep_slabs);
     if (prune.keep_slabs < kKeepSlabsMin)
       return error(Code::config, "at least the newest %lld slabs are kept", static_cast<long long>(kKeepSlabsMin));
     if (failed != 0 && failed < kKeepSlabsMin)

@@ -286,7 +286,8 @@ void add_db(CLI::App& app, int& exit_status) {
       ->required()
       ->check(CLI::Range(storage::kKeepSlabsMin, std::int64_t{1'000'000'000}));
   command->add_option("--keep-failed-slabs", options->keep_failed_slabs,
-                      "And so many of the newest that did not pass, 0: all of them; default: as many as --keep-slabs");
+                      "And so many of the newest that did not pass, 0: all of them; default: [storage] "
+                      "keep_failed_slabs, or as many as --keep-slabs where keep_slabs is 0");
 }
 
 }  // namespace slabd::cli

@@ -30,7 +30,11 @@ std::string number(const json& record, const char* key) {
 }
 
 bool is_verification(const json& record) {
-  return record.is_object() && record.value("schema", "") == "slabd.scanner_verification/1";
+  if (!record.is_object()) return false;
+  // A word that is no word would throw below.
+  for (const char* key : {"schema", "utc", "scanner", "id"})
+    if (const auto at = record.find(key); at != record.end() && !at->is_string()) return false;
+  return record.value("schema", "") == "slabd.scanner_verification/1";
 }
 
 /// False: printed.

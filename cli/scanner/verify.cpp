@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <cmath>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 
@@ -38,7 +39,7 @@ struct Options {
 bool each(
     const std::vector<std::string>& files, hal::LengthUnit unit,
     const std::function<std::optional<Error>(const std::string&, std::span<const float>, const ScanShape&)>& judge,
-    int& exit_status) {
+    std::map<std::uint32_t, std::string>& seen, int& exit_status) {
   std::vector<float> xyz(3 * limits::kScanPointsMax);
   ProgressCount progress(stderr, files.size());
   for (const std::string& file : files) {
@@ -49,7 +50,14 @@ bool each(
       exit_status = kBadInput;
       return false;
     }
-    if (const std::optional<Error> why = judge(file, std::span(xyz).first(3 * shape.value().points), shape.value())) {
+    const std::span<const float> points = std::span(xyz).first(3 * shape.value().points);
+    // One scan given ten times would make ten places of one.
+    if (const auto [first, is_new] = seen.try_emplace(hal::points_crc32c(points), file); !is_new) {
+      complain(fmt::format("{}: the same points as {}; every place needs a scan of its own", file, first->second));
+      exit_status = kBadInput;
+      return false;
+    }
+    if (const std::optional<Error> why = judge(file, points, shape.value())) {
       complain(fmt::format("{}: {}", file, why->text.view()));
       exit_status = kBadInput;
       return false;
@@ -73,7 +81,8 @@ bool look(const Options& options, Verification& v, int& exit_status) {
     v.balls.push_back({file, figures.value()});
     return std::nullopt;
   };
-  return each(options.plates, unit, plate, exit_status) && each(options.balls, unit, ball, exit_status);
+  std::map<std::uint32_t, std::string> seen;  // files by the checksum of their points
+  return each(options.plates, unit, plate, seen, exit_status) && each(options.balls, unit, ball, seen, exit_status);
 }
 
 std::string figure(double value, const char* format = "{:.4f}") {
