@@ -38,6 +38,7 @@ class ThreadCrew final : public Crew {
 
  private:
   BlockMeasured measure(const MeasureBlock& job);
+  Result<ScanShape> reload(const MeasureBlock& job);
 
   std::span<const Recipe> recipes_;
   hal::LengthUnit scan_unit_;
@@ -47,6 +48,18 @@ class ThreadCrew final : public Crew {
   Pages scan_memory_;  ///< of the slots
   std::array<std::span<float>, limits::kScanSlots> slots_;
 };
+
+/// The scan of a block that was acquired before a restart. frame_incomplete: the file no longer holds those points.
+Result<ScanShape> ThreadCrew::reload(const MeasureBlock& job) {
+  const std::span<float> xyz = slots_[job.slot];
+  const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_unit_, xyz);
+  if (!read || !job.points_crc32c) return read;
+  const std::uint32_t now = hal::points_crc32c(xyz.first(3 * read.value().points));
+  if (now != *job.points_crc32c)
+    return error(Code::frame_incomplete, "%s: its points are not those that were acquired: crc32c %08x then, %08x now",
+                 job.scan_path.c_str(), *job.points_crc32c, now);
+  return read;
+}
 
 BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
   BlockMeasured done;
@@ -64,7 +77,7 @@ BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
   Code code = recipe == nullptr ? Code::unknown_type : Code::ok;
   if (code == Code::ok && job.reload) {
     const std::int64_t start_ns = clock_.mono_ns();
-    const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_unit_, slots_[job.slot]);
+    const Result<ScanShape> read = reload(job);
     read_ms = ms_from_ns(clock_.mono_ns() - start_ns);
     if (read.ok()) {
       shape = read.value();

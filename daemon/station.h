@@ -134,6 +134,7 @@ struct MeasureBlock {
   double read_ms = 0.0;
   bool reload = false;  ///< after a restart: read `scan_path` into the slot first
   PathText scan_path;
+  std::optional<std::uint32_t> points_crc32c{};  ///< of the points that were acquired; a reload holds the file to it
   ScanShape shape;
   std::uint16_t slab_type = 0;
   Pose T_base_scanner;  ///< spliced, with the station's correction where it holds

@@ -92,6 +92,7 @@ MeasureBlock block_to_measure(const Station& s, const Attempt& attempt, std::uin
   action.cmd_seq = attempt.cmd_seq;
   action.scan_utime_us = attempt.scan_utime_us;
   action.scan_path = attempt.scan_path;
+  action.points_crc32c = attempt.points_crc32c;
   action.shape = attempt.shape;
   action.slab_type = s.slab.header.slab_type;
   action.T_base_scanner = stored_T_base_scanner(s.slab.header, attempt);

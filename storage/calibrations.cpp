@@ -334,12 +334,13 @@ void Calibrations::use_scanner(const std::optional<CalibrationRecord>& record, S
   out.id.assign(record->id);
   out.numbers = std::get<ScannerNumbers>(record->numbers);
   out.expires_utime_us = record->expires_utime_us;
-  // Only a later acceptance cures a failed verification; to take an older one again does not.
+  // Only a later acceptance cures a failed verification; to take an older one again does not. One of another scanner,
+  // by its name, says nothing about this one; one of a scanner without a name may be this one's.
   Statement later(
       db_,
       "SELECT 1 FROM calibration JOIN scanner_acceptance ON calibration_id = id WHERE within_limits = 0 AND "
-      "seq > (SELECT seq FROM calibration WHERE id = ?1) LIMIT 1");
-  out.failed = later.bind(1, std::string_view(record->id)).step();
+      "seq > (SELECT seq FROM calibration WHERE id = ?1) AND (scanner = ?2 OR scanner = '' OR ?2 = '') LIMIT 1");
+  out.failed = later.bind(1, std::string_view(record->id)).bind(2, out.numbers.scanner.view()).step();
 }
 
 LineCalibration::Watch Calibrations::watch(CalibrationKind kind) {

@@ -32,6 +32,22 @@ storage::ChangeNote note_of(const Options& options) {
   return {options.who.empty() ? default_operator() : options.who, options.why, wall_clock_us()};
 }
 
+/// An acceptance that was put in force may vouch for nothing: the scanner was found bad after it.
+void warn_of_standing(const daemon::Config& config, std::string_view id) {
+  std::unique_ptr<storage::Reader> reader;
+  int ignored = kDone;
+  if (!open_records(config, reader, ignored) || reader == nullptr) return;
+  const auto line = reader->line_calibration();
+  if (!line || line.value()->scanner.id.view() != id ||
+      standing_of(line.value()->scanner, wall_clock_us()) != ScannerStanding::failed)
+    return;
+  complain(
+      fmt::format("warning: the line goes on warning of the scanner: after {} was kept, a verification was out of its "
+                  "limits; only a "
+                  "new acceptance, from other scans, ends that (slabctl scanner verify --apply)",
+                  id));
+}
+
 int carry_out(const Options& options, const storage::CalibrationChange& change) {
   daemon::Config config;
   if (!config_from(options.config, config)) return kBadInput;
@@ -49,6 +65,7 @@ int carry_out(const Options& options, const storage::CalibrationChange& change) 
     fmt::print("{} is in force{}\n", done.value().id,
                done.value().after_slab ? " from the next slab on; one is open now" : "");
   }
+  warn_of_standing(config, done.value().id);
   return kDone;
 }
 

@@ -392,6 +392,19 @@ void examine_scanner(const daemon::Config& config, const std::string& status_tex
   (void)capture.value().end();
 }
 
+static void examine_acceptance(std::string_view id, std::string_view standing, Examination& report) {
+  const std::string cure = "slabctl scanner verify; docs/SCANNER.md";
+  if (standing == "verified")
+    report.ok("acceptance", fmt::format("{} of the scanner", id));
+  else if (id.empty())
+    report.warning("acceptance", "nobody has verified the scanner: U rests on the recipe's specification", cure);
+  else
+    report.warning("acceptance",
+                   standing == "expired" ? fmt::format("{} of the scanner has expired", id)
+                                         : fmt::format("after {} the scanner was verified and out of its limits", id),
+                   cure);
+}
+
 void examine_calibration(const daemon::Config& config, const std::string& status_text, Examination& report) {
   const json status = status_of(status_text);
   if (status.is_null()) {
@@ -402,6 +415,10 @@ void examine_calibration(const daemon::Config& config, const std::string& status
       report.ok("calibration", hand_eye.value()->id + " was applied last");
     else
       report.warning("calibration", "none has been applied", "docs/CALIBRATION.md");
+    if (const auto line = reader.value()->line_calibration(); line) {
+      const ScannerInForce& scanner = line.value()->scanner;
+      examine_acceptance(scanner.id.view(), name(standing_of(scanner, hal::make_system_clock()->utime_us())), report);
+    }
     return;
   }
   const json& calibration = at(status, {"calibration"});
@@ -422,6 +439,8 @@ void examine_calibration(const daemon::Config& config, const std::string& status
                    "plan a new one");
   else
     report.ok("calibration", id);
+  const json& scanner = at(calibration, {"scanner"});
+  examine_acceptance(scanner.is_object() ? text(at(scanner, {"id"})) : "", text(at(scanner, {"state"})), report);
   for (const json& table : at(calibration, {"stations"}))
     if (text(at(table, {"state"})) != "used")
       report.warning("corrections", fmt::format("{} is {}", text(at(table, {"id"})), text(at(table, {"state"}))),

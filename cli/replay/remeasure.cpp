@@ -19,11 +19,14 @@ namespace fs = std::filesystem;
 /// it is copied then, which takes a moment.
 constexpr std::int64_t kWrittenLater_us = 60'000'000;
 
+bool same(const ScanShape& a, const ScanShape& b) {
+  return a.points == b.points && a.finite == b.finite && a.width == b.width && a.height == b.height;
+}
+
 /// What of the file is not as it was acquired. Where no checksum was kept of its points, all there is are signs.
 std::string signs_of_change(const Remeasured& again, const storage::SlabBlock& stored, const ScanShape& shape) {
   const ScanShape& was = stored.attempt.shape;
-  if (shape.points != was.points || shape.finite != was.finite || shape.width != was.width ||
-      shape.height != was.height)
+  if (!same(shape, was))
     return fmt::format("it holds {} points ({} finite, {} x {}), acquired were {} ({} finite, {} x {})", shape.points,
                        shape.finite, shape.width, shape.height, was.points, was.finite, was.width, was.height);
   if (again.altered)
@@ -76,7 +79,7 @@ void Remeasurer::measure(const SlabHeader& slab, const ScannerNumbers& verified,
   // Before the measuring, which changes them where they lie.
   out.points_crc32c = hal::points_crc32c(xyz_.first(3 * shape.value().points));
   out.proven = stored.attempt.points_crc32c == out.points_crc32c;
-  out.altered = stored.attempt.points_crc32c.has_value() && !out.proven;
+  out.altered = (stored.attempt.points_crc32c.has_value() && !out.proven) || !same(shape.value(), stored.attempt.shape);
   const int station = stored.attempt.station;
   const algo::Cloud cloud{xyz_, shape.value().points, shape.value().width, shape.value().height};
   // A block that cannot be measured is a result like any other; why not stands in it.

@@ -27,7 +27,7 @@ struct Remeasured {
       note;  ///< one sentence: why there is no result, or what of the file is not as it was acquired; else empty
   std::optional<std::uint32_t> points_crc32c;  ///< of the points that were read
   bool proven = false;   ///< they are those that were measured: the checksum kept with the attempt says so
-  bool altered = false;  ///< they are not: it says so
+  bool altered = false;  ///< they are not: it says so, or there are more or fewer of them
   BlockResult block;
   BlockMaps maps;
 };

@@ -82,19 +82,27 @@ std::string names_of(const std::vector<ChangedInput>& changed) {
   return names;
 }
 
+/// A version that names no commit for sure is that of many builds.
+std::string this_build(const SlabHeader& slab) {
+  const std::string_view version = slab.software.view();
+  if (version.ends_with(".dirty") || version.ends_with("unknown"))
+    return fmt::format("this may be another build: {} was made of sources that no commit names", version);
+  return "this build measures otherwise under the same version";
+}
+
 /// Why the figures are not the same, as far as the records can tell.
-std::string reason_for_difference(const std::vector<ChangedInput>& changed, const Remeasured& again) {
+std::string reason_for_difference(const SlabHeader& slab, const std::vector<ChangedInput>& changed,
+                                  const Remeasured& again) {
   std::string why;
   if (!changed.empty()) why = "measured with another " + names_of(changed);
   if (!again.note.empty())
     why += (why.empty() ? "the scan was changed: " : "; and the scan was changed: ") + again.note;
   if (!why.empty()) return why;
   if (again.proven)
-    return "no recorded input differs, and the scan's points are those that were measured: this build measures "
-           "otherwise under the same version";
+    return "no recorded input differs, and the scan's points are those that were measured: " + this_build(slab);
   return "no recorded input differs: the scan's content was changed after it was acquired (no checksum was kept of "
-         "it), "
-         "or this build measures otherwise under the same version";
+         "it), or " +
+         this_build(slab);
 }
 
 BlockReplay replay_block(const SlabHeader& slab, const ScannerNumbers& verified, const storage::SlabBlock& stored,
@@ -116,7 +124,7 @@ BlockReplay replay_block(const SlabHeader& slab, const ScannerNumbers& verified,
   storage::compare(maps, again.maps, replay.comparison);
   replay.outcome = replay.comparison.differences.empty() ? ReplayOutcome::identical : ReplayOutcome::differs;
   if (replay.outcome == ReplayOutcome::differs) {
-    replay.why = reason_for_difference(changed, again);
+    replay.why = reason_for_difference(slab, changed, again);
   } else if (again.altered) {
     // A scan that was changed proves nothing, whatever comes out of it.
     replay.outcome = ReplayOutcome::differs;

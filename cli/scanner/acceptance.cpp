@@ -155,30 +155,64 @@ class Form {
   Terms coefficients_;
 };
 
-/// Half the range of the means of cells that are well filled.
-double form_half(const std::vector<Vec3>& q, double cell_mm) {
+/// What the plate's cells say: the scanner's form, and over which length it was seen.
+struct CellFigures {
+  double form_half_mm = kNoValue;  ///< half the range of the means of cells that are well filled
+  double length_mm = kNoValue;     ///< longest way across them
+};
+
+CellFigures figures_of_cells(const std::vector<Vec3>& q, double cell_mm) {
   struct Cell {
     double sum = 0.0;
     std::size_t count = 0;
   };
+  const auto key_of = [cell_mm](const Vec3& p) {
+    const auto column = static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(p.x() / cell_mm)) + (1 << 20));
+    const auto row = static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(p.y() / cell_mm)) + (1 << 20));
+    return (column << 32U) | row;
+  };
   std::unordered_map<std::uint64_t, Cell> cells;
   std::size_t most = 0;
   for (const Vec3& p : q) {
-    const auto column = static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(p.x() / cell_mm)) + (1 << 20));
-    const auto row = static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(p.y() / cell_mm)) + (1 << 20));
-    Cell& cell = cells[(column << 32U) | row];
+    Cell& cell = cells[key_of(p)];
     cell.sum += p.z();
     most = std::max(most, ++cell.count);
   }
   double low = 1e300;
   double high = -1e300;
-  for (const auto& [key, cell] : cells) {
-    if (2 * cell.count < most) continue;  // at the border
+  for (auto& [key, cell] : cells) {
+    if (2 * cell.count < most) {
+      cell.count = 0;  // at the border, or a few points of something else that the plane happens to pass through
+      continue;
+    }
     const double mean = cell.sum / static_cast<double>(cell.count);
     low = std::min(low, mean);
     high = std::max(high, mean);
   }
-  return high >= low ? 0.5 * (high - low) : kNoValue;
+  if (high < low) return {};
+  // The width seen from 16 directions; between two of them it is 0.5 % less at most, which only makes U larger.
+  constexpr int kDirections = 16;
+  std::array<double, kDirections> least;
+  std::array<double, kDirections> most_along;
+  least.fill(1e300);
+  most_along.fill(-1e300);
+  std::array<Eigen::Vector2d, kDirections> direction;
+  for (int i = 0; i < kDirections; ++i) {
+    const double angle_rad = kPi * static_cast<double>(i) / kDirections;
+    direction[static_cast<std::size_t>(i)] = {std::cos(angle_rad), std::sin(angle_rad)};
+  }
+  for (const Vec3& p : q) {
+    if (cells[key_of(p)].count == 0) continue;
+    for (std::size_t i = 0; i < kDirections; ++i) {
+      const double along = direction[i].dot(p.head<2>());
+      least[i] = std::min(least[i], along);
+      most_along[i] = std::max(most_along[i], along);
+    }
+  }
+  CellFigures figures{0.5 * (high - low), 0.0};
+  for (std::size_t i = 0; i < kDirections; ++i)
+    figures.length_mm = std::max(figures.length_mm, most_along[i] - least[i]);
+  return figures;
 }
 
 /// Autocovariance along the rows of the grid, up to this many steps.
@@ -280,9 +314,13 @@ Result<PlateFigures> judge_plate(std::span<const float> xyz, const ScanShape& sh
   PlateFrame frame(find_plane(points, settings));
   std::vector<Vec3> q;
   std::vector<double> residuals;
+  std::size_t beside = 0;
   for (const Vec3& p : points) {
     const Vec3 on = frame.of(p);
-    if (std::abs(on.z()) > settings.gate_mm) continue;
+    if (std::abs(on.z()) > settings.gate_mm) {
+      if (std::abs(on.z()) <= kBesideGates * settings.gate_mm) ++beside;
+      continue;
+    }
     q.push_back(on);
     frame.widen(on);
     residuals.push_back(on.z());
@@ -290,12 +328,22 @@ Result<PlateFigures> judge_plate(std::span<const float> xyz, const ScanShape& sh
   if (q.size() < kPlatePointsMin)
     return error(Code::too_few_points, "the plane with the most points has %zu within %.2f mm, needed are %zu",
                  q.size(), settings.gate_mm, kPlatePointsMin);
+  if (const double near = static_cast<double>(beside + q.size()); static_cast<double>(beside) > kBesideShareMax * near)
+    return error(
+        Code::block_not_found,
+        "%.0f %% of the points near the plane lie %.2f to %.2f mm off it, allowed are %.0f %%: the plate is not "
+        "flat, or something stands beside it",
+        100.0 * static_cast<double>(beside) / near, settings.gate_mm, kBesideGates * settings.gate_mm,
+        100.0 * kBesideShareMax);
   PlateFigures figures;
   figures.points = q.size();
-  figures.length_mm = std::hypot(frame.high.x() - frame.low.x(), frame.high.y() - frame.low.y());
+  figures.centre_mm = frame.plane.centre;
+  figures.normal = frame.plane.n.dot(frame.plane.centre) > 0.0 ? Vec3(-frame.plane.n) : frame.plane.n;
   figures.rms_mm = rms_of(residuals);
   figures.RF_mm = range_of(std::move(residuals), figures.rejected);
-  figures.form_half_mm = form_half(q, settings.form_cell_mm);
+  const CellFigures of_cells = figures_of_cells(q, settings.form_cell_mm);
+  figures.form_half_mm = of_cells.form_half_mm;
+  figures.length_mm = of_cells.length_mm;
   const Form form(frame, q);
   figures.noise = noise_of(xyz, shape, frame, form, q, settings.gate_mm);
   return figures;

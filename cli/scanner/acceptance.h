@@ -18,6 +18,8 @@
 namespace slabd::cli {
 
 inline constexpr double kRejectedShareMax = 0.003;
+inline constexpr double kBesideShareMax = 0.1;  ///< of the points within kBesideGates gates of a plate
+inline constexpr double kBesideGates = 5.0;
 
 struct AcceptanceSettings {
   double gate_mm = 1.0;  ///< further from the plate, or the sphere, than this is something else in the scan
@@ -34,15 +36,18 @@ struct NoiseFigures {
 };
 
 struct PlateFigures {
-  std::size_t points = 0;       ///< on the plate
-  std::size_t rejected = 0;     ///< of these left out of RF
-  double length_mm = kNoValue;  ///< diagonal of what was seen
+  std::size_t points = 0;                     ///< on the plate
+  std::size_t rejected = 0;                   ///< of these left out of RF
+  Vec3 centre_mm = Vec3::Constant(kNoValue);  ///< of these
+  Vec3 normal = Vec3::Constant(kNoValue);     ///< towards the scanner
+  double length_mm = kNoValue;                ///< longest way across the cells that are well filled
   double RF_mm = kNoValue;
   double rms_mm = kNoValue;        ///< of all points on the plate
   double form_half_mm = kNoValue;  ///< half the range of the means of cells: what does not average away
   NoiseFigures noise;
 };
-/// too_few_points: fewer than 10,000 points of one plane.
+/// too_few_points: fewer than 10,000 points of one plane. block_not_found: more than kBesideShareMax of the points near
+/// the plane are not on it, so what was found is a slice of something bent, or other things stand beside the plate.
 [[nodiscard]] Result<PlateFigures> judge_plate(std::span<const float> xyz, const ScanShape& shape,
                                                const AcceptanceSettings& settings);
 
@@ -58,5 +63,9 @@ struct BallFigures {
 /// `diameter_mm` certified. block_not_found: there is no such ball in the scan; the text says why.
 [[nodiscard]] Result<BallFigures> judge_ball(std::span<const float> xyz, double diameter_mm,
                                              const AcceptanceSettings& settings);
+
+// Two scans look at one place when the artefact hardly moved in between: many of them say little about the volume.
+inline constexpr double kPlaceApart_mm = 10.0;
+inline constexpr double kPlaceApart_rad = rad_from_deg(5.0);  ///< of a plate's normal
 
 }  // namespace slabd::cli

@@ -22,6 +22,16 @@ double worst(const List& list, Value value) {
   return most;
 }
 
+/// How many of them lie apart from all that came before and count.
+template <typename List, typename Apart>
+std::size_t places(const List& list, Apart apart) {
+  std::vector<const typename List::value_type*> counted;
+  for (const auto& item : list)
+    if (std::all_of(counted.begin(), counted.end(), [&](const auto* other) { return apart(item, *other); }))
+      counted.push_back(&item);
+  return counted.size();
+}
+
 void write_plate(Json& json, const VerifiedPlate& p) {
   json.begin_object().field("file", p.file).field("points", p.figures.points).field("rejected", p.figures.rejected);
   json.field("length_mm", p.figures.length_mm).field("RF_mm", p.figures.RF_mm).field("rms_mm", p.figures.rms_mm);
@@ -39,11 +49,24 @@ void write_ball(Json& json, const VerifiedBall& b) {
 
 }  // namespace
 
+std::size_t plate_places(const Verification& v) {
+  return places(v.plates, [](const VerifiedPlate& a, const VerifiedPlate& b) {
+    return (a.figures.centre_mm - b.figures.centre_mm).norm() >= kPlaceApart_mm ||
+           angle_between_rad(a.figures.normal, b.figures.normal) >= kPlaceApart_rad;
+  });
+}
+
+std::size_t ball_places(const Verification& v) {
+  return places(v.balls, [](const VerifiedBall& a, const VerifiedBall& b) {
+    return (a.figures.centre_mm - b.figures.centre_mm).norm() >= kPlaceApart_mm;
+  });
+}
+
 ScannerNumbers numbers_of(const Verification& v) {
   ScannerNumbers n;
   n.scanner.assign(v.scanner);
-  n.plates = static_cast<std::uint16_t>(v.plates.size());
-  n.balls = static_cast<std::uint16_t>(v.balls.size());
+  n.plates = static_cast<std::uint16_t>(plate_places(v));
+  n.balls = static_cast<std::uint16_t>(ball_places(v));
   n.PF_mm = worst(v.balls, [](const VerifiedBall& b) { return b.figures.PF_mm; });
   n.PS_mm = worst(v.balls, [](const VerifiedBall& b) { return std::abs(b.figures.PS_mm); });
   n.RF_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.RF_mm; });

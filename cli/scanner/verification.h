@@ -35,6 +35,9 @@ struct Verification {
   std::vector<VerifiedBall> balls;
 };
 
+/// Places of the volume that were looked at: scans of one place count once (kPlaceApart_mm, kPlaceApart_rad).
+[[nodiscard]] std::size_t plate_places(const Verification& verification);
+[[nodiscard]] std::size_t ball_places(const Verification& verification);
 /// The worst of all places. A figure that has a limit and was not measured is not within it.
 [[nodiscard]] ScannerNumbers numbers_of(const Verification& verification);
 /// "PF 0.3100 mm (allowed 0.0500)", one for each limit that is not kept.

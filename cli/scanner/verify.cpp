@@ -89,6 +89,27 @@ std::string figure(double value, const char* format = "{:.4f}") {
   return std::isnan(value) ? "-" : fmt::format(fmt::runtime(format), value);
 }
 
+void warn_of_places(const char* artefact, std::size_t places, std::size_t scans, std::size_t needed) {
+  if (scans == 0 || places >= needed) return;
+  complain(fmt::format(
+      "warning: VDI/VDE 2634-2 asks for the {} in {} places of the volume, here are {} scans of {}; places lie {:.0f} "
+      "mm "
+      "apart{}",
+      artefact, needed, scans, places, kPlaceApart_mm,
+      std::string_view(artefact) == "plate" ? fmt::format(" or are tilted by {:.0f} deg", deg_from_rad(kPlaceApart_rad))
+                                            : ""));
+}
+
+void warn(const Verification& v) {
+  const ScannerNumbers n = numbers_of(v);
+  warn_of_places("ball", n.balls, v.balls.size(), kBallPlacesMin);
+  warn_of_places("plate", n.plates, v.plates.size(), kPlatePlacesMin);
+  if (n.plates != 0 && std::isnan(n.noise_correlation_mm))
+    complain(
+        "warning: how far the noise of neighbours hangs together was not seen, because no plate's scan has rows of 128 "
+        "points or more; U takes what each scan shows of it");
+}
+
 void print(const Verification& v) {
   for (const VerifiedPlate& p : v.plates)
     fmt::print(
@@ -107,12 +128,6 @@ void print(const Verification& v) {
              n.within_limits ? "" : "  OUT OF LIMITS");
   fmt::print("for U: form +-{} mm over {} mm, size +-{} mm, noise correlated over {} mm\n", figure(n.form_half_mm),
              figure(n.form_length_mm, "{:.0f}"), figure(n.PS_mm), figure(n.noise_correlation_mm, "{:.2f}"));
-  if (n.balls != 0 && n.balls < kBallPlacesMin)
-    complain(fmt::format("warning: VDI/VDE 2634-2 asks for the ball in {} places of the volume, here are {}",
-                         kBallPlacesMin, n.balls));
-  if (n.plates != 0 && n.plates < kPlatePlacesMin)
-    complain(fmt::format("warning: VDI/VDE 2634-2 asks for the plate in {} places of the volume, here are {}",
-                         kPlatePlacesMin, n.plates));
   if (const std::string lines = budget_lines(n); !lines.empty())
     fmt::print("\nfor [uncertainty] of the recipe, where there is no acceptance in force:\n{}", lines);
 }
@@ -166,8 +181,17 @@ int verify(const Options& options) {
     complain("--ball needs --diameter-mm, the certified diameter of the ball as coated");
     return kUsage;
   }
+  if (options.balls.empty() && !(std::isnan(v.limits.PF_mm) && std::isnan(v.limits.PS_mm))) {
+    complain("--limit-pf-mm and --limit-ps-mm are limits of the ball's figures: they need --ball FILE...");
+    return kUsage;
+  }
+  if (options.plates.empty() && !std::isnan(v.limits.RF_mm)) {
+    complain("--limit-rf-mm is a limit of the plate's figure: it needs --plate FILE...");
+    return kUsage;
+  }
   int exit_status = kDone;
   if (!look(options, v, exit_status)) return exit_status;
+  warn(v);
   const std::int64_t utime_us = wall_clock_us();
   Kept kept;
   if (options.keep || options.record.apply) static_cast<void>(keep(options, v, utime_us, kept, exit_status));
@@ -197,7 +221,8 @@ void add_scanner_verify(CLI::App& scanner, int& exit_status) {
       "of\n"
       "form, length error and noise correlation the larger of recipe and record, from the next slab on. That needs "
       "the\n"
-      "plate in 6 places, the ball in 10 and every limit kept; what is out of its limits is kept, and the line warns.\n"
+      "plate in 6 places, the ball in 10 (10 mm apart, or the plate tilted by 5 deg) and every limit kept; what is out "
+      "of its limits is kept, and the line warns.\n"
       "Exit status: 0 within the limits given (or none given), 3 a scan does not show what it should, 6 out of limits "
       "or\nnot put in force.\n"
       "Example: slabctl scanner verify --plate p*.ply --ball b*.ply --diameter-mm 50.0123 --limit-pf-mm 0.1 --apply "

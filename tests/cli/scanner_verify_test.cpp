@@ -45,8 +45,9 @@ TEST_F(ScannerVerify, figures_are_told_kept_and_found_again_and_limits_decide_th
   EXPECT_EQ(bad.status, 6) << bad.err;
   expect_mentions(bad.out, "OUT OF LIMITS");
   expect_mentions(bad.err, "6 places");
-  EXPECT_EQ(run("scanner verify --plate " + plate + " --limit-pf-mm 0.5").status, 6)
-      << "a limit of a figure that was not measured is not kept";
+  const Ended no_ball = run("scanner verify --plate " + plate + " --limit-pf-mm 0.5");
+  EXPECT_EQ(no_ball.status, 2) << "a limit of what is not looked at would judge nothing";
+  expect_mentions(no_ball.err, "--ball");
 
   const Ended history = run("scanner history --json --config " + config);
   ASSERT_EQ(history.status, 0) << history.err;
@@ -88,6 +89,20 @@ TEST_F(ScannerVerify, the_budget_takes_the_shortest_length_because_the_same_form
   const auto record = nlohmann::json::parse(both.out);
   EXPECT_NEAR(record["plates"][1]["length_mm"].get<double>(), 112.6, 0.5);
   expect_mentions(record["uncertainty"].get<std::string>(), "scanner_form_length_mm = { value = 113");
+}
+
+TEST_F(ScannerVerify, a_plate_that_is_bent_out_of_the_gate_is_no_plate) {
+  std::vector<float> xyz;
+  for (int row = 0; row < 300; ++row)
+    for (int column = 0; column < 300; ++column) {
+      const double x = 0.4 * column - 60.0;
+      const double y = 0.4 * row - 60.0;
+      for (const double v : {x, y, 600.0 + 6.0 * (x * x + y * y) / 3'600.0}) xyz.push_back(static_cast<float>(v));
+    }
+  ASSERT_TRUE(hal::write_ply(file("bowl.ply").c_str(), xyz, 300, 300).ok());
+  const Ended bowl = run("scanner verify --plate " + file("bowl.ply"));
+  EXPECT_EQ(bowl.status, 3) << bowl.out;
+  expect_mentions(bowl.err, "the plate is not flat");
 }
 
 TEST_F(ScannerVerify, what_is_missing_is_said) {

@@ -101,6 +101,7 @@ TEST_F(DoctorTest, a_daemon_without_plc_and_robot_lacks_heartbeat_and_poses) {
   EXPECT_EQ(opinion.health("robot poses"), "failed");
   EXPECT_EQ(opinion.health("scanner link"), "ok");
   EXPECT_EQ(opinion.health("calibration"), "warning") << "commissioning values";
+  EXPECT_EQ(opinion.health("acceptance"), "warning") << "nobody has verified the scanner";
 }
 
 TEST_F(DoctorTest, a_limit_under_which_a_scan_cannot_be_written_is_found) {

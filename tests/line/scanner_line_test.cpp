@@ -25,7 +25,8 @@ constexpr double kBall_mm = 50.0;  ///< diameter
 
 /// A scan as a scanner with this form error would give it: one ray for each point, noise along the ray.
 struct Artefacts {
-  double bend_mm = 0.0;  ///< half depth of a bowl over a plate
+  double bend_mm = 0.0;    ///< half depth of a bowl over a plate
+  double apart_mm = 11.0;  ///< how far the artefact is moved along the axis from scan to scan
 
   std::vector<float> scan(std::size_t side, double field_mm, std::uint64_t seed,
                           const std::function<double(double, double)>& depth_at) const {
@@ -43,15 +44,16 @@ struct Artefacts {
   }
   [[nodiscard]] std::vector<float> plate(std::uint64_t seed) const {
     const double half = 60.0;
+    const double away_mm = kAway_mm + apart_mm * static_cast<double>(seed);
     return scan(240, 2.0 * half, seed,
-                [&](double x, double y) { return kAway_mm + bend_mm * ((x * x + y * y) / (half * half) - 1.0); });
+                [&](double x, double y) { return away_mm + bend_mm * ((x * x + y * y) / (half * half) - 1.0); });
   }
   [[nodiscard]] std::vector<float> ball(std::uint64_t seed) const {
-    const double off_mm = 3.0 * static_cast<double>(seed) - 15.0;
+    const double off_mm = 0.2 * apart_mm * (static_cast<double>(seed) - 5.0);
     return scan(400, 120.0, seed, [&](double x, double y) {
       // Where the ray meets the sphere, as a share of its length.
       const Vec3 ray(x, y, kAway_mm);
-      const Vec3 centre(off_mm, -off_mm, kAway_mm);
+      const Vec3 centre(off_mm, -off_mm, kAway_mm + apart_mm * static_cast<double>(seed));
       const double along = ray.dot(centre) / ray.squaredNorm();
       const double miss = centre.squaredNorm() - along * along * ray.squaredNorm();
       const double inside = 0.25 * kBall_mm * kBall_mm - miss;
@@ -81,7 +83,8 @@ struct ScannerLine : testing::Test {
     FAIL() << "slabd does not answer: " << box.log();
   }
   /// Draws the scans; names of files.
-  void draw(const std::string& name, const Artefacts& artefacts, int plates, int balls) {
+  void draw(const std::string& name, Artefacts artefacts, int plates, int balls, double apart_mm = 11.0) {
+    artefacts.apart_mm = apart_mm;
     files_ = {"--diameter-mm", std::to_string(kBall_mm)};
     const auto keep = [&](const char* what, int number, std::size_t side, const std::vector<float>& xyz) {
       const std::string path = (box.dir / (name + what + std::to_string(number) + ".ply")).native();
@@ -196,6 +199,12 @@ TEST_F(ScannerLine, a_scanner_better_than_its_specification_leaves_U_as_it_is_an
   EXPECT_TRUE(warns());
   EXPECT_EQ(verify({"--apply", "--by", "anna"}).exit_status, 2) << "without a reason";
 
+  draw("same", {0.0}, kPlatePlacesMin, kBallPlacesMin, 0.0);
+  const Box::Answer same = apply();
+  EXPECT_EQ(same.exit_status, 6);
+  EXPECT_NE(same.err.find("the plate was looked at in 1 places and the ball in 1"), std::string::npos) << same.err;
+  EXPECT_NE(same.err.find("10 scans of 1"), std::string::npos) << same.err;
+
   draw("good", {0.0}, kPlatePlacesMin, kBallPlacesMin);
   ASSERT_EQ(apply({"--limit-rf-mm", "0.2"}).exit_status, 0);
   EXPECT_FALSE(warns());
@@ -217,6 +226,11 @@ TEST_F(ScannerLine, a_scanner_better_than_its_specification_leaves_U_as_it_is_an
   EXPECT_EQ(status()["calibration"]["scanner"]["state"], "failed");
   EXPECT_TRUE(warns());
   EXPECT_EQ(status()["fault"]["code"], 0);
+  const Box::Answer doctor = box.slabctl({"doctor", "--config", box.config.native(), "--listen-s", "1"});
+  EXPECT_NE(doctor.out.find("out of its limits"), std::string::npos) << doctor.out;
+  const Box::Answer old = box.slabctl({"calibrate", "apply", id, "--why", "again", "--config", box.config.native()});
+  EXPECT_EQ(old.exit_status, 0) << old.err;
+  EXPECT_NE(old.err.find("the line goes on warning"), std::string::npos) << "in force, and of what use: " << old.err;
   const std::string bad_id = json::parse(bad.out)["id"];
   const Box::Answer forced =
       box.slabctl({"calibrate", "apply", bad_id, "--why", "it must run", "--config", box.config.native()});

@@ -445,6 +445,17 @@ TEST_F(CalibrationsTest, a_verification_out_of_limits_is_remembered_until_a_late
   EXPECT_TRUE(in_force().scanner.failed) << "going back cures nothing";
 }
 
+TEST_F(CalibrationsTest, a_spare_scanner_out_of_its_limits_says_nothing_about_the_one_that_was_accepted) {
+  put_in_force(keep(scanner(0.05)));
+  CalibrationRecord spare = scanner(0.30, false);
+  std::get<ScannerNumbers>(spare.numbers).scanner = "spare";
+  keep(spare);
+  EXPECT_FALSE(in_force().scanner.failed);
+  std::get<ScannerNumbers>(spare.numbers).scanner = "";
+  keep(spare);
+  EXPECT_TRUE(in_force().scanner.failed) << "nobody said which one it was";
+}
+
 TEST_F(CalibrationsTest, a_scanners_figures_that_were_edited_on_the_disk_are_not_used_and_stop_nothing) {
   const std::string hand = keep(hand_eye(80.0));
   put_in_force(hand);

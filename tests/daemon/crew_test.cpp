@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/crew.h"
+
+#include <gtest/gtest.h>
+
+#include "text_file.h"
+
+namespace slabd::daemon {
+namespace {
+
+/// What the daemon does at its start with a block whose scan was durable and whose result was not.
+class Reload : public testing::Test {
+ protected:
+  Reload() {
+    std::vector<Problem> problems;
+    recipes_.resize(1);
+    load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml", recipes_[0], problems);
+    EXPECT_TRUE(problems.empty());
+    for (int i = 0; i < 300; ++i) xyz_.push_back(static_cast<float>(i));
+    path_ = files_.folder() + "/scan.ply";
+    write();
+    crew_ = make_crew(recipes_, hal::LengthUnit::mm, *clock_, 1);
+  }
+  void write() const { ASSERT_TRUE(hal::write_ply(path_.c_str(), xyz_, 10, 10).ok()); }
+  BlockMeasured measure(std::optional<std::uint32_t> points_crc32c) {
+    MeasureBlock job;
+    job.station = 1;
+    job.attempt = 1;
+    job.reload = true;
+    job.scan_path.assign(path_);
+    job.points_crc32c = points_crc32c;
+    job.slab_type = recipes_[0].slab_type;
+    const std::unique_ptr<MeasureQueue> queue = crew_->measuring();
+    EXPECT_TRUE(queue->push(job));
+    queue->drain();
+    BlockMeasured done;
+    EXPECT_TRUE(queue->next(done));
+    return done;
+  }
+
+  TextFiles files_;
+  std::vector<Recipe> recipes_;
+  std::vector<float> xyz_;
+  std::string path_;
+  std::unique_ptr<hal::Clock> clock_ = hal::make_system_clock();
+  std::unique_ptr<Crew> crew_;
+};
+
+TEST_F(Reload, a_scan_that_was_changed_since_it_was_acquired_is_not_measured) {
+  const std::uint32_t acquired = hal::points_crc32c(xyz_);
+  const auto too_few = static_cast<std::uint16_t>(Code::too_few_points);
+  EXPECT_EQ(measure(acquired).block.reason, too_few) << "a hundred points, read and judged";
+  EXPECT_EQ(measure(std::nullopt).block.reason, too_few) << "of former versions there is no checksum";
+
+  xyz_[151] += 0.001F;
+  write();
+  const BlockMeasured changed = measure(acquired);
+  EXPECT_EQ(changed.block.verdict, Verdict::not_measured);
+  EXPECT_EQ(changed.block.reason, static_cast<std::uint16_t>(Code::frame_incomplete));
+  EXPECT_EQ(changed.block.station, 1);
+  EXPECT_EQ(changed.slot, 0) << "the buffer comes back";
+}
+
+}  // namespace
+}  // namespace slabd::daemon
