@@ -68,6 +68,7 @@ struct Subject {
   scene::Cloud cloud;
   Pose T_block_scanner = nominal_T_block_scanner();  ///< where the inspection begins
   bool may_hide = false;                             ///< a step may have taken the defect out of sight or mended it
+  bool has_strangers = false;                        ///< points far from their neighbours of the grid
   bool has_step = false;                             ///< a plateau that flatness must see stands on the seat
 };
 
@@ -129,6 +130,7 @@ void apply(Subject& s, const Step& step) {
       for (std::size_t i = static_cast<std::size_t>(step.more[0]) % 3; i < s.cloud.xyz.size(); i += stride)
         s.cloud.xyz[i] = std::bit_cast<float>(bits);
       s.may_hide = true;
+      s.has_strangers = true;
       break;
     }
     case 4: {  // one of so many points is left
@@ -157,6 +159,7 @@ void apply(Subject& s, const Step& step) {
         p[2] = static_cast<float>(600.0 - 1e-2 * step.value);
       });
       s.may_hide = true;
+      s.has_strangers = true;
       break;
     case 8: {  // cut off
       const std::size_t keep = s.cloud.xyz.size() / 3 * (1 + step.more[0]) / 256;
@@ -302,6 +305,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       break;
     }
     default:
+      if (s.has_strangers) break;
       check_not_opposite(outcome, measure(inspector, shuffled(s.cloud, 5), s.T_block_scanner, reference),
                          "the order of points turns no pass into a fail");
       break;
