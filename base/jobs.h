@@ -74,6 +74,9 @@ struct SlabHeader {
 /// Scans whose fingerprints are remembered: three whole slabs and some attempts. A scanner that hangs gives its last
 /// scan again; one that hands out old files perhaps one of the last slabs'.
 inline constexpr std::size_t kFingerprintsKept = 64;
+/// Stands among them, in its place, for a scan that was asked for and whose points nobody saw because the process
+/// ended: a scanner that hangs could give it as the scan of another block. The fingerprints of points are odd.
+inline constexpr std::uint64_t kUnseenScan = 2;
 
 /// One SCAN whose cloud and pose are durable.
 struct Attempt {

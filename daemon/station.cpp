@@ -61,6 +61,8 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
   s.fingerprint_next = static_cast<std::size_t>(std::count_if(line.fingerprints.begin(), line.fingerprints.end(),
                                                               [](std::uint64_t f) { return f != 0; })) %
                        s.fingerprints.size();
+  for (const std::uint64_t fingerprint : line.fingerprints)
+    if (fingerprint != 0) s.scan_unseen = fingerprint == kUnseenScan;
   if (line.slab_open) {
     s.slab.phase = SlabPhase::open;
     s.slab.header = line.slab;

@@ -199,7 +199,8 @@ struct PlcLink {
 
 /// The scan in hand.
 struct Acquisition {
-  enum class Phase : std::uint8_t { none, settling, scanning, checking, storing } phase = Phase::none;
+  /// clearing: a scan is taken and thrown away first, see Station::scan_unseen.
+  enum class Phase : std::uint8_t { none, settling, clearing, scanning, checking, storing } phase = Phase::none;
   std::uint16_t cmd_seq = 0;
   std::uint16_t session = 0;
   std::uint8_t station = 0;
@@ -350,6 +351,8 @@ struct Station {
   std::size_t fingerprint_next = 0;                             ///< the oldest
   /// Those that could not be stored: they go with the first job after which the disk works again.
   FixedVector<std::uint64_t, kFingerprintsKept> unsaved_fingerprints;
+  /// The scanner may hold a scan that nobody saw (kUnseenScan). What it gives next is remembered and thrown away.
+  bool scan_unseen = false;
   std::array<bool, limits::kScanSlots> slot_busy{};
   OwedScan owed;
   std::array<bool, limits::kStationsMax> station_measuring{};  ///< until its result is stored

@@ -36,6 +36,38 @@ Code looks_at_station(const Station& s, const Pose& T_base_flange, double& off_a
   return off_axis_mm <= s.settings.pose.look_mm && p_scanner.z() > 0.0 ? Code::ok : Code::outside_window;
 }
 
+AcquireScan scan_to_ask(Station& s, int slot) {
+  Acquisition& a = s.acquisition;
+  a.slot = static_cast<std::uint8_t>(slot);
+  a.slot_taken = true;
+  s.slot_busy[a.slot] = true;
+  AcquireScan action;
+  action.slot = a.slot;
+  action.request.session = a.session;
+  action.request.slab_id = s.slab.header.slab_id;
+  action.request.station = a.station;
+  // Less than what is allowed only where another scan was taken first.
+  action.request.timeout_ns =
+      std::clamp(a.started_ns + kHangTimeoutNs - s.now_ns, kNsPerMs, s.settings.scan_timeout_ns);
+  action.request.spool_path.printf("%s/%lld/%02u-%u", s.settings.spool_dir.c_str(),
+                                   static_cast<long long>(s.slab.header.key), a.station, a.attempt.number);
+  return action;
+}
+
+/// One scan that is thrown away: from then on everything that the scanner may hold is known. Its number, 0, is
+/// nobody's.
+void clear_scanner(Station& s, int slot, Actions& actions) {
+  s.acquisition.phase = Acquisition::Phase::clearing;
+  AcquireScan action = scan_to_ask(s, slot);
+  action.request.cmd_seq = 0;
+  action.request.spool_path.append("-unseen");
+  emit(actions, action);
+  log(actions, LogLine::Level::info, Code::ok,
+      "station %u: slabd ended while a scan was taken, and nobody saw its points; one scan more is taken first and "
+      "thrown away, so that a scanner that hangs cannot give the old one for this block",
+      s.acquisition.station);
+}
+
 void try_to_trigger(Station& s, Actions& actions) {
   Acquisition& a = s.acquisition;
   PoseMean mean;
@@ -55,23 +87,16 @@ void try_to_trigger(Station& s, Actions& actions) {
     fail_acquisition(s, code, actions);
     return;
   }
+  if (s.scan_unseen && !s.settings.simulation) {
+    clear_scanner(s, slot, actions);
+    return;
+  }
   a.phase = Acquisition::Phase::scanning;
   a.settled_ns = s.now_ns;
   a.attempt.settle_ms = ms_from_ns(s.now_ns - a.started_ns);
-  a.slot = static_cast<std::uint8_t>(slot);
-  a.slot_taken = true;
-  s.slot_busy[a.slot] = true;
   s.gate.begin_exposure(mean.T_base_flange);
-
-  AcquireScan action;
-  action.slot = a.slot;
-  action.request.session = a.session;
+  AcquireScan action = scan_to_ask(s, slot);
   action.request.cmd_seq = a.cmd_seq;
-  action.request.slab_id = s.slab.header.slab_id;
-  action.request.station = a.station;
-  action.request.timeout_ns = s.settings.scan_timeout_ns;
-  action.request.spool_path.printf("%s/%lld/%02u-%u", s.settings.spool_dir.c_str(),
-                                   static_cast<long long>(s.slab.header.key), a.station, a.attempt.number);
   emit(actions, action);
 }
 
@@ -230,6 +255,7 @@ void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
 void advance_acquisition(Station& s, Actions& actions) {
   switch (s.acquisition.phase) {
     case Acquisition::Phase::settling: try_to_trigger(s, actions); break;
+    case Acquisition::Phase::clearing: give_up_when_scanner_hangs(s, actions); break;
     case Acquisition::Phase::scanning:
       measure_ahead(s, actions);
       give_up_when_scanner_hangs(s, actions);
@@ -288,9 +314,35 @@ static void settle_owed(Station& s, const ScanDone& done, Actions& actions) {
   log(actions, LogLine::Level::info, Code::ok, "the scanner's worker is back; the scan that was given up is dropped");
 }
 
+/// The scan that is thrown away: the block's own is asked for when it is there, or the command ends as it did.
+static void on_cleared(Station& s, const ScanDone& done, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  if (done.code == Code::ok && !a.decoded) {
+    a.decoded = true;
+    a.repeats = was_seen(s, done, actions);
+  }
+  if (!done.durable) return;
+  s.slot_busy[a.slot] = false;
+  a.slot_taken = false;
+  if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
+  // One that is known is not the one that nobody saw, which may still come.
+  const Code code = done.code == Code::ok && a.repeats ? Code::frame_incomplete : done.code;
+  if (a.abort || code != Code::ok) {
+    fail_acquisition(s, a.abort ? Code::interrupted : code, actions);
+    return;
+  }
+  s.scan_unseen = false;
+  a.decoded = false;
+  a.phase = Acquisition::Phase::settling;
+}
+
 void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   if (s.owed.waits) {
     settle_owed(s, done, actions);
+    return;
+  }
+  if (s.acquisition.phase == Acquisition::Phase::clearing && done.cmd_seq == 0 && done.slot == s.acquisition.slot) {
+    on_cleared(s, done, actions);
     return;
   }
   if (on_view_scanned(s, done, actions)) return;
@@ -378,6 +430,7 @@ void abort_acquisition(Station& s, Actions& actions) {
   switch (a.phase) {
     case Acquisition::Phase::settling:
     case Acquisition::Phase::checking: fail_acquisition(s, Code::interrupted, actions); break;
+    case Acquisition::Phase::clearing:
     case Acquisition::Phase::scanning:
       // The scanner's worker still writes into the buffer; the acquisition ends with its answer.
       a.abort = true;

@@ -223,6 +223,8 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
   action.request.spool_path.printf("%s/%lld-%u", capture_folder(s).c_str(),
                                    static_cast<long long>(s.utime_us / 1'000'000), unsigned{c.request_no});
   emit(actions, action);
+  // No journal knows of a view. Its points' own fingerprint takes this one's place.
+  store_fingerprint(s, kUnseenScan, actions);
 }
 
 /// Its buffer stays taken: the worker may still write into it.

@@ -42,6 +42,7 @@ PlcState state_of(const Station& s) {
   if (current_fault(s) != Code::ok) return PlcState::fault;
   switch (s.acquisition.phase) {
     case Acquisition::Phase::settling: return PlcState::settling;
+    case Acquisition::Phase::clearing:
     case Acquisition::Phase::scanning:
     case Acquisition::Phase::checking:
     case Acquisition::Phase::storing: return PlcState::scanning;

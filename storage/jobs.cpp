@@ -59,9 +59,9 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       close_newest_(db, kCloseNewest),
       attempt_phase_(db, "SELECT phase FROM attempt WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
       upsert_attempt_(db, upsert_for<Attempt, AttemptState>("attempt", {"slab_key", "station", "attempt"})),
-      remember_scan_(db, "INSERT OR IGNORE INTO seen_scan (fingerprint) VALUES (?1)"),
-      forget_scans_(db, "DELETE FROM seen_scan WHERE id <= (SELECT max(id) FROM seen_scan) - " +
-                            std::to_string(kFingerprintsKept)),
+      remember_scan_(db, "INSERT OR REPLACE INTO seen_scan (fingerprint) VALUES (?1)"),
+      forget_scans_(db, "DELETE FROM seen_scan WHERE id <= (SELECT id FROM seen_scan ORDER BY id DESC LIMIT 1 OFFSET " +
+                            std::to_string(kFingerprintsKept) + ")"),
       set_measured_(db,
                     "UPDATE attempt SET phase = 'measured', code = 0 "
                     "WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
@@ -320,6 +320,7 @@ void Jobs::interrupt_unfinished() {
     std::uint16_t cmd_seq;
     std::uint8_t station;
     std::int64_t slab_key;
+    bool scan;
     bool newest_scan;  ///< and its slab is open: no later SCAN has taken its place
   };
   std::vector<Unfinished> list;
@@ -329,9 +330,11 @@ void Jobs::interrupt_unfinished() {
     u.cmd_seq = static_cast<std::uint16_t>(unfinished_.integer(1));
     u.station = static_cast<std::uint8_t>(unfinished_.integer(3));
     u.slab_key = unfinished_.integer(4);
-    u.newest_scan = unfinished_.integer(2) == kScan && u.slab_key != 0 && unfinished_.integer(5) == 1;
+    u.scan = unfinished_.integer(2) == kScan;
+    u.newest_scan = u.scan && u.slab_key != 0 && unfinished_.integer(5) == 1;
   }
   for (const Unfinished& u : list) {
+    if (u.scan) remember_scan(kUnseenScan);
     if (u.newest_scan) insert_failed_scan(u.slab_key, u.station, u.session, u.cmd_seq);
     close_command(u.session, u.cmd_seq, kInterrupted, false);
   }

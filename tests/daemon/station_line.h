@@ -45,6 +45,7 @@ inline Recipe short_recipe() {
 struct MemoryStore {
   RecoveredLine line;
   std::uint16_t open_command = 0;
+  bool open_scan = false;
   std::optional<Code> fail_next;
   std::function<bool(const StoreJob&)> fail_when;  ///< jobs that find the disk broken
   std::vector<StoreJob> applied;
@@ -65,6 +66,8 @@ struct MemoryStore {
   /// What a restarted daemon would find.
   RecoveredLine recover() {
     if (open_command != 0) line.cmd_status = static_cast<std::uint16_t>(kCommandFailed + 110);
+    if (open_scan) remember(kUnseenScan);
+    open_scan = false;
     for (StationRecord& record : line.stations)
       if (record.phase == StationPhase::acquiring) {
         record.phase = StationPhase::failed;
@@ -88,6 +91,7 @@ struct MemoryStore {
     line.cmd_ack = job.cmd_seq;
     line.cmd_status = 1;
     open_command = job.cmd_seq;
+    open_scan = job.command == 2;
     if (job.command == 2) {
       StationRecord& record = line.stations[job.station - 1U];
       record.phase = StationPhase::acquiring;
@@ -102,6 +106,7 @@ struct MemoryStore {
     line.acq_seq = job.attempt.cmd_seq;
     line.cmd_status = 3;
     open_command = 0;
+    open_scan = false;
   }
   void keep(const FailedAttemptJob& job) {
     StationRecord& record = line.stations[job.attempt.station - 1U];
@@ -110,6 +115,7 @@ struct MemoryStore {
     remember(job.fingerprint);
     line.cmd_status = static_cast<std::uint16_t>(kCommandFailed + job.code);
     open_command = 0;
+    open_scan = false;
   }
   void remember(std::uint64_t fingerprint) {
     if (fingerprint != 0) line.fingerprints.at(fingerprints++ % kFingerprintsKept) = fingerprint;

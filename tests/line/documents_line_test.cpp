@@ -11,6 +11,7 @@
 
 #include "cli/control.h"
 #include "daemon/loop.h"
+#include "hal/hal.h"
 #include "hal/scan_request.h"
 #include "processes.h"
 
@@ -155,7 +156,12 @@ TEST(DocumentsLine, what_is_in_force_and_was_checked_is_what_its_schemas_publish
   documents.ask({"calibrate", "block", scan, balls + "/view_01.ply", "--recipe", recipe, "--flange",
                  balls + "/flange.txt", "--start", "0 80 150 1 0 0 0"});
   documents.ask({"scanner", "verify", "--ball", balls + "/view_01.ply", "--diameter-mm", "50.8"});
-  ask({"scanner", "verify", "--plate", scan, "--gate-mm", "20", "--keep"});
+  std::vector<float> plate;
+  for (int i = 0; i < 40'000; ++i)
+    for (const int v : {i % 200 - 100, i / 200 - 100, 600}) plate.push_back(static_cast<float>(v));
+  const std::string flat = (box.dir / "plate.ply").native();
+  ASSERT_TRUE(hal::write_ply(flat.c_str(), plate, 200, 200).ok());
+  ask({"scanner", "verify", "--plate", flat, "--keep"});
   ask({"scanner", "history"});
   done({"simulate", "plane", "--out", (box.dir / "plane.xyz").native()});
   documents.keep_file(box.dir / "plane.json");

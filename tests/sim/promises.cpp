@@ -85,8 +85,14 @@ void Promises::committed(const StoreJob& job) {
 void Promises::doubtful(const StoreJob& job) {
   const heap::Aside aside;
   // One that came again because its answer was an error replaces what the first left: what is shown is its record.
-  if (const auto* block = std::get_if<BlockJob>(&job.what)) records_.erase(block->record.res_seq);
-  if (const auto* slab = std::get_if<SlabJob>(&job.what)) records_.erase(slab->record.res_seq);
+  if (const auto* block = std::get_if<BlockJob>(&job.what)) {
+    records_.erase(block->record.res_seq);
+    doubtful_records_[block->record.res_seq] = record_of(block->slab_key, block->record);
+  }
+  if (const auto* slab = std::get_if<SlabJob>(&job.what)) {
+    records_.erase(slab->record.res_seq);
+    doubtful_records_[slab->record.res_seq] = record_of(slab->slab_key, slab->record);
+  }
   if (const auto* acquired = std::get_if<AcquiredJob>(&job.what)) {
     const Attempt& a = acquired->attempt;
     doubtful_scans_[a.cmd_seq] = {{a.slab_key, a.station, a.number}, std::string(a.scan_path.view())};
@@ -193,6 +199,11 @@ void Promises::recovered(const RecoveredLine& line) {
     acquired_.insert(at->second);
   }
   doubtful_scans_.clear();
+  for (auto found = line.unacknowledged; !found.empty(); found.pop())
+    if (const auto at = doubtful_records_.find(found.front().res_seq); at != doubtful_records_.end())
+      records_.insert(*at);
+  doubtful_records_.clear();
+  if (line.slab_open) slab_nos_[line.slab.key] = line.slab.slab_no;
   if (line.session != session_stored_ && sessions_.contains(line.session) && session_stored_ != 0 &&
       static_cast<std::int16_t>(line.session - session_stored_) < 0)
     world_.violated("session %u was committed, and %u was found", session_stored_, line.session);

@@ -65,6 +65,7 @@ class Promises {
   std::map<std::int64_t, std::uint32_t> slab_nos_;
   std::set<std::uint16_t> acquired_commands_;
   std::map<std::uint16_t, std::pair<AttemptKey, std::string>> doubtful_scans_;  ///< by command; committed or not
+  std::map<std::uint16_t, Record> doubtful_records_;                            ///< by RES_SEQ; committed or not
   std::set<std::uint16_t> sessions_;                                            ///< shown
   std::uint16_t session_stored_ = 0;
   std::map<std::uint16_t, Record> shown_records_;

@@ -19,6 +19,13 @@ class RecoverTest : public StoreTest {
     open();
     return recover();
   }
+  std::uint64_t newest_fingerprint() {
+    std::uint64_t newest = 0;
+    const auto line = restart();
+    for (const std::uint64_t fingerprint : line->fingerprints)
+      if (fingerprint != 0) newest = fingerprint;
+    return newest;
+  }
 };
 
 TEST_F(RecoverTest, fresh_database_knows_nothing) {
@@ -85,6 +92,24 @@ TEST_F(RecoverTest, acquired_scan_waits_to_be_measured_from_its_path) {
   EXPECT_EQ(line->stations[3].phase, StationPhase::acquired);
   expect_same(line->stations[3].attempt, a);
   EXPECT_EQ(line->stations[3].attempts, 1);
+}
+
+TEST_F(RecoverTest, a_scan_whose_end_nobody_saw_stands_among_the_fingerprints_until_another_is_seen) {
+  begin(1);
+  apply(SeenScanJob{7});
+  EXPECT_EQ(newest_fingerprint(), 7U);
+  accept(PlcCommand::slab_end, 0, 1);
+  EXPECT_EQ(newest_fingerprint(), 7U) << "only a SCAN takes a scan";
+  for (int i = 0; i < 3; ++i) {
+    accept(PlcCommand::scan, 4, 1);
+    EXPECT_EQ(newest_fingerprint(), kUnseenScan);
+    EXPECT_EQ(newest_fingerprint(), kUnseenScan) << "not over with the next start";
+    apply(SeenScanJob{static_cast<std::uint64_t>(9 + 2 * i)});
+    EXPECT_EQ(newest_fingerprint(), static_cast<std::uint64_t>(9 + 2 * i));
+  }
+  const auto line = restart();
+  const auto kept = std::count(line->fingerprints.begin(), line->fingerprints.end(), kUnseenScan);
+  EXPECT_EQ(kept, 1) << "it takes one place";
 }
 
 TEST_F(RecoverTest, the_newest_fingerprints_come_back_oldest_first) {
