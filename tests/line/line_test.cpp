@@ -169,6 +169,29 @@ TEST_F(LineTest, a_slab_is_finished_among_strays_old_files_and_half_ones_at_ever
   EXPECT_GT(status()["links"]["scanner"]["strays"].get<int>(), 5);
 }
 
+TEST_F(LineTest, killed_while_a_scan_is_taken_has_one_more_taken_and_thrown_away) {
+  const fs::path db = box.dir / "slabd.db";
+  const char* under_way = "SELECT count(*) FROM command WHERE command = 2 AND status = 1";
+  {
+    const auto line = box.simulate({"--slab-no", "23", "--slab-id", "UNSEEN"});
+    wait_until([&] {
+      return !line->running() || (query(db, "SELECT count(*) FROM block") >= 3 && query(db, under_way) == 1);
+    });
+    ASSERT_TRUE(line->running()) << read_file(box.dir / "simulate.err");
+    box.kill_hard();
+    line->signal(SIGINT);
+    line->wait();
+  }
+  box.start();
+  ASSERT_TRUE(box.ready());
+  const Box::Answer answer = simulate({"--slab-no", "23", "--slab-id", "UNSEEN"});
+  EXPECT_EQ(answer.exit_status, 0) << answer.out << answer.err;
+  EXPECT_NE(box.log().find("one scan more is taken first"), std::string::npos) << box.log();
+  EXPECT_EQ(query(db, "SELECT count(*) FROM slab_result WHERE verdict = 'pass'"), 1);
+  for (const auto& entry : fs::recursive_directory_iterator(box.dir / "spool"))
+    EXPECT_EQ(entry.path().native().find("unseen"), std::string::npos) << entry.path();
+}
+
 // A scanner that hangs does not become better by a restart of slabd: the first answer to every other request is a scan
 // of block 1, under the new name. Block 5 has its slope planted, so that it passes only if it is taken for another.
 TEST_F(LineTest, a_scan_that_was_taken_before_a_restart_is_no_scan_of_another_block_after_it) {
