@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The process ends while a scan is taken: nobody has seen its points, and a scanner that hangs may give them for any
+// block.
+#include <gtest/gtest.h>
+
+#include "tests/daemon/station_line.h"
+
+namespace slabd::daemon {
+namespace {
+
+/// block.
+struct UnseenScan : StationTest {
+  void die_while_scanning() {
+    begin();
+    line.scanner_answers = false;
+    line.scan(4);
+    ASSERT_EQ(line.scans.size(), 1U);
+    line.start();
+    line.scanner_answers = true;
+    line.plc.command_writer = 0;
+  }
+};
+
+TEST_F(UnseenScan, what_the_scanner_gives_next_is_thrown_away_and_the_block_is_scanned_all_the_same) {
+  die_while_scanning();
+  line.fingerprint = 0x0F01;
+  line.robot_station = 4;
+  line.run_for(600);
+  const std::uint16_t seq = line.command(PlcCommand::scan, 4);
+  for (int t = 0; t < 2'000 && line.scans.size() < 3; t += 4) {
+    line.run_for(4);
+    if (line.scans.size() == 2) line.fingerprint = 0x0F03;
+  }
+  ASSERT_EQ(line.scans.size(), 3U);
+  EXPECT_EQ(line.scans[1].request.cmd_seq, 0) << "nobody's number";
+  EXPECT_EQ(line.scans[1].request.station, 4);
+  EXPECT_NE(line.scans[1].request.spool_path.view(), line.scans[2].request.spool_path.view());
+  EXPECT_EQ(line.scans[2].request.cmd_seq, seq);
+  line.run_for(1'000);
+  EXPECT_EQ(line.view().acq_seq, seq);
+  EXPECT_EQ(line.dropped.size(), 1U);
+  ASSERT_EQ(line.measured.size(), 1U);
+  line.fingerprint = 0x0F05;
+  line.scan(5);
+  EXPECT_EQ(line.scans.size(), 4U) << "once";
+}
+
+TEST_F(UnseenScan, a_scanner_that_hangs_gives_the_same_twice_and_is_refused) {
+  die_while_scanning();
+  line.fingerprint = 0x0F01;
+  line.scan(4);
+  EXPECT_EQ(line.scans.size(), 3U);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::frame_incomplete));
+  EXPECT_TRUE(line.measured.empty());
+  line.fingerprint = 0x0F03;
+  line.scan(4);
+  EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq);
+}
+
+TEST_F(UnseenScan, a_scan_that_is_known_is_not_the_one_that_nobody_saw) {
+  begin();
+  line.fingerprint = 0x0E01;
+  line.scan(1);
+  line.fingerprint = 0;
+  line.scanner_answers = false;
+  line.scan(4);
+  line.start();
+  line.scanner_answers = true;
+  line.plc.command_writer = 0;
+  line.fingerprint = 0x0E01;
+  line.scan(4);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::frame_incomplete));
+  EXPECT_EQ(line.scans.back().request.cmd_seq, 0);
+  line.fingerprint = 0;
+  const std::size_t before = line.scans.size();
+  line.scan(4);
+  EXPECT_EQ(line.scans.size(), before + 2) << "still not trusted";
+}
+
+TEST_F(UnseenScan, a_scanner_that_gives_nothing_fails_the_command_and_is_not_trusted_yet) {
+  die_while_scanning();
+  line.scan_code = Code::trigger_timeout;
+  line.scan(4);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::trigger_timeout));
+  EXPECT_EQ(line.scans.back().request.cmd_seq, 0);
+  line.scan_code = Code::ok;
+  line.scan(4);
+  EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq);
+  EXPECT_EQ(line.scans.size(), 4U);
+}
+
+TEST_F(UnseenScan, abort_ends_it) {
+  die_while_scanning();
+  line.scanner_answers = false;
+  line.scan(4);
+  EXPECT_EQ(line.scans.back().request.cmd_seq, 0);
+  line.plc.abort = true;
+  line.feed(line.plc);
+  line.run_for(40);
+  EXPECT_EQ(line.cancelled, 1);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::interrupted));
+  line.plc.abort = false;
+  line.scanner_answers = true;
+  line.scan(4);
+  EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq) << "the buffer came back";
+}
+
+TEST_F(UnseenScan, the_answer_comes_while_the_plc_waits_for_it) {
+  die_while_scanning();
+  line.scanner_answers = false;
+  line.scan(4);
+  EXPECT_EQ(line.scans.back().request.timeout_ns, line.settings.scan_timeout_ns);
+  line.run_for(9'000);
+  ScanDone done;
+  done.cmd_seq = 0;
+  done.slot = line.scans.back().slot;
+  done.durable = true;
+  done.fingerprint = 0x0F01;
+  line.feed(done);
+  line.run_for(40);
+  ASSERT_EQ(line.scans.size(), 3U);
+  EXPECT_LT(line.scans.back().request.timeout_ns, 10 * kNsPerS);
+  EXPECT_GT(line.scans.back().request.timeout_ns, 8 * kNsPerS);
+}
+
+TEST_F(StationTest, a_death_between_two_scans_asks_for_none_more) {
+  begin();
+  line.scan(1);
+  line.start();
+  line.plc.command_writer = 0;
+  line.scan(2);
+  EXPECT_EQ(line.scans.size(), 2U);
+}
+
+}  // namespace
+}  // namespace slabd::daemon
