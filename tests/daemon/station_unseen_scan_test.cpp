@@ -9,7 +9,6 @@
 namespace slabd::daemon {
 namespace {
 
-/// block.
 struct UnseenScan : StationTest {
   void die_while_scanning() {
     begin();
