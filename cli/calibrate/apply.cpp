@@ -43,8 +43,7 @@ void warn_of_standing(const daemon::Config& config, std::string_view id) {
     return;
   complain(
       fmt::format("warning: the line goes on warning of the scanner: after {} was kept, a verification was out of its "
-                  "limits; only a "
-                  "new acceptance, from other scans, ends that (slabctl scanner verify --apply)",
+                  "limits; only a new acceptance, from other scans, ends that (slabctl scanner verify --apply)",
                   id));
 }
 

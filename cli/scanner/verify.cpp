@@ -93,8 +93,7 @@ void warn_of_places(const char* artefact, std::size_t places, std::size_t scans,
   if (scans == 0 || places >= needed) return;
   complain(fmt::format(
       "warning: VDI/VDE 2634-2 asks for the {} in {} places of the volume, here are {} scans of {}; places lie {:.0f} "
-      "mm "
-      "apart{}",
+      "mm apart{}",
       artefact, needed, scans, places, kPlaceApart_mm,
       std::string_view(artefact) == "plate" ? fmt::format(" or are tilted by {:.0f} deg", deg_from_rad(kPlaceApart_rad))
                                             : ""));
