@@ -141,6 +141,7 @@ struct SlabJob {
   PlcResult record;
   std::int64_t ended_utime_us = 0;
 };
+/// The PLC has taken this record, and no other: one that was never shown stays to be shown.
 struct AckJob {
   std::uint16_t res_seq = 0;
 };

@@ -351,6 +351,8 @@ struct Station {
   std::size_t fingerprint_next = 0;                             ///< the oldest
   /// Those that could not be stored: they go with the first job after which the disk works again.
   FixedVector<std::uint64_t, kFingerprintsKept> unsaved_fingerprints;
+  /// Acknowledgements that could not be stored go the same way. One more would only be shown again after a restart.
+  FixedVector<std::uint16_t, limits::kResultQueueMax> unsaved_acks;
   /// The scanner may hold a scan that nobody saw (kUnseenScan). What it gives next is remembered and thrown away.
   bool scan_unseen = false;
   std::array<bool, limits::kScanSlots> slot_busy{};

@@ -191,10 +191,7 @@ void acknowledge(Station& s, const PlcInputs& in, Actions& actions) {
   if (s.results.queue.empty() || in.res_ack != s.results.queue.front().res_seq || s.results.ack_before != 0) return;
   if (s.storing.size() + 8 > s.storing.capacity()) return;  // asked again with the PLC's next write
   s.results.queue.pop();
-  PendingStore pending;
-  pending.kind = PendingStore::Kind::ack;
-  pending.value = in.res_ack;
-  submit(s, actions, AckJob{in.res_ack}, pending);
+  store_acknowledgement(s, in.res_ack, actions);
 }
 
 void beat(Station& s, const PlcInputs& before, const PlcInputs& in, Actions& actions) {

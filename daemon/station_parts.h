@@ -126,5 +126,6 @@ void number_record(Station& s, PlcResult& record);
 
 // ---- station_stored.cpp ----
 void on_stored(Station& s, const StoreDone& done, Actions& actions);
+void store_acknowledgement(Station& s, std::uint16_t res_seq, Actions& actions);
 
 }  // namespace slabd::daemon

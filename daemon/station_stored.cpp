@@ -117,18 +117,34 @@ void on_report(Station& s, const PendingStore& pending, Code code, Actions& acti
 
 }  // namespace
 
-/// What a scanner gave must be known after a restart, also when the disk failed at that moment.
-static void settle_fingerprints(Station& s, const PendingStore& pending, Code code, Actions& actions) {
-  auto& unsaved = s.unsaved_fingerprints;
+void store_acknowledgement(Station& s, std::uint16_t res_seq, Actions& actions) {
+  PendingStore pending;
+  pending.kind = PendingStore::Kind::ack;
+  pending.value = res_seq;
+  submit(s, actions, AckJob{res_seq}, pending);
+}
+
+/// What a scanner gave must be known after a restart, also when the disk failed at that moment. And a record whose
+/// acknowledgement never became durable would keep its slab's scans for ever.
+static void settle_unsaved(Station& s, const PendingStore& pending, Code code, Actions& actions) {
+  auto& fingerprints = s.unsaved_fingerprints;
+  auto& acks = s.unsaved_acks;
   if (code != Code::ok) {
-    const bool known = std::find(unsaved.begin(), unsaved.end(), pending.fingerprint) != unsaved.end();
-    if (pending.fingerprint != 0 && !known) (void)unsaved.push(pending.fingerprint);
+    const bool known = std::find(fingerprints.begin(), fingerprints.end(), pending.fingerprint) != fingerprints.end();
+    if (pending.fingerprint != 0 && !known) (void)fingerprints.push(pending.fingerprint);
+    if (pending.kind == PendingStore::Kind::ack) (void)acks.push(pending.value);
     return;
   }
-  if (unsaved.empty()) return;
-  const std::uint64_t fingerprint = unsaved[0];
-  unsaved.erase(0);
-  store_fingerprint(s, fingerprint, actions);
+  // One for one, so that there is always room for it.
+  if (!fingerprints.empty()) {
+    const std::uint64_t fingerprint = fingerprints[0];
+    fingerprints.erase(0);
+    store_fingerprint(s, fingerprint, actions);
+  } else if (!acks.empty()) {
+    const std::uint16_t res_seq = acks[0];
+    acks.erase(0);
+    store_acknowledgement(s, res_seq, actions);
+  }
 }
 
 void on_stored(Station& s, const StoreDone& done, Actions& actions) {
@@ -138,7 +154,7 @@ void on_stored(Station& s, const StoreDone& done, Actions& actions) {
   const PendingStore pending = *found;
   s.storing.erase(static_cast<std::size_t>(found - s.storing.begin()));
 
-  settle_fingerprints(s, pending, done.code, actions);
+  settle_unsaved(s, pending, done.code, actions);
   switch (pending.kind) {
     case PendingStore::Kind::session: on_session(s, pending, done.code, actions); break;
     case PendingStore::Kind::begin_slab:
@@ -154,7 +170,7 @@ void on_stored(Station& s, const StoreDone& done, Actions& actions) {
       if (done.code != Code::ok) raise_fault(s, actions, done.code, "remembering what the scanner gave");
       break;
     case PendingStore::Kind::ack:
-      // Not durable: after a restart the PLC sees this record once more and knows it already.
+      // Should slabd end before it is durable, the PLC sees this record once more and knows it already.
       if (done.code != Code::ok) raise_fault(s, actions, done.code, "recording an acknowledgement");
       break;
   }

@@ -80,9 +80,13 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
                             "DELETE FROM result WHERE slab_key = ?1 AND kind = ?2 AND station = ?3 "
                             "AND (kind = 2 OR cmd_seq = ?4) AND acknowledged = 0 AND is_repeat = 0"),
       insert_result_(db, insert_for<SlabKey, ResultState, PlcResult>("result")),
+      // This record and no earlier one: a slab's end whose commit was answered with an error was never shown.
       acknowledge_(db,
-                   "UPDATE result SET acknowledged = 1 WHERE acknowledged = 0 AND id NOT BETWEEN ?2 AND ?3 AND id <= "
+                   "UPDATE result SET acknowledged = 1 WHERE id = "
                    "(SELECT min(id) FROM result WHERE acknowledged = 0 AND res_seq = ?1 AND id NOT BETWEEN ?2 AND ?3)"),
+      delete_slab_result_(db, "DELETE FROM slab_result WHERE slab_key = ?1"),
+      delete_station_results_(db, "DELETE FROM station_result WHERE slab_key = ?1"),
+      delete_slab_record_(db, "DELETE FROM result WHERE slab_key = ?1 AND kind = 2 AND is_repeat = 0"),
       last_ended_(db, "SELECT coalesce(max(slab_key), 0) FROM slab_result"),
       unfinished_(db,
                   "SELECT command.session, cmd_seq, command, station, coalesce(command.slab_key, 0), "
@@ -143,7 +147,16 @@ void Jobs::keep_recipe(const SlabHeader& slab) {
 }
 
 void Jobs::operator()(const CommandJob& job) {
+  if (job.command != static_cast<std::uint16_t>(PlcCommand::report)) undo_unseen_end(job.slab_key);
   insert_command(job, kAccepted);
+}
+
+void Jobs::undo_unseen_end(std::int64_t slab_key) {
+  if (slab_key == 0) return;
+  delete_slab_result_.bind(1, slab_key).run();
+  delete_station_results_.bind(1, slab_key).run();
+  delete_items_.bind(1, slab_key).bind(2, number(0)).bind(3, number(0)).run();
+  delete_slab_record_.bind(1, slab_key).run();
 }
 
 void Jobs::insert_command(const CommandJob& command, std::uint16_t status) {

@@ -137,11 +137,10 @@ struct MemoryStore {
     queue(job.record);
   }
   void keep(const AckJob& job) {
-    while (!line.unacknowledged.empty()) {
-      const bool last = line.unacknowledged.front().res_seq == job.res_seq;
-      line.unacknowledged.pop();
-      if (last) break;
-    }
+    auto waiting = line.unacknowledged;
+    line.unacknowledged.clear();
+    for (; !waiting.empty(); waiting.pop())
+      if (waiting.front().res_seq != job.res_seq) (void)line.unacknowledged.push(waiting.front());
   }
   void keep(const ReportJob& job) {
     open_command = 0;

@@ -173,6 +173,23 @@ TEST_F(StationRefusals, an_acknowledgement_that_could_not_be_stored_shows_its_re
   EXPECT_EQ(line.view().record.res_seq, number);
 }
 
+TEST_F(StationRefusals, an_acknowledgement_that_could_not_be_stored_goes_with_the_next_job) {
+  begin();
+  line.scan(1);
+  const std::uint16_t number = line.view().record.res_seq;
+  store.fail_next = Code::journal_write;
+  line.plc.res_ack = number;
+  line.feed(line.plc);
+  line.run_for(8);
+  reset_fault();
+  line.scan(2);
+  line.run_for(8);
+  line.plc = {};
+  line.start();
+  EXPECT_NE(line.view().record.res_seq, number) << "it is known to have been taken";
+  EXPECT_EQ(line.take_results().size(), 1U);
+}
+
 TEST_F(StationRefusals, an_answer_to_a_job_nobody_gave_changes_nothing) {
   begin();
   line.feed(StoreDone{60'000, Code::journal_write});

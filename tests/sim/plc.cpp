@@ -289,6 +289,11 @@ void Plc::order_ended(bool done, Code code) {
     }
   }
   if (command == PlcCommand::slab_end && code == Code::unknown_type) kept_.giving_up = true;
+  // An end that could not be recorded leaves the slab open: time for one more look at a block.
+  if (command == PlcCommand::slab_end && code == Code::journal_write && happens(chance_, 0.3)) {
+    kept_.stage = Stage::scan;
+    wishes.rescan = true;
+  }
 }
 
 void Plc::plan() {

@@ -23,7 +23,7 @@ class CareTest : public StoreTest {
     for (std::int64_t key = first; key <= last; ++key) {
       begin(key);
       scan_without_file(key, 1, 1);
-      apply(AckJob{end(key, Verdict::pass)});
+      acknowledge(end(key, Verdict::pass));
     }
   }
   /// Measured and acknowledged, with maps; its scan has been deleted.
@@ -35,7 +35,7 @@ class CareTest : public StoreTest {
     record.cmd_seq = cmd_seq_;
     apply(BlockJob{key, static_cast<std::uint8_t>(number), random_block(prng_, station, Verdict::pass), record,
                    random_maps(prng_)});
-    apply(AckJob{res_seq_});
+    acknowledge(res_seq_);
   }
   [[nodiscard]] std::int64_t count(const std::string& table) const {
     Result<std::unique_ptr<Connection>> db = open_for_reading(settings_.db_path);
@@ -52,7 +52,7 @@ TEST_F(CareTest, a_copy_holds_what_was_committed_before_and_while_it_was_made) {
   begin(20);
   for (int station = 1; station <= 18; ++station)
     for (int attempt = 1; attempt <= 4; ++attempt) scan_without_file(20, station, attempt);
-  apply(AckJob{end(20, Verdict::pass)});
+  acknowledge(end(20, Verdict::pass));
   ASSERT_TRUE(store_->order(BackupOrder{copy_path()}).ok());
   quiet(4);  // the first piece
   ASSERT_EQ(store_->care().backup, Phase::under_way);
@@ -130,7 +130,7 @@ class FailedSlabsTest : public CareTest {
   void ended(std::int64_t first, std::int64_t last, Verdict verdict) {
     for (std::int64_t key = first; key <= last; ++key) {
       begin(key);
-      apply(AckJob{end(key, verdict)});
+      acknowledge(end(key, verdict));
     }
   }
   [[nodiscard]] bool is_there(std::int64_t key) { return reader()->slab(key).value().has_value(); }
@@ -208,7 +208,7 @@ TEST_F(FailedSlabsTest, do_not_outlive_the_budget_of_the_disk_and_records_do_not
   for (const auto& [key, verdict] : {std::pair{1, Verdict::fail}, {2, Verdict::pass}, {3, Verdict::fail}}) {
     begin(key);
     scan(key, 1, 1);
-    apply(AckJob{end(key, verdict)});
+    acknowledge(end(key, verdict));
   }
   ended(4, kKeepSlabsMin + 4, Verdict::pass);
   quiet(20);
@@ -238,8 +238,8 @@ TEST_F(CareTest, slabs_with_scans_or_unseen_results_stay_and_so_do_the_newest) {
   Attempt kept = attempt(2, 1, 1);
   kept.scan_path.assign(scan_file(2, 1, 1, 1000));
   apply(AcquiredJob{kept});
-  apply(AckJob{measure(2, 1, 1)});
-  apply(AckJob{end(2, Verdict::pass)});
+  acknowledge(measure(2, 1, 1));
+  acknowledge(end(2, Verdict::pass));
   slabs(3, kKeepSlabsMin + 4);
   EXPECT_EQ(store_->order(PruneOrder{5}).error().code, Code::config) << "fewer than the least are never kept";
   ASSERT_TRUE(store_->order(PruneOrder{kKeepSlabsMin}).ok());

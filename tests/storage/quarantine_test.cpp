@@ -32,7 +32,7 @@ class QuarantineTest : public StoreTest {
         record.cmd_seq = cmd_seq_;
         apply(BlockJob{key, 1, random_block(prng_, station, Verdict::pass), record, random_maps(prng_)});
       }
-      apply(AckJob{end(key, Verdict::pass)});
+      acknowledge(end(key, Verdict::pass));
     }
     close();
   }

@@ -31,7 +31,7 @@ TEST_F(ReaderTest, lists_newest_first_and_finds_by_the_newest_id) {
     scan(key, 2, 1);
     if (key == 5) break;
     const std::uint16_t res_seq = end(key, Verdict::pass);
-    if (key == 3) apply(AckJob{res_seq});
+    if (key == 3) acknowledge(res_seq);
   }
   const auto read = reader();
   ASSERT_NE(read, nullptr);

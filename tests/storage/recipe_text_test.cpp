@@ -85,7 +85,7 @@ TEST_F(RecipeTextTest, stays_when_retention_takes_its_slabs_away) {
   (void)recover();
   for (std::int64_t key = 1; key <= kKeepSlabsMin + 2; ++key) {
     begin_with(key, key <= 2 ? "aa11" : "aa22");
-    apply(AckJob{end(key, Verdict::pass)});
+    acknowledge(end(key, Verdict::pass));
   }
   for (int i = 0; i < 20; ++i) store_->idle();
   EXPECT_FALSE(reader()->slab(2).value().has_value());

@@ -277,7 +277,7 @@ TEST_F(RecoverTest, repeated_report_is_one_more_record_and_closes_its_command) {
   auto line = recover();
   const PlcResult original = line->slab_record;
   EXPECT_EQ(original.res_seq, slab_seq);
-  apply(AckJob{slab_seq});
+  acknowledge(slab_seq);
   accept(PlcCommand::report, 0, 0);
   PlcResult repeat = original;
   repeat.res_seq = ++res_seq_;
@@ -301,6 +301,55 @@ TEST_F(RecoverTest, newest_wall_clock_survives_a_clock_that_went_back) {
   EXPECT_EQ(recover()->cmd_ack, cmd_seq_) << "commands are ordered by entry, not by time";
 }
 
+/// SLAB_END was answered with an error, and in the log all the same: a record that no PLC has seen.
+TEST_F(RecoverTest, an_acknowledgement_is_of_the_record_shown_and_of_no_earlier_one) {
+  begin(1);
+  acquire(1, 1, 1);
+  const std::uint16_t unseen = end(1, Verdict::aborted);
+  apply(AckJob{measure(1, 1, 1)});
+  auto line = restart();
+  EXPECT_FALSE(line->slab_open);
+  ASSERT_EQ(line->unacknowledged.size(), 1U);
+  EXPECT_EQ(line->unacknowledged[0].res_seq, unseen);
+  apply(AckJob{unseen});
+  EXPECT_TRUE(restart()->unacknowledged.empty());
+}
+
+TEST_F(RecoverTest, an_end_that_nobody_saw_is_undone_by_the_slabs_next_order) {
+  for (const PlcCommand next : {PlcCommand::scan, PlcCommand::slab_end, PlcCommand::slab_abort}) {
+    const std::int64_t key = recover()->last_slab_key + 1;
+    begin(key);
+    acknowledge(scan(key, 1, 1));
+    end(key, Verdict::pass);
+    if (next == PlcCommand::scan) {
+      acknowledge(scan(key, 1, 2, Verdict::fail));
+    } else {
+      accept(next, 0, key);
+    }
+    auto line = restart();
+    EXPECT_TRUE(line->slab_open) << "the pass is of an attempt that was given up, or is asked for again";
+    EXPECT_TRUE(line->unacknowledged.empty());
+    EXPECT_EQ(line->stations[0].attempts, next == PlcCommand::scan ? 2 : 1);
+    EXPECT_EQ(reader()->slab(key).value()->slab.items.size(), 0U);
+
+    acknowledge(end(key, Verdict::fail));
+    line = restart();
+    EXPECT_FALSE(line->slab_open);
+    EXPECT_EQ(line->slab_verdict, Verdict::fail);
+  }
+}
+
+TEST_F(RecoverTest, a_report_leaves_the_end_of_its_slab_alone) {
+  begin(1);
+  acknowledge(scan(1, 1, 1));
+  const std::uint16_t last = end(1, Verdict::pass);
+  accept(PlcCommand::report, 1, 1);
+  const auto line = restart();
+  EXPECT_FALSE(line->slab_open);
+  ASSERT_EQ(line->unacknowledged.size(), 1U);
+  EXPECT_EQ(line->unacknowledged[0].res_seq, last);
+}
+
 TEST_F(RecoverTest, results_beyond_the_queue_wait_for_the_next_restart_unacknowledged) {
   begin(1);
   std::vector<std::uint16_t> all;
@@ -314,7 +363,7 @@ TEST_F(RecoverTest, results_beyond_the_queue_wait_for_the_next_restart_unacknowl
   EXPECT_EQ(recover()->unacknowledged.size(), limits::kResultQueueMax);
 
   // The PLC takes everything it is shown, also what is measured meanwhile and therefore newer than the three.
-  apply(AckJob{all[limits::kResultQueueMax - 1]});
+  for (std::size_t i = 0; i < limits::kResultQueueMax; ++i) apply(AckJob{all[i]});
   const std::uint16_t newer = scan(1, 7, 50);
   const std::uint16_t newest = scan(1, 8, 50);
   apply(AckJob{newer});
@@ -324,7 +373,7 @@ TEST_F(RecoverTest, results_beyond_the_queue_wait_for_the_next_restart_unacknowl
     EXPECT_EQ(line->unacknowledged[i].res_seq, all[limits::kResultQueueMax + i]) << "was never shown";
   EXPECT_EQ(line->unacknowledged[3].res_seq, newest);
 
-  apply(AckJob{all.back()});
+  acknowledge(all.back());
   line = restart();
   ASSERT_EQ(line->unacknowledged.size(), 1U) << "once shown, they are acknowledged like any other";
   EXPECT_EQ(line->unacknowledged[0].res_seq, newest);
@@ -354,7 +403,7 @@ TEST_F(RecoverTest, long_random_day_agrees_with_a_model) {
     } else if (dice < 3 && !model.waiting.empty()) {
       const std::size_t upto = prng_.below(model.waiting.size());
       apply(AckJob{model.waiting[upto]});
-      model.waiting.erase(model.waiting.begin(), model.waiting.begin() + static_cast<std::ptrdiff_t>(upto) + 1);
+      model.waiting.erase(model.waiting.begin() + static_cast<std::ptrdiff_t>(upto));
     } else if (model.waiting.size() < 50) {
       const int station = 1 + static_cast<int>(prng_.below(18));
       const auto i = static_cast<std::size_t>(station - 1);

@@ -31,17 +31,17 @@ class SpoolTest : public StoreTest {
 
 TEST_F(SpoolTest, without_a_budget_everything_is_kept) {
   open();
-  for (std::int64_t key = 1; key <= 5; ++key) apply(AckJob{whole_slab(key, Verdict::pass)});
+  for (std::int64_t key = 1; key <= 5; ++key) acknowledge(whole_slab(key, Verdict::pass));
   EXPECT_EQ(kept(), "12345");
 }
 
 TEST_F(SpoolTest, oldest_acknowledged_passes_go_first_then_the_others) {
   settings_.spool_budget_bytes = 100'000;
   open();
-  apply(AckJob{whole_slab(1, Verdict::fail)});
-  apply(AckJob{whole_slab(2, Verdict::pass)});
-  apply(AckJob{whole_slab(3, Verdict::indeterminate)});
-  apply(AckJob{whole_slab(4, Verdict::pass)});
+  acknowledge(whole_slab(1, Verdict::fail));
+  acknowledge(whole_slab(2, Verdict::pass));
+  acknowledge(whole_slab(3, Verdict::indeterminate));
+  acknowledge(whole_slab(4, Verdict::pass));
   const std::uint16_t waiting = whole_slab(5, Verdict::pass);
   begin(6);
   scan(6, 1, 1);
@@ -56,7 +56,7 @@ TEST_F(SpoolTest, oldest_acknowledged_passes_go_first_then_the_others) {
   }
   EXPECT_EQ(seen, "13456 1356 356 56 56 56 56 56 ")
       << "one slab a time; never an unacknowledged slab and never the open one";
-  apply(AckJob{waiting});
+  acknowledge(waiting);
   EXPECT_EQ(kept(), "6") << "slab 5 may go once its last record is acknowledged";
   EXPECT_EQ(store_->spool_trouble(), "");
 }
@@ -64,7 +64,7 @@ TEST_F(SpoolTest, oldest_acknowledged_passes_go_first_then_the_others) {
 TEST_F(SpoolTest, deletes_only_down_to_the_budget_and_keeps_the_records) {
   settings_.spool_budget_bytes = 4000;
   open();
-  for (std::int64_t key = 1; key <= 4; ++key) apply(AckJob{whole_slab(key, Verdict::pass)});
+  for (std::int64_t key = 1; key <= 4; ++key) acknowledge(whole_slab(key, Verdict::pass));
   EXPECT_EQ(kept(), "34");
   EXPECT_FALSE(std::filesystem::exists(settings_.spool_dir + "/1")) << "the slab's folder goes with its scans";
   Result<std::optional<SlabRecord>> record = reader()->slab(1);
@@ -80,7 +80,7 @@ TEST_F(SpoolTest, deletes_only_down_to_the_budget_and_keeps_the_records) {
 TEST_F(SpoolTest, pinned_slab_is_passed_over_until_its_pin_is_gone) {
   settings_.spool_budget_bytes = 100'000;
   open();
-  for (std::int64_t key = 1; key <= 3; ++key) apply(AckJob{whole_slab(key, Verdict::pass)});
+  for (std::int64_t key = 1; key <= 3; ++key) acknowledge(whole_slab(key, Verdict::pass));
   const std::string pin = settings_.spool_dir + "/1/pin.json";
   std::ofstream(pin) << "{}";
   settings_.spool_budget_bytes = 1;
@@ -104,7 +104,7 @@ TEST_F(SpoolTest, file_outside_the_spool_is_never_touched) {
   a.scan_path.assign(precious);
   apply(AcquiredJob{a});
   measure(1, 1, 1);
-  apply(AckJob{end(1, Verdict::pass)});
+  acknowledge(end(1, Verdict::pass));
   apply(AckJob{0});
   EXPECT_TRUE(std::filesystem::exists(precious));
 }
@@ -118,7 +118,7 @@ TEST_F(SpoolTest, scan_that_cannot_be_deleted_is_reported_and_tried_again) {
   // A folder in the file's place cannot be unlinked, not even by root.
   ASSERT_TRUE(std::filesystem::remove(path));
   ASSERT_TRUE(std::filesystem::create_directory(path));
-  apply(AckJob{end(1, Verdict::pass)});
+  acknowledge(end(1, Verdict::pass));
   EXPECT_NE(store_->spool_trouble().find("1-1.ply cannot be deleted"), std::string_view::npos)
       << store_->spool_trouble();
   ASSERT_TRUE(std::filesystem::remove(path));
@@ -163,7 +163,7 @@ TEST_F(OrphanTest, only_scans_in_the_newest_slabs_own_folder_are_judged) {
   open();
   begin_at(1);
   scan(1, 1, 1);
-  apply(AckJob{end(1, Verdict::pass)});
+  acknowledge(end(1, Verdict::pass));
   begin_at(2);
   scan(2, 1, 1);
   std::vector<std::string> kept = {scan_file(1, 5, 1, 10),   // an older slab

@@ -6,6 +6,8 @@
 #include <filesystem>
 #include <fstream>
 
+#include "storage/database.h"
+
 namespace slabd::storage {
 namespace {
 
@@ -569,6 +571,21 @@ std::uint16_t StoreTest::end(std::int64_t slab_key, Verdict verdict) {
   record.cmd_seq = cmd_seq_;
   apply(SlabJob{slab_key, random_slab(prng_, verdict), record, 5'000'000});
   return res_seq_;
+}
+
+void StoreTest::acknowledge(std::uint16_t res_seq) {
+  std::vector<std::uint16_t> waiting;
+  {
+    Result<std::unique_ptr<Connection>> db = open_for_reading(settings_.db_path);
+    ASSERT_TRUE(db.ok()) << db.error().text.view();
+    Statement rows(*db.value(), "SELECT res_seq FROM result WHERE acknowledged = 0 ORDER BY id");
+    while (rows.step()) waiting.push_back(static_cast<std::uint16_t>(rows.integer(0)));
+  }
+  for (const std::uint16_t next : waiting) {
+    apply(AckJob{next});
+    if (next == res_seq) return;
+  }
+  FAIL() << "record " << res_seq << " does not wait";
 }
 
 }  // namespace slabd::storage

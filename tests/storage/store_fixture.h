@@ -51,6 +51,8 @@ class StoreTest : public ::testing::Test {
   std::uint16_t measure(std::int64_t slab_key, int station, int number, Verdict verdict = Verdict::pass);
   /// accept SLAB_END and store the verdict; returns the record's RES_SEQ.
   std::uint16_t end(std::int64_t slab_key, Verdict verdict);
+  /// Everything that waits, up to this record, one after the other.
+  void acknowledge(std::uint16_t res_seq);
 
   TemporaryFolder folder_;
   StoreSettings settings_;
