@@ -106,17 +106,18 @@ void CalibrationDesk::carry_out(storage::Store* store) {
     } else {
       note_user(change.value(), uid_);
       const Result<std::string> done = store->change(change.value());
-      if (done.ok()) {
+      if (done.ok())
         id_.assign(done.value());
-        Result<std::unique_ptr<LineCalibration>> now = store->calibration();
-        if (now.ok()) {
-          calibration_ = std::move(now.value());
-        } else {
-          error_ = now.error();
-        }
-      } else {
+      else
         error_ = done.error();
+      // A change that was refused is not there. One that failed may be: what is in force is what the database says.
+      if (done.ok() || error_.code != Code::config) {
+        Result<std::unique_ptr<LineCalibration>> now = store->calibration();
+        if (now.ok()) calibration_ = std::move(now.value());
+        if (done.ok() && !now.ok()) error_ = now.error();
       }
+      if (!done.ok() && error_.code != Code::config)
+        error_.text.append("; it may have been made all the same: slabctl calibrate history tells");
     }
   } catch (const std::exception& e) {
     error_ = slabd::error(Code::internal, "%s: %s", path.c_str(), e.what());

@@ -63,8 +63,8 @@ void clear_scanner(Station& s, int slot, Actions& actions) {
   action.request.spool_path.append("-unseen");
   emit(actions, action);
   log(actions, LogLine::Level::info, Code::ok,
-      "station %u: slabd ended while a scan was taken, and nobody saw its points; one scan more is taken first and "
-      "thrown away, so that a scanner that hangs cannot give the old one for this block",
+      "station %u: a scan was asked for before, and nobody saw its points; one scan more is taken first and thrown "
+      "away, so that the old one cannot be given for this block",
       s.acquisition.station);
 }
 
@@ -304,9 +304,17 @@ void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions) 
       "the scanner's worker hangs, most likely in a network share; nothing more is asked of it until it is back");
 }
 
+/// What the scanner makes of a request that brought no new points may come later, as the scan of another block.
+static void distrust_scanner(Station& s, Actions& actions) {
+  if (s.scan_unseen) return;
+  s.scan_unseen = true;
+  store_fingerprint(s, kUnseenScan, actions);
+}
+
 /// Nothing else was asked of the worker meanwhile, so whatever it brings is what was given up.
 static void settle_owed(Station& s, const ScanDone& done, Actions& actions) {
-  (void)was_seen(s, done, actions);
+  const bool repeated = was_seen(s, done, actions);
+  if (done.code == Code::ok && done.fingerprint != 0 && !repeated) s.scan_unseen = false;
   if (!done.durable) return;
   if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
   if (s.owed.slot_taken) s.slot_busy[s.owed.slot] = false;
@@ -410,6 +418,8 @@ void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Acti
 
 void fail_acquisition(Station& s, Code code, Actions& actions) {
   Acquisition& a = s.acquisition;
+  const bool asked = a.phase == Acquisition::Phase::clearing || a.phase == Acquisition::Phase::scanning;
+  if (asked && a.fingerprint == 0) distrust_scanner(s, actions);
   StationRecord& record = record_of(s, a.station);
   record.phase = StationPhase::failed;
   record.code = static_cast<std::uint16_t>(code);

@@ -100,8 +100,8 @@ const StationsInForce* usable_table(const Station& s, std::uint16_t slab_type) {
 }
 
 Splice splice_now(const Station& s, std::uint8_t station, const Pose& T_base_flange, Actions& actions) {
-  const Splice splice = splice_for(s.slab.calibration, s.settings.splice, s.slab.header.slab_type, station,
-                                   T_base_flange, distance_to_block_mm(s, station, T_base_flange), expiry_utime_us(s));
+  Splice splice = splice_for(s.slab.calibration, s.settings.splice, s.slab.header.slab_type, station, T_base_flange,
+                             distance_to_block_mm(s, station, T_base_flange), expiry_utime_us(s));
   // Corrections that exist and are not used deserve a word; a line that was never mastered does not need one each scan.
   if (is_uncorrected(splice.source) && !s.slab.calibration.tables.empty()) {
     if (splice.source == SpliceSource::outside_gate) {

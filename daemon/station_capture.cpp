@@ -188,7 +188,8 @@ Error scanner_does_not_answer() {
 void try_to_ask_scanner(Station& s, Actions& actions) {
   Capture& c = s.capture;
   const Code link = s.gate.link(s.now_ns);
-  const int slot = free_slot(s);
+  const bool room = s.storing.size() + 8 <= s.storing.capacity();  // for what is remembered of the view
+  const int slot = room ? free_slot(s) : -1;
   const bool scanner_hangs = s.owed.waits || s.links.scanner_hangs;
   if (link != Code::ok || !s.still.settled() || slot < 0 || scanner_hangs) {
     if (s.now_ns - c.started_ns <= s.settings.settle_timeout_ns + s.settings.capture.stable_ns) return;
@@ -224,6 +225,7 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
                                    static_cast<long long>(s.utime_us / 1'000'000), unsigned{c.request_no});
   emit(actions, action);
   // No journal knows of a view. Its points' own fingerprint takes this one's place.
+  s.scan_unseen = true;
   store_fingerprint(s, kUnseenScan, actions);
 }
 
@@ -357,7 +359,9 @@ bool on_view_scanned(Station& s, const ScanDone& done, Actions& actions) {
   if (c.phase != Capture::Phase::scanning || done.cmd_seq != c.request_no || done.slot != c.slot) return false;
   if (done.code == Code::ok && !c.looked_at) {
     c.looked_at = true;
-    c.repeats = was_seen(s, done, actions) && !s.settings.simulation;
+    const bool repeats = was_seen(s, done, actions);
+    if (!repeats) s.scan_unseen = false;
+    c.repeats = repeats && !s.settings.simulation;
   }
   if (!done.durable) return true;
   if (done.code != Code::ok || c.abort || c.repeats) {

@@ -96,6 +96,7 @@ void begin_end(Station& s, std::uint16_t cmd_seq, bool aborting, Actions& action
 
 void advance_end(Station& s, Actions& actions) {
   if (s.slab.phase != SlabPhase::ending || s.acquisition.phase != Acquisition::Phase::none || s.measuring != 0) return;
+  if (s.desk.pending) return;  // a SLAB_ABORT may be on its way to the journal: a slab has one end
   if (s.slab.aborting) {
     store_end(s, aborted_result(s), actions);
     return;
@@ -111,6 +112,7 @@ void advance_end(Station& s, Actions& actions) {
 void on_slab_judged(Station& s, const SlabJudged& judged, Actions& actions) {
   if (s.slab.phase != SlabPhase::ending || judged.slab_key != s.slab.header.key) return;
   s.slab.judging = false;
+  if (s.desk.pending || s.slab.aborting) return;  // as in advance_end(), which asks again
   store_end(s, judged.slab, actions);
 }
 

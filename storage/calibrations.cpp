@@ -50,7 +50,7 @@ std::string Calibrations::keep(const CalibrationRecord& given) {
     refuse("this " + kind + " calibration is not kept: " + nonsense);
   if (record.observations.size() + record.certificate.size() + record.figures.size() > kTextMax)
     refuse("this " + kind + " calibration is not kept: its observations and certificate have more than 32 MB");
-  if (const std::string there = kept_already(record); !there.empty()) return there;
+  if (std::string there = kept_already(record); !there.empty()) return there;
 
   std::vector<std::string> names = {"kind", "slab_type"};
   const std::vector<std::string> rest = names_of<CalibrationRecord>();
@@ -165,7 +165,7 @@ std::string Calibrations::roll_back(const RollBackCalibration& change) {
   if (now.before_seq == 0 || !before.bind(1, now.before_seq).step())
     refuse("before " + now.calibration_id + " no " + kind +
            " calibration was in force, so there is nothing to go back to; apply another one");
-  const std::string id(before.text(0));
+  std::string id(before.text(0));
   const std::int64_t before_seq = before.integer(1);
   before.reset();
   const std::optional<CalibrationRecord> record = find(id);

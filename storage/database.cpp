@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 #include <array>
-#include <cstdlib>
+#include <charconv>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -89,7 +89,8 @@ int read_failure_in(const std::string& answer) {
   static constexpr std::string_view kWords = "error code=";
   const std::size_t at = answer.find(kWords);
   if (at == std::string::npos) return 0;
-  const int code = std::atoi(answer.c_str() + at + kWords.size());
+  int code = 0;
+  (void)std::from_chars(answer.data() + at + kWords.size(), answer.data() + answer.size(), code);
   return (code & 0xFF) == SQLITE_CORRUPT ? 0 : code;
 }
 

@@ -35,7 +35,7 @@ constexpr std::array kQuestions = {
 };
 
 std::string trouble_of(Connection& db, bool full) {
-  const std::string answer = db.text(full ? "PRAGMA integrity_check(1)" : "PRAGMA quick_check(1)");
+  std::string answer = db.text(full ? "PRAGMA integrity_check(1)" : "PRAGMA quick_check(1)");
   if (answer != "ok") return answer;
   for (const Question& question : kQuestions)
     if (const std::int64_t count = db.integer(question.count); count != 0)

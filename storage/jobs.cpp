@@ -90,7 +90,8 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       last_ended_(db, "SELECT coalesce(max(slab_key), 0) FROM slab_result"),
       unfinished_(db,
                   "SELECT command.session, cmd_seq, command, station, coalesce(command.slab_key, 0), "
-                  "slab_result.slab_key IS NULL AND command.id = (SELECT max(id) FROM command WHERE command = 2) "
+                  "slab_result.slab_key IS NULL AND command.id = (SELECT max(id) FROM command AS later WHERE "
+                  "later.command = 2 AND later.slab_key = command.slab_key AND later.station = command.station) "
                   "FROM command LEFT JOIN slab_result ON slab_result.slab_key = command.slab_key "
                   "WHERE status = 1 ORDER BY command.id"),
       scan_recorded_(
@@ -147,12 +148,10 @@ void Jobs::keep_recipe(const SlabHeader& slab) {
 }
 
 void Jobs::operator()(const CommandJob& job) {
-  if (job.command != static_cast<std::uint16_t>(PlcCommand::report)) undo_unseen_end(job.slab_key);
   insert_command(job, kAccepted);
 }
 
-void Jobs::undo_unseen_end(std::int64_t slab_key) {
-  if (slab_key == 0) return;
+void Jobs::undo_end(std::int64_t slab_key) {
   delete_slab_result_.bind(1, slab_key).run();
   delete_station_results_.bind(1, slab_key).run();
   delete_items_.bind(1, slab_key).bind(2, number(0)).bind(3, number(0)).run();
@@ -334,7 +333,7 @@ void Jobs::interrupt_unfinished() {
     std::uint8_t station;
     std::int64_t slab_key;
     bool scan;
-    bool newest_scan;  ///< and its slab is open: no later SCAN has taken its place
+    bool newest_scan;  ///< of its station, and its slab is open: no later SCAN has taken its place
   };
   std::vector<Unfinished> list;
   while (unfinished_.step()) {

@@ -41,11 +41,11 @@ class Jobs {
   /// Every command that was accepted and not finished becomes "interrupted"; a SCAN among them leaves a failed attempt.
   void interrupt_unfinished();
 
+  /// Takes back the end of a slab that nobody was shown.
+  void undo_end(std::int64_t slab_key);
+
  private:
   void note_time(std::int64_t utime_us);
-  /// SCAN, SLAB_END and SLAB_ABORT are accepted only for an open slab. If the database knows its end all the same, that
-  /// was a commit answered with an error: nobody was shown it, and what is ordered now goes on with the slab.
-  void undo_unseen_end(std::int64_t slab_key);
   void close_command(std::uint16_t session, std::uint16_t cmd_seq, std::uint16_t status, bool acquired);
   void insert_command(const CommandJob& command, std::uint16_t status);
   void insert_result(std::int64_t slab_key, bool is_repeat, const PlcResult& record);

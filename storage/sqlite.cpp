@@ -54,10 +54,10 @@ Connection::Connection(const std::string& path, int flags) {
     sqlite3_extended_result_codes(handle_, 1);
     return;
   }
-  SqlFailure failure{handle_ != nullptr ? sqlite3_extended_errcode(handle_) : SQLITE_NOMEM,
-                     handle_ != nullptr ? sqlite3_errmsg(handle_) : "out of memory"};
+  const int result = handle_ != nullptr ? sqlite3_extended_errcode(handle_) : SQLITE_NOMEM;
+  std::string text = handle_ != nullptr ? sqlite3_errmsg(handle_) : "out of memory";
   sqlite3_close_v2(handle_);
-  throw failure;
+  throw SqlFailure{result, std::move(text)};
 }
 
 Connection::~Connection() {
@@ -138,12 +138,11 @@ bool Statement::step() {
   const int result = sqlite3_step(handle_);
   if (result == SQLITE_ROW) return true;
   if (result != SQLITE_DONE) {
-    const SqlFailure failure{sqlite3_extended_errcode(connection_.handle()),
-                             std::string(sqlite3_errmsg(connection_.handle())) + " (SQLite " +
-                                 std::to_string(sqlite3_extended_errcode(connection_.handle())) +
-                                 ") in: " + std::string(sqlite3_sql(handle_)).substr(0, 80)};
+    const int code = sqlite3_extended_errcode(connection_.handle());
+    std::string text = std::string(sqlite3_errmsg(connection_.handle())) + " (SQLite " + std::to_string(code) +
+                       ") in: " + std::string(sqlite3_sql(handle_)).substr(0, 80);
     sqlite3_reset(handle_);
-    throw failure;
+    throw SqlFailure{code, std::move(text)};
   }
   sqlite3_reset(handle_);
   return false;

@@ -92,10 +92,16 @@ class SqliteStore final : public Store {
       if (Status status = check_free_space(); !status.ok()) return status;
     Status status = run("job", [&](OpenDatabase& open) {
       Transaction transaction(*open.db, "BEGIN IMMEDIATE");
+      if (unseen_end_ != 0) open.jobs.undo_end(unseen_end_);
       std::visit(open.jobs, job.what);
       transaction.commit();
     });
-    if (std::holds_alternative<SlabJob>(job.what)) retention_due_ = true;
+    const auto* const end = std::get_if<SlabJob>(&job.what);
+    if (end != nullptr) retention_due_ = true;
+    if (status.ok())
+      unseen_end_ = 0;
+    else if (end != nullptr)
+      unseen_end_ = end->slab_key;
     const bool may_trim = std::holds_alternative<SlabJob>(job.what) || std::holds_alternative<AckJob>(job.what);
     if (status.ok() && may_trim)
       tidy_spool([&](Spool& spool) { return settings_.spool_budget_bytes > 0 ? spool.trim() : success(); });
@@ -298,6 +304,9 @@ class SqliteStore final : public Store {
   StoreSettings settings_;
   std::optional<WriterLock> lock_;
   HeldBack held_back_;  ///< outlives a reopened file
+  /// Slab whose end was answered with an error: open for all who were told, and perhaps ended in the database. The next
+  /// job that can be written sees to that. 0: none.
+  std::int64_t unseen_end_ = 0;
   std::unique_ptr<OpenDatabase> open_;
   FixedString<limits::kErrorTextBytes> spool_trouble_;
   bool log_holds_commits_ = false;

@@ -133,6 +133,40 @@ TEST_F(CalibrationDeskTest, a_change_is_carried_out_and_its_file_is_gone) {
   EXPECT_EQ(reader.value()->applied(1).value().at(0).note.who, "anna (uid 1000)") << "who asked stands in the history";
 }
 
+/// Writes, and answers with an error all the same, as a disk does that fails in the middle of a commit.
+class DoubtfulStore : public Store {
+ public:
+  explicit DoubtfulStore(Store& store) : store_(store) {}
+  Result<std::unique_ptr<RecoveredLine>> recover() override { return store_.recover(); }
+  Status apply(const StoreJob& job) override { return store_.apply(job); }
+  Result<std::string> change(const CalibrationChange& change) override {
+    EXPECT_TRUE(store_.change(change).ok());
+    return error(Code::journal_write, "disk I/O error");
+  }
+  Result<std::unique_ptr<LineCalibration>> calibration() override { return store_.calibration(); }
+  Status order(const CareOrder& order) override { return store_.order(order); }
+  CareState care() const override { return store_.care(); }
+
+ private:
+  Store& store_;
+};
+
+TEST_F(CalibrationDeskTest, after_a_change_that_failed_the_line_works_with_what_the_database_says) {
+  leave("1.json", change_json(KeepCalibration{hand_eye()}));
+  (void)carry_out("1.json");
+  const std::string id(desk_->id().view());
+  DoubtfulStore doubtful(*store_);
+  leave("2.json", change_json(ApplyCalibration{id, {"anna", "test", 5}}));
+  ASSERT_TRUE(desk_->lay("2.json", 1000).ok());
+  desk_->started();
+  desk_->carry_out(&doubtful);
+  const LineCalibration* now = desk_->finish();
+  EXPECT_FALSE(desk_->succeeded());
+  EXPECT_NE(desk_->error().text.view().find("made all the same"), std::string_view::npos);
+  ASSERT_NE(now, nullptr);
+  EXPECT_EQ(now->id.view(), id);
+}
+
 TEST_F(CalibrationDeskTest, what_is_refused_changes_nothing_and_says_why) {
   leave("a.json", change_json(ApplyCalibration{"he-none", {"anna", "test", 5}}));
   EXPECT_EQ(carry_out("a.json"), nullptr);

@@ -30,6 +30,7 @@ class RealSlabd {
     settings_.recipes = std::span(&recipe_, 1);
     settings_.calibration_id = "cal";
     settings_.spool_dir = "/spool";
+    settings_.simulation = true;  // the model's scanner holds nothing back, so nothing is thrown away
     boot();
     answer_all();
     plc_.enable = true;
@@ -190,7 +191,7 @@ class RealSlabd {
                                         [&](const PendingStore& p) { return p.ticket == answers_[i].ticket; });
       const PendingStore::Kind kind = pending->kind;
       const bool quiet = kind == PendingStore::Kind::block || kind == PendingStore::Kind::ack ||
-                         kind == PendingStore::Kind::failed_attempt;
+                         kind == PendingStore::Kind::failed_attempt || kind == PendingStore::Kind::seen_scan;
       if (!quiet) {
         ++i;
         continue;

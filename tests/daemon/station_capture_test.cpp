@@ -195,6 +195,20 @@ TEST_F(CaptureTest, the_scanners_own_words_are_passed_on) {
   EXPECT_NE(line_.scans[0].request.cmd_seq, line_.scans[1].request.cmd_seq);
 }
 
+TEST_F(CaptureTest, while_the_disk_hangs_views_are_refused_before_there_is_no_room_to_remember_them) {
+  begin();
+  line_.disk_answers = false;
+  std::uint64_t view = 0;
+  for (; line_.station->storing.size() + 8 <= line_.station->storing.capacity(); ++view) {
+    line_.fingerprint = 4711 + 2 * view;
+    ASSERT_EQ(shoot().code, Code::ok);
+  }
+  EXPECT_GT(view, 10U);
+  ask(Action::shoot);
+  line_.run_for(60'000);
+  EXPECT_EQ(line_.station->capture.shot.code, Code::deadline);
+}
+
 TEST_F(CaptureTest, a_view_given_again_is_no_scan_of_a_block) {
   begin();
   line_.fingerprint = 4711;
@@ -208,6 +222,7 @@ TEST_F(CaptureTest, a_view_given_again_is_no_scan_of_a_block) {
   EXPECT_EQ(line_.view().cmd_status, failed(Code::frame_incomplete));
   EXPECT_EQ(line_.view().stations_done, 0);
   line_.fingerprint = 4712;
+  line_.fingerprint_thrown_away = 4714;
   line_.scan(1);
   EXPECT_EQ(line_.view().stations_done, 1);
 }

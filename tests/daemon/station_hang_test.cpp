@@ -113,6 +113,7 @@ TEST_F(StationHangTest, a_scan_that_was_given_up_is_no_later_one_either) {
   EXPECT_EQ(line.view().cmd_status, failed(Code::frame_incomplete));
   EXPECT_EQ(line.view().stations_done, 0);
   line.fingerprint = 4712;
+  line.fingerprint_thrown_away = 4714;
   line.scan(1);
   EXPECT_EQ(line.view().stations_done, 1);
 }

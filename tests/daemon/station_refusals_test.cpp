@@ -286,6 +286,24 @@ TEST_F(StationRefusals, while_a_slab_ends_it_takes_only_an_abort) {
   EXPECT_EQ(line.view().slab_verdict, Verdict::aborted);
 }
 
+TEST_F(StationRefusals, an_abort_on_its_way_to_the_journal_while_the_slab_is_judged_leaves_one_end) {
+  begin();
+  line.scan(1);
+  EXPECT_EQ(line.take_results().size(), 1U);
+  line.command(PlcCommand::slab_end);
+  line.run_for(4);  // journalled; the judgement is on its way
+  ASSERT_TRUE(line.station->slab.judging);
+  const std::uint16_t abort_seq = line.command(PlcCommand::slab_abort);
+  line.run_for(40);
+  EXPECT_EQ(store.slabs_ended, 1);
+  EXPECT_FALSE(line.view().slab_open);
+  EXPECT_EQ(line.view().slab_verdict, Verdict::aborted);
+  const std::vector<PlcResult> taken = line.take_results();
+  ASSERT_EQ(taken.size(), 1U);
+  EXPECT_EQ(taken[0].verdict, Verdict::aborted);
+  EXPECT_EQ(taken[0].cmd_seq, abort_seq);
+}
+
 TEST_F(StationRefusals, a_station_cannot_be_scanned_for_ever) {
   begin();
   line.station->slab.stations[0].attempts = 0xFF;

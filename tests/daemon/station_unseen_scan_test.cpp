@@ -53,6 +53,7 @@ TEST_F(UnseenScan, a_scanner_that_hangs_gives_the_same_twice_and_is_refused) {
   EXPECT_EQ(line.view().cmd_status, failed(Code::frame_incomplete));
   EXPECT_TRUE(line.measured.empty());
   line.fingerprint = 0x0F03;
+  line.fingerprint_thrown_away = 0x0F05;
   line.scan(4);
   EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq);
 }
@@ -75,6 +76,66 @@ TEST_F(UnseenScan, a_scan_that_is_known_is_not_the_one_that_nobody_saw) {
   const std::size_t before = line.scans.size();
   line.scan(4);
   EXPECT_EQ(line.scans.size(), before + 2) << "still not trusted";
+}
+
+/// Each way in which a request brings no new points, without a restart.
+TEST_F(UnseenScan, what_the_scanner_could_not_deliver_is_not_taken_for_another_block) {
+  begin();
+  std::uint64_t fingerprint = 0x0E01;
+  line.fingerprint = fingerprint;
+  line.scan(1);
+  for (const char* way : {"timeout", "incomplete", "abort", "the last one again"}) {
+    SCOPED_TRACE(way);
+    const std::string what = way;
+    line.scan_code = what == "timeout"      ? Code::trigger_timeout
+                     : what == "incomplete" ? Code::frame_incomplete
+                                            : Code::ok;
+    line.scanner_answers = what != "abort";
+    if (what != "the last one again") line.fingerprint = fingerprint += 2;
+    line.scan(4);
+    if (what == "abort") {
+      line.plc.abort = true;
+      line.feed(line.plc);
+      line.run_for(20);
+      line.plc.abort = false;
+      line.feed(line.plc);
+    }
+    ASSERT_GE(line.view().cmd_status, kCommandFailed);
+    line.scan_code = Code::ok;
+    line.scanner_answers = true;
+
+    const std::size_t before = line.scans.size();
+    const std::size_t measured = line.measured.size();
+    line.fingerprint = fingerprint += 2;  // for all that slabd knows, of block 4
+    line.robot_station = 5;
+    line.run_for(600);
+    const std::uint16_t seq = line.command(PlcCommand::scan, 5);
+    for (int t = 0; t < 2'000 && line.scans.size() < before + 2; t += 4) {
+      line.run_for(4);
+      if (line.scans.size() == before + 1) line.fingerprint = fingerprint + 2;
+    }
+    fingerprint += 2;
+    line.run_for(1'000);
+    ASSERT_EQ(line.scans.size(), before + 2);
+    EXPECT_EQ(line.scans[before].request.cmd_seq, 0);
+    EXPECT_EQ(line.view().acq_seq, seq);
+    EXPECT_EQ(line.measured.size(), measured + 1);
+    line.take_results();
+  }
+}
+
+TEST_F(UnseenScan, what_was_not_delivered_before_a_restart_is_not_trusted_after_it) {
+  begin();
+  line.scan_code = Code::trigger_timeout;
+  line.scan(4);
+  line.start();
+  line.plc.command_writer = 0;
+  line.scan_code = Code::ok;
+  line.fingerprint = 0x0F01;
+  const std::size_t before = line.scans.size();
+  line.scan(5);
+  ASSERT_GT(line.scans.size(), before);
+  EXPECT_EQ(line.scans[before].request.cmd_seq, 0);
 }
 
 TEST_F(UnseenScan, a_scanner_that_gives_nothing_fails_the_command_and_is_not_trusted_yet) {

@@ -265,6 +265,12 @@ void Plc::run_order() {
         order_ended(false, static_cast<Code>(seen_.cmd_status - kCommandFailed));
         break;
       }
+      const bool ending = out_.command == static_cast<std::uint16_t>(PlcCommand::slab_end);
+      if (ending && std::exchange(wishes.slab_abort, false)) {
+        kept_.giving_up = true;  // somebody has no patience
+        order(PlcCommand::slab_abort, 0);
+        break;
+      }
       const bool scan = out_.command == static_cast<std::uint16_t>(PlcCommand::scan);
       const auto goal = static_cast<std::uint16_t>(scan ? CommandStatus::acquired : CommandStatus::done);
       if (seen_.cmd_status >= goal)

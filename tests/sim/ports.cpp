@@ -118,6 +118,11 @@ Result<AcquiredScan> SimScanner::acquire(const ScanRequest& request, std::span<f
   if (shown.smeared) world.trace.line(world.now_ns, "the robot moved during the exposure");
   const std::int64_t taken_ns = world.mono_ns();
   const std::int64_t taken_us = world.utime_us();
+  // A scanner program that hangs exports what it has under the new name; and it has what nobody took.
+  std::size_t exported = take;
+  if (world.faulty(Fault::scanner_frozen) && line_.last_export != 0 && happens(chance_, 0.6))
+    exported = line_.last_export;
+  line_.last_export = static_cast<std::uint32_t>(exported);
 
   if ((world.faulty(Fault::scanner_stall) || world.faulty(Fault::scanner_late)) && happens(chance_, 0.7)) {
     const bool late = world.faulty(Fault::scanner_late);
@@ -139,11 +144,6 @@ Result<AcquiredScan> SimScanner::acquire(const ScanRequest& request, std::span<f
     scan.shape.finite = happens(chance_, 0.5) ? 10 : 200'000;
     if (scan.shape.finite < request.points_min) return error(Code::too_few_points, "10 points are finite");
   }
-  // A scanner program that hangs exports what it has under the new name.
-  std::size_t exported = take;
-  if (world.faulty(Fault::scanner_frozen) && line_.last_export != 0 && happens(chance_, 0.6))
-    exported = line_.last_export;
-  line_.last_export = static_cast<std::uint32_t>(exported);
   line_.write(line_.takes[exported - 1], xyz);
   scan.path = request.spool_path;
   scan.path.append(".ply");

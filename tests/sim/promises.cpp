@@ -52,9 +52,14 @@ void Promises::committed(const StoreJob& job) {
   } else if (const auto* begin = std::get_if<BeginSlabJob>(&job.what)) {
     slab_nos_[begin->slab.key] = begin->slab.slab_no;
     ++world_.totals.slabs_begun;
+  } else if (const auto* command = std::get_if<CommandJob>(&job.what)) {
+    if (command->command == static_cast<std::uint16_t>(PlcCommand::scan))
+      asked_[{command->slab_key, command->station}] = command->cmd_seq;
   } else if (const auto* acquired = std::get_if<AcquiredJob>(&job.what)) {
     const Attempt& a = acquired->attempt;
     acquired_[{a.slab_key, a.station, a.number}] = std::string(a.scan_path.view());
+    if (const auto at = asked_.find({a.slab_key, a.station}); at != asked_.end() && at->second == a.cmd_seq)
+      asked_.erase(at);
     acquired_commands_.insert(a.cmd_seq);
   } else if (const auto* block = std::get_if<BlockJob>(&job.what)) {
     records_[block->record.res_seq] = record_of(block->slab_key, block->record);
@@ -104,6 +109,7 @@ const char* Promises::why_no_pass(std::int64_t slab_key, int& station) const {
   const auto no = slab_nos_.find(slab_key);
   if (slab.serial == 0 || no == slab_nos_.end() || no->second != slab.slab_no) return "0: another slab lies there";
   for (station = 1; station <= slab.recipe->stations(); ++station) {
+    if (asked_.contains({slab_key, station})) return "was to be scanned again, which came to nothing";
     // The last durable attempt is the one that counts.
     const auto after = acquired_.upper_bound({slab_key, station, 255});
     if (after == acquired_.begin()) return "was never scanned";
@@ -197,6 +203,9 @@ void Promises::recovered(const RecoveredLine& line) {
   if (const auto at = doubtful_scans_.find(line.acq_seq); at != doubtful_scans_.end()) {
     acquired_commands_.insert(at->first);
     acquired_.insert(at->second);
+    const auto& [slab_key, station, number] = at->second.first;
+    if (const auto asked = asked_.find({slab_key, station}); asked != asked_.end() && asked->second == at->first)
+      asked_.erase(asked);
   }
   doubtful_scans_.clear();
   for (auto found = line.unacknowledged; !found.empty(); found.pop())

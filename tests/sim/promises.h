@@ -61,7 +61,9 @@ class Promises {
   Line& line_;
   std::map<std::uint16_t, Record> records_;     ///< committed, by RES_SEQ
   std::map<AttemptKey, std::string> acquired_;  ///< committed, with the scan's path
-  std::map<std::int64_t, Verdict> slabs_;       ///< committed ends
+  /// SCANs that were accepted and have come to nothing yet, by slab and station.
+  std::map<std::pair<std::int64_t, std::uint8_t>, std::uint16_t> asked_;
+  std::map<std::int64_t, Verdict> slabs_;  ///< committed ends
   std::map<std::int64_t, std::uint32_t> slab_nos_;
   std::set<std::uint16_t> acquired_commands_;
   std::map<std::uint16_t, std::pair<AttemptKey, std::string>> doubtful_scans_;  ///< by command; committed or not

@@ -301,6 +301,21 @@ TEST_F(RecoverTest, newest_wall_clock_survives_a_clock_that_went_back) {
   EXPECT_EQ(recover()->cmd_ack, cmd_seq_) << "commands are ordered by entry, not by time";
 }
 
+/// A SCAN counts from the moment it is accepted, also when that it failed could not be recorded and others came after.
+TEST_F(RecoverTest, a_station_given_up_for_a_new_scan_has_no_old_pass_whatever_was_scanned_since) {
+  begin(1);
+  scan(1, 3, 1);
+  accept(PlcCommand::scan, 3, 1);
+  scan(1, 4, 1);
+  auto line = restart();
+  EXPECT_EQ(line->stations[2].phase, StationPhase::failed);
+  EXPECT_EQ(line->stations[2].attempts, 2);
+  EXPECT_EQ(line->stations[3].phase, StationPhase::measured);
+  scan(1, 3, 3);
+  line = restart();
+  EXPECT_EQ(line->stations[2].phase, StationPhase::measured);
+}
+
 /// SLAB_END was answered with an error, and in the log all the same: a record that no PLC has seen.
 TEST_F(RecoverTest, an_acknowledgement_is_of_the_record_shown_and_of_no_earlier_one) {
   begin(1);
@@ -313,41 +328,6 @@ TEST_F(RecoverTest, an_acknowledgement_is_of_the_record_shown_and_of_no_earlier_
   EXPECT_EQ(line->unacknowledged[0].res_seq, unseen);
   apply(AckJob{unseen});
   EXPECT_TRUE(restart()->unacknowledged.empty());
-}
-
-TEST_F(RecoverTest, an_end_that_nobody_saw_is_undone_by_the_slabs_next_order) {
-  for (const PlcCommand next : {PlcCommand::scan, PlcCommand::slab_end, PlcCommand::slab_abort}) {
-    const std::int64_t key = recover()->last_slab_key + 1;
-    begin(key);
-    acknowledge(scan(key, 1, 1));
-    end(key, Verdict::pass);
-    if (next == PlcCommand::scan) {
-      acknowledge(scan(key, 1, 2, Verdict::fail));
-    } else {
-      accept(next, 0, key);
-    }
-    auto line = restart();
-    EXPECT_TRUE(line->slab_open) << "the pass is of an attempt that was given up, or is asked for again";
-    EXPECT_TRUE(line->unacknowledged.empty());
-    EXPECT_EQ(line->stations[0].attempts, next == PlcCommand::scan ? 2 : 1);
-    EXPECT_EQ(reader()->slab(key).value()->slab.items.size(), 0U);
-
-    acknowledge(end(key, Verdict::fail));
-    line = restart();
-    EXPECT_FALSE(line->slab_open);
-    EXPECT_EQ(line->slab_verdict, Verdict::fail);
-  }
-}
-
-TEST_F(RecoverTest, a_report_leaves_the_end_of_its_slab_alone) {
-  begin(1);
-  acknowledge(scan(1, 1, 1));
-  const std::uint16_t last = end(1, Verdict::pass);
-  accept(PlcCommand::report, 1, 1);
-  const auto line = restart();
-  EXPECT_FALSE(line->slab_open);
-  ASSERT_EQ(line->unacknowledged.size(), 1U);
-  EXPECT_EQ(line->unacknowledged[0].res_seq, last);
 }
 
 TEST_F(RecoverTest, results_beyond_the_queue_wait_for_the_next_restart_unacknowledged) {
