@@ -54,7 +54,7 @@ void gather(std::span<const float> xyz, const Vec3& centre_mm, double radius_mm,
     const bool inside = std::abs(xyz[i] - c.x()) < reach && std::abs(xyz[i + 1] - c.y()) < reach &&
                         std::abs(xyz[i + 2] - c.z()) < reach;
     if (!inside) continue;
-    const Vec3 p(xyz[i], xyz[i + 1], xyz[i + 2]);
+    const Vec3 p = Eigen::Vector3f(xyz[i], xyz[i + 1], xyz[i + 2]).cast<double>();
     const double distance2 = (p - centre_mm).squaredNorm();
     if (distance2 > low * low && distance2 < (radius_mm + half_mm) * (radius_mm + half_mm)) near.push_back(p);
   }
@@ -126,7 +126,7 @@ Result<BallView> find_balls(std::span<const float> xyz, const BallSettings& sett
   Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity());
   Vec3 high = -low;
   for (std::size_t i = 0; i < xyz.size(); i += 3) {
-    const Vec3 p(xyz[i], xyz[i + 1], xyz[i + 2]);
+    const Vec3 p = Eigen::Vector3f(xyz[i], xyz[i + 1], xyz[i + 2]).cast<double>();
     if (!p.allFinite()) continue;
     ++view.finite;
     low = low.cwiseMin(p);

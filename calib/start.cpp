@@ -113,6 +113,7 @@ State complete(const Equations& equations, const Chosen& chosen, const Mat3& R_X
                        equations.view(i).T_scanner_target.rotation);
     for (const Quat& q : turned) {
       std::vector<double> angles;
+      angles.reserve(turned.size());
       for (const Quat& other : turned) angles.push_back(angle_between_rad(q, other));
       if (const double m = median(angles); m < best) {
         best = m;

@@ -342,6 +342,7 @@ class Solver {
     Vec3 usual;
     for (int axis = 0; axis < 3; ++axis) {
       std::vector<double> values;
+      values.reserve(together.size());
       for (const Vec3& v : together) values.push_back(v[axis]);
       std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
       usual[axis] = values[values.size() / 2];

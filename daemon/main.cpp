@@ -223,7 +223,8 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
 }  // namespace
 }  // namespace slabd::daemon
 
-int main(int argc, char** argv) {
+// What escapes is want of memory at the start: it ends the process, and the service manager tries again.
+int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
   using namespace slabd::daemon;
   CLI::App app{"slabd: inspects railway track slabs from 3-D scans and tells the PLC pass or fail"};
   std::string config_path = "/etc/slabd/slabd.toml";

@@ -254,7 +254,7 @@ struct Capture {
   bool looked_at = false;  ///< its points were compared with those of earlier scans,
   bool repeats = false;    ///< and are those of one of them
   std::uint8_t slot = 0;
-  std::uint16_t request_no = 0;  ///< of the last request to the scanner; never starts where the last process did
+  std::uint16_t request_no = 0;  ///< see next_own_request(); never starts where the last process did
   std::int64_t started_ns = 0;
   std::int64_t taken_ns = 0;
   CaptureShot shot;             ///< the last one

@@ -54,12 +54,12 @@ AcquireScan scan_to_ask(Station& s, int slot) {
   return action;
 }
 
-/// One scan that is thrown away: from then on everything that the scanner may hold is known. Its number, 0, is
-/// nobody's.
+/// One scan that is thrown away: from then on everything that the scanner may hold is known.
 void clear_scanner(Station& s, int slot, Actions& actions) {
   s.acquisition.phase = Acquisition::Phase::clearing;
   AcquireScan action = scan_to_ask(s, slot);
-  action.request.cmd_seq = 0;
+  action.request.session = 0;
+  action.request.cmd_seq = next_own_request(s);
   action.request.spool_path.append("-unseen");
   emit(actions, action);
   log(actions, LogLine::Level::info, Code::ok,
@@ -349,7 +349,8 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
     settle_owed(s, done, actions);
     return;
   }
-  if (s.acquisition.phase == Acquisition::Phase::clearing && done.cmd_seq == 0 && done.slot == s.acquisition.slot) {
+  if (s.acquisition.phase == Acquisition::Phase::clearing && done.cmd_seq == s.capture.request_no &&
+      done.slot == s.acquisition.slot) {
     on_cleared(s, done, actions);
     return;
   }

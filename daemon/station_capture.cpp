@@ -122,7 +122,6 @@ void begin(Station& s, const CaptureRequest& request, Actions& actions) {
   c.uid = request.uid;
   c.since_utime_us = s.utime_us;
   c.lease_ns = request.lease_s * kNsPerS;
-  if (c.request_no == 0) c.request_no = static_cast<std::uint16_t>(s.utime_us / 1'000'000 % 60'000 + 1);
   renew(s);
   s.still.begin();
   log(actions, LogLine::Level::info, Code::ok,
@@ -210,7 +209,7 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
   c.phase = Capture::Phase::scanning;
   c.slot = static_cast<std::uint8_t>(slot);
   s.slot_busy[c.slot] = true;
-  c.request_no = next_sequence(c.request_no);
+  next_own_request(s);
   c.shot.requested_utime_us = s.utime_us;
   s.still.mark();
 
@@ -352,6 +351,12 @@ void advance_capture(Station& s, Actions& actions) {
     case Capture::Phase::scanning: give_up_when_scanner_hangs(s, actions); break;
     case Capture::Phase::closed: break;
   }
+}
+
+std::uint16_t next_own_request(Station& s) {
+  std::uint16_t& number = s.capture.request_no;
+  if (number == 0) number = static_cast<std::uint16_t>(s.utime_us / 1'000'000 % 60'000 + 1);
+  return number = next_sequence(number);
 }
 
 bool on_view_scanned(Station& s, const ScanDone& done, Actions& actions) {

@@ -105,6 +105,10 @@ void remeasure(Station& s, Actions& actions);
 // ---- station_capture.cpp ----
 void on_capture_request(Station& s, const CaptureRequest& request, Actions& actions);
 void advance_capture(Station& s, Actions& actions);
+/// The number of a request to the scanner that no command stands behind: a view, or a scan that is thrown away. Its
+/// session is 0, which is never the PLC's. Scanner programs may take a number they know for a request they have
+/// answered.
+std::uint16_t next_own_request(Station& s);
 /// True: the scan was a view's.
 [[nodiscard]] bool on_view_scanned(Station& s, const ScanDone& done, Actions& actions);
 /// ABORT by the PLC.

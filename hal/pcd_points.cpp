@@ -30,7 +30,7 @@ double load_coordinate(const char* from, bool is_double) {
   }
   float value = 0.0F;
   std::memcpy(&value, from, sizeof value);
-  return double{value};
+  return static_cast<double>(value);
 }
 
 PointRecord record_of(const PcdLayout& layout) {

@@ -41,7 +41,7 @@ double load_coordinate(const char* from, bool is_double, bool big_endian) {
   }
   std::uint32_t bits = 0;
   std::memcpy(&bits, from, sizeof bits);
-  return double{std::bit_cast<float>(big_endian ? __builtin_bswap32(bits) : bits)};
+  return static_cast<double>(std::bit_cast<float>(big_endian ? __builtin_bswap32(bits) : bits));
 }
 
 PointRecord record_of(const PlyLayout& layout, const PlyElement& vertex) {
@@ -51,7 +51,7 @@ PointRecord record_of(const PlyLayout& layout, const PlyElement& vertex) {
   std::size_t offset = 0;
   for (const PlyProperty& property : layout.of(vertex)) {
     if (property.axis >= 0) {
-      const auto axis = static_cast<std::size_t>(property.axis);
+      const auto axis = static_cast<std::size_t>(static_cast<unsigned char>(property.axis));
       record.offset[axis] = offset;
       record.is_double[axis] = property.is_double;
     }

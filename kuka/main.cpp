@@ -208,7 +208,8 @@ int bridge(const Options& options) {
 }  // namespace
 }  // namespace slabd::kuka
 
-int main(int argc, char** argv) {
+// What escapes is want of memory at the start: it ends the process, and the service manager tries again.
+int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
   using namespace slabd::kuka;
   struct sigaction action {};
   action.sa_handler = on_signal;

@@ -30,7 +30,6 @@ class RealSlabd {
     settings_.recipes = std::span(&recipe_, 1);
     settings_.calibration_id = "cal";
     settings_.spool_dir = "/spool";
-    settings_.simulation = true;  // the model's scanner holds nothing back, so nothing is thrown away
     boot();
     answer_all();
     plc_.enable = true;
@@ -82,8 +81,8 @@ class RealSlabd {
   bool scan(Code code) {
     robot_ = station_->acquisition.station;
     for (int t = 0; t < 2'000 && !request_; t += 4) tick(true);
-    // After a death in the middle of a scan one more is asked for first; what it shows is thrown away.
-    if (request_ && request_->request.cmd_seq == 0 && code == Code::ok) {
+    // After a death in the middle of a scan, or one that failed, one more is asked for first; it is thrown away.
+    if (request_ && request_->request.session == 0 && code == Code::ok) {
       answer_scanner(Code::ok);
       for (int t = 0; t < 2'000 && !request_; t += 4) tick(true);
     }

@@ -355,7 +355,7 @@ class Line {
     done.scan.taken_mono_ns = now_ns_ + 4 * kNsPerMs;
     done.scan.shape = {1000, 900, 0, 0};
     done.fingerprint =
-        acquire.request.cmd_seq == 0 && fingerprint_thrown_away != 0 ? fingerprint_thrown_away : fingerprint;
+        acquire.request.session == 0 && fingerprint_thrown_away != 0 ? fingerprint_thrown_away : fingerprint;
     done.points_crc32c = points_crc32c;
     return done;
   }

@@ -32,7 +32,7 @@ TEST_F(UnseenScan, what_the_scanner_gives_next_is_thrown_away_and_the_block_is_s
     if (line.scans.size() == 2) line.fingerprint = 0x0F03;
   }
   ASSERT_EQ(line.scans.size(), 3U);
-  EXPECT_EQ(line.scans[1].request.cmd_seq, 0) << "nobody's number";
+  EXPECT_EQ(line.scans[1].request.session, 0) << "no command stands behind it";
   EXPECT_EQ(line.scans[1].request.station, 4);
   EXPECT_NE(line.scans[1].request.spool_path.view(), line.scans[2].request.spool_path.view());
   EXPECT_EQ(line.scans[2].request.cmd_seq, seq);
@@ -71,7 +71,7 @@ TEST_F(UnseenScan, a_scan_that_is_known_is_not_the_one_that_nobody_saw) {
   line.fingerprint = 0x0E01;
   line.scan(4);
   EXPECT_EQ(line.view().cmd_status, failed(Code::frame_incomplete));
-  EXPECT_EQ(line.scans.back().request.cmd_seq, 0);
+  EXPECT_EQ(line.scans.back().request.session, 0);
   line.fingerprint = 0;
   const std::size_t before = line.scans.size();
   line.scan(4);
@@ -117,7 +117,7 @@ TEST_F(UnseenScan, what_the_scanner_could_not_deliver_is_not_taken_for_another_b
     fingerprint += 2;
     line.run_for(1'000);
     ASSERT_EQ(line.scans.size(), before + 2);
-    EXPECT_EQ(line.scans[before].request.cmd_seq, 0);
+    EXPECT_EQ(line.scans[before].request.session, 0);
     EXPECT_EQ(line.view().acq_seq, seq);
     EXPECT_EQ(line.measured.size(), measured + 1);
     line.take_results();
@@ -135,7 +135,7 @@ TEST_F(UnseenScan, what_was_not_delivered_before_a_restart_is_not_trusted_after_
   const std::size_t before = line.scans.size();
   line.scan(5);
   ASSERT_GT(line.scans.size(), before);
-  EXPECT_EQ(line.scans[before].request.cmd_seq, 0);
+  EXPECT_EQ(line.scans[before].request.session, 0);
 }
 
 TEST_F(UnseenScan, a_scanner_that_gives_nothing_fails_the_command_and_is_not_trusted_yet) {
@@ -143,7 +143,7 @@ TEST_F(UnseenScan, a_scanner_that_gives_nothing_fails_the_command_and_is_not_tru
   line.scan_code = Code::trigger_timeout;
   line.scan(4);
   EXPECT_EQ(line.view().cmd_status, failed(Code::trigger_timeout));
-  EXPECT_EQ(line.scans.back().request.cmd_seq, 0);
+  EXPECT_EQ(line.scans.back().request.session, 0);
   line.scan_code = Code::ok;
   line.scan(4);
   EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq);
@@ -154,7 +154,7 @@ TEST_F(UnseenScan, abort_ends_it) {
   die_while_scanning();
   line.scanner_answers = false;
   line.scan(4);
-  EXPECT_EQ(line.scans.back().request.cmd_seq, 0);
+  EXPECT_EQ(line.scans.back().request.session, 0);
   line.plc.abort = true;
   line.feed(line.plc);
   line.run_for(40);
@@ -173,7 +173,7 @@ TEST_F(UnseenScan, the_answer_comes_while_the_plc_waits_for_it) {
   EXPECT_EQ(line.scans.back().request.timeout_ns, line.settings.scan_timeout_ns);
   line.run_for(9'000);
   ScanDone done;
-  done.cmd_seq = 0;
+  done.cmd_seq = line.scans.back().request.cmd_seq;
   done.slot = line.scans.back().slot;
   done.durable = true;
   done.fingerprint = 0x0F01;

@@ -151,7 +151,10 @@ TEST_F(OrphanTest, scan_that_was_spooled_and_never_recorded_goes_at_the_next_sta
   const std::string orphan = scan_file(1, 3, 1, 1000);  // and the power fails
   const std::string copied_halfway = scan_file(1, 3, 2, 1000) + ".part";
   std::filesystem::rename(settings_.spool_dir + "/1/3-2.ply", copied_halfway);
+  const std::string thrown_away = settings_.spool_dir + "/1/3-1-unseen.ply";
+  std::ofstream(thrown_away) << "points";
   restart();
+  EXPECT_FALSE(std::filesystem::exists(thrown_away));
   EXPECT_FALSE(std::filesystem::exists(orphan));
   EXPECT_FALSE(std::filesystem::exists(copied_halfway));
   for (const char* recorded : {"1-1.ply", "1-2.ply", "2-1.ply"})
