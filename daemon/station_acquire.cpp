@@ -9,6 +9,7 @@
 // with it: its answer then finds nobody and only gives the buffer back.
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "base/splice.h"
 #include "daemon/station_parts.h"
@@ -273,10 +274,26 @@ static void remember(Station& s, std::uint64_t fingerprint) {
   s.fingerprints[s.fingerprint_next] = fingerprint;
   s.fingerprint_next = (s.fingerprint_next + 1) % s.fingerprints.size();
 }
+/// What a scanner gives again and again is not forgotten while it does: it becomes the newest.
+static void renew(Station& s, std::uint64_t fingerprint, Actions& actions) {
+  auto& ring = s.fingerprints;
+  const auto newest_first = [&](std::size_t back) -> std::uint64_t& {
+    return ring[(s.fingerprint_next + ring.size() - 1 - back) % ring.size()];
+  };
+  std::uint64_t moved = fingerprint;
+  for (std::size_t back = 0; back < ring.size(); ++back) {
+    std::swap(newest_first(back), moved);
+    if (moved == fingerprint) break;  // its old place
+  }
+  store_fingerprint(s, fingerprint, actions);
+}
 /// What is new is remembered with the job that records the attempt, so that a restart in between does not help it.
-static bool is_repeated(Station& s, std::uint64_t fingerprint) {
+static bool is_repeated(Station& s, std::uint64_t fingerprint, Actions& actions) {
   if (fingerprint == 0) return false;
-  if (is_known(s, fingerprint)) return true;
+  if (is_known(s, fingerprint)) {
+    renew(s, fingerprint, actions);
+    return true;
+  }
   remember(s, fingerprint);
   s.acquisition.fingerprint = fingerprint;
   return false;
@@ -284,7 +301,12 @@ static bool is_repeated(Station& s, std::uint64_t fingerprint) {
 
 bool was_seen(Station& s, const ScanDone& done, Actions& actions) {
   if (done.code != Code::ok || done.fingerprint == 0) return false;
-  if (is_known(s, done.fingerprint)) return true;
+  if (is_known(s, done.fingerprint)) {
+    renew(s, done.fingerprint, actions);
+    // The scan that nobody saw is not this one: its mark stays the newest, by which a restart knows of it.
+    if (s.scan_unseen) store_fingerprint(s, kUnseenScan, actions);
+    return true;
+  }
   remember(s, done.fingerprint);
   store_fingerprint(s, done.fingerprint, actions);
   return false;
@@ -306,8 +328,7 @@ void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions) 
 
 /// What the scanner makes of a request that brought no new points may come later, as the scan of another block.
 static void distrust_scanner(Station& s, Actions& actions) {
-  if (s.scan_unseen) return;
-  s.scan_unseen = true;
+  if (std::exchange(s.scan_unseen, true)) return;
   store_fingerprint(s, kUnseenScan, actions);
 }
 
@@ -367,7 +388,7 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   a.attempt.points_crc32c = done.points_crc32c;
   a.taken_ns = done.scan.taken_mono_ns;
   a.read_ms = done.scan.read_ms;
-  if (done.code == Code::ok && !a.decoded && !a.repeats && is_repeated(s, done.fingerprint)) {
+  if (done.code == Code::ok && !a.decoded && !a.repeats && is_repeated(s, done.fingerprint, actions)) {
     // An emulated line may be one without noise.
     a.repeats = !s.settings.simulation;
     log(actions, LogLine::Level::error, Code::frame_incomplete,

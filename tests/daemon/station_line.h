@@ -50,7 +50,7 @@ struct MemoryStore {
   std::function<bool(const StoreJob&)> fail_when;  ///< jobs that find the disk broken
   std::vector<StoreJob> applied;
   int slabs_ended = 0;
-  std::size_t fingerprints = 0;
+  std::vector<std::uint64_t> seen;  ///< fingerprints, oldest first
 
   Code apply(const StoreJob& job) {
     if (fail_next) {
@@ -118,7 +118,12 @@ struct MemoryStore {
     open_scan = false;
   }
   void remember(std::uint64_t fingerprint) {
-    if (fingerprint != 0) line.fingerprints.at(fingerprints++ % kFingerprintsKept) = fingerprint;
+    if (fingerprint == 0) return;
+    std::erase(seen, fingerprint);
+    seen.push_back(fingerprint);
+    if (seen.size() > kFingerprintsKept) seen.erase(seen.begin());
+    line.fingerprints = {};
+    std::copy(seen.begin(), seen.end(), line.fingerprints.begin());  // oldest first
   }
   void keep(const BlockJob& job) {
     StationRecord& record = line.stations[job.block.station - 1U];

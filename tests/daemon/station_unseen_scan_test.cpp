@@ -124,6 +124,25 @@ TEST_F(UnseenScan, what_the_scanner_could_not_deliver_is_not_taken_for_another_b
   }
 }
 
+TEST_F(UnseenScan, a_scan_that_is_given_again_and_again_is_not_forgotten_for_all_those_thrown_away) {
+  begin();
+  line.fingerprint = 0x0E01;
+  line.scan(1);
+  for (std::uint64_t i = 0; i < 2 * kFingerprintsKept; ++i) {
+    line.fingerprint_thrown_away = 0x1001 + 2 * i;
+    line.scan(2);
+    ASSERT_EQ(line.view().cmd_status, failed(Code::frame_incomplete)) << i;
+    if (i % 50 != 49) continue;
+    line.start();
+    line.plc.command_writer = 0;
+    line.run_for(300);
+  }
+  line.fingerprint = 0x0F01;
+  line.fingerprint_thrown_away = 0x0F03;
+  line.scan(2);
+  EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq);
+}
+
 TEST_F(UnseenScan, what_was_not_delivered_before_a_restart_is_not_trusted_after_it) {
   begin();
   line.scan_code = Code::trigger_timeout;

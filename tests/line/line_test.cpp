@@ -222,6 +222,7 @@ TEST_F(LineTest, a_scan_that_was_taken_before_a_restart_is_no_scan_of_another_bl
       for (const auto& entry : fs::directory_iterator(box.dir / "drop/request", gone)) {
         const std::string stem = entry.path().stem();
         if (stem.starts_with(".") || stem == answered) continue;
+        if (stem.starts_with("0-")) continue;  // thrown away, whatever it is
         answered = stem;
         if (turn++ % 2 != 0) continue;
         line->signal(SIGSTOP);  // or its own scan would come first

@@ -297,8 +297,8 @@ def attacks(box, seconds):
     # 1,000 sockets here; the daemon itself never holds more than 8 of them.
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(4096, hard)), hard))
-    before_kb = memory_kb(box)
     quiet, _ = latencies(box.port, seconds)
+    before_kb = memory_kb(box)  # the buffers are resident by now
     say(f"quiet: median {statistics.median(quiet):.2f} ms, worst {max(quiet):.2f} ms")
     worst = 0.0
     for kind in (WrongLength, WrongProtocol, Drip, Pipeline, IllegalFunctions, Flood):
