@@ -103,7 +103,7 @@ IcpSample draw_sample(const Cloud& cloud, const Vec3& shift, std::span<float> me
   const std::size_t rows = (slices + kRow - 1) / kRow;
   const std::size_t per_part = rows * (kRow / kSampleParts);
   const Vec3 whole = shift.array().round();
-  const IcpSample sample = columns(memory, rows * kRow, whole);
+  IcpSample sample = columns(memory, rows * kRow, whole);
   const std::array<float, 3> from = {static_cast<float>(whole.x()), static_cast<float>(whole.y()),
                                      static_cast<float>(whole.z())};
   team.run(kDrawBlocks, [&](std::size_t block) {
@@ -139,7 +139,7 @@ SliceOfScan slice_of(const Cloud& cloud, const IcpSample& sample, std::size_t i)
 
 IcpSample sort_by_face(const IcpSample& sample, const IcpView& view, std::span<float> memory,
                        std::span<std::uint8_t> keys, Team& team) {
-  const IcpSample sorted = columns(memory.subspan(3 * kColumn), sample.size(), sample.shift);
+  IcpSample sorted = columns(memory.subspan(3 * kColumn), sample.size(), sample.shift);
   team.run((sample.size() + kIcpBlock - 1) / kIcpBlock, [&](std::size_t block) {
     const std::size_t first = block * kIcpBlock;
     const std::size_t count = std::min(kIcpBlock, sample.size() - first);

@@ -167,7 +167,7 @@ PlaneFit fit_plane_over(const ListedPoints& points, const Vec3& up, const PlaneS
   ZonedPoints zoned;
   for (int pass = 0; pass < kZonePasses && start.found; ++pass) {
     if (!zoned.sort(points, start.plane, start.threshold_mm)) break;
-    const PlaneFit fit = finish_fit(zoned, settings, start);
+    PlaneFit fit = finish_fit(zoned, settings, start);
     if (!zoned.asked_beyond()) return fit;
     start.plane = {fit.normal, fit.offset_mm};
   }

@@ -81,7 +81,7 @@ void PointGrid::count_points(const float* xyz, std::size_t points) {
 
 void PointGrid::find_pitch(const float* xyz, std::size_t points) {
   float cell_mm = kDensityCell_mm;
-  for (int doubling = 0;; ++doubling, cell_mm *= 2.0F) {
+  for (int doubling = 0;; ++doubling, cell_mm *= 2.0F) {  // NOLINT(cert-flp30-c): doubling is exact
     lay_out(cell_mm);
     count_points(xyz, points);
     const auto begin = cell_start_.begin() + 1;

@@ -524,7 +524,7 @@ class Surveyor {
     const F16 h = apply(task_.frame.height[face], d);
     if (use.list >= 0) append(static_cast<PointList>(use.list), in, x, v, h);
     if (use.large < 0) return;
-    const auto large = static_cast<std::size_t>(use.large);
+    const auto large = static_cast<std::size_t>(static_cast<unsigned char>(use.large));
     const F16 off = above(task_.tilt[large], x, v, h);
     const F16 size = abs(off);
     face_points_[large] = face_points_[large] + keep(in, f16(1.0F));

@@ -217,7 +217,7 @@ JawGradient gradient(const JawPoint& point, const Vec3& direction, const PlaneFi
 }
 
 SlopeGradient slope_gradient(const Vec3& n, const Vec3& top_normal) {
-  const Vec3 z = top_normal;
+  const Vec3& z = top_normal;
   const Vec3 across = Vec3::UnitX() - z.x() * z;
   const double m = across.norm();
   const Vec3 x = across / m;

@@ -21,7 +21,7 @@ std::size_t settle_points(std::span<Real> xyz) {
   for (std::size_t i = 0; i + 2 < xyz.size(); i += 3) {
     Real* p = &xyz[i];
     // inf - inf and NaN - NaN are NaN, finite - finite is 0: one test for three coordinates.
-    const Real zero = (p[0] - p[0]) + (p[1] - p[1]) + (p[2] - p[2]);  // NOLINT(misc-redundant-expression)
+    const Real zero = (p[0] - p[0]) + (p[1] - p[1]) + (p[2] - p[2]);
     if (zero == Real{0}) {
       ++finite;
     } else {
