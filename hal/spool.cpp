@@ -115,8 +115,11 @@ bool on_one_file_system(int fd, const PathText& folder) {
 
 Status move_file(int fd, int from_folder, const char* name, const PathText& path) {
   if (renameat(from_folder, name, AT_FDCWD, path.c_str()) != 0) {
-    if (errno == EXDEV) return copy_across(fd, from_folder, name, path);
-    return spool_error(path, "moving the scan", errno);
+    const int why = errno;
+    if (why == EXDEV) return copy_across(fd, from_folder, name, path);
+    if (why == ENOENT && faccessat(from_folder, name, F_OK, AT_SYMLINK_NOFOLLOW) != 0)
+      return error(Code::frame_incomplete, "%s: was taken away while it was read", name);
+    return spool_error(path, "moving the scan", why);
   }
   if (is_same_file(fd, path)) return success();
   unlink(path.c_str());

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What goes wrong around a drop directory: disks, rights, clocks, files that are replaced, answers that come late.
+#include <fcntl.h>
 #include <sched.h>
 #include <sys/mount.h>
 #include <sys/wait.h>
@@ -8,6 +9,7 @@
 
 #include "hal/drop_folders.h"
 #include "hal/drop_news.h"
+#include "hal/spool.h"
 #include "tests/hal/scan_drop_fixture.h"
 
 namespace slabd::hal {
@@ -238,6 +240,21 @@ TEST_F(ScanDropTest, an_answer_replaced_by_another_file_is_read_as_one_or_the_ot
     }
     scanner_->idle();
   }
+}
+
+TEST_F(ScanDropTest, an_answer_that_is_taken_away_before_it_is_in_the_spool_is_no_fault_of_the_disk) {
+  const std::string answer = inbox() + "/7-3.ply";
+  std::ofstream(answer) << "points";
+  const int file = ::open(answer.c_str(), O_RDONLY);
+  const int folder = ::open(inbox().c_str(), O_RDONLY | O_DIRECTORY);
+  fs::remove(answer);
+  const Status moved = spool_file(file, folder, "7-3.ply", PathText(folder_ / "spool/1/04-1.ply"));
+  ::close(folder);
+  ::close(file);
+  ASSERT_FALSE(moved.ok());
+  EXPECT_EQ(moved.error().code, Code::frame_incomplete);
+  EXPECT_NE(moved.error().text.view().find("taken away"), std::string_view::npos) << moved.error().text.view();
+  EXPECT_FALSE(fs::exists(folder_ / "spool/1/04-1.ply"));
 }
 
 TEST_F(ScanDropAnyNameTest, the_late_answer_to_a_request_that_was_given_up_is_never_the_next_ones) {
