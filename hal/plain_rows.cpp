@@ -91,7 +91,8 @@ struct Decimal {
   unsigned whole = 0;
   unsigned decimals = 0;
   p = whole_digits(p, number.m, whole);
-  if (*p == '.') {
+  const bool has_point = *p == '.';
+  if (has_point) {
     ++p;
     const Digits part = digits_at(p);
     p += part.count;
@@ -110,7 +111,7 @@ struct Decimal {
   number.exponent = -static_cast<int>(decimals);
   number.missing = false;
   if (whole + decimals == 0) {
-    number.missing = (p[0] | 0x20) == 'n' && (p[1] | 0x20) == 'a' && (p[2] | 0x20) == 'n' && p[-1] != '.';
+    number.missing = (p[0] | 0x20) == 'n' && (p[1] | 0x20) == 'a' && (p[2] | 0x20) == 'n' && !has_point;
     return number.missing ? p + 3 : nullptr;
   }
   if ((*p | 0x20) == 'e') {

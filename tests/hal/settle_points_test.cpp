@@ -74,7 +74,7 @@ TEST_P(SettlePoints, agree_with_one_by_one_in_place_and_on_the_way) {
         // From and to addresses of every kind; nothing before or behind is written.
         for (std::size_t shift = 0; shift < 17; shift += 4) {
           std::vector<char> bytes(from.size() * sizeof(float) + 64, '\0');
-          std::memcpy(bytes.data() + shift + 1, from.data(), from.size() * sizeof(float));
+          if (!from.empty()) std::memcpy(bytes.data() + shift + 1, from.data(), from.size() * sizeof(float));
           std::vector<float> room(from.size() + 64, -7.0F);
           auto* to = room.data();
           while (reinterpret_cast<std::uintptr_t>(to) % 64 != 0) ++to;
