@@ -72,6 +72,7 @@ void Totals::add(const Totals& other) {
   power_losses += other.power_losses;
   slabs_begun += other.slabs_begun;
   slabs_judged += other.slabs_judged;
+  blocks_passed += other.blocks_passed;
   passes += other.passes;
   passes_taken += other.passes_taken;
   wrong_passes += other.wrong_passes;

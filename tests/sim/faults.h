@@ -88,6 +88,7 @@ struct Totals {
   std::uint64_t power_losses = 0;
   std::uint64_t slabs_begun = 0;
   std::uint64_t slabs_judged = 0;
+  std::uint64_t blocks_passed = 0;
   std::uint64_t passes = 0;
   std::uint64_t passes_taken = 0;  ///< verdicts "pass" on which the PLC let a slab go
   std::uint64_t wrong_passes = 0;

@@ -393,7 +393,13 @@ void Life::fire(Episode& e) {
       break;
     case Fault::plc_restart: plc_.restart(); break;
     case Fault::plc_abort: plc_.wishes.abort = true; break;
-    case Fault::plc_slab_abort: plc_.wishes.slab_abort = true; break;
+    case Fault::plc_slab_abort:
+      // While blocks are still measured or the slab is judged, or earlier.
+      if (happens(chance_, 0.5))
+        plc_.wishes.abort_after_end_ns = between(chance_, 0, 600 * kMs);
+      else
+        plc_.wishes.slab_abort = true;
+      break;
     case Fault::plc_disable: plc_.wishes.disabled_until_ns = until_ns; break;
     case Fault::plc_report: plc_.wishes.report = true; break;
     case Fault::plc_rescan: plc_.wishes.rescan = true; break;

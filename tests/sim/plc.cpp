@@ -266,7 +266,8 @@ void Plc::run_order() {
         break;
       }
       const bool ending = out_.command == static_cast<std::uint16_t>(PlcCommand::slab_end);
-      if (ending && std::exchange(wishes.slab_abort, false)) {
+      if (ending && wishes.abort_after_end_ns >= 0 && waited_ns >= wishes.abort_after_end_ns) {
+        wishes.abort_after_end_ns = -1;
         kept_.giving_up = true;  // somebody has no patience
         order(PlcCommand::slab_abort, 0);
         break;

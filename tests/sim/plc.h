@@ -33,6 +33,8 @@ class Plc {
   struct Wishes {
     bool abort = false;       ///< raise ABORT for a moment
     bool slab_abort = false;  ///< give the slab up
+    /// Give it up so long after SLAB_END was acknowledged; negative: no.
+    std::int64_t abort_after_end_ns = -1;
     bool report = false;
     bool rescan = false;
     bool wrong_station = false;  ///< the robot goes somewhere else

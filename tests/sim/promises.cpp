@@ -51,6 +51,7 @@ void Promises::committed(const StoreJob& job) {
     session_stored_ = session->session;
   } else if (const auto* begin = std::get_if<BeginSlabJob>(&job.what)) {
     slab_nos_[begin->slab.key] = begin->slab.slab_no;
+    if (line_.slab.slab_no == begin->slab.slab_no) placements_[begin->slab.key] = line_.slab.serial;
     ++world_.totals.slabs_begun;
   } else if (const auto* command = std::get_if<CommandJob>(&job.what)) {
     if (command->command == static_cast<std::uint16_t>(PlcCommand::scan))
@@ -63,6 +64,7 @@ void Promises::committed(const StoreJob& job) {
     acquired_commands_.insert(a.cmd_seq);
   } else if (const auto* block = std::get_if<BlockJob>(&job.what)) {
     records_[block->record.res_seq] = record_of(block->slab_key, block->record);
+    if (block->record.verdict == Verdict::pass) check_block(*block);
   } else if (const auto* slab = std::get_if<SlabJob>(&job.what)) {
     if (const auto known = slabs_.find(slab->slab_key); known != slabs_.end() && known->second != slab->slab.verdict)
       world_.violated("slab %lld has had two verdicts", static_cast<long long>(slab->slab_key));
@@ -104,6 +106,26 @@ void Promises::doubtful(const StoreJob& job) {
   }
 }
 
+const char* Promises::why_no_scan(const std::string& path, std::uint32_t serial, int station) const {
+  const ScanTruth shown = line_.in_spool(path);
+  if (shown.take == 0) return "has no scan in the spool";
+  if (shown.serial != serial) return "was scanned on another slab";
+  if (shown.block != station) return "was not what the scanner saw";
+  if (shown.smeared) return "was scanned by a moving robot";
+  if (shown.mostly_nan) return "was hardly seen";
+  return nullptr;
+}
+
+/// Long before a slab passes on it, and whether the slab's other blocks are good or not.
+void Promises::check_block(const BlockJob& job) {
+  const auto placement = placements_.find(job.slab_key);
+  const auto scan = acquired_.find({job.slab_key, job.block.station, job.attempt});
+  if (placement == placements_.end() || scan == acquired_.end()) return;  // committed with an error for an answer
+  ++world_.totals.blocks_passed;
+  if (const char* why = why_no_scan(scan->second, placement->second, job.block.station))
+    world_.violated("block %d of slab %u passes, but it %s", job.block.station, job.record.slab_no, why);
+}
+
 const char* Promises::why_no_pass(std::int64_t slab_key, int& station) const {
   const SlabTruth& slab = line_.slab;
   const auto no = slab_nos_.find(slab_key);
@@ -115,13 +137,8 @@ const char* Promises::why_no_pass(std::int64_t slab_key, int& station) const {
     if (after == acquired_.begin()) return "was never scanned";
     const auto& [key, path] = *std::prev(after);
     if (std::get<0>(key) != slab_key || std::get<1>(key) != station) return "was never scanned";
-    const ScanTruth shown = line_.in_spool(path);
-    if (shown.take == 0) return "has no scan in the spool";
-    if (shown.serial != slab.serial) return "was scanned on another slab";
-    if (shown.exposed_ns < slab.placed_ns) return "was scanned before the slab was laid down";
-    if (shown.block != station) return "was not what the scanner saw";
-    if (shown.smeared) return "was scanned by a moving robot";
-    if (shown.mostly_nan) return "was hardly seen";
+    if (const char* why = why_no_scan(path, slab.serial, station)) return why;
+    if (line_.in_spool(path).exposed_ns < slab.placed_ns) return "was scanned before the slab was laid down";
     if (!is_good(slab.blocks[static_cast<std::size_t>(station - 1)])) return "is not good";
   }
   return nullptr;

@@ -55,6 +55,10 @@ class Promises {
     bool operator==(const Record&) const = default;
   };
   [[nodiscard]] const char* why_no_pass(std::int64_t slab_key, int& station) const;
+  /// Whether the scan under this path shows the block of that placement, from a robot that stood. What it lacks, or
+  /// nullptr.
+  [[nodiscard]] const char* why_no_scan(const std::string& path, std::uint32_t serial, int station) const;
+  void check_block(const BlockJob& job);
   static Record record_of(std::int64_t slab_key, const PlcResult& record);
 
   World& world_;
@@ -65,6 +69,7 @@ class Promises {
   std::map<std::pair<std::int64_t, std::uint8_t>, std::uint16_t> asked_;
   std::map<std::int64_t, Verdict> slabs_;  ///< committed ends
   std::map<std::int64_t, std::uint32_t> slab_nos_;
+  std::map<std::int64_t, std::uint32_t> placements_;  ///< of the slabs that were begun, as they lay there then
   std::set<std::uint16_t> acquired_commands_;
   std::map<std::uint16_t, std::pair<AttemptKey, std::string>> doubtful_scans_;  ///< by command; committed or not
   std::map<std::uint16_t, Record> doubtful_records_;                            ///< by RES_SEQ; committed or not

@@ -105,6 +105,7 @@ void print_summary(const Options& options, const Shared& shared, double real_s) 
               simulated_h * 3600.0 / real_s);
   std::printf("slabs                    %llu begun, %llu judged, %llu passed, %llu let go on a pass\n",
               u(t.slabs_begun), u(t.slabs_judged), u(t.passes), u(t.passes_taken));
+  std::printf("blocks                   %llu passed, each on a scan of this block on this slab\n", u(t.blocks_passed));
   const std::uint64_t slabs = t.slabs_judged;
   std::printf("wrong passes             %llu of %llu judged (below %.2g per slab and %.2g per seed with 95 %%)\n",
               u(t.wrong_passes), u(slabs), 3.0 / static_cast<double>(std::max<std::uint64_t>(slabs, 1)),
