@@ -79,8 +79,9 @@ std::string gap_text(const storage::HistoryGap& gap) {
   const std::string by = fmt::format("{} by {}: {}", iso_time(gap.note.utime_us), gap.note.who, gap.note.why);
   if (gap.what == storage::HistoryGap::What::begun_anew)
     return fmt::format("the history was begun anew {}; nothing from before is here", by);
-  return fmt::format("the history was restored from {} {}; slabs up to key {} may be missing", gap.source, by,
-                     gap.slab_key);
+  return fmt::format(
+      "the history was restored from {} {}; slabs up to key {} may be missing, and so may calibrations and checks",
+      gap.source, by, gap.slab_key);
 }
 
 std::string as_json(const std::vector<storage::SlabSummary>& slabs, const std::vector<storage::HistoryGap>& gaps) {

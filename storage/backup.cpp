@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cerrno>
+#include <chrono>
 #include <cstring>
 #include <ctime>
 #include <filesystem>
@@ -33,15 +34,16 @@ std::string folder_of(const std::string& path) {
 
 }  // namespace
 
-Backup::Backup(Connection& from, std::string to) : to_(std::move(to)), part_(to_ + ".part") {
+Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes) : to_(std::move(to)), part_(to_ + ".part") {
   std::error_code ec;
   if (std::filesystem::exists(std::filesystem::symlink_status(to_, ec))) fail(to_ + " exists already");
   const auto bytes = static_cast<std::uint64_t>(from.integer("PRAGMA page_count") * from.integer("PRAGMA page_size"));
   const Result<std::uint64_t> room = free_bytes(folder_of(to_).empty() ? "." : folder_of(to_));
   if (!room.ok()) fail(std::string(room.error().text.view()));
-  if (room.value() < bytes + kRoomLeft)
-    fail("a copy needs " + std::to_string((bytes + kRoomLeft) / 1'000'000) + " MB free and " + folder_of(to_) +
-             " has " + std::to_string(room.value() / 1'000'000),
+  const std::uint64_t needed = bytes + kRoomLeft + leave_bytes;
+  if (room.value() < needed)
+    fail("a copy needs " + std::to_string(needed / 1'000'000) + " MB free and " + folder_of(to_) + " has " +
+             std::to_string(room.value() / 1'000'000),
          SQLITE_FULL);
   std::filesystem::remove(part_, ec);  // of a copy that was cut short
   must(create_file(part_));
@@ -100,6 +102,21 @@ Result<std::string> backup_folder(const std::string& db_path) {
   return folder;
 }
 
+void remove_cut_short_backups(const std::string& db_path) {
+  namespace fs = std::filesystem;
+  // Another process may be making a copy just now.
+  constexpr auto kStill = std::chrono::hours(1);
+  std::error_code ec;
+  const std::string folder = db_path.substr(0, db_path.rfind('/') + 1) + "backups";
+  for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec)) {
+    const std::string name = entry->path().filename().string();
+    if (!name.starts_with("slabd-") || !name.ends_with(".db.part")) continue;
+    std::error_code gone;
+    const auto written = fs::last_write_time(entry->path(), gone);
+    if (!gone && written + kStill < fs::file_time_type::clock::now()) fs::remove(entry->path(), gone);
+  }
+}
+
 Result<std::string> backup_path(const std::string& db_path, std::int64_t utime_us) {
   const Result<std::string> folder = backup_folder(db_path);
   if (!folder.ok()) return folder.error();
@@ -116,7 +133,7 @@ Status back_up_database(const std::string& db_path, const std::string& to) {
   Result<std::unique_ptr<Connection>> db = open_for_reading(db_path);
   if (!db.ok()) return db.error();
   try {
-    Backup backup(*db.value(), to);
+    Backup backup(*db.value(), to, 0);
     while (!backup.step(-1)) usleep(10'000);
     return success();
   } catch (const SqlFailure& failure) {

@@ -16,8 +16,9 @@ namespace slabd::storage {
 /// copy has its name only when it is whole. Everything throws SqlFailure.
 class Backup {
  public:
-  /// Fails when `to` exists, or when there is not the room for a copy and one more slab.
-  Backup(Connection& from, std::string to);
+  /// Fails when `to` exists, or when there is not the room for a copy, the records of a day and `leave_bytes`: what the
+  /// line needs to begin a slab.
+  Backup(Connection& from, std::string to, std::uint64_t leave_bytes);
   /// A copy that is not whole is deleted.
   ~Backup();
   Backup(const Backup&) = delete;
@@ -39,5 +40,8 @@ class Backup {
   std::int64_t pages_all_ = 0;
   std::int64_t pages_done_ = 0;
 };
+
+/// Deletes what backups that a crash cut short have left in the folder of the backups.
+void remove_cut_short_backups(const std::string& db_path);
 
 }  // namespace slabd::storage

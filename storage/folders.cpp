@@ -74,6 +74,12 @@ std::int64_t file_bytes(const std::string& path) {
   return there.st_size;
 }
 
+std::optional<FileId> file_id(const std::string& path) {
+  struct stat there {};
+  if (lstat(path.c_str(), &there) != 0 || !S_ISREG(there.st_mode)) return std::nullopt;
+  return FileId{there.st_dev, there.st_ino};
+}
+
 bool lies_below(const std::string& path, const std::string& folder) {
   if (folder.empty() || !path.starts_with(folder)) return false;
   const std::string rest = path.substr(folder.size());
@@ -91,6 +97,7 @@ Status WriterLock::take(const std::string& db_path) {
   const std::string path = db_path + ".writer";
   fd_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kFileMode);
   if (fd_ < 0) return trouble("cannot open", path);
+  (void)fchmod(fd_, kFileMode);  // made by root with a narrow umask, slabd could not open it; another's stays as it is
   if (flock(fd_, LOCK_EX | LOCK_NB) == 0) return success();
   if (errno == EWOULDBLOCK)
     return error(Code::journal_write, "%s is already open for writing by another process (lock %s)", db_path.c_str(),

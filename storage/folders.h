@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "base/result.h"
@@ -26,6 +27,15 @@ namespace slabd::storage {
 
 /// Size of a regular file, 0 when there is none (links are not followed).
 [[nodiscard]] std::int64_t file_bytes(const std::string& path);
+
+/// Which file it is, whatever its name: the same as long as nobody puts another in its place.
+struct FileId {
+  std::uint64_t device = 0;
+  std::uint64_t inode = 0;
+  bool operator==(const FileId&) const = default;
+};
+/// Nothing when there is no regular file (links are not followed).
+[[nodiscard]] std::optional<FileId> file_id(const std::string& path);
 
 /// True when `path` names something below `folder` and climbs nowhere (no "..", no ".").
 [[nodiscard]] bool lies_below(const std::string& path, const std::string& folder);

@@ -29,19 +29,31 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Newest key of the database that is about to be replaced; 0 when it does not say.
-std::int64_t newest_key_at(const std::string& path) {
-  if (file_bytes(path) == 0 || quarantine_note(path)) return 0;
-  std::int64_t newest = 0;
-  if (!make_log_durable(path).ok()) return 0;
-  try {
-    Result<std::unique_ptr<Connection>> db = open_any_version(path);
-    if (!db.ok()) return 0;
-    newest = db.value()->integer("SELECT coalesce(max(slab_key), 0) FROM slab");
-    return std::max(newest, db.value()->integer("SELECT max(keys_used, pruned_key) FROM line"));
-  } catch (const SqlFailure&) {
-    return newest;  // damaged, or of a version that did not know of used keys
-  }
+/// What a database knows that must not be forgotten without a word: the newest numbers, 0 where it does not say.
+struct Known {
+  std::int64_t slab_key = 0;
+  std::int64_t applied = 0;  ///< calibrations put in force
+  std::int64_t checks = 0;
+};
+
+Known known_at(const std::string& path) {
+  Known known;
+  if (file_bytes(path) == 0) return known;
+  const Result<std::unique_ptr<Connection>> opened = open_any_version(path);
+  if (!opened.ok()) return known;
+  Connection& db = *opened.value();
+  const auto newest = [&db](const char* sql) -> std::int64_t {
+    try {
+      return db.integer(sql);
+    } catch (const SqlFailure&) {
+      return 0;  // damaged, or of a version that did not know of it
+    }
+  };
+  known.slab_key = std::max(newest("SELECT coalesce(max(slab_key), 0) FROM slab"),
+                            newest("SELECT max(keys_used, pruned_key) FROM line"));
+  known.applied = newest("SELECT coalesce(max(seq), 0) FROM applied");
+  known.checks = newest("SELECT coalesce(max(seq), 0) FROM calibration_check");
+  return known;
 }
 
 void end_open_slab(Connection& db, const RestoreOrder& order, Jobs& jobs) {
@@ -87,6 +99,8 @@ void prepare(Connection& db, const StoreSettings& settings, const RestoreOrder& 
       .bind(6, order.note.utime_us)
       .bind(7, std::int64_t{order.session})
       .run();
+  // Whatever the scanner holds, no scan of the last days is known here: the first one that it gives proves nothing.
+  jobs(SeenScanJob{kUnseenScan});
   transaction.commit();
 }
 
@@ -127,14 +141,26 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
     if (!report.value().trouble.empty())
       return error(Code::journal_write, "%s is not whole: %s", order.from.c_str(), report.value().trouble.c_str());
   }
-  const std::int64_t keys_used = std::max(newest_key_at(path), newest_key_in_spool(settings.spool_dir));
+  // In quarantine, or with a log that cannot be made durable, it does not say.
+  const bool speaks = file_bytes(path) > 0 && !quarantine_note(path) && make_log_durable(path).ok();
+  const Known lost = speaks ? known_at(path) : Known{};
+  const Known back = order.from.empty() ? Known{} : known_at(order.from);
+  if (!order.lose_calibrations && (lost.applied > back.applied || lost.checks > back.checks))
+    return error(Code::config,
+                 "%s knows of %lld changes of calibrations and %lld checks that %s does not: what is in force would be "
+                 "what was in force then. Look at them (slabctl calibrate list), and give --lose-calibrations to "
+                 "restore all the same",
+                 path.c_str(), static_cast<long long>(std::max<std::int64_t>(lost.applied - back.applied, 0)),
+                 static_cast<long long>(std::max<std::int64_t>(lost.checks - back.checks, 0)),
+                 order.from.empty() ? "an empty history" : order.from.c_str());
+  const std::int64_t keys_used = std::max(lost.slab_key, newest_key_in_spool(settings.spool_dir));
   const std::string part = path + ".restored";
   if (Status status = clear_part(part); !status.ok()) return status;
   try {
     if (!order.from.empty()) {
       Result<std::unique_ptr<Connection>> source = open_any_version(order.from);
       if (!source.ok()) return source.error();
-      Backup copy(*source.value(), part);
+      Backup copy(*source.value(), part, 0);
       while (!copy.step(-1)) usleep(10'000);
     }
     Result<std::unique_ptr<Connection>> db = open_copy_for_writing(part);

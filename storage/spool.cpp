@@ -36,42 +36,68 @@ bool came_after(const std::string& path, std::int64_t utime_us) {
   return there.st_ctim.tv_sec * std::int64_t{1'000'000} + there.st_ctim.tv_nsec / 1000 >= utime_us;
 }
 
+std::string without_end_slash(std::string folder) {
+  while (folder.size() > 1 && folder.back() == '/') folder.pop_back();
+  return folder;
+}
+
 }  // namespace
 
 Spool::Spool(Connection& db, std::string spool_dir, std::uint64_t budget_bytes)
     : db_(db),
-      spool_dir_(std::move(spool_dir)),
+      spool_dir_(without_end_slash(std::move(spool_dir))),
+      first_path_(spool_dir_ + '/'),
+      end_path_(spool_dir_ + static_cast<char>('/' + 1)),
       budget_bytes_(budget_bytes),
       kept_bytes_(db, "SELECT coalesce(sum(scan_bytes), 0) FROM attempt WHERE scan_state = 'kept'"),
+      kept_here_bytes_(db,
+                       "SELECT coalesce(sum(scan_bytes), 0) FROM attempt "
+                       "WHERE scan_state = 'kept' AND scan_path >= ?1 AND scan_path < ?2"),
       next_slab_(db,
                  "SELECT slab_result.slab_key FROM "
-                 "(SELECT DISTINCT slab_key FROM attempt WHERE scan_state = 'kept') AS kept "
+                 "(SELECT DISTINCT slab_key FROM attempt "
+                 "WHERE scan_state = 'kept' AND scan_path >= ?1 AND scan_path < ?2) AS kept "
                  "JOIN slab_result ON slab_result.slab_key = kept.slab_key "
                  "WHERE NOT EXISTS (SELECT 1 FROM result WHERE result.slab_key = kept.slab_key AND acknowledged = 0) "
                  "ORDER BY verdict <> 'pass', slab_result.slab_key"),
-      mark_deleting_(db, "UPDATE attempt SET scan_state = 'deleting' WHERE slab_key = ?1 AND scan_state = 'kept'"),
+      mark_deleting_(db,
+                     "UPDATE attempt SET scan_state = 'deleting' "
+                     "WHERE slab_key = ?3 AND scan_state = 'kept' AND scan_path >= ?1 AND scan_path < ?2"),
       deleting_(db, "SELECT slab_key, station, attempt, scan_path FROM attempt WHERE scan_state = 'deleting'"),
+      release_foreign_(db,
+                       "UPDATE attempt SET scan_state = 'kept' "
+                       "WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
       mark_deleted_(db,
                     "UPDATE attempt SET scan_state = 'deleted' WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
-      newest_slab_(db, "SELECT slab_key, began_utime_us FROM slab ORDER BY slab_key DESC LIMIT 1"),
+      newest_slab_(
+          db, "SELECT slab_key, began_utime_us, (SELECT keys_used FROM line) FROM slab ORDER BY slab_key DESC LIMIT 1"),
       scan_paths_(db, "SELECT scan_path FROM attempt WHERE slab_key = ?1") {}
 
-Status Spool::trim() {
-  if (Status status = finish_deleting(); !status.ok()) return status;
-  std::uint64_t kept = 0;
-  if (kept_bytes_.step()) kept = static_cast<std::uint64_t>(kept_bytes_.integer(0));
-  kept_bytes_.reset();
-  if (kept <= budget_bytes_) return success();
+Statement& Spool::below(Statement& statement) const {
+  return statement.bind(1, std::string_view(first_path_)).bind(2, std::string_view(end_path_));
+}
+
+Status Spool::trim(bool& more) {
+  more = false;
+  const Status stuck = finish_deleting();
+  const auto within_budget = [&](Statement& kept_bytes) {
+    const bool within = !kept_bytes.step() || static_cast<std::uint64_t>(kept_bytes.integer(0)) <= budget_bytes_;
+    kept_bytes.reset();
+    return within;
+  };
+  if (within_budget(kept_bytes_) || within_budget(below(kept_here_bytes_))) return stuck;
   std::int64_t slab_key = 0;
+  below(next_slab_);
   while (slab_key == 0 && next_slab_.step())
     if (!is_pinned(next_slab_.integer(0))) slab_key = next_slab_.integer(0);
   next_slab_.reset();
-  if (slab_key == 0) return success();
+  if (slab_key == 0) return stuck;
   {
     Transaction transaction(db_, "BEGIN IMMEDIATE");
-    mark_deleting_.bind(1, slab_key).run();
+    below(mark_deleting_).bind(3, slab_key).run();
     transaction.commit();
   }
+  more = true;
   return finish_deleting();
 }
 
@@ -99,8 +125,8 @@ Status Spool::finish_deleting() {
   Transaction transaction(db_, "BEGIN IMMEDIATE");
   for (const Scan& scan : scans) {
     if (!lies_below(scan.path, spool_dir_)) {
-      status = error(Code::journal_write, "scan %s is not deleted: it does not lie below the spool %s",
-                     scan.path.c_str(), spool_dir_.c_str());
+      // The spool was somewhere else when this was to go: nobody's to delete now.
+      release_foreign_.bind(1, scan.slab_key).bind(2, scan.station).bind(3, scan.attempt).run();
       continue;
     }
     if (unlink(scan.path.c_str()) != 0 && errno != ENOENT) {
@@ -121,7 +147,10 @@ Status Spool::drop_orphans() {
   if (!newest_slab_.step()) return success();
   const std::int64_t slab_key = newest_slab_.integer(0);
   const std::int64_t began_utime_us = newest_slab_.integer(1);
+  // A restored database knows the slab as it was when the backup was made; what was scanned since is evidence.
+  const bool may_be_a_lost_ones = slab_key <= newest_slab_.integer(2);
   newest_slab_.reset();
+  if (may_be_a_lost_ones || is_pinned(slab_key)) return success();
   // Names, not whole paths: the spool may be known by another path today than when the scan was recorded.
   std::set<std::string> recorded;
   scan_paths_.bind(1, slab_key);

@@ -23,25 +23,34 @@ class Spool {
 
   Spool(Connection& db, std::string spool_dir, std::uint64_t budget_bytes);
 
-  /// Throws SqlFailure. journal_write: a file could not be deleted; its rows stay "deleting" and are tried again.
-  [[nodiscard]] Status trim();
+  /// `more`: a slab's scans went, and others may have to. Throws SqlFailure. journal_write: a file could not be
+  /// deleted; its rows stay "deleting" and are tried again, and it does not keep the others from going. Scans that were
+  /// recorded in another folder than today's spool neither count nor go.
+  [[nodiscard]] Status trim(bool& more);
 
   /// Deletes what a crash between spooling a scan and recording it left: files in the newest slab's folder that carry
-  /// a scan's name, came there after that slab had begun, and are named by no attempt of it. Call it before the first
-  /// scan after a start. Throws SqlFailure. journal_write: a file could not be deleted.
+  /// a scan's name, came there after that slab had begun, and are named by no attempt of it. Not where a lost database
+  /// may have named them, and not of a pinned slab. Call it before the first scan after a start. Throws SqlFailure.
+  /// journal_write: a file could not be deleted.
   [[nodiscard]] Status drop_orphans();
 
  private:
   [[nodiscard]] Status finish_deleting();
   [[nodiscard]] bool is_pinned(std::int64_t slab_key) const;
+  /// For a statement on the paths of this spool: they lie from ?1 on and before ?2.
+  Statement& below(Statement& statement) const;
 
   Connection& db_;
   std::string spool_dir_;
+  std::string first_path_;
+  std::string end_path_;
   std::uint64_t budget_bytes_;
-  Statement kept_bytes_;
+  Statement kept_bytes_;       ///< of all folders: an index alone answers it
+  Statement kept_here_bytes_;  ///< of this spool
   Statement next_slab_;
   Statement mark_deleting_;
   Statement deleting_;
+  Statement release_foreign_;
   Statement mark_deleted_;
   Statement newest_slab_;
   Statement scan_paths_;

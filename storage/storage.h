@@ -326,11 +326,15 @@ struct RestoreOrder {
   std::string from;  ///< a backup; empty: begin with an empty history
   ChangeNote note;
   std::uint16_t session = 0;  ///< drawn by chance: no old command, nor RES_ACK, may fit the next session and record
+  /// Calibrations that were put in force, and checks of them, since the backup are given up.
+  bool lose_calibrations = false;
 };
 /// Puts a backup, checked in full and brought up to date, in the place of the database; what lies there now goes to
 /// quarantine. The history says from then on that it has a gap; slab keys that may have been used are not used again;
-/// a slab that was open in the backup ends aborted. journal_write: a daemon runs, the backup is not whole, or a file
-/// could not be written; then nothing was changed, or the daemon refuses to start until restoring succeeds.
+/// a slab that was open in the backup ends aborted; the first SCAN throws a scan away, as none of the last is known.
+/// config: what lies there knows of calibrations or checks that the backup does not. journal_write: a daemon runs, the
+/// backup is not whole, or a file could not be written; then nothing was changed, or the daemon refuses to start until
+/// restoring succeeds.
 [[nodiscard]] Status restore_database(const StoreSettings& settings, const RestoreOrder& order);
 
 }  // namespace slabd::storage

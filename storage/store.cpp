@@ -63,7 +63,9 @@ class SqliteStore final : public Store {
                    "there with slabctl db restore, or begin anew with --fresh",
                    settings_.db_path.c_str(), sign.c_str());
     if (Status status = reopen(); !status.ok()) return status;
+    file_ = file_id(settings_.db_path);
     (void)backup_folder(settings_.db_path);  // now, so that whoever orders a copy need not wait for it
+    remove_cut_short_backups(settings_.db_path);
     return success();
   }
 
@@ -89,7 +91,10 @@ class SqliteStore final : public Store {
     quiet_looks_ = 0;
     log_holds_commits_ = true;
     if (std::holds_alternative<BeginSlabJob>(job.what))
-      if (Status status = check_free_space(); !status.ok()) return status;
+      if (Status status = check_free_space(); !status.ok()) {
+        trim_due_ = true;  // a slab that does not begin will not end either: what may go has to go by itself
+        return status;
+      }
     Status status = run("job", [&](OpenDatabase& open) {
       Transaction transaction(*open.db, "BEGIN IMMEDIATE");
       if (unseen_end_ != 0) open.jobs.undo_end(unseen_end_);
@@ -103,8 +108,7 @@ class SqliteStore final : public Store {
     else if (end != nullptr)
       unseen_end_ = end->slab_key;
     const bool may_trim = std::holds_alternative<SlabJob>(job.what) || std::holds_alternative<AckJob>(job.what);
-    if (status.ok() && may_trim)
-      tidy_spool([&](Spool& spool) { return settings_.spool_budget_bytes > 0 ? spool.trim() : success(); });
+    if (status.ok() && may_trim) trim_spool();
     return status;
   }
 
@@ -135,6 +139,7 @@ class SqliteStore final : public Store {
     if (quiet_looks_ < kQuietLooks && ++quiet_looks_ < kQuietLooks) return;
     back_up_a_piece();
     prune_one();
+    if (trim_due_) trim_spool();
     if (!log_holds_commits_ || !open_) return;
     // What is in the log is durable: a failure here is the next job's to report, on a file that is opened anew.
     (void)run("checkpoint", [&](OpenDatabase& open) { log_holds_commits_ = !open.db->checkpoint(); });
@@ -192,7 +197,7 @@ class SqliteStore final : public Store {
     const Status opened = reopen();
     try {
       if (!opened.ok()) throw SqlFailure{SQLITE_IOERR, std::string(opened.error().text.view())};
-      if (!open_->backup) open_->backup = std::make_unique<Backup>(*open_->db, path);
+      if (!open_->backup) open_->backup = std::make_unique<Backup>(*open_->db, path, settings_.spool_free_bytes_min);
       if (open_->backup->step(kBackupPages)) phase = CareState::Phase::done;
       done = open_->backup->pages_done();
       all = open_->backup->pages_all();
@@ -247,6 +252,13 @@ class SqliteStore final : public Store {
         return status;
       }
     }
+    // Only a start may begin a history: whatever lies there now, this line's is somewhere else.
+    if (file_ && !quarantine_note(settings_.db_path) && file_id(settings_.db_path) != file_)
+      return error(
+          Code::journal_write,
+          "%s is not the file any more that slabd has worked with since its start: is its disk mounted? Put it "
+          "back, or restart slabd",
+          settings_.db_path.c_str());
     Result<std::unique_ptr<Connection>> db = open_for_writing(settings_.db_path);
     if (!db.ok()) return db.error();
     try {
@@ -291,6 +303,13 @@ class SqliteStore final : public Store {
                  static_cast<double>(settings_.spool_free_bytes_min) / 1e6);
   }
 
+  /// A slab's scans at a time: while slabs end, and when nothing else is to be done.
+  void trim_spool() {
+    trim_due_ = false;
+    if (settings_.spool_budget_bytes == 0) return;
+    tidy_spool([&](Spool& spool) { return spool.trim(trim_due_); });
+  }
+
   /// What led here is durable whatever happens to old scans.
   template <typename Work>
   void tidy_spool(const Work& work) {
@@ -303,7 +322,8 @@ class SqliteStore final : public Store {
 
   StoreSettings settings_;
   std::optional<WriterLock> lock_;
-  HeldBack held_back_;  ///< outlives a reopened file
+  std::optional<FileId> file_;  ///< the database that was opened at the start
+  HeldBack held_back_;          ///< outlives a reopened file
   /// Slab whose end was answered with an error: open for all who were told, and perhaps ended in the database. The next
   /// job that can be written sees to that. 0: none.
   std::int64_t unseen_end_ = 0;
@@ -312,6 +332,7 @@ class SqliteStore final : public Store {
   bool log_holds_commits_ = false;
   int quiet_looks_ = 0;
   bool retention_due_ = true;  ///< a slab has ended since the last look
+  bool trim_due_ = true;       ///< the spool may hold more than its budget
   mutable std::mutex care_mutex_;
   CareState care_;
   PruneOrder prune_order_;

@@ -44,6 +44,7 @@ struct Options {
   int keep = 0;
   bool full = false;
   bool fresh = false;
+  bool lose_calibrations = false;
   bool json = false;
 };
 
@@ -142,10 +143,13 @@ Result<std::string> backup_offline(const daemon::Config& config) {
   return path;
 }
 
-/// All but the newest `keep`. Only ever called after one more was found whole.
-void drop_old_backups(const daemon::Config& config, int keep) {
-  const auto backups = backups_of(config.storage.db_path);
-  for (std::size_t i = 0; i + static_cast<std::size_t>(keep) < backups.size(); ++i) {
+/// All but `made`, which was just found whole, and the newest of the others. By its name it need not be the newest:
+/// the clock may have been wrong.
+void drop_old_backups(const daemon::Config& config, const std::string& made, int keep) {
+  auto backups = backups_of(config.storage.db_path);
+  std::erase_if(backups,
+                [&](const std::string& path) { return fs::path(path).filename() == fs::path(made).filename(); });
+  for (std::size_t i = 0; i + static_cast<std::size_t>(keep) <= backups.size(); ++i) {
     std::error_code ec;
     fs::remove(backups[i], ec);
     if (ec) {
@@ -174,7 +178,7 @@ int back_up(const Options& options) {
   Options thorough = options;
   thorough.full = true;
   const int status = examine(path, thorough);
-  if (status == kDone && options.keep > 0) drop_old_backups(config, options.keep);
+  if (status == kDone && options.keep > 0) drop_old_backups(config, made.value(), options.keep);
   return status;
 }
 
@@ -196,12 +200,17 @@ int restore(const Options& options) {
   order.from = options.file.empty() ? "" : fs::absolute(options.file).string();
   order.note = {options.operator_name.empty() ? default_operator() : options.operator_name, options.why,
                 wall_clock_us()};
+  order.lose_calibrations = options.lose_calibrations;
   std::random_device chance;
   order.session = static_cast<std::uint16_t>(1 + chance() % 65'000);
   if (Status status = storage::restore_database(config.storage, order); !status.ok()) return fail(status.error());
   fmt::print("{} is in place; what was there lies in quarantine beside it. Start slabd.\n",
              order.from.empty() ? "an empty history" : order.from);
   if (!order.from.empty()) fmt::print("Slabs measured after that backup are missing, and the history says so.\n");
+  fmt::print(
+      "Calibrations and their checks are {}: look at slabctl calibrate list, and check the hand-eye (slabctl calibrate "
+      "check) before the next slab. The first SCAN takes two scans.\n",
+      order.from.empty() ? "gone, and those of the configuration are in force" : "those of the backup as well");
   return kDone;
 }
 
@@ -278,6 +287,8 @@ void add_db(CLI::App& app, int& exit_status) {
   command = with_config(verb("restore", "Put a backup in the place of the database; slabd must be stopped", restore));
   command->add_option("FILE", options->file, "A backup");
   command->add_flag("--fresh", options->fresh, "Begin with an empty history instead");
+  command->add_flag("--lose-calibrations", options->lose_calibrations,
+                    "Even if calibrations were changed or checked since the backup");
   command->add_option("--why", options->why, "Why, for the history")->required();
   command->add_option("--operator", options->operator_name, "Who does it (default: your login)");
 

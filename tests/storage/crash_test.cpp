@@ -190,5 +190,32 @@ TEST_F(CrashTest, failed_write_is_reported_and_the_next_job_opens_the_file_anew)
   EXPECT_EQ(line->unacknowledged.size(), 2U);
 }
 
+TEST_F(CrashTest, a_running_store_begins_no_new_history_where_its_file_is_gone) {
+  open();
+  begin(1);
+  const std::uint16_t record = scan(1, 1, 1);
+  {
+    const FileSizeLimit limit(4096);
+    ASSERT_FALSE(try_apply(AckJob{record}).ok());
+  }
+  // The disk goes away: what is left is the empty folder it was mounted on.
+  const std::string folder = std::filesystem::path(settings_.db_path).parent_path().string();
+  std::filesystem::rename(folder, folder + "-unmounted");
+  std::filesystem::create_directory(folder);
+  const Status status = try_apply(AckJob{record});
+  ASSERT_FALSE(status.ok());
+  EXPECT_NE(status.error().text.view().find("not the file any more"), std::string_view::npos)
+      << status.error().text.view();
+  EXPECT_FALSE(std::filesystem::exists(settings_.db_path));
+  // Nor in an empty file, nor in another database.
+  std::ofstream(settings_.db_path).close();
+  EXPECT_FALSE(try_apply(AckJob{record}).ok());
+  EXPECT_EQ(std::filesystem::file_size(settings_.db_path), 0U);
+  std::filesystem::remove_all(folder);
+  std::filesystem::rename(folder + "-unmounted", folder);
+  apply(AckJob{record});
+  EXPECT_TRUE(recover()->slab_open);
+}
+
 }  // namespace
 }  // namespace slabd::storage

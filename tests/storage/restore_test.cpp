@@ -32,8 +32,27 @@ class RestoreTest : public StoreTest {
     apply(AckJob{end(3, Verdict::pass)});
     close();
   }
-  [[nodiscard]] Status restore(const std::string& from) {
-    return restore_database(settings_, {from, {"anna", "the disk broke", 1'700'000'000'000'000}, 4711});
+  [[nodiscard]] Status restore(const std::string& from, bool lose_calibrations = false) {
+    return restore_database(settings_,
+                            {from, {"anna", "the disk broke", 1'700'000'000'000'000}, 4711, lose_calibrations});
+  }
+  /// A hand-eye calibration is put in force in the database as it lies there.
+  void calibrate() {
+    open();
+    CalibrationRecord record;
+    HandEyeNumbers numbers;
+    numbers.T_flange_scanner.translation_mm = Vec3(1.0, 2.0, 150.0);
+    numbers.sigma_mm = 0.02;
+    numbers.sigma_rad = 1e-5;
+    record.numbers = numbers;
+    record.figures = "{}";
+    record.operator_name = "anna";
+    const Result<std::string> kept = store_->change(KeepCalibration{record});
+    ASSERT_TRUE(kept.ok()) << kept.error().text.view();
+    const Result<std::string> applied =
+        store_->change(ApplyCalibration{kept.value(), {"anna", "the scanner was knocked", 1'700'000'000'000'000}});
+    ASSERT_TRUE(applied.ok()) << applied.error().text.view();
+    close();
   }
   [[nodiscard]] std::vector<std::string> left_in_folder() const {
     std::vector<std::string> names;
@@ -75,6 +94,42 @@ TEST_F(RestoreTest, the_backup_counts_and_the_history_says_that_it_has_a_gap) {
   const auto report = check_database(settings_.db_path, true);
   ASSERT_TRUE(report.ok());
   EXPECT_EQ(report.value().trouble, "");
+}
+
+TEST_F(RestoreTest, the_first_scan_after_it_proves_nothing) {
+  for (const std::string& from : {backup_, std::string()}) {
+    ASSERT_TRUE(restore(from).ok());
+    open();
+    std::uint64_t newest = 0;
+    for (const std::uint64_t fingerprint : recover()->fingerprints)
+      if (fingerprint != 0) newest = fingerprint;
+    EXPECT_EQ(newest, kUnseenScan) << from;
+    close();
+  }
+}
+
+TEST_F(RestoreTest, scans_that_only_the_lost_database_knew_stay) {
+  // Slab 2 was open when the backup was made; station 2 was scanned afterwards.
+  const std::string later = scan_file(2, 2, 1, 1000);
+  ASSERT_TRUE(restore(backup_).ok());
+  open();
+  (void)recover();
+  EXPECT_TRUE(fs::exists(later));
+}
+
+TEST_F(RestoreTest, calibrations_are_not_lost_without_a_word) {
+  calibrate();
+  for (const std::string& from : {backup_, std::string()}) {
+    const Status status = restore(from);
+    ASSERT_FALSE(status.ok()) << from;
+    EXPECT_EQ(status.error().code, Code::config);
+    EXPECT_NE(status.error().text.view().find("1 changes of calibrations and 0 checks"), std::string_view::npos)
+        << status.error().text.view();
+    EXPECT_NE(status.error().text.view().find("--lose-calibrations"), std::string_view::npos);
+  }
+  ASSERT_TRUE(restore(backup_, true).ok());
+  open();
+  EXPECT_EQ(recover()->slab_verdict, Verdict::aborted);
 }
 
 TEST_F(RestoreTest, what_was_there_is_kept_in_quarantine) {

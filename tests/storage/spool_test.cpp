@@ -127,6 +127,73 @@ TEST_F(SpoolTest, scan_that_cannot_be_deleted_is_reported_and_tried_again) {
   EXPECT_FALSE(std::filesystem::exists(settings_.spool_dir + "/1"));
 }
 
+TEST_F(SpoolTest, a_scan_that_cannot_be_deleted_keeps_no_other_from_going) {
+  settings_.spool_budget_bytes = 100'000;
+  open();
+  for (std::int64_t key = 1; key <= 3; ++key) acknowledge(whole_slab(key, Verdict::pass));
+  const std::string stuck = settings_.spool_dir + "/1/1-1.ply";
+  ASSERT_TRUE(std::filesystem::remove(stuck));
+  ASSERT_TRUE(std::filesystem::create_directory(stuck));
+  settings_.spool_budget_bytes = 1;
+  open();
+  for (int i = 0; i < 4; ++i) apply(AckJob{0});
+  EXPECT_FALSE(std::filesystem::exists(settings_.spool_dir + "/2"));
+  EXPECT_FALSE(std::filesystem::exists(settings_.spool_dir + "/3"));
+  EXPECT_NE(store_->spool_trouble().find("1-1.ply cannot be deleted"), std::string_view::npos)
+      << store_->spool_trouble();
+}
+
+TEST_F(SpoolTest, scans_of_a_spool_that_was_somewhere_else_neither_count_nor_go) {
+  settings_.spool_budget_bytes = 100'000;
+  open();
+  for (std::int64_t key = 1; key <= 3; ++key) acknowledge(whole_slab(key, Verdict::pass));
+  const std::string before = settings_.spool_dir;
+  settings_.spool_dir = folder_.path() + "/larger";
+  settings_.spool_budget_bytes = 4000;
+  open();
+  for (std::int64_t key = 4; key <= 6; ++key) acknowledge(whole_slab(key, Verdict::pass));
+  EXPECT_EQ(kept(), "56");
+  EXPECT_EQ(store_->spool_trouble(), "");
+  for (const char* name : {"/1/1-1.ply", "/3/2-1.ply"}) EXPECT_TRUE(std::filesystem::exists(before + name)) << name;
+  // And back again: they count, and go.
+  settings_.spool_dir = before;
+  open();
+  acknowledge(whole_slab(7, Verdict::pass));
+  EXPECT_FALSE(std::filesystem::exists(before + "/1"));
+  EXPECT_TRUE(std::filesystem::exists(before + "/7"));
+}
+
+TEST_F(SpoolTest, a_smaller_budget_is_met_while_there_is_nothing_to_do) {
+  open();
+  for (std::int64_t key = 1; key <= 4; ++key) acknowledge(whole_slab(key, Verdict::pass));
+  settings_.spool_budget_bytes = 2000;
+  open();
+  (void)recover();
+  for (int i = 0; i < 12; ++i) store_->idle();
+  EXPECT_EQ(kept(), "4");
+}
+
+TEST_F(SpoolTest, a_slab_that_is_refused_for_lack_of_room_makes_what_may_go_go) {
+  settings_.spool_budget_bytes = 2000;
+  open();
+  for (std::int64_t key = 1; key <= 2; ++key) acknowledge(whole_slab(key, Verdict::pass));
+  const std::string pin = settings_.spool_dir + "/2/pin.json";
+  std::ofstream(pin) << "{}";
+  acknowledge(whole_slab(3, Verdict::pass));
+  settings_.spool_free_bytes_min = std::uint64_t{1} << 62U;
+  settings_.spool_budget_bytes = 1;
+  open();
+  for (int i = 0; i < 12; ++i) store_->idle();
+  EXPECT_EQ(kept(), "2");
+  std::filesystem::remove(pin);
+  for (int i = 0; i < 12; ++i) store_->idle();
+  EXPECT_EQ(kept(), "2") << "nobody has said that there is anything to do";
+  const Status status = try_apply(BeginSlabJob{random_header(prng_, 5), session_, ++cmd_seq_});
+  EXPECT_EQ(status.error().code, Code::store_full);
+  for (int i = 0; i < 12; ++i) store_->idle();
+  EXPECT_EQ(kept(), "");
+}
+
 class OrphanTest : public SpoolTest {
  protected:
   /// The slab began at the epoch unless said otherwise: every file in the spool is younger.
@@ -207,6 +274,16 @@ TEST_F(OrphanTest, folder_that_leads_out_of_the_spool_is_not_entered) {
   std::filesystem::create_directory_symlink(outside, settings_.spool_dir + "/1");
   restart();
   EXPECT_TRUE(std::filesystem::exists(outside + "/1-1.ply"));
+}
+
+TEST_F(OrphanTest, nothing_of_a_pinned_slab_goes) {
+  open();
+  begin_at(1);
+  scan(1, 1, 1);
+  const std::string orphan = scan_file(1, 3, 1, 1000);
+  std::ofstream(settings_.spool_dir + "/1/pin.json") << "{}";
+  restart();
+  EXPECT_TRUE(std::filesystem::exists(orphan));
 }
 
 TEST_F(OrphanTest, scans_of_a_lost_database_are_not_judged_by_the_new_one) {
