@@ -8,6 +8,9 @@
 // edge can only be inside of every point, so the smallest gaps say most. The circle therefore leans on its inner
 // points (those outside count a tenth), which halves the error of its centre.
 //
+// The rim's height is the mean of what was seen of it, and one number for all of it only if it is one plane: most
+// points must lie together, they must come from all around, and scatter hardly more than the seat's.
+//
 // The sectors are wide on purpose: the wider, the more points compete for the innermost and the smaller the gap
 // (spread ~ 1/width), which outweighs the smaller number of sectors (~ 1/sqrt(count)).
 #include "algo/casing.h"
@@ -49,6 +52,11 @@ double shared_rows(double spread) {
 }
 constexpr double kRadiusOffMax_mm = 1.0;
 constexpr std::uint32_t kRimPointsMin = 200;
+/// So many of the points over the rim must be near its median height; as for planes.
+constexpr double kRimShareMin = 0.8;
+/// Standard deviation of the rim beyond that of the seat, the same noise: a tilt of +-0.2 mm, which leaves the higher
+/// side of a rim in the middle of its tolerance within it.
+constexpr double kRimFormMax_mm = 0.15;
 constexpr std::size_t kHeightSample = 4096;
 
 /// Points a pass looks at in one go; their heights then fit the stack.
@@ -145,9 +153,10 @@ EdgePoints innermost(const Points& points, const SeatFrame& seat, const CasingTa
   return edge;
 }
 
-/// Robust mean height of the rim around the measured centre, clear of its inner and outer edge.
+/// Robust mean height of the rim around the measured centre, clear of its inner and outer edge. False where it is no
+/// height of all of the rim.
 template <typename Points>
-void measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
+bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
                  const Vec2& centre, CasingFeature& casing) {
   const double width = task.rim_radius_mm - task.bore_radius_mm;
   const double margin = std::min(task.edge_margin_mm, 0.25 * width);
@@ -162,7 +171,7 @@ void measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& 
 
   std::size_t count = 0;
   for_each_height([&](std::span<const float> heights) { count += heights.size(); });
-  if (count < kRimPointsMin) return;
+  if (count < kRimPointsMin) return false;
   const std::size_t every = 1 + count / kHeightSample;
   std::array<double, kHeightSample> sample;
   std::size_t sampled = 0;
@@ -186,6 +195,16 @@ void measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& 
   casing.height_mm = near.mean();
   casing.rim_std_mm = std::sqrt(near.variance(1));
   casing.sigma_height_mm = casing.rim_std_mm / std::sqrt(static_cast<double>(near.count()));
+
+  const CasingRing around =
+      ring(centre, task.bore_radius_mm + margin, task.rim_radius_mm - margin, median - reach, median + reach);
+  Innermost found(around);
+  for_each_piece(points, seat, [&](const SeatPoints& piece) { find_innermost(piece, frame.axes(), around, found); });
+  std::size_t sectors = 0;
+  for (std::size_t k = 0; k < kSectors; ++k) sectors += found.seen(k, around) ? 1U : 0U;
+  const double flat_mm = std::hypot(has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0, kRimFormMax_mm);
+  return casing.rim_points >= kRimPointsMin && sectors >= kSectorsMin && casing.rim_std_mm <= flat_mm &&
+         static_cast<double>(near.count()) >= kRimShareMin * static_cast<double>(count);
 }
 
 template <typename Points>
@@ -211,8 +230,7 @@ CasingFeature measure(const Points& points, const SeatFrame& seat, const CasingT
   casing.edge_rms_mm = circle.scatter;
   casing.cov_circle = shared_rows(circle.spread) * circle.covariance;
   if (std::abs(circle.radius - task.bore_radius_mm) > kRadiusOffMax_mm) return casing;
-  measure_rim(points, seat, task, frame, circle.centre, casing);
-  casing.ok = casing.rim_points >= kRimPointsMin;
+  casing.ok = measure_rim(points, seat, task, frame, circle.centre, casing);
   return casing;
 }
 

@@ -4,15 +4,18 @@
 // with 0.03 mm noise), so heights are averaged over cells of 1.5 mm first, a box filter, and the peak to valley of the
 // cell means against their own least-squares plane is the flatness; the minimum zone stands beside it. Averaging must
 // not hide a chip: single-point extremes are reported too, and a cell mean leaves out only what disagrees with the
-// majority of its own cell.
+// majority of its own cell and does not hang together. Strays stand alone; a fin, a ridge or a crack, however narrow,
+// touches many cells, and from half a cell's worth of points on it is what those cells are: averaged with what lies
+// beside it, a fin of 2 mm would read half a millimetre.
 //
 // Nobody knows how flat a place is that was not seen, so flatness is not measured (no value, hence no pass) when
 //   - fewer than half of the cells hold cell_points_min points,
 //   - more than cells_missing_max of the cells are missing, or
 //   - missing cells that touch make a hole of more than 100 mm^2.
-// A cell is missing when it holds less than a third of cell_points_min, or fewer than cell_points_min that disagree
-// with what the full cells show. A coarse scan has many cells a few points short of the limit, in rows and columns:
-// those are not holes, as their points say that the seat is there. Cells at casings and cut by the border do not count.
+// A cell is missing when it holds less than a third of cell_points_min. A coarse scan has many cells a few points short
+// of the limit, in rows and columns: those are not holes, as their points say that the seat is there. Where they say
+// that something else is there (a chip, in the shadow of its own rim, returns few), their median is the cell's height
+// and counts like any other. Cells at casings and cut by the border do not count.
 //
 // Flatness is one number and a small chip moves it by no more than a long bow does. So the cells that stand out of the
 // noise are also grouped by touch, and the largest group on one side is reported with its place: the defect channel.
@@ -104,6 +107,12 @@ CellCentre centre_of(std::span<const float> heights) {
   return {median, 1.4826 * median_of(std::span(h).first(m))};
 }
 
+/// Strays of one side that are no chance in a cell of so many points: a scanner's noise with long tails has one in a
+/// hundred, and touching cells with one each would be all over the seat.
+double many_strays(std::uint32_t points) {
+  return std::fmax(2.0, 0.05 * static_cast<double>(points));
+}
+
 /// The cells' sums, and the heights of single points where the sums do not say enough.
 class Cells {
  public:
@@ -142,12 +151,19 @@ class Cells {
                   [&](CellSum& sum, float, float, float h) { work_.heights[sum.heights_at + sum.heights++] = h; });
   }
 
-  /// Takes the strays out of the cells whose heights were fetched and that hold `points_min`.
-  void remove_strays(std::uint32_t points_min) {
+  /// Takes the strays out of the cells whose heights were fetched and that hold `points_min`. Where they hang together
+  /// over half a cell's worth of points they are what the cell is: then everything else is taken out. `mark`: room for
+  /// one entry per cell.
+  void remove_strays(std::uint32_t points_min, const CellGrid& grid, std::span<std::uint32_t> mark) {
+    double points = 0.0;
+    double full = 0.0;
     for (CellSum& sum : sums_) {
       sum.keep_low = 1.0F;
       sum.keep_high = 0.0F;
-      if (sum.heights_at == CellSum::kNowhere || sum.points < points_min) continue;
+      if (sum.points < points_min) continue;
+      points += static_cast<double>(sum.points);
+      full += 1.0;
+      if (sum.heights_at == CellSum::kNowhere) continue;
       const std::span<const float> all = heights(sum);
       const CellCentre centre = centre_of(all);
       const double reach = std::max(kStraySigmas * centre.sigma, kStrayMin_mm);
@@ -155,6 +171,12 @@ class Cells {
       if (std::none_of(all.begin(), all.end(), stray)) continue;
       sum.keep_low = static_cast<float>(centre.median - reach);
       sum.keep_high = static_cast<float>(centre.median + reach);
+    }
+    const double half_a_cell = 0.5 * points / std::fmax(full, 1.0);
+    keep_damage(kHigh, half_a_cell, grid, mark);
+    keep_damage(kLow, half_a_cell, grid, mark);
+    for (CellSum& sum : sums_) {
+      if (sum.keep_low > sum.keep_high) continue;
       sum.sums.fill(0.0);
       sum.points = 0;
     }
@@ -162,6 +184,10 @@ class Cells {
                   [&](CellSum& sum, float x, float s, float h) {
                     if (h >= sum.keep_low && h <= sum.keep_high) sum.add(x, s, h);
                   });
+  }
+  /// What stands out of this cell, or is missing of it, took its place.
+  [[nodiscard]] bool is_damage(std::size_t cell) const {
+    return sums_[cell].keep_high == kAny || sums_[cell].keep_low == -kAny;
   }
 
   [[nodiscard]] std::size_t size() const { return sums_.size(); }
@@ -177,6 +203,37 @@ class Cells {
   }
 
  private:
+  static constexpr float kAny = std::numeric_limits<float>::max();
+
+  /// Strays of one side, in cells that touch, that are together `points_min` points or more: those cells keep them.
+  void keep_damage(CellMark side, double points_min, const CellGrid& grid, std::span<std::uint32_t> mark) {
+    // Neither where nothing was taken out, nor where the other side was kept.
+    const auto is_asked = [](const CellSum& sum) {
+      return sum.keep_low <= sum.keep_high && sum.keep_low != -kAny && sum.keep_high != kAny;
+    };
+    const auto strays_in = [&](const CellSum& sum) {
+      const std::span<const float> all = heights(sum);
+      return std::count_if(all.begin(), all.end(),
+                           [&](float h) { return side == kHigh ? h > sum.keep_high : h < sum.keep_low; });
+    };
+    for (std::size_t c = 0; c < sums_.size(); ++c) {
+      const CellSum& sum = sums_[c];
+      const bool many = is_asked(sum) && static_cast<double>(strays_in(sum)) >= many_strays(sum.points);
+      mark[c] = many ? side : kPlain;
+    }
+    for_each_group(grid, side, mark, work_.stack, [&](std::span<const std::uint32_t> group) {
+      std::ptrdiff_t strays = 0;
+      for (const std::uint32_t c : group) strays += strays_in(sums_[c]);
+      if (static_cast<double>(strays) < points_min) return;
+      for (const std::uint32_t c : group) {
+        CellSum& sum = sums_[c];
+        const float edge = side == kHigh ? sum.keep_high : sum.keep_low;
+        sum.keep_low = side == kHigh ? std::nextafter(edge, kAny) : -kAny;
+        sum.keep_high = side == kHigh ? kAny : std::nextafter(edge, -kAny);
+      }
+    });
+  }
+
   /// Calls f(sum, x, s, height) for every point of the cells for which chosen(sum); most groups hold none and are
   /// left out.
   template <typename Chosen, typename F>
@@ -213,11 +270,9 @@ std::size_t few_of(std::uint32_t points_min) {
   return std::max<std::size_t>(1, (points_min + 2) / 3);
 }
 
-/// Do the few points of a sparse cell lie where the full cells, from `low` to `high`, say the seat is?
-bool agrees(std::span<const float> heights, std::uint32_t points_min, double low, double high) {
-  if (heights.size() < few_of(points_min)) return false;
-  const double median = centre_of(heights).median;
-  return median >= low - kStrayMin_mm && median <= high + kStrayMin_mm;
+/// Where the few points of a sparse cell say the seat is; no value where they are too few even for that.
+double sparse_height(std::span<const float> heights, std::uint32_t points_min) {
+  return heights.size() < few_of(points_min) ? kNoValue : centre_of(heights).median;
 }
 
 /// All cells that have a mean, one after the other.
@@ -324,36 +379,47 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
                ? may_have_strays(sums[c])
                : sums[c].points >= few_of(region.cell_points_min) && grid.expected(c);
   });
-  sums.remove_strays(region.cell_points_min);
-
   const std::span<std::uint32_t> mark = work.mark.first(grid.cells());
-  std::size_t expected = 0;
-  CellHeights cells;
+  sums.remove_strays(region.cell_points_min, grid, mark);
+
+  const auto is_full = [&](std::size_t c) {
+    return sums[c].points > 0 && (sums[c].points >= region.cell_points_min || sums.is_damage(c));
+  };
   low = std::numeric_limits<double>::infinity();
   high = -low;
+  for (std::size_t c = 0; c < grid.cells(); ++c) {
+    if (!is_full(c)) continue;
+    const double height = sums[c].height() / static_cast<double>(sums[c].points);
+    low = std::min(low, height);
+    high = std::max(high, height);
+  }
+  std::size_t expected = 0;
+  CellHeights cells;
+  const auto add = [&](std::size_t c, const CellPoints& cell) {
+    work.cell_mean[cells.size] = in_block(cell, layout, frame);
+    cells.height[cells.size] = cell.height;
+    cells.cell[cells.size++] = static_cast<std::uint32_t>(c);
+    cells.points += static_cast<double>(sums[c].points);
+    cells.squares += cell.squares;
+  };
   for (std::size_t c = 0; c < grid.cells(); ++c) {
     mark[c] = kPlain;
     const bool wanted = grid.expected(c);
     if (wanted) ++expected;
-    if (sums[c].points >= region.cell_points_min && sums[c].points > 0) {
-      const CellPoints cell(sums[c]);
-      work.cell_mean[result.cells++] = in_block(cell, layout, frame);
-      cells.height[cells.size] = cell.height;
-      cells.cell[cells.size++] = static_cast<std::uint32_t>(c);
-      cells.points += static_cast<double>(sums[c].points);
-      cells.squares += cell.squares;
-      low = std::min(low, cell.height);
-      high = std::max(high, cell.height);
+    if (is_full(c)) {
+      ++result.cells;
+      add(c, CellPoints(sums[c]));
     } else if (wanted) {
-      mark[c] = kMissing;
+      const double height = sparse_height(sums.heights(sums[c]), region.cell_points_min);
+      if (!has_value(height)) {
+        mark[c] = kMissing;
+        ++result.cells_missing;
+      } else if (height < low - kStrayMin_mm || height > high + kStrayMin_mm) {
+        CellPoints cell(sums[c]);
+        cell.height = height;
+        add(c, cell);
+      }
     }
-  }
-  for (std::size_t c = 0; c < grid.cells(); ++c) {
-    if (mark[c] != kMissing) continue;
-    if (agrees(sums.heights(sums[c]), region.cell_points_min, low, high))
-      mark[c] = kPlain;
-    else
-      ++result.cells_missing;
   }
   const auto points_in = [&](std::size_t c) { return sums.points_in(c); };
   if (cells.size > 0) result.defect.limit_mm = mark_defects(cells, points_in, seat.std_mm, region.defect_sigmas, mark);
@@ -368,7 +434,7 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
       result.hole_mm2 > kHole_mm2)
     return result;
 
-  const std::span<const Vec3> means(work.cell_mean.data(), result.cells);
+  const std::span<const Vec3> means(work.cell_mean.data(), cells.size);
   const PlaneFit plane = fit_plane_lsq(means, seat.normal);
   if (!plane.ok) return result;
   low = std::numeric_limits<double>::infinity();

@@ -35,6 +35,10 @@ double shared_rows(double spread) {
 }
 constexpr double kRadiusOffMax_mm = 1.0;
 constexpr std::uint32_t kRimPointsMin = 200;
+/// So many of the points over the rim must be near its median height; as for planes.
+constexpr double kRimShareMin = 0.8;
+/// Standard deviation of the rim beyond that of the seat.
+constexpr double kRimFormMax_mm = 0.15;
 constexpr std::size_t kHeightSample = 4096;
 
 /// Plane coordinates around the nominal centre: x along the rail, s across, height above the fitted seat.
@@ -89,8 +93,9 @@ EdgePoints innermost(const CloudPoints& cloud, const CasingTask& task, const Cas
   return edge;
 }
 
-/// Robust mean height of the rim around the measured centre, clear of its inner and outer edge.
-void measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingFrame& frame, const Vec2& centre,
+/// Robust mean height of the rim around the measured centre, clear of its inner and outer edge. False where it is no
+/// height of all of the rim.
+bool measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingFrame& frame, const Vec2& centre,
                  CasingFeature& casing) {
   const double width = task.rim_radius_mm - task.bore_radius_mm;
   const double margin = std::min(task.edge_margin_mm, 0.25 * width);
@@ -107,7 +112,7 @@ void measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingF
   double height = 0.0;
   for (std::size_t i = 0; i < cloud.size(); ++i)
     if (on_rim(i, height)) ++count;
-  if (count < kRimPointsMin) return;
+  if (count < kRimPointsMin) return false;
   const std::uint32_t every = 1 + count / static_cast<std::uint32_t>(kHeightSample);
   std::array<double, kHeightSample> sample;
   std::size_t sampled = 0;
@@ -123,13 +128,23 @@ void measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingF
   const double reach = std::max(4.0 * 1.4826 * *middle, 1e-3);
 
   ScalarMoments heights(median);
-  for (std::size_t i = 0; i < cloud.size(); ++i)
-    if (on_rim(i, height) && std::abs(height - median) <= reach) heights.add(height);
+  std::array<bool, kSectors> seen_there{};
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    if (!on_rim(i, height) || std::abs(height - median) > reach) continue;
+    heights.add(height);
+    const Vec2 out = frame.in_plane(cloud[i]) - centre;
+    const double turn = (std::atan2(out.y(), out.x()) + kPi) / (2.0 * kPi);
+    seen_there[std::min(static_cast<std::size_t>(turn * static_cast<double>(kSectors)), kSectors - 1)] = true;
+  }
   heights.close_block();
   casing.rim_points = static_cast<std::uint32_t>(heights.count());
   casing.height_mm = heights.mean();
   casing.rim_std_mm = std::sqrt(heights.variance(1));
   casing.sigma_height_mm = casing.rim_std_mm / std::sqrt(static_cast<double>(heights.count()));
+  const double seat_mm = has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0;
+  return casing.rim_points >= kRimPointsMin && casing.rim_std_mm <= std::hypot(seat_mm, kRimFormMax_mm) &&
+         static_cast<std::size_t>(std::count(seen_there.begin(), seen_there.end(), true)) >= kSectorsMin &&
+         static_cast<double>(heights.count()) >= kRimShareMin * static_cast<double>(count);
 }
 
 }  // namespace
@@ -152,8 +167,7 @@ CasingFeature measure_casing(const CloudPoints& points, const CasingTask& task) 
   casing.edge_rms_mm = circle.scatter;
   casing.cov_circle = shared_rows(circle.spread) * circle.covariance;
   if (std::abs(circle.radius - task.bore_radius_mm) > kRadiusOffMax_mm) return casing;
-  measure_rim(points, task, frame, circle.centre, casing);
-  casing.ok = casing.rim_points >= kRimPointsMin;
+  casing.ok = measure_rim(points, task, frame, circle.centre, casing);
   return casing;
 }
 

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
+#include <functional>
 #include <vector>
 
 namespace slabd::algo {
@@ -15,6 +16,8 @@ struct View {
   double hidden_from_x_mm = 100.0;  ///< nothing seen beyond, from the nominal centre
   double missing_share = 0.02;
   double noise_mm = 0.03;
+  /// What stands on the rim at a direction seen from the centre, -pi .. pi; NaN: nothing is seen there.
+  std::function<double(double turn)> on_rim_mm = [](double) { return 0.0; };
 };
 constexpr double kBore_mm = 15.0;
 constexpr double kRim_mm = 22.0;
@@ -43,8 +46,11 @@ Outcome look(const View& view, std::uint64_t seed) {
       const double x = std::cos(turn) * u - std::sin(turn) * v;
       const double s = kPlace_mm + std::sin(turn) * u + std::cos(turn) * v;
       const double radius = std::hypot(x - outcome.centre.x(), s - outcome.centre.y());
-      const double z = (radius < kRim_mm ? kRimHeight_mm : 0.0) + view.noise_mm * prng.normal();
-      const bool seen = prng.uniform() >= view.missing_share;
+      const double turned = std::atan2(s - outcome.centre.y(), x - outcome.centre.x());
+      // Clear of the bore's edge, which shows in any case.
+      const double on_rim = radius > kBore_mm + 1.0 && radius < kRim_mm ? view.on_rim_mm(turned) : 0.0;
+      const double z = (radius < kRim_mm ? kRimHeight_mm : 0.0) + on_rim + view.noise_mm * prng.normal();
+      const bool seen = prng.uniform() >= view.missing_share && !std::isnan(z);
       if (!seen || radius < kBore_mm || radius > kRim_mm + 1.0 || x > view.hidden_from_x_mm) continue;
       index.push_back(static_cast<std::uint32_t>(index.size()));
       xyz.insert(xyz.end(), {static_cast<float>(x), static_cast<float>(s), static_cast<float>(z)});
@@ -57,6 +63,20 @@ Outcome look(const View& view, std::uint64_t seed) {
   const CloudPoints points{xyz.data(), index, FastTransform(Pose::identity())};
   outcome.casing = measure_casing(points, {Vec3(0.0, kPlace_mm, 0.0), kBore_mm, kRim_mm, kRimHeight_mm, 2.0, seat});
   return outcome;
+}
+
+TEST(Casing, IsMeasuredOnlyByARimThatIsOnePlaneAndSeenAllAround) {
+  const auto with = [](const std::function<double(double)>& on_rim_mm) {
+    View view;
+    view.on_rim_mm = on_rim_mm;
+    return look(view, 7).casing;
+  };
+  EXPECT_TRUE(with([](double) { return 0.0; }).ok);
+  EXPECT_TRUE(with([](double turn) { return 0.1 * std::cos(turn); }).ok) << "hardly tilted";
+  EXPECT_TRUE(with([](double turn) { return std::abs(turn) < 0.2 ? 1.2 : 0.0; }).ok) << "a splash of concrete";
+  EXPECT_FALSE(with([](double turn) { return std::abs(turn) < 0.44 * kPi ? 1.2 : 0.0; }).ok) << "half of it raised";
+  EXPECT_FALSE(with([](double turn) { return std::cos(turn); }).ok) << "tilted: one side above the seat";
+  EXPECT_FALSE(with([](double turn) { return std::abs(turn) < 0.4 * kPi ? 0.0 : kNoValue; }).ok) << "a part seen";
 }
 
 /// Root of true over stated variance of the centre, and the same of the height, over many phases and turns.

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+#include <vector>
 
 #include "algo/algo.h"
 #include "algo/cell_grid.h"
@@ -74,39 +76,72 @@ struct CellPoints {
   double squares = 0.0;  ///< of heights about their mean, mm^2
 };
 
-/// Mean point of a cell without its strays; false when too few are left.
+/// Heights that count in a cell.
+struct Window {
+  double low = -std::numeric_limits<double>::infinity();
+  double high = std::numeric_limits<double>::infinity();
+  bool damage = false;  ///< those that would be strays, if they did not hang together
+};
+
+/// Mean point of a cell's points in the window; false when too few are left.
 template <typename PointOf>
 bool cell_mean(std::span<const std::uint32_t> index, const PointOf& point_of, const PlaneFit& seat,
-               std::uint32_t points_min, CellPoints& cell) {
+               std::uint32_t points_min, const Window& window, CellPoints& cell) {
   if (index.empty() || index.size() < points_min) return false;
   const auto height_of = [&](std::uint32_t i) { return seat.normal.dot(point_of(i)) - seat.offset_mm; };
-  const CellCentre centre = centre_of(index, height_of);
-  const double reach = std::max(kStraySigmas * centre.sigma, kStrayMin_mm);
   Vec3 sum = Vec3::Zero();
-  ScalarMoments heights(0.0);
+  std::vector<double> kept;
   for (const std::uint32_t i : index) {
-    const Vec3 p = point_of(i);
-    const double h = seat.normal.dot(p) - seat.offset_mm - centre.median;
-    if (std::abs(h) > reach) continue;
-    sum += p;
-    heights.add(h);
+    if (height_of(i) < window.low || height_of(i) > window.high) continue;
+    sum += point_of(i);
+    kept.push_back(height_of(i));
   }
-  heights.close_block();
-  cell.used = static_cast<std::uint32_t>(heights.count());
-  if (cell.used < points_min || cell.used == 0) return false;
+  cell.used = static_cast<std::uint32_t>(kept.size());
+  if (cell.used == 0 || (cell.used < points_min && !window.damage)) return false;
   cell.mean = sum / static_cast<double>(cell.used);
+  ScalarMoments heights(0.0);
+  for (const double h : kept) heights.add(h - kept[0]);
+  heights.close_block();
   cell.squares = cell.used > 1 ? heights.variance(1) * static_cast<double>(cell.used - 1) : 0.0;
   return true;
 }
 
-/// Do the few points of a sparse cell lie where the full cells, from `low` to `high`, say the seat is?
-template <typename HeightOf>
-bool agrees(std::span<const std::uint32_t> cell, const HeightOf& height_of, std::uint32_t points_min, double low,
-            double high) {
-  const std::size_t few = std::max<std::size_t>(1, (points_min + 2) / 3);
-  if (cell.size() < few) return false;
-  const double median = centre_of(cell, height_of).median;
-  return median >= low - kStrayMin_mm && median <= high + kStrayMin_mm;
+/// The windows of all cells: strays are out; where half a cell's worth of them or more hangs together, all else is.
+template <typename PointsIn, typename HeightOf>
+std::vector<Window> windows_of(const CellGrid& grid, const PointsIn& points_in, const HeightOf& height_of,
+                               std::uint32_t points_min) {
+  std::vector<Window> windows(grid.cells());
+  double points = 0.0;
+  double full = 0.0;
+  for (std::size_t c = 0; c < grid.cells(); ++c) {
+    const auto cell = points_in(c);
+    if (cell.empty() || cell.size() < points_min) continue;
+    points += static_cast<double>(cell.size());
+    full += 1.0;
+    const CellCentre centre = centre_of(cell, height_of);
+    const double reach = std::max(kStraySigmas * centre.sigma, kStrayMin_mm);
+    windows[c] = {centre.median - reach, centre.median + reach};
+  }
+  std::vector<std::uint32_t> mark(grid.cells());
+  std::vector<std::uint32_t> stack(grid.cells() + 1);
+  for (const CellMark side : {kHigh, kLow}) {
+    std::vector<int> strays(grid.cells());
+    for (std::size_t c = 0; c < grid.cells(); ++c) {
+      for (const std::uint32_t i : points_in(c))
+        strays[c] += (side == kHigh ? height_of(i) > windows[c].high : height_of(i) < windows[c].low) ? 1 : 0;
+      const double many = std::fmax(2.0, 0.05 * static_cast<double>(points_in(c).size()));
+      mark[c] = !windows[c].damage && strays[c] >= many ? side : kPlain;
+    }
+    for_each_group(grid, side, mark, stack, [&](std::span<const std::uint32_t> group) {
+      double together = 0.0;
+      for (const std::uint32_t c : group) together += strays[c];
+      if (together < 0.5 * points / full) return;
+      for (const std::uint32_t c : group)
+        windows[c] = side == kHigh ? Window{windows[c].high + 1e-9, Window{}.high, true}
+                                   : Window{Window{}.low, windows[c].low - 1e-9, true};
+    });
+  }
+  return windows;
 }
 
 /// All cells that have a mean, one after the other.
@@ -194,34 +229,52 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   };
   // Sorting is done with cell_next; from here on it holds the marks.
   const std::span<std::uint32_t> mark = work.cell_next.first(grid.cells());
-  std::size_t expected = 0;
-  CellHeights cells;
+  const std::vector<Window> windows = windows_of(grid, points_in, height_of, region.cell_points_min);
+  std::vector<CellPoints> full(grid.cells());
   low = std::numeric_limits<double>::infinity();
   high = -low;
+  for (std::size_t c = 0; c < grid.cells(); ++c) {
+    if (!cell_mean(points_in(c), point_of, seat, region.cell_points_min, windows[c], full[c])) {
+      full[c].used = 0;
+      continue;
+    }
+    const double h = seat.normal.dot(full[c].mean) - seat.offset_mm;
+    low = std::min(low, h);
+    high = std::max(high, h);
+  }
+  std::size_t expected = 0;
+  CellHeights cells;
+  const auto add = [&](std::size_t c, const CellPoints& cell) {
+    work.cell_mean[cells.size] = cell.mean;
+    cells.height[cells.size] = seat.normal.dot(cell.mean) - seat.offset_mm;
+    cells.cell[cells.size++] = static_cast<std::uint32_t>(c);
+    cells.points += static_cast<double>(cell.used);
+    cells.squares += cell.squares;
+  };
   for (std::size_t c = 0; c < grid.cells(); ++c) {
     mark[c] = kPlain;
     const bool wanted = grid.expected(c);
     if (wanted) ++expected;
-    CellPoints cell;
-    if (cell_mean(points_in(c), point_of, seat, region.cell_points_min, cell)) {
-      work.cell_mean[result.cells++] = cell.mean;
-      const double h = seat.normal.dot(cell.mean) - seat.offset_mm;
-      cells.height[cells.size] = h;
-      cells.cell[cells.size++] = static_cast<std::uint32_t>(c);
-      cells.points += static_cast<double>(cell.used);
-      cells.squares += cell.squares;
-      low = std::min(low, h);
-      high = std::max(high, h);
-    } else if (wanted) {
-      mark[c] = kMissing;
+    if (full[c].used > 0) {
+      ++result.cells;
+      add(c, full[c]);
+      continue;
     }
-  }
-  for (std::size_t c = 0; c < grid.cells(); ++c) {
-    if (mark[c] != kMissing) continue;
-    if (agrees(points_in(c), height_of, region.cell_points_min, low, high))
-      mark[c] = kPlain;
-    else
+    if (!wanted) continue;
+    const auto few = points_in(c);
+    if (few.size() < std::max<std::size_t>(1, (region.cell_points_min + 2) / 3)) {
+      mark[c] = kMissing;
       ++result.cells_missing;
+      continue;
+    }
+    const double median = centre_of(few, height_of).median;
+    if (median >= low - kStrayMin_mm && median <= high + kStrayMin_mm) continue;
+    CellPoints cell;
+    cell_mean(few, point_of, seat, 1, {}, cell);
+    // Its place on the seat stays.
+    const Vec3 up = Vec3::UnitX().cross(along_seat);
+    cell.mean += (median - (seat.normal.dot(cell.mean) - seat.offset_mm)) / seat.normal.dot(up) * up;
+    add(c, cell);
   }
   if (cells.size > 0) result.defect.limit_mm = mark_defects(cells, points_in, seat.std_mm, region.defect_sigmas, mark);
   // The cells' starts have served: they lend their room to the search of groups.
@@ -237,7 +290,7 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
       result.hole_mm2 > kHole_mm2)
     return result;
 
-  const std::span<const Vec3> means(work.cell_mean.data(), result.cells);
+  const std::span<const Vec3> means(work.cell_mean.data(), cells.size);
   const PlaneFit plane = fit_plane_lsq(means, seat.normal);
   if (!plane.ok) return result;
   low = std::numeric_limits<double>::infinity();

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <functional>
 #include <vector>
 
 #include "algo/algo.h"
@@ -162,7 +164,64 @@ TEST(Flatness, TakesSparseCellsForSeenOnlyWhereTheyAgree) {
   EXPECT_LT(flat.cells, 6700U) << "sparse cells take no part in the figures";
   for (std::size_t i = 0; i < seat.xyz.size(); i += 3)
     if (std::abs(seat.xyz[i]) < 10.0F && std::abs(seat.xyz[i + 1]) < 10.0F) seat.xyz[i + 2] = 5.0F;
-  EXPECT_FALSE(seat.measure().ok) << "something stands there, of which too little was seen to measure it";
+  const Flatness raised = seat.measure();
+  EXPECT_TRUE(raised.ok);
+  EXPECT_GT(raised.lsq_mm, 4.5) << "something stands there: that little of it was seen makes the seat no flatter";
+  EXPECT_GT(raised.defect.area_mm2, 100.0);
+}
+
+TEST(Flatness, DamageThatReturnsFewPointsCounts) {
+  // Bumps of six by six cells, 2 mm high, each smaller than a hole that is refused, of which one point in six is seen.
+  Prng prng(11);
+  const auto bump = [](double x, double y) {
+    const auto near = [](double v) { return std::abs(std::remainder(v, 40.0)) < 4.5; };
+    return near(x) && near(y) && std::abs(x) < 50.0 && std::abs(y) < 50.0;
+  };
+  Seat seat([&](double x, double y) { return bump(x, y) ? 2.0 : 0.0; });
+  std::vector<float> seen;
+  for (std::size_t i = 0; i < seat.xyz.size(); i += 3)
+    if (seat.xyz[i + 2] < 1.0F || prng.uniform() < 1.0 / 6.0)
+      seen.insert(seen.end(), {seat.xyz[i], seat.xyz[i + 1], seat.xyz[i + 2]});
+  seat.xyz = seen;
+  const Flatness flat = seat.measure();
+  EXPECT_TRUE(flat.ok);
+  EXPECT_GT(flat.lsq_mm, 1.8);
+  EXPECT_GT(flat.defect.area_mm2, 20.0);
+}
+
+TEST(Flatness, WhatHangsTogetherIsNoStrayHoweverNarrow) {
+  struct Case {
+    const char* what;
+    std::function<double(double, double)> height;
+    double size_mm;
+  };
+  const std::array<Case, 4> cases = {{
+      {"a ridge astride the cells' border", [](double x, double) { return std::abs(x - 10.5) < 0.6 ? 2.5 : 0.0; },
+       2.5},
+      {"a groove", [](double, double y) { return std::abs(y + 12.0) < 0.5 ? -2.5 : 0.0; }, 2.5},
+      {"a slanting crack", [](double x, double y) { return std::abs(x - 0.4 * y) < 0.3 ? -2.5 : 0.0; }, 2.5},
+      {"a comb of fins", [](double x, double) { return std::abs(std::remainder(x - 0.6, 3.0)) < 0.235 ? 2.0 : 0.0; },
+       2.0},
+  }};
+  for (const Case& c : cases) {
+    Seat seat(c.height);
+    const Flatness flat = seat.measure();
+    ASSERT_TRUE(flat.ok) << c.what;
+    EXPECT_NEAR(flat.lsq_mm, c.size_mm, 0.1) << c.what;
+  }
+}
+
+TEST(Flatness, StraysThatStandAloneStillGo) {
+  // One point in a thousand 1 mm up or down: some touch, hardly ever for half a cell's worth.
+  Prng prng(12);
+  Seat seat([&](double, double) {
+    const double u = prng.uniform();
+    return u < 0.0005 ? 1.0 : u < 0.001 ? -1.0 : 0.0;
+  });
+  const Flatness flat = seat.measure();
+  ASSERT_TRUE(flat.ok);
+  EXPECT_LT(flat.lsq_mm, 0.06);
+  EXPECT_GT(flat.raw_high_mm, 0.9);
 }
 
 TEST(Flatness, ExpectsNothingAtCasings) {
