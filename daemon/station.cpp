@@ -56,7 +56,7 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
   s.results.slab_no = line.table_slab_no;
   s.results.slab_record = line.slab_record;
   s.last_slab_key = line.last_slab_key;
-  s.newest_utime_us = line.newest_utime_us;
+  s.newest_time = NewestTime(line.newest_utime_us);
   s.fingerprints = line.fingerprints;
   s.fingerprint_next = static_cast<std::size_t>(std::count_if(line.fingerprints.begin(), line.fingerprints.end(),
                                                               [](std::uint64_t f) { return f != 0; })) %
@@ -91,7 +91,7 @@ void on_tick(Station& s, const Tick& tick, Actions& actions) {
     s.heartbeat_ns = s.now_ns;
     ++s.heartbeat;
   }
-  const bool backwards = s.utime_us < s.newest_utime_us;
+  const bool backwards = s.utime_us < s.newest_time.utime_us();
   if (backwards && (s.warn & kWarnClockBackwards) == 0)
     log(actions, LogLine::Level::warning, Code::ok,
         "the wall clock is older than the newest record; records stay ordered by number");

@@ -9,6 +9,7 @@
 #include "base/base.h"
 #include "base/calibration.h"
 #include "base/jobs.h"
+#include "base/newest_time.h"
 #include "daemon/pose_gate.h"
 #include "daemon/still_watch.h"
 
@@ -332,7 +333,7 @@ struct Station {
   std::int64_t heartbeat_ns = 0;
   std::uint16_t fault = 0;  ///< latched code; FAULT_RESET clears it unless settings.fault holds
   std::uint16_t warn = 0;
-  std::int64_t newest_utime_us = 0;  ///< of any record
+  NewestTime newest_time;  ///< of any record
   LinkStatus links;
   LineCalibration calibration;       ///< in force: of the next slab
   LineCalibration calibration_next;  ///< takes its place when no SLAB_BEGIN is on its way to the database

@@ -419,7 +419,7 @@ void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Acti
   StationRecord& record = record_of(s, pending.station);
   record.phase = StationPhase::acquired;
   record.attempt = a.attempt;
-  s.newest_utime_us = std::max(s.newest_utime_us, a.attempt.scan_utime_us);
+  s.newest_time.note(a.attempt.scan_utime_us);
   s.desk.acq_seq = pending.value;
   set_status(s, pending.value, CommandStatus::acquired);
   log(actions, LogLine::Level::info, Code::ok, "station %u: %zu points durable after %.0f ms, the robot may leave",

@@ -65,6 +65,10 @@ void advance_calibration(Station& s, Actions& actions) {
     const bool other_scanner = !(s.calibration.scanner.id == s.calibration_next.scanner.id);
     s.calibration = s.calibration_next;
     s.calibration_waits = false;
+    // Nobody could put in force what has expired by the newest record, unless the clock of that record was wrong.
+    const std::int64_t expires_utime_us = s.calibration.expires_utime_us;
+    if (other && s.utime_us < expires_utime_us && s.newest_time.utime_us() >= expires_utime_us)
+      s.newest_time = NewestTime(s.utime_us);
     const char* when = s.slab.phase == SlabPhase::none ? "" : " from the next slab on";
     if (other)
       log(actions, LogLine::Level::info, Code::ok, "calibration %s is in force%s", s.calibration.id.c_str(), when);

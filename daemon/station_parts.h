@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
+
 #include "daemon/station.h"
 
 /// The parts `step` is made of; private to the station's source files.
@@ -44,7 +46,7 @@ void emit(Actions& actions, const T& action) {
 // ---- station_calibration.cpp ----
 /// Time for expiry: the wall clock, or the newest record where that is later.
 [[nodiscard]] inline std::int64_t expiry_utime_us(const Station& s) {
-  return s.utime_us > s.newest_utime_us ? s.utime_us : s.newest_utime_us;
+  return std::max(s.utime_us, s.newest_time.utime_us());
 }
 void recover_calibration(Station& s, const RecoveredLine& line, Actions& actions);
 void on_calibration_changed(Station& s, const LineCalibration& calibration);

@@ -84,7 +84,7 @@ void open_slab(Station& s, const BeginSlabJob& job) {
   s.slab.header = job.slab;
   s.slab.recipe = recipe_for(s, job.slab.slab_type);
   s.slab.calibration = s.calibration;
-  s.newest_utime_us = std::max(s.newest_utime_us, job.slab.began_utime_us);
+  s.newest_time.note(job.slab.began_utime_us);
 }
 
 void begin_end(Station& s, std::uint16_t cmd_seq, bool aborting, Actions& actions) {

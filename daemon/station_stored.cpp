@@ -97,7 +97,7 @@ void on_slab(Station& s, const PendingStore& pending, Code code, Actions& action
   (void)queued;
   log(actions, LogLine::Level::info, Code::ok, "slab %u \"%s\": %s (reason %u)", s.slab.header.slab_no,
       s.slab.header.slab_id.c_str(), name(result.verdict).data(), result.reason);
-  s.newest_utime_us = std::max(s.newest_utime_us, s.utime_us);
+  s.newest_time.note(s.utime_us);
   s.slab.phase = SlabPhase::none;
   set_status(s, pending.value, CommandStatus::done);
 }

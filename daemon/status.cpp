@@ -4,6 +4,7 @@
 // here.
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <exception>
 #include <fstream>
@@ -94,7 +95,7 @@ namespace {
 Json in_force(const Station& station) {
   const LineCalibration& c = station.calibration;
   static constexpr std::array<const char*, 3> kSources = {"missing", "commissioning", "applied"};
-  const std::int64_t now = station.utime_us > station.newest_utime_us ? station.utime_us : station.newest_utime_us;
+  const std::int64_t now = std::max(station.utime_us, station.newest_time.utime_us());
   Json j;
   j["source"] = kSources.at(static_cast<std::size_t>(c.source));
   j["id"] = c.id.view();

@@ -112,7 +112,9 @@ void Calibrations::check_may_apply(const CalibrationRecord& record, const Change
   const std::string not_in_force = record.id + " is not put in force: ";
   if (note.who.empty() || note.why.empty()) refuse(not_in_force + "say who does it and why");
   if (!numbers_give_id(record)) refuse(not_in_force + "its numbers in the database were changed after it was kept");
-  const std::int64_t now = std::max(note.utime_us, newest_utime_us());
+  // By the newest record where the clock is behind, or a clock that was put back would bring back what has expired. But
+  // the clock may have been ahead before: who puts a calibration in force that is new says what day it is.
+  const std::int64_t now = is_new(record, note.utime_us) ? note.utime_us : std::max(note.utime_us, newest_utime_us());
   if (record.expires_utime_us != 0 && now >= record.expires_utime_us)
     refuse(not_in_force + "it has expired; calibrate again");
   if (const auto* scanner = std::get_if<ScannerNumbers>(&record.numbers))
@@ -123,6 +125,13 @@ void Calibrations::check_may_apply(const CalibrationRecord& record, const Change
     refuse(not_in_force + "its station corrections were solved with hand-eye calibration " + record.parent_id +
            ", in force is " + (hand_eye.seq == 0 ? "none" : hand_eye.calibration_id) +
            "; solve them again (slabctl calibrate stations --again)");
+}
+
+bool Calibrations::is_new(const CalibrationRecord& record, std::int64_t utime_us) {
+  constexpr std::int64_t kDay_us = 86'400'000'000;
+  if (record.created_utime_us > utime_us || utime_us - record.created_utime_us > kDay_us) return false;
+  Statement before(db_, "SELECT 1 FROM applied WHERE calibration_id = ?1 LIMIT 1");
+  return !before.bind(1, std::string_view(record.id)).step();
 }
 
 void Calibrations::insert_applied(const CalibrationRecord& record, const Row& replaced, bool is_rollback,
@@ -149,6 +158,7 @@ std::string Calibrations::apply(const ApplyCalibration& change) {
   check_may_apply(*record, change.note);
   if (replaced.calibration_id == record->id) return record->id;  // given again because its answer was lost
   insert_applied(*record, replaced, false, replaced.seq, change.note);
+  follow_clock(*record, change.note.utime_us);
   return record->id;
 }
 
@@ -360,6 +370,11 @@ LineCalibration::Watch Calibrations::watch(CalibrationKind kind) {
   watch.failed = !check.passed;
   watch.note = check.note.view();
   return watch;
+}
+
+void Calibrations::follow_clock(const CalibrationRecord& record, std::int64_t utime_us) {
+  if (record.expires_utime_us == 0 || newest_utime_us() < record.expires_utime_us) return;
+  Statement(db_, "UPDATE line SET newest_utime_us = ?1").bind(1, utime_us).run();
 }
 
 std::int64_t Calibrations::newest_utime_us() {

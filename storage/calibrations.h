@@ -55,6 +55,10 @@ class Calibrations {
   void use_scanner(const std::optional<CalibrationRecord>& record, ScannerInForce& out);
   [[nodiscard]] LineCalibration::Watch watch(CalibrationKind kind);
   [[nodiscard]] std::int64_t newest_utime_us();
+  /// Made within a day before `utime_us`, and never in force.
+  [[nodiscard]] bool is_new(const CalibrationRecord& record, std::int64_t utime_us);
+  /// A new record is in force that the newest time of all records would let expire: that time was a wrong clock's.
+  void follow_clock(const CalibrationRecord& record, std::int64_t utime_us);
 
   Connection& db_;
 };

@@ -38,6 +38,7 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
     : settings_(settings),
       held_back_(held_back),
       set_session_(db, "UPDATE line SET session = ?1"),
+      newest_(db, "SELECT newest_utime_us FROM line"),
       set_newest_(db, "UPDATE line SET newest_utime_us = ?1 WHERE newest_utime_us < ?1"),
       newest_slab_(db,
                    "SELECT slab.slab_key, slab_result.slab_key FROM slab LEFT JOIN slab_result USING (slab_key) "
@@ -184,7 +185,12 @@ void Jobs::close_command(std::uint16_t session, std::uint16_t cmd_seq, std::uint
 }
 
 void Jobs::note_time(std::int64_t utime_us) {
-  set_newest_.bind(1, utime_us).run();
+  // Rolled back, or set back by whoever put a calibration in force.
+  const std::int64_t stored = newest_.step() ? newest_.integer(0) : 0;
+  newest_.reset();
+  if (stored != newest_time_.utime_us()) newest_time_ = NewestTime(stored);
+  newest_time_.note(utime_us);
+  set_newest_.bind(1, newest_time_.utime_us()).run();
 }
 
 // ---- attempts and blocks -----------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "base/newest_time.h"
 #include "storage/recover.h"
 #include "storage/rows.h"
 #include "storage/storage.h"
@@ -60,7 +61,9 @@ class Jobs {
   const StoreSettings& settings_;
   const HeldBack& held_back_;
   Statement set_session_;
+  Statement newest_;
   Statement set_newest_;
+  NewestTime newest_time_;
   Statement newest_slab_;
   Statement slab_attempts_;
   Statement upsert_slab_;

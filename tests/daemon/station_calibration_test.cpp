@@ -224,6 +224,24 @@ TEST(StationCalibration, outside_the_gate_the_scan_is_spliced_without_its_correc
   EXPECT_NE(line.view().warn & kWarnStationsNotCorrected, 0);
 }
 
+TEST(StationCalibration, a_new_one_ends_what_a_clock_that_was_ahead_has_let_expire) {
+  constexpr std::int64_t kYear_us = 365 * std::int64_t{86'400'000'000};
+  MemoryStore store;
+  store.line.calibration = hand_eye("he-1");
+  store.line.calibration.expires_utime_us = kYear_us;
+  store.line.newest_utime_us = 2 * kYear_us;
+  Line line(store);
+  EXPECT_EQ(line.view().fault, 503);
+  LineCalibration fresh = hand_eye("he-2");
+  fresh.expires_utime_us = kYear_us + 1;
+  line.feed(CalibrationChanged{&fresh});
+  line.run_for(20);
+  line.plc.fault_reset = true;
+  line.feed(line.plc);
+  line.run_for(20);
+  EXPECT_EQ(line.view().fault, 0);
+}
+
 TEST(StationCalibration, corrections_that_expired_are_not_used_and_not_named) {
   MemoryStore store;
   store.line.calibration = mastered("he-1", test_recipe());

@@ -437,7 +437,7 @@ TEST_F(StationRefusals, an_open_slab_of_a_type_that_is_gone_can_only_be_aborted)
 
 TEST_F(StationRefusals, a_wall_clock_older_than_the_newest_record_is_a_warning_and_goes_away) {
   begin();
-  line.station->newest_utime_us = line.view().utime_us + 1'000'000;
+  line.station->newest_time = NewestTime(line.view().utime_us + 1'000'000);
   line.run_for(8);
   EXPECT_NE(line.view().warn & kWarnClockBackwards, 0);
   EXPECT_TRUE(line.view().ready);

@@ -371,6 +371,31 @@ TEST_F(CalibrationsTest, an_expired_record_is_not_put_in_force_again) {
   EXPECT_NE(refused(ApplyCalibration{id, note()}).find("has expired"), std::string::npos);
 }
 
+TEST_F(CalibrationsTest, a_new_record_is_put_in_force_after_a_clock_that_was_ahead) {
+  constexpr std::int64_t kDay_us = 86'400'000'000;
+  CalibrationRecord old_one = hand_eye(1.0);
+  old_one.expires_utime_us = 365 * kDay_us;
+  const std::string old_id = keep(old_one);
+  put_in_force(old_id);
+  // For an hour slabs were measured under a clock two years ahead.
+  on_the_disk("UPDATE line SET newest_utime_us = " + std::to_string(730 * kDay_us));
+  EXPECT_NE(refused(ApplyCalibration{old_id, note()}).find("has expired"), std::string::npos);
+  CalibrationRecord stale = hand_eye(3.0);
+  stale.expires_utime_us = 365 * kDay_us;
+  const std::string stale_id = keep(stale);
+  utime_us_ += 2 * kDay_us;
+  EXPECT_NE(refused(ApplyCalibration{stale_id, note()}).find("has expired"), std::string::npos) << "made days ago";
+  CalibrationRecord fresh = hand_eye(2.0);
+  fresh.created_utime_us = utime_us_;
+  fresh.expires_utime_us = 367 * kDay_us;
+  const std::string fresh_id = keep(fresh);
+  put_in_force(fresh_id);
+  EXPECT_EQ(in_force().id.view(), fresh_id);
+  EXPECT_EQ(recover()->newest_utime_us, utime_us_) << "who calibrates says what day it is";
+  utime_us_ = 400 * kDay_us;
+  EXPECT_NE(refused(ApplyCalibration{fresh_id, note()}).find("has expired"), std::string::npos);
+}
+
 TEST_F(CalibrationsTest, a_scanners_acceptance_comes_back_bit_for_bit_and_is_in_force_beside_the_hand_eye) {
   const CalibrationRecord given = scanner(0.061);
   const std::string id = keep(given);

@@ -292,13 +292,29 @@ TEST_F(RecoverTest, repeated_report_is_one_more_record_and_closes_its_command) {
 
 TEST_F(RecoverTest, newest_wall_clock_survives_a_clock_that_went_back) {
   begin(1);
-  CommandJob command{session_, ++cmd_seq_, 2, 1, 1, std::int64_t{1} << 60U};
+  constexpr std::int64_t kHour_us = 3'600'000'000;
+  const std::int64_t years_later = std::int64_t{1} << 60U;
+  CommandJob command{session_, ++cmd_seq_, 2, 1, 1, years_later};
+  apply(command);
+  command.cmd_seq = ++cmd_seq_;
+  command.utime_us = years_later + kHour_us;
   apply(command);
   command.cmd_seq = ++cmd_seq_;
   command.utime_us = 5;
   apply(command);
-  EXPECT_EQ(restart()->newest_utime_us, std::int64_t{1} << 60U);
+  EXPECT_EQ(restart()->newest_utime_us, years_later + kHour_us);
   EXPECT_EQ(recover()->cmd_ack, cmd_seq_) << "commands are ordered by entry, not by time";
+}
+
+TEST_F(RecoverTest, a_clock_that_was_ahead_for_a_moment_leaves_no_mark) {
+  begin(1);
+  const std::int64_t before = restart()->newest_utime_us;
+  CommandJob command{session_, ++cmd_seq_, 2, 1, 1, before + 500 * 86'400'000'000};
+  apply(command);
+  command.cmd_seq = ++cmd_seq_;
+  command.utime_us = before + 60'000'000;
+  apply(command);
+  EXPECT_EQ(restart()->newest_utime_us, before + 60'000'000);
 }
 
 /// A SCAN counts from the moment it is accepted, also when that it failed could not be recorded and others came after.

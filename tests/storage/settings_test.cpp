@@ -157,6 +157,14 @@ TEST_F(SettingsTest, second_writer_is_refused) {
   EXPECT_EQ(refusal(), "opened");
 }
 
+TEST_F(SettingsTest, who_asks_learns_that_somebody_writes) {
+  EXPECT_FALSE(is_written_elsewhere(settings_.db_path));
+  open();
+  EXPECT_TRUE(is_written_elsewhere(settings_.db_path));
+  close();
+  EXPECT_FALSE(is_written_elsewhere(settings_.db_path));
+}
+
 TEST_F(SettingsTest, unusable_path_is_named) {
   std::ofstream(folder_.path() + "/db") << "a file where a folder should be";
   const std::string text = refusal();
