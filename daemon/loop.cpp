@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/loop.h"
 
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <bit>
 #include <cerrno>
 #include <chrono>
@@ -472,6 +474,23 @@ void Loop::tidy_captures(const PathText& folder) const {
   }
 }
 
+namespace {
+
+std::atomic<std::uint64_t> untold_lines = 0;
+
+/// Once the journal takes lines again.
+void tell_untold() {
+  const std::uint64_t lines = untold_lines.exchange(0, std::memory_order_relaxed);
+  if (lines == 0) return;
+  LogLine line;
+  line.level = LogLine::Level::warning;
+  line.text.printf("%llu lines are missing here: the journal did not take them",
+                   static_cast<unsigned long long>(lines));
+  say_line(line);
+}
+
+}  // namespace
+
 void say_line(const LogLine& line) {
   // Under a service manager a line goes to the journal with its fields; on a terminal a word reads better.
   static const bool in_journal = hal::stderr_is_journal();
@@ -489,18 +508,27 @@ void say_line(const LogLine& line) {
       word = "error";
       break;
   }
-  if (in_journal && journal.say(priority, line.code, line.text.view())) return;
+  if (in_journal && journal.say(priority, line.code, line.text.view())) return tell_untold();
   FixedString<16> prefix;
   if (in_journal) {
     prefix.printf("<%u>", static_cast<unsigned>(priority));
   } else {
     prefix.printf("%s: ", word);
   }
+  FixedString<640> text;
   if (line.code != 0) {
-    std::fprintf(stderr, "%sslabd: [%u] %s\n", prefix.c_str(), line.code, line.text.c_str());
+    text.printf("%sslabd: [%u] %s\n", prefix.c_str(), line.code, line.text.c_str());
   } else {
-    std::fprintf(stderr, "%sslabd: %s\n", prefix.c_str(), line.text.c_str());
+    text.printf("%sslabd: %s\n", prefix.c_str(), line.text.c_str());
   }
+  if (!in_journal) {
+    std::fputs(text.c_str(), stderr);
+    return;
+  }
+  // The same journal reads this stream. One that does not read must not stop the line: a line is lost then, and
+  // counted.
+  const ssize_t sent = ::send(STDERR_FILENO, text.c_str(), text.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
+  if (sent < 0) untold_lines.fetch_add(1, std::memory_order_relaxed);
 }
 
 }  // namespace slabd::daemon

@@ -139,6 +139,13 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   print(config_problems);
   print(recipe_problems);
 
+  // As a server the port is taken. As a client or on a serial line a second slabd would write over what the first one
+  // shows the PLC, and take its scans.
+  if (config.plc.role != hal::PlcRole::server && storage::is_written_elsewhere(config.storage.db_path)) {
+    std::fprintf(stderr, "error: another process works with %s, most likely slabd itself: only one may\n",
+                 config.storage.db_path.c_str());
+    return kExitUnreachable;
+  }
   const auto plc = hal::make_plc_port(config.plc);
   if (!plc.ok()) {
     std::fprintf(stderr, "error: %s\n", plc.error().text.c_str());

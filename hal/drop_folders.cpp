@@ -93,6 +93,81 @@ bool move_new(int from, const char* name, int to, const char* new_name) {
   return renameat(from, name, to, new_name) == 0;
 }
 
+/// Names with a number behind them: tried one after the other, and the largest number.
+constexpr int kNamesTried = 2'000;
+constexpr int kNumberMax = 1'000'000;
+/// Entries of stray/ that one look at it takes: 50 ms here, some seconds on a slow share.
+constexpr int kEntriesLookedAt = 2'000;
+/// Folders in folders, as far as they are counted and deleted.
+constexpr int kFoldersDeep = 4;
+
+struct Stray {
+  NameText name;
+  timespec moved{};
+  std::uint64_t bytes = 0;
+  bool folder = false;
+};
+
+/// The change time is when it was moved here, by the file system's own clock; what the scanner's computer wrote into
+/// the file's time does not matter.
+bool came_before(const Stray& a, const Stray& b) {
+  return a.moved.tv_sec != b.moved.tv_sec ? a.moved.tv_sec < b.moved.tv_sec : a.moved.tv_nsec < b.moved.tv_nsec;
+}
+
+Fd open_inside(int parent, const char* name) {
+  return Fd(openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC));
+}
+
+std::uint64_t bytes_in(int folder, int deep, int& looks) {
+  std::uint64_t bytes = 0;
+  static_cast<void>(for_each_name(folder, [&](const char* name) {
+    struct stat status {};
+    if (--looks <= 0) return false;
+    if (fstatat(folder, name, &status, AT_SYMLINK_NOFOLLOW) != 0) return true;
+    if (!S_ISDIR(status.st_mode)) {
+      bytes += static_cast<std::uint64_t>(status.st_size);
+    } else if (const Fd inner = open_inside(folder, name); inner.is_open() && deep > 0) {
+      bytes += bytes_in(inner.get(), deep - 1, looks);
+    }
+    return true;
+  }));
+  return bytes;
+}
+
+bool look_at(int folder, const char* name, Stray& stray, int& looks) {
+  struct stat status {};
+  --looks;
+  if (fstatat(folder, name, &status, AT_SYMLINK_NOFOLLOW) != 0) return false;
+  stray.name.assign(name);
+  stray.moved = status.st_ctim;
+  stray.folder = S_ISDIR(status.st_mode);
+  stray.bytes = static_cast<std::uint64_t>(status.st_size);
+  if (!stray.folder) return true;
+  const Fd inner = open_inside(folder, name);
+  stray.bytes = inner.is_open() ? bytes_in(inner.get(), kFoldersDeep, looks) : 0;
+  return true;
+}
+
+/// With all that is in it; links are deleted, not followed. errno says why not.
+bool remove_folder(int parent, const char* name, int deep, int& left) {
+  {
+    const Fd folder = open_inside(parent, name);
+    if (!folder.is_open()) return false;
+    for (bool again = true; again;) {
+      again = false;
+      static_cast<void>(for_each_name(folder.get(), [&](const char* inner) {
+        if (--left <= 0) return false;
+        const bool gone = unlinkat(folder.get(), inner, 0) == 0 || ((errno == EISDIR || errno == EPERM) && deep > 0 &&
+                                                                    remove_folder(folder.get(), inner, deep - 1, left));
+        again = again || gone;
+        return true;
+      }));
+      if (left <= 0) break;
+    }
+  }
+  return unlinkat(parent, name, AT_REMOVEDIR) == 0;
+}
+
 bool write_text(int fd, std::string_view text) {
   return write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size());
 }
@@ -131,40 +206,61 @@ Status DropFolders::list_inbox(std::string_view first, InboxEntries& entries) co
   return success();
 }
 
-bool DropFolders::set_aside(const char* name) const {
-  constexpr int kNamesTried = 10'000;
+bool DropFolders::set_aside(const char* name) {
   if (move_new(inbox_.get(), name, stray_.get(), name)) return true;
-  for (int number = 1; errno == EEXIST && number <= kNamesTried; ++number) {
+  // Numbers go on from the last one, or a program that always writes the same name would have all of them tried.
+  for (int tried = 0; errno == EEXIST && tried < kNamesTried; ++tried) {
     NameText other;
-    other.printf("%.240s.%d", name, number);
+    other.printf("%.240s.%d", name, next_number_);
+    next_number_ = next_number_ % kNumberMax + 1;
     if (move_new(inbox_.get(), name, stray_.get(), other.c_str())) return true;
   }
   return false;
 }
 
-DropFolders::Trimmed DropFolders::trim_stray(std::uint64_t bytes_max) const {
-  Trimmed oldest;
-  timespec oldest_moved{};
-  const bool listed_all = for_each_name(stray_.get(), [&](const char* name) {
-    struct stat status {};
-    if (fstatat(stray_.get(), name, &status, AT_SYMLINK_NOFOLLOW) != 0 || S_ISDIR(status.st_mode)) return true;
-    oldest.held += static_cast<std::uint64_t>(status.st_size);
-    // The change time is when it was moved here, by the file system's own clock; what the scanner's computer wrote
-    // into the file's time does not matter.
-    const timespec moved = status.st_ctim;
-    if (oldest.name.empty() || moved.tv_sec < oldest_moved.tv_sec ||
-        (moved.tv_sec == oldest_moved.tv_sec && moved.tv_nsec < oldest_moved.tv_nsec)) {
-      oldest.name.assign(name);
-      oldest.bytes = static_cast<std::uint64_t>(status.st_size);
-      oldest_moved = moved;
-    }
+bool DropFolders::trim_stray(const StrayLimits& limits, TrimmedOnes& trimmed) const {
+  trimmed.clear();
+  std::array<Stray, kTrimmedAtOnce> first;  // a heap, what came last on top
+  std::size_t found = 0;
+  std::uint64_t held = 0;
+  std::size_t entries = 0;
+  int looks = kEntriesLookedAt;
+  const bool listed = for_each_name(stray_.get(), [&](const char* name) {
+    if (looks <= 0) return false;
+    Stray stray;
+    if (!look_at(stray_.get(), name, stray, looks)) return true;
+    held += stray.bytes;
+    ++entries;
+    if (found == first.size() && !came_before(stray, first[0])) return true;
+    if (found == first.size())
+      std::pop_heap(first.begin(), first.begin() + static_cast<std::ptrdiff_t>(found--), came_before);
+    first[found++] = stray;
+    std::push_heap(first.begin(), first.begin() + static_cast<std::ptrdiff_t>(found), came_before);
     return true;
   });
-  if (!listed_all || oldest.held <= bytes_max || oldest.name.empty()) return oldest;
-  const bool deleted = unlinkat(stray_.get(), oldest.name.c_str(), 0) == 0;
-  oldest.what = deleted ? Trimmed::What::deleted : Trimmed::What::failed;
-  if (!deleted) oldest.error_number = errno;
-  return oldest;
+  if (!listed) return false;
+  const bool all_seen = looks > 0;
+  std::sort(first.begin(), first.begin() + static_cast<std::ptrdiff_t>(found), came_before);
+  const auto too_much = [&] { return held > limits.bytes || entries > limits.entries || !all_seen; };
+  for (std::size_t i = 0; i < found && too_much(); ++i) {
+    Trimmed one;
+    one.name = first[i].name;
+    one.bytes = first[i].bytes;
+    one.held = held;
+    one.entries = entries;
+    int left = kEntriesLookedAt;
+    one.deleted = first[i].folder ? remove_folder(stray_.get(), one.name.c_str(), kFoldersDeep, left)
+                                  : unlinkat(stray_.get(), one.name.c_str(), 0) == 0;
+    if (one.deleted) {
+      held -= one.bytes;
+      --entries;
+    } else {
+      one.error_number = errno;
+    }
+    static_cast<void>(trimmed.push(one));  // as many as were found at most
+  }
+  const bool any_went = std::any_of(trimmed.begin(), trimmed.end(), [](const Trimmed& t) { return t.deleted; });
+  return any_went && too_much();
 }
 
 Status DropFolders::post_request(const char* name, std::string_view text) const {

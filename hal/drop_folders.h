@@ -50,18 +50,27 @@ class DropFolders {
   [[nodiscard]] Status list_inbox(std::string_view first, InboxEntries& entries) const;
 
   /// Moves an inbox entry to stray/ under its own name or, when that is taken, with a number behind it.
-  [[nodiscard]] bool set_aside(const char* name) const;
+  [[nodiscard]] bool set_aside(const char* name);
 
-  /// Deletes the file that was moved to stray/ first when stray/ holds more than `bytes_max`; folders there are left
-  /// alone. O(files).
+  /// What may lie in stray/: files, and folders with all that is in them.
+  struct StrayLimits {
+    std::uint64_t bytes = 0;
+    std::size_t entries = 1'000;
+  };
   struct Trimmed {
-    enum class What : std::uint8_t { nothing, deleted, failed } what = What::nothing;
+    bool deleted = false;
     NameText name;
-    std::uint64_t bytes = 0;  ///< of the file
+    std::uint64_t bytes = 0;  ///< of the file, or of what the folder held
     std::uint64_t held = 0;   ///< in stray/, before
+    std::size_t entries = 0;  ///< there, before
     int error_number = 0;     ///< why it could not be deleted
   };
-  [[nodiscard]] Trimmed trim_stray(std::uint64_t bytes_max) const;
+  static constexpr std::size_t kTrimmedAtOnce = 64;
+  using TrimmedOnes = FixedVector<Trimmed, kTrimmedAtOnce>;
+  /// Deletes what was moved to stray/ first, as much as is too much there, up to kTrimmedAtOnce; those that could not
+  /// be deleted are told and passed over. Looks at a few thousand names, so that a flood that was collected over weeks
+  /// keeps nobody waiting: then of those the first. True: there is more to be deleted.
+  [[nodiscard]] bool trim_stray(const StrayLimits& limits, TrimmedOnes& trimmed) const;
 
   /// Puts request/<name> in place by rename, so that nobody reads half of it.
   [[nodiscard]] Status post_request(const char* name, std::string_view text) const;
@@ -79,6 +88,7 @@ class DropFolders {
   Fd request_;
   Fd inbox_;
   Fd stray_;
+  int next_number_ = 1;  ///< behind the next name that is taken
 };
 
 }  // namespace slabd::hal

@@ -145,10 +145,11 @@ class LcmPosePort final : public PosePort {
     if (!socket_.is_open()) open_link(*interface);
     // The kernel's choice may be another interface by now: an adapter was pulled and plugged in again, a route changed.
     // Joining twice does nothing.
-    if (socket_.is_open() && settings_.interface.empty()) static_cast<void>(join(0));
+    if (socket_.is_open() && settings_.interface.empty()) join_again();
     if (socket_.is_open() && own_host_only_) {
       // Routes and addresses may appear after we do; an unknown sender may be our own new address.
-      static_cast<void>(join(0));
+      join_again();
+      if (!socket_.is_open()) return;
       if (stranger_seen_) read_own_addresses();
       stranger_seen_ = false;
     }
@@ -218,6 +219,12 @@ class LcmPosePort final : public PosePort {
       return lose("joining the multicast group", failed, cure.c_str());
     }
     trouble_.clear();
+  }
+
+  /// Once more by the kernel's choice. It keeps the memberships of interfaces that are gone, up to a number; then the
+  /// socket is opened anew, which gives them back.
+  void join_again() {
+    if (join(0) == ENOBUFS) lose("the interface was replaced very often", 0, "");
   }
 
   /// Joins the group on an interface (0: the one the kernel's route to the group names). Returns errno, 0 = done or

@@ -44,9 +44,6 @@ constexpr std::int64_t kFinishedOnShareNs = 2 * kNsPerS;
 /// ... and a stray when it still has no name that means anything after this long.
 constexpr std::int64_t kStrayNs = 5 * kNsPerS;
 
-/// Files deleted from stray/ at a look.
-constexpr int kTrimmedAtOnce = 64;
-
 /// any_name: a scanner that was asked answers within this time, or not at all (its own timeouts, a restart of slabd).
 constexpr std::int64_t kLateAnswerNs = 10 * kNsPerS;
 
@@ -198,24 +195,26 @@ class ScanDrop final : public ScannerPort {
 
   /// What was moved to stray/ first goes first, each with a line of its own: somebody may be looking for it.
   void trim_stray() {
-    for (int i = 0; i < kTrimmedAtOnce; ++i) {
-      const DropFolders::Trimmed trimmed = folders_.trim_stray(settings_.stray_bytes_max);
-      trimmed_ = trimmed.what != DropFolders::Trimmed::What::deleted;
-      if (trimmed.what == DropFolders::Trimmed::What::nothing) return;
+    DropFolders::StrayLimits limits;
+    limits.bytes = settings_.stray_bytes_max;
+    trimmed_ = !folders_.trim_stray(limits, trimmed_ones_);
+    for (const DropFolders::Trimmed& one : trimmed_ones_) {
       ScannerText line;
-      if (trimmed.what == DropFolders::Trimmed::What::failed) {
+      if (!one.deleted) {
         // Tried again when the next one comes.
-        line.printf("stray/%.120s cannot be deleted: %s", trimmed.name.c_str(), errno_text(trimmed.error_number));
-        notes_.add(line);
-        return;
+        line.printf("stray/%.120s cannot be deleted: %s", one.name.c_str(), errno_text(one.error_number));
+      } else if (one.held > limits.bytes) {
+        line.printf("stray/%.120s (%llu bytes) was deleted: stray/ held %llu bytes, allowed are %llu, it came first",
+                    one.name.c_str(), static_cast<unsigned long long>(one.bytes),
+                    static_cast<unsigned long long>(one.held), static_cast<unsigned long long>(limits.bytes));
+      } else {
+        line.printf("stray/%.120s (%llu bytes) was deleted: stray/ held more than %zu files and folders, it came first",
+                    one.name.c_str(), static_cast<unsigned long long>(one.bytes), limits.entries);
       }
-      line.printf("stray/%.120s (%llu bytes) was deleted: stray/ held %llu bytes, allowed are %llu, it came first",
-                  trimmed.name.c_str(), static_cast<unsigned long long>(trimmed.bytes),
-                  static_cast<unsigned long long>(trimmed.held),
-                  static_cast<unsigned long long>(settings_.stray_bytes_max));
       notes_.add(line);
+      if (!one.deleted) continue;
       ++deleted_files_;
-      deleted_bytes_ += trimmed.bytes;
+      deleted_bytes_ += one.bytes;
     }
   }
 
@@ -400,6 +399,7 @@ class ScanDrop final : public ScannerPort {
   NameText stuck_;                             ///< cannot be moved away
   std::int64_t answer_may_come_until_ns_ = 0;  ///< any_name: 0 or past: no answer is outstanding
   bool trimmed_ = false;                       ///< stray/ keeps its budget
+  DropFolders::TrimmedOnes trimmed_ones_;
   std::atomic<bool> online_ = false;
   std::atomic<std::uint64_t> strays_ = 0;
   std::atomic<std::uint64_t> deleted_files_ = 0;

@@ -11,6 +11,8 @@
 #include <cstring>
 #include <filesystem>
 
+#include "storage/storage.h"
+
 namespace slabd::storage {
 namespace {
 
@@ -103,6 +105,14 @@ Status WriterLock::take(const std::string& db_path) {
     return error(Code::journal_write, "%s is already open for writing by another process (lock %s)", db_path.c_str(),
                  path.c_str());
   return trouble("cannot lock", path);
+}
+
+bool is_written_elsewhere(const std::string& db_path) {
+  const int fd = open((db_path + ".writer").c_str(), O_RDWR | O_CLOEXEC);
+  if (fd < 0) return false;  // nobody ever was there
+  const bool elsewhere = flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+  close(fd);  // and the lock is given back
+  return elsewhere;
 }
 
 }  // namespace slabd::storage

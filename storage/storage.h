@@ -322,6 +322,9 @@ struct DatabaseReport {
 /// `slabd-20261121T154530.123Z.db` in there; names sort by time.
 [[nodiscard]] Result<std::string> backup_path(const std::string& db_path, std::int64_t utime_us);
 
+/// Another process has this database open for writing now.
+[[nodiscard]] bool is_written_elsewhere(const std::string& db_path);
+
 struct RestoreOrder {
   std::string from;  ///< a backup; empty: begin with an empty history
   ChangeNote note;

@@ -1,8 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
+#include <array>
 #include <atomic>
 #include <chrono>
+#include <cstdlib>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -140,6 +146,25 @@ TEST_F(LoopStart, whoever_stops_it_does_not_wait_for_the_database) {
   EXPECT_EQ(opened, nullptr);
   *finish = true;
   std::this_thread::sleep_for(std::chrono::milliseconds(50));
+}
+
+/// Under a service manager stderr is a stream that the journal reads.
+[[noreturn]] void talk_to_a_journal_that_does_not_read() {
+  std::array<int, 2> ends{};
+  struct stat there {};
+  if (socketpair(AF_UNIX, SOCK_STREAM, 0, ends.data()) != 0 || fstat(ends[0], &there) != 0) std::_Exit(2);
+  dup2(ends[0], STDERR_FILENO);
+  const std::string stream = std::to_string(there.st_dev) + ":" + std::to_string(there.st_ino);
+  setenv("JOURNAL_STREAM", stream.c_str(), 1);
+  LogLine line;
+  line.text = "one of many";
+  for (int i = 0; i < 20'000; ++i) say_line(line);
+  std::_Exit(0);
+}
+
+TEST(SayLine, a_journal_that_does_not_read_stops_nobody) {
+  ::testing::FLAGS_gtest_death_test_style = "threadsafe";
+  EXPECT_EXIT(talk_to_a_journal_that_does_not_read(), ::testing::ExitedWithCode(0), "");
 }
 
 }  // namespace

@@ -84,12 +84,14 @@ TEST_F(ScanDropTest, folders_that_may_not_be_written_are_offline_by_name_and_com
 
 /// Until stray/ holds no more than `bytes`.
 void trim(const DropFolders& folders, std::uint64_t bytes) {
-  while (folders.trim_stray(bytes).what == DropFolders::Trimmed::What::deleted) {
+  DropFolders::StrayLimits limits;
+  limits.bytes = bytes;
+  DropFolders::TrimmedOnes trimmed;
+  while (folders.trim_stray(limits, trimmed)) {
   }
 }
 
 TEST_F(ScanDropTest, what_was_set_aside_first_is_deleted_first_when_stray_has_no_room) {
-  fs::create_directory(stray("somebody's folder"));
   for (int i = 1; i <= 10; ++i) {
     const std::string name = "7-" + std::to_string(100 + i) + ".ply";
     drop_scan(name, static_cast<float>(i));
@@ -99,16 +101,60 @@ TEST_F(ScanDropTest, what_was_set_aside_first_is_deleted_first_when_stray_has_no
     wait_ms(15);  // the file system's clock has a grain
     scanner_->idle();
   }
-  EXPECT_EQ(names_in(stray()).size(), 11U) << "2 GB have room for all of them";
+  EXPECT_EQ(names_in(stray()).size(), 10U) << "2 GB have room for all of them";
   DropFolders folders{PathText(drop())};
   ASSERT_TRUE(folders.open().ok());
   const std::uint64_t one = fs::file_size(stray("7-110.ply"));
   trim(folders, 3 * one + one / 2);
   auto left = names_in(stray());
   std::sort(left.begin(), left.end());
-  EXPECT_EQ(left, (std::vector<std::string>{"7-108.ply", "7-109.ply", "7-110.ply", "somebody's folder"}));
+  EXPECT_EQ(left, (std::vector<std::string>{"7-108.ply", "7-109.ply", "7-110.ply"}));
   trim(folders, 0);
-  EXPECT_EQ(names_in(stray()), std::vector<std::string>{"somebody's folder"});
+  EXPECT_TRUE(names_in(stray()).empty());
+}
+
+TEST_F(ScanDropTest, folders_in_stray_count_and_go_with_all_that_is_in_them) {
+  const std::string precious = drop() + "/precious";
+  write_file(precious, "not in stray/");
+  for (const char* name : {"first", "second"}) {
+    fs::create_directories(stray(name) + "/a/b");
+    write_file(stray(name) + "/a/preview.png", std::string(1'000, 'x'));
+    write_file(stray(name) + "/a/b/scan.xml", std::string(500, 'x'));
+    fs::create_symlink(precious, stray(name) + "/link");
+    wait_ms(15);
+  }
+  DropFolders folders{PathText(drop())};
+  ASSERT_TRUE(folders.open().ok());
+  trim(folders, 2'000);
+  EXPECT_EQ(names_in(stray()), std::vector<std::string>{"second"});
+  trim(folders, 0);
+  EXPECT_TRUE(names_in(stray()).empty());
+  EXPECT_TRUE(fs::exists(precious));
+}
+
+TEST_F(ScanDropTest, small_files_without_end_do_not_fill_stray) {
+  // A preview beside each scan, for months.
+  for (int i = 0; i < 5'000; ++i) write_file(stray("preview-" + std::to_string(i) + ".png"), "x");
+  DropFolders folders{PathText(drop())};
+  ASSERT_TRUE(folders.open().ok());
+  DropFolders::StrayLimits limits;
+  limits.bytes = 1'000'000;
+  DropFolders::TrimmedOnes trimmed;
+  ASSERT_TRUE(folders.trim_stray(limits, trimmed));
+  EXPECT_EQ(trimmed.size(), DropFolders::kTrimmedAtOnce) << "so much in one look, and no more";
+  while (folders.trim_stray(limits, trimmed)) {
+  }
+  EXPECT_EQ(names_in(stray()).size(), limits.entries);
+}
+
+TEST_F(ScanDropTest, a_name_that_is_always_the_same_is_set_aside_each_time) {
+  DropFolders folders{PathText(drop())};
+  ASSERT_TRUE(folders.open().ok());
+  for (int i = 0; i < 3'000; ++i) {
+    write_file(inbox("export.log"), "x");
+    ASSERT_TRUE(folders.set_aside("export.log")) << i;
+  }
+  EXPECT_EQ(names_in(stray()).size(), 3'000U);
 }
 
 TEST_F(ScanDropTest, a_scanner_that_exports_without_end_does_not_fill_the_disk) {
