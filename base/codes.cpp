@@ -57,7 +57,7 @@ constexpr std::array kTable = {
     Entry{Code::journal_write, "the database could not be written, is damaged, or is not there",
           "check the disk and its mount, then reset the fault; `slabctl db check` tells a damaged database, and "
           "`slabctl db restore` brings a backup back"},
-    Entry{Code::calibration_missing, "there is no valid calibration", "calibrate, or set [calibration] in the config"},
+    Entry{Code::calibration_missing, "there is no valid calibration", "calibrate and apply it; a line never calibrated takes [calibration] from the config"},
     Entry{Code::config, "the configuration is not usable", "run `slabctl config check`; it names file and line"},
     Entry{Code::internal, "an internal check failed", "note the journal entry and restart the service"},
 };

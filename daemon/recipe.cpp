@@ -81,9 +81,10 @@ void read_block(TableReader block, BlockGeometry& out) {
 }
 
 void read_evaluation(TableReader table, EvaluationSettings& out) {
-  table.required_number("crop_half_x_mm", out.crop_half_x_mm, {5.0, 190.0});
-  table.required_number("crop_half_s_mm", out.crop_half_s_mm, {5.0, 280.0});
-  table.required_number("cell_mm", out.cell_mm, {0.5, 20.0});
+  table.required_number("crop_half_x_mm", out.crop_half_x_mm, {20.0, 190.0});
+  table.required_number("crop_half_s_mm", out.crop_half_s_mm, {20.0, 280.0});
+  // A chip of half a cell's area moves no mean by its depth.
+  table.required_number("cell_mm", out.cell_mm, {0.5, 3.0});
   std::int64_t points_min = 0;
   table.required_integer("cell_points_min", points_min, 1, 10'000);
   out.cell_points_min = static_cast<std::uint16_t>(points_min);
@@ -166,6 +167,12 @@ void read_limits(TableReader& item, const ItemInfo& info, Tolerance& out) {
                  fmt::format("found {:.6g} with upper {:.6g}, allowed is lower < upper", out.lower, out.upper));
 }
 
+/// Sizes have no lower limit that means anything; what is out on either side of its nominal is bad on both.
+bool is_size(ItemId id) {
+  return id == ItemId::seat_flatness || id == ItemId::casing_skew_inner || id == ItemId::casing_skew_outer ||
+         id == ItemId::seat_std;
+}
+
 void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
   item.required_boolean("required", out.required);
   item.optional_boolean("confirmed", out.confirmed);
@@ -174,6 +181,11 @@ void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
   item.optional_number("U", out.U, {1e-6, 1e3});
   const bool limited = item.has("lower") || item.has("upper") || item.has("tolerance");
   if (limited && !item.has("nominal")) item.missing("nominal", "the value that deviations are counted from");
+  if (limited && !item.has("tolerance")) {
+    if (!item.has("upper")) item.missing("upper", "a limit: without it any value above would pass");
+    if (!item.has("lower") && !is_size(info.id))
+      item.missing("lower", "a limit: without it any value below would pass");
+  }
   if (out.required && !limited)
     item.problem("required", "found true without lower, upper or tolerance: such an item could never pass");
   item.finish();

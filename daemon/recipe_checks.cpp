@@ -59,6 +59,10 @@ void check_evaluation(TableReader table, const EvaluationSettings& e, const Bloc
   if (cells > static_cast<double>(limits::kFlatnessCellsMax))
     table.problem("cell_mm", fmt::format("found {}: the crop has {:.0f} such cells, allowed are {}", e.cell_mm, cells,
                                          limits::kFlatnessCellsMax));
+  constexpr double kCellsMin = 400.0;  // from fewer the noise of a cell cannot be told from form, nor U from the noise
+  if (cells < kCellsMin)
+    table.problem("cell_mm", fmt::format("found {}: the crop has {:.0f} such cells, needed are {:.0f}", e.cell_mm,
+                                         cells, kCellsMin));
 }
 
 /// The outer jaws at reference height, section through a pair, across the track.

@@ -283,7 +283,7 @@ TEST_F(RecipeTest, faults_name_the_nearest_key_and_the_range) {
   EXPECT_EQ(only("cell_mm = 1.5\n", "cell_mm = 1.5\ncel_mm = 2\n"),
             "evaluation.cel_mm: unknown key; the nearest known one is \"cell_mm\"");
   const std::string wide = with(good, "crop_half_s_mm = 75.0", "crop_half_s_mm = 185");
-  EXPECT_EQ(places_cut(load(with(wide, "cell_mm = 1.5\n", "cell_mm = 5\n"))),
+  EXPECT_EQ(places_cut(load(with(wide, "cell_mm = 1.5\n", "cell_mm = 3\n"))),
             Texts{"evaluation.crop_half_s_mm: found 185 with edge_margin_mm 2, allowed is a crop inside the jaws' feet "
                   "at 186.36"});
   EXPECT_EQ(places_cut(load(with(good, "draft_deg", "draft_degrees"))),
@@ -310,6 +310,11 @@ TEST_F(RecipeTest, faults_name_the_nearest_key_and_the_range) {
   EXPECT_EQ(
       only("nominal = 380\ntolerance = 0.5", "nominal = 380\ntolerance = 0.5\nupper = 381"),
       "items.jaw_distance.tolerance: found beside lower or upper; allowed is either tolerance or lower and upper");
+  EXPECT_EQ(only("[items.seat_flatness]\nnominal = 0\nupper = 1.0", "[items.seat_flatness]\nnominal = 0\nlower = 0.0"),
+            "items.seat_flatness.upper: missing; expected a limit: without it any value above would pass");
+  EXPECT_EQ(only("nominal = 380\ntolerance = 0.5", "nominal = 380\nupper = 380.5"),
+            "items.jaw_distance.lower: missing; expected a limit: without it any value below would pass");
+  EXPECT_EQ(only("cell_mm = 1.5", "cell_mm = 8"), "evaluation.cell_mm: found 8, allowed is a number 0.5..3");
   EXPECT_EQ(only("nominal = 380\n", ""),
             "items.jaw_distance.nominal: missing; expected the value that deviations are counted from");
   EXPECT_EQ(only("nominal = 380\ntolerance = 0.5\n", "nominal = 380\n"),
