@@ -155,7 +155,7 @@ bool is_damaged_for_good(const std::string& path) {
 
 enum class Upgrade : std::uint8_t { with_copy, in_place };
 
-std::unique_ptr<Connection> open_checked(const std::string& path, Upgrade how) {
+std::unique_ptr<Connection> open_checked(const std::string& path, Upgrade how, bool check_whole) {
   auto db = std::make_unique<Connection>(path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
   // Until it is known to be whole, closing it must not move the log: a damaged database stays as it was found.
   checkpoint_on_close(*db, false);
@@ -163,13 +163,14 @@ std::unique_ptr<Connection> open_checked(const std::string& path, Upgrade how) {
   const Owner owner = owner_of(*db);
   use_write_ahead_log(*db);
   if (owner == Owner::nobody) create_schema(*db);
-  check(*db);  // before an upgrade: a damaged database is not touched
+  if (check_whole) check(*db);  // before an upgrade: a damaged database is not touched
   upgrade(*db, path, how == Upgrade::with_copy);
   checkpoint_on_close(*db, true);
   return db;
 }
 
-Result<std::unique_ptr<Connection>> open_file_for_writing(const std::string& path, Upgrade how) {
+Result<std::unique_ptr<Connection>> open_file_for_writing(const std::string& path, Upgrade how,
+                                                          bool check_whole = true) {
   const std::string folder = std::filesystem::path(path).parent_path().string();
   if (!folder.empty())
     if (Status status = make_folder(folder); !status.ok()) return status.error();
@@ -183,7 +184,7 @@ Result<std::unique_ptr<Connection>> open_file_for_writing(const std::string& pat
   if (Status status = create_file(path); !status.ok()) return status.error();
   if (Status status = make_log_durable(path); !status.ok()) return status.error();
   try {
-    return open_checked(path, how);
+    return open_checked(path, how, check_whole);
   } catch (const SqlFailure& failure) {
     if (!is_damage(failure) || !has_our_header(path) || !is_damaged_for_good(path))
       return cannot_open(path, failure, Code::journal_write);
@@ -222,6 +223,10 @@ Error no_database(const std::string& path) {
 
 Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path) {
   return open_file_for_writing(path, Upgrade::with_copy);
+}
+
+Result<std::unique_ptr<Connection>> open_again_for_writing(const std::string& path) {
+  return open_file_for_writing(path, Upgrade::with_copy, false);
 }
 
 Result<std::unique_ptr<Connection>> open_copy_for_writing(const std::string& path) {

@@ -16,6 +16,10 @@ namespace slabd::storage {
 /// damaged one of ours goes to quarantine (storage/quarantine.h); the writer's lock must be held.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path);
 
+/// As open_for_writing(), of the file that this process checked before and closed after a call that failed: without
+/// quick_check, which may take a minute of a database that is gigabytes, while the line waits.
+[[nodiscard]] Result<std::unique_ptr<Connection>> open_again_for_writing(const std::string& path);
+
 /// As open_for_writing(), of a file that is itself a copy: brought up to date without another copy.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_copy_for_writing(const std::string& path);
 

@@ -4,7 +4,8 @@
 //
 // A refused job (a contradiction, a full disk) is rolled back and the connection stays. Any other write error closes
 // the connection: after a failed sync nobody knows what is on the disk, and trying again on the same connection could
-// build on it. The next job opens the file anew, which makes the log durable and checks the whole first.
+// build on it. The next job opens the file anew, which makes the log durable; the whole is checked only where the error
+// looked like damage.
 #include <sqlite3.h>
 
 #include <exception>
@@ -49,6 +50,12 @@ struct OpenDatabase {
 bool leaves_connection_good(int result) {
   const int primary = result & 0xFF;
   return primary == SQLITE_CONSTRAINT || primary == SQLITE_FULL || primary == SQLITE_BUSY;
+}
+
+/// The next who opens the file has to look at the whole of it.
+bool looks_damaged(int result) {
+  const int primary = result & 0xFF;
+  return primary == SQLITE_CORRUPT || primary == SQLITE_NOTADB;
 }
 
 class SqliteStore final : public Store {
@@ -259,10 +266,12 @@ class SqliteStore final : public Store {
           "%s is not the file any more that slabd has worked with since its start: is its disk mounted? Put it "
           "back, or restart slabd",
           settings_.db_path.c_str());
-    Result<std::unique_ptr<Connection>> db = open_for_writing(settings_.db_path);
+    Result<std::unique_ptr<Connection>> db =
+        checked_ ? open_again_for_writing(settings_.db_path) : open_for_writing(settings_.db_path);
     if (!db.ok()) return db.error();
     try {
       open_ = std::make_unique<OpenDatabase>(std::move(db.value()), settings_, held_back_);
+      checked_ = true;
     } catch (const SqlFailure& failure) {
       return error(Code::journal_write, "cannot use database %s: %s", settings_.db_path.c_str(), failure.text.c_str());
     }
@@ -280,6 +289,7 @@ class SqliteStore final : public Store {
     } catch (const SqlFailure& failure) {
       const bool full = (failure.result & 0xFF) == SQLITE_FULL;
       if (!leaves_connection_good(failure.result)) give_up();
+      if (looks_damaged(failure.result)) checked_ = false;
       return error(full ? Code::store_full : Code::journal_write, "%s: %s not written: %s", settings_.db_path.c_str(),
                    what, failure.text.c_str());
     } catch (const std::exception& e) {
@@ -323,6 +333,7 @@ class SqliteStore final : public Store {
   StoreSettings settings_;
   std::optional<WriterLock> lock_;
   std::optional<FileId> file_;  ///< the database that was opened at the start
+  bool checked_ = false;        ///< it was whole then, and nothing has looked like damage since
   HeldBack held_back_;          ///< outlives a reopened file
   /// Slab whose end was answered with an error: open for all who were told, and perhaps ended in the database. The next
   /// job that can be written sees to that. 0: none.

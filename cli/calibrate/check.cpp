@@ -84,8 +84,22 @@ bool measure_scan(const CheckOptions& options, BlockResult& out, int& exit_statu
   return true;
 }
 
-/// One station of a slab that the line has inspected: the reference block may stand in the cell as a station.
-bool take_from_slab(const CheckOptions& options, storage::Reader& reader, BlockResult& out, int& exit_status) {
+/// When the last check of reference blocks was made; 0: never.
+Result<std::int64_t> last_check_utime_us(storage::Reader& reader) {
+  constexpr std::size_t kLookBack = 1'000;
+  const auto checks = reader.checks(kLookBack);
+  if (!checks.ok()) return checks.error();
+  std::int64_t newest = 0;
+  for (const CalibrationCheck& check : checks.value())
+    if (check.kind == CalibrationKind::reference_block) newest = std::max(newest, check.utime_us);
+  return newest;
+}
+
+/// One station of a slab that the line has inspected: the reference block may stand in the cell as a station. It says
+/// how the line measures now only if it was scanned with what is in force, and since the last check. `source`: its
+/// name.
+bool take_from_slab(const CheckOptions& options, storage::Reader& reader, const CalibrationId& in_force,
+                    BlockResult& out, std::string& source, int& exit_status) {
   std::int64_t key = 0;
   const auto [end, fault] = std::from_chars(options.slab.data(), options.slab.data() + options.slab.size(), key);
   if (fault != std::errc() || end != options.slab.data() + options.slab.size()) {
@@ -105,6 +119,23 @@ bool take_from_slab(const CheckOptions& options, storage::Reader& reader, BlockR
     exit_status = kBadInput;
     return false;
   }
+  const CalibrationId& measured_with = slab.value()->summary.header.calibration_id;
+  if (!(measured_with == in_force)) {
+    complain(fmt::format("slab {} was measured with calibration {}, in force is {}: scan the reference block again",
+                         key, measured_with.empty() ? "none" : measured_with.view(), in_force.view()));
+    exit_status = kRefused;
+    return false;
+  }
+  const Result<std::int64_t> checked = last_check_utime_us(reader);
+  if (!checked.ok()) return failed(checked.error(), exit_status);
+  if (latest->attempt.scan_utime_us <= checked.value()) {
+    complain(
+        fmt::format("slab {} station {} was scanned at {}, before the last check at {}: scan the reference block again",
+                    key, options.station, iso_time(latest->attempt.scan_utime_us), iso_time(checked.value())));
+    exit_status = kRefused;
+    return false;
+  }
+  source = fmt::format("slab key {} station {} attempt {}", key, options.station, latest->attempt.number);
   out = latest->block;
   return true;
 }
@@ -277,8 +308,7 @@ bool judge(const CheckOptions& options, const daemon::Config& config, storage::R
   CalibrationId hand_eye_id;
   Pose X;
   if (!hand_eye_in_force(&reader, config, hand_eye_id, X, exit_status)) return false;
-  std::string source =
-      options.slab.empty() ? options.scan : fmt::format("slab {} station {}", options.slab, options.station);
+  std::string source = options.scan;
   if (options.ball) {
     const auto& ball = std::get<MonitorBall>(reference.value()->numbers);
     BallLook look = options.look;
@@ -294,8 +324,9 @@ bool judge(const CheckOptions& options, const daemon::Config& config, storage::R
       complain(fmt::format("warning: {}", where));
   } else {
     BlockResult block;
-    const bool measured = options.slab.empty() ? measure_scan(options, block, exit_status)
-                                               : take_from_slab(options, reader, block, exit_status);
+    const bool measured = options.slab.empty()
+                              ? measure_scan(options, block, exit_status)
+                              : take_from_slab(options, reader, hand_eye_id, block, source, exit_status);
     if (!measured || !is_new(options, reader, source, exit_status)) return false;
     check = calib::check_block(std::get<ReferenceBlock>(reference.value()->numbers), block, config.check_limits);
   }

@@ -138,6 +138,27 @@ TEST_F(CalibrationLineTest, a_check_that_fails_stops_the_line_until_one_passes) 
   EXPECT_TRUE(trend["checks"][0]["passed"].get<bool>());
 }
 
+TEST_F(CalibrationLineTest, a_check_by_a_stations_scan_needs_one_made_with_what_is_in_force_and_since_the_last_check) {
+  start();
+  const std::string certificate = (box.dir / "ref.txt").native();
+  std::ofstream(certificate) << kReference;
+  ASSERT_EQ(calibrate({"reference", "--certificate", certificate, "--apply", "--why", "new"}).exit_status, 0);
+  const Box::Answer run = box.slabctl({"simulate", "--config", box.config.native(), "--points", "quarter"});
+  ASSERT_EQ(run.exit_status, 0) << run.err;
+  const auto check = [&](const char* station) { return calibrate({"check", "--slab", "1", "--station", station}); };
+  const Box::Answer first = check("1");
+  EXPECT_EQ(first.err.find("scan the reference block again"), std::string::npos) << first.err;
+  ASSERT_EQ(json::parse(calibrate({"check", "--json"}).out)["checks"].size(), 1U) << first.err << first.out;
+  const Box::Answer second = check("2");
+  EXPECT_EQ(second.exit_status, 6);
+  EXPECT_NE(second.err.find("before the last check"), std::string::npos) << second.err;
+  ASSERT_EQ(adopt("0.05").exit_status, 0);
+  const Box::Answer third = check("3");
+  EXPECT_EQ(third.exit_status, 6);
+  EXPECT_NE(third.err.find("was measured with calibration"), std::string::npos) << third.err;
+  EXPECT_EQ(json::parse(calibrate({"check", "--json"}).out)["checks"].size(), 1U);
+}
+
 TEST_F(CalibrationLineTest, station_corrections_need_a_hand_eye_calibration_in_force) {
   const std::string certificate = (box.dir / "master.txt").native();
   std::ofstream(certificate) << "id = m\ndate = 2026-01-01\nslab_type = 5600\nframe = base\nU_mm = 0.01\n"
