@@ -21,6 +21,10 @@ using Vec3d = Eigen::Vector3d;
 
 constexpr int kStepsMax = 500;
 constexpr double kStill_mm = 1e-12;
+/// In costs of a seat that has no say: so much more a solution may cost that accuses a seat. With 0.05 mm of scatter
+/// the share of end seats 0.6 mm low that read below 0.4 mm falls from 23 to 9 % (9 seats), from 43 to 11 % (8); the
+/// share of sound rows with a seat beyond 0.5 mm at 0.1 mm of scatter rises from 0.3 to 0.6 %.
+constexpr double kDoubt = 0.3;
 
 Vec3d basis(double x_mm) {
   const double x = x_mm / 1000.0;
@@ -100,9 +104,56 @@ class Row {
   double reach_mm_;
 };
 
-/// The best start among the plain parabola and those through three seats, settled.
-bool robust(const Row& row, std::size_t seats, Vec3d& parabola) {
-  if (!row.plain(parabola) || !row.settle(parabola)) return false;
+/// The parabola of the seats that are in place. Several may claim that: one through an end seat that is out of its
+/// place by hardly more than the reach, which then is nobody's error, and one through all others. What accuses a seat
+/// is believed unless it costs clearly more.
+class Choice {
+ public:
+  explicit Choice(const Row& row, std::size_t seats) : row_(row), seats_(seats) {}
+
+  void offer(const Vec3d& start) {
+    Vec3d parabola = start;
+    if (!row_.settle(parabola)) return;
+    found_[count_] = {parabola, row_.cost(parabola), largest_off(parabola)};
+    if (count_ + 1 < found_.size()) ++count_;
+  }
+  [[nodiscard]] bool take(Vec3d& parabola) const {
+    const Found* best = nullptr;
+    for (std::size_t i = 0; i < count_; ++i)
+      if (best == nullptr || found_[i].cost < best->cost) best = &found_[i];
+    if (best == nullptr) return false;
+    const double limit = best->cost + kDoubt;
+    for (std::size_t i = 0; i < count_; ++i)
+      if (found_[i].cost <= limit && found_[i].largest_off_mm > best->largest_off_mm + kStill_mm) best = &found_[i];
+    parabola = best->parabola;
+    return true;
+  }
+
+ private:
+  struct Found {
+    Vec3d parabola = Vec3d::Zero();
+    double cost = 0.0;
+    double largest_off_mm = 0.0;
+  };
+  [[nodiscard]] double largest_off(const Vec3d& parabola) const {
+    double largest = 0.0;
+    for (std::size_t i = 0; i < seats_; ++i)
+      if (row_.counts(i)) largest = std::fmax(largest, std::abs(row_.off(i, parabola)));
+    return largest;
+  }
+
+  const Row& row_;
+  std::size_t seats_;
+  std::array<Found, limits::kPairsMax + 3> found_;
+  std::size_t count_ = 0;
+};
+
+/// Started from the plain parabola, from that of all seats but one, and from the best through three.
+bool robust(const Row& row, std::span<const RowHeight> heights, Vec3d& parabola) {
+  const std::size_t seats = heights.size();
+  if (!row.plain(parabola)) return false;
+  Choice choice(row, seats);
+  choice.offer(parabola);
   Vec3d start = parabola;
   double best_start = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < seats; ++i)
@@ -116,8 +167,17 @@ bool robust(const Row& row, std::size_t seats, Vec3d& parabola) {
         best_start = cost;
         start = candidate;
       }
-  if (row.settle(start) && row.cost(start) < row.cost(parabola)) parabola = start;
-  return true;
+  choice.offer(start);
+  std::array<RowHeight, limits::kPairsMax> others;
+  std::copy(heights.begin(), heights.end(), others.begin());
+  for (std::size_t i = 0; i < seats; ++i) {
+    if (!row.counts(i)) continue;
+    others[i].counts = false;
+    Vec3d without;
+    if (Row(std::span(others).first(seats), kNoValue).plain(without)) choice.offer(without);
+    others[i].counts = true;
+  }
+  return choice.take(parabola);
 }
 
 }  // namespace
@@ -129,7 +189,7 @@ RowParabola fit_row_parabola(std::span<const RowHeight> heights, double reach_mm
   const bool plain = !std::isfinite(reach_mm) || !(reach_mm > 0.0);
   const Row row(heights, plain ? kNoValue : reach_mm);
   Vec3d parabola = Vec3d::Zero();
-  if (!(plain ? row.plain(parabola) : robust(row, heights.size(), parabola))) return result;
+  if (!(plain ? row.plain(parabola) : robust(row, heights, parabola))) return result;
   Mat3d inverse;
   if (!row.normal_inverse(parabola, inverse)) return result;
   std::size_t in_place = 0;
