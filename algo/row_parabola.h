@@ -32,10 +32,9 @@ struct RowParabola {
 /// Least-squares parabola through the seats that are in place. A seat counts with Tukey's weight of its own height over
 /// the parabola, none from `reach_mm` on, so that a low seat is reported with all of its depth and its neighbours are
 /// not lifted for it (with equal weights an end seat keeps 0.34 of its depth and the rest is put on the others). Among
-/// the solutions the one with the smallest sum of Tukey's rho; of those that cost hardly more the one that leaves a seat
-/// furthest off. Started from the plain parabola, those without one seat, and the best through three.
-/// `reach_mm` NaN or infinite: plain least squares. ok = false: fewer than 5 seats
-/// that count, or fewer than 4 of them in place.
+/// the solutions the one with the smallest sum of Tukey's rho; of those that cost hardly more the one that leaves a
+/// seat furthest off. Started from the plain parabola, those without one seat, and the best through three. `reach_mm`
+/// NaN or infinite: plain least squares. ok = false: fewer than 5 seats that count, or fewer than 4 of them in place.
 [[nodiscard]] RowParabola fit_row_parabola(std::span<const RowHeight> row, double reach_mm);
 
 }  // namespace slabd::algo
