@@ -53,12 +53,13 @@ struct Flatness {
 };
 
 /// Flatness of the points in `runs` (everything seen over the region, at whatever height) around the fitted seat plane
-/// `seat` (block frame). A cell's height is the mean of its points without strays; a chip or bump as large as half a
-/// cell stays. A cell belongs to the defect channel when it lies further than defect_sigmas times the noise from
-/// `seat`; the noise is the robust standard deviation of all cells, not below std_mm / sqrt(points in the cell). What
-/// returned no points at all is a hole, not a defect. ok = false: more points, runs or cells than limits.h allows, a
-/// seat that stands on end, or too little of the region was seen (the rule stands in flatness.cpp). The answer is the
-/// same on one thread and two. No heap; 1.2 ns a point and 0.5 ms.
+/// `seat` (block frame). A cell's height is the mean of its points without strays; strays that hang together over half
+/// a cell's worth of points are its height instead, and of a cell with few points that disagree their median is. A cell
+/// belongs to the defect channel when it lies further than defect_sigmas times the noise from `seat`; the noise is the
+/// robust standard deviation of all cells, not below std_mm / sqrt(points in the cell). What returned no points at all
+/// is a hole, not a defect. ok = false: more points, runs or cells than limits.h allows, a seat that stands on end, or
+/// too little of the region was seen (the rule stands in flatness.cpp). The answer is the same on one thread and two.
+/// No heap; 1.2 ns a point and 0.5 ms.
 [[nodiscard]] Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& frame, const PlaneFit& seat,
                                         const FlatnessRegion& region, const FlatnessWorkspace& work, Team& team);
 

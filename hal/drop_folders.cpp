@@ -247,7 +247,6 @@ bool DropFolders::trim_stray(const StrayLimits& limits, TrimmedOnes& trimmed) co
     one.name = first[i].name;
     one.bytes = first[i].bytes;
     one.held = held;
-    one.entries = entries;
     int left = kEntriesLookedAt;
     one.deleted = first[i].folder ? remove_folder(stray_.get(), one.name.c_str(), kFoldersDeep, left)
                                   : unlinkat(stray_.get(), one.name.c_str(), 0) == 0;

@@ -62,7 +62,6 @@ class DropFolders {
     NameText name;
     std::uint64_t bytes = 0;  ///< of the file, or of what the folder held
     std::uint64_t held = 0;   ///< in stray/, before
-    std::size_t entries = 0;  ///< there, before
     int error_number = 0;     ///< why it could not be deleted
   };
   static constexpr std::size_t kTrimmedAtOnce = 64;

@@ -318,6 +318,7 @@ class SqliteStore final : public Store {
     trim_due_ = false;
     if (settings_.spool_budget_bytes == 0) return;
     tidy_spool([&](Spool& spool) { return spool.trim(trim_due_); });
+    if (trim_due_) log_holds_commits_ = true;
   }
 
   /// What led here is durable whatever happens to old scans.
