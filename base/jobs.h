@@ -27,6 +27,8 @@ struct ScanShape {
   /// The file holds its points as records of one length: they can be read again piece by piece, without memory for a
   /// scan. Says nothing of what was measured and is not stored.
   bool in_records = false;
+  /// Of the missing points, those that the file holds as exactly (0, 0, 0). Not stored.
+  std::size_t zeros = 0;
 };
 
 struct ScanRequest {

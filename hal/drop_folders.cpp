@@ -282,6 +282,14 @@ void DropFolders::withdraw_request(const char* name) const {
   unlinkat(request_.get(), name, 0);
 }
 
+void DropFolders::leave_unanswered(const char* name) const {
+  if (renameat(request_.get(), name, request_.get(), kUnanswered) != 0) withdraw_request(name);
+}
+
+void DropFolders::forget_unanswered() const {
+  unlinkat(request_.get(), kUnanswered, 0);
+}
+
 std::size_t DropFolders::withdraw_all_requests() const {
   std::size_t count = 0;
   for_each_name(request_.get(), [&](const char* name) {

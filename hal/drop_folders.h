@@ -74,7 +74,12 @@ class DropFolders {
   /// Puts request/<name> in place by rename, so that nobody reads half of it.
   [[nodiscard]] Status post_request(const char* name, std::string_view text) const;
   void withdraw_request(const char* name) const;
-  /// Requests of a process that died: nobody waits for their answers. How many there were.
+  /// Takes a request back and leaves a word that its answer may still come, for the next process too.
+  void leave_unanswered(const char* name) const;
+  void forget_unanswered() const;
+  /// The word's name: no scanner software takes it for a request.
+  static constexpr const char* kUnanswered = ".unanswered";
+  /// Requests of a process that ended, and its word: nobody waits for their answers. How many there were.
   std::size_t withdraw_all_requests() const;
 
   [[nodiscard]] int inbox_fd() const { return inbox_.get(); }

@@ -327,6 +327,9 @@ struct ScanDropSettings {
   bool any_name = false;
   LengthUnit unit = LengthUnit::mm;
   bool make_drop_dir = false;  ///< at the first look, in a folder that is there
+  /// any_name: a scanner that was asked answers within this time, or its request's timeout if that is longer, or not at
+  /// all (its own timeouts, a restart of slabd).
+  std::int64_t late_answer_ns = 10 * kNsPerS;
   /// What stray/ may hold: thirty full-size scans. What somebody wants to look at is there, and no scanner program that
   /// exports without end fills the disk.
   std::uint64_t stray_bytes_max = 2'000'000'000;

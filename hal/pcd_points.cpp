@@ -50,8 +50,8 @@ class PcdBody {
   PcdBody(ScanWindow& window, const PcdLayout& layout, LengthUnit unit, std::span<Real> xyz)
       : window_(window), layout_(layout), mm_(mm_per(unit)), xyz_(xyz.first(3 * layout.points)) {}
 
-  /// Points that are there, once all is read.
-  [[nodiscard]] std::size_t finite() const { return finite_; }
+  /// What the points are, once all is read.
+  [[nodiscard]] const Settled& settled() const { return settled_; }
 
   Status read() {
     switch (layout_.data) {
@@ -113,7 +113,7 @@ class PcdBody {
   }
 
   Status read_binary() {
-    return read_point_records(window_, record_of(layout_), mm_, xyz_, finite_) ? success() : Status(window_.failure());
+    return read_point_records(window_, record_of(layout_), mm_, xyz_, settled_) ? success() : Status(window_.failure());
   }
 
   Status read_compressed() {
@@ -136,7 +136,7 @@ class PcdBody {
   }
 
   Status settle() {
-    finite_ = settle_points(xyz_.data(), layout_.points);
+    settled_ = settle_points(xyz_.data(), layout_.points);
     return success();
   }
 
@@ -176,7 +176,7 @@ class PcdBody {
   const PcdLayout& layout_;
   double mm_;
   std::span<Real> xyz_;
-  std::size_t finite_ = 0;
+  Settled settled_;
 };
 
 /// The header, with its bytes consumed.
@@ -210,7 +210,9 @@ Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> 
                  static_cast<unsigned long long>(layout.points), xyz.size() / 3);
   PcdBody<Real> body(window, layout, unit, xyz);
   if (Status status = body.read(); !status) return status.error();
-  return ScanShape{layout.points, body.finite(), layout.width, layout.height, layout.data == PcdData::binary};
+  const Settled& settled = body.settled();
+  return ScanShape{layout.points, settled.finite, layout.width, layout.height, layout.data == PcdData::binary,
+                   settled.zeros};
 }
 
 template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<float>);

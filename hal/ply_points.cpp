@@ -88,8 +88,8 @@ class PlyBody {
     return lines.status();
   }
 
-  /// Points that are there, once all is read.
-  [[nodiscard]] std::size_t finite() const { return finite_; }
+  /// What the points are, once all is read.
+  [[nodiscard]] const Settled& settled() const { return settled_; }
 
  private:
   [[nodiscard]] bool big_endian() const { return layout_.encoding == PlyEncoding::big_endian; }
@@ -103,8 +103,8 @@ class PlyBody {
       window_.skip(element.count * element.bytes);
       return success();
     }
-    return read_point_records(window_, record_of(layout_, element), mm_, xyz_, finite_) ? success()
-                                                                                        : Status(window_.failure());
+    return read_point_records(window_, record_of(layout_, element), mm_, xyz_, settled_) ? success()
+                                                                                         : Status(window_.failure());
   }
 
   /// Items with lists: each has its own length, which only its content tells.
@@ -117,7 +117,7 @@ class PlyBody {
       }
       if (element.is_vertex) out += 3;
     }
-    if (element.is_vertex) finite_ += settle_points(xyz_.data(), element.count);
+    if (element.is_vertex) settled_ += settle_points(xyz_.data(), element.count);
     return success();
   }
 
@@ -165,7 +165,7 @@ class PlyBody {
       } while (trimmed(line).empty());
       if (Status status = read_row(lines, line, element, out); !status) return status;
     }
-    finite_ += settle_points(xyz_.data(), element.count);
+    settled_ += settle_points(xyz_.data(), element.count);
     return success();
   }
 
@@ -212,7 +212,7 @@ class PlyBody {
   const PlyLayout& layout_;
   double mm_;
   std::span<Real> xyz_;
-  std::size_t finite_ = 0;
+  Settled settled_;
 };
 
 Status check_size(const char* name, const PlyLayout& layout, std::uint64_t file_bytes) {
@@ -249,7 +249,8 @@ Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> 
   PlyBody<Real> body(window, layout, unit, xyz);
   const Status status = layout.encoding == PlyEncoding::ascii ? body.read_ascii() : body.read_binary();
   if (!status) return status.error();
-  return ScanShape{layout.vertices, body.finite(), layout.width, layout.height, layout.bytes_exact};
+  const Settled& settled = body.settled();
+  return ScanShape{layout.vertices, settled.finite, layout.width, layout.height, layout.bytes_exact, settled.zeros};
 }
 
 template Result<ScanShape> read_ply(ScanWindow&, LengthUnit, std::span<float>);

@@ -63,7 +63,7 @@ Error not_in_records(const char* name) {
 
 template <typename Real>
 bool read_point_records(ScanWindow& window, const PointRecord& record, double mm_per_unit, std::span<Real> xyz,
-                        std::size_t& finite) {
+                        Settled& settled) {
   const bool direct = is_direct<Real>(record, mm_per_unit);
   const std::size_t piece_max = direct ? limits::kScanReadBytes / record.bytes / kGroupPoints * kGroupPoints
                                        : std::max<std::size_t>(1, kRecordPieceBytes / record.bytes);
@@ -72,11 +72,11 @@ bool read_point_records(ScanWindow& window, const PointRecord& record, double mm
     if (!window.have(points * record.bytes)) return false;
     Real* const to = &xyz[xyz.size() - 3 * left];
     if constexpr (std::same_as<Real, float>) {
-      if (direct) finite += move_and_settle_points(window.view().data(), points, to);
+      if (direct) settled += move_and_settle_points(window.view().data(), points, to);
     }
     if (!direct) {
       convert(window.view().data(), record, points, mm_per_unit, to);
-      finite += settle_points(to, points);
+      settled += settle_points(to, points);
     }
     window.consume(points * record.bytes);
     left -= points;
@@ -84,7 +84,7 @@ bool read_point_records(ScanWindow& window, const PointRecord& record, double mm
   return true;
 }
 
-template bool read_point_records(ScanWindow&, const PointRecord&, double, std::span<float>, std::size_t&);
-template bool read_point_records(ScanWindow&, const PointRecord&, double, std::span<double>, std::size_t&);
+template bool read_point_records(ScanWindow&, const PointRecord&, double, std::span<float>, Settled&);
+template bool read_point_records(ScanWindow&, const PointRecord&, double, std::span<double>, Settled&);
 
 }  // namespace slabd::hal

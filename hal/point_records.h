@@ -7,6 +7,7 @@
 #include <span>
 
 #include "base/jobs.h"
+#include "hal/scan_points.h"
 #include "hal/scan_window.h"
 
 /// Points in records of one length, as binary PLY and PCD have them.
@@ -26,11 +27,11 @@ struct PointRun {
 };
 [[nodiscard]] Error not_in_records(const char* name);
 
-/// Reads xyz.size() / 3 records into `xyz` (mm), settles them (hal/settle_points.h) and adds to `finite` how many are.
-/// False: the window could not, `window.failure()` says why. What the bytes of the file may become as they are, three
-/// floats in mm, costs little more than copying them; everything else about 2 ns a point. No heap.
+/// Reads xyz.size() / 3 records into `xyz` (mm), settles them (hal/settle_points.h) and adds to `settled` what was
+/// found. False: the window could not, `window.failure()` says why. What the bytes of the file may become as they are,
+/// three floats in mm, costs little more than copying them; everything else about 2 ns a point. No heap.
 template <typename Real>  // float or double
 [[nodiscard]] bool read_point_records(ScanWindow& window, const PointRecord& record, double mm_per_unit,
-                                      std::span<Real> xyz, std::size_t& finite);
+                                      std::span<Real> xyz, Settled& settled);
 
 }  // namespace slabd::hal

@@ -2,6 +2,7 @@
 #include <fcntl.h>
 #include <sys/stat.h>
 #include <time.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -25,8 +26,11 @@
 // that cannot, when it is the one and only file that appeared after the request. Invariants:
 //   - a file that lay in the inbox before its request is never its answer;
 //   - whatever was decoded is byte for byte what lies in the spool;
-//   - without names, an answer that may still come to a request that was given up ends the next one's innocence: it is
-//     waited for, and set aside, before anything else is asked for;
+//   - without names, an answer that may still come to a request ends the next one's innocence: it is waited for, and
+//   set
+//     aside, before anything else is asked for. A request has had its answer when a scan was read, and in no other way:
+//     not when something else appeared, nor when the folder failed, nor when slabd was stopped;
+//   - a file whose writer made it as long as it will be and then fills it is waited for like one that grows;
 //   - after acquire() neither the request nor an answer remains, good or bad, so that a repeat can be dropped.
 //
 // The folder may lie on a network share, whose kernel shows files as they were some seconds ago, and where any call may
@@ -44,8 +48,8 @@ constexpr std::int64_t kFinishedOnShareNs = 2 * kNsPerS;
 /// ... and a stray when it still has no name that means anything after this long.
 constexpr std::int64_t kStrayNs = 5 * kNsPerS;
 
-/// any_name: a scanner that was asked answers within this time, or not at all (its own timeouts, a restart of slabd).
-constexpr std::int64_t kLateAnswerNs = 10 * kNsPerS;
+/// ... or when there is nothing in parts of it yet: a disk reads zeros where nobody has written.
+constexpr std::int64_t kFilledNs = 5 * kNsPerS;
 
 void wait_for_next_look() {
   const timespec pause{0, kPollNs};
@@ -127,7 +131,9 @@ class ScanDrop final : public ScannerPort {
     const std::int64_t begin_ns = clock_.mono_ns();
     if (settings_.any_name) {
       // Half of the time at most: a scan that is asked for too late would only be given up too.
-      if (Status status = outwait_late_answer(begin_ns + request.timeout_ns / 2, cancel); !status)
+      if (asked_before_) answer_may_come_until_ns_ = begun_ns_ + late_answer_ns(request);
+      asked_before_ = false;
+      if (Status status = outwait_late_answer(begin_ns + request.timeout_ns / 2, xyz, cancel); !status)
         return status.error();
     }
     const std::int64_t timeout_ns = request.timeout_ns - (clock_.mono_ns() - begin_ns);
@@ -139,21 +145,38 @@ class ScanDrop final : public ScannerPort {
     request_name.append(".json");
     if (Status status = folders_.post_request(request_name.c_str(), scan_request_json(request).view()); !status)
       return status.error();
-    Result<Answer> answer = wait_for_answer(stem.view(), timeout_ns, cancel);
-    folders_.withdraw_request(request_name.c_str());
-    if (!answer) {
-      // Ambiguous answers were answers; for none at all one may still be on its way.
-      const Code why = answer.error().code;
-      if (why == Code::trigger_timeout || why == Code::interrupted)
-        answer_may_come_until_ns_ = clock_.mono_ns() + std::max(kLateAnswerNs, request.timeout_ns);
-      return answer.error();
+    const std::int64_t deadline_ns = clock_.mono_ns() + timeout_ns;
+    Result<AcquiredScan> scan = wait_and_take(stem.view(), request, deadline_ns, xyz, cancel, decoded);
+    if (scan || !settings_.any_name) {
+      folders_.withdraw_request(request_name.c_str());
+    } else {
+      folders_.leave_unanswered(request_name.c_str());
+      answer_may_come_until_ns_ = clock_.mono_ns() + late_answer_ns(request);
     }
-
-    hang_.enter(HangWatch::kTakeNs);
-    Result<AcquiredScan> scan = take(answer.value(), request, xyz, decoded);
-    hang_.enter(HangWatch::kLookNs);
-    if (!scan) set_aside(answer.value().entry.name, "it is no scan of the request");
     return scan;
+  }
+
+  [[nodiscard]] std::int64_t late_answer_ns(const ScanRequest& request) const {
+    return std::max(settings_.late_answer_ns, request.timeout_ns);
+  }
+
+  Result<AcquiredScan> wait_and_take(std::string_view stem, const ScanRequest& request, std::int64_t deadline_ns,
+                                     std::span<float> xyz, const std::atomic<bool>& cancel,
+                                     const ScanDecoded& decoded) {
+    trusted_ = true;
+    for (;;) {
+      Result<Answer> answer = wait_for_answer(stem, deadline_ns, request.timeout_ns, cancel);
+      if (!answer) return answer.error();
+      hang_.enter(HangWatch::kTakeNs);
+      bool doubted = false;
+      Result<AcquiredScan> scan = take(answer.value(), request, xyz, decoded, doubted);
+      hang_.enter(HangWatch::kLookNs);
+      // Its length is what its header says, but not yet its content: it has to lie still first.
+      trusted_ = !doubted;
+      if (doubted) continue;
+      if (!scan) set_aside(answer.value().entry.name, "it is no scan of the request");
+      return scan;
+    }
   }
 
   /// A folder that is not there yet (a share not mounted) is no reason to give up: the next look opens it anew.
@@ -164,8 +187,8 @@ class ScanDrop final : public ScannerPort {
     note_whether_online(status);
     if (!status || begun_) return status;
     begun_ = true;
-    // Of a process that died; its scanner may still be at work.
-    if (folders_.withdraw_all_requests() != 0) answer_may_come_until_ns_ = clock_.mono_ns() + kLateAnswerNs;
+    begun_ns_ = clock_.mono_ns();
+    asked_before_ = folders_.withdraw_all_requests() != 0;  // its scanner may still be at work
     return status;
   }
 
@@ -190,7 +213,6 @@ class ScanDrop final : public ScannerPort {
     notes_.add(line);
     ++strays_;
     trimmed_ = false;
-    if (!stem_of(name.view()).empty()) answer_may_come_until_ns_ = 0;  // it has come
   }
 
   /// What was moved to stray/ first goes first, each with a line of its own: somebody may be looking for it.
@@ -267,12 +289,19 @@ class ScanDrop final : public ScannerPort {
     hang_.enter(HangWatch::kLookNs);
   }
 
-  /// any_name: until the answer to a request that was given up has come, and was set aside, or can no longer come.
-  Status outwait_late_answer(std::int64_t deadline_ns, const std::atomic<bool>& cancel) {
+  /// any_name: until the answer to a request that came to no scan has come, and was set aside, or can no longer come.
+  /// It has come when a scan can be read: any other file may be anybody's.
+  Status outwait_late_answer(std::int64_t deadline_ns, std::span<float> xyz, const std::atomic<bool>& cancel) {
     while (clock_.mono_ns() < answer_may_come_until_ns_) {
       InboxEntries entries;
       if (Status status = look({}, entries); !status) return status;
-      for (const InboxEntry& entry : entries) set_aside(entry.name, "its request was given up");
+      // What is set aside is no longer watched: the list changes.
+      const auto watched_now = watch_.watched();
+      for (const QuietWatch::Watched& watched : watched_now) {
+        if (!is_quiet(watched)) continue;
+        if (holds_scan(watched.entry, xyz)) answer_may_come_until_ns_ = 0;
+        set_aside(watched.entry.name, "its request was given up");
+      }
       if (cancel) return error(Code::interrupted, "the scan was cancelled");
       if (clock_.mono_ns() >= deadline_ns)
         return error(Code::trigger_timeout,
@@ -280,11 +309,27 @@ class ScanDrop final : public ScannerPort {
                      "told from this one's");
       if (answer_may_come_until_ns_ != 0) pause();
     }
+    folders_.forget_unanswered();
     return success();
   }
 
-  Result<Answer> wait_for_answer(std::string_view stem, std::int64_t timeout_ns, const std::atomic<bool>& cancel) {
-    const std::int64_t deadline_ns = clock_.mono_ns() + timeout_ns;
+  /// Decodes it, which is the only proof.
+  bool holds_scan(const InboxEntry& entry, std::span<float> xyz) {
+    if (!entry.regular || stem_of(entry.name.view()).empty()) return false;
+    hang_.enter(HangWatch::kTakeNs);
+    const Result<int> opened = open_scan(folders_.inbox_fd(), entry.name.c_str(), entry.name.c_str());
+    bool is_scan = false;
+    if (opened) {
+      const Fd fd(opened.value());
+      const Result<ScanShape> shape = read_scan_fd(fd.get(), entry.name.c_str(), settings_.unit, xyz);
+      is_scan = shape.ok() && shape.value().finite > 0;
+    }
+    hang_.enter(HangWatch::kLookNs);
+    return is_scan;
+  }
+
+  Result<Answer> wait_for_answer(std::string_view stem, std::int64_t deadline_ns, std::int64_t timeout_ns,
+                                 const std::atomic<bool>& cancel) {
     for (;;) {
       if (cancel) return error(Code::interrupted, "the scan was cancelled");
       Result<std::optional<Answer>> found = settings_.any_name ? find_only_file() : find_named(stem);
@@ -305,11 +350,13 @@ class ScanDrop final : public ScannerPort {
     return std::optional<Answer>();
   }
 
-  /// A name promises that the file is whole, and a binary header proves it. A table of text proves nothing (cut after
-  /// any line it is a smaller scan), so nobody may have touched it for half a second; nor may a file that is still
-  /// shorter than its header says be refused while it grows.
+  /// A name promises that the file is whole, and a binary header that accounts for all its bytes bears that out, until
+  /// its content is seen to be missing (`trusted_`). A table of text proves nothing (cut after any line it is a smaller
+  /// scan), so nobody may have touched it for half a second; nor may a file that is still shorter than its header says
+  /// be refused while it grows.
   bool is_finished(const QuietWatch::Watched& watched) const {
     if (!watched.entry.regular || is_quiet(watched)) return true;
+    if (!trusted_) return false;
     const char* name = watched.entry.name.c_str();
     const Result<int> opened = open_scan(folders_.inbox_fd(), name, name);
     if (!opened) return true;  // taking it will say why
@@ -318,7 +365,19 @@ class ScanDrop final : public ScannerPort {
   }
 
   bool is_quiet(const QuietWatch::Watched& watched) const {
-    return clock_.mono_ns() - watched.since_ns >= (folders_.on_network() ? kFinishedOnShareNs : kFinishedNs);
+    const std::int64_t still_ns = clock_.mono_ns() - watched.since_ns;
+    if (still_ns < (folders_.on_network() ? kFinishedOnShareNs : kFinishedNs)) return false;
+    return still_ns >= kFilledNs || !has_hole(watched.entry);
+  }
+
+  /// Programs that copy over a network make the file as long as it will be, then fill it, and may pause.
+  bool has_hole(const InboxEntry& entry) const {
+    if (!entry.regular) return false;
+    const Result<int> opened = open_scan(folders_.inbox_fd(), entry.name.c_str(), entry.name.c_str());
+    if (!opened) return false;
+    const Fd fd(opened.value());
+    const off_t hole = lseek(fd.get(), 0, SEEK_HOLE);
+    return hole >= 0 && hole < entry.state.bytes;
   }
 
   /// any_name: exactly one entry, a regular file, untouched for half a second.
@@ -340,8 +399,9 @@ class ScanDrop final : public ScannerPort {
 
   // ---- taking
 
+  /// `doubted`: nothing was taken, because what was believed whole by its length alone is not whole yet.
   Result<AcquiredScan> take(const Answer& answer, const ScanRequest& request, std::span<float> xyz,
-                            const ScanDecoded& decoded) {
+                            const ScanDecoded& decoded, bool& doubted) {
     const std::int64_t begin_ns = clock_.mono_ns();
     AcquiredScan scan;
     scan.taken_mono_ns = answer.seen_ns;
@@ -359,8 +419,10 @@ class ScanDrop final : public ScannerPort {
     InboxEntry found = answer.entry;
     if (answer.accounted) found.state = file_state(fd.get(), "");
     Result<ScanShape> shape = read_scan_fd(fd.get(), shown.c_str(), settings_.unit, xyz);
+    const bool untouched = is_untouched(fd.get(), found);
+    doubted = answer.accounted && (!shape || shape.value().zeros > 0 || !untouched);
     if (!shape) return shape.error();
-    if (!is_untouched(fd.get(), found))
+    if (doubted || !untouched)
       return error(Code::frame_incomplete, "%s: changed while it was read (write it under another name, then rename)",
                    shown.c_str());
     scan.shape = shape.value();
@@ -371,7 +433,11 @@ class ScanDrop final : public ScannerPort {
     decoded(scan);
     if (Status status = spool_file(fd.get(), folders_.inbox_fd(), answer.entry.name.c_str(), scan.path); !status)
       return status.error();
-    return scan;
+    // Whoever had it open before it was moved writes on all the same.
+    if (is_untouched(fd.get(), found)) return scan;
+    unlink(scan.path.c_str());
+    return error(Code::frame_incomplete, "%s: changed while it was moved (write it under another name, then rename)",
+                 shown.c_str());
   }
 
   /// The decoded file is the one that was found, and nobody wrote to it meanwhile.
@@ -395,7 +461,10 @@ class ScanDrop final : public ScannerPort {
   HangWatch hang_;
   DropNotes notes_;
   bool looked_ = false;
-  bool begun_ = false;                         ///< the folders could be used once
+  bool begun_ = false;  ///< the folders could be used once, first then:
+  std::int64_t begun_ns_ = 0;
+  bool asked_before_ = false;                  ///< any_name: what was asked for before that was waited for
+  bool trusted_ = true;                        ///< of a file under way: its length speaks for its content
   NameText stuck_;                             ///< cannot be moved away
   std::int64_t answer_may_come_until_ns_ = 0;  ///< any_name: 0 or past: no answer is outstanding
   bool trimmed_ = false;                       ///< stray/ keeps its budget

@@ -14,21 +14,37 @@ template <typename Real>
   return static_cast<Real>(value * mm_per_unit);
 }
 
-/// Points (3 numbers each) that are not finite in x, y and z become NaN in all three. Returns how many are finite.
+/// What settling found.
+struct Settled {
+  std::size_t finite = 0;  ///< points that are there
+  std::size_t zeros = 0;   ///< of those that are missing: exactly (0, 0, 0)
+  Settled& operator+=(const Settled& other) {
+    finite += other.finite;
+    zeros += other.zeros;
+    return *this;
+  }
+  bool operator==(const Settled&) const = default;
+};
+
+/// Points (3 numbers each) that are missing become NaN in all three: those that are not finite in x, y and z, and those
+/// at exactly (0, 0, 0), the middle of the scanner, where nothing is ever measured. Scanner software writes that for
+/// "nothing seen here", and the disk reads so where nothing has been written yet.
 template <typename Real>
-std::size_t settle_points(std::span<Real> xyz) {
-  std::size_t finite = 0;
+Settled settle_points(std::span<Real> xyz) {
+  Settled settled;
   for (std::size_t i = 0; i + 2 < xyz.size(); i += 3) {
     Real* p = &xyz[i];
     // inf - inf and NaN - NaN are NaN, finite - finite is 0: one test for three coordinates.
     const Real zero = (p[0] - p[0]) + (p[1] - p[1]) + (p[2] - p[2]);
-    if (zero == Real{0}) {
-      ++finite;
+    const bool nothing = p[0] == Real{0} && p[1] == Real{0} && p[2] == Real{0};
+    if (zero == Real{0} && !nothing) {
+      ++settled.finite;
     } else {
       p[0] = p[1] = p[2] = std::numeric_limits<Real>::quiet_NaN();
+      if (nothing) ++settled.zeros;
     }
   }
-  return finite;
+  return settled;
 }
 
 }  // namespace slabd::hal

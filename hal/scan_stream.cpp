@@ -178,7 +178,8 @@ Status ScanStreamDecoder::take_header() {
       return error(Code::frame_incomplete, "the scan goes on at point %u, but %zu of this scan are here", header.first,
                    has_header_ && header.same_scan(header_) ? points_ : std::size_t{0});
   } else {
-    points_ = finite_ = 0;
+    points_ = 0;
+    settled_ = {};
     crc_ = 0;
     ++starts_;
   }
@@ -197,7 +198,7 @@ void ScanStreamDecoder::take_points(std::span<const std::byte> whole) {
     const double factor = mm_per(header_.unit);
     for (float& v : fresh) v = coordinate_mm<float>(static_cast<double>(v), factor);
   }
-  finite_ += settle_points(fresh);
+  settled_ += settle_points(fresh);
   points_ += whole.size() / kScanPointBytes;
 }
 
@@ -206,7 +207,8 @@ Status ScanStreamDecoder::finish() {
   in_points_ = false;
   if (found != header_.points_crc) {
     has_header_ = false;
-    points_ = finite_ = 0;
+    points_ = 0;
+    settled_ = {};
     return error(Code::frame_incomplete, "the points have CRC-32C 0x%08X, the header says 0x%08X", found,
                  header_.points_crc);
   }

@@ -8,6 +8,7 @@
 
 #include "hal/crc32c.h"
 #include "hal/hal.h"
+#include "hal/scan_points.h"
 
 /// Scans as a stream of bytes: what a scanner's gateway sends over TCP (docs/SCANNER.md). One scan is a header of 64
 /// bytes and `count - first` points of three float32, x y z, all little-endian. Pure: no socket, no file, no clock.
@@ -69,8 +70,10 @@ class ScanStreamDecoder {
   [[nodiscard]] std::span<const float> fresh(std::size_t from) const {
     return xyz_.subspan(3 * from, 3 * (points_ - from));
   }
-  [[nodiscard]] std::size_t finite() const { return finite_; }
-  [[nodiscard]] ScanShape shape() const { return {points_, finite_, header_.width, header_.height, true}; }
+  [[nodiscard]] std::size_t finite() const { return settled_.finite; }
+  [[nodiscard]] ScanShape shape() const {
+    return {points_, settled_.finite, header_.width, header_.height, true, settled_.zeros};
+  }
   /// How often a scan began with its first point: whoever copies the points has to begin again.
   [[nodiscard]] std::uint32_t starts() const { return starts_; }
 
@@ -91,7 +94,7 @@ class ScanStreamDecoder {
   std::array<std::byte, kScanPointBytes> torn_{};  ///< a point whose end has not come yet
   std::size_t torn_have_ = 0;
   std::size_t points_ = 0;
-  std::size_t finite_ = 0;
+  Settled settled_;
   std::uint32_t crc_ = 0;
   std::uint32_t starts_ = 0;
 };

@@ -2,7 +2,8 @@
 //
 // Problem: whether five million points are finite is asked before anybody may say "acquired", and must cost less than
 // reading them. Idea: sixteen points are 48 numbers and 48 bits, one for each that is NaN. A point is missing where any
-// of its three bits is set; nearly always all three are, and nothing has to be written.
+// of its three bits is set; nearly always all three are, and nothing has to be written. So with zeros: three in a row
+// are rare.
 #include "hal/settle_points.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -42,11 +43,12 @@ HWY_INLINE std::uint64_t bits_of(hn::Mask<Tag> mask) {
 enum class Store { no, cached, past_caches };
 
 template <Store kStore>
-HWY_INLINE std::size_t settle_group(const float* from, float* to) {
+HWY_INLINE Settled settle_group(const float* from, float* to) {
   const Tag tag;
   constexpr std::uint64_t kEvery = 0xFFFF'FFFF'FFFFU;
   constexpr std::uint64_t kEveryX = 0x2492'4924'9249U;
   std::uint64_t number = 0;
+  std::uint64_t zero = 0;
   auto infinite = hn::MaskFromVec(hn::Zero(tag));
 #pragma GCC unroll 48
   for (std::size_t i = 0; i < kGroupFloats; i += kLanes) {
@@ -54,37 +56,40 @@ HWY_INLINE std::size_t settle_group(const float* from, float* to) {
     if constexpr (kStore == Store::cached) hn::StoreU(v, tag, to + i);
     if constexpr (kStore == Store::past_caches) hn::Stream(v, tag, to + i);
     number |= bits_of(hn::Eq(v, v)) << i;
+    zero |= bits_of(hn::Eq(v, hn::Zero(tag))) << i;
     infinite = hn::Or(infinite, hn::Eq(hn::Abs(v), hn::Set(tag, std::numeric_limits<float>::infinity())));
   }
   const std::uint64_t nan = number ^ kEvery;
   const std::uint64_t missing = (nan | nan >> 1U | nan >> 2U) & kEveryX;
-  // Which points are missing is chance, and a branch on it costs more than all this. That one is missing in part, or
-  // infinite, hardly ever happens: it is written again.
-  const bool settled = nan == missing * 7 && hn::AllFalse(tag, infinite);  // 7: x, y and z
+  const std::uint64_t nothing = zero & zero >> 1U & zero >> 2U & kEveryX;
+  // Which points are missing is chance, and a branch on it costs more than all this. That one is missing in part,
+  // infinite or zero hardly ever happens: it is written again.
+  const bool settled = nan == missing * 7 && nothing == 0 && hn::AllFalse(tag, infinite);  // 7: x, y and z
   if (!settled) return slabd::hal::settle_points<float>({to, kGroupFloats});
-  return kGroupPoints - hwy::PopCount(missing);
+  return {kGroupPoints - hwy::PopCount(missing), 0};
 }
 
 template <Store kStore>
-std::size_t settle(const float* from, std::size_t points, float* to) {
-  std::size_t finite = 0;
+Settled settle(const float* from, std::size_t points, float* to) {
+  Settled settled;
   std::size_t i = 0;
-  for (; i + kGroupPoints <= points; i += kGroupPoints) finite += settle_group<kStore>(from + 3 * i, to + 3 * i);
+  for (; i + kGroupPoints <= points; i += kGroupPoints) settled += settle_group<kStore>(from + 3 * i, to + 3 * i);
   if (kStore != Store::no) std::memcpy(to + 3 * i, from + 3 * i, (points - i) * 3 * sizeof(float));
-  return finite + slabd::hal::settle_points<float>({to + 3 * i, 3 * (points - i)});
+  settled += slabd::hal::settle_points<float>({to + 3 * i, 3 * (points - i)});
+  return settled;
 }
 
 }  // namespace
 
-std::size_t SettleInPlace(float* xyz, std::size_t points) {
+Settled SettleInPlace(float* xyz, std::size_t points) {
   return settle<Store::no>(xyz, points, xyz);
 }
-std::size_t MoveAndSettle(const float* from, std::size_t points, float* to) {
+Settled MoveAndSettle(const float* from, std::size_t points, float* to) {
   const bool aligned = reinterpret_cast<std::uintptr_t>(to) % (kLanes * sizeof(float)) == 0;
   if (!aligned) return settle<Store::cached>(from, points, to);
-  const std::size_t finite = settle<Store::past_caches>(from, points, to);
+  const Settled settled = settle<Store::past_caches>(from, points, to);
   hwy::FlushStream();  // another thread will read them
-  return finite;
+  return settled;
 }
 
 void CopyWithOneNan(const float* from, std::size_t count, float* to) {
@@ -109,15 +114,15 @@ HWY_EXPORT(SettleInPlace);
 HWY_EXPORT(MoveAndSettle);
 HWY_EXPORT(CopyWithOneNan);
 
-std::size_t settle_points(float* xyz, std::size_t points) {
+Settled settle_points(float* xyz, std::size_t points) {
   return HWY_DYNAMIC_DISPATCH(SettleInPlace)(xyz, points);
 }
 
-std::size_t settle_points(double* xyz, std::size_t points) {
+Settled settle_points(double* xyz, std::size_t points) {
   return settle_points<double>({xyz, 3 * points});
 }
 
-std::size_t move_and_settle_points(const char* from, std::size_t points, float* to) {
+Settled move_and_settle_points(const char* from, std::size_t points, float* to) {
   // The bytes are floats at any address, which LoadU and memcpy read.
   return HWY_DYNAMIC_DISPATCH(MoveAndSettle)(reinterpret_cast<const float*>(from), points, to);
 }

@@ -36,7 +36,8 @@ class TextTable {
     }
     if (!lines_.status()) return lines_.status().error();
     if (points_ == 0) return error(Code::too_few_points, "%s: no points at all", window_.name());
-    return ScanShape{points_, settle_points(xyz_.data(), points_), 0, 0};
+    const Settled settled = settle_points(xyz_.data(), points_);
+    return ScanShape{points_, settled.finite, 0, 0, false, settled.zeros};
   }
 
  private:

@@ -356,6 +356,59 @@ TEST_F(ScanDropTest, a_folder_that_is_not_there_yet_is_reported_by_name_and_used
   EXPECT_TRUE(scanner.online());
 }
 
+// ---- files that are as long as they will be before they are written ------------------------------------------------
+
+/// As programs do that copy over a network: the length first, then the content in parts.
+class ScanDropFilledTest : public ScanDropTest {
+ protected:
+  static constexpr std::size_t kMany = 80'000;
+  void SetUp() override {
+    ScanDropTest::SetUp();
+    xyz_.resize(3 * 2 * kMany);
+    many_.resize(3 * kMany);
+    for (std::size_t i = 0; i < many_.size(); ++i) many_[i] = static_cast<float>(1 + i % 977);
+  }
+  void fill_slowly(const std::string& name, int parts, int pause_ms) {
+    ASSERT_TRUE(write_ply((drop() + "/whole").c_str(), many_, 0, 0).ok());
+    const std::string bytes = read_file(drop() + "/whole");
+    fs::remove(drop() + "/whole");
+    write_file(inbox(name), bytes.substr(0, bytes.find("end_header") + 11));
+    fs::resize_file(inbox(name), bytes.size());
+    std::fstream file(inbox(name), std::ios::binary | std::ios::in | std::ios::out);
+    for (int part = 0; part < parts; ++part) {
+      wait_ms(pause_ms);
+      const std::size_t begin = bytes.size() * static_cast<std::size_t>(part) / static_cast<std::size_t>(parts);
+      const std::size_t end = bytes.size() * static_cast<std::size_t>(part + 1) / static_cast<std::size_t>(parts);
+      file.seekp(static_cast<std::streamoff>(begin));
+      file << bytes.substr(begin, end - begin) << std::flush;
+    }
+  }
+  std::vector<float> many_;
+};
+
+TEST_F(ScanDropFilledTest, are_waited_for_until_all_of_it_is_there) {
+  for (const int pause_ms : {20, 150, 900}) {
+    const auto seq = static_cast<std::uint16_t>(pause_ms);
+    const std::string name = "7-" + std::to_string(seq) + ".ply";
+    const auto result = acquire(request(seq), [&] { fill_slowly(name, 4, pause_ms); });
+    ASSERT_TRUE(result.ok()) << result.error().text.c_str();
+    EXPECT_EQ(result.value().shape.finite, kMany);
+    EXPECT_TRUE(std::equal(many_.begin(), many_.end(), xyz_.begin()));
+  }
+}
+
+TEST_F(ScanDropFilledTest, zeros_that_stay_are_points_that_are_missing) {
+  std::fill_n(many_.begin() + 3 * 100, 3 * 50, 0.0F);
+  const auto result = acquire(request(), [&] {
+    ASSERT_TRUE(write_ply((drop() + "/whole").c_str(), many_, 0, 0).ok());
+    fs::rename(drop() + "/whole", inbox("7-3.ply"));
+  });
+  ASSERT_TRUE(result.ok()) << result.error().text.c_str();
+  EXPECT_EQ(result.value().shape.finite, kMany - 50);
+  EXPECT_EQ(result.value().shape.zeros, 50U);
+  EXPECT_TRUE(std::isnan(xyz_[3 * 120]));
+}
+
 // ---- any_name ------------------------------------------------------------------------------------------------------
 
 TEST_F(ScanDropAnyNameTest, the_one_file_that_appears_is_the_answer) {
@@ -394,7 +447,7 @@ TEST_F(ScanDropAnyNameTest, an_inbox_that_is_not_empty_at_the_request_is_303) {
 }
 
 TEST_F(ScanDropAnyNameTest, two_files_are_no_answer_and_the_next_scan_starts_clean) {
-  const auto result = acquire(request(), [&] {
+  const auto result = acquire(request(3, 1'000), [&] {
     drop_scan("a.ply");
     drop_scan("b.ply");
   });
@@ -402,6 +455,7 @@ TEST_F(ScanDropAnyNameTest, two_files_are_no_answer_and_the_next_scan_starts_cle
   EXPECT_EQ(result.error().code, Code::frame_incomplete);
   EXPECT_TRUE(names_in(inbox()).empty());
   EXPECT_EQ(scanner_->stray_files(), 2U);
+  // Neither may have been the answer: for some seconds that may still come.
   const auto repeat = acquire(request(4), [&] { drop_scan("c.ply"); });
   EXPECT_TRUE(repeat.ok()) << repeat.error().text.c_str();
 }
@@ -417,9 +471,60 @@ TEST_F(ScanDropAnyNameTest, a_file_that_stays_short_of_its_header_is_303) {
   EXPECT_EQ(scanner_->stray_files(), 1U);
 }
 
+/// Scanner software that is late: it gives what it was asked for before once slabd asks again, then what it is asked
+/// for.
+class ScanDropLateTest : public ScanDropAnyNameTest {
+ protected:
+  /// `before` happens while nothing is asked for yet. Returns the height of the scan that was taken.
+  float next_scan_after_a_late_one(const std::function<void()>& before = [] {}) {
+    std::thread software([&] {
+      wait_ms(200);
+      before();
+      drop_scan("late.ply", 1.0F);
+      wait_until([&] { return fs::exists(request_file("7-4.json")); });
+      drop_scan("own.ply", 2.0F);
+    });
+    const auto result = scanner_->acquire(request(4), xyz_, cancel_, on_decoded_);
+    software.join();
+    EXPECT_TRUE(result.ok()) << result.error().text.c_str();
+    EXPECT_TRUE(fs::exists(stray("late.ply")));
+    EXPECT_TRUE(names_in(request_file()).empty());
+    return xyz_[2];
+  }
+  /// The request is taken back before anything came.
+  void be_cancelled() {
+    const auto cancelled = acquire(request(), [&] { cancel_ = true; });
+    ASSERT_FALSE(cancelled.ok());
+    ASSERT_EQ(cancelled.error().code, Code::interrupted);
+    cancel_ = false;
+  }
+};
+
+TEST_F(ScanDropLateTest, a_file_that_is_no_scan_answers_no_request) {
+  const auto result = acquire(request(), [&] { write_file(inbox("Thumbs.db"), "no scan"); });
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::frame_incomplete);
+  EXPECT_EQ(next_scan_after_a_late_one(), 2.0F);
+}
+
+TEST_F(ScanDropLateTest, what_was_asked_for_before_a_restart_is_waited_for) {
+  be_cancelled();
+  open(true);
+  EXPECT_EQ(next_scan_after_a_late_one(), 2.0F);
+}
+
+TEST_F(ScanDropLateTest, a_text_that_lies_there_is_not_what_is_waited_for) {
+  be_cancelled();
+  EXPECT_EQ(next_scan_after_a_late_one([&] {
+              write_file(inbox("readme.txt"), "exports go here\n");
+              wait_ms(1'500);
+            }),
+            2.0F);
+}
+
 TEST_F(ScanDropAnyNameTest, a_link_or_a_folder_is_no_answer) {
   ASSERT_TRUE(write_ply((folder_ / "outside.ply").c_str(), points(), 0, 0).ok());
-  const auto link = acquire(request(), [&] { fs::create_symlink(folder_ / "outside.ply", inbox("x.ply")); });
+  const auto link = acquire(request(3, 1'000), [&] { fs::create_symlink(folder_ / "outside.ply", inbox("x.ply")); });
   ASSERT_FALSE(link.ok());
   EXPECT_EQ(link.error().code, Code::frame_incomplete);
   const auto directory = acquire(request(4), [&] { fs::create_directory(inbox("folder")); });

@@ -29,7 +29,7 @@ std::string ply_head(const std::string& format, const std::string& extra) {
 std::string ply_binary(bool big, bool list) {
   const std::string extra = list ? "property list uchar short seen\n" : "property uchar red\n";
   std::string bytes = ply_head(big ? "binary_big_endian" : "binary_little_endian", extra) + "iiii";
-  for (int i = 0; i < 20; ++i) {
+  for (int i = 1; i <= 20; ++i) {
     bytes += bytes_of(static_cast<float>(i), big) + bytes_of(i * 0.5, big);
     bytes +=
         list ? bytes_of(static_cast<std::uint8_t>(i % 3)) + std::string(2U * static_cast<unsigned>(i % 3), 's') : "r";
@@ -40,7 +40,7 @@ std::string ply_binary(bool big, bool list) {
 
 std::string rows(char separator, const std::string& extra) {
   std::string text;
-  for (int i = 0; i < 20; ++i)
+  for (int i = 1; i <= 20; ++i)
     text += std::to_string(i) + separator + std::to_string(i * 0.5) + separator + extra + std::to_string(-i) + "\n";
   return text;
 }
@@ -62,7 +62,7 @@ std::vector<Sample> samples() {
   add("a.ply", ply_head("ascii", "property list uchar int n\n") + "1\n2\n" + rows(' ', "2 7 7 ") + "3 0 1 2\n",
       "end_header\n");
   std::string binary, planes;
-  for (int i = 0; i < 20; ++i)
+  for (int i = 1; i <= 20; ++i)
     binary += bytes_of(static_cast<float>(i)) + bytes_of(i * 0.5) + "rgb " + bytes_of(-static_cast<float>(i));
   for (const auto& [begin, size] : {std::pair{0U, 4U}, {4U, 8U}, {12U, 4U}, {16U, 4U}})
     for (unsigned i = 0; i < 20; ++i) planes += binary.substr(20U * i + begin, size);

@@ -19,19 +19,20 @@ namespace {
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr float kInf = std::numeric_limits<float>::infinity();
 
-/// `points` of them, of which a share is missing: wholly, in part, or infinite.
+/// `points` of them, of which a share is missing: wholly, in part, infinite or zero.
 std::vector<float> cloud(std::size_t points, double share, bool nasty, Prng& prng) {
   std::vector<float> xyz;
   for (std::size_t i = 0; i < points; ++i) {
     std::array<float, 3> p;
     for (float& v : p) v = static_cast<float>(300.0 * prng.normal());
     if (prng.uniform() < share) {
-      switch (nasty ? prng.below(6) : 0) {
+      switch (nasty ? prng.below(7) : 0) {
         case 0: p = {kNan, kNan, kNan}; break;
         case 1: p[prng.below(3)] = kNan; break;
         case 2: p[prng.below(3)] = -kInf; break;
         case 3: p = {kInf, kInf, kInf}; break;
         case 4: p = {kNan, p[1], kInf}; break;
+        case 5: p = {0.0F, 0.0F, -0.0F}; break;
         default: p = {std::bit_cast<float>(0x7FA0'0001U), kNan, kNan};  // a signalling NaN
       }
     } else if (nasty && prng.below(20) == 0) {
@@ -62,14 +63,14 @@ TEST_P(SettlePoints, agree_with_one_by_one_in_place_and_on_the_way) {
       for (const bool nasty : {false, true}) {
         const std::vector<float> from = cloud(points, share, nasty, prng);
         std::vector<float> wanted = from;
-        const std::size_t finite = settle_points<float>(wanted);
+        const Settled settled = settle_points<float>(wanted);
 
         std::vector<float> in_place = from;
-        EXPECT_EQ(settle_points(in_place.data(), points), finite) << points << " " << share;
+        EXPECT_EQ(settle_points(in_place.data(), points), settled) << points << " " << share;
         EXPECT_TRUE(same(in_place, wanted)) << points << " " << share;
 
         std::vector<double> twice(from.begin(), from.end());
-        EXPECT_EQ(settle_points(twice.data(), points), finite);
+        EXPECT_EQ(settle_points(twice.data(), points), settled);
 
         // From and to addresses of every kind; nothing before or behind is written.
         for (std::size_t shift = 0; shift < 17; shift += 4) {
@@ -79,7 +80,7 @@ TEST_P(SettlePoints, agree_with_one_by_one_in_place_and_on_the_way) {
           auto* to = room.data();
           while (reinterpret_cast<std::uintptr_t>(to) % 64 != 0) ++to;
           to += shift % 8;
-          EXPECT_EQ(move_and_settle_points(bytes.data() + shift + 1, points, to), finite);
+          EXPECT_EQ(move_and_settle_points(bytes.data() + shift + 1, points, to), settled);
           EXPECT_TRUE(same({to, to + from.size()}, wanted)) << points << " " << share << " " << shift;
           const auto written = static_cast<std::size_t>(std::count(room.begin(), room.end(), -7.0F));
           EXPECT_EQ(written, room.size() - from.size());

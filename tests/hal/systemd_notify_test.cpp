@@ -37,8 +37,28 @@ TEST(SystemdNotify, messages_are_those_of_the_protocol) {
   notify->stopping();
   EXPECT_EQ(next_message(), "STOPPING=1");
   unsetenv("NOTIFY_SOCKET");
-  notify->ready();
+  make_systemd_notify()->ready();
   EXPECT_EQ(next_message(), "") << "silent without a service manager";
+}
+
+TEST(SystemdNotify, a_manager_that_reads_nothing_keeps_nobody_waiting) {
+  test::TemporaryFolder folder;
+  const std::string path = folder / "notify";
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  std::memcpy(address.sun_path, path.c_str(), path.size());
+  const Fd manager(socket(AF_UNIX, SOCK_DGRAM, 0));
+  ASSERT_EQ(bind(manager.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+  setenv("NOTIFY_SOCKET", path.c_str(), 1);
+  const auto notify = make_systemd_notify();
+  unsetenv("NOTIFY_SOCKET");
+  for (int i = 0; i < 2'000; ++i) notify->status("full");
+  notify->ready();  // finds no room, and is said again
+  std::array<char, 64> text{};
+  while (recv(manager.get(), text.data(), text.size(), MSG_DONTWAIT) > 0) continue;
+  notify->watchdog();
+  const ssize_t n = recv(manager.get(), text.data(), text.size(), MSG_DONTWAIT);
+  EXPECT_EQ(std::string(text.data(), n > 0 ? static_cast<std::size_t>(n) : 0), "READY=1");
 }
 
 TEST(SystemClock, runs_forward_and_knows_the_year) {
