@@ -111,7 +111,11 @@ std::int64_t checked_from_utime_us(const LineCalibration::Watch& watch) {
 
 bool overdue(const LineCalibration::Watch& watch, std::int64_t interval_us, std::int64_t utime_us) {
   if (interval_us == 0 || watch.reference_id.empty()) return false;
-  return utime_us - checked_from_utime_us(watch) > interval_us;
+  // A check of the future was made while the clock was wrong: when it really was nobody knows. An hour is for clocks
+  // that are set back a little.
+  constexpr std::int64_t kAhead_us = 3'600'000'000;
+  const std::int64_t since_us = utime_us - checked_from_utime_us(watch);
+  return since_us > interval_us || since_us < -kAhead_us;
 }
 
 Splice splice_for(const LineCalibration& calibration, const SpliceSettings& settings, std::uint16_t slab_type,

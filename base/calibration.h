@@ -183,7 +183,7 @@ enum class ScannerStanding : std::uint8_t { verified, never, expired, failed };
 /// check: once there was one, only the next one moves what is due.
 [[nodiscard]] std::int64_t checked_from_utime_us(const LineCalibration::Watch& watch);
 /// Is a check due? `interval_us` 0: never. True from the moment an artefact is in force for longer than the interval
-/// without a check.
+/// without a check; and after a check that bears a time more than an hour ahead, made while the clock was wrong.
 [[nodiscard]] bool overdue(const LineCalibration::Watch& watch, std::int64_t interval_us, std::int64_t utime_us);
 
 // ---- splicing one scan

@@ -5,6 +5,7 @@
 // hand-eye calibration changes and must then give the same corrections as a new capture would.
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "calib/key_lines.h"
 #include "calib/stations.h"
@@ -179,7 +180,12 @@ std::string visits_text(std::span<const StationVisit> visits) {
   std::string text =
       "# slabd station visits: station, round, T_base_flange as reported (x y z qw qx qy qz), points as\n"
       "# the scanner saw them (mm, scanner frame, in the certificate's order)\n";
+  std::vector<std::string_view> told;
   for (const StationVisit& visit : visits) {
+    if (!visit.hand_eye_id.empty() && std::find(told.begin(), told.end(), visit.round) == told.end()) {
+      text += "taken_with = \"" + visit.round + "\" " + visit.hand_eye_id + "\n";
+      told.push_back(visit.round);
+    }
     text += "visit = " + std::to_string(visit.station) + " \"" + visit.round + "\" ";
     for (const double x : visit.T_base_flange.to_array()) text += " " + number_text(x);
     for (const Vec3& p : visit.points_mm) text += "  " + vector_text(p);
@@ -193,6 +199,13 @@ Result<std::vector<StationVisit>> parse_visits(std::string_view text, std::strin
   if (!lines.ok()) return lines.error();
   KeyFile file(std::move(lines.value()), file_name);
   std::vector<StationVisit> visits;
+  std::map<std::string, std::string> taken_with;
+  for (const KeyLine* line : file.all("taken_with")) {
+    if (line->words.size() != 2)
+      file.fault(*line, "must be: round, id of the hand-eye calibration in force then");
+    else if (!taken_with.emplace(line->words[0], line->words[1]).second)
+      file.fault(*line, "names a round that another line names");
+  }
   for (const KeyLine* line : file.all("visit")) {
     StationVisit visit;
     std::vector<double> v;
@@ -217,7 +230,9 @@ Result<std::vector<StationVisit>> parse_visits(std::string_view text, std::strin
     for (std::size_t i = 7; i < v.size(); i += 3) visit.points_mm.push_back(vector_at(v, i));
     visits.push_back(std::move(visit));
   }
-  if (const Status status = file.finish("visit"); !status.ok()) return status.error();
+  if (const Status status = file.finish("visit, taken_with"); !status.ok()) return status.error();
+  for (StationVisit& visit : visits)
+    if (const auto with = taken_with.find(visit.round); with != taken_with.end()) visit.hand_eye_id = with->second;
   if (visits.empty())
     return error(Code::config, "%.*s: no visits: it needs lines 'visit = ...'", static_cast<int>(file_name.size()),
                  file_name.data());

@@ -19,13 +19,16 @@
 namespace slabd::calib {
 namespace {
 
-constexpr std::array<std::string_view, 12> kRefusals = {
-    "too_few_visits", "unknown_station", "wrong_points", "outside_gate", "slab_moved", "spread",
-    "shape",          "shift",           "placement",    "copies",       "turn",       "slope"};
+constexpr std::array<std::string_view, 13> kRefusals = {
+    "too_few_visits", "unknown_station", "wrong_points", "outside_gate", "slab_moved", "spread",       "shape",
+    "shift",          "placement",       "copies",       "turn",         "slope",      "scanner_moved"};
 constexpr std::size_t kPlacementStationsMin = 3;
 /// Below what a scan's noise alone does to a seat.
 constexpr double kScatterMinMm = 1e-5;
 constexpr double kScatterMinRad = 1e-8;
+/// Two calibrations of one mount are hardly ever further apart than this many times what both are uncertain by: 99.9 %
+/// of a normal vector's lengths, in standard deviations per axis.
+constexpr double kMountSigmas = 4.03;
 /// The first this wide and the second this narrow: stations on a line leave the slab's turn about it open.
 constexpr double kPlacementWidthMinMm = 300.0;
 
@@ -89,6 +92,8 @@ struct Work {
   std::vector<Vec3> mean_points;
   std::vector<Vec3> off_mm;   ///< [visit]: reference point from the mean
   std::vector<Vec3> off_rad;  ///< [visit]: turn from the mean
+  double mount_mm = 0.0;      ///< hand-eye calibrations of the visits against this one, at the seat
+  double mount_rad = 0.0;
 };
 
 /// Seats are pinned at their reference point, balls at their centre.
@@ -116,14 +121,15 @@ double sum_of_squares(const std::vector<Vec3>& list) {
 
 class Solver {
  public:
-  Solver(const MasterCertificate& certificate, const Pose& X, const StationSettings& settings)
-      : certificate_(certificate), X_(X), settings_(settings) {}
+  Solver(const MasterCertificate& certificate, const HandEyeNumbers& hand_eye, const StationSettings& settings)
+      : certificate_(certificate), hand_eye_(hand_eye), X_(hand_eye.T_flange_scanner), settings_(settings) {}
 
   StationsSolution run(std::span<const StationVisit> visits) {
     sort_visits(visits);
     if (!out_.reasons.empty()) return out_;
     for (Work& work : work_) splice(work);
     check_gate();
+    check_mount();
     if (!place_certificate()) return out_;
     find_scatter();
     for (Work& work : work_) correct(work);
@@ -157,6 +163,7 @@ class Solver {
                  visit.points_mm.size(), s.points_mm.size());
           continue;
         }
+        if (!is_new(work, visit)) continue;
         work.visits.push_back(&visit);
       }
       if (work.visits.size() < settings_.visits_min)
@@ -173,6 +180,28 @@ class Solver {
     for (const int station : unknown_)
       refuse(StationRefusal::unknown_station, station, "leave out its visits, or use the certificate that has it",
              "station %d was visited, but certificate %s does not have it", station, certificate_.id.c_str());
+  }
+
+  /// A visit counts once, under whatever name it is given; one that comes again would make the robot repeat too well.
+  bool is_new(const Work& work, const StationVisit& visit) {
+    for (const StationVisit* known : work.visits) {
+      const bool same_round = known->round == visit.round;
+      const bool same_numbers =
+          known->points_mm == visit.points_mm && known->T_base_flange.to_array() == visit.T_base_flange.to_array();
+      if (!same_round && !same_numbers) continue;
+      const auto said = [](const StationReason& reason) { return reason.code == StationRefusal::copies; };
+      if (std::any_of(out_.reasons.begin(), out_.reasons.end(), said)) return false;
+      constexpr const char* kCure =
+          "give every round once, and under a name of its own; what repeats is known from them";
+      if (same_round)
+        refuse(StationRefusal::copies, 0, kCure, "station %d has two visits of one round, %s", visit.station,
+               visit.round.c_str());
+      else
+        refuse(StationRefusal::copies, 0, kCure, "station %d: %s and %s are one visit", visit.station,
+               known->round.c_str(), visit.round.c_str());
+      return false;
+    }
+    return true;
   }
 
   void splice(Work& work) {
@@ -203,6 +232,50 @@ class Solver {
             deg_from_rad(settings_.gate_rad));
       }
     }
+  }
+
+  /// Does the scanner sit where it sat on the visits?
+  void check_mount() {
+    const Work* worst = nullptr;
+    const StationVisit* taken = nullptr;
+    double limit_mm = 0.0;
+    double limit_rad = 0.0;
+    double worst_share = 1.0;
+    for (Work& work : work_) {
+      for (const StationVisit* visit : work.visits) {
+        if (!visit->hand_eye) continue;
+        const HandEyeNumbers& then = *visit->hand_eye;
+        const Vec3 seen = reference_point(*work.certified, visit->points_mm);
+        const double off_mm = (X_ * seen - then.T_flange_scanner * seen).norm();
+        const double off_rad = angle_between_rad(X_.rotation, then.T_flange_scanner.rotation);
+        work.mount_mm = std::max(work.mount_mm, off_mm);
+        work.mount_rad = std::max(work.mount_rad, off_rad);
+        const double most_mm = kMountSigmas * both(hand_eye_.sigma_mm, then.sigma_mm) + kScatterMinMm;
+        const double most_rad = kMountSigmas * both(hand_eye_.sigma_rad, then.sigma_rad) + kScatterMinRad;
+        const double share = std::max(off_mm / most_mm, off_rad / most_rad);
+        if (share <= worst_share) continue;
+        worst_share = share;
+        worst = &work;
+        taken = visit;
+        limit_mm = most_mm;
+        limit_rad = most_rad;
+      }
+      out_.mount_mm = std::max(out_.mount_mm, work.mount_mm);
+      out_.mount_rad = std::max(out_.mount_rad, work.mount_rad);
+    }
+    if (worst == nullptr) return;
+    refuse(StationRefusal::scanner_moved, 0,
+           "what these visits saw was seen from another place: lay the mastered slab into the cell again and have the "
+           "line inspect it five times with the hand-eye calibration in force",
+           "station %d, %s: its hand-eye calibration%s%s and the one in force put the seat %.3f mm and %.4f deg apart, "
+           "more than both are uncertain by (%.3f mm, %.4f deg): the scanner has moved on the flange",
+           worst->certified->station, taken->round.c_str(), taken->hand_eye_id.empty() ? "" : " ",
+           taken->hand_eye_id.c_str(), worst->mount_mm, deg_from_rad(worst->mount_rad), limit_mm,
+           deg_from_rad(limit_rad));
+  }
+  /// Where one is not known the other one counts alone.
+  [[nodiscard]] static double both(double a, double b) {
+    return std::hypot(has_value(a) ? a : 0.0, has_value(b) ? b : 0.0);
   }
 
   /// One rigid fit of everything certified to everything seen.
@@ -286,10 +359,12 @@ class Solver {
     // What the certificate may be wrong by is in every use of the correction, once. It is taken into the sigma of one
     // visit so that this visit and the mean of the M before it have it together: sigma^2 (1 + 1 / M).
     const double share = 1.0 / (1.0 + 1.0 / static_cast<double>(work.visits.size()));
-    const double certified_rad = certificate_.sigma_mm / lever_mm(*work.certified);
-    c.sigma_mm =
-        std::hypot(settle(c.spread_mm, degrees, out_.pooled_sigma_mm), std::sqrt(share) * certificate_.sigma_mm);
-    c.sigma_rad = std::hypot(settle(s.spread_rad, degrees, out_.pooled_sigma_rad), std::sqrt(share) * certified_rad);
+    // So is what the scanner may have moved by since.
+    const double once_mm = std::hypot(certificate_.sigma_mm, work.mount_mm / std::sqrt(3.0));
+    const double once_rad =
+        std::hypot(certificate_.sigma_mm / lever_mm(*work.certified), work.mount_rad / std::sqrt(3.0));
+    c.sigma_mm = std::hypot(settle(c.spread_mm, degrees, out_.pooled_sigma_mm), std::sqrt(share) * once_mm);
+    c.sigma_rad = std::hypot(settle(s.spread_rad, degrees, out_.pooled_sigma_rad), std::sqrt(share) * once_rad);
 
     double shape2 = 0.0;
     for (std::size_t i = 0; i < work.mean_points.size(); ++i)
@@ -449,6 +524,7 @@ class Solver {
   }
 
   const MasterCertificate& certificate_;
+  const HandEyeNumbers& hand_eye_;
   const Pose X_;
   const StationSettings settings_;
   std::vector<Work> work_;
@@ -464,9 +540,9 @@ std::string_view name(StationRefusal refusal) {
 }
 
 Result<StationsSolution> solve_stations(const MasterCertificate& certificate, std::span<const StationVisit> visits,
-                                        const Pose& T_flange_scanner, const StationSettings& settings) {
+                                        const HandEyeNumbers& hand_eye, const StationSettings& settings) {
   if (visits.empty()) return error(Code::config, "there are no visits to solve station corrections from");
-  if (!T_flange_scanner.all_finite()) return error(Code::config, "T_flange_scanner is not finite");
+  if (!hand_eye.T_flange_scanner.all_finite()) return error(Code::config, "T_flange_scanner is not finite");
   for (const StationVisit& visit : visits) {
     const bool finite = visit.T_base_flange.all_finite() && std::all_of(visit.points_mm.begin(), visit.points_mm.end(),
                                                                         [](const Vec3& p) { return p.allFinite(); });
@@ -475,7 +551,7 @@ Result<StationsSolution> solve_stations(const MasterCertificate& certificate, st
   }
   StationSettings used = settings;
   used.visits_min = std::max<std::size_t>(used.visits_min, 2);  // one visit says nothing of its own scatter
-  return Solver(certificate, T_flange_scanner, used).run(visits);
+  return Solver(certificate, hand_eye, used).run(visits);
 }
 
 }  // namespace slabd::calib

@@ -19,6 +19,11 @@
 /// takes up what the reported pose A and the hand-eye calibration X are wrong by there. In production a scan is spliced
 /// by C_s A X as long as the robot reports about the pose it reported then. What is left is repeatability: with M
 /// visits sigma sqrt(1 + 1 / M). Pure computing, on maintenance only.
+///
+/// What was seen on a visit was seen from where the scanner sat then. The same visits may be solved with a later
+/// hand-eye calibration only if the scanner has not moved on the flange: both calibrations then estimate the same X and
+/// differ by no more than they are uncertain. If it has moved, C_s takes up the move as if the robot had erred by it,
+/// with the opposite sign in the two rows, and nothing else in a solution shows that.
 namespace slabd::calib {
 
 /// What is certified at one station. A seat is its reference point and two unit directions: its normal, and along the
@@ -71,6 +76,10 @@ struct StationVisit {
   std::string round;            ///< which round it belongs to, such as "slab 12": all stations of one round together
   Pose T_base_flange;           ///< as reported
   std::vector<Vec3> points_mm;  ///< scanner frame, in the certificate's order
+  /// The hand-eye calibration in force on the visit: its id, empty if not known, and its numbers where it is another
+  /// one than the visits are solved with (not part of the text form).
+  std::string hand_eye_id = {};
+  std::optional<HandEyeNumbers> hand_eye = {};
   /// Of the seat against the slab's top beside it, where the inspection measured that; not part of the text form.
   double local_slope_rad = kNoValue;
 };
@@ -81,6 +90,7 @@ struct StationVisit {
 /// Visits as text, one a line, every digit kept: enough to solve again when the hand-eye calibration changes.
 ///
 ///     # slabd station visits
+///     taken_with = "slab 12" he-3f2a91c07b5e    # optional: the hand-eye calibration in force on that round
 ///     visit = 3 "slab 12"  x y z qw qx qy qz  x y z  x y z  x y z
 [[nodiscard]] std::string visits_text(std::span<const StationVisit> visits);
 [[nodiscard]] Result<std::vector<StationVisit>> parse_visits(std::string_view text, std::string_view file_name);
@@ -108,9 +118,10 @@ enum class StationRefusal : std::uint8_t {
   shape,            ///< what was measured is not what was certified
   shift,            ///< the correction is larger than a robot's error
   placement,        ///< too few stations to find where the slab lies
-  copies,           ///< visits without any scatter: one visit given several times
+  copies,           ///< one visit given several times: the same round twice, or visits without any scatter
   turn,             ///< the correction turns the seat further than a robot's error
   slope,            ///< a certified slope that the block itself contradicts
+  scanner_moved,    ///< the scanner sits otherwise on the flange than on the visits
 };
 [[nodiscard]] std::string_view name(StationRefusal refusal);
 
@@ -141,6 +152,11 @@ struct StationsSolution {
   double pooled_sigma_mm = kNoValue;  ///< repeatability over all stations, per axis
   double pooled_sigma_rad = kNoValue;
   int degrees_of_freedom = 0;
+  /// How far the hand-eye calibrations of the visits and the one they are solved with put a seat apart, at most; 0: all
+  /// visits were taken with this one. Whether the scanner moved by it or it was estimated otherwise, nobody can tell,
+  /// so it is in the sigmas of the table.
+  double mount_mm = 0.0;
+  double mount_rad = 0.0;
   double before_rms_mm = kNoValue;  ///< 3-D, reference points of all visits against the certificate: hand-eye alone,
                                     ///< after one rigid fit of the slab
   double after_rms_mm = kNoValue;   ///< ... with the corrections
@@ -150,6 +166,6 @@ struct StationsSolution {
 /// visits at all: none, or numbers that are not finite.
 [[nodiscard]] Result<StationsSolution> solve_stations(const MasterCertificate& certificate,
                                                       std::span<const StationVisit> visits,
-                                                      const Pose& T_flange_scanner, const StationSettings& settings);
+                                                      const HandEyeNumbers& hand_eye, const StationSettings& settings);
 
 }  // namespace slabd::calib

@@ -50,19 +50,11 @@ bool place_of(const PinOptions& options, PinPlace& place, int& exit_status) {
   database.db = config.storage.db_path;
   const auto reader = open_database(database, exit_status);
   if (reader == nullptr) return false;
-  const auto found = find_slab(*reader, options.slab);
+  const auto found = named_slab(*reader, options.slab, exit_status);
+  if (!found) return false;
   exit_status = kBadInput;
-  if (!found) {
-    complain(found.error().text.view());
-    exit_status = kNotReachable;
-    return false;
-  }
-  if (!found.value()) {
-    complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", options.slab));
-    return false;
-  }
-  place.key = found.value()->summary.header.key;
-  place.slab_id = std::string(found.value()->summary.header.slab_id.view());
+  place.key = found->summary.header.key;
+  place.slab_id = std::string(found->summary.header.slab_id.view());
   const fs::path folder = fs::path(config.storage.spool_dir) / std::to_string(place.key);
   std::error_code ignored;
   if (!fs::is_directory(folder, ignored)) {
@@ -116,7 +108,10 @@ void add_pin(CLI::App& app, int& exit_status) {
   pinning->footer("\nPinned scans count against the budget. Example: slabctl pin SLAB-0042 --reason \"complaint 17\"");
   CLI::App* unpinning = app.add_subcommand("unpin", "Let a slab's scans be deleted again");
   for (CLI::App* command : {pinning, unpinning}) {
-    command->add_option("SLAB", options->slab, "Key or slab id; of an id the newest slab")->required();
+    command
+        ->add_option("SLAB", options->slab,
+                     "Key or slab id (key:12, id:12 where a number may be either); of an id the newest slab")
+        ->required();
     command->add_option("--config", options->config, "Configuration that names database and spool")
         ->default_val(kDefaultConfig);
   }

@@ -196,16 +196,9 @@ int show(const Options& options) {
   int exit_status = kDone;
   const auto reader = open_database(options.database, exit_status);
   if (reader == nullptr) return exit_status;
-  const auto found = find_slab(*reader, options.slab);
-  if (!found) {
-    complain(fmt::format("{}", found.error().text.view()));
-    return kNotReachable;
-  }
-  if (!found.value()) {
-    complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", options.slab));
-    return kBadInput;
-  }
-  const SlabRecord& record = *found.value();
+  const auto found = named_slab(*reader, options.slab, exit_status);
+  if (!found) return exit_status;
+  const SlabRecord& record = *found;
   if (options.block < 0 || options.block > record.summary.header.stations) {
     complain(fmt::format("--block {}: this slab has blocks 1..{}", options.block, record.summary.header.stations));
     return kUsage;
@@ -237,7 +230,11 @@ void add_show(CLI::App& app, int& exit_status) {
   auto options = std::make_shared<Options>();
   CLI::App* command = app.add_subcommand("show", "One slab: map, items, scans; with --block one block's table");
   command->footer("\nExamples: slabctl show 12\n          slabctl show SLAB-0042 --block 7 --json");
-  command->add_option("SLAB", options->slab, "Key (see history) or slab id; the newest slab with that id")->required();
+  command
+      ->add_option(
+          "SLAB", options->slab,
+          "Key (see history) or slab id (key:12, id:12 where a number may be either); the newest slab with that id")
+      ->required();
   command->add_option("--block", options->block, "Show this block's characteristics")
       ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));
   options->database.add_to(*command);

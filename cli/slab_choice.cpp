@@ -70,18 +70,9 @@ std::optional<std::vector<std::int64_t>> chosen_slabs(storage::Reader& reader, c
   }
   std::vector<std::int64_t> keys;
   for (const std::string& wanted : choice.slabs) {
-    const auto found = find_slab(reader, wanted);
-    if (!found) {
-      complain(found.error().text.view());
-      exit_status = kNotReachable;
-      return std::nullopt;
-    }
-    if (!found.value()) {
-      complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", wanted));
-      exit_status = kBadInput;
-      return std::nullopt;
-    }
-    keys.push_back(found.value()->summary.header.key);
+    const auto found = named_slab(reader, wanted, exit_status);
+    if (!found) return std::nullopt;
+    keys.push_back(found->summary.header.key);
   }
   if (!choice.slabs.empty()) return keys;
   storage::SlabFilter filter;

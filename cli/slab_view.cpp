@@ -1,24 +1,72 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/slab_view.h"
 
+#include <fmt/core.h>
+
 #include <charconv>
+#include <string_view>
+#include <utility>
+
+#include "cli/exit.h"
 
 namespace slabd::cli {
 
 using storage::SlabBlock;
 using storage::SlabRecord;
 
-Result<std::optional<SlabRecord>> find_slab(storage::Reader& reader, const std::string& wanted) {
+namespace {
+
+constexpr std::string_view kKeyPrefix = "key:";
+constexpr std::string_view kIdPrefix = "id:";
+
+}  // namespace
+
+SlabName slab_name(const std::string& wanted) {
+  const bool says_key = wanted.rfind(kKeyPrefix, 0) == 0;
+  const bool says_id = wanted.rfind(kIdPrefix, 0) == 0;
+  SlabName name;
+  const std::string rest = wanted.substr(says_key ? kKeyPrefix.size() : says_id ? kIdPrefix.size() : 0);
   std::int64_t key = 0;
-  const auto [stop, fault] = std::from_chars(wanted.data(), wanted.data() + wanted.size(), key);
-  if (fault == std::errc{} && stop == wanted.data() + wanted.size()) {
-    auto by_key = reader.slab(key);
-    if (!by_key || by_key.value().has_value()) return by_key;
+  const auto [stop, fault] = std::from_chars(rest.data(), rest.data() + rest.size(), key);
+  if (!says_id && fault == std::errc{} && stop == rest.data() + rest.size()) name.key = key;
+  if (!says_key) name.id = rest;
+  return name;
+}
+
+Error two_slabs(const SlabName& name, const SlabRecord& of_key) {
+  return error(Code::config, "\"%s\" is the key of slab \"%s\", and the SLAB_ID of another one: say key:%s or id:%s",
+               name.id.c_str(), of_key.summary.header.slab_id.c_str(), name.id.c_str(), name.id.c_str());
+}
+
+Result<std::optional<SlabRecord>> find_slab(storage::Reader& reader, const std::string& wanted) {
+  const SlabName name = slab_name(wanted);
+  std::optional<SlabRecord> of_key;
+  if (name.key) {
+    auto found = reader.slab(*name.key);
+    if (!found) return found;
+    of_key = std::move(found.value());
   }
-  const auto by_id = reader.find(wanted);
-  if (!by_id) return by_id.error();
-  if (!by_id.value()) return std::optional<SlabRecord>{};
-  return reader.slab(*by_id.value());
+  if (name.id.empty()) return of_key;
+  const auto of_id = reader.find(name.id);
+  if (!of_id) return of_id.error();
+  if (!of_id.value()) return of_key;
+  if (!of_key) return reader.slab(*of_id.value());
+  if (*of_id.value() != of_key->summary.header.key) return two_slabs(name, *of_key);
+  return of_key;
+}
+
+std::optional<SlabRecord> named_slab(storage::Reader& reader, const std::string& wanted, int& exit_status) {
+  auto found = find_slab(reader, wanted);
+  if (!found) {
+    complain(found.error().text.view());
+    exit_status = exit_for(found.error().code);
+    return std::nullopt;
+  }
+  if (!found.value()) {
+    complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", wanted));
+    exit_status = kBadInput;
+  }
+  return std::move(found.value());
 }
 
 const SlabBlock* latest(const SlabRecord& record, int station) {
@@ -43,9 +91,13 @@ Shown shown(const SlabRecord& record, int station) {
   return {block->block.verdict, block->block.reason};
 }
 
+bool supersedes(const Item& of_slab) {
+  return has_value(of_slab.lower) || has_value(of_slab.upper);
+}
+
 const Item& final_item(const SlabRecord& record, int station, const Item& own) {
   for (const Item& item : record.slab.items)
-    if (item.id == own.id && item.station == station && item.station_to == 0) return item;
+    if (item.id == own.id && item.station == station && item.station_to == 0 && supersedes(item)) return item;
   return own;
 }
 

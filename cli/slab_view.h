@@ -10,8 +10,21 @@
 /// What is said of a stored slab, whoever says it: show, report and export alike.
 namespace slabd::cli {
 
-/// A number is a key; anything else, and a number that is no key, is a SLAB_ID: the newest slab of that name.
+/// What somebody calls a slab by. A number may be a key or a SLAB_ID, "key:12" and "id:12" say which; anything else is
+/// a SLAB_ID.
+struct SlabName {
+  std::optional<std::int64_t> key;
+  std::string id;  ///< empty: only a key is meant
+};
+[[nodiscard]] SlabName slab_name(const std::string& wanted);
+/// What to say when a number is the key of one slab and the SLAB_ID of another.
+[[nodiscard]] Error two_slabs(const SlabName& name, const storage::SlabRecord& of_key);
+
+/// The slab of that name; of a SLAB_ID the newest one. config: the name means two slabs.
 [[nodiscard]] Result<std::optional<storage::SlabRecord>> find_slab(storage::Reader& reader, const std::string& wanted);
+/// The same for a command: where there is none it has said so, and left the exit status.
+[[nodiscard]] std::optional<storage::SlabRecord> named_slab(storage::Reader& reader, const std::string& wanted,
+                                                            int& exit_status);
 
 /// The valid attempt of a station: its latest one; nullptr when there is none.
 [[nodiscard]] const storage::SlabBlock* latest(const storage::SlabRecord& record, int station);
@@ -26,8 +39,12 @@ struct Shown {
 /// scanned; the latest attempt's own before.
 [[nodiscard]] Shown shown(const storage::SlabRecord& record, int station);
 
+/// Does a slab's item of one block take the place of the block's own? Only if it was judged, that is, has a limit:
+/// where slopes are judged against the slab top beside the seat, the one against the slab's frame is for information.
+[[nodiscard]] bool supersedes(const Item& of_slab);
+
 /// The slab's own item of this block that takes the place of `own`, which was judged by the block alone; `own` when
-/// there is none: SLAB_END computes slopes anew against the slab's frame, and only those count.
+/// there is none: SLAB_END computes slopes anew against the slab's frame, and where that is the datum only those count.
 [[nodiscard]] const Item& final_item(const storage::SlabRecord& record, int station, const Item& own);
 
 }  // namespace slabd::cli

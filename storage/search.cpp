@@ -15,10 +15,11 @@ constexpr const char* kValidAttempt =
     "item.attempt = (SELECT max(a.attempt) FROM attempt AS a WHERE a.slab_key = item.slab_key AND a.station = "
     "item.station)";
 
-/// A block's item counts until SLAB_END has made another of it, against the slab's frame.
+/// A block's item counts until SLAB_END has judged another one in its place, against the slab's frame. One without
+/// limits is for information.
 constexpr const char* kNotSuperseded =
     "NOT EXISTS (SELECT 1 FROM item AS f WHERE f.slab_key = item.slab_key AND f.station = 0 AND f.id = item.id AND "
-    "f.from_station = item.station AND f.to_station = 0)";
+    "f.from_station = item.station AND f.to_station = 0 AND (f.lower IS NOT NULL OR f.upper IS NOT NULL))";
 
 constexpr std::int64_t kForEver = 9'000'000'000'000'000'000;
 
@@ -92,8 +93,8 @@ std::vector<SlabSummary> find_slabs(Connection& db, const SlabFilter& filter) {
 
 std::vector<ItemValue> find_values(Connection& db, const ItemFilter& filter) {
   // CROSS JOIN keeps the order of the tables: from the chosen slabs to their items, not from all items of that name.
-  // The slab's own rows (station 0) come first of each place, so that a block's value which SLAB_END computed anew is
-  // passed over.
+  // The slab's own rows (station 0) that were judged come first of each place, so that a block's value in whose stead
+  // SLAB_END judged another one is passed over; those for information come last.
   std::string sql =
       "WITH chosen AS (SELECT slab_key, slab_id, began_utime_us FROM slab WHERE began_utime_us >= ?2 AND "
       "began_utime_us < ?3";
@@ -107,7 +108,9 @@ std::vector<ItemValue> find_values(Connection& db, const ItemFilter& filter) {
   sql += kValidAttempt;
   sql += ")";
   if (filter.block != 0) sql += " AND place = ?6";
-  sql += " ORDER BY chosen.slab_key, place, item.station";
+  sql +=
+      " ORDER BY chosen.slab_key, place, CASE WHEN item.station > 0 THEN 1 WHEN item.lower IS NULL AND item.upper IS "
+      "NULL THEN 2 ELSE 0 END";
   Statement rows(db, sql);
   rows.bind(1, count_of(filter.slabs))
       .bind(2, filter.since_utime_us)

@@ -4,7 +4,6 @@
 // by daemon::measure_block, the path every scan of the line takes: what the check finds is what verdicts are made of.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
-#include <charconv>
 #include <memory>
 #include <span>
 #include <vector>
@@ -21,6 +20,8 @@
 #include "cli/parse.h"
 #include "cli/progress.h"
 #include "cli/render.h"
+#include "cli/replay/remeasure.h"
+#include "cli/slab_view.h"
 
 namespace slabd::cli {
 namespace {
@@ -56,7 +57,20 @@ bool failed(const Error& why, int& exit_status) {
 
 // ---- reference block ---------------------------------------------------------------------------------------------
 
-bool measure_scan(const CheckOptions& options, BlockResult& out, int& exit_status) {
+/// What passes a check is what U allows, so the recipe must be one that verdicts are made with.
+bool is_the_lines(const Recipe& recipe, const std::string& file, const daemon::Config& config) {
+  std::vector<daemon::Problem> problems;
+  for (const Recipe& of_line : recipes_in(config.recipes_dir, problems))
+    if (of_line.sha256 == recipe.sha256) return true;
+  complain(
+      fmt::format("{}: none of the recipes in {} is like it, so no verdict is made with its limits and uncertainties: "
+                  "check with a recipe of the line, or put this one there",
+                  file, config.recipes_dir));
+  return false;
+}
+
+bool measure_scan(const CheckOptions& options, const daemon::Config& config, storage::Reader& reader, BlockResult& out,
+                  int& exit_status) {
   Recipe recipe;
   if (options.recipe.empty()) {
     complain("a scan needs --recipe: the block's shape, and what U is computed from");
@@ -67,6 +81,13 @@ bool measure_scan(const CheckOptions& options, BlockResult& out, int& exit_statu
     exit_status = kBadInput;
     return false;
   }
+  if (!is_the_lines(recipe, options.recipe, config)) {
+    exit_status = kRefused;
+    return false;
+  }
+  // With what is known of the scanner, as the line measures.
+  const auto line = reader.line_calibration();
+  if (!line.ok()) return failed(line.error(), exit_status);
   const ProgressNote note(stderr, "measuring ...", std::chrono::seconds(1));
   Pages memory(limits::kScanSlotBytes);
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
@@ -77,21 +98,23 @@ bool measure_scan(const CheckOptions& options, BlockResult& out, int& exit_statu
   algo::BlockInspector inspector(daemon::default_measure_threads());
   inspector.use(recipe);
   const algo::Cloud cloud{xyz, shape.points, shape.width, shape.height};
-  const Status status =
-      daemon::measure_block(inspector, *clock, 1, Pose::identity(), nominal_T_block_scanner(), cloud, shape, 0.0);
+  const Status status = daemon::measure_block(inspector, *clock, 1, Pose::identity(), nominal_T_block_scanner(), cloud,
+                                              shape, 0.0, line.value()->scanner.numbers);
   if (!status.ok()) return failed(status.error(), exit_status);
   out = inspector.result();
   return true;
 }
 
-/// When the last check of reference blocks was made; 0: never.
+/// When the last check of reference blocks was made; 0: never. One that bears a time to come was made while the clock
+/// was wrong, and says nothing of when.
 Result<std::int64_t> last_check_utime_us(storage::Reader& reader) {
   constexpr std::size_t kLookBack = 1'000;
   const auto checks = reader.checks(kLookBack);
   if (!checks.ok()) return checks.error();
   std::int64_t newest = 0;
   for (const CalibrationCheck& check : checks.value())
-    if (check.kind == CalibrationKind::reference_block) newest = std::max(newest, check.utime_us);
+    if (check.kind == CalibrationKind::reference_block && check.utime_us <= wall_clock_us())
+      newest = std::max(newest, check.utime_us);
   return newest;
 }
 
@@ -100,26 +123,17 @@ Result<std::int64_t> last_check_utime_us(storage::Reader& reader) {
 /// name.
 bool take_from_slab(const CheckOptions& options, storage::Reader& reader, const CalibrationId& in_force,
                     BlockResult& out, std::string& source, int& exit_status) {
-  std::int64_t key = 0;
-  const auto [end, fault] = std::from_chars(options.slab.data(), options.slab.data() + options.slab.size(), key);
-  if (fault != std::errc() || end != options.slab.data() + options.slab.size()) {
-    const auto found = reader.find(options.slab);
-    if (!found.ok()) return failed(found.error(), exit_status);
-    key = found.value().value_or(0);
-  }
-  const auto slab = reader.slab(key);
-  if (!slab.ok()) return failed(slab.error(), exit_status);
-  const storage::SlabBlock* latest = nullptr;
-  if (slab.value())
-    for (const storage::SlabBlock& block : slab.value()->blocks)
-      if (block.attempt.station == options.station) latest = &block;
-  if (latest == nullptr || latest->phase != StationPhase::measured) {
-    complain(fmt::format("--slab {} --station {}: no such measured station; slabctl history lists the slabs",
-                         options.slab, options.station));
+  const auto slab = named_slab(reader, options.slab, exit_status);
+  if (!slab) return false;
+  const std::int64_t key = slab->summary.header.key;
+  const storage::SlabBlock* valid = latest(*slab, options.station);
+  if (valid == nullptr || valid->phase != StationPhase::measured) {
+    complain(fmt::format("--slab {} --station {}: this station was not measured; slabctl show {} lists its blocks",
+                         options.slab, options.station, options.slab));
     exit_status = kBadInput;
     return false;
   }
-  const CalibrationId& measured_with = slab.value()->summary.header.calibration_id;
+  const CalibrationId& measured_with = slab->summary.header.calibration_id;
   if (!(measured_with == in_force)) {
     complain(fmt::format("slab {} was measured with calibration {}, in force is {}: scan the reference block again",
                          key, measured_with.empty() ? "none" : measured_with.view(), in_force.view()));
@@ -128,15 +142,15 @@ bool take_from_slab(const CheckOptions& options, storage::Reader& reader, const 
   }
   const Result<std::int64_t> checked = last_check_utime_us(reader);
   if (!checked.ok()) return failed(checked.error(), exit_status);
-  if (latest->attempt.scan_utime_us <= checked.value()) {
+  if (valid->attempt.scan_utime_us <= checked.value()) {
     complain(
         fmt::format("slab {} station {} was scanned at {}, before the last check at {}: scan the reference block again",
-                    key, options.station, iso_time(latest->attempt.scan_utime_us), iso_time(checked.value())));
+                    key, options.station, iso_time(valid->attempt.scan_utime_us), iso_time(checked.value())));
     exit_status = kRefused;
     return false;
   }
-  source = fmt::format("slab key {} station {} attempt {}", key, options.station, latest->attempt.number);
-  out = latest->block;
+  source = fmt::format("slab key {} station {} attempt {}", key, options.station, valid->attempt.number);
+  out = valid->block;
   return true;
 }
 
@@ -325,7 +339,7 @@ bool judge(const CheckOptions& options, const daemon::Config& config, storage::R
   } else {
     BlockResult block;
     const bool measured = options.slab.empty()
-                              ? measure_scan(options, block, exit_status)
+                              ? measure_scan(options, config, reader, block, exit_status)
                               : take_from_slab(options, reader, hand_eye_id, block, source, exit_status);
     if (!measured || !is_new(options, reader, source, exit_status)) return false;
     check = calib::check_block(std::get<ReferenceBlock>(reference.value()->numbers), block, config.check_limits);
@@ -461,7 +475,8 @@ void add_calibrate_check(CLI::App& group, int& exit_status) {
       "          slabctl calibrate check");
   command->add_option("SCAN", options->scan, "Scan of the reference block, or of the monitor ball with --ball");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
-  command->add_option("--recipe", options->recipe, "Recipe with the shape of the reference block");
+  command->add_option("--recipe", options->recipe,
+                      "Recipe with the shape of the reference block, one of the line's ([recipes] dir)");
   CLI::Option* slab = command->add_option("--slab", options->slab, "Instead of a scan: slab key or id ...");
   command->add_option("--station", options->station, "... and the station where the reference block stood")
       ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)))

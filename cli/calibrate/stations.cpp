@@ -5,7 +5,7 @@
 // so mastering needs no mode of its own: let the robot go round five times, then solve.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
-#include <charconv>
+#include <map>
 #include <memory>
 #include <vector>
 
@@ -15,6 +15,7 @@
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/render.h"
+#include "cli/slab_view.h"
 
 namespace slabd::cli {
 namespace {
@@ -44,30 +45,10 @@ bool complained(const Error& why, int& exit_status) {
   return false;
 }
 
-/// Key or SLAB_ID.
-bool find_slab(storage::Reader& reader, const std::string& name, storage::SlabRecord& out, int& exit_status) {
-  std::int64_t key = 0;
-  const auto [end, fault] = std::from_chars(name.data(), name.data() + name.size(), key);
-  if (fault != std::errc() || end != name.data() + name.size()) {
-    const auto found = reader.find(name);
-    if (!found.ok()) return complained(found.error(), exit_status);
-    key = found.value().value_or(0);
-  }
-  auto record = reader.slab(key);
-  if (!record.ok()) return complained(record.error(), exit_status);
-  if (!record.value()) {
-    complain(fmt::format("--slabs {}: no such slab; slabctl history lists them", name));
-    exit_status = kBadInput;
-    return false;
-  }
-  out = std::move(*record.value());
-  return true;
-}
-
 bool add_slab(storage::Reader& reader, const std::string& name, Work& work, int& exit_status) {
-  storage::SlabRecord slab;
-  if (!find_slab(reader, name, slab, exit_status)) return false;
-  const SlabHeader& header = slab.summary.header;
+  const auto slab = named_slab(reader, name, exit_status);
+  if (!slab) return false;
+  const SlabHeader& header = slab->summary.header;
   if (header.slab_type != work.certificate.slab_type) {
     complain(fmt::format("--slabs {}: it is of slab type {}, the certificate is of {}", name, header.slab_type,
                          work.certificate.slab_type));
@@ -76,12 +57,12 @@ bool add_slab(storage::Reader& reader, const std::string& name, Work& work, int&
   }
   const std::string round = fmt::format("slab {}", header.key);
   for (const calib::MasterStation& s : work.certificate.stations) {
-    const storage::SlabBlock* latest = nullptr;
-    for (const storage::SlabBlock& block : slab.blocks)
-      if (block.attempt.station == s.station) latest = &block;  // by station and number: the last one is valid
-    if (latest == nullptr || latest->phase != StationPhase::measured) continue;
-    if (const auto visit = calib::seat_visit(latest->block, latest->attempt.T_base_flange, round))
-      work.visits.push_back(*visit);
+    const storage::SlabBlock* valid = latest(*slab, s.station);
+    if (valid == nullptr || valid->phase != StationPhase::measured) continue;
+    auto visit = calib::seat_visit(valid->block, valid->attempt.T_base_flange, round);
+    if (!visit) continue;
+    visit->hand_eye_id = header.calibration_id.view();
+    work.visits.push_back(std::move(*visit));
   }
   return true;
 }
@@ -148,12 +129,41 @@ bool take_again(const Options& options, storage::Reader* reader, Work& work, int
   Result<std::vector<calib::StationVisit>> visits = calib::parse_visits(record->observations, record->id + ", visits");
   if (!visits.ok()) return complained(visits.error(), exit_status);
   work.visits = std::move(visits.value());
+  // Records of earlier versions do not say what the visits were taken with; they were solved with it at first.
+  for (calib::StationVisit& visit : work.visits)
+    if (visit.hand_eye_id.empty()) visit.hand_eye_id = record->parent_id;
+  return true;
+}
+
+/// The numbers of the hand-eye calibrations of the visits, where they are not those in force.
+bool find_earlier_hand_eyes(storage::Reader& reader, Work& work, int& exit_status) {
+  std::map<std::string, HandEyeNumbers> known;
+  for (calib::StationVisit& visit : work.visits) {
+    if (visit.hand_eye_id.empty() || visit.hand_eye_id == work.hand_eye.id) continue;
+    auto earlier = known.find(visit.hand_eye_id);
+    if (earlier == known.end()) {
+      const auto record = reader.calibration(visit.hand_eye_id);
+      if (!record.ok()) return complained(record.error(), exit_status);
+      const auto* numbers = record.value() ? std::get_if<HandEyeNumbers>(&record.value()->numbers) : nullptr;
+      if (numbers == nullptr) {
+        complain(fmt::format(
+            "{}: it was inspected with {}, of which the database has no record, in force is {}: whether the scanner "
+            "sits where it sat cannot be seen; have the line inspect the mastered slab again",
+            visit.round, visit.hand_eye_id, work.hand_eye.id));
+        exit_status = kRefused;
+        return false;
+      }
+      earlier = known.emplace(visit.hand_eye_id, *numbers).first;
+    }
+    visit.hand_eye = earlier->second;
+  }
   return true;
 }
 
 bool gather(const Options& options, storage::Reader* reader, Work& work, int& exit_status) {
   if (!find_hand_eye(reader, work, exit_status)) return false;
-  if (options.again) return take_again(options, reader, work, exit_status);
+  if (options.again)
+    return take_again(options, reader, work, exit_status) && find_earlier_hand_eyes(*reader, work, exit_status);
   const Result<std::string> text = text_file(options.certificate);
   if (!text.ok()) return complained(text.error(), exit_status);
   if (!read_certificate(text.value(), options.certificate, work, exit_status)) return false;
@@ -161,7 +171,7 @@ bool gather(const Options& options, storage::Reader* reader, Work& work, int& ex
     if (!add_slab(*reader, slab, work, exit_status)) return false;
   for (const std::string& path : options.visits)
     if (!add_file(path, work, exit_status)) return false;
-  return true;
+  return find_earlier_hand_eyes(*reader, work, exit_status);
 }
 
 std::string as_json(const Work& work, const calib::StationsSolution& s, const Kept& kept) {
@@ -179,6 +189,7 @@ std::string as_json(const Work& work, const calib::StationsSolution& s, const Ke
   json.field("before_rms_mm", s.before_rms_mm).field("after_rms_mm", s.after_rms_mm);
   json.field("pooled_sigma_mm", s.pooled_sigma_mm).field("pooled_sigma_deg", deg_from_rad(s.pooled_sigma_rad));
   json.field("degrees_of_freedom", s.degrees_of_freedom);
+  json.field("mount_mm", s.mount_mm).field("mount_deg", deg_from_rad(s.mount_rad));
   json.key("stations").begin_array();
   for (const calib::StationSolution& one : s.stations) {
     json.begin_object().field("station", one.station).field("visits", unsigned{one.numbers.visits});
@@ -216,6 +227,11 @@ void print_solution(const Work& work, const calib::StationsSolution& s) {
         "seats against the certificate, rms in space: {:.3f} mm by hand-eye alone, {:.3f} mm corrected\n"
         "one visit repeats to {:.4f} mm and {:.5f} deg per axis (k = 1, {} degrees of freedom)\n",
         s.before_rms_mm, s.after_rms_mm, s.pooled_sigma_mm, deg_from_rad(s.pooled_sigma_rad), s.degrees_of_freedom);
+  if (s.mount_mm > 0.0 || s.mount_rad > 0.0)
+    fmt::print(
+        "the hand-eye calibration of the visits and {} put a seat {:.3f} mm and {:.4f} deg apart, at most; as the "
+        "scanner may have moved by that, it is in the sigma of a visit\n",
+        work.hand_eye.id, s.mount_mm, deg_from_rad(s.mount_rad));
 }
 
 void print_reasons(const calib::StationsSolution& s) {
@@ -239,8 +255,8 @@ int calibrate_stations(const Options& options) {
   calib::StationSettings settings = options.settings;
   settings.gate_mm = config.splice.gate_mm;
   settings.gate_rad = config.splice.gate_rad;
-  const auto& X = std::get<HandEyeNumbers>(work.hand_eye.numbers).T_flange_scanner;
-  Result<calib::StationsSolution> solved = calib::solve_stations(work.certificate, work.visits, X, settings);
+  const auto& hand_eye = std::get<HandEyeNumbers>(work.hand_eye.numbers);
+  Result<calib::StationsSolution> solved = calib::solve_stations(work.certificate, work.visits, hand_eye, settings);
   if (!solved.ok()) {
     complained(solved.error(), exit_status);
     return exit_status;
@@ -282,7 +298,8 @@ void add_calibrate_stations(CLI::App& group, int& exit_status) {
       "\nLay the mastered slab into the cell and have the line inspect it five times without touching it; then give "
       "the\n"
       "five slabs here. What is left after the correction is the robot's repeatability: sigma sqrt(1 + 1/visits).\n"
-      "A new hand-eye calibration makes the corrections stale; --again solves the same visits with it.\n"
+      "A new hand-eye calibration makes the corrections stale; --again solves the same visits with it, if the scanner "
+      "has not\nmoved on the flange since: what a visit saw it saw from where the scanner sat.\n"
       "Certificate and visits as text: docs/CALIBRATION.md.\n\n"
       "Exit status 6: refused, nothing is kept; every reason says what to do.\n"
       "Example: slabctl calibrate stations --certificate master.txt --slabs 12 13 14 15 16 --apply --why \"new "

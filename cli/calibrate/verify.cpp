@@ -244,7 +244,7 @@ void print(const Session& session, const SessionSolution& solution, const Verifi
     if (std::any_of(v.stations.begin(), v.stations.end(), [](const StationShift& s) { return s.taught; }))
       fmt::print(
           "the station corrections in force hold for the old calibration and become stale; afterwards: slabctl "
-          "calibrate stations --again --apply\n");
+          "calibrate stations --again --apply, or master the stations again if the scanner was moved on the flange\n");
   } else if (has_value(v.shift_max_mm)) {
     fmt::print("if applied, the middle of the view moves by {:.3f} mm; the scanner turns by {:.3f} deg\n",
                v.shift_max_mm, v.turn_deg);

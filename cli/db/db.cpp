@@ -59,13 +59,25 @@ std::string megabytes(std::int64_t bytes) {
 
 // ---- check, verify -----------------------------------------------------------------------------------------------
 
+/// "slabd-20260314T015900.123Z.db", as backups are named. Copies that somebody put aside under names of their own are
+/// nobody else's to count or to delete.
+bool is_backup_name(const std::string& name) {
+  constexpr std::string_view kForm = "slabd-00000000T000000.000Z.db";
+  if (name.size() != kForm.size()) return false;
+  for (std::size_t i = 0; i < kForm.size(); ++i) {
+    const bool digit = name[i] >= '0' && name[i] <= '9';
+    if (kForm[i] == '0' ? !digit : name[i] != kForm[i]) return false;
+  }
+  return true;
+}
+
 /// Backups of a database, oldest first: their names begin with the time.
 std::vector<std::string> backups_of(const std::string& db_path) {
   std::vector<std::string> found;
   std::error_code ec;
   const std::string folder = fs::path(db_path).parent_path().string() + "/backups";
   for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec))
-    if (entry->path().extension() == ".db") found.push_back(entry->path().string());
+    if (is_backup_name(entry->path().filename().string())) found.push_back(entry->path().string());
   std::sort(found.begin(), found.end());
   return found;
 }

@@ -444,7 +444,7 @@ void examine_calibration(const daemon::Config& config, const std::string& status
   for (const json& table : at(calibration, {"stations"}))
     if (text(at(table, {"state"})) != "used")
       report.warning("corrections", fmt::format("{} is {}", text(at(table, {"id"})), text(at(table, {"state"}))),
-                     "slabctl calibrate stations --again --apply");
+                     "slabctl calibrate stations --again --apply; if the scanner was moved, master the stations again");
   for (const char* watch : {"reference_block", "monitor_ball"}) {
     const json& check = at(calibration, {watch});
     if (!check.is_object()) continue;

@@ -141,13 +141,9 @@ int export_cloud(CloudOptions options) {
   int exit_status = kDone;
   const auto reader = open_database(options.database, exit_status);
   if (reader == nullptr) return exit_status;
-  const auto found = find_slab(*reader, options.slab);
-  if (!found) return complain_of(found.error(), kNotReachable);
-  if (!found.value()) {
-    complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", options.slab));
-    return kBadInput;
-  }
-  const storage::SlabRecord& record = *found.value();
+  const auto found = named_slab(*reader, options.slab, exit_status);
+  if (!found) return exit_status;
+  const storage::SlabRecord& record = *found;
   const SlabHeader& slab = record.summary.header;
   std::vector<daemon::Problem> problems;
   RecipeShelf shelf(recipes_in(options.recipes_dir.empty() ? config.recipes_dir : options.recipes_dir, problems));
@@ -200,7 +196,7 @@ void add_cloud(CLI::App& parent, int& exit_status) {
       "the block's frame as registered: x, y, z, deviation_mm (to the recipe's block), face.\n"
       "Examples: slabctl export cloud SLAB-0042 --out slab.ply --voxel 2\n"
       "          slabctl export cloud SLAB-0042 --block 7 --out block7.ply");
-  command->add_option("SLAB", options->slab, "Key or slab id")->required();
+  command->add_option("SLAB", options->slab, "Key or slab id (key:12, id:12 where a number may be either)")->required();
   command->add_option("--out", options->out, "PLY file")->required();
   command->add_option("--block", options->block, "This block alone")
       ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));

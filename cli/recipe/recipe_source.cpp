@@ -28,19 +28,9 @@ std::optional<storage::RecipeText> stored_recipe(storage::Reader& reader, const 
   std::string sha256 = word.starts_with(kSha) ? word.substr(kSha.size()) : "";
   std::string of_slab;
   if (word.starts_with(kSlab)) {
-    const std::string wanted = word.substr(kSlab.size());
-    const auto slab = find_slab(reader, wanted);
-    if (!slab) {
-      complain(slab.error().text.view());
-      exit_status = kNotReachable;
-      return std::nullopt;
-    }
-    if (!slab.value()) {
-      complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", wanted));
-      exit_status = kBadInput;
-      return std::nullopt;
-    }
-    const SlabHeader& header = slab.value()->summary.header;
+    const auto slab = named_slab(reader, word.substr(kSlab.size()), exit_status);
+    if (!slab) return std::nullopt;
+    const SlabHeader& header = slab->summary.header;
     sha256 = header.recipe_sha256.view();
     of_slab =
         fmt::format("; slab {} was begun with {} by {}", header.key, header.recipe.view(), header.software.view());

@@ -21,7 +21,14 @@ std::vector<Item> items_in_force(std::span<const BlockResult* const> blocks, con
     if (block == nullptr) continue;
     for (Item item : block->items) {
       item.station = block->station;
-      if (find_item(slab.items.begin(), slab.items.end(), item.id, item.station) == nullptr) items.push_back(item);
+      const auto same = std::find_if(items.begin(), items.end(), [&](const Item& of_slab) {
+        return of_slab.id == item.id && of_slab.station == item.station && of_slab.station_to == 0;
+      });
+      if (same == items.end()) {
+        items.push_back(item);
+      } else if (!supersedes(*same)) {
+        *same = item;
+      }
     }
   }
   return items;

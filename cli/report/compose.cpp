@@ -129,7 +129,12 @@ class Composer {
       section.parts.push_back(Paragraph{list[i].second, list[i].first});
     if (list.size() > kFindingsShown)
       section.parts.push_back(Paragraph{say(Word::more_findings, list.size() - kFindingsShown)});
-    if (list.empty() && !is_open(record_)) section.parts.push_back(Paragraph{say(Word::no_findings), Verdict::pass});
+    // A sentence that says "pass" is for a slab that passed, whatever was found or not found to say against it.
+    const storage::SlabSummary& summary = record_.summary;
+    if (list.empty() && !is_open(record_) && summary.verdict == Verdict::pass)
+      section.parts.push_back(Paragraph{say(Word::no_findings), Verdict::pass});
+    else if (list.empty() && !is_open(record_))
+      section.parts.push_back(Paragraph{reason_sentence(summary.reason, language_), summary.verdict});
     return section;
   }
 

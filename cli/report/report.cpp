@@ -78,16 +78,9 @@ int report_slab(const Options& options) {
   int exit_status = kDone;
   const auto reader = open_database(options.database, exit_status);
   if (reader == nullptr) return exit_status;
-  const auto found = find_slab(*reader, options.slab);
-  if (!found) {
-    complain(fmt::format("{}", found.error().text.view()));
-    return kNotReachable;
-  }
-  if (!found.value()) {
-    complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", options.slab));
-    return kBadInput;
-  }
-  const auto picture = report::picture_of(*reader, *found.value());
+  const auto found = named_slab(*reader, options.slab, exit_status);
+  if (!found) return exit_status;
+  const auto picture = report::picture_of(*reader, *found);
   if (!picture) {
     complain(fmt::format("{}", picture.error().text.view()));
     return kNotReachable;
@@ -113,7 +106,11 @@ void add_report(CLI::App& app, int& exit_status) {
       "Examples: slabctl report SLAB-0042 --out SLAB-0042.pdf\n"
       "          slabctl report 12 --out 12.html --language zh\n"
       "          slabctl report 12 --out 12.png --page 1 --dpi 150");
-  command->add_option("SLAB", options->slab, "Key (see history) or slab id; the newest slab with that id")->required();
+  command
+      ->add_option(
+          "SLAB", options->slab,
+          "Key (see history) or slab id (key:12, id:12 where a number may be either); the newest slab with that id")
+      ->required();
   command->add_option("--out", options->out, "The file; its extension says what it becomes")->required();
   command->add_option("--language", options->language, "Of the words; numbers and ids are the same in all")
       ->check(CLI::IsMember({"en", "zh"}))

@@ -151,26 +151,31 @@ std::vector<Take> attempts_of(const storage::SlabRecord& record) {
 Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, const std::string& wanted,
                                                      std::size_t limit) {
   std::vector<storage::SlabRecord> records;
-  std::int64_t key = 0;
-  const auto [stop, fault] = std::from_chars(wanted.data(), wanted.data() + wanted.size(), key);
-  if (fault == std::errc{} && stop == wanted.data() + wanted.size()) {
-    auto by_key = reader.slab(key);
+  const SlabName name = slab_name(wanted);
+  std::optional<storage::SlabRecord> of_key;
+  if (name.key) {
+    auto by_key = reader.slab(*name.key);
     if (!by_key.ok()) return by_key.error();
-    if (by_key.value().has_value()) {
-      records.push_back(std::move(*by_key.value()));
-      return records;
-    }
+    of_key = std::move(by_key.value());
   }
   storage::SlabFilter filter;
   filter.limit = 100'000;  // the id is looked for as a part of ids, so more may come than are meant
-  filter.id_part = wanted;
-  const auto found = reader.slabs(filter);
-  if (!found.ok()) return found.error();
-  for (const storage::SlabSummary& summary : found.value()) {
-    if (summary.header.slab_id.view() != wanted || summary.ended_utime_us == 0 || records.size() >= limit) continue;
-    auto record = reader.slab(summary.header.key);
-    if (!record.ok()) return record.error();
-    if (record.value().has_value()) records.push_back(std::move(*record.value()));
+  filter.id_part = name.id;
+  if (!name.id.empty()) {
+    const auto found = reader.slabs(filter);
+    if (!found.ok()) return found.error();
+    for (const storage::SlabSummary& summary : found.value()) {
+      if (summary.header.slab_id.view() != name.id || summary.ended_utime_us == 0 || records.size() >= limit) continue;
+      if (of_key && summary.header.key != of_key->summary.header.key) return two_slabs(name, *of_key);
+      auto record = reader.slab(summary.header.key);
+      if (!record.ok()) return record.error();
+      if (record.value().has_value()) records.push_back(std::move(*record.value()));
+    }
+  }
+  if (of_key) {
+    records.clear();
+    records.push_back(std::move(*of_key));
+    return records;
   }
   if (records.empty())
     return error(Code::config, "no slab that has ended with key or id '%s'; `slabctl history` lists them",

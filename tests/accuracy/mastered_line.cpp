@@ -107,7 +107,7 @@ bool MasteredLine::master(std::string& why) {
   }
   calib::StationSettings settings;
   settings.visits_min = static_cast<std::size_t>(traits_.visits);
-  const auto solved = calib::solve_stations(certificate, visits, calibration_.hand_eye.T_flange_scanner, settings);
+  const auto solved = calib::solve_stations(certificate, visits, calibration_.hand_eye, settings);
   if (!solved.ok()) {
     why = solved.error().text.view();
     return false;

@@ -137,6 +137,11 @@ TEST(CheckDue, counts_from_the_last_check_or_from_taking_the_artefact_into_use) 
   watch.since_utime_us = 1'140;
   EXPECT_TRUE(overdue(watch, 100, 1'151)) << "another artefact is no check";
   EXPECT_FALSE(overdue(watch, 0, kNow)) << "interval 0: never";
+  constexpr std::int64_t kHour_us = 3'600'000'000;
+  watch.checked_utime_us = kNow + kHour_us;
+  EXPECT_FALSE(overdue(watch, 100, kNow)) << "the clock was set back a little";
+  watch.checked_utime_us = kNow + kHour_us + 1;
+  EXPECT_TRUE(overdue(watch, 100, kNow)) << "the clock was wrong: nobody knows when the check was";
 }
 
 TEST(CalibrationKind, has_a_word_that_comes_back) {

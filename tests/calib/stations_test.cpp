@@ -64,7 +64,7 @@ struct Scene {
   }
 
   StationsSolution solve(const StationSettings& settings = {}) {
-    const auto solved = solve_stations(certificate, visits, X, settings);
+    const auto solved = solve_stations(certificate, visits, HandEyeNumbers{X}, settings);
     EXPECT_TRUE(solved.ok()) << solved.error().text.view();
     return solved.ok() ? solved.value() : StationsSolution{};
   }
@@ -161,7 +161,7 @@ TEST(Stations, a_slope_that_the_block_itself_contradicts_is_refused) {
 TEST(Stations, an_error_of_the_hand_eye_is_taken_up_too) {
   Scene scene;
   const Pose used = scene.X * small_motion(scene.random, 0.3, 3e-4);
-  const auto solved = solve_stations(scene.certificate, scene.visits, used, {});
+  const auto solved = solve_stations(scene.certificate, scene.visits, HandEyeNumbers{used}, {});
   ASSERT_TRUE(solved.ok());
   ASSERT_TRUE(solved.value().ok) << solved.value().reasons.front().text;
   EXPECT_LT(solved.value().after_rms_mm, 0.04);
@@ -220,6 +220,69 @@ TEST(Stations, one_visit_given_five_times_says_nothing_of_repeatability) {
     if (visit.round == "round 1") copies.insert(copies.end(), 5, visit);
   scene.visits = copies;
   EXPECT_TRUE(refused_for(scene.solve(), StationRefusal::copies));
+}
+
+TEST(Stations, a_round_given_again_is_no_further_round) {
+  Scene scene;
+  const std::vector<StationVisit> rounds = scene.visits;
+  for (const StationVisit& visit : rounds)
+    if (visit.round == "round 2") scene.visits.push_back(visit);
+  const StationsSolution twice = scene.solve();
+  EXPECT_TRUE(refused_for(twice, StationRefusal::copies));
+  EXPECT_EQ(twice.reasons.size(), 1U);
+  for (StationVisit& visit : scene.visits)
+    if (&visit - scene.visits.data() >= static_cast<std::ptrdiff_t>(rounds.size())) visit.round = "round 9";
+  const StationsSolution renamed = scene.solve();
+  ASSERT_TRUE(refused_for(renamed, StationRefusal::copies));
+  EXPECT_NE(renamed.reasons[0].text.find("round 2 and round 9"), std::string::npos) << renamed.reasons[0].text;
+}
+
+TEST(Stations, visits_are_worth_nothing_once_the_scanner_has_moved_on_the_flange) {
+  Scene scene;
+  const HandEyeNumbers then{scene.X, 0.03, 3e-5};
+  for (StationVisit& visit : scene.visits) {
+    visit.hand_eye_id = "he-000000000001";
+    visit.hand_eye = then;
+  }
+  // Estimated anew, the scanner where it was: what they differ by cannot be told from a move, so it counts.
+  HandEyeNumbers now = then;
+  now.T_flange_scanner.translation_mm.y() += 0.09;
+  const auto anew = solve_stations(scene.certificate, scene.visits, now, {});
+  ASSERT_TRUE(anew.ok() && anew.value().ok) << anew.value().reasons.front().text;
+  EXPECT_NEAR(anew.value().mount_mm, 0.09, 1e-9);
+  const double before = scene.solve().stations[0].numbers.sigma_mm;
+  const double share = 1.0 / (1.0 + 1.0 / 5.0);
+  EXPECT_NEAR(anew.value().stations[0].numbers.sigma_mm, std::hypot(before, std::sqrt(share / 3.0) * 0.09), 1e-4);
+  // Moved: nothing else in the solution shows it.
+  now.T_flange_scanner.translation_mm.y() += 0.31;
+  const auto moved = solve_stations(scene.certificate, scene.visits, now, {});
+  ASSERT_TRUE(moved.ok());
+  EXPECT_EQ(moved.value().reasons.size(), 1U);
+  EXPECT_TRUE(refused_for(moved.value(), StationRefusal::scanner_moved));
+  // Turned about its own axis: the seat stays where it is.
+  now = then;
+  const Vec3 seat = scene.visits[0].points_mm[0];
+  Pose about;
+  about.translation_mm = seat;
+  Pose turn;
+  turn.rotation = Quat(Eigen::AngleAxisd(3e-4, Eigen::Vector3d::UnitZ()));
+  now.T_flange_scanner = then.T_flange_scanner * about * turn * about.inverse();
+  EXPECT_TRUE(
+      refused_for(solve_stations(scene.certificate, scene.visits, now, {}).value(), StationRefusal::scanner_moved));
+}
+
+TEST(Stations, visits_remember_the_hand_eye_calibration_they_were_taken_with) {
+  Scene scene;
+  for (StationVisit& visit : scene.visits)
+    if (visit.round != "round 3") visit.hand_eye_id = visit.round == "round 1" ? "he-1" : "he-2";
+  const auto back = parse_visits(visits_text(scene.visits), "visits");
+  ASSERT_TRUE(back.ok()) << back.error().text.view();
+  ASSERT_EQ(back.value().size(), scene.visits.size());
+  for (std::size_t i = 0; i < scene.visits.size(); ++i)
+    EXPECT_EQ(back.value()[i].hand_eye_id, scene.visits[i].hand_eye_id);
+  const auto twice = parse_visits("taken_with = a he-1\ntaken_with = a he-2\n", "v");
+  ASSERT_FALSE(twice.ok());
+  EXPECT_NE(twice.error().text.view().find("v:2"), std::string_view::npos) << twice.error().text.view();
 }
 
 TEST(Stations, robot_must_report_the_same_pose_every_time) {
@@ -281,9 +344,9 @@ TEST(Stations, balls_do_as_well_as_seats) {
 
 TEST(Stations, what_is_no_set_of_visits_is_an_error) {
   Scene scene;
-  EXPECT_FALSE(solve_stations(scene.certificate, {}, scene.X, {}).ok());
+  EXPECT_FALSE(solve_stations(scene.certificate, {}, HandEyeNumbers{scene.X}, {}).ok());
   scene.visits[0].points_mm[1].x() = kNoValue;
-  EXPECT_FALSE(solve_stations(scene.certificate, scene.visits, scene.X, {}).ok());
+  EXPECT_FALSE(solve_stations(scene.certificate, scene.visits, HandEyeNumbers{scene.X}, {}).ok());
 }
 
 // ---- written forms -----------------------------------------------------------------------------------------------

@@ -174,8 +174,8 @@ TEST(MasteredSlab, rounds_of_visits_become_corrections_that_take_the_robots_erro
   ASSERT_TRUE(certificate.ok()) << certificate.error().text.view();
   ASSERT_TRUE(visits.ok()) << visits.error().text.view();
   EXPECT_EQ(visits.value().size(), 90U);
-  const auto solved = calib::solve_stations(certificate.value(), visits.value(), order.scene.T_flange_scanner,
-                                            calib::StationSettings{});
+  const auto solved = calib::solve_stations(certificate.value(), visits.value(),
+                                            HandEyeNumbers{order.scene.T_flange_scanner}, calib::StationSettings{});
   ASSERT_TRUE(solved.ok()) << solved.error().text.view();
   ASSERT_TRUE(solved.value().ok) << solved.value().reasons.front().text;
   EXPECT_GT(solved.value().before_rms_mm, 0.4);

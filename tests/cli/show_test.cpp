@@ -5,6 +5,7 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 
+#include "cli/exit.h"
 #include "storage/storage.h"
 #include "tests/cli/slabctl_process.h"
 
@@ -220,6 +221,24 @@ TEST_F(Show, what_was_computed_of_a_block_comes_back_from_the_database) {
   EXPECT_EQ(result["features"]["seat"]["flatness_operator"], "cell mean 1.5 mm, least-squares plane");
   EXPECT_EQ(result["features"]["seat"]["defect"]["cells"], 3);
   EXPECT_EQ(result["items"][0]["budget"]["fit"], 0.01);
+}
+
+TEST_F(Show, a_number_that_means_two_slabs_is_asked_back) {
+  header_.slab_id = "FIRST";
+  apply(BeginSlabJob{header_, 1, 1});
+  apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
+  header_.slab_id = "1";
+  header_.key = 2;
+  apply(BeginSlabJob{header_, 1, 2});
+  const auto shown = [&](const std::string& name) { return run("show " + name + " --db " + file("slabd.db")); };
+  const Ended both = shown("1");
+  EXPECT_EQ(both.status, kBadInput);
+  EXPECT_NE(both.err.find("key:1 or id:1"), std::string::npos) << both.err;
+  EXPECT_NE(both.err.find("FIRST"), std::string::npos) << both.err;
+  EXPECT_NE(shown("key:1").out.find("FIRST"), std::string::npos);
+  EXPECT_EQ(shown("id:1").out.find("FIRST"), std::string::npos);
+  EXPECT_EQ(shown("id:1").status, kDone);
+  EXPECT_EQ(shown("key:x").status, kBadInput);
 }
 
 TEST_F(Show, slope_in_the_slabs_frame_names_its_station) {

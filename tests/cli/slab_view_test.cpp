@@ -36,6 +36,26 @@ TEST(SlabView, what_the_slab_made_of_a_blocks_item_takes_its_place) {
   EXPECT_EQ(final_item(record, 5, item_of(ItemId::jaw_distance, 5, 380.0)).value, 380.0);
 }
 
+TEST(SlabView, what_is_for_information_takes_the_place_of_nothing) {
+  storage::SlabRecord record;
+  Item in_slab = item_of(ItemId::seat_slope, 5, 1.49);
+  in_slab.lower = in_slab.upper = kNoValue;
+  in_slab.verdict = Verdict::none;
+  ASSERT_TRUE(record.slab.items.push(in_slab));
+  EXPECT_EQ(final_item(record, 5, item_of(ItemId::seat_slope, 5, 1.52)).value, 1.52);
+}
+
+TEST(SlabView, a_name_says_whether_it_is_a_key_or_an_id) {
+  EXPECT_EQ(slab_name("12").key, 12);
+  EXPECT_EQ(slab_name("12").id, "12");
+  EXPECT_EQ(slab_name("key:12").key, 12);
+  EXPECT_EQ(slab_name("key:12").id, "");
+  EXPECT_EQ(slab_name("id:12").key, std::nullopt);
+  EXPECT_EQ(slab_name("id:12").id, "12");
+  EXPECT_EQ(slab_name("LINE-12").key, std::nullopt);
+  EXPECT_EQ(slab_name("key:LINE").key, std::nullopt);
+}
+
 /// `slabs` slabs of three blocks; block 3 lies off.
 std::vector<storage::ItemValue> values(int slabs, double off) {
   std::vector<storage::ItemValue> list;

@@ -130,6 +130,17 @@ TEST_F(CalibrationLineTest, a_check_that_fails_stops_the_line_until_one_passes) 
   EXPECT_FALSE(json::parse(bad.out)["passed"].get<bool>());
   EXPECT_EQ(status()["fault"]["code"], 503);
   EXPECT_NE(status()["fault"]["text"].get<std::string>().find("jaw distance is"), std::string::npos);
+  // A recipe that allows more is no recipe of the line.
+  std::string generous = read_file(recipe);
+  const std::size_t jaw = generous.find("[items.jaw_distance]");
+  const std::size_t u = generous.find("U = ", jaw);
+  generous.replace(u, generous.find('\n', u) - u, "U = 2.0");
+  std::ofstream(box.dir / "generous.toml") << generous;
+  const Box::Answer other =
+      calibrate({"check", scan("bad2.ply", "jaw-distance=1:0.9"), "--recipe", (box.dir / "generous.toml").native()});
+  EXPECT_EQ(other.exit_status, 6);
+  EXPECT_NE(other.err.find("check with a recipe of the line"), std::string::npos) << other.err;
+  EXPECT_EQ(status()["fault"]["code"], 503);
   const Box::Answer good = calibrate({"check", scan("good.ply", ""), "--recipe", recipe});
   EXPECT_EQ(good.exit_status, 0) << good.err;
   EXPECT_EQ(status()["fault"]["code"], 0);

@@ -114,6 +114,36 @@ TEST_F(SearchTest, slabs_by_block_and_item) {
   EXPECT_EQ(found(filter), (Keys{2})) << "the slab's own slope of block 2";
 }
 
+TEST_F(SearchTest, an_item_for_information_does_not_take_the_place_of_the_one_that_was_judged) {
+  open();
+  apply(BeginSlabJob{random_header(prng_, 1), 1, ++cmd_seq_});
+  acquire(1, 2, 1);
+  BlockResult block;
+  block.station = 2;
+  block.verdict = Verdict::fail;
+  ASSERT_TRUE(block.items.push(an_item(ItemId::seat_slope, 2, 1.59, Verdict::fail)));
+  PlcResult record = random_record(prng_, ++res_seq_, 1);
+  record.station = 2;
+  apply(BlockJob{1, 1, block, record});
+  SlabResult slab;
+  slab.verdict = Verdict::fail;
+  Item in_slab = an_item(ItemId::seat_slope, 2, 1.42, Verdict::none);
+  in_slab.lower = in_slab.upper = kNoValue;
+  ASSERT_TRUE(slab.items.push(in_slab));
+  apply(SlabJob{1, slab, random_record(prng_, ++res_seq_, 2), 9'000'000});
+  ItemFilter values;
+  values.item = ItemId::seat_slope;
+  const auto found_values = reader()->values(values);
+  ASSERT_TRUE(found_values.ok()) << found_values.error().text.view();
+  ASSERT_EQ(found_values.value().size(), 1U);
+  EXPECT_EQ(found_values.value()[0].item.value, 1.59);
+  EXPECT_EQ(found_values.value()[0].item.verdict, Verdict::fail);
+  SlabFilter failed;
+  failed.item = ItemId::seat_slope;
+  failed.verdict = Verdict::fail;
+  EXPECT_EQ(found(failed), Keys{1});
+}
+
 TEST_F(SearchTest, values_are_those_of_valid_attempts_and_the_slabs_own_come_first) {
   make_four();
   ItemFilter filter;
