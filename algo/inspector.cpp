@@ -268,11 +268,17 @@ Status BlockInspector::extract(const Cloud& cloud) {
     else
       result.jaw_outer = fit(PointList::jaw_outer, Face::jaw_outer, extents.jaw_outer, ItemId::jaw_angle_outer, 4);
   });
-  // The share is one of all that was seen over the crop: with half of the seat five millimetres down, the other half
-  // must not speak for it.
-  seat.plane.points = survey.of(PointList::seat_crop).size() + survey.of(PointList::seat_off).size();
-  seat.plane.inlier_fraction = static_cast<double>(seat.plane.inliers) / static_cast<double>(seat.plane.points);
-  seat.plane.ok = seat.plane.ok && seat.plane.inlier_fraction >= evaluation.inlier_share_min;
+  // The share is one of all that was seen in the face's place: with half of the seat five millimetres down, the other
+  // half must not speak for it.
+  const auto count_off = [&](PlaneFit& plane, std::size_t seen, std::size_t off) {
+    plane.points = seen + off;
+    plane.inlier_fraction =
+        plane.points == 0 ? 0.0 : static_cast<double>(plane.inliers) / static_cast<double>(plane.points);
+    plane.ok = plane.ok && plane.inlier_fraction >= evaluation.inlier_share_min;
+  };
+  count_off(seat.plane, survey.of(PointList::seat_crop).size(), survey.of(PointList::seat_off).size());
+  count_off(result.jaw_inner, survey.of(PointList::jaw_inner).size(), survey.jaw_off[0]);
+  count_off(result.jaw_outer, survey.of(PointList::jaw_outer).size(), survey.jaw_off[1]);
   if (!seat.plane.ok)
     return error(Code::fit_failed,
                  "seat plane: %llu of %llu points within the threshold after %d refits, share at "

@@ -15,6 +15,9 @@
 namespace slabd::algo {
 namespace {
 
+/// Less than a shoulder is thick, whose far side would be taken for a hole in the jaw.
+constexpr double kJawDepth_mm = 12.0;
+
 FaceExtent extent_of(PointMoments& seen, double area_each_mm2) {
   seen.close_block();
   if (seen.count() == 0) return {};
@@ -30,7 +33,9 @@ FaceExtent extent_of(PointMoments& seen, double area_each_mm2) {
 void RegionRules::build(const BlockModel& model, const EvaluationSettings& settings) {
   const double margin = settings.edge_margin_mm;
   const auto edge = [&](Face on, Face with, double sign) {
-    return EdgeRule{with, sign, margin * model.plane(on).n.cross(model.plane(with).n).norm()};
+    const Vec3& n = model.plane(on).n;
+    const Vec3& m = model.plane(with).n;
+    return EdgeRule{with, sign, margin * n.cross(m).norm(), n.dot(m), m.z() / n.z()};
   };
   const auto face = [&](Face on, std::array<Face, 2> outside_of, std::array<Face, 2> inside_of) {
     return FaceRule{on,
@@ -45,6 +50,7 @@ void RegionRules::build(const BlockModel& model, const EvaluationSettings& setti
   for (std::size_t f = 0; f < kFaces; ++f) planes_[f] = model.planes()[f];
   along_ = model.along_seat();
   n_.gate = settings.registration_gate_mm;
+  n_.depth = kJawDepth_mm;
   n_.crop_half_x = settings.crop_half_x_mm;
   n_.crop_half_s = settings.crop_half_s_mm;
   // A jaw rises from the seat: the seat's free side is the jaw's too. A shoulder or end cuts a face off: inside.
@@ -68,6 +74,20 @@ bool RegionRules::holds(const FaceRule& rule, const Vec3& p) const {
   return true;
 }
 
+/// Further from the face than the gate, and nearest to what belongs to it, or above or below that.
+bool RegionRules::stands_over(const FaceRule& rule, const Vec3& p) const {
+  const auto distance = [&](Face f) { return planes_[static_cast<std::size_t>(f)].distance(p); };
+  const double off = distance(rule.face);
+  if (std::abs(off) <= n_.gate) return false;
+  bool near = std::abs(off) <= n_.depth;
+  bool above = true;
+  for (const EdgeRule& e : rule.edges) {
+    near = near && e.sign * (distance(e.edge) - e.per_off * off) >= e.least;
+    above = above && e.sign * (distance(e.edge) - e.per_height * off) >= e.least;
+  }
+  return near || above;
+}
+
 Region RegionRules::region_of(const Vec3& p) const {
   if (!FaceTable::inside(p)) return Region::none;
   const auto distance = [&](Face f) { return planes_[static_cast<std::size_t>(f)].distance(p); };
@@ -79,20 +99,19 @@ Region RegionRules::region_of(const Vec3& p) const {
   // data of it, and small holes are forgiven: a bolt on the seat must not pass because it is tall.
   const bool crop = std::abs(p.x()) <= n_.crop_half_x && std::abs(s) <= n_.crop_half_s;
   if (crop && clear) return holds(n_.seat, p) ? Region::seat_crop : Region::seat_off;
+  if (radius2 <= n_.casing_reach * n_.casing_reach) return s > 0.0 ? Region::casing_outer : Region::casing_inner;
   if (std::abs(distance(Face::top)) <= n_.gate) {
     // Clear of the block means clear of any one of its outer faces.
     for (const EdgeRule& e : n_.around_block)
       if (distance(e.edge) >= e.least) return Region::top;
     return Region::none;
   }
-  if (!clear) {
-    if (radius2 > n_.casing_reach * n_.casing_reach || std::abs(distance(Face::rim_outer)) > n_.gate)
-      return Region::none;
-    return s > 0.0 ? Region::casing_outer : Region::casing_inner;
-  }
+  if (!clear) return Region::none;
   if (holds(n_.seat, p)) return Region::seat_rest;
   if (s < 0.0 && holds(n_.jaw_inner, p)) return Region::jaw_inner;
   if (s > 0.0 && holds(n_.jaw_outer, p)) return Region::jaw_outer;
+  if (stands_over(n_.jaw_inner, p)) return Region::jaw_off_inner;
+  if (stands_over(n_.jaw_outer, p)) return Region::jaw_off_outer;
   return Region::none;
 }
 
@@ -123,7 +142,9 @@ FaceExtents face_extents(const BlockModel& model, const EvaluationSettings& sett
         case Region::none:
         case Region::seat_off:
         case Region::casing_inner:
-        case Region::casing_outer: break;
+        case Region::casing_outer:
+        case Region::jaw_off_inner:
+        case Region::jaw_off_outer: break;
       }
     }
   }

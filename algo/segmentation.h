@@ -12,8 +12,9 @@
 namespace slabd::algo {
 
 /// What a point is measured for. `seat_off` is what was seen in place of the seat: above or below the evaluation
-/// region, too far off for its plane. Neighbours together are what one question is asked of: off and crop for
-/// flatness, crop and rest for the full plane.
+/// region, too far off for its plane; `jaw_off_..` likewise in place of a jaw. Over a casing's rim every point is the
+/// casing's, at whatever height. Neighbours together are what one question is asked of: off and crop for flatness, crop
+/// and rest for the full plane.
 enum class Region : std::uint8_t {
   none,
   seat_off,
@@ -24,14 +25,18 @@ enum class Region : std::uint8_t {
   top,
   casing_inner,
   casing_outer,
+  jaw_off_inner,
+  jaw_off_outer,
 };
-inline constexpr std::size_t kRegions = 9;
+inline constexpr std::size_t kRegions = 11;
 
 /// Which side of an edge: `sign` * distance to the plane of `edge` >= least.
 struct EdgeRule {
   Face edge = Face::seat;
   double sign = 1.0;
   double least = 0.0;
+  double per_off = 0.0;     ///< how much that distance grows for each mm off the face, along its normal ...
+  double per_height = 0.0;  ///< ... and along z
 };
 /// A face, and the edges that bound it.
 struct FaceRule {
@@ -40,7 +45,8 @@ struct FaceRule {
 };
 /// The rules as numbers, mm. Distances are those to the model's planes; s is measured along the seat.
 struct RegionNumbers {
-  double gate = 0.0;  ///< how far from its face a point may lie
+  double gate = 0.0;   ///< how far from its face a point may lie
+  double depth = 0.0;  ///< how far off a layer or a hole is looked for along a jaw's normal: behind it the block ends
   double crop_half_x = 0.0;
   double crop_half_s = 0.0;
   FaceRule seat, jaw_inner, jaw_outer;
@@ -52,7 +58,8 @@ struct RegionNumbers {
 
 /// Divides space around the block by the model (paper 2.2): a point belongs to a face when it is within
 /// registration_gate_mm of it and at least edge_margin_mm, measured on the face, away from every edge. Over the
-/// evaluation region every point belongs to the seat, at whatever height.
+/// evaluation region every point belongs to the seat, over a rim to the casing and over a jaw to the jaw, at whatever
+/// height: what stands in a feature's place must not be left out of the question how much of it was seen.
 class RegionRules {
  public:
   void build(const BlockModel& model, const EvaluationSettings& settings);
@@ -63,6 +70,7 @@ class RegionRules {
 
  private:
   [[nodiscard]] bool holds(const FaceRule& rule, const Vec3& p) const;
+  [[nodiscard]] bool stands_over(const FaceRule& rule, const Vec3& p) const;
 
   std::array<Plane, kFaces> planes_;
   Vec3 along_ = Vec3::UnitY();

@@ -113,6 +113,7 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
       all.moments[i] += one.moments[i];
       all.points[i] += one.points[i];
     }
+    for (std::size_t i = 0; i < all.jaw_off.size(); ++i) all.jaw_off[i] += one.jaw_off[i];
   }
   std::size_t runs = 0;
   // An overflown pool has no more pieces than these either.
@@ -309,6 +310,8 @@ void survey_scan(const Cloud& cloud, const SurveyQuestion& question, const Surve
       survey.lists[list].runs = passed.runs[list];
       survey.lists[list].count = passed.points[list];
     }
+    for (std::size_t i = 0; i < survey.jaw_off.size(); ++i)
+      survey.jaw_off[i] = static_cast<std::uint64_t>(passed.sums.jaw_off[i]);
     survey.overflown = passed.overflown;
     for (std::size_t i = 0; i < kLargeFaces; ++i) {
       if (!beyond[i]) continue;

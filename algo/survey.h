@@ -63,6 +63,7 @@ struct Survey {
   DeviationStats deviation;
   std::array<PlaneFit, kLargeFaces> large;
   std::array<ListedPoints, kPointLists> lists;  ///< their runs lie in the workspace
+  std::array<std::uint64_t, 2> jaw_off{};       ///< points in place of the inner and the outer jaw, too far off for it
   /// More points were to be listed than there is room for; the lists and fits are void.
   bool overflown = false;
   /// Everything seen over the evaluation region: what is on the seat, then what is off it.

@@ -146,11 +146,13 @@ struct RegionUse {
   Face face = Face::seat;
   std::int8_t list = -1;
   std::int8_t large = -1;
+  std::int8_t jaw_off = -1;  ///< only counted, for the inner (0) or the outer jaw (1)
 };
 constexpr std::array<RegionUse, kRegions> region_uses() {
   std::array<RegionUse, kRegions> uses;
   const auto use = [&uses](Region region, Face face, int list, int large) {
-    uses[static_cast<std::size_t>(region)] = {face, static_cast<std::int8_t>(list), static_cast<std::int8_t>(large)};
+    uses[static_cast<std::size_t>(region)] = {face, static_cast<std::int8_t>(list), static_cast<std::int8_t>(large),
+                                              -1};
   };
   const auto list = [](PointList l) { return static_cast<int>(l); };
   constexpr int kSeat = static_cast<int>(LargeFace::seat);
@@ -163,6 +165,8 @@ constexpr std::array<RegionUse, kRegions> region_uses() {
   use(Region::top, Face::top, -1, kTop);
   use(Region::casing_inner, Face::seat, list(PointList::casing_inner), -1);
   use(Region::casing_outer, Face::seat, list(PointList::casing_outer), -1);
+  uses[static_cast<std::size_t>(Region::jaw_off_inner)].jaw_off = 0;
+  uses[static_cast<std::size_t>(Region::jaw_off_outer)].jaw_off = 1;
   return uses;
 }
 constexpr std::array<RegionUse, kRegions> kUses = region_uses();
@@ -471,7 +475,10 @@ class Surveyor {
     if (any(unknown)) apply_rules(unknown, d, x, lanes);
     for (std::size_t region = 0; region < kRegions; ++region) {
       const RegionUse& use = kUses[region];
-      if (lanes[region] != 0 && (use.list >= 0 || use.large >= 0)) add_to(use, lanes_of(lanes[region]), d, x);
+      if (lanes[region] == 0) continue;
+      if (use.list >= 0 || use.large >= 0) add_to(use, lanes_of(lanes[region]), d, x);
+      if (use.jaw_off >= 0)
+        out_.jaw_off[static_cast<std::size_t>(static_cast<unsigned char>(use.jaw_off))] += std::popcount(lanes[region]);
     }
   }
 
@@ -504,18 +511,33 @@ class Surveyor {
     const M16 crop = take(and_not(in_casing, (abs(x) <= number(n.crop_half_x)) & (abs(s) <= number(n.crop_half_s))));
     found(Region::seat_crop, crop & on_seat);
     found(Region::seat_off, and_not(on_seat, crop));
+    const M16 rim = take(radius2 <= number(n.casing_reach * n.casing_reach));
+    const M16 outer = s > f16(0.0F);
+    found(Region::casing_outer, rim & outer);
+    found(Region::casing_inner, and_not(outer, rim));
     const M16 low = take(abs(to(Face::top)) <= number(n.gate));
     M16 clear_of_block = beside(n.around_block[0]);
     for (const EdgeRule& e : n.around_block) clear_of_block = clear_of_block | beside(e);
     found(Region::top, low & clear_of_block);
-    const M16 rim = take(in_casing) & (radius2 <= number(n.casing_reach * n.casing_reach)) &
-                    (abs(to(Face::rim_outer)) <= number(n.gate));
-    const M16 outer = s > f16(0.0F);
-    found(Region::casing_outer, rim & outer);
-    found(Region::casing_inner, and_not(outer, rim));
+    take(in_casing);
     found(Region::seat_rest, take(on_seat));
-    found(Region::jaw_inner, and_not(outer, left) & holds(n.jaw_inner));
-    found(Region::jaw_outer, left & outer & holds(n.jaw_outer));
+    found(Region::jaw_inner, take(and_not(outer, holds(n.jaw_inner))));
+    found(Region::jaw_outer, take(outer & holds(n.jaw_outer)));
+    if (!any(left)) return;
+    const auto stands_over = [&](const FaceRule& rule) {
+      const F16& off = to(rule.face);
+      const F16 size = abs(off);
+      M16 near = size <= number(n.depth);
+      M16 above = size > number(n.gate);
+      for (const EdgeRule& e : rule.edges) {
+        const F16 edge = to(e.edge);
+        near = near & (number(e.sign) * (edge - number(e.per_off) * off) >= number(e.least));
+        above = above & (number(e.sign) * (edge - number(e.per_height) * off) >= number(e.least));
+      }
+      return (size > number(n.gate)) & (near | above);
+    };
+    found(Region::jaw_off_inner, take(stands_over(n.jaw_inner)));
+    found(Region::jaw_off_outer, take(stands_over(n.jaw_outer)));
   }
 
   HWY_NOINLINE void add_to(const RegionUse& use, const M16& in, const Points16& d, const F16& x) {

@@ -139,6 +139,7 @@ struct SurveySums {
   std::array<double, 12> within{};  ///< of them, those within share_mm
   std::array<TiltedSums, kLargeFaces> moments{};
   std::array<double, kLargeFaces> points{};  ///< of the face, whether summed up, listed or neither
+  std::array<double, 2> jaw_off{};  ///< points in place of the inner and the outer jaw, further off than the gate
   std::array<std::uint32_t, kPointLists> first{};
   std::array<std::uint32_t, kPointLists> last{};
 };

@@ -355,6 +355,50 @@ TEST(Block, HasNoJawAngleFromAPieceOfTheJaw) {
   EXPECT_EQ(half.verdict, Verdict::pass);
 }
 
+/// Moves points up by what `rise(x, y, z)` says, in the block's nominal frame.
+template <typename Rise>
+scene::Cloud raised(scene::Cloud cloud, const Rise& rise) {
+  const Pose T_scanner_block = cloud.T_block_scanner.inverse();
+  for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
+    float* p = cloud.xyz.data() + 3 * i;
+    const Vec3 block = cloud.T_block_scanner * Vec3(p[0], p[1], p[2]);
+    const double up_mm = rise(block.x(), block.y(), block.z());
+    if (up_mm == 0.0) continue;
+    const Vec3 moved = T_scanner_block * (block + Vec3(0.0, 0.0, up_mm));
+    for (int k = 0; k < 3; ++k) p[k] = static_cast<float>(moved[k]);
+  }
+  return cloud;
+}
+
+TEST(Block, DoesNotLetAPartOfAJawSpeakForTheWhole) {
+  // Mortar on a quarter of both jaws, or broken out of it: 5 mm off along the normal, beyond any face's gate, at the
+  // very section that the distance is told of.
+  for (const double up_mm : {15.0, -15.0}) {
+    SCOPED_TRACE(up_mm);
+    const BlockResult r = inspect(raised(scene::take({}, {}), [&](double x, double y, double z) {
+      return std::abs(x) < 27.0 && std::abs(y) > 180.0 && z < 28.0 && on_block(z) ? up_mm : 0.0;
+    }));
+    EXPECT_FALSE(r.jaw_inner.ok);
+    EXPECT_FALSE(r.jaw_outer.ok);
+    EXPECT_LT(r.jaw_outer.inlier_fraction, 0.8);
+    EXPECT_EQ(item(r, ItemId::jaw_distance).verdict, Verdict::not_measured);
+    EXPECT_EQ(r.verdict, Verdict::not_measured);
+  }
+}
+
+TEST(Block, DoesNotLetAPartOfARimSpeakForTheWhole) {
+  for (const double up_mm : {5.0, -5.0, 20.0}) {
+    SCOPED_TRACE(up_mm);
+    const BlockResult r = inspect(raised(scene::take({}, {}), [&](double x, double y, double) {
+      return y > 95.0 && y < 140.0 && std::abs(x) < 25.0 && x > std::abs(y - 116.5) ? up_mm : 0.0;
+    }));
+    EXPECT_FALSE(r.casing_outer.ok);
+    EXPECT_TRUE(r.casing_inner.ok);
+    EXPECT_EQ(item(r, ItemId::casing_protrusion_outer).verdict, Verdict::not_measured);
+    EXPECT_NE(r.verdict, Verdict::pass);
+  }
+}
+
 TEST(Block, StatesTheUncertaintyOfItsStandardDeviation) {
   const BlockResult r = inspect(scene::Block{});
   const Item& seat_std = item(r, ItemId::seat_std);

@@ -196,8 +196,7 @@ TEST(Flatness, WhatHangsTogetherIsNoStrayHoweverNarrow) {
     double size_mm;
   };
   const std::array<Case, 4> cases = {{
-      {"a ridge astride the cells' border", [](double x, double) { return std::abs(x - 10.5) < 0.6 ? 2.5 : 0.0; },
-       2.5},
+      {"a ridge astride the cells' border", [](double x, double) { return std::abs(x - 10.5) < 0.6 ? 2.5 : 0.0; }, 2.5},
       {"a groove", [](double, double y) { return std::abs(y + 12.0) < 0.5 ? -2.5 : 0.0; }, 2.5},
       {"a slanting crack", [](double x, double y) { return std::abs(x - 0.4 * y) < 0.3 ? -2.5 : 0.0; }, 2.5},
       {"a comb of fins", [](double x, double) { return std::abs(std::remainder(x - 0.6, 3.0)) < 0.235 ? 2.0 : 0.0; },

@@ -177,7 +177,11 @@ TEST(Golden, OneThreadOrTwoAndEveryInstructionSetGiveTheSameBits) {
       }
     }
     ASSERT_TRUE(limit_instruction_set(InstructionSet::best));
+#if defined(HWY_COMPILE_ONLY_STATIC)
+    ASSERT_EQ(seen.size(), 2U) << "built for one instruction set";
+#else
     ASSERT_GE(seen.size(), 4U);
+#endif
     for (const auto& [how, stages] : seen) EXPECT_EQ(stages, seen.begin()->second) << how;
   }
 }
