@@ -158,7 +158,7 @@ void Life::think_up_faults() {
   }
   // A fault that waits for a state waits for ever unless something leads there.
   for (std::size_t i = 0; i < count; ++i) {
-    const Episode& e = episodes_[i];
+    const Episode e = episodes_[i];  // a copy: the list grows
     const bool by_restart = e.state <= 1 || e.state == kStateDown;
     if (by_restart) episodes_.push_back({Fault::kill, e.from_ns + kMs, kAnyState, 0, false});
     if (e.state == 7) episodes_.push_back({Fault::disk_read_only, e.from_ns, 3, 8 * kSecond, false});

@@ -101,7 +101,8 @@ TEST_F(RestoreTest, the_first_scan_after_it_proves_nothing) {
     ASSERT_TRUE(restore(from).ok());
     open();
     std::uint64_t newest = 0;
-    for (const std::uint64_t fingerprint : recover()->fingerprints)
+    const auto line = recover();
+    for (const std::uint64_t fingerprint : line->fingerprints)
       if (fingerprint != 0) newest = fingerprint;
     EXPECT_EQ(newest, kUnseenScan) << from;
     close();
