@@ -60,6 +60,10 @@ Vec3 SlabBudget::known_n_rad(int station) const {
                 settings_.reference_rad.value});
 }
 
+double SlabBudget::of_roll(const SlabGradient& gradient) const {
+  return std::abs(gradient.frame[3]) * u_roll_rad_;
+}
+
 Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
   double fit = 0.0;
   double noise = 0.0;
@@ -99,6 +103,7 @@ Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
   part(budget, BudgetPart::fit) = unit * std::sqrt(fit);
   part(budget, BudgetPart::noise) = unit * std::sqrt(noise);
   part(budget, BudgetPart::scanner) = unit * std::sqrt(scanner);
+  part(budget, BudgetPart::registration) = unit * of_roll(gradient);
   part(budget, BudgetPart::calibration) = unit * std::sqrt(calibration);
   part(budget, BudgetPart::robot) = unit * std::sqrt(robot);
   part(budget, BudgetPart::reference) = unit * std::sqrt(reference);

@@ -21,6 +21,9 @@
 ///   e                       noise inside the scan (SeatObservation::sigma_*) and the scanner's form
 ///
 /// The station's part of the sum is |gp + gj|^2 s_t^2 + |n x gn + l x gj|^2 s_w^2.
+///
+/// What no station explains is the frame's roll where the slab's top contradicts it (slab_roll.h). It is the part
+/// `registration`, which for a slab is the frame: u = |d item / d roll| u_roll.
 namespace slabd::algo {
 
 /// One station's errors by origin. Variances in mm^2 and rad^2, per axis (slab axes; block axes differ in sign only).
@@ -64,6 +67,11 @@ class SlabBudget {
   void set(int station, const StationErrors& errors);
   /// How the frame answers to the stations; without it the frame counts as free of error.
   void set(int station, const FrameResponse& response);
+  /// Standard uncertainty of the frame's roll about X beyond what the stations make of it.
+  void set_roll(double u_rad) { u_roll_rad_ = u_rad; }
+
+  /// What the frame's roll adds to an item (k = 1, mm or rad); also where there is no budget.
+  [[nodiscard]] double of_roll(const SlabGradient& gradient) const;
 
   /// Standard uncertainties of point and normal, all origins that are known together: the weights of the slab fit.
   [[nodiscard]] Vec3 known_p_mm(int station) const;
@@ -78,6 +86,7 @@ class SlabBudget {
   std::array<StationSigma, limits::kStationsMax + 1> sigma_{};  ///< [station]
   std::array<StationErrors, limits::kStationsMax + 1> errors_{};
   std::array<FrameResponse, limits::kStationsMax + 1> response_{};
+  double u_roll_rad_ = 0.0;
 };
 
 }  // namespace slabd::algo

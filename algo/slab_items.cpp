@@ -4,9 +4,10 @@
 // base frame; one robust rigid fit says where the slab is; the rest is reading coordinates in the slab frame.
 //
 // Every item writes down its gradient by the observations it is made of, beside its formula; slab_budget.h makes a
-// budget of that, the frame's own uncertainty included. Where there is no budget (none asked for in the recipe), U
-// combines the recipe's default for what happens inside one scan with the station's splice. Without a station sigma
-// nothing between stations can be decided: such items are indeterminate, never pass.
+// budget of that, the frame's own uncertainty included. The slab's top, which no fit has touched, must agree with the
+// frame's roll; else the roll is uncertain by as much (slab_roll.h). Where there is no budget (none asked for in the
+// recipe), U combines the recipe's default for what happens inside one scan with the station's splice. Without a
+// station sigma nothing between stations can be decided: such items are indeterminate, never pass.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,6 +15,7 @@
 #include "algo/block_items.h"
 #include "algo/slab_budget.h"
 #include "algo/slab_fit.h"
+#include "algo/slab_roll.h"
 #include "algo/slab_seats.h"
 
 namespace slabd::algo {
@@ -160,6 +162,27 @@ Seats seats_in_slab_frame(const Recipe& recipe, std::span<const BlockResult> blo
   find_warp(seats, 1, pairs, warp_reach_mm(recipe), seats.warp[0]);
   find_warp(seats, pairs + 1, recipe.stations(), warp_reach_mm(recipe), seats.warp[1]);
   return seats;
+}
+
+/// What a reader should know of a frame that was found. Items do not say it: none has a row's height or place along the
+/// rail for its subject.
+void note_frame(const Recipe& recipe, const RollWitness& witness, const Seats& seats, SlabFitReport& fit) {
+  if (!witness.seen)
+    fit.note = "slab top unseen, roll not confirmed";
+  else if (witness.u_rad > 0.0)
+    fit.note.printf("top rolled %+.3f deg to the seats", deg_from_rad(witness.roll_rad));
+  const Tolerance& spacing = recipe.tolerance(ItemId::seat_spacing);
+  double most_mm = 0.5 * (spacing.upper - spacing.lower);
+  FixedString<32> along;
+  for (int station = 1; station <= recipe.stations(); ++station) {
+    const Seat& seat = seats[station];
+    const double off_mm = seat.p.x() - seat.nominal.x();
+    if (!seat.ok || !(std::abs(off_mm) > most_mm)) continue;
+    most_mm = std::abs(off_mm);
+    along.printf("seat %d off by %.2f mm in X", station, off_mm);
+  }
+  if (!along.empty() && !fit.note.empty()) fit.note.append("; ");
+  fit.note.append(along.view());
 }
 
 /// Collects an item's gradient; each observation also moves with the frame.
@@ -323,14 +346,22 @@ class ItemWriter {
     if (recipe_.uncertainty.given && !has_value(of_recipe)) return kNoValue;
     return std::hypot(has_value(of_recipe) ? of_recipe : 0.0, 2.0 * station_sigma);
   }
+  /// Simple acceptance forgives what a good measurement does not know. A frame that is contradicted is no such thing.
+  [[nodiscard]] static bool passes_rolled(Item item, double of_roll) {
+    if (!(of_roll > 0.0)) return true;
+    item.U = of_roll;
+    return judge(item, 1.0) == Verdict::pass;
+  }
   void put(Item item, const Gradient& gradient, double station_sigma) {
-    item.U = default_U(item.U, station_sigma);
-    if (recipe_.uncertainty.given && has_value(item.value))
-      settle(budget_.budget(gradient.value(), info(item.id).unit == ItemUnit::deg ? deg_from_rad(1.0) : 1.0), item);
+    const double unit = info(item.id).unit == ItemUnit::deg ? deg_from_rad(1.0) : 1.0;
+    const double of_roll = 2.0 * unit * budget_.of_roll(gradient.value());
+    item.U = std::hypot(default_U(item.U, station_sigma), of_roll);
+    if (recipe_.uncertainty.given && has_value(item.value)) settle(budget_.budget(gradient.value(), unit), item);
     item.verdict = judge(item, recipe_.guard);
     // Simple acceptance does not ask for U, but an uncalibrated station cannot decide anything.
     if (item.verdict != Verdict::not_measured && item.verdict != Verdict::none && !has_value(item.U))
       item.verdict = Verdict::indeterminate;
+    if (item.verdict == Verdict::pass && !passes_rolled(item, of_roll)) item.verdict = Verdict::indeterminate;
     (void)out_.items.push(item);
   }
 
@@ -370,7 +401,12 @@ void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std
   const Members members = members_of(recipe, blocks);
   out.fit = locate_slab(recipe, blocks, members, T_base_slab_nominal, budget);
   Seats seats;
-  if (out.fit.ok) seats = seats_in_slab_frame(recipe, blocks, members, out.fit.T_base_slab);
+  if (out.fit.ok) {
+    seats = seats_in_slab_frame(recipe, blocks, members, out.fit.T_base_slab);
+    const RollWitness witness = witness_roll(recipe, blocks, out.fit.T_base_slab, budget);
+    budget.set_roll(witness.u_rad);
+    note_frame(recipe, witness, seats, out.fit);
+  }
   ItemWriter write(recipe, seats, budget, out);
   write_items(recipe, write);
   reach_verdicts(recipe, blocks, seats, out);

@@ -27,7 +27,8 @@
 ///                 All rectangular. Tilts of different features count as independent, and a difference between two
 ///                 places takes the features' tilts in already.
 ///   registration  The pose only says where the section x = 0 lies and where X points: u^2 = g' C g with
-///                 RegistrationReport::covariance, times f as above.
+///                 RegistrationReport::covariance, times f as above. Slab frame: its roll, where the slab's top
+///                 contradicts it (slab_roll.h).
 ///   calibration   Scanner on flange and station (StationSigma): one translation and one rotation per station,
 ///   robot         shared by everything seen in that station's scan, independent between stations; hence only items
 ///                 of the slab frame have these two parts (slab_budget.h).

@@ -131,6 +131,7 @@ void print_slab_items(const SlabRecord& record, Style style) {
   if (fit.ok) {
     fmt::print("slab fit over {} seats: rms {:.3f} mm, unweighted {:.3f} mm\n", fit.seats, fit.rms_mm,
                fit.plain_rms_mm);
+    if (!fit.note.empty()) fmt::print("warning: {}\n", fit.note.view());
   } else {
     fmt::print("slab fit: not possible ({})\n", fit.note.view());
   }
@@ -147,7 +148,8 @@ void print_budget(const SlabRecord& record, const SlabBlock& block, std::span<co
   fmt::print("{}{}{}", of_block, of_slab.empty() ? "" : "\n", of_slab);
   const SlabHeader& header = record.summary.header;
   fmt::print(
-      "fit, registration: this scan; noise: the larger of this scan's and the acceptance's\nscanner: {}\n"
+      "fit, registration: this scan (slab frame: its roll against the slab's top); noise: the larger of this scan's "
+      "and the acceptance's\nscanner: {}\n"
       "calibration, robot: {} ({}{}{})\nreference: recipe {}\n\n",
       scanner, splice_words(block.attempt.splice), header.calibration_id.view(), header.stations_id.empty() ? "" : ", ",
       header.stations_id.view(), header.recipe.view());

@@ -155,6 +155,8 @@ class Composer {
     if (commissioning) add(say(Word::commissioning));
     if (header_.scanner_id.empty()) add(say(Word::scanner_not_verified));
     if (header_.guard == 0.0) add(say(Word::simple_acceptance));
+    const SlabFitReport& fit = record_.slab.fit;
+    if (fit.ok && !fit.note.empty()) add(fmt::format("{}: {}", say(Word::slab_fit), fit.note.view()));
     add(say(Word::not_visible));
     return section;
   }

@@ -111,7 +111,8 @@ struct Coverage {
 };
 
 /// Builds `slabs` varied slabs, measures each with and without errors and compares, item by item. `flatness_every`:
-/// flatness is simulated for one station in so many (its cells cost the most).
+/// flatness is simulated for one station in so many (its cells cost the most). Slab items of slabs whose rough top
+/// contradicts the frame are left out: their U says so.
 [[nodiscard]] std::vector<Coverage> coverage(const Line& line, const Errors& errors, int slabs, std::uint64_t seed,
                                              int flatness_every);
 

@@ -125,6 +125,26 @@ TEST_F(Show, report_warns_of_unconfirmed_nominals_and_of_a_missing_guard_band) {
   EXPECT_EQ(document["guard"], 0.0);
 }
 
+TEST_F(Show, a_note_of_the_slab_frame_is_a_warning_in_every_form) {
+  const std::string note = "top rolled -0.076 deg to the seats; seat 12 off by 3.00 mm in X";
+  apply(BeginSlabJob{header_, 1, 1});
+  slab_.fit.ok = true;
+  slab_.fit.note.assign(note);
+  ASSERT_EQ(slab_.fit.note.view(), note) << "it fits";
+  Item slope;
+  slope.station = 1;
+  ASSERT_TRUE(slab_.items.push(slope));
+  apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
+  expect_mentions(show().out, "warning: " + note + "\n");
+  EXPECT_EQ(json::parse(show("--json").out)["slab_fit"]["note"], note);
+  const std::string out = file("report.html");
+  const Ended report = run("report 1 --db " + file("slabd.db") + " --language en --out " + out);
+  ASSERT_EQ(report.status, 0) << report.err;
+  std::ifstream html(out);
+  const std::string written((std::istreambuf_iterator<char>(html)), std::istreambuf_iterator<char>());
+  expect_mentions(written, "slab frame: " + note);
+}
+
 TEST_F(Show, confirmed_recipe_with_a_guard_band_gets_no_warning) {
   apply(BeginSlabJob{header_, 1, 1});
   const Ended ended = show();
