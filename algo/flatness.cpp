@@ -152,8 +152,8 @@ class Cells {
   }
 
   /// Takes the strays out of the cells whose heights were fetched and that hold `points_min`. Where they hang together
-  /// over half a cell's worth of points they are what the cell is: then everything else is taken out. `mark`: room for
-  /// one entry per cell.
+  /// over half a cell's worth of points and lie further from the seat than the rest, they are what the cell is: then
+  /// everything else is taken out. `mark`: room for one entry per cell.
   void remove_strays(std::uint32_t points_min, const CellGrid& grid, std::span<std::uint32_t> mark) {
     double points = 0.0;
     double full = 0.0;
@@ -211,10 +211,13 @@ class Cells {
     const auto is_asked = [](const CellSum& sum) {
       return sum.keep_low <= sum.keep_high && sum.keep_low != -kAny && sum.keep_high != kAny;
     };
+    // What is nearer to the seat than the rest of its cell is the seat beside damage, not damage.
     const auto strays_in = [&](const CellSum& sum) {
       const std::span<const float> all = heights(sum);
-      return std::count_if(all.begin(), all.end(),
-                           [&](float h) { return side == kHigh ? h > sum.keep_high : h < sum.keep_low; });
+      const float mirrored = -0.5F * (sum.keep_low + sum.keep_high);
+      const float high = std::max(sum.keep_high, mirrored);
+      const float low = std::min(sum.keep_low, mirrored);
+      return std::count_if(all.begin(), all.end(), [&](float h) { return side == kHigh ? h > high : h < low; });
     };
     for (std::size_t c = 0; c < sums_.size(); ++c) {
       const CellSum& sum = sums_[c];

@@ -127,8 +127,13 @@ std::vector<Window> windows_of(const CellGrid& grid, const PointsIn& points_in, 
   for (const CellMark side : {kHigh, kLow}) {
     std::vector<int> strays(grid.cells());
     for (std::size_t c = 0; c < grid.cells(); ++c) {
-      for (const std::uint32_t i : points_in(c))
-        strays[c] += (side == kHigh ? height_of(i) > windows[c].high : height_of(i) < windows[c].low) ? 1 : 0;
+      // Nearer to the seat than the cell's median is the seat.
+      const double median = 0.5 * (windows[c].low + windows[c].high);
+      for (const std::uint32_t i : points_in(c)) {
+        const double h = height_of(i);
+        const bool out = side == kHigh ? h > windows[c].high && h > -median : h < windows[c].low && h < -median;
+        strays[c] += out ? 1 : 0;
+      }
       const double many = std::fmax(2.0, 0.05 * static_cast<double>(points_in(c).size()));
       mark[c] = !windows[c].damage && strays[c] >= many ? side : kPlain;
     }

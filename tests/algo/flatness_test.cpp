@@ -210,6 +210,16 @@ TEST(Flatness, WhatHangsTogetherIsNoStrayHoweverNarrow) {
   }
 }
 
+TEST(Flatness, TheSeatBesideDamageIsNotTheDamage) {
+  // Of a row of cells two thirds are damage: what hangs together on the other side of it is the seat.
+  for (const double height : {10.0, 3.0, -3.0}) {
+    Seat seat([&](double x, double y) { return y > 0.0 && y < 1.0 && std::abs(x) < 40.0 ? height : 0.0; });
+    const Flatness flat = seat.measure();
+    ASSERT_TRUE(flat.ok) << height;
+    EXPECT_NEAR(flat.lsq_mm, std::abs(height), 0.03 * std::abs(height)) << height;
+  }
+}
+
 TEST(Flatness, StraysThatStandAloneStillGo) {
   // One point in a thousand 1 mm up or down: some touch, hardly ever for half a cell's worth.
   Prng prng(12);
