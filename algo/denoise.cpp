@@ -3,7 +3,8 @@
 // Which points are noise? Not those without neighbours: a reflection a millimetre off the seat has hundreds of them,
 // and on a steep face a good point of a coarse scan has two. Noise is what no surface goes through: a surface is a
 // sheet, and around each of its points a good part of all points lies in one plane with it, whatever the plane's slope.
-// The yardstick is the scan's own pitch. A speck smaller than about three pitches is noise, an object is not.
+// The yardstick is the scan's own pitch. A speck smaller than about three pitches is noise, an object is not. A strip
+// may be narrower: what hangs together over a length is no noise, be it one grid line wide (algo/noise_group.h).
 #include "algo/denoise.h"
 
 #include <algorithm>
@@ -65,6 +66,7 @@ bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, Scan
   GridWork work(grid, cloud.xyz.data(), nullptr, memory);
   work.measure_pitch(grid);
   if (!judge_grid(grid, work, team)) return false;
+  keep_noise_groups(grid, work, team);
   std::atomic<std::uint64_t> taken{0};
   team.run(grid.bands(), [&](std::size_t band) { taken += take_out(grid, work, band); });
   counts.points_finite = work.finite;

@@ -24,7 +24,8 @@ struct DenoiseWorkspace {
   std::span<TilePlane> surface;         ///< limits::kDenoiseCellsMax
 };
 
-/// Sets points that no surface goes through to NaN, in place; number, width and height stay. A point without z is a
+/// Sets points that no surface goes through, and that hang together with no long strip of their like
+/// (algo/noise_group.h), to NaN, in place; number, width and height stay. A point without z is a
 /// missing one; what lacks another coordinate was made so by whoever read the scan (hal/settle_points.h). Fills
 /// `counts`. An organised scan (width and height set) is judged by its grid, any other gets its grid back if its rays
 /// are evenly spaced, or is judged by the points' places in XY. Order decides nothing and stays, unless consecutive

@@ -11,6 +11,9 @@
 // points around it? Near points weigh more. Of a full plane's weight an edge has 0.6, a corner 0.36, and a point beside
 // or above a face at most about 0.4; what lies in the middle of another surface must have more than half.
 //
+// A strip of two lines has less. What is noise by that rule and hangs together over a length is none all the same
+// (algo/noise_group.h).
+//
 // Invariants: whether a point is kept depends on the points around it, not on their order (sums of integers, sorted
 // samples); the work per point is bounded.
 #include "algo/denoise_cloud.h"
@@ -21,6 +24,7 @@
 #include <cmath>
 #include <limits>
 
+#include "algo/noise_group.h"
 #include "algo/point_grid.h"
 #include "base/prng.h"
 
@@ -373,6 +377,81 @@ int calm_cells_around(const PointGrid& grid, std::span<const TilePlane> surface,
   return calm - 1;
 }
 
+/// What is known of a point.
+enum Keep : std::uint8_t {
+  kNoise,     ///< no surface goes through it
+  kSurface,   ///< one does
+  kLongOne,   ///< it hangs together with others over a length
+  kShortOne,  ///< ... with some at most
+  kAsked,     ///< about to be known
+};
+
+/// Keeps the noise that hangs together, from one point to those within two pitches in XY. Followed until the group is
+/// long, or comes upon one that was: so each point is followed about once.
+class NoiseGroups {
+ public:
+  NoiseGroups(const float* xyz, const PointGrid& grid, std::span<std::uint8_t> keep)
+      : xyz_(xyz), grid_(grid), keep_(keep), reach_mm_(kLinkPitches * grid.pitch_mm()) {}
+
+  void follow(std::uint32_t start) {
+    const float longest_mm = static_cast<float>(noise_group::kLength - 1) * grid_.pitch_mm();
+    size_ = 0;
+    const float* first = xyz_ + 3 * std::size_t{start};
+    float x0 = first[0], x1 = first[0], y0 = first[1], y1 = first[1];
+    bool is_long = false;
+    add(start);
+    for (std::size_t i = 0; i < size_ && !is_long; ++i) {
+      const float* p = xyz_ + 3 * std::size_t{group_[i]};
+      for_each_linked(p, [&](std::uint32_t k) {
+        if (keep_[k] == kLongOne) is_long = true;
+        if (keep_[k] != kNoise || size_ == group_.size()) return;
+        const float* q = xyz_ + 3 * std::size_t{k};
+        x0 = std::min(x0, q[0]), x1 = std::max(x1, q[0]);
+        y0 = std::min(y0, q[1]), y1 = std::max(y1, q[1]);
+        is_long = is_long || std::max(x1 - x0, y1 - y0) >= longest_mm;
+        add(k);
+      });
+    }
+    for (std::size_t i = 0; i < size_; ++i) keep_[group_[i]] = is_long ? kLongOne : kShortOne;
+  }
+
+ private:
+  static constexpr float kLinkPitches = 2.0F;
+  /// A group that is too short holds a point in a square of a pitch, 225 in all. Where more lie, views overlap, and
+  /// what is left over is followed for itself.
+  static constexpr std::size_t kGroupMax = 1024;
+
+  void add(std::uint32_t k) {
+    keep_[k] = kAsked;
+    group_[size_++] = k;
+  }
+  template <typename F>
+  void for_each_linked(const float* p, F&& f) const {
+    const int c0 = grid_.column(p[0] - reach_mm_), c1 = grid_.column(p[0] + reach_mm_);
+    const int r0 = grid_.row(p[1] - reach_mm_), r1 = grid_.row(p[1] + reach_mm_);
+    int looked_at = 0;
+    for (int r = r0; r <= r1; ++r) {
+      for (int c = c0; c <= c1; ++c) {
+        for (const std::uint32_t k : grid_.in_cell(grid_.cell(c, r))) {
+          if (++looked_at > kLookedAtMax) return;
+          if (keep_[k] != kNoise && keep_[k] != kLongOne) continue;
+          const float* q = xyz_ + 3 * std::size_t{k};
+          const float dx = q[0] - p[0];
+          const float dy = q[1] - p[1];
+          if (dx * dx + dy * dy < reach_mm_ * reach_mm_ && std::abs(q[2] - p[2]) <= noise_group::kStep_mm) f(k);
+        }
+      }
+    }
+  }
+
+  const float* xyz_;
+  const PointGrid& grid_;
+  std::span<std::uint8_t> keep_;
+  float reach_mm_;
+  std::array<std::uint32_t, kGroupMax> group_{};
+  std::size_t size_ = 0;
+};
+
 }  // namespace
 
 void denoise_cloud(Cloud& cloud, const DenoiseWorkspace& work, ScanCounts& counts) {
@@ -397,13 +476,17 @@ void denoise_cloud(Cloud& cloud, const DenoiseWorkspace& work, ScanCounts& count
       const std::span<const Slope> slopes = calm < 8 ? choice.around(column, row) : std::span<const Slope>{};
       for (const std::uint32_t i : grid.in_cell(cell)) {
         const bool at_level = calm >= kCalmCells && std::abs(cell_judge.height(i) - level) <= kCalm_mm;
-        work.keep[i] = at_level || (calm < 8 && point_judge.on_surface(i, slopes)) ? 1 : 0;
+        work.keep[i] = at_level || (calm < 8 && point_judge.on_surface(i, slopes)) ? kSurface : kNoise;
       }
     }
   }
+  NoiseGroups groups(xyz, grid, work.keep);
+  for (std::size_t c = 0; c < grid.cells(); ++c)
+    for (const std::uint32_t i : grid.in_cell(c))
+      if (work.keep[i] == kNoise) groups.follow(i);
   for (std::size_t i = 0; i < cloud.points; ++i) {
     if (std::isnan(xyz[3 * i])) continue;
-    if (work.keep[i] != 0)
+    if (work.keep[i] == kSurface || work.keep[i] == kLongOne)
       ++counts.points_kept;
     else
       std::fill_n(xyz + 3 * i, 3, kNone);

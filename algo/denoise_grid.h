@@ -178,6 +178,31 @@ class GridMask {
     std::memcpy(&word, at(static_cast<int>(row)) + first, std::min(sizeof word, stride_ - 4 - first));
     return word;
   }
+  /// Of 64 points from the eighth before a column on that is a multiple of eight: those of kInner from that column on
+  /// and one more on each side are the row's, also where it has ended; what follows need not be.
+  static constexpr int kInner = 48;
+  [[nodiscard]] std::uint64_t wide(int column, int row) const {
+    std::uint64_t word = 0;
+    std::memcpy(&word, at(row) + 1 + column / 8, sizeof word);
+    return word;
+  }
+  /// Of one point, or of one a step outside the grid.
+  [[nodiscard]] bool bit(int column, int row) const {
+    const auto bit = static_cast<unsigned>(column + 16);
+    return ((static_cast<unsigned>(at(row)[bit / 8]) >> (bit % 8)) & 1U) != 0;
+  }
+  void set_bit(int column, int row) {
+    const auto bit = static_cast<unsigned>(column + 16);
+    at(row)[bit / 8] = static_cast<std::uint8_t>(at(row)[bit / 8] | (1U << (bit % 8)));
+  }
+  void clear(int column, int row) {
+    const auto bit = static_cast<unsigned>(column + 16);
+    at(row)[bit / 8] = static_cast<std::uint8_t>(at(row)[bit / 8] & ~(1U << (bit % 8)));
+  }
+  /// Rows [first, last) of another mask of the same grid.
+  void copy(const GridMask& from, int first, int last) {
+    if (first < last) std::copy(from.at(first), from.at(last), at(first));
+  }
   /// The 7 x 7 points around one.
   [[nodiscard]] std::uint64_t around(int column, int row) const {
     std::uint64_t bits = 0;
@@ -207,6 +232,8 @@ class TileMarks {
   static constexpr std::uint8_t kLikeUp = 4;    ///< it and the tile above
   /// Its points off its plane are so far off that they are on none of those around if all are alike.
   static constexpr std::uint8_t kClearOff = 8;
+  /// After the judgement, of a row's first tile and instead of all others: a group of noise may start in the row.
+  static constexpr std::uint8_t kStarts = 16;
 
   TileMarks(const GridLayout& grid, std::uint8_t* memory)
       : memory_(memory), stride_(static_cast<std::size_t>(grid.tile_columns) + 1) {
@@ -276,7 +303,7 @@ struct GridWork {
   float per_row_mm = 1.0F;
   TilePlane* surface;
   std::size_t tile_columns;
-  GridMask off;    ///< finite, and on none of its tile's planes
+  GridMask off;    ///< finite, and on none of its tile's planes; lost to keep_noise_groups
   GridMask noise;  ///< to be taken out
   TileMarks marks;
   std::atomic<std::uint64_t> finite{0};
@@ -310,6 +337,9 @@ void judge_tile_row(const GridLayout& grid, GridWork& work, int tile_row);
 /// Steps 1 and 2 for all bands. False where most points have no plane in their tile: neighbours in the grid are no
 /// neighbours in space.
 [[nodiscard]] bool judge_grid(const GridLayout& grid, GridWork& work, Team& team);
+
+/// Between steps 2 and 3: takes out of `noise` what hangs together (algo/noise_group.h). `off` and the marks are lost.
+void keep_noise_groups(const GridLayout& grid, GridWork& work, Team& team);
 
 /// False, and nothing changed but points that lacked a coordinate, when `cloud` is not organised or its grid is none.
 [[nodiscard]] bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts);

@@ -465,6 +465,7 @@ bool denoise_lattice(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, S
   judged.per_column_mm = work.lattice.away_mm / work.lattice.per_x;
   judged.per_row_mm = work.lattice.away_mm / work.lattice.per_y;
   if (!judge_grid(grid, judged, team)) return false;
+  keep_noise_groups(grid, judged, team);
   std::atomic<std::uint64_t> taken{0};
   team.run(blocks, [&](std::size_t block) {
     taken += HWY_DYNAMIC_DISPATCH(take_out_noise)(work, judged, spread.met > 0, block);

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <array>
+#include <cmath>
 #include <cstring>
+#include <functional>
 #include <string>
 
 #include "algo/algo.h"
@@ -180,6 +183,72 @@ TEST(Block, DoesNotLetAPartOfTheSeatSpeakForTheWhole) {
 
 TEST(Block, FailsTheFlatnessForABoltOnTheSeat) {
   expect_only_failure(inspect(with_plateau(8.0, 30.0)), ItemId::seat_flatness);
+}
+
+TEST(Block, FailsTheFlatnessOnlyForDamageHoweverNarrow) {
+  // One or two lines of the scan wide; the shapes of WhatHangsTogetherIsNoStrayHoweverNarrow and taller ones.
+  struct Case {
+    const char* what;
+    double size_mm;
+    std::function<double(double, double)> relief_mm;
+  };
+  const auto across = [](double off_mm, double half_mm, double height_mm) {
+    return std::abs(off_mm) < half_mm ? height_mm : 0.0;
+  };
+  const std::array<Case, 7> cases = {{
+      {"a ridge", 2.5, [&](double x, double) { return across(x - 10.5, 0.6, 2.5); }},
+      {"a groove", 2.5, [&](double, double s) { return across(s + 12.0, 0.5, -2.5); }},
+      {"a slanting crack", 2.5, [&](double x, double s) { return across(x - 0.4 * s, 0.3, -2.5); }},
+      {"a comb of fins", 2.0, [&](double x, double) { return across(std::remainder(x - 0.6, 3.0), 0.235, 2.0); }},
+      {"a fin", 3.0, [&](double x, double s) { return std::abs(x) < 50.0 ? across(s - 3.0, 0.4, 3.0) : 0.0; }},
+      {"a tall fin", 20.0, [&](double x, double s) { return std::abs(x) < 50.0 ? across(s - 3.0, 0.4, 20.0) : 0.0; }},
+      {"a short crack", 3.0,
+       [&](double x, double s) { return std::abs(s) < 10.0 ? across(x - 30.0, 0.25, -3.0) : 0.0; }},
+  }};
+  struct View {
+    double pitch_mm, focus_mm;
+    bool organised;
+  };
+  // The first two views see every case, the others every third.
+  const std::array<View, 5> views = {
+      {{0.35, 0.0, true}, {0.41, 0.0, true}, {0.2, 0.0, true}, {0.35, 600.0, true}, {0.35, 0.0, false}}};
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    for (std::size_t k = v < 2 ? 0 : v % 3; k < cases.size(); k += v < 2 ? 1 : 3) {
+      const View& view = views[v];
+      const Case& c = cases[k];
+      SCOPED_TRACE(testing::Message() << c.what << " at " << view.pitch_mm << " mm, focus " << view.focus_mm
+                                      << (view.organised ? "" : ", no grid"));
+      scene::Block block;
+      block.relief_mm = c.relief_mm;
+      scene::Scan scan;
+      scan.pitch_mm = view.pitch_mm;
+      scan.focus_mm = view.focus_mm;
+      scan.organised = view.organised;
+      scan.displacement = scene::displaced(0.4, -0.6, 0.3, 0.1, -0.15, 0.2);
+      const BlockResult r = inspect(scene::take(block, scan));
+      expect_only_failure(r, ItemId::seat_flatness);
+      EXPECT_NEAR(item(r, ItemId::seat_flatness).value, c.size_mm, 0.15 + 0.03 * c.size_mm);
+    }
+  }
+}
+
+TEST(Block, FailsTheFlatnessForATallFinOfTwoCoarseRows) {
+  // Rows 0.8 mm apart: the fin holds most points of its cells.
+  for (const double height_mm : {3.0, 10.0}) {
+    for (const double at_mm : {3.0, 3.4, 3.8}) {
+      scene::Block block;
+      block.relief_mm = [&](double x, double s) {
+        return std::abs(s - at_mm) < 0.8 && std::abs(x) < 50.0 ? height_mm : 0.0;
+      };
+      scene::Scan scan;
+      scan.pitch_mm = 0.16;
+      scan.pitch_ratio = 5.0;
+      scan.organised = true;
+      const BlockResult r = inspect(scene::take(block, scan));
+      EXPECT_EQ(r.verdict, Verdict::fail) << height_mm << " mm high at " << at_mm;
+      EXPECT_GT(item(r, ItemId::seat_flatness).value, 0.9 * height_mm) << at_mm;
+    }
+  }
 }
 
 TEST(Block, HasNoSlopeWithoutASlabTopAndNeverTakesAnotherDatum) {

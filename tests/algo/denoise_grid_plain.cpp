@@ -5,6 +5,7 @@
 // so that a point on the very gate is on the same side of it.
 #include "denoise_grid_plain.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace slabd::algo::plain {
@@ -33,6 +34,9 @@ constexpr float kAlikeGates = 0.25F;
 constexpr float kGoesOnGate_mm = 0.75F;
 constexpr float kGoesOnGates = 0.6F;
 constexpr float kOwnSlopeMax = 1.0F;
+
+constexpr int kGroupLength = 16;
+constexpr float kGroupStep_mm = 0.36F;
 
 /// A plane, told from the middle of a tile.
 struct Sheet {
@@ -73,6 +77,7 @@ class PlainJudge {
     off_ = &judged.off;
     for (int tr = 0; tr < grid_.tile_rows; ++tr)
       for (int tc = 0; tc < grid_.tile_columns; ++tc) judge_tile(tc, tr, judged.verdict);
+    keep_groups(judged.verdict);
     return judged;
   }
 
@@ -177,6 +182,38 @@ class PlainJudge {
     }
     if (company(column, row) < kCompany) return Verdict::alone;
     return through(own, column, row) ? Verdict::through : Verdict::no_surface;
+  }
+
+  /// Noise that hangs together over a length stays.
+  void keep_groups(std::vector<Verdict>& verdict) const {
+    struct Place {
+      int column, row;
+    };
+    std::vector<bool> seen(z_.size());
+    for (int row = 0; row < static_cast<int>(grid_.rows); ++row) {
+      for (int column = 0; column < static_cast<int>(grid_.columns); ++column) {
+        if (!is_noise(verdict[index(column, row)]) || seen[index(column, row)]) continue;
+        seen[index(column, row)] = true;
+        std::vector<Place> group = {{column, row}};
+        Place low = group[0];
+        Place high = group[0];
+        for (std::size_t i = 0; i < group.size(); ++i) {
+          const Place at = group[i];
+          low = {std::min(low.column, at.column), std::min(low.row, at.row)};
+          high = {std::max(high.column, at.column), std::max(high.row, at.row)};
+          for (int r = at.row - 1; r <= at.row + 1; ++r) {
+            for (int c = at.column - 1; c <= at.column + 1; ++c) {
+              if (!inside(c, r) || seen[index(c, r)] || !is_noise(verdict[index(c, r)])) continue;
+              if (!(std::abs(height(c, r) - height(at.column, at.row)) <= kGroupStep_mm)) continue;
+              seen[index(c, r)] = true;
+              group.push_back({c, r});
+            }
+          }
+        }
+        if (1 + std::max(high.column - low.column, high.row - low.row) < kGroupLength) continue;
+        for (const Place& at : group) verdict[index(at.column, at.row)] = Verdict::damage;
+      }
+    }
   }
 
   /// How many of the 7 x 7 points around lie on no plane of their tiles?

@@ -21,8 +21,9 @@ enum class Verdict : std::uint8_t {
   through,     ///< in company, and a surface of no tile goes through it
   alone,       ///< noise without company
   no_surface,  ///< noise in company
+  damage,      ///< noise by the rules above that hangs together over a length
 };
-inline constexpr std::size_t kVerdicts = 8;
+inline constexpr std::size_t kVerdicts = 9;
 
 [[nodiscard]] inline bool is_noise(Verdict verdict) {
   return verdict == Verdict::alone || verdict == Verdict::no_surface;

@@ -47,7 +47,7 @@ struct Litter {
 };
 
 /// A surface in columns and rows that has what a block has: tilted planes, steps of five millimetres and of one, a ramp
-/// at 70 degrees and a cliff of some 85, a wave, a saw, rods.
+/// at 70 degrees and a cliff of some 85, a wave, a saw, rods, a crack and a fin of a line or two.
 struct Relief {
   double columns, rows;
   double pitch_mm;
@@ -67,6 +67,8 @@ struct Relief {
     if (x < 0.3 && y > 0.7) z += 0.03 * std::fmod(column, 16.0);
     if (std::abs(column - 0.6 * columns) < 2.0 && y < 0.5) z -= 4.0;
     if (std::abs(row - 0.2 * rows) < 3.0 && x > 0.3 && x < 0.6) z -= 2.0;
+    if (std::abs(column - 0.1 * columns - 0.3 * row) < 1.0 && y > 0.5 && y < 0.8) z += 2.5;
+    if (std::abs(row - 0.9 * rows) < 0.6 && x > 0.1 && x < 0.9) z -= 4.0;
     return z;
   }
 };
@@ -166,6 +168,12 @@ std::vector<float> heights(const Scan& scan) {
   return z;
 }
 
+bool bit(const GridMask& mask, const GridLayout& grid, std::size_t point) {
+  const auto column = static_cast<int>(point % grid.columns);
+  const auto row = static_cast<int>(point / grid.columns);
+  return ((mask.tile(column / GridLayout::kTileColumns, row) >> (column % GridLayout::kTileColumns)) & 1U) != 0;
+}
+
 /// A scan with the planes that the first step gave its tiles, and what the masks then say.
 struct Seen {
   explicit Seen(const Scan& taken)
@@ -177,6 +185,8 @@ struct Seen {
     Team team(1);
     work.measure_pitch(grid);
     accepted = algo::judge_grid(grid, work, team);
+    for (std::size_t i = 0; i < z.size(); ++i) off.push_back(bit(work.off, grid, i));
+    if (accepted) keep_noise_groups(grid, work, team);
   }
 
   Scan scan;
@@ -184,14 +194,9 @@ struct Seen {
   GridLayout grid;
   Memory memory;
   GridWork work;
+  std::vector<bool> off;
   bool accepted = false;
 };
-
-bool bit(const GridMask& mask, const GridLayout& grid, std::size_t point) {
-  const auto column = static_cast<int>(point % grid.columns);
-  const auto row = static_cast<int>(point / grid.columns);
-  return ((mask.tile(column / GridLayout::kTileColumns, row) >> (column % GridLayout::kTileColumns)) & 1U) != 0;
-}
 
 TEST(DenoiseGrid, TakesOutExactlyWhatThePlainRulesTakeOut) {
   std::array<std::size_t, plain::kVerdicts> met{};
@@ -214,7 +219,7 @@ TEST(DenoiseGrid, TakesOutExactlyWhatThePlainRulesTakeOut) {
     std::size_t off_differs = 0;
     std::size_t noise_differs = 0;
     for (std::size_t i = 0; i < seen.z.size(); ++i) {
-      off_differs += judged.off[i] != bit(seen.work.off, seen.grid, i) ? 1U : 0U;
+      off_differs += judged.off[i] != seen.off[i] ? 1U : 0U;
       noise_differs += plain::is_noise(judged.verdict[i]) != bit(seen.work.noise, seen.grid, i) ? 1U : 0U;
     }
     EXPECT_EQ(off_differs, 0U);
@@ -246,6 +251,7 @@ TEST(DenoiseGrid, TakesOutExactlyWhatThePlainRulesTakeOut) {
     table.per_row_mm = seen.work.per_row_mm;
     Team team(1);
     ASSERT_TRUE(judge_grid(seen.grid, table, team));
+    keep_noise_groups(seen.grid, table, team);
     std::size_t table_differs = 0;
     for (std::size_t i = 0; i < seen.z.size(); ++i)
       table_differs += plain::is_noise(judged.verdict[i]) != bit(table.noise, seen.grid, i) ? 1U : 0U;

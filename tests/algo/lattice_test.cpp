@@ -142,6 +142,7 @@ struct Plain {
     judged.per_row_mm = lattice.away_mm / lattice.per_y;
     Team team(1);
     ASSERT_TRUE(judge_grid(grid, judged, team));
+    keep_noise_groups(grid, judged, team);
     each([&](float* p) {
       bool noise = true;
       if (cell_of(p, c, r)) {

@@ -86,7 +86,7 @@ struct Solid {
     return !on_seat || shape_seat(from, along, distance);
   }
 
-  /// Casings, wave and bump.
+  /// Casings, wave, bump and relief.
   [[nodiscard]] bool shape_seat(const Vec3& from, const Vec3& along, double& distance) const {
     const Vec3 p = from + distance * along;
     const double s = t.dot(p);
@@ -99,6 +99,7 @@ struct Solid {
     }
     double height = block.wave_mm * std::cos(2.0 * kPi * s / 75.0);
     if (std::hypot(p.x() - block.bump_x_mm, s - block.bump_s_mm) < block.bump_radius_mm) height += block.bump_mm;
+    if (block.relief_mm) height += block.relief_mm(p.x(), s);
     distance += height / n.dot(along);
     return true;
   }

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "algo/algo.h"
@@ -29,8 +30,9 @@ struct Block {
   double bump_radius_mm = 8.0;
   double bump_x_mm = 20.0;  ///< ... and its place
   double bump_s_mm = -30.0;
-  bool present = true;        ///< false: bare slab
-  bool slab_top_seen = true;  ///< false: no returns from it
+  std::function<double(double x_mm, double s_mm)> relief_mm;  ///< height of anything else on the seat
+  bool present = true;                                        ///< false: bare slab
+  bool slab_top_seen = true;                                  ///< false: no returns from it
 };
 
 struct Scan {
