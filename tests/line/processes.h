@@ -34,6 +34,13 @@ class Process {
   int status_ = -1;
 };
 
+/// A sanitizer keeps memory of its own, as much as the program's: what these promise of memory is not asked then.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+inline constexpr bool kSanitized = true;
+#else
+inline constexpr bool kSanitized = false;
+#endif
+
 [[nodiscard]] std::string read_file(const fs::path& path);
 /// A TCP port nobody listens on now.
 [[nodiscard]] std::uint16_t free_tcp_port();
