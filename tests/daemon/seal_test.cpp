@@ -13,6 +13,12 @@ namespace slabd::daemon {
 namespace {
 
 constexpr std::size_t kMegabyte = 1'000'000;
+/// The sanitizers' does, when there is no more to be had.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool kMallocEndsTheProcess = true;
+#else
+constexpr bool kMallocEndsTheProcess = false;
+#endif
 
 /// In a process of its own: its limits do not come back.
 bool holds_in_a_child(const std::function<bool()>& what) {
@@ -32,12 +38,8 @@ TEST(Seal, what_is_over_the_reserve_cannot_be_had_and_what_is_below_can) {
   EXPECT_TRUE(can_map(64 * kMegabyte));
   EXPECT_TRUE(holds_in_a_child([] {
     use_one_heap();
-    if (!limit_address_space(8 * kMegabyte).ok() || can_map(64 * kMegabyte) || !can_map(4 * kMegabyte)) return false;
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-    return true;  // the sanitizers' malloc() ends the process instead
-#else
-    return std::malloc(64 * kMegabyte) == nullptr;
-#endif
+    return limit_address_space(8 * kMegabyte).ok() && !can_map(64 * kMegabyte) && can_map(4 * kMegabyte) &&
+           (kMallocEndsTheProcess || std::malloc(64 * kMegabyte) == nullptr);
   }));
 }
 

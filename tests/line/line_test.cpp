@@ -68,11 +68,14 @@ TEST_F(LineTest, full_size_slab_passes_and_memory_is_flat) {
   const Box::Answer first = simulate({"--slab-no", "1", "--slab-id", "FULL-1"}, "full");
   ASSERT_EQ(first.exit_status, 0) << first.out << first.err;
   const std::int64_t peak_kb = status()["memory"]["peak_kb"];
-  if (!kSanitized)
+  if (!kSanitized) {
     EXPECT_LE(1024 * static_cast<std::size_t>(peak_kb), limits::kInspectionBytes + limits::kProcessBytes);
+  }
   const Box::Answer more = simulate({"--slab-no", "2", "--slabs", "4", "--seed", "2"}, "quarter");
   ASSERT_EQ(more.exit_status, 0) << more.out << more.err;
-  if (!kSanitized) EXPECT_LT(status()["memory"]["peak_kb"].get<std::int64_t>(), peak_kb + 2048);
+  if (!kSanitized) {
+    EXPECT_LT(status()["memory"]["peak_kb"].get<std::int64_t>(), peak_kb + 2048);
+  }
 
   const Box::Answer shown = box.slabctl({"show", "FULL-1", "--config", box.config.native(), "--json"});
   ASSERT_EQ(shown.exit_status, 0) << shown.err;

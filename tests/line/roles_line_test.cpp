@@ -50,7 +50,9 @@ class RolesLineTest : public testing::Test {
     std::vector<std::string> bad = {"--defect", "slope=4:1/35"};
     bad.insert(bad.end(), more.begin(), more.end());
     EXPECT_EQ(slab(2, bad).exit_status, 1);
-    if (!kSanitized) EXPECT_LT(status()["memory"]["peak_kb"].get<std::int64_t>(), peak_kb + 2048);
+    if (!kSanitized) {
+      EXPECT_LT(status()["memory"]["peak_kb"].get<std::int64_t>(), peak_kb + 2048);
+    }
     EXPECT_EQ(box_.stop(), 0);
   }
 
