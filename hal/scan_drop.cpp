@@ -433,8 +433,9 @@ class ScanDrop final : public ScannerPort {
     decoded(scan);
     if (Status status = spool_file(fd.get(), folders_.inbox_fd(), answer.entry.name.c_str(), scan.path); !status)
       return status.error();
-    // Whoever had it open before it was moved writes on all the same.
-    if (is_untouched(fd.get(), found)) return scan;
+    // Whoever had it open before it was moved writes on all the same. What was copied from a share may be gone there.
+    const FileState now = file_state(fd.get(), "");
+    if (!now.known || now.same_content(found.state)) return scan;
     unlink(scan.path.c_str());
     return error(Code::frame_incomplete, "%s: changed while it was moved (write it under another name, then rename)",
                  shown.c_str());

@@ -134,7 +134,7 @@ TEST_F(CalibrationLineTest, a_check_that_fails_stops_the_line_until_one_passes) 
   std::string generous = read_file(recipe);
   const std::size_t jaw = generous.find("[items.jaw_distance]");
   const std::size_t u = generous.find("U = ", jaw);
-  generous.replace(u, generous.find('\n', u) - u, "U = 2.0");
+  generous.replace(u, generous.find('\n', u) - u, "U = 0.45");
   std::ofstream(box.dir / "generous.toml") << generous;
   const Box::Answer other =
       calibrate({"check", scan("bad2.ply", "jaw-distance=1:0.9"), "--recipe", (box.dir / "generous.toml").native()});
