@@ -47,6 +47,8 @@ class WholeFile {
 };
 
 void draw_on(cairo_t* context, const Pages& pages, int page, double scale, double from_top_mm) {
+  // No file: whoever keeps it says so, and Cairo loses the memory of what is drawn on nothing.
+  if (cairo_status(context) != CAIRO_STATUS_SUCCESS) return;
   cairo_save(context);
   cairo_scale(context, scale, scale);
   cairo_translate(context, 0.0, from_top_mm);

@@ -274,7 +274,7 @@ TEST_F(ReplayOther, a_stored_figure_that_was_edited_is_found) {
   const Ended ended = run("replay 1 --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes");
   EXPECT_EQ(ended.status, 1);
   expect_mentions(ended.out, "item seat_slope 3 value: stored ");
-  const std::string_view version = daemon::software_version().view();
+  const std::string version(daemon::software_version().view());
   const bool named = !version.ends_with(".dirty") && !version.ends_with("unknown");
   expect_mentions(ended.out, std::string("the scan's points are those that were measured: ") +
                                  (named ? "this build measures otherwise" : "this may be another build: "));
