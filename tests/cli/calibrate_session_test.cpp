@@ -201,7 +201,8 @@ TEST_F(CalibrateSession, killed_at_any_moment_loses_nothing_and_ends_with_the_sa
   hit({"calibrate", "verify", "--yes", "--session", session}, 4, took_us[2]);
   ASSERT_EQ(run("calibrate verify --yes --session " + session).status, 0);
   hit({"calibrate", "apply", "--session", session}, 8, took_us[3]);
-  ASSERT_EQ(run("calibrate apply --session " + session).status, 0);
+  const Ended applied = run("calibrate apply --session " + session);
+  ASSERT_EQ(applied.status, 0) << applied.err;
   EXPECT_GE(killed, 8) << "of 30; the moments were chosen too late to show anything";
 
   const storage::CalibrationRecord record = in_force("killed");
