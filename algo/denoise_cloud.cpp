@@ -287,6 +287,29 @@ class SlopeChoice {
   std::size_t count_ = 0;
 };
 
+/// Calls f(k, dx, dy, d2) for the points within reach of `p` in XY, itself included, until it answers false or too many
+/// were looked at.
+template <typename F>
+[[gnu::always_inline]] inline void for_each_around(const float* xyz, const PointGrid& grid, const float* p,
+                                                   float reach_mm, F&& f) {
+  const float reach2 = reach_mm * reach_mm;
+  const int c0 = grid.column(p[0] - reach_mm), c1 = grid.column(p[0] + reach_mm);
+  const int r0 = grid.row(p[1] - reach_mm), r1 = grid.row(p[1] + reach_mm);
+  int looked_at = 0;
+  for (int r = r0; r <= r1; ++r) {
+    for (int c = c0; c <= c1; ++c) {
+      for (const std::uint32_t k : grid.in_cell(grid.cell(c, r))) {
+        if (++looked_at > kLookedAtMax) return;
+        const float* q = xyz + 3 * std::size_t{k};
+        const float dx = q[0] - p[0];
+        const float dy = q[1] - p[1];
+        const float d2 = dx * dx + dy * dy;
+        if (d2 < reach2 && !f(k, dx, dy, d2)) return;
+      }
+    }
+  }
+}
+
 /// Asks single points whether a surface goes through them.
 class PointJudge {
  public:
@@ -307,27 +330,16 @@ class PointJudge {
     total_ = 0;
     const float* p = xyz_ + 3 * std::size_t{self};
     const float reach2 = reach_mm_ * reach_mm_;
-    const int c0 = grid_.column(p[0] - reach_mm_), c1 = grid_.column(p[0] + reach_mm_);
-    const int r0 = grid_.row(p[1] - reach_mm_), r1 = grid_.row(p[1] + reach_mm_);
-    int looked_at = 0;
-    for (int r = r0; r <= r1; ++r) {
-      for (int c = c0; c <= c1; ++c) {
-        for (const std::uint32_t k : grid_.in_cell(grid_.cell(c, r))) {
-          if (++looked_at > kLookedAtMax || count_ == kNeighboursMax) return;
-          const float* q = xyz_ + 3 * std::size_t{k};
-          const float dx = q[0] - p[0];
-          const float dy = q[1] - p[1];
-          const float d2 = dx * dx + dy * dy;
-          if (!(d2 < reach2) || k == self) continue;
-          const float u = 1.0F - d2 / reach2;
-          dx_[count_] = dx;
-          dy_[count_] = dy;
-          dz_[count_] = q[2] - p[2];
-          weight_[count_] = static_cast<int>(u * u * static_cast<float>(kWeightOne));
-          total_ += weight_[count_++];
-        }
-      }
-    }
+    for_each_around(xyz_, grid_, p, reach_mm_, [&](std::uint32_t k, float dx, float dy, float d2) {
+      if (k == self) return true;
+      const float u = 1.0F - d2 / reach2;
+      dx_[count_] = dx;
+      dy_[count_] = dy;
+      dz_[count_] = xyz_[3 * std::size_t{k} + 2] - p[2];
+      weight_[count_] = static_cast<int>(u * u * static_cast<float>(kWeightOne));
+      total_ += weight_[count_++];
+      return count_ < kNeighboursMax;
+    });
   }
 
   [[nodiscard]] float off(std::size_t i, const Slope& slope) const {
@@ -402,14 +414,16 @@ class NoiseGroups {
     add(start);
     for (std::size_t i = 0; i < size_ && !is_long; ++i) {
       const float* p = xyz_ + 3 * std::size_t{group_[i]};
-      for_each_linked(p, [&](std::uint32_t k) {
-        if (keep_[k] == kLongOne) is_long = true;
-        if (keep_[k] != kNoise || size_ == group_.size()) return;
+      for_each_around(xyz_, grid_, p, reach_mm_, [&](std::uint32_t k, float, float, float) {
         const float* q = xyz_ + 3 * std::size_t{k};
+        if (std::abs(q[2] - p[2]) > noise_group::kStep_mm) return true;
+        if (keep_[k] == kLongOne) is_long = true;
+        if (keep_[k] != kNoise || size_ == group_.size()) return true;
         x0 = std::min(x0, q[0]), x1 = std::max(x1, q[0]);
         y0 = std::min(y0, q[1]), y1 = std::max(y1, q[1]);
         is_long = is_long || std::max(x1 - x0, y1 - y0) >= longest_mm;
         add(k);
+        return true;
       });
     }
     for (std::size_t i = 0; i < size_; ++i) keep_[group_[i]] = is_long ? kLongOne : kShortOne;
@@ -425,25 +439,6 @@ class NoiseGroups {
     keep_[k] = kAsked;
     group_[size_++] = k;
   }
-  template <typename F>
-  void for_each_linked(const float* p, F&& f) const {
-    const int c0 = grid_.column(p[0] - reach_mm_), c1 = grid_.column(p[0] + reach_mm_);
-    const int r0 = grid_.row(p[1] - reach_mm_), r1 = grid_.row(p[1] + reach_mm_);
-    int looked_at = 0;
-    for (int r = r0; r <= r1; ++r) {
-      for (int c = c0; c <= c1; ++c) {
-        for (const std::uint32_t k : grid_.in_cell(grid_.cell(c, r))) {
-          if (++looked_at > kLookedAtMax) return;
-          if (keep_[k] != kNoise && keep_[k] != kLongOne) continue;
-          const float* q = xyz_ + 3 * std::size_t{k};
-          const float dx = q[0] - p[0];
-          const float dy = q[1] - p[1];
-          if (dx * dx + dy * dy < reach_mm_ * reach_mm_ && std::abs(q[2] - p[2]) <= noise_group::kStep_mm) f(k);
-        }
-      }
-    }
-  }
-
   const float* xyz_;
   const PointGrid& grid_;
   std::span<std::uint8_t> keep_;

@@ -36,6 +36,7 @@ class Sample {
     if (std::isfinite(v)) at_[count_++] = v;
   }
   [[nodiscard]] std::size_t count() const { return count_; }
+  /// Of an even number the mean of the two in the middle: the upper one of both rows would look like a roll.
   [[nodiscard]] double median() const {
     std::array<double, limits::kStationsMax> sorted = at_;
     const auto end = sorted.begin() + static_cast<std::ptrdiff_t>(count_);

@@ -200,7 +200,8 @@ Result<std::vector<StationVisit>> parse_visits(std::string_view text, std::strin
   KeyFile file(std::move(lines.value()), file_name);
   std::vector<StationVisit> visits;
   std::map<std::string, std::string> taken_with;
-  for (const KeyLine* line : file.all("taken_with")) {
+  const std::vector<const KeyLine*> taken_with_lines = file.all("taken_with");
+  for (const KeyLine* line : taken_with_lines) {
     if (line->words.size() != 2)
       file.fault(*line, "must be: round, id of the hand-eye calibration in force then");
     else if (!taken_with.emplace(line->words[0], line->words[1]).second)
@@ -230,6 +231,11 @@ Result<std::vector<StationVisit>> parse_visits(std::string_view text, std::strin
     for (std::size_t i = 7; i < v.size(); i += 3) visit.points_mm.push_back(vector_at(v, i));
     visits.push_back(std::move(visit));
   }
+  for (const KeyLine* line : taken_with_lines)
+    if (line->words.size() == 2 && std::none_of(visits.begin(), visits.end(), [&](const StationVisit& visit) {
+          return visit.round == line->words[0];
+        }))
+      file.fault(*line, "names a round that has no visit");
   if (const Status status = file.finish("visit, taken_with"); !status.ok()) return status.error();
   for (StationVisit& visit : visits)
     if (const auto with = taken_with.find(visit.round); with != taken_with.end()) visit.hand_eye_id = with->second;

@@ -26,10 +26,9 @@
 // that cannot, when it is the one and only file that appeared after the request. Invariants:
 //   - a file that lay in the inbox before its request is never its answer;
 //   - whatever was decoded is byte for byte what lies in the spool;
-//   - without names, an answer that may still come to a request ends the next one's innocence: it is waited for, and
-//   set
-//     aside, before anything else is asked for. A request has had its answer when a scan was read, and in no other way:
-//     not when something else appeared, nor when the folder failed, nor when slabd was stopped;
+//   - without names, an answer that may still come to a request ends the next one's innocence: it is waited for,
+//     and set aside, before anything else is asked for. A request has had its answer when a scan was read, and in no
+//     other way: not when something else appeared, nor when the folder failed, nor when slabd was stopped;
 //   - a file whose writer made it as long as it will be and then fills it is waited for like one that grows;
 //   - after acquire() neither the request nor an answer remains, good or bad, so that a repeat can be dropped.
 //
@@ -48,7 +47,7 @@ constexpr std::int64_t kFinishedOnShareNs = 2 * kNsPerS;
 /// ... and a stray when it still has no name that means anything after this long.
 constexpr std::int64_t kStrayNs = 5 * kNsPerS;
 
-/// ... or when there is nothing in parts of it yet: a disk reads zeros where nobody has written.
+/// Of a file that has parts in which nobody has written yet, which read as zeros, so long.
 constexpr std::int64_t kFilledNs = 5 * kNsPerS;
 
 void wait_for_next_look() {

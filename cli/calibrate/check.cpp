@@ -20,7 +20,6 @@
 #include "cli/parse.h"
 #include "cli/progress.h"
 #include "cli/render.h"
-#include "cli/replay/remeasure.h"
 #include "cli/slab_view.h"
 
 namespace slabd::cli {
@@ -60,8 +59,11 @@ bool failed(const Error& why, int& exit_status) {
 /// What passes a check is what U allows, so the recipe must be one that verdicts are made with.
 bool is_the_lines(const Recipe& recipe, const std::string& file, const daemon::Config& config) {
   std::vector<daemon::Problem> problems;
-  for (const Recipe& of_line : recipes_in(config.recipes_dir, problems))
-    if (of_line.sha256 == recipe.sha256) return true;
+  std::vector<Recipe> of_line;
+  daemon::load_recipes(config.recipes_dir, of_line, problems);
+  for (const Recipe& one : of_line)
+    if (one.sha256 == recipe.sha256) return true;
+  static_cast<void>(report_problems(problems));
   complain(
       fmt::format("{}: none of the recipes in {} is like it, so no verdict is made with its limits and uncertainties: "
                   "check with a recipe of the line, or put this one there",

@@ -280,9 +280,15 @@ TEST(Stations, visits_remember_the_hand_eye_calibration_they_were_taken_with) {
   ASSERT_EQ(back.value().size(), scene.visits.size());
   for (std::size_t i = 0; i < scene.visits.size(); ++i)
     EXPECT_EQ(back.value()[i].hand_eye_id, scene.visits[i].hand_eye_id);
-  const auto twice = parse_visits("taken_with = a he-1\ntaken_with = a he-2\n", "v");
-  ASSERT_FALSE(twice.ok());
-  EXPECT_NE(twice.error().text.view().find("v:2"), std::string_view::npos) << twice.error().text.view();
+  const std::string text = visits_text(std::span(scene.visits).first(1));
+  const auto told = [&](const std::string& line) {
+    const auto parsed = parse_visits(text + line, "v");
+    EXPECT_FALSE(parsed.ok());
+    return parsed.ok() ? std::string() : std::string(parsed.error().text.view());
+  };
+  EXPECT_NE(told("taken_with = \"round 1\" he-2\n").find("v:5: taken_with"), std::string::npos);
+  EXPECT_NE(told("taken_with = \"Round 1\" he-2\n").find("names a round that has no visit"), std::string::npos);
+  EXPECT_NE(told("taken_with = he-2\n").find("must be: round, id"), std::string::npos);
 }
 
 TEST(Stations, robot_must_report_the_same_pose_every_time) {
