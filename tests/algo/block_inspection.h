@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include "algo/algo.h"
+#include "scene.h"
+
+/// A drawn block through the whole inspection.
+namespace slabd::algo {
+
+inline BlockResult inspect(scene::Cloud cloud, const Recipe& recipe = scene::p5600(),
+                           const Pose& T_base_block = Pose::identity()) {
+  BlockInspector inspector;
+  inspector.use(recipe);
+  inspector.begin(4, T_base_block, T_base_block * nominal_T_block_scanner());
+  Cloud view = cloud.view();
+  Status status = inspector.denoise(view);
+  if (status) status = inspector.register_to_model(view);
+  if (status) status = inspector.extract(view);
+  inspector.judge(status ? Code::ok : status.error().code);
+  return inspector.result();
+}
+
+inline BlockResult inspect(const scene::Block& block) {
+  scene::Scan scan;
+  scan.displacement = scene::displaced(1.2, -0.8, 0.5, 0.15, -0.2, 0.1);
+  return inspect(scene::take(block, scan));
+}
+
+inline const Item& item(const BlockResult& r, ItemId id) {
+  const Item* found = find_item(r.items.begin(), r.items.end(), id);
+  EXPECT_NE(found, nullptr);
+  return *found;
+}
+
+/// Every item passes (or is information, or a skew without an insert) except `failing`.
+inline void expect_only_failure(const BlockResult& r, ItemId failing) {
+  EXPECT_EQ(r.verdict, Verdict::fail);
+  EXPECT_EQ(r.reason, kReasonItemBase + static_cast<int>(failing));
+  for (const Item& i : r.items) {
+    if (i.id == failing) {
+      EXPECT_EQ(i.verdict, Verdict::fail) << info(i.id).name << " " << i.value;
+    } else if (i.id == ItemId::seat_std) {
+      EXPECT_EQ(i.verdict, Verdict::none);
+    } else if (i.id == ItemId::casing_skew_inner || i.id == ItemId::casing_skew_outer) {
+      EXPECT_EQ(i.verdict, Verdict::not_measured);
+    } else {
+      EXPECT_EQ(i.verdict, Verdict::pass) << info(i.id).name << " " << i.value;
+    }
+  }
+}
+
+/// Of a point of a whole scan, by its z in the block frame.
+inline bool on_block(double z) {
+  return z > -27.0;
+}
+
+}  // namespace slabd::algo
