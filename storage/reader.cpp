@@ -7,6 +7,7 @@
 #include "storage/calibrations.h"
 #include "storage/database.h"
 #include "storage/load.h"
+#include "storage/log_copy.h"
 #include "storage/search.h"
 #include "storage/storage.h"
 
@@ -198,6 +199,10 @@ class SqliteReader final : public Reader {
 
 bool is_unused(const std::string& db_path) {
   return unused_at(db_path);
+}
+
+bool is_unfinished(const std::string& db_path) {
+  return log_is_in_doubt(db_path);
 }
 
 Result<std::unique_ptr<Reader>> open_reader(const std::string& db_path) {

@@ -296,6 +296,8 @@ class Reader {
 /// Nobody has kept anything there yet: no file, or one whose creation was stopped before its first transaction. The
 /// next writer makes it whole. Never true of a file that holds anything, ours or not.
 [[nodiscard]] bool is_unused(const std::string& db_path);
+/// A writer was stopped while it made the log of the one before durable: readers wait, the next writer finishes it.
+[[nodiscard]] bool is_unfinished(const std::string& db_path);
 
 // ---- looking after the file (slabctl) ------------------------------------------------------------------------------
 

@@ -92,6 +92,7 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
     complain("applying needs the daemon's configuration: slabctl calibrate apply --config FILE");
     return kBadInput;
   }
+  finish_killed_change(config);
   InForce now;
   if (!hand_eye_in_force(config, now, exit_status)) return exit_status;
   if (now.id.view() != solution.record.id && now.id.view() != solution.verified->before_id) {

@@ -93,6 +93,11 @@ Result<DeskAnswer> change_calibration(const daemon::Config& config, const storag
   return DeskAnswer{id.value(), false, false};
 }
 
+void finish_killed_change(const daemon::Config& config) {
+  if (storage::is_unfinished(config.storage.db_path) && !daemon_listens(config.control_socket))
+    (void)storage::open_store(config.storage);
+}
+
 std::string default_operator() {
   const passwd* user = ::getpwuid(::getuid());
   if (const char* login = std::getenv("SUDO_USER"); login != nullptr && *login != '\0') return login;

@@ -23,6 +23,11 @@ struct DeskAnswer {
 [[nodiscard]] Result<DeskAnswer> change_calibration(const daemon::Config& config,
                                                     const storage::CalibrationChange& change);
 
+/// To be called before a command reads what it is about to change: when nobody listens and a change was killed while it
+/// opened the database, no reader is let in until a writer has finished that. Should it not succeed, the reader says
+/// why.
+void finish_killed_change(const daemon::Config& config);
+
 /// "operator" for a note when nobody gave a name: the login name of who runs slabctl.
 [[nodiscard]] std::string default_operator();
 /// Wall clock, us.

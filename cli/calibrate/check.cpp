@@ -358,6 +358,7 @@ int check_calibration(const CheckOptions& options) {
   int exit_status = kDone;
   daemon::Config config;
   if (!config_from(options.config, config)) return kBadInput;
+  finish_killed_change(config);
   std::unique_ptr<storage::Reader> reader;
   if (!open_records(config, reader, exit_status)) return exit_status;
   if (options.ball && options.look.live == !options.scan.empty()) {
@@ -416,6 +417,7 @@ int take_reference(const ReferenceOptions& options) {
   }
   daemon::Config config;
   if (!config_from(options.record.config, config)) return kBadInput;
+  finish_killed_change(config);
   std::unique_ptr<storage::Reader> reader;
   if (!open_records(config, reader, exit_status)) return exit_status;
   storage::CalibrationRecord record;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
@@ -248,6 +249,7 @@ int calibrate_stations(const Options& options) {
   int exit_status = kDone;
   daemon::Config config;
   if (!config_from(options.record.config, config)) return kBadInput;
+  finish_killed_change(config);
   std::unique_ptr<storage::Reader> reader;
   if (!open_records(config, reader, exit_status)) return exit_status;
   Work work;

@@ -215,6 +215,20 @@ TEST_F(CalibrateSession, killed_at_any_moment_loses_nothing_and_ends_with_the_sa
   EXPECT_EQ(history["records"].size(), 1U);
 }
 
+TEST_F(CalibrateSession, an_apply_killed_while_it_opened_the_database_is_finished_by_the_next) {
+  simulate("set", "--views 13 --seed 4");
+  ASSERT_EQ(run(new_in("a")).status, 0);
+  for (const std::string& command :
+       {"capture --set " + file("set"), std::string("solve"), std::string("verify --yes"), std::string("apply")})
+    ASSERT_EQ(run("calibrate " + command).status, 0) << command;
+  // What a process killed while it copies the log leaves behind: readers stay out until a writer has looked.
+  const std::string copy = file("a") + "/slabd.db-log-copy";
+  std::ofstream(copy) << "half of a copy";
+  const Ended again = run("calibrate apply");
+  EXPECT_EQ(again.status, 0) << again.err;
+  EXPECT_FALSE(std::filesystem::exists(copy));
+}
+
 TEST_F(CalibrateSession, a_view_from_a_pose_that_has_one_counts_for_nothing) {
   simulate("set", "--views 3 --seed 5");
   simulate("other", "--views 3 --seed 6");
