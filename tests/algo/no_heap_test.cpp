@@ -13,7 +13,7 @@
 namespace {
 volatile std::size_t g_allocations = 0;
 }
-#if !defined(__SANITIZE_ADDRESS__)
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 extern "C" {
 void* __libc_malloc(std::size_t size);  // NOLINT
 void* malloc(std::size_t size) {
