@@ -22,7 +22,7 @@ constexpr std::array kTable = {
           "send SLAB_BEGIN first; SLAB_NO must stay the same until SLAB_END"},
     Entry{Code::station_range, "the station number is outside 1..number of blocks", "correct STATION (HR 11)"},
     Entry{Code::unknown_type, "there is no usable recipe for this slab type",
-          "add or repair the recipe file; `slabctl recipe check FILE` names the fault"},
+          "add or repair the recipe file, one for each type; `slabctl config check` names the fault"},
     Entry{Code::not_enabled, "ENABLE is not set, the PLC heartbeat is missing, or a calibration is under way (STATE 8)",
           "set HR 1 bit 0 and change HR 0 at least every 500 ms; in STATE 8 wait, or end the calibration"},
     Entry{Code::bad_id_text, "SLAB_ID is not printable ASCII", "correct HR 16..31"},
@@ -54,10 +54,13 @@ constexpr std::array kTable = {
     Entry{Code::deadline, "the measurement, or a buffer for the scan, was not ready in time",
           "check the computer's load"},
     Entry{Code::store_full, "the disk has no room for two more slabs", "free space on the spool disk"},
-    Entry{Code::journal_write, "the database could not be written, is damaged, or is not there",
-          "check the disk and its mount, then reset the fault; `slabctl db check` tells a damaged database, and "
+    Entry{Code::journal_write,
+          "the database or the spool of scans could not be written, or the database is damaged or not there",
+          "`journalctl -u slabd` says which; check the disk and its mount, then reset the fault; `slabctl db check` "
+          "tells a damaged database, and "
           "`slabctl db restore` brings a backup back"},
-    Entry{Code::calibration_missing, "there is no valid calibration", "calibrate and apply it; a line never calibrated takes [calibration] from the config"},
+    Entry{Code::calibration_missing, "there is no valid calibration",
+          "calibrate and apply it; a line never calibrated takes [calibration] from the config"},
     Entry{Code::config, "the configuration is not usable", "run `slabctl config check`; it names file and line"},
     Entry{Code::internal, "an internal check failed", "note the journal entry and restart the service"},
 };

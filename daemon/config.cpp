@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "daemon/config_parts.h"
+#include "hal/lcm_url.h"
 
 /// slabd.toml -> Config. One function per table; each fills what it can and reports the rest, so that a fault in one
 /// table does not hide faults in another and the PLC can still be told about code 504.
@@ -63,8 +64,14 @@ void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, Co
   read_text(robot, "lcm_url", lcm.url);
   if (!lcm.url.view().starts_with("udpm://"))
     robot.problem("lcm_url", fmt::format("found \"{}\", allowed is \"udpm://group:port?ttl=n\"", lcm.url.view()));
+  else if (const auto url = hal::parse_lcm_url(lcm.url.view()); !url.ok())
+    robot.problem("lcm_url", std::string(url.error().text.view()));
   read_text(robot, "channel", lcm.channel);
+  if (const Status channel = hal::check_lcm_channel(lcm.channel.view()); !channel.ok())
+    robot.problem("channel", std::string(channel.error().text.view()));
   read_text(robot, "interface", lcm.interface);
+  if (const Status interface = hal::check_lcm_interface(lcm.interface.view()); !interface.ok())
+    robot.problem("interface", std::string(interface.error().text.view()));
 
   read_ms(robot, "window_ms", pose.window_ns, {50.0, kStandstillMaxMs});
   std::int64_t samples_min = pose.samples_min;
@@ -255,6 +262,45 @@ void read_rest(TableReader& root, const std::string& folder, Config& config) {
   line.finish();
 }
 
+/// Links followed as far as the path exists, with a slash at its end.
+std::string place_of(const std::string& path) {
+  std::error_code ec;
+  std::string place = std::filesystem::weakly_canonical(path, ec).native();
+  if (!place.ends_with('/')) place += '/';
+  return place;
+}
+
+bool lies_in(const std::string& path, const std::string& folder) {
+  return place_of(path).starts_with(place_of(folder));
+}
+
+/// What the scanner's folder holds is moved aside and deleted; whoever scans may write there. So nothing of slabd's
+/// own lies in it, and it lies in no folder whose files slabd counts as its own.
+void check_places(TableReader& root, const Config& config) {
+  if (config.scanner_backend != hal::ScannerBackend::drop) return;
+  const std::string drop_dir(config.scanner.drop_dir.view());
+  struct Place {
+    const char* table;
+    const char* key;
+    const std::string& path;
+  };
+  for (const Place& place :
+       {Place{"storage", "db", config.storage.db_path}, Place{"storage", "spool_dir", config.storage.spool_dir},
+        Place{"calibration", "sessions_dir", config.sessions_dir}, Place{"recipes", "dir", config.recipes_dir}})
+    if (lies_in(place.path, drop_dir))
+      root.table(place.table)
+          .problem(place.key,
+                   fmt::format("found {}, which is in the scanner's folder {} (scanner.drop_dir), where slabd "
+                               "moves and deletes what it did not ask for; allowed is a place outside of it",
+                               place.path, drop_dir));
+  for (const Place& place : {Place{"storage", "spool_dir", config.storage.spool_dir},
+                             Place{"calibration", "sessions_dir", config.sessions_dir}})
+    if (lies_in(drop_dir, place.path))
+      root.table("scanner").problem(
+          "drop_dir", fmt::format("found {}, which is in {} ({}.{}); allowed is a place outside of it", drop_dir,
+                                  place.path, place.table, place.key));
+}
+
 /// The PLC waits 20 s for "acquired"; a second is left for the disk.
 void check_timeouts(TableReader& root, const Config& config) {
   const double total_s = static_cast<double>(config.settle_timeout_ns + config.scan_timeout_ns) / 1e9;
@@ -297,6 +343,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   read_measure(root.table("measure"), config.measure_threads);
   read_rest(root, folder, config);
   check_timeouts(root, config);
+  check_places(root, config);
   root.finish();
 }
 

@@ -102,7 +102,7 @@ void read_endpoint(TableReader& table, std::string_view key, unsigned port_min, 
     return;
   }
   const std::string_view host = std::string_view(endpoint).substr(0, colon);
-  if (!hal::parse_network(host).ok()) {
+  if (host.find('/') != std::string_view::npos || !hal::parse_network(host).ok()) {
     table.problem(key,
                   fmt::format("found \"{}\", allowed is an IPv4 address before the port, such as 127.0.0.1", endpoint));
     return;

@@ -68,8 +68,9 @@ void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& 
 /// The same from a file's bytes, such as storage has kept; `path` is its name in messages and the recipe's path.
 void parse_recipe(const std::string& path, const std::string& bytes, Recipe& recipe, std::vector<Problem>& problems);
 
-/// All *.toml of a folder, sorted by name; faulty ones are left out and reported. Two recipes of one slab_type, or
-/// none at all, are problems too. `texts` (may be null): their files, in the same order.
+/// All *.toml of a folder, sorted by name, but not hidden ones; faulty ones are left out and reported. Of two files for
+/// one slab_type, one of them faulty or not, neither is used; and none at all beside a file whose slab_type cannot be
+/// told. No recipe is a problem too. `texts` (may be null): their files, in the same order.
 void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems,
                   std::vector<storage::RecipeText>* texts = nullptr);
 

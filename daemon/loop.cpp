@@ -76,7 +76,8 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<
       judged_(std::make_unique<SlabJudged>()),
       crew_(std::move(crew)),
       calibration_desk_(change_folder(figures_.db_path)) {
-  figures_.started_ns = ports_.clock.mono_ns();
+  begun_ns_ = ports_.clock.mono_ns();
+  if (figures_.started_ns == 0) figures_.started_ns = begun_ns_;
   store_worker_ = crew_->storage([this](const StoreTask& task) { return store(task); },
                                  [this] {
                                    if (store_handed_over_.load(std::memory_order_acquire))
@@ -176,7 +177,7 @@ bool Loop::run(const std::atomic<bool>& stop, std::int64_t patience_ns, const st
 
 bool Loop::wants_store(std::int64_t patience_ns) const {
   if (ports_.store != nullptr || station_->settings.fault != Code::journal_write) return false;
-  return fault_was_reset_ || ports_.clock.mono_ns() - figures_.started_ns >= patience_ns;
+  return fault_was_reset_ || ports_.clock.mono_ns() - begun_ns_ >= patience_ns;
 }
 
 void Loop::start() {
@@ -323,7 +324,7 @@ void Loop::say_scanner_news() {
   LogLine line;
   line.level = LogLine::Level::warning;
   // At the start its first look is still under way.
-  const bool lasts = now_ns - std::max(scanner_seen_ns_, figures_.started_ns) >= kScannerNewsNs;
+  const bool lasts = now_ns - std::max(scanner_seen_ns_, begun_ns_) >= kScannerNewsNs;
   if (online != scanner_said_ && lasts && now_ns - scanner_said_ns_ >= kScannerNewsPeriodNs) {
     scanner_said_ = online;
     scanner_said_ns_ = now_ns;

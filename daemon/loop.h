@@ -29,7 +29,7 @@ struct Ports {
 
 /// What `slabctl status` shows beside the station's own state.
 struct LoopFigures {
-  std::int64_t started_ns = 0;
+  std::int64_t started_ns = 0;  ///< of the process; 0: of this loop
   std::uint64_t blocks_measured = 0;
   double block_last_ms = 0.0;
   double block_max_ms = 0.0;
@@ -130,6 +130,7 @@ class Loop {
   std::int64_t pose_seen_ns_ = 0;  ///< since when it is so
   bool scanner_said_ = true;  ///< online, as the log tells; nothing is told of a scanner that is there from the start
   bool scanner_seen_ = true;
+  std::int64_t begun_ns_ = 0;
   std::int64_t scanner_seen_ns_ = 0;  ///< since when it is so
   std::int64_t scanner_said_ns_ = -(std::int64_t{1} << 40U);
   std::string plc_trouble_said_;

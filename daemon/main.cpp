@@ -169,7 +169,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
       settings.fault = Code::config;
       pose = std::make_unique<AbsentPose>(made.error().text.view());
     }
-    scanner = scanner_port(config, *clock);
+    scanner = std::make_unique<AbsentScanner>(error(Code::journal_write, "another process works with the database"));
     if (auto made = hal::make_control_socket(config.control_socket.c_str()); made.ok()) {
       control = std::move(made.value());
     } else {
@@ -187,11 +187,24 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   figures.plc_role = config.plc.role;
   figures.plc_word_order = config.plc.word_order;
   figures.db_path = config.storage.db_path;
+  figures.started_ns = clock->mono_ns();
   // Once, unless storage cannot be used: then it is opened again and again, and everything else stays up meanwhile.
   std::int64_t patience_ns = Loop::kStorePatience_ns;
+  bool scanner_is_ours = false;
   for (bool again = true; again; patience_ns = std::min(2 * patience_ns, Loop::kStorePatienceMax_ns)) {
     StationSettings now = settings;
     std::unique_ptr<storage::Store> store;
+    // Whoever has the database has the scanner: two that look after one drop folder take each other's scans.
+    if (now.fault == Code::ok && !scanner_is_ours) {
+      if (storage::is_written_elsewhere(config.storage.db_path)) {
+        std::fprintf(stderr, "error: another process works with %s, and with its scanner: only one may\n",
+                     config.storage.db_path.c_str());
+        now.fault = Code::journal_write;
+      } else {
+        scanner = scanner_port(config, *clock);
+        scanner_is_ours = true;
+      }
+    }
     if (now.fault == Code::ok) {
       const Ports ports{*plc.value(), *pose, *scanner, nullptr, control.get(), *clock, *notify};
       const auto made =

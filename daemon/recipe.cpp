@@ -3,6 +3,8 @@
 #include <sha256.h>
 
 #include <algorithm>
+#include <cctype>
+#include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -219,6 +221,9 @@ void read_head(TableReader& root, Recipe& recipe) {
     root.problem("schema", fmt::format("found \"{}\", allowed is \"slabd.recipe/1\"", schema));
   std::string recipe_name;
   root.required_text("name", recipe_name, recipe.name.capacity());
+  if (std::any_of(recipe_name.begin(), recipe_name.end(),
+                  [](char c) { return std::iscntrl(static_cast<unsigned char>(c)) != 0; }))
+    root.problem("name", "found a control character, allowed is printable text on one line");
   recipe.name.assign(recipe_name);
   std::int64_t slab_type = 0;
   root.required_integer("slab_type", slab_type, 1, 65'535);  // one register of the PLC
@@ -229,6 +234,60 @@ void read_head(TableReader& root, Recipe& recipe) {
   recipe.slope_datum = datum == 0 ? SlopeDatum::slab_frame : SlopeDatum::local_slab_top;
   root.required_boolean("remove_warp", recipe.remove_warp);
   root.required_number("guard", recipe.guard, {0.0, 2.0});
+}
+
+// ---- the folder -------------------------------------------------------------------------------------------------
+
+struct RecipeFile {
+  std::string path;
+  std::string bytes;
+  Recipe recipe;
+  bool is_good = false;
+  std::optional<std::uint16_t> slab_type;  ///< also of a faulty file, as far as it can be told
+};
+
+/// Not what an editor puts beside a file (".#p5600.toml", ".p5600.toml.swp").
+bool is_recipe_file(const std::filesystem::path& path) {
+  return path.extension() == ".toml" && !path.filename().string().starts_with('.');
+}
+
+/// The number behind a line's "slab_type =", of a file that need not be TOML.
+std::optional<std::uint16_t> slab_type_in(std::string_view text) {
+  static constexpr std::string_view kKey = "slab_type";
+  static constexpr std::string_view kBlank = " \t";
+  const auto skip_blanks = [](std::string_view& line) {
+    line.remove_prefix(std::min(line.find_first_not_of(kBlank), line.size()));
+  };
+  while (!text.empty()) {
+    std::string_view line = text.substr(0, text.find('\n'));
+    text.remove_prefix(std::min(line.size() + 1, text.size()));
+    skip_blanks(line);
+    if (!line.starts_with(kKey)) continue;
+    line.remove_prefix(kKey.size());
+    skip_blanks(line);
+    if (!line.starts_with('=')) continue;
+    line.remove_prefix(1);
+    skip_blanks(line);
+    std::uint16_t slab_type = 0;
+    const auto [end, error] = std::from_chars(line.data(), line.data() + line.size(), slab_type);
+    const std::string_view rest(end, static_cast<std::size_t>(line.data() + line.size() - end));
+    if (error != std::errc() || slab_type == 0 || rest.find_first_not_of(" \t\r") != rest.find('#')) return {};
+    return slab_type;
+  }
+  return {};
+}
+
+RecipeFile read_recipe_file(const std::string& path, std::vector<Problem>& problems) {
+  RecipeFile file;
+  file.path = path;
+  const std::size_t problems_before = problems.size();
+  std::optional<std::string> bytes = read_text_file(path, problems);
+  if (!bytes) return file;
+  file.bytes = std::move(*bytes);
+  parse_recipe(path, file.bytes, file.recipe, problems);
+  file.is_good = problems.size() == problems_before;
+  file.slab_type = file.is_good ? std::optional(file.recipe.slab_type) : slab_type_in(file.bytes);
+  return file;
 }
 
 }  // namespace
@@ -277,7 +336,7 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
   std::vector<std::string> paths;
   std::error_code ec;
   for (std::filesystem::directory_iterator it(dir, ec), end; !ec && it != end; it.increment(ec))
-    if (it->path().extension() == ".toml") paths.push_back(it->path().string());
+    if (is_recipe_file(it->path())) paths.push_back(it->path().string());
   if (ec) {
     problems.push_back(
         {fmt::format("{}: the recipe folder cannot be read: {}; it is [recipes] dir of the configuration, and slabd's "
@@ -287,27 +346,38 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
   }
   std::sort(paths.begin(), paths.end());
 
+  std::vector<RecipeFile> files;
+  for (const std::string& path : paths) files.push_back(read_recipe_file(path, problems));
+  // Of two files one may be what the other was before somebody corrected it: a guess could let bad slabs pass.
   std::map<std::uint16_t, std::string> path_of_type;
-  for (const std::string& path : paths) {
-    Recipe recipe;
-    const std::size_t problems_before = problems.size();
-    const std::optional<std::string> bytes = read_text_file(path, problems);
-    if (!bytes) continue;
-    parse_recipe(path, *bytes, recipe, problems);
-    if (problems.size() != problems_before) continue;
-    const auto [other, is_new] = path_of_type.emplace(recipe.slab_type, path);
-    if (!is_new) {
+  bool any_type_unknown = false;
+  for (const RecipeFile& file : files) {
+    if (!file.slab_type) {
       problems.push_back(
-          {fmt::format("{}: slab_type: {} is already the type of {}; allowed is one recipe for each type", path,
-                       recipe.slab_type, other->second)});
+          {fmt::format("{}: which slab_type it is for cannot be told, so it may be the better recipe of "
+                       "any: no recipe is used until it is mended or moved out of the folder",
+                       file.path)});
+      any_type_unknown = true;
       continue;
     }
+    if (const auto [other, is_new] = path_of_type.emplace(*file.slab_type, file.path); !is_new)
+      problems.push_back(
+          {fmt::format("{}: slab_type: {} is also the type of {}; allowed is one file for each type, and of these none "
+                       "is used",
+                       file.path, *file.slab_type, other->second)});
+  }
+  if (any_type_unknown) return;
+  for (const RecipeFile& file : files) {
+    const auto rival = [&file](const RecipeFile& other) {
+      return &other != &file && other.slab_type == file.slab_type;
+    };
+    if (!file.is_good || std::any_of(files.begin(), files.end(), rival)) continue;
     if (recipes.size() == limits::kRecipesMax) {
-      problems.push_back({fmt::format("{}: left out; allowed are {} recipes", path, limits::kRecipesMax)});
+      problems.push_back({fmt::format("{}: left out; allowed are {} recipes", file.path, limits::kRecipesMax)});
       continue;
     }
-    recipes.push_back(recipe);
-    if (texts != nullptr) texts->push_back({recipe.sha256, recipe.name, *bytes});
+    recipes.push_back(file.recipe);
+    if (texts != nullptr) texts->push_back({file.recipe.sha256, file.recipe.name, file.bytes});
   }
   if (recipes.empty())
     problems.push_back({fmt::format("{}: no usable recipe (*.toml) in this folder; slabd cannot measure", dir)});

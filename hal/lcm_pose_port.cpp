@@ -295,15 +295,9 @@ class LcmPosePort final : public PosePort {
 Result<std::unique_ptr<PosePort>> make_lcm_pose_port(const LcmSettings& settings) {
   const Result<LcmUrl> url = parse_lcm_url(settings.url.view());
   if (!url) return url.error();
-  if (settings.channel.empty() || settings.channel.view().find('\0') != std::string_view::npos)
-    return error(Code::config, "lcm channel is empty or holds a NUL, allowed 1..%zu characters", kLcmChannelMax);
-  const std::string_view interface = settings.interface.view();
-  in_addr address{};
-  if (inet_pton(AF_INET, settings.interface.c_str(), &address) != 1 &&
-      (interface.size() >= IF_NAMESIZE || interface.find_first_of("/ \t\n") != std::string_view::npos))
-    return error(Code::config,
-                 "lcm interface \"%s\" is neither an IPv4 address nor an interface name (1..%d characters)",
-                 settings.interface.c_str(), IF_NAMESIZE - 1);
+  for (const Status& status :
+       {check_lcm_channel(settings.channel.view()), check_lcm_interface(settings.interface.view())})
+    if (!status.ok()) return status.error();
   return std::unique_ptr<PosePort>(std::make_unique<LcmPosePort>(settings, url.value()));
 }
 

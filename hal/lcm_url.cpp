@@ -2,9 +2,12 @@
 #include "hal/lcm_url.h"
 
 #include <arpa/inet.h>
+#include <net/if.h>
 
 #include <charconv>
 #include <optional>
+
+#include "hal/lc02_reader.h"
 
 namespace slabd::hal {
 namespace {
@@ -79,6 +82,23 @@ Result<LcmUrl> parse_lcm_url(std::string_view url) {
   }
   if (!ttl_seen) return refuse(url, "options lack", "ttl", "?ttl=0 (this computer), ?ttl=1 (this network) to ?ttl=255");
   return parsed;
+}
+
+Status check_lcm_channel(std::string_view channel) {
+  if (channel.empty() || channel.size() > kLcmChannelMax || channel.find('\0') != std::string_view::npos)
+    return error(Code::config, "lcm channel is empty, too long or holds a NUL, allowed 1..%zu characters",
+                 kLcmChannelMax);
+  return success();
+}
+
+Status check_lcm_interface(std::string_view interface) {
+  const FixedString<INET_ADDRSTRLEN> terminated(interface);
+  in_addr address{};
+  if (interface.size() < INET_ADDRSTRLEN && inet_pton(AF_INET, terminated.c_str(), &address) == 1) return success();
+  if (interface.size() < IF_NAMESIZE && interface.find_first_of("/ \t\n") == std::string_view::npos) return success();
+  const FixedString<64> shown(interface);
+  return error(Code::config, "lcm interface \"%s\" is neither an IPv4 address nor an interface name (1..%d characters)",
+               shown.c_str(), IF_NAMESIZE - 1);
 }
 
 }  // namespace slabd::hal

@@ -20,4 +20,9 @@ struct LcmUrl {
 /// and what is allowed.
 [[nodiscard]] Result<LcmUrl> parse_lcm_url(std::string_view url);
 
+/// A channel of 1..63 characters without NUL; config otherwise.
+[[nodiscard]] Status check_lcm_channel(std::string_view channel);
+/// An IPv4 address or a name that an interface may have, whether or not this computer has it; config otherwise.
+[[nodiscard]] Status check_lcm_interface(std::string_view interface);
+
 }  // namespace slabd::hal

@@ -45,6 +45,14 @@ Status make_folder(const std::string& path) {
   return sync_file(parent);
 }
 
+Status check_writable(const std::string& path) {
+  if (faccessat(AT_FDCWD, path.c_str(), W_OK | X_OK, AT_EACCESS) == 0) return success();
+  // A service's view of a disk is not that of whoever looks for the reason.
+  const char* hint =
+      errno == EROFS ? " (a service writes only where its unit says ReadWritePaths=; systemctl edit slabd)" : "";
+  return error(Code::journal_write, "cannot write in %s: %s%s", path.c_str(), std::strerror(errno), hint);
+}
+
 Status create_file(const std::string& path) {
   const int fd = open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, kFileMode);
   if (fd < 0) return errno == EEXIST ? success() : trouble("cannot create", path);

@@ -13,6 +13,8 @@ namespace slabd::storage {
 /// Makes `path` and its parents. Folders made here get mode 2770: the group may read and keeps its name on new files;
 /// each is on the disk when this returns.
 [[nodiscard]] Status make_folder(const std::string& path);
+/// Files can be made in an existing folder: rights, and a file system that this process may write to.
+[[nodiscard]] Status check_writable(const std::string& path);
 
 /// Creates an empty file of mode 0660 unless it exists. SQLite gives its side files the same mode, so that the group
 /// can read while the daemon writes. Its name is on the disk when this returns. An existing file is not even opened:

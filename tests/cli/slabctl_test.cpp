@@ -327,7 +327,7 @@ TEST_F(Slabctl, deviation_map_of_a_block_that_was_not_found_is_not_written) {
   EXPECT_FALSE(fs::exists(file("map.csv")));
 }
 
-#if !defined(__SANITIZE_ADDRESS__)
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 TEST_F(Slabctl, an_inspection_keeps_within_the_memory_that_the_limits_add_up_to) {
   // All of it is taken and written to at the start, whatever the scan's size; so a small one shows it too.
   ASSERT_EQ(simulate_scan("scan.ply", "").status, 0);

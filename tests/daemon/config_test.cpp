@@ -96,6 +96,39 @@ TEST_F(ConfigTest, relative_paths_start_at_the_configurations_folder) {
   EXPECT_EQ(config_.storage.db_path, folder + "/data/slabd.db");
 }
 
+TEST_F(ConfigTest, nothing_of_slabd_lies_in_the_scanners_folder) {
+  const auto with_drop = [](const std::string& drop, const std::string& rest) {
+    return kShortest + ("[scanner]\ndrop_dir = \"" + drop + "\"\n" + rest);
+  };
+  EXPECT_EQ(load(with_drop("/srv/d", "[storage]\nspool_dir = \"/srv/dd\"\ndb = \"/srv/slabd.db\"\n")), Texts{});
+  for (const char* inside : {"[storage]\nspool_dir = \"/srv/d\"\n", "[storage]\nspool_dir = \"/srv/d/inbox\"\n",
+                             "[storage]\ndb = \"/srv/x/../d/slabd.db\"\n", "[recipes]\ndir = \"/srv/d/recipes/\"\n"}) {
+    const Texts texts = load(with_drop("/srv/d/", inside));
+    ASSERT_GE(texts.size(), 1U) << inside;
+    EXPECT_NE(texts[0].find("in the scanner's folder /srv/d"), std::string::npos) << texts[0];
+    EXPECT_TRUE(texts[0].starts_with("slabd.toml:8:")) << texts[0];
+  }
+  const Texts texts = load(with_drop("/srv/spool/drop", "[storage]\nspool_dir = \"/srv/spool\"\n"));
+  EXPECT_EQ(texts, Texts{"slabd.toml:6:12: scanner.drop_dir: found /srv/spool/drop, which is in /srv/spool "
+                         "(storage.spool_dir); allowed is a place outside of it"});
+}
+
+TEST_F(ConfigTest, what_the_check_calls_good_the_daemon_can_begin_with) {
+  for (const char* url :
+       {"udpm://239.255.78.300:7667?ttl=0", "udpm://10.0.0.1:7667?ttl=0", "udpm://239.255.76.67:7667?ttl=300",
+        "udpm://239.255.76.67:7667?tll=0", "udpm://239.255.76.67:0?ttl=0", "udpm://239.255.76.67:7667"}) {
+    const Texts texts = load(kShortest + ("[robot]\nlcm_url = \"" + std::string(url) + "\"\n"));
+    ASSERT_EQ(texts.size(), 1U) << url;
+    EXPECT_TRUE(texts[0].starts_with("slabd.toml:6:11: robot.lcm_url: lcm url \"udpm://")) << texts[0];
+  }
+  EXPECT_EQ(load(kShortest + std::string("[robot]\nchannel = \"\"\n")).size(), 1U);
+  EXPECT_EQ(load(kShortest + std::string("[robot]\ninterface = \"a/b\"\n")).size(), 1U);
+  EXPECT_EQ(
+      load(kShortest + std::string("[plc]\nlisten = \"127.0.0.0/8:1502\"\n")),
+      Texts{"slabd.toml:6:10: plc.listen: found \"127.0.0.0/8:1502\", allowed is an IPv4 address before the port, "
+            "such as 127.0.0.1"});
+}
+
 TEST_F(ConfigTest, views_of_a_calibration_may_be_guarded_less_and_never_by_a_limit_that_says_more) {
   EXPECT_EQ(load(std::string(kShortest) + "capture_stable_mm = 0.01\ncapture_stable_deg = 0.001\n"), Texts{});
   EXPECT_FALSE(config_.capture.is_wider());

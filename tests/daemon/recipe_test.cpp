@@ -244,6 +244,8 @@ INSTANTIATE_TEST_SUITE_P(
     ::testing::Values(
         Fault{"slabd.recipe/1", "slabd.recipe/2",
               "r.toml:LINE:10: schema: found \"slabd.recipe/2\", allowed is \"slabd.recipe/1\""},
+        Fault{"name = \"P5600\"", "name = \"P56\\n00\"",
+              "r.toml:LINE:8: name: found a control character, allowed is printable text on one line"},
         Fault{"slab_type = 5600 ", "slab_type = 70000 ",
               "r.toml:LINE:13: slab_type: found 70000, allowed is a whole number 1..65535"},
         Fault{"slope_datum = \"slab_frame\"", "slope_datum = \"floor\"",
@@ -334,32 +336,80 @@ TEST_F(RecipeTest, damaged_bytes_never_escape_as_an_exception) {
   }
 }
 
-TEST_F(RecipeTest, folder_is_read_in_order_and_leaves_faulty_recipes_out) {
-  const std::string good = read_whole(kP5600);
-  const auto of_type = [&](int type) {
-    return with(good, "slab_type = 5600 ", "slab_type = " + std::to_string(type) + " ");
-  };
+/// A folder of recipes is what it holds, and never what somebody forgot in it.
+class RecipeFolder : public RecipeTest {
+ protected:
+  std::string good_ = read_whole(kP5600);
+  std::vector<Recipe> recipes_;
+  std::vector<Problem> problems_;
+  std::vector<storage::RecipeText> kept_;
+
+  [[nodiscard]] std::string of_type(int type) const {
+    return with(good_, "slab_type = 5600 ", "slab_type = " + std::to_string(type) + " ");
+  }
+  [[nodiscard]] std::vector<int> types() {
+    problems_.clear();
+    load_recipes(files_.folder(), recipes_, problems_, &kept_);
+    EXPECT_EQ(kept_.size(), recipes_.size());
+    std::vector<int> types;
+    for (const Recipe& recipe : recipes_) types.push_back(recipe.slab_type);
+    return types;
+  }
+};
+
+TEST_F(RecipeFolder, is_read_in_order_and_leaves_faulty_recipes_out) {
   files_.write("c.toml", of_type(3));
   files_.write("a.toml", of_type(1));
-  files_.write("b.toml", "schema = 1\n");
-  files_.write("d.toml", of_type(1));
+  files_.write("b.toml", "slab_type = 2\nschema = 1\n");
   files_.write("notes.txt", "not a recipe");
-  std::vector<Recipe> recipes;
-  std::vector<Problem> problems;
-  std::vector<storage::RecipeText> files;
-  load_recipes(files_.folder(), recipes, problems, &files);
-  ASSERT_EQ(recipes.size(), 2U);
-  EXPECT_EQ(recipes[0].slab_type, 1);
-  EXPECT_EQ(recipes[1].slab_type, 3);
-  ASSERT_EQ(files.size(), 2U);
+  files_.write(".a.toml", "what an editor left");
+  EXPECT_EQ(types(), (std::vector<int>{1, 3}));
   for (const std::size_t i : {0U, 1U}) {
-    EXPECT_EQ(files[i].text, of_type(i == 0 ? 1 : 3));
-    EXPECT_EQ(files[i].sha256, recipes[i].sha256);
-    EXPECT_EQ(files[i].name, recipes[i].name);
+    EXPECT_EQ(kept_[i].text, of_type(i == 0 ? 1 : 3));
+    EXPECT_EQ(kept_[i].sha256, recipes_[i].sha256);
+    EXPECT_EQ(kept_[i].name, recipes_[i].name);
   }
-  const Texts texts = files_.texts(problems);
-  EXPECT_TRUE(texts.front().starts_with("b.toml:1:10: schema: found 1")) << texts.front();
-  EXPECT_EQ(texts.back(), "d.toml: slab_type: 1 is already the type of a.toml; allowed is one recipe for each type");
+  const Texts texts = files_.texts(problems_);
+  EXPECT_TRUE(texts.front().starts_with("b.toml:2:10: schema: found 1")) << texts.front();
+}
+
+TEST_F(RecipeFolder, of_two_files_of_a_type_neither_is_used) {
+  files_.write("p5600-new.toml", of_type(5600));
+  files_.write("p5600.toml", of_type(5600));
+  files_.write("p4900.toml", of_type(4900));
+  EXPECT_EQ(types(), std::vector<int>{4900});
+  EXPECT_EQ(files_.texts(problems_), Texts{"p5600.toml: slab_type: 5600 is also the type of p5600-new.toml; allowed is "
+                                           "one file for each type, and of these none is used"});
+}
+
+TEST_F(RecipeFolder, a_file_with_a_slip_does_not_bring_back_the_one_before) {
+  files_.write("p4900.toml", of_type(4900));
+  files_.write("z-old.toml", of_type(5600));
+  for (const char* slip : {"guard = 1.O", "guard = ", "[[["}) {
+    files_.write("p5600.toml", of_type(5600) + "\n" + slip + "\n");
+    EXPECT_EQ(types(), std::vector<int>{4900}) << slip;
+    EXPECT_TRUE(
+        files_.texts(problems_).back().starts_with("z-old.toml: slab_type: 5600 is also the type of p5600.toml"));
+  }
+}
+
+TEST_F(RecipeFolder, beside_a_file_of_no_type_no_recipe_is_used) {
+  files_.write("z-old.toml", of_type(5600));
+  for (const std::string& text :
+       {std::string(), std::string("schema = 1\n"), with(good_, "slab_type = 5600 ", "slab_type = \"5600\" "),
+        with(good_, "slab_type = 5600 ", "slab_type = 56000000 "), with(good_, "slab_type = 5600 ", "slab_type = 0 "),
+        with(good_, "slab_type = 5600 ", "slab_type = 56_00 x "), with(good_, "slab_type = 5600 ", "slab_typ = 5600 "),
+        std::string(storage::kRecipeTextBytes + 1, '\n')}) {
+    files_.write("p5600.toml", text);
+    EXPECT_EQ(types(), std::vector<int>{}) << text.substr(0, 200);
+    EXPECT_EQ(
+        files_.texts(problems_).back(),
+        "p5600.toml: which slab_type it is for cannot be told, so it may be the better recipe of any: no recipe is "
+        "used until it is mended or moved out of the folder");
+  }
+  std::filesystem::remove(files_.folder() + "/p5600.toml");
+  std::filesystem::create_symlink("nowhere", files_.folder() + "/p5600.toml");
+  EXPECT_EQ(types(), std::vector<int>{});
 }
 
 TEST_F(RecipeTest, a_recipe_from_its_bytes_is_the_one_from_its_file) {

@@ -151,6 +151,30 @@ TEST_F(CareLine, a_lost_database_is_not_begun_anew_unless_a_person_says_so) {
   EXPECT_EQ(box_.stop(), 0);
 }
 
+TEST_F(CareLine, a_second_daemon_leaves_the_scanner_alone_until_the_database_is_its_own) {
+  start();
+  Box other;
+  std::string text = read_file(other.config);
+  const std::string own = (other.dir / "slabd.db").native();
+  text.replace(text.find(own), own.size(), (box_.dir / "slabd.db").native());
+  std::ofstream(other.config) << text;
+  const fs::path scan = other.dir / "drop/inbox/nobody-asked.ply";
+  fs::create_directories(scan.parent_path());
+  std::ofstream(scan) << "ply\n";
+  other.start();
+  ASSERT_TRUE(other.ready()) << other.log();
+  for (int i = 0; i < 500 && input_register(other.port, kFault) != 502; ++i) ::usleep(10'000);
+  EXPECT_EQ(input_register(other.port, kFault), 502) << other.log();
+  EXPECT_NE(other.log().find("another process works with"), std::string::npos) << other.log();
+  EXPECT_TRUE(fs::exists(scan)) << other.log();
+  EXPECT_EQ(box_.stop(), 0);
+  // Tried again after a few seconds.
+  for (int i = 0; i < 3000 && (input_register(other.port, kFault) != 0 || fs::exists(scan)); ++i) ::usleep(10'000);
+  EXPECT_EQ(input_register(other.port, kFault), 0) << other.log();
+  EXPECT_FALSE(fs::exists(scan)) << other.log();
+  EXPECT_EQ(other.stop(), 0);
+}
+
 TEST_F(CareLine, figures_are_told_for_prometheus_and_a_silent_daemon_is_one) {
   const fs::path file = box_.dir / "slabd.prom";
   const std::vector<std::string> ask = {"metrics", "--config", box_.config.native(), "--out", file.native()};

@@ -9,6 +9,8 @@
 
 #if defined(__SANITIZE_ADDRESS__)
 #include <sanitizer/common_interface_defs.h>
+#elif defined(__SANITIZE_THREAD__)
+#include <sanitizer/tsan_interface.h>
 #endif
 
 namespace slabd::sim {
@@ -40,10 +42,16 @@ Fiber::Fiber(std::function<void()> body) : body_(std::move(body)) {
   own_.uc_stack.ss_size = kStackBytes;
   own_.uc_link = nullptr;
   makecontext(&own_, &Fiber::enter, 0);
+#if defined(__SANITIZE_THREAD__)
+  sanitizers_own_ = __tsan_create_fiber(0);
+#endif
 }
 
 Fiber::~Fiber() {
   assert(finished_);
+#if defined(__SANITIZE_THREAD__)
+  __tsan_destroy_fiber(sanitizers_own_);
+#endif
   spare_stacks().push_back(std::move(stack_));
 }
 
@@ -74,6 +82,16 @@ void Fiber::switch_in() {
   swapcontext(&caller_, &own_);
 }
 void Fiber::switch_out() {
+  swapcontext(&own_, &caller_);
+}
+#elif defined(__SANITIZE_THREAD__)
+void Fiber::switch_in() {
+  sanitizers_caller_ = __tsan_get_current_fiber();
+  __tsan_switch_to_fiber(sanitizers_own_, 0);
+  swapcontext(&caller_, &own_);
+}
+void Fiber::switch_out() {
+  __tsan_switch_to_fiber(sanitizers_caller_, 0);
   swapcontext(&own_, &caller_);
 }
 #else

@@ -50,6 +50,9 @@ class Fiber {
   void* fake_stack_ = nullptr;
   const void* caller_bottom_ = nullptr;
   std::size_t caller_size_ = 0;
+#elif defined(__SANITIZE_THREAD__)
+  void* sanitizers_own_ = nullptr;
+  void* sanitizers_caller_ = nullptr;
 #endif
 };
 
