@@ -80,6 +80,7 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<
   if (figures_.started_ns == 0) figures_.started_ns = begun_ns_;
   store_worker_ = crew_->storage([this](const StoreTask& task) { return store(task); },
                                  [this] {
+                                   delete_one();
                                    if (store_handed_over_.load(std::memory_order_acquire))
                                      or_later([this] { ports_.store->idle(); });
                                  });
@@ -180,6 +181,15 @@ bool Loop::wants_store(std::int64_t patience_ns) const {
   return fault_was_reset_ || ports_.clock.mono_ns() - begun_ns_ >= patience_ns;
 }
 
+/// Of a database that cannot be read. Its session is far from that of a new one: an order that was refused here still
+/// stands in the registers when the database comes, and must not fit.
+static std::unique_ptr<RecoveredLine> nothing_recovered() {
+  constexpr std::uint16_t kSessionWithoutStore = 0x8000;
+  auto line = std::make_unique<RecoveredLine>();
+  line->session = kSessionWithoutStore;
+  return line;
+}
+
 void Loop::start() {
   if (ports_.store != nullptr) {
     const Result<std::unique_ptr<RecoveredLine>> line = ports_.store->recover();
@@ -190,11 +200,10 @@ void Loop::start() {
       // Nothing may be written over what could not be read.
       ports_.store = nullptr;
       station_->settings.fault = Code::journal_write;
-      handle(Recovered{std::make_unique<RecoveredLine>().get()});
+      handle(Recovered{nothing_recovered().get()});
     }
   } else {
-    const auto line = std::make_unique<RecoveredLine>();
-    handle(Recovered{line.get()});
+    handle(Recovered{nothing_recovered().get()});
   }
   store_handed_over_.store(ports_.store != nullptr, std::memory_order_release);
   ports_.notify.ready();
@@ -204,6 +213,7 @@ void Loop::finish() {
   ports_.notify.stopping();
   cancel_scan_ = true;
   store_worker_->drain();
+  while (delete_one()) continue;
 }
 
 bool Loop::scanner_comes_back() {
@@ -432,7 +442,7 @@ void Loop::perform(const Action& action) {
   } else if (const auto* judge = std::get_if<JudgeSlab>(&action)) {
     judge_slab(*judge);
   } else if (const auto* drop = std::get_if<DropScan>(&action)) {
-    drop_scan(drop->path);
+    if (!delete_later(drop->path)) delete_file(drop->path);
   } else if (const auto* tidy = std::get_if<TidyCaptures>(&action)) {
     tidy_captures(tidy->folder);
   } else if (const auto* line = std::get_if<LogLine>(&action)) {
@@ -455,15 +465,34 @@ void Loop::judge_slab(const JudgeSlab& action) {
   has_follow_up_ = true;
 }
 
-/// On the loop's thread: the line is in maintenance, and nothing waits but heartbeats.
-void Loop::drop_scan(const PathText& path) const {
+/// Sixty megabytes may take a disk long, and the PLC waits for its heartbeat: the storage thread does it when it has
+/// nothing else to do.
+bool Loop::delete_later(const PathText& path) {
+  const std::lock_guard<std::mutex> lock(to_delete_guard_);
+  return to_delete_.push(path);
+}
+
+bool Loop::delete_one() {
+  PathText path;
+  {
+    const std::lock_guard<std::mutex> lock(to_delete_guard_);
+    if (to_delete_.empty()) return false;
+    path = to_delete_[0];
+    to_delete_.erase(0);
+  }
+  delete_file(path);
+  return true;
+}
+
+void Loop::delete_file(const PathText& path) const {
   if (::unlink(path.c_str()) == 0 || errno == ENOENT) return;
   LogLine line{LogLine::Level::warning, 0, {}};
   line.text.printf("%s cannot be deleted: %s", path.c_str(), std::strerror(errno));
   say(line);
 }
 
-void Loop::tidy_captures(const PathText& folder) const {
+/// Views that nobody fetched, a few at a time: the rest goes at the next calibration.
+void Loop::tidy_captures(const PathText& folder) {
   const std::int64_t oldest_us = ports_.clock.utime_us() - kCaptureKeptUs;
   std::error_code fault;  // no folder: nobody ever calibrated here
   for (std::filesystem::directory_iterator entry(folder.c_str(), fault), end; !fault && entry != end;
@@ -471,7 +500,8 @@ void Loop::tidy_captures(const PathText& folder) const {
     // Its time of change is when it was moved here.
     struct stat there {};
     const bool scan = ::lstat(entry->path().c_str(), &there) == 0 && S_ISREG(there.st_mode);
-    if (scan && there.st_ctim.tv_sec * std::int64_t{1'000'000} < oldest_us) drop_scan(entry->path().c_str());
+    if (scan && there.st_ctim.tv_sec * std::int64_t{1'000'000} < oldest_us && !delete_later(entry->path().c_str()))
+      return;
   }
 }
 

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <span>
 #include <string>
 #include <string_view>
@@ -98,8 +99,12 @@ class Loop {
   void handle(const Event& event);
   void perform(const Action& action);
   void judge_slab(const JudgeSlab& action);
-  void drop_scan(const PathText& path) const;
-  void tidy_captures(const PathText& folder) const;
+  /// False: too many wait for it.
+  [[nodiscard]] bool delete_later(const PathText& path);
+  /// Deletes one file that waits for it; false: there is none. By the storage thread, or when nothing else runs.
+  bool delete_one();
+  void delete_file(const PathText& path) const;
+  void tidy_captures(const PathText& folder);
   void say(const LogLine& line) const { say_line(line); }
 
   [[nodiscard]] StoreDone store(const StoreTask& task);
@@ -119,6 +124,9 @@ class Loop {
   std::atomic<bool> cancel_scan_{false};
   /// The store has gone over from start(), which reads it on the loop's thread, to the storage thread.
   std::atomic<bool> store_handed_over_{false};
+
+  std::mutex to_delete_guard_;
+  FixedVector<PathText, 32> to_delete_;
 
   bool fault_was_reset_ = false;  ///< by the PLC, since the start
   std::int64_t watchdog_ns_ = 0;

@@ -209,6 +209,8 @@ struct Acquisition {
   bool slot_taken = false;
   bool abort = false;  ///< ABORT or SLAB_ABORT while it runs
   std::int64_t started_ns = 0;
+  std::int64_t clearing_since_ns = 0;
+  std::int64_t cleared_in_ns = 0;  ///< what the scan that was thrown away took; 0: there was none
   std::int64_t settled_ns = 0;
   std::int64_t taken_ns = 0;  ///< checking: when the exposure was over
   double read_ms = 0.0;

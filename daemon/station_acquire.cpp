@@ -37,6 +37,10 @@ Code looks_at_station(const Station& s, const Pose& T_base_flange, double& off_a
   return off_axis_mm <= s.settings.pose.look_mm && p_scanner.z() > 0.0 ? Code::ok : Code::outside_window;
 }
 
+std::int64_t time_left_ns(const Station& s) {
+  return s.acquisition.started_ns + kHangTimeoutNs - s.now_ns;
+}
+
 AcquireScan scan_to_ask(Station& s, int slot) {
   Acquisition& a = s.acquisition;
   a.slot = static_cast<std::uint8_t>(slot);
@@ -48,16 +52,23 @@ AcquireScan scan_to_ask(Station& s, int slot) {
   action.request.slab_id = s.slab.header.slab_id;
   action.request.station = a.station;
   // Less than what is allowed only where another scan was taken first.
-  action.request.timeout_ns =
-      std::clamp(a.started_ns + kHangTimeoutNs - s.now_ns, kNsPerMs, s.settings.scan_timeout_ns);
+  action.request.timeout_ns = std::clamp(time_left_ns(s), kNsPerMs, s.settings.scan_timeout_ns);
   action.request.spool_path.printf("%s/%lld/%02u-%u", s.settings.spool_dir.c_str(),
                                    static_cast<long long>(s.slab.header.key), a.station, a.attempt.number);
   return action;
 }
 
+/// After a scan that was thrown away: for one that takes as long, and half a second more. One that is asked for in vain
+/// would have to be thrown away, too, and a slow scanner would never come to a block's own.
+bool time_for_another(const Station& s) {
+  const std::int64_t took_ns = s.acquisition.cleared_in_ns;
+  return took_ns == 0 || time_left_ns(s) >= std::min(s.settings.scan_timeout_ns, took_ns + kNsPerS / 2);
+}
+
 /// One scan that is thrown away: from then on everything that the scanner may hold is known.
 void clear_scanner(Station& s, int slot, Actions& actions) {
   s.acquisition.phase = Acquisition::Phase::clearing;
+  s.acquisition.clearing_since_ns = s.now_ns;
   AcquireScan action = scan_to_ask(s, slot);
   action.request.session = 0;
   action.request.cmd_seq = next_own_request(s);
@@ -90,6 +101,14 @@ void try_to_trigger(Station& s, Actions& actions) {
   }
   if (s.scan_unseen && !s.settings.simulation) {
     clear_scanner(s, slot, actions);
+    return;
+  }
+  if (!time_for_another(s)) {
+    log(actions, LogLine::Level::warning, Code::trigger_timeout,
+        "station %u: the scan that was thrown away took %.1f s, too long for another one while the PLC waits; the next "
+        "SCAN asks for its own at once",
+        a.station, static_cast<double>(a.cleared_in_ns) / 1e9);
+    fail_acquisition(s, Code::trigger_timeout, actions);
     return;
   }
   a.phase = Acquisition::Phase::scanning;
@@ -326,12 +345,6 @@ void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions) 
       "the scanner's worker hangs, most likely in a network share; nothing more is asked of it until it is back");
 }
 
-/// What the scanner makes of a request that brought no new points may come later, as the scan of another block.
-static void distrust_scanner(Station& s, Actions& actions) {
-  if (std::exchange(s.scan_unseen, true)) return;
-  store_fingerprint(s, kUnseenScan, actions);
-}
-
 /// Nothing else was asked of the worker meanwhile, so whatever it brings is what was given up.
 static void settle_owed(Station& s, const ScanDone& done, Actions& actions) {
   const bool repeated = was_seen(s, done, actions);
@@ -362,6 +375,7 @@ static void on_cleared(Station& s, const ScanDone& done, Actions& actions) {
   }
   s.scan_unseen = false;
   a.decoded = false;
+  a.cleared_in_ns = s.now_ns - a.clearing_since_ns;
   a.phase = Acquisition::Phase::settling;
 }
 
@@ -379,7 +393,8 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   Acquisition& a = s.acquisition;
   // The buffer names the scan as much as the number does: numbers begin anew with a session.
   if (a.phase != Acquisition::Phase::scanning || done.cmd_seq != a.cmd_seq || done.slot != a.slot) {
-    (void)was_seen(s, done, actions);
+    const bool is_new = done.code == Code::ok && done.fingerprint != 0 && !was_seen(s, done, actions);
+    if (is_new && s.scan_unseen) store_fingerprint(s, kUnseenScan, actions);  // its mark stays the newest
     return;
   }
   a.attempt.scan_path = done.scan.path;
@@ -441,7 +456,11 @@ void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Acti
 void fail_acquisition(Station& s, Code code, Actions& actions) {
   Acquisition& a = s.acquisition;
   const bool asked = a.phase == Acquisition::Phase::clearing || a.phase == Acquisition::Phase::scanning;
-  if (asked && a.fingerprint == 0) distrust_scanner(s, actions);
+  // What the scanner makes of a request that brought no new points may come later, as the scan of another block. In one
+  // transaction with the end of the command: a restart finds a SCAN under way, or the mark.
+  const bool unseen = asked && a.fingerprint == 0;
+  if (unseen) s.scan_unseen = true;
+  const std::uint64_t fingerprint = unseen ? kUnseenScan : a.fingerprint;
   StationRecord& record = record_of(s, a.station);
   record.phase = StationPhase::failed;
   record.code = static_cast<std::uint16_t>(code);
@@ -452,8 +471,8 @@ void fail_acquisition(Station& s, Code code, Actions& actions) {
   PendingStore pending;
   pending.kind = PendingStore::Kind::failed_attempt;
   pending.station = a.station;
-  pending.fingerprint = a.fingerprint;
-  submit(s, actions, FailedAttemptJob{a.attempt, static_cast<std::uint16_t>(code), a.fingerprint}, pending);
+  pending.fingerprint = fingerprint;
+  submit(s, actions, FailedAttemptJob{a.attempt, static_cast<std::uint16_t>(code), fingerprint}, pending);
   release(s);
 }
 

@@ -58,17 +58,29 @@ void on_calibration_changed(Station& s, const LineCalibration& calibration) {
   s.calibration_waits = true;
 }
 
+/// Nobody could put in force what has expired by the newest record, unless the clock of that record was wrong. As the
+/// database does it, for every kind of record.
+static void follow_clock(Station& s, const LineCalibration& next) {
+  const auto came = [&s](bool is_new, std::int64_t expires_utime_us) {
+    if (is_new && s.utime_us < expires_utime_us && s.newest_time.utime_us() >= expires_utime_us)
+      s.newest_time = NewestTime(s.utime_us);
+  };
+  came(!(next.id == s.calibration.id), next.expires_utime_us);
+  came(!(next.scanner.id == s.calibration.scanner.id), next.scanner.expires_utime_us);
+  for (const StationsInForce& table : next.tables) {
+    const auto is_it = [&table](const StationsInForce& known) { return known.id == table.id; };
+    came(std::none_of(s.calibration.tables.begin(), s.calibration.tables.end(), is_it), table.expires_utime_us);
+  }
+}
+
 void advance_calibration(Station& s, Actions& actions) {
   // A SLAB_BEGIN on its way to the database names the calibration it was given with.
   if (s.calibration_waits && !s.desk.pending) {
     const bool other = !(s.calibration.id == s.calibration_next.id);
     const bool other_scanner = !(s.calibration.scanner.id == s.calibration_next.scanner.id);
+    follow_clock(s, s.calibration_next);
     s.calibration = s.calibration_next;
     s.calibration_waits = false;
-    // Nobody could put in force what has expired by the newest record, unless the clock of that record was wrong.
-    const std::int64_t expires_utime_us = s.calibration.expires_utime_us;
-    if (other && s.utime_us < expires_utime_us && s.newest_time.utime_us() >= expires_utime_us)
-      s.newest_time = NewestTime(s.utime_us);
     const char* when = s.slab.phase == SlabPhase::none ? "" : " from the next slab on";
     if (other)
       log(actions, LogLine::Level::info, Code::ok, "calibration %s is in force%s", s.calibration.id.c_str(), when);

@@ -136,9 +136,12 @@ static void settle_unsaved(Station& s, const PendingStore& pending, Code code, A
     return;
   }
   // One for one, so that there is always room for it.
-  if (!fingerprints.empty()) {
-    const std::uint64_t fingerprint = fingerprints[0];
-    fingerprints.erase(0);
+  // While nobody saw a scan its mark has to be the newest, by which a restart knows of it: the others wait.
+  const auto next =
+      s.scan_unseen ? std::find(fingerprints.begin(), fingerprints.end(), kUnseenScan) : fingerprints.begin();
+  if (next != fingerprints.end()) {
+    const std::uint64_t fingerprint = *next;
+    fingerprints.erase(static_cast<std::size_t>(next - fingerprints.begin()));
     store_fingerprint(s, fingerprint, actions);
   } else if (!acks.empty()) {
     const std::uint16_t res_seq = acks[0];

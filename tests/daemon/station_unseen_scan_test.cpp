@@ -185,22 +185,79 @@ TEST_F(UnseenScan, abort_ends_it) {
   EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq) << "the buffer came back";
 }
 
-TEST_F(UnseenScan, the_answer_comes_while_the_plc_waits_for_it) {
-  die_while_scanning();
-  line.scanner_answers = false;
-  line.scan(4);
-  EXPECT_EQ(line.scans.back().request.timeout_ns, line.settings.scan_timeout_ns);
-  line.run_for(9'000);
-  ScanDone done;
-  done.cmd_seq = line.scans.back().request.cmd_seq;
-  done.slot = line.scans.back().slot;
-  done.durable = true;
-  done.fingerprint = 0x0F01;
-  line.feed(done);
-  line.run_for(40);
+/// A scanner that takes `ms` over the scan that is thrown away.
+struct SlowScanner : UnseenScan {
+  void throw_away_for(int ms) {
+    die_while_scanning();
+    line.scanner_answers = false;
+    line.scan(4);
+    EXPECT_EQ(line.scans.back().request.timeout_ns, line.settings.scan_timeout_ns);
+    line.run_for(ms);
+    ScanDone done;
+    done.cmd_seq = line.scans.back().request.cmd_seq;
+    done.slot = line.scans.back().slot;
+    done.durable = true;
+    done.fingerprint = 0x0F01;
+    line.feed(done);
+    line.run_for(40);
+  }
+};
+
+TEST_F(SlowScanner, answers_while_the_plc_waits_for_it) {
+  line.settings.scan_timeout_ns = 15 * kNsPerS;
+  throw_away_for(8'000);
   ASSERT_EQ(line.scans.size(), 3U);
-  EXPECT_LT(line.scans.back().request.timeout_ns, 10 * kNsPerS);
-  EXPECT_GT(line.scans.back().request.timeout_ns, 8 * kNsPerS);
+  EXPECT_LT(line.scans.back().request.timeout_ns, 11 * kNsPerS) << "what is left of the PLC's 20 s";
+  EXPECT_GT(line.scans.back().request.timeout_ns, 9 * kNsPerS);
+}
+
+TEST_F(SlowScanner, that_leaves_no_time_for_the_blocks_own_is_asked_for_it_by_the_next_scan) {
+  line.settings.scan_timeout_ns = 15 * kNsPerS;
+  throw_away_for(12'000);
+  EXPECT_EQ(line.scans.size(), 2U) << "what would be asked for in vain would have to be thrown away, too";
+  EXPECT_EQ(line.view().cmd_status, failed(Code::trigger_timeout));
+  line.scanner_answers = true;
+  line.fingerprint = 0x0F03;
+  line.start();
+  line.plc.command_writer = 0;
+  line.scan(4);
+  ASSERT_EQ(line.scans.size(), 3U) << "also after a restart";
+  EXPECT_NE(line.scans.back().request.session, 0);
+  EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq);
+}
+
+/// The mark of a scan that nobody saw has to outlive everything that comes after it.
+TEST_F(UnseenScan, is_known_after_a_restart_however_often_what_is_thrown_away_was_broken_off) {
+  begin();
+  const auto abort_when = [this](std::size_t scans, bool decoded) {
+    line.scanner_answers = false;
+    line.command(PlcCommand::scan, 2);
+    for (int t = 0; t < 2'000 && line.scans.size() < scans; t += 4) line.run_for(4);
+    ASSERT_EQ(line.scans.size(), scans);
+    ScanDone done;
+    done.cmd_seq = line.scans.back().request.cmd_seq;
+    done.slot = line.scans.back().slot;
+    if (decoded) {
+      done.fingerprint = 0x0F00U + 2 * scans + 1;
+      line.feed(done);
+    }
+    for (const bool abort : {true, false}) {
+      line.plc.abort = abort;
+      line.feed(line.plc);
+      line.run_for(40);
+    }
+  };
+  line.robot_station = 2;
+  line.run_for(600);
+  abort_when(1, false);  // the mark is stored
+  abort_when(2, true);   // the scan that is thrown away is known, and newer than the mark
+  abort_when(3, false);  // and nobody saw this one
+  line.start();
+  line.scanner_answers = true;
+  line.plc.command_writer = 0;
+  line.scan(3);
+  ASSERT_GE(line.scans.size(), 4U);
+  EXPECT_EQ(line.scans[3].request.session, 0) << "what was asked for station 2 may come now";
 }
 
 TEST_F(StationTest, a_death_between_two_scans_asks_for_none_more) {
