@@ -93,12 +93,12 @@ Result<AcquiredScan> MockScanner::acquire(const ScanRequest& request, std::span<
   scan.taken_utime_us = clock_.utime_us();
   scan.path = request.spool_path;
   if (!request.spool_path.empty()) scan.path.append(".ply");
-  decoded(scan);
   if (!request.spool_path.empty()) {
     const std::span<const float> points(xyz.data(), 3 * scan.shape.points);
     if (Status status = write_ply(scan.path.c_str(), points, scan.shape.width, scan.shape.height); !status)
       return status.error();
   }
+  decoded(scan);  // from here on the buffer is somebody else's
   return scan;
 }
 
