@@ -347,6 +347,7 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
   std::sort(paths.begin(), paths.end());
 
   std::vector<RecipeFile> files;
+  files.reserve(paths.size());
   for (const std::string& path : paths) files.push_back(read_recipe_file(path, problems));
   // Of two files one may be what the other was before somebody corrected it: a guess could let bad slabs pass.
   std::map<std::uint16_t, std::string> path_of_type;
