@@ -12,6 +12,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/parse.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
@@ -288,10 +289,10 @@ void add_calibrate_adopt(CLI::App& group, int& exit_status) {
   command
       ->add_option("--sigma-mm", options->sigma_mm, "Of a point in the field of view, standard deviation per axis, mm")
       ->required()
-      ->check(CLI::Range(1e-4, 10.0));
+      ->check(within(1e-4, 10.0));
   command->add_option("--sigma-deg", options->sigma_deg, "Of the scanner's rotation, per axis, deg")
       ->required()
-      ->check(CLI::Range(1e-6, 1.0));
+      ->check(within(1e-6, 1.0));
   command->callback(
       [options, &exit_status] { exit_status = adopt(options->record, options->sigma_mm, options->sigma_deg); });
 }

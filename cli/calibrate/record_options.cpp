@@ -7,6 +7,7 @@
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/parse.h"
 
 namespace slabd::cli {
 
@@ -22,7 +23,7 @@ void RecordOptions::add_origin_to(CLI::App& command) {
   command.add_option("--operator", operator_name, "Who did it (default: your login)");
   command.add_option("--robot-serial", robot_serial, "Serial number of the robot");
   command.add_option("--scanner-serial", scanner_serial, "Serial number of the scanner");
-  command.add_option("--temperature", temperature_c, "Of the hall, deg C")->check(CLI::Range(-20.0, 60.0));
+  command.add_option("--temperature", temperature_c, "Of the hall, deg C")->check(within(-20.0, 60.0));
   command
       .add_option("--valid-days", valid_days,
                   "How long it may be used, 0 = for ever (default: [calibration] valid_days)")

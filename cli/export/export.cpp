@@ -203,7 +203,7 @@ void add_cloud(CLI::App& parent, int& exit_status) {
   command
       ->add_option("--voxel", options->cloud.voxel_mm,
                    "One mean point for each cube of so many mm; default: all points")
-      ->check(CLI::Range(0.2, 100.0));
+      ->check(within(0.2, 100.0));
   options->database.add_to(*command);
   command->add_option("--recipes", options->recipes_dir, "Folder with the recipes; default: the configuration's");
   command->add_option("--scans", options->cloud.scans_dir, "A copy of the spool, for scans that were moved away");

@@ -16,6 +16,7 @@
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
+#include "cli/parse.h"
 #include "cli/report/content.h"
 #include "cli/slab_view.h"
 
@@ -119,7 +120,7 @@ void add_report(CLI::App& app, int& exit_status) {
       ->check(CLI::Range(0, 1000))
       ->capture_default_str();
   command->add_option("--dpi", options->dots_per_inch, "Of .png: dots per inch")
-      ->check(CLI::Range(20.0, 600.0))
+      ->check(within(20.0, 600.0))
       ->capture_default_str();
   options->database.add_to(*command);
   command->callback([options, &exit_status] { exit_status = report_slab(*options); });

@@ -15,6 +15,7 @@
 #include "cli/command.h"
 #include "cli/durable.h"
 #include "cli/exit.h"
+#include "cli/parse.h"
 #include "cli/progress.h"
 #include "cli/scanner/scanner.h"
 #include "cli/scanner/verification.h"
@@ -230,17 +231,16 @@ void add_scanner_verify(CLI::App& scanner, int& exit_status) {
   Verification& v = options->verification;
   command->add_option("--plate", options->plates, "Scans of a flat plate, one place each");
   command->add_option("--ball", options->balls, "Scans of one ball, one place each");
-  command->add_option("--diameter-mm", v.diameter_mm, "Certified, of the ball as coated")
-      ->check(CLI::Range(2.0, 400.0));
+  command->add_option("--diameter-mm", v.diameter_mm, "Certified, of the ball as coated")->check(within(2.0, 400.0));
   command->add_option("--unit", options->unit, "Of the files: mm, m, um")
       ->transform(
           CLI::CheckedTransformer(std::vector<std::pair<std::string, std::size_t>>{{"mm", 0}, {"m", 1}, {"um", 2}}));
   command->add_option("--gate-mm", options->settings.gate_mm, "Further from plate or ball than this is something else")
-      ->check(CLI::Range(0.05, 20.0))
+      ->check(within(0.05, 20.0))
       ->capture_default_str();
-  command->add_option("--limit-pf-mm", v.limits.PF_mm, "PF allowed")->check(CLI::Range(0.0, 10.0));
-  command->add_option("--limit-ps-mm", v.limits.PS_mm, "|PS| allowed")->check(CLI::Range(0.0, 10.0));
-  command->add_option("--limit-rf-mm", v.limits.RF_mm, "RF allowed")->check(CLI::Range(0.0, 10.0));
+  command->add_option("--limit-pf-mm", v.limits.PF_mm, "PF allowed")->check(within(0.0, 10.0));
+  command->add_option("--limit-ps-mm", v.limits.PS_mm, "|PS| allowed")->check(within(0.0, 10.0));
+  command->add_option("--limit-rf-mm", v.limits.RF_mm, "RF allowed")->check(within(0.0, 10.0));
   command->add_option("--scanner", v.scanner, "Name or serial number, for the record");
   command->add_option("--out", options->out, "Write slabd.scanner_verification/1, for the records");
   command->add_flag("--keep", options->keep, "Keep the record in the database, for `slabctl scanner history`");

@@ -17,6 +17,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/parse.h"
 #include "cli/stations/krl.h"
 #include "cli/stations/station_plan.h"
 
@@ -336,29 +337,27 @@ void add_stations(CLI::App& app, int& exit_status) {
   command->add_option("--krl", options->krl, "Write the points as a KRL data list and a program fragment");
   command->add_option("--taught", options->taught, "Compare these points: a KRL .dat or .src, or poses one per line");
   command->add_option("--standoff-mm", options->standoff_mm, "Scanner above the block's origin")
-      ->check(CLI::Range(100.0, 3'000.0))
+      ->check(within(100.0, 3'000.0))
       ->capture_default_str();
   command->add_option("--turn-deg", options->turn_deg, "Scanner turned about its own axis, against the block's X")
-      ->check(CLI::Range(-180.0, 180.0))
+      ->check(within(-180.0, 180.0))
       ->capture_default_str();
   ScannerView& view = options->view;
   command->add_option("--view-distance-mm", view.distance_mm, "Where the next two hold")
-      ->check(CLI::Range(50.0, 3'000.0))
+      ->check(within(50.0, 3'000.0))
       ->capture_default_str();
   command->add_option("--view-x-mm", view.x_mm, "Width of the scanner's view, along its X")
-      ->check(CLI::Range(10.0, 3'000.0))
+      ->check(within(10.0, 3'000.0))
       ->capture_default_str();
-  command->add_option("--view-y-mm", view.y_mm, "... along its Y")
-      ->check(CLI::Range(10.0, 3'000.0))
-      ->capture_default_str();
+  command->add_option("--view-y-mm", view.y_mm, "... along its Y")->check(within(10.0, 3'000.0))->capture_default_str();
   command->add_option("--near-mm", view.near_mm, "Nearest measured point")
-      ->check(CLI::Range(1.0, 3'000.0))
+      ->check(within(1.0, 3'000.0))
       ->capture_default_str();
   command->add_option("--far-mm", view.far_mm, "Furthest measured point")
-      ->check(CLI::Range(1.0, 5'000.0))
+      ->check(within(1.0, 5'000.0))
       ->capture_default_str();
   command->add_option("--incidence-deg", options->incidence_deg, "Between ray and normal, at most")
-      ->check(CLI::Range(10.0, 89.0))
+      ->check(within(10.0, 89.0))
       ->capture_default_str();
   command->add_flag("--json", options->as_json, "Print slabd.stations/1");
   command->callback([options, &exit_status] { exit_status = stations(*options); });
