@@ -27,6 +27,10 @@ struct Reading {
   double U = kNoValue;
 };
 [[nodiscard]] Reading reading_of(const Item& item);
+/// Judged by the same limits, or both by none: else their tolerance is not one tolerance.
+[[nodiscard]] bool same_limits(const Reading& a, const Reading& b);
+/// "1.3321 .. 1.5321", "at most 0.2", "at least 4", "none"
+[[nodiscard]] std::string limits_text(const Reading& reading);
 /// "seat_slope, block 3"
 [[nodiscard]] std::string title_of(const Reading& reading);
 /// "3", "3-4", "-"
@@ -76,7 +80,7 @@ class ScanMeter {
                                                                    std::size_t limit);
 
 /// Takes from a table: columns item, value; optional run (else the n-th value of an item is run n), block, lower,
-/// upper.
+/// upper. config: also rows of one item and block with different limits.
 [[nodiscard]] Result<std::vector<Take>> takes_of(const CsvTable& table);
 
 }  // namespace slabd::cli::study
