@@ -14,11 +14,11 @@
 
 #include "cli/command.h"
 #include "cli/database.h"
+#include "cli/durable.h"
 #include "cli/exit.h"
 #include "cli/export/cloud.h"
 #include "cli/export/item_rows.h"
 #include "cli/export/mesh.h"
-#include "cli/export/out_file.h"
 #include "cli/parse.h"
 #include "cli/progress.h"
 #include "cli/recipe/recipe_source.h"

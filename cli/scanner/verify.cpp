@@ -197,7 +197,9 @@ int verify(const Options& options) {
   if (options.keep || options.record.apply) static_cast<void>(keep(options, v, utime_us, kept, exit_status));
   const std::string document = verification_json(v, utime_us, kept.id, kept.applied);
   if (!options.out.empty()) {
-    if (const Status written = write_durably(options.out, document); !written) {
+    OutFile out(options.out, {.synced = true, .mode = 0664});
+    out.write(document);
+    if (const Status written = out.close(Code::journal_write); !written) {
       complain(written.error().text.view());
       return exit_for(written.error().code);
     }
