@@ -180,7 +180,8 @@ Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, co
     const auto found = reader.slabs(filter);
     if (!found.ok()) return found.error();
     for (const storage::SlabSummary& summary : found.value()) {
-      if (summary.header.slab_id.view() != name.id || summary.ended_utime_us == 0 || records.size() >= limit) continue;
+      const bool whole = summary.ended_utime_us != 0 && summary.verdict != Verdict::aborted;
+      if (summary.header.slab_id.view() != name.id || !whole || records.size() >= limit) continue;
       if (of_key && summary.header.key != of_key->summary.header.key) return two_slabs(name, *of_key);
       auto record = reader.slab(summary.header.key);
       if (!record.ok()) return record.error();
@@ -193,7 +194,7 @@ Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, co
     return records;
   }
   if (records.empty())
-    return error(Code::config, "no slab that has ended with key or id '%s'; `slabctl history` lists them",
+    return error(Code::config, "no slab that has ended (not aborted) with key or id '%s'; `slabctl history` lists them",
                  wanted.c_str());
   std::reverse(records.begin(), records.end());
   return records;

@@ -75,7 +75,7 @@ class ScanMeter {
 /// One take for each attempt at a block, by station and number.
 [[nodiscard]] std::vector<Take> attempts_of(const storage::SlabRecord& record);
 /// All slabs that this means, oldest first: the one with this key, or the newest `limit` of this SLAB_ID that have
-/// ended. config: there is none.
+/// ended and were not aborted. config: there is none.
 [[nodiscard]] Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, const std::string& wanted,
                                                                    std::size_t limit);
 

@@ -89,6 +89,8 @@ TEST_F(Export, choices_and_wrong_use) {
   ASSERT_EQ(all["slabs"].size(), 1U);
   EXPECT_EQ(all["slabs"][0], json::parse(run("export 1 --format json --db " + db()).out));
   EXPECT_TRUE(json::parse(run("export --until 2025-11-20 --format json --db " + db()).out)["slabs"].empty());
+  EXPECT_TRUE(json::parse(run("export --until 1970-01-01 --format json --db " + db()).out)["slabs"].empty());
+  EXPECT_EQ(run("export 1 1 key:1 'A, \"42\"' --db " + db()).out, run("export 1 --db " + db()).out) << "one slab, once";
 }
 
 TEST_F(Export, clouds_are_read_by_others_and_lie_where_they_should) {

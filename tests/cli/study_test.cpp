@@ -171,6 +171,9 @@ TEST_F(StudyTest, repeat_of_a_stored_slab_takes_every_inspection_of_that_id_and_
   ASSERT_EQ(study["characteristics"].size(), 2U);
   EXPECT_EQ(study["characteristics"][1]["block"], 2);
   EXPECT_NEAR(study["characteristics"][1]["mean"].get<double>(), 1.45, 0.003);
+  const Ended again =
+      run("study repeat --slab 1 --slab key:1 --slab 2 --slab T-1 --db " + file("slabd.db") + " --json");
+  EXPECT_EQ(parsed(again)["runs"].size(), 5U) << "every inspection once, whatever it is called";
   const Ended none = run("study repeat --slab T-2 --db " + file("slabd.db"));
   EXPECT_EQ(none.status, 3);
   expect_mentions(none.err, "T-2");
