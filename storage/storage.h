@@ -247,6 +247,7 @@ struct HistoryGap {
   };
   What what = What::restored;
   std::int64_t slab_key = 0;  ///< keys up to here may have been used before
+  std::int64_t kept_key = 0;  ///< restored: the newest of them that is there; 0: none, or nobody knows any more
   std::int64_t slabs = 0;     ///< pruned: how many
   ChangeNote note;            ///< of a person; empty for retention
   std::string source;         ///< restored: the backup

@@ -227,7 +227,7 @@ void add_common(CLI::App& command, Options& options) {
   command.add_flag("--json", options.json, "JSON on stdout");
 }
 void add_note(CLI::App& command, Options& options) {
-  command.add_option("--why", options.why, "Why, for the history")->required();
+  command.add_option("--why", options.why, "Why, for the history")->required()->check(some_words());
   command.add_option("--operator", options.who, "Who (default: your login)");
 }
 
@@ -251,7 +251,7 @@ void add_calibrate_apply(CLI::App& group, int& exit_status) {
   command->add_option("ID", options->known.id, "Of a kept record, or its first characters");
   options->session.add_to(*command);
   options->record.add_origin_to(*command);
-  command->add_option("--why", options->record.why, "Why, for the history; must be given with ID");
+  command->add_option("--why", options->record.why, "Why, for the history; must be given with ID")->check(some_words());
   command->add_flag("--json", options->known.json, "Print slabd.calibration_applied/1 on stdout");
   command->callback([options, &exit_status] {
     Options& known = options->known;

@@ -15,7 +15,7 @@ void RecordOptions::add_to(CLI::App& command) {
   command.add_option("--config", config, "The daemon's configuration")->default_val(kDefaultConfig);
   add_origin_to(command);
   CLI::Option* apply_flag = command.add_flag("--apply", apply, "Put it in force at once");
-  command.add_option("--why", why, "Why it is put in force, for the history")->needs(apply_flag);
+  command.add_option("--why", why, "Why it is put in force, for the history")->check(some_words())->needs(apply_flag);
   command.add_flag("--dry-run", dry_run, "Only compute and show: nothing is kept")->excludes(apply_flag);
 }
 

@@ -83,7 +83,9 @@ int export_results(const ExportOptions& options) {
   if (format == "csv") {
     if (options.bom) out.write("\xEF\xBB\xBF");
     out.write(item_heading());
-    exit_status = for_each(*reader, *keys, [&](const storage::SlabRecord& record) { out.write(item_rows(record)); });
+    const TableFor reader_of_table = options.bom ? TableFor::spreadsheet : TableFor::program;
+    exit_status = for_each(*reader, *keys,
+                           [&](const storage::SlabRecord& record) { out.write(item_rows(record, reader_of_table)); });
   } else if (options.choice.slabs.size() == 1) {
     exit_status = for_each(*reader, *keys, [&](const storage::SlabRecord& record) { out.write(slab_json(record)); });
   } else {

@@ -249,7 +249,8 @@ void add_scanner_verify(CLI::App& scanner, int& exit_status) {
   RecordOptions& record = options->record;
   CLI::Option* by =
       command->add_option("--by,--operator", record.operator_name, "With --apply: who accepts the scanner");
-  CLI::Option* reason = command->add_option("--reason,--why", record.why, "With --apply: why, for the history");
+  CLI::Option* reason =
+      command->add_option("--reason,--why", record.why, "With --apply: why, for the history")->check(some_words());
   command->add_flag("--apply", record.apply, "Keep the record and let U rest on it from the next slab on")
       ->needs(by)
       ->needs(reason);

@@ -194,6 +194,47 @@ TEST_F(Export, every_json_document_is_what_its_published_schema_says) {
   expect_mentions(valid.out, "24 documents, 0 faults");
 }
 
+TEST_F(Export, an_id_that_a_spreadsheet_would_compute_is_only_changed_for_spreadsheets) {
+  header_.slab_id = "=1+1";
+  begin();
+  measure(3);
+  end();
+  const Ended plain = run("export 1 --out " + file("plain.csv") + " --db " + db());
+  ASSERT_EQ(plain.status, 0) << plain.err;
+  for (const json& row : read("csv", file("plain.csv"))["rows"]) EXPECT_EQ(row["slab_id"], "=1+1");
+  ASSERT_EQ(run("export 1 --bom --out " + file("excel.csv") + " --db " + db()).status, 0);
+  const json excel = read("csv", file("excel.csv"));
+  for (const json& row : excel["rows"]) {
+    EXPECT_EQ(row["slab_id"], "'=1+1");
+    const std::string deviation = row["deviation"];
+    EXPECT_EQ(deviation.find('\''), std::string::npos) << "a negative number is a number";
+  }
+}
+
+TEST_F(Export, a_list_of_points_replaces_no_other_unasked) {
+  const std::string config =
+      write("slabd.toml", "[plc]\nlisten = \"127.0.0.1:1502\"\n[recipes]\ndir = \"" + std::string(SLABD_SOURCE_DIR) +
+                              "/recipes\"\n[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n[storage]\ndb = \"" +
+                              db() + "\"\nspool_dir = \"" + file("spool") +
+                              "\"\n[calibration]\nT_flange_scanner = [0, 80, 150, 1, 0, 0, 0]\n"
+                              "station_sigma_mm = 0.02\nstation_sigma_deg = 0.001\n");
+  const std::string what = "stations --config " + config + " --krl " + file("PTS");
+  const Ended first = run(what);
+  EXPECT_NE(first.status, 3) << first.err;
+  const std::string points = content(file("PTS.dat"));
+  expect_mentions(points, "STATION[1]");
+  std::ofstream(file("PTS.src")) << "touched up by somebody";
+  fs::remove(file("PTS.dat"));
+  const Ended again = run(what);
+  EXPECT_EQ(again.status, 3);
+  expect_mentions(again.err, "PTS.src exists already; name another, or say --overwrite");
+  EXPECT_FALSE(fs::exists(file("PTS.dat"))) << "neither of the two is written";
+  EXPECT_EQ(content(file("PTS.src")), "touched up by somebody");
+  EXPECT_EQ(run(what + " --overwrite").status, first.status);
+  EXPECT_EQ(content(file("PTS.dat")), points);
+  expect_mentions(content(file("PTS.src")), "PTS");
+}
+
 TEST_F(Export, the_validator_finds_a_key_too_many_and_a_wrong_type) {
   const std::string good = run("plc codes --json").out;
   json document = json::parse(good);

@@ -46,6 +46,21 @@ TEST(Options, no_decimal_number_may_be_nan_or_infinite) {
   EXPECT_GT(numbers, 60) << "the tree is not seen whole";
 }
 
+TEST(Options, whoever_is_asked_why_must_say_something) {
+  CLI::App app("slabctl");
+  int exit_status = 0;
+  add_commands(app, exit_status);
+  int reasons = 0;
+  visit(app, "slabctl", [&](const std::string& path, CLI::Option& option) {
+    if (option.get_name() != "--why" && option.get_name() != "--reason") return;
+    ++reasons;
+    for (const char* text : {"", " ", "\t\n"})
+      EXPECT_NE(refusal(option, text), "") << path << " takes '" << text << "'";
+    EXPECT_EQ(refusal(option, "complaint 17"), "") << path;
+  });
+  EXPECT_GE(reasons, 5);
+}
+
 TEST(Options, a_refused_number_is_answered_with_the_option_and_its_range) {
   CLI::App app("slabctl");
   int exit_status = 0;
