@@ -138,9 +138,9 @@ Take take_of(const storage::SlabRecord& record) {
     const auto before = std::find_if(take.readings.begin(), take.readings.end(), [&](const Reading& r) {
       return r.item == reading.item && r.block == reading.block && r.block_to == reading.block_to;
     });
-    if (before != take.readings.end()) {
-      *before = std::move(reading);
-    } else {
+    // One without limits is for information, as where slopes are judged against the slab's top: the block's stays.
+    const bool judged = has_value(reading.lower) || has_value(reading.upper);
+    if (before == take.readings.end()) {
       take.readings.push_back(std::move(reading));
     } else if (judged || (!has_value(before->lower) && !has_value(before->upper))) {
       *before = std::move(reading);

@@ -70,7 +70,7 @@ class ScanMeter {
 /// Scans named one by one, or all in the folders named, in the order of their names.
 [[nodiscard]] Result<std::vector<std::string>> scan_files(const std::vector<std::string>& names);
 
-/// The valid attempts of all blocks, and the items of the slab; those that SLAB_END computed anew count.
+/// The valid attempts of all blocks, and the items of the slab; those that SLAB_END judged anew count.
 [[nodiscard]] Take take_of(const storage::SlabRecord& record);
 /// One take for each attempt at a block, by station and number.
 [[nodiscard]] std::vector<Take> attempts_of(const storage::SlabRecord& record);

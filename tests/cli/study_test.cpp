@@ -64,10 +64,20 @@ class StudyTest : public Slabctl {
       PlcResult record;
       record.kind = 2;
       record.res_seq = static_cast<std::uint16_t>(key * 10 + 5);
-      apply(SlabJob{key, SlabResult{}, record, header.began_utime_us + 1'000'000});
+      SlabResult slab;
+      if (slab_slope_for_information_) {
+        Item slope;
+        slope.id = ItemId::seat_slope;
+        slope.station = 1;
+        slope.value = 1.6;
+        EXPECT_TRUE(slab.items.push(slope));
+      }
+      apply(SlabJob{key, slab, record, header.began_utime_us + 1'000'000});
     }
   }
   [[nodiscard]] static json parsed(const Ended& ended) { return json::parse(ended.out, nullptr, false); }
+
+  bool slab_slope_for_information_ = false;  ///< slopes are judged against the slab's top, block by block
 };
 
 TEST_F(StudyTest, csv_reads_what_people_write_and_names_what_it_cannot_read) {
@@ -177,6 +187,17 @@ TEST_F(StudyTest, repeat_of_a_stored_slab_takes_every_inspection_of_that_id_and_
   const Ended none = run("study repeat --slab T-2 --db " + file("slabd.db"));
   EXPECT_EQ(none.status, 3);
   expect_mentions(none.err, "T-2");
+}
+
+TEST_F(StudyTest, a_value_for_information_does_not_take_the_place_of_the_one_that_was_judged) {
+  slab_slope_for_information_ = true;
+  store(60);
+  const Ended ended =
+      run("study repeat --slab T-1 --block 1 --reference seat_slope=1.43 --json --db " + file("slabd.db"));
+  EXPECT_EQ(ended.status, 0) << ended.err;
+  const json study = parsed(ended);
+  EXPECT_NEAR(study["characteristics"][0]["mean"].get<double>(), 1.43, 0.003);
+  EXPECT_NEAR(study["characteristics"][0]["gauge"]["tolerance"].get<double>(), 0.2, 1e-9);
 }
 
 TEST_F(StudyTest, repeat_calls_a_good_gauge_capable_and_a_biased_one_not) {
