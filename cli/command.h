@@ -37,6 +37,9 @@ void add_plc(CLI::App& app, int& exit_status);
 void add_db(CLI::App& app, int& exit_status);
 void add_metrics(CLI::App& app, int& exit_status);
 
+/// The whole tree.
+void add_commands(CLI::App& app, int& exit_status);
+
 /// Parses and runs a command line; returns the exit status. Nothing but this and the commands knows CLI11.
 [[nodiscard]] int run(int argc, const char* const* argv);
 

@@ -1,9 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
+//
+// Whoever stops a long export (Ctrl-C, a time limit) finds nothing half done: neither under the file's name, nor the
+// hundreds of megabytes beside it.
 #include "cli/durable.h"
 
 #include <fcntl.h>
 #include <sha256.h>
+#include <signal.h>
 #include <sys/file.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -57,7 +62,167 @@ std::string folder_of(const std::string& path) {
   return folder.empty() ? "." : folder;
 }
 
+/// What is being written, for the handler; empty: nothing. One file at a time: who comes second is not looked after.
+std::array<char, 4096> under_way{};
+
+constexpr std::array kStops = {SIGINT, SIGTERM, SIGHUP};
+
+void stopped(int number) {
+  if (under_way[0] != '\0') ::unlink(under_way.data());
+  // The handler was for once: now the signal does what it does.
+  ::raise(number);
+}
+
+void note_under_way(const std::string& part) {
+  if (part.size() >= under_way.size() || under_way[0] != '\0') return;
+  std::memcpy(under_way.data() + 1, part.c_str() + 1, part.size());
+  under_way[0] = part[0];  // last: a handler that comes in between sees nothing or all
+  for (const int number : kStops) {
+    struct sigaction now {};
+    // One that is ignored (nohup) stays ignored.
+    if (::sigaction(number, nullptr, &now) != 0 || now.sa_handler != SIG_DFL) continue;
+    struct sigaction once {};
+    once.sa_handler = stopped;
+    once.sa_flags = static_cast<int>(SA_RESETHAND);
+    ::sigaction(number, &once, nullptr);
+  }
+}
+
+void no_longer_under_way(const std::string& part) {
+  if (part == under_way.data()) under_way[0] = '\0';
+}
+
+/// The file that `path` means: links are followed, also one whose file does not exist yet. Empty and errno: a circle.
+std::string without_links(const std::string& path) {
+  constexpr int kLinksMax = 40;  // as the kernel's
+  std::filesystem::path at = path;
+  for (int i = 0; i < kLinksMax; ++i) {
+    std::error_code fault;
+    const std::filesystem::path next = std::filesystem::read_symlink(at, fault);
+    if (fault) return at.string();  // no link, or nothing there
+    at = at.parent_path() / next;   // an absolute `next` stands alone
+  }
+  errno = ELOOP;
+  return {};
+}
+
+bool same_file(const struct stat& a, const struct stat& b) {
+  return a.st_dev == b.st_dev && a.st_ino == b.st_ino;
+}
+
+/// A descriptor of this program that is this very file, such as /dev/stdout after `> file`: replacing the file would
+/// take from the shell what it writes to, and with it what `>>` had kept. -1: none.
+int own_descriptor(const struct stat& there) {
+  for (const int fd : {STDOUT_FILENO, STDERR_FILENO}) {
+    struct stat mine {};
+    if (::fstat(fd, &mine) == 0 && same_file(mine, there)) return fd;
+  }
+  return -1;
+}
+
+/// "-k3x9qa": as good as unique; O_EXCL sees to the rest.
+std::string random_suffix() {
+  constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyz0123456789";
+  std::array<unsigned char, 6> bytes{};
+  if (::getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) return {};
+  std::string text = "-";
+  for (const unsigned char byte : bytes) text += kLetters[byte % kLetters.size()];
+  return text;
+}
+
 }  // namespace
+
+OutFile::OutFile(std::string path, Kind kind) : path_(std::move(path)), kind_(kind) {
+  if (kind_.of_slabd) {
+    open_part();
+  } else if (path_ == "-") {
+    file_ = stdout;
+  } else if (struct stat there{}; ::stat(path_.c_str(), &there) != 0) {
+    if (errno == ENOENT)
+      open_part();
+    else
+      error_number_ = errno;
+  } else if (S_ISREG(there.st_mode)) {
+    if (const int fd = own_descriptor(there); fd < 0) {
+      open_part();
+    } else {
+      const int copy = ::fcntl(fd, F_DUPFD_CLOEXEC, 0);
+      file_ = copy < 0 ? nullptr : ::fdopen(copy, "wb");
+      if (file_ == nullptr) error_number_ = errno;
+    }
+  } else if (S_ISFIFO(there.st_mode) || S_ISCHR(there.st_mode)) {
+    const int fd = ::open(path_.c_str(), O_WRONLY | O_NOCTTY | O_CLOEXEC);
+    file_ = fd < 0 ? nullptr : ::fdopen(fd, "wb");
+    if (file_ == nullptr) error_number_ = errno;
+  } else {
+    error_number_ = S_ISDIR(there.st_mode) ? EISDIR : ENOTSUP;
+  }
+  if (error_number_ == 0 && kind_.rewritten && ::lseek(::fileno(file_), 0, SEEK_CUR) < 0) error_number_ = errno;
+}
+
+void OutFile::open_part() {
+  target_ = kind_.of_slabd ? path_ : without_links(path_);
+  if (target_.empty()) {
+    error_number_ = errno;
+    return;
+  }
+  constexpr int kTriesMax = 100;
+  int fd = -1;
+  for (int i = 0; i < kTriesMax && fd < 0; ++i) {
+    part_ = target_ + ".part" + random_suffix();
+    fd = ::open(part_.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, kind_.mode.value_or(0666));
+    if (fd < 0 && errno != EEXIST) break;
+  }
+  if (fd < 0) {
+    error_number_ = errno;
+    part_.clear();
+    return;
+  }
+  note_under_way(part_);
+  // fchmod: the umask would take the group's right to write away.
+  if (kind_.mode && ::fchmod(fd, *kind_.mode) != 0) error_number_ = errno;
+  file_ = ::fdopen(fd, "wb");
+  if (file_ != nullptr) return;
+  error_number_ = errno;
+  ::close(fd);
+}
+
+OutFile::~OutFile() {
+  if (file_ != nullptr && file_ != stdout) std::fclose(file_);
+  if (part_.empty()) return;
+  ::unlink(part_.c_str());
+  no_longer_under_way(part_);
+}
+
+void OutFile::write(const void* bytes, std::size_t count) {
+  if (error_number_ != 0) return;
+  if (std::fwrite(bytes, 1, count, file_) != count) error_number_ = errno;
+}
+
+void OutFile::write_at_start(std::string_view text) {
+  if (error_number_ == 0 && std::fseek(file_, 0, SEEK_SET) != 0) error_number_ = errno;
+  write(text);
+}
+
+/// Everything out of the program's hands, and the file under its name.
+void OutFile::finish() {
+  if (error_number_ == 0 && std::fflush(file_) != 0) error_number_ = errno;
+  if (error_number_ == 0 && kind_.synced && !part_.empty() && ::fsync(::fileno(file_)) != 0) error_number_ = errno;
+  if (file_ != nullptr && file_ != stdout && std::fclose(file_) != 0 && error_number_ == 0) error_number_ = errno;
+  file_ = nullptr;
+  if (part_.empty()) return;
+  if (error_number_ == 0 && std::rename(part_.c_str(), target_.c_str()) != 0) error_number_ = errno;
+  if (error_number_ != 0) ::unlink(part_.c_str());
+  no_longer_under_way(part_);
+  part_.clear();
+}
+
+Status OutFile::close(Code code) {
+  const bool replaces = !part_.empty();
+  if (file_ != nullptr || replaces) finish();
+  if (error_number_ != 0) return error(code, "%s cannot be written: %s", path_.c_str(), std::strerror(error_number_));
+  return replaces && kind_.synced ? sync_folder(folder_of(target_)) : success();
+}
 
 Status sync_folder(const std::string& path) {
   const File folder(path, O_RDONLY | O_DIRECTORY);
@@ -71,20 +236,9 @@ Status rename_durably(const std::string& from, const std::string& to) {
 }
 
 Status write_durably(const std::string& path, std::string_view text, mode_t mode) {
-  const std::string part = path + ".part";
-  ::unlink(part.c_str());
-  {
-    File file(part, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW, mode);
-    // fchmod: the umask would take the group's right to write away.
-    const bool good = file.open() && ::fchmod(file.fd(), mode) == 0 && write_all(file.fd(), text.data(), text.size()) &&
-                      ::fsync(file.fd()) == 0 && file.close();
-    if (!good) {
-      const Error why = cannot("write", part);
-      ::unlink(part.c_str());
-      return why;
-    }
-  }
-  return rename_durably(part, path);
+  OutFile file(path, {.synced = true, .of_slabd = true, .mode = mode});
+  file.write(text);
+  return file.close(Code::journal_write);
 }
 
 Status copy_synced(const std::string& from, const std::string& to) {

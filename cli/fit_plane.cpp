@@ -7,7 +7,6 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <cstdlib>
 #include <memory>
 #include <vector>
 
@@ -237,20 +236,6 @@ int run_fit(const Options& options) {
   return options.compare ? compare(options, cloud.value()) : fit_one(options, cloud.value());
 }
 
-/// CLI::Range lets "nan" through.
-CLI::Validator within(double low, double high) {
-  const std::string range = fmt::format("{} - {}", low, high);
-  return {[=](std::string& text) {
-            char* end = nullptr;
-            const double value = std::strtod(text.c_str(), &end);
-            const bool number = !text.empty() && end == text.c_str() + text.size();
-            return number && value >= low && value <= high
-                       ? std::string()
-                       : fmt::format("\"{}\" is not a number within {}", text, range);
-          },
-          range};
-}
-
 /// Plain digits that fit 64 bits; a minus sign would wrap around.
 CLI::Validator whole_number() {
   return {[](std::string& text) {
@@ -300,6 +285,7 @@ void add_fit_plane(CLI::App& app, int& exit_status) {
   CLI::Option* both = command->add_flag("--compare", options->compare, "All three methods side by side");
   command->add_option("--set", options->set, "a b c of the plane that was set, printed above the comparison")
       ->expected(3)
+      ->check(finite_number())
       ->needs(both);
   command->add_flag("--json", options->json, "Print slabd.plane/1, or slabd.plane_comparison/1, on stdout");
   command->callback([options, &exit_status] { exit_status = run_fit(*options); });

@@ -79,9 +79,16 @@ std::string gap_text(const storage::HistoryGap& gap) {
   const std::string by = fmt::format("{} by {}: {}", iso_time(gap.note.utime_us), gap.note.who, gap.note.why);
   if (gap.what == storage::HistoryGap::What::begun_anew)
     return fmt::format("the history was begun anew {}; nothing from before is here", by);
+  std::string missing = fmt::format("slabs up to key {} may be missing", gap.slab_key);
+  if (gap.kept_key >= gap.slab_key)
+    missing = "no slab is known to be missing";
+  else if (gap.kept_key + 1 == gap.slab_key)
+    missing = fmt::format("the slab of key {} may be missing", gap.slab_key);
+  else if (gap.kept_key > 0)
+    missing = fmt::format("slabs of keys {} to {} may be missing", gap.kept_key + 1, gap.slab_key);
   return fmt::format(
-      "the history was restored from {} {}; slabs up to key {} may be missing, and so may calibrations and checks",
-      gap.source, by, gap.slab_key);
+      "the history was restored from {} {}; {}; calibrations and checks from after that backup may be missing",
+      gap.source, by, missing);
 }
 
 std::string as_json(const std::vector<storage::SlabSummary>& slabs, const std::vector<storage::HistoryGap>& gaps) {

@@ -29,7 +29,9 @@ int tell(const Options& options, const std::string& text, int status) {
     return status;
   }
   // Whole or not at all: the collector may look at any moment.
-  if (const Status written = write_durably(options.out, text); !written.ok()) {
+  OutFile out(options.out, {.synced = true, .mode = 0664});
+  out.write(text);
+  if (const Status written = out.close(); !written.ok()) {
     complain(written.error().text.view());
     return kNotReachable;
   }

@@ -1,13 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/parse.h"
 
+#include <fmt/core.h>
+
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <charconv>
 #include <chrono>
 #include <cmath>
+#include <cstdlib>
+#include <limits>
 
 namespace slabd::cli {
+namespace {
+
+/// A finite number from `low` to `high`; `range` says which those are, in an error and in the help.
+CLI::Validator finite_within(double low, double high, const std::string& range) {
+  return {[=](std::string& text) {
+            char* end = nullptr;
+            const double value = std::strtod(text.c_str(), &end);
+            const bool number = !text.empty() && end == text.c_str() + text.size() && std::isfinite(value);
+            return number && value >= low && value <= high ? std::string()
+                                                           : fmt::format("\"{}\" is not a number {}", text, range);
+          },
+          range};
+}
+
+}  // namespace
 
 Result<Pose> parse_pose(std::string_view text) {
   constexpr std::string_view kSeparators = " ,\t";
@@ -72,6 +92,31 @@ std::optional<hal::LengthUnit> length_unit(std::string_view name) {
   if (name == "m") return hal::LengthUnit::m;
   if (name == "um") return hal::LengthUnit::um;
   return std::nullopt;
+}
+
+CLI::Validator within(double low, double high) {
+  return finite_within(low, high, fmt::format("in [{} - {}]", low, high));
+}
+
+CLI::Validator at_least(double low) {
+  const std::string range = fmt::format("at least {}", low);
+  return finite_within(low, std::numeric_limits<double>::max(), "of " + range).description(range);
+}
+
+CLI::Validator finite_number() {
+  constexpr double kLargest = std::numeric_limits<double>::max();
+  CLI::Validator check = finite_within(-kLargest, kLargest, "that is finite");
+  return check.description("");
+}
+
+CLI::Validator some_words() {
+  CLI::Validator check(
+      [](std::string& text) {
+        return text.find_first_not_of(" \t\r\n") == std::string::npos ? std::string("empty; say why in a few words")
+                                                                      : std::string();
+      },
+      "");
+  return check;
 }
 
 }  // namespace slabd::cli

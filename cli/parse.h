@@ -8,6 +8,10 @@
 #include "base/base.h"
 #include "hal/hal.h"
 
+namespace CLI {
+class Validator;
+}
+
 /// Values as people write them on the command line.
 namespace slabd::cli {
 
@@ -20,5 +24,15 @@ namespace slabd::cli {
 [[nodiscard]] Result<std::int64_t> parse_time(std::string_view text, std::int64_t now_utime_us);
 
 [[nodiscard]] std::optional<hal::LengthUnit> length_unit(std::string_view name);
+
+/// Checks of an option that takes a decimal number; every such option has one of them (tests/cli/options_test.cpp).
+/// CLI11's own Range lets "nan" through, and a limit that is NaN holds nothing back.
+[[nodiscard]] CLI::Validator within(double low, double high);
+[[nodiscard]] CLI::Validator at_least(double low);
+/// For one without a range: any number but NaN and infinity.
+[[nodiscard]] CLI::Validator finite_number();
+
+/// Of an option that asks a person why: something must be said.
+[[nodiscard]] CLI::Validator some_words();
 
 }  // namespace slabd::cli

@@ -20,6 +20,7 @@
 #include "cli/durable.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/parse.h"
 #include "cli/slab_view.h"
 
 namespace slabd::cli {
@@ -115,7 +116,7 @@ void add_pin(CLI::App& app, int& exit_status) {
     command->add_option("--config", options->config, "Configuration that names database and spool")
         ->default_val(kDefaultConfig);
   }
-  pinning->add_option("--reason", options->reason, "Why, for whoever asks later")->required();
+  pinning->add_option("--reason", options->reason, "Why, for whoever asks later")->required()->check(some_words());
   pinning->callback([options, &exit_status] { exit_status = pin(*options); });
   unpinning->callback([options, &exit_status] { exit_status = unpin(*options); });
 }

@@ -16,6 +16,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/parse.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
@@ -280,7 +281,7 @@ void add_robot(CLI::App& app, int& exit_status) {
       "Runs beside the daemon. Until Ctrl-C; --once until the robot has settled, for 3 s at most.\n"
       "Exit status: 0 poses came, 3 bad configuration, 4 none came.\nExample: slabctl robot monitor --once");
   command->add_option("--config", options->config, "Configuration with [robot]")->default_val(kDefaultConfig);
-  command->add_option("--seconds", options->seconds, "Stop after this time")->check(CLI::Range(0.5, 1e6));
+  command->add_option("--seconds", options->seconds, "Stop after this time")->check(within(0.5, 1e6));
   command->add_flag("--once", options->once, "One picture");
   command->add_flag("--json", options->as_json, "Print slabd.robot/1");
   command->callback([options, &exit_status] { exit_status = monitor(*options); });

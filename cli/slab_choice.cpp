@@ -72,7 +72,9 @@ std::optional<std::vector<std::int64_t>> chosen_slabs(storage::Reader& reader, c
   for (const std::string& wanted : choice.slabs) {
     const auto found = named_slab(reader, wanted, exit_status);
     if (!found) return std::nullopt;
-    keys.push_back(found->summary.header.key);
+    // A slab under two names, such as its key and its id, is one slab.
+    const std::int64_t key = found->summary.header.key;
+    if (std::find(keys.begin(), keys.end(), key) == keys.end()) keys.push_back(key);
   }
   if (!choice.slabs.empty()) return keys;
   storage::SlabFilter filter;

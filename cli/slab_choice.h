@@ -28,8 +28,9 @@ struct SlabChoice {
   void add_filters_to(CLI::App& command);
 };
 
-/// Keys, oldest first; slabs that are still open only when they are named. nullopt: it cannot be, the sentence is
-/// printed and `exit_status` set; no slab at all is such a case when one was named, and an empty list when not.
+/// Keys, each once, oldest first, or as they were named; slabs that are still open only when they are named. nullopt:
+/// it cannot be, the sentence is printed and `exit_status` set; no slab at all is such a case when one was named, and
+/// an empty list when not.
 [[nodiscard]] std::optional<std::vector<std::int64_t>> chosen_slabs(storage::Reader& reader, const SlabChoice& choice,
                                                                     int& exit_status);
 

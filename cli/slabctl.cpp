@@ -81,12 +81,7 @@ bool config_from(const std::string& path, daemon::Config& config) {
   return report_problems(problems);
 }
 
-int run(int argc, const char* const* argv) {
-  CLI::App app("slabctl: maintenance of slabd, the track-slab inspection daemon.", "slabctl");
-  app.footer(kFooter);
-  app.set_version_flag("--version", std::string(daemon::software_version().view()));
-  app.require_subcommand(0, 1);
-  int exit_status = kDone;
+void add_commands(CLI::App& app, int& exit_status) {
   add_inspect(app, exit_status);
   add_fit_plane(app, exit_status);
   add_status(app, exit_status);
@@ -110,6 +105,15 @@ int run(int argc, const char* const* argv) {
   add_config(app, exit_status);
   add_recipe(app, exit_status);
   add_completion(app, exit_status);
+}
+
+int run(int argc, const char* const* argv) {
+  CLI::App app("slabctl: maintenance of slabd, the track-slab inspection daemon.", "slabctl");
+  app.footer(kFooter);
+  app.set_version_flag("--version", std::string(daemon::software_version().view()));
+  app.require_subcommand(0, 1);
+  int exit_status = kDone;
+  add_commands(app, exit_status);
 
   if (argc >= 2 && argv[1][0] != '-') {
     const std::vector<std::string> names = command_names(app);

@@ -97,6 +97,12 @@ double nominal_from_geometry(const Recipe& r, ItemId id) {
   return kNoValue;
 }
 
+std::string limits_text(const Tolerance& t) {
+  if (!has_value(t.lower)) return fmt::format("at most {:.4f}", t.upper);
+  if (!has_value(t.upper)) return fmt::format("at least {:.4f}", t.lower);
+  return fmt::format("{:.4f}..{:.4f}", t.lower, t.upper);
+}
+
 void check_item(TableReader item, const Recipe& recipe, ItemId id) {
   const Tolerance& t = recipe.tolerance(id);
   if (!has_value(t.nominal.value)) return;
@@ -106,8 +112,8 @@ void check_item(TableReader item, const Recipe& recipe, ItemId id) {
                                         "difference of {}",
                                         t.nominal.value, expected, name(info(id).unit), kAgreement));
   if ((has_value(t.lower) && t.nominal.value < t.lower) || (has_value(t.upper) && t.nominal.value > t.upper))
-    item.problem("nominal", fmt::format("found {:.4f}, allowed is a nominal inside its own limits {:.4f}..{:.4f}",
-                                        t.nominal.value, t.lower, t.upper));
+    item.problem("nominal", fmt::format("found {:.4f}, allowed is a nominal inside its own limits: {}", t.nominal.value,
+                                        limits_text(t)));
   // With a guard band of half the tolerance zone nothing can pass.
   if (has_value(t.U) && has_value(t.lower) && has_value(t.upper) && 2.0 * recipe.guard * t.U >= t.upper - t.lower)
     item.problem("U", fmt::format("found {}: with guard {} no value can pass between {:.4f} and {:.4f}", t.U,

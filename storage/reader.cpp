@@ -133,7 +133,10 @@ class SqliteReader final : public Reader {
       gap.slab_key = line.integer(0);
       gap.slabs = line.integer(1);
     }
-    Statement care(*db_, "SELECT what, slab_key, source, who, why, utime_us FROM care ORDER BY seq");
+    Statement care(*db_,
+                   "SELECT what, care.slab_key, source, who, why, utime_us, (SELECT coalesce(max(slab.slab_key), 0) "
+                   "FROM slab WHERE slab.slab_key <= care.slab_key), (SELECT pruned_key FROM line) FROM care ORDER BY "
+                   "seq");
     while (care.step()) {
       HistoryGap& gap = gaps.emplace_back();
       gap.what = care.text(0) == "restored" ? HistoryGap::What::restored : HistoryGap::What::begun_anew;
@@ -142,6 +145,8 @@ class SqliteReader final : public Reader {
       gap.note.who = care.text(3);
       gap.note.why = care.text(4);
       gap.note.utime_us = care.integer(5);
+      // Retention takes the newest slab of the backup away some day, and with it what could be said.
+      gap.kept_key = care.integer(6) > care.integer(7) ? care.integer(6) : 0;
     }
     return gaps;
   }

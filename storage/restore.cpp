@@ -148,7 +148,7 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
   if (!order.lose_calibrations && (lost.applied > back.applied || lost.checks > back.checks))
     return error(Code::config,
                  "%s knows of %lld changes of calibrations and %lld checks that %s does not: what is in force would be "
-                 "what was in force then. Look at them (slabctl calibrate list), and give --lose-calibrations to "
+                 "what was in force then. Look at them (slabctl calibrate history), and give --lose-calibrations to "
                  "restore all the same",
                  path.c_str(), static_cast<long long>(std::max<std::int64_t>(lost.applied - back.applied, 0)),
                  static_cast<long long>(std::max<std::int64_t>(lost.checks - back.checks, 0)),

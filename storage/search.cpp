@@ -69,8 +69,8 @@ std::vector<SlabSummary> find_slabs(Connection& db, const SlabFilter& filter) {
               "FROM slab LEFT JOIN slab_result USING (slab_key) WHERE " +
               condition(filter) + " ORDER BY slab.slab_key DESC LIMIT ?1");
   rows.bind(1, count_of(filter.limit))
-      .bind(2, filter.since_utime_us)
-      .bind(3, filter.until_utime_us == 0 ? kForEver : filter.until_utime_us);
+      .bind(2, filter.since_utime_us.value_or(-kForEver))
+      .bind(3, filter.until_utime_us.value_or(kForEver));
   if (filter.slab_type != 0) rows.bind(4, std::int64_t{filter.slab_type});
   if (!filter.id_part.empty()) rows.bind(5, std::string_view(filter.id_part));
   if (filter.item) rows.bind(6, word(*filter.item));
@@ -96,8 +96,8 @@ std::vector<ItemValue> find_values(Connection& db, const ItemFilter& filter) {
   // The slab's own rows (station 0) that were judged come first of each place, so that a block's value in whose stead
   // SLAB_END judged another one is passed over; those for information come last.
   std::string sql =
-      "WITH chosen AS (SELECT slab_key, slab_id, began_utime_us FROM slab WHERE began_utime_us >= ?2 AND "
-      "began_utime_us < ?3";
+      "WITH chosen AS (SELECT slab_key, slab_id, began_utime_us FROM slab CROSS JOIN slab_result USING (slab_key) "
+      "WHERE slab_result.verdict <> 'aborted' AND began_utime_us >= ?2 AND began_utime_us < ?3";
   if (filter.slab_type != 0) sql += " AND slab_type = ?4";
   sql +=
       " ORDER BY slab_key DESC LIMIT ?1) "
@@ -113,8 +113,8 @@ std::vector<ItemValue> find_values(Connection& db, const ItemFilter& filter) {
       "NULL THEN 2 ELSE 0 END";
   Statement rows(db, sql);
   rows.bind(1, count_of(filter.slabs))
-      .bind(2, filter.since_utime_us)
-      .bind(3, filter.until_utime_us == 0 ? kForEver : filter.until_utime_us)
+      .bind(2, filter.since_utime_us.value_or(-kForEver))
+      .bind(3, filter.until_utime_us.value_or(kForEver))
       .bind(5, word(filter.item));
   if (filter.slab_type != 0) rows.bind(4, std::int64_t{filter.slab_type});
   if (filter.block != 0) rows.bind(6, std::int64_t{filter.block});

@@ -194,10 +194,10 @@ struct SlabSummary {
 /// Which slabs; everything that is set must hold.
 struct SlabFilter {
   std::size_t limit = 20;
-  std::int64_t since_utime_us = 0;  ///< began at or after
-  std::int64_t until_utime_us = 0;  ///< began before, 0: no end
-  int slab_type = 0;                ///< 0: all
-  std::string id_part;              ///< somewhere in the SLAB_ID; empty: all
+  std::optional<std::int64_t> since_utime_us = std::nullopt;  ///< began at or after
+  std::optional<std::int64_t> until_utime_us = std::nullopt;  ///< began before
+  int slab_type = 0;                                          ///< 0: all
+  std::string id_part;                                        ///< somewhere in the SLAB_ID; empty: all
   /// Without item and block: of the slab. With a block: of that station after SLAB_END. With an item: of the item (at
   /// that block, when there is one); none: any verdict but pass.
   Verdict verdict = Verdict::none;
@@ -205,12 +205,13 @@ struct SlabFilter {
   std::optional<ItemId> item;
 };
 
-/// Which values of one item.
+/// Which values of one item. Slabs that are still open or were aborted have none: nobody stands behind what was seen of
+/// them until then.
 struct ItemFilter {
   ItemId item = ItemId::seat_slope;
   std::size_t slabs = 1'000;  ///< the newest ones
-  std::int64_t since_utime_us = 0;
-  std::int64_t until_utime_us = 0;
+  std::optional<std::int64_t> since_utime_us = std::nullopt;
+  std::optional<std::int64_t> until_utime_us = std::nullopt;
   int slab_type = 0;
   int block = 0;  ///< 0: all; of a spacing or a pair: its first station
 };
@@ -246,6 +247,7 @@ struct HistoryGap {
   };
   What what = What::restored;
   std::int64_t slab_key = 0;  ///< keys up to here may have been used before
+  std::int64_t kept_key = 0;  ///< restored: the newest of them that is there; 0: none, or nobody knows any more
   std::int64_t slabs = 0;     ///< pruned: how many
   ChangeNote note;            ///< of a person; empty for retention
   std::string source;         ///< restored: the backup

@@ -12,6 +12,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/parse.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
@@ -226,7 +227,7 @@ void add_common(CLI::App& command, Options& options) {
   command.add_flag("--json", options.json, "JSON on stdout");
 }
 void add_note(CLI::App& command, Options& options) {
-  command.add_option("--why", options.why, "Why, for the history")->required();
+  command.add_option("--why", options.why, "Why, for the history")->required()->check(some_words());
   command.add_option("--operator", options.who, "Who (default: your login)");
 }
 
@@ -250,7 +251,7 @@ void add_calibrate_apply(CLI::App& group, int& exit_status) {
   command->add_option("ID", options->known.id, "Of a kept record, or its first characters");
   options->session.add_to(*command);
   options->record.add_origin_to(*command);
-  command->add_option("--why", options->record.why, "Why, for the history; must be given with ID");
+  command->add_option("--why", options->record.why, "Why, for the history; must be given with ID")->check(some_words());
   command->add_flag("--json", options->known.json, "Print slabd.calibration_applied/1 on stdout");
   command->callback([options, &exit_status] {
     Options& known = options->known;
@@ -288,10 +289,10 @@ void add_calibrate_adopt(CLI::App& group, int& exit_status) {
   command
       ->add_option("--sigma-mm", options->sigma_mm, "Of a point in the field of view, standard deviation per axis, mm")
       ->required()
-      ->check(CLI::Range(1e-4, 10.0));
+      ->check(within(1e-4, 10.0));
   command->add_option("--sigma-deg", options->sigma_deg, "Of the scanner's rotation, per axis, deg")
       ->required()
-      ->check(CLI::Range(1e-6, 1.0));
+      ->check(within(1e-6, 1.0));
   command->callback(
       [options, &exit_status] { exit_status = adopt(options->record, options->sigma_mm, options->sigma_deg); });
 }

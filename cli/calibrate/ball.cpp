@@ -153,12 +153,12 @@ void BallOptions::add_to(CLI::App& command) {
   command
       .add_option("--scanner-noise-mm", noise_mm,
                   "Standard deviation of the scanner's points; 1.5 times that is the limit")
-      ->check(CLI::Range(0.001, 1.0))
+      ->check(within(0.001, 1.0))
       ->capture_default_str();
   command
       .add_option("--noise-correlation-mm", noise_correlation_mm,
                   "Take the noise to hang together over at least this length; 0 = as each scan shows")
-      ->check(CLI::Range(0.0, 20.0))
+      ->check(within(0.0, 20.0))
       ->capture_default_str();
   command.add_flag("--parallel", parallel, "The scan's rays are parallel to Z instead of through the origin");
   command.add_option("--unit", unit, "Unit of the scans: mm, m or um")
@@ -217,11 +217,9 @@ void add_calibrate_ball(CLI::App& group, int& exit_status) {
       "Exit status: 0 every scan accepted, 6 one refused, 2 usage, 3 bad input.");
   command->add_option("SCAN", options->scans, "Scans of the ball, one a view, in the order of the flange poses")
       ->required();
-  command->add_option("--radius", options->radius_mm, "Certified radius in mm")
-      ->required()
-      ->check(CLI::Range(1.0, 200.0));
+  command->add_option("--radius", options->radius_mm, "Certified radius in mm")->required()->check(within(1.0, 200.0));
   command->add_option("--radius-sigma-mm", options->radius_sigma_mm, "Its standard uncertainty (k = 1)")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(within(0.0, 1.0))
       ->capture_default_str();
   CLI::Option* count = command->add_option("--count", options->count, "Balls of this radius in every scan")
                            ->check(CLI::Range(1, 16))

@@ -510,7 +510,7 @@ void add_calibrate_reference(CLI::App& group, int& exit_status) {
   command->add_option("--certificate", options->certificate, "Certificate of the reference block");
   command->add_option("--ball", options->look.scan, "Scan of the monitor ball");
   command->add_option("--ball-limit", options->limit_mm, "The ball may be found this far from its place, mm")
-      ->check(CLI::Range(0.001, 10.0))
+      ->check(within(0.001, 10.0))
       ->capture_default_str();
   options->look.add_to(*command);
   command->callback([options, &exit_status] { exit_status = take_reference(*options); });

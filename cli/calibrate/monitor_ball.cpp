@@ -77,9 +77,9 @@ void BallLook::add_to(CLI::App& command) {
       command.add_option("--flange", flange, "Where the robot stood: \"x y z qw qx qy qz\" of the flange, as reported");
   command.add_flag("--live", live, "Take scan and pose of the ball from the running line; it must be idle")
       ->excludes(pose);
-  command.add_option("--radius", radius_mm, "Certified radius of the ball, mm")->check(CLI::Range(1.0, 200.0));
+  command.add_option("--radius", radius_mm, "Certified radius of the ball, mm")->check(within(1.0, 200.0));
   command.add_option("--noise", noise_mm, "Expected standard deviation of the scanner's points, mm")
-      ->check(CLI::Range(0.001, 1.0))
+      ->check(within(0.001, 1.0))
       ->capture_default_str();
   command.add_option("--unit", unit, "Unit of the scan: mm, m or um")
       ->check(CLI::IsMember({"mm", "m", "um"}))

@@ -7,6 +7,7 @@
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/parse.h"
 
 namespace slabd::cli {
 
@@ -14,7 +15,7 @@ void RecordOptions::add_to(CLI::App& command) {
   command.add_option("--config", config, "The daemon's configuration")->default_val(kDefaultConfig);
   add_origin_to(command);
   CLI::Option* apply_flag = command.add_flag("--apply", apply, "Put it in force at once");
-  command.add_option("--why", why, "Why it is put in force, for the history")->needs(apply_flag);
+  command.add_option("--why", why, "Why it is put in force, for the history")->check(some_words())->needs(apply_flag);
   command.add_flag("--dry-run", dry_run, "Only compute and show: nothing is kept")->excludes(apply_flag);
 }
 
@@ -22,7 +23,7 @@ void RecordOptions::add_origin_to(CLI::App& command) {
   command.add_option("--operator", operator_name, "Who did it (default: your login)");
   command.add_option("--robot-serial", robot_serial, "Serial number of the robot");
   command.add_option("--scanner-serial", scanner_serial, "Serial number of the scanner");
-  command.add_option("--temperature", temperature_c, "Of the hall, deg C")->check(CLI::Range(-20.0, 60.0));
+  command.add_option("--temperature", temperature_c, "Of the hall, deg C")->check(within(-20.0, 60.0));
   command
       .add_option("--valid-days", valid_days,
                   "How long it may be used, 0 = for ever (default: [calibration] valid_days)")

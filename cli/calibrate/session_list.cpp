@@ -10,6 +10,7 @@
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/session.h"
 #include "cli/exit.h"
+#include "cli/parse.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
@@ -228,7 +229,7 @@ void add_calibrate_drop(CLI::App& group, int& exit_status) {
   CLI::App* command = group.add_subcommand("drop", "Leave a view out of everything; its scans stay");
   command->footer("\nExample: slabctl calibrate drop 7 --why \"somebody leaned on the post\"");
   command->add_option("VIEW", options->number, "Its number in `list`")->required()->check(CLI::Range(1, 9999));
-  command->add_option("--why", options->why, "Why; kept with the view")->required();
+  command->add_option("--why", options->why, "Why; kept with the view")->required()->check(some_words());
   options->session.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.calibration_session_change/1 on stdout");
   command->callback([options, &exit_status] { exit_status = drop(*options); });

@@ -181,10 +181,9 @@ void add_calibrate_new(CLI::App& group, int& exit_status) {
   command->add_option("--kind", options->kind, "ball: a tooling ball; artefact: three to eight balls on a frame")
       ->check(CLI::IsMember({"ball", "artefact", "pose"}))
       ->capture_default_str();
-  command->add_option("--radius", options->radius_mm, "Kind ball: certified radius in mm")
-      ->check(CLI::Range(1.0, 200.0));
+  command->add_option("--radius", options->radius_mm, "Kind ball: certified radius in mm")->check(within(1.0, 200.0));
   command->add_option("--radius-sigma-mm", options->radius_sigma_mm, "Its standard uncertainty (k = 1)")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(within(0.0, 1.0))
       ->capture_default_str();
   command->add_option("--certificate", options->certificate, "Kind artefact: what the laboratory certified");
   command->add_option("--views", options->goal, "Goal: accepted views, held-out ones among them")

@@ -14,6 +14,7 @@
 #include "cli/calibrate/solve_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/parse.h"
 
 namespace slabd::cli {
 namespace {

@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/calibrate/solve_options.h"
-
-#include <fmt/core.h>
+#include "cli/parse.h"
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <cmath>
-#include <cstdlib>
 
 namespace slabd::cli {
 
@@ -28,17 +25,6 @@ calib::SolveSettings SolveOptions::settings() const {
   if (fov.size() == 4) settings.fov = {fov[0], fov[1], fov[2], fov[3]};
   settings.point_sigma_mm_max = limit_mm;
   return settings;
-}
-
-CLI::Validator at_least(double low) {
-  const std::string range = fmt::format("at least {}", low);
-  return {[=](std::string& text) {
-            char* end = nullptr;
-            const double value = std::strtod(text.c_str(), &end);
-            const bool number = !text.empty() && end == text.c_str() + text.size() && std::isfinite(value);
-            return number && value >= low ? std::string() : fmt::format("\"{}\" is not a number of {}", text, range);
-          },
-          range};
 }
 
 void SolveOptions::add_to(CLI::App& command) {

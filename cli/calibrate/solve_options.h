@@ -7,8 +7,7 @@
 
 namespace CLI {
 class App;
-class Validator;
-}  // namespace CLI
+}
 
 /// What a solver is told beside the views: noise, field of view, limit. Shared by `solve`, from tables, and by `new`,
 /// for a whole session.
@@ -28,8 +27,5 @@ struct SolveOptions {
   [[nodiscard]] calib::StatedNoise noise() const;
   [[nodiscard]] calib::SolveSettings settings() const;
 };
-
-/// A number of at least `low`, NaN and infinity refused, which CLI::Range lets through.
-[[nodiscard]] CLI::Validator at_least(double low);
 
 }  // namespace slabd::cli

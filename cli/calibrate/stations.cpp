@@ -15,6 +15,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/parse.h"
 #include "cli/render.h"
 #include "cli/slab_view.h"
 
@@ -317,10 +318,10 @@ void add_calibrate_stations(CLI::App& group, int& exit_status) {
   command
       ->add_option("--spread-limit", options->settings.spread_max_mm,
                    "A station's visits may scatter by this, mm per axis")
-      ->check(CLI::Range(0.001, 5.0))
+      ->check(within(0.001, 5.0))
       ->capture_default_str();
   command->add_option("--shift-limit", options->settings.shift_max_mm, "A correction may move a seat by this, mm")
-      ->check(CLI::Range(0.1, 100.0))
+      ->check(within(0.1, 100.0))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print slabd.station_calibration/1 on stdout");
   command->callback([options, &exit_status] { exit_status = calibrate_stations(*options); });

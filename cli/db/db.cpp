@@ -22,6 +22,7 @@
 #include "cli/durable.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/parse.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
@@ -220,7 +221,8 @@ int restore(const Options& options) {
              order.from.empty() ? "an empty history" : order.from);
   if (!order.from.empty()) fmt::print("Slabs measured after that backup are missing, and the history says so.\n");
   fmt::print(
-      "Calibrations and their checks are {}: look at slabctl calibrate list, and check the hand-eye (slabctl calibrate "
+      "Calibrations and their checks are {}: look at slabctl calibrate history, and check the hand-eye (slabctl "
+      "calibrate "
       "check) before the next slab. The first SCAN takes two scans.\n",
       order.from.empty() ? "gone, and those of the configuration are in force" : "those of the backup as well");
   return kDone;
@@ -301,7 +303,7 @@ void add_db(CLI::App& app, int& exit_status) {
   command->add_flag("--fresh", options->fresh, "Begin with an empty history instead");
   command->add_flag("--lose-calibrations", options->lose_calibrations,
                     "Even if calibrations were changed or checked since the backup");
-  command->add_option("--why", options->why, "Why, for the history")->required();
+  command->add_option("--why", options->why, "Why, for the history")->required()->check(some_words());
   command->add_option("--operator", options->operator_name, "Who does it (default: your login)");
 
   command = with_config(verb("prune", "Take away the records of old slabs whose scans are gone", prune));

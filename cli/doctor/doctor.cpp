@@ -10,6 +10,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/parse.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
@@ -139,7 +140,7 @@ void add_doctor(CLI::App& app, int& exit_status) {
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
   command->add_option("--listen-s", options->listen_s, "How long to listen to robot and PLC")
       ->default_val(2.0)
-      ->check(CLI::Range(0.5, 60.0));
+      ->check(within(0.5, 60.0));
   command->add_flag("--scan", options->scan, "Have one scan taken");
   command->add_flag("--json", options->as_json, "Print slabd.doctor/1 on stdout");
   command->callback([options, &exit_status] { exit_status = examine(*options); });

@@ -219,7 +219,7 @@ void examine_recipes(const daemon::Config& config, std::vector<Recipe>& recipes,
       report.warning(
           "recipe",
           fmt::format("{}: {} nominals or tolerances are not confirmed", recipe.name.view(), unconfirmed_count(recipe)),
-          fmt::format("compare with the drawing; slabctl recipe check {} lists them", recipe.path.view()));
+          fmt::format("compare with the drawing; slabctl recipe show {} lists them", recipe.path.view()));
 }
 
 }  // namespace

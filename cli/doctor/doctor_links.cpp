@@ -23,6 +23,7 @@
 #include "cli/control.h"
 #include "cli/doctor/doctor.h"
 #include "cli/plc/plc.h"
+#include "cli/simulate/robot_peer.h"
 #include "hal/plc_map.h"
 
 namespace slabd::cli {
@@ -340,7 +341,9 @@ void examine_robot(const daemon::Config& config, double seconds, Examination& re
   const std::string trouble(port.value()->trouble());
   const hal::PoseLinkCounters& counters = port.value()->counters();
   if (!trouble.empty()) {
-    report.failed("robot link", trouble, "ip address; ip route get 239.255.76.67; [robot] interface");
+    report.failed("robot link", trouble,
+                  fmt::format("ip address; ip route get {}; [robot] interface",
+                              simulate::multicast_group(config.robot.url.view())));
   } else if (heard.poses == 0) {
     report.failed("robot poses",
                   fmt::format("none of channel {} on {} in {:.1f} s; {} foreign datagrams, {} malformed poses",

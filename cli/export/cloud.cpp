@@ -17,7 +17,7 @@
 #include "algo/block_model.h"
 #include "base/pages.h"
 #include "base/splice.h"
-#include "cli/export/out_file.h"
+#include "cli/durable.h"
 #include "cli/slab_view.h"
 
 namespace slabd::cli {
@@ -32,7 +32,7 @@ constexpr std::size_t kBufferBytes = std::size_t{1} << 20U;
 class VertexFile {
  public:
   VertexFile(const std::string& path, std::string comments, std::string properties)
-      : out_(path), comments_(std::move(comments)), properties_(std::move(properties)) {
+      : out_(path, {.rewritten = true}), comments_(std::move(comments)), properties_(std::move(properties)) {
     out_.write(header());
   }
   template <typename T>

@@ -14,11 +14,11 @@
 
 #include "cli/command.h"
 #include "cli/database.h"
+#include "cli/durable.h"
 #include "cli/exit.h"
 #include "cli/export/cloud.h"
 #include "cli/export/item_rows.h"
 #include "cli/export/mesh.h"
-#include "cli/export/out_file.h"
 #include "cli/parse.h"
 #include "cli/progress.h"
 #include "cli/recipe/recipe_source.h"
@@ -83,7 +83,9 @@ int export_results(const ExportOptions& options) {
   if (format == "csv") {
     if (options.bom) out.write("\xEF\xBB\xBF");
     out.write(item_heading());
-    exit_status = for_each(*reader, *keys, [&](const storage::SlabRecord& record) { out.write(item_rows(record)); });
+    const TableFor reader_of_table = options.bom ? TableFor::spreadsheet : TableFor::program;
+    exit_status = for_each(*reader, *keys,
+                           [&](const storage::SlabRecord& record) { out.write(item_rows(record, reader_of_table)); });
   } else if (options.choice.slabs.size() == 1) {
     exit_status = for_each(*reader, *keys, [&](const storage::SlabRecord& record) { out.write(slab_json(record)); });
   } else {
@@ -203,7 +205,7 @@ void add_cloud(CLI::App& parent, int& exit_status) {
   command
       ->add_option("--voxel", options->cloud.voxel_mm,
                    "One mean point for each cube of so many mm; default: all points")
-      ->check(CLI::Range(0.2, 100.0));
+      ->check(within(0.2, 100.0));
   options->database.add_to(*command);
   command->add_option("--recipes", options->recipes_dir, "Folder with the recipes; default: the configuration's");
   command->add_option("--scans", options->cloud.scans_dir, "A copy of the spool, for scans that were moved away");

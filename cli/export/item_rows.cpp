@@ -73,14 +73,23 @@ class ItemRow {
   std::size_t count_ = 0;
 };
 
+/// Words that come from the PLC or from a file, and not from slabd.
+std::string text_for(TableFor reader, std::string_view text) {
+  const bool computed = !text.empty() && std::string_view("=+-@\t\r").find(text.front()) != std::string_view::npos;
+  return (reader == TableFor::spreadsheet && computed ? "'" : "") + std::string(text);
+}
+
 /// What all rows of a slab begin with.
-ItemRow head_of(const storage::SlabRecord& record) {
+ItemRow head_of(const storage::SlabRecord& record, TableFor reader) {
   const SlabHeader& slab = record.summary.header;
   ItemRow row;
-  row.add(kItemRowsVersion).add(std::to_string(slab.key)).add(slab.slab_id.view()).add(std::to_string(slab.slab_no));
+  row.add(kItemRowsVersion).add(std::to_string(slab.key)).add(text_for(reader, slab.slab_id.view()));
+  row.add(std::to_string(slab.slab_no));
   row.add(std::to_string(slab.slab_type)).add(iso_time(slab.began_utime_us));
   row.add(iso_time(record.summary.ended_utime_us)).add(name(record.summary.verdict));
-  row.add(std::to_string(record.summary.reason)).add(slab.recipe.view()).add(slab.recipe_sha256.view());
+  row.add(std::to_string(record.summary.reason))
+      .add(text_for(reader, slab.recipe.view()))
+      .add(slab.recipe_sha256.view());
   row.add(slab.guard).add(slab.calibration_id.view()).add(slab.stations_id.view()).add(slab.software.view());
   return row;
 }
@@ -117,8 +126,8 @@ std::string item_heading() {
   return row.end();
 }
 
-std::string item_rows(const storage::SlabRecord& record) {
-  const ItemRow head = head_of(record);
+std::string item_rows(const storage::SlabRecord& record, TableFor reader) {
+  const ItemRow head = head_of(record, reader);
   const std::string_view scanner_id = record.summary.header.scanner_id.view();
   std::string text;
   for (int station = 1; station <= record.summary.header.stations; ++station) {

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <string>
+#include <string_view>
 
 #include "storage/storage.h"
 
@@ -13,8 +15,11 @@ inline constexpr const char* kItemRowsVersion = "slabd.items/1";
 
 /// The heading, with its line end.
 [[nodiscard]] std::string item_heading();
+/// Who will open the table. A spreadsheet program takes a text that begins with = + - @ or a control character for a
+/// formula and computes it; in a table for one it gets an apostrophe before it. Everybody else gets the text as it is.
+enum class TableFor : std::uint8_t { program, spreadsheet };
 /// Rows of the valid attempt of each block, by station, then of the slab.
-[[nodiscard]] std::string item_rows(const storage::SlabRecord& record);
+[[nodiscard]] std::string item_rows(const storage::SlabRecord& record, TableFor reader);
 
 /// A field as RFC 4180 wants it: in quotes, which are doubled, when it holds a quote, a comma or a line end.
 [[nodiscard]] std::string csv_field(std::string_view text);

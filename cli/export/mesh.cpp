@@ -15,7 +15,7 @@
 #include <numbers>
 
 #include "algo/block_model.h"
-#include "cli/export/out_file.h"
+#include "cli/durable.h"
 
 namespace slabd::cli {
 namespace {

@@ -132,6 +132,8 @@ class Pages {
 [[nodiscard]] Status write_png(const Report& report, int page, double dots_per_inch, const std::string& path);
 /// A document that needs nothing else: inline SVG, tables with scopes, a description for every figure.
 [[nodiscard]] std::string html(const Report& report);
+/// config: it cannot be written; nothing is left behind then.
+[[nodiscard]] Status write_html(const Report& report, const std::string& path);
 /// One drawing as an SVG element whose ids begin with `prefix`.
 [[nodiscard]] std::string svg_of(const Figure& figure, const std::string& prefix);
 

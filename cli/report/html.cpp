@@ -6,6 +6,7 @@
 
 #include <map>
 
+#include "cli/durable.h"
 #include "cli/report/content.h"
 
 namespace slabd::cli::report {
@@ -192,6 +193,12 @@ class Writer {
 
 std::string html(const Report& report) {
   return Writer(report).document();
+}
+
+Status write_html(const Report& report, const std::string& path) {
+  OutFile out(path, {.synced = true});
+  out.write(html(report));
+  return out.close();
 }
 
 }  // namespace slabd::cli::report

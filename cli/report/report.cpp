@@ -7,15 +7,13 @@
 
 #include <algorithm>
 #include <cctype>
-#include <cerrno>
-#include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <memory>
 
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
+#include "cli/parse.h"
 #include "cli/report/content.h"
 #include "cli/slab_view.h"
 
@@ -38,31 +36,12 @@ std::string extension_of(const std::string& path) {
   return extension;
 }
 
-Status write_text(const std::string& path, const std::string& text) {
-  const std::string part = path + ".part";
-  {
-    std::ofstream out(part, std::ios::binary | std::ios::trunc);
-    out << text;
-    out.close();
-    if (!out) {
-      const int trouble = errno;
-      std::remove(part.c_str());
-      return error(Code::config, "%s cannot be written: %s", path.c_str(), std::strerror(trouble));
-    }
-  }
-  std::error_code trouble;
-  std::filesystem::rename(part, path, trouble);
-  if (!trouble) return success();
-  std::remove(part.c_str());
-  return error(Code::config, "%s cannot be written: %s", path.c_str(), trouble.message().c_str());
-}
-
 Status write(const report::Report& document, const Options& options) {
   const std::string extension = extension_of(options.out);
   if (extension == ".pdf") return report::write_pdf(document, options.out);
   if (extension == ".svg") return report::write_svg(document, options.page, options.out);
   if (extension == ".png") return report::write_png(document, options.page, options.dots_per_inch, options.out);
-  return write_text(options.out, report::html(document));
+  return report::write_html(document, options.out);
 }
 
 int report_slab(const Options& options) {
@@ -119,7 +98,7 @@ void add_report(CLI::App& app, int& exit_status) {
       ->check(CLI::Range(0, 1000))
       ->capture_default_str();
   command->add_option("--dpi", options->dots_per_inch, "Of .png: dots per inch")
-      ->check(CLI::Range(20.0, 600.0))
+      ->check(within(20.0, 600.0))
       ->capture_default_str();
   options->database.add_to(*command);
   command->callback([options, &exit_status] { exit_status = report_slab(*options); });

@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Pages on a PDF, an SVG or a PNG. A file appears whole or not at all: it is written beside its place and renamed.
+// Pages on a PDF, an SVG or a PNG.
 #include <cairo-pdf.h>
 #include <cairo-svg.h>
 #include <cairo.h>
 
 #include <cmath>
-#include <cstdio>
 #include <ctime>
-#include <filesystem>
 
+#include "cli/durable.h"
 #include "cli/json.h"
 #include "cli/report/content.h"
 
@@ -20,34 +19,21 @@ constexpr double kPointsPerMm = 72.0 / 25.4;
 /// Cairo's own limit of an image's side.
 constexpr double kPixelsMax = 32'000.0;
 
-/// Removes the half-written file unless it was kept.
-class WholeFile {
- public:
-  explicit WholeFile(std::string path) : path_(std::move(path)), part_(path_ + ".part") {}
-  ~WholeFile() {
-    if (!kept_) std::remove(part_.c_str());
-  }
-  WholeFile(const WholeFile&) = delete;
-  WholeFile& operator=(const WholeFile&) = delete;
-  [[nodiscard]] const char* name() const { return part_.c_str(); }
-  [[nodiscard]] Status keep(cairo_status_t status) {
-    if (status != CAIRO_STATUS_SUCCESS)
-      return error(Code::config, "%s cannot be written: %s", path_.c_str(), cairo_status_to_string(status));
-    std::error_code trouble;
-    std::filesystem::rename(part_, path_, trouble);
-    if (trouble) return error(Code::config, "%s cannot be written: %s", path_.c_str(), trouble.message().c_str());
-    kept_ = true;
-    return success();
-  }
+cairo_status_t put(void* file, const unsigned char* bytes, unsigned int count) {
+  auto& out = *static_cast<OutFile*>(file);
+  out.write(bytes, count);
+  return out.good() ? CAIRO_STATUS_SUCCESS : CAIRO_STATUS_WRITE_ERROR;
+}
 
- private:
-  std::string path_;
-  std::string part_;
-  bool kept_ = false;
-};
+/// The file under its name, unless Cairo or the disk had trouble.
+Status keep(OutFile& file, const std::string& path, cairo_status_t status) {
+  if (file.good() && status != CAIRO_STATUS_SUCCESS)
+    return error(Code::config, "%s cannot be written: %s", path.c_str(), cairo_status_to_string(status));
+  return file.close();
+}
 
 void draw_on(cairo_t* context, const Pages& pages, int page, double scale, double from_top_mm) {
-  // No file: whoever keeps it says so, and Cairo loses the memory of what is drawn on nothing.
+  // No surface: whoever keeps the file says so, and Cairo loses the memory of what is drawn on nothing.
   if (cairo_status(context) != CAIRO_STATUS_SUCCESS) return;
   cairo_save(context);
   cairo_scale(context, scale, scale);
@@ -99,9 +85,10 @@ std::string with_prefix(const std::string& text, const std::string& prefix) {
 
 Status write_pdf(const Report& report, const std::string& path) {
   const Pages pages(report);
-  WholeFile part(path);
+  OutFile file(path, {.synced = true});
+  if (!file.good()) return file.close();
   cairo_surface_t* surface =
-      cairo_pdf_surface_create(part.name(), kPageWidth_mm * kPointsPerMm, kPageHeight_mm * kPointsPerMm);
+      cairo_pdf_surface_create_for_stream(put, &file, kPageWidth_mm * kPointsPerMm, kPageHeight_mm * kPointsPerMm);
   cairo_pdf_surface_set_metadata(surface, CAIRO_PDF_METADATA_TITLE, (report.title + ", " + report.subject).c_str());
   cairo_pdf_surface_set_metadata(surface, CAIRO_PDF_METADATA_CREATOR, "slabd");
   // The same slab gives the same file: the date is the slab's, not today's.
@@ -117,16 +104,17 @@ Status write_pdf(const Report& report, const std::string& path) {
   cairo_surface_finish(surface);
   const cairo_status_t written = cairo_surface_status(surface);
   cairo_surface_destroy(surface);
-  return part.keep(drawn != CAIRO_STATUS_SUCCESS ? drawn : written);
+  return keep(file, path, drawn != CAIRO_STATUS_SUCCESS ? drawn : written);
 }
 
 Status write_svg(const Report& report, int page, const std::string& path) {
   const Pages pages(report);
   if (Status status = check_page(pages, page); !status.ok()) return status;
-  WholeFile part(path);
+  OutFile file(path, {.synced = true});
+  if (!file.good()) return file.close();
   const int stacked = page > 0 ? 1 : pages.count();
-  cairo_surface_t* surface =
-      cairo_svg_surface_create(part.name(), kPageWidth_mm * kPointsPerMm, stacked * kPageHeight_mm * kPointsPerMm);
+  cairo_surface_t* surface = cairo_svg_surface_create_for_stream(put, &file, kPageWidth_mm * kPointsPerMm,
+                                                                 stacked * kPageHeight_mm * kPointsPerMm);
   cairo_t* context = cairo_create(surface);
   draw_stack(context, pages, page, kPointsPerMm);
   const cairo_status_t drawn = cairo_status(context);
@@ -134,7 +122,7 @@ Status write_svg(const Report& report, int page, const std::string& path) {
   cairo_surface_finish(surface);
   const cairo_status_t written = cairo_surface_status(surface);
   cairo_surface_destroy(surface);
-  return part.keep(drawn != CAIRO_STATUS_SUCCESS ? drawn : written);
+  return keep(file, path, drawn != CAIRO_STATUS_SUCCESS ? drawn : written);
 }
 
 Status write_png(const Report& report, int page, double dots_per_inch, const std::string& path) {
@@ -145,16 +133,17 @@ Status write_png(const Report& report, int page, double dots_per_inch, const std
   if (height > kPixelsMax)
     return error(Code::config, "%d pages at %.0f dpi are %.0f pixels high, at most %.0f; name a page or a lower --dpi",
                  pages.count(), dots_per_inch, height, kPixelsMax);
-  WholeFile part(path);
+  OutFile file(path, {.synced = true});
+  if (!file.good()) return file.close();
   cairo_surface_t* surface = cairo_image_surface_create(
       CAIRO_FORMAT_RGB24, static_cast<int>(std::lround(kPageWidth_mm * scale)), static_cast<int>(std::lround(height)));
   cairo_t* context = cairo_create(surface);
   draw_stack(context, pages, page, scale);
   const cairo_status_t drawn = cairo_status(context);
   cairo_destroy(context);
-  const cairo_status_t written = cairo_surface_write_to_png(surface, part.name());
+  const cairo_status_t written = cairo_surface_write_to_png_stream(surface, put, &file);
   cairo_surface_destroy(surface);
-  return part.keep(drawn != CAIRO_STATUS_SUCCESS ? drawn : written);
+  return keep(file, path, drawn != CAIRO_STATUS_SUCCESS ? drawn : written);
 }
 
 std::string svg_of(const Figure& figure, const std::string& prefix) {

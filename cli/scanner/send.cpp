@@ -12,6 +12,7 @@
 
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/parse.h"
 #include "cli/scanner/scanner.h"
 #include "cli/scanner/stream_gateway.h"
 
@@ -138,9 +139,7 @@ void add_scanner_send(CLI::App& scanner, int& exit_status) {
   command->add_option("--unit", options->unit, "Of the files: 0 mm, 1 m, 2 um; or mm, m, um")
       ->transform(
           CLI::CheckedTransformer(std::vector<std::pair<std::string, std::size_t>>{{"mm", 0}, {"m", 1}, {"um", 2}}));
-  command->add_option("--wait-s", options->wait_s, "For each request")
-      ->check(CLI::Range(0.1, 1e6))
-      ->capture_default_str();
+  command->add_option("--wait-s", options->wait_s, "For each request")->check(within(0.1, 1e6))->capture_default_str();
   command->add_option("--cut-after", options->cut_after,
                       "Cut the first connection after so many points and connect again, to try just that");
   command->callback([options, &exit_status] { exit_status = send(*options); });

@@ -15,6 +15,7 @@
 #include "cli/command.h"
 #include "cli/durable.h"
 #include "cli/exit.h"
+#include "cli/parse.h"
 #include "cli/progress.h"
 #include "cli/scanner/scanner.h"
 #include "cli/scanner/verification.h"
@@ -196,7 +197,9 @@ int verify(const Options& options) {
   if (options.keep || options.record.apply) static_cast<void>(keep(options, v, utime_us, kept, exit_status));
   const std::string document = verification_json(v, utime_us, kept.id, kept.applied);
   if (!options.out.empty()) {
-    if (const Status written = write_durably(options.out, document); !written) {
+    OutFile out(options.out, {.synced = true, .mode = 0664});
+    out.write(document);
+    if (const Status written = out.close(Code::journal_write); !written) {
       complain(written.error().text.view());
       return exit_for(written.error().code);
     }
@@ -230,24 +233,24 @@ void add_scanner_verify(CLI::App& scanner, int& exit_status) {
   Verification& v = options->verification;
   command->add_option("--plate", options->plates, "Scans of a flat plate, one place each");
   command->add_option("--ball", options->balls, "Scans of one ball, one place each");
-  command->add_option("--diameter-mm", v.diameter_mm, "Certified, of the ball as coated")
-      ->check(CLI::Range(2.0, 400.0));
+  command->add_option("--diameter-mm", v.diameter_mm, "Certified, of the ball as coated")->check(within(2.0, 400.0));
   command->add_option("--unit", options->unit, "Of the files: mm, m, um")
       ->transform(
           CLI::CheckedTransformer(std::vector<std::pair<std::string, std::size_t>>{{"mm", 0}, {"m", 1}, {"um", 2}}));
   command->add_option("--gate-mm", options->settings.gate_mm, "Further from plate or ball than this is something else")
-      ->check(CLI::Range(0.05, 20.0))
+      ->check(within(0.05, 20.0))
       ->capture_default_str();
-  command->add_option("--limit-pf-mm", v.limits.PF_mm, "PF allowed")->check(CLI::Range(0.0, 10.0));
-  command->add_option("--limit-ps-mm", v.limits.PS_mm, "|PS| allowed")->check(CLI::Range(0.0, 10.0));
-  command->add_option("--limit-rf-mm", v.limits.RF_mm, "RF allowed")->check(CLI::Range(0.0, 10.0));
+  command->add_option("--limit-pf-mm", v.limits.PF_mm, "PF allowed")->check(within(0.0, 10.0));
+  command->add_option("--limit-ps-mm", v.limits.PS_mm, "|PS| allowed")->check(within(0.0, 10.0));
+  command->add_option("--limit-rf-mm", v.limits.RF_mm, "RF allowed")->check(within(0.0, 10.0));
   command->add_option("--scanner", v.scanner, "Name or serial number, for the record");
   command->add_option("--out", options->out, "Write slabd.scanner_verification/1, for the records");
   command->add_flag("--keep", options->keep, "Keep the record in the database, for `slabctl scanner history`");
   RecordOptions& record = options->record;
   CLI::Option* by =
       command->add_option("--by,--operator", record.operator_name, "With --apply: who accepts the scanner");
-  CLI::Option* reason = command->add_option("--reason,--why", record.why, "With --apply: why, for the history");
+  CLI::Option* reason =
+      command->add_option("--reason,--why", record.why, "With --apply: why, for the history")->check(some_words());
   command->add_flag("--apply", record.apply, "Keep the record and let U rest on it from the next slab on")
       ->needs(by)
       ->needs(reason);

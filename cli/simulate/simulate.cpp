@@ -11,6 +11,7 @@
 
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/parse.h"
 #include "cli/simulate/line_run.h"
 #include "cli/simulate/simulate_calibration.h"
 #include "cli/simulate/simulate_plane.h"
@@ -336,46 +337,46 @@ void add_simulate(CLI::App& app, int& exit_status) {
   simulate::SlabVariation& variation = options->variation;
   command->add_option("--seed", variation.seed, "Decides everything random")->capture_default_str();
   command->add_option("--casting", variation.casting, "Scatter of the blocks, 1 = a good casting, 0 = as drawn")
-      ->check(CLI::Range(0.0, 10.0))
+      ->check(cli::within(0.0, 10.0))
       ->capture_default_str();
   command->add_option("--placement-mm", variation.placement_mm, "How far the slab lies off [cell], up to +- this")
-      ->check(CLI::Range(0.0, 50.0))
+      ->check(cli::within(0.0, 50.0))
       ->capture_default_str();
   command->add_option("--placement-deg", variation.placement_deg, "How far it is turned, up to +- this")
-      ->check(CLI::Range(0.0, 2.0))
+      ->check(cli::within(0.0, 2.0))
       ->capture_default_str();
   command
       ->add_option("--robot-length-mm", variation.robot_length_mm,
                    "How smooth that error is: 0 = one wave over the cell; 500 = a large robot, --robot-mm is then the "
                    "standard deviation per axis")
-      ->check(CLI::Range(0.0, 10'000.0))
+      ->check(cli::within(0.0, 10'000.0))
       ->capture_default_str();
   command->add_flag("--same-slab", variation.same_slab, "Every slab is the same one, not touched in between");
   command->add_option("--certificate-out", options->certificate,
                       "Write the first slab's true seats as the certificate of a mastered slab");
   command->add_option("--robot-mm", variation.robot_mm, "Error of the reported flange position, smooth over the cell")
-      ->check(CLI::Range(0.0, 10.0))
+      ->check(cli::within(0.0, 10.0))
       ->capture_default_str();
   command
       ->add_option("--robot-sigma-mm", variation.robot_sigma_mm,
                    "Repeatability: normal error of the reported flange position per axis, new at every station")
-      ->check(CLI::Range(0.0, 10.0))
+      ->check(cli::within(0.0, 10.0))
       ->capture_default_str();
   command
       ->add_option("--robot-sigma-deg", variation.robot_sigma_deg,
                    "Repeatability: normal error of the reported flange rotation per axis, new at every station")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(cli::within(0.0, 1.0))
       ->capture_default_str();
   command->add_option("--robot-rate-hz", options->robot_rate_hz, "Poses per second")
-      ->check(CLI::Range(10.0, 500.0))
+      ->check(cli::within(10.0, 500.0))
       ->capture_default_str();
   auto* rsi = command->add_option("--rsi", options->rsi,
                                   "Send poses as a KUKA controller does (RSI) to slabd-kuka-bridge at ADDRESS:PORT");
   command->add_option("--rsi-faults", options->rsi_faults, "Share of RSI packets that get lost, come late or garbled")
-      ->check(CLI::Range(0.0, 0.9))
+      ->check(cli::within(0.0, 0.9))
       ->needs(rsi);
   command->add_option("--move-s", options->move_s, "Time from one block to the next")
-      ->check(CLI::Range(0.0, 60.0))
+      ->check(cli::within(0.0, 60.0))
       ->capture_default_str();
   command->add_option("--plc-cycle-ms", options->plc_cycle_ms, "Cycle of the PLC's program: how often it looks")
       ->check(CLI::Range(1, 1'000))

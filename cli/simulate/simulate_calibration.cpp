@@ -265,7 +265,7 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
       ->needs(live)
       ->excludes(poses);
   command->add_option("--move-s", running.move_s, "--live: time from one view to the next")
-      ->check(CLI::Range(0.0, 60.0))
+      ->check(cli::within(0.0, 60.0))
       ->capture_default_str();
   CLI::Option* shots = command->add_option("--shots", order.shots, "Scans at every pose (--live: 3 if not given)")
                            ->check(CLI::Range(1, 9))
@@ -273,41 +273,41 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
   command->add_option("--seed", order.scene.seed, "Decides everything random")->capture_default_str();
   command->add_option("--recipe", order.recipe, "Recipe of the reference block (kind block)");
   command->add_option("--ball-radius-mm", order.scene.ball_radius_mm, "Radius of the balls")
-      ->check(CLI::Range(5.0, 35.0))
+      ->check(cli::within(5.0, 35.0))
       ->capture_default_str();
   command->add_option("--T-flange-scanner", options->T_flange_scanner, "True hand-eye, \"x y z qw qx qy qz\"");
   command->add_option("--T-base-target", options->T_base_target, "Where the target stands, \"x y z qw qx qy qz\"");
   command
       ->add_option("--robot-mm", order.scene.robot.smooth_mm,
                    "Error of the reported position per axis, smooth over the cell (absolute accuracy)")
-      ->check(CLI::Range(0.0, 10.0))
+      ->check(cli::within(0.0, 10.0))
       ->capture_default_str();
   command->add_option("--robot-length-mm", order.scene.robot.smooth_length_mm, "Length over which it changes")
-      ->check(CLI::Range(50.0, 10'000.0))
+      ->check(cli::within(50.0, 10'000.0))
       ->capture_default_str();
   command->add_option("--robot-deg", options->smooth_deg, "Smooth error of rotation (default: --robot-mm over 1.5 m)")
-      ->check(CLI::Range(0.0, 5.0));
+      ->check(cli::within(0.0, 5.0));
   command->add_option("--robot-sigma-mm", order.scene.robot.repeat_mm, "Repeatability per axis, new at every pose")
-      ->check(CLI::Range(0.0, 10.0))
+      ->check(cli::within(0.0, 10.0))
       ->capture_default_str();
   command->add_option("--robot-sigma-deg", options->repeat_deg, "Of rotation (default: --robot-sigma-mm over 1.5 m)")
-      ->check(CLI::Range(0.0, 1.0));
+      ->check(cli::within(0.0, 1.0));
   CalibrationScanTraits& scan = order.scan;
   command->add_flag("--full", options->full, "5 million points a scan instead of half a million");
   command->add_option("--noise-mm", scan.noise_mm, "White noise along the rays")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(cli::within(0.0, 1.0))
       ->capture_default_str();
   command->add_option("--correlated-mm", scan.correlated_mm, "Noise that neighbouring points have in common")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(cli::within(0.0, 1.0))
       ->capture_default_str();
   command->add_option("--noise-correlation-mm", scan.correlation_length_mm, "Length over which it hangs together")
-      ->check(CLI::Range(0.1, 20.0))
+      ->check(cli::within(0.1, 20.0))
       ->capture_default_str();
   command->add_option("--flyers", scan.flyer_share, "Share of the pixels at edges that lie between front and back")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(cli::within(0.0, 1.0))
       ->capture_default_str();
   command->add_option("--hidden", scan.hidden_share, "Share of every ball hidden behind a plate")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(cli::within(0.0, 1.0))
       ->capture_default_str();
   command->add_flag("--unorganised", options->unorganised, "Write only the points that returned, without their grid");
   command->add_flag("--bare", options->bare, "Without table, wall, rod and foreign ball");

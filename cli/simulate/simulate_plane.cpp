@@ -11,6 +11,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/parse.h"
 
 namespace slabd::simulate {
 namespace {
@@ -85,7 +86,7 @@ void add_simulate_plane(CLI::App& simulate, int& exit_status) {
       ->check(CLI::Range(std::size_t{0}, limits::kScanPointsMax))
       ->capture_default_str();
   command->add_option("--noise", order->noise_mm, "Standard deviation along the normal, mm")
-      ->check(CLI::Range(0.0, 100.0))
+      ->check(cli::within(0.0, 100.0))
       ->capture_default_str();
   command->callback([order, &exit_status] { exit_status = write_plane(*order); });
 }

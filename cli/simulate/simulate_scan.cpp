@@ -11,6 +11,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/parse.h"
 #include "hal/hal.h"
 
 namespace slabd::simulate {
@@ -142,7 +143,7 @@ void ScannerOptions::add_to(CLI::App& command) {
   command
       .add_option("--noise-correlation-mm", noise_correlation_mm,
                   "Noise hangs together over this length along a row (down to 1/e); 0 = every point by itself")
-      ->check(CLI::Range(0.0, 20.0))
+      ->check(cli::within(0.0, 20.0))
       ->capture_default_str();
   command
       .add_option("--noise-shape", noise_shape,
@@ -194,7 +195,7 @@ void add_simulate_scan(CLI::App& simulate, int& exit_status) {
       ->allow_extra_args(false);
   command->add_option("--seed", order.seed, "Decides everything random")->capture_default_str();
   command->add_option("--casting", order.casting, "Scatter of the casting; 0 = exactly as drawn")
-      ->check(CLI::Range(0.0, 10.0))
+      ->check(cli::within(0.0, 10.0))
       ->capture_default_str();
   command->add_flag("--nominal-view", order.nominal_view,
                     "Look from exactly the nominal view, not from up to 2 mm and 0.3 deg off");

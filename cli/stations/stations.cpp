@@ -15,8 +15,10 @@
 #include "calib/calib.h"
 #include "cli/calibrate/record_options.h"
 #include "cli/command.h"
+#include "cli/durable.h"
 #include "cli/exit.h"
 #include "cli/json.h"
+#include "cli/parse.h"
 #include "cli/stations/krl.h"
 #include "cli/stations/station_plan.h"
 
@@ -27,6 +29,7 @@ struct Options {
   std::string config;
   std::uint16_t type = 0;
   std::string krl;
+  bool overwrite = false;
   std::string taught;
   double standoff_mm = 600.0;
   double turn_deg = 0.0;
@@ -264,15 +267,16 @@ std::string json_of(const Sources& sources, const std::vector<Row>& rows, bool a
 }
 
 bool write_file(const std::string& path, const std::string& text) {
-  std::ofstream file(path, std::ios::binary);
-  file << text;
-  if (file.flush()) return true;
-  complain(fmt::format("{}: cannot be written", path));
-  return false;
+  OutFile file(path, {.synced = true});
+  file.write(text);
+  const Status written = file.close();
+  if (!written.ok()) complain(written.error().text.view());
+  return written.ok();
 }
 
-/// FILE.dat and FILE.src; the module's name is the file's.
-bool write_krl(const std::string& path, const std::vector<Row>& rows) {
+/// FILE.dat and FILE.src; the module's name is the file's. Points that somebody has touched up look like these, so what
+/// is there is replaced only by who says so.
+bool write_krl(const std::string& path, bool overwrite, const std::vector<Row>& rows) {
   std::filesystem::path base(path);
   base.replace_extension();
   const std::string name = base.filename().string();
@@ -283,6 +287,13 @@ bool write_krl(const std::string& path, const std::vector<Row>& rows) {
   if (!is_name) {
     complain(fmt::format("--krl {}: the name of a KRL module has 1..24 letters, digits and _, and begins with a letter",
                          path));
+    return false;
+  }
+  for (const char* extension : {".dat", ".src"}) {
+    std::error_code fault;
+    const std::string file = base.string() + extension;
+    if (overwrite || !std::filesystem::exists(std::filesystem::symlink_status(file, fault))) continue;
+    complain(fmt::format("--krl {}: {} exists already; name another, or say --overwrite", path, file));
     return false;
   }
   std::vector<Pose> poses;
@@ -309,7 +320,7 @@ int stations(Options& options) {
   const bool all_ok = std::all_of(rows.begin(), rows.end(), [&](const Row& row) {
     return row.taught ? row.taught_view.ok(look_mm) : row.view.ok(look_mm);
   });
-  if (!options.krl.empty() && !write_krl(options.krl, rows)) return kBadInput;
+  if (!options.krl.empty() && !write_krl(options.krl, options.overwrite, rows)) return kBadInput;
   if (options.as_json)
     fmt::print("{}", json_of(sources, rows, all_ok));
   else
@@ -333,32 +344,32 @@ void add_stations(CLI::App& app, int& exit_status) {
       "          slabctl stations --taught SLABPTS.dat --json");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
   command->add_option("--type", options->type, "Slab type (default: the longest slab there is a recipe for)");
-  command->add_option("--krl", options->krl, "Write the points as a KRL data list and a program fragment");
+  CLI::Option* krl =
+      command->add_option("--krl", options->krl, "Write the points as a KRL data list and a program fragment");
+  command->add_flag("--overwrite", options->overwrite, "--krl: even if the files exist")->needs(krl);
   command->add_option("--taught", options->taught, "Compare these points: a KRL .dat or .src, or poses one per line");
   command->add_option("--standoff-mm", options->standoff_mm, "Scanner above the block's origin")
-      ->check(CLI::Range(100.0, 3'000.0))
+      ->check(within(100.0, 3'000.0))
       ->capture_default_str();
   command->add_option("--turn-deg", options->turn_deg, "Scanner turned about its own axis, against the block's X")
-      ->check(CLI::Range(-180.0, 180.0))
+      ->check(within(-180.0, 180.0))
       ->capture_default_str();
   ScannerView& view = options->view;
   command->add_option("--view-distance-mm", view.distance_mm, "Where the next two hold")
-      ->check(CLI::Range(50.0, 3'000.0))
+      ->check(within(50.0, 3'000.0))
       ->capture_default_str();
   command->add_option("--view-x-mm", view.x_mm, "Width of the scanner's view, along its X")
-      ->check(CLI::Range(10.0, 3'000.0))
+      ->check(within(10.0, 3'000.0))
       ->capture_default_str();
-  command->add_option("--view-y-mm", view.y_mm, "... along its Y")
-      ->check(CLI::Range(10.0, 3'000.0))
-      ->capture_default_str();
+  command->add_option("--view-y-mm", view.y_mm, "... along its Y")->check(within(10.0, 3'000.0))->capture_default_str();
   command->add_option("--near-mm", view.near_mm, "Nearest measured point")
-      ->check(CLI::Range(1.0, 3'000.0))
+      ->check(within(1.0, 3'000.0))
       ->capture_default_str();
   command->add_option("--far-mm", view.far_mm, "Furthest measured point")
-      ->check(CLI::Range(1.0, 5'000.0))
+      ->check(within(1.0, 5'000.0))
       ->capture_default_str();
   command->add_option("--incidence-deg", options->incidence_deg, "Between ray and normal, at most")
-      ->check(CLI::Range(10.0, 89.0))
+      ->check(within(10.0, 89.0))
       ->capture_default_str();
   command->add_flag("--json", options->as_json, "Print slabd.stations/1");
   command->callback([options, &exit_status] { exit_status = stations(*options); });

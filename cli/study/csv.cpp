@@ -120,6 +120,17 @@ Result<double> CsvTable::number(std::size_t row, std::string_view column) const 
   return value;
 }
 
+Result<CsvTable::Limits> CsvTable::limits(std::size_t row) const {
+  const Result<double> lower = number(row, "lower");
+  if (!lower.ok()) return lower.error();
+  const Result<double> upper = number(row, "upper");
+  if (!upper.ok()) return upper.error();
+  // A tolerance of nothing, or of less, would make every gauge a good one.
+  if (lower.value() >= upper.value())
+    return error(Code::config, "%s: lower %g is not below upper %g", place(row).c_str(), lower.value(), upper.value());
+  return Limits{lower.value(), upper.value()};
+}
+
 Result<int> CsvTable::block(std::size_t row, std::string_view column) const {
   const std::string& text = cell(row, column);
   if (text.empty()) return 0;

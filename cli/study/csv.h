@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "base/items.h"
 #include "base/result.h"
 
 /// Tables that people keep beside a study: one line of column names, then values. Commas, semicolons or tabs, whichever
@@ -27,6 +28,12 @@ class CsvTable {
   [[nodiscard]] const std::string& cell(std::size_t row, std::string_view column) const;
   /// NaN for an empty cell and where there is no such column. config: no number (a decimal comma is none), not finite.
   [[nodiscard]] Result<double> number(std::size_t row, std::string_view column) const;
+  /// Columns lower and upper, each as `number`. config: also a lower limit that is not below the upper one.
+  struct Limits {
+    double lower = kNoValue;
+    double upper = kNoValue;
+  };
+  [[nodiscard]] Result<Limits> limits(std::size_t row) const;
   /// A block number 1..18; 0 for an empty cell and where there is no such column.
   [[nodiscard]] Result<int> block(std::size_t row, std::string_view column = "block") const;
   /// "plan.csv:7"

@@ -167,6 +167,10 @@ GrrJudgement judge(const Crossed& study, const Components& components, double to
     return said;
   }
   const bool by_tolerance = has_value(tolerance);
+  if (by_tolerance && !usable_tolerance(tolerance)) {
+    said.reason = unusable_text(tolerance);
+    return said;
+  }
   const double percent = by_tolerance ? components.of_tolerance(tolerance) : components.of_variation();
   const char* of = by_tolerance ? "the tolerance" : "the total variation";
   if (percent > 30.0 || (!by_tolerance && std::floor(components.ndc()) < 5.0)) {

@@ -31,11 +31,19 @@ struct GrrCell {
 struct LooseTable {
   GrrItem item;
   std::map<std::tuple<std::size_t, std::size_t, std::size_t>, GrrCell> cells;
+  std::string first_place;  ///< place of what `item.about` is
   std::string twice;
+  std::string limits_differ;
   bool any = false;
 
   void put(const Placing& placing) {
-    item.about = placing.reading;
+    if (first_place.empty()) {
+      first_place = placing.place;
+      item.about = placing.reading;
+    } else if (limits_differ.empty() && !same_limits(item.about, placing.reading)) {
+      limits_differ = fmt::format("limits are {} at {} and {} at {}; say the tolerance of the study with --tolerance",
+                                  limits_text(item.about), first_place, limits_text(placing.reading), placing.place);
+    }
     const auto key = std::tuple{place_of(item.parts, placing.part), place_of(item.appraisers, placing.appraiser),
                                 place_of(item.trials, placing.trial)};
     any = any || has_value(placing.reading.value);
@@ -187,12 +195,13 @@ Result<std::vector<Placing>> placings_of(const CsvTable& plan, const PlanReaders
     Reading reading;
     reading.item = plan.has("item") ? plan.cell(row, "item") : "value";
     if (reading.item.empty()) return error(Code::config, "%s: no item", place.c_str());
-    for (const auto& [column, target] :
-         {std::pair{"value", &reading.value}, {"lower", &reading.lower}, {"upper", &reading.upper}}) {
-      const Result<double> number = plan.number(row, column);
-      if (!number.ok()) return number.error();
-      *target = number.value();
-    }
+    const Result<double> value = plan.number(row, "value");
+    if (!value.ok()) return value.error();
+    reading.value = value.value();
+    const Result<CsvTable::Limits> limits = plan.limits(row);
+    if (!limits.ok()) return limits.error();
+    reading.lower = limits.value().lower;
+    reading.upper = limits.value().upper;
     out.push_back({place, plan.cell(row, "part"), plan.cell(row, "appraiser"), plan.cell(row, "trial"), reading});
   }
   return out;
@@ -211,7 +220,10 @@ GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::
     // What is never measured, or is of no part but the whole slab, was not meant when nobody named it.
     if (items.empty() && (!loose.any || (tables.size() > 1 && loose.item.parts.size() < 2))) continue;
     GrrItem& item = loose.item;
+    item.tolerance = tolerance(key.second);
     std::string hole = loose.fill();
+    // Whose tolerance would it be? A part judged by other limits may also be another thing under the same name.
+    if (hole.empty() && !has_value(item.tolerance)) hole = loose.limits_differ;
     if (hole.empty()) {
       if (const auto found = anova(item.crossed, interaction)) {
         item.by_anova = *found;
@@ -225,7 +237,6 @@ GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::
       continue;
     }
     item.by_range = average_range(item.crossed);
-    item.tolerance = tolerance(key.second);
     if (!has_value(item.tolerance)) item.tolerance = item.about.upper - item.about.lower;
     item.judged = judge(item.crossed, item.by_anova.components, item.tolerance);
     study.items.push_back(std::move(item));

@@ -53,7 +53,7 @@ struct PlanReaders {
 [[nodiscard]] Result<std::vector<Placing>> placings_of(const CsvTable& plan, const PlanReaders& readers);
 
 /// By item, of `items` (all with two parts when empty). An item whose table has a hole is refused, never filled up.
-/// `tolerance(item)`: NaN for the recipe's.
+/// `tolerance(item)`: NaN for the recipe's, which must then be the same in every placing.
 [[nodiscard]] GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::string>& items,
                                  const std::function<double(const std::string&)>& tolerance, Interaction interaction);
 

@@ -115,13 +115,20 @@ RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::str
   RepeatStudy study;
   using Key = std::tuple<std::size_t, std::string, int, int>;
   std::map<Key, Characteristic> found;
+  std::map<const Characteristic*, std::size_t> first;  // the run it came from
   for (std::size_t run = 0; run < takes.size(); ++run) {
     study.runs.push_back(takes[run].name);
     for (const Reading& reading : takes[run].readings) {
       if (block != 0 && reading.block != block) continue;
       if (!items.empty() && std::find(items.begin(), items.end(), reading.item) == items.end()) continue;
       Characteristic& c = found[{rank_of(reading.item), reading.item, reading.block, reading.block_to}];
-      c.about = reading;
+      if (c.values.empty()) {
+        c.about = reading;
+        first[&c] = run;
+      } else if (c.limits_differ.empty() && !same_limits(c.about, reading)) {
+        c.limits_differ = fmt::format("limits are {} in {} and {} in {}", limits_text(c.about), takes[first[&c]].name,
+                                      limits_text(reading), takes[run].name);
+      }
       c.values.resize(takes.size(), kNoValue);
       c.values[run] = reading.value;
     }
@@ -134,6 +141,7 @@ RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::str
     study.warnings.push_back(
         fmt::format("{} runs; a type-1 study needs {}{}", takes.size(), kGaugeRunsMin,
                     takes.size() == 10 ? ": the standard deviation of ten is known to 0.69 .. 1.83 times itself" : ""));
+  std::set<std::string> warned;  // one sentence an item: a recipe that changed would fill the screen
   for (auto& [key, c] : found) {
     std::vector<double> values;
     for (const double value : c.values)
@@ -143,8 +151,19 @@ RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::str
     c.missing = c.values.size() - values.size();
     c.spread = spread_of(values);
     double tolerance = known(task.tolerances, c.about);
-    if (!has_value(tolerance)) tolerance = c.about.upper - c.about.lower;
+    const bool differ = !has_value(tolerance) && !c.limits_differ.empty();
+    if (!has_value(tolerance) && !differ) tolerance = c.about.upper - c.about.lower;
     c.gauge = type_1(c.spread, c.missing, known(task.references, c.about), tolerance);
+    if (differ) {
+      if (warned.insert(c.about.item).second)
+        study.warnings.push_back(
+            fmt::format("{}: {}; no tolerance in common, so none is used (--tolerance {}=T says one)",
+                        title_of(c.about), c.limits_differ, c.about.item));
+      if (has_value(c.gauge.reference)) {
+        c.gauge.judgement = Judgement::undecided;
+        c.gauge.reason = c.limits_differ;
+      }
+    }
     if (!twice.empty() && c.gauge.judgement == Judgement::capable) {
       c.gauge.judgement = Judgement::undecided;
       c.gauge.reason = "one scan taken twice";

@@ -16,6 +16,7 @@ struct Characteristic {
   Reading about;               ///< item, blocks and limits; its value is of no meaning here
   std::vector<double> values;  ///< one a run, NaN: not measured
   std::size_t missing = 0;
+  std::string limits_differ;  ///< which runs were judged by different limits; empty: all by the same
   Spread spread;
   Gauge gauge;
 };
@@ -36,7 +37,8 @@ struct GaugeTask {
   std::map<std::string, double> tolerances;  ///< else upper minus lower limit, where there are both
 };
 /// Characteristics by item and block, of `items` (all when empty) at `block` (all when 0). `scans`: the takes come from
-/// scans, so two that are equal to the last bit are one scan taken twice, and nothing is capable by them.
+/// scans, so two that are equal to the last bit are one scan taken twice, and nothing is capable by them. Runs that
+/// were judged by different limits have no tolerance in common: undecided, unless the task states one.
 [[nodiscard]] RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::string>& items, int block,
                                        const GaugeTask& task, bool scans);
 

@@ -80,6 +80,14 @@ void judge_gauge(const Spread& spread, std::size_t missing, Gauge& gauge) {
 
 }  // namespace
 
+bool usable_tolerance(double tolerance) {
+  return tolerance > 0.0 && std::isfinite(tolerance);
+}
+
+std::string unusable_text(double tolerance) {
+  return fmt::format("T is {:g}: no width above 0", tolerance);
+}
+
 Gauge type_1(const Spread& spread, std::size_t missing, double reference, double tolerance) {
   Gauge gauge;
   gauge.reference = reference;
@@ -93,7 +101,8 @@ Gauge type_1(const Spread& spread, std::size_t missing, double reference, double
   }
   const auto n = static_cast<double>(spread.count);
   const bool scatters = spread.std > 0.0;
-  if (has_value(tolerance) && scatters) {
+  const bool usable = usable_tolerance(tolerance);
+  if (usable && scatters) {
     gauge.cg = 0.2 * tolerance / (6.0 * spread.std);
     gauge.cg_low = 0.2 * tolerance / (6.0 * spread.std_high);
     gauge.cg_high = 0.2 * tolerance / (6.0 * spread.std_low);
@@ -110,6 +119,11 @@ Gauge type_1(const Spread& spread, std::size_t missing, double reference, double
     }
   }
   if (!has_value(reference) || !has_value(tolerance)) return gauge;
+  if (!usable) {
+    gauge.judgement = Judgement::undecided;
+    gauge.reason = unusable_text(tolerance);
+    return gauge;
+  }
   if (scatters) gauge.cgk = (0.1 * tolerance - std::abs(gauge.bias)) / (3.0 * spread.std);
   judge_gauge(spread, missing, gauge);
   return gauge;

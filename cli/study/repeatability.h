@@ -38,6 +38,10 @@ struct Spread {
 inline constexpr std::size_t kGaugeRunsMin = 50;
 inline constexpr double kGaugeCapable = 1.33;
 
+/// T is a finite width above 0. By any other one nothing is capable, nor not capable: it is no tolerance.
+[[nodiscard]] bool usable_tolerance(double tolerance);
+[[nodiscard]] std::string unusable_text(double tolerance);
+
 /// Type-1 study: the gauge alone, on one thing of known value.
 struct Gauge {
   double reference = kNoValue;
@@ -56,7 +60,8 @@ struct Gauge {
 
   [[nodiscard]] bool biased() const { return p < 0.05; }
 };
-/// `reference` and `tolerance` NaN: unknown; without both nothing is judged. `missing`: runs in which it could not be
+/// `reference` and `tolerance` NaN: unknown; without both nothing is judged. By a tolerance that is not a finite width
+/// above 0 it is undecided. `missing`: runs in which it could not be
 /// measured. Capable only with kGaugeRunsMin runs, none missing, some scatter, and Cg and Cgk of kGaugeCapable; not
 /// capable also from fewer runs, when the whole interval of Cg lies below.
 [[nodiscard]] Gauge type_1(const Spread& spread, std::size_t missing, double reference, double tolerance);

@@ -18,6 +18,19 @@ Reading reading_of(const Item& item) {
   return {std::string(info(item.id).name), item.station, item.station_to, item.value, item.lower, item.upper, item.U};
 }
 
+bool same_limits(const Reading& a, const Reading& b) {
+  const auto same = [](double x, double y) { return x == y || (!has_value(x) && !has_value(y)); };
+  return same(a.lower, b.lower) && same(a.upper, b.upper);
+}
+
+std::string limits_text(const Reading& reading) {
+  const bool lower = has_value(reading.lower);
+  const bool upper = has_value(reading.upper);
+  if (lower && upper) return fmt::format("{} .. {}", reading.lower, reading.upper);
+  if (upper) return fmt::format("at most {}", reading.upper);
+  return lower ? fmt::format("at least {}", reading.lower) : "none";
+}
+
 std::string block_text(int block, int block_to) {
   if (block == 0) return "-";
   return block_to == 0 ? std::to_string(block) : fmt::format("{}-{}", block, block_to);
@@ -125,10 +138,12 @@ Take take_of(const storage::SlabRecord& record) {
     const auto before = std::find_if(take.readings.begin(), take.readings.end(), [&](const Reading& r) {
       return r.item == reading.item && r.block == reading.block && r.block_to == reading.block_to;
     });
-    if (before != take.readings.end()) {
-      *before = std::move(reading);
-    } else {
+    // One without limits is for information, as where slopes are judged against the slab's top: the block's stays.
+    const bool judged = has_value(reading.lower) || has_value(reading.upper);
+    if (before == take.readings.end()) {
       take.readings.push_back(std::move(reading));
+    } else if (judged || (!has_value(before->lower) && !has_value(before->upper))) {
+      *before = std::move(reading);
     }
   }
   return take;
@@ -165,7 +180,8 @@ Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, co
     const auto found = reader.slabs(filter);
     if (!found.ok()) return found.error();
     for (const storage::SlabSummary& summary : found.value()) {
-      if (summary.header.slab_id.view() != name.id || summary.ended_utime_us == 0 || records.size() >= limit) continue;
+      const bool whole = summary.ended_utime_us != 0 && summary.verdict != Verdict::aborted;
+      if (summary.header.slab_id.view() != name.id || !whole || records.size() >= limit) continue;
       if (of_key && summary.header.key != of_key->summary.header.key) return two_slabs(name, *of_key);
       auto record = reader.slab(summary.header.key);
       if (!record.ok()) return record.error();
@@ -178,7 +194,7 @@ Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, co
     return records;
   }
   if (records.empty())
-    return error(Code::config, "no slab that has ended with key or id '%s'; `slabctl history` lists them",
+    return error(Code::config, "no slab that has ended (not aborted) with key or id '%s'; `slabctl history` lists them",
                  wanted.c_str());
   std::reverse(records.begin(), records.end());
   return records;
@@ -188,7 +204,12 @@ Result<std::vector<Take>> takes_of(const CsvTable& table) {
   if (const Status good = table.expect({"item", "value"}, {"run", "block", "lower", "upper"}); !good.ok())
     return good.error();
   std::vector<Take> takes;
-  std::map<std::pair<std::string, int>, std::size_t> seen;
+  struct First {
+    std::size_t row = 0;
+    Reading reading;
+    std::size_t count = 0;
+  };
+  std::map<std::pair<std::string, int>, First> seen;
   for (std::size_t row = 0; row < table.rows(); ++row) {
     Reading reading;
     reading.item = table.cell(row, "item");
@@ -196,14 +217,21 @@ Result<std::vector<Take>> takes_of(const CsvTable& table) {
     const Result<int> block = table.block(row);
     if (!block.ok()) return block.error();
     reading.block = block.value();
-    for (const auto& [column, target] :
-         {std::pair{"value", &reading.value}, {"lower", &reading.lower}, {"upper", &reading.upper}}) {
-      const Result<double> number = table.number(row, column);
-      if (!number.ok()) return number.error();
-      *target = number.value();
-    }
+    const Result<double> value = table.number(row, "value");
+    if (!value.ok()) return value.error();
+    reading.value = value.value();
+    const Result<CsvTable::Limits> limits = table.limits(row);
+    if (!limits.ok()) return limits.error();
+    reading.lower = limits.value().lower;
+    reading.upper = limits.value().upper;
+    First& first = seen.try_emplace({reading.item, reading.block}, First{row, reading, 0}).first->second;
+    ++first.count;
+    if (!same_limits(first.reading, reading))
+      return error(Code::config, "%s and %s: limits of %s are %s and %s; all runs are judged by the same",
+                   table.place(first.row).c_str(), table.place(row).c_str(), title_of(reading).c_str(),
+                   limits_text(first.reading).c_str(), limits_text(reading).c_str());
     std::string run = table.cell(row, "run");
-    if (run.empty()) run = std::to_string(++seen[{reading.item, reading.block}]);
+    if (run.empty()) run = std::to_string(first.count);
     auto take = std::find_if(takes.begin(), takes.end(), [&](const Take& t) { return t.name == run; });
     if (take == takes.end()) take = takes.insert(takes.end(), Take{run, {}});
     for (const Reading& other : take->readings)

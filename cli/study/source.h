@@ -27,6 +27,10 @@ struct Reading {
   double U = kNoValue;
 };
 [[nodiscard]] Reading reading_of(const Item& item);
+/// Judged by the same limits, or both by none: else their tolerance is not one tolerance.
+[[nodiscard]] bool same_limits(const Reading& a, const Reading& b);
+/// "1.3321 .. 1.5321", "at most 0.2", "at least 4", "none"
+[[nodiscard]] std::string limits_text(const Reading& reading);
 /// "seat_slope, block 3"
 [[nodiscard]] std::string title_of(const Reading& reading);
 /// "3", "3-4", "-"
@@ -66,17 +70,17 @@ class ScanMeter {
 /// Scans named one by one, or all in the folders named, in the order of their names.
 [[nodiscard]] Result<std::vector<std::string>> scan_files(const std::vector<std::string>& names);
 
-/// The valid attempts of all blocks, and the items of the slab; those that SLAB_END computed anew count.
+/// The valid attempts of all blocks, and the items of the slab; those that SLAB_END judged anew count.
 [[nodiscard]] Take take_of(const storage::SlabRecord& record);
 /// One take for each attempt at a block, by station and number.
 [[nodiscard]] std::vector<Take> attempts_of(const storage::SlabRecord& record);
 /// All slabs that this means, oldest first: the one with this key, or the newest `limit` of this SLAB_ID that have
-/// ended. config: there is none.
+/// ended and were not aborted. config: there is none.
 [[nodiscard]] Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, const std::string& wanted,
                                                                    std::size_t limit);
 
 /// Takes from a table: columns item, value; optional run (else the n-th value of an item is run n), block, lower,
-/// upper.
+/// upper. config: also rows of one item and block with different limits.
 [[nodiscard]] Result<std::vector<Take>> takes_of(const CsvTable& table);
 
 }  // namespace slabd::cli::study

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <memory>
 #include <optional>
+#include <set>
 
 #include "cli/command.h"
 #include "cli/database.h"
@@ -71,10 +72,12 @@ bool from_scans(const RepeatOptions& options, std::vector<Take>& takes, std::str
 bool from_slabs(const RepeatOptions& options, std::vector<Take>& takes, std::string& source, int& exit_status) {
   const auto reader = open_database(options.database, exit_status);
   if (reader == nullptr) return false;
+  std::set<std::int64_t> seen;  // a slab that is named twice, once by its id perhaps, was not measured twice
   for (const std::string& wanted : options.slabs) {
     const auto records = slabs_named(*reader, wanted, options.runs);
     if (!records.ok()) return failed(records.error(), exit_status);
     for (const storage::SlabRecord& record : records.value()) {
+      if (!seen.insert(record.summary.header.key).second) continue;
       if (!options.attempts) {
         takes.push_back(take_of(record));
         continue;

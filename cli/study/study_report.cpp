@@ -13,7 +13,6 @@
 #include <cmath>
 #include <filesystem>
 
-#include "cli/durable.h"
 #include "cli/exit.h"
 #include "cli/figures.h"
 #include "cli/study/charts.h"
@@ -483,7 +482,7 @@ int write_document(const report::Report& document, const std::string& path) {
   const Status written = extension == ".pdf"   ? report::write_pdf(document, path)
                          : extension == ".svg" ? report::write_svg(document, 0, path)
                          : extension == ".png" ? report::write_png(document, 0, 100.0, path)
-                                               : write_durably(path, report::html(document));
+                                               : report::write_html(document, path);
   if (written.ok()) return kDone;
   complain(written.error().text.view());
   return kBadInput;

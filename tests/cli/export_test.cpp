@@ -2,14 +2,17 @@
 //
 // slabctl export: what it writes is read by readers that know nothing of slabd (tests/cli/read_exports.py), and every
 // JSON document is held against its published schema by an independent validator (tests/cli/validate_json.py).
+#include <fcntl.h>
 #include <signal.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "cli/export/out_file.h"
+#include "cli/durable.h"
 #include "tests/cli/stored_slab.h"
 
 namespace slabd::cli {
@@ -86,6 +89,8 @@ TEST_F(Export, choices_and_wrong_use) {
   ASSERT_EQ(all["slabs"].size(), 1U);
   EXPECT_EQ(all["slabs"][0], json::parse(run("export 1 --format json --db " + db()).out));
   EXPECT_TRUE(json::parse(run("export --until 2025-11-20 --format json --db " + db()).out)["slabs"].empty());
+  EXPECT_TRUE(json::parse(run("export --until 1970-01-01 --format json --db " + db()).out)["slabs"].empty());
+  EXPECT_EQ(run("export 1 1 key:1 'A, \"42\"' --db " + db()).out, run("export 1 --db " + db()).out) << "one slab, once";
 }
 
 TEST_F(Export, clouds_are_read_by_others_and_lie_where_they_should) {
@@ -189,6 +194,47 @@ TEST_F(Export, every_json_document_is_what_its_published_schema_says) {
   expect_mentions(valid.out, "24 documents, 0 faults");
 }
 
+TEST_F(Export, an_id_that_a_spreadsheet_would_compute_is_only_changed_for_spreadsheets) {
+  header_.slab_id = "=1+1";
+  begin();
+  measure(3);
+  end();
+  const Ended plain = run("export 1 --out " + file("plain.csv") + " --db " + db());
+  ASSERT_EQ(plain.status, 0) << plain.err;
+  for (const json& row : read("csv", file("plain.csv"))["rows"]) EXPECT_EQ(row["slab_id"], "=1+1");
+  ASSERT_EQ(run("export 1 --bom --out " + file("excel.csv") + " --db " + db()).status, 0);
+  const json excel = read("csv", file("excel.csv"));
+  for (const json& row : excel["rows"]) {
+    EXPECT_EQ(row["slab_id"], "'=1+1");
+    const std::string deviation = row["deviation"];
+    EXPECT_EQ(deviation.find('\''), std::string::npos) << "a negative number is a number";
+  }
+}
+
+TEST_F(Export, a_list_of_points_replaces_no_other_unasked) {
+  const std::string config =
+      write("slabd.toml", "[plc]\nlisten = \"127.0.0.1:1502\"\n[recipes]\ndir = \"" + std::string(SLABD_SOURCE_DIR) +
+                              "/recipes\"\n[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n[storage]\ndb = \"" +
+                              db() + "\"\nspool_dir = \"" + file("spool") +
+                              "\"\n[calibration]\nT_flange_scanner = [0, 80, 150, 1, 0, 0, 0]\n"
+                              "station_sigma_mm = 0.02\nstation_sigma_deg = 0.001\n");
+  const std::string what = "stations --config " + config + " --krl " + file("PTS");
+  const Ended first = run(what);
+  EXPECT_NE(first.status, 3) << first.err;
+  const std::string points = content(file("PTS.dat"));
+  expect_mentions(points, "STATION[1]");
+  std::ofstream(file("PTS.src")) << "touched up by somebody";
+  fs::remove(file("PTS.dat"));
+  const Ended again = run(what);
+  EXPECT_EQ(again.status, 3);
+  expect_mentions(again.err, "PTS.src exists already; name another, or say --overwrite");
+  EXPECT_FALSE(fs::exists(file("PTS.dat"))) << "neither of the two is written";
+  EXPECT_EQ(content(file("PTS.src")), "touched up by somebody");
+  EXPECT_EQ(run(what + " --overwrite").status, first.status);
+  EXPECT_EQ(content(file("PTS.dat")), points);
+  expect_mentions(content(file("PTS.src")), "PTS");
+}
+
 TEST_F(Export, the_validator_finds_a_key_too_many_and_a_wrong_type) {
   const std::string good = run("plc codes --json").out;
   json document = json::parse(good);
@@ -199,6 +245,146 @@ TEST_F(Export, the_validator_finds_a_key_too_many_and_a_wrong_type) {
   document.erase("more");
   document["schema"] = "slabd.plc_codes/2";
   EXPECT_EQ(python("validate_json.py " + schemas + write("version.json", document.dump())).status, 1);
+}
+
+/// Files of a folder of their own.
+class OutFileTest : public ::testing::Test {
+ protected:
+  OutFileTest() {
+    std::string pattern = (fs::temp_directory_path() / "slabd-out-XXXXXX").string();
+    folder_ = ::mkdtemp(pattern.data());
+  }
+  ~OutFileTest() override { fs::remove_all(folder_); }
+  [[nodiscard]] std::string file(const std::string& name) const { return (folder_ / name).string(); }
+  [[nodiscard]] std::ptrdiff_t files() const {
+    return std::distance(fs::directory_iterator(folder_), fs::directory_iterator());
+  }
+  static Status put(const std::string& path, const std::string& text, OutFile::Kind kind = {}) {
+    OutFile out(path, kind);
+    out.write(text);
+    return out.close();
+  }
+
+  fs::path folder_;
+};
+
+TEST_F(OutFileTest, a_link_stays_and_the_file_it_means_is_replaced) {
+  fs::create_directory(file("elsewhere"));
+  fs::create_symlink("elsewhere/real.csv", file("link.csv"));
+  fs::create_symlink("link.csv", file("link-to-link.csv"));
+  for (const char* name : {"link.csv", "link-to-link.csv"}) {
+    ASSERT_TRUE(put(file(name), name)) << "the first time nothing is there yet";
+    EXPECT_TRUE(fs::is_symlink(file("link.csv")));
+    EXPECT_TRUE(fs::is_symlink(file("link-to-link.csv")));
+    EXPECT_EQ(content(file("elsewhere/real.csv")), name);
+  }
+  EXPECT_EQ(std::distance(fs::directory_iterator(file("elsewhere")), fs::directory_iterator()), 1);
+  EXPECT_EQ(files(), 3);
+  fs::create_symlink("round", file("round"));
+  EXPECT_FALSE(put(file("round"), "x")) << "a circle";
+  EXPECT_TRUE(fs::is_symlink(file("round")));
+}
+
+TEST_F(OutFileTest, a_pipe_is_written_into_and_stays_a_pipe) {
+  ASSERT_EQ(::mkfifo(file("pipe").c_str(), 0600), 0);
+  // Open at both ends, so that nobody waits for the other.
+  const int reader = ::open(file("pipe").c_str(), O_RDWR | O_NONBLOCK);
+  ASSERT_GE(reader, 0);
+  for (const bool synced : {false, true}) {
+    ASSERT_TRUE(put(file("pipe"), "through", {.synced = synced}));
+    std::array<char, 100> got{};
+    ASSERT_EQ(::read(reader, got.data(), got.size()), 7);
+    EXPECT_STREQ(got.data(), "through");
+  }
+  const Status again = put(file("pipe"), "head", {.rewritten = true});
+  EXPECT_FALSE(again) << "nobody can go back in a pipe";
+  ::close(reader);
+  EXPECT_TRUE(fs::is_fifo(file("pipe")));
+  EXPECT_EQ(files(), 1);
+  EXPECT_FALSE(put(folder_.string(), "x")) << "a folder";
+}
+
+TEST_F(OutFileTest, a_file_of_slabds_own_follows_no_link_that_somebody_laid) {
+  std::ofstream(file("victim")) << "untouched";
+  fs::create_symlink("victim", file("own"));
+  ASSERT_TRUE(write_durably(file("own"), "new"));
+  EXPECT_FALSE(fs::is_symlink(file("own")));
+  EXPECT_EQ(content(file("own")), "new");
+  EXPECT_EQ(content(file("victim")), "untouched");
+}
+
+TEST_F(OutFileTest, two_writers_of_one_file_leave_the_whole_file_of_the_last_one) {
+  const std::string path = file("both.csv");
+  const std::string first(3'000'000, 'a');
+  const std::string second(2'000'000, 'b');
+  {
+    OutFile a(path);
+    OutFile b(path);
+    for (std::size_t at = 0; at < second.size(); at += 100'000) {
+      a.write(first.substr(at, 100'000));
+      b.write(second.substr(at, 100'000));
+    }
+    ASSERT_TRUE(b.close());
+    EXPECT_EQ(content(path), second);
+    a.write(first.substr(second.size()));
+    ASSERT_TRUE(a.close());
+    EXPECT_EQ(content(path), first);
+    OutFile given_up(path);
+    given_up.write("not finished");
+  }
+  EXPECT_EQ(content(path), first);
+  EXPECT_EQ(files(), 1) << "nothing is left beside it";
+}
+
+TEST_F(OutFileTest, a_new_file_has_the_mode_of_any_other_program) {
+  const mode_t before = ::umask(027);
+  ASSERT_TRUE(put(file("plain"), "x"));
+  ASSERT_TRUE(put(file("shared"), "x", {.mode = 0664}));
+  ::umask(before);
+  EXPECT_EQ(fs::status(file("plain")).permissions(), fs::perms(0640));
+  EXPECT_EQ(fs::status(file("shared")).permissions(), fs::perms(0664));
+}
+
+TEST_F(OutFileTest, what_standard_output_goes_to_is_not_replaced_under_it) {
+  const std::string path = file("log");
+  std::ofstream(path) << "kept\n";
+  const pid_t child = ::fork();
+  if (child == 0) {
+    // slabctl ... --out log >> log
+    const int log = ::open(path.c_str(), O_WRONLY | O_APPEND);
+    ::dup2(log, STDOUT_FILENO);
+    const bool good = put(path, "figures\n").ok() && ::write(STDOUT_FILENO, "after\n", 6) == 6;
+    ::_exit(good ? 0 : 1);
+  }
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  EXPECT_EQ(status, 0);
+  EXPECT_EQ(content(path), "kept\nfigures\nafter\n");
+}
+
+TEST_F(Export, reports_metrics_and_tables_go_through_a_link_and_into_a_pipe) {
+  store_slab();
+  fs::create_directory(file("kept"));
+  fs::create_symlink("kept/figures.prom", file("slabd.prom"));
+  fs::create_symlink("kept/report.html", file("report.html"));
+  fs::create_symlink("kept/report.png", file("report.png"));
+  EXPECT_EQ(run("metrics --socket " + file("none.sock") + " --out " + file("slabd.prom")).status, 4);
+  expect_mentions(content(file("kept/figures.prom")), "slabd_up 0");
+  ASSERT_EQ(run("report 1 --db " + db() + " --out " + file("report.html")).status, 0);
+  ASSERT_EQ(run("report 1 --db " + db() + " --page 1 --out " + file("report.png")).status, 0);
+  expect_mentions(content(file("kept/report.html")), "</html>");
+  EXPECT_EQ(content(file("kept/report.png")).substr(1, 3), "PNG");
+  for (const char* name : {"slabd.prom", "report.html", "report.png"}) EXPECT_TRUE(fs::is_symlink(file(name))) << name;
+
+  ASSERT_EQ(run("export 1 --db " + db() + " --format csv --out " + file("table.csv")).status, 0);
+  ASSERT_EQ(::mkfifo(file("pipe").c_str(), 0600), 0);
+  const std::string reader = "timeout 60 cat " + file("pipe") + " > " + file("piped.csv") + " &";
+  ASSERT_EQ(std::system(reader.c_str()), 0);
+  ASSERT_EQ(run("export 1 --db " + db() + " --format csv --out " + file("pipe")).status, 0);
+  for (int i = 0; i < 600 && content(file("piped.csv")).size() < fs::file_size(file("table.csv")); ++i)
+    ::usleep(10'000);
+  EXPECT_EQ(content(file("piped.csv")), content(file("table.csv")));
+  EXPECT_TRUE(fs::is_fifo(file("pipe")));
 }
 
 TEST(OutFile, a_signal_leaves_neither_the_file_nor_its_beginning) {

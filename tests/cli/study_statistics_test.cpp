@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "base/prng.h"
@@ -263,6 +264,23 @@ TEST(Grr, is_judged_by_the_tolerance_where_there_is_one) {
   few.value.resize(81);
   EXPECT_EQ(judge(few, c, 1000.0).judgement, Judgement::undecided);
   EXPECT_EQ(judge(study, Components{}, 1.0).judgement, Judgement::undecided);
+}
+
+TEST(Grr, and_type_1_call_nothing_capable_by_a_tolerance_that_is_none) {
+  const Crossed study = aiag();
+  const Components c = anova(study)->components;
+  const Spread spread = spread_of(normal_values(1, 50, 10.0, 0.001));
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  for (const double tolerance : {-1000.0, -1e-9, 0.0, kInfinity, -kInfinity}) {
+    const GrrJudgement judged = judge(study, c, tolerance);
+    EXPECT_EQ(judged.judgement, Judgement::undecided) << tolerance;
+    EXPECT_FALSE(judged.conditional);
+    EXPECT_NE(judged.reason.find("no width above 0"), std::string::npos) << judged.reason;
+    const Gauge gauge = type_1(spread, 0, 10.0, tolerance);
+    EXPECT_EQ(gauge.judgement, Judgement::undecided) << tolerance;
+    EXPECT_TRUE(std::isnan(gauge.cg)) << tolerance;
+    EXPECT_NE(gauge.reason.find("no width above 0"), std::string::npos) << gauge.reason;
+  }
 }
 
 // ---- agreement -----------------------------------------------------------------------------------------------------

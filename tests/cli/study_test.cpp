@@ -19,6 +19,8 @@ using study::CsvTable;
 
 class StudyTest : public Slabctl {
  protected:
+  double upper_of_last_ = 1.5321;  ///< the newest inspection may have been judged by another recipe
+
   /// Inspections of slab T-1: two blocks, their slope scattered by 0.001 deg about 1.43 and 1.45.
   void store(int inspections) {
     auto opened = storage::open_store({file("slabd.db"), file("spool"), 0});
@@ -50,7 +52,7 @@ class StudyTest : public Slabctl {
         slope.value = (station == 1 ? 1.43 : 1.45) + 0.001 * prng.normal();
         slope.nominal = 1.432096;
         slope.lower = 1.3321;
-        slope.upper = 1.5321;
+        slope.upper = key == inspections ? upper_of_last_ : 1.5321;
         slope.U = 0.02;
         EXPECT_TRUE(block.items.push(slope));
         PlcResult record;
@@ -62,10 +64,20 @@ class StudyTest : public Slabctl {
       PlcResult record;
       record.kind = 2;
       record.res_seq = static_cast<std::uint16_t>(key * 10 + 5);
-      apply(SlabJob{key, SlabResult{}, record, header.began_utime_us + 1'000'000});
+      SlabResult slab;
+      if (slab_slope_for_information_) {
+        Item slope;
+        slope.id = ItemId::seat_slope;
+        slope.station = 1;
+        slope.value = 1.6;
+        EXPECT_TRUE(slab.items.push(slope));
+      }
+      apply(SlabJob{key, slab, record, header.began_utime_us + 1'000'000});
     }
   }
   [[nodiscard]] static json parsed(const Ended& ended) { return json::parse(ended.out, nullptr, false); }
+
+  bool slab_slope_for_information_ = false;  ///< slopes are judged against the slab's top, block by block
 };
 
 TEST_F(StudyTest, csv_reads_what_people_write_and_names_what_it_cannot_read) {
@@ -128,6 +140,38 @@ TEST_F(StudyTest, repeat_of_a_table_counts_what_was_not_measured) {
   expect_mentions(twice.err, "twice.csv:3: run 1 has a twice");
 }
 
+TEST_F(StudyTest, a_table_with_limits_that_are_none_or_not_the_same_is_refused_by_its_lines) {
+  const Ended turned = run("study repeat --reference a=1 --values " +
+                           write("turned.csv", "item,value,lower,upper\na,1,1,2\na,1.1,2,1\na,1.2,1,2\n"));
+  EXPECT_EQ(turned.status, 3);
+  expect_mentions(turned.err, "turned.csv:3: lower 2 is not below upper 1");
+  const Ended flat = run("study repeat --values " + write("flat.csv", "item,value,lower,upper\na,1,1,1\na,1.1,1,1\n"));
+  EXPECT_EQ(flat.status, 3);
+  expect_mentions(flat.err, "flat.csv:2: lower 1 is not below upper 1");
+  const Ended two = run("study repeat --reference a=1 --values " +
+                        write("two.csv", "item,value,lower,upper\na,1,1,2\nb,1,5,6\na,1.1,1,2\na,1.2,1,2000\n"));
+  EXPECT_EQ(two.status, 3);
+  expect_mentions(two.err, "two.csv:2 and");
+  expect_mentions(two.err, "two.csv:5: limits of a are 1 .. 2 and 1 .. 2000");
+  const Ended hole = run("study repeat --values " + write("hole.csv", "item,value,upper\na,1,2\na,1.1,\n"));
+  EXPECT_EQ(hole.status, 3);
+  expect_mentions(hole.err, "are at most 2 and none");
+}
+
+TEST_F(StudyTest, repeat_of_runs_that_two_recipes_judged_is_not_capable_by_the_newer_one) {
+  upper_of_last_ = 3.0;
+  store(60);  // the 60th is T-10
+  const std::string what = "study repeat --slab T-1 --slab T-10 --db " + file("slabd.db") + " --block 1 --json ";
+  const Ended mixed = run(what + "--reference seat_slope=1.43");
+  EXPECT_EQ(mixed.status, 1) << mixed.out;
+  const json study = parsed(mixed);
+  EXPECT_EQ(study["judgement"], "undecided");
+  EXPECT_TRUE(study["characteristics"][0]["gauge"]["tolerance"].is_null());
+  expect_mentions(mixed.err, "limits are 1.3321 .. 1.5321 in 1 (T-1) and 1.3321 .. 3 in 60 (T-10)");
+  EXPECT_EQ(run(what + "--reference seat_slope=1.43 --tolerance seat_slope=0.2").status, 0) << "one tolerance for all";
+  EXPECT_EQ(run(what).status, 0) << "without a reference nothing is judged";
+}
+
 TEST_F(StudyTest, repeat_of_a_stored_slab_takes_every_inspection_of_that_id_and_no_other) {
   store(6);
   const Ended ended = run("study repeat --slab T-1 --db " + file("slabd.db") + " --json");
@@ -137,9 +181,23 @@ TEST_F(StudyTest, repeat_of_a_stored_slab_takes_every_inspection_of_that_id_and_
   ASSERT_EQ(study["characteristics"].size(), 2U);
   EXPECT_EQ(study["characteristics"][1]["block"], 2);
   EXPECT_NEAR(study["characteristics"][1]["mean"].get<double>(), 1.45, 0.003);
+  const Ended again =
+      run("study repeat --slab 1 --slab key:1 --slab 2 --slab T-1 --db " + file("slabd.db") + " --json");
+  EXPECT_EQ(parsed(again)["runs"].size(), 5U) << "every inspection once, whatever it is called";
   const Ended none = run("study repeat --slab T-2 --db " + file("slabd.db"));
   EXPECT_EQ(none.status, 3);
   expect_mentions(none.err, "T-2");
+}
+
+TEST_F(StudyTest, a_value_for_information_does_not_take_the_place_of_the_one_that_was_judged) {
+  slab_slope_for_information_ = true;
+  store(60);
+  const Ended ended =
+      run("study repeat --slab T-1 --block 1 --reference seat_slope=1.43 --json --db " + file("slabd.db"));
+  EXPECT_EQ(ended.status, 0) << ended.err;
+  const json study = parsed(ended);
+  EXPECT_NEAR(study["characteristics"][0]["mean"].get<double>(), 1.43, 0.003);
+  EXPECT_NEAR(study["characteristics"][0]["gauge"]["tolerance"].get<double>(), 0.2, 1e-9);
 }
 
 TEST_F(StudyTest, repeat_calls_a_good_gauge_capable_and_a_biased_one_not) {
@@ -263,6 +321,36 @@ TEST_F(StudyTest, grr_names_the_cell_that_is_missing_and_the_one_given_twice) {
       run("study grr " + write("empty.csv", "part,appraiser,trial,value\n1,A,1,5\n1,A,2,\n2,A,1,5\n2,A,2,5\n"));
   expect_mentions(empty.err, "was not measured (" + file("empty.csv") + ":3)");
   expect_mentions(run("study grr " + write("wrong.csv", "part,trial,value\n1,1,5\n")).err, "column missing: appraiser");
+}
+
+TEST_F(StudyTest, grr_is_never_capable_by_limits_that_are_none_or_not_the_same) {
+  const auto with_limits = [](const std::string& usual, const std::string& line_7) {
+    std::istringstream lines(aiag_plan());
+    std::string text;
+    std::string line;
+    for (int number = 1; std::getline(lines, line); ++number)
+      text += line + (number == 1 ? ",lower,upper" : number == 7 ? line_7 : usual) + "\n";
+    return text;
+  };
+  EXPECT_EQ(run("study grr " + write("good.csv", with_limits(",-10,10", ",-10,10"))).status, 0);
+  const Ended turned = run("study grr " + write("turned.csv", with_limits(",10,-10", ",10,-10")));
+  EXPECT_EQ(turned.status, 3) << turned.out;
+  expect_mentions(turned.err, "turned.csv:2: lower 10 is not below upper -10");
+  const std::string two = write("two.csv", with_limits(",-10,10", ",-1000,1000"));
+  const Ended differ = run("study grr " + two);
+  EXPECT_EQ(differ.status, 3) << differ.out;
+  expect_mentions(differ.err, "limits are -10 .. 10 at " + file("two.csv") + ":2 and -1000 .. 1000 at " + two + ":7");
+  EXPECT_EQ(run("study grr " + two + " --tolerance value=20").status, 0) << "the study's own tolerance";
+}
+
+TEST_F(StudyTest, grr_of_slabs_that_two_recipes_judged_is_refused) {
+  upper_of_last_ = 3.0;
+  store(4);
+  const std::string plan = write("plan.csv", "slab,appraiser,trial\n1,early,1\n2,early,2\n3,late,1\n4,late,2\n");
+  const Ended ended = run("study grr " + plan + " --db " + file("slabd.db"));
+  EXPECT_EQ(ended.status, 3) << ended.out;
+  expect_mentions(ended.err,
+                  "seat_slope: limits are 1.3321 .. 1.5321 at " + plan + ":2 and 1.3321 .. 3 at " + plan + ":5");
 }
 
 TEST_F(StudyTest, grr_of_stored_slabs_takes_their_blocks_for_parts) {

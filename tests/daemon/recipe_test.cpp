@@ -316,6 +316,8 @@ TEST_F(RecipeTest, faults_name_the_nearest_key_and_the_range) {
             "items.seat_flatness.upper: missing; expected a limit: without it any value above would pass");
   EXPECT_EQ(only("nominal = 380\ntolerance = 0.5", "nominal = 380\nupper = 380.5"),
             "items.jaw_distance.lower: missing; expected a limit: without it any value below would pass");
+  EXPECT_EQ(only("[items.seat_flatness]\nnominal = 0\nupper = 1.0", "[items.seat_flatness]\nnominal = 0\nupper = -1.0"),
+            "items.seat_flatness.nominal: found 0.0000, allowed is a nominal inside its own limits: at most -1.0000");
   EXPECT_EQ(only("cell_mm = 1.5", "cell_mm = 8"), "evaluation.cell_mm: found 8, allowed is a number 0.5..3");
   EXPECT_EQ(only("nominal = 380\n", ""),
             "items.jaw_distance.nominal: missing; expected the value that deviations are counted from");

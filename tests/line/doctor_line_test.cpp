@@ -11,6 +11,7 @@
 #include <chrono>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <thread>
 
 #include "processes.h"
@@ -72,6 +73,23 @@ TEST_F(DoctorTest, says_that_the_daemon_does_not_run_and_looks_at_what_it_can) {
   EXPECT_EQ(opinion.health("robot poses"), "failed");
   EXPECT_EQ(opinion.health("disk speed"), "ok") << opinion.all();
   EXPECT_EQ(opinion.health("commit time"), "ok") << opinion.all();
+}
+
+TEST_F(DoctorTest, the_cure_of_a_robot_link_names_the_group_that_is_configured) {
+  std::ifstream in(box_.config);
+  std::string text{std::istreambuf_iterator<char>(in), {}};
+  in.close();
+  const std::regex url("lcm_url = \"udpm://[^\"]*\"");
+  ASSERT_TRUE(std::regex_search(text, url)) << text;
+  text = std::regex_replace(text, url, "lcm_url = \"udpm://239.255.76.99:7667?ttl=0\"");
+  text = std::regex_replace(text, std::regex("\ninterface = \"lo\""), "\ninterface = \"none0\"");
+  std::ofstream(box_.config) << text;
+  const Opinion opinion = examine();
+  ASSERT_EQ(opinion.health("robot link"), "failed") << opinion.all();
+  std::string cure;
+  for (const json& finding : opinion.findings)
+    if (finding["check"] == "robot link") cure = finding["cure"];
+  EXPECT_NE(cure.find("ip route get 239.255.76.99"), std::string::npos) << cure;
 }
 
 TEST_F(DoctorTest, finds_the_program_that_sits_on_the_daemons_port) {

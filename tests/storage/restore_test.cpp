@@ -81,6 +81,7 @@ TEST_F(RestoreTest, the_backup_counts_and_the_history_says_that_it_has_a_gap) {
   EXPECT_EQ(gaps.value()[0].note.why, "the disk broke");
   EXPECT_EQ(gaps.value()[0].source, backup_);
   EXPECT_EQ(gaps.value()[0].slab_key, 3);
+  EXPECT_EQ(gaps.value()[0].kept_key, 2) << "slab 3 alone is missing";
   const auto slab = reader()->slab(1);
   ASSERT_TRUE(slab.ok() && slab.value().has_value());
   EXPECT_EQ(slab.value()->summary.verdict, Verdict::pass);
@@ -192,6 +193,21 @@ TEST_F(RestoreTest, after_a_quarantine_restoring_brings_the_line_back) {
   ASSERT_TRUE(restore(backup_).ok());
   open();
   EXPECT_EQ(recover()->slab_verdict, Verdict::aborted);
+}
+
+TEST_F(RestoreTest, a_backup_that_holds_every_slab_says_so) {
+  const std::string newer = folder_.path() + "/newer.db";
+  ASSERT_TRUE(back_up_database(settings_.db_path, newer).ok());
+  ASSERT_TRUE(restore(newer).ok());
+  open();
+  (void)recover();
+  auto gap = reader()->gaps().value()[0];
+  EXPECT_EQ(gap.slab_key, 3);
+  EXPECT_EQ(gap.kept_key, 3);
+  begin(4);
+  apply(AckJob{end(4, Verdict::pass)});
+  gap = reader()->gaps().value()[0];
+  EXPECT_EQ(gap.kept_key, 3) << "slab 4 came afterwards";
 }
 
 TEST_F(RestoreTest, can_be_done_again_and_is_told_again) {

@@ -150,7 +150,7 @@ TEST_F(SearchTest, values_are_those_of_valid_attempts_and_the_slabs_own_come_fir
   filter.item = ItemId::seat_flatness;
   Result<std::vector<ItemValue>> values = reader()->values(filter);
   ASSERT_TRUE(values.ok()) << values.error().text.view();
-  ASSERT_EQ(values.value().size(), 5U);
+  ASSERT_EQ(values.value().size(), 4U) << "without the open slab";
   EXPECT_EQ(values.value()[0].slab_key, 1);
   EXPECT_EQ(values.value()[0].slab_id.view(), "LINE-A-1");
   EXPECT_EQ(values.value()[0].began_utime_us, 1'000'000);
@@ -164,9 +164,8 @@ TEST_F(SearchTest, values_are_those_of_valid_attempts_and_the_slabs_own_come_fir
   filter.block = 2;
   values = reader()->values(filter);
   ASSERT_TRUE(values.ok());
-  ASSERT_EQ(values.value().size(), 4U);
+  ASSERT_EQ(values.value().size(), 3U);
   EXPECT_EQ(values.value()[0].item.value, 1.25) << "computed anew by SLAB_END";
-  EXPECT_EQ(values.value()[3].item.value, 1.0) << "the open slab's provisional one";
   filter.slabs = 1;
   EXPECT_EQ(reader()->values(filter).value().size(), 1U);
   filter = {};
@@ -176,6 +175,38 @@ TEST_F(SearchTest, values_are_those_of_valid_attempts_and_the_slabs_own_come_fir
   ASSERT_EQ(values.value().size(), 1U);
   EXPECT_EQ(values.value()[0].slab_key, 2);
   EXPECT_EQ(values.value()[0].item.station, 0);
+}
+
+TEST_F(SearchTest, values_of_slabs_that_are_open_or_were_aborted_are_nobodys) {
+  make_four();
+  ItemFilter filter;
+  filter.item = ItemId::seat_flatness;
+  filter.block = 2;
+  const auto keys = [&] {
+    const Result<std::vector<ItemValue>> values = reader()->values(filter);
+    EXPECT_TRUE(values.ok()) << values.error().text.view();
+    Keys list;
+    for (const ItemValue& value : values.value()) list.push_back(value.slab_key);
+    return list;
+  };
+  EXPECT_EQ(keys(), (Keys{1, 2, 3})) << "4 is open";
+  ended(4, Verdict::aborted, 0);
+  EXPECT_EQ(keys(), (Keys{1, 2, 3})) << "4 was aborted";
+  filter.slabs = 2;
+  EXPECT_EQ(keys(), (Keys{2, 3})) << "which takes no place among the newest either";
+}
+
+TEST_F(SearchTest, the_first_moment_of_1970_is_a_moment) {
+  make_four();
+  SlabFilter slabs;
+  slabs.until_utime_us = 0;
+  EXPECT_EQ(found(slabs), Keys{});
+  slabs.until_utime_us = 1'000'001;
+  EXPECT_EQ(found(slabs), Keys{1});
+  ItemFilter values;
+  values.item = ItemId::seat_flatness;
+  values.until_utime_us = 0;
+  EXPECT_EQ(reader()->values(values).value().size(), 0U);
 }
 
 }  // namespace

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Promises about the options of every command, also of one that is added tomorrow.
+#include <gtest/gtest.h>
+
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "cli/command.h"
+
+namespace slabd::cli {
+namespace {
+
+/// Every option of the tree below `app`, with the words that lead to it.
+void visit(CLI::App& app, const std::string& path, const std::function<void(const std::string&, CLI::Option&)>& see) {
+  for (CLI::Option* option : app.get_options()) see(path + " " + option->get_name(), *option);
+  for (CLI::App* command : app.get_subcommands([](CLI::App*) { return true; }))
+    visit(*command, path + " " + command->get_name(), see);
+}
+
+/// What the option answers to `text`, given as often as it wants values; empty: it takes it.
+std::string refusal(CLI::Option& option, const std::string& text) {
+  option.clear();
+  for (int i = 0; i < option.get_items_expected_min(); ++i) option.add_result(text);
+  try {
+    option.run_callback();
+  } catch (const CLI::Error& refused) {
+    return refused.what();
+  }
+  return {};
+}
+
+TEST(Options, no_decimal_number_may_be_nan_or_infinite) {
+  CLI::App app("slabctl");
+  int exit_status = 0;
+  add_commands(app, exit_status);
+  int numbers = 0;
+  visit(app, "slabctl", [&](const std::string& path, CLI::Option& option) {
+    if (!option.get_type_name().starts_with("FLOAT")) return;
+    ++numbers;
+    for (const char* text : {"nan", "-nan", "NAN", "inf", "-inf", "1e999", ""})
+      EXPECT_NE(refusal(option, text), "") << path << " takes '" << text << "'";
+  });
+  EXPECT_GT(numbers, 60) << "the tree is not seen whole";
+}
+
+TEST(Options, whoever_is_asked_why_must_say_something) {
+  CLI::App app("slabctl");
+  int exit_status = 0;
+  add_commands(app, exit_status);
+  int reasons = 0;
+  visit(app, "slabctl", [&](const std::string& path, CLI::Option& option) {
+    if (option.get_name() != "--why" && option.get_name() != "--reason") return;
+    ++reasons;
+    for (const char* text : {"", " ", "\t\n"})
+      EXPECT_NE(refusal(option, text), "") << path << " takes '" << text << "'";
+    EXPECT_EQ(refusal(option, "complaint 17"), "") << path;
+  });
+  EXPECT_GE(reasons, 5);
+}
+
+TEST(Options, a_refused_number_is_answered_with_the_option_and_its_range) {
+  CLI::App app("slabctl");
+  int exit_status = 0;
+  add_commands(app, exit_status);
+  CLI::Option* limit = app.get_subcommand("scanner")->get_subcommand("verify")->get_option("--limit-pf-mm");
+  EXPECT_EQ(refusal(*limit, "nan"), "--limit-pf-mm: \"nan\" is not a number in [0 - 10]");
+  EXPECT_EQ(refusal(*limit, "10.5"), "--limit-pf-mm: \"10.5\" is not a number in [0 - 10]");
+  EXPECT_EQ(refusal(*limit, "0.02"), "");
+}
+
+}  // namespace
+}  // namespace slabd::cli
