@@ -262,10 +262,9 @@ void read_rest(TableReader& root, const std::string& folder, Config& config) {
   line.finish();
 }
 
-/// Links followed as far as the path exists, with a slash at its end.
+/// By its name alone, with a slash at its end: whoever looks at a folder on a share that hangs does not come back.
 std::string place_of(const std::string& path) {
-  std::error_code ec;
-  std::string place = std::filesystem::weakly_canonical(path, ec).native();
+  std::string place = std::filesystem::path(path).lexically_normal().native();
   if (!place.ends_with('/')) place += '/';
   return place;
 }

@@ -188,7 +188,7 @@ TEST_F(DoctorTest, has_a_scan_taken_when_asked_and_gives_the_line_back) {
   EXPECT_EQ(opinion.health("scan"), "ok") << opinion.all();
   const json status = json::parse(box_.slabctl({"status", "--config", box_.config.native(), "--json"}).out);
   EXPECT_EQ(status["state"], "idle");
-  EXPECT_TRUE(fs::is_empty(box_.dir / "spool" / "capture")) << "the scan is gone again";
+  EXPECT_TRUE(is_emptied(box_.dir / "spool" / "capture")) << "the scan is gone again";
 }
 
 }  // namespace

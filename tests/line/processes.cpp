@@ -96,6 +96,11 @@ int Process::wait() {
   return status_;
 }
 
+bool is_emptied(const fs::path& folder) {
+  for (int i = 0; i < 500 && !fs::is_empty(folder); ++i) ::usleep(20'000);
+  return fs::is_empty(folder);
+}
+
 std::string read_file(const fs::path& path) {
   std::ifstream in(path, std::ios::binary);
   std::ostringstream text;

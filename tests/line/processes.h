@@ -42,6 +42,8 @@ inline constexpr bool kSanitized = false;
 #endif
 
 [[nodiscard]] std::string read_file(const fs::path& path);
+/// Waits: scans that were let go are deleted when the storage thread has nothing else to do.
+[[nodiscard]] bool is_emptied(const fs::path& folder);
 /// A TCP port nobody listens on now.
 [[nodiscard]] std::uint16_t free_tcp_port();
 

@@ -84,7 +84,7 @@ TEST_F(StudyLineTest, repeats_are_scanned_by_the_daemon_and_the_line_is_idle_aga
   }
   EXPECT_TRUE(slope);
   EXPECT_TRUE(wait_until([](const json& now) { return now["state"] == "idle"; })) << status().dump();
-  EXPECT_TRUE(fs::is_empty(box_.dir / "spool" / "capture")) << "every copy was let go";
+  EXPECT_TRUE(is_emptied(box_.dir / "spool" / "capture")) << "every copy was let go";
 
   // Half a slab away there is another block, but not where block 9 is looked for.
   const Box::Answer wrong = repeat({"--live", "9", "--count", "2"});
