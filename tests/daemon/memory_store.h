@@ -55,6 +55,12 @@ struct MemoryStore {
     before_unseen_end_.reset();
     return line;
   }
+  /// Would a process that starts now trust what the scanner gives first?
+  [[nodiscard]] bool trusts_scanner() const {
+    const auto is_scan = [](const CommandJob& command) { return is(command, PlcCommand::scan); };
+    const bool scan_under_way = std::any_of(unfinished_.begin(), unfinished_.end(), is_scan);
+    return !scan_under_way && (seen.empty() || seen.back() != kUnseenScan);
+  }
 
  private:
   // ---- commands ----
