@@ -41,6 +41,14 @@ LineCalibration mastered(const char* id, const Recipe& recipe) {
   return c;
 }
 
+LineCalibration with_scanner(const char* id, double form_half_mm) {
+  LineCalibration c = hand_eye("he-1");
+  c.scanner.id = id;
+  c.scanner.numbers.form_half_mm = form_half_mm;
+  c.scanner.numbers.within_limits = true;
+  return c;
+}
+
 const SlabHeader& begun(const MemoryStore& store) {
   return store.line.slab;
 }
@@ -242,6 +250,31 @@ TEST(StationCalibration, a_new_one_ends_what_a_clock_that_was_ahead_has_let_expi
   EXPECT_EQ(line.view().fault, 0);
 }
 
+/// The database takes them and follows the clock; the station must not wait for a restart to do so.
+TEST(StationCalibration, corrections_and_an_acceptance_made_after_a_clock_that_was_ahead_are_used_at_once) {
+  constexpr std::int64_t kDay_us = 86'400'000'000;
+  MemoryStore store;
+  store.line.calibration = hand_eye("he-1");
+  store.line.newest_utime_us = 200 * kDay_us;
+  Line line(store);
+  ASSERT_NE(line.view().warn & kWarnClockBackwards, 0);
+  for (const bool table : {true, false}) {
+    SCOPED_TRACE(table ? "corrections" : "acceptance");
+    line.station->newest_time = NewestTime(200 * kDay_us);
+    LineCalibration fresh = table ? mastered("he-1", line.recipe) : with_scanner("sc-1", 0.06);
+    (table ? fresh.tables[0].expires_utime_us : fresh.scanner.expires_utime_us) = 90 * kDay_us;
+    line.feed(CalibrationChanged{&fresh});
+    line.command(PlcCommand::slab_begin);
+    line.run_for(20);
+    ASSERT_TRUE(line.view().slab_open);
+    EXPECT_EQ(begun(store).stations_id.view(), table ? "st-1" : "");
+    EXPECT_EQ(line.view().warn & kWarnScannerNotVerified, table ? kWarnScannerNotVerified : 0);
+    line.command(PlcCommand::slab_abort);
+    line.run_for(100);
+    line.take_results();
+  }
+}
+
 TEST(StationCalibration, corrections_that_expired_are_not_used_and_not_named) {
   MemoryStore store;
   store.line.calibration = mastered("he-1", test_recipe());
@@ -319,14 +352,6 @@ TEST(StationCalibration, a_line_with_neither_an_applied_nor_a_configured_calibra
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
   EXPECT_FALSE(line.view().slab_open);
-}
-
-LineCalibration with_scanner(const char* id, double form_half_mm) {
-  LineCalibration c = hand_eye("he-1");
-  c.scanner.id = id;
-  c.scanner.numbers.form_half_mm = form_half_mm;
-  c.scanner.numbers.within_limits = true;
-  return c;
 }
 
 TEST(StationCalibration, a_scanner_nobody_verified_is_a_warning_and_nothing_else) {

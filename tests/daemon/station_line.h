@@ -4,12 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <deque>
-#include <functional>
-#include <map>
 #include <optional>
 #include <vector>
 
 #include "daemon/station.h"
+#include "tests/daemon/memory_store.h"
 
 /// A whole line around the station without threads, files or time: a PLC that keeps the written rules, a robot that
 /// stands, a scanner, a worker and a database, each of which a test may make fail. Time moves only by `run_for`.
@@ -40,123 +39,6 @@ inline Recipe short_recipe() {
   recipe.slab.first_pair_from_end_mm.value = 303;
   return recipe;
 }
-
-/// Keeps what a database would keep, as the jobs promise it.
-struct MemoryStore {
-  RecoveredLine line;
-  std::uint16_t open_command = 0;
-  bool open_scan = false;
-  std::optional<Code> fail_next;
-  std::function<bool(const StoreJob&)> fail_when;  ///< jobs that find the disk broken
-  std::vector<StoreJob> applied;
-  int slabs_ended = 0;
-  std::vector<std::uint64_t> seen;  ///< fingerprints, oldest first
-
-  Code apply(const StoreJob& job) {
-    if (fail_next) {
-      const Code code = *fail_next;
-      fail_next.reset();
-      return code;
-    }
-    if (fail_when && fail_when(job)) return Code::journal_write;
-    applied.push_back(job);
-    std::visit([this](const auto& what) { keep(what); }, job.what);
-    return Code::ok;
-  }
-  /// What a restarted daemon would find.
-  RecoveredLine recover() {
-    if (open_command != 0) line.cmd_status = static_cast<std::uint16_t>(kCommandFailed + 110);
-    if (open_scan) remember(kUnseenScan);
-    open_scan = false;
-    for (StationRecord& record : line.stations)
-      if (record.phase == StationPhase::acquiring) {
-        record.phase = StationPhase::failed;
-        record.code = 110;
-      }
-    open_command = 0;
-    return line;
-  }
-
- private:
-  void keep(const SessionJob& job) { line.session = job.session; }
-  void keep(const BeginSlabJob& job) {
-    line.slab_open = true;
-    line.slab = job.slab;
-    line.stations = {};
-    line.last_slab_key = job.slab.key;
-    line.cmd_ack = job.cmd_seq;
-    line.cmd_status = 4;
-  }
-  void keep(const CommandJob& job) {
-    line.cmd_ack = job.cmd_seq;
-    line.cmd_status = 1;
-    open_command = job.cmd_seq;
-    open_scan = job.command == 2;
-    if (job.command == 2) {
-      StationRecord& record = line.stations[job.station - 1U];
-      record.phase = StationPhase::acquiring;
-      ++record.attempts;
-    }
-  }
-  void keep(const AcquiredJob& job) {
-    StationRecord& record = line.stations[job.attempt.station - 1U];
-    record.phase = StationPhase::acquired;
-    record.attempt = job.attempt;
-    remember(job.fingerprint);
-    line.acq_seq = job.attempt.cmd_seq;
-    line.cmd_status = 3;
-    open_command = 0;
-    open_scan = false;
-  }
-  void keep(const FailedAttemptJob& job) {
-    StationRecord& record = line.stations[job.attempt.station - 1U];
-    record.phase = StationPhase::failed;
-    record.code = job.code;
-    remember(job.fingerprint);
-    line.cmd_status = static_cast<std::uint16_t>(kCommandFailed + job.code);
-    open_command = 0;
-    open_scan = false;
-  }
-  void remember(std::uint64_t fingerprint) {
-    if (fingerprint == 0) return;
-    std::erase(seen, fingerprint);
-    seen.push_back(fingerprint);
-    if (seen.size() > kFingerprintsKept) seen.erase(seen.begin());
-    line.fingerprints = {};
-    std::copy(seen.begin(), seen.end(), line.fingerprints.begin());  // oldest first
-  }
-  void keep(const BlockJob& job) {
-    StationRecord& record = line.stations[job.block.station - 1U];
-    if (record.attempt.number == job.attempt) {
-      record.phase = StationPhase::measured;
-      record.block = job.block;
-    }
-    queue(job.record);
-  }
-  void keep(const SlabJob& job) {
-    line.slab_open = false;
-    line.slab_verdict = job.slab.verdict;
-    line.slab_record = job.record;
-    open_command = 0;
-    ++slabs_ended;
-    queue(job.record);
-  }
-  void keep(const AckJob& job) {
-    auto waiting = line.unacknowledged;
-    line.unacknowledged.clear();
-    for (; !waiting.empty(); waiting.pop())
-      if (waiting.front().res_seq != job.res_seq) (void)line.unacknowledged.push(waiting.front());
-  }
-  void keep(const ReportJob& job) {
-    open_command = 0;
-    queue(job.record);
-  }
-  void keep(const SeenScanJob& job) { remember(job.fingerprint); }
-  void queue(const PlcResult& record) {
-    line.res_seq = record.res_seq;
-    (void)line.unacknowledged.push(record);
-  }
-};
 
 class Line {
  public:

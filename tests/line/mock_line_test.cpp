@@ -258,6 +258,30 @@ TEST_F(MockLineWithoutStore, asks_for_the_store_again_after_a_while_and_at_a_res
   EXPECT_TRUE(loop->run(go_on, 3600 * kNsPerS));
 }
 
+/// The order stands in the registers until the PLC writes another one, and the first session of a new database is 1.
+TEST_F(MockLineWithoutStore, what_was_refused_meanwhile_is_not_carried_out_when_the_database_is_there) {
+  loop->start();
+  ASSERT_TRUE(turn_until([&] { return view().session != 0 && view().fault == 502; }));
+  ASSERT_TRUE(command(PlcCommand::slab_begin));
+  ASSERT_EQ(view().cmd_status, kCommandFailed + 502);
+
+  fs::create_directories(dir / "new/spool");
+  auto opened = storage::open_store({(dir / "new/slabd.db").native(), (dir / "new/spool").native(), 0});
+  ASSERT_TRUE(opened.ok()) << opened.error().text.c_str();
+  store = std::move(opened.value());
+  StationSettings settings;
+  settings.recipes = recipes;
+  settings.calibration_id = "test";
+  loop.reset();
+  loop = std::make_unique<Loop>(Ports{plc, pose, scanner, store.get(), nullptr, clock, notify}, settings,
+                                hal::LengthUnit::mm, 1, LoopFigures{});
+  loop->start();
+  for (int i = 0; i < 1'000 && view().session == 0; ++i) loop->turn(1);  // the PLC writes when the session stands
+  ASSERT_NE(view().session, 0);
+  EXPECT_FALSE(turn_until([&] { return view().slab_open; }, 200));
+  EXPECT_EQ(view().fault, 0) << "nothing but the session keeps it from being carried out";
+}
+
 struct MockLineWithoutConfig : MockLineWithoutStore {
   MockLineWithoutConfig() { fault = Code::config; }
 };

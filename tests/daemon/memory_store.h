@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <functional>
+#include <map>
+#include <optional>
+#include <set>
+#include <tuple>
+#include <vector>
+
+#include "base/jobs.h"
+#include "base/plc.h"
+
+/// Keeps what a database would keep, as the jobs promise it, and what storage/jobs.cpp makes of a process that ended:
+/// every command that was begun and not ended is closed as interrupted, and each SCAN among them leaves the mark of a
+/// scan that nobody saw. A commit may be done and its answer say that it failed: what becomes of the job is then known
+/// to nobody but the database.
+namespace slabd::daemon {
+
+struct MemoryStore {
+  RecoveredLine line;
+  std::optional<Code> fail_next;
+  std::function<bool(const StoreJob&)> fail_when;  ///< jobs that find the disk broken
+  std::vector<StoreJob> applied;
+  int slabs_ended = 0;
+  int refused = 0;                  ///< jobs that no station may give
+  std::vector<std::uint64_t> seen;  ///< fingerprints, oldest first
+
+  /// `answer_lost`: it is carried out, and the answer is that it failed.
+  Code apply(const StoreJob& job, bool answer_lost = false) {
+    if (fail_next) {
+      const Code code = *fail_next;
+      fail_next.reset();
+      return code;
+    }
+    if (fail_when && fail_when(job)) return Code::journal_write;
+    undo_unseen_end();
+    if (is_refused(job)) {
+      ++refused;
+      return Code::journal_write;
+    }
+    const bool end_unseen = answer_lost && std::holds_alternative<SlabJob>(job.what);
+    if (end_unseen) before_unseen_end_ = line;
+    applied.push_back(job);
+    std::visit([this](const auto& what) { keep(what); }, job.what);
+    if (answer_lost) return Code::journal_write;
+    before_unseen_end_.reset();
+    return Code::ok;
+  }
+  /// What a restarted daemon would find.
+  RecoveredLine recover() {
+    for (const CommandJob& command : unfinished_) interrupt(command);
+    unfinished_.clear();
+    before_unseen_end_.reset();
+    return line;
+  }
+  /// Would a process that starts now trust what the scanner gives first?
+  [[nodiscard]] bool trusts_scanner() const {
+    const auto is_scan = [](const CommandJob& command) { return is(command, PlcCommand::scan); };
+    const bool scan_under_way = std::any_of(unfinished_.begin(), unfinished_.end(), is_scan);
+    return !scan_under_way && (seen.empty() || seen.back() != kUnseenScan);
+  }
+
+ private:
+  // ---- commands ----
+  [[nodiscard]] static bool is(const CommandJob& command, PlcCommand what) {
+    return command.command == static_cast<std::uint16_t>(what);
+  }
+  void begin_command(const CommandJob& job, CommandStatus status) {
+    newest_ = job;
+    line.cmd_ack = job.cmd_seq;
+    line.cmd_status = static_cast<std::uint16_t>(status);
+  }
+  void close(std::uint16_t session, std::uint16_t cmd_seq, std::uint16_t status) {
+    std::erase_if(unfinished_,
+                  [&](const CommandJob& command) { return command.session == session && command.cmd_seq == cmd_seq; });
+    if (newest_.session == session && newest_.cmd_seq == cmd_seq) line.cmd_status = status;
+  }
+  /// As the station's jobs that name no command.
+  template <typename... Commands>
+  void close_newest(Commands... which) {
+    const auto found = std::find_if(unfinished_.rbegin(), unfinished_.rend(),
+                                    [&](const CommandJob& command) { return (is(command, which) || ...); });
+    if (found != unfinished_.rend())
+      close(found->session, found->cmd_seq, static_cast<std::uint16_t>(CommandStatus::done));
+  }
+  void interrupt(const CommandJob& command) {
+    constexpr std::uint16_t kInterrupted = static_cast<std::uint16_t>(Code::interrupted);
+    if (newest_.session == command.session && newest_.cmd_seq == command.cmd_seq)
+      line.cmd_status = static_cast<std::uint16_t>(kCommandFailed + kInterrupted);
+    if (!is(command, PlcCommand::scan)) return;
+    remember(kUnseenScan);
+    const CommandJob& newest = newest_scan_[command.station];
+    const bool newest_of_station = newest.session == command.session && newest.cmd_seq == command.cmd_seq;
+    if (!newest_of_station || !line.slab_open || command.slab_key != line.slab.key) return;
+    StationRecord& record = line.stations[command.station - 1U];
+    record.phase = StationPhase::failed;
+    record.code = kInterrupted;
+    ++record.attempts;
+  }
+
+  // ---- jobs ----
+  [[nodiscard]] bool is_refused(const StoreJob& job) const {
+    if (const auto* begin = std::get_if<BeginSlabJob>(&job.what)) {
+      const bool again = line.slab_open && begin->slab.key == line.slab.key;
+      return !again && (line.slab_open || begin->slab.key <= line.last_slab_key);
+    }
+    if (const auto* block = std::get_if<BlockJob>(&job.what))
+      return !attempts_.contains({block->slab_key, block->block.station, block->attempt});
+    return false;
+  }
+  /// The station goes on with a slab whose end was answered with an error: its next job takes the end back.
+  void undo_unseen_end() {
+    if (!before_unseen_end_ || line.slab_open) return;
+    forget_record(line.slab_record.res_seq);
+    line.slab_open = true;
+    line.slab_verdict = before_unseen_end_->slab_verdict;
+    line.slab_record = before_unseen_end_->slab_record;
+    --slabs_ended;
+  }
+  void keep(const SessionJob& job) { line.session = job.session; }
+  void keep(const BeginSlabJob& job) {
+    line.slab_open = true;
+    line.slab = job.slab;
+    line.stations = {};
+    line.last_slab_key = job.slab.key;
+    CommandJob command;
+    command.session = job.session;
+    command.cmd_seq = job.cmd_seq;
+    begin_command(command, CommandStatus::done);
+  }
+  void keep(const CommandJob& job) {
+    begin_command(job, CommandStatus::accepted);
+    unfinished_.push_back(job);
+    if (is(job, PlcCommand::scan)) newest_scan_[job.station] = job;
+  }
+  StationRecord& attempted(const Attempt& attempt) {
+    attempts_.insert({attempt.slab_key, attempt.station, attempt.number});
+    StationRecord& record = line.stations[attempt.station - 1U];
+    record.attempts = std::max(record.attempts, attempt.number);
+    return record;
+  }
+  void keep(const AcquiredJob& job) {
+    StationRecord& record = attempted(job.attempt);
+    record.phase = StationPhase::acquired;
+    record.attempt = job.attempt;
+    remember(job.fingerprint);
+    line.acq_seq = job.attempt.cmd_seq;
+    close(job.attempt.session, job.attempt.cmd_seq, static_cast<std::uint16_t>(CommandStatus::acquired));
+  }
+  void keep(const FailedAttemptJob& job) {
+    StationRecord& record = attempted(job.attempt);
+    record.phase = StationPhase::failed;
+    record.code = job.code;
+    remember(job.fingerprint);
+    close(job.attempt.session, job.attempt.cmd_seq, static_cast<std::uint16_t>(kCommandFailed + job.code));
+  }
+  void remember(std::uint64_t fingerprint) {
+    if (fingerprint == 0) return;
+    std::erase(seen, fingerprint);
+    seen.push_back(fingerprint);
+    if (seen.size() > kFingerprintsKept) seen.erase(seen.begin());
+    line.fingerprints = {};
+    std::copy(seen.begin(), seen.end(), line.fingerprints.begin());  // oldest first
+  }
+  void keep(const BlockJob& job) {
+    StationRecord& record = line.stations[job.block.station - 1U];
+    // A later attempt takes the place of an earlier one, also when it came to nothing.
+    if (record.attempt.number == job.attempt && record.phase != StationPhase::failed) {
+      record.phase = StationPhase::measured;
+      record.block = job.block;
+      close(record.attempt.session, record.attempt.cmd_seq, static_cast<std::uint16_t>(CommandStatus::done));
+    }
+    // Measured before, and nobody was told: one record is enough.
+    forget_records([&](const PlcResult& r) {
+      return r.kind == job.record.kind && r.station == job.record.station && r.cmd_seq == job.record.cmd_seq;
+    });
+    queue(job.record);
+  }
+  void keep(const SlabJob& job) {
+    line.slab_open = false;
+    line.slab_verdict = job.slab.verdict;
+    line.slab_record = job.record;
+    close_newest(PlcCommand::slab_end, PlcCommand::slab_abort);
+    ++slabs_ended;
+    queue(job.record);
+  }
+  void keep(const AckJob& job) { forget_record(job.res_seq); }
+  void keep(const ReportJob& job) {
+    close_newest(PlcCommand::report);
+    queue(job.record);
+  }
+  void keep(const SeenScanJob& job) { remember(job.fingerprint); }
+
+  // ---- records ----
+  void queue(const PlcResult& record) {
+    line.res_seq = record.res_seq;
+    (void)line.unacknowledged.push(record);
+  }
+  void forget_record(std::uint16_t res_seq) {
+    forget_records([&](const PlcResult& record) { return record.res_seq == res_seq; });
+  }
+  void forget_records(const std::function<bool(const PlcResult&)>& which) {
+    auto waiting = line.unacknowledged;
+    line.unacknowledged.clear();
+    for (; !waiting.empty(); waiting.pop())
+      if (!which(waiting.front())) (void)line.unacknowledged.push(waiting.front());
+  }
+
+  CommandJob newest_;
+  std::vector<CommandJob> unfinished_;  ///< oldest first
+  std::map<std::uint8_t, CommandJob> newest_scan_;
+  std::set<std::tuple<std::int64_t, std::uint8_t, std::uint8_t>> attempts_;
+  std::optional<RecoveredLine> before_unseen_end_;
+};
+
+}  // namespace slabd::daemon
