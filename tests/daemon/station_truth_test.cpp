@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cstdio>
 #include <cstdlib>
 
@@ -57,7 +58,7 @@ TEST(StationTruth, no_chance_gives_a_block_another_ones_scan_or_leaves_the_line_
 
 TEST(StationTruth, a_seed_is_one_line) {
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-    TruthLine::Figures figures[2];
+    std::array<TruthLine::Figures, 2> figures;
     for (TruthLine::Figures& one : figures) {
       TruthLine line(seed);
       line.live(kTurns);
