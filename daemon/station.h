@@ -256,6 +256,9 @@ struct Capture {
   bool abort = false;      ///< of the view in hand
   bool looked_at = false;  ///< its points were compared with those of earlier scans,
   bool repeats = false;    ///< and are those of one of them
+  /// kUnseenScan, which has to be durable before the scanner is asked: no journal knows of a view.
+  enum class Mark : std::uint8_t { none, storing, durable } mark = Mark::none;
+  std::uint32_t mark_ticket = 0;
   std::uint8_t slot = 0;
   std::uint16_t request_no = 0;  ///< see next_own_request(); never starts where the last process did
   std::int64_t started_ns = 0;

@@ -293,6 +293,11 @@ static void remember(Station& s, std::uint64_t fingerprint) {
   s.fingerprints[s.fingerprint_next] = fingerprint;
   s.fingerprint_next = (s.fingerprint_next + 1) % s.fingerprints.size();
 }
+/// While nobody saw a scan its mark stays the newest: what is remembered then goes to the disk when that is over.
+static void hold_back(Station& s, std::uint64_t fingerprint) {
+  auto& waiting = s.unsaved_fingerprints;
+  if (std::find(waiting.begin(), waiting.end(), fingerprint) == waiting.end()) (void)waiting.push(fingerprint);
+}
 /// What a scanner gives again and again is not forgotten while it does: it becomes the newest.
 static void renew(Station& s, std::uint64_t fingerprint, Actions& actions) {
   auto& ring = s.fingerprints;
@@ -304,7 +309,10 @@ static void renew(Station& s, std::uint64_t fingerprint, Actions& actions) {
     std::swap(newest_first(back), moved);
     if (moved == fingerprint) break;  // its old place
   }
-  store_fingerprint(s, fingerprint, actions);
+  if (s.scan_unseen)
+    hold_back(s, fingerprint);
+  else
+    store_fingerprint(s, fingerprint, actions);
 }
 /// What is new is remembered with the job that records the attempt, so that a restart in between does not help it.
 static bool is_repeated(Station& s, std::uint64_t fingerprint, Actions& actions) {
@@ -321,9 +329,7 @@ static bool is_repeated(Station& s, std::uint64_t fingerprint, Actions& actions)
 bool was_seen(Station& s, const ScanDone& done, Actions& actions) {
   if (done.code != Code::ok || done.fingerprint == 0) return false;
   if (is_known(s, done.fingerprint)) {
-    renew(s, done.fingerprint, actions);
-    // The scan that nobody saw is not this one: its mark stays the newest, by which a restart knows of it.
-    if (s.scan_unseen) store_fingerprint(s, kUnseenScan, actions);
+    renew(s, done.fingerprint, actions);  // the scan that nobody saw is not this one
     return true;
   }
   remember(s, done.fingerprint);
@@ -393,8 +399,12 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   Acquisition& a = s.acquisition;
   // The buffer names the scan as much as the number does: numbers begin anew with a session.
   if (a.phase != Acquisition::Phase::scanning || done.cmd_seq != a.cmd_seq || done.slot != a.slot) {
-    const bool is_new = done.code == Code::ok && done.fingerprint != 0 && !was_seen(s, done, actions);
-    if (is_new && s.scan_unseen) store_fingerprint(s, kUnseenScan, actions);  // its mark stays the newest
+    if (!s.scan_unseen) {
+      (void)was_seen(s, done, actions);
+    } else if (done.code == Code::ok && done.fingerprint != 0) {
+      if (!is_known(s, done.fingerprint)) remember(s, done.fingerprint);
+      hold_back(s, done.fingerprint);
+    }
     return;
   }
   a.attempt.scan_path = done.scan.path;

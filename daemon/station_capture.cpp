@@ -174,6 +174,7 @@ void shoot(Station& s) {
   c.phase = Capture::Phase::settling;
   c.abort = false;
   c.looked_at = c.repeats = false;
+  c.mark = Capture::Mark::none;
   c.started_ns = s.now_ns;
   // Only poses that arrive from now on: whoever asks for a view has stopped the robot by now, and a pose that was sent
   // before can be of the way there.
@@ -184,6 +185,24 @@ Error scanner_does_not_answer() {
   return error(Code::scanner_offline, "the scanner's worker hangs, most likely in a network share (slabctl status)");
 }
 
+bool is_out_of_patience(const Station& s, std::int64_t more_ns = 0) {
+  return s.now_ns - s.capture.started_ns > s.settings.settle_timeout_ns + s.settings.capture.stable_ns + more_ns;
+}
+
+/// A restart has to know that the scanner may hold a view that nobody saw. Its points' own fingerprint takes the mark's
+/// place.
+void mark_unseen(Station& s, Actions& actions) {
+  Capture& c = s.capture;
+  if (c.mark == Capture::Mark::none) {
+    c.mark = Capture::Mark::storing;
+    s.scan_unseen = true;
+    store_fingerprint(s, kUnseenScan, actions);
+    c.mark_ticket = s.last_ticket;
+  } else if (is_out_of_patience(s, kCheckTimeoutNs)) {
+    refuse_shot(s, error(Code::deadline, "the database did not answer in time; check the disk"), actions);
+  }
+}
+
 void try_to_ask_scanner(Station& s, Actions& actions) {
   Capture& c = s.capture;
   const Code link = s.gate.link(s.now_ns);
@@ -191,7 +210,7 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
   const int slot = room ? free_slot(s) : -1;
   const bool scanner_hangs = s.owed.waits || s.links.scanner_hangs;
   if (link != Code::ok || !s.still.settled() || slot < 0 || scanner_hangs) {
-    if (s.now_ns - c.started_ns <= s.settings.settle_timeout_ns + s.settings.capture.stable_ns) return;
+    if (!is_out_of_patience(s)) return;
     if (link == Code::no_pose || link == Code::pose_stale) {
       refuse_shot(s,
                   error(link, "%.*s; %.*s", static_cast<int>(describe(link).size()), describe(link).data(),
@@ -204,6 +223,10 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
     } else {
       refuse_shot(s, error(Code::deadline, "no buffer became free for the scan; check the computer's load"), actions);
     }
+    return;
+  }
+  if (c.mark != Capture::Mark::durable) {
+    mark_unseen(s, actions);
     return;
   }
   c.phase = Capture::Phase::scanning;
@@ -223,9 +246,6 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
   action.request.spool_path.printf("%s/%lld-%u", capture_folder(s).c_str(),
                                    static_cast<long long>(s.utime_us / 1'000'000), unsigned{c.request_no});
   emit(actions, action);
-  // No journal knows of a view. Its points' own fingerprint takes this one's place.
-  s.scan_unseen = true;
-  store_fingerprint(s, kUnseenScan, actions);
 }
 
 /// Its buffer stays taken: the worker may still write into it.
@@ -351,6 +371,13 @@ void advance_capture(Station& s, Actions& actions) {
     case Capture::Phase::scanning: give_up_when_scanner_hangs(s, actions); break;
     case Capture::Phase::closed: break;
   }
+}
+
+void on_view_marked(Station& s, std::uint32_t ticket, Code code, Actions& actions) {
+  Capture& c = s.capture;
+  if (c.mark != Capture::Mark::storing || ticket != c.mark_ticket) return;
+  c.mark = code == Code::ok ? Capture::Mark::durable : Capture::Mark::none;
+  if (code != Code::ok && c.phase == Capture::Phase::settling) refuse_shot(s, code, describe(code), actions);
 }
 
 std::uint16_t next_own_request(Station& s) {

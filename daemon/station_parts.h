@@ -111,6 +111,8 @@ void advance_capture(Station& s, Actions& actions);
 /// session is 0, which is never the PLC's. Scanner programs may take a number they know for a request they have
 /// answered.
 std::uint16_t next_own_request(Station& s);
+/// The answer to a fingerprint job: a view may be asked for when its mark is durable.
+void on_view_marked(Station& s, std::uint32_t ticket, Code code, Actions& actions);
 /// True: the scan was a view's.
 [[nodiscard]] bool on_view_scanned(Station& s, const ScanDone& done, Actions& actions);
 /// ABORT by the PLC.

@@ -136,9 +136,10 @@ static void settle_unsaved(Station& s, const PendingStore& pending, Code code, A
     return;
   }
   // One for one, so that there is always room for it.
-  // While nobody saw a scan its mark has to be the newest, by which a restart knows of it: the others wait.
-  const auto next =
-      s.scan_unseen ? std::find(fingerprints.begin(), fingerprints.end(), kUnseenScan) : fingerprints.begin();
+  // While nobody saw a scan its mark has to be the newest, by which a restart knows of it: the others wait. Afterwards
+  // the newest goes first, which is the one that settled the mark.
+  const auto last = fingerprints.empty() ? fingerprints.end() : fingerprints.end() - 1;
+  const auto next = s.scan_unseen ? std::find(fingerprints.begin(), fingerprints.end(), kUnseenScan) : last;
   if (next != fingerprints.end()) {
     const std::uint64_t fingerprint = *next;
     fingerprints.erase(static_cast<std::size_t>(next - fingerprints.begin()));
@@ -170,6 +171,7 @@ void on_stored(Station& s, const StoreDone& done, Actions& actions) {
       if (done.code != Code::ok) raise_fault(s, actions, done.code, "recording a failed scan");
       break;
     case PendingStore::Kind::seen_scan:
+      on_view_marked(s, done.ticket, done.code, actions);
       if (done.code != Code::ok) raise_fault(s, actions, done.code, "remembering what the scanner gave");
       break;
     case PendingStore::Kind::ack:

@@ -50,7 +50,7 @@ void TruthLine::feed(const Event& event) {
   step(*station_, event, actions_);
   const std::vector<Action> actions(actions_.begin(), actions_.end());
   for (const Action& action : actions) std::visit([this](const auto& what) { carry_out(what); }, action);
-  if (scanner_.holds().slab_key != 0 && a_restart_would_be_deceived())
+  if (a_restart_would_be_deceived())
     violated("a restart would take a scan of " + scanner_.holds().text() + " for what it asks for");
   if (!judged_) return;
   const SlabJudged judged = *judged_;
