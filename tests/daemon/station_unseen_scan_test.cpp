@@ -260,47 +260,7 @@ TEST_F(UnseenScan, is_known_after_a_restart_however_often_what_is_thrown_away_wa
   EXPECT_EQ(line.scans[3].request.session, 0) << "what was asked for station 2 may come now";
 }
 
-bool is_mark(const StoreJob& job) {
-  const auto* seen = std::get_if<SeenScanJob>(&job.what);
-  return seen != nullptr && seen->fingerprint == kUnseenScan;
-}
-
-/// No journal knows of a view: the scanner is asked when the mark is durable.
-TEST(UnseenView, a_view_that_nobody_saw_is_known_after_a_death_also_on_a_slow_disk) {
-  MemoryStore store;
-  Line line(store);
-  CaptureRequest request;
-  request.session = "spring";
-  request.operator_name = "anna";
-  request.lease_s = 60;
-  request.action = CaptureRequest::Action::begin;
-  line.feed(request);
-  line.run_for(100);
-  line.disk_answers = false;  // slow: the mark is on its way
-  line.scanner_answers = false;
-  request.action = CaptureRequest::Action::shoot;
-  line.feed(request);
-  line.run_for(2'500);
-  const std::size_t asked = line.scans.size();
-  line.disk_answers = true;
-  line.start();
-  line.scanner_answers = true;
-  line.plc.command_writer = 0;
-  line.run_for(300);
-  line.command(PlcCommand::slab_begin);
-  line.run_for(20);
-  line.fingerprint = 0x0F01;  // the view's
-  line.scan(4);
-  // As it is: the scanner was not asked for the view at all (a mend would wait), or the first scan is thrown away.
-  if (asked != 0) {
-    ASSERT_GT(line.scans.size(), asked);
-    EXPECT_EQ(line.scans[asked].request.session, 0);
-  }
-  EXPECT_FALSE(asked != 0 && !line.measured.empty() && line.scans.size() == asked + 1)
-      << "the view is measured as block 4";
-}
-
-/// A scan that is known comes while the mark stands: renewed and marked in two transactions.
+/// Nothing is remembered behind the mark while it stands.
 TEST_F(UnseenScan, the_mark_stays_when_a_worker_comes_back_with_a_known_scan_and_the_process_dies) {
   begin();
   line.fingerprint = 0x0E01;
@@ -310,13 +270,16 @@ TEST_F(UnseenScan, the_mark_stays_when_a_worker_comes_back_with_a_known_scan_and
   line.scan(4);
   const AcquireScan asked = line.scans.back();
   line.feed(LinkStatus{false, true, 0});
-  line.plc.abort = true;
-  line.feed(line.plc);
-  line.run_for(40);
-  line.plc.abort = false;
-  line.feed(line.plc);
+  for (const bool abort : {true, false}) {
+    line.plc.abort = abort;
+    line.feed(line.plc);
+    line.run_for(40);
+  }
   EXPECT_EQ(store.seen.back(), kUnseenScan);
-  store.fail_when = is_mark;  // or: the process dies between the two jobs
+  store.fail_when = [](const StoreJob& job) {  // or: the process dies before it
+    const auto* seen = std::get_if<SeenScanJob>(&job.what);
+    return seen != nullptr && seen->fingerprint == kUnseenScan;
+  };
   ScanDone done;
   done.cmd_seq = asked.request.cmd_seq;
   done.slot = asked.slot;
@@ -336,80 +299,6 @@ TEST_F(UnseenScan, the_mark_stays_when_a_worker_comes_back_with_a_known_scan_and
   line.scan(5);
   ASSERT_GT(line.scans.size(), before);
   EXPECT_EQ(line.scans[before].request.session, 0) << "what was exposed for block 4 is taken for block 5";
-}
-
-/// The same with a view.
-TEST(UnseenView, the_mark_stays_when_a_view_repeats_a_known_scan_and_the_process_dies) {
-  MemoryStore store;
-  Line line(store);
-  CaptureRequest request;
-  request.session = "spring";
-  request.operator_name = "anna";
-  request.lease_s = 60;
-  request.action = CaptureRequest::Action::begin;
-  line.feed(request);
-  line.fingerprint = 0x0E01;
-  request.action = CaptureRequest::Action::shoot;
-  line.feed(request);
-  line.run_for(2'500);
-  EXPECT_EQ(store.seen.back(), 0x0E01U);
-  int marks = 0;
-  store.fail_when = [&](const StoreJob& job) { return is_mark(job) && ++marks > 1; };
-  line.feed(request);  // an old file; what was exposed for it is still to come
-  line.run_for(2'500);
-  EXPECT_EQ(store.seen.back(), kUnseenScan);
-}
-
-/// What a failing disk kept back is stored oldest first: something older takes the mark's place before the scan that
-/// settled it is durable.
-TEST(UnseenView, the_mark_is_the_newest_until_the_scan_that_settled_it_is_durable) {
-  MemoryStore store;
-  Line line(store);
-  CaptureRequest request;
-  request.session = "spring";
-  request.operator_name = "anna";
-  request.lease_s = 60;
-  request.action = CaptureRequest::Action::begin;
-  line.feed(request);
-  store.fail_when = [](const StoreJob& job) {
-    const auto* seen = std::get_if<SeenScanJob>(&job.what);
-    return seen != nullptr && seen->fingerprint != kUnseenScan;
-  };
-  request.action = CaptureRequest::Action::shoot;
-  line.fingerprint = 0x0E01;
-  line.feed(request);
-  line.run_for(2'500);
-  line.scanner_answers = false;  // at once, that is
-  line.feed(request);
-  line.run_for(2'500);
-  ASSERT_EQ(line.scans.size(), 2U);
-  ScanDone done;
-  done.cmd_seq = line.scans.back().request.cmd_seq;
-  done.slot = line.scans.back().slot;
-  done.durable = true;
-  done.fingerprint = 0x0E03;
-  line.feed(done);
-  line.run_for(40);
-  line.scanner_answers = true;
-  EXPECT_EQ(store.seen.back(), kUnseenScan);
-  // The disk works again for one job, and the process dies.
-  int stored = 0;
-  store.fail_when = [&](const StoreJob& job) { return std::holds_alternative<SeenScanJob>(job.what) && ++stored > 1; };
-  ++line.plc.sync_req;
-  line.feed(line.plc);
-  line.run_for(40);
-  store.fail_when = {};
-  line.start();
-  line.plc.command_writer = 0;
-  line.run_for(300);
-  line.command(PlcCommand::slab_begin);
-  line.run_for(20);
-  line.fingerprint = 0x0E03;
-  const std::size_t before = line.scans.size();
-  line.scan(4);  // the scanner gives the view's 0x0E03 again
-  ASSERT_GT(line.scans.size(), before);
-  EXPECT_TRUE(line.scans[before].request.session == 0 || line.view().cmd_status == failed(Code::frame_incomplete));
-  EXPECT_TRUE(line.measured.empty()) << "the view is measured as block 4";
 }
 
 TEST_F(StationTest, a_death_between_two_scans_asks_for_none_more) {
