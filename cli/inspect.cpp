@@ -3,7 +3,6 @@
 // slabctl inspect: one block offline, through daemon::measure_block, the path every scan of the line takes.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
-#include <cerrno>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -13,6 +12,7 @@
 
 #include "base/pages.h"
 #include "cli/command.h"
+#include "cli/durable.h"
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/parse.h"
@@ -85,13 +85,11 @@ bool write_deviation_map(const std::string& path, const algo::DeviationMap& map)
       text += fmt::format("{:g},{:g},{:.6f},{}\n", map.x_mm(column), map.y_mm(row), map.mean_mm(cell), map.count[cell]);
     }
   }
-  std::FILE* file = std::fopen(path.c_str(), "w");
-  bool written = file != nullptr && std::fwrite(text.data(), 1, text.size(), file) == text.size();
-  written = written && std::fflush(file) == 0;
-  const int trouble = errno;
-  if (file != nullptr) std::fclose(file);
-  if (!written) complain(fmt::format("--deviation-map {}: cannot be written: {}", path, std::strerror(trouble)));
-  return written;
+  OutFile file(path);
+  file.write(text);
+  const Status written = file.close();
+  if (!written) complain(fmt::format("--deviation-map {}", written.error().text.view()));
+  return static_cast<bool>(written);
 }
 
 int inspect(const Options& options) {

@@ -21,6 +21,16 @@ void check_slab(TableReader slab, const SlabGeometry& g) {
                                                         g.seat_centre_distance_mm.value, g.width_mm.value));
 }
 
+/// The slab states the height between block origin and slab top, and so does the block: it is one height.
+void check_slab_top(TableReader slab, const Recipe& recipe) {
+  const double origin_mm = recipe.slab.block_origin_z_mm.value;
+  const double top_mm = recipe.block.slab_top_z_mm.value;
+  if (std::abs(origin_mm + top_mm) > kAgreement)
+    slab.problem("block_origin_z_mm", fmt::format("found {:.2f}, but [block] slab_top_z_mm {:.2f} has the block's "
+                                                  "origin {:.2f} above the slab top; allowed is a difference of {}",
+                                                  origin_mm, top_mm, -top_mm, kAgreement));
+}
+
 void check_block(TableReader block, const BlockGeometry& b) {
   if (b.casing_rim_diameter_mm.value <= b.casing_bore_diameter_mm.value)
     block.problem("casing_rim_diameter_mm",
@@ -124,6 +134,7 @@ void check_item(TableReader item, const Recipe& recipe, ItemId id) {
 
 void check_relations(TableReader& root, const Recipe& recipe) {
   check_slab(root.table("slab"), recipe.slab);
+  check_slab_top(root.table("slab"), recipe);
   check_block(root.table("block"), recipe.block);
   check_evaluation(root.table("evaluation"), recipe.evaluation, recipe.block);
   TableReader items = root.table("items");

@@ -312,7 +312,7 @@ TEST_F(Slabctl, deviation_map_is_a_table_of_the_places_that_were_seen) {
   for (const std::string& where : {file("no-such-folder/map.csv"), std::string("/dev/full")}) {
     const Ended refused = run(inspect + where);
     EXPECT_EQ(refused.status, 3) << where;
-    expect_mentions(refused.err, where + ": cannot be written: ");
+    expect_mentions(refused.err, "--deviation-map " + where + " cannot be written: ");
     expect_mentions(refused.out, "block 3: ");
   }
 }

@@ -299,6 +299,9 @@ TEST_F(RecipeTest, faults_name_the_nearest_key_and_the_range) {
             "block.casing_rim_diameter_mm: found 44, allowed is more than casing_bore_diameter_mm 50");
   EXPECT_EQ(only("first_pair_from_end_mm = { value = 280,", "first_pair_from_end_mm = { value = 600,"),
             "slab.pairs: the last of 9 pairs stands 5640.0 mm from the end, beyond length_mm 5600.0");
+  EXPECT_EQ(only("block_origin_z_mm = { value = 30,", "block_origin_z_mm = { value = 28,"),
+            "slab.block_origin_z_mm: found 28.00, but [block] slab_top_z_mm -30.00 has the block's origin 30.00 above "
+            "the slab top; allowed is a difference of 0.01");
   EXPECT_EQ(only("lower = \"1:43\"", "lower = \"1:30\""),
             "items.seat_slope.lower: found 1.90915 with upper 1.54816, allowed is lower < upper");
   EXPECT_EQ(only("lower = \"1:43\"", "lower = \"1:0\""),
