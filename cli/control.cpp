@@ -11,6 +11,7 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <nlohmann/json.hpp>
 
 #include "base/limits.h"
 
@@ -65,12 +66,6 @@ std::int64_t daemon_process(const std::string& path) {
   return who.pid;
 }
 
-bool daemon_listens(const std::string& path) {
-  const Socket socket;
-  const int fault = connect_to(path, socket);
-  return fault == 0 || fault == EAGAIN || fault == EACCES;
-}
-
 Result<std::string> ask_daemon(const std::string& path, std::string_view line) {
   const Socket socket;
   if (const int fault = connect_to(path, socket); fault != 0)
@@ -91,6 +86,20 @@ Result<std::string> ask_daemon(const std::string& path, std::string_view line) {
     if (answer.size() > limits::kControlLineBytes) return unreachable(path, "the answer is longer than 64 kB");
   }
   return answer.substr(0, answer.find('\n'));
+}
+
+bool daemon_has_database(const std::string& path) {
+  {
+    const Socket socket;
+    const int fault = connect_to(path, socket);
+    if (fault == EAGAIN || fault == EACCES) return true;
+    if (fault != 0) return false;
+  }
+  const Result<std::string> answer = ask_daemon(path, "{\"verb\":\"status\"}\n");
+  if (!answer) return true;
+  const nlohmann::json status = nlohmann::json::parse(answer.value(), nullptr, false);
+  const nlohmann::json fault = status.is_object() ? status.value("fault", nlohmann::json()) : nlohmann::json();
+  return !fault.is_object() || fault.value("code", nlohmann::json()) != static_cast<int>(Code::config);
 }
 
 }  // namespace slabd::cli

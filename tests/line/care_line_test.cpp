@@ -45,7 +45,6 @@ class CareLine : public testing::Test {
   void start() {
     box_.start();
     ASSERT_TRUE(box_.ready()) << box_.log();
-    // With a faulty configuration there is no control socket.
     for (int i = 0; i < 500 && box_.log().find("Modbus/TCP server") == std::string::npos; ++i) ::usleep(10'000);
   }
   [[nodiscard]] Box::Answer db(std::vector<std::string> args) const {
@@ -189,11 +188,55 @@ TEST_F(CareLine, figures_are_told_for_prometheus_and_a_silent_daemon_is_one) {
   EXPECT_EQ(box_.stop(), 0);
 }
 
-TEST_F(CareLine, a_faulty_configuration_is_fault_504_with_modbus_up) {
+TEST_F(CareLine, figures_do_not_grow_old_with_a_faulty_configuration) {
+  const fs::path file = box_.dir / "slabd.prom";
+  const std::vector<std::string> ask = {"metrics", "--config", box_.config.native(), "--out", file.native()};
+  const auto is_told = [&](const char* line) {
+    const bool told = read_file(file).find(line) != std::string::npos;
+    std::ofstream(file) << "old\n";
+    return told;
+  };
+  start();
+  EXPECT_EQ(box_.slabctl(ask).exit_status, 0);
+  EXPECT_TRUE(is_told("\nslabd_up 1\n"));
+  std::ofstream(box_.config, std::ios::app) << "\n[scanner2]\n";
+  EXPECT_EQ(box_.slabctl(ask).exit_status, 3);
+  EXPECT_TRUE(is_told("\nslabd_fault_code 0\n")) << "it runs on with what it has read";
+  EXPECT_EQ(box_.stop(), 0);
+  EXPECT_EQ(box_.slabctl(ask).exit_status, 3);
+  EXPECT_TRUE(is_told("\nslabd_up 0\n"));
+  start();
+  EXPECT_EQ(box_.slabctl(ask).exit_status, 3);
+  EXPECT_TRUE(is_told("\nslabd_fault_code 504\n"));
+  EXPECT_EQ(box_.stop(), 0);
+}
+
+TEST_F(CareLine, a_faulty_configuration_is_fault_504_for_whoever_asks) {
   std::ofstream(box_.config, std::ios::app) << "\n[scanner2]\n";
   start();
   EXPECT_EQ(input_register(box_.port, kFault), 504) << box_.log();
   EXPECT_EQ(input_register(box_.port, kState), kStateFault);
+  const Box::Answer status = box_.slabctl({"status", "--config", box_.config.native()});
+  EXPECT_EQ(status.exit_status, 3);
+  EXPECT_NE(status.err.find("scanner2"), std::string::npos) << status.err;
+  EXPECT_NE(status.out.find("504: the configuration is not usable"), std::string::npos) << status.out << status.err;
+  EXPECT_EQ(box_.stop(), 0);
+}
+
+TEST_F(CareLine, without_recipes_it_says_504_and_its_database_is_still_backed_up) {
+  start();
+  EXPECT_EQ(box_.stop(), 0);
+  std::string text = read_file(box_.config);
+  text.replace(text.find("/recipes"), 8, "/nowhere");
+  std::ofstream(box_.config) << text;
+  start();
+  const Box::Answer status = box_.slabctl({"status", "--config", box_.config.native()});
+  EXPECT_EQ(status.exit_status, 0) << status.err;
+  EXPECT_NE(status.out.find("504: the configuration is not usable"), std::string::npos) << status.out;
+  const Box::Answer doctor = box_.slabctl({"doctor", "--config", box_.config.native(), "--listen-s", "1"});
+  EXPECT_NE(doctor.out.find("fault 504"), std::string::npos) << doctor.out;
+  EXPECT_EQ(doctor.out.find("another program"), std::string::npos) << doctor.out;
+  EXPECT_EQ(db({"backup"}).exit_status, 0);
   EXPECT_EQ(box_.stop(), 0);
 }
 
