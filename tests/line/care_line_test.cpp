@@ -4,10 +4,15 @@
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
+#include <poll.h>
+#include <pty.h>
 #include <sys/socket.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
+#include <chrono>
+#include <csignal>
 #include <cstdlib>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -172,6 +177,64 @@ TEST_F(CareLine, a_second_daemon_leaves_the_scanner_alone_until_the_database_is_
   EXPECT_EQ(input_register(other.port, kFault), 0) << other.log();
   EXPECT_FALSE(fs::exists(scan)) << other.log();
   EXPECT_EQ(other.stop(), 0);
+}
+
+/// `slabctl status --watch` on a terminal of its own.
+class Watch {
+ public:
+  explicit Watch(const fs::path& config) {
+    const winsize size{24, 120, 0, 0};
+    pid_ = ::forkpty(&terminal_, nullptr, nullptr, &size);
+    if (pid_ != 0) return;
+    ::execl(SLABCTL_PROGRAM, SLABCTL_PROGRAM, "status", "--watch", "--config", config.c_str(), nullptr);
+    ::_exit(127);
+  }
+  ~Watch() {
+    ::kill(pid_, SIGKILL);
+    ::waitpid(pid_, nullptr, 0);
+    ::close(terminal_);
+  }
+  Watch(const Watch&) = delete;
+  Watch& operator=(const Watch&) = delete;
+
+  /// Within ten seconds a whole new picture has `text`.
+  [[nodiscard]] bool shows(const std::string& text) {
+    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(10);
+    std::string seen;
+    while (std::chrono::steady_clock::now() < until) {
+      pollfd ready{terminal_, POLLIN, 0};
+      std::array<char, 4096> piece{};
+      if (::poll(&ready, 1, 100) <= 0) continue;
+      const ssize_t got = ::read(terminal_, piece.data(), piece.size());
+      if (got <= 0) return false;
+      seen.append(piece.data(), static_cast<std::size_t>(got));
+      last = seen;
+      if (seen.find(text) != std::string::npos) return true;
+      const std::size_t whole = seen.rfind("\x1b[J");
+      if (whole != std::string::npos) seen.erase(0, whole);
+    }
+    return false;
+  }
+  std::string last;
+
+ private:
+  int terminal_ = -1;
+  pid_t pid_ = -1;
+};
+
+TEST_F(CareLine, the_operators_screen_follows_to_a_database_that_took_the_place_of_its_own) {
+  start();
+  Watch watch(box_.config);
+  ASSERT_TRUE(watch.shows("no slab yet")) << watch.last;
+  const std::unique_ptr<Process> line = box_.simulate({"--slab-no", "7", "--slab-id", "OLD-7", "--move-s", "0.05"});
+  ASSERT_TRUE(watch.shows("OLD-7")) << watch.last;
+  line->signal(SIGTERM);
+  static_cast<void>(line->wait());
+  EXPECT_EQ(box_.stop(), 0);
+  EXPECT_EQ(db({"restore", "--fresh", "--why", "test", "--lose-calibrations"}).exit_status, 0);
+  start();
+  EXPECT_TRUE(watch.shows("no slab yet")) << watch.last;
+  EXPECT_EQ(box_.stop(), 0);
 }
 
 TEST_F(CareLine, figures_are_told_for_prometheus_and_a_silent_daemon_is_one) {
