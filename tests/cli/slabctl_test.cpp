@@ -143,6 +143,18 @@ TEST_F(Slabctl, a_daemon_that_takes_no_question_is_status_4_and_keeps_nobody) {
   ::close(deaf);
 }
 
+TEST_F(Slabctl, what_a_full_disk_did_not_take_is_not_done) {
+  // More and less than what is kept back before it is written.
+  for (const std::string& command : {"recipe show " + kRecipe + " --json", std::string("plc codes")}) {
+    EXPECT_EQ(run(command).status, 0) << command;
+    const int status = std::system((std::string(SLABCTL) + " " + command + " >/dev/full 2>" + file("full")).c_str());
+    EXPECT_EQ(WEXITSTATUS(status), 4) << command;
+    EXPECT_NE(content(file("full")).find("could not be written"), std::string::npos) << content(file("full"));
+  }
+  const int status = std::system((std::string(SLABCTL) + " --version >/dev/full 2>" + file("full")).c_str());
+  EXPECT_EQ(WEXITSTATUS(status), 4);
+}
+
 TEST_F(Slabctl, recipe_show_gives_every_nominal_with_its_confirmation) {
   const Ended shown = run("recipe show --json " + kRecipe);
   ASSERT_EQ(shown.status, 0);
