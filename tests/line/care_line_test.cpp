@@ -296,6 +296,7 @@ TEST_F(CareLine, without_recipes_it_says_504_and_its_database_is_still_backed_up
   const Box::Answer status = box_.slabctl({"status", "--config", box_.config.native()});
   EXPECT_EQ(status.exit_status, 0) << status.err;
   EXPECT_NE(status.out.find("504: the configuration is not usable"), std::string::npos) << status.out;
+  EXPECT_NE(status.out.find("store        ok no"), std::string::npos) << status.out;
   const Box::Answer doctor = box_.slabctl({"doctor", "--config", box_.config.native(), "--listen-s", "1"});
   EXPECT_NE(doctor.out.find("fault 504"), std::string::npos) << doctor.out;
   EXPECT_EQ(doctor.out.find("another program"), std::string::npos) << doctor.out;
