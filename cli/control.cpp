@@ -4,12 +4,14 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <sys/socket.h>
+#include <sys/time.h>
 #include <sys/un.h>
 #include <unistd.h>
 
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <nlohmann/json.hpp>
 
 #include "base/limits.h"
 
@@ -38,8 +40,12 @@ Error unreachable(const std::string& path, const char* cause) {
                path.c_str(), cause);
 }
 
-/// A connected socket, or errno.
+/// A connected socket, or errno. EAGAIN: somebody listens, and takes nobody in.
 int connect_to(const std::string& path, const Socket& socket) {
+  // A daemon that stands still takes nobody in; when those who gave up have filled its queue (they stay in it), the
+  // next one would wait for ever.
+  const timeval patience{kAnswerTimeoutMs / 1000, 0};
+  ::setsockopt(socket.fd(), SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
   if (path.size() >= sizeof address.sun_path) return ENAMETOOLONG;
@@ -60,16 +66,10 @@ std::int64_t daemon_process(const std::string& path) {
   return who.pid;
 }
 
-bool daemon_listens(const std::string& path) {
-  const Socket socket;
-  // EAGAIN: somebody listens and is busy.
-  const int fault = connect_to(path, socket);
-  return fault == 0 || fault == EAGAIN || fault == EACCES;
-}
-
 Result<std::string> ask_daemon(const std::string& path, std::string_view line) {
   const Socket socket;
-  if (const int fault = connect_to(path, socket); fault != 0) return unreachable(path, std::strerror(fault));
+  if (const int fault = connect_to(path, socket); fault != 0)
+    return unreachable(path, fault == EAGAIN ? "it listens, but takes no question within 3 s" : std::strerror(fault));
   if (::send(socket.fd(), line.data(), line.size(), MSG_NOSIGNAL) != static_cast<ssize_t>(line.size()))
     return unreachable(path, std::strerror(errno));
 
@@ -86,6 +86,20 @@ Result<std::string> ask_daemon(const std::string& path, std::string_view line) {
     if (answer.size() > limits::kControlLineBytes) return unreachable(path, "the answer is longer than 64 kB");
   }
   return answer.substr(0, answer.find('\n'));
+}
+
+bool daemon_has_database(const std::string& path) {
+  {
+    const Socket socket;
+    const int fault = connect_to(path, socket);
+    if (fault == EAGAIN || fault == EACCES) return true;
+    if (fault != 0) return false;
+  }
+  const Result<std::string> answer = ask_daemon(path, "{\"verb\":\"status\"}\n");
+  if (!answer) return true;
+  const nlohmann::json status = nlohmann::json::parse(answer.value(), nullptr, false);
+  const nlohmann::json fault = status.is_object() ? status.value("fault", nlohmann::json()) : nlohmann::json();
+  return !fault.is_object() || fault.value("code", nlohmann::json()) != static_cast<int>(Code::config);
 }
 
 }  // namespace slabd::cli

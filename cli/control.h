@@ -17,7 +17,7 @@ namespace slabd::cli {
 /// The process that listens at `path`, as the kernel knows it; 0: nobody, or not to be had.
 [[nodiscard]] std::int64_t daemon_process(const std::string& path);
 
-/// Does somebody listen at `path`?
-[[nodiscard]] bool daemon_listens(const std::string& path);
+/// Does a daemon listen at `path`, and work with its database? In fault 504 it only says so and opens none.
+[[nodiscard]] bool daemon_has_database(const std::string& path);
 
 }  // namespace slabd::cli

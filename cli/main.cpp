@@ -1,15 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/core.h>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
 #include <exception>
 
 #include "cli/command.h"
 #include "cli/exit.h"
 
 int main(int argc, char** argv) {
+  using namespace slabd::cli;
   try {
-    return slabd::cli::run(argc, argv);
+    const int status = run(argc, argv);
+    // What was printed last is written only now; on a disk that is full nobody else would notice that it is not there.
+    if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return status;
+    complain(fmt::format("what was printed could not be written: {}", std::strerror(errno)));
+    return kNotReachable;
   } catch (const std::exception& fault) {
-    slabd::cli::complain(fmt::format("internal error: {}", fault.what()));
+    if (std::ferror(stdout) == 0) {
+      complain(fmt::format("internal error: {}", fault.what()));
+      return kInternal;
+    }
+    complain(fmt::format("what was printed could not be written: {}", fault.what()));
   }
-  return slabd::cli::kInternal;
+  return kNotReachable;
 }

@@ -38,11 +38,20 @@ int tell(const Options& options, const std::string& text, int status) {
   return status;
 }
 
+/// What slabd answered instead of figures.
+std::string refusal_in(const nlohmann::json& answer) {
+  if (answer.is_object() && answer.value("schema", "") == "slabd.error/1") return answer.value("error", "");
+  return "is it older than slabctl?";
+}
+
 int show_metrics(const Options& options) {
   std::string path = options.socket;
+  bool usable = true;
   if (path.empty()) {
+    // A configuration that cannot be used is no reason to leave old figures standing: slabd, in fault 504, takes its
+    // socket from it as we do.
     daemon::Config config;
-    if (!config_from(options.config, config)) return kBadInput;
+    usable = config_from(options.config, config);
     path = config.control_socket;
   }
   const Result<std::string> answer =
@@ -50,9 +59,9 @@ int show_metrics(const Options& options) {
   const nlohmann::json metrics =
       answer.ok() ? nlohmann::json::parse(answer.value(), nullptr, false) : nlohmann::json(nullptr);
   if (metrics.is_object() && metrics.value("schema", "") == "slabd.metrics/1")
-    return tell(options, fmt::format(kUp, 1) + metrics.value("text", ""), kDone);
-  complain(answer.ok() ? "slabd gave no figures: is it older than slabctl?" : answer.error().text.view());
-  return tell(options, fmt::format(kUp, 0), kNotReachable);
+    return tell(options, fmt::format(kUp, 1) + metrics.value("text", ""), usable ? kDone : kBadInput);
+  complain(answer.ok() ? "slabd gave no figures: " + refusal_in(metrics) : std::string(answer.error().text.view()));
+  return tell(options, fmt::format(kUp, 0), usable ? kNotReachable : kBadInput);
 }
 
 }  // namespace
@@ -62,7 +71,7 @@ void add_metrics(CLI::App& app, int& exit_status) {
   CLI::App* command = app.add_subcommand("metrics", "What the daemon knows of itself, as Prometheus text");
   command->footer(
       "\nslabd_up is 0 when the daemon does not answer (exit status 4). slabd-metrics.timer writes the file every 15 "
-      "s.\n"
+      "s,\nalso when the configuration is not usable (exit status 3).\n"
       "Example: slabctl metrics --out /run/slabd-metrics/slabd.prom");
   auto* config = command->add_option("--config", options->config, "Configuration that names the control socket")
                      ->default_val(kDefaultConfig);

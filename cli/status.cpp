@@ -157,16 +157,18 @@ void print_status(const json& status) {
 
 int show_status(const Options& options) {
   std::string path = options.socket;
+  bool usable = true;
   if (path.empty()) {
+    // With a configuration that cannot be used slabd runs as well, in fault 504, and takes its socket from it as we do.
     daemon::Config config;
-    if (!config_from(options.config, config)) return kBadInput;
+    usable = config_from(options.config, config);
     path = config.control_socket;
   }
   if (options.watch) return watch::run(path, options.language == "zh" ? report::Language::zh : report::Language::en);
   const Result<std::string> answer = ask_daemon(path, "{\"verb\":\"status\"}\n");
   if (!answer) {
     complain(fmt::format("{}", answer.error().text.view()));
-    return kNotReachable;
+    return usable ? kNotReachable : kBadInput;
   }
   const json status = json::parse(answer.value(), nullptr, false);
   if (!status.is_object() || status.value("schema", "") != "slabd.status/1") {
@@ -178,7 +180,7 @@ int show_status(const Options& options) {
   } else {
     print_status(status);
   }
-  return kDone;
+  return usable ? kDone : kBadInput;
 }
 
 }  // namespace
@@ -187,7 +189,9 @@ void add_status(CLI::App& app, int& exit_status) {
   auto options = std::make_shared<Options>();
   CLI::App* command = app.add_subcommand("status", "State, links and last verdict of the running daemon");
   command->footer(
-      "\nExit status 4 when the daemon does not answer. With --watch the screen stays until q; it goes grey when the\n"
+      "\nExit status 4 when the daemon does not answer, 3 when the configuration is not usable (slabd runs with it, "
+      "in\n"
+      "fault 504, and is asked all the same). With --watch the screen stays until q; it goes grey when the\n"
       "daemon's last answer is older than three seconds.\n"
       "Examples: slabctl status --json\n          slabctl status --watch --language zh");
   auto* config = command->add_option("--config", options->config, "Configuration that names the control socket")

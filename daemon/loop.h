@@ -172,6 +172,8 @@ class Loop {
                                 std::int64_t utime_us);
 /// The text behind {"verb":"metrics"}: Prometheus' exposition format.
 [[nodiscard]] std::string metrics_text(const Station& station, const Ports& ports, const LoopFigures& figures);
+/// The answer to {"verb":"metrics"}: one line of JSON, schema slabd.metrics/1.
+[[nodiscard]] std::string metrics_json(const Station& station, const Ports& ports, const LoopFigures& figures);
 /// "VmRSS" and the like from /proc/self/status, in kB; 0 where there is none.
 [[nodiscard]] std::int64_t memory_kb(const std::string& key);
 /// Answers one control request line; unknown verbs and bad JSON get {"error": ...}. Reading verbs change nothing;

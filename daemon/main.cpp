@@ -170,16 +170,18 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
       pose = std::make_unique<AbsentPose>(made.error().text.view());
     }
     scanner = std::make_unique<AbsentScanner>(error(Code::journal_write, "another process works with the database"));
-    if (auto made = hal::make_control_socket(config.control_socket.c_str()); made.ok()) {
-      control = std::move(made.value());
-    } else {
-      std::fprintf(stderr, "warning: %s\n", made.error().text.c_str());
-      settings.warn |= kWarnControlSocket;
-    }
   } else {
     // Nothing more is said of the links: the configuration comes first.
     pose = std::make_unique<AbsentPose>(std::string_view());
     scanner = std::make_unique<AbsentScanner>(error(Code::config, "the configuration is not usable"));
+  }
+  // Also in fault 504, where the configuration says, or would have said: who asks why the line stands must not be told
+  // that nothing runs.
+  if (auto made = hal::make_control_socket(config.control_socket.c_str()); made.ok()) {
+    control = std::move(made.value());
+  } else {
+    std::fprintf(stderr, "warning: %s\n", made.error().text.c_str());
+    settings.warn |= kWarnControlSocket;
   }
 
   LoopFigures figures;

@@ -25,12 +25,17 @@ void wait(const Ports& ports) {
   ::poll(fds.data(), count, kTurnMs);
 }
 
+/// What a display or an alarm asks is answered; a database of gigabytes is read for a minute.
+std::string answer(std::string_view line, const Ports& ports, const Station& station, const LoopFigures& figures) {
+  if (line.find("\"status\"") != std::string_view::npos) return status_json(station, ports, figures);
+  if (line.find("\"metrics\"") != std::string_view::npos) return metrics_json(station, ports, figures);
+  return R"({"schema":"slabd.error/1","error":"the database is being opened; ask again"})";
+}
+
 void serve_control(const Ports& ports, const Station& station, const LoopFigures& figures) {
   std::string_view line;
   for (std::size_t i = 0; i < limits::kControlClientsMax && ports.control->next(ports.clock.mono_ns(), line); ++i)
-    ports.control->reply(line.find("\"status\"") != std::string_view::npos
-                             ? status_json(station, ports, figures)
-                             : R"({"schema":"slabd.error/1","error":"the database is being opened; ask again"})");
+    ports.control->reply(answer(line, ports, station, figures));
 }
 
 }  // namespace

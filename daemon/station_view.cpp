@@ -77,7 +77,8 @@ PlcOutputs plc_view(const Station& s) {
   out.pose_ok = s.gate.link(s.now_ns) == Code::ok;
   out.scanner_ok = s.links.scanner_online;
   out.plc_link_ok = s.plc.alive;
-  out.store_ok = s.recovered && fault != Code::journal_write && fault != Code::store_full;
+  // In fault 504 no database is opened.
+  out.store_ok = s.recovered && fault != Code::journal_write && fault != Code::store_full && fault != Code::config;
   out.simulation = s.settings.simulation;
 
   out.session = s.desk.session;

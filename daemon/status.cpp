@@ -275,6 +275,10 @@ std::string calibration_json(const Station& station, const CalibrationDesk& desk
   return text_of(j);
 }
 
+std::string metrics_json(const Station& station, const Ports& ports, const LoopFigures& figures) {
+  return text_of(Json{{"schema", "slabd.metrics/1"}, {"text", metrics_text(station, ports, figures)}});
+}
+
 std::string answer_control(std::string_view line, const Station& station, const Ports& ports, LoopFigures& figures,
                            CalibrationDesk& desk, const std::function<void(const Event&)>& handle) {
   try {
@@ -287,9 +291,9 @@ std::string answer_control(std::string_view line, const Station& station, const 
     if (*verb == "calibration") return calibration_json(station, desk);
     if (*verb == "plc_image") return plc_image_json(station, ports.plc, figures);
     if (*verb == "metrics") {
-      const Json answer = {{"schema", "slabd.metrics/1"}, {"text", metrics_text(station, ports, figures)}};
+      std::string answer = metrics_json(station, ports, figures);
       if (request.value("reset", false)) figures.block_max_ms = figures.commit_max_ms = 0.0;
-      return text_of(answer);
+      return answer;
     }
     if (*verb == "care" || *verb == "backup" || *verb == "prune") {
       if (ports.store == nullptr) return refusal("the daemon has no usable database");

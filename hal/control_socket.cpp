@@ -20,6 +20,8 @@ namespace slabd::hal {
 namespace {
 
 constexpr std::int64_t kIdleLimitNs = 10 * kNsPerS;
+/// With every place taken, whoever has been silent for so long makes room for the next one, who waits for 3 s.
+constexpr std::int64_t kMakesRoomNs = kNsPerS;
 constexpr mode_t kOwnerAndGroup = 0660;
 /// A person's display asks once or twice a second; the loop has better things to do than to answer a busy script.
 constexpr int kRequestsPerSecondMax = 20;
@@ -88,19 +90,37 @@ class ControlSocket final : public ControlPort {
   }
 
   void accept_clients(std::int64_t mono_ns) {
-    for (ControlClient& client : clients_) {
-      if (client.fd.is_open()) continue;
+    while (ControlClient* place = place_for_one_more(mono_ns)) {
       Fd fd(accept4(listener_.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
       if (!fd.is_open()) return;
       // Room for the largest answers, so that one send takes them.
       const int bytes = 1 << 20;
       setsockopt(fd.get(), SOL_SOCKET, SO_SNDBUF, &bytes, sizeof bytes);
-      client.uid = uid_behind(fd);
-      client.fd = std::move(fd);
-      client.active_ns = mono_ns;
-      client.second_ns = mono_ns;
-      client.requests = 0;
+      forget(*place);
+      place->uid = uid_behind(fd);
+      place->fd = std::move(fd);
+      place->active_ns = mono_ns;
+      place->second_ns = mono_ns;
+      place->requests = 0;
     }
+  }
+
+  /// A free place, or that of the longest silent client: a program that opens connections and forgets them must not
+  /// keep everybody else out. nullptr: none.
+  ControlClient* place_for_one_more(std::int64_t mono_ns) {
+    ControlClient* place = nullptr;
+    for (ControlClient& client : clients_) {
+      if (!client.fd.is_open()) return &client;
+      const bool silent = mono_ns - client.active_ns > kMakesRoomNs && !has_written(client);
+      if (silent && (place == nullptr || client.active_ns < place->active_ns)) place = &client;
+    }
+    return place;
+  }
+
+  /// It was this process that stood still, not the client.
+  static bool has_written(const ControlClient& client) {
+    char byte = 0;
+    return recv(client.fd.get(), &byte, 1, MSG_PEEK | MSG_DONTWAIT) > 0;
   }
 
   /// The user who connected, as the kernel knows it.

@@ -84,7 +84,7 @@ Result<DeskAnswer> through_daemon(const daemon::Config& config, const storage::C
 }  // namespace
 
 Result<DeskAnswer> change_calibration(const daemon::Config& config, const storage::CalibrationChange& change) {
-  if (daemon_listens(config.control_socket)) return through_daemon(config, change);
+  if (daemon_has_database(config.control_socket)) return through_daemon(config, change);
   // Nobody listens. Should a daemon run without its socket, or start just now, its lock keeps us out.
   Result<std::unique_ptr<storage::Store>> store = storage::open_store(config.storage);
   if (!store.ok()) return store.error();
@@ -94,7 +94,7 @@ Result<DeskAnswer> change_calibration(const daemon::Config& config, const storag
 }
 
 void finish_killed_change(const daemon::Config& config) {
-  if (storage::is_unfinished(config.storage.db_path) && !daemon_listens(config.control_socket))
+  if (storage::is_unfinished(config.storage.db_path) && !daemon_has_database(config.control_socket))
     (void)storage::open_store(config.storage);
 }
 

@@ -176,7 +176,8 @@ void drop_old_backups(const daemon::Config& config, const std::string& made, int
 int back_up(const Options& options) {
   daemon::Config config;
   if (!config_from(options.config, config)) return kBadInput;
-  Result<std::string> made = daemon_listens(config.control_socket) ? backup_by_daemon(config) : backup_offline(config);
+  Result<std::string> made =
+      daemon_has_database(config.control_socket) ? backup_by_daemon(config) : backup_offline(config);
   if (!made.ok()) return fail(made.error());
   std::string path = made.value();
   if (!options.out.empty()) {
@@ -205,7 +206,7 @@ int restore(const Options& options) {
   }
   daemon::Config config;
   if (!config_from(options.config, config)) return kBadInput;
-  if (daemon_listens(config.control_socket)) {
+  if (daemon_has_database(config.control_socket)) {
     complain("slabd runs; stop it first (systemctl stop slabd): its database cannot be replaced under its hands");
     return kRefused;
   }
@@ -231,7 +232,7 @@ int restore(const Options& options) {
 int prune(const Options& options) {
   daemon::Config config;
   if (!config_from(options.config, config)) return kBadInput;
-  if (daemon_listens(config.control_socket)) {
+  if (daemon_has_database(config.control_socket)) {
     const std::string failed = options.keep_failed_slabs
                                    ? fmt::format(R"(,"keep_failed_slabs":{})", *options.keep_failed_slabs)
                                    : std::string();

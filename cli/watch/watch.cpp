@@ -7,6 +7,7 @@
 #include <fmt/core.h>
 #include <poll.h>
 #include <sys/ioctl.h>
+#include <sys/stat.h>
 #include <termios.h>
 #include <unistd.h>
 
@@ -212,20 +213,31 @@ class Watcher {
   }
   /// The slabs, from the database.
   void read_database(const std::string& path) {
-    if (reader_ == nullptr || path != reader_path_) {
+    // What is open stays readable when another database takes its place (slabctl db restore), and would be shown for
+    // ever. Where none is now, the reader says so.
+    struct stat now {};
+    const bool there = ::stat(path.c_str(), &now) == 0;
+    const bool same = there && now.st_dev == reader_file_.st_dev && now.st_ino == reader_file_.st_ino;
+    if (reader_ == nullptr || !same) {
+      reader_.reset();
       auto opened = storage::open_reader(path);
       if (!opened) return cannot_read(opened.error());
       reader_ = std::move(opened.value());
-      reader_path_ = path;
+      reader_file_ = now;
     }
     storage::SlabFilter filter;
     filter.limit = 40;
     const auto slabs = reader_->slabs(filter);
     if (!slabs) return cannot_read(slabs.error());
     picture_.past_trouble.clear();
-    if (slabs.value().empty()) return;
     Picture& p = picture_;
     p.past.clear();
+    if (slabs.value().empty()) {
+      p.slab.clear();
+      p.stations.clear();
+      p.map_age_s = kNoValue;
+      return;
+    }
     for (const storage::SlabSummary& slab : slabs.value())
       p.past.push_back({slab.header.slab_no, std::string(slab.header.slab_id.view()), slab.verdict, slab.reason,
                         slab.ended_utime_us == 0 ? kNoValue : seconds_since(slab.ended_utime_us)});
@@ -252,7 +264,7 @@ class Watcher {
   bool has_answer_ = false;
   Clock::time_point answered_{};
   std::unique_ptr<storage::Reader> reader_;
-  std::string reader_path_;
+  struct stat reader_file_ {};  ///< which file `reader_` reads
 };
 
 }  // namespace

@@ -2,8 +2,12 @@
 //
 // slabctl as a process: exit status, stdout and stderr.
 #include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
@@ -111,6 +115,44 @@ TEST_F(Slabctl, unreachable_daemon_and_database_are_status_4) {
   EXPECT_EQ(run("history --db " + file("none.db")).status, 4);
   EXPECT_EQ(run("show 1 --db " + file("none.db")).status, 4);
   EXPECT_FALSE(fs::exists(file("none.db"))) << "a reading command must not make a database";
+}
+
+/// A daemon that was stopped still has a queue of those who want to ask, and whoever gives up stays in it.
+TEST_F(Slabctl, a_daemon_that_takes_no_question_is_status_4_and_keeps_nobody) {
+  const std::string path = file("deaf.sock");
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  ASSERT_LT(path.size(), sizeof address.sun_path);
+  path.copy(address.sun_path, path.size());
+  const auto* where = static_cast<const sockaddr*>(static_cast<const void*>(&address));
+  const int deaf = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  ASSERT_EQ(::bind(deaf, where, sizeof address), 0);
+  ASSERT_EQ(::listen(deaf, 0), 0);
+  const int first = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  ASSERT_EQ(::connect(first, where, sizeof address), 0) << "fills the queue";
+  ::close(first);
+
+  const auto begin = std::chrono::steady_clock::now();
+  const Ended asked = run("status --socket " + path);
+  EXPECT_EQ(asked.status, 4);
+  EXPECT_NE(asked.err.find("takes no question within 3 s"), std::string::npos) << asked.err;
+  const Ended figures = run("metrics --socket " + path);
+  EXPECT_EQ(figures.status, 4);
+  EXPECT_NE(figures.out.find("\nslabd_up 0\n"), std::string::npos) << figures.out;
+  EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(30));
+  ::close(deaf);
+}
+
+TEST_F(Slabctl, what_a_full_disk_did_not_take_is_not_done) {
+  // More and less than what is kept back before it is written.
+  for (const std::string& command : {"recipe show " + kRecipe + " --json", std::string("plc codes")}) {
+    EXPECT_EQ(run(command).status, 0) << command;
+    const int status = std::system((std::string(SLABCTL) + " " + command + " >/dev/full 2>" + file("full")).c_str());
+    EXPECT_EQ(WEXITSTATUS(status), 4) << command;
+    EXPECT_NE(content(file("full")).find("could not be written"), std::string::npos) << content(file("full"));
+  }
+  const int status = std::system((std::string(SLABCTL) + " --version >/dev/full 2>" + file("full")).c_str());
+  EXPECT_EQ(WEXITSTATUS(status), 4);
 }
 
 TEST_F(Slabctl, recipe_show_gives_every_nominal_with_its_confirmation) {

@@ -133,6 +133,46 @@ TEST_F(LoopStart, while_the_database_is_opened_the_plc_reads_recover_and_a_heart
   EXPECT_EQ(plc.published.back().slab_verdict, Verdict::none);
 }
 
+/// Asks one question, and keeps the answer.
+class OneQuestion final : public hal::ControlPort {
+ public:
+  explicit OneQuestion(std::string question) : question_(std::move(question)) {}
+  std::size_t poll_fds(std::span<pollfd> /*fds*/) override { return 0; }
+  bool next(std::int64_t /*mono_ns*/, std::string_view& line) override {
+    if (asked_) return false;
+    asked_ = true;
+    line = question_;
+    return true;
+  }
+  void reply(std::string_view json) override { answer = json; }
+  std::uint32_t peer_uid() const override { return kNobody; }
+
+  std::string answer;
+
+ private:
+  std::string question_;
+  bool asked_ = false;
+};
+
+TEST_F(LoopStart, while_the_database_is_opened_state_and_figures_are_told) {
+  const auto ask = [&](const char* question) {
+    OneQuestion control(question);
+    const Ports ports{plc, pose, scanner, nullptr, &control, clock, notify};
+    static_cast<void>(open_beside_the_line(
+        []() -> Result<std::unique_ptr<storage::Store>> {
+          std::this_thread::sleep_for(std::chrono::milliseconds(100));
+          return error(Code::journal_write, "not yet");
+        },
+        ports, StationSettings{}, LoopFigures{}, std::atomic<bool>{false}));
+    return control.answer;
+  };
+  EXPECT_NE(ask(R"({"verb":"status"})").find(R"("state":"recover")"), std::string::npos);
+  const std::string figures = ask(R"({"verb":"metrics"})");
+  EXPECT_NE(figures.find(R"("schema":"slabd.metrics/1")"), std::string::npos) << figures;
+  EXPECT_NE(figures.find("slabd_store_ok 0"), std::string::npos) << figures;
+  EXPECT_NE(ask(R"({"verb":"backup"})").find("ask again"), std::string::npos);
+}
+
 TEST_F(LoopStart, whoever_stops_it_does_not_wait_for_the_database) {
   const std::atomic<bool> stop{true};
   const Ports ports{plc, pose, scanner, nullptr, nullptr, clock, notify};

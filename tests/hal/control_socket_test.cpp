@@ -4,6 +4,7 @@
 #include <sys/stat.h>
 #include <sys/un.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <memory>
@@ -153,6 +154,34 @@ TEST_F(ControlSocketTest, a_fifth_client_waits_for_a_place) {
   EXPECT_EQ(turn(), 0);
   EXPECT_EQ(turn(), 1);
   EXPECT_EQ(received(fifth), "<hello>\n");
+}
+
+TEST_F(ControlSocketTest, who_is_silent_makes_room_for_the_next_and_who_asks_does_not) {
+  std::vector<Fd> silent;
+  for (std::size_t i = 1; i < limits::kControlClientsMax; ++i) silent.push_back(connected(path_));
+  const Fd asks = connected(path_);
+  EXPECT_EQ(turn(), 0);
+  now_ns_ += 2 * kNsPerS;
+  send_text(asks, "here\n");
+  EXPECT_EQ(turn(), 1);
+  const Fd next = connected(path_);
+  send_text(next, "hello\n");
+  EXPECT_EQ(turn(), 1);
+  EXPECT_EQ(received(next), "<hello>\n");
+  EXPECT_EQ(received(asks), "<here>\n");
+  EXPECT_FALSE(closed(asks));
+  EXPECT_EQ(std::count_if(silent.begin(), silent.end(), closed), 1);
+}
+
+TEST_F(ControlSocketTest, who_has_asked_while_the_daemon_stood_still_is_answered) {
+  std::vector<Fd> clients;
+  for (std::size_t i = 0; i < limits::kControlClientsMax; ++i) clients.push_back(connected(path_));
+  EXPECT_EQ(turn(), 0);
+  const Fd next = connected(path_);
+  for (const Fd& client : clients) send_text(client, "me\n");
+  now_ns_ += 2 * kNsPerS;
+  EXPECT_EQ(turn(), 4);
+  for (const Fd& client : clients) EXPECT_EQ(received(client), "<me>\n");
 }
 
 TEST_F(ControlSocketTest, a_client_that_never_reads_is_closed) {

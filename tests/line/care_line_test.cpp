@@ -4,10 +4,15 @@
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
+#include <poll.h>
+#include <pty.h>
 #include <sys/socket.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
+#include <chrono>
+#include <csignal>
 #include <cstdlib>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -45,7 +50,6 @@ class CareLine : public testing::Test {
   void start() {
     box_.start();
     ASSERT_TRUE(box_.ready()) << box_.log();
-    // With a faulty configuration there is no control socket.
     for (int i = 0; i < 500 && box_.log().find("Modbus/TCP server") == std::string::npos; ++i) ::usleep(10'000);
   }
   [[nodiscard]] Box::Answer db(std::vector<std::string> args) const {
@@ -175,6 +179,64 @@ TEST_F(CareLine, a_second_daemon_leaves_the_scanner_alone_until_the_database_is_
   EXPECT_EQ(other.stop(), 0);
 }
 
+/// `slabctl status --watch` on a terminal of its own.
+class Watch {
+ public:
+  explicit Watch(const fs::path& config) {
+    const winsize size{24, 120, 0, 0};
+    pid_ = ::forkpty(&terminal_, nullptr, nullptr, &size);
+    if (pid_ != 0) return;
+    ::execl(SLABCTL_PROGRAM, SLABCTL_PROGRAM, "status", "--watch", "--config", config.c_str(), nullptr);
+    ::_exit(127);
+  }
+  ~Watch() {
+    ::kill(pid_, SIGKILL);
+    ::waitpid(pid_, nullptr, 0);
+    ::close(terminal_);
+  }
+  Watch(const Watch&) = delete;
+  Watch& operator=(const Watch&) = delete;
+
+  /// Within ten seconds a whole new picture has `text`.
+  [[nodiscard]] bool shows(const std::string& text) {
+    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(10);
+    std::string seen;
+    while (std::chrono::steady_clock::now() < until) {
+      pollfd ready{terminal_, POLLIN, 0};
+      std::array<char, 4096> piece{};
+      if (::poll(&ready, 1, 100) <= 0) continue;
+      const ssize_t got = ::read(terminal_, piece.data(), piece.size());
+      if (got <= 0) return false;
+      seen.append(piece.data(), static_cast<std::size_t>(got));
+      last = seen;
+      if (seen.find(text) != std::string::npos) return true;
+      const std::size_t whole = seen.rfind("\x1b[J");
+      if (whole != std::string::npos) seen.erase(0, whole);
+    }
+    return false;
+  }
+  std::string last;
+
+ private:
+  int terminal_ = -1;
+  pid_t pid_ = -1;
+};
+
+TEST_F(CareLine, the_operators_screen_follows_to_a_database_that_took_the_place_of_its_own) {
+  start();
+  Watch watch(box_.config);
+  ASSERT_TRUE(watch.shows("no slab yet")) << watch.last;
+  const std::unique_ptr<Process> line = box_.simulate({"--slab-no", "7", "--slab-id", "OLD-7", "--move-s", "0.05"});
+  ASSERT_TRUE(watch.shows("OLD-7")) << watch.last;
+  line->signal(SIGTERM);
+  static_cast<void>(line->wait());
+  EXPECT_EQ(box_.stop(), 0);
+  EXPECT_EQ(db({"restore", "--fresh", "--why", "test", "--lose-calibrations"}).exit_status, 0);
+  start();
+  EXPECT_TRUE(watch.shows("no slab yet")) << watch.last;
+  EXPECT_EQ(box_.stop(), 0);
+}
+
 TEST_F(CareLine, figures_are_told_for_prometheus_and_a_silent_daemon_is_one) {
   const fs::path file = box_.dir / "slabd.prom";
   const std::vector<std::string> ask = {"metrics", "--config", box_.config.native(), "--out", file.native()};
@@ -189,11 +251,56 @@ TEST_F(CareLine, figures_are_told_for_prometheus_and_a_silent_daemon_is_one) {
   EXPECT_EQ(box_.stop(), 0);
 }
 
-TEST_F(CareLine, a_faulty_configuration_is_fault_504_with_modbus_up) {
+TEST_F(CareLine, figures_do_not_grow_old_with_a_faulty_configuration) {
+  const fs::path file = box_.dir / "slabd.prom";
+  const std::vector<std::string> ask = {"metrics", "--config", box_.config.native(), "--out", file.native()};
+  const auto is_told = [&](const char* line) {
+    const bool told = read_file(file).find(line) != std::string::npos;
+    std::ofstream(file) << "old\n";
+    return told;
+  };
+  start();
+  EXPECT_EQ(box_.slabctl(ask).exit_status, 0);
+  EXPECT_TRUE(is_told("\nslabd_up 1\n"));
+  std::ofstream(box_.config, std::ios::app) << "\n[scanner2]\n";
+  EXPECT_EQ(box_.slabctl(ask).exit_status, 3);
+  EXPECT_TRUE(is_told("\nslabd_fault_code 0\n")) << "it runs on with what it has read";
+  EXPECT_EQ(box_.stop(), 0);
+  EXPECT_EQ(box_.slabctl(ask).exit_status, 3);
+  EXPECT_TRUE(is_told("\nslabd_up 0\n"));
+  start();
+  EXPECT_EQ(box_.slabctl(ask).exit_status, 3);
+  EXPECT_TRUE(is_told("\nslabd_fault_code 504\n"));
+  EXPECT_EQ(box_.stop(), 0);
+}
+
+TEST_F(CareLine, a_faulty_configuration_is_fault_504_for_whoever_asks) {
   std::ofstream(box_.config, std::ios::app) << "\n[scanner2]\n";
   start();
   EXPECT_EQ(input_register(box_.port, kFault), 504) << box_.log();
   EXPECT_EQ(input_register(box_.port, kState), kStateFault);
+  const Box::Answer status = box_.slabctl({"status", "--config", box_.config.native()});
+  EXPECT_EQ(status.exit_status, 3);
+  EXPECT_NE(status.err.find("scanner2"), std::string::npos) << status.err;
+  EXPECT_NE(status.out.find("504: the configuration is not usable"), std::string::npos) << status.out << status.err;
+  EXPECT_EQ(box_.stop(), 0);
+}
+
+TEST_F(CareLine, without_recipes_it_says_504_and_its_database_is_still_backed_up) {
+  start();
+  EXPECT_EQ(box_.stop(), 0);
+  std::string text = read_file(box_.config);
+  text.replace(text.find("/recipes"), 8, "/nowhere");
+  std::ofstream(box_.config) << text;
+  start();
+  const Box::Answer status = box_.slabctl({"status", "--config", box_.config.native()});
+  EXPECT_EQ(status.exit_status, 0) << status.err;
+  EXPECT_NE(status.out.find("504: the configuration is not usable"), std::string::npos) << status.out;
+  EXPECT_NE(status.out.find("store        ok no"), std::string::npos) << status.out;
+  const Box::Answer doctor = box_.slabctl({"doctor", "--config", box_.config.native(), "--listen-s", "1"});
+  EXPECT_NE(doctor.out.find("fault 504"), std::string::npos) << doctor.out;
+  EXPECT_EQ(doctor.out.find("another program"), std::string::npos) << doctor.out;
+  EXPECT_EQ(db({"backup"}).exit_status, 0);
   EXPECT_EQ(box_.stop(), 0);
 }
 
