@@ -37,11 +37,11 @@ class RestoreTest : public StoreTest {
                             {from, {"anna", "the disk broke", 1'700'000'000'000'000}, 4711, lose_calibrations});
   }
   /// A hand-eye calibration is put in force in the database as it lies there.
-  void calibrate() {
+  void calibrate(double height_mm = 150.0) {
     open();
     CalibrationRecord record;
     HandEyeNumbers numbers;
-    numbers.T_flange_scanner.translation_mm = Vec3(1.0, 2.0, 150.0);
+    numbers.T_flange_scanner.translation_mm = Vec3(1.0, 2.0, height_mm);
     numbers.sigma_mm = 0.02;
     numbers.sigma_rad = 1e-5;
     record.numbers = numbers;
@@ -132,6 +132,24 @@ TEST_F(RestoreTest, calibrations_are_not_lost_without_a_word) {
   ASSERT_TRUE(restore(backup_, true).ok());
   open();
   EXPECT_EQ(recover()->slab_verdict, Verdict::aborted);
+}
+
+TEST_F(RestoreTest, calibrations_are_not_exchanged_for_as_many_others_without_a_word) {
+  // A backup with a calibration; then an older one is put back, and the line is calibrated anew: one change each.
+  calibrate(150.0);
+  const std::string then = folder_.path() + "/then.db";
+  ASSERT_TRUE(back_up_database(settings_.db_path, then).ok());
+  ASSERT_TRUE(restore(backup_, true).ok());
+  calibrate(151.0);
+  const Status status = restore(then);
+  ASSERT_FALSE(status.ok());
+  EXPECT_EQ(status.error().code, Code::config);
+  EXPECT_NE(status.error().text.view().find("1 changes of calibrations and 0 checks"), std::string_view::npos)
+      << status.error().text.view();
+  // With nothing but what the backup knows too, nothing is lost.
+  const std::string now = folder_.path() + "/now.db";
+  ASSERT_TRUE(back_up_database(settings_.db_path, now).ok());
+  EXPECT_TRUE(restore(now).ok());
 }
 
 TEST_F(RestoreTest, what_was_there_is_kept_in_quarantine) {
