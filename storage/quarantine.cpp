@@ -188,6 +188,9 @@ std::string sign_of_earlier_life(const std::string& path, const std::string& spo
   if (file_bytes(path) > 0) return {};
   // A log without a transaction is what a creation leaves that was stopped; nothing was ever kept there.
   if (may_hold_transaction(path + "-wal")) return path + "-wal";
+  // Somebody was putting a backup there and was cut short: no history is begun under his hands.
+  for (const char* side : {"", ".part"})
+    if (file_bytes(path + kRestored + side) > 0) return path + kRestored + side;
   const std::string name = fs::path(path).filename().string();
   const std::string folder = folder_of(path).empty() ? "." : folder_of(path);
   for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec)) {

@@ -21,8 +21,11 @@ namespace slabd::storage {
 /// Moves what quarantine() was stopped before. Does nothing when no note lies there.
 [[nodiscard]] Status finish_quarantine(const std::string& path);
 
+/// Added to a database's name: what restore_database() prepares before it takes its place.
+inline constexpr const char* kRestored = ".restored";
+
 /// What shows that there has been a database although no file (or an empty one) lies at `path`: a log, a backup, a
-/// quarantine, scans of slabs in the spool. Empty: nothing.
+/// restoring that was cut short, a quarantine, scans of slabs in the spool. Empty: nothing.
 [[nodiscard]] std::string sign_of_earlier_life(const std::string& path, const std::string& spool_dir);
 
 /// The largest slab number among the spool's folders, 0: none.

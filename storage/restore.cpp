@@ -173,7 +173,7 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
                  path.c_str(), static_cast<long long>(lost_applied), static_cast<long long>(lost_checks),
                  order.from.empty() ? "an empty history" : order.from.c_str());
   const std::int64_t keys_used = std::max(lost.slab_key, newest_key_in_spool(settings.spool_dir));
-  const std::string part = path + ".restored";
+  const std::string part = path + kRestored;
   if (Status status = clear_part(part); !status.ok()) return status;
   try {
     if (!order.from.empty()) {

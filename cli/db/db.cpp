@@ -217,7 +217,7 @@ int restore(const Options& options) {
   std::random_device chance;
   order.session = static_cast<std::uint16_t>(1 + chance() % 65'000);
   if (Status status = storage::restore_database(config.storage, order); !status.ok()) return fail(status.error());
-  fmt::print("{} is in place; what was there lies in quarantine beside it. Start slabd.\n",
+  fmt::print("{} is in place; what was there, if anything, lies in quarantine beside it. Start slabd.\n",
              order.from.empty() ? "an empty history" : order.from);
   if (!order.from.empty()) fmt::print("Slabs measured after that backup are missing, and the history says so.\n");
   fmt::print(

@@ -152,6 +152,24 @@ TEST_F(RestoreTest, calibrations_are_not_exchanged_for_as_many_others_without_a_
   EXPECT_TRUE(restore(now).ok());
 }
 
+TEST_F(RestoreTest, cut_short_where_no_database_lay_begins_no_history) {
+  for (const char* left : {".restored.part", ".restored"}) {
+    settings_.db_path = folder_.path() + "/disk" + left + "/slabd.db";
+    settings_.spool_dir = folder_.path() + "/disk" + left + "/spool";
+    fs::create_directories(settings_.spool_dir);
+    std::ofstream(settings_.db_path + left) << "half of a backup";
+    const auto store = open_store(settings_);
+    ASSERT_FALSE(store.ok()) << left;
+    EXPECT_NE(store.error().text.view().find("shows that there was one"), std::string_view::npos)
+        << store.error().text.view();
+    EXPECT_FALSE(fs::exists(settings_.db_path)) << left;
+    ASSERT_TRUE(restore(backup_).ok());
+    open();
+    EXPECT_EQ(recover()->last_slab_key, 2);
+    close();
+  }
+}
+
 TEST_F(RestoreTest, what_was_there_is_kept_in_quarantine) {
   ASSERT_TRUE(restore(backup_).ok());
   int kept = 0;
