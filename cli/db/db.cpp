@@ -108,6 +108,24 @@ int examine(const std::string& path, const Options& options) {
   return report.ok() ? tell(path, report.value(), options) : fail(report.error());
 }
 
+/// By the slabs it knows: a clock that was ahead for a moment leaves a name that sorts last for years.
+struct NewestBackup {
+  std::string path;
+  std::int64_t slab_key = -1;  ///< -1: it cannot be read by this version
+};
+
+NewestBackup newest_of(const std::vector<std::string>& backups) {
+  NewestBackup newest;
+  for (const std::string& path : backups) {
+    std::int64_t key = -1;
+    if (const auto reader = storage::open_reader(path); reader.ok())
+      if (const auto slabs = reader.value()->slabs(1); slabs.ok())
+        key = slabs.value().empty() ? 0 : slabs.value().front().header.key;
+    if (key >= newest.slab_key) newest = {path, key};
+  }
+  return newest;
+}
+
 int check(const Options& options) {
   daemon::Config config;
   if (!config_from(options.config, config)) return kBadInput;
@@ -117,7 +135,9 @@ int check(const Options& options) {
   if (backups.empty()) {
     fmt::print("no backup: make one with slabctl db backup\n");
   } else {
-    fmt::print("{} backups, newest {}\n", backups.size(), backups.back());
+    const NewestBackup newest = newest_of(backups);
+    fmt::print("{} backups, newest {}{}\n", backups.size(), newest.path,
+               newest.slab_key < 0 ? "" : fmt::format(" (slabs up to {})", newest.slab_key));
   }
   return status;
 }
@@ -176,16 +196,24 @@ void drop_old_backups(const daemon::Config& config, const std::string& made, int
 int back_up(const Options& options) {
   daemon::Config config;
   if (!config_from(options.config, config)) return kBadInput;
+  if (!options.out.empty() && fs::exists(options.out)) {
+    complain(fmt::format("{} exists already; nothing was done", options.out));
+    return kBadInput;
+  }
   Result<std::string> made = daemon_listens(config.control_socket) ? backup_by_daemon(config) : backup_offline(config);
   if (!made.ok()) return fail(made.error());
   std::string path = made.value();
   if (!options.out.empty()) {
-    if (fs::exists(options.out)) {
-      complain(fmt::format("{} exists already; the backup is {}", options.out, path));
-      return kBadInput;
+    const std::string part = options.out + ".part";
+    std::error_code ec;
+    fs::remove(part, ec);  // of a copy that was cut short
+    Status copied = copy_synced(path, part);
+    if (copied.ok()) copied = rename_durably(part, options.out);
+    if (!copied.ok()) {
+      fs::remove(part, ec);
+      complain(fmt::format("the backup is {}; no further copy was made", path));
+      return fail(copied.error());
     }
-    if (Status copied = copy_synced(path, options.out + ".part"); !copied.ok()) return fail(copied.error());
-    if (Status named = rename_durably(options.out + ".part", options.out); !named.ok()) return fail(named.error());
     path = options.out;
   }
   Options thorough = options;

@@ -322,6 +322,25 @@ TEST_F(ReplayOther, a_pin_lies_beside_the_scans_and_says_why) {
   expect_mentions(run("pin" + of_slab + " --reason late").err, "its scans are gone");
 }
 
+TEST_F(ReplayOther, the_newest_backup_is_the_one_that_knows_the_newest_slab) {
+  begin();
+  end();
+  ASSERT_EQ(run("db backup --config " + config()).status, 0);
+  const fs::path folder = file("backups");
+  const fs::path ahead = folder / "slabd-20991231T000000.000Z.db";  // made while the clock was wrong
+  fs::rename(fs::directory_iterator(folder)->path(), ahead);
+  header_.key = 2;
+  begin();
+  store_.reset();
+  ASSERT_EQ(run("db backup --config " + config()).status, 0);
+  std::string newest;
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (entry.path() != ahead) newest = entry.path().native();
+  const Ended checked = run("db check --config " + config());
+  EXPECT_EQ(checked.status, 0) << checked.err;
+  expect_mentions(checked.out, "2 backups, newest " + newest + " (slabs up to 2)");
+}
+
 using Checksum = Slabctl;
 
 TEST_F(Checksum, the_python_of_the_documents_gives_it) {

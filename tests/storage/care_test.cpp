@@ -2,8 +2,10 @@
 //
 // Copies and retention by the daemon's writer, between its jobs.
 #include <filesystem>
+#include <fstream>
 #include <thread>
 
+#include "storage/backup.h"
 #include "storage/database.h"
 #include "tests/storage/store_fixture.h"
 
@@ -88,6 +90,29 @@ TEST_F(CareTest, one_copy_at_a_time_and_none_over_an_existing_file) {
   quiet(10);
   EXPECT_EQ(store_->care().backup, Phase::failed);
   begin(1);  // work goes on
+}
+
+TEST_F(CareTest, what_a_kill_left_of_a_copy_goes_at_the_next_start_and_one_under_way_stays) {
+  open();
+  (void)recover();
+  slabs(1, 3);
+  close();
+  const std::string folder = fs::path(settings_.db_path).parent_path().string() + "/backups/";
+  const std::string left = folder + "slabd-20260314T015900.123Z.db.part";
+  std::ofstream(left) << "of a moment ago";
+  const std::string somebodys = folder + "notes.part";
+  std::ofstream(somebodys) << "precious";
+  Result<std::unique_ptr<Connection>> db = open_for_reading(settings_.db_path);
+  ASSERT_TRUE(db.ok());
+  Backup under_way(*db.value(), folder + "slabd-20260314T020000.123Z.db", 0);
+  EXPECT_FALSE(under_way.step(1));
+  open();
+  EXPECT_FALSE(fs::exists(left));
+  EXPECT_TRUE(fs::exists(somebodys));
+  EXPECT_TRUE(fs::exists(folder + "slabd-20260314T020000.123Z.db.part"));
+  while (!under_way.step(-1)) {
+  }
+  EXPECT_EQ(check_database(folder + "slabd-20260314T020000.123Z.db", true).value().trouble, "");
 }
 
 TEST_F(CareTest, a_copy_without_a_daemon) {
