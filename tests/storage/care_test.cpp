@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Copies and retention by the daemon's writer, between its jobs.
+#include <sqlite3.h>
+
 #include <filesystem>
 #include <fstream>
 #include <thread>
@@ -113,6 +115,30 @@ TEST_F(CareTest, what_a_kill_left_of_a_copy_goes_at_the_next_start_and_one_under
   while (!under_way.step(-1)) {
   }
   EXPECT_EQ(check_database(folder + "slabd-20260314T020000.123Z.db", true).value().trouble, "");
+}
+
+TEST_F(CareTest, what_cannot_be_opened_here_is_not_called_damaged) {
+  open();
+  (void)recover();
+  slabs(1, 1);
+  close();
+  ASSERT_TRUE(back_up_database(settings_.db_path, copy_path()).ok());
+  const auto set_version = [&](int version) {
+    Connection db(copy_path(), SQLITE_OPEN_READWRITE);
+    db.execute("PRAGMA user_version = " + std::to_string(version));
+  };
+  set_version(kSchemaVersion + 1);
+  const Result<DatabaseReport> newer = check_database(copy_path(), true);
+  ASSERT_FALSE(newer.ok()) << newer.value().trouble;
+  EXPECT_EQ(newer.error().code, Code::config);
+  EXPECT_NE(newer.error().text.view().find("written by a newer slabd"), std::string_view::npos);
+  set_version(kSchemaVersion);
+  EXPECT_EQ(check_database(copy_path(), true).value().trouble, "");
+  // What is ours and spoilt from its second sector on is damaged, and is told as such.
+  std::fstream(copy_path(), std::ios::in | std::ios::out | std::ios::binary).seekp(100) << std::string(4000, 'x');
+  const Result<DatabaseReport> spoilt = check_database(copy_path(), true);
+  ASSERT_TRUE(spoilt.ok()) << spoilt.error().text.view();
+  EXPECT_NE(spoilt.value().trouble, "");
 }
 
 TEST_F(CareTest, a_copy_without_a_daemon) {
