@@ -224,7 +224,11 @@ std::unique_ptr<Connection> open_protected(const std::string& path) {
   return db;
 }
 
-Error no_database(const std::string& path) {
+/// `looked`: what asking for the file came to; a folder that may not be looked into may hold it.
+Error no_database(const std::string& path, const std::error_code& looked) {
+  if (looked)
+    return error(Code::config, "cannot look for database %s: %s; are you in the group of its folder?", path.c_str(),
+                 looked.message().c_str());
   return error(Code::config, "there is no database %s: slabd has not run with it yet, or the path is wrong",
                path.c_str());
 }
@@ -245,7 +249,7 @@ Result<std::unique_ptr<Connection>> open_copy_for_writing(const std::string& pat
 
 Result<std::unique_ptr<Connection>> open_any_version(const std::string& path) {
   std::error_code ec;
-  if (!std::filesystem::exists(path, ec)) return no_database(path);
+  if (!std::filesystem::exists(path, ec)) return no_database(path, ec);
   try {
     return open_protected(path);
   } catch (const SqlFailure& failure) {
@@ -257,7 +261,7 @@ Result<std::unique_ptr<Connection>> open_any_version(const std::string& path) {
 
 Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path) {
   std::error_code ec;
-  if (!std::filesystem::exists(path, ec)) return no_database(path);
+  if (!std::filesystem::exists(path, ec)) return no_database(path, ec);
   if (const auto note = quarantine_note(path))
     return error(Code::config, "%s is in quarantine: %.200s", path.c_str(), note->c_str());
   try {

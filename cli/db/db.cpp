@@ -72,13 +72,13 @@ bool is_backup_name(const std::string& name) {
   return true;
 }
 
-/// Backups of a database, oldest first: their names begin with the time.
-std::vector<std::string> backups_of(const std::string& db_path) {
+/// Backups of a database, oldest first: their names begin with the time. `ec`: their folder cannot be looked at.
+std::vector<std::string> backups_of(const std::string& db_path, std::error_code& ec) {
   std::vector<std::string> found;
-  std::error_code ec;
   const std::string folder = fs::path(db_path).parent_path().string() + "/backups";
   for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec))
     if (is_backup_name(entry->path().filename().string())) found.push_back(entry->path().string());
+  if (ec == std::errc::no_such_file_or_directory) ec.clear();
   std::sort(found.begin(), found.end());
   return found;
 }
@@ -131,8 +131,11 @@ int check(const Options& options) {
   if (!config_from(options.config, config)) return kBadInput;
   const int status = examine(config.storage.db_path, options);
   if (options.json) return status;
-  const auto backups = backups_of(config.storage.db_path);
-  if (backups.empty()) {
+  std::error_code ec;
+  const auto backups = backups_of(config.storage.db_path, ec);
+  if (ec) {
+    complain(fmt::format("backups cannot be looked for: {}", ec.message()));
+  } else if (backups.empty()) {
     fmt::print("no backup: make one with slabctl db backup\n");
   } else {
     const NewestBackup newest = newest_of(backups);
@@ -179,7 +182,8 @@ Result<std::string> backup_offline(const daemon::Config& config) {
 /// All but `made`, which was just found whole, and the newest of the others. By its name it need not be the newest:
 /// the clock may have been wrong.
 void drop_old_backups(const daemon::Config& config, const std::string& made, int keep) {
-  auto backups = backups_of(config.storage.db_path);
+  std::error_code unseen;  // then there is nothing to delete
+  auto backups = backups_of(config.storage.db_path, unseen);
   std::erase_if(backups,
                 [&](const std::string& path) { return fs::path(path).filename() == fs::path(made).filename(); });
   for (std::size_t i = 0; i + static_cast<std::size_t>(keep) <= backups.size(); ++i) {

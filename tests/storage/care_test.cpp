@@ -141,6 +141,17 @@ TEST_F(CareTest, what_cannot_be_opened_here_is_not_called_damaged) {
   EXPECT_NE(spoilt.value().trouble, "");
 }
 
+TEST_F(CareTest, a_folder_that_may_not_be_looked_into_is_not_called_empty) {
+  // A circle of links stands for a folder of another group, into which root may look.
+  fs::create_symlink(folder_.path() + "/circle", folder_.path() + "/circle");
+  const auto reader = open_reader(folder_.path() + "/circle/slabd.db");
+  ASSERT_FALSE(reader.ok());
+  EXPECT_NE(reader.error().text.view().find("cannot look for database"), std::string_view::npos)
+      << reader.error().text.view();
+  EXPECT_NE(open_reader(folder_.path() + "/none/slabd.db").error().text.view().find("there is no database"),
+            std::string_view::npos);
+}
+
 TEST_F(CareTest, a_copy_without_a_daemon) {
   open();
   (void)recover();
