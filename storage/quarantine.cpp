@@ -60,7 +60,7 @@ Status write_note(const std::string& path, const std::string& folder, const std:
   const int fd = open(path.c_str(), O_WRONLY | O_CLOEXEC);
   if (fd < 0) return trouble("cannot open", path);
   const std::string text = std::string(kFirstLine) + folder + "\n" + why +
-                           "\nThe database that was here was damaged and lies in that folder, untouched. slabd begins "
+                           "\nThe database that was here lies in that folder, untouched. slabd begins "
                            "no new history by itself.\nPut a backup here with `slabctl db restore`, or begin anew with "
                            "`slabctl db restore --fresh`.\n";
   const bool written = write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && fsync(fd) == 0;
@@ -106,6 +106,16 @@ Result<std::string> quarantine(const std::string& path, const std::string& why) 
   if (Status status = sync_file(folder_of(path)); !status.ok()) return status.error();
   if (Status status = finish_quarantine(path); !status.ok()) return status.error();
   return folder;
+}
+
+std::string replaced_in_quarantine(const std::string& path) {
+  const std::optional<std::string> note = quarantine_note(path);
+  if (!note) return {};
+  const std::string folder = folder_in(*note);
+  if (note->compare(kFirstLine.size() + folder.size(), std::strlen(kReplaced) + 2,
+                    '\n' + std::string(kReplaced) + '\n') != 0)
+    return {};
+  return folder + "/" + fs::path(path).filename().string();
 }
 
 Status finish_quarantine(const std::string& path) {

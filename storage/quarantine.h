@@ -18,6 +18,13 @@ namespace slabd::storage {
 /// The text under the database's name, when that is what lies there.
 [[nodiscard]] std::optional<std::string> quarantine_note(const std::string& path);
 
+/// Why a whole one went there: restoring was about to put another in its place.
+inline constexpr const char* kReplaced = "replaced by slabctl db restore";
+
+/// Where the whole database lies that a restoring was replacing when it was cut short; empty: the note is of a damaged
+/// one, or there is none.
+[[nodiscard]] std::string replaced_in_quarantine(const std::string& path);
+
 /// Moves what quarantine() was stopped before. Does nothing when no note lies there.
 [[nodiscard]] Status finish_quarantine(const std::string& path);
 

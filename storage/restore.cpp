@@ -133,7 +133,7 @@ Status clear_part(const std::string& part) {
 
 Status put_in_place(const std::string& part, const std::string& path) {
   if (file_bytes(path) > 0 && !quarantine_note(path)) {
-    const Result<std::string> folder = quarantine(path, "replaced by slabctl db restore");
+    const Result<std::string> folder = quarantine(path, kReplaced);
     if (!folder.ok()) return folder.error();
   }
   if (Status status = finish_quarantine(path); !status.ok()) return status;
@@ -159,18 +159,20 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
     if (!report.value().trouble.empty())
       return error(Code::journal_write, "%s is not whole: %s", order.from.c_str(), report.value().trouble.c_str());
   }
-  // In quarantine, or with a log that cannot be made durable, it does not say.
-  const bool speaks = file_bytes(path) > 0 && !quarantine_note(path) && make_log_durable(path).ok();
-  const Known lost = speaks ? known_at(path) : Known{};
+  // A whole one that a restoring before this one had put into quarantine when it was cut short still tells what is
+  // lost. A damaged one, or one with a log that cannot be made durable, does not say.
+  if (Status status = finish_quarantine(path); !status.ok()) return status;
+  const std::string replaced = quarantine_note(path) ? replaced_in_quarantine(path) : path;
+  const bool speaks = !replaced.empty() && file_bytes(replaced) > 0 && make_log_durable(replaced).ok();
+  const Known lost = speaks ? known_at(replaced) : Known{};
   const Known back = order.from.empty() ? Known{} : known_at(order.from);
   const std::int64_t lost_applied = missing(lost.applied, back.applied);
   const std::int64_t lost_checks = missing(lost.checks, back.checks);
   if (!order.lose_calibrations && (lost_applied > 0 || lost_checks > 0))
     return error(Code::config,
                  "%s knows of %lld changes of calibrations and %lld checks that %s does not: what is in force would be "
-                 "what was in force there. Look at them (slabctl calibrate history), and give --lose-calibrations to "
-                 "restore all the same",
-                 path.c_str(), static_cast<long long>(lost_applied), static_cast<long long>(lost_checks),
+                 "what was in force there. Look at them (slabctl calibrate history); --lose-calibrations gives them up",
+                 replaced.c_str(), static_cast<long long>(lost_applied), static_cast<long long>(lost_checks),
                  order.from.empty() ? "an empty history" : order.from.c_str());
   const std::int64_t keys_used = std::max(lost.slab_key, newest_key_in_spool(settings.spool_dir));
   const std::string part = path + kRestored;

@@ -6,6 +6,7 @@
 
 #include "storage/database.h"
 #include "storage/folders.h"
+#include "storage/quarantine.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {
@@ -168,6 +169,22 @@ TEST_F(RestoreTest, cut_short_where_no_database_lay_begins_no_history) {
     EXPECT_EQ(recover()->last_slab_key, 2);
     close();
   }
+}
+
+TEST_F(RestoreTest, done_again_after_it_was_cut_short_still_knows_what_would_be_lost) {
+  calibrate();
+  // Stopped after the database had gone to quarantine, before the backup had its name.
+  ASSERT_TRUE(quarantine(settings_.db_path, kReplaced).ok());
+  const std::string note = quarantine_note(settings_.db_path).value();
+  EXPECT_EQ(note.find("damaged"), std::string::npos) << note;
+  const Status status = restore(backup_);
+  ASSERT_FALSE(status.ok());
+  EXPECT_EQ(status.error().code, Code::config);
+  EXPECT_NE(status.error().text.view().find("1 changes of calibrations"), std::string_view::npos)
+      << status.error().text.view();
+  ASSERT_TRUE(restore(backup_, true).ok());
+  open();
+  EXPECT_EQ(recover()->last_slab_key, 3) << "key 3 was used by a slab that is not in the backup";
 }
 
 TEST_F(RestoreTest, what_was_there_is_kept_in_quarantine) {
