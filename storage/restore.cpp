@@ -153,7 +153,12 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
     if (Status status = make_folder(folder); !status.ok()) return status;
   WriterLock lock;
   if (Status status = lock.take(path); !status.ok()) return status;
+  const std::string part = path + kRestored;
   if (!order.from.empty()) {
+    std::error_code ec;
+    if (fs::equivalent(order.from, part, ec) || fs::equivalent(order.from, part + ".part", ec))
+      return error(Code::config, "%s is what a restoring left that was cut short, and goes: give the backup itself",
+                   order.from.c_str());
     const Result<DatabaseReport> report = check_database(order.from, true);
     if (!report.ok()) return report.error();
     if (!report.value().trouble.empty())
@@ -175,7 +180,6 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
                  replaced.c_str(), static_cast<long long>(lost_applied), static_cast<long long>(lost_checks),
                  order.from.empty() ? "an empty history" : order.from.c_str());
   const std::int64_t keys_used = std::max(lost.slab_key, newest_key_in_spool(settings.spool_dir));
-  const std::string part = path + kRestored;
   if (Status status = clear_part(part); !status.ok()) return status;
   try {
     if (!order.from.empty()) {

@@ -171,6 +171,16 @@ TEST_F(RestoreTest, cut_short_where_no_database_lay_begins_no_history) {
   }
 }
 
+TEST_F(RestoreTest, what_one_left_that_was_cut_short_is_no_backup) {
+  const std::string left = settings_.db_path + ".restored";
+  fs::copy_file(backup_, left);
+  const Status status = restore(left);
+  ASSERT_FALSE(status.ok());
+  EXPECT_EQ(status.error().code, Code::config) << status.error().text.view();
+  EXPECT_TRUE(fs::exists(left)) << "it may be the only one that somebody has";
+  ASSERT_TRUE(restore(backup_).ok());
+}
+
 TEST_F(RestoreTest, done_again_after_it_was_cut_short_still_knows_what_would_be_lost) {
   calibrate();
   // Stopped after the database had gone to quarantine, before the backup had its name.
