@@ -53,7 +53,8 @@ constexpr std::array kTable = {
     Entry{Code::ambiguous, "the scan fits the block in more than one way", "scan again with the whole block in view"},
     Entry{Code::deadline, "the measurement, or a buffer for the scan, was not ready in time",
           "check the computer's load"},
-    Entry{Code::store_full, "the disk has no room for two more slabs", "free space on the spool disk"},
+    Entry{Code::store_full, "a disk is full, or has no room for two more slabs",
+          "free space on the disk of the scans or of the database; `journalctl -u slabd` says which"},
     Entry{Code::journal_write,
           "the database or the spool of scans could not be written, or the database is damaged or not there",
           "`journalctl -u slabd` says which; check the disk and its mount, then reset the fault; `slabctl db check` "

@@ -81,7 +81,9 @@ std::string gap_text(const storage::HistoryGap& gap) {
     return fmt::format("the history was begun anew {}; nothing from before is here", by);
   std::string missing = fmt::format("slabs up to key {} may be missing", gap.slab_key);
   if (gap.kept_key >= gap.slab_key)
-    missing = "no slab is known to be missing";
+    missing =
+        "no slab is known to be missing, but where the database before it was lost or damaged nobody knows of those "
+        "after that backup";
   else if (gap.kept_key + 1 == gap.slab_key)
     missing = fmt::format("the slab of key {} may be missing", gap.slab_key);
   else if (gap.kept_key > 0)

@@ -9,11 +9,14 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <cstring>
 #include <filesystem>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "cli/command.h"
 #include "cli/database.h"
@@ -38,7 +41,15 @@ struct PinPlace {
   std::int64_t key = 0;
   std::string slab_id;
   std::string file;
+  std::vector<std::string> scans;  ///< where they lie that the slab's attempts name
 };
+
+std::size_t scans_there(const PinPlace& place) {
+  return static_cast<std::size_t>(std::count_if(place.scans.begin(), place.scans.end(), [](const std::string& scan) {
+    std::error_code ignored;
+    return fs::is_regular_file(scan, ignored);
+  }));
+}
 
 /// Where the slab's pin lies; false, with a word on stderr, when there is no such slab or its scans are gone.
 bool place_of(const PinOptions& options, PinPlace& place, int& exit_status) {
@@ -64,6 +75,10 @@ bool place_of(const PinOptions& options, PinPlace& place, int& exit_status) {
     return false;
   }
   place.file = (folder / "pin.json").string();
+  // By name, not by whole path: the spool may be known by another path today than when the scan was recorded.
+  for (const storage::SlabBlock& block : found->blocks)
+    if (const fs::path scan(block.attempt.scan_path.view()); scan.has_filename())
+      place.scans.push_back((folder / scan.filename()).string());
   exit_status = kDone;
   return true;
 }
@@ -84,6 +99,18 @@ int pin(const PinOptions& options) {
     complain(written.error().text.view());
     return kNotReachable;
   }
+  // Counted now: the daemon may have been deleting them, and leaves what it had not taken when the pin came.
+  const std::size_t there = scans_there(place);
+  if (there == 0) {
+    ::unlink(place.file.c_str());
+    complain(fmt::format("slab {} \"{}\": {} ({} is there without one)", place.key, place.slab_id,
+                         place.scans.empty() ? "no scan of it is recorded yet" : "its scans are gone",
+                         fs::path(place.file).parent_path().string()));
+    return kBadInput;
+  }
+  if (there < place.scans.size())
+    complain(fmt::format("slab {} \"{}\": {} of its {} scans are gone already", place.key, place.slab_id,
+                         place.scans.size() - there, place.scans.size()));
   fmt::print("slab {} \"{}\": its scans are kept: {}\n", place.key, place.slab_id, options.reason);
   return kDone;
 }

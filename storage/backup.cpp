@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "storage/backup.h"
 
+#include <fcntl.h>
 #include <sqlite3.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 #include <array>
 #include <cerrno>
-#include <chrono>
 #include <cstring>
 #include <ctime>
 #include <filesystem>
@@ -34,6 +35,16 @@ std::string folder_of(const std::string& path) {
 
 }  // namespace
 
+// Where there are no such locks the copy is made all the same; nobody can take them there to delete it either.
+void Backup::WorkLock::take(const std::string& path) {
+  fd_ = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd_ >= 0) (void)flock(fd_, LOCK_EX | LOCK_NB);
+}
+
+Backup::WorkLock::~WorkLock() {
+  if (fd_ >= 0) close(fd_);
+}
+
 Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes) : to_(std::move(to)), part_(to_ + ".part") {
   std::error_code ec;
   if (std::filesystem::exists(std::filesystem::symlink_status(to_, ec))) fail(to_ + " exists already");
@@ -47,6 +58,7 @@ Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes) : to
          SQLITE_FULL);
   std::filesystem::remove(part_, ec);  // of a copy that was cut short
   must(create_file(part_));
+  lock_.take(part_);
   copy_ = std::make_unique<Connection>(part_, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
   // Synced by step(), and worth nothing until it has its name.
   copy_->execute("PRAGMA synchronous = OFF");
@@ -104,16 +116,17 @@ Result<std::string> backup_folder(const std::string& db_path) {
 
 void remove_cut_short_backups(const std::string& db_path) {
   namespace fs = std::filesystem;
-  // Another process may be making a copy just now.
-  constexpr auto kStill = std::chrono::hours(1);
   std::error_code ec;
   const std::string folder = db_path.substr(0, db_path.rfind('/') + 1) + "backups";
   for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec)) {
     const std::string name = entry->path().filename().string();
     if (!name.starts_with("slabd-") || !name.ends_with(".db.part")) continue;
+    // By the lock of whoever is at work, not by its age: after a power cut the start follows within a minute.
+    const int fd = open(entry->path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+    if (fd < 0) continue;
     std::error_code gone;
-    const auto written = fs::last_write_time(entry->path(), gone);
-    if (!gone && written + kStill < fs::file_time_type::clock::now()) fs::remove(entry->path(), gone);
+    if (flock(fd, LOCK_EX | LOCK_NB) == 0) fs::remove(entry->path(), gone);
+    close(fd);
   }
 }
 

@@ -30,18 +30,33 @@ class Backup {
   [[nodiscard]] std::int64_t pages_done() const { return pages_done_; }
 
  private:
+  /// On the part, for remove_cut_short_backups(): somebody is at work. SQLite's own locks are of another kind.
+  class WorkLock {
+   public:
+    WorkLock() = default;
+    ~WorkLock();
+    WorkLock(const WorkLock&) = delete;
+    WorkLock& operator=(const WorkLock&) = delete;
+    void take(const std::string& path);
+
+   private:
+    int fd_ = -1;
+  };
+
   void finish();
   void end();
 
   std::string to_;
   std::string part_;
+  WorkLock lock_;
   std::unique_ptr<Connection> copy_;
   sqlite3_backup* backup_ = nullptr;
   std::int64_t pages_all_ = 0;
   std::int64_t pages_done_ = 0;
 };
 
-/// Deletes what backups that a crash cut short have left in the folder of the backups.
+/// Deletes what backups that a crash cut short have left in the folder of the backups; not what another process works
+/// at just now.
 void remove_cut_short_backups(const std::string& db_path);
 
 }  // namespace slabd::storage

@@ -122,6 +122,16 @@ bool is_damage(const SqlFailure& failure) {
   return (failure.result & 0xFF) == SQLITE_CORRUPT;
 }
 
+/// SQLite keeps a file beside a database with a log, for readers too, and says no more than that it cannot open it.
+SqlFailure explained(SqlFailure failure, const std::string& path) {
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  const int primary = failure.result & 0xFF;
+  if ((primary == SQLITE_CANTOPEN || primary == SQLITE_READONLY) && access(path.c_str(), R_OK) == 0 &&
+      access(folder.empty() ? "." : folder.c_str(), W_OK) != 0)
+    failure.text += "; a database with a log is read only where its folder can be written to: copy both elsewhere";
+  return failure;
+}
+
 /// What a connection of its own finds wrong, damage or not; empty: nothing.
 std::string damage_at(const std::string& path) {
   try {
@@ -214,7 +224,11 @@ std::unique_ptr<Connection> open_protected(const std::string& path) {
   return db;
 }
 
-Error no_database(const std::string& path) {
+/// `looked`: what asking for the file came to; a folder that may not be looked into may hold it.
+Error no_database(const std::string& path, const std::error_code& looked) {
+  if (looked)
+    return error(Code::config, "cannot look for database %s: %s; are you in the group of its folder?", path.c_str(),
+                 looked.message().c_str());
   return error(Code::config, "there is no database %s: slabd has not run with it yet, or the path is wrong",
                path.c_str());
 }
@@ -235,17 +249,19 @@ Result<std::unique_ptr<Connection>> open_copy_for_writing(const std::string& pat
 
 Result<std::unique_ptr<Connection>> open_any_version(const std::string& path) {
   std::error_code ec;
-  if (!std::filesystem::exists(path, ec)) return no_database(path);
+  if (!std::filesystem::exists(path, ec)) return no_database(path, ec);
   try {
     return open_protected(path);
   } catch (const SqlFailure& failure) {
-    return cannot_open(path, failure, Code::config);
+    const int primary = failure.result & 0xFF;
+    const bool damaged = has_our_header(path) && (primary == SQLITE_CORRUPT || primary == SQLITE_NOTADB);
+    return cannot_open(path, explained(failure, path), damaged ? Code::journal_write : Code::config);
   }
 }
 
 Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path) {
   std::error_code ec;
-  if (!std::filesystem::exists(path, ec)) return no_database(path);
+  if (!std::filesystem::exists(path, ec)) return no_database(path, ec);
   if (const auto note = quarantine_note(path))
     return error(Code::config, "%s is in quarantine: %.200s", path.c_str(), note->c_str());
   try {
@@ -256,7 +272,7 @@ Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path) {
                                           " is needed; starting slabd brings it up to date"};
     return db;
   } catch (const SqlFailure& failure) {
-    return cannot_open(path, failure, Code::config);
+    return cannot_open(path, explained(failure, path), Code::config);
   }
 }
 

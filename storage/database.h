@@ -23,7 +23,7 @@ namespace slabd::storage {
 /// As open_for_writing(), of a file that is itself a copy: brought up to date without another copy.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_copy_for_writing(const std::string& path);
 
-/// As open_for_reading(), of any schema version.
+/// As open_for_reading(), of any schema version. journal_write: it is ours and damaged.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_any_version(const std::string& path);
 
 /// Opens an existing database read-only; config when it does not exist or is not ours.

@@ -53,7 +53,8 @@ Result<DatabaseReport> check_database(const std::string& path, bool full) {
   report.bytes = file_bytes(path);
   report.log_bytes = file_bytes(path + "-wal");
   if (!opened.ok()) {
-    if (!has_our_header(path)) return opened.error();
+    // One that cannot be opened here (a newer slabd's, a disk that is read-only) may be as whole as any.
+    if (opened.error().code != Code::journal_write) return opened.error();
     report.trouble = opened.error().text.view();
     return report;
   }

@@ -60,7 +60,7 @@ Status write_note(const std::string& path, const std::string& folder, const std:
   const int fd = open(path.c_str(), O_WRONLY | O_CLOEXEC);
   if (fd < 0) return trouble("cannot open", path);
   const std::string text = std::string(kFirstLine) + folder + "\n" + why +
-                           "\nThe database that was here was damaged and lies in that folder, untouched. slabd begins "
+                           "\nThe database that was here lies in that folder, untouched. slabd begins "
                            "no new history by itself.\nPut a backup here with `slabctl db restore`, or begin anew with "
                            "`slabctl db restore --fresh`.\n";
   const bool written = write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && fsync(fd) == 0;
@@ -106,6 +106,16 @@ Result<std::string> quarantine(const std::string& path, const std::string& why) 
   if (Status status = sync_file(folder_of(path)); !status.ok()) return status.error();
   if (Status status = finish_quarantine(path); !status.ok()) return status.error();
   return folder;
+}
+
+std::string replaced_in_quarantine(const std::string& path) {
+  const std::optional<std::string> note = quarantine_note(path);
+  if (!note) return {};
+  const std::string folder = folder_in(*note);
+  if (note->compare(kFirstLine.size() + folder.size(), std::strlen(kReplaced) + 2,
+                    '\n' + std::string(kReplaced) + '\n') != 0)
+    return {};
+  return folder + "/" + fs::path(path).filename().string();
 }
 
 Status finish_quarantine(const std::string& path) {
@@ -188,6 +198,9 @@ std::string sign_of_earlier_life(const std::string& path, const std::string& spo
   if (file_bytes(path) > 0) return {};
   // A log without a transaction is what a creation leaves that was stopped; nothing was ever kept there.
   if (may_hold_transaction(path + "-wal")) return path + "-wal";
+  // Somebody was putting a backup there and was cut short: no history is begun under his hands.
+  for (const char* side : {"", ".part"})
+    if (file_bytes(path + kRestored + side) > 0) return path + kRestored + side;
   const std::string name = fs::path(path).filename().string();
   const std::string folder = folder_of(path).empty() ? "." : folder_of(path);
   for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec)) {

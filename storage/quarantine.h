@@ -18,11 +18,21 @@ namespace slabd::storage {
 /// The text under the database's name, when that is what lies there.
 [[nodiscard]] std::optional<std::string> quarantine_note(const std::string& path);
 
+/// Why a whole one went there: restoring was about to put another in its place.
+inline constexpr const char* kReplaced = "replaced by slabctl db restore";
+
+/// Where the whole database lies that a restoring was replacing when it was cut short; empty: the note is of a damaged
+/// one, or there is none.
+[[nodiscard]] std::string replaced_in_quarantine(const std::string& path);
+
 /// Moves what quarantine() was stopped before. Does nothing when no note lies there.
 [[nodiscard]] Status finish_quarantine(const std::string& path);
 
+/// Added to a database's name: what restore_database() prepares before it takes its place.
+inline constexpr const char* kRestored = ".restored";
+
 /// What shows that there has been a database although no file (or an empty one) lies at `path`: a log, a backup, a
-/// quarantine, scans of slabs in the spool. Empty: nothing.
+/// restoring that was cut short, a quarantine, scans of slabs in the spool. Empty: nothing.
 [[nodiscard]] std::string sign_of_earlier_life(const std::string& path, const std::string& spool_dir);
 
 /// The largest slab number among the spool's folders, 0: none.

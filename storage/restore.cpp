@@ -14,6 +14,8 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <set>
+#include <string>
 
 #include "storage/backup.h"
 #include "storage/database.h"
@@ -29,12 +31,17 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// What a database knows that must not be forgotten without a word: the newest numbers, 0 where it does not say.
+/// What a database knows that must not be forgotten without a word; nothing where it does not say. Of calibrations
+/// which ones, not how many: after an earlier restore, or in another line's backup, as many may be others.
 struct Known {
-  std::int64_t slab_key = 0;
-  std::int64_t applied = 0;  ///< calibrations put in force
-  std::int64_t checks = 0;
+  std::int64_t slab_key = 0;        ///< the newest
+  std::set<std::string> applied{};  ///< calibrations put in force
+  std::set<std::string> checks{};
 };
+
+std::int64_t missing(const std::set<std::string>& lost, const std::set<std::string>& back) {
+  return std::count_if(lost.begin(), lost.end(), [&](const std::string& one) { return !back.contains(one); });
+}
 
 Known known_at(const std::string& path) {
   Known known;
@@ -51,8 +58,19 @@ Known known_at(const std::string& path) {
   };
   known.slab_key = std::max(newest("SELECT coalesce(max(slab_key), 0) FROM slab"),
                             newest("SELECT max(keys_used, pruned_key) FROM line"));
-  known.applied = newest("SELECT coalesce(max(seq), 0) FROM applied");
-  known.checks = newest("SELECT coalesce(max(seq), 0) FROM calibration_check");
+  const auto all = [&db](const char* sql) -> std::set<std::string> {
+    std::set<std::string> found;
+    try {
+      Statement rows(db, sql);
+      while (rows.step()) found.emplace(rows.text(0));
+    } catch (const SqlFailure&) {
+      // As above; what could be read counts.
+    }
+    return found;
+  };
+  known.applied =
+      all("SELECT seq || ' ' || kind || ' ' || slab_type || ' ' || calibration_id || ' ' || utime_us FROM applied");
+  known.checks = all("SELECT seq || ' ' || reference_id || ' ' || passed || ' ' || utime_us FROM calibration_check");
   return known;
 }
 
@@ -115,7 +133,7 @@ Status clear_part(const std::string& part) {
 
 Status put_in_place(const std::string& part, const std::string& path) {
   if (file_bytes(path) > 0 && !quarantine_note(path)) {
-    const Result<std::string> folder = quarantine(path, "replaced by slabctl db restore");
+    const Result<std::string> folder = quarantine(path, kReplaced);
     if (!folder.ok()) return folder.error();
   }
   if (Status status = finish_quarantine(path); !status.ok()) return status;
@@ -135,26 +153,33 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
     if (Status status = make_folder(folder); !status.ok()) return status;
   WriterLock lock;
   if (Status status = lock.take(path); !status.ok()) return status;
+  const std::string part = path + kRestored;
   if (!order.from.empty()) {
+    std::error_code ec;
+    if (fs::equivalent(order.from, part, ec) || fs::equivalent(order.from, part + ".part", ec))
+      return error(Code::config, "%s is what a restoring left that was cut short, and goes: give the backup itself",
+                   order.from.c_str());
     const Result<DatabaseReport> report = check_database(order.from, true);
     if (!report.ok()) return report.error();
     if (!report.value().trouble.empty())
       return error(Code::journal_write, "%s is not whole: %s", order.from.c_str(), report.value().trouble.c_str());
   }
-  // In quarantine, or with a log that cannot be made durable, it does not say.
-  const bool speaks = file_bytes(path) > 0 && !quarantine_note(path) && make_log_durable(path).ok();
-  const Known lost = speaks ? known_at(path) : Known{};
+  // A whole one that a restoring before this one had put into quarantine when it was cut short still tells what is
+  // lost. A damaged one, or one with a log that cannot be made durable, does not say.
+  if (Status status = finish_quarantine(path); !status.ok()) return status;
+  const std::string replaced = quarantine_note(path) ? replaced_in_quarantine(path) : path;
+  const bool speaks = !replaced.empty() && file_bytes(replaced) > 0 && make_log_durable(replaced).ok();
+  const Known lost = speaks ? known_at(replaced) : Known{};
   const Known back = order.from.empty() ? Known{} : known_at(order.from);
-  if (!order.lose_calibrations && (lost.applied > back.applied || lost.checks > back.checks))
+  const std::int64_t lost_applied = missing(lost.applied, back.applied);
+  const std::int64_t lost_checks = missing(lost.checks, back.checks);
+  if (!order.lose_calibrations && (lost_applied > 0 || lost_checks > 0))
     return error(Code::config,
                  "%s knows of %lld changes of calibrations and %lld checks that %s does not: what is in force would be "
-                 "what was in force then. Look at them (slabctl calibrate history), and give --lose-calibrations to "
-                 "restore all the same",
-                 path.c_str(), static_cast<long long>(std::max<std::int64_t>(lost.applied - back.applied, 0)),
-                 static_cast<long long>(std::max<std::int64_t>(lost.checks - back.checks, 0)),
+                 "what was in force there. Look at them (slabctl calibrate history); --lose-calibrations gives them up",
+                 replaced.c_str(), static_cast<long long>(lost_applied), static_cast<long long>(lost_checks),
                  order.from.empty() ? "an empty history" : order.from.c_str());
   const std::int64_t keys_used = std::max(lost.slab_key, newest_key_in_spool(settings.spool_dir));
-  const std::string part = path + ".restored";
   if (Status status = clear_part(part); !status.ok()) return status;
   try {
     if (!order.from.empty()) {

@@ -36,6 +36,11 @@ bool came_after(const std::string& path, std::int64_t utime_us) {
   return there.st_ctim.tv_sec * std::int64_t{1'000'000} + there.st_ctim.tv_nsec / 1000 >= utime_us;
 }
 
+bool is_there(const std::string& path) {
+  struct stat there {};
+  return lstat(path.c_str(), &there) == 0 || errno != ENOENT;
+}
+
 std::string without_end_slash(std::string folder) {
   while (folder.size() > 1 && folder.back() == '/') folder.pop_back();
   return folder;
@@ -64,9 +69,9 @@ Spool::Spool(Connection& db, std::string spool_dir, std::uint64_t budget_bytes)
                      "UPDATE attempt SET scan_state = 'deleting' "
                      "WHERE slab_key = ?3 AND scan_state = 'kept' AND scan_path >= ?1 AND scan_path < ?2"),
       deleting_(db, "SELECT slab_key, station, attempt, scan_path FROM attempt WHERE scan_state = 'deleting'"),
-      release_foreign_(db,
-                       "UPDATE attempt SET scan_state = 'kept' "
-                       "WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
+      release_(db,
+               "UPDATE attempt SET scan_state = 'kept' "
+               "WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
       mark_deleted_(db,
                     "UPDATE attempt SET scan_state = 'deleted' WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
       newest_slab_(
@@ -124,9 +129,11 @@ Status Spool::finish_deleting() {
   std::set<std::string> folders;
   Transaction transaction(db_, "BEGIN IMMEDIATE");
   for (const Scan& scan : scans) {
-    if (!lies_below(scan.path, spool_dir_)) {
-      // The spool was somewhere else when this was to go: nobody's to delete now.
-      release_foreign_.bind(1, scan.slab_key).bind(2, scan.station).bind(3, scan.attempt).run();
+    // The spool was somewhere else when this was to go: nobody's to delete now. Or a person has pinned the slab since,
+    // while slabd was down or a file was stuck: what is left of its scans stays.
+    const bool ours = lies_below(scan.path, spool_dir_);
+    if (!ours || (is_there(scan.path) && is_pinned(scan.slab_key))) {
+      release_.bind(1, scan.slab_key).bind(2, scan.station).bind(3, scan.attempt).run();
       continue;
     }
     if (unlink(scan.path.c_str()) != 0 && errno != ENOENT) {

@@ -25,7 +25,8 @@ class Spool {
 
   /// `more`: a slab's scans went, and others may have to. Throws SqlFailure. journal_write: a file could not be
   /// deleted; its rows stay "deleting" and are tried again, and it does not keep the others from going. Scans that were
-  /// recorded in another folder than today's spool neither count nor go.
+  /// recorded in another folder than today's spool neither count nor go; those of a slab that was pinned before the
+  /// rest of them could go are kept again.
   [[nodiscard]] Status trim(bool& more);
 
   /// Deletes what a crash between spooling a scan and recording it left: files in the newest slab's folder that carry
@@ -50,7 +51,7 @@ class Spool {
   Statement next_slab_;
   Statement mark_deleting_;
   Statement deleting_;
-  Statement release_foreign_;
+  Statement release_;  ///< not to be deleted after all
   Statement mark_deleted_;
   Statement newest_slab_;
   Statement scan_paths_;

@@ -57,27 +57,51 @@ bool same_content(const std::string& a, const std::string& b) {
   return left.eof() && right.eof();
 }
 
+void remove_part(const std::string& part) {
+  std::error_code ec;
+  for (const char* side : {"", "-journal"}) std::filesystem::remove(part + side, ec);
+}
+
+/// A copy that does not fit is not begun, and one that fails is not left to fill the disk.
+void copy_into_part(Connection& db, const std::string& folder, const std::string& part) {
+  const std::int64_t bytes = db.integer("PRAGMA page_count") * db.integer("PRAGMA page_size");
+  const Result<std::uint64_t> room = free_bytes(folder.empty() ? "." : folder);
+  if (!room.ok()) fail(std::string(room.error().text.view()));
+  if (room.value() < static_cast<std::uint64_t>(bytes))
+    fail("a copy before it is brought up to date needs " + std::to_string(bytes / 1'000'000 + 1) + " MB free, and " +
+             folder + " has " + std::to_string(room.value() / 1'000'000),
+         SQLITE_FULL);
+  try {
+    if (Status status = create_file(part); !status.ok()) fail(std::string(status.error().text.view()));
+    copy_database(db, part);
+    if (Status status = sync_file(part); !status.ok()) fail(std::string(status.error().text.view()));
+  } catch (const SqlFailure&) {
+    remove_part(part);
+    throw;
+  }
+}
+
 /// Puts a synced copy beside the database and leaves every older one alone.
 void back_up(Connection& db, const std::string& path, std::int64_t version) {
   const std::string name = path + ".v" + std::to_string(version) + "-backup";
+  const std::string folder = std::filesystem::path(path).parent_path().string();
   const std::string part = name + ".part";
   std::error_code ec;
-  std::filesystem::remove(part, ec);  // of an upgrade that was cut short
-  if (Status status = create_file(part); !status.ok()) fail(std::string(status.error().text.view()));
-  copy_database(db, part);
-  if (Status status = sync_file(part); !status.ok()) fail(std::string(status.error().text.view()));
+  remove_part(part);  // of an upgrade that was cut short
+  copy_into_part(db, folder, part);
   for (int i = 1; i <= kBackupsMax; ++i) {
     const std::string wanted = i == 1 ? name : name + "." + std::to_string(i);
     if (std::filesystem::exists(wanted, ec)) {
       if (!same_content(part, wanted)) continue;
       std::filesystem::remove(part, ec);
+      // Whoever gave it its name may have been stopped before the name was on the disk.
+      if (Status status = sync_file(folder); !status.ok()) fail(std::string(status.error().text.view()));
       return;
     }
     // Nobody else writes here: the writer's lock is held.
     std::filesystem::rename(part, wanted, ec);
     if (ec) fail("its copy cannot be named " + wanted + ": " + ec.message());
-    if (Status status = sync_file(std::filesystem::path(path).parent_path().string()); !status.ok())
-      fail(std::string(status.error().text.view()));
+    if (Status status = sync_file(folder); !status.ok()) fail(std::string(status.error().text.view()));
     return;
   }
   fail("there are " + std::to_string(kBackupsMax) + " copies of it already, " + name + " and so on");

@@ -72,13 +72,13 @@ bool is_backup_name(const std::string& name) {
   return true;
 }
 
-/// Backups of a database, oldest first: their names begin with the time.
-std::vector<std::string> backups_of(const std::string& db_path) {
+/// Backups of a database, oldest first: their names begin with the time. `ec`: their folder cannot be looked at.
+std::vector<std::string> backups_of(const std::string& db_path, std::error_code& ec) {
   std::vector<std::string> found;
-  std::error_code ec;
   const std::string folder = fs::path(db_path).parent_path().string() + "/backups";
   for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec))
     if (is_backup_name(entry->path().filename().string())) found.push_back(entry->path().string());
+  if (ec == std::errc::no_such_file_or_directory) ec.clear();
   std::sort(found.begin(), found.end());
   return found;
 }
@@ -108,16 +108,39 @@ int examine(const std::string& path, const Options& options) {
   return report.ok() ? tell(path, report.value(), options) : fail(report.error());
 }
 
+/// By the slabs it knows: a clock that was ahead for a moment leaves a name that sorts last for years.
+struct NewestBackup {
+  std::string path;
+  std::int64_t slab_key = -1;  ///< -1: it cannot be read by this version
+};
+
+NewestBackup newest_of(const std::vector<std::string>& backups) {
+  NewestBackup newest;
+  for (const std::string& path : backups) {
+    std::int64_t key = -1;
+    if (const auto reader = storage::open_reader(path); reader.ok())
+      if (const auto slabs = reader.value()->slabs(1); slabs.ok())
+        key = slabs.value().empty() ? 0 : slabs.value().front().header.key;
+    if (key >= newest.slab_key) newest = {path, key};
+  }
+  return newest;
+}
+
 int check(const Options& options) {
   daemon::Config config;
   if (!config_from(options.config, config)) return kBadInput;
   const int status = examine(config.storage.db_path, options);
   if (options.json) return status;
-  const auto backups = backups_of(config.storage.db_path);
-  if (backups.empty()) {
+  std::error_code ec;
+  const auto backups = backups_of(config.storage.db_path, ec);
+  if (ec) {
+    complain(fmt::format("backups cannot be looked for: {}", ec.message()));
+  } else if (backups.empty()) {
     fmt::print("no backup: make one with slabctl db backup\n");
   } else {
-    fmt::print("{} backups, newest {}\n", backups.size(), backups.back());
+    const NewestBackup newest = newest_of(backups);
+    fmt::print("{} backups, newest {}{}\n", backups.size(), newest.path,
+               newest.slab_key < 0 ? "" : fmt::format(" (slabs up to {})", newest.slab_key));
   }
   return status;
 }
@@ -159,7 +182,8 @@ Result<std::string> backup_offline(const daemon::Config& config) {
 /// All but `made`, which was just found whole, and the newest of the others. By its name it need not be the newest:
 /// the clock may have been wrong.
 void drop_old_backups(const daemon::Config& config, const std::string& made, int keep) {
-  auto backups = backups_of(config.storage.db_path);
+  std::error_code unseen;  // then there is nothing to delete
+  auto backups = backups_of(config.storage.db_path, unseen);
   std::erase_if(backups,
                 [&](const std::string& path) { return fs::path(path).filename() == fs::path(made).filename(); });
   for (std::size_t i = 0; i + static_cast<std::size_t>(keep) <= backups.size(); ++i) {
@@ -176,17 +200,25 @@ void drop_old_backups(const daemon::Config& config, const std::string& made, int
 int back_up(const Options& options) {
   daemon::Config config;
   if (!config_from(options.config, config)) return kBadInput;
+  if (!options.out.empty() && fs::exists(options.out)) {
+    complain(fmt::format("{} exists already; nothing was done", options.out));
+    return kBadInput;
+  }
   Result<std::string> made =
       daemon_has_database(config.control_socket) ? backup_by_daemon(config) : backup_offline(config);
   if (!made.ok()) return fail(made.error());
   std::string path = made.value();
   if (!options.out.empty()) {
-    if (fs::exists(options.out)) {
-      complain(fmt::format("{} exists already; the backup is {}", options.out, path));
-      return kBadInput;
+    const std::string part = options.out + ".part";
+    std::error_code ec;
+    fs::remove(part, ec);  // of a copy that was cut short
+    Status copied = copy_synced(path, part);
+    if (copied.ok()) copied = rename_durably(part, options.out);
+    if (!copied.ok()) {
+      fs::remove(part, ec);
+      complain(fmt::format("the backup is {}; no further copy was made", path));
+      return fail(copied.error());
     }
-    if (Status copied = copy_synced(path, options.out + ".part"); !copied.ok()) return fail(copied.error());
-    if (Status named = rename_durably(options.out + ".part", options.out); !named.ok()) return fail(named.error());
     path = options.out;
   }
   Options thorough = options;
@@ -218,7 +250,7 @@ int restore(const Options& options) {
   std::random_device chance;
   order.session = static_cast<std::uint16_t>(1 + chance() % 65'000);
   if (Status status = storage::restore_database(config.storage, order); !status.ok()) return fail(status.error());
-  fmt::print("{} is in place; what was there lies in quarantine beside it. Start slabd.\n",
+  fmt::print("{} is in place; what was there, if anything, lies in quarantine beside it. Start slabd.\n",
              order.from.empty() ? "an empty history" : order.from);
   if (!order.from.empty()) fmt::print("Slabs measured after that backup are missing, and the history says so.\n");
   fmt::print(

@@ -227,7 +227,16 @@ TEST_F(Replay, wrong_use_is_said) {
 }
 
 /// What is recorded is held against what there is.
-struct ReplayOther : StoredSlab {};
+struct ReplayOther : StoredSlab {
+  [[nodiscard]] std::string config() const {
+    return write("slabd.toml",
+                 "[plc]\nlisten = \"127.0.0.1:1502\"\n[recipes]\ndir = \"" + std::string(SLABD_SOURCE_DIR) +
+                     "/recipes\"\n[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n[storage]\ndb = \"" + db() +
+                     "\"\nspool_dir = \"" + file("spool") +
+                     "\"\n[calibration]\nT_flange_scanner = [0, 80, 150, 1, 0, 0, 0]\nstation_sigma_mm = 0.02\n"
+                     "station_sigma_deg = 0.001\n");
+  }
+};
 
 TEST_F(ReplayOther, another_software_or_calibration_is_named) {
   header_.software = "slabd 0.0.9";
@@ -282,13 +291,14 @@ TEST_F(ReplayOther, a_stored_figure_that_was_edited_is_found) {
 
 TEST_F(ReplayOther, a_pin_lies_beside_the_scans_and_says_why) {
   begin();
-  const std::string config = write(
-      "slabd.toml", "[plc]\nlisten = \"127.0.0.1:1502\"\n[recipes]\ndir = \"" + std::string(SLABD_SOURCE_DIR) +
-                        "/recipes\"\n[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n[storage]\ndb = \"" + db() +
-                        "\"\nspool_dir = \"" + file("spool") +
-                        "\"\n[calibration]\nT_flange_scanner = [0, 80, 150, 1, 0, 0, 0]\nstation_sigma_mm = 0.02\n"
-                        "station_sigma_deg = 0.001\n");
-  const std::string of_slab = " SLAB-0042 --config " + config;
+  std::ofstream(scan(1)) << "points";
+  Attempt attempt;
+  attempt.slab_key = 1;
+  attempt.station = attempt.number = 1;
+  attempt.session = attempt.cmd_seq = 1;
+  attempt.scan_path.assign(scan(1));
+  apply(AcquiredJob{attempt});
+  const std::string of_slab = " SLAB-0042 --config " + config();
   EXPECT_EQ(run("pin" + of_slab).status, 2) << "a reason is asked for";
   EXPECT_EQ(run("unpin" + of_slab).status, 3) << "it is not pinned";
   const Ended pinned = run("pin" + of_slab + " --reason 'complaint 17'");
@@ -298,8 +308,37 @@ TEST_F(ReplayOther, a_pin_lies_beside_the_scans_and_says_why) {
   EXPECT_EQ(pin["key"], 1);
   EXPECT_EQ(run("unpin" + of_slab).status, 0);
   EXPECT_FALSE(fs::exists(file("spool/1/pin.json")));
+  // Nobody is told that scans are kept which are not there.
+  std::vector<fs::path> scans;
+  for (const auto& entry : fs::directory_iterator(file("spool/1"))) scans.push_back(entry.path());
+  ASSERT_FALSE(scans.empty());
+  std::ofstream(file("spool/1/notes.txt")) << "of a person";
+  for (const fs::path& scan : scans) fs::remove(scan);
+  const Ended too_late = run("pin" + of_slab + " --reason late");
+  EXPECT_EQ(too_late.status, 3) << too_late.out;
+  expect_mentions(too_late.err, "its scans are gone");
+  EXPECT_FALSE(fs::exists(file("spool/1/pin.json")));
   fs::remove_all(file("spool/1"));
   expect_mentions(run("pin" + of_slab + " --reason late").err, "its scans are gone");
+}
+
+TEST_F(ReplayOther, the_newest_backup_is_the_one_that_knows_the_newest_slab) {
+  begin();
+  end();
+  ASSERT_EQ(run("db backup --config " + config()).status, 0);
+  const fs::path folder = file("backups");
+  const fs::path ahead = folder / "slabd-20991231T000000.000Z.db";  // made while the clock was wrong
+  fs::rename(fs::directory_iterator(folder)->path(), ahead);
+  header_.key = 2;
+  begin();
+  store_.reset();
+  ASSERT_EQ(run("db backup --config " + config()).status, 0);
+  std::string newest;
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (entry.path() != ahead) newest = entry.path().native();
+  const Ended checked = run("db check --config " + config());
+  EXPECT_EQ(checked.status, 0) << checked.err;
+  expect_mentions(checked.out, "2 backups, newest " + newest + " (slabs up to 2)");
 }
 
 using Checksum = Slabctl;

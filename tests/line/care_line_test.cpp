@@ -99,8 +99,10 @@ TEST_F(CareLine, a_running_daemon_is_backed_up_and_the_backup_restored_when_it_h
 TEST_F(CareLine, a_copy_on_another_disk_is_checked_there_and_old_ones_go) {
   const std::string out = (box_.dir / "stick.db").native();
   start();
+  std::ofstream(out + ".part") << "of a stick that was full, or pulled out";
   const Box::Answer made = db({"backup", "--out", out});
   EXPECT_EQ(made.exit_status, 0) << made.out << made.err;
+  EXPECT_FALSE(fs::exists(out + ".part"));
   EXPECT_EQ(db({"verify", out}).exit_status, 0);
   EXPECT_EQ(db({"backup", "--out", out}).exit_status, 3) << "nothing is overwritten";
   EXPECT_EQ(db({"backup", "--keep", "1"}).exit_status, 0);

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Copies and retention by the daemon's writer, between its jobs.
+#include <sqlite3.h>
+
 #include <filesystem>
+#include <fstream>
 #include <thread>
 
+#include "storage/backup.h"
 #include "storage/database.h"
 #include "tests/storage/store_fixture.h"
 
@@ -88,6 +92,64 @@ TEST_F(CareTest, one_copy_at_a_time_and_none_over_an_existing_file) {
   quiet(10);
   EXPECT_EQ(store_->care().backup, Phase::failed);
   begin(1);  // work goes on
+}
+
+TEST_F(CareTest, what_a_kill_left_of_a_copy_goes_at_the_next_start_and_one_under_way_stays) {
+  open();
+  (void)recover();
+  slabs(1, 3);
+  close();
+  const std::string folder = fs::path(settings_.db_path).parent_path().string() + "/backups/";
+  const std::string left = folder + "slabd-20260314T015900.123Z.db.part";
+  std::ofstream(left) << "of a moment ago";
+  const std::string somebodys = folder + "notes.part";
+  std::ofstream(somebodys) << "precious";
+  Result<std::unique_ptr<Connection>> db = open_for_reading(settings_.db_path);
+  ASSERT_TRUE(db.ok());
+  Backup under_way(*db.value(), folder + "slabd-20260314T020000.123Z.db", 0);
+  EXPECT_FALSE(under_way.step(1));
+  open();
+  EXPECT_FALSE(fs::exists(left));
+  EXPECT_TRUE(fs::exists(somebodys));
+  EXPECT_TRUE(fs::exists(folder + "slabd-20260314T020000.123Z.db.part"));
+  while (!under_way.step(-1)) {
+  }
+  EXPECT_EQ(check_database(folder + "slabd-20260314T020000.123Z.db", true).value().trouble, "");
+}
+
+TEST_F(CareTest, what_cannot_be_opened_here_is_not_called_damaged) {
+  open();
+  (void)recover();
+  slabs(1, 1);
+  close();
+  ASSERT_TRUE(back_up_database(settings_.db_path, copy_path()).ok());
+  const auto set_version = [&](int version) {
+    Connection db(copy_path(), SQLITE_OPEN_READWRITE);
+    db.execute("PRAGMA user_version = " + std::to_string(version));
+  };
+  set_version(kSchemaVersion + 1);
+  const Result<DatabaseReport> newer = check_database(copy_path(), true);
+  ASSERT_FALSE(newer.ok()) << newer.value().trouble;
+  EXPECT_EQ(newer.error().code, Code::config);
+  EXPECT_NE(newer.error().text.view().find("written by a newer slabd"), std::string_view::npos);
+  set_version(kSchemaVersion);
+  EXPECT_EQ(check_database(copy_path(), true).value().trouble, "");
+  // What is ours and spoilt from its second sector on is damaged, and is told as such.
+  std::fstream(copy_path(), std::ios::in | std::ios::out | std::ios::binary).seekp(100) << std::string(4000, 'x');
+  const Result<DatabaseReport> spoilt = check_database(copy_path(), true);
+  ASSERT_TRUE(spoilt.ok()) << spoilt.error().text.view();
+  EXPECT_NE(spoilt.value().trouble, "");
+}
+
+TEST_F(CareTest, a_folder_that_may_not_be_looked_into_is_not_called_empty) {
+  // A circle of links stands for a folder of another group, into which root may look.
+  fs::create_symlink(folder_.path() + "/circle", folder_.path() + "/circle");
+  const auto reader = open_reader(folder_.path() + "/circle/slabd.db");
+  ASSERT_FALSE(reader.ok());
+  EXPECT_NE(reader.error().text.view().find("cannot look for database"), std::string_view::npos)
+      << reader.error().text.view();
+  EXPECT_NE(open_reader(folder_.path() + "/none/slabd.db").error().text.view().find("there is no database"),
+            std::string_view::npos);
 }
 
 TEST_F(CareTest, a_copy_without_a_daemon) {

@@ -6,6 +6,7 @@
 
 #include "storage/database.h"
 #include "storage/folders.h"
+#include "storage/quarantine.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {
@@ -37,11 +38,11 @@ class RestoreTest : public StoreTest {
                             {from, {"anna", "the disk broke", 1'700'000'000'000'000}, 4711, lose_calibrations});
   }
   /// A hand-eye calibration is put in force in the database as it lies there.
-  void calibrate() {
+  void calibrate(double height_mm = 150.0) {
     open();
     CalibrationRecord record;
     HandEyeNumbers numbers;
-    numbers.T_flange_scanner.translation_mm = Vec3(1.0, 2.0, 150.0);
+    numbers.T_flange_scanner.translation_mm = Vec3(1.0, 2.0, height_mm);
     numbers.sigma_mm = 0.02;
     numbers.sigma_rad = 1e-5;
     record.numbers = numbers;
@@ -132,6 +133,68 @@ TEST_F(RestoreTest, calibrations_are_not_lost_without_a_word) {
   ASSERT_TRUE(restore(backup_, true).ok());
   open();
   EXPECT_EQ(recover()->slab_verdict, Verdict::aborted);
+}
+
+TEST_F(RestoreTest, calibrations_are_not_exchanged_for_as_many_others_without_a_word) {
+  // A backup with a calibration; then an older one is put back, and the line is calibrated anew: one change each.
+  calibrate(150.0);
+  const std::string then = folder_.path() + "/then.db";
+  ASSERT_TRUE(back_up_database(settings_.db_path, then).ok());
+  ASSERT_TRUE(restore(backup_, true).ok());
+  calibrate(151.0);
+  const Status status = restore(then);
+  ASSERT_FALSE(status.ok());
+  EXPECT_EQ(status.error().code, Code::config);
+  EXPECT_NE(status.error().text.view().find("1 changes of calibrations and 0 checks"), std::string_view::npos)
+      << status.error().text.view();
+  // With nothing but what the backup knows too, nothing is lost.
+  const std::string now = folder_.path() + "/now.db";
+  ASSERT_TRUE(back_up_database(settings_.db_path, now).ok());
+  EXPECT_TRUE(restore(now).ok());
+}
+
+TEST_F(RestoreTest, cut_short_where_no_database_lay_begins_no_history) {
+  for (const char* left : {".restored.part", ".restored"}) {
+    settings_.db_path = folder_.path() + "/disk" + left + "/slabd.db";
+    settings_.spool_dir = folder_.path() + "/disk" + left + "/spool";
+    fs::create_directories(settings_.spool_dir);
+    std::ofstream(settings_.db_path + left) << "half of a backup";
+    const auto store = open_store(settings_);
+    ASSERT_FALSE(store.ok()) << left;
+    EXPECT_NE(store.error().text.view().find("shows that there was one"), std::string_view::npos)
+        << store.error().text.view();
+    EXPECT_FALSE(fs::exists(settings_.db_path)) << left;
+    ASSERT_TRUE(restore(backup_).ok());
+    open();
+    EXPECT_EQ(recover()->last_slab_key, 2);
+    close();
+  }
+}
+
+TEST_F(RestoreTest, what_one_left_that_was_cut_short_is_no_backup) {
+  const std::string left = settings_.db_path + ".restored";
+  fs::copy_file(backup_, left);
+  const Status status = restore(left);
+  ASSERT_FALSE(status.ok());
+  EXPECT_EQ(status.error().code, Code::config) << status.error().text.view();
+  EXPECT_TRUE(fs::exists(left)) << "it may be the only one that somebody has";
+  ASSERT_TRUE(restore(backup_).ok());
+}
+
+TEST_F(RestoreTest, done_again_after_it_was_cut_short_still_knows_what_would_be_lost) {
+  calibrate();
+  // Stopped after the database had gone to quarantine, before the backup had its name.
+  ASSERT_TRUE(quarantine(settings_.db_path, kReplaced).ok());
+  const std::string note = quarantine_note(settings_.db_path).value();
+  EXPECT_EQ(note.find("damaged"), std::string::npos) << note;
+  const Status status = restore(backup_);
+  ASSERT_FALSE(status.ok());
+  EXPECT_EQ(status.error().code, Code::config);
+  EXPECT_NE(status.error().text.view().find("1 changes of calibrations"), std::string_view::npos)
+      << status.error().text.view();
+  ASSERT_TRUE(restore(backup_, true).ok());
+  open();
+  EXPECT_EQ(recover()->last_slab_key, 3) << "key 3 was used by a slab that is not in the backup";
 }
 
 TEST_F(RestoreTest, what_was_there_is_kept_in_quarantine) {

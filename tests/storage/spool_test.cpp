@@ -93,6 +93,36 @@ TEST_F(SpoolTest, pinned_slab_is_passed_over_until_its_pin_is_gone) {
   EXPECT_EQ(kept(), "");
 }
 
+TEST_F(SpoolTest, what_is_left_of_a_slab_that_is_pinned_while_its_scans_go_stays) {
+  settings_.spool_budget_bytes = 100'000;
+  open();
+  for (std::int64_t key = 1; key <= 2; ++key) acknowledge(whole_slab(key, Verdict::pass));
+  close();
+  {
+    // Killed between "these go" and the second file; then a person comes, and slabd is started again.
+    Result<std::unique_ptr<Connection>> db = open_for_writing(settings_.db_path);
+    ASSERT_TRUE(db.ok());
+    db.value()->execute("UPDATE attempt SET scan_state = 'deleting' WHERE slab_key = 1");
+  }
+  std::filesystem::remove(settings_.spool_dir + "/1/1-1.ply");
+  const std::string pin = settings_.spool_dir + "/1/pin.json";
+  std::ofstream(pin) << "{}";
+  settings_.spool_budget_bytes = 1;
+  open();
+  for (int i = 0; i < 4; ++i) apply(AckJob{0});
+  EXPECT_TRUE(std::filesystem::exists(settings_.spool_dir + "/1/2-1.ply"));
+  EXPECT_FALSE(std::filesystem::exists(settings_.spool_dir + "/2"));
+  EXPECT_EQ(store_->spool_trouble(), "");
+  {
+    Result<std::unique_ptr<Connection>> db = open_for_reading(settings_.db_path);
+    ASSERT_TRUE(db.ok());
+    EXPECT_EQ(db.value()->text("SELECT group_concat(scan_state) FROM attempt WHERE slab_key = 1"), "deleted,kept");
+  }
+  std::filesystem::remove(pin);
+  apply(AckJob{0});
+  EXPECT_FALSE(std::filesystem::exists(settings_.spool_dir + "/1"));
+}
+
 TEST_F(SpoolTest, file_outside_the_spool_is_never_touched) {
   settings_.spool_budget_bytes = 1;
   const std::string precious = scan_file(1, 1, 1, 5000);

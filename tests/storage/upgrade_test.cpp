@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Databases of every older schema version, made with the old schema's own text, meet this program.
+#include <signal.h>
 #include <sqlite3.h>
+#include <sys/resource.h>
 
 #include <filesystem>
 #include <fstream>
@@ -309,6 +311,26 @@ TEST_F(UpgradeTest, a_reader_changes_nothing_and_says_what_to_do) {
   EXPECT_NE(early.error().text.view().find("schema version 1 of an older slabd"), std::string_view::npos)
       << early.error().text.view();
   EXPECT_FALSE(fs::exists(backup()));
+}
+
+TEST_F(UpgradeTest, a_copy_that_does_not_fit_is_not_left_to_fill_the_disk) {
+  make_version_1();
+  const std::string before = whole(settings_.db_path);
+  struct rlimit unlimited {};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &unlimited), 0);
+  ASSERT_GT(before.size(), 65'536U);
+  const struct rlimit small { 65'536, unlimited.rlim_max };
+  const auto old_handler = signal(SIGXFSZ, SIG_IGN);
+  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+  const bool opened = open_store(settings_).ok();
+  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &unlimited), 0);
+  signal(SIGXFSZ, old_handler);
+  EXPECT_FALSE(opened);
+  EXPECT_TRUE(whole(settings_.db_path) == before);
+  for (const char* side : {"", ".part", ".part-journal"}) EXPECT_FALSE(fs::exists(backup() + side)) << side;
+  open();
+  EXPECT_EQ(recover()->last_slab_key, 2);
+  EXPECT_TRUE(fs::exists(backup()));
 }
 
 TEST(BudgetColumns, are_named_after_the_parts) {
