@@ -9,7 +9,9 @@
 // points (those outside count a tenth), which halves the error of its centre.
 //
 // The rim's height is the mean of what was seen of it, and one number for all of it only if it is one plane: most
-// points must lie together, they must come from all around, and scatter hardly more than the seat's.
+// points must lie together, they must come from all around, and scatter hardly more than the seat's. It is taken clear
+// of the rim's edges, which are round and seen half: what is low there is no damage. A lip that stands over the seat
+// is, as the rail pad would lie on it, and a rim with one has no height.
 //
 // The sectors are wide on purpose: the wider, the more points compete for the innermost and the smaller the gap
 // (spread ~ 1/width), which outweighs the smaller number of sectors (~ 1/sqrt(count)).
@@ -52,12 +54,16 @@ double shared_rows(double spread) {
 }
 constexpr double kRadiusOffMax_mm = 1.0;
 constexpr std::uint32_t kRimPointsMin = 200;
-/// So many of the points over the rim must be near its median height; as for planes.
+/// So many of the points over the rim must be near its median height; as for planes. Of those at either edge of it no
+/// more than the rest may stand over the seat.
 constexpr double kRimShareMin = 0.8;
 /// Standard deviation of the rim beyond that of the seat, the same noise: a tilt of +-0.2 mm, which leaves the higher
 /// side of a rim in the middle of its tolerance within it.
 constexpr double kRimFormMax_mm = 0.15;
 constexpr std::size_t kHeightSample = 4096;
+
+/// The rim ends this far inside its nominal edge: a casing may sit half a millimetre beside its place.
+constexpr double kRimEdge_mm = 0.5;
 
 /// Points a pass looks at in one go; their heights then fit the stack.
 constexpr std::size_t kPiece = 1024;
@@ -142,7 +148,7 @@ template <typename Points>
 EdgePoints innermost(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
                      const Vec2& centre) {
   const CasingRing near_edge = ring(centre, task.bore_radius_mm - kSearch_mm,
-                                    std::min(task.bore_radius_mm + kSearch_mm, task.rim_radius_mm - 0.5),
+                                    std::min(task.bore_radius_mm + kSearch_mm, task.rim_radius_mm - kRimEdge_mm),
                                     task.rim_height_mm - kHeightGate_mm, task.rim_height_mm + kHeightGate_mm);
   Innermost found(near_edge);
   for_each_piece(points, seat, [&](const SeatPoints& piece) { find_innermost(piece, frame.axes(), near_edge, found); });
@@ -162,15 +168,20 @@ bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& 
   const double margin = std::min(task.edge_margin_mm, 0.25 * width);
   constexpr double kAny = std::numeric_limits<float>::max();
   const CasingRing rim = ring(centre, task.bore_radius_mm + margin, task.rim_radius_mm - margin, -kAny, kAny);
+  std::array<float, kPiece> room;
   const auto for_each_height = [&](const auto& use) {
-    std::array<float, kPiece> heights;
     for_each_piece(points, seat, [&](const SeatPoints& piece) {
-      use(std::span<const float>(heights).first(heights_in_ring(piece, frame.axes(), rim, heights)));
+      use(std::span<const float>(room).first(heights_in_ring(piece, frame.axes(), rim, room)));
     });
   };
+  const auto count_in = [&](const CasingRing& where) {
+    std::size_t count = 0;
+    for_each_piece(points, seat,
+                   [&](const SeatPoints& piece) { count += heights_in_ring(piece, frame.axes(), where, room); });
+    return count;
+  };
 
-  std::size_t count = 0;
-  for_each_height([&](std::span<const float> heights) { count += heights.size(); });
+  const std::size_t count = count_in(rim);
   if (count < kRimPointsMin) return false;
   const std::size_t every = 1 + count / kHeightSample;
   std::array<double, kHeightSample> sample;
@@ -202,6 +213,15 @@ bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& 
   for_each_piece(points, seat, [&](const SeatPoints& piece) { find_innermost(piece, frame.axes(), around, found); });
   std::size_t sectors = 0;
   for (std::size_t k = 0; k < kSectors; ++k) sectors += found.seen(k, around) ? 1U : 0U;
+  const double over_mm = std::max(median, 0.0) + std::max(reach, kRimFormMax_mm);
+  const auto has_lip = [&](double inner_mm, double outer_mm) {
+    const std::size_t all = count_in(ring(centre, inner_mm, outer_mm, -kAny, kAny));
+    const std::size_t over = count_in(ring(centre, inner_mm, outer_mm, over_mm, kAny));
+    return static_cast<double>(over) > (1.0 - kRimShareMin) * static_cast<double>(all);
+  };
+  if (has_lip(task.bore_radius_mm, task.bore_radius_mm + margin) ||
+      has_lip(task.rim_radius_mm - margin, task.rim_radius_mm - kRimEdge_mm))
+    return false;
   const double flat_mm = std::hypot(has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0, kRimFormMax_mm);
   return casing.rim_points >= kRimPointsMin && sectors >= kSectorsMin && casing.rim_std_mm <= flat_mm &&
          static_cast<double>(near.count()) >= kRimShareMin * static_cast<double>(count);

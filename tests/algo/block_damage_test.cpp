@@ -168,5 +168,22 @@ TEST(Block, DoesNotLetAPartOfARimSpeakForTheWhole) {
   }
 }
 
+TEST(Block, DoesNotOverlookALipOfARim) {
+  // A millimetre of flash, on which the rail pad would lie: at the bore, or round the rim. In between the rim is good.
+  const double cant_rad = std::atan(1.0 / 40.0);
+  for (const bool at_bore : {true, false}) {
+    SCOPED_TRACE(at_bore);
+    const BlockResult r = inspect(raised(scene::take({}, {}), [&](double x, double y, double z) {
+      const double radius = std::hypot(x, y / std::cos(cant_rad) - 116.5);
+      const bool lip = at_bore ? radius < 16.7 : radius > 20.3 && radius < 22.0;
+      return lip && on_block(z) ? 1.0 : 0.0;
+    }));
+    EXPECT_FALSE(r.casing_outer.ok);
+    EXPECT_TRUE(r.casing_inner.ok);
+    EXPECT_EQ(item(r, ItemId::casing_protrusion_outer).verdict, Verdict::not_measured);
+    EXPECT_NE(r.verdict, Verdict::pass);
+  }
+}
+
 }  // namespace
 }  // namespace slabd::algo

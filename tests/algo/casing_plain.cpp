@@ -40,6 +40,8 @@ constexpr double kRimShareMin = 0.8;
 /// Standard deviation of the rim beyond that of the seat.
 constexpr double kRimFormMax_mm = 0.15;
 constexpr std::size_t kHeightSample = 4096;
+/// The rim ends this far inside its nominal edge.
+constexpr double kRimEdge_mm = 0.5;
 
 /// Plane coordinates around the nominal centre: x along the rail, s across, height above the fitted seat.
 class CasingFrame {
@@ -72,7 +74,7 @@ EdgePoints innermost(const CloudPoints& cloud, const CasingTask& task, const Cas
   constexpr double kPerRad = static_cast<double>(kSectors) / (2.0 * kPi);
   std::array<double, kSectors> radius;
   std::array<Vec2, kSectors> point;
-  const double outermost = std::min(task.bore_radius_mm + kSearch_mm, task.rim_radius_mm - 0.5);
+  const double outermost = std::min(task.bore_radius_mm + kSearch_mm, task.rim_radius_mm - kRimEdge_mm);
   radius.fill(outermost);
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     const Vec3 p = cloud[i];
@@ -141,6 +143,18 @@ bool measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingF
   casing.height_mm = heights.mean();
   casing.rim_std_mm = std::sqrt(heights.variance(1));
   casing.sigma_height_mm = casing.rim_std_mm / std::sqrt(static_cast<double>(heights.count()));
+  const double over_mm = std::max(median, 0.0) + std::max(reach, kRimFormMax_mm);
+  std::array<double, 2> at_edge{};
+  std::array<double, 2> lip{};
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const double r = (frame.in_plane(cloud[i]) - centre).norm();
+    const bool at_bore = r >= task.bore_radius_mm && r < inner;
+    if (!at_bore && !(r > outer && r < task.rim_radius_mm - kRimEdge_mm)) continue;
+    at_edge[at_bore ? 0 : 1] += 1.0;
+    lip[at_bore ? 0 : 1] += frame.height(cloud[i]) >= over_mm ? 1.0 : 0.0;
+  }
+  for (std::size_t k = 0; k < 2; ++k)
+    if (lip[k] > (1.0 - kRimShareMin) * at_edge[k]) return false;
   const double seat_mm = has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0;
   return casing.rim_points >= kRimPointsMin && casing.rim_std_mm <= std::hypot(seat_mm, kRimFormMax_mm) &&
          static_cast<std::size_t>(std::count(seen_there.begin(), seen_there.end(), true)) >= kSectorsMin &&

@@ -18,6 +18,7 @@ struct View {
   double noise_mm = 0.03;
   /// What stands on the rim at a direction seen from the centre, -pi .. pi; NaN: nothing is seen there.
   std::function<double(double turn)> on_rim_mm = [](double) { return 0.0; };
+  std::function<double(double radius)> lip_mm = [](double) { return 0.0; };  ///< stands on the rim all around
 };
 constexpr double kBore_mm = 15.0;
 constexpr double kRim_mm = 22.0;
@@ -49,7 +50,8 @@ Outcome look(const View& view, std::uint64_t seed) {
       const double turned = std::atan2(s - outcome.centre.y(), x - outcome.centre.x());
       // Clear of the bore's edge, which shows in any case.
       const double on_rim = radius > kBore_mm + 1.0 && radius < kRim_mm ? view.on_rim_mm(turned) : 0.0;
-      const double z = (radius < kRim_mm ? kRimHeight_mm : 0.0) + on_rim + view.noise_mm * prng.normal();
+      const double z =
+          (radius < kRim_mm ? kRimHeight_mm + view.lip_mm(radius) : 0.0) + on_rim + view.noise_mm * prng.normal();
       const bool seen = prng.uniform() >= view.missing_share && !std::isnan(z);
       if (!seen || radius < kBore_mm || radius > kRim_mm + 1.0 || x > view.hidden_from_x_mm) continue;
       index.push_back(static_cast<std::uint32_t>(index.size()));
@@ -77,6 +79,29 @@ TEST(Casing, IsMeasuredOnlyByARimThatIsOnePlaneAndSeenAllAround) {
   EXPECT_FALSE(with([](double turn) { return std::abs(turn) < 0.44 * kPi ? 1.2 : 0.0; }).ok) << "half of it raised";
   EXPECT_FALSE(with([](double turn) { return std::cos(turn); }).ok) << "tilted: one side above the seat";
   EXPECT_FALSE(with([](double turn) { return std::abs(turn) < 0.4 * kPi ? 0.0 : kNoValue; }).ok) << "a part seen";
+}
+
+TEST(Casing, IsNotMeasuredWithALipThatStandsOverTheSeat) {
+  const auto with = [](double from_mm, double to_mm, double high_mm) {
+    View view;
+    view.lip_mm = [=](double radius) { return radius > from_mm && radius < to_mm ? high_mm : 0.0; };
+    return look(view, 7).casing;
+  };
+  const double middle_from = kBore_mm + 1.75;
+  const double middle_to = kRim_mm - 1.75;
+  for (const double high_mm : {0.6, 1.0, 5.0}) {
+    SCOPED_TRACE(high_mm);
+    EXPECT_FALSE(with(kBore_mm, middle_from, high_mm).ok) << "flash of the mould at the bore";
+    EXPECT_FALSE(with(kBore_mm, kBore_mm + 0.6, high_mm).ok) << "a narrow one";
+    EXPECT_FALSE(with(middle_to, kRim_mm, high_mm).ok) << "a collar";
+    EXPECT_FALSE(with(kRim_mm - 1.0, kRim_mm, high_mm).ok);
+  }
+  // What does not stand over the seat lifts no rail pad: edges are round, and hardly seen.
+  EXPECT_TRUE(with(kBore_mm, middle_from, 0.25).ok) << "as high as the seat";
+  EXPECT_TRUE(with(kBore_mm, middle_from, -0.5).ok) << "a chamfer";
+  EXPECT_TRUE(with(middle_to, kRim_mm, 0.25).ok);
+  EXPECT_TRUE(with(middle_to, kRim_mm, -0.5).ok);
+  EXPECT_TRUE(with(kRim_mm - 0.5, kRim_mm, 1.0).ok) << "the seat round a casing beside its place";
 }
 
 /// Root of true over stated variance of the centre, and the same of the height, over many phases and turns.

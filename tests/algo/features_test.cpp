@@ -297,6 +297,9 @@ TEST(FastCasing, AgreesWithThePlainOne) {
         rim.h[i] += static_cast<float>((seat.offset_mm - seat.normal.x() * static_cast<double>(rim.x[i]) -
                                         seat.normal.y() * static_cast<double>(rim.s[i])) /
                                        seat.normal.z());
+        // Every fourth with a lip at the bore, of which about as much counts as is forgiven.
+        const double beside = std::hypot(static_cast<double>(rim.x[i]), static_cast<double>(rim.s[i]) - 116.5);
+        if (seed % 4 == 0 && beside < 15.0 + 0.02 * static_cast<double>(seed)) rim.h[i] += 1.0F;
         rim.xyz[3 * i + 2] = rim.h[i];
       }
       const CasingFeature plain = plain::measure_casing(rim.cloud(), task);
