@@ -219,7 +219,7 @@ void add_config(CLI::App& app, int& exit_status) {
   CLI::App* config = app.add_subcommand("config", "The daemon's configuration");
   config->require_subcommand(1);
   CLI::App* check = config->add_subcommand("check", "Name every fault of a configuration and of the recipes it uses");
-  check->add_option("FILE", options->file, "Configuration")->default_val(kDefaultConfig);
+  check->add_option("FILE,--config", options->file, "Configuration")->default_val(kDefaultConfig);
   check->add_flag("--json", options->json, "Print slabd.check/1 on stdout");
   check->callback([options, &exit_status] { exit_status = check_config(options->file, options->json); });
 }

@@ -195,7 +195,11 @@ int compare(const Options& options, const Cloud& cloud) {
   Json json;
   json.begin_object().field("schema", "slabd.plane_comparison/1");
   write_setting(json, options, cloud);
-  if (known) json.field("set", std::span<const double>(options.set));
+  json.key("set");
+  if (known)
+    json.row(options.set);
+  else
+    json.null();
   json.key("methods").begin_array();
   std::vector<std::vector<std::string>> rows = {{"method", "a", "b", "c", "std mm", "inliers", "status<"}};
   if (known) {
@@ -210,7 +214,7 @@ int compare(const Options& options, const Cloud& cloud) {
     improved_ok = plane.ok;  // the last one is ours
     json.begin_object();
     write_fit(json, method, plane);
-    if (known) json.field("rms_error", rms_error(e, options.set));
+    json.field("rms_error", known ? rms_error(e, options.set) : std::nan(""));
     json.end_object();
     rows.push_back({method, fmt::format("{:.7f}", e.a), fmt::format("{:.7f}", e.b), fmt::format("{:.7f}", e.c),
                     fmt::format("{:.6f}", plane.std_mm), std::to_string(plane.inliers),

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <csignal>
 #include <cstdio>
+#include <filesystem>
 
 #include "daemon/absent.h"
 #include "daemon/loop.h"
@@ -185,7 +186,9 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   }
 
   LoopFigures figures;
-  figures.config_path = config.path;
+  // Whole: who asks for it stands in another folder than the daemon.
+  std::error_code no_folder;
+  figures.config_path = std::filesystem::absolute(config.path, no_folder).lexically_normal().native();
   figures.plc_role = config.plc.role;
   figures.plc_word_order = config.plc.word_order;
   figures.db_path = config.storage.db_path;

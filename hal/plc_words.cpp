@@ -19,7 +19,10 @@ class Teller {
 
   void u16(const Reg& reg, std::uint16_t& value) {
     value = image_[reg.address];
-    tell(reg, 1, "u16", number(value, reg.unit));
+    Text text = number(value, reg.unit);
+    // What the table says of 0 holds here too: an age nobody has told is not an age of 0 h.
+    if (value == 0 && std::string_view(reg.meaning).ends_with("0 = unknown")) text = "unknown";
+    tell(reg, 1, "u16", text);
   }
   void code(const Reg& reg, std::uint16_t& value) {
     value = image_[reg.address];

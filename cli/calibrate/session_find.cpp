@@ -59,6 +59,17 @@ std::vector<std::string> sessions_in(const std::string& folder) {
 constexpr const char* kHowToBegin =
     "begin one with: slabctl calibrate new NAME --kind ball --radius MM (slabctl calibrate new --help explains)";
 
+/// Who names a configuration means that line: a session of another one must not be solved, let alone applied, for it.
+/// One that was begun without a configuration belongs to none.
+bool may_mean(const std::string& dir, const std::string& config) {
+  if (config.empty()) return true;
+  const Result<Session> session = Session::open(dir);
+  if (!session.ok()) return true;  // complained of when it is opened
+  const std::string& begun_with = session.value().settings().config;
+  std::error_code fault;
+  return begun_with.empty() || fs::equivalent(begun_with, config, fault);
+}
+
 /// Empty: complained.
 std::string which_session(const SessionOptions& options, int& exit_status) {
   if (!options.session.empty()) {
@@ -68,7 +79,7 @@ std::string which_session(const SessionOptions& options, int& exit_status) {
     exit_status = kUsage;
     return "";
   }
-  if (std::string last = last_session(); !last.empty()) return last;
+  if (std::string last = last_session(); !last.empty() && may_mean(last, options.config)) return last;
   std::optional<daemon::Config> config;
   exit_status = kBadInput;
   if (!config_if_any(options.config, config)) return "";
@@ -88,8 +99,9 @@ std::string which_session(const SessionOptions& options, int& exit_status) {
 }  // namespace
 
 void SessionOptions::add_to(CLI::App& command) {
-  command.add_option("--session", session,
-                     "Name or folder (default: the one you worked on last, else the only one there is)");
+  command.add_option(
+      "--session", session,
+      "Name or folder (default: the one you worked on last, with --config of that line, else the only one there is)");
   command.add_option("--config", config, fmt::format("The daemon's configuration (default: {})", kDefaultConfig));
 }
 

@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -289,6 +290,33 @@ void examine_heard(const daemon::Config& config, const Heard& heard, Examination
                 "only records show it; NTP on both sides mends it");
 }
 
+/// What ends a warning of the daemon's, by its bit of WARN (docs/PLC.md).
+constexpr std::array kWarningCures = {
+    "compare the recipe with the drawing, then confirmed = true; slabctl recipe show FILE lists what is not",
+    "slabctl calibrate new; docs/CALIBRATION.md",
+    "look into stray/ of the drop folder: does the scanner's software answer under other names, or twice? "
+    "docs/SCANNER.md",
+    "the PLC must copy RES_SEQ (IR 30) to RES_ACK (HR 2) once it has stored the record",
+    "set the clock (NTP); if it is right now, docs/OPERATING.md, \"The clock was wrong\"",
+    "slabctl config check names file, line and key",
+    "free space on the spool disk, or set [storage] spool_budget_gb",
+    "journalctl -u slabd says why; does another slabd run?",
+    "slabctl calibrate check; docs/CALIBRATION.md, \"The daily check\"",
+    "slabctl calibrate stations; docs/CALIBRATION.md, \"Station corrections\"",
+    "slabctl scanner verify; docs/SCANNER.md, \"Is it good enough?\"",
+};
+
+/// The daemon says its warnings in words, in the order of their bits.
+void examine_warnings(const json& status, Examination& report) {
+  const json& bits = at(status, {"warn_bits"});
+  unsigned rest = bits.is_number_unsigned() ? bits.get<unsigned>() : 0U;
+  for (const json& warning : at(status, {"warn"})) {
+    const auto bit = static_cast<std::size_t>(std::countr_zero(rest));
+    rest &= rest - 1U;
+    report.warning("daemon", text(warning), bit < kWarningCures.size() ? kWarningCures[bit] : "docs/PLC.md, WARN");
+  }
+}
+
 }  // namespace
 
 std::string examine_daemon(const daemon::Config& config, Examination& report) {
@@ -310,12 +338,11 @@ std::string examine_daemon(const daemon::Config& config, Examination& report) {
                   text(at(status, {"fault", "cure"})));
   else
     report.ok("daemon", saw);
-  if (text(at(status, {"config"})) != std::filesystem::absolute(config.path).string() &&
-      text(at(status, {"config"})) != config.path)
+  std::error_code not_there;
+  if (!std::filesystem::equivalent(text(at(status, {"config"})), config.path, not_there))
     report.warning("daemon", fmt::format("it runs with {}", text(at(status, {"config"}))),
                    "look at that one with --config, or restart the daemon");
-  for (const json& warning : at(status, {"warn"}))
-    if (warning.is_string()) report.warning("daemon", warning.get<std::string>(), "docs/PLC.md, WARN");
+  examine_warnings(status, report);
   if (!yes(at(status, {"links", "store", "ok"})))
     report.failed("database", "the daemon cannot write it", "journalctl -u slabd names the reason");
   return answer.value();

@@ -111,6 +111,7 @@ std::string krl_program(std::string_view name, std::size_t stations) {
       "&ACCESS RVP\nDEF {}( )\n"
       "  ;The PLC names the station on $IN[1..5] and holds $IN[17] until slabd says ACQUIRED (docs/ROBOT.md).\n"
       "  ;First run in T1, station by station: the way between them is not checked against the cell.\n"
+      "  ;Where poses come over RSI, RSI_CREATE and RSI_ON belong before LOOP (docs/ROBOT.md).\n"
       "  DECL INT k\n"
       "  SIGNAL STATION_IN $IN[1] TO $IN[5]\n"
       "  BAS(#INITMOV, 0)\n"

@@ -311,6 +311,18 @@ TEST_F(CalibrateSession, a_scan_that_went_missing_is_named) {
   EXPECT_NE(named[0].get<std::string>().find(scan + " is gone"), std::string::npos) << named;
 }
 
+TEST_F(CalibrateSession, who_names_a_configuration_does_not_get_the_session_of_another_line) {
+  ASSERT_EQ(run(new_in("hall-a")).status, 0);
+  ASSERT_EQ(run(new_in("hall-b")).status, 0);
+  EXPECT_EQ(list()["folder"], file("hall-b") + "/calibration/hall") << "the one worked on last";
+  EXPECT_EQ(list("--config " + config("hall-a"))["folder"], file("hall-a") + "/calibration/hall");
+  const Ended none = run("calibrate apply --config " + config("hall-c"));
+  EXPECT_EQ(none.status, 3) << none.out << none.err;
+  expect_mentions(none.err, "there is no calibration session yet in " + file("hall-c"));
+  ASSERT_EQ(run("calibrate new " + file("anywhere") + "/ --radius 25.4").status, 0);
+  EXPECT_EQ(list("--config " + config("hall-c"))["folder"], file("anywhere")) << "begun without a configuration";
+}
+
 TEST_F(CalibrateSession, drop_and_undo_go_back_step_by_step_and_delete_nothing) {
   simulate("set", "--views 3 --seed 6");
   ASSERT_EQ(run(new_in("a")).status, 0);

@@ -158,6 +158,7 @@ TEST_F(Export, every_json_document_is_what_its_published_schema_says) {
   const std::string other = recipes_dir + "/p4925.toml";
   ASSERT_EQ(simulate_scan("none.ply", "--defect missing=3").status, 0);
   ASSERT_EQ(run("simulate plane --out " + file("plane.xyz")).status, 0);
+  ASSERT_EQ(run("stations --config " + config + " --krl " + file("PTS")).status, 0);
   const std::string in_db = " --db " + db();
   std::string documents;
   int count = 0;
@@ -176,13 +177,16 @@ TEST_F(Export, every_json_document_is_what_its_published_schema_says) {
                                      "recipe diff " + kRecipe + " " + other,
                                      "recipe diff " + kRecipe + " " + kRecipe + in_db,
                                      "config check " + config,
+                                     "config check --config " + config,
                                      "inspect " + scan(3) + " --block 3 --recipe " + kRecipe,
                                      "inspect " + file("none.ply") + " --block 3 --recipe " + kRecipe,
                                      "fit-plane " + file("plane.xyz"),
+                                     "fit-plane " + file("plane.xyz") + " --compare",
                                      "fit-plane " + file("plane.xyz") + " --compare --threshold 0.03 --set 1 2 1",
                                      std::string("plc map"),
                                      std::string("plc codes"),
-                                     "stations --config " + config}) {
+                                     "stations --config " + config,
+                                     "stations --config " + config + " --taught " + file("PTS.dat")}) {
     const Ended ended = run(command + " --json");
     EXPECT_FALSE(ended.out.empty()) << command << ended.err;
     documents += " " + write("document-" + std::to_string(++count) + ".json", ended.out);
@@ -191,7 +195,7 @@ TEST_F(Export, every_json_document_is_what_its_published_schema_says) {
     documents += " " + write("document-" + std::to_string(++count) + ".json", run(command + " --format json").out);
   const Ended valid = python("validate_json.py " + std::string(SLABD_SOURCE_DIR) + "/docs/schemas" + documents);
   EXPECT_EQ(valid.status, 0) << valid.out << valid.err;
-  expect_mentions(valid.out, "24 documents, 0 faults");
+  expect_mentions(valid.out, "27 documents, 0 faults");
 }
 
 TEST_F(Export, an_id_that_a_spreadsheet_would_compute_is_only_changed_for_spreadsheets) {

@@ -100,6 +100,12 @@ TEST(PlcDocs, registers_are_told_in_words) {
     EXPECT_EQ(words["43 warp_left"], "-");
     EXPECT_EQ(words["104 STATION_18"], "1 pass, 2 attempts");
   }
+  std::map<std::string, std::string> order;
+  hal::tell_inputs({}, hal::WordOrder::abcd,
+                   [&](const hal::RegisterRow& row, std::string_view value) { order[std::string(row.name)] = value; });
+  EXPECT_EQ(order["SLAB_TEMPERATURE"], "unknown");
+  EXPECT_EQ(order["SLAB_AGE"], "unknown") << "nobody has told it";
+  EXPECT_EQ(order["CMD_SEQ"], "0");
   hal::InputImage wrong{};
   wrong[36] = 77;
   std::string verdict;

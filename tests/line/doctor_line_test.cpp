@@ -120,6 +120,24 @@ TEST_F(DoctorTest, a_daemon_without_plc_and_robot_lacks_heartbeat_and_poses) {
   EXPECT_EQ(opinion.health("scanner link"), "ok");
   EXPECT_EQ(opinion.health("calibration"), "warning") << "commissioning values";
   EXPECT_EQ(opinion.health("acceptance"), "warning") << "nobody has verified the scanner";
+  std::string cures;
+  for (const json& finding : opinion.findings)
+    if (finding["check"] == "daemon") cures += finding["cure"].get<std::string>() + "\n";
+  for (const char* cure : {"confirmed = true", "slabctl calibrate new", "slabctl scanner verify"})
+    EXPECT_NE(cures.find(cure), std::string::npos) << cure << " is missing in\n" << cures;
+  EXPECT_EQ(cures.find("docs/PLC.md, WARN"), std::string::npos) << "a table without cures is none\n" << cures;
+}
+
+TEST_F(DoctorTest, knows_the_daemons_configuration_whatever_folder_the_daemon_was_started_in) {
+  box_.launcher = {
+      "/bin/sh", "-c",
+      "cd '" + box_.dir.native() + "' && exec '" SLABD_PROGRAM "' --config " + box_.config.filename().native()};
+  start();
+  for (const json& finding : examine().findings)
+    EXPECT_FALSE(finding["check"] == "daemon" && finding["saw"].dump().find("it runs with") != std::string::npos)
+        << finding;
+  const Box::Answer status = box_.slabctl({"status", "--json", "--config", box_.config.native()});
+  EXPECT_EQ(json::parse(status.out)["config"], box_.config.native());
 }
 
 TEST_F(DoctorTest, a_limit_under_which_a_scan_cannot_be_written_is_found) {

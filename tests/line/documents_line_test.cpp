@@ -147,6 +147,10 @@ TEST(DocumentsLine, what_is_in_force_and_was_checked_is_what_its_schemas_publish
   std::vector<std::string> refused = solve;
   refused.insert(refused.end(), {"--spread-limit", "0.001"});
   ask(refused);
+  std::vector<std::string> put_in_force = solve;
+  put_in_force.insert(put_in_force.end(), {"--apply", "--config", box.config.native()});
+  done(put_in_force);
+  ask({"stations"});  // mastered ones
 
   const std::string balls = (box.dir / "artefact").native();
   done({"simulate", "calibration", "--kind", "artefact", "--views", "2", "--out", balls, "--config",
