@@ -24,8 +24,9 @@ struct CasingTask {
 /// edge's own points about the circle, times what rows shared by neighbours add; the radius is large by about a tenth
 /// of the point pitch, which no scatter shows. ok = false: less than half of the edge visible or not spread around it,
 /// no stable circle, a radius off by more than a millimetre, or fewer than 200 points on the rim. Where part of the
-/// edge is hidden, the centre is known less well along that direction and the covariance says so. No heap; 0.13 ms for
-/// 25 000 points.
+/// edge is hidden, the centre is known less well along that direction and the covariance says so; and where a part of
+/// it is moved (its distances to the circle are alike from sector to sector), less well along both. No heap; 0.13 ms
+/// for 25 000 points.
 [[nodiscard]] CasingFeature measure_casing(std::span<const SeatPoints> runs, const SeatFrame& frame,
                                            const CasingTask& task);
 /// The same from points that are still in the cloud (all of them finite).

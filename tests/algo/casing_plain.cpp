@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <vector>
 
 #include "algo/circle.h"
 #include "algo/moments.h"
@@ -33,6 +34,12 @@ constexpr double kEdgeVariance = 1.3;
 double shared_rows(double spread) {
   return kEdgeVariance * std::sqrt(std::sqrt(0.5 / spread));
 }
+/// Distances of near points to the circle are alike by chance up to this many times 1/sqrt(n) of their variance.
+constexpr double kFormChance = 1.4;
+constexpr double kFormVariance = 4.0;
+/// Beyond so many times the scatter a point says no more, and with less scatter than this nothing is said.
+constexpr double kFormReach = 3.0;
+constexpr double kFormMin_mm = 0.03;
 constexpr double kRadiusOffMax_mm = 1.0;
 constexpr std::uint32_t kRimPointsMin = 200;
 /// So many of the points over the rim must be near its median height; as for planes.
@@ -161,16 +168,40 @@ bool measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingF
          static_cast<double>(heights.count()) >= kRimShareMin * static_cast<double>(count);
 }
 
+/// Variance of the centre by what moves a part of the edge: what neighbours' distances to the circle share.
+double edge_form_mm2(const std::vector<Vec2>& edge, const Circle& circle) {
+  if (!(circle.scatter > kFormMin_mm)) return 0.0;
+  std::vector<double> off;
+  for (const Vec2& p : edge) off.push_back((p - circle.centre).norm() - circle.radius);
+  const auto n = static_cast<double>(off.size());
+  double mean = 0.0;
+  for (const double o : off) mean += o / n;
+  const double reach = kFormReach * circle.scatter;
+  for (double& o : off) o = std::clamp(o - mean, -reach, reach);
+  double own = 0.0;
+  double next = 0.0;
+  double next_but_one = 0.0;
+  const std::size_t count = off.size();
+  for (std::size_t i = 0; i < count; ++i) {
+    own += off[i] * off[i];
+    next += off[i] * off[i + 1 < count ? i + 1 : 0];
+    next_but_one += off[i] * off[i + 2 < count ? i + 2 : i + 2 - count];
+  }
+  return 0.5 * (next + next_but_one) > kFormChance / std::sqrt(n) * own ? kFormVariance * own / n : 0.0;
+}
+
 }  // namespace
 
 CasingFeature measure_casing(const CloudPoints& points, const CasingTask& task) {
   CasingFeature casing;
   const CasingFrame frame(task);
   Circle circle;
+  std::vector<Vec2> edge_points;
   for (int round = 0; round < kRounds; ++round) {
     const Vec2 centre = circle.ok ? circle.centre : Vec2(Vec2::Zero());
     const EdgePoints edge = innermost(points, task, frame, centre);
     casing.edge_points = static_cast<std::uint32_t>(edge.size);
+    edge_points.assign(edge.view().begin(), edge.view().end());
     if (edge.size < kSectorsMin) return casing;
     circle = plain::fit_circle_robust(edge.view(), centre, kEdgeWeights);
     casing.inlier_fraction = circle.weight / static_cast<double>(kSectors);
@@ -180,6 +211,8 @@ CasingFeature measure_casing(const CloudPoints& points, const CasingTask& task) 
   casing.radius_mm = circle.radius;
   casing.edge_rms_mm = circle.scatter;
   casing.cov_circle = shared_rows(circle.spread) * circle.covariance;
+  const double form = edge_form_mm2(edge_points, circle);
+  for (const int axis : {0, 1}) casing.cov_circle(axis, axis) += form;
   if (std::abs(circle.radius - task.bore_radius_mm) > kRadiusOffMax_mm) return casing;
   casing.ok = measure_rim(points, task, frame, circle.centre, casing);
   return casing;

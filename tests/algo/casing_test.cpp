@@ -10,6 +10,11 @@
 namespace slabd::algo {
 namespace {
 
+constexpr double kBore_mm = 15.0;
+constexpr double kRim_mm = 22.0;
+constexpr double kRimHeight_mm = -0.25;
+constexpr double kPlace_mm = 116.5;
+
 /// A casing as a scanner sees it: a turned grid of points on its rim and round it, nothing in its bore.
 struct View {
   double pitch_mm = 0.3;
@@ -18,12 +23,9 @@ struct View {
   double noise_mm = 0.03;
   /// What stands on the rim at a direction seen from the centre, -pi .. pi; NaN: nothing is seen there.
   std::function<double(double turn)> on_rim_mm = [](double) { return 0.0; };
+  std::function<double(double turn)> bore_mm = [](double) { return kBore_mm; };
   std::function<double(double radius)> lip_mm = [](double) { return 0.0; };  ///< stands on the rim all around
 };
-constexpr double kBore_mm = 15.0;
-constexpr double kRim_mm = 22.0;
-constexpr double kRimHeight_mm = -0.25;
-constexpr double kPlace_mm = 116.5;
 
 struct Outcome {
   CasingFeature casing;
@@ -53,7 +55,7 @@ Outcome look(const View& view, std::uint64_t seed) {
       const double z =
           (radius < kRim_mm ? kRimHeight_mm + view.lip_mm(radius) : 0.0) + on_rim + view.noise_mm * prng.normal();
       const bool seen = prng.uniform() >= view.missing_share && !std::isnan(z);
-      if (!seen || radius < kBore_mm || radius > kRim_mm + 1.0 || x > view.hidden_from_x_mm) continue;
+      if (!seen || radius < view.bore_mm(turned) || radius > kRim_mm + 1.0 || x > view.hidden_from_x_mm) continue;
       index.push_back(static_cast<std::uint32_t>(index.size()));
       xyz.insert(xyz.end(), {static_cast<float>(x), static_cast<float>(s), static_cast<float>(z)});
     }
@@ -159,6 +161,26 @@ TEST(Casing, OfHalfAnEdgeIsHonestOrNotMeasured) {
   }
   EXPECT_GT(measured, 50);
   EXPECT_NEAR(std::sqrt(true_squares / stated), 1.0, 0.3);
+}
+
+TEST(Casing, KnowsItsCentreLessWellWhenAPartOfItsEdgeHasMoved) {
+  // A crescent of mortar in one half of the bore, or half a ring around it from which nothing comes back.
+  for (const double moved_mm : {-0.5, -0.3, 0.3, 0.5}) {
+    SCOPED_TRACE(moved_mm);
+    int covered = 0;
+    for (std::uint64_t seed = 1; seed <= 50; ++seed) {
+      View view{.pitch_mm = 0.255};
+      view.bore_mm = [=](double turn) { return kBore_mm + (turn > 0.0 ? moved_mm : 0.0); };
+      const Outcome o = look(view, seed);
+      ASSERT_TRUE(o.casing.ok) << seed;
+      const double error_mm = o.casing.centre.y() - o.centre.y();
+      const double sigma_mm = std::sqrt(o.casing.cov_circle(1, 1));
+      EXPECT_GT(error_mm * moved_mm, 0.0);
+      EXPECT_LT(sigma_mm, 2.0 * std::abs(error_mm)) << seed;
+      covered += std::abs(error_mm) < 2.0 * sigma_mm ? 1 : 0;
+    }
+    EXPECT_GE(covered, 48);
+  }
 }
 
 TEST(Casing, IsNotMeasuredFromLessThanHalfOfItsEdge) {
