@@ -51,7 +51,8 @@ std::string_view name(Fault fault) {
                                                             "PLC SLAB_ABORT",
                                                             "PLC not enabled",
                                                             "PLC REPORT",
-                                                            "PLC scans again"};
+                                                            "PLC scans again",
+                                                            "PLC goes on elsewhere"};
   return kNames[static_cast<std::size_t>(fault)];
 }
 

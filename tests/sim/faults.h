@@ -67,9 +67,12 @@ enum class Fault : std::uint8_t {
   plc_disable,
   plc_report,
   plc_rescan,
+  plc_elsewhere,  ///< only in clusters of faults (life.cpp)
   count
 };
 inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::count);
+/// Those that come alone, the first ones.
+inline constexpr std::size_t kLoneFaults = static_cast<std::size_t>(Fault::plc_elsewhere);
 [[nodiscard]] std::string_view name(Fault fault);
 
 /// States 0..8 of the register map, and "no process".

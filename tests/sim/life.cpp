@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -77,6 +78,7 @@ class Life {
  private:
   void overhear_log();
   void think_up_faults();
+  void think_up_clusters();
   void boot();
   void run_daemon();
   bool run_loop(daemon::Ports ports, std::int64_t patience_ns);
@@ -148,7 +150,7 @@ void Life::think_up_faults() {
   const auto count = happens(chance_, 0.05) ? 0 : 6 + chance_.below(24);
   for (std::uint64_t i = 0; i < count; ++i) {
     Episode e;
-    e.fault = static_cast<Fault>(chance_.below(kFaults));
+    e.fault = static_cast<Fault>(chance_.below(kLoneFaults));
     e.from_ns = between(chance_, 0, faults_end_ns_ - 20 * kSecond);
     // Mostly where the work is done, but everywhere.
     const double where = chance_.uniform();
@@ -163,6 +165,37 @@ void Life::think_up_faults() {
     if (by_restart) episodes_.push_back({Fault::kill, e.from_ns + kMs, kAnyState, 0, false});
     if (e.state == 7) episodes_.push_back({Fault::disk_read_only, e.from_ns, 3, 8 * kSecond, false});
     if (e.state == 8) episodes_.push_back({Fault::capture, e.from_ns, 2, 20 * kSecond, false});
+  }
+  think_up_clusters();
+}
+
+/// Troubles seldom come alone: whose scan a scan is, over a kill, an order that is broken off and a disk that fails for
+/// a moment, goes wrong only where several meet. Spread over a life they hardly ever do.
+void Life::think_up_clusters() {
+  constexpr std::array kTogether = {
+      Fault::kill,           Fault::kill,           Fault::kill_at_write,  Fault::plc_abort,         Fault::plc_abort,
+      Fault::plc_abort,      Fault::plc_restart,    Fault::plc_slab_abort, Fault::disk_eio,          Fault::disk_full,
+      Fault::scanner_frozen, Fault::scanner_frozen, Fault::scanner_late,   Fault::scanner_truncated, Fault::capture};
+  // A source of its own: lives without clusters are what they would be without this.
+  Prng chance = world_.chance(11);
+  if (!happens(chance, 0.4)) return;
+  const auto clusters = 3 + chance.below(10);
+  for (std::uint64_t i = 0; i < clusters; ++i) {
+    const std::int64_t from_ns = between(chance, 5 * kSecond, faults_end_ns_ - 40 * kSecond);
+    const auto count = 3 + chance.below(6);
+    // What makes a mistaken scan the scan of another block, and a wrong pass.
+    for (const Fault fault : {Fault::scanner_frozen, Fault::plc_elsewhere})
+      if (happens(chance, 0.7))
+        episodes_.push_back({fault, from_ns + between(chance, 0, 10 * kSecond), kAnyState,
+                             between(chance, 5 * kSecond, 30 * kSecond), false});
+    for (std::uint64_t k = 0; k < count; ++k) {
+      Episode e;
+      e.fault = kTogether[chance.below(kTogether.size())];
+      e.from_ns = from_ns + between(chance, 0, 25 * kSecond);
+      e.state = happens(chance, 0.7) ? 4 + chance.below(2) : kAnyState;
+      e.lasts_ns = between(chance, 20 * kMs, happens(chance, 0.5) ? kSecond : 10 * kSecond);
+      episodes_.push_back(e);
+    }
   }
 }
 

@@ -359,9 +359,15 @@ void Plc::plan_slab() {
         order(PlcCommand::report, 1 + std::countr_zero(seen_.station_mask));
         return;
       }
+      const auto missing = [this](int k) { return (seen_.station_mask & (1U << static_cast<unsigned>(k - 1))) == 0; };
       int next = 0;
       for (int k = 1; k <= kept_.stations && next == 0; ++k)
-        if ((seen_.station_mask & (1U << static_cast<unsigned>(k - 1))) == 0) next = k;
+        if (missing(k)) next = k;
+      // A program that comes back later to what came to nothing.
+      if (next != 0 && world_.faulty(Fault::plc_elsewhere)) {
+        next = going_to_;
+        while (next == 0 || !missing(next)) next = static_cast<int>(between(chance_, 1, kept_.stations));
+      }
       if (wishes.rescan && seen_.station_mask != 0) next = 1 + std::countr_zero(seen_.station_mask);
       if (next == 0) {
         kept_.stage = Stage::end;
