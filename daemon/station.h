@@ -256,6 +256,7 @@ struct Capture {
   bool abort = false;      ///< of the view in hand
   bool looked_at = false;  ///< its points were compared with those of earlier scans,
   bool repeats = false;    ///< and are those of one of them
+  bool unseen = false;     ///< before it was marked the scanner may have held a scan that nobody saw
   /// kUnseenScan, which has to be durable before the scanner is asked: no journal knows of a view.
   enum class Mark : std::uint8_t { none, storing, durable } mark = Mark::none;
   std::uint32_t mark_ticket = 0;

@@ -5,9 +5,10 @@
 //   idle --begin--> ready --shoot--> settling -> scanning -> checking --> ready --end, or the lease is over--> idle
 //
 // A view goes the way of a production scan (the robot stands, the scanner is asked, the robot must still have stood),
-// with stricter limits, and its scan lies apart from those of slabs. Invariants: a view that was refused leaves nothing
-// behind and shooting may simply be repeated; the PLC starts nothing meanwhile; whoever calibrates and dies gives the
-// line back when the lease is over; nothing survives a restart.
+// with stricter limits, and its scan lies apart from those of slabs. Invariants: a view that was refused leaves no scan
+// behind and shooting may simply be repeated; a view is never a scan that was taken before it was asked for; the PLC
+// starts nothing meanwhile; whoever calibrates and dies gives the line back when the lease is over; nothing survives a
+// restart but the mark that the scanner may hold what nobody saw.
 //
 // A request to the scanner must not share its name with one of production, or a late answer would be taken for a slab's
 // scan: views use session 0, which the PLC never has, and number on from a start that the clock gives.
@@ -28,6 +29,11 @@ constexpr std::int64_t kCheckTimeoutNs = kNsPerS;
 /// A worker that hangs is waited for this much longer than a robot that does not stand still.
 constexpr std::int64_t kHangTimeoutNs = 20 * kNsPerS;
 
+/// Of a view that was thrown away.
+constexpr std::string_view kUnseenView =
+    "the scanner had been asked before for a scan that nobody saw, and this one may be that; it was thrown away: take "
+    "the view again";
+
 bool is_text(std::string_view text) {
   return !text.empty() && std::all_of(text.begin(), text.end(), [](char c) {
     const auto byte = static_cast<unsigned char>(c);
@@ -43,7 +49,15 @@ void renew(Station& s) {
   s.capture.lease_until_ns = s.now_ns + s.capture.lease_ns;
 }
 
+/// A view that ends before the scanner was asked leaves it as it was. Only a restart still believes the mark, and takes
+/// one scan more.
+void withdraw_mark(Station& s) {
+  const Capture& c = s.capture;
+  if (c.phase == Capture::Phase::settling && c.mark != Capture::Mark::none && !c.unseen) s.scan_unseen = false;
+}
+
 void close(Station& s, Actions& actions, const char* why) {
+  withdraw_mark(s);
   log(actions, LogLine::Level::info, Code::ok, "maintenance of \"%s\" by %s ends after %u views: %s",
       s.capture.session.c_str(), s.capture.operator_name.c_str(), s.capture.shot.number, why);
   const std::uint16_t request_no = s.capture.request_no;
@@ -139,6 +153,7 @@ void begin(Station& s, const CaptureRequest& request, Actions& actions) {
 
 void refuse_shot(Station& s, Code code, std::string_view why, Actions& actions) {
   Capture& c = s.capture;
+  withdraw_mark(s);
   give_back(s);
   c.shot.done = true;
   c.shot.code = code;
@@ -173,7 +188,7 @@ void shoot(Station& s) {
   c.shot.number = number;
   c.phase = Capture::Phase::settling;
   c.abort = false;
-  c.looked_at = c.repeats = false;
+  c.looked_at = c.repeats = c.unseen = false;
   c.mark = Capture::Mark::none;
   c.started_ns = s.now_ns;
   // Only poses that arrive from now on: whoever asks for a view has stopped the robot by now, and a pose that was sent
@@ -195,6 +210,7 @@ void mark_unseen(Station& s, Actions& actions) {
   Capture& c = s.capture;
   if (c.mark == Capture::Mark::none) {
     c.mark = Capture::Mark::storing;
+    c.unseen = s.scan_unseen;
     s.scan_unseen = true;
     store_fingerprint(s, kUnseenScan, actions);
     c.mark_ticket = s.last_ticket;
@@ -376,8 +392,8 @@ void advance_capture(Station& s, Actions& actions) {
 void on_view_marked(Station& s, std::uint32_t ticket, Code code, Actions& actions) {
   Capture& c = s.capture;
   if (c.mark != Capture::Mark::storing || ticket != c.mark_ticket) return;
-  c.mark = code == Code::ok ? Capture::Mark::durable : Capture::Mark::none;
   if (code != Code::ok && c.phase == Capture::Phase::settling) refuse_shot(s, code, describe(code), actions);
+  c.mark = code == Code::ok ? Capture::Mark::durable : Capture::Mark::none;
 }
 
 std::uint16_t next_own_request(Station& s) {
@@ -396,13 +412,16 @@ bool on_view_scanned(Station& s, const ScanDone& done, Actions& actions) {
     c.repeats = repeats && !s.settings.simulation;
   }
   if (!done.durable) return true;
-  if (done.code != Code::ok || c.abort || c.repeats) {
+  // What the scanner gives first after one that nobody saw may be that very scan, from another place.
+  const bool late = c.unseen && !s.settings.simulation;
+  if (done.code != Code::ok || c.abort || c.repeats || late) {
     if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
     const Code code = c.abort ? Code::interrupted : done.code != Code::ok ? done.code : Code::frame_incomplete;
-    const std::string_view why = c.abort              ? "it was broken off"
-                                 : c.repeats          ? kRepeatedScan
-                                 : !done.text.empty() ? done.text.view()
-                                                      : describe(code);
+    const std::string_view why = c.abort                 ? "it was broken off"
+                                 : c.repeats             ? kRepeatedScan
+                                 : done.code == Code::ok ? kUnseenView
+                                 : !done.text.empty()    ? done.text.view()
+                                                         : describe(code);
     refuse_shot(s, code, why, actions);
     return true;
   }

@@ -191,6 +191,7 @@ TEST_F(CaptureTest, the_scanners_own_words_are_passed_on) {
   EXPECT_EQ(shot.text.view(), "as the test wants it");
   EXPECT_TRUE(all_buffers_are_free());
   line_.scan_code = Code::ok;
+  EXPECT_EQ(shoot().code, Code::frame_incomplete);  // may be what it owed
   EXPECT_EQ(shoot().code, Code::ok);
   EXPECT_NE(line_.scans[0].request.cmd_seq, line_.scans[1].request.cmd_seq);
 }
@@ -238,9 +239,56 @@ TEST_F(CaptureTest, the_points_of_an_earlier_scan_are_no_view) {
     ASSERT_FALSE(line_.dropped.empty());
     EXPECT_EQ(line_.dropped.back(), line_.scans.back().request.spool_path.view());
     EXPECT_TRUE(all_buffers_are_free());
+    // The scan that was asked for may still come.
     line_.fingerprint = 0;
+    EXPECT_EQ(shoot().code, Code::frame_incomplete);
+    EXPECT_TRUE(says(line_.station->capture.shot.text, "take the view again"));
     EXPECT_EQ(shoot().code, Code::ok);
     ask(Action::end);
+  }
+}
+
+TEST_F(CaptureTest, a_scan_that_nobody_saw_is_no_view_and_its_view_no_block) {
+  line_.command(PlcCommand::slab_begin);
+  line_.run_for(20);
+  line_.scan_code = Code::trigger_timeout;
+  line_.scan(4);
+  ASSERT_EQ(line_.view().cmd_status, failed(Code::trigger_timeout));
+  line_.scan_code = Code::ok;
+  line_.command(PlcCommand::slab_abort);
+  line_.run_for(100);
+  begin();
+  line_.fingerprint = 4711;  // block 4's points, late
+  EXPECT_EQ(shoot().code, Code::frame_incomplete);
+  EXPECT_TRUE(says(line_.station->capture.shot.text, "nobody saw")) << line_.station->capture.shot.text.view();
+  ASSERT_FALSE(line_.dropped.empty());
+  EXPECT_EQ(line_.dropped.back(), line_.scans.back().request.spool_path.view());
+  EXPECT_TRUE(all_buffers_are_free());
+  line_.fingerprint = 4712;
+  EXPECT_EQ(shoot().code, Code::ok);
+}
+
+TEST_F(CaptureTest, a_view_that_ends_before_the_scanner_was_asked_costs_no_scan) {
+  for (const bool by_end : {false, true}) {
+    begin();
+    line_.disk_answers = false;
+    ask(Action::shoot);
+    line_.run_for(2'500);
+    ASSERT_TRUE(line_.scans.empty());
+    ask(by_end ? Action::end : Action::keep);
+    if (!by_end) {
+      line_.plc.abort = true;
+      line_.feed(line_.plc);
+      line_.plc.abort = false;
+      line_.feed(line_.plc);
+    }
+    line_.disk_answers = true;
+    line_.run_for(100);
+    EXPECT_FALSE(line_.station->scan_unseen);
+    if (by_end) begin();
+    EXPECT_EQ(shoot().code, Code::ok);
+    ask(Action::end);
+    line_.scans.clear();
   }
 }
 
@@ -369,7 +417,9 @@ TEST_F(CaptureTest, ABORT_ends_the_view_and_not_the_session) {
   EXPECT_TRUE(all_buffers_are_free());
   line_.plc.abort = false;
   line_.feed(line_.plc);
+  // The scan that was broken off may still come.
   line_.scanner_answers = true;
+  EXPECT_EQ(shoot().code, Code::frame_incomplete);
   EXPECT_EQ(shoot().code, Code::ok);
 }
 
