@@ -58,8 +58,10 @@ constexpr double kFormChance = 1.4;
 /// Half of the edge moved by t moves the centre by 0.6 to 0.7 t, 2.6 to 3 times the scatter that is left: so that twice
 /// the standard deviation covers both casings of a block moved apart.
 constexpr double kFormVariance = 4.0;
-/// Beyond so many times the scatter a point says no more, and with less scatter than this the centre moves by less than
-/// a scanner's own form error.
+/// Beyond so many times the scatter a point says no more: of whether neighbours are alike, which a single wide gap must
+/// not outvote, and of how far the edge has moved. With less scatter than this the centre moves by less than a
+/// scanner's own form error.
+constexpr double kFormAlike = 0.7;
 constexpr double kFormReach = 3.0;
 constexpr double kFormMin_mm = 0.03;
 constexpr double kRadiusOffMax_mm = 1.0;
@@ -152,15 +154,22 @@ double edge_form_mm2(std::span<const Vec2> edge, const Circle& circle) {
     off[i] = (edge[i] - circle.centre).norm() - circle.radius;
     mean += off[i] / n;
   }
-  const double reach = kFormReach * circle.scatter;
-  for (std::size_t i = 0; i < edge.size(); ++i) off[i] = std::clamp(off[i] - mean, -reach, reach);
-  double own = 0.0;
+  const auto within = [&](std::size_t i, double scatters) {
+    const double reach = scatters * circle.scatter;
+    return std::clamp(off[i % edge.size()] - mean, -reach, reach);
+  };
+  double middle = 0.0;
+  for (std::size_t i = 0; i < edge.size(); ++i) middle += within(i, kFormAlike) / n;
+  const auto lean = [&](std::size_t i) { return within(i, kFormAlike) - middle; };
+  double leaning = 0.0;
   double shared = 0.0;
+  double moved = 0.0;
   for (std::size_t i = 0; i < edge.size(); ++i) {
-    own += off[i] * off[i];
-    shared += 0.5 * off[i] * (off[(i + 1) % edge.size()] + off[(i + 2) % edge.size()]);
+    leaning += lean(i) * lean(i);
+    shared += 0.5 * lean(i) * (lean(i + 1) + lean(i + 2));
+    moved += within(i, kFormReach) * within(i, kFormReach);
   }
-  return shared > kFormChance / std::sqrt(n) * own ? kFormVariance * own / n : 0.0;
+  return shared > kFormChance / std::sqrt(n) * leaning ? kFormVariance * moved / n : 0.0;
 }
 
 struct EdgePoints {
@@ -247,16 +256,20 @@ bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& 
   for_each_piece(points, seat, [&](const SeatPoints& piece) { find_innermost(piece, frame.axes(), around, found); });
   std::size_t sectors = 0;
   for (std::size_t k = 0; k < kSectors; ++k) sectors += found.seen(k, around) ? 1U : 0U;
-  const double over_mm = std::max(median, 0.0) + std::max(reach, kRimFormMax_mm);
+  // By the seat's noise, not by the rim's own scatter, which grows with its tilt.
+  const double seat_mm = has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0;
+  const double over_mm = std::max(median, 0.0) + std::max(4.0 * seat_mm, kRimFormMax_mm);
   const auto has_lip = [&](double inner_mm, double outer_mm) {
     const std::size_t all = count_in(ring(centre, inner_mm, outer_mm, -kAny, kAny));
     const std::size_t over = count_in(ring(centre, inner_mm, outer_mm, over_mm, kAny));
     return static_cast<double>(over) > (1.0 - kRimShareMin) * static_cast<double>(all);
   };
-  if (has_lip(task.bore_radius_mm, task.bore_radius_mm + margin) ||
-      has_lip(task.rim_radius_mm - margin, task.rim_radius_mm - kRimEdge_mm))
+  // From inside the bore, over which a lip may stand; up to the rim's nominal edge, where a casing that sits beside its
+  // place has the seat, as high as itself.
+  if (has_lip(task.bore_radius_mm - kRadiusOffMax_mm, task.bore_radius_mm + margin) ||
+      has_lip(task.rim_radius_mm - margin, task.rim_radius_mm))
     return false;
-  const double flat_mm = std::hypot(has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0, kRimFormMax_mm);
+  const double flat_mm = std::hypot(seat_mm, kRimFormMax_mm);
   return casing.rim_points >= kRimPointsMin && sectors >= kSectorsMin && casing.rim_std_mm <= flat_mm &&
          static_cast<double>(near.count()) >= kRimShareMin * static_cast<double>(count);
 }

@@ -32,6 +32,22 @@ double registration_variance(const Vec6& g, const RegistrationReport& registrati
   return g.isZero(0.0) ? 0.0 : g.dot(registration.covariance * g);
 }
 
+/// By the circles of both casings.
+double spacing_variance_mm2(const BlockResult& result) {
+  const Vec3 between = (result.casing_outer.centre - result.casing_inner.centre).normalized();
+  const Vec3 by_circle(between.x(), std::hypot(between.y(), between.z()), 0.0);
+  return by_circle.dot(result.casing_inner.cov_circle * by_circle) +
+         by_circle.dot(result.casing_outer.cov_circle * by_circle);
+}
+
+/// An uncertainty that the recipe states knows nothing of this scan: it is no less than what the circles say.
+void widen_spacing(BlockResult& result) {
+  Item& spacing = item_of(result, ItemId::casing_spacing);
+  if (!has_value(spacing.value)) return;
+  const double u_mm = 2.0 * std::sqrt(spacing_variance_mm2(result));
+  if (u_mm > spacing.U) spacing.U = u_mm;
+}
+
 /// One block: what its items' budgets have in common.
 class BlockBudget {
  public:
@@ -84,11 +100,7 @@ class BlockBudget {
   void casing_spacing() {
     const Item& spacing = item(ItemId::casing_spacing);
     if (!has_value(spacing.value)) return;
-    const Vec3 between = (result_.casing_outer.centre - result_.casing_inner.centre).normalized();
-    const Vec3 by_circle(between.x(), std::hypot(between.y(), between.z()), 0.0);
-    const double fit = by_circle.dot(result_.casing_inner.cov_circle * by_circle) +
-                       by_circle.dot(result_.casing_outer.cov_circle * by_circle);
-    length(ItemId::casing_spacing, spacing.value, fit,
+    length(ItemId::casing_spacing, spacing.value, spacing_variance_mm2(result_),
            square(scanner_.difference_mm(spacing.value)) + square(scanner_.length_mm(spacing.value)), Vec6::Zero());
   }
 
@@ -264,6 +276,7 @@ bool settle(const Budget& budget, Item& item) {
 
 void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, BlockResult& result) {
   budget_seat_std(result);
+  widen_spacing(result);
   if (!recipe.uncertainty.given) return;
   BlockBudget budget(recipe, verified, result);
   budget.slope();

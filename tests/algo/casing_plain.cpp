@@ -38,6 +38,7 @@ double shared_rows(double spread) {
 constexpr double kFormChance = 1.4;
 constexpr double kFormVariance = 4.0;
 /// Beyond so many times the scatter a point says no more, and with less scatter than this nothing is said.
+constexpr double kFormAlike = 0.7;
 constexpr double kFormReach = 3.0;
 constexpr double kFormMin_mm = 0.03;
 constexpr double kRadiusOffMax_mm = 1.0;
@@ -150,19 +151,19 @@ bool measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingF
   casing.height_mm = heights.mean();
   casing.rim_std_mm = std::sqrt(heights.variance(1));
   casing.sigma_height_mm = casing.rim_std_mm / std::sqrt(static_cast<double>(heights.count()));
-  const double over_mm = std::max(median, 0.0) + std::max(reach, kRimFormMax_mm);
+  const double seat_mm = has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0;
+  const double over_mm = std::max(median, 0.0) + std::max(4.0 * seat_mm, kRimFormMax_mm);
   std::array<double, 2> at_edge{};
   std::array<double, 2> lip{};
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     const double r = (frame.in_plane(cloud[i]) - centre).norm();
-    const bool at_bore = r >= task.bore_radius_mm && r < inner;
-    if (!at_bore && !(r > outer && r < task.rim_radius_mm - kRimEdge_mm)) continue;
+    const bool at_bore = r >= task.bore_radius_mm - kRadiusOffMax_mm && r < inner;
+    if (!at_bore && !(r > outer && r < task.rim_radius_mm)) continue;
     at_edge[at_bore ? 0 : 1] += 1.0;
     lip[at_bore ? 0 : 1] += frame.height(cloud[i]) >= over_mm ? 1.0 : 0.0;
   }
   for (std::size_t k = 0; k < 2; ++k)
     if (lip[k] > (1.0 - kRimShareMin) * at_edge[k]) return false;
-  const double seat_mm = has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0;
   return casing.rim_points >= kRimPointsMin && casing.rim_std_mm <= std::hypot(seat_mm, kRimFormMax_mm) &&
          static_cast<std::size_t>(std::count(seen_there.begin(), seen_there.end(), true)) >= kSectorsMin &&
          static_cast<double>(heights.count()) >= kRimShareMin * static_cast<double>(count);
@@ -176,18 +177,27 @@ double edge_form_mm2(const std::vector<Vec2>& edge, const Circle& circle) {
   const auto n = static_cast<double>(off.size());
   double mean = 0.0;
   for (const double o : off) mean += o / n;
-  const double reach = kFormReach * circle.scatter;
-  for (double& o : off) o = std::clamp(o - mean, -reach, reach);
+  const auto clamped = [&](double reach_mm) {
+    std::vector<double> to(off.size());
+    for (std::size_t i = 0; i < off.size(); ++i) to[i] = std::clamp(off[i] - mean, -reach_mm, reach_mm);
+    return to;
+  };
+  std::vector<double> lean = clamped(kFormAlike * circle.scatter);
+  double middle = 0.0;
+  for (const double l : lean) middle += l / n;
+  for (double& l : lean) l -= middle;
   double own = 0.0;
   double next = 0.0;
   double next_but_one = 0.0;
-  const std::size_t count = off.size();
+  const std::size_t count = lean.size();
   for (std::size_t i = 0; i < count; ++i) {
-    own += off[i] * off[i];
-    next += off[i] * off[i + 1 < count ? i + 1 : 0];
-    next_but_one += off[i] * off[i + 2 < count ? i + 2 : i + 2 - count];
+    own += lean[i] * lean[i];
+    next += lean[i] * lean[i + 1 < count ? i + 1 : 0];
+    next_but_one += lean[i] * lean[i + 2 < count ? i + 2 : i + 2 - count];
   }
-  return 0.5 * (next + next_but_one) > kFormChance / std::sqrt(n) * own ? kFormVariance * own / n : 0.0;
+  double moved = 0.0;
+  for (const double m : clamped(kFormReach * circle.scatter)) moved += m * m;
+  return 0.5 * (next + next_but_one) > kFormChance / std::sqrt(n) * own ? kFormVariance * moved / n : 0.0;
 }
 
 }  // namespace

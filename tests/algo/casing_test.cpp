@@ -86,6 +86,7 @@ TEST(Casing, IsMeasuredOnlyByARimThatIsOnePlaneAndSeenAllAround) {
 TEST(Casing, IsNotMeasuredWithALipThatStandsOverTheSeat) {
   const auto with = [](double from_mm, double to_mm, double high_mm) {
     View view;
+    if (from_mm < kBore_mm) view.bore_mm = [=](double) { return from_mm; };
     view.lip_mm = [=](double radius) { return radius > from_mm && radius < to_mm ? high_mm : 0.0; };
     return look(view, 7).casing;
   };
@@ -97,13 +98,26 @@ TEST(Casing, IsNotMeasuredWithALipThatStandsOverTheSeat) {
     EXPECT_FALSE(with(kBore_mm, kBore_mm + 0.6, high_mm).ok) << "a narrow one";
     EXPECT_FALSE(with(middle_to, kRim_mm, high_mm).ok) << "a collar";
     EXPECT_FALSE(with(kRim_mm - 1.0, kRim_mm, high_mm).ok);
+    EXPECT_FALSE(with(kRim_mm - 0.7, kRim_mm, high_mm).ok) << "a narrow collar";
+    EXPECT_FALSE(with(kBore_mm - 0.9, kBore_mm + 0.3, high_mm).ok) << "flash that stands over the bore";
   }
   // What does not stand over the seat lifts no rail pad: edges are round, and hardly seen.
   EXPECT_TRUE(with(kBore_mm, middle_from, 0.25).ok) << "as high as the seat";
   EXPECT_TRUE(with(kBore_mm, middle_from, -0.5).ok) << "a chamfer";
   EXPECT_TRUE(with(middle_to, kRim_mm, 0.25).ok);
   EXPECT_TRUE(with(middle_to, kRim_mm, -0.5).ok);
-  EXPECT_TRUE(with(kRim_mm - 0.5, kRim_mm, 1.0).ok) << "the seat round a casing beside its place";
+  EXPECT_TRUE(with(kRim_mm - 0.5, kRim_mm, 0.25).ok) << "the seat round a casing beside its place";
+}
+
+TEST(Casing, IsNotMeasuredWithALipThatATiltOfItsRimHides) {
+  for (const double tilt_mm : {0.0, 0.1, 0.15, 0.2}) {
+    SCOPED_TRACE(tilt_mm);
+    View view;
+    view.on_rim_mm = [=](double turn) { return tilt_mm * std::cos(turn); };
+    EXPECT_TRUE(look(view, 7).casing.ok);
+    view.lip_mm = [](double radius) { return radius < kBore_mm + 1.75 ? 0.25 + 0.4 : 0.0; };
+    EXPECT_FALSE(look(view, 7).casing.ok) << "0.4 mm over the seat";
+  }
 }
 
 /// Root of true over stated variance of the centre, and the same of the height, over many phases and turns.
@@ -116,16 +130,24 @@ Honesty honesty(const View& view, int seeds) {
   double true_squares = 0.0;
   double stated = 0.0;
   double heights = 0.0;
+  int thought_moved = 0;
   for (int seed = 1; seed <= seeds; ++seed) {
     const Outcome o = look(view, static_cast<std::uint64_t>(seed));
     EXPECT_TRUE(o.casing.ok) << seed;
     if (!o.casing.ok) continue;
+    // In a coarse scan a few good edges look as if a part of them had moved.
+    if (view.pitch_mm > 0.3 && o.casing.cov_circle.trace() > o.casing.edge_rms_mm * o.casing.edge_rms_mm) {
+      ++thought_moved;
+      continue;
+    }
     true_squares += (o.casing.centre - o.centre).squaredNorm();
     stated += o.casing.cov_circle(0, 0) + o.casing.cov_circle(1, 1);
     const double e = (o.casing.height_mm - kRimHeight_mm) / o.casing.sigma_height_mm;
     heights += e * e;
   }
-  return {std::sqrt(true_squares / stated), std::sqrt(heights / seeds), std::sqrt(0.5 * true_squares / seeds)};
+  EXPECT_LE(thought_moved, seeds / 50);
+  const int counted = seeds - thought_moved;
+  return {std::sqrt(true_squares / stated), std::sqrt(heights / counted), std::sqrt(0.5 * true_squares / counted)};
 }
 
 TEST(Casing, KnowsHowWellItKnowsItsCentre) {
@@ -164,12 +186,21 @@ TEST(Casing, OfHalfAnEdgeIsHonestOrNotMeasured) {
 }
 
 TEST(Casing, KnowsItsCentreLessWellWhenAPartOfItsEdgeHasMoved) {
-  // A crescent of mortar in one half of the bore, or half a ring around it from which nothing comes back.
-  for (const double moved_mm : {-0.5, -0.3, 0.3, 0.5}) {
-    SCOPED_TRACE(moved_mm);
+  // A crescent of mortar in one half of the bore, or half a ring around it from which nothing comes back. Of 0.2 mm a
+  // coarser scan does not always know.
+  for (const auto& [pitch_mm, moved_mm] : std::vector<std::pair<double, double>>{{0.255, -0.5},
+                                                                                 {0.255, -0.3},
+                                                                                 {0.24, -0.2},
+                                                                                 {0.24, 0.2},
+                                                                                 {0.255, 0.3},
+                                                                                 {0.255, 0.5},
+                                                                                 {0.3, -0.3},
+                                                                                 {0.3, 0.3},
+                                                                                 {0.3, 0.5}}) {
+    SCOPED_TRACE(testing::Message() << pitch_mm << ' ' << moved_mm);
     int covered = 0;
     for (std::uint64_t seed = 1; seed <= 50; ++seed) {
-      View view{.pitch_mm = 0.255};
+      View view{.pitch_mm = pitch_mm};
       view.bore_mm = [=](double turn) { return kBore_mm + (turn > 0.0 ? moved_mm : 0.0); };
       const Outcome o = look(view, seed);
       ASSERT_TRUE(o.casing.ok) << seed;

@@ -390,6 +390,24 @@ TEST(ScannerBudget, of_specification_and_verification_the_larger_counts_term_by_
   EXPECT_EQ(shorter.difference_mm(1e6), specified.difference_mm(1e6));
 }
 
+TEST(Budget, a_spacing_whose_U_the_recipe_states_is_known_no_better_than_its_circles) {
+  Block b;
+  Recipe recipe = b.line.recipe();
+  recipe.uncertainty.given = false;
+  const auto stated = [&](double sigma_mm) {
+    BlockResult r = b.result;
+    r.casing_inner.cov_circle = r.casing_outer.cov_circle = sigma_mm * sigma_mm * Mat3::Identity();
+    blank_block_items(recipe, r);
+    compute_block_items(b.line.model(), r);
+    compute_block_budget(recipe, {}, r);
+    return find(r, ItemId::casing_spacing).U;
+  };
+  const double fixed_mm = stated(0.01);
+  EXPECT_GT(fixed_mm, 0.05) << "the recipe's";
+  EXPECT_EQ(stated(0.02), fixed_mm);
+  EXPECT_NEAR(stated(0.3), 2.0 * std::sqrt(2.0) * 0.3, 1e-3);
+}
+
 TEST(ScannerBudget, a_scanner_that_is_worse_than_specified_makes_every_U_larger_and_a_better_one_none_smaller) {
   Block b;
   b.result.seat.flatness_mm = 0.05;
