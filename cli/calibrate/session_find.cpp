@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Which session a command means when nobody says: the one this person worked on last, else the only one there is. Every
-// command says which it took. The note of the last one is a convenience; without it (no home folder) everything works
-// with --session.
+// Which session a command means when nobody says: the one this person worked on last, else the only one there is; of
+// one line only, where a configuration is named. Every command says which it took. The note of the last one is a
+// convenience; without it (no home folder) everything works with --session.
 #include <fmt/core.h>
 #include <pwd.h>
 #include <unistd.h>
@@ -59,15 +59,29 @@ std::vector<std::string> sessions_in(const std::string& folder) {
 constexpr const char* kHowToBegin =
     "begin one with: slabctl calibrate new NAME --kind ball --radius MM (slabctl calibrate new --help explains)";
 
-/// Who names a configuration means that line: a session of another one must not be solved, let alone applied, for it.
-/// One that was begun without a configuration belongs to none.
-bool may_mean(const std::string& dir, const std::string& config) {
-  if (config.empty()) return true;
+/// The configuration of the other line that a session was begun with, empty when it may be meant. Who names a
+/// configuration means that line: a session of another one must not be solved, let alone applied, for it. One that was
+/// begun without a configuration belongs to none.
+std::string other_line(const std::string& dir, const std::string& config) {
+  if (config.empty()) return "";
   const Result<Session> session = Session::open(dir);
-  if (!session.ok()) return true;  // complained of when it is opened
+  if (!session.ok()) return "";  // complained of when it is opened
   const std::string& begun_with = session.value().settings().config;
   std::error_code fault;
-  return begun_with.empty() || fs::equivalent(begun_with, config, fault);
+  return begun_with.empty() || fs::equivalent(begun_with, config, fault) ? "" : begun_with;
+}
+
+/// Lines may keep their sessions in one folder. `others` says in words which are left out, and why.
+std::vector<std::string> sessions_of_line(const std::string& folder, const std::string& config, std::string& others) {
+  std::vector<std::string> found;
+  for (const std::string& dir : sessions_in(folder)) {
+    const std::string other = other_line(dir, config);
+    if (other.empty())
+      found.push_back(dir);
+    else
+      others += fmt::format("{}{} is one of {}", others.empty() ? "" : ", ", fs::path(dir).filename().string(), other);
+  }
+  return found;
 }
 
 /// Empty: complained.
@@ -79,12 +93,20 @@ std::string which_session(const SessionOptions& options, int& exit_status) {
     exit_status = kUsage;
     return "";
   }
-  if (std::string last = last_session(); !last.empty() && may_mean(last, options.config)) return last;
+  if (std::string last = last_session(); !last.empty() && other_line(last, options.config).empty()) return last;
   std::optional<daemon::Config> config;
   exit_status = kBadInput;
   if (!config_if_any(options.config, config)) return "";
-  const std::vector<std::string> found = config ? sessions_in(config->sessions_dir) : std::vector<std::string>{};
+  std::string others;
+  const std::vector<std::string> found =
+      config ? sessions_of_line(config->sessions_dir, options.config, others) : std::vector<std::string>{};
   if (found.size() == 1) return found.front();
+  if (found.empty() && !others.empty()) {
+    complain(
+        fmt::format("there is no calibration session of {} yet in {} ({}; --session NAME takes one all the same); {}",
+                    options.config, config->sessions_dir, others, kHowToBegin));
+    return "";
+  }
   if (found.empty()) {
     complain(fmt::format("there is no calibration session yet{}; {}",
                          config ? " in " + config->sessions_dir : std::string(), kHowToBegin));
@@ -101,7 +123,7 @@ std::string which_session(const SessionOptions& options, int& exit_status) {
 void SessionOptions::add_to(CLI::App& command) {
   command.add_option(
       "--session", session,
-      "Name or folder (default: the one you worked on last, with --config of that line, else the only one there is)");
+      "Name or folder (default: the one you worked on last, else the only one there is; with --config, of that line)");
   command.add_option("--config", config, fmt::format("The daemon's configuration (default: {})", kDefaultConfig));
 }
 

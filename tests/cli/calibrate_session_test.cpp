@@ -323,6 +323,36 @@ TEST_F(CalibrateSession, who_names_a_configuration_does_not_get_the_session_of_a
   EXPECT_EQ(list("--config " + config("hall-c"))["folder"], file("anywhere")) << "begun without a configuration";
 }
 
+TEST_F(CalibrateSession, lines_that_keep_their_sessions_in_one_folder_do_not_get_each_others) {
+  const auto line = [this](const std::string& name) {
+    const std::string path = config(name);
+    std::string text = content(path);
+    text.replace(text.find("[calibration]\n"), 14, "[calibration]\nsessions_dir = \"" + file("sessions") + "\"\n");
+    return write(name + "/slabd.toml", text);
+  };
+  const std::string a = line("hall-a");
+  const std::string b = line("hall-b");
+  ASSERT_EQ(run("calibrate new one --config " + a + " --radius 25.4").status, 0);
+  // It is the last one, and the only one there is; for the other line it is neither.
+  for (const char* command : {"list", "solve", "verify", "apply"}) {
+    const Ended none = run(std::string("calibrate ") + command + " --config " + b);
+    EXPECT_EQ(none.status, 3) << command << none.out << none.err;
+    expect_mentions(none.err, "there is no calibration session of " + b + " yet in " + file("sessions"));
+    expect_mentions(none.err, "one of " + a);
+    expect_mentions(none.err, "slabctl calibrate new");
+  }
+  EXPECT_EQ(list("--config " + a)["folder"], file("sessions/one"));
+  EXPECT_EQ(list("--config " + b + " --session one")["folder"], file("sessions/one")) << "named, it is meant";
+  ASSERT_EQ(run("calibrate new two --config " + b + " --radius 25.4").status, 0);
+  ASSERT_EQ(run("calibrate list --session one --config " + a).status, 0);
+  EXPECT_EQ(list("--config " + b)["folder"], file("sessions/two")) << "the only one of this line";
+  ASSERT_EQ(run("calibrate new three --config " + b + " --radius 25.4").status, 0);
+  ASSERT_EQ(run("calibrate list --session one --config " + a).status, 0);
+  const Ended several = run("calibrate list --config " + b);
+  EXPECT_EQ(several.status, 3) << several.out << several.err;
+  expect_mentions(several.err, "(three, two)");
+}
+
 TEST_F(CalibrateSession, drop_and_undo_go_back_step_by_step_and_delete_nothing) {
   simulate("set", "--views 3 --seed 6");
   ASSERT_EQ(run(new_in("a")).status, 0);
