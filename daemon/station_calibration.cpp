@@ -139,7 +139,9 @@ Splice splice_now(const Station& s, std::uint8_t station, const Pose& T_base_fla
 
 std::uint16_t calibration_warnings(const Station& s) {
   std::uint16_t warn = 0;
-  if (!s.recovered) return warn;
+  // With a fault of the start (504, or 502 without a database) nobody has read what was calibrated, verified and
+  // checked.
+  if (!s.recovered || s.settings.fault != Code::ok) return warn;
   if (s.calibration.source == LineCalibration::Source::commissioning) warn |= kWarnCommissioningCalibration;
   const std::int64_t now = expiry_utime_us(s);
   if (overdue(s.calibration.block, s.settings.check_interval_us, now) ||

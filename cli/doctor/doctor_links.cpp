@@ -290,6 +290,12 @@ void examine_heard(const daemon::Config& config, const Heard& heard, Examination
                 "only records show it; NTP on both sides mends it");
 }
 
+/// The configuration is not usable: slabd has opened no database and looks for no scanner, so it knows nothing of them.
+bool in_config_fault(const json& status) {
+  const json& fault = at(status, {"fault", "code"});
+  return fault.is_number() && fault.get<int>() == static_cast<int>(Code::config);
+}
+
 /// What ends a warning of the daemon's, by its bit of WARN (docs/PLC.md).
 constexpr std::array kWarningCures = {
     "compare the recipe with the drawing, then confirmed = true; slabctl recipe show FILE lists what is not",
@@ -343,7 +349,7 @@ std::string examine_daemon(const daemon::Config& config, Examination& report) {
     report.warning("daemon", fmt::format("it runs with {}", text(at(status, {"config"}))),
                    "look at that one with --config, or restart the daemon");
   examine_warnings(status, report);
-  if (!yes(at(status, {"links", "store", "ok"})))
+  if (!yes(at(status, {"links", "store", "ok"})) && !in_config_fault(status))
     report.failed("database", "the daemon cannot write it", "journalctl -u slabd names the reason");
   return answer.value();
 }
@@ -388,7 +394,9 @@ void examine_scanner(const daemon::Config& config, const std::string& status_tex
   const std::string drop(config.scanner.drop_dir.view());
   const bool stream = config.scanner_backend == hal::ScannerBackend::tcp;
   const std::string endpoint = fmt::format("{}:{}", config.stream.host.view(), config.stream.port);
-  if (!status.is_null()) {
+  if (in_config_fault(status)) {
+    report.unknown("scanner link", "in fault 504 the daemon does not look for a scanner");
+  } else if (!status.is_null()) {
     if (yes(at(status, {"links", "scanner", "online"})))
       report.ok("scanner link", stream ? "the scanner's gateway is connected to " + endpoint
                                        : drop + "/request and /inbox are there for the daemon");
@@ -437,7 +445,7 @@ static void examine_acceptance(std::string_view id, std::string_view standing, E
 
 void examine_calibration(const daemon::Config& config, const std::string& status_text, Examination& report) {
   const json status = status_of(status_text);
-  if (status.is_null()) {
+  if (status.is_null() || in_config_fault(status)) {
     const auto reader = storage::open_reader(config.storage.db_path);
     if (!reader) return report.unknown("calibration", std::string(reader.error().text.view()));
     const auto hand_eye = reader.value()->current(CalibrationKind::hand_eye);

@@ -539,6 +539,8 @@ TEST_F(StationTest, a_config_fault_shows_itself_and_refuses_work) {
   EXPECT_EQ(line.view().state, PlcState::fault);
   EXPECT_EQ(line.view().fault, 504);
   EXPECT_FALSE(line.view().ready);
+  // What is in the database nobody knows: no calibration, no acceptance is no finding of anybody's.
+  EXPECT_EQ(line.view().warn, 0);
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
   EXPECT_EQ(line.view().cmd_status, failed(Code::config));

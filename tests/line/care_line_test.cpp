@@ -302,6 +302,11 @@ TEST_F(CareLine, without_recipes_it_says_504_and_its_database_is_still_backed_up
   const Box::Answer doctor = box_.slabctl({"doctor", "--config", box_.config.native(), "--listen-s", "1"});
   EXPECT_NE(doctor.out.find("fault 504"), std::string::npos) << doctor.out;
   EXPECT_EQ(doctor.out.find("another program"), std::string::npos) << doctor.out;
+  // Nobody has opened the database: what is in it, and whether it can be written, the daemon does not know.
+  for (const char* claim : {"cannot write it", "no calibration has been applied yet", "scanner is not verified"}) {
+    EXPECT_EQ(doctor.out.find(claim), std::string::npos) << claim << "\n" << doctor.out;
+    EXPECT_EQ(status.out.find(claim), std::string::npos) << claim << "\n" << status.out;
+  }
   EXPECT_EQ(db({"backup"}).exit_status, 0);
   EXPECT_EQ(box_.stop(), 0);
 }
