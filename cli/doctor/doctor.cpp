@@ -95,6 +95,10 @@ int examine(const Options& options) {
     examine_robot(config, options.listen_s, report);
     examine_scanner(config, status, options.scan, report);
     examine_calibration(config, status, report);
+  } else {
+    // slabd runs with such a configuration too, in fault 504 or with what it read before, and takes its socket from it
+    // as we do. Of the rest nothing can be said.
+    (void)examine_daemon(config, report);
   }
   if (options.as_json)
     fmt::print("{}", json_of(report));
@@ -135,7 +139,8 @@ void add_doctor(CLI::App& app, int& exit_status) {
       "calibration. Nothing is changed; 64 MB are written beside the scans and deleted. --scan has the scanner take "
       "one\n"
       "scan: the daemon goes to maintenance for it, so no slab may be open and the robot must stand.\n\n"
-      "Exit status: 0 nothing failed, 3 the configuration cannot be used, 4 something failed.\n"
+      "Exit status: 0 nothing failed, 3 the configuration cannot be used (only the daemon is asked then), 4 something "
+      "failed.\n"
       "Example: slabctl doctor --scan");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
   command->add_option("--listen-s", options->listen_s, "How long to listen to robot and PLC")

@@ -61,7 +61,8 @@ class Examination {
 
 // ---- doctor_files.cpp: what lies on the disk ---------------------------------------------------------------------
 
-/// Configuration and recipes. False when there is no configuration to go on with.
+/// Configuration and recipes. False when there is no configuration to go on with; `config` then names a control socket
+/// all the same, the one slabd takes from it.
 [[nodiscard]] bool examine_files(const std::string& config_path, daemon::Config& config, std::vector<Recipe>& recipes,
                                  Examination& report);
 /// Folders, who may write to them, free space, and how fast a scan and a commit become durable (writes 64 MB and

@@ -233,7 +233,9 @@ int monitor(Options options) {
   daemon::Config config;
   // Another slabd is looked at from a computer that has none: unit 1, high word first.
   const bool foreign = !options.connect.empty() && !std::filesystem::exists(options.config);
-  if (!foreign && !config_from(options.config, config)) return kBadInput;
+  // With a configuration that cannot be used slabd runs as well, in fault 504, and takes registers and socket from it
+  // as we do.
+  const bool usable = foreign || config_from(options.config, config);
   if (!options.connect.empty()) {
     const std::size_t colon = options.connect.rfind(':');
     const unsigned long port =
@@ -260,7 +262,7 @@ int monitor(Options options) {
     if (!registers && over_wire && options.connect.empty())
       if (Result<Registers> told = plc_registers(socket); told) registers = std::move(told);
     show(options, registers, pulses, terminal && !options.once && !options.as_json);
-    if (options.once || g_stop != 0) return registers ? kDone : kNotReachable;
+    if (options.once || g_stop != 0) return !usable ? kBadInput : registers ? kDone : kNotReachable;
     std::this_thread::sleep_for(std::chrono::milliseconds(options.interval_ms));
   }
 }
@@ -285,7 +287,10 @@ Result<PlcRegisters> plc_registers(const std::string& control_socket) {
 void add_plc_monitor(CLI::App& plc, int& exit_status) {
   auto options = std::make_shared<Options>();
   CLI::App* command = plc.add_subcommand("monitor", "Every register live, in words; reads only, owns nothing");
-  command->footer("\nExit status 4 when slabd does not answer.\nExample: slabctl plc monitor --once");
+  command->footer(
+      "\nExit status 4 when slabd does not answer, 3 when the configuration is not usable (slabd runs with it, in "
+      "fault\n"
+      "504, and is asked all the same).\nExample: slabctl plc monitor --once");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
   auto* connect = command->add_option("--connect", options->connect,
                                       "ADDRESS:PORT of another slabd than the configured; needs no configuration here");

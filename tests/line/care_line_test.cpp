@@ -285,7 +285,12 @@ TEST_F(CareLine, a_faulty_configuration_is_fault_504_for_whoever_asks) {
   EXPECT_EQ(status.exit_status, 3);
   EXPECT_NE(status.err.find("scanner2"), std::string::npos) << status.err;
   EXPECT_NE(status.out.find("504: the configuration is not usable"), std::string::npos) << status.out << status.err;
+  const Box::Answer monitor = box_.slabctl({"plc", "monitor", "--once", "--config", box_.config.native()});
+  EXPECT_EQ(monitor.exit_status, 3);
+  EXPECT_NE(monitor.err.find("scanner2"), std::string::npos) << monitor.err;
+  EXPECT_NE(monitor.out.find("504"), std::string::npos) << monitor.out << monitor.err;
   EXPECT_EQ(box_.stop(), 0);
+  EXPECT_EQ(box_.slabctl({"plc", "monitor", "--once", "--config", box_.config.native()}).exit_status, 3);
 }
 
 TEST_F(CareLine, without_recipes_it_says_504_and_its_database_is_still_backed_up) {

@@ -56,12 +56,19 @@ class DoctorTest : public testing::Test {
   Box box_;
 };
 
-TEST_F(DoctorTest, a_configuration_with_a_mistake_is_where_it_ends) {
+TEST_F(DoctorTest, with_a_mistake_in_the_configuration_only_the_daemon_is_asked) {
   std::ofstream(box_.config, std::ios::app) << "\n[scanner2]\n";
-  const Opinion opinion = examine();
+  Opinion opinion = examine();
   EXPECT_EQ(opinion.exit_status, 3);
   EXPECT_EQ(opinion.health("configuration"), "failed") << opinion.all();
-  EXPECT_EQ(opinion.health("daemon"), "") << "nothing can be said of the rest";
+  EXPECT_EQ(opinion.health("daemon"), "failed") << "it does not run";
+  EXPECT_EQ(opinion.health("disk speed"), "") << "nothing can be said of the rest";
+  start();
+  opinion = examine();
+  EXPECT_EQ(opinion.exit_status, 3);
+  EXPECT_EQ(opinion.health("daemon"), "failed");
+  EXPECT_NE(opinion.all().find("fault 504"), std::string::npos) << opinion.all();
+  EXPECT_EQ(opinion.health("database"), "") << "nobody has tried to write it\n" << opinion.all();
 }
 
 TEST_F(DoctorTest, says_that_the_daemon_does_not_run_and_looks_at_what_it_can) {
