@@ -45,7 +45,7 @@ void on_command(Station& s, const PendingStore& pending, Code code, Actions& act
   ++s.desk.refused;
   if (code == Code::store_full) {
     s.warn |= kWarnDiskLow;
-    log(actions, LogLine::Level::error, code, "SLAB_BEGIN refused: %.*s; %.*s", static_cast<int>(describe(code).size()),
+    log(actions, LogLine::Level::error, code, "command refused: %.*s; %.*s", static_cast<int>(describe(code).size()),
         describe(code).data(), static_cast<int>(cure(code).size()), cure(code).data());
   } else {
     raise_fault(s, actions, code, "recording a command");

@@ -45,7 +45,7 @@ Json warnings(std::uint16_t bits) {
   add(kWarnResultsWaiting, "more than a slab of results waits for RES_ACK");
   add(kWarnClockBackwards, "the wall clock is older than the newest record");
   add(kWarnRecipeUnusable, "a recipe file could not be used");
-  add(kWarnDiskLow, "a slab was refused because the spool disk is nearly full");
+  add(kWarnDiskLow, "a command was refused because a disk is full or nearly full");
   add(kWarnControlSocket, "the control socket could not be opened");
   add(kWarnCheckOverdue, "the check of the reference block or the monitor ball is overdue (slabctl calibrate check)");
   add(kWarnStationsNotCorrected, "stations were measured without their correction; U rests on the robot's accuracy");

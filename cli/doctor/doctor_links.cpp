@@ -305,7 +305,7 @@ constexpr std::array kWarningCures = {
     "the PLC must copy RES_SEQ (IR 30) to RES_ACK (HR 2) once it has stored the record",
     "set the clock (NTP); if it is right now, docs/OPERATING.md, \"The clock was wrong\"",
     "slabctl config check names file, line and key",
-    "free space on the spool disk, or set [storage] spool_budget_gb",
+    "free space on the disk of the scans or of the database (journalctl -u slabd says which)",
     "journalctl -u slabd says why; does another slabd run?",
     "slabctl calibrate check; docs/CALIBRATION.md, \"The daily check\"",
     "slabctl calibrate stations; docs/CALIBRATION.md, \"Station corrections\"",

@@ -32,6 +32,26 @@ TEST(CodeWords, every_code_is_said_in_chinese_with_its_cure) {
   EXPECT_GE(codes, 31);
 }
 
+TEST(CodeWords, a_command_that_a_cure_names_is_named_in_chinese_too) {
+  int commands = 0;
+  for (std::uint16_t number = 100; number < kReasonItemBase; ++number) {
+    const auto code = static_cast<Code>(number);
+    const std::string_view english = cure(code);
+    for (std::size_t begin = english.find('`'); begin != std::string_view::npos;) {
+      const std::size_t end = english.find('`', begin + 1);
+      const std::string_view command = english.substr(begin + 1, end - begin - 1);
+      ++commands;
+      EXPECT_NE(cure_words(code, Language::zh).find(command), std::string_view::npos) << number << ": " << command;
+      begin = english.find('`', end + 1);
+    }
+  }
+  EXPECT_GE(commands, 3);
+}
+
+TEST(CodeWords, a_full_disk_may_be_the_databases) {
+  EXPECT_NE(cure_words(Code::store_full, Language::zh).find("数据库"), std::string_view::npos);
+}
+
 TEST(CodeWords, every_warning_is_said_in_chinese) {
   for (unsigned bit = 0; bit < std::bit_width(unsigned{kWarnScannerNotVerified}); ++bit)
     EXPECT_TRUE(has_chinese(warning_zh(static_cast<std::uint16_t>(1U << bit)))) << bit;
