@@ -76,6 +76,11 @@ class Units(unittest.TestCase):
         for name in ("slabd-backup.service", "slabd-metrics.service"):
             self.assertLessEqual(self.exposure(name, read(name)), 1.6, name)
 
+    def test_figures_that_were_written_are_no_failed_unit(self):
+        # 3: written, with a configuration that cannot be used; 4: written, and the daemon does not answer.
+        found = re.search(r"^SuccessExitStatus=(.*)$", read("slabd-metrics.service"), re.MULTILINE)
+        self.assertEqual(found.group(1).split(), ["3", "4"])
+
     def test_a_slack_unit_has_a_higher_exposure(self):
         text = read("slabd.service").replace("ProtectSystem=strict", "ProtectSystem=no")
         self.assertGreater(self.exposure("slabd.service", text), 1.2)
