@@ -55,7 +55,8 @@ void read_slab(TableReader slab, SlabGeometry& out) {
   read_nominal(slab, "width_mm", out.width_mm, {1'500.0, 5'000.0});
   read_nominal(slab, "thickness_mm", out.thickness_mm, {50.0, 1'000.0});
   std::int64_t pairs = 0;
-  slab.required_integer("pairs", pairs, 1, static_cast<std::int64_t>(limits::kPairsMax));
+  // Below 6 pairs there are not the 12 seats that a slab frame needs (algo/slab_items.cpp): no slab could be judged.
+  slab.required_integer("pairs", pairs, 6, static_cast<std::int64_t>(limits::kPairsMax));
   out.pairs = static_cast<std::uint8_t>(pairs);
   read_nominal(slab, "pitch_mm", out.pitch_mm, {400.0, 1'000.0});
   read_nominal(slab, "first_pair_from_end_mm", out.first_pair_from_end_mm, {50.0, 1'000.0});

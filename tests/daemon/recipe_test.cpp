@@ -251,7 +251,8 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"slope_datum = \"slab_frame\"", "slope_datum = \"floor\"",
               "r.toml:LINE:15: slope_datum: found \"floor\", allowed is \"slab_frame\" or \"local_slab_top\""},
         Fault{"guard = 1.0", "guard = -1", "r.toml:LINE:9: guard: found -1, allowed is a number 0..2"},
-        Fault{"pairs = 9 ", "pairs = 10 ", "r.toml:LINE:9: slab.pairs: found 10, allowed is a whole number 1..9"},
+        Fault{"pairs = 9 ", "pairs = 10 ", "r.toml:LINE:9: slab.pairs: found 10, allowed is a whole number 6..9"},
+        Fault{"pairs = 9 ", "pairs = 5 ", "r.toml:LINE:9: slab.pairs: found 5, allowed is a whole number 6..9"},
         Fault{
             "width_mm = { value = 2500, confirmed = false }", "width_mm = 2500",
             "r.toml:LINE:12: slab.width_mm: found 2500, allowed is { value = 1500..5000, confirmed = true or false }"},
