@@ -62,6 +62,10 @@ void or_later(const Work& work) {
 
 }  // namespace
 
+Code fault_without_store(const Error& why) {
+  return why.code == Code::store_full ? Code::store_full : Code::journal_write;
+}
+
 Loop::Loop(const Ports& ports, const StationSettings& settings, hal::LengthUnit scan_unit, int measure_threads,
            LoopFigures figures)
     : Loop(ports, settings, make_crew(settings.recipes, scan_unit, ports.clock, measure_threads), std::move(figures)) {}
@@ -177,7 +181,10 @@ bool Loop::run(const std::atomic<bool>& stop, std::int64_t patience_ns, const st
 }
 
 bool Loop::wants_store(std::int64_t patience_ns) const {
-  if (ports_.store != nullptr || station_->settings.fault != Code::journal_write) return false;
+  if (ports_.store != nullptr) return false;
+  // With a faulty configuration there is no store to ask for.
+  const Code fault = station_->settings.fault;
+  if (fault != Code::journal_write && fault != Code::store_full) return false;
   return fault_was_reset_ || ports_.clock.mono_ns() - begun_ns_ >= patience_ns;
 }
 
@@ -199,7 +206,7 @@ void Loop::start() {
       say({LogLine::Level::error, static_cast<std::uint16_t>(line.error().code), line.error().text});
       // Nothing may be written over what could not be read.
       ports_.store = nullptr;
-      station_->settings.fault = Code::journal_write;
+      station_->settings.fault = fault_without_store(line.error());
       handle(Recovered{nothing_recovered().get()});
     }
   } else {

@@ -44,6 +44,10 @@ struct LoopFigures {
   std::string db_path;
 };
 
+/// The fault in which a line stands whose storage cannot be used for `why`. store_full where a disk is full, which a
+/// person mends by making room; journal_write for all else. Both are tried again.
+[[nodiscard]] Code fault_without_store(const Error& why);
+
 /// Ports -> events -> step -> actions, on one thread; the crew (storage, scanner, measuring) does what blocks.
 /// Everything is allocated by the constructor; run() allocates nothing on the inspection path.
 class Loop {
@@ -74,9 +78,9 @@ class Loop {
   void turn(int wait_ms);
   /// Handles everything that has happened, without waiting.
   void serve();
-  /// Storage could not be used at the start (fault 502), and either `patience_ns` are over or the PLC has reset the
-  /// fault: whoever made this loop opens the store anew and makes another one. A disk that fails for a moment must not
-  /// stop the line until somebody comes.
+  /// Storage could not be used at the start (fault 501 or 502), and either `patience_ns` are over or the PLC has reset
+  /// the fault: whoever made this loop opens the store anew and makes another one. A disk that fails for a moment must
+  /// not stop the line until somebody comes.
   [[nodiscard]] bool wants_store(std::int64_t patience_ns) const;
   /// Ends the scan in hand and waits for the store jobs under way; last.
   void finish();

@@ -226,7 +226,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
         store = std::move(made->value());
       } else {
         std::fprintf(stderr, "error: %s\n", made->error().text.c_str());
-        now.fault = Code::journal_write;
+        now.fault = fault_without_store(made->error());
       }
     }
     const Ports ports{*plc.value(), *pose, *scanner, store.get(), control.get(), *clock, *notify};

@@ -198,8 +198,10 @@ class Watcher {
     add(Link::scanner, scanner, scanner ? say("online", "在线") : say("offline", "离线"),
         std::string(report::cure_words(Code::scanner_offline, language_)));
     const bool store = at<bool>(status, {"links", "store", "ok"}, false);
+    // A full disk wants room, and no backup.
+    const Code failed = picture_.fault == static_cast<int>(Code::store_full) ? Code::store_full : Code::journal_write;
     add(Link::store, store, store ? say("writing", "正常") : say("failed", "故障"),
-        std::string(report::cure_words(Code::journal_write, language_)));
+        std::string(report::cure_words(failed, language_)));
     const std::string source = at<std::string>(status, {"calibration", "source"}, "missing");
     const bool applied = source == "applied";
     add(Link::calibration, applied, applied ? say("applied", "已生效") : source,

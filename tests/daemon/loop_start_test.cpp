@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "daemon/crew.h"
@@ -23,13 +24,14 @@ namespace {
 /// Counts who touches it while it is being read at the start. Reading takes as long as some looks of an idle worker.
 class SlowStore final : public storage::Store {
  public:
-  explicit SlowStore(bool readable) : readable_(readable) {}
+  /// `reading`: what reading it comes to.
+  explicit SlowStore(Code reading) : reading_(reading) {}
 
   Result<std::unique_ptr<RecoveredLine>> recover() override {
     recovering_ = true;
     std::this_thread::sleep_for(std::chrono::milliseconds(350));
     recovering_ = false;
-    if (!readable_) return error(Code::journal_write, "cannot be read");
+    if (reading_ != Code::ok) return error(reading_, "cannot be read");
     return std::make_unique<RecoveredLine>();
   }
   Status apply(const StoreJob& /*job*/) override { return success(); }
@@ -49,7 +51,7 @@ class SlowStore final : public storage::Store {
   std::atomic<int> idles_while_recovering{0};
 
  private:
-  bool readable_;
+  Code reading_;
   std::atomic<bool> recovering_{false};
 };
 
@@ -94,16 +96,35 @@ struct LoopStart : ::testing::Test {
 };
 
 TEST_F(LoopStart, nobody_else_touches_the_database_while_it_is_read) {
-  SlowStore store(true);
+  SlowStore store(Code::ok);
   live(store);
   EXPECT_EQ(store.idles_while_recovering, 0);
   EXPECT_GT(store.idles, 0) << "afterwards the storage thread looks after it";
 }
 
 TEST_F(LoopStart, a_database_that_could_not_be_read_is_left_alone) {
-  SlowStore store(false);
+  SlowStore store(Code::journal_write);
   live(store);
   EXPECT_EQ(store.idles, 0);
+}
+
+TEST_F(LoopStart, storage_that_cannot_be_used_is_a_fault_that_says_why_and_is_tried_again) {
+  for (const auto& [reading, fault] :
+       {std::pair{Code::store_full, Code::store_full}, std::pair{Code::journal_write, Code::journal_write},
+        std::pair{Code::config, Code::journal_write}, std::pair{Code::internal, Code::journal_write}}) {
+    EXPECT_EQ(fault_without_store(error(reading, "why")), fault);
+    SlowStore store(reading);
+    const Ports ports{plc, pose, scanner, &store, nullptr, clock, notify};
+    Loop loop(ports, StationSettings{}, std::make_unique<IdleCrew>(), LoopFigures{});
+    loop.start();
+    loop.turn(0);
+    EXPECT_EQ(plc.published.back().fault, static_cast<int>(fault));
+    EXPECT_FALSE(plc.published.back().store_ok);
+    EXPECT_FALSE(loop.wants_store(5 * kNsPerS));
+    clock.advance(5 * kNsPerS);
+    EXPECT_TRUE(loop.wants_store(5 * kNsPerS)) << "fault " << static_cast<int>(fault);
+    loop.finish();
+  }
 }
 
 TEST_F(LoopStart, while_the_database_is_opened_the_plc_reads_recover_and_a_heartbeat) {
@@ -116,7 +137,7 @@ TEST_F(LoopStart, while_the_database_is_opened_the_plc_reads_recover_and_a_heart
     opened = open_beside_the_line(
         [&]() -> Result<std::unique_ptr<storage::Store>> {
           while (!finish) std::this_thread::sleep_for(std::chrono::milliseconds(5));
-          return std::unique_ptr<storage::Store>(std::make_unique<SlowStore>(true));
+          return std::unique_ptr<storage::Store>(std::make_unique<SlowStore>(Code::ok));
         },
         ports, StationSettings{}, LoopFigures{}, stop);
     returned = true;

@@ -230,7 +230,7 @@ TEST_F(MockLineTest, a_scanner_that_hangs_is_given_up_on_abort) {
   EXPECT_TRUE(view().slab_open);
 }
 
-/// The disk failed at the start: the loop runs without a store, in fault 502.
+/// The disk failed at the start: the loop runs without a store, in fault 502, or 501 where it was full.
 struct MockLineWithoutStore : MockLineTest {
   void SetUp() override {
     MockLineTest::SetUp();
@@ -245,10 +245,18 @@ struct MockLineWithoutStore : MockLineTest {
   const std::atomic<bool> go_on{false};
 };
 
-TEST_F(MockLineWithoutStore, asks_for_the_store_again_after_a_while_and_at_a_reset_of_the_fault) {
+struct MockLineWhoseStoreFails : MockLineWithoutStore, testing::WithParamInterface<Code> {
+  MockLineWhoseStoreFails() { fault = GetParam(); }
+};
+INSTANTIATE_TEST_SUITE_P(, MockLineWhoseStoreFails, testing::Values(Code::store_full, Code::journal_write),
+                         [](const auto& code) { return "fault_" + std::to_string(static_cast<int>(code.param)); });
+
+TEST_P(MockLineWhoseStoreFails, asks_for_the_store_again_after_a_while_and_at_a_reset_of_the_fault) {
   loop->start();
   loop->turn(0);
-  EXPECT_EQ(view().fault, 502);
+  EXPECT_EQ(view().fault, static_cast<int>(GetParam()));
+  EXPECT_FALSE(view().store_ok);
+  EXPECT_FALSE(view().ready);
   EXPECT_FALSE(loop->wants_store(5 * kNsPerS));
   clock.advance(5 * kNsPerS);
   EXPECT_TRUE(loop->wants_store(5 * kNsPerS));
@@ -259,11 +267,11 @@ TEST_F(MockLineWithoutStore, asks_for_the_store_again_after_a_while_and_at_a_res
 }
 
 /// The order stands in the registers until the PLC writes another one, and the first session of a new database is 1.
-TEST_F(MockLineWithoutStore, what_was_refused_meanwhile_is_not_carried_out_when_the_database_is_there) {
+TEST_P(MockLineWhoseStoreFails, what_was_refused_meanwhile_is_not_carried_out_when_the_database_is_there) {
   loop->start();
-  ASSERT_TRUE(turn_until([&] { return view().session != 0 && view().fault == 502; }));
+  ASSERT_TRUE(turn_until([&] { return view().session != 0 && view().fault != 0; }));
   ASSERT_TRUE(command(PlcCommand::slab_begin));
-  ASSERT_EQ(view().cmd_status, kCommandFailed + 502);
+  ASSERT_EQ(view().cmd_status, kCommandFailed + static_cast<int>(GetParam()));
 
   fs::create_directories(dir / "new/spool");
   auto opened = storage::open_store({(dir / "new/slabd.db").native(), (dir / "new/spool").native(), 0});

@@ -253,7 +253,7 @@ bool Life::run_loop(daemon::Ports ports, std::int64_t patience_ns) {
     } else {
       daemon::say_line(
           {daemon::LogLine::Level::error, static_cast<std::uint16_t>(made.error().code), made.error().text});
-      station.fault = Code::journal_write;
+      station.fault = daemon::fault_without_store(made.error());
     }
   }
   shown_state_ = 1;
