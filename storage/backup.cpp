@@ -25,10 +25,6 @@ constexpr std::uint64_t kRoomLeft = 200'000'000;  ///< for the records of a day
   throw SqlFailure{result, text};
 }
 
-void must(const Status& status) {
-  if (!status.ok()) fail(std::string(status.error().text.view()));
-}
-
 std::string folder_of(const std::string& path) {
   return std::filesystem::path(path).parent_path().string();
 }
@@ -49,13 +45,7 @@ Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes) : to
   std::error_code ec;
   if (std::filesystem::exists(std::filesystem::symlink_status(to_, ec))) fail(to_ + " exists already");
   const auto bytes = static_cast<std::uint64_t>(from.integer("PRAGMA page_count") * from.integer("PRAGMA page_size"));
-  const Result<std::uint64_t> room = free_bytes(folder_of(to_).empty() ? "." : folder_of(to_));
-  if (!room.ok()) fail(std::string(room.error().text.view()));
-  const std::uint64_t needed = bytes + kRoomLeft + leave_bytes;
-  if (room.value() < needed)
-    fail("a copy needs " + std::to_string(needed / 1'000'000) + " MB free and " + folder_of(to_) + " has " +
-             std::to_string(room.value() / 1'000'000),
-         SQLITE_FULL);
+  must(check_room(folder_of(to_), bytes + kRoomLeft + leave_bytes, "a copy"));
   std::filesystem::remove(part_, ec);  // of a copy that was cut short
   must(create_file(part_));
   lock_.take(part_);
@@ -104,7 +94,7 @@ void Backup::finish() {
   if (copy_->text("PRAGMA journal_mode = DELETE") != "delete") fail(part_ + " cannot be made a file of its own");
   copy_.reset();
   must(sync_file(part_));
-  if (rename(part_.c_str(), to_.c_str()) != 0) fail("cannot name the copy " + to_ + ": " + std::strerror(errno));
+  must(rename_file(part_, to_));
   must(sync_file(folder_of(to_)));
 }
 

@@ -71,11 +71,25 @@ Status sync_file(const std::string& path) {
   return status;
 }
 
+Status rename_file(const std::string& from, const std::string& to) {
+  if (rename(from.c_str(), to.c_str()) == 0) return success();
+  return trouble(("cannot rename " + from + " to").c_str(), to);
+}
+
 Result<std::uint64_t> free_bytes(const std::string& path) {
   struct statvfs disk {};
   if (statvfs(path.c_str(), &disk) != 0)
     return error(Code::journal_write, "cannot ask for the free space of %s: %s", path.c_str(), std::strerror(errno));
   return static_cast<std::uint64_t>(disk.f_bavail) * disk.f_frsize;
+}
+
+Status check_room(const std::string& folder, std::uint64_t bytes, const char* what) {
+  const std::string where = folder.empty() ? "." : folder;
+  const Result<std::uint64_t> room = free_bytes(where);
+  if (!room.ok()) return room.error();
+  if (room.value() >= bytes) return success();
+  return error(Code::store_full, "%s needs %.1f MB free, and %s has %.1f MB", what, static_cast<double>(bytes) / 1e6,
+               where.c_str(), static_cast<double>(room.value()) / 1e6);
 }
 
 std::int64_t file_bytes(const std::string& path) {

@@ -24,8 +24,15 @@ namespace slabd::storage {
 /// What was written to this file or folder is on the disk when it returns. An empty path is the working folder.
 [[nodiscard]] Status sync_file(const std::string& path);
 
+/// Gives a file another name on the same disk, and takes that from what has it. Not yet on the disk.
+[[nodiscard]] Status rename_file(const std::string& from, const std::string& to);
+
 /// Bytes a normal user may still write on the disk that holds `path`.
 [[nodiscard]] Result<std::uint64_t> free_bytes(const std::string& path);
+
+/// store_full, with the figures, unless `bytes` more may be written in `folder`. An empty folder is the working folder.
+/// `what` needs them: the beginning of a sentence.
+[[nodiscard]] Status check_room(const std::string& folder, std::uint64_t bytes, const char* what);
 
 /// Size of a regular file, 0 when there is none (links are not followed).
 [[nodiscard]] std::int64_t file_bytes(const std::string& path);

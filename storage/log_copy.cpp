@@ -44,12 +44,6 @@ constexpr std::string_view kMagic = "slabd: a copy of the log";
 // By its name SQLite takes the copy for no log, so it is opened as a database.
 using Header = std::array<unsigned char, kSector>;
 
-void must(const Status& status) {
-  if (!status.ok())
-    throw SqlFailure{status.error().code == Code::store_full ? SQLITE_FULL : SQLITE_IOERR,
-                     std::string(status.error().text.view())};
-}
-
 std::string folder_of(const std::string& path) {
   return std::filesystem::path(path).parent_path().string();
 }

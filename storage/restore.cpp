@@ -140,8 +140,7 @@ Status put_in_place(const std::string& part, const std::string& path) {
   for (const char* side : {"-wal", "-shm", "-journal", kLogCopy})
     if (file_bytes(path + side) > 0)
       return error(Code::journal_write, "%s%s lies there without its database; move it away", path.c_str(), side);
-  if (rename(part.c_str(), path.c_str()) != 0)
-    return error(Code::journal_write, "cannot rename %s to %s: %s", part.c_str(), path.c_str(), std::strerror(errno));
+  if (Status status = rename_file(part, path); !status.ok()) return status;
   return sync_file(fs::path(path).parent_path().string());
 }
 

@@ -33,6 +33,12 @@ void* ask_again(const Ask& ask) {
 
 }  // namespace
 
+void must(const Status& status) {
+  if (status.ok()) return;
+  throw SqlFailure{status.error().code == Code::store_full ? SQLITE_FULL : SQLITE_IOERR,
+                   std::string(status.error().text.view())};
+}
+
 void use_the_new_handler() {
   static const bool done = [] {
     if (sqlite3_config(SQLITE_CONFIG_GETMALLOC, &g_plain) != SQLITE_OK) return false;  // in use already

@@ -6,6 +6,8 @@
 #include <string>
 #include <string_view>
 
+#include "base/result.h"
+
 struct sqlite3;
 struct sqlite3_stmt;
 
@@ -17,6 +19,10 @@ struct SqlFailure {
   int result = 0;    ///< extended result code
   std::string text;  ///< SQLite's message and what was being done
 };
+
+/// Throws what a file's failing came to. SQLITE_FULL where its disk is full: whoever catches it tells a full disk by
+/// that.
+void must(const Status& status);
 
 /// From now on SQLite asks the process's std::new_handler when memory runs out. Has to come before anything else is
 /// asked of SQLite, a VFS included; later it does nothing.

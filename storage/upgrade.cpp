@@ -65,16 +65,11 @@ void remove_part(const std::string& part) {
 /// A copy that does not fit is not begun, and one that fails is not left to fill the disk.
 void copy_into_part(Connection& db, const std::string& folder, const std::string& part) {
   const std::int64_t bytes = db.integer("PRAGMA page_count") * db.integer("PRAGMA page_size");
-  const Result<std::uint64_t> room = free_bytes(folder.empty() ? "." : folder);
-  if (!room.ok()) fail(std::string(room.error().text.view()));
-  if (room.value() < static_cast<std::uint64_t>(bytes))
-    fail("a copy before it is brought up to date needs " + std::to_string(bytes / 1'000'000 + 1) + " MB free, and " +
-             folder + " has " + std::to_string(room.value() / 1'000'000),
-         SQLITE_FULL);
+  must(check_room(folder, static_cast<std::uint64_t>(bytes), "a copy before it is brought up to date"));
   try {
-    if (Status status = create_file(part); !status.ok()) fail(std::string(status.error().text.view()));
+    must(create_file(part));
     copy_database(db, part);
-    if (Status status = sync_file(part); !status.ok()) fail(std::string(status.error().text.view()));
+    must(sync_file(part));
   } catch (const SqlFailure&) {
     remove_part(part);
     throw;
@@ -95,13 +90,12 @@ void back_up(Connection& db, const std::string& path, std::int64_t version) {
       if (!same_content(part, wanted)) continue;
       std::filesystem::remove(part, ec);
       // Whoever gave it its name may have been stopped before the name was on the disk.
-      if (Status status = sync_file(folder); !status.ok()) fail(std::string(status.error().text.view()));
+      must(sync_file(folder));
       return;
     }
     // Nobody else writes here: the writer's lock is held.
-    std::filesystem::rename(part, wanted, ec);
-    if (ec) fail("its copy cannot be named " + wanted + ": " + ec.message());
-    if (Status status = sync_file(folder); !status.ok()) fail(std::string(status.error().text.view()));
+    must(rename_file(part, wanted));
+    must(sync_file(folder));
     return;
   }
   fail("there are " + std::to_string(kBackupsMax) + " copies of it already, " + name + " and so on");

@@ -9,6 +9,7 @@
 
 #include "storage/backup.h"
 #include "storage/database.h"
+#include "storage/folders.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {
@@ -92,6 +93,17 @@ TEST_F(CareTest, one_copy_at_a_time_and_none_over_an_existing_file) {
   quiet(10);
   EXPECT_EQ(store_->care().backup, Phase::failed);
   begin(1);  // work goes on
+}
+
+TEST_F(CareTest, what_room_a_copy_needs_and_what_there_is_are_told_to_a_tenth_of_a_megabyte) {
+  const Status status = check_room(folder_.path(), 1'000'000'000'000'050'000, "a copy");
+  ASSERT_FALSE(status.ok());
+  EXPECT_EQ(status.error().code, Code::store_full);
+  const std::string text(status.error().text.view());
+  EXPECT_NE(text.find("a copy needs 1000000000000.1 MB free, and " + folder_.path() + " has "), std::string::npos)
+      << text;
+  EXPECT_EQ(text[text.size() - 5], '.') << text;
+  EXPECT_TRUE(check_room(folder_.path(), 0, "nothing").ok());
 }
 
 TEST_F(CareTest, what_a_kill_left_of_a_copy_goes_at_the_next_start_and_one_under_way_stays) {

@@ -16,6 +16,7 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -491,6 +492,57 @@ TEST_P(FailingCallTest, at_every_call_is_reported_or_mended_and_a_repeat_brings_
   EXPECT_GT(reported, 0) << "no failure was ever reported: are the calls still taken over?";
   std::printf("%s: %zu of %llu calls failed, %d times reported\n", trouble.name, points.size(),
               static_cast<unsigned long long>(calls), reported);
+}
+
+constexpr std::uint64_t kAllThatFollow = 1'000'000'000;
+
+/// False where SQLite alone knows what failed: it calls a sync for which there was no room an I/O error.
+bool expect_told_as_full(const Error& told) {
+  if (told.text.view().find(std::strerror(ENOSPC)) == std::string_view::npos) return false;
+  EXPECT_EQ(told.code, Code::store_full) << told.text.view();
+  return true;
+}
+
+// A person makes room for 501, and looks for a damaged database at 502.
+TEST_F(SurvivalTest, a_backup_on_a_disk_that_is_full_says_that_it_is_full) {
+  const std::string copy = root_ + "/copy.db";
+  open();
+  begin(1);
+  int told = 0;
+  for (std::uint64_t point = 1;; ++point) {
+    crash_disk::fail(root_, point, kAllThatFollow, ENOSPC, false);
+    const Status status = back_up_database(settings_.db_path, copy);
+    const bool hit = crash_disk::has_hit();
+    (void)crash_disk::heal();
+    if (!hit) break;
+    fs::remove(copy);
+    ASSERT_FALSE(status.ok());
+    told += expect_told_as_full(status.error()) ? 1 : 0;
+  }
+  EXPECT_GT(told, 3) << "are the calls still taken over?";
+}
+
+TEST_F(SurvivalTest, a_copy_before_an_upgrade_on_a_disk_that_is_full_says_that_it_is_full) {
+  std::ifstream file(std::string(SLABD_SOURCE_DIR) + "/tests/storage/schema_v7.sql");
+  const std::string schema{std::istreambuf_iterator<char>(file), {}};
+  int told = 0;
+  for (std::uint64_t point = 1;; ++point) {
+    fs::remove_all(root_ + "/db");
+    fs::create_directories(root_ + "/db");
+    {
+      Connection old(settings_.db_path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
+      old.execute(schema);
+      old.execute("PRAGMA application_id = 1397506370; PRAGMA user_version = 7");
+    }
+    crash_disk::fail(root_, point, kAllThatFollow, ENOSPC, false);
+    const Result<std::unique_ptr<Store>> store = open_store(settings_);
+    const bool hit = crash_disk::has_hit();
+    (void)crash_disk::heal();
+    if (!hit) break;
+    if (store.ok() || store.error().text.view().find("-backup") == std::string_view::npos) continue;
+    told += expect_told_as_full(store.error()) ? 1 : 0;
+  }
+  EXPECT_GT(told, 2) << "are the calls still taken over?";
 }
 
 // A slab's end is answered with an error, and some of the times its commit is in the log all the same. While nobody was
