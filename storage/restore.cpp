@@ -14,8 +14,10 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <set>
 #include <string>
+#include <utility>
 
 #include "storage/backup.h"
 #include "storage/database.h"
@@ -131,15 +133,45 @@ Status clear_part(const std::string& part) {
   return success();
 }
 
-Status put_in_place(const std::string& part, const std::string& path) {
+/// What is being prepared goes when it comes to nothing: it may be gigabytes, and nothing names it. From keep() on it
+/// stays, as the sign that there was a database: the one that it replaces is on its way into quarantine.
+class PartGuard {
+ public:
+  /// `is_sign`: what an earlier one left that was cut short is all that shows that there was a database.
+  PartGuard(std::string part, bool is_sign) : part_(std::move(part)), is_sign_(is_sign) {}
+  ~PartGuard() {
+    if (kept_) return;
+    (void)clear_part(part_);  // why it came to nothing is told already
+    if (is_sign_) std::ofstream(part_) << "slabctl db restore was cut short here, and failed when it was begun again\n";
+  }
+  PartGuard(const PartGuard&) = delete;
+  PartGuard& operator=(const PartGuard&) = delete;
+  void keep() { kept_ = true; }
+
+ private:
+  std::string part_;
+  bool is_sign_;
+  bool kept_ = false;
+};
+
+/// A log that SQLite would take for the new database's. Where a database or its quarantine's note lies, it is theirs
+/// and goes with them.
+Status check_nothing_strays(const std::string& path) {
+  if (file_bytes(path) > 0) return success();
+  for (const char* side : {"-wal", "-shm", "-journal", kLogCopy})
+    if (file_bytes(path + side) > 0)
+      return error(Code::journal_write, "%s%s lies there without its database; move it away", path.c_str(), side);
+  return success();
+}
+
+Status put_in_place(const std::string& part, const std::string& path, PartGuard& guard) {
+  if (Status status = check_nothing_strays(path); !status.ok()) return status;
+  if (file_bytes(path) > 0) guard.keep();
   if (file_bytes(path) > 0 && !quarantine_note(path)) {
     const Result<std::string> folder = quarantine(path, kReplaced);
     if (!folder.ok()) return folder.error();
   }
   if (Status status = finish_quarantine(path); !status.ok()) return status;
-  for (const char* side : {"-wal", "-shm", "-journal", kLogCopy})
-    if (file_bytes(path + side) > 0)
-      return error(Code::journal_write, "%s%s lies there without its database; move it away", path.c_str(), side);
   if (Status status = rename_file(part, path); !status.ok()) return status;
   return sync_file(fs::path(path).parent_path().string());
 }
@@ -179,7 +211,10 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
                  replaced.c_str(), static_cast<long long>(lost_applied), static_cast<long long>(lost_checks),
                  order.from.empty() ? "an empty history" : order.from.c_str());
   const std::int64_t keys_used = std::max(lost.slab_key, newest_key_in_spool(settings.spool_dir));
+  if (Status status = check_nothing_strays(path); !status.ok()) return status;
+  const bool is_sign = file_bytes(path) == 0 && (file_bytes(part) > 0 || file_bytes(part + ".part") > 0);
   if (Status status = clear_part(part); !status.ok()) return status;
+  PartGuard guard(part, is_sign);  // outlives the connections below
   try {
     if (!order.from.empty()) {
       Result<std::unique_ptr<Connection>> source = open_any_version(order.from);
@@ -200,7 +235,7 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
   fs::remove(part + "-wal", ec);
   fs::remove(part + "-shm", ec);
   if (Status status = sync_file(part); !status.ok()) return status;
-  return put_in_place(part, path);
+  return put_in_place(part, path, guard);
 }
 
 }  // namespace slabd::storage

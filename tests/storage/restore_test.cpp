@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Yesterday's database in today's place: what it does not know is said, and never made up.
+#include <sqlite3.h>
+
 #include <filesystem>
 #include <fstream>
 
 #include "storage/database.h"
 #include "storage/folders.h"
+#include "storage/log_copy.h"
 #include "storage/quarantine.h"
 #include "tests/storage/store_fixture.h"
 
@@ -164,11 +167,48 @@ TEST_F(RestoreTest, cut_short_where_no_database_lay_begins_no_history) {
     EXPECT_NE(store.error().text.view().find("shows that there was one"), std::string_view::npos)
         << store.error().text.view();
     EXPECT_FALSE(fs::exists(settings_.db_path)) << left;
+    // Begun again with a backup that cannot be brought up to date: what is left is small, and still shows it.
+    const std::string old = folder_.path() + "/old.db";
+    fs::copy_file(backup_, old, fs::copy_options::overwrite_existing);
+    Connection(old, SQLITE_OPEN_READWRITE).execute("PRAGMA user_version = 1");
+    ASSERT_FALSE(restore(old).ok());
+    EXPECT_LT(file_bytes(settings_.db_path + ".restored"), 1000);
+    EXPECT_FALSE(open_store(settings_).ok()) << left;
     ASSERT_TRUE(restore(backup_).ok());
     open();
     EXPECT_EQ(recover()->last_slab_key, 2);
     close();
   }
+}
+
+TEST_F(RestoreTest, one_that_comes_to_nothing_leaves_nothing) {
+  settings_.db_path = folder_.path() + "/disk/slabd.db";
+  fs::create_directories(folder_.path() + "/disk");
+  for (const char* side : {"-wal", "-shm", "-journal", kLogCopy}) {
+    const std::string stray = settings_.db_path + side;
+    std::ofstream(stray) << "of whom?";
+    const Status status = restore(backup_);
+    ASSERT_FALSE(status.ok()) << side;
+    EXPECT_NE(status.error().text.view().find("without its database"), std::string_view::npos)
+        << status.error().text.view();
+    for (const std::string& name : left_in_folder())
+      EXPECT_EQ(name.find(kRestored), std::string::npos) << name << " stays, with " << side;
+    EXPECT_TRUE(fs::exists(stray)) << "it is somebody's to look at";
+    fs::remove(stray);
+  }
+  ASSERT_TRUE(restore(backup_).ok());
+}
+
+TEST_F(RestoreTest, a_backup_that_cannot_be_brought_up_to_date_leaves_nothing_and_the_database_as_it_was) {
+  {
+    // An older slabd's, whose upgrade fails.
+    Connection old(backup_, SQLITE_OPEN_READWRITE);
+    old.execute("PRAGMA user_version = 1");
+  }
+  ASSERT_FALSE(restore(backup_).ok());
+  for (const std::string& name : left_in_folder()) EXPECT_EQ(name.find(kRestored), std::string::npos) << name;
+  open();
+  EXPECT_EQ(recover()->last_slab_key, 3);
 }
 
 TEST_F(RestoreTest, what_one_left_that_was_cut_short_is_no_backup) {
