@@ -45,6 +45,16 @@ std::string trouble_of(Connection& db, bool full) {
 
 }  // namespace
 
+Result<std::int64_t> newest_slab_key(const std::string& path) {
+  const Result<std::unique_ptr<Connection>> opened = open_any_version(path);
+  if (!opened.ok()) return opened.error();
+  try {
+    return opened.value()->integer("SELECT coalesce(max(slab_key), 0) FROM slab");
+  } catch (const SqlFailure& failure) {
+    return error(Code::journal_write, "%s: %s", path.c_str(), failure.text.c_str());
+  }
+}
+
 Result<DatabaseReport> check_database(const std::string& path, bool full) {
   if (const auto note = quarantine_note(path))
     return error(Code::config, "%s is in quarantine: %.200s", path.c_str(), note->c_str());

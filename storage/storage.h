@@ -318,6 +318,10 @@ struct DatabaseReport {
 /// no such file, or it is none of ours.
 [[nodiscard]] Result<DatabaseReport> check_database(const std::string& path, bool full);
 
+/// The newest slab that a database of any schema version knows, 0: none. What says how new a backup is. As
+/// check_database(), without looking whether it is whole.
+[[nodiscard]] Result<std::int64_t> newest_slab_key(const std::string& path);
+
 /// Copies a database that no daemon has open to `to` (which must not exist), synced. For a running daemon:
 /// Store::order.
 [[nodiscard]] Status back_up_database(const std::string& db_path, const std::string& to);

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <compare>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -72,14 +73,13 @@ bool is_backup_name(const std::string& name) {
   return true;
 }
 
-/// Backups of a database, oldest first: their names begin with the time. `ec`: their folder cannot be looked at.
+/// Backups of a database. `ec`: their folder cannot be looked at.
 std::vector<std::string> backups_of(const std::string& db_path, std::error_code& ec) {
   std::vector<std::string> found;
   const std::string folder = fs::path(db_path).parent_path().string() + "/backups";
   for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec))
     if (is_backup_name(entry->path().filename().string())) found.push_back(entry->path().string());
   if (ec == std::errc::no_such_file_or_directory) ec.clear();
-  std::sort(found.begin(), found.end());
   return found;
 }
 
@@ -108,22 +108,25 @@ int examine(const std::string& path, const Options& options) {
   return report.ok() ? tell(path, report.value(), options) : fail(report.error());
 }
 
-/// By the slabs it knows: a clock that was ahead for a moment leaves a name that sorts last for years.
-struct NewestBackup {
+struct KnownBackup {
+  std::int64_t slab_key = 0;  ///< the newest slab that it knows
+  fs::file_time_type written;
   std::string path;
-  std::int64_t slab_key = -1;  ///< -1: it cannot be read by this version
+  auto operator<=>(const KnownBackup&) const = default;
 };
 
-NewestBackup newest_of(const std::vector<std::string>& backups) {
-  NewestBackup newest;
+/// Oldest first: by the slabs they know, then by when their files were written. A clock that was ahead leaves a name
+/// that sorts last for years. Without those that cannot be read: nobody knows how old they are.
+std::vector<KnownBackup> by_age(const std::vector<std::string>& backups) {
+  std::vector<KnownBackup> sorted;
   for (const std::string& path : backups) {
-    std::int64_t key = -1;
-    if (const auto reader = storage::open_reader(path); reader.ok())
-      if (const auto slabs = reader.value()->slabs(1); slabs.ok())
-        key = slabs.value().empty() ? 0 : slabs.value().front().header.key;
-    if (key >= newest.slab_key) newest = {path, key};
+    const Result<std::int64_t> key = storage::newest_slab_key(path);
+    std::error_code gone;
+    const fs::file_time_type written = fs::last_write_time(path, gone);
+    if (key.ok() && !gone) sorted.push_back({key.value(), written, path});
   }
-  return newest;
+  std::sort(sorted.begin(), sorted.end());
+  return sorted;
 }
 
 int check(const Options& options) {
@@ -138,9 +141,10 @@ int check(const Options& options) {
   } else if (backups.empty()) {
     fmt::print("no backup: make one with slabctl db backup\n");
   } else {
-    const NewestBackup newest = newest_of(backups);
-    fmt::print("{} backups, newest {}{}\n", backups.size(), newest.path,
-               newest.slab_key < 0 ? "" : fmt::format(" (slabs up to {})", newest.slab_key));
+    const std::vector<KnownBackup> sorted = by_age(backups);
+    fmt::print("{} backups, {}\n", backups.size(),
+               sorted.empty() ? "none of which can be read"
+                              : fmt::format("newest {} (slabs up to {})", sorted.back().path, sorted.back().slab_key));
   }
   return status;
 }
@@ -179,20 +183,21 @@ Result<std::string> backup_offline(const daemon::Config& config) {
   return path;
 }
 
-/// All but `made`, which was just found whole, and the newest of the others. By its name it need not be the newest:
-/// the clock may have been wrong.
+/// All but `made`, which was just found whole, and the newest of the others. What cannot be read stays, and takes no
+/// other's place.
 void drop_old_backups(const daemon::Config& config, const std::string& made, int keep) {
   std::error_code unseen;  // then there is nothing to delete
   auto backups = backups_of(config.storage.db_path, unseen);
   std::erase_if(backups,
                 [&](const std::string& path) { return fs::path(path).filename() == fs::path(made).filename(); });
-  for (std::size_t i = 0; i + static_cast<std::size_t>(keep) <= backups.size(); ++i) {
+  const std::vector<KnownBackup> sorted = by_age(backups);
+  for (std::size_t i = 0; i + static_cast<std::size_t>(keep) <= sorted.size(); ++i) {
     std::error_code ec;
-    fs::remove(backups[i], ec);
+    fs::remove(sorted[i].path, ec);
     if (ec) {
-      complain(fmt::format("{} cannot be deleted: {}", backups[i], ec.message()));
+      complain(fmt::format("{} cannot be deleted: {}", sorted[i].path, ec.message()));
     } else {
-      fmt::print(stderr, "deleted {}\n", backups[i]);
+      fmt::print(stderr, "deleted {}\n", sorted[i].path);
     }
   }
 }

@@ -341,6 +341,33 @@ TEST_F(ReplayOther, the_newest_backup_is_the_one_that_knows_the_newest_slab) {
   expect_mentions(checked.out, "2 backups, newest " + newest + " (slabs up to 2)");
 }
 
+TEST_F(ReplayOther, backups_of_a_clock_that_was_ahead_are_not_kept_at_the_cost_of_newer_ones) {
+  begin();
+  end();
+  const fs::path folder = file("backups");
+  const std::string back_up = "db backup --config " + config();
+  ASSERT_EQ(run(back_up).status, 0);
+  // Two nights in which the clock was ahead, and one of whose backup nothing can be read.
+  const fs::path stale = folder / "slabd-20991230T000000.000Z.db";
+  fs::rename(fs::directory_iterator(folder)->path(), stale);
+  fs::copy_file(stale, folder / "slabd-20991231T000000.000Z.db");
+  const std::string unreadable = write("backups/slabd-20200101T000000.000Z.db", "of a disk that was full");
+  header_.key = 2;
+  begin();
+  store_.reset();
+  const Ended yesterday = run(back_up + " --keep 2");
+  ASSERT_EQ(yesterday.status, 0) << yesterday.err;
+  std::string real;
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (entry.path().native() != unreadable && entry.path().filename().native().find("slabd-2099") != 0)
+      real = entry.path().native();
+  ASSERT_EQ(run(back_up + " --keep 2").status, 0);
+  EXPECT_TRUE(fs::exists(real)) << "it knows slab 2; those from 2099 do not";
+  EXPECT_FALSE(fs::exists(stale));
+  EXPECT_FALSE(fs::exists(folder / "slabd-20991231T000000.000Z.db"));
+  EXPECT_TRUE(fs::exists(unreadable));
+}
+
 using Checksum = Slabctl;
 
 TEST_F(Checksum, the_python_of_the_documents_gives_it) {
