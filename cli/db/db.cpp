@@ -205,9 +205,16 @@ void drop_old_backups(const daemon::Config& config, const std::string& made, int
 int back_up(const Options& options) {
   daemon::Config config;
   if (!config_from(options.config, config)) return kBadInput;
-  if (!options.out.empty() && fs::exists(options.out)) {
-    complain(fmt::format("{} exists already; nothing was done", options.out));
-    return kBadInput;
+  if (!options.out.empty()) {
+    // A link counts, wherever it leads.
+    std::error_code ec;
+    const fs::file_status there = fs::symlink_status(options.out, ec);
+    if (fs::status_known(there) ? fs::exists(there) : static_cast<bool>(ec)) {
+      complain(fs::status_known(there)
+                   ? fmt::format("{} exists already; nothing was done", options.out)
+                   : fmt::format("{} cannot be looked at: {}; nothing was done", options.out, ec.message()));
+      return kBadInput;
+    }
   }
   Result<std::string> made =
       daemon_has_database(config.control_socket) ? backup_by_daemon(config) : backup_offline(config);

@@ -368,6 +368,23 @@ TEST_F(ReplayOther, backups_of_a_clock_that_was_ahead_are_not_kept_at_the_cost_o
   EXPECT_TRUE(fs::exists(unreadable));
 }
 
+TEST_F(ReplayOther, a_further_copy_that_cannot_be_looked_at_is_told_before_anything_is_done) {
+  begin();
+  store_.reset();
+  fs::create_symlink(file("circle"), file("circle"));
+  fs::create_symlink(file("nowhere"), file("dangling"));
+  const std::string back_up = "db backup --config " + config() + " --out ";
+  const Ended circle = run(back_up + file("circle/copy.db"));
+  EXPECT_EQ(circle.status, 3) << circle.err;
+  expect_mentions(circle.err, "circle/copy.db cannot be looked at");
+  for (const char* link : {"circle", "dangling"}) {
+    const Ended there = run(back_up + file(link));
+    EXPECT_EQ(there.status, 3) << there.err;
+    expect_mentions(there.err, "exists already");
+  }
+  EXPECT_TRUE(fs::is_empty(file("backups"))) << "nothing was done";
+}
+
 using Checksum = Slabctl;
 
 TEST_F(Checksum, the_python_of_the_documents_gives_it) {
