@@ -173,6 +173,7 @@ Status put_in_place(const std::string& part, const std::string& path, PartGuard&
   }
   if (Status status = finish_quarantine(path); !status.ok()) return status;
   if (Status status = rename_file(part, path); !status.ok()) return status;
+  guard.keep();  // it is the database now
   return sync_file(fs::path(path).parent_path().string());
 }
 

@@ -175,6 +175,7 @@ TEST_F(RestoreTest, cut_short_where_no_database_lay_begins_no_history) {
     EXPECT_LT(file_bytes(settings_.db_path + ".restored"), 1000);
     EXPECT_FALSE(open_store(settings_).ok()) << left;
     ASSERT_TRUE(restore(backup_).ok());
+    EXPECT_FALSE(fs::exists(settings_.db_path + ".restored")) << "it is the database now";
     open();
     EXPECT_EQ(recover()->last_slab_key, 2);
     close();
