@@ -53,7 +53,7 @@ double shared_rows(double spread) {
   return kEdgeVariance * std::sqrt(std::sqrt(0.5 / spread));
 }
 /// Distances to the circle of the next and the next but one point are alike by chance up to this many times 1/sqrt(n)
-/// of their variance: 0.20 of 48 points, of which 200 good edges reached 0.17.
+/// of their variance: 0.20 of 48 points, which of 1800 good edges none reached up to 0.3 mm of pitch.
 constexpr double kFormChance = 1.4;
 /// Half of the edge moved by t moves the centre by 0.6 to 0.7 t, 2.6 to 3 times the scatter that is left: so that twice
 /// the standard deviation covers both casings of a block moved apart.
