@@ -58,6 +58,12 @@ bool judge_grid(const GridLayout& grid, GridWork& work, Team& team) {
   return true;
 }
 
+std::uint64_t take_out_noise(const GridLayout& grid, GridWork& work, Team& team) {
+  std::atomic<std::uint64_t> taken{0};
+  team.run(grid.bands(), [&](std::size_t band) { taken += take_out(grid, work, band); });
+  return taken;
+}
+
 bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts) {
   if (cloud.width < GridLayout::kColumnsMin || cloud.height < GridLayout::kRowsMin) return false;
   if (cloud.width * cloud.height != cloud.points) return false;
@@ -67,10 +73,8 @@ bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, Scan
   work.measure_pitch(grid);
   if (!judge_grid(grid, work, team)) return false;
   keep_noise_groups(grid, work, team);
-  std::atomic<std::uint64_t> taken{0};
-  team.run(grid.bands(), [&](std::size_t band) { taken += take_out(grid, work, band); });
   counts.points_finite = work.finite;
-  counts.isolated_removed = taken;
+  counts.isolated_removed = take_out_noise(grid, work, team);
   counts.points_kept = counts.points_finite - counts.isolated_removed;
   return true;
 }

@@ -338,8 +338,23 @@ void judge_tile_row(const GridLayout& grid, GridWork& work, int tile_row);
 /// neighbours in space.
 [[nodiscard]] bool judge_grid(const GridLayout& grid, GridWork& work, Team& team);
 
+/// A point that is not the grid's own: does it lie on one of the planes of the tile at its column and row?
+[[nodiscard]] inline bool lies_on_planes(const GridWork& work, std::uint32_t column, std::uint32_t row, float z) {
+  const int c = static_cast<int>(column);
+  const int r = static_cast<int>(row);
+  const TilePlane* planes = work.planes(c / GridLayout::kTileColumns, r / GridLayout::kTileRows);
+  const float u = static_cast<float>(c % GridLayout::kTileColumns) - kTileMidColumn;
+  const float v = static_cast<float>(r % GridLayout::kTileRows) - kTileMidRow;
+  return std::any_of(planes, planes + 2, [&](const TilePlane& plane) {
+    return std::abs(z - (plane.z + plane.per_column * u + plane.per_row * v)) <= gate_of(plane);
+  });
+}
+
 /// Between steps 2 and 3: takes out of `noise` what hangs together (algo/noise_group.h). `off` and the marks are lost.
 void keep_noise_groups(const GridLayout& grid, GridWork& work, Team& team);
+
+/// Step 3, where the grid is the scan itself: sets what is noise to NaN. Returns how many points that were.
+std::uint64_t take_out_noise(const GridLayout& grid, GridWork& work, Team& team);
 
 /// False, and nothing changed but points that lacked a coordinate, when `cloud` is not organised or its grid is none.
 [[nodiscard]] bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts);

@@ -308,27 +308,13 @@ class TakeOut {
       const std::uint32_t cell = row * columns_ + column;
       // The table is out of the cache too.
       const bool owner = !met_in(cell, 0) || work_.table[cell] == at.z[k];
-      const bool bad =
-          owner ? grid_.noise.any(static_cast<int>(column), 1, static_cast<int>(row)) : !on_plane(column, row, at.z[k]);
+      const bool bad = owner ? grid_.noise.any(static_cast<int>(column), 1, static_cast<int>(row))
+                             : !lies_on_planes(grid_, column, row, at.z[k]);
       if (bad) noise |= left & -left;
     }
     // A point that lacks one coordinate is missing altogether.
     remove(i, bits((p.x == p.x) | (p.y == p.y) | (p.z == p.z)) & ~at.finite);
     return remove(i, noise);
-  }
-
-  [[nodiscard]] bool on_plane(std::uint32_t column, std::uint32_t row, float z) const {
-    constexpr int kColumns = GridLayout::kTileColumns;
-    constexpr int kRows = GridLayout::kTileRows;
-    const int c = static_cast<int>(column);
-    const int r = static_cast<int>(row);
-    const TilePlane* planes = grid_.planes(c / kColumns, r / kRows);
-    const float u = static_cast<float>(c % kColumns) - 0.5F * (kColumns - 1);
-    const float v = static_cast<float>(r % kRows) - 0.5F * (kRows - 1);
-    return std::any_of(planes, planes + 2, [&](const TilePlane& plane) {
-      return std::abs(z - (plane.z + plane.per_column * u + plane.per_row * v)) <=
-             grid_gate_mm(plane.per_column, plane.per_row);
-    });
   }
 
   const Spreading& work_;
@@ -374,8 +360,23 @@ void spread_rest(const Spreading& work, Spread& out) {
     if (kind_of(work.notes[i / kLanes]) == Note::put_off) spreader.spread(work.lattice, i, work.points, out);
 }
 
-std::uint64_t take_out_noise(const Spreading& work, const GridWork& grid, bool any_met, std::size_t block) {
+std::uint64_t take_out_of_block(const Spreading& work, const GridWork& grid, bool any_met, std::size_t block) {
   return TakeOut(work, grid, any_met).take_out(block * kBlock, work.end_of(block));
+}
+
+/// Of points that are not the grid's own those that lie on a plane there close ranks. Returns how many.
+std::size_t keep_on_planes(const Lattice& lattice, const GridWork& grid, float* xyz, std::size_t points) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < points; i += kLanes) {
+    const Points16 p = sixteen_points(xyz, points, i);
+    const Singly at(lattice, p, places(lattice, p));
+    for (std::uint32_t left = at.inside; left != 0; left &= left - 1) {
+      const auto k = static_cast<std::size_t>(std::countr_zero(left));
+      if (lies_on_planes(grid, at.column_of(k), at.row_of(k), at.z[k]))
+        std::copy_n(xyz + 3 * (i + k), 3, xyz + 3 * kept++);
+    }
+  }
+  return kept;
 }
 
 }  // namespace HWY_NAMESPACE
@@ -388,13 +389,10 @@ namespace slabd::algo {
 HWY_EXPORT(first_row);
 HWY_EXPORT(spread_block);
 HWY_EXPORT(spread_rest);
-HWY_EXPORT(take_out_noise);
+HWY_EXPORT(take_out_of_block);
+HWY_EXPORT(keep_on_planes);
 
 namespace {
-
-/// More points than one in so many outside of the table, or in cells with others: there is no lattice.
-constexpr std::uint64_t kOutsideShare = 2'000;
-constexpr std::uint64_t kMetShare = 100;
 
 /// To each block the rows from where it begins to where the next one does, be it upwards or downwards; to the outer
 /// ones what lies beyond.
@@ -425,6 +423,30 @@ OrderMemory order_memory(const DenoiseWorkspace& memory) {
           memory.cell_start};
 }
 
+/// A cloud that was brought into its lattice's order is an organised scan with a few points left over.
+bool denoise_ordered(Cloud& cloud, const Lattice& lattice, const Ordered& found, const DenoiseWorkspace& memory,
+                     Team& team, ScanCounts& counts) {
+  const GridLayout grid(static_cast<std::size_t>(lattice.columns), static_cast<std::size_t>(lattice.rows));
+  if (found.crowded || kMetShare * found.met > found.finite || !grid.fits(memory)) return false;
+  GridWork judged(grid, cloud.xyz.data(), nullptr, memory);
+  judged.per_column_mm = lattice.away_mm / lattice.per_x;
+  judged.per_row_mm = lattice.away_mm / lattice.per_y;
+  if (!judge_grid(grid, judged, team)) return false;
+  keep_noise_groups(grid, judged, team);
+  const std::uint64_t taken = take_out_noise(grid, judged, team);
+  const std::size_t cells = grid.columns * grid.rows;
+  const std::size_t left_over = cloud.points - cells;
+  const std::size_t kept =
+      HWY_DYNAMIC_DISPATCH(keep_on_planes)(lattice, judged, cloud.xyz.data() + 3 * cells, left_over);
+  cloud.points = cells + kept;
+  cloud.width = kept == 0 ? grid.columns : 0;
+  cloud.height = kept == 0 ? grid.rows : 0;
+  counts.points_finite = found.finite;
+  counts.isolated_removed = taken + left_over - kept;
+  counts.points_kept = counts.points_finite - counts.isolated_removed;
+  return true;
+}
+
 }  // namespace
 
 bool denoise_lattice(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts) {
@@ -439,7 +461,9 @@ bool denoise_lattice(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, S
   float* sample = ::new (scratch.data()) float[kLatticeFloats];
   if (!find_lattice(cloud, {sample, kLatticeFloats}, team, work.lattice)) return false;
   // Where there is no room to bring the points into order, everything takes longer and comes to the same.
-  if (!is_in_order(cloud, work.lattice)) (void)order_points(cloud, work.lattice, order_memory(memory), team);
+  Ordered ordered;
+  if (!is_in_order(cloud, work.lattice) && order_points(cloud, work.lattice, order_memory(memory), team, ordered))
+    return denoise_ordered(cloud, work.lattice, ordered, memory, team, counts);
 
   const GridLayout grid(static_cast<std::size_t>(work.lattice.columns), static_cast<std::size_t>(work.lattice.rows));
   const std::size_t cells = grid.columns * grid.rows;
@@ -468,7 +492,7 @@ bool denoise_lattice(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, S
   keep_noise_groups(grid, judged, team);
   std::atomic<std::uint64_t> taken{0};
   team.run(blocks, [&](std::size_t block) {
-    taken += HWY_DYNAMIC_DISPATCH(take_out_noise)(work, judged, spread.met > 0, block);
+    taken += HWY_DYNAMIC_DISPATCH(take_out_of_block)(work, judged, spread.met > 0, block);
   });
   counts.points_finite = spread.finite;
   counts.isolated_removed = taken;

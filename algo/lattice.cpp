@@ -17,6 +17,7 @@
 #include <cstdint>
 #include <numeric>
 
+#include <hwy/cache_control.h>
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/lattice.cpp"
 // clang-format off
@@ -62,6 +63,7 @@ void take_sample(const float* xyz, std::size_t points, std::int32_t mask, Sample
   const I16 looked_at = i16(mask);
   // Lanes that hold an x, in the first, second and third sixteen numbers of sixteen points.
   constexpr std::array<std::uint32_t, 3> kFirst = {0x9249, 0x4924, 0x2492};
+  constexpr std::size_t kAhead = 768;  // floats
   const auto choose = [&](const float* from) {
     for (std::size_t v = 0; v < 3; ++v) {
       const float* p = from + kLanes * v;
@@ -71,7 +73,10 @@ void take_sample(const float* xyz, std::size_t points, std::int32_t mask, Sample
     }
   };
   std::size_t i = 0;
-  for (; i + kLanes < points; i += kLanes) choose(xyz + 3 * i);
+  for (; i + kLanes < points; i += kLanes) {
+    for (std::size_t line = 0; line < 3; ++line) hwy::Prefetch(xyz + 3 * i + kAhead + kLanes * line);
+    choose(xyz + 3 * i);
+  }
   // The last ones with room behind them.
   std::array<float, 3 * kLanes + 2> last;
   last.fill(kNoPlane);

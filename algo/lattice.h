@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
 
 #include "algo/algo.h"
@@ -20,6 +21,10 @@ struct Lattice {
 
   [[nodiscard]] bool operator==(const Lattice&) const = default;
 };
+
+/// With more points than one in so many outside of the table, or in a cell with a lower one, there is no lattice.
+inline constexpr std::uint64_t kOutsideShare = 2'000;
+inline constexpr std::uint64_t kMetShare = 100;
 
 /// Floats of memory that finding a lattice takes.
 inline constexpr std::size_t kLatticeSampleMax = 1U << 14U;

@@ -1,32 +1,34 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A cloud in an order of no meaning (merged views, a program that sorts by something else) costs every pass a cache
-// miss a point. Bringing it into the lattice's order first costs less than one such pass, and all that follow find
-// neighbours beside each other. The cloud fills its buffer, and free memory holds just over half of it; so:
+// miss a point. To give each point its place in the grid of its rays first costs less than one such pass, and leaves an
+// organised scan. The cloud fills its buffer, and free memory holds just over half of it; so:
 //
-//  1. The table's rows are cut into bands whose points fit the second-level cache, and each block of the scan counts
-//  how
-//     many points it has for each band: now every point's band has its place in the sorted cloud.
+//  1. The grid's rows are cut into bands that fit the second-level cache, and each block of the scan counts how many
+//     points it has for each band: now every block knows where in each band its points go.
 //  2. The points of the upper bands, at least half of all, go into the free memory, band by band; the others close
-//  ranks
-//     at the front of the cloud, which leaves its rear free.
-//  3. The others go from there to the rear, each to its band's place.
-//  4. Band by band, in the cache: each point's number is noted in its cell, then the cells are gone through and the
-//     points written to their places; first the upper bands, from the free memory to the front, then the lower ones, by
-//     way of a copy.
+//     ranks at the front of the cloud, which leaves its rear free.
+//  3. The others go from there to the rear, each to the end of its band's part of the grid.
+//  4. Band by band, each point goes to its cell in a small table that stays in the cache, and the whole table to its
+//     place in the cloud.
 //
-// Invariants: where a block writes is counted beforehand, so blocks share nothing. In step 2 a block closes ranks over
-// blocks before it and waits until those have been read; blocks are begun in their order, so the first unfinished one
-// never waits. In a band, the order of the points it is given does not show.
+// Memory is what this takes, so nothing is read in order to be overwritten: points that go to one band are gathered
+// until they fill whole cache lines, and those, like the tables of step 4, are written past the caches.
+//
+// Invariants: where a block writes is counted beforehand, so blocks share nothing but cache lines, of which each writes
+// its own bytes. In step 2 a block closes ranks over blocks before it and waits until those have been read; blocks are
+// begun in their order, so the first unfinished one never waits. In a cell the lowest point stays, whoever comes first;
+// what is left over is sorted: the order of the points does not show.
 #include "algo/lattice_order.h"
 
 #include <hwy/cache_control.h>
 
 #include <algorithm>
 #include <atomic>
-#include <bit>
 #include <cmath>
 #include <cstring>
+#include <limits>
+#include <new>
 #include <tuple>
 #include <utility>
 
@@ -43,13 +45,13 @@
 namespace slabd::algo {
 namespace {
 
-constexpr std::size_t kBlock = 1U << 16U;
+constexpr std::size_t kBlock = 1U << 18U;
 constexpr std::size_t kBlocksMax = (limits::kScanPointsMax + kBlock - 1) / kBlock;
-/// Bands of rows, and one more for the points without a cell.
-constexpr std::size_t kBandsMax = 255;
-/// Cells of a band: points, copies and numbers are half a megabyte.
+/// Bands of rows.
+constexpr std::size_t kBandsMax = 253;
+/// Cells of a band: their points are less than half a megabyte.
 constexpr std::size_t kBandCells = 1U << 15U;
-constexpr std::uint32_t kNoPoint = ~0U;
+constexpr float kNoPoint = std::numeric_limits<float>::quiet_NaN();
 
 struct Bands {
   explicit Bands(const Lattice& of)
@@ -60,12 +62,48 @@ struct Bands {
   Lattice lattice;
   std::size_t columns, rows;
   std::size_t band_rows = 1;
-  std::size_t count = 0;  ///< the number of the band of points without a cell
+  std::size_t count = 0;
+  /// Numbers beyond the bands: of points outside of the table, and of missing ones.
+  [[nodiscard]] std::size_t outside() const { return count; }
+  [[nodiscard]] std::size_t missing() const { return count + 1; }
+  [[nodiscard]] std::size_t kinds() const { return count + 2; }
+  /// First cell of a band; of the one behind the last the number of all cells.
+  [[nodiscard]] std::size_t first_cell(std::size_t band) const { return columns * std::min(rows, band * band_rows); }
   [[nodiscard]] std::size_t cells() const { return columns * band_rows; }
 };
+constexpr std::size_t kKindsMax = kBandsMax + 2;
 
-/// Where the next point of each band goes.
-using Cursors = std::array<float*, kBandsMax + 1>;
+/// Points of a heap: sixteen are three cache lines.
+constexpr std::size_t kHeapPoints = 16;
+constexpr std::size_t kHeapFloats = 3 * kHeapPoints;
+/// Where the next heap of a band goes, and which of its points are there.
+struct Cursor {
+  float* heap = nullptr;    ///< null: points are dropped
+  std::uint32_t first = 0;  ///< the points before it are another block's
+  std::uint32_t next = 0;
+
+  Cursor() = default;
+  /// Point number `at` of an array and those behind it. Heaps are counted from its start, which lies on a cache line.
+  Cursor(float* array, std::size_t at)
+      : heap(array + 3 * (at - at % kHeapPoints)), first(static_cast<std::uint32_t>(at % kHeapPoints)), next(first) {}
+};
+using Cursors = std::array<Cursor, kKindsMax>;
+
+/// Points that share their cell with a lower one.
+struct LeftOver {
+  std::span<float> room;
+  std::atomic<std::size_t> points{0};
+  std::atomic<bool> too_many{false};
+
+  /// Room for so many more; null, and nothing taken, when there is none.
+  [[nodiscard]] float* claim(std::size_t more) {
+    std::size_t at = points.load();
+    do {
+      if (3 * (at + more) > room.size()) return nullptr;
+    } while (!points.compare_exchange_weak(at, at + more));
+    return room.data() + 3 * at;
+  }
+};
 
 /// Among points of a cell the lowest comes first.
 bool comes_before(const float* a, const float* b) {
@@ -81,24 +119,41 @@ namespace slabd::algo {
 namespace HWY_NAMESPACE {
 namespace {
 
-/// Bands of sixteen points: whole numbers.
+/// Bands of sixteen points, or what is beyond the bands: whole numbers.
 class BandOf {
  public:
   explicit BandOf(const Bands& bands)
       : lattice_(bands.lattice),
         per_band_(1.0F / static_cast<float>(bands.band_rows)),
-        without_(static_cast<float>(bands.count)) {}
+        outside_(static_cast<float>(bands.outside())),
+        missing_(static_cast<float>(bands.missing())) {}
   HWY_INLINE F16 operator()(const Points16& p) const {
     const Places16 at = places(lattice_, p);
     // Half a row away from where rounding could matter.
     const F16 band = floor((at.row + f16(0.5F)) * f16(per_band_));
-    return select(finite_points(p) & inside(lattice_, at), band, f16(without_));
+    return select(finite_points(p), select(inside(lattice_, at), band, f16(outside_)), f16(missing_));
   }
 
  private:
   const Lattice lattice_;
-  const float per_band_, without_;
+  const float per_band_, outside_, missing_;
 };
+
+HWY_INLINE void fetch_ahead(const float* xyz) {
+  constexpr std::size_t kAhead = 768;  // floats
+  for (std::size_t line = 0; line < 3; ++line) hwy::Prefetch(xyz + kAhead + kLanes * line);
+}
+
+/// Whole registers past the caches, where the memory lies on a cache line.
+HWY_INLINE void write_past_caches(const float* from, std::size_t floats, float* to) {
+  const Tag<float> tag;
+  constexpr std::size_t kWidth = hn::MaxLanes(Tag<float>());
+  if (reinterpret_cast<std::uintptr_t>(to) % (kWidth * sizeof(float)) != 0) {
+    std::memcpy(to, from, floats * sizeof(float));
+    return;
+  }
+  for (std::size_t i = 0; i < floats; i += kWidth) hn::Stream(hn::LoadU(tag, from + i), tag, to + i);
+}
 
 }  // namespace
 
@@ -123,75 +178,109 @@ std::size_t count_near(const Cloud& cloud, const Lattice& lattice, std::size_t s
 /// Step 1 for points first to last.
 void count_bands(const Bands& bands, const float* xyz, std::size_t first, std::size_t last, std::uint32_t* count) {
   const BandOf band_of(bands);
-  std::fill_n(count, bands.count + 1, 0U);
+  std::fill_n(count, bands.kinds(), 0U);
   alignas(64) std::array<std::int32_t, kLanes> band;
   for (std::size_t i = first; i < last; i += kLanes) {
+    fetch_ahead(xyz + 3 * i);
     store(to_int(band_of(sixteen_points(xyz, last, i))), band.data());
     const std::size_t n = std::min(kLanes, last - i);
     for (std::size_t k = 0; k < n; ++k) ++count[band[k]];
   }
 }
 
-/// Steps 2 and 3 for points first to last: each goes to its band's cursor, those of `beyond` and the bands behind it
-/// all to one. The cursors may write where points have been read.
-void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t last, std::size_t beyond,
+/// Steps 2 and 3 for points first to last: each goes to its band's cursor, those of band `rest` and all behind it to
+/// one, and missing ones to the one behind that. The cursors may write where points have been read.
+void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t last, std::size_t rest,
           Cursors& cursors) {
-  constexpr std::size_t kAhead = 32;  // floats; without fetching ahead this takes twice as long
+  alignas(64) std::array<float, kHeapFloats * kKindsMax> heaps;
+  const auto write = [&](std::size_t band, Cursor& c) {
+    if (c.heap != nullptr) {
+      const float* from = heaps.data() + kHeapFloats * band;
+      if (c.first == 0 && c.next == kHeapPoints)
+        write_past_caches(from, kHeapFloats, c.heap);
+      else
+        std::memcpy(c.heap + 3 * c.first, from + 3 * c.first, 3 * sizeof(float) * (c.next - c.first));
+      c.heap += kHeapFloats;
+    }
+    c.first = c.next = 0;
+  };
   const BandOf band_of(bands);
-  const F16 most = f16(static_cast<float>(beyond));
-  alignas(64) std::array<std::int32_t, kLanes> band;
-  for (std::size_t i = first; i < last; i += kLanes) {
-    store(to_int(min(band_of(sixteen_points(xyz, last, i)), most)), band.data());
-    const std::size_t n = std::min(kLanes, last - i);
-    for (std::size_t k = 0; k < n; ++k) {
-      float*& to = cursors[static_cast<std::size_t>(band[k])];
+  const F16 missing = f16(static_cast<float>(bands.missing()));
+  const F16 most = f16(static_cast<float>(rest));
+  const F16 dropped = f16(static_cast<float>(rest + 1));
+  // Whether a heap is full is foreseen by nobody, and after a wrong guess everything begins anew: the bands of some
+  // hundred points are told first.
+  constexpr std::size_t kAtOnce = 256;
+  alignas(64) std::array<std::int32_t, kAtOnce> band;
+  for (std::size_t from = first; from < last; from += kAtOnce) {
+    const std::size_t end = std::min(last, from + kAtOnce);
+    for (std::size_t i = from; i < end; i += kLanes) {
+      fetch_ahead(xyz + 3 * i);
+      const F16 which = band_of(sixteen_points(xyz, end, i));
+      store(to_int(select(which == missing, dropped, min(which, most))), band.data() + (i - from));
+    }
+    for (std::size_t i = from; i < end; ++i) {
+      const auto to = static_cast<std::size_t>(band[i - from]);
+      Cursor& c = cursors[to];
       // By way of registers: source and target may be the same place.
       std::array<float, 3> point;
-      std::memcpy(point.data(), xyz + 3 * (i + k), sizeof point);
-      std::memcpy(to, point.data(), sizeof point);
-      to += 3;
-      hwy::Prefetch(to + kAhead);
+      std::memcpy(point.data(), xyz + 3 * i, sizeof point);
+      std::memcpy(heaps.data() + kHeapFloats * to + 3 * std::size_t{c.next}, point.data(), sizeof point);
+      if (++c.next == kHeapPoints) write(to, c);
     }
   }
+  for (std::size_t to = 0; to < rest + 2; ++to) write(to, cursors[to]);
+  hwy::FlushStream();  // another thread may read them
 }
 
-/// Step 4 for one band: `points` points to `to`. `at`: memory for the band's cells.
-void sort_band(const Bands& bands, std::size_t band, const float* from, std::size_t points, float* to,
-               std::uint32_t* at) {
+/// Step 4 for one band: its points, which are lost, go to their cells, `to`. `table`: memory for the band's cells.
+/// Returns how many share a cell with a lower one; these are left over.
+std::size_t fill_band(const Bands& bands, std::size_t band, float* from, std::size_t points, float* to, float* table,
+                      LeftOver& left) {
   const Lattice lattice = bands.lattice;
   const F16 first_row = f16(static_cast<float>(band * bands.band_rows));
-  std::fill_n(at, bands.cells(), kNoPoint);
-  float* behind = to + 3 * points;  // where the points go that share a cell with a lower one
-  alignas(64) std::array<std::int32_t, kLanes> cell;
-  for (std::size_t i = 0; i < points; i += kLanes) {
-    const Places16 place = places(lattice, sixteen_points(from, points, i));
-    store(to_int((place.row - first_row) * f16(lattice.columns) + place.column), cell.data());
-    const std::size_t n = std::min(kLanes, points - i);
-    for (std::size_t k = 0; k < n; ++k) {
-      std::uint32_t& there = at[cell[k]];
-      std::size_t here = i + k;
-      if (there != kNoPoint) {
-        std::size_t other = there;
-        if (comes_before(from + 3 * other, from + 3 * here)) std::swap(here, other);
-        behind -= 3;
-        std::copy_n(from + 3 * other, 3, behind);
+  const std::size_t cells = bands.first_cell(band + 1) - bands.first_cell(band);
+  std::size_t met = 0;
+  constexpr std::size_t kAtOnce = 256;
+  alignas(64) std::array<std::int32_t, kAtOnce> cell;
+  for (std::size_t first = 0; first < points; first += kAtOnce) {
+    const std::size_t end = std::min(points, first + kAtOnce);
+    for (std::size_t i = first; i < end; i += kLanes) {
+      fetch_ahead(from + 3 * i);
+      const Places16 place = places(lattice, sixteen_points(from, end, i));
+      const I16 c = to_int((place.row - first_row) * f16(lattice.columns) + place.column);
+      store(c, cell.data() + (i - first));
+    }
+    for (std::size_t i = first; i < end; ++i) {
+      float* there = table + 3 * static_cast<std::size_t>(cell[i - first]);
+      std::array<float, 3> point;
+      std::memcpy(point.data(), from + 3 * i, sizeof point);
+      if (!std::isnan(there[2])) {
+        if (comes_before(point.data(), there)) std::swap_ranges(point.begin(), point.end(), there);
+        std::copy_n(point.data(), 3, from + 3 * met++);
+      } else {
+        std::memcpy(there, point.data(), sizeof point);
       }
-      there = static_cast<std::uint32_t>(here);
     }
   }
-  float* end = to;
-  for (std::size_t c = 0; c < bands.cells(); ++c) {
-    if (at[c] == kNoPoint) continue;
-    std::memcpy(end, from + 3 * std::size_t{at[c]}, 3 * sizeof(float));
-    end += 3;
+  if (met > 0) {
+    if (float* to_left = left.claim(met); to_left != nullptr) {
+      std::copy_n(from, 3 * met, to_left);
+    } else {
+      // There is no lattice, but no point is lost: free cells are as good as any other place.
+      left.too_many = true;
+      float* room = table;
+      for (std::size_t i = 0; i < met; room += 3)
+        if (std::isnan(room[2])) std::copy_n(from + 3 * i++, 3, room);
+    }
   }
-  // Few, if it is a lattice at all.
-  struct Point {
-    std::array<float, 3> xyz;
-  };
-  auto* rest = reinterpret_cast<Point*>(end);
-  std::sort(rest, rest + (points - static_cast<std::size_t>(end - to) / 3),
-            [](const Point& a, const Point& b) { return comes_before(a.xyz.data(), b.xyz.data()); });
+  constexpr std::size_t kPiece = 3 * kLanes;
+  for (std::size_t i = 0; i < 3 * cells; i += kPiece) {
+    write_past_caches(table + i, kPiece, to + i);
+    for (std::size_t k = 0; k < kPiece; k += kLanes) store(f16(kNoPoint), table + i + k);
+  }
+  hwy::FlushStream();
+  return met;
 }
 
 }  // namespace HWY_NAMESPACE
@@ -204,7 +293,7 @@ namespace slabd::algo {
 HWY_EXPORT(count_near);
 HWY_EXPORT(count_bands);
 HWY_EXPORT(deal);
-HWY_EXPORT(sort_band);
+HWY_EXPORT(fill_band);
 
 bool is_in_order(const Cloud& cloud, const Lattice& lattice) {
   constexpr std::size_t kLooks = 1'024;
@@ -214,89 +303,167 @@ bool is_in_order(const Cloud& cloud, const Lattice& lattice) {
   return 2 * near >= looked_at;
 }
 
-bool order_points(Cloud& cloud, const Lattice& lattice, const OrderMemory& memory, Team& team) {
-  const Bands bands(lattice);
-  const std::size_t stride = bands.count + 1;
-  const std::size_t blocks = (cloud.points + kBlock - 1) / kBlock;
-  float* xyz = cloud.xyz.data();
-  const auto begin_of = [](std::size_t block) { return block * kBlock; };
-  const auto end_of = [&](std::size_t block) { return std::min(cloud.points, (block + 1) * kBlock); };
-  if (memory.words.size() < kOrderWords || blocks * stride + 2 * bands.cells() > kOrderWords) return false;
+namespace {
 
-  // Counts of each block become where in its band its first point goes.
-  std::uint32_t* place = memory.words.data();
-  team.run(blocks, [&](std::size_t block) {
-    HWY_DYNAMIC_DISPATCH(count_bands)(bands, xyz, begin_of(block), end_of(block), place + block * stride);
-  });
-  std::array<std::size_t, kBandsMax + 2> start{};  // of each band in the sorted cloud
-  for (std::size_t band = 0; band <= bands.count; ++band) {
-    std::uint32_t points = 0;
-    for (std::size_t block = 0; block < blocks; ++block) points += std::exchange(place[block * stride + band], points);
-    start[band + 1] = start[band] + points;
+/// The four steps on one cloud.
+class Ordering {
+ public:
+  Ordering(Cloud& cloud, const Lattice& lattice, const OrderMemory& memory, Team& team)
+      : bands_(lattice),
+        memory_(memory),
+        team_(team),
+        xyz_(cloud.xyz.data()),
+        points_(cloud.points),
+        room_(std::min(limits::kScanPointsMax, cloud.xyz.size() / 3)),
+        blocks_((cloud.points + kBlock - 1) / kBlock),
+        cells_(bands_.first_cell(bands_.count)),
+        table_floats_(3 * bands_.cells()),
+        table_word_((blocks_ * bands_.kinds() + kHeapPoints - 1) / kHeapPoints * kHeapPoints),
+        left_word_(table_word_ + 2 * table_floats_) {}
+
+  /// Step 1. False where there is no room for the other steps.
+  [[nodiscard]] bool count(Ordered& found) {
+    if (memory_.words.size() < left_word_) return false;
+    place_ = memory_.words.data();
+    team_.run(blocks_, [&](std::size_t block) {
+      HWY_DYNAMIC_DISPATCH(count_bands)
+      (bands_, xyz_, begin_of(block), end_of(block), place_ + block * bands_.kinds());
+    });
+    // Counts of each block become where in its band its first point goes.
+    for (std::size_t kind = 0; kind < bands_.kinds(); ++kind)
+      for (std::size_t block = 0; block < blocks_; ++block)
+        count_[kind] += std::exchange(place_[block * bands_.kinds() + kind], count_[kind]);
+    for (std::size_t kind = 0; kind < bands_.missing(); ++kind) found.finite += count_[kind];
+    found.outside = outside_ = count_[bands_.outside()];
+    if (cells_ + outside_ > room_ || kOutsideShare * outside_ > found.finite) return false;
+    for (std::size_t band = 0; band < bands_.count; ++band)
+      if (count_[band] > bands_.first_cell(band + 1) - bands_.first_cell(band)) return false;
+    return choose_upper_bands(found.finite);
   }
 
-  // The upper bands are as many as there is room for.
-  std::array<float*, kBandsMax> kept{};
-  std::size_t split = 0;  // the first of the lower bands
-  for (std::size_t piece = 0, used = 0; split < bands.count; ++split) {
-    const std::size_t floats = 3 * (start[split + 1] - start[split]);
-    while (piece < memory.points.size() && memory.points[piece].size() - used < floats) ++piece, used = 0;
-    if (piece == memory.points.size()) break;
-    kept[split] = memory.points[piece].data() + used;
-    used += floats;
+  /// Step 2.
+  void deal_upper_bands() {
+    std::array<std::atomic<bool>, kBlocksMax> read{};
+    team_.run(blocks_, [&](std::size_t block) {
+      Cursors cursors;
+      for (std::size_t band = 0; band < split_; ++band)
+        cursors[band] = {kept_[band].array, kept_[band].at + place(block, band)};
+      cursors[split_] = {xyz_, closed_[block]};
+      for (std::size_t other = closed_[block] / kBlock; other < block && other * kBlock < closed_[block + 1]; ++other)
+        read[other].wait(false, std::memory_order_acquire);
+      HWY_DYNAMIC_DISPATCH(deal)(bands_, xyz_, begin_of(block), end_of(block), split_, cursors);
+      read[block].store(true, std::memory_order_release);
+      read[block].notify_all();
+    });
   }
-  if (2 * start[split] < cloud.points) return false;
-  const std::span<float> copies = memory.points[0];  // free again when the upper bands are sorted
-  for (std::size_t band = split; band < bands.count; ++band)
-    if (3 * (start[band + 1] - start[band]) > copies.size() / 2) return false;
-  std::array<std::size_t, kBlocksMax + 1> closed{};
-  for (std::size_t block = 0; block < blocks; ++block) {
-    std::size_t points = end_of(block) - begin_of(block);
-    for (std::size_t band = 0; band < split; ++band) {
-      const std::uint32_t next = block + 1 < blocks ? place[(block + 1) * stride + band]
-                                                    : static_cast<std::uint32_t>(start[band + 1] - start[band]);
-      points -= next - place[block * stride + band];
+  /// Step 3.
+  void deal_lower_bands() {
+    team_.run(blocks_, [&](std::size_t block) {
+      Cursors cursors;
+      for (std::size_t band = split_; band < bands_.count; ++band)
+        cursors[band] = {xyz_, bands_.first_cell(band + 1) - count_[band] + place(block, band)};
+      cursors[bands_.outside()] = {xyz_, cells_ + place(block, bands_.outside())};
+      HWY_DYNAMIC_DISPATCH(deal)(bands_, xyz_, closed_[block], closed_[block + 1], bands_.outside(), cursors);
+    });
+  }
+  /// Step 4. Returns how many points the cloud has now.
+  [[nodiscard]] std::size_t fill_cells(Ordered& found) {
+    float* tables = ::new (memory_.words.data() + table_word_) float[2 * table_floats_];
+    std::fill_n(tables, 2 * table_floats_, kNoPoint);
+    const std::size_t left_max = std::min((memory_.words.size() - left_word_) / 3, room_ - cells_ - outside_);
+    LeftOver left;
+    left.room = {::new (memory_.words.data() + left_word_) float[3 * left_max], 3 * left_max};
+    // Either thread has a table of its own.
+    std::array<std::atomic<bool>, 2> taken{};
+    std::atomic<std::size_t> met{0};
+    team_.run(bands_.count, [&](std::size_t band) {
+      std::size_t slot = 0;
+      while (taken[slot].exchange(true, std::memory_order_acquire)) slot = 1 - slot;
+      float* from = band < split_ ? kept_[band].array + 3 * kept_[band].at
+                                  : xyz_ + 3 * (bands_.first_cell(band + 1) - count_[band]);
+      met += HWY_DYNAMIC_DISPATCH(fill_band)(bands_, band, from, count_[band], xyz_ + 3 * bands_.first_cell(band),
+                                             tables + slot * table_floats_, left);
+      taken[slot].store(false, std::memory_order_release);
+    });
+    found.met = met;
+    found.crowded = left.too_many;
+
+    struct Point {
+      std::array<float, 3> xyz;
+    };
+    auto* behind = reinterpret_cast<Point*>(xyz_ + 3 * cells_);
+    std::copy_n(left.room.data(), 3 * left.points, xyz_ + 3 * (cells_ + outside_));
+    std::sort(behind, behind + outside_ + left.points,
+              [](const Point& a, const Point& b) { return comes_before(a.xyz.data(), b.xyz.data()); });
+    return cells_ + outside_ + left.points;
+  }
+
+ private:
+  [[nodiscard]] static std::size_t begin_of(std::size_t block) { return block * kBlock; }
+  [[nodiscard]] std::size_t end_of(std::size_t block) const { return std::min(points_, (block + 1) * kBlock); }
+  /// Where in its band, or among what is beyond, the first point of a block goes.
+  [[nodiscard]] std::size_t place(std::size_t block, std::size_t kind) const {
+    return place_[block * bands_.kinds() + kind];
+  }
+  /// As many as there is memory for, and where each block's other points close ranks.
+  [[nodiscard]] bool choose_upper_bands(std::size_t finite) {
+    std::size_t upper = 0;
+    for (std::size_t piece = 0, used = 0; split_ < bands_.count; ++split_) {
+      const std::size_t points = count_[split_];
+      while (piece < memory_.points.size() && memory_.points[piece].size() / 3 - used < points) ++piece, used = 0;
+      if (piece == memory_.points.size()) break;
+      kept_[split_] = {memory_.points[piece].data(), used};
+      used += points;
+      upper += points;
     }
-    closed[block + 1] = closed[block] + points;
+    for (std::size_t block = 0; block < blocks_; ++block) {
+      closed_[block + 1] = closed_[block];
+      for (std::size_t kind = split_; kind <= bands_.outside(); ++kind) {
+        const std::size_t next = block + 1 < blocks_ ? place(block + 1, kind) : count_[kind];
+        closed_[block + 1] += next - place(block, kind);
+      }
+    }
+    // What has closed ranks must not reach into the lower bands' part of the grid.
+    return finite - upper <= bands_.first_cell(split_);
   }
 
-  std::array<std::atomic<bool>, kBlocksMax> read{};
-  team.run(blocks, [&](std::size_t block) {
-    Cursors cursors{};
-    for (std::size_t band = 0; band < split; ++band) cursors[band] = kept[band] + 3 * place[block * stride + band];
-    cursors[split] = xyz + 3 * closed[block];
-    for (std::size_t other = closed[block] / kBlock; other < block && other * kBlock < closed[block + 1]; ++other)
-      read[other].wait(false, std::memory_order_acquire);
-    HWY_DYNAMIC_DISPATCH(deal)(bands, xyz, begin_of(block), end_of(block), split, cursors);
-    read[block].store(true, std::memory_order_release);
-    read[block].notify_all();
-  });
-  team.run(blocks, [&](std::size_t block) {
-    Cursors cursors{};
-    for (std::size_t band = split; band <= bands.count; ++band)
-      cursors[band] = xyz + 3 * (start[band] + place[block * stride + band]);
-    HWY_DYNAMIC_DISPATCH(deal)(bands, xyz, closed[block], closed[block + 1], bands.count, cursors);
-  });
+  const Bands bands_;
+  const OrderMemory memory_;
+  Team& team_;
+  float* const xyz_;
+  const std::size_t points_;
+  const std::size_t room_;  ///< points that the cloud has room for
+  const std::size_t blocks_;
+  const std::size_t cells_;
+  // In the memory of words: places, a table for either thread, and what is left over.
+  const std::size_t table_floats_, table_word_, left_word_;
 
-  // Either thread has cells, and a copy, of its own.
-  std::array<std::atomic<bool>, 2> taken{};
-  const auto sort = [&](std::size_t band, bool copied) {
-    std::size_t slot = 0;
-    while (taken[slot].exchange(true, std::memory_order_acquire)) slot = 1 - slot;
-    float* to = xyz + 3 * start[band];
-    const std::size_t points = start[band + 1] - start[band];
-    const float* from = kept[band];
-    if (copied) {
-      float* copy = copies.data() + slot * (copies.size() / 2);
-      std::copy_n(to, 3 * points, copy);
-      from = copy;
-    }
-    HWY_DYNAMIC_DISPATCH(sort_band)
-    (bands, band, from, points, to, place + blocks * stride + slot * bands.cells());
-    taken[slot].store(false, std::memory_order_release);
+  std::uint32_t* place_ = nullptr;
+  std::array<std::uint32_t, kKindsMax> count_{};  ///< points of each band, and of what is beyond
+  std::size_t outside_ = 0;
+  std::size_t split_ = 0;  ///< the first of the lower bands
+  struct Kept {
+    float* array = nullptr;
+    std::size_t at = 0;  ///< the band's first point
   };
-  team.run(split, [&](std::size_t band) { sort(band, false); });
-  team.run(bands.count - split, [&](std::size_t band) { sort(split + band, true); });
+  std::array<Kept, kBandsMax> kept_{};                ///< upper bands
+  std::array<std::size_t, kBlocksMax + 1> closed_{};  ///< where each block's lower points are after step 2
+};
+
+}  // namespace
+
+bool order_points(Cloud& cloud, const Lattice& lattice, const OrderMemory& memory, Team& team, Ordered& found) {
+  found = Ordered{};
+  Ordering ordering(cloud, lattice, memory, team);
+  if (!ordering.count(found)) return false;
+  ordering.deal_upper_bands();
+  ordering.deal_lower_bands();
+  cloud.points = ordering.fill_cells(found);
+  const auto columns = static_cast<std::size_t>(lattice.columns);
+  const auto rows = static_cast<std::size_t>(lattice.rows);
+  const bool organised = cloud.points == columns * rows && !found.crowded;
+  cloud.width = organised ? columns : 0;
+  cloud.height = organised ? rows : 0;
   return true;
 }
 

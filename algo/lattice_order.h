@@ -11,20 +11,31 @@
 
 namespace slabd::algo {
 
-/// Memory for `order_points`.
+/// Memory for `order_points`: arrays that begin on a cache line, or it takes longer.
 struct OrderMemory {
   std::array<std::span<float>, 3> points;  ///< for a little more than half of the cloud in all
   std::span<std::uint32_t> words;          ///< kOrderWords
 };
-inline constexpr std::size_t kOrderWords = 400'000;
+inline constexpr std::size_t kOrderWords = limits::kDenoiseCellsMax;
 
 /// Do consecutive points lie near each other, as a scanner exports them? Told from a thousand places in the cloud.
 [[nodiscard]] bool is_in_order(const Cloud& cloud, const Lattice& lattice);
 
-/// Brings the points into the order of their lattice: row by row, each from left to right. Where several share a cell
-/// the lowest has its place; the others follow at the end of a band of rows. Points without a cell come last. So the
-/// same points come to the same order, whatever it was. False, and nothing changed, when the memory is too small or
-/// most points have no cell. O(points), five passes.
-[[nodiscard]] bool order_points(Cloud& cloud, const Lattice& lattice, const OrderMemory& memory, Team& team);
+/// What `order_points` saw.
+struct Ordered {
+  std::size_t finite = 0;
+  std::size_t met = 0;      ///< points that share their cell with a lower one
+  std::size_t outside = 0;  ///< of the lattice
+  bool crowded = false;     ///< so many met that some lie in cells that are not theirs
+};
+
+/// Makes the cloud an organised scan: columns * rows cells of the lattice, each with the lowest of its points or NaN.
+/// What is left over follows in order of height: the other points of a cell, and those that have none; then width and
+/// height are 0. Points that lack a coordinate are dropped. So the same points come to the same cloud, whatever their
+/// order was. False, and nothing changed, when `memory` or the cloud's buffer is too small or more points than one in
+/// 2 000 have no cell. Where many share one there is no lattice; all points are still in the cloud. O(points), five
+/// passes.
+[[nodiscard]] bool order_points(Cloud& cloud, const Lattice& lattice, const OrderMemory& memory, Team& team,
+                                Ordered& found);
 
 }  // namespace slabd::algo

@@ -9,12 +9,17 @@
 /// A drawn block through the whole inspection.
 namespace slabd::algo {
 
+/// `room`: points that the scan's buffer holds; fewer than the scan has means no more than those.
 inline BlockResult inspect(scene::Cloud cloud, const Recipe& recipe = scene::p5600(),
-                           const Pose& T_base_block = Pose::identity()) {
+                           const Pose& T_base_block = Pose::identity(), std::size_t room = 0) {
   BlockInspector inspector;
   inspector.use(recipe);
   inspector.begin(4, T_base_block, T_base_block * nominal_T_block_scanner());
   Cloud view = cloud.view();
+  if (room > view.points) {
+    cloud.xyz.resize(3 * room);
+    view.xyz = cloud.xyz;
+  }
   Status status = inspector.denoise(view);
   if (status) status = inspector.register_to_model(view);
   if (status) status = inspector.extract(view);

@@ -106,22 +106,54 @@ TEST(Block, HasNoSlopeWithoutASlabTopAndNeverTakesAnotherDatum) {
   EXPECT_TRUE(r.observation.ok);
 }
 
+/// The same points in an order of no meaning.
+scene::Cloud without_order(scene::Cloud cloud, std::uint64_t seed) {
+  Prng prng(seed);
+  const auto at = [&](std::size_t i) { return cloud.xyz.begin() + static_cast<std::ptrdiff_t>(3 * i); };
+  for (std::size_t i = cloud.xyz.size() / 3; i > 1; --i) std::swap_ranges(at(i - 1), at(i), at(prng.below(i)));
+  return cloud;
+}
+
+/// In a buffer as the daemon's, which has room for a whole grid.
+BlockResult inspect_roomy(const scene::Cloud& cloud) {
+  return inspect(cloud, scene::p5600(), Pose::identity(), limits::kScanPointsMax);
+}
+
 TEST(Block, IsTheSameWithinNoiseOrganisedOrNot) {
   scene::Scan scan;
-  const BlockResult a = inspect(scene::take({}, scan));
+  const scene::Cloud in_scan_order = scene::take({}, scan);
+  const BlockResult a = inspect(in_scan_order);
   scan.organised = true;
-  const BlockResult b = inspect(scene::take({}, scan));
-  ASSERT_EQ(a.items.size(), b.items.size());
-  for (std::size_t i = 0; i < a.items.size(); ++i) {
-    const double x = a.items[i].value;
-    const double y = b.items[i].value;
-    EXPECT_EQ(has_value(x), has_value(y)) << info(a.items[i].id).name;
-    if (has_value(x) && has_value(y)) {
-      EXPECT_NEAR(x, y, 0.01) << info(a.items[i].id).name;
+  const BlockResult organised = inspect(scene::take({}, scan));
+  const BlockResult ordered = inspect_roomy(without_order(in_scan_order, 1));
+  const BlockResult no_room = inspect(without_order(in_scan_order, 1));
+  for (const BlockResult& b : {organised, ordered, no_room}) {
+    ASSERT_EQ(a.items.size(), b.items.size());
+    for (std::size_t i = 0; i < a.items.size(); ++i) {
+      const double x = a.items[i].value;
+      const double y = b.items[i].value;
+      EXPECT_EQ(has_value(x), has_value(y)) << info(a.items[i].id).name;
+      if (has_value(x) && has_value(y)) {
+        EXPECT_NEAR(x, y, 0.01) << info(a.items[i].id).name;
+      }
     }
+    EXPECT_EQ(a.scan.points_finite, b.scan.points_finite);
   }
-  EXPECT_EQ(a.scan.points_finite, b.scan.points_finite);
-  EXPECT_GT(b.scan.points_read, b.scan.points_finite);
+  EXPECT_GT(organised.scan.points_read, organised.scan.points_finite);
+  EXPECT_EQ(ordered.scan.points_read, a.scan.points_read);
+  EXPECT_EQ(ordered.scan.points_kept, a.scan.points_kept);
+}
+
+TEST(Block, GivesTheSameBitsWhateverOrderOfNoMeaningItsPointsHave) {
+  const scene::Cloud cloud = scene::take({}, {});
+  const BlockResult first = inspect_roomy(without_order(cloud, 1));
+  const BlockResult second = inspect_roomy(without_order(cloud, 2));
+  EXPECT_EQ(first.verdict, Verdict::pass);
+  for (std::size_t i = 0; i < first.items.size(); ++i) {
+    EXPECT_EQ(std::memcmp(&first.items[i].value, &second.items[i].value, sizeof(double)), 0);
+    EXPECT_EQ(std::memcmp(&first.items[i].U, &second.items[i].U, sizeof(double)), 0);
+  }
+  EXPECT_EQ(first.registration.T_scanner_block.to_array(), second.registration.T_scanner_block.to_array());
 }
 
 TEST(Block, GivesTheSameBitsAgainAndAfterAnotherBlock) {

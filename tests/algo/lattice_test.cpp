@@ -231,14 +231,81 @@ TEST(DenoiseLattice, KeepsWhatThePlainWayKeeps) {
   }
 }
 
-TEST(LatticeOrder, IsRowByRowFromLeftToRightWhateverItWas) {
+/// A cloud with room behind its points.
+struct Roomy {
+  std::vector<float> xyz;
+  Cloud cloud;
+  explicit Roomy(const std::vector<float>& points, std::size_t room = limits::kScanPointsMax) : xyz(points) {
+    xyz.resize(3 * room, 7.0F);
+    cloud = {xyz, points.size() / 3, 0, 0};
+  }
+  [[nodiscard]] std::vector<float> all() const {
+    return {xyz.begin(), xyz.begin() + static_cast<std::ptrdiff_t>(3 * cloud.points)};
+  }
+};
+
+bool is_finite(const float* p) {
+  return std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]);
+}
+std::vector<float> finite_ones(const std::vector<float>& xyz) {
+  std::vector<float> out;
+  for (std::size_t i = 0; i < xyz.size(); i += 3)
+    if (is_finite(&xyz[i])) out.insert(out.end(), &xyz[i], &xyz[i] + 3);
+  return out;
+}
+
+/// Number of a point's cell; -1 if it has none.
+std::ptrdiff_t cell_of(const Lattice& lattice, const float* p) {
+  const float c = std::floor(((lattice.central ? p[0] / p[2] : p[0]) - lattice.x0) * lattice.per_x);
+  const float r = std::floor(((lattice.central ? p[1] / p[2] : p[1]) - lattice.y0) * lattice.per_y);
+  if (!(c >= 0.0F && c < lattice.columns && r >= 0.0F && r < lattice.rows)) return -1;
+  return static_cast<std::ptrdiff_t>(r) * static_cast<std::ptrdiff_t>(lattice.columns) + static_cast<std::ptrdiff_t>(c);
+}
+
+TEST(DenoiseLattice, KeepsOfAnOrderedCloudWhatThePlainWayKeeps) {
+  Memory memory;
   for (const double focus : {0.0, 600.0}) {
     const std::vector<float> drawn = scan(focus);
-    const std::vector<float> nasty = with_nasty_points(drawn, focus);
+    for (const bool nasty : {false, true}) {
+      const std::vector<float> mixed = shuffled(nasty ? with_nasty_points(drawn, focus) : drawn);
+      std::vector<float> plain = mixed;
+      Lattice lattice;
+      ASSERT_TRUE(find(plain, 1, lattice));
+      Plain by_point;
+      by_point.run(plain, lattice, memory.work());
+      std::vector<float> first;
+      for (const int threads : {1, 2}) {
+        for (const InstructionSet set :
+             {InstructionSet::plain, InstructionSet::sse4, InstructionSet::avx2, InstructionSet::best}) {
+          if (!limit_instruction_set(set)) continue;
+          Roomy roomy(mixed);
+          Team team(threads);
+          ScanCounts counts;
+          ASSERT_TRUE(denoise_lattice(roomy.cloud, memory.work(), team, counts));
+          EXPECT_EQ(counts.points_finite, by_point.finite);
+          EXPECT_EQ(counts.isolated_removed, by_point.taken);
+          EXPECT_EQ(counts.points_kept, by_point.finite - by_point.taken);
+          const std::vector<float> kept = roomy.all();
+          EXPECT_TRUE(same_points(finite_ones(kept), finite_ones(plain))) << focus << " mm, " << threads << " threads";
+          // An organised scan, unless points share a cell.
+          EXPECT_EQ(roomy.cloud.width * roomy.cloud.height, nasty ? 0 : roomy.cloud.points);
+          if (first.empty()) first = kept;
+          EXPECT_TRUE(same(kept, first)) << focus << " mm, " << threads << " threads";
+        }
+        ASSERT_TRUE(limit_instruction_set(InstructionSet::best));
+      }
+    }
+  }
+}
+
+TEST(LatticeOrder, GivesEachPointItsCellWhateverTheOrderWas) {
+  for (const double focus : {0.0, 600.0}) {
+    const std::vector<float> nasty = with_nasty_points(scan(focus), focus);
     std::vector<float> xyz = nasty;
     Lattice lattice;
     ASSERT_TRUE(find(xyz, 1, lattice));
     EXPECT_TRUE(is_in_order(view(xyz), lattice));
+    const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
     std::vector<float> half(xyz.size() / 2 + 300'000), third(half.size() / 3 + 100'000);
     std::vector<std::uint32_t> words(kOrderWords);
     std::vector<float> first;
@@ -246,55 +313,114 @@ TEST(LatticeOrder, IsRowByRowFromLeftToRightWhateverItWas) {
       for (const int threads : {1, 2}) {
         for (const bool in_pieces : {false, true}) {
           const std::vector<float> mixed = shuffled(nasty, seed);
-          xyz = mixed;
-          Cloud cloud = view(xyz);
-          EXPECT_FALSE(is_in_order(cloud, lattice));
+          Roomy roomy(mixed, 2 * cells);
+          EXPECT_FALSE(is_in_order(roomy.cloud, lattice));
           Team team(threads);
           OrderMemory memory{{std::span(half), {}, {}}, words};
           std::vector<float> second(third.size()), last(third.size());
           if (in_pieces) memory.points = {std::span(third), std::span(second), std::span(last)};
-          ASSERT_TRUE(order_points(cloud, lattice, memory, team));
-          EXPECT_TRUE(same_points(xyz, mixed));
-          EXPECT_TRUE(is_in_order(cloud, lattice));
-          // What has no cell is no matter; the rest is always the same.
-          std::size_t there = xyz.size();
-          while (there > 0 && !(std::isfinite(xyz[there - 1]) && std::isfinite(xyz[there - 2]) &&
-                                std::isfinite(xyz[there - 3]) && xyz[there - 3] < 5e3F))
-            there -= 3;
-          EXPECT_GT(static_cast<double>(there), 0.98 * static_cast<double>(xyz.size()));
-          std::vector<float> ordered(xyz.begin(), xyz.begin() + static_cast<std::ptrdiff_t>(there));
+          Ordered found;
+          ASSERT_TRUE(order_points(roomy.cloud, lattice, memory, team, found));
+          EXPECT_TRUE(is_in_order(roomy.cloud, lattice));
+          const std::vector<float> ordered = roomy.all();
+          EXPECT_TRUE(same_points(finite_ones(ordered), finite_ones(mixed)));
+          EXPECT_EQ(found.finite, finite_ones(mixed).size() / 3);
+          EXPECT_FALSE(found.crowded);
+          EXPECT_EQ(ordered.size() / 3, cells + found.met + found.outside);
           if (first.empty()) first = ordered;
           EXPECT_TRUE(same(ordered, first)) << focus << " mm, " << threads << " threads";
         }
       }
     }
-    // Nearly every point comes before the next one.
-    std::size_t steps = 0;
-    double before = -1.0;
-    for (std::size_t i = 0; i < first.size(); i += 3) {
-      const float* p = &first[i];
-      const float c = std::floor(((focus > 0.0 ? p[0] / p[2] : p[0]) - lattice.x0) * lattice.per_x);
-      const float r = std::floor(((focus > 0.0 ? p[1] / p[2] : p[1]) - lattice.y0) * lattice.per_y);
-      const double cell = static_cast<double>(r) * static_cast<double>(lattice.columns) + static_cast<double>(c);
-      steps += cell > before ? 1U : 0U;
-      before = cell;
+    std::size_t met = 0, outside = 0;
+    for (std::size_t i = 0; i < first.size() / 3; ++i) {
+      const float* p = &first[3 * i];
+      if (i < cells) {
+        // The cell's own point, or nothing at all.
+        if (is_finite(p)) {
+          ASSERT_EQ(cell_of(lattice, p), static_cast<std::ptrdiff_t>(i));
+        } else {
+          ASSERT_TRUE(std::isnan(p[0]) && std::isnan(p[1]) && std::isnan(p[2]));
+        }
+        continue;
+      }
+      const std::ptrdiff_t cell = cell_of(lattice, p);
+      if (cell < 0) {
+        ++outside;
+      } else {
+        ++met;
+        ASSERT_LE(first[static_cast<std::size_t>(3 * cell + 2)], p[2]);
+      }
     }
-    EXPECT_GT(static_cast<double>(steps), 0.997 * static_cast<double>(first.size() / 3));
+    EXPECT_GT(met, 100U);
+    EXPECT_GT(outside, 10U);
+  }
+}
+
+TEST(LatticeOrder, MakesAnOrganisedScanOfACloudWhoseRaysNeverMeet) {
+  const std::vector<float> drawn = scan(0.0);
+  Roomy roomy(shuffled(drawn));
+  std::vector<float> half(drawn.size() / 2 + 300'000);
+  std::vector<std::uint32_t> words(kOrderWords);
+  Lattice lattice;
+  std::vector<float> xyz = drawn;
+  ASSERT_TRUE(find(xyz, 1, lattice));
+  Team team(2);
+  Ordered found;
+  ASSERT_TRUE(order_points(roomy.cloud, lattice, {{std::span(half), {}, {}}, words}, team, found));
+  EXPECT_EQ(roomy.cloud.width, static_cast<std::size_t>(lattice.columns));
+  EXPECT_EQ(roomy.cloud.height, static_cast<std::size_t>(lattice.rows));
+  EXPECT_EQ(roomy.cloud.points, roomy.cloud.width * roomy.cloud.height);
+}
+
+TEST(LatticeOrder, LosesNoPointWhereMoreShareACellThanThereIsRoomFor) {
+  const std::vector<float> drawn = scan(0.0);
+  std::vector<float> xyz = drawn;
+  Lattice lattice;
+  ASSERT_TRUE(find(xyz, 1, lattice));
+  // In every fifteenth cell a second point.
+  std::vector<float> crowded = drawn;
+  for (std::size_t i = 0; i < drawn.size(); i += 45)
+    crowded.insert(crowded.end(), {drawn[i], drawn[i + 1], drawn[i + 2] + 0.25F});
+  const std::vector<float> mixed = shuffled(crowded);
+  std::vector<float> room(mixed.size());
+  for (const std::size_t points_left : {std::size_t{0}, std::size_t{1'000}, std::size_t{5'000}}) {
+    std::vector<std::uint32_t> words(kOrderWords);
+    for (const int threads : {1, 2}) {
+      const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
+      Roomy roomy(mixed, cells + points_left);
+      Team team(threads);
+      Ordered found;
+      ASSERT_TRUE(order_points(roomy.cloud, lattice, {{std::span(room), {}, {}}, words}, team, found));
+      EXPECT_TRUE(found.crowded);
+      EXPECT_EQ(roomy.cloud.width, 0U);
+      EXPECT_GT(found.met, drawn.size() / 48);
+      EXPECT_TRUE(same_points(finite_ones(roomy.all()), mixed)) << points_left;
+    }
   }
 }
 
 TEST(LatticeOrder, LeavesTheCloudAloneWhereThereIsNoRoom) {
-  std::vector<float> xyz = shuffled(scan(0.0));
-  const std::vector<float> before = xyz;
+  const std::vector<float> mixed = shuffled(scan(0.0));
+  std::vector<float> xyz = mixed;
   Lattice lattice;
   ASSERT_TRUE(find(xyz, 1, lattice));
-  std::vector<float> room(xyz.size() / 2 - 3);
+  const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
+  std::vector<float> enough(xyz.size()), little(xyz.size() / 2 - xyz.size() / 16);
   std::vector<std::uint32_t> words(kOrderWords);
-  Cloud cloud = view(xyz);
   Team team(1);
-  EXPECT_FALSE(order_points(cloud, lattice, {{std::span(room), {}, {}}, words}, team));
-  EXPECT_FALSE(order_points(cloud, lattice, {{std::span(room), {}, {}}, {}}, team));
-  EXPECT_TRUE(same(xyz, before));
+  Ordered found;
+  const auto refused = [&](std::size_t room, std::span<float> points, std::span<std::uint32_t> memory) {
+    Roomy roomy(mixed, room);
+    EXPECT_FALSE(order_points(roomy.cloud, lattice, {{points, {}, {}}, memory}, team, found));
+    EXPECT_TRUE(same(roomy.all(), mixed));
+    EXPECT_EQ(roomy.cloud.width, 0U);
+  };
+  refused(cells, little, words);
+  refused(cells, enough, {});
+  refused(cells - 1, enough, words);
+  Roomy roomy(mixed, cells);
+  EXPECT_TRUE(order_points(roomy.cloud, lattice, {{std::span(enough), {}, {}}, words}, team, found));
 }
 
 }  // namespace
