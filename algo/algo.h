@@ -30,7 +30,7 @@ enum class InstructionSet : std::uint8_t { best, avx512, avx2, sse4, plain };
 
 /// A scan in the scanner frame (mm): x y z, x y z, ... as float32; NaN marks a missing point. Measuring works in place:
 /// `denoise` sets what it takes out to NaN; size, width, height and order stay. Only a scan whose order has no meaning
-/// becomes an organised one, of more points, where `xyz` has room for its grid.
+/// gets all of these anew, those of its grid, where `xyz` has room for that.
 struct Cloud {
   std::span<float> xyz;
   std::size_t points = 0;  ///< 3 * points <= xyz.size()

@@ -13,6 +13,9 @@
 //
 // Where many points meet or lie outside, or most have no plane, there is no lattice, and the cloud is left to others.
 //
+// A cloud in an order of no meaning has no runs. It is brought into the lattice's order first (algo/lattice_order.h), and
+// then it is an organised scan, with the few points left over that share a cell with a lower one.
+//
 // Invariants: the lower of two points is the same whoever comes first, so the order of the points does not matter. The
 // scan is cut into fixed blocks, and each row of the table belongs to one of them: the one that begins in it or above.
 // A block writes its own rows only; what it finds elsewhere (the rest of the row that the block behind it began) is put
@@ -364,16 +367,22 @@ std::uint64_t take_out_of_block(const Spreading& work, const GridWork& grid, boo
   return TakeOut(work, grid, any_met).take_out(block * kBlock, work.end_of(block));
 }
 
-/// Of points that are not the grid's own those that lie on a plane there close ranks. Returns how many.
-std::size_t keep_on_planes(const Lattice& lattice, const GridWork& grid, float* xyz, std::size_t points) {
+/// Of points that share a cell of the grid with its own those that are no noise close ranks: one as low as the cell's own
+/// is judged with it, a higher one by the planes there. Returns how many.
+std::size_t keep_left_over(const Lattice& lattice, const GridWork& grid, float* xyz, std::size_t points) {
+  const auto columns = static_cast<std::size_t>(lattice.columns);
   std::size_t kept = 0;
   for (std::size_t i = 0; i < points; i += kLanes) {
     const Points16 p = sixteen_points(xyz, points, i);
     const Singly at(lattice, p, places(lattice, p));
     for (std::uint32_t left = at.inside; left != 0; left &= left - 1) {
       const auto k = static_cast<std::size_t>(std::countr_zero(left));
-      if (lies_on_planes(grid, at.column_of(k), at.row_of(k), at.z[k]))
-        std::copy_n(xyz + 3 * (i + k), 3, xyz + 3 * kept++);
+      const std::uint32_t column = at.column_of(k);
+      const std::uint32_t row = at.row_of(k);
+      const bool as_low = grid.xyz[3 * (row * columns + column) + 2] == at.z[k];
+      const bool good = as_low ? !grid.noise.any(static_cast<int>(column), 1, static_cast<int>(row))
+                               : lies_on_planes(grid, column, row, at.z[k]);
+      if (good) std::copy_n(xyz + 3 * (i + k), 3, xyz + 3 * kept++);
     }
   }
   return kept;
@@ -390,7 +399,7 @@ HWY_EXPORT(first_row);
 HWY_EXPORT(spread_block);
 HWY_EXPORT(spread_rest);
 HWY_EXPORT(take_out_of_block);
-HWY_EXPORT(keep_on_planes);
+HWY_EXPORT(keep_left_over);
 
 namespace {
 
@@ -423,21 +432,33 @@ OrderMemory order_memory(const DenoiseWorkspace& memory) {
           memory.cell_start};
 }
 
+/// No further than the workspace reaches.
+bool bring_into_order(Cloud& cloud, const Lattice& lattice, const DenoiseWorkspace& memory, Team& team,
+                      Ordered& found) {
+  const std::size_t room = std::min({cloud.xyz.size() / 3, memory.order.size(), memory.keep.size()});
+  Cloud reached{cloud.xyz.first(3 * room), cloud.points, cloud.width, cloud.height};
+  if (room < cloud.points || !order_points(reached, lattice, order_memory(memory), team, found)) return false;
+  cloud.points = reached.points;
+  cloud.width = reached.width;
+  cloud.height = reached.height;
+  return true;
+}
+
 /// A cloud that was brought into its lattice's order is an organised scan with a few points left over.
 bool denoise_ordered(Cloud& cloud, const Lattice& lattice, const Ordered& found, const DenoiseWorkspace& memory,
                      Team& team, ScanCounts& counts) {
   const GridLayout grid(static_cast<std::size_t>(lattice.columns), static_cast<std::size_t>(lattice.rows));
-  if (found.crowded || kMetShare * found.met > found.finite || !grid.fits(memory)) return false;
+  if (kMetShare * found.met > found.finite || !grid.fits(memory)) return false;
   GridWork judged(grid, cloud.xyz.data(), nullptr, memory);
   judged.per_column_mm = lattice.away_mm / lattice.per_x;
   judged.per_row_mm = lattice.away_mm / lattice.per_y;
   if (!judge_grid(grid, judged, team)) return false;
   keep_noise_groups(grid, judged, team);
-  const std::uint64_t taken = take_out_noise(grid, judged, team);
   const std::size_t cells = grid.columns * grid.rows;
   const std::size_t left_over = cloud.points - cells;
   const std::size_t kept =
-      HWY_DYNAMIC_DISPATCH(keep_on_planes)(lattice, judged, cloud.xyz.data() + 3 * cells, left_over);
+      HWY_DYNAMIC_DISPATCH(keep_left_over)(lattice, judged, cloud.xyz.data() + 3 * cells, left_over);
+  const std::uint64_t taken = take_out_noise(grid, judged, team);
   cloud.points = cells + kept;
   cloud.width = kept == 0 ? grid.columns : 0;
   cloud.height = kept == 0 ? grid.rows : 0;
@@ -462,8 +483,10 @@ bool denoise_lattice(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, S
   if (!find_lattice(cloud, {sample, kLatticeFloats}, team, work.lattice)) return false;
   // Where there is no room to bring the points into order, everything takes longer and comes to the same.
   Ordered ordered;
-  if (!is_in_order(cloud, work.lattice) && order_points(cloud, work.lattice, order_memory(memory), team, ordered))
-    return denoise_ordered(cloud, work.lattice, ordered, memory, team, counts);
+  if (!is_in_order(cloud, work.lattice) && bring_into_order(cloud, work.lattice, memory, team, ordered)) {
+    if (!ordered.crowded) return denoise_ordered(cloud, work.lattice, ordered, memory, team, counts);
+    work.points = cloud.points;
+  }
 
   const GridLayout grid(static_cast<std::size_t>(work.lattice.columns), static_cast<std::size_t>(work.lattice.rows));
   const std::size_t cells = grid.columns * grid.rows;

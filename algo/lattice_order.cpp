@@ -18,7 +18,8 @@
 // Invariants: where a block writes is counted beforehand, so blocks share nothing but cache lines, of which each writes
 // its own bytes. In step 2 a block closes ranks over blocks before it and waits until those have been read; blocks are
 // begun in their order, so the first unfinished one never waits. In a cell the lowest point stays, whoever comes first;
-// what is left over is sorted: the order of the points does not show.
+// what is left over is sorted. Where there is more of that than memory, it goes into free cells of its band: no point is
+// ever lost, and no order shows.
 #include "algo/lattice_order.h"
 
 #include <hwy/cache_control.h>
@@ -49,7 +50,7 @@ constexpr std::size_t kBlock = 1U << 18U;
 constexpr std::size_t kBlocksMax = (limits::kScanPointsMax + kBlock - 1) / kBlock;
 /// Bands of rows.
 constexpr std::size_t kBandsMax = 253;
-/// Cells of a band: their points are less than half a megabyte.
+/// Cells of a band: their points are less than half a megabyte, unless a single row has more.
 constexpr std::size_t kBandCells = 1U << 15U;
 constexpr float kNoPoint = std::numeric_limits<float>::quiet_NaN();
 
@@ -94,20 +95,37 @@ struct LeftOver {
   std::span<float> room;
   std::atomic<std::size_t> points{0};
   std::atomic<bool> too_many{false};
+  std::array<std::span<float>, kBandsMax> of_band{};  ///< empty: none, or they are in free cells
 
-  /// Room for so many more; null, and nothing taken, when there is none.
-  [[nodiscard]] float* claim(std::size_t more) {
+  /// Keeps a band's; false, and nothing kept, when there is no room.
+  [[nodiscard]] bool keep(std::size_t band, const float* from, std::size_t more) {
     std::size_t at = points.load();
     do {
-      if (3 * (at + more) > room.size()) return nullptr;
+      if (3 * (at + more) > room.size()) return false;
     } while (!points.compare_exchange_weak(at, at + more));
-    return room.data() + 3 * at;
+    of_band[band] = room.subspan(3 * at, 3 * more);
+    std::copy_n(from, 3 * more, of_band[band].data());
+    return true;
   }
 };
 
 /// Among points of a cell the lowest comes first.
 bool comes_before(const float* a, const float* b) {
   return std::tie(a[2], a[0], a[1]) < std::tie(b[2], b[0], b[1]);
+}
+void sort_points(float* xyz, std::size_t points) {
+  struct Point {
+    std::array<float, 3> xyz;
+  };
+  auto* first = reinterpret_cast<Point*>(xyz);
+  std::sort(first, first + points,
+            [](const Point& a, const Point& b) { return comes_before(a.xyz.data(), b.xyz.data()); });
+}
+/// Of cells at least as many must be free.
+void put_in_free_cells(float* xyz, std::size_t points, float* cells) {
+  sort_points(xyz, points);
+  for (std::size_t i = 0; i < points; cells += 3)
+    if (std::isnan(cells[2])) std::copy_n(xyz + 3 * i++, 3, cells);
 }
 
 }  // namespace
@@ -263,16 +281,9 @@ std::size_t fill_band(const Bands& bands, std::size_t band, float* from, std::si
       }
     }
   }
-  if (met > 0) {
-    if (float* to_left = left.claim(met); to_left != nullptr) {
-      std::copy_n(from, 3 * met, to_left);
-    } else {
-      // There is no lattice, but no point is lost: free cells are as good as any other place.
-      left.too_many = true;
-      float* room = table;
-      for (std::size_t i = 0; i < met; room += 3)
-        if (std::isnan(room[2])) std::copy_n(from + 3 * i++, 3, room);
-    }
+  if (met > 0 && !left.keep(band, from, met)) {
+    left.too_many = true;
+    put_in_free_cells(from, met, table);
   }
   constexpr std::size_t kPiece = 3 * kLanes;
   for (std::size_t i = 0; i < 3 * cells; i += kPiece) {
@@ -388,13 +399,16 @@ class Ordering {
     found.met = met;
     found.crowded = left.too_many;
 
-    struct Point {
-      std::array<float, 3> xyz;
-    };
-    auto* behind = reinterpret_cast<Point*>(xyz_ + 3 * cells_);
+    if (found.crowded) {
+      // Which bands found room was chance: now none has.
+      team_.run(bands_.count, [&](std::size_t band) {
+        const std::span<float> points = left.of_band[band];
+        put_in_free_cells(points.data(), points.size() / 3, xyz_ + 3 * bands_.first_cell(band));
+      });
+      left.points = 0;
+    }
     std::copy_n(left.room.data(), 3 * left.points, xyz_ + 3 * (cells_ + outside_));
-    std::sort(behind, behind + outside_ + left.points,
-              [](const Point& a, const Point& b) { return comes_before(a.xyz.data(), b.xyz.data()); });
+    sort_points(xyz_ + 3 * cells_, outside_ + left.points);
     return cells_ + outside_ + left.points;
   }
 

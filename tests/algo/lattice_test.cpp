@@ -103,6 +103,8 @@ std::vector<float> with_nasty_points(const std::vector<float>& drawn, double foc
       nasty.insert(nasty.end(), {p[0], p[1], infinite});
     } else if (what < 0.0063) {
       nasty.insert(nasty.end(), {p[0] + 1e4F, p[1], p[2]});
+    } else if (what < 0.009) {
+      nasty.insert(nasty.end(), {p[0], p[1], p[2]});
     }
   }
   for (int i = 0; i < 40; ++i) nasty.insert(nasty.end(), {kNaN, kNaN, kNaN});
@@ -373,31 +375,66 @@ TEST(LatticeOrder, MakesAnOrganisedScanOfACloudWhoseRaysNeverMeet) {
   EXPECT_EQ(roomy.cloud.points, roomy.cloud.width * roomy.cloud.height);
 }
 
+/// In every so many cells of the upper half a second point.
+std::vector<float> crowded(const std::vector<float>& drawn, std::size_t every) {
+  std::vector<float> crowded = drawn;
+  for (std::size_t i = 0; i < drawn.size() / 2; i += 3 * every)
+    crowded.insert(crowded.end(), {drawn[i], drawn[i + 1], drawn[i + 2] + 0.25F});
+  return crowded;
+}
+
 TEST(LatticeOrder, LosesNoPointWhereMoreShareACellThanThereIsRoomFor) {
   const std::vector<float> drawn = scan(0.0);
   std::vector<float> xyz = drawn;
   Lattice lattice;
   ASSERT_TRUE(find(xyz, 1, lattice));
-  // In every fifteenth cell a second point.
-  std::vector<float> crowded = drawn;
-  for (std::size_t i = 0; i < drawn.size(); i += 45)
-    crowded.insert(crowded.end(), {drawn[i], drawn[i + 1], drawn[i + 2] + 0.25F});
-  const std::vector<float> mixed = shuffled(crowded);
-  std::vector<float> room(mixed.size());
-  for (const std::size_t points_left : {std::size_t{0}, std::size_t{1'000}, std::size_t{5'000}}) {
-    std::vector<std::uint32_t> words(kOrderWords);
-    for (const int threads : {1, 2}) {
-      const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
-      Roomy roomy(mixed, cells + points_left);
-      Team team(threads);
+  const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
+  const std::vector<float> points = crowded(drawn, 15);
+  std::vector<float> room(points.size());
+  std::vector<std::uint32_t> words(kOrderWords);
+  for (const std::size_t points_left : {std::size_t{0}, std::size_t{1'000}, std::size_t{10'000}}) {
+    std::vector<float> first;
+    for (int run = 0; run < 6; ++run) {
+      Roomy roomy(shuffled(points, static_cast<std::uint64_t>(run)), cells + points_left);
+      Team team(1 + run % 2);
       Ordered found;
       ASSERT_TRUE(order_points(roomy.cloud, lattice, {{std::span(room), {}, {}}, words}, team, found));
       EXPECT_TRUE(found.crowded);
       EXPECT_EQ(roomy.cloud.width, 0U);
-      EXPECT_GT(found.met, drawn.size() / 48);
-      EXPECT_TRUE(same_points(finite_ones(roomy.all()), mixed)) << points_left;
+      EXPECT_GT(found.met, drawn.size() / 96);
+      EXPECT_EQ(roomy.cloud.points, cells);
+      EXPECT_TRUE(same_points(finite_ones(roomy.all()), points)) << points_left;
+      if (first.empty()) first = roomy.all();
+      EXPECT_TRUE(same(roomy.all(), first)) << points_left << ", run " << run;
     }
   }
+}
+
+TEST(DenoiseLattice, KeepsTheSameWhateverRoomThereIsForTheGrid) {
+  Memory memory;
+  const std::vector<float> drawn = scan(0.0);
+  const std::vector<float> points = crowded(drawn, 80);
+  std::vector<float> xyz = points;
+  Lattice lattice;
+  ASSERT_TRUE(find(xyz, 1, lattice));
+  const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
+  const auto kept_with = [&](const std::vector<float>& scan, std::size_t room, const DenoiseWorkspace& work) {
+    Roomy roomy(scan, std::max(room, scan.size() / 3));
+    Team team(2);
+    ScanCounts counts;
+    EXPECT_TRUE(denoise_lattice(roomy.cloud, work, team, counts));
+    EXPECT_EQ(counts.points_kept, finite_ones(roomy.all()).size() / 3);
+    return finite_ones(roomy.all());
+  };
+  const std::vector<float> mixed = shuffled(points);
+  const std::vector<float> kept = kept_with(points, 0, memory.work());
+  // None at all, all but for what is left over, and enough; and a workspace that reaches no further than the points.
+  for (const std::size_t room : {std::size_t{0}, cells + 10, limits::kScanPointsMax})
+    EXPECT_TRUE(same_points(kept_with(mixed, room, memory.work()), kept)) << room;
+  DenoiseWorkspace small = memory.work();
+  small.order = small.order.first(cells);
+  small.keep = small.keep.first(cells);
+  EXPECT_TRUE(same_points(kept_with(mixed, limits::kScanPointsMax, small), kept));
 }
 
 TEST(LatticeOrder, LeavesTheCloudAloneWhereThereIsNoRoom) {
