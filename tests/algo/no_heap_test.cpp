@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <new>
 #include <vector>
 
 #include "algo/algo.h"
+#include "base/prng.h"
 #include "scene.h"
 
 // A sanitizer owns malloc and offers a hook instead. Volatile, because a compiler knows what malloc does and
@@ -74,6 +76,34 @@ TEST(NoHeap, MeasuringABlockAndASlabAllocatesNothing) {
   EXPECT_TRUE(ok);
   EXPECT_EQ(after, before);
   EXPECT_TRUE(slab.fit.ok);
+}
+
+TEST(NoHeap, BringingAScanIntoOrderAllocatesNothing) {
+  const scene::Cloud drawn = scene::take({}, {});
+  const Recipe recipe = scene::p5600();
+  BlockInspector inspector(2);
+  inspector.use(recipe);
+  // Few points share a cell, then so many that there is no lattice.
+  for (const std::size_t every : {std::size_t{400}, std::size_t{20}}) {
+    scene::Cloud cloud = drawn;
+    for (std::size_t i = 0; i < drawn.xyz.size(); i += 3 * every)
+      cloud.xyz.insert(cloud.xyz.end(), {drawn.xyz[i], drawn.xyz[i + 1], drawn.xyz[i + 2] + 0.02F});
+    Prng prng(1);
+    const auto at = [&](std::size_t i) { return cloud.xyz.begin() + static_cast<std::ptrdiff_t>(3 * i); };
+    for (std::size_t i = cloud.xyz.size() / 3; i > 1; --i) std::swap_ranges(at(i - 1), at(i), at(prng.below(i)));
+    Cloud view = cloud.view();
+    cloud.xyz.resize(3 * limits::kScanPointsMax);
+    view.xyz = cloud.xyz;
+
+    const std::size_t before = g_allocations;
+    inspector.begin(1, Pose::identity(), nominal_T_block_scanner());
+    const bool ok =
+        inspector.denoise(view).ok() && inspector.register_to_model(view).ok() && inspector.extract(view).ok();
+    const std::size_t after = g_allocations;
+
+    EXPECT_TRUE(ok) << every;
+    EXPECT_EQ(after, before) << every;
+  }
 }
 
 }  // namespace
