@@ -18,8 +18,8 @@
 // Invariants: where a block writes is counted beforehand, so blocks share nothing but cache lines, of which each writes
 // its own bytes. In step 2 a block closes ranks over blocks before it and waits until those have been read; blocks are
 // begun in their order, so the first unfinished one never waits. In a cell the lowest point stays, whoever comes first;
-// what is left over is sorted. Where there is more of that than memory, it goes into free cells of its band: no point is
-// ever lost, and no order shows.
+// what is left over is sorted. Where there is more of that than memory, it goes into free cells of its band: no point
+// is ever lost, and no order shows.
 #include "algo/lattice_order.h"
 
 #include <hwy/cache_control.h>
@@ -240,10 +240,7 @@ void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t l
     for (std::size_t i = from; i < end; ++i) {
       const auto to = static_cast<std::size_t>(band[i - from]);
       Cursor& c = cursors[to];
-      // By way of registers: source and target may be the same place.
-      std::array<float, 3> point;
-      std::memcpy(point.data(), xyz + 3 * i, sizeof point);
-      std::memcpy(heaps.data() + kHeapFloats * to + 3 * std::size_t{c.next}, point.data(), sizeof point);
+      std::memcpy(heaps.data() + kHeapFloats * to + 3 * std::size_t{c.next}, xyz + 3 * i, 3 * sizeof(float));
       if (++c.next == kHeapPoints) write(to, c);
     }
   }
