@@ -13,8 +13,8 @@
 //
 // Where many points meet or lie outside, or most have no plane, there is no lattice, and the cloud is left to others.
 //
-// A cloud in an order of no meaning has no runs. It is brought into the lattice's order first (algo/lattice_order.h), and
-// then it is an organised scan, with the few points left over that share a cell with a lower one.
+// A cloud in an order of no meaning has no runs. It is brought into the lattice's order first (algo/lattice_order.h),
+// and then it is an organised scan, with the few points left over that share a cell with a lower one.
 //
 // Invariants: the lower of two points is the same whoever comes first, so the order of the points does not matter. The
 // scan is cut into fixed blocks, and each row of the table belongs to one of them: the one that begins in it or above.
@@ -31,7 +31,6 @@
 #include <limits>
 #include <new>
 
-#include <hwy/cache_control.h>
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/denoise_lattice.cpp"
 // clang-format off
@@ -139,7 +138,7 @@ class Spreader {
   /// Spreads point i and the fifteen behind it.
   HWY_INLINE void spread(const Lattice& lattice, std::size_t i, std::size_t end, Spread& out) {
     constexpr std::size_t kAhead = 1'536;  // floats
-    for (std::size_t line = 0; line < 3; ++line) hwy::Prefetch(work_.xyz + 3 * i + kAhead + kLanes * line);
+    fetch_points(work_.xyz + 3 * i + kAhead);
     work_.notes[i / kLanes] = spread(lattice, sixteen_points(work_.xyz, end, i), out);
   }
 
@@ -245,7 +244,7 @@ class TakeOut {
       listed[n] = static_cast<std::uint32_t>(i);
       if (!to_be_looked_at(work_.notes[i / kLanes])) continue;
       ++n;
-      for (std::size_t line = 0; line < 3; ++line) hwy::Prefetch(points + kLanes * line);
+      fetch_points(points);
     }
     std::uint64_t taken = 0;
     for (std::size_t k = 0; k < n; ++k) {
@@ -367,8 +366,8 @@ std::uint64_t take_out_of_block(const Spreading& work, const GridWork& grid, boo
   return TakeOut(work, grid, any_met).take_out(block * kBlock, work.end_of(block));
 }
 
-/// Of points that share a cell of the grid with its own those that are no noise close ranks: one as low as the cell's own
-/// is judged with it, a higher one by the planes there. Returns how many.
+/// Of points that share a cell of the grid with its own those that are no noise close ranks: one as low as the cell's
+/// own is judged with it, a higher one by the planes there. Returns how many.
 std::size_t keep_left_over(const Lattice& lattice, const GridWork& grid, float* xyz, std::size_t points) {
   const auto columns = static_cast<std::size_t>(lattice.columns);
   std::size_t kept = 0;

@@ -16,6 +16,7 @@
 #define SLABD_ALGO_LANES_INL_H_
 #endif
 
+#include <hwy/cache_control.h>
 #include <hwy/highway.h>
 
 #include <array>
@@ -232,6 +233,10 @@ HWY_INLINE void take_apart(const float* xyz, Pack<float, K>& x, Pack<float, K>& 
     take_apart(xyz, x.lo, y.lo, z.lo);
     take_apart(xyz + 3 * (K / 2) * hn::MaxLanes(Tag<float>()), x.hi, y.hi, z.hi);
   }
+}
+/// Fetches sixteen points that are wanted later; none need be there.
+HWY_INLINE void fetch_points(const float* xyz) {
+  for (std::size_t line = 0; line < 3; ++line) hwy::Prefetch(xyz + kLanes * line);
 }
 /// `xyz` must hold sixteen points.
 HWY_INLINE Points16 load_points(const float* xyz) {

@@ -17,7 +17,6 @@
 #include <cstdint>
 #include <numeric>
 
-#include <hwy/cache_control.h>
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/lattice.cpp"
 // clang-format off
@@ -74,7 +73,7 @@ void take_sample(const float* xyz, std::size_t points, std::int32_t mask, Sample
   };
   std::size_t i = 0;
   for (; i + kLanes < points; i += kLanes) {
-    for (std::size_t line = 0; line < 3; ++line) hwy::Prefetch(xyz + 3 * i + kAhead + kLanes * line);
+    fetch_points(xyz + 3 * i + kAhead);
     choose(xyz + 3 * i);
   }
   // The last ones with room behind them.

@@ -77,6 +77,11 @@ constexpr std::size_t kKindsMax = kBandsMax + 2;
 /// Points of a heap: sixteen are three cache lines.
 constexpr std::size_t kHeapPoints = 16;
 constexpr std::size_t kHeapFloats = 3 * kHeapPoints;
+/// Whether a heap is full is foreseen by nobody, and after a wrong guess everything begins anew: where so many points
+/// go is told before the first of them is moved.
+constexpr std::size_t kAtOnce = 256;
+/// Floats ahead that are fetched.
+constexpr std::size_t kAhead = 768;
 /// Where the next heap of a band goes, and which of its points are there.
 struct Cursor {
   float* heap = nullptr;    ///< null: points are dropped
@@ -157,11 +162,6 @@ class BandOf {
   const float per_band_, outside_, missing_;
 };
 
-HWY_INLINE void fetch_ahead(const float* xyz) {
-  constexpr std::size_t kAhead = 768;  // floats
-  for (std::size_t line = 0; line < 3; ++line) hwy::Prefetch(xyz + kAhead + kLanes * line);
-}
-
 /// Whole registers past the caches, where the memory lies on a cache line.
 HWY_INLINE void write_past_caches(const float* from, std::size_t floats, float* to) {
   const Tag<float> tag;
@@ -199,7 +199,7 @@ void count_bands(const Bands& bands, const float* xyz, std::size_t first, std::s
   std::fill_n(count, bands.kinds(), 0U);
   alignas(64) std::array<std::int32_t, kLanes> band;
   for (std::size_t i = first; i < last; i += kLanes) {
-    fetch_ahead(xyz + 3 * i);
+    fetch_points(xyz + 3 * i + kAhead);
     store(to_int(band_of(sixteen_points(xyz, last, i))), band.data());
     const std::size_t n = std::min(kLanes, last - i);
     for (std::size_t k = 0; k < n; ++k) ++count[band[k]];
@@ -226,14 +226,11 @@ void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t l
   const F16 missing = f16(static_cast<float>(bands.missing()));
   const F16 most = f16(static_cast<float>(rest));
   const F16 dropped = f16(static_cast<float>(rest + 1));
-  // Whether a heap is full is foreseen by nobody, and after a wrong guess everything begins anew: the bands of some
-  // hundred points are told first.
-  constexpr std::size_t kAtOnce = 256;
   alignas(64) std::array<std::int32_t, kAtOnce> band;
   for (std::size_t from = first; from < last; from += kAtOnce) {
     const std::size_t end = std::min(last, from + kAtOnce);
     for (std::size_t i = from; i < end; i += kLanes) {
-      fetch_ahead(xyz + 3 * i);
+      fetch_points(xyz + 3 * i + kAhead);
       const F16 which = band_of(sixteen_points(xyz, end, i));
       store(to_int(select(which == missing, dropped, min(which, most))), band.data() + (i - from));
     }
@@ -256,12 +253,11 @@ std::size_t fill_band(const Bands& bands, std::size_t band, float* from, std::si
   const F16 first_row = f16(static_cast<float>(band * bands.band_rows));
   const std::size_t cells = bands.first_cell(band + 1) - bands.first_cell(band);
   std::size_t met = 0;
-  constexpr std::size_t kAtOnce = 256;
   alignas(64) std::array<std::int32_t, kAtOnce> cell;
   for (std::size_t first = 0; first < points; first += kAtOnce) {
     const std::size_t end = std::min(points, first + kAtOnce);
     for (std::size_t i = first; i < end; i += kLanes) {
-      fetch_ahead(from + 3 * i);
+      fetch_points(from + 3 * i + kAhead);
       const Places16 place = places(lattice, sixteen_points(from, end, i));
       const I16 c = to_int((place.row - first_row) * f16(lattice.columns) + place.column);
       store(c, cell.data() + (i - first));

@@ -16,7 +16,6 @@
 #include <cmath>
 #include <limits>
 
-#include <hwy/cache_control.h>
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/survey_pass.cpp"
 // clang-format off
@@ -267,7 +266,7 @@ class Surveyor {
   /// From memory, and fetches what comes later.
   [[nodiscard]] HWY_INLINE Points16 points_at(const float* xyz) const {
     constexpr std::size_t kAhead = 3 * kLanes * 32;
-    for (std::size_t line = 0; line < 3; ++line) hwy::Prefetch(xyz + kAhead + kLanes * line);
+    fetch_points(xyz + kAhead);
     return relative(load_points(xyz));
   }
   [[nodiscard]] HWY_INLINE Points16 relative(const Points16& p) const {
