@@ -6,8 +6,8 @@
 //
 //  1. The grid's rows are cut into bands that fit the second-level cache, and each block of the scan counts how many
 //     points it has for each band: now every block knows where in each band its points go.
-//  2. The points of the upper bands, at least half of all, go into the free memory, band by band; the others close
-//     ranks at the front of the cloud, which leaves its rear free.
+//  2. The points of the upper bands, as many as there is room for, go into the free memory, band by band; the others
+//     close ranks at the front of the cloud, which leaves its rear free.
 //  3. The others go from there to the rear, each to the end of its band's part of the grid.
 //  4. Band by band, each point goes to its cell in a small table that stays in the cache, and the whole table to its
 //     place in the cloud.
@@ -48,7 +48,7 @@ namespace {
 
 constexpr std::size_t kBlock = 1U << 18U;
 constexpr std::size_t kBlocksMax = (limits::kScanPointsMax + kBlock - 1) / kBlock;
-/// Bands of rows.
+/// Bands of rows; their heaps just fill a first-level cache of 48 kB.
 constexpr std::size_t kBandsMax = 253;
 /// Cells of a band: their points are less than half a megabyte, unless a single row has more.
 constexpr std::size_t kBandCells = 1U << 15U;
