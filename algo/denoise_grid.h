@@ -203,6 +203,19 @@ class GridMask {
   void copy(const GridMask& from, int first, int last) {
     if (first < last) std::copy(from.at(first), from.at(last), at(first));
   }
+  /// How many there are in a tile and within a window's reach of it.
+  [[gnu::always_inline]] [[nodiscard]] int count_about(int tile_column, int tile_row) const {
+    constexpr unsigned kFirst = 16 - window::kReach;
+    constexpr std::uint32_t kWide = ((1U << (GridLayout::kTileColumns + 2 * window::kReach)) - 1U) << (kFirst % 8);
+    const std::uint8_t* from = at(GridLayout::kTileRows * tile_row - window::kReach) + 2 * tile_column + kFirst / 8;
+    int count = 0;
+    for (int r = 0; r < GridLayout::kTileRows + 2 * window::kReach; ++r, from += stride_) {
+      std::uint32_t word = 0;
+      std::memcpy(&word, from, sizeof word);
+      count += std::popcount(word & kWide);
+    }
+    return count;
+  }
   /// The 7 x 7 points around one.
   [[nodiscard]] std::uint64_t around(int column, int row) const {
     std::uint64_t bits = 0;

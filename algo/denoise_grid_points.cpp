@@ -202,10 +202,9 @@ class PointJudge {
     const bool calm =
         !std::isnan(own[0].z) && std::isnan(own[1].z) && open.count() <= kCalmOff && !work_.too_steep(own[0]);
     if (!calm || near_other_plane(tc, tr, open)) return judge_by_planes(tc, tr, calm, open);
-    bool company = false;
-    open.for_each([&](int c, int r) { company = company || in_company(tc, tr, c, r); });
-    if (company) return judge_in_company(tc, tr, nullptr, open);
-    work_.noise.set(tc, tr, open);
+    // Too few about the tile for any of its points to have company; nearly always.
+    if (work_.off.count_about(tc, tr) <= kCompany) return work_.noise.set(tc, tr, open);
+    judge_in_company(tc, tr, nullptr, open);
   }
   [[nodiscard]] HWY_INLINE bool in_company(int tc, int tr, int column, int row) const {
     return std::popcount(work_.off.around(kColumns * tc + column, kRows * tr + row) & window::kAround) >= kCompany;
