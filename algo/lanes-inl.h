@@ -331,6 +331,27 @@ template <std::size_t K>
 HWY_INLINE Pack<std::int32_t, K> shift_right(const Pack<std::int32_t, K>& a, const Pack<std::int32_t, K>& by) {
   return {shift_right(a.lo, by.lo), shift_right(a.hi, by.hi)};
 }
+/// By 0 to 31 bits, each lane by its own.
+HWY_INLINE Pack<std::int32_t, 1> shift_left(const Pack<std::int32_t, 1>& a, const Pack<std::int32_t, 1>& by) {
+  return {hn::Shl(a.v, by.v)};
+}
+template <std::size_t K>
+HWY_INLINE Pack<std::int32_t, K> shift_left(const Pack<std::int32_t, K>& a, const Pack<std::int32_t, K>& by) {
+  return {shift_left(a.lo, by.lo), shift_left(a.hi, by.hi)};
+}
+/// Every bit that is set in a lane.
+template <std::size_t K>
+HWY_INLINE std::uint32_t any_bits(const Pack<std::int32_t, K>& a) {
+  if constexpr (K > 1) {
+    return any_bits(bit_or(a.lo, a.hi));
+  } else {
+    alignas(64) std::array<std::int32_t, kLanes> lane;
+    store(a, lane.data());
+    std::uint32_t all = 0;
+    for (std::size_t i = 0; i < hn::MaxLanes(Tag<std::int32_t>()); ++i) all |= static_cast<std::uint32_t>(lane[i]);
+    return all;
+  }
+}
 /// Lanes in which `one` bit is set.
 HWY_INLINE MaskPack<float, 1> test_bits(const Pack<std::int32_t, 1>& a, const Pack<std::int32_t, 1>& one) {
   return {hn::RebindMask(Tag<float>(), hn::TestBit(a.v, one.v))};

@@ -434,10 +434,10 @@ class Surveyor {
     const F16 row = floor(min(keep(active, y) + f16(kHalfY), f16(2.0F * kHalfY - 1.0F)));
     const I16 cell = to_int(row * f16(2.0F * kHalfX) + column);
     const I16 entry = gather(reinterpret_cast<const std::int32_t*>(task_.table), cell);
-    alignas(64) std::array<std::int32_t, kLanes> entries;
-    store(entry, entries.data());
-    std::uint32_t all = 0;
-    for (const std::int32_t e : entries) all |= static_cast<std::uint32_t>(e);
+    // The faces near any of the points, and above them a bit for each region; bit 0 of those: not known.
+    const I16 code = bit_and(shift_right<kRegionShift>(entry), i16(kRegionBits >> kRegionShift));
+    const std::uint32_t all =
+        any_bits(bit_or(bit_and(entry, i16(kFaceBits)), shift_left(i16(1 << kRegionShift), code)));
 
     F16 best = f16(1e9F);
     F16 r = f16(1e9F);
@@ -458,21 +458,20 @@ class Surveyor {
       map_.take(x, y, select(near, r, none));
     }
 
-    const M16 known =
-        active & (best <= f16(task_.band_mm)) & has_bits(entry, i16(static_cast<std::int32_t>(kRegionBits)));
     // By region, so that each list stays in the order of the scan.
+    const M16 close = active & (best <= f16(task_.band_mm));
     std::array<std::uint32_t, kRegions> lanes{};
-    for (M16 left = known; any(left);) {
-      const auto code =
-          static_cast<std::uint32_t>(entries[static_cast<std::size_t>(std::countr_zero(bits(left)))]) & kRegionBits;
-      const M16 alike = left & is_zero(bit_xor(bit_and(entry, i16(static_cast<std::int32_t>(kRegionBits))),
-                                               i16(static_cast<std::int32_t>(code))));
-      lanes[(code >> kRegionShift) - 1] = bits(alike);
-      left = and_not(alike, left);
+    std::uint32_t known = 0;
+    std::uint32_t regions = all >> (kRegionShift + 1);
+    for (std::uint32_t left = regions; left != 0; left &= left - 1) {
+      const auto region = static_cast<std::size_t>(std::countr_zero(left));
+      lanes[region] = bits(close & is_zero(bit_xor(code, i16(static_cast<std::int32_t>(region + 1)))));
+      known |= lanes[region];
     }
-    const M16 unknown = and_not(known, active);
-    if (any(unknown)) apply_rules(unknown, d, x, lanes);
-    for (std::size_t region = 0; region < kRegions; ++region) {
+    const std::uint32_t unknown = bits(active) & ~known;
+    if (unknown != 0) regions |= apply_rules(lanes_of(unknown), d, x, lanes);
+    for (std::uint32_t left = regions; left != 0; left &= left - 1) {
+      const auto region = static_cast<std::size_t>(std::countr_zero(left));
       const RegionUse& use = kUses[region];
       if (lanes[region] == 0) continue;
       if (use.list >= 0 || use.large >= 0) add_to(use, lanes_of(lanes[region]), d, x);
@@ -481,9 +480,9 @@ class Surveyor {
     }
   }
 
-  /// RegionRules::region_of, line by line; to the rounding of floats, 1e-5 mm.
-  HWY_NOINLINE void apply_rules(const M16& asked, const Points16& d, const F16& x,
-                                std::array<std::uint32_t, kRegions>& lanes) const {
+  /// RegionRules::region_of, line by line; to the rounding of floats, 1e-5 mm. Returns a bit for each region found.
+  HWY_NOINLINE std::uint32_t apply_rules(const M16& asked, const Points16& d, const F16& x,
+                                         std::array<std::uint32_t, kRegions>& lanes) const {
     const RegionNumbers& n = task_.rules;
     std::array<F16, kFaces> distance;
     for (std::size_t f = 0; f < kFaces; ++f) distance[f] = apply(task_.frame.height[f], d);
@@ -501,7 +500,12 @@ class Surveyor {
     const M16 in_casing = radius2 < number(n.casing_clear * n.casing_clear);
     const M16 on_seat = holds(n.seat);
     M16 left = asked;
-    const auto found = [&](Region region, const M16& in) { lanes[static_cast<std::size_t>(region)] |= bits(in); };
+    std::uint32_t regions = 0;
+    const auto found = [&](Region region, const M16& in) {
+      const std::uint32_t there = bits(in);
+      lanes[static_cast<std::size_t>(region)] |= there;
+      regions |= static_cast<std::uint32_t>(there != 0) << static_cast<unsigned>(region);
+    };
     const auto take = [&](const M16& which) {
       const M16 taken = left & which;
       left = and_not(which, left);
@@ -522,7 +526,7 @@ class Surveyor {
     found(Region::seat_rest, take(on_seat));
     found(Region::jaw_inner, take(and_not(outer, holds(n.jaw_inner))));
     found(Region::jaw_outer, take(outer & holds(n.jaw_outer)));
-    if (!any(left)) return;
+    if (!any(left)) return regions;
     const auto stands_over = [&](const FaceRule& rule) {
       const F16& off = to(rule.face);
       const F16 size = abs(off);
@@ -537,6 +541,7 @@ class Surveyor {
     };
     found(Region::jaw_off_inner, take(stands_over(n.jaw_inner)));
     found(Region::jaw_off_outer, take(stands_over(n.jaw_outer)));
+    return regions;
   }
 
   HWY_NOINLINE void add_to(const RegionUse& use, const M16& in, const Points16& d, const F16& x) {
