@@ -60,8 +60,10 @@ constexpr float kDrawnSecondShare = 0.65F;
 /// Planes through three points that are tried, on at most so many points.
 constexpr int kDraws = 24;
 constexpr int kSample = 48;
-/// Points that are fetched ahead: four tiles.
+/// Points that are fetched ahead: four tiles. The next row of tiles is fetched into the second-level cache besides, as
+/// it lies in memory, with each tile as many points as it has.
 constexpr std::size_t kAhead = 4 * kLanes;
+constexpr std::size_t kTilePoints = kLanes * static_cast<std::size_t>(kRows);
 
 HWY_INLINE F16 lanes_from_middle() {
   return lane_numbers() - f16(kTileMidColumn);
@@ -288,7 +290,9 @@ class PlaneFinder {
   HWY_INLINE void look(int tc, int tr, int rows, std::size_t count, Tile& tile, Held& held) const {
     constexpr std::size_t kNumbers = kPoints ? 3 : 1;
     const std::size_t stride = kNumbers * grid_.columns;
-    const float* from = (kPoints ? work_.xyz : work_.z) + kNumbers * at(kColumns * tc, kRows * tr);
+    const float* grid = kPoints ? work_.xyz : work_.z;
+    const float* from = grid + kNumbers * at(kColumns * tc, kRows * tr);
+    const float* below = grid + kNumbers * (at(0, kRows * (tr + 1)) + kTilePoints * static_cast<std::size_t>(tc));
     const F16 largest = f16(std::numeric_limits<float>::max());
     const Laid laid(held.plane);
     M16 unclear = largest < largest;
@@ -297,7 +301,10 @@ class PlaneFinder {
 #pragma GCC unroll 8
     for (int r = 0; r < rows; ++r, from += stride) {
       // Tiles jump from row to row, which no machine foresees.
-      for (std::size_t line = 0; line < kNumbers; ++line) hwy::Prefetch(from + kNumbers * kAhead + 16 * line);
+      for (std::size_t line = 0; line < kNumbers; ++line, below += kLanes) {
+        hwy::Prefetch(from + kNumbers * kAhead + kLanes * line);
+        __builtin_prefetch(below, 0, 2);
+      }
       const F16 z = heights<kPoints>(from, count);
       const F16 off = laid.off(z, r);
       store(z, tile.z[static_cast<std::size_t>(r)].data());
