@@ -27,10 +27,12 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <cstddef>
 #include <cstring>
 #include <limits>
 #include <new>
 #include <tuple>
+#include <type_traits>
 #include <utility>
 
 #undef HWY_TARGET_INCLUDE
@@ -49,9 +51,10 @@ namespace {
 constexpr std::size_t kBlock = 1U << 18U;
 constexpr std::size_t kBlocksMax = (limits::kScanPointsMax + kBlock - 1) / kBlock;
 /// Bands of rows; their heaps just fill a first-level cache of 48 kB.
-constexpr std::size_t kBandsMax = 253;
-/// Cells of a band: their points are less than half a megabyte, unless a single row has more.
-constexpr std::size_t kBandCells = 1U << 15U;
+constexpr std::size_t kBandsMax = 125;
+/// Cells of a band: their points are less than 0.8 MB, unless a single row has more. Fewer bands have room for larger
+/// heaps.
+constexpr std::size_t kBandCells = 1U << 16U;
 constexpr float kNoPoint = std::numeric_limits<float>::quiet_NaN();
 
 struct Bands {
@@ -74,9 +77,14 @@ struct Bands {
 };
 constexpr std::size_t kKindsMax = kBandsMax + 2;
 
-/// Points of a heap: sixteen are three cache lines.
-constexpr std::size_t kHeapPoints = 16;
-constexpr std::size_t kHeapFloats = 3 * kHeapPoints;
+/// Points of a heap: thirty-two are six cache lines. There is a heap every kHeapStride bytes; what lies between them is
+/// written over, for points are moved sixteen bytes at a time.
+constexpr std::size_t kPointBytes = 3 * sizeof(float);
+constexpr std::size_t kMoveBytes = 4 * sizeof(float);
+constexpr std::size_t kHeapPoints = 32;
+constexpr std::size_t kHeapBytes = kHeapPoints * kPointBytes;
+constexpr std::size_t kHeapStride = 512;
+static_assert(kHeapBytes - kPointBytes + kMoveBytes <= kHeapStride);
 /// Whether a heap is full is foreseen by nobody, and after a wrong guess everything begins anew: where so many points
 /// go is told before the first of them is moved.
 constexpr std::size_t kAtOnce = 256;
@@ -86,12 +94,11 @@ constexpr std::size_t kAhead = 768;
 struct Cursor {
   float* heap = nullptr;    ///< null: points are dropped
   std::uint32_t first = 0;  ///< the points before it are another block's
-  std::uint32_t next = 0;
 
   Cursor() = default;
   /// Point number `at` of an array and those behind it. Heaps are counted from its start, which lies on a cache line.
   Cursor(float* array, std::size_t at)
-      : heap(array + 3 * (at - at % kHeapPoints)), first(static_cast<std::uint32_t>(at % kHeapPoints)), next(first) {}
+      : heap(array + 3 * (at - at % kHeapPoints)), first(static_cast<std::uint32_t>(at % kHeapPoints)) {}
 };
 using Cursors = std::array<Cursor, kKindsMax>;
 
@@ -210,17 +217,25 @@ void count_bands(const Bands& bands, const float* xyz, std::size_t first, std::s
 /// one, and missing ones to the one behind that. The cursors may write where points have been read.
 void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t last, std::size_t rest,
           Cursors& cursors) {
-  alignas(64) std::array<float, kHeapFloats * kKindsMax> heaps;
-  const auto write = [&](std::size_t band, Cursor& c) {
+  alignas(64) std::array<std::byte, kHeapStride * kKindsMax> heaps;
+  // The byte of `heaps` at which each one's next point goes.
+  std::array<std::uint32_t, kKindsMax> next;
+  for (std::size_t to = 0; to < rest + 2; ++to)
+    next[to] = static_cast<std::uint32_t>(kHeapStride * to + kPointBytes * cursors[to].first);
+  const auto write = [&](std::size_t to) {
+    Cursor& c = cursors[to];
+    const std::size_t begin = kPointBytes * c.first;
+    const std::size_t end = next[to] % kHeapStride;
     if (c.heap != nullptr) {
-      const float* from = heaps.data() + kHeapFloats * band;
-      if (c.first == 0 && c.next == kHeapPoints)
-        write_past_caches(from, kHeapFloats, c.heap);
+      const std::byte* from = heaps.data() + kHeapStride * to;
+      if (end - begin == kHeapBytes)
+        write_past_caches(reinterpret_cast<const float*>(from), 3 * kHeapPoints, c.heap);
       else
-        std::memcpy(c.heap + 3 * c.first, from + 3 * c.first, 3 * sizeof(float) * (c.next - c.first));
-      c.heap += kHeapFloats;
+        std::memcpy(reinterpret_cast<std::byte*>(c.heap) + begin, from + begin, end - begin);
+      c.heap += 3 * kHeapPoints;
     }
-    c.first = c.next = 0;
+    c.first = 0;
+    next[to] = static_cast<std::uint32_t>(kHeapStride * to);
   };
   const BandOf band_of(bands);
   const F16 missing = f16(static_cast<float>(bands.missing()));
@@ -234,14 +249,19 @@ void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t l
       const F16 which = band_of(sixteen_points(xyz, end, i));
       store(to_int(select(which == missing, dropped, min(which, most))), band.data() + (i - from));
     }
-    for (std::size_t i = from; i < end; ++i) {
+    const auto move = [&](std::size_t i, auto bytes) {
       const auto to = static_cast<std::size_t>(band[i - from]);
-      Cursor& c = cursors[to];
-      std::memcpy(heaps.data() + kHeapFloats * to + 3 * std::size_t{c.next}, xyz + 3 * i, 3 * sizeof(float));
-      if (++c.next == kHeapPoints) write(to, c);
-    }
+      const std::uint32_t at = next[to];
+      std::memcpy(heaps.data() + at, xyz + 3 * i, bytes);
+      next[to] = at + static_cast<std::uint32_t>(kPointBytes);
+      if (next[to] % kHeapStride == kHeapBytes) write(to);
+    };
+    // What follows the last point is not ours to read.
+    const std::size_t wide = std::min(end, last - 1);
+    for (std::size_t i = from; i < wide; ++i) move(i, std::integral_constant<std::size_t, kMoveBytes>());
+    if (wide < end) move(wide, std::integral_constant<std::size_t, kPointBytes>());
   }
-  for (std::size_t to = 0; to < rest + 2; ++to) write(to, cursors[to]);
+  for (std::size_t to = 0; to < rest + 2; ++to) write(to);
   hwy::FlushStream();  // another thread may read them
 }
 
