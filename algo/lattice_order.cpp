@@ -50,11 +50,10 @@ namespace {
 
 constexpr std::size_t kBlock = 1U << 18U;
 constexpr std::size_t kBlocksMax = (limits::kScanPointsMax + kBlock - 1) / kBlock;
-/// Bands of rows; their heaps just fill a first-level cache of 48 kB.
-constexpr std::size_t kBandsMax = 125;
-/// Cells of a band: their points are less than 0.8 MB, unless a single row has more. Fewer bands have room for larger
-/// heaps.
-constexpr std::size_t kBandCells = 1U << 16U;
+/// Bands of rows. Half of them are dealt at a time, and what their heaps take just fills a first-level cache of 48 kB.
+constexpr std::size_t kBandsMax = 253;
+/// Cells of a band: their points are less than half a megabyte, unless a single row has more.
+constexpr std::size_t kBandCells = 1U << 15U;
 constexpr float kNoPoint = std::numeric_limits<float>::quiet_NaN();
 
 struct Bands {
@@ -90,7 +89,7 @@ static_assert(kHeapBytes - kPointBytes + kMoveBytes <= kHeapStride);
 constexpr std::size_t kAtOnce = 256;
 /// Floats ahead that are fetched.
 constexpr std::size_t kAhead = 768;
-/// Where the next heap of a band goes, and which of its points are there.
+/// Where the next heap of a band goes.
 struct Cursor {
   float* heap = nullptr;    ///< null: points are dropped
   std::uint32_t first = 0;  ///< the points before it are another block's

@@ -410,6 +410,56 @@ TEST(LatticeOrder, LosesNoPointWhereMoreShareACellThanThereIsRoomFor) {
   }
 }
 
+/// A point in the middle of each of the cells, in an order of no meaning; every so many cells, if not 0, have a second
+/// one instead of the cell behind them.
+std::vector<float> one_in_each_cell(const Lattice& lattice, std::size_t points_max, std::size_t doubled) {
+  const auto columns = static_cast<std::size_t>(lattice.columns);
+  const std::size_t cells = columns * static_cast<std::size_t>(lattice.rows);
+  constexpr std::size_t kStep = 1'999'993;  // a prime
+  std::vector<float> xyz;
+  xyz.reserve(3 * points_max);
+  for (std::size_t k = 0; k < cells; ++k) {
+    std::size_t at = k * kStep % cells;
+    const bool second = doubled != 0 && at % doubled == 1;
+    if (second) --at;
+    xyz.insert(xyz.end(), {(static_cast<float>(at % columns) + 0.5F) / lattice.per_x,
+                           (static_cast<float>(at / columns) + 0.5F) / lattice.per_y, second ? 601.0F : 600.0F});
+  }
+  return xyz;
+}
+
+TEST(LatticeOrder, HasRoomForTheLargestScans) {
+  // The inspector's memory, in its pieces.
+  std::vector<float> order(limits::kScanPointsMax), surface(3 * limits::kDenoiseCellsMax);
+  std::vector<float> keep(limits::kScanPointsMax / sizeof(float));
+  std::vector<std::uint32_t> words(kOrderWords);
+  struct Size {
+    float columns, rows;
+    std::size_t doubled;
+  };
+  // Nearly all that a scan may have; and as many that share a cell as a lattice may have, nearly.
+  for (const Size size : {Size{2'432.0F, 2'432.0F, 0}, Size{2'448.0F, 2'048.0F, 102}}) {
+    Lattice lattice;
+    lattice.per_x = lattice.per_y = 4.0F;
+    lattice.columns = size.columns;
+    lattice.rows = size.rows;
+    std::vector<float> xyz = one_in_each_cell(lattice, limits::kScanPointsMax, size.doubled);
+    const std::size_t cells = xyz.size() / 3;
+    xyz.resize(3 * limits::kScanPointsMax);
+    Cloud cloud{xyz, cells, 0, 0};
+    Team team(2);
+    Ordered found;
+    ASSERT_TRUE(order_points(cloud, lattice, {{order, surface, keep}, words}, team, found)) << size.columns;
+    EXPECT_FALSE(found.crowded);
+    EXPECT_EQ(found.met, size.doubled == 0 ? 0 : cells / size.doubled);
+    EXPECT_EQ(cloud.points, cells + found.met);
+    std::size_t in_place = 0;
+    for (std::size_t i = 0; i < cells; ++i)
+      in_place += cell_of(lattice, &xyz[3 * i]) == static_cast<std::ptrdiff_t>(i) && xyz[3 * i + 2] == 600.0F ? 1U : 0U;
+    EXPECT_EQ(in_place, cells - found.met);
+  }
+}
+
 TEST(DenoiseLattice, KeepsTheSameWhateverRoomThereIsForTheGrid) {
   Memory memory;
   const std::vector<float> drawn = scan(0.0);
