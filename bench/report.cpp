@@ -151,6 +151,7 @@ Json judgement(const Json& json) {
   const Json in_scan_order = at(stages, {"block/in_scan_order/1"}), shuffled = at(stages, {"block/shuffled/1"});
   const Json pcl = at(peers, {"PCL", "block-tuned"});
   const Json file = at(stages, {"file_to_verdict/ply_organised/1"}), bare_file = at(stages, {"file_to_verdict/ply/1"});
+  const Json shipped = at(stages, {"file_to_verdict/ply_organised/2"});
   const Json registering = at(stages, {"block/organised/register/1"});
   const Json peer_registering = fastest(peers, "register");
   const Json reading = at(stages, {"read/ply_cold/1"});
@@ -166,8 +167,9 @@ Json judgement(const Json& json) {
   ratio("whole block, unorganised and shuffled / warm read pass", shuffled, warm, 25, 15, false);
   lines.push_back(judged("whole block, 1 thread / 2 threads", gain_of_two(organised, two), 1.7, 1.9, true));
   lines.back()["rough"] = rough(organised) || rough(two);
-  ratio("PCL tuned / slabd, both with reading", pcl, file, 60, 100, true);
+  ratio("PCL tuned / slabd, both with reading, 1 thread each", pcl, file, 60, 100, true);
   ratio("the same, slabd from the unorganised file that PCL reads", pcl, bare_file, 60, 100, true);
+  ratio("the same, slabd on two threads, as it is shipped", pcl, shipped, 60, 100, true);
   ratio("fastest peer's registration / slabd's", peer_registering, registering, 100, 200, true);
   ratio("binary PLY read after other memory / cold read pass", reading, cold, 2.5, 1.5, false);
   lines.push_back(judged("heap allocations per block", json["allocations_per_block"], 0, 0, false, ""));
