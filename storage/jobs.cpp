@@ -88,6 +88,10 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       delete_slab_result_(db, "DELETE FROM slab_result WHERE slab_key = ?1"),
       delete_station_results_(db, "DELETE FROM station_result WHERE slab_key = ?1"),
       delete_slab_record_(db, "DELETE FROM result WHERE slab_key = ?1 AND kind = 2 AND is_repeat = 0"),
+      set_acquired_(db,
+                    "UPDATE attempt SET phase = 'acquired' "
+                    "WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3 AND phase = 'measured'"),
+      delete_report_(db, "DELETE FROM result WHERE res_seq = ?1 AND acknowledged = 0 AND is_repeat = 1"),
       last_ended_(db, "SELECT coalesce(max(slab_key), 0) FROM slab_result"),
       unfinished_(db,
                   "SELECT command.session, cmd_seq, command, station, coalesce(command.slab_key, 0), "
@@ -157,6 +161,23 @@ void Jobs::undo_end(std::int64_t slab_key) {
   delete_station_results_.bind(1, slab_key).run();
   delete_items_.bind(1, slab_key).bind(2, number(0)).bind(3, number(0)).run();
   delete_slab_record_.bind(1, slab_key).run();
+}
+
+void Jobs::undo_block(const BlockKey& key) {
+  attempt_command_.bind(1, key.slab_key).bind(2, number(key.station)).bind(3, number(key.attempt));
+  if (!attempt_command_.step()) return;
+  const auto session = static_cast<std::uint16_t>(attempt_command_.integer(0));
+  const auto cmd_seq = static_cast<std::uint16_t>(attempt_command_.integer(1));
+  attempt_command_.reset();
+  delete_items_.bind(1, key.slab_key).bind(2, number(key.station)).bind(3, number(key.attempt)).run();
+  delete_block_.bind(1, key.slab_key).bind(2, number(key.station)).bind(3, number(key.attempt)).run();
+  set_acquired_.bind(1, key.slab_key).bind(2, number(key.station)).bind(3, number(key.attempt)).run();
+  close_command(session, cmd_seq, kAcquired, true);
+  delete_unseen_result(key.slab_key, 1, key.station, cmd_seq);
+}
+
+void Jobs::undo_report(std::uint16_t res_seq) {
+  delete_report_.bind(1, number(res_seq)).run();
 }
 
 void Jobs::insert_command(const CommandJob& command, std::uint16_t status) {
@@ -283,13 +304,13 @@ void Jobs::insert_items(const BlockKey& key, const Item* begin, const Item* end)
 
 // ---- results -----------------------------------------------------------------------------------------------------
 
+void Jobs::delete_unseen_result(std::int64_t slab_key, std::uint16_t kind, std::uint16_t station,
+                                std::uint16_t cmd_seq) {
+  delete_unseen_result_.bind(1, slab_key).bind(2, number(kind)).bind(3, number(station)).bind(4, number(cmd_seq)).run();
+}
+
 void Jobs::insert_result(std::int64_t slab_key, bool is_repeat, const PlcResult& record) {
-  if (!is_repeat)
-    delete_unseen_result_.bind(1, slab_key)
-        .bind(2, number(record.kind))
-        .bind(3, number(record.station))
-        .bind(4, number(record.cmd_seq))
-        .run();
+  if (!is_repeat) delete_unseen_result(slab_key, record.kind, record.station, record.cmd_seq);
   write_row(insert_result_, SlabKey{slab_key}, ResultState{is_repeat, false}, record);
   note_time(record.scan_utime_us);
 }

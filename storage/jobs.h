@@ -22,7 +22,9 @@ struct Refusal {
 /// A commit whose answer was an error may have reached the disk all the same. Some jobs then come again: the session
 /// when the PLC resets the fault, a block because it is measured once more, the slab's end and a report because the PLC
 /// commands them anew. Others never do (an acquired scan, a failed one, an acknowledgement). So every job may find rows
-/// of its own: it replaces them, or leaves them when nothing would change.
+/// of its own: it replaces them, or leaves them when nothing would change. Nor do blocks, ends and reports come again
+/// for certain: the PLC may have the station scanned anew instead, and theirs are records that a restart would show. So
+/// these are taken back by the next job that can be written.
 class Jobs {
  public:
   /// `settings` and `held_back` belong to the caller; `held_back` may change between jobs.
@@ -42,14 +44,17 @@ class Jobs {
   /// Every command that was accepted and not finished becomes "interrupted"; a SCAN among them leaves a failed attempt.
   void interrupt_unfinished();
 
-  /// Takes back the end of a slab that nobody was shown.
+  /// Take back what nobody was shown. A block stays acquired, to be measured again.
   void undo_end(std::int64_t slab_key);
+  void undo_block(const BlockKey& key);
+  void undo_report(std::uint16_t res_seq);
 
  private:
   void note_time(std::int64_t utime_us);
   void close_command(std::uint16_t session, std::uint16_t cmd_seq, std::uint16_t status, bool acquired);
   void insert_command(const CommandJob& command, std::uint16_t status);
   void insert_result(std::int64_t slab_key, bool is_repeat, const PlcResult& record);
+  void delete_unseen_result(std::int64_t slab_key, std::uint16_t kind, std::uint16_t station, std::uint16_t cmd_seq);
   void insert_failed_scan(std::int64_t slab_key, std::uint8_t station, std::uint16_t session, std::uint16_t cmd_seq);
   void insert_block(const BlockKey& key, const BlockResult& block);
   void insert_maps(const BlockKey& key, const BlockMaps& maps);
@@ -94,6 +99,8 @@ class Jobs {
   Statement delete_slab_result_;
   Statement delete_station_results_;
   Statement delete_slab_record_;
+  Statement set_acquired_;
+  Statement delete_report_;
   Statement last_ended_;
   Statement unfinished_;
   Statement scan_recorded_;

@@ -8,6 +8,7 @@
 // looked like damage.
 #include <sqlite3.h>
 
+#include <array>
 #include <exception>
 #include <mutex>
 #include <optional>
@@ -58,6 +59,33 @@ bool looks_damaged(int result) {
   return primary == SQLITE_CORRUPT || primary == SQLITE_NOTADB;
 }
 
+/// Jobs that were answered with an error: not done for all who were told, and perhaps done in the database. The next
+/// job that can be written takes them back.
+class Unseen {
+ public:
+  /// Those that show the PLC something.
+  void add(const StoreJob& job) {
+    if (const auto* end = std::get_if<SlabJob>(&job.what)) end_ = end->slab_key;
+    if (const auto* report = std::get_if<ReportJob>(&job.what)) report_ = report->record.res_seq;
+    if (const auto* block = std::get_if<BlockJob>(&job.what))
+      if (block->block.station >= 1 && block->block.station <= blocks_.size())
+        blocks_[block->block.station - 1U] = {block->slab_key, block->block.station, block->attempt};
+  }
+  /// In the transaction of that job, before it.
+  void undo(Jobs& jobs) const {
+    if (end_ != 0) jobs.undo_end(end_);
+    if (report_ != 0) jobs.undo_report(report_);
+    for (const BlockKey& block : blocks_)
+      if (block.slab_key != 0) jobs.undo_block(block);
+  }
+
+ private:
+  std::int64_t end_ = 0;
+  std::uint16_t report_ = 0;
+  /// By station: no other attempt of one is measured before a job was written.
+  std::array<BlockKey, limits::kStationsMax> blocks_{};
+};
+
 class SqliteStore final : public Store {
  public:
   explicit SqliteStore(const StoreSettings& settings) : settings_(settings) {}
@@ -105,17 +133,17 @@ class SqliteStore final : public Store {
       }
     Status status = run("job", [&](OpenDatabase& open) {
       Transaction transaction(*open.db, "BEGIN IMMEDIATE");
-      if (unseen_end_ != 0) open.jobs.undo_end(unseen_end_);
+      unseen_.undo(open.jobs);
       std::visit(open.jobs, job.what);
       transaction.commit();
     });
-    const auto* const end = std::get_if<SlabJob>(&job.what);
-    if (end != nullptr) retention_due_ = true;
     if (status.ok())
-      unseen_end_ = 0;
-    else if (end != nullptr)
-      unseen_end_ = end->slab_key;
-    const bool may_trim = std::holds_alternative<SlabJob>(job.what) || std::holds_alternative<AckJob>(job.what);
+      unseen_ = {};
+    else
+      unseen_.add(job);
+    const bool ended = std::holds_alternative<SlabJob>(job.what);
+    if (ended) retention_due_ = true;
+    const bool may_trim = ended || std::holds_alternative<AckJob>(job.what);
     if (status.ok() && may_trim) trim_spool();
     return status;
   }
@@ -337,9 +365,7 @@ class SqliteStore final : public Store {
   std::optional<FileId> file_;  ///< the database that was opened at the start
   bool checked_ = false;        ///< it was whole then, and nothing has looked like damage since
   HeldBack held_back_;          ///< outlives a reopened file
-  /// Slab whose end was answered with an error: open for all who were told, and perhaps ended in the database. The next
-  /// job that can be written sees to that. 0: none.
-  std::int64_t unseen_end_ = 0;
+  Unseen unseen_;
   std::unique_ptr<OpenDatabase> open_;
   FixedString<limits::kErrorTextBytes> spool_trouble_;
   bool log_holds_commits_ = false;

@@ -35,24 +35,27 @@ struct MemoryStore {
       return code;
     }
     if (fail_when && fail_when(job)) return Code::journal_write;
-    undo_unseen_end();
+    undo_unseen();
     if (is_refused(job)) {
       ++refused;
       return Code::journal_write;
     }
-    const bool end_unseen = answer_lost && std::holds_alternative<SlabJob>(job.what);
-    if (end_unseen) before_unseen_end_ = line;
+    if (answer_lost && std::holds_alternative<SlabJob>(job.what)) before_unseen_end_ = line;
+    if (const auto* block = std::get_if<BlockJob>(&job.what); answer_lost && block != nullptr)
+      unseen_blocks_[block->block.station] = *block;
+    if (const auto* report = std::get_if<ReportJob>(&job.what); answer_lost && report != nullptr)
+      unseen_report_ = report->record.res_seq;
     applied.push_back(job);
     std::visit([this](const auto& what) { keep(what); }, job.what);
     if (answer_lost) return Code::journal_write;
-    before_unseen_end_.reset();
+    forget_unseen();
     return Code::ok;
   }
   /// What a restarted daemon would find.
   RecoveredLine recover() {
     for (const CommandJob& command : unfinished_) interrupt(command);
     unfinished_.clear();
-    before_unseen_end_.reset();
+    forget_unseen();
     return line;
   }
   /// Would a process that starts now trust what the scanner gives first?
@@ -110,7 +113,23 @@ struct MemoryStore {
       return !attempts_.contains({block->slab_key, block->block.station, block->attempt});
     return false;
   }
-  /// The station goes on with a slab whose end was answered with an error: its next job takes the end back.
+  /// The station goes on as if what was answered with an error had not been done: its next job takes it back.
+  void undo_unseen() {
+    for (const auto& [station, block] : unseen_blocks_) {
+      StationRecord& record = line.stations[station - 1U];
+      if (line.slab.key == block.slab_key && record.attempt.number == block.attempt &&
+          record.phase == StationPhase::measured)
+        record.phase = StationPhase::acquired;
+      forget_record(block.record.res_seq);
+    }
+    if (unseen_report_ != 0) forget_record(unseen_report_);
+    undo_unseen_end();
+  }
+  void forget_unseen() {
+    unseen_blocks_.clear();
+    unseen_report_ = 0;
+    before_unseen_end_.reset();
+  }
   void undo_unseen_end() {
     if (!before_unseen_end_ || line.slab_open) return;
     forget_record(line.slab_record.res_seq);
@@ -213,6 +232,8 @@ struct MemoryStore {
   std::map<std::uint8_t, CommandJob> newest_scan_;
   std::set<std::tuple<std::int64_t, std::uint8_t, std::uint8_t>> attempts_;
   std::optional<RecoveredLine> before_unseen_end_;
+  std::map<std::uint8_t, BlockJob> unseen_blocks_;
+  std::uint16_t unseen_report_ = 0;
 };
 
 }  // namespace slabd::daemon

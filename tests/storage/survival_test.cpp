@@ -585,6 +585,56 @@ TEST_F(SurvivalTest, an_end_answered_with_an_error_is_taken_back_by_the_next_job
   EXPECT_GT(in_the_log, 0) << "no such end has ever been in the log: this test cannot fail";
 }
 
+// A block that passed is answered with an error, its commit is in the log some of the times all the same, and the PLC
+// has the station scanned anew instead of having it measured once more. What the PLC was never shown must not be shown
+// after a restart: it would take the place of what it was shown since.
+TEST_F(SurvivalTest, a_block_answered_with_an_error_is_taken_back_by_the_next_job) {
+  constexpr std::uint64_t kNever = ~std::uint64_t{0} >> 1U;
+  const auto pass = [this](std::int64_t key, int station) {
+    PlcResult record = random_record(prng_, ++res_seq_, 1);
+    record.station = static_cast<std::uint16_t>(station);
+    record.cmd_seq = cmd_seq_;
+    return try_apply(BlockJob{key, 1, random_block(prng_, station, Verdict::pass), record}).ok();
+  };
+  int in_the_log = 0;
+  std::int64_t key = 0;
+  for (int turn = 0; turn < 80; ++turn) {
+    for (const bool restarted : {true, false}) {
+      crash_disk::fail(root_, kNever, 1, EIO, false);  // only files opened since count
+      open();
+      begin(++key);
+      acquire(key, 3, 1);
+      crash_disk::fail(root_, kNever, 1, EIO, false);
+      EXPECT_TRUE(pass(key, 3));
+      // The next block makes about as many calls, of which the last ones leave it in the log.
+      const std::uint64_t point = crash_disk::heal() + 10 - static_cast<std::uint64_t>(turn) % 20;
+      acquire(key, 4, 1);
+      crash_disk::fail(root_, point, 12, EIO, false);
+      const bool failed = !pass(key, 4);
+      (void)crash_disk::heal();
+      if (failed && restarted) {
+        close();
+        open();
+        in_the_log += recover()->stations[3].phase == StationPhase::measured ? 1 : 0;
+      } else if (failed) {
+        acquire(key, 4, 2);
+        EXPECT_EQ(reader()->slab(key).value()->blocks.at(1).phase, StationPhase::acquired) << "call " << point;
+        apply(AckJob{measure(key, 4, 2, Verdict::fail)});
+        close();
+        open();
+        const auto line = recover();
+        for (; !line->unacknowledged.empty(); line->unacknowledged.pop())
+          EXPECT_NE(line->unacknowledged.front().station, 4) << "call " << point << " shows what was never an answer";
+        EXPECT_EQ(line->stations[3].block.verdict, Verdict::fail) << "call " << point;
+      }
+      const std::uint16_t last = end(key, Verdict::fail);
+      acknowledge(last);
+      close();
+    }
+  }
+  EXPECT_GT(in_the_log, 0) << "no such block has ever been in the log: this test cannot fail";
+}
+
 // SQLite's check tells a read that failed in the words it has for damage. Whatever fails while a whole database is
 // opened, and for however long: it stays where it is, and opens when the disk answers again.
 TEST_F(SurvivalTest, reads_that_fail_set_no_whole_database_aside) {
