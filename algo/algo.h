@@ -160,7 +160,7 @@ class BlockInspector {
   /// Never pass unless every required item is measured and within its guarded limits.
   void judge(Code code);
 
-  /// Of the last scan that `extract` went over; valid until the next one.
+  /// Of the block measured last, empty where it was not found; valid until the next one begins.
   [[nodiscard]] DeviationMap deviation_map() const;
   /// Of the block measured last; valid until the next one begins.
   [[nodiscard]] SeatMap seat_map() const;

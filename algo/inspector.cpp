@@ -106,6 +106,7 @@ struct BlockInspector::Workspace {
   ScannerNumbers verified;
   BlockResult result;
   bool has_recipe = false;
+  bool has_map = false;  ///< of this block, not of an earlier one
 };
 
 namespace {
@@ -174,6 +175,7 @@ void BlockInspector::begin(int station, const Pose& T_base_block, const Pose& T_
   work_->T_base_scanner = T_base_scanner;
   work_->verified = verified;
   work_->result = BlockResult{};
+  work_->has_map = false;
   work_->result.station = static_cast<std::uint8_t>(station);
   blank_block_items(work_->recipe, work_->result);
 }
@@ -250,6 +252,7 @@ Status BlockInspector::extract(const Cloud& cloud) {
        {MapSums{w.map_sum[0], w.map_count[0]}, MapSums{w.map_sum[1], w.map_count[1]}},
        w.plane_start},
       w.team, w.survey);
+  w.has_map = true;
   result.registration.deviation = survey.deviation;
   if (survey.overflown)
     return error(Code::fit_failed,
@@ -334,6 +337,7 @@ void BlockInspector::judge(Code code) {
 }
 
 DeviationMap BlockInspector::deviation_map() const {
+  if (!work_->has_map) return {};
   return {limits::kFaceTableX / limits::kDeviationMapCell_mm, limits::kFaceTableY / limits::kDeviationMapCell_mm,
           static_cast<double>(limits::kDeviationMapCell_mm), work_->map_sum[0], work_->map_count[0]};
 }

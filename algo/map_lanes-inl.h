@@ -65,9 +65,12 @@ class MapLanes {
     constexpr auto kColumns = static_cast<float>(limits::kFaceTableX / kCell);
     constexpr float kHalfX = 0.5F * static_cast<float>(limits::kFaceTableX);
     constexpr float kHalfY = 0.5F * static_cast<float>(limits::kFaceTableY);
-    // A missing point goes to the first cell, with nothing.
-    const F16 cell = floor((keep(there, y) + f16(kHalfY)) * f16(kCells)) * f16(kColumns) +
-                     floor((keep(there, x) + f16(kHalfX)) * f16(kCells));
+    constexpr auto kRows = static_cast<float>(limits::kFaceTableY / kCell);
+    // A missing point goes to the first cell, with nothing. The last place below an edge is the edge once half the
+    // field is added.
+    const F16 row = min(floor((keep(there, y) + f16(kHalfY)) * f16(kCells)), f16(kRows - 1.0F));
+    const F16 column = min(floor((keep(there, x) + f16(kHalfX)) * f16(kCells)), f16(kColumns - 1.0F));
+    const F16 cell = row * f16(kColumns) + column;
     alignas(64) std::array<std::int32_t, kLanes> at;
     alignas(64) std::array<std::int32_t, kLanes> r_nm;
     store(to_int(keep(there, cell)), at.data());

@@ -23,6 +23,7 @@ namespace slabd::algo {
 namespace {
 
 constexpr std::size_t kBlockPoints = limits::kSurveyBlockPoints;
+constexpr std::size_t kLanes = 16;
 /// Points that the scouts look at, about.
 constexpr std::size_t kScouted = 40'000;
 /// Half of the bracket around a limit of the shares, as a part of it. Between the two the share is taken as a straight
@@ -67,6 +68,14 @@ SurveyFrame frame_for(const BlockModel& model, const Pose& T_block_scanner) {
   return frame;
 }
 
+/// Of a block, the sixteen with which every `stride`-th begins. Blocks of 65 536 points are a multiple of the rows of
+/// many a scanner, and so may the stride be: begun alike, all blocks would see the same few columns, and a face beside
+/// them not at all. Multiples of the golden section never come near each other for long.
+std::size_t first_sixteen(std::size_t block, std::size_t stride) {
+  const auto fraction = static_cast<std::uint32_t>(block * 0x9E37'79B9U);
+  return static_cast<std::size_t>((std::uint64_t{fraction} * stride) >> 32U);
+}
+
 /// One pass, merged.
 struct Passed {
   SurveySums sums;
@@ -88,8 +97,10 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
     // Whole numbers add up to the same in any order, so any map will do that nobody else writes to.
     std::size_t slot = 0;
     while (taken[slot].exchange(true, std::memory_order_acquire)) slot = 1 - slot;
-    const std::size_t first = b * kBlockPoints;
-    const std::size_t count = std::min(kBlockPoints, cloud.points - first);
+    const std::size_t begin = b * kBlockPoints;
+    const std::size_t end = std::min(begin + kBlockPoints, cloud.points);
+    const std::size_t first = std::min(end, begin + kLanes * first_sixteen(b, stride));
+    const std::size_t count = end - first;
     survey_points(cloud.xyz.data() + 3 * first, count, stride, task, work.pool, with_map ? work.map[slot] : MapSums{},
                   work.blocks[b]);
     taken[slot].store(false, std::memory_order_release);

@@ -66,8 +66,8 @@ void judge_slab(const Recipe& recipe, const ScannerNumbers& verified, std::span<
 
 void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps) {
   maps = {};
-  if (inspector.result().registration.deviation.count == 0) return;
   const algo::DeviationMap deviations = inspector.deviation_map();
+  if (deviations.columns == 0 || inspector.result().registration.deviation.count == 0) return;
   pack_map(
       deviations.columns, deviations.rows, deviations.cell_mm, limits::kDeviationMapStep_mm,
       [&](std::size_t column, std::size_t row) { return deviations.mean_mm(row * deviations.columns + column); },

@@ -45,12 +45,15 @@ struct Bench {
     table.build(model, faces, recipe.evaluation, cells);
   }
 
+  MapSums map(std::size_t i) {
+    return {std::span(map_sum[i]).first(limits::kDeviationMapCells),
+            std::span(map_count[i]).first(limits::kDeviationMapCells)};
+  }
   Survey run(const Cloud& cloud, const Pose& T_block_scanner, int threads = 1) {
     Team team(threads);
     Survey survey;
     survey_scan(cloud, {model, table, recipe.evaluation, T_block_scanner, {}},
-                {pool, blocks, runs, {MapSums{map_sum[0], map_count[0]}, MapSums{map_sum[1], map_count[1]}}, start},
-                team, survey);
+                {pool, blocks, runs, {map(0), map(1)}, start}, team, survey);
     return survey;
   }
 };
@@ -239,6 +242,53 @@ TEST(Survey, MapsADentWhereItIs) {
       }
     }
   EXPECT_GT(dented, 8);
+}
+
+// 512 points to a row, and every 32nd sixteen: one to a row, in all rows the same if each block begins with it.
+TEST(Survey, ScoutsAllOfAFaceWhateverTheWidthOfTheScan) {
+  Bench bench;
+  scene::Scan scan;
+  scan.organised = true;
+  scan.field_x_mm = 409.6;
+  scan.pitch_mm = 0.8;
+  scan.pitch_ratio = 0.25;
+  scan.field_y_mm = 502.0;
+  scene::Cloud drawn = scene::take(scene::Block{}, scan);
+  ASSERT_EQ(drawn.width, 512U);
+  ASSERT_EQ(drawn.view().points / 40'000, 32U) << "no such scan any more";
+  const Survey survey = bench.run(drawn.view(), drawn.T_block_scanner);
+  for (const LargeFace face : {LargeFace::seat, LargeFace::top}) {
+    const PlaneFit& fit = survey.large[static_cast<std::size_t>(face)];
+    EXPECT_TRUE(fit.ok) << static_cast<int>(face) << ", " << fit.inliers;
+  }
+}
+
+// The last place below the edge of the field rounds to the edge as soon as half of the field is added to it.
+TEST(Survey, MapsPointsAtTheEdgeOfTheFieldWithinIt) {
+  const float x_max = std::nextafter(200.0F, 0.0F);
+  const float y_max = std::nextafter(300.0F, 0.0F);
+  const struct {
+    float x, y;
+    std::size_t column, row;
+  } places[] = {{10.0F, y_max, 52, 149},  {10.0F, -y_max, 52, 0},  {x_max, 290.0F, 99, 147},
+                {-x_max, 290.0F, 0, 147}, {x_max, y_max, 99, 149}, {-x_max, -y_max, 0, 0}};
+  for (const auto& place : places) {
+    Bench bench;
+    constexpr std::size_t kGuard = 200;
+    for (auto& m : bench.map_sum) m.resize(limits::kDeviationMapCells + kGuard);
+    for (auto& m : bench.map_count) m.resize(limits::kDeviationMapCells + kGuard);
+    std::vector<float> xyz;
+    Face face = Face::seat;
+    double z = 0.0;
+    ASSERT_TRUE(bench.model.visible(static_cast<double>(place.x), static_cast<double>(place.y), face, z));
+    for (int i = 0; i < 64; ++i) xyz.insert(xyz.end(), {place.x, place.y, static_cast<float>(z)});
+    (void)bench.run({xyz, 64, 0, 0}, Pose::identity());
+    const auto& count = bench.map_count[0];
+    const std::size_t columns = limits::kFaceTableX / limits::kDeviationMapCell_mm;
+    for (std::size_t cell = 0; cell < count.size(); ++cell)
+      EXPECT_EQ(count[cell], cell == place.row * columns + place.column ? 4U : 0U)
+          << "cell " << cell << " for (" << place.x << ", " << place.y << ")";
+  }
 }
 
 TEST(Survey, OfNothingFindsNothing) {
