@@ -113,11 +113,12 @@ class Publisher {
     }
     return lcm_ != nullptr;
   }
-  void publish(const FlangePose& pose) {
+  /// False: it did not leave this computer; errno tells why.
+  [[nodiscard]] bool publish(const FlangePose& pose) {
     const flange_pose_t message = message_of(pose);
     wire_.resize(static_cast<std::size_t>(message.getEncodedSize()));
     message.encode(wire_.data(), 0, static_cast<int>(wire_.size()));
-    lcm_publish(lcm_, options_.channel.c_str(), wire_.data(), static_cast<unsigned>(wire_.size()));
+    return lcm_publish(lcm_, options_.channel.c_str(), wire_.data(), static_cast<unsigned>(wire_.size())) == 0;
   }
 
  private:
@@ -140,6 +141,21 @@ class Voice {
     complained_at_ = now;
     say("{}", why.text.view());
   }
+  /// Whether a pose left this computer: slabd knows only that none comes. `error`: of the one that did not.
+  void published(bool sent, int error) {
+    const auto now = SteadyClock::now();
+    if (!sent) {
+      ++unsent_;
+      unsent_at_ = now;
+      if (sending_)
+        say("poses cannot be published: {}; is the network up, has the multicast group a route? trying on",
+            std::strerror(error));
+      sending_ = false;
+    } else if (!sending_ && now - unsent_at_ > kSilence) {
+      sending_ = true;
+      say("poses are published again");
+    }
+  }
   void look(const BridgeCounters& counters, std::uint64_t foreign) {
     const auto now = SteadyClock::now();
     if (!silent_ && now - heard_at_ > kSilence) {
@@ -148,12 +164,16 @@ class Voice {
     }
     if (now - reported_at_ < kReportPeriod) return;
     reported_at_ = now;
-    say("{} poses published, {} malformed, {} old, {} lost, {} restarts, {} from others", counters.published,
-        counters.malformed, counters.old, counters.lost, counters.restarts, foreign);
+    say("{} poses published, {} not sent, {} malformed, {} old, {} lost, {} restarts, {} from others",
+        counters.published - unsent_, unsent_, counters.malformed, counters.old, counters.lost, counters.restarts,
+        foreign);
   }
 
  private:
   bool silent_ = true;
+  bool sending_ = true;
+  std::uint64_t unsent_ = 0;
+  SteadyClock::time_point unsent_at_;
   SteadyClock::time_point heard_at_ = SteadyClock::now();
   SteadyClock::time_point complained_at_ = SteadyClock::now() - kSilence;
   SteadyClock::time_point reported_at_ = SteadyClock::now();
@@ -202,7 +222,10 @@ int bridge(const Options& options) {
     }
     std::array<char, INET_ADDRSTRLEN> name{};
     voice.heard(::inet_ntop(AF_INET, &sender.sin_addr, name.data(), name.size()));
-    if (const auto pose = translator.translate(packet.value())) publisher.publish(*pose);
+    const auto pose = translator.translate(packet.value());
+    if (!pose) continue;
+    const bool sent = publisher.publish(*pose);
+    voice.published(sent, errno);
   }
   ::close(fd);
   return 0;

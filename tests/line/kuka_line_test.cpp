@@ -1,10 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A KUKA controller sends RSI to the bridge, the bridge publishes on LCM, the daemon measures a slab.
+#include <arpa/inet.h>
 #include <gtest/gtest.h>
+#include <net/if.h>
+#include <net/route.h>
+#include <sched.h>
+#include <sys/ioctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <csignal>
+#include <cstring>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <regex>
@@ -105,6 +113,65 @@ TEST_F(KukaLineTest, packets_of_a_stranger_are_dropped) {
   std::this_thread::sleep_for(std::chrono::milliseconds(1'500));
   EXPECT_EQ(read_file(box_.dir / "bridge.err").find("packets come from"), std::string::npos);
   EXPECT_TRUE(bridge->running());
+}
+
+/// The route of all groups over `lo`: SIOCADDRT or SIOCDELRT.
+bool change_route(int socket, unsigned long change) {
+  std::array<char, 3> lo{"lo"};
+  rtentry route{};
+  route.rt_dev = lo.data();
+  route.rt_flags = RTF_UP;
+  const auto write = [](sockaddr& to, const char* text) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    inet_pton(AF_INET, text, &address.sin_addr);
+    std::memcpy(&to, &address, sizeof address);
+  };
+  write(route.rt_dst, "239.0.0.0");
+  write(route.rt_genmask, "255.0.0.0");
+  return ioctl(socket, change, &route) == 0;
+}
+
+/// Sends packets until the bridge has said it; in a network of its own. An exit status, 0 is good.
+int lose_the_route(const std::string& rsi, const fs::path& dir) {
+  if (unshare(CLONE_NEWNET) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWNET) != 0) return 99;
+  const int robot = socket(AF_INET, SOCK_DGRAM, 0);
+  ifreq lo{};
+  std::strncpy(lo.ifr_name, "lo", sizeof lo.ifr_name - 1);
+  lo.ifr_flags = IFF_UP | IFF_LOOPBACK | IFF_RUNNING;
+  if (ioctl(robot, SIOCSIFFLAGS, &lo) != 0 || !change_route(robot, SIOCADDRT)) return 98;
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  const std::size_t colon = rsi.find(':');
+  inet_pton(AF_INET, rsi.substr(0, colon).c_str(), &to.sin_addr);
+  to.sin_port = htons(static_cast<std::uint16_t>(std::stoi(rsi.substr(colon + 1))));
+  int ipoc_ms = 0;
+  Process bridge({BRIDGE_PROGRAM, "--listen", rsi, "--lcm-url", "udpm://239.255.76.67:7667?ttl=0"}, dir / "out",
+                 dir / "err");
+  const auto says = [&](const char* text) {
+    for (int i = 0; i < 1'000; ++i) {
+      const std::string packet = "<Rob><RIst X=\"1\" Y=\"2\" Z=\"3\" A=\"0\" B=\"0\" C=\"0\"/><IPOC>" +
+                                 std::to_string(ipoc_ms += 12) + "</IPOC></Rob>";
+      sendto(robot, packet.data(), packet.size(), 0, static_cast<sockaddr*>(static_cast<void*>(&to)), sizeof to);
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+      if (read_file(dir / "err").find(text) != std::string::npos) return true;
+    }
+    return false;
+  };
+  if (!says("packets come from")) return 1;
+  if (read_file(dir / "err").find("cannot be published") != std::string::npos) return 2;
+  if (!change_route(robot, SIOCDELRT) || !says("poses cannot be published: Network is unreachable")) return 3;
+  if (!change_route(robot, SIOCADDRT) || !says("poses are published again")) return 4;
+  return bridge.running() ? 0 : 5;
+}
+
+TEST_F(KukaLineTest, poses_that_do_not_leave_the_computer_are_told_of) {
+  const pid_t child = fork();
+  if (child == 0) _exit(lose_the_route(rsi_, box_.dir));
+  int status = -1;
+  waitpid(child, &status, 0);
+  EXPECT_TRUE(WIFEXITED(status));
+  EXPECT_EQ(WEXITSTATUS(status), 0) << read_file(box_.dir / "err");
 }
 
 TEST_F(KukaLineTest, a_mistake_on_the_command_line_is_named) {
