@@ -55,9 +55,13 @@ std::string job_name(const Json& run) {
   return run["job"].get<std::string>() + (threads > 1 ? fmt::format(" {}t", threads) : "");
 }
 
+bool is_error(const std::string& figure) {
+  return figure.find("_error_") != std::string::npos;
+}
+
 /// All processes of one program on one job become one entry: times over all repetitions, medians of the stages, the
-/// worst of every error, the largest memory.
-Json peers_of(const PeerRuns& timed, const PeerRuns& counted) {
+/// largest memory, of errors the root of the mean square over the scans that were scored, else the worst.
+Json peers_of(const PeerRuns& timed, const PeerRuns& counted, const PeerRuns& scored) {
   Json peers = Json::object();
   std::map<std::pair<std::string, std::string>, std::vector<Sample>> samples;
   std::map<std::pair<std::string, std::string>, std::map<std::string, std::vector<Sample>>> stages;
@@ -88,6 +92,20 @@ Json peers_of(const PeerRuns& timed, const PeerRuns& counted) {
   for (const auto& [who, list] : samples) {
     Json& entry = peers[who.first][who.second];
     entry.update(json_of(figure_of(list, entry["threads"])));
+  }
+  std::map<std::pair<std::string, std::string>, double> scans;
+  for (const Json& run : scored) scans[{run["peer"], job_name(run)}] += 1.0;
+  for (const auto& [who, count] : scans) {
+    Json& entry = peers[who.first][who.second];
+    entry["scans_scored"] = count;
+    std::map<std::string, double> squares;
+    for (const Json& run : scored) {
+      if (run["peer"] != who.first || job_name(run) != who.second) continue;
+      const Json figures = at(run, {"figures"});
+      for (const auto& [name, value] : figures.items())
+        if (is_error(name)) squares[name] += value.get<double>() * value.get<double>();
+    }
+    for (const auto& [name, sum] : squares) entry["figures"][name] = std::sqrt(sum / count);
   }
   for (const Json& run : counted) {
     // The first repetition warms up what is kept for ever; a steady block is the last one.
@@ -137,10 +155,24 @@ Json gain_of_two(const Json& one, const Json& two) {
   return quotient(at(one, {key}), at(two, {key}));
 }
 
-/// Whether a stage's or a program's figure is less than it should be, because others used the machine.
+/// Whether a stage's or a program's figure is less than it should be, because others used the machine: no median of
+/// undisturbed wall times, or one of less than two thirds of the samples.
 bool rough(const Json& figure) {
   const Json basis = at(figure, {"basis"});
-  return basis.is_string() && basis != "wall";
+  if (!basis.is_string()) return false;
+  return basis != "wall" || 3 * figure["disturbed"].get<int>() > figure["samples"].get<int>();
+}
+
+/// The slab that waited longest for its verdict, measured in blocks: null when there is none.
+Json slowest_slab(const Json& slabs) {
+  Json slowest, most;
+  for (const Json& slab : slabs) {
+    const Json blocks = quotient(at(slab, {"last_acquired_to_verdict_s"}), at(slab, {"block_compute_ms"}));
+    if (!blocks.is_number() || (most.is_number() && most.get<double>() >= blocks.get<double>())) continue;
+    most = blocks;
+    slowest = slab;
+  }
+  return slowest;
 }
 
 Json judgement(const Json& json) {
@@ -153,8 +185,10 @@ Json judgement(const Json& json) {
   const Json file = at(stages, {"file_to_verdict/ply_organised/1"}), bare_file = at(stages, {"file_to_verdict/ply/1"});
   const Json shipped = at(stages, {"file_to_verdict/ply_organised/2"});
   const Json registering = at(stages, {"block/organised/register/1"});
+  const Json perspective = at(stages, {"block/perspective/1"});
+  const Json own = at(peers, {"slabd", "block-organised"});
   const Json peer_registering = fastest(peers, "register");
-  const Json reading = at(stages, {"read/ply_cold/1"});
+  const Json reading = at(stages, {"read/ply_organised_cold/1"});
   Json lines = Json::array();
   const auto ratio = [&](std::string_view what, const Json& above, const Json& below, double must, double aim,
                          bool more_is_better) {
@@ -165,14 +199,20 @@ Json judgement(const Json& json) {
   ratio("whole block, organised, 1 thread / warm read pass", organised, warm, 12, 8, false);
   ratio("whole block, unorganised in scan order / warm read pass", in_scan_order, warm, 25, 15, false);
   ratio("whole block, unorganised and shuffled / warm read pass", shuffled, warm, 25, 15, false);
+  ratio("whole block, organised, seen in perspective / warm read pass", perspective, warm, 12, 8, false);
   lines.push_back(judged("whole block, 1 thread / 2 threads", gain_of_two(organised, two), 1.7, 1.9, true));
   lines.back()["rough"] = rough(organised) || rough(two);
   ratio("PCL tuned / slabd, both with reading, 1 thread each", pcl, file, 60, 100, true);
   ratio("the same, slabd from the unorganised file that PCL reads", pcl, bare_file, 60, 100, true);
   ratio("the same, slabd on two threads, as it is shipped", pcl, shipped, 60, 100, true);
-  ratio("fastest peer's registration / slabd's", peer_registering, registering, 100, 200, true);
+  for (const auto& [what, figure] : {std::pair("pose error, slabd / PCL tuned", "pose_error_um"),
+                                     std::pair("bearing plane's tilt error, slabd / PCL tuned", "normal_error_mdeg")})
+    lines.push_back(judged(what, quotient(at(own, {"figures", figure}), at(pcl, {"figures", figure})), 1, 1, false));
+  ratio("fastest packaged peer's registration / slabd's", peer_registering, registering, 100, 200, true);
   ratio("binary PLY read after other memory / cold read pass", reading, cold, 2.5, 1.5, false);
-  lines.push_back(judged("heap allocations per block", json["allocations_per_block"], 0, 0, false, ""));
+  lines.push_back(judged("longest wait for a slab's verdict after the last ACQUIRED / one block's computing",
+                         quotient(json["slab_verdict_wait_ms"], json["slab_block_compute_ms"]), 2, 1, false));
+  lines.push_back(judged("heap allocations per block, in the library", json["allocations_per_block"], 0, 0, false, ""));
   lines.push_back(judged("peak memory, one scan in flight", json["rss_mb"], 160, 160, false, "MB"));
   return lines;
 }
@@ -240,7 +280,8 @@ std::string without_threads(const std::string& key) {
 
 std::string stage_table(const Json& json, std::string_view first_words) {
   std::string out =
-      "| | 1 thread, ms | min | 2 threads, ms | min | 1 : 2 | / warm read |\n|---|---|---|---|---|---|---|\n";
+      "| | 1 thread, ms | min | left out | 2 threads, ms | min | left out | 1 : 2 | / warm read |\n"
+      "|---|---|---|---|---|---|---|---|---|\n";
   const Json& stages = json["stages"];
   const Json& warm = json["floor_read_warm_ms"];
   std::string last;
@@ -250,9 +291,12 @@ std::string stage_table(const Json& json, std::string_view first_words) {
     if (name == last) continue;
     last = name;
     const Json one = at(stages, {name + "/1"}), two = at(stages, {name + "/2"});
-    out += fmt::format("| {} | {} | {} | {} | {} | {} | {} |\n", name.substr(name.find('/') + 1), marked(one),
-                       number(at(one, {"min_ms"})), marked(two), number(at(two, {"min_ms"})),
-                       number(gain_of_two(one, two)), number(quotient(at(one, {"ms"}), warm)));
+    const auto left_out = [](const Json& of) {
+      return of.is_object() ? fmt::format("{}/{}", of["disturbed"].get<int>(), of["samples"].get<int>()) : "-";
+    };
+    out += fmt::format("| {} | {} | {} | {} | {} | {} | {} | {} | {} |\n", name.substr(name.find('/') + 1), marked(one),
+                       number(at(one, {"min_ms"})), left_out(one), marked(two), number(at(two, {"min_ms"})),
+                       left_out(two), number(gain_of_two(one, two)), number(quotient(at(one, {"ms"}), warm)));
   }
   return out;
 }
@@ -305,9 +349,10 @@ std::string block_table(const Json& peers) {
   for (const char* stage :
        {"read", "outliers", "transform", "voxels", "register", "crop", "plane", "refit", "flatness", "extract, judge"})
     plain(fmt::format("{}, ms", stage), {"stages_ms", stage});
-  plain("pose error, um", {"figures", "pose_error_um"});
-  plain("turn error, mdeg", {"figures", "turn_error_mdeg"});
-  plain("normal error, bearing plane, mdeg", {"figures", "normal_error_mdeg"});
+  plain("scans with known truth", {"scans_scored"});
+  plain("pose error, um rms", {"figures", "pose_error_um"});
+  plain("turn error, mdeg rms", {"figures", "turn_error_mdeg"});
+  plain("bearing plane's tilt error, mdeg rms", {"figures", "normal_error_mdeg"});
   plain("standard deviation of the plane, mm", {"figures", "std_mm"});
   plain("peak memory, MB", {"peak_rss_mb"});
   plain("heap allocations per block", {"allocations"});
@@ -362,7 +407,7 @@ Json report(const Measured& measured) {
   Json stages = Json::object();
   for (const auto& [key, samples] : measured.stages)
     if (!samples.empty()) stages[key] = json_of(figure_of(samples, threads_of(key)));
-  const Json peers = peers_of(measured.peers, measured.counted);
+  const Json peers = peers_of(measured.peers, measured.counted, measured.scored);
 
   const std::pair<const char*, const char*> kStageOf[] = {
       {"floor_read_warm_ms", "floor/read_warm/1"},
@@ -375,7 +420,7 @@ Json report(const Measured& measured) {
       {"block_shuffled_1t_ms", "block/shuffled/1"},
       {"block_perspective_1t_ms", "block/perspective/1"},
       {"read_ply_ms", "read/ply/1"},
-      {"read_ply_cold_ms", "read/ply_cold/1"},
+      {"read_ply_cold_ms", "read/ply_organised_cold/1"},
       {"read_xyz_ms", "read/xyz/1"},
       {"denoise_1t_ms", "block/organised/denoise/1"},
       {"register_1t_ms", "block/organised/register/1"},
@@ -394,6 +439,11 @@ Json report(const Measured& measured) {
   json["open3d_spec_ms"] = at(peers, {"Open3D", "block-spec", "ms"});
   json["fastest_peer_register_ms"] = at(fastest(peers, "register"), {"ms"});
   json["fastest_peer_plane_ms"] = at(fastest(peers, "plane"), {"ms"});
+  const Json slab = slowest_slab(measured.slabs);
+  if (slab.is_object()) {
+    json["slab_verdict_wait_ms"] = 1e3 * slab["last_acquired_to_verdict_s"].get<double>();
+    json["slab_block_compute_ms"] = slab["block_compute_ms"];
+  }
   json["stages"] = stages;
   json["peers"] = peers;
   json["judged"] = judgement(json);
@@ -416,10 +466,10 @@ std::string markdown(const Json& json) {
   section("Every instruction set, one thread", stage_table(json, "sets/"));
   section("How cost grows", growth_table(json));
   section("One block from a binary PLY to its flatness, against other programs", block_table(peers));
-  section(
-      "Registration alone",
-      step_table(peers, "register", {{"pose_error_um", "pose error, um"}, {"turn_error_mdeg", "turn error, mdeg"}}));
-  section("The bearing plane alone", step_table(peers, "plane", {{"normal_error_mdeg", "normal error, mdeg"}}));
+  section("Registration alone",
+          step_table(peers, "register",
+                     {{"pose_error_um", "pose error, um rms"}, {"turn_error_mdeg", "turn error, mdeg rms"}}));
+  section("The bearing plane alone", step_table(peers, "plane", {{"normal_error_mdeg", "tilt error, mdeg rms"}}));
   section("Outliers, whole cloud", denoise_table(peers));
   return out;
 }

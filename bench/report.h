@@ -17,7 +17,7 @@ using Json = nlohmann::ordered_json;
 
 /// Always there in the object that `script/bench --json` prints: a number, or null when it was not measured. `_ms`:
 /// milliseconds as `Figure::ms`; the warm floor, the block and its stages on the organised scan.
-inline constexpr std::array<std::string_view, 20> kPromisedKeys = {"floor_read_warm_ms",
+inline constexpr std::array<std::string_view, 22> kPromisedKeys = {"floor_read_warm_ms",
                                                                    "floor_read_warm_2t_ms",
                                                                    "floor_read_cold_ms",
                                                                    "floor_read_cold_2t_ms",
@@ -36,7 +36,9 @@ inline constexpr std::array<std::string_view, 20> kPromisedKeys = {"floor_read_w
                                                                    "allocations_per_block",
                                                                    "rss_mb",
                                                                    "file_to_verdict_1t_ms",
-                                                                   "file_to_verdict_unorganised_1t_ms"};
+                                                                   "file_to_verdict_unorganised_1t_ms",
+                                                                   "slab_verdict_wait_ms",
+                                                                   "slab_block_compute_ms"};
 /// The same for the programs slabd is compared with.
 inline constexpr std::array<std::string_view, 6> kPromisedPeerKeys = {
     "pcl_tuned_ms",   "open3d_tuned_ms",          "pcl_spec_ms",
@@ -49,6 +51,8 @@ struct Measured {
   Samples stages;
   PeerRuns peers;    ///< timed; slabd's own runs among them
   PeerRuns counted;  ///< with heap calls counted, not timed
+  PeerRuns scored;   ///< on scans of other seeds, for their errors; not timed
+  Json slabs;        ///< what `slabctl simulate --json` said of each slab on the real daemon; null: there was none
   Json environment;  ///< machine, versions, date, load: printed as it is
 };
 

@@ -13,7 +13,6 @@
 namespace slabd::bench {
 namespace {
 
-constexpr std::uint64_t kSeed = 20;
 constexpr double kOffDeg = 0.5;
 
 Rigid rigid_of(const Pose& pose) {
@@ -50,6 +49,12 @@ bool write_numbers(const std::string& path, const std::vector<Number>& numbers) 
   return static_cast<bool>(out);
 }
 
+bool write_scan(const std::string& path, hal::ScanFormat format, const Scan& scan) {
+  const Status status = hal::write_scan(path.c_str(), format, scan.xyz, scan.width, scan.height);
+  if (!status) fmt::print(stderr, "bench: {}\n", status.error().text.view());
+  return status.ok();
+}
+
 /// Voxel centroids of the points that are no outliers.
 std::vector<float> clean_voxels(const Scan& scan, const std::vector<std::uint8_t>& outlier) {
   struct Sum {
@@ -72,7 +77,8 @@ std::vector<float> clean_voxels(const Scan& scan, const std::vector<std::uint8_t
 
 }  // namespace
 
-Scene::Scene(const Recipe& recipe) : recipe_(recipe), block_(simulate::nominal_truth(recipe)) {
+Scene::Scene(const Recipe& recipe, std::uint64_t seed)
+    : recipe_(recipe), seed_(seed), block_(simulate::nominal_truth(recipe)) {
   Pose off;
   off.translation_mm = Vec3(2.0, 2.0, 1.0);
   off.rotation = Quat(Eigen::AngleAxisd(rad_from_deg(kOffDeg), Eigen::Vector3d::Ones().normalized()));
@@ -88,7 +94,7 @@ Scan Scene::draw(std::size_t columns, std::size_t rows, simulate::Projection pro
   scanner.projection = projection;
   Scan scan;
   const auto surface = simulate::BlockSurface::make(recipe_, block_, T_scanner_block_, projection);
-  const simulate::DrawnScan drawn = simulate::draw_scan(surface.value(), scanner, kSeed, scan.xyz);
+  const simulate::DrawnScan drawn = simulate::draw_scan(surface.value(), scanner, seed_, scan.xyz);
   scan.width = drawn.width;
   scan.height = drawn.height;
   return scan;
@@ -160,24 +166,22 @@ std::vector<float> Scene::model() const {
 
 bool Scene::write(const Scan& organised, const std::string& folder) const {
   const Scan scan = unorganised(organised);
-  const auto write_scan = [&](const char* file, hal::ScanFormat format, const Scan& what) {
-    const std::string path = folder + "/" + file;
-    const Status status = hal::write_scan(path.c_str(), format, what.xyz, what.width, what.height);
-    if (!status) fmt::print(stderr, "bench: {}\n", status.error().text.view());
-    return status.ok();
-  };
   const Truth known = truth();
   std::vector<double> numbers(known.T_block_scanner.begin(), known.T_block_scanner.end());
   numbers.insert(numbers.end(), known.T_block_scanner_start.begin(), known.T_block_scanner_start.end());
   numbers.insert(numbers.end(), known.seat_normal_block.begin(), known.seat_normal_block.end());
   const std::vector<std::uint8_t> outlier = labels(scan);
-  return write_scan("scan.ply", hal::ScanFormat::ply, scan) &&
-         write_scan("scan_organised.ply", hal::ScanFormat::ply, organised) &&
-         write_scan("scan_ascii.ply", hal::ScanFormat::ply_ascii, scan) &&
-         write_scan("scan.xyz", hal::ScanFormat::xyz, scan) && write_numbers(folder + "/truth.f64", numbers) &&
-         write_numbers(folder + "/labels.u8", outlier) &&
+  return write_scan(folder + "/scan.ply", hal::ScanFormat::ply, scan) &&
+         write_scan(folder + "/scan_organised.ply", hal::ScanFormat::ply, organised) &&
+         write_numbers(folder + "/truth.f64", numbers) && write_numbers(folder + "/labels.u8", outlier) &&
          write_numbers(folder + "/clean.f32", clean_voxels(scan, outlier)) &&
          write_numbers(folder + "/crop.f32", crop(scan)) && write_numbers(folder + "/model.f32", model());
+}
+
+bool write_as_text(const Scan& organised, const std::string& folder) {
+  const Scan scan = unorganised(organised);
+  return write_scan(folder + "/scan_ascii.ply", hal::ScanFormat::ply_ascii, scan) &&
+         write_scan(folder + "/scan.xyz", hal::ScanFormat::xyz, scan);
 }
 
 Scan unorganised(const Scan& organised) {

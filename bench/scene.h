@@ -16,6 +16,7 @@ namespace slabd::bench {
 inline constexpr double kPitchMm = 0.255;
 inline constexpr std::size_t kColumns = 2048;
 inline constexpr std::size_t kRows = 2448;
+inline constexpr std::uint64_t kSeed = 20;
 
 struct Scan {
   std::vector<float> xyz;  ///< NaN for missing points when organised
@@ -26,7 +27,8 @@ struct Scan {
 
 class Scene {
  public:
-  explicit Scene(const Recipe& recipe);
+  /// `seed`: of noise, outliers and missing points.
+  explicit Scene(const Recipe& recipe, std::uint64_t seed = kSeed);
 
   /// The scan of so many columns and rows over the same field. Same seed, same bits.
   [[nodiscard]] Scan draw(std::size_t columns = kColumns, std::size_t rows = kRows,
@@ -41,16 +43,19 @@ class Scene {
   /// The bearing plane as the start sees it: outliers and a little of the jaws among its points.
   [[nodiscard]] std::vector<float> crop(const Scan& scan) const;
 
-  /// Writes what bench/peers/peer.h lists, and for the reading benches scan_organised.ply, scan_ascii.ply and scan.xyz
-  /// (points as in scan.ply). False, and a message on stderr, when that fails.
+  /// Writes what bench/peers/peer.h lists. False, and a message on stderr, when that fails.
   [[nodiscard]] bool write(const Scan& organised, const std::string& folder) const;
 
  private:
   [[nodiscard]] std::vector<float> model() const;
   Recipe recipe_;
+  std::uint64_t seed_;
   simulate::BlockTruth block_;
   Pose T_scanner_block_;
 };
+
+/// The points of scan.ply as text, scan_ascii.ply and scan.xyz. False, and a message on stderr, when that fails.
+[[nodiscard]] bool write_as_text(const Scan& organised, const std::string& folder);
 
 /// Without the missing points, in the order of the scan.
 [[nodiscard]] Scan unorganised(const Scan& organised);

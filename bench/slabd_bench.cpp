@@ -35,6 +35,7 @@ struct Options {
   std::string filter;
   std::string revision = "unknown";
   std::string save;
+  std::vector<std::string> lines;
 };
 
 /// A folder for the scan files, gone with the program. Files of 60 to 140 MB: on the disk under /var/tmp and read from
@@ -64,27 +65,21 @@ struct PeerJob {
   int threads;
   bool first_round_only;  ///< takes ten seconds and more
   bool library;           ///< needs the packages of bench/apt-packages-peers
+  bool scored = false;    ///< its errors are compared
 };
+/// Scans, each with another seed, over which errors are told.
+constexpr int kScoredScans = 8;
 constexpr PeerJob kPeerJobs[] = {
-    {"slabd_peer", "block", 5, 1, false, false},
-    {"slabd_peer", "block-organised", 5, 1, false, false},
-    {"slabd_peer", "block-organised", 5, 2, false, false},
-    {"slabd_peer", "denoise", 3, 1, true, false},
-    {"slabd_peer", "register", 3, 1, false, false},
-    {"slabd_peer", "plane", 5, 1, false, false},
-    {"pcl_peer", "block-tuned", 2, 1, false, true},
-    {"pcl_peer", "register", 2, 1, false, true},
-    {"pcl_peer", "plane", 5, 1, false, true},
-    {"pcl_peer", "plane-refit", 5, 1, false, true},
-    {"pcl_peer", "block-spec", 1, 1, true, true},
-    {"open3d_peer", "block-tuned", 2, 1, false, true},
-    {"open3d_peer", "block-tuned", 2, 2, true, true},
-    {"open3d_peer", "register", 2, 1, false, true},
-    {"open3d_peer", "plane", 5, 1, false, true},
-    {"open3d_peer", "plane-refit", 5, 1, false, true},
-    {"open3d_peer", "block-spec", 1, 1, true, true},
-    {"cgal_peer", "plane", 2, 1, false, true},
-    {"cgal_peer", "plane-refit", 2, 1, false, true},
+    {"slabd_peer", "block", 5, 1, false, false, true},     {"slabd_peer", "block-organised", 5, 1, false, false, true},
+    {"slabd_peer", "block-organised", 5, 2, false, false}, {"slabd_peer", "denoise", 3, 1, true, false},
+    {"slabd_peer", "register", 3, 1, false, false, true},  {"slabd_peer", "plane", 5, 1, false, false, true},
+    {"pcl_peer", "block-tuned", 2, 1, false, true, true},  {"pcl_peer", "register", 2, 1, false, true, true},
+    {"pcl_peer", "plane", 5, 1, false, true, true},        {"pcl_peer", "plane-refit", 5, 1, false, true, true},
+    {"pcl_peer", "block-spec", 1, 1, true, true},          {"open3d_peer", "block-tuned", 2, 1, false, true, true},
+    {"open3d_peer", "block-tuned", 2, 2, true, true},      {"open3d_peer", "register", 2, 1, false, true, true},
+    {"open3d_peer", "plane", 5, 1, false, true, true},     {"open3d_peer", "plane-refit", 5, 1, false, true, true},
+    {"open3d_peer", "block-spec", 1, 1, true, true},       {"cgal_peer", "plane", 2, 1, false, true, true},
+    {"cgal_peer", "plane-refit", 2, 1, false, true, true},
 };
 
 fs::path own_folder() {
@@ -111,6 +106,21 @@ std::optional<Json> run_peer(const PeerJob& job, const std::string& folder, bool
   if (status == 0 && json.is_object()) return json;
   fmt::print(stderr, "bench: failed with status {}: {}\n", status, command);
   return std::nullopt;
+}
+
+/// Errors on other scans of the same scene; false when a scan cannot be written.
+bool score_peers(const Options& options, const Recipe& recipe, const std::string& folder, PeerRuns& runs) {
+  fs::create_directory(folder);
+  for (int i = 1; i <= (options.quick ? 2 : kScoredScans); ++i) {
+    fmt::print(stderr, "scan {} for the errors\n", i);
+    const Scene scene(recipe, kSeed + static_cast<std::uint64_t>(i));
+    if (!scene.write(scene.draw(), folder)) return false;
+    for (const PeerJob& job : kPeerJobs) {
+      if (!job.scored || (job.library && !options.peers)) continue;
+      if (auto run = run_peer(job, folder, false, 1)) runs.push_back(std::move(*run));
+    }
+  }
+  return true;
 }
 
 /// Rounds of the peers; a program that fails is reported and left out.
@@ -181,6 +191,20 @@ std::string versions_of(const PeerRuns& runs) {
   return fmt::format("{}", fmt::join(versions, ", "));
 }
 
+/// The slabs of reports that `slabctl simulate --json` wrote; null without any.
+Json slabs_of(const std::vector<std::string>& files) {
+  Json slabs;
+  for (const std::string& file : files) {
+    std::ifstream in(file);
+    const Json json = Json::parse(in, nullptr, false);
+    if (!json.is_object() || !json.contains("slabs"))
+      fmt::print(stderr, "bench: {} holds no report of a simulation\n", file);
+    else
+      for (const Json& slab : json["slabs"]) slabs.push_back(slab);
+  }
+  return slabs;
+}
+
 double disturbed_percent(const Samples& samples) {
   double all = 0.0, disturbed = 0.0;
   for (const auto& [key, list] : samples) {
@@ -204,7 +228,7 @@ int run(const Options& options) {
   fmt::print(stderr, "drawing and writing the scan\n");
   const Scene scene(*recipe);
   const Scan organised = scene.draw();
-  if (!scene.write(organised, folder.path())) return 1;
+  if (!scene.write(organised, folder.path()) || !write_as_text(organised, folder.path())) return 1;
   const StageOptions stages{folder.path(), options.quick, options.filter};
   register_stages(stages, *recipe, scene, organised, measured.stages);
   for (int round = 0; round < options.rounds; ++round) {
@@ -212,7 +236,11 @@ int run(const Options& options) {
     run_stages(stages);
     if (options.filter.empty()) run_peers(options, folder.path(), round == 0, false, measured.peers);
   }
-  if (options.filter.empty()) run_peers(options, folder.path(), true, true, measured.counted);
+  if (options.filter.empty()) {
+    run_peers(options, folder.path(), true, true, measured.counted);
+    if (!score_peers(options, *recipe, folder.path() + "/scored", measured.scored)) return 1;
+  }
+  measured.slabs = slabs_of(options.lines);
   measured.environment["load after"] = load_average();
   measured.environment["disturbed samples"] = fmt::format("{:.0f} %", disturbed_percent(measured.stages));
   if (options.peers) measured.environment["compared with"] = versions_of(measured.peers);
@@ -239,6 +267,7 @@ int main(int argc, char** argv) {
   app.add_option("--filter", options.filter, "Only stages whose names match this regular expression, and no peers");
   app.add_option("--revision", options.revision, "What the report says of the source");
   app.add_option("--save", options.save, "Keep the JSON object in this file as well");
+  app.add_option("--line", options.lines, "What slabctl simulate --json wrote: how long a PLC waits for a verdict");
   app.add_option("--show", show, "Print the tables of a JSON object kept before; nothing is run");
   CLI11_PARSE(app, argc, argv);
   if (!show.empty()) {

@@ -24,7 +24,7 @@ HeapCalls heap_counter() {
 double peak_rss_mb() {
   std::ifstream status("/proc/self/status");
   for (std::string line; std::getline(status, line);)
-    if (line.rfind("VmHWM:", 0) == 0) return std::strtod(line.c_str() + 6, nullptr) / 1024.0;
+    if (line.rfind("VmHWM:", 0) == 0) return 1024e-6 * std::strtod(line.c_str() + 6, nullptr);  // kB there are KiB
   return -1.0;
 }
 
@@ -126,7 +126,7 @@ void Peer::score_denoising(const std::vector<bool>& kept) {
 void Peer::figure(const std::string& name, double value) {
   for (auto& [known, old] : figures_)
     if (known == name) {
-      old = value;
+      old = std::max(old, value);
       return;
     }
   figures_.emplace_back(name, value);

@@ -14,7 +14,7 @@
 /// alignment of its own.
 ///
 /// The task is a folder written by the driver (bench/scene.h says what lies in it):
-///     scan.ply      the scan as binary PLY, missing points left out
+///     scan.ply      the scan as binary PLY, missing points left out; scan_organised.ply: with its grid
 ///     labels.u8     1 for every point of scan.ply that is an outlier
 ///     model.f32     the model's surface, x y z nx ny nz, block frame, one point per 1.5 mm
 ///     clean.f32     the scan on 1.5 mm voxels, freed of outliers by the true labels, x y z, scanner frame
@@ -73,6 +73,7 @@ class Peer {
   void score_normal(const Direction& normal_scanner);
   /// `kept[i]`: point i of scan.ply was kept.
   void score_denoising(const std::vector<bool>& kept);
+  /// The largest of all repetitions is kept.
   void figure(const std::string& name, double value);
 
   /// Prints the line. Returns the exit status.
