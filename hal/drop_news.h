@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <limits>
 #include <mutex>
 
 #include "hal/hal.h"
@@ -24,23 +25,26 @@ class HangWatch {
 
   /// From here on calls may hang, and hang when nothing is heard for `patience_ns`.
   void enter(std::int64_t patience_ns) {
-    patience_ns_.store(patience_ns, std::memory_order_relaxed);
-    since_ns_.store(clock_.mono_ns(), std::memory_order_release);
+    const std::int64_t now_ns = clock_.mono_ns();
+    since_ns_.store(now_ns, std::memory_order_relaxed);
+    until_ns_.store(now_ns + patience_ns, std::memory_order_release);
   }
-  void leave() { since_ns_.store(0, std::memory_order_release); }
+  void leave() { until_ns_.store(kOutside, std::memory_order_release); }
 
   /// For how long nothing was heard, once that is too long; else 0. Any thread.
   [[nodiscard]] std::int64_t hangs_for_ns() const {
-    const std::int64_t since_ns = since_ns_.load(std::memory_order_acquire);
-    if (since_ns == 0) return 0;
-    const std::int64_t for_ns = clock_.mono_ns() - since_ns;
-    return for_ns >= patience_ns_.load(std::memory_order_relaxed) ? for_ns : 0;
+    // One number decides: a beginning and a patience read one after the other may be of two calls.
+    const std::int64_t until_ns = until_ns_.load(std::memory_order_acquire);
+    const std::int64_t now_ns = clock_.mono_ns();
+    if (now_ns < until_ns) return 0;
+    return std::max<std::int64_t>(1, now_ns - since_ns_.load(std::memory_order_relaxed));
   }
 
  private:
+  static constexpr std::int64_t kOutside = std::numeric_limits<std::int64_t>::max();
   const Clock& clock_;
   std::atomic<std::int64_t> since_ns_ = 0;
-  std::atomic<std::int64_t> patience_ns_ = kLookNs;
+  std::atomic<std::int64_t> until_ns_ = kOutside;
 };
 
 /// Lines from one thread that another one writes to the log: at once as long as they are few, then one a second, and

@@ -46,6 +46,16 @@ Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes) : to
   must(check_room(folder_of(to_), bytes + kRoomLeft + leave_bytes, "a copy"));
   std::filesystem::remove(part_, ec);  // of a copy that was cut short
   must(create_file(part_));
+  try {
+    begin(from);
+  } catch (...) {
+    end();
+    std::filesystem::remove(part_, ec);
+    throw;
+  }
+}
+
+void Backup::begin(Connection& from) {
   lock_.take(part_);
   copy_ = std::make_unique<Connection>(part_, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
   // Synced by step(), and worth nothing until it has its name.
@@ -57,8 +67,8 @@ Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes) : to
 }
 
 Backup::~Backup() {
-  if (copy_ == nullptr) return;  // whole
   end();
+  if (has_its_name_) return;
   std::error_code ec;
   std::filesystem::remove(part_, ec);
 }
@@ -93,6 +103,7 @@ void Backup::finish() {
   copy_.reset();
   must(sync_file(part_));
   must(rename_file(part_, to_));
+  has_its_name_ = true;
   must(sync_file(folder_of(to_)));
 }
 

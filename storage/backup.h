@@ -43,6 +43,7 @@ class Backup {
     int fd_ = -1;
   };
 
+  void begin(Connection& from);
   void finish();
   void end();
 
@@ -51,6 +52,7 @@ class Backup {
   WorkLock lock_;
   std::unique_ptr<Connection> copy_;
   sqlite3_backup* backup_ = nullptr;
+  bool has_its_name_ = false;
   std::int64_t pages_all_ = 0;
   std::int64_t pages_done_ = 0;
 };

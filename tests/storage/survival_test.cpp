@@ -522,6 +522,25 @@ TEST_F(SurvivalTest, a_backup_on_a_disk_that_is_full_says_that_it_is_full) {
   EXPECT_GT(told, 3) << "are the calls still taken over?";
 }
 
+TEST_F(SurvivalTest, a_backup_that_fails_leaves_nothing_behind) {
+  const std::string copy = root_ + "/copy.db";
+  open();
+  begin(1);
+  int failed = 0;
+  for (std::uint64_t point = 1;; ++point) {
+    crash_disk::fail(root_, point, 1, EIO, true);
+    const Status status = back_up_database(settings_.db_path, copy);
+    const bool hit = crash_disk::has_hit();
+    (void)crash_disk::heal();
+    EXPECT_EQ(fs::exists(copy), status.ok()) << "call " << point;
+    EXPECT_FALSE(fs::exists(copy + ".part")) << "call " << point;
+    fs::remove(copy);
+    failed += status.ok() ? 0 : 1;
+    if (!hit) break;
+  }
+  EXPECT_GT(failed, 10) << "are the calls still taken over?";
+}
+
 TEST_F(SurvivalTest, a_copy_before_an_upgrade_on_a_disk_that_is_full_says_that_it_is_full) {
   std::ifstream file(std::string(SLABD_SOURCE_DIR) + "/tests/storage/schema_v7.sql");
   const std::string schema{std::istreambuf_iterator<char>(file), {}};
