@@ -349,7 +349,7 @@ std::string block_table(const Json& peers) {
   for (const char* stage :
        {"read", "outliers", "transform", "voxels", "register", "crop", "plane", "refit", "flatness", "extract, judge"})
     plain(fmt::format("{}, ms", stage), {"stages_ms", stage});
-  plain("scans with known truth", {"scans_scored"});
+  plain("scans whose errors count (-: the timed one)", {"scans_scored"});
   plain("pose error, um rms", {"figures", "pose_error_um"});
   plain("turn error, mdeg rms", {"figures", "turn_error_mdeg"});
   plain("bearing plane's tilt error, mdeg rms", {"figures", "normal_error_mdeg"});
