@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 
 namespace slabd::bench {
@@ -55,6 +56,11 @@ std::string job_name(const Json& run) {
   return run["job"].get<std::string>() + (threads > 1 ? fmt::format(" {}t", threads) : "");
 }
 
+/// An answer that is no number makes the mean none either.
+double square_of(const Json& value) {
+  return value.is_number() ? value.get<double>() * value.get<double>() : std::numeric_limits<double>::quiet_NaN();
+}
+
 bool is_error(const std::string& figure) {
   return figure.find("_error_") != std::string::npos;
 }
@@ -95,6 +101,8 @@ Json peers_of(const PeerRuns& timed, const PeerRuns& counted, const PeerRuns& sc
   }
   std::map<std::pair<std::string, std::string>, double> scans;
   for (const Json& run : scored) scans[{run["peer"], job_name(run)}] += 1.0;
+  // Programs that were not timed have no column.
+  std::erase_if(scans, [&](const auto& scan) { return at(peers, {scan.first.first, scan.first.second}).is_null(); });
   for (const auto& [who, count] : scans) {
     Json& entry = peers[who.first][who.second];
     entry["scans_scored"] = count;
@@ -103,7 +111,7 @@ Json peers_of(const PeerRuns& timed, const PeerRuns& counted, const PeerRuns& sc
       if (run["peer"] != who.first || job_name(run) != who.second) continue;
       const Json figures = at(run, {"figures"});
       for (const auto& [name, value] : figures.items())
-        if (is_error(name)) squares[name] += value.get<double>() * value.get<double>();
+        if (is_error(name)) squares[name] += square_of(value);
     }
     for (const auto& [name, sum] : squares) entry["figures"][name] = std::sqrt(sum / count);
   }
@@ -121,7 +129,8 @@ Json fastest(const Json& peers, std::string_view job) {
   for (const auto& [peer, jobs] : peers.items()) {
     if (peer == "slabd") continue;
     const Json entry = at(jobs, {job});
-    if (entry.is_object() && (best.is_null() || entry["ms"].get<double>() < best["ms"].get<double>())) best = entry;
+    if (at(entry, {"ms"}).is_number() && (best.is_null() || entry["ms"].get<double>() < best["ms"].get<double>()))
+      best = entry;
   }
   return best;
 }

@@ -36,7 +36,7 @@ class HangWatch {
     // One number decides: a beginning and a patience read one after the other may be of two calls.
     const std::int64_t until_ns = until_ns_.load(std::memory_order_acquire);
     const std::int64_t now_ns = clock_.mono_ns();
-    if (now_ns < until_ns) return 0;
+    if (now_ns < until_ns || until_ns_.load(std::memory_order_acquire) != until_ns) return 0;
     return std::max<std::int64_t>(1, now_ns - since_ns_.load(std::memory_order_relaxed));
   }
 

@@ -45,8 +45,8 @@ Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes) : to
   const auto bytes = static_cast<std::uint64_t>(from.integer("PRAGMA page_count") * from.integer("PRAGMA page_size"));
   must(check_room(folder_of(to_), bytes + kRoomLeft + leave_bytes, "a copy"));
   std::filesystem::remove(part_, ec);  // of a copy that was cut short
-  must(create_file(part_));
   try {
+    must(create_file(part_));
     begin(from);
   } catch (...) {
     end();

@@ -88,6 +88,13 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       delete_slab_result_(db, "DELETE FROM slab_result WHERE slab_key = ?1"),
       delete_station_results_(db, "DELETE FROM station_result WHERE slab_key = ?1"),
       delete_slab_record_(db, "DELETE FROM result WHERE slab_key = ?1 AND kind = 2 AND is_repeat = 0"),
+      reopen_end_(db,
+                  "UPDATE command SET status = 1 WHERE status = 4 AND id = (SELECT max(id) FROM command WHERE "
+                  "slab_key = ?1 AND command IN (?2, ?3)) AND EXISTS (SELECT 1 FROM slab_result WHERE slab_key = ?1)"),
+      reopen_report_(db,
+                     "UPDATE command SET status = 1 WHERE status = 4 AND id = (SELECT max(id) FROM command WHERE "
+                     "command = ?2) AND EXISTS (SELECT 1 FROM result WHERE res_seq = ?1 AND acknowledged = 0 "
+                     "AND is_repeat = 1)"),
       set_acquired_(db,
                     "UPDATE attempt SET phase = 'acquired' "
                     "WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3 AND phase = 'measured'"),
@@ -157,6 +164,10 @@ void Jobs::operator()(const CommandJob& job) {
 }
 
 void Jobs::undo_end(std::int64_t slab_key) {
+  reopen_end_.bind(1, slab_key)
+      .bind(2, number(static_cast<std::uint16_t>(PlcCommand::slab_end)))
+      .bind(3, number(static_cast<std::uint16_t>(PlcCommand::slab_abort)))
+      .run();
   delete_slab_result_.bind(1, slab_key).run();
   delete_station_results_.bind(1, slab_key).run();
   delete_items_.bind(1, slab_key).bind(2, number(0)).bind(3, number(0)).run();
@@ -177,6 +188,7 @@ void Jobs::undo_block(const BlockKey& key) {
 }
 
 void Jobs::undo_report(std::uint16_t res_seq) {
+  reopen_report_.bind(1, number(res_seq)).bind(2, number(static_cast<std::uint16_t>(PlcCommand::report))).run();
   delete_report_.bind(1, number(res_seq)).run();
 }
 

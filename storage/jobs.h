@@ -44,7 +44,8 @@ class Jobs {
   /// Every command that was accepted and not finished becomes "interrupted"; a SCAN among them leaves a failed attempt.
   void interrupt_unfinished();
 
-  /// Take back what nobody was shown. A block stays acquired, to be measured again.
+  /// Take back what nobody was shown. A block stays acquired, to be measured again; the command for an end or a report
+  /// stays accepted, and is one that was interrupted should the process end.
   void undo_end(std::int64_t slab_key);
   void undo_block(const BlockKey& key);
   void undo_report(std::uint16_t res_seq);
@@ -99,6 +100,8 @@ class Jobs {
   Statement delete_slab_result_;
   Statement delete_station_results_;
   Statement delete_slab_record_;
+  Statement reopen_end_;
+  Statement reopen_report_;
   Statement set_acquired_;
   Statement delete_report_;
   Statement last_ended_;

@@ -126,7 +126,7 @@ void Peer::score_denoising(const std::vector<bool>& kept) {
 void Peer::figure(const std::string& name, double value) {
   for (auto& [known, old] : figures_)
     if (known == name) {
-      old = std::max(old, value);
+      if (!std::isnan(old) && !(old > value)) old = value;
       return;
     }
   figures_.emplace_back(name, value);

@@ -73,7 +73,7 @@ class Peer {
   void score_normal(const Direction& normal_scanner);
   /// `kept[i]`: point i of scan.ply was kept.
   void score_denoising(const std::vector<bool>& kept);
-  /// The largest of all repetitions is kept.
+  /// The largest of all repetitions is kept, or one that is no number.
   void figure(const std::string& name, double value);
 
   /// Prints the line. Returns the exit status.

@@ -40,6 +40,7 @@ struct MemoryStore {
       ++refused;
       return Code::journal_write;
     }
+    closed_last_.reset();
     if (answer_lost && std::holds_alternative<SlabJob>(job.what)) before_unseen_end_ = line;
     if (const auto* block = std::get_if<BlockJob>(&job.what); answer_lost && block != nullptr)
       unseen_blocks_[block->block.station] = *block;
@@ -85,8 +86,17 @@ struct MemoryStore {
   void close_newest(Commands... which) {
     const auto found = std::find_if(unfinished_.rbegin(), unfinished_.rend(),
                                     [&](const CommandJob& command) { return (is(command, which) || ...); });
-    if (found != unfinished_.rend())
-      close(found->session, found->cmd_seq, static_cast<std::uint16_t>(CommandStatus::done));
+    if (found == unfinished_.rend()) return;
+    closed_last_ = *found;
+    close(closed_last_->session, closed_last_->cmd_seq, static_cast<std::uint16_t>(CommandStatus::done));
+  }
+  /// The command of what is taken back is one that has not ended.
+  void reopen_last() {
+    if (!closed_last_) return;
+    unfinished_.push_back(*closed_last_);
+    if (newest_.session == closed_last_->session && newest_.cmd_seq == closed_last_->cmd_seq)
+      line.cmd_status = static_cast<std::uint16_t>(CommandStatus::accepted);
+    closed_last_.reset();
   }
   void interrupt(const CommandJob& command) {
     constexpr std::uint16_t kInterrupted = static_cast<std::uint16_t>(Code::interrupted);
@@ -122,7 +132,10 @@ struct MemoryStore {
         record.phase = StationPhase::acquired;
       forget_record(block.record.res_seq);
     }
-    if (unseen_report_ != 0) forget_record(unseen_report_);
+    if (unseen_report_ != 0) {
+      forget_record(unseen_report_);
+      reopen_last();
+    }
     undo_unseen_end();
   }
   void forget_unseen() {
@@ -133,6 +146,7 @@ struct MemoryStore {
   void undo_unseen_end() {
     if (!before_unseen_end_ || line.slab_open) return;
     forget_record(line.slab_record.res_seq);
+    reopen_last();
     line.slab_open = true;
     line.slab_verdict = before_unseen_end_->slab_verdict;
     line.slab_record = before_unseen_end_->slab_record;
@@ -234,6 +248,7 @@ struct MemoryStore {
   std::optional<RecoveredLine> before_unseen_end_;
   std::map<std::uint8_t, BlockJob> unseen_blocks_;
   std::uint16_t unseen_report_ = 0;
+  std::optional<CommandJob> closed_last_;  ///< by the job before
 };
 
 }  // namespace slabd::daemon
