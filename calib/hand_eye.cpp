@@ -47,10 +47,17 @@ Status check(ArtefactKind kind, std::span<const View> views, const StatedNoise& 
   for (const double sigma : {noise.robot_mm, noise.robot_rad, noise.target_mm, noise.target_rad})
     if (!std::isfinite(sigma) || sigma < 0.0)
       return error(Code::config, "stated noise must be finite and not negative, got %g", sigma);
-  if (noise.robot_mm + noise.target_mm <= 0.0)
-    return error(Code::config, "robot and target cannot both be without position noise");
-  if (!balls && noise.robot_rad + noise.target_rad <= 0.0)
-    return error(Code::config, "robot and target cannot both be without rotation noise");
+  // No device is better, and the squares of much smaller numbers are zero.
+  constexpr double kLeastMm = 1e-6;
+  constexpr double kLeastRad = 1e-9;
+  if (std::hypot(noise.robot_mm, noise.target_mm) < kLeastMm)
+    return error(Code::config,
+                 "robot and target cannot both be without position noise: %g and %g mm, together at least %g",
+                 noise.robot_mm, noise.target_mm, kLeastMm);
+  if (!balls && std::hypot(noise.robot_rad, noise.target_rad) < kLeastRad)
+    return error(Code::config,
+                 "robot and target cannot both be without rotation noise: %g and %g rad, together at least %g",
+                 noise.robot_rad, noise.target_rad, kLeastRad);
   std::vector<bool> seen;
   for (std::size_t i = 0; i < views.size(); ++i) {
     const View& view = views[i];
@@ -357,11 +364,31 @@ void forget_pose(HandEye& result) {
   for (Pose& target : result.targets) target = {unturned, nowhere};
 }
 
-/// How many different flange poses there are.
-std::size_t places_of(std::span<const View> views, const Chosen& kept) {
-  std::vector<const Pose*> places;
+/// Kept views that say something about the scanner's place. A ball that one place alone has seen is where that place
+/// says it is: its view adds as many unknowns as equations.
+std::vector<View> telling_views(ArtefactKind kind, std::span<const View> views, const Chosen& kept) {
+  const auto share_a_ball = [&](const View& a, const View& b) {
+    return std::any_of(a.balls.begin(), a.balls.end(), [&](const BallSighting& seen) {
+      return std::any_of(b.balls.begin(), b.balls.end(),
+                         [&](const BallSighting& other) { return other.ball == seen.ball; });
+    });
+  };
+  std::vector<View> telling;
   for (const std::size_t i : kept) {
-    const Pose& pose = views[i].T_base_flange;
+    const bool tells =
+        kind == ArtefactKind::pose || std::any_of(kept.begin(), kept.end(), [&](std::size_t j) {
+          return !same_place(views[i].T_base_flange, views[j].T_base_flange) && share_a_ball(views[i], views[j]);
+        });
+    if (tells) telling.push_back(views[i]);
+  }
+  return telling;
+}
+
+/// How many different flange poses there are.
+std::size_t places_of(std::span<const View> views) {
+  std::vector<const Pose*> places;
+  for (const View& view : views) {
+    const Pose& pose = view.T_base_flange;
     if (std::none_of(places.begin(), places.end(), [&](const Pose* other) { return same_place(*other, pose); }))
       places.push_back(&pose);
   }
@@ -436,14 +463,16 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
                                                       weighing.target_rotation * noise.target_rad) /
                                                std::hypot(noise.robot_rad, noise.target_rad)
                                          : stated.rotation;
-  result.rotation_spread_axes_deg = rotation_spread_axes_deg(views);
+  const std::vector<View> telling = telling_views(kind, views, selected.kept);
+  const std::span<const View> spread_out = telling.empty() ? views : std::span<const View>(telling);
+  result.rotation_spread_axes_deg = rotation_spread_axes_deg(spread_out);
   result.rotation_spread_deg = result.rotation_spread_axes_deg[2];
-  if (kind == ArtefactKind::ball) result.ball_spread_axes_mm = ball_spread_axes_mm(views);
+  if (kind == ArtefactKind::ball) result.ball_spread_axes_mm = ball_spread_axes_mm(spread_out);
 
   Circumstances circumstances = circumstances_of(equations, noise);
   circumstances.views = views;
   circumstances.converged = selected.adjusted.converged;
-  circumstances.places = places_of(views, selected.kept);
+  circumstances.places = places_of(telling);
   result.condition = weakness.condition;
   result.smallest_singular_value = weakness.smallest;
   result.determined = weakness.condition <= kConditionDegenerate;

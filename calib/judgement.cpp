@@ -93,13 +93,13 @@ void judge_count(const Circumstances& c, HandEye& result) {
         sentence("%zu of %zu views are left after rejection; at least %zu are needed", kept, c.views.size(), kViewsMin),
         "repeat the rejected views and capture more");
   else if (c.places < kViewsMin)
-    refuse(
-        result, Refusal::too_few_views,
-        sentence("%zu views, but from %zu poses of the flange only (nearer than %.0f mm and %.1f deg is one pose); at "
-                 "least %zu are needed, 15 to 25 advised",
-                 kept, c.places, kSamePlaceMm, kSamePlaceDeg, kViewsMin),
-        "drive to other poses, tilted 20 to 35 deg in different directions; a view from the same pose again says "
-        "nothing new");
+    refuse(result, Refusal::too_few_views,
+           sentence("%zu views, but from %zu poses of the flange only (nearer than %.0f mm and "
+                    "%.1f deg is one pose); at "
+                    "least %zu are needed, 15 to 25 advised",
+                    kept, c.places, kSamePlaceMm, kSamePlaceDeg, kViewsMin),
+           "drive to other poses, tilted 20 to 35 deg in different directions; a view from the same pose again says "
+           "nothing new");
 }
 
 /// True when the rotations are the cause of whatever is badly determined. Turns about two axes determine the
@@ -158,6 +158,10 @@ void judge_fit(const Circumstances& c, HandEye& result) {
                     result.rejected.size(), c.views.size(), 100.0 * kRejectedShareMax),
            "look for what changed during capture: artefact moved, scanner knocked, poses taken while the robot moved; "
            "then capture anew");
+  if (result.determined && !has_value(result.s0))
+    refuse(result, Refusal::too_few_views,
+           "no equations are left over: whatever these views hold, it fits, right or wrong",
+           "have every ball seen from several poses of the flange");
   if (result.s0 > kS0Max) {
     // Residuals of centimetres are no noise: something is read wrongly, in a way the convention test does not know.
     constexpr double kNoNoiseMm = 10.0;

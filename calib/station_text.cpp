@@ -75,12 +75,17 @@ Status check_balls(const MasterStation& s, std::string_view file_name) {
   if (s.points_mm.size() < kStationBallsMin)
     return error(Code::config, "%.*s: station %d has %zu balls, it needs %zu", file, file_name.data(), s.station,
                  s.points_mm.size(), kStationBallsMin);
-  const Vec3& a = s.points_mm[0];
-  double widest_mm2 = 0.0;
-  for (std::size_t i = 1; i < s.points_mm.size(); ++i)
-    for (std::size_t j = i + 1; j < s.points_mm.size(); ++j)
-      widest_mm2 = std::max(widest_mm2, (s.points_mm[i] - a).cross(s.points_mm[j] - a).norm());
-  if (widest_mm2 < 50.0 * 50.0)
+  // The turn about a line through the balls hangs on how far the widest triangle stands off its longest side.
+  constexpr double kHeightLeastMm = 50.0;
+  double height_mm = 0.0;
+  const std::vector<Vec3>& p = s.points_mm;
+  for (std::size_t i = 0; i < p.size(); ++i)
+    for (std::size_t j = i + 1; j < p.size(); ++j)
+      for (std::size_t k = j + 1; k < p.size(); ++k) {
+        const double longest_mm = std::max({(p[j] - p[i]).norm(), (p[k] - p[i]).norm(), (p[k] - p[j]).norm()});
+        if (longest_mm > 0.0) height_mm = std::max(height_mm, (p[j] - p[i]).cross(p[k] - p[i]).norm() / longest_mm);
+      }
+  if (height_mm < kHeightLeastMm)
     return error(Code::config,
                  "%.*s: the balls of station %d lie too near to each other or to a line: spread them over 100 mm both "
                  "ways",

@@ -177,6 +177,7 @@ void Session::read_solutions() {
   for (const std::string& name : names_in(dir_ + "/solutions")) {
     if (number_of(name) == 0) continue;
     const std::string folder = dir_ + "/solutions/" + name;
+    last_step_ = std::max(last_step_, number_of(name));  // its name is taken, whatever is in it
     const Result<std::string> text = text_file(folder + "/solved.txt");
     const auto solved = text.ok() ? calib::parse_solved(text.value(), folder + "/solved.txt")
                                   : Result<calib::SolvedRecord>(text.error());

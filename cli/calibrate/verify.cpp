@@ -282,6 +282,12 @@ int verify(const Options& options) {
                     solution.value().record.id, session->solution()->record.id));
     return kRefused;
   }
+  // The radii of views taken since count as well, and a newer slabctl may ask for more.
+  if (session->solution()->record.ok && !solution.value().record.ok) {
+    complain(
+        fmt::format("{} is refused by now; next: slabctl calibrate solve, which says why", solution.value().record.id));
+    return kRefused;
+  }
   Verification v;
   if (!carry_out(options, *session, solution.value(), v, exit_status)) return exit_status;
   if (!options.json) print(*session, solution.value(), v);

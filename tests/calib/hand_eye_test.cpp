@@ -365,6 +365,29 @@ TEST(HandEye, a_few_poses_seen_again_and_again_are_no_more_than_a_few_poses) {
     }
 }
 
+TEST(HandEye, balls_seen_once_add_nothing_and_what_is_left_must_be_more_than_enough) {
+  // Two balls seen twice determine X to the last equation: the first view is 27 mm off, and everything fits.
+  constexpr std::array<std::size_t, 8> kSeen = {0, 0, 1, 1, 2, 3, 4, 5};
+  Plan plan = plan_of(kSeen.size());
+  plan.balls = 6;
+  int determined = 0;
+  for (std::uint64_t seed = 1; seed <= 60; ++seed) {
+    Set set = make(ArtefactKind::ball, plan, seed);
+    for (std::size_t i = 0; i < set.views.size(); ++i) set.views[i].balls = {set.views[i].balls.at(kSeen[i])};
+    set.views[0].balls[0].centre_mm += Vec3(15.0, -15.0, 17.0);
+    const HandEye result = solved(ArtefactKind::ball, set, plan);
+    EXPECT_FALSE(result.ok) << seed << ", off by "
+                            << scene::point_error_mm(result.T_flange_scanner, set.T_flange_scanner);
+    determined += result.determined ? 1 : 0;
+    EXPECT_TRUE(
+        !result.determined ||
+        std::any_of(result.reasons.begin(), result.reasons.end(),
+                    [](const Reason& r) { return r.text.find("no equations are left over") != std::string::npos; }))
+        << seed << told(result);
+  }
+  EXPECT_GT(determined, 10) << "or nothing was asked";
+}
+
 TEST(HandEye, one_view_that_decides_is_named) {
   // The smallest sets that are allowed: by chance one of a hundred hangs on a single view.
   const Plan plan = plan_of(6);
@@ -466,6 +489,12 @@ TEST(HandEye, what_is_no_set_of_views_is_an_error) {
   StatedNoise none;
   none.robot_mm = none.target_mm = 0.0;
   EXPECT_FALSE(solve(ArtefactKind::ball, set.views, none).ok());
+  // Their squares are no numbers any more.
+  for (const double tiny : {1e-155, 1e-158, 1e-160, 1e-162}) {
+    none.robot_mm = none.target_mm = tiny;
+    none.robot_rad = 0.0;
+    EXPECT_FALSE(solve(ArtefactKind::ball, set.views, none).ok()) << tiny;
+  }
   none = {};
   none.robot_rad = -1.0;
   EXPECT_FALSE(solve(ArtefactKind::ball, set.views, none).ok());

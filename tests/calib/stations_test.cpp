@@ -418,6 +418,9 @@ TEST(MasterCertificateText, faults_are_named_with_their_line) {
   EXPECT_NE(refusal(with(good, "ball = 2 1 202 3\n", "")).find("station 2 has 2 balls"), std::string::npos);
   EXPECT_NE(refusal(with(good, "ball = 2 1 202 3", "ball = 2 401 2 3")).find("near to each other or to a line"),
             std::string::npos);
+  // A long triangle of 20 mm has area enough, but no height.
+  EXPECT_NE(refusal(with(good, "ball = 2 1 202 3", "ball = 2 1 22 3")).find("near to each other or to a line"),
+            std::string::npos);
   EXPECT_NE(refusal("nonsense\n").find("cert.txt:1: 'key = value' expected"), std::string::npos);
   EXPECT_NE(refusal("id = \"open\nx = 1\n").find("cert.txt:1: a quote is not closed"), std::string::npos);
 }
