@@ -482,10 +482,8 @@ bool denoise_lattice(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, S
   if (!find_lattice(cloud, {sample, kLatticeFloats}, team, work.lattice)) return false;
   // Where there is no room to bring the points into order, everything takes longer and comes to the same.
   Ordered ordered;
-  if (!is_in_order(cloud, work.lattice) && bring_into_order(cloud, work.lattice, memory, team, ordered)) {
-    if (!ordered.crowded) return denoise_ordered(cloud, work.lattice, ordered, memory, team, counts);
-    work.points = cloud.points;
-  }
+  if (!is_in_order(cloud, work.lattice) && bring_into_order(cloud, work.lattice, memory, team, ordered))
+    return denoise_ordered(cloud, work.lattice, ordered, memory, team, counts);
 
   const GridLayout grid(static_cast<std::size_t>(work.lattice.columns), static_cast<std::size_t>(work.lattice.rows));
   const std::size_t cells = grid.columns * grid.rows;

@@ -4,36 +4,40 @@
 // miss a point. To give each point its place in the grid of its rays first costs less than one such pass, and leaves an
 // organised scan. The cloud fills its buffer, and free memory holds just over half of it; so:
 //
-//  1. The grid's rows are cut into bands that fit the second-level cache, and each block of the scan counts how many
-//     points it has for each band: now every block knows where in each band its points go.
-//  2. The points of the upper bands, as many as there is room for, go into the free memory, band by band; the others
-//     close ranks at the front of the cloud, which leaves its rear free.
-//  3. The others go from there to the rear, each to the end of its band's part of the grid.
-//  4. Band by band, each point goes to its cell in a small table that stays in the cache, and the whole table to its
-//     place in the cloud.
+//  1. The grid's rows are cut into bands that fit the second-level cache, and points are dealt to heaps of sixty-four
+//     that are of one band. A full heap is put to the next place that is free (algo/point_heaps.h): heaps of the
+//     first bands into the free memory, those of the last ones to the front of the cloud, over points that have been
+//     read. So nothing has to be counted beforehand; in the end the places are sorted by band.
+//  2. Band by band, each point goes to its cell in a small table that stays in the cache, and the whole table to its
+//     place in the cloud. The last bands come first: their places are at the rear, where all has been read. Then the
+//     front is free for the first ones.
 //
-// Memory is what this takes, so nothing is read in order to be overwritten: points that go to one band are gathered
-// until they fill whole cache lines, and those, like the tables of step 4, are written past the caches.
+// Memory is what this takes, so nothing is read in order to be overwritten: heaps are whole cache lines, and they and
+// the tables of step 2 are written past the caches.
 //
-// Invariants: where a block writes is counted beforehand, so blocks share nothing but cache lines, of which each writes
-// its own bytes. In step 2 a block closes ranks over blocks before it and waits until those have been read; blocks are
-// begun in their order, so the first unfinished one never waits. In a cell the lowest point stays, whoever comes first;
-// what is left over is sorted. Where there is more of that than memory, it goes into free cells of its band: no point
-// is ever lost, and no order shows.
+// Invariants: each place, and each band's part of the grid, is written by one thread. In a cell the lowest point stays,
+// whoever comes first; what is left over is sorted. What cannot be known before the points are dealt (that a band has
+// more points than cells, that more share a cell than there is memory for) ends with all points sorted in the cloud: no
+// point is ever lost, and no order shows.
 #include "algo/lattice_order.h"
 
 #include <hwy/cache_control.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
 #include <limits>
 #include <new>
+#include <span>
 #include <tuple>
 #include <type_traits>
 #include <utility>
+
+#include "algo/point_heaps.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/lattice_order.cpp"
@@ -48,10 +52,7 @@
 namespace slabd::algo {
 namespace {
 
-constexpr std::size_t kBlock = 1U << 18U;
-constexpr std::size_t kBlocksMax = (limits::kScanPointsMax + kBlock - 1) / kBlock;
-/// Bands of rows. Half of them are dealt at a time, and what their heaps take just fills a first-level cache of 48 kB.
-constexpr std::size_t kBandsMax = 253;
+constexpr std::size_t kBandsMax = kKindsMax - 2;
 /// Cells of a band: their points are less than half a megabyte, unless a single row has more.
 constexpr std::size_t kBandCells = 1U << 15U;
 constexpr float kNoPoint = std::numeric_limits<float>::quiet_NaN();
@@ -74,50 +75,37 @@ struct Bands {
   [[nodiscard]] std::size_t first_cell(std::size_t band) const { return columns * std::min(rows, band * band_rows); }
   [[nodiscard]] std::size_t cells() const { return columns * band_rows; }
 };
-constexpr std::size_t kKindsMax = kBandsMax + 2;
 
-/// Points of a heap: thirty-two are six cache lines. There is a heap every kHeapStride bytes; what lies between them is
-/// written over, for points are moved sixteen bytes at a time.
-constexpr std::size_t kPointBytes = 3 * sizeof(float);
+/// Points are moved so many bytes at a time.
 constexpr std::size_t kMoveBytes = 4 * sizeof(float);
-constexpr std::size_t kHeapPoints = 32;
-constexpr std::size_t kHeapBytes = kHeapPoints * kPointBytes;
-constexpr std::size_t kHeapStride = 512;
-static_assert(kHeapBytes - kPointBytes + kMoveBytes <= kHeapStride);
+static_assert(kHeapBytes - kPointBytes + kMoveBytes <= Dealer::kStride);
 /// Whether a heap is full is foreseen by nobody, and after a wrong guess everything begins anew: where so many points
 /// go is told before the first of them is moved.
 constexpr std::size_t kAtOnce = 256;
-/// Floats ahead that are fetched.
+/// Heaps, and floats, ahead that are fetched.
+constexpr std::size_t kHeapsAhead = 8;
 constexpr std::size_t kAhead = 768;
-/// Where the next heap of a band goes.
-struct Cursor {
-  float* heap = nullptr;    ///< null: points are dropped
-  std::uint32_t first = 0;  ///< the points before it are another block's
-
-  Cursor() = default;
-  /// Point number `at` of an array and those behind it. Heaps are counted from its start, which lies on a cache line.
-  Cursor(float* array, std::size_t at)
-      : heap(array + 3 * (at - at % kHeapPoints)), first(static_cast<std::uint32_t>(at % kHeapPoints)) {}
-};
-using Cursors = std::array<Cursor, kKindsMax>;
 
 /// Points that share their cell with a lower one.
 struct LeftOver {
   std::span<float> room;
   std::atomic<std::size_t> points{0};
   std::atomic<bool> too_many{false};
-  std::array<std::span<float>, kBandsMax> of_band{};  ///< empty: none, or they are in free cells
 
-  /// Keeps a band's; false, and nothing kept, when there is no room.
-  [[nodiscard]] bool keep(std::size_t band, const float* from, std::size_t more) {
+  /// Room for more points; null when there is none.
+  [[nodiscard]] float* take(std::size_t more) {
     std::size_t at = points.load();
     do {
-      if (3 * (at + more) > room.size()) return false;
+      if (3 * (at + more) > room.size()) return nullptr;
     } while (!points.compare_exchange_weak(at, at + more));
-    of_band[band] = room.subspan(3 * at, 3 * more);
-    std::copy_n(from, 3 * more, of_band[band].data());
-    return true;
+    return room.data() + 3 * at;
   }
+};
+
+/// What some points of a cloud are.
+struct SampledPlaces {
+  std::size_t points = 0, finite = 0;
+  std::size_t outside = 0;  ///< finite, but not in the table
 };
 
 /// Among points of a cell the lowest comes first.
@@ -131,12 +119,6 @@ void sort_points(float* xyz, std::size_t points) {
   auto* first = reinterpret_cast<Point*>(xyz);
   std::sort(first, first + points,
             [](const Point& a, const Point& b) { return comes_before(a.xyz.data(), b.xyz.data()); });
-}
-/// Of cells at least as many must be free.
-void put_in_free_cells(float* xyz, std::size_t points, float* cells) {
-  sort_points(xyz, points);
-  for (std::size_t i = 0; i < points; cells += 3)
-    if (std::isnan(cells[2])) std::copy_n(xyz + 3 * i++, 3, cells);
 }
 
 }  // namespace
@@ -199,103 +181,106 @@ std::size_t count_near(const Cloud& cloud, const Lattice& lattice, std::size_t s
   return near;
 }
 
-/// Step 1 for points first to last.
-void count_bands(const Bands& bands, const float* xyz, std::size_t first, std::size_t last, std::uint32_t* count) {
-  const BandOf band_of(bands);
-  std::fill_n(count, bands.kinds(), 0U);
-  alignas(64) std::array<std::int32_t, kLanes> band;
-  for (std::size_t i = first; i < last; i += kLanes) {
-    fetch_points(xyz + 3 * i + kAhead);
-    store(to_int(band_of(sixteen_points(xyz, last, i))), band.data());
-    const std::size_t n = std::min(kLanes, last - i);
-    for (std::size_t k = 0; k < n; ++k) ++count[band[k]];
+/// Of sixteen points from each of these on: how many are finite, and outside of the table?
+SampledPlaces count_outside(const Cloud& cloud, const Lattice& lattice, std::size_t stride) {
+  SampledPlaces seen;
+  for (std::size_t i = 0; i + kLanes <= cloud.points; i += stride) {
+    const Points16 p = load_points(cloud.xyz.data() + 3 * i);
+    const std::uint32_t finite = bits(finite_points(p));
+    seen.points += kLanes;
+    seen.finite += static_cast<std::size_t>(std::popcount(finite));
+    seen.outside += static_cast<std::size_t>(std::popcount(finite & ~bits(inside(lattice, places(lattice, p)))));
   }
+  return seen;
 }
 
-/// Steps 2 and 3 for points first to last: each goes to its band's cursor, those of band `rest` and all behind it to
-/// one, and missing ones to the one behind that. The cursors may write where points have been read.
-void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t last, std::size_t rest,
-          Cursors& cursors) {
-  alignas(64) std::array<std::byte, kHeapStride * kKindsMax> heaps;
-  // The byte of `heaps` at which each one's next point goes.
-  std::array<std::uint32_t, kKindsMax> next;
-  for (std::size_t to = 0; to < rest + 2; ++to)
-    next[to] = static_cast<std::uint32_t>(kHeapStride * to + kPointBytes * cursors[to].first);
-  const auto write = [&](std::size_t to) {
-    Cursor& c = cursors[to];
-    const std::size_t begin = kPointBytes * c.first;
-    const std::size_t end = next[to] % kHeapStride;
-    if (c.heap != nullptr) {
-      const std::byte* from = heaps.data() + kHeapStride * to;
-      if (end - begin == kHeapBytes)
-        write_past_caches(reinterpret_cast<const float*>(from), 3 * kHeapPoints, c.heap);
-      else
-        std::memcpy(reinterpret_cast<std::byte*>(c.heap) + begin, from + begin, end - begin);
-      c.heap += 3 * kHeapPoints;
-    }
-    c.first = 0;
-    next[to] = static_cast<std::uint32_t>(kHeapStride * to);
+/// Step 1 for points first to last: each goes to its band's heap. Heaps of band `split`, and all behind it, are put at
+/// the front.
+void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t last, std::size_t split, Dealer& dealer,
+          HeapPlaces& heaps) {
+  const auto put_away = [&](std::size_t kind) {
+    dealer.next[kind] = static_cast<std::uint32_t>(Dealer::kStride * kind);
+    if (kind == bands.missing()) return;
+    const Place place = heaps.take(dealer, kind >= split);
+    write_past_caches(reinterpret_cast<const float*>(dealer.heaps.data() + Dealer::kStride * kind), kHeapFloats,
+                      heaps.at(place));
+    heaps.note(place, kind);
+    ++dealer.full[kind];
   };
   const BandOf band_of(bands);
-  const F16 missing = f16(static_cast<float>(bands.missing()));
-  const F16 most = f16(static_cast<float>(rest));
-  const F16 dropped = f16(static_cast<float>(rest + 1));
   alignas(64) std::array<std::int32_t, kAtOnce> band;
   for (std::size_t from = first; from < last; from += kAtOnce) {
     const std::size_t end = std::min(last, from + kAtOnce);
     for (std::size_t i = from; i < end; i += kLanes) {
       fetch_points(xyz + 3 * i + kAhead);
-      const F16 which = band_of(sixteen_points(xyz, end, i));
-      store(to_int(select(which == missing, dropped, min(which, most))), band.data() + (i - from));
+      store(to_int(band_of(sixteen_points(xyz, end, i))), band.data() + (i - from));
     }
     const auto move = [&](std::size_t i, auto bytes) {
       const auto to = static_cast<std::size_t>(band[i - from]);
-      const std::uint32_t at = next[to];
-      std::memcpy(heaps.data() + at, xyz + 3 * i, bytes);
-      next[to] = at + static_cast<std::uint32_t>(kPointBytes);
-      if (next[to] % kHeapStride == kHeapBytes) write(to);
+      const std::uint32_t at = dealer.next[to];
+      std::memcpy(dealer.heaps.data() + at, xyz + 3 * i, bytes);
+      const std::uint32_t behind = at + static_cast<std::uint32_t>(kPointBytes);
+      dealer.next[to] = behind;
+      if (behind % Dealer::kStride == kHeapBytes) put_away(to);
     };
     // What follows the last point is not ours to read.
     const std::size_t wide = std::min(end, last - 1);
     for (std::size_t i = from; i < wide; ++i) move(i, std::integral_constant<std::size_t, kMoveBytes>());
     if (wide < end) move(wide, std::integral_constant<std::size_t, kPointBytes>());
   }
-  for (std::size_t to = 0; to < rest + 2; ++to) write(to);
   hwy::FlushStream();  // another thread may read them
 }
 
-/// Step 4 for one band: its points, which are lost, go to their cells, `to`. `table`: memory for the band's cells.
-/// Returns how many share a cell with a lower one; these are left over.
-std::size_t fill_band(const Bands& bands, std::size_t band, float* from, std::size_t points, float* to, float* table,
+/// Step 2 for one band: its points, which are lost, go to their cells, `to`. `table`: memory for the band's cells.
+/// Returns how many share a cell with a lower one; these are left over, or in free cells when there is no room.
+std::size_t fill_band(const Bands& bands, std::size_t band, const HeapsOfKind& heaps, float* to, float* table,
                       LeftOver& left) {
   const Lattice lattice = bands.lattice;
   const F16 first_row = f16(static_cast<float>(band * bands.band_rows));
   const std::size_t cells = bands.first_cell(band + 1) - bands.first_cell(band);
+  // Points that share a cell are put back to where points have been read.
+  PointsOfHeaps met_to(heaps), met_from(heaps);
   std::size_t met = 0;
-  alignas(64) std::array<std::int32_t, kAtOnce> cell;
-  for (std::size_t first = 0; first < points; first += kAtOnce) {
-    const std::size_t end = std::min(points, first + kAtOnce);
-    for (std::size_t i = first; i < end; i += kLanes) {
-      fetch_points(from + 3 * i + kAhead);
-      const Places16 place = places(lattice, sixteen_points(from, end, i));
-      const I16 c = to_int((place.row - first_row) * f16(lattice.columns) + place.column);
-      store(c, cell.data() + (i - first));
+  const auto put = [&](float* from, std::int32_t cell) {
+    float* there = table + 3 * static_cast<std::size_t>(cell);
+    std::array<float, 3> point;
+    std::memcpy(point.data(), from, sizeof point);
+    if (!std::isnan(there[2])) {
+      if (comes_before(point.data(), there)) std::swap_ranges(point.begin(), point.end(), there);
+      std::copy_n(point.data(), 3, met_to.next());
+      ++met;
+    } else {
+      std::memcpy(there, point.data(), sizeof point);
     }
-    for (std::size_t i = first; i < end; ++i) {
-      float* there = table + 3 * static_cast<std::size_t>(cell[i - first]);
-      std::array<float, 3> point;
-      std::memcpy(point.data(), from + 3 * i, sizeof point);
-      if (!std::isnan(there[2])) {
-        if (comes_before(point.data(), there)) std::swap_ranges(point.begin(), point.end(), there);
-        std::copy_n(point.data(), 3, from + 3 * met++);
-      } else {
-        std::memcpy(there, point.data(), sizeof point);
-      }
+  };
+  // Heaps lie anywhere, so they are fetched ahead.
+  HeapsOfKind unread = heaps;
+  std::array<std::span<float>, kHeapsAhead> fetched;
+  const auto fetch = [&] {
+    const std::span<float> heap = unread.next();
+    for (std::size_t i = 0; i < heap.size(); i += 3 * kLanes) fetch_points(heap.data() + i);
+    return heap;
+  };
+  for (std::span<float>& heap : fetched) heap = fetch();
+  alignas(64) std::array<std::int32_t, kHeapPoints> cell;
+  for (std::size_t k = 0; !fetched[k].empty(); k = (k + 1) % kHeapsAhead) {
+    const std::span<float> heap = std::exchange(fetched[k], fetch());
+    const std::size_t points = heap.size() / 3;
+    for (std::size_t i = 0; i < points; i += kLanes) {
+      const Places16 place = places(lattice, sixteen_points(heap.data(), points, i));
+      store(to_int((place.row - first_row) * f16(lattice.columns) + place.column), cell.data() + i);
     }
+    for (std::size_t i = 0; i < points; ++i) put(heap.data() + 3 * i, cell[i]);
   }
-  if (met > 0 && !left.keep(band, from, met)) {
+  if (float* room = left.take(met); room != nullptr) {
+    for (std::size_t k = 0; k < met; ++k) std::copy_n(met_from.next(), 3, room + 3 * k);
+  } else {
     left.too_many = true;
-    put_in_free_cells(from, met, table);
+    float* free_cell = table;
+    for (std::size_t k = 0; k < met; ++k) {
+      while (!std::isnan(free_cell[2])) free_cell += 3;
+      std::copy_n(met_from.next(), 3, free_cell);
+    }
   }
   constexpr std::size_t kPiece = 3 * kLanes;
   for (std::size_t i = 0; i < 3 * cells; i += kPiece) {
@@ -314,7 +299,7 @@ HWY_AFTER_NAMESPACE();
 namespace slabd::algo {
 
 HWY_EXPORT(count_near);
-HWY_EXPORT(count_bands);
+HWY_EXPORT(count_outside);
 HWY_EXPORT(deal);
 HWY_EXPORT(fill_band);
 
@@ -328,152 +313,201 @@ bool is_in_order(const Cloud& cloud, const Lattice& lattice) {
 
 namespace {
 
-/// The four steps on one cloud.
+/// The two steps on one cloud.
 class Ordering {
  public:
   Ordering(Cloud& cloud, const Lattice& lattice, const OrderMemory& memory, Team& team)
       : bands_(lattice),
-        memory_(memory),
+        cloud_(cloud),
         team_(team),
+        words_(memory.words),
         xyz_(cloud.xyz.data()),
-        points_(cloud.points),
         room_(std::min(limits::kScanPointsMax, cloud.xyz.size() / 3)),
-        blocks_((cloud.points + kBlock - 1) / kBlock),
         cells_(bands_.first_cell(bands_.count)),
-        table_floats_(3 * bands_.cells()),
-        table_word_((blocks_ * bands_.kinds() + kHeapPoints - 1) / kHeapPoints * kHeapPoints),
-        left_word_(table_word_ + 2 * table_floats_) {}
+        places_(xyz_, memory.points) {}
 
-  /// Step 1. False where there is no room for the other steps.
-  [[nodiscard]] bool count(Ordered& found) {
-    if (memory_.words.size() < left_word_) return false;
-    place_ = memory_.words.data();
-    team_.run(blocks_, [&](std::size_t block) {
-      HWY_DYNAMIC_DISPATCH(count_bands)
-      (bands_, xyz_, begin_of(block), end_of(block), place_ + block * bands_.kinds());
-    });
-    // Counts of each block become where in its band its first point goes.
-    for (std::size_t kind = 0; kind < bands_.kinds(); ++kind)
-      for (std::size_t block = 0; block < blocks_; ++block)
-        count_[kind] += std::exchange(place_[block * bands_.kinds() + kind], count_[kind]);
-    for (std::size_t kind = 0; kind < bands_.missing(); ++kind) found.finite += count_[kind];
-    found.outside = outside_ = count_[bands_.outside()];
-    if (cells_ + outside_ > room_ || kOutsideShare * outside_ > found.finite) return false;
-    for (std::size_t band = 0; band < bands_.count; ++band)
-      if (count_[band] > bands_.first_cell(band + 1) - bands_.first_cell(band)) return false;
-    return choose_upper_bands(found.finite);
+  /// Is there room, by all that can be known before points are moved?
+  [[nodiscard]] bool is_possible() {
+    // The first bands are as many as the last ones, or the free memory holds fewer: then the grid must not be full.
+    const std::size_t spare = HeapPlaces::spare(bands_.kinds());
+    if (cells_ > room_ || places_.kept_room() < spare) return false;
+    const std::size_t kept_points = kHeapPoints * (places_.kept_room() - spare);
+    while (split_ < bands_.count && 2 * bands_.first_cell(split_) < cells_ &&
+           bands_.first_cell(split_ + 1) <= kept_points)
+      ++split_;
+    const std::size_t kept_cells = bands_.first_cell(split_);
+    if (2 * kept_cells < std::min(cells_, cloud_.points)) return false;
+
+    const std::size_t kept = (kept_cells + kHeapPoints - 1) / kHeapPoints + spare;
+    const std::size_t front = kept_cells / kHeapPoints;
+    table_word_ = whole_lines(kept + front);
+    left_word_ =
+        table_word_ + whole_lines(std::max(2 * 3 * bands_.cells(), words_for(2 * sizeof(Dealer) + kept + front)));
+    if (words_.size() < left_word_) return false;
+    dealing_ = reinterpret_cast<std::byte*>(words_.data() + table_word_);
+    places_.use(kept, front, reinterpret_cast<std::uint8_t*>(dealing_ + 2 * sizeof(Dealer)));
+
+    constexpr std::size_t kLooks = 4'096;
+    const std::size_t stride = std::max<std::size_t>(16, cloud_.points / kLooks);
+    const SampledPlaces seen = HWY_DYNAMIC_DISPATCH(count_outside)(cloud_, bands_.lattice, stride);
+    constexpr std::size_t kSure = 3;
+    if (kOutsideShare * seen.outside > kSure * seen.finite) return false;
+    return seen.points == 0 || cloud_.points / seen.points * seen.finite <= cells_;
   }
 
-  /// Step 2.
-  void deal_upper_bands() {
-    std::array<std::atomic<bool>, kBlocksMax> read{};
-    team_.run(blocks_, [&](std::size_t block) {
-      Cursors cursors;
-      for (std::size_t band = 0; band < split_; ++band)
-        cursors[band] = {kept_[band].array, kept_[band].at + place(block, band)};
-      cursors[split_] = {xyz_, closed_[block]};
-      for (std::size_t other = closed_[block] / kBlock; other < block && other * kBlock < closed_[block + 1]; ++other)
-        read[other].wait(false, std::memory_order_acquire);
-      HWY_DYNAMIC_DISPATCH(deal)(bands_, xyz_, begin_of(block), end_of(block), split_, cursors);
-      read[block].store(true, std::memory_order_release);
-      read[block].notify_all();
-    });
-  }
-  /// Step 3.
-  void deal_lower_bands() {
-    team_.run(blocks_, [&](std::size_t block) {
-      Cursors cursors;
-      for (std::size_t band = split_; band < bands_.count; ++band)
-        cursors[band] = {xyz_, bands_.first_cell(band + 1) - count_[band] + place(block, band)};
-      cursors[bands_.outside()] = {xyz_, cells_ + place(block, bands_.outside())};
-      HWY_DYNAMIC_DISPATCH(deal)(bands_, xyz_, closed_[block], closed_[block + 1], bands_.outside(), cursors);
-    });
-  }
-  /// Step 4. Returns how many points the cloud has now.
-  [[nodiscard]] std::size_t fill_cells(Ordered& found) {
-    float* tables = ::new (memory_.words.data() + table_word_) float[2 * table_floats_];
-    std::fill_n(tables, 2 * table_floats_, kNoPoint);
-    const std::size_t left_max = std::min((memory_.words.size() - left_word_) / 3, room_ - cells_ - outside_);
-    LeftOver left;
-    left.room = {::new (memory_.words.data() + left_word_) float[3 * left_max], 3 * left_max};
-    // Either thread has a table of its own.
-    std::array<std::atomic<bool>, 2> taken{};
-    std::atomic<std::size_t> met{0};
-    team_.run(bands_.count, [&](std::size_t band) {
-      std::size_t slot = 0;
-      while (taken[slot].exchange(true, std::memory_order_acquire)) slot = 1 - slot;
-      float* from = band < split_ ? kept_[band].array + 3 * kept_[band].at
-                                  : xyz_ + 3 * (bands_.first_cell(band + 1) - count_[band]);
-      met += HWY_DYNAMIC_DISPATCH(fill_band)(bands_, band, from, count_[band], xyz_ + 3 * bands_.first_cell(band),
-                                             tables + slot * table_floats_, left);
-      taken[slot].store(false, std::memory_order_release);
-    });
-    found.met = met;
-    found.crowded = left.too_many;
-
-    if (found.crowded) {
-      // Which bands found room was chance: now none has.
-      team_.run(bands_.count, [&](std::size_t band) {
-        const std::span<float> points = left.of_band[band];
-        put_in_free_cells(points.data(), points.size() / 3, xyz_ + 3 * bands_.first_cell(band));
-      });
-      left.points = 0;
+  /// Step 1. False when the points turn out not to be those of a lattice, or not to fit.
+  [[nodiscard]] bool deal_points(Ordered& found) {
+    const std::size_t blocks = (cloud_.points + kBlock - 1) / kBlock;
+    for (std::size_t slot = 0; slot < 2; ++slot) {
+      dealers_[slot] = ::new (dealing_ + slot * sizeof(Dealer)) Dealer;
+      dealers_[slot]->clear();
     }
-    std::copy_n(left.room.data(), 3 * left.points, xyz_ + 3 * (cells_ + outside_));
-    sort_points(xyz_ + 3 * cells_, outside_ + left.points);
-    return cells_ + outside_ + left.points;
+    team_.run(blocks, [&](std::size_t block) {
+      places_.wait_for_turn(block);
+      const Slots::Slot slot(slots_);
+      HWY_DYNAMIC_DISPATCH(deal)
+      (bands_, xyz_, block * kBlock, std::min(cloud_.points, (block + 1) * kBlock), split_, *dealers_[slot.number],
+       places_);
+      places_.block_is_done(block);
+    });
+    // What has filled no heap needs a place too.
+    bool fits = !places_.overfull() && places_.kept_left() >= 2 * bands_.kinds();
+    for (std::size_t kind = 0; kind < bands_.missing(); ++kind) {
+      const std::size_t points = dealers_[0]->points(kind) + dealers_[1]->points(kind);
+      found.finite += points;
+      if (kind == bands_.outside())
+        found.outside = outside_ = points;
+      else
+        fits = fits && points <= bands_.first_cell(kind + 1) - bands_.first_cell(kind);
+    }
+    return fits && cells_ + outside_ <= room_ && kOutsideShare * outside_ <= found.finite;
+  }
+  /// All that has been dealt comes back, sorted.
+  void take_back_dealt() {
+    // Places that nobody used are nothing.
+    for (Dealer* dealer : dealers_) {
+      for (std::size_t place = dealer->kept.next; place < dealer->kept.end; ++place) clear(place);
+      for (std::size_t place = dealer->front.next; place < dealer->front.end; ++place)
+        clear(places_.first_at_front() + place);
+    }
+    Collected points(xyz_);
+    points.add(xyz_, kHeapPoints * places_.front_taken());
+    for (std::size_t place = 0; place < places_.kept_taken(); ++place)
+      points.add(places_.at(static_cast<Place>(place)), kHeapPoints);
+    for (const Dealer* dealer : dealers_)
+      for (std::size_t kind = 0; kind < bands_.missing(); ++kind) points.add(dealer->heap(kind), dealer->begun(kind));
+    points.finish(cloud_.points);
+  }
+
+  /// Step 2. The cloud has its points then. False when more share a cell than there is room for.
+  [[nodiscard]] bool fill_cells(Ordered& found) {
+    list_heaps();
+    // The dealers' memory is the tables' from here on.
+    const std::size_t table_floats = 3 * bands_.cells();
+    float* tables = ::new (words_.data() + table_word_) float[2 * table_floats];
+    std::fill_n(tables, 2 * table_floats, kNoPoint);
+    const std::size_t left_max = std::min((words_.size() - left_word_) / 3, room_ - cells_ - outside_);
+    LeftOver left;
+    left.room = {::new (words_.data() + left_word_) float[3 * left_max], 3 * left_max};
+    std::atomic<std::size_t> met{0};
+    const auto fill = [&](std::size_t first, std::size_t last) {
+      team_.run(last - first, [&](std::size_t k) {
+        const std::size_t band = first + k;
+        const Slots::Slot slot(slots_);
+        met += HWY_DYNAMIC_DISPATCH(fill_band)(bands_, band, heaps_of(band), xyz_ + 3 * bands_.first_cell(band),
+                                               tables + slot.number * table_floats, left);
+      });
+    };
+    fill(split_, bands_.count);
+    PointsOfHeaps from(heaps_of(bands_.outside()));
+    for (std::size_t i = 0; i < outside_; ++i) std::copy_n(from.next(), 3, xyz_ + 3 * (cells_ + i));
+    fill(0, split_);
+    found.met = met;
+
+    const std::size_t ordered = cells_ + outside_;
+    if (left.too_many) {
+      Collected points(xyz_);
+      points.add(xyz_, ordered);
+      points.add(left.room.data(), left.points);
+      points.finish(cloud_.points);
+      return false;
+    }
+    std::copy_n(left.room.data(), 3 * left.points, xyz_ + 3 * ordered);
+    cloud_.points = ordered + left.points;
+    sort_points(xyz_ + 3 * cells_, cloud_.points - cells_);
+    return true;
   }
 
  private:
-  [[nodiscard]] static std::size_t begin_of(std::size_t block) { return block * kBlock; }
-  [[nodiscard]] std::size_t end_of(std::size_t block) const { return std::min(points_, (block + 1) * kBlock); }
-  /// Where in its band, or among what is beyond, the first point of a block goes.
-  [[nodiscard]] std::size_t place(std::size_t block, std::size_t kind) const {
-    return place_[block * bands_.kinds() + kind];
-  }
-  /// As many as there is memory for, and where each block's other points close ranks.
-  [[nodiscard]] bool choose_upper_bands(std::size_t finite) {
-    std::size_t upper = 0;
-    for (std::size_t piece = 0, used = 0; split_ < bands_.count; ++split_) {
-      const std::size_t points = count_[split_];
-      while (piece < memory_.points.size() && memory_.points[piece].size() / 3 - used < points) ++piece, used = 0;
-      if (piece == memory_.points.size()) break;
-      kept_[split_] = {memory_.points[piece].data(), used};
-      used += points;
-      upper += points;
-    }
-    for (std::size_t block = 0; block < blocks_; ++block) {
-      closed_[block + 1] = closed_[block];
-      for (std::size_t kind = split_; kind <= bands_.outside(); ++kind) {
-        const std::size_t next = block + 1 < blocks_ ? place(block + 1, kind) : count_[kind];
-        closed_[block + 1] += next - place(block, kind);
+  /// Either thread has memory of its own.
+  struct Slots {
+    std::array<std::atomic<bool>, 2> taken{};
+    struct Slot {
+      explicit Slot(Slots& of) : slots(of) {
+        while (slots.taken[number].exchange(true, std::memory_order_acquire)) number = 1 - number;
       }
+      ~Slot() { slots.taken[number].store(false, std::memory_order_release); }
+      Slot(const Slot&) = delete;
+      Slot& operator=(const Slot&) = delete;
+      Slots& slots;
+      std::size_t number = 0;
+    };
+  };
+  /// Points that come back to the cloud, from behind where they go.
+  class Collected {
+   public:
+    explicit Collected(float* xyz) : xyz_(xyz) {}
+    void add(const float* from, std::size_t points) {
+      for (const float* p = from; p < from + 3 * points; p += 3)
+        if (!std::isnan(p[2])) std::copy_n(p, 3, xyz_ + 3 * points_++);
     }
-    // What has closed ranks must not reach into the lower bands' part of the grid.
-    return finite - upper <= bands_.first_cell(split_);
+    void finish(std::size_t points) {
+      sort_points(xyz_, points_);
+      std::fill(xyz_ + 3 * points_, xyz_ + 3 * points, kNoPoint);
+    }
+
+   private:
+    float* const xyz_;
+    std::size_t points_ = 0;
+  };
+  /// The places of full heaps, kind by kind, and of those that are not.
+  void list_heaps() {
+    std::uint32_t first = 0;
+    std::array<std::uint32_t, kKindsMax> behind{};
+    for (std::size_t kind = 0; kind < bands_.missing(); ++kind) {
+      first_[kind] = behind[kind] = first;
+      first += dealers_[0]->full[kind] + dealers_[1]->full[kind];
+      for (std::size_t slot = 0; slot < 2; ++slot)
+        begun_[kind][slot] = put_begun_heap(*dealers_[slot], places_, kind, kind >= split_);
+    }
+    first_[bands_.missing()] = first;
+    places_.sort_by_kind(behind, words_.data());
   }
+  [[nodiscard]] HeapsOfKind heaps_of(std::size_t kind) const {
+    return {places_, std::span<const Place>(words_).subspan(first_[kind], first_[kind + 1] - first_[kind]),
+            begun_[kind]};
+  }
+  [[nodiscard]] static std::size_t words_for(std::size_t bytes) { return (bytes + 3) / 4; }
+  [[nodiscard]] static std::size_t whole_lines(std::size_t words) { return (words + 15) / 16 * 16; }
+  void clear(std::size_t place) { std::fill_n(places_.at(static_cast<Place>(place)), kHeapFloats, kNoPoint); }
 
   const Bands bands_;
-  const OrderMemory memory_;
+  Cloud& cloud_;
   Team& team_;
+  const std::span<std::uint32_t> words_;
   float* const xyz_;
-  const std::size_t points_;
   const std::size_t room_;  ///< points that the cloud has room for
-  const std::size_t blocks_;
   const std::size_t cells_;
-  // In the memory of words: places, a table for either thread, and what is left over.
-  const std::size_t table_floats_, table_word_, left_word_;
-
-  std::uint32_t* place_ = nullptr;
-  std::array<std::uint32_t, kKindsMax> count_{};  ///< points of each band, and of what is beyond
+  HeapPlaces places_;
+  std::size_t split_ = 0;  ///< the first of the last bands
+  // In the memory of words, behind the list of heaps: first what dealing takes, then tables; and what is left over.
+  std::size_t table_word_ = 0, left_word_ = 0;
+  std::byte* dealing_ = nullptr;
+  std::array<Dealer*, 2> dealers_{};
+  Slots slots_;
+  std::array<std::uint32_t, kKindsMax> first_{};  ///< of each kind in the list of heaps
+  std::array<std::array<BegunHeap, 2>, kKindsMax> begun_{};
   std::size_t outside_ = 0;
-  std::size_t split_ = 0;  ///< the first of the lower bands
-  struct Kept {
-    float* array = nullptr;
-    std::size_t at = 0;  ///< the band's first point
-  };
-  std::array<Kept, kBandsMax> kept_{};                ///< upper bands
-  std::array<std::size_t, kBlocksMax + 1> closed_{};  ///< where each block's lower points are after step 2
 };
 
 }  // namespace
@@ -481,13 +515,15 @@ class Ordering {
 bool order_points(Cloud& cloud, const Lattice& lattice, const OrderMemory& memory, Team& team, Ordered& found) {
   found = Ordered{};
   Ordering ordering(cloud, lattice, memory, team);
-  if (!ordering.count(found)) return false;
-  ordering.deal_upper_bands();
-  ordering.deal_lower_bands();
-  cloud.points = ordering.fill_cells(found);
+  if (!ordering.is_possible()) return false;
+  if (!ordering.deal_points(found)) {
+    ordering.take_back_dealt();
+    return false;
+  }
+  if (!ordering.fill_cells(found)) return false;
   const auto columns = static_cast<std::size_t>(lattice.columns);
   const auto rows = static_cast<std::size_t>(lattice.rows);
-  const bool organised = cloud.points == columns * rows && !found.crowded;
+  const bool organised = cloud.points == columns * rows;
   cloud.width = organised ? columns : 0;
   cloud.height = organised ? rows : 0;
   return true;

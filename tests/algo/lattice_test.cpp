@@ -15,6 +15,7 @@
 #include "algo/denoise_grid.h"
 #include "algo/denoise_lattice.h"
 #include "algo/lattice_order.h"
+#include "algo/point_heaps.h"
 #include "scene.h"
 
 namespace slabd::algo {
@@ -327,7 +328,6 @@ TEST(LatticeOrder, GivesEachPointItsCellWhateverTheOrderWas) {
           const std::vector<float> ordered = roomy.all();
           EXPECT_TRUE(same_points(finite_ones(ordered), finite_ones(mixed)));
           EXPECT_EQ(found.finite, finite_ones(mixed).size() / 3);
-          EXPECT_FALSE(found.crowded);
           EXPECT_EQ(ordered.size() / 3, cells + found.met + found.outside);
           if (first.empty()) first = ordered;
           EXPECT_TRUE(same(ordered, first)) << focus << " mm, " << threads << " threads";
@@ -383,6 +383,25 @@ std::vector<float> crowded(const std::vector<float>& drawn, std::size_t every) {
   return crowded;
 }
 
+/// Refused, with no point lost and in an order that tells nothing of the one before.
+void expect_given_back(const std::vector<float>& points, const Lattice& lattice, std::size_t room, std::size_t memory) {
+  std::vector<float> half(memory);
+  std::vector<std::uint32_t> words(kOrderWords);
+  std::vector<float> first;
+  for (int run = 0; run < 4; ++run) {
+    Roomy roomy(shuffled(points, static_cast<std::uint64_t>(run)), room);
+    Team team(1 + run % 2);
+    Ordered found;
+    ASSERT_FALSE(order_points(roomy.cloud, lattice, {{std::span(half), {}, {}}, words}, team, found));
+    EXPECT_EQ(roomy.cloud.width, 0U);
+    ASSERT_EQ(roomy.cloud.points, points.size() / 3);
+    EXPECT_TRUE(same_points(finite_ones(roomy.all()), finite_ones(points))) << run;
+    if (first.empty()) first = roomy.all();
+    EXPECT_TRUE(same(roomy.all(), first)) << "run " << run;
+    EXPECT_FALSE(same(roomy.all(), shuffled(points, static_cast<std::uint64_t>(run)))) << "nothing was tried";
+  }
+}
+
 TEST(LatticeOrder, LosesNoPointWhereMoreShareACellThanThereIsRoomFor) {
   const std::vector<float> drawn = scan(0.0);
   std::vector<float> xyz = drawn;
@@ -390,22 +409,79 @@ TEST(LatticeOrder, LosesNoPointWhereMoreShareACellThanThereIsRoomFor) {
   ASSERT_TRUE(find(xyz, 1, lattice));
   const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
   const std::vector<float> points = crowded(drawn, 15);
-  std::vector<float> room(points.size());
+  for (const std::size_t points_left : {std::size_t{0}, std::size_t{1'000}, std::size_t{10'000}})
+    expect_given_back(points, lattice, cells + points_left, points.size());
+}
+
+/// The points whose row is from first on and before last.
+std::vector<float> in_rows(const std::vector<float>& drawn, const Lattice& lattice, float first, float last) {
+  std::vector<float> out;
+  for (std::size_t i = 0; i < drawn.size(); i += 3) {
+    const float row = std::floor((drawn[i + 1] - lattice.y0) * lattice.per_y);
+    if (row >= first && row < last) out.insert(out.end(), &drawn[i], &drawn[i] + 3);
+  }
+  return out;
+}
+
+TEST(LatticeOrder, LosesNoPointWhereABandHasMoreOfThemThanCells) {
+  const std::vector<float> drawn = scan(0.0);
+  std::vector<float> xyz = drawn;
+  Lattice lattice;
+  ASSERT_TRUE(find(xyz, 1, lattice));
+  const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
+  // A strip of rows is there four times; the rest of the scan only where it is far from it. Strips at either end.
+  for (const bool at_end : {false, true}) {
+    const float strip = std::floor(lattice.rows / 8.0F);
+    const float first = at_end ? lattice.rows - 2.0F * strip : strip;
+    const std::vector<float> dense = in_rows(drawn, lattice, first, first + strip);
+    std::vector<float> points =
+        in_rows(drawn, lattice, at_end ? 0.0F : lattice.rows / 2.0F, at_end ? lattice.rows / 2.0F : lattice.rows);
+    for (int copy = 0; copy < 4; ++copy)
+      for (std::size_t i = 0; i < dense.size(); i += 3)
+        points.insert(points.end(), {dense[i], dense[i + 1], dense[i + 2] + 0.01F * static_cast<float>(copy)});
+    ASSERT_LT(points.size() / 3, cells);
+    expect_given_back(points, lattice, cells + points.size() / 3, 3 * cells / 2 + 300'000);
+  }
+}
+
+TEST(LatticeOrder, LosesNoPointWhereTooManyLieOutside) {
+  const std::vector<float> drawn = scan(0.0);
+  std::vector<float> xyz = drawn;
+  Lattice lattice;
+  ASSERT_TRUE(find(xyz, 1, lattice));
+  const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
+  // One in 1 300: not so many that a sample tells for sure.
+  std::vector<float> points = drawn;
+  for (std::size_t i = 0; i < drawn.size(); i += std::size_t{3} * 1'300)
+    points.insert(points.end(), {drawn[i] + 5'000.0F, drawn[i + 1], drawn[i + 2]});
+  expect_given_back(points, lattice, 2 * cells, points.size());
+}
+
+TEST(LatticeOrder, GivesEachPointItsCellWhicheverHalfOfTheGridComesFirst) {
+  const std::vector<float> drawn = scan(0.0);
+  std::vector<float> xyz = drawn;
+  Lattice lattice;
+  ASSERT_TRUE(find(xyz, 1, lattice));
+  const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
+  const std::vector<float> low = shuffled(in_rows(drawn, lattice, -1e6F, lattice.rows / 2.0F));
+  const std::vector<float> high = shuffled(in_rows(drawn, lattice, lattice.rows / 2.0F, 1e6F));
+  // Just what is needed, in pieces.
+  const std::size_t spare = 3 * kHeapPoints * (HeapPlaces::spare(kKindsMax) + 2);
+  const std::size_t needed = 3 * (cells / 2 + (std::size_t{1} << 15U)) + spare;
+  std::vector<float> one(needed / 2), two(needed / 4), three(needed / 4 + 3 * kHeapFloats);
   std::vector<std::uint32_t> words(kOrderWords);
-  for (const std::size_t points_left : {std::size_t{0}, std::size_t{1'000}, std::size_t{10'000}}) {
-    std::vector<float> first;
-    for (int run = 0; run < 6; ++run) {
-      Roomy roomy(shuffled(points, static_cast<std::uint64_t>(run)), cells + points_left);
-      Team team(1 + run % 2);
+  std::vector<float> first;
+  for (const bool low_first : {true, false}) {
+    std::vector<float> points = low_first ? low : high;
+    points.insert(points.end(), (low_first ? high : low).begin(), (low_first ? high : low).end());
+    for (const int threads : {1, 2}) {
+      Roomy roomy(points, cells + 1'000);
+      Team team(threads);
       Ordered found;
-      ASSERT_TRUE(order_points(roomy.cloud, lattice, {{std::span(room), {}, {}}, words}, team, found));
-      EXPECT_TRUE(found.crowded);
-      EXPECT_EQ(roomy.cloud.width, 0U);
-      EXPECT_GT(found.met, drawn.size() / 96);
-      EXPECT_EQ(roomy.cloud.points, cells);
-      EXPECT_TRUE(same_points(finite_ones(roomy.all()), points)) << points_left;
+      ASSERT_TRUE(order_points(roomy.cloud, lattice, {{one, two, three}, words}, team, found)) << low_first;
+      EXPECT_TRUE(same_points(finite_ones(roomy.all()), drawn));
       if (first.empty()) first = roomy.all();
-      EXPECT_TRUE(same(roomy.all(), first)) << points_left << ", run " << run;
+      EXPECT_TRUE(same(roomy.all(), first)) << low_first << ", " << threads << " threads";
     }
   }
 }
@@ -450,7 +526,6 @@ TEST(LatticeOrder, HasRoomForTheLargestScans) {
     Team team(2);
     Ordered found;
     ASSERT_TRUE(order_points(cloud, lattice, {{order, surface, keep}, words}, team, found)) << size.columns;
-    EXPECT_FALSE(found.crowded);
     EXPECT_EQ(found.met, size.doubled == 0 ? 0 : cells / size.doubled);
     EXPECT_EQ(cloud.points, cells + found.met);
     std::size_t in_place = 0;
