@@ -15,6 +15,7 @@
 #include <cstring>
 #include <filesystem>
 #include <thread>
+#include <utility>
 
 #include "daemon/judge.h"
 #include "daemon/seal.h"
@@ -128,11 +129,11 @@ StoreDone Loop::store(const StoreTask& task) {
   return done;
 }
 
-/// A number for what the points are, from some thousands of their coordinates spread over the scan. Never 0.
-static std::uint64_t fingerprint_of(std::span<const float> xyz) {
+std::uint64_t fingerprint_of(std::span<const float> xyz) {
   constexpr std::size_t kLooks = 8'191;
   std::uint64_t hash = xyz.size() + 1;
-  const std::size_t step = xyz.size() / kLooks + 1;
+  std::size_t step = xyz.size() / kLooks + 1;
+  if (step % 3 == 0) ++step;  // x alone may be the same in every scan, as that of parallel rays is
   for (std::size_t i = 0; i < xyz.size(); i += step)
     hash = (hash ^ std::bit_cast<std::uint32_t>(xyz[i])) * 0x9E3779B97F4A7C15U ^ (hash >> 31U);
   return hash | 1U;
@@ -359,12 +360,14 @@ void Loop::say_scanner_news() {
 
 void Loop::serve_plc() {
   ports_.plc.publish(plc_view(*station_));
+  bool& fault_reset_held = ports_.fault_reset_held != nullptr ? *ports_.fault_reset_held : fault_reset_held_;
   PlcInputs inputs;
   // Every write is one event; bounded, so that a PLC that only writes cannot hold the loop.
   for (std::size_t i = 0; i < limits::kModbusClientsMax * limits::kModbusFramesPerTurn; ++i) {
     if (!ports_.plc.next(ports_.clock.mono_ns(), inputs)) break;
     // Held down is not reset: the edge counts, as for every other fault.
-    fault_was_reset_ = fault_was_reset_ || (inputs.fault_reset && !station_->plc.inputs.fault_reset);
+    const bool held = std::exchange(fault_reset_held, inputs.fault_reset);
+    fault_was_reset_ = fault_was_reset_ || (inputs.fault_reset && !held);
     handle(inputs);
     ports_.plc.publish(plc_view(*station_));
   }

@@ -26,6 +26,8 @@ struct Ports {
   hal::ControlPort* control = nullptr;
   hal::Clock& clock;
   hal::ServiceNotify& notify;
+  /// FAULT_RESET as the PLC wrote it last. Shared by loops that follow each other: held down it is an edge for none.
+  bool* fault_reset_held = nullptr;
 };
 
 /// What `slabctl status` shows beside the station's own state.
@@ -47,6 +49,10 @@ struct LoopFigures {
 /// The fault in which a line stands whose storage cannot be used for `why`. store_full where a disk is full, which a
 /// person mends by making room; journal_write for all else. Both are tried again.
 [[nodiscard]] Code fault_without_store(const Error& why);
+
+/// A number for what the points are, from some thousands of their coordinates, spread over the scan and over x, y and
+/// z. Never 0. `xyz`: x, y, z of each point.
+[[nodiscard]] std::uint64_t fingerprint_of(std::span<const float> xyz);
 
 /// Ports -> events -> step -> actions, on one thread; the crew (storage, scanner, measuring) does what blocks.
 /// Everything is allocated by the constructor; run() allocates nothing on the inspection path.
@@ -132,7 +138,8 @@ class Loop {
   std::mutex to_delete_guard_;
   FixedVector<PathText, 32> to_delete_;
 
-  bool fault_was_reset_ = false;  ///< by the PLC, since the start
+  bool fault_was_reset_ = false;   ///< by the PLC, since the start
+  bool fault_reset_held_ = false;  ///< of this loop, where no other one is to know
   std::int64_t watchdog_ns_ = 0;
   std::array<std::uint64_t, 3> worker_turns_{};
   std::array<std::int64_t, 3> worker_moved_ns_{};

@@ -33,6 +33,8 @@ void catch_signals() {
   sigaction(SIGTERM, &action, nullptr);
   sigaction(SIGINT, &action, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
+  // There is nothing to read anew, and a terminal that is closed, or what rotates logs, must not end a slab.
+  std::signal(SIGHUP, SIG_IGN);
 }
 
 void print(const std::vector<Problem>& problems) {
@@ -196,6 +198,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   // Once, unless storage cannot be used: then it is opened again and again, and everything else stays up meanwhile.
   std::int64_t patience_ns = Loop::kStorePatience_ns;
   bool scanner_is_ours = false;
+  bool fault_reset_held = false;
   for (bool again = true; again; patience_ns = std::min(2 * patience_ns, Loop::kStorePatienceMax_ns)) {
     StationSettings now = settings;
     std::unique_ptr<storage::Store> store;
@@ -211,7 +214,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
       }
     }
     if (now.fault == Code::ok) {
-      const Ports ports{*plc.value(), *pose, *scanner, nullptr, control.get(), *clock, *notify};
+      const Ports ports{*plc.value(), *pose, *scanner, nullptr, control.get(), *clock, *notify, &fault_reset_held};
       const auto made =
           open_beside_the_line([&config] { return storage::open_store(config.storage); }, ports, now, figures, g_stop);
       if (made == nullptr) {
@@ -229,7 +232,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
         now.fault = fault_without_store(made->error());
       }
     }
-    const Ports ports{*plc.value(), *pose, *scanner, store.get(), control.get(), *clock, *notify};
+    const Ports ports{*plc.value(), *pose, *scanner, store.get(), control.get(), *clock, *notify, &fault_reset_held};
     Loop loop(ports, now, config.scanner.unit, config.measure_threads, figures);
     std::fprintf(stderr, "info: %s: %s, inspection memory %.0f MB%s\n", now.software.c_str(),
                  plc_place(config.plc).c_str(), static_cast<double>(limits::kInspectionBytes) / 1e6,

@@ -61,8 +61,10 @@ std::unique_ptr<Result<std::unique_ptr<storage::Store>>> open_beside_the_line(co
     const std::int64_t now_ns = ports.clock.mono_ns();
     step(*station, Tick{now_ns, ports.clock.utime_us()}, *actions);
     PlcInputs inputs;
-    for (std::size_t i = 0; i < limits::kModbusFramesPerTurn && ports.plc.next(now_ns, inputs); ++i)
+    for (std::size_t i = 0; i < limits::kModbusFramesPerTurn && ports.plc.next(now_ns, inputs); ++i) {
+      if (ports.fault_reset_held != nullptr) *ports.fault_reset_held = inputs.fault_reset;
       step(*station, inputs, *actions);
+    }
     ports.plc.publish(plc_view(*station));
     if (ports.control != nullptr) serve_control(ports, *station, figures);
     if (now_ns - fed_ns < kWatchdogPeriodNs) continue;

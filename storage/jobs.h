@@ -21,10 +21,10 @@ struct Refusal {
 ///
 /// A commit whose answer was an error may have reached the disk all the same. Some jobs then come again: the session
 /// when the PLC resets the fault, a block because it is measured once more, the slab's end and a report because the PLC
-/// commands them anew. Others never do (an acquired scan, a failed one, an acknowledgement). So every job may find rows
-/// of its own: it replaces them, or leaves them when nothing would change. Nor do blocks, ends and reports come again
-/// for certain: the PLC may have the station scanned anew instead, and theirs are records that a restart would show. So
-/// these are taken back by the next job that can be written.
+/// commands them anew; an acknowledgement is given again by the station. So every job may find rows of its own: it
+/// replaces them, or leaves them when nothing would change. Nor do blocks, ends and reports come again for certain: the
+/// PLC may have the station scanned anew instead, and theirs are records that a restart would show. So these are taken
+/// back by the next job that can be written, and an acquired scan is a failed one then, as the PLC was told.
 class Jobs {
  public:
   /// `settings` and `held_back` belong to the caller; `held_back` may change between jobs.

@@ -8,6 +8,7 @@
 // looked like damage.
 #include <sqlite3.h>
 
+#include <algorithm>
 #include <array>
 #include <exception>
 #include <mutex>
@@ -29,6 +30,8 @@ namespace {
 
 /// A third of a second: the PLC's next command follows the last commit faster.
 constexpr int kQuietLooks = 4;
+/// Five seconds: a disk that fails is not asked all the time.
+constexpr int kLooksToSettle = 50;
 /// 1 MB of a copy in one look, ten times a second: a few milliseconds of a disk.
 constexpr int kBackupPages = 256;
 
@@ -59,24 +62,34 @@ bool looks_damaged(int result) {
   return primary == SQLITE_CORRUPT || primary == SQLITE_NOTADB;
 }
 
-/// Jobs that were answered with an error: not done for all who were told, and perhaps done in the database. The next
-/// job that can be written takes them back.
-class Unseen {
+/// Jobs that were answered with an error: not done for all who were told, and done in the database or not. What shows
+/// the PLC something is taken back. A scan that came to nothing is written: nobody gives that job again, and without it
+/// the attempt before would stand as the one that the slab's verdict is about.
+class Unsettled {
  public:
-  /// Those that show the PLC something.
-  void add(const StoreJob& job) {
+  [[nodiscard]] bool empty() const {
+    const auto unused = [](const BlockKey& block) { return block.slab_key == 0; };
+    return end_ == 0 && report_ == 0 && attempt_.attempt.slab_key == 0 &&
+           std::all_of(blocks_.begin(), blocks_.end(), unused);
+  }
+  void add(const StoreJob& job, Code code) {
     if (const auto* end = std::get_if<SlabJob>(&job.what)) end_ = end->slab_key;
     if (const auto* report = std::get_if<ReportJob>(&job.what)) report_ = report->record.res_seq;
     if (const auto* block = std::get_if<BlockJob>(&job.what))
       if (block->block.station >= 1 && block->block.station <= blocks_.size())
         blocks_[block->block.station - 1U] = {block->slab_key, block->block.station, block->attempt};
+    // One at a time: the command for the next one is written before it begins.
+    if (const auto* scan = std::get_if<AcquiredJob>(&job.what))
+      attempt_ = {scan->attempt, static_cast<std::uint16_t>(code), scan->fingerprint};
+    if (const auto* failed = std::get_if<FailedAttemptJob>(&job.what)) attempt_ = *failed;
   }
-  /// In the transaction of that job, before it.
-  void undo(Jobs& jobs) const {
+  /// In the transaction of the next job, before it, or in one of its own.
+  void settle(Jobs& jobs) const {
     if (end_ != 0) jobs.undo_end(end_);
     if (report_ != 0) jobs.undo_report(report_);
     for (const BlockKey& block : blocks_)
       if (block.slab_key != 0) jobs.undo_block(block);
+    if (attempt_.attempt.slab_key != 0) jobs(attempt_);
   }
 
  private:
@@ -84,6 +97,7 @@ class Unseen {
   std::uint16_t report_ = 0;
   /// By station: no other attempt of one is measured before a job was written.
   std::array<BlockKey, limits::kStationsMax> blocks_{};
+  FailedAttemptJob attempt_;
 };
 
 class SqliteStore final : public Store {
@@ -133,14 +147,16 @@ class SqliteStore final : public Store {
       }
     Status status = run("job", [&](OpenDatabase& open) {
       Transaction transaction(*open.db, "BEGIN IMMEDIATE");
-      unseen_.undo(open.jobs);
+      unsettled_.settle(open.jobs);
       std::visit(open.jobs, job.what);
       transaction.commit();
     });
-    if (status.ok())
-      unseen_ = {};
-    else
-      unseen_.add(job);
+    if (status.ok()) {
+      unsettled_ = {};
+    } else {
+      unsettled_.add(job, status.error().code);
+      looks_to_settle_ = 0;
+    }
     const bool ended = std::holds_alternative<SlabJob>(job.what);
     if (ended) retention_due_ = true;
     const bool may_trim = ended || std::holds_alternative<AckJob>(job.what);
@@ -173,6 +189,7 @@ class SqliteStore final : public Store {
 
   void idle() override {
     if (quiet_looks_ < kQuietLooks && ++quiet_looks_ < kQuietLooks) return;
+    if (!settle()) return;
     back_up_a_piece();
     prune_one();
     if (trim_due_) trim_spool();
@@ -218,6 +235,24 @@ class SqliteStore final : public Store {
   }
 
  private:
+  /// When no job comes: what nobody was told must not stand in the history meanwhile, nor in a copy of it. True when
+  /// there is nothing left to settle.
+  bool settle() {
+    if (unsettled_.empty()) return true;
+    if (looks_to_settle_ > 0 && --looks_to_settle_ > 0) return false;
+    const Status status = run("what came before", [&](OpenDatabase& open) {
+      Transaction transaction(*open.db, "BEGIN IMMEDIATE");
+      unsettled_.settle(open.jobs);
+      transaction.commit();
+    });
+    log_holds_commits_ = true;
+    if (status.ok())
+      unsettled_ = {};
+    else
+      looks_to_settle_ = kLooksToSettle;
+    return status.ok();
+  }
+
   /// A failure ends the copy and nothing else: the next job opens the file anew if that is needed.
   void back_up_a_piece() {
     std::string path;
@@ -365,7 +400,8 @@ class SqliteStore final : public Store {
   std::optional<FileId> file_;  ///< the database that was opened at the start
   bool checked_ = false;        ///< it was whole then, and nothing has looked like damage since
   HeldBack held_back_;          ///< outlives a reopened file
-  Unseen unseen_;
+  Unsettled unsettled_;
+  int looks_to_settle_ = 0;  ///< before it is tried again
   std::unique_ptr<OpenDatabase> open_;
   FixedString<limits::kErrorTextBytes> spool_trouble_;
   bool log_holds_commits_ = false;

@@ -127,6 +127,52 @@ TEST_F(LoopStart, storage_that_cannot_be_used_is_a_fault_that_says_why_and_is_tr
   }
 }
 
+TEST_F(LoopStart, storage_is_not_tried_again_for_a_fault_reset_that_is_held_down) {
+  SlowStore store(Code::journal_write);
+  bool held = false;
+  const Ports ports{plc, pose, scanner, &store, nullptr, clock, notify, &held};
+  const auto write = [this](bool fault_reset) {
+    PlcInputs image;
+    image.fault_reset = fault_reset;
+    plc.write(image);
+  };
+  const auto wants_store_after = [&](bool fault_reset) {
+    Loop loop(ports, StationSettings{}, std::make_unique<IdleCrew>(), LoopFigures{});
+    loop.start();
+    write(fault_reset);
+    write(fault_reset);
+    loop.turn(0);
+    const bool wants = loop.wants_store(5 * kNsPerS);
+    loop.finish();
+    return wants;
+  };
+  EXPECT_TRUE(wants_store_after(true)) << "an edge";
+  EXPECT_FALSE(wants_store_after(true)) << "still down, as the next loop learns from the one before";
+  // Let go while the database is opened.
+  write(false);
+  static_cast<void>(open_beside_the_line(
+      []() -> Result<std::unique_ptr<storage::Store>> {
+        std::this_thread::sleep_for(std::chrono::milliseconds(100));
+        return error(Code::journal_write, "not yet");
+      },
+      ports, StationSettings{}, LoopFigures{}, std::atomic<bool>{false}));
+  EXPECT_TRUE(wants_store_after(true)) << "an edge again";
+}
+
+TEST(Fingerprint, sees_x_y_and_z_of_scans_of_every_size) {
+  for (std::size_t points = 900'000; points < 1'100'000; points += 1'500) {
+    std::vector<float> xyz(3 * points);
+    for (std::size_t i = 0; i < xyz.size(); ++i) xyz[i] = static_cast<float>(i);
+    const std::uint64_t first = fingerprint_of(xyz);
+    EXPECT_NE(first, 0U);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      std::vector<float> other = xyz;
+      for (std::size_t i = axis; i < other.size(); i += 3) other[i] += 0.5F;
+      EXPECT_NE(fingerprint_of(other), first) << points << " points, axis " << axis;
+    }
+  }
+}
+
 TEST_F(LoopStart, while_the_database_is_opened_the_plc_reads_recover_and_a_heartbeat) {
   std::atomic<bool> stop{false};
   std::atomic<bool> finish{false};

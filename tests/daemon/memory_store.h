@@ -7,6 +7,7 @@
 #include <optional>
 #include <set>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 #include "base/jobs.h"
@@ -32,10 +33,11 @@ struct MemoryStore {
     if (fail_next) {
       const Code code = *fail_next;
       fail_next.reset();
-      return code;
+      return failed(job, code);
     }
-    if (fail_when && fail_when(job)) return Code::journal_write;
+    if (fail_when && fail_when(job)) return failed(job, Code::journal_write);
     undo_unseen();
+    if (const auto told = std::exchange(unwritten_, {})) keep(*told);
     if (is_refused(job)) {
       ++refused;
       return Code::journal_write;
@@ -48,7 +50,7 @@ struct MemoryStore {
       unseen_report_ = report->record.res_seq;
     applied.push_back(job);
     std::visit([this](const auto& what) { keep(what); }, job.what);
-    if (answer_lost) return Code::journal_write;
+    if (answer_lost) return failed(job, Code::journal_write);
     forget_unseen();
     return Code::ok;
   }
@@ -57,6 +59,7 @@ struct MemoryStore {
     for (const CommandJob& command : unfinished_) interrupt(command);
     unfinished_.clear();
     forget_unseen();
+    unwritten_.reset();
     return line;
   }
   /// Would a process that starts now trust what the scanner gives first?
@@ -114,6 +117,13 @@ struct MemoryStore {
   }
 
   // ---- jobs ----
+  /// The PLC hears that a scan came to nothing, and so it is written with the next job.
+  Code failed(const StoreJob& job, Code code) {
+    if (const auto* scan = std::get_if<AcquiredJob>(&job.what))
+      unwritten_ = {scan->attempt, static_cast<std::uint16_t>(code), scan->fingerprint};
+    if (const auto* attempt = std::get_if<FailedAttemptJob>(&job.what)) unwritten_ = *attempt;
+    return code;
+  }
   [[nodiscard]] bool is_refused(const StoreJob& job) const {
     if (const auto* begin = std::get_if<BeginSlabJob>(&job.what)) {
       const bool again = line.slab_open && begin->slab.key == line.slab.key;
@@ -248,6 +258,7 @@ struct MemoryStore {
   std::optional<RecoveredLine> before_unseen_end_;
   std::map<std::uint8_t, BlockJob> unseen_blocks_;
   std::uint16_t unseen_report_ = 0;
+  std::optional<FailedAttemptJob> unwritten_;
   std::optional<CommandJob> closed_last_;  ///< by the job before
 };
 

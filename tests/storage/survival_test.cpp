@@ -661,6 +661,114 @@ TEST_F(SurvivalTest, a_block_answered_with_an_error_is_taken_back_by_the_next_jo
   EXPECT_GT(in_the_log, 0) << "no such block has ever been in the log: this test cannot fail";
 }
 
+// The same when no job comes: the fault may stand for hours, and meanwhile the history, an export and a copy of the
+// database must not tell of an end that nobody was told of.
+TEST_F(SurvivalTest, an_end_answered_with_an_error_is_taken_back_in_a_quiet_moment) {
+  int in_the_log = 0;
+  std::int64_t key = 0;
+  const std::string copy = settings_.db_path + "-copy";
+  for (int turn = 0; turn < 60; ++turn) {
+    const std::uint64_t point = 1 + static_cast<std::uint64_t>(turn) % 30;
+    crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened since count
+    open();
+    begin(++key);
+    acquire(key, 5, 1);
+    EXPECT_NE(measure(key, 5, 1), 0);
+    accept(PlcCommand::slab_end, 0, key);
+    SlabResult slab;
+    slab.verdict = Verdict::pass;
+    const PlcResult record = random_record(prng_, ++res_seq_, 2);
+    crash_disk::fail(root_, point, 12, EIO, false);
+    const bool failed = !try_apply(SlabJob{key, slab, record, 3000}).ok();
+    (void)crash_disk::heal();
+    if (failed) {
+      ASSERT_TRUE(store_->order(BackupOrder{copy}).ok());
+      in_the_log += reader()->slab(key).value()->summary.ended_utime_us != 0 ? 1 : 0;
+      for (int look = 0; look < 200 && store_->care().backup == CareState::Phase::under_way; ++look) store_->idle();
+      EXPECT_EQ(reader()->slab(key).value()->summary.ended_utime_us, 0) << "call " << point;
+      ASSERT_EQ(store_->care().backup, CareState::Phase::done);
+      const auto copied = open_reader(copy);
+      ASSERT_TRUE(copied.ok());
+      EXPECT_EQ(copied.value()->slab(key).value()->summary.ended_utime_us, 0) << "call " << point;
+      fs::remove(copy);
+      // What was settled is settled: the end that comes now stays.
+      const std::uint16_t last = end(key, Verdict::fail);
+      apply(SessionJob{++session_});
+      EXPECT_EQ(reader()->slab(key).value()->slab.verdict, Verdict::fail);
+      acknowledge(last);
+    } else {
+      acknowledge(res_seq_);
+    }
+    close();
+  }
+  EXPECT_GT(in_the_log, 0) << "no such end has ever been in the log: this test cannot fail";
+}
+
+// While the disk takes nothing, no copy of what is doubtful is made.
+TEST_F(SurvivalTest, a_copy_waits_while_what_was_answered_with_an_error_cannot_be_taken_back) {
+  crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);
+  open();
+  begin(1);
+  accept(PlcCommand::slab_end, 0, 1);
+  SlabResult slab;
+  slab.verdict = Verdict::pass;
+  crash_disk::fail(root_, 1, kAllThatFollow, EIO, false);
+  ASSERT_FALSE(try_apply(SlabJob{1, slab, random_record(prng_, ++res_seq_, 2), 3000}).ok());
+  ASSERT_TRUE(store_->order(BackupOrder{settings_.db_path + "-copy"}).ok());
+  for (int look = 0; look < 120; ++look) store_->idle();
+  EXPECT_EQ(store_->care().backup, CareState::Phase::under_way);
+  (void)crash_disk::heal();
+  for (int look = 0; look < 120; ++look) store_->idle();
+  EXPECT_EQ(store_->care().backup, CareState::Phase::done);
+}
+
+// A scan that came to nothing, or was refused by the disk, is told to the PLC and never given again. What is in the
+// database must say so all the same: else an earlier attempt stands as the one that the verdict is about.
+TEST_F(SurvivalTest, an_attempt_answered_with_an_error_is_a_failed_one_with_the_next_job) {
+  std::int64_t key = 0;
+  int in_the_log = 0;
+  for (int turn = 0; turn < 60; ++turn) {
+    const std::uint64_t point = 1 + static_cast<std::uint64_t>(turn) % 20;
+    for (const bool acquired : {true, false}) {
+      for (const bool quiet : {true, false}) {
+        crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);
+        open();
+        begin(++key);
+        EXPECT_NE(scan(key, 4, 1), 0);
+        const std::string path = scan_file(key, 4, 2, 1'000);
+        accept(PlcCommand::scan, 4, key);
+        Attempt second = attempt(key, 4, 2);
+        second.scan_path = PathText(path);
+        crash_disk::fail(root_, point, 12, EIO, false);
+        const Status told =
+            acquired ? try_apply(AcquiredJob{second, 99})
+                     : try_apply(FailedAttemptJob{second, static_cast<std::uint16_t>(Code::interrupted), kUnseenScan});
+        (void)crash_disk::heal();
+        if (!told.ok()) {
+          in_the_log += reader()->slab(key).value()->blocks.size() == 2 ? 1 : 0;
+          if (quiet)
+            for (int look = 0; look < 10; ++look) store_->idle();
+          else
+            accept(PlcCommand::scan, 5, key);
+          const auto slab = reader()->slab(key);
+          ASSERT_EQ(slab.value()->blocks.size(), 2U) << "call " << point;
+          EXPECT_EQ(slab.value()->blocks[1].phase, StationPhase::failed);
+          EXPECT_EQ(slab.value()->blocks[1].attempt.scan_path.view(), path) << "the file must be counted";
+          close();
+          open();
+          const auto line = recover();
+          EXPECT_EQ(line->stations[3].attempts, 2);
+          EXPECT_EQ(line->stations[3].phase, StationPhase::failed);
+          EXPECT_EQ(line->stations[3].code, static_cast<int>(acquired ? told.error().code : Code::interrupted));
+        }
+        acknowledge(end(key, Verdict::fail));
+        close();
+      }
+    }
+  }
+  EXPECT_GT(in_the_log, 0);
+}
+
 // A report is answered with an error, and its repeated record is in the log some of the times. It goes with the next
 // job, and a PLC that asks after a restart hears that its order came to nothing.
 TEST_F(SurvivalTest, a_report_answered_with_an_error_is_taken_back_by_the_next_job) {
