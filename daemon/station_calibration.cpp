@@ -8,6 +8,7 @@
 // from beginning; a correction that does not hold falls back to the hand-eye alone with the robot's absolute accuracy
 // in U. The scanner's acceptance can only add to U; that there is none is a warning and stops nothing.
 #include <cmath>
+#include <limits>
 
 #include "daemon/station_parts.h"
 
@@ -116,8 +117,12 @@ const StationsInForce* usable_table(const Station& s, std::uint16_t slab_type) {
 }
 
 Splice splice_now(const Station& s, std::uint8_t station, const Pose& T_base_flange, Actions& actions) {
+  // As the slab was begun: corrections that expire amid it, or did by a clock that was ahead for a moment, would be
+  // used for some of its seats and not for others.
+  const bool was_usable = !s.slab.header.stations_id.empty();
+  const std::int64_t when_us = was_usable ? 0 : std::numeric_limits<std::int64_t>::max();
   Splice splice = splice_for(s.slab.calibration, s.settings.splice, s.slab.header.slab_type, station, T_base_flange,
-                             distance_to_block_mm(s, station, T_base_flange), expiry_utime_us(s));
+                             distance_to_block_mm(s, station, T_base_flange), when_us);
   // Corrections that exist and are not used deserve a word; a line that was never mastered does not need one each scan.
   if (is_uncorrected(splice.source) && !s.slab.calibration.tables.empty()) {
     if (splice.source == SpliceSource::outside_gate) {

@@ -288,6 +288,27 @@ TEST(StationCalibration, corrections_that_expired_are_not_used_and_not_named) {
   EXPECT_NE(line.view().warn & kWarnStationsNotCorrected, 0);
 }
 
+TEST(StationCalibration, a_slab_is_measured_with_the_corrections_it_was_begun_with) {
+  for (const bool expired_at_first : {false, true}) {
+    SCOPED_TRACE(expired_at_first ? "a clock that was ahead when the slab began" : "expired amid the slab");
+    MemoryStore store;
+    store.line.calibration = mastered("he-1", test_recipe());
+    Line line(store);
+    const std::int64_t now_us = line.station->utime_us;
+    auto& expires_us = line.station->calibration.tables[0].expires_utime_us;
+    expires_us = expired_at_first ? 1 : now_us + 1'000'000'000;
+    line.command(PlcCommand::slab_begin);
+    line.run_for(20);
+    ASSERT_EQ(begun(store).stations_id.empty(), expired_at_first);
+    const SpliceSource as_begun = expired_at_first ? SpliceSource::expired : SpliceSource::corrected;
+    line.scan(1);
+    EXPECT_EQ(store.line.stations[0].attempt.splice.source, as_begun);
+    line.station->slab.calibration.tables[0].expires_utime_us = expired_at_first ? INT64_MAX : 1;
+    line.scan(2);
+    EXPECT_EQ(store.line.stations[1].attempt.splice.source, as_begun);
+  }
+}
+
 TEST(StationCalibration, corrections_that_will_expire_are_used_until_then) {
   MemoryStore store;
   store.line.calibration = mastered("he-1", test_recipe());
