@@ -91,7 +91,9 @@ void try_to_trigger(Station& s, Actions& actions) {
   if (code == Code::ok && (s.owed.waits || s.links.scanner_hangs)) code = Code::scanner_offline;
   if (code == Code::ok && slot < 0) code = Code::deadline;
   if (code != Code::ok) {
-    if (s.now_ns - a.started_ns <= s.settings.settle_timeout_ns) return;
+    // What the scan that was thrown away took is not the robot's.
+    const std::int64_t settling_ns = s.now_ns - a.started_ns - a.cleared_in_ns;
+    if (settling_ns <= s.settings.settle_timeout_ns && time_for_another(s)) return;
     if (code == Code::outside_window)
       log(actions, LogLine::Level::warning, code,
           "station %u: its centre lies %.0f mm off the scanner's axis, allowed %.0f mm", a.station, off_axis_mm,

@@ -187,7 +187,7 @@ TEST_F(UnseenScan, abort_ends_it) {
 
 /// A scanner that takes `ms` over the scan that is thrown away.
 struct SlowScanner : UnseenScan {
-  void throw_away_for(int ms) {
+  void throw_away_for(int ms, bool poses_go_on = true) {
     die_while_scanning();
     line.scanner_answers = false;
     line.scan(4);
@@ -198,10 +198,32 @@ struct SlowScanner : UnseenScan {
     done.slot = line.scans.back().slot;
     done.durable = true;
     done.fingerprint = 0x0F01;
+    line.robot_present = poses_go_on;
+    line.run_for(poses_go_on ? 0 : 1'000);
     line.feed(done);
     line.run_for(40);
   }
 };
+
+TEST_F(SlowScanner, leaves_the_robot_its_time_to_settle) {
+  line.settings.scan_timeout_ns = 15 * kNsPerS;
+  line.settings.settle_timeout_ns = 5 * kNsPerS;
+  throw_away_for(6'000, false);
+  EXPECT_EQ(line.scans.size(), 2U) << "no pose to scan from";
+  EXPECT_EQ(line.view().cmd_status, static_cast<int>(CommandStatus::acquiring));
+  line.robot_present = true;
+  line.run_for(2'000);
+  EXPECT_EQ(line.scans.size(), 3U);
+}
+
+TEST_F(SlowScanner, and_a_robot_that_is_lost_leave_the_plc_its_answer) {
+  line.settings.scan_timeout_ns = 15 * kNsPerS;
+  line.settings.settle_timeout_ns = 60 * kNsPerS;
+  throw_away_for(6'000, false);
+  line.run_for(12'000);
+  EXPECT_EQ(line.scans.size(), 2U);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::pose_stale));
+}
 
 TEST_F(SlowScanner, answers_while_the_plc_waits_for_it) {
   line.settings.scan_timeout_ns = 15 * kNsPerS;
