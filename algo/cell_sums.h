@@ -50,7 +50,8 @@ struct alignas(64) CellSum {
   }
 };
 
-/// Where the cells are and what height is measured from. Plain and sixteen-lane code do the same float operations.
+/// Where the cells are and what height is measured from; all of it in float. Column of a place:
+/// (x + half_x_mm) cells_per_mm, rows alike; places outside count to the border. Cells are numbered row by row.
 struct CellLayout {
   float half_x_mm = 0.0F;
   float half_s_mm = 0.0F;
@@ -62,14 +63,6 @@ struct CellLayout {
   float by_s = 0.0F;
   float by_h = 1.0F;
   float offset_mm = 0.0F;
-
-  /// The cell of a place; places outside count to the border.
-  [[nodiscard]] std::size_t cell(float x, float s) const {
-    const float column = std::min(std::max((x + half_x_mm) * cells_per_mm, 0.0F), static_cast<float>(columns - 1));
-    const float row = std::min(std::max((s + half_s_mm) * cells_per_mm, 0.0F), static_cast<float>(rows - 1));
-    return static_cast<std::size_t>(static_cast<std::int32_t>(row) * columns + static_cast<std::int32_t>(column));
-  }
-  [[nodiscard]] float height(float x, float s, float h) const { return by_x * x + by_s * s + by_h * h + offset_mm; }
 };
 
 /// Points are taken in groups; each remembers which cells it saw, so that whoever looks for the points of a few cells

@@ -3,8 +3,10 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <span>
 
+#include "algo/cell_sums.h"
 #include "algo/face_points.h"
 #include "algo/moments.h"
 #include "algo/plane_zone.h"
@@ -25,5 +27,20 @@ struct ZoneSums {
 /// What ZonedPoints, sorted around `sorted_around`, says of `plane`.
 [[nodiscard]] PointMoments zoned_within(const ListedPoints& points, const FlatPlane& sorted_around,
                                         const FlatPlane& plane, double threshold);
+
+// ---- algo/cell_sums.h ----------------------------------------------------------------------------------------------
+
+struct PlainCell {
+  std::array<double, 4> sums{};   ///< of places, heights and their squares
+  std::array<double, 4> sizes{};  ///< of what was summed up, whatever its sign
+  float low = std::numeric_limits<float>::infinity();
+  float high = -std::numeric_limits<float>::infinity();
+  std::uint32_t points = 0;
+};
+/// The cell of a place; places outside count to the border.
+[[nodiscard]] std::int32_t cell_of(const CellLayout& layout, float x, float s);
+[[nodiscard]] float height_in_cell(const CellLayout& layout, float x, float s, float h);
+void add_to_cells(const SeatPoints& points, const CellLayout& layout, std::span<PlainCell> cells,
+                  std::span<CellRange> ranges);
 
 }  // namespace slabd::algo::plain
