@@ -153,6 +153,7 @@ void add_to_cells(const SeatPoints& points, const CellLayout& layout, std::span<
 
 void place_in_cells(const SeatPoints& points, const CellLayout& layout, std::span<std::int32_t> cells,
                     std::span<float> heights) {
+  if (points.size() == 0) return;
   HWY_DYNAMIC_DISPATCH(PlaceInCells)(points, layout, cells, heights);
 }
 

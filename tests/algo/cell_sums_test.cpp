@@ -182,7 +182,7 @@ TEST(CellSums, PlaceAGroupOfAnySizeAsAPlainLoopDoes) {
     const CellLayout& layout = kind == 0 ? kQuarters : kSeat;
     for (std::size_t count = 0; count <= kCellGroup; ++count) {
       SCOPED_TRACE(std::to_string(count) + (kind == 0 ? " in quarters" : " rough"));
-      const SeatPoints points = kinds[kind].part(count, count);
+      const SeatPoints points = count == 0 ? SeatPoints{} : kinds[kind].part(count, count);
       on_each_set([&] {
         std::array<std::int32_t, kCellGroup> cells;
         std::array<float, kCellGroup> heights;
