@@ -5,7 +5,9 @@
 #include <cstdint>
 #include <limits>
 #include <span>
+#include <vector>
 
+#include "algo/casing_points.h"
 #include "algo/cell_sums.h"
 #include "algo/face_points.h"
 #include "algo/moments.h"
@@ -42,5 +44,19 @@ struct PlainCell {
 [[nodiscard]] float height_in_cell(const CellLayout& layout, float x, float s, float h);
 void add_to_cells(const SeatPoints& points, const CellLayout& layout, std::span<PlainCell> cells,
                   std::span<CellRange> ranges);
+
+// ---- algo/casing_points.h ------------------------------------------------------------------------------------------
+
+/// A point in the casing's frame, x and y from the ring's centre.
+struct RingPoint {
+  float x = 0.0F, y = 0.0F, height = 0.0F, radius2 = 0.0F;
+  bool in = false;
+};
+[[nodiscard]] RingPoint in_ring(const CasingAxes& axes, const CasingRing& ring, float x, float s, float h);
+/// Anticlockwise from the x axis, 0 <= turn < 48.
+[[nodiscard]] double turn_in_sectors(const RingPoint& point);
+void find_innermost(const SeatPoints& points, const CasingAxes& axes, const CasingRing& ring, Innermost& innermost);
+[[nodiscard]] std::vector<float> heights_in_ring(const SeatPoints& points, const CasingAxes& axes,
+                                                 const CasingRing& ring);
 
 }  // namespace slabd::algo::plain
