@@ -55,7 +55,7 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
                       "VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, nullif(?8, 0))"),
       // Sequence numbers come again after 65535 commands: the newest one is meant.
       close_command_(db,
-                     "UPDATE command SET status = ?3, acquired = max(acquired, ?4) WHERE id = "
+                     "UPDATE command SET status = ?3, acquired = ?4 WHERE id = "
                      "(SELECT max(id) FROM command WHERE session = ?1 AND cmd_seq = ?2)"),
       close_newest_(db, kCloseNewest),
       attempt_phase_(db, "SELECT phase FROM attempt WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),

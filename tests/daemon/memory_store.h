@@ -189,7 +189,7 @@ struct MemoryStore {
     record.phase = StationPhase::acquired;
     record.attempt = job.attempt;
     remember(job.fingerprint);
-    line.acq_seq = job.attempt.cmd_seq;
+    acq_before_ = std::exchange(line.acq_seq, job.attempt.cmd_seq);
     close(job.attempt.session, job.attempt.cmd_seq, static_cast<std::uint16_t>(CommandStatus::acquired));
   }
   void keep(const FailedAttemptJob& job) {
@@ -197,6 +197,8 @@ struct MemoryStore {
     record.phase = StationPhase::failed;
     record.code = job.code;
     remember(job.fingerprint);
+    // Answered with an error, and durable all the same: then it has not been acquired.
+    if (line.acq_seq == job.attempt.cmd_seq) line.acq_seq = acq_before_;
     close(job.attempt.session, job.attempt.cmd_seq, static_cast<std::uint16_t>(kCommandFailed + job.code));
   }
   void remember(std::uint64_t fingerprint) {
@@ -259,6 +261,7 @@ struct MemoryStore {
   std::map<std::uint8_t, BlockJob> unseen_blocks_;
   std::uint16_t unseen_report_ = 0;
   std::optional<FailedAttemptJob> unwritten_;
+  std::uint16_t acq_before_ = 0;
   std::optional<CommandJob> closed_last_;  ///< by the job before
 };
 

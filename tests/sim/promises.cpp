@@ -178,8 +178,11 @@ void Promises::check_rows(const char* db_path) {
     while (scans.usable() && scans.next()) {
       const AttemptKey key{scans.number(0), static_cast<int>(scans.number(1)), static_cast<int>(scans.number(2))};
       attempts.insert(key);
-      acquired_commands_.insert(static_cast<std::uint16_t>(scans.number(4)));
-      acquired_.try_emplace(key, scans.text(3));
+      const auto command = static_cast<std::uint16_t>(scans.number(4));
+      acquired_commands_.insert(command);
+      // One whose commit was answered with an error becomes a failed one, unless a start finds it before.
+      const auto doubtful = doubtful_scans_.find(command);
+      if (doubtful == doubtful_scans_.end() || doubtful->second.first != key) acquired_.try_emplace(key, scans.text(3));
     }
     // A failing disk may end any of them early.
     whole = slabs.usable() && rows.usable() && ends.usable() && scans.usable() && sqlite3_errcode(db) == SQLITE_DONE;

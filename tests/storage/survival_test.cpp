@@ -735,6 +735,7 @@ TEST_F(SurvivalTest, an_attempt_answered_with_an_error_is_a_failed_one_with_the_
         open();
         begin(++key);
         EXPECT_NE(scan(key, 4, 1), 0);
+        const std::uint16_t first = cmd_seq_;
         const std::string path = scan_file(key, 4, 2, 1'000);
         accept(PlcCommand::scan, 4, key);
         Attempt second = attempt(key, 4, 2);
@@ -758,6 +759,7 @@ TEST_F(SurvivalTest, an_attempt_answered_with_an_error_is_a_failed_one_with_the_
           open();
           const auto line = recover();
           EXPECT_EQ(line->stations[3].attempts, 2);
+          EXPECT_EQ(line->acq_seq, first) << "the robot was never told to go on from the second";
           EXPECT_EQ(line->stations[3].phase, StationPhase::failed);
           EXPECT_EQ(line->stations[3].code, static_cast<int>(acquired ? told.error().code : Code::interrupted));
         }
