@@ -9,6 +9,7 @@
 // a common motion of all stations changes no item of a slab, because a slab is judged in its own frame.
 #include "calib/stations.h"
 
+#include <Eigen/LU>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <array>
@@ -104,13 +105,19 @@ Vec3 reference_point(const MasterStation& certified, const std::vector<Vec3>& po
   return sum / static_cast<double>(points.size());
 }
 
-/// How far from the reference point lies what certifies the directions.
-double lever_mm(const MasterStation& certified) {
-  if (certified.is_seat) return kSeatLeverMm;
+/// What a certificate's standard deviation of a coordinate (mm) does to the turn of its station: standard deviation per
+/// axis (rad), rms over the axes. A seat's directions are made perpendicular, and each turns with its tip. Balls err
+/// each by itself, and the fit through them turns by N^-1 sum d x e with N = sum |d|^2 I - d d': balls near a line say
+/// little about the turn around it, however long the line is.
+double turn_rad_per_mm(const MasterStation& certified) {
+  if (certified.is_seat) return 1.0 / kSeatLeverMm;
   const Vec3 centre = reference_point(certified, certified.points_mm);
-  double squares = 0.0;
-  for (const Vec3& p : certified.points_mm) squares += (p - centre).squaredNorm();
-  return std::sqrt(squares / static_cast<double>(certified.points_mm.size()));
+  Eigen::Matrix3d inertia = Eigen::Matrix3d::Zero();
+  for (const Vec3& p : certified.points_mm) {
+    const Eigen::Vector3d d = p - centre;
+    inertia += d.squaredNorm() * Eigen::Matrix3d::Identity() - d * d.transpose();
+  }
+  return std::sqrt(inertia.inverse().trace() / 3.0);
 }
 
 double sum_of_squares(const std::vector<Vec3>& list) {
@@ -362,7 +369,7 @@ class Solver {
     // So is what the scanner may have moved by since.
     const double once_mm = std::hypot(certificate_.sigma_mm, work.mount_mm / std::sqrt(3.0));
     const double once_rad =
-        std::hypot(certificate_.sigma_mm / lever_mm(*work.certified), work.mount_rad / std::sqrt(3.0));
+        std::hypot(certificate_.sigma_mm * turn_rad_per_mm(*work.certified), work.mount_rad / std::sqrt(3.0));
     c.sigma_mm = std::hypot(settle(c.spread_mm, degrees, out_.pooled_sigma_mm), std::sqrt(share) * once_mm);
     c.sigma_rad = std::hypot(settle(s.spread_rad, degrees, out_.pooled_sigma_rad), std::sqrt(share) * once_rad);
 

@@ -134,6 +134,46 @@ TEST(Stations, what_the_certificate_may_be_wrong_by_is_claimed_too) {
   EXPECT_NEAR(std::sqrt(with2_rad - without_rad * without_rad * (1.0 + 1.0 / 5.0)), 1.0 / kSeatLeverMm, 1e-5);
 }
 
+TEST(Stations, what_balls_may_be_certified_wrong_by_turns_a_station_by_how_they_stand) {
+  // One in a triangle, one almost on a line, 300 mm long and 50 mm wide; both have nearly the same rms distance.
+  const std::vector<std::vector<Vec3>> kBalls = {
+      {Vec3(-124.0, 0.0, 0.0), Vec3(62.0, 107.0, 0.0), Vec3(62.0, -107.0, 0.0)},
+      {Vec3(-150.0, 0.0, 0.0), Vec3(150.0, 0.0, 0.0), Vec3(0.0, 50.0, 0.0)}};
+  constexpr double kCertifiedMm = 0.05;
+  constexpr int kSets = 400;
+  for (const std::vector<Vec3>& balls : kBalls) {
+    Prng random(17);
+    double turned = 0.0;  // rad^2, per axis
+    double stated = 0.0;
+    for (int set = 0; set < kSets; ++set) {
+      // A robot and a slab without any error, so that corrections turn by the certificate's errors alone.
+      MasterCertificate certificate;
+      certificate.frame = MasterCertificate::Frame::base;
+      certificate.id = "balls";
+      certificate.date = "2026-01-02";
+      certificate.sigma_mm = kCertifiedMm;
+      MasterStation certified{1, false, {}};
+      const auto noise = [&](double sigma) -> Vec3 {
+        return sigma * Vec3(random.normal(), random.normal(), random.normal());
+      };
+      for (const Vec3& ball : balls) certified.points_mm.push_back(ball + noise(kCertifiedMm));
+      certificate.stations.push_back(certified);
+      std::vector<StationVisit> visits;
+      for (int round = 1; round <= 5; ++round) {
+        StationVisit visit{1, "round " + std::to_string(round), {}, {}};
+        for (const Vec3& ball : balls) visit.points_mm.push_back(ball + noise(1e-4));
+        visits.push_back(visit);
+      }
+      const auto solved = solve_stations(certificate, visits, HandEyeNumbers{}, {});
+      ASSERT_TRUE(solved.ok()) << solved.error().text.view();
+      const StationSolution& one = solved.value().stations.at(0);
+      turned += one.turn_rad * one.turn_rad / (3.0 * kSets);
+      stated += one.numbers.sigma_rad * one.numbers.sigma_rad * (1.0 + 1.0 / 5.0) / kSets;
+    }
+    EXPECT_NEAR(std::sqrt(turned / stated), 1.0, 0.08) << balls.back().transpose();
+  }
+}
+
 TEST(Stations, a_seat_certified_the_other_way_round_is_refused) {
   Scene scene;
   for (MasterStation& s : scene.certificate.stations) s.points_mm[2] = 2.0 * s.points_mm[0] - s.points_mm[2];
