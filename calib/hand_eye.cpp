@@ -18,6 +18,7 @@
 #include "calib/adjustment.h"
 #include "calib/chi_square.h"
 #include "calib/judgement.h"
+#include "calib/places.h"
 #include "calib/rotation.h"
 #include "calib/variance.h"
 #include "calib/weakness.h"
@@ -74,6 +75,10 @@ Status check(ArtefactKind kind, std::span<const View> views, const StatedNoise& 
         return error(Code::config, "view %zu has a ball centre that is not finite", i + 1);
       if (seen.size() <= sighting.ball) seen.resize(sighting.ball + 1, false);
       seen[sighting.ball] = true;
+      const auto same = [&](const BallSighting& other) { return other.ball == sighting.ball; };
+      if (std::count_if(view.balls.begin(), view.balls.end(), same) > 1)
+        return error(Code::config, "view %zu sees ball %zu twice; a view has one centre for each ball", i + 1,
+                     sighting.ball + 1);
     }
   }
   for (std::size_t ball = 0; ball < seen.size(); ++ball)
@@ -224,11 +229,13 @@ Sizes sizes_of(const Equations& equations, const Chosen& kept, const Linearised&
 
 /// Weighs positions and rotations by what they turn out to be where that is certainly not what was stated relative to
 /// each other. Else the stated noise stands: it is known from more than these few views. Returns whether anything
-/// changed.
+/// changed. Views of one place say partly the same, and likelihoods that take them as independent exceed any threshold
+/// by chance: they count by Rao and Scott's design effect (1984).
 bool reweigh(const Equations& equations, const Selected& selected, Weighing& weighing) {
   constexpr double kSure = 11.8;
   const Components found = estimate_components(equations, selected.kept, selected.adjusted.state, weighing);
-  if (!(found.gain > kSure)) return false;
+  const SharedErrors shared = shared_errors(equations, selected.kept, selected.linear);
+  if (!(found.gain > kSure * shared.design_effect)) return false;
   weighing = found.weighing;
   return true;
 }
@@ -331,24 +338,19 @@ Spread spread_over(const HandEye& result, double ViewFit::*figure) {
 
 /// Covariance of X for errors as stated, or larger where they turned out larger: the adjustment N^-1 J' w of errors
 /// with that covariance, whatever it was weighed by.
-Mat6 covariance_of_pose(const Equations& equations, const Selected& selected, const Weighing& weighing, bool as_stated,
-                        double s0) {
+Mat6 covariance_of_pose(const Equations& equations, const Selected& selected, const Weighing& weighing,
+                        const SharedErrors& shared, bool as_stated, double s0) {
   Weighing errors = weighing;
   errors.lever = true;
   errors.position = std::max(1.0, weighing.position);
   errors.robot_rotation = std::max(1.0, weighing.robot_rotation);
   errors.target_rotation = std::max(1.0, weighing.target_rotation);
-  const State& state = selected.adjusted.state;
-  const Eigen::MatrixXd inverse = parameter_covariance(equations, selected.kept, selected.linear);
-  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(inverse.rows(), inverse.cols());
-  for (const std::size_t i : selected.kept) {
-    // w = L^-1 r has the covariance (L^-1 K) (L^-1 K)' if that of r is K K'.
-    const Eigen::MatrixXd K = equations.whitener(i, state, errors).inverse();
-    const Eigen::MatrixXd spread = selected.linear.J[i].transpose() * equations.whitener(i, state, weighing) * K;
-    sum += spread * spread.transpose();
-  }
-  const double factor = as_stated && s0 > 1.0 ? s0 * s0 : 1.0;
-  return factor * (inverse * sum * inverse).topLeftCorner<6, 6>();
+  const Eigen::MatrixXd covariance = covariance_of_estimate(equations, selected.kept, selected.linear,
+                                                            selected.adjusted.state, weighing, errors, shared);
+  // Variances found from views taken as independent are too small where they are not.
+  const double size = shared.repeats ? shared.size : as_stated ? s0 : 1.0;
+  const double factor = size > 1.0 ? size * size : 1.0;
+  return factor * covariance.topLeftCorner<6, 6>();
 }
 
 /// q and -q are one rotation; the one that is written has w >= 0.
@@ -366,33 +368,22 @@ void forget_pose(HandEye& result) {
 
 /// Kept views that say something about the scanner's place. A ball that one place alone has seen is where that place
 /// says it is: its view adds as many unknowns as equations.
-std::vector<View> telling_views(ArtefactKind kind, std::span<const View> views, const Chosen& kept) {
+Chosen telling_views(ArtefactKind kind, std::span<const View> views, const Chosen& kept) {
   const auto share_a_ball = [&](const View& a, const View& b) {
     return std::any_of(a.balls.begin(), a.balls.end(), [&](const BallSighting& seen) {
       return std::any_of(b.balls.begin(), b.balls.end(),
                          [&](const BallSighting& other) { return other.ball == seen.ball; });
     });
   };
-  std::vector<View> telling;
+  Chosen telling;
   for (const std::size_t i : kept) {
     const bool tells =
         kind == ArtefactKind::pose || std::any_of(kept.begin(), kept.end(), [&](std::size_t j) {
           return !same_place(views[i].T_base_flange, views[j].T_base_flange) && share_a_ball(views[i], views[j]);
         });
-    if (tells) telling.push_back(views[i]);
+    if (tells) telling.push_back(i);
   }
   return telling;
-}
-
-/// How many different flange poses there are.
-std::size_t places_of(std::span<const View> views) {
-  std::vector<const Pose*> places;
-  for (const View& view : views) {
-    const Pose& pose = view.T_base_flange;
-    if (std::none_of(places.begin(), places.end(), [&](const Pose* other) { return same_place(*other, pose); }))
-      places.push_back(&pose);
-  }
-  return places.size();
 }
 
 Circumstances circumstances_of(const Equations& equations, const StatedNoise& noise) {
@@ -463,7 +454,9 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
                                                       weighing.target_rotation * noise.target_rad) /
                                                std::hypot(noise.robot_rad, noise.target_rad)
                                          : stated.rotation;
-  const std::vector<View> telling = telling_views(kind, views, selected.kept);
+  const Chosen telling_indices = telling_views(kind, views, selected.kept);
+  std::vector<View> telling;
+  for (const std::size_t i : telling_indices) telling.push_back(views[i]);
   const std::span<const View> spread_out = telling.empty() ? views : std::span<const View>(telling);
   result.rotation_spread_axes_deg = rotation_spread_axes_deg(spread_out);
   result.rotation_spread_deg = result.rotation_spread_axes_deg[2];
@@ -472,7 +465,7 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
   Circumstances circumstances = circumstances_of(equations, noise);
   circumstances.views = views;
   circumstances.converged = selected.adjusted.converged;
-  circumstances.places = places_of(telling);
+  circumstances.places = places_of(equations, telling_indices).size();
   result.condition = weakness.condition;
   result.smallest_singular_value = weakness.smallest;
   result.determined = weakness.condition <= kConditionDegenerate;
@@ -485,7 +478,10 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
       result.views[i].leave_one_out_mm = solution.leave_one_out[i].residual_mm;
       result.views[i].leave_one_out_deg = solution.leave_one_out[i].residual_deg;
     }
-    result.covariance = covariance_of_pose(equations, selected, weighing, !result.reweighted, result.s0);
+    const SharedErrors shared = shared_errors(equations, selected.kept, selected.linear);
+    if (shared.repeats) result.repeat_share = shared.position_share;
+    if (shared.repeats && !result.reweighted) result.s0 = shared.size;
+    result.covariance = covariance_of_pose(equations, selected, weighing, shared, !result.reweighted, result.s0);
     result.predicted_point_sigma_mm = point_sigma_mm(result.covariance, result.T_flange_scanner, settings.fov);
   } else {
     forget_pose(result);

@@ -117,7 +117,11 @@ struct HandEye {
   double s0 = kNoValue;           ///< residuals over stated noise; 1 when the stated noise is right
   double s0_position = kNoValue;  ///< the same for positions and rotations apart
   double s0_rotation = kNoValue;  ///< pose
-  bool reweighted = false;        ///< position and rotation were weighed by s0_position and s0_rotation
+  /// Of what positions err by (variance), what views from one place of the flange (same_place()) have in common, as
+  /// their scatter shows it: that part does not fall with repeats, and s0, sigmas and the predicted error know it. NaN:
+  /// no place was seen twice.
+  double repeat_share = kNoValue;
+  bool reweighted = false;      ///< position and rotation were weighed by s0_position and s0_rotation
   bool robot_lever = true;      ///< pose: false: positions were weighed without what the robot's turns would do to them
   double condition = kNoValue;  ///< of the whitened Jacobian, rotations scaled by 500 mm
   double smallest_singular_value = kNoValue;                                     ///< of the same, 1 / mm
@@ -142,7 +146,8 @@ struct HandEye {
 [[nodiscard]] Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const StatedNoise& noise,
                                     const SolveSettings& settings = {});
 
-/// What a set of views would be worth, were it measured: the Cramer-Rao bound at a given X. `views` may hold planned
+/// What a set of views would be worth, were it measured: the Cramer-Rao bound at a given X, each view from a place of
+/// its own. `views` may hold planned
 /// ones: of them only T_base_flange and which balls they see are used, where they see them follows from X and targets.
 struct Prediction {
   double point_sigma_mm = kNoValue;  ///< NaN when a direction is not determined

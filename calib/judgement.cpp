@@ -212,6 +212,11 @@ void advise(const Circumstances& c, HandEye& result) {
         sentence("residuals are only %.2g of what the stated noise explains: errors that neighbouring poses share (the "
                  "robot's accuracy) do not show in them; the scatter of these views is about %.2g mm",
                  larger, result.s0_position * std::hypot(c.noise.robot_mm, c.noise.target_mm)));
+  if (has_value(result.repeat_share))
+    result.warnings.push_back(sentence(
+        "%zu views from %zu poses of the flange: views from one pose have %.0f %% of their error (variance) in "
+        "common, which more of them do not make smaller; other poses do",
+        c.views.size() - result.rejected.size(), c.places, 100.0 * result.repeat_share));
   if (result.reweighted)
     result.warnings.push_back(
         sentence("positions err %.2f and rotations %.2f times as much as stated; they were weighed accordingly",
