@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <cerrno>
+#include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <memory>
@@ -138,7 +139,21 @@ int solve_kept_views(const Options& options) {
   return kRefused;
 }
 
+/// CLI11 has checked that four numbers are there, and that none is negative.
+bool ball_bar_makes_sense(const std::vector<double>& bar) {
+  const auto is_ball = [](double number) {
+    return number >= 1.0 && number <= static_cast<double>(calib::kBallsMax) && number == std::floor(number);
+  };
+  if (is_ball(bar[0]) && is_ball(bar[1]) && bar[0] != bar[1] && bar[2] > 0.0) return true;
+  complain(fmt::format(
+      "--ball-bar {:g} {:g} {:g} {:g}: the first two are balls of the target table, different whole numbers "
+      "within 1 .. {}, the third is their certified distance, above 0 mm",
+      bar[0], bar[1], bar[2], bar[3], calib::kBallsMax));
+  return false;
+}
+
 int solve(const Options& options) {
+  if (!options.ball_bar.empty() && !ball_bar_makes_sense(options.ball_bar)) return kUsage;
   const int given =
       (options.kind.empty() ? 0 : 1) + (options.flange.empty() ? 0 : 1) + (options.target.empty() ? 0 : 1);
   if (given == 0 && options.ball_bar.empty()) return solve_kept_views(options);
