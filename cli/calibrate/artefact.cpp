@@ -3,11 +3,11 @@
 // slabctl calibrate artefact: the pose of an artefact of three or more balls in scans, against its certificate.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
-#include <fstream>
 #include <memory>
 
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/find_ball.h"
+#include "cli/durable.h"
 #include "cli/exit.h"
 
 namespace slabd::cli {
@@ -32,10 +32,10 @@ int write_target(const Options& options, const std::vector<calib::ArtefactReport
     }
     poses.push_back(reports[i].target.T_scanner_target);
   }
-  std::ofstream file(options.target);
-  file << calib::write_poses(poses, calib::PoseFormat{}, calib::TableRole::target);
-  if (!file.flush()) {
-    complain(fmt::format("{} cannot be written", options.target));
+  OutFile file(options.target, {.synced = true});
+  file.write(calib::write_poses(poses, calib::PoseFormat{}, calib::TableRole::target));
+  if (const Status written = file.close(Code::journal_write); !written) {
+    complain(written.error().text.view());
     return kNotReachable;
   }
   if (!options.json) fmt::print("{}: {} poses\n", options.target, poses.size());

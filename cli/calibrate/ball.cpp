@@ -4,11 +4,11 @@
 // session, and to make the target table that `calibrate solve` reads.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
-#include <fstream>
 #include <memory>
 
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/find_ball.h"
+#include "cli/durable.h"
 #include "cli/exit.h"
 #include "cli/parse.h"
 #include "cli/progress.h"
@@ -77,10 +77,9 @@ Status write_target(const Options& options, const std::vector<calib::BallView>& 
   format.rotation = calib::RotationForm::none;
   format.labelled = true;
   format.declared = true;
-  std::ofstream file(options.target);
-  file << calib::write_poses(poses, format, calib::TableRole::target, view_labels, ball_labels);
-  if (!file.flush()) return error(Code::journal_write, "%s cannot be written", options.target.c_str());
-  return success();
+  OutFile file(options.target, {.synced = true});
+  file.write(calib::write_poses(poses, format, calib::TableRole::target, view_labels, ball_labels));
+  return file.close(Code::journal_write);
 }
 
 /// What the free radius of all views says about the certified one; a warning is not a refusal.

@@ -9,7 +9,6 @@
 // the views so far.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
-#include <fstream>
 #include <memory>
 #include <span>
 
@@ -17,6 +16,7 @@
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/record_options.h"
 #include "cli/command.h"
+#include "cli/durable.h"
 #include "cli/exit.h"
 #include "cli/parse.h"
 
@@ -175,10 +175,10 @@ int run_block(const Options& options) {
   if (options.target.empty()) return kDone;
   std::vector<Pose> poses;
   for (const calib::View& view : views) poses.push_back(view.T_scanner_target);
-  std::ofstream file(options.target);
-  file << calib::write_poses(poses, calib::PoseFormat{}, calib::TableRole::target);
-  if (!file.flush()) {
-    complain(fmt::format("{} cannot be written", options.target));
+  OutFile file(options.target, {.synced = true});
+  file.write(calib::write_poses(poses, calib::PoseFormat{}, calib::TableRole::target));
+  if (const Status written = file.close(Code::journal_write); !written) {
+    complain(written.error().text.view());
     return kNotReachable;
   }
   if (!options.json)

@@ -79,6 +79,27 @@ TEST_F(CalibrateBall, refuses_with_reason_cure_and_status_6) {
   EXPECT_EQ(content(file("t")).find("\n2 "), std::string::npos);
 }
 
+TEST_F(CalibrateBall, a_table_that_is_there_is_replaced_whole_or_stays) {
+  simulate("set", "--views 1 --seed 5");
+  simulate("frame", "--kind artefact --views 1 --seed 5");
+  const std::string ball = "calibrate ball " + file("set/view_01.ply") + " --radius 25.4";
+  const std::string artefact =
+      "calibrate artefact " + file("frame/view_01.ply") + " --certificate " + file("frame/certificate.txt");
+  for (const std::string& command : {ball, artefact}) {
+    const std::string target = write("target.txt", "what was there");
+    // A second name of the same file: whoever writes into it in place changes this one as well, bit by bit.
+    fs::remove(file("old.txt"));
+    fs::create_hard_link(target, file("old.txt"));
+    const Ended found = run(command + " --target " + target);
+    ASSERT_EQ(found.status, 0) << found.err << found.out;
+    EXPECT_EQ(content(file("old.txt")), "what was there") << command;
+    EXPECT_NE(content(target), "what was there") << command;
+    const Ended nowhere = run(command + " --target " + file("none/target.txt"));
+    EXPECT_EQ(nowhere.status, 4) << command;
+    expect_mentions(nowhere.err, "none/target.txt cannot be written: No such file or directory");
+  }
+}
+
 TEST_F(CalibrateBall, averages_shots_that_agree_and_refuses_those_that_do_not) {
   simulate("set", "--views 2 --shots 3 --seed 6 --robot-sigma-mm 0.05");
   const Ended same = run("calibrate ball " + file("set/view_01_*.ply") + " --radius 25.4 --shots");

@@ -49,8 +49,11 @@ class CalibrateBlock : public Slabctl {
 TEST_F(CalibrateBlock, a_block_seen_from_all_sides_is_an_artefact) {
   draw(9);
   // Off by 9 mm and 1.4 degrees.
+  // A second name of the table that was there: it is replaced, not written into.
+  fs::create_hard_link(write("target.txt", "what was there"), file("old.txt"));
   const Ended found = run(block(9, "45 -20 185 0.995 0 0.0998 0"));
   ASSERT_EQ(found.status, 0) << found.out << found.err;
+  EXPECT_EQ(content(file("old.txt")), "what was there");
   const Ended solved =
       run("calibrate solve --json --kind pose --flange " + file("set") + "/flange.txt --target " + file("target.txt") +
           " --robot-sigma-mm 0.017 --target-sigma-mm 0.02 --target-sigma-deg 0.005");
