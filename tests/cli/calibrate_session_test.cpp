@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "base/base.h"
+#include "calib/calib.h"
 #include "slabctl_process.h"
 #include "storage/storage.h"
 
@@ -264,6 +265,43 @@ TEST_F(CalibrateSession, a_radius_that_the_ball_itself_contradicts_refuses_the_s
   ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
   expect_next(run("calibrate solve"), 6, "ball_radius");
   expect_next(run("calibrate verify --yes"), 6, "not solved");
+}
+
+TEST_F(CalibrateSession, a_solution_that_was_cut_short_keeps_its_number_and_blocks_nothing) {
+  simulate("set", "--views 13 --seed 13");
+  ASSERT_EQ(run(new_in("a")).status, 0);
+  ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
+  ASSERT_EQ(run("calibrate solve").status, 0);
+  const std::string solutions = file("a/calibration/hall/solutions");
+  const std::string whole = content(solutions + "/0014/solved.txt");
+  for (const std::string& torn : {whole.substr(0, whole.size() / 2), std::string()}) {
+    ASSERT_FALSE(write("a/calibration/hall/solutions/0014/solved.txt", torn).empty());
+    fs::remove_all(solutions + "/0015");
+    const Ended listed = run("calibrate list");
+    expect_next(listed, 0, "solve again");
+    expect_next(run("calibrate verify --yes"), 6, "slabctl calibrate solve");
+    expect_next(run("calibrate solve"), 0, "(step 15)");
+    EXPECT_EQ(content(solutions + "/0014/solved.txt"), torn) << "nothing is written over";
+    expect_next(run("calibrate verify --yes"), 0, "slabctl calibrate apply");
+  }
+}
+
+TEST_F(CalibrateSession, verify_looks_at_the_verdict_anew) {
+  simulate("set", "--views 13 --seed 13");
+  std::string wrong = new_in("a");
+  wrong.replace(wrong.find("--radius 25.4 "), 14, "--radius 25.44 ");
+  ASSERT_EQ(run(wrong).status, 0);
+  ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
+  expect_next(run("calibrate solve --force"), 6, "ball_radius");
+  // As a slabctl stored it that did not look at the radius.
+  const std::string path = "a/calibration/hall/solutions/0014/solved.txt";
+  auto record = calib::parse_solved(content(file(path)), "solved.txt");
+  ASSERT_TRUE(record.ok()) << record.error().text.view();
+  ASSERT_FALSE(record.value().ok);
+  record.value().ok = true;
+  ASSERT_FALSE(write(path, calib::solved_text(record.value())).empty());
+  expect_next(run("calibrate verify --yes"), 6, "is refused by now; next: slabctl calibrate solve");
+  expect_next(run("calibrate apply"), 6, "slabctl calibrate verify");
 }
 
 TEST_F(CalibrateSession, a_database_whose_creation_was_stopped_does_not_stand_in_the_way) {
