@@ -237,14 +237,21 @@ RadiusCheck check_radius(std::span<const BallReport> balls, const BallSettings& 
   check.sigma_mm = std::sqrt(squares / (check.views * (check.views - 1.0)));
   const double off = settings.radius_mm - check.mean_mm;
   check.shift_mm = off * shift / check.views;
-  check.suspicious = check.views >= kRadiusViewsMin && std::abs(off) > 3.0 * check.sigma_mm &&
-                     std::abs(off) > 2.0 * settings.radius_sigma_mm && std::abs(off) > kRadiusOffLeastMm;
+  check.suspicious =
+      check.views >= kRadiusViewsMin && std::abs(off) > 3.0 * check.sigma_mm && std::abs(off) > kRadiusOffLeastMm;
+  const double certified_mm = 2.0 * settings.radius_sigma_mm;
+  check.covered = check.suspicious && std::abs(off) <= certified_mm;
   if (check.suspicious) {
     check.words.reason.printf(
         "over %d scans the ball shows a radius of %.4f +- %.4f mm, certified are %.4f: if the scans are right, every "
         "centre lies %.3f mm too %s the scanner, and the calibration with it; no residual will show that",
         check.views, check.mean_mm, 2.0 * check.sigma_mm, settings.radius_mm, std::abs(check.shift_mm),
         check.shift_mm > 0.0 ? "far from" : "near to");
+    if (check.covered) {
+      FixedString<64> covered;
+      covered.printf("; the certificate's own uncertainty (%.4f mm, k = 2) covers it", certified_mm);
+      check.words.reason.append(covered.view());
+    }
     check.words.cure =
         "have the effective radius of the ball certified as coated, and measure a step or plane artefact to tell the "
         "ball's radius from an error of the scanner";

@@ -150,11 +150,12 @@ struct RadiusCheck {
   double shift_mm =
       kNoValue;  ///< by which the centres lie too near to the scanner (-) or too far (+), if the mean is right
   bool suspicious = false;
-  BallWords words;  ///< when suspicious
+  bool covered = false;  ///< suspicious, but within what the certificate says itself (k = 2)
+  BallWords words;       ///< when suspicious
 };
 
-/// Suspicious from five views on: the mean is further from the certified radius than three of its sigmas, two of the
-/// certificate's, and a hundredth of a millimetre.
+/// Suspicious from five views on: the mean is further from the certified radius than three of its own sigmas and a
+/// hundredth of a millimetre. A certificate that is uncertain does not make it less so: the scans know better then.
 [[nodiscard]] RadiusCheck check_radius(std::span<const BallReport> balls, const BallSettings& settings);
 /// By how much a centre is shifted along the view for each mm that the held radius is wrong, on a cap this wide.
 [[nodiscard]] double shift_per_radius(double half_angle_rad);

@@ -147,8 +147,8 @@ struct HandEye {
                                     const SolveSettings& settings = {});
 
 /// What a set of views would be worth, were it measured: the Cramer-Rao bound at a given X, each view from a place of
-/// its own. `views` may hold planned
-/// ones: of them only T_base_flange and which balls they see are used, where they see them follows from X and targets.
+/// its own. `views` may hold planned ones: of them only T_base_flange and which balls they see are used, where they see
+/// them follows from X and targets.
 struct Prediction {
   double point_sigma_mm = kNoValue;  ///< NaN when a direction is not determined
   double condition = kNoValue;
@@ -162,6 +162,14 @@ struct Prediction {
 [[nodiscard]] std::vector<ViewFit> residuals_of(ArtefactKind kind, std::span<const View> views,
                                                 const Pose& T_flange_scanner, std::span<const Pose> targets,
                                                 const StatedNoise& noise);
+/// A shift (mm) and a turn (rad).
+using Vec6 = Eigen::Matrix<double, 6, 1, Eigen::DontAlign>;
+/// How T_flange_scanner follows a systematic error of the sightings, which no residual shows: the artefact lies
+/// `shifts_mm[i]` (scanner axes) from where view i saw it. Shift (mm) and turn (rad) in the order of
+/// HandEye::covariance; linear, from the views that `hand_eye` kept, weighed by `noise` as stated. Zero where nothing
+/// is determined.
+[[nodiscard]] Vec6 motion_from_shifts(ArtefactKind kind, std::span<const View> views, const HandEye& hand_eye,
+                                      const StatedNoise& noise, std::span<const Vec3> shifts_mm);
 /// Where the artefact stands if X is given: means over the views, one per ball, or one pose.
 [[nodiscard]] std::vector<Pose> best_targets(ArtefactKind kind, std::span<const View> views,
                                              const Pose& T_flange_scanner);

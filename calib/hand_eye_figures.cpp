@@ -144,6 +144,26 @@ std::vector<ViewFit> residuals_of(ArtefactKind kind, std::span<const View> views
   return fits;
 }
 
+Vec6 motion_from_shifts(ArtefactKind kind, std::span<const View> views, const HandEye& hand_eye,
+                        const StatedNoise& noise, std::span<const Vec3> shifts_mm) {
+  if (!hand_eye.determined) return Vec6::Zero();
+  const State state{hand_eye.T_flange_scanner, hand_eye.targets};
+  const Equations equations(kind, views);
+  const std::vector<Eigen::MatrixXd> whiteners = equations.whiteners(state, {noise});
+  const Linearised linear = linearise(equations, whiteners, state);
+  std::vector<std::size_t> kept;
+  Eigen::VectorXd gradient = Eigen::VectorXd::Zero(equations.parameters());
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    if (!hand_eye.views[i].kept) continue;
+    kept.push_back(i);
+    Eigen::VectorXd moved = Eigen::VectorXd::Zero(equations.rows(i));
+    for (int row = equations.rotation_rows(); row < equations.rows(i); row += 3)
+      moved.segment<3>(row) = Eigen::Vector3d(state.X.rotation * shifts_mm[i]);
+    gradient += linear.J[i].transpose() * (whiteners[i] * moved);
+  }
+  return -(parameter_covariance(equations, kept, linear) * gradient).head<6>();
+}
+
 std::vector<Pose> best_targets(ArtefactKind kind, std::span<const View> views, const Pose& T_flange_scanner) {
   const Equations equations(kind, views);
   std::vector<Pose> targets(equations.targets());

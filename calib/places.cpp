@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The whitened residuals w of a set have the covariance s^2 I when every view errs anew. When views of one place share
-// a part of it, rows of the same meaning (slots) of two such views have the covariance s^2 share. With M = I - J N^-1
-// J'
+// a part of it, rows of the same meaning (slots) of two such views have the covariance s^2 share. Then
 //
-//     E |w|^2     = tr(M cov w) = s^2 (F - share h)      F = rows - leverage
-//     E |within|^2 = s^2 (1 - share) d                    within: from the mean of its slot in its place
+//     E |w|^2      = s^2 (F - share h)     F = rows - leverage
+//     E |within|^2 = s^2 (1 - share) d     within: from the mean of its slot in its place; d degrees of freedom
 //
 // where h sums j N^-1 k' over pairs of rows j, k of one slot: whatever a place's views share, the parameters follow.
 // Two equations give s and the share. A sandwich of squared sums of residuals alone would need no model, but ten places
-// are far too few for it: it is off by half its value either way, and by as much where there are no repeats at all.
+// with their 30 equations for 9 parameters are far too few for it, with repeats and without.
 #include "calib/places.h"
 
 #include <algorithm>

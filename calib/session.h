@@ -156,7 +156,8 @@ struct VerifiedRecord {
 /// config: the pose's numbers are not what its form says; `origin` stands in front of the text.
 [[nodiscard]] Result<View> solver_view(ArtefactKind kind, const CapturedView& view, std::string_view origin);
 /// Everything a solution of these views depends on, as text: two sets with equal text have the same solution, bit for
-/// bit. Times, places and names are not in it.
+/// bit. Times, places and names are not in it; nor is what the balls are certified as, which enters the record's sigmas
+/// and the verdict alone.
 [[nodiscard]] std::string solver_inputs(const SessionSettings& settings, const std::vector<View>& views);
 /// A pose in a declared form: `form` the words of a table's format header, empty for the neutral one. config as above.
 [[nodiscard]] Result<Pose> parse_flange(std::string_view form, std::string_view numbers, std::string_view origin);

@@ -16,17 +16,43 @@ namespace slabd::cli {
 
 namespace {
 
-/// A wrong radius shifts every centre along the view and X with them; no residual, left-out or held-out view shows it.
-/// What the balls themselves show is held against the certificate, and the shift against what the result claims.
-void judge_radius(const Session& session, calib::HandEye& h) {
-  const calib::SessionSettings& settings = session.settings();
+/// What the balls are certified as; the artefact's own certificate, if there is one.
+calib::BallSettings certified_balls(const Session& session) {
   calib::BallSettings balls;
-  balls.radius_mm = settings.radius_mm;
-  balls.radius_sigma_mm = settings.radius_sigma_mm;
+  balls.radius_mm = session.settings().radius_mm;
+  balls.radius_sigma_mm = session.settings().radius_sigma_mm;
   if (const auto certificate = session.certificate()) {
     balls.radius_mm = certificate->ball_radius_mm;
     balls.radius_sigma_mm = certificate->ball_radius_sigma_mm;
   }
+  return balls;
+}
+
+/// What the certified radius may be wrong by moves the centres of all views along the view, by the same amount: an
+/// error of X that does not fall with their number and is in no residual. Of the sigma of the radius, as a covariance
+/// of X.
+Mat6 covariance_of_radius(const Session& session, const std::vector<calib::View>& views, const calib::HandEye& h) {
+  const calib::SessionSettings& settings = session.settings();
+  std::vector<Vec3> shifts_mm;
+  for (const calib::View& view : views) {
+    const bool pose = settings.kind == calib::ArtefactKind::pose;
+    const Vec3& seen = pose ? view.T_scanner_target.translation_mm : view.balls.front().centre_mm;
+    const Vec3 along = settings.parallel ? Vec3(Vec3::UnitZ()) : Vec3(seen.normalized());
+    double half_angle_rad = calib::BallSettings{}.half_angle_min_rad;  // no accepted view has a smaller cap
+    for (const Session::Entry& entry : session.entries())
+      if (entry.view.number == view.number && has_value(entry.view.half_angle_deg))
+        half_angle_rad = rad_from_deg(entry.view.half_angle_deg);
+    shifts_mm.emplace_back(calib::shift_per_radius(half_angle_rad) * along);
+  }
+  const calib::Vec6 per_mm = calib::motion_from_shifts(settings.kind, views, h, settings.noise, shifts_mm);
+  const double sigma_mm = certified_balls(session).radius_sigma_mm;
+  return sigma_mm * sigma_mm * per_mm * per_mm.transpose();
+}
+
+/// A wrong radius shifts every centre along the view and X with them; no residual, left-out or held-out view shows it.
+/// What the balls themselves show is held against the certificate, and the shift against what the result claims.
+void judge_radius(const Session& session, calib::HandEye& h) {
+  const calib::BallSettings balls = certified_balls(session);
   std::vector<calib::BallReport> seen;
   for (const Session::Entry& entry : session.entries()) {
     if (!entry.counts() || !has_value(entry.view.radius_off_mm)) continue;
@@ -38,7 +64,8 @@ void judge_radius(const Session& session, calib::HandEye& h) {
   const calib::RadiusCheck check = calib::check_radius(seen, balls);
   if (!check.suspicious) return;
   constexpr double kLeastMm = 0.02;
-  if (!(std::abs(check.shift_mm) > std::max(kLeastMm, h.predicted_point_sigma_mm))) {
+  // What the certificate covers is in the sigmas of the record.
+  if (check.covered || !(std::abs(check.shift_mm) > std::max(kLeastMm, h.predicted_point_sigma_mm))) {
     h.warnings.emplace_back(check.words.reason.view());
     return;
   }
@@ -59,15 +86,27 @@ Result<SessionSolution> solve_session(const Session& session) {
   if (!solved.ok()) return solved.error();
   SessionSolution solution{std::move(views.value()), std::move(solved.value()), {}, {}};
   judge_radius(session, solution.hand_eye);
+  Mat6 covariance = solution.hand_eye.covariance;
+  if (solution.hand_eye.determined) {
+    const Mat6 of_radius = covariance_of_radius(session, solution.views, solution.hand_eye);
+    covariance += of_radius;
+    const double radius_mm = calib::point_sigma_mm(of_radius, solution.hand_eye.T_flange_scanner, settings.fov);
+    if (radius_mm > solution.hand_eye.predicted_point_sigma_mm)
+      solution.hand_eye.warnings.push_back(fmt::format(
+          "the certified radius is uncertain by {:.4f} mm (k = 1): that moves a scanned point by {:.3f} mm, "
+          "more than the {:.3f} mm predicted from the views; have it certified better, more views do not help",
+          certified_balls(session).radius_sigma_mm, radius_mm, solution.hand_eye.predicted_point_sigma_mm));
+  }
   const calib::HandEye& h = solution.hand_eye;
   calib::SolvedRecord& record = solution.record;
   record.inputs = session.inputs();
   record.ok = h.ok;
   if (h.determined) {
     record.numbers.T_flange_scanner = h.T_flange_scanner;
-    // The record's sigmas are per axis: of a point somewhere in the field of view, and of the rotation.
-    record.numbers.sigma_mm = h.predicted_point_sigma_mm / std::sqrt(3.0);
-    record.numbers.sigma_rad = std::sqrt(h.covariance.bottomRightCorner<3, 3>().trace() / 3.0);
+    // The record's sigmas are per axis: of a point somewhere in the field of view, and of the rotation; with what the
+    // artefact adds, for whoever uses X has that in it.
+    record.numbers.sigma_mm = calib::point_sigma_mm(covariance, h.T_flange_scanner, settings.fov) / std::sqrt(3.0);
+    record.numbers.sigma_rad = std::sqrt(covariance.bottomRightCorner<3, 3>().trace() / 3.0);
     storage::CalibrationRecord kept;
     kept.numbers = record.numbers;
     record.id = storage::calibration_id(kept);

@@ -193,6 +193,17 @@ TEST(Ball, a_radius_that_is_off_by_less_than_its_gate_shows_over_many_views) {
   EXPECT_TRUE(loud.suspicious);
   EXPECT_NEAR(loud.shift_mm, 0.03 * wrong[0].shift_per_radius.norm(), 0.005);
   EXPECT_NE(loud.words.reason.view().find("too far from"), std::string_view::npos) << loud.words.reason.view();
+  EXPECT_FALSE(loud.covered);
+  // A certificate that is not sure of the radius either silences nothing.
+  BallSettings unsure = settings(kRadius + 0.03);
+  unsure.radius_sigma_mm = 0.025;
+  const RadiusCheck covered = check_radius(wrong, unsure);
+  EXPECT_TRUE(covered.suspicious);
+  EXPECT_TRUE(covered.covered);
+  EXPECT_NE(covered.words.reason.view().find("no residual will show that; the certificate's own uncertainty "
+                                             "(0.0500 mm, k = 2) covers it"),
+            std::string_view::npos)
+      << covered.words.reason.view();
   EXPECT_FALSE(check_radius({wrong.data(), 4}, settings(kRadius + 0.03)).suspicious);
   EXPECT_FALSE(has_value(check_radius({}, settings()).mean_mm));
 }

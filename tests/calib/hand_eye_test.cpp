@@ -606,6 +606,28 @@ TEST(HandEye, held_out_views_and_targets_follow_from_x) {
   }
 }
 
+TEST(HandEye, a_shift_that_all_views_share_moves_x_as_told) {
+  for (const ArtefactKind kind : kKinds) {
+    const Plan plan = plan_of(15);
+    const Set set = make(kind, plan, 31);
+    const HandEye before = solved(kind, set, plan);
+    // As a radius that is certified 0.01 mm too large moves the centres.
+    Set moved = set;
+    std::vector<Vec3> shifts;
+    for (View& view : moved.views) {
+      Vec3& seen = kind == ArtefactKind::ball ? view.balls[0].centre_mm : view.T_scanner_target.translation_mm;
+      shifts.push_back(-0.012 * seen.normalized());
+      seen -= shifts.back();
+    }
+    const HandEye after = solved(kind, moved, plan);
+    const Vec6 told = motion_from_shifts(kind, moved.views, after, plan.noise(), shifts);
+    const Pose& X = after.T_flange_scanner;
+    const Pose back{X.rotation * exp_rotation(told.tail<3>()), X.translation_mm + Vec3(told.head<3>())};
+    EXPECT_LT(scene::point_error_mm(back, before.T_flange_scanner), 2e-4) << name(kind);
+    EXPECT_GT(scene::point_error_mm(X, before.T_flange_scanner), 0.011) << name(kind);
+  }
+}
+
 TEST(HandEye, scale_is_diagnosed_against_a_certified_length) {
   Plan plan = plan_of(10);
   plan.balls = 2;

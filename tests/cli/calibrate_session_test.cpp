@@ -267,6 +267,36 @@ TEST_F(CalibrateSession, a_radius_that_the_ball_itself_contradicts_refuses_the_s
   expect_next(run("calibrate verify --yes"), 6, "not solved");
 }
 
+TEST_F(CalibrateSession, what_the_radius_may_be_wrong_by_is_said_and_in_the_records_sigma) {
+  simulate("set", "--views 13 --seed 13");
+  const auto record_of = [this](const std::string& name, const std::string& radius, Ended& solved) {
+    std::string begin = new_in(name, radius);
+    if (begin.find("--radius 25.4 ") != begin.rfind("--radius ")) begin.erase(begin.find("--radius 25.4 "), 14);
+    EXPECT_EQ(run(begin).status, 0);
+    EXPECT_EQ(run("calibrate capture --set " + file("set")).status, 0);
+    solved = run("calibrate solve");
+    EXPECT_EQ(solved.status, 0) << solved.out << solved.err;
+    const auto record = calib::parse_solved(content(file(name + "/calibration/hall/solutions/0014/solved.txt")), "");
+    EXPECT_TRUE(record.ok());
+    return record.ok() ? record.value() : calib::SolvedRecord{};
+  };
+  Ended solved;
+  const calib::SolvedRecord sure = record_of("sure", "--radius-sigma-mm 0", solved);
+  EXPECT_EQ(solved.out.find("certified"), std::string::npos) << solved.out;
+  EXPECT_NEAR(sure.numbers.sigma_mm, sure.point_sigma_mm / std::sqrt(3.0), 1e-9);
+  const calib::SolvedRecord unsure = record_of("unsure", "--radius-sigma-mm 0.05", solved);
+  EXPECT_NE(solved.out.find("the certified radius is uncertain by 0.0500 mm"), std::string::npos) << solved.out;
+  EXPECT_EQ(unsure.point_sigma_mm, sure.point_sigma_mm) << "the random part";
+  // A centre goes along the view by 1.1 to 1.2 times what the radius is off.
+  const double added_mm = std::sqrt(3.0 * (std::pow(unsure.numbers.sigma_mm, 2) - std::pow(sure.numbers.sigma_mm, 2)));
+  EXPECT_GT(added_mm / 0.05, 1.0);
+  EXPECT_LT(added_mm / 0.05, 1.35);
+  // The scans show that it is off by 0.04 mm; that its certificate would allow it is no reason to be silent.
+  record_of("off", "--radius 25.44 --radius-sigma-mm 0.025", solved);
+  EXPECT_NE(solved.out.find("the certificate's own uncertainty (0.0500 mm, k = 2) covers it"), std::string::npos)
+      << solved.out;
+}
+
 TEST_F(CalibrateSession, a_solution_that_was_cut_short_keeps_its_number_and_blocks_nothing) {
   simulate("set", "--views 13 --seed 13");
   ASSERT_EQ(run(new_in("a")).status, 0);
