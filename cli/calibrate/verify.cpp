@@ -46,7 +46,8 @@ struct Verification {
   std::string slab;  ///< which recipe the stations are of, in words
   double shift_max_mm = kNoValue;
   double turn_deg = kNoValue;
-  double limit_mm = kNoValue;  ///< of a held-out view's residual
+  double limit_mm = kNoValue;   ///< of a held-out view's residual
+  double limit_deg = kNoValue;  ///< ... of its rotation; NaN: none is seen
   bool passed = false;
 };
 
@@ -165,6 +166,11 @@ bool carry_out(const Options& options, const Session& session, const SessionSolu
       calib::residuals_of(settings.kind, held_out.value(), after.T_flange_scanner, after.targets, settings.noise);
   v.limit_mm = calib::kLeaveOneOutRatioMax * after.leave_one_out_mm.median;
   v.passed = mm_of(v.after_fits).max <= v.limit_mm;
+  // An artefact that was turned where it stands is missed by its rotation alone.
+  if (settings.kind == calib::ArtefactKind::pose) {
+    v.limit_deg = calib::kLeaveOneOutRatioMax * after.leave_one_out_deg.median;
+    v.passed = v.passed && deg_of(v.after_fits).max <= v.limit_deg;
+  }
   return true;
 }
 
@@ -190,6 +196,7 @@ std::string as_json(const Session& session, const SessionSolution& solution, con
   write_session(json, session);
   json.field("id", std::string_view(solution.record.id)).field("status", v.passed ? "ok" : "refused");
   json.field("confirmed", confirmed).field("held_out", v.after_fits.size()).field("limit_mm", v.limit_mm);
+  json.field("limit_deg", v.limit_deg);
   json.key("before_id");
   if (v.has_before)
     json.value(v.before.id.view());
@@ -292,15 +299,19 @@ int verify(const Options& options) {
   if (!carry_out(options, *session, solution.value(), v, exit_status)) return exit_status;
   if (!options.json) print(*session, solution.value(), v);
   if (!v.passed) {
-    const auto worst = std::max_element(v.after_fits.begin(), v.after_fits.end(),
-                                        [](const auto& a, const auto& b) { return a.residual_mm < b.residual_mm; });
+    const bool placed = mm_of(v.after_fits).max <= v.limit_mm;
+    const auto worst = std::max_element(v.after_fits.begin(), v.after_fits.end(), [&](const auto& a, const auto& b) {
+      return placed ? a.residual_deg < b.residual_deg : a.residual_mm < b.residual_mm;
+    });
+    const std::string missed = placed ? fmt::format("{:.4f} deg, limit {:.4f} deg", worst->residual_deg, v.limit_deg)
+                                      : fmt::format("{:.3f} mm, limit {:.3f} mm", worst->residual_mm, v.limit_mm);
     if (options.json) fmt::print("{}", as_json(*session, solution.value(), v, false));
     complain(
-        fmt::format("refused (held_out): view {} is missed by {:.3f} mm, limit {:.3f} mm (four leave-one-out "
-                    "medians)\n  what to do: look at its scan; if it was disturbed, slabctl calibrate drop {} --why "
+        fmt::format("refused (held_out): view {} is missed by {} (four leave-one-out medians)\n  what to do: look at "
+                    "its scan; if it was disturbed, slabctl calibrate drop {} --why "
                     "\"...\" and take another with capture --hold-out; if it was not, the fit is wrong: take more "
                     "views near it",
-                    worst->number, worst->residual_mm, v.limit_mm, worst->number));
+                    worst->number, missed, worst->number));
     return kRefused;
   }
   calib::VerifiedRecord record;

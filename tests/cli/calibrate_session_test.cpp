@@ -574,5 +574,34 @@ TEST_F(CalibrateSession, an_artefact_goes_the_same_way) {
   EXPECT_NE(in_force("a").certificate.find("simulated-artefact"), std::string::npos);
 }
 
+TEST_F(CalibrateSession, a_held_out_artefact_that_was_turned_where_it_stood_refuses_the_solution) {
+  simulate("set", "--kind artefact --views 10 --seed 12");
+  // Turned about the artefact's origin by 0.3 degrees, view 10, which is held out, sees it in its place.
+  const json truth = json::parse(content(file("set/truth.json")));
+  const Vec3 origin(truth["T_base_target"][0], truth["T_base_target"][1], truth["T_base_target"][2]);
+  auto table = calib::parse_poses(content(file("set/flange.txt")), "flange.txt", calib::TableRole::flange);
+  ASSERT_TRUE(table.ok());
+  Pose about;
+  about.translation_mm = origin;
+  Pose turn;
+  turn.rotation = Quat(Eigen::AngleAxisd(rad_from_deg(0.3), Eigen::Vector3d(Vec3(1.0, 2.0, 2.0) / 3.0)));
+  Pose& last = table.value().poses.back();
+  last = about * turn * about.inverse() * last;
+  std::ofstream(file("set/flange.txt")) << calib::write_poses(table.value().poses, calib::PoseFormat{},
+                                                              calib::TableRole::flange);
+  ASSERT_EQ(run("calibrate new frame --config " + config("a") + " --kind artefact --certificate " +
+                file("set/certificate.txt") + " --robot-sigma-mm 0.017 --fov 100 140 540 660 --views 10")
+                .status,
+            0);
+  ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
+  ASSERT_EQ(run("calibrate solve").status, 0);
+  const Ended verified = run("calibrate verify --yes --json");
+  expect_next(verified, 6, "refused (held_out): view 10 is missed by 0.29");
+  expect_mentions(verified.err, "deg, limit 0.0");
+  const json told = json::parse(verified.out);
+  EXPECT_LT(told["after"]["residual_mm"]["max"].get<double>(), told["limit_mm"].get<double>());
+  EXPECT_GT(told["after"]["residual_deg"]["max"].get<double>(), told["limit_deg"].get<double>());
+}
+
 }  // namespace
 }  // namespace slabd::cli
