@@ -173,10 +173,10 @@ void refuse_shot(Station& s, const Error& why, Actions& actions) {
 Error why_not_still(const Station& s) {
   const double stood_s =
       s.still.samples() < 2 ? 0.0 : static_cast<double>(s.still.newest().arrival_ns - s.still.first().arrival_ns) / 1e9;
-  const auto last = s.still.last_break();
-  const bool by_motion = last == StillWatch::Break::moved || last == StillWatch::Break::none;
-  const FixedString<240> what = s.still.describe(by_motion ? StillWatch::Break::none : last);
-  return error(last == StillWatch::Break::wrong_frame ? Code::wrong_frame : Code::not_settled,
+  const StillWatch::Broken& last = s.still.last_break();
+  const bool by_motion = last.by == StillWatch::Break::moved;
+  const FixedString<240> what = s.still.describe(by_motion ? StillWatch::Broken{} : last);
+  return error(last.by == StillWatch::Break::wrong_frame ? Code::wrong_frame : Code::not_settled,
                "the robot does not stand still: %s; it stood for %.1f s of %.1f s", what.c_str(), stood_s,
                static_cast<double>(s.settings.capture.stable_ns) / 1e9);
 }
@@ -276,15 +276,15 @@ void give_up_when_scanner_hangs(Station& s, Actions& actions) {
 
 void check_stillness(Station& s, Actions& actions) {
   Capture& c = s.capture;
-  const StillWatch::Break broken = s.still.first_break();
-  if (broken != StillWatch::Break::none) {
+  const StillWatch::Broken& broken = s.still.first_break();
+  if (broken.by != StillWatch::Break::none) {
     emit(actions, DropScan{c.shot.scan_path});
     const FixedString<240> what = s.still.describe(broken);
     refuse_shot(
         s,
-        error(broken == StillWatch::Break::wrong_frame                                 ? Code::wrong_frame
-              : broken == StillWatch::Break::gap || broken == StillWatch::Break::clock ? Code::pose_stale
-                                                                                       : Code::moved_during_scan,
+        error(broken.by == StillWatch::Break::wrong_frame                                    ? Code::wrong_frame
+              : broken.by == StillWatch::Break::gap || broken.by == StillWatch::Break::clock ? Code::pose_stale
+                                                                                             : Code::moved_during_scan,
               "while the scan was taken: %s", what.c_str()),
         actions);
     return;

@@ -90,21 +90,18 @@ StillWatch::Break StillWatch::broken_by(const PoseSample& sample) const {
 
 void StillWatch::add(const PoseSample& sample) {
   stopped_flag_used_ = stopped_flag_used_ || sample.stopped;
-  Break broken = broken_by(sample);
-  if (broken == Break::gap) {
-    gap_from_ = newest_.seq;
-    gap_to_ = sample.seq;
-  }
+  Broken broken{broken_by(sample), {}, newest_.seq, sample.seq, sample.base_id, sample.tool_id};
   watch_second(sample);
   any_ = true;
-  if (broken == Break::none && samples_ != 0) {
+  if (marked_break_.by == Break::moved && broken.by != Break::wrong_frame) follow_marked(sample);
+  if (broken.by == Break::none && samples_ != 0) {
     const Vec3 off_mm = sample.T_base_flange.translation_mm - first_.T_base_flange.translation_mm;
     const Vec3 off_rad = turned_by(first_.T_base_flange.rotation, sample.T_base_flange.rotation);
     PoseRange range = range_;
     range.add(off_mm, off_rad);
     if (range.mm() > guard_.stable_mm || range.rad() > guard_.stable_rad) {
-      broken = Break::moved;
-      broken_range_ = range;
+      broken.by = Break::moved;
+      broken.range = range;
     } else {
       range_ = range;
       sum_mm_ += off_mm;
@@ -114,13 +111,21 @@ void StillWatch::add(const PoseSample& sample) {
       return;
     }
   }
-  if (broken != Break::none) {
+  if (broken.by != Break::none) {
     last_break_ = broken;
-    if (marked_break_ == Break::none) marked_break_ = broken;
+    if (marked_break_.by == Break::none) {
+      marked_break_ = broken;
+      marked_from_ = first_.T_base_flange;
+    }
   }
   restart(sample);
-  const bool unusable = broken == Break::wrong_frame || broken == Break::estop || broken == Break::not_stopped;
+  const bool unusable = broken.by == Break::wrong_frame || broken.by == Break::estop || broken.by == Break::not_stopped;
   if (unusable) samples_ = 0;
+}
+
+void StillWatch::follow_marked(const PoseSample& sample) {
+  marked_break_.range.add(sample.T_base_flange.translation_mm - marked_from_.translation_mm,
+                          turned_by(marked_from_.rotation, sample.T_base_flange.rotation));
 }
 
 bool StillWatch::settled() const {
@@ -139,16 +144,16 @@ Pose StillWatch::mean() const {
   return mean;
 }
 
-FixedString<240> StillWatch::describe(Break what) const {
+FixedString<240> StillWatch::describe(const Broken& broken) const {
   FixedString<240> text;
-  switch (what) {
+  switch (broken.by) {
     case Break::none: text.printf("in the last second it %s", moved_text(recent(), guard_).c_str()); break;
-    case Break::moved: text.printf("it %s", moved_text(broken_range_, guard_).c_str()); break;
+    case Break::moved: text.printf("it %s", moved_text(broken.range, guard_).c_str()); break;
     case Break::gap:
       text.printf(
           "poses were lost or came twice: number %d was followed by %d, and their times must be at most %lld ms "
           "apart",
-          gap_from_, gap_to_, static_cast<long long>(settings_.gap_us / 1000));
+          broken.gap_from, broken.gap_to, static_cast<long long>(settings_.gap_us / 1000));
       break;
     case Break::clock:
       text.printf("poses arrive late: the sender's clock and their arrival differ by more and more");
@@ -157,7 +162,7 @@ FixedString<240> StillWatch::describe(Break what) const {
     case Break::not_stopped: text.printf("the robot says that it is not stopped"); break;
     case Break::wrong_frame:
       text.printf("base %d and tool %d are active, the flange in the robot root are base %d and tool %d",
-                  first_.base_id, first_.tool_id, settings_.base_id, settings_.tool_id);
+                  broken.base_id, broken.tool_id, settings_.base_id, settings_.tool_id);
       break;
   }
   return text;

@@ -50,14 +50,24 @@ struct PoseRange {
 class StillWatch {
  public:
   enum class Break : std::uint8_t { none, moved, gap, clock, estop, not_stopped, wrong_frame };
+  /// What ended a stretch, with what there is to say of it. A copy: later poses end further stretches.
+  struct Broken {
+    Break by = Break::none;
+    PoseRange range;            ///< moved: of the stretch and the pose that ended it
+    std::int32_t gap_from = 0;  ///< gap: sender's numbers around it
+    std::int32_t gap_to = 0;
+    std::int16_t base_id = 0;  ///< of the pose that ended it
+    std::int16_t tool_id = 0;
+  };
 
   StillWatch(const CaptureGuard& guard, const PoseSettings& settings) : guard_(guard), settings_(settings) {}
 
   /// Forgets everything: only poses from now on count.
   void begin();
   void add(const PoseSample& sample);
-  /// From here on first_break() says what broke the stretch first.
-  void mark() { marked_break_ = Break::none; }
+  /// From here on first_break() says what broke the stretch first, and over what range it moved in all since then: the
+  /// pose that breaks a stretch of 0.01 mm is only the beginning of a drive.
+  void mark() { marked_break_ = {}; }
 
   /// Has the stretch lasted as long as the guard asks for?
   [[nodiscard]] bool settled() const;
@@ -69,14 +79,16 @@ class StillWatch {
 
   /// How far it moved in the last whole second (the first second: so far).
   [[nodiscard]] const PoseRange& recent() const { return recent_whole_ ? last_second_ : this_second_; }
-  [[nodiscard]] Break last_break() const { return last_break_; }
-  [[nodiscard]] Break first_break() const { return marked_break_; }
-  /// What keeps it from being settled, or what broke it: a sentence's end without a full stop, for people.
-  [[nodiscard]] FixedString<240> describe(Break what) const;
+  [[nodiscard]] const Broken& last_break() const { return last_break_; }
+  [[nodiscard]] const Broken& first_break() const { return marked_break_; }
+  /// What broke it, or, with Break::none, how it moved in the last second: a sentence's end without a full stop, for
+  /// people.
+  [[nodiscard]] FixedString<240> describe(const Broken& broken) const;
 
  private:
   void restart(const PoseSample& sample);
   void watch_second(const PoseSample& sample);
+  void follow_marked(const PoseSample& sample);
   [[nodiscard]] Break broken_by(const PoseSample& sample) const;
 
   CaptureGuard guard_;
@@ -89,11 +101,9 @@ class StillWatch {
   PoseRange range_;
   Vec3 sum_mm_ = Vec3::Zero();
   Vec3 sum_rad_ = Vec3::Zero();
-  Break last_break_ = Break::none;
-  Break marked_break_ = Break::none;
-  std::int32_t gap_from_ = 0;  ///< sender's numbers around the last gap
-  std::int32_t gap_to_ = 0;
-  PoseRange broken_range_;  ///< of the stretch with the pose that broke it by moving
+  Broken last_break_;
+  Broken marked_break_;
+  Pose marked_from_;  ///< where marked_break_.range counts from, when it moved
 
   bool recent_whole_ = false;
   PoseSample second_start_;

@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <string>
+
 #include "base/prng.h"
 
 namespace slabd::daemon {
@@ -110,13 +113,13 @@ TEST(StillWatch, whatever_breaks_the_stretch_is_remembered_from_the_mark_on) {
     for (int i = 0; i < 300; ++i) watch.add(sender.next());
     EXPECT_TRUE(watch.settled());
     watch.mark();
-    EXPECT_EQ(watch.first_break(), Break::none);
+    EXPECT_EQ(watch.first_break().by, Break::none);
     PoseSample sample = sender.next();
     change(sample, sender);
     watch.add(sample);
     EXPECT_FALSE(watch.settled());
     EXPECT_FALSE(watch.describe(watch.first_break()).empty());
-    return watch.first_break();
+    return watch.first_break().by;
   };
   EXPECT_EQ(broken([](PoseSample& s, Sender&) { s.T_base_flange.translation_mm.x() += 0.0101; }), Break::moved);
   EXPECT_EQ(broken([](PoseSample& s, Sender&) { s.seq += 1; }), Break::gap);
@@ -126,6 +129,71 @@ TEST(StillWatch, whatever_breaks_the_stretch_is_remembered_from_the_mark_on) {
   EXPECT_EQ(broken([](PoseSample& s, Sender&) { s.estop = true; }), Break::estop);
   EXPECT_EQ(broken([](PoseSample& s, Sender&) { s.tool_id = 2; }), Break::wrong_frame);
   EXPECT_EQ(broken([](PoseSample& s, Sender&) { s.base_id = 1; }), Break::wrong_frame);
+}
+
+/// Stands, is marked; then `change` breaks the stretch and goes on as it likes. What is said of the first break.
+template <typename Change>
+std::string said_of_first(Change change) {
+  StillWatch watch({}, {});
+  Sender sender;
+  for (int i = 0; i < 300; ++i) watch.add(sender.next());
+  EXPECT_TRUE(watch.settled());
+  watch.mark();
+  change(watch, sender);
+  return watch.describe(watch.first_break()).c_str();
+}
+
+TEST(StillWatch, the_first_break_is_told_as_it_was_whatever_comes_after_it) {
+  const std::string wrong_frame = said_of_first([](StillWatch& watch, Sender& sender) {
+    PoseSample other = sender.next();
+    other.base_id = 3;
+    watch.add(other);
+    for (int i = 0; i < 300; ++i) watch.add(sender.next());
+  });
+  EXPECT_EQ(wrong_frame, "base 3 and tool 0 are active, the flange in the robot root are base 0 and tool 0");
+
+  const std::string lost = said_of_first([](StillWatch& watch, Sender& sender) {
+    for (const int missing : {100, 3}) {
+      sender.seq += missing;
+      for (int i = 0; i < 10; ++i) watch.add(sender.next());
+    }
+  });
+  EXPECT_TRUE(lost.starts_with("poses were lost or came twice: number 300 was followed by 401,")) << lost;
+}
+
+TEST(StillWatch, a_drive_is_told_in_its_whole_length) {
+  const std::string drove = said_of_first([](StillWatch& watch, Sender& sender) {
+    const Pose stood = sender.pose;
+    for (int i = 0; i <= 800; ++i) {  // 50 mm in two seconds, and then it stands
+      const double way = i < 500 ? 0.5 - 0.5 * std::cos(kPi * i / 500.0) : 1.0;
+      sender.pose.translation_mm = stood.translation_mm + Vec3(0.0, -50.0 * way, 0.0);
+      sender.pose.rotation = Quat(Eigen::AngleAxisd(rad_from_deg(2.0 * way), Vec3::UnitZ())) * stood.rotation;
+      watch.add(sender.next());
+    }
+    EXPECT_TRUE(watch.settled());
+  });
+  EXPECT_TRUE(drove.starts_with("it moved 50.000 mm along base y and turned 2.0000 deg about base z,")) << drove;
+
+  // Poses of another tool say nothing of how far the flange moved.
+  const std::string jolt = said_of_first([](StillWatch& watch, Sender& sender) {
+    sender.pose.translation_mm.x() += 0.5;
+    watch.add(sender.next());
+    PoseSample other = sender.next();
+    other.tool_id = 1;
+    other.T_base_flange.translation_mm.x() += 200.0;
+    watch.add(other);
+  });
+  EXPECT_TRUE(jolt.starts_with("it moved 0.500 mm along base x")) << jolt;
+}
+
+TEST(StillWatch, what_kept_it_from_standing_last_is_told_as_it_was) {
+  StillWatch watch({}, {});
+  Sender sender;
+  PoseSample other = sender.next();
+  other.base_id = 3;
+  watch.add(other);
+  watch.add(sender.next());
+  EXPECT_TRUE(watch.describe(watch.last_break()).view().starts_with("base 3 and tool 0 are active"));
 }
 
 TEST(StillWatch, a_bridge_that_works_off_a_queue_of_old_poses_is_not_believed) {
@@ -139,7 +207,7 @@ TEST(StillWatch, a_bridge_that_works_off_a_queue_of_old_poses_is_not_believed) {
     settled = settled || watch.settled();
   }
   EXPECT_FALSE(settled);
-  EXPECT_EQ(watch.last_break(), StillWatch::Break::clock);
+  EXPECT_EQ(watch.last_break().by, StillWatch::Break::clock);
 }
 
 TEST(StillWatch, a_robot_that_tells_whether_it_is_stopped_must_be) {
@@ -151,7 +219,7 @@ TEST(StillWatch, a_robot_that_tells_whether_it_is_stopped_must_be) {
     watch.add(sample);
   }
   EXPECT_FALSE(watch.settled());
-  EXPECT_EQ(watch.last_break(), StillWatch::Break::not_stopped);
+  EXPECT_EQ(watch.last_break().by, StillWatch::Break::not_stopped);
 }
 
 }  // namespace
