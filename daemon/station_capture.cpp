@@ -120,7 +120,9 @@ void begin(Station& s, const CaptureRequest& request, Actions& actions) {
     }
     if (!request.take_over) {
       c.refusal =
-          error(Code::busy, "\"%s\" of %s is open for another %lld s unless it goes on; end it, wait, or take over",
+          error(Code::busy,
+                "\"%s\" of %s is open for another %lld s unless it goes on; end it, wait, or give slabctl calibrate "
+                "capture --live also --take-over",
                 c.session.c_str(), c.operator_name.c_str(), std::max(left_s, 0LL));
       return;
     }

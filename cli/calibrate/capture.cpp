@@ -21,6 +21,7 @@
 #include "cli/calibrate/session.h"
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "hal/hal.h"
 
 namespace slabd::cli {
 namespace {
@@ -36,6 +37,7 @@ struct Options {
   bool live = false;
   bool all = false;
   bool end = false;
+  bool take_over = false;
   int shots = 3;
   bool hold_out = false;
   bool json = false;
@@ -92,22 +94,35 @@ ViewRequest request_from(const WrittenTable& table, std::size_t row) {
   return request;
 }
 
-/// The numbers in "view_07_2.ply": view 7, shot 2. False: not the name of a view's scan.
-bool numbers_of(const std::string& name, std::size_t& view, std::size_t& shot) {
-  unsigned v = 0;
-  unsigned s = 1;
-  int end = 0;
-  const std::string stem = fs::path(name).stem().string();
-  if (std::sscanf(stem.c_str(), "view_%u_%u%n", &v, &s, &end) != 2 || end != static_cast<int>(stem.size())) {
-    s = 1;
-    if (std::sscanf(stem.c_str(), "view_%u%n", &v, &end) != 1 || end != static_cast<int>(stem.size())) return false;
-  }
-  view = v;
-  shot = s;
-  return v > 0;
+/// Takes digits, and nothing else, off the front of `text`; a number that no view has stays a million. False: none.
+bool take_number(std::string_view& text, std::size_t& number) {
+  constexpr std::size_t kNumberMax = 1'000'000;
+  const std::size_t digits = std::min(text.find_first_not_of("0123456789"), text.size());
+  number = 0;
+  for (const char c : text.substr(0, digits))
+    number = std::min(10 * number + static_cast<std::size_t>(c - '0'), kNumberMax);
+  text.remove_prefix(digits);
+  return digits > 0;
 }
 
-/// A folder with flange.txt and view_NN.ply or view_NN_S.ply: NN is the pose in the table, S the shot.
+/// The numbers in "view_07_2.ply": view 7, shot 2. False: not the name of a view's scan.
+bool numbers_of(const fs::path& file, std::size_t& view, std::size_t& shot) {
+  constexpr std::string_view kPrefix = "view_";
+  const std::string stem = file.stem().string();
+  std::string_view rest = stem;
+  if (!rest.starts_with(kPrefix) || !hal::scan_format_of(file.native())) return false;
+  rest.remove_prefix(kPrefix.size());
+  shot = 1;
+  if (!take_number(rest, view)) return false;
+  if (rest.empty()) return true;
+  if (!rest.starts_with('_')) return false;
+  rest.remove_prefix(1);
+  return take_number(rest, shot) && rest.empty();
+}
+
+/// A folder with flange.txt and view_NN.ply or view_NN_S.ply: NN is the pose in the table, S the shot. Pictures and
+/// notes beside them are none of ours; two scans that say the same NN and S are refused, for which of them was taken at
+/// that pose only a person knows.
 Result<std::vector<ViewRequest>> requests_from_set(const std::string& dir) {
   const Result<WrittenTable> table = read_table(dir + "/flange.txt");
   if (!table.ok()) return table.error();
@@ -116,8 +131,20 @@ Result<std::vector<ViewRequest>> requests_from_set(const std::string& dir) {
   for (fs::directory_iterator it(dir, fault), end; !fault && it != end; it.increment(fault)) {
     std::size_t view = 0;
     std::size_t shot = 0;
-    if (numbers_of(it->path().filename().string(), view, shot)) scans[{view, shot}] = it->path().string();
+    if (!numbers_of(it->path().filename(), view, shot)) continue;
+    if (view == 0)
+      return error(Code::config, "%s: views are numbered from 1, which is the first pose in flange.txt",
+                   it->path().c_str());
+    const auto [other, is_new] = scans.try_emplace({view, shot}, it->path().string());
+    if (is_new) continue;
+    const std::string one = it->path().filename().string();
+    const std::string two = fs::path(other->second).filename().string();
+    return error(Code::config,
+                 "%s and %s are both view %zu, shot %zu; move the one away that was not taken at pose %zu of "
+                 "flange.txt (in %s)",
+                 std::min(one, two).c_str(), std::max(one, two).c_str(), view, shot, view, dir.c_str());
   }
+  if (fault) return error(Code::config, "%s: cannot be read: %s", dir.c_str(), fault.message().c_str());
   std::vector<ViewRequest> requests;
   std::size_t last = 0;
   for (const auto& [key, path] : scans) {
@@ -209,9 +236,12 @@ int capture(const Options& options) {
   std::optional<Session> session = find_session(options.session, exit_status);
   if (!session) return exit_status;
   if (options.end) {
-    const Status ended = end_live(*session);
-    if (!ended.ok()) return fail(ended.error());
-    if (!options.json) fmt::print("{}: the line is idle again\n", session_words(*session));
+    const Result<std::string> ended = end_live(*session);
+    if (!ended.ok()) {
+      complain(ended.error().text.view());
+      return live_capture_exit(ended.error().code);
+    }
+    if (!options.json) fmt::print("{}: {}\n", session_words(*session), ended.value());
     return kDone;
   }
   if (const Status locked = session->lock(); !locked.ok()) return fail(locked.error());
@@ -233,8 +263,8 @@ int capture(const Options& options) {
     request.hold_out = options.hold_out;
     if (terminal && requests.value().size() > 1)
       fmt::print(stderr, "\r\x1b[Kscan {}/{}", ++done, requests.value().size());
-    const Result<Taken> taken =
-        options.live ? take_live(*session, options.shots, options.hold_out) : take_view(*session, request);
+    const Result<Taken> taken = options.live ? take_live(*session, {options.shots, options.hold_out, options.take_over})
+                                             : take_view(*session, request);
     if (terminal && requests.value().size() > 1) fmt::print(stderr, "\r\x1b[K");
     if (!taken.ok()) {
       complain(taken.error().text.view());
@@ -266,9 +296,10 @@ int capture(const Options& options) {
 }
 
 /// View after view with one command: a line on stdin says that the robot stands at the next pose.
-int capture_all(const Options& options) {
+int capture_all(Options options) {
   for (;;) {
     const int status = capture(options);
+    options.take_over = false;  // once: who took the line since then has a reason
     if (status != kDone && status != kRefused) return status;
     int exit_status = kDone;
     const std::optional<Session> session = find_session(options.session, exit_status);
@@ -310,6 +341,11 @@ void add_calibrate_capture(CLI::App& group, int& exit_status) {
                  "With --live: take nothing, give the line back (it comes back by itself "
                  "at the goal, or after 5 minutes)")
       ->needs(live);
+  command
+      ->add_flag("--take-over", options->take_over,
+                 "With --live: end another session that has the line, unless it is taking a view")
+      ->needs(live)
+      ->excludes("--end");
   command->add_flag("--all", options->all, "With --live: view after view until the goal; Enter when the robot stands")
       ->needs(live)
       ->excludes("--end");

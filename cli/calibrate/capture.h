@@ -25,10 +25,16 @@ struct Taken {
 /// or not. config: a scan or pose that cannot be read, the scan of another view; journal_write.
 [[nodiscard]] Result<Taken> take_view(Session& session, const ViewRequest& request);
 
+struct LiveOptions {
+  int shots = 3;
+  bool hold_out = false;
+  bool take_over = false;  ///< end a session of another name that is open
+};
 /// The same from the running daemon: it makes sure that the robot stands still through all shots. scanner_offline,
-/// no_pose, and what the daemon says otherwise.
-[[nodiscard]] Result<Taken> take_live(Session& session, int shots, bool hold_out);
-/// Gives the line back before its lease is over.
-[[nodiscard]] Status end_live(const Session& session);
+/// no_pose, and what the daemon says otherwise; journal_write: the session has no copy, the daemon's scans are kept.
+[[nodiscard]] Result<Taken> take_live(Session& session, const LiveOptions& options);
+/// Gives the line back before its lease is over; says in words how the line stands. A line that the session does not
+/// have is left alone, and that is no error.
+[[nodiscard]] Result<std::string> end_live(const Session& session);
 
 }  // namespace slabd::cli

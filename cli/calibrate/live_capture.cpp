@@ -150,6 +150,17 @@ Status LiveCapture::end() {
   return success();
 }
 
+Result<LiveCapture::Ended> LiveCapture::end(const std::string& socket, const std::string& session) {
+  const Result<json> state = understood(LiveCapture(socket, session).ask("end"));
+  if (!state.ok()) return state.error();
+  // A session that still waits for the worker under its view ends by itself and counts as ended.
+  Ended ended;
+  if (state.value().value("phase", "closed") == "closed" || state.value().value("session", "") == session) return ended;
+  ended.other = state.value().value("session", "");
+  ended.other_operator = state.value().value("operator", "");
+  return ended;
+}
+
 int live_capture_exit(Code code) {
   switch (code) {
     case Code::not_settled:

@@ -85,6 +85,13 @@ class LiveCapture {
   /// Back to idle. Ok also when the session was not open any more.
   [[nodiscard]] Status end();
 
+  /// Ends `session` without beginning it, whoever began it: a line that nobody had stays in production all the while.
+  struct Ended {
+    std::string other;           ///< another session that has the line instead; nothing was done to it. Empty: none
+    std::string other_operator;  ///< and whose it is
+  };
+  [[nodiscard]] static Result<Ended> end(const std::string& socket, const std::string& session);
+
   /// Sentences of the daemon about this session (guard limits wider than 0.01 mm / 0.001 deg / 1 s, ...).
   [[nodiscard]] const std::vector<std::string>& warnings() const { return warnings_; }
 

@@ -112,7 +112,12 @@ Result<Session> Session::open(const std::string& dir) {
 }
 
 Status Session::read_views() {
-  std::vector<calib::ViewChange> undos;
+  struct Undo {
+    std::size_t view = 0;
+    std::size_t step = 0;
+  };
+  std::vector<Undo> undos;
+  std::size_t unknown_steps = 0;
   for (const std::string& name : names_in(dir_ + "/views")) {
     const std::string folder = dir_ + "/views/" + name;
     if (name.starts_with(kPart)) {
@@ -136,7 +141,10 @@ Status Session::read_views() {
     if (view.ok() && view.value().number != number) entry.unreadable = folder + ": its view.txt is of another view";
     entry.view.number = number;
     last_step_ = std::max(last_step_, entry.view.step);
-    if (entry.unreadable.empty()) steps_.push_back({entry.view.step, number, false, false});
+    if (entry.unreadable.empty())
+      steps_.push_back({entry.view.step, number, false, false, {}});
+    else
+      ++unknown_steps;
     for (const std::string& file : names_in(folder)) {
       const bool drop = file.starts_with("drop-");
       if (!(drop || file.starts_with("undo-")) || !file.ends_with(".txt")) continue;
@@ -146,10 +154,9 @@ Status Session::read_views() {
       if (!change.ok()) return change.error();
       last_step_ = std::max(last_step_, change.value().step);
       if (drop)
-        steps_.push_back({change.value().step, number, true, false});
+        steps_.push_back({change.value().step, number, true, false, change.value().why});
       else
-        undos.push_back(change.value());
-      if (drop) entry.dropped_why = change.value().why;
+        undos.push_back({number, change.value().undoes});
     }
     if (entry.unreadable.empty())
       for (const calib::KeptShot& shot : entry.view.shots) {
@@ -161,13 +168,19 @@ Status Session::read_views() {
       }
     entries_.push_back(std::move(entry));
   }
-  for (const calib::ViewChange& undo : undos)
+  // An undo lies with the view whose step it took back.
+  for (const Undo& undo : undos)
     for (Step& step : steps_)
-      if (step.step == undo.undoes) step.taken_back = true;
+      if (step.view == undo.view && step.step == undo.step) step.taken_back = true;
+  // Somebody may repair what cannot be read: its step is not given away meanwhile.
+  last_step_ += unknown_steps;
   for (Entry& entry : entries_)
     for (const Step& step : steps_) {
       if (step.view != entry.view.number) continue;
-      if (step.is_drop && !step.taken_back) entry.dropped_step = step.step;
+      if (step.is_drop && !step.taken_back && step.step > entry.dropped_step) {
+        entry.dropped_step = step.step;
+        entry.dropped_why = step.why;
+      }
       if (!step.is_drop && step.taken_back) entry.undone = true;
     }
   return success();
@@ -302,7 +315,7 @@ Status Session::commit_view(const std::string& part, calib::CapturedView& view) 
   entry.view = view;
   entries_.push_back(entry);
   last_step_ = view.step;
-  steps_.push_back({view.step, view.number, false, false});
+  steps_.push_back({view.step, view.number, false, false, {}});
   return success();
 }
 
@@ -320,7 +333,7 @@ Status Session::drop(std::size_t number, const std::string& who, const std::stri
     if (!added.ok()) return added;
     entry.dropped_step = ++last_step_;
     entry.dropped_why = why;
-    steps_.push_back({last_step_, number, true, false});
+    steps_.push_back({last_step_, number, true, false, why});
     return success();
   }
   return error(Code::config, "there is no view %zu; slabctl calibrate list shows them", number);

@@ -108,6 +108,7 @@ class Session {
     std::size_t view = 0;  ///< number
     bool is_drop = false;
     bool taken_back = false;
+    std::string why;  ///< of a drop
   };
   std::vector<Step> steps_;  ///< captures and drops
   std::size_t last_step_ = 0;

@@ -90,7 +90,10 @@ std::string which_session(const SessionOptions& options, int& exit_status) {
     const Result<std::string> dir = session_dir(options.session, options.config);
     if (dir.ok()) return dir.value();
     complain(dir.error().text.view());
-    exit_status = kUsage;
+    // A configuration that cannot be used is bad input; without one a bare name says nothing.
+    std::error_code fault;
+    const bool has_config = !options.config.empty() || fs::exists(kDefaultConfig, fault);
+    exit_status = has_config ? kBadInput : kUsage;
     return "";
   }
   if (std::string last = last_session(); !last.empty() && other_line(last, options.config).empty()) return last;

@@ -4,6 +4,7 @@
 // every view is judged alike.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 
@@ -68,6 +69,13 @@ bool find_start(const Options& options, const std::optional<daemon::Config>& con
   return true;
 }
 
+/// Every later command finds the session by its name, on a command line, in a list and in the note of the last one,
+/// which is a line.
+bool is_usable(const std::string& dir, const std::string& name) {
+  const bool shown = std::none_of(dir.begin(), dir.end(), [](char c) { return (c >= 0 && c < ' ') || c == '\x7F'; });
+  return shown && !name.empty() && !name.starts_with('.') && !name.starts_with(' ') && !name.ends_with(' ');
+}
+
 /// The words of a format header that `--flange-form` means.
 std::string form_words(const std::string& form) {
   if (form == "quaternion") return "";
@@ -85,6 +93,10 @@ int begin(const Options& options) {
   settings.kind = options.kind == "ball" ? calib::ArtefactKind::ball : calib::ArtefactKind::pose;
   settings.name = fs::path(dir.value()).lexically_normal().filename().string();
   if (settings.name.empty()) settings.name = fs::path(dir.value()).parent_path().filename().string();
+  if (!is_usable(dir.value(), settings.name))
+    return usage(
+        "NAME: a session's name neither begins with a dot nor begins or ends with a blank, and no character of "
+        "its folder is one that cannot be seen");
   settings.created = iso_time(wall_clock_us());
   if (config) settings.config = fs::absolute(options.config.empty() ? kDefaultConfig : options.config).string();
   settings.operator_name = options.operator_name.empty() ? default_operator() : options.operator_name;

@@ -20,7 +20,13 @@ namespace {
 constexpr double kBetweenShotsMm = 0.02;
 const double kBetweenShotsRad = rad_from_deg(0.002);
 
-Result<LiveCapture> begin(const Session& session, std::string& socket) {
+/// By what the daemon knows it; its names are at most this long.
+std::string name_on_the_line(const Session& session) {
+  return session.settings().name.substr(0, 100);
+}
+
+/// The daemon that has the line the session was begun for.
+Result<std::string> socket_of(const Session& session) {
   if (session.settings().config.empty())
     return error(Code::config,
                  "the session was begun without a configuration, so the daemon is not known; begin one with: slabctl "
@@ -28,11 +34,17 @@ Result<LiveCapture> begin(const Session& session, std::string& socket) {
   std::optional<daemon::Config> config;
   if (!config_if_any(session.settings().config, config) || !config)
     return error(Code::config, "%s cannot be used", session.settings().config.c_str());
-  socket = config->control_socket;
+  return config->control_socket;
+}
+
+Result<LiveCapture> begin(const Session& session, bool take_over) {
+  const Result<std::string> socket = socket_of(session);
+  if (!socket.ok()) return socket.error();
   LiveCaptureBegin wanted;
-  wanted.session = session.settings().name.substr(0, 100);
+  wanted.session = name_on_the_line(session);
   wanted.operator_name = default_operator().substr(0, 60);
-  return LiveCapture::begin(socket, wanted);
+  wanted.take_over = take_over;
+  return LiveCapture::begin(socket.value(), wanted);
 }
 
 /// The shots' poses as one, and how far they spread.
@@ -67,18 +79,17 @@ Status combine(const std::vector<LiveShot>& shots, ViewRequest& request) {
 
 }  // namespace
 
-Result<Taken> take_live(Session& session, int count, bool hold_out) {
-  std::string socket;
-  Result<LiveCapture> line = begin(session, socket);
+Result<Taken> take_live(Session& session, const LiveOptions& options) {
+  Result<LiveCapture> line = begin(session, options.take_over);
   if (!line.ok()) return line.error();
   for (const std::string& warning : line.value().warnings()) complain("warning: " + warning);
   const bool terminal = isatty(STDERR_FILENO) != 0;
   std::vector<LiveShot> shots;
   Result<Taken> taken = error(Code::internal, "no shot was taken");
   Status good = success();
-  for (int i = 1; good.ok() && i <= count; ++i) {
+  for (int i = 1; good.ok() && i <= options.shots; ++i) {
     Result<LiveShot> shot = line.value().shoot([&](std::string_view doing) {
-      if (terminal) fmt::print(stderr, "\r\x1b[Kshot {}/{}: {}", i, count, doing);
+      if (terminal) fmt::print(stderr, "\r\x1b[Kshot {}/{}: {}", i, options.shots, doing);
     });
     if (terminal) fmt::print(stderr, "\r\x1b[K");
     if (!shot.ok()) {
@@ -90,20 +101,31 @@ Result<Taken> take_live(Session& session, int count, bool hold_out) {
     shots.push_back(std::move(shot.value()));
   }
   ViewRequest request;
-  request.hold_out = hold_out;
+  request.hold_out = options.hold_out;
   if (good.ok()) good = combine(shots, request);
   taken = good.ok() ? take_view(session, request) : Result<Taken>(good.error());
+  // What stood still and could not be copied is the only one of its kind.
+  const bool has_no_copy = good.ok() && !taken.ok();
   // A scan that is not let go now is let go by the daemon in a week; that is no reason to fail.
-  for (const LiveShot& shot : shots) static_cast<void>(line.value().release(shot.scan_path));
+  for (const LiveShot& shot : shots) {
+    if (has_no_copy)
+      complain(fmt::format("kept for a week: {}, of the flange at \"{}\"", shot.scan_path, request.flange));
+    else
+      static_cast<void>(line.value().release(shot.scan_path));
+  }
   const std::size_t counted = session.counted(calib::ViewUse::fit) + session.counted(calib::ViewUse::held_out);
   if (counted >= session.settings().goal) static_cast<void>(line.value().end());
   return taken;
 }
 
-Status end_live(const Session& session) {
-  std::string socket;
-  Result<LiveCapture> line = begin(session, socket);
-  return line.ok() ? line.value().end() : Status(line.error());
+Result<std::string> end_live(const Session& session) {
+  const Result<std::string> socket = socket_of(session);
+  if (!socket.ok()) return socket.error();
+  const Result<LiveCapture::Ended> ended = LiveCapture::end(socket.value(), name_on_the_line(session));
+  if (!ended.ok()) return ended.error();
+  if (ended.value().other.empty()) return std::string("it does not hold the line any more");
+  return fmt::format("it does not hold the line; \"{}\" of {} does, and nothing was done to it", ended.value().other,
+                     ended.value().other_operator);
 }
 
 }  // namespace slabd::cli

@@ -245,6 +245,35 @@ TEST_F(CalibrateSession, a_view_from_a_pose_that_has_one_counts_for_nothing) {
   EXPECT_EQ(list()["views"].size(), 2U);
 }
 
+TEST_F(CalibrateSession, two_scans_that_say_the_same_view_and_shot_are_refused) {
+  simulate("set", "--views 4 --seed 5");
+  ASSERT_EQ(run(new_in("a")).status, 0);
+  // A copy of another pose's scan: which of the two counted was up to the order of the folder.
+  for (const char* twin : {"view_3.ply", "view_003.ply", "view_03_1.ply", "view_03.xyz", "view_000000003.ply"}) {
+    fs::copy_file(file("set/view_02.ply"), file("set") + "/" + twin);
+    const Ended refused = run("calibrate capture --set " + file("set"));
+    EXPECT_EQ(refused.status, 3) << twin << refused.out;
+    expect_mentions(refused.err, "view_03.ply");
+    expect_mentions(refused.err, twin);
+    EXPECT_EQ(list()["views"].size(), 0U) << twin;
+    fs::remove(file("set") + "/" + twin);
+  }
+  expect_next(run("calibrate capture --set " + file("set")), 0, "view 4/13");
+}
+
+TEST_F(CalibrateSession, pictures_beside_the_scans_are_none_of_them) {
+  simulate("set", "--views 4 --seed 5");
+  ASSERT_EQ(run(new_in("a")).status, 0);
+  for (const char* other :
+       {"set/view_04.png", "set/view_04.ply~", "set/view_04", "set/view_04_old.ply", "set/view_4x.ply"})
+    ASSERT_FALSE(write(other, "no scan").empty());
+  expect_next(run("calibrate capture --set " + file("set")), 0, "view 4/13");
+  EXPECT_EQ(content(list()["views"][3]["shots"][0].get<std::string>()), content(file("set/view_04.ply")));
+  // Who counts from 0 would get every pose wrong by one.
+  fs::rename(file("set/view_04.ply"), file("set/view_00.ply"));
+  expect_next(run("calibrate capture --set " + file("set")), 3, "views are numbered from 1");
+}
+
 TEST_F(CalibrateSession, views_that_do_not_fit_each_other_are_said_while_they_are_captured) {
   simulate("set", "--views 10 --seed 5");
   // The robot reports the inverse, and nobody said so.
@@ -440,6 +469,35 @@ TEST_F(CalibrateSession, drop_and_undo_go_back_step_by_step_and_delete_nothing) 
   EXPECT_TRUE(fs::exists(file("a/calibration/hall/views/003/shot_1.ply")));
 }
 
+TEST_F(CalibrateSession, a_dropped_view_tells_why_it_is_dropped_now) {
+  simulate("set", "--views 8 --seed 6");
+  ASSERT_EQ(run(new_in("a")).status, 0);
+  ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
+  // Steps 9 and 11: by their names the first one is the last.
+  ASSERT_EQ(run("calibrate drop 3 --why first").status, 0);
+  ASSERT_EQ(run("calibrate undo").status, 0);
+  ASSERT_EQ(run("calibrate drop 3 --why second").status, 0);
+  EXPECT_EQ(list()["views"][2]["note"], "second");
+  expect_next(run("calibrate drop 3 --why again"), 3, "dropped already (second)");
+}
+
+TEST_F(CalibrateSession, a_step_that_cannot_be_read_for_a_while_is_not_given_away) {
+  simulate("set", "--views 4 --seed 6");
+  ASSERT_EQ(run(new_in("a")).status, 0);
+  ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
+  const std::string newest = file("a/calibration/hall/views/004/view.txt");
+  fs::rename(newest, newest + ".away");
+  ASSERT_EQ(run("calibrate drop 4 --why unreadable").status, 0);
+  ASSERT_EQ(run("calibrate drop 2 --why 'somebody leaned on the post'").status, 0);
+  fs::rename(newest + ".away", newest);
+  // One step back each, and only that.
+  expect_next(run("calibrate undo"), 0, "view 2 counts again");
+  expect_next(run("calibrate undo"), 0, "view 4 counts again");
+  const json views = list()["views"];
+  for (const json& view : views) EXPECT_TRUE(view["counts"].get<bool>()) << view.dump();
+  EXPECT_EQ(views.size(), 4U);
+}
+
 TEST_F(CalibrateSession, a_view_that_was_changed_on_the_disk_is_named_and_left_out) {
   simulate("set", "--views 8 --seed 7");
   ASSERT_EQ(run(new_in("a")).status, 0);
@@ -482,6 +540,16 @@ TEST_F(CalibrateSession, no_wrong_turn_is_a_dead_end) {
   expect_next(run("calibrate new x --config " + none + " --kind artefact"), 2, "--certificate");
   expect_next(run("calibrate new x --config " + none + " --radius 25.4 --views 8"), 2, "at least 6");
   expect_next(run("calibrate new x --radius 25.4"), 2, "./x");
+  for (const char* name :
+       {"' '", "' x'", "'x '", ".hid", "./.hid", "\"$(printf 'x\\ny')\"", "\"$(printf 'x\\033[2Jy')\""}) {
+    expect_next(run("calibrate new " + std::string(name) + " --radius 25.4 --config " + none), 2,
+                "NAME: a session's name");
+  }
+  EXPECT_FALSE(fs::exists(file("none/calibration")));
+  // A configuration with a fault is bad input, whether the session is named or not.
+  const std::string faulty = write("faulty.toml", "[plc]\nunitid = 3\n");
+  expect_next(run("calibrate list --config " + faulty), 3, "unknown key");
+  expect_next(run("calibrate list --session x --config " + faulty), 3, "unknown key");
   simulate("set", "--views 6 --seed 9");
   ASSERT_EQ(run(new_in("a")).status, 0);
   expect_next(run(new_in("a")), 3, "calibrate list --session");

@@ -6,6 +6,8 @@
 
 #include <chrono>
 #include <csignal>
+#include <cstdlib>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -46,6 +48,17 @@ class CaptureLineTest : public testing::Test {
   }
   Result<LiveCapture> begin(const std::string& session = "spring") const {
     return LiveCapture::begin((box_.dir / "control.sock").native(), {session, "anna", 60, false});
+  }
+  /// `slabctl calibrate` with a session "spring" of its own.
+  Box::Answer calibrate(std::vector<std::string> words) const {
+    ::setenv("XDG_STATE_HOME", (box_.dir / "state").c_str(), 1);
+    words.insert(words.begin(), "calibrate");
+    words.insert(words.end(), {"--config", box_.config.native()});
+    return box_.slabctl(words);
+  }
+  void new_session() const {
+    const Box::Answer begun = calibrate({"new", "spring", "--radius", "25.4"});
+    ASSERT_EQ(begun.exit_status, 0) << begun.err;
   }
   /// The emulator has to come up first.
   void wait_for_poses() {
@@ -107,6 +120,70 @@ TEST_F(CaptureLineTest, views_are_taken_one_after_the_other_and_given_to_the_ses
   const Result<LiveShot> late = capture.value().shoot({});
   ASSERT_FALSE(late.ok());
   EXPECT_EQ(late.error().code, Code::wrong_slab);
+}
+
+TEST_F(CaptureLineTest, to_end_what_was_never_begun_begins_nothing) {
+  start();
+  new_session();
+  const auto end = [&] { return calibrate({"capture", "--live", "--end"}); };
+  Box::Answer answer = end();
+  EXPECT_EQ(answer.exit_status, 0) << answer.err;
+  EXPECT_NE(answer.out.find("it does not hold the line any more"), std::string::npos) << answer.out;
+  EXPECT_EQ(box_.log().find("maintenance"), std::string::npos) << box_.log();
+  {
+    const Result<LiveCapture> other = begin("autumn");
+    ASSERT_TRUE(other.ok()) << other.error().text.view();
+    answer = end();
+    EXPECT_EQ(answer.exit_status, 0) << answer.err;
+    EXPECT_NE(answer.out.find("\"autumn\" of anna does"), std::string::npos) << answer.out;
+    EXPECT_EQ(status()["maintenance"]["session"], "autumn");
+  }
+  ASSERT_TRUE(LiveCapture::end((box_.dir / "control.sock").native(), "autumn").ok());
+  ASSERT_TRUE(begin("spring").ok());
+  EXPECT_EQ(end().exit_status, 0);
+  EXPECT_EQ(status()["state"], "idle");
+  box_.kill_hard();
+  EXPECT_EQ(end().exit_status, 4);
+}
+
+TEST_F(CaptureLineTest, a_line_that_another_session_has_is_taken_over_when_asked_for) {
+  start();
+  new_session();
+  ASSERT_TRUE(begin("autumn").ok());
+  const Box::Answer refused = calibrate({"capture", "--live"});
+  EXPECT_EQ(refused.exit_status, 4) << refused.err;
+  EXPECT_NE(refused.err.find("--take-over"), std::string::npos) << refused.err;
+  EXPECT_EQ(status()["maintenance"]["session"], "autumn");
+  static_cast<void>(calibrate({"capture", "--live", "--take-over", "--shots", "1"}));  // no robot, no view
+  EXPECT_EQ(status()["maintenance"]["session"], "spring");
+}
+
+TEST_F(CaptureLineTest, a_view_that_the_session_could_not_copy_stays_with_the_daemon) {
+  start();
+  new_session();
+  const auto cell = emulate();
+  wait_for_poses();
+  // As from a disk that takes nothing: no folder can be made in a file.
+  fs::remove_all(box_.dir / "calibration" / "spring" / "views");
+  std::ofstream(box_.dir / "calibration" / "spring" / "views") << "full";
+  const Box::Answer answer = calibrate({"capture", "--live", "--shots", "1"});
+  EXPECT_EQ(answer.exit_status, 4) << answer.out << answer.err;
+  const std::size_t at = answer.err.find("kept for a week: ");
+  ASSERT_NE(at, std::string::npos) << answer.err;
+  const std::string scan = answer.err.substr(at + 17, answer.err.find(',', at) - at - 17);
+  EXPECT_TRUE(fs::exists(scan)) << scan;
+  // Those of a session that has its copy go.
+  fs::remove(box_.dir / "calibration" / "spring" / "views");
+  fs::create_directory(box_.dir / "calibration" / "spring" / "views");
+  EXPECT_EQ(calibrate({"capture", "--live", "--shots", "1"}).exit_status, 0);
+  std::size_t left = 0;
+  for (int i = 0; i < 500; ++i) {
+    left = static_cast<std::size_t>(
+        std::distance(fs::directory_iterator(fs::path(scan).parent_path()), fs::directory_iterator()));
+    if (left == 1) break;
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  EXPECT_EQ(left, 1U) << "the one that was kept";
 }
 
 TEST_F(CaptureLineTest, a_daemon_that_was_killed_comes_up_idle_and_a_robot_that_is_gone_is_named) {
