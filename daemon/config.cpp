@@ -160,8 +160,10 @@ void read_scanner(TableReader scanner, const std::string& folder, Config& config
 void read_count(TableReader& storage, std::string_view key, const char* zero, std::int64_t& out) {
   if (!storage.has(key)) return;
   auto count = static_cast<double>(out);
-  storage.optional_number(key, count, {0.0, 1e9});
-  if (count > 0.0 && count < static_cast<double>(storage::kKeepSlabsMin))
+  storage.optional_number(key, count, {0.0, 1e9});  // 2e4 is a whole number too
+  if (count != std::floor(count))
+    storage.problem(key, fmt::format("found {}, allowed is a whole number", count));
+  else if (count > 0.0 && count < static_cast<double>(storage::kKeepSlabsMin))
     storage.problem(key,
                     fmt::format("found {}, allowed is 0 ({}) or {} and more", count, zero, storage::kKeepSlabsMin));
   out = static_cast<std::int64_t>(count);
@@ -214,14 +216,25 @@ void read_capture(TableReader& table, CaptureGuard& guard) {
   read_s(table, "capture_stable_s", guard.stable_ns, {0.2, static_cast<double>(CaptureGuard::kStableNs) / 1e9});
 }
 
+/// Of the commissioning value. A calibration that is applied brings its own, and one of the two says nothing.
+void read_station_sigma(TableReader& table, const char* key, const char* other, bool commissioned, double& out,
+                        Allowed allowed) {
+  table.optional_number(key, out, allowed);
+  if (!table.has(key)) return;
+  if (!commissioned)
+    table.problem(key, "has no meaning without T_flange_scanner, whose uncertainty it is");
+  else if (!table.has(other))
+    table.problem(key, fmt::format("found without {}; allowed are both or neither", other));
+}
+
 void read_calibration(TableReader table, const std::string& folder, Config& config) {
   std::array<double, 7> pose = Pose::identity().to_array();
   double sigma_mm = kNoValue;  // absent: slab-frame items will be indeterminate
   double sigma_deg = kNoValue;
   const bool commissioned = table.has("T_flange_scanner");
   if (commissioned) table.required_pose("T_flange_scanner", pose, kArmMaxMm);
-  table.optional_number("station_sigma_mm", sigma_mm, {1e-6, 10.0});
-  table.optional_number("station_sigma_deg", sigma_deg, {1e-6, 1.0});
+  read_station_sigma(table, "station_sigma_mm", "station_sigma_deg", commissioned, sigma_mm, {1e-6, 10.0});
+  read_station_sigma(table, "station_sigma_deg", "station_sigma_mm", commissioned, sigma_deg, {1e-6, 1.0});
   table.optional_number("station_gate_mm", config.splice.gate_mm, {0.01, 20.0});
   read_deg(table, "station_gate_deg", config.splice.gate_rad, {0.001, 1.0});
   read_checks(table, config);
@@ -262,54 +275,6 @@ void read_rest(TableReader& root, const std::string& folder, Config& config) {
   line.finish();
 }
 
-/// By its name alone, with a slash at its end: whoever looks at a folder on a share that hangs does not come back.
-std::string place_of(const std::string& path) {
-  std::string place = std::filesystem::path(path).lexically_normal().native();
-  if (!place.ends_with('/')) place += '/';
-  return place;
-}
-
-bool lies_in(const std::string& path, const std::string& folder) {
-  return place_of(path).starts_with(place_of(folder));
-}
-
-/// What the scanner's folder holds is moved aside and deleted; whoever scans may write there. So nothing of slabd's
-/// own lies in it, and it lies in no folder whose files slabd counts as its own.
-void check_places(TableReader& root, const Config& config) {
-  if (config.scanner_backend != hal::ScannerBackend::drop) return;
-  const std::string drop_dir(config.scanner.drop_dir.view());
-  struct Place {
-    const char* table;
-    const char* key;
-    const std::string& path;
-  };
-  for (const Place& place :
-       {Place{"storage", "db", config.storage.db_path}, Place{"storage", "spool_dir", config.storage.spool_dir},
-        Place{"calibration", "sessions_dir", config.sessions_dir}, Place{"recipes", "dir", config.recipes_dir}})
-    if (lies_in(place.path, drop_dir))
-      root.table(place.table)
-          .problem(place.key,
-                   fmt::format("found {}, which is in the scanner's folder {} (scanner.drop_dir), where slabd "
-                               "moves and deletes what it did not ask for; allowed is a place outside of it",
-                               place.path, drop_dir));
-  for (const Place& place : {Place{"storage", "spool_dir", config.storage.spool_dir},
-                             Place{"calibration", "sessions_dir", config.sessions_dir}})
-    if (lies_in(drop_dir, place.path))
-      root.table("scanner").problem(
-          "drop_dir", fmt::format("found {}, which is in {} ({}.{}); allowed is a place outside of it", drop_dir,
-                                  place.path, place.table, place.key));
-}
-
-/// The PLC waits 20 s for "acquired"; a second is left for the disk.
-void check_timeouts(TableReader& root, const Config& config) {
-  const double total_s = static_cast<double>(config.settle_timeout_ns + config.scan_timeout_ns) / 1e9;
-  if (total_s > 19.0)
-    root.table("scanner").problem("timeout_s",
-                                  fmt::format("with robot.settle_timeout_s a scan may take {} s, allowed are 19 s: the "
-                                              "PLC gives up after 20 s",
-                                              total_s));
-}
-
 }  // namespace
 
 void load_config(const std::string& path, Config& config, std::vector<Problem>& problems) {
@@ -341,8 +306,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   read_calibration(root.table("calibration"), folder, config);
   read_measure(root.table("measure"), config.measure_threads);
   read_rest(root, folder, config);
-  check_timeouts(root, config);
-  check_places(root, config);
+  check_together(root, config);
   root.finish();
 }
 

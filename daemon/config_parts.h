@@ -34,4 +34,8 @@ void read_networks(TableReader& table, std::string_view key, FixedVector<hal::Pl
 /// [plc]. Fills what it can; every fault is a problem of the table.
 void read_plc(TableReader plc, hal::PlcSettings& out);
 
+/// What each table may say and all of them together may not: places that are one inside the other, addresses that are
+/// taken twice, times that do not fit each other. Each fault is a problem of one of the tables.
+void check_together(TableReader& root, const Config& config);
+
 }  // namespace slabd::daemon

@@ -53,6 +53,95 @@ void convert(const toml::node& node, TomlValue& out) {
   }
 }
 
+/// Steps over strings and comments of a TOML text, and tells the rest character by character.
+class TomlMarks {
+ public:
+  explicit TomlMarks(std::string_view text) : rest_(text) {}
+
+  /// The next character that is in no string and no comment, and its line; false: the end.
+  bool next(char& mark) {
+    while (!rest_.empty()) {
+      const char c = rest_.front();
+      if (c == '"' || c == '\'')
+        step_over_string(c);
+      else if (c == '#')
+        step(std::min(rest_.find('\n'), rest_.size()));
+      else {
+        mark = c;
+        step(1);
+        return true;
+      }
+    }
+    return false;
+  }
+  [[nodiscard]] std::uint32_t line() const { return line_; }
+
+ private:
+  void step(std::size_t bytes) {
+    line_ += static_cast<std::uint32_t>(std::count(rest_.begin(), rest_.begin() + static_cast<long>(bytes), '\n'));
+    rest_.remove_prefix(bytes);
+  }
+  /// One on a line ends with it at the latest: then it has no end, and the library says so.
+  void step_over_string(char quote) {
+    const std::string three(3, quote);
+    const bool many_lines = rest_.starts_with(three);
+    const std::string_view end = many_lines ? std::string_view(three) : std::string_view(three).substr(0, 1);
+    step(end.size());
+    while (!rest_.empty() && !rest_.starts_with(end)) {
+      if (!many_lines && rest_.front() == '\n') return;
+      step(quote == '"' && rest_.front() == '\\' && rest_.size() > 1 && rest_[1] != '\n' ? 2 : 1);
+    }
+    step(std::min(end.size(), rest_.size()));
+    // Up to two quotes more before the three that end it belong to the string.
+    for (int i = 0; many_lines && i < 2 && rest_.starts_with(quote); ++i) step(1);
+  }
+
+  std::string_view rest_;
+  std::uint32_t line_ = 1;
+};
+
+/// The line on which something nests deeper than kTomlNestingMax; 0: nowhere.
+std::uint32_t too_deep_at(std::string_view bytes) {
+  TomlMarks marks(bytes);
+  std::size_t brackets = 0;
+  std::size_t key_dots = 0;
+  for (char mark = 0; marks.next(mark);) {
+    switch (mark) {
+      case '.': ++key_dots; break;
+      case '[':
+      case '{':
+        ++brackets;
+        key_dots = 0;
+        break;
+      case ']':
+      case '}':
+        brackets -= brackets > 0 ? 1 : 0;
+        key_dots = 0;
+        break;
+      case '=':
+      case ',':
+      case '\n': key_dots = 0; break;
+      default: break;
+    }
+    if (brackets > kTomlNestingMax || key_dots > kTomlNestingMax) return marks.line();
+  }
+  return 0;
+}
+
+/// What a line of a log and a terminal may show: control characters by their numbers. Text in UTF-8 stays.
+std::string visible(std::string_view text) {
+  std::string out;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const auto byte = static_cast<unsigned char>(text[i]);
+    const bool c1 = byte == 0xC2 && i + 1 < text.size() && static_cast<unsigned char>(text[i + 1]) < 0xA0;
+    if (byte >= ' ' && byte != 0x7F && !c1)
+      out += text[i];
+    else
+      out += fmt::format("\\x{:02X}", c1 ? static_cast<unsigned char>(text[++i]) : byte);
+  }
+  return out;
+}
+
 /// What stands above line `line`; empty when that cannot be parsed either.
 void parse_above(const std::string& bytes, std::uint32_t line, TomlValue& root) {
   std::size_t end = 0;
@@ -105,13 +194,19 @@ std::optional<std::string> read_text_file(const std::string& path, std::vector<P
 
 bool parse_toml(const std::string& path, const std::string& bytes, TomlValue& root, std::vector<Problem>& problems) {
   root = TomlValue{};
+  if (const std::uint32_t line = too_deep_at(bytes); line != 0) {
+    problems.push_back({fmt::format("{}:{}:1: keys or brackets nest deeper than {} levels; this is not a configuration",
+                                    path, line, kTomlNestingMax)});
+    parse_above(bytes, line, root);
+    return false;
+  }
   try {
     convert(toml::parse(std::string_view(bytes)), root);
     return true;
   } catch (const toml::parse_error& e) {
     const auto& at = e.source().begin;
     problems.push_back({fmt::format("{}:{}:{}: not valid TOML: {}", path, std::max(1U, at.line),
-                                    std::max(1U, at.column), std::string(e.description()))});
+                                    std::max(1U, at.column), visible(e.description()))});
     root = TomlValue{};
     parse_above(bytes, at.line, root);
     return false;
@@ -151,7 +246,7 @@ std::string found(const TomlValue& value) {
   switch (value.kind) {
     case TomlValue::Kind::boolean: return value.boolean ? "true" : "false";
     case TomlValue::Kind::integer: return fmt::format("{}", value.integer);
-    case TomlValue::Kind::real: return fmt::format("{}", value.real);
+    case TomlValue::Kind::real: return fmt::format("{:#}", value.real);  // 20.0 is no whole number
     case TomlValue::Kind::text: return fmt::format("\"{}\"", value.text.substr(0, 60));
     case TomlValue::Kind::array: return fmt::format("a list of {}", value.items.size());
     case TomlValue::Kind::table: return "a table";
@@ -303,7 +398,7 @@ std::string TableReader::path_of(std::string_view key) const {
 }
 
 void TableReader::report(std::uint32_t line, std::uint32_t column, std::string_view key, const std::string& what) {
-  problems_.push_back({fmt::format("{}:{}:{}: {}: {}", file_, line, column, path_of(key), what)});
+  problems_.push_back({fmt::format("{}:{}:{}: {}: {}", file_, line, column, visible(path_of(key)), visible(what))});
 }
 
 void TableReader::problem(std::string_view key, const std::string& what) {

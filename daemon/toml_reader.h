@@ -47,8 +47,12 @@ inline constexpr std::size_t kTomlBytesMax = 1'000'000;  ///< nobody writes a co
 /// The file's bytes, or one problem and nothing: missing, unreadable, longer than kTomlBytesMax.
 [[nodiscard]] std::optional<std::string> read_text_file(const std::string& path, std::vector<Problem>& problems);
 
-/// Parses TOML. A syntax error is one problem; `root` then holds what stands above the faulty line (possibly nothing),
-/// so that a reader may still serve from the tables it could read.
+/// Keys and brackets nest at most this deep each: whoever reads a tree, and the library when it lets go of one, calls
+/// himself once per level. Nothing of ours nests deeper than four.
+inline constexpr std::size_t kTomlNestingMax = 32;
+
+/// Parses TOML. A syntax error, or nesting beyond kTomlNestingMax, is one problem; `root` then holds what stands above
+/// the faulty line (possibly nothing), so that a reader may still serve from the tables it could read.
 [[nodiscard]] bool parse_toml(const std::string& path, const std::string& bytes, TomlValue& root,
                               std::vector<Problem>& problems);
 
@@ -112,7 +116,7 @@ class TableReader {
   std::uint32_t column_ = 1;
 };
 
-/// "an integer 300", "text \"abc\"", "an array": what was found, for messages.
+/// 300, 20.0, "abc", a list of 3: what was found, for messages, as it stands in the file.
 [[nodiscard]] std::string found(const TomlValue& value);
 /// A number written as integer or real.
 [[nodiscard]] std::optional<double> as_number(const TomlValue& value);

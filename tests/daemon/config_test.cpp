@@ -102,7 +102,8 @@ TEST_F(ConfigTest, nothing_of_slabd_lies_in_the_scanners_folder) {
   };
   EXPECT_EQ(load(with_drop("/srv/d", "[storage]\nspool_dir = \"/srv/dd\"\ndb = \"/srv/slabd.db\"\n")), Texts{});
   for (const char* inside : {"[storage]\nspool_dir = \"/srv/d\"\n", "[storage]\nspool_dir = \"/srv/d/inbox\"\n",
-                             "[storage]\ndb = \"/srv/x/../d/slabd.db\"\n", "[recipes]\ndir = \"/srv/d/recipes/\"\n"}) {
+                             "[storage]\ndb = \"/srv/x/../d/slabd.db\"\n", "[recipes]\ndir = \"/srv/d/recipes/\"\n",
+                             "[control]\nsocket = \"/srv/d/inbox/control.sock\"\n"}) {
     const Texts texts = load(with_drop("/srv/d/", inside));
     ASSERT_GE(texts.size(), 1U) << inside;
     EXPECT_NE(texts[0].find("in the scanner's folder /srv/d"), std::string::npos) << texts[0];
@@ -302,9 +303,109 @@ TEST_F(ConfigTest, all_faults_are_reported_with_line_column_key_and_range) {
       "0.001",
       "slabd.toml:18:27: calibration.T_flange_scanner: number 3 of 7: found 5000, allowed is -2000..2000",
       "slabd.toml:19:20: calibration.station_sigma_mm: found -1, allowed is a number 1e-06..10",
+      "slabd.toml:19:20: calibration.station_sigma_mm: found without station_sigma_deg; allowed are both or neither",
       "slabd.toml:20:2: recepies: unknown key; the nearest known one is \"recipes\"",
   };
   EXPECT_EQ(problems, expected);
+}
+
+TEST_F(ConfigTest, a_number_with_a_point_is_shown_with_one) {
+  EXPECT_EQ(load(std::string(kShortest) + "[robot]\nsamples_min = 20.0\n"),
+            Texts{"slabd.toml:6:15: robot.samples_min: found 20.0, allowed is a whole number 3..300"});
+}
+
+TEST_F(ConfigTest, slabs_are_whole) {
+  const auto storage = [](const std::string& keys) { return kShortest + ("[storage]\n" + keys); };
+  EXPECT_EQ(load(storage("keep_slabs = 2e4\n")), Texts{});
+  EXPECT_EQ(config_.storage.keep_slabs, 20'000);
+  EXPECT_EQ(load(storage("keep_slabs = 1000.7\n")),
+            Texts{"slabd.toml:6:14: storage.keep_slabs: found 1000.7, allowed is a whole number"});
+  EXPECT_EQ(load(storage("keep_slabs = 1000\nkeep_failed_slabs = 100.5\n")),
+            Texts{"slabd.toml:7:21: storage.keep_failed_slabs: found 100.5, allowed is a whole number"});
+}
+
+TEST_F(ConfigTest, an_uncertainty_of_nothing_is_refused) {
+  const std::string cell = "[cell]\nT_base_slab = [0,0,0,1,0,0,0]\n[calibration]\n";
+  EXPECT_EQ(load(cell + "station_sigma_mm = 0.02\nstation_sigma_deg = 0.001\n"),
+            (Texts{"slabd.toml:4:20: calibration.station_sigma_mm: has no meaning without T_flange_scanner, whose "
+                   "uncertainty it is",
+                   "slabd.toml:5:21: calibration.station_sigma_deg: has no meaning without T_flange_scanner, whose "
+                   "uncertainty it is"}));
+  EXPECT_EQ(load(std::string(kShortest) + "station_sigma_mm = 0.02\n"),
+            Texts{"slabd.toml:5:20: calibration.station_sigma_mm: found without station_sigma_deg; allowed are both or "
+                  "neither"});
+  EXPECT_EQ(load(std::string(kShortest) + "station_sigma_deg = 0.001\n"),
+            Texts{"slabd.toml:5:21: calibration.station_sigma_deg: found without station_sigma_mm; allowed are both or "
+                  "neither"});
+}
+
+TEST_F(ConfigTest, two_do_not_listen_at_one_place) {
+  const auto listeners = [](const std::string& plc, const std::string& scanner) {
+    return kShortest +
+           ("[plc]\nlisten = \"" + plc + "\"\n[scanner]\nbackend = \"tcp\"\nlisten = \"" + scanner + "\"\n");
+  };
+  for (const char* plc : {"127.0.0.1:1600", "0.0.0.0:1600"})
+    EXPECT_EQ(load(listeners(plc, "127.0.0.1:1600")),
+              Texts{"slabd.toml:9:10: scanner.listen: found \"127.0.0.1:1600\", where the PLC is listened for already "
+                    "(plc.listen); allowed is another port"});
+  EXPECT_EQ(load(listeners("127.0.0.1:1600", "0.0.0.0:1600")).size(), 1U);
+  EXPECT_EQ(load(listeners("127.0.0.1:1600", "127.0.0.2:1600")), Texts{});
+  EXPECT_EQ(load(listeners("127.0.0.1:1601", "127.0.0.1:1600")), Texts{});
+  EXPECT_EQ(load(kShortest + std::string("[plc]\nrole = \"client\"\nconnect = \"127.0.0.1:1600\"\n[scanner]\nbackend = "
+                                         "\"tcp\"\nlisten = \"127.0.0.1:1600\"\n")),
+            Texts{});
+}
+
+TEST_F(ConfigTest, a_file_is_no_folder_and_no_other_file) {
+  const auto places = [](const std::string& db, const std::string& spool, const std::string& socket) {
+    return kShortest +
+           ("[storage]\ndb = \"" + db + "\"\nspool_dir = \"" + spool + "\"\n[control]\nsocket = \"" + socket + "\"\n");
+  };
+  EXPECT_EQ(load(places("/srv/slabd.db", "/srv/slabd", "/run/s.sock")), Texts{});
+  for (const char* spool : {"/srv/x", "/srv/y/../x/", "/srv/x/spool"}) {
+    const Texts texts = load(places("/srv/x", spool, "/run/s.sock"));
+    ASSERT_EQ(texts.size(), 1U) << spool;
+    EXPECT_TRUE(
+        texts[0].starts_with("slabd.toml:6:6: storage.db: found /srv/x, which is a file and cannot be or hold "
+                             "/srv/"))
+        << texts[0];
+  }
+  EXPECT_EQ(load(places("/srv/x", "/srv/spool", "/srv/x")),
+            Texts{"slabd.toml:9:10: control.socket: found /srv/x, which is a file and cannot be or hold /srv/x "
+                  "(storage.db); allowed is another place"});
+  EXPECT_EQ(load(places("/srv/slabd.db", "/srv/spool", "/srv/spool")).size(), 1U);
+}
+
+TEST_F(ConfigTest, a_robot_that_arrives_has_time_to_settle) {
+  const std::string robot = std::string(kShortest) + "[robot]\nwindow_ms = 1000\ndwell_ms = 500\n";
+  EXPECT_EQ(load(robot + "settle_timeout_s = 1.6\n"), Texts{});
+  EXPECT_EQ(load(robot + "settle_timeout_s = 1.5\n"),
+            Texts{"slabd.toml:8:20: robot.settle_timeout_s: found 1.5, allowed is more than the 1.5 s of window_ms and "
+                  "dwell_ms together: a SCAN on arrival would always come too early"});
+}
+
+TEST_F(ConfigTest, what_nests_without_end_is_refused_before_it_is_read) {
+  const std::string why = ": keys or brackets nest deeper than 32 levels; this is not a configuration";
+  std::string key = "a";
+  for (int i = 0; i < 40'000; ++i) key += ".a";
+  for (const std::string& deep : {key + " = 1", "[" + key + "]", "x = { " + key + " = 1 }",
+                                  "x = " + std::string(40'000, '['), "x = " + std::string(40'000, '{')})
+    EXPECT_EQ(load("[plc]\nlisten = \"0.0.0.0:1602\"\n" + deep + "\n"), Texts{"slabd.toml:3:1" + why});
+  EXPECT_EQ(config_.plc.port, 1602) << "what stands above it counts";
+  // Dots in texts, comments and numbers nest nothing.
+  const std::string dots(200, '.');
+  std::string numbers = "[";
+  for (int i = 0; i < 100; ++i) numbers += "0.5, ";
+  const Texts texts = load(std::string(kShortest) + "[x]\na = \"" + dots + "\\\"" + dots + "\" # " + dots + "\nb = '" +
+                           dots + "'\nc = \"\"\"\n\"\n" + dots + "\"\"\"\"\"\nd = " + numbers + "]\n");
+  EXPECT_EQ(texts.size(), 1U) << "only that [x] is not known";
+}
+
+TEST_F(ConfigTest, a_problem_is_one_line_that_a_terminal_may_show) {
+  EXPECT_EQ(load(std::string(kShortest) + "[plc]\nword_order = \"\\u001b[31mr\\u00f6t\\u009b\\n\"\n\"k\\ney\" = 1\n"),
+            (Texts{"slabd.toml:6:14: plc.word_order: found \"\\x1B[31mr\xC3\xB6t\\x9B\\x0A\", allowed is \"abcd\" or "
+                   "\"cdab\"",
+                   "slabd.toml:7:1: plc.k\\x0Aey: unknown key; the nearest known one is \"baud\""}));
 }
 
 TEST_F(ConfigTest, the_plc_may_be_polled) {

@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Values that are good by themselves and cannot work together. What is left alone here shows at run time at best as "no
+// such file", at worst as a folder that is emptied.
+#include <fmt/format.h>
+
+#include <array>
+#include <filesystem>
+#include <vector>
+
+#include "daemon/config_parts.h"
+
+namespace slabd::daemon {
+namespace {
+
+struct Place {
+  const char* table;
+  const char* key;
+  std::string path;
+};
+
+/// By its name alone, with a slash at its end: whoever looks at a folder on a share that hangs does not come back.
+std::string place_of(const std::string& path) {
+  std::string place = std::filesystem::path(path).lexically_normal().native();
+  if (!place.ends_with('/')) place += '/';
+  return place;
+}
+
+bool lies_in(const std::string& path, const std::string& folder) {
+  return place_of(path).starts_with(place_of(folder));
+}
+
+/// What the scanner's folder holds is moved aside and deleted; whoever scans may write there. So nothing of slabd's
+/// own lies in it, and it lies in no folder whose files slabd counts as its own.
+void check_drop_dir(TableReader& root, const Config& config) {
+  if (config.scanner_backend != hal::ScannerBackend::drop) return;
+  const std::string drop_dir(config.scanner.drop_dir.view());
+  for (const Place& place :
+       {Place{"storage", "db", config.storage.db_path}, Place{"storage", "spool_dir", config.storage.spool_dir},
+        Place{"calibration", "sessions_dir", config.sessions_dir}, Place{"recipes", "dir", config.recipes_dir},
+        Place{"control", "socket", config.control_socket}})
+    if (lies_in(place.path, drop_dir))
+      root.table(place.table)
+          .problem(place.key,
+                   fmt::format("found {}, which is in the scanner's folder {} (scanner.drop_dir), where slabd "
+                               "moves and deletes what it did not ask for; allowed is a place outside of it",
+                               place.path, drop_dir));
+  for (const Place& place : {Place{"storage", "spool_dir", config.storage.spool_dir},
+                             Place{"calibration", "sessions_dir", config.sessions_dir}})
+    if (lies_in(drop_dir, place.path))
+      root.table("scanner").problem(
+          "drop_dir", fmt::format("found {}, which is in {} ({}.{}); allowed is a place outside of it", drop_dir,
+                                  place.path, place.table, place.key));
+}
+
+/// Database and socket are files: neither can be one of the folders, or hold one, or be the other.
+void check_files(TableReader& root, const Config& config) {
+  const Place db{"storage", "db", config.storage.db_path};
+  const Place socket{"control", "socket", config.control_socket};
+  std::vector<Place> places = {{"storage", "spool_dir", config.storage.spool_dir},
+                               {"calibration", "sessions_dir", config.sessions_dir},
+                               {"recipes", "dir", config.recipes_dir}};
+  if (config.scanner_backend == hal::ScannerBackend::drop)
+    places.push_back({"scanner", "drop_dir", std::string(config.scanner.drop_dir.view())});
+  const auto hold_nothing = [&](const Place& file) {
+    for (const Place& place : places)
+      if (lies_in(place.path, file.path))
+        root.table(file.table)
+            .problem(file.key,
+                     fmt::format("found {}, which is a file and cannot be or hold {} ({}.{}); allowed is another place",
+                                 file.path, place.path, place.table, place.key));
+  };
+  hold_nothing(db);
+  places.push_back(db);
+  hold_nothing(socket);
+}
+
+/// Two listeners on one port: the second gets none, for ever.
+void check_listeners(TableReader& root, const Config& config) {
+  const bool both = config.plc.role == hal::PlcRole::server && config.scanner_backend == hal::ScannerBackend::tcp;
+  if (!both || config.plc.port != config.stream.port) return;
+  const auto plc = hal::parse_network(config.plc.host.view());
+  const auto scanner = hal::parse_network(config.stream.host.view());
+  if (!plc.ok() || !scanner.ok()) return;
+  const auto a = plc.value().address;
+  const auto b = scanner.value().address;
+  if (a != b && a != 0 && b != 0) return;  // 0.0.0.0 is every address
+  root.table("scanner").problem(
+      "listen", fmt::format("found \"{}:{}\", where the PLC is listened for already (plc.listen); allowed is another "
+                            "port",
+                            config.stream.host.view(), config.stream.port));
+}
+
+void check_timeouts(TableReader& root, const Config& config) {
+  // The PLC waits 20 s for "acquired"; a second is left for the disk.
+  const double total_s = static_cast<double>(config.settle_timeout_ns + config.scan_timeout_ns) / 1e9;
+  if (total_s > 19.0)
+    root.table("scanner").problem("timeout_s",
+                                  fmt::format("with robot.settle_timeout_s a scan may take {} s, allowed are 19 s: the "
+                                              "PLC gives up after 20 s",
+                                              total_s));
+  const std::int64_t standstill_ns = config.pose.window_ns + config.pose.dwell_ns;
+  if (config.settle_timeout_ns <= standstill_ns)
+    root.table("robot").problem(
+        "settle_timeout_s",
+        fmt::format(
+            "found {}, allowed is more than the {} s of window_ms and dwell_ms together: a SCAN on arrival would "
+            "always come too early",
+            static_cast<double>(config.settle_timeout_ns) / 1e9, static_cast<double>(standstill_ns) / 1e9));
+}
+
+}  // namespace
+
+void check_together(TableReader& root, const Config& config) {
+  check_timeouts(root, config);
+  check_drop_dir(root, config);
+  check_files(root, config);
+  check_listeners(root, config);
+}
+
+}  // namespace slabd::daemon
