@@ -256,7 +256,8 @@ inline constexpr std::array kScanFormats = {ScanFormat::ply, ScanFormat::ply_asc
 ///   .pcd                  0.6 and 0.7, ascii, binary, binary_compressed; x, y, z of 4 or 8 bytes; other fields are
 ///                         stepped over; organised when HEIGHT > 1; VIEWPOINT is not applied
 ///   .xyz .asc .txt .csv   lines of numbers between blanks, tabs, commas or semicolons, `#` and `//` comments, perhaps
-///                         a first line of column names; missing values are missing points
+///                         column names in a first line, or in a comment above the points; missing values are
+///                         missing points
 /// The unit is `unit`; a file whose comments say another one is refused. A point that is not finite in x, y and z
 /// becomes NaN in all three. The file must be a regular one (links are not followed) and end where its header says.
 /// Counts are compared with the file's size and with `xyz` before a point is read; lines of a table, which announces

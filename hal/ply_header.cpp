@@ -96,8 +96,14 @@ class HeaderParser {
   /// `comment organized width W height H` and units mean something; every other comment is for people.
   Status comment(std::string_view rest) {
     std::string_view words = rest;
-    if (take_word(words) == "organized") return organised(words);
+    if (take_word(words) == "organized" && is_shape(words)) return organised(words);
     return unit_declared_in(rest);
+  }
+
+  /// "organized point cloud by Foo" is for people too.
+  static bool is_shape(std::string_view rest) {
+    const std::string_view word = take_word(rest);
+    return word == "width" || word == "height" || word.find_first_of("0123456789") == 0;
   }
 
   Status organised(std::string_view rest) {

@@ -99,4 +99,39 @@ Status find_columns(const TextLines& lines, std::string_view line, Separator sep
   return success();
 }
 
+std::string_view names_in_comment(std::string_view comment) {
+  comment.remove_prefix(std::min(comment.find_first_not_of("#/"), comment.size()));
+  const std::size_t colon = comment.find(':');
+  return colon == std::string_view::npos ? comment : comment.substr(colon + 1);
+}
+
+bool names_every_axis(std::string_view line, Separator separator) {
+  if (!is_line_of_names(line, separator)) return false;
+  std::array<bool, 3> seen{};
+  FieldReader fields(line, separator);
+  for (std::string_view field; fields.next(field);) {
+    const ColumnName name = parse_name(field);
+    if (name.axis == 3) continue;
+    // What is behind the letter is a unit if it is one word.
+    if (name.unit.find_first_of(" \t") != std::string_view::npos) return false;
+    const std::string_view bare = field.substr(std::min(field.find_first_not_of(" \t\"'"), field.size()));
+    const bool unit_is_marked = bare.find_first_of("_[(") != std::string_view::npos;
+    if (!name.unit.empty() && !unit_is_marked) return false;
+    seen[name.axis] = true;
+  }
+  return seen[0] && seen[1] && seen[2];
+}
+
+std::size_t count_columns(std::string_view line, Separator separator) {
+  std::size_t fields_read = 0;
+  std::size_t count = 0;
+  FieldReader fields(line, separator);
+  for (std::string_view field; fields.next(field);) {
+    if (separator == Separator::blanks && is_unit_in_brackets(field)) continue;
+    ++fields_read;
+    if (!field.empty()) count = fields_read;
+  }
+  return count;
+}
+
 }  // namespace slabd::hal

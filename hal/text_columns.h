@@ -42,4 +42,12 @@ struct TextColumns {
 [[nodiscard]] Status find_columns(const TextLines& lines, std::string_view line, Separator separator, LengthUnit unit,
                                   TextColumns& columns);
 
+/// The part of a comment that may be a line of names: without the comment's mark and a label ("# columns: x y z").
+[[nodiscard]] std::string_view names_in_comment(std::string_view comment);
+/// A line of names in which x, y and z each stand alone (or with a unit behind). Stricter than is_line_of_names: "z up,
+/// x along, y across" is a comment for people.
+[[nodiscard]] bool names_every_axis(std::string_view line, Separator separator);
+/// How many columns a line of names or of numbers has, without empty ones at its end.
+[[nodiscard]] std::size_t count_columns(std::string_view line, Separator separator);
+
 }  // namespace slabd::hal

@@ -60,11 +60,36 @@ class TextTable {
     return lines_.next(line);
   }
 
-  Status comment(std::string_view text) const {
+  Status comment(std::string_view text) {
     std::string_view found;
-    text.remove_prefix(std::min(text.find_first_not_of("#/"), text.size()));
-    if (comment_agrees(text, unit_, found)) return success();
-    return unit_contradicted(window_.name(), lines_.number(), found, unit_);
+    const std::string_view words = text.substr(std::min(text.find_first_not_of("#/"), text.size()));
+    if (!comment_agrees(words, unit_, found)) return unit_contradicted(window_.name(), lines_.number(), found, unit_);
+    return decided_ ? success() : names(names_in_comment(text));
+  }
+
+  /// Above the points a comment may name the columns ("//X Y Z"); the last one that does counts.
+  Status names(std::string_view text) {
+    const Separator separator = separator_of(text);
+    if (!names_every_axis(text, separator)) return success();
+    named_ = {};
+    named_line_ = lines_.number();
+    named_count_ = count_columns(text, separator);
+    return find_columns(lines_, text, separator, unit_, named_);
+  }
+
+  /// Names in a comment count if there are as many as columns. A sentence in which x, y and z come first says nothing
+  /// else than no comment at all; of any other nobody knows what it says.
+  Status take_names_of_comment(std::string_view line) {
+    if (named_line_ == 0 || named_.xyz == TextColumns{}.xyz) return success();
+    const std::size_t count = count_columns(line, separator_);
+    if (count == named_count_) {
+      columns_ = named_;
+      return success();
+    }
+    return lines_.refuse(
+        "%zu columns, but the comment on line %zu names %zu, and x, y, z are not its first three; which columns are x, "
+        "y and z?",
+        count, named_line_, named_count_);
   }
 
   Status row(std::string_view line) {
@@ -74,6 +99,8 @@ class TextTable {
       const bool names = is_line_of_names(line, separator_);
       if (names)
         if (Status status = find_columns(lines_, line, separator_, unit_, columns_); !status) return status;
+      if (!names)
+        if (Status status = take_names_of_comment(line); !status) return status;
       plain_ = columns_.xyz == TextColumns{}.xyz;
       if (names) return success();
     }
@@ -119,6 +146,9 @@ class TextTable {
   bool plain_ = false;  ///< x, y, z are the first three columns
   Separator separator_ = Separator::blanks;
   TextColumns columns_;
+  std::size_t named_line_ = 0;  ///< of the comment that names the columns; 0: none does
+  std::size_t named_count_ = 0;
+  TextColumns named_;
 };
 
 }  // namespace

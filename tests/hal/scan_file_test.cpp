@@ -255,6 +255,7 @@ TEST(ScanFile, organised_comment_must_fit_the_vertices) {
   expect_refused(with(" width 0 height 2"), "line 3: malformed comment organized");
   expect_refused(with(" width 2"), "malformed comment organized");
   expect_refused(with(" 2 1"), "malformed comment organized");
+  expect_refused(with(" height 1 width 2"), "malformed comment organized");
   expect_refused(with(" width 2 height 1 depth 1"), "malformed comment organized");
   expect_refused(with(" width 4294967296 height 4294967296"), "malformed comment organized");
   expect_refused(with(" width 2 height 1\ncomment organized width 1 height 2"), "second comment organized");

@@ -52,6 +52,26 @@ TEST(TextPoints, names_in_the_first_line_say_where_x_y_z_are) {
   expect_refused("id,a,x,y,z\n1,2,3,4\n", "line 2: 4 columns, needed are 5");
 }
 
+TEST(TextPoints, names_in_a_comment_above_the_points_say_where_x_y_z_are_too) {
+  for (const std::string text :
+       {"//X Y Z\n1 2 3\n", "//Z Y X\n3 2 1\n", "# Z,Y,X\n3,2,1\n", "# z y x\n3,2,1\n", "//id X Y Z\n9 1 2 3\n",
+        "# columns: id x y z\n9 1 2 3\n", "# id;\"Z [mm]\";y_mm;X (mm);\n9;3;2;1;\n", "# z y x\n# scan 7\n\n3 2 1\n",
+        "# a b c\n# z y x\n3 2 1\n", "# z y x\nx y z\n1 2 3\n", "# z [mm] y [mm] x [mm]\n3 2 1\n",
+        "//X Y Z R G B Scalar field\n1 2 3 4 5 6 7\n"})
+    expect_points(text, "a.asc", {1, 2, 3});
+  // Sentences, and what stands below the first point.
+  for (const std::string text :
+       {"# x y z are in the scanner's frame\n1 2 3\n", "# z up, y across, x along\n1 2 3\n",
+        "# x: along, y: across\n1 2 3\n", "# the axes z, y and x\n1,2,3\n", "# x\n1 2 3\n", "# z y\n1 2 3\n"})
+    expect_points(text, "a.asc", {1, 2, 3});
+  expect_points("1 2 3\n# z y x\n4 5 6\n", "a.xyz", {1, 2, 3, 4, 5, 6});
+  expect_refused("//id X Y Z\n9 1 2 3 4\n",
+                 "line 2: 5 columns, but the comment on line 1 names 4, and x, y, z are not its first three");
+  expect_refused("# x y z x\n1 2 3 4\n", "line 1: a second column named \"x\"");
+  expect_refused("# z [m] y [m] x [m]\n3 2 1\n", "line 1: the file says unit \"m\"");
+  expect_refused("# id x y z\n9 1 2 3\n9 1 2\n", "line 3: 3 columns, needed are 4");
+}
+
 TEST(TextPoints, what_is_not_there_or_not_finite_is_a_missing_point) {
   for (const std::string line : {"nan,nan,nan", "NaN,2,3", "1,NAN,3", "1,2,-nan", "1,inf,3", "1,-Inf,3", "infinity,2,3",
                                  ",,", "1,,3", "1,2,", " , 2 , 3", "1.#QNAN,2,3", "1,-1.#IND00,3", "1,2,1.#INF",
