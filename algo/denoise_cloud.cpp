@@ -15,13 +15,15 @@
 // (algo/noise_group.h).
 //
 // Invariants: whether a point is kept depends on the points around it, not on their order (sums of integers, sorted
-// samples); the work per point is bounded.
+// samples); the work per point is bounded. Both hold where views overlap or the scanner lingered, too: of a cell with
+// more points than are looked at, those count whose coordinates hash lowest, a draw that is the same in any order.
 #include "algo/denoise_cloud.h"
 
 #include <algorithm>
 #include <array>
 #include <cassert>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 #include "algo/noise_group.h"
@@ -47,7 +49,7 @@ constexpr std::size_t kCellPointsMin = 4;
 constexpr float kCalm_mm = 0.6F;
 /// Of the eight cells around: from five on the cell is part of a level surface; with all eight nothing else is near.
 constexpr int kCalmCells = 5;
-/// Points of a cell that are looked at for its surface.
+/// Points of a cell that are looked at, for its surface and for the points around them: five times what it holds.
 constexpr std::size_t kCellSample = 48;
 /// Slopes tried in a cell that is not level, and the steepest one believed: 85 degrees.
 constexpr int kSlopeDraws = 24;
@@ -62,8 +64,9 @@ constexpr float kPlaneNoise_mm = 0.45F;
 constexpr float kPlanePitches = 0.35F;
 /// Neighbours within 3.5 pitches count, with weight (1 - d^2 / R^2)^2: 12.6 in all around a point of a full surface.
 constexpr float kReachPitches = 3.5F;
-constexpr std::size_t kNeighboursMax = 256;
-constexpr int kLookedAtMax = 1024;
+/// What reaches as far to both sides touches four cells along each axis.
+constexpr std::size_t kNeighboursMax = 4 * 4 * kCellSample;
+static_assert(2.0F * kReachPitches < 3.0F * kCellPitches);
 /// Share of that weight that must lie in a plane with the point; the share that needs no other reason; and the least
 /// weight, more than four nearest neighbours have: a clump of five is noise.
 constexpr int kWeightOne = 1024;
@@ -101,6 +104,49 @@ float plane_gate(const Slope& slope, float pitch_mm) {
   return kPlaneNoise_mm + kPlanePitches * pitch_mm * slope.steepness();
 }
 
+/// A draw among the points of a cell: an order that looks like none, and that only their coordinates decide. Points
+/// with the same coordinates stand for each other.
+class Draw {
+ public:
+  explicit Draw(const float* xyz) : xyz_(xyz) {}
+
+  bool operator()(std::uint32_t a, std::uint32_t b) const {
+    const Bits of_a = bits(a);
+    const Bits of_b = bits(b);
+    const std::uint64_t lot_a = lot(of_a);
+    const std::uint64_t lot_b = lot(of_b);
+    return lot_a != lot_b ? lot_a < lot_b : of_a < of_b;
+  }
+
+ private:
+  using Bits = std::array<std::uint32_t, 3>;
+  [[nodiscard]] Bits bits(std::uint32_t i) const {
+    Bits of_point;
+    std::memcpy(of_point.data(), xyz_ + 3 * std::size_t{i}, sizeof of_point);
+    return of_point;
+  }
+  [[nodiscard]] static std::uint64_t lot(const Bits& p) {
+    return Prng((std::uint64_t{p[0]} << 32U | p[1]) ^ Prng(p[2]).next()).next();
+  }
+
+  const float* xyz_;
+};
+
+/// Puts the points of every cell that are looked at in front.
+void draw_samples(const float* xyz, PointGrid& grid) {
+  for (std::size_t c = 0; c < grid.cells(); ++c) {
+    const std::span<std::uint32_t> points = grid.in_cell(c);
+    if (points.size() > kCellSample)
+      std::nth_element(points.begin(), points.begin() + kCellSample, points.end(), Draw(xyz));
+  }
+}
+
+/// Those of a cell's points that are looked at.
+std::span<const std::uint32_t> sample_of(const PointGrid& grid, std::size_t cell) {
+  const std::span<const std::uint32_t> points = grid.in_cell(cell);
+  return points.first(std::min(points.size(), kCellSample));
+}
+
 /// What the points of one cell say about the surface in it. Heights are taken above a plane with the scan's own tilt.
 class CellJudge {
  public:
@@ -113,11 +159,11 @@ class CellJudge {
   }
 
   [[nodiscard]] TilePlane surface(std::size_t cell) {
-    const std::span<const std::uint32_t> points = grid_.in_cell(cell);
+    const std::span<const std::uint32_t> points = sample_of(grid_, cell);
     if (points.size() < kCellPointsMin) return {kNone, kNone, kNone};
-    count_ = std::min(points.size(), kCellSample);
+    count_ = points.size();
     for (std::size_t i = 0; i < count_; ++i) {
-      const std::uint32_t k = points[i * points.size() / count_];
+      const std::uint32_t k = points[i];
       sample_[i] = {xyz_[3 * std::size_t{k}], xyz_[3 * std::size_t{k} + 1], height(k)};
     }
     const float level = median_height();
@@ -287,24 +333,22 @@ class SlopeChoice {
   std::size_t count_ = 0;
 };
 
-/// Calls f(k, dx, dy, d2) for the points within reach of `p` in XY, itself included, until it answers false or too many
-/// were looked at.
+/// Calls f(k, dx, dy, d2) for the points within reach of `p` in XY that are looked at; at most kNeighboursMax, and `p`
+/// may be one of them.
 template <typename F>
 [[gnu::always_inline]] inline void for_each_around(const float* xyz, const PointGrid& grid, const float* p,
                                                    float reach_mm, F&& f) {
   const float reach2 = reach_mm * reach_mm;
   const int c0 = grid.column(p[0] - reach_mm), c1 = grid.column(p[0] + reach_mm);
   const int r0 = grid.row(p[1] - reach_mm), r1 = grid.row(p[1] + reach_mm);
-  int looked_at = 0;
   for (int r = r0; r <= r1; ++r) {
     for (int c = c0; c <= c1; ++c) {
-      for (const std::uint32_t k : grid.in_cell(grid.cell(c, r))) {
-        if (++looked_at > kLookedAtMax) return;
+      for (const std::uint32_t k : sample_of(grid, grid.cell(c, r))) {
         const float* q = xyz + 3 * std::size_t{k};
         const float dx = q[0] - p[0];
         const float dy = q[1] - p[1];
         const float d2 = dx * dx + dy * dy;
-        if (d2 < reach2 && !f(k, dx, dy, d2)) return;
+        if (d2 < reach2) f(k, dx, dy, d2);
       }
     }
   }
@@ -331,14 +375,13 @@ class PointJudge {
     const float* p = xyz_ + 3 * std::size_t{self};
     const float reach2 = reach_mm_ * reach_mm_;
     for_each_around(xyz_, grid_, p, reach_mm_, [&](std::uint32_t k, float dx, float dy, float d2) {
-      if (k == self) return true;
+      if (k == self) return;
       const float u = 1.0F - d2 / reach2;
       dx_[count_] = dx;
       dy_[count_] = dy;
       dz_[count_] = xyz_[3 * std::size_t{k} + 2] - p[2];
       weight_[count_] = static_cast<int>(u * u * static_cast<float>(kWeightOne));
       total_ += weight_[count_++];
-      return count_ < kNeighboursMax;
     });
   }
 
@@ -398,6 +441,19 @@ enum Keep : std::uint8_t {
   kAsked,     ///< about to be known
 };
 
+/// Brings the noise of every cell into an order of its own, with the points that are looked at in front as before.
+void sort_noise(const float* xyz, PointGrid& grid, std::span<const std::uint8_t> keep) {
+  const auto is_noise = [&](std::uint32_t i) { return keep[i] == kNoise; };
+  for (std::size_t c = 0; c < grid.cells(); ++c) {
+    const std::span<std::uint32_t> points = grid.in_cell(c);
+    const std::size_t sample = std::min(points.size(), kCellSample);
+    for (const std::span<std::uint32_t> part : {points.first(sample), points.subspan(sample)}) {
+      const auto end = std::partition(part.begin(), part.end(), is_noise);
+      if (end - part.begin() > 1) std::sort(part.begin(), end, Draw(xyz));
+    }
+  }
+}
+
 /// Keeps the noise that hangs together, from one point to those within two pitches in XY. Followed until the group is
 /// long, or comes upon one that was: so each point is followed about once.
 class NoiseGroups {
@@ -416,14 +472,13 @@ class NoiseGroups {
       const float* p = xyz_ + 3 * std::size_t{group_[i]};
       for_each_around(xyz_, grid_, p, reach_mm_, [&](std::uint32_t k, float, float, float) {
         const float* q = xyz_ + 3 * std::size_t{k};
-        if (std::abs(q[2] - p[2]) > noise_group::kStep_mm) return true;
+        if (std::abs(q[2] - p[2]) > noise_group::kStep_mm) return;
         if (keep_[k] == kLongOne) is_long = true;
-        if (keep_[k] != kNoise || size_ == group_.size()) return true;
+        if (keep_[k] != kNoise || size_ == group_.size()) return;
         x0 = std::min(x0, q[0]), x1 = std::max(x1, q[0]);
         y0 = std::min(y0, q[1]), y1 = std::max(y1, q[1]);
         is_long = is_long || std::max(x1 - x0, y1 - y0) >= longest_mm;
         add(k);
-        return true;
       });
     }
     for (std::size_t i = 0; i < size_; ++i) keep_[group_[i]] = is_long ? kLongOne : kShortOne;
@@ -432,7 +487,7 @@ class NoiseGroups {
  private:
   static constexpr float kLinkPitches = 2.0F;
   /// A group that is too short holds a point in a square of a pitch, 225 in all. Where more lie, views overlap, and
-  /// what is left over is followed for itself.
+  /// what is left over is followed for itself. So it matters where one begins, which sort_noise() settles.
   static constexpr std::size_t kGroupMax = 1024;
 
   void add(std::uint32_t k) {
@@ -457,6 +512,7 @@ void denoise_cloud(Cloud& cloud, const DenoiseWorkspace& work, ScanCounts& count
   float* xyz = cloud.xyz.data();
   PointGrid grid(work.order, work.cell_start);
   grid.build(xyz, cloud.points, kCellPitches);
+  draw_samples(xyz, grid);
   CellJudge cell_judge(xyz, grid);
   cell_judge.set_tilt(typical_tilt(grid, cell_judge));
   for (std::size_t c = 0; c < grid.cells(); ++c) work.surface[c] = cell_judge.surface(c);
@@ -475,6 +531,7 @@ void denoise_cloud(Cloud& cloud, const DenoiseWorkspace& work, ScanCounts& count
       }
     }
   }
+  sort_noise(xyz, grid, work.keep);
   NoiseGroups groups(xyz, grid, work.keep);
   for (std::size_t c = 0; c < grid.cells(); ++c)
     for (const std::uint32_t i : grid.in_cell(c))

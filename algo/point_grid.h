@@ -35,7 +35,10 @@ class PointGrid {
   }
   [[nodiscard]] int column(float x) const { return clamped((x - x0_) * per_mm_, columns_); }
   [[nodiscard]] int row(float y) const { return clamped((y - y0_) * per_mm_, rows_); }
-  /// Indices of the points of a cell.
+  /// Indices of the points of a cell; whoever built the grid may put them into another order.
+  [[nodiscard]] std::span<std::uint32_t> in_cell(std::size_t cell) {
+    return order_.subspan(cell_start_[cell], cell_start_[cell + 1] - cell_start_[cell]);
+  }
   [[nodiscard]] std::span<const std::uint32_t> in_cell(std::size_t cell) const {
     return order_.subspan(cell_start_[cell], cell_start_[cell + 1] - cell_start_[cell]);
   }

@@ -195,30 +195,68 @@ TEST(Denoise, RemovesOutliersAndKeepsTheSurfaceWhateverThePitchAndTheView) {
   }
 }
 
+using Points = std::vector<std::array<float, 3>>;
+
+Points shuffled(Points points, std::uint64_t seed) {
+  Prng prng(seed);
+  for (std::size_t i = points.size(); i > 1; --i) std::swap(points[i - 1], points[prng.below(i)]);
+  return points;
+}
+
+/// What is kept of them, in an order of its own.
+Points kept_of(const Points& points) {
+  std::vector<float> xyz;
+  for (const std::array<float, 3>& p : points) xyz.insert(xyz.end(), p.begin(), p.end());
+  const std::size_t kept = Denoiser().run(xyz);
+  Points left;
+  for (std::size_t i = 0; i < xyz.size() / 3; ++i)
+    if (!std::isnan(xyz[3 * i])) left.push_back({xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]});
+  EXPECT_EQ(left.size(), kept);
+  std::sort(left.begin(), left.end());
+  return left;
+}
+
 TEST(Denoise, KeepsTheSamePointsInWhateverOrderTheyCome) {
   scene::Scan scan;
   scan.pitch_mm = 0.7;
   scan.outlier_share = 0.05;
   scan.outlier_far_mm = 5.0;
   const scene::Cloud cloud = scene::take({}, scan);
-  std::vector<float> in_order = cloud.xyz;
-  std::vector<float> shuffled;
-  std::vector<std::size_t> at(cloud.xyz.size() / 3);
-  for (std::size_t i = 0; i < at.size(); ++i) at[i] = i;
-  Prng prng(3);
-  for (std::size_t i = at.size(); i > 1; --i) std::swap(at[i - 1], at[prng.below(i)]);
-  for (const std::size_t i : at)
-    shuffled.insert(shuffled.end(), {cloud.xyz[3 * i], cloud.xyz[3 * i + 1], cloud.xyz[3 * i + 2]});
-  const auto sorted_points = [](std::vector<float>& xyz) {
-    const std::size_t kept = Denoiser().run(xyz);
-    std::vector<std::array<float, 3>> points;
-    for (std::size_t i = 0; i < xyz.size() / 3; ++i)
-      if (!std::isnan(xyz[3 * i])) points.push_back({xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]});
-    EXPECT_EQ(points.size(), kept);
+  Points points;
+  for (std::size_t i = 0; i + 2 < cloud.xyz.size(); i += 3)
+    points.push_back({cloud.xyz[i], cloud.xyz[i + 1], cloud.xyz[i + 2]});
+  EXPECT_TRUE(kept_of(points) == kept_of(shuffled(points, 3)));
+}
+
+TEST(Denoise, KeepsTheSamePointsInWhateverOrderTheyComeWhereTheScannerLingered) {
+  // A step and a slope meet; in a patch upon them lie ten and forty times as many points as elsewhere, and a clump of
+  // noise that is too large to be followed at once.
+  for (const int times : {10, 40}) {
+    Prng prng(7);
+    Points points;
+    const auto surface = [](double x, double y) {
+      return (x > 50.0 ? 30.0 : 0.0) + (y > 50.0 ? 2.0 * (y - 50.0) : 0.0);
+    };
+    const auto put = [&](double x, double y, double z) {
+      points.push_back({static_cast<float>(x), static_cast<float>(y), static_cast<float>(z)});
+    };
+    const auto lay = [&](int count, double x0, double size_mm, double off_mm) {
+      for (int i = 0; i < count; ++i) {
+        const double x = x0 + size_mm * prng.uniform();
+        const double y = x0 + size_mm * prng.uniform();
+        put(x, y, surface(x, y) + 0.03 * prng.normal() + off_mm * (prng.uniform() - 0.5));
+      }
+    };
+    lay(40'000, 0.0, 100.0, 0.0);
+    lay(4 * times * 100, 45.0, 10.0, 0.0);
+    lay(2'000, 0.0, 100.0, 6.0);
+    lay(3'000, 20.0, 4.0, 40.0);
+    const Points kept = kept_of(points);
+    EXPECT_LT(kept.size(), points.size() - 1'000);
+    EXPECT_TRUE(kept == kept_of(shuffled(points, 3))) << times;
     std::sort(points.begin(), points.end());
-    return points;
-  };
-  EXPECT_TRUE(sorted_points(in_order) == sorted_points(shuffled));
+    EXPECT_TRUE(kept == kept_of(points)) << times;
+  }
 }
 
 TEST(Denoise, GivesAScanItsGridBackOnlyIfItsRaysAreEvenlySpaced) {
