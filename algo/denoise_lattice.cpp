@@ -436,11 +436,13 @@ bool bring_into_order(Cloud& cloud, const Lattice& lattice, const DenoiseWorkspa
                       Ordered& found) {
   const std::size_t room = std::min({cloud.xyz.size() / 3, memory.order.size(), memory.keep.size()});
   Cloud reached{cloud.xyz.first(3 * room), cloud.points, cloud.width, cloud.height};
-  if (room < cloud.points || !order_points(reached, lattice, order_memory(memory), team, found)) return false;
+  if (room < cloud.points) return false;
+  const bool ordered = order_points(reached, lattice, order_memory(memory), team, found);
+  // Also where it could not be had: no points that are sorted instead have a grid.
   cloud.points = reached.points;
   cloud.width = reached.width;
   cloud.height = reached.height;
-  return true;
+  return ordered;
 }
 
 /// A cloud that was brought into its lattice's order is an organised scan with a few points left over.

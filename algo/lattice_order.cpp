@@ -352,7 +352,8 @@ class Ordering {
     const SampledPlaces seen = HWY_DYNAMIC_DISPATCH(count_outside)(cloud_, bands_.lattice, stride);
     constexpr std::size_t kSure = 3;
     if (kOutsideShare * seen.outside > kSure * seen.finite) return false;
-    return seen.points == 0 || cloud_.points / seen.points * seen.finite <= cells_;
+    // So far above that no sample errs by it.
+    return seen.points == 0 || cloud_.points / seen.points * seen.finite <= cells_ + cells_ / 32;
   }
 
   /// Step 1. False when the points turn out not to be those of a lattice, or not to fit.
@@ -371,7 +372,7 @@ class Ordering {
       places_.block_is_done(block);
     });
     // What has filled no heap needs a place too.
-    bool fits = !places_.overfull() && places_.kept_left() >= 2 * bands_.kinds();
+    bool fits = !places_.overfull() && places_.kept_left() >= 2 * bands_.kinds() + 2 * kPlaceRun;
     for (std::size_t kind = 0; kind < bands_.missing(); ++kind) {
       const std::size_t points = dealers_[0]->points(kind) + dealers_[1]->points(kind);
       found.finite += points;
@@ -396,7 +397,7 @@ class Ordering {
       points.add(places_.at(static_cast<Place>(place)), kHeapPoints);
     for (const Dealer* dealer : dealers_)
       for (std::size_t kind = 0; kind < bands_.missing(); ++kind) points.add(dealer->heap(kind), dealer->begun(kind));
-    points.finish(cloud_.points);
+    points.finish(cloud_);
   }
 
   /// Step 2. The cloud has its points then. False when more share a cell than there is room for.
@@ -429,7 +430,7 @@ class Ordering {
       Collected points(xyz_);
       points.add(xyz_, ordered);
       points.add(left.room.data(), left.points);
-      points.finish(cloud_.points);
+      points.finish(cloud_);
       return false;
     }
     std::copy_n(left.room.data(), 3 * left.points, xyz_ + 3 * ordered);
@@ -461,9 +462,10 @@ class Ordering {
       for (const float* p = from; p < from + 3 * points; p += 3)
         if (!std::isnan(p[2])) std::copy_n(p, 3, xyz_ + 3 * points_++);
     }
-    void finish(std::size_t points) {
+    void finish(Cloud& cloud) {
       sort_points(xyz_, points_);
-      std::fill(xyz_ + 3 * points_, xyz_ + 3 * points, kNoPoint);
+      std::fill(xyz_ + 3 * points_, xyz_ + 3 * cloud.points, kNoPoint);
+      cloud.width = cloud.height = 0;
     }
 
    private:

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <thread>
+#include <utility>
 
 namespace slabd::daemon {
 namespace {
@@ -54,6 +55,7 @@ std::unique_ptr<Result<std::unique_ptr<storage::Store>>> open_beside_the_line(co
   const auto station = std::make_unique<Station>(settings);
   const auto actions = std::make_unique<Actions>();
   ports.notify.ready();
+  bool pressed = false;
   std::int64_t fed_ns = ports.clock.mono_ns() - kWatchdogPeriodNs;
   while (!opened->done) {
     if (stop) return nullptr;
@@ -62,7 +64,10 @@ std::unique_ptr<Result<std::unique_ptr<storage::Store>>> open_beside_the_line(co
     step(*station, Tick{now_ns, ports.clock.utime_us()}, *actions);
     PlcInputs inputs;
     for (std::size_t i = 0; i < limits::kModbusFramesPerTurn && ports.plc.next(now_ns, inputs); ++i) {
-      if (ports.fault_reset_held != nullptr) *ports.fault_reset_held = inputs.fault_reset;
+      if (ports.fault_reset_held != nullptr) {
+        const bool held = std::exchange(*ports.fault_reset_held, inputs.fault_reset);
+        pressed = pressed || (inputs.fault_reset && !held);
+      }
       step(*station, inputs, *actions);
     }
     ports.plc.publish(plc_view(*station));
@@ -72,6 +77,8 @@ std::unique_ptr<Result<std::unique_ptr<storage::Store>>> open_beside_the_line(co
     ports.notify.watchdog();
     ports.notify.status("the database is being opened and checked");
   }
+  // Whoever pressed it meanwhile, and holds it, has it tried once more.
+  if (pressed) *ports.fault_reset_held = false;
   return std::move(opened->result);
 }
 

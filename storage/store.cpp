@@ -189,8 +189,8 @@ class SqliteStore final : public Store {
 
   void idle() override {
     if (quiet_looks_ < kQuietLooks && ++quiet_looks_ < kQuietLooks) return;
-    if (!settle()) return;
-    back_up_a_piece();
+    // Whatever hinders it: pruning, trimming and the checkpoint may be what makes room.
+    if (settle()) back_up_a_piece();
     prune_one();
     if (trim_due_) trim_spool();
     if (!log_holds_commits_ || !open_) return;

@@ -392,6 +392,8 @@ void expect_given_back(const std::vector<float>& points, const Lattice& lattice,
     Roomy roomy(shuffled(points, static_cast<std::uint64_t>(run)), room);
     Team team(1 + run % 2);
     Ordered found;
+    roomy.cloud.width = points.size() / 3;  // as a header may say
+    roomy.cloud.height = 1;
     ASSERT_FALSE(order_points(roomy.cloud, lattice, {{std::span(half), {}, {}}, words}, team, found));
     EXPECT_EQ(roomy.cloud.width, 0U);
     ASSERT_EQ(roomy.cloud.points, points.size() / 3);

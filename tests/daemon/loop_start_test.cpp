@@ -148,15 +148,24 @@ TEST_F(LoopStart, storage_is_not_tried_again_for_a_fault_reset_that_is_held_down
   };
   EXPECT_TRUE(wants_store_after(true)) << "an edge";
   EXPECT_FALSE(wants_store_after(true)) << "still down, as the next loop learns from the one before";
-  // Let go while the database is opened.
-  write(false);
-  static_cast<void>(open_beside_the_line(
-      []() -> Result<std::unique_ptr<storage::Store>> {
-        std::this_thread::sleep_for(std::chrono::milliseconds(100));
-        return error(Code::journal_write, "not yet");
-      },
-      ports, StationSettings{}, LoopFigures{}, std::atomic<bool>{false}));
+  const auto open_in_vain = [&] {
+    static_cast<void>(open_beside_the_line(
+        []() -> Result<std::unique_ptr<storage::Store>> {
+          std::this_thread::sleep_for(std::chrono::milliseconds(100));
+          return error(Code::journal_write, "not yet");
+        },
+        ports, StationSettings{}, LoopFigures{}, std::atomic<bool>{false}));
+  };
+  write(false);  // let go while the database is opened
+  open_in_vain();
   EXPECT_TRUE(wants_store_after(true)) << "an edge again";
+  open_in_vain();
+  EXPECT_FALSE(wants_store_after(true)) << "held all the time";
+  write(false);
+  write(true);
+  open_in_vain();
+  EXPECT_TRUE(wants_store_after(true)) << "pressed while the database was opened";
+  EXPECT_FALSE(wants_store_after(true)) << "once";
 }
 
 TEST(Fingerprint, sees_x_y_and_z_of_scans_of_every_size) {

@@ -27,6 +27,7 @@ struct Fault {
   bool armed = false;
   bool kills = false;
   bool with_reads = false;
+  bool full = false;  ///< instead of counted calls: whatever would grow a file
   std::string root;
   std::uint64_t first = 0;
   std::uint64_t last = 0;
@@ -73,7 +74,7 @@ bool hits(const char* name, bool reads = false) {
   const std::string path(name);
   if (!lies_in(path, g_fault.root) || (reads && !g_fault.with_reads)) return false;
   ++g_fault.calls;
-  if (g_fault.calls < g_fault.first || g_fault.calls > g_fault.last) return false;
+  if (g_fault.full || g_fault.calls < g_fault.first || g_fault.calls > g_fault.last) return false;
   g_fault.hit = true;
   if (g_fault.kills) kill(getpid(), SIGKILL);
   errno = g_fault.error_number;
@@ -84,6 +85,17 @@ bool hits_fd(int fd, bool reads = false) {
   if (!g_in_use || !g_fault.armed) return false;
   const auto at = g_path_of_fd.find(fd);
   return at != g_path_of_fd.end() && hits(at->second.c_str(), reads);
+}
+
+bool has_no_room(int fd, std::int64_t end) {
+  if (!g_in_use || !g_fault.armed || !g_fault.full) return false;
+  const auto at = g_path_of_fd.find(fd);
+  if (at == g_path_of_fd.end() || !lies_in(at->second, g_fault.root) || is_index(at->second)) return false;
+  struct stat there {};
+  if (syscall(SYS_fstat, fd, &there) != 0 || end <= there.st_size) return false;
+  g_fault.hit = true;
+  errno = ENOSPC;
+  return true;
 }
 
 void note(DiskChange change) {
@@ -404,6 +416,11 @@ void fail(const std::string& root, std::uint64_t first, std::uint64_t count, int
   g_fault.with_reads = with_reads;
 }
 
+void fill(const std::string& root) {
+  fail(root, 1, 1, ENOSPC, false);
+  g_fault.full = true;
+}
+
 void kill_at(const std::string& root, std::uint64_t first) {
   fail(root, first, 1, 0, false);
   g_fault.kills = true;
@@ -461,7 +478,7 @@ ssize_t write(int fd, const void* bytes, size_t size) {
 }
 
 ssize_t pwrite64(int fd, const void* bytes, size_t size, off64_t offset) {
-  if (hits_fd(fd)) return -1;
+  if (hits_fd(fd) || has_no_room(fd, offset + static_cast<std::int64_t>(size))) return -1;
   const ssize_t done = syscall(SYS_pwrite64, fd, bytes, size, offset);
   note_write(fd, bytes, done, offset);
   return done;

@@ -771,6 +771,37 @@ TEST_F(SurvivalTest, an_attempt_answered_with_an_error_is_a_failed_one_with_the_
   EXPECT_GT(in_the_log, 0);
 }
 
+// The log cannot grow, and so what was answered with an error cannot be settled. What the log holds can go into the
+// database all the same, and then there is room.
+TEST_F(SurvivalTest, a_full_disk_does_not_keep_the_log_from_being_used_again) {
+  crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened since count
+  open();
+  const std::int64_t slabs = kKeepSlabsMin + 10;
+  for (std::int64_t key = 1; key <= slabs; ++key) {
+    begin(key);
+    EXPECT_NE(scan(key, 4, 1), 0);
+    acknowledge(end(key, Verdict::pass));
+  }
+  // Pages that are free, as in a database that has been pruned, and a log that is used to its end.
+  ASSERT_TRUE(store_->order(PruneOrder{kKeepSlabsMin, kKeepSlabsMin}).ok());
+  for (int look = 0; look < 60; ++look) store_->idle();
+  ASSERT_EQ(store_->care().prune, CareState::Phase::done);
+  const std::int64_t key = slabs + 1;
+  begin(key);
+  const std::string log = settings_.db_path + "-wal";
+  for (const auto size = fs::file_size(log); fs::file_size(log) == size;) apply(SessionJob{++session_});
+  accept(PlcCommand::scan, 3, key);
+  const Attempt third = attempt(key, 3, 1);
+  crash_disk::fill(root_);
+  const Status told = try_apply(AcquiredJob{third, 7});
+  ASSERT_FALSE(told.ok());
+  EXPECT_EQ(told.error().code, Code::store_full);
+  for (int look = 0; look < 100; ++look) store_->idle();
+  EXPECT_TRUE(try_apply(SessionJob{++session_}).ok()) << "FAULT_RESET";
+  EXPECT_EQ(reader()->slab(key).value()->blocks.at(0).phase, StationPhase::failed);
+  (void)crash_disk::heal();
+}
+
 // A report is answered with an error, and its repeated record is in the log some of the times. It goes with the next
 // job, and a PLC that asks after a restart hears that its order came to nothing.
 TEST_F(SurvivalTest, a_report_answered_with_an_error_is_taken_back_by_the_next_job) {
