@@ -383,6 +383,20 @@ std::vector<float> crowded(const std::vector<float>& drawn, std::size_t every) {
   return crowded;
 }
 
+struct DrawnOnALattice {
+  std::vector<float> drawn;
+  Lattice lattice;
+  std::size_t cells = 0;
+};
+DrawnOnALattice drawn_on_a_lattice() {
+  DrawnOnALattice all;
+  all.drawn = scan(0.0);
+  std::vector<float> xyz = all.drawn;
+  EXPECT_TRUE(find(xyz, 1, all.lattice));
+  all.cells = static_cast<std::size_t>(all.lattice.columns * all.lattice.rows);
+  return all;
+}
+
 /// Refused, with no point lost and in an order that tells nothing of the one before.
 void expect_given_back(const std::vector<float>& points, const Lattice& lattice, std::size_t room, std::size_t memory) {
   std::vector<float> half(memory);
@@ -405,11 +419,7 @@ void expect_given_back(const std::vector<float>& points, const Lattice& lattice,
 }
 
 TEST(LatticeOrder, LosesNoPointWhereMoreShareACellThanThereIsRoomFor) {
-  const std::vector<float> drawn = scan(0.0);
-  std::vector<float> xyz = drawn;
-  Lattice lattice;
-  ASSERT_TRUE(find(xyz, 1, lattice));
-  const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
+  const auto [drawn, lattice, cells] = drawn_on_a_lattice();
   const std::vector<float> points = crowded(drawn, 15);
   for (const std::size_t points_left : {std::size_t{0}, std::size_t{1'000}, std::size_t{10'000}})
     expect_given_back(points, lattice, cells + points_left, points.size());
@@ -426,11 +436,7 @@ std::vector<float> in_rows(const std::vector<float>& drawn, const Lattice& latti
 }
 
 TEST(LatticeOrder, LosesNoPointWhereABandHasMoreOfThemThanCells) {
-  const std::vector<float> drawn = scan(0.0);
-  std::vector<float> xyz = drawn;
-  Lattice lattice;
-  ASSERT_TRUE(find(xyz, 1, lattice));
-  const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
+  const auto [drawn, lattice, cells] = drawn_on_a_lattice();
   // A strip of rows is there four times; the rest of the scan only where it is far from it. Strips at either end.
   for (const bool at_end : {false, true}) {
     const float strip = std::floor(lattice.rows / 8.0F);
@@ -447,11 +453,7 @@ TEST(LatticeOrder, LosesNoPointWhereABandHasMoreOfThemThanCells) {
 }
 
 TEST(LatticeOrder, LosesNoPointWhereTooManyLieOutside) {
-  const std::vector<float> drawn = scan(0.0);
-  std::vector<float> xyz = drawn;
-  Lattice lattice;
-  ASSERT_TRUE(find(xyz, 1, lattice));
-  const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
+  const auto [drawn, lattice, cells] = drawn_on_a_lattice();
   // One in 1 300: not so many that a sample tells for sure.
   std::vector<float> points = drawn;
   for (std::size_t i = 0; i < drawn.size(); i += std::size_t{3} * 1'300)
@@ -460,11 +462,7 @@ TEST(LatticeOrder, LosesNoPointWhereTooManyLieOutside) {
 }
 
 TEST(LatticeOrder, GivesEachPointItsCellWhicheverHalfOfTheGridComesFirst) {
-  const std::vector<float> drawn = scan(0.0);
-  std::vector<float> xyz = drawn;
-  Lattice lattice;
-  ASSERT_TRUE(find(xyz, 1, lattice));
-  const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
+  const auto [drawn, lattice, cells] = drawn_on_a_lattice();
   const std::vector<float> low = shuffled(in_rows(drawn, lattice, -1e6F, lattice.rows / 2.0F));
   const std::vector<float> high = shuffled(in_rows(drawn, lattice, lattice.rows / 2.0F, 1e6F));
   // Just what is needed, in pieces.

@@ -66,6 +66,8 @@ void mark();
 void fail(const std::string& root, std::uint64_t first, std::uint64_t count, int error_number, bool with_reads);
 /// The process dies by SIGKILL instead of making the `first`-th call.
 void kill_at(const std::string& root, std::uint64_t first);
+/// A `count` for fail(): until it is healed.
+inline constexpr std::uint64_t kAllThatFollow = 1'000'000'000;
 /// The disk is full from now on: what there is may be written over, and nothing grows.
 void fill(const std::string& root);
 /// No more faults. Returns how many calls were counted.

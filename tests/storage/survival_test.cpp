@@ -24,7 +24,7 @@
 #include "storage/database.h"
 #include "storage/quarantine.h"
 #include "tests/storage/crash_disk.h"
-#include "tests/storage/store_fixture.h"
+#include "tests/storage/fast_store.h"
 
 namespace slabd::storage {
 namespace {
@@ -74,31 +74,12 @@ std::uint64_t content_of(Connection& db) {
   return hash;
 }
 
-/// Memory, where there is some: what is looked at there need not be synced to a disk ten thousand times.
-std::string fast_folder() {
-  return fs::is_directory("/dev/shm") && access("/dev/shm", W_OK) == 0 ? "/dev/shm"
-                                                                       : fs::temp_directory_path().string();
-}
-
-class SurvivalTest : public StoreTest {
+class SurvivalTest : public FastStoreTest {
  protected:
   /// Returns false when it came to nothing; then it is asked again, as the line would.
   using Step = std::function<bool()>;
 
-  SurvivalTest() : seed_(number_from("SLABD_SURVIVAL_SEED", 1)), prng_of_cuts_(seed_) {
-    std::string name = fast_folder() + "/slabd-survival-XXXXXX";
-    if (mkdtemp(name.data()) == nullptr) throw std::runtime_error("no folder for images");
-    images_ = name;
-    root_ = images_ + "/life";
-    fs::create_directories(root_);
-    settings_.db_path = root_ + "/db/slabd.db";
-    settings_.spool_dir = root_ + "/spool";
-    settings_.spool_free_bytes_min = 0;
-  }
-  ~SurvivalTest() override {
-    close();
-    fs::remove_all(images_);
-  }
+  SurvivalTest() : seed_(number_from("SLABD_SURVIVAL_SEED", 1)), prng_of_cuts_(seed_) {}
 
   /// Every job is made before the life begins, so that each life of a seed is the same one.
   void make_life(int slabs, int stations) {
@@ -218,8 +199,6 @@ class SurvivalTest : public StoreTest {
 
   std::uint64_t seed_;
   Prng prng_of_cuts_;
-  std::string images_;  ///< everything of this test lies in here
-  std::string root_;    ///< what the power is cut of
   std::vector<Step> steps_;
   std::vector<std::uint64_t> contents_;
   int corrupt_ = 0;
@@ -494,8 +473,6 @@ TEST_P(FailingCallTest, at_every_call_is_reported_or_mended_and_a_repeat_brings_
               static_cast<unsigned long long>(calls), reported);
 }
 
-constexpr std::uint64_t kAllThatFollow = 1'000'000'000;
-
 /// False where SQLite alone knows what failed: it calls a sync for which there was no room an I/O error.
 bool expect_told_as_full(const Error& told) {
   if (told.text.view().find(std::strerror(ENOSPC)) == std::string_view::npos) return false;
@@ -510,7 +487,7 @@ TEST_F(SurvivalTest, a_backup_on_a_disk_that_is_full_says_that_it_is_full) {
   begin(1);
   int told = 0;
   for (std::uint64_t point = 1;; ++point) {
-    crash_disk::fail(root_, point, kAllThatFollow, ENOSPC, false);
+    crash_disk::fail(root_, point, crash_disk::kAllThatFollow, ENOSPC, false);
     const Status status = back_up_database(settings_.db_path, copy);
     const bool hit = crash_disk::has_hit();
     (void)crash_disk::heal();
@@ -558,7 +535,7 @@ TEST_F(SurvivalTest, a_copy_before_an_upgrade_on_a_disk_that_is_full_says_that_i
       old.execute(schema);
       old.execute("PRAGMA application_id = 1397506370; PRAGMA user_version = 7");
     }
-    crash_disk::fail(root_, point, kAllThatFollow, ENOSPC, false);
+    crash_disk::fail(root_, point, crash_disk::kAllThatFollow, ENOSPC, false);
     const Result<std::unique_ptr<Store>> store = open_store(settings_);
     const bool hit = crash_disk::has_hit();
     (void)crash_disk::heal();
@@ -567,274 +544,6 @@ TEST_F(SurvivalTest, a_copy_before_an_upgrade_on_a_disk_that_is_full_says_that_i
     told += expect_told_as_full(store.error()) ? 1 : 0;
   }
   EXPECT_GT(told, 2) << "are the calls still taken over?";
-}
-
-// A slab's end is answered with an error, and some of the times its commit is in the log all the same. While nobody was
-// told that the slab has ended, it has not: a block that is scanned again must not find its slab passed.
-TEST_F(SurvivalTest, an_end_answered_with_an_error_is_taken_back_by_the_next_job) {
-  // Which call is the one that leaves it in the log depends on the pages that are written: all of them, some times.
-  int in_the_log = 0;
-  std::int64_t key = 0;
-  for (int turn = 0; turn < 120; ++turn) {
-    const std::uint64_t point = 1 + static_cast<std::uint64_t>(turn) % 30;
-    for (const bool restarted : {true, false}) {
-      crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened since count
-      open();
-      begin(++key);
-      accept(PlcCommand::slab_end, 0, key);
-      SlabResult slab;
-      slab.verdict = Verdict::pass;
-      PlcResult record = random_record(prng_, ++res_seq_, 2);
-      crash_disk::fail(root_, point, 12, EIO, false);
-      const bool failed = !try_apply(SlabJob{key, slab, record, 3000}).ok();
-      (void)crash_disk::heal();
-      if (failed && restarted) {
-        close();
-        open();
-        in_the_log += recover()->slab_open ? 0 : 1;
-      } else if (failed) {
-        apply(SessionJob{++session_});
-        EXPECT_EQ(reader()->slab(key).value()->summary.ended_utime_us, 0) << "call " << point;
-        close();
-        open();
-        const auto line = recover();
-        EXPECT_TRUE(line->slab_open) << "call " << point;
-        EXPECT_EQ(line->cmd_status, kCommandFailed + static_cast<int>(Code::interrupted)) << "call " << point;
-        for (; !line->unacknowledged.empty(); line->unacknowledged.pop())
-          EXPECT_NE(line->unacknowledged.front().res_seq, res_seq_) << "call " << point;
-      }
-      if (recover()->slab_open) end(key, Verdict::fail);
-      acknowledge(res_seq_);
-      close();
-    }
-  }
-  EXPECT_GT(in_the_log, 0) << "no such end has ever been in the log: this test cannot fail";
-}
-
-// A block that passed is answered with an error, its commit is in the log some of the times all the same, and the PLC
-// has the station scanned anew instead of having it measured once more. What the PLC was never shown must not be shown
-// after a restart: it would take the place of what it was shown since.
-TEST_F(SurvivalTest, a_block_answered_with_an_error_is_taken_back_by_the_next_job) {
-  constexpr std::uint64_t kNever = ~std::uint64_t{0} >> 1U;
-  const auto pass = [this](std::int64_t key, int station) {
-    PlcResult record = random_record(prng_, ++res_seq_, 1);
-    record.station = static_cast<std::uint16_t>(station);
-    record.cmd_seq = cmd_seq_;
-    return try_apply(BlockJob{key, 1, random_block(prng_, station, Verdict::pass), record}).ok();
-  };
-  int in_the_log = 0;
-  std::int64_t key = 0;
-  for (int turn = 0; turn < 80; ++turn) {
-    for (const bool restarted : {true, false}) {
-      crash_disk::fail(root_, kNever, 1, EIO, false);  // only files opened since count
-      open();
-      begin(++key);
-      acquire(key, 3, 1);
-      crash_disk::fail(root_, kNever, 1, EIO, false);
-      EXPECT_TRUE(pass(key, 3));
-      // The next block makes about as many calls, of which the last ones leave it in the log.
-      const std::uint64_t point = crash_disk::heal() + 10 - static_cast<std::uint64_t>(turn) % 20;
-      acquire(key, 4, 1);
-      crash_disk::fail(root_, point, 12, EIO, false);
-      const bool failed = !pass(key, 4);
-      (void)crash_disk::heal();
-      if (failed && restarted) {
-        close();
-        open();
-        in_the_log += recover()->stations[3].phase == StationPhase::measured ? 1 : 0;
-      } else if (failed) {
-        acquire(key, 4, 2);
-        EXPECT_EQ(reader()->slab(key).value()->blocks.at(1).phase, StationPhase::acquired) << "call " << point;
-        apply(AckJob{measure(key, 4, 2, Verdict::fail)});
-        close();
-        open();
-        const auto line = recover();
-        for (; !line->unacknowledged.empty(); line->unacknowledged.pop())
-          EXPECT_NE(line->unacknowledged.front().station, 4) << "call " << point << " shows what was never an answer";
-        EXPECT_EQ(line->stations[3].block.verdict, Verdict::fail) << "call " << point;
-      }
-      const std::uint16_t last = end(key, Verdict::fail);
-      acknowledge(last);
-      close();
-    }
-  }
-  EXPECT_GT(in_the_log, 0) << "no such block has ever been in the log: this test cannot fail";
-}
-
-// The same when no job comes: the fault may stand for hours, and meanwhile the history, an export and a copy of the
-// database must not tell of an end that nobody was told of.
-TEST_F(SurvivalTest, an_end_answered_with_an_error_is_taken_back_in_a_quiet_moment) {
-  int in_the_log = 0;
-  std::int64_t key = 0;
-  const std::string copy = settings_.db_path + "-copy";
-  for (int turn = 0; turn < 60; ++turn) {
-    const std::uint64_t point = 1 + static_cast<std::uint64_t>(turn) % 30;
-    crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened since count
-    open();
-    begin(++key);
-    acquire(key, 5, 1);
-    EXPECT_NE(measure(key, 5, 1), 0);
-    accept(PlcCommand::slab_end, 0, key);
-    SlabResult slab;
-    slab.verdict = Verdict::pass;
-    const PlcResult record = random_record(prng_, ++res_seq_, 2);
-    crash_disk::fail(root_, point, 12, EIO, false);
-    const bool failed = !try_apply(SlabJob{key, slab, record, 3000}).ok();
-    (void)crash_disk::heal();
-    if (failed) {
-      ASSERT_TRUE(store_->order(BackupOrder{copy}).ok());
-      in_the_log += reader()->slab(key).value()->summary.ended_utime_us != 0 ? 1 : 0;
-      for (int look = 0; look < 200 && store_->care().backup == CareState::Phase::under_way; ++look) store_->idle();
-      EXPECT_EQ(reader()->slab(key).value()->summary.ended_utime_us, 0) << "call " << point;
-      ASSERT_EQ(store_->care().backup, CareState::Phase::done);
-      const auto copied = open_reader(copy);
-      ASSERT_TRUE(copied.ok());
-      EXPECT_EQ(copied.value()->slab(key).value()->summary.ended_utime_us, 0) << "call " << point;
-      fs::remove(copy);
-      // What was settled is settled: the end that comes now stays.
-      const std::uint16_t last = end(key, Verdict::fail);
-      apply(SessionJob{++session_});
-      EXPECT_EQ(reader()->slab(key).value()->slab.verdict, Verdict::fail);
-      acknowledge(last);
-    } else {
-      acknowledge(res_seq_);
-    }
-    close();
-  }
-  EXPECT_GT(in_the_log, 0) << "no such end has ever been in the log: this test cannot fail";
-}
-
-// While the disk takes nothing, no copy of what is doubtful is made.
-TEST_F(SurvivalTest, a_copy_waits_while_what_was_answered_with_an_error_cannot_be_taken_back) {
-  crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);
-  open();
-  begin(1);
-  accept(PlcCommand::slab_end, 0, 1);
-  SlabResult slab;
-  slab.verdict = Verdict::pass;
-  crash_disk::fail(root_, 1, kAllThatFollow, EIO, false);
-  ASSERT_FALSE(try_apply(SlabJob{1, slab, random_record(prng_, ++res_seq_, 2), 3000}).ok());
-  ASSERT_TRUE(store_->order(BackupOrder{settings_.db_path + "-copy"}).ok());
-  for (int look = 0; look < 120; ++look) store_->idle();
-  EXPECT_EQ(store_->care().backup, CareState::Phase::under_way);
-  (void)crash_disk::heal();
-  for (int look = 0; look < 120; ++look) store_->idle();
-  EXPECT_EQ(store_->care().backup, CareState::Phase::done);
-}
-
-// A scan that came to nothing, or was refused by the disk, is told to the PLC and never given again. What is in the
-// database must say so all the same: else an earlier attempt stands as the one that the verdict is about.
-TEST_F(SurvivalTest, an_attempt_answered_with_an_error_is_a_failed_one_with_the_next_job) {
-  std::int64_t key = 0;
-  int in_the_log = 0;
-  for (int turn = 0; turn < 60; ++turn) {
-    const std::uint64_t point = 1 + static_cast<std::uint64_t>(turn) % 20;
-    for (const bool acquired : {true, false}) {
-      for (const bool quiet : {true, false}) {
-        crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);
-        open();
-        begin(++key);
-        EXPECT_NE(scan(key, 4, 1), 0);
-        const std::uint16_t first = cmd_seq_;
-        const std::string path = scan_file(key, 4, 2, 1'000);
-        accept(PlcCommand::scan, 4, key);
-        Attempt second = attempt(key, 4, 2);
-        second.scan_path = PathText(path);
-        crash_disk::fail(root_, point, 12, EIO, false);
-        const Status told =
-            acquired ? try_apply(AcquiredJob{second, 99})
-                     : try_apply(FailedAttemptJob{second, static_cast<std::uint16_t>(Code::interrupted), kUnseenScan});
-        (void)crash_disk::heal();
-        if (!told.ok()) {
-          in_the_log += reader()->slab(key).value()->blocks.size() == 2 ? 1 : 0;
-          if (quiet)
-            for (int look = 0; look < 10; ++look) store_->idle();
-          else
-            accept(PlcCommand::scan, 5, key);
-          const auto slab = reader()->slab(key);
-          ASSERT_EQ(slab.value()->blocks.size(), 2U) << "call " << point;
-          EXPECT_EQ(slab.value()->blocks[1].phase, StationPhase::failed);
-          EXPECT_EQ(slab.value()->blocks[1].attempt.scan_path.view(), path) << "the file must be counted";
-          close();
-          open();
-          const auto line = recover();
-          EXPECT_EQ(line->stations[3].attempts, 2);
-          EXPECT_EQ(line->acq_seq, first) << "the robot was never told to go on from the second";
-          EXPECT_EQ(line->stations[3].phase, StationPhase::failed);
-          EXPECT_EQ(line->stations[3].code, static_cast<int>(acquired ? told.error().code : Code::interrupted));
-        }
-        acknowledge(end(key, Verdict::fail));
-        close();
-      }
-    }
-  }
-  EXPECT_GT(in_the_log, 0);
-}
-
-// The log cannot grow, and so what was answered with an error cannot be settled. What the log holds can go into the
-// database all the same, and then there is room.
-TEST_F(SurvivalTest, a_full_disk_does_not_keep_the_log_from_being_used_again) {
-  crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened since count
-  open();
-  const std::int64_t slabs = kKeepSlabsMin + 10;
-  for (std::int64_t key = 1; key <= slabs; ++key) {
-    begin(key);
-    EXPECT_NE(scan(key, 4, 1), 0);
-    acknowledge(end(key, Verdict::pass));
-  }
-  // Pages that are free, as in a database that has been pruned, and a log that is used to its end.
-  ASSERT_TRUE(store_->order(PruneOrder{kKeepSlabsMin, kKeepSlabsMin}).ok());
-  for (int look = 0; look < 60; ++look) store_->idle();
-  ASSERT_EQ(store_->care().prune, CareState::Phase::done);
-  const std::int64_t key = slabs + 1;
-  begin(key);
-  const std::string log = settings_.db_path + "-wal";
-  for (const auto size = fs::file_size(log); fs::file_size(log) == size;) apply(SessionJob{++session_});
-  accept(PlcCommand::scan, 3, key);
-  const Attempt third = attempt(key, 3, 1);
-  crash_disk::fill(root_);
-  const Status told = try_apply(AcquiredJob{third, 7});
-  ASSERT_FALSE(told.ok());
-  EXPECT_EQ(told.error().code, Code::store_full);
-  for (int look = 0; look < 100; ++look) store_->idle();
-  EXPECT_TRUE(try_apply(SessionJob{++session_}).ok()) << "FAULT_RESET";
-  EXPECT_EQ(reader()->slab(key).value()->blocks.at(0).phase, StationPhase::failed);
-  (void)crash_disk::heal();
-}
-
-// A report is answered with an error, and its repeated record is in the log some of the times. It goes with the next
-// job, and a PLC that asks after a restart hears that its order came to nothing.
-TEST_F(SurvivalTest, a_report_answered_with_an_error_is_taken_back_by_the_next_job) {
-  int in_the_log = 0;
-  open();
-  begin(1);
-  acknowledge(scan(1, 4, 1, Verdict::pass));
-  close();
-  for (int turn = 0; turn < 120; ++turn) {
-    const std::uint64_t point = 1 + static_cast<std::uint64_t>(turn) % 30;
-    for (const bool restarted : {true, false}) {
-      crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened since count
-      open();
-      accept(PlcCommand::report, 4, 1);
-      const PlcResult record = random_record(prng_, ++res_seq_, 1);
-      crash_disk::fail(root_, point, 12, EIO, false);
-      const bool failed = !try_apply(ReportJob{record}).ok();
-      (void)crash_disk::heal();
-      if (failed && !restarted) apply(SessionJob{++session_});
-      close();
-      open();
-      const auto line = recover();
-      if (failed && !restarted) {
-        EXPECT_TRUE(line->unacknowledged.empty()) << "call " << point;
-        EXPECT_EQ(line->cmd_status, kCommandFailed + static_cast<int>(Code::interrupted)) << "call " << point;
-      } else if (!line->unacknowledged.empty()) {
-        in_the_log += failed ? 1 : 0;
-        acknowledge(res_seq_);
-      }
-      close();
-    }
-  }
-  EXPECT_GT(in_the_log, 0) << "no such report has ever been in the log: this test cannot fail";
 }
 
 // SQLite's check tells a read that failed in the words it has for damage. Whatever fails while a whole database is
