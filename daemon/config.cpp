@@ -216,14 +216,12 @@ void read_capture(TableReader& table, CaptureGuard& guard) {
   read_s(table, "capture_stable_s", guard.stable_ns, {0.2, static_cast<double>(CaptureGuard::kStableNs) / 1e9});
 }
 
-/// Of the commissioning value. A calibration that is applied brings its own, and one of the two says nothing.
+/// Of the commissioning value, and without one it says nothing: whoever takes the value out once a calibration is
+/// applied may leave it. One of the two alone makes every slab item indeterminate.
 void read_station_sigma(TableReader& table, const char* key, const char* other, bool commissioned, double& out,
                         Allowed allowed) {
   table.optional_number(key, out, allowed);
-  if (!table.has(key)) return;
-  if (!commissioned)
-    table.problem(key, "has no meaning without T_flange_scanner, whose uncertainty it is");
-  else if (!table.has(other))
+  if (commissioned && table.has(key) && !table.has(other))
     table.problem(key, fmt::format("found without {}; allowed are both or neither", other));
 }
 

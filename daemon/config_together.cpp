@@ -99,14 +99,6 @@ void check_timeouts(TableReader& root, const Config& config) {
                                   fmt::format("with robot.settle_timeout_s a scan may take {} s, allowed are 19 s: the "
                                               "PLC gives up after 20 s",
                                               total_s));
-  const std::int64_t standstill_ns = config.pose.window_ns + config.pose.dwell_ns;
-  if (config.settle_timeout_ns <= standstill_ns)
-    root.table("robot").problem(
-        "settle_timeout_s",
-        fmt::format(
-            "found {}, allowed is more than the {} s of window_ms and dwell_ms together: a SCAN on arrival would "
-            "always come too early",
-            static_cast<double>(config.settle_timeout_ns) / 1e9, static_cast<double>(standstill_ns) / 1e9));
 }
 
 }  // namespace

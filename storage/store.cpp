@@ -83,6 +83,7 @@ class Unsettled {
       attempt_ = {scan->attempt, static_cast<std::uint16_t>(code), scan->fingerprint};
     if (const auto* failed = std::get_if<FailedAttemptJob>(&job.what)) attempt_ = *failed;
   }
+  void forget_attempt() { attempt_ = {}; }
   /// In the transaction of the next job, before it, or in one of its own.
   void settle(Jobs& jobs) const {
     if (end_ != 0) jobs.undo_end(end_);
@@ -153,6 +154,11 @@ class SqliteStore final : public Store {
     });
     if (status.ok()) {
       unsettled_ = {};
+    } else if (contradicted_) {
+      // Rolled back; the same would be refused again. Should it be what was to be settled that contradicts, it must not
+      // stand in the way of every later job.
+      looks_to_settle_ = 0;
+      if (!settle() && contradicted_) unsettled_.forget_attempt();
     } else {
       unsettled_.add(job, status.error().code);
       looks_to_settle_ = 0;
@@ -344,13 +350,16 @@ class SqliteStore final : public Store {
 
   template <typename Work>
   Status run(const char* what, const Work& work) {
+    contradicted_ = false;
     if (Status status = reopen(); !status.ok()) return status;
     try {
       work(*open_);
       return success();
     } catch (const Refusal& refusal) {
+      contradicted_ = true;
       return refusal.error;
     } catch (const SqlFailure& failure) {
+      contradicted_ = (failure.result & 0xFF) == SQLITE_CONSTRAINT;
       const bool full = (failure.result & 0xFF) == SQLITE_FULL;
       if (!leaves_connection_good(failure.result)) give_up();
       if (looks_damaged(failure.result)) checked_ = false;
@@ -401,7 +410,8 @@ class SqliteStore final : public Store {
   bool checked_ = false;        ///< it was whole then, and nothing has looked like damage since
   HeldBack held_back_;          ///< outlives a reopened file
   Unsettled unsettled_;
-  int looks_to_settle_ = 0;  ///< before it is tried again
+  bool contradicted_ = false;  ///< the last job that was run: by what is stored
+  int looks_to_settle_ = 0;    ///< before it is tried again
   std::unique_ptr<OpenDatabase> open_;
   FixedString<limits::kErrorTextBytes> spool_trouble_;
   bool log_holds_commits_ = false;

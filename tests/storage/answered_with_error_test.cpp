@@ -251,6 +251,25 @@ TEST_F(AnsweredWithAnError, a_full_disk_does_not_keep_the_log_from_being_used_ag
   (void)crash_disk::heal();
 }
 
+// What contradicts the database will do so for ever: it must not stand in the way of every later job.
+TEST_F(AnsweredWithAnError, an_attempt_that_contradicts_stops_nothing) {
+  crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);
+  open();
+  begin(1);
+  accept(PlcCommand::scan, 4, 1);
+  Attempt of_no_slab = attempt(1, 4, 1);
+  of_no_slab.slab_key = 77;
+  EXPECT_FALSE(try_apply(AcquiredJob{of_no_slab, 5}).ok());
+  EXPECT_TRUE(try_apply(SessionJob{++session_}).ok());
+  // The same when the disk failed first, so that it is to be settled.
+  crash_disk::fail(root_, 1, crash_disk::kAllThatFollow, EIO, false);
+  EXPECT_FALSE(try_apply(AcquiredJob{of_no_slab, 5}).ok());
+  (void)crash_disk::heal();
+  (void)try_apply(SessionJob{++session_});
+  EXPECT_TRUE(try_apply(SessionJob{++session_}).ok());
+  acknowledge(end(1, Verdict::fail));
+}
+
 // A report is answered with an error, and its repeated record is in the log some of the times. It goes with the next
 // job, and a PLC that asks after a restart hears that its order came to nothing.
 TEST_F(AnsweredWithAnError, a_report_is_taken_back_by_the_next_job) {
