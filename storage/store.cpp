@@ -155,10 +155,9 @@ class SqliteStore final : public Store {
     if (status.ok()) {
       unsettled_ = {};
     } else if (contradicted_) {
-      // Rolled back; the same would be refused again. Should it be what was to be settled that contradicts, it must not
-      // stand in the way of every later job.
+      // Rolled back; the same would be refused again. Perhaps by what was to be settled.
       looks_to_settle_ = 0;
-      if (!settle() && contradicted_) unsettled_.forget_attempt();
+      (void)settle();
     } else {
       unsettled_.add(job, status.error().code);
       looks_to_settle_ = 0;
@@ -252,6 +251,8 @@ class SqliteStore final : public Store {
       transaction.commit();
     });
     log_holds_commits_ = true;
+    // What contradicts the database would do so for ever, and must not stand in the way of every later job.
+    if (contradicted_) unsettled_.forget_attempt();
     if (status.ok())
       unsettled_ = {};
     else

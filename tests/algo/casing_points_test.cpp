@@ -10,7 +10,6 @@
 #include <array>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <string>
 #include <vector>
 
@@ -21,13 +20,13 @@
 namespace slabd::algo {
 namespace {
 
+using slabd::testing::kHuge;
+using slabd::testing::kInf;
+using slabd::testing::kNaN;
+using slabd::testing::kTiny;
 using slabd::testing::on_each_set;
 using Points = slabd::testing::PointArrays;
 
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-constexpr float kInf = std::numeric_limits<float>::infinity();
-constexpr float kHuge = std::numeric_limits<float>::max();
-constexpr float kTiny = std::numeric_limits<float>::denorm_min();
 constexpr std::size_t kSectors = limits::kRimSectors;
 
 const std::vector<std::size_t> kCounts = {0, 1, 2, 15, 16, 17, 31, 32, 33, 47, 48, 49, 255, 256, 257, 10'000};

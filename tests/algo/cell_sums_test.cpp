@@ -8,7 +8,6 @@
 #include <array>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <string>
 #include <vector>
 
@@ -19,13 +18,12 @@
 namespace slabd::algo {
 namespace {
 
+using slabd::testing::kHuge;
+using slabd::testing::kInf;
+using slabd::testing::kNaN;
+using slabd::testing::kTiny;
 using slabd::testing::on_each_set;
 using Points = slabd::testing::PointArrays;
-
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-constexpr float kInf = std::numeric_limits<float>::infinity();
-constexpr float kHuge = std::numeric_limits<float>::max();
-constexpr float kTiny = std::numeric_limits<float>::denorm_min();
 
 /// Around sixteen, around a group of 64 and around the pairs of groups that are added together.
 const std::vector<std::size_t> kCounts = {0,   1,   2,   15,  16,  17,  33,  48,  63,  64,  65,   79,    80,

@@ -7,7 +7,6 @@
 #include <array>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
@@ -19,12 +18,11 @@
 namespace slabd::algo {
 namespace {
 
+using slabd::testing::kHuge;
+using slabd::testing::kNaN;
+using slabd::testing::kTiny;
 using slabd::testing::on_each_set;
 using Points = slabd::testing::PointArrays;
-
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-constexpr float kHuge = std::numeric_limits<float>::max();
-constexpr float kTiny = std::numeric_limits<float>::denorm_min();
 
 /// Around sixteen, and around the sixteen sixteens after which float sums become double ones.
 const std::vector<std::size_t> kCounts = {0,  1,   2,   15,  16,  17,  31,  32,  33,  47,  48,

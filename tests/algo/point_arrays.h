@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -10,6 +11,11 @@
 #include "base/base.h"
 
 namespace slabd::testing {
+
+inline constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+inline constexpr float kInf = std::numeric_limits<float>::infinity();
+inline constexpr float kHuge = std::numeric_limits<float>::max();
+inline constexpr float kTiny = std::numeric_limits<float>::denorm_min();
 
 /// Points of a seat's frame, and parts of them as kernels take them: behind each part the next points stand.
 struct PointArrays {
