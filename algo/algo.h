@@ -11,6 +11,7 @@
 
 #include "base/base.h"
 #include "base/calibration.h"
+#include "base/team.h"
 
 /// Scan in, items out. Pure: no file, clock or log, and no heap after construction. The same scan, recipe and start
 /// pose give the same bits, on one thread or two and on every instruction set.
@@ -132,6 +133,9 @@ class BlockInspector {
   ~BlockInspector();
   BlockInspector(const BlockInspector&) = delete;
   BlockInspector& operator=(const BlockInspector&) = delete;
+
+  /// The threads that measure, for whoever reads the scan first. Not while a stage runs.
+  [[nodiscard]] Team& team();
 
   /// Builds the block model and its closest-face table; about 80 ms. No heap.
   void use(const Recipe& recipe);

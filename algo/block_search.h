@@ -6,8 +6,8 @@
 
 #include "algo/block_model.h"
 #include "algo/place_count.h"
-#include "algo/team.h"
 #include "base/base.h"
+#include "base/team.h"
 
 /// Where in the station's window might the block be? Answers good enough to start an ICP from.
 namespace slabd::algo {

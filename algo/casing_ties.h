@@ -8,7 +8,7 @@
 #include "algo/algo.h"
 #include "algo/block_model.h"
 #include "algo/icp_sample.h"
-#include "algo/team.h"
+#include "base/team.h"
 
 /// What the casings say about where the block is, for scans whose faces leave a direction open: bearing plane, jaws and
 /// shoulders run along the rail and know nothing of it; only the end faces do, and a scanner that looks past them, or

@@ -6,8 +6,8 @@
 
 #include "algo/cell_sums.h"
 #include "algo/seat_points.h"
-#include "algo/team.h"
 #include "base/base.h"
+#include "base/team.h"
 
 namespace slabd::algo {
 

@@ -11,8 +11,8 @@
 #include "algo/casing_ties.h"
 #include "algo/icp_kernels.h"
 #include "algo/icp_sample.h"
-#include "algo/team.h"
 #include "base/base.h"
+#include "base/team.h"
 
 namespace slabd::algo {
 

@@ -7,7 +7,7 @@
 
 #include "algo/algo.h"
 #include "algo/icp_kernels.h"
-#include "algo/team.h"
+#include "base/team.h"
 
 namespace slabd::algo {
 

@@ -28,9 +28,9 @@
 #include "algo/registration.h"
 #include "algo/segmentation.h"
 #include "algo/survey.h"
-#include "algo/team.h"
 #include "algo/uncertainty.h"
 #include "base/pages.h"
+#include "base/team.h"
 
 namespace slabd::algo {
 
@@ -157,6 +157,10 @@ void refuse_registration(RegistrationReport& report, std::string_view note) {
 
 BlockInspector::BlockInspector(int threads) : work_(std::make_unique<Workspace>(threads)) {}
 BlockInspector::~BlockInspector() = default;
+
+Team& BlockInspector::team() {
+  return work_->team;
+}
 
 void BlockInspector::use(const Recipe& recipe) {
   work_->recipe = recipe;

@@ -6,7 +6,7 @@
 #include <span>
 
 #include "algo/algo.h"
-#include "algo/team.h"
+#include "base/team.h"
 
 namespace slabd::algo {
 

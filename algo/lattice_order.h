@@ -7,7 +7,7 @@
 
 #include "algo/algo.h"
 #include "algo/lattice.h"
-#include "algo/team.h"
+#include "base/team.h"
 
 namespace slabd::algo {
 

@@ -9,7 +9,7 @@
 #include "algo/block_search.h"
 #include "algo/casing_ties.h"
 #include "algo/icp.h"
-#include "algo/team.h"
+#include "base/team.h"
 
 namespace slabd::algo {
 

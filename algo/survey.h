@@ -13,7 +13,7 @@
 #include "algo/points.h"
 #include "algo/segmentation.h"
 #include "algo/survey_pass.h"
-#include "algo/team.h"
+#include "base/team.h"
 
 /// Everything that is taken from a registered scan, in one pass over it: which points are measured for which feature
 /// (segmentation.h has the rules), how far the scan lies from the model, and what the plane fits need.

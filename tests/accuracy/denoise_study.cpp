@@ -95,7 +95,7 @@ class DenoiseBench {
   std::vector<std::uint8_t> keep_;
   std::vector<std::uint32_t> cells_;
   std::vector<algo::TilePlane> surface_;
-  algo::Team team_{1};
+  Team team_{1};
 };
 
 scene::Scan scan_of(double pitch, double ratio, const View& view, std::uint64_t seed) {

@@ -44,12 +44,10 @@ HWY_AFTER_NAMESPACE();
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <vector>
 
 #include "algo/algo.h"
-#include "algo/team.h"
 #include "base/base.h"
 
 namespace slabd::algo {
@@ -131,28 +129,6 @@ TEST(Lanes, TheSetInUseIsTheOneAskedFor) {
   }
   ASSERT_TRUE(limit_instruction_set(InstructionSet::best));
   EXPECT_EQ(instruction_set(), best);
-}
-
-TEST(Team, DoesEveryBlockOnce) {
-  for (const int threads : {1, 2}) {
-    Team team(threads);
-    EXPECT_EQ(team.threads(), threads);
-    for (const std::size_t blocks : {0U, 1U, 2U, 3U, 1000U}) {
-      std::vector<std::atomic<int>> done(blocks);
-      team.run(blocks, [&](std::size_t block) { ++done[block]; });
-      for (const auto& d : done) EXPECT_EQ(d, 1);
-    }
-  }
-}
-
-TEST(Team, SurvivesManyShortJobsAndLongPauses) {
-  Team team(2);
-  std::atomic<std::size_t> sum{0};
-  for (int job = 0; job < 20000; ++job) team.run(4, [&](std::size_t block) { sum += block; });
-  EXPECT_EQ(sum, 20000U * 6U);
-  std::this_thread::sleep_for(std::chrono::milliseconds(20));
-  team.run(2, [&](std::size_t block) { sum += block; });
-  EXPECT_EQ(sum, 20000U * 6U + 1U);
 }
 
 }  // namespace

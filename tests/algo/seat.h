@@ -64,7 +64,7 @@ struct Seat {
       all.push_back(
           {std::span(x).subspan(from, length), std::span(s).subspan(from, length), std::span(h).subspan(from, length)});
     }
-    algo::Team team(threads);
+    Team team(threads);
     FlatnessMemory memory;
     return algo::measure_flatness(all, algo::SeatFrame{}, plane, region, memory.work, team);
   }

@@ -2,7 +2,7 @@
 //
 // A block of a scan takes milliseconds and its stages a fraction of one each; a condition variable would cost as much
 // as some of the stages. So the helper looks at a counter, for a while without sleeping, and the caller likewise.
-#include "algo/team.h"
+#include "base/team.h"
 
 #include <pthread.h>
 
@@ -13,7 +13,7 @@
 #include <immintrin.h>
 #endif
 
-namespace slabd::algo {
+namespace slabd {
 namespace {
 
 /// A tenth to a third of a millisecond of looking, as long as the machine's pause takes, before the thread lies down:
@@ -92,4 +92,4 @@ void Team::help() {
   }
 }
 
-}  // namespace slabd::algo
+}  // namespace slabd

@@ -8,7 +8,7 @@
 #include <thread>
 #include <type_traits>
 
-namespace slabd::algo {
+namespace slabd {
 
 /// One or two threads that share numbered blocks of work. Which of them does a block is chance; so a block writes its
 /// result to a place of its own, and whoever called merges the results in the order of their numbers: the same bits on
@@ -50,4 +50,4 @@ class Team {
   std::thread helper_;
 };
 
-}  // namespace slabd::algo
+}  // namespace slabd
