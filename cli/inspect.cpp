@@ -116,7 +116,8 @@ int inspect(const Options& options) {
   Pages memory(limits::kScanSlotBytes);
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
   const std::int64_t read_start_ns = clock->mono_ns();
-  const Result<ScanShape> shape = hal::read_scan(options.scan.c_str(), *length_unit(options.unit), xyz);
+  Team readers(options.threads);
+  const Result<ScanShape> shape = hal::read_scan(options.scan.c_str(), *length_unit(options.unit), xyz, readers);
   if (!shape) {
     note.reset();
     complain(fmt::format("{}", shape.error().text.view()));

@@ -52,7 +52,7 @@ class ThreadCrew final : public Crew {
 /// The scan of a block that was acquired before a restart. frame_incomplete: the file no longer holds those points.
 Result<ScanShape> ThreadCrew::reload(const MeasureBlock& job) {
   const std::span<float> xyz = slots_[job.slot];
-  const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_unit_, xyz);
+  const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_unit_, xyz, inspector_.team());
   if (!read || !job.points_crc32c) return read;
   const std::uint32_t now = hal::points_crc32c(xyz.first(3 * read.value().points));
   if (now != *job.points_crc32c)

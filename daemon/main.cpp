@@ -110,6 +110,7 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
   // The folder may lie on a share that hangs: only the scanner's own thread looks at it.
   hal::ScanDropSettings settings = config.scanner;
   settings.make_drop_dir = true;
+  settings.read_threads = config.measure_threads;
   auto made = hal::make_scan_drop(settings, clock);
   if (made.ok()) return std::move(made.value());
   std::fprintf(stderr, "error: %s\n", made.error().text.c_str());

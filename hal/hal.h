@@ -14,6 +14,7 @@
 
 #include "base/base.h"
 #include "base/jobs.h"
+#include "base/team.h"
 
 /// Everything outside the process, as ports. Each has a real life (here and in the .cpp files of this room) and a
 /// scripted one (`hal/mock/`). Units, word order and frames are converted on this side of the ports.
@@ -264,6 +265,8 @@ inline constexpr std::array kScanFormats = {ScanFormat::ply, ScanFormat::ply_asc
 /// nothing, are counted as they come. frame_incomplete: the text names file and byte, or line and column, and what was
 /// expected; too_few_points: no points at all. After an error `xyz` holds nothing of use. No heap; 320 kB of stack.
 [[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz);
+/// The same; a team of two reads points that are records (binary, without lists) at once.
+[[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz, Team& team);
 /// The same with every digit of the file, for clouds that are analysed and not inspected.
 [[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<double> xyz);
 
@@ -328,6 +331,7 @@ struct ScanDropSettings {
   bool any_name = false;
   LengthUnit unit = LengthUnit::mm;
   bool make_drop_dir = false;  ///< at the first look, in a folder that is there
+  int read_threads = 1;        ///< 2: a helper reads binary scans with the port's own thread
   /// any_name: a scanner that was asked answers within this time, or its request's timeout if that is longer, or not at
   /// all (its own timeouts, a restart of slabd).
   std::int64_t late_answer_ns = 10 * kNsPerS;

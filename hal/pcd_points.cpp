@@ -47,8 +47,8 @@ PointRecord record_of(const PcdLayout& layout) {
 template <typename Real>
 class PcdBody {
  public:
-  PcdBody(ScanWindow& window, const PcdLayout& layout, LengthUnit unit, std::span<Real> xyz)
-      : window_(window), layout_(layout), mm_(mm_per(unit)), xyz_(xyz.first(3 * layout.points)) {}
+  PcdBody(ScanWindow& window, const PcdLayout& layout, LengthUnit unit, std::span<Real> xyz, Team& team)
+      : window_(window), layout_(layout), mm_(mm_per(unit)), xyz_(xyz.first(3 * layout.points)), team_(team) {}
 
   /// What the points are, once all is read.
   [[nodiscard]] const Settled& settled() const { return settled_; }
@@ -113,7 +113,8 @@ class PcdBody {
   }
 
   Status read_binary() {
-    return read_point_records(window_, record_of(layout_), mm_, xyz_, settled_) ? success() : Status(window_.failure());
+    return read_point_records(window_, record_of(layout_), mm_, xyz_, settled_, team_) ? success()
+                                                                                       : Status(window_.failure());
   }
 
   Status read_compressed() {
@@ -176,6 +177,7 @@ class PcdBody {
   const PcdLayout& layout_;
   double mm_;
   std::span<Real> xyz_;
+  Team& team_;
   Settled settled_;
 };
 
@@ -200,7 +202,7 @@ Status check_size(const ScanWindow& window, const PcdLayout& layout) {
 }  // namespace
 
 template <typename Real>
-Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> xyz) {
+Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> xyz, Team& team) {
   const Result<PcdLayout> header = read_header(window, unit);
   if (!header) return header.error();
   const PcdLayout& layout = header.value();
@@ -208,15 +210,15 @@ Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> 
   if (layout.points > xyz.size() / 3)
     return error(Code::frame_incomplete, "%s: %llu points, allowed are at most %zu", window.name(),
                  static_cast<unsigned long long>(layout.points), xyz.size() / 3);
-  PcdBody<Real> body(window, layout, unit, xyz);
+  PcdBody<Real> body(window, layout, unit, xyz, team);
   if (Status status = body.read(); !status) return status.error();
   const Settled& settled = body.settled();
   return ScanShape{layout.points, settled.finite, layout.width, layout.height, layout.data == PcdData::binary,
                    settled.zeros};
 }
 
-template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<float>);
-template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<double>);
+template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<float>, Team&);
+template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<double>, Team&);
 
 Result<PointRun> find_pcd_records(ScanWindow& window, LengthUnit unit) {
   const Result<PcdLayout> header = read_header(window, unit);

@@ -10,9 +10,10 @@
 namespace slabd::hal {
 
 /// Reads the PCD file in `window` (nothing of it consumed yet) as `read_scan` promises: ascii, binary and
-/// binary_compressed (decoded through a fixed window, whatever the data grow to). No heap.
+/// binary_compressed (decoded through a fixed window, whatever the data grow to); binary points are read by both
+/// threads of `team`. No heap.
 template <typename Real>  // float or double
-[[nodiscard]] Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> xyz);
+[[nodiscard]] Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> xyz, Team& team);
 
 /// Goes to the first point of a file whose points are records. frame_incomplete: it is none, or as `read_pcd`.
 [[nodiscard]] Result<PointRun> find_pcd_records(ScanWindow& window, LengthUnit unit);

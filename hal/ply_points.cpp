@@ -64,8 +64,8 @@ PointRecord record_of(const PlyLayout& layout, const PlyElement& vertex) {
 template <typename Real>
 class PlyBody {
  public:
-  PlyBody(ScanWindow& window, const PlyLayout& layout, LengthUnit unit, std::span<Real> xyz)
-      : window_(window), layout_(layout), mm_(mm_per(unit)), xyz_(xyz.first(3 * layout.vertices)) {}
+  PlyBody(ScanWindow& window, const PlyLayout& layout, LengthUnit unit, std::span<Real> xyz, Team& team)
+      : window_(window), layout_(layout), mm_(mm_per(unit)), xyz_(xyz.first(3 * layout.vertices)), team_(team) {}
 
   Status read_binary() {
     for (const PlyElement& element : layout_.elements) {
@@ -103,8 +103,9 @@ class PlyBody {
       window_.skip(element.count * element.bytes);
       return success();
     }
-    return read_point_records(window_, record_of(layout_, element), mm_, xyz_, settled_) ? success()
-                                                                                         : Status(window_.failure());
+    return read_point_records(window_, record_of(layout_, element), mm_, xyz_, settled_, team_)
+               ? success()
+               : Status(window_.failure());
   }
 
   /// Items with lists: each has its own length, which only its content tells.
@@ -212,6 +213,7 @@ class PlyBody {
   const PlyLayout& layout_;
   double mm_;
   std::span<Real> xyz_;
+  Team& team_;
   Settled settled_;
 };
 
@@ -237,7 +239,7 @@ Result<PlyLayout> read_header(ScanWindow& window, LengthUnit unit) {
 }  // namespace
 
 template <typename Real>
-Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> xyz) {
+Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> xyz, Team& team) {
   const Result<PlyLayout> header = read_header(window, unit);
   if (!header) return header.error();
   const PlyLayout& layout = header.value();
@@ -246,15 +248,15 @@ Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> 
     return error(Code::frame_incomplete, "%s: %llu points, allowed are at most %zu", window.name(),
                  static_cast<unsigned long long>(layout.vertices), xyz.size() / 3);
 
-  PlyBody<Real> body(window, layout, unit, xyz);
+  PlyBody<Real> body(window, layout, unit, xyz, team);
   const Status status = layout.encoding == PlyEncoding::ascii ? body.read_ascii() : body.read_binary();
   if (!status) return status.error();
   const Settled& settled = body.settled();
   return ScanShape{layout.vertices, settled.finite, layout.width, layout.height, layout.bytes_exact, settled.zeros};
 }
 
-template Result<ScanShape> read_ply(ScanWindow&, LengthUnit, std::span<float>);
-template Result<ScanShape> read_ply(ScanWindow&, LengthUnit, std::span<double>);
+template Result<ScanShape> read_ply(ScanWindow&, LengthUnit, std::span<float>, Team&);
+template Result<ScanShape> read_ply(ScanWindow&, LengthUnit, std::span<double>, Team&);
 
 Result<PointRun> find_ply_records(ScanWindow& window, LengthUnit unit) {
   const Result<PlyLayout> header = read_header(window, unit);

@@ -10,9 +10,10 @@
 namespace slabd::hal {
 
 /// Reads the PLY file in `window` (nothing of it consumed yet) as `read_scan` promises: ascii or binary, lists stepped
-/// over, exactly as long as its header says, lists included. No heap.
+/// over, exactly as long as its header says, lists included. Points that are records are read by both threads of
+/// `team`. No heap.
 template <typename Real>  // float or double
-[[nodiscard]] Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> xyz);
+[[nodiscard]] Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> xyz, Team& team);
 
 /// Goes to the first point of a file whose points are records. frame_incomplete: it is none, or as `read_ply`.
 [[nodiscard]] Result<PointRun> find_ply_records(ScanWindow& window, LengthUnit unit);

@@ -2,6 +2,7 @@
 #include "hal/point_records.h"
 
 #include <algorithm>
+#include <atomic>
 #include <bit>
 #include <concepts>
 #include <cstring>
@@ -9,7 +10,9 @@
 #include "hal/settle_points.h"
 
 // Idea: a piece of the file at a time, small enough to be still in the cache when its numbers are converted and judged,
-// so that memory sees every byte of the file once and every byte of the scan once.
+// so that memory sees every byte of the file once and every byte of the scan once. Two threads take the next piece in
+// turn, each through a window of its own: the file is still asked for from front to back, as a disk or a share likes
+// it.
 namespace slabd::hal {
 namespace {
 
@@ -55,15 +58,10 @@ void convert(const char* from, const PointRecord& record, std::size_t points, do
   }
 }
 
-}  // namespace
-
-Error not_in_records(const char* name) {
-  return error(Code::frame_incomplete, "%s: its points are not records of one length", name);
-}
-
+/// Record by record from where the window stands.
 template <typename Real>
-bool read_point_records(ScanWindow& window, const PointRecord& record, double mm_per_unit, std::span<Real> xyz,
-                        Settled& settled) {
+bool read_in_turn(ScanWindow& window, const PointRecord& record, double mm_per_unit, std::span<Real> xyz,
+                  Settled& settled) {
   const bool direct = is_direct<Real>(record, mm_per_unit);
   const std::size_t piece_max = direct ? limits::kScanReadBytes / record.bytes / kGroupPoints * kGroupPoints
                                        : std::max<std::size_t>(1, kRecordPieceBytes / record.bytes);
@@ -84,7 +82,49 @@ bool read_point_records(ScanWindow& window, const PointRecord& record, double mm
   return true;
 }
 
-template bool read_point_records(ScanWindow&, const PointRecord&, double, std::span<float>, Settled&);
-template bool read_point_records(ScanWindow&, const PointRecord&, double, std::span<double>, Settled&);
+/// False also when one piece could not be read: nothing is said of what was.
+template <typename Real>
+bool read_in_pieces(const ScanWindow& window, const PointRecord& record, double mm_per_unit, std::span<Real> xyz,
+                    Settled& settled, Team& team) {
+  const std::size_t floats_of_piece = 3 * (limits::kScanReadBytes / record.bytes / kGroupPoints * kGroupPoints);
+  const std::size_t pieces = (xyz.size() + floats_of_piece - 1) / floats_of_piece;
+  std::atomic<std::size_t> finite = 0, zeros = 0;
+  std::atomic<bool> failed = false;
+  team.run(pieces, [&](std::size_t piece) {
+    if (failed.load(std::memory_order_relaxed)) return;
+    const std::size_t at = piece * floats_of_piece;
+    ScanWindow own = window.ahead(at / 3 * record.bytes);
+    Settled found;
+    if (!read_in_turn(own, record, mm_per_unit, xyz.subspan(at, std::min(floats_of_piece, xyz.size() - at)), found))
+      failed.store(true, std::memory_order_relaxed);
+    finite.fetch_add(found.finite, std::memory_order_relaxed);
+    zeros.fetch_add(found.zeros, std::memory_order_relaxed);
+  });
+  if (failed) return false;
+  settled += Settled{finite, zeros};
+  return true;
+}
+
+}  // namespace
+
+Error not_in_records(const char* name) {
+  return error(Code::frame_incomplete, "%s: its points are not records of one length", name);
+}
+
+template <typename Real>
+bool read_point_records(ScanWindow& window, const PointRecord& record, double mm_per_unit, std::span<Real> xyz,
+                        Settled& settled, Team& team) {
+  const std::uint64_t bytes = xyz.size() / 3 * std::uint64_t{record.bytes};
+  if (team.threads() == 2 && bytes <= window.left() &&
+      read_in_pieces(window, record, mm_per_unit, xyz, settled, team)) {
+    window.skip(bytes);
+    return true;
+  }
+  // What cannot be read is met again here, and told as one thread tells it.
+  return read_in_turn(window, record, mm_per_unit, xyz, settled);
+}
+
+template bool read_point_records(ScanWindow&, const PointRecord&, double, std::span<float>, Settled&, Team&);
+template bool read_point_records(ScanWindow&, const PointRecord&, double, std::span<double>, Settled&, Team&);
 
 }  // namespace slabd::hal

@@ -7,6 +7,7 @@
 #include <span>
 
 #include "base/jobs.h"
+#include "base/team.h"
 #include "hal/scan_points.h"
 #include "hal/scan_window.h"
 
@@ -29,9 +30,10 @@ struct PointRun {
 
 /// Reads xyz.size() / 3 records into `xyz` (mm), settles them (hal/settle_points.h) and adds to `settled` what was
 /// found. False: the window could not, `window.failure()` says why. What the bytes of the file may become as they are,
-/// three floats in mm, costs little more than copying them; everything else about 2 ns a point. No heap.
+/// three floats in mm, costs little more than copying them; everything else about 2 ns a point. Two threads of a team
+/// read at once, with the same result. No heap.
 template <typename Real>  // float or double
 [[nodiscard]] bool read_point_records(ScanWindow& window, const PointRecord& record, double mm_per_unit,
-                                      std::span<Real> xyz, Settled& settled);
+                                      std::span<Real> xyz, Settled& settled, Team& team);
 
 }  // namespace slabd::hal

@@ -60,12 +60,13 @@ Result<ScanChecksum> read_scan_checksum(const char* path, LengthUnit unit) {
   ScanChecksum sum;
   sum.shape = run.value().shape;
   Settled settled;
+  Team alone(1);
   // One number beyond a cache line: whole lines would be written past the caches, which is right for a scan only.
   alignas(64) std::array<float, 1 + 3 * kPiecePoints> piece;
   for (std::size_t left = sum.shape.points; left > 0;) {
     const std::size_t points = std::min(left, kPiecePoints);
     const std::span<float> xyz = std::span(piece).subspan(1, 3 * points);
-    if (!read_point_records(window, run.value().record, mm_per(unit), xyz, settled)) return window.failure();
+    if (!read_point_records(window, run.value().record, mm_per(unit), xyz, settled, alone)) return window.failure();
     sum.crc32c = points_crc32c(xyz, sum.crc32c);
     left -= points;
   }

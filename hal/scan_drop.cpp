@@ -89,7 +89,12 @@ struct Answer {
 class ScanDrop final : public ScannerPort {
  public:
   ScanDrop(const ScanDropSettings& settings, const Clock& clock)
-      : settings_(settings), clock_(clock), folders_(settings.drop_dir), hang_(clock), notes_(clock) {}
+      : settings_(settings),
+        clock_(clock),
+        readers_(settings.read_threads),
+        folders_(settings.drop_dir),
+        hang_(clock),
+        notes_(clock) {}
 
   Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz, const std::atomic<bool>& cancel,
                                const ScanDecoded& decoded) override {
@@ -320,7 +325,7 @@ class ScanDrop final : public ScannerPort {
     bool is_scan = false;
     if (opened) {
       const Fd fd(opened.value());
-      const Result<ScanShape> shape = read_scan_fd(fd.get(), entry.name.c_str(), settings_.unit, xyz);
+      const Result<ScanShape> shape = read_scan_fd(fd.get(), entry.name.c_str(), settings_.unit, xyz, readers_);
       is_scan = shape.ok() && shape.value().finite > 0;
     }
     hang_.enter(HangWatch::kLookNs);
@@ -417,7 +422,7 @@ class ScanDrop final : public ScannerPort {
     // A file that has just become whole was still growing when it was listed.
     InboxEntry found = answer.entry;
     if (answer.accounted) found.state = file_state(fd.get(), "");
-    Result<ScanShape> shape = read_scan_fd(fd.get(), shown.c_str(), settings_.unit, xyz);
+    Result<ScanShape> shape = read_scan_fd(fd.get(), shown.c_str(), settings_.unit, xyz, readers_);
     const bool untouched = is_untouched(fd.get(), found);
     doubted = answer.accounted && (!shape || shape.value().zeros > 0 || !untouched);
     if (!shape) return shape.error();
@@ -456,6 +461,7 @@ class ScanDrop final : public ScannerPort {
 
   ScanDropSettings settings_;
   const Clock& clock_;
+  Team readers_;
   DropFolders folders_;
   QuietWatch watch_;
   HangWatch hang_;

@@ -51,7 +51,7 @@ Result<int> open_scan(int folder, const char* name, const char* shown) {
 namespace {
 
 template <typename Real>
-Result<ScanShape> read_points_fd(int fd, const char* name, LengthUnit unit, std::span<Real> xyz) {
+Result<ScanShape> read_points_fd(int fd, const char* name, LengthUnit unit, std::span<Real> xyz, Team& team) {
   const std::string_view extension = extension_of(name);
   const std::optional<ScanFamily> family = scan_family(extension);
   if (!family) return unknown_format(name, extension);
@@ -59,33 +59,39 @@ Result<ScanShape> read_points_fd(int fd, const char* name, LengthUnit unit, std:
   if (bytes < 0) return error(Code::frame_incomplete, "%s: %s", name, errno_text(errno));
   ScanWindow window(fd, name, static_cast<std::uint64_t>(bytes));
   switch (*family) {
-    case ScanFamily::ply: return read_ply(window, unit, xyz);
-    case ScanFamily::pcd: return read_pcd(window, unit, xyz);
+    case ScanFamily::ply: return read_ply(window, unit, xyz, team);
+    case ScanFamily::pcd: return read_pcd(window, unit, xyz, team);
     case ScanFamily::text: return read_text_points(window, unit, xyz);
   }
   return unknown_format(name, extension);
 }
 
 template <typename Real>
-Result<ScanShape> read_points(const char* path, LengthUnit unit, std::span<Real> xyz) {
+Result<ScanShape> read_points(const char* path, LengthUnit unit, std::span<Real> xyz, Team& team) {
   const Result<int> opened = open_scan(AT_FDCWD, path, path);
   if (!opened) return opened.error();
   const Fd fd(opened.value());
-  return read_points_fd(fd.get(), path, unit, xyz);
+  return read_points_fd(fd.get(), path, unit, xyz, team);
 }
 
 }  // namespace
 
-Result<ScanShape> read_scan_fd(int fd, const char* name, LengthUnit unit, std::span<float> xyz) {
-  return read_points_fd(fd, name, unit, xyz);
+Result<ScanShape> read_scan_fd(int fd, const char* name, LengthUnit unit, std::span<float> xyz, Team& team) {
+  return read_points_fd(fd, name, unit, xyz, team);
+}
+
+Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz, Team& team) {
+  return read_points(path, unit, xyz, team);
 }
 
 Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz) {
-  return read_points(path, unit, xyz);
+  Team alone(1);
+  return read_points(path, unit, xyz, alone);
 }
 
 Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<double> xyz) {
-  return read_points(path, unit, xyz);
+  Team alone(1);
+  return read_points(path, unit, xyz, alone);
 }
 
 bool is_complete_scan(int fd, const char* name, LengthUnit unit) {

@@ -22,9 +22,14 @@ inline constexpr std::uint64_t kScanCountMax = std::uint64_t{1} << 40U;
 class ScanWindow {
  public:
   /// `name` is only used in error texts; both must outlive the window.
-  ScanWindow(int fd, const char* name, std::uint64_t file_bytes) : fd_(fd), name_(name), file_bytes_(file_bytes) {}
+  ScanWindow(int fd, const char* name, std::uint64_t file_bytes) : ScanWindow(fd, name, file_bytes, 0) {}
   ScanWindow(const ScanWindow&) = delete;
   ScanWindow& operator=(const ScanWindow&) = delete;
+
+  /// Another window on the same file, so many bytes behind what was consumed here; bytes <= left().
+  [[nodiscard]] ScanWindow ahead(std::uint64_t bytes) const {
+    return ScanWindow(fd_, name_, file_bytes_, offset_ + bytes);
+  }
 
   [[nodiscard]] const char* name() const { return name_; }
   [[nodiscard]] std::uint64_t file_bytes() const { return file_bytes_; }
@@ -48,12 +53,14 @@ class ScanWindow {
   [[nodiscard]] Error failure() const;
 
  private:
+  ScanWindow(int fd, const char* name, std::uint64_t file_bytes, std::uint64_t offset)
+      : fd_(fd), name_(name), file_bytes_(file_bytes), offset_(offset) {}
   [[nodiscard]] bool pull(char* to, std::size_t bytes, std::uint64_t offset);
 
   int fd_;
   const char* name_;
   std::uint64_t file_bytes_;
-  std::uint64_t offset_ = 0;  ///< of buffer_[begin_] in the file
+  std::uint64_t offset_;  ///< of buffer_[begin_] in the file
   std::size_t begin_ = 0;
   std::size_t end_ = 0;
   bool broken_ = false;

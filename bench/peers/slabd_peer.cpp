@@ -45,7 +45,7 @@ struct Bench {
   }
 
   algo::Cloud read(const std::string& path) {
-    const Result<ScanShape> shape = hal::read_scan(path.c_str(), hal::LengthUnit::mm, buffer);
+    const Result<ScanShape> shape = hal::read_scan(path.c_str(), hal::LengthUnit::mm, buffer, inspector.team());
     if (!shape) give_up(shape.error());
     return {buffer, shape.value().points, shape.value().width, shape.value().height};
   }

@@ -73,7 +73,7 @@ class BlockFinder {
 
   /// `T_block_scanner`: where to look.
   Result<RegistrationReport> find(const std::string& path, hal::LengthUnit unit, const Pose& T_block_scanner) {
-    const Result<ScanShape> read = hal::read_scan(path.c_str(), unit, xyz_);
+    const Result<ScanShape> read = hal::read_scan(path.c_str(), unit, xyz_, inspector_.team());
     if (!read.ok()) return read.error();
     const ScanShape& shape = read.value();
     const algo::Cloud cloud{xyz_, shape.points, shape.width, shape.height};

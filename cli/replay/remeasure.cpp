@@ -70,7 +70,7 @@ void Remeasurer::measure(const SlabHeader& slab, const ScannerNumbers& verified,
     out.note = pruned ? "the scans of this slab are gone, pruned or moved away" : "its scan is not there";
     return;
   }
-  const Result<ScanShape> shape = hal::read_scan(out.path.c_str(), unit_, xyz_);
+  const Result<ScanShape> shape = hal::read_scan(out.path.c_str(), unit_, xyz_, inspector_.team());
   if (!shape) {
     out.scan = Remeasured::Scan::unreadable;
     out.note = std::string(shape.error().text.view());

@@ -15,8 +15,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   using namespace slabd::hal;  // NOLINT(google-build-using-namespace)
   static const int fd = memfd_create("scan", MFD_CLOEXEC);
   static std::vector<float> xyz(3 * 20'000);
+  static Team readers(2);
   fuzz::must(ftruncate(fd, 0) == 0 && pwrite(fd, data, size, 0) == static_cast<ssize_t>(size), "a file in memory");
-  const Result<ScanShape> shape = read_scan_fd(fd, SCAN_NAME, LengthUnit::mm, xyz);
+  const Result<ScanShape> shape = read_scan_fd(fd, SCAN_NAME, LengthUnit::mm, xyz, readers);
   const bool complete = is_complete_scan(fd, SCAN_NAME, LengthUnit::mm);
   if (!shape) {
     fuzz::must(!shape.error().text.empty(), "an error says why");

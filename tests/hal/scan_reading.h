@@ -46,7 +46,20 @@ inline Read read_bytes(std::string_view bytes, const std::string& name, LengthUn
                        std::size_t capacity_points = 64) {
   std::vector<float> xyz(3 * capacity_points, -1.0F);
   const Fd fd = memory_file(bytes);
-  Result<ScanShape> shape = read_scan_fd(fd.get(), name.c_str(), unit, xyz);
+  Team alone(1);
+  Result<ScanShape> shape = read_scan_fd(fd.get(), name.c_str(), unit, xyz, alone);
+
+  static Team two(2);
+  std::vector<float> again(3 * capacity_points, -1.0F);
+  const Result<ScanShape> by_two = read_scan_fd(fd.get(), name.c_str(), unit, again, two);
+  EXPECT_EQ(by_two.ok(), shape.ok());
+  if (by_two.ok() && shape.ok()) {
+    EXPECT_EQ(by_two.value().finite, shape.value().finite);
+    EXPECT_EQ(by_two.value().zeros, shape.value().zeros);
+    EXPECT_EQ(std::memcmp(again.data(), xyz.data(), again.size() * sizeof(float)), 0);
+  } else if (!by_two.ok() && !shape.ok()) {
+    EXPECT_EQ(by_two.error().text, shape.error().text);
+  }
   return {std::move(xyz), std::move(shape)};
 }
 
