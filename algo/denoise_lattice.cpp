@@ -56,10 +56,10 @@ enum class Note : std::uint32_t {
   singly,   ///< anything else
   put_off,  ///< not yet spread: not all of it lies in the block's own rows
 };
-constexpr std::uint32_t kCellBits = 23;
+constexpr std::uint32_t kCellBits = std::bit_width(limits::kScanPointsMax);
 constexpr std::uint32_t kSpanBits = 5;
 constexpr std::uint32_t kSpanMax = (1U << kSpanBits) - 1U;
-static_assert(limits::kScanPointsMax < (1U << kCellBits));
+static_assert(kCellBits + kSpanBits + 2 <= 32, "a note is one word");
 constexpr std::uint32_t note(Note kind, std::uint32_t cell = 0, std::uint32_t span = 0) {
   return static_cast<std::uint32_t>(kind) << (kCellBits + kSpanBits) | span << kCellBits | cell;
 }

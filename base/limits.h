@@ -26,8 +26,14 @@ inline constexpr std::size_t kRecipesMax = 16;
 inline constexpr std::size_t kSlabIdBytes = 32;
 
 // ---- the scan ------------------------------------------------------------------------------------------------
+/// What holds points is so many times as large as a 5-megapixel scanner needs. bench/ compiles the measuring for 4, to
+/// see how its cost grows; slabd itself has 1.
+#ifndef SLABD_SCAN_SIZES
+#define SLABD_SCAN_SIZES 1
+#endif
+inline constexpr std::size_t kScanSizes = SLABD_SCAN_SIZES;
 /// A 5-megapixel scanner delivers 2448 x 2048 = 5 013 504 points at most; 20 % in reserve for its successor.
-inline constexpr std::size_t kScanPointsMax = 6'000'000;
+inline constexpr std::size_t kScanPointsMax = kScanSizes * 6'000'000;
 /// One scan is measured while the next one arrives. A third would only hide a scanner that outruns the computer.
 inline constexpr std::size_t kScanSlots = 2;
 /// Room for one scan's x y z as float32: 72 MB.
@@ -42,7 +48,7 @@ inline constexpr std::size_t kScanReadBytes = 1U << 18U;
 // ---- measuring workspace (allocated once by algo::BlockInspector) ----------------------------------------------
 /// Neighbourhood cells of the isolation test: three point pitches wide, so nine points each; the largest scan needs
 /// 670 000 and gets slightly coarser ones, never more of them.
-inline constexpr std::size_t kDenoiseCellsMax = 1U << 19U;
+inline constexpr std::size_t kDenoiseCellsMax = kScanSizes << 19U;
 /// Points that take part in one ICP iteration. 2^16 points of 0.03 mm noise fix the pose to about 0.001 mm.
 inline constexpr std::size_t kIcpPointsMax = 1U << 16U;
 /// Cells of the closest-face table: 400 x 600 mm around the block at 1 mm.
@@ -54,13 +60,13 @@ inline constexpr std::size_t kHeightMapCells = (kFaceTableX / 4) * (kFaceTableY 
 inline constexpr std::size_t kFlatnessCellsMax = 8'500;
 /// Points over the evaluation region. It is a seventh of a block seen from above: a scan that shows a whole block and
 /// little else puts 910 000 there.
-inline constexpr std::size_t kSeatPointsMax = 1U << 20U;
+inline constexpr std::size_t kSeatPointsMax = kScanSizes << 20U;
 /// Runs they come in: whoever writes them works through the scan in blocks.
-inline constexpr std::size_t kSeatRunsMax = 2'048;
+inline constexpr std::size_t kSeatRunsMax = kScanSizes * 2'048;
 /// Groups of 64 of them; the last one of each run may be smaller.
 inline constexpr std::size_t kCellGroupsMax = kSeatPointsMax / 64 + kSeatRunsMax;
 /// Points around one casing: its rim is a hundredth of a block, 57 000 points of such a scan.
-inline constexpr std::size_t kCasingPointsMax = 1U << 17U;
+inline constexpr std::size_t kCasingPointsMax = kScanSizes << 17U;
 /// Stratified sample on which plane hypotheses are scored (notes: more does not help, less loses the best one).
 inline constexpr std::size_t kPlaneSampleMax = 4'096;
 /// Hypotheses of one plane fit: eq. (8) with half the points bad and P = 1 - 1e-6 asks for 104; 2^14 bounds E = 0.9.
@@ -122,9 +128,9 @@ inline constexpr std::size_t kWorkspaceBytes =
 inline constexpr std::size_t kInspectionBytes = kScanSlots * kScanSlotBytes + kWorkspaceBytes;
 /// What the process adds: code, stacks, SQLite's cache and statements, the station and its queues.
 inline constexpr std::size_t kProcessBytes = 20'000'000;
-static_assert(kScanSlotBytes + kWorkspaceBytes + kProcessBytes <= 160'000'000,
+static_assert(kScanSlotBytes + kWorkspaceBytes + kProcessBytes <= kScanSizes * 160'000'000,
               "one scan in flight must fit an industrial PC beside its other work");
-static_assert(kScanSlotBytes <= 72'000'000, "and so must every further one");
+static_assert(kScanSlotBytes <= kScanSizes * 72'000'000, "and so must every further one");
 
 // ---- robot pose ----------------------------------------------------------------------------------------------
 /// 2 s of poses at 250 Hz (4 ms, the fastest robot cycle), rounded up.

@@ -17,7 +17,7 @@ using Json = nlohmann::ordered_json;
 
 /// Always there in the object that `script/bench --json` prints: a number, or null when it was not measured. `_ms`:
 /// milliseconds as `Figure::ms`; the warm floor, the block and its stages on the organised scan.
-inline constexpr std::array<std::string_view, 22> kPromisedKeys = {"floor_read_warm_ms",
+inline constexpr std::array<std::string_view, 23> kPromisedKeys = {"floor_read_warm_ms",
                                                                    "floor_read_warm_2t_ms",
                                                                    "floor_read_cold_ms",
                                                                    "floor_read_cold_2t_ms",
@@ -28,6 +28,7 @@ inline constexpr std::array<std::string_view, 22> kPromisedKeys = {"floor_read_w
                                                                    "block_perspective_1t_ms",
                                                                    "read_ply_ms",
                                                                    "read_ply_cold_ms",
+                                                                   "read_ply_cold_2t_ms",
                                                                    "read_xyz_ms",
                                                                    "denoise_1t_ms",
                                                                    "register_1t_ms",
@@ -52,6 +53,7 @@ struct Measured {
   PeerRuns peers;    ///< timed; slabd's own runs among them
   PeerRuns counted;  ///< with heap calls counted, not timed
   PeerRuns scored;   ///< on scans of other seeds, for their errors; not timed
+  Json growth;       ///< stages of the report of a build for larger scans, which stand for those of the same name here
   Json slabs;        ///< what `slabctl simulate --json` said of each slab on the real daemon; null: there was none
   Json environment;  ///< machine, versions, date, load: printed as it is
 };

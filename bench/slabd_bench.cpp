@@ -35,6 +35,7 @@ struct Options {
   std::string filter;
   std::string revision = "unknown";
   std::string save;
+  std::string growth;
   std::vector<std::string> lines;
 };
 
@@ -205,6 +206,15 @@ Json slabs_of(const std::vector<std::string>& files) {
   return slabs;
 }
 
+/// The stages of a report kept before; null without any.
+Json stages_of(const std::string& file) {
+  std::ifstream in(file);
+  const Json json = Json::parse(in, nullptr, false);
+  if (json.is_object() && json.contains("stages")) return json["stages"];
+  fmt::print(stderr, "bench: {} holds no report\n", file);
+  return nullptr;
+}
+
 double disturbed_percent(const Samples& samples) {
   double all = 0.0, disturbed = 0.0;
   for (const auto& [key, list] : samples) {
@@ -241,6 +251,7 @@ int run(const Options& options) {
     if (!score_peers(options, *recipe, folder.path() + "/scored", measured.scored)) return 1;
   }
   measured.slabs = slabs_of(options.lines);
+  if (!options.growth.empty()) measured.growth = stages_of(options.growth);
   measured.environment["load after"] = load_average();
   measured.environment["disturbed samples"] = fmt::format("{:.0f} %", disturbed_percent(measured.stages));
   if (options.peers) measured.environment["compared with"] = versions_of(measured.peers);
@@ -268,6 +279,7 @@ int main(int argc, char** argv) {
   app.add_option("--revision", options.revision, "What the report says of the source");
   app.add_option("--save", options.save, "Keep the JSON object in this file as well");
   app.add_option("--line", options.lines, "What slabctl simulate --json wrote: how long a PLC waits for a verdict");
+  app.add_option("--growth", options.growth, "What slabd_bench, built for larger scans, saved of growth/points");
   app.add_option("--show", show, "Print the tables of a JSON object kept before; nothing is run");
   CLI11_PARSE(app, argc, argv);
   if (!show.empty()) {

@@ -276,8 +276,9 @@ void register_blocks() {
 
 // ---- reading ----------------------------------------------------------------------------------------------------
 
-algo::Cloud read(const std::string& path) {
-  const Result<ScanShape> shape = hal::read_scan(path.c_str(), hal::LengthUnit::mm, g_bench->buffer);
+algo::Cloud read(const std::string& path, int threads) {
+  const Result<ScanShape> shape =
+      hal::read_scan(path.c_str(), hal::LengthUnit::mm, g_bench->buffer, g_bench->inspector(threads).team());
   if (!shape) {
     fmt::print(stderr, "bench: {}\n", shape.error().text.view());
     std::exit(1);
@@ -287,21 +288,24 @@ algo::Cloud read(const std::string& path) {
 
 void register_reading() {
   const auto path = [](const char* file) { return g_bench->options.folder + "/" + file; };
-  const auto reading = [](const std::string& name, const std::string& file, int full_repetitions, bool cold) {
+  const auto reading = [](const std::string& name, const std::string& file, int full_repetitions, bool cold,
+                          int threads) {
     stage(
-        name, 1, full_repetitions,
+        name, threads, full_repetitions,
         [cold] {
           g_bench->second.rest();
           if (cold) g_bench->evict();
         },
-        [file](Stopwatch&) { (void)read(file); });
+        [file, threads](Stopwatch&) { (void)read(file, threads); });
   };
-  reading("read/ply", path("scan.ply"), 21, false);
-  // The scan of the floors, which has its missing points too.
-  reading("read/ply_organised_cold", path("scan_organised.ply"), 21, true);
-  reading("read/ply_organised", path("scan_organised.ply"), 21, false);
-  reading("read/ply_ascii", path("scan_ascii.ply"), 9, false);
-  reading("read/xyz", path("scan.xyz"), 9, false);
+  for (const int threads : {1, 2}) {
+    reading("read/ply", path("scan.ply"), 21, false, threads);
+    // The scan of the floors, which has its missing points too.
+    reading("read/ply_organised_cold", path("scan_organised.ply"), 21, true, threads);
+    reading("read/ply_organised", path("scan_organised.ply"), 21, false, threads);
+  }
+  reading("read/ply_ascii", path("scan_ascii.ply"), 9, false, 1);
+  reading("read/xyz", path("scan.xyz"), 9, false, 1);
   for (const int threads : {1, 2}) {
     for (const char* file : {"scan.ply", "scan_organised.ply"}) {
       const std::string name =
@@ -309,8 +313,8 @@ void register_reading() {
       stage(
           name, threads, 11, [] { g_bench->second.rest(); },
           [full = path(file), name, threads](Stopwatch& watch) {
-            const algo::Cloud cloud = read(full);
-            g_bench->samples[fmt::format("{}/read/{}", name, threads)].push_back(watch.lap(1));
+            const algo::Cloud cloud = read(full, threads);
+            g_bench->samples[fmt::format("{}/read/{}", name, threads)].push_back(watch.lap(threads));
             measure(name, threads, cloud, watch);
           });
     }
@@ -361,12 +365,13 @@ void register_sets() {
 void register_growth(const Scene& scene) {
   if (g_bench->options.quick) return;
   // The same field with more and more rows and columns, up to the capacity; a larger scan is refused.
-  for (const double million : {0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0}) {
+  for (const double million : {0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0}) {
+    if (1e6 * million > static_cast<double>(limits::kScanPointsMax)) break;
     const double scale = std::sqrt(1e6 * million / static_cast<double>(kColumns * kRows));
     const auto columns = static_cast<std::size_t>(scale * static_cast<double>(kColumns));
     const auto rows = static_cast<std::size_t>(scale * static_cast<double>(kRows));
     g_bench->sized.push_back(std::make_unique<Scan>(scene.draw(columns, rows)));
-    block_stage(fmt::format("growth/points {:.1f} M", million), *g_bench->sized.back(), 1, 7);
+    block_stage(fmt::format("growth/points {:4.1f} M", million), *g_bench->sized.back(), 1, 7);
   }
   // The same scan measured for other recipes: how much of the seat is evaluated, how far the block may be from where
   // the robot says it is. Building the model for a recipe is not timed: the daemon does that once per slab type.
