@@ -71,7 +71,11 @@ bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, Scan
   if (!grid.fits(memory)) return false;
   GridWork work(grid, cloud.xyz.data(), nullptr, memory);
   work.measure_pitch(grid);
-  if (!judge_grid(grid, work, team)) return false;
+  if (!work.neighbours_are_near(grid) || !judge_grid(grid, work, team)) {
+    // Nobody behind may believe the shape either.
+    cloud.width = cloud.height = 0;
+    return false;
+  }
   keep_noise_groups(grid, work, team);
   counts.points_finite = work.finite;
   counts.isolated_removed = take_out_noise(grid, work, team);

@@ -28,9 +28,10 @@ struct DenoiseWorkspace {
 /// (algo/noise_group.h), to NaN, in place. A point without z is a missing one; what lacks another coordinate was made
 /// so by whoever read the scan (hal/settle_points.h). Fills `counts`. An organised scan (width and height set) is
 /// judged by its grid, any other gets its grid back if its rays are evenly spaced, or is judged by the points' places
-/// in XY. Order decides nothing and stays, with number, width and height, unless consecutive points lie anywhere: with
-/// evenly spaced rays, and room for their grid, such a cloud becomes an organised scan (algo/lattice_order.h). `order`
-/// and `keep` of limits::kScanPointsMax hold every grid. Threads and instruction set decide nothing either.
+/// in XY. A width and height that are not so are taken away from `cloud`. Order decides nothing and stays, with number,
+/// width and height, unless consecutive points lie anywhere: with evenly spaced rays, and room for their grid, such a
+/// cloud becomes an organised scan (algo/lattice_order.h). `order` and `keep` of limits::kScanPointsMax hold every
+/// grid. Threads and instruction set decide nothing either.
 void remove_isolated(Cloud& cloud, const DenoiseWorkspace& work, Team& team, ScanCounts& counts);
 
 }  // namespace slabd::algo

@@ -298,8 +298,17 @@ struct GridWork {
 
   /// Distances of neighbours in XY, along rows and along columns: the medians of a thousand.
   void measure_pitch(const GridLayout& grid) {
-    per_column_mm = median_step(grid, 1, 0);
-    per_row_mm = median_step(grid, 0, 1);
+    per_column_mm = median_step(grid, false);
+    per_row_mm = median_step(grid, true);
+  }
+  /// Are the points beside and below one its neighbours, pitch measured? On a level seat points of unrelated columns
+  /// lie in one plane too, so planes do not tell; but each row then begins somewhere else than the one above it. By one
+  /// point it may, or by any when rows are far apart: then what hangs together along a column still touches.
+  [[nodiscard]] bool neighbours_are_near(const GridLayout& grid) const {
+    constexpr float kShearMax = 1.5F;    // in steps of the shorter side
+    constexpr float kUnevenMax = 64.0F;  // lines that a robot moves past may be far apart, not so far
+    const float uneven = std::max(per_column_mm, per_row_mm) / std::min(per_column_mm, per_row_mm);
+    return uneven <= kUnevenMax && median_shear(grid) <= kShearMax;
   }
   /// Steeper than 85 degrees: nothing that a scanner sees, but two surfaces at different depths.
   [[nodiscard]] bool too_steep(const TilePlane& plane) const {
@@ -323,22 +332,38 @@ struct GridWork {
   std::atomic<std::uint64_t> with_plane{0};
 
  private:
-  [[nodiscard]] float median_step(const GridLayout& grid, std::size_t right, std::size_t down) const {
+  /// Median of what f(point, the one beside it, the one below it) gives at a thousand places, NaN left out.
+  template <typename F>
+  [[nodiscard]] float median_of(const GridLayout& grid, float if_none, F&& f) const {
     constexpr std::size_t kSide = 32;
-    std::array<float, kSide * kSide> step{};
+    std::array<float, kSide * kSide> values{};
     std::size_t n = 0;
     for (std::size_t r = 0; r < kSide; ++r) {
       for (std::size_t c = 0; c < kSide; ++c) {
         const float* p = xyz + 3 * (r * (grid.rows - 1) / kSide * grid.columns + c * (grid.columns - 1) / kSide);
-        const float* q = p + 3 * (down * grid.columns + right);
-        const float mm = std::hypot(q[0] - p[0], q[1] - p[1]);
-        if (mm > 0.0F && std::isfinite(mm)) step[n++] = mm;
+        const float value = f(p, p + 3, p + 3 * grid.columns);
+        if (std::isfinite(value)) values[n++] = value;
       }
     }
-    if (n == 0) return 1.0F;
-    std::nth_element(step.begin(), step.begin() + static_cast<std::ptrdiff_t>(n / 2),
-                     step.begin() + static_cast<std::ptrdiff_t>(n));
-    return step[n / 2];
+    if (n == 0) return if_none;
+    std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(n / 2),
+                     values.begin() + static_cast<std::ptrdiff_t>(n));
+    return values[n / 2];
+  }
+  [[nodiscard]] float median_step(const GridLayout& grid, bool to_row_below) const {
+    return median_of(grid, 1.0F, [&](const float* p, const float* beside, const float* below) {
+      const float* q = to_row_below ? below : beside;
+      const float mm = std::hypot(q[0] - p[0], q[1] - p[1]);
+      return mm > 0.0F ? mm : kNoPlane;
+    });
+  }
+  /// How far the longer of both steps goes along the shorter one, in shorter steps.
+  [[nodiscard]] float median_shear(const GridLayout& grid) const {
+    return median_of(grid, kNoPlane, [](const float* p, const float* beside, const float* below) {
+      const float ax = beside[0] - p[0], ay = beside[1] - p[1];
+      const float bx = below[0] - p[0], by = below[1] - p[1];
+      return std::abs(ax * bx + ay * by) / std::min(ax * ax + ay * ay, bx * bx + by * by);
+    });
   }
 };
 
@@ -369,7 +394,8 @@ void keep_noise_groups(const GridLayout& grid, GridWork& work, Team& team);
 /// Step 3, where the grid is the scan itself: sets what is noise to NaN. Returns how many points that were.
 std::uint64_t take_out_noise(const GridLayout& grid, GridWork& work, Team& team);
 
-/// False, and nothing changed but points that lacked a coordinate, when `cloud` is not organised or its grid is none.
+/// False, and nothing changed but points that lacked a coordinate, when `cloud` is not organised or its grid is none;
+/// in the second case it has no width and height any more.
 [[nodiscard]] bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts);
 
 }  // namespace slabd::algo

@@ -8,9 +8,11 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <string>
 #include <vector>
 
 #include "algo/block_model.h"
+#include "algo/denoise_grid.h"
 #include "algo/denoise_lattice.h"
 #include "algo/point_grid.h"
 #include "scene.h"
@@ -456,6 +458,132 @@ TEST(Denoise, RemovesOutliersHoweverManyTouch) {
     EXPECT_LE(left_of(scan, 0.0, 0.0, c.jitter * scan.pitch_mm).outliers, c.left)
         << c.share << " up to " << c.far << " mm, clumps of " << c.clump << ", jitter " << c.jitter << ", organised "
         << c.organised;
+  }
+}
+
+/// What is left of a cloud, bit by bit, and the shape it has then.
+struct Outcome {
+  std::vector<float> xyz;
+  std::size_t points = 0, width = 0, height = 0;
+  std::uint64_t points_kept = 0;
+};
+
+Outcome outcome_of(std::vector<float> xyz, std::size_t width, std::size_t height, int threads = 1) {
+  Denoiser denoiser;
+  denoiser.order.resize(limits::kScanPointsMax);
+  denoiser.keep.resize(limits::kScanPointsMax);
+  Team team{threads};
+  const std::size_t points = xyz.size() / 3;
+  xyz.resize(xyz.size() + xyz.size() / 2, 0.0F);  // room for a grid that the cloud gets back
+  Cloud cloud{xyz, points, width, height};
+  remove_isolated(cloud, {denoiser.order, denoiser.keep, denoiser.cells, denoiser.surface}, team, denoiser.counts);
+  xyz.resize(3 * cloud.points);
+  return {std::move(xyz), cloud.points, cloud.width, cloud.height, denoiser.counts.points_kept};
+}
+
+void expect_same(const Outcome& a, const Outcome& b, const char* what) {
+  ASSERT_EQ(a.points, b.points) << what;
+  EXPECT_EQ(a.width, b.width) << what;
+  EXPECT_EQ(a.height, b.height) << what;
+  EXPECT_EQ(a.points_kept, b.points_kept) << what;
+  EXPECT_EQ(std::memcmp(a.xyz.data(), b.xyz.data(), a.xyz.size() * sizeof(float)), 0) << what;
+}
+
+TEST(Denoise, BelievesNoShapeThatIsNotSo) {
+  // A fin one column wide on the seat. Where the header names other neighbours than there are, the fin stood alone in
+  // its rows and went as noise, while all planes of the level seat held.
+  for (const double focus : {0.0, 600.0}) {
+    scene::Scan scan;
+    scan.field_x_mm = 160.0;
+    scan.field_y_mm = 180.0;
+    scan.pitch_mm = 0.4;
+    scan.focus_mm = focus;
+    scan.organised = true;
+    const scene::Cloud cloud = scene::take({}, scan);
+    const std::size_t w = cloud.width;
+    const std::size_t h = w - 2;  // nearly square: exchanged, each row begins two points beside the one above
+    ASSERT_GT(cloud.height, h);
+    const std::size_t first_row = (cloud.height - h) / 2;
+    std::vector<float> good(cloud.xyz.begin() + static_cast<std::ptrdiff_t>(3 * first_row * w),
+                            cloud.xyz.begin() + static_cast<std::ptrdiff_t>(3 * (first_row + h) * w));
+    std::size_t fin = 0;
+    for (std::size_t r = h / 2 - 40; r < h / 2 + 40; ++r) {
+      float& z = good[3 * (r * w + w / 2) + 2];
+      z -= 3.0F;
+      fin += std::isnan(z) ? 0U : 1U;
+    }
+    const auto at = [&](std::size_t i) { return &good[3 * i]; };
+    // Points in another order, shape and all.
+    const auto reordered = [&](auto&& from) {
+      std::vector<float> xyz;
+      for (std::size_t i = 0; i < w * h; ++i) xyz.insert(xyz.end(), at(from(i)), at(from(i)) + 3);
+      return xyz;
+    };
+    std::vector<std::size_t> rows(h);
+    for (std::size_t r = 0; r < h; ++r) rows[r] = r;
+    Prng prng(5);
+    for (std::size_t r = h; r > 1; --r) std::swap(rows[r - 1], rows[prng.below(r)]);
+    std::vector<std::size_t> turn(h);
+    for (std::size_t& t : turn) t = prng.below(w);
+    struct Lie {
+      const char* what;
+      std::vector<float> xyz;
+      std::size_t width, height;
+    };
+    const std::vector<Lie> lies = {
+        {"width and height exchanged", good, h, w},
+        {"half as wide, twice as high", good, w / 2, 2 * h},
+        {"column by column", reordered([&](std::size_t i) { return i % h * w + i / h; }), w, h},
+        {"every second row backwards",
+         reordered([&](std::size_t i) { return i / w % 2 == 0 ? i : i / w * w + (w - 1 - i % w); }), w, h},
+        {"each row begins elsewhere", reordered([&](std::size_t i) { return i / w * w + (i + turn[i / w]) % w; }), w,
+         h},
+        {"rows in any order", reordered([&](std::size_t i) { return rows[i / w] * w + i % w; }), w, h}};
+    for (const Lie& lie : lies) {
+      const Outcome list = outcome_of(lie.xyz, 0, 0);
+      expect_same(outcome_of(lie.xyz, lie.width, lie.height), list, lie.what);
+      expect_same(outcome_of(lie.xyz, lie.width, lie.height, 2), list, lie.what);
+      std::size_t left = 0;
+      for (std::size_t r = h / 2 - 40; r < h / 2 + 40; ++r) {
+        const float* p = at(r * w + w / 2);
+        for (std::size_t i = 0; i < list.points; ++i)
+          left += std::memcmp(&list.xyz[3 * i], p, 3 * sizeof(float)) == 0 && !std::isnan(p[2]) ? 1U : 0U;
+      }
+      EXPECT_GE(static_cast<double>(left), 0.9 * static_cast<double>(fin)) << lie.what << ", focus " << focus;
+    }
+  }
+}
+
+TEST(Denoise, BelievesTheShapeOfEveryGoodScan) {
+  struct View {
+    double pitch, ratio, focus, missing, field_x, tilt_deg, roll_deg;
+  };
+  for (const View& view : {View{0.3, 1.0, 0.0, 0.02, 160.0, 0.0, 0.0}, View{0.3, 1.2, 600.0, 0.02, 160.0, 15.0, 45.0},
+                           View{0.3, 1.0, 300.0, 0.02, 160.0, 30.0, 0.0}, View{0.3, 1.0, 600.0, 0.6, 160.0, 3.0, 10.0},
+                           View{0.3, 1.0, 600.0, 0.02, 20.0, 3.0, 0.0}, View{0.1, 10.0, 0.0, 0.02, 60.0, 0.0, 3.0},
+                           View{0.8, 1.0, 600.0, 0.02, 200.0, 5.0, 0.0}}) {
+    scene::Scan scan;
+    scan.pitch_mm = view.pitch;
+    scan.pitch_ratio = view.ratio;
+    scan.focus_mm = view.focus;
+    scan.missing_share = view.missing;
+    scan.field_x_mm = view.field_x;
+    scan.field_y_mm = 180.0;
+    scan.organised = true;
+    scan.outlier_share = 0.02;
+    scan.displacement = scene::displaced(2.0, -3.0, 0.0, view.tilt_deg, -0.5 * view.tilt_deg, view.roll_deg);
+    scene::Cloud cloud = scene::take({}, scan);
+    Denoiser denoiser;
+    denoiser.keep.resize(limits::kScanPointsMax);
+    algo::Cloud organised = cloud.view();
+    organised.width = cloud.width;
+    organised.height = cloud.height;
+    const std::string what = std::to_string(view.pitch) + " mm, focus " + std::to_string(view.focus) + ", missing " +
+                             std::to_string(view.missing) + ", tilt " + std::to_string(view.tilt_deg);
+    EXPECT_TRUE(denoise_grid(organised, {denoiser.order, denoiser.keep, denoiser.cells, denoiser.surface},
+                             denoiser.team, denoiser.counts))
+        << what;
+    EXPECT_EQ(organised.width, cloud.width) << what;
   }
 }
 
