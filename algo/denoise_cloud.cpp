@@ -14,6 +14,9 @@
 // A strip of two lines has less. What is noise by that rule and hangs together over a length is none all the same
 // (algo/noise_group.h).
 //
+// Views from one and the same place that were put together have a point each on the same rays. Then the pitch is that
+// of the rays: by the density of points a line of the scan would have gaps, and a cell hold a single ray.
+//
 // Invariants: whether a point is kept depends on the points around it, not on their order (sums of integers, sorted
 // samples); the work per point is bounded. Both hold where views overlap or the scanner lingered, too: of a cell with
 // more points than are looked at, those count whose coordinates hash lowest, a draw that is the same in any order.
@@ -56,8 +59,9 @@ constexpr int kSlopeDraws = 24;
 constexpr float kSlopeMax = 11.5F;
 /// A slope counts if so many of the cells around share it.
 constexpr int kAgreeingCells = 2;
-/// Cells on which the scan's tilt is judged.
+/// Cells on which the scan's tilt is judged, and how many points its rays have.
 constexpr std::size_t kTiltCells = 1U << 14U;
+constexpr std::size_t kRayCells = 1U << 14U;
 /// A point lies in a plane if its height is within noise, plus a third of what the plane rises over a pitch: across a
 /// steep plane that is a third of a row, so that no two rows of a level surface ever lie in a steep one.
 constexpr float kPlaneNoise_mm = 0.45F;
@@ -145,6 +149,33 @@ void draw_samples(const float* xyz, PointGrid& grid) {
 std::span<const std::uint32_t> sample_of(const PointGrid& grid, std::size_t cell) {
   const std::span<const std::uint32_t> points = grid.in_cell(cell);
   return points.first(std::min(points.size(), kCellSample));
+}
+
+/// How many points a ray has, typically. What is about where a point is lies on its ray; of points anywhere most have
+/// nothing there.
+std::size_t points_of_a_ray(const float* xyz, const PointGrid& grid) {
+  constexpr float kSamePitches = 1.0F / 3.0F;
+  const float same_mm = kSamePitches * grid.pitch_mm();
+  std::array<std::uint32_t, kCellSample + 1> seen{};
+  std::uint64_t all = 0;
+  const std::size_t step = 1 + grid.cells() / kRayCells;
+  for (std::size_t c = 0; c < grid.cells(); c += step) {
+    const std::span<const std::uint32_t> points = sample_of(grid, c);
+    for (const std::uint32_t i : points) {
+      const float* p = xyz + 3 * std::size_t{i};
+      const auto on_ray = std::count_if(points.begin(), points.end(), [&](std::uint32_t k) {
+        const float* q = xyz + 3 * std::size_t{k};
+        const float dx = q[0] - p[0];
+        const float dy = q[1] - p[1];
+        return dx * dx + dy * dy <= same_mm * same_mm;
+      });
+      ++seen[static_cast<std::size_t>(on_ray)];
+      ++all;
+    }
+  }
+  std::size_t median = 1;
+  for (std::uint64_t up_to = seen[0] + seen[1]; 2 * up_to < all; up_to += seen[median]) ++median;
+  return median;
 }
 
 /// What the points of one cell say about the surface in it. Heights are taken above a plane with the scan's own tilt.
@@ -357,8 +388,11 @@ template <typename F>
 /// Asks single points whether a surface goes through them.
 class PointJudge {
  public:
-  PointJudge(const float* xyz, const PointGrid& grid)
-      : xyz_(xyz), grid_(grid), reach_mm_(kReachPitches * grid.pitch_mm()) {}
+  PointJudge(const float* xyz, const PointGrid& grid, std::size_t points_of_ray)
+      : xyz_(xyz),
+        grid_(grid),
+        reach_mm_(kReachPitches * grid.pitch_mm()),
+        weight_min_(kWeightMin * static_cast<int>(points_of_ray)) {}
 
   [[nodiscard]] bool on_surface(std::uint32_t self, std::span<const Slope> slopes) {
     gather(self);
@@ -389,13 +423,13 @@ class PointJudge {
     return dz_[i] - slope.x * dx_[i] - slope.y * dy_[i];
   }
   [[nodiscard]] bool plane_holds(const Slope& slope) const {
-    if (total_ < kWeightMin) return false;
+    if (total_ < weight_min_) return false;
     const float gate = plane_gate(slope, grid_.pitch_mm());
     int held = 0;
     for (std::size_t i = 0; i < count_; ++i) {
       held += std::abs(off(i, slope)) <= gate ? weight_[i] : 0;
     }
-    if (held < kWeightMin || static_cast<float>(held) < kShareMin * static_cast<float>(total_)) return false;
+    if (held < weight_min_ || static_cast<float>(held) < kShareMin * static_cast<float>(total_)) return false;
     if (static_cast<float>(held) >= kShareSure * static_cast<float>(total_)) return true;
     return beside_the_rest(slope, gate, total_ - held);
   }
@@ -416,6 +450,7 @@ class PointJudge {
   const float* xyz_;
   const PointGrid& grid_;
   float reach_mm_;
+  int weight_min_;
   std::array<float, kNeighboursMax> dx_{}, dy_{}, dz_{};
   std::array<int, kNeighboursMax> weight_{};
   std::size_t count_ = 0;
@@ -513,12 +548,17 @@ void denoise_cloud(Cloud& cloud, const DenoiseWorkspace& work, ScanCounts& count
   PointGrid grid(work.order, work.cell_start);
   grid.build(xyz, cloud.points, kCellPitches);
   draw_samples(xyz, grid);
+  const std::size_t points_of_ray = points_of_a_ray(xyz, grid);
+  if (points_of_ray > 1) {
+    grid.widen(xyz, cloud.points, std::sqrt(static_cast<float>(points_of_ray)), kCellPitches);
+    draw_samples(xyz, grid);
+  }
   CellJudge cell_judge(xyz, grid);
   cell_judge.set_tilt(typical_tilt(grid, cell_judge));
   for (std::size_t c = 0; c < grid.cells(); ++c) work.surface[c] = cell_judge.surface(c);
 
   SlopeChoice choice(grid, work.surface);
-  PointJudge point_judge(xyz, grid);
+  PointJudge point_judge(xyz, grid, points_of_ray);
   for (int row = 0; row < grid.rows(); ++row) {
     for (int column = 0; column < grid.columns(); ++column) {
       const std::size_t cell = grid.cell(column, row);

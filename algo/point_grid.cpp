@@ -113,4 +113,10 @@ void PointGrid::build(const float* xyz, std::size_t points, float cell_pitches) 
   sort_points(xyz, points);
 }
 
+void PointGrid::widen(const float* xyz, std::size_t points, float times, float cell_pitches) {
+  pitch_mm_ *= times;
+  lay_out(cell_pitches * pitch_mm_);
+  sort_points(xyz, points);
+}
+
 }  // namespace slabd::algo

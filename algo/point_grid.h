@@ -22,6 +22,9 @@ class PointGrid {
   /// points, not on their order; within a cell they keep it. O(points), six passes.
   void build(const float* xyz, std::size_t points, float cell_pitches);
 
+  /// Sorts the same points anew, with a pitch so many times as wide.
+  void widen(const float* xyz, std::size_t points, float times, float cell_pitches);
+
   /// Typical distance of neighbouring points in XY: a square of that side holds one point in the middle of the scan.
   [[nodiscard]] float pitch_mm() const { return pitch_mm_; }
   [[nodiscard]] float cell_mm() const { return 1.0F / per_mm_; }

@@ -372,14 +372,27 @@ struct Left {
   double strips = 0.0;
 };
 
+/// What `views` scans from one place see, put together.
+scene::Cloud take_all(const scene::Block& block, scene::Scan scan, int views) {
+  scene::Cloud all = scene::take(block, scan);
+  while (--views > 0) {
+    ++scan.seed;
+    const scene::Cloud one = scene::take(block, scan);
+    all.xyz.insert(all.xyz.end(), one.xyz.begin(), one.xyz.end());
+    all.outlier.insert(all.outlier.end(), one.outlier.begin(), one.outlier.end());
+    all.width = all.height = 0;
+  }
+  return all;
+}
+
 /// Strips `wide_mm` across and 30 mm long that slant and lie `up_mm` over the seat.
-Left left_of(const scene::Scan& scan, double wide_mm, double up_mm, double jitter_mm = 0.0) {
+Left left_of(const scene::Scan& scan, double wide_mm, double up_mm, double jitter_mm = 0.0, int views = 1) {
   scene::Block block;
   const auto on_strip = [&](double x, double s) {
     return std::abs(std::remainder(x - 0.3 * s, 9.0)) < 0.5 * wide_mm && std::abs(std::remainder(s, 36.0)) < 15.0;
   };
   if (wide_mm > 0.0) block.relief_mm = [&](double x, double s) { return on_strip(x, s) ? up_mm : 0.0; };
-  scene::Cloud cloud = scene::take(block, scan);
+  scene::Cloud cloud = take_all(block, scan, views);
   Prng prng(17);
   std::vector<std::size_t> strip;
   std::vector<std::size_t> outliers;
@@ -428,6 +441,24 @@ TEST(Denoise, KeepsWhatHangsTogetherHoweverNarrow) {
             << view.pitch << " mm, " << lines << " lines, " << up << " mm up, jitter " << view.jitter << ", organised "
             << view.organised;
       }
+    }
+  }
+}
+
+TEST(Denoise, KeepsWhatHangsTogetherHoweverManyViewsSawIt) {
+  // Views from one place have the same rays, each with a point of every view: a line of the scan has gaps as wide as in
+  // a single view, though there are several times as many points.
+  for (const double focus : {0.0, 600.0}) {
+    for (const int views : {2, 4, 6}) {
+      scene::Scan scan;
+      scan.field_x_mm = 120.0;
+      scan.field_y_mm = 180.0;
+      scan.pitch_mm = 0.35;
+      scan.pitch_ratio = 1.2;
+      scan.focus_mm = focus;
+      const Left left = left_of(scan, 1.1 * scan.pitch_mm, 3.0, 0.0, views);
+      EXPECT_GE(left.strips, 96.0) << views << " views, focus " << focus;
+      EXPECT_LE(left.outliers, 0.4) << views << " views, focus " << focus;
     }
   }
 }
