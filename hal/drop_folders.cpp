@@ -266,7 +266,9 @@ Status DropFolders::post_request(const char* name, std::string_view text) const 
   constexpr mode_t kReadableByScanner = 0664;
   NameText temporary;
   temporary.printf(".%s.tmp", name);
-  Fd fd(openat(request_.get(), temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0664));
+  // What somebody left there goes first: opening a pipe would wait for its reader, for ever.
+  unlinkat(request_.get(), temporary.c_str(), 0);
+  Fd fd(openat(request_.get(), temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0664));
   // On a share its server says who may read what, and some refuse to be told.
   const bool readable = fd.is_open() && (fchmod(fd.get(), kReadableByScanner) == 0 || on_network_);
   if (readable && write_text(fd.get(), text) && renameat(request_.get(), temporary.c_str(), request_.get(), name) == 0)

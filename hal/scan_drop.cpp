@@ -178,7 +178,11 @@ class ScanDrop final : public ScannerPort {
       // Its length is what its header says, but not yet its content: it has to lie still first.
       trusted_ = !doubted;
       if (doubted) continue;
-      if (!scan) set_aside(answer.value().entry.name, "it is no scan of the request");
+      if (!scan) {
+        set_aside(answer.value().entry.name, scan.error().text.c_str());
+      } else if (settings_.any_name) {
+        extension_taken_ = lower_case(extension_of(answer.value().entry.name.view()));
+      }
       return scan;
     }
   }
@@ -398,7 +402,23 @@ class ScanDrop final : public ScannerPort {
     }
     const QuietWatch::Watched& only = watch_.watched()[0];
     if (!is_quiet(only)) return std::optional<Answer>();
+    if (is_of_another_kind(only.entry.name.view())) {
+      const Error another = error(Code::frame_incomplete,
+                                  "%s/inbox/%.120s: the scan before it was a .%s; this may be the same exposure saved "
+                                  "twice (exactly one file a request; after a change of format restart slabd)",
+                                  settings_.drop_dir.c_str(), only.entry.name.c_str(), extension_taken_.c_str());
+      set_aside(only.entry.name, another.text.c_str());
+      return another;
+    }
     return std::optional<Answer>(Answer{only.entry, only.since_ns});
+  }
+
+  /// any_name: programs that save one exposure as scan.ply and a moment later as scan.xyz are two files to two
+  /// requests. Not forgotten when it was refused: the other one comes with the next request.
+  bool is_of_another_kind(std::string_view name) const {
+    const std::string_view extension = extension_of(name);
+    return !extension_taken_.empty() && is_scan_extension(extension) &&
+           lower_case(extension).view() != extension_taken_.view();
   }
 
   // ---- taking
@@ -472,6 +492,7 @@ class ScanDrop final : public ScannerPort {
   bool asked_before_ = false;                  ///< any_name: what was asked for before that was waited for
   bool trusted_ = true;                        ///< of a file under way: its length speaks for its content
   NameText stuck_;                             ///< cannot be moved away
+  FixedString<16> extension_taken_;            ///< any_name: of the last scan that was taken
   std::int64_t answer_may_come_until_ns_ = 0;  ///< any_name: 0 or past: no answer is outstanding
   bool trimmed_ = false;                       ///< stray/ keeps its budget
   DropFolders::TrimmedOnes trimmed_ones_;

@@ -81,8 +81,9 @@ FixedString<limits::kPathBytes + 8> working_name(const PathText& path) {
   return working;
 }
 
-/// To another file system: a whole, synced copy under a working name first, then the rename. That file system may be a
-/// share: its own copy need not be durable, it can fail while it is read, and somebody elsewhere may write to it.
+/// To another file system, or of a file that has other names: a whole, synced copy under a working name first, then the
+/// rename. The other file system may be a share: its own copy need not be durable, it can fail while it is read, and
+/// somebody elsewhere may write to it.
 Status copy_across(int fd, int from_folder, const char* name, const PathText& path) {
   const auto working = working_name(path);
   {
@@ -106,11 +107,13 @@ Status copy_across(int fd, int from_folder, const char* name, const PathText& pa
   return success();
 }
 
-/// Two names can only be of one file on one file system.
-bool on_one_file_system(int fd, const PathText& folder) {
+/// Two names can only be of one file on one file system. And of a file with another name left (a hard link into the
+/// inbox) whoever has that name rewrites the spool: with his next scan, another block's.
+bool can_be_moved(int fd, const PathText& folder) {
   struct stat there {};
   struct stat here {};
-  return fstat(fd, &there) == 0 && stat(folder.c_str(), &here) == 0 && there.st_dev == here.st_dev;
+  return fstat(fd, &there) == 0 && stat(folder.c_str(), &here) == 0 && there.st_dev == here.st_dev &&
+         there.st_nlink <= 1;
 }
 
 Status move_file(int fd, int from_folder, const char* name, const PathText& path) {
@@ -130,7 +133,7 @@ Status move_file(int fd, int from_folder, const char* name, const PathText& path
 
 Status spool_file(int fd, int from_folder, const char* name, const PathText& path) {
   if (Status status = make_folders(path); !status) return status;
-  if (!on_one_file_system(fd, folder_of(path))) {
+  if (!can_be_moved(fd, folder_of(path))) {
     if (Status status = copy_across(fd, from_folder, name, path); !status) return status;
     if (sync_folder(folder_of(path))) return success();
     const int why = errno;

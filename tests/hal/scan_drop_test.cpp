@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <sys/stat.h>
+
 #include "tests/hal/scan_drop_fixture.h"
 
 namespace slabd::hal {
@@ -323,6 +325,39 @@ TEST_F(ScanDropTest, a_spool_that_cannot_be_written_is_an_error_and_the_answer_d
   ASSERT_FALSE(result.ok());
   EXPECT_EQ(result.error().code, Code::journal_write);
   EXPECT_TRUE(names_in(inbox()).empty());
+  // The scan was a good one: what was wrong is said where its file is said to have gone.
+  ScannerText note;
+  ASSERT_TRUE(scanner_->next_note(note));
+  EXPECT_NE(note.view().find("inbox/7-3.ply was moved to stray/"), std::string_view::npos) << note.c_str();
+  EXPECT_NE(note.view().find(result.error().text.view()), std::string_view::npos) << note.c_str();
+}
+
+TEST_F(ScanDropTest, what_was_linked_into_the_inbox_is_copied_and_nobody_else_has_the_spools_file) {
+  // Software that rewrites one file for every scan and gives it a second name in the inbox.
+  const std::string last = drop() + "/last.ply";
+  const auto give = [&](const std::string& name, float z) {
+    ASSERT_TRUE(write_ply((drop() + "/writing").c_str(), points(z), 0, 0).ok());
+    const std::string bytes = read_file(drop() + "/writing");
+    std::ofstream(last, std::ios::binary | std::ios::in | std::ios::out) << bytes;
+    if (!fs::exists(last)) write_file(last, bytes);
+    fs::create_hard_link(last, inbox(name));
+  };
+  const auto first = acquire(request(3), [&] { give("7-3.ply", 5.0F); });
+  ASSERT_TRUE(first.ok()) << first.error().text.c_str();
+  ScanRequest next = request(4);
+  next.spool_path = PathText(folder_ / "spool/1/05-1");
+  ASSERT_TRUE(acquire(next, [&] { give("7-4.ply", 9.0F); }).ok());
+  std::vector<float> again(xyz_.size());
+  ASSERT_TRUE(read_scan(first.value().path.c_str(), LengthUnit::mm, again).ok());
+  EXPECT_EQ(again[2], 5.0F) << "the scan of another block";
+  EXPECT_TRUE(names_in(inbox()).empty());
+  EXPECT_EQ(names_in(folder_ / "spool/1").size(), 2U) << "no working file is left";
+}
+
+TEST_F(ScanDropTest, a_pipe_where_the_request_is_written_keeps_nobody_waiting) {
+  ASSERT_EQ(mkfifo(request_file(".7-3.json.tmp").c_str(), 0666), 0);
+  const auto result = acquire(request(), [&] { drop_scan("7-3.ply"); });
+  EXPECT_TRUE(result.ok()) << result.error().text.c_str();
 }
 
 TEST_F(ScanDropTest, a_spool_on_another_file_system_gets_a_copy) {
@@ -458,6 +493,30 @@ TEST_F(ScanDropAnyNameTest, two_files_are_no_answer_and_the_next_scan_starts_cle
   // Neither may have been the answer: for some seconds that may still come.
   const auto repeat = acquire(request(4), [&] { drop_scan("c.ply"); });
   EXPECT_TRUE(repeat.ok()) << repeat.error().text.c_str();
+}
+
+TEST_F(ScanDropAnyNameTest, an_exposure_that_is_saved_twice_is_not_the_next_requests) {
+  ASSERT_TRUE(acquire(request(3), [&] { drop_scan("scan.PLY"); }).ok());
+  for (const std::uint16_t seq : {std::uint16_t{4}, std::uint16_t{5}}) {
+    const auto again = acquire(request(seq), [&] { drop_scan_as(ScanFormat::xyz, "scan.xyz"); });
+    ASSERT_FALSE(again.ok());
+    EXPECT_EQ(again.error().code, Code::frame_incomplete);
+    EXPECT_NE(again.error().text.view().find("scan.xyz: the scan before it was a .ply"), std::string_view::npos)
+        << again.error().text.c_str();
+    EXPECT_TRUE(names_in(inbox()).empty());
+    // The answer to the request that was given up.
+    std::thread late([&] {
+      wait_ms(100);
+      drop_scan("scan.ply");
+    });
+    const auto own = acquire(request(static_cast<std::uint16_t>(seq + 10)), [&] { drop_scan("scan.ply", 6.0F); });
+    late.join();
+    ASSERT_TRUE(own.ok()) << own.error().text.c_str();
+    EXPECT_EQ(xyz_[2], 6.0F);
+  }
+  // After a restart slabd knows of none.
+  open(true);
+  EXPECT_TRUE(acquire(request(6), [&] { drop_scan_as(ScanFormat::xyz, "scan.xyz"); }).ok());
 }
 
 TEST_F(ScanDropAnyNameTest, a_file_that_stays_short_of_its_header_is_303) {
