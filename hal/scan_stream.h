@@ -62,6 +62,8 @@ class ScanStreamDecoder {
   [[nodiscard]] Status feed(std::span<const std::byte> bytes);
 
   [[nodiscard]] bool complete() const { return complete_; }
+  /// Bytes of a scan have come on this connection, and not yet all of them.
+  [[nodiscard]] bool amid_scan() const { return !complete_ && (in_points_ || header_have_ != 0); }
   [[nodiscard]] bool has_header() const { return has_header_; }
   [[nodiscard]] const ScanStreamHeader& header() const { return header_; }
   /// Points that lie in `xyz`, in mm, NaN in all three where one is missing.

@@ -261,7 +261,7 @@ class StreamPort final : public ScanStreamPort {
       const ssize_t n = recv(sender_.get(), piece.data(), std::min(piece.size(), job.decoder.wanted()), MSG_DONTWAIT);
       if (n < 0 && errno == EINTR) continue;
       if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) {
-        if (is_under_way(job) && clock_.mono_ns() - job.moved_ns > kStallNs) {
+        if (job.decoder.amid_scan() && clock_.mono_ns() - job.moved_ns > kStallNs) {
           job.last = error(Code::frame_incomplete, "the gateway fell silent after %zu of %u points",
                            job.decoder.points(), job.decoder.header().count);
           lost("the gateway fell silent in the middle of a scan");
@@ -270,7 +270,7 @@ class StreamPort final : public ScanStreamPort {
         return success();
       }
       if (n <= 0) {
-        if (is_under_way(job))
+        if (job.decoder.amid_scan())
           job.last = error(Code::frame_incomplete, "the connection was cut after %zu points", job.decoder.points());
         lost("the gateway has closed the connection");
         job.decoder.cut();
@@ -290,8 +290,6 @@ class StreamPort final : public ScanStreamPort {
     }
     return success();
   }
-
-  static bool is_under_way(const Job& job) { return job.decoder.wanted() != kScanHeaderBytes; }
 
   void note_header(Job& job) {
     if (!job.decoder.has_header()) return;
@@ -354,7 +352,7 @@ class StreamPort final : public ScanStreamPort {
       static_cast<void>(
           send_line(sender_.get(),
                     scan_answer_json(request.session, request.cmd_seq, nullptr, result.value().shape.points).view()));
-    } else if (is_under_way(job) && !job.decoder.complete()) {
+    } else if (job.decoder.amid_scan()) {
       turn_away(result.error(), request.session, request.cmd_seq);
     } else {
       static_cast<void>(

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
+#include <netinet/in.h>
 #include <signal.h>
+#include <sys/socket.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <fstream>
@@ -184,6 +187,39 @@ TEST_F(ScanStreamPortTest, a_scan_that_stays_cut_is_incomplete_and_leaves_nothin
   EXPECT_NE(result.error().text.view().find("cut after 20000 points"), std::string_view::npos)
       << result.error().text.c_str();
   EXPECT_EQ(decoded_, 0);
+  expect_nothing_left();
+}
+
+TEST_F(ScanStreamPortTest, a_scan_that_lacks_as_many_bytes_as_a_header_has_was_cut_too) {
+  const auto result = acquire(request(3, 400), [this](StreamGateway& g) {
+    g.close();
+    const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(port_->bound_port());
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    ASSERT_EQ(connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+    const std::vector<float> xyz = points(5.0F);
+    const auto bytes = std::as_bytes(std::span(xyz));
+    ScanStreamHeader header;
+    header.session = 7;
+    header.cmd_seq = 3;
+    header.count = static_cast<std::uint32_t>(kPoints);
+    header.points_crc = crc32c(bytes);
+    const ScanHeaderBytes head = encode_scan_header(header);
+    char asked = 0;  // the request's line: slabd listens
+    EXPECT_EQ(recv(fd, &asked, 1, 0), 1);
+    EXPECT_EQ(send(fd, head.data(), head.size(), MSG_NOSIGNAL), static_cast<ssize_t>(head.size()));
+    const std::size_t most = bytes.size() - kScanHeaderBytes;
+    EXPECT_EQ(send(fd, bytes.data(), most, MSG_NOSIGNAL), static_cast<ssize_t>(most));
+    shutdown(fd, SHUT_WR);
+    while (recv(fd, &asked, 1, 0) > 0) {
+    }
+    close(fd);
+  });
+  ASSERT_FALSE(result.ok());
+  EXPECT_NE(result.error().text.view().find("the connection was cut after"), std::string_view::npos)
+      << result.error().text.c_str();
   expect_nothing_left();
 }
 
