@@ -15,7 +15,7 @@ struct UnitName {
   std::string_view name;
   double metres;
 };
-constexpr std::array<UnitName, 37> kUnitNames = {{
+constexpr std::array<UnitName, 40> kUnitNames = {{
     {"m", 1.0},           {"meter", 1.0},        {"meters", 1.0},      {"metre", 1.0},
     {"metres", 1.0},      {"mm", 1e-3},          {"millimeter", 1e-3}, {"millimeters", 1e-3},
     {"millimetre", 1e-3}, {"millimetres", 1e-3}, {"um", 1e-6},         {"\xC2\xB5m", 1e-6},
@@ -25,7 +25,7 @@ constexpr std::array<UnitName, 37> kUnitNames = {{
     {"centimetre", 1e-2}, {"centimetres", 1e-2}, {"dm", 1e-1},         {"km", 1e3},
     {"in", 0.0254},       {"inch", 0.0254},      {"inches", 0.0254},   {"mil", 2.54e-5},
     {"mils", 2.54e-5},    {"thou", 2.54e-5},     {"ft", 0.3048},       {"foot", 0.3048},
-    {"feet", 0.3048},
+    {"feet", 0.3048},     {"yd", 0.9144},        {"yard", 0.9144},     {"yards", 0.9144},
 }};
 
 double metres_per(LengthUnit unit) {

@@ -97,6 +97,10 @@ class TextTable {
       decided_ = true;
       separator_ = separator_of(line);
       const bool names = is_line_of_names(line, separator_);
+      // "Units: m" names no column.
+      std::string_view found;
+      if (names && !comment_agrees(line, unit_, found))
+        return unit_contradicted(window_.name(), lines_.number(), found, unit_);
       if (names)
         if (Status status = find_columns(lines_, line, separator_, unit_, columns_); !status) return status;
       if (!names)

@@ -260,7 +260,7 @@ TEST(ScanFormats, a_unit_that_a_file_declares_must_be_the_configured_one) {
   for (const std::string line : {"comment unit mm", "comment unit 4 of the line", "comment made with units", "comment",
                                  "comment units in mm", "comment unit: MM.", "comment units: furlongs"})
     test::expect_points(ply_head + line + "\n" + ply_tail, "a.ply", {1, 2, 3});
-  for (const std::string unit : {"cm", "inches", "in", "ft"})
+  for (const std::string unit : {"cm", "inches", "in", "ft", "yards"})
     for (const LengthUnit configured : {LengthUnit::mm, LengthUnit::m, LengthUnit::um})
       test::expect_refused(ply_head + "comment units " + unit + "\n" + ply_tail, "the file says unit \"" + unit,
                            "a.ply", Code::frame_incomplete, configured);

@@ -50,6 +50,9 @@ TEST(TextPoints, names_in_the_first_line_say_where_x_y_z_are) {
   expect_refused("x,y,z\nx,y,z\n1,2,3\n", "line 2, column 1: \"x\" is not a number");
   expect_refused("1,2,3\nx,y,z\n", "line 2, column 1: \"x\" is not a number");
   expect_refused("id,a,x,y,z\n1,2,3,4\n", "line 2: 4 columns, needed are 5");
+  // A unit needs no comment's mark.
+  expect_points("Units: mm\n1 2 3\n", "a.csv", {1, 2, 3});
+  expect_refused("Units: m\n1 2 3\n", "line 1: the file says unit \"m\", but \"mm\" is configured");
 }
 
 TEST(TextPoints, names_in_a_comment_above_the_points_say_where_x_y_z_are_too) {
