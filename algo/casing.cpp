@@ -73,6 +73,10 @@ constexpr double kRimShareMin = 0.8;
 /// side of a rim in the middle of its tolerance within it.
 constexpr double kRimFormMax_mm = 0.15;
 constexpr std::size_t kHeightSample = 4096;
+/// Points around a casing that are asked for the eighth of the ring they lie in, about; and how few of them in an
+/// eighth say nothing.
+constexpr std::size_t kRingSample = 3000;
+constexpr double kEighthPointsMin = 4.0;
 
 /// The rim ends this far inside its nominal edge: a casing may sit half a millimetre beside its place.
 constexpr double kRimEdge_mm = 0.5;
@@ -141,6 +145,25 @@ void for_each_piece(const CloudPoints& cloud, const SeatFrame& seat, const Look&
   }
 }
 
+/// Calls `look(x, y, height)` in the casing's frame for about kRingSample of the points, evenly taken.
+template <typename Points, typename Look>
+void for_some(const Points& points, const SeatFrame& seat, const CasingAxes& a, const Look& look) {
+  std::size_t all = 0;
+  for_each_piece(points, seat, [&](const SeatPoints& piece) { all += piece.size(); });
+  const std::size_t every = 1 + all / kRingSample;
+  std::size_t next = 0;
+  for_each_piece(points, seat, [&](const SeatPoints& piece) {
+    for (; next < piece.size(); next += every) {
+      const float dx = piece.x[next] - a.x_mm;
+      const float ds = piece.s[next] - a.s_mm;
+      const float dh = piece.h[next];
+      look(a.across[0] * dx + a.across[1] * ds + a.across[2] * dh, a.along[0] * dx + a.along[1] * ds + a.along[2] * dh,
+           a.up[0] * dx + a.up[1] * ds + a.up[2] * dh + a.up_mm);
+    }
+    next -= piece.size();
+  });
+}
+
 /// Variance of the centre, along either axis, by what moves the edge over a part of its circumference: a crescent of
 /// mortar, a side that is dark. The fitted circle goes along, so that hardly any of it is in the distances to the
 /// circle that the covariance is taken from; but what is left there is alike from sector to sector, as gaps between
@@ -171,6 +194,40 @@ double edge_form_mm2(std::span<const Vec2> edge, const Circle& circle) {
   }
   return shared > kFormChance / std::sqrt(n) * leaning ? kFormVariance * moved / n : 0.0;
 }
+
+/// The share of a ring's points that lie between its heights, where every eighth of it counts alike: of a ring that is
+/// dark on one side, most points are the other side's.
+class RingShare {
+ public:
+  explicit RingShare(const CasingRing& ring)
+      : ring_(ring), inner2_(ring.inner_mm * ring.inner_mm), outer2_(ring.outer_mm * ring.outer_mm) {}
+
+  /// From the ring's centre.
+  void add(float x, float y, float height) {
+    const float radius2 = x * x + y * y;
+    if (!(radius2 >= inner2_ && radius2 < outer2_)) return;
+    const std::size_t eighth = (x < 0.0F ? 4U : 0U) + (y < 0.0F ? 2U : 0U) + (std::abs(x) < std::abs(y) ? 1U : 0U);
+    all_[eighth] += 1.0;
+    if (height >= ring_.low_mm && height <= ring_.high_mm) within_[eighth] += 1.0;
+  }
+  [[nodiscard]] double share() const {
+    double seen = 0.0;
+    double share = 0.0;
+    for (std::size_t k = 0; k < all_.size(); ++k) {
+      if (all_[k] < kEighthPointsMin) continue;
+      seen += 1.0;
+      share += within_[k] / all_[k];
+    }
+    return seen > 0.0 ? share / seen : 0.0;
+  }
+
+ private:
+  CasingRing ring_;
+  float inner2_;
+  float outer2_;
+  std::array<double, 8> all_{};
+  std::array<double, 8> within_{};
+};
 
 struct EdgePoints {
   std::array<Vec2, kSectors> points;
@@ -259,19 +316,32 @@ bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& 
   // By the seat's noise, not by the rim's own scatter, which grows with its tilt.
   const double seat_mm = has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0;
   const double over_mm = std::max(median, 0.0) + std::max(4.0 * seat_mm, kRimFormMax_mm);
-  const auto has_lip = [&](double inner_mm, double outer_mm) {
-    const std::size_t all = count_in(ring(centre, inner_mm, outer_mm, -kAny, kAny));
-    const std::size_t over = count_in(ring(centre, inner_mm, outer_mm, over_mm, kAny));
-    return static_cast<double>(over) > (1.0 - kRimShareMin) * static_cast<double>(all);
-  };
   // From inside the bore, over which a lip may stand; up to the rim's nominal edge, where a casing that sits beside its
   // place has the seat, as high as itself.
-  if (has_lip(task.bore_radius_mm - kRadiusOffMax_mm, task.bore_radius_mm + margin) ||
-      has_lip(task.rim_radius_mm - margin, task.rim_radius_mm))
-    return false;
+  const CasingRing at_bore =
+      ring(centre, task.bore_radius_mm - kRadiusOffMax_mm, task.bore_radius_mm + margin, over_mm, kAny);
+  const CasingRing at_rim = ring(centre, task.rim_radius_mm - margin, task.rim_radius_mm, over_mm, kAny);
+  const auto has_lip = [&](CasingRing edge, const RingShare& over_by_area) {
+    const std::size_t over = count_in(edge);
+    edge.low_mm = -static_cast<float>(kAny);
+    constexpr double kLipMax = 1.0 - kRimShareMin;
+    return static_cast<double>(over) > kLipMax * static_cast<double>(count_in(edge)) || over_by_area.share() > kLipMax;
+  };
+  RingShare near_by_area(around);
+  RingShare over_at_bore(at_bore);
+  RingShare over_at_rim(at_rim);
+  for_some(points, seat, frame.axes(), [&](float x, float y, float height) {
+    x -= around.centre_x_mm;
+    y -= around.centre_y_mm;
+    near_by_area.add(x, y, height);
+    over_at_bore.add(x, y, height);
+    over_at_rim.add(x, y, height);
+  });
+  if (has_lip(at_bore, over_at_bore) || has_lip(at_rim, over_at_rim)) return false;
   const double flat_mm = std::hypot(seat_mm, kRimFormMax_mm);
   return casing.rim_points >= kRimPointsMin && sectors >= kSectorsMin && casing.rim_std_mm <= flat_mm &&
-         static_cast<double>(near.count()) >= kRimShareMin * static_cast<double>(count);
+         static_cast<double>(near.count()) >= kRimShareMin * static_cast<double>(count) &&
+         near_by_area.share() >= kRimShareMin;
 }
 
 template <typename Points>

@@ -17,11 +17,16 @@
 // that something else is there (a chip, in the shadow of its own rim, returns few), their median is the cell's height
 // and counts like any other. Cells at casings and cut by the border do not count.
 //
+// The seat was fitted to points, and a surface that is dark or wet, or seen by one of two merged views only, returns
+// fewer of them to the mm^2. The cells are even: they say how much of the area the fitted seat holds, and how it would
+// lie if areas had weighed. Both planes are taken over the same cells, so damage and noise are in neither's difference.
+//
 // Flatness is one number and a small chip moves it by no more than a long bow does. So the cells that stand out of the
 // noise are also grouped by touch, and the largest group on one side is reported with its place: the defect channel.
 // It sees what returned points; a chip so deep or steep that it returned none shows as a hole.
 #include "algo/flatness.h"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -328,6 +333,72 @@ void find_defect(const CellGrid& grid, CellMark side, const CellHeights& cells, 
   });
 }
 
+/// Straight through heights: h = a0 + a1 x + a2 s.
+class HeightsFit {
+ public:
+  void add(double x, double s, double h, double weight) {
+    A_(0, 0) += weight;
+    A_(0, 1) += weight * x;
+    A_(0, 2) += weight * s;
+    A_(1, 1) += weight * x * x;
+    A_(1, 2) += weight * x * s;
+    A_(2, 2) += weight * s * s;
+    b_ += weight * h * Vec3(1.0, x, s);
+  }
+  /// False where the places say nothing about a tilt.
+  [[nodiscard]] bool solve(Vec3& a) const {
+    Mat3 A = A_;
+    A(1, 0) = A(0, 1);
+    A(2, 0) = A(0, 2);
+    A(2, 1) = A(1, 2);
+    a = A.ldlt().solve(b_);
+    return a.allFinite();
+  }
+
+ private:
+  Mat3 A_ = Mat3::Zero();
+  Vec3 b_ = Vec3::Zero();
+};
+
+/// The seat as areas see it: a cell counts as one, however many points returned from it.
+class SeatByArea {
+ public:
+  /// Further from the seat than this a cell is not on it. The fit took what lies within three of its noise; a bow that
+  /// it stood still on is as wide as three standard deviations of what is left.
+  explicit SeatByArea(const PlaneFit& seat)
+      : reach_mm_(std::max(has_value(seat.std_mm) ? 3.0 * seat.std_mm : 0.0, kStrayMin_mm)) {}
+
+  /// A cell of so many points; `share` of them lie where its height is, the others on the seat.
+  void add(double x, double s, double height, std::uint32_t points, double share) {
+    seen_ += 1.0;
+    if (std::abs(height) > reach_mm_) {
+      on_seat_ += 1.0 - share;
+      return;
+    }
+    on_seat_ += 1.0;
+    by_area_.add(x, s, height, 1.0);
+    by_points_.add(x, s, height, static_cast<double>(points));
+  }
+  [[nodiscard]] double share() const { return seen_ > 0.0 ? on_seat_ / seen_ : kNoValue; }
+  /// What the fit would have found if all of the seat had returned as many points to the mm^2, less what it found.
+  [[nodiscard]] PlaneShift shift(const SeatFrame& frame, const PlaneFit& seat) const {
+    Vec3 area;
+    Vec3 points;
+    if (!by_area_.solve(area) || !by_points_.solve(points)) return {};
+    const Vec3 a = area - points;
+    const Vec3 at = frame.in_seat(seat.centroid);
+    const Vec3 uphill = a[1] * frame.along_rail + a[2] * frame.along_seat;
+    return {seat.normal.dot(uphill) * seat.normal - uphill, a[0] + a[1] * at[0] + a[2] * at[1]};
+  }
+
+ private:
+  double reach_mm_;
+  double seen_ = 0.0;
+  double on_seat_ = 0.0;
+  HeightsFit by_area_;
+  HeightsFit by_points_;
+};
+
 CellLayout layout_of(const CellGrid& grid, const SeatFrame& frame, const PlaneFit& seat) {
   CellLayout layout;
   layout.half_x_mm = static_cast<float>(grid.region.half_x_mm);
@@ -397,6 +468,7 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
     high = std::max(high, height);
   }
   std::size_t expected = 0;
+  SeatByArea by_area(seat);
   CellHeights cells;
   const auto add = [&](std::size_t c, const CellPoints& cell) {
     work.cell_mean[cells.size] = in_block(cell, layout, frame);
@@ -411,19 +483,28 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
     if (wanted) ++expected;
     if (is_full(c)) {
       ++result.cells;
-      add(c, CellPoints(sums[c]));
+      const CellPoints cell(sums[c]);
+      add(c, cell);
+      const auto points = static_cast<double>(sums[c].points);
+      by_area.add(cell.x, cell.s, cell.height, sums[c].points,
+                  sums.is_damage(c) ? points / static_cast<double>(sums.points_in(c)) : 1.0);
     } else if (wanted) {
       const double height = sparse_height(sums.heights(sums[c]), region.cell_points_min);
       if (!has_value(height)) {
         mark[c] = kMissing;
         ++result.cells_missing;
-      } else if (height < low - kStrayMin_mm || height > high + kStrayMin_mm) {
+        continue;
+      }
+      by_area.add(grid.x_of(c), grid.s_of(c), height, sums.points_in(c), 1.0);
+      if (height < low - kStrayMin_mm || height > high + kStrayMin_mm) {
         CellPoints cell(sums[c]);
         cell.height = height;
         add(c, cell);
       }
     }
   }
+  result.seat_share = by_area.share();
+  result.by_area = by_area.shift(frame, seat);
   const auto points_in = [&](std::size_t c) { return sums.points_in(c); };
   if (cells.size > 0) result.defect.limit_mm = mark_defects(cells, points_in, seat.std_mm, region.defect_sigmas, mark);
   std::size_t hole = 0;

@@ -39,6 +39,10 @@ struct FlatnessRegion {
 
 struct Flatness {
   bool ok = false;
+  /// Of the area that was seen, the share that lies on `seat`: where one half returns five times as many points as the
+  /// other, that half is nearly all of the points. NaN when the cells could not be summed up.
+  double seat_share = kNoValue;
+  PlaneShift by_area;       ///< what `seat` would be if areas had weighed instead of points
   std::uint32_t cells = 0;  ///< with enough points
   std::uint32_t cells_missing = 0;
   double hole_mm2 = 0.0;     ///< the largest connected group of missing cells

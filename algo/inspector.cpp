@@ -265,15 +265,24 @@ Status BlockInspector::extract(const Cloud& cloud) {
   seat.full_plane = survey.large[static_cast<std::size_t>(LargeFace::seat)];
   result.slab_top = survey.large[static_cast<std::size_t>(LargeFace::top)];
   w.team.run(3, [&](std::size_t which) {
+    PlaneStart start;
     const auto fit = [&](PointList list, Face face, const FaceExtent& whole, ItemId angle, std::uint64_t seed) {
-      return fit_plane_over(survey.of(list), w.model.plane(face).n, settings_of(whole, angle, seed));
+      return fit_plane_over(survey.of(list), w.model.plane(face).n, settings_of(whole, angle, seed), start);
     };
-    if (which == 0)
+    // The seat is asked cell by cell, by its flatness.
+    if (which == 0) {
       seat.plane = fit(PointList::seat_crop, Face::seat, extents.seat_crop, ItemId::seat_slope, 1);
-    else if (which == 1)
-      result.jaw_inner = fit(PointList::jaw_inner, Face::jaw_inner, extents.jaw_inner, ItemId::jaw_angle_inner, 3);
-    else
-      result.jaw_outer = fit(PointList::jaw_outer, Face::jaw_outer, extents.jaw_outer, ItemId::jaw_angle_outer, 4);
+      return;
+    }
+    const bool inner = which == 1;
+    PlaneFit& jaw = inner ? result.jaw_inner : result.jaw_outer;
+    const PointList list = inner ? PointList::jaw_inner : PointList::jaw_outer;
+    jaw = inner ? fit(list, Face::jaw_inner, extents.jaw_inner, ItemId::jaw_angle_inner, 3)
+                : fit(list, Face::jaw_outer, extents.jaw_outer, ItemId::jaw_angle_outer, 4);
+    const ListedPoints& points = survey.of(list);
+    if (jaw.ok && share_by_area(start, jaw, points.frame, survey.jaw[which - 1], survey.jaw_off[which - 1],
+                                points.size()) < evaluation.inlier_share_min)
+      refuse(jaw, PlaneDoubt::area);
   });
   // The share is one of all that was seen in the face's place: with half of the seat five millimetres down, the other
   // half must not speak for it.
@@ -281,23 +290,26 @@ Status BlockInspector::extract(const Cloud& cloud) {
     plane.points = seen + off;
     plane.inlier_fraction =
         plane.points == 0 ? 0.0 : static_cast<double>(plane.inliers) / static_cast<double>(plane.points);
-    plane.ok = plane.ok && plane.inlier_fraction >= evaluation.inlier_share_min;
+    if (plane.inlier_fraction < evaluation.inlier_share_min) refuse(plane, PlaneDoubt::share);
   };
   count_off(seat.plane, survey.of(PointList::seat_crop).size(), survey.of(PointList::seat_off).size());
-  count_off(result.jaw_inner, survey.of(PointList::jaw_inner).size(), survey.jaw_off[0]);
-  count_off(result.jaw_outer, survey.of(PointList::jaw_outer).size(), survey.jaw_off[1]);
-  if (!seat.plane.ok)
-    return error(Code::fit_failed,
-                 "seat plane: %llu of %llu points within the threshold after %d refits, share at "
-                 "least %.2f, spread over at least a third of the crop",
-                 static_cast<unsigned long long>(seat.plane.inliers),
-                 static_cast<unsigned long long>(seat.plane.points), seat.plane.iterations,
-                 evaluation.inlier_share_min);
+  count_off(result.jaw_inner, survey.of(PointList::jaw_inner).size(), survey.points_off(0));
+  count_off(result.jaw_outer, survey.of(PointList::jaw_outer).size(), survey.points_off(1));
+  const auto no_seat = [&] {
+    return error(
+        Code::fit_failed,
+        "seat plane: %s; %llu of %llu points within the threshold after %d refits, at least %.2f of them and of "
+        "the area seen needed, spread over at least a third of the crop",
+        reason_of(seat.plane.doubt).data(), static_cast<unsigned long long>(seat.plane.inliers),
+        static_cast<unsigned long long>(seat.plane.points), seat.plane.iterations, evaluation.inlier_share_min);
+  };
+  if (!seat.plane.ok) return no_seat();
 
   const BlockGeometry& geometry = w.recipe.block;
   const FlatnessRegion region = flatness_region(w.recipe);
   const SeatFrame frame = SeatFrame::of(w.model);
   const Flatness flatness = measure_flatness(survey.over_crop(), frame, seat.plane, region, w.flatness, w.team);
+  seat.by_area = flatness.by_area;
   seat.grid_points = flatness.cells;
   seat.std_cells_mm = flatness.std_cells_mm;
   seat.flatness_mm = flatness.lsq_mm;
@@ -309,6 +321,10 @@ Status BlockInspector::extract(const Cloud& cloud) {
     seat.noise_factor = std::max(seat.noise_factor, verified_noise_factor(w.verified, seat_density(seat, evaluation)));
   seat.flatness_noise_mm = flatness.noise_mm;
   seat.defect = flatness.defect;
+  if (flatness.seat_share < evaluation.inlier_share_min) {
+    refuse(seat.plane, PlaneDoubt::area);
+    return no_seat();
+  }
 
   const auto casing = [&](PointList where, bool outer) {
     const CasingTask task{w.model.casing_centre(outer),

@@ -36,6 +36,8 @@ constexpr int kPolishSteps = 5;
 constexpr double kPolished = 0.01;
 /// Zones tried one after the other before all points are gone over for each refit; the first one does, nearly always.
 constexpr int kZonePasses = 3;
+/// A place of which the sample holds fewer was not seen: what returned from there are strays.
+constexpr double kPlaceSampleMin = 4.0;
 
 /// Noise and reach say how well a tilt is known: a small patch fits a plane perfectly and knows nothing of its tilt.
 bool rests_on_enough(const PlaneSupport& support, const PlaneFit& fit, const Spread& spread) {
@@ -148,9 +150,17 @@ PlaneFit finish_fit(const Points& points, const PlaneSettings& settings, const P
   fit.normal = plane.n.dot(up) < 0.0 ? Vec3(-plane.n) : plane.n;
   fit.offset_mm = plane.n.dot(up) < 0.0 ? -plane.d : plane.d;
   fit.inlier_fraction = static_cast<double>(fit.inliers) / static_cast<double>(points.size());
-  fit.ok = is_plane && stands_still && !start.doubtful && fit.inlier_fraction >= settings.inlier_share_min &&
-           rests_on_enough(settings.support, fit, spread) && !bends_with_threshold(start.sample, plane, threshold) &&
-           !has_rival(start.sample, start.search, plane, threshold);
+  fit.doubt = [&] {
+    if (!is_plane) return PlaneDoubt::no_plane;
+    if (!stands_still) return PlaneDoubt::unsettled;
+    if (start.doubtful) return PlaneDoubt::second_surface;
+    if (fit.inlier_fraction < settings.inlier_share_min) return PlaneDoubt::share;
+    if (!rests_on_enough(settings.support, fit, spread)) return PlaneDoubt::support;
+    if (bends_with_threshold(start.sample, plane, threshold)) return PlaneDoubt::bends;
+    if (has_rival(start.sample, start.search, plane, threshold)) return PlaneDoubt::rival;
+    return PlaneDoubt::none;
+  }();
+  fit.ok = fit.doubt == PlaneDoubt::none;
   return fit;
 }
 
@@ -163,6 +173,10 @@ PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSetting
 
 PlaneFit fit_plane_over(const ListedPoints& points, const Vec3& up, const PlaneSettings& settings) {
   PlaneStart start;
+  return fit_plane_over(points, up, settings, start);
+}
+
+PlaneFit fit_plane_over(const ListedPoints& points, const Vec3& up, const PlaneSettings& settings, PlaneStart& start) {
   begin_fit(points, up, settings, start);
   ZonedPoints zoned;
   for (int pass = 0; pass < kZonePasses && start.found; ++pass) {
@@ -172,6 +186,50 @@ PlaneFit fit_plane_over(const ListedPoints& points, const Vec3& up, const PlaneS
     start.plane = {fit.normal, fit.offset_mm};
   }
   return finish_fit(points, settings, start);
+}
+
+std::string_view reason_of(PlaneDoubt doubt) {
+  switch (doubt) {
+    case PlaneDoubt::none: break;
+    case PlaneDoubt::no_plane: return "they make no plane";
+    case PlaneDoubt::unsettled: return "it did not settle";
+    case PlaneDoubt::second_surface: return "a second surface lies within the threshold";
+    case PlaneDoubt::share: return "too small a share of the points";
+    case PlaneDoubt::area: return "too small a share of the area seen: where fewer points return another surface lies";
+    case PlaneDoubt::support: return "it rests on too few points, too little of the face, or too noisy ones";
+    case PlaneDoubt::bends: return "it hangs on where the threshold cuts, as beside a second surface";
+    case PlaneDoubt::rival: return "another plane holds about as many points";
+  }
+  return "none";
+}
+
+double share_by_area(const PlaneStart& start, const PlaneFit& fit, const SeatFrame& frame, const FaceRaster& raster,
+                     const PlaceCounts& off, std::size_t points) {
+  std::array<double, FaceRaster::kPlaces> all{};
+  std::array<double, FaceRaster::kPlaces> within{};
+  const SamplePoints sample = start.sample.all();
+  const FlatPlane plane{fit.normal, fit.offset_mm};
+  const FlatPlane along{frame.along_rail, frame.along_rail.dot(frame.origin)};
+  const FlatPlane across{frame.along_seat, frame.along_seat.dot(frame.origin)};
+  for (std::size_t i = 0; i < sample.size(); ++i) {
+    const Vec3 p = sample[i];
+    const double height = plane.distance(p);
+    if (!std::isfinite(height)) continue;
+    const std::size_t place =
+        raster.place_of(static_cast<float>(along.distance(p)), static_cast<float>(across.distance(p)));
+    all[place] += 1.0;
+    if (std::abs(height) <= start.threshold_mm) within[place] += 1.0;
+  }
+  const double each = static_cast<double>(points) / static_cast<double>(sample.size());
+  double seen = 0.0;
+  double share = 0.0;
+  for (std::size_t k = 0; k < all.size(); ++k) {
+    const double here = all[k] + static_cast<double>(off[k]) / each;
+    if (here < kPlaceSampleMin) continue;
+    seen += 1.0;
+    share += within[k] / here;
+  }
+  return seen > 0.0 ? share / seen : 0.0;
 }
 
 template <typename Points>
@@ -186,6 +244,7 @@ PlaneFit fit_plane_lsq_over(const Points& points, const Vec3& up) {
   Spread spread;
   if (!plane_of(moments, up, plane, spread)) return fit;
   fit.ok = true;
+  fit.doubt = PlaneDoubt::none;
   fit.normal = plane.n;
   fit.offset_mm = plane.d;
   fit.inliers = points.size();

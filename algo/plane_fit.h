@@ -2,9 +2,11 @@
 #pragma once
 
 #include <span>
+#include <string_view>
 
 #include "algo/algo.h"
 #include "algo/face_points.h"
+#include "algo/face_raster.h"
 #include "algo/hypotheses.h"
 #include "algo/moments.h"
 #include "algo/points.h"
@@ -35,7 +37,23 @@ template <typename Points>
 [[nodiscard]] PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSettings& settings);
 
 /// The same, in one pass over the points (plane_zone.h).
+[[nodiscard]] PlaneFit fit_plane_over(const ListedPoints& points, const Vec3& up, const PlaneSettings& settings,
+                                      PlaneStart& start);
 [[nodiscard]] PlaneFit fit_plane_over(const ListedPoints& points, const Vec3& up, const PlaneSettings& settings);
+
+/// Why a plane was refused, as half a sentence.
+[[nodiscard]] std::string_view reason_of(PlaneDoubt doubt);
+/// Refuses a plane that stood until now.
+inline void refuse(PlaneFit& fit, PlaneDoubt why) {
+  if (fit.ok) fit.doubt = why;
+  fit.ok = false;
+}
+
+/// The share of `fit`'s inliers where every place that was seen counts alike, however many points returned from it: the
+/// share of the points is one of the area only where they are as dense everywhere. `off`: points of each place that
+/// were not offered to the fit; `points`: how many were. Asked of the sample, so good to a hundredth.
+[[nodiscard]] double share_by_area(const PlaneStart& start, const PlaneFit& fit, const SeatFrame& frame,
+                                   const FaceRaster& raster, const PlaceCounts& off, std::size_t points);
 
 template <typename Points>
 [[nodiscard]] PlaneFit fit_plane_lsq_over(const Points& points, const Vec3& up);

@@ -55,6 +55,7 @@ PlaneFit fit_plane_ransac(std::span<const Vec3> points, const Vec3& up, const Pl
   fit.centroid = about.mean();
   if (fit.inliers > 3) fit.std_mm = std::sqrt(n * squares.mean() / (n - 3.0));
   fit.ok = fit.inlier_fraction >= settings.inlier_share_min;
+  fit.doubt = fit.ok ? PlaneDoubt::none : PlaneDoubt::share;
   return fit;
 }
 

@@ -15,6 +15,7 @@
 // of its own, strung together in that order: which thread did what does not show.
 #include "algo/survey.h"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -66,6 +67,29 @@ SurveyFrame frame_for(const BlockModel& model, const Pose& T_block_scanner) {
     frame.along[f] = row(plane.n.cross(Vec3::UnitX()), 0.0);
   }
   return frame;
+}
+
+/// All that is looked at of a large face.
+constexpr FaceRaster kLargeRaster = FaceRaster::between(
+    -0.5 * static_cast<double>(limits::kFaceTableX), 0.5 * static_cast<double>(limits::kFaceTableX),
+    -0.5 * static_cast<double>(limits::kFaceTableY), 0.5 * static_cast<double>(limits::kFaceTableY));
+
+/// A jaw from the seat to the shoulder, edge margins taken off.
+FaceRaster raster_of_jaw(const BlockModel& model, const EvaluationSettings& settings, Face jaw, Face shoulder) {
+  const SeatFrame frame = frame_of(model.plane(jaw));
+  Mat3 A;
+  A.row(0) = Vec3::UnitX();
+  A.row(1) = frame.up;
+  const auto at_edge_with = [&](Face face) {
+    const Plane& plane = model.plane(face);
+    A.row(2) = plane.n;
+    return frame.in_seat(A.inverse() * Vec3(0.0, model.plane(jaw).d, plane.d))[1];
+  };
+  const double foot = at_edge_with(Face::seat);
+  const double top = at_edge_with(shoulder);
+  const double half_x = model.geometry().end_half_length_mm.value - settings.edge_margin_mm;
+  return FaceRaster::between(-half_x, half_x, std::min(foot, top) + settings.edge_margin_mm,
+                             std::max(foot, top) - settings.edge_margin_mm);
 }
 
 /// Of a block, the sixteen with which every `stride`-th begins. Blocks of 65 536 points are a multiple of the rows of
@@ -124,7 +148,8 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
       all.moments[i] += one.moments[i];
       all.points[i] += one.points[i];
     }
-    for (std::size_t i = 0; i < all.jaw_off.size(); ++i) all.jaw_off[i] += one.jaw_off[i];
+    for (std::size_t i = 0; i < all.jaw_off.size(); ++i)
+      for (std::size_t k = 0; k < FaceRaster::kPlaces; ++k) all.jaw_off[i][k] += one.jaw_off[i][k];
   }
   std::size_t runs = 0;
   // An overflown pool has no more pieces than these either.
@@ -264,6 +289,9 @@ void survey_scan(const Cloud& cloud, const SurveyQuestion& question, const Surve
   task.gate_mm = static_cast<float>(question.settings.registration_gate_mm);
   task.band_mm = static_cast<float>(question.table.band_mm());
   task.rules = question.table.rules().numbers();
+  task.jaw = {raster_of_jaw(question.model, question.settings, Face::jaw_inner, Face::shoulder_inner),
+              raster_of_jaw(question.model, question.settings, Face::jaw_outer, Face::shoulder_outer)};
+  survey.jaw = task.jaw;
 
   // The scouts list every point of the large faces.
   task.share_mm.fill(std::numeric_limits<float>::max());
@@ -314,15 +342,18 @@ void survey_scan(const Cloud& cloud, const SurveyQuestion& question, const Surve
       points.slack_mm = kEdgeShare * work.start[i].threshold_mm - kRounding_mm;
       survey.large[i] = finish_fit(points, question.large[i], work.start[i]);
       beyond[i] = points.asked_beyond;
-      if (beyond[i]) survey.large[i].ok = false;
+      if (beyond[i]) refuse(survey.large[i], PlaneDoubt::unsettled);
+      // The slope's datum as well: a half that is dark, and lower, must not be outvoted by the other one's points.
+      if (survey.large[i].ok && share_by_area(work.start[i], survey.large[i], points.frame, kLargeRaster, {},
+                                              points.count) < question.large[i].inlier_share_min)
+        refuse(survey.large[i], PlaneDoubt::area);
     });
     for (std::size_t list = 0; list < kPointLists; ++list) {
       survey.lists[list].frame = frame_of(question.model.plane(kFaceOfList[list]));
       survey.lists[list].runs = passed.runs[list];
       survey.lists[list].count = passed.points[list];
     }
-    for (std::size_t i = 0; i < survey.jaw_off.size(); ++i)
-      survey.jaw_off[i] = static_cast<std::uint64_t>(passed.sums.jaw_off[i]);
+    survey.jaw_off = passed.sums.jaw_off;
     survey.overflown = passed.overflown;
     for (std::size_t i = 0; i < kLargeFaces; ++i) {
       if (!beyond[i]) continue;

@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <numeric>
 #include <span>
 
 #include "algo/algo.h"
@@ -63,13 +64,17 @@ struct Survey {
   DeviationStats deviation;
   std::array<PlaneFit, kLargeFaces> large;
   std::array<ListedPoints, kPointLists> lists;  ///< their runs lie in the workspace
-  std::array<std::uint64_t, 2> jaw_off{};       ///< points in place of the inner and the outer jaw, too far off for it
+  std::array<FaceRaster, 2> jaw{};              ///< places of the inner and the outer jaw ...
+  std::array<PlaceCounts, 2> jaw_off{};         ///< ... and the points there that are too far off for it
   /// More points were to be listed than there is room for; the lists and fits are void.
   bool overflown = false;
   /// Everything seen over the evaluation region: what is on the seat, then what is off it.
   [[nodiscard]] std::span<const SeatPoints> over_crop() const {
     const std::span<const SeatPoints> on = of(PointList::seat_crop).runs;
     return {on.data(), on.size() + of(PointList::seat_off).runs.size()};
+  }
+  [[nodiscard]] std::uint64_t points_off(std::size_t jaw_number) const {
+    return std::accumulate(jaw_off[jaw_number].begin(), jaw_off[jaw_number].end(), std::uint64_t{0});
   }
   [[nodiscard]] const ListedPoints& of(PointList list) const { return lists[static_cast<std::size_t>(list)]; }
 };

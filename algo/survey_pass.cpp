@@ -164,8 +164,8 @@ constexpr std::array<RegionUse, kRegions> region_uses() {
   use(Region::top, Face::top, -1, kTop);
   use(Region::casing_inner, Face::seat, list(PointList::casing_inner), -1);
   use(Region::casing_outer, Face::seat, list(PointList::casing_outer), -1);
-  uses[static_cast<std::size_t>(Region::jaw_off_inner)].jaw_off = 0;
-  uses[static_cast<std::size_t>(Region::jaw_off_outer)].jaw_off = 1;
+  uses[static_cast<std::size_t>(Region::jaw_off_inner)] = {Face::jaw_inner, -1, -1, 0};
+  uses[static_cast<std::size_t>(Region::jaw_off_outer)] = {Face::jaw_outer, -1, -1, 1};
   return uses;
 }
 constexpr std::array<RegionUse, kRegions> kUses = region_uses();
@@ -475,8 +475,7 @@ class Surveyor {
       const RegionUse& use = kUses[region];
       if (lanes[region] == 0) continue;
       if (use.list >= 0 || use.large >= 0) add_to(use, lanes_of(lanes[region]), d, x);
-      if (use.jaw_off >= 0)
-        out_.jaw_off[static_cast<std::size_t>(static_cast<unsigned char>(use.jaw_off))] += std::popcount(lanes[region]);
+      if (use.jaw_off >= 0) count_off(use, lanes[region], d, x);
     }
   }
 
@@ -542,6 +541,19 @@ class Surveyor {
     found(Region::jaw_off_inner, take(stands_over(n.jaw_inner)));
     found(Region::jaw_off_outer, take(stands_over(n.jaw_outer)));
     return regions;
+  }
+
+  /// Points in place of a jaw, which are few: one by one.
+  HWY_NOINLINE void count_off(const RegionUse& use, std::uint32_t lanes, const Points16& d, const F16& x) {
+    alignas(64) std::array<float, kLanes> u;
+    alignas(64) std::array<float, kLanes> v;
+    store(x, u.data());
+    store(apply(task_.frame.along[static_cast<std::size_t>(use.face)], d), v.data());
+    const auto jaw = static_cast<std::size_t>(static_cast<unsigned char>(use.jaw_off));
+    for (; lanes != 0; lanes &= lanes - 1) {
+      const auto lane = static_cast<std::size_t>(std::countr_zero(lanes));
+      ++out_.jaw_off[jaw][task_.jaw[jaw].place_of(u[lane], v[lane])];
+    }
   }
 
   HWY_NOINLINE void add_to(const RegionUse& use, const M16& in, const Points16& d, const F16& x) {

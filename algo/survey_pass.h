@@ -8,6 +8,7 @@
 #include <span>
 
 #include "algo/block_model.h"
+#include "algo/face_raster.h"
 #include "algo/seat_points.h"
 #include "algo/segmentation.h"
 #include "base/base.h"
@@ -129,6 +130,7 @@ struct SurveyTask {
   std::array<Tilt, kLargeFaces> tilt{};
   std::array<float, kLargeFaces> inner_mm{};  ///< |r| <= inner: summed up,
   std::array<float, kLargeFaces> outer_mm{};  ///< up to outer: listed
+  std::array<FaceRaster, 2> jaw{};            ///< places of the inner and the outer jaw
 };
 
 /// What a pass over one block of the scan found.
@@ -139,7 +141,7 @@ struct SurveySums {
   std::array<double, 12> within{};  ///< of them, those within share_mm
   std::array<TiltedSums, kLargeFaces> moments{};
   std::array<double, kLargeFaces> points{};  ///< of the face, whether summed up, listed or neither
-  std::array<double, 2> jaw_off{};  ///< points in place of the inner and the outer jaw, further off than the gate
+  std::array<PlaceCounts, 2> jaw_off{};  ///< points in place of the inner and the outer jaw, further off than the gate
   std::array<std::uint32_t, kPointLists> first{};
   std::array<std::uint32_t, kPointLists> last{};
 };

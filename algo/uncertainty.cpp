@@ -62,7 +62,7 @@ class BlockBudget {
     if (!has_value(item(ItemId::seat_slope).value)) return;
     const SlopeGradient g = slope_gradient(seat().normal, result_.slab_top.normal);
     const double fit = variance({g.seat_normal, 0.0}, seat()) + variance({g.top_normal, 0.0}, result_.slab_top);
-    angle(ItemId::seat_slope, fit,
+    angle(ItemId::seat_slope, fit, by_density({g.seat_normal, 0.0}),
           square(scanner_.tilt_rad()) * (g.seat_normal.squaredNorm() + g.top_normal.squaredNorm()), g.registration);
   }
 
@@ -72,7 +72,8 @@ class BlockBudget {
     const double sine = seat().normal.cross(jaw.normal).norm();
     const PlaneGradient by_seat{jaw.normal / sine, 0.0};
     const PlaneGradient by_jaw{seat().normal / sine, 0.0};
-    angle(id, variance(by_seat, seat()) + variance(by_jaw, jaw), 2.0 * square(scanner_.tilt_rad()), Vec6::Zero());
+    angle(id, variance(by_seat, seat()) + variance(by_jaw, jaw), by_density(by_seat), 2.0 * square(scanner_.tilt_rad()),
+          Vec6::Zero());
   }
 
   void jaw_distance() {
@@ -94,13 +95,14 @@ class BlockBudget {
         square(g_seat.height * scanner_.difference_mm(0.5 * distance.value)) +
         square(scanner_.tilt_rad()) * (g_outer.jaw.normal.squaredNorm() + g_inner.jaw.normal.squaredNorm()) +
         square(scanner_.length_mm(distance.value));
-    length(ItemId::jaw_distance, distance.value, fit, scanner, Vec6(g_outer.registration + g_inner.registration));
+    length(ItemId::jaw_distance, distance.value, fit, by_density(g_seat), scanner,
+           Vec6(g_outer.registration + g_inner.registration));
   }
 
   void casing_spacing() {
     const Item& spacing = item(ItemId::casing_spacing);
     if (!has_value(spacing.value)) return;
-    length(ItemId::casing_spacing, spacing.value, spacing_variance_mm2(result_),
+    length(ItemId::casing_spacing, spacing.value, spacing_variance_mm2(result_), 0.0,
            square(scanner_.difference_mm(spacing.value)) + square(scanner_.length_mm(spacing.value)), Vec6::Zero());
   }
 
@@ -108,8 +110,10 @@ class BlockBudget {
     const Item& protrusion = item(id);
     if (!has_value(protrusion.value)) return;
     const Vec3 from_centroid = casing.centre - seat().centroid;
-    const double fit = square(casing.sigma_height_mm) + variance({from_centroid, 1.0}, seat());
-    length(id, protrusion.value, fit, square(scanner_.difference_mm(from_centroid.norm())), Vec6::Zero());
+    const PlaneGradient by_seat{from_centroid, -1.0};
+    const double fit = square(casing.sigma_height_mm) + variance(by_seat, seat());
+    length(id, protrusion.value, fit, by_density(by_seat), square(scanner_.difference_mm(from_centroid.norm())),
+           Vec6::Zero());
   }
 
   /// Noise and form error can both only add to a flatness, so they add plainly, U = m N + 1.645 u_form. So that U
@@ -132,20 +136,28 @@ class BlockBudget {
  private:
   [[nodiscard]] const PlaneFit& seat() const { return result_.seat.plane; }
   Item& item(ItemId id) { return item_of(result_, id); }
+  [[nodiscard]] double by_density(const PlaneGradient& by_seat) const {
+    return variance(by_seat, result_.seat.by_area);
+  }
   [[nodiscard]] double reference_mm(double length_mm) const {
     return recipe_.uncertainty.reference_mm.value * std::min(1.0, std::abs(length_mm) / length_reference_mm_);
   }
   /// Variances in rad^2.
-  void angle(ItemId id, double fit, double scanner, const Vec6& by_registration) {
-    put(id, fit, scanner, by_registration, square(recipe_.uncertainty.reference_rad.value), deg_from_rad(1.0));
+  void angle(ItemId id, double fit, double density, double scanner, const Vec6& by_registration) {
+    put(id, fit, density, scanner, by_registration, square(recipe_.uncertainty.reference_rad.value), deg_from_rad(1.0));
   }
   /// Variances in mm^2.
-  void length(ItemId id, double length_mm, double fit, double scanner, const Vec6& by_registration) {
-    put(id, fit, scanner, by_registration, square(reference_mm(length_mm)), 1.0);
+  void length(ItemId id, double length_mm, double fit, double density, double scanner, const Vec6& by_registration) {
+    put(id, fit, density, scanner, by_registration, square(reference_mm(length_mm)), 1.0);
   }
-  void put(ItemId id, double fit, double scanner, const Vec6& by_registration, double reference, double unit) {
+  void put(ItemId id, double fit, double density, double scanner, const Vec6& by_registration, double reference,
+           double unit) {
+    // An uncertainty that the recipe states knows nothing of this seat either.
+    const double u_density = unit * std::sqrt(density);
+    if (2.0 * u_density > item(id).U) item(id).U = 2.0 * u_density;
+    if (!recipe_.uncertainty.given) return;
     Budget budget{};
-    part(budget, BudgetPart::fit) = unit * std::sqrt(fit);
+    part(budget, BudgetPart::fit) = unit * std::sqrt(fit + density);
     part(budget, BudgetPart::noise) = unit * std::sqrt((noise_factor_ - 1.0) * fit);
     part(budget, BudgetPart::scanner) = unit * std::sqrt(scanner);
     part(budget, BudgetPart::registration) =
@@ -204,6 +216,10 @@ double verified_noise_factor(const ScannerNumbers& verified, double points_per_m
 double variance(const PlaneGradient& g, const PlaneFit& plane) {
   const double by_tilt = g.normal.dot(plane.cov_normal * g.normal);
   return by_tilt + (g.height == 0.0 ? 0.0 : square(g.height * plane.sigma_offset_mm));
+}
+
+double variance(const PlaneGradient& g, const PlaneShift& by_area) {
+  return square(g.normal.dot(by_area.normal) + g.height * by_area.height_mm) / 3.0;
 }
 
 JawPoint jaw_point(const PlaneFit& seat, const PlaneFit& jaw, double reference_height_mm) {
@@ -277,14 +293,13 @@ bool settle(const Budget& budget, Item& item) {
 void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, BlockResult& result) {
   budget_seat_std(result);
   widen_spacing(result);
-  if (!recipe.uncertainty.given) return;
   BlockBudget budget(recipe, verified, result);
+  if (recipe.uncertainty.given) budget.flatness();
   budget.slope();
-  budget.flatness();
   budget.jaw_angle(ItemId::jaw_angle_inner, result.jaw_inner);
   budget.jaw_angle(ItemId::jaw_angle_outer, result.jaw_outer);
   budget.jaw_distance();
-  budget.casing_spacing();
+  if (recipe.uncertainty.given) budget.casing_spacing();
   budget.casing_protrusion(ItemId::casing_protrusion_inner, result.casing_inner);
   budget.casing_protrusion(ItemId::casing_protrusion_outer, result.casing_outer);
 }
@@ -293,9 +308,12 @@ void compute_observation_sigma(const BlockGeometry& geometry, BlockResult& resul
   SeatObservation& o = result.observation;
   const PlaneFit& seat = result.seat.plane;
   const double f = result.seat.noise_factor;
-  const auto spread = [f](const Mat3& covariance) -> Vec3 { return (f * covariance.diagonal()).cwiseSqrt(); };
-  if (seat.ok) o.sigma_n_rad = spread(seat.cov_normal);
-  if (result.slab_top.ok) o.sigma_top_n_rad = spread(result.slab_top.cov_normal);
+  const PlaneShift& by_area = result.seat.by_area;
+  const auto spread = [f](const Mat3& covariance, const Vec3& density) -> Vec3 {
+    return (f * covariance.diagonal() + density).cwiseSqrt();
+  };
+  if (seat.ok) o.sigma_n_rad = spread(seat.cov_normal, by_area.normal.cwiseAbs2() / 3.0);
+  if (result.slab_top.ok) o.sigma_top_n_rad = spread(result.slab_top.cov_normal, Vec3::Zero());
   if (o.ok) {
     const CasingFeature& inner = result.casing_inner;
     const CasingFeature& outer = result.casing_outer;
@@ -304,12 +322,13 @@ void compute_observation_sigma(const BlockGeometry& geometry, BlockResult& resul
     Mat3 local = 0.25 * (inner.cov_circle + outer.cov_circle);
     local.row(2).setZero();
     local.col(2).setZero();
-    local(2, 2) = variance({middle - seat.centroid, -1.0}, seat);
+    const PlaneGradient height{middle - seat.centroid, -1.0};
+    local(2, 2) = variance(height, seat);
     Mat3 axes;
     axes.col(2) = seat.normal;
     axes.col(0) = (Vec3::UnitX() - seat.normal.x() * seat.normal).normalized();
     axes.col(1) = axes.col(2).cross(axes.col(0));
-    o.sigma_p_mm = spread(axes * local * axes.transpose());
+    o.sigma_p_mm = spread(axes * local * axes.transpose(), variance(height, by_area) * seat.normal.cwiseAbs2());
   }
   if (o.jaw_ok) {
     const JawPoint point = jaw_point(seat, result.jaw_outer, geometry.jaw_reference_height_mm.value);
@@ -317,7 +336,8 @@ void compute_observation_sigma(const BlockGeometry& geometry, BlockResult& resul
       const JawGradient g = gradient(point, Vec3::Unit(axis), seat, result.jaw_outer);
       // The section's own place along X is no property of the jaw.
       const double section = axis == 0 ? 0.0 : registration_variance(g.registration, result.registration);
-      o.sigma_jaw_mm[axis] = std::sqrt(f * (variance(g.seat, seat) + variance(g.jaw, result.jaw_outer) + section));
+      const double fit = variance(g.seat, seat) + variance(g.jaw, result.jaw_outer);
+      o.sigma_jaw_mm[axis] = std::sqrt(f * (fit + section) + variance(g.seat, by_area));
     }
   }
 }

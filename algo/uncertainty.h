@@ -14,8 +14,11 @@
 ///
 ///   fit           The features' white-noise covariances (PlaneFit, CasingFeature), carried through the item's formula
 ///                 by its gradient g: u^2 = g' C g. Features are fitted to different points, so theirs add in squares.
+///                 And the seat's density: where more points returned from one part than from another, a bowed seat
+///                 leans to that part. With d the difference between the seat weighed by area and by points
+///                 (SeatFeature::by_area), half width g d: u^2 = (g d)^2 / 3.
 ///   noise         A scanner's neighbouring points err together. SeatFeature::noise_factor f says how much more a
-///                 mean then varies than white noise would make it: u^2 = (f - 1) fit^2.
+///                 mean then varies than white noise would make it: u^2 = (f - 1) fit^2, of what noise gives the fit.
 ///   scanner       The recipe's specification and, where the scanner was verified, what was found; of every term below
 ///                 the larger: a lucky verification must not make a specification smaller, a scanner that is worse
 ///                 than specified must make U larger. The form error, half width a over the length L, and its length
@@ -84,6 +87,9 @@ struct PlaneGradient {
 /// Variance that white noise of the fit gives the value. NaN when the fit has no covariance.
 [[nodiscard]] double variance(const PlaneGradient& g, const PlaneFit& plane);
 
+/// Variance of a value that moves by g . d between the seat weighed by points and by area; see above.
+[[nodiscard]] double variance(const PlaneGradient& g, const PlaneShift& by_area);
+
 /// Where a jaw plane is met at the reference height above the fitted seat, in the section x = 0 of the registered
 /// frame: p solves A p = b with the rows of A the section's, the seat's and the jaw's normal.
 struct JawPoint {
@@ -123,11 +129,11 @@ bool settle(const Budget& budget, Item& item);
 
 /// Budget and U of every block item that has a value. seat_std always (its U is its sampling error,
 /// std sqrt(f / (2 (n - 1))) per standard deviation); the others when the recipe's uncertainty is given, else they
-/// keep the recipe's U. Needs the values (compute_block_items).
+/// keep the recipe's U, made no less than what circles and density say. Needs the values (compute_block_items).
 void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, BlockResult& result);
 
-/// Fills observation.sigma_*: what the scanner's noise (correlation included) leaves in this scan, in block axes.
-/// Form error, calibration and robot are the slab's to add. NaN where a covariance is missing.
+/// Fills observation.sigma_*: what the scanner's noise (correlation included) and the seat's density leave in this
+/// scan, in block axes. Form error, calibration and robot are the slab's to add. NaN where a covariance is missing.
 void compute_observation_sigma(const BlockGeometry& geometry, BlockResult& result);
 
 }  // namespace slabd::algo

@@ -49,8 +49,22 @@ struct ScanCounts {
 };
 
 /// One fitted plane n.p = d in the block's registered frame (mm).
+/// Why a plane is not `ok`: the first test that said no.
+enum class PlaneDoubt : std::uint8_t {
+  none,
+  no_plane,        ///< too few points, or all on a line
+  unsettled,       ///< the inlier set did not stand still
+  second_surface,  ///< within the threshold
+  share,           ///< too few of the points are inliers
+  area,            ///< too little of the area seen is
+  support,         ///< too few inliers, not spread far enough, or too noisy for its tilt
+  bends,           ///< it hangs on where the threshold cuts
+  rival,           ///< another plane holds about as many points
+};
+
 struct PlaneFit {
   bool ok = false;
+  PlaneDoubt doubt = PlaneDoubt::no_plane;
   Vec3 normal = Vec3::Zero();  ///< unit; towards the free side
   double offset_mm = kNoValue;
   std::uint64_t points = 0;  ///< offered to the fit
@@ -61,6 +75,12 @@ struct PlaneFit {
   Vec3 centroid = Vec3::Zero();                ///< of the inliers; there offset and tilt are independent
   double sigma_offset_mm = kNoValue;           ///< standard deviation of the height at the centroid, from white noise
   Mat3 cov_normal = Mat3::Constant(kNoValue);  ///< covariance of `normal` (rad^2, rank 2), from white noise
+};
+
+/// How a plane would lie otherwise.
+struct PlaneShift {
+  Vec3 normal = Vec3::Zero();  ///< change of the normal, rad
+  double height_mm = 0.0;      ///< of the height at the plane's centroid
 };
 
 /// The largest connected group of flatness cells that lie beyond the defect limit on one side of the seat plane.
@@ -76,6 +96,7 @@ struct SurfaceDefect {
 struct SeatFeature {
   PlaneFit plane;                    ///< of the evaluation region (the crop)
   PlaneFit full_plane;               ///< of the whole bearing plane, reported beside it
+  PlaneShift by_area;                ///< `plane` weighed by area instead of by points: zero unless form meets density
   Vec3 normal_datum = Vec3::Zero();  ///< in the datum frame: Z from the slope datum, X from the registration
   std::uint32_t grid_points = 0;     ///< flatness cells with enough points
   double std_cells_mm = kNoValue;

@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "base/prng.h"
 #include "block_inspection.h"
 
 namespace slabd::algo {
@@ -183,6 +184,157 @@ TEST(Block, DoesNotOverlookALipOfARim) {
     EXPECT_EQ(item(r, ItemId::casing_protrusion_outer).verdict, Verdict::not_measured);
     EXPECT_NE(r.verdict, Verdict::pass);
   }
+}
+
+/// Where it is dark only `share` of the points return.
+template <typename Dark>
+scene::Cloud darkened(scene::Cloud cloud, double share, const Dark& dark) {
+  Prng prng(9);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
+    const float* p = cloud.xyz.data() + 3 * i;
+    const Vec3 block = cloud.T_block_scanner * Vec3(p[0], p[1], p[2]);
+    if (dark(block.x(), block.y(), block.z()) && prng.uniform() > share) continue;
+    for (std::size_t k = 0; k < 3; ++k) cloud.xyz[3 * kept + k] = p[k];
+    ++kept;
+  }
+  cloud.xyz.resize(3 * kept);
+  return cloud;
+}
+/// Fine enough that a fifth of the points still fills the cells.
+scene::Scan fine(double focus_mm = 0.0) {
+  scene::Scan scan;
+  scan.pitch_mm = 0.2;
+  scan.focus_mm = focus_mm;
+  return scan;
+}
+bool inner_seat(double, double y, double z) {
+  return y < 0.0 && y > -180.0 && on_block(z);
+}
+double slope_error_deg(const BlockResult& r) {
+  return item(r, ItemId::seat_slope).value - deg_from_rad(std::atan(1.0 / 40.0));
+}
+
+TEST(Block, DoesNotLetTheDenserHalfOfTheSeatSpeakForTheWhole) {
+  // The inner half sinks; of what it returns a fifth is left. Five of six points lie on the other half's plane.
+  scene::Block block;
+  for (const double depth_mm : {0.5, 0.8, 5.0}) {
+    block.relief_mm = [&](double, double s) {
+      return depth_mm > 1.0 ? (s < 0.0 ? -depth_mm : 0.0) : std::min(depth_mm * s / 75.0, 0.0);
+    };
+    for (const double focus_mm : {0.0, 900.0}) {
+      for (const double share : {0.18, 0.22}) {
+        SCOPED_TRACE(testing::Message() << depth_mm << " mm, " << share << " of the points, focus " << focus_mm);
+        const BlockResult r = inspect(darkened(scene::take(block, fine(focus_mm)), share, inner_seat));
+        EXPECT_FALSE(r.seat.plane.ok);
+        EXPECT_EQ(r.verdict, Verdict::not_measured);
+        EXPECT_FALSE(has_value(item(r, ItemId::seat_slope).value));
+      }
+    }
+  }
+}
+
+TEST(Block, MeasuresAFlatSeatHoweverUnevenlyItReturns) {
+  for (const double share : {0.2, 0.3, 0.5}) {
+    SCOPED_TRACE(share);
+    const BlockResult r = inspect(darkened(scene::take({}, fine()), share, inner_seat));
+    EXPECT_EQ(r.verdict, Verdict::pass);
+    EXPECT_LT(std::abs(slope_error_deg(r)), 0.001);
+    EXPECT_LT(r.seat.by_area.normal.norm(), 2e-5) << "there is no form that the density could weigh";
+  }
+}
+
+TEST(Block, MeasuresABowedSeatThatReturnsEvenly) {
+  scene::Block block;
+  for (const double bow_mm : {0.8, -0.8}) {
+    SCOPED_TRACE(bow_mm);
+    block.relief_mm = [&](double x, double s) {
+      return bow_mm * std::max(0.0, 1.0 - std::hypot(x / 80.0, s / 100.0) * std::hypot(x / 80.0, s / 100.0));
+    };
+    const BlockResult r = inspect(scene::take(block, fine()));
+    EXPECT_TRUE(r.seat.plane.ok);
+    EXPECT_TRUE(has_value(item(r, ItemId::seat_flatness).value));
+    EXPECT_LT(std::abs(slope_error_deg(r)), 0.003);
+    EXPECT_LT(item(r, ItemId::seat_slope).U, 0.035) << "the form alone widens nothing";
+  }
+}
+
+TEST(Block, SaysByHowMuchABowedSeatLeansTowardsItsDenserHalf) {
+  scene::Block block;
+  block.relief_mm = [](double x, double s) {
+    return 0.75 * std::max(0.0, 1.0 - std::hypot(x / 80.0, s / 100.0) * std::hypot(x / 80.0, s / 100.0));
+  };
+  double largest = 0.0;
+  for (const double share : {0.25, 0.33, 0.5}) {
+    SCOPED_TRACE(share);
+    const BlockResult r = inspect(darkened(scene::take(block, fine()), share, inner_seat));
+    if (!r.seat.plane.ok) continue;
+    const double error_deg = std::abs(slope_error_deg(r));
+    EXPECT_LE(error_deg, item(r, ItemId::seat_slope).U);
+    EXPECT_NEAR(deg_from_rad(r.seat.by_area.normal.norm()), error_deg, 0.25 * error_deg + 0.002);
+    largest = std::max(largest, error_deg);
+  }
+  EXPECT_GT(largest, 0.03) << "as much as U without it";
+}
+
+TEST(Block, DoesNotLetTheDenserPartOfAJawSpeakForTheWhole) {
+  const auto outer_jaw = [](double y, double z) { return y > 186.0 && y < 200.0 && z > 5.5 && z < 29.0; };
+  struct Case {
+    const char* what;
+    std::function<double(double x, double z)> inward_mm;
+  };
+  const std::array<Case, 3> cases = {
+      {{"a layer on one half", [](double x, double) { return x > 0.0 ? 1.0 : 0.0; }},
+       {"beyond the gate", [](double x, double) { return x > 0.0 ? 5.0 : 0.0; }},
+       {"the upper half leans", [](double, double z) { return z > 17.0 ? 0.06 * (17.0 - z) : 0.0; }}}};
+  for (const Case& c : cases) {
+    SCOPED_TRACE(c.what);
+    scene::Cloud cloud = scene::take({}, fine());
+    const auto off = [&](double x, double y, double z) { return outer_jaw(y, z) ? c.inward_mm(x, z) : 0.0; };
+    cloud = darkened(std::move(cloud), 0.2, [&](double x, double y, double z) { return off(x, y, z) != 0.0; });
+    const Pose T_scanner_block = cloud.T_block_scanner.inverse();
+    for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
+      float* p = cloud.xyz.data() + 3 * i;
+      const Vec3 block = cloud.T_block_scanner * Vec3(p[0], p[1], p[2]);
+      const Vec3 moved = T_scanner_block * (block - Vec3(0.0, off(block.x(), block.y(), block.z()), 0.0));
+      for (int k = 0; k < 3; ++k) p[k] = static_cast<float>(moved[k]);
+    }
+    const BlockResult r = inspect(std::move(cloud));
+    EXPECT_FALSE(r.jaw_outer.ok);
+    EXPECT_TRUE(r.jaw_inner.ok);
+    EXPECT_EQ(item(r, ItemId::jaw_angle_outer).verdict, Verdict::not_measured);
+    EXPECT_EQ(r.verdict, Verdict::not_measured);
+  }
+  const BlockResult good = inspect(
+      darkened(scene::take({}, fine()), 0.2, [&](double x, double y, double z) { return x > 0.0 && outer_jaw(y, z); }));
+  EXPECT_EQ(good.verdict, Verdict::pass) << "a half that is only dark";
+}
+
+TEST(Block, DoesNotLetTheDenserHalfOfTheSlabTopSpeakForTheWhole) {
+  const auto half = [](double, double y, double z) { return y < 0.0 && !on_block(z); };
+  const BlockResult r = inspect(raised(darkened(scene::take({}, fine()), 0.2, half),
+                                       [&](double x, double y, double z) { return half(x, y, z) ? 0.004 * y : 0.0; }));
+  EXPECT_FALSE(r.slab_top.ok);
+  EXPECT_EQ(r.verdict, Verdict::not_measured);
+  EXPECT_EQ(inspect(darkened(scene::take({}, fine()), 0.2, half)).verdict, Verdict::pass) << "a half that is only dark";
+}
+
+TEST(Block, DoesNotLetTheDenserHalfOfARimSpeakForTheWhole) {
+  const auto half = [](double x, double y, double z) {
+    return x > 0.0 && std::hypot(x, y - 116.5) < 22.3 && on_block(z);
+  };
+  const scene::Cloud dark = darkened(scene::take({}, fine()), 0.2, half);
+  EXPECT_EQ(inspect(dark).verdict, Verdict::pass) << "a half that is only dark";
+  const BlockResult r = inspect(raised(dark, [&](double x, double y, double z) { return half(x, y, z) ? 1.0 : 0.0; }));
+  EXPECT_FALSE(r.casing_outer.ok);
+  EXPECT_TRUE(r.casing_inner.ok);
+  EXPECT_EQ(r.verdict, Verdict::not_measured);
+  // A lip at its edge, on the dark half alone.
+  const BlockResult lip = inspect(raised(dark, [&](double x, double y, double z) {
+    return half(x, y, z) && std::hypot(x, y - 116.5) > 20.3 ? 1.0 : 0.0;
+  }));
+  EXPECT_FALSE(lip.casing_outer.ok);
+  EXPECT_EQ(lip.verdict, Verdict::not_measured);
 }
 
 }  // namespace

@@ -153,6 +153,30 @@ bool measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingF
   casing.sigma_height_mm = casing.rim_std_mm / std::sqrt(static_cast<double>(heights.count()));
   const double seat_mm = has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0;
   const double over_mm = std::max(median, 0.0) + std::max(4.0 * seat_mm, kRimFormMax_mm);
+  // The same by eighths of the ring, each counting alike: on the rim, at the bore's edge and at the rim's.
+  std::array<std::array<double, 8>, 3> all_by_eighth{};
+  std::array<std::array<double, 8>, 3> in_by_eighth{};
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const Vec2 out = frame.in_plane(cloud[i]) - centre;
+    const double r = out.norm();
+    if (r < task.bore_radius_mm - kRadiusOffMax_mm || r >= task.rim_radius_mm) continue;
+    const std::size_t where = r < inner ? 1 : r > outer ? 2 : 0;
+    const auto eighth = std::min(static_cast<std::size_t>((std::atan2(out.y(), out.x()) + kPi) / (0.25 * kPi)), 7UL);
+    const double h = frame.height(cloud[i]);
+    all_by_eighth[where][eighth] += 1.0;
+    if (where == 0 ? std::abs(h - median) <= reach : h >= over_mm) in_by_eighth[where][eighth] += 1.0;
+  }
+  const auto share_of = [&](std::size_t where) {
+    double eighths = 0.0;
+    double share = 0.0;
+    for (std::size_t k = 0; k < 8; ++k) {
+      if (all_by_eighth[where][k] < 4.0) continue;
+      eighths += 1.0;
+      share += in_by_eighth[where][k] / all_by_eighth[where][k];
+    }
+    return eighths > 0.0 ? share / eighths : 0.0;
+  };
+  if (share_of(0) < kRimShareMin || share_of(1) > 1.0 - kRimShareMin || share_of(2) > 1.0 - kRimShareMin) return false;
   std::array<double, 2> at_edge{};
   std::array<double, 2> lip{};
   for (std::size_t i = 0; i < cloud.size(); ++i) {

@@ -68,6 +68,9 @@ void expect_same(const Flatness& fast, const Flatness& plain) {
   expect_near(fast.defect.height_mm, plain.defect.height_mm, kFloat, "defect");
   expect_near(fast.defect.x_mm, plain.defect.x_mm, 1e-9, "x");
   expect_near(fast.defect.s_mm, plain.defect.s_mm, 1e-9, "s");
+  expect_near(fast.seat_share, plain.seat_share, 1e-9, "share of the seat");
+  for (int k = 0; k < 3; ++k) expect_near(fast.by_area.normal[k], plain.by_area.normal[k], 1e-8, "normal by area");
+  expect_near(fast.by_area.height_mm, plain.by_area.height_mm, kFloat, "height by area");
 }
 
 /// Keeps the points for which keep().
@@ -151,9 +154,23 @@ TEST(FastFlatness, AgreesWithThePlainOneOnSeatsOfEveryKind) {
 
 /// Every bit of what was found out.
 std::string bits_of(const Flatness& f) {
-  const std::array<double, 13> all = {f.hole_mm2,        f.lsq_mm,           f.min_zone_mm, f.std_cells_mm,
-                                      f.raw_low_mm,      f.raw_high_mm,      f.noise_mm,    f.noise_factor,
-                                      f.defect.limit_mm, f.defect.height_mm, f.defect.x_mm, f.defect.s_mm,
+  const std::array<double, 18> all = {f.seat_share,
+                                      f.by_area.normal.x(),
+                                      f.by_area.normal.y(),
+                                      f.by_area.normal.z(),
+                                      f.by_area.height_mm,
+                                      f.hole_mm2,
+                                      f.lsq_mm,
+                                      f.min_zone_mm,
+                                      f.std_cells_mm,
+                                      f.raw_low_mm,
+                                      f.raw_high_mm,
+                                      f.noise_mm,
+                                      f.noise_factor,
+                                      f.defect.limit_mm,
+                                      f.defect.height_mm,
+                                      f.defect.x_mm,
+                                      f.defect.s_mm,
                                       f.defect.area_mm2};
   std::string bytes(sizeof all, ' ');
   std::memcpy(bytes.data(), all.data(), sizeof all);

@@ -3,6 +3,7 @@
 // Flatness with the points sorted by cell; the rules stand in algo/flatness.cpp.
 #include "plain_features.h"
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -199,6 +200,39 @@ void find_defect(const CellGrid& grid, CellMark side, const CellHeights& cells, 
   });
 }
 
+/// Where a cell lies, how high, how many points say so, and which share of its points is there.
+struct SeenCell {
+  double x, s, height, points, share;
+};
+
+/// Share of the cells on the seat, and what weighing all of these alike does to the plane through them.
+void weigh_by_area(const std::vector<SeenCell>& cells, const Vec3& along_seat, const PlaneFit& seat, Flatness& result) {
+  const double reach = std::max(3.0 * seat.std_mm, kStrayMin_mm);
+  std::vector<SeenCell> on;
+  double share = 0.0;
+  for (const SeenCell& cell : cells) {
+    const bool there = std::abs(cell.height) <= reach;
+    share += there ? 1.0 : 1.0 - cell.share;
+    if (there) on.push_back(cell);
+  }
+  result.seat_share = share / static_cast<double>(cells.size());
+  const auto fit = [&](bool by_area) {
+    Eigen::MatrixXd A(static_cast<Eigen::Index>(on.size()), 3);
+    Eigen::VectorXd b(A.rows());
+    for (Eigen::Index i = 0; i < A.rows(); ++i) {
+      const SeenCell& cell = on[static_cast<std::size_t>(i)];
+      const double root = by_area ? 1.0 : std::sqrt(cell.points);
+      A.row(i) << root, root * cell.x, root * cell.s;
+      b[i] = root * cell.height;
+    }
+    return Vec3(A.colPivHouseholderQr().solve(b));
+  };
+  const Vec3 a = fit(true) - fit(false);
+  const Vec3 uphill = a[1] * Vec3::UnitX() + a[2] * along_seat;
+  result.by_area.normal = seat.normal.dot(uphill) * seat.normal - uphill;
+  result.by_area.height_mm = a[0] + a[1] * seat.centroid.x() + a[2] * along_seat.dot(seat.centroid);
+}
+
 }  // namespace
 
 Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, const FastTransform& T_block_scanner,
@@ -248,6 +282,7 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
     high = std::max(high, h);
   }
   std::size_t expected = 0;
+  std::vector<SeenCell> seen;
   CellHeights cells;
   const auto add = [&](std::size_t c, const CellPoints& cell) {
     work.cell_mean[cells.size] = cell.mean;
@@ -263,6 +298,9 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
     if (full[c].used > 0) {
       ++result.cells;
       add(c, full[c]);
+      const auto used = static_cast<double>(full[c].used);
+      seen.push_back({full[c].mean.x(), along_seat.dot(full[c].mean), seat.normal.dot(full[c].mean) - seat.offset_mm,
+                      used, windows[c].damage ? used / static_cast<double>(points_in(c).size()) : 1.0});
       continue;
     }
     if (!wanted) continue;
@@ -273,6 +311,7 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
       continue;
     }
     const double median = centre_of(few, height_of).median;
+    seen.push_back({grid.x_of(c), grid.s_of(c), median, static_cast<double>(few.size()), 1.0});
     if (median >= low - kStrayMin_mm && median <= high + kStrayMin_mm) continue;
     CellPoints cell;
     cell_mean(few, point_of, seat, 1, {}, cell);
@@ -281,6 +320,7 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
     cell.mean += (median - (seat.normal.dot(cell.mean) - seat.offset_mm)) / seat.normal.dot(up) * up;
     add(c, cell);
   }
+  weigh_by_area(seen, along_seat, seat, result);
   if (cells.size > 0) result.defect.limit_mm = mark_defects(cells, points_in, seat.std_mm, region.defect_sigmas, mark);
   // The cells' starts have served: they lend their room to the search of groups.
   const std::span<std::uint32_t> stack = work.cell_start;

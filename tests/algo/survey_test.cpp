@@ -98,8 +98,8 @@ void expect_same_regions(const Survey& survey, const Plain& plain) {
   expect_near(survey.of(PointList::jaw_outer).size(), size(Region::jaw_outer), "outer jaw");
   expect_near(survey.of(PointList::casing_inner).size(), size(Region::casing_inner), "inner casing");
   expect_near(survey.of(PointList::casing_outer).size(), size(Region::casing_outer), "outer casing");
-  expect_near(survey.jaw_off[0], size(Region::jaw_off_inner), "in place of the inner jaw");
-  expect_near(survey.jaw_off[1], size(Region::jaw_off_outer), "in place of the outer jaw");
+  expect_near(survey.points_off(0), size(Region::jaw_off_inner), "in place of the inner jaw");
+  expect_near(survey.points_off(1), size(Region::jaw_off_outer), "in place of the outer jaw");
   expect_near(survey.large[0].points, plain.segments.full_seat().size(), "seat");
   expect_near(survey.large[1].points, size(Region::top), "top");
 }

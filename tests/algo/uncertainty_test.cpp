@@ -134,6 +134,27 @@ TEST(Uncertainty, fit_parts_equal_differences_of_the_real_items_plane_by_plane) 
   }
 }
 
+TEST(Uncertainty, what_weighing_the_seat_by_area_would_change_is_rectangular_and_not_noise) {
+  const Block block;
+  const PlaneFit& seat = block.result.seat.plane;
+  const Vec3 x = (Vec3::UnitX() - seat.normal.x() * seat.normal).normalized();
+  // Tilt and height belong together: they add with their signs, or a casing at the seat's end would not be level.
+  const PlaneShift by_area{1e-4 * (0.4 * x + 0.9 * seat.normal.cross(x)), 3e-3};
+  Block one;
+  one.result.seat.noise_factor = 9.0;
+  one.result.seat.by_area = by_area;
+  const BlockResult r = one.budgeted();
+  for (const ItemId id : kLinearItems) {
+    const double by_difference = block.slope(id, 1e-3, [&](BlockResult& changed, double step) {
+      move_plane(changed, changed.seat.plane, step * by_area.height_mm, step * by_area.normal);
+    });
+    EXPECT_NEAR(part_of(find(r, id), BudgetPart::fit), std::abs(by_difference) / std::sqrt(3.0),
+                1e-4 * std::abs(by_difference) + 1e-12)
+        << info(id).name;
+    EXPECT_EQ(part_of(find(r, id), BudgetPart::noise), 0.0) << info(id).name;
+  }
+}
+
 TEST(Uncertainty, fit_parts_of_casings_equal_differences) {
   const Block block;
   const Vec3 x = (Vec3::UnitX() - block.result.seat.plane.normal.x() * block.result.seat.plane.normal).normalized();
