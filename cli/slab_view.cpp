@@ -80,6 +80,10 @@ bool is_open(const SlabRecord& record) {
   return record.summary.ended_utime_us == 0;
 }
 
+bool is_aborted(const SlabRecord& record) {
+  return record.summary.verdict == Verdict::aborted;
+}
+
 Shown shown(const SlabRecord& record, int station) {
   const auto i = static_cast<std::size_t>(station - 1);
   if (!is_open(record) && record.slab.station_verdict[i] != Verdict::none)
@@ -88,6 +92,8 @@ Shown shown(const SlabRecord& record, int station) {
   if (block == nullptr) return {};
   if (block->phase == StationPhase::failed) return {Verdict::not_measured, block->code};
   if (block->phase != StationPhase::measured) return {};
+  // Nobody judges any more what a block's pass waits for.
+  if (is_aborted(record) && block->block.verdict == Verdict::pass) return {};
   return {block->block.verdict, block->block.reason};
 }
 

@@ -31,12 +31,15 @@ struct SlabName {
 
 [[nodiscard]] bool is_open(const storage::SlabRecord& record);
 
+/// Then nobody judged the slab's items: position, height, spacing, and slope against the slab's frame.
+[[nodiscard]] bool is_aborted(const storage::SlabRecord& record);
+
 struct Shown {
   Verdict verdict = Verdict::none;
   std::uint16_t reason = 0;
 };
 /// What maps and tables say of a station: the final verdict once the slab has ended, also of a station that was never
-/// scanned; the latest attempt's own before.
+/// scanned; the latest attempt's own before. Of an aborted slab what its blocks have against them, never a pass.
 [[nodiscard]] Shown shown(const storage::SlabRecord& record, int station);
 
 /// Does a slab's item of one block take the place of the block's own? Only if it was judged, that is, has a limit:

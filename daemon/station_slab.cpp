@@ -9,13 +9,15 @@
 namespace slabd::daemon {
 namespace {
 
+/// What the blocks have against them stays. A pass does not: it was provisional, and height, spacing and slope in the
+/// slab's frame, which may turn it over, were never judged.
 SlabResult aborted_result(const Station& s) {
   SlabResult result;
   result.verdict = Verdict::aborted;
   result.reason = static_cast<std::uint16_t>(Code::interrupted);
   for (std::size_t i = 0; i < s.slab.stations.size(); ++i) {
     const StationRecord& record = s.slab.stations[i];
-    if (record.phase != StationPhase::measured) continue;
+    if (record.phase != StationPhase::measured || record.block.verdict == Verdict::pass) continue;
     result.station_verdict[i] = record.block.verdict;
     result.station_reason[i] = record.block.reason;
   }

@@ -67,6 +67,9 @@ bool Loader::slab_result(std::int64_t slab_key, SlabResult& out, std::int64_t& e
     if (row.station < 1 || row.station > limits::kStationsMax) station_results_.refuse(0, "is no station");
     out.station_verdict[row.station - 1U] = row.verdict;
     out.station_reason[row.station - 1U] = row.reason;
+    // Versions before kept the pass of a block whose slab was aborted; it was provisional.
+    if (out.verdict == Verdict::aborted && row.verdict == Verdict::pass)
+      out.station_verdict[row.station - 1U] = Verdict::none;
   }
   items({slab_key, 0, 0}, out.items);
   return true;

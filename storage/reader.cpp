@@ -24,9 +24,7 @@ class SqliteReader final : public Reader {
         acknowledged_(*db_,
                       "SELECT acknowledged FROM result WHERE slab_key = ?1 AND kind = 2 AND is_repeat = 0 "
                       "ORDER BY id DESC LIMIT 1"),
-        measured_(*db_,
-                  "SELECT count(*) FROM attempt AS a WHERE slab_key = ?1 AND phase = 'measured' AND attempt = "
-                  "(SELECT max(attempt) FROM attempt AS b WHERE b.slab_key = a.slab_key AND b.station = a.station)") {}
+        measured_(*db_, "SELECT " + count_measured("?1")) {}
 
   Result<std::vector<SlabSummary>> slabs(const SlabFilter& filter) override {
     return read_value<std::vector<SlabSummary>>([&] { return find_slabs(*db_, filter); });

@@ -187,7 +187,7 @@ struct SlabSummary {
   std::int64_t ended_utime_us = 0;  ///< 0 = still open
   Verdict verdict = Verdict::none;
   std::uint16_t reason = 0;
-  int stations_measured = 0;
+  int stations_measured = 0;  ///< stations whose valid attempt came to a result, which `not_measured` is not
   bool acknowledged = false;
 };
 
@@ -215,9 +215,11 @@ struct ItemFilter {
   int slab_type = 0;
   int block = 0;  ///< 0: all; of a spacing or a pair: its first station
 };
-/// One value of an item, of the valid attempt; the slab's own one where SLAB_END computed it anew.
+/// One value of an item, of the valid attempt; the slab's own one where SLAB_END computed it anew. A block's item is
+/// not_measured, without limits, where its station was never scanned or no scan of it came to a result.
 struct ItemValue {
   std::int64_t slab_key = 0;
+  std::uint16_t slab_type = 0;
   SlabId slab_id;
   std::int64_t began_utime_us = 0;
   Item item;  ///< budget and companion are not read
@@ -228,7 +230,8 @@ struct SlabBlock {
   StationPhase phase = StationPhase::empty;
   std::uint16_t code = 0;
   BlockResult block;
-  Verdict final_verdict = Verdict::none;  ///< after SLAB_END, slab items included
+  /// After SLAB_END, slab items included; of a slab that was aborted never a pass.
+  Verdict final_verdict = Verdict::none;
   std::uint16_t final_reason = 0;
 };
 

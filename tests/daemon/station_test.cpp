@@ -435,14 +435,21 @@ TEST_F(StationTest, a_scan_in_another_buffer_than_the_one_that_was_given_is_nobo
   EXPECT_EQ(line.measured.size(), 1U);
 }
 
-TEST_F(StationTest, slab_abort_reads_aborted) {
+// A block's pass is provisional: height, spacing and slope in the slab's frame are judged by SLAB_END alone.
+TEST_F(StationTest, slab_abort_reads_aborted_and_no_block_of_it_passed) {
   begin();
   line.scan(1);
+  line.block_verdict = Verdict::fail;
+  line.scan(2);
   line.take_results();
+  EXPECT_EQ(line.view().table[0].verdict, Verdict::pass);
   line.command(PlcCommand::slab_abort);
   line.run_for(60);
   EXPECT_EQ(line.view().slab_verdict, Verdict::aborted);
   EXPECT_FALSE(line.view().slab_open);
+  EXPECT_EQ(line.view().table[0].verdict, Verdict::none);
+  EXPECT_EQ(line.view().table[0].attempts, 1) << "it was scanned";
+  EXPECT_EQ(line.view().table[1].verdict, Verdict::fail) << "what it has against it stays";
 }
 
 TEST_F(StationTest, restart_keeps_acquired_blocks_and_shows_unacknowledged_results_again) {

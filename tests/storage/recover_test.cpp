@@ -260,10 +260,14 @@ TEST_F(RecoverTest, aborted_slab_is_closed_as_aborted) {
   SlabResult slab;
   slab.verdict = Verdict::aborted;
   slab.reason = 110;
+  slab.station_verdict[0] = Verdict::pass;  // as versions before wrote it
+  slab.station_verdict[1] = Verdict::fail;
   PlcResult record = random_record(prng_, ++res_seq_, 2);
   record.verdict = Verdict::aborted;
   apply(SlabJob{1, slab, record, 5});
   const auto line = restart();
+  EXPECT_EQ(line->table[0].verdict, Verdict::none);
+  EXPECT_EQ(line->table[1].verdict, Verdict::fail);
   EXPECT_FALSE(line->slab_open);
   EXPECT_EQ(line->slab_verdict, Verdict::aborted);
   EXPECT_EQ(line->cmd_status, 4);

@@ -48,6 +48,7 @@ class SearchTest : public StoreTest {
       job.slab.slab_type = key % 2 == 1 ? 56 : 49;
       job.slab.slab_id.assign("LINE-A-" + std::to_string(key));
       job.slab.began_utime_us = key * 1'000'000;
+      job.slab.stations = key == 1 ? 16 : 18;
       apply(job);
       measured(key, 2, 1, 0.1 * static_cast<double>(key), key == 2 ? Verdict::fail : Verdict::pass);
       if (key == 3) {
@@ -103,15 +104,94 @@ TEST_F(SearchTest, slabs_by_block_and_item) {
   EXPECT_EQ(found(filter), (Keys{3, 1})) << "an open slab has no final verdicts";
   filter = {};
   filter.item = ItemId::seat_flatness;
+  filter.verdict = Verdict::fail;
   EXPECT_EQ(found(filter), (Keys{2})) << "an attempt that was scanned again does not count";
-  filter.block = 3;
-  EXPECT_EQ(found(filter), Keys{});
   filter.block = 2;
+  filter.verdict = Verdict::none;
+  EXPECT_EQ(found(filter), (Keys{2}));
   filter.verdict = Verdict::pass;
   EXPECT_EQ(found(filter), (Keys{4, 3, 1}));
   filter.item = ItemId::seat_slope;
   filter.verdict = Verdict::fail;
   EXPECT_EQ(found(filter), (Keys{2})) << "the slab's own slope of block 2";
+}
+
+// Nothing was measured where no scan came to anything: there is no row of any item then.
+TEST_F(SearchTest, an_item_is_not_measured_where_its_station_has_no_result) {
+  make_four();
+  ended(4, Verdict::not_measured, 0);
+  BeginSlabJob job{random_header(prng_, 5), 1, ++cmd_seq_};
+  job.slab.slab_type = 56;
+  apply(job);
+  measured(5, 2, 1, 0.5, Verdict::pass);
+  apply(FailedAttemptJob{attempt(5, 2, 2), 402});
+  SlabFilter filter;
+  filter.item = ItemId::seat_flatness;
+  filter.block = 2;
+  EXPECT_EQ(found(filter), Keys{2}) << "5 is still open";
+  ended(5, Verdict::not_measured, 2);
+  EXPECT_EQ(found(filter), (Keys{5, 2})) << "its newest attempt failed";
+  filter.verdict = Verdict::not_measured;
+  EXPECT_EQ(found(filter), Keys{5});
+  filter.verdict = Verdict::fail;
+  EXPECT_EQ(found(filter), Keys{2});
+  filter.verdict = Verdict::none;
+  filter.block = 7;
+  EXPECT_EQ(found(filter), (Keys{5, 4, 2, 1})) << "never scanned there";
+  filter.block = 0;
+  EXPECT_EQ(found(filter), (Keys{5, 4, 3, 2, 1})) << "at any block";
+  filter.item = ItemId::corner_level;
+  EXPECT_EQ(found(filter), Keys{}) << "the slab's own items have their rows";
+  filter.item = ItemId::seat_flatness;
+  filter.block = 18;
+  EXPECT_EQ(found(filter), (Keys{5, 4, 3, 2})) << "slab 1 has no such block";
+  filter.item.reset();
+  filter.verdict = Verdict::pass;
+  EXPECT_EQ(found(filter), (Keys{5, 4, 3, 2}));
+  ItemFilter values;
+  values.item = ItemId::seat_flatness;
+  values.slab_type = 56;
+  const auto found_values = reader()->values(values);
+  ASSERT_TRUE(found_values.ok()) << found_values.error().text.view();
+  ASSERT_EQ(found_values.value().size(), 16U + 18U + 18U) << "one of each block";
+  for (const ItemValue& value : found_values.value()) {
+    EXPECT_EQ(value.slab_type, 56);
+    const int station = value.item.station;
+    const bool is_measured =
+        (value.slab_key == 1 && station == 2) || (value.slab_key == 3 && (station == 2 || station == 7));
+    EXPECT_EQ(has_value(value.item.value), is_measured) << value.slab_key << " " << station;
+    EXPECT_EQ(value.item.verdict, is_measured ? Verdict::pass : Verdict::not_measured);
+  }
+  values.block = 7;
+  EXPECT_EQ(reader()->values(values).value().size(), 3U);
+}
+
+// A block's pass waits for what the slab has to say of it.
+TEST_F(SearchTest, no_block_of_an_aborted_slab_passed_whatever_a_version_before_wrote) {
+  make_four();
+  ended(4, Verdict::aborted, 0);
+  SlabFilter filter;
+  filter.block = 2;
+  filter.verdict = Verdict::pass;
+  EXPECT_EQ(found(filter), (Keys{3, 1}));
+  filter.verdict = Verdict::none;
+  EXPECT_EQ(found(filter), (Keys{4, 2}));
+  const auto record = reader()->slab(4);
+  ASSERT_TRUE(record.ok() && record.value());
+  for (const Verdict verdict : record.value()->slab.station_verdict) EXPECT_EQ(verdict, Verdict::none);
+  for (const SlabBlock& block : record.value()->blocks) EXPECT_EQ(block.final_verdict, Verdict::none);
+}
+
+TEST_F(SearchTest, a_block_without_a_result_is_not_counted_as_measured) {
+  make_four();
+  measured(4, 9, 1, 1.0, Verdict::not_measured);
+  const auto slabs = reader()->slabs(SlabFilter());
+  ASSERT_TRUE(slabs.ok());
+  ASSERT_EQ(slabs.value().size(), 4U);
+  EXPECT_EQ(slabs.value()[0].stations_measured, 1);
+  const auto slab = reader()->slab(4);
+  ASSERT_TRUE(slab.ok() && slab.value());
+  EXPECT_EQ(slab.value()->summary.stations_measured, 1) << "the same of both";
 }
 
 TEST_F(SearchTest, an_item_for_information_does_not_take_the_place_of_the_one_that_was_judged) {
