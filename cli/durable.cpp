@@ -88,6 +88,12 @@ void note_under_way(const std::string& part) {
   }
 }
 
+/// The size a shell allows (ulimit -f) is an answer of write() then, told like a full disk, and no death.
+void be_told_of_size_limits() {
+  struct sigaction now {};
+  if (::sigaction(SIGXFSZ, nullptr, &now) == 0 && now.sa_handler == SIG_DFL) ::signal(SIGXFSZ, SIG_IGN);
+}
+
 void no_longer_under_way(const std::string& part) {
   if (part == under_way.data()) under_way[0] = '\0';
 }
@@ -179,6 +185,7 @@ void OutFile::open_part() {
     return;
   }
   note_under_way(part_);
+  be_told_of_size_limits();
   // fchmod: the umask would take the group's right to write away.
   if (kind_.mode && ::fchmod(fd, *kind_.mode) != 0) error_number_ = errno;
   file_ = ::fdopen(fd, "wb");

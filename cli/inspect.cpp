@@ -63,7 +63,7 @@ void print_report(const Options& options, const Recipe& recipe, const BlockResul
                registration.deviation.std_mm, registration.deviation.count);
   const Vec3& normal = block.seat.normal_datum;
   fmt::print("\n");
-  if (block.seat.plane.ok)
+  if (!normal.isZero())
     fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f}), {} grid points\n", normal.x(), normal.y(), normal.z(),
                block.seat.grid_points);
   fmt::print("{}", seat_notes(block.seat, recipe.evaluation.cell_mm));

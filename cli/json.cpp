@@ -49,8 +49,9 @@ std::string quoted(std::string_view text) {
   return out + "\"";
 }
 
-void write_vector(Json& json, std::string_view name, const Vec3& v) {
-  const std::array<double, 3> numbers = {v.x(), v.y(), v.z()};
+/// `known` false: nobody measured it, and what `v` holds are no numbers.
+void write_vector(Json& json, std::string_view name, const Vec3& v, bool known = true) {
+  const std::array<double, 3> numbers = {known ? v.x() : kNoValue, known ? v.y() : kNoValue, known ? v.z() : kNoValue};
   json.field(name, std::span<const double>(numbers));
 }
 
@@ -67,7 +68,7 @@ void write_rows(Json& json, std::string_view name, const Matrix& m) {
 
 /// What white noise does to a fitted plane: its height at the centroid, and its direction.
 void write_plane_precision(Json& json, const PlaneFit& plane) {
-  write_vector(json, "centroid_mm", plane.centroid);
+  write_vector(json, "centroid_mm", plane.centroid, plane.ok);
   json.field("sigma_offset_mm", plane.sigma_offset_mm);
   write_vector(json, "sigma_normal", plane.cov_normal.diagonal().cwiseSqrt());
   write_rows(json, "cov_normal", plane.cov_normal);
@@ -76,7 +77,7 @@ void write_plane_precision(Json& json, const PlaneFit& plane) {
 void write_plane(Json& json, std::string_view name, const PlaneFit& plane) {
   json.key(name).begin_object();
   json.field("ok", plane.ok);
-  write_vector(json, "normal", plane.normal);
+  write_vector(json, "normal", plane.normal, plane.ok);
   json.field("offset_mm", plane.offset_mm);
   json.field("points", plane.points).field("inliers", plane.inliers).field("inlier_fraction", plane.inlier_fraction);
   json.field("std_mm", plane.std_mm);
@@ -87,7 +88,7 @@ void write_plane(Json& json, std::string_view name, const PlaneFit& plane) {
 void write_casing(Json& json, std::string_view name, const CasingFeature& casing) {
   json.key(name).begin_object();
   json.field("ok", casing.ok);
-  write_vector(json, "centre_mm", casing.centre);
+  write_vector(json, "centre_mm", casing.centre, casing.ok);
   json.field("radius_mm", casing.radius_mm).field("height_mm", casing.height_mm);
   json.field("edge_points", casing.edge_points).field("rim_points", casing.rim_points);
   json.field("inlier_fraction", casing.inlier_fraction).field("edge_rms_mm", casing.edge_rms_mm);
@@ -110,7 +111,7 @@ void write_defect(Json& json, const SurfaceDefect& defect) {
 
 void write_seat(Json& json, const SeatFeature& seat, double cell_mm) {
   json.key("seat").begin_object();
-  write_vector(json, "normal", seat.normal_datum);
+  write_vector(json, "normal", seat.normal_datum, !seat.normal_datum.isZero());
   json.field("points", seat.plane.points).field("grid_points", seat.grid_points);
   json.field("inlier_fraction", seat.plane.inlier_fraction).field("std_mm", seat.plane.std_mm);
   json.field("std_cells_mm", seat.std_cells_mm).field("flatness_mm", seat.flatness_mm);

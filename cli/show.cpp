@@ -122,7 +122,15 @@ void print_blocks(const SlabRecord& record, Style style) {
   fmt::print("{}\n", table(rows));
 }
 
+constexpr const char* kNeverJudged =
+    "the slab was aborted: position, height, spacing and slope in the slab's frame were never judged, and a block that "
+    "passed so far has no verdict";
+
 void print_slab_items(const SlabRecord& record, Style style) {
+  if (is_aborted(record)) {
+    fmt::print("slab items: none; {}\n", kNeverJudged);
+    return;
+  }
   if (record.slab.items.empty()) {
     fmt::print("slab items: none before SLAB_END\n");
     return;
@@ -159,7 +167,8 @@ int print_block(const SlabRecord& record, int station, const std::string& scanne
   const SlabBlock* block = latest(record, station);
   const auto [verdict, reason] = shown(record, station);
   const std::string conclusion =
-      fmt::format("block {}: {}  {}\n", station, verdict_text(verdict, style), reason_text(reason));
+      fmt::format("block {}: {}  {}\n", station, verdict_text(verdict, style),
+                  is_aborted(record) && verdict == Verdict::none ? kNeverJudged : reason_text(reason));
   if (block == nullptr) {
     fmt::print("block {} was not scanned\n{}", station, is_open(record) ? "" : conclusion);
     return kDone;
@@ -172,7 +181,12 @@ int print_block(const SlabRecord& record, int station, const std::string& scanne
              block->attempt.acquire_ms / 1e3);
   fmt::print("splice: {}\n", splice_words(block->attempt.splice));
   if (block->phase != StationPhase::measured) {
-    fmt::print("attempt {}: not measured  {}\n{}", block->attempt.number, reason_text(block->code), conclusion);
+    if (block->phase == StationPhase::acquired)
+      fmt::print("attempt {}: {}\n", block->attempt.number,
+                 is_aborted(record) ? "scanned, not measured: the slab was aborted" : "scanned, not measured yet");
+    else
+      fmt::print("attempt {}: not measured  {}\n", block->attempt.number, reason_text(block->code));
+    fmt::print("{}", conclusion);
     return kDone;
   }
   const BlockResult& result = block->block;
@@ -180,7 +194,10 @@ int print_block(const SlabRecord& record, int station, const std::string& scanne
              name(result.registration.status), result.registration.iterations, result.registration.deviation.mean_mm,
              result.registration.deviation.std_mm, result.registration.deviation.count);
   const Vec3& normal = result.seat.normal_datum;
-  fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f})\n", normal.x(), normal.y(), normal.z());
+  if (normal.isZero())
+    fmt::print("seat normal -\n");
+  else
+    fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f})\n", normal.x(), normal.y(), normal.z());
   fmt::print("{}\n", seat_notes(result.seat, record.summary.header.cell_mm));
   fmt::print("{}\n", item_table(std::span<const Item>(result.items.begin(), result.items.size()), style));
   std::vector<Item> in_slab;

@@ -32,17 +32,25 @@ std::string place(const Item& item, int station) {
   return station == 0 ? "-" : std::to_string(station);
 }
 
+/// Has this block an item of its own for the slab's?
+bool is_of_block(const storage::SlabRecord& record, const Item& of_slab) {
+  const storage::SlabBlock* block = of_slab.station_to == 0 ? latest(record, of_slab.station) : nullptr;
+  return block != nullptr && block->phase == StationPhase::measured &&
+         find_item(block->block.items.begin(), block->block.items.end(), of_slab.id) != nullptr;
+}
+
 }  // namespace
 
 std::optional<Table> budget_table(const storage::SlabRecord& record, Language language) {
   Largest largest;
-  for (const Item& item : record.slab.items) largest.take(item, item.station);
+  // As everywhere: of a block and the slab the item that was judged; one for information where there is no other.
+  for (const Item& item : record.slab.items)
+    if (supersedes(item) || !is_of_block(record, item)) largest.take(item, item.station);
   for (int station = 1; station <= record.summary.header.stations; ++station) {
     const storage::SlabBlock* block = latest(record, station);
     if (block == nullptr || block->phase != StationPhase::measured) continue;
     for (const Item& item : block->block.items)
-      if (find_item(record.slab.items.begin(), record.slab.items.end(), item.id, station) == nullptr)
-        largest.take(item, station);
+      if (&final_item(record, station, item) == &item) largest.take(item, station);
   }
   const auto say = [&](Word which) { return std::string(word(which, language)); };
   Table table;

@@ -175,10 +175,14 @@ double Canvas::text_width(std::string_view text, const TextStyle& style) {
 }
 
 double Canvas::paragraph(double x, double y, double width, std::string_view text, const TextStyle& style,
-                         bool measure_only) {
+                         bool measure_only, double height_max) {
   const Layout layout = layout_of(context_, text, style);
   pango_layout_set_width(layout.get(), static_cast<int>(width * kLayoutScale * PANGO_SCALE));
   pango_layout_set_wrap(layout.get(), PANGO_WRAP_WORD_CHAR);
+  if (height_max > 0.0) {
+    pango_layout_set_height(layout.get(), static_cast<int>(height_max * kLayoutScale * PANGO_SCALE));
+    pango_layout_set_ellipsize(layout.get(), PANGO_ELLIPSIZE_END);
+  }
   int height = 0;
   pango_layout_get_size(layout.get(), nullptr, &height);
   if (!measure_only) {

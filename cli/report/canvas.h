@@ -60,9 +60,10 @@ class Canvas {
   /// One line; y is its baseline.
   void text(double x, double y, std::string_view text, const TextStyle& style);
   [[nodiscard]] double text_width(std::string_view text, const TextStyle& style);
-  /// Broken into lines of `width`; y is the top. Returns its height; draws nothing when `measure_only`.
+  /// Broken into lines of `width`; y is the top. Returns its height; draws nothing when `measure_only`. Lines that do
+  /// not fit into `height_max` are cut, with an ellipsis; 0: it may be of any height.
   double paragraph(double x, double y, double width, std::string_view text, const TextStyle& style,
-                   bool measure_only = false);
+                   bool measure_only = false, double height_max = 0.0);
   /// The verdict's symbol in a square of `size` around (x, y).
   void symbol(Verdict verdict, double x, double y, double size, Colour ink);
   /// Cells row by row, the first row at the BOTTOM; alpha 0 shows what is below.

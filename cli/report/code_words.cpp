@@ -58,7 +58,7 @@ constexpr std::array kCodesZh = {
         Code::journal_write, "数据库或扫描存储目录无法写入，或数据库已损坏或不存在",
         "journalctl -u slabd 会说明是哪一种；检查磁盘及其挂载，然后复位故障；slabctl db check 可判断数据库是否损坏，"
         "slabctl db restore 可恢复备份"},
-    CodeWords{Code::calibration_missing, "没有有效的标定", "进行标定，或在配置中设置 [calibration]"},
+    CodeWords{Code::calibration_missing, "没有有效的标定", "进行标定并启用；从未标定过的产线取配置中的 [calibration]"},
     CodeWords{Code::config, "配置不可用", "运行 slabctl config check；它会指出文件和行"},
     CodeWords{Code::internal, "内部检查失败", "记录日志条目并重启服务"},
 };

@@ -96,20 +96,41 @@ class Composer {
     return block != nullptr && find_item(block->block.items.begin(), block->block.items.end(), item.id) != nullptr;
   }
 
+  /// Why a station has no result though no code says why.
+  [[nodiscard]] std::string unmeasured_sentence(int station) const {
+    const SlabBlock* block = latest(record_, station);
+    if (block == nullptr || block->phase != StationPhase::acquired) return say(Word::not_scanned);
+    return say(is_aborted(record_) ? Word::not_measured_aborted : Word::not_measured_yet);
+  }
+
+  /// Items that the recipe does not require and that nobody could measure.
+  [[nodiscard]] int not_required_not_measured() const {
+    const auto counts = [](const Item& item) {
+      return item.verdict == Verdict::not_measured && !item.required ? 1 : 0;
+    };
+    int count = 0;
+    for (int station = 1; station <= header_.stations; ++station)
+      if (const SlabBlock* block = measured(station))
+        for (const Item& item : block->block.items) count += counts(final_item(record_, station, item));
+    for (const Item& item : record_.slab.items)
+      if (!said_by_block(item)) count += counts(item);
+    return count;
+  }
+
   Section findings() {
     Section section;
     section.title = say(Word::findings);
     std::vector<std::pair<Verdict, std::string>> list;
-    if (record_.summary.verdict == Verdict::aborted)
-      list.emplace_back(Verdict::aborted, reason_sentence(record_.summary.reason, language_));
+    if (is_aborted(record_)) list.emplace_back(Verdict::aborted, reason_sentence(record_.summary.reason, language_));
     for (int station = 1; station <= header_.stations; ++station) {
       const SlabBlock* block = measured(station);
       if (block == nullptr) {
         const auto [verdict, reason] = shown(record_, station);
         if (!is_open(record_) || verdict != Verdict::none)
-          list.emplace_back(verdict == Verdict::none ? Verdict::not_measured : verdict,
-                            fmt::format("{}: {}", say(Word::block, station),
-                                        reason == 0 ? say(Word::not_scanned) : reason_sentence(reason, language_)));
+          list.emplace_back(
+              verdict == Verdict::none ? Verdict::not_measured : verdict,
+              fmt::format("{}: {}", say(Word::block, station),
+                          reason == 0 ? unmeasured_sentence(station) : reason_sentence(reason, language_)));
         continue;
       }
       if (block->block.reason != 0 && block->block.reason < kReasonItemBase) {
@@ -131,8 +152,10 @@ class Composer {
       section.parts.push_back(Paragraph{say(Word::more_findings, list.size() - kFindingsShown)});
     // A sentence that says "pass" is for a slab that passed, whatever was found or not found to say against it.
     const storage::SlabSummary& summary = record_.summary;
+    const int open_items = not_required_not_measured();
     if (list.empty() && !is_open(record_) && summary.verdict == Verdict::pass)
-      section.parts.push_back(Paragraph{say(Word::no_findings), Verdict::pass});
+      section.parts.push_back(
+          Paragraph{open_items == 0 ? say(Word::no_findings) : say(Word::no_findings_but, open_items), Verdict::pass});
     else if (list.empty() && !is_open(record_))
       section.parts.push_back(Paragraph{reason_sentence(summary.reason, language_), summary.verdict});
     return section;
@@ -147,6 +170,7 @@ class Composer {
       section.parts.push_back(std::move(paragraph));
     };
     if (is_open(record_)) add(say(Word::open_warning));
+    if (is_aborted(record_)) add(say(Word::aborted_note));
     if (header_.unconfirmed > 0) add(say(Word::unconfirmed, header_.unconfirmed));
     bool commissioning = header_.calibration_id.empty();
     for (int station = 1; station <= header_.stations; ++station)
@@ -189,7 +213,9 @@ class Composer {
     if (fit.ok)
       add(Word::slab_fit, say(Word::slab_fit_value, fit.seats, figure(fit.rms_mm, 3)));
     else if (!is_open(record_))
-      add(Word::slab_fit, fmt::format("{}: {}", verdict_word(Verdict::not_measured, language_), fit.note.view()));
+      add(Word::slab_fit, fmt::format("{}: {}", verdict_word(Verdict::not_measured, language_),
+                                      is_aborted(record_) ? reason_sentence(record_.summary.reason, language_)
+                                                          : std::string(fit.note.view())));
     add(Word::software, std::string(header_.software.view()));
     section.parts.push_back(std::move(table));
     return section;
@@ -218,12 +244,11 @@ class Composer {
     section.title = say(Word::slab_items);
     section.new_page = true;
     if (record_.slab.items.empty()) {
-      const bool aborted = record_.summary.verdict == Verdict::aborted;
-      section.parts.push_back(Paragraph{
-          is_open(record_) ? say(Word::open_warning)
-                           : fmt::format("{}: {}", verdict_word(record_.summary.verdict, language_),
-                                         aborted ? reason_sentence(record_.summary.reason, language_)
-                                                 : std::string(verdict_word(Verdict::not_measured, language_)))});
+      section.parts.push_back(Paragraph{is_open(record_) ? say(Word::open_warning)
+                                        : is_aborted(record_)
+                                            ? say(Word::aborted_note)
+                                            : fmt::format("{}: {}", verdict_word(record_.summary.verdict, language_),
+                                                          verdict_word(Verdict::not_measured, language_))});
       return section;
     }
     Table table = item_table(section.title);
@@ -282,6 +307,8 @@ class Composer {
     for (int station = 1; station <= header_.stations; ++station) {
       const SlabBlock* block = measured(station);
       if (block == nullptr) continue;
+      // What lay how far from the model says nothing where it was not found in the scan.
+      if (block->block.registration.status != RegistrationStatus::converged) continue;
       const DeviationStats& deviation = block->block.registration.deviation;
       Row row{{std::to_string(station), std::to_string(deviation.count), figure(deviation.mean_mm, 4),
                figure(deviation.std_mm, 4)},
@@ -342,15 +369,16 @@ class Composer {
     return section;
   }
 
-  /// The paper's Table 5 begins with the seat's normal; its nominal follows from the nominal slope.
+  /// The paper's Table 5 begins with the seat's normal; its nominal follows from the nominal slope. It stands against
+  /// the slab top beside the seat, also where the slope below is judged against the slab's frame.
   void add_normal(Table& table, const BlockResult& block) const {
     const Item* slope = find_item(block.items.begin(), block.items.end(), ItemId::seat_slope);
     const double tilt = slope != nullptr && has_value(slope->nominal) ? rad_from_deg(slope->nominal) : kNoValue;
     const Vec3 nominal(0.0, -std::sin(tilt), std::cos(tilt));
     static constexpr std::array<const char*, 3> kNames = {"I", "J", "K"};
     for (int i = 0; i < 3; ++i) {
-      const double value = block.seat.normal_datum[i];
-      table.rows.push_back({{fmt::format("{} {}", say(Word::normal), kNames.at(static_cast<std::size_t>(i))), "-",
+      const double value = block.seat.normal_datum.isZero() ? kNoValue : block.seat.normal_datum[i];
+      table.rows.push_back({{say(Word::normal_to_top, kNames.at(static_cast<std::size_t>(i))), "-",
                              has_value(tilt) ? figure(nominal[i], 6) : "-", say(Word::information), figure(value, 6),
                              has_value(tilt) ? figure(value - nominal[i], 6) : "-", "-", ""},
                             Verdict::none});
@@ -365,6 +393,8 @@ class Composer {
     section.verdict = verdict;
     section.remark = reason_sentence(reason, language_);
     const SlabBlock* block = latest(record_, station);
+    if (is_aborted(record_) && verdict == Verdict::none && measured(station) != nullptr)
+      section.remark = say(Word::aborted_block);
     if (block == nullptr) {
       section.parts.push_back(Paragraph{say(Word::not_scanned)});
       return section;
@@ -378,8 +408,10 @@ class Composer {
       about += " · " + say(Word::flatness_note, figure(seat.flatness_noise_mm, 3));
     section.parts.push_back(Paragraph{std::move(about)});
     if (block->phase != StationPhase::measured || block->block.items.empty()) {
-      section.parts.push_back(
-          Paragraph{fmt::format("{}: {}", say(Word::not_measured_sentence), reason_sentence(block->code, language_))});
+      section.parts.push_back(Paragraph{
+          block->phase == StationPhase::acquired
+              ? unmeasured_sentence(station)
+              : fmt::format("{}: {}", say(Word::not_measured_sentence), reason_sentence(block->code, language_))});
       return section;
     }
     const BlockResult& result = block->block;

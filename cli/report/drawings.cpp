@@ -207,7 +207,8 @@ Figure slab_map_figure(const storage::SlabRecord& record, Language language) {
       if (verdict != Verdict::pass && verdict != Verdict::none) {
         const std::string why = reason_sentence(reason, language);
         const TextStyle style{6.0, true, look.ink, Anchor::left};
-        canvas.paragraph(x - 0.5 * w + 0.7, y + 4.4, w - 1.4, why.substr(0, why.find(',')), style);
+        canvas.paragraph(x - 0.5 * w + 0.7, y + 4.4, w - 1.4, why.substr(0, why.find(',')), style, false,
+                         0.5 * h - 4.4);
       }
     }
     canvas.text(0.0, 17.0, word(Word::row_positive, language), {6.5, false, kGrey, Anchor::left});
@@ -305,7 +306,7 @@ Figure seats_figure(const storage::SlabRecord& record, Language language) {
     if (block == nullptr || block->phase != StationPhase::measured) continue;
     const Item* flatness = find_item(block->block.items.begin(), block->block.items.end(), ItemId::seat_flatness);
     bars[i].flatness_mm = block->block.seat.flatness_mm;
-    bars[i].std_mm = block->block.seat.plane.std_mm;
+    if (block->block.seat.plane.ok) bars[i].std_mm = block->block.seat.plane.std_mm;
     if (flatness != nullptr) bars[i].limit_mm = flatness->upper;
     figure.alt +=
         fmt::format(" {}: {}, {}.", i + 1, cli::figure(bars[i].flatness_mm, 3), cli::figure(bars[i].std_mm, 3));

@@ -118,9 +118,10 @@ class Writer {
         "<style>{}</style>\n</head>\n<body>\n<main>\n<h1>{}</h1>\n<p>{}</p>\n",
         code(report_.language), escaped(report_.title), escaped(report_.subject), kStyle, escaped(report_.title),
         escaped(report_.subject));
-    out_ += fmt::format(
-        "<p class=\"verdict {}\">{}{}</p>\n", name(report_.verdict), sign(report_.verdict),
-        report_.open ? word(Word::still_open, report_.language) : verdict_word(report_.verdict, report_.language));
+    if (report_.judged)
+      out_ += fmt::format(
+          "<p class=\"verdict {}\">{}{}</p>\n", name(report_.verdict), sign(report_.verdict),
+          report_.open ? word(Word::still_open, report_.language) : verdict_word(report_.verdict, report_.language));
     for (const Section& section : report_.sections) write(section);
     out_ += "</main>\n</body>\n</html>\n";
     return std::move(out_);

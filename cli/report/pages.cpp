@@ -229,8 +229,11 @@ int Pages::count() const {
 void Pages::draw(int page, Canvas& canvas) const {
   const Report& report = layout_->report;
   const Language language = report.language;
-  canvas.text(kLeft, 12.0, report.title, {page == 0 ? 14.0 : 8.5, true, kBlack, Anchor::left});
-  canvas.text(kPageWidth_mm - kLeft, 12.0, report.subject, {page == 0 ? 10.0 : 8.5, true, kBlack, Anchor::right});
+  const TextStyle title{page == 0 ? 14.0 : 8.5, true, kBlack, Anchor::left};
+  canvas.text(kLeft, 12.0, report.title, title);
+  const TextStyle subject{page == 0 ? 10.0 : 8.5, true, kBlack, Anchor::right};
+  const double room = kWidth - canvas.text_width(report.title, title) - 4.0;
+  canvas.text(kPageWidth_mm - kLeft, 12.0, fitted(canvas, report.subject, room, subject), subject);
   canvas.line(kLeft, 15.0, kPageWidth_mm - kLeft, 15.0, 0.3);
   if (page == 0 && report.judged) {
     const VerdictLook look = look_of(report.verdict);

@@ -21,6 +21,11 @@ Entry entry(Word word) {
     case Word::findings: return {"What is not in order", "不合格与待定项"};
     case Word::no_findings:
       return {"Every item was measured and lies within its limits.", "全部项目均已测量并在限值内。"};
+    case Word::no_findings_but:
+      return {
+          "Every item that the recipe requires was measured and lies within its limits. Not required and not measured: "
+          "{}.",
+          "配方要求的项目均已测量并在限值内。配方不要求且未测量的项目：{} 个。"};
     case Word::more_findings: return {"and {} more, on the following pages", "另有 {} 项，见后页"};
     case Word::warnings: return {"To be kept in mind", "注意事项"};
     case Word::identity: return {"What was measured, and with what", "检测对象与依据"};
@@ -60,6 +65,7 @@ Entry entry(Word word) {
     case Word::crop: return {"evaluation region", "裁剪区域"};
     case Word::full_plane: return {"whole plane", "全平面"};
     case Word::normal: return {"normal", "法向量"};
+    case Word::normal_to_top: return {"normal {}, to the slab top", "法向量 {}（相对板顶面）"};
     case Word::inliers: return {"inliers", "内点"};
     case Word::attempts: return {"attempts", "扫描次数"};
     case Word::settle: return {"settled", "静止"};
@@ -113,6 +119,16 @@ Entry entry(Word word) {
     case Word::none: return {"none", "无"};
     case Word::not_scanned: return {"This block was not scanned.", "该承轨台未扫描。"};
     case Word::not_measured_sentence: return {"This block could not be measured", "该承轨台未能测量"};
+    case Word::not_measured_yet: return {"Scanned, not measured yet.", "已扫描，尚未测量。"};
+    case Word::not_measured_aborted:
+      return {"Scanned, not measured: the slab was aborted.", "已扫描，未测量：该板已中止。"};
+    case Word::aborted_block: return {"no verdict: the slab was aborted", "无结论：该板已中止"};
+    case Word::aborted_note:
+      return {
+          "The slab was aborted: its own items (position, height, spacing, slope in the slab's frame) were never "
+          "judged, "
+          "and a block that passed so far has no verdict.",
+          "该板已中止：整板项目（位置、高低、间距、板坐标系中的坡度）从未判定，此前合格的承轨台没有结论。"};
     case Word::no_map:
       return {"No map was kept with this block: an older slabd measured it, or it was not found in its scan.",
               "该承轨台没有保存偏差图：由旧版 slabd 测量，或扫描中未找到承轨台。"};

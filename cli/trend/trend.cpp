@@ -5,6 +5,7 @@
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
 
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
@@ -59,11 +60,13 @@ std::string as_json(const Trend& t) {
   Json json;
   json.begin_object();
   json.field("schema", "slabd.trend/1").field("item", info(t.item).name).field("unit", slabd::name(info(t.item).unit));
-  json.key("block");
-  if (t.block == 0) {
-    json.null();
-  } else {
-    json.value(t.block);
+  for (const auto& [key, number] : {std::pair{"slab_type", t.slab_type}, std::pair{"block", t.block}}) {
+    json.key(key);
+    if (number == 0) {
+      json.null();
+    } else {
+      json.value(number);
+    }
   }
   json.field("value_is", t.is_mean ? "mean of the slab" : "single").field("slabs", t.chart.count);
   json.field("not_measured", t.not_measured).field("preliminary", t.chart.preliminary());
@@ -100,17 +103,20 @@ std::string faint(std::string text, bool yes, Style style) {
   return yes && style.colour ? "\x1b[2m" + text + "\x1b[0m" : text;
 }
 
-void print_trend(const Trend& t) {
+void print_trend(const Trend& t, bool other_types) {
   const Style style = style_for(stdout);
   const int digits = decimals(t.item);
-  fmt::print("{} [{}]{}, {} slabs", info(t.item).name, slabd::name(info(t.item).unit),
+  fmt::print("{} [{}]{}, {} slabs{}", info(t.item).name, slabd::name(info(t.item).unit),
              t.block != 0 ? fmt::format(" of block {}", t.block) : (t.is_mean ? ", mean of each slab" : ""),
-             t.chart.count);
+             t.chart.count, t.slab_type != 0 ? fmt::format(" of type {}", t.slab_type) : "");
   if (t.not_measured > 0) fmt::print(", {} values not measured", t.not_measured);
   fmt::print("\n");
+  if (other_types)
+    fmt::print("slabs of other types are left out: {} is the newest slab's, --type takes another\n", t.slab_type);
   if (t.other_limits > 0)
     fmt::print("{} values left out that were judged by other limits than the newest\n", t.other_limits);
-  if (t.incomplete > 0) fmt::print("{} slabs left out of the chart in which a block was not measured\n", t.incomplete);
+  if (t.incomplete > 0)
+    fmt::print("{} slabs left out of the chart in which a block's value is missing\n", t.incomplete);
   if (t.values.empty()) return;
   fmt::print("{} .. {}\n\n", iso_time(t.began_utime_us.front()), iso_time(t.began_utime_us.back()));
   fmt::print("  {}\n\n", trend::sparkline(t.values, 72, style.unicode));
@@ -200,7 +206,15 @@ int show_trend(const Options& options) {
   int exit_status = kDone;
   const auto reader = open_database(options.database, exit_status);
   if (reader == nullptr) return exit_status;
-  const auto values = reader->values(filter);
+  auto values = reader->values(filter);
+  // Two types have not the same blocks nor the same limits: without --type that of the newest slab.
+  bool other_types = false;
+  if (values && !values.value().empty()) {
+    filter.slab_type = values.value().back().slab_type;
+    other_types = std::any_of(values.value().begin(), values.value().end(),
+                              [&](const storage::ItemValue& value) { return value.slab_type != filter.slab_type; });
+    if (other_types) values = reader->values(filter);
+  }
   if (!values) {
     complain(fmt::format("{}", values.error().text.view()));
     return kNotReachable;
@@ -211,7 +225,7 @@ int show_trend(const Options& options) {
   if (options.json) {
     fmt::print("{}", as_json(t));
   } else {
-    print_trend(t);
+    print_trend(t, other_types);
   }
   return kDone;
 }
@@ -233,7 +247,8 @@ void add_trend(CLI::App& app, int& exit_status) {
   command->add_option("--slabs", options->slabs, "How many slabs, the newest")
       ->check(CLI::Range(std::size_t{2}, std::size_t{100'000}))
       ->capture_default_str();
-  command->add_option("--type", options->type, "Of this SLAB_TYPE alone")->check(CLI::Range(1, 65'535));
+  command->add_option("--type", options->type, "Of this SLAB_TYPE; without it that of the newest slab")
+      ->check(CLI::Range(1, 65'535));
   command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command->add_option("--until", options->until, "Began before that");
   command->add_option("--out", options->out, "Draw it as well: .pdf, .svg or .png");

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <set>
 
 #include "cli/figures.h"
 #include "cli/json.h"
@@ -87,14 +88,31 @@ bool same_requirement(const Item& a, const Item& b) {
   return same(a.nominal, b.nominal) && same(a.lower, b.lower) && same(a.upper, b.upper);
 }
 
+using Requirements = std::map<int, const Item*>;  // of each block
+
+/// What the newest slab was judged by. A block that it has no value of is taken with the limits of its neighbours.
+Requirements newest_requirements(const std::vector<storage::ItemValue>& values) {
+  Requirements newest;
+  const auto is_judged = [](const storage::ItemValue& v) {  // or measured, at least; others know of no limits
+    return has_value(v.item.value) || has_value(v.item.nominal) || has_value(v.item.lower) || has_value(v.item.upper);
+  };
+  const auto last = std::find_if(values.rbegin(), values.rend(), is_judged);
+  if (last == values.rend()) return newest;
+  for (const storage::ItemValue& value : values) newest[value.item.station] = &last->item;
+  for (const storage::ItemValue& value : values)
+    if (value.slab_key == last->slab_key && is_judged(value)) newest[value.item.station] = &value.item;
+  return newest;
+}
+
 /// Of the block that is worst off. All blocks together have no short-term scatter: what lies between two of them is
 /// not what the process does from one slab to the next.
-void judge_blocks(std::span<const Placed> placed, Trend& trend) {
+void judge_blocks(std::span<const Placed> placed, const Requirements& newest, Trend& trend) {
   std::map<int, std::vector<double>> by_station;
   for (const Placed& value : placed) by_station[value.station].push_back(value.value);
   for (const auto& [station, values] : by_station) {
     const Individuals chart = individuals(values);
-    const Capability capable = capability(chart, trend.lower, trend.upper);
+    const Item& judged_by = *newest.at(station);
+    const Capability capable = capability(chart, judged_by.lower, judged_by.upper);
     if (!has_value(capable.cpk.value)) continue;
     if (has_value(trend.capable.cpk.value) && trend.capable.cpk.value <= capable.cpk.value) continue;
     trend.capable = capable;
@@ -113,13 +131,15 @@ Trend trend_of(ItemId item, int block, const std::vector<storage::ItemValue>& va
   Trend trend;
   trend.item = item;
   trend.block = block;
-  std::map<int, const Item*> newest;  // of each block
-  for (const storage::ItemValue& value : values) newest[value.item.station] = &value.item;
+  if (!values.empty()) trend.slab_type = values.back().slab_type;
+  const Requirements newest = newest_requirements(values);
+  std::set<std::int64_t> lacking;
   std::map<std::int64_t, std::vector<const storage::ItemValue*>> slabs;
   for (const storage::ItemValue& value : values) {
     if (!has_value(value.item.value)) {
       ++trend.not_measured;
-    } else if (!same_requirement(value.item, *newest[value.item.station])) {
+      lacking.insert(value.slab_key);
+    } else if (!same_requirement(value.item, *newest.at(value.item.station))) {
       ++trend.other_limits;
     } else {
       slabs[value.slab_key].push_back(&value);
@@ -128,6 +148,8 @@ Trend trend_of(ItemId item, int block, const std::vector<storage::ItemValue>& va
   std::size_t most = 0;
   for (const auto& [key, list] : slabs) most = std::max(most, list.size());
   trend.is_mean = most > 1;
+  if (trend.is_mean)
+    for (const std::int64_t key : lacking) trend.incomplete += slabs.contains(key) ? 0U : 1U;
   std::vector<Placed> placed;
   for (const auto& [key, list] : slabs) {
     double sum = 0.0;
@@ -150,7 +172,7 @@ Trend trend_of(ItemId item, int block, const std::vector<storage::ItemValue>& va
   }
   trend.chart = individuals(trend.values);
   if (trend.is_mean) {
-    judge_blocks(placed, trend);
+    if (!trend.chart.preliminary()) judge_blocks(placed, newest, trend);
     trend.stations = station_biases(placed);
   } else {
     trend.singles = trend.chart;
@@ -169,6 +191,8 @@ report::Figure chart_figure(const Trend& trend, Language language) {
                              trend.block != 0 ? fmt::format(", {} {}", pick(language, "block", "承轨台"), trend.block)
                              : trend.is_mean  ? pick(language, ", mean of each slab", "，每板平均值")
                                               : std::string());
+  if (trend.slab_type != 0)
+    result.title += fmt::format(", {} {}", report::word(report::Word::slab_type, language), trend.slab_type);
   result.alt = fmt::format("{}: n = {}, {} {}", result.title, trend.chart.count, pick(language, "mean", "平均值"),
                            figure(trend.chart.mean, digits));
   result.draw = [&trend, language, digits](Canvas& canvas) {
@@ -246,6 +270,11 @@ report::Report document_of(const Trend& trend, Language language) {
   };
   add(pick(language, "slabs", "板数"), std::to_string(trend.chart.count));
   add(pick(language, "values not measured", "未测量"), std::to_string(trend.not_measured));
+  add(pick(language, "values left out, judged by other limits than the newest", "已剔除：限值与最新板不同的数值"),
+      std::to_string(trend.other_limits));
+  if (trend.is_mean)
+    add(pick(language, "slabs left out of the chart, a block's value missing", "已从图中剔除：缺少承轨台数值的板"),
+        std::to_string(trend.incomplete));
   add(pick(language, "mean", "平均值"), figure(trend.chart.mean, digits));
   add(pick(language, "control limits", "控制限"),
       fmt::format("{} .. {}", figure(trend.chart.lower_control, digits), figure(trend.chart.upper_control, digits)));
@@ -257,6 +286,10 @@ report::Report document_of(const Trend& trend, Language language) {
           : std::string();
   add("Cp (95 %)", few.empty() ? index_text(trend.capable.cp) : few);
   add("Cpk (95 %)", few.empty() ? index_text(trend.capable.cpk) : few);
+  if (few.empty() && trend.is_mean && trend.capable_block != 0)
+    add(pick(language, "Cp and Cpk are of", "Cp、Cpk 取自"),
+        fmt::format(fmt::runtime(pick(language, "block {}, the worst, {} values", "最差的承轨台 {}，{} 个数值")),
+                    trend.capable_block, trend.singles.count));
   section.parts.emplace_back(std::move(figures));
   if (!trend.stations.empty()) {
     report::Table table;

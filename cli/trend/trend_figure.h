@@ -14,9 +14,10 @@ struct Trend {
   ItemId item = ItemId::seat_slope;
   int block = 0;  ///< 0: mean over the stations of each slab, or an item of the whole slab
   bool is_mean = false;
+  int slab_type = 0;  ///< of all its slabs; 0: there is no value
   std::size_t not_measured = 0;
   std::size_t other_limits = 0;  ///< values left out: judged by another nominal or other limits than the newest
-  std::size_t incomplete = 0;    ///< slabs left out of the chart of means, a block missing
+  std::size_t incomplete = 0;    ///< slabs left out of the chart of means, a value of a block missing
   std::vector<std::int64_t> keys;
   std::vector<SlabId> ids;
   std::vector<std::int64_t> began_utime_us;
@@ -26,12 +27,12 @@ struct Trend {
   double upper = kNoValue;
   Individuals chart;
   Individuals singles;    ///< of one block: what capability rests on
-  Capability capable;     ///< of `capable_block`: the one asked for, or the worst
+  Capability capable;     ///< of `capable_block`: the one asked for, or the worst; nothing while preliminary
   int capable_block = 0;  ///< 0: an item of the whole slab, or none has values enough
   std::vector<StationBias> stations;
 };
 
-/// From what the database holds of it, oldest first.
+/// From what the database holds of it, oldest first, of slabs of one type: two have not the same blocks and limits.
 [[nodiscard]] Trend trend_of(ItemId item, int block, const std::vector<storage::ItemValue>& values);
 
 /// Individuals above moving ranges, control limits, tolerance when it is in reach; grey while preliminary.

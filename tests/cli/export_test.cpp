@@ -4,6 +4,7 @@
 // JSON document is held against its published schema by an independent validator (tests/cli/validate_json.py).
 #include <fcntl.h>
 #include <signal.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -391,6 +392,25 @@ TEST_F(Export, reports_metrics_and_tables_go_through_a_link_and_into_a_pipe) {
     ::usleep(10'000);
   EXPECT_EQ(content(file("piped.csv")), content(file("table.csv")));
   EXPECT_TRUE(fs::is_fifo(file("pipe")));
+}
+
+TEST(OutFile, a_size_limit_is_told_and_leaves_nothing) {
+  const fs::path folder = fs::temp_directory_path() / ("slabd-limit-" + std::to_string(::getpid()));
+  fs::create_directories(folder);
+  const pid_t child = ::fork();
+  if (child == 0) {
+    const rlimit limit{10'000, 10'000};
+    if (::setrlimit(RLIMIT_FSIZE, &limit) != 0) ::_exit(9);
+    OutFile out((folder / "cloud.ply").string());
+    out.write(std::string(1'000'000, 'x'));
+    const Status status = out.close();
+    ::_exit(!status.ok() && status.error().text.view().find("File too large") != std::string_view::npos ? 0 : 1);
+  }
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << status;
+  EXPECT_TRUE(fs::is_empty(folder));
+  fs::remove_all(folder);
 }
 
 TEST(OutFile, a_signal_leaves_neither_the_file_nor_its_beginning) {

@@ -78,6 +78,7 @@ class ReportTest : public Slabctl {
     block.seat.plane.std_mm = 0.0301;
     block.seat.flatness_mm = 0.1234;
     block.seat.normal_datum = Vec3(0.0001, -0.025, 0.9997);
+    block.registration.status = RegistrationStatus::converged;
     block.registration.deviation = {1000, 0.001, 0.03, {0.6827, 0.9545, 0.9973, 0.9999, 1.0, 1.0}};
     BlockMaps maps;
     if (with_maps) {
@@ -302,6 +303,126 @@ TEST_F(ReportTest, says_what_was_not_confirmed_not_visible_and_not_kept) {
   expect_mentions(html, "he-123");
   expect_mentions(html, "slabd 9.9.9");
   expect_mentions(html, "P5600, 0123abcd");
+}
+
+TEST_F(ReportTest, of_a_slab_that_passed_counts_what_was_not_required_and_not_measured) {
+  for (const bool required : {true, false}) {
+    PlcResult record;
+    record.res_seq = static_cast<std::uint16_t>(20 * header_.key);
+    for (std::uint8_t station = 1; station <= 18; ++station) {
+      Attempt attempt;
+      attempt.slab_key = header_.key;
+      attempt.station = station;
+      attempt.number = 1;
+      apply(AcquiredJob{attempt});
+      BlockResult block;
+      block.station = station;
+      block.verdict = Verdict::pass;
+      for (const ItemId id : {ItemId::jaw_distance, ItemId::casing_skew_inner}) {
+        Item item;
+        item.id = id;
+        item.required = required || id == ItemId::jaw_distance;
+        item.verdict = item.required ? Verdict::pass : Verdict::not_measured;
+        EXPECT_TRUE(block.items.push(item));
+      }
+      record.kind = 1;
+      ++record.res_seq;
+      record.station = station;
+      apply(BlockJob{header_.key, 1, block, record});
+    }
+    SlabResult slab;
+    slab.verdict = Verdict::pass;
+    slab.station_verdict.fill(Verdict::pass);
+    record.kind = 2;
+    ++record.res_seq;
+    apply(SlabJob{header_.key, slab, record, 1'763'681'999'000'000});
+    for (const std::string language : {"en", "zh"}) {
+      const std::string name = std::to_string(header_.key) + language + ".html";
+      ASSERT_EQ(run("report key:" + std::to_string(header_.key) + " --db " + file("slabd.db") + " --language " +
+                    language + " --out " + file(name))
+                    .status,
+                0);
+      const std::string html = content(file(name));
+      if (required)
+        expect_mentions(html, language == "en" ? "Every item was measured and lies within its limits."
+                                               : "全部项目均已测量并在限值内。");
+      else
+        expect_mentions(html,
+                        language == "en" ? "Not required and not measured: 18." : "配方不要求且未测量的项目：18 个。");
+    }
+    if (!required) break;
+    header_.key = 2;
+    header_.slab_id = "SECOND";
+    apply(BeginSlabJob{header_, 1, 2});
+  }
+}
+
+TEST_F(ReportTest, of_an_aborted_slab_passes_no_block_and_says_what_was_never_judged) {
+  measure(7);  // all its values are nominal
+  ASSERT_EQ(blocks_.back().verdict, Verdict::pass);
+  Attempt attempt;
+  attempt.slab_key = 1;
+  attempt.station = 10;
+  attempt.number = 1;
+  apply(AcquiredJob{attempt});
+  SlabResult slab;
+  slab.verdict = Verdict::aborted;
+  slab.reason = 110;
+  PlcResult record;
+  record.kind = 2;
+  record.res_seq = 100;
+  apply(SlabJob{1, slab, record, 1'763'681'999'000'000});
+  ASSERT_EQ(report("r.html").status, 0);
+  const std::string html = content(file("r.html"));
+  expect_mentions(html, "<h2>Block 7 – no verdict: the slab was aborted</h2>");
+  expect_mentions(html, "were never judged, and a block that passed so far has no verdict.");
+  expect_mentions(html, "Block 10: Scanned, not measured: the slab was aborted.");
+  EXPECT_EQ(html.find("could not be measured: <"), std::string::npos) << "with nothing behind it";
+  EXPECT_EQ(html.find("Block 10: This block was not scanned"), std::string::npos);
+  const std::vector<Row> identity = rows_below(html, "What was measured");
+  const Row* frame = row_of(identity, "slab frame");
+  ASSERT_NE(frame, nullptr);
+  ASSERT_GT(frame->size(), 1U);
+  expect_mentions((*frame)[1], "not measured: 110: ");
+  ASSERT_EQ(report("zh.html", "--language zh").status, 0);
+  expect_mentions(content(file("zh.html")), "承轨台 10: 已扫描，未测量：该板已中止。");
+}
+
+TEST_F(ReportTest, a_block_that_was_not_found_has_no_row_of_deviations_and_no_normal) {
+  measure(3);
+  Attempt attempt;
+  attempt.slab_key = 1;
+  attempt.station = 4;
+  attempt.number = 1;
+  apply(AcquiredJob{attempt});
+  BlockResult block = blocks_.back();
+  block.station = 4;
+  block.verdict = Verdict::not_measured;
+  block.reason = 404;
+  block.registration.status = RegistrationStatus::degenerate;
+  block.seat = {};
+  block.seat.plane.std_mm = 0.777;
+  PlcResult record;
+  record.kind = 1;
+  record.res_seq = 4;
+  record.station = 4;
+  apply(BlockJob{1, 1, block, record});
+  ASSERT_EQ(report("r.html").status, 0);
+  const std::string html = content(file("r.html"));
+  const std::vector<Row> deviations = rows_below(html, "Deviation of the registered points");
+  EXPECT_NE(row_of(deviations, "3"), nullptr);
+  EXPECT_EQ(row_of(deviations, "4"), nullptr);
+  EXPECT_EQ(html.find("0.777"), std::string::npos) << "the scatter of a plane that is not there";
+  const std::vector<Row> found = rows_below(html, "Block 3");
+  const std::vector<Row> not_found = rows_below(html, "Block 4");
+  for (const std::string axis : {"I", "J", "K"}) {
+    const std::string label = "normal " + axis + ", to the slab top";
+    ASSERT_NE(row_of(found, label), nullptr);
+    ASSERT_NE(row_of(not_found, label), nullptr);
+    EXPECT_NE((*row_of(found, label))[4], "-");
+    EXPECT_EQ((*row_of(not_found, label))[4], "-");
+    EXPECT_EQ((*row_of(not_found, label))[5], "-");
+  }
 }
 
 TEST_F(ReportTest, pdf_svg_and_png_are_what_their_names_say_and_the_same_slab_gives_the_same_bytes) {

@@ -44,7 +44,7 @@ class Show : public Slabctl {
   /// Station 3 measured: its block passes.
   void measure_station_3() {
     Attempt attempt;
-    attempt.slab_key = 1;
+    attempt.slab_key = header_.key;
     attempt.station = 3;
     attempt.number = 1;
     apply(AcquiredJob{attempt});
@@ -53,12 +53,12 @@ class Show : public Slabctl {
     block.verdict = Verdict::pass;
     PlcResult record;
     record.kind = 1;
-    record.res_seq = 1;
+    record.res_seq = static_cast<std::uint16_t>(2 * header_.key - 1);
     record.station = 3;
-    apply(BlockJob{1, 1, block, record});
+    apply(BlockJob{header_.key, 1, block, record});
   }
   [[nodiscard]] Ended show(const std::string& more = "") const {
-    return run("show 1 --db " + file("slabd.db") + " " + more);
+    return run("show key:" + std::to_string(header_.key) + " --db " + file("slabd.db") + " " + more);
   }
   static std::string line_of(const std::string& text, const std::string& start) {
     const std::size_t at = text.find("\n" + start);
@@ -103,13 +103,87 @@ TEST_F(Show, open_slab_shows_what_is_known_so_far) {
   EXPECT_EQ(show("--block 1").out.find("block 1: "), std::string::npos);
 }
 
-TEST_F(Show, aborted_slab_keeps_the_verdicts_of_its_blocks) {
+// What a block has against it stays; its pass was provisional.
+TEST_F(Show, no_block_of_an_aborted_slab_passes) {
+  for (const bool old_version : {false, true}) {
+    if (old_version) {
+      header_.key = 2;
+      record_.res_seq = 4;
+    }
+    apply(BeginSlabJob{header_, 1, static_cast<std::uint16_t>(header_.key)});
+    measure_station_3();
+    Attempt attempt;
+    attempt.slab_key = header_.key;
+    attempt.number = 1;
+    attempt.station = 4;
+    apply(FailedAttemptJob{attempt, 402});
+    attempt.station = 5;
+    apply(AcquiredJob{attempt});
+    slab_ = {};
+    slab_.verdict = Verdict::aborted;
+    slab_.reason = 110;
+    slab_.station_verdict[8] = Verdict::fail;
+    if (old_version) slab_.station_verdict[2] = Verdict::pass;
+    apply(SlabJob{header_.key, slab_, record_, 1'763'681'999'000'000});
+    const Ended ended = show();
+    EXPECT_EQ(line_of(ended.out, "  Y > 0"), "  Y > 0     .   .   .   0   .   .   .   .   X");
+    expect_mentions(ended.out, "slab items: none; the slab was aborted: position, height, spacing and slope");
+    EXPECT_EQ(ended.out.find("before SLAB_END"), std::string::npos);
+    expect_mentions(show("--block 3").out, "block 3: . none  the slab was aborted");
+    expect_mentions(show("--block 5").out, "attempt 1: scanned, not measured: the slab was aborted");
+    const json document = json::parse(show("--json").out);
+    EXPECT_EQ(document["station_verdicts"][2]["verdict"], "none");
+    EXPECT_EQ(document["station_verdicts"][3]["verdict"], "not_measured");
+    EXPECT_EQ(document["blocks"][0]["final_verdict"], "none");
+  }
+}
+
+TEST_F(Show, a_block_that_was_not_found_has_no_numbers_and_no_zeros_instead) {
   apply(BeginSlabJob{header_, 1, 1});
+  block_.registration.status = RegistrationStatus::degenerate;
   measure_station_3();
-  slab_ = {};
-  slab_.verdict = Verdict::aborted;
-  apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
-  EXPECT_EQ(line_of(show().out, "  Y > 0"), "  Y > 0     .   .   +   .   .   .   .   .   .");
+  expect_mentions(show("--block 3").out, "seat normal -\n");
+  const json document = json::parse(show("--json").out);
+  const json& features = document["blocks"][0]["result"]["features"];
+  const json nothing = json::array({nullptr, nullptr, nullptr});
+  EXPECT_EQ(features["seat"]["normal"], nothing);
+  EXPECT_EQ(features["seat"]["centroid_mm"], nothing);
+  EXPECT_EQ(features["jaw_inner"]["normal"], nothing);
+  EXPECT_EQ(features["jaw_inner"]["centroid_mm"], nothing);
+  EXPECT_EQ(features["casing_outer"]["centre_mm"], nothing);
+}
+
+// Two types have neither the same blocks nor the same limits.
+TEST_F(Show, a_trend_is_that_of_one_type) {
+  for (std::int64_t key = 1; key <= 3; ++key) {
+    header_.key = key;
+    header_.slab_type = key == 2 ? 4925 : 5600;
+    record_.res_seq = static_cast<std::uint16_t>(100 + key);
+    apply(BeginSlabJob{header_, 1, static_cast<std::uint16_t>(key)});
+    Item item;
+    item.id = ItemId::jaw_distance;
+    item.value = 380.0 + static_cast<double>(key);
+    block_.items.clear();
+    ASSERT_TRUE(block_.items.push(item));
+    measure_station_3();
+    apply(SlabJob{key, slab_, record_, 1'763'681'999'000'000});
+  }
+  const auto trend = [&](const std::string& more) {
+    return run("trend jaw_distance --block 3 --db " + file("slabd.db") + " " + more);
+  };
+  json document = json::parse(trend("--json").out);
+  EXPECT_EQ(document["slab_type"], 5600);
+  ASSERT_EQ(document["series"].size(), 2U);
+  EXPECT_EQ(document["series"][0]["value"], 381.0);
+  EXPECT_EQ(document["series"][1]["value"], 383.0);
+  expect_mentions(trend("").out, "2 slabs of type 5600");
+  expect_mentions(trend("").out, "slabs of other types are left out: 5600 is the newest slab's");
+  document = json::parse(trend("--json --type 4925").out);
+  EXPECT_EQ(document["slab_type"], 4925);
+  EXPECT_EQ(document["series"].size(), 1U);
+  EXPECT_EQ(trend("--type 5600").out.find("other types"), std::string::npos);
+  document = json::parse(trend("--json --type 1").out);
+  EXPECT_EQ(document["slab_type"], nullptr);
 }
 
 TEST_F(Show, report_warns_of_unconfirmed_nominals_and_of_a_missing_guard_band) {
