@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <utility>
 
 #include "hal/hal.h"
 #include "hal/modbus_codec.h"
@@ -19,8 +20,9 @@
 // looks like requests.
 // Idea: a request for us is one that ends exactly with the newest byte and whose checksum is right. After silence it
 // may be any request and is answered or refused; glued behind other bytes it must be one that this map allows, which
-// random bytes are once in many years. Invariants:
-//   - only frames with our own address are answered; broadcasts are nobody's command;
+// random bytes are once in many years. A request after silence with a byte or two of noise behind it, as a line makes
+// when it changes its direction, is one as well, once silence has followed. Invariants:
+//   - only frames with our own address are answered; broadcasts are nobody's command, refusals nobody's request;
 //   - next() returns after each write, so the caller looks at every state the PLC has written;
 //   - nothing blocks; a line that vanishes is closed and looked for once a second;
 //   - no heap after construction.
@@ -106,15 +108,13 @@ class RtuSlave final : public PlcPort {
       if (now_ns_ >= reopen_ns_) open_line();
       return false;
     }
-    if (bytes_ > 0 && now_ns_ - last_byte_ns_ > kPauseNs) drop();
-    for (int piece = 0; piece < kPiecesPerTurn && receive(); ++piece) {
-      if (!serve()) continue;
-      inputs = decode_inputs(bank_.holding, settings_.word_order);
-      inputs.command_writer = opened_;
-      inputs.command_writes = command_writes_;
-      return true;
-    }
-    return false;
+    bool written = bytes_ > 0 && now_ns_ - last_byte_ns_ > kPauseNs && end_with_pause();
+    for (int piece = 0; !written && piece < kPiecesPerTurn && receive(); ++piece) written = serve();
+    if (!written) return false;
+    inputs = decode_inputs(bank_.holding, settings_.word_order);
+    inputs.command_writer = opened_;
+    inputs.command_writes = command_writes_;
+    return true;
   }
 
   void publish(const PlcOutputs& outputs) override { encode_outputs(outputs, settings_.word_order, bank_.input); }
@@ -182,19 +182,32 @@ class RtuSlave final : public PlcPort {
     return true;
   }
 
-  /// The pause after what came to nothing. Only what was meant for us is worth counting.
-  void drop() {
-    if (at_start_ && buffer_[0] == settings_.unit_id) {
-      const bool whole = rtu_intact(std::span(buffer_).first(bytes_));
-      // Whole, with a function whose length nobody told: refused now, unless the silence has grown too long for an
-      // answer.
-      if (whole && now_ns_ - last_byte_ns_ < 4 * kPauseNs) {
-        refuse(std::span<const std::uint8_t>(buffer_).first(bytes_), ModbusException::illegal_function);
-      } else {
-        ++counters_.malformed;
-      }
+  /// The pause after what was no request when its last byte came. Only what was meant for us is answered or counted,
+  /// and nothing is answered when the silence has grown too long for it. True after a write.
+  bool end_with_pause() {
+    const std::span<const std::uint8_t> came = std::span(buffer_).first(std::exchange(bytes_, 0));
+    if (!at_start_ || came[0] != settings_.unit_id) return false;
+    const bool in_time = now_ns_ - last_byte_ns_ < 4 * kPauseNs;
+    // Noise behind a request: what is shorter than any frame is nobody's. A 0 there leaves even the checksum right, so
+    // this is asked first.
+    const std::size_t told = rtu_request_bytes(came);
+    if (in_time && told != 0 && told <= came.size() && came.size() - told < kRtuBytesMin &&
+        rtu_intact(came.first(told)))
+      return carry_out(came.first(told), check_pdu(pdu_of(came.first(told))));
+    if (in_time && is_unknown_request(came)) {
+      refuse(came, ModbusException::illegal_function);
+    } else {
+      ++counters_.malformed;
     }
-    bytes_ = 0;
+    return false;
+  }
+
+  /// Whole, with a function that is not served: one whose length nobody told. Not a refusal, which is never a request
+  /// but may be our own that comes back late: refusing it would never end.
+  static bool is_unknown_request(std::span<const std::uint8_t> frame) {
+    constexpr std::uint8_t kRefusalBit = 0x80;
+    return rtu_intact(frame) && (frame[1] & kRefusalBit) == 0 &&
+           check_pdu(pdu_of(frame)).refusal == ModbusException::illegal_function;
   }
 
   // ---- frames
@@ -206,26 +219,31 @@ class RtuSlave final : public PlcPort {
       if (buffer_[from] != settings_.unit_id) continue;
       const auto frame = std::span<const std::uint8_t>(buffer_).subspan(from, bytes_ - from);
       if (rtu_request_bytes(frame) != frame.size() || !rtu_intact(frame)) continue;
-      const RequestCheck check = check_pdu(frame.subspan(1, frame.size() - 1 - kRtuCrcBytes));
+      const RequestCheck check = check_pdu(pdu_of(frame));
       if (check.refusal && !(from == 0 && at_start_)) continue;
-      ++counters_.frames;
-      counters_.last_frame_ns = now_ns_;
       bytes_ = 0;
-      if (check.refusal) {
-        refuse(frame, *check.refusal);
-        return false;
-      }
-      answer(frame);
-      if (check.writes_command) ++command_writes_;
-      return check.writes;
+      return carry_out(frame, check);
     }
     return false;
   }
 
-  void answer(std::span<const std::uint8_t> frame) {
+  static std::span<const std::uint8_t> pdu_of(std::span<const std::uint8_t> frame) {
+    return frame.subspan(1, frame.size() - 1 - kRtuCrcBytes);
+  }
+
+  /// Answers or refuses a request of ours. True after a write.
+  bool carry_out(std::span<const std::uint8_t> frame, const RequestCheck& check) {
+    ++counters_.frames;
+    counters_.last_frame_ns = now_ns_;
+    if (check.refusal) {
+      refuse(frame, *check.refusal);
+      return false;
+    }
     std::array<std::uint8_t, kPduBytesMax> pdu{};
-    const std::size_t bytes = answer_pdu(frame.subspan(1, frame.size() - 1 - kRtuCrcBytes), bank_, pdu);
+    const std::size_t bytes = answer_pdu(pdu_of(frame), bank_, pdu);
     reply(std::span<const std::uint8_t>(pdu).first(bytes));
+    if (check.writes_command) ++command_writes_;
+    return check.writes;
   }
   void refuse(std::span<const std::uint8_t> frame, ModbusException exception) {
     ++counters_.exceptions;

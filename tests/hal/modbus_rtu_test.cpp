@@ -183,6 +183,58 @@ TEST_F(RtuTest, what_the_map_does_not_allow_is_refused_after_a_pause_only) {
   EXPECT_EQ(receive(), closed({kUnit, 0x87, 1}));
 }
 
+TEST_F(RtuTest, noise_of_the_line_behind_a_request_costs_a_pause_and_not_the_answer) {
+  // A 0 leaves the checksum right; 0xFF does not.
+  for (const Bytes& noise : {Bytes{0}, Bytes{0xFF}, Bytes{0, 0}, Bytes{0xFF, 0, 0x55}}) {
+    EXPECT_EQ(asked(joined(kRead, noise)), Bytes{}) << "not before the pause: more may come";
+    pause();
+    EXPECT_EQ(receive(), kReadAnswer);
+  }
+  send(joined(kWriteSeq, {0}));
+  EXPECT_TRUE(turn().empty());
+  now_ns_ += 100 * kNsPerMs;
+  const auto writes = turn();
+  ASSERT_EQ(writes.size(), 1U) << "a write is handed over as any other";
+  EXPECT_EQ(writes[0].cmd_seq, 9);
+  EXPECT_EQ(receive(), kWriteSeq);
+  EXPECT_EQ(asked(joined(closed({kUnit, 3, 0, 40, 0, 1}), {0})), Bytes{});
+  pause();
+  EXPECT_EQ(receive(), closed({kUnit, 0x83, 2}));
+  EXPECT_EQ(line_->counters().malformed, 0U);
+}
+
+TEST_F(RtuTest, what_is_longer_than_noise_or_too_late_gets_no_answer) {
+  EXPECT_EQ(asked(joined(kRead, {5, 3, 0, 0})), Bytes{}) << "somebody else speaks by now";
+  pause();
+  EXPECT_EQ(receive(), Bytes{});
+  EXPECT_EQ(asked(joined(kRead, {0})), Bytes{});
+  now_ns_ += kNsPerS;
+  turn();
+  EXPECT_EQ(receive(), Bytes{}) << "the master has given up";
+  EXPECT_EQ(asked(kRead), kReadAnswer);
+}
+
+TEST_F(RtuTest, a_served_function_in_a_frame_of_wrong_length_is_no_unknown_function) {
+  // The byte count says three, the quantity two: which of them lies, nobody knows.
+  EXPECT_EQ(asked(closed({kUnit, 16, 0, 2, 0, 2, 3, 0, 5, 0, 1})), Bytes{});
+  pause();
+  EXPECT_EQ(receive(), Bytes{});
+  EXPECT_EQ(line_->counters().malformed, 1U);
+  EXPECT_EQ(line_->holding()[2], 0);
+}
+
+TEST_F(RtuTest, replies_that_come_back_late_are_not_answered) {
+  // Our own, after the time in which an echo is expected: a refusal, a read's answer, those of FC 16 and FC 23.
+  for (const Bytes& reply :
+       {closed({kUnit, 0x87, 1}), kReadAnswer, closed({kUnit, 16, 0, 38, 0, 1}), closed({kUnit, 23, 2, 0, 9})}) {
+    EXPECT_EQ(asked(reply), Bytes{});
+    pause();
+    EXPECT_EQ(receive(), Bytes{});
+  }
+  EXPECT_EQ(line_->counters().exceptions, 0U);
+  EXPECT_EQ(asked(kRead), kReadAnswer);
+}
+
 TEST_F(RtuTest, a_request_asked_twice_while_nobody_looked_is_answered_once) {
   EXPECT_EQ(asked(joined(kRead, kRead)), kReadAnswer);
 }
