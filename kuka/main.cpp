@@ -10,10 +10,13 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cerrno>
+#include <charconv>
 #include <chrono>
+#include <climits>
 #include <csignal>
 #include <cstring>
 #include <slabd/flange_pose_t.hpp>
@@ -55,13 +58,45 @@ void say(const char* format, const Args&... args) {
     fmt::print(stderr, "{}", line);
 }
 
-bool parse_listen(const std::string& text, sockaddr_in& address) {
+/// The whole text as a number of the range.
+bool whole_number(std::string_view text, long low, long high, long& number) {
+  const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), number);
+  return fault == std::errc() && end == text.data() + text.size() && number >= low && number <= high;
+}
+
+bool parse_listen(std::string_view text, sockaddr_in& address) {
   const std::size_t colon = text.rfind(':');
-  if (colon == std::string::npos) return false;
-  const long port = std::strtol(text.c_str() + colon + 1, nullptr, 10);
+  long port = 0;
+  if (colon == std::string_view::npos || !whole_number(text.substr(colon + 1), 1, 65'535, port)) return false;
   address.sin_family = AF_INET;
   address.sin_port = htons(static_cast<std::uint16_t>(port));
-  return port > 0 && port < 65'536 && ::inet_pton(AF_INET, text.substr(0, colon).c_str(), &address.sin_addr) == 1;
+  return ::inet_pton(AF_INET, std::string(text.substr(0, colon)).c_str(), &address.sin_addr) == 1;
+}
+
+/// Whether poses that are published there go to a multicast group. liblcm takes much that does not, or leaves out what
+/// it does not know, and where it opens nothing it does not say whether the address is wrong or the route is missing.
+bool is_lcm_url(std::string_view url) {
+  constexpr std::string_view kScheme = "udpm://";
+  if (url.substr(0, kScheme.size()) != kScheme) return false;
+  url.remove_prefix(kScheme.size());
+  const std::size_t query = url.find('?');
+  sockaddr_in group{};
+  if (!parse_listen(url.substr(0, query), group) || !IN_MULTICAST(ntohl(group.sin_addr.s_addr))) return false;
+  std::string_view options = query == std::string_view::npos ? "" : url.substr(query + 1);
+  while (!options.empty()) {
+    const std::string_view option = options.substr(0, options.find('&'));
+    options.remove_prefix(std::min(options.size(), option.size() + 1));
+    const std::string_view name = option.substr(0, option.find('='));
+    const std::string_view value = option.substr(std::min(option.size(), name.size() + 1));
+    long number = 0;
+    if (name != "ttl" && name != "recv_buf_size") return false;
+    if (!whole_number(value, 0, name == "ttl" ? 255 : INT_MAX, number)) return false;
+  }
+  return true;
+}
+
+std::string dotted(std::uint32_t address) {
+  return fmt::format("{}.{}.{}.{}", address >> 24U, (address >> 16U) & 255U, (address >> 8U) & 255U, address & 255U);
 }
 
 /// The receiving socket; -1 and a sentence when there is none.
@@ -130,8 +165,8 @@ class Publisher {
 /// What is said about the link, rarely: a robot sends 250 times a second.
 class Voice {
  public:
-  void heard(const std::string& sender) {
-    if (silent_) say("packets come from {}", sender);
+  void heard(const std::string& sender, bool is_new) {
+    if (silent_ || is_new) say("packets come from {}", sender);
     silent_ = false;
     heard_at_ = SteadyClock::now();
   }
@@ -140,6 +175,13 @@ class Voice {
     if (now - complained_at_ < kSilence) return;
     complained_at_ = now;
     say("{}", why.text.view());
+  }
+  /// A packet that is not to be believed, and why.
+  void dropped(const std::string& sender, const std::string& why) {
+    const auto now = SteadyClock::now();
+    if (now - dropped_at_ < kReportPeriod) return;
+    dropped_at_ = now;
+    say("packets of {} are dropped: {}", sender, why);
   }
   /// Whether a pose left this computer: slabd knows only that none comes. `error`: of the one that did not.
   void published(bool sent, int error) {
@@ -156,7 +198,7 @@ class Voice {
       say("poses are published again");
     }
   }
-  void look(const BridgeCounters& counters, std::uint64_t foreign) {
+  void look(const BridgeCounters& counters, std::uint64_t not_believed) {
     const auto now = SteadyClock::now();
     if (!silent_ && now - heard_at_ > kSilence) {
       silent_ = true;
@@ -164,9 +206,9 @@ class Voice {
     }
     if (now - reported_at_ < kReportPeriod) return;
     reported_at_ = now;
-    say("{} poses published, {} not sent, {} malformed, {} old, {} lost, {} restarts, {} from others",
+    say("{} poses published, {} not sent, {} malformed, {} old, {} lost, {} restarts, {} from others or while two sent",
         counters.published - unsent_, unsent_, counters.malformed, counters.old, counters.lost, counters.restarts,
-        foreign);
+        not_believed);
   }
 
  private:
@@ -176,6 +218,7 @@ class Voice {
   SteadyClock::time_point unsent_at_;
   SteadyClock::time_point heard_at_ = SteadyClock::now();
   SteadyClock::time_point complained_at_ = SteadyClock::now() - kSilence;
+  SteadyClock::time_point dropped_at_ = SteadyClock::now() - kReportPeriod;
   SteadyClock::time_point reported_at_ = SteadyClock::now();
 };
 
@@ -190,6 +233,12 @@ int bridge(const Options& options) {
     say("error: --from {}: expected the controller's IPv4 address", options.from);
     return kExitBadInput;
   }
+  if (!is_lcm_url(options.lcm_url)) {
+    say("error: --lcm-url {}: expected udpm://GROUP:PORT?ttl=N, such as udpm://239.255.76.67:7667?ttl=0; allowed are "
+        "groups from 224.0.0.0 to 239.255.255.255, ports 1 to 65535, ttl 0 to 255",
+        options.lcm_url);
+    return kExitBadInput;
+  }
   const int fd = open_socket(address, options.listen);
   if (fd < 0) return kExitUnreachable;
   Publisher publisher(options);
@@ -197,21 +246,25 @@ int bridge(const Options& options) {
   say("RSI on {} -> {} on {}", options.listen, options.channel, options.lcm_url);
 
   Bridge translator(options.settings);
+  Senders senders;
   Voice voice;
-  std::uint64_t foreign = 0;
+  std::uint64_t not_believed = 0;
   std::array<char, kRsiBytesMax + 1> buffer{};
   while (!g_stop) {
     pollfd waiting{fd, POLLIN, 0};
     const int ready = ::poll(&waiting, 1, 200);
-    voice.look(translator.counters(), foreign);
+    voice.look(translator.counters(), not_believed);
     if (ready <= 0) continue;
     sockaddr_in sender{};
     socklen_t size = sizeof sender;
     const ssize_t got =
         ::recvfrom(fd, buffer.data(), buffer.size(), 0, static_cast<sockaddr*>(static_cast<void*>(&sender)), &size);
     if (got < 0) continue;
+    const std::uint32_t from_address = ntohl(sender.sin_addr.s_addr);
+    const std::string name = fmt::format("{}:{}", dotted(from_address), ntohs(sender.sin_port));
     if (!options.from.empty() && sender.sin_addr.s_addr != from.s_addr) {
-      ++foreign;
+      ++not_believed;
+      voice.dropped(name, "--from names another controller");
       continue;
     }
     const Result<RsiPacket> packet = parse_rsi(std::string_view(buffer.data(), static_cast<std::size_t>(got)));
@@ -220,8 +273,18 @@ int bridge(const Options& options) {
       voice.malformed(packet.error());
       continue;
     }
-    std::array<char, INET_ADDRSTRLEN> name{};
-    voice.heard(::inet_ntop(AF_INET, &sender.sin_addr, name.data(), name.size()));
+    const std::int64_t now_ns =
+        std::chrono::duration_cast<std::chrono::nanoseconds>(SteadyClock::now().time_since_epoch()).count();
+    const Senders::Answer who = senders.hear(from_address, now_ns);
+    voice.heard(name, who == Senders::Answer::other);
+    if (who == Senders::Answer::two) {
+      ++not_believed;
+      voice.dropped(name,
+                    fmt::format("{} sends as well, and nobody can say which one is the robot; name it with --from",
+                                dotted(senders.beside(from_address))));
+      continue;
+    }
+    if (who == Senders::Answer::other) translator.begin_anew();
     const auto pose = translator.translate(packet.value());
     if (!pose) continue;
     const bool sent = publisher.publish(*pose);
@@ -248,7 +311,9 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
       "\nSet up on the robot: docs/ROBOT.md.\nExample: slabd-kuka-bridge --listen 192.168.10.2:49152 --from "
       "192.168.10.1");
   app.add_option("--listen", options.listen, "Address and port that the controller sends to")->capture_default_str();
-  app.add_option("--from", options.from, "The controller's address; packets of others are dropped");
+  app.add_option("--from", options.from,
+                 "The controller's address; packets of others are dropped. "
+                 "Without it: while two send, neither is believed");
   app.add_option("--cycle-ms", options.settings.cycle_ms, "RSI's cycle: 4 (IPO_FAST) or 12")
       ->check(CLI::IsMember({4, 12}))
       ->capture_default_str();

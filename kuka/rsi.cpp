@@ -5,6 +5,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <pugixml.hpp>
 
 namespace slabd::kuka {
@@ -13,6 +14,8 @@ namespace {
 constexpr double kReach_mm = 10'000.0;
 constexpr double kAngle_deg = 360.0;
 constexpr std::int64_t kRestart_ms = 1'000;
+/// Still a number when it is told in microseconds.
+constexpr std::int64_t kIpocMax_ms = std::numeric_limits<std::int64_t>::max() / 1'000;
 constexpr std::int32_t kMeasured = 1;
 constexpr std::int32_t kStopped = 2;
 
@@ -31,11 +34,20 @@ Error unusable(const char* what, const char* expected) {
 
 Status coordinate(const pugi::xml_node& node, const char* attribute, double limit, double& value) {
   const pugi::xml_attribute found = node.attribute(attribute);
+  for (pugi::xml_attribute next = found.next_attribute(); next; next = next.next_attribute())
+    if (std::string_view(next.name()) == attribute)
+      return error(Code::frame_incomplete, "RSI packet: <RIst> has attribute %s twice, expected it once", attribute);
   if (!found) return error(Code::frame_incomplete, "RSI packet: <RIst> has no attribute %s", attribute);
   if (!number_from(std::string_view(found.value()), value) || !(std::abs(value) <= limit))
     return error(Code::frame_incomplete, "RSI packet: <RIst %s=\"%.20s\">, expected a number from -%.0f to %.0f",
                  attribute, found.value(), limit, limit);
   return Nothing{};
+}
+
+/// An element that comes twice says two things, and nobody knows which one holds.
+Status expect_once(const pugi::xml_node& robot, const char* element) {
+  if (!robot.child(element).next_sibling(element)) return Nothing{};
+  return error(Code::frame_incomplete, "RSI packet: <%s> twice, expected it once", element);
 }
 
 /// A whole number that may be missing.
@@ -67,6 +79,9 @@ Result<RsiPacket> parse_rsi(std::string_view datagram) {
   const pugi::xml_node place = robot.child("RIst");
   if (!place) return unusable("no element <RIst>", "DEF_RIst in the SEND part of the ETHERNET object");
 
+  for (const char* element : {"RIst", "IPOC", "Base", "Tool", "Stopped"})
+    if (const Status once = expect_once(robot, element); !once) return once.error();
+
   std::array<double, 3> at{};
   std::array<double, 3> angle_deg{};
   static constexpr std::array<const char*, 3> kAxes = {"X", "Y", "Z"};
@@ -82,9 +97,10 @@ Result<RsiPacket> parse_rsi(std::string_view datagram) {
       Vec3(at[0], at[1], at[2])};
   const pugi::xml_node count = robot.child("IPOC");
   if (!count) return unusable("no element <IPOC>", "the controller's count of milliseconds");
-  if (!number_from(std::string_view(count.child_value()), packet.ipoc_ms) || packet.ipoc_ms < 0)
-    return error(Code::frame_incomplete, "RSI packet: <IPOC>%.24s</IPOC>, expected a whole number from 0",
-                 count.child_value());
+  if (!number_from(std::string_view(count.child_value()), packet.ipoc_ms) || packet.ipoc_ms < 0 ||
+      packet.ipoc_ms > kIpocMax_ms)
+    return error(Code::frame_incomplete, "RSI packet: <IPOC>%.24s</IPOC>, expected a whole number from 0 to %lld",
+                 count.child_value(), static_cast<long long>(kIpocMax_ms));
   std::optional<std::int16_t> stopped;
   for (const Status& read :
        {optional_number(robot, "Base", 0, 32, packet.base_id), optional_number(robot, "Tool", 0, 16, packet.tool_id),
@@ -94,18 +110,30 @@ Result<RsiPacket> parse_rsi(std::string_view datagram) {
   return packet;
 }
 
+Senders::Answer Senders::hear(std::uint32_t address, std::int64_t now_ns) {
+  if (first_.address != address && first_.lately(now_ns)) {
+    second_ = {address, now_ns, true};
+    return Answer::two;
+  }
+  const bool same = first_.ever && first_.address == address;
+  first_ = {address, now_ns, true};
+  if (second_.address == address) second_.ever = false;
+  if (second_.lately(now_ns)) return Answer::two;
+  return same ? Answer::alone : Answer::other;
+}
+
 std::optional<FlangePose> Bridge::translate(const RsiPacket& packet) {
   const std::int64_t ahead_ms = packet.ipoc_ms - ipoc_ms_;
   if (ipoc_ms_ < 0) {
     ++seq_;
-  } else if (ahead_ms > 0) {
+  } else if (ahead_ms > 0 && !anew_) {
     // The count may tremble by a millisecond; a cycle is not lost by that.
     const std::int64_t cycles = std::max<std::int64_t>(1, (ahead_ms + settings_.cycle_ms / 2) / settings_.cycle_ms);
     counters_.lost += static_cast<std::uint64_t>(cycles - 1);
     // Wraps as an unsigned number does; slabd looks at the step alone.
     seq_ = static_cast<std::int32_t>((static_cast<std::uint32_t>(seq_) + static_cast<std::uint32_t>(cycles)) &
                                      0x7FFF'FFFFU);
-  } else if (ahead_ms > -kRestart_ms) {
+  } else if (ahead_ms > -kRestart_ms && !anew_) {
     ++counters_.old;
     return std::nullopt;
   } else {
@@ -113,6 +141,7 @@ std::optional<FlangePose> Bridge::translate(const RsiPacket& packet) {
     // More than the next number: to slabd a gap.
     seq_ = static_cast<std::int32_t>((static_cast<std::uint32_t>(seq_) + 2U) & 0x7FFF'FFFFU);
   }
+  anew_ = false;
   ipoc_ms_ = packet.ipoc_ms;
   ++counters_.published;
 

@@ -50,12 +50,41 @@ struct FlangePose {
   Pose T_base_flange;      ///< mm
 };
 
+/// Who sends: while two do, neither is believed, because nobody can say which one is the robot. Told apart by address;
+/// a port may change whenever RSI is started anew.
+class Senders {
+ public:
+  /// Silence after which a sender is gone.
+  static constexpr std::int64_t kSilentNs = kNsPerS;
+  enum class Answer : std::uint8_t {
+    alone,  ///< the one that has sent all the time
+    other,  ///< the first, or another one than before, which has been silent
+    two     ///< not to be believed
+  };
+  /// A usable packet of `address` at `now_ns` of a clock that runs forward.
+  [[nodiscard]] Answer hear(std::uint32_t address, std::int64_t now_ns);
+  /// The one that sends beside `address`, when two do.
+  [[nodiscard]] std::uint32_t beside(std::uint32_t address) const {
+    return first_.address == address ? second_.address : first_.address;
+  }
+
+ private:
+  struct Heard {
+    std::uint32_t address = 0;
+    std::int64_t at_ns = 0;
+    bool ever = false;
+    [[nodiscard]] bool lately(std::int64_t now_ns) const { return ever && now_ns - at_ns < kSilentNs; }
+  };
+  Heard first_;
+  Heard second_;
+};
+
 struct BridgeCounters {
   std::uint64_t published = 0;
   std::uint64_t malformed = 0;
   std::uint64_t old = 0;       ///< repeated or overtaken by a newer one: not published
   std::uint64_t lost = 0;      ///< cycles that never came
-  std::uint64_t restarts = 0;  ///< of the controller's count
+  std::uint64_t restarts = 0;  ///< of the controller's count, or with another controller
 };
 
 /// Keeps the packets in order and counts what is missing: `seq` jumps by the cycles that were lost, so that slabd sees
@@ -65,12 +94,15 @@ class Bridge {
   explicit Bridge(const BridgeSettings& settings) : settings_(settings) {}
   /// Nothing when the packet is old.
   [[nodiscard]] std::optional<FlangePose> translate(const RsiPacket& packet);
+  /// The next packet is of another controller, with a count of its own.
+  void begin_anew() { anew_ = true; }
   void count_malformed() { ++counters_.malformed; }
   [[nodiscard]] const BridgeCounters& counters() const { return counters_; }
 
  private:
   BridgeSettings settings_;
   BridgeCounters counters_;
+  bool anew_ = false;
   std::int64_t ipoc_ms_ = -1;
   std::int32_t seq_ = -1;
 };

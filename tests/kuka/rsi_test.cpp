@@ -63,6 +63,11 @@ TEST(Rsi, says_what_is_wrong_with_a_packet) {
       {"<Rob><RIst X=\"1\" Y=\"2\" Z=\"3\" A=\"0\" B=\"361\" C=\"0\"/><IPOC>1</IPOC></Rob>", "-360 to 360"},
       {"<Rob><RIst X=\"1\" Y=\"2\" Z=\"3\" A=\"0\" B=\"0\" C=\"0\"/></Rob>", "IPOC"},
       {packet(-4), "from 0"},
+      {packet(9'223'372'036'854'776), "to 9223372036854775"},
+      {packet(4, "<IPOC>3</IPOC>"), "<IPOC> twice"},
+      {packet(4, "<RIst X=\"1\" Y=\"2\" Z=\"3\" A=\"0\" B=\"0\" C=\"0\"/>"), "<RIst> twice"},
+      {"<Rob><RIst X=\"1\" X=\"1\" Y=\"2\" Z=\"3\" A=\"0\" B=\"0\" C=\"0\"/><IPOC>1</IPOC></Rob>", "attribute X twice"},
+      {"<Rob><RIst X=\"1\" Y=\"2\" Z=\"3\" A=\"0\" B=\"0\" C=\"0\" A=\"9\"/><IPOC>1</IPOC></Rob>", "attribute A twice"},
       {packet(4, "<Base>33</Base>"), "0 to 32"},
       {packet(4, "<Stopped>yes</Stopped>"), "0 to 1"},
       {std::string(2'000, ' ') + packet(4), "1500"},
@@ -123,6 +128,46 @@ TEST(Bridge, a_controller_that_was_started_again_is_taken_up_with_a_gap) {
   ASSERT_TRUE(after.has_value());
   EXPECT_GT(after->seq, before + 1);
   EXPECT_EQ(bridge.counters().restarts, 1U);
+}
+
+TEST(Bridge, another_controllers_count_is_neither_old_nor_lost_cycles) {
+  for (const std::int64_t ipoc : {500, 1'000, 90'000}) {
+    Bridge bridge({4, 0, 0});
+    const std::int32_t before = bridge.translate(at(1'000))->seq;
+    bridge.begin_anew();
+    const std::optional<FlangePose> after = bridge.translate(at(ipoc));
+    ASSERT_TRUE(after.has_value()) << ipoc;
+    EXPECT_EQ(after->seq, before + 2) << "a gap";
+    EXPECT_EQ(bridge.translate(at(ipoc + 4))->seq, before + 3);
+    EXPECT_EQ(bridge.counters().lost, 0U);
+    EXPECT_EQ(bridge.counters().restarts, 1U);
+  }
+}
+
+TEST(Senders, while_two_send_neither_is_believed) {
+  using Answer = Senders::Answer;
+  Senders senders;
+  std::int64_t now_ns = kNsPerS;
+  const auto hear = [&](std::uint32_t address) { return senders.hear(address, now_ns += ns_from_ms(4)); };
+  EXPECT_EQ(hear(1), Answer::other) << "the first";
+  EXPECT_EQ(hear(1), Answer::alone);
+  for (int i = 0; i < 1'000; ++i) {
+    EXPECT_EQ(hear(2), Answer::two);
+    EXPECT_EQ(senders.beside(2), 1U);
+    EXPECT_EQ(hear(1), Answer::two);
+    EXPECT_EQ(senders.beside(1), 2U);
+  }
+  int until_alone = 0;
+  for (; hear(1) == Answer::two; ++until_alone) {
+  }
+  EXPECT_NEAR(until_alone, 250, 2) << "the other one has been silent for a second";
+  EXPECT_EQ(hear(1), Answer::alone);
+  int until_taken = 0;
+  Answer answer = hear(2);
+  for (; answer == Answer::two; answer = hear(2)) ++until_taken;
+  EXPECT_NEAR(until_taken, 250, 2) << "a successor waits for the silence of the one before it";
+  EXPECT_EQ(answer, Answer::other);
+  EXPECT_EQ(hear(2), Answer::alone);
 }
 
 TEST(Bridge, the_packets_own_base_and_tool_go_before_the_stated_ones) {

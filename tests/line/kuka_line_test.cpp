@@ -107,6 +107,45 @@ TEST_F(KukaLineTest, the_monitor_says_that_nobody_sends) {
   EXPECT_NE(answer.out.find("no poses on channel FLANGE_POSE"), std::string::npos) << answer.out;
 }
 
+TEST_F(KukaLineTest, while_two_controllers_send_none_is_published_and_both_are_named) {
+  const auto bridge = start_bridge();
+  const std::size_t colon = rsi_.find(':');
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  to.sin_port = htons(static_cast<std::uint16_t>(std::stoi(rsi_.substr(colon + 1))));
+  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  std::array<int, 2> robots{};
+  for (std::uint32_t i = 0; i < robots.size(); ++i) {
+    robots[i] = socket(AF_INET, SOCK_DGRAM, 0);
+    sockaddr_in own{};
+    own.sin_family = AF_INET;
+    own.sin_addr.s_addr = htonl(INADDR_LOOPBACK + i);
+    ASSERT_EQ(bind(robots[i], static_cast<sockaddr*>(static_cast<void*>(&own)), sizeof own), 0);
+  }
+  int ipoc_ms = 0;
+  const auto send = [&](int robot, const char* x) {
+    const std::string packet = std::string("<Rob><RIst X=\"") + x +
+                               "\" Y=\"2\" Z=\"3\" A=\"0\" B=\"0\" C=\"0\"/><IPOC>" + std::to_string(ipoc_ms += 4) +
+                               "</IPOC></Rob>";
+    sendto(robot, packet.data(), packet.size(), 0, static_cast<sockaddr*>(static_cast<void*>(&to)), sizeof to);
+    std::this_thread::sleep_for(std::chrono::milliseconds(4));
+  };
+  const auto says = [&](const std::string& text) {
+    return read_file(box_.dir / "bridge.err").find(text) != std::string::npos;
+  };
+  for (int i = 0; i < 2'000 && !says("packets come from 127.0.0.1:"); ++i) send(robots[0], "1000");
+  const Process monitor(
+      {SLABCTL_PROGRAM, "robot", "monitor", "--seconds", "2", "--json", "--config", box_.config.native()},
+      box_.dir / "monitor.out", box_.dir / "monitor.err");
+  for (std::size_t i = 0; i < 600; ++i) send(robots[i % 2], i % 2 == 0 ? "1000" : "1620");
+  EXPECT_TRUE(says("packets of 127.0.0.2:")) << read_file(box_.dir / "bridge.err");
+  EXPECT_TRUE(says("127.0.0.1 sends as well")) << read_file(box_.dir / "bridge.err");
+  EXPECT_EQ(read_file(box_.dir / "monitor.out").find("[1620"), std::string::npos) << "not the second one's";
+  for (int i = 0; i < 2'000 && !says("packets come from 127.0.0.2:"); ++i) send(robots[1], "1620");
+  EXPECT_TRUE(says("packets come from 127.0.0.2:")) << "the first one has fallen silent";
+  for (const int robot : robots) close(robot);
+}
+
 TEST_F(KukaLineTest, packets_of_a_stranger_are_dropped) {
   const auto bridge = start_bridge({"--from", "127.0.0.9"});
   const auto line = box_.simulate({"--slab-no", "1", "--rsi", rsi_});
@@ -180,6 +219,11 @@ TEST_F(KukaLineTest, a_mistake_on_the_command_line_is_named) {
     int status;
     const char* told;
   } cases[] = {{{"--listen", "here"}, 3, "ADDRESS:PORT"},
+               {{"--listen", "127.0.0.1:49152x"}, 3, "ADDRESS:PORT"},
+               {{"--lcm-url", "udp://239.255.76.67:7667?ttl=0"}, 3, "udpm://GROUP:PORT"},
+               {{"--lcm-url", "memq://"}, 3, "udpm://GROUP:PORT"},
+               {{"--lcm-url", "udpm://10.0.0.1:7667?ttl=0"}, 3, "224.0.0.0"},
+               {{"--lcm-url", "udpm://239.255.76.67:7667?tll=1"}, 3, "ttl=N"},
                {{"--from", "kuka"}, 3, "IPv4"},
                {{"--listen", "192.0.2.1:49152"}, 4, "192.0.2.1"},
                {{"--cycle-ms", "5"}, 2, "cycle-ms"}};
