@@ -57,6 +57,19 @@ class Units(unittest.TestCase):
         code, out = run("systemd-analyze", "verify", "--man=no", *paths)
         self.assertEqual((code, out), (0, ""))
 
+    def test_what_the_pages_show_for_the_service_manager_has_no_comment_behind_a_value(self):
+        # It would belong to the value: what is copied from there must work.
+        pages = [os.path.join(ROOT, "docs", n) for n in os.listdir(os.path.join(ROOT, "docs")) if n.endswith(".md")]
+        pages += [os.path.join(SYSTEMD, n) for n in os.listdir(SYSTEMD) if not n.endswith(".toml")]
+        shown = 0
+        for page in pages:
+            with open(page, encoding="utf-8") as file:
+                for line in file:
+                    if re.match(r"[\s#]*[A-Za-z]+=", line):
+                        shown += 1
+                        self.assertNotRegex(line.strip().lstrip("#"), r"\s#", page)
+        self.assertGreater(shown, 50)
+
     def test_a_wrong_directive_is_noticed(self):
         path = self.unit("slabd.service", read("slabd.service") + "\n[Service]\nProtectSytem=strict\n")
         _, out = run("systemd-analyze", "verify", "--man=no", path)
