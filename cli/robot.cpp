@@ -17,6 +17,7 @@
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/parse.h"
+#include "cli/pose_counts.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
@@ -61,6 +62,11 @@ struct View {
   std::string trouble;
   std::string refusal;
   hal::PoseLinkCounters counters;
+  bool lacks_stopped = false;
+  /// slabd may have listened for longer than we have, and then waits for it.
+  [[nodiscard]] bool stopped_missing(const daemon::Config& config) const {
+    return !newest.stopped && config.robot.type == hal::PoseType::flange_pose;
+  }
 };
 
 class Monitor {
@@ -91,6 +97,7 @@ class Monitor {
     view.newest = newest_;
     if (heard_) view.age_ms = ms_from_ns(now - newest_.arrival_ns);
     view.settled = gate_.settled(now, view.mean);
+    view.lacks_stopped = gate_.lacks_stopped();
     view.trouble = std::string(port_.trouble());
     view.refusal = std::string(port_.refusal(now));
     view.counters = port_.counters();
@@ -123,47 +130,33 @@ std::string why(const daemon::Config& config, const View& view) {
     return fmt::format("no poses on channel {} of {} ({}); {} foreign datagrams{}{}", config.robot.channel.view(),
                        config.robot.url.view(), hal::kPoseTypes.at(static_cast<std::size_t>(config.robot.type)),
                        view.counters.foreign, view.refusal.empty() ? "" : "; refused: ", view.refusal);
-  if (view.settled == Code::ok) return "settled: a scan could begin";
-  const std::string frame =
-      view.settled != Code::wrong_frame
-          ? ""
-          : fmt::format(": base {} and tool {} are active, expected {} and {}", view.newest.base_id,
-                        view.newest.tool_id, config.pose.base_id, config.pose.tool_id);
-  return fmt::format("{} {}{}; {}", static_cast<int>(view.settled), describe(view.settled), frame, cure(view.settled));
+  if (view.settled == Code::ok)
+    return view.stopped_missing(config)
+               ? "settled: a scan could begin, unless slabd has heard \"stopped\" of this robot "
+                 "before (flags, bit 1): it is not said now"
+               : "settled: a scan could begin";
+  std::string more;
+  if (view.settled == Code::wrong_frame)
+    more = fmt::format(": base {} and tool {} are active, expected {} and {}", view.newest.base_id, view.newest.tool_id,
+                       config.pose.base_id, config.pose.tool_id);
+  if (view.settled == Code::not_settled && view.lacks_stopped)
+    more = ": it does not say \"stopped\" (flags, bit 1), as it did before";
+  return fmt::format("{} {}{}; {}", static_cast<int>(view.settled), describe(view.settled), more, cure(view.settled));
 }
 
-std::string flags(const PoseSample& pose) {
-  std::string text = pose.measured ? "measured" : "commanded";
+std::string flags(const PoseSample& pose, hal::PoseType type) {
+  if (type == hal::PoseType::rigid_transform) return "measured or commanded, standstill: not said";
+  std::string text =
+      pose.measured ? "measured" : "commanded: not where the robot is, send measured poses (flags, bit 0)";
   if (pose.stopped) text += ", stopped";
   if (pose.running) text += ", program running";
   if (pose.estop) text += ", EMERGENCY STOP";
   return text;
 }
 
-/// Each counter of the link with its name in JSON.
-struct NamedCount {
-  const char* name;
-  std::uint64_t count;
-};
-std::array<NamedCount, 12> refused(const hal::PoseLinkCounters& c) {
-  return {{{"wrong_sender", c.wrong_sender},
-           {"second_publisher", c.second_publisher},
-           {"malformed", c.malformed},
-           {"not_finite", c.not_finite},
-           {"not_unit", c.not_unit},
-           {"out_of_reach", c.out_of_reach},
-           {"repeated", c.repeated},
-           {"time_back", c.time_back},
-           {"jumps", c.jumps},
-           {"gaps_total", c.gaps},
-           {"lost", c.lost},
-           {"accepted", c.accepted}}};
-}
-
 std::string refused_text(const View& view) {
-  std::string text;
-  for (const NamedCount& c : refused(view.counters))
-    if (c.count != 0) text += fmt::format("{}{} {}", text.empty() ? "" : ", ", c.count, c.name);
+  std::string text = pose_faults_text(view.counters);
+  text += fmt::format("{}{} accepted", text.empty() ? "" : ", ", view.counters.accepted);
   if (!view.refusal.empty()) text += "; now refused: " + view.refusal;
   return text;
 }
@@ -182,8 +175,8 @@ std::vector<std::string> lines_of(const daemon::Config& config, const View& view
                               p.y(), p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)));
   const Quat& q = pose.rotation;
   lines.push_back(fmt::format("quaternion w {:.7f}  x {:.7f}  y {:.7f}  z {:.7f}", q.w(), q.x(), q.y(), q.z()));
-  lines.push_back(
-      fmt::format("frame      base {}, tool {}, {}", view.newest.base_id, view.newest.tool_id, flags(view.newest)));
+  lines.push_back(fmt::format("frame      base {}, tool {}, {}", view.newest.base_id, view.newest.tool_id,
+                              flags(view.newest, config.robot.type)));
   if (view.mean.samples != 0)
     lines.push_back(fmt::format("spread     {:.4f} mm, {:.5f} deg over {} poses (allowed {:.3f} mm, {:.4f} deg)",
                                 view.mean.spread_mm, deg_from_rad(view.mean.spread_rad), view.mean.samples,
@@ -198,7 +191,8 @@ std::string json_of(const daemon::Config& config, const View& view) {
   json.field("code", static_cast<int>(view.settled)).field("text", why(config, view));
   json.field("rate_hz", view.rate_hz).field("age_ms", view.age_ms).field("gaps", view.gaps);
   json.field("foreign", view.counters.foreign).field("refusal", view.refusal);
-  for (const NamedCount& c : refused(view.counters)) json.field(c.name, c.count);
+  for (const NamedCount& c : pose_faults(view.counters)) json.field(c.name, c.count);
+  json.field("accepted", view.counters.accepted);
   if (view.heard) {
     json.field("seq", view.newest.seq).field("base_id", view.newest.base_id).field("tool_id", view.newest.tool_id);
     json.field("measured", view.newest.measured).field("stopped", view.newest.stopped);

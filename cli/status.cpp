@@ -99,6 +99,11 @@ void print_calibration(const json& status) {
                                          text_at(scanner, {"state"}), time_at(scanner, "expires_utime_us")));
 }
 
+/// `text` behind `separator`, nothing when there is none.
+std::string after(const char* separator, const std::string& text) {
+  return text.empty() || text == "-" ? "" : separator + text;
+}
+
 /// What was refused on the pose link, when anything was.
 void print_pose_faults(const json& status) {
   std::string faults;
@@ -123,12 +128,11 @@ void print_status(const json& status) {
   if (status.contains("warn") && status["warn"].is_array())
     for (const json& warning : status["warn"])
       print_line("warning", warning.is_string() ? warning.get<std::string>() : warning.dump());
-  const std::string trouble = text_at(status, {"links", "plc", "trouble"});
-  print_line("plc", fmt::format("{} clients, heartbeat {}{}{}", text_at(status, {"links", "plc", "clients"}),
+  print_line("plc", fmt::format("{} clients, heartbeat {}{}", text_at(status, {"links", "plc", "clients"}),
                                 text_at(status, {"links", "plc", "alive"}) == "yes" ? "alive" : "missing",
-                                trouble.empty() || trouble == "-" ? "" : "; ", trouble == "-" ? "" : trouble));
+                                after("; ", text_at(status, {"links", "plc", "trouble"}))));
   print_line("robot", text_at(status, {"links", "pose", "ok"}) == "yes"
-                          ? "poses arrive"
+                          ? "poses arrive" + after("; ", text_at(status, {"links", "pose", "note"}))
                           : fmt::format("{}: {}", text_at(status, {"links", "pose", "code"}),
                                         text_at(status, {"links", "pose", "text"})));
   print_pose_faults(status);

@@ -301,6 +301,14 @@ void Loop::say_pose_news() {
   }
   line.code = 0;
   line.level = LogLine::Level::warning;
+  if (!commanded_said_ && code == Code::ok && figures_.pose_type == hal::PoseType::flange_pose &&
+      !station_->gate.newest()->measured) {
+    commanded_said_ = true;
+    line.text =
+        "the robot says that its poses are not measured (flags, bit 0): where it was told to go is not where it is; "
+        "send the measured ones (docs/ROBOT.md)";
+    say(line);
+  }
   if (ports_.pose.next_note(now_ns, line.text)) say(line);
 }
 

@@ -42,6 +42,7 @@ struct LoopFigures {
   std::uint64_t poses_wrong_frame = 0;  ///< times that another base or tool became active
   hal::PlcRole plc_role = hal::PlcRole::server;
   hal::WordOrder plc_word_order = hal::WordOrder::abcd;
+  hal::PoseType pose_type = hal::PoseType::flange_pose;
   std::string config_path;
   std::string db_path;
 };
@@ -147,6 +148,7 @@ class Loop {
   Code pose_said_ = Code::no_pose;  ///< the last state of the pose link that the log tells
   Code pose_seen_ = Code::no_pose;
   std::int64_t pose_seen_ns_ = 0;  ///< since when it is so
+  bool commanded_said_ = false;    ///< that poses are not measured; once
   bool scanner_said_ = true;  ///< online, as the log tells; nothing is told of a scanner that is there from the start
   bool scanner_seen_ = true;
   std::int64_t begun_ns_ = 0;

@@ -194,6 +194,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   figures.config_path = std::filesystem::absolute(config.path, no_folder).lexically_normal().native();
   figures.plc_role = config.plc.role;
   figures.plc_word_order = config.plc.word_order;
+  figures.pose_type = config.robot.type;
   figures.db_path = config.storage.db_path;
   figures.started_ns = clock->mono_ns();
   // Once, unless storage cannot be used: then it is opened again and again, and everything else stays up meanwhile.

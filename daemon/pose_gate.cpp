@@ -65,6 +65,8 @@ void PoseGate::add(const PoseSample& sample) {
   if (!ring_.empty()) {
     const PoseSample& newest = ring_[ring_.size() - 1];
     if (breaks_run(newest, sample, settings_) || wrong_frame(sample, settings_)) run_length_ = 0;
+    // Perhaps another bridge, which need not know of the flag; that the arm stands still is asked for all the same.
+    if (sample.arrival_ns - newest.arrival_ns >= kForgetNs) stopped_flag_used_ = false;
   }
   if (ring_.full()) ring_.pop();
   const bool stored = ring_.push(sample);
@@ -80,6 +82,10 @@ Code PoseGate::link(std::int64_t now_ns) const {
   const PoseSample& newest = ring_[ring_.size() - 1];
   if (now_ns - newest.arrival_ns > settings_.stale_ns) return Code::pose_stale;
   return wrong_frame(newest, settings_) ? Code::wrong_frame : Code::ok;
+}
+
+bool PoseGate::lacks_stopped() const {
+  return stopped_flag_used_ && !ring_[ring_.size() - 1].stopped;
 }
 
 Code PoseGate::settled(std::int64_t now_ns, PoseMean& mean) const {
@@ -109,6 +115,7 @@ void PoseGate::begin_exposure(const Pose& start) {
   exposure_ = {};
   exposure_.start = start;
   exposure_.verdict = Code::ok;
+  exposure_.stopped_flag_used = stopped_flag_used_;
   if (ring_.empty()) return;
   exposure_.newest_utime_us = ring_[ring_.size() - 1].utime_us;
   exposure_.clocks_apart_us = clocks_apart_us(ring_[ring_.size() - 1]);
@@ -130,12 +137,13 @@ void PoseGate::watch(const PoseSample& sample) {
     x.verdict = Code::pose_stale;
     return;
   }
+  x.stopped_flag_used = x.stopped_flag_used || sample.stopped;
   const Vec3 offset_mm = sample.T_base_flange.translation_mm - x.start.translation_mm;
   const double away_rad = angle_between_rad(sample.T_base_flange.rotation, x.start.rotation);
   if (wrong_frame(sample, settings_)) {
     x.verdict = Code::wrong_frame;
   } else if (offset_mm.norm() > settings_.moved_mm || away_rad > settings_.moved_rad ||
-             (stopped_flag_used_ && !sample.stopped)) {
+             (x.stopped_flag_used && !sample.stopped)) {
     x.verdict = Code::moved_during_scan;
   }
   ++x.samples;

@@ -26,6 +26,10 @@ struct PoseMean {
 /// step back of the sender's clock or a wrong frame restarts the window.
 class PoseGate {
  public:
+  /// Silence after which the sender is forgotten: what comes then may be another program. The pose link believes no
+  /// other one sooner.
+  static constexpr std::int64_t kForgetNs = kNsPerS;
+
   explicit PoseGate(const PoseSettings& settings) : settings_(settings) {}
 
   void add(const PoseSample& sample);
@@ -34,6 +38,11 @@ class PoseGate {
   [[nodiscard]] Code link(std::int64_t now_ns) const;
   /// ok and the mean of the settled window, or the reason why not (link()'s answers, not_settled).
   [[nodiscard]] Code settled(std::int64_t now_ns, PoseMean& mean) const;
+  /// The newest pose does not say "stopped", and its sender has said so before: until it does again nothing settles.
+  /// Forgotten after kForgetNs of silence.
+  [[nodiscard]] bool lacks_stopped() const;
+  /// nullptr before the first.
+  [[nodiscard]] const PoseSample* newest() const { return ring_.empty() ? nullptr : &ring_[ring_.size() - 1]; }
   /// Starts watching an exposure from the settled pose. Unlike the ring, the watch has no length limit: a scanner may
   /// take longer than two seconds.
   void begin_exposure(const Pose& start);
@@ -51,7 +60,8 @@ class PoseGate {
 
   struct Exposure {
     Pose start;
-    Code verdict = Code::no_pose;  ///< ok while every sample so far held still
+    Code verdict = Code::no_pose;    ///< ok while every sample so far held still
+    bool stopped_flag_used = false;  ///< is not forgotten before the exposure ends
     std::int64_t newest_utime_us = 0;
     std::uint64_t clocks_apart_us = 0;  ///< our clock minus the sender's, modulo 2^64
     std::uint32_t samples = 0;

@@ -98,6 +98,12 @@ void try_to_trigger(Station& s, Actions& actions) {
       log(actions, LogLine::Level::warning, code,
           "station %u: its centre lies %.0f mm off the scanner's axis, allowed %.0f mm", a.station, off_axis_mm,
           s.settings.pose.look_mm);
+    if (code == Code::not_settled && s.gate.lacks_stopped())
+      log(actions, LogLine::Level::warning, code,
+          "station %u: the robot does not say \"stopped\" (flags, bit 1), as it did before: who sets it once sets it "
+          "at "
+          "every station; it is forgotten when no pose has come for a second",
+          a.station);
     fail_acquisition(s, code, actions);
     return;
   }

@@ -153,9 +153,19 @@ Json plc_link(const hal::PlcPort& plc, bool alive, std::int64_t now_ns) {
           {"unsent", c.unsent}};
 }
 
-Json pose_link(const hal::PosePort& port, bool ok, Code code, std::int64_t now_ns, const LoopFigures& figures) {
+/// What is worth knowing of poses that are believed.
+std::string_view pose_note(const PoseGate& gate, hal::PoseType type) {
+  if (gate.newest() == nullptr) return "";
+  if (type == hal::PoseType::flange_pose && !gate.newest()->measured)
+    return "the robot says that they are not measured (flags, bit 0): where it was told to go is not where it is";
+  if (gate.lacks_stopped())
+    return "the robot does not say \"stopped\" (flags, bit 1), as it did before: no scan begins until it does";
+  return "";
+}
+
+Json pose_link(const hal::PosePort& port, bool ok, Code code, const Station& station, const LoopFigures& figures) {
   const hal::PoseLinkCounters& c = port.counters();
-  const std::string_view refusal = port.refusal(now_ns);
+  const std::string_view refusal = port.refusal(station.now_ns);
   std::string text(describe(code));
   if (!port.trouble().empty())
     text = port.trouble();
@@ -164,6 +174,7 @@ Json pose_link(const hal::PosePort& port, bool ok, Code code, std::int64_t now_n
   return {{"ok", ok},
           {"code", static_cast<int>(code)},
           {"text", text},
+          {"note", ok ? pose_note(station.gate, figures.pose_type) : ""},
           {"refusal", refusal},
           {"accepted", c.accepted},
           {"foreign", c.foreign},
@@ -232,7 +243,7 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
                           {"mask", view.station_mask}}
                    : Json(nullptr);
   j["links"]["plc"] = plc_link(ports.plc, view.plc_link_ok, station.now_ns);
-  j["links"]["pose"] = pose_link(ports.pose, view.pose_ok, pose, station.now_ns, figures);
+  j["links"]["pose"] = pose_link(ports.pose, view.pose_ok, pose, station, figures);
   j["links"]["scanner"] = {
       {"online", view.scanner_ok}, {"strays", station.links.stray_files}, {"text", ports.scanner.trouble().view()}};
   j["links"]["store"] = {

@@ -103,6 +103,53 @@ TEST_F(PoseGateTest, a_sender_that_supplies_the_stopped_flag_is_taken_at_its_wor
   EXPECT_EQ(settled(), Code::not_settled);
 }
 
+TEST_F(PoseGateTest, what_a_sender_said_of_stopped_is_forgotten_when_it_fell_silent) {
+  stopped = true;
+  send(200);
+  stopped = false;
+  send(400);
+  EXPECT_EQ(settled(), Code::not_settled);
+  EXPECT_TRUE(gate.lacks_stopped());
+  // A bridge that was started anew, without the flag; another one is not believed sooner than this.
+  now_ns += PoseGate::kForgetNs;
+  send(100);
+  EXPECT_FALSE(gate.lacks_stopped());
+  EXPECT_EQ(settled(), Code::not_settled) << "the window begins again";
+  send(100);
+  EXPECT_EQ(settled(), Code::ok);
+  // A moving robot does not settle because its flag was forgotten.
+  now_ns += PoseGate::kForgetNs;
+  for (int i = 0; i < 300; ++i) {
+    at.x() += 0.001;
+    send(1);
+    EXPECT_EQ(settled(), Code::not_settled);
+  }
+  stopped = true;
+  send(1);
+  stopped = false;
+  send(1);
+  EXPECT_TRUE(gate.lacks_stopped()) << "said again, asked for again";
+}
+
+TEST_F(PoseGateTest, silence_in_an_exposure_does_not_end_the_wish_for_stopped) {
+  stopped = true;
+  send(200);
+  PoseMean mean;
+  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
+  gate.begin_exposure(mean.T_base_flange);
+  // The network held the poses back for a second: by their sender's clock nothing is missing.
+  const std::int64_t sent_ns = now_ns;
+  for (int i = 1; i <= 10; ++i) {
+    PoseSample sample;
+    sample.arrival_ns = sent_ns + PoseGate::kForgetNs + ns_from_ms(period_ms * i);
+    sample.utime_us = (sent_ns + ns_from_ms(period_ms * i)) / 1000;
+    sample.seq = ++seq;
+    sample.T_base_flange.translation_mm = at;
+    gate.add(sample);
+  }
+  EXPECT_EQ(gate.held_still(sent_ns, mean), Code::moved_during_scan);
+}
+
 TEST_F(PoseGateTest, absurd_numbers_from_outside_only_restart_the_window) {
   send(200);
   PoseSample sample;

@@ -51,6 +51,7 @@ class Line {
   double robot_off_mm = 0.0;    ///< beside the commanded station
   double robot_moves_mm = 0.0;  ///< while a scan is taken
   bool robot_shakes = false;
+  bool robot_says_stopped = false;
   double robot_shake_mm = 0.2;
   double robot_turn_rad = 0.0;  ///< about base Z
   std::int16_t robot_tool = 0;  ///< active on the controller
@@ -77,6 +78,7 @@ class Line {
   std::vector<AcquireScan> scans;
   int cancelled = 0;
   std::vector<std::string> dropped;  ///< views' scans that were deleted
+  std::vector<std::string> logged;
   int robot_station = 1;
 
   /// A new process on the same database.
@@ -168,6 +170,7 @@ class Line {
     sample.arrival_ns = now_ns_;
     sample.utime_us = now_ns_ / 1000 + 1'000'000;  // of the same clock as ours
     sample.tool_id = robot_tool;
+    sample.stopped = robot_says_stopped;
     sample.seq = ++pose_seq_;
     const Pose T_base_block = T_slab_block(recipe, robot_station);
     sample.T_base_flange = T_base_block * nominal_T_block_scanner();
@@ -218,6 +221,8 @@ class Line {
       pending_.push_back(done);
     } else if (const auto* drop = std::get_if<DropScan>(&action)) {
       dropped.emplace_back(drop->path.view());
+    } else if (const auto* said = std::get_if<LogLine>(&action)) {
+      logged.emplace_back(said->text.view());
     } else if (const auto* judge = std::get_if<JudgeSlab>(&action)) {
       SlabJudged judged;
       judged.slab_key = judge->slab_key;

@@ -319,6 +319,30 @@ TEST_F(StationTest, nothing_is_shown_that_could_not_be_stored) {
   EXPECT_EQ(line.take_results().size(), 1U);
 }
 
+TEST_F(StationTest, a_robot_that_no_longer_says_stopped_is_told_of) {
+  begin();
+  line.robot_says_stopped = true;
+  line.scan(1);
+  EXPECT_EQ(line.view().cmd_status, 4);
+  const auto told = [&] {
+    return std::any_of(line.logged.begin(), line.logged.end(), [](const std::string& text) {
+      return text.find("the robot does not say \"stopped\"") != std::string::npos;
+    });
+  };
+  line.robot_says_stopped = false;
+  line.scan(2);
+  line.run_for(12'000);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::not_settled));
+  EXPECT_TRUE(told());
+  line.logged.clear();
+  line.robot_present = false;
+  line.run_for(1'100);
+  line.robot_present = true;
+  line.scan(2);
+  EXPECT_EQ(line.view().cmd_status, 4) << "another bridge, which does not know the flag";
+  EXPECT_FALSE(told());
+}
+
 TEST_F(StationTest, each_way_a_scan_can_fail_has_its_code_and_the_slab_goes_on) {
   begin();
   const auto expect_failed = [&](Code code) {

@@ -57,6 +57,26 @@ TEST_F(StatusTest, bytes_that_are_no_text_do_not_stop_the_answer) {
   EXPECT_EQ(answer["slab"]["id"], "SLAB-\xef\xbf\xbd");
 }
 
+TEST_F(StatusTest, what_is_odd_about_poses_that_are_believed_is_noted) {
+  const auto note = [this](bool measured, bool stopped, int after_ms = 4) {
+    station_.now_ns += ns_from_ms(after_ms);
+    PoseSample sample;
+    sample.arrival_ns = station_.now_ns;
+    sample.measured = measured;
+    sample.stopped = stopped;
+    station_.gate.add(sample);
+    return ask(R"({"verb":"status"})")["links"]["pose"]["note"].get<std::string>();
+  };
+  EXPECT_EQ(ask(R"({"verb":"status"})")["links"]["pose"]["note"], "");
+  EXPECT_EQ(note(true, false), "");
+  EXPECT_EQ(note(true, true), "");
+  EXPECT_NE(note(true, false).find("does not say \"stopped\""), std::string::npos);
+  EXPECT_EQ(note(true, false, 1'000), "") << "perhaps another program, which does not know the flag";
+  EXPECT_NE(note(false, false).find("not measured"), std::string::npos);
+  figures_.pose_type = hal::PoseType::rigid_transform;
+  EXPECT_EQ(note(false, false), "") << "this message cannot say it";
+}
+
 TEST_F(StatusTest, metrics_are_told_as_prometheus_reads_them) {
   figures_.block_max_ms = 1500.0;
   station_.settings.software = "slabd \"x\\1\"";

@@ -231,6 +231,40 @@ TEST_F(PoseLineTest, two_publishers_are_told_and_the_slab_is_finished_when_one_i
   EXPECT_NE(box_.log().find("while two programs publish"), std::string::npos) << box_.log();
 }
 
+TEST_F(PoseLineTest, what_the_robot_says_of_its_poses_is_told_by_log_status_and_monitor) {
+  start();
+  std::atomic<bool> stop{false};
+  std::atomic<std::int32_t> flags{0};
+  std::thread robot([&] {
+    const Sender sender(url());
+    for (std::int32_t seq = 1; !stop; ++seq) {
+      flange_pose_t m = pose(seq);
+      m.flags = flags;
+      static_cast<void>(sender.send(datagram(encoded(m))));
+      std::this_thread::sleep_for(8ms);
+    }
+  });
+  const auto noted = [&](const char* text) {
+    return link()["note"].get<std::string>().find(text) != std::string::npos;
+  };
+  const auto monitor = [&] {
+    return box_.slabctl({"robot", "monitor", "--once", "--config", box_.config.native()}).out;
+  };
+  wait_until([&] { return noted("not measured"); });
+  EXPECT_NE(box_.log().find("its poses are not measured"), std::string::npos) << box_.log();
+  flags = 3;  // measured, stopped
+  wait_until([&] { return link()["note"] == ""; });
+  EXPECT_NE(monitor().find("settled: a scan could begin\n"), std::string::npos);
+  flags = 1;
+  wait_until([&] { return noted("does not say \"stopped\""); });
+  const std::string shown = monitor();
+  EXPECT_NE(shown.find("unless slabd has heard \"stopped\""), std::string::npos) << shown;
+  const Box::Answer status = box_.slabctl({"status", "--config", box_.config.native()});
+  EXPECT_NE(status.out.find("poses arrive; the robot does not say"), std::string::npos) << status.out;
+  stop = true;
+  robot.join();
+}
+
 TEST_F(PoseLineTest, a_log_played_by_lcm_logplayer_arrives_pose_by_pose) {
   constexpr int kPoses = 250;
   const std::string log = box_.dir / "poses.lcmlog";

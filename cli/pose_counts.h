@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <fmt/core.h>
+
+#include <array>
+#include <string>
+
+#include "hal/hal.h"
+
+namespace slabd::cli {
+
+/// A counter of the pose link with its name in JSON and in docs/ROBOT.md.
+struct NamedCount {
+  const char* name;
+  std::uint64_t count;
+};
+
+/// What was not believed, and what was missing.
+[[nodiscard]] inline std::array<NamedCount, 11> pose_faults(const hal::PoseLinkCounters& c) {
+  return {{{"wrong_sender", c.wrong_sender},
+           {"second_publisher", c.second_publisher},
+           {"malformed", c.malformed},
+           {"not_finite", c.not_finite},
+           {"not_unit", c.not_unit},
+           {"out_of_reach", c.out_of_reach},
+           {"repeated", c.repeated},
+           {"time_back", c.time_back},
+           {"jumps", c.jumps},
+           {"gaps_total", c.gaps},
+           {"lost", c.lost}}};
+}
+
+/// "3 lost, 1 jumps"; empty when nothing was.
+[[nodiscard]] inline std::string pose_faults_text(const hal::PoseLinkCounters& counters) {
+  std::string text;
+  for (const NamedCount& c : pose_faults(counters))
+    if (c.count != 0) text += fmt::format("{}{} {}", text.empty() ? "" : ", ", c.count, c.name);
+  return text;
+}
+
+}  // namespace slabd::cli
