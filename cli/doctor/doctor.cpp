@@ -143,7 +143,7 @@ void add_doctor(CLI::App& app, int& exit_status) {
       "failed.\n"
       "Example: slabctl doctor --scan");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
-  command->add_option("--listen-s", options->listen_s, "How long to listen to robot and PLC")
+  command->add_option("--listen-s", options->listen_s, "How long to listen to the robot")
       ->default_val(2.0)
       ->check(within(0.5, 60.0));
   command->add_flag("--scan", options->scan, "Have one scan taken");

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <sys/stat.h>
+#include <sys/types.h>
+
 #include <cstdint>
 #include <string>
 #include <string_view>
@@ -55,6 +58,17 @@ class Examination {
   bool quiet_;
   std::vector<Finding> findings_;
 };
+
+/// Who the daemon runs as: its own user where there is one, else who asks.
+struct Account {
+  std::string name;
+  uid_t uid = 0;
+  std::vector<gid_t> groups;
+};
+inline constexpr const char* kDaemonUser = "slabd";
+[[nodiscard]] Account daemon_account();
+/// Whether a file's mode lets the account have `want`: 4 read, 2 write, 1 execute or enter. Root may all.
+[[nodiscard]] bool may(const Account& account, const struct stat& file, unsigned want);
 
 /// "ok", "note", "warning", "failed", "unknown".
 [[nodiscard]] std::string_view name(Health health);

@@ -28,7 +28,6 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-constexpr const char* kDaemonUser = "slabd";
 /// A scan, and how long its way to the disk may take before the robot waits for it: it moves for some 4 s.
 constexpr std::size_t kScanBytes = 64U << 20U;
 constexpr double kScanSlow_s = 2.0;
@@ -58,36 +57,6 @@ class File {
   int fd_;
 };
 
-/// Who the daemon runs as: its own user where there is one, else who asks.
-struct Account {
-  std::string name;
-  uid_t uid = ::geteuid();
-  std::vector<gid_t> groups;
-};
-
-Account daemon_account() {
-  Account account;
-  const passwd* entry = ::getpwnam(kDaemonUser);
-  if (entry == nullptr) entry = ::getpwuid(::geteuid());
-  if (entry == nullptr) return account;
-  account.name = entry->pw_name;
-  account.uid = entry->pw_uid;
-  int count = 64;
-  account.groups.resize(static_cast<std::size_t>(count));
-  ::getgrouplist(entry->pw_name, entry->pw_gid, account.groups.data(), &count);
-  account.groups.resize(static_cast<std::size_t>(std::clamp(count, 0, 64)));
-  return account;
-}
-
-bool may(const Account& account, const struct stat& file, unsigned want) {
-  if (account.uid == 0) return true;
-  const unsigned mode = file.st_mode;
-  if (file.st_uid == account.uid) return (mode >> 6U & want) == want;
-  if (std::find(account.groups.begin(), account.groups.end(), file.st_gid) != account.groups.end())
-    return (mode >> 3U & want) == want;
-  return (mode & want) == want;
-}
-
 /// The folder itself, or the nearest one above it that exists.
 fs::path existing(fs::path path) {
   std::error_code none;
@@ -113,6 +82,14 @@ bool examine_folder(const char* check, const std::string& folder, const Account&
     report.failed(
         check, fmt::format("{} is not writable for {}", there.string(), account.name),
         fmt::format("chown {}:{} {} && chmod 2770 {}", account.name, account.name, there.string(), there.string()));
+    return false;
+  }
+  // Modes say nothing of a disk that the kernel has made read-only, as it does with a damaged one.
+  if (struct statvfs disk{}; ::statvfs(there.c_str(), &disk) == 0 && (disk.f_flag & ST_RDONLY) != 0) {
+    report.failed(
+        check, fmt::format("{} lies on a disk that can only be read", there.string()),
+        fmt::format("findmnt -T {} names it; journalctl -k says whether it is damaged; then mount it writable",
+                    there.string()));
     return false;
   }
   if (there != fs::path(folder)) {
@@ -149,56 +126,82 @@ void examine_space(const char* check, const std::string& folder, std::uint64_t l
   }
 }
 
-/// Time until one scan is durable, as the spool writes it; nothing when it could not be written.
-std::optional<double> scan_durable_s(const std::string& folder) {
+/// How long something took, or why it could not be done.
+struct Timed {
+  double time = 0.0;
+  int fault = 0;  ///< errno
+};
+
+/// errno of a write, 0 when all of it was written.
+int write_whole(int fd, const char* bytes, std::size_t count) {
+  while (count > 0) {
+    const ssize_t n = ::write(fd, bytes, count);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return n < 0 ? errno : EIO;
+    bytes += n;
+    count -= static_cast<std::size_t>(n);
+  }
+  return 0;
+}
+
+/// Seconds until one scan is durable, as the spool writes it.
+Timed scan_durable_s(const std::string& folder) {
   const File file(folder + "/.doctor", O_CREAT | O_TRUNC | O_WRONLY);
-  if (file.fd() < 0) return std::nullopt;
+  if (file.fd() < 0) return {0.0, errno};
   std::vector<char> piece(1U << 20U);
   // Not zeros: some disks do not write those.
   for (std::size_t i = 0; i < piece.size(); ++i) piece[i] = static_cast<char>((i * 2654435761U) >> 13U);
   const Clock::time_point start = Clock::now();
   for (std::size_t written = 0; written < kScanBytes; written += piece.size())
-    if (::write(file.fd(), piece.data(), piece.size()) != static_cast<ssize_t>(piece.size())) return std::nullopt;
-  if (::fdatasync(file.fd()) != 0) return std::nullopt;
-  return seconds_since(start);
+    if (const int fault = write_whole(file.fd(), piece.data(), piece.size()); fault != 0) return {0.0, fault};
+  if (::fdatasync(file.fd()) != 0) return {0.0, errno};
+  return {seconds_since(start), 0};
 }
 
 /// The middle one of some small synced writes, ms.
-std::optional<double> commit_ms(const std::string& folder) {
+Timed commit_ms(const std::string& folder) {
   const File file(folder + "/.doctor", O_CREAT | O_TRUNC | O_WRONLY);
-  if (file.fd() < 0) return std::nullopt;
+  if (file.fd() < 0) return {0.0, errno};
   std::array<double, kCommits> times{};
   const std::array<char, 4096> page{};
   for (double& time : times) {
     const Clock::time_point start = Clock::now();
-    if (::write(file.fd(), page.data(), page.size()) != static_cast<ssize_t>(page.size())) return std::nullopt;
-    if (::fdatasync(file.fd()) != 0) return std::nullopt;
+    if (const int fault = write_whole(file.fd(), page.data(), page.size()); fault != 0) return {0.0, fault};
+    if (::fdatasync(file.fd()) != 0) return {0.0, errno};
     time = 1e3 * seconds_since(start);
   }
   std::sort(times.begin(), times.end());
-  return times[times.size() / 2];
+  return {times[times.size() / 2], 0};
+}
+
+/// The disk failed, or who asks is not allowed to try.
+void tell_unwritten(const char* check, const std::string& folder, int fault, Examination& report) {
+  const std::string saw = fmt::format("{}: {}", folder, std::strerror(fault));
+  if (fault == EROFS || fault == EIO || fault == ENOSPC || fault == EDQUOT)
+    report.failed(check, saw, "free some space, or repair the disk; journalctl -k");
+  else
+    report.unknown(check, saw, "run slabctl doctor as root or as the daemon's user");
 }
 
 void examine_speed(const daemon::Config& config, const std::string& db_folder, Examination& report) {
   const std::string spool = existing(config.storage.spool_dir).string();
-  if (const std::optional<double> s = scan_durable_s(spool); !s) {
-    report.unknown("disk speed", fmt::format("{}: {}", spool, std::strerror(errno)),
-                   "run slabctl doctor as root or as the daemon's user");
+  if (const Timed scan = scan_durable_s(spool); scan.fault != 0) {
+    tell_unwritten("disk speed", spool, scan.fault, report);
   } else {
-    const std::string saw = fmt::format("a scan of 64 MB is durable in {:.2f} s ({:.0f} MB/s)", *s, 67.1 / *s);
-    if (*s > kScanSlow_s)
+    const std::string saw =
+        fmt::format("a scan of 64 MB is durable in {:.2f} s ({:.0f} MB/s)", scan.time, 67.1 / scan.time);
+    if (scan.time > kScanSlow_s)
       report.warning("disk speed", saw,
                      "the robot waits for the disk at every station: use an SSD for [storage] spool_dir");
     else
       report.ok("disk speed", saw);
   }
   const std::string folder = existing(db_folder).string();
-  if (const std::optional<double> ms = commit_ms(folder); !ms) {
-    report.unknown("commit time", fmt::format("{}: {}", folder, std::strerror(errno)),
-                   "run slabctl doctor as root or as the daemon's user");
+  if (const Timed commit = commit_ms(folder); commit.fault != 0) {
+    tell_unwritten("commit time", folder, commit.fault, report);
   } else {
-    const std::string saw = fmt::format("a small write is durable in {:.1f} ms", *ms);
-    if (*ms > kCommitSlow_ms)
+    const std::string saw = fmt::format("a small write is durable in {:.1f} ms", commit.time);
+    if (commit.time > kCommitSlow_ms)
       report.warning("commit time", saw, "the PLC waits for a commit with every command: put [storage] db on an SSD");
     else
       report.ok("commit time", saw);
@@ -223,6 +226,30 @@ void examine_recipes(const daemon::Config& config, std::vector<Recipe>& recipes,
 }
 
 }  // namespace
+
+Account daemon_account() {
+  Account account;
+  account.uid = ::geteuid();
+  const passwd* entry = ::getpwnam(kDaemonUser);
+  if (entry == nullptr) entry = ::getpwuid(::geteuid());
+  if (entry == nullptr) return account;
+  account.name = entry->pw_name;
+  account.uid = entry->pw_uid;
+  int count = 64;
+  account.groups.resize(static_cast<std::size_t>(count));
+  ::getgrouplist(entry->pw_name, entry->pw_gid, account.groups.data(), &count);
+  account.groups.resize(static_cast<std::size_t>(std::clamp(count, 0, 64)));
+  return account;
+}
+
+bool may(const Account& account, const struct stat& file, unsigned want) {
+  if (account.uid == 0) return true;
+  const unsigned mode = file.st_mode;
+  if (file.st_uid == account.uid) return (mode >> 6U & want) == want;
+  if (std::find(account.groups.begin(), account.groups.end(), file.st_gid) != account.groups.end())
+    return (mode >> 3U & want) == want;
+  return (mode & want) == want;
+}
 
 bool examine_files(const std::string& config_path, daemon::Config& config, std::vector<Recipe>& recipes,
                    Examination& report) {

@@ -3,10 +3,13 @@
 // The daemon is asked what it knows; where it does not run, the links are looked at from here. PLC registers are only
 // read. Poses are listened to beside the daemon: multicast reaches everybody.
 #include <arpa/inet.h>
+#include <fcntl.h>
 #include <fmt/core.h>
 #include <modbus.h>
 #include <poll.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
+#include <termios.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -15,6 +18,8 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
+#include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <thread>
@@ -24,6 +29,7 @@
 #include "cli/control.h"
 #include "cli/doctor/doctor.h"
 #include "cli/plc/plc.h"
+#include "cli/pose_counts.h"
 #include "cli/simulate/robot_peer.h"
 #include "hal/plc_map.h"
 
@@ -71,8 +77,35 @@ std::string reach(const daemon::Config& config) {
   return host == "0.0.0.0" || host.empty() ? "127.0.0.1" : host;
 }
 
+/// Whether the service has been given the right to ports that are root's: as it is delivered it has none.
+bool service_may_bind_any_port() {
+  std::error_code none;
+  for (const char* folder : {"/etc/systemd/system/slabd.service.d", "/run/systemd/system/slabd.service.d"})
+    for (const auto& entry : std::filesystem::directory_iterator(folder, none)) {
+      std::ifstream file(entry.path());
+      for (std::string line; std::getline(file, line);)
+        if (line.rfind("AmbientCapabilities=", 0) == 0 && line.find("CAP_NET_BIND_SERVICE") != std::string::npos)
+          return true;
+    }
+  return false;
+}
+
+/// False, and said: the daemon will not be let to the port, whatever who asks may.
+bool examine_privileged_port(const daemon::Config& config, const std::string& where, Examination& report) {
+  unsigned first_free = 1024;
+  std::ifstream("/proc/sys/net/ipv4/ip_unprivileged_port_start") >> first_free;
+  if (config.plc.port >= first_free || daemon_account().uid == 0 || service_may_bind_any_port()) return true;
+  report.failed("plc port", where + " may only be opened by root, and the service has no such right",
+                fmt::format("a port from {} on in [plc] listen; or systemctl edit slabd: [Service] "
+                            "AmbientCapabilities=CAP_NET_BIND_SERVICE and CapabilityBoundingSet=CAP_NET_BIND_SERVICE",
+                            first_free));
+  return false;
+}
+
 /// Nobody must sit on the port before the daemon does.
 void examine_free_port(const daemon::Config& config, Examination& report) {
+  const std::string where = fmt::format("{}:{}", config.plc.host.view(), config.plc.port);
+  if (!examine_privileged_port(config, where, report)) return;
   const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
   if (fd < 0) return report.unknown("plc port", std::strerror(errno));
   const int one = 1;
@@ -87,7 +120,6 @@ void examine_free_port(const daemon::Config& config, Examination& report) {
                         ? 0
                         : errno;
   ::close(fd);
-  const std::string where = fmt::format("{}:{}", host, config.plc.port);
   if (fault == 0)
     report.ok("plc port", where + " is free for the daemon");
   else if (fault == EADDRINUSE)
@@ -97,41 +129,64 @@ void examine_free_port(const daemon::Config& config, Examination& report) {
     report.failed("plc port", host + " is no address of this computer",
                   "ip address lists them; correct [plc] listen, or 0.0.0.0 for all");
   else if (fault == EACCES)
-    report.warning(
-        "plc port", where + " may only be opened by root",
-        "the service has that right (AmbientCapabilities=CAP_NET_BIND_SERVICE); else use a port from 1024 on");
+    report.unknown("plc port", where + " may only be opened by root", "run slabctl doctor as root");
   else
     report.failed("plc port", fmt::format("{}: {}", where, std::strerror(fault)), "correct [plc] listen");
 }
 
 void examine_reachability(const daemon::Config& config, Examination& report) {
   const std::string host(config.plc.host.view());
-  if (host.rfind("127.", 0) == 0)
-    report.note("plc network", fmt::format("[plc] listen = {}: only a PLC on this computer can connect", host),
+  const bool all_here = !config.plc.allow.empty() &&
+                        std::all_of(config.plc.allow.begin(), config.plc.allow.end(), [](const auto& network) {
+                          return network.address >> 24U == IN_LOOPBACKNET && network.mask >> 24U == 0xFFU;
+                        });
+  if (host.rfind("127.", 0) == 0 || all_here)
+    report.note("plc network",
+                fmt::format("{}: only a PLC on this computer can connect",
+                            all_here ? "[plc] allow names nobody else" : "[plc] listen = " + host),
                 "for a PLC elsewhere: this computer's address in its network, and the PLC's in [plc] allow");
   else if (config.plc.allow.empty())
     report.failed("plc network", "[plc] allow is empty: nobody but this computer may connect",
                   "allow = [\"192.168.1.10/32\"], the PLC's address");
   else
-    report.ok("plc network", fmt::format("{} networks may connect", config.plc.allow.size()));
+    report.ok("plc network", fmt::format("{} {} may connect", config.plc.allow.size(),
+                                         config.plc.allow.size() == 1 ? "network" : "networks"));
+}
+
+bool read_holding(modbus_t* client, hal::HoldingImage& holding) {
+  return modbus_read_registers(client, 0, static_cast<int>(holding.size()), holding.data()) ==
+         static_cast<int>(holding.size());
 }
 
 bool read_image(modbus_t* client, hal::InputImage& input, hal::HoldingImage& holding) {
   return modbus_read_input_registers(client, 0, static_cast<int>(input.size()), input.data()) ==
              static_cast<int>(input.size()) &&
-         modbus_read_registers(client, 0, static_cast<int>(holding.size()), holding.data()) ==
-             static_cast<int>(holding.size());
+         read_holding(client, holding);
 }
 
-/// What the PLC has written, looked at twice.
+/// Looks at the PLC's half until its heartbeat has moved, for 1.2 s at most. Often: the map allows a bit that changes
+/// every 500 ms, which is where it was for who looks after an even number of changes. False: `read` failed.
+bool watch_heartbeat(const std::function<bool(hal::HoldingImage&)>& read, hal::HoldingImage& first,
+                     hal::HoldingImage& later) {
+  using Clock = std::chrono::steady_clock;
+  if (!read(first)) return false;
+  later = first;
+  for (const auto end = Clock::now() + std::chrono::milliseconds(1'200); later[0] == first[0] && Clock::now() < end;) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    if (!read(later)) return false;
+  }
+  return true;
+}
+
+/// What the PLC has written, as watch_heartbeat saw it.
 void examine_plc_half(const daemon::Config& config, const hal::HoldingImage& first, const hal::HoldingImage& later,
                       Examination& report) {
   const PlcInputs plc = hal::decode_inputs(later, config.plc.word_order);
   if (first[0] == later[0])
-    report.failed("plc heartbeat", fmt::format("HR 0 stands at {}", later[0]),
+    report.failed("plc heartbeat", fmt::format("HR 0 stands at {} for 1.2 s", later[0]),
                   "the PLC must change HR 0 every 500 ms: is it in RUN, connected, and writing?");
   else
-    report.ok("plc heartbeat", fmt::format("HR 0 went from {} to {} in 1.2 s", first[0], later[0]));
+    report.ok("plc heartbeat", fmt::format("HR 0 went from {} to {}", first[0], later[0]));
   if (!plc.enable)
     report.note("plc enable", "ENABLE (HR 1, bit 0) is off: commands are refused", "switch the PLC to automatic");
   // A slab number from the other word order is a multiple of 65536.
@@ -144,14 +199,21 @@ void examine_plc_half(const daemon::Config& config, const hal::HoldingImage& fir
 void examine_through_daemon(const daemon::Config& config, Examination& report) {
   hal::HoldingImage first{};
   hal::HoldingImage later{};
-  for (hal::HoldingImage* holding : {&first, &later}) {
-    if (holding == &later) std::this_thread::sleep_for(std::chrono::milliseconds(1'200));
+  std::string unanswered;
+  std::string trouble;
+  const auto read = [&](hal::HoldingImage& holding) {
     const Result<PlcRegisters> seen = plc_registers(config.control_socket);
-    if (!seen) return report.unknown("plc registers", std::string(seen.error().text.view()));
-    if (!seen.value().trouble.empty())
-      return report.failed("plc link", seen.value().trouble, "docs/PLC.md, who moves the bytes");
-    *holding = seen.value().holding;
-  }
+    if (!seen)
+      unanswered = std::string(seen.error().text.view());
+    else
+      trouble = seen.value().trouble;
+    if (!seen || !trouble.empty()) return false;
+    holding = seen.value().holding;
+    return true;
+  };
+  if (!watch_heartbeat(read, first, later))
+    return trouble.empty() ? report.unknown("plc registers", unanswered)
+                           : report.failed("plc link", trouble, "docs/PLC.md, who moves the bytes");
   report.ok("plc link", "the daemon has a connection");
   examine_plc_half(config, first, later, report);
 }
@@ -180,23 +242,42 @@ void examine_registers(const daemon::Config& config, Examination& report) {
   const bool abcd = config.plc.word_order == hal::WordOrder::abcd;
   report.ok("plc registers", fmt::format("map 1.0 on {}; WORD_PROBE is {:04X} {:04X} ({})", where, input[2], input[3],
                                          abcd ? "abcd, high word first" : "cdab, low word first"));
-  std::this_thread::sleep_for(std::chrono::milliseconds(1'200));
-  if (!read_image(client.get(), input, later))
+  if (!watch_heartbeat([&](hal::HoldingImage& holding) { return read_holding(client.get(), holding); }, first, later))
     return report.failed("plc registers", fmt::format("{}: {}", where, modbus_strerror(errno)),
                          "look at the daemon's log");
   examine_plc_half(config, first, later, report);
 }
 
+/// Opened as the daemon does, which tells a serial line from other files; its mode tells whether slabd may.
+void examine_serial_line(const char* device, Examination& report) {
+  constexpr const char* kCheck = "plc line";
+  const int fd = ::open(device, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+  const int fault = fd < 0 ? errno : 0;
+  termios line{};
+  const bool serial = fd >= 0 && ::tcgetattr(fd, &line) == 0;
+  if (fd >= 0) ::close(fd);
+  constexpr unsigned kReadAndWrite = 6;
+  const Account account = daemon_account();
+  struct stat file {};
+  if (::stat(device, &file) == 0 && !S_ISDIR(file.st_mode) && !may(account, file, kReadAndWrite))
+    report.failed(kCheck, fmt::format("{} may not be opened by {}", device, account.name),
+                  fmt::format("usermod -aG dialout {}, or the group that ls -l {} names", account.name, device));
+  else if (fault == EACCES)
+    report.unknown(kCheck, fmt::format("{}: {}", device, std::strerror(fault)),
+                   "run slabctl doctor as root or as the daemon's user");
+  else if (fault != 0)
+    report.failed(kCheck, fmt::format("{}: {}", device, std::strerror(fault)),
+                  "is the adapter plugged in, and does no other program hold it?");
+  else if (!serial)
+    report.failed(kCheck, fmt::format("{} is not a serial line", device), "correct [plc] device, such as /dev/ttyUSB0");
+  else
+    report.ok(kCheck, fmt::format("{} is a serial line and can be opened by {}", device, account.name));
+}
+
 /// Without the daemon: is there somebody, or something, to talk to?
 void examine_far_end(const daemon::Config& config, Examination& report) {
   if (config.plc.role == hal::PlcRole::rtu) {
-    const char* device = config.plc.device.c_str();
-    if (::access(device, R_OK | W_OK) == 0)
-      report.ok("plc line", fmt::format("{} can be opened", device));
-    else
-      report.failed("plc line", fmt::format("{}: {}", device, std::strerror(errno)),
-                    "is the adapter plugged in, and are you (and slabd) in the group dialout?");
-    return;
+    return examine_serial_line(config.plc.device.c_str(), report);
   }
   const std::string where = fmt::format("{}:{}", config.plc.host.view(), config.plc.port);
   const std::unique_ptr<modbus_t, ModbusFree> client(modbus_new_tcp(config.plc.host.c_str(), config.plc.port));
@@ -214,19 +295,16 @@ void examine_far_end(const daemon::Config& config, Examination& report) {
 /// What came while somebody listened.
 struct Heard {
   std::size_t poses = 0;
-  std::size_t gaps = 0;
-  std::int32_t last_seq = 0;
   std::int64_t first_ns = 0;
   std::int64_t last_ns = 0;
+  std::int64_t age_ns = 0;  ///< of the newest when the listening ended
   double skew_s = 0.0;
   Vec3 low = Vec3::Constant(1e9);
   Vec3 high = Vec3::Constant(-1e9);
   PoseSample newest;
   void add(const PoseSample& sample, std::int64_t now_utime_us) {
     if (poses == 0) first_ns = sample.arrival_ns;
-    if (poses != 0 && sample.seq != last_seq + 1) ++gaps;
     ++poses;
-    last_seq = sample.seq;
     last_ns = sample.arrival_ns;
     skew_s = static_cast<double>(now_utime_us - sample.utime_us) / 1e6;
     low = low.cwiseMin(sample.T_base_flange.translation_mm);
@@ -239,12 +317,15 @@ Heard listen(hal::PosePort& port, double seconds) {
   const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
   const std::int64_t end = clock->mono_ns() + static_cast<std::int64_t>(seconds * 1e9);
   Heard heard;
-  for (std::int64_t now = clock->mono_ns(); now < end; now = clock->mono_ns()) {
+  for (;;) {
+    const std::int64_t now = clock->mono_ns();
     PoseSample sample;
     while (port.next(now, sample)) {
       sample.arrival_ns = now;
       heard.add(sample, clock->utime_us());
     }
+    heard.age_ns = now - heard.last_ns;
+    if (now >= end) return heard;
     if (port.fd() < 0) {
       std::this_thread::sleep_for(std::chrono::milliseconds(50));
       continue;
@@ -252,22 +333,39 @@ Heard listen(hal::PosePort& port, double seconds) {
     pollfd waiting{port.fd(), POLLIN, 0};
     (void)::poll(&waiting, 1, 50);
   }
-  return heard;
 }
 
-void examine_heard(const daemon::Config& config, const Heard& heard, Examination& report) {
+/// What was not believed of all that came, with the last reason; empty when everything was.
+std::string refused(const hal::PosePort& port) {
+  std::string text = pose_faults_text(port.counters());
+  const std::string_view why = port.refusal(hal::make_system_clock()->mono_ns());
+  if (!why.empty()) text += fmt::format("{}last refused: {}", text.empty() ? "" : "; ", why);
+  return text;
+}
+
+void examine_heard(const daemon::Config& config, const Heard& heard, const hal::PosePort& port, Examination& report) {
   const double span_s = static_cast<double>(heard.last_ns - heard.first_ns) / 1e9;
   const double rate_hz = span_s > 0.0 ? static_cast<double>(heard.poses - 1) / span_s : 0.0;
-  const std::string saw = fmt::format("{:.0f} poses/s, {} gaps", rate_hz, heard.gaps);
-  if (rate_hz < kPoseRateMin_hz)
+  const hal::PoseLinkCounters& counters = port.counters();
+  const std::uint64_t not_believed = counters.wrong_sender + counters.second_publisher + counters.malformed +
+                                     counters.repeated + counters.time_back + counters.jumps;
+  const std::string faults = refused(port);
+  const std::string saw = fmt::format("{:.0f} poses/s, {}", rate_hz, faults.empty() ? "no gaps" : faults);
+  if (heard.age_ns > config.pose.stale_ns)
+    report.failed("robot poses",
+                  fmt::format("the newest is {:.1f} s old; before: {}", static_cast<double>(heard.age_ns) / 1e9, saw),
+                  "does the robot's bridge still run, and is its network up?");
+  else if (rate_hz < kPoseRateMin_hz)
     report.failed("robot poses", saw, "the robot must be sent every 4 to 12 ms");
-  else if (heard.gaps > heard.poses / 100)
-    report.warning("robot poses", saw,
-                   "poses get lost on the way, or two programs send: look at the network and the bridge");
+  else if (counters.gaps > heard.poses / 100 || not_believed > heard.poses / 100)
+    report.warning("robot poses", saw, "docs/ROBOT.md says what each of them means, and what to do");
   else
     report.ok("robot poses", saw);
 
   const PoseSample& pose = heard.newest;
+  if (config.robot.type == hal::PoseType::flange_pose && !pose.measured)
+    report.warning("robot poses", "they are commanded, not measured (flags, bit 0), as the robot says",
+                   "where it was told to go is not where it is: send the measured ones, docs/ROBOT.md");
   if (pose.base_id != config.pose.base_id || pose.tool_id != config.pose.tool_id)
     report.failed("robot frame",
                   fmt::format("base {} and tool {} are active, expected {} and {}", pose.base_id, pose.tool_id,
@@ -373,19 +471,23 @@ void examine_robot(const daemon::Config& config, double seconds, Examination& re
   const Heard heard = listen(*port.value(), seconds);
   const std::string trouble(port.value()->trouble());
   const hal::PoseLinkCounters& counters = port.value()->counters();
+  const std::string faults = refused(*port.value());
   if (!trouble.empty()) {
     report.failed("robot link", trouble,
                   fmt::format("ip address; ip route get {}; [robot] interface",
                               simulate::multicast_group(config.robot.url.view())));
   } else if (heard.poses == 0) {
-    report.failed("robot poses",
-                  fmt::format("none of channel {} on {} in {:.1f} s; {} foreign datagrams, {} malformed poses",
-                              config.robot.channel.view(), config.robot.url.view(), seconds, counters.foreign,
-                              counters.malformed),
-                  "is the robot's bridge running, on this channel and group, and is its network [robot] interface?");
+    report.failed(
+        "robot poses",
+        fmt::format("none of channel {} on {} in {:.1f} s{}; {} foreign datagrams{}", config.robot.channel.view(),
+                    config.robot.url.view(), seconds, faults.empty() ? "" : " that could be believed", counters.foreign,
+                    faults.empty() ? "" : "; " + faults),
+        faults.empty()
+            ? "is the robot's bridge running, on this channel and group, and is its network [robot] interface?"
+            : "docs/ROBOT.md says what each of them means, and what to do");
   } else {
     report.ok("robot link", fmt::format("{} on {}", config.robot.channel.view(), config.robot.url.view()));
-    examine_heard(config, heard, report);
+    examine_heard(config, heard, *port.value(), report);
   }
 }
 

@@ -24,6 +24,8 @@ struct RouteSeen {
   std::uint32_t address = 0;  ///< of this computer
   std::string interface;
   bool running = false;  ///< cable in, other end alive
+  /// A route over an interface without an address of its own tells neither.
+  [[nodiscard]] bool interface_known() const { return !interface.empty(); }
 };
 
 std::string dotted(std::uint32_t address) {
@@ -32,18 +34,29 @@ std::string dotted(std::uint32_t address) {
   return ::inet_ntop(AF_INET, &raw, text.data(), INET_ADDRSTRLEN) == nullptr ? "?" : std::string(text.c_str());
 }
 
-void name_interface(RouteSeen& route) {
+/// Calls `use(name, flags, IPv4 address or nothing)` for every address of every interface.
+template <typename Use>
+void for_each_interface(Use use) {
   ifaddrs* list = nullptr;
   if (::getifaddrs(&list) != 0) return;
   const std::unique_ptr<ifaddrs, void (*)(ifaddrs*)> owner(list, ::freeifaddrs);
   for (const ifaddrs* entry = list; entry != nullptr; entry = entry->ifa_next) {
-    if (entry->ifa_addr == nullptr || entry->ifa_addr->sa_family != AF_INET) continue;
-    sockaddr_in own{};
-    std::memcpy(&own, entry->ifa_addr, sizeof own);
-    if (ntohl(own.sin_addr.s_addr) != route.address) continue;
-    route.interface = entry->ifa_name;
-    route.running = (entry->ifa_flags & IFF_RUNNING) != 0;
+    std::optional<std::uint32_t> address;
+    if (entry->ifa_addr != nullptr && entry->ifa_addr->sa_family == AF_INET) {
+      sockaddr_in own{};
+      std::memcpy(&own, entry->ifa_addr, sizeof own);
+      address = ntohl(own.sin_addr.s_addr);
+    }
+    use(std::string_view(entry->ifa_name), entry->ifa_flags, address);
   }
+}
+
+void name_interface(RouteSeen& route) {
+  for_each_interface([&](std::string_view name, unsigned flags, std::optional<std::uint32_t> address) {
+    if (!address || *address != route.address) return;
+    route.interface = name;
+    route.running = (flags & IFF_RUNNING) != 0;
+  });
 }
 
 RouteSeen route_to(std::uint32_t address) {
@@ -77,6 +90,10 @@ bool examine_route(std::string_view check, const std::string& far, const RouteSe
     report.failed(check, fmt::format("no way to {}: {}", far, std::strerror(route.fault)),
                   "ip route; give this computer an address in that network (ip address add), or a route to it");
     return false;
+  }
+  if (!route.interface_known()) {
+    report.ok(check, far + " by an interface that has no address of its own");
+    return true;
   }
   const std::string way = fmt::format("{} by {} ({})", far, route.interface, dotted(route.address));
   if (!route.running) {
@@ -124,11 +141,28 @@ void examine_robot_route(const daemon::Config& config, Examination& report) {
   // The named interface is joined whatever the route says; without a name the route decides.
   if (wanted.empty()) {
     examine_route("robot route", fmt::format("group {}", dotted(*group)), route, report);
+    return;
+  }
+  bool there = false;
+  bool running = false;
+  for_each_interface([&](std::string_view name, unsigned flags, std::optional<std::uint32_t> address) {
+    if (name != wanted && (!address || address != address_in(wanted))) return;
+    there = true;
+    running = (flags & IFF_RUNNING) != 0;
+  });
+  if (!there) {
+    report.failed("robot route", fmt::format("[robot] interface = {}: this computer has none", wanted),
+                  "ip address lists what there is");
+  } else if (!running) {
+    report.failed("robot route", fmt::format("[robot] interface = {} has no carrier", wanted),
+                  "is the cable in, and the other end switched on?");
   } else {
     report.ok("robot route",
               fmt::format("group {} is joined on {}, as [robot] interface says; what this computer sends "
                           "to it goes by {}",
-                          dotted(*group), wanted, route.fault == 0 ? route.interface : "no interface"));
+                          dotted(*group), wanted, route.fault != 0             ? "no interface"
+                          : route.interface_known() ? route.interface
+                                                    : "one without an address"));
   }
 }
 

@@ -3,12 +3,15 @@
 // slabctl plc monitor: the live registers in words. With a daemon that is a Modbus server it reads them over the wire
 // as any display does, which shows what a PLC would see; it never writes, so it never takes the command block over.
 // With the other two roles the wire belongs to the PLC, and the daemon is asked over its control socket.
+#include <arpa/inet.h>
 #include <fmt/format.h>
 #include <modbus.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cerrno>
+#include <charconv>
 #include <chrono>
 #include <csignal>
 #include <filesystem>
@@ -38,6 +41,9 @@ struct Options {
 };
 
 using Registers = PlcRegisters;
+
+/// How often the heartbeats are looked at, however rarely they are shown.
+constexpr auto kLook = std::chrono::milliseconds(50);
 
 // ---- two ways to get them ----------------------------------------------------------------------------------------
 
@@ -229,6 +235,21 @@ void show(const Options& options, const Result<Registers>& registers, Pulses& pu
   std::fflush(stdout);
 }
 
+bool take_address(std::string_view text, hal::PlcSettings& plc) {
+  const std::size_t colon = text.rfind(':');
+  if (colon == std::string_view::npos) return false;
+  const std::string host(text.substr(0, colon));
+  in_addr address{};
+  unsigned port = 0;
+  const char* end = text.data() + text.size();
+  const auto read = std::from_chars(text.data() + colon + 1, end, port);
+  if (read.ec != std::errc() || read.ptr != end || port < 1 || port > 65'535) return false;
+  if (::inet_pton(AF_INET, host.c_str(), &address) != 1) return false;
+  plc.host = std::string_view(host);
+  plc.port = static_cast<std::uint16_t>(port);
+  return true;
+}
+
 int monitor(Options options) {
   daemon::Config config;
   // Another slabd is looked at from a computer that has none: unit 1, high word first.
@@ -237,16 +258,14 @@ int monitor(Options options) {
   // as we do.
   const bool usable = foreign || config_from(options.config, config);
   if (!options.connect.empty()) {
-    const std::size_t colon = options.connect.rfind(':');
-    const unsigned long port =
-        colon == std::string::npos ? 0 : std::strtoul(options.connect.c_str() + colon + 1, nullptr, 10);
-    if (port < 1 || port > 65'535) {
-      complain(fmt::format("--connect: found '{}', allowed is ADDRESS:PORT", options.connect));
+    if (!take_address(options.connect, config.plc)) {
+      complain(
+          fmt::format("--connect: found '{}', allowed is ADDRESS:PORT, an IPv4 address and a port from 1 to 65535, "
+                      "such as 192.168.0.2:1502",
+                      options.connect));
       return kUsage;
     }
     config.plc.role = hal::PlcRole::server;
-    config.plc.host = std::string_view(options.connect).substr(0, colon);
-    config.plc.port = static_cast<std::uint16_t>(port);
   }
   const bool over_wire = config.plc.role == hal::PlcRole::server && options.socket.empty();
   const std::string host(config.plc.host.view() == "0.0.0.0" ? std::string_view("127.0.0.1") : config.plc.host.view());
@@ -256,14 +275,25 @@ int monitor(Options options) {
   const bool terminal = isatty(STDOUT_FILENO) != 0;
   if (!terminal && !options.as_json) options.once = true;
   std::signal(SIGINT, on_interrupt);
-  for (;;) {
+  const auto read = [&] {
     Result<Registers> registers = over_wire ? wire.read() : plc_registers(socket);
     // This computer need not be in [plc] allow to be told by its own daemon.
     if (!registers && over_wire && options.connect.empty())
       if (Result<Registers> told = plc_registers(socket); told) registers = std::move(told);
+    return registers;
+  };
+  for (;;) {
+    Result<Registers> registers = read();
     show(options, registers, pulses, terminal && !options.once && !options.as_json);
     if (options.once || g_stop != 0) return !usable ? kBadInput : registers ? kDone : kNotReachable;
-    std::this_thread::sleep_for(std::chrono::milliseconds(options.interval_ms));
+    // A heartbeat may be a bit: between two pictures it can have changed and be what it was.
+    const auto next = Clock::now() + std::chrono::milliseconds(options.interval_ms);
+    while (g_stop == 0 && Clock::now() < next) {
+      std::this_thread::sleep_for(std::min<Clock::duration>(kLook, next - Clock::now()));
+      if (!registers || Clock::now() >= next) continue;
+      registers = read();
+      if (registers) pulses.see(registers.value());
+    }
   }
 }
 

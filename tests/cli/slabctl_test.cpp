@@ -385,6 +385,16 @@ TEST_F(Slabctl, an_inspection_keeps_within_the_memory_that_the_limits_add_up_to)
 }
 #endif
 
+TEST_F(Slabctl, plc_monitor_connects_to_an_ipv4_address_with_a_port_and_nothing_else) {
+  for (const char* address :
+       {"localhost:1502", "127.0.0.1:1502abc", "127.0.0.1:0", "127.0.0.1:65536", "127.0.0.1", ":1"}) {
+    const Ended refused = run("plc monitor --once --config none.toml --connect " + std::string(address));
+    EXPECT_EQ(refused.status, 2) << address;
+    expect_mentions(refused.err, "an IPv4 address and a port from 1 to 65535");
+  }
+  EXPECT_EQ(run("plc monitor --once --config none.toml --connect 127.0.0.1:1").status, 4) << "nobody is there";
+}
+
 TEST_F(Slabctl, one_thread_and_two_inspect_to_the_same_digits) {
   ASSERT_EQ(simulate_scan("scan.ply", "--defect chip=3:0.4").status, 0);
   const std::string rest = "inspect " + file("scan.ply") + " --json --recipe " + kRecipe + " --block 3 --threads ";

@@ -2,17 +2,28 @@
 //
 // slabctl doctor at the bedside of a real daemon: it must find what is wrong, name the cure, and find nothing where all
 // is well.
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <lcm/lcm.h>
+#include <modbus.h>
 #include <netinet/in.h>
+#include <sched.h>
+#include <stdlib.h>
+#include <sys/mount.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <chrono>
 #include <fstream>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <regex>
+#include <slabd/flange_pose_t.hpp>
 #include <thread>
+#include <vector>
 
 #include "processes.h"
 
@@ -35,8 +46,8 @@ class DoctorTest : public testing::Test {
     }
     [[nodiscard]] std::string all() const { return findings.dump(1); }
   };
-  [[nodiscard]] Opinion examine(std::vector<std::string> more = {}) const {
-    std::vector<std::string> args = {"doctor", "--config", box_.config.native(), "--json", "--listen-s", "1"};
+  [[nodiscard]] Opinion examine(std::vector<std::string> more = {}, const char* listen_s = "1") const {
+    std::vector<std::string> args = {"doctor", "--config", box_.config.native(), "--json", "--listen-s", listen_s};
     args.insert(args.end(), more.begin(), more.end());
     const Box::Answer answer = box_.slabctl(args);
     const json document = json::parse(answer.out, nullptr, false);
@@ -51,6 +62,12 @@ class DoctorTest : public testing::Test {
   void start() {
     box_.start();
     ASSERT_TRUE(box_.ready()) << box_.log();
+  }
+
+  [[nodiscard]] std::string lcm_url() const {
+    std::smatch match;
+    const std::string text = read_file(box_.config);
+    return std::regex_search(text, match, std::regex("lcm_url = \"([^\"]+)\"")) ? match[1].str() : "";
   }
 
   Box box_;
@@ -135,6 +152,174 @@ TEST_F(DoctorTest, a_daemon_without_plc_and_robot_lacks_heartbeat_and_poses) {
   EXPECT_EQ(cures.find("docs/PLC.md, WARN"), std::string::npos) << "a table without cures is none\n" << cures;
 }
 
+TEST_F(DoctorTest, a_heartbeat_that_is_a_bit_moves_as_well_as_a_number) {
+  start();
+  std::atomic<bool> stop{false};
+  std::thread plc([&] {
+    const std::unique_ptr<modbus_t, void (*)(modbus_t*)> client(modbus_new_tcp("127.0.0.1", box_.port), modbus_free);
+    ASSERT_EQ(modbus_connect(client.get()), 0);
+    // Two looks 1.2 s apart see the same of it, and so do looks 0.4 s apart.
+    for (std::uint16_t bit = 0; !stop; bit ^= 1U) {
+      (void)modbus_write_register(client.get(), 0, bit);
+      std::this_thread::sleep_for(std::chrono::milliseconds(200));
+    }
+    modbus_close(client.get());
+  });
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(examine().health("plc heartbeat"), "ok") << i;
+  const Process monitor(
+      {SLABCTL_PROGRAM, "plc", "monitor", "--json", "--interval-ms", "400", "--config", box_.config.native()},
+      box_.dir / "monitor.out", box_.dir / "monitor.err");
+  std::this_thread::sleep_for(std::chrono::milliseconds(3'000));
+  stop = true;
+  plc.join();
+  std::ifstream lines(box_.dir / "monitor.out");
+  int seen = 0;
+  for (std::string line; std::getline(lines, line); ++seen) {
+    const json picture = json::parse(line, nullptr, false);
+    if (!picture.is_object() || seen < 3) continue;
+    ASSERT_TRUE(picture["plc_heartbeat_age_s"].is_number()) << picture;
+    EXPECT_LT(picture["plc_heartbeat_age_s"].get<double>(), 1.0);
+  }
+  EXPECT_GT(seen, 3);
+}
+
+TEST_F(DoctorTest, poses_that_are_refused_are_told_with_the_reason_and_a_bridge_that_died_is_found) {
+  lcm_t* lcm = lcm_create(lcm_url().c_str());
+  ASSERT_NE(lcm, nullptr);
+  std::atomic<bool> stop{false};
+  std::atomic<double> unit{2.0};
+  std::atomic<std::int32_t> flags{1};
+  std::thread bridge([&] {
+    flange_pose_t pose{};
+    for (pose.utime = 1; !stop; pose.utime += 8'000) {
+      pose.quat[0] = unit;
+      pose.flags = flags;
+      std::vector<std::uint8_t> bytes(static_cast<std::size_t>(pose.getEncodedSize()));
+      pose.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+      lcm_publish(lcm, "FLANGE_POSE", bytes.data(), static_cast<unsigned>(bytes.size()));
+      std::this_thread::sleep_for(std::chrono::milliseconds(8));
+    }
+  });
+  Opinion opinion = examine();
+  EXPECT_EQ(opinion.health("robot poses"), "failed") << opinion.all();
+  EXPECT_NE(opinion.all().find("not_unit"), std::string::npos) << opinion.all();
+  EXPECT_NE(opinion.all().find("no unit quaternion"), std::string::npos) << opinion.all();
+  unit = 1.0;
+  opinion = examine();
+  EXPECT_EQ(opinion.health("robot poses"), "ok") << "without numbers (seq 0) nothing is lost\n" << opinion.all();
+  flags = 0;
+  opinion = examine();
+  EXPECT_EQ(opinion.health("robot poses"), "warning") << opinion.all();
+  EXPECT_NE(opinion.all().find("not measured"), std::string::npos) << opinion.all();
+  std::thread death([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(2'500));
+    stop = true;
+  });
+  opinion = examine({}, "6");
+  death.join();
+  bridge.join();
+  lcm_destroy(lcm);
+  EXPECT_EQ(opinion.health("robot poses"), "failed") << opinion.all();
+  EXPECT_NE(opinion.all().find("the newest is"), std::string::npos) << opinion.all();
+}
+
+TEST_F(DoctorTest, an_interface_that_is_not_there_is_no_way_to_the_robot) {
+  const auto replaced = [&](const std::string& to) {
+    const std::string text = read_file(box_.config);
+    std::ofstream(box_.config) << std::regex_replace(text, std::regex("\ninterface = \"[^\"]*\""),
+                                                     "\ninterface = \"" + to + "\"");
+  };
+  EXPECT_EQ(examine().health("robot route"), "ok");
+  replaced("127.0.0.1");
+  EXPECT_EQ(examine().health("robot route"), "ok");
+  replaced("nosuch0");
+  EXPECT_EQ(examine().health("robot route"), "failed");
+}
+
+TEST_F(DoctorTest, what_is_no_serial_line_is_found_before_the_daemon_starts) {
+  const std::string text = read_file(box_.config);
+  const auto with = [&](const std::string& device) {
+    std::string changed = text;
+    const std::size_t listen = changed.find("listen = ");
+    changed.replace(listen, changed.find('\n', listen) - listen, "role = \"rtu\"\ndevice = \"" + device + "\"");
+    std::ofstream(box_.config) << changed;
+    return examine().health("plc line");
+  };
+  EXPECT_EQ(with("/dev/null"), "failed");
+  EXPECT_EQ(with(box_.dir.native()), "failed");
+  EXPECT_EQ(with("/dev/no-such-line"), "failed");
+  const int master = ::posix_openpt(O_RDWR | O_NOCTTY);
+  ASSERT_EQ(::grantpt(master), 0);
+  ASSERT_EQ(::unlockpt(master), 0);
+  EXPECT_EQ(with(::ptsname(master)), "ok");
+  ::close(master);
+}
+
+TEST_F(DoctorTest, a_port_of_roots_is_not_the_services) {
+  std::string text = read_file(box_.config);
+  const std::size_t listen = text.find("listen = ");
+  text.replace(listen, text.find('\n', listen) - listen, "listen = \"127.0.0.1:502\"");
+  std::ofstream(box_.config) << text;
+  // As somebody who is not root, whatever this test runs as.
+  const fs::path out = box_.dir / "doctor.out";
+  Process doctor({"/usr/bin/unshare", "--user", SLABCTL_PROGRAM, "doctor", "--config", box_.config.native(), "--json",
+                  "--listen-s", "0.5"},
+                 out, box_.dir / "doctor.err");
+  (void)doctor.wait();
+  const json document = json::parse(read_file(out), nullptr, false);
+  if (!document.is_object()) GTEST_SKIP() << "no user namespaces here: " << read_file(box_.dir / "doctor.err");
+  unsigned first_free = 0;
+  std::ifstream("/proc/sys/net/ipv4/ip_unprivileged_port_start") >> first_free;
+  if (first_free <= 502) GTEST_SKIP() << "every port is free for all here";
+  const Opinion opinion{0, document["findings"]};
+  EXPECT_EQ(opinion.health("plc port"), "failed") << opinion.all();
+  EXPECT_NE(opinion.all().find("AmbientCapabilities=CAP_NET_BIND_SERVICE"), std::string::npos) << opinion.all();
+}
+
+TEST_F(DoctorTest, a_route_over_an_interface_without_an_address_is_a_route) {
+  const std::string text = read_file(box_.config);
+  std::ofstream(box_.config) << std::regex_replace(text, std::regex("\ninterface = \"[^\"]*\""), "");
+  // A network of its own, as after `ip route add GROUP/32 dev lo`.
+  Process doctor(
+      {"/bin/sh", "-c",
+       "exec /usr/bin/unshare --net /bin/sh -c 'ip link set lo up && ip route add 239.0.0.0/8 dev lo && exec \"$@\"' "
+       "- '" SLABCTL_PROGRAM "' doctor --json --listen-s 0.5 --config " +
+           box_.config.native()},
+      box_.dir / "doctor.out", box_.dir / "doctor.err");
+  (void)doctor.wait();
+  const json document = json::parse(read_file(box_.dir / "doctor.out"), nullptr, false);
+  if (!document.is_object()) GTEST_SKIP() << "no networks here: " << read_file(box_.dir / "doctor.err");
+  const Opinion opinion{0, document["findings"]};
+  EXPECT_EQ(opinion.health("robot route"), "ok") << opinion.all();
+}
+
+/// In a mount namespace of its own: the scans' folder on a disk that is read-only. An exit status, 0 is good.
+int look_at_a_read_only_disk(const fs::path& folder, const std::vector<std::string>& doctor, const fs::path& dir) {
+  if (unshare(CLONE_NEWNS) != 0) return 99;
+  if (mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0) return 98;
+  if (mount("none", folder.c_str(), "tmpfs", MS_RDONLY, "mode=0777") != 0) return 97;
+  Process process(doctor, dir / "doctor.out", dir / "doctor.err");
+  (void)process.wait();
+  return 0;
+}
+
+TEST_F(DoctorTest, a_disk_that_can_only_be_read_is_not_writable) {
+  fs::create_directories(box_.dir / "spool");
+  const pid_t child = ::fork();
+  if (child == 0)
+    _exit(look_at_a_read_only_disk(
+        box_.dir / "spool",
+        {SLABCTL_PROGRAM, "doctor", "--config", box_.config.native(), "--json", "--listen-s", "0.5"}, box_.dir));
+  int status = -1;
+  ::waitpid(child, &status, 0);
+  if (!WIFEXITED(status) || WEXITSTATUS(status) != 0) GTEST_SKIP() << "no mount namespaces here";
+  const json document = json::parse(read_file(box_.dir / "doctor.out"), nullptr, false);
+  ASSERT_TRUE(document.is_object());
+  const Opinion opinion{0, document["findings"]};
+  EXPECT_EQ(opinion.health("scans"), "failed") << opinion.all();
+  EXPECT_NE(opinion.all().find("can only be read"), std::string::npos) << opinion.all();
+}
+
 TEST_F(DoctorTest, knows_the_daemons_configuration_whatever_folder_the_daemon_was_started_in) {
   box_.launcher = {
       "/bin/sh", "-c",
@@ -161,8 +346,9 @@ TEST_F(DoctorTest, says_by_which_interface_the_plc_is_reached) {
   const std::size_t listen = text.find("listen = ");
   ASSERT_NE(listen, std::string::npos) << text;
   text.insert(listen, "allow = [\"127.0.0.9/32\"]\n");
-  std::ofstream(box_.config) << text;
+  std::ofstream(box_.config) << std::regex_replace(text, std::regex("listen = \"127.0.0.1:"), "listen = \"0.0.0.0:");
   const Opinion opinion = examine();
+  EXPECT_EQ(opinion.health("plc network"), "note") << "nobody elsewhere may connect\n" << opinion.all();
   EXPECT_EQ(opinion.health("plc route"), "ok") << opinion.all();
   EXPECT_NE(opinion.all().find("127.0.0.9 by lo"), std::string::npos) << opinion.all();
 }
