@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <fmt/core.h>
-
 #include <array>
 #include <string>
 
@@ -35,7 +33,7 @@ struct NamedCount {
 [[nodiscard]] inline std::string pose_faults_text(const hal::PoseLinkCounters& counters) {
   std::string text;
   for (const NamedCount& c : pose_faults(counters))
-    if (c.count != 0) text += fmt::format("{}{} {}", text.empty() ? "" : ", ", c.count, c.name);
+    if (c.count != 0) text += (text.empty() ? "" : ", ") + std::to_string(c.count) + " " + c.name;
   return text;
 }
 
