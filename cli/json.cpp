@@ -68,7 +68,7 @@ void write_rows(Json& json, std::string_view name, const Matrix& m) {
 
 /// What white noise does to a fitted plane: its height at the centroid, and its direction.
 void write_plane_precision(Json& json, const PlaneFit& plane) {
-  write_vector(json, "centroid_mm", plane.centroid, plane.ok);
+  write_vector(json, "centroid_mm", plane.centroid, !plane.normal.isZero());
   json.field("sigma_offset_mm", plane.sigma_offset_mm);
   write_vector(json, "sigma_normal", plane.cov_normal.diagonal().cwiseSqrt());
   write_rows(json, "cov_normal", plane.cov_normal);
@@ -77,7 +77,7 @@ void write_plane_precision(Json& json, const PlaneFit& plane) {
 void write_plane(Json& json, std::string_view name, const PlaneFit& plane) {
   json.key(name).begin_object();
   json.field("ok", plane.ok);
-  write_vector(json, "normal", plane.normal, plane.ok);
+  write_vector(json, "normal", plane.normal, !plane.normal.isZero());
   json.field("offset_mm", plane.offset_mm);
   json.field("points", plane.points).field("inliers", plane.inliers).field("inlier_fraction", plane.inlier_fraction);
   json.field("std_mm", plane.std_mm);

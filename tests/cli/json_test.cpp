@@ -122,6 +122,7 @@ TEST(JsonWriter, precision_of_every_feature_is_told) {
   block.seat.noise_factor = 1.5;
   block.seat.flatness_noise_mm = 0.028;
   block.seat.defect = {0.15, 12, 27.0, -0.4, 10.0, -20.0};
+  block.jaw_outer.normal = Vec3::UnitZ();
   block.jaw_outer.centroid = Vec3(1, 2, 3);
   block.jaw_outer.sigma_offset_mm = 0.001;
   block.jaw_outer.cov_normal = Vec3(4e-8, 9e-8, 16e-8).asDiagonal();

@@ -28,8 +28,8 @@ constexpr std::size_t kPageBytes = 4'096;
 constexpr std::array<Entry, 5> kLedger{{
     {"scan buffers", kScans},
     {"workspace of measuring", limits::kWorkspaceBytes},
-    {"program and libraries", 12'000'000},
-    {"stacks in use", 2'000'000},
+    {"program and libraries", 11'500'000},
+    {"stacks in use", 2'500'000},
     {"all the rest", 6'000'000},
 }};
 enum Line : std::size_t { scans, workspace, program, stacks, rest };
