@@ -46,6 +46,11 @@ class DoctorTest : public testing::Test {
     }
     [[nodiscard]] std::string all() const { return findings.dump(1); }
   };
+  /// Where namespaces are refused (inside some containers) it must be for that reason that there is no answer.
+  void expect_no_namespaces() const {
+    EXPECT_NE(read_file(box_.dir / "doctor.err").find("unshare"), std::string::npos)
+        << read_file(box_.dir / "doctor.err");
+  }
   [[nodiscard]] Opinion examine(std::vector<std::string> more = {}, const char* listen_s = "1") const {
     std::vector<std::string> args = {"doctor", "--config", box_.config.native(), "--json", "--listen-s", listen_s};
     args.insert(args.end(), more.begin(), more.end());
@@ -267,12 +272,13 @@ TEST_F(DoctorTest, a_port_of_roots_is_not_the_services) {
                  out, box_.dir / "doctor.err");
   (void)doctor.wait();
   const json document = json::parse(read_file(out), nullptr, false);
-  if (!document.is_object()) GTEST_SKIP() << "no user namespaces here: " << read_file(box_.dir / "doctor.err");
+  if (!document.is_object()) return expect_no_namespaces();
   unsigned first_free = 0;
   std::ifstream("/proc/sys/net/ipv4/ip_unprivileged_port_start") >> first_free;
-  if (first_free <= 502) GTEST_SKIP() << "every port is free for all here";
   const Opinion opinion{0, document["findings"]};
-  EXPECT_EQ(opinion.health("plc port"), "failed") << opinion.all();
+  const bool free_for_all = first_free <= 502;
+  EXPECT_EQ(opinion.health("plc port"), free_for_all ? "ok" : "failed") << opinion.all();
+  if (free_for_all) return;
   EXPECT_NE(opinion.all().find("AmbientCapabilities=CAP_NET_BIND_SERVICE"), std::string::npos) << opinion.all();
 }
 
@@ -288,7 +294,7 @@ TEST_F(DoctorTest, a_route_over_an_interface_without_an_address_is_a_route) {
       box_.dir / "doctor.out", box_.dir / "doctor.err");
   (void)doctor.wait();
   const json document = json::parse(read_file(box_.dir / "doctor.out"), nullptr, false);
-  if (!document.is_object()) GTEST_SKIP() << "no networks here: " << read_file(box_.dir / "doctor.err");
+  if (!document.is_object()) return expect_no_namespaces();
   const Opinion opinion{0, document["findings"]};
   EXPECT_EQ(opinion.health("robot route"), "ok") << opinion.all();
 }
@@ -312,7 +318,11 @@ TEST_F(DoctorTest, a_disk_that_can_only_be_read_is_not_writable) {
         {SLABCTL_PROGRAM, "doctor", "--config", box_.config.native(), "--json", "--listen-s", "0.5"}, box_.dir));
   int status = -1;
   ::waitpid(child, &status, 0);
-  if (!WIFEXITED(status) || WEXITSTATUS(status) != 0) GTEST_SKIP() << "no mount namespaces here";
+  ASSERT_TRUE(WIFEXITED(status));
+  if (WEXITSTATUS(status) != 0) {
+    EXPECT_GE(WEXITSTATUS(status), 97) << "what the kernel refuses here cannot be looked at";
+    return;
+  }
   const json document = json::parse(read_file(box_.dir / "doctor.out"), nullptr, false);
   ASSERT_TRUE(document.is_object());
   const Opinion opinion{0, document["findings"]};
