@@ -65,8 +65,6 @@ inline constexpr std::size_t kSeatPointsMax = kScanSizes << 20U;
 inline constexpr std::size_t kSeatRunsMax = kScanSizes * 2'048;
 /// Groups of 64 of them; the last one of each run may be smaller.
 inline constexpr std::size_t kCellGroupsMax = kSeatPointsMax / 64 + kSeatRunsMax;
-/// Points around one casing: its rim is a hundredth of a block, 57 000 points of such a scan.
-inline constexpr std::size_t kCasingPointsMax = kScanSizes << 17U;
 /// Stratified sample on which plane hypotheses are scored (notes: more does not help, less loses the best one).
 inline constexpr std::size_t kPlaneSampleMax = 4'096;
 /// Hypotheses of one plane fit: eq. (8) with half the points bad and P = 1 - 1e-6 asks for 104; 2^14 bounds E = 0.9.

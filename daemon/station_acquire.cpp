@@ -101,8 +101,7 @@ void try_to_trigger(Station& s, Actions& actions) {
     if (code == Code::not_settled && s.gate.lacks_stopped())
       log(actions, LogLine::Level::warning, code,
           "station %u: the robot does not say \"stopped\" (flags, bit 1), as it did before: who sets it once sets it "
-          "at "
-          "every station; it is forgotten when no pose has come for a second",
+          "at every station; it is forgotten when no pose has come for a second",
           a.station);
     fail_acquisition(s, code, actions);
     return;
