@@ -86,8 +86,10 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<
   store_worker_ = crew_->storage([this](const StoreTask& task) { return store(task); },
                                  [this] {
                                    delete_one();
-                                   if (store_handed_over_.load(std::memory_order_acquire))
+                                   if (store_handed_over_.load(std::memory_order_acquire)) {
                                      or_later([this] { ports_.store->idle(); });
+                                     tell_store_trouble();
+                                   }
                                  });
   scan_worker_ = crew_->scanner([this](const AcquireScan& job) { return scan(job); },
                                 [this] { or_later([this] { ports_.scanner.idle(); }); });
@@ -127,6 +129,23 @@ StoreDone Loop::store(const StoreTask& task) {
       say({LogLine::Level::warning, static_cast<std::uint16_t>(Code::store_full), spool_trouble_said_.view()});
   }
   return done;
+}
+
+void Loop::tell_store_trouble() {
+  const std::string_view trouble = ports_.store->trouble();
+  if (trouble != store_trouble_said_.view()) {
+    store_trouble_said_ = trouble;
+    if (trouble.empty())
+      say({LogLine::Level::info, static_cast<std::uint16_t>(Code::ok), "the database is in its place again"});
+    else
+      say({LogLine::Level::error, static_cast<std::uint16_t>(Code::journal_write), trouble});
+  }
+  if (trouble.empty()) return;
+  // Again and again: a fault that was reset must come back as long as its cause is there.
+  StoreDone lost;
+  lost.ticket = kNoJobTicket;
+  lost.code = Code::journal_write;
+  (void)store_worker_->post(lost);
 }
 
 std::uint64_t fingerprint_of(std::span<const float> xyz) {
@@ -321,6 +340,10 @@ void Loop::take_answers() {
       line.level = calibration_desk_.succeeded() ? LogLine::Level::info : LogLine::Level::warning;
       line.text = calibration_desk_.summary().view();
       say(line);
+      continue;
+    }
+    if (stored.ticket == kNoJobTicket) {
+      handle(stored);
       continue;
     }
     figures_.commit_last_ms = stored.commit_ms;

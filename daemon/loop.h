@@ -119,6 +119,8 @@ class Loop {
   void say(const LogLine& line) const { say_line(line); }
 
   [[nodiscard]] StoreDone store(const StoreTask& task);
+  /// What the store has found wrong by itself is a fault without a job.
+  void tell_store_trouble();
   [[nodiscard]] ScanDone scan(const AcquireScan& job);
 
   Ports ports_;
@@ -159,6 +161,7 @@ class Loop {
   std::int64_t plc_trouble_ns_ = 0;  ///< since when it is so
   std::int64_t plc_said_ns_ = -(std::int64_t{1} << 40U);
   FixedString<limits::kErrorTextBytes> spool_trouble_said_;  ///< storage thread only
+  FixedString<limits::kErrorTextBytes> store_trouble_said_;  ///< storage thread only
   CalibrationDesk calibration_desk_;
 
   // Last: the workers start when everything they touch exists, and end first.

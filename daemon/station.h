@@ -94,8 +94,9 @@ struct SlabJudged {
   std::int64_t slab_key = 0;
   SlabResult slab;
 };
+inline constexpr std::uint32_t kNoJobTicket = 0;  ///< of no job: what the storage thread found when it had none
 struct StoreDone {
-  std::uint32_t ticket = 0;
+  std::uint32_t ticket = kNoJobTicket;
   Code code = Code::ok;
   double commit_ms = 0.0;  ///< how long it took, for the status
 };

@@ -152,6 +152,10 @@ static void settle_unsaved(Station& s, const PendingStore& pending, Code code, A
 }
 
 void on_stored(Station& s, const StoreDone& done, Actions& actions) {
+  if (done.ticket == kNoJobTicket) {
+    if (done.code != Code::ok && s.fault == 0) raise_fault(s, actions, done.code, "looking after the database");
+    return;
+  }
   const PendingStore* const found = std::find_if(
       s.storing.begin(), s.storing.end(), [&](const PendingStore& pending) { return pending.ticket == done.ticket; });
   if (found == s.storing.end()) return;

@@ -165,6 +165,9 @@ class Store {
   virtual void idle() {}
   /// Why old scans could not be deleted to keep the spool budget; empty when all is well. Never fails a job.
   [[nodiscard]] virtual std::string_view spool_trouble() const { return {}; }
+  /// Why the next job would be refused, as far as idle() has seen: the database was deleted or replaced while it is
+  /// open. Empty when all is well. The open file can still be backed up.
+  [[nodiscard]] virtual std::string_view trouble() const { return {}; }
   /// Callable from any thread. Takes an order, which idle() then carries out piece by piece, so that no job waits for
   /// long. busy: one of its kind is under way. config: it makes no sense (the text says why).
   [[nodiscard]] virtual Status order(const CareOrder& order) = 0;

@@ -34,6 +34,8 @@ constexpr int kQuietLooks = 4;
 constexpr int kLooksToSettle = 50;
 /// 1 MB of a copy in one look, ten times a second: a few milliseconds of a disk.
 constexpr int kBackupPages = 256;
+/// A second: how soon a line with nothing to do learns that its database was taken away.
+constexpr int kLooksAtPlace = 10;
 
 /// Everything that depends on one opened file.
 struct OpenDatabase {
@@ -41,12 +43,14 @@ struct OpenDatabase {
       : db(std::move(connection)),
         jobs(*db, settings, held_back),
         spool(*db, settings.spool_dir, settings.spool_budget_bytes),
-        retention(*db) {}
+        retention(*db),
+        log_file(file_id(settings.db_path + "-wal")) {}
 
   std::unique_ptr<Connection> db;
   Jobs jobs;
   Spool spool;
   Retention retention;
+  std::optional<FileId> log_file;  ///< SQLite keeps the same one as long as the connection stands
   std::unique_ptr<Backup> backup;  ///< under way; ends with the connection it reads
 };
 
@@ -146,12 +150,17 @@ class SqliteStore final : public Store {
         trim_due_ = true;  // a slab that does not begin will not end either: what may go has to go by itself
         return status;
       }
-    Status status = run("job", [&](OpenDatabase& open) {
-      Transaction transaction(*open.db, "BEGIN IMMEDIATE");
-      unsettled_.settle(open.jobs);
-      std::visit(open.jobs, job.what);
-      transaction.commit();
-    });
+    Status status = look_at_place();
+    contradicted_ = false;
+    if (status.ok())
+      status = run("job", [&](OpenDatabase& open) {
+        Transaction transaction(*open.db, "BEGIN IMMEDIATE");
+        unsettled_.settle(open.jobs);
+        std::visit(open.jobs, job.what);
+        transaction.commit();
+      });
+    // Nobody is told of what the next start would not find.
+    if (status.ok()) status = look_at_place();
     if (status.ok()) {
       unsettled_ = {};
     } else if (contradicted_) {
@@ -171,6 +180,7 @@ class SqliteStore final : public Store {
 
   Result<std::string> change(const CalibrationChange& change) override {
     log_holds_commits_ = true;
+    if (Status status = look_at_place(); !status.ok()) return status.error();
     std::string id;
     const Status status = run("calibration", [&](OpenDatabase& open) {
       Transaction transaction(*open.db, "BEGIN IMMEDIATE");
@@ -193,9 +203,13 @@ class SqliteStore final : public Store {
   }
 
   void idle() override {
+    if (looks_to_place_ > 0) --looks_to_place_;
+    if (looks_to_place_ == 0) (void)look_at_place();
     if (quiet_looks_ < kQuietLooks && ++quiet_looks_ < kQuietLooks) return;
     // Whatever hinders it: pruning, trimming and the checkpoint may be what makes room.
     if (settle()) back_up_a_piece();
+    if (!trouble_.empty())
+      return;  // nothing is taken away on the word of a database that the next start would not find
     prune_one();
     if (trim_due_) trim_spool();
     if (!log_holds_commits_ || !open_) return;
@@ -204,6 +218,8 @@ class SqliteStore final : public Store {
   }
 
   std::string_view spool_trouble() const override { return spool_trouble_.view(); }
+
+  std::string_view trouble() const override { return trouble_.view(); }
 
   Status order(const CareOrder& order) override {
     using Phase = CareState::Phase;
@@ -349,6 +365,26 @@ class SqliteStore final : public Store {
     return success();
   }
 
+  /// Whether what is committed would be found by the next start. A file that was deleted or replaced under an open
+  /// connection takes every commit without an error, and loses it with the process. The connection stays: it holds the
+  /// only copy, and a backup is made from it.
+  Status look_at_place() {
+    looks_to_place_ = kLooksAtPlace;
+    trouble_.clear();
+    if (!open_ || !file_) return success();  // reopen() looks by itself
+    const std::string log = settings_.db_path + "-wal";
+    const bool stands = file_id(settings_.db_path) == file_;
+    if (stands && (!open_->log_file || file_id(log) == open_->log_file)) return success();
+    const Error lost =
+        error(Code::journal_write,
+              "%s is not the file any more that slabd has worked with: deleted, or another was put in its place. slabd "
+              "still has it open: slabctl db backup saves it; then stop slabd and restore that backup (or put the file "
+              "back)",
+              (stands ? log : settings_.db_path).c_str());
+    trouble_ = lost.text;
+    return lost;
+  }
+
   template <typename Work>
   Status run(const char* what, const Work& work) {
     contradicted_ = false;
@@ -415,6 +451,8 @@ class SqliteStore final : public Store {
   int looks_to_settle_ = 0;    ///< before it is tried again
   std::unique_ptr<OpenDatabase> open_;
   FixedString<limits::kErrorTextBytes> spool_trouble_;
+  FixedString<limits::kErrorTextBytes> trouble_;
+  int looks_to_place_ = 0;  ///< before idle() looks again whether the file is still in its place
   bool log_holds_commits_ = false;
   int quiet_looks_ = 0;
   bool retention_due_ = true;  ///< a slab has ended since the last look

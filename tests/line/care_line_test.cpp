@@ -157,6 +157,24 @@ TEST_F(CareLine, a_lost_database_is_not_begun_anew_unless_a_person_says_so) {
   EXPECT_EQ(box_.stop(), 0);
 }
 
+TEST_F(CareLine, a_database_that_is_deleted_under_the_daemon_is_fault_502_and_can_still_be_saved) {
+  start();
+  const std::unique_ptr<Process> line = box_.simulate({"--slab-no", "7", "--slab-id", "LAST-7", "--move-s", "0.05"});
+  EXPECT_EQ(line->wait(), 0);
+  for (const char* side : {"", "-wal", "-shm"}) fs::remove(box_.dir / (std::string("slabd.db") + side));
+  for (int i = 0; i < 500 && input_register(box_.port, kFault) != 502; ++i) ::usleep(10'000);
+  EXPECT_EQ(input_register(box_.port, kFault), 502) << box_.log();
+  EXPECT_NE(box_.log().find("slabctl db backup saves it"), std::string::npos) << box_.log();
+  const std::string copy = backup();
+  EXPECT_EQ(box_.stop(), 0);
+  EXPECT_EQ(db({"restore", copy, "--why", "it was deleted"}).exit_status, 0);
+  start();
+  EXPECT_EQ(input_register(box_.port, kFault), 0) << box_.log();
+  const Box::Answer history = box_.slabctl({"history", "--config", box_.config.native()});
+  EXPECT_NE(history.out.find("LAST-7"), std::string::npos) << history.out;
+  EXPECT_EQ(box_.stop(), 0);
+}
+
 TEST_F(CareLine, a_second_daemon_leaves_the_scanner_alone_until_the_database_is_its_own) {
   start();
   Box other;

@@ -217,5 +217,82 @@ TEST_F(CrashTest, a_running_store_begins_no_new_history_where_its_file_is_gone) 
   EXPECT_TRUE(recover()->slab_open);
 }
 
+/// The writer has the file open, so every commit in a file that was taken away succeeds, and is gone with the process.
+class TakenAwayTest : public CrashTest {
+ protected:
+  void SetUp() override {
+    open();
+    begin(1);
+    record_ = scan(1, 1, 1);
+    copy_ = folder_.path() + "/copy.db";
+    std::filesystem::copy_file(settings_.db_path, copy_);
+  }
+  [[nodiscard]] bool is_refused(const decltype(StoreJob::what)& what) {
+    const Status status = try_apply(what);
+    return !status.ok() && status.error().code == Code::journal_write &&
+           status.error().text.view().find("slabctl db backup") != std::string_view::npos;
+  }
+  /// What idle() finds within a second.
+  [[nodiscard]] std::string idle_trouble() {
+    for (int i = 0; i < 12; ++i) store_->idle();
+    return std::string(store_->trouble());
+  }
+  void move_away(const char* to) {
+    for (const char* side : {"", "-wal", "-shm"})
+      std::filesystem::rename(settings_.db_path + side, settings_.db_path + to + side);
+  }
+  void put_back(const char* from) {
+    for (const char* side : {"", "-wal", "-shm"})
+      std::filesystem::rename(settings_.db_path + from + side, settings_.db_path + side);
+  }
+
+  std::uint16_t record_ = 0;
+  std::string copy_;
+};
+
+TEST_F(TakenAwayTest, nothing_is_told_to_be_written_until_the_file_is_back) {
+  EXPECT_EQ(idle_trouble(), "");
+  move_away("-away");
+  EXPECT_TRUE(is_refused(AckJob{record_}));
+  EXPECT_FALSE(std::filesystem::exists(settings_.db_path)) << "nor is a history begun anew";
+  put_back("-away");
+  EXPECT_EQ(idle_trouble(), "");
+  apply(AckJob{record_});
+  EXPECT_EQ(recover()->stations[0].phase, StationPhase::measured);
+}
+
+TEST_F(TakenAwayTest, another_file_under_its_name_is_not_taken_for_it) {
+  move_away("-away");
+  std::filesystem::copy_file(copy_, settings_.db_path);
+  EXPECT_TRUE(is_refused(AckJob{record_}));
+  EXPECT_FALSE(store_->change(KeepCheck{}).ok());
+  EXPECT_NE(idle_trouble(), "");
+  EXPECT_FALSE(std::filesystem::exists(settings_.db_path + "-wal")) << "the other file is not even opened";
+}
+
+TEST_F(TakenAwayTest, a_log_that_is_deleted_takes_its_commits_along) {
+  std::filesystem::remove(settings_.db_path + "-wal");
+  EXPECT_TRUE(is_refused(AckJob{record_}));
+}
+
+TEST_F(TakenAwayTest, is_found_without_a_job_and_what_is_open_can_be_saved) {
+  acquire(1, 2, 1);
+  for (const char* side : {"", "-wal", "-shm"}) std::filesystem::remove(settings_.db_path + side);
+  EXPECT_NE(idle_trouble().find("slabctl db backup"), std::string::npos);
+  // A job that was refused meanwhile is settled in the copy: the PLC was told that it failed.
+  EXPECT_TRUE(is_refused(FailedAttemptJob{attempt(1, 3, 1), 205}));
+  const std::string saved = folder_.path() + "/saved.db";
+  ASSERT_TRUE(store_->order(BackupOrder{saved}).ok());
+  for (int i = 0; i < 100 && store_->care().backup == CareState::Phase::under_way; ++i) store_->idle();
+  ASSERT_EQ(store_->care().backup, CareState::Phase::done) << store_->care().backup_error;
+  close();
+  EXPECT_FALSE(std::filesystem::exists(settings_.db_path));
+  std::filesystem::copy_file(saved, settings_.db_path);
+  open();
+  const auto line = recover();
+  EXPECT_EQ(line->stations[0].phase, StationPhase::measured);
+  EXPECT_EQ(line->stations[1].phase, StationPhase::acquired);
+}
+
 }  // namespace
 }  // namespace slabd::storage
