@@ -18,6 +18,11 @@ namespace slabd::hal {
 namespace {
 
 Error spool_error(const PathText& path, const char* what, int error_number) {
+  if (error_number == EEXIST)
+    return error(Code::journal_write,
+                 "%s: a scan lies there already, and none is overwritten: was an older database put in place of the "
+                 "line's? (OPERATING.md, slabctl db restore)",
+                 path.c_str());
   const bool full = error_number == ENOSPC || error_number == EDQUOT;
   return error(full ? Code::store_full : Code::journal_write, "%s: %s: %s", path.c_str(), what,
                errno_text(error_number));
@@ -28,6 +33,19 @@ PathText folder_of(const PathText& path) {
   const std::size_t slash = path.view().rfind('/');
   if (slash == std::string_view::npos) return ".";
   return path.view().substr(0, slash == 0 ? 1 : slash);
+}
+
+/// As renameat(), and EEXIST where a file has that name: it may be the only copy of a scan that this database, put in
+/// another's place, does not know.
+int rename_to_new(int from_folder, const char* from, const char* path) {
+  if (renameat2(from_folder, from, AT_FDCWD, path, RENAME_NOREPLACE) == 0) return 0;
+  if (errno != EINVAL && errno != ENOSYS) return -1;
+  // A file system that cannot (a share). Nobody but this daemon writes into its spool, so looking first does.
+  if (faccessat(AT_FDCWD, path, F_OK, AT_SYMLINK_NOFOLLOW) == 0) {
+    errno = EEXIST;
+    return -1;
+  }
+  return renameat(from_folder, from, AT_FDCWD, path);
 }
 
 bool sync_folder(const PathText& folder) {
@@ -97,7 +115,8 @@ Status copy_across(int fd, int from_folder, const char* name, const PathText& pa
       return error(Code::frame_incomplete, "%s: %s", name,
                    copied == Copied::unreadable ? errno_text(why) : "changed while it was copied");
     }
-    if (copied != Copied::all || fsync(copy.get()) != 0 || rename(working.c_str(), path.c_str()) != 0) {
+    if (copied != Copied::all || fsync(copy.get()) != 0 ||
+        rename_to_new(AT_FDCWD, working.c_str(), path.c_str()) != 0) {
       const int why = errno;
       unlink(working.c_str());
       return spool_error(path, "copying", why);
@@ -117,7 +136,7 @@ bool can_be_moved(int fd, const PathText& folder) {
 }
 
 Status move_file(int fd, int from_folder, const char* name, const PathText& path) {
-  if (renameat(from_folder, name, AT_FDCWD, path.c_str()) != 0) {
+  if (rename_to_new(from_folder, name, path.c_str()) != 0) {
     const int why = errno;
     if (why == EXDEV) return copy_across(fd, from_folder, name, path);
     if (why == ENOENT && faccessat(from_folder, name, F_OK, AT_SYMLINK_NOFOLLOW) != 0)
@@ -156,6 +175,8 @@ Status spool_file(int fd, int from_folder, const char* name, const PathText& pat
 Status SpoolWriter::begin(const PathText& path) {
   abandon();
   if (Status status = make_folders(path); !status) return status;
+  // finish() would refuse it too; the sender need not send it all before.
+  if (faccessat(AT_FDCWD, path.c_str(), F_OK, AT_SYMLINK_NOFOLLOW) == 0) return spool_error(path, "creating", EEXIST);
   fd_ = Fd(open(working_name(path).c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0660));
   if (!fd_.is_open()) return spool_error(path, "creating", errno);
   path_ = path;
@@ -174,7 +195,7 @@ Status SpoolWriter::write(std::span<const std::byte> bytes) {
 
 Status SpoolWriter::finish() {
   const auto working = working_name(path_);
-  if (fsync(fd_.get()) != 0 || rename(working.c_str(), path_.c_str()) != 0) {
+  if (fsync(fd_.get()) != 0 || rename_to_new(AT_FDCWD, working.c_str(), path_.c_str()) != 0) {
     const Error why = spool_error(path_, "syncing the scan", errno);
     abandon();
     return why;

@@ -10,7 +10,7 @@
 namespace slabd::hal {
 
 /// A scan that is written into the spool while it comes: under a working name beside its place until finish(). No
-/// heap. store_full: the disk is full; journal_write: anything else.
+/// heap. store_full: the disk is full; journal_write: anything else, a file that lies there already included.
 class SpoolWriter {
  public:
   SpoolWriter() = default;

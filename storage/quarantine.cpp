@@ -19,6 +19,7 @@
 
 #include "storage/folders.h"
 #include "storage/log_copy.h"
+#include "storage/spool.h"
 
 namespace slabd::storage {
 namespace {
@@ -191,7 +192,27 @@ std::string scans_in(const std::string& spool_dir) {
   return {};
 }
 
+/// Whether a folder holds what the daemon names its scans; folders of digits that people make hold other things.
+bool has_scan(const fs::path& folder) {
+  std::error_code ec;
+  for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec))
+    if (is_scan_name(entry->path().filename().string())) return true;
+  return false;
+}
+
 }  // namespace
+
+std::string scans_above(const std::string& spool_dir, std::int64_t known_key) {
+  std::string found;
+  std::error_code ec;
+  for (fs::directory_iterator entry(spool_dir, ec), end; !ec && entry != end; entry.increment(ec)) {
+    const std::int64_t key = key_of(entry->path());
+    if (key <= known_key || !has_scan(entry->path())) continue;
+    known_key = key;
+    found = entry->path().string();
+  }
+  return found;
+}
 
 std::string sign_of_earlier_life(const std::string& path, const std::string& spool_dir) {
   std::error_code ec;

@@ -35,6 +35,9 @@ inline constexpr const char* kRestored = ".restored";
 /// restoring that was cut short, a quarantine, scans of slabs in the spool. Empty: nothing.
 [[nodiscard]] std::string sign_of_earlier_life(const std::string& path, const std::string& spool_dir);
 
+/// The folder of the newest slab with scans in the spool when its key is above `known_key`; empty: there is none.
+[[nodiscard]] std::string scans_above(const std::string& spool_dir, std::int64_t known_key);
+
 /// The largest slab number among the spool's folders, 0: none.
 [[nodiscard]] std::int64_t newest_key_in_spool(const std::string& spool_dir);
 

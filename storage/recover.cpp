@@ -96,12 +96,17 @@ void read_last_ended(Connection& db, Loader& loader, RecoveredLine& line) {
 
 }  // namespace
 
+std::int64_t newest_key_used(Connection& db) {
+  // Keys of slabs that only a lost database knew are not used again: their scans may still be there.
+  return std::max(db.integer("SELECT coalesce(max(slab_key), 0) FROM slab"),
+                  db.integer("SELECT max(keys_used, pruned_key) FROM line"));
+}
+
 HeldBack read_line(Connection& db, RecoveredLine& line) {
   Loader loader(db);
   read_counters(db, line);
   const std::int64_t newest = db.integer("SELECT coalesce(max(slab_key), 0) FROM slab");
-  // Keys of slabs that only a lost database knew are not used again: their scans may still be there.
-  line.last_slab_key = std::max(newest, db.integer("SELECT max(keys_used, pruned_key) FROM line"));
+  line.last_slab_key = newest_key_used(db);
   const HeldBack held_back = read_unacknowledged(db, line);
   if (newest != 0) {
     const std::int64_t ended =

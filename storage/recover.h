@@ -15,6 +15,9 @@ struct HeldBack {
   std::int64_t last_id = 0;  ///< below first_id: none
 };
 
+/// The newest slab key that was ever used, as far as the database knows. Throws SqlFailure.
+[[nodiscard]] std::int64_t newest_key_used(Connection& db);
+
 /// Fills what a restarted daemon must know. Call it inside a transaction, after the unfinished commands have been
 /// marked interrupted. Throws SqlFailure.
 [[nodiscard]] HeldBack read_line(Connection& db, RecoveredLine& line);

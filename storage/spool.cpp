@@ -15,19 +15,6 @@
 namespace slabd::storage {
 namespace {
 
-/// "04-2.ply": station and attempt, as the daemon names its scans; "04-2-unseen.ply": one that is thrown away. Anything
-/// else in the spool is somebody else's.
-bool is_scan_name(const std::string& name) {
-  constexpr std::string_view kUnseen = "-unseen";
-  const auto digits_end = [&](std::size_t from) { return name.find_first_not_of("0123456789", from); };
-  const std::size_t dash = digits_end(0);
-  if (dash == 0 || dash == std::string::npos || name[dash] != '-') return false;
-  const std::size_t end = digits_end(dash + 1);
-  if (end == dash + 1 || end == std::string::npos) return false;
-  const std::size_t dot = name.compare(end, kUnseen.size(), kUnseen) == 0 ? end + kUnseen.size() : end;
-  return dot < name.size() && name[dot] == '.';
-}
-
 /// A regular file that got its name here at `utime_us` or later: a rename sets the time of change, and keeps the
 /// others. A spool that outlived its database holds older files under the same slab keys; those are not ours to judge.
 bool came_after(const std::string& path, std::int64_t utime_us) {
@@ -47,6 +34,17 @@ std::string without_end_slash(std::string folder) {
 }
 
 }  // namespace
+
+bool is_scan_name(const std::string& name) {
+  constexpr std::string_view kUnseen = "-unseen";
+  const auto digits_end = [&](std::size_t from) { return name.find_first_not_of("0123456789", from); };
+  const std::size_t dash = digits_end(0);
+  if (dash == 0 || dash == std::string::npos || name[dash] != '-') return false;
+  const std::size_t end = digits_end(dash + 1);
+  if (end == dash + 1 || end == std::string::npos) return false;
+  const std::size_t dot = name.compare(end, kUnseen.size(), kUnseen) == 0 ? end + kUnseen.size() : end;
+  return dot < name.size() && name[dot] == '.';
+}
 
 Spool::Spool(Connection& db, std::string spool_dir, std::uint64_t budget_bytes)
     : db_(db),

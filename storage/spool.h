@@ -9,6 +9,10 @@
 
 namespace slabd::storage {
 
+/// "04-2.ply": station and attempt, as the daemon names its scans; "04-2-unseen.ply": one that is thrown away. Anything
+/// else in the spool is somebody else's.
+[[nodiscard]] bool is_scan_name(const std::string& name);
+
 /// Keeps the spool within its budget by deleting scans, never records. Candidates are slabs that have ended and whose
 /// every result the PLC has acknowledged: passed ones first, then the others, each by age. A slab at a time: each call
 /// deletes the scans of at most one, so that a smaller budget does not stop the line for minutes.

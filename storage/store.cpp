@@ -118,6 +118,7 @@ class SqliteStore final : public Store {
                    "there with slabctl db restore, or begin anew with --fresh",
                    settings_.db_path.c_str(), sign.c_str());
     if (Status status = reopen(); !status.ok()) return status;
+    if (Status status = check_age(); !status.ok()) return status;
     file_ = file_id(settings_.db_path);
     (void)backup_folder(settings_.db_path);  // now, so that whoever orders a copy need not wait for it
     remove_cut_short_backups(settings_.db_path);
@@ -363,6 +364,22 @@ class SqliteStore final : public Store {
       return error(Code::journal_write, "cannot use database %s: %s", settings_.db_path.c_str(), failure.text.c_str());
     }
     return success();
+  }
+
+  /// A slab is in the database before it has a folder in the spool, so one that only the spool knows was in a newer
+  /// database. Going on would give its key to another slab, and say that the history is complete.
+  Status check_age() {
+    std::int64_t known = 0;
+    const Status read = run("recovery", [&](OpenDatabase& open) { known = newest_key_used(*open.db); });
+    if (!read.ok()) return read;
+    const std::string scans = scans_above(settings_.spool_dir, known);
+    if (scans.empty()) return success();
+    return error(
+        Code::journal_write,
+        "%s knows slabs up to %lld, and %s holds scans: there was a newer database. Is the right disk mounted? "
+        "Else put the newest backup there with slabctl db restore (this file itself, if there is none), or "
+        "take scans away that are not this line's",
+        settings_.db_path.c_str(), static_cast<long long>(known), scans.c_str());
   }
 
   /// Whether what is committed would be found by the next start. A file that was deleted or replaced under an open

@@ -303,6 +303,29 @@ TEST_F(ScanDropTest, an_answer_that_is_taken_away_before_it_is_in_the_spool_is_n
   EXPECT_FALSE(fs::exists(folder_ / "spool/1/04-1.ply"));
 }
 
+TEST_F(ScanDropTest, no_scan_in_the_spool_is_overwritten_and_the_new_one_is_not_lost) {
+  const fs::path spooled = folder_ / "spool/1/04-1.ply";
+  fs::create_directories(spooled.parent_path());
+  for (const bool linked : {false, true}) {  // moved, and copied
+    std::ofstream(spooled) << "of an earlier slab";
+    const std::string answer = inbox() + "/7-3.ply";
+    std::ofstream(answer) << "points";
+    if (linked) fs::create_hard_link(answer, folder_ / "second-name");
+    const int file = ::open(answer.c_str(), O_RDONLY);
+    const int folder = ::open(inbox().c_str(), O_RDONLY | O_DIRECTORY);
+    const Status moved = spool_file(file, folder, "7-3.ply", PathText(spooled.native()));
+    ::close(folder);
+    ::close(file);
+    ASSERT_FALSE(moved.ok());
+    EXPECT_EQ(moved.error().code, Code::journal_write);
+    EXPECT_NE(moved.error().text.view().find("04-1.ply: a scan lies there already"), std::string_view::npos)
+        << moved.error().text.view();
+    EXPECT_EQ(fs::file_size(spooled), 18U);
+    EXPECT_TRUE(fs::exists(answer));
+    EXPECT_FALSE(fs::exists(spooled.native() + ".part"));
+  }
+}
+
 TEST_F(ScanDropAnyNameTest, the_late_answer_to_a_request_that_was_given_up_is_never_the_next_ones) {
   const auto none = acquire(request(3, 60), [] {});
   ASSERT_FALSE(none.ok());

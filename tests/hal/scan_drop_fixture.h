@@ -87,6 +87,7 @@ class ScanDropTest : public ::testing::Test {
 
   /// Runs acquire() on this thread and `scanner_software` on another as soon as the request is there.
   Result<AcquiredScan> acquire(const ScanRequest& r, const std::function<void()>& scanner_software) {
+    make_place(fs::path(std::string(r.spool_path.view())));
     const std::string name = std::to_string(r.session) + "-" + std::to_string(r.cmd_seq) + ".json";
     std::atomic<bool> over = false;
     std::thread software([&] {
@@ -99,6 +100,13 @@ class ScanDropTest : public ::testing::Test {
     for (const std::string& left : names_in(request_file()))
       EXPECT_EQ(left, ".unanswered") << "the request must be gone afterwards";
     return result;
+  }
+
+  /// The daemon gives every attempt a place of its own.
+  static void make_place(const fs::path& place) {
+    std::error_code none;
+    for (const auto& entry : fs::directory_iterator(place.parent_path(), none))
+      if (entry.path().stem() == place.filename()) fs::remove(entry.path());
   }
 
   /// The same in any format, by rename from outside the inbox.

@@ -2,6 +2,9 @@
 //
 // What a restarted daemon is told, in every phase of a slab. Each state is built through apply(), then the store is
 // closed and opened again.
+#include <filesystem>
+#include <fstream>
+
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {
@@ -435,6 +438,46 @@ TEST_F(RecoverTest, long_random_day_agrees_with_a_model) {
       ASSERT_EQ(line->stations[i].attempts, model.attempts[i]);
     }
   }
+}
+
+// A backup that was copied into place by hand, or a disk that was set back.
+TEST_F(RecoverTest, a_database_older_than_its_spool_gives_no_key_a_second_time) {
+  begin(1);
+  scan(1, 1, 1);
+  end(1, Verdict::pass);
+  close();
+  const std::string backup = folder_.path() + "/backup.db";
+  ASSERT_TRUE(back_up_database(settings_.db_path, backup).ok());
+  open();
+  (void)recover();
+  for (const std::int64_t key : {2, 10}) {
+    begin(key);
+    scan(key, 1, 1);
+    end(key, Verdict::pass);
+  }
+  close();
+  EXPECT_TRUE(open_store(settings_).ok()) << "in step with its spool";
+  for (const char* side : {"", "-wal", "-shm"}) std::filesystem::remove(settings_.db_path + side);
+  std::filesystem::copy_file(backup, settings_.db_path);
+  const auto refused = open_store(settings_);
+  ASSERT_FALSE(refused.ok());
+  EXPECT_EQ(refused.error().code, Code::journal_write);
+  const std::string_view text = refused.error().text.view();
+  EXPECT_NE(text.find("slabs up to 1, and " + settings_.spool_dir + "/10"), std::string_view::npos) << text;
+  EXPECT_NE(text.find("slabctl db restore"), std::string_view::npos) << text;
+  // Nothing newer is left than what lies there.
+  ASSERT_TRUE(
+      restore_database(settings_, {settings_.db_path, {"anna", "the disk broke", 1'700'000'000'000'000}, 4711, false})
+          .ok());
+  open();
+  EXPECT_EQ(recover()->last_slab_key, 10);
+}
+
+TEST_F(RecoverTest, folders_of_digits_that_hold_no_scans_are_no_slabs) {
+  begin(1);
+  for (const char* name : {"/20261123/photos", "/2"}) std::filesystem::create_directories(settings_.spool_dir + name);
+  std::ofstream(settings_.spool_dir + "/20261123/04.jpg") << "a look at the fixture";
+  EXPECT_EQ(restart()->last_slab_key, 1);
 }
 
 }  // namespace
