@@ -270,6 +270,25 @@ TEST(SlabDefects, every_number_of_pairs_either_has_a_frame_or_says_why_not) {
         EXPECT_EQ(bad.station_verdict[static_cast<std::size_t>(k - 1)], k == station ? Verdict::fail : Verdict::pass)
             << int{pairs} << " pairs, station " << k << " while " << station << " is displaced";
     }
+    for (int station = 1; station <= 2 * pairs; ++station) {
+      for (const double off_mm : {-0.6, 0.6, -0.8, 0.8}) {
+        BuiltSlab built = bench.slab();
+        bench.move(built, station, {0.0, 0.0, off_mm});
+        const SlabResult bad = bench.measure(built, pairs);
+        EXPECT_NEAR(item(bad, ItemId::seat_vertical, station).value, off_mm, 0.08)
+            << int{pairs} << " pairs, station " << station;
+        // The U of a corner seat reaches back over the limit from 0.6 mm.
+        EXPECT_NE(bad.verdict, Verdict::pass) << int{pairs} << " pairs, station " << station << " off by " << off_mm;
+        for (int k = 1; k <= 2 * pairs; ++k) {
+          if (k == station) continue;
+          EXPECT_EQ(bad.station_verdict[static_cast<std::size_t>(k - 1)], Verdict::pass)
+              << int{pairs} << " pairs, station " << k << " while " << station << " is off by " << off_mm;
+        }
+        if (std::abs(off_mm) > 0.7) {
+          EXPECT_EQ(bad.verdict, Verdict::fail) << int{pairs} << " pairs, station " << station;
+        }
+      }
+    }
   }
 }
 
