@@ -172,8 +172,18 @@ void read_limits(TableReader& item, const ItemInfo& info, Tolerance& out) {
 
 /// Sizes have no lower limit that means anything; what is out on either side of its nominal is bad on both.
 bool is_size(ItemId id) {
-  return id == ItemId::seat_flatness || id == ItemId::casing_skew_inner || id == ItemId::casing_skew_outer ||
-         id == ItemId::seat_std;
+  return id == ItemId::seat_flatness || id == ItemId::casing_skew_inner || id == ItemId::casing_skew_outer;
+}
+
+/// An item without a bit in the PLC's fail mask is information: a block that failed by it would not say why.
+void refuse_judging(TableReader& item, const Tolerance& t) {
+  for (const char* key : {"lower", "upper", "tolerance"})
+    if (item.has(key))
+      item.problem(key,
+                   "found a limit of an item that is information and never judged; leave it out, seat_flatness is "
+                   "the item that judges the seat's surface");
+  if (t.required)
+    item.problem("required", "found true for an item that is information and never judged; allowed is false");
 }
 
 void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
@@ -182,6 +192,10 @@ void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
   read_item_nominal(item, info, out);
   read_limits(item, info, out);
   item.optional_number("U", out.U, {1e-6, 1e3});
+  if (info.plc_bit < 0) {
+    refuse_judging(item, out);
+    return item.finish();
+  }
   const bool limited = item.has("lower") || item.has("upper") || item.has("tolerance");
   if (limited && !item.has("nominal")) item.missing("nominal", "the value that deviations are counted from");
   if (limited && !item.has("tolerance")) {

@@ -332,6 +332,32 @@ TEST_F(RecipeTest, faults_name_the_nearest_key_and_the_range) {
             "limits");
 }
 
+TEST_F(RecipeTest, an_item_that_is_information_cannot_be_made_to_judge) {
+  const std::string good = read_whole(kP5600);
+  const std::string before = "[items.seat_std]\nrequired = false\n";
+  const auto problems_of = [&](const std::string& keys, const std::string& line) {
+    const std::string text = with(good, before, "[items.seat_std]\n" + keys);
+    Texts problems = load(text);
+    EXPECT_EQ(problems.size(), 1U) << keys;
+    if (problems.empty()) return std::string();
+    EXPECT_TRUE(problems[0].starts_with("r.toml:" + std::to_string(line_of(text, line)) + ":")) << problems[0];
+    return problems[0].substr(problems[0].find(": ") + 2);
+  };
+  const std::string never =
+      ": found a limit of an item that is information and never judged; leave it out, seat_flatness is the item that "
+      "judges the seat's surface";
+  EXPECT_EQ(problems_of("required = false\nnominal = 0\nupper = 0.0301\n", "upper = 0.0301"),
+            "items.seat_std.upper" + never);
+  EXPECT_EQ(problems_of("required = false\nnominal = 0\nlower = -0.0301\n", "lower = -0.0301"),
+            "items.seat_std.lower" + never);
+  EXPECT_EQ(problems_of("required = false\nnominal = 0\ntolerance = 0.0301\n", "tolerance = 0.0301"),
+            "items.seat_std.tolerance" + never);
+  EXPECT_EQ(problems_of("required = true # info\n", "required = true # info"),
+            "items.seat_std.required: found true for an item that is information and never judged; allowed is false");
+  // A figure to compare with is none that judges.
+  EXPECT_EQ(load(with(good, before, before + "nominal = 0.03\nU = 0.01\n")), Texts{});
+}
+
 TEST_F(RecipeTest, damaged_bytes_never_escape_as_an_exception) {
   const std::string good = read_whole(kP5600);
   Prng prng(11);
