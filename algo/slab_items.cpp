@@ -358,9 +358,6 @@ class ItemWriter {
     item.U = std::hypot(default_U(item.U, station_sigma), of_roll);
     if (recipe_.uncertainty.given && has_value(item.value)) settle(budget_.budget(gradient.value(), unit), item);
     item.verdict = judge(item, recipe_.guard);
-    // Simple acceptance does not ask for U, but an uncalibrated station cannot decide anything.
-    if (item.verdict != Verdict::not_measured && item.verdict != Verdict::none && !has_value(item.U))
-      item.verdict = Verdict::indeterminate;
     if (item.verdict == Verdict::pass && !passes_rolled(item, of_roll)) item.verdict = Verdict::indeterminate;
     (void)out_.items.push(item);
   }

@@ -82,7 +82,8 @@ Verdict judge(const Item& item, double guard) {
   const bool has_lower = has_value(item.lower);
   const bool has_upper = has_value(item.upper);
   if (!has_lower && !has_upper) return Verdict::none;
-  if (guard > 0.0 && !(std::isfinite(item.U) && item.U > 0.0)) return Verdict::indeterminate;
+  // Simple acceptance gives the band away, not the knowledge of what the value is worth.
+  if (!(std::isfinite(item.U) && item.U > 0.0)) return Verdict::indeterminate;
   const double band = guard > 0.0 ? guard * item.U : 0.0;
   if ((has_lower && item.value < item.lower - band) || (has_upper && item.value > item.upper + band))
     return Verdict::fail;

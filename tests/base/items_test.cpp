@@ -45,6 +45,15 @@ TEST(Judge, nothing_measured_is_never_a_pass) {
   EXPECT_EQ(judge(item(0.0, kNoValue, kNoValue, 0.1), 1.0), Verdict::none);
 }
 
+TEST(Judge, without_U_nothing_is_decided_in_simple_acceptance_either) {
+  for (const double U : {kNoValue, 0.0}) {
+    EXPECT_EQ(judge(item(0.0, -0.5, 0.5, U), 0.0), Verdict::indeterminate);
+    EXPECT_EQ(judge(item(0.6, -0.5, 0.5, U), 0.0), Verdict::indeterminate);
+    EXPECT_EQ(judge(item(kNoValue, -0.5, 0.5, U), 0.0), Verdict::not_measured);
+    EXPECT_EQ(judge(item(0.0, kNoValue, kNoValue, U), 0.0), Verdict::none);
+  }
+}
+
 TEST(Conformance, probability_of_one_limit_as_in_jcgm_106) {
   // U = 2 u throughout. T17 and T18 of the usual worked examples.
   EXPECT_NEAR(conformance_probability(item(-5.47, kNoValue, -5.40, 0.10)), 0.919243, 5e-7);
