@@ -63,7 +63,11 @@ std::string condition(const SlabFilter& filter) {
     where += any ? "item.verdict NOT IN ('pass', 'none')" : "item.verdict = ?7";
     if (filter.block != 0)
       where += " AND (item.station = ?8 OR (item.station = 0 AND ?8 IN (item.from_station, item.to_station)))";
-    where += std::string(" AND (item.station = 0 OR (") + kValidAttempt + " AND " + kNotSuperseded + "))))";
+    // A block's item in the slab's frame may be for information: then the block's own is the one that was judged.
+    const bool may_inform = info(*filter.item).scope == ItemScope::block;
+    where += " AND ((item.station = 0";
+    if (may_inform) where += " AND (item.lower IS NOT NULL OR item.upper IS NOT NULL)";
+    where += std::string(") OR (") + kValidAttempt + " AND " + kNotSuperseded + "))))";
   } else if (filter.block != 0) {
     where +=
         " AND ?8 <= slab.stations AND EXISTS (SELECT 1 FROM station_result AS s WHERE s.slab_key = slab.slab_key AND "

@@ -225,6 +225,31 @@ TEST_F(SearchTest, an_item_for_information_does_not_take_the_place_of_the_one_th
   EXPECT_EQ(found(failed), Keys{1});
 }
 
+TEST_F(SearchTest, an_item_for_information_that_was_not_measured_is_no_find) {
+  // slope_datum = "local_slab_top", and no slab frame: the block's slope was judged and passed.
+  open();
+  apply(BeginSlabJob{random_header(prng_, 1), 1, ++cmd_seq_});
+  for (int station = 1; station <= 18; ++station) measured(1, station, 1, 0.1, Verdict::pass);
+  SlabResult slab;
+  slab.verdict = Verdict::not_measured;
+  Item in_slab = an_item(ItemId::seat_slope, 2, kNoValue, Verdict::not_measured);
+  in_slab.lower = in_slab.upper = kNoValue;
+  ASSERT_TRUE(slab.items.push(in_slab));
+  ASSERT_TRUE(slab.items.push(an_item(ItemId::seat_lateral, 2, kNoValue, Verdict::not_measured)));
+  apply(SlabJob{1, slab, random_record(prng_, ++res_seq_, 2), 9'000'000});
+  SlabFilter filter;
+  for (const Verdict verdict : {Verdict::none, Verdict::not_measured}) {
+    filter.verdict = verdict;
+    filter.item = ItemId::seat_slope;
+    EXPECT_EQ(found(filter), Keys{}) << name(verdict);
+    filter.item = ItemId::seat_lateral;
+    EXPECT_EQ(found(filter), Keys{1}) << name(verdict);
+  }
+  filter.verdict = Verdict::pass;
+  filter.item = ItemId::seat_slope;
+  EXPECT_EQ(found(filter), Keys{1});
+}
+
 TEST_F(SearchTest, values_are_those_of_valid_attempts_and_the_slabs_own_come_first) {
   make_four();
   ItemFilter filter;
