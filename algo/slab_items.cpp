@@ -168,18 +168,21 @@ Seats seats_in_slab_frame(const Recipe& recipe, std::span<const BlockResult> blo
 /// rail for its subject.
 void note_frame(const Recipe& recipe, const RollWitness& witness, const Seats& seats, SlabFitReport& fit) {
   if (!witness.seen)
-    fit.note = "slab top unseen, roll not confirmed";
+    fit.note = "slab top unseen, roll unconfirmed";
   else if (witness.u_rad > 0.0)
     fit.note.printf("top rolled %+.3f deg to the seats", deg_from_rad(witness.roll_rad));
   const Tolerance& spacing = recipe.tolerance(ItemId::seat_spacing);
-  double most_mm = 0.5 * (spacing.upper - spacing.lower);
+  constexpr double kUnlimited_mm = 1.0;  // told also where no spacing is judged
+  double most_mm =
+      has_value(spacing.lower) && has_value(spacing.upper) ? 0.5 * (spacing.upper - spacing.lower) : kUnlimited_mm;
   FixedString<32> along;
   for (int station = 1; station <= recipe.stations(); ++station) {
     const Seat& seat = seats[station];
     const double off_mm = seat.p.x() - seat.nominal.x();
     if (!seat.ok || !(std::abs(off_mm) > most_mm)) continue;
     most_mm = std::abs(off_mm);
-    along.printf("seat %d off by %.2f mm in X", station, off_mm);
+    // Both remarks are to have room in the note: of so much nobody misses the hundredths.
+    along.printf("seat %d off by %.*f mm in X", station, most_mm < 9.995 ? 2 : most_mm < 99.95 ? 1 : 0, off_mm);
   }
   if (!along.empty() && !fit.note.empty()) fit.note.append("; ");
   fit.note.append(along.view());

@@ -514,6 +514,28 @@ TEST(SlabDefects, a_row_that_lies_elsewhere_along_the_rail_is_said) {
   EXPECT_TRUE(bench.measure(bench.slab(), 5).fit.note.empty());
 }
 
+TEST(SlabDefects, a_seat_out_of_place_is_told_in_full_beside_the_roll_and_without_limits_of_spacing) {
+  Recipe recipe = simulation::recipe_with_uncertainty();
+  Tolerance& spacing = recipe.tolerances[static_cast<std::size_t>(ItemId::seat_spacing)];
+  spacing.lower = spacing.upper = kNoValue;
+  spacing.required = false;
+  const Bench bench(recipe);
+  EXPECT_TRUE(bench.measure(bench.slab(), 1).fit.note.empty());
+  BuiltSlab built = rows_of(bench, 2.0, 0.0, 0.0, 0.0, 0.0, 1);
+  bench.move(built, 12, {-12.0, 0.0, 0.0});
+  const SlabResult r = bench.measure(built, 1);
+  EXPECT_TRUE(r.fit.note.view().starts_with("top rolled ")) << r.fit.note.view();
+  EXPECT_NE(r.fit.note.view().find("; seat 12 off by -1"), std::string_view::npos) << r.fit.note.view();
+  EXPECT_TRUE(r.fit.note.view().ends_with(" mm in X")) << r.fit.note.view();
+
+  Prng prng(4);
+  Measured m = bench.line.measure(built, robot_only(), prng);
+  for (int k = 1; k <= 7; ++k) m.blocks[static_cast<std::size_t>(9 + k - 1)].observation.top_ok = false;
+  algo::inspect_slab(bench.line.recipe(), m.blocks, kRobot, Line::T_base_slab(), m.slab);
+  EXPECT_TRUE(m.slab.fit.note.view().starts_with("slab top unseen")) << m.slab.fit.note.view();
+  EXPECT_TRUE(m.slab.fit.note.view().ends_with(" mm in X")) << m.slab.fit.note.view();
+}
+
 TEST(SlabDefects, an_unsettled_roll_widens_heights_that_keep_their_rows_height_too) {
   Recipe recipe = simulation::recipe_with_uncertainty();
   recipe.remove_warp = false;
