@@ -218,6 +218,11 @@ class RtuSlave final : public PlcPort {
     for (std::size_t from = 0; from + kRtuBytesMin <= bytes_; ++from) {
       if (buffer_[from] != settings_.unit_id) continue;
       const auto frame = std::span<const std::uint8_t>(buffer_).subspan(from, bytes_ - from);
+      if (is_echo(frame)) {
+        note_echo();
+        bytes_ = 0;
+        return false;
+      }
       if (rtu_request_bytes(frame) != frame.size() || !rtu_intact(frame)) continue;
       const RequestCheck check = check_pdu(pdu_of(frame));
       if (check.refusal && !(from == 0 && at_start_)) continue;
@@ -254,6 +259,7 @@ class RtuSlave final : public PlcPort {
     echo_[0] = settings_.unit_id;
     std::copy(pdu.begin(), pdu.end(), echo_.begin() + 1);
     echo_bytes_ = rtu_close(echo_, 1 + pdu.size());
+    echo_next_ = true;
     reply_is_request_ = pdu[0] == kWriteOne;
     echo_until_ns_ = now_ns_ + static_cast<std::int64_t>(echo_bytes_) * character_ns_ + kEchoNs;
     if (write(fd_.get(), echo_.data(), echo_bytes_) == static_cast<ssize_t>(echo_bytes_)) return;
@@ -263,22 +269,38 @@ class RtuSlave final : public PlcPort {
 
   /// An adapter that listens while it speaks hands our reply back, and the reply to FC 6 is the request: answering it
   /// would never end. A master that writes the same twice looks alike; which of the two it is, other replies tell,
-  /// whose echo is like no request. True: what has come so far may still be the echo.
+  /// whose echo is like no request. An adapter that changes its direction may hear a few bytes of noise before the
+  /// echo: they are dropped with it. True: what has come so far may still be the echo.
   bool swallow_echo() {
-    if (echo_bytes_ == 0) return false;
-    if (reply_is_request_ && replies_without_echo_ >= kRepliesToBeSure) echo_bytes_ = 0;
-    if (echo_bytes_ == 0) return false;
-    const std::size_t common = std::min(bytes_, echo_bytes_);
-    const bool echo = now_ns_ < echo_until_ns_ &&
-                      std::equal(echo_.begin(), echo_.begin() + static_cast<std::ptrdiff_t>(common), buffer_.begin());
-    if (echo && common < echo_bytes_) return true;
-    const std::size_t swallowed = echo ? echo_bytes_ : 0;
-    if (!reply_is_request_) replies_without_echo_ = echo ? 0 : std::min(replies_without_echo_ + 1, kRepliesToBeSure);
+    if (!echo_next_) return false;
+    for (std::size_t noise = 0; noise < kRtuBytesMin && echo_may_come(); ++noise) {
+      const auto behind = std::span<const std::uint8_t>(buffer_).first(bytes_).subspan(std::min(noise, bytes_));
+      const std::size_t common = std::min(behind.size(), echo_bytes_);
+      if (!std::equal(echo_.begin(), echo_.begin() + static_cast<std::ptrdiff_t>(common), behind.begin())) continue;
+      if (common < echo_bytes_) return true;
+      std::copy(behind.begin() + static_cast<std::ptrdiff_t>(common), behind.end(), buffer_.begin());
+      bytes_ = behind.size() - common;
+      note_echo();
+      return bytes_ == 0;
+    }
+    echo_next_ = false;
+    if (!reply_is_request_) replies_without_echo_ = std::min(replies_without_echo_ + 1, kRepliesToBeSure);
+    return false;
+  }
+  /// The reply left so lately that it may still come back, and has not yet, on an adapter that may do so.
+  [[nodiscard]] bool echo_may_come() const {
+    const bool sure_not_to = reply_is_request_ && replies_without_echo_ >= kRepliesToBeSure;
+    return echo_bytes_ != 0 && now_ns_ < echo_until_ns_ && !sure_not_to;
+  }
+  /// Behind so much noise that it was given up, too.
+  [[nodiscard]] bool is_echo(std::span<const std::uint8_t> frame) const {
+    return echo_may_come() && std::equal(frame.begin(), frame.end(), echo_.begin(),
+                                         echo_.begin() + static_cast<std::ptrdiff_t>(echo_bytes_));
+  }
+  void note_echo() {
+    if (!reply_is_request_) replies_without_echo_ = 0;
     echo_bytes_ = 0;
-    std::copy(buffer_.begin() + static_cast<std::ptrdiff_t>(swallowed),
-              buffer_.begin() + static_cast<std::ptrdiff_t>(bytes_), buffer_.begin());
-    bytes_ -= swallowed;
-    return bytes_ == 0;
+    echo_next_ = false;
   }
 
   PlcSettings settings_;
@@ -291,7 +313,8 @@ class RtuSlave final : public PlcPort {
   std::size_t bytes_ = 0;
   bool at_start_ = true;                           ///< the buffer begins after a pause, or behind a frame of ours
   std::array<std::uint8_t, kRtuBytesMax> echo_{};  ///< the last reply
-  std::size_t echo_bytes_ = 0;
+  std::size_t echo_bytes_ = 0;                     ///< 0: none, or it came back
+  bool echo_next_ = false;                         ///< nothing else has come since it left
   std::int64_t echo_until_ns_ = 0;
   bool reply_is_request_ = false;  ///< the last reply was to FC 6
   int replies_without_echo_ = 0;   ///< in a row, on this line

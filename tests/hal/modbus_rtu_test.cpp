@@ -255,6 +255,38 @@ TEST_F(RtuTest, an_adapter_that_hears_itself_does_not_answer_itself) {
   EXPECT_EQ(turn().size(), 1U);
 }
 
+TEST_F(RtuTest, noise_in_front_of_its_own_voice_does_not_make_it_answer_itself) {
+  // What a driver that changes its direction makes of the line; also as much that it looks like another slave's frame.
+  for (const Bytes& noise : {Bytes{0}, Bytes{0xFF}, Bytes{kUnit}, Bytes{0, 0x55, 0xFF}, Bytes(9, 0x55)}) {
+    // Reads first: they must not tell that this adapter does not echo.
+    for (int i = 0; i < 5; ++i) {
+      ASSERT_EQ(asked(kRead), kReadAnswer);
+      EXPECT_EQ(asked(joined(noise, kReadAnswer)), Bytes{});
+    }
+    send(kWriteSeq);
+    ASSERT_EQ(turn().size(), 1U);
+    ASSERT_EQ(receive(), kWriteSeq);
+    send(noise);  // alone at first
+    EXPECT_TRUE(turn().empty());
+    send(kWriteSeq);
+    EXPECT_TRUE(turn().empty());
+    EXPECT_EQ(receive(), Bytes{});
+    // Once it has come, the same bytes are a request.
+    EXPECT_EQ(asked(kWriteSeq), kWriteSeq);
+    EXPECT_EQ(asked(kWriteSeq), Bytes{}) << "its echo, without noise";
+    pause();
+  }
+}
+
+TEST_F(RtuTest, the_same_write_behind_other_slaves_traffic_is_answered_where_nothing_echoes) {
+  const Bytes foreign = joined(closed({5, 3, 0, 0, 0, 3}), closed({5, 3, 6, 1, 2, 3, 4, 5, 6}));
+  for (int i = 0; i < 4; ++i) EXPECT_EQ(asked(joined(foreign, kRead)), kReadAnswer);
+  for (int i = 0; i < 6; ++i) {
+    EXPECT_EQ(asked(joined(foreign, kWriteSeq)), kWriteSeq) << i;
+    now_ns_ += kNsPerMs;
+  }
+}
+
 TEST_F(RtuTest, a_line_that_vanishes_is_opened_again_as_a_new_connection) {
   send(kWriteSeq);
   EXPECT_EQ(turn().at(0).command_writer, 1U);
