@@ -185,21 +185,28 @@ Result<std::string> backup_offline(const daemon::Config& config) {
 
 /// All but `made`, which was just found whole, and the newest of the others. What cannot be read stays, and takes no
 /// other's place.
-void drop_old_backups(const daemon::Config& config, const std::string& made, int keep) {
+[[nodiscard]] int drop_old_backups(const daemon::Config& config, const std::string& made, int keep) {
   std::error_code unseen;  // then there is nothing to delete
   auto backups = backups_of(config.storage.db_path, unseen);
   std::erase_if(backups,
                 [&](const std::string& path) { return fs::path(path).filename() == fs::path(made).filename(); });
   const std::vector<KnownBackup> sorted = by_age(backups);
+  int status = kDone;
   for (std::size_t i = 0; i + static_cast<std::size_t>(keep) <= sorted.size(); ++i) {
     std::error_code ec;
     fs::remove(sorted[i].path, ec);
     if (ec) {
-      complain(fmt::format("{} cannot be deleted: {}", sorted[i].path, ec.message()));
+      complain(fmt::format("{} cannot be deleted: {}{}", sorted[i].path, ec.message(),
+                           ec == std::errc::read_only_file_system
+                               ? " (a service writes only where its unit says ReadWritePaths=; systemctl edit "
+                                 "slabd-backup)"
+                               : ""));
+      status = exit_for(Code::journal_write);
     } else {
       fmt::print(stderr, "deleted {}\n", sorted[i].path);
     }
   }
+  return status;
 }
 
 int back_up(const Options& options) {
@@ -236,8 +243,8 @@ int back_up(const Options& options) {
   Options thorough = options;
   thorough.full = true;
   const int status = examine(path, thorough);
-  if (status == kDone && options.keep > 0) drop_old_backups(config, made.value(), options.keep);
-  return status;
+  if (status != kDone || options.keep == 0) return status;
+  return drop_old_backups(config, made.value(), options.keep);
 }
 
 // ---- restore, prune ----------------------------------------------------------------------------------------------

@@ -6,6 +6,8 @@
 #include <netinet/in.h>
 #include <poll.h>
 #include <pty.h>
+#include <sched.h>
+#include <sys/mount.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -112,6 +114,37 @@ TEST_F(CareLine, a_copy_on_another_disk_is_checked_there_and_old_ones_go) {
   EXPECT_EQ(box_.stop(), 0);
   const Box::Answer offline = db({"backup"});
   EXPECT_EQ(offline.exit_status, 0) << "without a daemon too: " << offline.err;
+}
+
+/// In a mount namespace of its own, where backups can only be read, as of a unit that may not write there.
+int keep_one_on_a_read_only_disk(const fs::path& backups, const std::vector<std::string>& command,
+                                 const fs::path& dir) {
+  if (unshare(CLONE_NEWNS) != 0) return 99;
+  if (mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0) return 98;
+  if (mount(backups.c_str(), backups.c_str(), nullptr, MS_BIND, nullptr) != 0 ||
+      mount(nullptr, backups.c_str(), nullptr, MS_BIND | MS_REMOUNT | MS_RDONLY, nullptr) != 0)
+    return 97;
+  Process process(command, dir / "keep.out", dir / "keep.err");
+  return process.wait();
+}
+
+TEST_F(CareLine, old_backups_that_cannot_be_deleted_are_no_success) {
+  start();
+  (void)backup();
+  const pid_t child = ::fork();
+  if (child == 0)
+    _exit(keep_one_on_a_read_only_disk(
+        box_.dir / "backups", {SLABCTL_PROGRAM, "db", "backup", "--keep", "1", "--config", box_.config.native()},
+        box_.dir));
+  int status = -1;
+  ::waitpid(child, &status, 0);
+  ASSERT_TRUE(WIFEXITED(status));
+  if (WEXITSTATUS(status) >= 97) GTEST_SKIP() << "the kernel refuses a mount here";
+  EXPECT_EQ(WEXITSTATUS(status), 4);
+  const std::string err = read_file(box_.dir / "keep.err");
+  EXPECT_NE(err.find("cannot be deleted"), std::string::npos) << err;
+  EXPECT_NE(err.find("systemctl edit slabd-backup"), std::string::npos) << err;
+  EXPECT_EQ(box_.stop(), 0);
 }
 
 TEST_F(CareLine, a_damaged_database_is_fault_502_with_modbus_up_until_one_is_restored) {
