@@ -73,6 +73,13 @@ void check_files(TableReader& root, const Config& config) {
   hold_nothing(db);
   places.push_back(db);
   hold_nothing(socket);
+  for (const char* side : {"-wal", "-shm", ".writer"})
+    if (place_of(socket.path) == place_of(db.path + side))
+      root.table(socket.table)
+          .problem(socket.key,
+                   fmt::format("found {}, which is the name of a file beside storage.db; allowed is another "
+                               "place",
+                               socket.path));
 }
 
 /// Two listeners on one port: the second gets none, for ever.

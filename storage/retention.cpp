@@ -26,6 +26,9 @@ Retention::Retention(Connection& db)
                  "AND NOT EXISTS (SELECT 1 FROM result WHERE result.slab_key = slab.slab_key AND acknowledged = 0) "
                  "AND NOT EXISTS (SELECT 1 FROM attempt WHERE attempt.slab_key = slab.slab_key "
                  "AND scan_state IN ('kept', 'deleting')) ORDER BY slab_key LIMIT 1"),
+      drop_of_no_slab_(db,
+                       "DELETE FROM command WHERE slab_key IS NULL "
+                       "AND id < (SELECT min(id) FROM command WHERE slab_key IS NOT NULL)"),
       note_(db, "UPDATE line SET pruned_slabs = pruned_slabs + 1, pruned_key = max(pruned_key, ?1)") {}
 
 std::int64_t Retention::key_at(Statement& newest_first, std::int64_t offset) {
@@ -45,6 +48,7 @@ bool Retention::take_one(std::int64_t keep_slabs, std::int64_t keep_failed_slabs
   candidate_.reset();
   for (const char* table : kTables)
     db_.execute(std::string("DELETE FROM ") + table + " WHERE slab_key = " + std::to_string(key));
+  drop_of_no_slab_.run();
   note_.bind(1, key).run();
   transaction.commit();
   return true;

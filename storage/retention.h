@@ -27,6 +27,7 @@ class Retention {
   Statement newest_;
   Statement newest_failed_;
   Statement candidate_;
+  Statement drop_of_no_slab_;  ///< commands given between slabs: REPORT
   Statement note_;
 };
 

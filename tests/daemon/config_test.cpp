@@ -370,6 +370,10 @@ TEST_F(ConfigTest, a_file_is_no_folder_and_no_other_file) {
             Texts{"slabd.toml:9:10: control.socket: found /srv/x, which is a file and cannot be or hold /srv/x "
                   "(storage.db); allowed is another place"});
   EXPECT_EQ(load(places("/srv/slabd.db", "/srv/spool", "/srv/spool")).size(), 1U);
+  for (const char* side : {"-wal", "-shm", ".writer"})
+    EXPECT_EQ(load(places("/srv/x", "/srv/spool", std::string("/srv/x") + side)),
+              Texts{std::string("slabd.toml:9:10: control.socket: found /srv/x") + side +
+                    ", which is the name of a file beside storage.db; allowed is another place"});
 }
 
 TEST_F(ConfigTest, what_nests_without_end_is_refused_before_it_is_read) {

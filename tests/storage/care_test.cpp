@@ -176,6 +176,24 @@ TEST_F(CareTest, a_copy_without_a_daemon) {
   EXPECT_EQ(report.value().slabs, 3);
 }
 
+TEST_F(CareTest, commands_given_between_slabs_go_with_the_slabs_around_them) {
+  settings_.keep_slabs = kKeepSlabsMin;
+  open();
+  (void)recover();
+  for (std::int64_t key = 1; key <= kKeepSlabsMin + 5; ++key) {
+    slabs(key, key);
+    accept(PlcCommand::report, 0, 0);
+    PlcResult again = random_record(prng_, ++res_seq_, 2);
+    apply(ReportJob{again});
+    acknowledge(res_seq_);
+  }
+  EXPECT_EQ(count("command WHERE slab_key IS NULL"), kKeepSlabsMin + 5);
+  quiet(30);
+  ASSERT_EQ(count("slab"), kKeepSlabsMin);
+  EXPECT_EQ(count("command WHERE slab_key IS NULL"), kKeepSlabsMin);
+  EXPECT_EQ(recover()->cmd_ack, cmd_seq_);
+}
+
 TEST_F(CareTest, only_so_many_slabs_are_kept_and_the_history_says_so) {
   settings_.keep_slabs = kKeepSlabsMin;
   open();
