@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <cstdio>
 #include <ctime>
 #include <filesystem>
 
@@ -43,7 +44,12 @@ Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes) : to
   std::error_code ec;
   if (std::filesystem::exists(std::filesystem::symlink_status(to_, ec))) fail(to_ + " exists already");
   const auto bytes = static_cast<std::uint64_t>(from.integer("PRAGMA page_count") * from.integer("PRAGMA page_size"));
-  must(check_room(folder_of(to_), bytes + kRoomLeft + leave_bytes, "a copy"));
+  std::array<char, 160> what{};
+  constexpr double kMb = 1e6;
+  std::snprintf(what.data(), what.size(), "a copy of %.1f MB, with %.0f MB left for a day's records%s,",
+                static_cast<double>(bytes) / kMb, static_cast<double>(kRoomLeft) / kMb,
+                leave_bytes > 0 ? " and the room for the next slab's scans" : "");
+  must(check_room(folder_of(to_), bytes + kRoomLeft + leave_bytes, what.data()));
   std::filesystem::remove(part_, ec);  // of a copy that was cut short
   try {
     must(create_file(part_));
@@ -57,7 +63,7 @@ Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes) : to
 
 void Backup::begin(Connection& from) {
   lock_.take(part_);
-  copy_ = std::make_unique<Connection>(part_, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
+  copy_ = std::make_unique<Connection>(in_real_folder(part_), SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
   // Synced by step(), and worth nothing until it has its name.
   copy_->execute("PRAGMA synchronous = OFF");
   copy_->execute("PRAGMA journal_mode = OFF");

@@ -135,7 +135,7 @@ SqlFailure explained(SqlFailure failure, const std::string& path) {
 /// What a connection of its own finds wrong, damage or not; empty: nothing.
 std::string damage_at(const std::string& path) {
   try {
-    Connection db(path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
+    Connection db(in_real_folder(path), SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
     checkpoint_on_close(db, false);
     protect(db);
     (void)owner_of(db);
@@ -166,7 +166,7 @@ bool is_damaged_for_good(const std::string& path) {
 enum class Upgrade : std::uint8_t { with_copy, in_place };
 
 std::unique_ptr<Connection> open_checked(const std::string& path, Upgrade how, bool check_whole) {
-  auto db = std::make_unique<Connection>(path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
+  auto db = std::make_unique<Connection>(in_real_folder(path), SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
   // Until it is known to be whole, closing it must not move the log: a damaged database stays as it was found.
   checkpoint_on_close(*db, false);
   protect(*db);
@@ -184,6 +184,13 @@ Result<std::unique_ptr<Connection>> open_file_for_writing(const std::string& pat
   const std::string folder = std::filesystem::path(path).parent_path().string();
   if (!folder.empty())
     if (Status status = make_folder(folder); !status.ok()) return status.error();
+  std::error_code no_link;
+  if (const auto to = std::filesystem::read_symlink(path, no_link); !no_link)
+    return error(
+        Code::journal_write,
+        "the database %s is a link to %s: quarantine and restore would replace the link, not the file. Name the "
+        "file itself, or link its folder",
+        path.c_str(), to.c_str());
   if (const auto note = quarantine_note(path)) {
     if (Status status = finish_quarantine(path); !status.ok()) return status.error();
     return error(Code::journal_write,

@@ -76,11 +76,32 @@ Status rename_file(const std::string& from, const std::string& to) {
   return trouble(("cannot rename " + from + " to").c_str(), to);
 }
 
+std::string in_real_folder(const std::string& path) {
+  namespace fs = std::filesystem;
+  const fs::path parent = fs::path(path).parent_path();
+  std::error_code ec;
+  const fs::path real = fs::canonical(parent.empty() ? fs::path(".") : parent, ec);
+  if (ec || real == fs::absolute(parent.empty() ? fs::path(".") : parent, ec).lexically_normal()) return path;
+  return (real / fs::path(path).filename()).string();
+}
+
 Result<std::uint64_t> free_bytes(const std::string& path) {
   struct statvfs disk {};
   if (statvfs(path.c_str(), &disk) != 0)
     return error(Code::journal_write, "cannot ask for the free space of %s: %s", path.c_str(), std::strerror(errno));
   return static_cast<std::uint64_t>(disk.f_bavail) * disk.f_frsize;
+}
+
+bool share_a_disk(const std::string& folder, const std::string& other) {
+  struct stat a {};
+  struct stat b {};
+  struct statvfs room_a {};
+  struct statvfs room_b {};
+  if (stat(folder.c_str(), &a) != 0 || stat(other.c_str(), &b) != 0 || statvfs(folder.c_str(), &room_a) != 0 ||
+      statvfs(other.c_str(), &room_b) != 0)
+    return true;
+  // Subvolumes have device numbers of their own, and the figures of what they share.
+  return a.st_dev == b.st_dev || (room_a.f_frsize == room_b.f_frsize && room_a.f_blocks == room_b.f_blocks);
 }
 
 Status check_room(const std::string& folder, std::uint64_t bytes, const char* what) {

@@ -27,8 +27,15 @@ namespace slabd::storage {
 /// Gives a file another name on the same disk, and takes that from what has it. Not yet on the disk.
 [[nodiscard]] Status rename_file(const std::string& from, const std::string& to);
 
+/// The same file by a path without links in its folders, for SQLITE_OPEN_NOFOLLOW, which refuses a link anywhere. The
+/// last name stays as it is.
+[[nodiscard]] std::string in_real_folder(const std::string& path);
+
 /// Bytes a normal user may still write on the disk that holds `path`.
 [[nodiscard]] Result<std::uint64_t> free_bytes(const std::string& path);
+
+/// Whether what is written below one folder is missing below the other. True where nobody can tell.
+[[nodiscard]] bool share_a_disk(const std::string& folder, const std::string& other);
 
 /// store_full, with the figures, unless `bytes` more may be written in `folder`. An empty folder is the working folder.
 /// `what` needs them: the beginning of a sentence.

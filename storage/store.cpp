@@ -292,7 +292,12 @@ class SqliteStore final : public Store {
     const Status opened = reopen();
     try {
       if (!opened.ok()) throw SqlFailure{SQLITE_IOERR, std::string(opened.error().text.view())};
-      if (!open_->backup) open_->backup = std::make_unique<Backup>(*open_->db, path, settings_.spool_free_bytes_min);
+      if (!open_->backup) {
+        const std::string folder = path.substr(0, path.rfind('/') + 1);
+        const bool takes_scans_room = share_a_disk(folder.empty() ? "." : folder, settings_.spool_dir);
+        open_->backup =
+            std::make_unique<Backup>(*open_->db, path, takes_scans_room ? settings_.spool_free_bytes_min : 0);
+      }
       if (open_->backup->step(kBackupPages)) phase = CareState::Phase::done;
       done = open_->backup->pages_done();
       all = open_->backup->pages_all();

@@ -106,6 +106,27 @@ TEST_F(CareTest, what_room_a_copy_needs_and_what_there_is_are_told_to_a_tenth_of
   EXPECT_TRUE(check_room(folder_.path(), 0, "nothing").ok());
 }
 
+TEST_F(CareTest, a_copy_leaves_the_room_for_scans_where_they_lie_and_nowhere_else) {
+  TemporaryFolder other_disk("/dev/shm");
+  if (share_a_disk(folder_.path(), other_disk.path())) GTEST_SKIP() << "there is no second file system here";
+  settings_.spool_free_bytes_min = std::uint64_t{1} << 62U;  // no disk has it
+  const auto copy = [&] {
+    open();
+    (void)recover();
+    EXPECT_TRUE(store_->order(BackupOrder{copy_path()}).ok());
+    quiet(10);
+    return store_->care();
+  };
+  const CareState refused = copy();
+  EXPECT_EQ(refused.backup, Phase::failed);
+  EXPECT_NE(refused.backup_error.find("with 200 MB left for a day's records and the room for the next slab's scans"),
+            std::string::npos)
+      << refused.backup_error;
+  settings_.spool_dir = other_disk.path();
+  const CareState made = copy();
+  EXPECT_EQ(made.backup, Phase::done) << made.backup_error;
+}
+
 TEST_F(CareTest, what_a_kill_left_of_a_copy_goes_at_the_next_start_and_one_under_way_stays) {
   open();
   (void)recover();

@@ -171,6 +171,26 @@ TEST_F(SettingsTest, unusable_path_is_named) {
   EXPECT_NE(text.find("is not a folder"), std::string::npos) << text;
 }
 
+TEST_F(SettingsTest, a_linked_folder_is_as_good_as_any_and_a_linked_file_is_named) {
+  namespace fs = std::filesystem;
+  fs::create_directory(folder_.path() + "/disk");
+  fs::create_directory_symlink(folder_.path() + "/disk", folder_.path() + "/linked");
+  settings_.db_path = folder_.path() + "/linked/slabd.db";
+  open();
+  begin(1);
+  EXPECT_EQ(recover()->last_slab_key, 1);
+  close();
+  ASSERT_TRUE(back_up_database(settings_.db_path, folder_.path() + "/linked/copy.db").ok());
+  EXPECT_TRUE(fs::exists(folder_.path() + "/disk/copy.db"));
+
+  fs::create_symlink(folder_.path() + "/disk/slabd.db", folder_.path() + "/slabd.db");
+  settings_.db_path = folder_.path() + "/slabd.db";
+  const std::string text = refusal();
+  EXPECT_NE(text.find(folder_.path() + "/slabd.db is a link to " + folder_.path() + "/disk/slabd.db"),
+            std::string::npos)
+      << text;
+}
+
 TEST_F(SettingsTest, slab_begin_is_refused_when_the_spool_disk_is_nearly_full) {
   settings_.spool_free_bytes_min = std::uint64_t{1} << 62U;
   open();

@@ -472,8 +472,10 @@ PlcResult random_record(Prng& prng, std::uint16_t res_seq, std::uint16_t kind) {
 
 // ---- the fixture -------------------------------------------------------------------------------------------------
 
-TemporaryFolder::TemporaryFolder() {
-  std::string name = (std::filesystem::temp_directory_path() / "slabd-storage-XXXXXX").string();
+TemporaryFolder::TemporaryFolder(const std::string& where) {
+  const bool there = !where.empty() && std::filesystem::is_directory(where);
+  const std::filesystem::path parent = there ? std::filesystem::path(where) : std::filesystem::temp_directory_path();
+  std::string name = (parent / "slabd-storage-XXXXXX").string();
   const char* made = mkdtemp(name.data());
   EXPECT_NE(made, nullptr);
   path_ = name;

@@ -12,10 +12,10 @@
 /// A fresh folder, a store in it, and records with every field filled.
 namespace slabd::storage {
 
-/// A folder of its own, deleted at the end.
+/// A folder of its own, deleted at the end. `where`: in this folder, if there is one.
 class TemporaryFolder {
  public:
-  TemporaryFolder();
+  explicit TemporaryFolder(const std::string& where = "");
   ~TemporaryFolder();
   TemporaryFolder(const TemporaryFolder&) = delete;
   TemporaryFolder& operator=(const TemporaryFolder&) = delete;
