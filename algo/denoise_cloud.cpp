@@ -471,7 +471,7 @@ int calm_cells_around(const PointGrid& grid, std::span<const TilePlane> surface,
 enum Keep : std::uint8_t {
   kNoise,     ///< no surface goes through it
   kSurface,   ///< one does
-  kLongOne,   ///< it hangs together with others over a length
+  kLongOne,   ///< it hangs together with others over a length, by the rule at hand
   kShortOne,  ///< ... with some at most
   kAsked,     ///< about to be known
 };
@@ -493,11 +493,11 @@ void sort_noise(const float* xyz, PointGrid& grid, std::span<const std::uint8_t>
 /// long, or comes upon one that was: so each point is followed about once.
 class NoiseGroups {
  public:
-  NoiseGroups(const float* xyz, const PointGrid& grid, std::span<std::uint8_t> keep)
-      : xyz_(xyz), grid_(grid), keep_(keep), reach_mm_(kLinkPitches * grid.pitch_mm()) {}
+  NoiseGroups(const float* xyz, const PointGrid& grid, std::span<std::uint8_t> keep, const noise_group::Rule& rule)
+      : xyz_(xyz), grid_(grid), keep_(keep), rule_(rule), reach_mm_(kLinkPitches * grid.pitch_mm()) {}
 
   void follow(std::uint32_t start) {
-    const float longest_mm = static_cast<float>(noise_group::kLength - 1) * grid_.pitch_mm();
+    const float longest_mm = static_cast<float>(rule_.length - 1) * grid_.pitch_mm();
     size_ = 0;
     const float* first = xyz_ + 3 * std::size_t{start};
     float x0 = first[0], x1 = first[0], y0 = first[1], y1 = first[1];
@@ -507,7 +507,7 @@ class NoiseGroups {
       const float* p = xyz_ + 3 * std::size_t{group_[i]};
       for_each_around(xyz_, grid_, p, reach_mm_, [&](std::uint32_t k, float, float, float) {
         const float* q = xyz_ + 3 * std::size_t{k};
-        if (std::abs(q[2] - p[2]) > noise_group::kStep_mm) return;
+        if (std::abs(q[2] - p[2]) > rule_.step_mm) return;
         if (keep_[k] == kLongOne) is_long = true;
         if (keep_[k] != kNoise || size_ == group_.size()) return;
         x0 = std::min(x0, q[0]), x1 = std::max(x1, q[0]);
@@ -521,7 +521,7 @@ class NoiseGroups {
 
  private:
   static constexpr float kLinkPitches = 2.0F;
-  /// A group that is too short holds a point in a square of a pitch, 225 in all. Where more lie, views overlap, and
+  /// A group that is too short holds a point in a square of a pitch, 961 in all. Where more lie, views overlap, and
   /// what is left over is followed for itself. So it matters where one begins, which sort_noise() settles.
   static constexpr std::size_t kGroupMax = 1024;
 
@@ -532,10 +532,23 @@ class NoiseGroups {
   const float* xyz_;
   const PointGrid& grid_;
   std::span<std::uint8_t> keep_;
+  const noise_group::Rule rule_;
   float reach_mm_;
   std::array<std::uint32_t, kGroupMax> group_{};
   std::size_t size_ = 0;
 };
+
+/// By one rule after the other; what hangs together is then as good as a surface.
+void keep_noise_groups(const float* xyz, PointGrid& grid, std::span<std::uint8_t> keep) {
+  for (const noise_group::Rule& rule : noise_group::kRules) {
+    NoiseGroups groups(xyz, grid, keep, rule);
+    for (std::size_t c = 0; c < grid.cells(); ++c)
+      for (const std::uint32_t i : grid.in_cell(c))
+        if (keep[i] == kNoise) groups.follow(i);
+    std::replace(keep.begin(), keep.end(), std::uint8_t{kLongOne}, std::uint8_t{kSurface});
+    std::replace(keep.begin(), keep.end(), std::uint8_t{kShortOne}, std::uint8_t{kNoise});
+  }
+}
 
 }  // namespace
 
@@ -572,13 +585,10 @@ void denoise_cloud(Cloud& cloud, const DenoiseWorkspace& work, ScanCounts& count
     }
   }
   sort_noise(xyz, grid, work.keep);
-  NoiseGroups groups(xyz, grid, work.keep);
-  for (std::size_t c = 0; c < grid.cells(); ++c)
-    for (const std::uint32_t i : grid.in_cell(c))
-      if (work.keep[i] == kNoise) groups.follow(i);
+  keep_noise_groups(xyz, grid, work.keep.first(cloud.points));
   for (std::size_t i = 0; i < cloud.points; ++i) {
     if (std::isnan(xyz[3 * i])) continue;
-    if (work.keep[i] == kSurface || work.keep[i] == kLongOne)
+    if (work.keep[i] == kSurface)
       ++counts.points_kept;
     else
       std::fill_n(xyz + 3 * i, 3, kNone);

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Denoising of an organised scan, between step 2 and step 3 (algo/denoise_grid.cpp): noise that hangs together over 16
-// rows or columns is damage, and stays for flatness to measure (algo/noise_group.h).
+// Denoising of an organised scan, between step 2 and step 3 (algo/denoise_grid.cpp): noise that hangs together over a
+// length is damage, and stays for flatness to measure (algo/noise_group.h). One rule after the other, each for what the
+// one before it left.
 //
 // Few points are noise and hardly two of them touch, so this costs no more than a look at their bits, 48 at a time. In
-// a group of three or more some point touches two others; from such points groups are followed. No more than 15 x 15
+// a group of three or more some point touches two others; from such points groups are followed. No more than 31 x 31
 // points fit a group that is too short, so following one ends after so many steps, and a list that is not longer will
 // do. A point that a short group had belongs to no other; a point that a long one had says of every group that comes
 // upon it that it is the same one. So each point is followed about once, however large the groups.
@@ -66,25 +67,27 @@ class NoiseGroups {
     }
   }
 
-  void keep_long_ones() {
+  void keep_long_ones(const noise_group::Rule& rule) {
     // No further from where it is followed does a group say anything.
-    constexpr int kTileRowsAround = (noise_group::kLength + GridLayout::kTileRows - 1) / GridLayout::kTileRows;
+    const int tile_rows_around = (rule.length + GridLayout::kTileRows - 1) / GridLayout::kTileRows;
     int copied = 0;
     for (int tr = 0; tr < grid_.tile_rows; ++tr) {
       if (work_.marks.of(0, tr) != TileMarks::kStarts) continue;
-      const int from = std::max(copied, tr - kTileRowsAround);
-      copied = std::min(tr + kTileRowsAround + 1, grid_.tile_rows);
+      const int from = std::max(copied, tr - tile_rows_around);
+      copied = std::min(tr + tile_rows_around + 1, grid_.tile_rows);
       work_.off.copy(work_.noise, GridLayout::kTileRows * from, GridLayout::kTileRows * copied);
       for_rows(tr, [&](int row) {
         for_each_start(work_.off, row, [&](int column, int r) {
-          if (work_.off.bit(column, r)) follow(column, r);
+          if (work_.off.bit(column, r)) follow(column, r, rule);
         });
       });
     }
   }
 
  private:
-  static constexpr std::size_t kShort = std::size_t{noise_group::kLength - 1} * (noise_group::kLength - 1);
+  static constexpr int kShortSide = noise_group::kRules[1].length - 1;
+  static_assert(noise_group::kRules[0].length - 1 <= kShortSide);
+  static constexpr std::size_t kShort = std::size_t{kShortSide} * kShortSide;
   struct Place {
     int column, row;
   };
@@ -101,7 +104,7 @@ class NoiseGroups {
 
   /// Decides about the point, and about those that are met on the way. Those beside it are always among them: so what
   /// touches but one other is decided with that one.
-  void follow(int column, int row) {
+  void follow(int column, int row, const noise_group::Rule& rule) {
     // The last one that is asked may add its eight neighbours.
     std::array<Place, kShort + 8> group;
     std::size_t size = 0;
@@ -113,7 +116,7 @@ class NoiseGroups {
       group[size++] = {c, r};
       low = {std::min(low.column, c), std::min(low.row, r)};
       high = {std::max(high.column, c), std::max(high.row, r)};
-      is_long = is_long || std::max(high.column - low.column, high.row - low.row) >= noise_group::kLength - 1;
+      is_long = is_long || std::max(high.column - low.column, high.row - low.row) >= rule.length - 1;
     };
     add(column, row);
     for (std::size_t i = 0; i < size && (i == 0 || !is_long); ++i) {
@@ -121,7 +124,7 @@ class NoiseGroups {
       const float z = height(at.column, at.row);
       for (int r = at.row - 1; r <= at.row + 1; ++r) {
         for (int c = at.column - 1; c <= at.column + 1; ++c) {
-          if (!work_.off.bit(c, r) || !(std::abs(height(c, r) - z) <= noise_group::kStep_mm)) continue;
+          if (!work_.off.bit(c, r) || !(std::abs(height(c, r) - z) <= rule.step_mm)) continue;
           if (work_.noise.bit(c, r))
             add(c, r);
           else
@@ -145,7 +148,7 @@ class NoiseGroups {
 void keep_noise_groups(const GridLayout& grid, GridWork& work, Team& team) {
   NoiseGroups groups(grid, work);
   team.run(grid.bands(), [&](std::size_t band) { groups.find_starts(band); });
-  groups.keep_long_ones();
+  for (const noise_group::Rule& rule : noise_group::kRules) groups.keep_long_ones(rule);
 }
 
 }  // namespace slabd::algo

@@ -106,6 +106,44 @@ TEST(Block, FailsTheFlatnessOnlyForDamageHoweverNarrow) {
   }
 }
 
+TEST(Block, FailsTheFlatnessForDamageThatIsNarrowAndSteepOrRagged) {
+  // No two neighbours of a line of the scan are at the same height.
+  struct Case {
+    const char* what;
+    double pitch_mm, size_mm;
+    std::function<double(double, double)> relief_mm;
+  };
+  const auto ragged = [](double from_mm, double to_mm, double half_mm) {
+    return [=](double x, double s) {
+      const double t = 43758.5453 * std::sin(12.9898 * std::floor(4.0 * x) + 4.1);
+      const bool on = std::abs(s - 3.0) < half_mm && std::abs(x) < 45.0;
+      return on ? from_mm + (to_mm - from_mm) * (t - std::floor(t)) : 0.0;
+    };
+  };
+  const std::array<Case, 4> cases = {{
+      {"a wire that leans", 0.4, 30.0,
+       [](double x, double s) { return std::abs(s - 3.0) < 0.5 && x > 0.0 && x < 24.0 ? 1.25 * x : 0.0; }},
+      {"a torn crack", 0.25, 4.0, ragged(-4.0, -2.0, 0.15)},
+      {"a torn edge", 0.25, 6.5, ragged(5.4, 6.6, 0.225)},
+      {"a steep fin", 0.25, 20.0,
+       [](double x, double s) { return std::abs(s - 3.0) < 0.24 ? std::max(0.0, 20.0 - 1.6 * std::abs(x)) : 0.0; }},
+  }};
+  for (const bool organised : {true, false}) {
+    for (const Case& c : cases) {
+      SCOPED_TRACE(testing::Message() << c.what << (organised ? "" : ", no grid"));
+      scene::Block block;
+      block.relief_mm = c.relief_mm;
+      scene::Scan scan;
+      scan.pitch_mm = c.pitch_mm;
+      scan.organised = organised;
+      scan.displacement = scene::displaced(0.4, -0.6, 0.3, 0.1, -0.15, 0.2);
+      const BlockResult r = inspect(scene::take(block, scan));
+      expect_only_failure(r, ItemId::seat_flatness);
+      EXPECT_NEAR(item(r, ItemId::seat_flatness).value, c.size_mm, 0.25 * c.size_mm);
+    }
+  }
+}
+
 TEST(Block, FailsTheFlatnessForATallFinOfTwoCoarseRows) {
   // Rows 0.8 mm apart: the fin holds most points of its cells.
   for (const double height_mm : {3.0, 10.0}) {

@@ -37,6 +37,8 @@ constexpr float kOwnSlopeMax = 1.0F;
 
 constexpr int kGroupLength = 16;
 constexpr float kGroupStep_mm = 0.36F;
+constexpr int kLongGroupLength = 32;
+constexpr float kLongGroupStep_mm = 3.0F;
 
 /// A plane, told from the middle of a tile.
 struct Sheet {
@@ -77,7 +79,8 @@ class PlainJudge {
     off_ = &judged.off;
     for (int tr = 0; tr < grid_.tile_rows; ++tr)
       for (int tc = 0; tc < grid_.tile_columns; ++tc) judge_tile(tc, tr, judged.verdict);
-    keep_groups(judged.verdict);
+    keep_groups(judged.verdict, kGroupLength, kGroupStep_mm);
+    keep_groups(judged.verdict, kLongGroupLength, kLongGroupStep_mm);
     return judged;
   }
 
@@ -185,7 +188,7 @@ class PlainJudge {
   }
 
   /// Noise that hangs together over a length stays.
-  void keep_groups(std::vector<Verdict>& verdict) const {
+  void keep_groups(std::vector<Verdict>& verdict, int length, float step_mm) const {
     struct Place {
       int column, row;
     };
@@ -204,13 +207,13 @@ class PlainJudge {
           for (int r = at.row - 1; r <= at.row + 1; ++r) {
             for (int c = at.column - 1; c <= at.column + 1; ++c) {
               if (!inside(c, r) || seen[index(c, r)] || !is_noise(verdict[index(c, r)])) continue;
-              if (!(std::abs(height(c, r) - height(at.column, at.row)) <= kGroupStep_mm)) continue;
+              if (!(std::abs(height(c, r) - height(at.column, at.row)) <= step_mm)) continue;
               seen[index(c, r)] = true;
               group.push_back({c, r});
             }
           }
         }
-        if (1 + std::max(high.column - low.column, high.row - low.row) < kGroupLength) continue;
+        if (1 + std::max(high.column - low.column, high.row - low.row) < length) continue;
         for (const Place& at : group) verdict[index(at.column, at.row)] = Verdict::damage;
       }
     }
