@@ -8,10 +8,11 @@
 // edge can only be inside of every point, so the smallest gaps say most. The circle therefore leans on its inner
 // points (those outside count a tenth), which halves the error of its centre.
 //
-// The rim's height is the mean of what was seen of it, and one number for all of it only if it is one plane: most
-// points must lie together, they must come from all around, and scatter hardly more than the seat's. It is taken clear
-// of the rim's edges, which are round and seen half: what is low there is no damage. A lip that stands over the seat
-// is, as the rail pad would lie on it, and a rim with one has no height.
+// The rim's height is the mean of what was seen of it, or of its eighths, each counting alike, where that is another:
+// one that is dark returns fewer points. It is one number for all of the rim only if that is one plane: most points
+// must lie together, they must come from all around, and scatter hardly more than the seat's, by points and by area. It
+// is taken clear of the rim's edges, which are round and seen half: what is low there is no damage. A lip that stands
+// over the seat is, as the rail pad would lie on it, and a rim with one has no height.
 //
 // The sectors are wide on purpose: the wider, the more points compete for the innermost and the smaller the gap
 // (spread ~ 1/width), which outweighs the smaller number of sectors (~ 1/sqrt(count)).
@@ -77,6 +78,8 @@ constexpr std::size_t kHeightSample = 4096;
 /// eighth say nothing.
 constexpr std::size_t kRingSample = 3000;
 constexpr double kEighthPointsMin = 4.0;
+/// The height by area counts where it differs from that by points by more than chance.
+constexpr double kLeanSigmas = 4.0;
 
 /// The rim ends this far inside its nominal edge: a casing may sit half a millimetre beside its place.
 constexpr double kRimEdge_mm = 0.5;
@@ -195,11 +198,11 @@ double edge_form_mm2(std::span<const Vec2> edge, const Circle& circle) {
   return shared > kFormChance / std::sqrt(n) * leaning ? kFormVariance * moved / n : 0.0;
 }
 
-/// The share of a ring's points that lie between its heights, where every eighth of it counts alike: of a ring that is
-/// dark on one side, most points are the other side's.
-class RingShare {
+/// A ring's points between its heights, their share of all and how they lie, where every eighth of it counts alike: of
+/// a ring that is dark on one side, most points are the other side's.
+class RingByArea {
  public:
-  explicit RingShare(const CasingRing& ring)
+  explicit RingByArea(const CasingRing& ring)
       : ring_(ring), inner2_(ring.inner_mm * ring.inner_mm), outer2_(ring.outer_mm * ring.outer_mm) {}
 
   /// From the ring's centre.
@@ -208,7 +211,10 @@ class RingShare {
     if (!(radius2 >= inner2_ && radius2 < outer2_)) return;
     const std::size_t eighth = (x < 0.0F ? 4U : 0U) + (y < 0.0F ? 2U : 0U) + (std::abs(x) < std::abs(y) ? 1U : 0U);
     all_[eighth] += 1.0;
-    if (height >= ring_.low_mm && height <= ring_.high_mm) within_[eighth] += 1.0;
+    if (!(height >= ring_.low_mm && height <= ring_.high_mm)) return;
+    within_[eighth].points += 1.0;
+    within_[eighth].sum += static_cast<double>(height);
+    within_[eighth].squares += static_cast<double>(height) * static_cast<double>(height);
   }
   [[nodiscard]] double share() const {
     double seen = 0.0;
@@ -216,17 +222,55 @@ class RingShare {
     for (std::size_t k = 0; k < all_.size(); ++k) {
       if (all_[k] < kEighthPointsMin) continue;
       seen += 1.0;
-      share += within_[k] / all_[k];
+      share += within_[k].points / all_[k];
     }
     return seen > 0.0 ? share / seen : 0.0;
   }
+  /// How the rim lies by area, from the sample at hand.
+  struct Height {
+    double over_points_mm = 0.0;  ///< mean by area less mean by points, of the same points
+    double std_mm = 0.0;          ///< by area
+    double sigma_per_std = 0.0;   ///< standard deviation that noise gives the first, over the noise
+  };
+  [[nodiscard]] Height height() const {
+    Heights points;
+    Heights area;
+    for_each_eighth([&](const Heights& eighth) {
+      points.add(eighth, 1.0);
+      area.add(eighth, 1.0 / eighth.points);
+    });
+    if (points.points == 0.0) return {};
+    double variance = 0.0;
+    for_each_eighth([&](const Heights& eighth) {
+      const double weight = 1.0 / area.points - eighth.points / points.points;
+      variance += weight * weight / eighth.points;
+    });
+    const double mean = area.sum / area.points;
+    return {mean - points.sum / points.points, std::sqrt(std::max(area.squares / area.points - mean * mean, 0.0)),
+            std::sqrt(variance)};
+  }
 
  private:
+  struct Heights {
+    double points = 0.0;
+    double sum = 0.0;
+    double squares = 0.0;
+    void add(const Heights& other, double weight) {
+      points += weight * other.points;
+      sum += weight * other.sum;
+      squares += weight * other.squares;
+    }
+  };
+  template <typename F>
+  void for_each_eighth(const F& f) const {
+    for (const Heights& eighth : within_)
+      if (eighth.points >= kEighthPointsMin) f(eighth);
+  }
   CasingRing ring_;
   float inner2_;
   float outer2_;
   std::array<double, 8> all_{};
-  std::array<double, 8> within_{};
+  std::array<Heights, 8> within_{};
 };
 
 struct EdgePoints {
@@ -321,15 +365,15 @@ bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& 
   const CasingRing at_bore =
       ring(centre, task.bore_radius_mm - kRadiusOffMax_mm, task.bore_radius_mm + margin, over_mm, kAny);
   const CasingRing at_rim = ring(centre, task.rim_radius_mm - margin, task.rim_radius_mm, over_mm, kAny);
-  const auto has_lip = [&](CasingRing edge, const RingShare& over_by_area) {
+  const auto has_lip = [&](CasingRing edge, const RingByArea& over_by_area) {
     const std::size_t over = count_in(edge);
     edge.low_mm = -static_cast<float>(kAny);
     constexpr double kLipMax = 1.0 - kRimShareMin;
     return static_cast<double>(over) > kLipMax * static_cast<double>(count_in(edge)) || over_by_area.share() > kLipMax;
   };
-  RingShare near_by_area(around);
-  RingShare over_at_bore(at_bore);
-  RingShare over_at_rim(at_rim);
+  RingByArea near_by_area(around);
+  RingByArea over_at_bore(at_bore);
+  RingByArea over_at_rim(at_rim);
   for_some(points, seat, frame.axes(), [&](float x, float y, float height) {
     x -= around.centre_x_mm;
     y -= around.centre_y_mm;
@@ -339,8 +383,15 @@ bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& 
   });
   if (has_lip(at_bore, over_at_bore) || has_lip(at_rim, over_at_rim)) return false;
   const double flat_mm = std::hypot(seat_mm, kRimFormMax_mm);
+  const RingByArea::Height by_area = near_by_area.height();
+  // Of a rim that returns evenly, or is level, the points say it best.
+  const double lean_sigma_mm = by_area.sigma_per_std * casing.rim_std_mm;
+  if (std::abs(by_area.over_points_mm) > kLeanSigmas * lean_sigma_mm) {
+    casing.height_mm += by_area.over_points_mm;
+    casing.sigma_height_mm = std::hypot(casing.sigma_height_mm, lean_sigma_mm);
+  }
   return casing.rim_points >= kRimPointsMin && sectors >= kSectorsMin && casing.rim_std_mm <= flat_mm &&
-         static_cast<double>(near.count()) >= kRimShareMin * static_cast<double>(count) &&
+         by_area.std_mm <= flat_mm && static_cast<double>(near.count()) >= kRimShareMin * static_cast<double>(count) &&
          near_by_area.share() >= kRimShareMin;
 }
 

@@ -375,5 +375,31 @@ TEST(Block, DoesNotLetTheDenserHalfOfARimSpeakForTheWhole) {
   EXPECT_EQ(lip.verdict, Verdict::not_measured);
 }
 
+TEST(Block, DoesNotLetTheDenserHalfOfATiltedRimSpeakForTheWhole) {
+  const double cant_rad = std::atan(1.0 / 40.0);
+  const auto on_rim = [&](double x, double y, double z) {
+    return std::hypot(x, y / std::cos(cant_rad) - 116.5) < 22.0 && on_block(z);
+  };
+  // Lower by `low_mm` at its middle and falling to the side that is dark.
+  const auto rim = [&](double low_mm, double fall_mm, double share) {
+    const scene::Cloud dark = darkened(scene::take({}, fine()), share,
+                                       [&](double x, double y, double z) { return x > 0.0 && on_rim(x, y, z); });
+    return inspect(raised(
+        dark, [&](double x, double y, double z) { return on_rim(x, y, z) ? -low_mm - fall_mm * x / 22.0 : 0.0; }));
+  };
+  for (const double share : {1.0, 0.2}) {
+    const BlockResult r = rim(0.3, 0.3, share);
+    EXPECT_FALSE(r.casing_outer.ok) << "too tilted, share " << share;
+    EXPECT_TRUE(r.casing_inner.ok) << share;
+    EXPECT_NE(r.verdict, Verdict::pass) << share;
+  }
+  // Tilted by as much as is allowed, the height is that of all of the rim.
+  for (const double share : {1.0, 0.2}) {
+    const BlockResult r = rim(0.1, 0.2, share);
+    EXPECT_NEAR(item(r, ItemId::casing_protrusion_outer).value, -0.35, 0.01) << share;
+    EXPECT_NEAR(item(r, ItemId::casing_protrusion_inner).value, -0.25, 0.002) << share;
+  }
+}
+
 }  // namespace
 }  // namespace slabd::algo

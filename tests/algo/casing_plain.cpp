@@ -156,6 +156,7 @@ bool measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingF
   // The same by eighths of the ring, each counting alike: on the rim, at the bore's edge and at the rim's.
   std::array<std::array<double, 8>, 3> all_by_eighth{};
   std::array<std::array<double, 8>, 3> in_by_eighth{};
+  std::vector<ScalarMoments> rim_by_eighth(8, ScalarMoments(median));
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     const Vec2 out = frame.in_plane(cloud[i]) - centre;
     const double r = out.norm();
@@ -165,6 +166,7 @@ bool measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingF
     const double h = frame.height(cloud[i]);
     all_by_eighth[where][eighth] += 1.0;
     if (where == 0 ? std::abs(h - median) <= reach : h >= over_mm) in_by_eighth[where][eighth] += 1.0;
+    if (where == 0 && std::abs(h - median) <= reach) rim_by_eighth[eighth].add(h);
   }
   const auto share_of = [&](std::size_t where) {
     double eighths = 0.0;
@@ -176,6 +178,29 @@ bool measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingF
     }
     return eighths > 0.0 ? share / eighths : 0.0;
   };
+  // The mean and scatter that the rim has if areas weigh.
+  double eighths = 0.0;
+  double by_area = 0.0;
+  double squares = 0.0;
+  double in_all = 0.0;
+  for (ScalarMoments& eighth : rim_by_eighth) {
+    eighth.close_block();
+    if (eighth.count() < 4) continue;
+    const double off = eighth.mean() - heights.mean();
+    eighths += 1.0;
+    in_all += static_cast<double>(eighth.count());
+    by_area += off;
+    squares += off * off + eighth.variance(0);
+  }
+  by_area /= eighths;
+  double variance = 0.0;
+  for (const ScalarMoments& eighth : rim_by_eighth) {
+    const auto n = static_cast<double>(eighth.count());
+    if (n >= 4.0) variance += (1.0 / eighths - n / in_all) * (1.0 / eighths - n / in_all) / n;
+  }
+  if (std::abs(by_area) > 4.0 * casing.rim_std_mm * std::sqrt(variance)) casing.height_mm += by_area;
+  const double by_area_std = std::sqrt(squares / eighths - by_area * by_area);
+  if (by_area_std > std::hypot(seat_mm, kRimFormMax_mm)) return false;
   if (share_of(0) < kRimShareMin || share_of(1) > 1.0 - kRimShareMin || share_of(2) > 1.0 - kRimShareMin) return false;
   std::array<double, 2> at_edge{};
   std::array<double, 2> lip{};
