@@ -13,9 +13,10 @@
 //   - more than cells_missing_max of the cells are missing, or
 //   - missing cells that touch make a hole of more than 100 mm^2.
 // A cell is missing when it holds less than a third of cell_points_min. A coarse scan has many cells a few points short
-// of the limit, in rows and columns: those are not holes, as their points say that the seat is there. Where they say
-// that something else is there (a chip, in the shadow of its own rim, returns few), their median is the cell's height
-// and counts like any other. Cells at casings and cut by the border do not count.
+// of the limit, in rows and columns, and one of two exposures may not have seen half of the seat: those are no holes,
+// as their points say where the seat is, or a chip, which in the shadow of its own rim returns few. They are sparse and
+// count like any other; their mean is the less certain, which can only add to a peak to valley. Cells at casings and
+// cut by the border do not count.
 //
 // The seat was fitted to points, and a surface that is dark or wet, or seen by one of two merged views only, returns
 // fewer of them to the mm^2. The cells are even: they say how much of the area the fitted seat holds, and how it would
@@ -156,18 +157,19 @@ class Cells {
                   [&](CellSum& sum, float, float, float h) { work_.heights[sum.heights_at + sum.heights++] = h; });
   }
 
-  /// Takes the strays out of the cells whose heights were fetched and that hold `points_min`. Where they hang together
-  /// over half a cell's worth of points and lie further from the seat than the rest, they are what the cell is: then
-  /// everything else is taken out. `mark`: room for one entry per cell.
+  /// Takes the strays out of the cells whose heights were fetched. Where they hang together over half a cell's worth of
+  /// points and lie further from the seat than the rest, they are what the cell is: then everything else is taken out.
+  /// `mark`: room for one entry per cell.
   void remove_strays(std::uint32_t points_min, const CellGrid& grid, std::span<std::uint32_t> mark) {
     double points = 0.0;
     double full = 0.0;
     for (CellSum& sum : sums_) {
       sum.keep_low = 1.0F;
       sum.keep_high = 0.0F;
-      if (sum.points < points_min) continue;
-      points += static_cast<double>(sum.points);
-      full += 1.0;
+      if (sum.points >= points_min) {
+        points += static_cast<double>(sum.points);
+        full += 1.0;
+      }
       if (sum.heights_at == CellSum::kNowhere) continue;
       const std::span<const float> all = heights(sum);
       const CellCentre centre = centre_of(all);
@@ -276,11 +278,6 @@ class Cells {
 /// Points a sparse cell needs to say where the seat is.
 std::size_t few_of(std::uint32_t points_min) {
   return std::max<std::size_t>(1, (points_min + 2) / 3);
-}
-
-/// Where the few points of a sparse cell say the seat is; no value where they are too few even for that.
-double sparse_height(std::span<const float> heights, std::uint32_t points_min) {
-  return heights.size() < few_of(points_min) ? kNoValue : centre_of(heights).median;
 }
 
 /// All cells that have a mean, one after the other.
@@ -457,16 +454,9 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
   sums.remove_strays(region.cell_points_min, grid, mark);
 
   const auto is_full = [&](std::size_t c) {
-    return sums[c].points > 0 && (sums[c].points >= region.cell_points_min || sums.is_damage(c));
+    return sums[c].points > 0 && sums.points_in(c) >= region.cell_points_min &&
+           (sums[c].points >= region.cell_points_min || sums.is_damage(c));
   };
-  low = std::numeric_limits<double>::infinity();
-  high = -low;
-  for (std::size_t c = 0; c < grid.cells(); ++c) {
-    if (!is_full(c)) continue;
-    const double height = sums[c].height() / static_cast<double>(sums[c].points);
-    low = std::min(low, height);
-    high = std::max(high, height);
-  }
   std::size_t expected = 0;
   SeatByArea by_area(seat);
   CellHeights cells;
@@ -481,26 +471,17 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
     mark[c] = kPlain;
     const bool wanted = grid.expected(c);
     if (wanted) ++expected;
-    if (is_full(c)) {
-      ++result.cells;
+    const bool full = is_full(c);
+    if (full) ++result.cells;
+    if (full || (wanted && sums[c].points > 0 && sums.points_in(c) >= few_of(region.cell_points_min))) {
       const CellPoints cell(sums[c]);
       add(c, cell);
       const auto points = static_cast<double>(sums[c].points);
       by_area.add(cell.x, cell.s, cell.height, sums[c].points,
                   sums.is_damage(c) ? points / static_cast<double>(sums.points_in(c)) : 1.0);
     } else if (wanted) {
-      const double height = sparse_height(sums.heights(sums[c]), region.cell_points_min);
-      if (!has_value(height)) {
-        mark[c] = kMissing;
-        ++result.cells_missing;
-        continue;
-      }
-      by_area.add(grid.x_of(c), grid.s_of(c), height, sums.points_in(c), 1.0);
-      if (height < low - kStrayMin_mm || height > high + kStrayMin_mm) {
-        CellPoints cell(sums[c]);
-        cell.height = height;
-        add(c, cell);
-      }
+      mark[c] = kMissing;
+      ++result.cells_missing;
     }
   }
   result.seat_share = by_area.share();

@@ -58,7 +58,7 @@ struct Flatness {
 
 /// Flatness of the points in `runs` (everything seen over the region, at whatever height) around the fitted seat plane
 /// `seat` (block frame). A cell's height is the mean of its points without strays; strays that hang together over half
-/// a cell's worth of points are its height instead, and of a cell with few points that disagree their median is. A cell
+/// a cell's worth of points are its height instead. A cell
 /// belongs to the defect channel when it lies further than defect_sigmas times the noise from `seat`; the noise is the
 /// robust standard deviation of all cells, not below std_mm / sqrt(points in the cell). What returned no points at all
 /// is a hole, not a defect. ok = false: more points, runs or cells than limits.h allows, a seat that stands on end, or

@@ -70,6 +70,11 @@ CellCentre centre_of(std::span<const std::uint32_t> index, const HeightOf& heigh
   return {median, 1.4826 * *middle};
 }
 
+/// Points that a cell needs to be seen.
+std::size_t few_of(std::uint32_t points_min) {
+  return std::max<std::size_t>(1, (points_min + 2) / 3);
+}
+
 /// A cell's mean point without strays, and how its points scatter about it.
 struct CellPoints {
   Vec3 mean = Vec3::Zero();
@@ -116,9 +121,12 @@ std::vector<Window> windows_of(const CellGrid& grid, const PointsIn& points_in, 
   double full = 0.0;
   for (std::size_t c = 0; c < grid.cells(); ++c) {
     const auto cell = points_in(c);
-    if (cell.empty() || cell.size() < points_min) continue;
-    points += static_cast<double>(cell.size());
-    full += 1.0;
+    if (!cell.empty() && cell.size() >= points_min) {
+      points += static_cast<double>(cell.size());
+      full += 1.0;
+    } else if (!grid.expected(c) || cell.size() < few_of(points_min)) {
+      continue;
+    }
     const CellCentre centre = centre_of(cell, height_of);
     const double reach = std::max(kStraySigmas * centre.sigma, kStrayMin_mm);
     windows[c] = {centre.median - reach, centre.median + reach};
@@ -269,18 +277,6 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   // Sorting is done with cell_next; from here on it holds the marks.
   const std::span<std::uint32_t> mark = work.cell_next.first(grid.cells());
   const std::vector<Window> windows = windows_of(grid, points_in, height_of, region.cell_points_min);
-  std::vector<CellPoints> full(grid.cells());
-  low = std::numeric_limits<double>::infinity();
-  high = -low;
-  for (std::size_t c = 0; c < grid.cells(); ++c) {
-    if (!cell_mean(points_in(c), point_of, seat, region.cell_points_min, windows[c], full[c])) {
-      full[c].used = 0;
-      continue;
-    }
-    const double h = seat.normal.dot(full[c].mean) - seat.offset_mm;
-    low = std::min(low, h);
-    high = std::max(high, h);
-  }
   std::size_t expected = 0;
   std::vector<SeenCell> seen;
   CellHeights cells;
@@ -295,30 +291,20 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
     mark[c] = kPlain;
     const bool wanted = grid.expected(c);
     if (wanted) ++expected;
-    if (full[c].used > 0) {
-      ++result.cells;
-      add(c, full[c]);
-      const auto used = static_cast<double>(full[c].used);
-      seen.push_back({full[c].mean.x(), along_seat.dot(full[c].mean), seat.normal.dot(full[c].mean) - seat.offset_mm,
-                      used, windows[c].damage ? used / static_cast<double>(points_in(c).size()) : 1.0});
-      continue;
-    }
-    if (!wanted) continue;
-    const auto few = points_in(c);
-    if (few.size() < std::max<std::size_t>(1, (region.cell_points_min + 2) / 3)) {
+    CellPoints cell;
+    const bool full = cell_mean(points_in(c), point_of, seat, region.cell_points_min, windows[c], cell);
+    const bool sparse = !full && wanted && points_in(c).size() >= few_of(region.cell_points_min) &&
+                        cell_mean(points_in(c), point_of, seat, 1, windows[c], cell);
+    if (full) ++result.cells;
+    if (full || sparse) {
+      add(c, cell);
+      const auto used = static_cast<double>(cell.used);
+      seen.push_back({cell.mean.x(), along_seat.dot(cell.mean), seat.normal.dot(cell.mean) - seat.offset_mm, used,
+                      windows[c].damage ? used / static_cast<double>(points_in(c).size()) : 1.0});
+    } else if (wanted) {
       mark[c] = kMissing;
       ++result.cells_missing;
-      continue;
     }
-    const double median = centre_of(few, height_of).median;
-    seen.push_back({grid.x_of(c), grid.s_of(c), median, static_cast<double>(few.size()), 1.0});
-    if (median >= low - kStrayMin_mm && median <= high + kStrayMin_mm) continue;
-    CellPoints cell;
-    cell_mean(few, point_of, seat, 1, {}, cell);
-    // Its place on the seat stays.
-    const Vec3 up = Vec3::UnitX().cross(along_seat);
-    cell.mean += (median - (seat.normal.dot(cell.mean) - seat.offset_mm)) / seat.normal.dot(up) * up;
-    add(c, cell);
   }
   weigh_by_area(seen, along_seat, seat, result);
   if (cells.size > 0) result.defect.limit_mm = mark_defects(cells, points_in, seat.std_mm, region.defect_sigmas, mark);
