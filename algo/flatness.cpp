@@ -24,12 +24,14 @@
 //
 // Flatness is one number and a small chip moves it by no more than a long bow does. So the cells that stand out of the
 // noise are also grouped by touch, and the largest group on one side is reported with its place: the defect channel.
-// It sees what returned points; a chip so deep or steep that it returned none shows as a hole.
+// It sees what returned points; a chip so deep or steep that it returned none shows as a hole. Where damage is the
+// noise is not asked for: ridges in every fourth cell would pass for three times their own height of it.
 #include "algo/flatness.h"
 
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
+#include <bitset>
 #include <cmath>
 #include <limits>
 
@@ -289,7 +291,27 @@ struct CellHeights {
   double squares = 0.0;  ///< of single points about their cell's mean, mm^2
 
   [[nodiscard]] double points_per_cell() const { return points / static_cast<double>(size); }
+  [[nodiscard]] double within_variance_mm2() const { return squares / (points - static_cast<double>(size)); }
 };
+
+/// Cells by their number in CellHeights.
+using CellSet = std::bitset<limits::kFlatnessCellsMax>;
+
+/// Takes cells out that say nothing about the noise.
+void leave_out(const CellSet& damaged, const Cells& sums, CellHeights& cells) {
+  if (damaged.none()) return;
+  std::size_t left = 0;
+  cells.points = cells.squares = 0.0;
+  for (std::size_t k = 0; k < cells.size; ++k) {
+    if (damaged[k]) continue;
+    const CellSum& sum = sums[cells.cell[k]];
+    cells.points += static_cast<double>(sum.points);
+    cells.squares += CellPoints(sum).squares;
+    cells.height[left] = cells.height[k];
+    cells.cell[left++] = cells.cell[k];
+  }
+  cells.size = left;
+}
 
 /// Marks the cells of the defect channel and returns its limit. A coarse scan has cells of few points among the full
 /// ones; theirs is the larger noise and the further limit.
@@ -488,6 +510,9 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
   result.by_area = by_area.shift(frame, seat);
   const auto points_in = [&](std::size_t c) { return sums.points_in(c); };
   if (cells.size > 0) result.defect.limit_mm = mark_defects(cells, points_in, seat.std_mm, region.defect_sigmas, mark);
+  CellSet damaged;
+  for (std::size_t k = 0; k < cells.size; ++k)
+    damaged[k] = mark[cells.cell[k]] != kPlain || sums.is_damage(cells.cell[k]);
   std::size_t hole = 0;
   for_each_group(grid, kMissing, mark, work.stack,
                  [&](std::span<const std::uint32_t> group) { hole = std::max(hole, group.size()); });
@@ -512,17 +537,18 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
   result.ok = true;
   result.lsq_mm = high - low;
   result.std_cells_mm = plane.std_mm;
+  leave_out(damaged, sums, cells);
   CellNoise noise;
   team.run(2, [&](std::size_t question) {
     if (question == 0)
       noise = noise_of_cells(grid, std::span(cells.height).first(cells.size), std::span(cells.cell).first(cells.size),
-                             cells.squares / (cells.points - static_cast<double>(cells.size)), cells.points_per_cell());
+                             cells.within_variance_mm2(), cells.points_per_cell());
     else
       result.min_zone_mm = minimum_zone_mm(means);
   });
   if (noise.ok) {
     result.noise_factor = noise.factor;
-    result.noise_mm = expected_range(cells.size) * noise.cell_sigma_mm;
+    result.noise_mm = expected_range(means.size()) * noise.cell_sigma_mm;
   }
   return result;
 }

@@ -280,7 +280,9 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   std::size_t expected = 0;
   std::vector<SeenCell> seen;
   CellHeights cells;
+  std::vector<CellPoints> added;
   const auto add = [&](std::size_t c, const CellPoints& cell) {
+    added.push_back(cell);
     work.cell_mean[cells.size] = cell.mean;
     cells.height[cells.size] = seat.normal.dot(cell.mean) - seat.offset_mm;
     cells.cell[cells.size++] = static_cast<std::uint32_t>(c);
@@ -308,6 +310,16 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   }
   weigh_by_area(seen, along_seat, seat, result);
   if (cells.size > 0) result.defect.limit_mm = mark_defects(cells, points_in, seat.std_mm, region.defect_sigmas, mark);
+  // Damage is no noise.
+  CellHeights quiet;
+  for (std::size_t k = 0; k < cells.size; ++k) {
+    const std::uint32_t c = cells.cell[k];
+    if (mark[c] != kPlain || windows[c].damage) continue;
+    quiet.height[quiet.size] = cells.height[k];
+    quiet.cell[quiet.size++] = c;
+    quiet.points += static_cast<double>(added[k].used);
+    quiet.squares += added[k].squares;
+  }
   // The cells' starts have served: they lend their room to the search of groups.
   const std::span<std::uint32_t> stack = work.cell_start;
   std::size_t hole = 0;
@@ -336,8 +348,8 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   result.std_cells_mm = plane.std_mm;
   result.min_zone_mm = minimum_zone_mm(means);
   const CellNoise noise =
-      plain::noise_of_cells(grid, std::span(cells.height).first(cells.size), std::span(cells.cell).first(cells.size),
-                            cells.squares / (cells.points - static_cast<double>(cells.size)), cells.points_per_cell());
+      plain::noise_of_cells(grid, std::span(quiet.height).first(quiet.size), std::span(quiet.cell).first(quiet.size),
+                            quiet.squares / (quiet.points - static_cast<double>(quiet.size)), quiet.points_per_cell());
   if (noise.ok) {
     result.noise_factor = noise.factor;
     result.noise_mm = expected_range(cells.size) * noise.cell_sigma_mm;

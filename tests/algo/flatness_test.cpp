@@ -237,6 +237,23 @@ TEST(Flatness, WhatHangsTogetherIsNoStrayHoweverNarrow) {
   }
 }
 
+TEST(Flatness, DamageIsNoNoise) {
+  // Ridges in every third or fourth row of cells, finer than a cell or wider: what is between them is as quiet as ever.
+  Prng prng(15);
+  const double quiet_mm = Seat([&](double, double) { return 0.03 * prng.normal(); }).measure().noise_mm;
+  for (const double wide_mm : {0.5, 3.2}) {
+    const double every_mm = wide_mm < 1.0 ? 4.7 : 11.3;
+    Seat seat([&](double x, double) {
+      return (std::abs(std::remainder(x, every_mm)) < 0.5 * wide_mm ? 2.0 : 0.0) + 0.03 * prng.normal();
+    });
+    const Flatness flat = seat.measure();
+    ASSERT_TRUE(flat.ok);
+    EXPECT_NEAR(flat.lsq_mm, 2.0, 0.1) << wide_mm;
+    EXPECT_LT(flat.noise_mm, 1.5 * quiet_mm) << wide_mm;
+    EXPECT_LT(flat.noise_factor, 3.0) << wide_mm;
+  }
+}
+
 TEST(Flatness, TheSeatBesideDamageIsNotTheDamage) {
   // Of a row of cells two thirds are damage: what hangs together on the other side of it is the seat.
   for (const double height : {10.0, 3.0, -3.0}) {
