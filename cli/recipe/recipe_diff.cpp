@@ -56,26 +56,54 @@ std::vector<KeyDifference> differences_of(const Recipe& a, const Recipe& b) {
   return list;
 }
 
-void rejudge(const Recipe& recipe, BlockResult& block) {
+/// Without a budget U is the recipe's, or what the scan shows where that is more (algo/uncertainty.h); of flatness the
+/// scan shows nothing.
+bool widens_by_scan(ItemId id) {
+  return info(id).scope == ItemScope::block && id != ItemId::seat_flatness;
+}
+
+/// U and verdict of `judged`, which holds the recipe's U. What the scan showed is stored where it was more than the U
+/// of the recipe that measured it; else it was anything up to the stored U, which is taken then. False: the verdict
+/// rests on what is not known.
+bool judge_without_budget(const Item& stored, double U_measured_with, double guard, Item& judged) {
+  judged.verdict = judge(judged, guard);
+  if (!has_value(judged.value) || !has_value(judged.U) || !widens_by_scan(judged.id)) return true;
+  if (!has_value(stored.U)) return guard == 0.0 || judged.verdict == Verdict::indeterminate;
+  if (stored.U <= judged.U) return true;
+  const Verdict by_recipe = judged.verdict;
+  judged.U = stored.U;
+  judged.verdict = judge(judged, guard);
+  return stored.U > U_measured_with || judged.verdict == by_recipe;
+}
+
+int rejudge(const Recipe& recipe, const Recipe* measured_with, BlockResult& block) {
+  int unknown = 0;
   for (Item& item : block.items) {
     Item judged = blank_item(recipe, item.id, item.station, item.station_to);
     judged.value = item.value;
     judged.beside = item.beside;
     judged.budget = item.budget;
-    if (has_budget(item)) judged.U = item.U;
-    judged.verdict = judge(judged, recipe.guard);
+    if (has_budget(item)) {
+      judged.U = item.U;
+      judged.verdict = judge(judged, recipe.guard);
+    } else {
+      const double U_measured_with = measured_with == nullptr ? kNoValue : measured_with->tolerance(item.id).U;
+      if (!judge_without_budget(item, U_measured_with, recipe.guard, judged)) ++unknown;
+    }
     item = judged;
   }
   // A block that came to nothing keeps what it came to.
   const Code code = block.reason != 0 && block.reason < kReasonItemBase ? static_cast<Code>(block.reason) : Code::ok;
-  if (code != Code::ok) return;
+  if (code != Code::ok) return unknown;
   block.verdict = combine(block.items.begin(), block.items.end());
   block.reason = reason_for(block.verdict, block.items.begin(), block.items.end(), code);
+  return unknown;
 }
 
 struct StoredSlabs {
   WhatIf what_if;
-  int of_a = 0;  ///< judged with the first recipe
+  int of_a = 0;       ///< judged with the first recipe
+  int unknown_U = 0;  ///< block items whose verdict rests on a U that only the scan knows
 };
 
 /// False when the database could not be read.
@@ -100,7 +128,8 @@ bool judge_stored(storage::Reader& reader, const std::vector<std::int64_t>& keys
       out.what_if.leave_out(slab, fmt::format("it has {} blocks, the recipe {}", slab.stations, b.stations()));
       continue;
     }
-    if (slab.recipe_sha256 == a.sha256) ++out.of_a;
+    const bool of_a = slab.recipe_sha256 == a.sha256;
+    if (of_a) ++out.of_a;
     const auto verified = scanner_of(reader, slab);
     if (!verified) {
       complain(verified.error().text.view());
@@ -111,7 +140,7 @@ bool judge_stored(storage::Reader& reader, const std::vector<std::int64_t>& keys
                             fmt::format("the scanner acceptance {} is not in the database", slab.scanner_id.view()));
       continue;
     }
-    const std::vector<StationRecord> stations = rejudged(record, b);
+    const std::vector<StationRecord> stations = rejudged(record, b, of_a ? &a : nullptr, out.unknown_U);
     daemon::judge_slab(b, *verified.value(), stations, slab.T_base_slab, room, *judged);
     out.what_if.add(record, stations, *judged);
   }
@@ -142,7 +171,7 @@ std::string as_json(const Recipe& a, const Recipe& b, const std::vector<KeyDiffe
   if (stored == nullptr) {
     json.null();
   } else {
-    json.begin_object().field("judged_with_a", stored->of_a);
+    json.begin_object().field("judged_with_a", stored->of_a).field("unknown_U", stored->unknown_U);
     stored->what_if.write(json);
     json.end_object();
   }
@@ -201,16 +230,23 @@ int diff(const DiffOptions& options) {
         fmt::format("warning: {} differences change what is measured; stored values do not show that, `slabctl replay "
                     "--recipe {}` does, from the scans",
                     measured, options.b));
+  if (stored.unknown_U > 0)
+    complain(
+        fmt::format("warning: {} verdicts of block items rest on what a scan adds to b's smaller U, which is not "
+                    "stored; they are shown with the stored U where there is one, `slabctl replay --recipe {}` "
+                    "tells, from the scans",
+                    stored.unknown_U, options.b));
   return kDone;
 }
 
 }  // namespace
 
-std::vector<StationRecord> rejudged(const storage::SlabRecord& record, const Recipe& recipe) {
+std::vector<StationRecord> rejudged(const storage::SlabRecord& record, const Recipe& recipe,
+                                    const Recipe* measured_with, int& unknown_U) {
   const std::vector<const BlockResult*> as_stored(record.blocks.size(), nullptr);
   std::vector<StationRecord> stations = stations_of(record, as_stored);
   for (StationRecord& station : stations)
-    if (station.phase == StationPhase::measured) rejudge(recipe, station.block);
+    if (station.phase == StationPhase::measured) unknown_U += rejudge(recipe, measured_with, station.block);
   return stations;
 }
 

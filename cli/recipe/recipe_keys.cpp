@@ -54,13 +54,19 @@ void add_evaluation(Keys& keys, const EvaluationSettings& e) {
   measured("window_deg", deg_from_rad(e.window_rad));
 }
 
+/// Of these U also says how well the tilt of the seat, the slab top or a jaw must be known for its plane to count
+/// (algo/inspector.cpp), with a budget too.
+bool asks_of_planes(ItemId id) {
+  return id == ItemId::seat_slope || id == ItemId::jaw_angle_inner || id == ItemId::jaw_angle_outer;
+}
+
 void add_item(Keys& keys, const Recipe& recipe, ItemId id) {
   const Tolerance& t = recipe.tolerance(id);
   const std::string item = "items." + std::string(info(id).name);
   keys.add(item + ".nominal", t.nominal.value, KeyEffect::verdict);
   keys.add(item + ".lower", t.lower, KeyEffect::verdict);
   keys.add(item + ".upper", t.upper, KeyEffect::verdict);
-  keys.add(item + ".U", t.U, KeyEffect::verdict);
+  keys.add(item + ".U", t.U, asks_of_planes(id) ? KeyEffect::measured : KeyEffect::verdict);
   keys.add(item + ".required", t.required, KeyEffect::verdict);
   keys.add(item + ".confirmed", t.confirmed, KeyEffect::none);
   keys.add(item + ".nominal.confirmed", t.nominal.confirmed, KeyEffect::none);

@@ -3,6 +3,8 @@
 // slabctl recipe diff: keys, and what another recipe would have made of stored values.
 #include "cli/recipe/recipe_diff.h"
 
+#include <fmt/format.h>
+
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -39,6 +41,9 @@ TEST_F(RecipeDiff, names_each_key_once_and_what_it_changes) {
             (json{{"key", "guard"}, {"a", "1"}, {"b", "0.5"}, {"effect", "verdict"}}));
   EXPECT_EQ(only("remove_warp = true", "remove_warp = false")["effect"], "slab");
   EXPECT_EQ(only("crop_half_x_mm = 51.0", "crop_half_x_mm = 50.0")["effect"], "measured");
+  EXPECT_EQ(only("tolerance = 0.5\nU = 0.15", "tolerance = 0.5\nU = 0.1")["effect"], "verdict");
+  EXPECT_EQ(only("upper = \"1:37\"\nU = 0.03", "upper = \"1:37\"\nU = 0.02")["effect"], "measured")
+      << "it also says which planes count";
   EXPECT_EQ(only("scanner_length_ppm = { value = 50,", "scanner_length_ppm = { value = 20,")["effect"], "measured");
   EXPECT_EQ(only("length_mm = { value = 5600, confirmed = false", "length_mm = { value = 5600, confirmed = true"),
             (json{{"key", "slab.length_mm.confirmed"}, {"a", "false"}, {"b", "true"}, {"effect", "none"}}));
@@ -88,6 +93,82 @@ TEST_F(RecipeDiff, what_only_scans_can_tell_is_said) {
   const Ended other = run("recipe diff " + kRecipe + " " + std::string(SLABD_SOURCE_DIR) +
                           "/recipes/p4925.toml --type 5600 --db " + db());
   expect_mentions(other.out, "left out: slab 1 \"SLAB-0042\": it has 18 blocks, the recipe 16");
+}
+
+/// A slab with one block whose only item is a casing spacing without a budget, stored with `U`.
+storage::SlabRecord stored_spacing(double value, double U) {
+  Item item;
+  item.id = ItemId::casing_spacing;
+  item.station = 1;
+  item.value = value;
+  item.U = U;
+  storage::SlabBlock block;
+  block.phase = StationPhase::measured;
+  block.attempt.station = 1;
+  block.attempt.number = 1;
+  block.block.station = 1;
+  static_cast<void>(block.block.items.push(item));
+  storage::SlabRecord record;
+  record.summary.header.stations = 18;
+  record.blocks.push_back(block);
+  return record;
+}
+
+TEST_F(RecipeDiff, what_the_scan_added_to_U_is_not_forgotten) {
+  Recipe b = recipe_;
+  const auto set_U = [&](double U) { b.tolerances[static_cast<std::size_t>(ItemId::casing_spacing)].U = U; };
+  Recipe with_smaller_U = recipe_;  // measured with
+  with_smaller_U.tolerances[static_cast<std::size_t>(ItemId::casing_spacing)].U = 0.1;
+  struct Now {
+    double U = kNoValue;
+    Verdict verdict = Verdict::none;
+    int unknown = 0;
+  };
+  const auto now = [&](double value, double U, const Recipe* measured_with) {
+    Now out;
+    const Item item = rejudged(stored_spacing(value, U), b, measured_with, out.unknown)[0].block.items[0];
+    out.U = item.U;
+    out.verdict = item.verdict;
+    return out;
+  };
+  const auto expect = [](const Now& is, double U, Verdict verdict, int unknown) {
+    SCOPED_TRACE(fmt::format("U {} {}, expected {} {}", is.U, name(is.verdict), U, name(verdict)));
+    EXPECT_TRUE(is.U == U || (!has_value(is.U) && !has_value(U)));
+    EXPECT_EQ(is.verdict, verdict);
+    EXPECT_EQ(is.unknown, unknown);
+  };
+  // Limits 232.5 .. 233.5. More than the recipe's 0.1 is the scan's: known, whatever b says below it.
+  set_U(0.1);
+  expect(now(233.3, 0.25, &with_smaller_U), 0.25, Verdict::indeterminate, 0);
+  set_U(0.05);
+  expect(now(233.3, 0.25, &with_smaller_U), 0.25, Verdict::indeterminate, 0);
+  // Of which recipe the stored one was is not known, or it was the recipe's: the scan may have asked for less.
+  expect(now(233.3, 0.25, nullptr), 0.25, Verdict::indeterminate, 1);
+  expect(now(233.42, 0.1, &with_smaller_U), 0.1, Verdict::indeterminate, 1);
+  expect(now(233.1, 0.25, nullptr), 0.25, Verdict::pass, 0);  // either way
+  // A larger one counts as it is; none stays none; beside none nobody knows what the scan adds.
+  set_U(0.3);
+  expect(now(233.1, 0.25, nullptr), 0.3, Verdict::pass, 0);
+  expect(now(233.1, kNoValue, nullptr), 0.3, Verdict::pass, 1);
+  expect(now(233.4, kNoValue, nullptr), 0.3, Verdict::indeterminate, 0);
+  set_U(kNoValue);
+  expect(now(233.1, 0.25, nullptr), kNoValue, Verdict::indeterminate, 0);
+}
+
+TEST_F(RecipeDiff, verdicts_that_only_scans_can_tell_are_counted) {
+  recipe_.uncertainty.given = false;
+  begin();
+  measure(3);
+  end();
+  std::string without_budget = content(kRecipe);
+  const std::size_t at = without_budget.find("[uncertainty]");
+  without_budget.erase(at, without_budget.find("[items.seat_slope]") - at);
+  const std::size_t U = without_budget.find("tolerance = 0.5\nU = 0.15");
+  without_budget.replace(U, 24, "tolerance = 0.2\nU = 0.05");
+  const Ended ended = run("recipe diff " + kRecipe + " " + write("b.toml", without_budget) + " --json --db " + db());
+  EXPECT_EQ(ended.status, 0) << ended.err;
+  expect_mentions(ended.err, "warning: 1 verdicts of block items rest on what a scan adds to b's smaller U");
+  EXPECT_EQ(json::parse(ended.out, nullptr, false)["stored"]["unknown_U"], 1);
 }
 
 TEST_F(RecipeDiff, every_key_is_named_once) {
