@@ -277,7 +277,8 @@ void Loop::wait(int wait_ms) {
 
 void Loop::tick() {
   handle(Tick{ports_.clock.mono_ns(), ports_.clock.utime_us()});
-  handle(LinkStatus{ports_.scanner.online(), ports_.scanner.hangs(), ports_.scanner.stray_files()});
+  handle(LinkStatus{ports_.scanner.online(), ports_.scanner.hangs(), ports_.scanner.stray_files(),
+                    ports_.scanner.spool_hangs()});
 }
 
 void Loop::take_poses() {
@@ -378,7 +379,8 @@ void Loop::say_scanner_news() {
     scanner_said_ = online;
     scanner_said_ns_ = now_ns;
     line.level = online ? LogLine::Level::info : LogLine::Level::warning;
-    line.code = static_cast<std::uint16_t>(online ? Code::ok : Code::scanner_offline);
+    const Code why_not = ports_.scanner.spool_hangs() ? Code::journal_write : Code::scanner_offline;
+    line.code = static_cast<std::uint16_t>(online ? Code::ok : why_not);
     const hal::ScannerText why = ports_.scanner.trouble();
     line.text.printf("%s%s%s", online ? "the scanner can be asked again" : "the scanner cannot be asked",
                      online || why.empty() ? "" : ": ", online ? "" : why.c_str());

@@ -128,7 +128,8 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
   const hal::ScannerPort::Deleted deleted = ports.scanner.deleted();
   text.counter("slabd_scan_strays_deleted_total", "Of them, deleted again because stray/ was full", deleted.files);
   text.counter("slabd_scan_strays_deleted_bytes_total", "Their bytes", deleted.bytes);
-  text.gauge("slabd_scanner_hangs", "1: the scanner's drop folder does not answer", ports.scanner.hangs() ? 1 : 0);
+  text.gauge("slabd_scanner_hangs", "1: the scanner's drop folder, or the disk of the scans, does not answer",
+             ports.scanner.hangs() ? 1 : 0);
   text.gauge("slabd_store_ok", "1: the database can be written", view.store_ok ? 1 : 0);
   text.gauge("slabd_database_bytes", "Of the database's file", file_bytes(figures.db_path));
   text.gauge("slabd_database_log_bytes", "Of the write-ahead log beside it; a reader that never ends lets it grow",

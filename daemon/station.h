@@ -67,6 +67,7 @@ struct LinkStatus {
   bool scanner_online = false;
   bool scanner_hangs = false;  ///< its worker may not come back for long
   std::uint64_t stray_files = 0;
+  bool spool_hangs = false;  ///< it is the disk of the scans that the worker waits for
 };
 /// Twice for a scan that comes: when its points lie in the buffer, and when it is durable. The first may be missing; a
 /// scan that comes to nothing has the second alone.

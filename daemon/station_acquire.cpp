@@ -88,7 +88,7 @@ void try_to_trigger(Station& s, Actions& actions) {
   // A SCAN may come before the robot has left the last station: standing in the wrong place is not yet an error.
   if (code == Code::ok) code = looks_at_station(s, mean.T_base_flange, off_axis_mm);
   const int slot = free_slot(s);
-  if (code == Code::ok && (s.owed.waits || s.links.scanner_hangs)) code = Code::scanner_offline;
+  if (code == Code::ok && (s.owed.waits || s.links.scanner_hangs)) code = code_of_hang(s);
   if (code == Code::ok && slot < 0) code = Code::deadline;
   if (code != Code::ok) {
     // What the scan that was thrown away took is not the robot's.
@@ -199,7 +199,7 @@ void give_up_when_scanner_hangs(Station& s, Actions& actions) {
   if (!s.links.scanner_hangs || (!a.abort && s.now_ns - a.started_ns < kHangTimeoutNs)) return;
   owe_scan(s, a.slot, a.slot_taken, actions);
   a.slot_taken = false;
-  fail_acquisition(s, a.abort ? Code::interrupted : Code::scanner_offline, actions);
+  fail_acquisition(s, a.abort ? Code::interrupted : code_of_hang(s), actions);
 }
 
 void release(Station& s) {
@@ -351,11 +351,19 @@ void store_fingerprint(Station& s, std::uint64_t fingerprint, Actions& actions) 
   submit(s, actions, SeenScanJob{fingerprint}, pending);
 }
 
+Code code_of_hang(const Station& s) {
+  return s.links.spool_hangs ? Code::journal_write : Code::scanner_offline;
+}
+const char* why_it_hangs(const Station& s) {
+  return s.links.spool_hangs ? "the scanner's worker hangs while it stores a scan: look at the disk of the spool"
+                             : "the scanner's worker hangs, most likely in a network share";
+}
+
 void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions) {
   s.owed = {true, slot_taken, slot};
   emit(actions, CancelScan{});
-  log(actions, LogLine::Level::error, Code::scanner_offline,
-      "the scanner's worker hangs, most likely in a network share; nothing more is asked of it until it is back");
+  log(actions, LogLine::Level::error, code_of_hang(s), "%s; nothing more is asked of it until it is back",
+      why_it_hangs(s));
 }
 
 /// Nothing else was asked of the worker meanwhile, so whatever it brings is what was given up.

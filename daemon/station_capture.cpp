@@ -198,8 +198,8 @@ void shoot(Station& s) {
   s.still.begin();
 }
 
-Error scanner_does_not_answer() {
-  return error(Code::scanner_offline, "the scanner's worker hangs, most likely in a network share (slabctl status)");
+Error scanner_does_not_answer(const Station& s) {
+  return error(code_of_hang(s), "%s (slabctl status)", why_it_hangs(s));
 }
 
 bool is_out_of_patience(const Station& s, std::int64_t more_ns = 0) {
@@ -237,7 +237,7 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
     } else if (!s.still.settled()) {
       refuse_shot(s, why_not_still(s), actions);
     } else if (scanner_hangs) {
-      refuse_shot(s, scanner_does_not_answer(), actions);
+      refuse_shot(s, scanner_does_not_answer(s), actions);
     } else {
       refuse_shot(s, error(Code::deadline, "no buffer became free for the scan; check the computer's load"), actions);
     }
@@ -273,7 +273,7 @@ void give_up_when_scanner_hangs(Station& s, Actions& actions) {
   if (!s.links.scanner_hangs || (!c.abort && s.now_ns - c.started_ns < patience_ns)) return;
   owe_scan(s, c.slot, true, actions);
   c.phase = Capture::Phase::checking;
-  refuse_shot(s, scanner_does_not_answer(), actions);
+  refuse_shot(s, scanner_does_not_answer(s), actions);
 }
 
 void check_stillness(Station& s, Actions& actions) {

@@ -96,6 +96,9 @@ inline constexpr std::string_view kRepeatedScan =
 /// Gives up the request in hand of a worker that hangs; with `slot_taken` its buffer stays busy until the worker is
 /// back.
 void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions);
+/// Where a worker that hangs does so: in the scanner's folder, or on the disk of the spool.
+[[nodiscard]] Code code_of_hang(const Station& s);
+[[nodiscard]] const char* why_it_hangs(const Station& s);
 void abort_acquisition(Station& s, Actions& actions);
 void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actions);
 /// Clouds that are durable and not measured (after a restart or a storage fault) go back to the worker, one at a time.

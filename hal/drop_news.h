@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstdint>
 #include <limits>
 #include <mutex>
 
@@ -16,34 +17,48 @@ namespace slabd::hal {
 /// long as the server does, and then nobody but another thread can tell.
 class HangWatch {
  public:
+  enum class Place : std::uint8_t {
+    drop_folder,
+    spool,    ///< on this computer's own disk, as is what is moved there
+    copying,  ///< from a share to the spool: which of them keeps it waiting, nobody can tell
+  };
+  struct Hang {
+    std::int64_t ns = 0;  ///< nothing was heard for so long; 0: it does not hang
+    Place place = Place::drop_folder;
+  };
+
   /// A look at folders takes microseconds here, and some tens of ms on a share.
   static constexpr std::int64_t kLookNs = 3 * kNsPerS;
-  /// Reading and copying 60 MB: 2 s on a share at full 1 Gbit/s, and the spool's disk may be slow too.
+  /// Reading 60 MB, or storing them: 2 s on a share at full 1 Gbit/s, and a disk may be slow too.
   static constexpr std::int64_t kTakeNs = 10 * kNsPerS;
 
   explicit HangWatch(const Clock& clock) : clock_(clock) {}
 
   /// From here on calls may hang, and hang when nothing is heard for `patience_ns`.
-  void enter(std::int64_t patience_ns) {
+  void enter(std::int64_t patience_ns, Place place = Place::drop_folder) {
     const std::int64_t now_ns = clock_.mono_ns();
-    since_ns_.store(now_ns, std::memory_order_relaxed);
+    until_ns_.store(kOutside, std::memory_order_release);
+    place_.store(place, std::memory_order_release);
+    since_ns_.store(now_ns, std::memory_order_release);
     until_ns_.store(now_ns + patience_ns, std::memory_order_release);
   }
   void leave() { until_ns_.store(kOutside, std::memory_order_release); }
 
-  /// For how long nothing was heard, once that is too long; else 0. Any thread.
-  [[nodiscard]] std::int64_t hangs_for_ns() const {
-    // One number decides: a beginning and a patience read one after the other may be of two calls.
+  /// For how long nothing was heard, once that is too long, and where. Any thread.
+  [[nodiscard]] Hang hang() const {
+    // One number decides: a beginning, a place and a patience read one after the other may be of two calls.
     const std::int64_t until_ns = until_ns_.load(std::memory_order_acquire);
     const std::int64_t now_ns = clock_.mono_ns();
-    if (now_ns < until_ns || until_ns_.load(std::memory_order_acquire) != until_ns) return 0;
-    return std::max<std::int64_t>(1, now_ns - since_ns_.load(std::memory_order_relaxed));
+    const Hang found = {now_ns - since_ns_.load(std::memory_order_acquire), place_.load(std::memory_order_acquire)};
+    if (now_ns < until_ns || until_ns_.load(std::memory_order_acquire) != until_ns) return {};
+    return {std::max<std::int64_t>(1, found.ns), found.place};
   }
 
  private:
   static constexpr std::int64_t kOutside = std::numeric_limits<std::int64_t>::max();
   const Clock& clock_;
   std::atomic<std::int64_t> since_ns_ = 0;
+  std::atomic<Place> place_ = Place::drop_folder;
   std::atomic<std::int64_t> until_ns_ = kOutside;
 };
 

@@ -316,6 +316,8 @@ class ScannerPort {
   /// A call into the operating system has not come back for seconds (a network share that hangs): neither acquire() nor
   /// idle() returns before it does, and nobody can make it. Any thread.
   [[nodiscard]] virtual bool hangs() const { return false; }
+  /// Of hangs(): the scan is there, and it is the spool's disk that does not take it.
+  [[nodiscard]] virtual bool spool_hangs() const { return false; }
   /// Of the files that were moved aside: deleted again, because there was no more room for them.
   struct Deleted {
     std::uint64_t files = 0;

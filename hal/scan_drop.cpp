@@ -112,15 +112,33 @@ class ScanDrop final : public ScannerPort {
 
   bool online() const override { return online_ && !hangs(); }
   std::uint64_t stray_files() const override { return strays_; }
-  bool hangs() const override { return hang_.hangs_for_ns() != 0; }
+  bool hangs() const override { return hang_.hang().ns != 0; }
+  bool spool_hangs() const override {
+    const HangWatch::Hang hang = hang_.hang();
+    return hang.ns != 0 && hang.place == HangWatch::Place::spool;
+  }
   Deleted deleted() const override { return {deleted_files_, deleted_bytes_}; }
   bool next_note(ScannerText& text) override { return notes_.next(text); }
 
   ScannerText trouble() const override {
     ScannerText text;
-    if (const std::int64_t hangs_ns = hang_.hangs_for_ns(); hangs_ns != 0) {
-      text.printf("%s has not answered for %lld s; if it is a network share, look at its server and mount options",
-                  settings_.drop_dir.c_str(), static_cast<long long>(hangs_ns / kNsPerS));
+    if (const HangWatch::Hang hang = hang_.hang(); hang.ns != 0) {
+      const auto seconds = static_cast<long long>(hang.ns / kNsPerS);
+      switch (hang.place) {
+        case HangWatch::Place::drop_folder:
+          text.printf("%s has not answered for %lld s; if it is a network share, look at its server and mount options",
+                      settings_.drop_dir.c_str(), seconds);
+          break;
+        case HangWatch::Place::spool:
+          text.printf("the spool has been storing a scan for %lld s; look at the disk of storage.spool_dir", seconds);
+          break;
+        case HangWatch::Place::copying:
+          text.printf(
+              "a scan has been on its way from %s to the spool for %lld s; look at the share's server and at "
+              "the disk of storage.spool_dir",
+              settings_.drop_dir.c_str(), seconds);
+          break;
+      }
     } else if (!online_) {
       const std::lock_guard lock(why_mutex_);
       text = why_offline_;
@@ -455,6 +473,8 @@ class ScanDrop final : public ScannerPort {
                    scan.shape.finite, scan.shape.points, request.points_min);
     scan.read_ms = ms_from_ns(clock_.mono_ns() - begin_ns);
     decoded(scan);
+    // From here on it is the disk that takes its time, and has a patience of its own.
+    hang_.enter(HangWatch::kTakeNs, folders_.on_network() ? HangWatch::Place::copying : HangWatch::Place::spool);
     if (Status status = spool_file(fd.get(), folders_.inbox_fd(), answer.entry.name.c_str(), scan.path); !status)
       return status.error();
     // Whoever had it open before it was moved writes on all the same. What was copied from a share may be gone there.

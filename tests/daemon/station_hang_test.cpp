@@ -13,6 +13,7 @@ namespace {
 
 constexpr LinkStatus kHangs{false, true, 0};
 constexpr LinkStatus kWorks{true, false, 0};
+constexpr LinkStatus kSpoolHangs{false, true, 0, true};
 
 struct StationHangTest : StationTest {
   void SetUp() override {
@@ -179,6 +180,37 @@ TEST(StationHang, a_measurement_ahead_finds_nobody_and_gives_its_buffer_back) {
   line.run_for(40);
   EXPECT_EQ(line.dropped.size(), 1U);
   EXPECT_FALSE(line.station->slot_busy[0] || line.station->slot_busy[1]);
+}
+
+TEST(StationHang, a_disk_that_does_not_take_the_scan_is_502_and_is_said_so) {
+  MemoryStore store;
+  Line line{store};
+  line.run_for(300);
+  line.command(PlcCommand::slab_begin);
+  line.run_for(60);
+  line.disk_syncs = false;
+  line.worker_hangs = true;
+  line.scan(1);
+  line.feed(kSpoolHangs);
+  line.run_for(20'000);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::journal_write));
+  EXPECT_EQ(line.view().fault, 0) << "the database is well";
+  const auto said = [&](const char* what) {
+    return std::any_of(line.logged.begin(), line.logged.end(),
+                       [&](const std::string& text) { return text.find(what) != std::string::npos; });
+  };
+  EXPECT_TRUE(said("the disk of the spool"));
+  EXPECT_FALSE(said("network share"));
+  line.scan(2);
+  line.run_for(8'000);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::journal_write)) << "and so is every SCAN while it hangs";
+  line.feed(kWorks);
+  line.worker_hangs = false;
+  line.sync_ends(Code::ok);
+  line.disk_syncs = true;
+  line.run_for(40);
+  line.scan(2);
+  EXPECT_EQ(line.view().cmd_status, 4);
 }
 
 TEST(StationHang, a_view_for_a_calibration_ends_too_and_its_scan_is_dropped) {

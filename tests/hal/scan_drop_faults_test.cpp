@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <sched.h>
 #include <sys/mount.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -228,25 +229,60 @@ TEST_F(ScanDropTest, whoever_looks_from_outside_is_told_what_is_wrong_and_that_i
 }
 
 TEST(HangWatch, a_call_that_does_not_come_back_shows_after_its_patience_and_not_before) {
-  struct Stepped final : Clock {
-    [[nodiscard]] std::int64_t mono_ns() const override { return now_ns; }
-    [[nodiscard]] std::int64_t utime_us() const override { return 0; }
-    std::int64_t now_ns = kNsPerS;
-  } clock;
+  SteppedClock clock;
   HangWatch watch(clock);
-  EXPECT_EQ(watch.hangs_for_ns(), 0);
+  EXPECT_EQ(watch.hang().ns, 0);
   watch.enter(3 * kNsPerS);
   clock.now_ns += 3 * kNsPerS - 1;
-  EXPECT_EQ(watch.hangs_for_ns(), 0);
+  EXPECT_EQ(watch.hang().ns, 0);
   clock.now_ns += 1;
-  EXPECT_EQ(watch.hangs_for_ns(), 3 * kNsPerS);
-  watch.enter(10 * kNsPerS);  // it came back, and goes in again
-  EXPECT_EQ(watch.hangs_for_ns(), 0);
+  EXPECT_EQ(watch.hang().ns, 3 * kNsPerS);
+  EXPECT_EQ(watch.hang().place, HangWatch::Place::drop_folder);
+  watch.enter(10 * kNsPerS, HangWatch::Place::spool);  // it came back, and goes in again
+  EXPECT_EQ(watch.hang().ns, 0);
   clock.now_ns += 9 * kNsPerS;
-  EXPECT_EQ(watch.hangs_for_ns(), 0);
+  EXPECT_EQ(watch.hang().ns, 0);
+  clock.now_ns += kNsPerS;
+  EXPECT_EQ(watch.hang().ns, 10 * kNsPerS);
+  EXPECT_EQ(watch.hang().place, HangWatch::Place::spool);
   watch.leave();
   clock.now_ns += 100 * kNsPerS;
-  EXPECT_EQ(watch.hangs_for_ns(), 0);
+  EXPECT_EQ(watch.hang().ns, 0);
+}
+
+TEST_F(ScanDropTest, a_disk_that_does_not_take_the_scan_is_told_as_the_spools_and_not_as_a_share) {
+  SteppedClock stepped;
+  open_with(stepped);
+  // A second name makes it a copy, and a pipe in its place keeps whoever opens it waiting.
+  fs::create_directories(folder_ / "spool/1");
+  const std::string pipe = folder_ / "spool/1/04-1.ply.part";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  std::atomic<bool> points_are_there = false;
+  on_decoded_ = [&](const AcquiredScan&) {
+    stepped.now_ns += 9 * kNsPerS;  // reading took most of its patience; storing has its own
+    points_are_there = true;
+  };
+  std::thread watcher([&] {
+    wait_until([&] { return points_are_there.load(); });
+    wait_ms(50);
+    stepped.now_ns += 9 * kNsPerS;
+    EXPECT_FALSE(scanner_->hangs());
+    stepped.now_ns += kNsPerS;
+    EXPECT_TRUE(scanner_->hangs());
+    EXPECT_TRUE(scanner_->spool_hangs());
+    EXPECT_EQ(scanner_->trouble().view(),
+              "the spool has been storing a scan for 10 s; look at the disk of storage.spool_dir");
+    std::ifstream(pipe).ignore(std::numeric_limits<std::streamsize>::max());
+  });
+  const auto result = acquire(request(), [&] {
+    drop_scan("7-3.ply");
+    fs::create_hard_link(inbox("7-3.ply"), folder_ / "kept.ply");
+    for (; !points_are_there; wait_ms(5)) stepped.now_ns += 20 * kNsPerMs;
+  });
+  watcher.join();
+  ASSERT_FALSE(result.ok()) << "a pipe is no disk";
+  EXPECT_EQ(result.error().code, Code::journal_write);
+  EXPECT_FALSE(scanner_->hangs());
 }
 
 TEST_F(ScanDropTest, whatever_time_the_scanners_computer_has_its_files_are_answers) {

@@ -35,6 +35,14 @@ inline void wait_until(const std::function<bool()>& done) {
   while (!done()) wait_ms(2);
 }
 
+/// Time passes when the test says so.
+class SteppedClock final : public Clock {
+ public:
+  [[nodiscard]] std::int64_t mono_ns() const override { return now_ns; }
+  [[nodiscard]] std::int64_t utime_us() const override { return now_ns / kNsPerUs; }
+  std::atomic<std::int64_t> now_ns = kNsPerS;
+};
+
 class ScanDropTest : public ::testing::Test {
  protected:
   void SetUp() override {
@@ -42,11 +50,13 @@ class ScanDropTest : public ::testing::Test {
     open(false);
   }
 
-  void open(bool any_name) {
+  void open(bool any_name) { open_with(*clock_, any_name); }
+  /// The clock must outlive the port's use.
+  void open_with(const Clock& clock, bool any_name = false) {
     ScanDropSettings settings;
     settings.drop_dir = PathText(drop());
     settings.any_name = any_name;
-    auto made = make_scan_drop(settings, *clock_);
+    auto made = make_scan_drop(settings, clock);
     ASSERT_TRUE(made.ok()) << made.error().text.c_str();
     scanner_ = std::move(made.value());
     scanner_->idle();  // its first look
