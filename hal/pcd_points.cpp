@@ -229,14 +229,28 @@ Result<PointRun> find_pcd_records(ScanWindow& window, LengthUnit unit) {
   return PointRun{record_of(layout), {layout.points, 0, layout.width, layout.height, true}};
 }
 
+namespace {
+
+/// Of a binary file as its header says them, 0 where nothing says them yet.
+std::uint64_t bytes_told(ScanWindow& window, const PcdLayout& layout) {
+  if (layout.data == PcdData::binary) return layout.bytes_min;
+  std::uint32_t compressed_bytes = 0;
+  if (layout.data != PcdData::binary_compressed || !window.read(&compressed_bytes, sizeof compressed_bytes)) return 0;
+  return layout.bytes_min + compressed_bytes;
+}
+
+}  // namespace
+
 bool is_complete_pcd(ScanWindow& window, LengthUnit unit) {
   const Result<PcdLayout> header = read_header(window, unit);
+  return header && bytes_told(window, header.value()) == window.file_bytes();
+}
+
+bool lacks_bytes_of_pcd(ScanWindow& window, LengthUnit unit) {
+  const Result<PcdLayout> header = read_header(window, unit);
   if (!header) return false;
-  const PcdLayout& layout = header.value();
-  if (layout.data == PcdData::binary) return layout.bytes_min == window.file_bytes();
-  std::uint32_t compressed_bytes = 0;
-  return layout.data == PcdData::binary_compressed && window.read(&compressed_bytes, sizeof compressed_bytes) &&
-         window.left() >= sizeof(std::uint32_t) && window.left() - sizeof(std::uint32_t) == compressed_bytes;
+  const std::uint64_t bytes = window.file_bytes();
+  return header.value().bytes_min > bytes || bytes_told(window, header.value()) > bytes;
 }
 
 }  // namespace slabd::hal

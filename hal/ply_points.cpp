@@ -281,4 +281,9 @@ bool is_complete_ply(ScanWindow& window, LengthUnit unit) {
   return layout && layout.value().bytes_exact && layout.value().bytes_min == window.file_bytes();
 }
 
+bool lacks_bytes_of_ply(ScanWindow& window, LengthUnit unit) {
+  const Result<PlyLayout> layout = read_header(window, unit);
+  return layout && layout.value().bytes_min > window.file_bytes();
+}
+
 }  // namespace slabd::hal

@@ -42,12 +42,16 @@ namespace {
 constexpr std::int64_t kPollNs = 20 * kNsPerMs;
 /// A file is finished when nobody has touched it this long, unless it accounts for its own bytes ...
 constexpr std::int64_t kFinishedNs = 500 * kNsPerMs;
+/// ... and then as soon as two looks so far apart saw the same: a file's time has steps of up to 10 ms (the kernel's
+/// ticks), and whoever writes within the step of the first look would change the file and not its time.
+constexpr std::int64_t kTimeStepNs = 20 * kNsPerMs;
 /// ... on a share, where the writing computer sends what it holds in pieces, when it likes.
 constexpr std::int64_t kFinishedOnShareNs = 2 * kNsPerS;
 /// ... and a stray when it still has no name that means anything after this long.
 constexpr std::int64_t kStrayNs = 5 * kNsPerS;
 
-/// Of a file that has parts in which nobody has written yet, which read as zeros, so long.
+/// Of a file that is certainly not finished, so long: it has 0 bytes, fewer than its header says, or parts in which
+/// nobody has written yet, which read as zeros.
 constexpr std::int64_t kFilledNs = 5 * kNsPerS;
 
 void wait_for_next_look() {
@@ -361,9 +365,12 @@ class ScanDrop final : public ScannerPort {
       Result<std::optional<Answer>> found = settings_.any_name ? find_only_file() : find_named(stem);
       if (!found) return found.error();
       if (found.value()) return *found.value();
-      if (clock_.mono_ns() >= deadline_ns)
+      if (clock_.mono_ns() >= deadline_ns) {
+        // Reading it will say what is missing.
+        if (const QuietWatch::Watched* begun = find_begun(stem)) return Answer{begun->entry, begun->since_ns};
         return error(Code::trigger_timeout, "no answer to request %.*s within %.1f s", static_cast<int>(stem.size()),
                      stem.data(), ms_from_ns(timeout_ns) / 1e3);
+      }
       pause();
     }
   }
@@ -376,34 +383,51 @@ class ScanDrop final : public ScannerPort {
     return std::optional<Answer>();
   }
 
+  /// The answer that lacks bytes: it will be refused, whatever comes meanwhile.
+  const QuietWatch::Watched* find_begun(std::string_view stem) const {
+    for (const QuietWatch::Watched& watched : watch_.watched()) {
+      if (!watched.entry.regular) continue;
+      if ((settings_.any_name || stem_of(watched.entry.name.view()) == stem) && look_into(watched.entry).lacks_bytes)
+        return &watched;
+    }
+    return nullptr;
+  }
+
   /// A name promises that the file is whole, and a binary header that accounts for all its bytes bears that out, until
   /// its content is seen to be missing (`trusted_`). A table of text proves nothing (cut after any line it is a smaller
-  /// scan), so nobody may have touched it for half a second; nor may a file that is still shorter than its header says
-  /// be refused while it grows.
+  /// scan), so nobody may have touched it for half a second.
   bool is_finished(const QuietWatch::Watched& watched) const {
     if (!watched.entry.regular || is_quiet(watched)) return true;
-    if (!trusted_) return false;
+    if (!trusted_ || clock_.mono_ns() - watched.since_ns < kTimeStepNs) return false;
     const char* name = watched.entry.name.c_str();
     const Result<int> opened = open_scan(folders_.inbox_fd(), name, name);
     if (!opened) return true;  // taking it will say why
     const Fd fd(opened.value());
-    return is_complete_scan(fd.get(), name, settings_.unit);
+    return is_untouched(fd.get(), watched.entry) && is_complete_scan(fd.get(), name, settings_.unit);
   }
 
   bool is_quiet(const QuietWatch::Watched& watched) const {
     const std::int64_t still_ns = clock_.mono_ns() - watched.since_ns;
     if (still_ns < (folders_.on_network() ? kFinishedOnShareNs : kFinishedNs)) return false;
-    return still_ns >= kFilledNs || !has_hole(watched.entry);
+    if (still_ns >= kFilledNs) return true;
+    const Signs signs = look_into(watched.entry);
+    return !signs.lacks_bytes && !signs.has_hole;
   }
 
-  /// Programs that copy over a network make the file as long as it will be, then fill it, and may pause.
-  bool has_hole(const InboxEntry& entry) const {
-    if (!entry.regular) return false;
-    const Result<int> opened = open_scan(folders_.inbox_fd(), entry.name.c_str(), entry.name.c_str());
-    if (!opened) return false;
+  /// Of a file that more must come. Programs pause while they write, and those that copy over a network make the file
+  /// as long as it will be first and then fill it.
+  struct Signs {
+    bool lacks_bytes = false;
+    bool has_hole = false;
+  };
+  Signs look_into(const InboxEntry& entry) const {
+    if (!entry.regular) return {};
+    const char* name = entry.name.c_str();
+    const Result<int> opened = open_scan(folders_.inbox_fd(), name, name);
+    if (!opened) return {};
     const Fd fd(opened.value());
     const off_t hole = lseek(fd.get(), 0, SEEK_HOLE);
-    return hole >= 0 && hole < entry.state.bytes;
+    return {lacks_bytes(fd.get(), name, settings_.unit), hole >= 0 && hole < entry.state.bytes};
   }
 
   /// any_name: exactly one entry, a regular file, untouched for half a second.
@@ -457,9 +481,7 @@ class ScanDrop final : public ScannerPort {
     const Result<int> opened = open_scan(folders_.inbox_fd(), answer.entry.name.c_str(), shown.c_str());
     if (!opened) return opened.error();
     const Fd fd(opened.value());
-    // A file that has just become whole was still growing when it was listed.
-    InboxEntry found = answer.entry;
-    if (answer.accounted) found.state = file_state(fd.get(), "");
+    const InboxEntry& found = answer.entry;
     Result<ScanShape> shape = read_scan_fd(fd.get(), shown.c_str(), settings_.unit, xyz, readers_);
     const bool untouched = is_untouched(fd.get(), found);
     doubted = answer.accounted && (!shape || shape.value().zeros > 0 || !untouched);

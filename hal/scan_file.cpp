@@ -57,6 +57,7 @@ Result<ScanShape> read_points_fd(int fd, const char* name, LengthUnit unit, std:
   if (!family) return unknown_format(name, extension);
   const off_t bytes = size_of(fd);
   if (bytes < 0) return error(Code::frame_incomplete, "%s: %s", name, errno_text(errno));
+  if (bytes == 0) return error(Code::frame_incomplete, "%s: 0 bytes, nothing was written", name);
   ScanWindow window(fd, name, static_cast<std::uint64_t>(bytes));
   switch (*family) {
     case ScanFamily::ply: return read_ply(window, unit, xyz, team);
@@ -100,6 +101,15 @@ bool is_complete_scan(int fd, const char* name, LengthUnit unit) {
   if (!family || *family == ScanFamily::text || bytes < 0) return false;
   ScanWindow window(fd, name, static_cast<std::uint64_t>(bytes));
   return *family == ScanFamily::ply ? is_complete_ply(window, unit) : is_complete_pcd(window, unit);
+}
+
+bool lacks_bytes(int fd, const char* name, LengthUnit unit) {
+  const std::optional<ScanFamily> family = scan_family(extension_of(name));
+  const off_t bytes = size_of(fd);
+  if (bytes == 0) return true;
+  if (!family || *family == ScanFamily::text || bytes < 0) return false;
+  ScanWindow window(fd, name, static_cast<std::uint64_t>(bytes));
+  return *family == ScanFamily::ply ? lacks_bytes_of_ply(window, unit) : lacks_bytes_of_pcd(window, unit);
 }
 
 }  // namespace slabd::hal

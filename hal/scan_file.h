@@ -27,6 +27,10 @@ namespace slabd::hal {
 /// header, no more. No heap; 256 kB of stack.
 [[nodiscard]] bool is_complete_scan(int fd, const char* name, LengthUnit unit);
 
+/// Whether more must come, whoever wrote it: 0 bytes, or fewer than its own header says. Reads the header, no more. No
+/// heap; 256 kB of stack.
+[[nodiscard]] bool lacks_bytes(int fd, const char* name, LengthUnit unit);
+
 /// What reads it.
 enum class ScanFamily : std::uint8_t { ply, pcd, text };
 inline constexpr const char* kScanFormatsRead = "supported: .ply, .pcd, .xyz, .asc, .txt, .csv";

@@ -129,7 +129,7 @@ TEST_F(ScanDropTest, unfinished_names_are_left_alone_and_forgotten_ones_are_not)
 }
 
 TEST_F(ScanDropTest, a_torn_answer_is_303_and_a_good_repeat_works) {
-  const auto torn = acquire(request(), [&] {
+  const auto torn = acquire(request(3, 400), [&] {
     drop_scan("t");
     fs::resize_file(inbox("t"), fs::file_size(inbox("t")) - 1);
     fs::rename(inbox("t"), inbox("7-3.ply"));
@@ -206,25 +206,20 @@ TEST_F(ScanDropTest, answers_in_every_format_are_read_and_keep_their_extension) 
   EXPECT_EQ(scanner_->stray_files(), 0U);
 }
 
-/// Time passes when the test says so.
-class SteppedClock final : public Clock {
- public:
-  [[nodiscard]] std::int64_t mono_ns() const override { return now_ns; }
-  [[nodiscard]] std::int64_t utime_us() const override { return now_ns / kNsPerUs; }
-  std::atomic<std::int64_t> now_ns = kNsPerS;
-};
-
-TEST_F(ScanDropTest, binary_that_accounts_for_its_bytes_is_taken_at_once_and_text_when_it_stood_still) {
+TEST_F(ScanDropTest, binary_that_accounts_for_its_bytes_is_taken_after_two_looks_and_text_when_it_stood_still) {
   SteppedClock stepped;
-  ScanDropSettings settings;
-  settings.drop_dir = PathText(drop());
-  auto made = make_scan_drop(settings, stepped);
-  ASSERT_TRUE(made.ok());
-  scanner_ = std::move(made.value());
+  open_with(stepped);
   for (const ScanFormat format : {ScanFormat::ply, ScanFormat::ply_be, ScanFormat::pcd, ScanFormat::pcd_compressed}) {
-    const auto result = acquire(request(), [&] { drop_scan_as(format, "7-3." + std::string(extension(format))); });
+    const std::string file = "7-3." + std::string(extension(format));
+    const std::int64_t dropped_ns = stepped.now_ns;
+    const auto result = acquire(request(), [&] {
+      drop_scan_as(format, file);
+      wait_ms(100);
+      EXPECT_TRUE(fs::exists(inbox(file))) << name(format) << ": its time may not have stepped on yet";
+      stepped.now_ns += 20 * kNsPerMs;
+    });
     ASSERT_TRUE(result.ok()) << name(format) << ": " << result.error().text.c_str();
-    EXPECT_EQ(result.value().taken_mono_ns, kNsPerS) << "no time has passed";
+    EXPECT_EQ(result.value().taken_mono_ns, dropped_ns);
   }
   for (const ScanFormat format : {ScanFormat::ply_ascii, ScanFormat::pcd_ascii, ScanFormat::xyz, ScanFormat::csv}) {
     const std::string file = "7-3." + std::string(extension(format));
@@ -252,6 +247,8 @@ TEST_F(ScanDropTest, a_file_that_grows_under_its_own_name_is_waited_for) {
 }
 
 TEST_F(ScanDropTest, a_file_that_stays_short_of_its_header_is_303_in_every_format_that_has_one) {
+  SteppedClock stepped;
+  open_with(stepped);
   std::uint64_t strays = 0;
   for (const ScanFormat format : kScanFormats) {
     if (format == ScanFormat::xyz || format == ScanFormat::csv) continue;
@@ -260,6 +257,11 @@ TEST_F(ScanDropTest, a_file_that_stays_short_of_its_header_is_303_in_every_forma
       drop_scan_as(format, "t");
       fs::resize_file(inbox("t"), fs::file_size(inbox("t")) / 2);
       fs::rename(inbox("t"), inbox(file));
+      wait_ms(60);
+      stepped.now_ns += 4'900 * kNsPerMs;
+      wait_ms(60);
+      EXPECT_TRUE(fs::exists(inbox(file))) << name(format) << ": its writer may only pause";
+      stepped.now_ns += 100 * kNsPerMs;
     });
     ASSERT_FALSE(result.ok()) << name(format);
     EXPECT_EQ(result.error().code, Code::frame_incomplete) << name(format);
@@ -267,6 +269,42 @@ TEST_F(ScanDropTest, a_file_that_stays_short_of_its_header_is_303_in_every_forma
     EXPECT_EQ(scanner_->stray_files(), ++strays);
     expect_nothing_spooled();
   }
+}
+
+TEST_F(ScanDropTest, a_writer_may_pause_in_what_certainly_lacks_something) {
+  std::uint16_t seq = 10;
+  for (const ScanFormat format : {ScanFormat::ply, ScanFormat::pcd_compressed}) {
+    const std::string file = "7-" + std::to_string(++seq) + "." + std::string(extension(format));
+    const auto result = acquire(request(seq), [&] { write_slowly(format, file, 2, 900); });
+    ASSERT_TRUE(result.ok()) << name(format) << ": " << result.error().text.c_str();
+    EXPECT_EQ(result.value().shape.finite, kPoints);
+  }
+  // A table that was opened, and is written when the scan is computed.
+  const auto table = acquire(request(20), [&] {
+    write_file(inbox("7-20.xyz"), "");
+    wait_ms(900);
+    write_slowly(ScanFormat::xyz, "7-20.xyz", 1, 0);
+  });
+  ASSERT_TRUE(table.ok()) << table.error().text.c_str();
+  EXPECT_EQ(table.value().shape.finite, kPoints);
+  EXPECT_EQ(scanner_->stray_files(), 0U);
+}
+
+TEST_F(ScanDropTest, what_lacks_something_at_the_timeout_is_303_and_says_what) {
+  const auto cut = acquire(request(3, 400), [&] {
+    drop_scan_as(ScanFormat::ply, "t");
+    fs::resize_file(inbox("t"), 1'000);
+    fs::rename(inbox("t"), inbox("7-3.ply"));
+  });
+  ASSERT_FALSE(cut.ok());
+  EXPECT_EQ(cut.error().code, Code::frame_incomplete) << cut.error().text.c_str();
+  EXPECT_NE(cut.error().text.view().find("byte 1000: the file ends here"), std::string_view::npos)
+      << cut.error().text.c_str();
+  const auto empty = acquire(request(4, 400), [&] { write_file(inbox("7-4.xyz"), ""); });
+  ASSERT_FALSE(empty.ok());
+  EXPECT_EQ(empty.error().code, Code::frame_incomplete) << empty.error().text.c_str();
+  EXPECT_NE(empty.error().text.view().find("0 bytes"), std::string_view::npos) << empty.error().text.c_str();
+  EXPECT_EQ(scanner_->stray_files(), 2U);
 }
 
 TEST_F(ScanDropTest, text_cut_within_a_line_is_303_and_after_too_few_points_401) {
@@ -520,7 +558,7 @@ TEST_F(ScanDropAnyNameTest, an_exposure_that_is_saved_twice_is_not_the_next_requ
 }
 
 TEST_F(ScanDropAnyNameTest, a_file_that_stays_short_of_its_header_is_303) {
-  const auto result = acquire(request(), [&] {
+  const auto result = acquire(request(3, 400), [&] {
     drop_scan("short.ply");
     fs::resize_file(inbox("short.ply"), 1000);
   });
