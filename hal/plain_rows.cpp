@@ -237,6 +237,8 @@ class PlainReader {
     const auto room = std::min<std::size_t>(static_cast<std::size_t>(end_ - behind), kTextLineBytesMax / 2);
     const char* const newline = static_cast<const char*>(std::memchr(behind, '\n', room));
     if (newline == nullptr) return nullptr;
+    // Where a disk has lost something it reads as zeros: rows may be gone between here and that line's end.
+    if (std::memchr(behind, '\0', static_cast<std::size_t>(newline - behind)) != nullptr) return nullptr;
     return newline[-1] == '\r' ? newline - 1 : newline;
   }
 

@@ -32,6 +32,8 @@ class TextTable {
       const std::string_view text = trimmed(line);
       if (text.empty()) continue;
       Status status = is_comment(text) ? comment(text) : row(line);
+      // Behind what is read, too: parts of a file that were never written, or are lost, are zeros, and lines with them.
+      if (status) status = holds_no_zeros(line);
       if (!status) return status.error();
     }
     if (!lines_.status()) return lines_.status().error();
@@ -58,6 +60,12 @@ class TextTable {
       points_ += plain.rows;
     }
     return lines_.next(line);
+  }
+
+  Status holds_no_zeros(std::string_view line) const {
+    const std::size_t at = line.find('\0');
+    if (at == std::string_view::npos) return success();
+    return lines_.refuse("column %zu: a byte 0; parts of the file were not written, or it is no text", at + 1);
   }
 
   Status comment(std::string_view text) {

@@ -31,6 +31,22 @@ TEST(TextPoints, separators_comments_extra_columns_and_line_ends) {
   }
 }
 
+TEST(TextPoints, zeros_where_lines_were_are_refused_also_behind_what_is_read) {
+  // As a file reads that lost a block, or whose block was never written: the hole takes whole lines with it.
+  const std::string hole(40, '\0');
+  for (const char separator : {' ', ',', ';', '\t'}) {
+    std::string rows;
+    for (int i = 0; i < 60; ++i)
+      rows += std::string("1.5") + separator + "2.5" + separator + "3.5" + separator + "77" + separator + "1.25\n";
+    std::string holed = rows;
+    holed.replace(5 * 20 + 14, hole.size(), hole);  // within the fourth column of line 6
+    expect_refused(holed, "line 6: column 15: a byte 0");
+    rows.replace(rows.size() - 5, 2, 2, '\0');  // in the last line
+    expect_refused(rows, "line 60: column ");
+  }
+  expect_refused("# scan 7" + hole + "\n1 2 3\n", "line 1: column 9: a byte 0");
+}
+
 TEST(TextPoints, the_first_line_chooses_the_separator_for_all) {
   expect_refused("1 2 3\n4,5,6\n", "line 2, column 1: \"4,5,6\" is not a number");
   expect_refused("1,2,3\n4 5 6\n", "line 2, column 1: \"4 5 6\" is not a number");
@@ -124,8 +140,9 @@ TEST(TextPoints, too_few_columns_and_too_many_points) {
 }
 
 TEST(TextPoints, nothing_at_all_is_too_few) {
-  for (const std::string text : {"", "\n\n", "# nothing\n", "x,y,z\n", "   "})
+  for (const std::string text : {"\n\n", "# nothing\n", "x,y,z\n", "   "})
     expect_refused(text, "no points", Code::too_few_points);
+  expect_refused("", "0 bytes, nothing was written");
 }
 
 TEST(TextPoints, long_lines_have_a_limit_and_say_so) {
