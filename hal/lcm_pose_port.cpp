@@ -11,6 +11,7 @@
 #include <cerrno>
 #include <cstring>
 #include <optional>
+#include <utility>
 
 #include "hal/hal.h"
 #include "hal/lc02_reader.h"
@@ -57,7 +58,7 @@ class LcmPosePort final : public PosePort {
     if (!checked_ || mono_ns - checked_ns_ >= kRetryNs) {
       checked_ = true;
       checked_ns_ = mono_ns;
-      check_link();
+      check_link(std::exchange(silent_, true));
     }
     if (!socket_.is_open()) return false;
     // Bounded: a flood of foreign datagrams must not keep the caller here.
@@ -80,6 +81,7 @@ class LcmPosePort final : public PosePort {
     const ssize_t n = recvfrom(socket_.get(), datagram.data(), datagram.size(), MSG_DONTWAIT,
                                reinterpret_cast<sockaddr*>(&from), &from_bytes);
     waiting = n >= 0 || errno == EINTR;
+    if (n >= 0) silent_ = false;
     if (n < 0) {
       if (!waiting && errno != EAGAIN && errno != EWOULDBLOCK) lose("receiving", errno, "");
       return false;
@@ -137,9 +139,10 @@ class LcmPosePort final : public PosePort {
 
   // ---- the link
 
-  /// Once a second: opens a missing link; notices an interface that went down, or came back as another one.
-  void check_link() {
-    const std::optional<Interface> interface = find_interface();
+  /// Once a second: opens a missing link; notices an interface that went down, or came back as another one. `silent`:
+  /// nothing has come since the last time.
+  void check_link(bool silent) {
+    const std::optional<Interface> interface = find_interface(silent);
     if (!interface) return;
     if (socket_.is_open() && interface->index != joined_index_) lose("the interface was replaced", 0, "");
     if (!socket_.is_open()) open_link(*interface);
@@ -156,12 +159,14 @@ class LcmPosePort final : public PosePort {
   }
 
   /// Looks the interface up; when there is none or it is down the link is lost.
-  std::optional<Interface> find_interface() {
+  std::optional<Interface> find_interface(bool silent) {
     if (settings_.interface.empty()) return Interface{};
     in_addr address{};
     const bool by_address = inet_pton(AF_INET, settings_.interface.c_str(), &address) == 1;
     if (!by_address) name_.assign(settings_.interface.view());
-    // Once open, the name found for an address is kept: looking it up again would go through the heap.
+    // While something comes, the name found for an address is kept. Otherwise the address may have moved to another
+    // card, where the poses are.
+    if (by_address && silent && socket_.is_open() && has_lost(address)) lose("the interface lost its address", 0, "");
     if (by_address && !socket_.is_open() && !find_name(address)) {
       lose("no interface has this address", 0, "set [robot] interface to one that `ip address` lists");
       return std::nullopt;
@@ -182,6 +187,21 @@ class LcmPosePort final : public PosePort {
       return std::nullopt;
     }
     return Interface{static_cast<int>(index), (request.ifr_flags & IFF_LOOPBACK) != 0};
+  }
+
+  /// Of the open link's interface. On a computer with more addresses than fit here nobody can tell: false.
+  bool has_lost(in_addr address) const {
+    std::array<ifreq, 64> entries{};
+    ifconf list{};
+    list.ifc_len = static_cast<int>(sizeof entries);
+    list.ifc_req = entries.data();
+    if (ioctl(socket_.get(), SIOCGIFCONF, &list) != 0 || list.ifc_len >= static_cast<int>(sizeof entries)) return false;
+    const auto count = static_cast<std::size_t>(list.ifc_len) / sizeof(ifreq);
+    return std::none_of(entries.begin(), entries.begin() + static_cast<std::ptrdiff_t>(count), [&](const ifreq& entry) {
+      sockaddr_in own{};
+      std::memcpy(&own, &entry.ifr_addr, sizeof own);
+      return own.sin_addr.s_addr == address.s_addr && name_.view() == entry.ifr_name;
+    });
   }
 
   bool find_name(in_addr address) {
@@ -287,6 +307,7 @@ class LcmPosePort final : public PosePort {
   PoseScreen screen_;
   FixedString<limits::kErrorTextBytes> trouble_;
   bool checked_ = false;
+  bool silent_ = true;  ///< no datagram since the last check
   std::int64_t checked_ns_ = 0;
 };
 

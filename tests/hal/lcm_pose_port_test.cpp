@@ -294,6 +294,7 @@ TEST(LcmPosePort, an_interface_that_goes_down_and_comes_back_is_listened_on_agai
 /// another interface to the kernel, as an adapter on USB is.
 class Adapter {
  public:
+  explicit Adapter(std::string_view name = "robot") { name.copy(name_.data(), name_.size() - 1); }
   /// False where this computer has no such device, or not for us.
   bool plug() {
     tap_ = Fd(open("/dev/net/tun", O_RDWR | O_CLOEXEC));
@@ -312,6 +313,13 @@ class Adapter {
            ioctl(fd.get(), SIOCADDRT, &route) == 0;
   }
   void pull() { tap_.reset(); }
+  /// It stays plugged in and up, without an address. Its routes go with it.
+  bool give_address_away() const {
+    const Fd fd(socket(AF_INET, SOCK_DGRAM, 0));
+    ifreq none = named();
+    write_address(none.ifr_addr, "0.0.0.0");
+    return ioctl(fd.get(), SIOCSIFADDR, &none) == 0;
+  }
 
  private:
   ifreq named() const {
@@ -326,7 +334,7 @@ class Adapter {
     std::memcpy(&to, &address, sizeof address);
   }
 
-  std::array<char, 6> name_{"robot"};
+  std::array<char, 8> name_{};
   Fd tap_;
 };
 
@@ -362,6 +370,33 @@ TEST(LcmPosePort, an_adapter_that_is_pulled_and_plugged_in_again_is_listened_on_
     };
     EXPECT_EQ(in_own_network(body), 0) << "interface \"" << interface << "\"";
   }
+}
+
+TEST(LcmPosePort, an_address_that_moves_to_another_card_is_followed) {
+  EXPECT_EQ(in_own_network([] {
+              Adapter first("one");
+              Adapter second("two");
+              if (!first.plug()) return geteuid() == 0 && access("/dev/net/tun", F_OK) == 0 ? 1 : 0;
+              const LcmSettings settings = settings_for(7667, "10.9.0.1");
+              const auto port = open_port(settings);
+              PoseSample sample;
+              if (port->next(kNsPerS, sample) || port->fd() < 0) return 2;
+              const auto hears = [&](std::int32_t seq, std::int64_t now_ns) {
+                const Publisher publisher(lcm_create(settings.url.c_str()));
+                if (!publisher) return false;
+                publish(publisher.get(), pose(seq));
+                return wait_and_take(*port, now_ns, sample) && sample.seq == seq;
+              };
+              if (!hears(1, kNsPerS + 1)) return 3;
+              if (!first.give_address_away() || !second.plug()) return 4;
+              // Something came in the first second, nothing in the next.
+              if (port->next(2 * kNsPerS, sample) || port->next(3 * kNsPerS, sample)) return 5;
+              if (!hears(2, 3 * kNsPerS + 1)) return 6;
+              if (!second.give_address_away()) return 7;
+              if (port->next(4 * kNsPerS, sample) || port->next(5 * kNsPerS, sample)) return 8;
+              return port->fd() < 0 && !port->trouble().empty() ? 0 : 9;
+            }),
+            0);
 }
 
 TEST(LcmPosePort, without_a_route_the_cure_is_named) {
