@@ -122,24 +122,27 @@ Senders::Answer Senders::hear(std::uint32_t address, std::int64_t now_ns) {
   return same ? Answer::alone : Answer::other;
 }
 
+/// Wraps as an unsigned number does, by way of the negative ones; slabd looks at the step alone.
+std::int32_t Bridge::seq_ahead(std::int64_t by) const {
+  return static_cast<std::int32_t>(static_cast<std::uint32_t>(seq_) + static_cast<std::uint32_t>(by));
+}
+
 std::optional<FlangePose> Bridge::translate(const RsiPacket& packet) {
   const std::int64_t ahead_ms = packet.ipoc_ms - ipoc_ms_;
   if (ipoc_ms_ < 0) {
-    ++seq_;
+    seq_ = seq_ahead(1);
   } else if (ahead_ms > 0 && !anew_) {
     // The count may tremble by a millisecond; a cycle is not lost by that.
     const std::int64_t cycles = std::max<std::int64_t>(1, (ahead_ms + settings_.cycle_ms / 2) / settings_.cycle_ms);
     counters_.lost += static_cast<std::uint64_t>(cycles - 1);
-    // Wraps as an unsigned number does; slabd looks at the step alone.
-    seq_ = static_cast<std::int32_t>((static_cast<std::uint32_t>(seq_) + static_cast<std::uint32_t>(cycles)) &
-                                     0x7FFF'FFFFU);
+    seq_ = seq_ahead(cycles);
   } else if (ahead_ms > -kRestart_ms && !anew_) {
     ++counters_.old;
     return std::nullopt;
   } else {
     ++counters_.restarts;
     // More than the next number: to slabd a gap.
-    seq_ = static_cast<std::int32_t>((static_cast<std::uint32_t>(seq_) + 2U) & 0x7FFF'FFFFU);
+    seq_ = seq_ahead(2);
   }
   anew_ = false;
   ipoc_ms_ = packet.ipoc_ms;

@@ -100,6 +100,8 @@ class Bridge {
   [[nodiscard]] const BridgeCounters& counters() const { return counters_; }
 
  private:
+  [[nodiscard]] std::int32_t seq_ahead(std::int64_t by) const;
+
   BridgeSettings settings_;
   BridgeCounters counters_;
   bool anew_ = false;

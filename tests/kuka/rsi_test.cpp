@@ -111,6 +111,18 @@ TEST(Bridge, numbers_follow_the_controllers_cycles) {
   EXPECT_EQ(later->robot_time_us, 1'020'000);
 }
 
+TEST(Bridge, numbers_go_on_where_an_int32_ends) {
+  Bridge bridge({4, 0, 0});
+  std::int64_t ipoc = 1'000;
+  auto last = static_cast<std::uint32_t>(bridge.translate(at(ipoc))->seq);
+  for (const std::int64_t cycles : {0x7FFF'FFFELL, 1LL, 1LL, 0x7FFF'FFFELL, 1LL, 1LL}) {
+    ipoc += 4 * cycles;
+    const auto seq = static_cast<std::uint32_t>(bridge.translate(at(ipoc))->seq);
+    EXPECT_EQ(seq - last, static_cast<std::uint32_t>(cycles)) << "anything else is a gap to slabd";
+    last = seq;
+  }
+}
+
 TEST(Bridge, an_overtaken_packet_is_never_published) {
   Bridge bridge({4, 0, 0});
   EXPECT_TRUE(bridge.translate(at(1'000)).has_value());
