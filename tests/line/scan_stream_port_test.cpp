@@ -57,7 +57,8 @@ class ScanStreamPortTest : public testing::Test {
     r.slab_id = "S \"1\"";
     r.station = 4;
     r.timeout_ns = ns_from_ms(timeout_ms);
-    r.spool_path = PathText(folder_ / "spool/1/04-1");
+    // The daemon gives every attempt a place of its own.
+    r.spool_path = PathText(folder_ / ("spool/1/04-" + std::to_string(seq - 2)));
     return r;
   }
   StreamGateway gateway() const { return {"127.0.0.1", port_->bound_port()}; }
@@ -240,6 +241,17 @@ TEST_F(ScanStreamPortTest, a_spool_that_cannot_be_written_is_told_to_both_sides)
       acquire(request(), [](StreamGateway& g) { EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99).ok()); });
   ASSERT_FALSE(result.ok());
   EXPECT_EQ(result.error().code, Code::journal_write);
+}
+
+TEST_F(ScanStreamPortTest, a_scan_in_the_spool_is_not_overwritten) {
+  fs::create_directories(folder_ / "spool/1");
+  test::write_file(folder_ / "spool/1/04-1.ply", "of an earlier slab");
+  const auto result =
+      acquire(request(), [](StreamGateway& g) { EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99).ok()); });
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::journal_write);
+  EXPECT_EQ(test::read_file(folder_ / "spool/1/04-1.ply"), "of an earlier slab");
+  EXPECT_EQ(names_in(folder_ / "spool/1").size(), 1U);
 }
 
 TEST_F(ScanStreamPortTest, only_allowed_addresses_are_served) {
