@@ -6,6 +6,21 @@
 #include <cmath>
 
 namespace slabd::cli {
+namespace {
+
+/// As many as keep a value that failed apart from the limit it is beyond; beyond a millionth of the last one shown it
+/// is the numbers' own rounding.
+int digits_of(const Item& item) {
+  const int usual = decimals(item.id);
+  if (item.verdict != Verdict::fail) return usual;
+  const double limit = item.value > item.upper ? item.upper : item.value < item.lower ? item.lower : kNoValue;
+  if (!has_value(limit)) return usual;
+  int digits = usual;
+  while (digits < usual + 6 && figure(item.value, digits) == figure(limit, digits)) ++digits;
+  return figure(item.value, digits) == figure(limit, digits) ? usual : digits;
+}
+
+}  // namespace
 
 int decimals(ItemUnit unit) {
   return unit == ItemUnit::deg ? 4 : 3;
@@ -26,10 +41,10 @@ std::string nominal_figure(const Item& item) {
   return figure(item.nominal, decimals(item.id));
 }
 std::string value_figure(const Item& item) {
-  return figure(item.value, decimals(item.id));
+  return figure(item.value, digits_of(item));
 }
 std::string deviation_figure(const Item& item) {
-  return figure(item.deviation(), decimals(item.id));
+  return figure(item.deviation(), digits_of(item));
 }
 std::string U_figure(const Item& item) {
   const std::string text = figure(item.U, decimals(item.id));
@@ -39,7 +54,7 @@ std::string U_figure(const Item& item) {
 }
 
 std::string limits_figure(const Item& item) {
-  const int digits = decimals(item.id);
+  const int digits = digits_of(item);
   if (!has_value(item.lower) && !has_value(item.upper)) return "";
   if (!has_value(item.lower)) return fmt::format("<= {}", figure(item.upper, digits));
   if (!has_value(item.upper)) return fmt::format(">= {}", figure(item.lower, digits));

@@ -16,6 +16,7 @@ namespace slabd::cli {
 [[nodiscard]] std::string figure(double value, int decimals);
 
 [[nodiscard]] std::string nominal_figure(const Item& item);
+/// Of an item that failed by less than is shown, value, deviation and limits have the decimals that tell it.
 [[nodiscard]] std::string value_figure(const Item& item);
 [[nodiscard]] std::string deviation_figure(const Item& item);
 /// "< 0.001" where rounding would make it zero.

@@ -496,5 +496,31 @@ TEST(Figures, show_a_micrometre_a_ten_thousandth_of_a_degree_and_no_minus_zero) 
   EXPECT_EQ(limits_figure(item), "<= 1.000");
 }
 
+TEST(Figures, of_a_value_that_failed_by_less_than_is_shown_have_the_digits_that_tell) {
+  Item item;
+  item.id = ItemId::casing_spacing;
+  item.nominal = 233.0;
+  item.lower = 232.852;
+  item.upper = 233.148;
+  item.value = 233.14802;
+  item.verdict = Verdict::fail;
+  EXPECT_EQ(value_figure(item), "233.14802");
+  EXPECT_EQ(deviation_figure(item), "0.14802");
+  EXPECT_EQ(limits_figure(item), "232.85200 .. 233.14800");
+  EXPECT_EQ(nominal_figure(item), "233.000");
+  item.value = 232.851998;
+  EXPECT_EQ(value_figure(item), "232.851998");
+  EXPECT_EQ(limits_figure(item), "232.852000 .. 233.148000");
+  // What shows already, what is inside, and what no digit tells.
+  item.value = 233.149;
+  EXPECT_EQ(value_figure(item), "233.149");
+  EXPECT_EQ(limits_figure(item), "232.852 .. 233.148");
+  item.value = 233.148 + 1e-12;
+  EXPECT_EQ(value_figure(item), "233.148");
+  item.value = 233.14802;
+  item.verdict = Verdict::indeterminate;
+  EXPECT_EQ(value_figure(item), "233.148");
+}
+
 }  // namespace
 }  // namespace slabd::cli
