@@ -60,6 +60,13 @@ std::string slab_json(const SlabRecord& record, int only_block) {
   json.field("unconfirmed", header.unconfirmed).field("guard", header.guard).field("cell_mm", header.cell_mm);
   json.field("software", header.software.view()).field("stations", unsigned{header.stations});
   json.field("stations_measured", record.summary.stations_measured);
+  json.field("slab_temperature_k", header.temperature_dk == 0 ? kNoValue : header.temperature_dk / 10.0);
+  json.key("slab_age_h");
+  header.age_h == 0 ? json.null() : json.value(header.age_h);
+  json.key("slope_datum");
+  const std::string_view datum = slope_datum(record);
+  datum.empty() ? json.null() : json.value(datum);
+  write_pose(json, "T_flange_scanner", header.T_flange_scanner);
 
   const SlabFitReport& fit = record.slab.fit;
   json.key("slab_fit").begin_object();

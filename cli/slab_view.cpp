@@ -3,6 +3,7 @@
 
 #include <fmt/core.h>
 
+#include <algorithm>
 #include <charconv>
 #include <string_view>
 #include <utility>
@@ -99,6 +100,16 @@ Shown shown(const SlabRecord& record, int station) {
 
 bool supersedes(const Item& of_slab) {
   return has_value(of_slab.lower) || has_value(of_slab.upper);
+}
+
+std::string_view slope_datum(const SlabRecord& record) {
+  const auto judges = [](const Item& item) { return item.id == ItemId::seat_slope && supersedes(item); };
+  const auto& of_slab = record.slab.items;
+  if (of_slab.empty()) return "";
+  if (std::any_of(of_slab.begin(), of_slab.end(), judges)) return "slab_frame";
+  for (const SlabBlock& block : record.blocks)
+    if (std::any_of(block.block.items.begin(), block.block.items.end(), judges)) return "local_slab_top";
+  return "";
 }
 
 const Item& final_item(const SlabRecord& record, int station, const Item& own) {

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "storage/storage.h"
 
@@ -45,6 +46,10 @@ struct Shown {
 /// Does a slab's item of one block take the place of the block's own? Only if it was judged, that is, has a limit:
 /// where slopes are judged against the slab top beside the seat, the one against the slab's frame is for information.
 [[nodiscard]] bool supersedes(const Item& of_slab);
+
+/// "slab_frame" or "local_slab_top": what the slopes of a slab that has ended were judged against. Empty: they were
+/// not.
+[[nodiscard]] std::string_view slope_datum(const storage::SlabRecord& record);
 
 /// The slab's own item of this block that takes the place of `own`, which was judged by the block alone; `own` when
 /// there is none: SLAB_END computes slopes anew against the slab's frame, and where that is the datum only those count.

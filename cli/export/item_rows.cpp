@@ -47,7 +47,10 @@ constexpr std::array kColumns = {"version",
                                  "conformance_probability",
                                  "beside_name",
                                  "beside",
-                                 "scanner_id"};
+                                 "scanner_id",
+                                 "slab_temperature_k",
+                                 "slab_age_h",
+                                 "slope_datum"};
 
 std::string csv_number(double value) {
   return has_value(value) ? fmt::format("{}", value) : "";
@@ -62,6 +65,12 @@ class ItemRow {
   ItemRow& add(std::string_view text) {
     if (count_++ > 0) text_ += ',';
     text_ += csv_field(text);
+    return *this;
+  }
+  /// The fields of another row behind these.
+  ItemRow& add(const ItemRow& more) {
+    text_ += (count_ > 0 ? "," : "") + more.text_;
+    count_ += more.count_;
     return *this;
   }
   ItemRow& add(double value) { return add(std::string_view(csv_number(value))); }
@@ -94,8 +103,18 @@ ItemRow head_of(const storage::SlabRecord& record, TableFor reader) {
   return row;
 }
 
+/// ... and end with.
+ItemRow tail_of(const storage::SlabRecord& record) {
+  const SlabHeader& slab = record.summary.header;
+  ItemRow row;
+  row.add(slab.scanner_id.view());
+  row.add(slab.temperature_dk == 0 ? kNoValue : slab.temperature_dk / 10.0);
+  row.add(slab.age_h == 0 ? "" : std::to_string(slab.age_h)).add(slope_datum(record));
+  return row;
+}
+
 std::string row_of(const ItemRow& head, std::string_view scope, const Item& item, const storage::SlabBlock* block,
-                   std::string_view scanner_id) {
+                   const ItemRow& tail) {
   const ItemInfo& facts = info(item.id);
   ItemRow row = head;
   row.add(scope).add(csv_station(block != nullptr ? block->attempt.station : item.station));
@@ -104,7 +123,7 @@ std::string row_of(const ItemRow& head, std::string_view scope, const Item& item
   row.add(item.nominal).add(item.lower).add(item.upper).add(item.value).add(item.deviation()).add(item.U);
   row.add(name(item.verdict)).add(item.required ? "1" : "0").add(conformance_probability(item));
   const std::string_view beside = beside_name(item.id);
-  row.add(beside).add(beside.empty() ? kNoValue : item.beside).add(scanner_id);
+  row.add(beside).add(beside.empty() ? kNoValue : item.beside).add(tail);
   return row.end();
 }
 
@@ -128,14 +147,14 @@ std::string item_heading() {
 
 std::string item_rows(const storage::SlabRecord& record, TableFor reader) {
   const ItemRow head = head_of(record, reader);
-  const std::string_view scanner_id = record.summary.header.scanner_id.view();
+  const ItemRow tail = tail_of(record);
   std::string text;
   for (int station = 1; station <= record.summary.header.stations; ++station) {
     const storage::SlabBlock* block = latest(record, station);
     if (block == nullptr || block->phase != StationPhase::measured) continue;
-    for (const Item& item : block->block.items) text += row_of(head, "block", item, block, scanner_id);
+    for (const Item& item : block->block.items) text += row_of(head, "block", item, block, tail);
   }
-  for (const Item& item : record.slab.items) text += row_of(head, "slab", item, nullptr, scanner_id);
+  for (const Item& item : record.slab.items) text += row_of(head, "slab", item, nullptr, tail);
   return text;
 }
 

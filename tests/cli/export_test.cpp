@@ -51,7 +51,7 @@ TEST_F(Export, a_table_has_one_row_for_each_item_and_reads_as_rfc_4180) {
   ASSERT_EQ(ended.status, 0) << ended.err;
   const json table = read("csv", file("items.csv"));
   EXPECT_TRUE(table["bom"]);
-  EXPECT_EQ(table["columns"].size(), 34U);
+  EXPECT_EQ(table["columns"].size(), 37U);
   const json document = json::parse(run("show 1 --json --db " + db()).out);
   std::size_t items = document["items"].size();
   for (const json& block : document["blocks"])
@@ -74,6 +74,48 @@ TEST_F(Export, a_table_has_one_row_for_each_item_and_reads_as_rfc_4180) {
   // An item that was not measured has no value, and none is 0.
   for (const json& row : table["rows"]) EXPECT_TRUE(row["verdict"] != "not_measured" || row["value"] == "") << row;
   EXPECT_EQ(run("export 1 --db " + db()).out, content(file("items.csv")).substr(3));
+}
+
+TEST_F(Export, temperature_age_and_what_slopes_were_judged_against_are_told) {
+  header_.temperature_dk = 2931;
+  header_.age_h = 26;
+  begin();
+  measure(3);
+  const auto document = [&] { return json::parse(run("export 1 --format json --db " + db()).out); };
+  EXPECT_TRUE(document()["slope_datum"].is_null()) << "the slab has not ended";
+  end();
+  const json slab = document();
+  EXPECT_EQ(slab["slab_temperature_k"], 293.1);
+  EXPECT_EQ(slab["slab_age_h"], 26);
+  EXPECT_EQ(slab["slope_datum"], "slab_frame");
+  EXPECT_EQ(slab["T_flange_scanner"], (json{0.0, 80.0, 150.0, 1.0, 0.0, 0.0, 0.0}));
+  ASSERT_EQ(run("export 1 --out " + file("items.csv") + " --db " + db()).status, 0);
+  const json table = read("csv", file("items.csv"));
+  const auto& columns = table["columns"];
+  ASSERT_GT(columns.size(), 4U);
+  EXPECT_EQ(columns[columns.size() - 4], "scanner_id") << "new columns come at the end";
+  for (const json& row : table["rows"]) {
+    EXPECT_EQ(row["slab_temperature_k"], "293.1");
+    EXPECT_EQ(row["slab_age_h"], "26");
+    EXPECT_EQ(row["slope_datum"], "slab_frame");
+  }
+}
+
+TEST_F(Export, what_the_plc_did_not_say_is_not_there) {
+  recipe_.slope_datum = SlopeDatum::local_slab_top;
+  begin();
+  measure(3);
+  end();
+  const json slab = json::parse(run("export 1 --format json --db " + db()).out);
+  EXPECT_TRUE(slab["slab_temperature_k"].is_null());
+  EXPECT_TRUE(slab["slab_age_h"].is_null());
+  EXPECT_EQ(slab["slope_datum"], "local_slab_top");
+  ASSERT_EQ(run("export 1 --out " + file("items.csv") + " --db " + db()).status, 0);
+  for (const json& row : read("csv", file("items.csv"))["rows"]) {
+    EXPECT_EQ(row["slab_temperature_k"], "");
+    EXPECT_EQ(row["slab_age_h"], "");
+    EXPECT_EQ(row["slope_datum"], "local_slab_top");
+  }
 }
 
 TEST_F(Export, choices_and_wrong_use) {
