@@ -101,8 +101,8 @@ struct Item {
 [[nodiscard]] std::string_view beside_name(ItemId id);
 
 /// ISO 14253-1 with guard band `guard * U`: pass inside the limits by the guard band, fail outside by it, else
-/// indeterminate. No value: not_measured. No U (NaN or 0): indeterminate, also with guard 0. No limits at all: the item is information and
-/// passes nothing and fails nothing; its verdict is `none`.
+/// indeterminate. No value: not_measured. No U (NaN or 0): indeterminate, also with guard 0. No limits at all: the item
+/// is information and passes nothing and fails nothing; its verdict is `none`.
 [[nodiscard]] Verdict judge(const Item& item, double guard);
 
 /// Probability that the true value lies within the limits when the measured one is normally distributed about it with
