@@ -128,13 +128,14 @@ class Cells {
       : runs_(runs),
         layout_(layout),
         work_(work),
-        sums_(work.sums.first(static_cast<std::size_t>(layout.columns) * static_cast<std::size_t>(layout.rows))) {}
+        sums_(work.sums.first(static_cast<std::size_t>(layout.columns) * static_cast<std::size_t>(layout.rows))),
+        rest_(work.sums.subspan(sums_.size(), sums_.size())) {}
 
   /// Two halves, whoever does them.
   void sum_up(Team& team) {
     std::size_t groups = 0;
     for (const SeatPoints& run : runs_) groups += (run.size() + kCellGroup - 1) / kCellGroup;
-    const std::span<CellSum> second = work_.sums.subspan(sums_.size(), sums_.size());
+    const std::span<CellSum> second = rest_;  // there is no damage yet
     team.run(2, [&](std::size_t half) {
       const std::span<CellSum> sums = half == 0 ? sums_ : second;
       std::fill(sums.begin(), sums.end(), CellSum{});
@@ -180,6 +181,8 @@ class Cells {
       if (std::none_of(all.begin(), all.end(), stray)) continue;
       sum.keep_low = static_cast<float>(centre.median - reach);
       sum.keep_high = static_cast<float>(centre.median + reach);
+      rest_of(sum).keep_low = sum.keep_low;
+      rest_of(sum).keep_high = sum.keep_high;
     }
     const double half_a_cell = 0.5 * points / std::fmax(full, 1.0);
     keep_damage(kHigh, half_a_cell, grid, mark);
@@ -188,16 +191,25 @@ class Cells {
       if (sum.keep_low > sum.keep_high) continue;
       sum.sums.fill(0.0);
       sum.points = 0;
+      rest_of(sum).sums.fill(0.0);
+      rest_of(sum).points = 0;
     }
     for_points_of([](const CellSum& sum) { return sum.keep_low <= sum.keep_high; },
                   [&](CellSum& sum, float x, float s, float h) {
-                    if (h >= sum.keep_low && h <= sum.keep_high) sum.add(x, s, h);
+                    CellSum& rest = rest_of(sum);
+                    if (h >= sum.keep_low && h <= sum.keep_high)
+                      sum.add(x, s, h);
+                    else if (h >= rest.keep_low && h <= rest.keep_high)
+                      rest.add(x, s, h);
                   });
   }
   /// What stands out of this cell, or is missing of it, took its place.
   [[nodiscard]] bool is_damage(std::size_t cell) const {
     return sums_[cell].keep_high == kAny || sums_[cell].keep_low == -kAny;
   }
+
+  /// What of a cell that is damage is not.
+  [[nodiscard]] const CellSum& beside_damage(std::size_t cell) const { return rest_[cell]; }
 
   [[nodiscard]] std::size_t size() const { return sums_.size(); }
   [[nodiscard]] const CellSum& operator[](std::size_t cell) const { return sums_[cell]; }
@@ -213,6 +225,10 @@ class Cells {
 
  private:
   static constexpr float kAny = std::numeric_limits<float>::max();
+
+  [[nodiscard]] CellSum& rest_of(const CellSum& sum) const {
+    return rest_[static_cast<std::size_t>(&sum - sums_.data())];
+  }
 
   /// Strays of one side, in cells that touch, that are together `points_min` points or more: those cells keep them.
   void keep_damage(CellMark side, double points_min, const CellGrid& grid, std::span<std::uint32_t> mark) {
@@ -275,6 +291,7 @@ class Cells {
   const CellLayout& layout_;
   const FlatnessWorkspace& work_;
   std::span<CellSum> sums_;
+  std::span<CellSum> rest_;  ///< of the cells that have strays; the sums of the second half before
 };
 
 /// Points a sparse cell needs to say where the seat is.
@@ -529,10 +546,18 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
   if (!plane.ok) return result;
   low = std::numeric_limits<double>::infinity();
   high = -low;
-  for (const Vec3& p : means) {
+  const auto reach_to = [&](const Vec3& p) {
     const double h = plane.normal.dot(p) - plane.offset_mm;
     low = std::min(low, h);
     high = std::max(high, h);
+  };
+  for (const Vec3& p : means) reach_to(p);
+  // Where every cell has its ridge, none says how high it stands over what is beside it.
+  for (std::size_t k = 0; k < cells.size; ++k) {
+    const std::uint32_t c = cells.cell[k];
+    const CellSum& beside = sums.beside_damage(c);
+    if (sums.is_damage(c) && beside.points >= std::max(region.cell_points_min, 1U))
+      reach_to(in_block(CellPoints(beside), layout, frame));
   }
   result.ok = true;
   result.lsq_mm = high - low;

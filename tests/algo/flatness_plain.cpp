@@ -86,7 +86,9 @@ struct CellPoints {
 struct Window {
   double low = -std::numeric_limits<double>::infinity();
   double high = std::numeric_limits<double>::infinity();
-  bool damage = false;  ///< those that would be strays, if they did not hang together
+  bool damage = false;    ///< those that would be strays, if they did not hang together
+  double rest_low = 0.0;  ///< then: heights of the others, but for strays of the other side
+  double rest_high = 0.0;
 };
 
 /// Mean point of a cell's points in the window; false when too few are left.
@@ -151,8 +153,9 @@ std::vector<Window> windows_of(const CellGrid& grid, const PointsIn& points_in, 
       for (const std::uint32_t c : group) together += strays[c];
       if (together < 0.5 * points / full) return;
       for (const std::uint32_t c : group)
-        windows[c] = side == kHigh ? Window{windows[c].high + 1e-9, Window{}.high, true}
-                                   : Window{Window{}.low, windows[c].low - 1e-9, true};
+        windows[c] = side == kHigh
+                         ? Window{windows[c].high + 1e-9, Window{}.high, true, windows[c].low, windows[c].high}
+                         : Window{Window{}.low, windows[c].low - 1e-9, true, windows[c].low, windows[c].high};
     });
   }
   return windows;
@@ -310,6 +313,14 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   }
   weigh_by_area(seen, along_seat, seat, result);
   if (cells.size > 0) result.defect.limit_mm = mark_defects(cells, points_in, seat.std_mm, region.defect_sigmas, mark);
+  std::vector<Vec3> beside_damage;
+  for (std::size_t k = 0; k < cells.size; ++k) {
+    const Window& window = windows[cells.cell[k]];
+    CellPoints rest;
+    if (window.damage && cell_mean(points_in(cells.cell[k]), point_of, seat, region.cell_points_min,
+                                   Window{window.rest_low, window.rest_high}, rest))
+      beside_damage.push_back(rest.mean);
+  }
   // Damage is no noise.
   CellHeights quiet;
   for (std::size_t k = 0; k < cells.size; ++k) {
@@ -338,11 +349,13 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   if (!plane.ok) return result;
   low = std::numeric_limits<double>::infinity();
   high = -low;
-  for (const Vec3& p : means) {
+  const auto reach_to = [&](const Vec3& p) {
     const double h = plane.normal.dot(p) - plane.offset_mm;
     low = std::min(low, h);
     high = std::max(high, h);
-  }
+  };
+  for (const Vec3& p : means) reach_to(p);
+  for (const Vec3& p : beside_damage) reach_to(p);
   result.ok = true;
   result.lsq_mm = high - low;
   result.std_cells_mm = plane.std_mm;

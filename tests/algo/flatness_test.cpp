@@ -237,6 +237,18 @@ TEST(Flatness, WhatHangsTogetherIsNoStrayHoweverNarrow) {
   }
 }
 
+TEST(Flatness, DamageInEveryCellIsNoFlatSeat) {
+  Prng prng(16);
+  for (const double up_mm : {2.0, -2.0}) {
+    Seat seat([&](double x, double) {
+      return (std::abs(std::remainder(x - 0.125, 1.25)) < 0.1 ? up_mm : 0.0) + 0.01 * prng.normal();
+    });
+    const Flatness flat = seat.measure();
+    ASSERT_TRUE(flat.ok);
+    EXPECT_NEAR(flat.lsq_mm, 2.0, 0.1);
+  }
+}
+
 TEST(Flatness, DamageIsNoNoise) {
   // Ridges in every third or fourth row of cells, finer than a cell or wider: what is between them is as quiet as ever.
   Prng prng(15);
