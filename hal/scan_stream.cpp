@@ -174,13 +174,13 @@ Status ScanStreamDecoder::take_header() {
   if (header.count > xyz_.size() / 3)
     return error(Code::frame_incomplete, "the scan has %u points, allowed are %zu", header.count, xyz_.size() / 3);
   if (header.first != 0) {
-    if (!has_header_ || !header.same_scan(header_) || header.first != points_)
+    // A gateway that was started anew has another scan. What is here nobody will finish: the next request line says 0.
+    if (!has_header_ || !header.same_scan(header_)) forget_points();
+    if (header.first != points_)
       return error(Code::frame_incomplete, "the scan goes on at point %u, but %zu of this scan are here", header.first,
-                   has_header_ && header.same_scan(header_) ? points_ : std::size_t{0});
+                   points_);
   } else {
-    points_ = 0;
-    settled_ = {};
-    crc_ = 0;
+    forget_points();
     ++starts_;
   }
   header_ = header;
@@ -202,13 +202,18 @@ void ScanStreamDecoder::take_points(std::span<const std::byte> whole) {
   points_ += whole.size() / kScanPointBytes;
 }
 
+void ScanStreamDecoder::forget_points() {
+  has_header_ = false;
+  points_ = 0;
+  settled_ = {};
+  crc_ = 0;
+}
+
 Status ScanStreamDecoder::finish() {
   const std::uint32_t found = crc_;
   in_points_ = false;
   if (found != header_.points_crc) {
-    has_header_ = false;
-    points_ = 0;
-    settled_ = {};
+    forget_points();
     return error(Code::frame_incomplete, "the points have CRC-32C 0x%08X, the header says 0x%08X", found,
                  header_.points_crc);
   }

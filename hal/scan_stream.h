@@ -58,7 +58,8 @@ class ScanStreamDecoder {
   /// The bytes that may be given to feed() now: of the header or of the points; 0 when the scan is complete.
   [[nodiscard]] std::size_t wanted() const;
   /// Takes `bytes`, at most wanted(). frame_incomplete: this is not the scan that was asked for, or it is damaged (a
-  /// checksum); the connection is of no use any more. After a wrong checksum no points are kept.
+  /// checksum); the connection is of no use any more. After a wrong checksum no points are kept, nor when another scan
+  /// of the same request wants to go on where this one was cut.
   [[nodiscard]] Status feed(std::span<const std::byte> bytes);
 
   [[nodiscard]] bool complete() const { return complete_; }
@@ -83,6 +84,7 @@ class ScanStreamDecoder {
   Status take_header();
   void take_points(std::span<const std::byte> whole);
   Status finish();
+  void forget_points();
 
   std::span<float> xyz_;
   std::uint16_t session_ = 0;

@@ -89,7 +89,7 @@ int deliver(StreamGateway& gateway, const Scan& scan, const std::string& file, c
       fmt::print(
           "request {} (slab \"{}\", station {}): {}, {} points{}\n", request->name(), request->slab_id,
           request->station, file, scan.shape.points,
-          request->have_points != 0 ? fmt::format(", {} of them from before the cut", request->have_points) : "");
+          gateway.went_on_from() != 0 ? fmt::format(", {} of them from before the cut", gateway.went_on_from()) : "");
       std::fflush(stdout);
       return kDone;
     }

@@ -122,7 +122,12 @@ Status StreamGateway::answer(const StreamRequest& request, std::span<const float
   header.count = static_cast<std::uint32_t>(xyz.size() / 3);
   header.utime_us = static_cast<std::uint64_t>(utime_us);
   header.points_crc = hal::crc32c(std::as_bytes(xyz));
-  header.first = request.have_points < header.count ? request.have_points : 0;
+  // What slabd has may be of a scan that another process began, which these points are not.
+  const bool is_begun = begun_ == request.name() && utime_us_ == utime_us;
+  header.first = is_begun && request.have_points < header.count ? request.have_points : 0;
+  begun_ = request.name();
+  utime_us_ = utime_us;
+  went_on_from_ = header.first;
   const std::size_t end = std::min<std::size_t>(xyz.size() / 3, cut_after_points);
   const hal::ScanHeaderBytes bytes = hal::encode_scan_header(header);
   const std::size_t begin = std::min<std::size_t>(header.first, end);

@@ -35,10 +35,13 @@ class StreamGateway {
   /// error slabd told. Nothing when the connection ended.
   [[nodiscard]] std::optional<StreamRequest> next_request(int wait_ms, std::string& note);
   /// Sends `xyz` (mm) as the answer and waits for slabd's word. scanner_offline: the connection was lost; connect again
-  /// and slabd repeats the request with `have_points`. Other codes: slabd refused the scan. `cut_after_points` (tests):
-  /// closes the connection there.
+  /// and slabd repeats the request with `have_points`; the scan goes on there if it is the one that this gateway began,
+  /// and is sent as a whole otherwise. Other codes: slabd refused the scan. `cut_after_points` (tests): closes the
+  /// connection there.
   [[nodiscard]] Status answer(const StreamRequest& request, std::span<const float> xyz, std::size_t width,
                               std::size_t height, std::int64_t utime_us, std::size_t cut_after_points = SIZE_MAX);
+  /// The point that the last answer went on from; 0: it was sent as a whole.
+  [[nodiscard]] std::uint32_t went_on_from() const { return went_on_from_; }
   void close();
 
  private:
@@ -48,7 +51,10 @@ class StreamGateway {
   std::string host_;
   std::uint16_t port_;
   int fd_ = -1;
-  std::string text_;  ///< read and not yet taken
+  std::string text_;           ///< read and not yet taken
+  std::string begun_;          ///< name of the request whose scan was sent last, or a part of it ...
+  std::int64_t utime_us_ = 0;  ///< ... and that scan's time
+  std::uint32_t went_on_from_ = 0;
 };
 
 }  // namespace slabd::cli

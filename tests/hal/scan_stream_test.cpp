@@ -3,16 +3,19 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <memory>
+#include <string>
 #include <string_view>
 #include <vector>
 
 #include "base/prng.h"
 #include "hal/crc32c.h"
+#include "hal/scan_request.h"
 
 namespace slabd::hal {
 namespace {
@@ -174,12 +177,36 @@ TEST_F(ScanStreamTest, another_scan_never_goes_on_where_one_was_cut) {
   decoder.cut();
   Scan other = s;
   other.header.utime_us += 1;  // the scanner was triggered again
-  expect_refused(other.header_bytes(10), "the scan goes on at point 10, but 0 of this scan are here");
-  decoder.cut();
   expect_refused(s.header_bytes(9), "the scan goes on at point 9, but 10");
   decoder.cut();
-  EXPECT_TRUE(feed(s.bytes(10)).ok());
+  EXPECT_EQ(decoder.points(), 10U);
+  expect_refused(other.header_bytes(10), "the scan goes on at point 10, but 0 of this scan are here");
+  decoder.cut();
+  // Whoever took it has lost the first one: that is not asked for any more.
+  EXPECT_EQ(decoder.points(), 0U);
+  EXPECT_FALSE(decoder.has_header());
+  expect_refused(s.header_bytes(10), "the scan goes on at point 10, but 0");
+  decoder.cut();
+  EXPECT_TRUE(feed(other.bytes()).ok());
   EXPECT_TRUE(decoder.complete());
+}
+
+TEST(ScanAnswer, is_one_whole_line_however_long_and_strange_its_text) {
+  for (const char* piece : {"x", "\"", "\xff", "\xc3\xa9", "\xe8\xbd\xa8", "\xf0\x9f\x9a\x86"}) {
+    std::string text;
+    while (text.size() + 4 < limits::kErrorTextBytes) text += piece;
+    Error why = error(Code::frame_incomplete, "%s", text.c_str());
+    const std::string line(scan_answer_json(65'535, 65'535, &why, 4'294'967'295).view());
+    EXPECT_TRUE(line.ends_with("\"}\n")) << line;
+    EXPECT_LE(line.size(), 640U);
+    EXPECT_TRUE(std::all_of(line.begin(), line.end() - 1, [](char c) { return c >= ' ' && c <= '~'; })) << line;
+    const std::size_t cut = line.rfind("\\u");
+    EXPECT_TRUE(cut == std::string::npos || line.size() - 3 - cut >= 6) << "no escape is cut: " << line;
+  }
+  const Error why = error(Code::frame_incomplete, "Schiene \xc3\xa9\xe8\xbd\xa8\xf0\x9f\x9a\x86\xc3");
+  EXPECT_NE(scan_answer_json(1, 2, &why, 0).view().find("Schiene \\u00e9\\u8f68\\ud83d\\ude86\\u00c3\"}"),
+            std::string_view::npos)
+      << scan_answer_json(1, 2, &why, 0).c_str();
 }
 
 TEST_F(ScanStreamTest, the_answer_to_another_request_is_refused_before_a_point_of_it) {
