@@ -17,6 +17,7 @@
 #include <thread>
 #include <utility>
 
+#include "base/utf8.h"
 #include "daemon/judge.h"
 #include "daemon/seal.h"
 #include "hal/journal.h"
@@ -563,6 +564,19 @@ void tell_untold() {
   say_line(line);
 }
 
+/// One line whatever it holds: names of files may hold line ends, and bytes that are no text, for which the journal
+/// would show "blob data". A text that was cut to its room may end within a character.
+FixedString<limits::kErrorTextBytes> visible(std::string_view text) {
+  FixedString<limits::kErrorTextBytes> line;
+  while (!text.empty()) {
+    const CodePoint c = code_point_at(text);
+    const bool control = c.value < 0x20 || (c.value >= 0x7F && c.value < 0xA0);
+    line.append(control || !c.is_utf8 ? std::string_view("?") : text.substr(0, c.bytes));
+    text.remove_prefix(c.bytes);
+  }
+  return line;
+}
+
 }  // namespace
 
 void say_line(const LogLine& line) {
@@ -582,7 +596,8 @@ void say_line(const LogLine& line) {
       word = "error";
       break;
   }
-  if (in_journal && journal.say(priority, line.code, line.text.view())) return tell_untold();
+  const FixedString<limits::kErrorTextBytes> said = visible(line.text.view());
+  if (in_journal && journal.say(priority, line.code, said.view())) return tell_untold();
   FixedString<16> prefix;
   if (in_journal) {
     prefix.printf("<%u>", static_cast<unsigned>(priority));
@@ -591,9 +606,9 @@ void say_line(const LogLine& line) {
   }
   FixedString<640> text;
   if (line.code != 0) {
-    text.printf("%sslabd: [%u] %s\n", prefix.c_str(), line.code, line.text.c_str());
+    text.printf("%sslabd: [%u] %s\n", prefix.c_str(), line.code, said.c_str());
   } else {
-    text.printf("%sslabd: %s\n", prefix.c_str(), line.text.c_str());
+    text.printf("%sslabd: %s\n", prefix.c_str(), said.c_str());
   }
   if (!in_journal) {
     std::fputs(text.c_str(), stderr);

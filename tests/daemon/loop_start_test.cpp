@@ -283,5 +283,21 @@ TEST(SayLine, a_journal_that_does_not_read_stops_nobody) {
   EXPECT_EXIT(talk_to_a_journal_that_does_not_read(), ::testing::ExitedWithCode(0), "");
 }
 
+TEST(SayLine, a_name_of_a_file_cannot_make_lines_of_its_own) {
+  unsetenv("JOURNAL_STREAM");
+  LogLine line;
+  line.text = "inbox/a\nerror: slabd: [502] \x1b[2J\xc2\x9b\xff\xe8\xbd\xa8 was moved";
+  ::testing::internal::CaptureStderr();
+  say_line(line);
+  EXPECT_EQ(::testing::internal::GetCapturedStderr(),
+            "info: slabd: inbox/a?error: slabd: [502] ?[2J??\xe8\xbd\xa8 was moved\n");
+  line.text.clear();
+  while (line.text.size() < line.text.capacity()) line.text.append("\xe8\xbd\xa8");
+  ::testing::internal::CaptureStderr();
+  say_line(line);
+  const std::string said = ::testing::internal::GetCapturedStderr();
+  EXPECT_TRUE(said.ends_with("\xe8\xbd\xa8??\n")) << "320 bytes end within a character";
+}
+
 }  // namespace
 }  // namespace slabd::daemon
