@@ -123,7 +123,8 @@ TEST(Pcd, compressed_lengths_that_lie_are_refused) {
 
 TEST(Pcd, what_is_not_supported_is_named) {
   const std::string tail = kTwo + "DATA binary\n" + kSix;
-  expect_refused("", "not a PCD file");
+  expect_refused("", "0 bytes, nothing was written");
+  expect_refused("\n", "not a PCD file");
   expect_refused("ply\nformat ascii 1.0\n", "header line 1: unknown statement \"ply\"");
   expect_refused("VERSION 0.5\n" + kFields + tail, "unknown PCD version \"0.5\"");
   expect_refused(kFields + kTwo + "DATA text\n", "unknown DATA \"text\" (supported: ascii, binary, binary_compressed)");
