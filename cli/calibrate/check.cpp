@@ -4,6 +4,7 @@
 // by daemon::measure_block, the path every scan of the line takes: what the check finds is what verdicts are made of.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <memory>
 #include <span>
 #include <vector>
@@ -26,6 +27,8 @@ namespace slabd::cli {
 namespace {
 
 constexpr std::size_t kTrendRows = 10;
+constexpr double kSameRadiusMm = 1e-6;
+constexpr const char* kElsewhereNote = "seen from another pose";
 
 struct CheckOptions {
   std::string config;
@@ -170,6 +173,18 @@ std::string elsewhere(const daemon::Config& config, const std::string& observati
       "errs "
       "otherwise, so look from the same pose",
       off_mm, deg_from_rad(off_rad));
+}
+
+/// What failed from the ball's own pose is not cured from one where the robot may err the other way.
+bool may_pass_elsewhere(storage::Reader& reader, const CalibrationCheck& check, const std::string& where,
+                        int& exit_status) {
+  if (!check.passed) return true;
+  const auto line = reader.line_calibration();
+  if (!line.ok()) return failed(line.error(), exit_status);
+  if (!line.value()->ball.failed) return true;
+  complain(fmt::format("refused: the last check failed, and this one does not clear it: {}", where));
+  exit_status = kRefused;
+  return false;
 }
 
 bool hand_eye_in_force(storage::Reader* reader, const daemon::Config& config, CalibrationId& id, Pose& X,
@@ -330,14 +345,26 @@ bool judge(const CheckOptions& options, const daemon::Config& config, storage::R
     BallLook look = options.look;
     look.scan = options.scan;
     look.who = options.who;
-    if (!has_value(look.radius_mm)) look.radius_mm = ball.radius_mm;
+    // With another radius the same ball is found elsewhere along the view, by about what the radius differs.
+    if (has_value(look.radius_mm) && std::abs(look.radius_mm - ball.radius_mm) > kSameRadiusMm) {
+      complain(fmt::format(
+          "--radius {:g}: {} was taken into use with {:g} mm, and a check compares with that; leave --radius "
+          "out, or take the ball into use anew (slabctl calibrate reference)",
+          look.radius_mm, reference.value()->id, ball.radius_mm));
+      exit_status = kBadInput;
+      return false;
+    }
+    look.radius_mm = ball.radius_mm;
     SeenBall seen;
     if (!look_at_ball(config, look, X, seen, exit_status)) return false;
     check = calib::check_ball(ball, seen.p_base_mm);
     if (options.look.live) source = seen.source;
     if (!is_new(options, reader, source, exit_status)) return false;
-    if (const std::string where = elsewhere(config, reference.value()->observations, seen); !where.empty())
+    if (const std::string where = elsewhere(config, reference.value()->observations, seen); !where.empty()) {
+      if (!may_pass_elsewhere(reader, check, where, exit_status)) return false;
       complain(fmt::format("warning: {}", where));
+      check.note.assign((check.note.empty() ? "" : std::string(check.note.view()) + "; ") + kElsewhereNote);
+    }
   } else {
     BlockResult block;
     const bool measured = options.slab.empty()
@@ -367,6 +394,10 @@ int check_calibration(const CheckOptions& options) {
   }
   if (options.look.live && !options.ball) {
     complain("--live is for --ball; the reference block is checked from a scan, or as a station of a slab (--slab)");
+    return kUsage;
+  }
+  if (!options.slab.empty() && (!options.scan.empty() || options.station == 0)) {
+    complain("--slab needs --station, where the reference block stood, and no scan beside it");
     return kUsage;
   }
   if (options.scan.empty() && options.slab.empty() && !options.look.live)

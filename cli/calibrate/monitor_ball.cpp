@@ -50,7 +50,11 @@ bool find_in(const BallLook& look, const std::string& scan, hal::LengthUnit unit
 /// Takes one view through the daemon; the line is idle again afterwards, whatever came of it.
 bool take_live(const daemon::Config& config, const BallLook& look, const Pose& X, SeenBall& seen, int& exit_status) {
   const std::string who = look.who.empty() ? default_operator() : look.who;
-  Result<LiveCapture> line = LiveCapture::begin(config.control_socket, {"monitor ball", who, 60, false});
+  // A name of its own: of two checks at once neither goes on with, nor ends, the other's session. The lease is short,
+  // as nobody can go on with it either should this one be killed.
+  constexpr std::int64_t kLease_s = 30;
+  const std::string session = fmt::format("monitor ball {}", ::getpid());
+  Result<LiveCapture> line = LiveCapture::begin(config.control_socket, {session, who, kLease_s, false});
   if (!line.ok()) return failed(line.error(), live_capture_exit(line.error().code), exit_status);
   const bool terminal = isatty(STDERR_FILENO) != 0;
   const Result<LiveShot> shot = line.value().shoot([&](std::string_view said) {

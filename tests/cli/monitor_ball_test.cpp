@@ -107,5 +107,49 @@ TEST_F(MonitorBallTest, another_pose_of_the_robot_is_named) {
   expect_mentions(nobody.err, "is it running");
 }
 
+TEST_F(MonitorBallTest, a_radius_that_is_not_the_balls_own_is_refused) {
+  take_into_use();
+  const std::string drifted = scan("drifted", 0.11, "", 6);
+  EXPECT_EQ(check(drifted).status, 6);
+  // Another radius finds the ball elsewhere along the view: it would be back in its place.
+  const Ended other = check(scan("again", 0.11, "", 7), "--radius 25.45");
+  EXPECT_EQ(other.status, 3) << other.out;
+  expect_mentions(other.err, "--radius 25.45");
+  expect_mentions(other.err, "was taken into use with 25.4 mm");
+  json rows = json::parse(calibrate("check --json").out);
+  EXPECT_EQ(rows["checks"].size(), 1U);
+  EXPECT_TRUE(rows["monitor_ball"]["failed"].get<bool>());
+  EXPECT_EQ(check(scan("good", 0.0, "", 8), "--radius 25.4").status, 0);
+}
+
+TEST_F(MonitorBallTest, what_failed_is_not_cured_from_another_pose) {
+  take_into_use();
+  const std::string there = "1802.264 386.092 1082.505 0.235383091 0.971758165 0.008534254 0.014422816";
+  const auto from_there = [&](const std::string& name, int seed) {
+    static_cast<void>(write("there.txt", there + "\n"));
+    const Ended drawn = run("simulate calibration --kind ball --poses " + file("there.txt") + " --out " + file(name) +
+                            " --T-flange-scanner '0 80 150 1 0 0 0' --robot-sigma-mm 0 --seed " + std::to_string(seed) +
+                            " --T-base-target '1800 0 500 1 0 0 0'");
+    EXPECT_EQ(drawn.status, 0) << drawn.err;
+    return calibrate("check " + file(name) + "/view_01.ply --ball --flange '" + there + "' --json");
+  };
+  const Ended before = from_there("before", 4);
+  ASSERT_EQ(before.status, 0) << before.err;
+  expect_mentions(before.err, "look from the same pose");
+  EXPECT_EQ(json::parse(before.out)["note"], "seen from another pose");
+  ASSERT_EQ(check(scan("drifted", 0.11, "", 6)).status, 6);
+  const Ended after = from_there("after", 5);
+  EXPECT_EQ(after.status, 6) << after.out;
+  expect_mentions(after.err, "the last check failed, and this one does not clear it");
+  EXPECT_TRUE(json::parse(calibrate("check --json").out)["monitor_ball"]["failed"].get<bool>());
+}
+
+TEST_F(MonitorBallTest, a_station_of_a_slab_is_no_scan) {
+  EXPECT_EQ(calibrate("check " + file("x.ply") + " --recipe " + kRecipe + " --slab 5 --station 3").status, 2);
+  const Ended nowhere = calibrate("check --slab 5");
+  EXPECT_EQ(nowhere.status, 2);
+  expect_mentions(nowhere.err, "--slab needs --station");
+}
+
 }  // namespace
 }  // namespace slabd::cli
