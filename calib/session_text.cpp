@@ -87,6 +87,7 @@ std::string session_text(const SessionSettings& s) {
   w.number("scanner_noise_mm", s.scanner_noise_mm).number("noise_correlation_mm", s.noise_correlation_mm);
   w.count("parallel", s.parallel ? 1 : 0).line("unit", s.unit).count("goal", s.goal).count("held_out", s.held_out);
   w.text("flange_form", s.flange_form);
+  if (!s.certificate_sha256.empty()) w.text("certificate_sha256", s.certificate_sha256);
   w.numbers("down_base", std::array{s.down_base.x(), s.down_base.y(), s.down_base.z()});
   if (s.has_start) w.numbers("T_flange_scanner_start", s.T_flange_scanner.to_array()).text("start_id", s.start_id);
   return w.done();
@@ -123,6 +124,7 @@ Result<SessionSettings> parse_session(std::string_view text, std::string_view fi
   r.count("goal", s.goal, 400.0);
   r.count("held_out", s.held_out, 400.0);
   r.text("flange_form", s.flange_form);
+  r.text("certificate_sha256", s.certificate_sha256);
   std::array<double, 3> down{};
   const bool has_down = r.numbers("down_base", down);
   s.down_base = Vec3(down[0], down[1], down[2]);
@@ -252,8 +254,14 @@ Result<Pose> parse_flange(std::string_view form, std::string_view numbers, std::
   view.flange_form = form;
   view.flange = numbers;
   const Result<View> read = solver_view(ArtefactKind::pose, view, origin);
-  if (!read) return read.error();
-  return read.value().T_base_flange;
+  if (read) return read.value().T_base_flange;
+  // The line is one of the table that was put together to read it, and nobody has that.
+  std::string text(read.error().text.view());
+  const std::string named = std::string(origin) + ":";
+  const std::size_t end = text.find(':', named.size());
+  if (text.starts_with(named) && end != std::string::npos && text.find_first_not_of("0123456789", named.size()) == end)
+    text.erase(named.size(), end - named.size() + 1);
+  return error(read.error().code, "%s", text.c_str());
 }
 
 bool hold_out_next(const SessionSettings& settings, std::size_t counted, std::size_t held_out) {

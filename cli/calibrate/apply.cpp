@@ -3,11 +3,13 @@
 // slabctl calibrate apply, rollback, history: what is in force, and how it came to be.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <memory>
 
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/record_options.h"
+#include "cli/calibrate/seat_shift.h"
 #include "cli/calibrate/session_solution.h"
 #include "cli/command.h"
 #include "cli/exit.h"
@@ -69,8 +71,19 @@ int carry_out(const Options& options, const storage::CalibrationChange& change) 
   return kDone;
 }
 
+/// Ids are made from numbers, and two lines may begin with the same commissioning value: what a session was verified
+/// against does not tell the lines apart. A configuration that was copied or moved is the same line by its database.
+bool is_of_line(const Session& session, const std::string& config_path, const daemon::Config& config) {
+  const std::string& begun_with = session.settings().config;
+  std::error_code fault;
+  if (begun_with.empty() || std::filesystem::equivalent(begun_with, config_path, fault)) return true;
+  daemon::Config begun;
+  return std::filesystem::exists(begun_with, fault) && config_from(begun_with, begun) &&
+         begun.storage.db_path == config.storage.db_path;
+}
+
 /// The session's solution becomes a record with everything it was made from, and comes into force.
-int apply_session(const SessionOptions& which, RecordOptions record_options, bool json_wanted) {
+int apply_session(const SessionOptions& which, RecordOptions record_options, bool yes, bool json_wanted) {
   int exit_status = kDone;
   std::optional<Session> session = find_session(which, exit_status);
   if (!session) return exit_status;
@@ -93,6 +106,13 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
     complain("applying needs the daemon's configuration: slabctl calibrate apply --config FILE");
     return kBadInput;
   }
+  if (!yes && !is_of_line(*session, record_options.config, config)) {
+    complain(fmt::format(
+        "{} was begun with {}: its views are of that line's robot and scanner, and {} is another line; if it "
+        "is the same one, say --yes",
+        session_words(*session), session->settings().config, record_options.config));
+    return kRefused;
+  }
   finish_killed_change(config);
   InForce now;
   if (!hand_eye_in_force(config, now, exit_status)) return exit_status;
@@ -104,7 +124,7 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
   }
   storage::CalibrationRecord record;
   if (record_options.operator_name.empty()) record_options.operator_name = session->settings().operator_name;
-  record_options.describe(config, record);
+  record_options.describe(config, record, session->oldest_utime_us());
   record.numbers = solution.record.numbers;
   record.observations = observations_text(*session);
   record.certificate = session->certificate_text();
@@ -200,14 +220,40 @@ int show_history(const Options& options) {
   return kDone;
 }
 
+/// A measured calibration gives way to the configuration's value only in the sight of what that changes.
+bool may_replace(const daemon::Config& config, bool yes, int& exit_status) {
+  finish_killed_change(config);
+  InForce now;
+  if (!hand_eye_in_force(config, now, exit_status)) return false;
+  if (!now.applied) return true;
+  const Pose& before = now.T_flange_scanner;
+  const Pose& after = config.calibration.T_flange_scanner;
+  SeatShifts seats;
+  if (!find_seat_shifts(config, 0, before, after, seats, exit_status)) return false;
+  const std::string change = fmt::format(
+      "{} is in force; with the configuration's value seats of {} move by up to {:.3f} mm, the scanner turns by "
+      "{:.3f} deg",
+      now.id.view(), seats.slab, seats.shift_max_mm, deg_from_rad(angle_between_rad(before.rotation, after.rotation)));
+  if (yes || seats.shift_max_mm <= kConfirmAboveMm) {
+    fmt::print("{}\n", change);
+    return true;
+  }
+  complain(fmt::format("{}: above {} mm that needs a word of yours, --yes", change, kConfirmAboveMm));
+  exit_status = kRefused;
+  return false;
+}
+
 /// Commissioning values become a record like any other, with the uncertainty somebody answers for.
-int adopt(const RecordOptions& options, double sigma_mm, double sigma_deg) {
+int adopt(RecordOptions options, double sigma_mm, double sigma_deg, bool yes) {
   daemon::Config config;
   if (!config_from(options.config, config)) return kBadInput;
   if (config.calibration.id.empty()) {
     complain(fmt::format("{}: [calibration] T_flange_scanner is missing, there is nothing to adopt", options.config));
     return kBadInput;
   }
+  int exit_status = kDone;
+  if (options.apply && !may_replace(config, yes, exit_status)) return exit_status;
+  if (options.why.empty()) options.why = "adopted from " + options.config;
   storage::CalibrationRecord record;
   options.describe(config, record);
   record.numbers = HandEyeNumbers{config.calibration.T_flange_scanner, sigma_mm, rad_from_deg(sigma_deg)};
@@ -216,7 +262,6 @@ int adopt(const RecordOptions& options, double sigma_mm, double sigma_deg) {
     fmt::print("{}", kept_text({}, true));
     return kDone;
   }
-  int exit_status = kDone;
   const Kept kept = keep_record(config, options, record, exit_status);
   if (kept.ok) fmt::print("{}", kept_text(kept, false));
   return exit_status;
@@ -238,6 +283,7 @@ void add_calibrate_apply(CLI::App& group, int& exit_status) {
     Options known;
     SessionOptions session;
     RecordOptions record;
+    bool yes = false;
   };
   auto options = std::make_shared<Apply>();
   CLI::App* command = group.add_subcommand("apply", "Put the session's calibration, or a kept one, in force");
@@ -245,6 +291,7 @@ void add_calibrate_apply(CLI::App& group, int& exit_status) {
       "\nWithout ID: the session's, once it is solved and verified, stored with its views, figures and certificate.\n"
       "From the next slab on. Atomic: killed at any moment, either the old one is in force or the new one. Giving it "
       "again changes nothing.\n"
+      "How long it may be used counts from the oldest of its views.\n"
       "Exit status 6: refused, the text says what to do.\n"
       "Examples: slabctl calibrate apply --robot-serial KR120-4711 --scanner-serial S-0815 --temperature 21.5\n"
       "          slabctl calibrate apply he-3f2a91c07b5e --why \"scanner exchanged\"");
@@ -252,11 +299,12 @@ void add_calibrate_apply(CLI::App& group, int& exit_status) {
   options->session.add_to(*command);
   options->record.add_origin_to(*command);
   command->add_option("--why", options->record.why, "Why, for the history; must be given with ID")->check(some_words());
+  command->add_flag("--yes", options->yes, "Also where --config is not what the session was begun with");
   command->add_flag("--json", options->known.json, "Print slabd.calibration_applied/1 on stdout");
   command->callback([options, &exit_status] {
     Options& known = options->known;
     if (known.id.empty()) {
-      exit_status = apply_session(options->session, options->record, known.json);
+      exit_status = apply_session(options->session, options->record, options->yes, known.json);
       return;
     }
     known.config = options->session.config.empty() ? kDefaultConfig : options->session.config;
@@ -276,6 +324,7 @@ void add_calibrate_adopt(CLI::App& group, int& exit_status) {
     RecordOptions record;
     double sigma_mm = kNoValue;
     double sigma_deg = kNoValue;
+    bool yes = false;
   };
   auto options = std::make_shared<Adopt>();
   CLI::App* command = group.add_subcommand(
@@ -283,7 +332,9 @@ void add_calibrate_adopt(CLI::App& group, int& exit_status) {
   command->footer(
       "\nFor a scanner whose seat was measured otherwise, such as by a laser tracker: the values then have a record, "
       "an\n"
-      "expiry and a history, and station corrections can be solved with them.\n"
+      "expiry and a history, and station corrections can be solved with them. Where another calibration is in force, "
+      "what\n"
+      "--apply changes at the seats is shown; above 0.2 mm it wants --yes.\n"
       "Example: slabctl calibrate adopt --sigma-mm 0.05 --sigma-deg 0.003 --apply --why \"tracker protocol 17\"");
   options->record.add_to(*command);
   command
@@ -293,8 +344,10 @@ void add_calibrate_adopt(CLI::App& group, int& exit_status) {
   command->add_option("--sigma-deg", options->sigma_deg, "Of the scanner's rotation, per axis, deg")
       ->required()
       ->check(within(1e-6, 1.0));
-  command->callback(
-      [options, &exit_status] { exit_status = adopt(options->record, options->sigma_mm, options->sigma_deg); });
+  command->add_flag("--yes", options->yes, "With --apply: what it changes is looked at and wanted");
+  command->callback([options, &exit_status] {
+    exit_status = adopt(options->record, options->sigma_mm, options->sigma_deg, options->yes);
+  });
 }
 
 void add_calibrate_rollback(CLI::App& group, int& exit_status) {

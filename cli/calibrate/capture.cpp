@@ -186,6 +186,11 @@ Result<std::vector<ViewRequest>> requests_from(const Options& options, const Ses
   } else {
     request.flange_form = session.settings().flange_form;
     request.flange = single_blanks(options.flange);
+    const Result<Pose> read = calib::parse_flange(request.flange_form, request.flange, "--flange");
+    const bool has_comma = options.flange.find(',') != std::string::npos;
+    if (!read.ok())
+      return error(Code::config, "%s%s", read.error().text.c_str(),
+                   has_comma ? "; a comma stands between two numbers: write 1500.2, not 1500,2" : "");
   }
   request.scans = options.scans;
   return std::vector<ViewRequest>{request};
@@ -208,9 +213,18 @@ std::string found_text(const Session& session, const calib::CapturedView& v, con
   return text;
 }
 
+std::string taken_text(const Session& session, const Taken& taken, const calib::Guide& guide) {
+  if (taken.dropped)
+    return "captured already, and DROPPED: it counts for nothing; take another scan, or take the drop back if it was "
+           "the "
+           "last step (slabctl calibrate undo)";
+  return (taken.already ? "captured already, " : "") + found_text(session, taken.view, guide);
+}
+
 void write_view(Json& json, const Taken& taken) {
   const calib::CapturedView& v = taken.view;
-  json.begin_object().field("view", v.number).field("already", taken.already).field("use", name(v.use));
+  json.begin_object().field("view", v.number).field("already", taken.already).field("dropped", taken.dropped);
+  json.field("use", name(v.use));
   json.field("status", v.accepted() ? "ok" : "refused").field("refusal", std::string_view(v.refusal));
   json.field("reason", std::string_view(v.reason)).field("cure", std::string_view(v.cure));
   json.field("shots", v.shots.size()).field("points", v.points).field("half_angle_deg", v.half_angle_deg);
@@ -278,8 +292,7 @@ int capture(const Options& options) {
     if (options.json) continue;
     calib::Guide guide;
     if (requests.value().size() == 1) guide = session->guide();
-    fmt::print("view {}: {}{}\n", taken.value().view.number, taken.value().already ? "captured already, " : "",
-               found_text(*session, taken.value().view, guide));
+    fmt::print("view {}: {}\n", taken.value().view.number, taken_text(*session, taken.value(), guide));
   }
   const calib::Guide guide = session->guide();
   session->leave_next_pose(guide);
@@ -309,7 +322,7 @@ int capture_all(Options options) {
     fmt::print("drive there, stand still, then Enter; q and Enter to stop here\n");
     std::fflush(stdout);
     std::string line;
-    if (!std::getline(std::cin, line) || line.starts_with('q')) return kDone;
+    if (!std::getline(std::cin, line) || line.starts_with('q')) return status;
   }
 }
 

@@ -19,6 +19,7 @@ struct ViewRequest {
 struct Taken {
   calib::CapturedView view;
   bool already = false;  ///< it was there
+  bool dropped = false;  ///< ... and was dropped: it counts for nothing
 };
 
 /// Copies the scans, finds the artefact in them, and makes the view part of the session (whose lock is held), refused

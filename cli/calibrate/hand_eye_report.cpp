@@ -70,7 +70,7 @@ std::string figures(ArtefactKind kind, const HandEye& r) {
   add("sigma of X, rotation", sigmas_of_pose(r.covariance, true), "deg", "about the scanner's x / y / z");
   add("condition", fmt::format("{:.3g}", r.condition), "", "of the adjustment: healthy 8 to 22, at most 50");
   add("rotation spread", axes(r.rotation_spread_axes_deg, 1), "deg",
-      "principal values; the smallest must reach 5, better 15");
+      "principal values; the second must reach 5, better all 15");
   if (!pose)
     add("ball spread in view", axes(r.ball_spread_axes_mm, 0), "mm",
         "principal standard deviations; two must reach 25");

@@ -3,10 +3,12 @@
 
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
+#include <algorithm>
 
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/json.h"
 #include "cli/parse.h"
 
 namespace slabd::cli {
@@ -26,11 +28,13 @@ void RecordOptions::add_origin_to(CLI::App& command) {
   command.add_option("--temperature", temperature_c, "Of the hall, deg C")->check(within(-20.0, 60.0));
   command
       .add_option("--valid-days", valid_days,
-                  "How long it may be used, 0 = for ever (default: [calibration] valid_days)")
+                  "How long it may be used from when it was measured, 0 = for ever (default: [calibration] "
+                  "valid_days)")
       ->check(CLI::Range(0, 36'500));
 }
 
-void RecordOptions::describe(const daemon::Config& config_in, storage::CalibrationRecord& record) const {
+void RecordOptions::describe(const daemon::Config& config_in, storage::CalibrationRecord& record,
+                             std::int64_t measured_utime_us) const {
   record.operator_name = operator_name.empty() ? default_operator() : operator_name;
   record.robot_serial = robot_serial;
   record.scanner_serial = scanner_serial;
@@ -38,12 +42,39 @@ void RecordOptions::describe(const daemon::Config& config_in, storage::Calibrati
   record.software = daemon::software_version().view();
   record.created_utime_us = wall_clock_us();
   const int days = valid_days >= 0 ? valid_days : config_in.calibration_valid_days;
-  record.expires_utime_us = days == 0 ? 0 : record.created_utime_us + std::int64_t{days} * 86'400 * 1'000'000;
+  const std::int64_t from_utime_us = std::min(measured_utime_us, record.created_utime_us);
+  record.expires_utime_us = days == 0 ? 0 : from_utime_us + std::int64_t{days} * 86'400 * 1'000'000;
 }
+
+namespace {
+
+/// A record that is kept already keeps what it says, whatever is given beside the same numbers.
+void say_what_is_not_changed(const daemon::Config& config, const storage::CalibrationRecord& given,
+                             const std::string& id) {
+  std::unique_ptr<storage::Reader> reader;
+  int ignored = kDone;
+  if (!open_records(config, reader, ignored) || reader == nullptr) return;
+  const auto there = reader->calibration(id);
+  if (!there.ok() || !there.value()) return;
+  const auto differs = [](const std::string& now, const std::string& kept) { return !now.empty() && now != kept; };
+  if (differs(given.robot_serial, there.value()->robot_serial) ||
+      differs(given.scanner_serial, there.value()->scanner_serial) ||
+      (has_value(given.temperature_c) && given.temperature_c != there.value()->temperature_c))
+    complain(fmt::format("warning: {} is kept already; its serial numbers and temperature are not changed", id));
+}
+
+}  // namespace
 
 Kept keep_record(const daemon::Config& config, const RecordOptions& options, const storage::CalibrationRecord& record,
                  int& exit_status) {
   Kept kept;
+  if (record.expires_utime_us != 0 && record.expires_utime_us <= wall_clock_us()) {
+    complain(fmt::format("{} may be used until {}, counted from when it was measured: expired; calibrate again",
+                         record.kind() == CalibrationKind::stations ? "what these visits give" : "this calibration",
+                         iso_time(record.expires_utime_us)));
+    exit_status = kRefused;
+    return kept;
+  }
   const Result<DeskAnswer> done = change_calibration(config, storage::KeepCalibration{record});
   if (!done.ok()) {
     complain(fmt::format("{}", done.error().text.view()));
@@ -52,6 +83,7 @@ Kept keep_record(const daemon::Config& config, const RecordOptions& options, con
   }
   kept.id = done.value().id;
   kept.ok = true;
+  say_what_is_not_changed(config, record, kept.id);
   if (!options.apply) return kept;
   const std::string why = options.why.empty() ? "newly measured" : options.why;
   const Result<DeskAnswer> applied =

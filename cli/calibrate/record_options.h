@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
+#include <limits>
 #include <memory>
 #include <string>
 
@@ -28,8 +30,10 @@ struct RecordOptions {
   void add_to(CLI::App& command);
   /// Only who, with what and for how long: --operator, --robot-serial, --scanner-serial, --temperature, --valid-days.
   void add_origin_to(CLI::App& command);
-  /// Fills operator, serials, temperature, software, times.
-  void describe(const daemon::Config& config_in, storage::CalibrationRecord& record) const;
+  /// Fills operator, serials, temperature, software, times. The record may be used for the given time from
+  /// `measured_utime_us` on, the oldest of what it is computed from: who computes it again has measured nothing.
+  void describe(const daemon::Config& config_in, storage::CalibrationRecord& record,
+                std::int64_t measured_utime_us = std::numeric_limits<std::int64_t>::max()) const;
 };
 
 struct Kept {

@@ -14,7 +14,9 @@
 #include <fmt/core.h>
 #include <sys/stat.h>
 #include <algorithm>
+#include <ctime>
 #include <filesystem>
+#include <limits>
 
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/calibration_desk.h"
@@ -64,6 +66,12 @@ std::size_t number_of(const std::string& name) {
   return digits ? static_cast<std::size_t>(std::stoul(name)) : 0;
 }
 
+/// Of "drop-12.txt".
+std::size_t step_of(const std::string& file) {
+  const std::size_t from = file.find('-') + 1;
+  return number_of(file.substr(from, file.rfind('.') - from));
+}
+
 }  // namespace
 
 Status Session::create(const std::string& dir, const calib::SessionSettings& settings, const std::string& certificate) {
@@ -79,7 +87,9 @@ Status Session::create(const std::string& dir, const calib::SessionSettings& set
   fs::remove_all(part, fault);  // of a stopped `new`: it held nothing yet
   for (const char* inner : {"", "/views", "/solutions"})
     if (const Status made = make_folder(part + inner); !made.ok()) return made;
-  Status written = write_durably(part + "/session.txt", calib::session_text(settings));
+  calib::SessionSettings agreed = settings;
+  if (!certificate.empty()) agreed.certificate_sha256 = calib::sha256_hex(certificate);
+  Status written = write_durably(part + "/session.txt", calib::session_text(agreed));
   if (written.ok() && !certificate.empty()) written = write_durably(part + "/certificate.txt", certificate);
   if (written.ok()) written = sync_folder(part);
   if (written.ok()) written = rename_durably(part, target);
@@ -103,6 +113,12 @@ Result<Session> Session::open(const std::string& dir) {
     const Result<std::string> certificate = text_file(session.dir_ + "/certificate.txt");
     if (!certificate.ok()) return certificate.error();
     session.certificate_text_ = certificate.value();
+    const std::string& agreed = session.settings_.certificate_sha256;
+    if (!agreed.empty() && calib::sha256_hex(session.certificate_text_) != agreed)
+      return error(Code::config,
+                   "%s/certificate.txt was changed after the session began, and its views were made with what it said; "
+                   "put it back as it was, or begin another session with the new one",
+                   session.dir_.c_str());
     const auto parsed = calib::parse_certificate(session.certificate_text_, session.dir_ + "/certificate.txt");
     if (!parsed.ok()) return parsed.error();
   }
@@ -151,7 +167,15 @@ Status Session::read_views() {
       const Result<std::string> words = text_file(folder + "/" + file);
       const auto change = words.ok() ? calib::parse_view_change(words.value(), folder + "/" + file)
                                      : Result<calib::ViewChange>(words.error());
-      if (!change.ok()) return change.error();
+      if (!change.ok()) {
+        // Whether the view counts is not known, so it does not; the step is not given away.
+        entry.unreadable = fmt::format(
+            "{}; put that file back as it was, or remove it and drop the view again if it "
+            "shall not count",
+            change.error().text.view());
+        last_step_ = std::max(last_step_, step_of(file));
+        continue;
+      }
       last_step_ = std::max(last_step_, change.value().step);
       if (drop)
         steps_.push_back({change.value().step, number, true, false, change.value().why});
@@ -210,6 +234,17 @@ void Session::read_solutions() {
 std::size_t Session::counted(calib::ViewUse use) const {
   return static_cast<std::size_t>(std::count_if(
       entries_.begin(), entries_.end(), [&](const Entry& entry) { return entry.counts() && entry.view.use == use; }));
+}
+
+std::int64_t Session::oldest_utime_us() const {
+  std::int64_t oldest = std::numeric_limits<std::int64_t>::max();
+  for (const Entry& entry : entries_) {
+    if (!entry.counts() || entry.view.use != calib::ViewUse::fit) continue;
+    std::tm parts{};  // as iso_time() wrote it; what is not so is as old as can be
+    const bool read = ::strptime(entry.view.captured.c_str(), "%Y-%m-%dT%H:%M:%SZ", &parts) != nullptr;
+    oldest = std::min(oldest, read ? std::int64_t{::timegm(&parts)} * 1'000'000 : 0);
+  }
+  return oldest;
 }
 
 Result<std::vector<calib::View>> Session::views(calib::ViewUse use) const {

@@ -64,6 +64,8 @@ class Session {
   [[nodiscard]] bool solution_is_current() const { return solution_ && solution_->record.inputs == inputs(); }
 
   [[nodiscard]] std::size_t counted(calib::ViewUse use) const;
+  /// When the first of the views that are solved was captured: a new view among old ones makes them no younger.
+  [[nodiscard]] std::int64_t oldest_utime_us() const;
   /// The views of one use, by number. config: one cannot be read as its form says.
   [[nodiscard]] Result<std::vector<calib::View>> views(calib::ViewUse use) const;
   /// SHA-256 of everything a solution is computed from, or a verification.

@@ -111,8 +111,7 @@ int begin(const Options& options) {
   settings.held_out = options.held_out;
   settings.flange_form = form_words(options.flange_form);
   if (config) settings.down_base = config->T_base_slab.rotation * -Vec3::UnitZ();
-  if (settings.fov.near_mm >= settings.fov.far_mm || settings.fov.half_x_mm <= 0.0 || settings.fov.half_y_mm <= 0.0)
-    return usage("--fov: half width, half height, nearest, furthest in mm; nearest must be less than furthest");
+  if (const std::string fault = options.solve.fov_fault(); !fault.empty()) return usage(fault);
   if (settings.goal < settings.held_out + calib::kViewsMin)
     return usage(fmt::format("--views {}: with {} held out, {} would be left to solve with; at least {} are needed",
                              settings.goal, settings.held_out,

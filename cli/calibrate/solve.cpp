@@ -157,6 +157,10 @@ int solve(const Options& options) {
   const int given =
       (options.kind.empty() ? 0 : 1) + (options.flange.empty() ? 0 : 1) + (options.target.empty() ? 0 : 1);
   if (given == 0 && options.ball_bar.empty()) return solve_kept_views(options);
+  if (const std::string fault = options.solve.fov_fault(); given == 3 && !fault.empty()) {
+    complain(fault);
+    return kUsage;
+  }
   if (given == 3) return solve_tables(options);
   complain("give --kind, --flange and --target to solve two tables, or none of them to solve the session");
   return kUsage;

@@ -27,6 +27,13 @@ calib::SolveSettings SolveOptions::settings() const {
   return settings;
 }
 
+std::string SolveOptions::fov_fault() const {
+  const calib::FieldOfView view = settings().fov;
+  if (view.near_mm < view.far_mm && view.half_x_mm > 0.0 && view.half_y_mm > 0.0) return "";
+  return "--fov: half width, half height, nearest, furthest in mm; nearest must be less than furthest, and the halves "
+         "above 0";
+}
+
 void SolveOptions::add_to(CLI::App& command) {
   command.add_option("--robot-sigma-mm", robot_sigma_mm, "Robot's position noise per axis")
       ->check(at_least(0.0))

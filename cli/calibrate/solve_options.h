@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "calib/calib.h"
@@ -26,6 +27,8 @@ struct SolveOptions {
   /// angles of one of 0.06 mm would weigh them a hundred times too much. Targets are not taken to be better for it.
   [[nodiscard]] calib::StatedNoise noise() const;
   [[nodiscard]] calib::SolveSettings settings() const;
+  /// What is wrong with --fov; empty: nothing.
+  [[nodiscard]] std::string fov_fault() const;
 };
 
 }  // namespace slabd::cli

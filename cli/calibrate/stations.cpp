@@ -5,6 +5,8 @@
 // so mastering needs no mode of its own: let the robot go round five times, then solve.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <limits>
 #include <map>
 #include <memory>
 #include <vector>
@@ -39,6 +41,9 @@ struct Work {
   std::string certificate_text;
   std::vector<calib::StationVisit> visits;
   storage::CalibrationRecord hand_eye;
+  std::int64_t oldest_utime_us = std::numeric_limits<std::int64_t>::max();  ///< of the visits, where it is known
+  std::int64_t end_utime_us = 0;                                            ///< of the record solved again; 0: never
+  double temperature_c = kNoValue;                                          ///< at the visits
 };
 
 bool complained(const Error& why, int& exit_status) {
@@ -64,6 +69,7 @@ bool add_slab(storage::Reader& reader, const std::string& name, Work& work, int&
     auto visit = calib::seat_visit(valid->block, valid->attempt.T_base_flange, round);
     if (!visit) continue;
     visit->hand_eye_id = header.calibration_id.view();
+    work.oldest_utime_us = std::min(work.oldest_utime_us, valid->attempt.scan_utime_us);
     work.visits.push_back(std::move(*visit));
   }
   return true;
@@ -131,6 +137,8 @@ bool take_again(const Options& options, storage::Reader* reader, Work& work, int
   Result<std::vector<calib::StationVisit>> visits = calib::parse_visits(record->observations, record->id + ", visits");
   if (!visits.ok()) return complained(visits.error(), exit_status);
   work.visits = std::move(visits.value());
+  work.end_utime_us = record->expires_utime_us;
+  work.temperature_c = record->temperature_c;
   // Records of earlier versions do not say what the visits were taken with; they were solved with it at first.
   for (calib::StationVisit& visit : work.visits)
     if (visit.hand_eye_id.empty()) visit.hand_eye_id = record->parent_id;
@@ -236,6 +244,31 @@ void print_solution(const Work& work, const calib::StationsSolution& s) {
         work.hand_eye.id, s.mount_mm, deg_from_rad(s.mount_rad));
 }
 
+/// The robot takes up what the slab has grown by since it was certified, as if it erred by it.
+void warn_of_temperature(const Options& options, const Work& work) {
+  constexpr double kExpansion_per_K = 1e-5;  // concrete and steel
+  constexpr double kFar_K = 3.0;
+  const double now_c = has_value(options.record.temperature_c) ? options.record.temperature_c : work.temperature_c;
+  const double off_K = now_c - work.certificate.temperature_c;
+  if (has_value(now_c) && std::abs(off_K) <= kFar_K) return;
+  double span_mm = 0.0;
+  for (const calib::MasterStation& a : work.certificate.stations)
+    for (const calib::MasterStation& b : work.certificate.stations)
+      span_mm = std::max(span_mm, (a.points_mm.front() - b.points_mm.front()).norm());
+  const std::string holds =
+      fmt::format("certificate {} holds at {:.1f} deg C", work.certificate.id, work.certificate.temperature_c);
+  if (has_value(now_c))
+    complain(fmt::format(
+        "warning: {}, the visits were made at {:.1f}: over the {:.0f} mm between its stations that is about {:.3f} mm, "
+        "which the corrections take up",
+        holds, now_c, span_mm, std::abs(off_K) * kExpansion_per_K * span_mm));
+  else
+    complain(fmt::format(
+        "warning: {}, and --temperature does not say what it was at the visits: every K is about {:.3f} mm over the "
+        "{:.0f} mm between its stations, which the corrections take up",
+        holds, kExpansion_per_K * span_mm, span_mm));
+}
+
 void print_reasons(const calib::StationsSolution& s) {
   for (const calib::StationReason& reason : s.reasons)
     complain(fmt::format("refused ({}): {}\n  what to do: {}", name(reason.code), reason.text, reason.cure));
@@ -265,6 +298,7 @@ int calibrate_stations(const Options& options) {
     return exit_status;
   }
   const calib::StationsSolution& s = solved.value();
+  warn_of_temperature(options, work);
   Kept kept;
   if (!options.json) print_solution(work, s);
   if (!s.ok) {
@@ -274,7 +308,11 @@ int calibrate_stations(const Options& options) {
   }
   if (!options.record.dry_run) {
     storage::CalibrationRecord record;
-    options.record.describe(config, record);
+    options.record.describe(config, record, work.oldest_utime_us);
+    // Solved again, the visits are as old as they were.
+    if (work.end_utime_us != 0 && (record.expires_utime_us == 0 || record.expires_utime_us > work.end_utime_us))
+      record.expires_utime_us = work.end_utime_us;
+    if (!has_value(record.temperature_c)) record.temperature_c = work.temperature_c;
     record.numbers = s.table;
     record.parent_id = work.hand_eye.id;
     record.certificate = work.certificate_text;

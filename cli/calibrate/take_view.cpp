@@ -12,6 +12,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr const char* kSamePose = "same_pose";
+
 calib::BallSettings ball_settings(const calib::SessionSettings& s) {
   BallOptions options;
   options.noise_mm = s.scanner_noise_mm;
@@ -113,35 +115,52 @@ Status find_one_artefact(const Session& session, const std::vector<std::vector<f
   return success();
 }
 
+/// Does a view that counts have this pose?
+const Session::Entry* view_at(const Session& session, const Pose& pose, Pose& there) {
+  for (const Session::Entry& entry : session.entries()) {
+    if (!entry.counts()) continue;
+    const Result<Pose> other = calib::parse_flange(entry.view.flange_form, entry.view.flange, "T_base_flange");
+    if (!other.ok() || !calib::same_place(other.value(), pose)) continue;
+    there = other.value();
+    return &entry;
+  }
+  return nullptr;
+}
+
 /// A view from a pose that has one already: it would count without adding anything, and held out it would verify
 /// nothing.
 void refuse_same_place(const Session& session, const Pose& pose, calib::CapturedView& view) {
   if (view.use == calib::ViewUse::refused) return;
-  for (const Session::Entry& entry : session.entries()) {
-    if (!entry.counts()) continue;
-    const calib::CapturedView& other = entry.view;
-    const Result<Pose> there = calib::parse_flange(other.flange_form, other.flange, "T_base_flange");
-    if (!there.ok() || !calib::same_place(there.value(), pose)) continue;
-    calib::BallWords words;
-    words.reason.printf("the flange stands where it stood for view %zu (%.3f mm, %.4f deg away)", other.number,
-                        (there.value().translation_mm - pose.translation_mm).norm(),
-                        deg_from_rad(angle_between_rad(there.value().rotation, pose.rotation)));
-    words.cure.assign(
-        "drive to another pose; several shots of one pose are one view: --scan a.ply --scan b.ply, or "
-        "drop the other view first");
-    refuse(view, "same_pose", words);
-    return;
-  }
+  Pose there;
+  const Session::Entry* other = view_at(session, pose, there);
+  if (other == nullptr) return;
+  calib::BallWords words;
+  words.reason.printf("the flange stands where it stood for view %zu (%.3f mm, %.4f deg away)", other->view.number,
+                      (there.translation_mm - pose.translation_mm).norm(),
+                      deg_from_rad(angle_between_rad(there.rotation, pose.rotation)));
+  words.cure.assign(
+      "drive to another pose; if the pose is a slip, give the scan again with the right one; several shots of one pose "
+      "are one view: --scan a.ply --scan b.ply; to have this view instead, drop the other one and capture this again");
+  refuse(view, kSamePose, words);
 }
 
 struct Digests {
   std::vector<FileDigest> shots;
 };
 
-/// Was this very view, or this very scan, captured before?
-Result<const Session::Entry*> known_view(const Session& session, const ViewRequest& request, const Digests& digests) {
+/// Refused for its pose alone, which another view had.
+bool refused_for_its_pose(const calib::CapturedView& view) {
+  return view.refusal == kSamePose;
+}
+
+/// Was this very view, or this very scan, captured before? What counts for nothing only because of its pose does not
+/// keep its scan from being a view: one that was dropped or refused as standing where another stood, and has another
+/// pose now, or its pose for itself by now.
+Result<const Session::Entry*> known_view(const Session& session, const ViewRequest& request, const Pose& pose,
+                                         const Digests& digests) {
+  const Session::Entry* counts_not = nullptr;
   for (const Session::Entry& entry : session.entries()) {
-    if (!entry.unreadable.empty() || entry.undone) continue;
+    if (entry.undone) continue;
     const calib::CapturedView& v = entry.view;
     std::size_t same = 0;
     for (const FileDigest& digest : digests.shots)
@@ -150,15 +169,24 @@ Result<const Session::Entry*> known_view(const Session& session, const ViewReque
       }));
     if (same == 0) continue;
     const bool same_pose = v.flange == request.flange && v.flange_form == request.flange_form;
-    if (same_pose && same >= digests.shots.size() && v.shots.size() == digests.shots.size()) return &entry;
+    if (!entry.unreadable.empty())
+      return error(Code::config, "%s is a scan of view %zu, and whether that counts cannot be read: %s",
+                   request.scans.front().c_str(), v.number, entry.unreadable.c_str());
+    if (same_pose && same >= digests.shots.size() && v.shots.size() == digests.shots.size()) {
+      if (entry.counts()) return &entry;
+      Pose there;
+      if (refused_for_its_pose(v) && entry.dropped_step == 0 && view_at(session, pose, there) == nullptr) continue;
+      if (counts_not == nullptr) counts_not = &entry;
+      continue;
+    }
+    if (entry.dropped_step != 0 || refused_for_its_pose(v)) continue;
     return error(Code::config,
                  "%s is a scan of view %zu, which has %s: one scan cannot be two views; if view %zu is the wrong one, "
-                 "slabctl calibrate drop %zu --why \"wrong pose\" does not bring the scan back, slabctl calibrate undo "
-                 "does",
+                 "slabctl calibrate drop %zu --why \"wrong pose\", then give this command again",
                  request.scans.front().c_str(), v.number, same_pose ? "other shots beside it" : "another pose",
                  v.number, v.number);
   }
-  return static_cast<const Session::Entry*>(nullptr);
+  return counts_not;
 }
 
 std::string intent_of(const ViewRequest& request) {
@@ -220,9 +248,9 @@ Result<Taken> take_view(Session& session, const ViewRequest& request) {
         return error(Code::config, "%s: the same scan is given twice", scan.c_str());
     digests.shots.push_back(std::move(digest.value()));
   }
-  const Result<const Session::Entry*> known = known_view(session, request, digests);
+  const Result<const Session::Entry*> known = known_view(session, request, pose.value(), digests);
   if (!known.ok()) return known.error();
-  if (known.value() != nullptr) return Taken{known.value()->view, true};
+  if (known.value() != nullptr) return Taken{known.value()->view, true, known.value()->dropped_step != 0};
   if (session.entries().size() >= calib::kViewsMax)
     return error(Code::config, "the session has %zu views, the most there may be; solve, or begin another",
                  session.entries().size());
@@ -238,7 +266,7 @@ Result<Taken> take_view(Session& session, const ViewRequest& request) {
     session.discard_view(part.value());
     return kept.error();
   }
-  return Taken{view.value(), false};
+  return Taken{view.value(), false, false};
 }
 
 }  // namespace slabd::cli

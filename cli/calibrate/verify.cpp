@@ -13,6 +13,7 @@
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/record_options.h"
+#include "cli/calibrate/seat_shift.h"
 #include "cli/calibrate/session_solution.h"
 #include "cli/command.h"
 #include "cli/exit.h"
@@ -22,7 +23,6 @@ namespace slabd::cli {
 namespace {
 
 constexpr std::size_t kHeldOutMin = 3;
-constexpr double kConfirmAboveMm = 0.2;
 
 struct Options {
   SessionOptions session;
@@ -31,20 +31,12 @@ struct Options {
   bool json = false;
 };
 
-struct StationShift {
-  int station = 0;
-  bool taught = false;  ///< by the pose it was mastered at; else by the nominal one
-  Vec3 shift_mm;        ///< of the seat's centre, slab axes
-};
-
 struct Verification {
   InForce before;
   bool has_before = false;
   std::vector<calib::ViewFit> before_fits, after_fits;  ///< held-out views
   std::vector<calib::ViewFit> before_own, after_own;    ///< the views of the fit, rejected ones left out
-  std::vector<StationShift> stations;
-  std::string slab;  ///< which recipe the stations are of, in words
-  double shift_max_mm = kNoValue;
+  SeatShifts seats;
   double turn_deg = kNoValue;
   double limit_mm = kNoValue;   ///< of a held-out view's residual
   double limit_deg = kNoValue;  ///< ... of its rotation; NaN: none is seen
@@ -60,56 +52,6 @@ calib::Spread deg_of(const std::vector<calib::ViewFit>& fits) {
   std::vector<double> values;
   for (const calib::ViewFit& fit : fits) values.push_back(fit.residual_deg);
   return calib::spread_of(values);
-}
-
-/// Where the seats go when one T_flange_scanner takes the place of another: the robot stands as it was taught, or as it
-/// nominally would be, and sees the same.
-bool find_shifts(const Options& options, const daemon::Config& config, const Pose& before, const Pose& after,
-                 Verification& v, int& exit_status) {
-  std::vector<Recipe> recipes;
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipes(config.recipes_dir, recipes, problems);
-  const auto recipe = std::find_if(recipes.begin(), recipes.end(), [&](const Recipe& r) {
-    return options.slab_type == 0 || r.slab_type == options.slab_type;
-  });
-  if (recipe == recipes.end()) {
-    complain(fmt::format("no recipe of slab type {} in {}: what changes at the slab cannot be told", options.slab_type,
-                         config.recipes_dir));
-    exit_status = kBadInput;
-    return false;
-  }
-  std::unique_ptr<storage::Reader> reader;
-  if (!open_records(config, reader, exit_status)) return false;
-  std::unique_ptr<LineCalibration> line;
-  if (reader != nullptr) {
-    auto read = reader->line_calibration();
-    if (!read.ok()) {
-      complain(read.error().text.view());
-      exit_status = exit_for(read.error().code);
-      return false;
-    }
-    line = std::move(read.value());
-  }
-  const StationsInForce* table = line == nullptr ? nullptr : line->table_for(recipe->slab_type);
-  v.slab = fmt::format("slab type {}", recipe->slab_type);
-  v.shift_max_mm = 0.0;
-  for (int station = 1; station <= recipe->stations(); ++station) {
-    const Pose T_base_block = config.T_base_slab * T_slab_block(*recipe, station);
-    StationShift s;
-    s.station = station;
-    Pose T_base_flange = T_base_block * nominal_T_block_scanner() * before.inverse();
-    if (table != nullptr) {
-      const StationCorrection& mastered = table->table.station[static_cast<std::size_t>(station - 1)];
-      s.taught = mastered.visits > 0;
-      if (s.taught) T_base_flange = mastered.T_base_flange;
-    }
-    const Vec3 seen = (T_base_flange * before).inverse() * T_base_block.translation_mm;
-    s.shift_mm =
-        config.T_base_slab.rotation.conjugate() * Vec3(T_base_flange * (after * seen) - T_base_block.translation_mm);
-    v.shift_max_mm = std::max(v.shift_max_mm, s.shift_mm.norm());
-    v.stations.push_back(s);
-  }
-  return true;
 }
 
 bool carry_out(const Options& options, const Session& session, const SessionSolution& solution, Verification& v,
@@ -156,10 +98,10 @@ bool carry_out(const Options& options, const Session& session, const SessionSolu
     v.before_fits = calib::residuals_of(settings.kind, held_out.value(), X, targets, settings.noise);
     v.turn_deg = deg_from_rad(angle_between_rad(X.rotation, after.T_flange_scanner.rotation));
     if (config) {
-      if (!find_shifts(options, *config, X, after.T_flange_scanner, v, exit_status)) return false;
+      if (!find_seat_shifts(*config, options.slab_type, X, after.T_flange_scanner, v.seats, exit_status)) return false;
     } else {
       const Vec3 middle(0.0, 0.0, 0.5 * (settings.fov.near_mm + settings.fov.far_mm));
-      v.shift_max_mm = (after.T_flange_scanner * middle - X * middle).norm();
+      v.seats.shift_max_mm = (after.T_flange_scanner * middle - X * middle).norm();
     }
   }
   v.after_fits =
@@ -206,8 +148,8 @@ std::string as_json(const Session& session, const SessionSolution& solution, con
   write_fits(json, "after", v.after_fits);
   write_fits(json, "before_fit_views", v.before_own);
   write_fits(json, "after_fit_views", v.after_own);
-  json.field("turn_deg", v.turn_deg).field("shift_max_mm", v.shift_max_mm).key("stations").begin_array();
-  for (const StationShift& s : v.stations) {
+  json.field("turn_deg", v.turn_deg).field("shift_max_mm", v.seats.shift_max_mm).key("stations").begin_array();
+  for (const StationShift& s : v.seats.stations) {
     json.begin_object().field("station", s.station).field("taught", s.taught);
     json.field("shift_mm", std::span<const double>(s.shift_mm.data(), 3)).field("distance_mm", s.shift_mm.norm());
     json.end_object();
@@ -239,22 +181,22 @@ void print(const Session& session, const SessionSolution& solution, const Verifi
   add("after: " + solution.record.id, "of the fit", v.after_own);
   fmt::print("{}", table(rows));
   if (!v.has_before) fmt::print("nothing is in force to compare with\n");
-  if (!v.stations.empty()) {
-    fmt::print("if applied, seats of {} move by (mm, slab axes; the scanner turns by {:.3f} deg):\n", v.slab,
+  if (!v.seats.stations.empty()) {
+    fmt::print("if applied, seats of {} move by (mm, slab axes; the scanner turns by {:.3f} deg):\n", v.seats.slab,
                v.turn_deg);
     rows = {{"station", "x", "y", "z", "distance", "pose<"}};
-    for (const StationShift& s : v.stations)
+    for (const StationShift& s : v.seats.stations)
       rows.push_back({std::to_string(s.station), fmt::format("{:+.3f}", s.shift_mm.x()),
                       fmt::format("{:+.3f}", s.shift_mm.y()), fmt::format("{:+.3f}", s.shift_mm.z()),
                       fmt::format("{:.3f}", s.shift_mm.norm()), s.taught ? "mastered" : "nominal"});
     fmt::print("{}", table(rows));
-    if (std::any_of(v.stations.begin(), v.stations.end(), [](const StationShift& s) { return s.taught; }))
+    if (std::any_of(v.seats.stations.begin(), v.seats.stations.end(), [](const StationShift& s) { return s.taught; }))
       fmt::print(
           "the station corrections in force hold for the old calibration and become stale; afterwards: slabctl "
           "calibrate stations --again --apply, or master the stations again if the scanner was moved on the flange\n");
-  } else if (has_value(v.shift_max_mm)) {
+  } else if (has_value(v.seats.shift_max_mm)) {
     fmt::print("if applied, the middle of the view moves by {:.3f} mm; the scanner turns by {:.3f} deg\n",
-               v.shift_max_mm, v.turn_deg);
+               v.seats.shift_max_mm, v.turn_deg);
   }
   if (v.has_before && mm_of(v.after_fits).rms > mm_of(v.before_fits).rms)
     complain("warning: the held-out views fit what is in force better than the new solution; is a change needed?");
@@ -322,11 +264,11 @@ int verify(const Options& options) {
   record.before_rms_mm = v.before_fits.empty() ? kNoValue : mm_of(v.before_fits).rms;
   record.after_rms_mm = mm_of(v.after_fits).rms;
   record.after_max_mm = mm_of(v.after_fits).max;
-  record.shift_max_mm = v.shift_max_mm;
+  record.shift_max_mm = v.seats.shift_max_mm;
 
   const auto& last = session->solution()->verified;
   const bool told_before = last && last->inputs == record.inputs && last->before_id == record.before_id;
-  const bool small = has_value(v.shift_max_mm) && v.shift_max_mm <= kConfirmAboveMm;
+  const bool small = has_value(v.seats.shift_max_mm) && v.seats.shift_max_mm <= kConfirmAboveMm;
   const bool may_ask = !options.json && isatty(STDIN_FILENO) != 0 && isatty(STDOUT_FILENO) != 0;
   const bool confirmed = small || options.yes || told_before || (may_ask && asks_yes());
   if (confirmed && !told_before)
@@ -336,10 +278,10 @@ int verify(const Options& options) {
     }
   if (options.json) fmt::print("{}", as_json(*session, solution.value(), v, confirmed));
   if (!confirmed) {
-    complain(
-        fmt::format("a change of {} needs a word of yours: look at the shifts, then slabctl calibrate verify --yes",
-                    has_value(v.shift_max_mm) ? fmt::format("{:.3f} mm (above {} mm)", v.shift_max_mm, kConfirmAboveMm)
-                                              : std::string("unknown size")));
+    complain(fmt::format(
+        "a change of {} needs a word of yours: look at the shifts, then slabctl calibrate verify --yes",
+        has_value(v.seats.shift_max_mm) ? fmt::format("{:.3f} mm (above {} mm)", v.seats.shift_max_mm, kConfirmAboveMm)
+                                        : std::string("unknown size")));
     return kRefused;
   }
   if (!options.json) fmt::print("verified; next: slabctl calibrate apply\n");

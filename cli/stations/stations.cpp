@@ -13,6 +13,7 @@
 #include <sstream>
 
 #include "calib/calib.h"
+#include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/record_options.h"
 #include "cli/command.h"
 #include "cli/durable.h"
@@ -53,6 +54,7 @@ struct Sources {
   Recipe recipe;
   InForce hand_eye;
   std::optional<StationTable> table;
+  std::string not_used;  ///< why the line does not use it; empty: it does
 };
 
 bool find_recipe(const daemon::Config& config, std::uint16_t slab_type, Recipe& recipe) {
@@ -89,7 +91,13 @@ bool gather(const Options& options, Sources& out, int& exit_status) {
   }
   if (reader == nullptr) return true;
   const auto table = reader->current(CalibrationKind::stations, out.recipe.slab_type);
-  if (table.ok() && table.value()) out.table = std::get<StationTable>(table.value()->numbers);
+  if (!table.ok() || !table.value()) return true;
+  const storage::CalibrationRecord& record = *table.value();
+  out.table = std::get<StationTable>(record.numbers);
+  if (record.parent_id != out.hand_eye.id.view())
+    out.not_used = fmt::format("is stale: solved with {}, in force is {}", record.parent_id, out.hand_eye.id.view());
+  else if (record.expires_utime_us != 0 && wall_clock_us() >= record.expires_utime_us)
+    out.not_used = fmt::format("expired on {}", iso_time(record.expires_utime_us));
   return true;
 }
 
@@ -208,10 +216,12 @@ void print_table(const Sources& sources, const std::vector<Row>& rows) {
     }
     if (row.mastered) {
       const Pose& stands = row.taught ? *row.taught : row.planned;
-      const bool holds = in_gate(stands, *row.mastered, sources.config.splice);
+      const bool near = in_gate(stands, *row.mastered, sources.config.splice);
       fmt::print("        mastered {:.2f} mm, {:.3f} deg away: its correction {}\n", off_mm(stands, *row.mastered),
                  off_deg(stands, *row.mastered),
-                 holds ? "holds" : "would NOT hold (calibration.station_gate_mm, station_gate_deg)");
+                 !sources.not_used.empty() ? sources.not_used + ", so it does NOT hold"
+                 : near                    ? "holds"
+                                           : "would NOT hold (calibration.station_gate_mm, station_gate_deg)");
     }
   }
 }
@@ -258,7 +268,7 @@ std::string json_of(const Sources& sources, const std::vector<Row>& rows, bool a
       const Pose& stands = row.taught ? *row.taught : row.planned;
       json.field("mastered_off_mm", off_mm(stands, *row.mastered));
       json.field("mastered_off_deg", off_deg(stands, *row.mastered));
-      json.field("correction_holds", in_gate(stands, *row.mastered, sources.config.splice));
+      json.field("correction_holds", sources.not_used.empty() && in_gate(stands, *row.mastered, sources.config.splice));
     }
     json.end_object();
   }

@@ -671,5 +671,135 @@ TEST_F(CalibrateSession, a_held_out_artefact_that_was_turned_where_it_stood_refu
   EXPECT_GT(told["after"]["residual_deg"]["max"].get<double>(), told["limit_deg"].get<double>());
 }
 
+TEST_F(CalibrateSession, an_old_calibration_is_not_revived_by_applying_it_again) {
+  simulate("set", "--views 10 --seed 13");
+  ASSERT_EQ(run(new_in("a", "", 10)).status, 0);
+  for (const std::string& command : {"capture --set " + file("set"), std::string("solve"), std::string("verify --yes")})
+    ASSERT_EQ(run("calibrate " + command).status, 0) << command;
+  // One of its views was captured in 2020, the others today.
+  const std::string path = "a/calibration/hall/views/001/view.txt";
+  auto view = calib::parse_view(content(file(path)), "view.txt");
+  ASSERT_TRUE(view.ok());
+  ASSERT_EQ(view.value().use, calib::ViewUse::fit);
+  view.value().captured = "2020-01-02T00:00:00Z";
+  ASSERT_FALSE(write(path, calib::view_text(view.value())).empty());
+  const Ended expired = run("calibrate apply");
+  expect_next(expired, 6, "may be used until 2021-01-01T00:00:00Z");
+  expect_next(expired, 6, "expired; calibrate again");
+  EXPECT_TRUE(in_force("a").id.empty());
+  ASSERT_EQ(run("calibrate apply --valid-days 14610 --robot-serial KR-1").status, 0);
+  EXPECT_EQ(in_force("a").expires_utime_us, (1'577'923'200 + std::int64_t{14610} * 86'400) * 1'000'000);
+  const Ended again = run("calibrate apply --valid-days 14610 --robot-serial KR-2");
+  EXPECT_EQ(again.status, 0) << again.err;
+  expect_mentions(again.err, "is kept already; its serial numbers and temperature are not changed");
+  const json history = json::parse(run("calibrate history --json --config " + file("a/slabd.toml")).out);
+  EXPECT_EQ(history["records"].size(), 1U);
+  EXPECT_EQ(history["records"][0]["robot_serial"], "KR-1");
+}
+
+TEST_F(CalibrateSession, a_certificate_that_was_changed_after_the_beginning_is_not_used) {
+  simulate("set", "--kind artefact --views 2 --seed 12");
+  ASSERT_EQ(run("calibrate new frame --config " + config("a") + " --kind artefact --certificate " +
+                file("set/certificate.txt") + " --robot-sigma-mm 0.017 --fov 100 140 540 660 --views 10")
+                .status,
+            0);
+  const std::string path = "a/calibration/frame/certificate.txt";
+  const std::string before = content(file(path));
+  ASSERT_FALSE(write(path, before + "# recertified\n").empty());
+  expect_next(run("calibrate capture --set " + file("set")), 3, "certificate.txt was changed after the session began");
+  ASSERT_FALSE(write(path, before).empty());
+  expect_next(run("calibrate capture --set " + file("set")), 0, "view 2/10");
+  // Sessions of earlier versions do not say what it was.
+  auto settings = calib::parse_session(content(file("a/calibration/frame/session.txt")), "session.txt");
+  ASSERT_TRUE(settings.ok());
+  EXPECT_EQ(settings.value().certificate_sha256, calib::sha256_hex(before));
+  settings.value().certificate_sha256.clear();
+  ASSERT_FALSE(write("a/calibration/frame/session.txt", calib::session_text(settings.value())).empty());
+  EXPECT_EQ(list()["views"].size(), 2U);
+}
+
+TEST_F(CalibrateSession, a_session_is_applied_to_its_own_line_only) {
+  simulate("set", "--views 10 --seed 13");
+  ASSERT_EQ(run(new_in("a", "", 10)).status, 0);
+  for (const std::string& command : {"capture --set " + file("set"), std::string("solve"), std::string("verify --yes")})
+    ASSERT_EQ(run("calibrate " + command).status, 0) << command;
+  // The other line has the same commissioning value, so nothing else tells them apart.
+  const std::string elsewhere = "calibrate apply --session " + file("a/calibration/hall") + " --config " + config("b");
+  expect_next(run(elsewhere), 6, "was begun with " + file("a/slabd.toml"));
+  EXPECT_TRUE(in_force("b").id.empty());
+  // Another file about the same database is the same line.
+  fs::copy_file(file("a/slabd.toml"), file("a/copy.toml"));
+  expect_next(run("calibrate apply --session " + file("a/calibration/hall") + " --config " + file("a/copy.toml")), 0,
+              "is in force");
+  expect_next(run(elsewhere + " --yes"), 0, "is in force");
+  EXPECT_EQ(in_force("b").id, in_force("a").id);
+}
+
+TEST_F(CalibrateSession, a_slip_in_a_pose_is_cured_as_the_refusal_says) {
+  simulate("set", "--views 4 --seed 5");
+  const auto capture = [this](int scan, int line) {
+    return run("calibrate capture --scan " + file("set/view_0") + std::to_string(scan) + ".ply --flange-file " +
+               file("set/flange.txt") + ":" + std::to_string(line));
+  };
+  // The second scan with the first one's pose, then with its own.
+  ASSERT_EQ(run(new_in("a")).status, 0);
+  ASSERT_EQ(capture(1, 1).status, 0);
+  expect_next(capture(2, 1), 6, "same_pose");
+  expect_next(capture(2, 1), 6, "captured already, REFUSED");
+  expect_next(capture(2, 2), 0, "view 3: accepted");
+  expect_next(capture(2, 2), 0, "view 3: captured already, accepted");
+  EXPECT_EQ(list()["views"].size(), 3U);
+  // The first one was the wrong one.
+  ASSERT_EQ(run(new_in("b")).status, 0);
+  ASSERT_EQ(capture(1, 1).status, 0);
+  expect_next(capture(2, 1), 6, "drop the other one and capture this again");
+  ASSERT_EQ(run("calibrate drop 1 --why 'wrong pose'").status, 0);
+  expect_next(capture(2, 1), 0, "view 3: accepted");
+  expect_next(capture(2, 1), 0, "view 3: captured already, accepted");
+  expect_next(capture(1, 1), 0, "view 1: captured already, and DROPPED");
+  EXPECT_EQ(list()["views"].size(), 3U);
+  // A view with the pose of another.
+  ASSERT_EQ(run(new_in("c")).status, 0);
+  ASSERT_EQ(capture(1, 1).status, 0);
+  ASSERT_EQ(capture(2, 4).status, 0);
+  expect_next(capture(2, 2), 3, "slabctl calibrate drop 2 --why \"wrong pose\", then give this command again");
+  ASSERT_EQ(run("calibrate drop 2 --why 'wrong pose'").status, 0);
+  expect_next(capture(2, 2), 0, "view 3: accepted");
+  expect_next(run("calibrate capture --set " + file("set")), 0, "view 4/13");
+  EXPECT_EQ(list()["views"].size(), 5U) << "1, 2 dropped, 2, 3 and 4";
+}
+
+TEST_F(CalibrateSession, a_step_that_was_damaged_leaves_its_view_out_and_blocks_nothing) {
+  simulate("set", "--views 4 --seed 6");
+  ASSERT_EQ(run(new_in("a")).status, 0);
+  ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
+  ASSERT_EQ(run("calibrate drop 2 --why 'somebody leaned on the post'").status, 0);
+  const std::string path = "a/calibration/hall/views/002/drop-5.txt";
+  const std::string whole = content(file(path));
+  for (const std::string& torn : {whole.substr(0, whole.size() / 2), std::string()}) {
+    ASSERT_FALSE(write(path, torn).empty());
+    const json views = list()["views"];
+    EXPECT_EQ(views[1]["use"], "UNREADABLE");
+    EXPECT_FALSE(views[1]["counts"].get<bool>());
+    expect_mentions(views[1]["note"].get<std::string>(), "drop-5.txt");
+    expect_mentions(views[1]["note"].get<std::string>(), "put that file back as it was, or remove it");
+    // Its scan is not taken for a new one.
+    expect_next(run("calibrate capture --set " + file("set")), 3, "a scan of view 2");
+  }
+  ASSERT_EQ(run("calibrate drop 3 --why test").status, 0);
+  EXPECT_TRUE(fs::exists(file("a/calibration/hall/views/003/drop-6.txt"))) << "step 5 is not given away";
+  ASSERT_FALSE(write(path, whole).empty());
+  EXPECT_EQ(list()["views"][1]["note"], "somebody leaned on the post");
+}
+
+TEST_F(CalibrateSession, a_decimal_comma_in_a_pose_is_named) {
+  simulate("set", "--views 1 --seed 8");
+  ASSERT_EQ(run(new_in("a", "--flange-form kuka")).status, 0);
+  const Ended comma =
+      run("calibrate capture --scan " + file("set/view_01.ply") + " --flange '1500,25 200 900 10 20 170'");
+  expect_next(comma, 3, "write 1500.2, not 1500,2");
+  expect_next(comma, 3, "--flange: ");
+}
+
 }  // namespace
 }  // namespace slabd::cli

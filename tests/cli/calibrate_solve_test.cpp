@@ -176,6 +176,9 @@ TEST_F(CalibrateSolve, wrong_use_is_status_2) {
   EXPECT_EQ(run("calibrate solve --kind ball --flange a --target b --robot-sigma-mm nan").status, 2);
   EXPECT_EQ(run("calibrate solve --kind ball --flange a --target b --robot-sigma-mm -1").status, 2);
   EXPECT_EQ(run("calibrate solve --kind ball --flange a --target b --fov 1 2 3").status, 2);
+  for (const char* fov : {"0 0 0 0", "100 100 580 420"})
+    expect_mentions(run(std::string("calibrate solve --kind ball --flange a --target b --fov ") + fov).err,
+                    "nearest must be less than furthest");
   for (const char* bar : {"1e30 2 500 0.01", "0 1 500 0.01", "1 17 500 0.01", "1.5 2 500 0.01", "2 2 500 0.01",
                           "1 2 0 0.01", "nan 2 500 0.01"}) {
     const Ended refused = run(std::string("calibrate solve --kind ball --flange a --target b --ball-bar ") + bar);

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "base/base.h"
+#include "daemon/daemon.h"
+
+/// What a change of T_flange_scanner does at the slab: by how much every seat would be found elsewhere.
+namespace slabd::cli {
+
+/// A seat that moves by more wants somebody's word.
+inline constexpr double kConfirmAboveMm = 0.2;
+
+struct StationShift {
+  int station = 0;
+  bool taught = false;  ///< by the pose it was mastered at; else by the nominal one
+  Vec3 shift_mm;        ///< of the seat's centre, slab axes
+};
+struct SeatShifts {
+  std::vector<StationShift> stations;
+  std::string slab;  ///< which recipe the stations are of, in words
+  double shift_max_mm = kNoValue;
+};
+
+/// Where the seats go when one T_flange_scanner takes the place of another: the robot stands as it was taught, or as it
+/// nominally would be, and sees the same. `slab_type` 0: of the first recipe. False: printed.
+[[nodiscard]] bool find_seat_shifts(const daemon::Config& config, std::uint16_t slab_type, const Pose& before,
+                                    const Pose& after, SeatShifts& out, int& exit_status);
+
+}  // namespace slabd::cli

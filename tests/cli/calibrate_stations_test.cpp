@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Station corrections and what they hold for: the hand-eye calibration, the time, the temperature of their visits.
+#include <nlohmann/json.hpp>
+
+#include "base/base.h"
+#include "cli/calibrate/calibration_desk.h"
+#include "cli/command.h"
+#include "slabctl_process.h"
+
+namespace slabd::cli {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::int64_t kDay_us = 86'400'000'000;
+
+class CalibrateStations : public Slabctl {
+ protected:
+  CalibrateStations() { configure("0, 80, 150"); }
+
+  void configure(const std::string& xyz) {
+    static_cast<void>(write("slabd.toml",
+                            "[scanner]\ndrop_dir = \"drop\"\n[storage]\ndb = \"slabd.db\"\nspool_dir = \"spool\"\n"
+                            "[recipes]\ndir = \"" +
+                                std::string(SLABD_SOURCE_DIR) +
+                                "/recipes\"\n[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n"
+                                "[calibration]\nT_flange_scanner = [" +
+                                xyz + ", 1, 0, 0, 0]\n[control]\nsocket = \"control.sock\"\n"));
+  }
+  [[nodiscard]] Ended slabctl(const std::string& what) const { return run(what + " --config " + file("slabd.toml")); }
+  [[nodiscard]] Ended adopt(const std::string& sigma_mm, const std::string& more = "") const {
+    return slabctl("calibrate adopt --sigma-mm " + sigma_mm + " --sigma-deg 0.003 --apply " + more);
+  }
+  /// Keeps the record and puts it in force, as of that day.
+  [[nodiscard]] std::string put_in_force(const storage::CalibrationRecord& record, std::int64_t utime_us) const {
+    daemon::Config config;
+    EXPECT_TRUE(config_from(file("slabd.toml"), config));
+    const Result<DeskAnswer> kept = change_calibration(config, storage::KeepCalibration{record});
+    EXPECT_TRUE(kept.ok()) << kept.error().text.view();
+    if (!kept.ok()) return "";
+    const Result<DeskAnswer> applied =
+        change_calibration(config, storage::ApplyCalibration{kept.value().id, {"anna", "test", utime_us}});
+    EXPECT_TRUE(applied.ok()) << applied.error().text.view();
+    return kept.value().id;
+  }
+  [[nodiscard]] storage::CalibrationRecord in_force(CalibrationKind kind, std::uint16_t slab_type = 0) const {
+    auto reader = storage::open_reader(file("slabd.db"));
+    if (!reader.ok()) return {};
+    auto current = reader.value()->current(kind, slab_type);
+    return current.ok() && current.value() ? *current.value() : storage::CalibrationRecord{};
+  }
+  [[nodiscard]] json planned() const { return json::parse(slabctl("stations --type 5600 --json").out); }
+  /// Station 1, mastered where the flange is planned to stand.
+  [[nodiscard]] storage::CalibrationRecord table_of_the_plan() const {
+    const json row = planned()["stations"][0];
+    std::array<double, 7> pose{};
+    for (std::size_t i = 0; i < pose.size(); ++i) pose[i] = row["T_base_flange"][i];
+    StationTable table;
+    table.slab_type = 5600;
+    table.station[0] = {5, Pose::identity(), Pose::from_array(pose), 0.02, 1e-5, 0.02};
+    storage::CalibrationRecord record;
+    record.parent_id = in_force(CalibrationKind::hand_eye).id;
+    record.numbers = table;
+    record.created_utime_us = wall_clock_us() - 20 * kDay_us;
+    return record;
+  }
+  /// A certificate of two seats, 1000 mm apart, and five rounds over them.
+  [[nodiscard]] std::string sources() const {
+    std::string visits;
+    for (int round = 1; round <= 5; ++round)
+      for (int station = 1; station <= 2; ++station) {
+        const std::string x = std::to_string(1000 * (station - 1));
+        const std::string head = "visit = " + std::to_string(station) + " \"round " + std::to_string(round) + "\" " + x;
+        // The flange looks down from 600 mm; the seat is at the origin, 0.3 mm off as the robot sees it.
+        visits += head + " 0 600 0 1 0 0  0.3 -80 " + std::to_string(450.0 + 0.01 * round) + "  0.3 -80 " +
+                  std::to_string(350.0 + 0.01 * round) + "  0.3 -180 " + std::to_string(450.0 + 0.012 * round) + "\n";
+      }
+    return " --certificate " +
+           write("master.txt",
+                 "id = m\ndate = 2026-01-01\nslab_type = 5600\nframe = base\nU_mm = 0.01\ntemperature_c = 21\n"
+                 "seat = 1 0 0 0 0 0 1 0 1 0\nseat = 2 1000 0 0 0 0 1 0 1 0\n") +
+           " --visits " + write("visits.txt", visits);
+  }
+};
+
+TEST_F(CalibrateStations, corrections_that_the_line_does_not_use_do_not_hold) {
+  ASSERT_EQ(adopt("0.05").status, 0);
+  storage::CalibrationRecord table = table_of_the_plan();
+  static_cast<void>(put_in_force(table, wall_clock_us()));
+  EXPECT_TRUE(planned()["stations"][0]["correction_holds"].get<bool>());
+  expect_mentions(slabctl("stations --type 5600").out, "its correction holds");
+  // A hand-eye calibration with the same numbers, by an id of its own: what they were solved with is not in force.
+  ASSERT_EQ(adopt("0.06").status, 0);
+  EXPECT_FALSE(planned()["stations"][0]["correction_holds"].get<bool>());
+  expect_mentions(slabctl("stations --type 5600").out, "its correction is stale: solved with " + table.parent_id);
+  // Expired ten days ago.
+  table.parent_id = in_force(CalibrationKind::hand_eye).id;
+  table.expires_utime_us = wall_clock_us() - 10 * kDay_us;
+  std::get<StationTable>(table.numbers).station[0].sigma_mm = 0.03;
+  daemon::Config config;
+  ASSERT_TRUE(config_from(file("slabd.toml"), config));
+  table.created_utime_us = wall_clock_us() - 20 * kDay_us;
+  static_cast<void>(put_in_force(table, wall_clock_us() - 20 * kDay_us + 1'000'000));
+  EXPECT_FALSE(planned()["stations"][0]["correction_holds"].get<bool>());
+  expect_mentions(slabctl("stations --type 5600").out, "its correction expired on ");
+}
+
+TEST_F(CalibrateStations, solved_again_they_hold_no_longer_than_before) {
+  ASSERT_EQ(adopt("0.05").status, 0);
+  const Ended first = slabctl("calibrate stations --apply --valid-days 10 --temperature 21" + sources());
+  ASSERT_EQ(first.status, 0) << first.err;
+  storage::CalibrationRecord record = in_force(CalibrationKind::stations, 5600);
+  ASSERT_EQ(adopt("0.06").status, 0);
+  const Ended again = slabctl("calibrate stations --again --apply --valid-days 3650");
+  ASSERT_EQ(again.status, 0) << again.err;
+  const storage::CalibrationRecord second = in_force(CalibrationKind::stations, 5600);
+  EXPECT_NE(second.id, record.id);
+  EXPECT_EQ(second.expires_utime_us, record.expires_utime_us) << "nothing was measured since";
+  EXPECT_EQ(second.temperature_c, 21.0);
+  // Expired, they are not solved into force again.
+  record.created_utime_us = wall_clock_us() - 20 * kDay_us;
+  record.expires_utime_us = wall_clock_us() - 10 * kDay_us;
+  record.parent_id = in_force(CalibrationKind::hand_eye).id;
+  const std::string old = put_in_force(record, record.created_utime_us + 1'000'000);
+  const Ended revived = slabctl("calibrate stations --again --apply");
+  EXPECT_EQ(revived.status, 6) << revived.out;
+  expect_mentions(revived.err, "expired; calibrate again");
+  EXPECT_EQ(in_force(CalibrationKind::stations, 5600).id, old);
+}
+
+TEST_F(CalibrateStations, a_temperature_far_from_the_certificates_is_said_in_mm) {
+  ASSERT_EQ(adopt("0.05").status, 0);
+  const std::string solve = "calibrate stations --dry-run" + sources();
+  const Ended unsaid = slabctl(solve);
+  ASSERT_EQ(unsaid.status, 0) << unsaid.err;
+  expect_mentions(unsaid.err, "certificate m holds at 21.0 deg C, and --temperature does not say");
+  expect_mentions(unsaid.err, "every K is about 0.010 mm over the 1000 mm");
+  const Ended near = slabctl(solve + " --temperature 23.5");
+  EXPECT_EQ(near.err.find("temperature"), std::string::npos) << near.err;
+  EXPECT_EQ(near.err.find("deg C"), std::string::npos) << near.err;
+  expect_mentions(slabctl(solve + " --temperature 29").err,
+                  "the visits were made at 29.0: over the 1000 mm between its stations that is about 0.080 mm");
+}
+
+TEST_F(CalibrateStations, adopting_over_another_calibration_wants_a_word) {
+  const Ended first = adopt("0.05");
+  ASSERT_EQ(first.status, 0) << first.err;
+  EXPECT_EQ(first.out.find("seats"), std::string::npos) << "nothing was in force: " << first.out;
+  const std::string before = in_force(CalibrationKind::hand_eye).id;
+  configure("30, 80, 150");
+  const Ended unsaid = adopt("0.05");
+  EXPECT_EQ(unsaid.status, 6) << unsaid.out;
+  expect_mentions(unsaid.err, before + " is in force; with the configuration's value seats of slab type ");
+  expect_mentions(unsaid.err, "move by up to 30.000 mm");
+  expect_mentions(unsaid.err, "--yes");
+  EXPECT_EQ(in_force(CalibrationKind::hand_eye).id, before);
+  ASSERT_EQ(adopt("0.05", "--yes").status, 0);
+  EXPECT_NE(in_force(CalibrationKind::hand_eye).id, before);
+  const json history = json::parse(slabctl("calibrate history --json").out);
+  EXPECT_EQ(history["applied"][0]["why"], "adopted from " + file("slabd.toml"));
+  // Less than a fifth of a millimetre is shown and needs none.
+  configure("30.1, 80, 150");
+  const Ended small = adopt("0.05");
+  EXPECT_EQ(small.status, 0) << small.err;
+  expect_mentions(small.out, "move by up to 0.100 mm");
+}
+
+}  // namespace
+}  // namespace slabd::cli
