@@ -29,6 +29,11 @@ void judge_item(CompareItem& item) {
   if (item.errors.max_abs > item.allowed) {
     item.judgement = Judgement::not_capable;
     item.reason = fmt::format("off by more than {:g}", item.allowed);
+  } else if (item.missing > 0) {
+    // What is hard to measure may also be what is measured wrong.
+    item.reason = fmt::format("{} of {} not measured", item.missing, item.missing + item.pairs.size());
+  } else if (item.errors.std == 0.0) {
+    item.reason = "all errors are the same: coarse figures, or one table copied";
   } else if (!has_value(item.limits.lower.low)) {
     item.reason = fmt::format("too few: {} pairs", item.pairs.size());
   } else if (item.limits.lower.low >= -item.allowed && item.limits.upper.high <= item.allowed) {
@@ -126,6 +131,9 @@ CompareStudy compare(const Side& reference, const Side& measured, const std::map
     item.errors = errors_of(item.pairs);
     item.limits = agreement_limits(item.pairs);
     item.line = deming(item.pairs);
+    item.missing =
+        static_cast<std::size_t>(std::count_if(study.only_reference.begin(), study.only_reference.end(),
+                                               [&](const ThingKey& thing) { return thing.item == item.item; }));
     if (const auto limit = allowed.find(item.item); limit != allowed.end()) item.allowed = limit->second;
     judge_item(item);
     study.items.push_back(std::move(item));

@@ -39,6 +39,7 @@ struct CompareItem {
   Errors errors;
   AgreementLimits limits;
   Regression line;
+  std::size_t missing = 0;    ///< things in the reference that were not measured
   double allowed = kNoValue;  ///< largest error that is allowed
   Judgement judgement = Judgement::not_judged;
   std::string reason;
@@ -53,8 +54,9 @@ struct CompareStudy {
 
   [[nodiscard]] Judgement judgement() const;
 };
-/// `allowed`: by item. Judged only where it is given: capable when the limits of agreement with their intervals lie
-/// inside, not capable when an error lies outside, else undecided.
+/// `allowed`: by item. Judged only where it is given: capable when everything in the reference was measured, the errors
+/// scatter and the limits of agreement with their intervals lie inside; not capable when an error lies outside; else
+/// undecided.
 [[nodiscard]] CompareStudy compare(const Side& reference, const Side& measured,
                                    const std::map<std::string, double>& allowed);
 

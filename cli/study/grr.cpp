@@ -49,6 +49,15 @@ Means means_of(const Crossed& s) {
   return means;
 }
 
+/// Not by EV: pooled with the interaction it is above 0 though every trial repeats the first to its last digit.
+bool trials_scatter(const Crossed& study) {
+  for (std::size_t i = 0; i < study.parts; ++i)
+    for (std::size_t j = 0; j < study.appraisers; ++j)
+      for (std::size_t t = 1; t < study.trials; ++t)
+        if (study.at(i, j, t) != study.at(i, j, 0)) return true;
+  return false;
+}
+
 double range_of(const std::vector<double>& values) {
   const auto [low, high] = std::minmax_element(values.begin(), values.end());
   return *high - *low;
@@ -177,6 +186,8 @@ GrrJudgement judge(const Crossed& study, const Components& components, double to
     said.judgement = Judgement::not_capable;
     said.reason = percent > 30.0 ? fmt::format("{:.1f} % of {}: above 30 %", percent, of)
                                  : fmt::format("tells {:.0f} categories apart, below 5", std::floor(components.ndc()));
+  } else if (!trials_scatter(study)) {
+    said.reason = "the trials do not scatter at all: coarse figures, or the same scans taken again";
   } else if (percent < 10.0) {
     said.judgement = Judgement::capable;
   } else {

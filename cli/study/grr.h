@@ -94,7 +94,8 @@ struct GrrJudgement {
   std::string reason;
 };
 /// By 6 GRR / T when there is a tolerance, else by GRR / TV and ndc: below 10 % and (TV) ndc 5 or more is capable,
-/// above 30 % or ndc below 5 not, between is undecided. Fewer parts, appraisers or trials than above are undecided.
+/// above 30 % or ndc below 5 not, between is undecided. Fewer parts, appraisers or trials than above are undecided, and
+/// so is a study none of whose trials differs from the one before.
 [[nodiscard]] GrrJudgement judge(const Crossed& study, const Components& components, double tolerance);
 
 }  // namespace slabd::cli::study

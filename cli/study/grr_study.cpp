@@ -186,7 +186,8 @@ Result<std::vector<Placing>> placings_of(const CsvTable& plan, const PlanReaders
     if (!block.ok()) return block.error();
     if (scans && block.value() == 0) return error(Code::config, "%s: no block", place.c_str());
     if (scans || slabs) {
-      auto read = scans ? readers.scan(plan.cell(row, "scan"), block.value()) : readers.slab(plan.cell(row, "slab"));
+      auto read = scans ? readers.scan(plan.cell(row, "scan"), block.value())
+                        : readers.slab(plan.cell(row, "slab"), block.value());
       if (!read.ok())
         return error(read.error().code, "%s: %s", place.c_str(), std::string(read.error().text.view()).c_str());
       place_all(place, plan, row, block.value(), slabs && block.value() == 0, std::move(read.value()), out);
@@ -217,10 +218,11 @@ GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::
   }
   GrrStudy study;
   for (auto& [key, loose] : tables) {
-    // What is never measured, or is of no part but the whole slab, was not meant when nobody named it.
-    if (items.empty() && (!loose.any || (tables.size() > 1 && loose.item.parts.size() < 2))) continue;
     GrrItem& item = loose.item;
     item.tolerance = tolerance(key.second);
+    // What is never measured, or is of no part but the whole slab, was not meant when nobody named it.
+    const bool named = !items.empty() || has_value(item.tolerance);
+    if (!named && (!loose.any || (tables.size() > 1 && item.parts.size() < 2))) continue;
     std::string hole = loose.fill();
     // Whose tolerance would it be? A part judged by other limits may also be another thing under the same name.
     if (hole.empty() && !has_value(item.tolerance)) hole = loose.limits_differ;

@@ -41,19 +41,21 @@ struct GrrStudy {
 };
 
 /// Placings of a plan. `scan` measures a file, `slab` reads a stored slab (one record: an id with several inspections
-/// is refused); both answer with everything measured. Columns: appraiser, trial, and
+/// is refused) of which a block is meant, or all (0); both answer with everything measured. Columns: appraiser, trial,
+/// and
 ///   part, value [, item, lower, upper]   values measured elsewhere;
 ///   scan, block [, part]                 a part is the block, unless it has a name;
 ///   slab [, block, part]                 every block is a part; with a name: name/block.
 /// config: a column or cell that is missing or wrong, with its place.
 struct PlanReaders {
   std::function<Result<std::vector<Reading>>(const std::string& path, int block)> scan;
-  std::function<Result<std::vector<Reading>>(const std::string& slab)> slab;
+  std::function<Result<std::vector<Reading>>(const std::string& slab, int block)> slab;
 };
 [[nodiscard]] Result<std::vector<Placing>> placings_of(const CsvTable& plan, const PlanReaders& readers);
 
-/// By item, of `items` (all with two parts when empty). An item whose table has a hole is refused, never filled up.
-/// `tolerance(item)`: NaN for the recipe's, which must then be the same in every placing.
+/// By item, of `items` (when empty all with two parts, or with a tolerance of the study's own). An item whose table has
+/// a hole is refused, never filled up. `tolerance(item)`: NaN for the recipe's, which must then be the same in every
+/// placing.
 [[nodiscard]] GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::string>& items,
                                  const std::function<double(const std::string&)>& tolerance, Interaction interaction);
 

@@ -79,14 +79,13 @@ void print_gauges(const RepeatStudy& study, Style style) {
       {"type-1 study", "reference", "T", "bias", "95 % of bias", "p", "Cg", "Cgk", "judgement<"}};
   for (const Characteristic& c : study.characteristics) {
     const Gauge& g = c.gauge;
-    if (g.judgement == Judgement::not_judged && !has_value(g.reference)) continue;
+    if (g.judgement == Judgement::not_judged) continue;
     const int digits = decimals_of(c.about.item);
-    rows.push_back(
-        {title_of(c.about), figure(g.reference, digits), figure(g.tolerance, digits), small(g.bias),
-         range_text(g.bias_low, g.bias_high, kSmallDigits), figure(g.p, 3), figure(g.cg, 2), figure(g.cgk, 2),
-         std::string(symbol(as_verdict(g.judgement), style)) + " " +
-             (g.judgement == Judgement::not_judged ? "not judged: no tolerance" : std::string(name(g.judgement))) +
-             (g.reason.empty() ? "" : ": " + g.reason)});
+    rows.push_back({title_of(c.about), figure(g.reference, digits), figure(g.tolerance, digits), small(g.bias),
+                    range_text(g.bias_low, g.bias_high, kSmallDigits), figure(g.p, 3), figure(g.cg, 2),
+                    figure(g.cgk, 2),
+                    std::string(symbol(as_verdict(g.judgement), style)) + " " + std::string(name(g.judgement)) +
+                        (g.reason.empty() ? "" : ": " + g.reason)});
   }
   if (rows.size() > 1)
     fmt::print("{}Cg = 0.2 T / (6 s), Cgk = (0.1 T - |bias|) / (3 s); capable from {} with {} runs\n", table(rows),
@@ -146,20 +145,21 @@ RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::str
     std::vector<double> values;
     for (const double value : c.values)
       if (has_value(value)) values.push_back(value);
-    // What the recipe does not ask for and nobody ever saw is no subject of a study.
-    if (values.empty() && items.empty()) continue;
+    const double reference = known(task.references, c.about);
+    // What the recipe does not ask for and nobody ever saw is no subject of a study, unless somebody asks about it.
+    if (values.empty() && items.empty() && !has_value(reference)) continue;
     c.missing = c.values.size() - values.size();
     c.spread = spread_of(values);
     double tolerance = known(task.tolerances, c.about);
     const bool differ = !has_value(tolerance) && !c.limits_differ.empty();
     if (!has_value(tolerance) && !differ) tolerance = c.about.upper - c.about.lower;
-    c.gauge = type_1(c.spread, c.missing, known(task.references, c.about), tolerance);
+    c.gauge = type_1(c.spread, c.missing, reference, tolerance);
     if (differ) {
       if (warned.insert(c.about.item).second)
         study.warnings.push_back(
             fmt::format("{}: {}; no tolerance in common, so none is used (--tolerance {}=T says one)",
                         title_of(c.about), c.limits_differ, c.about.item));
-      if (has_value(c.gauge.reference)) {
+      if (has_value(reference)) {
         c.gauge.judgement = Judgement::undecided;
         c.gauge.reason = c.limits_differ;
       }

@@ -59,7 +59,6 @@ Spread spread_of(std::span<const double> values) {
 namespace {
 
 void judge_gauge(const Spread& spread, std::size_t missing, Gauge& gauge) {
-  gauge.judgement = Judgement::undecided;
   if (missing > 0) {
     gauge.reason = fmt::format("not measured in {} of {} runs", missing, missing + spread.count);
   } else if (spread.std == 0.0) {
@@ -92,11 +91,11 @@ Gauge type_1(const Spread& spread, std::size_t missing, double reference, double
   Gauge gauge;
   gauge.reference = reference;
   gauge.tolerance = tolerance;
+  if (has_value(reference)) gauge.judgement = Judgement::undecided;  // until the figures say more
   if (spread.count < 2) {
-    if (has_value(reference) && has_value(tolerance)) {
-      gauge.judgement = Judgement::undecided;
-      gauge.reason = fmt::format("too few runs: {} of {}", spread.count, kGaugeRunsMin);
-    }
+    if (has_value(reference))
+      gauge.reason = missing > 0 ? fmt::format("not measured in {} of {} runs", missing, missing + spread.count)
+                                 : fmt::format("too few runs: {} of {}", spread.count, kGaugeRunsMin);
     return gauge;
   }
   const auto n = static_cast<double>(spread.count);
@@ -118,10 +117,9 @@ Gauge type_1(const Spread& spread, std::size_t missing, double reference, double
       gauge.p = student_two_sided(gauge.t, n - 1.0);
     }
   }
-  if (!has_value(reference) || !has_value(tolerance)) return gauge;
+  if (!has_value(reference)) return gauge;
   if (!usable) {
-    gauge.judgement = Judgement::undecided;
-    gauge.reason = unusable_text(tolerance);
+    gauge.reason = has_value(tolerance) ? unusable_text(tolerance) : "no tolerance: it has no two limits";
     return gauge;
   }
   if (scatters) gauge.cgk = (0.1 * tolerance - std::abs(gauge.bias)) / (3.0 * spread.std);

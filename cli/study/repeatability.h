@@ -60,10 +60,10 @@ struct Gauge {
 
   [[nodiscard]] bool biased() const { return p < 0.05; }
 };
-/// `reference` and `tolerance` NaN: unknown; without both nothing is judged. By a tolerance that is not a finite width
-/// above 0 it is undecided. `missing`: runs in which it could not be
-/// measured. Capable only with kGaugeRunsMin runs, none missing, some scatter, and Cg and Cgk of kGaugeCapable; not
-/// capable also from fewer runs, when the whole interval of Cg lies below.
+/// `reference` and `tolerance` NaN: unknown; without a reference nothing is judged. Without a tolerance, or by one that
+/// is not a finite width above 0, it is undecided. `missing`: runs in which it could not be measured. Capable only with
+/// kGaugeRunsMin runs, none missing, some scatter, and Cg and Cgk of kGaugeCapable; not capable also from fewer runs,
+/// when the whole interval of Cg lies below.
 [[nodiscard]] Gauge type_1(const Spread& spread, std::size_t missing, double reference, double tolerance);
 
 }  // namespace slabd::cli::study

@@ -193,11 +193,13 @@ Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, co
     records.push_back(std::move(*of_key));
     return records;
   }
-  if (records.empty())
-    return error(Code::config, "no slab that has ended (not aborted) with key or id '%s'; `slabctl history` lists them",
-                 wanted.c_str());
   std::reverse(records.begin(), records.end());
   return records;
+}
+
+Error no_slab_named(const std::string& wanted) {
+  return error(Code::config, "no slab that has ended (not aborted) with key or id '%s'; `slabctl history` lists them",
+               wanted.c_str());
 }
 
 Result<std::vector<Take>> takes_of(const CsvTable& table) {

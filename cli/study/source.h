@@ -75,9 +75,11 @@ class ScanMeter {
 /// One take for each attempt at a block, by station and number.
 [[nodiscard]] std::vector<Take> attempts_of(const storage::SlabRecord& record);
 /// All slabs that this means, oldest first: the one with this key, or the newest `limit` of this SLAB_ID that have
-/// ended and were not aborted. config: there is none.
+/// ended and were not aborted. Empty: there is none. config: it means two slabs.
 [[nodiscard]] Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, const std::string& wanted,
                                                                    std::size_t limit);
+/// What to say when there is none.
+[[nodiscard]] Error no_slab_named(const std::string& wanted);
 
 /// Takes from a table: columns item, value; optional run (else the n-th value of an item is run n), block, lower,
 /// upper. config: also rows of one item and block with different limits.

@@ -68,15 +68,20 @@ Status from_scans(const CompareOptions& options, const Recipe& recipe, Side& sid
 Status from_slabs(const CompareOptions& options, const Side& contact, storage::Reader& reader, Side& side) {
   std::set<std::string> ids;
   for (const auto& [key, value] : contact) ids.insert(key.id);
+  std::map<std::int64_t, std::string> called;  // key -> what the laboratory calls the slab
   for (const std::string& id : ids) {
     const auto records = slabs_named(reader, id, options.runs);
-    if (!records.ok()) {
-      if (records.error().code != Code::config) return records.error();
-      continue;  // its rows are named as unmatched
-    }
-    for (const storage::SlabRecord& record : records.value())
+    if (!records.ok()) return records.error();
+    // Of an id without a slab the rows are named as unmatched.
+    for (const storage::SlabRecord& record : records.value()) {
+      const std::int64_t key = record.summary.header.key;
+      if (const auto [other, fresh] = called.try_emplace(key, id); !fresh)
+        return error(Code::config,
+                     "'%s' and '%s' both mean the slab of key %lld: one inspection counts once; name it one way",
+                     other->second.c_str(), id.c_str(), static_cast<long long>(key));
       for (const Reading& reading : take_of(record).readings)
         if (contact.contains({id, reading.item, reading.block})) add_to(side, id, reading);
+    }
   }
   return success();
 }
@@ -152,12 +157,16 @@ int run_compare(const CompareOptions& options) {
                          options.contact));
     return kBadInput;
   }
-  for (const auto& [item, value] : allowed) {
+  const auto compared = [&](const char* option, const std::string& item) {
     if (std::any_of(study.items.begin(), study.items.end(), [&](const CompareItem& c) { return c.item == item; }))
-      continue;
-    complain(fmt::format("--max-error: '{}' was not compared", item));
-    return kUsage;
-  }
+      return true;
+    complain(fmt::format("{}: '{}' was not compared", option, item));
+    return false;
+  };
+  for (const std::string& item : options.items)
+    if (!compared("--item", item)) return kUsage;
+  for (const auto& [item, value] : allowed)
+    if (!compared("--max-error", item)) return kUsage;
   if (const int status = write_document(compare_report(study, options.document.wanted()), options.document.out);
       status != kDone)
     return status;
@@ -182,7 +191,8 @@ void add_compare(CLI::App& study, int& exit_status) {
       "(columns id, block, scan). Several values of one thing are averaged on either side; what only one side has is\n"
       "named. The line is Deming's, because both sides err: by the stated U, or with equal errors.\n"
       "--max-error judges: capable when the agreement limits with their intervals lie inside, not capable when any\n"
-      "error is larger, else undecided.\n"
+      "error is larger, else undecided; also when slabd measured less of an item than is in CONTACT, or all errors\n"
+      "are the same.\n"
       "Example: slabctl study compare cmm.csv --max-error jaw_distance=0.2\n"
       "Exit status: 0 done, and capable where judged; 1 not capable or undecided.");
   command->add_option("CONTACT", options->contact, "The laboratory's table")->required();

@@ -8,6 +8,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 
 #include "cli/command.h"
 #include "cli/database.h"
@@ -32,6 +33,27 @@ struct GrrOptions {
   DocumentOptions document;
   bool json = false;
 };
+
+/// An item that is named but not in the study is most likely a slip, and would leave its tolerance unheard.
+bool all_known(const GrrOptions& options, const std::map<std::string, double>& tolerances,
+               const std::vector<Placing>& placings) {
+  std::set<std::string> measured;
+  for (const Placing& placing : placings)
+    if (has_value(placing.reading.value)) measured.insert(placing.reading.item);
+  const std::vector<std::string> names(measured.begin(), measured.end());
+  const auto there = [&](const char* option, const std::string& item) {
+    if (measured.contains(item)) return true;
+    const std::string meant = nearest(item, names);
+    complain(fmt::format("{}: '{}' was not measured here{}", option, item,
+                         meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant)));
+    return false;
+  };
+  for (const std::string& item : options.items)
+    if (!there("--item", item)) return false;
+  for (const auto& [item, width] : tolerances)
+    if (!there("--tolerance", item)) return false;
+  return true;
+}
 
 /// A path as the plan says it, from the plan's own folder.
 std::string beside(const std::string& plan, const std::string& path) {
@@ -76,20 +98,32 @@ int run_grr(const GrrOptions& options) {
     if (read.ok()) scans.push_back({path, read.value()});
     return read;
   };
-  readers.slab = [&](const std::string& slab) -> Result<std::vector<Reading>> {
+  std::map<std::int64_t, std::set<int>> blocks_used;  // by slab key; 0: all of them
+  readers.slab = [&](const std::string& slab, int block) -> Result<std::vector<Reading>> {
     auto records = slabs_named(*reader, slab, 1000);
     if (!records.ok()) return records.error();
+    if (records.value().empty()) return no_slab_named(slab);
     if (records.value().size() > 1)
       return error(Code::config, "slab id '%s' has %zu inspections; name the key of the one that is meant",
                    slab.c_str(), records.value().size());
-    scans.push_back(take_of(records.value().front()));
-    return scans.back().readings;
+    const std::int64_t key = records.value().front().summary.header.key;
+    std::set<int>& used = blocks_used[key];
+    Take take = take_of(records.value().front());
+    // A plan with a column of blocks names a slab once for each of them.
+    if (used.contains(0) || used.contains(block) || (block == 0 && !used.empty()))
+      return error(Code::config, "slab '%s' (key %lld)%s is in the plan already: one measurement used twice",
+                   slab.c_str(), static_cast<long long>(key),
+                   block == 0 ? "" : fmt::format(", block {},", block).c_str());
+    if (used.empty()) scans.push_back(take);
+    used.insert(block);
+    return take.readings;
   };
   const auto placings = placings_of(plan.value(), readers);
   if (!placings.ok()) {
     complain(placings.error().text.view());
     return exit_for(placings.error().code);
   }
+  if (!all_known(options, tolerances, placings.value())) return kUsage;
   const Interaction interaction = options.interaction == "keep"   ? Interaction::keep
                                   : options.interaction == "pool" ? Interaction::pool
                                                                   : Interaction::automatic;

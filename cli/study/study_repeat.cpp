@@ -76,6 +76,7 @@ bool from_slabs(const RepeatOptions& options, std::vector<Take>& takes, std::str
   for (const std::string& wanted : options.slabs) {
     const auto records = slabs_named(*reader, wanted, options.runs);
     if (!records.ok()) return failed(records.error(), exit_status);
+    if (records.value().empty()) return failed(no_slab_named(wanted), exit_status);
     for (const storage::SlabRecord& record : records.value()) {
       if (!seen.insert(record.summary.header.key).second) continue;
       if (!options.attempts) {
@@ -209,7 +210,8 @@ void add_repeat(CLI::App& study, int& exit_status) {
       "\nWithout --reference: mean, standard deviation with its 95 % interval, range and largest deviation of every\n"
       "characteristic, as the paper's ten repeats. With it: a type-1 study. Capable needs 50 runs, none missing, and "
       "Cg\n"
-      "and Cgk of 1.33; anything else is not. T is the recipe's tolerance where it has two limits.\n\n"
+      "and Cgk of 1.33; anything else is not. T is the recipe's tolerance where it has two limits, else say "
+      "--tolerance.\n\n"
       "--values: a table with the columns item, value and, if you like, run, block, lower, upper.\n"
       "Examples: slabctl study repeat scans/ --recipe p5600.toml --block 3\n"
       "          slabctl study repeat --slab MASTER-1                 # every inspection of this slab\n"

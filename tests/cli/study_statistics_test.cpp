@@ -112,10 +112,16 @@ TEST(Type1, calls_nothing_capable_from_too_few_runs_or_with_one_missing) {
   EXPECT_EQ(type_1(spread_of({}), 50, 10.0, 0.5).judgement, Judgement::undecided);
 }
 
-TEST(Type1, judges_nothing_without_reference_or_tolerance) {
+TEST(Type1, judges_nothing_without_a_reference_and_decides_nothing_without_a_tolerance) {
   const Spread spread = spread_of(normal_values(1, 50, 10.0, 0.001));
   EXPECT_EQ(type_1(spread, 0, kNoValue, 0.5).judgement, Judgement::not_judged);
-  EXPECT_EQ(type_1(spread, 0, 10.0, kNoValue).judgement, Judgement::not_judged);
+  const Gauge no_width = type_1(spread, 0, 10.0, kNoValue);
+  EXPECT_EQ(no_width.judgement, Judgement::undecided);
+  EXPECT_EQ(no_width.reason, "no tolerance: it has no two limits");
+  EXPECT_TRUE(has_value(no_width.bias)) << "which needs none";
+  const Gauge never = type_1(spread_of({}), 50, 10.0, kNoValue);
+  EXPECT_EQ(never.judgement, Judgement::undecided);
+  EXPECT_EQ(never.reason, "not measured in 50 of 50 runs");
   EXPECT_TRUE(has_value(type_1(spread, 0, kNoValue, 0.5).cg));
 }
 
@@ -264,6 +270,20 @@ TEST(Grr, is_judged_by_the_tolerance_where_there_is_one) {
   few.value.resize(81);
   EXPECT_EQ(judge(few, c, 1000.0).judgement, Judgement::undecided);
   EXPECT_EQ(judge(study, Components{}, 1.0).judgement, Judgement::undecided);
+}
+
+TEST(Grr, trials_that_are_copies_prove_no_repeatability) {
+  Prng prng(3);
+  const Crossed study = drawn(prng, 10, 3, 2, 0.0, 0.01, 0.01, 1.0);
+  for (const Interaction interaction : {Interaction::keep, Interaction::pool, Interaction::automatic}) {
+    const Components c = anova(study, interaction)->components;
+    ASSERT_GT(c.GRR, 0.0);
+    const GrrJudgement judged = judge(study, c, 1000.0);
+    EXPECT_EQ(judged.judgement, Judgement::undecided);
+    EXPECT_FALSE(judged.conditional);
+    EXPECT_NE(judged.reason.find("do not scatter"), std::string::npos) << judged.reason;
+    EXPECT_EQ(judge(study, c, c.GRR).judgement, Judgement::not_capable) << "the appraisers alone are too far apart";
+  }
 }
 
 TEST(Grr, and_type_1_call_nothing_capable_by_a_tolerance_that_is_none) {

@@ -20,6 +20,7 @@ using study::CsvTable;
 class StudyTest : public Slabctl {
  protected:
   double upper_of_last_ = 1.5321;  ///< the newest inspection may have been judged by another recipe
+  std::string id_of_last_;         ///< empty: as the others
 
   /// Inspections of slab T-1: two blocks, their slope scattered by 0.001 deg about 1.43 and 1.45.
   void store(int inspections) {
@@ -34,6 +35,7 @@ class StudyTest : public Slabctl {
       SlabHeader header;
       header.key = key;
       header.slab_id = key % 6 != 0 ? "T-1" : "T-10";
+      if (key == inspections && !id_of_last_.empty()) header.slab_id.assign(id_of_last_);
       header.stations = 2;
       header.recipe = "P5600";
       header.began_utime_us = 1'763'681'281'000'000 + key;
@@ -138,6 +140,34 @@ TEST_F(StudyTest, repeat_of_a_table_counts_what_was_not_measured) {
   const Ended twice = run("study repeat --values " + write("twice.csv", "run,item,value\n1,a,5\n1,a,6\n"));
   EXPECT_EQ(twice.status, 3);
   expect_mentions(twice.err, "twice.csv:3: run 1 has a twice");
+}
+
+TEST_F(StudyTest, repeat_of_a_block_that_no_run_measured_is_undecided_when_somebody_asks_about_it) {
+  std::string text = "run,item,block,value,lower,upper\n";
+  for (int run = 1; run <= 50; ++run) {
+    text += std::to_string(run) + ",slope,1," + std::to_string(1.43 + 0.0001 * (run % 7)) + ",1.33,1.53\n";
+    text += std::to_string(run) + ",slope,2,,1.33,1.53\n";
+  }
+  const std::string what = "study repeat --values " + write("values.csv", text);
+  EXPECT_EQ(run(what + " --reference slope@1=1.4303").status, 0);
+  const Ended ended = run(what + " --reference slope=1.4303");
+  EXPECT_EQ(ended.status, 1) << ended.out;
+  expect_mentions(ended.out, "not measured in 50 of 50 runs");
+  const json study = parsed(run(what + " --reference slope=1.4303 --json"));
+  EXPECT_EQ(study["judgement"], "undecided");
+  EXPECT_EQ(study["characteristics"][1]["missing"], 50);
+  EXPECT_EQ(run(what + " --reference slope=1.4303 --out " + file("study.html")).status, 1);
+  EXPECT_EQ(parsed(run(what + " --json"))["characteristics"].size(), 1U) << "nobody asked";
+}
+
+TEST_F(StudyTest, repeat_with_a_reference_and_no_tolerance_is_undecided) {
+  std::string text = "item,value,upper\n";
+  for (int run = 1; run <= 50; ++run) text += "flatness," + std::to_string(0.1 + 0.001 * (run % 7)) + ",0.3\n";
+  const std::string what = "study repeat --values " + write("values.csv", text) + " --reference flatness=0.103";
+  const Ended ended = run(what);
+  EXPECT_EQ(ended.status, 1) << ended.out;
+  expect_mentions(ended.out, "undecided: no tolerance");
+  EXPECT_EQ(run(what + " --tolerance flatness=0.3").status, 0);
 }
 
 TEST_F(StudyTest, a_table_with_limits_that_are_none_or_not_the_same_is_refused_by_its_lines) {
@@ -376,6 +406,44 @@ TEST_F(StudyTest, grr_of_stored_slabs_takes_their_blocks_for_parts) {
   expect_mentions(copied.err, "one measurement used twice");
 }
 
+TEST_F(StudyTest, grr_of_stored_slabs_block_by_block_uses_each_block_once) {
+  store(4);
+  const std::string heading = "slab,appraiser,trial,block\n";
+  std::string lines;
+  for (const char* of_slab : {"1,early,1,", "2,early,2,", "3,late,1,", "4,late,2,"})
+    for (const char* block : {"1", "2"}) lines += of_slab + std::string(block) + "\n";
+  const std::string db = " --db " + file("slabd.db") + " --json";
+  const Ended by_block = run("study grr " + write("plan.csv", heading + lines) + db);
+  EXPECT_EQ(by_block.status, 1) << "two parts are too few\n" << by_block.err;
+  const Ended whole =
+      run("study grr " + write("whole.csv", "slab,appraiser,trial\n1,early,1\n2,early,2\n3,late,1\n4,late,2\n") + db);
+  EXPECT_EQ(parsed(by_block)["items"], parsed(whole)["items"]);
+  for (const char* again : {"key:1,late,3,2", "1,late,3,"}) {
+    const Ended twice = run("study grr " + write("twice.csv", heading + lines + again + "\n") + db);
+    EXPECT_EQ(twice.status, 3) << again;
+    expect_mentions(twice.err, "twice.csv:10: slab ");
+    expect_mentions(twice.err, "one measurement used twice");
+  }
+}
+
+TEST_F(StudyTest, grr_passes_over_no_name_that_fits_nothing) {
+  const std::string plan = write("plan.csv", aiag_plan());
+  for (const char* option : {"--tolerance valeu=20", "--item valeu", "--item value --item valeu"}) {
+    const Ended ended = run("study grr " + plan + " --tolerance value=20 " + option);
+    EXPECT_EQ(ended.status, 2) << option << ended.out;
+    expect_mentions(ended.err, "'valeu' was not measured here, did you mean 'value'?");
+  }
+  // Of one part only, it would be left out, had nobody said its tolerance.
+  std::istringstream usual(aiag_plan());
+  std::string text;
+  for (std::string line; std::getline(usual, line);) text += line + (text.empty() ? ",item" : ",value") + "\n";
+  const std::string two = write("two.csv", text + "1,A,1,0.2,warp\n1,A,2,0.3,warp\n");
+  EXPECT_EQ(run("study grr " + two + " --tolerance value=20").status, 0);
+  const Ended one_part = run("study grr " + two + " --tolerance value=20 --tolerance warp=5");
+  EXPECT_EQ(one_part.status, 3) << one_part.out;
+  expect_mentions(one_part.err, "warp: 1 parts");
+}
+
 // ---- against a laboratory ------------------------------------------------------------------------------------------
 
 TEST_F(StudyTest, compare_of_two_tables_gives_errors_limits_and_line) {
@@ -387,6 +455,7 @@ TEST_F(StudyTest, compare_of_two_tables_gives_errors_limits_and_line) {
     contact += thing + std::to_string(379.5 + 0.2 * i) + ",0.01\n";
     ours += thing + std::to_string(379.5 + 0.2 * i + off[i]) + ",0.05\n";
   }
+  const std::string measured = write("measured.csv", contact);
   contact += "S9,1,jaw_distance,380,0.01\n";
   ours += "S1,2,seat_slope,1.43,0.02\n";
   const std::string what = "study compare " + write("contact.csv", contact) + " --values " + write("ours.csv", ours);
@@ -410,8 +479,33 @@ TEST_F(StudyTest, compare_of_two_tables_gives_errors_limits_and_line) {
   expect_mentions(shown.out, "S5 block 6");
   EXPECT_EQ(run(what + " --max-error jaw_distance=0.04").status, 1);
   EXPECT_EQ(run(what + " --max-error jaw_distance=0.08").status, 1) << "the intervals reach beyond: undecided";
-  EXPECT_EQ(run(what + " --max-error jaw_distance=1").status, 0);
+  EXPECT_EQ(run("study compare " + measured + " --values " + file("ours.csv") + " --max-error jaw_distance=1").status,
+            0);
+  const Ended seven = run(what + " --max-error jaw_distance=1");
+  EXPECT_EQ(seven.status, 1) << "what is hard to measure may be what is measured wrong";
+  expect_mentions(seven.out, "undecided: 1 of 7 not measured");
   EXPECT_EQ(run(what + " --max-error jaw=1").status, 2);
+  const Ended slip = run(what + " --item jaw_distance --item jaw");
+  EXPECT_EQ(slip.status, 2);
+  expect_mentions(slip.err, "--item: 'jaw' was not compared");
+  const Ended copied = run("study compare " + measured + " --values " + measured + " --max-error jaw_distance=1");
+  EXPECT_EQ(copied.status, 1) << copied.out;
+  expect_mentions(copied.out, "undecided: all errors are the same");
+}
+
+TEST_F(StudyTest, compare_refuses_a_name_of_two_slabs_and_two_names_of_one) {
+  id_of_last_ = "1";
+  store(5);
+  const auto compared = [&](const std::string& ids) {
+    return run("study compare " + write("contact.csv", "id,block,item,value\n" + ids) + " --db " + file("slabd.db"));
+  };
+  const Ended two = compared("1,1,seat_slope,1.43\n2,1,seat_slope,1.43\n3,1,seat_slope,1.43\n");
+  EXPECT_EQ(two.status, 3) << two.out;
+  expect_mentions(two.err, "say key:1 or id:1");
+  const Ended one = compared("key:4,1,seat_slope,1.43\nT-1,1,seat_slope,1.43\nkey:2,1,seat_slope,1.43\n");
+  EXPECT_EQ(one.status, 3) << one.out;
+  expect_mentions(one.err, "'T-1' and 'key:4' both mean the slab of key 4");
+  EXPECT_EQ(compared("key:1,1,seat_slope,1.43\nid:1,1,seat_slope,1.43\nkey:2,1,seat_slope,1.43\n").status, 0);
 }
 
 TEST_F(StudyTest, compare_of_stored_slabs_takes_the_newest_or_the_mean_of_several) {
