@@ -92,6 +92,11 @@ void Remeasurer::measure(const SlabHeader& slab, const ScannerNumbers& verified,
   daemon::pack_maps(inspector_, out.maps);
 }
 
+bool Remeasurer::finds_scan(const storage::SlabBlock& stored) const {
+  std::error_code ignored;
+  return fs::is_regular_file(scan_at(stored, scans_dir_), ignored);
+}
+
 Result<std::optional<ScannerNumbers>> scanner_of(storage::Reader& reader, const SlabHeader& slab) {
   if (slab.scanner_id.empty()) return std::optional<ScannerNumbers>(ScannerNumbers{});
   const auto found = reader.calibration(slab.scanner_id.view());

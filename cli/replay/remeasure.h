@@ -44,6 +44,8 @@ class Remeasurer {
   /// slab was begun with.
   void measure(const SlabHeader& slab, const ScannerNumbers& verified, const storage::SlabBlock& stored,
                Remeasured& out);
+  /// The file of the attempt's scan is there.
+  [[nodiscard]] bool finds_scan(const storage::SlabBlock& stored) const;
 
  private:
   std::unique_ptr<hal::Clock> clock_;

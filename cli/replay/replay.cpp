@@ -163,6 +163,7 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
   static_cast<void>(report_problems(problems));
   Remeasurer remeasurer(options.threads, sources.unit, options.scans_dir);
   std::array<int, 3> count{};
+  int with_scans = 0;  // of those not verified
   Json json;
   json.begin_object().field("schema", "slabd.replay/1").field("software", daemon::software_version().view());
   json.field("threads", options.threads).field("instruction_set", algo::instruction_set());
@@ -177,6 +178,7 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
       return false;
     }
     ++count[static_cast<std::size_t>(slab.value().outcome)];
+    with_scans += slab.value().scans_left ? 1 : 0;
     if (options.json) {
       write_slab(json, slab.value());
     } else {
@@ -197,7 +199,9 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
                daemon::software_version().view());
   }
   // Old scans are deleted as a matter of course: among many slabs that is no finding, of a named one it is.
-  const bool enough = options.choice.slabs.empty() ? identical > 0 : not_verified == 0;
+  const bool enough = options.choice.slabs.empty() ? identical > 0 && with_scans == 0 : not_verified == 0;
+  if (with_scans > 0)
+    complain(fmt::format("of the slabs not verified {} could be measured: only the recipe is missing", with_scans));
   return differs == 0 && enough ? kDone : kNotPass;
 }
 
@@ -292,7 +296,8 @@ void add_replay(CLI::App& app, int& exit_status) {
       "with the same bits. Where one does not, what is not as it was is named: software, recipe, calibration, scan.\n"
       "A scan is proven by the checksum of its points; a recipe that is no file any more comes from the database.\n"
       "--recipe: what that recipe would have decided, item by item. Exit status 0: identical; 1: not, or not enough\n"
-      "scans are left (of slabs chosen by filters, those whose scans were deleted for the budget do not count).\n"
+      "scans are left (of slabs chosen by filters, those whose scans were deleted for the budget do not count), or a\n"
+      "slab has scans and no recipe.\n"
       "Examples: slabctl replay SLAB-0042 --verify\n"
       "          slabctl replay --since 7d --verify --json\n"
       "          slabctl replay --all --type 5600 --recipe p5600-new.toml");

@@ -133,8 +133,20 @@ BlockReplay replay_block(const SlabHeader& slab, const ScannerNumbers& verified,
   return replay;
 }
 
-ReplayOutcome outcome_of(const SlabReplay& replay) {
-  bool open = replay.blocks.empty() && !replay.slab_compared;
+/// What the slab's header repeats of its recipe: reports print it beside the verdict. NaN: not kept by former versions.
+void compare_header(const SlabHeader& stored, const Recipe& recipe, storage::Comparison& out) {
+  const auto one = [&](const char* figure, double was, double is) {
+    if (!has_value(was)) return;
+    ++out.figures;
+    if (was != is) out.differences.push_back({figure, fmt::format("{}", was), fmt::format("{}", is)});
+  };
+  one("unconfirmed", stored.unconfirmed, unconfirmed_count(recipe));
+  one("guard", stored.guard, recipe.guard);
+  one("cell_mm", stored.cell_mm, recipe.evaluation.cell_mm);
+}
+
+ReplayOutcome outcome_of(const SlabReplay& replay, bool slab_open) {
+  bool open = slab_open || (replay.blocks.empty() && !replay.slab_compared);
   for (const BlockReplay& block : replay.blocks) {
     if (block.outcome == ReplayOutcome::differs) return ReplayOutcome::differs;
     open = open || block.outcome == ReplayOutcome::not_verified;
@@ -199,6 +211,9 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
   const ScannerNumbers verified = scanner.value().value_or(ScannerNumbers{});
   if (recipe == nullptr) {
     replay.slab_why = "without a recipe nothing can be measured";
+    replay.scans_left = std::any_of(record.blocks.begin(), record.blocks.end(), [&](const storage::SlabBlock& stored) {
+      return stored.phase == StationPhase::measured && remeasurer.finds_scan(stored);
+    });
     return replay;
   }
   replay.recipe = recipe->path.view();
@@ -216,6 +231,7 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
     if (again[i]->scan == Remeasured::Scan::measured) blocks[i] = &again[i]->block;
   }
 
+  if (recipe->sha256 == slab.recipe_sha256) compare_header(slab, *recipe, replay.slab);
   if (is_open(record)) {
     replay.slab_why = "the slab is still open";
   } else if (record.summary.verdict == Verdict::aborted) {
@@ -236,7 +252,7 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
                             ? "judged with another " + names_of(replay.changed)
                             : "no recorded input differs: the stored result is not what they give";
   }
-  replay.outcome = outcome_of(replay);
+  replay.outcome = outcome_of(replay, is_open(record));
   return replay;
 }
 

@@ -15,7 +15,7 @@ namespace slabd::cli {
 enum class ReplayOutcome : std::uint8_t {
   identical,     ///< everything that was stored came out again
   differs,       ///< something did not, or a scan that should be there is not
-  not_verified,  ///< not everything could be measured again; what could be is identical
+  not_verified,  ///< not everything could be measured and judged again; what could be is identical
 };
 [[nodiscard]] std::string_view name(ReplayOutcome outcome);
 
@@ -47,6 +47,7 @@ struct SlabReplay {
   bool slab_compared = false;       ///< it had ended with a verdict, and no block differs in what its scan was
   storage::Comparison slab;
   std::string slab_why;
+  bool scans_left = false;  ///< nothing was measured, though it has scans that are there
 
   [[nodiscard]] std::size_t figures() const;
   /// Scans whose points are those that were measured, by their checksum; and those of which none was kept.

@@ -289,6 +289,71 @@ TEST_F(ReplayOther, a_stored_figure_that_was_edited_is_found) {
                                  (named ? "this build measures otherwise" : "this may be another build: "));
 }
 
+TEST_F(ReplayOther, what_the_header_repeats_of_the_recipe_is_compared) {
+  header_.guard = 0.25;
+  ++header_.unconfirmed;
+  begin();
+  measure(3);
+  end();
+  const Ended ended = run("replay 1 --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes");
+  EXPECT_EQ(ended.status, 1);
+  expect_mentions(ended.out, "    guard: stored 0.25, now 1\n");
+  expect_mentions(ended.out, "    unconfirmed: stored ");
+}
+
+TEST_F(ReplayOther, a_slab_that_is_still_open_is_not_identical) {
+  begin();
+  measure(3);
+  store_.reset();
+  const Ended ended = run("replay 1 --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes");
+  EXPECT_EQ(ended.status, 1);
+  expect_mentions(ended.out, "slab 1 \"SLAB-0042\" (none): not_verified: 1 of 1 scans measured again");
+  expect_mentions(ended.out, "the slab is still open");
+}
+
+TEST_F(ReplayOther, a_slab_with_scans_and_no_recipe_is_not_passed_over_among_many) {
+  begin();
+  measure(3);
+  end();
+  const std::string all = "replay --all --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes";
+  EXPECT_EQ(run(all).status, 0);
+  header_.key = 2;
+  header_.slab_type = 9'999;
+  header_.recipe_sha256.assign(std::string(64, '0'));
+  begin();
+  fs::copy(file("spool/1"), file("spool/2"));
+  Attempt attempt;
+  attempt.slab_key = 2;
+  attempt.station = 3;
+  attempt.number = 1;
+  attempt.session = 1;
+  attempt.cmd_seq = 4;
+  attempt.scan_path.assign(file("spool/2/03-1.ply"));
+  apply(AcquiredJob{attempt});
+  BlockJob block;
+  block.slab_key = 2;
+  block.attempt = 1;
+  block.block = stations_[2].block;
+  block.record.kind = 1;
+  block.record.res_seq = 2000;
+  block.record.station = 3;
+  apply(block);
+  SlabJob slab;
+  slab.slab_key = 2;
+  slab.slab.verdict = Verdict::not_measured;
+  slab.record.kind = 2;
+  slab.record.res_seq = 2001;
+  slab.ended_utime_us = 1'763'682'999'000'000;
+  apply(slab);
+  store_.reset();
+  const Ended ended = run(all);
+  EXPECT_EQ(ended.status, 1) << ended.out;
+  expect_mentions(ended.out, "identical 1, differ 0, not verified 1");
+  expect_mentions(ended.err, "of the slabs not verified 1 could be measured: only the recipe is missing");
+  fs::remove_all(file("spool/2"));
+  EXPECT_EQ(run(all).status, 0) << "its scans are pruned";
+}
+
 TEST_F(ReplayOther, a_pin_lies_beside_the_scans_and_says_why) {
   begin();
   std::ofstream(scan(1)) << "points";

@@ -34,6 +34,7 @@ class StoredSlab : public Slabctl {
     header_.recipe_sha256 = recipe_.sha256;
     header_.guard = recipe_.guard;
     header_.cell_mm = recipe_.evaluation.cell_mm;
+    header_.unconfirmed = static_cast<std::uint16_t>(unconfirmed_count(recipe_));
     header_.calibration_id = "commissioning-0123456789ab";
     header_.software = daemon::software_version();
     header_.T_base_slab.translation_mm = Vec3(1800.0, 3.25, 300.0);
