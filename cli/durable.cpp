@@ -7,6 +7,7 @@
 #include <fcntl.h>
 #include <sha256.h>
 #include <signal.h>
+#include <stdio_ext.h>
 #include <sys/file.h>
 #include <sys/random.h>
 #include <sys/stat.h>
@@ -139,10 +140,12 @@ std::string random_suffix() {
 }  // namespace
 
 OutFile::OutFile(std::string path, Kind kind) : path_(std::move(path)), kind_(kind) {
+  bool is_shared = false;  // others write into it too: its start is not ours to go back to
   if (kind_.of_slabd) {
     open_part();
   } else if (path_ == "-") {
     file_ = stdout;
+    is_shared = true;
   } else if (struct stat there{}; ::stat(path_.c_str(), &there) != 0) {
     if (errno == ENOENT)
       open_part();
@@ -152,6 +155,7 @@ OutFile::OutFile(std::string path, Kind kind) : path_(std::move(path)), kind_(ki
     if (const int fd = own_descriptor(there); fd < 0) {
       open_part();
     } else {
+      is_shared = true;
       const int copy = ::fcntl(fd, F_DUPFD_CLOEXEC, 0);
       file_ = copy < 0 ? nullptr : ::fdopen(copy, "wb");
       if (file_ == nullptr) error_number_ = errno;
@@ -163,7 +167,8 @@ OutFile::OutFile(std::string path, Kind kind) : path_(std::move(path)), kind_(ki
   } else {
     error_number_ = S_ISDIR(there.st_mode) ? EISDIR : ENOTSUP;
   }
-  if (error_number_ == 0 && kind_.rewritten && ::lseek(::fileno(file_), 0, SEEK_CUR) < 0) error_number_ = errno;
+  if (error_number_ == 0 && kind_.rewritten && (is_shared || ::lseek(::fileno(file_), 0, SEEK_CUR) < 0))
+    error_number_ = ESPIPE;
 }
 
 void OutFile::open_part() {
@@ -213,10 +218,16 @@ void OutFile::write_at_start(std::string_view text) {
 
 /// Everything out of the program's hands, and the file under its name.
 void OutFile::finish() {
+  const bool is_stdout = file_ == stdout;
   if (error_number_ == 0 && std::fflush(file_) != 0) error_number_ = errno;
   if (error_number_ == 0 && kind_.synced && !part_.empty() && ::fsync(::fileno(file_)) != 0) error_number_ = errno;
   if (file_ != nullptr && file_ != stdout && std::fclose(file_) != 0 && error_number_ == 0) error_number_ = errno;
   file_ = nullptr;
+  if (is_stdout && std::ferror(stdout) != 0) {
+    // `close` says so, and who ends the program need not say it again, nor try again.
+    ::__fpurge(stdout);
+    std::clearerr(stdout);
+  }
   if (part_.empty()) return;
   if (error_number_ == 0 && std::rename(part_.c_str(), target_.c_str()) != 0) error_number_ = errno;
   if (error_number_ != 0) ::unlink(part_.c_str());
@@ -227,6 +238,9 @@ void OutFile::finish() {
 Status OutFile::close(Code code) {
   const bool replaces = !part_.empty();
   if (file_ != nullptr || replaces) finish();
+  if (kind_.rewritten && error_number_ == ESPIPE)
+    return error(code, "%s cannot be written: its head is written last, and so it must be a file of its own",
+                 path_ == "-" ? "standard output" : path_.c_str());
   if (error_number_ != 0) return error(code, "%s cannot be written: %s", path_.c_str(), std::strerror(error_number_));
   return replaces && kind_.synced ? sync_folder(folder_of(target_)) : success();
 }

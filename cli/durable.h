@@ -25,7 +25,8 @@ class OutFile {
  public:
   struct Kind {
     bool synced = false;     ///< on the disk when `close` returns
-    bool rewritten = false;  ///< `write_at_start` will be called, which a pipe cannot do: refused at once
+    bool rewritten = false;  ///< `write_at_start` will be called: a pipe, or what this program's own output goes
+                             ///< to, is refused at once
     bool of_slabd = false;   ///< what stands under the name is replaced whatever it is: a link that somebody
                              ///< laid into a shared folder must not lead a file of slabd's own elsewhere
     std::optional<mode_t> mode = std::nullopt;  ///< whatever the umask; else 0666 less the umask

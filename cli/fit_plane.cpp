@@ -5,7 +5,6 @@
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <memory>
 #include <vector>
@@ -240,18 +239,6 @@ int run_fit(const Options& options) {
   return options.compare ? compare(options, cloud.value()) : fit_one(options, cloud.value());
 }
 
-/// Plain digits that fit 64 bits; a minus sign would wrap around.
-CLI::Validator whole_number() {
-  return {[](std::string& text) {
-            std::uint64_t value = 0;
-            const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), value);
-            return fault == std::errc() && end == text.data() + text.size() && !text.empty()
-                       ? std::string()
-                       : fmt::format("\"{}\" is not a whole number from 0 to 18446744073709551615", text);
-          },
-          "0 - 18446744073709551615"};
-}
-
 }  // namespace
 
 void add_fit_plane(CLI::App& app, int& exit_status) {
@@ -280,9 +267,7 @@ void add_fit_plane(CLI::App& app, int& exit_status) {
       ->add_option("--share-min", options->share_min,
                    "Share of inliers below which the plane is not measured (default 0.8 (1 - contamination))")
       ->check(within(0.0, 1.0));
-  command->add_option("--seed", options->seed, "Of the hypotheses, a whole number from 0")
-      ->check(whole_number())
-      ->capture_default_str();
+  command->add_option("--seed", options->seed, "Of the hypotheses, a whole number from 0")->capture_default_str();
   command->add_option("--unit", options->unit, "Unit of the file: mm, m or um")
       ->check(CLI::IsMember({"mm", "m", "um"}))
       ->capture_default_str();

@@ -93,7 +93,8 @@ std::string gap_text(const storage::HistoryGap& gap) {
       gap.source, by, missing);
 }
 
-std::string as_json(const std::vector<storage::SlabSummary>& slabs, const std::vector<storage::HistoryGap>& gaps) {
+std::string as_json(const std::vector<storage::SlabSummary>& slabs, bool more,
+                    const std::vector<storage::HistoryGap>& gaps) {
   Json json;
   json.begin_object();
   json.field("schema", "slabd.history/1");
@@ -111,6 +112,7 @@ std::string as_json(const std::vector<storage::SlabSummary>& slabs, const std::v
     json.field("acknowledged", slab.acknowledged).end_object();
   }
   json.end_array();
+  json.field("more", more);
   json.key("gaps").begin_array();
   for (const storage::HistoryGap& gap : gaps) {
     json.begin_object();
@@ -143,20 +145,25 @@ int show_history(const Options& options) {
   int exit_status = kDone;
   const auto reader = open_database(options.database, exit_status);
   if (reader == nullptr) return exit_status;
-  const auto slabs = reader->slabs(filter);
+  const std::size_t limit = filter.limit;
+  ++filter.limit;  // one that is not shown tells whether there are more
+  auto slabs = reader->slabs(filter);
   if (!slabs) {
     complain(fmt::format("{}", slabs.error().text.view()));
     return kNotReachable;
   }
+  const bool more = slabs.value().size() > limit;
+  if (more) slabs.value().resize(limit);
   const auto gaps = reader->gaps();
   if (!gaps) {
     complain(fmt::format("{}", gaps.error().text.view()));
     return kNotReachable;
   }
   if (options.json) {
-    fmt::print("{}", as_json(slabs.value(), gaps.value()));
+    fmt::print("{}", as_json(slabs.value(), more, gaps.value()));
   } else {
     print_slabs(slabs.value());
+    if (more) fmt::print("! more than {}: --limit says how many\n", limit);
     for (const storage::HistoryGap& gap : gaps.value()) fmt::print("! {}\n", gap_text(gap));
   }
   return kDone;

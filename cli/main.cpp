@@ -13,8 +13,11 @@ int main(int argc, char** argv) {
   try {
     const int status = run(argc, argv);
     // What was printed last is written only now; on a disk that is full nobody else would notice that it is not there.
-    if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0) return status;
-    complain(fmt::format("what was printed could not be written: {}", std::strerror(errno)));
+    const bool flushed = std::fflush(stdout) == 0;
+    if (flushed && std::ferror(stdout) == 0) return status;
+    // Of a write that failed before, errno tells no more.
+    complain(fmt::format("what was printed could not be written{}",
+                         flushed ? std::string() : fmt::format(": {}", std::strerror(errno))));
     return kNotReachable;
   } catch (const std::exception& fault) {
     if (std::ferror(stdout) == 0) {

@@ -27,6 +27,21 @@ CLI::Validator finite_within(double low, double high, const std::string& range) 
           range};
 }
 
+/// Zeros in front go. Without a description: the help has the option's range.
+template <typename Integer>
+CLI::Validator decimal_digits() {
+  return {[](std::string& text) {
+            Integer value = 0;
+            const auto [stop, fault] = std::from_chars(text.data(), text.data() + text.size(), value);
+            if (fault != std::errc{} || stop != text.data() + text.size())
+              return fmt::format("\"{}\" is not a whole number from {} to {}", text,
+                                 std::numeric_limits<Integer>::min(), std::numeric_limits<Integer>::max());
+            text = fmt::format("{}", value);
+            return std::string();
+          },
+          ""};
+}
+
 }  // namespace
 
 Result<Pose> parse_pose(std::string_view text) {
@@ -107,6 +122,18 @@ CLI::Validator finite_number() {
   constexpr double kLargest = std::numeric_limits<double>::max();
   CLI::Validator check = finite_within(-kLargest, kLargest, "that is finite");
   return check.description("");
+}
+
+void read_whole_numbers_decimally(CLI::App& app) {
+  for (CLI::Option* option : app.get_options()) {
+    const std::string type = option->get_type_name();
+    if (type.find('{') != std::string::npos) continue;  // words that stand for numbers
+    if (type.starts_with("UINT"))
+      option->transform(decimal_digits<std::uint64_t>());
+    else if (type.starts_with("INT"))
+      option->transform(decimal_digits<std::int64_t>());
+  }
+  for (CLI::App* command : app.get_subcommands([](CLI::App*) { return true; })) read_whole_numbers_decimally(*command);
 }
 
 CLI::Validator some_words() {

@@ -9,8 +9,9 @@
 #include "hal/hal.h"
 
 namespace CLI {
+class App;
 class Validator;
-}
+}  // namespace CLI
 
 /// Values as people write them on the command line.
 namespace slabd::cli {
@@ -31,6 +32,10 @@ namespace slabd::cli {
 [[nodiscard]] CLI::Validator at_least(double low);
 /// For one without a range: any number but NaN and infinity.
 [[nodiscard]] CLI::Validator finite_number();
+
+/// Gives every option below `app` that takes a whole number plain decimal digits: CLI11 reads 011 as nine and 0x10 as
+/// sixteen, as C does, and the largest number for one that is too large.
+void read_whole_numbers_decimally(CLI::App& app);
 
 /// Of an option that asks a person why: something must be said.
 [[nodiscard]] CLI::Validator some_words();

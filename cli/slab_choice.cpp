@@ -18,11 +18,6 @@ namespace {
 constexpr std::array kChosenVerdicts = {Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted,
                                         Verdict::indeterminate};
 
-bool has_filter(const SlabChoice& choice) {
-  return choice.all || !choice.since.empty() || !choice.until.empty() || choice.slab_type != 0 ||
-         !choice.verdict.empty();
-}
-
 bool complete(const SlabChoice& choice, storage::SlabFilter& filter) {
   filter.limit = 1'000'000'000;
   filter.slab_type = choice.slab_type;
@@ -46,6 +41,10 @@ bool complete(const SlabChoice& choice, storage::SlabFilter& filter) {
 
 }  // namespace
 
+bool SlabChoice::has_filter() const {
+  return all || !since.empty() || !until.empty() || slab_type != 0 || !verdict.empty();
+}
+
 void SlabChoice::add_to(CLI::App& command) {
   command.add_option("SLAB", slabs, "Keys (see history) or slab ids; of an id the newest slab");
   command.add_flag("--all", all, "Every slab that has ended");
@@ -62,7 +61,7 @@ void SlabChoice::add_filters_to(CLI::App& command) {
 
 std::optional<std::vector<std::int64_t>> chosen_slabs(storage::Reader& reader, const SlabChoice& choice,
                                                       int& exit_status) {
-  if (choice.slabs.empty() != has_filter(choice)) {
+  if (choice.slabs.empty() != choice.has_filter()) {
     complain(choice.slabs.empty() ? "name slabs, or say --all, --since, --until, --type or --verdict"
                                   : "slabs are named and filtered; allowed is one of the two");
     exit_status = kUsage;

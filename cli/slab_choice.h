@@ -26,6 +26,7 @@ struct SlabChoice {
   void add_to(CLI::App& command);
   /// The filters alone; no slab can be named, and without any all are meant.
   void add_filters_to(CLI::App& command);
+  [[nodiscard]] bool has_filter() const;
 };
 
 /// Keys, each once, oldest first, or as they were named; slabs that are still open only when they are named. nullopt:

@@ -29,7 +29,9 @@ SlabName slab_name(const std::string& wanted) {
   const std::string rest = wanted.substr(says_key ? kKeyPrefix.size() : says_id ? kIdPrefix.size() : 0);
   std::int64_t key = 0;
   const auto [stop, fault] = std::from_chars(rest.data(), rest.data() + rest.size(), key);
-  if (!says_id && fault == std::errc{} && stop == rest.data() + rest.size()) name.key = key;
+  // 0004 is how a works numbers its slabs; nobody writes a key so.
+  const bool id_for_sure = says_id || (!says_key && rest.starts_with('0'));
+  if (!id_for_sure && fault == std::errc{} && stop == rest.data() + rest.size()) name.key = key;
   if (!says_key) name.id = rest;
   return name;
 }

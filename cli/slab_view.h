@@ -11,8 +11,8 @@
 /// What is said of a stored slab, whoever says it: show, report and export alike.
 namespace slabd::cli {
 
-/// What somebody calls a slab by. A number may be a key or a SLAB_ID, "key:12" and "id:12" say which; anything else is
-/// a SLAB_ID.
+/// What somebody calls a slab by. A number may be a key or a SLAB_ID, "key:12" and "id:12" say which; anything else,
+/// also a number with zeros in front, is a SLAB_ID.
 struct SlabName {
   std::optional<std::int64_t> key;
   std::string id;  ///< empty: only a key is meant

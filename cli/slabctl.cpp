@@ -10,6 +10,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/export/export.h"
+#include "cli/parse.h"
 #include "cli/pin.h"
 #include "cli/replay/replay.h"
 #include "cli/study/study.h"
@@ -105,6 +106,7 @@ void add_commands(CLI::App& app, int& exit_status) {
   add_config(app, exit_status);
   add_recipe(app, exit_status);
   add_completion(app, exit_status);
+  read_whole_numbers_decimally(app);
 }
 
 int run(int argc, const char* const* argv) {

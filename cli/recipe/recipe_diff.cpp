@@ -193,6 +193,10 @@ void print_differences(const Recipe& a, const Recipe& b, const std::vector<KeyDi
 }
 
 int diff(const DiffOptions& options) {
+  if (!options.stored && options.choice.has_filter()) {
+    complain("--since, --until, --type and --verdict choose stored slabs: say --db or --config too");
+    return kUsage;
+  }
   // A recipe out of the database needs one, the configuration's unless another is named.
   std::unique_ptr<storage::Reader> reader;
   int exit_status = kDone;

@@ -346,7 +346,8 @@ TEST_F(OutFileTest, a_pipe_is_written_into_and_stays_a_pipe) {
     EXPECT_STREQ(got.data(), "through");
   }
   const Status again = put(file("pipe"), "head", {.rewritten = true});
-  EXPECT_FALSE(again) << "nobody can go back in a pipe";
+  ASSERT_FALSE(again) << "nobody can go back in a pipe";
+  expect_mentions(std::string(again.error().text.view()), "it must be a file of its own");
   ::close(reader);
   EXPECT_TRUE(fs::is_fifo(file("pipe")));
   EXPECT_EQ(files(), 1);
@@ -409,6 +410,49 @@ TEST_F(OutFileTest, what_standard_output_goes_to_is_not_replaced_under_it) {
   ::waitpid(child, &status, 0);
   EXPECT_EQ(status, 0);
   EXPECT_EQ(content(path), "kept\nfigures\nafter\n");
+}
+
+TEST_F(OutFileTest, what_is_written_at_its_start_again_does_not_go_where_others_write_too) {
+  const std::string path = file("log");
+  std::ofstream(path) << "kept\n";
+  const pid_t child = ::fork();
+  if (child == 0) {
+    const int log = ::open(path.c_str(), O_WRONLY | O_APPEND);
+    ::dup2(log, STDOUT_FILENO);
+    bool refused = true;
+    for (const std::string& out : {std::string("-"), std::string("/dev/stdout"), path})
+      refused = refused && !put(out, "figures\n", {.rewritten = true}).ok();
+    ::_exit(refused ? 0 : 1);
+  }
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  EXPECT_EQ(status, 0);
+  EXPECT_EQ(content(path), "kept\n");
+  EXPECT_TRUE(put(file("new"), "x", {.rewritten = true}));
+  EXPECT_TRUE(put(file("new"), "x", {.rewritten = true})) << "one that is replaced";
+}
+
+TEST_F(Export, what_standard_output_did_not_take_is_told_once) {
+  store_slab();
+  for (const char* slabs : {"--all", "--verdict pass"}) {  // more than is kept back, and less
+    const std::string command =
+        std::string(SLABCTL) + " export " + slabs + " --db " + db() + " >/dev/full 2>" + file("full");
+    const int status = std::system(command.c_str());
+    EXPECT_EQ(WEXITSTATUS(status), 3) << slabs;
+    EXPECT_EQ(content(file("full")), "slabctl: - cannot be written: No space left on device\n");
+  }
+}
+
+TEST_F(Export, a_cloud_is_not_written_where_it_cannot_be_whole) {
+  store_slab();
+  const std::string cloud = "export cloud 1 --block 3 --db " + db() + recipes() + " --out ";
+  for (const char* out : {"-", "/dev/stdout"}) {
+    const Ended ended = run(cloud + out);
+    EXPECT_EQ(ended.status, 3) << out;
+    EXPECT_EQ(ended.out, "");
+    expect_mentions(ended.err, std::string(out == std::string("-") ? "standard output" : out) +
+                                   " cannot be written: its head is written last, and so it must be a file of its own");
+  }
 }
 
 TEST_F(Export, reports_metrics_and_tables_go_through_a_link_and_into_a_pipe) {

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <CLI/CLI.hpp>
+#include <cstdint>
 #include <functional>
 #include <string>
 #include <vector>
@@ -44,6 +45,29 @@ TEST(Options, no_decimal_number_may_be_nan_or_infinite) {
       EXPECT_NE(refusal(option, text), "") << path << " takes '" << text << "'";
   });
   EXPECT_GT(numbers, 60) << "the tree is not seen whole";
+}
+
+TEST(Options, whole_numbers_are_decimal) {
+  CLI::App app("slabctl");
+  int exit_status = 0;
+  add_commands(app, exit_status);
+  int numbers = 0;
+  visit(app, "slabctl", [&](const std::string& path, CLI::Option& option) {
+    const std::string type = option.get_type_name();
+    if (!(type.starts_with("INT") || type.starts_with("UINT")) || type.find('{') != std::string::npos) return;
+    ++numbers;
+    for (const char* text : {"0x1", "0b1", "1e1", "1.0", "+1", " 1", "", "99999999999999999999"})
+      EXPECT_NE(refusal(option, text), "") << path << " takes '" << text << "'";
+  });
+  EXPECT_GT(numbers, 50) << "the tree is not seen whole";
+  CLI::Option* block = app.get_subcommand("show")->get_option("--block");
+  EXPECT_EQ(refusal(*block, "011"), "");
+  EXPECT_EQ(block->as<int>(), 11);
+  EXPECT_EQ(refusal(*block, "09"), "") << "no octal number at all";
+  CLI::Option* seed = app.get_subcommand("fit-plane")->get_option("--seed");
+  EXPECT_EQ(refusal(*seed, "-1"), "--seed: \"-1\" is not a whole number from 0 to 18446744073709551615");
+  EXPECT_EQ(refusal(*seed, "010"), "");
+  EXPECT_EQ(seed->as<std::uint64_t>(), 10U);
 }
 
 TEST(Options, whoever_is_asked_why_must_say_something) {

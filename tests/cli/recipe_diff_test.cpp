@@ -171,6 +171,14 @@ TEST_F(RecipeDiff, verdicts_that_only_scans_can_tell_are_counted) {
   EXPECT_EQ(json::parse(ended.out, nullptr, false)["stored"]["unknown_U"], 1);
 }
 
+TEST_F(RecipeDiff, a_filter_of_slabs_needs_a_database_to_be_heard) {
+  for (const char* filter : {"--since garbage", "--until 7d", "--type 5600", "--verdict pass"}) {
+    const Ended ended = run("recipe diff " + kRecipe + " " + kRecipe + " " + filter);
+    EXPECT_EQ(ended.status, 2) << filter;
+    expect_mentions(ended.err, "say --db or --config too");
+  }
+}
+
 TEST_F(RecipeDiff, every_key_is_named_once) {
   std::set<std::string> keys;
   for (const RecipeKey& key : keys_of(recipe_)) EXPECT_TRUE(keys.insert(key.key).second) << key.key;

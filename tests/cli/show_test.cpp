@@ -335,6 +335,23 @@ TEST_F(Show, a_number_that_means_two_slabs_is_asked_back) {
   EXPECT_EQ(shown("key:x").status, kBadInput);
 }
 
+TEST_F(Show, a_history_that_is_cut_says_so) {
+  for (const std::uint16_t key : std::initializer_list<std::uint16_t>{1, 2, 3}) {
+    header_.key = key;
+    apply(BeginSlabJob{header_, 1, key});
+    record_.res_seq = key;
+    apply(SlabJob{key, slab_, record_, 1'763'681'999'000'000});
+  }
+  const auto history = [&](const std::string& more) { return run("history --db " + file("slabd.db") + more); };
+  EXPECT_NE(history(" --limit 2").out.find("! more than 2: --limit"), std::string::npos);
+  EXPECT_EQ(history(" --limit 3").out.find("more than"), std::string::npos);
+  const json cut = json::parse(history(" --limit 2 --json").out);
+  EXPECT_EQ(cut["more"], true);
+  ASSERT_EQ(cut["slabs"].size(), 2U);
+  EXPECT_EQ(cut["slabs"][0]["key"], 3) << "the newest stay";
+  EXPECT_EQ(json::parse(history(" --json").out)["more"], false);
+}
+
 TEST_F(Show, slope_in_the_slabs_frame_names_its_station) {
   apply(BeginSlabJob{header_, 1, 1});
   measure_station_3();

@@ -80,6 +80,9 @@ TEST(SlabView, a_name_says_whether_it_is_a_key_or_an_id) {
   EXPECT_EQ(slab_name("key:12").id, "");
   EXPECT_EQ(slab_name("id:12").key, std::nullopt);
   EXPECT_EQ(slab_name("id:12").id, "12");
+  EXPECT_EQ(slab_name("0012").key, std::nullopt) << "as a works numbers its slabs";
+  EXPECT_EQ(slab_name("0012").id, "0012");
+  EXPECT_EQ(slab_name("key:0012").key, 12);
   EXPECT_EQ(slab_name("LINE-12").key, std::nullopt);
   EXPECT_EQ(slab_name("key:LINE").key, std::nullopt);
 }
