@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <cerrno>
 #include <charconv>
 #include <filesystem>
 #include <fstream>
@@ -129,6 +130,8 @@ SqlFailure explained(SqlFailure failure, const std::string& path) {
   if ((primary == SQLITE_CANTOPEN || primary == SQLITE_READONLY) && access(path.c_str(), R_OK) == 0 &&
       access(folder.empty() ? "." : folder.c_str(), W_OK) != 0)
     failure.text += "; a database with a log is read only where its folder can be written to: copy both elsewhere";
+  else if (primary == SQLITE_CANTOPEN && access(path.c_str(), R_OK) != 0 && errno == EACCES)
+    failure.text += "; it may not be read: are you in its group?";
   return failure;
 }
 

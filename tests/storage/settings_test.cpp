@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <sqlite3.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <array>
 #include <filesystem>
@@ -35,6 +37,22 @@ int mode_of(const std::string& path) {
   struct stat there {};
   EXPECT_EQ(stat(path.c_str(), &there), 0);
   return static_cast<int>(there.st_mode & 07777U);
+}
+
+TEST_F(SettingsTest, who_may_not_read_the_file_is_asked_about_its_group) {
+  ASSERT_TRUE(open_store(settings_).ok());
+  const std::string folder = folder_.path() + "/db";
+  for (const std::string& path : {folder_.path(), folder}) ASSERT_EQ(chmod(path.c_str(), 0755), 0);
+  ASSERT_EQ(chmod(settings_.db_path.c_str(), 0), 0);
+  const pid_t child = fork();
+  if (child == 0) {
+    if (geteuid() == 0 && setresuid(65'534, 65'534, 65'534) != 0) _exit(9);  // for root nothing is forbidden
+    const auto reader = open_reader(settings_.db_path);
+    _exit(!reader.ok() && reader.error().text.view().find("are you in its group?") != std::string_view::npos ? 0 : 1);
+  }
+  int status = 0;
+  ASSERT_EQ(waitpid(child, &status, 0), child);
+  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << status;
 }
 
 TEST_F(SettingsTest, settings_are_in_force_on_the_writing_connection) {
