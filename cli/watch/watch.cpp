@@ -204,8 +204,11 @@ class Watcher {
         std::string(report::cure_words(failed, language_)));
     const std::string source = at<std::string>(status, {"calibration", "source"}, "missing");
     const bool applied = source == "applied";
-    add(Link::calibration, applied, applied ? say("applied", "已生效") : source,
-        say("calibrate: slabctl calibrate", "请标定：slabctl calibrate"), source);
+    const std::string word = applied                     ? say("applied", "已生效")
+                             : source == "commissioning" ? say("commissioning", "调试值")
+                             : source == "missing"       ? say("missing", "缺失")
+                                                         : source;
+    add(Link::calibration, applied, word, say("calibrate: slabctl calibrate", "请标定：slabctl calibrate"), source);
   }
 
   /// What was read last stays, and the screen says that it is not of now.

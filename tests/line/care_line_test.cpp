@@ -235,11 +235,12 @@ TEST_F(CareLine, a_second_daemon_leaves_the_scanner_alone_until_the_database_is_
 /// `slabctl status --watch` on a terminal of its own.
 class Watch {
  public:
-  explicit Watch(const fs::path& config) {
+  explicit Watch(const fs::path& config, const char* language = "en") {
     const winsize size{24, 120, 0, 0};
     pid_ = ::forkpty(&terminal_, nullptr, nullptr, &size);
     if (pid_ != 0) return;
-    ::execl(SLABCTL_PROGRAM, SLABCTL_PROGRAM, "status", "--watch", "--config", config.c_str(), nullptr);
+    ::execl(SLABCTL_PROGRAM, SLABCTL_PROGRAM, "status", "--watch", "--language", language, "--config", config.c_str(),
+            nullptr);
     ::_exit(127);
   }
   ~Watch() {
@@ -287,6 +288,13 @@ TEST_F(CareLine, the_operators_screen_follows_to_a_database_that_took_the_place_
   EXPECT_EQ(db({"restore", "--fresh", "--why", "test", "--lose-calibrations"}).exit_status, 0);
   start();
   EXPECT_TRUE(watch.shows("no slab yet")) << watch.last;
+  EXPECT_EQ(box_.stop(), 0);
+}
+
+TEST_F(CareLine, the_operators_screen_has_a_chinese_word_for_values_of_commissioning) {
+  start();
+  Watch watch(box_.config, "zh");
+  EXPECT_TRUE(watch.shows("调试值")) << watch.last;
   EXPECT_EQ(box_.stop(), 0);
 }
 
