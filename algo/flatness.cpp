@@ -6,7 +6,8 @@
 // not hide a chip: single-point extremes are reported too, and a cell mean leaves out only what disagrees with the
 // majority of its own cell and does not hang together. Strays stand alone; a fin, a ridge or a crack, however narrow,
 // touches many cells, and from half a cell's worth of points on it is what those cells are: averaged with what lies
-// beside it, a fin of 2 mm would read half a millimetre.
+// beside it, a fin of 2 mm would read half a millimetre. A crack that has raised its lips is both: its depth and its
+// lips.
 //
 // Nobody knows how flat a place is that was not seen, so flatness is not measured (no value, hence no pass) when
 //   - fewer than half of the cells hold cell_points_min points,
@@ -31,6 +32,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <bitset>
 #include <cmath>
 #include <limits>
@@ -49,6 +51,10 @@ constexpr std::size_t kCellSampleMax = 512;
 constexpr double kStraySigmas = 5.0;
 /// ... and at least this far: a slope or step within a cell is not a stray.
 constexpr double kStrayMin_mm = 0.15;
+/// By so much more may the points of a cell scatter than those of most cells, and it is noise.
+constexpr double kNoisierCell = 3.0;
+/// Cells of which that is asked.
+constexpr std::size_t kScatterSample = 512;
 /// Nearer to the seat than this no cell is a defect, however quiet the scan: float coordinates resolve no better than
 /// a tenth of it.
 constexpr double kDefectMin_mm = 0.001;
@@ -121,6 +127,9 @@ double many_strays(std::uint32_t points) {
   return std::fmax(2.0, 0.05 * static_cast<double>(points));
 }
 
+/// Cells by a number of theirs.
+using CellSet = std::bitset<limits::kFlatnessCellsMax>;
+
 /// The cells' sums, and the heights of single points where the sums do not say enough.
 class Cells {
  public:
@@ -166,6 +175,7 @@ class Cells {
   void remove_strays(std::uint32_t points_min, const CellGrid& grid, std::span<std::uint32_t> mark) {
     double points = 0.0;
     double full = 0.0;
+    const double usual_sigma = scatter_in_full_cells(points_min);
     for (CellSum& sum : sums_) {
       sum.keep_low = 1.0F;
       sum.keep_high = 0.0F;
@@ -176,19 +186,21 @@ class Cells {
       if (sum.heights_at == CellSum::kNowhere) continue;
       const std::span<const float> all = heights(sum);
       const CellCentre centre = centre_of(all);
-      const double reach = std::max(kStraySigmas * centre.sigma, kStrayMin_mm);
+      // A cell of which damage is half says that it scatters as wide as the damage, and one of five points with a stray
+      // among them does not know that it is one.
+      const double sigma = std::fmin(centre.sigma, (sum.points < points_min ? 1.0 : kNoisierCell) * usual_sigma);
+      const double reach = std::max(kStraySigmas * sigma, kStrayMin_mm);
       const auto stray = [&](float h) { return std::abs(static_cast<double>(h) - centre.median) > reach; };
       if (std::none_of(all.begin(), all.end(), stray)) continue;
       sum.keep_low = static_cast<float>(centre.median - reach);
       sum.keep_high = static_cast<float>(centre.median + reach);
-      rest_of(sum).keep_low = sum.keep_low;
-      rest_of(sum).keep_high = sum.keep_high;
     }
     const double half_a_cell = 0.5 * points / std::fmax(full, 1.0);
-    keep_damage(kHigh, half_a_cell, grid, mark);
-    keep_damage(kLow, half_a_cell, grid, mark);
+    find_damage(kHigh, half_a_cell, grid, mark, high_);
+    find_damage(kLow, half_a_cell, grid, mark, low_);
     for (CellSum& sum : sums_) {
       if (sum.keep_low > sum.keep_high) continue;
+      divide(sum);
       sum.sums.fill(0.0);
       sum.points = 0;
       rest_of(sum).sums.fill(0.0);
@@ -204,11 +216,11 @@ class Cells {
                   });
   }
   /// What stands out of this cell, or is missing of it, took its place.
-  [[nodiscard]] bool is_damage(std::size_t cell) const {
-    return sums_[cell].keep_high == kAny || sums_[cell].keep_low == -kAny;
-  }
+  [[nodiscard]] bool is_damage(std::size_t cell) const { return high_[cell] || low_[cell]; }
+  /// Both: what reaches further took its place.
+  [[nodiscard]] bool is_damage_of_both_sides(std::size_t cell) const { return high_[cell] && low_[cell]; }
 
-  /// What of a cell that is damage is not.
+  /// Of a cell that is damage: what is not, or the damage of the other side where there is such.
   [[nodiscard]] const CellSum& beside_damage(std::size_t cell) const { return rest_[cell]; }
 
   [[nodiscard]] std::size_t size() const { return sums_.size(); }
@@ -230,36 +242,71 @@ class Cells {
     return rest_[static_cast<std::size_t>(&sum - sums_.data())];
   }
 
-  /// Strays of one side, in cells that touch, that are together `points_min` points or more: those cells keep them.
-  void keep_damage(CellMark side, double points_min, const CellGrid& grid, std::span<std::uint32_t> mark) {
-    // Neither where nothing was taken out, nor where the other side was kept.
-    const auto is_asked = [](const CellSum& sum) {
-      return sum.keep_low <= sum.keep_high && sum.keep_low != -kAny && sum.keep_high != kAny;
-    };
+  /// How the points of a full cell scatter, as most of them have it.
+  [[nodiscard]] double scatter_in_full_cells(std::uint32_t points_min) const {
+    std::array<double, kScatterSample> sigma;
+    std::size_t full = 0;
+    const std::size_t step = sums_.size() / kScatterSample + 1;
+    for (std::size_t c = 0; c < sums_.size(); c += step)
+      if (const CellSum& sum = sums_[c]; sum.points >= std::max(points_min, 2U))
+        sigma[full++] = std::sqrt(CellPoints(sum).squares / static_cast<double>(sum.points - 1));
+    return full > 0 ? median_of(std::span(sigma).first(full)) : kNoValue;
+  }
+
+  /// The strays of one side in a cell.
+  struct Strays {
+    std::uint32_t points = 0;
+    double sum = 0.0;  ///< of their heights, mm
+
+    [[nodiscard]] double height_mm() const { return sum / static_cast<double>(points); }
+  };
+  [[nodiscard]] Strays strays_in(const CellSum& sum, CellMark side) const {
     // What is nearer to the seat than the rest of its cell is the seat beside damage, not damage.
-    const auto strays_in = [&](const CellSum& sum) {
-      const std::span<const float> all = heights(sum);
-      const float mirrored = -0.5F * (sum.keep_low + sum.keep_high);
-      const float high = std::max(sum.keep_high, mirrored);
-      const float low = std::min(sum.keep_low, mirrored);
-      return std::count_if(all.begin(), all.end(), [&](float h) { return side == kHigh ? h > high : h < low; });
-    };
+    const float mirrored = -0.5F * (sum.keep_low + sum.keep_high);
+    const float high = std::max(sum.keep_high, mirrored);
+    const float low = std::min(sum.keep_low, mirrored);
+    Strays strays;
+    for (const float h : heights(sum)) {
+      if (side == kHigh ? !(h > high) : !(h < low)) continue;
+      ++strays.points;
+      strays.sum += static_cast<double>(h);
+    }
+    return strays;
+  }
+
+  /// Strays of one side, in cells that touch, that are together `points_min` points or more: puts those into `damage`.
+  void find_damage(CellMark side, double points_min, const CellGrid& grid, std::span<std::uint32_t> mark,
+                   CellSet& damage) {
     for (std::size_t c = 0; c < sums_.size(); ++c) {
       const CellSum& sum = sums_[c];
-      const bool many = is_asked(sum) && static_cast<double>(strays_in(sum)) >= many_strays(sum.points);
+      const bool many =
+          sum.keep_low <= sum.keep_high && static_cast<double>(strays_in(sum, side).points) >= many_strays(sum.points);
       mark[c] = many ? side : kPlain;
     }
     for_each_group(grid, side, mark, work_.stack, [&](std::span<const std::uint32_t> group) {
-      std::ptrdiff_t strays = 0;
-      for (const std::uint32_t c : group) strays += strays_in(sums_[c]);
+      std::size_t strays = 0;
+      for (const std::uint32_t c : group) strays += strays_in(sums_[c], side).points;
       if (static_cast<double>(strays) < points_min) return;
-      for (const std::uint32_t c : group) {
-        CellSum& sum = sums_[c];
-        const float edge = side == kHigh ? sum.keep_high : sum.keep_low;
-        sum.keep_low = side == kHigh ? std::nextafter(edge, kAny) : -kAny;
-        sum.keep_high = side == kHigh ? kAny : std::nextafter(edge, -kAny);
-      }
+      for (const std::uint32_t c : group) damage[c] = true;
     });
+  }
+
+  /// Which heights of a cell count in its sum and which in that of its rest, now that its damage is known.
+  void divide(CellSum& sum) {
+    CellSum& rest = rest_of(sum);
+    const auto c = static_cast<std::size_t>(&sum - sums_.data());
+    const std::array<float, 2> middle = {sum.keep_low, sum.keep_high};
+    const std::array<float, 2> high = {std::nextafter(sum.keep_high, kAny), kAny};
+    const std::array<float, 2> low = {-kAny, std::nextafter(sum.keep_low, -kAny)};
+    const bool both = high_[c] && low_[c];
+    const bool is_high =
+        high_[c] && (!low_[c] || strays_in(sum, kHigh).height_mm() >= -strays_in(sum, kLow).height_mm());
+    const std::array<float, 2>& kept = is_high ? high : low_[c] ? low : middle;
+    const std::array<float, 2>& left = !both ? middle : is_high ? low : high;
+    sum.keep_low = kept[0];
+    sum.keep_high = kept[1];
+    rest.keep_low = left[0];
+    rest.keep_high = left[1];
   }
 
   /// Calls f(sum, x, s, height) for every point of the cells for which chosen(sum); most groups hold none and are
@@ -292,6 +339,8 @@ class Cells {
   const FlatnessWorkspace& work_;
   std::span<CellSum> sums_;
   std::span<CellSum> rest_;  ///< of the cells that have strays; the sums of the second half before
+  CellSet high_;             ///< cells whose strays above hang together
+  CellSet low_;              ///< ... below
 };
 
 /// Points a sparse cell needs to say where the seat is.
@@ -311,10 +360,7 @@ struct CellHeights {
   [[nodiscard]] double within_variance_mm2() const { return squares / (points - static_cast<double>(size)); }
 };
 
-/// Cells by their number in CellHeights.
-using CellSet = std::bitset<limits::kFlatnessCellsMax>;
-
-/// Takes cells out that say nothing about the noise.
+/// Takes cells out that say nothing about the noise; `damaged` by their number here.
 void leave_out(const CellSet& damaged, const Cells& sums, CellHeights& cells) {
   if (damaged.none()) return;
   std::size_t left = 0;
@@ -328,6 +374,35 @@ void leave_out(const CellSet& damaged, const Cells& sums, CellHeights& cells) {
     cells.cell[left++] = cells.cell[k];
   }
   cells.size = left;
+}
+
+/// Expected range of `count` means from noise alone, in standard deviations of a cell. `quiet` are cells without damage
+/// and say how many points a mean has: those of few points scatter further, so a part of the cells may reach further
+/// than all of them would if they were alike.
+double noise_range(std::size_t count, const CellHeights& quiet, const Cells& sums) {
+  // Cells with less than 2^k points, k from 0 on.
+  std::array<double, 33> cells{};
+  std::array<double, 33> variance{};
+  double all = 0.0;
+  for (std::size_t k = 0; k < quiet.size; ++k) {
+    const std::uint32_t points = sums[quiet.cell[k]].points;
+    const auto size = static_cast<std::size_t>(std::bit_width(points));
+    cells[size] += 1.0;
+    variance[size] += 1.0 / static_cast<double>(points);
+    all += 1.0 / static_cast<double>(points);
+  }
+  const auto quiet_cells = static_cast<double>(quiet.size);
+  double range = expected_range(count);
+  double few = 0.0;
+  double of_few = 0.0;
+  for (std::size_t k = 0; k < cells.size() && few + cells[k] < quiet_cells; ++k) {
+    if (cells[k] == 0.0) continue;
+    few += cells[k];
+    of_few += variance[k];
+    const double wider = std::sqrt(of_few / few * quiet_cells / all);
+    range = std::fmax(range, expected_range(static_cast<std::size_t>(few)) * wider);
+  }
+  return range;
 }
 
 /// Marks the cells of the defect channel and returns its limit. A coarse scan has cells of few points among the full
@@ -552,12 +627,12 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
     high = std::max(high, h);
   };
   for (const Vec3& p : means) reach_to(p);
-  // Where every cell has its ridge, none says how high it stands over what is beside it.
+  // Where every cell has its ridge, none says how high it stands over what is beside it; and a crack has lips.
   for (std::size_t k = 0; k < cells.size; ++k) {
     const std::uint32_t c = cells.cell[k];
     const CellSum& beside = sums.beside_damage(c);
-    if (sums.is_damage(c) && beside.points >= std::max(region.cell_points_min, 1U))
-      reach_to(in_block(CellPoints(beside), layout, frame));
+    const std::size_t enough = sums.is_damage_of_both_sides(c) ? 1 : few_of(region.cell_points_min);
+    if (sums.is_damage(c) && beside.points >= enough) reach_to(in_block(CellPoints(beside), layout, frame));
   }
   result.ok = true;
   result.lsq_mm = high - low;
@@ -573,7 +648,7 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
   });
   if (noise.ok) {
     result.noise_factor = noise.factor;
-    result.noise_mm = expected_range(means.size()) * noise.cell_sigma_mm;
+    result.noise_mm = noise_range(means.size(), cells, sums) * noise.cell_sigma_mm;
   }
   return result;
 }

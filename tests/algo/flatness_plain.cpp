@@ -24,6 +24,8 @@ constexpr std::size_t kCellSampleMax = 512;
 constexpr double kStraySigmas = 5.0;
 /// ... and at least this far: a slope or step within a cell is not a stray.
 constexpr double kStrayMin_mm = 0.15;
+/// By so much more may the points of a cell scatter than those of most cells, and it is noise.
+constexpr double kNoisierCell = 3.0;
 /// Nearer to the seat than this no cell is a defect, however quiet the scan: float coordinates resolve no better than
 /// a tenth of it.
 constexpr double kDefectMin_mm = 0.001;
@@ -87,7 +89,8 @@ struct Window {
   double low = -std::numeric_limits<double>::infinity();
   double high = std::numeric_limits<double>::infinity();
   bool damage = false;    ///< those that would be strays, if they did not hang together
-  double rest_low = 0.0;  ///< then: heights of the others, but for strays of the other side
+  bool both = false;      ///< there is damage on the other side as well
+  double rest_low = 0.0;  ///< with damage: heights of the others but for strays of the other side, or that side's
   double rest_high = 0.0;
 };
 
@@ -114,6 +117,25 @@ bool cell_mean(std::span<const std::uint32_t> index, const PointOf& point_of, co
   return true;
 }
 
+/// The usual scatter of the points of a full cell, of a sample of 512 cells.
+template <typename PointsIn, typename HeightOf>
+double scatter_in_full_cells(const CellGrid& grid, const PointsIn& points_in, const HeightOf& height_of,
+                             std::uint32_t points_min) {
+  std::vector<double> sigma;
+  for (std::size_t c = 0; c < grid.cells(); c += grid.cells() / 512 + 1) {
+    const auto cell = points_in(c);
+    if (cell.size() < std::max(points_min, 2U)) continue;
+    ScalarMoments heights(0.0);
+    for (const std::uint32_t i : cell) heights.add(height_of(i));
+    heights.close_block();
+    sigma.push_back(std::sqrt(heights.variance(1)));
+  }
+  if (sigma.empty()) return kNoValue;
+  const auto middle = sigma.begin() + static_cast<std::ptrdiff_t>(sigma.size() / 2);
+  std::nth_element(sigma.begin(), middle, sigma.end());
+  return *middle;
+}
+
 /// The windows of all cells: strays are out; where half a cell's worth of them or more hangs together, all else is.
 template <typename PointsIn, typename HeightOf>
 std::vector<Window> windows_of(const CellGrid& grid, const PointsIn& points_in, const HeightOf& height_of,
@@ -121,42 +143,63 @@ std::vector<Window> windows_of(const CellGrid& grid, const PointsIn& points_in, 
   std::vector<Window> windows(grid.cells());
   double points = 0.0;
   double full = 0.0;
+  const double usual = scatter_in_full_cells(grid, points_in, height_of, points_min);
   for (std::size_t c = 0; c < grid.cells(); ++c) {
     const auto cell = points_in(c);
-    if (!cell.empty() && cell.size() >= points_min) {
+    const bool is_full = !cell.empty() && cell.size() >= points_min;
+    if (is_full) {
       points += static_cast<double>(cell.size());
       full += 1.0;
     } else if (!grid.expected(c) || cell.size() < few_of(points_min)) {
       continue;
     }
     const CellCentre centre = centre_of(cell, height_of);
-    const double reach = std::max(kStraySigmas * centre.sigma, kStrayMin_mm);
+    const double sigma = std::fmin(centre.sigma, (is_full ? kNoisierCell : 1.0) * usual);
+    const double reach = std::max(kStraySigmas * sigma, kStrayMin_mm);
     windows[c] = {centre.median - reach, centre.median + reach};
   }
-  std::vector<std::uint32_t> mark(grid.cells());
-  std::vector<std::uint32_t> stack(grid.cells() + 1);
-  for (const CellMark side : {kHigh, kLow}) {
-    std::vector<int> strays(grid.cells());
+  struct Side {
+    std::vector<int> strays;
+    std::vector<double> height;  ///< sum over them
+    std::vector<bool> damage;
+  };
+  const auto damage_of = [&](CellMark side) {
+    Side found{std::vector<int>(grid.cells()), std::vector<double>(grid.cells()), std::vector<bool>(grid.cells())};
+    std::vector<std::uint32_t> mark(grid.cells());
+    std::vector<std::uint32_t> stack(grid.cells() + 1);
     for (std::size_t c = 0; c < grid.cells(); ++c) {
       // Nearer to the seat than the cell's median is the seat.
       const double median = 0.5 * (windows[c].low + windows[c].high);
       for (const std::uint32_t i : points_in(c)) {
         const double h = height_of(i);
         const bool out = side == kHigh ? h > windows[c].high && h > -median : h < windows[c].low && h < -median;
-        strays[c] += out ? 1 : 0;
+        found.strays[c] += out ? 1 : 0;
+        found.height[c] += out ? h : 0.0;
       }
       const double many = std::fmax(2.0, 0.05 * static_cast<double>(points_in(c).size()));
-      mark[c] = !windows[c].damage && strays[c] >= many ? side : kPlain;
+      mark[c] = found.strays[c] >= many ? side : kPlain;
     }
     for_each_group(grid, side, mark, stack, [&](std::span<const std::uint32_t> group) {
       double together = 0.0;
-      for (const std::uint32_t c : group) together += strays[c];
+      for (const std::uint32_t c : group) together += found.strays[c];
       if (together < 0.5 * points / full) return;
-      for (const std::uint32_t c : group)
-        windows[c] = side == kHigh
-                         ? Window{windows[c].high + 1e-9, Window{}.high, true, windows[c].low, windows[c].high}
-                         : Window{Window{}.low, windows[c].low - 1e-9, true, windows[c].low, windows[c].high};
+      for (const std::uint32_t c : group) found.damage[c] = true;
     });
+    return found;
+  };
+  const Side above = damage_of(kHigh);
+  const Side below = damage_of(kLow);
+  for (std::size_t c = 0; c < grid.cells(); ++c) {
+    const Window middle = windows[c];
+    const Window high{middle.high + 1e-9, Window{}.high, true, false, middle.low, middle.high};
+    const Window low{Window{}.low, middle.low - 1e-9, true, false, middle.low, middle.high};
+    if (above.damage[c] && below.damage[c]) {
+      const bool up = above.height[c] / above.strays[c] >= -below.height[c] / below.strays[c];
+      windows[c] = up ? Window{high.low, high.high, true, true, low.low, low.high}
+                      : Window{low.low, low.high, true, true, high.low, high.high};
+    } else if (above.damage[c] || below.damage[c]) {
+      windows[c] = above.damage[c] ? high : low;
+    }
   }
   return windows;
 }
@@ -209,6 +252,24 @@ void find_defect(const CellGrid& grid, CellMark side, const CellHeights& cells, 
       if (std::abs(height) > std::abs(defect.height_mm)) defect.height_mm = height;
     }
   });
+}
+
+/// Expected range of `count` means; those of few points may reach further than all would if they were alike.
+double noise_range(std::size_t count, std::vector<double> variance) {
+  const auto mean_of = [](const std::vector<double>& v) {
+    double sum = 0.0;
+    for (const double x : v) sum += x;
+    return sum / static_cast<double>(v.size());
+  };
+  double range = expected_range(count);
+  for (double below = 1.0; below < 1e9; below *= 2.0) {
+    std::vector<double> few;
+    for (const double v : variance)
+      if (v > 1.0 / below * (1.0 + 1e-12)) few.push_back(v);
+    if (few.empty() || few.size() == variance.size()) continue;
+    range = std::fmax(range, expected_range(few.size()) * std::sqrt(mean_of(few) / mean_of(variance)));
+  }
+  return range;
 }
 
 /// Where a cell lies, how high, how many points say so, and which share of its points is there.
@@ -317,15 +378,18 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   for (std::size_t k = 0; k < cells.size; ++k) {
     const Window& window = windows[cells.cell[k]];
     CellPoints rest;
-    if (window.damage && cell_mean(points_in(cells.cell[k]), point_of, seat, region.cell_points_min,
-                                   Window{window.rest_low, window.rest_high}, rest))
+    const std::uint32_t enough = window.both ? 1 : static_cast<std::uint32_t>(few_of(region.cell_points_min));
+    if (window.damage &&
+        cell_mean(points_in(cells.cell[k]), point_of, seat, enough, Window{window.rest_low, window.rest_high}, rest))
       beside_damage.push_back(rest.mean);
   }
   // Damage is no noise.
   CellHeights quiet;
+  std::vector<double> variance;
   for (std::size_t k = 0; k < cells.size; ++k) {
     const std::uint32_t c = cells.cell[k];
     if (mark[c] != kPlain || windows[c].damage) continue;
+    variance.push_back(1.0 / static_cast<double>(added[k].used));
     quiet.height[quiet.size] = cells.height[k];
     quiet.cell[quiet.size++] = c;
     quiet.points += static_cast<double>(added[k].used);
@@ -365,7 +429,7 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
                             quiet.squares / (quiet.points - static_cast<double>(quiet.size)), quiet.points_per_cell());
   if (noise.ok) {
     result.noise_factor = noise.factor;
-    result.noise_mm = expected_range(cells.size) * noise.cell_sigma_mm;
+    result.noise_mm = noise_range(cells.size, variance) * noise.cell_sigma_mm;
   }
   return result;
 }

@@ -237,6 +237,49 @@ TEST(Flatness, WhatHangsTogetherIsNoStrayHoweverNarrow) {
   }
 }
 
+TEST(Flatness, ACrackThatHasRaisedItsLipsIsAsDeepAsItIs) {
+  // Half a millimetre wide; its lips alone are within what a seat may have.
+  for (const double depth_mm : {4.0, 0.8}) {
+    for (const double at_mm : {10.1, 10.5, 11.0, 11.3}) {
+      Prng prng(17);
+      Seat seat([&](double x, double y) {
+        const double d = std::abs(x - at_mm);
+        if (std::abs(y) > 20.0 || d > 0.6) return 0.01 * prng.normal();
+        return (d < 0.25 ? -depth_mm : 0.4) + 0.01 * prng.normal();
+      });
+      const Flatness flat = seat.measure();
+      ASSERT_TRUE(flat.ok) << at_mm;
+      EXPECT_GT(flat.lsq_mm, depth_mm + 0.1) << at_mm;
+      EXPECT_LT(flat.lsq_mm, depth_mm + 0.45) << at_mm;
+    }
+  }
+}
+
+TEST(Flatness, DamageInEveryCellOfACoarseScanIsNoFlatSeat) {
+  // Twelve points a cell in rows of three lines, one of them a ridge: of what is beside it eight are left.
+  Seat seat([](double, double) { return 0.0; });
+  seat.xyz.clear();
+  for (float y = -74.8125F; y < 75.0F; y += 0.375F)
+    for (float x = -50.75F; x < 51.0F; x += 0.5F)
+      seat.xyz.insert(seat.xyz.end(), {x, y, std::abs(std::remainder(x + 50.25F, 1.5F)) < 0.1F ? 2.0F : 0.0F});
+  const Flatness flat = seat.measure();
+  ASSERT_TRUE(flat.ok);
+  EXPECT_NEAR(flat.lsq_mm, 2.0, 0.1);
+}
+
+TEST(Flatness, NoiseOfCellsWithFewPointsIsTold) {
+  // One half returns five points to a cell, one in a hundred of them half a millimetre off.
+  Prng prng(18);
+  Seat seat([&](double, double) { return prng.uniform() < 0.01 ? 0.5 : 0.05 * prng.normal(); }, 0.22);
+  std::vector<float> seen;
+  for (std::size_t i = 0; i < seat.xyz.size(); i += 3)
+    if (seat.xyz[i] < 0.0F || prng.uniform() < 0.16) seen.insert(seen.end(), &seat.xyz[i], &seat.xyz[i] + 3);
+  seat.xyz = seen;
+  const Flatness flat = seat.measure(0.05);
+  ASSERT_TRUE(flat.ok);
+  EXPECT_NEAR(flat.lsq_mm, flat.noise_mm, 0.25 * flat.noise_mm);
+}
+
 TEST(Flatness, DamageInEveryCellIsNoFlatSeat) {
   Prng prng(16);
   for (const double up_mm : {2.0, -2.0}) {
