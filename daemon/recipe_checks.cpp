@@ -115,6 +115,11 @@ std::string limits_text(const Tolerance& t) {
 
 void check_item(TableReader item, const Recipe& recipe, ItemId id) {
   const Tolerance& t = recipe.tolerance(id);
+  // Whoever does not know how well he measures decides nothing: every slab would be indeterminate.
+  if (t.required && (has_value(t.lower) || has_value(t.upper)) && !has_value(t.U) && !recipe.uncertainty.given)
+    item.problem("U",
+                 "missing; expected the expanded uncertainty (k = 2) of its value, or a table [uncertainty]: without "
+                 "either nothing can pass, with guard 0 either");
   if (!has_value(t.nominal.value)) return;
   const double expected = nominal_from_geometry(recipe, id);
   if (has_value(expected) && std::abs(t.nominal.value - expected) > kAgreement)

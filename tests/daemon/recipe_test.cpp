@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <gmock/gmock.h>
 #include <sha256.h>
 
 #include "tests/daemon/text_file.h"
@@ -112,6 +113,13 @@ TEST_F(RecipeTest, recipe_without_uncertainty_keeps_the_items_own_U) {
   const std::size_t begin = text.find("[uncertainty]");
   text.erase(begin, text.find("[items.seat_slope]") - begin);
   text = with(text, "defect_sigmas = 5.0 ", "# ");
+  for (const std::string item : {"seat_lateral", "seat_vertical", "seat_spacing", "large_jaw_distance", "corner_level",
+                                 "warp_left", "warp_right"}) {
+    // Required, and nothing would ever say how well it is known.
+    const std::string header = "[items." + item + "]\n";
+    EXPECT_THAT(load(text), ::testing::Contains(::testing::HasSubstr("items." + item + ".U: missing")));
+    text = with(text, header, header + "U = 0.2\n");
+  }
   ASSERT_EQ(load(text), Texts{});
   EXPECT_FALSE(recipe_.uncertainty.given);
   EXPECT_EQ(recipe_.evaluation.defect_sigmas, 5.0);
