@@ -220,27 +220,54 @@ int show_history(const Options& options) {
   return kDone;
 }
 
-/// A measured calibration gives way to the configuration's value only in the sight of what that changes.
-bool may_replace(const daemon::Config& config, bool yes, int& exit_status) {
+/// A measured calibration gives way to `after`, which `source` names, only in the sight of what that changes.
+bool may_replace(const daemon::Config& config, const Pose& after, std::string_view source, bool yes, int& exit_status) {
   finish_killed_change(config);
   InForce now;
   if (!hand_eye_in_force(config, now, exit_status)) return false;
   if (!now.applied) return true;
   const Pose& before = now.T_flange_scanner;
-  const Pose& after = config.calibration.T_flange_scanner;
   SeatShifts seats;
   if (!find_seat_shifts(config, 0, before, after, seats, exit_status)) return false;
-  const std::string change = fmt::format(
-      "{} is in force; with the configuration's value seats of {} move by up to {:.3f} mm, the scanner turns by "
-      "{:.3f} deg",
-      now.id.view(), seats.slab, seats.shift_max_mm, deg_from_rad(angle_between_rad(before.rotation, after.rotation)));
-  if (yes || seats.shift_max_mm <= kConfirmAboveMm) {
-    fmt::print("{}\n", change);
+  const double turn_deg = deg_from_rad(angle_between_rad(before.rotation, after.rotation));
+  const std::string change =
+      fmt::format("{} is in force; with {} seats of {} move by up to {:.3f} mm, the scanner turns by {:.3f} deg",
+                  now.id.view(), source, seats.slab, seats.shift_max_mm, turn_deg);
+  if (yes || is_small_change(seats.shift_max_mm, turn_deg)) {
+    complain(change);
     return true;
   }
-  complain(fmt::format("{}: above {} mm that needs a word of yours, --yes", change, kConfirmAboveMm));
+  complain(fmt::format("{}: above {} mm or {} deg that needs a word of yours, --yes", change, kConfirmAboveMm,
+                       kConfirmAboveDeg));
   exit_status = kRefused;
   return false;
+}
+
+/// The same for a kept hand-eye calibration that is named. True for every other record; whether the name is one at all
+/// is for the change itself to say.
+bool may_apply(const Options& options, bool yes, int& exit_status) {
+  daemon::Config config;
+  if (!config_from(options.config, config)) {
+    exit_status = kBadInput;
+    return false;
+  }
+  std::unique_ptr<storage::Reader> reader;
+  if (!open_records(config, reader, exit_status)) return false;
+  if (reader == nullptr) return true;
+  const auto kept = reader->calibrations();
+  if (!kept.ok()) {
+    complain(kept.error().text.view());
+    exit_status = exit_for(kept.error().code);
+    return false;
+  }
+  const storage::CalibrationRecord* named = nullptr;
+  for (const storage::CalibrationRecord& record : kept.value()) {
+    if (record.id.compare(0, options.id.size(), options.id) != 0) continue;
+    if (record.id == options.id || named == nullptr) named = &record;
+    if (record.id == options.id) break;
+  }
+  const auto* numbers = named == nullptr ? nullptr : std::get_if<HandEyeNumbers>(&named->numbers);
+  return numbers == nullptr || may_replace(config, numbers->T_flange_scanner, named->id, yes, exit_status);
 }
 
 /// Commissioning values become a record like any other, with the uncertainty somebody answers for.
@@ -252,7 +279,9 @@ int adopt(RecordOptions options, double sigma_mm, double sigma_deg, bool yes) {
     return kBadInput;
   }
   int exit_status = kDone;
-  if (options.apply && !may_replace(config, yes, exit_status)) return exit_status;
+  if (options.apply &&
+      !may_replace(config, config.calibration.T_flange_scanner, "the configuration's value", yes, exit_status))
+    return exit_status;
   if (options.why.empty()) options.why = "adopted from " + options.config;
   storage::CalibrationRecord record;
   options.describe(config, record);
@@ -299,7 +328,9 @@ void add_calibrate_apply(CLI::App& group, int& exit_status) {
   options->session.add_to(*command);
   options->record.add_origin_to(*command);
   command->add_option("--why", options->record.why, "Why, for the history; must be given with ID")->check(some_words());
-  command->add_flag("--yes", options->yes, "Also where --config is not what the session was begun with");
+  command->add_flag(
+      "--yes", options->yes,
+      "Also where --config is not what the session was begun with, or a kept one moves seats or turns the scanner");
   command->add_flag("--json", options->known.json, "Print slabd.calibration_applied/1 on stdout");
   command->callback([options, &exit_status] {
     Options& known = options->known;
@@ -315,6 +346,7 @@ void add_calibrate_apply(CLI::App& group, int& exit_status) {
       exit_status = kUsage;
       return;
     }
+    if (!may_apply(known, options->yes, exit_status)) return;
     exit_status = carry_out(known, storage::ApplyCalibration{known.id, note_of(known)});
   });
 }
@@ -334,7 +366,7 @@ void add_calibrate_adopt(CLI::App& group, int& exit_status) {
       "an\n"
       "expiry and a history, and station corrections can be solved with them. Where another calibration is in force, "
       "what\n"
-      "--apply changes at the seats is shown; above 0.2 mm it wants --yes.\n"
+      "--apply changes at the seats is shown; above 0.2 mm or 0.01 deg it wants --yes.\n"
       "Example: slabctl calibrate adopt --sigma-mm 0.05 --sigma-deg 0.003 --apply --why \"tracker protocol 17\"");
   options->record.add_to(*command);
   command

@@ -11,8 +11,16 @@
 /// What a change of T_flange_scanner does at the slab: by how much every seat would be found elsewhere.
 namespace slabd::cli {
 
-/// A seat that moves by more wants somebody's word.
+/// A seat that moves by more wants somebody's word ...
 inline constexpr double kConfirmAboveMm = 0.2;
+/// ... and a scanner that turns by more: turned about what it sees it moves no seat, and every slope. A tenth of a
+/// slope's tolerance, half of its U.
+inline constexpr double kConfirmAboveDeg = 0.01;
+
+/// Does a change go into force without a word? One of unknown size (NaN) does not.
+[[nodiscard]] inline bool is_small_change(double shift_mm, double turn_deg) {
+  return shift_mm <= kConfirmAboveMm && turn_deg <= kConfirmAboveDeg;
+}
 
 struct StationShift {
   int station = 0;

@@ -268,7 +268,7 @@ int verify(const Options& options) {
 
   const auto& last = session->solution()->verified;
   const bool told_before = last && last->inputs == record.inputs && last->before_id == record.before_id;
-  const bool small = has_value(v.seats.shift_max_mm) && v.seats.shift_max_mm <= kConfirmAboveMm;
+  const bool small = is_small_change(v.seats.shift_max_mm, v.turn_deg);
   const bool may_ask = !options.json && isatty(STDIN_FILENO) != 0 && isatty(STDOUT_FILENO) != 0;
   const bool confirmed = small || options.yes || told_before || (may_ask && asks_yes());
   if (confirmed && !told_before)
@@ -278,10 +278,12 @@ int verify(const Options& options) {
     }
   if (options.json) fmt::print("{}", as_json(*session, solution.value(), v, confirmed));
   if (!confirmed) {
-    complain(fmt::format(
-        "a change of {} needs a word of yours: look at the shifts, then slabctl calibrate verify --yes",
-        has_value(v.seats.shift_max_mm) ? fmt::format("{:.3f} mm (above {} mm)", v.seats.shift_max_mm, kConfirmAboveMm)
-                                        : std::string("unknown size")));
+    complain(
+        fmt::format("a change of {} needs a word of yours: look at the shifts, then slabctl calibrate verify --yes",
+                    has_value(v.seats.shift_max_mm)
+                        ? fmt::format("{:.3f} mm and {:.3f} deg (above {} mm or {} deg)", v.seats.shift_max_mm,
+                                      v.turn_deg, kConfirmAboveMm, kConfirmAboveDeg)
+                        : std::string("unknown size")));
     return kRefused;
   }
   if (!options.json) fmt::print("verified; next: slabctl calibrate apply\n");
@@ -295,7 +297,9 @@ void add_calibrate_verify(CLI::App& group, int& exit_status) {
   CLI::App* command =
       group.add_subcommand("verify", "Hold the solution against the held-out views; what changes at the slab");
   command->footer(
-      "\nCompared with the calibration in force, or the commissioning value. A shift above 0.2 mm is asked about.\n"
+      "\nCompared with the calibration in force, or the commissioning value. A shift above 0.2 mm, or a turn above "
+      "0.01 deg,\n"
+      "is asked about.\n"
       "Example: slabctl calibrate verify\n"
       "Exit status 6: refused, or not confirmed; the text says what to do.");
   options->session.add_to(*command);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Station corrections and what they hold for: the hand-eye calibration, the time, the temperature of their visits.
+#include <fmt/core.h>
 #include <nlohmann/json.hpp>
 
 #include "base/base.h"
@@ -19,14 +20,14 @@ class CalibrateStations : public Slabctl {
  protected:
   CalibrateStations() { configure("0, 80, 150"); }
 
-  void configure(const std::string& xyz) {
+  void configure(const std::string& xyz, const std::string& rotation = "1, 0, 0, 0") {
     static_cast<void>(write("slabd.toml",
                             "[scanner]\ndrop_dir = \"drop\"\n[storage]\ndb = \"slabd.db\"\nspool_dir = \"spool\"\n"
                             "[recipes]\ndir = \"" +
                                 std::string(SLABD_SOURCE_DIR) +
                                 "/recipes\"\n[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n"
                                 "[calibration]\nT_flange_scanner = [" +
-                                xyz + ", 1, 0, 0, 0]\n[control]\nsocket = \"control.sock\"\n"));
+                                xyz + ", " + rotation + "]\n[control]\nsocket = \"control.sock\"\n"));
   }
   [[nodiscard]] Ended slabctl(const std::string& what) const { return run(what + " --config " + file("slabd.toml")); }
   [[nodiscard]] Ended adopt(const std::string& sigma_mm, const std::string& more = "") const {
@@ -163,7 +164,31 @@ TEST_F(CalibrateStations, adopting_over_another_calibration_wants_a_word) {
   configure("30.1, 80, 150");
   const Ended small = adopt("0.05");
   EXPECT_EQ(small.status, 0) << small.err;
-  expect_mentions(small.out, "move by up to 0.100 mm");
+  expect_mentions(small.err, "move by up to 0.100 mm");
+}
+
+TEST_F(CalibrateStations, a_scanner_tilted_about_what_it_sees_moves_no_seat_and_wants_a_word) {
+  ASSERT_EQ(adopt("0.05").status, 0);
+  const std::string before = in_force(CalibrationKind::hand_eye).id;
+  const double half_rad = 0.5 * rad_from_deg(0.07);
+  const Vec3 seen = nominal_T_block_scanner().inverse() * Vec3::Zero();
+  const Quat tilt(std::cos(half_rad), std::sin(half_rad), 0.0, 0.0);
+  const Vec3 xyz = Vec3(0.0, 80.0, 150.0) + seen - tilt * seen;
+  configure(fmt::format("{:.12f}, {:.12f}, {:.12f}", xyz.x(), xyz.y(), xyz.z()),
+            fmt::format("{:.15f}, {:.15f}, 0, 0", tilt.w(), tilt.x()));
+  const Ended unsaid = adopt("0.05");
+  EXPECT_EQ(unsaid.status, 6) << unsaid.out;
+  expect_mentions(unsaid.err, "move by up to 0.000 mm, the scanner turns by 0.070 deg");
+  // Nor is there a way round by its name.
+  const Ended kept = slabctl("calibrate adopt --sigma-mm 0.05 --sigma-deg 0.003");
+  ASSERT_EQ(kept.status, 0) << kept.err;
+  const std::string id = kept.out.substr(8, kept.out.find(';') - 8);
+  const Ended by_name = slabctl("calibrate apply " + id.substr(0, 10) + " --why tilted");
+  EXPECT_EQ(by_name.status, 6) << by_name.out;
+  expect_mentions(by_name.err, before + " is in force; with " + id + " seats of slab type ");
+  EXPECT_EQ(in_force(CalibrationKind::hand_eye).id, before);
+  ASSERT_EQ(slabctl("calibrate apply " + id + " --why tilted --yes").status, 0);
+  EXPECT_EQ(in_force(CalibrationKind::hand_eye).id, id);
 }
 
 }  // namespace
