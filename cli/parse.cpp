@@ -18,9 +18,11 @@ namespace {
 /// A finite number from `low` to `high`; `range` says which those are, in an error and in the help.
 CLI::Validator finite_within(double low, double high, const std::string& range) {
   return {[=](std::string& text) {
-            char* end = nullptr;
-            const double value = std::strtod(text.c_str(), &end);
-            const bool number = !text.empty() && end == text.c_str() + text.size() && std::isfinite(value);
+            // Decimal only: by strtod 0x19 is a number too.
+            const char* first = text.data() + (text.starts_with("+") && !text.starts_with("+-") ? 1 : 0);
+            double value = kNoValue;
+            const auto [stop, fault] = std::from_chars(first, text.data() + text.size(), value);
+            const bool number = fault == std::errc{} && stop == text.data() + text.size() && std::isfinite(value);
             return number && value >= low && value <= high ? std::string()
                                                            : fmt::format("\"{}\" is not a number {}", text, range);
           },

@@ -79,8 +79,12 @@ bool is_of_line(const Session& session, const std::string& config_path, const da
   if (begun_with.empty() || std::filesystem::equivalent(begun_with, config_path, fault)) return true;
   daemon::Config begun;
   return std::filesystem::exists(begun_with, fault) && config_from(begun_with, begun) &&
-         begun.storage.db_path == config.storage.db_path;
+         (begun.storage.db_path == config.storage.db_path ||
+          std::filesystem::equivalent(begun.storage.db_path, config.storage.db_path, fault));
 }
+
+/// Two machines' clocks may differ by this.
+constexpr std::int64_t kClockSlack_us = std::int64_t{10} * 60 * 1'000'000;
 
 /// The session's solution becomes a record with everything it was made from, and comes into force.
 int apply_session(const SessionOptions& which, RecordOptions record_options, bool yes, bool json_wanted) {
@@ -116,7 +120,9 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
   finish_killed_change(config);
   InForce now;
   if (!hand_eye_in_force(config, now, exit_status)) return exit_status;
-  if (now.id.view() != solution.record.id && now.id.view() != solution.verified->before_id) {
+  // Kept again with another end, the same numbers have the id with a number behind a dot.
+  if (now.id.view().substr(0, now.id.view().find('.')) != solution.record.id &&
+      now.id.view() != solution.verified->before_id) {
     complain(fmt::format("{} is in force now, and it was verified against {}; next: slabctl calibrate verify",
                          now.id.empty() ? std::string_view("nothing") : now.id.view(),
                          solution.verified->before_id.empty() ? "nothing" : solution.verified->before_id));
@@ -125,6 +131,14 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
   storage::CalibrationRecord record;
   if (record_options.operator_name.empty()) record_options.operator_name = session->settings().operator_name;
   record_options.describe(config, record, session->oldest_utime_us());
+  // Each time they are applied they would be as young as that day.
+  if (session->oldest_utime_us() > record.created_utime_us + kClockSlack_us) {
+    complain(fmt::format(
+        "the oldest view was captured at {}, a time to come: how old this calibration is cannot be told; if the clock "
+        "is behind, set it; if it was ahead when the views were captured, capture them again",
+        iso_time(session->oldest_utime_us())));
+    return kRefused;
+  }
   record.numbers = solution.record.numbers;
   record.observations = observations_text(*session);
   record.certificate = session->certificate_text();

@@ -289,15 +289,22 @@ int show_trend(const CheckOptions& options, const daemon::Config& config, storag
 
 // ---- the commands ------------------------------------------------------------------------------------------------
 
-/// A scan is one look at the artefact: judged twice it says nothing new. Adds what identifies it to `source`; false:
-/// it was judged before (printed).
+/// What identifies a scan wherever its file lies: the beginning of its source.
+Result<std::string> mark_of(const std::string& scan) {
+  const Result<FileDigest> digest = digest_of(scan);
+  if (!digest.ok()) return digest.error();
+  return fmt::format("sha256 {} ", digest.value().sha256.substr(0, 16));
+}
+
+/// A scan is one look at the artefact: judged twice it says nothing new, and held against itself nothing at all. Adds
+/// what identifies it to `source`; false: it was judged before, or the ball's place is from it (printed).
 bool is_new(const CheckOptions& options, storage::Reader& reader, std::string& source, int& exit_status) {
   constexpr std::size_t kLookBack = 10'000;
   if (options.look.live) return true;
   if (options.slab.empty()) {
-    const Result<FileDigest> digest = digest_of(options.scan);
-    if (!digest.ok()) return failed(digest.error(), exit_status);
-    source = fmt::format("sha256 {} {}", digest.value().sha256.substr(0, 16), source);
+    const Result<std::string> mark = mark_of(options.scan);
+    if (!mark.ok()) return failed(mark.error(), exit_status);
+    source = mark.value() + source;
   }
   // A file is known by what is in it, wherever it lies; a station of a slab by its name, whole: station 1 is not 12.
   const std::size_t digest_end = std::string_view("sha256 0123456789abcdef ").size();
@@ -305,6 +312,15 @@ bool is_new(const CheckOptions& options, storage::Reader& reader, std::string& s
     return options.slab.empty() ? other.substr(0, digest_end) == source.substr(0, digest_end) : other == source;
   };
   const CalibrationKind kind = options.ball ? CalibrationKind::monitor_ball : CalibrationKind::reference_block;
+  const auto reference = reader.current(kind);
+  if (!reference.ok()) return failed(reference.error(), exit_status);
+  if (options.ball && reference.value() &&
+      reference.value()->observations.find("scan " + source.substr(0, digest_end)) != std::string::npos) {
+    complain(fmt::format("{} has its place from this scan; a check needs a scan of its own: take a new one",
+                         reference.value()->id));
+    exit_status = kRefused;
+    return false;
+  }
   const auto checks = reader.checks(kLookBack);
   if (!checks.ok()) return failed(checks.error(), exit_status);
   for (const CalibrationCheck& check : checks.value()) {
@@ -476,6 +492,14 @@ int take_reference(const ReferenceOptions& options) {
     if (!hand_eye_in_force(reader.get(), config, hand_eye_id, X, exit_status) ||
         !look_at_ball(config, look, X, seen, exit_status))
       return exit_status;
+    if (!look.live) {
+      const Result<std::string> mark = mark_of(look.scan);
+      if (!mark.ok()) {
+        failed(mark.error(), exit_status);
+        return exit_status;
+      }
+      seen.source = mark.value() + seen.source;
+    }
     const Vec3& p = seen.p_base_mm;
     record.numbers = MonitorBall{p, look.radius_mm, options.limit_mm};
     record.observations = ball_observations(seen, hand_eye_id.view());

@@ -69,9 +69,12 @@ Kept keep_record(const daemon::Config& config, const RecordOptions& options, con
                  int& exit_status) {
   Kept kept;
   if (record.expires_utime_us != 0 && record.expires_utime_us <= wall_clock_us()) {
-    complain(fmt::format("{} may be used until {}, counted from when it was measured: expired; calibrate again",
-                         record.kind() == CalibrationKind::stations ? "what these visits give" : "this calibration",
-                         iso_time(record.expires_utime_us)));
+    complain(
+        fmt::format("{} may be used until {}, counted from the oldest {}: expired; calibrate again, or, if the clock "
+                    "was wrong when "
+                    "that one was taken, leave it out and solve again",
+                    record.kind() == CalibrationKind::stations ? "what these visits give" : "this calibration",
+                    iso_time(record.expires_utime_us), record.kind() == CalibrationKind::stations ? "scan" : "view"));
     exit_status = kRefused;
     return kept;
   }

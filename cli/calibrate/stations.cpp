@@ -244,6 +244,16 @@ void print_solution(const Work& work, const calib::StationsSolution& s) {
         work.hand_eye.id, s.mount_mm, deg_from_rad(s.mount_rad));
 }
 
+/// Solved again, the visits were made at the temperature they were made at.
+bool is_their_temperature(const Options& options, const Work& work) {
+  const double given_c = options.record.temperature_c;
+  if (!options.again || !has_value(given_c) || !has_value(work.temperature_c) || given_c == work.temperature_c)
+    return true;
+  complain(fmt::format("--temperature {}: the visits that are solved again were made at {} deg C, as they say", given_c,
+                       work.temperature_c));
+  return false;
+}
+
 /// The robot takes up what the slab has grown by since it was certified, as if it erred by it.
 void warn_of_temperature(const Options& options, const Work& work) {
   constexpr double kExpansion_per_K = 1e-5;  // concrete and steel
@@ -288,6 +298,7 @@ int calibrate_stations(const Options& options) {
   if (!open_records(config, reader, exit_status)) return exit_status;
   Work work;
   if (!gather(options, reader.get(), work, exit_status)) return exit_status;
+  if (!is_their_temperature(options, work)) return kUsage;
   calib::StationSettings settings = options.settings;
   settings.gate_mm = config.splice.gate_mm;
   settings.gate_rad = config.splice.gate_rad;

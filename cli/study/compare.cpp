@@ -23,6 +23,10 @@ std::string where(const ThingKey& key) {
   return key.block == 0 ? key.id : fmt::format("{} block {}", key.id, key.block);
 }
 
+/// Errors that differ by less, of their size or of one unit, differ by what decimal figures lose in a machine: tables
+/// have no more than six decimals.
+constexpr double kSameErrors = 1e-9;
+
 void judge_item(CompareItem& item) {
   if (!has_value(item.allowed)) return;
   item.judgement = Judgement::undecided;
@@ -32,7 +36,7 @@ void judge_item(CompareItem& item) {
   } else if (item.missing > 0) {
     // What is hard to measure may also be what is measured wrong.
     item.reason = fmt::format("{} of {} not measured", item.missing, item.missing + item.pairs.size());
-  } else if (item.errors.std == 0.0) {
+  } else if (item.errors.std <= kSameErrors * std::fmax(item.errors.max_abs, 1.0)) {
     item.reason = "all errors are the same: coarse figures, or one table copied";
   } else if (!has_value(item.limits.lower.low)) {
     item.reason = fmt::format("too few: {} pairs", item.pairs.size());

@@ -3,6 +3,7 @@
 // The calibration routine as a new user goes through it, in processes: new, capture, solve, verify, apply. Then the
 // same with kill -9 at any moment, and every wrong turn: each must say what to do next.
 #include <fcntl.h>
+#include <fmt/core.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <unistd.h>
@@ -695,6 +696,19 @@ TEST_F(CalibrateSession, an_old_calibration_is_not_revived_by_applying_it_again)
   const json history = json::parse(run("calibrate history --json --config " + file("a/slabd.toml")).out);
   EXPECT_EQ(history["records"].size(), 1U);
   EXPECT_EQ(history["records"][0]["robot_serial"], "KR-1");
+  // With another end it is kept once more, and may be given again like any other.
+  for (int i = 0; i < 2; ++i) EXPECT_EQ(run("calibrate apply --valid-days 14600").status, 0);
+  EXPECT_TRUE(in_force("a").id.ends_with(".2")) << in_force("a").id;
+  // Views from a time to come say nothing about their age: each time they would be as young as the day.
+  for (int i = 1; i <= 10; ++i) {
+    const std::string one = fmt::format("a/calibration/hall/views/{:03}/view.txt", i);
+    auto from_then = calib::parse_view(content(file(one)), "view.txt");
+    ASSERT_TRUE(from_then.ok());
+    from_then.value().captured = "2090-01-02T00:00:00Z";
+    ASSERT_FALSE(write(one, calib::view_text(from_then.value())).empty());
+  }
+  const Ended to_come = run("calibrate apply --valid-days 100");
+  expect_next(to_come, 6, "2090-01-02T00:00:00Z, a time to come");
 }
 
 TEST_F(CalibrateSession, a_certificate_that_was_changed_after_the_beginning_is_not_used) {
@@ -730,6 +744,9 @@ TEST_F(CalibrateSession, a_session_is_applied_to_its_own_line_only) {
   // Another file about the same database is the same line.
   fs::copy_file(file("a/slabd.toml"), file("a/copy.toml"));
   expect_next(run("calibrate apply --session " + file("a/calibration/hall") + " --config " + file("a/copy.toml")), 0,
+              "is in force");
+  fs::create_directory_symlink(file("a"), file("by"));
+  expect_next(run("calibrate apply --session " + file("a/calibration/hall") + " --config " + file("by/copy.toml")), 0,
               "is in force");
   expect_next(run(elsewhere + " --yes"), 0, "is in force");
   EXPECT_EQ(in_force("b").id, in_force("a").id);

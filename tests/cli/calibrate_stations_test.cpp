@@ -113,6 +113,9 @@ TEST_F(CalibrateStations, solved_again_they_hold_no_longer_than_before) {
   ASSERT_EQ(first.status, 0) << first.err;
   storage::CalibrationRecord record = in_force(CalibrationKind::stations, 5600);
   ASSERT_EQ(adopt("0.06").status, 0);
+  const Ended warmer = slabctl("calibrate stations --again --apply --temperature 29");
+  EXPECT_EQ(warmer.status, 2) << warmer.out;
+  expect_mentions(warmer.err, "--temperature 29: the visits that are solved again were made at 21 deg C");
   const Ended again = slabctl("calibrate stations --again --apply --valid-days 3650");
   ASSERT_EQ(again.status, 0) << again.err;
   const storage::CalibrationRecord second = in_force(CalibrationKind::stations, 5600);

@@ -68,6 +68,10 @@ TEST_F(MonitorBallTest, within_its_limit_passes_a_drift_is_flagged_and_more_fail
   expect_mentions(drifted.err, "allowed are 0.100 mm");
   expect_mentions(drifted.err, "fault 503");
   expect_mentions(drifted.err, "check again from the same pose");
+  // The scan that the ball's place is from would find it there whatever happened since.
+  const Ended itself = check(file("first") + "/view_01.ply");
+  EXPECT_EQ(itself.status, 6) << itself.out;
+  expect_mentions(itself.err, "has its place from this scan; a check needs a scan of its own");
 
   const Ended trend = calibrate("check");
   EXPECT_EQ(trend.status, 0) << trend.err;
@@ -95,7 +99,7 @@ TEST_F(MonitorBallTest, a_ball_that_cannot_be_judged_is_refused_and_no_check) {
 
 TEST_F(MonitorBallTest, another_pose_of_the_robot_is_named) {
   take_into_use();
-  const Ended moved = calibrate("check " + scan("good", 0.0) + " --ball --flange '1500 200 900 0 1 0 0'");
+  const Ended moved = calibrate("check " + scan("good", 0.0, "", 8) + " --ball --flange '1500 200 900 0 1 0 0'");
   EXPECT_EQ(moved.status, 6);
   expect_mentions(moved.err, "look from the same pose");
   expect_mentions(moved.err, "no drift; wrong pose given");

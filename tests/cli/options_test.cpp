@@ -41,7 +41,7 @@ TEST(Options, no_decimal_number_may_be_nan_or_infinite) {
   visit(app, "slabctl", [&](const std::string& path, CLI::Option& option) {
     if (!option.get_type_name().starts_with("FLOAT")) return;
     ++numbers;
-    for (const char* text : {"nan", "-nan", "NAN", "inf", "-inf", "1e999", ""})
+    for (const char* text : {"nan", "-nan", "NAN", "inf", "-inf", "1e999", "0x19", "0x1p-5", ""})
       EXPECT_NE(refusal(option, text), "") << path << " takes '" << text << "'";
   });
   EXPECT_GT(numbers, 60) << "the tree is not seen whole";

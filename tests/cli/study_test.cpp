@@ -491,6 +491,15 @@ TEST_F(StudyTest, compare_of_two_tables_gives_errors_limits_and_line) {
   const Ended copied = run("study compare " + measured + " --values " + measured + " --max-error jaw_distance=1");
   EXPECT_EQ(copied.status, 1) << copied.out;
   expect_mentions(copied.out, "undecided: all errors are the same");
+  // Nor is one that was made of the other by adding five hundredths, of which no machine number is.
+  std::string apart = "id,block,item,value,U\n";
+  for (int i = 0; i < 6; ++i)
+    apart += "S" + std::to_string(i) + "," + std::to_string(i + 1) + ",jaw_distance," +
+             std::to_string(379.55 + 0.2 * i) + ",0.05\n";
+  const Ended shifted =
+      run("study compare " + measured + " --values " + write("apart.csv", apart) + " --max-error jaw_distance=1");
+  EXPECT_EQ(shifted.status, 1) << shifted.out;
+  expect_mentions(shifted.out, "undecided: all errors are the same");
 }
 
 TEST_F(StudyTest, compare_refuses_a_name_of_two_slabs_and_two_names_of_one) {
