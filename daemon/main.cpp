@@ -120,9 +120,9 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
 /// The scanner's thread is in a call that nobody can end (a network share that hangs), and would be waited for. Every
 /// record that was promised is durable; as with a kill, everything durable stays. The service manager starts slabd
 /// again where it was not told to stop.
-[[noreturn]] void leave_without_scanner(hal::ServiceNotify& notify) {
+[[noreturn]] void leave_without_scanner(hal::ServiceNotify& notify, const hal::ScannerText& why) {
   notify.stopping();
-  std::fprintf(stderr, "info: slabd: stopped while the scanner's drop folder did not answer\n");
+  std::fprintf(stderr, "info: slabd: stopped while the scanner's thread hung: %s\n", why.c_str());
   std::fflush(nullptr);
   std::_Exit(g_stop ? 0 : kExitUnreachable);
 }
@@ -244,7 +244,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     again = loop.run(g_stop, patience_ns, [headroom_bytes] {
       if (headroom_bytes != 0) seal(headroom_bytes);
     });
-    if (!loop.scanner_comes_back()) leave_without_scanner(*notify);
+    if (!loop.scanner_comes_back()) leave_without_scanner(*notify, scanner->trouble());
   }
   std::fprintf(stderr, "info: slabd: stopped\n");
   return 0;

@@ -355,8 +355,9 @@ Code code_of_hang(const Station& s) {
   return s.links.spool_hangs ? Code::journal_write : Code::scanner_offline;
 }
 const char* why_it_hangs(const Station& s) {
-  return s.links.spool_hangs ? "the scanner's worker hangs while it stores a scan: look at the disk of the spool"
-                             : "the scanner's worker hangs, most likely in a network share";
+  return s.links.spool_hangs
+             ? "the scanner's worker hangs while it stores a scan: look at the disk of the spool"
+             : "the scanner's worker hangs, most likely in a network share or on the way from there to the spool";
 }
 
 void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions) {

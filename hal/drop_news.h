@@ -9,8 +9,7 @@
 
 #include "hal/hal.h"
 
-/// What the thread that works in a drop directory lets others know: whether it is stuck in there, and lines for the
-/// log.
+/// What the thread that takes scans lets others know: whether it is stuck in a folder, and lines for the log.
 namespace slabd::hal {
 
 /// Says of a thread that it has been in the operating system for too long. On a network share any call may hang for as
@@ -31,6 +30,8 @@ class HangWatch {
   static constexpr std::int64_t kLookNs = 3 * kNsPerS;
   /// Reading 60 MB, or storing them: 2 s on a share at full 1 Gbit/s, and a disk may be slow too.
   static constexpr std::int64_t kTakeNs = 10 * kNsPerS;
+  /// Of storing behind a reading that took nearly all of that.
+  static constexpr std::int64_t kStoreMinNs = 2 * kNsPerS;
 
   explicit HangWatch(const Clock& clock) : clock_(clock) {}
 
@@ -61,6 +62,13 @@ class HangWatch {
   std::atomic<Place> place_ = Place::drop_folder;
   std::atomic<std::int64_t> until_ns_ = kOutside;
 };
+
+[[nodiscard]] inline ScannerText spool_hang_text(const HangWatch::Hang& hang) {
+  ScannerText text;
+  text.printf("the spool has been storing a scan for %lld s; look at the disk of storage.spool_dir",
+              static_cast<long long>(hang.ns / kNsPerS));
+  return text;
+}
 
 /// Lines from one thread that another one writes to the log: at once as long as they are few, then one a second, and
 /// what is too much as one line that counts it. No heap.

@@ -132,6 +132,8 @@ class RtuSlave final : public PlcPort {
 
   void open_line() {
     replies_without_echo_ = 0;
+    has_echoed_ = false;
+    echo_next_ = false;
     reopen_ns_ = now_ns_ + kReopenNs;
     Fd fd(open(settings_.device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
     if (!fd.is_open()) {
@@ -284,7 +286,8 @@ class RtuSlave final : public PlcPort {
       return bytes_ == 0;
     }
     echo_next_ = false;
-    if (!reply_is_request_) replies_without_echo_ = std::min(replies_without_echo_ + 1, kRepliesToBeSure);
+    if (!reply_is_request_ && !has_echoed_)
+      replies_without_echo_ = std::min(replies_without_echo_ + 1, kRepliesToBeSure);
     return false;
   }
   /// The reply left so lately that it may still come back, and has not yet, on an adapter that may do so.
@@ -298,6 +301,8 @@ class RtuSlave final : public PlcPort {
                                          echo_.begin() + static_cast<std::ptrdiff_t>(echo_bytes_));
   }
   void note_echo() {
+    // Whoever echoes does so always: what misses from now on came late, behind a pause of ours.
+    if (!reply_is_request_) has_echoed_ = true;
     if (!reply_is_request_) replies_without_echo_ = 0;
     echo_bytes_ = 0;
     echo_next_ = false;
@@ -318,6 +323,7 @@ class RtuSlave final : public PlcPort {
   std::int64_t echo_until_ns_ = 0;
   bool reply_is_request_ = false;  ///< the last reply was to FC 6
   int replies_without_echo_ = 0;   ///< in a row, on this line
+  bool has_echoed_ = false;        ///< a reply came back, on this line
   std::uint32_t command_writes_ = 0;
 
   RegisterBank bank_;

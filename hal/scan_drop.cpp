@@ -133,9 +133,7 @@ class ScanDrop final : public ScannerPort {
           text.printf("%s has not answered for %lld s; if it is a network share, look at its server and mount options",
                       settings_.drop_dir.c_str(), seconds);
           break;
-        case HangWatch::Place::spool:
-          text.printf("the spool has been storing a scan for %lld s; look at the disk of storage.spool_dir", seconds);
-          break;
+        case HangWatch::Place::spool: return spool_hang_text(hang);
         case HangWatch::Place::copying:
           text.printf(
               "a scan has been on its way from %s to the spool for %lld s; look at the share's server and at "
@@ -366,8 +364,13 @@ class ScanDrop final : public ScannerPort {
       if (!found) return found.error();
       if (found.value()) return *found.value();
       if (clock_.mono_ns() >= deadline_ns) {
-        // Reading it will say what is missing.
-        if (const QuietWatch::Watched* begun = find_begun(stem)) return Answer{begun->entry, begun->since_ns};
+        // Reading it will say what is missing. Of any name it stays where it is: it is waited for, and moved when it is
+        // whole, or its writer would go on in stray/ and the next request wait for an answer that never comes.
+        if (const QuietWatch::Watched* begun = find_begun(stem)) {
+          if (!settings_.any_name) return Answer{begun->entry, begun->since_ns};
+          return error(Code::frame_incomplete, "%s/inbox/%.120s: not whole within %.1f s: bytes are missing",
+                       settings_.drop_dir.c_str(), begun->entry.name.c_str(), ms_from_ns(timeout_ns) / 1e3);
+        }
         return error(Code::trigger_timeout, "no answer to request %.*s within %.1f s", static_cast<int>(stem.size()),
                      stem.data(), ms_from_ns(timeout_ns) / 1e3);
       }
@@ -495,8 +498,10 @@ class ScanDrop final : public ScannerPort {
                    scan.shape.finite, scan.shape.points, request.points_min);
     scan.read_ms = ms_from_ns(clock_.mono_ns() - begin_ns);
     decoded(scan);
-    // From here on it is the disk that takes its time, and has a patience of its own.
-    hang_.enter(HangWatch::kTakeNs, folders_.on_network() ? HangWatch::Place::copying : HangWatch::Place::spool);
+    // From here on it is the disk that takes its time. One patience for both: the PLC waits no longer for two.
+    const std::int64_t left_ns = HangWatch::kTakeNs - (clock_.mono_ns() - begin_ns);
+    hang_.enter(std::max(left_ns, HangWatch::kStoreMinNs),
+                folders_.on_network() ? HangWatch::Place::copying : HangWatch::Place::spool);
     if (Status status = spool_file(fd.get(), folders_.inbox_fd(), answer.entry.name.c_str(), scan.path); !status)
       return status.error();
     // Whoever had it open before it was moved writes on all the same. What was copied from a share may be gone there.

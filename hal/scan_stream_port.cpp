@@ -11,6 +11,7 @@
 #include <mutex>
 #include <optional>
 
+#include "hal/drop_news.h"
 #include "hal/hal.h"
 #include "hal/os.h"
 #include "hal/scan_request.h"
@@ -24,7 +25,8 @@
 //   - points count only for the request that their header names, and only when all checksums hold;
 //   - the file in the spool holds the very floats that were decoded, converted to mm;
 //   - one sender: another address is turned away while the first one is connected;
-//   - nothing waits longer than the request's timeout, and a silent sender no longer than kStallNs.
+//   - nothing waits longer than the request's timeout, and a silent sender no longer than kStallNs. But for the spool's
+//     disk: what this thread writes there may take as long as the disk does, so it leaves word (HangWatch).
 namespace slabd::hal {
 namespace {
 
@@ -58,15 +60,19 @@ void prepare_sender(int fd) {
 
 class StreamPort final : public ScanStreamPort {
  public:
-  StreamPort(const ScanStreamSettings& settings, const Clock& clock) : settings_(settings), clock_(clock) {
+  StreamPort(const ScanStreamSettings& settings, const Clock& clock)
+      : settings_(settings), clock_(clock), hang_(clock) {
     say("no gateway has connected yet");
     listen_if_needed();
   }
 
   std::uint16_t bound_port() const override { return bound_port_; }
-  bool online() const override { return online_; }
+  bool online() const override { return online_ && !hangs(); }
+  bool hangs() const override { return hang_.hang().ns != 0; }
+  bool spool_hangs() const override { return hangs(); }
   std::uint64_t stray_files() const override { return strays_; }
   ScannerText trouble() const override {
+    if (const HangWatch::Hang hang = hang_.hang(); hang.ns != 0) return spool_hang_text(hang);
     const std::lock_guard lock(mutex_);
     return trouble_;
   }
@@ -286,7 +292,10 @@ class StreamPort final : public ScanStreamPort {
         return success();
       }
       if (job.decoder.starts() != starts || job.begin_ns == 0) note_header(job);
-      if (const Status stored = store(job); !stored) return stored;
+      hang_.enter(HangWatch::kTakeNs, HangWatch::Place::spool);
+      const Status stored = store(job);
+      hang_.leave();
+      if (!stored) return stored;
     }
     return success();
   }
@@ -327,7 +336,10 @@ class StreamPort final : public ScanStreamPort {
                    job.scan.shape.points, job.request.points_min);
     job.scan.read_ms = ms_from_ns(clock_.mono_ns() - job.begin_ns);
     decoded(job.scan);
-    if (Status status = job.file.finish(); !status) return status.error();
+    hang_.enter(HangWatch::kTakeNs, HangWatch::Place::spool);
+    const Status status = job.file.finish();
+    hang_.leave();
+    if (!status) return status.error();
     return job.scan;
   }
 
@@ -368,6 +380,7 @@ class StreamPort final : public ScanStreamPort {
   std::atomic<std::uint16_t> bound_port_ = 0;
   std::atomic<bool> online_ = false;
   std::atomic<std::uint64_t> strays_ = 0;
+  HangWatch hang_;
   mutable std::mutex mutex_;
   ScannerText trouble_;
 };

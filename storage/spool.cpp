@@ -5,9 +5,11 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <charconv>
 #include <cstring>
 #include <filesystem>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "storage/folders.h"
@@ -46,6 +48,20 @@ bool is_scan_name(const std::string& name) {
   return dot < name.size() && name[dot] == '.';
 }
 
+namespace {
+
+/// Station and attempt, which a scan's name begins with.
+using Attempted = std::pair<std::int64_t, std::int64_t>;
+Attempted attempted(const std::string& name) {
+  Attempted of = {0, 0};
+  const char* end = name.data() + name.size();
+  const auto [dash, fault] = std::from_chars(name.data(), end, of.first);
+  if (fault != std::errc{} || dash == end || std::from_chars(dash + 1, end, of.second).ec != std::errc{}) return {0, 0};
+  return of;
+}
+
+}  // namespace
+
 Spool::Spool(Connection& db, std::string spool_dir, std::uint64_t budget_bytes)
     : db_(db),
       spool_dir_(without_end_slash(std::move(spool_dir))),
@@ -74,7 +90,7 @@ Spool::Spool(Connection& db, std::string spool_dir, std::uint64_t budget_bytes)
                     "UPDATE attempt SET scan_state = 'deleted' WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
       newest_slab_(
           db, "SELECT slab_key, began_utime_us, (SELECT keys_used FROM line) FROM slab ORDER BY slab_key DESC LIMIT 1"),
-      scan_paths_(db, "SELECT scan_path FROM attempt WHERE slab_key = ?1") {}
+      scan_paths_(db, "SELECT scan_path, station, attempt FROM attempt WHERE slab_key = ?1") {}
 
 Statement& Spool::below(Statement& statement) const {
   return statement.bind(1, std::string_view(first_path_)).bind(2, std::string_view(end_path_));
@@ -158,21 +174,38 @@ Status Spool::drop_orphans() {
   if (may_be_a_lost_ones || is_pinned(slab_key)) return success();
   // Names, not whole paths: the spool may be known by another path today than when the scan was recorded.
   std::set<std::string> recorded;
+  std::set<Attempted> attempts;
   scan_paths_.bind(1, slab_key);
-  while (scan_paths_.step()) recorded.insert(std::filesystem::path(scan_paths_.text(0)).filename().string());
+  while (scan_paths_.step()) {
+    recorded.insert(std::filesystem::path(scan_paths_.text(0)).filename().string());
+    attempts.insert({scan_paths_.integer(1), scan_paths_.integer(2)});
+  }
 
   const std::string folder = spool_dir_ + "/" + std::to_string(slab_key);
   std::error_code ec;
   if (!std::filesystem::is_directory(std::filesystem::symlink_status(folder, ec))) return success();
   Status status = success();
+  int unknown = 0;
   for (std::filesystem::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec)) {
     const std::string name = entry->path().filename().string();
     const std::string path = folder + "/" + name;
     if (!is_scan_name(name) || recorded.contains(name) || !came_after(path, began_utime_us)) continue;
+    // A scan that was under way has its attempt by now. One of an attempt that nobody began here is of a newer
+    // database.
+    if (!name.ends_with(".part") && !attempts.contains(attempted(name))) {
+      ++unknown;
+      continue;
+    }
     if (unlink(path.c_str()) != 0 && errno != ENOENT)
       status = error(Code::journal_write, "scan %s, which no record names, cannot be deleted: %s", path.c_str(),
                      std::strerror(errno));
   }
+  if (unknown > 0 && status.ok())
+    status =
+        error(Code::journal_write,
+              "%s holds %d scans of attempts that this database does not know: was an older one put in place while "
+              "that slab was measured? They are kept",
+              folder.c_str(), unknown);
   return status;
 }
 

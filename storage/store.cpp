@@ -208,9 +208,12 @@ class SqliteStore final : public Store {
     if (looks_to_place_ == 0) (void)look_at_place();
     if (quiet_looks_ < kQuietLooks && ++quiet_looks_ < kQuietLooks) return;
     // Whatever hinders it: pruning, trimming and the checkpoint may be what makes room.
-    if (settle()) back_up_a_piece();
-    if (!trouble_.empty())
-      return;  // nothing is taken away on the word of a database that the next start would not find
+    if (settle() || !open_) back_up_a_piece();  // what cannot be opened cannot be copied, and whoever waits is told
+    if (!trouble_.empty()) {
+      // Nothing is taken away on the word of a database that the next start would not find.
+      refuse_to_prune();
+      return;
+    }
     prune_one();
     if (trim_due_) trim_spool();
     if (!log_holds_commits_ || !open_) return;
@@ -340,6 +343,13 @@ class SqliteStore final : public Store {
     if (!status.ok()) care_.prune_error = status.error().text.view();
   }
 
+  void refuse_to_prune() {
+    const std::lock_guard lock(care_mutex_);
+    if (care_.prune != CareState::Phase::under_way) return;
+    care_.prune = CareState::Phase::failed;
+    care_.prune_error = trouble_.view();
+  }
+
   Status reopen() {
     if (open_) return success();
     if (!lock_) {
@@ -392,6 +402,7 @@ class SqliteStore final : public Store {
   /// only copy, and a backup is made from it.
   Status look_at_place() {
     looks_to_place_ = kLooksAtPlace;
+    if (!open_ && file_ && !trouble_.empty() && file_id(settings_.db_path) != file_) return success();
     trouble_.clear();
     if (!open_ || !file_) return success();  // reopen() looks by itself
     const std::string log = settings_.db_path + "-wal";

@@ -259,19 +259,19 @@ TEST_F(ScanDropTest, a_disk_that_does_not_take_the_scan_is_told_as_the_spools_an
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
   std::atomic<bool> points_are_there = false;
   on_decoded_ = [&](const AcquiredScan&) {
-    stepped.now_ns += 9 * kNsPerS;  // reading took most of its patience; storing has its own
+    stepped.now_ns += 9 * kNsPerS;  // reading took most of the patience; the PLC has none for another ten seconds
     points_are_there = true;
   };
   std::thread watcher([&] {
     wait_until([&] { return points_are_there.load(); });
     wait_ms(50);
-    stepped.now_ns += 9 * kNsPerS;
+    stepped.now_ns += HangWatch::kStoreMinNs - kNsPerS / 2;
     EXPECT_FALSE(scanner_->hangs());
-    stepped.now_ns += kNsPerS;
+    stepped.now_ns += kNsPerS / 2;
     EXPECT_TRUE(scanner_->hangs());
     EXPECT_TRUE(scanner_->spool_hangs());
     EXPECT_EQ(scanner_->trouble().view(),
-              "the spool has been storing a scan for 10 s; look at the disk of storage.spool_dir");
+              "the spool has been storing a scan for 2 s; look at the disk of storage.spool_dir");
     std::ifstream(pipe).ignore(std::numeric_limits<std::streamsize>::max());
   });
   const auto result = acquire(request(), [&] {
@@ -372,6 +372,28 @@ TEST_F(ScanDropAnyNameTest, the_late_answer_to_a_request_that_was_given_up_is_ne
   });
   const auto next = acquire(request(4), [&] { drop_scan("fresh.ply", 5.0F); });
   scanner_that_was_slow.join();
+  ASSERT_TRUE(next.ok()) << next.error().text.c_str();
+  EXPECT_EQ(xyz_[2], 5.0F);
+  EXPECT_TRUE(fs::exists(stray("late.ply")));
+}
+
+TEST_F(ScanDropAnyNameTest, an_answer_that_is_still_written_at_the_deadline_ends_the_wait_when_it_is_whole) {
+  const auto cut = acquire(request(3, 400), [&] {
+    drop_scan("late.ply", 9.0F);
+    fs::copy_file(inbox("late.ply"), folder_ / "whole.ply");
+    fs::resize_file(inbox("late.ply"), 1000);
+  });
+  ASSERT_FALSE(cut.ok());
+  EXPECT_EQ(cut.error().code, Code::frame_incomplete);
+  std::thread scanner_that_is_slow([&] {
+    wait_ms(300);
+    std::ifstream rest(folder_ / "whole.ply", std::ios::binary);
+    rest.seekg(1000);
+    std::ofstream(inbox("late.ply"), std::ios::binary | std::ios::app) << rest.rdbuf();
+  });
+  // It is shorter than the wait for an answer that never comes.
+  const auto next = acquire(request(4, 8'000), [&] { drop_scan("fresh.ply", 5.0F); });
+  scanner_that_is_slow.join();
   ASSERT_TRUE(next.ok()) << next.error().text.c_str();
   EXPECT_EQ(xyz_[2], 5.0F);
   EXPECT_TRUE(fs::exists(stray("late.ply")));

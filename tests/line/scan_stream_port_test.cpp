@@ -3,12 +3,14 @@
 #include <netinet/in.h>
 #include <signal.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <cmath>
 #include <fstream>
 #include <functional>
+#include <limits>
 #include <thread>
 #include <vector>
 
@@ -37,6 +39,13 @@ std::vector<float> points(float z) {
   xyz[30] = std::nanf("");
   return xyz;
 }
+
+class SteppedClock final : public Clock {
+ public:
+  [[nodiscard]] std::int64_t mono_ns() const override { return now_ns; }
+  [[nodiscard]] std::int64_t utime_us() const override { return now_ns / kNsPerUs; }
+  std::atomic<std::int64_t> now_ns = kNsPerS;
+};
 
 class ScanStreamPortTest : public testing::Test {
  protected:
@@ -142,6 +151,38 @@ TEST_F(ScanStreamPortTest, a_scan_is_measured_from_the_bytes_that_lie_in_the_spo
   ASSERT_TRUE(read.ok()) << read.error().text.c_str();
   EXPECT_EQ(read.value().finite, kPoints - 1);
   EXPECT_EQ(std::memcmp(again.data(), xyz_.data(), 12 * kPoints), 0);
+}
+
+TEST_F(ScanStreamPortTest, a_disk_that_does_not_take_the_scan_is_told_while_it_does_not) {
+  auto stepped = std::make_unique<SteppedClock>();
+  SteppedClock& clock = *stepped;
+  port_.reset();
+  clock_ = std::move(stepped);
+  open("127.0.0.0/8");
+  // A pipe in the file's place keeps whoever opens it waiting.
+  fs::create_directories(folder_ / "spool/1");
+  const std::string pipe = folder_ / "spool/1/04-1.ply.part";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  std::thread watcher([&] {
+    for (int i = 0; i < 1'000 && !port_->hangs(); ++i) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      clock.now_ns += kNsPerS;
+    }
+    EXPECT_TRUE(port_->hangs());
+    EXPECT_TRUE(port_->spool_hangs());
+    EXPECT_FALSE(port_->online());
+    EXPECT_EQ(port_->trouble().view(),
+              "the spool has been storing a scan for 10 s; look at the disk of storage.spool_dir");
+    std::ifstream(pipe).ignore(std::numeric_limits<std::streamsize>::max());
+  });
+  const auto result = acquire(request(3, 10'000'000), [](StreamGateway& g) {
+    static_cast<void>(g.answer(wait_for(g), points(5.0F), 0, 0, 99));
+  });
+  watcher.join();
+  ASSERT_FALSE(result.ok()) << "a pipe is no disk";
+  EXPECT_EQ(result.error().code, Code::journal_write);
+  EXPECT_FALSE(port_->hangs());
+  EXPECT_TRUE(port_->online());
 }
 
 TEST_F(ScanStreamPortTest, a_scan_goes_on_where_its_connection_was_cut) {

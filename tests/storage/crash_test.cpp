@@ -279,6 +279,11 @@ TEST_F(TakenAwayTest, is_found_without_a_job_and_what_is_open_can_be_saved) {
   acquire(1, 2, 1);
   for (const char* side : {"", "-wal", "-shm"}) std::filesystem::remove(settings_.db_path + side);
   EXPECT_NE(idle_trouble().find("slabctl db backup"), std::string::npos);
+  // Nothing is taken away on its word, and whoever ordered that is told.
+  ASSERT_TRUE(store_->order(PruneOrder{1000, {}}).ok());
+  store_->idle();
+  EXPECT_EQ(store_->care().prune, CareState::Phase::failed);
+  EXPECT_NE(store_->care().prune_error.find("slabctl db backup"), std::string::npos);
   // A job that was refused meanwhile is settled in the copy: the PLC was told that it failed.
   EXPECT_TRUE(is_refused(FailedAttemptJob{attempt(1, 3, 1), 205}));
   const std::string saved = folder_.path() + "/saved.db";

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <gmock/gmock.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -257,6 +258,20 @@ TEST_F(OrphanTest, scan_that_was_spooled_and_never_recorded_goes_at_the_next_sta
   for (const char* recorded : {"1-1.ply", "1-2.ply", "2-1.ply"})
     EXPECT_TRUE(std::filesystem::exists(settings_.spool_dir + "/1/" + recorded)) << recorded;
   EXPECT_EQ(store_->spool_trouble(), "");
+}
+
+TEST_F(OrphanTest, scans_of_the_same_slab_in_a_newer_database_are_kept_and_told) {
+  open();
+  begin_at(1);
+  scan(1, 1, 1);
+  accept(PlcCommand::scan, 2, 1);
+  const std::string under_way = scan_file(1, 2, 1, 1000);
+  // The slab went on from here, and this database is the copy that was made meanwhile.
+  const std::vector<std::string> later = {scan_file(1, 3, 1, 1000), scan_file(1, 1, 2, 1000)};
+  restart();
+  EXPECT_FALSE(std::filesystem::exists(under_way));
+  for (const std::string& path : later) EXPECT_TRUE(std::filesystem::exists(path)) << path;
+  EXPECT_THAT(std::string(store_->spool_trouble()), ::testing::HasSubstr("/1 holds 2 scans of attempts that this"));
 }
 
 TEST_F(OrphanTest, only_scans_in_the_newest_slabs_own_folder_are_judged) {
