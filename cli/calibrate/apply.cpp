@@ -123,9 +123,10 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
   // Kept again with another end, the same numbers have the id with a number behind a dot.
   if (now.id.view().substr(0, now.id.view().find('.')) != solution.record.id &&
       now.id.view() != solution.verified->before_id) {
-    complain(fmt::format("{} is in force now, and it was verified against {}; next: slabctl calibrate verify",
-                         now.id.empty() ? std::string_view("nothing") : now.id.view(),
-                         solution.verified->before_id.empty() ? "nothing" : solution.verified->before_id));
+    complain(fmt::format(
+        "{} is in force now, and it was verified against {}; next: slabctl calibrate verify --config {}",
+        now.id.empty() ? std::string_view("nothing") : now.id.view(),
+        solution.verified->before_id.empty() ? "nothing" : solution.verified->before_id, record_options.config));
     return kRefused;
   }
   storage::CalibrationRecord record;
@@ -242,7 +243,11 @@ bool may_replace(const daemon::Config& config, const Pose& after, std::string_vi
   if (!now.applied) return true;
   const Pose& before = now.T_flange_scanner;
   SeatShifts seats;
-  if (!find_seat_shifts(config, 0, before, after, seats, exit_status)) return false;
+  if (!find_seat_shifts(config, 0, before, after, seats, exit_status)) {
+    if (!yes) return false;
+    exit_status = kDone;  // wanted, whatever it changes
+    return true;
+  }
   const double turn_deg = deg_from_rad(angle_between_rad(before.rotation, after.rotation));
   const std::string change =
       fmt::format("{} is in force; with {} seats of {} move by up to {:.3f} mm, the scanner turns by {:.3f} deg",
@@ -357,6 +362,15 @@ void add_calibrate_apply(CLI::App& group, int& exit_status) {
     known.why = options->record.why;
     if (known.why.empty()) {
       complain("say why, for the history: --why \"...\"");
+      exit_status = kUsage;
+      return;
+    }
+    const RecordOptions& given = options->record;
+    if (!given.robot_serial.empty() || !given.scanner_serial.empty() || has_value(given.temperature_c) ||
+        given.valid_days >= 0) {
+      complain(
+          "a kept record says what it says: no --robot-serial, --scanner-serial, --temperature or --valid-days "
+          "with ID");
       exit_status = kUsage;
       return;
     }

@@ -19,8 +19,8 @@ bool find_seat_shifts(const daemon::Config& config, std::uint16_t slab_type, con
   const auto recipe = std::find_if(recipes.begin(), recipes.end(),
                                    [&](const Recipe& r) { return slab_type == 0 || r.slab_type == slab_type; });
   if (recipe == recipes.end()) {
-    complain(fmt::format("no recipe of slab type {} in {}: what changes at the slab cannot be told", slab_type,
-                         config.recipes_dir));
+    complain(fmt::format("no recipe{} in {}: what changes at the slab cannot be told",
+                         slab_type == 0 ? "" : fmt::format(" of slab type {}", slab_type), config.recipes_dir));
     exit_status = kBadInput;
     return false;
   }

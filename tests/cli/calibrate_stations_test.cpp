@@ -190,6 +190,7 @@ TEST_F(CalibrateStations, a_scanner_tilted_about_what_it_sees_moves_no_seat_and_
   EXPECT_EQ(by_name.status, 6) << by_name.out;
   expect_mentions(by_name.err, before + " is in force; with " + id + " seats of slab type ");
   EXPECT_EQ(in_force(CalibrationKind::hand_eye).id, before);
+  EXPECT_EQ(slabctl("calibrate apply " + id + " --why tilted --yes --temperature 20").status, 2);
   ASSERT_EQ(slabctl("calibrate apply " + id + " --why tilted --yes").status, 0);
   EXPECT_EQ(in_force(CalibrationKind::hand_eye).id, id);
 }
