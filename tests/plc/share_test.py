@@ -206,7 +206,8 @@ class Test:
         began = time.monotonic()
         self.box.daemon.send_signal(signal.SIGTERM)
         # The process itself cannot end while the kernel holds its thread, but it is out of the line's way at once.
-        wait_for(lambda: "did not answer" in self.box.log() or self.box.daemon.poll() is not None, 15, "it to stop")
+        said = "stopped while the scanner's thread hung"
+        wait_for(lambda: said in self.box.log() or self.box.daemon.poll() is not None, 15, "it to stop")
         self.say(f"SIGTERM while it hangs: slabd leaves after {time.monotonic() - began:.1f} s")
         self.share.break_off()
         self.box.daemon.wait()
