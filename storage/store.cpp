@@ -208,7 +208,8 @@ class SqliteStore final : public Store {
     if (looks_to_place_ == 0) (void)look_at_place();
     if (quiet_looks_ < kQuietLooks && ++quiet_looks_ < kQuietLooks) return;
     // Whatever hinders it: pruning, trimming and the checkpoint may be what makes room.
-    if (settle() || !open_) back_up_a_piece();  // what cannot be opened cannot be copied, and whoever waits is told
+    // A file that was taken away and is not open any more cannot be copied, and whoever waits for it is told.
+    if (settle() || (!open_ && !trouble_.empty())) back_up_a_piece();
     if (!trouble_.empty()) {
       // Nothing is taken away on the word of a database that the next start would not find.
       refuse_to_prune();

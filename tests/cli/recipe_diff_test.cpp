@@ -163,6 +163,12 @@ TEST_F(RecipeDiff, verdicts_that_only_scans_can_tell_are_counted) {
   std::string without_budget = content(kRecipe);
   const std::size_t at = without_budget.find("[uncertainty]");
   without_budget.erase(at, without_budget.find("[items.seat_slope]") - at);
+  // What had its U from the budget alone needs one of its own.
+  for (const char* item : {"seat_lateral", "seat_vertical", "seat_spacing", "large_jaw_distance", "corner_level",
+                           "warp_left", "warp_right"}) {
+    const std::string header = std::string("[items.") + item + "]\n";
+    without_budget.insert(without_budget.find(header) + header.size(), "U = 0.2\n");
+  }
   const std::size_t U = without_budget.find("tolerance = 0.5\nU = 0.15");
   without_budget.replace(U, 24, "tolerance = 0.2\nU = 0.05");
   const Ended ended = run("recipe diff " + kRecipe + " " + write("b.toml", without_budget) + " --json --db " + db());
