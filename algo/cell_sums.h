@@ -22,7 +22,7 @@ struct alignas(64) CellSum {
   std::array<float, 2> ends = {std::numeric_limits<float>::infinity(), std::numeric_limits<float>::infinity()};
   std::uint32_t points = 0;
 
-  /// Where flatness.cpp keeps the heights of a cell whose single points it looks at, and which of them it keeps.
+  /// Where seat_cells.cpp keeps the heights of a cell whose single points it looks at, and which of them it keeps.
   static constexpr std::uint32_t kNowhere = 0xffff'ffff;
   std::uint32_t heights_at = kNowhere;
   std::uint32_t heights = 0;
