@@ -43,6 +43,10 @@ constexpr int kRoundSteps = 40;
 constexpr int kHalfWayFrom = 4;
 /// Smallest to largest eigenvalue of the normal matrix. A complete block has about 2e-2; without end faces 0.
 constexpr double kConditionMin = 1e-3;
+/// A direction is open whatever the last steps do when it has less than this part of what it would need.
+constexpr double kClearlyOpen = 0.5;
+/// Shifted further than this, the sample is sorted anew: where it was sorted, faces now take turns.
+constexpr double kSortedWithin_mm = 10.0;
 /// Share of a single face's points that must be on it. Lower than for the whole: a glove may lie on a jaw.
 constexpr double kFaceShareMin = 0.35;
 /// Distances of a face's points, in gates: how far the face may lie off the model, and how much they may scatter (0.58
@@ -185,7 +189,8 @@ struct Determinacy {
   double condition = std::numeric_limits<double>::infinity();
   double largest = 0.0;
   bool complete = false;
-  std::string_view open;  ///< the direction nothing fixes, if not complete
+  bool clearly_open = false;  ///< incomplete, and a few points more or less will not change that
+  std::string_view open;      ///< the direction nothing fixes, if not complete
 };
 
 Determinacy determinacy(const NormalEquations& eq) {
@@ -202,6 +207,7 @@ Determinacy determinacy(const NormalEquations& eq) {
   const double smallest = std::fmax(solver.eigenvalues()[0], 0.0);
   if (d.largest > 0.0 && smallest > 0.0) d.condition = d.largest / smallest;
   d.complete = eq.points >= 6 && smallest > kConditionMin * d.largest;
+  d.clearly_open = !d.complete && !(smallest > kClearlyOpen * kConditionMin * d.largest);
   // Of several open directions the eigenvectors are any mixture: name the axis most of which is open.
   Vec6 open = Vec6::Zero();
   for (int k = 0; k < 6; ++k)
@@ -250,6 +256,7 @@ DeviationStats deviations(const Cloud& cloud, const RegistrationTask& task, cons
 struct FineResult {
   double gate_mm = 0.0;
   bool stands_still = false;
+  bool left_open = false;  ///< ended after the first round, see Refine
   Assessment seen;
   Determinacy directions;
 };
@@ -258,12 +265,23 @@ Pose half_way(const Pose& a, const Pose& b) {
   return {a.rotation.slerp(0.5, b.rotation), 0.5 * (a.translation_mm + b.translation_mm)};
 }
 
-FineResult refine(const RegistrationTask& task, Icp& icp, Pose& pose, int& iterations) {
+/// What a refinement is to come to.
+enum class Refine : std::uint8_t {
+  whole,    ///< a pose that stands still
+  or_open,  ///< or that of the first round, if a direction is clearly open there: something else must fix that first
+};
+
+/// Steps with the narrow gate; `icp` is sorted for about this pose.
+FineResult refine(const RegistrationTask& task, Icp& icp, Refine until, Pose& pose, int& iterations) {
   FineResult fine;
   NormalEquations eq;
-  icp.sort(pose);
   Pose at = pose;
   FaceCounts seen;
+  // A face that is not there fixes nothing: where a bare slab passes a jaw's foot, its points only seem to be the
+  // jaw's.
+  const auto known_directions = [&] {
+    return determinacy(icp.information(pose, fine.gate_mm, fine.seen.confirmed(task.settings.registration_gate_mm)));
+  };
   for (int round = 0; round < kRounds && !fine.stands_still; ++round) {
     at = round < kHalfWayFrom ? pose : half_way(at, pose);
     seen = icp.associate(at);
@@ -282,13 +300,16 @@ FineResult refine(const RegistrationTask& task, Icp& icp, Pose& pose, int& itera
     }
     if (step_mm < 0.0) break;
     fine.stands_still = step_mm < kStepDone_mm && Icp::length_mm(pose * at.inverse()) < kRoundDone_mm;
+    if (until == Refine::or_open && round == 0 && !fine.stands_still) {
+      fine.seen = {seen};
+      fine.directions = known_directions();
+      fine.left_open = fine.directions.clearly_open;
+      if (fine.left_open) return fine;
+    }
   }
   // Where the pose stands still, the association was made with it.
   fine.seen = {fine.stands_still ? seen : icp.counts(pose)};
-  // A face that is not there fixes nothing: where a bare slab passes a jaw's foot, its points only seem to be the
-  // jaw's.
-  fine.directions =
-      determinacy(icp.information(pose, fine.gate_mm, fine.seen.confirmed(task.settings.registration_gate_mm)));
+  fine.directions = known_directions();
   return fine;
 }
 
@@ -331,15 +352,18 @@ RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& ta
   // The last steps from a coarse pose, and what they come to.
   const auto finish = [&] {
     icp.hold({}, 0.0);
-    fine = refine(task, icp, pose, report.iterations);
+    icp.sort(pose);
+    fine = refine(task, icp, Refine::or_open, pose, report.iterations);
     if (!fine.directions.complete) {
       const CasingTies casings =
           tie_to_casings(cloud, icp.sample(), task.model, task.settings, pose, work.casings, team);
       if (!casings.ties.empty()) {
+        if (Icp::length_mm(casings.T_block_scanner * pose.inverse()) > kSortedWithin_mm)
+          icp.sort(casings.T_block_scanner);
         pose = casings.T_block_scanner;
         icp.hold(casings.ties, 2.0 * kConditionMin * fine.directions.largest);
-        fine = refine(task, icp, pose, report.iterations);
       }
+      if (!casings.ties.empty() || fine.left_open) fine = refine(task, icp, Refine::whole, pose, report.iterations);
     }
     report.note = FixedString<64>{};
     pass_judgement(task, pose, fine, report);
