@@ -45,6 +45,7 @@ Icp::Icp(const BlockModel& model, const FaceTable& table, const EvaluationSettin
          const Pose& T_block_scanner, const IcpMemory& memory, Team& team)
     : model_(model), table_(table), settings_(settings), memory_(memory), team_(team) {
   drawn_ = sample_ = draw_sample(cloud, T_block_scanner.inverse().translation_mm, memory.points, team);
+  first_part_ = drawn_.part(0, drawn_.size() / kSampleParts);
   association_ = {memory.labels.first(sample_.size()), memory.distances.first(sample_.size()),
                   std::span(groups_).first(sample_.size() / 16)};
 }
@@ -70,7 +71,7 @@ Slopes Icp::moved_since_association(const Pose& pose) const {
 
 double Icp::coarse_step(Pose& pose, double gate_mm, NormalEquations& eq) const {
   SumsOfFaces sums;
-  sum_closest(drawn_.part(0, drawn_.size() / kSampleParts), view(pose, table_.wide()), gate_mm, sums);
+  sum_closest(first_part_, view(pose, table_.wide()), gate_mm, sums);
   eq = equations(pose, sums, kAllFaces);
   return solve(eq, pose);
 }
@@ -90,14 +91,22 @@ FaceCounts Icp::count(const IcpSample& sample, const Pose& pose, const Associati
 }
 
 FaceCounts Icp::coarse_counts(const Pose& pose) const {
-  return count(drawn_.part(0, drawn_.size() / kSampleParts), pose, {});
+  return count(first_part_, pose, {});
 }
 
 FaceCounts Icp::counts(const Pose& pose) const {
   return count(sample_, pose, {});
 }
 
+// Both lie in the same memory.
+void Icp::sort_first_part(const Pose& pose) {
+  sample_ = drawn_;
+  const IcpSample drawn = drawn_.part(0, drawn_.size() / kSampleParts);
+  first_part_ = sort_by_face(drawn, view(pose, table_.near()), memory_.points, memory_.labels, team_);
+}
+
 void Icp::sort(const Pose& pose) {
+  first_part_ = drawn_.part(0, drawn_.size() / kSampleParts);
   sample_ = sort_by_face(drawn_, view(pose, table_.near()), memory_.points, memory_.labels, team_);
 }
 

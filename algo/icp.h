@@ -43,6 +43,9 @@ class Icp {
   Icp(const BlockModel& model, const FaceTable& table, const EvaluationSettings& settings, const Cloud& cloud,
       const Pose& T_block_scanner, const IcpMemory& memory, Team& team);
 
+  /// Before steps from afar: makes them fast. Changes no result but by rounding; undone by sort(), and undoes it.
+  void sort_first_part(const Pose& T_block_scanner);
+
   /// One Gauss-Newton step from afar: each point of the sample's first part to the closest face in reach. Returns the
   /// step's length, negative if unsolvable.
   double coarse_step(Pose& T_block_scanner, double gate_mm, NormalEquations& eq) const;
@@ -111,6 +114,7 @@ class Icp {
   Team& team_;
   IcpSample drawn_;   ///< in the order of the scan, part by part
   IcpSample sample_;  ///< sorted, or as drawn
+  IcpSample first_part_;
   std::array<std::uint16_t, limits::kIcpPointsMax / 16> groups_{};
   Association association_;
   Pose associated_at_;

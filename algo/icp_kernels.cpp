@@ -204,6 +204,9 @@ void count_and_associate_kernel(const IcpSample& points, const IcpView& view, do
   const FacesSeen faces(view);
   const auto gate = static_cast<float>(gate_mm);
   const F16 nan = f16(std::numeric_limits<float>::quiet_NaN());
+  // Of some thousand distances within the gate: floats will do.
+  F16 sum[kFaces], squares[kFaces];
+  for (std::size_t f = 0; f < kFaces; ++f) sum[f] = squares[f] = f16(0.0F);
   for (std::size_t i = 0; i < points.size(); i += kLanes) {
     const F16 x = load(&points.x[i]);
     const F16 y = load(&points.y[i]);
@@ -235,8 +238,8 @@ void count_and_associate_kernel(const IcpSample& points, const IcpView& view, do
         if (on_it == 0) continue;
         counts.found[f] += static_cast<std::size_t>(__builtin_popcount(on_it));
         const F16 kept = keep(found, r);
-        counts.sum_mm[f] += sum_of_lanes(kept);
-        counts.sum_mm2[f] += sum_of_lanes(kept * kept);
+        sum[f] = sum[f] + kept;
+        squares[f] = squares[f] + kept * kept;
         distance = select(found, r, distance);
         face = select(found, f16(static_cast<float>(f)), face);
         here = static_cast<std::uint16_t>(here | (1U << f));
@@ -249,6 +252,10 @@ void count_and_associate_kernel(const IcpSample& points, const IcpView& view, do
     for (std::size_t k = 0; k < kLanes; ++k) to.face[i + k] = static_cast<std::uint8_t>(number[k]);
     to.groups[i / kLanes] = here;
   }
+  for (std::size_t f = 0; f < kFaces; ++f) {
+    counts.sum_mm[f] += sum_of_lanes(sum[f]);
+    counts.sum_mm2[f] += sum_of_lanes(squares[f]);
+  }
 }
 
 void sort_keys_kernel(const IcpSample& points, const IcpView& view, std::span<std::uint8_t> keys) {
@@ -259,13 +266,13 @@ void sort_keys_kernel(const IcpSample& points, const IcpView& view, std::span<st
     const F16 z = load(&points.z[i]);
     M16 inside;
     const I16 seen = faces.at(x, y, z, inside);
-    const Closest c = closest(view.slopes, x, y, z, seen, any_bits(seen));
-    const F16 single = keep(is_zero(bit_and(seen, seen + i16(-1))), f16(1.0F));
+    // As a float, the exponent of a lane is the number of its highest bit.
+    const F16 face = to_float(shift_right<23>(pattern(to_float(seen))) + i16(-127));
+    const M16 single = is_zero(bit_and(seen, seen + i16(-1)));
     // Points between faces behind those on one: they sit the last steps out.
-    const F16 key =
-        select(inside & (c.face < f16(kNoFace)), c.face + (f16(1.0F) - single) * f16(kFaces), f16(2 * kFaces));
-    alignas(64) float number[kLanes];
-    store(key, number);
+    const F16 key = select(is_zero(seen), f16(2 * kFaces), select(single, face, face + f16(kFaces)));
+    alignas(64) std::int32_t number[kLanes];
+    store(to_int(key), number);
     for (std::size_t k = 0; k < kLanes; ++k) keys[i + k] = static_cast<std::uint8_t>(number[k]);
   }
 }

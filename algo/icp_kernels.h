@@ -87,8 +87,8 @@ void sum_closest(const IcpSample& points, const IcpView& view, double gate_mm, S
 void count_and_associate(const IcpSample& points, const IcpView& view, double gate_mm, const Association& to,
                          FaceCounts& counts);
 
-/// Face near each point's place, the closest of several, kNoFace beyond the table: the order that makes neighbours in
-/// the sample of one face.
+/// Number of the face near each point's place, of several kFaces + the last one's, 2 * kFaces where none is: the order
+/// that makes neighbours in the sample of one face.
 void sort_keys(const IcpSample& points, const IcpView& view, std::span<std::uint8_t> keys);
 
 enum class Weights : std::uint8_t {

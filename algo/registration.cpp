@@ -132,8 +132,9 @@ FixedString<64> objection(const Assessment& a, const EvaluationSettings& setting
 }
 
 /// Steps from `pose` with the coarse gates. True when they end at a pose that explains the scan.
-bool settle(const RegistrationTask& task, const Icp& icp, Pose& pose, Assessment& seen, int& iterations) {
+bool settle(const RegistrationTask& task, Icp& icp, Pose& pose, Assessment& seen, int& iterations) {
   NormalEquations eq;
+  icp.sort_first_part(pose);
   for (const Gate& gate : kCoarse) {
     double step_mm = kCoarseDone_mm;
     for (int i = 0; i < gate.steps && step_mm >= kCoarseDone_mm; ++i, ++iterations)
@@ -146,7 +147,7 @@ bool settle(const RegistrationTask& task, const Icp& icp, Pose& pose, Assessment
 
 /// ICP from each place the search offers, best first; returns the first that holds, else the one with the largest
 /// share.
-Pose searched_pose(const RegistrationTask& task, const Icp& icp, int& iterations, Team& team) {
+Pose searched_pose(const RegistrationTask& task, Icp& icp, int& iterations, Team& team) {
   std::array<Vec3, kSearchPoints> points;
   const std::size_t count = icp.take(points);
   Pose best = task.T_block_scanner;
@@ -166,7 +167,7 @@ Pose searched_pose(const RegistrationTask& task, const Icp& icp, int& iterations
 
 /// Seat and jaws fix a pose but for its place along the rail. Where they are right and only the rest is not, the
 /// casings offer a place to start from anew, for a fraction of what the search costs. True when that one ends well.
-bool settle_by_casings(const RegistrationTask& task, const RegistrationWorkspace& work, const Icp& icp,
+bool settle_by_casings(const RegistrationTask& task, const RegistrationWorkspace& work, Icp& icp,
                        const Assessment& seen, Pose& pose, int& iterations, Team& team) {
   constexpr std::uint16_t kNeeded = bit(Face::seat) | bit(Face::jaw_inner) | bit(Face::jaw_outer);
   if ((seen.confirmed(task.settings.registration_gate_mm) & kNeeded) != kNeeded) return false;

@@ -8,9 +8,11 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <tuple>
 #include <vector>
 
 #include "algo/algo.h"
+#include "algo/icp.h"
 #include "algo/icp_kernels.h"
 #include "algo/icp_sample.h"
 #include "scene.h"
@@ -203,6 +205,61 @@ TEST(IcpPasses, SortingKeepsEveryPointAndBringsFacesTogether) {
   std::size_t mixed = 0;
   for (const std::uint16_t g : groups) mixed += std::popcount(g) > 1 ? 1U : 0U;
   EXPECT_LE(mixed, kFaces) << "each face ends in the middle of sixteen points once";
+}
+
+TEST(IcpPasses, SortKeysAreThoseOfAPlainLoop) {
+  Scene s;
+  s.view.cells = s.table.near();
+  std::vector<std::uint8_t> keys(kPoints);
+  sort_keys(s.sample, s.view, keys);
+  std::array<std::size_t, 3> seen{};
+  std::size_t differ = 0;
+  for (std::size_t i = 0; i < kPoints; ++i) {
+    const Vec3 p = s.moved(i);
+    const unsigned faces = p.allFinite() ? s.table.near_at(p) : 0U;
+    const int number = static_cast<int>(std::bit_width(faces)) - 1;
+    const int few = std::min(std::popcount(faces), 2);
+    const int key = few == 0 ? 2 * static_cast<int>(kFaces) : few == 1 ? number : number + static_cast<int>(kFaces);
+    ++seen[static_cast<std::size_t>(few)];
+    differ += keys[i] == key ? 0U : 1U;
+  }
+  EXPECT_LE(differ, 1U) << "one point may stand on the edge of a cell";
+  for (const std::size_t points : seen) EXPECT_GT(points, 50U);
+}
+
+TEST(Icp, SortedOrAsDrawnThePassesComeToTheSame) {
+  Scene s;
+  std::vector<float> xyz;
+  for (std::size_t i = 0; i < kPoints; ++i)
+    for (const float c : {s.x[i], s.y[i], s.z[i]}) xyz.push_back(c);
+  const EvaluationSettings settings = scene::p5600().evaluation;
+  std::vector<float> points(kSampleFloats);
+  std::vector<float> distances(2 * limits::kIcpPointsMax);
+  std::vector<std::uint8_t> labels(2 * limits::kIcpPointsMax);
+  for (const int threads : {1, 2}) {
+    Team team(threads);
+    const Pose start = scene::displaced(0.3, -0.2, 0.05, 0.02, -0.03, 0.05);
+    Icp icp(s.model, s.table, settings, {xyz, kPoints, 0, 0}, start, {points, distances, labels}, team);
+    const auto counted = [](const FaceCounts& c) { return std::tuple(c.in_field, c.near_model, c.expected, c.found); };
+    const auto coarse = counted(icp.coarse_counts(start));
+    const auto whole = counted(icp.counts(start));
+    Pose plain = start;
+    NormalEquations eq;
+    const double plain_mm = icp.coarse_step(plain, 6.0, eq);
+    ASSERT_GT(plain_mm, 0.01);
+    // Each undoes the other, in whatever order they come.
+    for (const bool first_part : {true, false, true, true, false, false}) {
+      if (first_part)
+        icp.sort_first_part(start);
+      else
+        icp.sort(start);
+      EXPECT_EQ(counted(icp.coarse_counts(start)), coarse) << first_part;
+      EXPECT_EQ(counted(icp.counts(start)), whole) << first_part;
+      Pose pose = start;
+      EXPECT_NEAR(icp.coarse_step(pose, 6.0, eq), plain_mm, 1e-5) << first_part;
+      EXPECT_LT(Icp::length_mm(pose * plain.inverse()), 1e-5) << first_part;
+    }
+  }
 }
 
 TEST(IcpSample, TakesEveryPartFromTheWholeScanAndSkipsWhatIsMissing) {
