@@ -14,10 +14,12 @@
 #include <cmath>
 #include <cstring>
 #include <iostream>
+#include <limits>
 #include <memory>
 #include <thread>
 
 #include "algo/algo.h"
+#include "algo/block_model.h"
 #include "base/pages.h"
 #include "bench/floor.h"
 #include "hal/hal.h"
@@ -80,6 +82,9 @@ class SecondThread {
   std::thread thread_;
 };
 
+/// What a point is measured for, from what every block has to what is only held against the model.
+enum class Feature : std::uint8_t { bearing_plane, casings, jaws, slab_top, other_faces };
+
 struct Bench {
   Bench(const StageOptions& stage_options, const Recipe& the_recipe, const Scene& the_scene, const Scan& the_scan,
         Samples& the_samples)
@@ -122,6 +127,7 @@ struct Bench {
   std::vector<float> crop_floats;
   std::vector<Vec3> crop;
   std::vector<std::unique_ptr<Scan>> sized;
+  std::vector<Feature> features;  ///< of each point of the organised scan
   Samples& samples;
   Pages pages;
   std::span<float> buffer;
@@ -362,6 +368,59 @@ void register_sets() {
 
 // ---- growth -----------------------------------------------------------------------------------
 
+/// By the truth: outliers go with the face they stand over.
+std::vector<Feature> features_of(const Scan& scan, const Recipe& recipe, const Pose& T_block_scanner) {
+  algo::BlockModel model;
+  model.build(recipe.block);
+  const double casing_s = recipe.block.casing_half_spacing_mm.value;
+  // The rim, and as far around it as points are taken for it.
+  const double rim = 0.5 * recipe.block.casing_rim_diameter_mm.value + recipe.evaluation.edge_margin_mm;
+  const Mat3 R = T_block_scanner.rotation.toRotationMatrix();
+  std::vector<Feature> features(scan.points(), Feature::other_faces);
+  for (std::size_t i = 0; i < scan.points(); ++i) {
+    const Vec3 p = R * Vec3(static_cast<double>(scan.xyz[3 * i]), static_cast<double>(scan.xyz[3 * i + 1]),
+                            static_cast<double>(scan.xyz[3 * i + 2])) +
+                   T_block_scanner.translation_mm;
+    algo::Face face = algo::Face::seat;
+    double z = 0.0;
+    if (!p.allFinite() || !model.visible(p.x(), p.y(), face, z)) continue;
+    if (face == algo::Face::seat)
+      features[i] = std::hypot(p.x(), std::abs(p.y()) - casing_s) <= rim ? Feature::casings : Feature::bearing_plane;
+    else if (face == algo::Face::jaw_inner || face == algo::Face::jaw_outer)
+      features[i] = Feature::jaws;
+    else if (face == algo::Face::top)
+      features[i] = Feature::slab_top;
+  }
+  return features;
+}
+
+/// Measuring a scan that is registered, of which the features up to `last` are left.
+void feature_stage(const std::string& name, Feature last) {
+  auto cloud = std::make_shared<algo::Cloud>();
+  stage(
+      name, 1, 7,
+      [cloud, name, last] {
+        g_bench->second.rest();
+        *cloud = g_bench->load(g_bench->organised);
+        g_bench->one.begin(1, Pose::identity(), nominal_T_block_scanner());
+        Status status = g_bench->one.denoise(*cloud);
+        if (status) status = g_bench->one.register_to_model(*cloud);
+        if (!status) {
+          fmt::print(stderr, "bench: {}: {}\n", name, status.error().text.view());
+          std::exit(1);
+        }
+        for (std::size_t i = 0; i < cloud->points; ++i)
+          if (g_bench->features[i] > last) std::fill_n(&cloud->xyz[3 * i], 3, std::numeric_limits<float>::quiet_NaN());
+      },
+      [cloud, name](Stopwatch&) {
+        const Status status = g_bench->one.extract(*cloud);
+        g_bench->one.judge(status ? Code::ok : status.error().code);
+        if (status) return;
+        fmt::print(stderr, "bench: {}: {}\n", name, status.error().text.view());
+        std::exit(1);
+      });
+}
+
 void register_growth(const Scene& scene) {
   if (g_bench->options.quick) return;
   // The same field with more and more rows and columns, up to the capacity; a larger scan is refused.
@@ -373,6 +432,12 @@ void register_growth(const Scene& scene) {
     g_bench->sized.push_back(std::make_unique<Scan>(scene.draw(columns, rows)));
     block_stage(fmt::format("growth/points {:4.1f} M", million), *g_bench->sized.back(), 1, 7);
   }
+  g_bench->features = features_of(g_bench->organised, g_bench->recipe, scene.T_scanner_block().inverse());
+  for (const auto& [name, last] :
+       {std::pair("1 the bearing plane", Feature::bearing_plane), std::pair("2 and its casings", Feature::casings),
+        std::pair("3 and the jaws", Feature::jaws), std::pair("4 and the slab top", Feature::slab_top),
+        std::pair("5 and the other faces", Feature::other_faces)})
+    feature_stage(fmt::format("growth/features, registered scan: {}", name), last);
   // The same scan measured for other recipes: how much of the seat is evaluated, how far the block may be from where
   // the robot says it is. Building the model for a recipe is not timed: the daemon does that once per slab type.
   const auto recipe_stage = [](const std::string& name, const Recipe& recipe) {
