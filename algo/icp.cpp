@@ -98,7 +98,8 @@ FaceCounts Icp::counts(const Pose& pose) const {
   return count(sample_, pose, {});
 }
 
-// Both lie in the same memory.
+// A sorted first part and a sorted sample lie in the same memory, so to sort one puts the other back to as it was
+// drawn.
 void Icp::sort_first_part(const Pose& pose) {
   sample_ = drawn_;
   const IcpSample drawn = drawn_.part(0, drawn_.size() / kSampleParts);

@@ -43,7 +43,8 @@ class Icp {
   Icp(const BlockModel& model, const FaceTable& table, const EvaluationSettings& settings, const Cloud& cloud,
       const Pose& T_block_scanner, const IcpMemory& memory, Team& team);
 
-  /// Before steps from afar: makes them fast. Changes no result but by rounding; undone by sort(), and undoes it.
+  /// Before steps from afar: makes them fast. Changes no result but by rounding; undone by sort(), and undoes it. After
+  /// either of them the points have to be given to their faces anew (associate).
   void sort_first_part(const Pose& T_block_scanner);
 
   /// One Gauss-Newton step from afar: each point of the sample's first part to the closest face in reach. Returns the
@@ -112,9 +113,9 @@ class Icp {
   const EvaluationSettings& settings_;
   IcpMemory memory_;
   Team& team_;
-  IcpSample drawn_;   ///< in the order of the scan, part by part
-  IcpSample sample_;  ///< sorted, or as drawn
-  IcpSample first_part_;
+  IcpSample drawn_;       ///< in the order of the scan, part by part
+  IcpSample sample_;      ///< sorted, or as drawn
+  IcpSample first_part_;  ///< for the coarse steps: sorted, or as drawn
   std::array<std::uint16_t, limits::kIcpPointsMax / 16> groups_{};
   Association association_;
   Pose associated_at_;

@@ -4,8 +4,9 @@
 // sums per point. Sixteen points that lie on one face, the rule once the sample is sorted, cost the arithmetic of one
 // face; where faces meet, each face in turn takes its points by a mask.
 //
-// Sums are floats for 512 points at most, then doubles. A float sum of so few weights and coordinates is good to 1e-6
-// of itself, and what decides the pose (the v's) is small numbers of both signs.
+// Sums of a step are floats for 512 points at most, then doubles; those of counting for a block of the sample. A float
+// sum of so few weights and coordinates is good to 1e-6 of itself, and what decides the pose (the v's) is small numbers
+// of both signs.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/icp_kernels.cpp"
 // clang-format off
@@ -204,7 +205,7 @@ void count_and_associate_kernel(const IcpSample& points, const IcpView& view, do
   const FacesSeen faces(view);
   const auto gate = static_cast<float>(gate_mm);
   const F16 nan = f16(std::numeric_limits<float>::quiet_NaN());
-  // Of some thousand distances within the gate: floats will do.
+  // Of at most kIcpBlock distances within the gate, to tell a face by: floats will do.
   F16 sum[kFaces], squares[kFaces];
   for (std::size_t f = 0; f < kFaces; ++f) sum[f] = squares[f] = f16(0.0F);
   for (std::size_t i = 0; i < points.size(); i += kLanes) {

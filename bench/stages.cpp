@@ -82,7 +82,7 @@ class SecondThread {
   std::thread thread_;
 };
 
-/// What a point is measured for, from what every block has to what is only held against the model.
+/// What a point is measured for; the other faces are only held against the model.
 enum class Feature : std::uint8_t { bearing_plane, casings, jaws, slab_top, other_faces };
 
 struct Bench {
@@ -384,8 +384,11 @@ std::vector<Feature> features_of(const Scan& scan, const Recipe& recipe, const P
     algo::Face face = algo::Face::seat;
     double z = 0.0;
     if (!p.allFinite() || !model.visible(p.x(), p.y(), face, z)) continue;
-    if (face == algo::Face::seat)
-      features[i] = std::hypot(p.x(), std::abs(p.y()) - casing_s) <= rim ? Feature::casings : Feature::bearing_plane;
+    const bool in_rim = face == algo::Face::rim_inner || face == algo::Face::rim_outer;
+    if (in_rim || (face == algo::Face::seat && std::hypot(p.x(), std::abs(p.y()) - casing_s) <= rim))
+      features[i] = Feature::casings;
+    else if (face == algo::Face::seat)
+      features[i] = Feature::bearing_plane;
     else if (face == algo::Face::jaw_inner || face == algo::Face::jaw_outer)
       features[i] = Feature::jaws;
     else if (face == algo::Face::top)
@@ -417,6 +420,16 @@ void feature_stage(const std::string& name, Feature last) {
         g_bench->one.judge(status ? Code::ok : status.error().code);
         if (status) return;
         fmt::print(stderr, "bench: {}: {}\n", name, status.error().text.view());
+        std::exit(1);
+      },
+      [name, last] {
+        const BlockResult& result = g_bench->one.result();
+        const bool casings = result.casing_inner.ok && result.casing_outer.ok;
+        const bool jaws = result.jaw_inner.ok && result.jaw_outer.ok;
+        if (casings == (last >= Feature::casings) && jaws == (last >= Feature::jaws) &&
+            result.slab_top.ok == (last >= Feature::slab_top))
+          return;
+        fmt::print(stderr, "bench: {}: not the features that were left\n", name);
         std::exit(1);
       });
 }
