@@ -45,7 +45,7 @@ Icp::Icp(const BlockModel& model, const FaceTable& table, const EvaluationSettin
          const Pose& T_block_scanner, const IcpMemory& memory, Team& team)
     : model_(model), table_(table), settings_(settings), memory_(memory), team_(team) {
   drawn_ = sample_ = draw_sample(cloud, T_block_scanner.inverse().translation_mm, memory.points, team);
-  first_part_ = drawn_.part(0, drawn_.size() / kSampleParts);
+  first_part_ = first_part_as_drawn();
   association_ = {memory.labels.first(sample_.size()), memory.distances.first(sample_.size()),
                   std::span(groups_).first(sample_.size() / 16)};
 }
@@ -102,12 +102,11 @@ FaceCounts Icp::counts(const Pose& pose) const {
 // drawn.
 void Icp::sort_first_part(const Pose& pose) {
   sample_ = drawn_;
-  const IcpSample drawn = drawn_.part(0, drawn_.size() / kSampleParts);
-  first_part_ = sort_by_face(drawn, view(pose, table_.near()), memory_.points, memory_.labels, team_);
+  first_part_ = sort_by_face(first_part_as_drawn(), view(pose, table_.near()), memory_.points, memory_.labels, team_);
 }
 
 void Icp::sort(const Pose& pose) {
-  first_part_ = drawn_.part(0, drawn_.size() / kSampleParts);
+  first_part_ = first_part_as_drawn();
   sample_ = sort_by_face(drawn_, view(pose, table_.near()), memory_.points, memory_.labels, team_);
 }
 

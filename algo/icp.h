@@ -100,6 +100,7 @@ class Icp {
   std::size_t take(std::span<Vec3> points) const;
 
  private:
+  [[nodiscard]] IcpSample first_part_as_drawn() const { return drawn_.part(0, drawn_.size() / kSampleParts); }
   [[nodiscard]] IcpView view(const Pose& pose, std::span<const std::uint16_t> cells) const;
   [[nodiscard]] Slopes moved_since_association(const Pose& pose) const;
   [[nodiscard]] FaceCounts count(const IcpSample& sample, const Pose& pose, const Association& to) const;

@@ -83,7 +83,7 @@ struct Association {
 void sum_closest(const IcpSample& points, const IcpView& view, double gate_mm, SumsOfFaces& sums);
 
 /// Counts what the pose explains; where `to` is not empty, gives the points within the gate whose surroundings show a
-/// single face to it, with distances as exact as the scan.
+/// single face to it, with distances as exact as the scan. At most kIcpBlock points.
 void count_and_associate(const IcpSample& points, const IcpView& view, double gate_mm, const Association& to,
                          FaceCounts& counts);
 

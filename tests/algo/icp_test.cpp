@@ -229,9 +229,12 @@ TEST(IcpPasses, SortKeysAreThoseOfAPlainLoop) {
 
 TEST(Icp, SortedOrAsDrawnThePassesComeToTheSame) {
   Scene s;
+  // So many that both threads have blocks to sort, of the first part too.
+  constexpr std::size_t kTimes = 40;
+  static_assert(kTimes * kPoints >= limits::kIcpPointsMax && limits::kIcpPointsMax / kSampleParts > kIcpBlock);
   std::vector<float> xyz;
-  for (std::size_t i = 0; i < kPoints; ++i)
-    for (const float c : {s.x[i], s.y[i], s.z[i]}) xyz.push_back(c);
+  for (std::size_t i = 0; i < kTimes * kPoints; ++i)
+    for (const auto* c : {&s.x, &s.y, &s.z}) xyz.push_back((*c)[i % kPoints]);
   const EvaluationSettings settings = scene::p5600().evaluation;
   std::vector<float> points(kSampleFloats);
   std::vector<float> distances(2 * limits::kIcpPointsMax);
@@ -239,7 +242,7 @@ TEST(Icp, SortedOrAsDrawnThePassesComeToTheSame) {
   for (const int threads : {1, 2}) {
     Team team(threads);
     const Pose start = scene::displaced(0.3, -0.2, 0.05, 0.02, -0.03, 0.05);
-    Icp icp(s.model, s.table, settings, {xyz, kPoints, 0, 0}, start, {points, distances, labels}, team);
+    Icp icp(s.model, s.table, settings, {xyz, kTimes * kPoints, 0, 0}, start, {points, distances, labels}, team);
     const auto counted = [](const FaceCounts& c) { return std::tuple(c.in_field, c.near_model, c.expected, c.found); };
     const auto coarse = counted(icp.coarse_counts(start));
     const auto whole = counted(icp.counts(start));
