@@ -433,7 +433,8 @@ class Surveyor {
     const F16 column = floor(min(keep(active, x) + f16(kHalfX), f16(2.0F * kHalfX - 1.0F)));
     const F16 row = floor(min(keep(active, y) + f16(kHalfY), f16(2.0F * kHalfY - 1.0F)));
     const I16 cell = to_int(row * f16(2.0F * kHalfX) + column);
-    const I16 entry = gather(reinterpret_cast<const std::int32_t*>(task_.table), cell);
+    // Whatever lies beside the block, or is missing, must not have more faces and regions asked for.
+    const I16 entry = keep_int(active, gather(reinterpret_cast<const std::int32_t*>(task_.table), cell));
     // The faces near any of the points, and above them a bit for each region; bit 0 of those: not known.
     const I16 code = bit_and(shift_right<kRegionShift>(entry), i16(kRegionBits >> kRegionShift));
     const std::uint32_t all =
@@ -461,14 +462,13 @@ class Surveyor {
     // By region, so that each list stays in the order of the scan.
     const M16 close = active & (best <= f16(task_.band_mm));
     std::array<std::uint32_t, kRegions> lanes{};
-    std::uint32_t known = 0;
-    std::uint32_t regions = all >> (kRegionShift + 1);
+    constexpr std::uint32_t kNothing = 1U << static_cast<unsigned>(Region::none);
+    std::uint32_t regions = all >> (kRegionShift + 1) & ~kNothing;
     for (std::uint32_t left = regions; left != 0; left &= left - 1) {
       const auto region = static_cast<std::size_t>(std::countr_zero(left));
       lanes[region] = bits(close & is_zero(bit_xor(code, i16(static_cast<std::int32_t>(region + 1)))));
-      known |= lanes[region];
     }
-    const std::uint32_t unknown = bits(active) & ~known;
+    const std::uint32_t unknown = bits(active) & ~bits(and_not(is_zero(code), close));
     if (unknown != 0) regions |= apply_rules(lanes_of(unknown), d, x, lanes);
     for (std::uint32_t left = regions; left != 0; left &= left - 1) {
       const auto region = static_cast<std::size_t>(std::countr_zero(left));
