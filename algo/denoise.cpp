@@ -20,28 +20,58 @@
 namespace slabd::algo {
 namespace {
 
-/// Step 3 for one band; returns how many points it took out. Each lies in memory of its own that nobody foresees, so
-/// it is fetched a few points before its turn.
+/// Points to be taken out, noted before they are. Each lies in memory of its own that nobody foresees, so it is fetched
+/// a few points before its turn.
+class NoiseList {
+ public:
+  explicit NoiseList(float* xyz) : xyz_(xyz) {}
+
+  /// The points of a word of a mask whose first bit is point `first`. Words with no point, with one and with two come
+  /// as chance will have it: to ask each of them how many it has would be guessed wrongly time and again.
+  void add(std::size_t first, std::uint64_t noise) {
+    for (int k = 0; k < kUnasked; ++k) note(first, noise);
+    while (noise != 0) note(first, noise);
+    if (count_ >= kFull) take_out();
+  }
+  /// Sets them to NaN.
+  void take_out() {
+    constexpr std::size_t kAhead = 16;
+    for (std::size_t k = 0; k < kAhead; ++k) place_[count_ + k] = place_[0];
+    for (std::size_t k = 0; k < count_; ++k) {
+      __builtin_prefetch(xyz_ + 3 * place_[k + kAhead], 1);
+      std::fill_n(xyz_ + 3 * place_[k], 3, kNoPlane);
+    }
+    taken_ += count_;
+    count_ = 0;
+  }
+  [[nodiscard]] std::uint64_t taken() const { return taken_; }
+
+ private:
+  static constexpr int kUnasked = 3;
+  static constexpr std::size_t kFull = 512;
+
+  void note(std::size_t first, std::uint64_t& noise) {
+    place_[count_] = first + static_cast<std::size_t>(std::countr_zero(noise));
+    count_ += noise != 0 ? 1U : 0U;
+    noise &= noise - 1;
+  }
+
+  float* xyz_;
+  std::array<std::size_t, kFull + 64 + 16> place_{};
+  std::size_t count_ = 0;
+  std::uint64_t taken_ = 0;
+};
+
+/// Step 3 for one band; returns how many points it took out.
 std::uint64_t take_out(const GridLayout& grid, GridWork& work, std::size_t band) {
-  constexpr std::size_t kAhead = 16;
-  std::array<float*, kAhead> waiting{};
-  std::uint64_t taken = 0;
+  NoiseList list(work.xyz);
   const std::size_t first = band * GridLayout::kBandTileRows * GridLayout::kTileRows;
   const std::size_t last = std::min(first + GridLayout::kBandTileRows * GridLayout::kTileRows, grid.rows);
-  for (std::size_t row = first; row < last; ++row) {
-    for (std::size_t column = 0; column < grid.columns; column += 64) {
-      for (std::uint64_t noise = work.noise.sixtyfour(column, row); noise != 0; noise &= noise - 1) {
-        const auto at = row * grid.columns + column + static_cast<std::size_t>(std::countr_zero(noise));
-        float*& next = waiting[taken++ % kAhead];
-        if (next != nullptr) std::fill_n(next, 3, kNoPlane);
-        next = work.xyz + 3 * at;
-        __builtin_prefetch(next, 1);
-      }
-    }
-  }
-  for (float* left : waiting)
-    if (left != nullptr) std::fill_n(left, 3, kNoPlane);
-  return taken;
+  for (std::size_t row = first; row < last; ++row)
+    for (std::size_t column = 0; column < grid.columns; column += 64)
+      list.add(row * grid.columns + column, work.noise.sixtyfour(column, row));
+  list.take_out();
+  return list.taken();
 }
 
 }  // namespace
