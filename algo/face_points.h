@@ -26,19 +26,40 @@ struct ListedPoints {
   std::size_t count = 0;
 
   [[nodiscard]] std::size_t size() const { return count; }
-  /// In the block frame. Fast for ascending `i`.
-  [[nodiscard]] Vec3 operator[](std::size_t i) const {
+  /// The run that point `i` lies in, and its number there. Fast for ascending `i`.
+  struct Place {
+    const SeatPoints* run;
+    std::size_t k;
+  };
+  [[nodiscard]] Place place_of(std::size_t i) const {
     if (i < run_start_) run_ = run_start_ = 0;
     while (i - run_start_ >= runs[run_].size()) run_start_ += runs[run_++].size();
-    const SeatPoints& run = runs[run_];
-    const std::size_t k = i - run_start_;
-    return frame.in_block(static_cast<double>(run.x[k]), static_cast<double>(run.s[k]), static_cast<double>(run.h[k]));
+    return {&runs[run_], i - run_start_};
   }
+  /// In the block frame.
+  [[nodiscard]] Vec3 at(const Place& place) const {
+    const SeatPoints& run = *place.run;
+    return frame.in_block(static_cast<double>(run.x[place.k]), static_cast<double>(run.s[place.k]),
+                          static_cast<double>(run.h[place.k]));
+  }
+  [[nodiscard]] Vec3 operator[](std::size_t i) const { return at(place_of(i)); }
 
  private:
   mutable std::size_t run_ = 0;
   mutable std::size_t run_start_ = 0;
 };
+
+/// For draw_sample: places are far apart.
+[[nodiscard]] inline ListedPoints::Place ask_for(const ListedPoints& points, std::size_t i) {
+  const ListedPoints::Place place = points.place_of(i);
+  __builtin_prefetch(&place.run->x[place.k]);
+  __builtin_prefetch(&place.run->s[place.k]);
+  __builtin_prefetch(&place.run->h[place.k]);
+  return place;
+}
+[[nodiscard]] inline Vec3 point_at(const ListedPoints& points, const ListedPoints::Place& place) {
+  return points.at(place);
+}
 
 /// A large face: of the points well within the threshold of the plane it was surveyed with there are sums, those near
 /// where the threshold cuts are listed one by one, and those beyond are only counted. So any plane close to that one

@@ -25,18 +25,36 @@ struct PlaneSearch {
   Vec3 up = Vec3::UnitZ();
 };
 
+/// Where a point of a set lies, for `point_at` to read it from later. A set whose points are far apart in memory asks
+/// for them here (ListedPoints).
+template <typename Points>
+[[nodiscard]] std::size_t ask_for(const Points& /*points*/, std::size_t i) {
+  return i;
+}
+template <typename Points>
+[[nodiscard]] Vec3 point_at(const Points& points, std::size_t i) {
+  return points[i];
+}
+
 /// One point drawn from each of up to kPlaneSampleMax equal slices of the set: covers the face evenly whatever the
 /// scan order. The slices come in turns, one of every four neighbours in each; chance decides which, or a pattern in
-/// the set could leave a turn with nothing but outliers.
+/// the set could leave a turn with nothing but outliers. Drawn a few at a time, and asked for all at once.
 template <typename Points>
 void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
   constexpr std::size_t kTurns = limits::kPlaneSampleMax / PlaneSample::kScouts;
+  constexpr std::size_t kAtOnce = 32;
   const std::size_t n = points.size();
   const std::size_t m = std::min(n, limits::kPlaneSampleMax);
   // Dividing by a power of two that the compiler knows costs nothing, by any other number more than all the rest.
   static_assert(std::has_single_bit(limits::kPlaneSampleMax));
   const auto start_of = [n](std::size_t slice) {
     return n < limits::kPlaneSampleMax ? slice : slice * n / limits::kPlaneSampleMax;
+  };
+  std::array<decltype(ask_for(points, n)), kAtOnce> asked{};
+  std::size_t waiting = 0;
+  const auto collect = [&] {
+    for (std::size_t k = 0; k < waiting; ++k) sample.add(point_at(points, asked[k]));
+    waiting = 0;
   };
   sample.count = 0;
   for (std::size_t turn = 0; turn < kTurns; ++turn) {
@@ -45,9 +63,11 @@ void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
       if (i >= m) continue;
       const std::size_t first = start_of(i);
       const std::size_t slice = start_of(i + 1) - first;
-      sample.add(points[first + (((prng.next() >> 32U) * slice) >> 32U)]);
+      asked[waiting++] = ask_for(points, first + (((prng.next() >> 32U) * slice) >> 32U));
+      if (waiting == kAtOnce) collect();
     }
   }
+  collect();
   sample.close();
 }
 
