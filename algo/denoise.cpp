@@ -26,8 +26,8 @@ class NoiseList {
  public:
   explicit NoiseList(float* xyz) : xyz_(xyz) {}
 
-  /// The points of a word of a mask whose first bit is point `first`. Words with no point, with one and with two come
-  /// as chance will have it: to ask each of them how many it has would be guessed wrongly time and again.
+  /// The points of a word of a mask whose first bit is point `first`. Words with none, one, two or three come as chance
+  /// will have it, and to ask each of them how many it has would be foreseen wrongly time and again; more are rare.
   void add(std::size_t first, std::uint64_t noise) {
     for (int k = 0; k < kUnasked; ++k) note(first, noise);
     while (noise != 0) note(first, noise);
@@ -35,7 +35,6 @@ class NoiseList {
   }
   /// Sets them to NaN.
   void take_out() {
-    constexpr std::size_t kAhead = 16;
     for (std::size_t k = 0; k < kAhead; ++k) place_[count_ + k] = place_[0];
     for (std::size_t k = 0; k < count_; ++k) {
       __builtin_prefetch(xyz_ + 3 * place_[k + kAhead], 1);
@@ -49,7 +48,10 @@ class NoiseList {
  private:
   static constexpr int kUnasked = 3;
   static constexpr std::size_t kFull = 512;
+  static constexpr std::size_t kWordBits = 64;
+  static constexpr std::size_t kAhead = 16;
 
+  /// Writes a place, be there a bit or not; only counts it if there is.
   void note(std::size_t first, std::uint64_t& noise) {
     place_[count_] = first + static_cast<std::size_t>(std::countr_zero(noise));
     count_ += noise != 0 ? 1U : 0U;
@@ -57,7 +59,7 @@ class NoiseList {
   }
 
   float* xyz_;
-  std::array<std::size_t, kFull + 64 + 16> place_{};
+  std::array<std::size_t, kFull + kWordBits + kAhead> place_{};
   std::size_t count_ = 0;
   std::uint64_t taken_ = 0;
 };

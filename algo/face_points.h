@@ -26,11 +26,11 @@ struct ListedPoints {
   std::size_t count = 0;
 
   [[nodiscard]] std::size_t size() const { return count; }
-  /// The run that point `i` lies in, and its number there. Fast for ascending `i`.
   struct Place {
     const SeatPoints* run;
-    std::size_t k;
+    std::size_t k;  ///< number in it
   };
+  /// Fast for ascending `i`.
   [[nodiscard]] Place place_of(std::size_t i) const {
     if (i < run_start_) run_ = run_start_ = 0;
     while (i - run_start_ >= runs[run_].size()) run_start_ += runs[run_++].size();
@@ -49,8 +49,8 @@ struct ListedPoints {
   mutable std::size_t run_start_ = 0;
 };
 
-/// For draw_sample: places are far apart.
-[[nodiscard]] inline ListedPoints::Place ask_for(const ListedPoints& points, std::size_t i) {
+/// For draw_sample: the lists are long, and were written to memory.
+[[nodiscard]] inline ListedPoints::Place ask_for_point(const ListedPoints& points, std::size_t i) {
   const ListedPoints::Place place = points.place_of(i);
   __builtin_prefetch(&place.run->x[place.k]);
   __builtin_prefetch(&place.run->s[place.k]);

@@ -25,10 +25,10 @@ struct PlaneSearch {
   Vec3 up = Vec3::UnitZ();
 };
 
-/// Where a point of a set lies, for `point_at` to read it from later. A set whose points are far apart in memory asks
-/// for them here (ListedPoints).
+/// Where a point of a set lies, for `point_at` to read it from later. Sets whose points are no longer in the cache ask
+/// the memory for it here (ListedPoints, which has these two for itself).
 template <typename Points>
-[[nodiscard]] std::size_t ask_for(const Points& /*points*/, std::size_t i) {
+[[nodiscard]] std::size_t ask_for_point(const Points& /*points*/, std::size_t i) {
   return i;
 }
 template <typename Points>
@@ -38,7 +38,7 @@ template <typename Points>
 
 /// One point drawn from each of up to kPlaneSampleMax equal slices of the set: covers the face evenly whatever the
 /// scan order. The slices come in turns, one of every four neighbours in each; chance decides which, or a pattern in
-/// the set could leave a turn with nothing but outliers. Drawn a few at a time, and asked for all at once.
+/// the set could leave a turn with nothing but outliers. They are asked for as they are drawn, and read 32 at a time.
 template <typename Points>
 void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
   constexpr std::size_t kTurns = limits::kPlaneSampleMax / PlaneSample::kScouts;
@@ -50,7 +50,7 @@ void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
   const auto start_of = [n](std::size_t slice) {
     return n < limits::kPlaneSampleMax ? slice : slice * n / limits::kPlaneSampleMax;
   };
-  std::array<decltype(ask_for(points, n)), kAtOnce> asked{};
+  std::array<decltype(ask_for_point(points, n)), kAtOnce> asked{};
   std::size_t waiting = 0;
   const auto collect = [&] {
     for (std::size_t k = 0; k < waiting; ++k) sample.add(point_at(points, asked[k]));
@@ -63,7 +63,7 @@ void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
       if (i >= m) continue;
       const std::size_t first = start_of(i);
       const std::size_t slice = start_of(i + 1) - first;
-      asked[waiting++] = ask_for(points, first + (((prng.next() >> 32U) * slice) >> 32U));
+      asked[waiting++] = ask_for_point(points, first + (((prng.next() >> 32U) * slice) >> 32U));
       if (waiting == kAtOnce) collect();
     }
   }

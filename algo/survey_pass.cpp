@@ -433,7 +433,7 @@ class Surveyor {
     const F16 column = floor(min(keep(active, x) + f16(kHalfX), f16(2.0F * kHalfX - 1.0F)));
     const F16 row = floor(min(keep(active, y) + f16(kHalfY), f16(2.0F * kHalfY - 1.0F)));
     const I16 cell = to_int(row * f16(2.0F * kHalfX) + column);
-    // Whatever lies beside the block, or is missing, must not have more faces and regions asked for.
+    // A point that lies outside of the table or is missing has no face or region to be asked about.
     const I16 entry = keep_int(active, gather(reinterpret_cast<const std::int32_t*>(task_.table), cell));
     // The faces near any of the points, and above them a bit for each region; bit 0 of those: not known.
     const I16 code = bit_and(shift_right<kRegionShift>(entry), i16(kRegionBits >> kRegionShift));

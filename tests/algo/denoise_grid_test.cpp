@@ -145,6 +145,15 @@ Scan block(double pitch_mm, double focus_mm, double outlier_far_mm) {
   return {cloud.width, cloud.height, std::move(cloud.xyz)};
 }
 
+/// With a patch at depths of no meaning: nothing goes through it or hangs together there, so it is noise in every bit.
+Scan with_patch(Scan scan, std::size_t column, std::size_t row, std::size_t width, std::size_t height) {
+  Prng prng(width);
+  for (std::size_t r = row; r < row + height; ++r)
+    for (std::size_t c = column; c < column + width; ++c)
+      scan.xyz[3 * (r * scan.columns + c) + 2] += static_cast<float>(200.0 * prng.uniform() - 100.0);
+  return scan;
+}
+
 /// Few sides are whole tiles; some scans are several bands of them.
 std::vector<Scan> scans() {
   const Litter tidy{0.02, 0.002, 0.0002, 0.0};
@@ -153,6 +162,8 @@ std::vector<Scan> scans() {
   std::vector<Scan> all = {
       strewn(64, 64, 0.0, usual, 1), strewn(67, 71, 0.0, wild, 2), strewn(113, 525, 600.0, tidy, 3),
       strewn(250, 90, 0.0, {}, 4),   block(1.3, 0.0, 60.0),        block(1.1, 600.0, 5.0)};
+  // Whole words of noise behind hundreds of single ones.
+  all.push_back(with_patch(strewn(320, 300, 0.0, {0.0, 0.03, 0.0, 0.0}, 6), 64, 40, 192, 100));
   Prng prng(5);
   for (std::uint64_t seed = 10; seed < 90; ++seed) {
     const std::size_t columns = 64 + prng.below(200);

@@ -9,6 +9,8 @@
 #include <memory>
 #include <numeric>
 #include <string>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "algo/algo.h"
@@ -270,6 +272,29 @@ struct ListedFace {
     return out;
   }
 };
+
+TEST(PlaneSampling, DrawsTheSamePointsFromListsAsFromAnArray) {
+  static_assert(
+      std::is_same_v<decltype(ask_for_point(std::declval<const ListedPoints&>(), std::size_t{})), ListedPoints::Place>,
+      "lists are asked for ahead");
+  for (const std::size_t n : {3U, 31U, 32U, 33U, 1500U, 4095U, 4096U, 4097U, 100'000U}) {
+    SCOPED_TRACE(n);
+    const ListedFace face(n, {Vec3::UnitZ(), 2.0}, 0.03);
+    const std::vector<Vec3> points = face.all();
+    Prng of_lists(n);
+    Prng of_array(n);
+    auto listed = std::make_unique<PlaneSample>();
+    auto plain = std::make_unique<PlaneSample>();
+    draw_sample(face.points, of_lists, *listed);
+    draw_sample(std::span<const Vec3>(points), of_array, *plain);
+    ASSERT_EQ(listed->size(), std::min(n, limits::kPlaneSampleMax));
+    ASSERT_EQ(plain->size(), listed->size());
+    std::size_t different = 0;
+    for (std::size_t i = 0; i < plain->size(); ++i) different += listed->all()[i] == plain->all()[i] ? 0U : 1U;
+    EXPECT_EQ(different, 0U);
+    EXPECT_EQ(of_lists.next(), of_array.next());
+  }
+}
 
 TEST(ZonedPoints, HoldWhatIsWithinTheThresholdOfAnyPlaneCloseBy) {
   const FlatPlane plane = {Vec3(0.004, -0.3, 1.0).normalized(), 2.0};

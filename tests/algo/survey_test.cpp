@@ -153,10 +153,19 @@ void expect_same_plane(const char* face, const PlaneFit& fit, const PlaneFit& wa
 
 TEST(Survey, FindsWhatThePlainWayFinds) {
   Bench bench;
-  for (const double focus_mm : {0.0, 900.0}) {
+  struct View {
+    double focus_mm;
+    bool wide;  ///< wider than the table, and longer
+  };
+  for (const View& view : {View{0.0, false}, View{900.0, false}, View{0.0, true}}) {
+    const double focus_mm = view.focus_mm;
     scene::Scan scan;
-    scan.organised = focus_mm > 0.0;
+    scan.organised = focus_mm > 0.0 || view.wide;
     scan.focus_mm = focus_mm;
+    if (view.wide) {
+      scan.field_x_mm = 447.0;
+      scan.field_y_mm = 643.0;
+    }
     // As denoising leaves it; the planes' doubts take single points in plenty for a second surface.
     scan.outlier_share = 0.0;
     scan.displacement = scene::displaced(2.0, -1.5, 1.0, 0.3, -0.2, 0.4);
