@@ -67,6 +67,10 @@ enum PlcWarn : std::uint16_t {
   kWarnRecipeUnusable = 1U << 5U,
   kWarnDiskLow = 1U << 6U,
   kWarnControlSocket = 1U << 7U,
+  // 8 to 10: base/calibration.h
+  kWarnHandednessUnproven = 1U << 11U,  ///< nothing in force proves that the scanner's frame is right-handed
+  kWarnRecipesDiffer = 1U << 12U,       ///< the recipe folder differs from the recipes in use
+  kWarnEmulation = 1U << 13U,           ///< robot or scanner is emulated, or the open slab began so
 };
 
 /// Deviations of a result record, IR 42..55: mm or deg, NaN = none. Kind 2 carries station numbers and a count at

@@ -90,6 +90,10 @@ struct BlockMeasured {
   std::int64_t scan_utime_us = 0;
   BlockResult block;
   BlockMaps maps{};  ///< only carried through
+  /// The points, their noise or the block's place belong to another exposure than the requested one: frame_incomplete.
+  /// Then `block` is not measured. ok otherwise.
+  Code refused = Code::ok;
+  FixedString<limits::kErrorTextBytes> refused_text;  ///< why
 };
 struct SlabJudged {
   std::int64_t slab_key = 0;

@@ -51,6 +51,9 @@ Json warnings(std::uint16_t bits) {
   add(kWarnStationsNotCorrected, "stations were measured without their correction; U rests on the robot's accuracy");
   add(kWarnScannerNotVerified,
       "the scanner is not verified: never, too long ago or out of limits (slabctl scanner verify)");
+  add(kWarnHandednessUnproven, "no applied calibration proves that the scanner's frame is right-handed");
+  add(kWarnRecipesDiffer, "the recipe folder differs from the recipes in use");
+  add(kWarnEmulation, "emulation: robot or scanner is not the real one");
   return list;
 }
 

@@ -1,6 +1,6 @@
 -- SPDX-License-Identifier: Apache-2.0
 --
--- slabd's memory, schema version 8. One daemon writes, everybody else reads.
+-- slabd's memory, schema version 9. One daemon writes, everybody else reads.
 --
 --   line     one row: the session number last used, the newest wall clock of any record, what retention took away
 --   care     when the history was restored from a backup or begun anew, by whom and why

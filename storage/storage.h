@@ -16,7 +16,7 @@
 namespace slabd::storage {
 
 inline constexpr int kApplicationId = 0x534C4142;  // "SLAB"
-inline constexpr int kSchemaVersion = 8;
+inline constexpr int kSchemaVersion = 9;
 
 /// The longest recipe of the line has 8 kB, comments included. The files of all recipes stay in memory.
 inline constexpr std::size_t kRecipeTextBytes = 65'536;

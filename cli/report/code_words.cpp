@@ -63,7 +63,7 @@ constexpr std::array kCodesZh = {
     CodeWords{Code::internal, "内部检查失败", "记录日志条目并重启服务"},
 };
 
-constexpr std::array<std::pair<std::uint16_t, std::string_view>, 11> kWarningsZh = {{
+constexpr std::array<std::pair<std::uint16_t, std::string_view>, 14> kWarningsZh = {{
     {kWarnUnconfirmedNominals, "结论依赖于无人确认的公称值或公差"},
     {kWarnCommissioningCalibration, "使用调试标定值：尚未启用任何标定"},
     {kWarnStrayFiles, "不对应任何请求的文件已移至 stray/"},
@@ -75,6 +75,9 @@ constexpr std::array<std::pair<std::uint16_t, std::string_view>, 11> kWarningsZh
     {kWarnCheckOverdue, "参考块或监测球的检查已逾期（slabctl calibrate check）"},
     {kWarnStationsNotCorrected, "有测站未经修正测量；不确定度取决于机器人精度"},
     {kWarnScannerNotVerified, "扫描仪未经验证：从未验证、已过期或超出限值（slabctl scanner verify）"},
+    {kWarnHandednessUnproven, "扫描仪坐标系的手性未经证实：尚未启用标定"},
+    {kWarnRecipesDiffer, "配方文件夹与正在使用的配方不一致"},
+    {kWarnEmulation, "仿真：机器人或扫描仪不是真实设备"},
 }};
 
 constexpr std::array<std::pair<std::string_view, std::string_view>, 9> kStatesZh = {{

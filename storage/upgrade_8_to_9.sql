@@ -1,0 +1,3 @@
+-- SPDX-License-Identifier: Apache-2.0
+--
+-- From schema version 8 to 9. The columns are explained in schema.sql.

@@ -1,0 +1,426 @@
+-- SPDX-License-Identifier: Apache-2.0
+--
+-- slabd's memory, schema version 8. One daemon writes, everybody else reads.
+--
+--   line     one row: the session number last used, the newest wall clock of any record, what retention took away
+--   care     when the history was restored from a backup or begun anew, by whom and why
+--   slab     what SLAB_BEGIN said and what it was measured with; slab_result is its end (no row: still open)
+--   command  the journal of accepted commands; id is their order
+--   attempt  one SCAN of one station; the highest attempt of a station is the valid one, all are kept
+--   recipe_text  the files of all recipes that a slab was begun with
+--   seen_scan  fingerprints of the last scans' points
+--   block    what an attempt measured, with its planes, casings and items
+--   map      how far it lies from the model, and its seat from the fitted plane, place by place: what a report draws
+--   result   the records the PLC is shown; id is the order in which it is shown them
+--
+--   calibration        every calibration ever kept, with what it was made from; its numbers lie in hand_eye,
+--                      station_correction, reference_block, monitor_ball or scanner_acceptance
+--   applied            what was put in force when, by whom and why; the newest row of a kind (and slab type) counts
+--   calibration_check  the trend of the daily checks
+--
+-- Lengths in mm, angles in degrees for items, times of day in us since 1970 (utime_us), durations in ms. Rows are
+-- ordered by key or id, never by the wall clock. A number that could not be measured is NULL. Verdicts: none, pass,
+-- fail, not_measured, aborted, indeterminate. Covariances are whole matrices: _12 is row 1, column 2.
+--
+-- Every change needs the next version number, a step from the last one (storage/upgrade_*.sql), and the old text kept
+-- for the tests. A column with a DEFAULT came later than its table: that is what older rows hold there.
+
+CREATE TABLE line (
+  id              INTEGER PRIMARY KEY CHECK (id = 1),
+  session         INTEGER NOT NULL CHECK (session BETWEEN 0 AND 65535),
+  newest_utime_us INTEGER NOT NULL,
+  keys_used       INTEGER NOT NULL DEFAULT 0,  -- slab keys up to here may have been used, whatever table slab says
+  pruned_slabs    INTEGER NOT NULL DEFAULT 0,  -- taken away by retention,
+  pruned_key      INTEGER NOT NULL DEFAULT 0   -- the newest of them
+) STRICT;
+INSERT INTO line (id, session, newest_utime_us) VALUES (1, 0, 0);
+
+CREATE TABLE slab (
+  slab_key           INTEGER PRIMARY KEY CHECK (slab_key > 0),
+  slab_id            TEXT NOT NULL,
+  slab_no            INTEGER NOT NULL,
+  slab_type          INTEGER NOT NULL,
+  stations           INTEGER NOT NULL CHECK (stations BETWEEN 1 AND 18),
+  temperature_dk     INTEGER NOT NULL,   -- 0.1 K, 0 = unknown
+  age_h              INTEGER NOT NULL,   -- hours, 0 = unknown
+  recipe             TEXT NOT NULL,
+  recipe_sha256      TEXT NOT NULL,
+  unconfirmed        INTEGER NOT NULL,   -- nominals and tolerances nobody had confirmed
+  guard              REAL,               -- guard band in units of U, 0 = simple acceptance
+  cell_mm            REAL,               -- flatness cell
+  calibration_id     TEXT NOT NULL,
+  stations_id        TEXT NOT NULL DEFAULT '',  -- station corrections in force, empty: none
+  scanner_id         TEXT NOT NULL DEFAULT '',  -- the scanner's acceptance in force, empty: none
+  software           TEXT NOT NULL,
+  T_base_slab_x REAL, T_base_slab_y REAL, T_base_slab_z REAL,
+  T_base_slab_qw REAL, T_base_slab_qx REAL, T_base_slab_qy REAL, T_base_slab_qz REAL,
+  T_flange_scanner_x REAL, T_flange_scanner_y REAL, T_flange_scanner_z REAL,
+  T_flange_scanner_qw REAL, T_flange_scanner_qx REAL, T_flange_scanner_qy REAL, T_flange_scanner_qz REAL,
+  began_utime_us     INTEGER NOT NULL
+) STRICT;
+CREATE INDEX slab_by_id ON slab (slab_id, slab_key);
+
+-- Byte for byte as the daemon read them, so that a verdict can be proven when the file has long been changed. Rows are only
+-- added, whatever retention takes away.
+CREATE TABLE recipe_text (
+  sha256        TEXT PRIMARY KEY,          -- of the text, as slab.recipe_sha256
+  name          TEXT NOT NULL,
+  text          TEXT NOT NULL,
+  kept_utime_us INTEGER NOT NULL
+) STRICT;
+CREATE TRIGGER recipe_text_stays BEFORE UPDATE ON recipe_text
+  BEGIN SELECT RAISE(ABORT, 'a recipe that was used is never changed'); END;
+CREATE TRIGGER recipe_text_is_kept BEFORE DELETE ON recipe_text
+  BEGIN SELECT RAISE(ABORT, 'a recipe that was used is never deleted'); END;
+
+CREATE TABLE slab_result (
+  slab_key         INTEGER PRIMARY KEY REFERENCES slab (slab_key),
+  ended_utime_us   INTEGER NOT NULL,
+  verdict          TEXT NOT NULL,
+  reason           INTEGER NOT NULL,
+  fit_ok           INTEGER NOT NULL,
+  fit_seats        INTEGER NOT NULL,
+  fit_iterations   INTEGER NOT NULL,
+  fit_rms_mm       REAL,
+  fit_plain_rms_mm REAL,
+  fit_T_base_slab_x REAL, fit_T_base_slab_y REAL, fit_T_base_slab_z REAL,
+  fit_T_base_slab_qw REAL, fit_T_base_slab_qx REAL, fit_T_base_slab_qy REAL, fit_T_base_slab_qz REAL,
+  fit_note         TEXT NOT NULL
+) STRICT;
+
+-- The verdict of each station after SLAB_END, slab-frame items included.
+CREATE TABLE station_result (
+  slab_key INTEGER NOT NULL REFERENCES slab (slab_key),
+  station  INTEGER NOT NULL CHECK (station BETWEEN 1 AND 18),
+  verdict  TEXT NOT NULL,
+  reason   INTEGER NOT NULL,
+  PRIMARY KEY (slab_key, station)
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE command (
+  id       INTEGER PRIMARY KEY,
+  session  INTEGER NOT NULL,
+  cmd_seq  INTEGER NOT NULL,
+  command  INTEGER NOT NULL CHECK (command BETWEEN 1 AND 5),  -- as the PLC writes it
+  station  INTEGER NOT NULL,
+  slab_key INTEGER REFERENCES slab (slab_key),
+  utime_us INTEGER NOT NULL,
+  status   INTEGER NOT NULL,             -- CMD_STATUS: 1 accepted, 3 acquired, 4 done, 32768 + code failed
+  acquired INTEGER NOT NULL              -- 1: cloud and pose became durable
+) STRICT;
+CREATE INDEX command_unfinished ON command (id) WHERE status = 1;
+
+CREATE TABLE attempt (
+  slab_key       INTEGER NOT NULL REFERENCES slab (slab_key),
+  station        INTEGER NOT NULL CHECK (station BETWEEN 1 AND 18),
+  attempt        INTEGER NOT NULL CHECK (attempt BETWEEN 1 AND 255),
+  session        INTEGER NOT NULL,
+  cmd_seq        INTEGER NOT NULL,
+  T_base_flange_x REAL, T_base_flange_y REAL, T_base_flange_z REAL,
+  T_base_flange_qw REAL, T_base_flange_qx REAL, T_base_flange_qy REAL, T_base_flange_qz REAL,
+  pose_spread_mm REAL,
+  pose_samples   INTEGER NOT NULL,
+  scan_path      TEXT NOT NULL,
+  scan_points    INTEGER NOT NULL,
+  scan_finite    INTEGER NOT NULL,
+  scan_width     INTEGER NOT NULL,
+  scan_height    INTEGER NOT NULL,
+  scan_utime_us  INTEGER NOT NULL,
+  settle_ms      REAL,
+  acquire_ms     REAL,
+  phase          TEXT NOT NULL CHECK (phase IN ('acquired', 'measured', 'failed')),
+  code           INTEGER NOT NULL,       -- why it failed
+  scan_bytes     INTEGER NOT NULL,
+  scan_state     TEXT NOT NULL CHECK (scan_state IN ('none', 'kept', 'deleting', 'deleted')),
+  -- How the scan came into the base frame (mm, rad, k = 1): base/calibration.h, Splice.
+  splice         TEXT NOT NULL DEFAULT 'none',
+  splice_visits  INTEGER NOT NULL DEFAULT 0,
+  T_base_reported_x REAL DEFAULT 0.0, T_base_reported_y REAL DEFAULT 0.0, T_base_reported_z REAL DEFAULT 0.0,
+  T_base_reported_qw REAL DEFAULT 1.0, T_base_reported_qx REAL DEFAULT 0.0, T_base_reported_qy REAL DEFAULT 0.0,
+  T_base_reported_qz REAL DEFAULT 0.0,
+  splice_off_mm REAL, splice_off_rad REAL,
+  splice_calibration_mm REAL, splice_calibration_rad REAL, splice_robot_mm REAL, splice_robot_rad REAL,
+  points_crc32c INTEGER CHECK (points_crc32c BETWEEN 0 AND 4294967295),  -- of the scan (docs/QUALITY.md); NULL: not taken
+  PRIMARY KEY (slab_key, station, attempt)
+) STRICT, WITHOUT ROWID;
+CREATE INDEX attempt_with_scan ON attempt (slab_key, scan_bytes) WHERE scan_state = 'kept';
+CREATE INDEX attempt_deleting ON attempt (slab_key) WHERE scan_state = 'deleting';
+
+-- A scanner that hangs gives an old scan again under a new name. The newest 64, by id; what is refused because it is one
+-- of them is not added.
+CREATE TABLE seen_scan (
+  id          INTEGER PRIMARY KEY,
+  fingerprint INTEGER NOT NULL UNIQUE    -- 64 bits of the points, as a signed number
+) STRICT;
+
+CREATE TABLE block (
+  slab_key INTEGER NOT NULL,
+  station  INTEGER NOT NULL,
+  attempt  INTEGER NOT NULL,
+  verdict  TEXT NOT NULL,                -- provisional; station_result has the final one
+  reason   INTEGER NOT NULL,
+  points_read INTEGER NOT NULL, points_finite INTEGER NOT NULL,
+  isolated_removed INTEGER NOT NULL, points_kept INTEGER NOT NULL,
+  registration_status TEXT NOT NULL, registration_iterations INTEGER NOT NULL,
+  share_associated REAL, condition REAL, registration_note TEXT NOT NULL,
+  T_scanner_block_x REAL, T_scanner_block_y REAL, T_scanner_block_z REAL,
+  T_scanner_block_qw REAL, T_scanner_block_qx REAL, T_scanner_block_qy REAL, T_scanner_block_qz REAL,
+  deviation_count INTEGER NOT NULL, deviation_mean_mm REAL, deviation_std_mm REAL,
+  within_sigma_1 REAL, within_sigma_2 REAL, within_sigma_3 REAL,
+  within_sigma_4 REAL, within_sigma_5 REAL, within_sigma_6 REAL,
+  seat_normal_x REAL, seat_normal_y REAL, seat_normal_z REAL,   -- in the datum frame
+  seat_grid_points INTEGER NOT NULL, seat_std_cells_mm REAL,
+  seat_flatness_mm REAL, seat_flatness_min_zone_mm REAL, seat_raw_low_mm REAL, seat_raw_high_mm REAL,
+  observation_ok INTEGER NOT NULL, observation_jaw_ok INTEGER NOT NULL, observation_top_ok INTEGER NOT NULL,
+  p_base_x REAL, p_base_y REAL, p_base_z REAL,
+  n_base_x REAL, n_base_y REAL, n_base_z REAL,
+  jaw_outer_base_x REAL, jaw_outer_base_y REAL, jaw_outer_base_z REAL,
+  top_n_base_x REAL, top_n_base_y REAL, top_n_base_z REAL,
+  read_ms REAL, denoise_ms REAL, register_ms REAL, extract_ms REAL, total_ms REAL,
+  -- The small motion that takes the registered block to the true one: x, y, z (mm), then about X, Y, Z (rad).
+  registration_noise_mm REAL,
+  registration_cov_11 REAL, registration_cov_12 REAL, registration_cov_13 REAL,
+  registration_cov_14 REAL, registration_cov_15 REAL, registration_cov_16 REAL,
+  registration_cov_21 REAL, registration_cov_22 REAL, registration_cov_23 REAL,
+  registration_cov_24 REAL, registration_cov_25 REAL, registration_cov_26 REAL,
+  registration_cov_31 REAL, registration_cov_32 REAL, registration_cov_33 REAL,
+  registration_cov_34 REAL, registration_cov_35 REAL, registration_cov_36 REAL,
+  registration_cov_41 REAL, registration_cov_42 REAL, registration_cov_43 REAL,
+  registration_cov_44 REAL, registration_cov_45 REAL, registration_cov_46 REAL,
+  registration_cov_51 REAL, registration_cov_52 REAL, registration_cov_53 REAL,
+  registration_cov_54 REAL, registration_cov_55 REAL, registration_cov_56 REAL,
+  registration_cov_61 REAL, registration_cov_62 REAL, registration_cov_63 REAL,
+  registration_cov_64 REAL, registration_cov_65 REAL, registration_cov_66 REAL,
+  seat_noise_factor REAL, seat_flatness_noise_mm REAL,
+  -- The largest group of cells beyond the limit; limit NULL: the channel was not computed.
+  defect_limit_mm REAL, defect_cells INTEGER NOT NULL DEFAULT 0, defect_area_mm2 REAL DEFAULT 0.0,
+  defect_height_mm REAL DEFAULT 0.0, defect_x_mm REAL DEFAULT 0.0, defect_s_mm REAL DEFAULT 0.0,
+  -- Standard uncertainties inside one scan, block axes: of p_base and jaw_outer_base (mm), of the normals (rad).
+  sigma_p_x REAL, sigma_p_y REAL, sigma_p_z REAL,
+  sigma_jaw_x REAL, sigma_jaw_y REAL, sigma_jaw_z REAL,
+  sigma_n_x REAL, sigma_n_y REAL, sigma_n_z REAL,
+  sigma_top_n_x REAL, sigma_top_n_y REAL, sigma_top_n_z REAL,
+  PRIMARY KEY (slab_key, station, attempt),
+  FOREIGN KEY (slab_key, station, attempt) REFERENCES attempt
+) STRICT, WITHOUT ROWID;
+
+-- Fitted planes in the block's registered frame: seat, seat_full, jaw_inner, jaw_outer, slab_top.
+CREATE TABLE plane (
+  slab_key INTEGER NOT NULL,
+  station  INTEGER NOT NULL,
+  attempt  INTEGER NOT NULL,
+  feature  TEXT NOT NULL,
+  ok       INTEGER NOT NULL,
+  normal_x REAL, normal_y REAL, normal_z REAL,
+  offset_mm REAL,
+  points INTEGER NOT NULL, inliers INTEGER NOT NULL, inlier_fraction REAL,
+  std_mm REAL,
+  iterations INTEGER NOT NULL,
+  -- Where offset and tilt are independent, and what white noise does to them (mm, rad^2).
+  centroid_x REAL DEFAULT 0.0, centroid_y REAL DEFAULT 0.0, centroid_z REAL DEFAULT 0.0,
+  sigma_offset_mm REAL,
+  cov_normal_11 REAL, cov_normal_12 REAL, cov_normal_13 REAL,
+  cov_normal_21 REAL, cov_normal_22 REAL, cov_normal_23 REAL,
+  cov_normal_31 REAL, cov_normal_32 REAL, cov_normal_33 REAL,
+  PRIMARY KEY (slab_key, station, attempt, feature),
+  FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
+) STRICT, WITHOUT ROWID;
+
+-- Casings: inner, outer.
+CREATE TABLE casing (
+  slab_key INTEGER NOT NULL,
+  station  INTEGER NOT NULL,
+  attempt  INTEGER NOT NULL,
+  feature  TEXT NOT NULL,
+  ok       INTEGER NOT NULL,
+  centre_x REAL, centre_y REAL, centre_z REAL,
+  radius_mm REAL, height_mm REAL,
+  edge_points INTEGER NOT NULL, rim_points INTEGER NOT NULL,
+  edge_rms_mm REAL, inlier_fraction REAL DEFAULT 0.0, rim_std_mm REAL, sigma_height_mm REAL,
+  -- Of centre along the rail, centre along the seat, radius (mm^2).
+  cov_circle_11 REAL, cov_circle_12 REAL, cov_circle_13 REAL,
+  cov_circle_21 REAL, cov_circle_22 REAL, cov_circle_23 REAL,
+  cov_circle_31 REAL, cov_circle_32 REAL, cov_circle_33 REAL,
+  PRIMARY KEY (slab_key, station, attempt, feature),
+  FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
+) STRICT, WITHOUT ROWID;
+
+-- Deviations by place, packed (base/packed_map.h): registration, seat. Blocks of versions 1 to 3, and blocks that were
+-- not found, have none.
+CREATE TABLE map (
+  slab_key INTEGER NOT NULL,
+  station  INTEGER NOT NULL,
+  attempt  INTEGER NOT NULL,
+  feature  TEXT NOT NULL,
+  columns  INTEGER NOT NULL,
+  rows     INTEGER NOT NULL,
+  cell_mm  REAL NOT NULL,
+  step_mm  REAL NOT NULL,
+  bytes    BLOB NOT NULL,
+  PRIMARY KEY (slab_key, station, attempt, feature),
+  FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
+) STRICT;
+
+-- Measured characteristics. Those of a block carry its station and attempt; those of the slab have both 0 there and
+-- name their stations in from_station and to_station (0 = the whole slab).
+CREATE TABLE item (
+  slab_key     INTEGER NOT NULL REFERENCES slab (slab_key),
+  station      INTEGER NOT NULL,
+  attempt      INTEGER NOT NULL,
+  position     INTEGER NOT NULL,         -- in its list, from 0
+  id           TEXT NOT NULL,
+  verdict      TEXT NOT NULL,
+  required     INTEGER NOT NULL,
+  from_station INTEGER NOT NULL,
+  to_station   INTEGER NOT NULL,
+  value REAL, nominal REAL, lower REAL, upper REAL, U REAL, beside REAL,
+  -- Standard uncertainties (k = 1) whose root sum of squares is U / 2; all 0: U is the recipe's.
+  budget_fit REAL DEFAULT 0.0, budget_noise REAL DEFAULT 0.0, budget_scanner REAL DEFAULT 0.0,
+  budget_registration REAL DEFAULT 0.0, budget_calibration REAL DEFAULT 0.0,
+  budget_robot REAL DEFAULT 0.0, budget_reference REAL DEFAULT 0.0,
+  PRIMARY KEY (slab_key, station, attempt, position)
+) STRICT, WITHOUT ROWID;
+CREATE INDEX item_by_name ON item (id, slab_key);
+
+CREATE TABLE result (
+  id            INTEGER PRIMARY KEY,
+  slab_key      INTEGER NOT NULL REFERENCES slab (slab_key),
+  is_repeat     INTEGER NOT NULL,        -- 1: shown again on REPORT
+  acknowledged  INTEGER NOT NULL,
+  res_seq       INTEGER NOT NULL CHECK (res_seq BETWEEN 1 AND 65535),
+  kind          INTEGER NOT NULL CHECK (kind IN (1, 2)),  -- 1 station, 2 slab
+  cmd_seq       INTEGER NOT NULL,
+  station       INTEGER NOT NULL,
+  slab_no       INTEGER NOT NULL,
+  verdict       TEXT NOT NULL,
+  reason        INTEGER NOT NULL,
+  fail_mask     INTEGER NOT NULL,
+  open_mask     INTEGER NOT NULL,
+  flatness_mm   REAL,
+  std_mm        REAL,
+  deviation_1 REAL, deviation_2 REAL, deviation_3 REAL, deviation_4 REAL, deviation_5 REAL, deviation_6 REAL,
+  deviation_7 REAL, deviation_8 REAL, deviation_9 REAL, deviation_10 REAL, deviation_11 REAL, deviation_12 REAL,
+  deviation_13 REAL, deviation_14 REAL,
+  points        INTEGER NOT NULL,
+  scan_utime_us INTEGER NOT NULL
+) STRICT;
+CREATE INDEX result_unacknowledged ON result (id) WHERE acknowledged = 0;
+CREATE INDEX result_by_slab ON result (slab_key, kind, id);
+
+CREATE TABLE care (
+  seq      INTEGER PRIMARY KEY,
+  what     TEXT NOT NULL CHECK (what IN ('restored', 'begun_anew')),
+  slab_key INTEGER NOT NULL,               -- keys up to here may have been used before
+  result_id INTEGER NOT NULL,              -- the newest result at that time; after it
+  res_seq  INTEGER NOT NULL CHECK (res_seq BETWEEN 1 AND 65535),  -- records count on from here: the PLC knows others
+  source   TEXT NOT NULL,                  -- the backup
+  who      TEXT NOT NULL,
+  why      TEXT NOT NULL,
+  utime_us INTEGER NOT NULL
+) STRICT;
+CREATE TRIGGER care_stays BEFORE UPDATE ON care
+  BEGIN SELECT RAISE(ABORT, 'a gap in the history is never changed'); END;
+CREATE TRIGGER care_is_kept BEFORE DELETE ON care
+  BEGIN SELECT RAISE(ABORT, 'a gap in the history is never deleted'); END;
+
+-- ---- calibrations: rows are only ever added --------------------------------------------------------------------------
+
+CREATE TABLE calibration (
+  seq              INTEGER PRIMARY KEY,
+  id               TEXT NOT NULL UNIQUE,   -- from the SHA-256 of kind, numbers and parent
+  kind             TEXT NOT NULL CHECK (kind IN ('hand_eye', 'stations', 'reference_block', 'monitor_ball', 'scanner')),
+  slab_type        INTEGER NOT NULL,       -- of station corrections, else 0
+  parent_id        TEXT NOT NULL,          -- stations: the hand-eye calibration they hold for
+  figures          TEXT NOT NULL,          -- JSON
+  observations     TEXT NOT NULL,
+  certificate      TEXT NOT NULL,
+  operator_name    TEXT NOT NULL,
+  robot_serial     TEXT NOT NULL,
+  scanner_serial   TEXT NOT NULL,
+  temperature_c    REAL,
+  software         TEXT NOT NULL,
+  created_utime_us INTEGER NOT NULL,
+  expires_utime_us INTEGER NOT NULL        -- 0 = never
+) STRICT;
+CREATE TRIGGER calibration_stays BEFORE UPDATE ON calibration
+  BEGIN SELECT RAISE(ABORT, 'a calibration record is never changed'); END;
+CREATE TRIGGER calibration_is_kept BEFORE DELETE ON calibration
+  BEGIN SELECT RAISE(ABORT, 'a calibration record is never deleted'); END;
+
+CREATE TABLE hand_eye (
+  calibration_id TEXT PRIMARY KEY REFERENCES calibration (id),
+  T_flange_scanner_x REAL, T_flange_scanner_y REAL, T_flange_scanner_z REAL,
+  T_flange_scanner_qw REAL, T_flange_scanner_qx REAL, T_flange_scanner_qy REAL, T_flange_scanner_qz REAL,
+  sigma_mm REAL, sigma_rad REAL            -- k = 1, per axis
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE station_correction (
+  calibration_id TEXT NOT NULL REFERENCES calibration (id),
+  station        INTEGER NOT NULL CHECK (station BETWEEN 1 AND 18),
+  visits         INTEGER NOT NULL,
+  T_base_reported_x REAL, T_base_reported_y REAL, T_base_reported_z REAL,
+  T_base_reported_qw REAL, T_base_reported_qx REAL, T_base_reported_qy REAL, T_base_reported_qz REAL,
+  T_base_flange_x REAL, T_base_flange_y REAL, T_base_flange_z REAL,
+  T_base_flange_qw REAL, T_base_flange_qx REAL, T_base_flange_qy REAL, T_base_flange_qz REAL,
+  sigma_mm REAL, sigma_rad REAL,           -- of one visit, k = 1, per axis
+  spread_mm REAL,
+  PRIMARY KEY (calibration_id, station)
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE reference_block (
+  calibration_id TEXT PRIMARY KEY REFERENCES calibration (id),
+  slope_rad REAL, slope_U_rad REAL, jaw_distance_mm REAL, jaw_distance_U_mm REAL   -- U: k = 2
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE monitor_ball (
+  calibration_id TEXT PRIMARY KEY REFERENCES calibration (id),
+  p_base_x REAL, p_base_y REAL, p_base_z REAL, radius_mm REAL, limit_mm REAL
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE scanner_acceptance (
+  calibration_id TEXT PRIMARY KEY REFERENCES calibration (id),
+  scanner        TEXT NOT NULL,            -- its name or serial number, empty: not said
+  PF_mm REAL, PS_mm REAL, RF_mm REAL,      -- VDI/VDE 2634-2, the worst place; PS as a magnitude
+  form_half_mm REAL, form_length_mm REAL,  -- what does not average away, and the shortest length it was seen over
+  noise_sigma_mm REAL, noise_correlation_mm REAL, pitch_mm REAL,
+  plates         INTEGER NOT NULL,         -- places that were looked at
+  balls          INTEGER NOT NULL,
+  within_limits  INTEGER NOT NULL
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE applied (
+  seq            INTEGER PRIMARY KEY,
+  kind           TEXT NOT NULL,
+  slab_type      INTEGER NOT NULL,
+  is_rollback    INTEGER NOT NULL,
+  calibration_id TEXT NOT NULL REFERENCES calibration (id),
+  replaced_id    TEXT NOT NULL,            -- in force until here, empty: none
+  before_seq     INTEGER NOT NULL,         -- the row a rollback goes back to, 0: none
+  who            TEXT NOT NULL,
+  why            TEXT NOT NULL,
+  utime_us       INTEGER NOT NULL
+) STRICT;
+CREATE INDEX applied_newest ON applied (kind, slab_type, seq);
+CREATE TRIGGER applied_stays BEFORE UPDATE ON applied
+  BEGIN SELECT RAISE(ABORT, 'the history is never changed'); END;
+CREATE TRIGGER applied_is_kept BEFORE DELETE ON applied
+  BEGIN SELECT RAISE(ABORT, 'the history is never deleted'); END;
+
+CREATE TABLE calibration_check (
+  seq          INTEGER PRIMARY KEY,
+  kind         TEXT NOT NULL CHECK (kind IN ('reference_block', 'monitor_ball')),
+  reference_id TEXT NOT NULL REFERENCES calibration (id),
+  hand_eye_id  TEXT NOT NULL,              -- in force at the time, empty: none
+  passed       INTEGER NOT NULL,
+  slope_rad REAL, slope_U_rad REAL, jaw_distance_mm REAL, jaw_distance_U_mm REAL,  -- as measured; U: k = 2
+  off_x REAL, off_y REAL, off_z REAL,      -- monitor ball from its place, base axes (mm)
+  utime_us     INTEGER NOT NULL,
+  who          TEXT NOT NULL,
+  source       TEXT NOT NULL,
+  note         TEXT NOT NULL               -- why it failed
+) STRICT;
+CREATE INDEX calibration_check_newest ON calibration_check (reference_id, seq);
+CREATE TRIGGER calibration_check_stays BEFORE UPDATE ON calibration_check
+  BEGIN SELECT RAISE(ABORT, 'a check is never changed'); END;
+CREATE TRIGGER calibration_check_is_kept BEFORE DELETE ON calibration_check
+  BEGIN SELECT RAISE(ABORT, 'a check is never deleted'); END;
