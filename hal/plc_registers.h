@@ -53,21 +53,20 @@ inline constexpr std::array<std::string_view, 6> kCommandWords = {"none",     "S
                                                                   "SLAB_END", "SLAB_ABORT", "REPORT"};
 inline constexpr std::array<std::string_view, 5> kStatusWords = {"none", "accepted", "acquiring", "acquired", "done"};
 /// PlcWarn, bit by bit.
-inline constexpr std::array<std::string_view, 14> kWarnWords = {
-    "nominals nobody confirmed",
-    "commissioning calibration",
-    "stray scan files",
-    "results wait for RES_ACK",
-    "clock behind the records",
-    "a recipe is unusable",
-    "disk nearly full",
-    "no control socket",
-    "calibration check overdue",
-    "stations without correction",
-    "scanner not verified",
-    "handedness of the scanner not proven",
-    "recipe folder differs from recipes in use",
-    "emulation"};
+inline constexpr std::array<std::string_view, 14> kWarnWords = {"nominals nobody confirmed",
+                                                                "commissioning calibration",
+                                                                "stray scan files",
+                                                                "results wait for RES_ACK",
+                                                                "clock behind the records",
+                                                                "a recipe is unusable",
+                                                                "disk nearly full",
+                                                                "no control socket",
+                                                                "calibration check overdue",
+                                                                "stations without correction",
+                                                                "scanner not verified",
+                                                                "handedness of the scanner not proven",
+                                                                "recipe folder differs from recipes in use",
+                                                                "emulation"};
 inline constexpr std::array<std::string_view, 3> kKindWords = {"none", "station", "slab"};
 
 /// IR 42..55, by kind of record. A plain number is a station, pair or count.
