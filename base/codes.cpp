@@ -44,7 +44,7 @@ constexpr std::array kTable = {
     Entry{Code::scanner_offline, "the scanner's folder cannot be used",
           "check the path, its permissions and the mount"},
     Entry{Code::trigger_timeout, "the scanner did not answer in time", "check the scanner program; scan again"},
-    Entry{Code::frame_incomplete, "the scan is incomplete, unreadable or an earlier one again",
+    Entry{Code::frame_incomplete, "the scan is incomplete, unreadable or not the one that was asked for",
           "scan this station again"},
     Entry{Code::exposure, "the scan is over- or underexposed", "check the scanner's exposure settings"},
     Entry{Code::too_few_points, "the scan has too few valid points", "check distance, exposure and dirt; scan again"},

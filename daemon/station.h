@@ -23,7 +23,8 @@
 ///   slab open --SLAB_END--> wait for measurements -> slab fit -> commit -> slab verdict --RES_ACK--> idle
 ///
 /// Measuring begins when the points are in memory, beside their way to the disk; what it finds is kept back until the
-/// scan is durable, and dropped when the scan comes to nothing.
+/// scan is durable, and dropped when the scan comes to nothing. A scan that measuring refuses (BlockMeasured::refused)
+/// is a failed one as long as it is not acquired; afterwards its block's result is not measured, with the same code.
 ///
 /// Beside it there is maintenance: views for a calibration, taken while no slab is open (station_capture.cpp).
 ///
@@ -224,9 +225,10 @@ struct Acquisition {
   bool decoded = false;           ///< the points are in the buffer, and are new
   bool repeats = false;           ///< they are those of an earlier scan
   std::uint64_t fingerprint = 0;  ///< of them, when they are new
-  /// Measuring ahead of the disk. From its beginning on the buffer is the measurement's.
+  /// Measuring ahead of the database, and mostly of the disk. From its beginning on the buffer is the measurement's.
   enum class Ahead : std::uint8_t { no, measuring, measured } ahead = Ahead::no;
-  BlockMeasured block;  ///< measured ahead: kept back
+  std::int64_t ahead_ns = 0;  ///< when measuring began
+  BlockMeasured block;        ///< measured ahead: kept back
 };
 
 /// One view for a calibration, taken or refused.

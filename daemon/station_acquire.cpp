@@ -4,9 +4,10 @@
 // leave" -> measure -> commit -> result. Up to "durable" there is one acquisition at a time; after it the block only
 // occupies a buffer while the next one may begin.
 //
-// Measuring starts as soon as points and pose are there, while the scan is still on its way to the disk: it is the
-// slower way, so the result waits and the PLC does not. A scan that comes to nothing after all takes the measurement
-// with it: its answer then finds nobody and only gives the buffer back.
+// Measuring starts as soon as points and pose are there, in general while the scan is still on its way to the disk. A
+// durable scan waits for its measurement for half a second, so that a scan which measuring refuses ends as a failed SCAN
+// with the robot still at the station. A longer measurement is not waited for: its result comes after "acquired". A scan
+// that comes to nothing after all takes the measurement with it: the answer then only gives the buffer back.
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -19,6 +20,11 @@ namespace {
 
 /// A pose newer than the end of the exposure must come within this time, or the link counts as stale.
 constexpr std::int64_t kCheckTimeoutNs = kNsPerS;
+
+/// A durable scan waits so long for its measurement, counted from the beginning of that: a scan that measuring
+/// refuses then fails while the robot is still at the station. Measuring takes 20 to 50 ms and the disk mostly longer,
+/// so in general nothing waits. After that time the scan is acquired, and a refusal is the block's result.
+constexpr std::int64_t kRefusalWaitNs = kNsPerS / 2;
 
 /// The PLC waits 20 s for "acquired". A scanner's worker that hangs then is not waited for any longer.
 constexpr std::int64_t kHangTimeoutNs = 19 * kNsPerS + kNsPerS / 2;
@@ -155,17 +161,22 @@ MeasureBlock block_to_measure(const Station& s, const Attempt& attempt, std::uin
 
 /// As soon as the robot is known to have stood still over the whole exposure. That it has not is check_stillness's to
 /// say, when the scan is durable.
-void measure_ahead(Station& s, Actions& actions) {
+void measure_ahead(Station& s, const PoseMean& mean, Actions& actions) {
   Acquisition& a = s.acquisition;
-  PoseMean mean;
-  if (!a.decoded || a.abort || a.ahead != Acquisition::Ahead::no || s.gate.held_still(a.taken_ns, mean) != Code::ok)
-    return;
   note_pose(s, mean, actions);
   a.ahead = Acquisition::Ahead::measuring;
+  a.ahead_ns = s.now_ns;
   a.slot_taken = false;
   MeasureBlock action = block_to_measure(s, a.attempt, a.slot);
   action.read_ms = a.read_ms;
   emit(actions, action);
+}
+
+void try_to_measure_ahead(Station& s, Actions& actions) {
+  const Acquisition& a = s.acquisition;
+  PoseMean mean;
+  if (a.decoded && !a.abort && a.ahead == Acquisition::Ahead::no && s.gate.held_still(a.taken_ns, mean) == Code::ok)
+    measure_ahead(s, mean, actions);
 }
 
 void check_stillness(Station& s, Actions& actions) {
@@ -178,7 +189,12 @@ void check_stillness(Station& s, Actions& actions) {
       fail_acquisition(s, code, actions);
       return;
     }
-    note_pose(s, mean, actions);
+    measure_ahead(s, mean, actions);
+  }
+  if (a.ahead == Acquisition::Ahead::measuring && s.now_ns - a.ahead_ns < kRefusalWaitNs) return;
+  if (a.ahead == Acquisition::Ahead::measured && a.block.refused != Code::ok) {
+    fail_acquisition(s, a.block.refused, actions);
+    return;
   }
   a.phase = Acquisition::Phase::storing;
   a.attempt.acquire_ms = ms_from_ns(s.now_ns - a.started_ns);
@@ -227,24 +243,40 @@ bool is_expected(const Station& s, const BlockMeasured& measured) {
          s.slab.stations[index].attempt.number == measured.attempt;
 }
 
+/// Of a scan that measuring refused: how many points it had, and where it showed a block, are kept as evidence. Nothing
+/// else of it can reach a verdict.
+BlockResult refused_block(const BlockMeasured& measured) {
+  BlockResult block;
+  block.station = measured.block.station;
+  block.verdict = Verdict::not_measured;
+  block.reason = static_cast<std::uint16_t>(measured.refused);
+  block.scan = measured.block.scan;
+  block.registration = measured.block.registration;
+  block.times = measured.block.times;
+  return block;
+}
+
 void commit_block(Station& s, const BlockMeasured& measured, Actions& actions) {
-  StationRecord& record = record_of(s, measured.block.station);
-  if (record.phase == StationPhase::acquired) record.block = measured.block;
+  const bool is_refused = measured.refused != Code::ok;
+  const BlockResult block = is_refused ? refused_block(measured) : measured.block;
+  StationRecord& record = record_of(s, block.station);
+  if (record.phase == StationPhase::acquired) record.block = block;
 
   PendingStore pending;
   pending.kind = PendingStore::Kind::block;
-  pending.station = measured.block.station;
+  pending.station = block.station;
   pending.attempt = measured.attempt;
   pending.slab_key = measured.slab_key;
-  pending.record = station_record(measured.block);
+  pending.record = station_record(block);
   pending.record.cmd_seq = measured.cmd_seq;
   pending.record.slab_no = s.slab.header.slab_no;
   pending.record.scan_utime_us = measured.scan_utime_us;
   pending.value = measured.cmd_seq;
   number_record(s, pending.record);
-  log(actions, LogLine::Level::info, Code::ok, "station %u: %s (reason %u) after %.0f ms", measured.block.station,
-      name(measured.block.verdict).data(), measured.block.reason, measured.block.times.total_ms);
-  submit(s, actions, BlockJob{measured.slab_key, measured.attempt, measured.block, pending.record, measured.maps},
+  log(actions, LogLine::Level::info, Code::ok, "station %u: %s (reason %u) after %.0f ms", block.station,
+      name(block.verdict).data(), block.reason, block.times.total_ms);
+  submit(s, actions,
+         BlockJob{measured.slab_key, measured.attempt, block, pending.record, is_refused ? BlockMaps{} : measured.maps},
          pending);
 }
 
@@ -284,7 +316,7 @@ void advance_acquisition(Station& s, Actions& actions) {
     case Acquisition::Phase::settling: try_to_trigger(s, actions); break;
     case Acquisition::Phase::clearing: give_up_when_scanner_hangs(s, actions); break;
     case Acquisition::Phase::scanning:
-      measure_ahead(s, actions);
+      try_to_measure_ahead(s, actions);
       give_up_when_scanner_hangs(s, actions);
       break;
     case Acquisition::Phase::checking: check_stillness(s, actions); break;
@@ -468,15 +500,7 @@ void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Acti
   const Acquisition was = a;
   a = {};  // the buffer stays taken until the block is measured
   expect_result(s, pending.station);
-  switch (was.ahead) {
-    case Acquisition::Ahead::measured: commit_block(s, was.block, actions); break;
-    case Acquisition::Ahead::measuring: break;
-    case Acquisition::Ahead::no:
-      MeasureBlock action = block_to_measure(s, record.attempt, was.slot);
-      action.read_ms = was.read_ms;
-      emit(actions, action);
-      break;
-  }
+  if (was.ahead == Acquisition::Ahead::measured) commit_block(s, was.block, actions);
 }
 
 void fail_acquisition(Station& s, Code code, Actions& actions) {
@@ -523,7 +547,11 @@ void abort_acquisition(Station& s, Actions& actions) {
 void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actions) {
   assert(measured.slot < s.slot_busy.size());
   s.slot_busy[measured.slot] = false;
-  if (is_ahead(s, measured)) {
+  const bool ahead = is_ahead(s, measured);
+  if (measured.refused != Code::ok && (ahead || is_expected(s, measured)))
+    log(actions, LogLine::Level::error, measured.refused, "station %u: %s", measured.block.station,
+        measured.refused_text.c_str());
+  if (ahead) {
     s.acquisition.ahead = Acquisition::Ahead::measured;
     s.acquisition.block = measured;
   } else if (is_expected(s, measured)) {

@@ -45,7 +45,7 @@ constexpr std::array kCodesZh = {
               "在机器人程序中将 $TOOL 和 $BASE 设为 $NULLFRAME"},
     CodeWords{Code::scanner_offline, "扫描仪目录不可用", "检查路径、权限和挂载"},
     CodeWords{Code::trigger_timeout, "扫描仪未按时响应", "检查扫描仪程序；重新扫描"},
-    CodeWords{Code::frame_incomplete, "扫描不完整、无法读取，或与此前的扫描相同", "重新扫描该测站"},
+    CodeWords{Code::frame_incomplete, "扫描不完整、无法读取，或不是所请求的那次扫描", "重新扫描该测站"},
     CodeWords{Code::exposure, "扫描过曝或欠曝", "检查扫描仪的曝光设置"},
     CodeWords{Code::too_few_points, "有效点过少", "检查距离、曝光和污物；重新扫描"},
     CodeWords{Code::block_not_found, "未找到承轨台，或该测站未扫描", "检查测站、板的位置以及承轨台是否在位"},

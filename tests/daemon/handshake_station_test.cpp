@@ -78,7 +78,7 @@ class RealSlabd {
     answer_quiet_ones();
   }
   /// The robot has come to rest at the commanded station and the scanner answers.
-  bool scan(Code code) {
+  bool scan(Code code, bool refused = false) {
     robot_ = station_->acquisition.station;
     for (int t = 0; t < 2'000 && !request_; t += 4) tick(true);
     // After a death in the middle of a scan, or one that failed, one more is asked for first; it is thrown away.
@@ -87,6 +87,7 @@ class RealSlabd {
       for (int t = 0; t < 2'000 && !request_; t += 4) tick(true);
     }
     if (!request_) return false;
+    if (refused) measure_ahead_and_refuse();
     answer_scanner(code);
     for (int t = 0; t < 40; t += 4) tick(true);
     // The robot is silent until the next scan, so that no acquisition runs ahead of the test.
@@ -94,22 +95,33 @@ class RealSlabd {
     answer_quiet_ones();
     return true;
   }
-  void answer_scanner(Code code) {
+  /// The points are measured before the scan is durable, and are those of another exposure.
+  void measure_ahead_and_refuse() {
+    const std::uint8_t station = station_->acquisition.station;
+    feed(scan_done(Code::ok));
+    for (int t = 0; t < 40; t += 4) tick(true);
+    measured(station, Code::frame_incomplete);
+  }
+  [[nodiscard]] ScanDone scan_done(Code code) const {
     ScanDone done;
     done.cmd_seq = request_->request.cmd_seq;
     done.slot = request_->slot;
-    done.durable = true;
     done.code = code;
     done.scan.path = request_->request.spool_path;
     done.scan.shape = {1000, 900, 0, 0};
     done.scan.taken_mono_ns = now_ns_;
+    return done;
+  }
+  void answer_scanner(Code code) {
+    ScanDone done = scan_done(code);
+    done.durable = true;
     request_.reset();
     feed(done);
   }
   [[nodiscard]] bool is_measuring(std::uint8_t station) const {
     return std::any_of(measuring_.begin(), measuring_.end(), [&](const auto& m) { return m.station == station; });
   }
-  void measured(std::uint8_t station) {
+  void measured(std::uint8_t station, Code refused = Code::ok) {
     const auto found =
         std::find_if(measuring_.begin(), measuring_.end(), [&](const auto& m) { return m.station == station; });
     BlockMeasured done;
@@ -119,6 +131,7 @@ class RealSlabd {
     done.cmd_seq = found->cmd_seq;
     done.block.station = station;
     done.block.verdict = Verdict::pass;
+    done.refused = refused;
     measuring_.erase(found);
     feed(done);
     answer_quiet_ones();
@@ -138,9 +151,9 @@ class RealSlabd {
     request_.reset();
     const RecoveredLine line = store_.recover();
     feed(Recovered{&line});
-    tick(false);
     // The PLC's memory is as it was: it beats on, and its block is written again by nobody.
     plc_.command_writer = 0;
+    tick(false);
     if (!beats_) plc_.heartbeat = 0;  // nor has it beaten in this process
     feed(plc_);
     answer_quiet_ones();
@@ -373,15 +386,19 @@ class Lives {
   }
   const char* scan() {
     if (model_.phase != Slabd::Phase::acquiring) return nullptr;
+    // Nothing came, or measuring refuses what came: to the model the same.
+    const bool refused = prng_.below(8) == 0;
     const bool fails = prng_.below(4) == 0;
-    fails ? model_.scan_failed() : model_.scan(rules_);
-    return real_.scan(fails ? Code::trigger_timeout : Code::ok) ? "a scan" : "a scan that nobody asked for";
+    fails || refused ? model_.scan_failed() : model_.scan(rules_);
+    const bool asked = real_.scan(fails && !refused ? Code::trigger_timeout : Code::ok, refused);
+    return asked ? "a scan" : "a scan that nobody asked for";
   }
   const char* measure(std::uint8_t station) {
     const bool has_cloud = model_.has[station - 1U] == handshake::Has::cloud;
     if (!real_.is_measuring(station) || !has_cloud || model_.phase == Slabd::Phase::storing) return nullptr;
+    // What is refused after ACQUIRED has a result, too.
     model_.measured(station - 1U);
-    real_.measured(station);
+    real_.measured(station, prng_.below(8) == 0 ? Code::frame_incomplete : Code::ok);
     return "a result";
   }
 

@@ -65,6 +65,7 @@ class Line {
   bool decodes_first = true;    ///< false: nobody hears of the points before they are durable
   bool measuring_works = true;  ///< false: MeasureBlock is never answered
   Verdict block_verdict = Verdict::pass;
+  Code refuses = Code::ok;  ///< what measuring says of the scans
   bool plc_beats = true;
   bool disk_answers = true;  ///< false: jobs wait for ever, as on a disk that hangs
 
@@ -99,6 +100,13 @@ class Line {
   void sync_ends(Code code) {
     syncing_.code = code;
     feed(syncing_);
+  }
+
+  /// The oldest measurement that was held back (measuring_works) ends.
+  void measuring_ends() {
+    const MeasureBlock measure = measured.front();
+    measured.erase(measured.begin());
+    feed(measurement_of(measure));
   }
 
   /// Called around every step, for tests that watch what a step does.
@@ -210,15 +218,7 @@ class Line {
     } else if (const auto* measure = std::get_if<MeasureBlock>(&action)) {
       measured.push_back(*measure);
       exposing_ = false;
-      if (!measuring_works) return;
-      BlockMeasured done;
-      done.slab_key = measure->slab_key;
-      done.attempt = measure->attempt;
-      done.slot = measure->slot;
-      done.cmd_seq = measure->cmd_seq;
-      done.block.station = measure->station;
-      done.block.verdict = block_verdict;
-      pending_.push_back(done);
+      if (measuring_works) pending_.push_back(measurement_of(*measure));
     } else if (const auto* drop = std::get_if<DropScan>(&action)) {
       dropped.emplace_back(drop->path.view());
     } else if (const auto* said = std::get_if<LogLine>(&action)) {
@@ -235,6 +235,19 @@ class Line {
       }
       pending_.push_back(judged);
     }
+  }
+
+  [[nodiscard]] BlockMeasured measurement_of(const MeasureBlock& measure) const {
+    BlockMeasured done;
+    done.slab_key = measure.slab_key;
+    done.attempt = measure.attempt;
+    done.slot = measure.slot;
+    done.cmd_seq = measure.cmd_seq;
+    done.block.station = measure.station;
+    done.block.verdict = block_verdict;
+    done.refused = refuses;
+    if (refuses != Code::ok) done.refused_text = "another exposure than the requested one";
+    return done;
   }
 
   ScanDone answer(const AcquireScan& acquire) const {

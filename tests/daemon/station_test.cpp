@@ -78,7 +78,8 @@ TEST_F(StationTest, robot_may_leave_only_when_cloud_and_pose_are_durable) {
   bool stored_before = false;
   for (int i = 0; i < 300 && line.view().acq_seq != seq; ++i) {
     line.run_for(4);
-    stored_before = !store.applied.empty() && std::holds_alternative<AcquiredJob>(store.applied.back().what);
+    stored_before = std::any_of(store.applied.begin(), store.applied.end(),
+                                [](const StoreJob& job) { return std::holds_alternative<AcquiredJob>(job.what); });
   }
   ASSERT_EQ(line.view().acq_seq, seq);
   EXPECT_TRUE(line.view().acquired);

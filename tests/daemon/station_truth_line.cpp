@@ -35,6 +35,7 @@ void TruthLine::start() {
   disk_.process_ends();
   scanner_.process_ends();
   measuring_.process_ends();
+  std::erase_if(refused_, [](const auto& scan) { return scan.second; });  // its number is given again
   scanner_.worker_hangs = false;
   station_ = std::make_unique<Station>(settings_);
   plc_.command_writer = 0;
@@ -61,6 +62,7 @@ void TruthLine::feed(const Event& event) {
 void TruthLine::carry_out(const StoreJob& job) {
   disk_.push(job);
   if (disk_.waiting() > kStoreQueue) violated("the storage worker's queue overflows");
+  check_refused(job);
   const auto* acquired = std::get_if<AcquiredJob>(&job.what);
   if (acquired == nullptr) return;
   ++figures_.scans_recorded;
@@ -69,6 +71,33 @@ void TruthLine::carry_out(const StoreJob& job) {
   if (!truth.is_of(attempt.slab_key, attempt.station))
     violated("station " + std::to_string(attempt.station) + " of slab " + std::to_string(attempt.slab_key) +
              " is recorded with a scan of " + truth.text());
+}
+
+void TruthLine::measured(const BlockMeasured& done) {
+  const ScanKey scan{done.slab_key, done.block.station, done.attempt};
+  const Acquisition& a = station_->acquisition;
+  const bool in_hand = a.attempt.slab_key == done.slab_key && a.station == done.block.station &&
+                       a.attempt.number == done.attempt && a.phase != Acquisition::Phase::storing;
+  if (done.refused == Code::ok) {
+    refused_.erase(scan);  // measured once more, after a restart
+  } else {
+    ++figures_.refused;
+    refused_[scan] = in_hand;
+  }
+  feed(done);
+}
+
+void TruthLine::check_refused(const StoreJob& job) {
+  if (const auto* acquired = std::get_if<AcquiredJob>(&job.what)) {
+    const auto found = refused_.find({acquired->attempt.slab_key, acquired->attempt.station, acquired->attempt.number});
+    if (found != refused_.end() && found->second)
+      violated("a scan of station " + std::to_string(acquired->attempt.station) + " is recorded that was refused");
+  } else if (const auto* block = std::get_if<BlockJob>(&job.what)) {
+    const bool reads_303 = block->record.verdict == Verdict::not_measured &&
+                           block->record.reason == static_cast<std::uint16_t>(Code::frame_incomplete);
+    if (refused_.contains({block->slab_key, block->block.station, block->attempt}) && !reads_303)
+      violated("station " + std::to_string(block->block.station) + " has a result of a scan that was refused");
+  }
 }
 
 void TruthLine::carry_out(const AcquireScan& action) {
@@ -125,7 +154,7 @@ void TruthLine::turn() {
   if (poses_come_) send_poses();
   for (const StoreDone& done : disk_.turn()) feed(done);
   if (const auto done = scanner_.turn(now_ns_)) feed(*done);
-  if (const auto done = measuring_.turn()) feed(*done);
+  if (const auto done = measuring_.turn()) measured(*done);
   if (turn_ % kTurnsPerBeat != 0) return;
   ++plc_.heartbeat;
   feed(plc_);
@@ -157,6 +186,7 @@ void TruthLine::mend_everything() {
   scanner_.is_frozen = false;
   scanner_.worker_hangs = false;
   scanner_.all_is_well = true;
+  measuring_.all_is_well = true;
   disk_.fails = false;
   disk_.is_slow = false;
   disk_.all_is_well = true;

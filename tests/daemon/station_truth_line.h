@@ -2,9 +2,11 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
+#include <tuple>
 
 #include "tests/daemon/station_line.h"
 #include "tests/daemon/station_truth_parts.h"
@@ -17,6 +19,7 @@
 ///   the scanner is asked for one scan at a time, into a buffer that nobody measures;
 ///   what is measured lies in a buffer that the scanner does not write, and in one that nothing else is measured in;
 ///   no job comes that a database would refuse, and not more of them than the daemon's queue holds;
+///   a scan that measuring refused before it was recorded is not recorded, and none has a result with a verdict;
 ///   when nothing goes wrong any more a whole slab passes within some orders, and nothing is left over.
 ///
 /// A scenario shows what somebody thought of. This is for what nobody did: which moments a death, an ABORT or a lost
@@ -43,16 +46,21 @@ class TruthLine {
     std::uint64_t views_asked = 0;
     std::uint64_t reloads = 0;
     std::uint64_t deaths = 0;
-    int orders = 0;  ///< of the slab that passed
+    std::uint64_t refused = 0;  ///< scans that measuring refused
+    int orders = 0;             ///< of the slab that passed
     bool operator==(const Figures&) const = default;
   };
   [[nodiscard]] const Figures& figures() const { return figures_; }
 
  private:
+  using ScanKey = std::tuple<std::int64_t, int, int>;  ///< slab, station, attempt
+
   // ---- the process ----
   void start();
   void feed(const Event& event);
   void carry_out(const StoreJob& job);
+  void check_refused(const StoreJob& job);
+  void measured(const BlockMeasured& done);
   void carry_out(const AcquireScan& action);
   void carry_out(const CancelScan& action);
   void carry_out(const MeasureBlock& action);
@@ -96,6 +104,8 @@ class TruthLine {
   std::unique_ptr<Station> station_;
   Actions actions_;
   std::optional<SlabJudged> judged_;
+  /// Refused scans; true: refused before they were recorded.
+  std::map<ScanKey, bool> refused_;
 
   PlcInputs plc_;
   int robot_station_ = 1;

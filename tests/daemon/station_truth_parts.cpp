@@ -137,6 +137,7 @@ std::optional<BlockMeasured> TruthMeasuring::turn() {
   done.cmd_seq = job.cmd_seq;
   done.block.station = job.station;
   done.block.verdict = Verdict::pass;
+  if (!all_is_well && chance_.happens(0.3)) done.refused = Code::frame_incomplete;
   return done;
 }
 

@@ -123,13 +123,14 @@ class TruthDisk {
   int turns_left_ = 0;
 };
 
-/// The measuring's worker: every block is good.
+/// The measuring's worker: every block is good, and some scans are refused.
 class TruthMeasuring {
  public:
   explicit TruthMeasuring(Chance& chance) : chance_(chance) {}
   void push(const MeasureBlock& job) { queue_.push_back({job, chance_.between(1, 40)}); }
   void process_ends() { queue_.clear(); }
   std::optional<BlockMeasured> turn();
+  bool all_is_well = false;
   [[nodiscard]] bool uses(std::uint8_t slot) const;
 
  private:

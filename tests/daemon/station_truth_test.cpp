@@ -39,19 +39,23 @@ TEST(StationTruth, no_chance_gives_a_block_another_ones_scan_or_leaves_the_line_
     all.views_asked += one.views_asked;
     all.reloads += one.reloads;
     all.deaths += one.deaths;
+    all.refused += one.refused;
     all.orders = std::max(all.orders, one.orders);
   }
   std::printf(
-      "%llu steps, %llu scans recorded and %llu thrown away, %llu views, %llu reloads, %llu deaths; the last "
+      "%llu steps, %llu scans recorded and %llu thrown away, %llu views, %llu reloads, %llu deaths, %llu scans "
+      "refused by measuring; the last "
       "slab took at most %d orders\n",
       static_cast<unsigned long long>(all.steps), static_cast<unsigned long long>(all.scans_recorded),
       static_cast<unsigned long long>(all.scans_thrown_away), static_cast<unsigned long long>(all.views_asked),
-      static_cast<unsigned long long>(all.reloads), static_cast<unsigned long long>(all.deaths), all.orders);
+      static_cast<unsigned long long>(all.reloads), static_cast<unsigned long long>(all.deaths),
+      static_cast<unsigned long long>(all.refused), all.orders);
   if (seeds < 100) return;
   // A line on which nothing happens keeps every promise.
   EXPECT_GT(all.scans_recorded, 10 * seeds);
   EXPECT_GT(all.scans_thrown_away, seeds);
   EXPECT_GT(all.deaths, seeds);
+  EXPECT_GT(all.refused, seeds / 4);
   EXPECT_GT(all.views_asked, seeds / 4);
   EXPECT_GT(all.reloads, seeds / 50);
 }

@@ -36,6 +36,13 @@ daemon::BlockMeasured FiberCrew::measure(const daemon::MeasureBlock& job) {
   if (line_.read(slot).take != shown.take)
     line_.world.violated("the buffer of station %u was written while it was measured", job.station);
   gauge(*recipe, job, shown, done.block);
+  const std::tuple<std::int64_t, int, int> scan{job.slab_key, job.station, job.attempt};
+  const heap::Aside aside;
+  line_.refused.erase(scan);  // measured once more, after a restart
+  if (!line_.world.faulty(Fault::measure_refuses)) return done;
+  line_.refused.insert(scan);
+  done.refused = Code::frame_incomplete;
+  done.refused_text = "another exposure than the requested one";
   return done;
 }
 

@@ -46,6 +46,7 @@ std::string_view name(Fault fault) {
                                                             "control flood",
                                                             "calibration views",
                                                             "slow measuring",
+                                                            "measuring refuses",
                                                             "PLC restart",
                                                             "PLC ABORT",
                                                             "PLC SLAB_ABORT",

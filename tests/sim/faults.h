@@ -60,6 +60,7 @@ enum class Fault : std::uint8_t {
   control_flood,
   capture,
   measure_slow,
+  measure_refuses,  ///< it finds that the scan is of another exposure
   // the PLC
   plc_restart,
   plc_abort,

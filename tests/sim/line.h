@@ -4,7 +4,9 @@
 #include <array>
 #include <cstdint>
 #include <map>
+#include <set>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "base/jobs.h"
@@ -95,7 +97,9 @@ struct Line {
   SlabTruth slab;                              ///< serial 0: none lies there
   std::vector<ScanTruth> takes;                ///< every exposure
   std::map<std::string, std::uint32_t> spool;  ///< durable scans by path: number of the exposure
-  std::uint32_t last_export = 0;               ///< exposure that the scanner gave last, whoever asked
+  /// Scans that measuring refused, by slab, station and attempt: nothing of them may reach a verdict.
+  std::set<std::tuple<std::int64_t, int, int>> refused;
+  std::uint32_t last_export = 0;  ///< exposure that the scanner gave last, whoever asked
 
   /// Lays down the next slab. `again`: the last one, perhaps damaged meanwhile.
   void lay_down(bool again, bool certainly_good);

@@ -64,6 +64,10 @@ void Promises::committed(const StoreJob& job) {
     acquired_commands_.insert(a.cmd_seq);
   } else if (const auto* block = std::get_if<BlockJob>(&job.what)) {
     records_[block->record.res_seq] = record_of(block->slab_key, block->record);
+    if (block->record.verdict != Verdict::not_measured &&
+        line_.refused.contains({block->slab_key, block->block.station, block->attempt}))
+      world_.violated("block %d of slab %u has a result from a scan that was refused", block->block.station,
+                      block->record.slab_no);
     if (block->record.verdict == Verdict::pass) check_block(*block);
   } else if (const auto* slab = std::get_if<SlabJob>(&job.what)) {
     if (const auto known = slabs_.find(slab->slab_key); known != slabs_.end() && known->second != slab->slab.verdict)
