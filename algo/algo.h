@@ -15,6 +15,10 @@
 
 /// Scan in, items out. Pure: no file, clock or log, and no heap after construction. The same scan, recipe and start
 /// pose give the same bits, on one thread or two and on every instruction set.
+namespace slabd {
+struct NoisePrint;
+}
+
 namespace slabd::algo {
 
 // ---- the machine -----------------------------------------------------------------------------------------------
@@ -168,6 +172,9 @@ class BlockInspector {
   [[nodiscard]] DeviationMap deviation_map() const;
   /// Of the block measured last; valid until the next one begins.
   [[nodiscard]] SeatMap seat_map() const;
+  /// The noise of the exposure measured last (base/noise_print.h), after `extract` and before the next block begins.
+  /// Empty where the seat was not measured, or was seen by too few points. No heap; 0.5 ms.
+  void noise_print(NoisePrint& out);
   [[nodiscard]] const BlockResult& result() const;
   [[nodiscard]] BlockResult& result();
 

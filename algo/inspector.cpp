@@ -2,7 +2,9 @@
 //
 // One block, stage by stage. All memory is taken in the constructor; each stage borrows what it needs of it:
 //
-//     order, label      denoise: points by cell, who stays      extract: the points that the survey lists
+//     order             denoise: points by cell                 extract: the points that the survey lists
+//                       register: points around the casings
+//     label             denoise: who stays                      noise print: its cells
 //                       register: points around the casings
 //     cell_start        denoise: starts of the cells
 //     surface           denoise: the surface in each cell
@@ -24,6 +26,7 @@
 #include "algo/cell_grid.h"
 #include "algo/denoise.h"
 #include "algo/flatness.h"
+#include "algo/noise_print.h"
 #include "algo/plane_fit.h"
 #include "algo/registration.h"
 #include "algo/segmentation.h"
@@ -370,6 +373,17 @@ SeatMap BlockInspector::seat_map() const {
   const CellGrid grid(region);
   return {grid.columns, grid.rows, region.cell_mm, std::max(region.cell_points_min, 1U),
           w.flatness.sums.first(grid.cells())};
+}
+
+void BlockInspector::noise_print(NoisePrint& out) {
+  Workspace& w = *work_;
+  out = {};
+  // As for the seat's map: then the survey's lists are those of this block, and its plane was fitted.
+  if (!has_value(w.result.seat.raw_low_mm)) return;
+  static_assert(kNoiseCells * sizeof(NoiseCell) <= limits::kScanPointsMax);
+  const std::span<NoiseCell> cells(reinterpret_cast<NoiseCell*>(w.label.data()), kNoiseCells);
+  make_noise_print(w.survey.over_crop(), SeatFrame::of(w.model), w.result.seat.plane, flatness_region(w.recipe), cells,
+                   w.team, out);
 }
 
 double SeatMap::mean_mm(std::size_t column, std::size_t row) const {

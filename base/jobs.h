@@ -5,8 +5,10 @@
 #include <cstdint>
 #include <optional>
 #include <variant>
+#include <vector>
 
 #include "base/calibration.h"
+#include "base/noise_print.h"
 #include "base/packed_map.h"
 #include "base/plc.h"
 #include "base/recipe.h"
@@ -134,7 +136,8 @@ struct BlockJob {
   std::uint8_t attempt = 0;
   BlockResult block;
   PlcResult record;
-  BlockMaps maps{};  ///< empty when the block was not found
+  BlockMaps maps{};    ///< empty when the block was not found
+  NoisePrint noise{};  ///< of the exposure; empty when the seat was not measured
 };
 /// The slab's end: items, verdict, final station verdicts and the record, one transaction. Closes slab and command.
 struct SlabJob {
@@ -209,6 +212,9 @@ struct RecoveredLine {
 
   /// Of the points of the last scans, oldest first; 0 behind the newest.
   std::array<std::uint64_t, kFingerprintsKept> fingerprints{};
+
+  /// Of the last exposures that were measured, oldest first, at most limits::kNoisePrintsKept.
+  std::vector<KeptNoise> noise;
 
   FixedQueue<PlcResult, limits::kResultQueueMax> unacknowledged;  ///< oldest first
 };

@@ -5,16 +5,19 @@
 
 #include "base/pages.h"
 #include "daemon/daemon.h"
+#include "daemon/known_exposures.h"
 
 namespace slabd::daemon {
 namespace {
 
 class ThreadCrew final : public Crew {
  public:
-  ThreadCrew(std::span<const Recipe> recipes, hal::LengthUnit scan_unit, const hal::Clock& clock, int measure_threads)
+  ThreadCrew(std::span<const Recipe> recipes, hal::LengthUnit scan_unit, const hal::Clock& clock, int measure_threads,
+             bool simulation)
       : recipes_(recipes),
         scan_unit_(scan_unit),
         clock_(clock),
+        simulation_(simulation),
         inspector_(measure_threads),
         scan_memory_(limits::kScanSlots * limits::kScanSlotBytes) {
     for (std::span<float>& slot : slots_) slot = scan_memory_.take<float>(limits::kScanPointsMax * 3);
@@ -29,6 +32,9 @@ class ThreadCrew final : public Crew {
                                      std::function<void()> idle) override {
     return std::make_unique<Worker<AcquireScan, ScanDone, 4>>("slabd-scan", std::move(work), std::move(idle));
   }
+  void remember(std::span<const KeptNoise> exposures) override {
+    for (const KeptNoise& exposure : exposures) exposures_.add(exposure);
+  }
   std::unique_ptr<MeasureQueue> measuring() override {
     return std::make_unique<Worker<MeasureBlock, BlockMeasured, 4>>(
         "slabd-measure", [this](const MeasureBlock& job) { return measure(job); }, [] {});
@@ -38,11 +44,14 @@ class ThreadCrew final : public Crew {
 
  private:
   BlockMeasured measure(const MeasureBlock& job);
+  void compare_exposure(const MeasureBlock& job, BlockMeasured& done);
   Result<ScanShape> reload(const MeasureBlock& job);
 
   std::span<const Recipe> recipes_;
   hal::LengthUnit scan_unit_;
   const hal::Clock& clock_;
+  bool simulation_;
+  KnownExposures exposures_;  ///< the measuring thread's own
   algo::BlockInspector inspector_;
   const Recipe* inspector_recipe_ = nullptr;
   Pages scan_memory_;  ///< of the slots
@@ -101,12 +110,42 @@ BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
                     job.T_base_scanner, cloud, shape, read_ms, job.verified);
   done.block = inspector_.result();
   pack_maps(inspector_, done.maps);
+  compare_exposure(job, done);
   if (!status.ok()) {
     LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(status.error().code), {}};
     line.text.printf("station %u: %s", job.station, status.error().text.c_str());
     say_line(line);
   }
   return done;
+}
+
+/// A scan that is refused is not remembered: what it repeats is remembered already.
+void ThreadCrew::compare_exposure(const MeasureBlock& job, BlockMeasured& done) {
+  inspector_.noise_print(done.noise);
+  if (done.refused != Code::ok || done.noise.empty()) return;
+  const KeptNoise exposure{job.slab_key, job.station, job.attempt, done.noise};
+  double correlation = 0.0;
+  const KeptNoise* earlier = exposures_.same_as(exposure, correlation);
+  if (earlier == nullptr) {
+    exposures_.add(exposure);
+    return;
+  }
+  FixedString<limits::kErrorTextBytes> text;
+  text.printf(
+      "its noise is that of the exposure of slab key %lld, station %u, scan %u (correlation %.2f, of two "
+      "exposures it is below %.2f): the scanner gave an earlier exposure again, perhaps in another form",
+      static_cast<long long>(earlier->slab_key), earlier->station, earlier->attempt, correlation, kSameExposure);
+  if (simulation_) {
+    // An emulated line may be drawn with the same noise again and again.
+    LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(Code::frame_incomplete), {}};
+    line.text.printf("station %u: %s; accepted, because the line is emulated", job.station, text.c_str());
+    say_line(line);
+    return;
+  }
+  done.refused = Code::frame_incomplete;
+  done.refused_text = text;
+  done.block.verdict = Verdict::not_measured;
+  done.block.reason = static_cast<std::uint16_t>(Code::frame_incomplete);
 }
 
 std::optional<std::uint32_t> ThreadCrew::points_crc32c(const AcquiredScan& scan) {
@@ -124,8 +163,8 @@ std::optional<std::uint32_t> ThreadCrew::points_crc32c(const AcquiredScan& scan)
 }  // namespace
 
 std::unique_ptr<Crew> make_crew(std::span<const Recipe> recipes, hal::LengthUnit scan_unit, const hal::Clock& clock,
-                                int measure_threads) {
-  return std::make_unique<ThreadCrew>(recipes, scan_unit, clock, measure_threads);
+                                int measure_threads, bool simulation) {
+  return std::make_unique<ThreadCrew>(recipes, scan_unit, clock, measure_threads, simulation);
 }
 
 }  // namespace slabd::daemon

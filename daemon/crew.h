@@ -32,6 +32,8 @@ class Crew {
                                                             std::function<void()> idle) = 0;
   [[nodiscard]] virtual std::unique_ptr<ScanQueue> scanner(std::function<ScanDone(const AcquireScan&)> work,
                                                            std::function<void()> idle) = 0;
+  /// The exposures that were measured before this process began, oldest first. Before the first block is measured.
+  virtual void remember(std::span<const KeptNoise> exposures) { static_cast<void>(exposures); }
   /// Measures what lies in the buffers. A block is answered whatever happens to it.
   [[nodiscard]] virtual std::unique_ptr<MeasureQueue> measuring() = 0;
   /// Where the points of a scan go; `index` below limits::kScanSlots.
@@ -43,8 +45,9 @@ class Crew {
 };
 
 /// Threads, and all memory of the inspection path, resident from the start. `recipes` and `clock` must outlive it.
+/// `simulation`: the line is emulated, and an exposure that comes again is reported, not refused.
 [[nodiscard]] std::unique_ptr<Crew> make_crew(std::span<const Recipe> recipes, hal::LengthUnit scan_unit,
-                                              const hal::Clock& clock, int measure_threads);
+                                              const hal::Clock& clock, int measure_threads, bool simulation = false);
 
 /// One line to the service manager's journal, or to a terminal.
 void say_line(const LogLine& line);

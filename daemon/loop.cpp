@@ -70,7 +70,7 @@ Code fault_without_store(const Error& why) {
 
 Loop::Loop(const Ports& ports, const StationSettings& settings, hal::LengthUnit scan_unit, int measure_threads,
            LoopFigures figures)
-    : Loop(ports, settings, make_crew(settings.recipes, scan_unit, ports.clock, measure_threads), std::move(figures)) {}
+    : Loop(ports, settings, make_crew(settings.recipes, scan_unit, ports.clock, measure_threads, settings.simulation), std::move(figures)) {}
 
 Loop::Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<Crew> crew, LoopFigures figures)
     : ports_(ports),
@@ -222,6 +222,7 @@ void Loop::start() {
   if (ports_.store != nullptr) {
     const Result<std::unique_ptr<RecoveredLine>> line = ports_.store->recover();
     if (line.ok()) {
+      crew_->remember(line.value()->noise);
       handle(Recovered{line.value().get()});
     } else {
       say({LogLine::Level::error, static_cast<std::uint16_t>(line.error().code), line.error().text});

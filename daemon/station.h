@@ -90,7 +90,8 @@ struct BlockMeasured {
   std::uint16_t cmd_seq = 0;  ///< of the SCAN that took this cloud, as it was asked to be measured
   std::int64_t scan_utime_us = 0;
   BlockResult block;
-  BlockMaps maps{};  ///< only carried through
+  BlockMaps maps{};    ///< only carried through
+  NoisePrint noise{};  ///< only carried through
   /// The points, their noise or the block's place belong to another exposure than the requested one: frame_incomplete.
   /// Then `block` is not measured. ok otherwise.
   Code refused = Code::ok;

@@ -5,9 +5,9 @@
 // occupies a buffer while the next one may begin.
 //
 // Measuring starts as soon as points and pose are there, in general while the scan is still on its way to the disk. A
-// durable scan waits for its measurement for half a second, so that a scan which measuring refuses ends as a failed SCAN
-// with the robot still at the station. A longer measurement is not waited for: its result comes after "acquired". A scan
-// that comes to nothing after all takes the measurement with it: the answer then only gives the buffer back.
+// durable scan waits for its measurement for half a second, so that a scan which measuring refuses ends as a failed
+// SCAN with the robot still at the station. A longer measurement is not waited for: its result comes after "acquired".
+// A scan that comes to nothing after all takes the measurement with it: the answer then only gives the buffer back.
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -276,7 +276,8 @@ void commit_block(Station& s, const BlockMeasured& measured, Actions& actions) {
   log(actions, LogLine::Level::info, Code::ok, "station %u: %s (reason %u) after %.0f ms", block.station,
       name(block.verdict).data(), block.reason, block.times.total_ms);
   submit(s, actions,
-         BlockJob{measured.slab_key, measured.attempt, block, pending.record, is_refused ? BlockMaps{} : measured.maps},
+         BlockJob{measured.slab_key, measured.attempt, block, pending.record, is_refused ? BlockMaps{} : measured.maps,
+                  is_refused ? NoisePrint{} : measured.noise},
          pending);
 }
 

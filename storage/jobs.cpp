@@ -63,6 +63,11 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       remember_scan_(db, "INSERT OR REPLACE INTO seen_scan (fingerprint) VALUES (?1)"),
       forget_scans_(db, "DELETE FROM seen_scan WHERE id <= (SELECT id FROM seen_scan ORDER BY id DESC LIMIT 1 OFFSET " +
                             std::to_string(kFingerprintsKept) + ")"),
+      remember_noise_(db,
+                      "INSERT OR REPLACE INTO noise_print (slab_key, station, attempt, bytes) VALUES (?1, ?2, ?3, ?4)"),
+      forget_noise_(db,
+                    "DELETE FROM noise_print WHERE id <= (SELECT id FROM noise_print ORDER BY id DESC LIMIT 1 OFFSET " +
+                        std::to_string(limits::kNoisePrintsKept) + ")"),
       set_measured_(db,
                     "UPDATE attempt SET phase = 'measured', code = 0 "
                     "WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
@@ -281,6 +286,7 @@ void Jobs::operator()(const BlockJob& job) {
 
   insert_block(key, job.block);
   insert_maps(key, job.maps);
+  remember_noise(key, job.noise);
   set_measured_.bind(1, key.slab_key).bind(2, number(key.station)).bind(3, number(key.attempt)).run();
   close_command(session, cmd_seq, kDone, true);
   insert_result(key.slab_key, false, job.record);
@@ -306,6 +312,14 @@ void Jobs::insert_block(const BlockKey& key, const BlockResult& block) {
 void Jobs::insert_maps(const BlockKey& key, const BlockMaps& maps) {
   if (!maps.registration.empty()) write_row(insert_map_, key, FeatureName{"registration"}, maps.registration);
   if (!maps.seat.empty()) write_row(insert_map_, key, FeatureName{"seat"}, maps.seat);
+}
+
+void Jobs::remember_noise(const BlockKey& key, const NoisePrint& noise) {
+  if (noise.empty()) return;
+  const NoisePrintBytes bytes = to_bytes(noise);
+  remember_noise_.bind(1, key.slab_key).bind(2, number(key.station)).bind(3, number(key.attempt));
+  remember_noise_.bind(4, std::span<const std::uint8_t>(bytes)).run();
+  forget_noise_.run();
 }
 
 void Jobs::insert_items(const BlockKey& key, const Item* begin, const Item* end) {

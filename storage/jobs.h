@@ -62,6 +62,7 @@ class Jobs {
   void insert_items(const BlockKey& key, const Item* begin, const Item* end);
   void keep_recipe(const SlabHeader& slab);
   void remember_scan(std::uint64_t fingerprint);
+  void remember_noise(const BlockKey& key, const NoisePrint& noise);
   [[nodiscard]] AttemptState state_of(const Attempt& attempt, StationPhase phase, std::uint16_t code) const;
 
   const StoreSettings& settings_;
@@ -83,6 +84,8 @@ class Jobs {
   Statement upsert_attempt_;
   Statement remember_scan_;
   Statement forget_scans_;
+  Statement remember_noise_;
+  Statement forget_noise_;
   Statement set_measured_;
   Statement attempt_command_;
   Statement delete_block_;

@@ -37,6 +37,20 @@ void read_fingerprints(Connection& db, RecoveredLine& line) {
   for (std::size_t i = 0; rows.step(); ++i) line.fingerprints.at(i) = static_cast<std::uint64_t>(rows.integer(0));
 }
 
+/// A print that does not have the bytes of one is left out: without it one exposure less is recognised.
+void read_noise(Connection& db, RecoveredLine& line) {
+  Statement rows(db,
+                 "SELECT slab_key, station, attempt, bytes FROM (SELECT * FROM noise_print ORDER BY id DESC LIMIT " +
+                     std::to_string(limits::kNoisePrintsKept) + ") ORDER BY id");
+  while (rows.step()) {
+    KeptNoise kept;
+    kept.slab_key = rows.integer(0);
+    kept.station = static_cast<std::uint8_t>(rows.integer(1));
+    kept.attempt = static_cast<std::uint8_t>(rows.integer(2));
+    if (from_bytes(rows.bytes(3), kept.print)) line.noise.push_back(kept);
+  }
+}
+
 HeldBack read_unacknowledged(Connection& db, RecoveredLine& line) {
   Statement rows(
       db, "SELECT id, " + joined(names_of<PlcResult>(), ", ") + " FROM result WHERE acknowledged = 0 ORDER BY id");
@@ -120,6 +134,7 @@ HeldBack read_line(Connection& db, RecoveredLine& line) {
   }
   read_last_ended(db, loader, line);
   read_fingerprints(db, line);
+  read_noise(db, line);
   return held_back;
 }
 

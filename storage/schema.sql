@@ -9,6 +9,7 @@
 --   attempt  one SCAN of one station; the highest attempt of a station is the valid one, all are kept
 --   recipe_text  the files of all recipes that a slab was begun with
 --   seen_scan  fingerprints of the last scans' points
+--   noise_print  the noise of the last exposures that were measured
 --   block    what an attempt measured, with its planes, casings and items
 --   map      how far it lies from the model, and its seat from the fitted plane, place by place: what a report draws
 --   result   the records the PLC is shown; id is the order in which it is shown them
@@ -151,6 +152,17 @@ CREATE INDEX attempt_deleting ON attempt (slab_key) WHERE scan_state = 'deleting
 CREATE TABLE seen_scan (
   id          INTEGER PRIMARY KEY,
   fingerprint INTEGER NOT NULL UNIQUE    -- 64 bits of the points, as a signed number
+) STRICT;
+
+-- A scanner that gives an old exposure again in another form gives the same noise (base/noise_print.h). The newest 64, by
+-- id. No reference to the attempt: the rows go by their number, whatever retention takes away.
+CREATE TABLE noise_print (
+  id       INTEGER PRIMARY KEY,
+  slab_key INTEGER NOT NULL,
+  station  INTEGER NOT NULL CHECK (station BETWEEN 1 AND 18),
+  attempt  INTEGER NOT NULL CHECK (attempt BETWEEN 1 AND 255),
+  bytes    BLOB NOT NULL,
+  UNIQUE (slab_key, station, attempt)
 ) STRICT;
 
 CREATE TABLE block (

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <chrono>
+#include <cmath>
 #include <mutex>
 #include <thread>
 #include <vector>
@@ -28,6 +29,7 @@ struct Job {
 struct ScannerPeer::Impl {
   ScannerTraits traits;
   std::unique_ptr<ScanOutlet> outlet;
+  int given_again = 0;
 
   mutable std::mutex mutex;  // guards job, delivered, trouble
   Job job;
@@ -36,6 +38,7 @@ struct ScannerPeer::Impl {
 
   // The thread's own.
   std::vector<float> xyz;
+  std::vector<float> last_exposure;                             ///< mm; kept for `given_again`
   std::array<std::uint64_t, limits::kStationsMax + 1> scans{};  ///< drawn so far of each station
   std::uint64_t drawn_slab = 0;
   int drawn_station = 0;  ///< of drawn_slab: whose scan is ready; 0 = nobody's
@@ -58,6 +61,7 @@ struct ScannerPeer::Impl {
     if (drawn_slab != now.slab_count) scans.fill(0);
     drawn_slab = now.slab_count;
     if (now.slab == nullptr || station < 1 || station > now.slab->stations) return false;
+    if (station == given_again && !last_exposure.empty()) return put_again(station);
     const StationTruth& truth = now.slab->at(station);
     auto surface =
         BlockSurface::make(*now.recipe, truth.block, T_scanner_block(*now.slab, *now.cell, station), traits.projection);
@@ -71,7 +75,22 @@ struct ScannerPeer::Impl {
     const auto k = static_cast<std::size_t>(station);
     const std::uint64_t seed = derived_seed(now.slab->scan_seed, k, ++scans[k]);
     const DrawnScan drawn = draw_scan(surface.value(), scanner, seed, xyz);
+    if (given_again != 0) last_exposure = xyz;
     if (const Status ready = outlet->put(xyz, drawn.width, drawn.height); !ready) {
+      complain(ready.error().text.c_str());
+      return false;
+    }
+    drawn_station = station;
+    return true;
+  }
+
+  /// The points drawn last, in another form.
+  bool put_again(int station) {
+    std::vector<float> again;
+    for (std::size_t i = last_exposure.size(); i >= 3; i -= 3)
+      if (std::isfinite(last_exposure[i - 3]))
+        again.insert(again.end(), &last_exposure[i - 3], &last_exposure[i - 3] + 3);
+    if (const Status ready = outlet->put(again, 0, 0); !ready) {
       complain(ready.error().text.c_str());
       return false;
     }
@@ -132,11 +151,12 @@ struct ScannerPeer::Impl {
 ScannerPeer::ScannerPeer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 ScannerPeer::~ScannerPeer() = default;
 
-Result<std::unique_ptr<ScannerPeer>> ScannerPeer::start(const ScannerTraits& traits,
-                                                        std::unique_ptr<ScanOutlet> outlet) {
+Result<std::unique_ptr<ScannerPeer>> ScannerPeer::start(const ScannerTraits& traits, std::unique_ptr<ScanOutlet> outlet,
+                                                        int given_again) {
   auto impl = std::make_unique<Impl>();
   impl->traits = traits;
   impl->outlet = std::move(outlet);
+  impl->given_again = given_again;
   Impl* raw = impl.get();
   impl->thread = std::jthread([raw](const std::stop_token& stop) { raw->watch_until(stop); });
   return std::unique_ptr<ScannerPeer>(new ScannerPeer(std::move(impl)));

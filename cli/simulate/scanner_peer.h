@@ -20,8 +20,11 @@ namespace slabd::simulate {
 
 class ScannerPeer {
  public:
+  /// `given_again`: a station that is always answered with the exposure before its own, without grid and in reverse
+  /// order, as a scanner does that exports a frame again. 0: none.
   [[nodiscard]] static Result<std::unique_ptr<ScannerPeer>> start(const ScannerTraits& traits,
-                                                                  std::unique_ptr<ScanOutlet> outlet);
+                                                                  std::unique_ptr<ScanOutlet> outlet,
+                                                                  int given_again = 0);
   ~ScannerPeer();
   ScannerPeer(const ScannerPeer&) = delete;
   ScannerPeer& operator=(const ScannerPeer&) = delete;

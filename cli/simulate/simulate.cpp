@@ -43,6 +43,7 @@ struct Options {
   std::string plc_device;  ///< other end of the serial line
   int scans_per_station = 3;
   std::string certificate;  ///< where to write what a laboratory would say of the slab
+  int given_again = 0;      ///< station that is answered with the exposure before its own
   bool stand_by = false;    ///< robot and scanner only
   bool json = false;
 };
@@ -284,7 +285,7 @@ int simulate(const Options& options) {
   if (!started(robot, exit_status)) return exit_status;
   auto outlet = open_outlet(config, *hal::scan_format_named(options.scan_format));
   if (!started(outlet, exit_status)) return exit_status;
-  const auto scanner = ScannerPeer::start(options.scanner.traits(), std::move(outlet.value()));
+  const auto scanner = ScannerPeer::start(options.scanner.traits(), std::move(outlet.value()), options.given_again);
   if (!started(scanner, exit_status)) return exit_status;
   if (options.stand_by) {
     stand_by({*robot.value(), *scanner.value(), recipe, cell, truths.value()}, std::cin, std::cout, stop_requested);
@@ -390,6 +391,10 @@ void add_simulate(CLI::App& app, int& exit_status) {
   command->add_option("--scan-format", options->scan_format, "In which format the scanner drops its scans")
       ->check(CLI::IsMember(simulate::scan_format_names()))
       ->capture_default_str();
+  command
+      ->add_option("--given-again", options->given_again,
+                   "The scanner answers this block with the exposure before its own, in another order and without grid")
+      ->check(CLI::Range(0, static_cast<int>(limits::kStationsMax)));
   command->add_option(
       "--stations", options->stations,
       "Drive to these points (KRL, as slabctl stations writes them) instead of straight above each block");

@@ -32,6 +32,7 @@ constexpr std::array kStudies = {
     Study{"perspective", perspective_study, "the same with rays from one centre"},
     Study{"correlated", correlated_study, "the same with noise correlated over 1 mm: does U still cover?"},
     Study{"slab", slab_study, "whole slabs with robot repeatability: slab items, planted defects"},
+    Study{"exposures", exposures_study, "the noise of two scans: different exposures, and one that is given again"},
     Study{"ball", ball_study, "a tooling ball: scatter of its centre, truth of its covariance"},
     Study{"stations", stations_study,
           "a robot that is off: station corrections, seats with and without, coverage of U"},

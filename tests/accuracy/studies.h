@@ -51,6 +51,10 @@ struct StudyOptions {
 /// The set-up of the paper's Table 1: a, b, c of z = ax + by + c from least squares, classical and improved RANSAC.
 [[nodiscard]] bool plane_study(const StudyOptions& options, Table& table);
 
+/// The noise of scans against that of other ones: the largest correlation of different exposures, the least of one that
+/// is given again in another form, and the rate of false alarms.
+[[nodiscard]] bool exposures_study(const StudyOptions& options, Table& table);
+
 /// A tooling ball in caps of several sizes: scatter of its centre against the floor of a fixed-radius fit, and whether
 /// the reported covariance is true.
 [[nodiscard]] bool ball_study(const StudyOptions& options, Table& table);

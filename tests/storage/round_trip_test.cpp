@@ -87,6 +87,52 @@ TEST_F(RoundTripTest, maps_keep_their_bytes_and_go_with_the_block_they_belong_to
   EXPECT_TRUE(read.value()->seat.empty());
 }
 
+TEST_F(RoundTripTest, the_noise_of_the_last_exposures_comes_back_with_the_line) {
+  open();
+  begin(1);
+  acquire(1, 4, 1);
+  BlockJob job{1, 1, random_block(prng_, 4, Verdict::pass), random_record(prng_, ++res_seq_, 1)};
+  apply(job);
+  EXPECT_TRUE(recover()->noise.empty()) << "the seat was not measured";
+
+  const auto draw = [&] {
+    job.noise = {};
+    for (std::size_t i = 0; i < 3'000; ++i) job.noise.coarse.set(i, prng_.below(2) == 0);
+    job.noise.places = 3'000;
+  };
+  draw();
+  apply(job);
+  draw();  // after an error the block is measured once more
+  apply(job);
+  const auto line = recover();
+  ASSERT_EQ(line->noise.size(), 1U);
+  EXPECT_EQ(line->noise[0].slab_key, 1);
+  EXPECT_EQ(line->noise[0].station, 4);
+  EXPECT_EQ(line->noise[0].attempt, 1);
+  EXPECT_EQ(to_bytes(line->noise[0].print), to_bytes(job.noise));
+  EXPECT_EQ(line->noise[0].print.places, 3'000U);
+
+  end(1, Verdict::fail);
+  // Of all slabs the newest 64, oldest first.
+  for (std::int64_t key = 2; key <= 5; ++key) {
+    begin(key);
+    for (int station = 1; station <= 18; ++station) {
+      acquire(key, station, 1);
+      job.slab_key = key;
+      job.block = random_block(prng_, station, Verdict::pass);
+      job.record = random_record(prng_, ++res_seq_, 1);
+      apply(job);
+    }
+    end(key, Verdict::fail);
+  }
+  const auto full = recover();
+  ASSERT_EQ(full->noise.size(), limits::kNoisePrintsKept);
+  EXPECT_EQ(full->noise.front().slab_key, 2);
+  EXPECT_EQ(full->noise.front().station, 9);
+  EXPECT_EQ(full->noise.back().slab_key, 5);
+  EXPECT_EQ(full->noise.back().station, 18);
+}
+
 TEST_F(RoundTripTest, results_keep_their_bits_and_their_order_over_a_wrap_of_the_sequence) {
   open();
   begin(1);
