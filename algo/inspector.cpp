@@ -8,7 +8,7 @@
 //                       register: points around the casings
 //     cell_start        denoise: starts of the cells
 //     surface           denoise: the surface in each cell
-//     sample, residuals register: the points ICP works on
+//     sample, residuals register: the points ICP works on       extract: the cells of the search for damage
 //     wide, near        the face table, built by `use`
 //     heights           the height map, built by `use`
 //     survey_*, map_*   extract: what the one pass over the scan leaves (algo/survey.h)
@@ -24,12 +24,14 @@
 #include "algo/block_search.h"
 #include "algo/casing.h"
 #include "algo/cell_grid.h"
+#include "algo/coordinate_step.h"
 #include "algo/denoise.h"
 #include "algo/flatness.h"
 #include "algo/noise_print.h"
 #include "algo/plane_fit.h"
 #include "algo/registration.h"
 #include "algo/segmentation.h"
+#include "algo/surface_findings.h"
 #include "algo/survey.h"
 #include "algo/uncertainty.h"
 #include "base/pages.h"
@@ -194,7 +196,17 @@ Status BlockInspector::denoise(Cloud& cloud) {
     return error(Code::frame_incomplete, "scan claims %zu points, its buffer holds %zu and the limit is %zu",
                  cloud.points, cloud.xyz.size() / 3, limits::kScanPointsMax);
   }
+  const Vec3 step_mm = find_coordinate_step(cloud, w.order.first(kStepScratch));
   remove_isolated(cloud, {w.order, w.label, w.cell_start, w.surface}, w.team, w.result.scan);
+  w.result.scan.step_mm = step_mm;
+  if (int axis = 0; step_mm.maxCoeff(&axis) > 1.01 * kCoordinateStepMax_mm) {
+    refuse_registration(w.result.registration, "not tried: coordinates rounded too coarsely");
+    return error(
+        Code::frame_incomplete,
+        "the coordinates along %c (scanner frame) are rounded to %g mm, coarser than %g mm: let the scanner write "
+        "more decimals (at least two in mm, five in m)",
+        "xyz"[axis], step_mm[axis], kCoordinateStepMax_mm);
+  }
   const auto kept = static_cast<std::size_t>(w.result.scan.points_kept);
   if (kept >= limits::kScanPointsMin) return success();
   refuse_registration(w.result.registration, "not tried: too few points");
@@ -348,6 +360,10 @@ Status BlockInspector::extract(const Cloud& cloud) {
   compute_block_items(w.model, result);
   compute_block_budget(w.recipe, w.verified, result);
   compute_observation(w.model, w.T_base_scanner * result.registration.T_scanner_block, result);
+  static_assert(kFindingFloats <= kSampleFloats);
+  find_surface_damage(cloud, w.model, T_block_scanner,
+                      {deviation_map(), {&survey.of(PointList::jaw_inner), &survey.of(PointList::jaw_outer)}}, w.sample,
+                      w.team, result);
   return success();
 }
 
@@ -355,8 +371,9 @@ void BlockInspector::judge(Code code) {
   BlockResult& result = work_->result;
   for (Item& item : result.items)
     item.verdict = code == Code::ok ? slabd::judge(item, work_->recipe.guard) : Verdict::not_measured;
-  result.verdict = code == Code::ok ? combine(result.items.begin(), result.items.end()) : Verdict::not_measured;
-  result.reason = reason_for(result.verdict, result.items.begin(), result.items.end(), code);
+  result.verdict = code == Code::ok ? with_findings(combine(result.items.begin(), result.items.end()), result)
+                                    : Verdict::not_measured;
+  result.reason = reason_with_findings(result.verdict, result.items.begin(), result.items.end(), code, result);
 }
 
 DeviationMap BlockInspector::deviation_map() const {

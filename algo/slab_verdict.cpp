@@ -61,8 +61,8 @@ Code cause_of(const BlockResult* block) {
   if (!by_item && (block->verdict == Verdict::not_measured || block->verdict == Verdict::aborted))
     return static_cast<Code>(block->reason);
   // Nothing but passes under a verdict that is none: the item that decided was lost on the way here.
-  const bool lost =
-      block->verdict != Verdict::pass && combine(block->items.begin(), block->items.end()) == Verdict::pass;
+  const bool lost = block->verdict != Verdict::pass &&
+                    with_findings(combine(block->items.begin(), block->items.end()), *block) == Verdict::pass;
   return lost ? Code::internal : Code::ok;
 }
 
@@ -117,8 +117,10 @@ void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, c
     out.open_mask |= open_mask(items.begin(), items.end());
     Verdict verdict = combine(items.begin(), items.end());
     if (cause != Code::ok && verdict != Verdict::fail) verdict = Verdict::not_measured;
+    if (block != nullptr) verdict = with_findings(verdict, *block);
     out.station_verdict[k] = verdict;
-    out.station_reason[k] = reason_for(verdict, items.begin(), items.end(), cause);
+    out.station_reason[k] = block != nullptr ? reason_with_findings(verdict, items.begin(), items.end(), cause, *block)
+                                             : reason_for(verdict, items.begin(), items.end(), cause);
     out.verdict = worse(out.verdict, verdict);
   }
 

@@ -55,6 +55,7 @@ class BlockBudget {
       : recipe_(recipe),
         result_(result),
         scanner_(recipe.uncertainty, verified),
+        rounding_(result),
         noise_factor_(result.seat.noise_factor),
         length_reference_mm_(2.0 * recipe.block.jaw_half_distance_mm.value) {}
 
@@ -63,7 +64,9 @@ class BlockBudget {
     const SlopeGradient g = slope_gradient(seat().normal, result_.slab_top.normal);
     const double fit = variance({g.seat_normal, 0.0}, seat()) + variance({g.top_normal, 0.0}, result_.slab_top);
     angle(ItemId::seat_slope, fit, by_density({g.seat_normal, 0.0}),
-          square(scanner_.tilt_rad()) * (g.seat_normal.squaredNorm() + g.top_normal.squaredNorm()), g.registration);
+          square(scanner_.tilt_rad()) * (g.seat_normal.squaredNorm() + g.top_normal.squaredNorm()),
+          rounding_.variance({g.seat_normal, 0.0}, seat()) + rounding_.variance({g.top_normal, 0.0}, result_.slab_top),
+          g.registration);
   }
 
   void jaw_angle(ItemId id, const PlaneFit& jaw) {
@@ -73,7 +76,7 @@ class BlockBudget {
     const PlaneGradient by_seat{jaw.normal / sine, 0.0};
     const PlaneGradient by_jaw{seat().normal / sine, 0.0};
     angle(id, variance(by_seat, seat()) + variance(by_jaw, jaw), by_density(by_seat), 2.0 * square(scanner_.tilt_rad()),
-          Vec6::Zero());
+          rounding_.variance(by_seat, seat()) + rounding_.variance(by_jaw, jaw), Vec6::Zero());
   }
 
   void jaw_distance() {
@@ -96,6 +99,8 @@ class BlockBudget {
         square(scanner_.tilt_rad()) * (g_outer.jaw.normal.squaredNorm() + g_inner.jaw.normal.squaredNorm()) +
         square(scanner_.length_mm(distance.value));
     length(ItemId::jaw_distance, distance.value, fit, by_density(g_seat), scanner,
+           rounding_.variance(g_seat, seat()) + rounding_.variance(g_outer.jaw, result_.jaw_outer) +
+               rounding_.variance(g_inner.jaw, result_.jaw_inner),
            Vec6(g_outer.registration + g_inner.registration));
   }
 
@@ -103,7 +108,8 @@ class BlockBudget {
     const Item& spacing = item(ItemId::casing_spacing);
     if (!has_value(spacing.value)) return;
     length(ItemId::casing_spacing, spacing.value, spacing_variance_mm2(result_), 0.0,
-           square(scanner_.difference_mm(spacing.value)) + square(scanner_.length_mm(spacing.value)), Vec6::Zero());
+           square(scanner_.difference_mm(spacing.value)) + square(scanner_.length_mm(spacing.value)),
+           2.0 * rounding_.centre_mm2(seat().normal), Vec6::Zero());
   }
 
   void casing_protrusion(ItemId id, const CasingFeature& casing) {
@@ -113,7 +119,7 @@ class BlockBudget {
     const PlaneGradient by_seat{from_centroid, -1.0};
     const double fit = square(casing.sigma_height_mm) + variance(by_seat, seat());
     length(id, protrusion.value, fit, by_density(by_seat), square(scanner_.difference_mm(from_centroid.norm())),
-           Vec6::Zero());
+           rounding_.place_mm2(seat().normal) + rounding_.variance(by_seat, seat()), Vec6::Zero());
   }
 
   /// Noise and form error can both only add to a flatness, so they add plainly, U = m N + 1.645 u_form. So that U
@@ -125,7 +131,9 @@ class BlockBudget {
     const double noise_mm = result_.seat.flatness_noise_mm;
     Budget budget{};
     const double fit = 0.5 * noise_mm * flatness_noise_multiple(flatness.value, noise_mm, result_.seat.grid_points);
-    const double scanner = 0.5 * 1.645 * scanner_.difference_mm(region_mm);
+    // Highest and lowest cell may both be off by half a step.
+    const double scanner =
+        std::sqrt(square(0.5 * 1.645 * scanner_.difference_mm(region_mm)) + 4.0 * rounding_.place_mm2(seat().normal));
     part(budget, BudgetPart::fit) = fit;
     part(budget, BudgetPart::noise) = std::sqrt(2.0 * fit * scanner);
     part(budget, BudgetPart::scanner) = scanner;
@@ -143,23 +151,26 @@ class BlockBudget {
     return recipe_.uncertainty.reference_mm.value * std::min(1.0, std::abs(length_mm) / length_reference_mm_);
   }
   /// Variances in rad^2.
-  void angle(ItemId id, double fit, double density, double scanner, const Vec6& by_registration) {
-    put(id, fit, density, scanner, by_registration, square(recipe_.uncertainty.reference_rad.value), deg_from_rad(1.0));
+  void angle(ItemId id, double fit, double density, double scanner, double rounding, const Vec6& by_registration) {
+    put(id, fit, density, scanner, rounding, by_registration, square(recipe_.uncertainty.reference_rad.value),
+        deg_from_rad(1.0));
   }
   /// Variances in mm^2.
-  void length(ItemId id, double length_mm, double fit, double density, double scanner, const Vec6& by_registration) {
-    put(id, fit, density, scanner, by_registration, square(reference_mm(length_mm)), 1.0);
+  void length(ItemId id, double length_mm, double fit, double density, double scanner, double rounding,
+              const Vec6& by_registration) {
+    put(id, fit, density, scanner, rounding, by_registration, square(reference_mm(length_mm)), 1.0);
   }
-  void put(ItemId id, double fit, double density, double scanner, const Vec6& by_registration, double reference,
-           double unit) {
-    // An uncertainty that the recipe states knows nothing of this seat either.
-    const double u_density = unit * std::sqrt(density);
+  void put(ItemId id, double fit, double density, double scanner, double rounding, const Vec6& by_registration,
+           double reference, double unit) {
+    // An uncertainty that the recipe states knows nothing of this seat and of this scan's coordinates either.
+    const double u_density = unit * std::sqrt(density + rounding);
     if (2.0 * u_density > item(id).U) item(id).U = 2.0 * u_density;
+    if (!std::isfinite(rounding)) item(id).U = kNoValue;
     if (!recipe_.uncertainty.given) return;
     Budget budget{};
     part(budget, BudgetPart::fit) = unit * std::sqrt(fit + density);
     part(budget, BudgetPart::noise) = unit * std::sqrt((noise_factor_ - 1.0) * fit);
-    part(budget, BudgetPart::scanner) = unit * std::sqrt(scanner);
+    part(budget, BudgetPart::scanner) = unit * std::sqrt(scanner + rounding);
     part(budget, BudgetPart::registration) =
         unit * std::sqrt(noise_factor_ * registration_variance(by_registration, result_.registration));
     part(budget, BudgetPart::reference) = unit * std::sqrt(reference);
@@ -169,6 +180,7 @@ class BlockBudget {
   const Recipe& recipe_;
   BlockResult& result_;
   ScannerModel scanner_;
+  CoordinateRounding rounding_;
   double noise_factor_;
   double length_reference_mm_;
 };
@@ -187,6 +199,26 @@ void budget_seat_std(BlockResult& result) {
   part(budget, BudgetPart::fit) = white;
   part(budget, BudgetPart::noise) = white * std::sqrt(std::max(factor, 1.0) - 1.0);
   settle(budget, item);
+}
+
+}  // namespace
+
+namespace {
+
+/// Of a fitted plane's inliers, as its covariance has them: cov_normal holds std^2 / (n s^2) for the standard deviation
+/// s of the points along each of the two directions. An even face is sqrt(12) standard deviations long.
+struct Spread {
+  double narrow_mm = kNoValue;  ///< length of the shorter side
+  double area_mm2 = kNoValue;
+};
+Spread spread_of(const PlaneFit& plane) {
+  const Mat3& c = plane.cov_normal;
+  const double sum = c.trace();
+  const double product =
+      c(0, 0) * c(1, 1) - square(c(0, 1)) + c(0, 0) * c(2, 2) - square(c(0, 2)) + c(1, 1) * c(2, 2) - square(c(1, 2));
+  const double apart = std::sqrt(std::max(0.0, 0.25 * square(sum) - product));
+  const double mean_square = square(plane.std_mm) / static_cast<double>(plane.inliers);
+  return {std::sqrt(12.0 * mean_square / (0.5 * sum + apart)), 12.0 * mean_square / std::sqrt(std::max(product, 0.0))};
 }
 
 }  // namespace
@@ -211,6 +243,47 @@ double verified_noise_factor(const ScannerNumbers& verified, double points_per_m
   const double length_mm = verified.noise_correlation_mm;
   if (!std::isfinite(length_mm) || !std::isfinite(points_per_mm2)) return 1.0;
   return std::max(1.0, 2.0 * kPi * length_mm * length_mm * points_per_mm2);
+}
+
+CoordinateRounding::CoordinateRounding(const BlockResult& result)
+    : step_mm_(result.scan.step_mm), any_(result.scan.step_mm.maxCoeff() > 0.0) {
+  if (!any_) return;
+  R_scanner_block_ = result.registration.T_scanner_block.rotation.toRotationMatrix();
+  if (const Spread seat = spread_of(result.seat.plane); seat.area_mm2 > 0.0)
+    pitch_mm_ = std::sqrt(seat.area_mm2 / static_cast<double>(result.seat.plane.inliers));
+}
+
+double CoordinateRounding::variance(const PlaneGradient& g, const PlaneFit& plane) const {
+  if (!any_) return 0.0;
+  const auto n = static_cast<double>(plane.inliers);
+  const Spread spread = spread_of(plane);
+  const double weights = slabd::algo::variance(g, plane) / square(plane.std_mm);
+  const double row_mm = pitch_mm_ > 0.0 ? spread.area_mm2 / (n * pitch_mm_) : spread.narrow_mm;
+  const Vec3 normal = R_scanner_block_ * plane.normal;
+  double sum = 0.0;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (step_mm_[axis] == 0.0) continue;
+    // How fast this coordinate changes along the face, where it changes fastest.
+    const double rise = std::sqrt(std::max(0.0, 1.0 - square(normal[axis])));
+    const double stretch_mm = 2.0 * std::max(step_mm_[axis] / std::max(rise, 1e-6), row_mm);
+    const double stretches = std::max(1.0, spread.narrow_mm / stretch_mm);
+    sum += square(step_mm_[axis] * normal[axis]) / 12.0 / stretches;
+  }
+  return sum * n * weights;
+}
+
+double CoordinateRounding::place_mm2(const Vec3& direction) const {
+  if (!any_) return 0.0;
+  return (R_scanner_block_ * direction).cwiseProduct(step_mm_).squaredNorm() / 12.0;
+}
+
+double CoordinateRounding::centre_mm2(const Vec3& normal) const {
+  if (!any_) return 0.0;
+  constexpr double kArcs = 8.0;
+  const Vec3 n = R_scanner_block_ * normal;
+  double in_plane = 0.0;
+  for (int axis = 0; axis < 3; ++axis) in_plane += square(step_mm_[axis]) * (1.0 - square(n[axis]));
+  return 2.0 / kArcs * in_plane / 12.0;
 }
 
 double variance(const PlaneGradient& g, const PlaneFit& plane) {
@@ -312,8 +385,14 @@ void compute_observation_sigma(const BlockGeometry& geometry, BlockResult& resul
   const auto spread = [f](const Mat3& covariance, const Vec3& density) -> Vec3 {
     return (f * covariance.diagonal() + density).cwiseSqrt();
   };
-  if (seat.ok) o.sigma_n_rad = spread(seat.cov_normal, by_area.normal.cwiseAbs2() / 3.0);
-  if (result.slab_top.ok) o.sigma_top_n_rad = spread(result.slab_top.cov_normal, Vec3::Zero());
+  const CoordinateRounding rounding(result);
+  const auto rounded_normal = [&](const PlaneFit& plane) -> Vec3 {
+    Vec3 v = Vec3::Zero();
+    for (int axis = 0; axis < 3; ++axis) v[axis] = rounding.variance({Vec3::Unit(axis), 0.0}, plane);
+    return v;
+  };
+  if (seat.ok) o.sigma_n_rad = spread(seat.cov_normal, by_area.normal.cwiseAbs2() / 3.0 + rounded_normal(seat));
+  if (result.slab_top.ok) o.sigma_top_n_rad = spread(result.slab_top.cov_normal, rounded_normal(result.slab_top));
   if (o.ok) {
     const CasingFeature& inner = result.casing_inner;
     const CasingFeature& outer = result.casing_outer;
@@ -328,7 +407,11 @@ void compute_observation_sigma(const BlockGeometry& geometry, BlockResult& resul
     axes.col(2) = seat.normal;
     axes.col(0) = (Vec3::UnitX() - seat.normal.x() * seat.normal).normalized();
     axes.col(1) = axes.col(2).cross(axes.col(0));
-    o.sigma_p_mm = spread(axes * local * axes.transpose(), variance(height, by_area) * seat.normal.cwiseAbs2());
+    const double rounded_centre = 0.5 * rounding.centre_mm2(seat.normal);
+    const double rounded_height = rounding.variance(height, seat);
+    o.sigma_p_mm =
+        spread(axes * local * axes.transpose(), (variance(height, by_area) + rounded_height) * seat.normal.cwiseAbs2() +
+                                                    rounded_centre * (Vec3::Ones() - seat.normal.cwiseAbs2()));
   }
   if (o.jaw_ok) {
     const JawPoint point = jaw_point(seat, result.jaw_outer, geometry.jaw_reference_height_mm.value);
@@ -337,7 +420,8 @@ void compute_observation_sigma(const BlockGeometry& geometry, BlockResult& resul
       // The section's own place along X is no property of the jaw.
       const double section = axis == 0 ? 0.0 : registration_variance(g.registration, result.registration);
       const double fit = variance(g.seat, seat) + variance(g.jaw, result.jaw_outer);
-      o.sigma_jaw_mm[axis] = std::sqrt(f * (fit + section) + variance(g.seat, by_area));
+      o.sigma_jaw_mm[axis] = std::sqrt(f * (fit + section) + variance(g.seat, by_area) +
+                                       rounding.variance(g.seat, seat) + rounding.variance(g.jaw, result.jaw_outer));
     }
   }
 }

@@ -29,6 +29,7 @@
 ///                   length l                      p l / sqrt(3), found: PS / sqrt(3)  mm: not how it grows
 ///                 All rectangular. Tilts of different features count as independent, and a difference between two
 ///                 places takes the features' tilts in already.
+///                 And the step to which the scan's coordinates were rounded (CoordinateRounding), where there is one.
 ///   registration  The pose only says where the section x = 0 lies and where X points: u^2 = g' C g with
 ///                 RegistrationReport::covariance, times f as above. Slab frame: its roll, where the slab's top
 ///                 contradicts it (slab_roll.h).
@@ -89,6 +90,32 @@ struct PlaneGradient {
 
 /// Variance of a value that moves by g . d between the seat weighed by points and by area; see above.
 [[nodiscard]] double variance(const PlaneGradient& g, const PlaneShift& by_area);
+
+/// Uncertainty from coordinates that were rounded to steps q of the scanner's axes (ScanCounts::step_mm). The error of
+/// a coordinate is rectangular, q / sqrt(12), and alike for all points of a stretch of a face: until the coordinate has
+/// passed two steps, and over two rows of the scan. With S the sum over the n points of the squared weights that a
+/// value gives them (the variance that white noise of 1 mm gives it), m the number of stretches across the face's
+/// narrow side and N the face's normal in the scanner frame: u^2 = sum over the axes of (q N)^2 / 12 * n S / max(1, m).
+/// With one stretch that is the worst that any error of up to q / 2 a point can do, because |sum w e| <= q / 2 * sqrt(n
+/// S).
+class CoordinateRounding {
+ public:
+  explicit CoordinateRounding(const BlockResult& result);
+  [[nodiscard]] bool any() const { return any_; }
+  /// Variance of a value that moves by g with this plane. 0 without a step; NaN where the plane knows no noise.
+  [[nodiscard]] double variance(const PlaneGradient& g, const PlaneFit& plane) const;
+  /// Variance of one place along `direction` (block frame): no averaging. mm^2.
+  [[nodiscard]] double place_mm2(const Vec3& direction) const;
+  /// Variance of a circle's centre along one axis of its plane, whose normal is `normal`. Its edge counts as eight
+  /// arcs with an error of their own. mm^2.
+  [[nodiscard]] double centre_mm2(const Vec3& normal) const;
+
+ private:
+  Vec3 step_mm_;
+  Mat3 R_scanner_block_ = Mat3::Identity();
+  double pitch_mm_ = 0.0;  ///< of the points over the seat
+  bool any_ = false;
+};
 
 /// Where a jaw plane is met at the reference height above the fitted seat, in the section x = 0 of the registered
 /// frame: p solves A p = b with the rows of A the section's, the seat's and the jaw's normal.

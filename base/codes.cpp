@@ -65,6 +65,8 @@ constexpr std::array kTable = {
           "calibrate and apply it; a line never calibrated takes [calibration] from the config"},
     Entry{Code::config, "the configuration is not usable", "run `slabctl config check`; it names file and line"},
     Entry{Code::internal, "an internal check failed", "note the journal entry and restart the service"},
+    Entry{Code::block_damage, "surface of the seat or of a jaw is displaced or missing",
+          "`slabctl show` names place, size and depth; look at the block: damage, dirt or something that lies on it"},
 };
 
 constexpr const Entry* find(Code code) {

@@ -46,6 +46,8 @@ enum class Code : std::uint16_t {
   calibration_missing = 503,
   config = 504,
   internal = 505,
+  // what was found on a block, beside its items
+  block_damage = 617,
 };
 
 inline constexpr std::uint16_t kReasonItemBase = 600;

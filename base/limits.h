@@ -72,6 +72,10 @@ inline constexpr std::size_t kPlaneHypothesesMax = 16'384;
 /// Angular sectors of a casing's edge: 7.5 degrees, 2 mm of arc. Wide enough that many points compete for the
 /// innermost one, which narrows its gap to the edge; still enough of them for a robust circle.
 inline constexpr std::size_t kRimSectors = 48;
+/// Findings kept of one block, the largest first: more than a few make no difference to what is done with the block.
+inline constexpr std::size_t kFindingsMax = 8;
+/// Displaced or missing area on seat or jaw from which a block is not passed: a fifth of what one casing's rim covers.
+inline constexpr double kFindingArea_mm2 = 100.0;
 /// Histogram of distances to the model (shares within 1..6 sigma): bins of 0.05 um over a 3 mm gate.
 inline constexpr std::size_t kDeviationBins = 1U << 16U;
 

@@ -2,6 +2,7 @@
 #include "base/records.h"
 
 #include <algorithm>
+#include <array>
 
 namespace slabd {
 
@@ -16,6 +17,49 @@ std::string_view name(RegistrationStatus status) {
   return "none";
 }
 
+std::string_view name(FindingKind kind) {
+  switch (kind) {
+    case FindingKind::pit: return "pit";
+    case FindingKind::bump: return "bump";
+    case FindingKind::crack: return "crack";
+    case FindingKind::chip: return "chip";
+    case FindingKind::missing: return "missing";
+  }
+  return "pit";
+}
+
+std::string_view name(FindingFace face) {
+  switch (face) {
+    case FindingFace::seat: return "seat";
+    case FindingFace::jaw_inner: return "jaw_inner";
+    case FindingFace::jaw_outer: return "jaw_outer";
+  }
+  return "seat";
+}
+
+FixedString<160> sentence(const SurfaceFinding& f) {
+  constexpr std::array<const char*, kFindingFaces> kFaces = {"the seat", "the inner jaw", "the outer jaw"};
+  FixedString<160> text;
+  text.printf("%s on %s at x %.0f mm, s %.0f mm: %.0f x %.0f mm, %.0f mm2", name(f.kind).data(),
+              kFaces.at(static_cast<std::size_t>(f.face)), f.x_mm, f.s_mm, f.length_mm, f.width_mm, f.area_mm2);
+  if (has_value(f.depth_mm)) {
+    FixedString<32> depth;
+    depth.printf(", up to %.1f mm %s", f.depth_mm, f.kind == FindingKind::bump ? "high" : "deep");
+    text.append(depth.view());
+  }
+  return text;
+}
+
+FixedString<200> step_warning(const ScanCounts& scan) {
+  FixedString<200> text;
+  if (!(scan.step_mm.maxCoeff() > kUsualStep_mm)) return text;
+  text.printf(
+      "the coordinates are rounded to %g, %g, %g mm (x, y, z of the scanner; 0: not rounded), which makes U larger: "
+      "let the scanner write more decimals",
+      scan.step_mm.x(), scan.step_mm.y(), scan.step_mm.z());
+  return text;
+}
+
 std::uint16_t reason_for(Verdict verdict, const Item* begin, const Item* end, Code code) {
   if (verdict == Verdict::pass) return 0;
   if (verdict != Verdict::fail && code != Code::ok) return static_cast<std::uint16_t>(code);
@@ -28,6 +72,19 @@ std::uint16_t reason_for(Verdict verdict, const Item* begin, const Item* end, Co
   }
   if (lowest >= 0) return static_cast<std::uint16_t>(kReasonItemBase + lowest);
   return static_cast<std::uint16_t>(code == Code::ok ? Code::fit_failed : code);
+}
+
+Verdict with_findings(Verdict by_items, const BlockResult& block) {
+  return by_items == Verdict::pass && !block.findings.empty() ? Verdict::indeterminate : by_items;
+}
+
+std::uint16_t reason_with_findings(Verdict verdict, const Item* begin, const Item* end, Code code,
+                                   const BlockResult& block) {
+  const bool by_item =
+      std::any_of(begin, end, [&](const Item& item) { return item.verdict == Verdict::indeterminate; });
+  if (verdict == Verdict::indeterminate && code == Code::ok && !by_item && !block.findings.empty())
+    return static_cast<std::uint16_t>(Code::block_damage);
+  return reason_for(verdict, begin, end, code);
 }
 
 std::uint16_t fail_mask(const Item* begin, const Item* end) {

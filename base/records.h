@@ -46,7 +46,16 @@ struct ScanCounts {
   std::uint64_t points_finite = 0;
   std::uint64_t isolated_removed = 0;
   std::uint64_t points_kept = 0;
+  /// Step to which the coordinates along each axis of the scanner frame were rounded (mm). 0: no step was found, or the
+  /// places along this axis are the scanner's own raster and therefore exact.
+  Vec3 step_mm = Vec3::Zero();
 };
+
+/// Coordinate steps up to here (mm) are usual (three decimals, two of a coarse scanner) and change U by nothing worth
+/// telling.
+inline constexpr double kUsualStep_mm = 0.01;
+/// A warning where the coordinates are rounded more coarsely than usual, empty otherwise.
+[[nodiscard]] FixedString<200> step_warning(const ScanCounts& scan);
 
 /// One fitted plane n.p = d in the block's registered frame (mm).
 /// Why a plane is not `ok`: the first test that said no.
@@ -111,6 +120,36 @@ struct SeatFeature {
   SurfaceDefect defect;
 };
 
+/// An area of the seat or of a jaw that is displaced or was not seen, larger than limits::kFindingArea_mm2.
+enum class FindingKind : std::uint8_t {
+  pit,      ///< below the face
+  bump,     ///< above it
+  crack,    ///< below it and narrow
+  chip,     ///< below it and open towards an edge of the face
+  missing,  ///< nothing was seen there
+};
+inline constexpr std::size_t kFindingKinds = 5;
+[[nodiscard]] std::string_view name(FindingKind kind);
+enum class FindingFace : std::uint8_t { seat, jaw_inner, jaw_outer };
+inline constexpr std::size_t kFindingFaces = 3;
+[[nodiscard]] std::string_view name(FindingFace face);
+
+struct SurfaceFinding {
+  FindingKind kind = FindingKind::pit;
+  FindingFace face = FindingFace::seat;
+  double x_mm = 0.0;             ///< centre of the area: along the rail, ...
+  double s_mm = 0.0;             ///< ... along the bearing plane, climbing outward, ...
+  double z_mm = 0.0;             ///< ... and height of the face there in the block frame
+  double length_mm = 0.0;        ///< extent along the rail
+  double width_mm = 0.0;         ///< extent on the face across the rail
+  double depth_mm = kNoValue;    ///< distance from the face where it is largest, positive; NaN: nothing was seen
+  double area_mm2 = 0.0;         ///< on the face
+  double volume_mm3 = kNoValue;  ///< between the face and what was seen; NaN: nothing was seen
+};
+
+/// "pit on the seat at x 80 mm, s 2 mm: 42 x 368 mm, 15460 mm2, up to 10.0 mm deep".
+[[nodiscard]] FixedString<160> sentence(const SurfaceFinding& finding);
+
 struct CasingFeature {
   bool ok = false;
   Vec3 centre = Vec3::Zero();   ///< on the seat plane, registered block frame (mm)
@@ -166,6 +205,8 @@ struct BlockResult {
   CasingFeature casing_inner;
   CasingFeature casing_outer;
   FixedVector<Item, kBlockItemsMax> items;
+  /// Largest area first; empty: seat and jaws are whole as far as the scan shows them.
+  FixedVector<SurfaceFinding, limits::kFindingsMax> findings;
   SeatObservation observation;
   StageTimes times;
 };
@@ -193,6 +234,13 @@ struct SlabResult {
   std::array<Verdict, limits::kStationsMax> station_verdict{};  ///< final, slab items included; [station - 1]
   std::array<std::uint16_t, limits::kStationsMax> station_reason{};
 };
+
+/// Verdict and reason of a block whose items came to `by_items`: a finding turns a pass into indeterminate, reason 617.
+/// Every other verdict is kept, because it is no better.
+[[nodiscard]] Verdict with_findings(Verdict by_items, const BlockResult& block);
+/// `reason_for` with the block's findings: 617 where the block is indeterminate and no item is.
+[[nodiscard]] std::uint16_t reason_with_findings(Verdict verdict, const Item* begin, const Item* end, Code code,
+                                                 const BlockResult& block);
 
 /// The verdict's REASON: 600 + the lowest failing item; for not_measured and indeterminate 600 + the lowest such
 /// item, or `code` when it names a cause before any item; 0 for pass.

@@ -66,7 +66,7 @@ void print_report(const Options& options, const Recipe& recipe, const BlockResul
   if (!normal.isZero())
     fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f}), {} grid points\n", normal.x(), normal.y(), normal.z(),
                block.seat.grid_points);
-  fmt::print("{}", seat_notes(block.seat, recipe.evaluation.cell_mm));
+  fmt::print("{}{}", seat_notes(block.seat, recipe.evaluation.cell_mm), finding_lines(block));
   fmt::print("\n{}\n", item_table(std::span<const Item>(block.items.begin(), block.items.size()), style));
   fmt::print("block {}: {}{}\n", options.block, verdict_text(block.verdict, style),
              block.reason != 0 ? "  (" + reason_text(block.reason) + ")" : "");
@@ -142,6 +142,9 @@ int inspect(const Options& options) {
   note.reset();
   if (!status) complain(fmt::format("{}: {}", options.scan, status.error().text.view()));
   const BlockResult& block = inspector.result();
+  if (status.ok())
+    if (const auto warning = step_warning(block.scan); !warning.empty())
+      complain(fmt::format("warning: {}: {}", options.scan, warning.view()));
   if (options.json) {
     fmt::print("{}", as_json(options, recipe, T_block_scanner, block));
   } else {

@@ -241,7 +241,9 @@ void write_block(Json& json, const BlockResult& block, double cell_mm) {
 
   json.key("scan").begin_object();
   json.field("points_read", block.scan.points_read).field("points_finite", block.scan.points_finite);
-  json.field("isolated_removed", block.scan.isolated_removed).field("points_kept", block.scan.points_kept).end_object();
+  json.field("isolated_removed", block.scan.isolated_removed).field("points_kept", block.scan.points_kept);
+  write_vector(json, "step_mm", block.scan.step_mm, true);
+  json.end_object();
 
   write_registration(json, block.registration);
   json.key("features").begin_object();
@@ -256,6 +258,15 @@ void write_block(Json& json, const BlockResult& block, double cell_mm) {
   json.key("items").begin_array();
   for (const Item& item : block.items)
     if (info(item.id).scope == ItemScope::block) write_item(json, item);
+  json.end_array();
+
+  json.key("findings").begin_array();
+  for (const SurfaceFinding& f : block.findings) {
+    json.begin_object().field("kind", name(f.kind)).field("face", name(f.face));
+    json.field("x_mm", f.x_mm).field("s_mm", f.s_mm).field("z_mm", f.z_mm);
+    json.field("length_mm", f.length_mm).field("width_mm", f.width_mm).field("depth_mm", f.depth_mm);
+    json.field("area_mm2", f.area_mm2).field("volume_mm3", f.volume_mm3).end_object();
+  }
   json.end_array();
 
   json.key("timing_ms").begin_object();

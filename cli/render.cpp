@@ -180,6 +180,12 @@ std::string seat_notes(const SeatFeature& seat, double cell_mm) {
   return text;
 }
 
+std::string finding_lines(const BlockResult& block) {
+  std::string text;
+  for (const SurfaceFinding& finding : block.findings) text += fmt::format("finding: {}\n", sentence(finding).view());
+  return text;
+}
+
 std::string slab_map(std::span<const Verdict> verdicts, Style style) {
   const std::size_t pairs = verdicts.size() / 2;
   const auto numbers = [&](bool left) {

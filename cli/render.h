@@ -49,6 +49,9 @@ struct Style {
 /// there is nothing to say.
 [[nodiscard]] std::string seat_notes(const SeatFeature& seat, double cell_mm);
 
+/// The findings of a block, one line each, the largest first; empty without any.
+[[nodiscard]] std::string finding_lines(const BlockResult& block);
+
 /// The blocks as they lie on the slab, seen from above: row Y > 0 above row Y < 0, X to the right. `verdicts` holds
 /// one entry per station, [station - 1], an even number of them.
 [[nodiscard]] std::string slab_map(std::span<const Verdict> verdicts, Style style);

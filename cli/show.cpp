@@ -198,7 +198,8 @@ int print_block(const SlabRecord& record, int station, const std::string& scanne
     fmt::print("seat normal -\n");
   else
     fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f})\n", normal.x(), normal.y(), normal.z());
-  fmt::print("{}\n", seat_notes(result.seat, record.summary.header.cell_mm));
+  fmt::print("{}{}\n", seat_notes(result.seat, record.summary.header.cell_mm), finding_lines(result));
+  if (const auto warning = step_warning(result.scan); !warning.empty()) fmt::print("warning: {}\n", warning.view());
   fmt::print("{}\n", item_table(std::span<const Item>(result.items.begin(), result.items.size()), style));
   std::vector<Item> in_slab;
   for (const Item& item : record.slab.items)

@@ -115,6 +115,17 @@ BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
     LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(status.error().code), {}};
     line.text.printf("station %u: %s", job.station, status.error().text.c_str());
     say_line(line);
+    return done;
+  }
+  if (const auto warning = step_warning(done.block.scan); !warning.empty()) {
+    LogLine line{LogLine::Level::warning, 0, {}};
+    line.text.printf("station %u: %s", job.station, warning.c_str());
+    say_line(line);
+  }
+  for (const SurfaceFinding& finding : done.block.findings) {
+    LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(Code::block_damage), {}};
+    line.text.printf("station %u: %s", job.station, sentence(finding).c_str());
+    say_line(line);
   }
   return done;
 }

@@ -226,7 +226,7 @@ class Teller {
     Text text;
     if (code == 0) return "0";
     text.printf("%u ", unsigned{code});
-    if (code >= kReasonItemBase && code < kReasonItemBase + kItemCount) {
+    if (code >= kReasonItemBase && code < kReasonItemBase + 16) {
       text.append(info(static_cast<ItemId>(code - kReasonItemBase)).name);
     } else {
       text.append(describe(static_cast<Code>(code)));

@@ -110,6 +110,11 @@ void compare(const BlockResult& stored, const BlockResult& now, Comparison& out)
   compare_row("plane slab_top", stored.slab_top, now.slab_top, out);
   compare_row("casing inner", stored.casing_inner, now.casing_inner, out);
   compare_row("casing outer", stored.casing_outer, now.casing_outer, out);
+  if (stored.findings.size() != now.findings.size())
+    out.differences.push_back(
+        {"findings", std::to_string(stored.findings.size()), std::to_string(now.findings.size())});
+  for (std::size_t i = 0; i < std::min(stored.findings.size(), now.findings.size()); ++i)
+    compare_row("finding " + std::to_string(i + 1), stored.findings[i], now.findings[i], out);
   compare_items(stored.items, now.items, out);
 }
 

@@ -77,6 +77,7 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       insert_block_(db, insert_for<BlockKey, BlockResult>("block")),
       insert_plane_(db, insert_for<BlockKey, FeatureName, PlaneFit>("plane")),
       insert_casing_(db, insert_for<BlockKey, FeatureName, CasingFeature>("casing")),
+      insert_finding_(db, insert_for<BlockKey, FindingPosition, SurfaceFinding>("finding")),
       delete_items_(db, "DELETE FROM item WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
       insert_item_(db, insert_for<BlockKey, ItemPosition, Item>("item")),
       insert_map_(db, insert_for<BlockKey, FeatureName, PackedMap>("map")),
@@ -305,6 +306,9 @@ void Jobs::insert_block(const BlockKey& key, const BlockResult& block) {
   plane("slab_top", block.slab_top);
   write_row(insert_casing_, key, FeatureName{"inner"}, block.casing_inner);
   write_row(insert_casing_, key, FeatureName{"outer"}, block.casing_outer);
+  for (const SurfaceFinding& finding : block.findings)
+    write_row(insert_finding_, key, FindingPosition{static_cast<std::uint8_t>(&finding - block.findings.begin())},
+              finding);
   insert_items(key, block.items.begin(), block.items.end());
 }
 

@@ -42,6 +42,7 @@ Loader::Loader(Connection& db)
       block_(db, select<BlockResult>("block", kOfBlock)),
       planes_(db, select<FeatureName, PlaneFit>("plane", kOfBlock)),
       casings_(db, select<FeatureName, CasingFeature>("casing", kOfBlock)),
+      findings_(db, select<SurfaceFinding>("finding", (std::string(kOfBlock) + " ORDER BY position").c_str())),
       items_(db, select<Item>("item", (std::string(kOfBlock) + " ORDER BY position").c_str())),
       maps_(db, select<FeatureName, PackedMap>("map", kOfBlock)) {}
 
@@ -111,6 +112,12 @@ bool Loader::block(const BlockKey& key, BlockResult& out) {
     CasingFeature* place = casing_named(out, feature.feature.view());
     if (place == nullptr) casings_.refuse(0, "names no casing of a block");
     *place = casing;
+  }
+  bind_key(findings_, key);
+  while (findings_.step()) {
+    SurfaceFinding finding;
+    read_row(findings_, 0, finding);
+    if (!out.findings.push(finding)) findings_.refuse(0, "has more rows than a list of findings can hold");
   }
   items(key, out.items);
   return true;

@@ -40,6 +40,7 @@ class Loader {
   Statement block_;
   Statement planes_;
   Statement casings_;
+  Statement findings_;
   Statement items_;
   Statement maps_;
 };

@@ -36,6 +36,8 @@ using Square = Eigen::Matrix<double, N, N, Eigen::DontAlign>;
 [[nodiscard]] std::string_view word(ScanState state);
 [[nodiscard]] std::string_view word(SpliceSource source);
 [[nodiscard]] std::string_view word(CalibrationKind kind);
+[[nodiscard]] std::string_view word(FindingKind kind);
+[[nodiscard]] std::string_view word(FindingFace face);
 /// False when no value has this word.
 [[nodiscard]] bool from_word(std::string_view text, Verdict& out);
 [[nodiscard]] bool from_word(std::string_view text, RegistrationStatus& out);
@@ -44,6 +46,8 @@ using Square = Eigen::Matrix<double, N, N, Eigen::DontAlign>;
 [[nodiscard]] bool from_word(std::string_view text, ScanState& out);
 [[nodiscard]] bool from_word(std::string_view text, SpliceSource& out);
 [[nodiscard]] bool from_word(std::string_view text, CalibrationKind& out);
+[[nodiscard]] bool from_word(std::string_view text, FindingKind& out);
+[[nodiscard]] bool from_word(std::string_view text, FindingFace& out);
 
 // ---- visitors ----------------------------------------------------------------------------------------------------
 

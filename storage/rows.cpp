@@ -43,6 +43,12 @@ std::string_view word(SpliceSource source) {
 std::string_view word(CalibrationKind kind) {
   return name(kind);
 }
+std::string_view word(FindingKind kind) {
+  return name(kind);
+}
+std::string_view word(FindingFace face) {
+  return name(face);
+}
 
 bool from_word(std::string_view text, Verdict& out) {
   return search(text, 6, out);
@@ -64,6 +70,12 @@ bool from_word(std::string_view text, SpliceSource& out) {
 }
 bool from_word(std::string_view text, CalibrationKind& out) {
   return search(text, kCalibrationKinds, out);
+}
+bool from_word(std::string_view text, FindingKind& out) {
+  return search(text, kFindingKinds, out);
+}
+bool from_word(std::string_view text, FindingFace& out) {
+  return search(text, kFindingFaces, out);
 }
 
 std::string joined(const std::vector<std::string>& names, std::string_view separator) {

@@ -32,6 +32,9 @@ struct SlabKey {
 struct FeatureName {
   FixedString<16> feature;
 };
+struct FindingPosition {
+  std::uint8_t position = 0;
+};
 struct ItemPosition {
   std::uint8_t position = 0;
 };
@@ -76,6 +79,25 @@ void columns(V& v, R& r) {
 template <typename V, RowOf<FeatureName> R>
 void columns(V& v, R& r) {
   v("feature", r.feature);
+}
+
+template <typename V, RowOf<FindingPosition> R>
+void columns(V& v, R& r) {
+  v("position", r.position);
+}
+
+template <typename V, RowOf<SurfaceFinding> R>
+void columns(V& v, R& r) {
+  v("kind", r.kind);
+  v("face", r.face);
+  v("x_mm", r.x_mm);
+  v("s_mm", r.s_mm);
+  v("z_mm", r.z_mm);
+  v("length_mm", r.length_mm);
+  v("width_mm", r.width_mm);
+  v("depth_mm", r.depth_mm);
+  v("area_mm2", r.area_mm2);
+  v("volume_mm3", r.volume_mm3);
 }
 
 template <typename V, RowOf<ItemPosition> R>
@@ -189,7 +211,7 @@ void columns(V& v, R& r) {
   v("scan_state", r.scan_state);
 }
 
-/// What a block has beside its planes, casings and items.
+/// What a block has beside its planes, casings, findings and items.
 template <typename V, RowOf<BlockResult> R>
 void columns(V& v, R& r) {
   v("verdict", r.verdict);
@@ -241,6 +263,7 @@ void columns(V& v, R& r) {
   v("sigma_jaw", r.observation.sigma_jaw_mm);
   v("sigma_n", r.observation.sigma_n_rad);
   v("sigma_top_n", r.observation.sigma_top_n_rad);
+  v("step", r.scan.step_mm);
 }
 
 template <typename V, RowOf<PlaneFit> R>

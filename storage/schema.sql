@@ -10,7 +10,7 @@
 --   recipe_text  the files of all recipes that a slab was begun with
 --   seen_scan  fingerprints of the last scans' points
 --   noise_print  the noise of the last exposures that were measured
---   block    what an attempt measured, with its planes, casings and items
+--   block    what an attempt measured, with its planes, casings, findings and items
 --   map      how far it lies from the model, and its seat from the fitted plane, place by place: what a report draws
 --   result   the records the PLC is shown; id is the order in which it is shown them
 --
@@ -212,6 +212,8 @@ CREATE TABLE block (
   sigma_jaw_x REAL, sigma_jaw_y REAL, sigma_jaw_z REAL,
   sigma_n_x REAL, sigma_n_y REAL, sigma_n_z REAL,
   sigma_top_n_x REAL, sigma_top_n_y REAL, sigma_top_n_z REAL,
+  -- To what the coordinates of the scan were rounded, by axis of the scanner; 0: to nothing.
+  step_x REAL DEFAULT 0.0, step_y REAL DEFAULT 0.0, step_z REAL DEFAULT 0.0,
   PRIMARY KEY (slab_key, station, attempt),
   FOREIGN KEY (slab_key, station, attempt) REFERENCES attempt
 ) STRICT, WITHOUT ROWID;
@@ -254,6 +256,21 @@ CREATE TABLE casing (
   cov_circle_21 REAL, cov_circle_22 REAL, cov_circle_23 REAL,
   cov_circle_31 REAL, cov_circle_32 REAL, cov_circle_33 REAL,
   PRIMARY KEY (slab_key, station, attempt, feature),
+  FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
+) STRICT, WITHOUT ROWID;
+
+-- Areas of seat and jaws that are displaced or were not seen, the largest first. Lengths in mm, block frame: x along the
+-- rail, s along the bearing plane, z up. depth and volume NULL: nothing was seen there.
+CREATE TABLE finding (
+  slab_key INTEGER NOT NULL,
+  station  INTEGER NOT NULL,
+  attempt  INTEGER NOT NULL,
+  position INTEGER NOT NULL,             -- from 0
+  kind     TEXT NOT NULL,                -- pit, bump, crack, chip, missing
+  face     TEXT NOT NULL,                -- seat, jaw_inner, jaw_outer
+  x_mm REAL, s_mm REAL, z_mm REAL,
+  length_mm REAL, width_mm REAL, depth_mm REAL, area_mm2 REAL, volume_mm3 REAL,
+  PRIMARY KEY (slab_key, station, attempt, position),
   FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
 ) STRICT, WITHOUT ROWID;
 

@@ -10,3 +10,20 @@ CREATE TABLE noise_print (
   bytes    BLOB NOT NULL,
   UNIQUE (slab_key, station, attempt)
 ) STRICT;
+
+ALTER TABLE block ADD COLUMN step_x REAL DEFAULT 0.0;
+ALTER TABLE block ADD COLUMN step_y REAL DEFAULT 0.0;
+ALTER TABLE block ADD COLUMN step_z REAL DEFAULT 0.0;
+
+CREATE TABLE finding (
+  slab_key INTEGER NOT NULL,
+  station  INTEGER NOT NULL,
+  attempt  INTEGER NOT NULL,
+  position INTEGER NOT NULL,             -- from 0
+  kind     TEXT NOT NULL,                -- pit, bump, crack, chip, missing
+  face     TEXT NOT NULL,                -- seat, jaw_inner, jaw_outer
+  x_mm REAL, s_mm REAL, z_mm REAL,
+  length_mm REAL, width_mm REAL, depth_mm REAL, area_mm2 REAL, volume_mm3 REAL,
+  PRIMARY KEY (slab_key, station, attempt, position),
+  FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
+) STRICT, WITHOUT ROWID;

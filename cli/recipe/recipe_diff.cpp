@@ -95,8 +95,8 @@ int rejudge(const Recipe& recipe, const Recipe* measured_with, BlockResult& bloc
   // A block that came to nothing keeps what it came to.
   const Code code = block.reason != 0 && block.reason < kReasonItemBase ? static_cast<Code>(block.reason) : Code::ok;
   if (code != Code::ok) return unknown;
-  block.verdict = combine(block.items.begin(), block.items.end());
-  block.reason = reason_for(block.verdict, block.items.begin(), block.items.end(), code);
+  block.verdict = with_findings(combine(block.items.begin(), block.items.end()), block);
+  block.reason = reason_with_findings(block.verdict, block.items.begin(), block.items.end(), code, block);
   return unknown;
 }
 

@@ -139,6 +139,9 @@ class Composer {
         continue;
       }
       for (const Item& item : block->block.items) add_finding(list, final_item(record_, station, item), station);
+      for (const SurfaceFinding& finding : block->block.findings)
+        list.emplace_back(Verdict::indeterminate,
+                          fmt::format("{}: {}", say(Word::block, station), finding_sentence(finding, language_)));
     }
     for (const Item& item : record_.slab.items)
       if (!said_by_block(item)) add_finding(list, item, 0);

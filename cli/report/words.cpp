@@ -220,6 +220,19 @@ std::string_view verdict_word(Verdict verdict, Language language) {
   return "";
 }
 
+std::string finding_sentence(const SurfaceFinding& f, Language language) {
+  if (language == Language::en) return std::string(sentence(f).view());
+  constexpr std::array<const char*, kFindingKinds> kKinds = {"凹坑", "凸起", "裂缝", "缺角", "缺失"};
+  constexpr std::array<const char*, kFindingFaces> kFaces = {"承轨面", "内侧钳口面", "外侧钳口面"};
+  std::string text =
+      fmt::format("{}{}，位置 x {:.0f} mm，s {:.0f} mm，{:.0f} x {:.0f} mm，{:.0f} mm2",
+                  kFaces.at(static_cast<std::size_t>(f.face)), kKinds.at(static_cast<std::size_t>(f.kind)), f.x_mm,
+                  f.s_mm, f.length_mm, f.width_mm, f.area_mm2);
+  if (has_value(f.depth_mm))
+    text += fmt::format("，最{} {:.1f} mm", f.kind == FindingKind::bump ? "高" : "深", f.depth_mm);
+  return text;
+}
+
 std::string reason_sentence(std::uint16_t reason, Language language) {
   if (reason == 0) return "";
   if (reason >= kReasonItemBase) {

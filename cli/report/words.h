@@ -126,6 +126,8 @@ enum class Word : std::uint8_t {
 
 [[nodiscard]] std::string item_word(ItemId id, Language language);
 [[nodiscard]] std::string_view verdict_word(Verdict verdict, Language language);
+/// A finding, with place and size.
+[[nodiscard]] std::string finding_sentence(const SurfaceFinding& finding, Language language);
 /// "seat slope", or "402: no supporting block was found, ..."; empty for 0.
 [[nodiscard]] std::string reason_sentence(std::uint16_t reason, Language language);
 

@@ -19,6 +19,11 @@ constexpr double kBurrS = 40.0;
 constexpr double kBurrHalfXMm = 7.5;
 constexpr double kBurrHalfSMm = 2.0;
 
+constexpr double kSunkBeyondX = 55.0;
+/// The corner that may be broken out.
+constexpr double kCornerX = 57.0;
+constexpr double kCornerY = 155.0;
+
 /// A work glove dropped flat: half an ellipsoid's worth of it above the bearing plane.
 const Vec3 kGloveHalfMm(60.0, 50.0, 15.0);
 constexpr double kCableRadiusMm = 5.0;
@@ -57,6 +62,7 @@ double relief_mm(const BlockTruth& truth, double x_mm, double s_mm) {
     height += truth.bump_mm * std::exp(-r2 / (2.0 * kDomeSigmaMm * kDomeSigmaMm));
   if (std::hypot(x_mm - kChipX, s_mm - kChipS) < kChipRadiusMm) height -= truth.chip_mm;
   if (std::abs(x_mm - kBurrX) < kBurrHalfXMm && std::abs(s_mm - kBurrS) < kBurrHalfSMm) height += truth.burr_mm;
+  if (x_mm > kSunkBeyondX) height -= truth.sunk_mm;
   return height;
 }
 
@@ -114,7 +120,7 @@ Result<BlockSurface> BlockSurface::make(const Recipe& recipe, const BlockTruth& 
   surface.T_scanner_block_ = T_scanner_block;
   surface.T_block_scanner_ = T_scanner_block.inverse();
   surface.truth_ = truth;
-  surface.has_relief_ = truth.bump_mm != 0.0 || truth.chip_mm != 0.0 || truth.burr_mm != 0.0;
+  surface.has_relief_ = truth.bump_mm != 0.0 || truth.chip_mm != 0.0 || truth.burr_mm != 0.0 || truth.sunk_mm != 0.0;
   surface.has_clutter_ = has_value(truth.glove_s_mm) || has_value(truth.cable_x_mm);
 
   surface.slab_top_ = surface.seen(Vec3::UnitZ(), b.slab_top_z_mm.value + truth.slab_top_shift_mm);
@@ -136,6 +142,12 @@ Result<BlockSurface> BlockSurface::make(const Recipe& recipe, const BlockTruth& 
                                on_section(slope, truth.jaw_shift_mm - jaw_half, height));
   surface.shoulder_outer_ = surface.seen(Vec3::UnitZ(), b.shoulder_outer_z_mm.value);
   surface.shoulder_inner_ = surface.seen(Vec3::UnitZ(), b.shoulder_inner_z_mm.value);
+
+  const Vec3 deeper(0.0, 0.0, -truth.corner_mm);
+  surface.bearing_low_ = through(n_bearing, deeper);
+  surface.jaw_outer_low_ = through(along_rail(slope + (kPi - truth.jaw_angle_outer_rad)),
+                                   on_section(slope, truth.jaw_shift_mm + jaw_half, height) + deeper);
+  surface.shoulder_outer_low_ = surface.seen(Vec3::UnitZ(), b.shoulder_outer_z_mm.value - truth.corner_mm);
 
   // |x| = half - z tan(draft); with X and Y exchanged the side faces.
   const double c = std::cos(b.draft_rad.value);
@@ -201,22 +213,30 @@ double BlockSurface::clutter_depth_mm(double x, double y) const {
   return nearest;
 }
 
+double BlockSurface::bodies_key(double x, double y, bool low) const {
+  Inside outline;
+  for (const Face& face : outline_) outline.cut(face, x, y);
+  Inside seat = outline;
+  if (low)
+    seat.cut(bearing_low_, x, y);
+  else
+    seat.in = std::min(seat.in, seat_key(x, y));
+  Inside outer = outline;
+  outer.cut(low ? jaw_outer_low_ : jaw_outer_, x, y);
+  outer.cut(low ? shoulder_outer_low_ : shoulder_outer_, x, y);
+  Inside inner = outline;
+  inner.cut(jaw_inner_, x, y);
+  inner.cut(shoulder_inner_, x, y);
+  return std::max({seat.first(), outer.first(), inner.first()});
+}
+
 double BlockSurface::depth_mm(double x, double y) const {
-  double key = slab_top_.key(x, y);
-  if (truth_.present) {
-    Inside outline;
-    for (const Face& face : outline_) outline.cut(face, x, y);
-    Inside seat = outline;
-    if (bearing_.entered) seat.in = std::min(seat.in, seat_key(x, y));
-    Inside outer = outline;
-    outer.cut(jaw_outer_, x, y);
-    outer.cut(shoulder_outer_, x, y);
-    Inside inner = outline;
-    inner.cut(jaw_inner_, x, y);
-    inner.cut(shoulder_inner_, x, y);
-    key = std::max({key, seat.first(), outer.first(), inner.first()});
+  const double top_key = slab_top_.key(x, y);
+  double depth = depth_of(truth_.present ? std::max(top_key, bodies_key(x, y, false)) : top_key);
+  if (truth_.present && truth_.corner_mm != 0.0) {
+    const Vec3 p = T_block_scanner_ * point(x, y, depth, 0.0);
+    if (p.x() > kCornerX && p.y() > kCornerY) depth = depth_of(std::max(top_key, bodies_key(x, y, true)));
   }
-  double depth = depth_of(key);
 
   // Ring or bore is decided where the ray meets the rim's plane. The 0.25 mm wall between rim and bearing plane is
   // seen under a few degrees, hundredths of a millimetre wide: left out.

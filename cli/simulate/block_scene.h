@@ -38,6 +38,9 @@ struct BlockTruth {
   double bump_mm = 0.0;  ///< height of a smooth dome in its middle
   double chip_mm = 0.0;  ///< depth of a spalled spot
   double burr_mm = 0.0;  ///< height of a ridge
+  double sunk_mm = 0.0;  ///< how far the part of the bearing plane beyond x = 55 is sunk
+
+  double corner_mm = 0.0;  ///< depth of the corner broken out of the block: x > 57, y > 155, a place of 48 x 85 mm
 
   // What should not lie there; NaN = does not.
   double glove_s_mm = kNoValue;  ///< a glove's place along the bearing plane
@@ -50,7 +53,7 @@ struct BlockTruth {
 /// Height of what stands on the bearing plane (negative: is missing from it) at (x, s): a dome exp(-r^2 / (2 * 25^2))
 /// about the origin, so that it spoils the flatness and not the slope; a round chip of 6 mm at (20, -30); a burr of 4
 /// mm along s and 15 mm along x at (-20, 40). Chip and burr have vertical walls, and each covers a whole cell of 1.5 mm
-/// wherever the cells begin.
+/// wherever the cells begin. Beyond x = 55 the whole plane may be sunk.
 [[nodiscard]] double relief_mm(const BlockTruth& truth, double x_mm, double s_mm);
 
 /// Peak to valley that a perfect instrument finds in the recipe's evaluation region: the relief against its own
@@ -108,6 +111,8 @@ class BlockSurface {
   /// Direction of a ray with z = 1.
   [[nodiscard]] Vec3 direction(double x, double y) const;
   [[nodiscard]] Face seen(const Vec3& n_block, double d_block) const;
+  /// The block's bodies at (x, y); `low`: with the surfaces of the broken corner.
+  [[nodiscard]] double bodies_key(double x, double y, bool low) const;
   [[nodiscard]] double seat_key(double x, double y) const;
   [[nodiscard]] double clutter_depth_mm(double x, double y) const;
 
@@ -118,8 +123,9 @@ class BlockSurface {
   bool has_relief_ = false;
   bool has_clutter_ = false;
   Face slab_top_, bearing_, jaw_inner_, jaw_outer_, shoulder_inner_, shoulder_outer_;
-  Vec3 bearing_n_ = Vec3::UnitZ();  ///< scanner frame
-  std::array<Face, 4> outline_{};   ///< end faces, side faces
+  Vec3 bearing_n_ = Vec3::UnitZ();                         ///< scanner frame
+  Face bearing_low_, jaw_outer_low_, shoulder_outer_low_;  ///< as deep as the corner is broken out
+  std::array<Face, 4> outline_{};                          ///< end faces, side faces
   std::array<Rim, 2> rims_{};
   double bore_radius2_mm2_ = 0.0;
   double rim_radius2_mm2_ = 0.0;

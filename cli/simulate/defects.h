@@ -22,6 +22,8 @@ enum class DefectKind : std::uint8_t {
   bump,
   chip,
   burr,
+  sunk_seat,
+  broken_corner,
   missing,
   outliers,
   noise,

@@ -162,6 +162,8 @@ std::optional<ItemId> item_of(DefectKind kind) {
     case DefectKind::corner_level: return ItemId::corner_level;
     case DefectKind::warp_left: return ItemId::warp_left;
     case DefectKind::warp_right: return ItemId::warp_right;
+    case DefectKind::sunk_seat:
+    case DefectKind::broken_corner:
     case DefectKind::missing:
     case DefectKind::outliers:
     case DefectKind::noise:

@@ -46,6 +46,7 @@ std::string truth_json(const ScanOrder& order, const Recipe& recipe, const Stati
   json.field("protrusion_in", block.protrusion_inner_mm).field("protrusion_out", block.protrusion_outer_mm);
   json.field("flatness", true_flatness_mm(recipe, block)).field("bump", block.bump_mm);
   json.field("chip", block.chip_mm).field("burr", block.burr_mm).field("jaw_shift", block.jaw_shift_mm);
+  json.field("sunk_seat", block.sunk_mm).field("broken_corner", block.corner_mm);
   json.field("glove", block.glove_s_mm).field("cable", block.cable_x_mm);
   json.field("noise", truth.noise_mm).field("noise_correlation", order.scanner.noise_correlation_mm);
   json.field("perspective", order.scanner.projection == Projection::perspective);

@@ -106,6 +106,8 @@ void plant(const Defect& defect, StationTruth& station, double& reported_above_m
     case DefectKind::bump: block.bump_mm += defect.value; break;
     case DefectKind::chip: block.chip_mm += defect.value; break;
     case DefectKind::burr: block.burr_mm += defect.value; break;
+    case DefectKind::sunk_seat: block.sunk_mm += defect.value; break;
+    case DefectKind::broken_corner: block.corner_mm += defect.value; break;
     case DefectKind::glove: block.glove_s_mm = defect.value; break;
     case DefectKind::cable: block.cable_x_mm = defect.value; break;
     case DefectKind::large_jaw: block.jaw_shift_mm += defect.value; break;

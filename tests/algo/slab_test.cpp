@@ -424,6 +424,22 @@ TEST(Slab, ABlockThatSaysItDoesNotPassNeverDoesWhateverItsItemsSay) {
   }
 }
 
+TEST(Slab, DoesNotPassWithAFindingOnABlockOfGoodItems) {
+  Slab slab;
+  ASSERT_TRUE(slab.block(4).findings.push(SurfaceFinding{}));
+  slab.block(4).verdict = Verdict::indeterminate;
+  slab.block(4).reason = 617;
+  const SlabResult r = slab.inspect();
+  EXPECT_EQ(r.verdict, Verdict::indeterminate);
+  EXPECT_EQ(r.reason, 617);
+  for (std::size_t k = 0; k < 18; ++k) EXPECT_EQ(r.station_verdict[k], k == 3 ? Verdict::indeterminate : Verdict::pass);
+  EXPECT_EQ(r.station_reason[3], 617);
+  EXPECT_EQ(r.open_mask, 0) << "no item is open";
+
+  slab.place(4, Vec3(0.0, 0.8, 0.0), Quat::Identity());
+  EXPECT_EQ(slab.inspect().station_verdict[3], Verdict::fail);
+}
+
 TEST(Slab, AnInterruptedBlockSaysSo) {
   Slab slab;
   BlockResult& b = slab.block(4);

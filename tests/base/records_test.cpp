@@ -45,6 +45,46 @@ TEST(Reason, of_what_no_register_has_a_bit_for_is_a_code) {
   EXPECT_EQ(open_mask(items.begin(), items.end()), 0U);
 }
 
+TEST(Reason, of_a_finding_is_617_and_only_where_items_would_pass) {
+  BlockResult block;
+  std::array items = {judged(ItemId::seat_slope, Verdict::pass, true),
+                      judged(ItemId::jaw_distance, Verdict::pass, true)};
+  EXPECT_EQ(with_findings(Verdict::pass, block), Verdict::pass);
+  EXPECT_EQ(reason_with_findings(Verdict::pass, items.begin(), items.end(), Code::ok, block), 0);
+  ASSERT_TRUE(block.findings.push(SurfaceFinding{}));
+  for (const Verdict verdict : {Verdict::fail, Verdict::not_measured, Verdict::indeterminate, Verdict::aborted})
+    EXPECT_EQ(with_findings(verdict, block), verdict);
+  EXPECT_EQ(with_findings(Verdict::pass, block), Verdict::indeterminate);
+  EXPECT_EQ(reason_with_findings(Verdict::indeterminate, items.begin(), items.end(), Code::ok, block), 617);
+  items[1].verdict = Verdict::indeterminate;
+  EXPECT_EQ(reason_with_findings(Verdict::indeterminate, items.begin(), items.end(), Code::ok, block), 604);
+  items[1].verdict = Verdict::fail;
+  EXPECT_EQ(reason_with_findings(Verdict::fail, items.begin(), items.end(), Code::ok, block), 604);
+}
+
+TEST(Findings, have_a_sentence_with_place_and_size) {
+  SurfaceFinding f;
+  f.kind = FindingKind::chip;
+  f.face = FindingFace::jaw_outer;
+  f.x_mm = 81.2;
+  f.s_mm = 190.4;
+  f.length_mm = 40.0;
+  f.width_mm = 12.5;
+  f.area_mm2 = 500.0;
+  EXPECT_EQ(sentence(f).view(), "chip on the outer jaw at x 81 mm, s 190 mm: 40 x 12 mm, 500 mm2");
+  f.depth_mm = 15.02;
+  EXPECT_EQ(sentence(f).view(), "chip on the outer jaw at x 81 mm, s 190 mm: 40 x 12 mm, 500 mm2, up to 15.0 mm deep");
+}
+
+TEST(Scan, warns_of_coordinates_that_are_rounded_more_than_usual) {
+  ScanCounts scan;
+  EXPECT_TRUE(step_warning(scan).empty());
+  scan.step_mm = Vec3(0.01, 0.01, 0.005);
+  EXPECT_TRUE(step_warning(scan).empty());
+  scan.step_mm.z() = 0.1;
+  EXPECT_NE(step_warning(scan).view().find("0.01, 0.01, 0.1 mm"), std::string_view::npos) << step_warning(scan).c_str();
+}
+
 TEST(Registration, every_status_has_a_word_of_its_own) {
   EXPECT_EQ(name(RegistrationStatus::none), "none");
   EXPECT_EQ(name(RegistrationStatus::converged), "converged");

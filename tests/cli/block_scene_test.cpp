@@ -59,7 +59,14 @@ int solid(const Recipe& r, const BlockTruth& t, const Vec3& p) {
   const bool inside_outline = std::abs(p.x()) < b.end_half_length_mm.value - p.z() * draft &&
                               std::abs(p.y()) < b.side_half_width_mm.value - p.z() * draft;
   if (!inside_outline) return 0;
-  if (height < 0.0) return 1;
+  // Where the corner is broken out, the block's surface lies so much deeper.
+  const double broken = p.x() > 57.0 && p.y() > 155.0 ? t.corner_mm : 0.0;
+  if (broken > 0.0) {
+    BlockTruth whole = t;
+    whole.corner_mm = 0.0;
+    return solid(r, whole, p + Vec3(0.0, 0.0, broken));
+  }
+  if (height < (p.x() > 55.0 ? -t.sunk_mm : 0.0)) return 1;
   const double half = 0.5 * t.jaw_distance_mm;
   const double reference = b.jaw_reference_height_mm.value;
   const double outer_face = half + (height - reference) * std::tan(t.jaw_angle_outer_rad - kPi / 2.0);
@@ -114,6 +121,13 @@ void compare_with_marching(const BlockTruth& truth, const Pose& T_scanner_block,
 
 TEST(BlockScene, nominal_block_is_what_marching_rays_find) {
   compare_with_marching(nominal_truth(recipe()), nominal_T_block_scanner().inverse(), 4000);
+}
+
+TEST(BlockScene, sunk_seat_and_broken_corner_are_what_marching_rays_find) {
+  BlockTruth truth = nominal_truth(recipe());
+  truth.sunk_mm = 10.0;
+  truth.corner_mm = 15.0;
+  compare_with_marching(truth, nominal_T_block_scanner().inverse(), 4000);
 }
 
 TEST(BlockScene, odd_block_from_an_odd_view_is_what_marching_rays_find) {

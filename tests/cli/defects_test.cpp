@@ -81,6 +81,8 @@ TEST(Defects, help_names_every_defect_with_its_range) {
                            "vertical=K:MM",
                            "chip=K:MM",
                            "burr=K:MM",
+                           "sunk-seat=K:MM",
+                           "broken-corner=K:MM",
                            "glove=K:MM",
                            "cable=K:MM",
                            "large-jaw=K:MM",

@@ -73,7 +73,8 @@ class ReportTest : public Slabctl {
     block.station = attempt.station;
     for (const ItemId id : {ItemId::seat_slope, ItemId::seat_flatness, ItemId::jaw_angle_inner, ItemId::jaw_distance})
       EXPECT_TRUE(block.items.push(an_item(prng, id, station)));
-    block.verdict = combine(block.items.begin(), block.items.end());
+    for (const SurfaceFinding& finding : findings_) EXPECT_TRUE(block.findings.push(finding));
+    block.verdict = with_findings(combine(block.items.begin(), block.items.end()), block);
     block.seat.plane.ok = block.seat.full_plane.ok = true;
     block.seat.plane.std_mm = 0.0301;
     block.seat.flatness_mm = 0.1234;
@@ -143,7 +144,41 @@ class ReportTest : public Slabctl {
   SlabHeader header_;
   std::vector<BlockResult> blocks_;
   std::vector<PlcResult> records_;
+  std::vector<SurfaceFinding> findings_;  ///< of the next blocks
 };
+
+TEST_F(ReportTest, findings_of_a_block_are_told_with_place_and_size_in_report_show_and_json) {
+  SurfaceFinding finding;
+  finding.kind = FindingKind::chip;
+  finding.face = FindingFace::jaw_outer;
+  finding.x_mm = 81.0;
+  finding.s_mm = 190.0;
+  finding.z_mm = 12.0;
+  finding.length_mm = 40.0;
+  finding.width_mm = 15.0;
+  finding.area_mm2 = 600.0;
+  finding.depth_mm = 15.0;
+  findings_ = {finding};
+  measure(1);
+  findings_.clear();
+  measure(2);
+  end();
+  const std::string told = "chip on the outer jaw at x 81 mm, s 190 mm: 40 x 15 mm, 600 mm2, up to 15.0 mm deep";
+  ASSERT_EQ(report("r.html").status, 0);
+  EXPECT_NE(content(file("r.html")).find("Block 1: " + told), std::string::npos);
+  ASSERT_EQ(report("zh.html", "--language zh").status, 0) << report("zh.html", "--language zh").err;
+  EXPECT_NE(content(file("zh.html")).find("外侧钳口面缺角，位置 x 81 mm，s 190 mm"), std::string::npos);
+  EXPECT_NE(run("show 1 --db " + file("slabd.db") + " --block 1").out.find("finding: " + told), std::string::npos);
+  EXPECT_EQ(run("show 1 --db " + file("slabd.db") + " --block 2").out.find("finding:"), std::string::npos);
+  const json document = json::parse(run("show 1 --db " + file("slabd.db") + " --json").out);
+  const json& first = document["blocks"][0]["result"]["findings"];
+  ASSERT_EQ(first.size(), 1U);
+  EXPECT_EQ(first[0]["kind"], "chip");
+  EXPECT_EQ(first[0]["face"], "jaw_outer");
+  EXPECT_EQ(first[0]["depth_mm"], 15.0);
+  EXPECT_TRUE(first[0]["volume_mm3"].is_null());
+  EXPECT_TRUE(document["blocks"][1]["result"]["findings"].empty());
+}
 
 TEST_F(ReportTest, figures_agree_with_database_json_and_plc_record_to_the_last_digit_shown) {
   make_slab();

@@ -78,6 +78,15 @@ CasingFeature casing(Prng& prng) {
   return c;
 }
 
+SurfaceFinding finding(Prng& prng) {
+  SurfaceFinding f;
+  f.kind = static_cast<FindingKind>(prng.below(kFindingKinds));
+  f.face = static_cast<FindingFace>(prng.below(kFindingFaces));
+  for (double* x : {&f.x_mm, &f.s_mm, &f.z_mm, &f.length_mm, &f.width_mm, &f.depth_mm, &f.area_mm2, &f.volume_mm3})
+    *x = number(prng);
+  return f;
+}
+
 Item item(Prng& prng) {
   Item i;
   i.id = static_cast<ItemId>(prng.below(kItemCount));
@@ -232,6 +241,20 @@ void expect_same(const BlockResult& a, const BlockResult& b) {
   SAME(scan.points_finite);
   SAME(scan.isolated_removed);
   SAME(scan.points_kept);
+  expect_same(a.scan.step_mm, b.scan.step_mm);
+  ASSERT_EQ(a.findings.size(), b.findings.size());
+  for (std::size_t i = 0; i < a.findings.size(); ++i) {
+    SAME(findings[i].kind);
+    SAME(findings[i].face);
+    SAME_BITS(findings[i].x_mm);
+    SAME_BITS(findings[i].s_mm);
+    SAME_BITS(findings[i].z_mm);
+    SAME_BITS(findings[i].length_mm);
+    SAME_BITS(findings[i].width_mm);
+    SAME_BITS(findings[i].depth_mm);
+    SAME_BITS(findings[i].area_mm2);
+    SAME_BITS(findings[i].volume_mm3);
+  }
   SAME(registration.status);
   SAME(registration.iterations);
   SAME_BITS(registration.share_associated);
@@ -429,6 +452,9 @@ BlockResult random_block(Prng& prng, int station, Verdict verdict) {
   b.observation.sigma_jaw_mm = vector(prng);
   b.observation.sigma_n_rad = vector(prng);
   b.observation.sigma_top_n_rad = vector(prng);
+  b.scan.step_mm = vector(prng);
+  while (b.findings.push(finding(prng))) {
+  }
   b.times = {number(prng), number(prng), number(prng), number(prng), number(prng)};
   return b;
 }
