@@ -15,6 +15,7 @@
 #include "cli/json.h"
 #include "cli/parse.h"
 #include "cli/render.h"
+#include "cli/table_columns.h"
 #include "hal/hal.h"
 
 namespace slabd::cli {
@@ -35,6 +36,7 @@ struct Options {
   double share_min = kNoValue;
   std::uint64_t seed = 1;
   std::string unit = "mm";
+  std::string columns;
   bool compare = false;
   std::vector<double> set;  ///< a b c, for --compare
   bool json = false;
@@ -72,7 +74,8 @@ Result<Cloud> read_cloud(const Options& options) {
   Cloud cloud;
   cloud.points.resize(limits::kScanPointsMax);
   const std::span<double> xyz(cloud.points[0].data(), 3 * cloud.points.size());
-  const Result<ScanShape> shape = hal::read_scan(options.file.c_str(), *length_unit(options.unit), xyz);
+  const Result<ScanShape> shape =
+      hal::read_scan(options.file.c_str(), *length_unit(options.unit), xyz, columns_of(options.columns));
   if (!shape) return shape.error();
   cloud.read = shape.value().points;
   cloud.points.resize(cloud.read);
@@ -271,6 +274,7 @@ void add_fit_plane(CLI::App& app, int& exit_status) {
   command->add_option("--unit", options->unit, "Unit of the file: mm, m or um")
       ->check(CLI::IsMember({"mm", "m", "um"}))
       ->capture_default_str();
+  add_columns(*command, options->columns);
   CLI::Option* both = command->add_flag("--compare", options->compare, "All three methods side by side");
   command->add_option("--set", options->set, "a b c of the plane that was set, printed above the comparison")
       ->expected(3)

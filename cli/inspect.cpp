@@ -18,6 +18,7 @@
 #include "cli/parse.h"
 #include "cli/progress.h"
 #include "cli/render.h"
+#include "cli/table_columns.h"
 
 namespace slabd::cli {
 namespace {
@@ -28,6 +29,7 @@ struct Options {
   int block = 0;
   std::string T_block_scanner;
   std::string unit = "mm";
+  std::string columns;
   int threads = daemon::default_measure_threads();
   std::string deviation_map;
   bool json = false;
@@ -117,7 +119,8 @@ int inspect(const Options& options) {
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
   const std::int64_t read_start_ns = clock->mono_ns();
   Team readers(options.threads);
-  const Result<ScanShape> shape = hal::read_scan(options.scan.c_str(), *length_unit(options.unit), xyz, readers);
+  const Result<ScanShape> shape =
+      hal::read_scan(options.scan.c_str(), *length_unit(options.unit), xyz, readers, columns_of(options.columns));
   if (!shape) {
     note.reset();
     complain(fmt::format("{}", shape.error().text.view()));
@@ -184,6 +187,7 @@ void add_inspect(CLI::App& app, int& exit_status) {
   command->add_option("--unit", options->unit, "Unit of the scan: mm, m or um; a file that says otherwise is refused")
       ->check(CLI::IsMember({"mm", "m", "um"}))
       ->capture_default_str();
+  add_columns(*command, options->columns);
   command->add_option("--threads", options->threads, "Threads that measure; the results are the same")
       ->check(CLI::Range(1, 2))
       ->capture_default_str();

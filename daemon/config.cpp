@@ -56,7 +56,7 @@ void check_standstill(TableReader& robot, const PoseSettings& pose) {
     robot.problem(
         robot.has("dwell_ms") ? "dwell_ms" : "window_ms",
         fmt::format("window_ms and dwell_ms together are {} ms, allowed are {} ms: the daemon remembers 2 s of "
-                    "poses at 250 Hz, and a longer standstill would never be seen",
+                    "poses, and a longer standstill would never be seen",
                     total_ms, kStandstillMaxMs));
 }
 

@@ -205,7 +205,8 @@ bool Loop::wants_store(std::int64_t patience_ns) const {
   if (ports_.store != nullptr) return false;
   // With a faulty configuration there is no store to ask for.
   const Code fault = station_->settings.fault;
-  if (fault != Code::journal_write && fault != Code::store_full) return false;
+  const bool used_by_another = fault == Code::config && !figures_.used_by_another.empty();
+  if (fault != Code::journal_write && fault != Code::store_full && !used_by_another) return false;
   return fault_was_reset_ || ports_.clock.mono_ns() - begun_ns_ >= patience_ns;
 }
 
@@ -281,6 +282,21 @@ void Loop::tick() {
   handle(Tick{ports_.clock.mono_ns(), ports_.clock.utime_us()});
   handle(LinkStatus{ports_.scanner.online(), ports_.scanner.hangs(), ports_.scanner.stray_files(),
                     ports_.scanner.spool_hangs()});
+  look_for_another_daemon();
+}
+
+/// With one drop folder two daemons take each other's scans: the one that came second stands until the first has ended.
+void Loop::look_for_another_daemon() {
+  Code& fault = station_->settings.fault;
+  const hal::ScannerText text = ports_.scanner.used_by_another();
+  if (text.empty() == !scanner_is_anothers_) return;
+  if (!scanner_is_anothers_ && fault != Code::ok) return;  // what is wrong first has been said
+  scanner_is_anothers_ = !text.empty();
+  fault = scanner_is_anothers_ ? Code::config : Code::ok;
+  if (scanner_is_anothers_)
+    say({LogLine::Level::error, static_cast<std::uint16_t>(fault), text.view()});
+  else
+    say({LogLine::Level::info, static_cast<std::uint16_t>(fault), "the drop folder is this daemon's alone"});
 }
 
 void Loop::take_poses() {

@@ -45,6 +45,8 @@ struct LoopFigures {
   hal::PoseType pose_type = hal::PoseType::flange_pose;
   std::string config_path;
   std::string db_path;
+  /// Another daemon uses the spool: which folder and who. Then the line stands in fault 504, and main() looks again.
+  std::string used_by_another;
 };
 
 /// The fault in which a line stands whose storage cannot be used for `why`. store_full where a disk is full, which a
@@ -99,6 +101,7 @@ class Loop {
  private:
   void wait(int wait_ms);
   void tick();
+  void look_for_another_daemon();
   void take_poses();
   void say_pose_news();
   void take_answers();
@@ -141,8 +144,9 @@ class Loop {
   std::mutex to_delete_guard_;
   FixedVector<PathText, 32> to_delete_;
 
-  bool fault_was_reset_ = false;   ///< by the PLC, since the start
-  bool fault_reset_held_ = false;  ///< of this loop, where no other one is to know
+  bool scanner_is_anothers_ = false;  ///< another daemon uses the drop folder
+  bool fault_was_reset_ = false;      ///< by the PLC, since the start
+  bool fault_reset_held_ = false;     ///< of this loop, where no other one is to know
   std::int64_t watchdog_ns_ = 0;
   std::array<std::uint64_t, 3> worker_turns_{};
   std::array<std::int64_t, 3> worker_moved_ns_{};

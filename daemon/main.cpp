@@ -8,6 +8,7 @@
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
+#include <utility>
 
 #include "daemon/absent.h"
 #include "daemon/loop.h"
@@ -111,6 +112,7 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
   hal::ScanDropSettings settings = config.scanner;
   settings.make_drop_dir = true;
   settings.read_threads = config.measure_threads;
+  settings.owner = hal::lock_owner_of_this_process(config.path);
   auto made = hal::make_scan_drop(settings, clock);
   if (made.ok()) return std::move(made.value());
   std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
@@ -125,6 +127,26 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
   std::fprintf(stderr, "info: slabd: stopped while the scanner's thread hung: %s\n", why.c_str());
   std::fflush(nullptr);
   std::_Exit(g_stop ? 0 : kExitUnreachable);
+}
+
+/// Two daemons with one spool delete each other's scans as those of nobody. False: another one has it.
+bool take_spool(const Config& config, hal::FolderLock& lock, bool& unlockable_said, LoopFigures& figures) {
+  figures.used_by_another.clear();
+  std::error_code none;
+  if (!std::filesystem::exists(config.storage.spool_dir, none)) return true;
+  switch (lock.take(config.storage.spool_dir.c_str())) {
+    case hal::FolderLock::State::ours: return true;
+    case hal::FolderLock::State::cannot:
+      if (!std::exchange(unlockable_said, true))
+        std::fprintf(stderr, "warning: storage.spool_dir %s cannot be locked (%s): no other slabd may use it\n",
+                     config.storage.spool_dir.c_str(), lock.text().c_str());
+      return true;
+    case hal::FolderLock::State::anothers: break;
+  }
+  figures.used_by_another = "storage.spool_dir " + std::string(config.storage.spool_dir) +
+                            " is used by another daemon (" + std::string(lock.text().view()) + "): one at a time may";
+  std::fprintf(stderr, "error: %s\n", figures.used_by_another.c_str());
+  return false;
 }
 
 /// A seal that cannot be had is said and done without: a dark interface helps nobody.
@@ -188,6 +210,8 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     settings.warn |= kWarnControlSocket;
   }
 
+  hal::FolderLock spool_lock(hal::lock_owner_of_this_process(config.path));
+  bool spool_unlockable_said = false;
   LoopFigures figures;
   // Whole: who asks for it stands in another folder than the daemon.
   std::error_code no_folder;
@@ -210,9 +234,11 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
         std::fprintf(stderr, "error: another process works with %s, and with its scanner: only one may\n",
                      config.storage.db_path.c_str());
         now.fault = Code::journal_write;
-      } else {
+      } else if (take_spool(config, spool_lock, spool_unlockable_said, figures)) {
         scanner = scanner_port(config, *clock);
         scanner_is_ours = true;
+      } else {
+        now.fault = Code::config;
       }
     }
     if (now.fault == Code::ok) {
@@ -227,7 +253,10 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
         std::fflush(nullptr);
         std::_Exit(0);
       }
-      if (made->ok()) {
+      // Again: the first start makes the folder.
+      if (!take_spool(config, spool_lock, spool_unlockable_said, figures)) {
+        now.fault = Code::config;
+      } else if (made->ok()) {
         store = std::move(made->value());
       } else {
         std::fprintf(stderr, "error: %s\n", made->error().text.c_str());
@@ -244,6 +273,8 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     again = loop.run(g_stop, patience_ns, [headroom_bytes] {
       if (headroom_bytes != 0) seal(headroom_bytes);
     });
+    // The other daemon may end at any time.
+    if (!figures.used_by_another.empty()) patience_ns = Loop::kStorePatience_ns / 2;
     if (!loop.scanner_comes_back()) leave_without_scanner(*notify, scanner->trouble());
   }
   std::fprintf(stderr, "info: slabd: stopped\n");

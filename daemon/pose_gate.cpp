@@ -30,81 +30,104 @@ std::uint64_t less_apart_us(std::uint64_t a, std::uint64_t b) {
   return b - a > std::uint64_t{INT64_MAX} ? b : a;
 }
 
-/// Mean and spread of ring entries [first, last]. Translations are summed about the first one, quaternions are turned
-/// to its side before they are averaged: exact enough for poses that differ by microns.
-template <typename Ring>
-PoseMean mean_of(const Ring& ring, std::size_t first, std::size_t last) {
-  const Pose& origin = ring[first].T_base_flange;
+}  // namespace
+
+void PoseGate::Slice::add(const PoseSample& sample, std::uint64_t sample_clocks_apart_us) {
+  const Pose& pose = sample.T_base_flange;
+  if (samples == 0) {
+    first = pose;
+    arrival_ns = sample.arrival_ns;
+    clocks_apart_us = sample_clocks_apart_us;
+  } else {
+    away_rad = std::max(away_rad, angle_between_rad(first.rotation, pose.rotation));
+    clocks_apart_us = less_apart_us(clocks_apart_us, sample_clocks_apart_us);
+  }
+  const Vec3 offset_mm = pose.translation_mm - first.translation_mm;
+  offset_sum_mm += offset_mm;
+  offset_low_mm = offset_low_mm.cwiseMin(offset_mm);
+  offset_high_mm = offset_high_mm.cwiseMax(offset_mm);
+  const auto& q = pose.rotation.coeffs();
+  quat_sum += q.dot(first.rotation.coeffs()) < 0.0 ? Quat::Coefficients(-q) : q;
+  estop = estop || sample.estop;
+  not_stopped = not_stopped || !sample.stopped;
+  ++samples;
+}
+
+/// Mean and spread of the slices [first, last]. Translations are summed about the first pose, quaternions are turned
+/// to its side before they are averaged: exact enough for poses that differ by microns. The spread of rotations is
+/// never too small: within a slice the largest angle is added to that of the slice's first pose.
+PoseMean PoseGate::mean_of_newest(std::size_t slices) const {
+  const Pose& origin = slice(slices - 1).first;
   Vec3 sum = Vec3::Zero();
   Vec3 low = Vec3::Zero();
   Vec3 high = Vec3::Zero();
-  Eigen::Vector4d quat_sum = Eigen::Vector4d::Zero();
-  for (std::size_t i = first; i <= last; ++i) {
-    const Pose& pose = ring[i].T_base_flange;
-    const Vec3 offset = pose.translation_mm - origin.translation_mm;
-    sum += offset;
-    low = low.cwiseMin(offset);
-    high = high.cwiseMax(offset);
-    const double side = pose.rotation.coeffs().dot(origin.rotation.coeffs()) < 0.0 ? -1.0 : 1.0;
-    quat_sum += side * pose.rotation.coeffs();
-  }
+  QuatSum quat_sum = QuatSum::Zero();
   PoseMean mean;
-  mean.samples = static_cast<std::uint32_t>(last - first + 1);
+  for (std::size_t back = slices; back-- > 0;) {
+    const Slice& part = slice(back);
+    const Vec3 offset = part.first.translation_mm - origin.translation_mm;
+    sum += part.samples * offset + part.offset_sum_mm;
+    low = low.cwiseMin(offset + part.offset_low_mm);
+    high = high.cwiseMax(offset + part.offset_high_mm);
+    const double side = part.first.rotation.coeffs().dot(origin.rotation.coeffs()) < 0.0 ? -1.0 : 1.0;
+    quat_sum += side * part.quat_sum;
+    mean.samples += part.samples;
+  }
   mean.T_base_flange.translation_mm = origin.translation_mm + sum / mean.samples;
   mean.T_base_flange.rotation.coeffs() = quat_sum.normalized();
   mean.spread_mm = (high - low).maxCoeff();
-  for (std::size_t i = first; i <= last; ++i)
-    mean.spread_rad =
-        std::max(mean.spread_rad, 2.0 * angle_between_rad(mean.T_base_flange.rotation, ring[i].T_base_flange.rotation));
+  for (std::size_t back = 0; back < slices; ++back) {
+    const double away_rad = angle_between_rad(mean.T_base_flange.rotation, slice(back).first.rotation);
+    mean.spread_rad = std::max(mean.spread_rad, 2.0 * (away_rad + slice(back).away_rad));
+  }
   return mean;
 }
 
-}  // namespace
-
 void PoseGate::add(const PoseSample& sample) {
-  if (!ring_.empty()) {
-    const PoseSample& newest = ring_[ring_.size() - 1];
-    if (breaks_run(newest, sample, settings_) || wrong_frame(sample, settings_)) run_length_ = 0;
+  if (slices_ != 0) {
+    // A pose in a wrong frame is not part of any run.
+    if (breaks_run(newest_, sample, settings_) || wrong_frame(sample, settings_) || wrong_frame(newest_, settings_))
+      slices_ = 0;
     // Perhaps another bridge, which need not know of the flag; that the arm stands still is asked for all the same.
-    if (sample.arrival_ns - newest.arrival_ns >= kForgetNs) stopped_flag_used_ = false;
+    if (sample.arrival_ns - newest_.arrival_ns >= kForgetNs) stopped_flag_used_ = false;
   }
-  if (ring_.full()) ring_.pop();
-  const bool stored = ring_.push(sample);
-  assert(stored);
-  (void)stored;
-  run_length_ = std::min(run_length_ + 1, ring_.size());
+  if (slices_ == 0 || sample.arrival_ns - slice(0).arrival_ns >= kSliceNs) {
+    newest_place_ = (newest_place_ + 1) % ring_.size();
+    ring_[newest_place_] = {};
+    slices_ = std::min(slices_ + 1, ring_.size());
+  }
+  ring_[newest_place_].add(sample, clocks_apart_us(sample));
+  newest_ = sample;
   stopped_flag_used_ = stopped_flag_used_ || sample.stopped;
   watch(sample);
 }
 
 Code PoseGate::link(std::int64_t now_ns) const {
-  if (ring_.empty()) return Code::no_pose;
-  const PoseSample& newest = ring_[ring_.size() - 1];
-  if (now_ns - newest.arrival_ns > settings_.stale_ns) return Code::pose_stale;
-  return wrong_frame(newest, settings_) ? Code::wrong_frame : Code::ok;
+  if (slices_ == 0) return Code::no_pose;
+  if (now_ns - newest_.arrival_ns > settings_.stale_ns) return Code::pose_stale;
+  return wrong_frame(newest_, settings_) ? Code::wrong_frame : Code::ok;
 }
 
 bool PoseGate::lacks_stopped() const {
-  return stopped_flag_used_ && !ring_[ring_.size() - 1].stopped;
+  return stopped_flag_used_ && !newest_.stopped;
 }
 
 Code PoseGate::settled(std::int64_t now_ns, PoseMean& mean) const {
   if (const Code code = link(now_ns); code != Code::ok) return code;
-  const std::size_t last = ring_.size() - 1;
-  const std::size_t run_first = ring_.size() - run_length_;
   const std::int64_t span_ns = settings_.window_ns + settings_.dwell_ns;
   // Window and dwell are one stretch of samples that all lie within the limits: standing still for that long.
-  std::size_t first = last;
+  std::size_t slices = 0;
+  std::int64_t samples = 0;
   bool covered = false;
-  while (first > run_first && !covered) {
-    --first;
-    const std::int64_t age_ns = ring_[last].arrival_ns - ring_[first].arrival_ns;
-    covered = age_ns >= span_ns && last - first + 1 >= static_cast<std::size_t>(settings_.samples_min);
+  while (slices < slices_ && !covered) {
+    const Slice& part = slice(slices++);
+    samples += part.samples;
+    covered = newest_.arrival_ns - part.arrival_ns >= span_ns && samples >= settings_.samples_min;
   }
   if (!covered) return Code::not_settled;
-  for (std::size_t i = first; i <= last; ++i)
-    if (ring_[i].estop || (stopped_flag_used_ && !ring_[i].stopped)) return Code::not_settled;
-  const PoseMean candidate = mean_of(ring_, first, last);
+  for (std::size_t back = 0; back < slices; ++back)
+    if (slice(back).estop || (stopped_flag_used_ && slice(back).not_stopped)) return Code::not_settled;
+  const PoseMean candidate = mean_of_newest(slices);
   if (candidate.spread_mm > settings_.settled_mm || candidate.spread_rad > settings_.settled_rad)
     return Code::not_settled;
   mean = candidate;
@@ -116,11 +139,11 @@ void PoseGate::begin_exposure(const Pose& start) {
   exposure_.start = start;
   exposure_.verdict = Code::ok;
   exposure_.stopped_flag_used = stopped_flag_used_;
-  if (ring_.empty()) return;
-  exposure_.newest_utime_us = ring_[ring_.size() - 1].utime_us;
-  exposure_.clocks_apart_us = clocks_apart_us(ring_[ring_.size() - 1]);
-  for (std::size_t i = ring_.size() - run_length_; i < ring_.size(); ++i)
-    exposure_.clocks_apart_us = less_apart_us(exposure_.clocks_apart_us, clocks_apart_us(ring_[i]));
+  if (slices_ == 0) return;
+  exposure_.newest_utime_us = newest_.utime_us;
+  exposure_.clocks_apart_us = clocks_apart_us(newest_);
+  for (std::size_t back = 0; back < slices_; ++back)
+    exposure_.clocks_apart_us = less_apart_us(exposure_.clocks_apart_us, slice(back).clocks_apart_us);
 }
 
 void PoseGate::watch(const PoseSample& sample) {

@@ -211,6 +211,12 @@ std::string plc_image_json(const Station& station, const hal::PlcPort& plc, cons
   return text_of(j);
 }
 
+/// Who keeps this daemon from its folders; empty: nobody.
+std::string used_by_another(const Ports& ports, const LoopFigures& figures) {
+  return figures.used_by_another.empty() ? std::string(ports.scanner.used_by_another().view())
+                                         : figures.used_by_another;
+}
+
 }  // namespace
 
 std::string status_json(const Station& station, const Ports& ports, const LoopFigures& figures) {
@@ -222,6 +228,10 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
   j["software"] = station.settings.software.view();
   j["state"] = state_name(view.state);
   j["fault"] = {{"code", view.fault}, {"text", describe(fault)}, {"cure", cure(fault)}};
+  if (const std::string other = used_by_another(ports, figures); fault == Code::config && !other.empty()) {
+    j["fault"]["text"] = other;
+    j["fault"]["cure"] = "stop one of the two daemons, or give each a folder of its own; this one goes on by itself";
+  }
   if (fault == Code::calibration_missing)
     j["fault"]["text"] = describe(calibration_fault(station), station.calibration).view();
   j["warn"] = warnings(view.warn);

@@ -102,6 +102,12 @@ bool comment_agrees(std::string_view text, LengthUnit configured, std::string_vi
   return unit_name_agrees(found, configured);
 }
 
+bool declares_unit(std::string_view text) {
+  std::string_view found;
+  static_cast<void>(comment_agrees(text, LengthUnit::mm, found));
+  return metres_of(found).has_value();
+}
+
 bool unit_name_agrees(std::string_view word, LengthUnit configured) {
   const std::optional<double> metres = metres_of(word);
   return !metres || *metres == metres_per(configured);

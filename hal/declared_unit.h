@@ -18,6 +18,9 @@ namespace slabd::hal {
 /// configured for); `found` is then its word. Comments that declare nothing are for people.
 [[nodiscard]] bool comment_agrees(std::string_view text, LengthUnit configured, std::string_view& found);
 
+/// `text` declares a unit that has a known name.
+[[nodiscard]] bool declares_unit(std::string_view text);
+
 /// The same for the bare name of a unit, as in a column headed "x [mm]"; an unknown name agrees with everything.
 [[nodiscard]] bool unit_name_agrees(std::string_view word, LengthUnit configured);
 

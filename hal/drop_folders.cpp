@@ -179,18 +179,24 @@ void DropFolders::make_drop_dir() const {
 }
 
 Status DropFolders::open() {
+  lock_state_ = FolderLock::State::ours;
   drop_ = Fd(::open(drop_dir_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (!drop_.is_open())
     return error(Code::scanner_offline, "%s: %s%s", drop_dir_.c_str(), errno_text(errno),
                  errno == ENOENT ? " (the drop folder must exist)" : "");
+  lock_state_ = is_locked_ ? lock_.take(drop_.get()) : FolderLock::State::ours;
+  if (lock_state_ == FolderLock::State::anothers)
+    return error(Code::scanner_offline, "%s is used by another daemon (%s): one at a time may", drop_dir_.c_str(),
+                 lock_.text().c_str());
   if (Status status = open_folder(drop_dir_, drop_.get(), "request", request_); !status) return status;
   if (Status status = open_folder(drop_dir_, drop_.get(), "inbox", inbox_); !status) return status;
   on_network_ = is_network(inbox_.get());
   return open_folder(drop_dir_, drop_.get(), "stray", stray_);
 }
 
-Status DropFolders::list_inbox(std::string_view first, InboxEntries& entries) const {
+Status DropFolders::list_inbox(std::string_view first, InboxEntries& entries) {
   entries.clear();
+  is_crowded_ = false;
   // A share's kernel lists a folder as it remembers it, unless it knows that it has changed: asking makes it know.
   if (on_network_ && !file_state(inbox_.get(), "").known) return offline(drop_dir_, "inbox", errno);
   const auto collect = [&](bool wanted_first) {
@@ -198,12 +204,29 @@ Status DropFolders::list_inbox(std::string_view first, InboxEntries& entries) co
       const bool is_first = !first.empty() && std::string_view(name).substr(0, first.size()) == first;
       InboxEntry entry;
       if (is_first != wanted_first || !describe_entry(inbox_.get(), name, entry) || listed(entries, entry)) return true;
-      return entries.push(entry);
+      if (entries.push(entry)) return true;
+      is_crowded_ = true;
+      return false;
     });
   };
   if (!first.empty() && !collect(true)) return offline(drop_dir_, "inbox", errno);
   if (!collect(false)) return offline(drop_dir_, "inbox", errno);
   return success();
+}
+
+void DropFolders::for_each_in_inbox(const std::function<bool(const char*)>& use) const {
+  static_cast<void>(for_each_name(inbox_.get(), use));
+}
+
+std::optional<std::int64_t> DropFolders::time_ns() const {
+  constexpr const char* kName = ".time.tmp";
+  unlinkat(request_.get(), kName, 0);
+  const Fd fd(openat(request_.get(), kName, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600));
+  if (!fd.is_open()) return std::nullopt;
+  const FileState state = file_state(fd.get(), "");
+  unlinkat(request_.get(), kName, 0);
+  if (!state.known) return std::nullopt;
+  return state.status_ns;
 }
 
 bool DropFolders::set_aside(const char* name) {

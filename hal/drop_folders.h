@@ -4,10 +4,13 @@
 #include <sys/types.h>
 
 #include <cstdint>
+#include <functional>
+#include <optional>
 #include <string_view>
 
 #include "base/base.h"
 #include "hal/file_state.h"
+#include "hal/hal.h"
 #include "hal/os.h"
 
 /// The three folders of a drop directory. request/: what slabd asks the scanner software for. inbox/: what that
@@ -33,11 +36,17 @@ using InboxEntries = FixedVector<InboxEntry, kInboxEntriesMax>;
 
 class DropFolders {
  public:
-  explicit DropFolders(const PathText& drop_dir) : drop_dir_(drop_dir) {}
+  /// `owner`: see ScanDropSettings.
+  explicit DropFolders(const PathText& drop_dir, const LockOwner& owner = {})
+      : drop_dir_(drop_dir), is_locked_(!owner.empty()), lock_(owner) {}
 
-  /// Opens the folders anew, making those below drop_dir that are missing, and checks that they can be used.
-  /// scanner_offline: the text names the folder and why.
+  /// Opens the folders anew, making those below drop_dir that are missing, and checks that they can be used, by this
+  /// process alone. scanner_offline: the text names the folder and why.
   [[nodiscard]] Status open();
+  /// Of the last open(): ours also if folders are not locked.
+  [[nodiscard]] FolderLock::State lock_state() const { return lock_state_; }
+  /// Of a lock that is `cannot` or `anothers`.
+  [[nodiscard]] const ScannerText& lock_text() const { return lock_.text(); }
 
   /// Makes drop_dir in a folder that is there. What goes wrong, open() says.
   void make_drop_dir() const;
@@ -47,7 +56,13 @@ class DropFolders {
 
   /// What lies in the inbox. Entries whose name begins with `first` (when not empty) are listed before all others, so
   /// that a flood cannot hide an answer. scanner_offline when the folder cannot be read.
-  [[nodiscard]] Status list_inbox(std::string_view first, InboxEntries& entries) const;
+  [[nodiscard]] Status list_inbox(std::string_view first, InboxEntries& entries);
+  /// More lay there at the last list_inbox() than it listed.
+  [[nodiscard]] bool is_crowded() const { return is_crowded_; }
+  /// Calls `use(name)` for everything in the inbox until it returns false. Entries may be moved away by `use`.
+  void for_each_in_inbox(const std::function<bool(const char*)>& use) const;
+  /// The file system's own time, to which FileState.status_ns is compared; nullopt if it cannot be had.
+  [[nodiscard]] std::optional<std::int64_t> time_ns() const;
 
   /// Moves an inbox entry to stray/ under its own name or, when that is taken, with a number behind it.
   [[nodiscard]] bool set_aside(const char* name);
@@ -88,6 +103,10 @@ class DropFolders {
  private:
   PathText drop_dir_;
   bool on_network_ = false;
+  bool is_crowded_ = false;
+  bool is_locked_;
+  FolderLock lock_;
+  FolderLock::State lock_state_ = FolderLock::State::ours;
   Fd drop_;
   Fd request_;
   Fd inbox_;

@@ -80,15 +80,23 @@ class DropNotes {
     const std::lock_guard lock(mutex_);
     if (!lines_.push(line)) ++untold_;
   }
+  /// What counts many files at once comes before the lines on single ones, and takes the place of an older such line.
+  void add_first(const ScannerText& line) {
+    const std::lock_guard lock(mutex_);
+    first_ = line;
+  }
   [[nodiscard]] bool next(ScannerText& line) {
     const std::lock_guard lock(mutex_);
-    if (lines_.empty() && untold_ == 0) return false;
+    if (first_.empty() && lines_.empty() && untold_ == 0) return false;
     const std::int64_t now_ns = clock_.mono_ns();
     // Every second gives the right to one more line, at most kAtOnce of them saved.
     paid_until_ns_ = std::max(paid_until_ns_, now_ns - kAtOnce * kNsPerS);
     if (paid_until_ns_ + kNsPerS > now_ns) return false;
     paid_until_ns_ += kNsPerS;
-    if (!lines_.empty()) {
+    if (!first_.empty()) {
+      line = first_;
+      first_.clear();
+    } else if (!lines_.empty()) {
       line = lines_.front();
       lines_.pop();
     } else {
@@ -103,6 +111,7 @@ class DropNotes {
 
   const Clock& clock_;
   std::mutex mutex_;
+  ScannerText first_;
   FixedQueue<ScannerText, 64> lines_;
   std::uint64_t untold_ = 0;
   std::int64_t paid_until_ns_ = -(std::int64_t{1} << 62U);

@@ -17,6 +17,7 @@ struct FileState {
   ino_t inode = 0;
   std::int64_t bytes = 0;
   std::int64_t changed_ns = 0;  ///< mtime
+  std::int64_t status_ns = 0;   ///< ctime: written, renamed or moved last, by the file system's own clock
 
   [[nodiscard]] bool same_content(const FileState& other) const {
     return known && other.known && device == other.device && inode == other.inode && bytes == other.bytes &&
@@ -30,7 +31,7 @@ struct FileState {
 [[nodiscard]] inline FileState file_state(int fd, const char* name) {
   struct statx status {};
   constexpr int kAnew = AT_STATX_FORCE_SYNC | AT_SYMLINK_NOFOLLOW | AT_EMPTY_PATH | AT_NO_AUTOMOUNT;
-  constexpr unsigned kWanted = STATX_TYPE | STATX_MODE | STATX_INO | STATX_SIZE | STATX_MTIME;
+  constexpr unsigned kWanted = STATX_TYPE | STATX_MODE | STATX_INO | STATX_SIZE | STATX_MTIME | STATX_CTIME;
   if (statx(fd, name, kAnew, kWanted, &status) != 0) return {};
   FileState state;
   state.known = true;
@@ -39,6 +40,7 @@ struct FileState {
   state.inode = status.stx_ino;
   state.bytes = static_cast<std::int64_t>(status.stx_size);
   state.changed_ns = status.stx_mtime.tv_sec * kNsPerS + status.stx_mtime.tv_nsec;
+  state.status_ns = status.stx_ctime.tv_sec * kNsPerS + status.stx_ctime.tv_nsec;
   return state;
 }
 

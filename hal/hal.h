@@ -250,6 +250,16 @@ inline constexpr std::array kScanFormats = {ScanFormat::ply, ScanFormat::ply_asc
 [[nodiscard]] std::optional<ScanFormat> scan_format_named(std::string_view name);
 [[nodiscard]] std::optional<ScanFormat> scan_format_of(std::string_view path);
 
+/// Which columns of a table hold x, y and z: names that the table gives to its columns, or numbers from 1.
+struct TableColumns {
+  std::array<FixedString<40>, 3> xyz;
+  [[nodiscard]] bool empty() const { return xyz[0].empty(); }
+};
+/// "PosX,PosY,PosZ" or "2,3,4". config: not three of them.
+[[nodiscard]] Result<TableColumns> parse_table_columns(std::string_view text);
+/// Columns of a table that does not name them: x, y, z and a dozen values of each point. More of them are heights.
+inline constexpr std::size_t kTableColumnsMax = 24;
+
 /// Reads a scan file into `xyz` (3 floats a point), converted to mm, in the frame the file has: the scanner's. The
 /// extension, in any case, says what it is:
 ///   .ply                  ascii, binary little- or big-endian 1.0; x, y, z float or double; other properties and
@@ -257,18 +267,24 @@ inline constexpr std::array kScanFormats = {ScanFormat::ply, ScanFormat::ply_asc
 ///   .pcd                  0.6 and 0.7, ascii, binary, binary_compressed; x, y, z of 4 or 8 bytes; other fields are
 ///                         stepped over; organised when HEIGHT > 1; VIEWPOINT is not applied
 ///   .xyz .asc .txt .csv   lines of numbers between blanks, tabs, commas or semicolons, `#` and `//` comments, perhaps
-///                         column names in a first line, or in a comment above the points; missing values are
-///                         missing points
+///                         the number of points in a first line, column names in a first line or in a comment above
+///                         the points; missing values are missing points. x, y, z are the columns of these names, else
+///                         of `columns`, else, without names, the first three of at most kTableColumnsMax
+/// Lines end with LF, CR LF or CR; UTF-8's byte-order mark is stepped over, UTF-16 refused.
 /// The unit is `unit`; a file whose comments say another one is refused. A point that is not finite in x, y and z
-/// becomes NaN in all three. The file must be a regular one (links are not followed) and end where its header says.
+/// becomes NaN in all three. The file must be a regular one (links are not followed) and end where its header says, but
+/// for zeros of up to 64 kB (PCL's writer) or one line end behind binary data.
 /// Counts are compared with the file's size and with `xyz` before a point is read; lines of a table, which announces
 /// nothing, are counted as they come. frame_incomplete: the text names file and byte, or line and column, and what was
 /// expected; too_few_points: no points at all. After an error `xyz` holds nothing of use. No heap; 320 kB of stack.
-[[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz);
+[[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz,
+                                          const TableColumns& columns = {});
 /// The same; a team of two reads points that are records (binary, without lists) at once.
-[[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz, Team& team);
+[[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz, Team& team,
+                                          const TableColumns& columns = {});
 /// The same with every digit of the file, for clouds that are analysed and not inspected.
-[[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<double> xyz);
+[[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<double> xyz,
+                                          const TableColumns& columns = {});
 
 /// CRC-32C (hal/crc32c.h) of points (x, y, z in mm) as they were read, in the order of the file, missing ones included:
 /// each number as the four bytes of its float32, little-endian; of a missing point three times 00 00 C0 7F, whatever
@@ -318,6 +334,8 @@ class ScannerPort {
   [[nodiscard]] virtual bool hangs() const { return false; }
   /// Of hangs(): the scan is there, and it is the spool's disk that does not take it.
   [[nodiscard]] virtual bool spool_hangs() const { return false; }
+  /// Another daemon uses this scanner's folder: the text names folder and daemon. Empty: none does. Any thread.
+  [[nodiscard]] virtual ScannerText used_by_another() const { return {}; }
   /// Of the files that were moved aside: deleted again, because there was no more room for them.
   struct Deleted {
     std::uint64_t files = 0;
@@ -328,8 +346,41 @@ class ScannerPort {
   [[nodiscard]] virtual bool next_note(ScannerText&) { return false; }
 };
 
+/// Who holds the lock of a folder, for others to read: process, computer, configuration.
+using LockOwner = FixedString<200>;
+[[nodiscard]] LockOwner lock_owner_of_this_process(std::string_view config_path);
+
+/// A folder that one daemon at a time may use: flock(2) on the file `.slabd.lock` in it, which names the owner. The
+/// kernel gives it back when the process ends, however it ends. No heap.
+class FolderLock {
+ public:
+  enum class State : std::uint8_t {
+    ours,
+    anothers,  ///< text(): who
+    cannot,    ///< text(): why this file system does not lock, or the file cannot be written
+  };
+  explicit FolderLock(const LockOwner& owner) : owner_(owner) {}
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+  ~FolderLock();
+
+  /// Takes the lock of the open folder, or keeps it; takes it again if the lock file was deleted or the folder is
+  /// another one by now. Never waits for another process.
+  State take(int folder_fd);
+  /// The same of a folder by its path; the lock is `cannot` if the folder is not there.
+  State take(const char* folder);
+  [[nodiscard]] const ScannerText& text() const { return text_; }
+
+ private:
+  LockOwner owner_;
+  int file_ = -1;
+  ScannerText text_;
+};
+
 struct ScanDropSettings {
   PathText drop_dir;
+  /// Who uses the folder alone; empty: it is not locked (tests).
+  LockOwner owner;
   bool any_name = false;
   LengthUnit unit = LengthUnit::mm;
   bool make_drop_dir = false;  ///< at the first look, in a folder that is there

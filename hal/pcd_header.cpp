@@ -25,6 +25,7 @@ class HeaderParser {
   HeaderParser(std::string_view head, const char* file, LengthUnit unit) : head_(head), file_(file), unit_(unit) {}
 
   Result<PcdLayout> parse() {
+    layout_.line_end = first_line_end(head_);
     for (std::string_view line; next_line(line);) {
       if (Status status = statement(line); !status) return status.error();
       if (data_seen_) return finish();
@@ -36,11 +37,7 @@ class HeaderParser {
 
  private:
   bool next_line(std::string_view& line) {
-    const std::size_t end = head_.find('\n', position_);
-    if (end == std::string_view::npos) return false;
-    line = head_.substr(position_, end - position_);
-    if (line.ends_with('\r')) line.remove_suffix(1);
-    position_ = end + 1;
+    if (!next_header_line(head_, layout_.line_end, position_, line)) return false;
     ++line_number_;
     return true;
   }
@@ -137,7 +134,9 @@ class HeaderParser {
       const std::string_view word = take_word(rest);
       double value = 0.0;
       if (!parse_number(word, value) || !std::isfinite(value))
-        return refuse("VIEWPOINT", word, "expected: seven numbers tx ty tz qw qx qy qz");
+        return refuse("VIEWPOINT", word,
+                      word.find(',') != std::string_view::npos ? "expected: seven numbers with decimal points"
+                                                               : "expected: seven numbers tx ty tz qw qx qy qz");
     }
     return take_word(rest).empty() ? success() : refuse("VIEWPOINT of more than seven numbers");
   }

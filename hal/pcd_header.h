@@ -8,6 +8,7 @@
 
 #include "base/base.h"
 #include "hal/hal.h"
+#include "hal/text_lines.h"
 
 /// The text at the start of a PCD file (Point Cloud Library file format, versions 0.6 and 0.7), turned into places of
 /// x, y and z. Nothing in it is believed about the file's size: the caller compares `bytes_min` and `bytes_exact`.
@@ -19,6 +20,7 @@ struct PcdLayout {
   PcdData data = PcdData::ascii;
   std::size_t header_bytes = 0;
   std::size_t header_lines = 0;
+  LineEnd line_end = LineEnd::lf;
   std::uint64_t points = 0;
   std::uint64_t width = 0;  ///< organised (HEIGHT > 1): width * height == points; 0 = unorganised
   std::uint64_t height = 0;
@@ -31,7 +33,7 @@ struct PcdLayout {
   };
   std::array<Coordinate, 3> xyz;
   std::uint64_t bytes_min = 0;  ///< the file has at least so many bytes
-  bool bytes_exact = false;     ///< and not one more (binary)
+  bool bytes_exact = false;     ///< and no more of data (binary)
 };
 
 /// Compressed data begin with two 32-bit lengths: of the compressed and of the decompressed bytes.

@@ -11,6 +11,7 @@
 #include "hal/pcd_header.h"
 #include "hal/plain_rows.h"
 #include "hal/point_records.h"
+#include "hal/scan_tail.h"
 #include "hal/settle_points.h"
 #include "hal/text_lines.h"
 
@@ -64,7 +65,7 @@ class PcdBody {
 
  private:
   Status read_ascii() {
-    TextLines lines(window_, layout_.header_lines);
+    TextLines lines(window_, layout_.header_lines, layout_.line_end);
     Real* out = xyz_.data();
     std::uint64_t points = 0;
     for (std::string_view line;;) {
@@ -99,11 +100,13 @@ class PcdBody {
     std::string_view rest = line;
     for (std::size_t column = 0; column < layout_.values; ++column) {
       const std::string_view word = take_word(rest);
+      if (word.empty() && column == 1 && hint_of_comma(line) != nullptr)
+        return lines.refuse("\"%s\": values are separated by blanks in a PCD file", shown(line).c_str());
       if (word.empty())
         return lines.refuse("%zu values, the header declares %zu for each point", column, layout_.values);
       for (std::size_t axis = 0; axis < 3; ++axis) {
         if (layout_.xyz[axis].column != column) continue;
-        if (!parse_coordinate(word, mm_, out[axis])) return lines.not_a_number(line, word);
+        if (!parse_coordinate(word, mm_, out[axis])) return lines.not_a_number(line, word, hint_of_comma(word));
       }
     }
     if (const std::string_view more = take_word(rest); !more.empty())
@@ -164,9 +167,11 @@ class PcdBody {
     static_assert(sizeof lengths == kPcdCompressedPrefixBytes);
     const auto at = static_cast<unsigned long long>(window_.offset());
     if (!window_.read(lengths.data(), sizeof lengths)) return window_.failure();
-    if (lengths[0] != window_.left())
+    if (lengths[0] > window_.left())
       return error(Code::frame_incomplete, "%s: byte %llu: %u bytes of compressed data, the file has %llu",
                    window_.name(), at, lengths[0], static_cast<unsigned long long>(window_.left()));
+    if (Status status = end_data_at(window_, layout_.header_bytes, window_.offset() + lengths[0]); !status)
+      return status;
     if (lengths[1] != decoded_bytes)
       return error(Code::frame_incomplete, "%s: byte %llu: data of %u bytes, the header's points need %llu",
                    window_.name(), at + 4, lengths[1], static_cast<unsigned long long>(decoded_bytes));
@@ -185,18 +190,24 @@ class PcdBody {
 Result<PcdLayout> read_header(ScanWindow& window, LengthUnit unit) {
   static_cast<void>(window.have(limits::kScanHeaderBytesMax));  // a shorter file is all header
   if (window.broken()) return window.failure();
-  Result<PcdLayout> layout =
-      parse_pcd_header(window.view().substr(0, limits::kScanHeaderBytesMax), window.name(), unit);
-  if (layout) window.consume(layout.value().header_bytes);
+  const std::string_view head = window.view().substr(0, limits::kScanHeaderBytesMax);
+  const std::size_t mark_bytes = byte_order_mark_bytes(head);
+  Result<PcdLayout> layout = parse_pcd_header(head.substr(mark_bytes), window.name(), unit);
+  if (!layout) return layout;
+  layout.value().header_bytes += mark_bytes;
+  layout.value().bytes_min += mark_bytes;
+  window.consume(layout.value().header_bytes);
   return layout;
 }
 
-Status check_size(const ScanWindow& window, const PcdLayout& layout) {
+/// Success: where the header tells the length of the data, the window ends behind them.
+Status check_size(ScanWindow& window, const PcdLayout& layout) {
   const std::uint64_t file_bytes = window.file_bytes();
-  if (file_bytes >= layout.bytes_min && (!layout.bytes_exact || file_bytes <= layout.bytes_min)) return success();
-  return error(Code::frame_incomplete, "%s: byte %llu: the file ends here, its header asks for %s%llu bytes",
-               window.name(), static_cast<unsigned long long>(file_bytes), layout.bytes_exact ? "" : "at least ",
-               static_cast<unsigned long long>(layout.bytes_min));
+  if (file_bytes < layout.bytes_min)
+    return error(Code::frame_incomplete, "%s: byte %llu: the file ends here, its header asks for %s%llu bytes",
+                 window.name(), static_cast<unsigned long long>(file_bytes), layout.bytes_exact ? "" : "at least ",
+                 static_cast<unsigned long long>(layout.bytes_min));
+  return layout.bytes_exact ? end_data_at(window, layout.header_bytes, layout.bytes_min) : success();
 }
 
 }  // namespace
@@ -242,8 +253,13 @@ std::uint64_t bytes_told(ScanWindow& window, const PcdLayout& layout) {
 }  // namespace
 
 bool is_complete_pcd(ScanWindow& window, LengthUnit unit) {
+  const std::uint64_t told = bytes_told_by_pcd(window, unit);
+  return told != 0 && told <= window.file_bytes() && is_tail(window, told);
+}
+
+std::uint64_t bytes_told_by_pcd(ScanWindow& window, LengthUnit unit) {
   const Result<PcdLayout> header = read_header(window, unit);
-  return header && bytes_told(window, header.value()) == window.file_bytes();
+  return header ? bytes_told(window, header.value()) : 0;
 }
 
 bool lacks_bytes_of_pcd(ScanWindow& window, LengthUnit unit) {

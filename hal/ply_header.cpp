@@ -42,8 +42,9 @@ class HeaderParser {
   HeaderParser(std::string_view head, const char* file, LengthUnit unit) : head_(head), file_(file), unit_(unit) {}
 
   Result<PlyLayout> parse() {
-    if (head_.substr(0, 4) != "ply\n" && head_.substr(0, 5) != "ply\r\n")
+    if (!head_.starts_with("ply\n") && !head_.starts_with("ply\r"))
       return error(Code::frame_incomplete, "%s: byte 0: not a PLY file (expected the line \"ply\")", file_);
+    layout_.line_end = first_line_end(head_);
     for (std::string_view line; next_line(line);) {
       if (line_number_ == 1) continue;
       if (line == "end_header") return finish();
@@ -54,13 +55,8 @@ class HeaderParser {
   }
 
  private:
-  /// The text up to the next newline, without a carriage return before it; false when no whole line is left.
   bool next_line(std::string_view& line) {
-    const std::size_t end = head_.find('\n', position_);
-    if (end == std::string_view::npos) return false;
-    line = head_.substr(position_, end - position_);
-    if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
-    position_ = end + 1;
+    if (!next_header_line(head_, layout_.line_end, position_, line)) return false;
     ++line_number_;
     return true;
   }

@@ -9,6 +9,7 @@
 
 #include "base/base.h"
 #include "hal/hal.h"
+#include "hal/text_lines.h"
 
 /// The text at the start of a PLY file, turned into what its body looks like. Nothing in it is believed about the
 /// file's size: the caller compares `bytes_min` and `bytes_exact` with the file before it reads a vertex.
@@ -41,13 +42,14 @@ struct PlyLayout {
   PlyEncoding encoding = PlyEncoding::ascii;
   std::size_t header_bytes = 0;
   std::size_t header_lines = 0;
+  LineEnd line_end = LineEnd::lf;
   FixedVector<PlyElement, kPlyElementsMax> elements;       ///< in the order of the body
   FixedVector<PlyProperty, kPlyPropertiesMax> properties;  ///< of all elements
   std::uint64_t vertices = 0;
   std::uint64_t width = 0;  ///< organised: width * height == vertices; 0 = unorganised
   std::uint64_t height = 0;
   std::uint64_t bytes_min = 0;  ///< the file has at least so many bytes
-  bool bytes_exact = false;     ///< and not one more: a binary body without lists
+  bool bytes_exact = false;     ///< and no more of data: a binary body without lists
 
   [[nodiscard]] std::span<const PlyProperty> of(const PlyElement& element) const {
     return {properties.data() + element.first_property, element.properties};
@@ -57,7 +59,7 @@ struct PlyLayout {
 /// Reads the header at the start of `head` (the first limits::kScanHeaderBytesMax bytes of the file, or all of it).
 /// Accepted: ascii, binary_little_endian or binary_big_endian 1.0; one element `vertex` with float or double x, y, z,
 /// beside them scalars and lists; any other elements before and after; `comment organized width W height H`; lines
-/// ended by LF or CR LF. A comment or obj_info that declares another unit of length than `unit` is refused.
+/// ended by LF, CR LF or CR. A comment or obj_info that declares another unit of length than `unit` is refused.
 /// frame_incomplete: the text names `file`, the header line and what is supported; too_few_points: no vertices
 /// declared. No heap.
 [[nodiscard]] Result<PlyLayout> parse_ply_header(std::string_view head, const char* file,

@@ -12,6 +12,7 @@
 #include "hal/plain_rows.h"
 #include "hal/ply_header.h"
 #include "hal/point_records.h"
+#include "hal/scan_tail.h"
 #include "hal/settle_points.h"
 #include "hal/text_lines.h"
 
@@ -71,14 +72,11 @@ class PlyBody {
     for (const PlyElement& element : layout_.elements) {
       if (Status status = read_element(element); !status) return status;
     }
-    if (window_.left() == 0) return success();
-    return error(Code::frame_incomplete, "%s: byte %llu: the file goes on for %llu bytes after its last element",
-                 window_.name(), static_cast<unsigned long long>(window_.offset()),
-                 static_cast<unsigned long long>(window_.left()));
+    return end_data_at(window_, layout_.header_bytes, window_.offset());
   }
 
   Status read_ascii() {
-    TextLines lines(window_, layout_.header_lines);
+    TextLines lines(window_, layout_.header_lines, layout_.line_end);
     for (const PlyElement& element : layout_.elements) {
       if (Status status = read_lines(lines, element); !status) return status;
     }
@@ -194,7 +192,8 @@ class PlyBody {
       const std::string_view word = take_word(rest);
       if (word.empty()) return too_few_values(lines);
       if (property.axis >= 0) {
-        if (!parse_coordinate(word, mm_, out[property.axis])) return lines.not_a_number(line, word);
+        if (!parse_coordinate(word, mm_, out[property.axis]))
+          return lines.not_a_number(line, word, hint_of_comma(word));
       } else if (property.count_bytes != 0) {
         std::uint64_t count = 0;
         if (!parse_count(word, count)) return lines.not_a_number(line, word, "the length of a list");
@@ -217,22 +216,27 @@ class PlyBody {
   Settled settled_;
 };
 
-Status check_size(const char* name, const PlyLayout& layout, std::uint64_t file_bytes) {
-  const bool too_short = file_bytes < layout.bytes_min;
-  const bool too_long = layout.bytes_exact && file_bytes > layout.bytes_min;
-  if (!too_short && !too_long) return success();
-  return error(Code::frame_incomplete, "%s: byte %llu: the file ends here, its header asks for %s%llu bytes", name,
-               static_cast<unsigned long long>(file_bytes), layout.bytes_exact ? "" : "at least ",
-               static_cast<unsigned long long>(layout.bytes_min));
+/// Success: where the header tells the length of the data, the window ends behind them.
+Status check_size(ScanWindow& window, const PlyLayout& layout) {
+  const std::uint64_t file_bytes = window.file_bytes();
+  if (file_bytes < layout.bytes_min)
+    return error(Code::frame_incomplete, "%s: byte %llu: the file ends here, its header asks for %s%llu bytes",
+                 window.name(), static_cast<unsigned long long>(file_bytes), layout.bytes_exact ? "" : "at least ",
+                 static_cast<unsigned long long>(layout.bytes_min));
+  return layout.bytes_exact ? end_data_at(window, layout.header_bytes, layout.bytes_min) : success();
 }
 
 /// The header, with its bytes consumed.
 Result<PlyLayout> read_header(ScanWindow& window, LengthUnit unit) {
   static_cast<void>(window.have(limits::kScanHeaderBytesMax));  // a shorter file is all header
   if (window.broken()) return window.failure();
-  Result<PlyLayout> layout =
-      parse_ply_header(window.view().substr(0, limits::kScanHeaderBytesMax), window.name(), unit);
-  if (layout) window.consume(layout.value().header_bytes);
+  const std::string_view head = window.view().substr(0, limits::kScanHeaderBytesMax);
+  const std::size_t mark_bytes = byte_order_mark_bytes(head);
+  Result<PlyLayout> layout = parse_ply_header(head.substr(mark_bytes), window.name(), unit);
+  if (!layout) return layout;
+  layout.value().header_bytes += mark_bytes;
+  layout.value().bytes_min += mark_bytes;
+  window.consume(layout.value().header_bytes);
   return layout;
 }
 
@@ -243,7 +247,7 @@ Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> 
   const Result<PlyLayout> header = read_header(window, unit);
   if (!header) return header.error();
   const PlyLayout& layout = header.value();
-  if (Status status = check_size(window.name(), layout, window.file_bytes()); !status) return status.error();
+  if (Status status = check_size(window, layout); !status) return status.error();
   if (layout.vertices > xyz.size() / 3)
     return error(Code::frame_incomplete, "%s: %llu points, allowed are at most %zu", window.name(),
                  static_cast<unsigned long long>(layout.vertices), xyz.size() / 3);
@@ -262,7 +266,7 @@ Result<PointRun> find_ply_records(ScanWindow& window, LengthUnit unit) {
   const Result<PlyLayout> header = read_header(window, unit);
   if (!header) return header.error();
   const PlyLayout& layout = header.value();
-  if (Status status = check_size(window.name(), layout, window.file_bytes()); !status) return status.error();
+  if (Status status = check_size(window, layout); !status) return status.error();
   if (!layout.bytes_exact) return not_in_records(window.name());
   PointRun run;
   run.shape = {layout.vertices, 0, layout.width, layout.height, true};
@@ -278,7 +282,13 @@ Result<PointRun> find_ply_records(ScanWindow& window, LengthUnit unit) {
 
 bool is_complete_ply(ScanWindow& window, LengthUnit unit) {
   const Result<PlyLayout> layout = read_header(window, unit);
-  return layout && layout.value().bytes_exact && layout.value().bytes_min == window.file_bytes();
+  return layout && layout.value().bytes_exact && layout.value().bytes_min <= window.file_bytes() &&
+         is_tail(window, layout.value().bytes_min);
+}
+
+std::uint64_t bytes_told_by_ply(ScanWindow& window, LengthUnit unit) {
+  const Result<PlyLayout> layout = read_header(window, unit);
+  return layout && layout.value().bytes_exact ? layout.value().bytes_min : 0;
 }
 
 bool lacks_bytes_of_ply(ScanWindow& window, LengthUnit unit) {

@@ -21,6 +21,8 @@ template <typename Real>  // float or double
 /// Whether the file in `window` has a binary header that accounts for exactly its bytes: it is complete, nobody is
 /// still writing it. False also for everything that cannot tell (ascii, lists, not a PLY).
 [[nodiscard]] bool is_complete_ply(ScanWindow& window, LengthUnit unit);
+/// Header and data as the header tells their length; 0: it does not, or it is none.
+[[nodiscard]] std::uint64_t bytes_told_by_ply(ScanWindow& window, LengthUnit unit);
 /// The file has fewer bytes than its header says that there are at least.
 [[nodiscard]] bool lacks_bytes_of_ply(ScanWindow& window, LengthUnit unit);
 

@@ -8,6 +8,7 @@
 #include <array>
 #include <atomic>
 #include <cerrno>
+#include <functional>
 #include <mutex>
 #include <optional>
 
@@ -40,6 +41,9 @@ namespace slabd::hal {
 namespace {
 
 constexpr std::int64_t kPollNs = 20 * kNsPerMs;
+/// ... of an inbox with more in it than is watched, and how long one look may move such files and delete others.
+constexpr std::int64_t kCrowdedPollNs = 100 * kNsPerMs;
+constexpr std::int64_t kCrowdNs = 10 * kNsPerMs;
 /// A file is finished when nobody has touched it this long, unless it accounts for its own bytes ...
 constexpr std::int64_t kFinishedNs = 500 * kNsPerMs;
 /// ... and then as soon as two looks so far apart saw the same: a file's time has steps of up to 10 ms (the kernel's
@@ -54,8 +58,8 @@ constexpr std::int64_t kStrayNs = 5 * kNsPerS;
 /// nobody has written yet, which read as zeros.
 constexpr std::int64_t kFilledNs = 5 * kNsPerS;
 
-void wait_for_next_look() {
-  const timespec pause{0, kPollNs};
+void wait_for_next_look(std::int64_t pause_ns) {
+  const timespec pause{0, pause_ns};
   nanosleep(&pause, nullptr);
 }
 
@@ -96,7 +100,7 @@ class ScanDrop final : public ScannerPort {
       : settings_(settings),
         clock_(clock),
         readers_(settings.read_threads),
-        folders_(settings.drop_dir),
+        folders_(settings.drop_dir, settings.owner),
         hang_(clock),
         notes_(clock) {}
 
@@ -120,6 +124,10 @@ class ScanDrop final : public ScannerPort {
   bool spool_hangs() const override {
     const HangWatch::Hang hang = hang_.hang();
     return hang.ns != 0 && hang.place == HangWatch::Place::spool;
+  }
+  ScannerText used_by_another() const override {
+    const std::lock_guard lock(why_mutex_);
+    return used_by_another_;
   }
   Deleted deleted() const override { return {deleted_files_, deleted_bytes_}; }
   bool next_note(ScannerText& text) override { return notes_.next(text); }
@@ -213,6 +221,7 @@ class ScanDrop final : public ScannerPort {
     looked_ = true;
     const Status status = folders_.open();
     note_whether_online(status);
+    note_lock();
     if (!status || begun_) return status;
     begun_ = true;
     begun_ns_ = clock_.mono_ns();
@@ -226,6 +235,24 @@ class ScanDrop final : public ScannerPort {
       why_offline_ = status.error().text;
     }
     online_ = status.ok();
+  }
+
+  /// Whose the folder is, and, once, that its file system does not lock.
+  void note_lock() {
+    const FolderLock::State state = folders_.lock_state();
+    {
+      const std::lock_guard lock(why_mutex_);
+      used_by_another_.clear();
+      if (state == FolderLock::State::anothers) used_by_another_ = why_offline_;
+    }
+    if (state == FolderLock::State::cannot && !lock_said_) {
+      lock_said_ = true;
+      ScannerText line;
+      line.printf(
+          "%.120s cannot be locked (%.100s): make sure that no other slabd uses this folder, for nothing will notice",
+          settings_.drop_dir.c_str(), folders_.lock_text().c_str());
+      notes_.add(line);
+    }
   }
 
   void set_aside(const NameText& name, const char* why) {
@@ -272,6 +299,7 @@ class ScanDrop final : public ScannerPort {
   Status tidy(std::string_view awaited) {
     InboxEntries entries;
     if (Status status = look(awaited, entries); !status) return status;
+    say_crowd();
     for (const QuietWatch::Watched& watched : watch_.watched()) {
       const std::string_view stem = stem_of(watched.entry.name.view());
       if (!awaited.empty() && stem == awaited) continue;
@@ -280,9 +308,56 @@ class ScanDrop final : public ScannerPort {
       if (answers_another || left_behind)
         set_aside(watched.entry.name, answers_another ? "its request is over or never was" : "it answers no request");
     }
+    clear_crowd(awaited);
     // While a scan is waited for too: a disk is filled within a timeout.
-    if (!trimmed_) trim_stray();
+    const std::int64_t begin_ns = clock_.mono_ns();
+    do {
+      if (!trimmed_) trim_stray();
+    } while (!trimmed_ && is_crowd_cleared_ && clock_.mono_ns() - begin_ns < kCrowdNs);
     return success();
+  }
+
+  /// More files than are watched one by one: those that nobody has touched for kStrayNs, by the file system's clock, go
+  /// all at once, as many as there is time for in one look. What is written at this moment stays.
+  void clear_crowd(std::string_view awaited) {
+    is_crowd_cleared_ = false;
+    if (!crowd_said_) return;
+    const std::optional<std::int64_t> time_ns = folders_.time_ns();
+    if (!time_ns) return;
+    const std::int64_t begin_ns = clock_.mono_ns();
+    const std::uint64_t before = strays_;
+    const auto move = [&](const char* name) {
+      const std::string_view stem = stem_of(name);
+      if (!awaited.empty() && stem == awaited) return true;
+      const FileState state = file_state(folders_.inbox_fd(), name);
+      const bool answers_another = !settings_.any_name && is_request_stem(stem);
+      if (state.known && (answers_another || *time_ns - state.status_ns >= kStrayNs) && folders_.set_aside(name)) {
+        ++strays_;
+        trimmed_ = false;
+      }
+      return clock_.mono_ns() - begin_ns < kCrowdNs;
+    };
+    folders_.for_each_in_inbox(std::ref(move));  // by reference: a copy would take the heap
+    is_crowd_cleared_ = strays_ != before;
+    if (!folders_.is_crowded()) say_crowd_is_gone();
+  }
+
+  void say_crowd() {
+    if (!folders_.is_crowded() || crowd_said_) return;
+    crowd_said_ = true;
+    crowd_began_ = strays_;
+    ScannerText line;
+    line.printf("inbox/ holds more than %zu files that answer no request; they are moved to stray/ and counted",
+                kInboxEntriesMax);
+    notes_.add_first(line);
+  }
+
+  void say_crowd_is_gone() {
+    ScannerText line;
+    line.printf("inbox/ is no longer crowded: %llu files that answer no request were moved to stray/",
+                static_cast<unsigned long long>(strays_ - crowd_began_));
+    notes_.add_first(line);
+    crowd_said_ = false;
   }
 
   Status look(std::string_view awaited, InboxEntries& entries) {
@@ -313,7 +388,8 @@ class ScanDrop final : public ScannerPort {
 
   void pause() {
     hang_.leave();
-    wait_for_next_look();
+    // A list of thousands of names takes a processor for milliseconds, and other programs need it too.
+    wait_for_next_look(folders_.is_crowded() ? kCrowdedPollNs : kPollNs);
     hang_.enter(HangWatch::kLookNs);
   }
 
@@ -430,7 +506,9 @@ class ScanDrop final : public ScannerPort {
     if (!opened) return {};
     const Fd fd(opened.value());
     const off_t hole = lseek(fd.get(), 0, SEEK_HOLE);
-    return {lacks_bytes(fd.get(), name, settings_.unit), hole >= 0 && hole < entry.state.bytes};
+    const bool has_hole = hole >= 0 && hole < entry.state.bytes &&
+                          static_cast<std::uint64_t>(hole) < bytes_of_data(fd.get(), name, settings_.unit);
+    return {lacks_bytes(fd.get(), name, settings_.unit), has_hole};
   }
 
   /// any_name: exactly one entry, a regular file, untouched for half a second.
@@ -536,9 +614,13 @@ class ScanDrop final : public ScannerPort {
   bool looked_ = false;
   bool begun_ = false;  ///< the folders could be used once, first then:
   std::int64_t begun_ns_ = 0;
-  bool asked_before_ = false;                  ///< any_name: what was asked for before that was waited for
-  bool trusted_ = true;                        ///< of a file under way: its length speaks for its content
-  NameText stuck_;                             ///< cannot be moved away
+  bool asked_before_ = false;  ///< any_name: what was asked for before that was waited for
+  bool trusted_ = true;        ///< of a file under way: its length speaks for its content
+  NameText stuck_;             ///< cannot be moved away
+  bool lock_said_ = false;
+  bool crowd_said_ = false;                    ///< the inbox holds more than is watched
+  bool is_crowd_cleared_ = false;              ///< by the last look: files were moved
+  std::uint64_t crowd_began_ = 0;              ///< strays by then
   FixedString<16> extension_taken_;            ///< any_name: of the last scan that was taken
   std::int64_t answer_may_come_until_ns_ = 0;  ///< any_name: 0 or past: no answer is outstanding
   bool trimmed_ = false;                       ///< stray/ keeps its budget
@@ -549,6 +631,7 @@ class ScanDrop final : public ScannerPort {
   std::atomic<std::uint64_t> deleted_bytes_ = 0;
   mutable std::mutex why_mutex_;
   ScannerText why_offline_;
+  ScannerText used_by_another_;
 };
 
 }  // namespace

@@ -16,13 +16,14 @@ namespace slabd::hal {
 
 /// As `read_scan`; `name` (with its extension) is only used to choose the format and in error texts. `fd` stays open.
 [[nodiscard]] Result<ScanShape> read_scan_fd(int fd, const char* name, LengthUnit unit, std::span<float> xyz,
-                                             Team& team);
+                                             Team& team, const TableColumns& columns = {});
 
 /// Opens the regular file `name` below the folder `folder` (AT_FDCWD: `name` is a path) for reading, without following
 /// a link. frame_incomplete: it is none; the text shows it as `shown`. The caller owns the descriptor.
 [[nodiscard]] Result<int> open_scan(int folder, const char* name, const char* shown);
 
-/// Whether the file accounts for itself: a binary header and exactly as many bytes as it says. Text, and lists whose
+/// Whether the file accounts for itself: a binary header and as many bytes as it says, behind them at most a tail
+/// (hal/scan_tail.h). Text, and lists whose
 /// length only their content tells, never do: of those nobody can say that the last line was the last. Reads the
 /// header, no more. No heap; 256 kB of stack.
 [[nodiscard]] bool is_complete_scan(int fd, const char* name, LengthUnit unit);
@@ -30,6 +31,10 @@ namespace slabd::hal {
 /// Whether more must come, whoever wrote it: 0 bytes, or fewer than its own header says. Reads the header, no more. No
 /// heap; 256 kB of stack.
 [[nodiscard]] bool lacks_bytes(int fd, const char* name, LengthUnit unit);
+
+/// Header and data of a binary file as it tells their length, at most the file's; the file's length if it does not
+/// tell. Zeros behind are no parts that were not written. No heap; 256 kB of stack.
+[[nodiscard]] std::uint64_t bytes_of_data(int fd, const char* name, LengthUnit unit);
 
 /// What reads it.
 enum class ScanFamily : std::uint8_t { ply, pcd, text };

@@ -74,6 +74,17 @@ bool ScanWindow::read(void* to, std::size_t bytes) {
   return true;
 }
 
+bool ScanWindow::look_at(std::uint64_t offset, void* to, std::size_t bytes) {
+  assert(offset <= file_bytes_ && bytes <= file_bytes_ - offset);
+  return !broken_ && pull(static_cast<char*>(to), bytes, offset);
+}
+
+void ScanWindow::end_at(std::uint64_t file_bytes) {
+  assert(file_bytes >= offset_ && file_bytes <= file_bytes_);
+  file_bytes_ = file_bytes;
+  end_ = begin_ + std::min<std::uint64_t>(end_ - begin_, left());
+}
+
 Error ScanWindow::failure() const {
   const auto at = static_cast<unsigned long long>(offset_);
   if (!broken_) return error(Code::frame_incomplete, "%s: byte %llu: the file ends within its data", name_, at);

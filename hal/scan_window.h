@@ -47,6 +47,10 @@ class ScanWindow {
   void skip(std::uint64_t bytes);
   /// Copies the next bytes out; large pieces go straight into `to`. False: as for `have`.
   [[nodiscard]] bool read(void* to, std::size_t bytes);
+  /// Copies bytes from any place of the file without consuming any; offset + bytes <= file_bytes(). False: as `have`.
+  [[nodiscard]] bool look_at(std::uint64_t offset, void* to, std::size_t bytes);
+  /// From here on the file ends at `file_bytes` (not before what was consumed): what is behind is not data.
+  void end_at(std::uint64_t file_bytes);
 
   [[nodiscard]] bool broken() const { return broken_; }
   /// Why `have` or `read` said no: the file could not be read, or ended where more was needed.

@@ -2,6 +2,7 @@
 #include "hal/text_columns.h"
 
 #include <algorithm>
+#include <cctype>
 
 #include "hal/declared_unit.h"
 
@@ -55,7 +56,72 @@ ColumnName parse_name(std::string_view field) {
   return name;
 }
 
+/// `"PosX [mm]"` -> PosX and mm.
+struct BareName {
+  std::string_view name;
+  std::string_view unit;
+};
+BareName bare_name(std::string_view field) {
+  constexpr std::string_view kAround = " \t\"'";
+  const auto without = [&](std::string_view text) {
+    const std::size_t begin = text.find_first_not_of(kAround);
+    if (begin == std::string_view::npos) return std::string_view();
+    return text.substr(begin, text.find_last_not_of(kAround) - begin + 1);
+  };
+  field = without(field);
+  const std::size_t bracket = field.find_first_of("[(");
+  if (bracket == std::string_view::npos || bracket == 0) return {field, {}};
+  const std::string_view inside = field.substr(bracket + 1);
+  return {without(field.substr(0, bracket)), without(inside.substr(0, inside.find_first_of("])")))};
+}
+
+bool is_column_number(std::string_view wanted, std::size_t& place) {
+  std::uint64_t number = 0;
+  if (!parse_count(wanted, number) || number == 0 || number > kTextLineBytesMax) return false;
+  place = number - 1;
+  return true;
+}
+
+bool same_letters(std::string_view a, std::string_view b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](char p, char q) {
+    return std::tolower(static_cast<unsigned char>(p)) == std::tolower(static_cast<unsigned char>(q));
+  });
+}
+
+bool find_name(std::string_view line, Separator separator, std::string_view wanted, std::size_t& place,
+               std::string_view& unit) {
+  FieldReader fields(line, separator);
+  std::size_t column = 0;
+  for (std::string_view field; fields.next(field);) {
+    if (separator == Separator::blanks && is_unit_in_brackets(field)) continue;
+    const BareName bare = bare_name(field);
+    if (same_letters(bare.name, wanted) || same_letters(field, wanted)) {
+      place = column;
+      unit = bare.unit;
+      return true;
+    }
+    ++column;
+  }
+  return false;
+}
+
 }  // namespace
+
+Result<TableColumns> parse_table_columns(std::string_view text) {
+  TableColumns columns;
+  std::string_view rest = text;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::size_t comma = rest.find(',');
+    const std::string_view one = trimmed(rest.substr(0, comma));
+    const bool is_last = comma == std::string_view::npos;
+    if (one.empty() || one.size() > FixedString<40>::capacity() || is_last != (axis == 2))
+      return error(Code::config, "columns \"%s\": expected are three names or numbers with commas between, as in 2,3,4",
+                   shown(text).c_str());
+    columns.xyz[axis] = one;
+    rest.remove_prefix(is_last ? rest.size() : comma + 1);
+  }
+  return columns;
+}
 
 bool is_line_of_names(std::string_view line, Separator separator) {
   if (line.find('\0') != std::string_view::npos) return false;  // UTF-16, or no text at all
@@ -68,6 +134,86 @@ bool is_line_of_names(std::string_view line, Separator separator) {
     any = any || !field.empty();
   }
   return any;
+}
+
+std::optional<LikelyColumns> likely_columns(std::string_view line, Separator separator) {
+  FixedVector<std::string_view, 64> names;
+  FieldReader fields(line, separator);
+  for (std::string_view field; fields.next(field);)
+    if (!names.push(bare_name(field).name)) break;
+  const auto place_of = [&names](std::string_view wanted, std::size_t letter, char axis) -> std::optional<std::size_t> {
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      const std::string_view name = names[i];
+      if (name.size() == wanted.size() && name[letter] == axis && name.substr(0, letter) == wanted.substr(0, letter) &&
+          name.substr(letter + 1) == wanted.substr(letter + 1))
+        return i;
+    }
+    return std::nullopt;
+  };
+  for (std::size_t x = 0; x < names.size(); ++x) {
+    for (std::size_t letter = 0; letter < names[x].size(); ++letter) {
+      const char c = names[x][letter];
+      if (c != 'x' && c != 'X') continue;
+      const auto y = place_of(names[x], letter, static_cast<char>(c + 1));
+      const auto z = place_of(names[x], letter, static_cast<char>(c + 2));
+      if (y && z) return LikelyColumns{{x, *y, *z}, {names[x], names[*y], names[*z]}};
+    }
+  }
+  return std::nullopt;
+}
+
+namespace {
+
+Error refuse_names(const TextLines& lines, std::string_view line, Separator separator) {
+  const std::optional<LikelyColumns> likely = likely_columns(line, separator);
+  FixedString<130> three("A,B,C");
+  if (likely)
+    three.printf("%s,%s,%s", shown(likely->names[0].substr(0, 40)).c_str(),
+                 shown(likely->names[1].substr(0, 40)).c_str(), shown(likely->names[2].substr(0, 40)).c_str());
+  return lines.refuse(
+      "no column is named x, y or z: rename three, or choose them with --columns %s; the names are \"%s\" (a line that "
+      "names no columns begins with #)",
+      three.c_str(), shown(line).c_str());
+}
+
+}  // namespace
+
+bool has_chosen_columns(std::string_view line, Separator separator, const TableColumns& chosen) {
+  return std::all_of(chosen.xyz.begin(), chosen.xyz.end(), [&](const FixedString<40>& one) {
+    std::size_t place = 0;
+    std::string_view unit;
+    return is_column_number(one.view(), place) || find_name(line, separator, one.view(), place, unit);
+  });
+}
+
+bool is_chosen_by_name(const TableColumns& chosen) {
+  std::size_t place = 0;
+  return std::any_of(chosen.xyz.begin(), chosen.xyz.end(), [&place](const FixedString<40>& one) {
+    return !one.empty() && !is_column_number(one.view(), place);
+  });
+}
+
+Status find_chosen_columns(const TextLines& lines, std::string_view line, Separator separator, LengthUnit unit,
+                           const TableColumns& chosen, TextColumns& columns) {
+  TextColumns found;
+  found.needed = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::string_view wanted = chosen.xyz[axis].view();
+    std::string_view column_unit;
+    if (!is_column_number(wanted, found.xyz[axis]) &&
+        !find_name(line, separator, wanted, found.xyz[axis], column_unit)) {
+      if (line.empty())
+        return lines.refuse(
+            "no column is named \"%s\", for this table does not name its columns: choose them by number",
+            shown(wanted).c_str());
+      return lines.refuse("no column is named \"%s\", the names are \"%s\"", shown(wanted).c_str(),
+                          shown(line).c_str());
+    }
+    if (!unit_name_agrees(column_unit, unit)) return unit_contradicted(lines.file(), lines.number(), column_unit, unit);
+    found.needed = std::max(found.needed, found.xyz[axis] + 1);
+  }
+  columns = found;
+  return success();
 }
 
 Status find_columns(const TextLines& lines, std::string_view line, Separator separator, LengthUnit unit,
@@ -92,7 +238,7 @@ Status find_columns(const TextLines& lines, std::string_view line, Separator sep
     ++column;
   }
   const auto named = std::count(seen.begin(), seen.end(), true);
-  if (named == 0) return success();
+  if (named == 0) return refuse_names(lines, line, separator);
   if (named < 3) return lines.refuse("of x, y and z only %d are among the column names", static_cast<int>(named));
   found.needed = *std::max_element(found.xyz.begin(), found.xyz.end()) + 1;
   columns = found;

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <optional>
 #include <string_view>
 
 #include "hal/hal.h"
@@ -36,11 +37,27 @@ struct TextColumns {
 };
 
 /// A line of names: none of its fields is a number or begins like one. `columns`: where x, y, z are named (any case,
-/// quotes, a unit in brackets behind: `"X [mm]"`, x_mm); the first three when none of them is. frame_incomplete: only
-/// some are named, one is named twice, or a unit contradicts `unit`.
+/// quotes, a unit in brackets behind: `"X [mm]"`, x_mm). frame_incomplete: they are not named, only some are, one is
+/// named twice, or a unit contradicts `unit`; the text has the names and what to do.
 [[nodiscard]] bool is_line_of_names(std::string_view line, Separator separator);
 [[nodiscard]] Status find_columns(const TextLines& lines, std::string_view line, Separator separator, LengthUnit unit,
                                   TextColumns& columns);
+
+/// Three columns whose names are one name with x, y and z in it: PosX, PosY, PosZ. Looks at the first 64.
+struct LikelyColumns {
+  std::array<std::size_t, 3> xyz{};
+  std::array<std::string_view, 3> names;
+};
+[[nodiscard]] std::optional<LikelyColumns> likely_columns(std::string_view line, Separator separator);
+
+/// Columns that were chosen by name or by number, in a table whose line of names is `line` (empty: it has none).
+/// frame_incomplete: a name is not there, or a unit contradicts `unit`.
+[[nodiscard]] Status find_chosen_columns(const TextLines& lines, std::string_view line, Separator separator,
+                                         LengthUnit unit, const TableColumns& chosen, TextColumns& columns);
+/// All that are chosen by name are in `line`.
+[[nodiscard]] bool has_chosen_columns(std::string_view line, Separator separator, const TableColumns& chosen);
+/// At least one is chosen by name.
+[[nodiscard]] bool is_chosen_by_name(const TableColumns& chosen);
 
 /// The part of a comment that may be a line of names: without the comment's mark and a label ("# columns: x y z").
 [[nodiscard]] std::string_view names_in_comment(std::string_view comment);

@@ -14,13 +14,33 @@
 
 namespace slabd::hal {
 
+LineEnd first_line_end(std::string_view head) {
+  const std::size_t end = head.find_first_of("\r\n");
+  const bool cr = end != std::string_view::npos && head[end] == '\r' && head.substr(end + 1, 1) != "\n";
+  return cr ? LineEnd::cr : LineEnd::lf;
+}
+
+std::size_t byte_order_mark_bytes(std::string_view head) {
+  constexpr std::string_view kMark = "\xEF\xBB\xBF";
+  return head.starts_with(kMark) ? kMark.size() : 0;
+}
+
+bool next_header_line(std::string_view head, LineEnd end, std::size_t& position, std::string_view& line) {
+  const std::size_t at = head.find(static_cast<char>(end), position);
+  if (at == std::string_view::npos) return false;
+  line = head.substr(position, at - position);
+  if (line.ends_with('\r')) line.remove_suffix(1);
+  position = at + 1;
+  return true;
+}
+
 bool TextLines::next(std::string_view& line) {
   window_.consume(handed_out_);
   handed_out_ = 0;
   if (!status_) return false;
   for (std::size_t searched = 0;;) {
     const std::string_view view = window_.view();
-    const std::size_t newline = view.find('\n', searched);
+    const std::size_t newline = view.find(static_cast<char>(end_), searched);
     const bool found = newline != std::string_view::npos;
     const std::size_t length = found ? newline : view.size();
     if (length > kTextLineBytesMax) {
@@ -40,7 +60,7 @@ bool TextLines::next(std::string_view& line) {
     ++number_;
     handed_out_ = found ? length + 1 : length;
     line = window_.view().substr(0, length);  // looked up again: `have` moves what is visible
-    if (line.ends_with('\r')) line.remove_suffix(1);
+    while (line.ends_with('\r')) line.remove_suffix(1);
     return true;
   }
 }
@@ -52,7 +72,7 @@ bool TextLines::skip() {
   bool blank = true;
   while (window_.have(1)) {
     const std::string_view view = window_.view();
-    const std::size_t newline = view.find('\n');
+    const std::size_t newline = view.find(static_cast<char>(end_));
     const std::string_view line = view.substr(0, newline);
     blank = blank && line.find_first_not_of(" \t\r") == std::string_view::npos;
     window_.consume(newline == std::string_view::npos ? view.size() : newline + 1);
@@ -69,6 +89,7 @@ bool TextLines::skip() {
 std::string_view TextLines::ahead() {
   window_.consume(handed_out_);
   handed_out_ = 0;
+  if (end_ == LineEnd::cr) return {};
   // At the end of the file, or where it cannot be read, `next` finds out again and says so.
   static_cast<void>(window_.have(kTextAheadMin));
   return window_.view();
@@ -160,6 +181,14 @@ bool parse_coordinate(std::string_view word, double mm_per_unit, Real& mm) {
 }
 template bool parse_coordinate(std::string_view, double, float&);
 template bool parse_coordinate(std::string_view, double, double&);
+
+const char* hint_of_comma(std::string_view word) {
+  const auto commas = std::count(word.begin(), word.end(), ',');
+  if (commas == 0) return nullptr;
+  return commas == 1 && word.find('.') == std::string_view::npos
+             ? "a decimal comma is not read: save the scan with decimal points"
+             : "values are separated by blanks here";
+}
 
 bool parse_count(std::string_view word, std::uint64_t& value) {
   std::uint64_t count = 0;

@@ -15,19 +15,34 @@ inline constexpr std::size_t kTextLineBytesMax = 32'768;
 /// Less than this ahead, and the window is filled up again.
 inline constexpr std::size_t kTextAheadMin = 1'024;
 
+/// What ends the lines of a file: LF, perhaps with CR before it, or CR alone (programs of the first Macintosh).
+enum class LineEnd : char { lf = '\n', cr = '\r' };
+
+/// By the end of the first line of `head`. CR only if it is not followed by LF.
+[[nodiscard]] LineEnd first_line_end(std::string_view head);
+
+/// Length of UTF-8's byte-order mark at the start of `head`; 0 without one.
+[[nodiscard]] std::size_t byte_order_mark_bytes(std::string_view head);
+
+/// The next line of a header of `head`, from `position` on, without its end; false if no whole line is left.
+[[nodiscard]] bool next_header_line(std::string_view head, LineEnd end, std::size_t& position, std::string_view& line);
+
 /// The rest of a scan file line by line.
 class TextLines {
  public:
   /// `lines_before`: how many lines of the file were consumed already.
-  TextLines(ScanWindow& window, std::size_t lines_before) : window_(window), number_(lines_before) {}
+  TextLines(ScanWindow& window, std::size_t lines_before, LineEnd end = LineEnd::lf)
+      : window_(window), number_(lines_before), end_(end) {}
 
-  /// The next line without its end (LF or CR LF; the last may have none); it is valid until the next call. False: at
-  /// the end of the file or on an error, `status` tells.
+  /// From here on lines have this end.
+  void end_lines_with(LineEnd end) { end_ = end; }
+  /// The next line without its end (the last may have none); it is valid until the next call. False: at the end of the
+  /// file or on an error, `status` tells.
   [[nodiscard]] bool next(std::string_view& line);
   /// Steps over blank lines and one line with something on it, of any length. False as for `next`.
   [[nodiscard]] bool skip();
   /// What is visible of the text behind the line last handed out, which is no longer valid; at least kTextAheadMin
-  /// bytes unless the file has fewer.
+  /// bytes unless the file has fewer. Nothing where lines end with CR alone: such files are rare and read line by line.
   [[nodiscard]] std::string_view ahead();
   /// The first `bytes` of `ahead`, which are `lines` whole lines, have been read.
   void took(std::size_t bytes, std::size_t lines);
@@ -45,6 +60,7 @@ class TextLines {
  private:
   ScanWindow& window_;
   std::size_t number_;
+  LineEnd end_;
   std::size_t handed_out_ = 0;  ///< bytes of the line last handed out, still in the window
   Status status_ = success();
 };
@@ -74,6 +90,9 @@ class TextLines {
 /// in another unit than mm converted in double and rounded once more. Beyond all floats: infinite.
 template <typename Real>  // float or double
 [[nodiscard]] bool parse_coordinate(std::string_view word, double mm_per_unit, Real& mm);
+/// Why `word`, which stands between blanks, may not be a number: a decimal comma, or commas that separate. nullptr: no
+/// idea.
+[[nodiscard]] const char* hint_of_comma(std::string_view word);
 /// A whole word as a count of at most kScanCountMax.
 [[nodiscard]] bool parse_count(std::string_view word, std::uint64_t& value);
 

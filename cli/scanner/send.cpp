@@ -15,6 +15,7 @@
 #include "cli/parse.h"
 #include "cli/scanner/scanner.h"
 #include "cli/scanner/stream_gateway.h"
+#include "cli/table_columns.h"
 
 namespace slabd::cli {
 namespace {
@@ -25,6 +26,7 @@ struct Options {
   std::vector<std::string> files;
   std::string to = "127.0.0.1:1504";
   std::size_t unit = 0;
+  std::string columns;
   double wait_s = 60.0;
   std::size_t cut_after = 0;
 };
@@ -39,10 +41,10 @@ struct Scan {
   ScanShape shape;
 };
 
-std::optional<Scan> read(const std::string& path, hal::LengthUnit unit) {
+std::optional<Scan> read(const std::string& path, hal::LengthUnit unit, const hal::TableColumns& columns) {
   Scan scan;
   scan.xyz.resize(3 * limits::kScanPointsMax);
-  const Result<ScanShape> shape = hal::read_scan(path.c_str(), unit, std::span<float>(scan.xyz));
+  const Result<ScanShape> shape = hal::read_scan(path.c_str(), unit, std::span<float>(scan.xyz), columns);
   if (!shape) {
     complain(std::string(shape.error().text.view()));
     return std::nullopt;
@@ -115,7 +117,8 @@ int send(const Options& options) {
   std::signal(SIGTERM, on_signal);
   StreamGateway gateway(host, port);
   for (const std::string& file : options.files) {
-    const std::optional<Scan> scan = read(file, static_cast<hal::LengthUnit>(options.unit));
+    const std::optional<Scan> scan =
+        read(file, static_cast<hal::LengthUnit>(options.unit), columns_of(options.columns));
     if (!scan) return kBadInput;
     const auto until = Clock::now() + std::chrono::milliseconds(static_cast<std::int64_t>(1e3 * options.wait_s));
     if (const int status = deliver(gateway, *scan, file, options, until); status != kDone) return status;
@@ -139,6 +142,7 @@ void add_scanner_send(CLI::App& scanner, int& exit_status) {
   command->add_option("--unit", options->unit, "Of the files: 0 mm, 1 m, 2 um; or mm, m, um")
       ->transform(
           CLI::CheckedTransformer(std::vector<std::pair<std::string, std::size_t>>{{"mm", 0}, {"m", 1}, {"um", 2}}));
+  add_columns(*command, options->columns);
   command->add_option("--wait-s", options->wait_s, "For each request")->check(within(0.1, 1e6))->capture_default_str();
   command->add_option("--cut-after", options->cut_after,
                       "Cut the first connection after so many points and connect again, to try just that");

@@ -19,6 +19,7 @@
 #include "cli/progress.h"
 #include "cli/scanner/scanner.h"
 #include "cli/scanner/verification.h"
+#include "cli/table_columns.h"
 #include "hal/hal.h"
 
 namespace slabd::cli {
@@ -28,6 +29,7 @@ struct Options {
   std::vector<std::string> plates;
   std::vector<std::string> balls;
   std::size_t unit = 0;
+  std::string columns;
   AcceptanceSettings settings;
   Verification verification;  ///< scanner, diameter and limits come from the command line
   std::string out;
@@ -38,14 +40,14 @@ struct Options {
 
 /// Reads each file and judges it; false: printed.
 bool each(
-    const std::vector<std::string>& files, hal::LengthUnit unit,
+    const std::vector<std::string>& files, hal::LengthUnit unit, const hal::TableColumns& columns,
     const std::function<std::optional<Error>(const std::string&, std::span<const float>, const ScanShape&)>& judge,
     std::map<std::uint32_t, std::string>& seen, int& exit_status) {
   std::vector<float> xyz(3 * limits::kScanPointsMax);
   ProgressCount progress(stderr, files.size());
   for (const std::string& file : files) {
     progress.next(file);
-    const Result<ScanShape> shape = hal::read_scan(file.c_str(), unit, std::span<float>(xyz));
+    const Result<ScanShape> shape = hal::read_scan(file.c_str(), unit, std::span<float>(xyz), columns);
     if (!shape) {
       complain(shape.error().text.view());
       exit_status = kBadInput;
@@ -83,7 +85,9 @@ bool look(const Options& options, Verification& v, int& exit_status) {
     return std::nullopt;
   };
   std::map<std::uint32_t, std::string> seen;  // files by the checksum of their points
-  return each(options.plates, unit, plate, seen, exit_status) && each(options.balls, unit, ball, seen, exit_status);
+  const hal::TableColumns columns = columns_of(options.columns);
+  return each(options.plates, unit, columns, plate, seen, exit_status) &&
+         each(options.balls, unit, columns, ball, seen, exit_status);
 }
 
 std::string figure(double value, const char* format = "{:.4f}") {
@@ -237,6 +241,7 @@ void add_scanner_verify(CLI::App& scanner, int& exit_status) {
   command->add_option("--unit", options->unit, "Of the files: mm, m, um")
       ->transform(
           CLI::CheckedTransformer(std::vector<std::pair<std::string, std::size_t>>{{"mm", 0}, {"m", 1}, {"um", 2}}));
+  add_columns(*command, options->columns);
   command->add_option("--gate-mm", options->settings.gate_mm, "Further from plate or ball than this is something else")
       ->check(within(0.05, 20.0))
       ->capture_default_str();

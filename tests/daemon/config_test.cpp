@@ -538,7 +538,7 @@ TEST_F(ConfigTest, scan_must_end_before_the_plc_gives_up) {
 TEST_F(ConfigTest, standstill_must_fit_into_the_poses_that_are_remembered) {
   const std::string start = std::string(kShortest) + "[robot]\n";
   const std::string why =
-      ", allowed are 1500 ms: the daemon remembers 2 s of poses at 250 Hz, and a longer standstill would never be seen";
+      ", allowed are 1500 ms: the daemon remembers 2 s of poses, and a longer standstill would never be seen";
   EXPECT_EQ(load(start + "window_ms = 1000\ndwell_ms = 500\n"), Texts{});
   EXPECT_EQ(load(start + "window_ms = 1000\ndwell_ms = 501\n"),
             Texts{"slabd.toml:7:12: robot.dwell_ms: window_ms and dwell_ms together are 1501 ms" + why});

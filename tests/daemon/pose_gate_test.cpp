@@ -274,5 +274,114 @@ TEST_F(PoseGateTest, averages_rotations_of_either_sign) {
   EXPECT_LT(angle_between_rad(mean.T_base_flange.rotation, rotation_from_kuka_abc(0.3, 0.2, 0.1)), 1e-12);
 }
 
+/// A sender of any rate, up to far more poses a second than slabd keeps.
+struct PoseRateTest : testing::TestWithParam<int> {
+  PoseSettings settings;
+  PoseGate gate{settings};
+  std::int64_t now_ns = kNsPerS;
+  std::int32_t seq = 0;
+  Vec3 at{1000.0, 500.0, 900.0};
+  Quat turned = Quat::Identity();
+
+  void send_one() {
+    now_ns += kNsPerS / GetParam();
+    PoseSample sample;
+    sample.arrival_ns = now_ns;
+    sample.utime_us = now_ns / 1000;
+    sample.seq = ++seq;
+    sample.T_base_flange.translation_mm = at;
+    sample.T_base_flange.rotation = turned;
+    gate.add(sample);
+  }
+  void send_for(std::int64_t ns) {
+    for (const std::int64_t end_ns = now_ns + ns; now_ns < end_ns;) send_one();
+  }
+  Code settled() {
+    PoseMean mean;
+    return gate.settled(now_ns, mean);
+  }
+};
+
+TEST_P(PoseRateTest, settles_after_window_and_dwell_and_not_before) {
+  send_for(ns_from_ms(490));
+  EXPECT_EQ(settled(), Code::not_settled);
+  send_for(ns_from_ms(30));
+  PoseMean mean;
+  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
+  EXPECT_GE(mean.samples, static_cast<unsigned>(GetParam() / 2));
+  EXPECT_LE(mean.samples, static_cast<unsigned>(GetParam() * 52 / 100 + 2)) << "of all poses, each once";
+  send_for(ns_from_ms(10'000));
+  EXPECT_EQ(settled(), Code::ok);
+}
+
+TEST_P(PoseRateTest, the_longest_standstill_that_can_be_configured_settles) {
+  settings.window_ns = ns_from_ms(1'500);
+  settings.dwell_ns = 0;
+  gate = PoseGate(settings);
+  send_for(ns_from_ms(3'000));
+  EXPECT_EQ(settled(), Code::ok);
+}
+
+TEST_P(PoseRateTest, a_single_pose_off_the_place_is_seen_as_long_as_it_is_in_the_window) {
+  send_for(kNsPerS);
+  ASSERT_EQ(settled(), Code::ok);
+  at.y() += 0.04;  // one pose of four thousand a second
+  send_one();
+  at.y() -= 0.04;
+  for (int ms = 0; ms < 480; ms += 20) {
+    EXPECT_EQ(settled(), Code::not_settled) << ms;
+    send_for(ns_from_ms(20));
+  }
+  send_for(ns_from_ms(60));
+  EXPECT_EQ(settled(), Code::ok);
+}
+
+TEST_P(PoseRateTest, a_single_turned_pose_is_seen) {
+  send_for(kNsPerS);
+  turned = Quat(Eigen::AngleAxisd(rad_from_deg(0.01), Vec3::UnitZ()));
+  send_one();
+  turned = Quat::Identity();
+  send_for(ns_from_ms(400));
+  EXPECT_EQ(settled(), Code::not_settled);
+  send_for(ns_from_ms(200));
+  EXPECT_EQ(settled(), Code::ok);
+}
+
+TEST_P(PoseRateTest, the_mean_is_that_of_all_poses) {
+  Vec3 sum = Vec3::Zero();
+  Prng prng{5};
+  const Vec3 place = at;
+  const int count = GetParam() * 51 / 100;
+  for (int i = 0; i < count; ++i) {
+    const Vec3 offset = 0.01 * Vec3(prng.uniform(), prng.uniform(), prng.uniform());
+    at = place + offset;
+    send_one();
+    sum += offset;
+  }
+  PoseMean mean;
+  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
+  // The window is a few poses shorter than what was sent.
+  EXPECT_LT((mean.T_base_flange.translation_mm - place - sum / count).norm(), 0.01 * 10.0 / count);
+  EXPECT_GT(mean.spread_mm, 0.008);
+  EXPECT_LT(mean.spread_mm, 0.0101);
+}
+
+INSTANTIATE_TEST_SUITE_P(Hz, PoseRateTest, testing::Values(100, 250, 1'000, 2'000, 4'000));
+
+TEST_F(PoseGateTest, a_pose_in_a_wrong_frame_is_no_part_of_the_next_window) {
+  send(10);
+  PoseSample sample;
+  sample.tool_id = 3;
+  sample.arrival_ns = now_ns += ns_from_ms(period_ms);
+  sample.utime_us = now_ns / 1000;
+  sample.seq = ++seq;
+  sample.T_base_flange.translation_mm = at;
+  gate.add(sample);
+  send(125);  // 496 ms, 500 with the pose in the wrong frame
+  EXPECT_EQ(settled(), Code::not_settled);
+  send(1);
+  EXPECT_EQ(settled(), Code::ok);
+}
+
 }  // namespace
 }  // namespace slabd::daemon

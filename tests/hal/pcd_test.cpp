@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "hal/lzf.h"
 #include "hal/pcd_header.h"
 #include "tests/hal/scan_reading.h"
@@ -87,7 +89,7 @@ TEST(Pcd, counts_that_lie_are_refused_before_they_are_used) {
     expect_refused(kFields + "WIDTH " + width + "\nHEIGHT 1\nDATA binary\n" + kSix, "header line 5: not a count");
   expect_refused(kFields + "WIDTH 2\nHEIGHT 1\nPOINTS 3\nDATA binary\n" + kSix, "POINTS 3 is not WIDTH 2 * HEIGHT 1");
   expect_refused(kFields + "WIDTH 0\nHEIGHT 1\nDATA binary\n", "no points", Code::too_few_points);
-  expect_refused(kFields + kTwo + "DATA binary\n" + kSix + "x", "asks for ");
+  expect_refused(kFields + kTwo + "DATA binary\n" + kSix + "x", ": 1 byte too many behind the data");
   expect_refused(kFields + "WIDTH 4\nHEIGHT 1\nDATA ascii\n1 2 3\n4 5 6\n", "asks for at least");
   expect_refused(kFields + "WIDTH 65\nHEIGHT 1\nDATA binary\n" + std::string(65 * 12, '\0'),
                  "65 points, allowed are at most 64");
@@ -111,7 +113,7 @@ TEST(Pcd, compressed_lengths_that_lie_are_refused) {
   expect_points(head + good, "a.pcd", {1, 3, 5, 2, 4, 6});
   expect_refused(head + good.substr(0, 7), "asks for at least");
   expect_refused(head + good.substr(0, good.size() - 1), "bytes of compressed data, the file has");
-  expect_refused(head + good + "x", "bytes of compressed data, the file has");
+  expect_refused(head + good + "x", ": 1 byte too many behind the data");
   expect_refused(head + u32(4'294'967'295U) + u32(24) + stream, "4294967295 bytes of compressed data");
   expect_refused(head + u32(stream.size()) + u32(25) + stream, "data of 25 bytes, the header's points need 24");
   expect_refused(head + u32(stream.size()) + u32(4'294'967'295U) + stream, "data of 4294967295 bytes");
@@ -119,6 +121,70 @@ TEST(Pcd, compressed_lengths_that_lie_are_refused) {
   expect_refused(head + u32(more.size()) + u32(24) + more, "decode to more bytes");
   const std::string less = lzf_compress(kSix.substr(0, 20));
   expect_refused(head + u32(less.size()) + u32(24) + less, "decode to fewer bytes");
+}
+
+TEST(Pcd, zeros_behind_the_data_as_pcls_writer_leaves_them_are_read) {
+  const std::string header =
+      "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\n" + kFields + kTwo + "VIEWPOINT 0 0 0 1 0 0 0\nDATA ";
+  const std::string packed = compressed(kSix);
+  // PCL makes the file as long as a memory page and the data, header not counted.
+  for (const std::size_t page : {4'096U, 16'384U, 65'536U}) {
+    std::string binary = header + "binary\n" + kSix;
+    binary.resize(page + kSix.size(), '\0');
+    expect_points(binary, "a.pcd", {1, 2, 3, 4, 5, 6});
+    std::string squeezed = header + "binary_compressed\n" + packed;
+    squeezed.resize(page + packed.size(), '\0');
+    expect_points(squeezed, "a.pcd", {1, 3, 5, 2, 4, 6});
+    for (std::string* bytes : {&binary, &squeezed}) {
+      bytes->back() = '\x01';
+      expect_refused(*bytes, " bytes too many behind the data that the header announces");
+    }
+  }
+  const std::string whole = header + "binary\n" + kSix;
+  expect_points(whole + std::string(65'536, '\0'), "a.pcd", {1, 2, 3, 4, 5, 6});
+  expect_refused(whole + std::string(65'537, '\0'),
+                 "byte " + std::to_string(whole.size()) + ": 65537 bytes too many behind the data");
+  expect_points(whole + "\n", "a.pcd", {1, 2, 3, 4, 5, 6});
+  expect_refused(whole.substr(0, whole.size() - 1), "the file ends here, its header asks for");
+}
+
+TEST(Pcd, the_drop_folder_agrees_with_the_reader_on_what_is_whole) {
+  const std::string binary = kFields + kTwo + "DATA binary\n" + kSix;
+  const std::string squeezed = kFields + kTwo + "DATA binary_compressed\n" + compressed(kSix);
+  for (const std::string& bytes : {binary, squeezed}) {
+    const std::string zeros(4'000, '\0');
+    const auto complete = [](const std::string& content) {
+      return is_complete_scan(test::memory_file(content).get(), "a.pcd", LengthUnit::mm);
+    };
+    EXPECT_TRUE(complete(bytes));
+    EXPECT_TRUE(complete(bytes + zeros));
+    EXPECT_TRUE(complete(bytes + "\n"));
+    EXPECT_FALSE(complete(bytes + zeros + "x"));
+    EXPECT_FALSE(complete(bytes + std::string(65'537, '\0')));
+    EXPECT_FALSE(complete(bytes.substr(0, bytes.size() - 1)));
+    EXPECT_EQ(bytes_of_data(test::memory_file(bytes + zeros).get(), "a.pcd", LengthUnit::mm), bytes.size());
+    EXPECT_EQ(bytes_of_data(test::memory_file(bytes.substr(0, bytes.size() - 1)).get(), "a.pcd", LengthUnit::mm),
+              bytes.size() - 1);
+    EXPECT_FALSE(lacks_bytes(test::memory_file(bytes + zeros).get(), "a.pcd", LengthUnit::mm));
+  }
+}
+
+TEST(Pcd, forms_of_text_that_other_programs_write) {
+  const std::string text = kFields + kTwo + "DATA ascii\n1 2 3\n4 5 6\n";
+  std::string cr = text;
+  std::replace(cr.begin(), cr.end(), '\n', '\r');
+  expect_points(cr, "a.pcd", {1, 2, 3, 4, 5, 6});
+  expect_points("\xEF\xBB\xBF" + text, "a.pcd", {1, 2, 3, 4, 5, 6});
+  expect_points("\xEF\xBB\xBF" + kFields + kTwo + "DATA binary\n" + kSix, "a.pcd", {1, 2, 3, 4, 5, 6});
+  std::string big_endian;
+  for (const char c : text) big_endian += std::string{'\0', c};
+  expect_refused("\xFE\xFF" + big_endian, "UTF-16 text");
+  expect_refused(big_endian, "UTF-16 text");
+  expect_refused(kFields + kTwo + "DATA ascii\n1,5 2 3\n4 5 6\n",
+                 "line 9, column 1: \"1,5\" is not a number (a decimal comma is not read");
+  expect_refused(kFields + kTwo + "DATA ascii\n1.5,2,3\n4,5,6\n", "values are separated by blanks");
+  expect_refused(kFields + kTwo + "VIEWPOINT 0,0 0 0 1 0 0 0\nDATA ascii\n1 2 3\n4 5 6\n",
+                 "VIEWPOINT \"0,0\" (expected: seven numbers with decimal points)");
 }
 
 TEST(Pcd, what_is_not_supported_is_named) {

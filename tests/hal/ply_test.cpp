@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "tests/hal/scan_reading.h"
 
 // What scan_file_test.cpp does not hold already: text, lists, elements around the vertices.
@@ -100,7 +102,7 @@ TEST(Ply, lists_within_the_vertices_are_stepped_over) {
       const test::Read r = test::read_bytes(torn.substr(0, torn.size() - cut), "a.ply");
       EXPECT_FALSE(r.shape.ok()) << cut;
     }
-    expect_refused(torn + "x", "the file goes on for 1 bytes after its last element");
+    expect_refused(torn + "x", ": 1 byte too many behind the data");
   }
 }
 
@@ -133,7 +135,8 @@ TEST(Ply, elements_with_lists_before_and_after_the_vertices) {
                               face(4) + std::string(8, 'n');
     expect_points(bytes, "a.ply", {1, 2, 3, 4, 5, 6});
     expect_refused(bytes.substr(0, bytes.size() - 1), "the file ends within its data");
-    expect_refused(bytes + "xx", "the file goes on for 2 bytes");
+    expect_refused(bytes + "xx", ": 2 bytes too many behind the data");
+    expect_points(bytes + "\n", "a.ply", {1, 2, 3, 4, 5, 6});
   }
 }
 
@@ -141,6 +144,77 @@ TEST(Ply, elements_without_properties_take_no_room) {
   expect_points(head("ascii", "element nothing 5\n" + kTwo) + "1 2 3\n4 5 6\n", "a.ply", {1, 2, 3, 4, 5, 6});
   expect_points(head(kLittle, "element nothing 1099511627776\n" + kTwo) + point(1, 2, 3) + point(4, 5, 6), "a.ply",
                 {1, 2, 3, 4, 5, 6});
+}
+
+/// As a C runtime in text mode writes it.
+std::string in_text_mode(const std::string& bytes) {
+  std::string out;
+  for (const char c : bytes) {
+    if (c == '\n') out += '\r';
+    out += c;
+  }
+  return out;
+}
+
+TEST(Ply, a_line_end_or_zeros_behind_binary_data_are_no_part_of_it) {
+  const std::string whole = head(kLittle, kTwo) + point(1, 2, 3) + point(4, 5, 6);
+  for (const std::string& tail :
+       {std::string("\n"), std::string("\r\n"), std::string(1, '\0'), std::string(65'536, '\0')})
+    expect_points(whole + tail, "a.ply", {1, 2, 3, 4, 5, 6});
+  expect_refused(whole + "\n\n", "byte " + std::to_string(whole.size()) + ": 2 bytes too many behind the data");
+  expect_refused(whole + " ", ": 1 byte too many behind the data that the header announces");
+  expect_refused(whole + std::string(65'537, '\0'), ": 65537 bytes too many");
+  expect_refused(whole + std::string(30, '\0') + "x", ": 31 bytes too many");
+}
+
+TEST(Ply, binary_data_written_in_text_mode_are_named_as_that) {
+  const std::string whole = head(kLittle, kTwo) + "\n23\n" + bytes_of(2.0F) + "\n234" + point(4, 5, 6);
+  ASSERT_EQ(whole.size(), head(kLittle, kTwo).size() + 24);
+  expect_refused(in_text_mode(whole),
+                 ": 3 bytes too many behind the data that the header announces (every LF has a CR "
+                 "before it: binary data were written in text mode");
+  // One LF without a CR: something else went wrong.
+  const test::Read r = test::read_bytes(in_text_mode(whole) + "\n", "a.ply");
+  EXPECT_NE(r.why().find(": 4 bytes too many"), std::string::npos) << r.why();
+  EXPECT_EQ(r.why().find("text mode"), std::string::npos) << r.why();
+}
+
+TEST(Ply, lines_that_end_with_cr_alone_are_read) {
+  const auto with_cr = [](std::string text) {
+    std::replace(text.begin(), text.end(), '\n', '\r');
+    return text;
+  };
+  expect_points(
+      with_cr(head("ascii", "comment scan 7\nelement camera 1\nproperty float f\n" + kTwo) + "50\n1 2 3\n4 5 6\n"),
+      "a.ply", {1, 2, 3, 4, 5, 6});
+  expect_points(with_cr(head("ascii", kTwo) + "1 2 3\n4 5 6"), "a.ply", {1, 2, 3, 4, 5, 6});
+  expect_refused(with_cr(head("ascii", kTwo) + "1 2 3\n4 5 six\n"), "line 9, column 5: \"six\" is not a number");
+  // The first byte of the data is an LF.
+  const std::string first = "\n23\x41";
+  float x = 0.0F;
+  std::memcpy(&x, first.data(), 4);
+  expect_points(with_cr(head(kLittle, kTwo)) + point(x, 2, 3) + point(4, 5, 6), "a.ply", {x, 2, 3, 4, 5, 6});
+  expect_points(in_text_mode(head(kLittle, kTwo)) + point(x, 2, 3) + point(4, 5, 6), "a.ply", {x, 2, 3, 4, 5, 6});
+}
+
+TEST(Ply, a_byte_order_mark_is_stepped_over_and_utf16_is_named) {
+  const std::string mark = "\xEF\xBB\xBF";
+  expect_points(mark + head("ascii", kTwo) + "1 2 3\n4 5 6\n", "a.ply", {1, 2, 3, 4, 5, 6});
+  const std::string binary = mark + head(kLittle, kTwo) + point(1, 2, 3) + point(4, 5, 6);
+  expect_points(binary, "a.ply", {1, 2, 3, 4, 5, 6});
+  expect_refused(binary + "x", ": 1 byte too many");
+  expect_refused(binary.substr(0, binary.size() - 1), "asks for " + std::to_string(binary.size()) + " bytes");
+  std::string wide;
+  for (const char c : head("ascii", kTwo) + "1 2 3\n4 5 6\n") wide += std::string{c, '\0'};
+  expect_refused("\xFF\xFE" + wide, "UTF-16 text, two bytes for each character: save it as UTF-8 or ASCII");
+  expect_refused(wide, "UTF-16 text");
+}
+
+TEST(Ply, a_decimal_comma_is_named) {
+  expect_refused(head("ascii", kTwo) + "1,5 2,5 3,5\n",
+                 "line 8, column 1: \"1,5\" is not a number (a decimal comma is not "
+                 "read: save the scan with decimal points)");
+  expect_refused(head("ascii", kTwo) + "1,2,3\n4,5,6\n", "\"1,2,3\" is not a number (values are separated by blanks here)");
 }
 
 TEST(Ply, headers_have_bounds) {

@@ -43,6 +43,16 @@ class SteppedClock final : public Clock {
   std::atomic<std::int64_t> now_ns = kNsPerS;
 };
 
+/// Each look at it is a millisecond later than the one before: what is bounded by time is bounded by looks.
+class TickingClock final : public Clock {
+ public:
+  [[nodiscard]] std::int64_t mono_ns() const override { return now_ns_ += kNsPerMs; }
+  [[nodiscard]] std::int64_t utime_us() const override { return now_ns_ / kNsPerUs; }
+
+ private:
+  mutable std::atomic<std::int64_t> now_ns_ = kNsPerS;
+};
+
 class ScanDropTest : public ::testing::Test {
  protected:
   void SetUp() override {

@@ -180,7 +180,7 @@ TEST(ScanFile, a_file_of_another_length_than_its_header_says_is_refused) {
   const std::string whole = header(kLittle, "element vertex 3\n" + kFloatXyz) + std::string(36, '\0');
   for (std::size_t cut = 1; cut <= 36; ++cut)
     expect_refused(whole.substr(0, whole.size() - cut), "byte " + std::to_string(whole.size() - cut));
-  expect_refused(whole + "x", "asks for " + std::to_string(whole.size()) + " bytes");
+  expect_refused(whole + "x", "byte " + std::to_string(whole.size()) + ": 1 byte too many");
   TemporaryFolder folder;
   write_file(folder / "a.ply", whole);
   EXPECT_TRUE(read(folder / "a.ply").shape.ok());

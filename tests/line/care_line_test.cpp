@@ -242,6 +242,53 @@ TEST_F(CareLine, a_second_daemon_leaves_the_scanner_alone_until_the_database_is_
   EXPECT_EQ(other.stop(), 0);
 }
 
+/// A daemon with a database and a port of its own, and one folder that is another's.
+void share_folder(const Box& box, const Box& with, const std::string& folder) {
+  std::string text = read_file(box.config);
+  const std::string own = (box.dir / folder).native();
+  text.replace(text.find(own), own.size(), (with.dir / folder).native());
+  std::ofstream(box.config) << text;
+}
+
+bool comes_to_fault(const Box& box, int code) {
+  for (int i = 0; i < 3000 && input_register(box.port, kFault) != code; ++i) ::usleep(10'000);
+  return input_register(box.port, kFault) == code;
+}
+
+/// The second of two stands in 504, names the first, and goes on when that has ended.
+void expect_one_at_a_time(Box& first, Box& second) {
+  second.start();
+  ASSERT_TRUE(second.ready()) << second.log();
+  EXPECT_TRUE(comes_to_fault(second, 504)) << second.log();
+  EXPECT_EQ(input_register(second.port, kState), kStateFault);
+  const json status =
+      json::parse(second.slabctl({"status", "--json", "--config", second.config.native()}).out, nullptr, false);
+  ASSERT_TRUE(status.is_object());
+  const std::string text = status["fault"]["text"].get<std::string>();
+  EXPECT_NE(text.find("is used by another daemon (slabd, process " + std::to_string(first.pid()) + " on "),
+            std::string::npos)
+      << text;
+  EXPECT_NE(text.find(first.config.native()), std::string::npos) << text;
+  EXPECT_EQ(input_register(first.port, kFault), 0) << first.log();
+  first.kill_hard();
+  EXPECT_TRUE(comes_to_fault(second, 0)) << second.log();
+  EXPECT_EQ(second.stop(), 0);
+}
+
+TEST_F(CareLine, of_two_daemons_on_one_drop_folder_the_second_stands_in_504_and_names_the_first) {
+  start();
+  Box other;
+  share_folder(other, box_, "drop");
+  expect_one_at_a_time(box_, other);
+}
+
+TEST_F(CareLine, of_two_daemons_on_one_spool_the_second_stands_in_504_and_names_the_first) {
+  start();
+  Box other;
+  share_folder(other, box_, "spool");
+  expect_one_at_a_time(box_, other);
+}
+
 /// `slabctl status --watch` on a terminal of its own.
 class Watch {
  public:
