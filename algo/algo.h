@@ -144,6 +144,10 @@ class BlockInspector {
   /// Builds the block model and its closest-face table; about 80 ms. No heap.
   void use(const Recipe& recipe);
 
+  /// Ends the stage under way soon, with deadline, and those after it. Callable from any thread; forgotten by begin().
+  /// For a computer that is too slow: what a scan may cost is bounded by counted work, the same on every computer.
+  void give_up();
+
   /// Starts a block: clears the result, notes the station (1..18, only carried through) and the pose to start from:
   /// base frame <- block's nominal, and scanner in the base frame (splicing: T_base_flange * T_flange_scanner).
   /// Offline scans pass T_base_block = identity and T_base_scanner = T_block_scanner. `verified`: the scanner's

@@ -115,13 +115,13 @@ bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, Scan
   return true;
 }
 
-void remove_isolated(Cloud& cloud, const DenoiseWorkspace& work, Team& team, ScanCounts& counts) {
+bool remove_isolated(Cloud& cloud, const DenoiseWorkspace& work, Team& team, ScanCounts& counts) {
   assert(cloud.points <= work.keep.size());
   counts = ScanCounts{};
   counts.points_read = cloud.points;
   // A scan whose header says grid and whose points do not lie in one is a cloud like any other.
-  if (denoise_grid(cloud, work, team, counts)) return;
-  if (!denoise_lattice(cloud, work, team, counts)) denoise_cloud(cloud, work, counts);
+  if (denoise_grid(cloud, work, team, counts) || denoise_lattice(cloud, work, team, counts)) return true;
+  return denoise_cloud(cloud, work, counts);
 }
 
 }  // namespace slabd::algo

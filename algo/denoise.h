@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <span>
 
@@ -18,10 +19,11 @@ struct TilePlane {
 
 /// Memory for `remove_isolated`, owned by the inspector.
 struct DenoiseWorkspace {
-  std::span<std::uint32_t> order;       ///< >= points
-  std::span<std::uint8_t> keep;         ///< >= points
-  std::span<std::uint32_t> cell_start;  ///< limits::kDenoiseCellsMax + 1
-  std::span<TilePlane> surface;         ///< limits::kDenoiseCellsMax
+  std::span<std::uint32_t> order;              ///< >= points
+  std::span<std::uint8_t> keep;                ///< >= points
+  std::span<std::uint32_t> cell_start;         ///< limits::kDenoiseCellsMax + 1
+  std::span<TilePlane> surface;                ///< limits::kDenoiseCellsMax
+  const std::atomic<bool>* give_up = nullptr;  ///< becomes true when the caller does not want to wait any longer
 };
 
 /// Sets points that no surface goes through, and that hang together with no long strip of their like
@@ -31,7 +33,9 @@ struct DenoiseWorkspace {
 /// in XY. A width and height that are not so are taken away from `cloud`. Order decides nothing and stays, with number,
 /// width and height, unless consecutive points lie anywhere: with evenly spaced rays, and room for their grid, such a
 /// cloud becomes an organised scan (algo/lattice_order.h). `order` and `keep` of limits::kScanPointsMax hold every
-/// grid. Threads and instruction set decide nothing either.
-void remove_isolated(Cloud& cloud, const DenoiseWorkspace& work, Team& team, ScanCounts& counts);
+/// grid. Threads and instruction set decide nothing either. False: given up, because a scan in which no surface is
+/// found took more looks at its points than limits::kDenoiseLooksMax, or because of `give_up`; the points are as they
+/// were but for missing ones, and `counts` is not complete.
+[[nodiscard]] bool remove_isolated(Cloud& cloud, const DenoiseWorkspace& work, Team& team, ScanCounts& counts);
 
 }  // namespace slabd::algo

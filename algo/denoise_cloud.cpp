@@ -24,6 +24,8 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
+#include <bit>
 #include <cassert>
 #include <cmath>
 #include <cstring>
@@ -136,12 +138,36 @@ class Draw {
   const float* xyz_;
 };
 
+/// What denoising has cost so far, in looks at a point. The bound is on counted work and not on time: the same scan
+/// comes to the same result on every computer.
+class WorkCount {
+ public:
+  explicit WorkCount(const std::atomic<bool>* give_up) : give_up_(give_up) {}
+
+  void looked(std::size_t points) { looks_ += points; }
+  /// Points that lie anywhere in memory, one by one.
+  void followed(std::size_t points) { looks_ += 2 * points; }
+  /// Each point of a draw is hashed, for every comparison it takes part in.
+  void drew(std::size_t points) { looks_ += kLooksPerDraw * points; }
+  void sorted(std::size_t points) { drew(points * static_cast<std::size_t>(std::bit_width(points))); }
+  [[nodiscard]] bool used_up() const {
+    return looks_ > limits::kDenoiseLooksMax || (give_up_ != nullptr && give_up_->load(std::memory_order_relaxed));
+  }
+
+ private:
+  static constexpr std::size_t kLooksPerDraw = 8;
+  const std::atomic<bool>* give_up_;
+  std::uint64_t looks_ = 0;
+};
+
 /// Puts the points of every cell that are looked at in front.
-void draw_samples(const float* xyz, PointGrid& grid) {
+void draw_samples(const float* xyz, PointGrid& grid, WorkCount& work) {
   for (std::size_t c = 0; c < grid.cells(); ++c) {
     const std::span<std::uint32_t> points = grid.in_cell(c);
-    if (points.size() > kCellSample)
-      std::nth_element(points.begin(), points.begin() + kCellSample, points.end(), Draw(xyz));
+    if (points.size() <= kCellSample) continue;
+    work.drew(points.size());
+    if (work.used_up()) return;
+    std::nth_element(points.begin(), points.begin() + kCellSample, points.end(), Draw(xyz));
   }
 }
 
@@ -365,16 +391,19 @@ class SlopeChoice {
 };
 
 /// Calls f(k, dx, dy, d2) for the points within reach of `p` in XY that are looked at; at most kNeighboursMax, and `p`
-/// may be one of them.
+/// may be one of them. Returns how many were looked at.
 template <typename F>
-[[gnu::always_inline]] inline void for_each_around(const float* xyz, const PointGrid& grid, const float* p,
-                                                   float reach_mm, F&& f) {
+[[gnu::always_inline]] inline std::size_t for_each_around(const float* xyz, const PointGrid& grid, const float* p,
+                                                          float reach_mm, F&& f) {
   const float reach2 = reach_mm * reach_mm;
   const int c0 = grid.column(p[0] - reach_mm), c1 = grid.column(p[0] + reach_mm);
   const int r0 = grid.row(p[1] - reach_mm), r1 = grid.row(p[1] + reach_mm);
+  std::size_t looked = 0;
   for (int r = r0; r <= r1; ++r) {
     for (int c = c0; c <= c1; ++c) {
-      for (const std::uint32_t k : sample_of(grid, grid.cell(c, r))) {
+      const std::span<const std::uint32_t> sample = sample_of(grid, grid.cell(c, r));
+      looked += sample.size();
+      for (const std::uint32_t k : sample) {
         const float* q = xyz + 3 * std::size_t{k};
         const float dx = q[0] - p[0];
         const float dy = q[1] - p[1];
@@ -383,52 +412,112 @@ template <typename F>
       }
     }
   }
+  return looked;
 }
 
-/// Asks single points whether a surface goes through them.
+/// Asks single points whether a surface goes through them. The points around a cell are copied side by side once, for
+/// all points of the cell: then each point's look at its neighbours is a loop over plain arrays.
 class PointJudge {
  public:
-  PointJudge(const float* xyz, const PointGrid& grid, std::size_t points_of_ray)
+  PointJudge(const float* xyz, const PointGrid& grid, std::size_t points_of_ray, WorkCount& work)
       : xyz_(xyz),
         grid_(grid),
+        work_(work),
         reach_mm_(kReachPitches * grid.pitch_mm()),
         weight_min_(kWeightMin * static_cast<int>(points_of_ray)) {}
 
+  /// The points asked next lie in this cell.
+  void enter(int column, int row) {
+    column0_ = std::max(column - kReachCells, 0);
+    row0_ = std::max(row - kReachCells, 0);
+    column1_ = std::min(column + kReachCells, grid_.columns() - 1);
+    row1_ = std::min(row + kReachCells, grid_.rows() - 1);
+    is_copied_ = false;
+  }
   [[nodiscard]] bool on_surface(std::uint32_t self, std::span<const Slope> slopes) {
+    if (slopes.empty()) return false;
+    if (!is_copied_) copy();
     gather(self);
+    if (total_ < weight_min_) return false;
     for (const Slope& slope : slopes)
       if (plane_holds(slope)) return true;
     return false;
   }
 
  private:
-  /// Neighbours within reach, with their weights.
+  /// What reaches 3.5 pitches to each side touches two more cells of 3 pitches.
+  static constexpr int kReachCells = 2;
+  static constexpr int kSide = 2 * kReachCells + 1;
+  static constexpr std::size_t kCopiesMax = std::size_t{kSide * kSide} * kCellSample;
+
+  void copy() {
+    is_copied_ = true;
+    std::size_t count = 0;
+    for (int r = row0_; r <= row1_; ++r)
+      for (int c = column0_; c <= column1_; ++c) {
+        start_[start_of(c, r)] = static_cast<std::uint32_t>(count);
+        for (const std::uint32_t k : sample_of(grid_, grid_.cell(c, r))) {
+          const float* q = xyz_ + 3 * std::size_t{k};
+          point_[count] = k;
+          x_[count] = q[0];
+          y_[count] = q[1];
+          z_[count++] = q[2];
+        }
+        start_[start_of(c, r) + 1] = static_cast<std::uint32_t>(count);
+      }
+    work_.looked(count);
+  }
+  [[nodiscard]] std::size_t start_of(int column, int row) const {
+    return static_cast<std::size_t>((row - row0_) * (kSide + 1) + (column - column0_));
+  }
+
+  /// Neighbours within reach, with their weights; what is out of reach in the cells around has none.
   void gather(std::uint32_t self) {
     count_ = 0;
     total_ = 0;
     const float* p = xyz_ + 3 * std::size_t{self};
+    const float px = p[0], py = p[1], pz = p[2];
     const float reach2 = reach_mm_ * reach_mm_;
-    for_each_around(xyz_, grid_, p, reach_mm_, [&](std::uint32_t k, float dx, float dy, float d2) {
-      if (k == self) return;
-      const float u = 1.0F - d2 / reach2;
-      dx_[count_] = dx;
-      dy_[count_] = dy;
-      dz_[count_] = xyz_[3 * std::size_t{k} + 2] - p[2];
-      weight_[count_] = static_cast<int>(u * u * static_cast<float>(kWeightOne));
-      total_ += weight_[count_++];
-    });
+    const int c0 = std::max(grid_.column(px - reach_mm_), column0_);
+    const int c1 = std::min(grid_.column(px + reach_mm_), column1_);
+    const int r0 = std::max(grid_.row(py - reach_mm_), row0_);
+    const int r1 = std::min(grid_.row(py + reach_mm_), row1_);
+    for (int r = r0; r <= r1; ++r) {
+      const std::size_t first = start_[start_of(c0, r)];
+      const std::size_t count = start_[start_of(c1, r) + 1] - first;
+      const float* x = x_.data() + first;
+      const float* y = y_.data() + first;
+      const float* z = z_.data() + first;
+      const std::uint32_t* k = point_.data() + first;
+      float* dx = dx_.data() + count_;
+      float* dy = dy_.data() + count_;
+      float* dz = dz_.data() + count_;
+      int* weight = weight_.data() + count_;
+      int total = 0;
+      for (std::size_t i = 0; i < count; ++i) {
+        dx[i] = x[i] - px;
+        dy[i] = y[i] - py;
+        dz[i] = z[i] - pz;
+        const float d2 = dx[i] * dx[i] + dy[i] * dy[i];
+        const float u = 1.0F - d2 / reach2;
+        const int within = static_cast<int>(u * u * static_cast<float>(kWeightOne));
+        weight[i] = d2 < reach2 && k[i] != self ? within : 0;
+        total += weight[i];
+      }
+      total_ += total;
+      count_ += count;
+    }
+    work_.looked(count_);
   }
 
   [[nodiscard]] float off(std::size_t i, const Slope& slope) const {
     return dz_[i] - slope.x * dx_[i] - slope.y * dy_[i];
   }
   [[nodiscard]] bool plane_holds(const Slope& slope) const {
-    if (total_ < weight_min_) return false;
     const float gate = plane_gate(slope, grid_.pitch_mm());
     int held = 0;
-    for (std::size_t i = 0; i < count_; ++i) {
-      held += std::abs(off(i, slope)) <= gate ? weight_[i] : 0;
-    }
+    for (std::size_t i = 0; i < count_; ++i) held += std::abs(off(i, slope)) <= gate ? weight_[i] : 0;
+    work_.looked(count_);
     if (held < weight_min_ || static_cast<float>(held) < kShareMin * static_cast<float>(total_)) return false;
     if (static_cast<float>(held) >= kShareSure * static_cast<float>(total_)) return true;
     return beside_the_rest(slope, gate, total_ - held);
@@ -439,7 +528,7 @@ class PointJudge {
     std::int64_t x = 0;
     std::int64_t y = 0;
     for (std::size_t i = 0; i < count_; ++i) {
-      if (std::abs(off(i, slope)) <= gate) continue;
+      if (weight_[i] == 0 || std::abs(off(i, slope)) <= gate) continue;
       x += std::int64_t{weight_[i]} * static_cast<int>(kUnits * dx_[i] / reach_mm_);
       y += std::int64_t{weight_[i]} * static_cast<int>(kUnits * dy_[i] / reach_mm_);
     }
@@ -449,10 +538,16 @@ class PointJudge {
 
   const float* xyz_;
   const PointGrid& grid_;
+  WorkCount& work_;
   float reach_mm_;
   int weight_min_;
-  std::array<float, kNeighboursMax> dx_{}, dy_{}, dz_{};
-  std::array<int, kNeighboursMax> weight_{};
+  int column0_ = 0, row0_ = 0, column1_ = 0, row1_ = 0;
+  bool is_copied_ = false;
+  std::array<std::uint32_t, kSide*(kSide + 1)> start_{};
+  std::array<std::uint32_t, kCopiesMax> point_{};
+  std::array<float, kCopiesMax> x_{}, y_{}, z_{};
+  std::array<float, kCopiesMax> dx_{}, dy_{}, dz_{};
+  std::array<int, kCopiesMax> weight_{};
   std::size_t count_ = 0;
   int total_ = 0;
 };
@@ -477,14 +572,17 @@ enum Keep : std::uint8_t {
 };
 
 /// Brings the noise of every cell into an order of its own, with the points that are looked at in front as before.
-void sort_noise(const float* xyz, PointGrid& grid, std::span<const std::uint8_t> keep) {
+void sort_noise(const float* xyz, PointGrid& grid, std::span<const std::uint8_t> keep, WorkCount& work) {
   const auto is_noise = [&](std::uint32_t i) { return keep[i] == kNoise; };
   for (std::size_t c = 0; c < grid.cells(); ++c) {
     const std::span<std::uint32_t> points = grid.in_cell(c);
     const std::size_t sample = std::min(points.size(), kCellSample);
     for (const std::span<std::uint32_t> part : {points.first(sample), points.subspan(sample)}) {
       const auto end = std::partition(part.begin(), part.end(), is_noise);
-      if (end - part.begin() > 1) std::sort(part.begin(), end, Draw(xyz));
+      if (end - part.begin() <= 1) continue;
+      work.sorted(static_cast<std::size_t>(end - part.begin()));
+      if (work.used_up()) return;
+      std::sort(part.begin(), end, Draw(xyz));
     }
   }
 }
@@ -493,8 +591,9 @@ void sort_noise(const float* xyz, PointGrid& grid, std::span<const std::uint8_t>
 /// long, or comes upon one that was: so each point is followed about once.
 class NoiseGroups {
  public:
-  NoiseGroups(const float* xyz, const PointGrid& grid, std::span<std::uint8_t> keep, const noise_group::Rule& rule)
-      : xyz_(xyz), grid_(grid), keep_(keep), rule_(rule), reach_mm_(kLinkPitches * grid.pitch_mm()) {}
+  NoiseGroups(const float* xyz, const PointGrid& grid, std::span<std::uint8_t> keep, const noise_group::Rule& rule,
+              WorkCount& work)
+      : xyz_(xyz), grid_(grid), keep_(keep), rule_(rule), work_(work), reach_mm_(kLinkPitches * grid.pitch_mm()) {}
 
   void follow(std::uint32_t start) {
     const float longest_mm = static_cast<float>(rule_.length - 1) * grid_.pitch_mm();
@@ -505,7 +604,7 @@ class NoiseGroups {
     add(start);
     for (std::size_t i = 0; i < size_ && !is_long; ++i) {
       const float* p = xyz_ + 3 * std::size_t{group_[i]};
-      for_each_around(xyz_, grid_, p, reach_mm_, [&](std::uint32_t k, float, float, float) {
+      work_.followed(for_each_around(xyz_, grid_, p, reach_mm_, [&](std::uint32_t k, float, float, float) {
         const float* q = xyz_ + 3 * std::size_t{k};
         if (std::abs(q[2] - p[2]) > rule_.step_mm) return;
         if (keep_[k] == kLongOne) is_long = true;
@@ -514,7 +613,7 @@ class NoiseGroups {
         y0 = std::min(y0, q[1]), y1 = std::max(y1, q[1]);
         is_long = is_long || std::max(x1 - x0, y1 - y0) >= longest_mm;
         add(k);
-      });
+      }));
     }
     for (std::size_t i = 0; i < size_; ++i) keep_[group_[i]] = is_long ? kLongOne : kShortOne;
   }
@@ -533,18 +632,22 @@ class NoiseGroups {
   const PointGrid& grid_;
   std::span<std::uint8_t> keep_;
   const noise_group::Rule rule_;
+  WorkCount& work_;
   float reach_mm_;
   std::array<std::uint32_t, kGroupMax> group_{};
   std::size_t size_ = 0;
 };
 
 /// By one rule after the other; what hangs together is then as good as a surface.
-void keep_noise_groups(const float* xyz, PointGrid& grid, std::span<std::uint8_t> keep) {
+void keep_noise_groups(const float* xyz, PointGrid& grid, std::span<std::uint8_t> keep, WorkCount& work) {
   for (const noise_group::Rule& rule : noise_group::kRules) {
-    NoiseGroups groups(xyz, grid, keep, rule);
+    NoiseGroups groups(xyz, grid, keep, rule, work);
     for (std::size_t c = 0; c < grid.cells(); ++c)
-      for (const std::uint32_t i : grid.in_cell(c))
-        if (keep[i] == kNoise) groups.follow(i);
+      for (const std::uint32_t i : grid.in_cell(c)) {
+        if (keep[i] != kNoise) continue;
+        if (work.used_up()) return;
+        groups.follow(i);
+      }
     std::replace(keep.begin(), keep.end(), std::uint8_t{kLongOne}, std::uint8_t{kSurface});
     std::replace(keep.begin(), keep.end(), std::uint8_t{kShortOne}, std::uint8_t{kNoise});
   }
@@ -552,40 +655,47 @@ void keep_noise_groups(const float* xyz, PointGrid& grid, std::span<std::uint8_t
 
 }  // namespace
 
-void denoise_cloud(Cloud& cloud, const DenoiseWorkspace& work, ScanCounts& counts) {
+bool denoise_cloud(Cloud& cloud, const DenoiseWorkspace& work, ScanCounts& counts) {
   counts.points_finite = mark_missing(cloud);
-  if (counts.points_finite == 0) return;
+  if (counts.points_finite == 0) return true;
   assert(cloud.points <= work.order.size());
 
   float* xyz = cloud.xyz.data();
+  WorkCount spent(work.give_up);
   PointGrid grid(work.order, work.cell_start);
   grid.build(xyz, cloud.points, kCellPitches);
-  draw_samples(xyz, grid);
+  draw_samples(xyz, grid, spent);
+  if (spent.used_up()) return false;
   const std::size_t points_of_ray = points_of_a_ray(xyz, grid);
   if (points_of_ray > 1) {
     grid.widen(xyz, cloud.points, std::sqrt(static_cast<float>(points_of_ray)), kCellPitches);
-    draw_samples(xyz, grid);
+    draw_samples(xyz, grid, spent);
+    if (spent.used_up()) return false;
   }
   CellJudge cell_judge(xyz, grid);
   cell_judge.set_tilt(typical_tilt(grid, cell_judge));
   for (std::size_t c = 0; c < grid.cells(); ++c) work.surface[c] = cell_judge.surface(c);
 
   SlopeChoice choice(grid, work.surface);
-  PointJudge point_judge(xyz, grid, points_of_ray);
+  PointJudge point_judge(xyz, grid, points_of_ray, spent);
   for (int row = 0; row < grid.rows(); ++row) {
     for (int column = 0; column < grid.columns(); ++column) {
       const std::size_t cell = grid.cell(column, row);
       const float level = work.surface[cell].z;
       const int calm = std::isnan(level) ? 0 : calm_cells_around(grid, work.surface, column, row);
       const std::span<const Slope> slopes = calm < 8 ? choice.around(column, row) : std::span<const Slope>{};
+      point_judge.enter(column, row);
       for (const std::uint32_t i : grid.in_cell(cell)) {
         const bool at_level = calm >= kCalmCells && std::abs(cell_judge.height(i) - level) <= kCalm_mm;
         work.keep[i] = at_level || (calm < 8 && point_judge.on_surface(i, slopes)) ? kSurface : kNoise;
+        // A cell may hold most of the scan.
+        if (spent.used_up()) return false;
       }
     }
   }
-  sort_noise(xyz, grid, work.keep);
-  keep_noise_groups(xyz, grid, work.keep.first(cloud.points));
+  sort_noise(xyz, grid, work.keep, spent);
+  keep_noise_groups(xyz, grid, work.keep.first(cloud.points), spent);
+  if (spent.used_up()) return false;
   for (std::size_t i = 0; i < cloud.points; ++i) {
     if (std::isnan(xyz[3 * i])) continue;
     if (work.keep[i] == kSurface)
@@ -594,6 +704,7 @@ void denoise_cloud(Cloud& cloud, const DenoiseWorkspace& work, ScanCounts& count
       std::fill_n(xyz + 3 * i, 3, kNone);
   }
   counts.isolated_removed = counts.points_finite - counts.points_kept;
+  return true;
 }
 
 }  // namespace slabd::algo

@@ -6,6 +6,6 @@
 namespace slabd::algo {
 
 /// Denoises points in whatever order they come; see remove_isolated.
-void denoise_cloud(Cloud& cloud, const DenoiseWorkspace& work, ScanCounts& counts);
+[[nodiscard]] bool denoise_cloud(Cloud& cloud, const DenoiseWorkspace& work, ScanCounts& counts);
 
 }  // namespace slabd::algo

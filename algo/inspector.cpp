@@ -13,6 +13,7 @@
 //     heights           the height map, built by `use`
 //     survey_*, map_*   extract: what the one pass over the scan leaves (algo/survey.h)
 //     flatness          extract: their cells
+#include <atomic>
 #include <cassert>
 #include <cmath>
 #include <span>
@@ -110,6 +111,7 @@ struct BlockInspector::Workspace {
   Pose T_base_scanner;
   ScannerNumbers verified;
   BlockResult result;
+  std::atomic<bool> give_up{false};
   bool has_recipe = false;
   bool has_map = false;  ///< of this block, not of an earlier one
 };
@@ -177,6 +179,10 @@ void BlockInspector::use(const Recipe& recipe) {
   work_->has_recipe = true;
 }
 
+void BlockInspector::give_up() {
+  work_->give_up = true;
+}
+
 void BlockInspector::begin(int station, const Pose& T_base_block, const Pose& T_base_scanner,
                            const ScannerNumbers& verified) {
   assert(work_->has_recipe && "use a recipe first");
@@ -184,6 +190,7 @@ void BlockInspector::begin(int station, const Pose& T_base_block, const Pose& T_
   work_->T_base_scanner = T_base_scanner;
   work_->verified = verified;
   work_->result = BlockResult{};
+  work_->give_up = false;
   work_->has_map = false;
   work_->result.station = static_cast<std::uint8_t>(station);
   blank_block_items(work_->recipe, work_->result);
@@ -197,7 +204,13 @@ Status BlockInspector::denoise(Cloud& cloud) {
                  cloud.points, cloud.xyz.size() / 3, limits::kScanPointsMax);
   }
   const Vec3 step_mm = find_coordinate_step(cloud, w.order.first(kStepScratch));
-  remove_isolated(cloud, {w.order, w.label, w.cell_start, w.surface}, w.team, w.result.scan);
+  if (!remove_isolated(cloud, {w.order, w.label, w.cell_start, w.surface, &w.give_up}, w.team, w.result.scan)) {
+    refuse_registration(w.result.registration, "not tried: too much noise to be judged");
+    return error(Code::deadline,
+                 "denoising was given up: hardly a surface goes through the %llu points, and to ask each of them takes "
+                 "longer than a measurement may",
+                 static_cast<unsigned long long>(w.result.scan.points_finite));
+  }
   w.result.scan.step_mm = step_mm;
   if (int axis = 0; step_mm.maxCoeff(&axis) > 1.01 * kCoordinateStepMax_mm) {
     refuse_registration(w.result.registration, "not tried: coordinates rounded too coarsely");
@@ -219,6 +232,10 @@ Status BlockInspector::register_to_model(const Cloud& cloud) {
   if (cloud.points < limits::kScanPointsMin) {
     refuse_registration(w.result.registration, "not tried: too few points");
     return error(Code::too_few_points, "%zu points, at least %zu needed", cloud.points, limits::kScanPointsMin);
+  }
+  if (w.give_up) {
+    refuse_registration(w.result.registration, "not tried: given up");
+    return error(Code::deadline, "the measurement was given up before the registration");
   }
   const RegistrationTask task{w.model, w.table, w.height_map, w.recipe.evaluation,
                               w.T_base_block.inverse() * w.T_base_scanner};
@@ -245,6 +262,7 @@ Status BlockInspector::extract(const Cloud& cloud) {
   if (result.registration.status != RegistrationStatus::converged)
     return error(Code::block_not_found, "extract needs a converged registration, it is %s",
                  name(result.registration.status).data());
+  if (w.give_up) return error(Code::deadline, "the measurement was given up before the features");
   const EvaluationSettings& evaluation = w.recipe.evaluation;
   // Every feature draws its own hypotheses, the same in every run.
   const auto settings_of = [&](const FaceExtent& whole, ItemId angle, std::uint64_t seed) {

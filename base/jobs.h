@@ -86,7 +86,7 @@ inline constexpr std::uint64_t kUnseenScan = 2;
 struct Attempt {
   std::int64_t slab_key = 0;
   std::uint8_t station = 0;
-  std::uint8_t number = 0;  ///< 1, 2, ... of this station
+  std::uint8_t number = 0;  ///< 1, 2, ... of this station; see `asked`
   std::uint16_t session = 0;
   std::uint16_t cmd_seq = 0;
   Pose T_base_flange;  ///< mean over the exposure
@@ -100,6 +100,9 @@ struct Attempt {
   double acquire_ms = 0.0;  ///< SCAN accepted until durable
   /// CRC-32C of the points (hal::points_crc32c); none: not taken.
   std::optional<std::uint32_t> points_crc32c{};
+  /// The scanner was asked for this scan. False: the SCAN failed before that, the attempt does not count, and the next
+  /// SCAN of the station uses its number and takes its row.
+  bool asked = true;
 };
 
 struct SessionJob {
@@ -122,7 +125,18 @@ struct CommandJob {
 /// "acquired n": after this commit the robot may leave.
 struct AcquiredJob {
   Attempt attempt;
-  std::uint64_t fingerprint = 0;  ///< of the scan's points, to be remembered; 0: none
+  std::uint64_t fingerprint = 0;        ///< of the scan's points, to be remembered; 0: none
+  std::int64_t measuring_since_ns = 0;  ///< as in MeasuringJob; 0: its measurement has ended
+};
+/// Marks an attempt: its measurement begins. A process that ends in order takes the mark away; one that crashes, or
+/// that the watchdog ends, leaves it, and the next process does not measure this attempt by itself.
+struct MeasuringJob {
+  std::int64_t slab_key = 0;
+  std::uint8_t station = 0;
+  std::uint8_t attempt = 0;
+  /// Monotonic time since the computer's start; 0: the mark is taken away. A mark from the future is from before a
+  /// restart of the computer, which proves nothing against the scan.
+  std::int64_t since_ns = 0;
 };
 /// A SCAN that came to nothing (no pose, no scan, unreadable ...): kept as an attempt with its code.
 struct FailedAttemptJob {
@@ -164,7 +178,7 @@ struct SeenScanJob {
 struct StoreJob {
   std::uint32_t ticket = 0;  ///< returned with the answer
   std::variant<SessionJob, BeginSlabJob, CommandJob, AcquiredJob, FailedAttemptJob, BlockJob, SlabJob, AckJob,
-               ReportJob, SeenScanJob>
+               ReportJob, SeenScanJob, MeasuringJob>
       what;
 };
 
@@ -182,9 +196,10 @@ enum class StationPhase : std::uint8_t {
 struct StationRecord {
   StationPhase phase = StationPhase::empty;
   std::uint8_t attempts = 0;
-  std::uint16_t code = 0;  ///< why the last SCAN came to nothing
-  Attempt attempt;         ///< the latest acquired one
-  BlockResult block;       ///< valid when measured
+  std::uint16_t code = 0;               ///< why the last SCAN came to nothing
+  Attempt attempt;                      ///< the latest acquired one
+  BlockResult block;                    ///< valid when measured
+  std::int64_t measuring_since_ns = 0;  ///< recovered: the mark that was left (MeasuringJob); 0: none
 };
 
 /// What a restarted daemon must know. A command that was accepted and not finished has been marked interrupted.
@@ -201,6 +216,9 @@ struct RecoveredLine {
   LineCalibration slab_calibration;  ///< what the open slab was begun with; the same rule
 
   bool slab_open = false;
+  /// CMD_SEQ of a SLAB_ABORT that was accepted for the open slab and not finished: it is the slab's newest command, and
+  /// it is carried out after the restart. 0: none.
+  std::uint16_t abort_seq = 0;
   SlabHeader slab;  ///< the open slab, else the last ended one (key 0 = none ever)
   std::array<StationRecord, limits::kStationsMax> stations{};
   /// The last ended slab as the PLC was shown it (station table, verdict, reason).

@@ -49,6 +49,11 @@ inline constexpr std::size_t kScanReadBytes = 1U << 18U;
 /// Neighbourhood cells of the isolation test: three point pitches wide, so nine points each; the largest scan needs
 /// 670 000 and gets slightly coarser ones, never more of them.
 inline constexpr std::size_t kDenoiseCellsMax = kScanSizes << 19U;
+/// Looks at a point that denoising a scan without a grid may take, 6 ns each. A full scan on random rays takes 125
+/// million, with a tenth of its points anywhere 260 million; a fog in which nothing is a surface would take 2 000
+/// million. With this bound the worst clouds end within three seconds, long before the watchdog looks
+/// (docs/MEASURING.md).
+inline constexpr std::uint64_t kDenoiseLooksMax = kScanSizes * 350'000'000;
 /// Points that take part in one ICP iteration. 2^16 points of 0.03 mm noise fix the pose to about 0.001 mm.
 inline constexpr std::size_t kIcpPointsMax = 1U << 16U;
 /// Cells of the closest-face table: 400 x 600 mm around the block at 1 mm.

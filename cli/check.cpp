@@ -12,12 +12,17 @@
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/recipe/recipe_diff.h"
-#include "cli/recipe/recipe_keys.h"
+#include "cli/recipe/recipe_reload.h"
 #include "cli/recipe/recipe_source.h"
 #include "cli/render.h"
+#include "daemon/recipe_keys.h"
 
 namespace slabd::cli {
 namespace {
+
+using daemon::geometry_of;
+using daemon::NamedNominal;
+using daemon::uncertainty_of;
 
 std::vector<NamedNominal> nominals_of(const Recipe& recipe) {
   std::vector<NamedNominal> list = geometry_of(recipe);
@@ -255,6 +260,7 @@ void add_recipe(CLI::App& app, int& exit_status) {
     }
   });
   add_recipe_diff(*recipe, exit_status);
+  add_recipe_reload(*recipe, exit_status);
 }
 
 }  // namespace slabd::cli

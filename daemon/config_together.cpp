@@ -3,9 +3,18 @@
 // Values that are good by themselves and cannot work together. What is left alone here shows at run time at best as "no
 // such file", at worst as a folder that is emptied.
 #include <fmt/format.h>
+#include <sys/stat.h>
 
+#include <algorithm>
 #include <array>
+#include <chrono>
+#include <deque>
 #include <filesystem>
+#include <future>
+#include <memory>
+#include <optional>
+#include <thread>
+#include <utility>
 #include <vector>
 
 #include "daemon/config_parts.h"
@@ -19,15 +28,92 @@ struct Place {
   std::string path;
 };
 
-/// By its name alone, with a slash at its end: whoever looks at a folder on a share that hangs does not come back.
-std::string place_of(const std::string& path) {
-  std::string place = std::filesystem::path(path).lexically_normal().native();
+/// With a slash at its end.
+std::string named(const std::filesystem::path& path) {
+  std::string place = path.lexically_normal().native();
   if (!place.ends_with('/')) place += '/';
   return place;
 }
 
+using FileId = std::pair<dev_t, ino_t>;
+
+/// Where a path really leads. Links are followed, also those to what is not there yet; folders are told by device and
+/// inode, too, because a bind mount shows one folder under two names.
+struct RealPlace {
+  std::string path;              ///< with a slash at its end
+  std::optional<FileId> itself;  ///< absent: it is not there
+  std::vector<FileId> above;     ///< the folders that it lies in, as far as they are there, and itself
+};
+
+std::optional<FileId> id_of(const std::filesystem::path& path) {
+  struct stat there {};
+  if (::stat(path.c_str(), &there) != 0) return std::nullopt;
+  return FileId{there.st_dev, there.st_ino};
+}
+
+RealPlace look_at(const std::string& path) {
+  constexpr int kLinksMax = 40;  // as the kernel's
+  std::error_code fault;
+  std::deque<std::filesystem::path> left;
+  for (const auto& part : std::filesystem::absolute(path, fault)) left.push_back(part);
+  std::filesystem::path real = "/";
+  for (int links = 0; !left.empty();) {
+    const std::filesystem::path part = left.front();
+    left.pop_front();
+    if (part.empty() || part == "." || part == "/") continue;
+    if (part == "..") {
+      real = real.parent_path();
+      continue;
+    }
+    const std::filesystem::path next = real / part;
+    std::error_code no_link;
+    const std::filesystem::path target = std::filesystem::read_symlink(next, no_link);
+    if (no_link || ++links > kLinksMax) {
+      real = next;
+      continue;
+    }
+    if (target.is_absolute()) real = "/";
+    const std::vector<std::filesystem::path> parts(target.begin(), target.end());
+    left.insert(left.begin(), parts.begin(), parts.end());
+  }
+  RealPlace place{named(real), id_of(real), {}};
+  for (std::filesystem::path folder = real; folder != "/"; folder = folder.parent_path())
+    if (const auto id = id_of(folder)) place.above.push_back(*id);
+  return place;
+}
+
+/// Whoever looks at a folder on a share that hangs does not come back: then the name has to do.
+RealPlace real_place(const std::string& path) {
+  constexpr auto kPatience = std::chrono::seconds(3);
+  const auto looked = std::make_shared<std::promise<RealPlace>>();
+  std::future<RealPlace> place = looked->get_future();
+  std::thread([looked, path] {
+    try {
+      looked->set_value(look_at(path));
+    } catch (const std::exception&) {
+      looked->set_exception(std::current_exception());
+    }
+  }).detach();
+  try {
+    if (place.wait_for(kPatience) == std::future_status::ready) return place.get();
+  } catch (const std::exception&) {
+  }
+  return {named(path), std::nullopt, {}};
+}
+
 bool lies_in(const std::string& path, const std::string& folder) {
-  return place_of(path).starts_with(place_of(folder));
+  if (named(path).starts_with(named(folder))) return true;
+  const RealPlace inner = real_place(path);
+  const RealPlace outer = real_place(folder);
+  return inner.path.starts_with(outer.path) ||
+         (outer.itself && std::find(inner.above.begin(), inner.above.end(), *outer.itself) != inner.above.end());
+}
+
+/// What a path is called in a message, with where it leads if that is elsewhere.
+std::string told(const std::string& path) {
+  const std::string real = real_place(path).path;
+  if (real == named(path)) return path;
+  return fmt::format("{} (really {})", path, real.substr(0, real.size() - 1));
 }
 
 /// What the scanner's folder holds is moved aside and deleted; whoever scans may write there. So nothing of slabd's
@@ -44,13 +130,13 @@ void check_drop_dir(TableReader& root, const Config& config) {
           .problem(place.key,
                    fmt::format("found {}, which is in the scanner's folder {} (scanner.drop_dir), where slabd "
                                "moves and deletes what it did not ask for; allowed is a place outside of it",
-                               place.path, drop_dir));
+                               told(place.path), told(drop_dir)));
   for (const Place& place : {Place{"storage", "spool_dir", config.storage.spool_dir},
                              Place{"calibration", "sessions_dir", config.sessions_dir}})
     if (lies_in(drop_dir, place.path))
       root.table("scanner").problem(
-          "drop_dir", fmt::format("found {}, which is in {} ({}.{}); allowed is a place outside of it", drop_dir,
-                                  place.path, place.table, place.key));
+          "drop_dir", fmt::format("found {}, which is in {} ({}.{}); allowed is a place outside of it", told(drop_dir),
+                                  told(place.path), place.table, place.key));
 }
 
 /// Database and socket are files: neither can be one of the folders, or hold one, or be the other.
@@ -68,13 +154,13 @@ void check_files(TableReader& root, const Config& config) {
         root.table(file.table)
             .problem(file.key,
                      fmt::format("found {}, which is a file and cannot be or hold {} ({}.{}); allowed is another place",
-                                 file.path, place.path, place.table, place.key));
+                                 told(file.path), told(place.path), place.table, place.key));
   };
   hold_nothing(db);
   places.push_back(db);
   hold_nothing(socket);
   for (const char* side : {"-wal", "-shm", ".writer"})
-    if (place_of(socket.path) == place_of(db.path + side))
+    if (named(socket.path) == named(db.path + side) || real_place(socket.path).path == real_place(db.path + side).path)
       root.table(socket.table)
           .problem(socket.key,
                    fmt::format("found {}, which is the name of a file beside storage.db; allowed is another "

@@ -41,6 +41,11 @@ class ThreadCrew final : public Crew {
   }
   std::span<float> slot(std::size_t index) override { return slots_[index]; }
   std::optional<std::uint32_t> points_crc32c(const AcquiredScan& scan) override;
+  void use_recipes(std::span<const Recipe> recipes) override {
+    recipes_ = recipes;
+    inspector_recipe_ = nullptr;
+  }
+  void give_up_measuring() override { inspector_.give_up(); }
 
  private:
   BlockMeasured measure(const MeasureBlock& job);

@@ -42,6 +42,10 @@ class Crew {
   /// measuring by then, which changes it. None: the file cannot be read, or holds something else. Called by the
   /// scanner's thread.
   [[nodiscard]] virtual std::optional<std::uint32_t> points_crc32c(const AcquiredScan& scan) = 0;
+  /// Other recipes from the next block on. Called while no block is measured; `recipes` must outlive their use.
+  virtual void use_recipes(std::span<const Recipe> /*recipes*/) {}
+  /// The block in hand takes too long: it is to be answered soon.
+  virtual void give_up_measuring() {}
 };
 
 /// Threads, and all memory of the inspection path, resident from the start. `recipes` and `clock` must outlive it.

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -73,6 +74,9 @@ void parse_recipe(const std::string& path, const std::string& bytes, Recipe& rec
 /// told. No recipe is a problem too. `texts` (may be null): their files, in the same order.
 void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems,
                   std::vector<storage::RecipeText>* texts = nullptr);
+
+/// The bytes of all recipe files of a folder, by path; one that cannot be read is reported and left out.
+[[nodiscard]] std::map<std::string, std::string> recipe_files(const std::string& dir, std::vector<Problem>& problems);
 
 /// Threads that measure a block when nobody says how many: 2 on a computer with two processors or more, else 1.
 [[nodiscard]] int default_measure_threads();

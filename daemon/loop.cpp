@@ -19,6 +19,7 @@
 
 #include "base/utf8.h"
 #include "daemon/judge.h"
+#include "daemon/log_outlet.h"
 #include "daemon/seal.h"
 #include "hal/journal.h"
 
@@ -31,6 +32,9 @@ constexpr std::int64_t kWatchdogPeriodNs = 3 * kNsPerS;
 /// A worker that shows no sign of life for so long is stuck; the service manager's watchdog then ends the process.
 /// Longer than any scan timeout and than a slow disk's sync.
 constexpr std::int64_t kWorkerStuckNs = 60 * kNsPerS;
+/// A block that takes longer is given up (405). By counted work alone none takes longer than some seconds
+/// (limits::kDenoiseLooksMax): this is for a computer that does ten times as little as it should.
+constexpr std::int64_t kMeasuringMaxNs = 15 * kNsPerS;
 /// Of the desk's change; the station counts its tickets up from 1 and does not come here in a century.
 constexpr std::uint32_t kChangeTicket = 0xFFFF'FFFF;
 /// The PLC link's state is logged when it has lasted so long, or when nothing was logged of it for the second time.
@@ -70,7 +74,8 @@ Code fault_without_store(const Error& why) {
 
 Loop::Loop(const Ports& ports, const StationSettings& settings, hal::LengthUnit scan_unit, int measure_threads,
            LoopFigures figures)
-    : Loop(ports, settings, make_crew(settings.recipes, scan_unit, ports.clock, measure_threads, settings.simulation), std::move(figures)) {}
+    : Loop(ports, settings, make_crew(settings.recipes, scan_unit, ports.clock, measure_threads, settings.simulation),
+           std::move(figures)) {}
 
 Loop::Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<Crew> crew, LoopFigures figures)
     : ports_(ports),
@@ -243,7 +248,22 @@ void Loop::finish() {
   ports_.notify.stopping();
   cancel_scan_ = true;
   store_worker_->drain();
+  give_measurements_up();
   while (delete_one()) continue;
+}
+
+/// A process that ends in order takes its marks away: the next one may measure these scans again.
+void Loop::give_measurements_up() {
+  if (!store_handed_over_) return;
+  const Station& s = *station_;
+  const auto give_up = [this](const Attempt& attempt) {
+    const MeasuringJob job{attempt.slab_key, attempt.station, attempt.number, 0};
+    (void)store_worker_->push(StoreTask{false, StoreJob{kNoJobTicket, job}});
+  };
+  if (s.acquisition.phase == Acquisition::Phase::storing) give_up(s.acquisition.attempt);
+  for (std::size_t i = 0; i < s.station_measuring.size(); ++i)
+    if (s.station_measuring[i]) give_up(s.slab.stations[i].attempt);
+  store_worker_->drain();
 }
 
 bool Loop::scanner_comes_back() {
@@ -281,7 +301,8 @@ void Loop::wait(int wait_ms) {
 void Loop::tick() {
   handle(Tick{ports_.clock.mono_ns(), ports_.clock.utime_us()});
   handle(LinkStatus{ports_.scanner.online(), ports_.scanner.hangs(), ports_.scanner.stray_files(),
-                    ports_.scanner.spool_hangs()});
+                    ports_.scanner.spool_hangs(), ports_.recipes != nullptr && ports_.recipes->differs()});
+  if (ports_.recipes != nullptr) take_up_recipes();
   look_for_another_daemon();
 }
 
@@ -297,6 +318,47 @@ void Loop::look_for_another_daemon() {
     say({LogLine::Level::error, static_cast<std::uint16_t>(fault), text.view()});
   else
     say({LogLine::Level::info, static_cast<std::uint16_t>(fault), "the drop folder is this daemon's alone"});
+}
+
+/// Between two slabs, and when nothing of the last one is under way.
+void Loop::take_up_recipes() {
+  Station& s = *station_;
+  LogLine line;
+  if (const bool differs = ports_.recipes->differs(); differs != recipes_differ_said_) {
+    recipes_differ_said_ = differs;
+    line.level = differs ? LogLine::Level::warning : LogLine::Level::info;
+    line.text = differs ? std::string_view(ports_.recipes->words()) : "the recipe folder holds what is in use";
+    say(line);
+  }
+  if (ports_.recipes->next_note(line.text)) {
+    line.level = LogLine::Level::warning;
+    say(line);
+  }
+  std::shared_ptr<const RecipeSet> next = ports_.recipes->checked();
+  if (next == nullptr) return;
+  const bool idle = s.recovered && s.settings.fault == Code::ok && s.slab.phase == SlabPhase::none && !s.desk.pending &&
+                    s.acquisition.phase == Acquisition::Phase::none && s.measuring == 0 && !s.slot_busy[0] &&
+                    !s.slot_busy[1];
+  if (!idle) {
+    ports_.recipes->refuse(
+        s.settings.fault != Code::ok
+            ? "slabd stands in a fault of its configuration, which only a restart mends"
+            : "a slab is open, or a scan or a measurement of one is under way; the recipes in use stay "
+              "in force until it has ended");
+    return;
+  }
+  s.slab.recipe = nullptr;
+  s.settings.recipes = next->recipes;
+  s.settings.warn = static_cast<std::uint16_t>(s.settings.warn & ~(kWarnUnconfirmedNominals | kWarnRecipeUnusable));
+  for (const Recipe& recipe : next->recipes)
+    if (unconfirmed_count(recipe) > 0) s.settings.warn |= kWarnUnconfirmedNominals;
+  crew_->use_recipes(next->recipes);
+  if (ports_.store != nullptr) ports_.store->use_recipes(next->texts);
+  recipes_in_use_ = next;
+  ports_.recipes->taken_up();
+  line.level = LogLine::Level::info;
+  line.text.printf("%zu recipes were taken up; the next slab begins with them", next->recipes.size());
+  say(line);
 }
 
 void Loop::take_poses() {
@@ -468,6 +530,9 @@ void Loop::feed_watchdog() {
     if (i == 1 && ports_.scanner.hangs()) worker_moved_ns_[i] = now_ns;
     alive = alive && now_ns - worker_moved_ns_[i] < kWorkerStuckNs;
   }
+  const bool long_at_it = now_ns - worker_moved_ns_[2] >= kMeasuringMaxNs;
+  if (long_at_it && !measuring_given_up_) crew_->give_up_measuring();
+  measuring_given_up_ = long_at_it;
   if (!alive || now_ns - watchdog_ns_ < kWatchdogPeriodNs) return;
   watchdog_ns_ = now_ns;
   put_the_reserve_back();
@@ -511,7 +576,8 @@ void Loop::perform(const Action& action) {
   }
   if (!accepted) {
     // The station keeps fewer jobs under way than the queues hold: anything else is a broken invariant.
-    std::fputs("<2>slabd: a worker's queue overflowed\n", stderr);
+    put_log("<2>slabd: a worker's queue overflowed\n");
+    (void)flush_log(200);
     std::abort();
   }
 }
@@ -627,14 +693,13 @@ void say_line(const LogLine& line) {
   } else {
     text.printf("%sslabd: %s\n", prefix.c_str(), said.c_str());
   }
-  if (!in_journal) {
-    std::fputs(text.c_str(), stderr);
-    return;
-  }
+  if (!in_journal) return put_log(text.view());
   // The same journal reads this stream. One that does not read must not stop the line: a line is lost then, and
   // counted.
   const ssize_t sent = ::send(STDERR_FILENO, text.c_str(), text.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
-  if (sent < 0) untold_lines.fetch_add(1, std::memory_order_relaxed);
+  if (sent >= 0) return;
+  untold_lines.fetch_add(1, std::memory_order_relaxed);
+  count_lost_lines(1);
 }
 
 }  // namespace slabd::daemon

@@ -13,6 +13,7 @@
 #include "daemon/calibration_desk.h"
 #include "daemon/crew.h"
 #include "daemon/daemon.h"
+#include "daemon/recipe_watch.h"
 #include "daemon/station.h"
 
 namespace slabd::daemon {
@@ -28,6 +29,7 @@ struct Ports {
   hal::ServiceNotify& notify;
   /// FAULT_RESET as the PLC wrote it last. Shared by loops that follow each other: held down it is an edge for none.
   bool* fault_reset_held = nullptr;
+  RecipeWatch* recipes = nullptr;  ///< of the recipe folder; absent: nothing is looked at
 };
 
 /// What `slabctl status` shows beside the station's own state.
@@ -110,6 +112,8 @@ class Loop {
   void say_plc_news();
   void serve_control();
   void feed_watchdog();
+  void give_measurements_up();
+  void take_up_recipes();
   void handle(const Event& event);
   void perform(const Action& action);
   void judge_slab(const JudgeSlab& action);
@@ -144,9 +148,12 @@ class Loop {
   std::mutex to_delete_guard_;
   FixedVector<PathText, 32> to_delete_;
 
-  bool scanner_is_anothers_ = false;  ///< another daemon uses the drop folder
-  bool fault_was_reset_ = false;      ///< by the PLC, since the start
-  bool fault_reset_held_ = false;     ///< of this loop, where no other one is to know
+  bool scanner_is_anothers_ = false;                 ///< another daemon uses the drop folder
+  bool fault_was_reset_ = false;                     ///< by the PLC, since the start
+  bool fault_reset_held_ = false;                    ///< of this loop, where no other one is to know
+  std::shared_ptr<const RecipeSet> recipes_in_use_;  ///< taken up since the start
+  bool measuring_given_up_ = false;                  ///< the block in hand
+  bool recipes_differ_said_ = false;
   std::int64_t watchdog_ns_ = 0;
   std::array<std::uint64_t, 3> worker_turns_{};
   std::array<std::int64_t, 3> worker_moved_ns_{};
@@ -182,6 +189,9 @@ class Loop {
 /// The answer to {"verb":"capture",...}: who calibrates, what the robot does, what became of the last view; schema
 /// slabd.capture/1.
 [[nodiscard]] std::string capture_json(const Station& station);
+/// The answer to {"verb":"recipes"}: what is in use, what the folder holds otherwise, what became of the last reload;
+/// schema slabd.recipes/1. With "reload":true a reload is ordered first, unless a slab is open.
+[[nodiscard]] std::string recipes_json(const RecipeWatch& watch);
 /// A capture request as an event. config: what is wrong with it.
 [[nodiscard]] Result<CaptureRequest> parse_capture(std::string_view line, std::uint32_t uid);
 /// The answer to {"verb":"care"}: what became of the last backup and of pruning; schema slabd.care/1.

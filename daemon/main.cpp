@@ -4,13 +4,18 @@
 // process: the PLC must see the fault, not a dark interface.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <csignal>
+#include <cstdarg>
 #include <cstdio>
 #include <filesystem>
+#include <memory>
+#include <optional>
 #include <utility>
 
 #include "daemon/absent.h"
+#include "daemon/log_outlet.h"
 #include "daemon/loop.h"
 #include "daemon/opening.h"
 #include "daemon/seal.h"
@@ -22,6 +27,8 @@ constexpr int kExitUsage = 2;
 constexpr int kExitBadInput = 3;
 constexpr int kExitUnreachable = 4;
 constexpr int kExitInternal = 5;
+/// At the end: so long a reader of stderr may take.
+constexpr int kFlushMs = 1'000;
 
 std::atomic<bool> g_stop{false};
 void on_signal(int) {
@@ -34,12 +41,28 @@ void catch_signals() {
   sigaction(SIGTERM, &action, nullptr);
   sigaction(SIGINT, &action, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
-  // There is nothing to read anew, and a terminal that is closed, or what rotates logs, must not end a slab.
+  // Recipes are read anew by `slabctl recipe reload`, which says what became of it; and a terminal that is closed, or
+  // what rotates logs, must not end a slab.
   std::signal(SIGHUP, SIG_IGN);
+  // Their default is to end the process, and none of them means that here: somebody tries whether slabd is alive, a
+  // tool expects a program that reopens its log. Timers and profilers are not used.
+  for (const int ignored : {SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR})
+    std::signal(ignored, SIG_IGN);
+  for (int real_time = SIGRTMIN; real_time <= SIGRTMAX; ++real_time) std::signal(real_time, SIG_IGN);
+}
+
+/// For the log, never waiting for whoever reads it.
+[[gnu::format(printf, 1, 2)]] void say_text(const char* format, ...) {
+  std::array<char, 768> text{};
+  va_list args;
+  va_start(args, format);
+  std::vsnprintf(text.data(), text.size(), format, args);
+  va_end(args);
+  put_log(text.data());
 }
 
 void print(const std::vector<Problem>& problems) {
-  for (const Problem& problem : problems) std::fprintf(stderr, "error: %s\n", problem.text.c_str());
+  for (const Problem& problem : problems) put_log("error: " + problem.text + "\n");
 }
 
 /// Where the PLC is met.
@@ -94,8 +117,8 @@ StationSettings station_settings(const Config& config, const std::vector<Recipe>
   for (const Recipe& recipe : recipes)
     if (const int count = unconfirmed_count(recipe); count > 0) {
       settings.warn |= kWarnUnconfirmedNominals;
-      std::fprintf(stderr, "warning: recipe %s: verdicts depend on %d nominals and tolerances nobody has confirmed\n",
-                   recipe.name.c_str(), count);
+      say_text("warning: recipe %s: verdicts depend on %d nominals and tolerances nobody has confirmed\n",
+               recipe.name.c_str(), count);
     }
   return settings;
 }
@@ -105,7 +128,7 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
   if (config.scanner_backend == hal::ScannerBackend::tcp) {
     auto made = hal::make_scan_stream(config.stream, clock);
     if (made.ok()) return std::move(made.value());
-    std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
+    say_text("error: %s\n", made.error().text.c_str());
     return std::make_unique<AbsentScanner>(made.error());
   }
   // The folder may lie on a share that hangs: only the scanner's own thread looks at it.
@@ -115,7 +138,7 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
   settings.owner = hal::lock_owner_of_this_process(config.path);
   auto made = hal::make_scan_drop(settings, clock);
   if (made.ok()) return std::move(made.value());
-  std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
+  say_text("error: %s\n", made.error().text.c_str());
   return std::make_unique<AbsentScanner>(made.error());
 }
 
@@ -124,8 +147,8 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
 /// again where it was not told to stop.
 [[noreturn]] void leave_without_scanner(hal::ServiceNotify& notify, const hal::ScannerText& why) {
   notify.stopping();
-  std::fprintf(stderr, "info: slabd: stopped while the scanner's thread hung: %s\n", why.c_str());
-  std::fflush(nullptr);
+  say_text("info: slabd: stopped while the scanner's thread hung: %s\n", why.c_str());
+  (void)flush_log(kFlushMs);
   std::_Exit(g_stop ? 0 : kExitUnreachable);
 }
 
@@ -154,27 +177,28 @@ void seal(std::uint64_t headroom_bytes) {
   const Status locked = lock_memory(headroom_bytes + kReserveBytes);
   const Status limited = limit_address_space(headroom_bytes);
   for (const Status& status : {locked, limited})
-    if (!status.ok()) std::fprintf(stderr, "error: --seal: %s\n", status.error().text.c_str());
+    if (!status.ok()) say_text("error: --seal: %s\n", status.error().text.c_str());
   if (limited.ok())
-    std::fprintf(stderr, "info: slabd: memory is %ssealed, %.0f MB beside it can be had\n",
-                 locked.ok() ? "locked and " : "", static_cast<double>(headroom_bytes) / 1e6);
+    say_text("info: slabd: memory is %ssealed, %.0f MB beside it can be had\n", locked.ok() ? "locked and " : "",
+             static_cast<double>(headroom_bytes) / 1e6);
 }
 
 int run(const Config& config, const std::vector<Problem>& config_problems, const std::vector<Recipe>& recipes,
         const std::vector<Problem>& recipe_problems, std::uint64_t headroom_bytes) {
+  start_log_outlet();
   print(config_problems);
   print(recipe_problems);
 
   // As a server the port is taken. As a client or on a serial line a second slabd would write over what the first one
   // shows the PLC, and take its scans.
   if (config.plc.role != hal::PlcRole::server && storage::is_written_elsewhere(config.storage.db_path)) {
-    std::fprintf(stderr, "error: another process works with %s, most likely slabd itself: only one may\n",
-                 config.storage.db_path.c_str());
+    say_text("error: another process works with %s, most likely slabd itself: only one may\n",
+             config.storage.db_path.c_str());
     return kExitUnreachable;
   }
   const auto plc = hal::make_plc_port(config.plc);
   if (!plc.ok()) {
-    std::fprintf(stderr, "error: %s\n", plc.error().text.c_str());
+    say_text("error: %s\n", plc.error().text.c_str());
     return kExitUnreachable;
   }
   const auto clock = hal::make_system_clock();
@@ -191,7 +215,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     if (auto made = hal::make_lcm_pose_port(config.robot); made.ok()) {
       pose = std::move(made.value());
     } else {
-      std::fprintf(stderr, "error: %s\n", made.error().text.c_str());
+      say_text("error: %s\n", made.error().text.c_str());
       settings.fault = Code::config;
       pose = std::make_unique<AbsentPose>(made.error().text.view());
     }
@@ -206,7 +230,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   if (auto made = hal::make_control_socket(config.control_socket.c_str()); made.ok()) {
     control = std::move(made.value());
   } else {
-    std::fprintf(stderr, "warning: %s\n", made.error().text.c_str());
+    say_text("warning: %s\n", made.error().text.c_str());
     settings.warn |= kWarnControlSocket;
   }
 
@@ -223,6 +247,11 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   figures.started_ns = clock->mono_ns();
   // Once, unless storage cannot be used: then it is opened again and again, and everything else stays up meanwhile.
   std::int64_t patience_ns = Loop::kStorePatience_ns;
+  // Lives as long as any loop: what was taken up is in use until the end.
+  std::optional<RecipeWatch> recipe_watch;
+  if (settings.fault == Code::ok)
+    recipe_watch.emplace(config.recipes_dir,
+                         std::make_shared<const RecipeSet>(RecipeSet{recipes, config.storage.recipe_texts}));
   bool scanner_is_ours = false;
   bool fault_reset_held = false;
   for (bool again = true; again; patience_ns = std::min(2 * patience_ns, Loop::kStorePatienceMax_ns)) {
@@ -231,8 +260,8 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     // Whoever has the database has the scanner: two that look after one drop folder take each other's scans.
     if (now.fault == Code::ok && !scanner_is_ours) {
       if (storage::is_written_elsewhere(config.storage.db_path)) {
-        std::fprintf(stderr, "error: another process works with %s, and with its scanner: only one may\n",
-                     config.storage.db_path.c_str());
+        say_text("error: another process works with %s, and with its scanner: only one may\n",
+                 config.storage.db_path.c_str());
         now.fault = Code::journal_write;
       } else if (take_spool(config, spool_lock, spool_unlockable_said, figures)) {
         scanner = scanner_port(config, *clock);
@@ -249,8 +278,8 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
         // The thread is at work on the database and touches what main() would take away; as with a kill, everything
         // durable stays.
         notify->stopping();
-        std::fprintf(stderr, "info: slabd: stopped while the database was being opened\n");
-        std::fflush(nullptr);
+        say_text("info: slabd: stopped while the database was being opened\n");
+        (void)flush_log(kFlushMs);
         std::_Exit(0);
       }
       // Again: the first start makes the folder.
@@ -259,15 +288,22 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
       } else if (made->ok()) {
         store = std::move(made->value());
       } else {
-        std::fprintf(stderr, "error: %s\n", made->error().text.c_str());
+        say_text("error: %s\n", made->error().text.c_str());
         now.fault = fault_without_store(made->error());
       }
     }
-    const Ports ports{*plc.value(), *pose, *scanner, store.get(), control.get(), *clock, *notify, &fault_reset_held};
+    const Ports ports{*plc.value(),
+                      *pose,
+                      *scanner,
+                      store.get(),
+                      control.get(),
+                      *clock,
+                      *notify,
+                      &fault_reset_held,
+                      recipe_watch ? &*recipe_watch : nullptr};
     Loop loop(ports, now, config.scanner.unit, config.measure_threads, figures);
-    std::fprintf(stderr, "info: %s: %s, inspection memory %.0f MB%s\n", now.software.c_str(),
-                 plc_place(config.plc).c_str(), static_cast<double>(limits::kInspectionBytes) / 1e6,
-                 now.fault == Code::ok ? "" : "; in FAULT, see above");
+    say_text("info: %s: %s, inspection memory %.0f MB%s\n", now.software.c_str(), plc_place(config.plc).c_str(),
+             static_cast<double>(limits::kInspectionBytes) / 1e6, now.fault == Code::ok ? "" : "; in FAULT, see above");
     // Not before the database has been read: until then it may have to be opened anew, on a new thread and beside a new
     // loop. From there on it is the storage thread that does so, and every thread there will ever be has started.
     again = loop.run(g_stop, patience_ns, [headroom_bytes] {
@@ -277,7 +313,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     if (!figures.used_by_another.empty()) patience_ns = Loop::kStorePatience_ns / 2;
     if (!loop.scanner_comes_back()) leave_without_scanner(*notify, scanner->trouble());
   }
-  std::fprintf(stderr, "info: slabd: stopped\n");
+  say_text("info: slabd: stopped\n");
   return 0;
 }
 
@@ -316,7 +352,9 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
     if (config_problems.empty())
       load_recipes(config.recipes_dir, recipes, recipe_problems, &config.storage.recipe_texts);
     if (check_only) return check(config, config_problems, recipes, recipe_problems);
-    return run(config, config_problems, recipes, recipe_problems, headroom_mb * 1'000'000);
+    const int status = run(config, config_problems, recipes, recipe_problems, headroom_mb * 1'000'000);
+    (void)flush_log(kFlushMs);
+    return status;
   } catch (const std::exception& e) {
     std::fprintf(stderr, "error: slabd: %s\n", e.what());
     return kExitInternal;

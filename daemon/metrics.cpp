@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <string>
 
+#include "daemon/log_outlet.h"
 #include "daemon/loop.h"
 #include "daemon/seal.h"
 #include "daemon/station_parts.h"
@@ -139,6 +140,7 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
   text.counter("slabd_blocks_measured_total", "Blocks measured", figures.blocks_measured);
   text.gauge("slabd_block_last_seconds", "The last block, read to verdict", figures.block_last_ms / 1e3);
   text.gauge("slabd_block_max_seconds", "The longest block since the last reset", figures.block_max_ms / 1e3);
+  text.counter("slabd_log_lines_lost_total", "Lines that neither the journal nor stderr took", log_lines_lost());
   text.gauge("slabd_memory_bytes", "Resident memory", 1024.0 * static_cast<double>(memory_kb("VmRSS")));
   text.gauge("slabd_memory_max_bytes", "The most there ever was", 1024.0 * static_cast<double>(memory_kb("VmHWM")));
   text.gauge("slabd_memory_locked_bytes", "Cannot be swapped out; all of it with --seal",

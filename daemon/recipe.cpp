@@ -344,6 +344,18 @@ void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& 
     parse_recipe(path, *bytes, recipe, problems);
 }
 
+std::map<std::string, std::string> recipe_files(const std::string& dir, std::vector<Problem>& problems) {
+  std::map<std::string, std::string> files;
+  std::error_code ec;
+  for (std::filesystem::directory_iterator it(dir, ec), end; !ec && it != end; it.increment(ec)) {
+    if (!is_recipe_file(it->path())) continue;
+    const std::string path = it->path().string();
+    if (std::optional<std::string> bytes = read_text_file(path, problems)) files.emplace(path, std::move(*bytes));
+  }
+  if (ec) problems.push_back({fmt::format("{}: the recipe folder cannot be read: {}", dir, ec.message())});
+  return files;
+}
+
 void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems,
                   std::vector<storage::RecipeText>* texts) {
   recipes.clear();

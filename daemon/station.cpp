@@ -80,6 +80,11 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
     }
   }
   recover_calibration(s, line, actions);
+  if (line.slab_open && line.abort_seq != 0) {
+    log(actions, LogLine::Level::info, Code::ok,
+        "slab %u: SLAB_ABORT was accepted before the restart; it is finished now", line.slab.slab_no);
+    begin_end(s, line.abort_seq, true, actions);
+  }
   s.recovered = true;
   bump_session(s, actions, "start");
 }

@@ -68,7 +68,8 @@ struct LinkStatus {
   bool scanner_online = false;
   bool scanner_hangs = false;  ///< its worker may not come back for long
   std::uint64_t stray_files = 0;
-  bool spool_hangs = false;  ///< it is the disk of the scans that the worker waits for
+  bool spool_hangs = false;     ///< it is the disk of the scans that the worker waits for
+  bool recipes_differ = false;  ///< the recipe folder from what is in use
 };
 /// Twice for a scan that comes: when its points lie in the buffer, and when it is durable. The first may be missing; a
 /// scan that comes to nothing has the second alone.
@@ -315,7 +316,8 @@ struct PendingStore {
     slab,
     ack,
     report,
-    seen_scan
+    seen_scan,
+    measuring
   };
   Kind kind{};
   std::uint32_t ticket = 0;
@@ -373,8 +375,9 @@ struct Station {
   bool scan_unseen = false;
   std::array<bool, limits::kScanSlots> slot_busy{};
   OwedScan owed;
-  std::array<bool, limits::kStationsMax> station_measuring{};  ///< until its result is stored
-  std::uint32_t measuring = 0;                                 ///< how many of them
+  std::array<bool, limits::kStationsMax> station_measuring{};       ///< until its result is stored
+  std::array<std::uint8_t, limits::kStationsMax> measuring_slot{};  ///< the buffer whose answer is waited for
+  std::uint32_t measuring = 0;                                      ///< how many of them
   std::int64_t last_slab_key = 0;
   std::uint32_t last_ticket = 0;
   FixedVector<PendingStore, limits::kWorkerQueue> storing;

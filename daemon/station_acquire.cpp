@@ -26,6 +26,9 @@ constexpr std::int64_t kCheckTimeoutNs = kNsPerS;
 /// so in general nothing waits. After that time the scan is acquired, and a refusal is the block's result.
 constexpr std::int64_t kRefusalWaitNs = kNsPerS / 2;
 
+/// No buffer: of a result that no measurement brings.
+constexpr std::uint8_t kNoSlot = 0xFF;
+
 /// The PLC waits 20 s for "acquired". A scanner's worker that hangs then is not waited for any longer.
 constexpr std::int64_t kHangTimeoutNs = 19 * kNsPerS + kNsPerS / 2;
 
@@ -125,6 +128,8 @@ void try_to_trigger(Station& s, Actions& actions) {
     return;
   }
   a.phase = Acquisition::Phase::scanning;
+  a.attempt.asked = true;
+  record_of(s, a.station).attempts = a.attempt.number;
   a.settled_ns = s.now_ns;
   a.attempt.settle_ms = ms_from_ns(s.now_ns - a.started_ns);
   s.gate.begin_exposure(mean.T_base_flange);
@@ -206,7 +211,8 @@ void check_stillness(Station& s, Actions& actions) {
   pending.value = a.cmd_seq;
   pending.slab_key = a.attempt.slab_key;
   pending.fingerprint = a.fingerprint;
-  submit(s, actions, AcquiredJob{a.attempt, a.fingerprint}, pending);
+  const std::int64_t measuring_since_ns = a.ahead == Acquisition::Ahead::measured ? 0 : s.now_ns;
+  submit(s, actions, AcquiredJob{a.attempt, a.fingerprint, measuring_since_ns}, pending);
 }
 
 /// ABORT is the PLC's right at any time; and a PLC that waits gets its answer.
@@ -224,9 +230,14 @@ void release(Station& s) {
 }
 
 /// A result will come, and its record has a place.
-void expect_result(Station& s, std::uint8_t station) {
+void expect_result(Station& s, std::uint8_t station, std::uint8_t slot) {
   ++s.measuring;
   s.station_measuring[station - 1U] = true;
+  s.measuring_slot[station - 1U] = slot;
+}
+void expect_no_result(Station& s, std::uint8_t station) {
+  --s.measuring;
+  s.station_measuring[station - 1U] = false;
 }
 
 /// A measurement of what the acquisition in hand took.
@@ -236,11 +247,24 @@ bool is_ahead(const Station& s, const BlockMeasured& measured) {
          measured.block.station == a.station && measured.attempt == a.attempt.number;
 }
 
-/// A measurement of a durable cloud.
+/// A measurement of a durable cloud. One that was dropped answers from another buffer.
 bool is_expected(const Station& s, const BlockMeasured& measured) {
   const std::size_t index = measured.block.station - 1U;
   return measured.slab_key == s.slab.header.key && s.station_measuring[index] &&
-         s.slab.stations[index].attempt.number == measured.attempt;
+         s.measuring_slot[index] == measured.slot && s.slab.stations[index].attempt.number == measured.attempt;
+}
+
+/// The result of a scan on which a process ended: nothing was measured.
+BlockMeasured given_up(const Attempt& attempt) {
+  BlockMeasured measured;
+  measured.slab_key = attempt.slab_key;
+  measured.attempt = attempt.number;
+  measured.cmd_seq = attempt.cmd_seq;
+  measured.scan_utime_us = attempt.scan_utime_us;
+  measured.block.station = attempt.station;
+  measured.block.verdict = Verdict::not_measured;
+  measured.block.reason = static_cast<std::uint16_t>(Code::deadline);
+  return measured;
 }
 
 /// Of a scan that measuring refused: how many points it had, and where it showed a block, are kept as evidence. Nothing
@@ -293,7 +317,6 @@ void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
   StationRecord& record = record_of(s, static_cast<std::uint8_t>(in.station));
   record.phase = StationPhase::acquiring;
   record.code = 0;
-  ++record.attempts;
 
   Acquisition& a = s.acquisition;
   a = {};
@@ -304,7 +327,9 @@ void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
   a.started_ns = s.now_ns;
   a.attempt.slab_key = s.slab.header.key;
   a.attempt.station = a.station;
-  a.attempt.number = record.attempts;
+  // It counts when the scanner is asked: a PLC may repeat SCAN all night while robot or scanner are away.
+  a.attempt.number = static_cast<std::uint8_t>(record.attempts + 1);
+  a.attempt.asked = false;
   a.attempt.session = a.session;
   a.attempt.cmd_seq = a.cmd_seq;
   set_status(s, a.cmd_seq, CommandStatus::acquiring);
@@ -471,6 +496,12 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   }
   a.decoded = done.code == Code::ok && !a.repeats;
   if (!done.durable) return;
+  const bool no_answer = done.code == Code::scanner_offline || done.code == Code::trigger_timeout;
+  if (no_answer && a.fingerprint == 0) {
+    // Nothing came, not even a bad scan: the scanner is away.
+    a.attempt.asked = false;
+    record_of(s, a.station).attempts = static_cast<std::uint8_t>(a.attempt.number - 1);
+  }
   if (a.abort || done.code != Code::ok || a.repeats) {
     const Code code = done.code != Code::ok ? done.code : Code::frame_incomplete;
     fail_acquisition(s, a.abort ? Code::interrupted : code, actions);
@@ -500,7 +531,8 @@ void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Acti
       pending.station, a.attempt.shape.finite, a.attempt.acquire_ms);
   const Acquisition was = a;
   a = {};  // the buffer stays taken until the block is measured
-  expect_result(s, pending.station);
+  if (s.slab.aborting) return;
+  expect_result(s, pending.station, was.slot);
   if (was.ahead == Acquisition::Ahead::measured) commit_block(s, was.block, actions);
 }
 
@@ -562,19 +594,63 @@ void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actio
 
 void remeasure(Station& s, Actions& actions) {
   const bool quiet = s.slab.phase == SlabPhase::open || s.slab.phase == SlabPhase::ending;
-  if (!quiet || s.slab.aborting || s.slab.recipe == nullptr || s.fault != 0 || s.measuring != 0 || s.desk.pending ||
-      s.acquisition.phase != Acquisition::Phase::none || !room_for_records(s, 2))
+  if (!quiet || s.now_ns == 0 || s.slab.aborting || s.slab.recipe == nullptr || s.fault != 0 || s.measuring != 0 ||
+      s.desk.pending || s.acquisition.phase != Acquisition::Phase::none || !room_for_records(s, 2))
     return;
   for (std::size_t i = 0; i < s.slab.stations.size(); ++i) {
     if (s.slab.stations[i].phase != StationPhase::acquired || s.station_measuring[i]) continue;
+    StationRecord& record = s.slab.stations[i];
+    const auto station = static_cast<std::uint8_t>(i + 1);
+    // A mark from the future is from before a restart of the computer: the power failed, not the measurement.
+    if (const std::int64_t since_ns = std::exchange(record.measuring_since_ns, 0);
+        since_ns != 0 && since_ns <= s.now_ns) {
+      log(actions, LogLine::Level::error, Code::deadline,
+          "station %u: slabd ended while it measured this scan, which is not measured again by itself: scan the "
+          "station "
+          "again, or look at %s with `slabctl inspect`",
+          station, record.attempt.scan_path.c_str());
+      expect_result(s, station, kNoSlot);
+      commit_block(s, given_up(record.attempt), actions);
+      return;
+    }
     const int slot = free_slot(s);
     if (slot < 0) return;
     s.slot_busy[static_cast<std::size_t>(slot)] = true;
-    expect_result(s, static_cast<std::uint8_t>(i + 1));
-    MeasureBlock action = block_to_measure(s, s.slab.stations[i].attempt, static_cast<std::uint8_t>(slot));
-    action.reload = true;
-    emit(actions, action);
+    expect_result(s, station, static_cast<std::uint8_t>(slot));
+    PendingStore pending;
+    pending.kind = PendingStore::Kind::measuring;
+    pending.station = station;
+    pending.attempt = record.attempt.number;
+    pending.slot = static_cast<std::uint8_t>(slot);
+    pending.slab_key = s.slab.header.key;
+    submit(s, actions, MeasuringJob{s.slab.header.key, station, record.attempt.number, s.now_ns}, pending);
     return;
+  }
+}
+
+void on_measuring_stored(Station& s, const PendingStore& pending, Code code, Actions& actions) {
+  const std::size_t index = pending.station - 1U;
+  const bool wanted =
+      s.station_measuring[index] && s.measuring_slot[index] == pending.slot && s.slab.header.key == pending.slab_key;
+  if (!wanted || code != Code::ok) {
+    s.slot_busy[pending.slot] = false;
+    if (!wanted) return;
+    expect_no_result(s, pending.station);
+    raise_fault(s, actions, code, "recording that a measurement begins");
+    return;
+  }
+  MeasureBlock action = block_to_measure(s, s.slab.stations[index].attempt, pending.slot);
+  action.reload = true;
+  emit(actions, action);
+}
+
+void drop_measurements(Station& s) {
+  for (std::size_t i = 0; i < s.station_measuring.size(); ++i) {
+    const auto station = static_cast<std::uint8_t>(i + 1);
+    const bool on_its_way = std::any_of(s.storing.begin(), s.storing.end(), [&](const PendingStore& pending) {
+      return pending.kind == PendingStore::Kind::block && pending.station == station;
+    });
+    if (s.station_measuring[i] && !on_its_way) expect_no_result(s, station);
   }
 }
 

@@ -61,7 +61,7 @@ Code check_scan(const Station& s, const PlcInputs& in) {
   if (in.station < 1 || in.station > s.slab.recipe->stations()) return Code::station_range;
   if (s.acquisition.phase != Acquisition::Phase::none || s.station_measuring[in.station - 1U]) return Code::busy;
   if (!room_for_records(s, 2)) return Code::busy;  // this scan's and the slab's
-  if (s.slab.stations[in.station - 1U].attempts == 0xFF) return Code::store_full;
+  if (s.slab.stations[in.station - 1U].attempts == 0xFF) return Code::attempts_used_up;
   return Code::ok;
 }
 
@@ -130,13 +130,15 @@ void journal(Station& s, const PlcInputs& in, Actions& actions) {
   submit(s, actions, job, pending);
 }
 
-/// Rule (d). Only a new command takes over: a display that writes the block back as it read it changes nothing. The
-/// first commander of a process needs no change of session: he can only know the one now shown.
-void take_over(Station& s, const PlcInputs& in, Actions& actions) {
-  if (in.command_writer == s.desk.writer) return;
+/// Rule (d). Only a command that would be carried out takes over: a display that writes the block back as it read it,
+/// soon or late, changes nothing. The first commander of a process needs no change of session: it can only know the one
+/// now shown. True: the session changes, and this block is of the old one.
+bool take_over(Station& s, const PlcInputs& in, Actions& actions) {
+  if (in.command_writer == s.desk.writer) return false;
   const bool takeover = s.desk.writer != 0;
   s.desk.writer = in.command_writer;
   if (takeover) bump_session(s, actions, "another connection took over the command block");
+  return takeover;
 }
 
 /// The order, whoever writes it and in whatever session.
@@ -172,11 +174,17 @@ void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
       ++desk.refused;  // not the PLC that only writes it again because no answer came
     return;
   }
-  take_over(s, in, actions);
+  // The block that is on its way to the journal, written back by another connection.
+  const PlcInputs& under_way = desk.pending_inputs;
+  if (desk.pending && in.cmd_seq == under_way.cmd_seq && in.session_echo == under_way.session_echo &&
+      is_same_command(in, under_way))
+    return;
   if (desk.session != desk.session_next || in.session_echo != desk.session) {
     refuse(s, in, Code::stale_session, actions);
   } else if (desk.pending || in.cmd_seq != next_sequence(desk.ack)) {
     refuse(s, in, Code::bad_sequence, actions);
+  } else if (take_over(s, in, actions)) {
+    refuse(s, in, Code::stale_session, actions);
   } else if (const Code code = check_content(s, in); code != Code::ok) {
     refuse(s, in, code, actions);
   } else {

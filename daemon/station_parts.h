@@ -101,8 +101,13 @@ void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions);
 [[nodiscard]] const char* why_it_hangs(const Station& s);
 void abort_acquisition(Station& s, Actions& actions);
 void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actions);
-/// Clouds that are durable and not measured (after a restart or a storage fault) go back to the worker, one at a time.
+/// Clouds that are durable and not measured (after a restart or a storage fault) go back to the worker, one at a time,
+/// each marked in the database first. One on which a process ended is not measured again: its result is "not measured".
 void remeasure(Station& s, Actions& actions);
+/// The answer to the mark.
+void on_measuring_stored(Station& s, const PendingStore& pending, Code code, Actions& actions);
+/// SLAB_ABORT does not wait: what is being measured is dropped, its buffers come back with the late answers.
+void drop_measurements(Station& s);
 
 /// A buffer nobody uses, or -1.
 [[nodiscard]] int free_slot(const Station& s);

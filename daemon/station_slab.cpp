@@ -93,11 +93,14 @@ void begin_end(Station& s, std::uint16_t cmd_seq, bool aborting, Actions& action
   s.slab.phase = SlabPhase::ending;
   s.slab.end_seq = cmd_seq;
   s.slab.aborting = aborting;
-  if (aborting) abort_acquisition(s, actions);
+  if (!aborting) return;
+  abort_acquisition(s, actions);
+  drop_measurements(s);
 }
 
 void advance_end(Station& s, Actions& actions) {
   if (s.slab.phase != SlabPhase::ending || s.acquisition.phase != Acquisition::Phase::none || s.measuring != 0) return;
+  if (s.now_ns == 0) return;   // at a restart: without a time nothing is recorded
   if (s.desk.pending) return;  // a SLAB_ABORT may be on its way to the journal: a slab has one end
   if (s.slab.aborting) {
     store_end(s, aborted_result(s), actions);

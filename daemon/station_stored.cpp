@@ -170,6 +170,7 @@ void on_stored(Station& s, const StoreDone& done, Actions& actions) {
     case PendingStore::Kind::acquired: on_acquired_stored(s, pending, done.code, actions); break;
     case PendingStore::Kind::block: on_block(s, pending, done.code, actions); break;
     case PendingStore::Kind::slab: on_slab(s, pending, done.code, actions); break;
+    case PendingStore::Kind::measuring: on_measuring_stored(s, pending, done.code, actions); break;
     case PendingStore::Kind::report: on_report(s, pending, done.code, actions); break;
     case PendingStore::Kind::failed_attempt:
       if (done.code != Code::ok) raise_fault(s, actions, done.code, "recording a failed scan");

@@ -10,6 +10,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "daemon/log_outlet.h"
 #include "daemon/loop.h"
 #include "daemon/station_parts.h"
 #include "hal/plc_map.h"
@@ -34,6 +35,8 @@ std::string_view state_name(PlcState state) {
   return "unknown";
 }
 
+constexpr const char* kRecipesDifferText = "the recipe folder differs from the recipes in use";
+
 Json warnings(std::uint16_t bits) {
   Json list = Json::array();
   const auto add = [&](std::uint16_t bit, const char* text) {
@@ -52,7 +55,7 @@ Json warnings(std::uint16_t bits) {
   add(kWarnScannerNotVerified,
       "the scanner is not verified: never, too long ago or out of limits (slabctl scanner verify)");
   add(kWarnHandednessUnproven, "no applied calibration proves that the scanner's frame is right-handed");
-  add(kWarnRecipesDiffer, "the recipe folder differs from the recipes in use");
+  add(kWarnRecipesDiffer, kRecipesDifferText);
   add(kWarnEmulation, "emulation: robot or scanner is not the real one");
   return list;
 }
@@ -235,6 +238,9 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
   if (fault == Code::calibration_missing)
     j["fault"]["text"] = describe(calibration_fault(station), station.calibration).view();
   j["warn"] = warnings(view.warn);
+  if (ports.recipes != nullptr && ports.recipes->differs())
+    for (Json& text : j["warn"])
+      if (text == kRecipesDifferText) text = ports.recipes->words().view();
   j["warn_bits"] = view.warn;
   j["calibration"] = in_force(station);
   const Capture& capture = station.capture;
@@ -274,6 +280,7 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
                  {"max_ms", figures.block_max_ms}};
   j["memory"] = {
       {"rss_kb", memory_kb("VmRSS")}, {"peak_kb", memory_kb("VmHWM")}, {"inspection_bytes", limits::kInspectionBytes}};
+  j["log_lines_lost"] = log_lines_lost();
   j["uptime_s"] = static_cast<double>(station.now_ns - figures.started_ns) / 1e9;
   j["config"] = figures.config_path;
   j["db"] = figures.db_path;
@@ -296,6 +303,27 @@ std::string calibration_json(const Station& station, const CalibrationDesk& desk
                                                 {"id", desk.id().view()},
                                                 {"code", static_cast<int>(desk.error().code)},
                                                 {"error", desk.error().text.view()}};
+  return text_of(j);
+}
+
+std::string recipes_json(const RecipeWatch& watch) {
+  static constexpr std::array<const char*, 5> kReload = {"none", "checking", "checked", "refused", "done"};
+  Json j;
+  j["schema"] = "slabd.recipes/1";
+  j["in_use"] = Json::array();
+  const std::shared_ptr<const RecipeSet> in_use = watch.in_use();
+  for (const Recipe& recipe : in_use->recipes)
+    j["in_use"].push_back({{"name", recipe.name.view()},
+                           {"slab_type", recipe.slab_type},
+                           {"sha256", recipe.sha256.view()},
+                           {"file", recipe.path.view()}});
+  j["differs"] = Json::array();
+  for (const RecipeDifference& difference : watch.differences())
+    j["differs"].push_back({{"file", difference.file},
+                            {"what", difference.what},
+                            {"keys", difference.keys},
+                            {"problem", difference.problem}});
+  j["reload"] = {{"state", kReload.at(static_cast<std::size_t>(watch.reload()))}, {"text", watch.reload_text().view()}};
   return text_of(j);
 }
 
@@ -330,10 +358,22 @@ std::string answer_control(std::string_view line, const Station& station, const 
           return refusal(taken.error());
       return care_json(*ports.store);
     }
+    if (*verb == "recipes") {
+      if (ports.recipes == nullptr)
+        return refusal(
+            "slabd stands in a fault of its configuration or its database: its recipes are read at a restart");
+      if (request.value("reload", false)) {
+        if (station.slab.phase != SlabPhase::none)
+          return refusal(
+              "a slab is open: it ends with the recipe it was begun with; reload the recipes when it has ended");
+        (void)ports.recipes->order_reload();
+      }
+      return recipes_json(*ports.recipes);
+    }
     if (*verb != "calibration_change" && *verb != "capture")
       return refusal(
-          "unknown verb; known: status, calibration, plc_image, metrics, care, backup, prune, calibration_change, "
-          "capture");
+          "unknown verb; known: status, calibration, plc_image, metrics, care, backup, prune, recipes, "
+          "calibration_change, capture");
     const std::uint32_t uid = ports.control == nullptr ? hal::ControlPort::kNobody : ports.control->peer_uid();
     if (*verb == "capture") {
       const Result<CaptureRequest> capture = parse_capture(line, uid);

@@ -291,6 +291,8 @@ bool has_our_header(const std::string& path) {
   static constexpr std::string_view kMagic("SQLite format 3\0", 16);
   static constexpr std::string_view kOurs("SLAB");
   static_assert(kApplicationId == 0x534C4142);
+  std::error_code fault;
+  if (!std::filesystem::is_regular_file(path, fault)) return false;  // a FIFO would be waited for
   std::ifstream in(path, std::ios::binary);
   std::array<char, 72> header{};
   in.read(header.data(), header.size());

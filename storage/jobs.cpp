@@ -69,8 +69,11 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
                     "DELETE FROM noise_print WHERE id <= (SELECT id FROM noise_print ORDER BY id DESC LIMIT 1 OFFSET " +
                         std::to_string(limits::kNoisePrintsKept) + ")"),
       set_measured_(db,
-                    "UPDATE attempt SET phase = 'measured', code = 0 "
+                    "UPDATE attempt SET phase = 'measured', code = 0, measuring_since_ns = 0 "
                     "WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
+      set_measuring_(db,
+                     "UPDATE attempt SET measuring_since_ns = ?4 "
+                     "WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3 AND phase = 'acquired'"),
       attempt_command_(db,
                        "SELECT session, cmd_seq FROM attempt WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
       delete_block_(db, "DELETE FROM block WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
@@ -109,12 +112,14 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       unfinished_(db,
                   "SELECT command.session, cmd_seq, command, station, coalesce(command.slab_key, 0), "
                   "slab_result.slab_key IS NULL AND command.id = (SELECT max(id) FROM command AS later WHERE "
-                  "later.command = 2 AND later.slab_key = command.slab_key AND later.station = command.station) "
+                  "later.command = 2 AND later.slab_key = command.slab_key AND later.station = command.station), "
+                  "slab_result.slab_key IS NULL AND command = 4 AND command.id = (SELECT max(id) FROM command AS later "
+                  "WHERE later.command IN (2, 3, 4) AND later.slab_key = command.slab_key) "
                   "FROM command LEFT JOIN slab_result ON slab_result.slab_key = command.slab_key "
                   "WHERE status = 1 ORDER BY command.id"),
       scan_recorded_(
           db,
-          "SELECT count(*), coalesce(max(attempt), 0), "
+          "SELECT count(*), coalesce(max(attempt) FILTER (WHERE asked = 1), 0), "
           "coalesce(sum(session = ?3 AND cmd_seq = ?4), 0) FROM attempt WHERE slab_key = ?1 AND station = ?2") {}
 
 // ---- sessions, slabs, commands -----------------------------------------------------------------------------------
@@ -259,7 +264,9 @@ void Jobs::operator()(const AcquiredJob& job) {
     attempt_phase_.reset();
     if (measured) return;
   }
-  write_row(upsert_attempt_, a, state_of(a, StationPhase::acquired, 0));
+  AttemptState state = state_of(a, StationPhase::acquired, 0);
+  state.measuring_since_ns = job.measuring_since_ns;
+  write_row(upsert_attempt_, a, state);
   remember_scan(job.fingerprint);
   close_command(a.session, a.cmd_seq, kAcquired, true);
   note_time(a.scan_utime_us);
@@ -381,6 +388,14 @@ void Jobs::operator()(const SeenScanJob& job) {
   remember_scan(job.fingerprint);
 }
 
+void Jobs::operator()(const MeasuringJob& job) {
+  set_measuring_.bind(1, job.slab_key)
+      .bind(2, number(job.station))
+      .bind(3, number(job.attempt))
+      .bind(4, job.since_ns)
+      .run();
+}
+
 // ---- restart -----------------------------------------------------------------------------------------------------
 
 void Jobs::interrupt_unfinished() {
@@ -391,6 +406,7 @@ void Jobs::interrupt_unfinished() {
     std::int64_t slab_key;
     bool scan;
     bool newest_scan;  ///< of its station, and its slab is open: no later SCAN has taken its place
+    bool abort;        ///< of the open slab, and nothing else was commanded since
   };
   std::vector<Unfinished> list;
   while (unfinished_.step()) {
@@ -401,8 +417,10 @@ void Jobs::interrupt_unfinished() {
     u.slab_key = unfinished_.integer(4);
     u.scan = unfinished_.integer(2) == kScan;
     u.newest_scan = u.scan && u.slab_key != 0 && unfinished_.integer(5) == 1;
+    u.abort = u.slab_key != 0 && unfinished_.integer(6) == 1;
   }
   for (const Unfinished& u : list) {
+    if (u.abort) continue;  // read_line() tells the station of it
     if (u.scan) remember_scan(kUnseenScan);
     if (u.newest_scan) insert_failed_scan(u.slab_key, u.station, u.session, u.cmd_seq);
     close_command(u.session, u.cmd_seq, kInterrupted, false);

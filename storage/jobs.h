@@ -40,8 +40,10 @@ class Jobs {
   void operator()(const AckJob& job);
   void operator()(const ReportJob& job);
   void operator()(const SeenScanJob& job);
+  void operator()(const MeasuringJob& job);
 
   /// Every command that was accepted and not finished becomes "interrupted"; a SCAN among them leaves a failed attempt.
+  /// But SLAB_ABORT of the open slab, its newest command, stays accepted: the station finishes it.
   void interrupt_unfinished();
 
   /// Take back what nobody was shown. A block stays acquired, to be measured again; the command for an end or a report
@@ -87,6 +89,7 @@ class Jobs {
   Statement remember_noise_;
   Statement forget_noise_;
   Statement set_measured_;
+  Statement set_measuring_;
   Statement attempt_command_;
   Statement delete_block_;
   Statement insert_block_;

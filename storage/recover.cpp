@@ -70,9 +70,10 @@ void read_open_slab(Loader& loader, RecoveredLine& line) {
   for (const StoredAttempt& stored : loader.attempts(line.slab.key)) {
     const Attempt& attempt = stored.attempt;
     StationRecord& station = line.stations[attempt.station - 1U];
-    station.attempts = std::max(station.attempts, attempt.number);
+    if (attempt.asked) station.attempts = std::max(station.attempts, attempt.number);
     station.phase = stored.state.phase;
     station.code = stored.state.code;
+    station.measuring_since_ns = stored.state.measuring_since_ns;
     if (stored.state.phase != StationPhase::failed) station.attempt = attempt;
   }
   for (StationRecord& station : line.stations) {
@@ -101,7 +102,7 @@ void read_last_ended(Connection& db, Loader& loader, RecoveredLine& line) {
   }
   for (const StoredAttempt& stored : loader.attempts(key)) {
     std::uint8_t& attempts = line.table[stored.attempt.station - 1U].attempts;
-    attempts = std::max(attempts, stored.attempt.number);
+    if (stored.attempt.asked) attempts = std::max(attempts, stored.attempt.number);
   }
   Statement record(db, "SELECT " + joined(names_of<PlcResult>(), ", ") +
                            " FROM result WHERE slab_key = ?1 AND kind = 2 AND is_repeat = 0 ORDER BY id DESC LIMIT 1");
@@ -131,6 +132,10 @@ HeldBack read_line(Connection& db, RecoveredLine& line) {
     const std::optional<SlabHeader> header = loader.slab(newest);
     if (header) line.slab = *header;
     read_open_slab(loader, line);
+    // Jobs::interrupt_unfinished() has left it accepted.
+    line.abort_seq = static_cast<std::uint16_t>(
+        db.integer("SELECT coalesce((SELECT cmd_seq FROM command WHERE status = 1 AND command = 4 AND slab_key = " +
+                   std::to_string(newest) + " ORDER BY id DESC LIMIT 1), 0)"));
   }
   read_last_ended(db, loader, line);
   read_fingerprints(db, line);

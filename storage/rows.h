@@ -44,6 +44,7 @@ struct AttemptState {
   std::uint16_t code = 0;
   std::int64_t scan_bytes = 0;
   ScanState scan_state = ScanState::none;
+  std::int64_t measuring_since_ns = 0;
 };
 struct SlabEnd {
   std::int64_t ended_utime_us = 0;
@@ -201,6 +202,7 @@ void columns(V& v, R& r) {
   v("acquire_ms", r.acquire_ms);
   columns(v, r.splice);
   v("points_crc32c", r.points_crc32c);
+  v("asked", r.asked);
 }
 
 template <typename V, RowOf<AttemptState> R>
@@ -209,6 +211,7 @@ void columns(V& v, R& r) {
   v("code", r.code);
   v("scan_bytes", r.scan_bytes);
   v("scan_state", r.scan_state);
+  v("measuring_since_ns", r.measuring_since_ns);
 }
 
 /// What a block has beside its planes, casings, findings and items.

@@ -142,6 +142,10 @@ CREATE TABLE attempt (
   splice_off_mm REAL, splice_off_rad REAL,
   splice_calibration_mm REAL, splice_calibration_rad REAL, splice_robot_mm REAL, splice_robot_rad REAL,
   points_crc32c INTEGER CHECK (points_crc32c BETWEEN 0 AND 4294967295),  -- of the scan (docs/QUALITY.md); NULL: not taken
+  -- 0: the scanner was never asked for it; the attempt does not count, and the station's next SCAN takes this row.
+  asked INTEGER NOT NULL DEFAULT 1,
+  -- Its measurement began at this monotonic time (ns since the computer's start) and has not ended; 0: none is under way.
+  measuring_since_ns INTEGER NOT NULL DEFAULT 0,
   PRIMARY KEY (slab_key, station, attempt)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX attempt_with_scan ON attempt (slab_key, scan_bytes) WHERE scan_state = 'kept';

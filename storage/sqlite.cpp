@@ -2,6 +2,7 @@
 #include "storage/sqlite.h"
 
 #include <sqlite3.h>
+#include <sys/stat.h>
 
 #include <cmath>
 #include <limits>
@@ -31,6 +32,13 @@ void* ask_again(const Ask& ask) {
   return memory;
 }
 
+const char* kind_of(mode_t mode) {
+  if (S_ISDIR(mode)) return "a folder";
+  if (S_ISFIFO(mode)) return "a FIFO";
+  if (S_ISSOCK(mode)) return "a socket";
+  return "a device";
+}
+
 }  // namespace
 
 void must(const Status& status) {
@@ -56,6 +64,10 @@ void use_the_new_handler() {
 
 Connection::Connection(const std::string& path, int flags) {
   use_the_new_handler();
+  // To open a FIFO waits for its other end, which nobody may ever open.
+  struct stat there {};
+  if (::stat(path.c_str(), &there) == 0 && !S_ISREG(there.st_mode))
+    throw SqlFailure{SQLITE_CANTOPEN, path + " is " + kind_of(there.st_mode) + ", not a database file"};
   if (sqlite3_open_v2(path.c_str(), &handle_, flags, nullptr) == SQLITE_OK) {
     sqlite3_extended_result_codes(handle_, 1);
     return;

@@ -165,6 +165,8 @@ class Store {
   virtual void idle() {}
   /// Why old scans could not be deleted to keep the spool budget; empty when all is well. Never fails a job.
   [[nodiscard]] virtual std::string_view spool_trouble() const { return {}; }
+  /// The recipes that slabs may be begun with from now on (StoreSettings::recipe_texts). Callable from any thread.
+  virtual void use_recipes(const std::vector<RecipeText>& /*texts*/) {}
   /// Why the next job would be refused, as far as idle() has seen: the database was deleted or replaced while it is
   /// open. Empty when all is well. The open file can still be backed up.
   [[nodiscard]] virtual std::string_view trouble() const { return {}; }

@@ -144,6 +144,7 @@ class SqliteStore final : public Store {
   }
 
   Status apply(const StoreJob& job) override {
+    take_recipes();
     quiet_looks_ = 0;
     log_holds_commits_ = true;
     if (std::holds_alternative<BeginSlabJob>(job.what))
@@ -224,6 +225,11 @@ class SqliteStore final : public Store {
 
   std::string_view spool_trouble() const override { return spool_trouble_.view(); }
 
+  void use_recipes(const std::vector<RecipeText>& texts) override {
+    const std::lock_guard lock(recipes_mutex_);
+    recipes_next_ = texts;
+  }
+
   std::string_view trouble() const override { return trouble_.view(); }
 
   Status order(const CareOrder& order) override {
@@ -261,6 +267,13 @@ class SqliteStore final : public Store {
   }
 
  private:
+  /// Jobs reads the settings' texts, on this thread alone.
+  void take_recipes() {
+    const std::lock_guard lock(recipes_mutex_);
+    if (recipes_next_) settings_.recipe_texts = std::move(*recipes_next_);
+    recipes_next_.reset();
+  }
+
   /// When no job comes: what nobody was told must not stand in the history meanwhile, nor in a copy of it. True when
   /// there is nothing left to settle.
   bool settle() {

@@ -27,3 +27,6 @@ CREATE TABLE finding (
   PRIMARY KEY (slab_key, station, attempt, position),
   FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
 ) STRICT, WITHOUT ROWID;
+
+ALTER TABLE attempt ADD COLUMN asked INTEGER NOT NULL DEFAULT 1;
+ALTER TABLE attempt ADD COLUMN measuring_since_ns INTEGER NOT NULL DEFAULT 0;

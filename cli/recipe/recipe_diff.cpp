@@ -20,16 +20,20 @@
 #include "cli/database.h"
 #include "cli/exit.h"
 #include "cli/json.h"
-#include "cli/recipe/recipe_keys.h"
 #include "cli/recipe/recipe_source.h"
 #include "cli/render.h"
 #include "cli/replay/remeasure.h"
 #include "cli/replay/what_if.h"
 #include "cli/slab_choice.h"
 #include "daemon/judge.h"
+#include "daemon/recipe_keys.h"
 
 namespace slabd::cli {
 namespace {
+
+using daemon::KeyEffect;
+using daemon::keys_of;
+using daemon::RecipeKey;
 
 struct DiffOptions {
   DatabaseOptions database;

@@ -115,7 +115,7 @@ std::vector<StationRecord> stations_of(const storage::SlabRecord& record, std::s
   for (std::size_t i = 0; i < record.blocks.size(); ++i) {
     const storage::SlabBlock& stored = record.blocks[i];
     StationRecord& station = stations[stored.attempt.station - 1U];
-    station.attempts = std::max(station.attempts, stored.attempt.number);
+    if (stored.attempt.asked) station.attempts = std::max(station.attempts, stored.attempt.number);
     station.phase = stored.phase;
     station.code = stored.code;
     if (stored.phase != StationPhase::failed) station.attempt = stored.attempt;

@@ -35,6 +35,8 @@ constexpr std::array kCodesZh = {
     CodeWords{Code::interrupted, "命令因重启或 ABORT 而中断，或该板以 SLAB_ABORT 结束",
               "重新发送命令；已中止的板没有结论，用 SLAB_BEGIN 重新测量"},
     CodeWords{Code::bad_sequence, "CMD_SEQ 既不是 CMD_ACK 也不是其后继", "以 CMD_ACK (IR 10) 为起点，逐一递增"},
+    CodeWords{Code::attempts_used_up, "该工位在此轨道板中已扫描 255 次，达到计数上限",
+              "结束或中止此轨道板并重新开始；查明该工位为何反复扫描"},
     CodeWords{Code::no_pose, "没有收到机器人位姿", "启动机器人网桥程序；检查网络接口和组播路由"},
     CodeWords{Code::pose_stale, "最新的机器人位姿过旧", "检查机器人网桥程序及其网络"},
     CodeWords{Code::not_settled, "机器人未静止",
@@ -51,7 +53,8 @@ constexpr std::array kCodesZh = {
     CodeWords{Code::block_not_found, "未找到承轨台，或该测站未扫描", "检查测站、板的位置以及承轨台是否在位"},
     CodeWords{Code::fit_failed, "必需特征无法测量", "重新扫描；检查污物或缺损表面"},
     CodeWords{Code::ambiguous, "扫描与承轨台的匹配不唯一", "让整个承轨台进入视场后重新扫描"},
-    CodeWords{Code::deadline, "测量或扫描缓冲区未按时就绪", "检查计算机负载"},
+    CodeWords{Code::deadline, "测量被放弃：工作量过大，或测量期间 slabd 结束；或没有空闲缓冲区",
+              "用 slabctl inspect 查看该扫描，然后重新扫描；检查计算机负载"},
     CodeWords{Code::store_full, "磁盘已满，或空间不足以存放两块板",
               "清理扫描数据盘或数据库所在磁盘；journalctl -u slabd 会说明是哪一个"},
     CodeWords{

@@ -69,7 +69,7 @@ class DenoiseBench {
     keep_.resize(limits::kScanPointsMax);
     algo::Cloud view{xyz, xyz.size() / 3, cloud.width, cloud.height};
     ScanCounts counts;
-    algo::remove_isolated(view, {order_, keep_, cells_, surface_}, team_, counts);
+    if (!algo::remove_isolated(view, {order_, keep_, cells_, surface_}, team_, counts)) std::abort();
     for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
       const float* f = &cloud.xyz[3 * i];
       if (std::isnan(f[0])) continue;

@@ -33,7 +33,7 @@ struct Denoiser {
     order.resize(limits::kScanPointsMax);
     keep.resize(limits::kScanPointsMax);
     Cloud cloud{xyz, xyz.size() / 3, width, height};
-    remove_isolated(cloud, {order, keep, cells, surface}, team, counts);
+    EXPECT_TRUE(remove_isolated(cloud, {order, keep, cells, surface}, team, counts));
     EXPECT_EQ(cloud.points, xyz.size() / 3);
     return counts.points_kept;
   }
@@ -538,7 +538,7 @@ Outcome outcome_of(std::vector<float> xyz, std::size_t width, std::size_t height
   const std::size_t points = xyz.size() / 3;
   xyz.resize(xyz.size() + xyz.size() / 2, 0.0F);  // room for a grid that the cloud gets back
   Cloud cloud{xyz, points, width, height};
-  remove_isolated(cloud, {denoiser.order, denoiser.keep, denoiser.cells, denoiser.surface}, team, denoiser.counts);
+  EXPECT_TRUE(remove_isolated(cloud, {denoiser.order, denoiser.keep, denoiser.cells, denoiser.surface}, team, denoiser.counts));
   xyz.resize(3 * cloud.points);
   return {std::move(xyz), cloud.points, cloud.width, cloud.height, denoiser.counts.points_kept};
 }

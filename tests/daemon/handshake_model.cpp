@@ -22,9 +22,10 @@ void Slabd::receive(const Frame& frame, const Rules& rules) {
   if (frame.seq == judged.seq && frame.session == judged.session && frame.writer == judged.writer) return;
   judged = {frame.seq, frame.session, 0, frame.writer};
   if (frame.seq == ack) return;
-  const bool takeover = writer != 0 && frame.writer != writer;
-  writer = frame.writer;
-  if (takeover && rules.one_connection_commands) change_session(rules);
+  // The block on its way to the journal, written back by another connection.
+  if (phase == Phase::journalling && frame.seq == command.seq && frame.session == command.session &&
+      frame.station == command.station)
+    return;
   const bool stale = session != session_next || frame.session != session;
   if (rules.session_is_echoed && stale) return;
   if (phase == Phase::journalling || phase == Phase::storing) {
@@ -32,6 +33,12 @@ void Slabd::receive(const Frame& frame, const Rules& rules) {
     if (phase == Phase::journalling || (rules.number_is_successor && frame.seq != next_sequence(ack))) return;
   }
   if (rules.number_is_successor && frame.seq != next_sequence(ack)) return;
+  const bool takeover = writer != 0 && frame.writer != writer;
+  writer = frame.writer;
+  if (takeover && rules.one_connection_commands) {
+    change_session(rules);
+    if (rules.session_is_echoed) return;
+  }
   const bool enabled = !rules.enable_is_required || (enable && heard);
   if (busy() || !enabled) {  // refused on its content, which uses the number up
     ack = frame.seq;

@@ -15,8 +15,8 @@
 
 /// Keeps what a database would keep, as the jobs promise it, and what storage/jobs.cpp makes of a process that ended:
 /// every command that was begun and not ended is closed as interrupted, and each SCAN among them leaves the mark of a
-/// scan that nobody saw. A commit may be done and its answer say that it failed: what becomes of the job is then known
-/// to nobody but the database.
+/// scan that nobody saw. But SLAB_ABORT stays, to be finished. A commit may be done and its answer say that it failed:
+/// what becomes of the job is then known to nobody but the database.
 namespace slabd::daemon {
 
 struct MemoryStore {
@@ -56,8 +56,15 @@ struct MemoryStore {
   }
   /// What a restarted daemon would find.
   RecoveredLine recover() {
-    for (const CommandJob& command : unfinished_) interrupt(command);
-    unfinished_.clear();
+    line.abort_seq = 0;
+    for (const CommandJob& command : std::exchange(unfinished_, {})) {
+      if (is_abort_to_finish(command)) {
+        line.abort_seq = command.cmd_seq;
+        unfinished_.push_back(command);
+      } else {
+        interrupt(command);
+      }
+    }
     forget_unseen();
     unwritten_.reset();
     return line;
@@ -73,6 +80,11 @@ struct MemoryStore {
   // ---- commands ----
   [[nodiscard]] static bool is(const CommandJob& command, PlcCommand what) {
     return command.command == static_cast<std::uint16_t>(what);
+  }
+  /// SLAB_ABORT of the open slab with no order after it.
+  [[nodiscard]] bool is_abort_to_finish(const CommandJob& command) const {
+    return is(command, PlcCommand::slab_abort) && line.slab_open && command.slab_key == line.slab.key &&
+           newest_order_.session == command.session && newest_order_.cmd_seq == command.cmd_seq;
   }
   void begin_command(const CommandJob& job, CommandStatus status) {
     newest_ = job;
@@ -177,17 +189,19 @@ struct MemoryStore {
     begin_command(job, CommandStatus::accepted);
     unfinished_.push_back(job);
     if (is(job, PlcCommand::scan)) newest_scan_[job.station] = job;
+    if (!is(job, PlcCommand::report)) newest_order_ = job;
   }
   StationRecord& attempted(const Attempt& attempt) {
     attempts_.insert({attempt.slab_key, attempt.station, attempt.number});
     StationRecord& record = line.stations[attempt.station - 1U];
-    record.attempts = std::max(record.attempts, attempt.number);
+    if (attempt.asked) record.attempts = std::max(record.attempts, attempt.number);
     return record;
   }
   void keep(const AcquiredJob& job) {
     StationRecord& record = attempted(job.attempt);
     record.phase = StationPhase::acquired;
     record.attempt = job.attempt;
+    record.measuring_since_ns = job.measuring_since_ns;
     remember(job.fingerprint);
     acq_before_ = std::exchange(line.acq_seq, job.attempt.cmd_seq);
     close(job.attempt.session, job.attempt.cmd_seq, static_cast<std::uint16_t>(CommandStatus::acquired));
@@ -215,6 +229,7 @@ struct MemoryStore {
     if (record.attempt.number == job.attempt && record.phase != StationPhase::failed) {
       record.phase = StationPhase::measured;
       record.block = job.block;
+      record.measuring_since_ns = 0;
       close(record.attempt.session, record.attempt.cmd_seq, static_cast<std::uint16_t>(CommandStatus::done));
     }
     // Measured before, and nobody was told: one record is enough.
@@ -237,6 +252,11 @@ struct MemoryStore {
     queue(job.record);
   }
   void keep(const SeenScanJob& job) { remember(job.fingerprint); }
+  void keep(const MeasuringJob& job) {
+    StationRecord& record = line.stations[job.station - 1U];
+    const bool is_it = line.slab.key == job.slab_key && record.attempt.number == job.attempt;
+    if (is_it && record.phase == StationPhase::acquired) record.measuring_since_ns = job.since_ns;
+  }
 
   // ---- records ----
   void queue(const PlcResult& record) {
@@ -254,6 +274,7 @@ struct MemoryStore {
   }
 
   CommandJob newest_;
+  CommandJob newest_order_;             ///< for the open slab
   std::vector<CommandJob> unfinished_;  ///< oldest first
   std::map<std::uint8_t, CommandJob> newest_scan_;
   std::set<std::tuple<std::int64_t, std::uint8_t, std::uint8_t>> attempts_;

@@ -9,7 +9,7 @@
 #include "base/recipe.h"
 
 /// A recipe as a list of keys, as they stand in its file.
-namespace slabd::cli {
+namespace slabd::daemon {
 
 struct NamedNominal {
   const char* name;
@@ -39,4 +39,4 @@ struct RecipeKey {
 /// Everything a recipe says, always the same keys in the same order. Angles in degrees.
 [[nodiscard]] std::vector<RecipeKey> keys_of(const Recipe& recipe);
 
-}  // namespace slabd::cli
+}  // namespace slabd::daemon

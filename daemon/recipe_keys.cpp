@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/recipe/recipe_keys.h"
+#include "daemon/recipe_keys.h"
 
 #include <fmt/core.h>
 
-namespace slabd::cli {
+namespace slabd::daemon {
 namespace {
 
 constexpr const char* kUncertaintyNames[] = {"uncertainty.scanner_form_mm", "uncertainty.scanner_form_length_mm",
@@ -144,4 +144,4 @@ std::vector<RecipeKey> keys_of(const Recipe& recipe) {
   return keys.take();
 }
 
-}  // namespace slabd::cli
+}  // namespace slabd::daemon

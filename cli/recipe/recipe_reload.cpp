@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl recipe reload: has the running daemon take up its recipe folder between two slabs. The daemon reads and
+// checks the whole folder first; what it cannot use as it is leaves the recipes in use in force.
+#include "cli/recipe/recipe_reload.h"
+
+#include <fmt/core.h>
+
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <thread>
+
+#include "cli/command.h"
+#include "cli/control.h"
+#include "cli/exit.h"
+#include "daemon/daemon.h"
+
+namespace slabd::cli {
+namespace {
+
+using nlohmann::json;
+
+constexpr auto kPollEvery = std::chrono::milliseconds(100);
+/// A folder on a share may take its time; one that hangs is not waited for.
+constexpr int kPollsMax = 300;
+
+struct Options {
+  std::string config;
+  std::string socket;
+  bool look_only = false;
+  bool as_json = false;
+};
+
+/// The daemon's answer, or the exit status.
+bool ask(const std::string& socket, const char* line, json& answer, int& exit_status) {
+  const Result<std::string> text = ask_daemon(socket, line);
+  if (!text.ok()) {
+    complain(text.error().text.view());
+    exit_status = kNotReachable;
+    return false;
+  }
+  answer = json::parse(text.value(), nullptr, false);
+  if (answer.is_object() && answer.value("schema", "") == "slabd.recipes/1") return true;
+  const bool refused = answer.is_object() && answer.contains("error") && answer["error"].is_string();
+  complain(refused ? answer["error"].get<std::string>() : "the daemon gave no answer that this slabctl knows");
+  exit_status = refused ? kRefused : kNotReachable;
+  return false;
+}
+
+void print_state(const json& answer) {
+  for (const json& recipe : answer["in_use"])
+    fmt::print("in use: {}, slab type {}, sha256 {:.12}, {}\n", recipe.value("name", ""), recipe.value("slab_type", 0),
+               recipe.value("sha256", ""), recipe.value("file", ""));
+  for (const json& difference : answer["differs"]) {
+    fmt::print("{}: {}", difference.value("file", ""), difference.value("what", ""));
+    if (const std::string problem = difference.value("problem", ""); !problem.empty()) fmt::print(": {}", problem);
+    fmt::print("\n");
+    for (const json& key : difference["keys"]) fmt::print("  {}\n", key.get<std::string>());
+  }
+  if (answer["differs"].empty()) fmt::print("the folder holds what is in use\n");
+}
+
+int reload(const Options& options) {
+  std::string socket = options.socket;
+  if (socket.empty()) {
+    daemon::Config config;
+    std::vector<daemon::Problem> problems;
+    daemon::load_config(options.config, config, problems);
+    for (const daemon::Problem& problem : problems) complain(problem.text);
+    socket = config.control_socket;
+  }
+  json answer;
+  int exit_status = kDone;
+  if (!ask(socket, options.look_only ? "{\"verb\":\"recipes\"}\n" : "{\"verb\":\"recipes\",\"reload\":true}\n", answer,
+           exit_status))
+    return exit_status;
+  const auto state = [&answer] { return answer["reload"].value("state", ""); };
+  for (int polls = 0; !options.look_only && (state() == "checking" || state() == "checked"); ++polls) {
+    if (polls == kPollsMax) {
+      complain("the daemon still reads the recipe folder; ask again with --look");
+      return kNotReachable;
+    }
+    std::this_thread::sleep_for(kPollEvery);
+    if (!ask(socket, "{\"verb\":\"recipes\"}\n", answer, exit_status)) return exit_status;
+  }
+  if (options.as_json)
+    fmt::print("{}\n", answer.dump(-1, ' ', false, json::error_handler_t::replace));
+  else
+    print_state(answer);
+  if (options.look_only || state() == "done") return kDone;
+  complain(answer["reload"].value("text", "the recipes were not taken up"));
+  return kRefused;
+}
+
+}  // namespace
+
+void add_recipe_reload(CLI::App& recipe, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  CLI::App* command = recipe.add_subcommand("reload", "Have the running daemon take up its recipe folder");
+  command->footer(
+      "\nThe daemon reads and checks the folder and takes all of it up between two slabs. While a slab is open, or "
+      "when\n"
+      "any file is faulty, it refuses (exit status 6), and the recipes in use stay in force.\n"
+      "Examples: slabctl recipe reload\n"
+      "          slabctl recipe reload --look");
+  auto* config = command->add_option("--config", options->config, "Configuration that names the control socket")
+                     ->default_val(kDefaultConfig);
+  command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
+  command->add_flag("--look", options->look_only, "Only print what is in use and what the folder holds otherwise");
+  command->add_flag("--json", options->as_json, "Print slabd.recipes/1 on stdout");
+  command->callback([options, &exit_status] { exit_status = reload(*options); });
+}
+
+}  // namespace slabd::cli
