@@ -5,6 +5,7 @@
 #include "cli/durable.h"
 
 #include <fcntl.h>
+#include <pwd.h>
 #include <sha256.h>
 #include <signal.h>
 #include <stdio_ext.h>
@@ -99,18 +100,62 @@ void no_longer_under_way(const std::string& part) {
   if (part == under_way.data()) under_way[0] = '\0';
 }
 
-/// The file that `path` means: links are followed, also one whose file does not exist yet. Empty and errno: a circle.
-std::string without_links(const std::string& path) {
+/// The caller or root: nobody is protected from root.
+bool is_trusted(uid_t owner) {
+  return owner == 0 || owner == ::geteuid();
+}
+
+std::string name_of(uid_t uid) {
+  const struct passwd* user = ::getpwuid(uid);
+  return "user " + (user != nullptr ? std::string(user->pw_name) : std::to_string(uid));
+}
+
+/// Empty: the link `at`, of `owner`, may be followed.
+std::string why_not_followed(const std::filesystem::path& at, uid_t owner) {
+  if (is_trusted(owner)) return {};
+  const std::string folder = at.has_parent_path() ? at.parent_path().string() : ".";
+  struct stat there {};
+  const bool known = ::stat(folder.c_str(), &there) == 0;
+  if (known && is_trusted(there.st_uid) && (there.st_mode & (S_IWGRP | S_IWOTH)) == 0) return {};
+  return "the link " + at.string() + " belongs to " + name_of(owner) + ", and others than you can write to its folder: " +
+         "it is not followed";
+}
+
+/// The file that a path means.
+struct Target {
+  std::string path;     ///< without links, also where the file does not exist yet
+  std::string refusal;  ///< a link that is not followed; `path` is empty then
+  int error_number = 0;
+};
+
+/// Goes along `path` name by name, as the kernel does, and looks at each link on the way.
+Target target_of(const std::string& path) {
+  namespace fs = std::filesystem;
   constexpr int kLinksMax = 40;  // as the kernel's
-  std::filesystem::path at = path;
-  for (int i = 0; i < kLinksMax; ++i) {
+  int links = 0;
+  fs::path done;
+  std::vector<fs::path> names;
+  const auto push = [&names](const fs::path& more) {
+    std::vector<fs::path> parts(more.begin(), more.end());
+    names.insert(names.end(), parts.rbegin(), parts.rend());
+  };
+  push(path);
+  while (!names.empty()) {
+    const fs::path at = done / names.back();  // an absolute name stands alone
+    names.pop_back();
+    struct stat there {};
+    if (::lstat(at.c_str(), &there) != 0 || !S_ISLNK(there.st_mode)) {
+      done = at;
+      continue;
+    }
+    if (++links > kLinksMax) return {{}, {}, ELOOP};
+    if (std::string why = why_not_followed(at, there.st_uid); !why.empty()) return {{}, std::move(why), EACCES};
     std::error_code fault;
-    const std::filesystem::path next = std::filesystem::read_symlink(at, fault);
-    if (fault) return at.string();  // no link, or nothing there
-    at = at.parent_path() / next;   // an absolute `next` stands alone
+    const fs::path next = fs::read_symlink(at, fault);
+    if (fault) return {{}, {}, fault.value()};
+    push(next);
   }
-  errno = ELOOP;
-  return {};
+  return {done.string(), {}, 0};
 }
 
 bool same_file(const struct stat& a, const struct stat& b) {
@@ -140,6 +185,13 @@ std::string random_suffix() {
 }  // namespace
 
 OutFile::OutFile(std::string path, Kind kind) : path_(std::move(path)), kind_(kind) {
+  if (!kind_.of_slabd && path_ != "-") {
+    Target target = target_of(path_);
+    error_number_ = target.error_number;
+    refusal_ = std::move(target.refusal);
+    target_ = std::move(target.path);
+    if (error_number_ != 0) return;
+  }
   bool is_shared = false;  // others write into it too: its start is not ours to go back to
   if (kind_.of_slabd) {
     open_part();
@@ -172,11 +224,7 @@ OutFile::OutFile(std::string path, Kind kind) : path_(std::move(path)), kind_(ki
 }
 
 void OutFile::open_part() {
-  target_ = kind_.of_slabd ? path_ : without_links(path_);
-  if (target_.empty()) {
-    error_number_ = errno;
-    return;
-  }
+  if (kind_.of_slabd) target_ = path_;
   constexpr int kTriesMax = 100;
   int fd = -1;
   for (int i = 0; i < kTriesMax && fd < 0; ++i) {
@@ -241,8 +289,17 @@ Status OutFile::close(Code code) {
   if (kind_.rewritten && error_number_ == ESPIPE)
     return error(code, "%s cannot be written: its head is written last, and so it must be a file of its own",
                  path_ == "-" ? "standard output" : path_.c_str());
+  if (!refusal_.empty()) return error(code, "%s cannot be written: %s", path_.c_str(), refusal_.c_str());
   if (error_number_ != 0) return error(code, "%s cannot be written: %s", path_.c_str(), std::strerror(error_number_));
   return replaces && kind_.synced ? sync_folder(folder_of(target_)) : success();
+}
+
+Status check_links(const std::string& path) {
+  const Target target = target_of(path);
+  if (!target.refusal.empty()) return error(Code::config, "%s: %s", path.c_str(), target.refusal.c_str());
+  if (target.error_number != 0)
+    return error(Code::config, "%s: %s", path.c_str(), std::strerror(target.error_number));
+  return success();
 }
 
 Status sync_folder(const std::string& path) {

@@ -40,10 +40,11 @@ Backup::WorkLock::~WorkLock() {
   if (fd_ >= 0) close(fd_);
 }
 
-Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes) : to_(std::move(to)), part_(to_ + ".part") {
+Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes, Kind kind)
+    : to_(std::move(to)), part_(to_ + ".part"), kind_(kind), page_bytes_(from.integer("PRAGMA page_size")) {
   std::error_code ec;
   if (std::filesystem::exists(std::filesystem::symlink_status(to_, ec))) fail(to_ + " exists already");
-  const auto bytes = static_cast<std::uint64_t>(from.integer("PRAGMA page_count") * from.integer("PRAGMA page_size"));
+  const auto bytes = static_cast<std::uint64_t>(from.integer("PRAGMA page_count") * page_bytes_);
   std::array<char, 160> what{};
   constexpr double kMb = 1e6;
   std::snprintf(what.data(), what.size(), "a copy of %.1f MB, with %.0f MB left for a day's records%s,",
@@ -83,31 +84,48 @@ void Backup::end() {
   if (backup_ != nullptr) sqlite3_backup_finish(backup_);
   backup_ = nullptr;
   copy_.reset();
+  checksum_.reset();
 }
 
 bool Backup::step(int pages) {
+  if (checksum_) {
+    bool done = false;
+    must(checksum_->step(pages < 0 ? ~std::uint64_t{0} : static_cast<std::uint64_t>(pages * page_bytes_), done));
+    if (done) name_it();
+    return done;
+  }
   const int stepped = sqlite3_backup_step(backup_, pages);
   if (stepped == SQLITE_BUSY || stepped == SQLITE_LOCKED) return false;
   if (stepped != SQLITE_OK && stepped != SQLITE_DONE)
     fail("copying to " + part_ + ": " + sqlite3_errstr(stepped), stepped);
   pages_all_ = sqlite3_backup_pagecount(backup_);
   pages_done_ = pages_all_ - sqlite3_backup_remaining(backup_);
-  if (stepped == SQLITE_DONE) {
-    finish();
+  if (stepped != SQLITE_DONE) {
+    must(sync_file(part_));
+    return false;
+  }
+  finish_copy();
+  if (kind_ == Kind::in_the_work) {
+    name_it();
     return true;
   }
-  must(sync_file(part_));
+  checksum_ = std::make_unique<ChecksumWriter>(part_);
   return false;
 }
 
-void Backup::finish() {
+void Backup::finish_copy() {
   const int result = sqlite3_backup_finish(backup_);
   backup_ = nullptr;
   if (result != SQLITE_OK) fail("copying to " + part_ + ": " + sqlite3_errstr(result), result);
+  if (kind_ == Kind::backup) copy_->execute("PRAGMA default_cache_size = " + std::to_string(kBackupMark));
   // One file that can be read anywhere, without a log beside it.
   if (copy_->text("PRAGMA journal_mode = DELETE") != "delete") fail(part_ + " cannot be made a file of its own");
   copy_.reset();
   must(sync_file(part_));
+}
+
+void Backup::name_it() {
+  checksum_.reset();
   must(rename_file(part_, to_));
   has_its_name_ = true;
   must(sync_file(folder_of(to_)));

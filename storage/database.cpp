@@ -20,6 +20,7 @@
 #include <fstream>
 #include <memory>
 
+#include "storage/file_checksum.h"
 #include "storage/folders.h"
 #include "storage/log_copy.h"
 #include "storage/quarantine.h"
@@ -166,6 +167,13 @@ bool is_damaged_for_good(const std::string& path) {
   return true;
 }
 
+/// A backup that was copied into place is a database now: its checksum goes with the first checkpoint.
+void forget_mark(Connection& db) {
+  if (db.integer("PRAGMA default_cache_size") != kBackupMark) return;
+  db.execute("PRAGMA default_cache_size = 0");
+  db.execute("PRAGMA cache_size = -2048");
+}
+
 enum class Upgrade : std::uint8_t { with_copy, in_place };
 
 std::unique_ptr<Connection> open_checked(const std::string& path, Upgrade how, bool check_whole) {
@@ -178,6 +186,7 @@ std::unique_ptr<Connection> open_checked(const std::string& path, Upgrade how, b
   if (owner == Owner::nobody) create_schema(*db);
   if (check_whole) check(*db);  // before an upgrade: a damaged database is not touched
   upgrade(*db, path, how == Upgrade::with_copy);
+  forget_mark(*db);
   checkpoint_on_close(*db, true);
   return db;
 }
@@ -203,6 +212,7 @@ Result<std::unique_ptr<Connection>> open_file_for_writing(const std::string& pat
   }
   if (Status status = create_file(path); !status.ok()) return status.error();
   if (Status status = make_log_durable(path); !status.ok()) return status.error();
+  if (Status status = remove_checksum(path); !status.ok()) return status.error();
   try {
     return open_checked(path, how, check_whole);
   } catch (const SqlFailure& failure) {

@@ -8,6 +8,7 @@
 #include <filesystem>
 
 #include "storage/database.h"
+#include "storage/file_checksum.h"
 #include "storage/folders.h"
 #include "storage/quarantine.h"
 #include "storage/storage.h"
@@ -34,6 +35,16 @@ constexpr std::array kQuestions = {
     Question{"SELECT count(*) <> 1 FROM line", "the one row of the line is not there"},
 };
 
+/// What is wrong with the file before it is read as a database.
+std::string trouble_of_file(const std::string& path, const FileChecksum& checksum) {
+  for (const char* side : {"-wal", "-journal"}) {
+    if (file_bytes(path + side) == 0) continue;
+    if (checksum.present) return path + side + " lies beside it and would change it: a backup has no log";
+    return {};  // its last pages may still be in the log
+  }
+  return checksum.trouble;
+}
+
 std::string trouble_of(Connection& db, bool full) {
   std::string answer = db.text(full ? "PRAGMA integrity_check(1)" : "PRAGMA quick_check(1)");
   if (answer != "ok") return answer;
@@ -58,10 +69,17 @@ Result<std::int64_t> newest_slab_key(const std::string& path) {
 Result<DatabaseReport> check_database(const std::string& path, bool full) {
   if (const auto note = quarantine_note(path))
     return error(Code::config, "%s is in quarantine: %.200s", path.c_str(), note->c_str());
-  Result<std::unique_ptr<Connection>> opened = open_any_version(path);
   DatabaseReport report;
   report.bytes = file_bytes(path);
   report.log_bytes = file_bytes(path + "-wal");
+  if (std::error_code ec; std::filesystem::exists(path, ec)) {
+    const Result<FileChecksum> checksum = check_checksum(path);
+    if (!checksum.ok()) return checksum.error();
+    report.trouble = trouble_of_file(path, checksum.value());
+    if (!report.trouble.empty()) return report;
+    report.has_checksum = checksum.value().present;
+  }
+  Result<std::unique_ptr<Connection>> opened = open_any_version(path);
   if (!opened.ok()) {
     // One that cannot be opened here (a newer slabd's, a disk that is read-only) may be as whole as any.
     if (opened.error().code != Code::journal_write) return opened.error();

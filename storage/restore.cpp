@@ -193,6 +193,11 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
     if (!report.ok()) return report.error();
     if (!report.value().trouble.empty())
       return error(Code::journal_write, "%s is not whole: %s", order.from.c_str(), report.value().trouble.c_str());
+    if (!report.value().has_checksum && !order.accept_unproven)
+      return error(Code::config,
+                   "%s has no checksum: an older slabd or another program made it, and a value in it may have changed "
+                   "unseen. Take a backup that has one; --unproven restores this one",
+                   order.from.c_str());
   }
   // A whole one that a restoring before this one had put into quarantine when it was cut short still tells what is
   // lost. A damaged one, or one with a log that cannot be made durable, does not say.
@@ -218,7 +223,7 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
     if (!order.from.empty()) {
       Result<std::unique_ptr<Connection>> source = open_any_version(order.from);
       if (!source.ok()) return source.error();
-      Backup copy(*source.value(), part, 0);
+      Backup copy(*source.value(), part, 0, Backup::Kind::in_the_work);
       while (!copy.step(-1)) usleep(10'000);
     }
     Result<std::unique_ptr<Connection>> db = open_copy_for_writing(part);

@@ -320,10 +320,13 @@ struct DatabaseReport {
   std::int64_t newest_utime_us = 0;  ///< newest wall clock of any record
   std::int64_t bytes = 0;
   std::int64_t log_bytes = 0;  ///< of the write-ahead log beside it
+  /// The file is byte for byte the backup that was written (storage/file_checksum.h). False without `trouble`: a live
+  /// database, or a copy of an older slabd, of which that cannot be proven.
+  bool has_checksum = false;
 };
-/// Reads a whole database or backup and says whether it can be trusted: SQLite's own check (`full`: indices against
-/// tables as well), references, and that what is called measured and ended is there. Writes nothing. config: there is
-/// no such file, or it is none of ours.
+/// Reads a whole database or backup and says whether it can be trusted: a backup's checksum and length, SQLite's own
+/// check (`full`: indices against tables as well), references, and that what is called measured and ended is there.
+/// Writes nothing. config: there is no such file, or it is none of ours.
 [[nodiscard]] Result<DatabaseReport> check_database(const std::string& path, bool full);
 
 /// The newest slab that a database of any schema version knows, 0: none. What says how new a backup is. As
@@ -347,11 +350,14 @@ struct RestoreOrder {
   std::uint16_t session = 0;  ///< drawn by chance: no old command, nor RES_ACK, may fit the next session and record
   /// Calibrations that were put in force, and checks of them, since the backup are given up.
   bool lose_calibrations = false;
+  /// A backup without a checksum is restored as well.
+  bool accept_unproven = false;
 };
 /// Puts a backup, checked in full and brought up to date, in the place of the database; what lies there now goes to
 /// quarantine. The history says from then on that it has a gap; slab keys that may have been used are not used again;
 /// a slab that was open in the backup ends aborted; the first SCAN throws a scan away, as none of the last is known.
-/// config: what lies there knows of calibrations or checks that the backup does not. journal_write: a daemon runs, the
+/// config: what lies there knows of calibrations or checks that the backup does not, or the backup has no checksum.
+/// journal_write: a daemon runs, the
 /// backup is not whole, or a file could not be written; then nothing was changed, or the daemon refuses to start until
 /// restoring succeeds.
 [[nodiscard]] Status restore_database(const StoreSettings& settings, const RestoreOrder& order);

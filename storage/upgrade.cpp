@@ -13,6 +13,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "storage/file_checksum.h"
 #include "storage/folders.h"
 #include "storage/schema.h"
 #include "storage/storage.h"
@@ -70,6 +71,8 @@ void copy_into_part(Connection& db, const std::string& folder, const std::string
     must(create_file(part));
     copy_database(db, part);
     must(sync_file(part));
+    ChecksumWriter checksum(part);
+    for (bool done = false; !done;) must(checksum.step(~std::uint64_t{0}, done));
   } catch (const SqlFailure&) {
     remove_part(part);
     throw;

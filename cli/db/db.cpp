@@ -47,6 +47,7 @@ struct Options {
   bool full = false;
   bool fresh = false;
   bool lose_calibrations = false;
+  bool unproven = false;
   bool json = false;
 };
 
@@ -83,7 +84,8 @@ std::vector<std::string> backups_of(const std::string& db_path, std::error_code&
   return found;
 }
 
-int tell(const std::string& path, const storage::DatabaseReport& report, const Options& options) {
+/// `is_backup`: it should have a checksum.
+int tell(const std::string& path, const storage::DatabaseReport& report, const Options& options, bool is_backup) {
   const bool whole = report.trouble.empty();
   if (options.json) {
     Json json;
@@ -92,10 +94,16 @@ int tell(const std::string& path, const storage::DatabaseReport& report, const O
     json.field("trouble", report.trouble).field("full", options.full).field("version", report.version);
     json.field("slabs", report.slabs).field("oldest_key", report.oldest_key).field("newest_key", report.newest_key);
     json.field("newest_utime_us", report.newest_utime_us).field("bytes", report.bytes);
-    json.field("log_bytes", report.log_bytes).end_object();
+    json.field("log_bytes", report.log_bytes);
+    json.field("checksum", !whole ? "unknown" : report.has_checksum ? "good" : "none").end_object();
     fmt::print("{}", json.text());
   } else {
     fmt::print("{}: {}\n", path, whole ? "whole" : "NOT WHOLE: " + report.trouble);
+    if (whole && report.has_checksum) fmt::print("byte for byte what was written: length and SHA-256 are right\n");
+    if (whole && !report.has_checksum && is_backup)
+      fmt::print(
+          "NOT PROVABLE: it has no checksum (an older slabd or another program made it), and a value in it may "
+          "have changed unseen\n");
     fmt::print("schema version {}, {} slabs ({}..{}), newest record {}, {}{}\n", report.version, report.slabs,
                report.oldest_key, report.newest_key, iso_time(report.newest_utime_us), megabytes(report.bytes),
                report.log_bytes > 0 ? fmt::format(" and a log of {}", megabytes(report.log_bytes)) : "");
@@ -103,9 +111,9 @@ int tell(const std::string& path, const storage::DatabaseReport& report, const O
   return whole ? kDone : kBadInput;
 }
 
-int examine(const std::string& path, const Options& options) {
+int examine(const std::string& path, const Options& options, bool is_backup) {
   const Result<storage::DatabaseReport> report = storage::check_database(path, options.full);
-  return report.ok() ? tell(path, report.value(), options) : fail(report.error());
+  return report.ok() ? tell(path, report.value(), options, is_backup) : fail(report.error());
 }
 
 struct KnownBackup {
@@ -132,7 +140,7 @@ std::vector<KnownBackup> by_age(const std::vector<std::string>& backups) {
 int check(const Options& options) {
   daemon::Config config;
   if (!config_from(options.config, config)) return kBadInput;
-  const int status = examine(config.storage.db_path, options);
+  const int status = examine(config.storage.db_path, options, false);
   if (options.json) return status;
   std::error_code ec;
   const auto backups = backups_of(config.storage.db_path, ec);
@@ -222,6 +230,7 @@ int back_up(const Options& options) {
                    : fmt::format("{} cannot be looked at: {}; nothing was done", options.out, ec.message()));
       return kBadInput;
     }
+    if (const Status links = check_links(options.out); !links.ok()) return fail(links.error());
   }
   Result<std::string> made =
       daemon_has_database(config.control_socket) ? backup_by_daemon(config) : backup_offline(config);
@@ -242,7 +251,7 @@ int back_up(const Options& options) {
   }
   Options thorough = options;
   thorough.full = true;
-  const int status = examine(path, thorough);
+  const int status = examine(path, thorough, true);
   if (status != kDone || options.keep == 0) return status;
   return drop_old_backups(config, made.value(), options.keep);
 }
@@ -266,6 +275,7 @@ int restore(const Options& options) {
   order.note = {options.operator_name.empty() ? default_operator() : options.operator_name, options.why,
                 wall_clock_us()};
   order.lose_calibrations = options.lose_calibrations;
+  order.accept_unproven = options.unproven;
   std::random_device chance;
   order.session = static_cast<std::uint16_t>(1 + chance() % 65'000);
   if (Status status = storage::restore_database(config.storage, order); !status.ok()) return fail(status.error());
@@ -345,7 +355,7 @@ void add_db(CLI::App& app, int& exit_status) {
   command = verb("verify", "Is this backup whole? Changes nothing", [](const Options& o) {
     Options thorough = o;
     thorough.full = true;
-    return examine(o.file, thorough);
+    return examine(o.file, thorough, true);
   });
   command->add_option("FILE", options->file, "A backup")->required();
   command->add_flag("--json", options->json, "Print slabd.database/1 on stdout");
@@ -355,6 +365,7 @@ void add_db(CLI::App& app, int& exit_status) {
   command->add_flag("--fresh", options->fresh, "Begin with an empty history instead");
   command->add_flag("--lose-calibrations", options->lose_calibrations,
                     "Even if calibrations were changed or checked since the backup");
+  command->add_flag("--unproven", options->unproven, "Even if the backup has no checksum (an older slabd's)");
   command->add_option("--why", options->why, "Why, for the history")->required()->check(some_words());
   command->add_option("--operator", options->operator_name, "Who does it (default: your login)");
 

@@ -35,6 +35,7 @@ struct ExportOptions {
   std::string out = "-";
   std::string format;
   bool bom = false;
+  bool raw = false;
 };
 
 /// What --format says, else the file's extension, else csv; empty and a word on stderr for others.
@@ -73,6 +74,10 @@ int export_results(const ExportOptions& options) {
     complain("--bom: JSON has none");
     return kUsage;
   }
+  if (options.raw && format != "csv") {
+    complain("--raw: JSON is always as stored");
+    return kUsage;
+  }
   int exit_status = kDone;
   const auto reader = open_database(options.database, exit_status);
   if (reader == nullptr) return exit_status;
@@ -83,7 +88,7 @@ int export_results(const ExportOptions& options) {
   if (format == "csv") {
     if (options.bom) out.write("\xEF\xBB\xBF");
     out.write(item_heading());
-    const TableFor reader_of_table = options.bom ? TableFor::spreadsheet : TableFor::program;
+    const TableFor reader_of_table = options.raw ? TableFor::program : TableFor::spreadsheet;
     exit_status = for_each(*reader, *keys,
                            [&](const storage::SlabRecord& record) { out.write(item_rows(record, reader_of_table)); });
   } else if (options.choice.slabs.size() == 1) {
@@ -243,6 +248,8 @@ void add_export(CLI::App& app, int& exit_status) {
       ->check(CLI::IsMember({"csv", "json"}));
   command->add_flag("--bom", options->bom,
                     "Begin CSV with a byte order mark, which Excel needs to see that it is UTF-8");
+  command->add_flag("--raw", options->raw,
+                    "CSV for a program: text that begins with = + - @ as stored, without an apostrophe before it");
   command->require_subcommand(0, 1);
   add_cloud(*command, exit_status);
   add_model(*command, exit_status);

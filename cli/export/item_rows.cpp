@@ -82,9 +82,9 @@ class ItemRow {
   std::size_t count_ = 0;
 };
 
-/// Words that come from the PLC or from a file, and not from slabd.
+/// Text that comes from the PLC, from a file or from the database. Numbers never come here.
 std::string text_for(TableFor reader, std::string_view text) {
-  const bool computed = !text.empty() && std::string_view("=+-@\t\r").find(text.front()) != std::string_view::npos;
+  const bool computed = !text.empty() && std::string_view("=+-@\t\r\n").find(text.front()) != std::string_view::npos;
   return (reader == TableFor::spreadsheet && computed ? "'" : "") + std::string(text);
 }
 
@@ -98,16 +98,19 @@ ItemRow head_of(const storage::SlabRecord& record, TableFor reader) {
   row.add(iso_time(record.summary.ended_utime_us)).add(name(record.summary.verdict));
   row.add(std::to_string(record.summary.reason))
       .add(text_for(reader, slab.recipe.view()))
-      .add(slab.recipe_sha256.view());
-  row.add(slab.guard).add(slab.calibration_id.view()).add(slab.stations_id.view()).add(slab.software.view());
+      .add(text_for(reader, slab.recipe_sha256.view()));
+  row.add(slab.guard)
+      .add(text_for(reader, slab.calibration_id.view()))
+      .add(text_for(reader, slab.stations_id.view()))
+      .add(text_for(reader, slab.software.view()));
   return row;
 }
 
 /// ... and end with.
-ItemRow tail_of(const storage::SlabRecord& record) {
+ItemRow tail_of(const storage::SlabRecord& record, TableFor reader) {
   const SlabHeader& slab = record.summary.header;
   ItemRow row;
-  row.add(slab.scanner_id.view());
+  row.add(text_for(reader, slab.scanner_id.view()));
   row.add(slab.temperature_dk == 0 ? kNoValue : slab.temperature_dk / 10.0);
   row.add(slab.age_h == 0 ? "" : std::to_string(slab.age_h)).add(slope_datum(record));
   return row;
@@ -147,7 +150,7 @@ std::string item_heading() {
 
 std::string item_rows(const storage::SlabRecord& record, TableFor reader) {
   const ItemRow head = head_of(record, reader);
-  const ItemRow tail = tail_of(record);
+  const ItemRow tail = tail_of(record, reader);
   std::string text;
   for (int station = 1; station <= record.summary.header.stations; ++station) {
     const storage::SlabBlock* block = latest(record, station);

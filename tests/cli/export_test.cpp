@@ -241,23 +241,31 @@ TEST_F(Export, every_json_document_is_what_its_published_schema_says) {
   expect_mentions(valid.out, "27 documents, 0 faults");
 }
 
-TEST_F(Export, an_id_that_a_spreadsheet_would_compute_is_only_changed_for_spreadsheets) {
+TEST_F(Export, an_id_that_a_spreadsheet_would_compute_is_neutral_unless_a_program_asks_for_it_raw) {
   header_.slab_id = "=1+1";
   begin();
   measure(3);
   end();
-  const Ended plain = run("export 1 --out " + file("plain.csv") + " --db " + db());
+  const Ended plain = run("export 1 --raw --out " + file("plain.csv") + " --db " + db());
   ASSERT_EQ(plain.status, 0) << plain.err;
   const json table = read("csv", file("plain.csv"));
   ASSERT_FALSE(table["rows"].empty());
   for (const json& row : table["rows"]) EXPECT_EQ(row["slab_id"], "=1+1");
-  ASSERT_EQ(run("export 1 --bom --out " + file("excel.csv") + " --db " + db()).status, 0);
-  const json excel = read("csv", file("excel.csv"));
-  for (const json& row : excel["rows"]) {
-    EXPECT_EQ(row["slab_id"], "'=1+1");
-    const std::string deviation = row["deviation"];
-    EXPECT_EQ(deviation.find('\''), std::string::npos) << "a negative number is a number";
+  bool negative = false;
+  for (const char* option : {"", "--bom "}) {
+    ASSERT_EQ(run(std::string("export 1 ") + option + "--out " + file("excel.csv") + " --db " + db()).status, 0);
+    const json excel = read("csv", file("excel.csv"));
+    for (const json& row : excel["rows"]) {
+      EXPECT_EQ(row["slab_id"], "'=1+1");
+      const std::string deviation = row["deviation"];
+      EXPECT_EQ(deviation.find('\''), std::string::npos) << "a negative number is a number";
+      negative = negative || deviation.starts_with("-");
+    }
   }
+  EXPECT_TRUE(negative);
+  const Ended json_export = run("export 1 --format json --db " + db());
+  expect_mentions(json_export.out, "\"=1+1\"");
+  EXPECT_EQ(run("export --all --raw --format json --db " + db()).status, 2);
 }
 
 TEST_F(Export, a_list_of_points_replaces_no_other_unasked) {
@@ -361,6 +369,40 @@ TEST_F(OutFileTest, a_file_of_slabds_own_follows_no_link_that_somebody_laid) {
   EXPECT_FALSE(fs::is_symlink(file("own")));
   EXPECT_EQ(content(file("own")), "new");
   EXPECT_EQ(content(file("victim")), "untouched");
+}
+
+// As root the kernel lets a process follow each link; without root no link of another user can be made here.
+TEST_F(OutFileTest, a_link_of_another_user_is_followed_only_where_that_user_could_not_have_planted_it) {
+  if (::geteuid() != 0) GTEST_SKIP() << "only root can give a link to another user";
+  constexpr uid_t kOther = 65'534;
+  const auto expect = [&](bool followed, const std::string& out, const std::string& what) {
+    std::ofstream(file("victim")) << "untouched";
+    const Status status = put(out, "new");
+    EXPECT_EQ(status.ok(), followed) << what;
+    EXPECT_EQ(content(file("victim")), followed ? "new" : "untouched") << what;
+    EXPECT_EQ(check_links(out).ok(), followed) << what;
+    if (!followed) expect_mentions(std::string(status.error().text.view()), "belongs to user nobody");
+    if (!followed) expect_mentions(std::string(status.error().text.view()), "not followed");
+  };
+  const fs::path shared = file("shared");
+  fs::create_directory(shared);
+  const std::string link = (shared / "out.csv").string();
+  fs::create_symlink(file("victim"), link);
+  ASSERT_EQ(::lchown(link.c_str(), kOther, kOther), 0);
+  ASSERT_EQ(::chmod(shared.c_str(), 01777), 0);
+  expect(false, link, "a sticky folder as /tmp");
+  ASSERT_EQ(::chmod(shared.c_str(), 0775), 0);
+  expect(false, link, "a folder of a group");
+  ASSERT_EQ(::chmod(shared.c_str(), 0755), 0);
+  expect(true, link, "only root can write to the folder");
+  ASSERT_EQ(::chown(shared.c_str(), kOther, kOther), 0);
+  expect(false, link, "the folder of the other user");
+  ASSERT_EQ(::lchown(link.c_str(), 0, 0), 0);
+  expect(true, link, "the caller's own link");
+  const std::string folder_link = (shared / "folder").string();
+  fs::create_directory_symlink(folder_, folder_link);
+  ASSERT_EQ(::lchown(folder_link.c_str(), kOther, kOther), 0);
+  expect(false, folder_link + "/victim", "a link on the way");
 }
 
 TEST_F(OutFileTest, two_writers_of_one_file_leave_the_whole_file_of_the_last_one) {

@@ -155,7 +155,7 @@ TEST_F(CareTest, what_cannot_be_opened_here_is_not_called_damaged) {
   (void)recover();
   slabs(1, 1);
   close();
-  ASSERT_TRUE(back_up_database(settings_.db_path, copy_path()).ok());
+  fs::copy_file(settings_.db_path, copy_path());  // without a checksum, which any change would break
   const auto set_version = [&](int version) {
     Connection db(copy_path(), SQLITE_OPEN_READWRITE);
     db.execute("PRAGMA user_version = " + std::to_string(version));

@@ -466,9 +466,9 @@ TEST_F(RecoverTest, a_database_older_than_its_spool_gives_no_key_a_second_time) 
   EXPECT_NE(text.find("slabs up to 1, and " + settings_.spool_dir + "/10"), std::string_view::npos) << text;
   EXPECT_NE(text.find("slabctl db restore"), std::string_view::npos) << text;
   // Nothing newer is left than what lies there.
-  ASSERT_TRUE(
-      restore_database(settings_, {settings_.db_path, {"anna", "the disk broke", 1'700'000'000'000'000}, 4711, false})
-          .ok());
+  ASSERT_TRUE(restore_database(
+                  settings_, {settings_.db_path, {"anna", "the disk broke", 1'700'000'000'000'000}, 4711, false, true})
+                  .ok());
   open();
   EXPECT_EQ(recover()->last_slab_key, 10);
 }

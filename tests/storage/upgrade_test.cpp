@@ -9,6 +9,7 @@
 #include <fstream>
 
 #include "storage/database.h"
+#include "storage/file_checksum.h"
 #include "storage/rows.h"
 #include "tests/storage/store_fixture.h"
 
@@ -238,6 +239,8 @@ TEST_F(UpgradeTest, copy_of_the_old_database_stays_beside_it) {
     Plain copy(backup());
     EXPECT_EQ(copy.text("PRAGMA user_version"), "1");
     EXPECT_EQ(copy.text("PRAGMA integrity_check"), "ok");
+    EXPECT_TRUE(check_checksum(backup()).value().present) << "and it can be proven";
+    EXPECT_EQ(check_checksum(backup()).value().trouble, "");
     EXPECT_EQ(copy.text("SELECT count(*) FROM block"), "2");
     EXPECT_EQ(copy.text("SELECT count(*) FROM pragma_table_info('casing')"), "12");
   }
