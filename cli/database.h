@@ -20,6 +20,8 @@ struct DatabaseOptions {
 };
 
 /// Opens the database read-only. nullptr when it cannot be: the sentence is printed, `exit_status` set.
-[[nodiscard]] std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, int& exit_status);
+/// `text`: programs where the output is JSON or raw.
+[[nodiscard]] std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, int& exit_status,
+                                                             storage::TextFor text = storage::TextFor::people);
 
 }  // namespace slabd::cli

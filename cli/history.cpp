@@ -143,7 +143,8 @@ int show_history(const Options& options) {
   storage::SlabFilter filter;
   if (!complete(options, filter)) return kUsage;
   int exit_status = kDone;
-  const auto reader = open_database(options.database, exit_status);
+  const auto reader = open_database(options.database, exit_status,
+                                    options.json ? storage::TextFor::programs : storage::TextFor::people);
   if (reader == nullptr) return exit_status;
   const std::size_t limit = filter.limit;
   ++filter.limit;  // one that is not shown tells whether there are more
@@ -177,7 +178,8 @@ void DatabaseOptions::add_to(CLI::App& command) {
   command.add_option("--db", db, "Database, instead of the configuration's")->excludes(config_option);
 }
 
-std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, int& exit_status) {
+std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, int& exit_status,
+                                               storage::TextFor text) {
   std::string path = options.db;
   if (path.empty()) {
     daemon::Config config;
@@ -187,7 +189,7 @@ std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, i
     }
     path = config.storage.db_path;
   }
-  auto reader = storage::open_reader(path);
+  auto reader = storage::open_reader(path, text);
   if (reader) return std::move(reader.value());
   complain(fmt::format("{}", reader.error().text.view()));
   exit_status = kNotReachable;

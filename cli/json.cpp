@@ -8,43 +8,32 @@
 #include <cmath>
 #include <ctime>
 
+#include "base/plain_text.h"
 #include "cli/budget_text.h"
 #include "cli/render.h"
 
 namespace slabd::cli {
 namespace {
 
-/// Length of the UTF-8 sequence at the front of `text`, 0 when it is not one. File names may hold any bytes.
-std::size_t utf8_length(std::string_view text) {
-  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
-  const unsigned first = byte(0);
-  const std::size_t length = first < 0x80                    ? 1
-                             : first >= 0xF0 && first < 0xF5 ? 4
-                             : first >= 0xE0                 ? 3
-                             : first >= 0xC2                 ? 2
-                                                             : 0;
-  if (length == 0 || first >= 0xF5 || text.size() < length) return 0;
-  for (std::size_t i = 1; i < length; ++i)
-    if ((byte(i) & 0xC0U) != 0x80U) return 0;
-  return length;
-}
-
+/// Control characters (base/plain_text.h) are escaped, so that JSON in a terminal does nothing else than show.
 std::string quoted(std::string_view text) {
   std::string out = "\"";
   while (!text.empty()) {
-    const std::size_t length = utf8_length(text);
-    const char c = text.front();
-    if (length == 0) {
-      out += "\\ufffd";
-    } else if (c == '"' || c == '\\') {
+    const CodePoint point = code_point_at(text);
+    const auto value = static_cast<std::uint32_t>(point.value);
+    if (!point.is_utf8) {
+      out += "\\ufffd";  // file names may hold any bytes
+    } else if (value == '"' || value == '\\') {
       out += '\\';
-      out += c;
-    } else if (static_cast<unsigned char>(c) < 0x20) {
-      out += fmt::format("\\u{:04x}", static_cast<unsigned>(c));
+      out += static_cast<char>(value);
+    } else if (!is_control(point.value)) {
+      out += text.substr(0, point.bytes);
+    } else if (value < 0x1'0000) {
+      out += fmt::format("\\u{:04x}", value);
     } else {
-      out += text.substr(0, length);
+      out += fmt::format("\\u{:04x}\\u{:04x}", 0xD7C0 + (value >> 10U), 0xDC00 + (value & 0x3FFU));
     }
-    text.remove_prefix(length == 0 ? 1 : length);
+    text.remove_prefix(point.bytes);
   }
   return out + "\"";
 }

@@ -214,7 +214,8 @@ int print_block(const SlabRecord& record, int station, const std::string& scanne
 
 int show(const Options& options) {
   int exit_status = kDone;
-  const auto reader = open_database(options.database, exit_status);
+  const auto reader = open_database(options.database, exit_status,
+                                    options.json ? storage::TextFor::programs : storage::TextFor::people);
   if (reader == nullptr) return exit_status;
   const auto found = named_slab(*reader, options.slab, exit_status);
   if (!found) return exit_status;

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 
+#include "base/plain_text.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/export/export.h"
@@ -50,7 +51,8 @@ int unknown_command(const CLI::App& app, const std::string& word) {
 }  // namespace
 
 void complain(std::string_view sentence) {
-  fmt::print(stderr, "slabctl: {}\n", sentence);
+  // A sentence may hold a text from a file or a database; some have lines of their own.
+  fmt::print(stderr, "slabctl: {}\n", plain(sentence, Lines::kept));
 }
 
 std::string nearest(const std::string& word, const std::vector<std::string>& candidates) {
@@ -66,7 +68,7 @@ std::string nearest(const std::string& word, const std::vector<std::string>& can
 }
 
 bool report_problems(const std::vector<daemon::Problem>& problems) {
-  for (const daemon::Problem& problem : problems) fmt::print(stderr, "{}\n", problem.text);
+  for (const daemon::Problem& problem : problems) fmt::print(stderr, "{}\n", plain(problem.text, Lines::kept));
   return problems.empty();
 }
 

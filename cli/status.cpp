@@ -7,6 +7,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "base/plain_text.h"
 #include "cli/command.h"
 #include "cli/control.h"
 #include "cli/exit.h"
@@ -34,10 +35,10 @@ std::string text_at(const json& document, std::initializer_list<const char*> pat
     if (!at->is_object() || !at->contains(key)) return "-";
     at = &(*at)[key];
   }
-  if (at->is_string()) return at->get<std::string>();
+  if (at->is_string()) return plain(at->get<std::string>());
   if (at->is_boolean()) return at->get<bool>() ? "yes" : "no";
   if (at->is_number_float()) return fmt::format("{:.1f}", at->get<double>());
-  return at->is_null() ? "-" : at->dump();
+  return at->is_null() ? "-" : plain(at->dump());
 }
 
 void print_line(const char* label, const std::string& text) {
@@ -127,7 +128,7 @@ void print_status(const json& status) {
                                     text_at(status, {"fault", "text"}), text_at(status, {"fault", "cure"})));
   if (status.contains("warn") && status["warn"].is_array())
     for (const json& warning : status["warn"])
-      print_line("warning", warning.is_string() ? warning.get<std::string>() : warning.dump());
+      print_line("warning", plain(warning.is_string() ? warning.get<std::string>() : warning.dump()));
   print_line("plc", fmt::format("{} clients, heartbeat {}{}", text_at(status, {"links", "plc", "clients"}),
                                 text_at(status, {"links", "plc", "alive"}) == "yes" ? "alive" : "missing",
                                 after("; ", text_at(status, {"links", "plc", "trouble"}))));

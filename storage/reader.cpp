@@ -116,7 +116,7 @@ class SqliteReader final : public Reader {
       found.emplace();
       found->sha256.assign(rows.text(0));
       found->name.assign(rows.text(1));
-      found->text = rows.text(2);
+      found->text = rows.stored_text(2);
       found->kept_utime_us = rows.integer(3);
     }
     return found;
@@ -208,9 +208,10 @@ bool is_unfinished(const std::string& db_path) {
   return log_is_in_doubt(db_path);
 }
 
-Result<std::unique_ptr<Reader>> open_reader(const std::string& db_path) {
+Result<std::unique_ptr<Reader>> open_reader(const std::string& db_path, TextFor text) {
   Result<std::unique_ptr<Connection>> db = open_for_reading(db_path);
   if (!db.ok()) return db.error();
+  if (text == TextFor::people) db.value()->read_plain_text();
   try {
     return std::unique_ptr<Reader>(std::make_unique<SqliteReader>(std::move(db.value()), db_path));
   } catch (const SqlFailure& failure) {

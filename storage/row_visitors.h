@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <concepts>
 #include <cstdint>
@@ -140,7 +141,8 @@ class Fetch {
   Fetch(Statement& statement, int first) : statement_(statement), column_(first) {}
 
   template <typename T>
-  void operator()(std::string_view, T& value) {
+  void operator()(std::string_view name, T& value) {
+    name_ = name;
     take(value);
   }
   [[nodiscard]] int next_column() const { return column_; }
@@ -168,9 +170,13 @@ class Fetch {
   }
   template <std::size_t N>
   void take(FixedString<N>& text) {
-    const std::string_view stored = statement_.text(column_);
-    if (stored.size() > N) statement_.refuse(column_, "is longer than " + std::to_string(N) + " bytes");
-    text.assign(stored);
+    std::string_view stored = statement_.text(column_);
+    if (statement_.stored_text(column_).size() > N)
+      statement_.refuse(column_, "is longer than " + std::to_string(N) + " bytes");
+    // Made readable it may be longer; a character that does not fit goes as a whole.
+    std::size_t fits = std::min(stored.size(), N);
+    while (fits < stored.size() && fits > 0 && (static_cast<unsigned char>(stored[fits]) & 0xC0U) == 0x80U) --fits;
+    text.assign(stored.substr(0, fits));
     ++column_;
   }
   template <std::size_t N>
@@ -180,7 +186,11 @@ class Fetch {
       if (!bytes.push(byte)) statement_.refuse(column_, "is longer than " + std::to_string(N) + " bytes");
     ++column_;
   }
-  void take(std::string& text) { text = statement_.text(column_++); }
+  void take(std::string& text) {
+    const bool has_lines = name_ == "figures" || name_ == "observations" || name_ == "certificate";
+    text = has_lines ? statement_.document(column_) : statement_.text(column_);
+    ++column_;
+  }
   void take(bool& value) {
     const std::int64_t stored = statement_.integer(column_);
     if (stored != 0 && stored != 1) statement_.refuse(column_, "is neither 0 nor 1");
@@ -213,6 +223,7 @@ class Fetch {
 
   Statement& statement_;
   int column_;
+  std::string_view name_;  ///< of the member that is read
 };
 
 // ---- SQL ---------------------------------------------------------------------------------------------------------

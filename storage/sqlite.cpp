@@ -8,6 +8,8 @@
 #include <limits>
 #include <new>
 
+#include "base/plain_text.h"
+
 namespace slabd::storage {
 namespace {
 
@@ -185,11 +187,26 @@ double Statement::real(int column) const {
   return sqlite3_column_double(handle_, column);
 }
 
-std::string_view Statement::text(int column) const {
+std::string_view Statement::stored_text(int column) const {
   if (sqlite3_column_type(handle_, column) != SQLITE_TEXT) refuse(column, "is not text");
   const void* bytes = sqlite3_column_text(handle_, column);
   const int size = sqlite3_column_bytes(handle_, column);
   return {static_cast<const char*>(bytes), static_cast<std::size_t>(size)};
+}
+
+std::string_view Statement::readable(std::string_view stored, bool with_lines) const {
+  const Lines lines = with_lines ? Lines::kept : Lines::replaced;
+  if (!connection_.reads_plain_text() || is_plain(stored, lines)) return stored;
+  plain_ = plain(stored, lines);
+  return plain_;
+}
+
+std::string_view Statement::text(int column) const {
+  return readable(stored_text(column), false);
+}
+
+std::string_view Statement::document(int column) const {
+  return readable(stored_text(column), true);
 }
 
 std::span<const std::uint8_t> Statement::bytes(int column) const {

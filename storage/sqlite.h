@@ -46,8 +46,13 @@ class Connection {
   bool checkpoint();
   [[nodiscard]] sqlite3* handle() const { return handle_; }
 
+  /// From now on texts that are read have no control characters (base/plain_text.h).
+  void read_plain_text() { reads_plain_text_ = true; }
+  [[nodiscard]] bool reads_plain_text() const { return reads_plain_text_; }
+
  private:
   sqlite3* handle_ = nullptr;
+  bool reads_plain_text_ = false;
 };
 
 /// Prepared once, run many times. Parameters and columns count from the left in the order of the SQL text;
@@ -74,15 +79,23 @@ class Statement {
 
   [[nodiscard]] std::int64_t integer(int column) const;
   [[nodiscard]] double real(int column) const;  ///< NULL becomes NaN
+  /// Valid until the next call. On a connection that reads plain text, a text of one line.
   [[nodiscard]] std::string_view text(int column) const;
+  /// As text(), of a text with lines.
+  [[nodiscard]] std::string_view document(int column) const;
+  /// As stored, on every connection: to be parsed or compared, not to be shown.
+  [[nodiscard]] std::string_view stored_text(int column) const;
   [[nodiscard]] std::span<const std::uint8_t> bytes(int column) const;  ///< valid until the next step
   [[nodiscard]] bool is_null(int column) const;
   /// A row that cannot have been written by this program.
   [[noreturn]] void refuse(int column, const std::string& why) const;
 
  private:
+  [[nodiscard]] std::string_view readable(std::string_view stored, bool with_lines) const;
+
   Connection& connection_;
   sqlite3_stmt* handle_ = nullptr;
+  mutable std::string plain_;  ///< of the last text that was not plain
 };
 
 /// Rolls back unless committed.

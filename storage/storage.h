@@ -300,9 +300,14 @@ class Reader {
   /// Newest first.
   [[nodiscard]] virtual Result<std::vector<CalibrationCheck>> checks(std::size_t limit) = 0;
 };
+/// Who reads the texts of a database, which may come from elsewhere.
+enum class TextFor : std::uint8_t {
+  people,   ///< control characters are replaced (base/plain_text.h); documents keep their lines
+  programs  ///< as stored: for JSON, which escapes them, and for raw tables
+};
 /// config when the file does not exist, is no slabd database, or is one of an older or newer schema version (a reader
 /// changes nothing; the daemon's start brings an older one up to date).
-[[nodiscard]] Result<std::unique_ptr<Reader>> open_reader(const std::string& db_path);
+[[nodiscard]] Result<std::unique_ptr<Reader>> open_reader(const std::string& db_path, TextFor text = TextFor::people);
 /// Nobody has kept anything there yet: no file, or one whose creation was stopped before its first transaction. The
 /// next writer makes it whole. Never true of a file that holds anything, ours or not.
 [[nodiscard]] bool is_unused(const std::string& db_path);

@@ -79,7 +79,9 @@ int export_results(const ExportOptions& options) {
     return kUsage;
   }
   int exit_status = kDone;
-  const auto reader = open_database(options.database, exit_status);
+  const bool as_stored = options.raw || format != "csv";
+  const auto reader =
+      open_database(options.database, exit_status, as_stored ? storage::TextFor::programs : storage::TextFor::people);
   if (reader == nullptr) return exit_status;
   const auto keys = chosen_slabs(*reader, options.choice, exit_status);
   if (!keys) return exit_status;

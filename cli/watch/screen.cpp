@@ -10,6 +10,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/plain_text.h"
+
 namespace slabd::cli::watch {
 namespace {
 
@@ -87,7 +89,11 @@ class Composer {
 
  private:
   [[nodiscard]] std::string say(std::string_view en, std::string_view zh) const { return std::string(zh_ ? zh : en); }
-  void add(Line line) { lines_.push_back(std::move(line)); }
+  /// Texts come from the daemon's answer and from the database.
+  void add(Line line) {
+    for (Piece& piece : line) piece.text = plain(piece.text);
+    lines_.push_back(std::move(line));
+  }
 
   [[nodiscard]] std::string render(const Line& line) const {
     std::string out;

@@ -53,6 +53,31 @@ TEST_F(ReaderTest, lists_newest_first_and_finds_by_the_newest_id) {
   EXPECT_FALSE(read->slab(99).value().has_value());
 }
 
+TEST_F(ReaderTest, control_characters_reach_people_as_numbers_and_programs_as_stored) {
+  open();
+  BeginSlabJob job{random_header(prng_, 1), 1, ++cmd_seq_};
+  job.slab.slab_id.assign("A-1");
+  apply(job);
+  close();
+  // The daemon refuses such an id; a database from elsewhere can hold it.
+  const std::string hostile = "A\x1b]0;owned\x07\n9 PASS";
+  {
+    Connection db(settings_.db_path, SQLITE_OPEN_READWRITE);
+    Statement change(db, "UPDATE slab SET slab_id = ?");
+    change.bind(1, hostile);
+    ASSERT_FALSE(change.step());
+  }
+  for (const auto& [text_for, shown] : {std::pair{TextFor::people, std::string("A\\x1b]0;owned\\x07\\n9 PASS")},
+                                        std::pair{TextFor::programs, hostile}}) {
+    Result<std::unique_ptr<Reader>> read = open_reader(settings_.db_path, text_for);
+    ASSERT_TRUE(read.ok()) << read.error().text.view();
+    const Result<std::vector<SlabSummary>> list = read.value()->slabs(3);
+    ASSERT_TRUE(list.ok()) << list.error().text.view();
+    ASSERT_EQ(list.value().size(), 1U);
+    EXPECT_EQ(list.value()[0].header.slab_id.view(), shown.substr(0, limits::kSlabIdBytes));
+  }
+}
+
 TEST_F(ReaderTest, reads_after_the_daemon_has_gone) {
   open();
   begin(1);
