@@ -203,7 +203,8 @@ Status BlockInspector::denoise(Cloud& cloud) {
     return error(Code::frame_incomplete, "scan claims %zu points, its buffer holds %zu and the limit is %zu",
                  cloud.points, cloud.xyz.size() / 3, limits::kScanPointsMax);
   }
-  const Vec3 step_mm = find_coordinate_step(cloud, w.order.first(kStepScratch));
+  const Vec3 step_mm = cloud.points < limits::kScanPointsMin ? Vec3(Vec3::Zero())
+                                                             : find_coordinate_step(cloud, w.order.first(kStepScratch));
   if (!remove_isolated(cloud, {w.order, w.label, w.cell_start, w.surface, &w.give_up}, w.team, w.result.scan)) {
     refuse_registration(w.result.registration, "not tried: too much noise to be judged");
     return error(Code::deadline,
@@ -212,6 +213,12 @@ Status BlockInspector::denoise(Cloud& cloud) {
                  static_cast<unsigned long long>(w.result.scan.points_finite));
   }
   w.result.scan.step_mm = step_mm;
+  const auto kept = static_cast<std::size_t>(w.result.scan.points_kept);
+  if (kept < limits::kScanPointsMin) {
+    refuse_registration(w.result.registration, "not tried: too few points");
+    return error(Code::too_few_points, "%zu of %llu points left after denoising, at least %zu needed", kept,
+                 static_cast<unsigned long long>(w.result.scan.points_read), limits::kScanPointsMin);
+  }
   if (int axis = 0; step_mm.maxCoeff(&axis) > 1.01 * kCoordinateStepMax_mm) {
     refuse_registration(w.result.registration, "not tried: coordinates rounded too coarsely");
     return error(
@@ -220,11 +227,7 @@ Status BlockInspector::denoise(Cloud& cloud) {
         "more decimals (at least two in mm, five in m)",
         "xyz"[axis], step_mm[axis], kCoordinateStepMax_mm);
   }
-  const auto kept = static_cast<std::size_t>(w.result.scan.points_kept);
-  if (kept >= limits::kScanPointsMin) return success();
-  refuse_registration(w.result.registration, "not tried: too few points");
-  return error(Code::too_few_points, "%zu of %llu points left after denoising, at least %zu needed", kept,
-               static_cast<unsigned long long>(w.result.scan.points_read), limits::kScanPointsMin);
+  return success();
 }
 
 Status BlockInspector::register_to_model(const Cloud& cloud) {

@@ -22,7 +22,7 @@ enum class Code : std::uint16_t {
   bad_crc = 109,
   interrupted = 110,
   bad_sequence = 111,
-  attempts_used_up = 112,
+  attempts_used_up = 115,
   // the robot
   no_pose = 201,
   pose_stale = 202,

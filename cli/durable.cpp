@@ -117,8 +117,8 @@ std::string why_not_followed(const std::filesystem::path& at, uid_t owner) {
   struct stat there {};
   const bool known = ::stat(folder.c_str(), &there) == 0;
   if (known && is_trusted(there.st_uid) && (there.st_mode & (S_IWGRP | S_IWOTH)) == 0) return {};
-  return "the link " + at.string() + " belongs to " + name_of(owner) + ", and others than you can write to its folder: " +
-         "it is not followed";
+  return "the link " + at.string() + " belongs to " + name_of(owner) +
+         ", and others than you can write to its folder: " + "it is not followed";
 }
 
 /// The file that a path means.
@@ -297,8 +297,7 @@ Status OutFile::close(Code code) {
 Status check_links(const std::string& path) {
   const Target target = target_of(path);
   if (!target.refusal.empty()) return error(Code::config, "%s: %s", path.c_str(), target.refusal.c_str());
-  if (target.error_number != 0)
-    return error(Code::config, "%s: %s", path.c_str(), std::strerror(target.error_number));
+  if (target.error_number != 0) return error(Code::config, "%s: %s", path.c_str(), std::strerror(target.error_number));
   return success();
 }
 

@@ -18,15 +18,16 @@
 /// journal_write.
 namespace slabd::cli {
 
-/// Every symbolic link on the way to `path`, its last name included, may be followed: its owner is the caller or root, or
-/// only they can write to the folder that contains it. In every other folder (/tmp with its sticky bit, a home of
+/// Every symbolic link on the way to `path`, its last name included, may be followed: its owner is the caller or root,
+/// or only they can write to the folder that contains it. In every other folder (/tmp with its sticky bit, a home of
 /// another user) another user can put a link there that leads to the caller's own files. config: the sentence names the
 /// link and its owner.
 [[nodiscard]] Status check_links(const std::string& path);
 
 /// A file that appears whole or not at all, whoever stops the program (Ctrl-C, a time limit) and whoever else writes
 /// the same file: the last one to finish has it. "-" is standard output. A symbolic link stays, and the file that it
-/// means is replaced, unless another user may have put the link there (check_links); a pipe or a character device is no file that could be replaced: it is written into.
+/// means is replaced, unless another user may have put the link there (check_links); a pipe or a character device is no
+/// file that could be replaced: it is written into.
 class OutFile {
  public:
   struct Kind {

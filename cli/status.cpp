@@ -181,7 +181,7 @@ int show_status(const Options& options) {
     return kNotReachable;
   }
   if (options.as_json) {
-    fmt::print("{}\n", status.dump(2));
+    fmt::print("{}\n", status.dump(2, ' ', true));  // ASCII alone: no control character stays
   } else {
     print_status(status);
   }

@@ -19,8 +19,8 @@ namespace slabd::daemon {
 namespace {
 
 using Line = FixedString<768>;
-/// Some seconds of the most that slabd says; 200 kB.
-constexpr std::size_t kLines = 256;
+/// More than slabd logs while a whole slab is inspected; 50 kB.
+constexpr std::size_t kLines = 64;
 
 struct Outlet {
   std::mutex mutex;

@@ -327,7 +327,7 @@ void Loop::take_up_recipes() {
   if (const bool differs = ports_.recipes->differs(); differs != recipes_differ_said_) {
     recipes_differ_said_ = differs;
     line.level = differs ? LogLine::Level::warning : LogLine::Level::info;
-    line.text = differs ? std::string_view(ports_.recipes->words()) : "the recipe folder holds what is in use";
+    line.text = differs ? ports_.recipes->words() : RecipeWatch::Text("the recipe folder holds what is in use");
     say(line);
   }
   if (ports_.recipes->next_note(line.text)) {

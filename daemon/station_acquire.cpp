@@ -606,8 +606,7 @@ void remeasure(Station& s, Actions& actions) {
         since_ns != 0 && since_ns <= s.now_ns) {
       log(actions, LogLine::Level::error, Code::deadline,
           "station %u: slabd ended while it measured this scan, which is not measured again by itself: scan the "
-          "station "
-          "again, or look at %s with `slabctl inspect`",
+          "station again, or look at %s with `slabctl inspect`",
           station, record.attempt.scan_path.c_str());
       expect_result(s, station, kNoSlot);
       commit_block(s, given_up(record.attempt), actions);

@@ -100,7 +100,9 @@ struct Ends {
 Status read_ends(int fd, const std::string& path, Ends& ends) {
   struct stat info {};
   if (fstat(fd, &info) != 0) return trouble("cannot look at", path);
-  if (!S_ISREG(info.st_mode)) return error(Code::config, "%s is not a file", path.c_str());
+  if (!S_ISREG(info.st_mode))
+    return error(Code::config, "%s is %s, not a database file", path.c_str(),
+                 S_ISFIFO(info.st_mode) ? "a FIFO" : "no regular file");
   ends.size = static_cast<std::uint64_t>(info.st_size);
   std::array<char, kHeaderBytes> header{};
   if (read_at(fd, 0, header.data(), header.size()) < 0) return trouble("cannot read", path);

@@ -86,6 +86,8 @@ std::string folder_in(const std::string& note) {
 }  // namespace
 
 std::optional<std::string> quarantine_note(const std::string& path) {
+  std::error_code fault;
+  if (!fs::is_regular_file(path, fault)) return std::nullopt;  // a FIFO would be waited for
   std::ifstream in(path, std::ios::binary);
   std::string text(4096, '\0');
   in.read(text.data(), static_cast<std::streamsize>(text.size()));

@@ -504,6 +504,8 @@ class SqliteStore final : public Store {
   int quiet_looks_ = 0;
   bool retention_due_ = true;  ///< a slab has ended since the last look
   bool trim_due_ = true;       ///< the spool may hold more than its budget
+  std::mutex recipes_mutex_;
+  std::optional<std::vector<RecipeText>> recipes_next_;  ///< taken by the next job
   mutable std::mutex care_mutex_;
   CareState care_;
   PruneOrder prune_order_;

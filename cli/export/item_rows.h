@@ -16,8 +16,8 @@ inline constexpr const char* kItemRowsVersion = "slabd.items/1";
 /// The heading, with its line end.
 [[nodiscard]] std::string item_heading();
 /// Who will open the table. A spreadsheet program takes a text that begins with = + - @ or a control character for a
-/// formula and computes it; in a table for one, the default, it gets an apostrophe before it. A program gets the text as it
-/// is. Numbers are the same for both.
+/// formula and computes it; in a table for one, the default, it gets an apostrophe before it. A program gets the text
+/// as it is. Numbers are the same for both.
 enum class TableFor : std::uint8_t { program, spreadsheet };
 /// Rows of the valid attempt of each block, by station, then of the slab.
 [[nodiscard]] std::string item_rows(const storage::SlabRecord& record, TableFor reader);

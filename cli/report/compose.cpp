@@ -121,6 +121,7 @@ class Composer {
     Section section;
     section.title = say(Word::findings);
     std::vector<std::pair<Verdict, std::string>> list;
+    std::vector<std::pair<Verdict, std::string>> damage;
     if (is_aborted(record_)) list.emplace_back(Verdict::aborted, reason_sentence(record_.summary.reason, language_));
     for (int station = 1; station <= header_.stations; ++station) {
       const SlabBlock* block = measured(station);
@@ -140,8 +141,8 @@ class Composer {
       }
       for (const Item& item : block->block.items) add_finding(list, final_item(record_, station, item), station);
       for (const SurfaceFinding& finding : block->block.findings)
-        list.emplace_back(Verdict::indeterminate,
-                          fmt::format("{}: {}", say(Word::block, station), finding_sentence(finding, language_)));
+        damage.emplace_back(Verdict::indeterminate,
+                            fmt::format("{}: {}", say(Word::block, station), finding_sentence(finding, language_)));
     }
     for (const Item& item : record_.slab.items)
       if (!said_by_block(item)) add_finding(list, item, 0);
@@ -149,6 +150,8 @@ class Composer {
       const auto rank = [](Verdict v) { return v == Verdict::fail ? 0 : v == Verdict::indeterminate ? 2 : 1; };
       return rank(a.first) < rank(b.first);
     });
+    // A person can look at damage at once, and few of the other lines may be shown.
+    list.insert(list.begin(), damage.begin(), damage.end());
     for (std::size_t i = 0; i < std::min(list.size(), kFindingsShown); ++i)
       section.parts.push_back(Paragraph{list[i].second, list[i].first});
     if (list.size() > kFindingsShown)

@@ -305,7 +305,10 @@ TEST(Block, HasNoJawAngleFromAPieceOfTheJaw) {
     return y < 180.0 || z > 28.0 || !on_block(z) || x < 10.0;
   }));
   EXPECT_TRUE(half.jaw_outer.ok);
-  EXPECT_EQ(half.verdict, Verdict::pass);
+  EXPECT_EQ(item(half, ItemId::jaw_angle_outer).verdict, Verdict::pass);
+  EXPECT_EQ(half.verdict, Verdict::indeterminate) << "half of the face was not seen, or is not there";
+  ASSERT_FALSE(half.findings.empty());
+  EXPECT_EQ(half.findings[0].kind, FindingKind::missing);
 }
 
 TEST(Block, StatesTheUncertaintyOfItsStandardDeviation) {

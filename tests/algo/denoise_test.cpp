@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -109,6 +110,57 @@ std::vector<float> tilted(double tilt_deg, double pitch, std::uint64_t seed) {
     }
   }
   return xyz;
+}
+
+/// Clouds in which every point would have to be asked by itself. By counted work, the same on every computer.
+TEST(Denoise, gives_up_clouds_in_which_hardly_a_surface_goes_through_any_point) {
+  constexpr std::size_t kPoints = 5'900'000;
+  Prng prng(3);
+  const auto in = [&prng](double low, double high) { return static_cast<float>(low + (high - low) * prng.uniform()); };
+  const auto points = [&](const auto& point) {
+    std::vector<float> xyz;
+    xyz.reserve(3 * kPoints);
+    for (std::size_t i = 0; i < kPoints; ++i)
+      for (const float c : std::array<float, 3>(point(i))) xyz.push_back(c);
+    return xyz;
+  };
+  using P = std::array<float, 3>;
+  Denoiser denoiser;
+  denoiser.order.resize(limits::kScanPointsMax);
+  denoiser.keep.resize(limits::kScanPointsMax);
+  const auto expect_given_up = [&](const char* name, const std::vector<float>& cloud) {
+    std::vector<float> xyz = cloud;
+    Cloud view{xyz, kPoints, 0, 0};
+    EXPECT_FALSE(remove_isolated(view, {denoiser.order, denoiser.keep, denoiser.cells, denoiser.surface}, denoiser.team,
+                                 denoiser.counts))
+        << name;
+    EXPECT_EQ(std::memcmp(xyz.data(), cloud.data(), xyz.size() * sizeof(float)), 0) << name;
+  };
+  expect_given_up("fog", points([&](std::size_t) { return P{in(-150, 150), in(-200, 200), in(500, 700)}; }));
+  expect_given_up("fog in a small box", points([&](std::size_t) { return P{in(-10, 10), in(-10, 10), in(590, 610)}; }));
+  expect_given_up("all points equal", points([](std::size_t) { return P{1.0F, 2.0F, 600.0F}; }));
+  expect_given_up("a line", points([&](std::size_t) { return P{in(-200, 200), 0.0F, 600.0F}; }));
+  expect_given_up("two clumps", points([&](std::size_t i) {
+                    return P{(i % 2 == 0 ? -1e5F : 1e5F) + in(-1, 1), in(-1, 1), in(599, 601)};
+                  }));
+  expect_given_up("huge extents", points([&](std::size_t) { return P{in(-1e6, 1e6), in(-1e6, 1e6), in(0, 1e6)}; }));
+}
+
+TEST(Denoise, ends_soon_when_its_caller_does_not_want_to_wait) {
+  std::vector<float> xyz;
+  Prng prng(5);
+  for (int i = 0; i < 60'000; ++i)
+    for (int c = 0; c < 3; ++c) xyz.push_back(static_cast<float>(100.0 * prng.uniform()));
+  Denoiser denoiser;
+  denoiser.order.resize(limits::kScanPointsMax);
+  denoiser.keep.resize(limits::kScanPointsMax);
+  std::atomic<bool> give_up{true};
+  Cloud view{xyz, xyz.size() / 3, 0, 0};
+  EXPECT_FALSE(remove_isolated(view, {denoiser.order, denoiser.keep, denoiser.cells, denoiser.surface, &give_up},
+                               denoiser.team, denoiser.counts));
+  give_up = false;
+  EXPECT_TRUE(remove_isolated(view, {denoiser.order, denoiser.keep, denoiser.cells, denoiser.surface, &give_up},
+                              denoiser.team, denoiser.counts));
 }
 
 TEST(Denoise, LosesAlmostNoSurfacePointAtAnyPitchAndSlope) {
@@ -538,7 +590,8 @@ Outcome outcome_of(std::vector<float> xyz, std::size_t width, std::size_t height
   const std::size_t points = xyz.size() / 3;
   xyz.resize(xyz.size() + xyz.size() / 2, 0.0F);  // room for a grid that the cloud gets back
   Cloud cloud{xyz, points, width, height};
-  EXPECT_TRUE(remove_isolated(cloud, {denoiser.order, denoiser.keep, denoiser.cells, denoiser.surface}, team, denoiser.counts));
+  EXPECT_TRUE(
+      remove_isolated(cloud, {denoiser.order, denoiser.keep, denoiser.cells, denoiser.surface}, team, denoiser.counts));
   xyz.resize(3 * cloud.points);
   return {std::move(xyz), cloud.points, cloud.width, cloud.height, denoiser.counts.points_kept};
 }

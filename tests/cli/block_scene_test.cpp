@@ -62,9 +62,11 @@ int solid(const Recipe& r, const BlockTruth& t, const Vec3& p) {
   // Where the corner is broken out, the block's surface lies so much deeper.
   const double broken = p.x() > 57.0 && p.y() > 155.0 ? t.corner_mm : 0.0;
   if (broken > 0.0) {
-    BlockTruth whole = t;
-    whole.corner_mm = 0.0;
-    return solid(r, whole, p + Vec3(0.0, 0.0, broken));
+    const double z = p.z() + broken;
+    const double high = -p.y() * s + z * c;
+    const double face = 0.5 * t.jaw_distance_mm +
+                        (high - b.jaw_reference_height_mm.value) * std::tan(t.jaw_angle_outer_rad - kPi / 2.0);
+    return high < 0.0 || (p.y() * c + z * s > face && z < b.shoulder_outer_z_mm.value) ? 1 : 0;
   }
   if (height < (p.x() > 55.0 ? -t.sunk_mm : 0.0)) return 1;
   const double half = 0.5 * t.jaw_distance_mm;
@@ -124,10 +126,12 @@ TEST(BlockScene, nominal_block_is_what_marching_rays_find) {
 }
 
 TEST(BlockScene, sunk_seat_and_broken_corner_are_what_marching_rays_find) {
-  BlockTruth truth = nominal_truth(recipe());
-  truth.sunk_mm = 10.0;
-  truth.corner_mm = 15.0;
-  compare_with_marching(truth, nominal_T_block_scanner().inverse(), 4000);
+  BlockTruth sunk = nominal_truth(recipe());
+  sunk.sunk_mm = 10.0;
+  compare_with_marching(sunk, nominal_T_block_scanner().inverse(), 4000);
+  BlockTruth broken = nominal_truth(recipe());
+  broken.corner_mm = 15.0;
+  compare_with_marching(broken, nominal_T_block_scanner().inverse(), 4000);
 }
 
 TEST(BlockScene, odd_block_from_an_odd_view_is_what_marching_rays_find) {

@@ -114,6 +114,32 @@ TEST_F(ConfigTest, nothing_of_slabd_lies_in_the_scanners_folder) {
                          "(storage.spool_dir); allowed is a place outside of it"});
 }
 
+TEST_F(ConfigTest, folders_are_compared_by_what_they_really_are) {
+  namespace fs = std::filesystem;
+  std::string folder = (fs::temp_directory_path() / "slabd-places-XXXXXX").string();
+  ASSERT_NE(mkdtemp(folder.data()), nullptr);
+  fs::create_directories(folder + "/drop/stray");
+  fs::create_directories(folder + "/data");
+  fs::create_directory_symlink(folder + "/drop/stray", folder + "/link");
+  fs::create_symlink("drop/stray/new.db", folder + "/dangling.db");
+  fs::create_directory_symlink(folder + "/not-there-yet", folder + "/drop-link");
+  const auto with = [&](const std::string& drop, const std::string& rest) {
+    return kShortest +
+           ("[scanner]\ndrop_dir = \"" + folder + drop + "\"\n[storage]\nspool_dir = \"/srv/spool\"\n" + rest);
+  };
+  EXPECT_EQ(load(with("/drop", "db = \"" + folder + "/data/slabd.db\"\n")), Texts{});
+  for (const char* db : {"/link/slabd.db", "/dangling.db"}) {
+    const Texts texts = load(with("/drop", "db = \"" + folder + db + "\"\n"));
+    ASSERT_GE(texts.size(), 1U) << db;
+    EXPECT_NE(texts[0].find("storage.db: found " + folder + db + " (really " + folder + "/drop/stray/"),
+              std::string::npos)
+        << texts[0];
+  }
+  EXPECT_GE(load(with("/drop-link", "db = \"" + folder + "/not-there-yet/slabd.db\"\n")).size(), 1U)
+      << "also what neither of them is yet";
+  fs::remove_all(folder);
+}
+
 TEST_F(ConfigTest, what_the_check_calls_good_the_daemon_can_begin_with) {
   for (const char* url :
        {"udpm://239.255.78.300:7667?ttl=0", "udpm://10.0.0.1:7667?ttl=0", "udpm://239.255.76.67:7667?ttl=300",

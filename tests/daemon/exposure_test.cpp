@@ -36,7 +36,7 @@ struct Scan {
   }
 };
 
-class Exposures : public testing::Test {
+class Exposures : public ::testing::Test {
  protected:
   Exposures() {
     std::vector<Problem> problems;
@@ -80,7 +80,7 @@ class Exposures : public testing::Test {
     queue->drain();
     auto done = std::make_unique<BlockMeasured>();
     EXPECT_TRUE(queue->next(*done));
-    EXPECT_TRUE(has_value(done->block.seat.flatness_mm)) << done->block.registration.note.view();
+    EXPECT_EQ(done->block.registration.status, RegistrationStatus::converged) << done->block.registration.note.view();
     EXPECT_FALSE(done->noise.empty());
     return *done;
   }

@@ -149,6 +149,8 @@ class RealSlabd {
     answers_.clear();
     measuring_.clear();
     request_.reset();
+    // The model measures again what it had acquired; a process that crashed alone would not (station_measuring_test).
+    store_.restart_computer();
     const RecoveredLine line = store_.recover();
     feed(Recovered{&line});
     // The PLC's memory is as it was: it beats on, and its block is written again by nobody.
@@ -380,7 +382,7 @@ class Lives {
       model_.session_was_stored();
     else if (*kind == PendingStore::Kind::command)
       model_.command_was_stored();
-    else
+    else if (*kind != PendingStore::Kind::measuring)  // a mark in the database, of which the PLC sees nothing
       model_.scan_was_stored();
     return "an answer of the database";
   }

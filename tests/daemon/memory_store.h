@@ -54,6 +54,11 @@ struct MemoryStore {
     forget_unseen();
     return Code::ok;
   }
+  /// The monotonic clock begins anew: marks of measurements lie in the future and prove nothing against a scan.
+  void restart_computer() {
+    for (StationRecord& record : line.stations)
+      if (record.measuring_since_ns != 0) record.measuring_since_ns += 86'400 * kNsPerS;
+  }
   /// What a restarted daemon would find.
   RecoveredLine recover() {
     line.abort_seq = 0;

@@ -279,11 +279,11 @@ TEST_F(StationRefusals, while_a_slab_ends_it_takes_only_an_abort) {
   }
   line.command(PlcCommand::slab_abort);
   line.run_for(40);
-  EXPECT_TRUE(line.view().slab_open) << "the buffer is still being measured";
+  EXPECT_FALSE(line.view().slab_open) << "it does not wait for the measurement";
+  EXPECT_EQ(line.view().slab_verdict, Verdict::aborted);
   line.feed(answer_to(line.measured.back()));
   line.run_for(40);
-  EXPECT_FALSE(line.view().slab_open);
-  EXPECT_EQ(line.view().slab_verdict, Verdict::aborted);
+  EXPECT_EQ(line.view().slab_verdict, Verdict::aborted) << "the late answer is dropped";
 }
 
 TEST_F(StationRefusals, an_abort_on_its_way_to_the_journal_while_the_slab_is_judged_leaves_one_end) {
@@ -308,7 +308,7 @@ TEST_F(StationRefusals, a_station_cannot_be_scanned_for_ever) {
   begin();
   line.station->slab.stations[0].attempts = 0xFF;
   line.command(PlcCommand::scan, 1);
-  refused(Code::store_full);
+  refused(Code::attempts_used_up);
   EXPECT_EQ(line.view().table[0].attempts, 0xFF);
 }
 

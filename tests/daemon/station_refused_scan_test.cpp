@@ -100,6 +100,7 @@ TEST_F(RefusedScan, that_is_measured_after_a_restart_has_the_result_not_measured
   line.scan(2);
   line.measuring_works = true;
   line.refuses = Code::frame_incomplete;
+  store.restart_computer();
   line.start();
   line.run_for(100);
   EXPECT_EQ(store.line.stations[1].phase, StationPhase::measured);

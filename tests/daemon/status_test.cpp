@@ -105,9 +105,9 @@ TEST_F(StatusTest, whatever_is_asked_is_answered) {
   EXPECT_EQ(ask("")["schema"], "slabd.error/1");
   EXPECT_EQ(ask("[]")["schema"], "slabd.error/1");
   EXPECT_EQ(ask("{\"verb\":7}")["schema"], "slabd.error/1");
-  EXPECT_EQ(
-      ask("{\"verb\":\"stop\"}")["error"],
-      "unknown verb; known: status, calibration, plc_image, metrics, care, backup, prune, calibration_change, capture");
+  EXPECT_EQ(ask("{\"verb\":\"stop\"}")["error"],
+            "unknown verb; known: status, calibration, plc_image, metrics, care, backup, prune, recipes, "
+            "calibration_change, capture");
   EXPECT_EQ(ask("{\"verb\":\"\xff\"}")["schema"], "slabd.error/1");
   EXPECT_EQ(ask(std::string(60'000, '['))["schema"], "slabd.error/1");
   Prng prng(11);

@@ -214,7 +214,8 @@ TEST(Ply, a_decimal_comma_is_named) {
   expect_refused(head("ascii", kTwo) + "1,5 2,5 3,5\n",
                  "line 8, column 1: \"1,5\" is not a number (a decimal comma is not "
                  "read: save the scan with decimal points)");
-  expect_refused(head("ascii", kTwo) + "1,2,3\n4,5,6\n", "\"1,2,3\" is not a number (values are separated by blanks here)");
+  expect_refused(head("ascii", kTwo) + "1,2,3\n4,5,6\n",
+                 "\"1,2,3\" is not a number (values are separated by blanks here)");
 }
 
 TEST(Ply, headers_have_bounds) {

@@ -38,7 +38,8 @@ TEST_F(ScanDropTest, thousands_of_strays_are_moved_counted_and_no_scan_is_lost) 
   EXPECT_EQ(xyz_[2], 3.0F);
   const std::vector<std::string> notes = notes_of(*scanner_);
   ASSERT_FALSE(notes.empty());
-  EXPECT_EQ(notes[0].substr(0, 48), "inbox/ is no longer crowded: 5000 files that ans") << "the newest word on it, first";
+  EXPECT_EQ(notes[0].substr(0, 48), "inbox/ is no longer crowded: 5000 files that ans")
+      << "the newest word on it, first";
   // What was deleted in stray/ for want of room is counted too.
   EXPECT_EQ(names_in(stray()).size() + scanner_->deleted().files, kStrays);
 }

@@ -1,4 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <sqlite3.h>
+#include <sys/stat.h>
+
 #include <atomic>
 #include <filesystem>
 #include <thread>
@@ -18,6 +21,21 @@ TEST_F(ReaderTest, missing_file_is_named) {
   EXPECT_EQ(reader.error().text.view(),
             "there is no database " + folder_.path() + "/none.db: slabd has not run with it yet, or the path is wrong");
   EXPECT_FALSE(std::filesystem::exists(folder_.path() + "/none.db")) << "a reader must not create it";
+}
+
+TEST_F(ReaderTest, what_is_no_file_is_named_and_not_waited_for) {
+  const std::string fifo = folder_.path() + "/fifo.db";
+  ASSERT_EQ(::mkfifo(fifo.c_str(), 0600), 0);
+  const Result<std::unique_ptr<Reader>> reader = open_reader(fifo);
+  ASSERT_FALSE(reader.ok());
+  EXPECT_NE(std::string(reader.error().text.view()).find("is a FIFO, not a database file"), std::string::npos)
+      << reader.error().text.view();
+  StoreSettings settings;
+  settings.db_path = fifo;
+  settings.spool_dir = folder_.path() + "/spool-of-fifo";
+  const auto store = open_store(settings);
+  ASSERT_FALSE(store.ok());
+  EXPECT_NE(std::string(store.error().text.view()).find("is a FIFO"), std::string::npos) << store.error().text.view();
 }
 
 TEST_F(ReaderTest, lists_newest_first_and_finds_by_the_newest_id) {

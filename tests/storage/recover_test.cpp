@@ -97,6 +97,54 @@ TEST_F(RecoverTest, acquired_scan_waits_to_be_measured_from_its_path) {
   EXPECT_EQ(line->stations[3].attempts, 1);
 }
 
+TEST_F(RecoverTest, the_mark_of_a_measurement_stays_until_it_is_stored_or_taken_away) {
+  begin(1);
+  accept(PlcCommand::scan, 4, 1);
+  apply(AcquiredJob{attempt(1, 4, 1), 0, 77});
+  EXPECT_EQ(restart()->stations[3].measuring_since_ns, 77);
+  apply(MeasuringJob{1, 4, 1, 0});
+  EXPECT_EQ(restart()->stations[3].measuring_since_ns, 0);
+  apply(MeasuringJob{1, 4, 1, 99});
+  EXPECT_EQ(restart()->stations[3].measuring_since_ns, 99);
+  scan(1, 4, 2);
+  apply(MeasuringJob{1, 4, 2, 5});
+  const auto line = restart();
+  EXPECT_EQ(line->stations[3].phase, StationPhase::measured);
+  EXPECT_EQ(line->stations[3].measuring_since_ns, 0) << "a measured block is not marked late";
+}
+
+TEST_F(RecoverTest, an_attempt_that_the_scanner_was_not_asked_for_does_not_count_and_is_replaced) {
+  begin(1);
+  for (int i = 0; i < 3; ++i) {
+    accept(PlcCommand::scan, 4, 1);
+    FailedAttemptJob failed{attempt(1, 4, 1), 202, 0};
+    failed.attempt.asked = false;
+    apply(failed);
+    const auto line = restart();
+    EXPECT_EQ(line->stations[3].attempts, 0);
+    EXPECT_EQ(line->stations[3].phase, StationPhase::failed);
+    EXPECT_EQ(line->stations[3].code, 202);
+  }
+  scan(1, 4, 1);
+  const auto line = restart();
+  EXPECT_EQ(line->stations[3].attempts, 1);
+  EXPECT_EQ(line->stations[3].phase, StationPhase::measured);
+}
+
+TEST_F(RecoverTest, an_accepted_slab_abort_is_left_to_be_finished) {
+  begin(1);
+  accept(PlcCommand::slab_abort, 0, 1);
+  const std::uint16_t seq = cmd_seq_;
+  for (int start = 0; start < 2; ++start) {
+    const auto line = restart();
+    EXPECT_EQ(line->abort_seq, seq);
+    EXPECT_EQ(line->cmd_status, 1);
+    EXPECT_TRUE(line->slab_open);
+  }
+  accept(PlcCommand::scan, 4, 1);
+  EXPECT_EQ(restart()->abort_seq, 0) << "the line went on";
+}
+
 TEST_F(RecoverTest, a_scan_whose_end_nobody_saw_stands_among_the_fingerprints_until_another_is_seen) {
   begin(1);
   apply(SeenScanJob{7});

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/log_outlet.h"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <poll.h>
+#include <unistd.h>
+
+#include <array>
+#include <string>
+
+namespace slabd::daemon {
+namespace {
+
+TEST(LogOutlet, never_waits_for_a_stderr_that_nobody_reads_and_counts_what_is_lost) {
+  std::array<int, 2> ends{};
+  ASSERT_EQ(::pipe(ends.data()), 0);
+  ASSERT_GT(::fcntl(ends[1], F_SETPIPE_SZ, 4096), 0);  // it is full long before the queue is
+  const int real = ::dup(STDERR_FILENO);
+  ::dup2(ends[1], STDERR_FILENO);
+  start_log_outlet();
+  const std::uint64_t before = log_lines_lost();
+  const std::string line = "info: slabd: " + std::string(200, 'x') + "\n";
+  for (int i = 0; i < 5'000; ++i) put_log(line);  // a megabyte: more than the pipe and the queue take
+  const std::uint64_t lost = log_lines_lost() - before;
+  EXPECT_GT(lost, 0U);
+  EXPECT_FALSE(flush_log(0));
+
+  std::string read_back;
+  std::array<char, 65'536> piece{};
+  const auto read_some = [&] {
+    pollfd fd{ends[0], POLLIN, 0};
+    if (::poll(&fd, 1, 0) != 1) return;
+    const ssize_t n = ::read(ends[0], piece.data(), piece.size());
+    if (n > 0) read_back.append(piece.data(), static_cast<std::size_t>(n));
+  };
+  while (!flush_log(1)) read_some();
+  put_log("info: slabd: read again\n");
+  while (!flush_log(1)) read_some();
+  for (std::size_t size = 0; size != read_back.size() || size == 0;) {
+    size = read_back.size();
+    read_some();
+  }
+  EXPECT_NE(read_back.find(std::to_string(lost) + " lines are missing here"), std::string::npos);
+  EXPECT_NE(read_back.find("read again"), std::string::npos);
+  ::dup2(real, STDERR_FILENO);
+  for (const int fd : {ends[0], ends[1], real}) ::close(fd);
+}
+
+}  // namespace
+}  // namespace slabd::daemon
