@@ -70,7 +70,7 @@ enum PlcWarn : std::uint16_t {
   // 8 to 10: base/calibration.h
   kWarnHandednessUnproven = 1U << 11U,  ///< nothing in force proves that the scanner's frame is right-handed
   kWarnRecipesDiffer = 1U << 12U,       ///< the recipe folder differs from the recipes in use
-  kWarnEmulation = 1U << 13U,           ///< robot or scanner is emulated, or the open slab began so
+  kWarnEmulation = 1U << 13U,           ///< robot or scanner is emulated, or was for what the PLC is shown
 };
 
 /// Deviations of a result record, IR 42..55: mm or deg, NaN = none. Kind 2 carries station numbers and a count at
@@ -92,6 +92,7 @@ struct PlcResult {
   std::array<double, kPlcDeviations> deviation = filled(kNoValue);
   std::uint32_t points = 0;
   std::int64_t scan_utime_us = 0;
+  std::uint8_t emulated = 0;  ///< emulation bits (base/emulation.h) of its slab when the record was made; read as STATUS bit 11
 
   [[nodiscard]] static constexpr std::array<double, kPlcDeviations> filled(double v) {
     std::array<double, kPlcDeviations> a{};

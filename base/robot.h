@@ -19,6 +19,8 @@ struct PoseSample {
   bool stopped = false;
   bool running = false;
   bool estop = false;
+  bool emulated = false;   ///< the sender declares that there is no real robot
+  bool commanded = false;  ///< the message has flags, and they do not say "measured"
   Pose T_base_flange;
 };
 

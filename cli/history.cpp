@@ -3,6 +3,7 @@
 // slabctl history: the newest slabs, one line each.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <memory>
@@ -14,6 +15,7 @@
 #include "cli/json.h"
 #include "cli/parse.h"
 #include "cli/render.h"
+#include "cli/report/words.h"
 
 namespace slabd::cli {
 namespace {
@@ -109,7 +111,9 @@ std::string as_json(const std::vector<storage::SlabSummary>& slabs, bool more,
     write_time(json, "ended", slab.ended_utime_us);
     json.field("verdict", name(slab.verdict)).field("reason", slab.reason);
     json.field("stations_measured", slab.stations_measured).field("stations", unsigned{slab.header.stations});
-    json.field("acknowledged", slab.acknowledged).end_object();
+    json.field("acknowledged", slab.acknowledged);
+    write_emulation(json, slab.header.emulated);
+    json.end_object();
   }
   json.end_array();
   json.field("more", more);
@@ -128,6 +132,10 @@ void print_slabs(const std::vector<storage::SlabSummary>& slabs) {
   const Style style = style_for(stdout);
   std::vector<std::vector<std::string>> rows = {
       {"key", "slab no", "id<", "type", "began<", "blocks", "verdict<", "reason<"}};
+  // The column is there only where it has something to say.
+  const bool emulated = std::any_of(slabs.begin(), slabs.end(),
+                                    [](const storage::SlabSummary& slab) { return slab.header.emulated != 0; });
+  if (emulated) rows.front().emplace_back("emulated<");
   for (const storage::SlabSummary& slab : slabs) {
     const bool open = slab.ended_utime_us == 0;
     rows.push_back({std::to_string(slab.header.key), std::to_string(slab.header.slab_no),
@@ -135,8 +143,10 @@ void print_slabs(const std::vector<storage::SlabSummary>& slabs) {
                     iso_time(slab.header.began_utime_us),
                     fmt::format("{}/{}", slab.stations_measured, slab.header.stations),
                     open ? "open" : verdict_text(slab.verdict, style), open ? "" : reason_words(slab.reason)});
+    if (emulated) rows.back().emplace_back(report::emulation_mark(slab.header.emulated, report::Language::en));
   }
   fmt::print("{}", table(rows));
+  if (emulated) fmt::print("! EMULATED: no verdict on concrete; `slabctl show` says what was not real\n");
 }
 
 int show_history(const Options& options) {

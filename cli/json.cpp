@@ -289,6 +289,14 @@ std::string iso_time(std::int64_t utime_us) {
                      parts.tm_hour, parts.tm_min, parts.tm_sec);
 }
 
+void write_emulation(Json& json, std::uint8_t bits) {
+  json.field("emulated", bits != 0);
+  json.key("emulation").begin_array();
+  for (std::size_t i = 0; i < kEmulationNames.size(); ++i)
+    if ((bits & (1U << i)) != 0) json.value(kEmulationNames[i]);
+  json.end_array();
+}
+
 void write_crc32c(Json& json, std::string_view name, const std::optional<std::uint32_t>& crc32c) {
   if (crc32c) {
     json.field(name, std::string_view(fmt::format("{:08x}", *crc32c)));

@@ -75,6 +75,9 @@ void write_block(Json& json, const BlockResult& block, double cell_mm);
 void write_pose(Json& json, std::string_view name, const Pose& pose);
 void write_matrix(Json& json, std::string_view name, const Pose& pose);
 
+/// `emulated`, true or false, and `emulation`, the names of the emulation bits.
+void write_emulation(Json& json, std::uint8_t bits);
+
 /// "2026-11-20T23:28:01Z"; null when `utime_us` is 0.
 void write_time(Json& json, std::string_view name, std::int64_t utime_us);
 [[nodiscard]] std::string iso_time(std::int64_t utime_us);

@@ -15,8 +15,9 @@ struct NamedCount {
 };
 
 /// What was not believed, and what was missing.
-[[nodiscard]] inline std::array<NamedCount, 11> pose_faults(const hal::PoseLinkCounters& c) {
-  return {{{"wrong_sender", c.wrong_sender},
+[[nodiscard]] inline std::array<NamedCount, 12> pose_faults(const hal::PoseLinkCounters& c) {
+  return {{{"other_type", c.other_type},
+           {"wrong_sender", c.wrong_sender},
            {"second_publisher", c.second_publisher},
            {"malformed", c.malformed},
            {"not_finite", c.not_finite},

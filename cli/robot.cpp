@@ -151,6 +151,7 @@ std::string flags(const PoseSample& pose, hal::PoseType type) {
   if (pose.stopped) text += ", stopped";
   if (pose.running) text += ", program running";
   if (pose.estop) text += ", EMERGENCY STOP";
+  if (pose.emulated) text += ", EMULATED";
   return text;
 }
 
@@ -197,6 +198,7 @@ std::string json_of(const daemon::Config& config, const View& view) {
     json.field("seq", view.newest.seq).field("base_id", view.newest.base_id).field("tool_id", view.newest.tool_id);
     json.field("measured", view.newest.measured).field("stopped", view.newest.stopped);
     json.field("running", view.newest.running).field("estop", view.newest.estop);
+    json.field("emulated", view.newest.emulated);
     write_pose(json, "T_base_flange", view.newest.T_base_flange);
     const calib::KukaAbc abc = calib::kuka_abc_from_rotation(view.newest.T_base_flange.rotation);
     const std::array<double, 3> abc_deg = {deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};

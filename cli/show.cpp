@@ -17,6 +17,7 @@
 #include "cli/json.h"
 #include "cli/render.h"
 #include "cli/replay/remeasure.h"
+#include "cli/report/words.h"
 #include "cli/slab_json.h"
 #include "cli/slab_view.h"
 
@@ -79,6 +80,8 @@ std::string splice_summary(const SlabRecord& record) {
 void print_header(const SlabRecord& record, Style style) {
   const SlabHeader& header = record.summary.header;
   const bool open = is_open(record);
+  if (header.emulated != 0)
+    fmt::print("{}\n", coloured(report::emulation_notice(header.emulated, report::Language::en), "7", style));
   fmt::print("slab {} \"{}\"  key {}  type {}\n", header.slab_no, header.slab_id.view(), header.key, header.slab_type);
   fmt::print("began {}  ended {}\n", iso_time(header.began_utime_us),
              open ? "- (still open)" : iso_time(record.summary.ended_utime_us));

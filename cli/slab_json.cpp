@@ -35,6 +35,7 @@ void write_attempt(Json& json, const SlabRecord& record, const SlabBlock& block)
   write_pose(json, "T_base_flange", block.attempt.T_base_flange);
   json.field("pose_samples", block.attempt.pose_samples).field("pose_spread_mm", block.attempt.pose_spread_mm);
   write_splice(json, block.attempt.splice);
+  write_emulation(json, block.attempt.emulated);
   if (block.phase == StationPhase::measured) {
     json.key("result").begin_object();
     write_block(json, block.block, record.summary.header.cell_mm);
@@ -52,6 +53,7 @@ std::string slab_json(const SlabRecord& record, int only_block) {
   json.field("schema", "slabd.slab/1").field("key", header.key).field("slab_id", header.slab_id.view());
   json.field("slab_no", header.slab_no).field("slab_type", header.slab_type);
   json.field("verdict", name(record.summary.verdict)).field("reason", record.summary.reason);
+  write_emulation(json, header.emulated);
   write_time(json, "began", header.began_utime_us);
   write_time(json, "ended", record.summary.ended_utime_us);
   json.field("acknowledged", record.summary.acknowledged).field("recipe", header.recipe.view());

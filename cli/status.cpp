@@ -13,6 +13,7 @@
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/render.h"
+#include "cli/report/words.h"
 #include "cli/watch/watch.h"
 
 namespace slabd::cli {
@@ -41,6 +42,16 @@ std::string text_at(const json& document, std::initializer_list<const char*> pat
   return at->is_null() ? "-" : plain(at->dump());
 }
 
+/// The list of words as the daemon gives it.
+std::uint8_t emulation_at(const json& status) {
+  unsigned bits = 0;
+  if (status.contains("emulation") && status["emulation"].is_array())
+    for (const json& word : status["emulation"])
+      for (std::size_t i = 0; i < kEmulationNames.size(); ++i)
+        if (word.is_string() && word.get<std::string>() == kEmulationNames[i]) bits |= 1U << i;
+  return static_cast<std::uint8_t>(bits);
+}
+
 void print_line(const char* label, const std::string& text) {
   fmt::print("{:12} {}\n", label, text);
 }
@@ -62,7 +73,8 @@ void print_slab(const json& status, const Style& style) {
   const json& reason = status["last_slab"].value("reason", json(0));
   const std::string why = reason.is_number_unsigned() ? reason_text(reason.get<std::uint16_t>()) : "";
   print_line("last slab",
-             fmt::format("{} {} {}", text_at(status, {"last_slab", "no"}), verdict_text(verdict, style), why));
+             fmt::format("{} {} {}{}", text_at(status, {"last_slab", "no"}), verdict_text(verdict, style), why,
+                         text_at(status, {"last_slab", "emulated"}) == "yes" ? " EMULATED" : ""));
 }
 
 std::string time_at(const json& document, const char* key) {
@@ -108,7 +120,7 @@ std::string after(const char* separator, const std::string& text) {
 /// What was refused on the pose link, when anything was.
 void print_pose_faults(const json& status) {
   std::string faults;
-  for (const char* key : {"wrong_sender", "second_publisher", "not_finite", "not_unit", "out_of_reach", "repeated",
+  for (const char* key : {"other_type", "wrong_sender", "second_publisher", "not_finite", "not_unit", "out_of_reach", "repeated",
                           "time_back", "jumps", "gaps", "lost", "stale", "wrong_frame"}) {
     const std::string count = text_at(status, {"links", "pose", key});
     if (count != "0" && count != "-") faults += fmt::format("{}{} {}", faults.empty() ? "" : ", ", count, key);
@@ -120,6 +132,8 @@ void print_pose_faults(const json& status) {
 
 void print_status(const json& status) {
   const Style style = style_for(stdout);
+  if (const std::uint8_t bits = emulation_at(status); bits != 0)
+    fmt::print("{}\n", coloured(report::emulation_notice(bits, report::Language::en), "7", style));
   print_line("software", text_at(status, {"software"}));
   print_line("state", fmt::format("{}, up {} s, session {}", text_at(status, {"state"}), text_at(status, {"uptime_s"}),
                                   text_at(status, {"session"})));
@@ -143,6 +157,8 @@ void print_status(const json& status) {
     print_line("", why);
   print_line("store", fmt::format("ok {}, {} results wait for the PLC", text_at(status, {"links", "store", "ok"}),
                                   text_at(status, {"results_pending"})));
+  if (const std::string why = text_at(status, {"links", "store", "text"}); why != "-" && !why.empty())
+    print_line("", why);
   print_calibration(status);
   if (status.contains("maintenance") && status["maintenance"].is_object())
     print_line(

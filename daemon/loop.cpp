@@ -127,6 +127,7 @@ StoreDone Loop::store(const StoreTask& task) {
   done.commit_ms = ms_from_ns(ports_.clock.mono_ns() - start_ns);
   if (!status.ok()) {
     done.code = status.error().code;
+    done.text = status.error().text;
     say({LogLine::Level::error, static_cast<std::uint16_t>(done.code), status.error().text});
   }
   if (ports_.store->spool_trouble() != spool_trouble_said_.view()) {
@@ -151,6 +152,7 @@ void Loop::tell_store_trouble() {
   StoreDone lost;
   lost.ticket = kNoJobTicket;
   lost.code = Code::journal_write;
+  lost.text = trouble;
   (void)store_worker_->post(lost);
 }
 
@@ -423,6 +425,7 @@ void Loop::take_answers() {
       say(line);
       continue;
     }
+    figures_.store_text = stored.text;
     if (stored.ticket == kNoJobTicket) {
       handle(stored);
       continue;

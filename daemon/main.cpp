@@ -286,10 +286,12 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
       if (!take_spool(config, spool_lock, spool_unlockable_said, figures)) {
         now.fault = Code::config;
       } else if (made->ok()) {
+        figures.store_text.clear();
         store = std::move(made->value());
       } else {
         say_text("error: %s\n", made->error().text.c_str());
         now.fault = fault_without_store(made->error());
+        figures.store_text = made->error().text;
       }
     }
     const Ports ports{*plc.value(),

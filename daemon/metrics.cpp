@@ -89,6 +89,7 @@ void tell_pose(Text& text, const hal::PosePort& pose, const LoopFigures& figures
   constexpr const char* kHelp = "Datagrams on the way from the robot";
   text.counter_of(kName, kHelp, "accepted", c.accepted);
   text.counter_of(kName, kHelp, "foreign", c.foreign);
+  text.counter_of(kName, kHelp, "other_type", c.other_type);
   text.counter_of(kName, kHelp, "wrong_sender", c.wrong_sender);
   text.counter_of(kName, kHelp, "not_finite", c.not_finite);
   text.counter_of(kName, kHelp, "not_unit", c.not_unit);
@@ -117,6 +118,8 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
              static_cast<double>(view.state));
   text.gauge("slabd_fault_code", "FAULT as the PLC reads it; 0: none", view.fault);
   text.gauge("slabd_warn_mask", "WARN as the PLC reads it", view.warn);
+  text.gauge("slabd_emulated", "1: STATUS bit 11: robot, scanner or the slab that is shown is not real",
+             view.simulation ? 1 : 0);
   text.gauge("slabd_session", "SESSION; a change without a reason is a restart", view.session);
   text.gauge("slabd_slab_open", "1: a slab is open", station.slab.phase != SlabPhase::none ? 1 : 0);
   text.gauge("slabd_stations_done", "Of the open slab", view.stations_done);

@@ -55,6 +55,7 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
   s.results.slab_reason = line.slab_reason;
   s.results.slab_no = line.table_slab_no;
   s.results.slab_record = line.slab_record;
+  s.results.slab_emulated = line.slab_emulated;
   s.last_slab_key = line.last_slab_key;
   s.newest_time = NewestTime(line.newest_utime_us);
   s.fingerprints = line.fingerprints;

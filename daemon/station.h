@@ -107,6 +107,7 @@ struct StoreDone {
   std::uint32_t ticket = kNoJobTicket;
   Code code = Code::ok;
   double commit_ms = 0.0;  ///< how long it took, for the status
+  FixedString<limits::kErrorTextBytes> text{};  ///< why not, for the status
 };
 /// Another calibration is in force in the database, or a check was added. An open slab goes on with its own.
 struct CalibrationChanged {
@@ -301,7 +302,8 @@ struct ResultDesk {
   Verdict slab_verdict = Verdict::none;
   std::uint16_t slab_reason = 0;
   std::uint32_t slab_no = 0;
-  PlcResult slab_record;  ///< for REPORT
+  std::uint8_t slab_emulated = 0;  ///< emulation bits of the slab whose verdict is shown
+  PlcResult slab_record;           ///< for REPORT
 };
 
 /// A store job on its way, so that its answer finds its meaning.
@@ -373,6 +375,7 @@ struct Station {
   FixedVector<std::uint16_t, limits::kResultQueueMax> unsaved_acks;
   /// The scanner may hold a scan that nobody saw (kUnseenScan). What it gives next is remembered and thrown away.
   bool scan_unseen = false;
+  bool scan_emulated = false;  ///< the newest scan declared itself emulated
   std::array<bool, limits::kScanSlots> slot_busy{};
   OwedScan owed;
   std::array<bool, limits::kStationsMax> station_measuring{};       ///< until its result is stored

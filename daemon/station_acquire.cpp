@@ -131,6 +131,7 @@ void try_to_trigger(Station& s, Actions& actions) {
   a.attempt.asked = true;
   record_of(s, a.station).attempts = a.attempt.number;
   a.settled_ns = s.now_ns;
+  a.attempt.emulated = emulation_of_line(s);
   a.attempt.settle_ms = ms_from_ns(s.now_ns - a.started_ns);
   s.gate.begin_exposure(mean.T_base_flange);
   AcquireScan action = scan_to_ask(s, slot);
@@ -144,6 +145,19 @@ void note_pose(Station& s, const PoseMean& mean, Actions& actions) {
   a.attempt.splice = splice_now(s, a.station, mean.T_base_flange, actions);
   a.attempt.pose_spread_mm = mean.spread_mm;
   a.attempt.pose_samples = mean.samples;
+  const unsigned emulated = a.attempt.emulated | emulation_of_line(s) | (a.attempt.shape.emulated ? kEmulatedScan : 0U);
+  a.attempt.emulated = static_cast<std::uint8_t>(emulated);
+}
+
+/// A slab with one emulated scan is an emulated slab, also when a later scan of that station was a real one.
+void note_emulation(Station& s, std::uint8_t bits, Actions& actions) {
+  SlabHeader& slab = s.slab.header;
+  const auto all = static_cast<std::uint8_t>(slab.emulated | bits);
+  if (all == slab.emulated) return;
+  slab.emulated = all;
+  log(actions, LogLine::Level::warning, Code::ok,
+      "slab %u \"%s\" is emulated (%s): its results are no verdict on concrete, and every record of it says so",
+      slab.slab_no, slab.slab_id.c_str(), emulation_words(all).c_str());
 }
 
 MeasureBlock block_to_measure(const Station& s, const Attempt& attempt, std::uint8_t slot) {
@@ -295,6 +309,7 @@ void commit_block(Station& s, const BlockMeasured& measured, Actions& actions) {
   pending.record.cmd_seq = measured.cmd_seq;
   pending.record.slab_no = s.slab.header.slab_no;
   pending.record.scan_utime_us = measured.scan_utime_us;
+  pending.record.emulated = s.slab.header.emulated;
   pending.value = measured.cmd_seq;
   number_record(s, pending.record);
   log(actions, LogLine::Level::info, Code::ok, "station %u: %s (reason %u) after %.0f ms", block.station,
@@ -486,6 +501,7 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   a.attempt.scan_utime_us = done.scan.taken_utime_us;
   a.attempt.points_crc32c = done.points_crc32c;
   a.taken_ns = done.scan.taken_mono_ns;
+  if (done.code == Code::ok) s.scan_emulated = done.scan.shape.emulated;
   a.read_ms = done.scan.read_ms;
   if (done.code == Code::ok && !a.decoded && !a.repeats && is_repeated(s, done.fingerprint, actions)) {
     // An emulated line may be one without noise.
@@ -524,6 +540,7 @@ void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Acti
   StationRecord& record = record_of(s, pending.station);
   record.phase = StationPhase::acquired;
   record.attempt = a.attempt;
+  note_emulation(s, a.attempt.emulated, actions);
   s.newest_time.note(a.attempt.scan_utime_us);
   s.desk.acq_seq = pending.value;
   set_status(s, pending.value, CommandStatus::acquired);

@@ -294,6 +294,7 @@ void begin_command(Station& s, Actions& actions) {
         record.cmd_seq = row.attempt.cmd_seq;
         record.slab_no = s.slab.header.slab_no;
         record.scan_utime_us = row.attempt.scan_utime_us;
+        record.emulated = s.slab.header.emulated;
       }
       number_record(s, record);
       PendingStore pending;

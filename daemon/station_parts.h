@@ -43,6 +43,14 @@ void emit(Actions& actions, const T& action) {
 [[nodiscard]] Code current_fault(const Station& s);
 [[nodiscard]] const Recipe* recipe_for(const Station& s, std::uint16_t slab_type);
 
+// ---- station_view.cpp ----
+/// emulation bits of the line as it is configured and of the poses that come now.
+[[nodiscard]] std::uint8_t emulation_of_line(const Station& s);
+/// The same, and of the newest scan, the open slab, and every result that the PLC is shown.
+[[nodiscard]] std::uint8_t emulation_shown(const Station& s);
+/// "line, scan"; empty for 0.
+[[nodiscard]] FixedString<32> emulation_words(std::uint8_t bits);
+
 // ---- station_calibration.cpp ----
 /// Time for expiry: the wall clock, or the newest record where that is later.
 [[nodiscard]] inline std::int64_t expiry_utime_us(const Station& s) {

@@ -35,6 +35,7 @@ void store_end(Station& s, const SlabResult& result, Actions& actions) {
   pending.record.cmd_seq = s.slab.end_seq;
   pending.record.slab_no = s.slab.header.slab_no;
   pending.record.scan_utime_us = s.utime_us;
+  pending.record.emulated = s.slab.header.emulated;
   number_record(s, pending.record);
   submit(s, actions, SlabJob{s.slab.header.key, result, pending.record, s.utime_us}, pending);
 }
@@ -76,6 +77,7 @@ BeginSlabJob slab_to_begin(const Station& s, const PlcInputs& in) {
   slab.T_base_slab = s.settings.T_base_slab;
   slab.T_flange_scanner = s.calibration.hand_eye.T_flange_scanner;
   slab.began_utime_us = s.utime_us;
+  slab.emulated = static_cast<std::uint8_t>(s.settings.simulation ? kEmulatedLine : 0U);
   return job;
 }
 

@@ -91,6 +91,7 @@ void on_slab(Station& s, const PendingStore& pending, Code code, Actions& action
   desk.slab_verdict = result.verdict;
   desk.slab_reason = result.reason;
   desk.slab_no = s.slab.header.slab_no;
+  desk.slab_emulated = s.slab.header.emulated;
   desk.slab_record = pending.record;
   const bool queued = present(s, pending.record, actions);
   assert(queued);

@@ -54,6 +54,33 @@ PlcState state_of(const Station& s) {
 
 }  // namespace
 
+std::uint8_t emulation_of_line(const Station& s) {
+  unsigned bits = s.settings.simulation ? kEmulatedLine : 0U;
+  // A robot that is silent is neither real nor emulated.
+  const PoseSample* pose = s.gate.newest();
+  if (pose != nullptr && s.now_ns - pose->arrival_ns < PoseGate::kForgetNs)
+    bits |= (pose->emulated ? kEmulatedRobot : 0U) | (pose->commanded ? kCommandedPoses : 0U);
+  return static_cast<std::uint8_t>(bits);
+}
+
+std::uint8_t emulation_shown(const Station& s) {
+  const bool open = s.slab.phase != SlabPhase::none;
+  unsigned bits = emulation_of_line(s) | (s.scan_emulated ? kEmulatedScan : 0U);
+  bits |= open ? s.slab.header.emulated : s.results.slab_emulated;
+  if (!s.results.queue.empty()) bits |= s.results.queue.front().emulated;
+  return static_cast<std::uint8_t>(bits);
+}
+
+FixedString<32> emulation_words(std::uint8_t bits) {
+  FixedString<32> words;
+  for (std::size_t i = 0; i < kEmulationNames.size(); ++i) {
+    if ((bits & (1U << i)) == 0) continue;
+    if (!words.empty()) words.append(", ");
+    words.append(kEmulationNames[i]);
+  }
+  return words;
+}
+
 PlcOutputs plc_view(const Station& s) {
   PlcOutputs out;
   const Code fault = current_fault(s);
@@ -62,9 +89,11 @@ PlcOutputs plc_view(const Station& s) {
   out.state = state_of(s);
   out.fault = static_cast<std::uint16_t>(fault);
   const bool waiting = s.results.queue.size() > limits::kStationsMax;
+  out.simulation = emulation_shown(s) != 0;
   out.warn = static_cast<std::uint16_t>(s.warn | s.settings.warn | calibration_warnings(s) |
                                         (waiting ? +kWarnResultsWaiting : 0) |
-                                        (s.links.recipes_differ ? +kWarnRecipesDiffer : 0));
+                                        (s.links.recipes_differ ? +kWarnRecipesDiffer : 0) |
+                                        (out.simulation ? +kWarnEmulation : 0));
   const bool shooting = in_maintenance(s) && s.capture.phase != Capture::Phase::ready;
   out.busy = s.desk.pending || shooting || s.acquisition.phase != Acquisition::Phase::none ||
              s.slab.phase == SlabPhase::ending || s.slab.phase == SlabPhase::storing_end;
@@ -80,7 +109,6 @@ PlcOutputs plc_view(const Station& s) {
   out.plc_link_ok = s.plc.alive;
   // In fault 504 no database is opened.
   out.store_ok = s.recovered && fault != Code::journal_write && fault != Code::store_full && fault != Code::config;
-  out.simulation = s.settings.simulation;
 
   out.session = s.desk.session;
   out.cmd_ack = s.desk.ack;

@@ -140,6 +140,13 @@ Json in_force(const Station& station) {
   return j;
 }
 
+Json emulation(std::uint8_t bits) {
+  Json list = Json::array();
+  for (std::size_t i = 0; i < kEmulationNames.size(); ++i)
+    if ((bits & (1U << i)) != 0) list.push_back(kEmulationNames[i]);
+  return list;
+}
+
 Json plc_link(const hal::PlcPort& plc, bool alive, std::int64_t now_ns) {
   const hal::PlcLinkCounters& c = plc.counters();
   return {{"clients", plc.clients()},
@@ -184,6 +191,7 @@ Json pose_link(const hal::PosePort& port, bool ok, Code code, const Station& sta
           {"refusal", refusal},
           {"accepted", c.accepted},
           {"foreign", c.foreign},
+          {"other_type", c.other_type},
           {"wrong_sender", c.wrong_sender},
           {"malformed", c.malformed},
           {"not_finite", c.not_finite},
@@ -242,6 +250,8 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
     for (Json& text : j["warn"])
       if (text == kRecipesDifferText) text = ports.recipes->words().view();
   j["warn_bits"] = view.warn;
+  j["emulated"] = view.simulation;
+  j["emulation"] = emulation(emulation_shown(station));
   j["calibration"] = in_force(station);
   const Capture& capture = station.capture;
   j["maintenance"] = in_maintenance(station)
@@ -259,21 +269,25 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
                           {"stations_done", view.stations_done},
                           {"stations", station.slab.header.stations},
                           {"current_station", view.current_station},
-                          {"mask", view.station_mask}}
+                          {"mask", view.station_mask},
+                          {"emulated", station.slab.header.emulated != 0}}
                    : Json(nullptr);
   j["links"]["plc"] = plc_link(ports.plc, view.plc_link_ok, station.now_ns);
   j["links"]["pose"] = pose_link(ports.pose, view.pose_ok, pose, station, figures);
   j["links"]["scanner"] = {
       {"online", view.scanner_ok}, {"strays", station.links.stray_files}, {"text", ports.scanner.trouble().view()}};
   j["links"]["store"] = {
-      {"ok", view.store_ok}, {"commit_last_ms", figures.commit_last_ms}, {"commit_max_ms", figures.commit_max_ms}};
+      {"ok", view.store_ok},
+      {"text", view.store_ok ? "" : figures.store_text.c_str()},
+      {"commit_last_ms", figures.commit_last_ms}, {"commit_max_ms", figures.commit_max_ms}};
   j["results_pending"] = view.results_pending;
   j["refused"] = {{"count", view.refused}, {"code", view.refuse_code}, {"seq", view.refuse_seq}};
   j["last_slab"] = station.results.slab_no == 0 && station.results.slab_verdict == Verdict::none
                        ? Json(nullptr)
                        : Json{{"no", station.results.slab_no},
                               {"verdict", name(station.results.slab_verdict)},
-                              {"reason", station.results.slab_reason}};
+                              {"reason", station.results.slab_reason},
+                              {"emulated", station.results.slab_emulated != 0}};
   j["blocks"] = {{"measured", figures.blocks_measured},
                  {"measuring", station.measuring},
                  {"last_ms", figures.block_last_ms},

@@ -108,6 +108,18 @@ bool declares_unit(std::string_view text) {
   return metres_of(found).has_value();
 }
 
+void DeclaredEmulation::take(std::string_view comment) {
+  if (!is_one_of(take_comment_word(comment), {"emulated"})) return;
+  emulated = true;
+  while (!comment.empty())
+    if (take_comment_word(comment) == "block") {
+      std::uint64_t number = 0;
+      if (parse_count(take_comment_word(comment), number) && number <= limits::kStationsMax)
+        block = static_cast<std::uint8_t>(number);
+      return;
+    }
+}
+
 bool unit_name_agrees(std::string_view word, LengthUnit configured) {
   const std::optional<double> metres = metres_of(word);
   return !metres || *metres == metres_per(configured);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <string_view>
 
 #include "hal/hal.h"
@@ -27,5 +28,13 @@ namespace slabd::hal {
 /// "file: line n: the file says unit "found", but it is to be read in mm ..."
 [[nodiscard]] Error unit_contradicted(const char* file, std::size_t line, std::string_view found,
                                       LengthUnit configured);
+
+/// What a comment declares whose first word is "emulated": "emulated by slabctl simulate, block 3".
+struct DeclaredEmulation {
+  bool emulated = false;
+  std::uint8_t block = 0;  ///< 0: not said
+
+  void take(std::string_view comment);
+};
 
 }  // namespace slabd::hal

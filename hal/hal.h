@@ -160,6 +160,7 @@ struct PoseLinkCounters {
   std::uint64_t accepted = 0;
   // Datagrams that are no pose for us.
   std::uint64_t foreign = 0;       ///< other channel, other magic, other length or fingerprint
+  std::uint64_t other_type = 0;    ///< of `foreign`: on the right channel, and of another type than the configured one
   std::uint64_t wrong_sender = 0;  ///< from an address outside [pose] senders, or not of this computer
   // Poses that are refused. `malformed` is the sum of the three below it.
   std::uint64_t malformed = 0;
@@ -299,13 +300,19 @@ struct ScanChecksum {
 /// read_scan(). No heap; 320 kB of stack; 5 ms for five million points in the page cache.
 [[nodiscard]] Result<ScanChecksum> read_scan_checksum(const char* path, LengthUnit unit);
 
+/// What a comment of the file says of its origin; by default nothing.
+struct WrittenBy {
+  bool emulator = false;  ///< "emulated by slabctl simulate"
+  int block = 0;          ///< ", block 3"; 0: not said
+};
 /// Writes a scan (for the emulator and tests) of float32 points, text with as many digits as bring the same bits back.
-/// width * height > 0: organised, as far as the format can say so. config: the shape does not fit; store_full,
-/// internal: nothing is left of the file. Uses the heap.
+/// width * height > 0: organised, as far as the format can say so. config: the shape does not fit;
+/// store_full, internal: nothing is left of the file. Uses the heap.
 [[nodiscard]] Status write_scan(const char* path, ScanFormat format, std::span<const float> xyz, std::size_t width,
-                                std::size_t height);
+                                std::size_t height, WrittenBy by = WrittenBy{});
 /// The same as binary little-endian PLY, without the heap.
-[[nodiscard]] Status write_ply(const char* path, std::span<const float> xyz, std::size_t width, std::size_t height);
+[[nodiscard]] Status write_ply(const char* path, std::span<const float> xyz, std::size_t width, std::size_t height,
+                               WrittenBy by = WrittenBy{});
 
 /// A scan whose points lie in their buffer, complete and not durable yet: nothing writes to the buffer any more, and
 /// the scan may still fail. Its `path` is where it is going to lie.

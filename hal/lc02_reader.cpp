@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "hal/lc02_reader.h"
 
+#include <array>
 #include <bot_core/rigid_transform_t.hpp>
 #include <cmath>
 #include <cstring>
@@ -13,7 +14,7 @@
 namespace slabd::hal {
 namespace {
 
-enum Flag : std::uint32_t { kMeasured = 1U << 0U, kStopped = 1U << 1U, kRunning = 1U << 2U, kEstop = 1U << 3U };
+enum Flag : std::uint32_t { kMeasured = 1U << 0U, kStopped = 1U << 1U, kRunning = 1U << 2U, kEstop = 1U << 3U, kEmulated = 1U << 4U };
 
 std::uint32_t big_endian_u32(const std::byte* at) {
   std::uint32_t value = 0;
@@ -81,9 +82,65 @@ void take_rest(const flange_pose_t& message, PoseSample& sample) {
   sample.stopped = (flags & kStopped) != 0;
   sample.running = (flags & kRunning) != 0;
   sample.estop = (flags & kEstop) != 0;
+  sample.emulated = (flags & kEmulated) != 0;
+  sample.commanded = !sample.measured;
+}
+
+constexpr std::size_t kFingerprintBytes = 8;
+
+struct KnownType {
+  PoseType type;
+  std::uint64_t fingerprint;
+  std::size_t bytes;  ///< of the payload
+};
+std::array<KnownType, 2> known_types() {
+  return {{{PoseType::flange_pose, static_cast<std::uint64_t>(flange_pose_t::getHash()), kPosePayloadBytes},
+           {PoseType::rigid_transform, static_cast<std::uint64_t>(bot_core::rigid_transform_t::getHash()),
+            kRigidTransformPayloadBytes}}};
 }
 
 }  // namespace
+
+OtherTypeText other_type_on(std::span<const std::byte> datagram, std::string_view channel, PoseType type) {
+  OtherTypeText text;
+  if (datagram.size() < kLc02HeaderBytes) return text;
+  const std::uint32_t magic = big_endian_u32(datagram.data());
+  if (magic != kLc02ShortMagic && magic != kLc03FragmentMagic) return text;
+  const std::size_t name_at = magic == kLc02ShortMagic ? kLc02HeaderBytes : kLc03HeaderBytes;
+  const std::size_t payload_at = name_at + channel.size() + 1;
+  if (datagram.size() < payload_at) return text;
+  const std::byte* name = datagram.data() + name_at;
+  if (std::memcmp(name, channel.data(), channel.size()) != 0 || name[channel.size()] != std::byte{0}) return text;
+
+  const std::string_view expected = kPoseTypes[static_cast<std::size_t>(type)];
+  const int shown = static_cast<int>(channel.size());
+  const std::span<const std::byte> payload = datagram.subspan(payload_at);
+  if (magic == kLc03FragmentMagic) {
+    text.printf("a message in fragments (LC03) on %.*s, where %s comes in one datagram: another type", shown,
+                channel.data(), expected.data());
+    return text;
+  }
+  if (payload.size() < kFingerprintBytes) {
+    text.printf("a message of %zu bytes on %.*s, too short for any type", payload.size(), shown, channel.data());
+    return text;
+  }
+  const std::uint64_t fingerprint =
+      std::uint64_t{big_endian_u32(payload.data())} << 32U | big_endian_u32(payload.data() + 4);
+  for (const KnownType& known : known_types()) {
+    if (known.fingerprint != fingerprint) continue;
+    if (known.type == type && payload.size() == known.bytes) return text;
+    if (known.type == type)
+      text.printf("a message of type %s with %zu bytes on %.*s, expected %zu", expected.data(), payload.size(), shown,
+                  channel.data(), known.bytes);
+    else
+      text.printf("a message of type %s on %.*s, and [pose] type is %s: set [pose] type to what the bridge sends",
+                  kPoseTypes[static_cast<std::size_t>(known.type)].data(), shown, channel.data(), expected.data());
+    return text;
+  }
+  text.printf("a message of another type (fingerprint 0x%016llx, %zu bytes) on %.*s, expected %s",
+              static_cast<unsigned long long>(fingerprint), payload.size(), shown, channel.data(), expected.data());
+  return text;
+}
 
 bool decode_pose_datagram(std::span<const std::byte> datagram, std::string_view channel, PoseSample& sample,
                           PoseLinkCounters& counters, PoseType type) {

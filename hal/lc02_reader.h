@@ -3,6 +3,8 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
+#include <string_view>
 
 #include "hal/hal.h"
 
@@ -18,6 +20,9 @@ namespace slabd::hal {
 
 inline constexpr std::uint32_t kLc02ShortMagic = 0x4C433032;
 inline constexpr std::size_t kLc02HeaderBytes = 8;
+/// The first datagram of a message that did not fit into one: 20 bytes, then channel and payload as above.
+inline constexpr std::uint32_t kLc03FragmentMagic = 0x4C433033;
+inline constexpr std::size_t kLc03HeaderBytes = 20;
 inline constexpr std::size_t kLcmChannelMax = 63;
 /// Fingerprint and members of slabd.flange_pose_t.
 inline constexpr std::size_t kPosePayloadBytes = 92;
@@ -25,6 +30,12 @@ inline constexpr std::size_t kPosePayloadBytes = 92;
 inline constexpr std::size_t kRigidTransformPayloadBytes = 72;
 static_assert(kLc02HeaderBytes + kLcmChannelMax + 1 + kPosePayloadBytes < limits::kLcmDatagramMax,
               "a pose on the longest channel must fit the receive buffer, or it would arrive cut");
+
+/// What came on the right channel and is not a message of the configured type.
+using OtherTypeText = FixedString<192>;
+/// "a message of type bot_core.rigid_transform_t on FLANGE_POSE, where [pose] type = ..."; empty for a datagram of another
+/// channel, for one that is not LCM's, and for a message of the right type and length.
+[[nodiscard]] OtherTypeText other_type_on(std::span<const std::byte> datagram, std::string_view channel, PoseType type);
 
 /// A quaternion this far from unit length is a fault of the sender, not rounding.
 inline constexpr double kQuaternionNormTolerance = 1e-3;

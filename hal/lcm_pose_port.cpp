@@ -92,7 +92,10 @@ class LcmPosePort final : public PosePort {
     PoseSample decoded;
     const bool good = decode_pose_datagram(std::span(datagram).first(static_cast<std::size_t>(n)),
                                            settings_.channel.view(), decoded, counters_, settings_.type);
-    if (!good && counters_.malformed == before.malformed) return false;
+    if (!good && counters_.malformed == before.malformed) {
+      name_other_type(std::span(datagram).first(static_cast<std::size_t>(n)), publisher, mono_ns);
+      return false;
+    }
     if (const char* why = why_not(publisher.address); why != nullptr) {
       counters_ = before;
       ++counters_.wrong_sender;
@@ -111,6 +114,14 @@ class LcmPosePort final : public PosePort {
     sample = decoded;
     sample.arrival_ns = mono_ns;
     return true;
+  }
+
+  /// A foreign datagram on our own channel: a bridge that sends another type than the configured one, most likely.
+  void name_other_type(std::span<const std::byte> datagram, const PosePublisher& publisher, std::int64_t mono_ns) {
+    const OtherTypeText what = other_type_on(datagram, settings_.channel.view(), settings_.type);
+    if (what.empty()) return;
+    ++counters_.other_type;
+    screen_.note_sender(publisher, mono_ns, what.c_str());
   }
 
   /// Why an address may not publish; nullptr: it may.

@@ -61,8 +61,9 @@ class HeaderParser {
                   "known: VERSION FIELDS SIZE TYPE COUNT WIDTH HEIGHT VIEWPOINT POINTS DATA");
   }
 
-  Status comment(std::string_view text) const {
+  Status comment(std::string_view text) {
     std::string_view found;
+    layout_.emulation.take(text);
     if (comment_agrees(text, unit_, found)) return success();
     return unit_contradicted(file_, line_number_, found, unit_);
   }

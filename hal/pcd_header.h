@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "base/base.h"
+#include "hal/declared_unit.h"
 #include "hal/hal.h"
 #include "hal/text_lines.h"
 
@@ -34,6 +35,7 @@ struct PcdLayout {
   std::array<Coordinate, 3> xyz;
   std::uint64_t bytes_min = 0;  ///< the file has at least so many bytes
   bool bytes_exact = false;     ///< and no more of data (binary)
+  DeclaredEmulation emulation;
 };
 
 /// Compressed data begin with two 32-bit lengths: of the compressed and of the decompressed bytes.

@@ -93,6 +93,7 @@ class HeaderParser {
   Status comment(std::string_view rest) {
     std::string_view words = rest;
     if (take_word(words) == "organized" && is_shape(words)) return organised(words);
+    layout_.emulation.take(rest);
     return unit_declared_in(rest);
   }
 

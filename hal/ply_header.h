@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "base/base.h"
+#include "hal/declared_unit.h"
 #include "hal/hal.h"
 #include "hal/text_lines.h"
 
@@ -50,6 +51,7 @@ struct PlyLayout {
   std::uint64_t height = 0;
   std::uint64_t bytes_min = 0;  ///< the file has at least so many bytes
   bool bytes_exact = false;     ///< and no more of data: a binary body without lists
+  DeclaredEmulation emulation;
 
   [[nodiscard]] std::span<const PlyProperty> of(const PlyElement& element) const {
     return {properties.data() + element.first_property, element.properties};

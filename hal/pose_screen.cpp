@@ -45,7 +45,7 @@ bool is_jump(const PoseSample& from, const PoseSample& to) {
 void PoseScreen::refuse(const PosePublisher& from, std::int64_t mono_ns, const char* format, ...) {
   va_list args;
   va_start(args, format);
-  std::array<char, 200> bytes{};
+  std::array<char, 224> bytes{};
   std::vsnprintf(bytes.data(), bytes.size(), format, args);
   va_end(args);
   refusal_.printf("%s from %s", bytes.data(), text_of(from).c_str());
@@ -152,6 +152,7 @@ bool PoseScreen::next_note(std::int64_t mono_ns, const PoseLinkCounters& now, Po
   const std::array troubles = {
       Trouble{now.second_publisher - said_.second_publisher, "poses while two programs publish"},
       Trouble{now.wrong_sender - said_.wrong_sender, "datagrams from senders that may not publish"},
+      Trouble{now.other_type - said_.other_type, "messages of another type on this channel"},
       Trouble{now.not_finite - said_.not_finite, "poses that are not finite"},
       Trouble{now.not_unit - said_.not_unit, "quaternions that are not of unit length"},
       Trouble{now.out_of_reach - said_.out_of_reach, "poses out of reach"},

@@ -33,12 +33,14 @@ enum At : std::size_t {
   kAtCount = 24,
   kAtFirst = 28,
   kAtUnit = 32,
-  kAtReserved = 36,
+  kAtFlags = 36,
   kAtUtime = 40,
   kAtPointsCrc = 48,
   kAtReserved2 = 52,
   kAtHeaderCrc = 60,
 };
+
+constexpr std::uint32_t kFlagEmulated = 1;
 
 template <typename Number>
 Number get(std::span<const std::byte, kScanHeaderBytes> bytes, std::size_t at) {
@@ -74,6 +76,7 @@ ScanHeaderBytes encode_scan_header(const ScanStreamHeader& header) {
   put(bytes, kAtCount, header.count);
   put(bytes, kAtFirst, header.first);
   put(bytes, kAtUnit, static_cast<std::uint32_t>(header.unit));
+  put(bytes, kAtFlags, header.emulated ? kFlagEmulated : 0U);
   put(bytes, kAtUtime, header.utime_us);
   put(bytes, kAtPointsCrc, header.points_crc);
   put(bytes, kAtHeaderCrc, crc32c(std::span(bytes).first(kAtHeaderCrc)));
@@ -105,8 +108,12 @@ Result<ScanStreamHeader> decode_scan_header(std::span<const std::byte, kScanHead
   if (unit > static_cast<std::uint32_t>(LengthUnit::um))
     return error(Code::frame_incomplete, "scan header: unit %u, allowed are 0 (mm), 1 (m), 2 (um)", unit);
   header.unit = static_cast<LengthUnit>(unit);
-  if (get<std::uint32_t>(bytes, kAtReserved) != 0 || get<std::uint64_t>(bytes, kAtReserved2) != 0)
-    return error(Code::frame_incomplete, "scan header: bytes 36..39 and 52..59 are reserved and must be 0");
+  const auto flags = get<std::uint32_t>(bytes, kAtFlags);
+  if ((flags & ~kFlagEmulated) != 0 || get<std::uint64_t>(bytes, kAtReserved2) != 0)
+    return error(Code::frame_incomplete,
+                 "scan header: flags 0x%08X; bits 1..31 of bytes 36..39, and bytes 52..59, are reserved and must be 0",
+                 flags);
+  header.emulated = (flags & kFlagEmulated) != 0;
   if (header.count == 0) return error(Code::too_few_points, "scan header: no points");
   const bool organised = header.width != 0 || header.height != 0;
   if (organised && std::uint64_t{header.width} * header.height != header.count)

@@ -28,11 +28,12 @@ struct ScanStreamHeader {
   LengthUnit unit = LengthUnit::mm;
   std::uint64_t utime_us = 0;    ///< end of the exposure by the sender's clock: for records and to know a scan again
   std::uint32_t points_crc = 0;  ///< CRC-32C of all `count` points as they are sent
+  bool emulated = false;         ///< bit 0 of the flags: there is no real scanner
 
   /// The same scan, whatever point it goes on from.
   [[nodiscard]] bool same_scan(const ScanStreamHeader& other) const {
     return session == other.session && cmd_seq == other.cmd_seq && width == other.width && height == other.height &&
-           count == other.count && unit == other.unit && utime_us == other.utime_us && points_crc == other.points_crc;
+           count == other.count && unit == other.unit && utime_us == other.utime_us && points_crc == other.points_crc && emulated == other.emulated;
   }
 };
 
@@ -75,7 +76,7 @@ class ScanStreamDecoder {
   }
   [[nodiscard]] std::size_t finite() const { return settled_.finite; }
   [[nodiscard]] ScanShape shape() const {
-    return {points_, settled_.finite, header_.width, header_.height, true, settled_.zeros};
+    return {points_, settled_.finite, header_.width, header_.height, true, settled_.zeros, header_.emulated};
   }
   /// How often a scan began with its first point: whoever copies the points has to begin again.
   [[nodiscard]] std::uint32_t starts() const { return starts_; }

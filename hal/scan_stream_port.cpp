@@ -316,9 +316,9 @@ class StreamPort final : public ScanStreamPort {
       if (header.width != 0) organised.printf("comment organized width %u height %u\n", header.width, header.height);
       FixedString<256> text;
       text.printf(
-          "ply\nformat binary_little_endian 1.0\ncomment unit mm\n%selement vertex %u\nproperty float x\n"
+          "ply\nformat binary_little_endian 1.0\ncomment unit mm\n%s%selement vertex %u\nproperty float x\n"
           "property float y\nproperty float z\nend_header\n",
-          organised.c_str(), header.count);
+          organised.c_str(), header.emulated ? "comment emulated, as its sender declares\n" : "", header.count);
       if (Status status = job.file.write(text.view()); !status) return status;
       job.starts = job.decoder.starts();
       job.points_stored = 0;

@@ -63,32 +63,50 @@ struct Shape {
   std::size_t points = 0;
   std::size_t width = 0;
   std::size_t height = 0;
+  WrittenBy by;
 };
 
-Result<Shape> shape_of(const char* path, std::span<const float> xyz, std::size_t width, std::size_t height) {
+Result<Shape> shape_of(const char* path, std::span<const float> xyz, std::size_t width, std::size_t height,
+                       WrittenBy by) {
   const std::size_t points = xyz.size() / 3;
   if (xyz.size() % 3 != 0) return error(Code::config, "%s: %zu floats are not whole points", path, xyz.size());
   if ((width != 0 || height != 0) && width * height != points)
     return error(Code::config, "%s: width %zu height %zu is not the point count %zu", path, width, height, points);
-  return Shape{points, width, height};
+  return Shape{points, width, height, by};
 }
 
-FixedString<256> ply_header(const char* encoding, const Shape& shape) {
-  FixedString<256> header;
+/// What a comment of an emulated scan says (hal/declared_unit.h reads it); empty for others.
+FixedString<64> emulated_comment(const Shape& shape) {
+  FixedString<64> text;
+  if (shape.by.emulator) text.printf("emulated by slabctl simulate");
+  if (shape.by.emulator && shape.by.block > 0) {
+    FixedString<16> block;
+    block.printf(", block %d", shape.by.block);
+    text.append(block.view());
+  }
+  return text;
+}
+
+FixedString<320> ply_header(const char* encoding, const Shape& shape) {
+  FixedString<320> header;
   FixedString<96> organised;
   if (shape.width != 0) organised.printf("comment organized width %zu height %zu\n", shape.width, shape.height);
+  FixedString<80> emulated;
+  if (shape.by.emulator) emulated.printf("comment %s\n", emulated_comment(shape).c_str());
   header.printf(
-      "ply\nformat %s 1.0\n%selement vertex %zu\nproperty float x\nproperty float y\nproperty float z\nend_header\n",
-      encoding, organised.c_str(), shape.points);
+      "ply\nformat %s 1.0\n%s%selement vertex %zu\nproperty float x\nproperty float y\nproperty float z\nend_header\n",
+      encoding, organised.c_str(), emulated.c_str(), shape.points);
   return header;
 }
 
-FixedString<256> pcd_header(const char* data, const Shape& shape) {
-  FixedString<256> header;
+FixedString<320> pcd_header(const char* data, const Shape& shape) {
+  FixedString<320> header;
+  FixedString<80> emulated;
+  if (shape.by.emulator) emulated.printf("# %s\n", emulated_comment(shape).c_str());
   header.printf(
-      "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+      "# .PCD v0.7 - Point Cloud Data file format\n%sVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
       "WIDTH %zu\nHEIGHT %zu\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS %zu\nDATA %s\n",
-      shape.width != 0 ? shape.width : shape.points, shape.width != 0 ? shape.height : std::size_t{1}, shape.points,
+      emulated.c_str(), shape.width != 0 ? shape.width : shape.points, shape.width != 0 ? shape.height : std::size_t{1}, shape.points,
       data);
   return header;
 }
@@ -141,8 +159,8 @@ void write_compressed(OutFile& file, std::span<const float> xyz) {
 
 }  // namespace
 
-Status write_ply(const char* path, std::span<const float> xyz, std::size_t width, std::size_t height) {
-  const Result<Shape> shape = shape_of(path, xyz, width, height);
+Status write_ply(const char* path, std::span<const float> xyz, std::size_t width, std::size_t height, WrittenBy by) {
+  const Result<Shape> shape = shape_of(path, xyz, width, height, by);
   if (!shape) return shape.error();
   OutFile file(path);
   file.write(ply_header("binary_little_endian", shape.value()).view());
@@ -151,9 +169,9 @@ Status write_ply(const char* path, std::span<const float> xyz, std::size_t width
 }
 
 Status write_scan(const char* path, ScanFormat format, std::span<const float> xyz, std::size_t width,
-                  std::size_t height) {
-  if (format == ScanFormat::ply) return write_ply(path, xyz, width, height);
-  const Result<Shape> checked = shape_of(path, xyz, width, height);
+                  std::size_t height, WrittenBy by) {
+  if (format == ScanFormat::ply) return write_ply(path, xyz, width, height, by);
+  const Result<Shape> checked = shape_of(path, xyz, width, height, by);
   if (!checked) return checked.error();
   const Shape& shape = checked.value();
   // Its lengths have 32 bits; LZF makes 33 bytes of 32 at worst.
@@ -187,6 +205,12 @@ Status write_scan(const char* path, ScanFormat format, std::span<const float> xy
       file.write("x,y,z\n");
       write_lines(file, xyz, ',');
       break;
+  }
+  // At the end: many readers of tables take the first line for the names, whatever it begins with.
+  if (by.emulator && (format == ScanFormat::xyz || format == ScanFormat::csv)) {
+    file.write("# ");
+    file.write(emulated_comment(shape).view());
+    file.write("\n");
   }
   return file.close();
 }

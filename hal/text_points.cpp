@@ -51,7 +51,7 @@ class TextTable {
                    "2,3,4, or name them in a first line",
                    window_.name(), row_columns_);
     const Settled settled = settle_points(xyz_.data(), points_);
-    return ScanShape{points_, settled.finite, 0, 0, false, settled.zeros};
+    return ScanShape{points_, settled.finite, 0, 0, false, settled.zeros, emulation_.emulated, emulation_.block};
   }
 
  private:
@@ -97,6 +97,7 @@ class TextTable {
     std::string_view found;
     const std::string_view words = text.substr(std::min(text.find_first_not_of("#/"), text.size()));
     if (!comment_agrees(words, unit_, found)) return unit_contradicted(window_.name(), lines_.number(), found, unit_);
+    emulation_.take(words);
     return decided_ ? success() : names(names_in_comment(text));
   }
 
@@ -244,6 +245,7 @@ class TextTable {
   std::span<Real> xyz_;
   std::size_t points_ = 0;
   bool decided_ = false;
+  DeclaredEmulation emulation_;
   bool plain_ = false;  ///< x, y, z are the first three columns
   Separator separator_ = Separator::blanks;
   TextColumns columns_;

@@ -18,6 +18,7 @@ constexpr std::int64_t kRestart_ms = 1'000;
 constexpr std::int64_t kIpocMax_ms = std::numeric_limits<std::int64_t>::max() / 1'000;
 constexpr std::int32_t kMeasured = 1;
 constexpr std::int32_t kStopped = 2;
+constexpr std::int32_t kEmulated = 16;
 
 /// The whole text as a number.
 template <typename Number>
@@ -30,6 +31,36 @@ bool number_from(std::string_view text, Number& value) {
 
 Error unusable(const char* what, const char* expected) {
   return error(Code::frame_incomplete, "RSI packet: %s, expected %s", what, expected);
+}
+
+/// The root of a packet that is not a controller's.
+Error no_robot(const pugi::xml_document& document) {
+  const std::string_view root = document.document_element().name();
+  if (root == "Sen")
+    return unusable("element <Sen>, which is what a computer answers",
+                    "what the controller sends; does another program send to this port?");
+  if (root == "rob" || root == "ROB")
+    return unusable("element <rob>, not <Rob>", "the names as KUKA's manual writes them");
+  return unusable("no element <Rob>", "what a KUKA controller sends");
+}
+
+/// KR C2 has RSI 1 and 2 (Ethernet RSI XML, object ST_ETHERNET). Its packets are read as well when they have <RIst>;
+/// its first one has nothing but the count, and elements of its own begin with ST_.
+Error no_place(const pugi::xml_node& robot) {
+  bool only_count = static_cast<bool>(robot.child("IPOC"));
+  bool of_krc2 = static_cast<bool>(robot.attribute("TYPE"));
+  for (const pugi::xml_node& element : robot.children()) {
+    const std::string_view name = element.name();
+    only_count = only_count && name == "IPOC";
+    of_krc2 = of_krc2 || name.substr(0, 3) == "ST_" || name == "Dat" || name == "DEF_RIst";
+  }
+  if (only_count)
+    return unusable("nothing but <IPOC>: a KR C2 (RSI 2, ST_ETHERNET) begins so, and its next packet has more",
+                    "if this goes on, DEF_RIst in the SEND part of the Ethernet configuration");
+  if (of_krc2)
+    return unusable("no element <RIst>, in the form of a KR C2 (RSI 1 or 2, Ethernet RSI XML)",
+                    "DEF_RIst in the SEND part of the file that ST_ETHERNET reads, by UDP; docs/ROBOT.md, KR C2");
+  return unusable("no element <RIst>", "DEF_RIst in the SEND part of the ETHERNET object");
 }
 
 Status coordinate(const pugi::xml_node& node, const char* attribute, double limit, double& value) {
@@ -75,11 +106,11 @@ Result<RsiPacket> parse_rsi(std::string_view datagram) {
     return error(Code::frame_incomplete, "RSI packet: byte %lld: %s", static_cast<long long>(parsed.offset),
                  parsed.description());
   const pugi::xml_node robot = document.child("Rob");
-  if (!robot) return unusable("no element <Rob>", "what a KUKA controller sends");
+  if (!robot) return no_robot(document);
   const pugi::xml_node place = robot.child("RIst");
-  if (!place) return unusable("no element <RIst>", "DEF_RIst in the SEND part of the ETHERNET object");
+  if (!place) return no_place(robot);
 
-  for (const char* element : {"RIst", "IPOC", "Base", "Tool", "Stopped"})
+  for (const char* element : {"RIst", "IPOC", "Base", "Tool", "Stopped", "Emulated"})
     if (const Status once = expect_once(robot, element); !once) return once.error();
 
   std::array<double, 3> at{};
@@ -102,11 +133,13 @@ Result<RsiPacket> parse_rsi(std::string_view datagram) {
     return error(Code::frame_incomplete, "RSI packet: <IPOC>%.24s</IPOC>, expected a whole number from 0 to %lld",
                  count.child_value(), static_cast<long long>(kIpocMax_ms));
   std::optional<std::int16_t> stopped;
+  std::optional<std::int16_t> emulated;
   for (const Status& read :
        {optional_number(robot, "Base", 0, 32, packet.base_id), optional_number(robot, "Tool", 0, 16, packet.tool_id),
-        optional_number(robot, "Stopped", 0, 1, stopped)})
+        optional_number(robot, "Stopped", 0, 1, stopped), optional_number(robot, "Emulated", 0, 1, emulated)})
     if (!read) return read.error();
   if (stopped) packet.stopped = *stopped == 1;
+  packet.emulated = emulated.value_or(0) == 1;
   return packet;
 }
 
@@ -153,7 +186,7 @@ std::optional<FlangePose> Bridge::translate(const RsiPacket& packet) {
   pose.seq = seq_;
   pose.base_id = packet.base_id.value_or(settings_.base_id);
   pose.tool_id = packet.tool_id.value_or(settings_.tool_id);
-  pose.flags = kMeasured | (packet.stopped.value_or(false) ? kStopped : 0);
+  pose.flags = kMeasured | (packet.stopped.value_or(false) ? kStopped : 0) | (packet.emulated ? kEmulated : 0);
   pose.T_base_flange = packet.T_base_flange;
   return pose;
 }

@@ -15,7 +15,7 @@
 ///
 /// RIst is where the tool stands in the base, measured: mm and degrees, R = Rz(A) Ry(B) Rx(C). With $TOOL = $NULLFRAME
 /// and $BASE = $NULLFRAME it is the flange in the robot's root, which is what slabd asks for. IPOC counts milliseconds.
-/// Base, Tool and Stopped are not in every configuration.
+/// Base, Tool, Stopped and Emulated are not in every configuration.
 namespace slabd::kuka {
 
 /// Largest datagram that is looked at.
@@ -27,6 +27,7 @@ struct RsiPacket {
   std::optional<std::int16_t> base_id;
   std::optional<std::int16_t> tool_id;
   std::optional<bool> stopped;
+  bool emulated = false;  ///< <Emulated>1</Emulated>: there is no robot behind it
 };
 
 /// One datagram. frame_incomplete: not such a document; the text names element, attribute and allowed range. Uses the
@@ -46,7 +47,7 @@ struct FlangePose {
   std::int32_t seq = 0;
   std::int16_t base_id = 0;
   std::int16_t tool_id = 0;
-  std::int32_t flags = 0;  ///< bit 0 measured, bit 1 stopped (only where the controller says so)
+  std::int32_t flags = 0;  ///< bit 0 measured, bit 1 stopped (only where the controller says so), bit 4 emulated
   Pose T_base_flange;      ///< mm
 };
 

@@ -22,6 +22,7 @@
 
 #include "storage/file_checksum.h"
 #include "storage/folders.h"
+#include "storage/lock_probe.h"
 #include "storage/log_copy.h"
 #include "storage/quarantine.h"
 #include "storage/raw_file.h"
@@ -106,7 +107,11 @@ void check(Connection& db) {
 
 Error cannot_open(const std::string& path, const SqlFailure& failure, Code code) {
   const bool full = (failure.result & 0xFF) == SQLITE_FULL;
-  return error(full ? Code::store_full : code, "cannot use database %s: %s", path.c_str(), failure.text.c_str());
+  static LockProbe probe;  // its files stay open
+  std::string holder = (failure.result & 0xFF) == SQLITE_BUSY ? probe.holder(path) : std::string();
+  if (!holder.empty()) holder = "; it is locked by " + holder + ": end that program, or its transaction";
+  return error(full ? Code::store_full : code, "cannot use database %s: %s%s", path.c_str(), failure.text.c_str(),
+               holder.c_str());
 }
 
 void checkpoint_on_close(Connection& db, bool on) {

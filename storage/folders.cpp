@@ -7,10 +7,13 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
+#include <array>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 
+#include "storage/lock_probe.h"
 #include "storage/storage.h"
 
 namespace slabd::storage {
@@ -143,10 +146,19 @@ Status WriterLock::take(const std::string& db_path) {
   fd_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kFileMode);
   if (fd_ < 0) return trouble("cannot open", path);
   (void)fchmod(fd_, kFileMode);  // made by root with a narrow umask, slabd could not open it; another's stays as it is
-  if (flock(fd_, LOCK_EX | LOCK_NB) == 0) return success();
-  if (errno == EWOULDBLOCK)
-    return error(Code::journal_write, "%s is already open for writing by another process (lock %s)", db_path.c_str(),
-                 path.c_str());
+  if (flock(fd_, LOCK_EX | LOCK_NB) == 0) {
+    // For the next one that wants it, and does not get it. No harm where it cannot be written.
+    const std::string self = std::to_string(getpid());
+    if (ftruncate(fd_, 0) == 0) (void)!pwrite(fd_, self.data(), self.size(), 0);
+    return success();
+  }
+  if (errno == EWOULDBLOCK) {
+    std::array<char, 24> pid{};
+    (void)!pread(fd_, pid.data(), pid.size() - 1, 0);
+    const std::int64_t owner = std::strtoll(pid.data(), nullptr, 10);
+    return error(Code::journal_write, "%s is already open for writing by another process (%s%slock %s)",
+                 db_path.c_str(), owner > 0 ? process_words(owner).c_str() : "", owner > 0 ? ", " : "", path.c_str());
+  }
   return trouble("cannot lock", path);
 }
 

@@ -68,6 +68,7 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       forget_noise_(db,
                     "DELETE FROM noise_print WHERE id <= (SELECT id FROM noise_print ORDER BY id DESC LIMIT 1 OFFSET " +
                         std::to_string(limits::kNoisePrintsKept) + ")"),
+      set_emulated_(db, "UPDATE slab SET emulated = emulated | ?2 WHERE slab_key = ?1"),
       set_measured_(db,
                     "UPDATE attempt SET phase = 'measured', code = 0, measuring_since_ns = 0 "
                     "WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
@@ -267,6 +268,7 @@ void Jobs::operator()(const AcquiredJob& job) {
   AttemptState state = state_of(a, StationPhase::acquired, 0);
   state.measuring_since_ns = job.measuring_since_ns;
   write_row(upsert_attempt_, a, state);
+  if (a.emulated != 0) set_emulated_.bind(1, a.slab_key).bind(2, number(a.emulated)).run();
   remember_scan(job.fingerprint);
   close_command(a.session, a.cmd_seq, kAcquired, true);
   note_time(a.scan_utime_us);

@@ -88,6 +88,7 @@ class Jobs {
   Statement forget_scans_;
   Statement remember_noise_;
   Statement forget_noise_;
+  Statement set_emulated_;
   Statement set_measured_;
   Statement set_measuring_;
   Statement attempt_command_;

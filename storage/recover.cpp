@@ -94,6 +94,7 @@ void read_last_ended(Connection& db, Loader& loader, RecoveredLine& line) {
   if (!header || !loader.slab_result(key, result, ended_utime_us)) return;
   if (!line.slab_open) line.slab = *header;
   line.table_slab_no = header->slab_no;
+  line.slab_emulated = header->emulated;
   line.slab_verdict = result.verdict;
   line.slab_reason = result.reason;
   for (std::size_t i = 0; i < line.table.size(); ++i) {

@@ -127,6 +127,7 @@ void columns(V& v, R& r) {
   v("T_base_slab", r.T_base_slab);
   v("T_flange_scanner", r.T_flange_scanner);
   v("began_utime_us", r.began_utime_us);
+  v("emulated", r.emulated);
 }
 
 template <typename V, RowOf<SlabEnd> R>
@@ -203,6 +204,7 @@ void columns(V& v, R& r) {
   columns(v, r.splice);
   v("points_crc32c", r.points_crc32c);
   v("asked", r.asked);
+  v("emulated", r.emulated);
 }
 
 template <typename V, RowOf<AttemptState> R>
@@ -351,6 +353,7 @@ void columns(V& v, R& r) {
   v("deviation", r.deviation);
   v("points", r.points);
   v("scan_utime_us", r.scan_utime_us);
+  v("emulated", r.emulated);
 }
 
 }  // namespace slabd::storage

@@ -57,7 +57,8 @@ CREATE TABLE slab (
   T_base_slab_qw REAL, T_base_slab_qx REAL, T_base_slab_qy REAL, T_base_slab_qz REAL,
   T_flange_scanner_x REAL, T_flange_scanner_y REAL, T_flange_scanner_z REAL,
   T_flange_scanner_qw REAL, T_flange_scanner_qx REAL, T_flange_scanner_qy REAL, T_flange_scanner_qz REAL,
-  began_utime_us     INTEGER NOT NULL
+  began_utime_us     INTEGER NOT NULL,
+  emulated           INTEGER NOT NULL DEFAULT 0  -- what was not real, bits: 1 line, 2 robot, 4 poses, 8 scan; 0: all real
 ) STRICT;
 CREATE INDEX slab_by_id ON slab (slab_id, slab_key);
 
@@ -146,6 +147,7 @@ CREATE TABLE attempt (
   asked INTEGER NOT NULL DEFAULT 1,
   -- Its measurement began at this monotonic time (ns since the computer's start) and has not ended; 0: none is under way.
   measuring_since_ns INTEGER NOT NULL DEFAULT 0,
+  emulated INTEGER NOT NULL DEFAULT 0,  -- as slab.emulated, while this scan was taken
   PRIMARY KEY (slab_key, station, attempt)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX attempt_with_scan ON attempt (slab_key, scan_bytes) WHERE scan_state = 'kept';
@@ -335,7 +337,8 @@ CREATE TABLE result (
   deviation_7 REAL, deviation_8 REAL, deviation_9 REAL, deviation_10 REAL, deviation_11 REAL, deviation_12 REAL,
   deviation_13 REAL, deviation_14 REAL,
   points        INTEGER NOT NULL,
-  scan_utime_us INTEGER NOT NULL
+  scan_utime_us INTEGER NOT NULL,
+  emulated      INTEGER NOT NULL DEFAULT 0  -- slab.emulated when the record was made
 ) STRICT;
 CREATE INDEX result_unacknowledged ON result (id) WHERE acknowledged = 0;
 CREATE INDEX result_by_slab ON result (slab_key, kind, id);

@@ -129,7 +129,7 @@ namespace {
 /// The table `chosen` of slabs whose values count; ?1 .. ?4 are the filter's.
 std::string chosen_slabs(const ItemFilter& filter) {
   std::string sql =
-      "WITH chosen AS (SELECT slab_key, slab_id, began_utime_us, slab_type, stations FROM slab CROSS JOIN slab_result "
+      "WITH chosen AS (SELECT slab_key, slab_id, began_utime_us, slab_type, stations, emulated FROM slab CROSS JOIN slab_result "
       "USING (slab_key) WHERE slab_result.verdict <> 'aborted' AND began_utime_us >= ?2 AND began_utime_us < ?3";
   if (filter.slab_type != 0) sql += " AND slab_type = ?4";
   return sql + " ORDER BY slab_key DESC LIMIT ?1) ";
@@ -146,7 +146,8 @@ void bind_slabs(Statement& rows, const ItemFilter& filter) {
 void add_unseen(Connection& db, const ItemFilter& filter, std::vector<ItemValue>& list) {
   Statement slabs(db,
                   chosen_slabs(filter) +
-                      "SELECT slab_key, slab_id, began_utime_us, slab_type, stations FROM chosen ORDER BY slab_key");
+                      "SELECT slab_key, slab_id, began_utime_us, slab_type, stations, emulated FROM chosen ORDER BY "
+                      "slab_key");
   bind_slabs(slabs, filter);
   Statement any_item(
       db, std::string("SELECT 1 FROM item WHERE slab_key = ?1 AND station = ?2 AND ") + kValidAttempt + " LIMIT 1");
@@ -158,6 +159,7 @@ void add_unseen(Connection& db, const ItemFilter& filter, std::vector<ItemValue>
     value.slab_id.assign(slabs.text(1));
     value.began_utime_us = slabs.integer(2);
     value.slab_type = static_cast<std::uint16_t>(slabs.integer(3));
+    value.emulated = static_cast<std::uint8_t>(slabs.integer(5));
     value.item.id = filter.item;
     value.item.verdict = Verdict::not_measured;
     std::array<bool, limits::kStationsMax + 1> seen{};
@@ -189,7 +191,8 @@ std::vector<ItemValue> find_values(Connection& db, const ItemFilter& filter) {
       chosen_slabs(filter) +
       "SELECT chosen.slab_key, chosen.slab_id, chosen.began_utime_us, "
       "CASE WHEN item.station > 0 THEN item.station ELSE item.from_station END AS place, item.to_station, "
-      "item.verdict, item.required, item.value, item.nominal, item.lower, item.upper, item.U, chosen.slab_type "
+      "item.verdict, item.required, item.value, item.nominal, item.lower, item.upper, item.U, chosen.slab_type, "
+      "chosen.emulated "
       "FROM chosen CROSS JOIN item ON item.slab_key = chosen.slab_key AND item.id = ?5 WHERE (item.station = 0 OR ";
   sql += kValidAttempt;
   sql += ")";
@@ -221,6 +224,7 @@ std::vector<ItemValue> find_values(Connection& db, const ItemFilter& filter) {
     value.item.upper = rows.real(10);
     value.item.U = rows.real(11);
     value.slab_type = static_cast<std::uint16_t>(rows.integer(12));
+    value.emulated = static_cast<std::uint8_t>(rows.integer(13));
     list.push_back(value);
   }
   if (info(filter.item).scope == ItemScope::block) add_unseen(db, filter, list);

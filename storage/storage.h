@@ -228,6 +228,7 @@ struct ItemValue {
   SlabId slab_id;
   std::int64_t began_utime_us = 0;
   Item item;  ///< budget and companion are not read
+  std::uint8_t emulated = 0;  ///< emulation bits of its slab
 };
 
 struct SlabBlock {
@@ -346,6 +347,9 @@ struct DatabaseReport {
 /// `slabd-20261121T154530.123Z.db` in there; names sort by time.
 [[nodiscard]] Result<std::string> backup_path(const std::string& db_path, std::int64_t utime_us);
 
+/// Who keeps a writer out of this database now, and is no slabd: "sqlite3 (process 1234)"; empty: no such process. A
+/// slabd that writes at this moment is not one.
+[[nodiscard]] std::string foreign_lock(const std::string& db_path);
 /// Another process has this database open for writing now.
 [[nodiscard]] bool is_written_elsewhere(const std::string& db_path);
 

@@ -19,6 +19,7 @@
 #include "storage/database.h"
 #include "storage/folders.h"
 #include "storage/jobs.h"
+#include "storage/lock_probe.h"
 #include "storage/quarantine.h"
 #include "storage/recover.h"
 #include "storage/retention.h"
@@ -447,12 +448,23 @@ class SqliteStore final : public Store {
       const bool full = (failure.result & 0xFF) == SQLITE_FULL;
       if (!leaves_connection_good(failure.result)) give_up();
       if (looks_damaged(failure.result)) checked_ = false;
+      if ((failure.result & 0xFF) == SQLITE_BUSY) return locked_out(what);
       return error(full ? Code::store_full : Code::journal_write, "%s: %s not written: %s", settings_.db_path.c_str(),
                    what, failure.text.c_str());
     } catch (const std::exception& e) {
       give_up();
       return error(Code::internal, "%s: %s not written: %s", settings_.db_path.c_str(), what, e.what());
     }
+  }
+
+  /// Another program has a transaction open.
+  [[nodiscard]] Error locked_out(const char* what) {
+    const std::string holder = lock_probe_.holder(settings_.db_path);
+    return error(Code::journal_write,
+                 "%s: %s not written: the database is locked by %s; end that program, or its transaction, then reset the "
+                 "fault",
+                 settings_.db_path.c_str(), what,
+                 holder.empty() ? "another program, which has just let it go" : holder.c_str());
   }
 
   /// Nobody knows what of the log is on the disk, so closing must not move it into the database.
@@ -490,6 +502,7 @@ class SqliteStore final : public Store {
 
   StoreSettings settings_;
   std::optional<WriterLock> lock_;
+  LockProbe lock_probe_;
   std::optional<FileId> file_;  ///< the database that was opened at the start
   bool checked_ = false;        ///< it was whole then, and nothing has looked like damage since
   HeldBack held_back_;          ///< outlives a reopened file

@@ -18,9 +18,11 @@
 #include <cstring>
 #include <filesystem>
 #include <optional>
+#include <thread>
 #include <vector>
 
 #include "cli/doctor/doctor.h"
+#include "storage/storage.h"
 
 namespace slabd::cli {
 namespace {
@@ -208,6 +210,17 @@ void examine_speed(const daemon::Config& config, const std::string& db_folder, E
   }
 }
 
+/// A transaction that another program keeps open. The daemon's own are over in milliseconds, and whoever is there once is
+/// looked for twice.
+void examine_foreign_lock(const std::string& db_path, Examination& report) {
+  const std::string holder = storage::foreign_lock(db_path);
+  if (holder.empty()) return;
+  std::this_thread::sleep_for(std::chrono::milliseconds(300));
+  if (storage::foreign_lock(db_path) != holder) return;
+  report.failed("database lock", fmt::format("{} holds {}: slabd cannot write it", holder, db_path),
+                "end that program, or its transaction; readers use `.open --readonly` or slabctl");
+}
+
 void examine_recipes(const daemon::Config& config, std::vector<Recipe>& recipes, Examination& report) {
   std::vector<daemon::Problem> problems;
   daemon::load_recipes(config.recipes_dir, recipes, problems);
@@ -276,6 +289,7 @@ void examine_disk(const daemon::Config& config, Examination& report) {
   const bool spool = examine_folder("scans", config.storage.spool_dir, account, report);
   if (config.scanner_backend == hal::ScannerBackend::drop)
     (void)examine_folder("scan drop", config.scanner.drop_dir.c_str(), account, report);
+  if (database) examine_foreign_lock(config.storage.db_path, report);
   if (database) examine_space("database disk", db_folder, kDatabaseFreeMin, 2 * kDatabaseFreeMin, "records", report);
   if (spool) {
     const std::uint64_t least = config.storage.spool_free_bytes_min;

@@ -347,7 +347,8 @@ void examine_heard(const daemon::Config& config, const Heard& heard, const hal::
   const double span_s = static_cast<double>(heard.last_ns - heard.first_ns) / 1e9;
   const double rate_hz = span_s > 0.0 ? static_cast<double>(heard.poses - 1) / span_s : 0.0;
   const hal::PoseLinkCounters& counters = port.counters();
-  const std::uint64_t not_believed = counters.wrong_sender + counters.second_publisher + counters.malformed +
+  const std::uint64_t not_believed = counters.other_type + counters.wrong_sender + counters.second_publisher +
+                                     counters.malformed +
                                      counters.repeated + counters.time_back + counters.jumps;
   const std::string faults = refused(port);
   const std::string saw = fmt::format("{:.0f} poses/s, {}", rate_hz, faults.empty() ? "no gaps" : faults);
@@ -383,6 +384,9 @@ void examine_heard(const daemon::Config& config, const Heard& heard, const hal::
                         p.x(), p.y(), p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad),
                         spread.maxCoeff()));
   if (pose.estop) report.note("robot position", "the robot reports emergency stop");
+  if (pose.emulated)
+    report.warning("robot poses", "they declare themselves emulated (flags, bit 4): there is no robot behind them",
+                   "end the emulator (slabctl simulate) and start the robot's bridge");
   if (std::abs(heard.skew_s) > kClockSkew_s)
     report.note("robot clock", fmt::format("the sender's clock is {:.1f} s off this computer's", heard.skew_s),
                 "only records show it; NTP on both sides mends it");
@@ -408,6 +412,10 @@ constexpr std::array kWarningCures = {
     "slabctl calibrate check; docs/CALIBRATION.md, \"The daily check\"",
     "slabctl calibrate stations; docs/CALIBRATION.md, \"Station corrections\"",
     "slabctl scanner verify; docs/SCANNER.md, \"Is it good enough?\"",
+    "slabctl calibrate new, and apply it; docs/CALIBRATION.md",
+    "slabctl recipe diff shows the difference; restart slabd between two slabs",
+    "expected on a test line; on a real one [line] simulation = false, real poses (flags, bits 0 and 4) and a real scanner; "
+    "docs/PLC.md, STATUS bit 11",
 };
 
 /// The daemon says its warnings in words, in the order of their bits.
@@ -448,7 +456,8 @@ std::string examine_daemon(const daemon::Config& config, Examination& report) {
                    "look at that one with --config, or restart the daemon");
   examine_warnings(status, report);
   if (!yes(at(status, {"links", "store", "ok"})) && !in_config_fault(status))
-    report.failed("database", "the daemon cannot write it", "journalctl -u slabd names the reason");
+    report.failed("database", fmt::format("the daemon cannot write it: {}", text(at(status, {"links", "store", "text"}))),
+                  "journalctl -u slabd names the reason");
   return answer.value();
 }
 
@@ -484,6 +493,8 @@ void examine_robot(const daemon::Config& config, double seconds, Examination& re
                     faults.empty() ? "" : "; " + faults),
         faults.empty()
             ? "is the robot's bridge running, on this channel and group, and is its network [robot] interface?"
+        : counters.other_type != 0
+            ? "set [pose] type in slabd.toml to the type that the bridge sends, or the bridge to slabd's; docs/ROBOT.md"
             : "docs/ROBOT.md says what each of them means, and what to do");
   } else {
     report.ok("robot link", fmt::format("{} on {}", config.robot.channel.view(), config.robot.url.view()));

@@ -50,7 +50,8 @@ constexpr std::array kColumns = {"version",
                                  "scanner_id",
                                  "slab_temperature_k",
                                  "slab_age_h",
-                                 "slope_datum"};
+                                 "slope_datum",
+                                 "emulated"};
 
 std::string csv_number(double value) {
   return has_value(value) ? fmt::format("{}", value) : "";
@@ -113,6 +114,7 @@ ItemRow tail_of(const storage::SlabRecord& record, TableFor reader) {
   row.add(text_for(reader, slab.scanner_id.view()));
   row.add(slab.temperature_dk == 0 ? kNoValue : slab.temperature_dk / 10.0);
   row.add(slab.age_h == 0 ? "" : std::to_string(slab.age_h)).add(slope_datum(record));
+  row.add(slab.emulated != 0 ? "1" : "0");
   return row;
 }
 

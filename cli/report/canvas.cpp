@@ -167,6 +167,16 @@ void Canvas::text(double x, double y, std::string_view text, const TextStyle& st
   cairo_new_path(context_);
 }
 
+void Canvas::slanted_text(double x, double y, std::string_view text, const TextStyle& style) {
+  TextStyle centred = style;
+  centred.anchor = Anchor::centre;
+  cairo_save(context_);
+  cairo_translate(context_, x, y);
+  cairo_rotate(context_, -0.25 * std::numbers::pi);
+  this->text(0.0, 0.0, text, centred);
+  cairo_restore(context_);
+}
+
 double Canvas::text_width(std::string_view text, const TextStyle& style) {
   const Layout layout = layout_of(context_, text, style);
   int width = 0;

@@ -59,6 +59,8 @@ class Canvas {
   void hatch(double x, double y, double width, double height);
   /// One line; y is its baseline.
   void text(double x, double y, std::string_view text, const TextStyle& style);
+  /// One line that rises by 45 degrees, its middle at (x, y).
+  void slanted_text(double x, double y, std::string_view text, const TextStyle& style);
   [[nodiscard]] double text_width(std::string_view text, const TextStyle& style);
   /// Broken into lines of `width`; y is the top. Returns its height; draws nothing when `measure_only`. Lines that do
   /// not fit into `height_max` are cut, with an ellipsis; 0: it may be of any height.

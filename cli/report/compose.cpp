@@ -34,6 +34,7 @@ class Composer {
     report.open = is_open(record_);
     report.verdict = report.open ? Verdict::none : record_.summary.verdict;
     report.ended_utime_us = record_.summary.ended_utime_us;
+    report.emulated = header_.emulated;
     report.sections.push_back(overview());
     report.sections.push_back(findings());
     report.sections.push_back(warnings());
@@ -175,6 +176,7 @@ class Composer {
       paragraph.warning = true;
       section.parts.push_back(std::move(paragraph));
     };
+    if (header_.emulated != 0) add(emulation_notice(header_.emulated, language_));
     if (is_open(record_)) add(say(Word::open_warning));
     if (is_aborted(record_)) add(say(Word::aborted_note));
     if (header_.unconfirmed > 0) add(say(Word::unconfirmed, header_.unconfirmed));

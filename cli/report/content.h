@@ -66,6 +66,7 @@ struct Report {
   Verdict verdict = Verdict::none;
   bool open = false;
   std::int64_t ended_utime_us = 0;
+  std::uint8_t emulated = 0;  ///< emulation bits; a watermark and a notice on every page
   std::vector<Section> sections;
 };
 

@@ -31,6 +31,9 @@ p.fail { padding: .1rem .5rem; } .indeterminate { background: #facc5c; color: #4
 figure { display: inline-block; margin: .6rem 1rem .6rem 0; vertical-align: top; }
 figcaption { font-weight: bold; font-size: .86rem; } svg { max-width: 100%; height: auto; }
 .warning::before { content: "⚠ "; }
+.emulated { padding: .4rem .9rem; border: 3px double #9e0d1a; color: #9e0d1a; font-weight: bold; }
+.watermark { position: fixed; inset: 0; z-index: -1; display: flex; align-items: center; justify-content: center;
+  font-size: 14vw; font-weight: bold; color: #f3e3e3; transform: rotate(-35deg); }
 @media print { h2 { break-after: avoid; } tr, figure { break-inside: avoid; } }
 )";
 
@@ -118,6 +121,11 @@ class Writer {
         "<style>{}</style>\n</head>\n<body>\n<main>\n<h1>{}</h1>\n<p>{}</p>\n",
         code(report_.language), escaped(report_.title), escaped(report_.subject), kStyle, escaped(report_.title),
         escaped(report_.subject));
+    // Fixed: a browser prints it on every page.
+    if (report_.emulated != 0)
+      out_ += fmt::format("<div class=\"watermark\" aria-hidden=\"true\">{}</div>\n<p class=\"emulated\">{}</p>\n",
+                          emulation_mark(report_.emulated, report_.language),
+                          escaped(emulation_notice(report_.emulated, report_.language)));
     if (report_.judged)
       out_ += fmt::format(
           "<p class=\"verdict {}\">{}{}</p>\n", name(report_.verdict), sign(report_.verdict),

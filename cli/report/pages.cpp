@@ -23,6 +23,8 @@ constexpr double kGap = 2.5;
 
 const TextStyle kBody{7.2, false, kBlack, Anchor::left};
 const TextStyle kHeading{7.0, true, kBlack, Anchor::left};
+/// Pale enough to read tables through it, dark enough for a bad copy.
+constexpr Colour kWatermark{0.88, 0.80, 0.80};
 
 /// Something with a place.
 struct Placed {
@@ -229,6 +231,15 @@ int Pages::count() const {
 void Pages::draw(int page, Canvas& canvas) const {
   const Report& report = layout_->report;
   const Language language = report.language;
+  if (report.emulated != 0) {
+    for (const double y : {90.0, 160.0, 230.0})
+      canvas.slanted_text(0.5 * kPageWidth_mm, y, emulation_mark(report.emulated, language),
+                          {54.0, true, kWatermark, Anchor::centre});
+    canvas.text(0.5 * kPageWidth_mm, 6.0, emulation_notice(report.emulated, language),
+                {8.5, true, Colour{0.62, 0.05, 0.10}, Anchor::centre});
+    canvas.text(0.5 * kPageWidth_mm, 293.5, emulation_notice(report.emulated, language),
+                {6.5, true, Colour{0.62, 0.05, 0.10}, Anchor::centre});
+  }
   const TextStyle title{page == 0 ? 14.0 : 8.5, true, kBlack, Anchor::left};
   canvas.text(kLeft, 12.0, report.title, title);
   const TextStyle subject{page == 0 ? 10.0 : 8.5, true, kBlack, Anchor::right};

@@ -6,6 +6,8 @@
 #include <array>
 #include <utility>
 
+#include "base/emulation.h"
+
 namespace slabd::cli::report {
 namespace {
 
@@ -206,6 +208,34 @@ std::string_view word(Word which, Language language) {
 
 std::string item_word(ItemId id, Language language) {
   return std::string(pick(item_entry(id), language));
+}
+
+std::string emulation_notice(std::uint8_t bits, Language language) {
+  if (bits == 0) return {};
+  struct Part {
+    std::string_view en;
+    std::string_view zh;
+  };
+  static constexpr std::array<Part, kEmulationNames.size()> kParts = {{
+      {"[line] simulation = true", "[line] simulation = true"},
+      {"robot emulated", "机器人为仿真"},
+      {"robot poses commanded, not measured", "机器人位姿为指令值，非实测"},
+      {"scan emulated", "扫描为仿真"},
+  }};
+  const bool zh = language == Language::zh;
+  std::string parts;
+  for (std::size_t i = 0; i < kParts.size(); ++i) {
+    if ((bits & (1U << i)) == 0) continue;
+    if (!parts.empty()) parts += zh ? "，" : ", ";
+    parts += zh ? kParts[i].zh : kParts[i].en;
+  }
+  return zh ? fmt::format("仿真（{}）：不是对混凝土实物的判定", parts)
+            : fmt::format("EMULATED ({}): no verdict on concrete", parts);
+}
+
+std::string_view emulation_mark(std::uint8_t bits, Language language) {
+  if (bits == 0) return {};
+  return language == Language::zh ? "仿真" : "EMULATED";
 }
 
 std::string_view verdict_word(Verdict verdict, Language language) {

@@ -86,7 +86,7 @@ int deliver(StreamGateway& gateway, const Scan& scan, const std::string& file, c
     if (!note.empty()) last = "slabd: " + note;
     if (!request) continue;
     const Status sent = gateway.answer(*request, scan.xyz, scan.shape.width, scan.shape.height, utime_us,
-                                       std::exchange(cut_after, SIZE_MAX));
+                                       std::exchange(cut_after, SIZE_MAX), scan.shape.emulated);
     if (sent) {
       fmt::print(
           "request {} (slab \"{}\", station {}): {}, {} points{}\n", request->name(), request->slab_id,

@@ -113,7 +113,7 @@ bool StreamGateway::send_all(std::span<const std::byte> bytes) {
 }
 
 Status StreamGateway::answer(const StreamRequest& request, std::span<const float> xyz, std::size_t width,
-                             std::size_t height, std::int64_t utime_us, std::size_t cut_after_points) {
+                             std::size_t height, std::int64_t utime_us, std::size_t cut_after_points, bool emulated) {
   hal::ScanStreamHeader header;
   header.session = request.session;
   header.cmd_seq = request.cmd_seq;
@@ -122,6 +122,7 @@ Status StreamGateway::answer(const StreamRequest& request, std::span<const float
   header.count = static_cast<std::uint32_t>(xyz.size() / 3);
   header.utime_us = static_cast<std::uint64_t>(utime_us);
   header.points_crc = hal::crc32c(std::as_bytes(xyz));
+  header.emulated = emulated;
   // What slabd has may be of a scan that another process began, which these points are not.
   const bool is_begun = begun_ == request.name() && utime_us_ == utime_us;
   header.first = is_begun && request.have_points < header.count ? request.have_points : 0;

@@ -20,6 +20,7 @@ using SteadyClock = std::chrono::steady_clock;
 constexpr std::int32_t kMeasured = 1;
 constexpr std::int32_t kStopped = 2;
 constexpr std::int32_t kRunning = 4;
+constexpr std::int32_t kEmulated = 16;
 /// Encoder tremor of the orientation: that of the position over the arm's reach.
 constexpr double kTremorLeverMm = 1000.0;
 
@@ -133,7 +134,7 @@ struct RobotPeer::Impl {
     message.seq = sequence;
     message.base_id = traits.base_id;
     message.tool_id = traits.tool_id;
-    message.flags = kMeasured | kRunning | (shown.stands ? kStopped : 0);
+    message.flags = kMeasured | kRunning | kEmulated | (shown.stands ? kStopped : 0);
     for (int axis = 0; axis < 3; ++axis) message.trans[axis] = m_from_mm(pose.translation_mm[axis]);
     message.quat[0] = pose.rotation.w();
     message.quat[1] = pose.rotation.x();

@@ -50,7 +50,7 @@ void RsiSender::send(const Pose& T_base_flange, std::int16_t base_id, std::int16
   const calib::KukaAbc abc = calib::kuka_abc_from_rotation(T_base_flange.rotation);
   std::string text = fmt::format(
       "<Rob Type=\"KUKA\"><RIst X=\"{:.4f}\" Y=\"{:.4f}\" Z=\"{:.4f}\" A=\"{:.4f}\" B=\"{:.4f}\" C=\"{:.4f}\"/>"
-      "<Base>{}</Base><Tool>{}</Tool><Stopped>{}</Stopped><Delay D=\"0\"/><IPOC>{}</IPOC></Rob>",
+      "<Base>{}</Base><Tool>{}</Tool><Stopped>{}</Stopped><Emulated>1</Emulated><Delay D=\"0\"/><IPOC>{}</IPOC></Rob>",
       p.x(), p.y(), p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad), base_id, tool_id,
       stopped ? 1 : 0, ipoc_ms);
   const double dice = random_.uniform();

@@ -19,7 +19,7 @@ class DropOutlet final : public ScanOutlet {
   Status put(std::vector<float>& xyz, std::size_t width, std::size_t height) override {
     if (const auto scale = static_cast<float>(per_mm(unit_)); unit_ != hal::LengthUnit::mm)
       for (float& v : xyz) v *= scale;
-    return hal::write_scan(drop_.part_path().c_str(), format_, xyz, width, height);
+    return hal::write_scan(drop_.part_path().c_str(), format_, xyz, width, height, {.emulator = true});
   }
   Status deliver(const std::string& name) override { return drop_.deliver(name, format_); }
   void give_up(const std::string& name) override { drop_.give_up(name); }
@@ -53,14 +53,14 @@ class StreamOutlet final : public ScanOutlet {
     const std::int64_t utime_us =
         std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
             .count();
-    Status given = gateway_.answer(*waiting_, xyz_, width_, height_, utime_us);
+    Status given = gateway_.answer(*waiting_, xyz_, width_, height_, utime_us, SIZE_MAX, true);
     // A connection that was lost: slabd repeats the request on the next one, and the scan goes on where it was cut.
     for (int tries = 0; !given && given.error().code == Code::scanner_offline && tries < 5; ++tries) {
       std::string note;
       if (!gateway_.connect()) break;
       const auto again = gateway_.next_request(2'000, note);
       if (!again || again->name() != waiting_->name()) break;
-      given = gateway_.answer(*again, xyz_, width_, height_, utime_us);
+      given = gateway_.answer(*again, xyz_, width_, height_, utime_us, SIZE_MAX, true);
     }
     waiting_.reset();
     return given;

@@ -200,7 +200,7 @@ int write_calibration(const CalibrationOrder& order) {
       }
       const std::string path = (dir / shot_name(order.shots, static_cast<int>(view), shot)).string();
       const Status written =
-          hal::write_scan(path.c_str(), hal::ScanFormat::ply, xyz, drawn.value().width, drawn.value().height);
+          hal::write_scan(path.c_str(), hal::ScanFormat::ply, xyz, drawn.value().width, drawn.value().height, {.emulator = true});
       if (!written) {
         cli::complain(fmt::format("{}", written.error().text.view()));
         return cli::kNotReachable;

@@ -118,7 +118,9 @@ int write_scan(const ScanOrder& order) {
   std::vector<float> xyz;
   const DrawnScan drawn = draw_scan(surface.value(), scanner, derived_seed(order.seed, 5, 0), xyz);
 
-  if (const Status written = hal::write_scan(order.out.c_str(), *format, xyz, drawn.width, drawn.height); !written) {
+  if (const Status written = hal::write_scan(order.out.c_str(), *format, xyz, drawn.width, drawn.height,
+                                                {.emulator = true, .block = order.block});
+      !written) {
     cli::complain(fmt::format("{}", written.error().text.view()));
     return cli::kNotReachable;
   }

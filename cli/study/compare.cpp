@@ -160,6 +160,7 @@ std::string compare_json(const CompareStudy& study) {
   json.begin_object();
   json.field("schema", "slabd.study_compare/1").field("software", daemon::software_version().view());
   json.field("source", std::string_view(study.source)).field("judgement", name(study.judgement()));
+  write_notes(json, study.notes);
   json.key("items").begin_array();
   for (const CompareItem& item : study.items) {
     json.begin_object().field("item", std::string_view(item.item)).field("unit", std::string_view(unit_of(item.item)));
@@ -198,7 +199,9 @@ std::string compare_json(const CompareStudy& study) {
 
 void print_compare(const CompareStudy& study) {
   const Style style = style_for(stdout);
-  fmt::print("{}\n\n", study.source);
+  fmt::print("{}\n", study.source);
+  for (const std::string& sentence : study.notes.sentences()) fmt::print("! {}\n", sentence);
+  fmt::print("\n");
   std::vector<std::vector<std::string>> rows = {{"characteristic", "unit<", "n", "reference", "measured",
                                                  "mean error (95 %)", "mean |error|", "max |error|", "at<", "En max"}};
   for (const CompareItem& item : study.items) {

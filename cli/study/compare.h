@@ -7,6 +7,7 @@
 
 #include "cli/study/agreement.h"
 #include "cli/study/repeatability.h"
+#include "cli/study/same_part.h"
 #include "cli/study/source.h"
 
 /// The paper's Table 6 for every characteristic: what slabd finds against what a laboratory finds on the same things.
@@ -46,6 +47,7 @@ struct CompareItem {
 };
 struct CompareStudy {
   std::string source;
+  StudyNotes notes;
   std::vector<CompareItem> items;
   std::vector<ThingKey> only_reference;
   std::vector<ThingKey> only_measured;

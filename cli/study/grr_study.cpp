@@ -251,6 +251,7 @@ std::string grr_json(const GrrStudy& study) {
   json.begin_object();
   json.field("schema", "slabd.study_grr/1").field("software", daemon::software_version().view());
   json.field("source", std::string_view(study.source)).field("judgement", name(study.judgement()));
+  write_notes(json, study.notes);
   write_names(json, "refused", study.refused);
   json.key("items").begin_array();
   for (const GrrItem& item : study.items) {
@@ -287,7 +288,9 @@ std::string grr_json(const GrrStudy& study) {
 
 void print_grr(const GrrStudy& study, bool details) {
   const Style style = style_for(stdout);
-  fmt::print("{}\n\n", study.source);
+  fmt::print("{}\n", study.source);
+  for (const std::string& sentence : study.notes.sentences()) fmt::print("! {}\n", sentence);
+  fmt::print("\n");
   std::vector<std::vector<std::string>> rows = {
       {"gauge R&R", "unit<", "EV", "AV", "GRR", "% of T", "% of TV", "ndc", "judgement<"}};
   for (const GrrItem& item : study.items) {

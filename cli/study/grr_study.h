@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "cli/study/grr.h"
+#include "cli/study/same_part.h"
 #include "cli/study/source.h"
 
 /// A gauge R&R study as people plan it: who measured which part how often, put together from a table.
@@ -34,6 +35,7 @@ struct GrrItem {
 };
 struct GrrStudy {
   std::string source;
+  StudyNotes notes;
   std::vector<GrrItem> items;
   std::vector<std::string> refused;  ///< sentences: which item, which cell is missing or filled twice
 

@@ -181,6 +181,7 @@ std::string repeat_json(const RepeatStudy& study) {
   json.key("runs").begin_array();
   for (const std::string& run : study.runs) json.value(std::string_view(run));
   json.end_array();
+  write_notes(json, study.notes);
   json.key("warnings").begin_array();
   for (const std::string& warning : study.warnings) json.value(std::string_view(warning));
   json.end_array();
@@ -209,7 +210,9 @@ std::string repeat_json(const RepeatStudy& study) {
 void print_repeat(const RepeatStudy& study, bool details) {
   std::set<int> blocks;
   for (const Characteristic& c : study.characteristics) blocks.insert(c.about.block);
-  fmt::print("{}\n\n", study.source);
+  fmt::print("{}\n", study.source);
+  for (const std::string& sentence : study.notes.sentences()) fmt::print("! {}\n", sentence);
+  fmt::print("\n");
   if (details || blocks.size() <= 1) print_characteristics(study);
   if (blocks.size() > 1) print_worst(study);
   print_gauges(study, style_for(stdout));

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "cli/study/repeatability.h"
+#include "cli/study/same_part.h"
 #include "cli/study/source.h"
 
 /// The paper's ten repeats (Figs. 18 and 19) and the type-1 study, characteristic by characteristic.
@@ -23,6 +24,7 @@ struct Characteristic {
 
 struct RepeatStudy {
   std::string source;  ///< "10 scans", "slab T-1"
+  StudyNotes notes;
   std::vector<std::string> runs;
   std::vector<std::string> warnings;
   std::vector<Characteristic> characteristics;

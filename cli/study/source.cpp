@@ -87,7 +87,7 @@ ScanMeter::ScanMeter(const Recipe& recipe, hal::LengthUnit unit, int threads)
 Result<std::vector<Reading>> ScanMeter::measure(const std::string& path, int block, const Pose& T_block_scanner) {
   const Result<ScanShape> read = hal::read_scan(path.c_str(), unit_, xyz_, inspector_.team());
   if (!read.ok()) return read.error();
-  const ScanShape& shape = read.value();
+  const ScanShape& shape = shape_ = read.value();
   const algo::Cloud cloud{xyz_, shape.points, shape.width, shape.height};
   // A block that was not found leaves its items without a value, and the study counts them.
   static_cast<void>(

@@ -58,11 +58,14 @@ class ScanMeter {
   /// like: the file cannot be read.
   [[nodiscard]] Result<std::vector<Reading>> measure(const std::string& path, int block,
                                                      const Pose& T_block_scanner = nominal_T_block_scanner());
+  /// Of the last scan that was measured.
+  [[nodiscard]] const ScanShape& shape() const { return shape_; }
 
  private:
   Pages memory_;
   std::span<float> xyz_;
   hal::LengthUnit unit_;
+  ScanShape shape_;
   std::unique_ptr<hal::Clock> clock_;
   algo::BlockInspector inspector_;
 };

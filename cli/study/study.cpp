@@ -38,6 +38,12 @@ bool ScanOptions::load(Recipe& out, int& exit_status) const {
   return true;
 }
 
+void add_same_part(CLI::App& command, std::string& why) {
+  command.add_option("--same-part", why,
+                     "Why slabs of different ids, or scans of different blocks, are one part all the same; it is printed "
+                     "with the study. Without it they are refused");
+}
+
 int exit_of(Judgement judgement) {
   return judgement == Judgement::capable || judgement == Judgement::not_judged ? kDone : kNotPass;
 }

@@ -34,6 +34,9 @@ struct ScanOptions {
   [[nodiscard]] bool load(Recipe& out, int& exit_status) const;
 };
 
+/// --same-part WHY.
+void add_same_part(CLI::App& command, std::string& why);
+
 /// 0 capable or nothing judged, 1 else.
 [[nodiscard]] int exit_of(Judgement judgement);
 

@@ -30,6 +30,7 @@ struct CompareOptions {
   std::size_t runs = 1;
   std::vector<std::string> items;
   std::vector<std::string> allowed;
+  std::string same_part;
   DocumentOptions document;
   bool json = false;
 };
@@ -44,7 +45,7 @@ Status from_table(const CompareOptions& options, Side& side) {
 }
 
 /// Columns id, block, scan; paths from the table's own folder.
-Status from_scans(const CompareOptions& options, const Recipe& recipe, Side& side) {
+Status from_scans(const CompareOptions& options, const Recipe& recipe, Side& side, SamePart& part) {
   const auto table = CsvTable::read(options.scans);
   if (!table.ok()) return table.error();
   if (const Status good = table.value().expect({"id", "block", "scan"}, {}); !good.ok()) return good;
@@ -59,13 +60,16 @@ Status from_scans(const CompareOptions& options, const Recipe& recipe, Side& sid
     const ProgressNote note(stderr, fmt::format("measuring {} ...", path), std::chrono::seconds(1));
     const auto readings = meter.measure(path, block.value());
     if (!readings.ok()) return readings.error();
-    for (const Reading& reading : readings.value()) add_to(side, table.value().cell(row, "id"), reading);
+    const std::string& id = table.value().cell(row, "id");
+    part.add_scan(fmt::format("{}, block {}", id, block.value()), path, block.value(), meter.shape());
+    for (const Reading& reading : readings.value()) add_to(side, id, reading);
   }
   return success();
 }
 
 /// Of the slabs that the laboratory names, what it measured on them.
-Status from_slabs(const CompareOptions& options, const Side& contact, storage::Reader& reader, Side& side) {
+Status from_slabs(const CompareOptions& options, const Side& contact, storage::Reader& reader, Side& side,
+                  SamePart& part) {
   std::set<std::string> ids;
   for (const auto& [key, value] : contact) ids.insert(key.id);
   std::map<std::int64_t, std::string> called;  // key -> what the laboratory calls the slab
@@ -79,6 +83,7 @@ Status from_slabs(const CompareOptions& options, const Side& contact, storage::R
         return error(Code::config,
                      "'%s' and '%s' both mean the slab of key %lld: one inspection counts once; name it one way",
                      other->second.c_str(), id.c_str(), static_cast<long long>(key));
+      part.add_slab(id, record.summary.header);
       for (const Reading& reading : take_of(record).readings)
         if (contact.contains({id, reading.item, reading.block})) add_to(side, id, reading);
     }
@@ -127,6 +132,7 @@ int run_compare(const CompareOptions& options) {
   if (!contact.ok()) return fail(contact.error());
   int exit_status = kDone;
   Side measured;
+  SamePart part;
   Status good = success();
   if (!options.values.empty()) {
     good = from_table(options, measured);
@@ -134,13 +140,15 @@ int run_compare(const CompareOptions& options) {
     Recipe recipe;
     if (!options.scan.load(recipe, exit_status)) return exit_status;
     warn_unconfirmed(recipe);
-    good = from_scans(options, recipe, measured);
+    good = from_scans(options, recipe, measured, part);
   } else {
     const auto reader = open_database(options.database, exit_status);
     if (reader == nullptr) return exit_status;
-    good = from_slabs(options, contact.value(), *reader, measured);
+    good = from_slabs(options, contact.value(), *reader, measured, part);
   }
   if (!good.ok()) return fail(good.error());
+  StudyNotes notes;
+  if (!part.settle(options.same_part, notes)) return kBadInput;
   keep_items(contact.value(), options.items);
   keep_items(measured, options.items);
   CompareStudy study = compare(contact.value(), measured, allowed);
@@ -149,6 +157,7 @@ int run_compare(const CompareOptions& options) {
                              : !options.scans.empty() ? options.scans
                                                       : std::string("stored slabs"),
                              options.contact);
+  study.notes = std::move(notes);
   name_unmatched(study.only_reference, "not measured by slabd");
   // Of a scan the laboratory need not have measured everything.
   if (!options.values.empty()) name_unmatched(study.only_measured, "not in the contact table");
@@ -210,6 +219,7 @@ void add_compare(CLI::App& study, int& exit_status) {
       ->take_all()
       ->expected(1)
       ->allow_extra_args(false);
+  add_same_part(*command, options->same_part);
   options->document.add_to(*command);
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.study_compare/1 on stdout");

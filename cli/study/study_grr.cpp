@@ -29,6 +29,7 @@ struct GrrOptions {
   std::vector<std::string> items;
   std::vector<std::string> tolerances;
   std::string interaction = "auto";
+  std::string same_part;
   bool details = false;
   DocumentOptions document;
   bool json = false;
@@ -92,10 +93,18 @@ int run_grr(const GrrOptions& options) {
   }
   PlanReaders readers;
   std::vector<Take> scans;
+  SamePart same_part;
+  std::size_t row = 0;  // each row of the plan is read once, in their order
+  const auto part_of = [&](int block) {
+    const std::string name = plan.value().cell(row++, "part");
+    return !name.empty() || block == 0 ? name : fmt::format("block {}", block);
+  };
   readers.scan = [&](const std::string& path, int block) -> Result<std::vector<Reading>> {
     const ProgressNote note(stderr, fmt::format("measuring {} ...", path), std::chrono::seconds(1));
     auto read = meter->measure(beside(options.plan, path), block);
-    if (read.ok()) scans.push_back({path, read.value()});
+    if (!read.ok()) return read;
+    same_part.add_scan(part_of(block), path, block, meter->shape());
+    scans.push_back({path, read.value()});
     return read;
   };
   std::map<std::int64_t, std::set<int>> blocks_used;  // by slab key; 0: all of them
@@ -106,7 +115,9 @@ int run_grr(const GrrOptions& options) {
     if (records.value().size() > 1)
       return error(Code::config, "slab id '%s' has %zu inspections; name the key of the one that is meant",
                    slab.c_str(), records.value().size());
-    const std::int64_t key = records.value().front().summary.header.key;
+    const SlabHeader& header = records.value().front().summary.header;
+    const std::int64_t key = header.key;
+    same_part.add_slab(part_of(0), header);
     std::set<int>& used = blocks_used[key];
     Take take = take_of(records.value().front());
     // A plan with a column of blocks names a slab once for each of them.
@@ -131,8 +142,11 @@ int run_grr(const GrrOptions& options) {
     const auto found = tolerances.find(item);
     return found == tolerances.end() ? kNoValue : found->second;
   };
+  StudyNotes notes;
+  if (!same_part.settle(options.same_part, notes)) return kBadInput;
   GrrStudy study = grr_study(placings.value(), options.items, tolerance, interaction);
   study.source = options.plan;
+  study.notes = std::move(notes);
   if (const std::string twice = same_scan_twice(scans); !twice.empty())
     study.refused.push_back(
         fmt::format("{} have the same values to the last digit: one measurement used twice", twice));
@@ -184,6 +198,7 @@ void add_grr(CLI::App& study, int& exit_status) {
                    "auto: pooled when not significant; keep: never pooled; pool: always")
       ->check(CLI::IsMember({"auto", "keep", "pool"}))
       ->capture_default_str();
+  add_same_part(*command, options->same_part);
   command->add_flag("--details", options->details, "The tables behind every item");
   options->document.add_to(*command);
   options->database.add_to(*command);

@@ -36,6 +36,7 @@ struct RepeatOptions {
   std::vector<std::string> items;
   std::vector<std::string> references;
   std::vector<std::string> tolerances;
+  std::string same_part;
   bool details = false;
   DocumentOptions document;
   bool json = false;
@@ -47,7 +48,8 @@ bool failed(const Error& why, int& exit_status) {
   return false;
 }
 
-bool from_scans(const RepeatOptions& options, std::vector<Take>& takes, std::string& source, int& exit_status) {
+bool from_scans(const RepeatOptions& options, std::vector<Take>& takes, std::string& source, SamePart& part,
+                int& exit_status) {
   Recipe recipe;
   if (!options.scan.load(recipe, exit_status)) return false;
   if (options.block < 1 || options.block > recipe.stations()) {
@@ -63,13 +65,15 @@ bool from_scans(const RepeatOptions& options, std::vector<Take>& takes, std::str
     const ProgressNote note(stderr, fmt::format("measuring {} ...", file), std::chrono::seconds(1));
     auto readings = meter.measure(file, options.block);
     if (!readings.ok()) return failed(readings.error(), exit_status);
+    part.add_scan("", file, options.block, meter.shape());
     takes.push_back({file, std::move(readings.value())});
   }
   source = fmt::format("{} scans of block {}, recipe {}", takes.size(), options.block, recipe.name.view());
   return true;
 }
 
-bool from_slabs(const RepeatOptions& options, std::vector<Take>& takes, std::string& source, int& exit_status) {
+bool from_slabs(const RepeatOptions& options, std::vector<Take>& takes, std::string& source, SamePart& part,
+                int& exit_status) {
   const auto reader = open_database(options.database, exit_status);
   if (reader == nullptr) return false;
   std::set<std::int64_t> seen;  // a slab that is named twice, once by its id perhaps, was not measured twice
@@ -79,6 +83,7 @@ bool from_slabs(const RepeatOptions& options, std::vector<Take>& takes, std::str
     if (records.value().empty()) return failed(no_slab_named(wanted), exit_status);
     for (const storage::SlabRecord& record : records.value()) {
       if (!seen.insert(record.summary.header.key).second) continue;
+      part.add_slab("", record.summary.header);
       if (!options.attempts) {
         takes.push_back(take_of(record));
         continue;
@@ -177,17 +182,21 @@ int run_repeat(const RepeatOptions& options) {
   std::vector<Take> takes;
   std::string source;
   int exit_status = kDone;
-  const bool good = !options.scans.empty()   ? from_scans(options, takes, source, exit_status)
-                    : !options.slabs.empty() ? from_slabs(options, takes, source, exit_status)
+  SamePart part;
+  const bool good = !options.scans.empty()   ? from_scans(options, takes, source, part, exit_status)
+                    : !options.slabs.empty() ? from_slabs(options, takes, source, part, exit_status)
                     : options.live != 0      ? from_line(options, takes, source, exit_status)
                                              : from_table(options, takes, source, exit_status);
   if (!good) return exit_status;
+  StudyNotes notes;
+  if (!part.settle(options.same_part, notes)) return kBadInput;
   if (takes.size() < 2) {
     complain(fmt::format("{}: a repeat needs two runs at least", source));
     return kBadInput;
   }
   RepeatStudy study = repeat_study(takes, options.items, options.block, task, options.values.empty());
   study.source = source;
+  study.notes = std::move(notes);
   if (!all_known(options, task, takes, study)) return kUsage;
   for (const std::string& warning : study.warnings) complain("warning: " + warning);
   if (const int status = write_document(repeat_report(study, options.document.wanted()), options.document.out);
@@ -256,6 +265,7 @@ void add_repeat(CLI::App& study, int& exit_status) {
       ->take_all()
       ->expected(1)
       ->allow_extra_args(false);
+  add_same_part(*command, options->same_part);
   command->add_flag("--details", options->details, "Every block in a line of its own");
   options->document.add_to(*command);
   options->database.add_to(*command);

@@ -387,6 +387,15 @@ std::string ending(const std::string& path) {
 
 }  // namespace
 
+/// Under the title of the first section.
+static void add_notes(report::Report& made, const StudyNotes& notes) {
+  made.emulated = notes.emulated;
+  Section section;
+  for (const std::string& sentence : notes.sentences())
+    section.parts.emplace_back(report::Paragraph{sentence, Verdict::none, true});
+  if (!section.parts.empty()) made.sections.insert(made.sections.begin(), std::move(section));
+}
+
 report::Report repeat_report(const RepeatStudy& study, Language language) {
   report::Report made = document(language, pick(language, "Repeatability", "重复性"), study.source);
   Section& figures = made.sections.emplace_back();
@@ -414,6 +423,7 @@ report::Report repeat_report(const RepeatStudy& study, Language language) {
   }
   made.sections.emplace_back().parts.emplace_back(repeat_table(study, language));
   made.sections.back().title = pick(language, "All figures", "全部统计值");
+  add_notes(made, study.notes);
   return made;
 }
 
@@ -435,6 +445,7 @@ report::Report grr_report(const GrrStudy& study, Language language) {
   for (const std::string& sentence : study.refused)
     refused.parts.emplace_back(report::Paragraph{sentence, Verdict::none, true});
   if (!refused.parts.empty()) made.sections.push_back(std::move(refused));
+  add_notes(made, study.notes);
   return made;
 }
 
@@ -458,6 +469,7 @@ report::Report compare_report(const CompareStudy& study, Language language) {
     section.parts.emplace_back(Figures{{scatter_chart(item, language), difference_chart(item, language)}});
     if (!item.line.ok) section.parts.emplace_back(report::Paragraph{item.line.why_not, Verdict::none, false});
   }
+  add_notes(made, study.notes);
   return made;
 }
 

@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <set>
 
 #include "cli/command.h"
 #include "cli/database.h"
@@ -18,6 +19,7 @@
 #include "cli/json.h"
 #include "cli/parse.h"
 #include "cli/render.h"
+#include "cli/report/words.h"
 #include "cli/trend/trend_figure.h"
 
 namespace slabd::cli {
@@ -70,6 +72,7 @@ std::string as_json(const Trend& t) {
   }
   json.field("value_is", t.is_mean ? "mean of the slab" : "single").field("slabs", t.chart.count);
   json.field("not_measured", t.not_measured).field("preliminary", t.chart.preliminary());
+  json.field("emulated", t.emulated != 0).field("other_emulation", t.other_emulation);
   json.field("other_limits", t.other_limits).field("incomplete_slabs", t.incomplete);
   json.field("nominal", t.nominal).field("lower", t.lower).field("upper", t.upper);
   json.key("chart").begin_object();
@@ -113,6 +116,10 @@ void print_trend(const Trend& t, bool other_types) {
   fmt::print("\n");
   if (other_types)
     fmt::print("slabs of other types are left out: {} is the newest slab's, --type takes another\n", t.slab_type);
+  if (t.emulated != 0) fmt::print("{}\n", report::emulation_notice(t.emulated, report::Language::en));
+  if (t.other_emulation > 0)
+    fmt::print("{} {} slabs left out: the newest slab is {}\n", t.other_emulation,
+               t.emulated != 0 ? "real" : "emulated", t.emulated != 0 ? "emulated" : "real");
   if (t.other_limits > 0)
     fmt::print("{} values left out that were judged by other limits than the newest\n", t.other_limits);
   if (t.incomplete > 0)
@@ -219,7 +226,21 @@ int show_trend(const Options& options) {
     complain(fmt::format("{}", values.error().text.view()));
     return kNotReachable;
   }
-  const Trend t = trend::trend_of(*item, options.block, values.value());
+  // As two types are, emulated and real slabs are two things; the newest slab decides which are shown.
+  std::size_t others = 0;
+  const bool emulated = !values.value().empty() && values.value().back().emulated != 0;
+  if (const auto is_other = [&](const storage::ItemValue& value) { return (value.emulated != 0) != emulated; };
+      std::any_of(values.value().begin(), values.value().end(), is_other)) {
+    std::set<std::int64_t> keys;
+    for (const storage::ItemValue& value : values.value())
+      if (is_other(value)) keys.insert(value.slab_key);
+    others = keys.size();
+    std::erase_if(values.value(), is_other);
+  }
+  Trend t = trend::trend_of(*item, options.block, values.value());
+  for (const storage::ItemValue& value : values.value())
+    t.emulated = static_cast<std::uint8_t>(t.emulated | value.emulated);
+  t.other_emulation = others;
   if (!options.out.empty())
     if (const int status = write_out(t, options); status != kDone) return status;
   if (options.json) {

@@ -257,6 +257,7 @@ report::Report document_of(const Trend& trend, Language language) {
   report::Report document;
   document.language = language;
   document.judged = false;
+  document.emulated = trend.emulated;
   document.title = pick(language, "Trend", "趋势");
   report::Figure chart = chart_figure(trend, language);
   document.subject = chart.title;

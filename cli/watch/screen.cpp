@@ -128,9 +128,9 @@ class Composer {
     if (p_.current_station != 0) about += fmt::format("   {} {}", say("now block", "当前承轨台"), p_.current_station);
     if (has_value(p_.map_age_s)) about += fmt::format("   {} {}", say("age", "数据"), age_text(p_.map_age_s));
     add({{about, kBold}});
-    if (p_.past_trouble.empty())
-      add({});
-    else
+    if (!p_.emulation.empty()) add({{padded(" " + p_.emulation, columns_), kInverse}});
+    if (p_.past_trouble.empty() && p_.emulation.empty()) add({});
+    if (!p_.past_trouble.empty())
       add({{say(" ! slabs cannot be read: ", " ! 无法读取轨道板记录：") + p_.past_trouble, kYellow}});
   }
 
@@ -221,6 +221,7 @@ class Composer {
       add({{padded(fmt::format(" {:>6} {}", slab.number, slab.id), std::min<std::size_t>(30, columns_ / 3)), {}},
            {" " + padded(verdict, 17), colour_of(slab.verdict)},
            {padded(slab.verdict == Verdict::none ? "" : age_text(slab.age_s) + say(" ago", " 前"), 12), kFaint},
+           {std::string(report::emulation_mark(slab.emulated, language_)) + (slab.emulated != 0 ? "  " : ""), kBold},
            {report::reason_sentence(slab.reason, language_), {}}});
     }
   }

@@ -33,6 +33,7 @@ struct PastSlab {
   Verdict verdict = Verdict::none;  ///< none: open
   std::uint16_t reason = 0;
   double age_s = 0.0;  ///< since its end
+  std::uint8_t emulated = 0;
 };
 
 struct Picture {
@@ -46,6 +47,7 @@ struct Picture {
   std::string fault_text;
   std::string fault_cure;
   std::vector<std::string> warnings;
+  std::string emulation;  ///< the banner; empty: everything is real
 
   bool slab_open = false;
   std::string slab;  ///< of the map: "7 \"SLAB-7\""

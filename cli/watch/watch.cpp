@@ -171,6 +171,12 @@ class Watcher {
           const std::string_view word = p.warnings.size() < chinese.size() ? chinese[p.warnings.size()] : "";
           p.warnings.push_back(word.empty() ? warning.get<std::string>() : std::string(word));
         }
+    unsigned emulated = 0;
+    if (status.contains("emulation") && status["emulation"].is_array())
+      for (const json& word : status["emulation"])
+        for (std::size_t i = 0; i < kEmulationNames.size(); ++i)
+          if (word.is_string() && word.get<std::string>() == kEmulationNames[i]) emulated |= 1U << i;
+    p.emulation = report::emulation_notice(static_cast<std::uint8_t>(emulated), language_);
     p.slab_open = status.contains("slab") && status["slab"].is_object();
     p.stations_done = at<int>(status, {"slab", "stations_done"}, 0);
     p.current_station = p.slab_open ? at<int>(status, {"slab", "current_station"}, 0) : 0;
@@ -245,7 +251,7 @@ class Watcher {
     }
     for (const storage::SlabSummary& slab : slabs.value())
       p.past.push_back({slab.header.slab_no, std::string(slab.header.slab_id.view()), slab.verdict, slab.reason,
-                        slab.ended_utime_us == 0 ? kNoValue : seconds_since(slab.ended_utime_us)});
+                        slab.ended_utime_us == 0 ? kNoValue : seconds_since(slab.ended_utime_us), slab.header.emulated});
     const storage::SlabSummary& newest = slabs.value().front();
     const auto record = reader_->slab(newest.header.key);
     if (!record) return cannot_read(record.error());

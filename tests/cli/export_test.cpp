@@ -51,7 +51,7 @@ TEST_F(Export, a_table_has_one_row_for_each_item_and_reads_as_rfc_4180) {
   ASSERT_EQ(ended.status, 0) << ended.err;
   const json table = read("csv", file("items.csv"));
   EXPECT_TRUE(table["bom"]);
-  EXPECT_EQ(table["columns"].size(), 37U);
+  EXPECT_EQ(table["columns"].size(), 38U);
   const json document = json::parse(run("show 1 --json --db " + db()).out);
   std::size_t items = document["items"].size();
   for (const json& block : document["blocks"])
@@ -79,6 +79,7 @@ TEST_F(Export, a_table_has_one_row_for_each_item_and_reads_as_rfc_4180) {
 TEST_F(Export, temperature_age_and_what_slopes_were_judged_against_are_told) {
   header_.temperature_dk = 2931;
   header_.age_h = 26;
+  header_.emulated = kEmulatedScan;
   begin();
   measure(3);
   const auto document = [&] { return json::parse(run("export 1 --format json --db " + db()).out); };
@@ -93,11 +94,12 @@ TEST_F(Export, temperature_age_and_what_slopes_were_judged_against_are_told) {
   const json table = read("csv", file("items.csv"));
   const auto& columns = table["columns"];
   ASSERT_GT(columns.size(), 4U);
-  EXPECT_EQ(columns[columns.size() - 4], "scanner_id") << "new columns come at the end";
+  EXPECT_EQ(columns[columns.size() - 5], "scanner_id") << "new columns come at the end";
   for (const json& row : table["rows"]) {
     EXPECT_EQ(row["slab_temperature_k"], "293.1");
     EXPECT_EQ(row["slab_age_h"], "26");
     EXPECT_EQ(row["slope_datum"], "slab_frame");
+    EXPECT_EQ(row["emulated"], "1");
   }
 }
 

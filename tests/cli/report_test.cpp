@@ -328,6 +328,23 @@ TEST_F(ReportTest, html_is_one_document_with_scopes_captions_descriptions_and_a_
   }
 }
 
+TEST_F(ReportTest, of_an_emulated_slab_has_a_watermark_and_a_notice_in_both_languages) {
+  header_.emulated = kEmulatedRobot;
+  make_slab();
+  ASSERT_EQ(report("r.html").status, 0);
+  expect_mentions(content(file("r.html")), "class=\"watermark\" aria-hidden=\"true\">EMULATED<");
+  expect_mentions(content(file("r.html")), "EMULATED (robot emulated): no verdict on concrete");
+  ASSERT_EQ(report("r.html", "--language zh").status, 0);
+  expect_mentions(content(file("r.html")), "仿真（机器人为仿真）：不是对混凝土实物的判定");
+}
+
+TEST_F(ReportTest, of_a_real_slab_has_no_watermark) {
+  make_slab();
+  ASSERT_EQ(report("r.html").status, 0);
+  EXPECT_EQ(content(file("r.html")).find("class=\"watermark\""), std::string::npos);
+  EXPECT_EQ(content(file("r.html")).find("EMULATED"), std::string::npos);
+}
+
 TEST_F(ReportTest, says_what_was_not_confirmed_not_visible_and_not_kept) {
   make_slab();
   ASSERT_EQ(report("r.html").status, 0);

@@ -93,6 +93,27 @@ TEST_F(Show, ended_slab_shows_final_verdicts_also_of_stations_that_were_never_sc
   EXPECT_EQ(document["station_verdicts"][2], (json{{"station", 3}, {"verdict", "fail"}, {"reason", 611}}));
 }
 
+TEST_F(Show, an_emulated_slab_says_so_in_show_history_export_trend_and_their_json) {
+  const std::string db = " --db " + file("slabd.db");
+  for (const bool emulated : {false, true}) {
+    header_.key = emulated ? 2 : 1;
+    header_.emulated = static_cast<std::uint8_t>(emulated ? kEmulatedLine | kEmulatedScan : 0U);
+    apply(BeginSlabJob{header_, 1, 1});
+    apply(SlabJob{header_.key, slab_, record_, 1'763'681'999'000'000});
+    const std::string key = std::to_string(header_.key);
+    EXPECT_EQ(show().out.find("EMULATED ([line] simulation = true, scan emulated): no verdict on concrete") == 0U,
+              emulated)
+        << show().out;
+    const json document = json::parse(show("--json").out);
+    EXPECT_EQ(document["emulated"], emulated);
+    EXPECT_EQ(document["emulation"], emulated ? (json{"line", "scan"}) : json::array());
+    const std::string history = run("history" + db).out;
+    EXPECT_EQ(history.find("EMULATED") != std::string::npos, emulated) << history;
+    const json slabs = json::parse(run("history --json" + db).out)["slabs"];
+    EXPECT_EQ(slabs[0]["emulated"], emulated);
+  }
+}
+
 TEST_F(Show, open_slab_shows_what_is_known_so_far) {
   apply(BeginSlabJob{header_, 1, 1});
   measure_station_3();

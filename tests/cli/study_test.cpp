@@ -8,6 +8,7 @@
 
 #include "base/prng.h"
 #include "cli/study/csv.h"
+#include "cli/study/same_part.h"
 #include "storage/storage.h"
 #include "tests/cli/slabctl_process.h"
 
@@ -247,7 +248,7 @@ TEST_F(StudyTest, repeat_calls_a_good_gauge_capable_and_a_biased_one_not) {
 TEST_F(StudyTest, repeat_of_scans_measures_them_and_tells_one_scan_copied_from_two) {
   for (const char* seed : {"1", "2"})
     ASSERT_EQ(
-        simulate_scan(std::string("scan") + seed + ".ply", std::string("--nominal-view --casting 0 --seed ") + seed)
+        simulate_scan(std::string("scan") + seed + ".ply", std::string("--block 3 --nominal-view --casting 0 --seed ") + seed)
             .status,
         0);
   fs::create_directory(file("scans"));
@@ -273,6 +274,81 @@ TEST_F(StudyTest, repeat_of_scans_measures_them_and_tells_one_scan_copied_from_t
   const Ended copied = run(what);
   expect_mentions(copied.err, "one scan taken twice");
   expect_mentions(copied.err, "c.ply");
+}
+
+// ---- one part ------------------------------------------------------------------------------------------------------
+
+TEST_F(StudyTest, slabs_of_different_ids_are_no_repeats_of_one_part_unless_the_user_says_why) {
+  id_of_last_ = "T-2";
+  store(3);
+  const std::string what = "study repeat --slab key:1 --slab key:3 --db " + file("slabd.db");
+  const Ended refused = run(what);
+  EXPECT_EQ(refused.status, 3) << refused.out;
+  expect_mentions(refused.err, "2 slabs of different ids are taken for one part: 'T-1', 'T-2'");
+  expect_mentions(refused.err, "--same-part");
+  EXPECT_EQ(refused.out, "");
+  EXPECT_EQ(run("study repeat --slab key:1 --slab key:2 --db " + file("slabd.db")).status, 0) << "both are T-1";
+
+  const Ended said = run(what + " --same-part 'T-2 is T-1 with a new label' --out " + file("r.html"));
+  EXPECT_EQ(said.status, 0) << said.err;
+  expect_mentions(said.out, "--same-part \"T-2 is T-1 with a new label\"");
+  expect_mentions(said.out, "'T-1', 'T-2'");
+  expect_mentions(content(file("r.html")), "T-2 is T-1 with a new label");
+  const json study = parsed(run(what + " --same-part WHY --json"));
+  EXPECT_EQ(study["same_part"]["why"], "WHY");
+  EXPECT_EQ(study["same_part"]["differs"].size(), 1U);
+  EXPECT_TRUE(parsed(run("study repeat --slab T-1 --json --db " + file("slabd.db")))["same_part"].is_null());
+}
+
+TEST_F(StudyTest, grr_and_compare_take_no_other_slab_or_block_for_the_same_part) {
+  id_of_last_ = "T-2";
+  store(4);
+  const std::string db = " --db " + file("slabd.db");
+  const std::string plan = write("plan.csv",
+                                 "appraiser,trial,slab\nA,1,key:1\nA,2,key:2\nB,1,key:3\nB,2,key:4\n");
+  const Ended grr = run("study grr " + plan + db);
+  EXPECT_EQ(grr.status, 3);
+  expect_mentions(grr.err, "'T-1', 'T-2'");
+  const Ended said = run("study grr " + plan + " --same-part relabelled" + db);
+  EXPECT_EQ(said.status, 1) << said.err;
+  expect_mentions(said.out, "relabelled");
+
+  ASSERT_EQ(simulate_scan("any.ply", "--block 4 --points quarter").status, 0);
+  const std::string contact = write("cmm.csv", "id,item,block,value\nS,seat_slope,3,1.43\n");
+  const std::string scans = write("scans.csv", "id,block,scan\nS,3,any.ply\n");
+  const Ended compare = run("study compare " + contact + " --scans " + scans + " --recipe " + kRecipe);
+  EXPECT_EQ(compare.status, 3);
+  expect_mentions(compare.err, "any.ply is of block 4 by its comment, and is measured as block 3");
+}
+
+TEST_F(StudyTest, the_blocks_of_one_slab_are_no_repeats_of_one_block) {
+  fs::create_directory(file("spool"));
+  for (const char* block : {"3", "4"})
+    ASSERT_EQ(simulate_scan(std::string("spool/0") + block + "-1.ply", std::string("--points quarter --block ") + block)
+                  .status,
+              0);
+  const std::string what = "study repeat " + file("spool") + " --recipe " + kRecipe + " --block 3";
+  const Ended refused = run(what);
+  EXPECT_EQ(refused.status, 3) << refused.out;
+  expect_mentions(refused.err, "04-1.ply is of block 4 by its comment, and is measured as block 3");
+  EXPECT_EQ(refused.err.find("03-1.ply is of"), std::string::npos) << refused.err;
+  const Ended said = run(what + " --same-part 'to see what happens' --json");
+  EXPECT_EQ(said.status, 0) << said.err;
+  EXPECT_EQ(parsed(said)["emulation"], (json{"scan"}));
+}
+
+TEST(SamePart, the_name_of_a_scan_states_its_block_or_nothing) {
+  using study::block_in_name;
+  EXPECT_EQ(block_in_name("/var/lib/slabd/spool/7/03-1.ply"), 3);
+  EXPECT_EQ(block_in_name("18-255.pcd"), 18);
+  EXPECT_EQ(block_in_name("Block7.ply"), 7);
+  EXPECT_EQ(block_in_name("run2_station-12.xyz"), 12);
+  EXPECT_EQ(block_in_name("seat 5 again.ply"), 5);
+  EXPECT_EQ(block_in_name("scan04.ply"), std::nullopt);
+  EXPECT_EQ(block_in_name("40213-7.ply"), std::nullopt) << "a session and a number";
+  EXPECT_EQ(block_in_name("19-1.ply"), std::nullopt);
+  EXPECT_EQ(block_in_name("blocks.ply"), std::nullopt);
+  EXPECT_EQ(block_in_name("block123.ply"), std::nullopt);
 }
 
 TEST_F(StudyTest, repeat_says_what_is_missing_or_misspelt) {

@@ -80,6 +80,21 @@ TEST(Screen, that_is_stale_says_so_first_and_has_no_colour_of_life) {
   EXPECT_NE(joined(screen(p, 80, 24, kPlain, Language::zh)).find("无应答"), std::string::npos);
 }
 
+TEST(Screen, says_that_the_line_is_emulated_also_of_past_slabs) {
+  for (const Language language : {Language::en, Language::zh}) {
+    Picture p = busy_line();
+    const std::string mark(report::emulation_mark(kEmulatedScan, language));
+    EXPECT_EQ(joined(screen(p, 80, 24, kPlain, language)).find(mark), std::string::npos);
+    p.emulation = report::emulation_notice(kEmulatedRobot | kEmulatedScan, language);
+    std::vector<std::string> lines = screen(p, 120, 24, kPlain, language);
+    EXPECT_EQ(lines.size(), 24U);
+    EXPECT_NE(joined(lines).find(p.emulation), std::string::npos) << joined(lines);
+    p.emulation.clear();
+    p.past[0].emulated = kEmulatedLine;
+    EXPECT_NE(joined(screen(p, 120, 30, kPlain, language)).find(mark), std::string::npos);
+  }
+}
+
 TEST(Screen, without_colour_has_no_escape_sequence) {
   EXPECT_EQ(joined(screen(busy_line(), 80, 24, {false, true}, Language::zh)).find('\x1b'), std::string::npos);
 }

@@ -207,6 +207,8 @@ struct MemoryStore {
     record.phase = StationPhase::acquired;
     record.attempt = job.attempt;
     record.measuring_since_ns = job.measuring_since_ns;
+    if (line.slab.key == job.attempt.slab_key)
+      line.slab.emulated = static_cast<std::uint8_t>(line.slab.emulated | job.attempt.emulated);
     remember(job.fingerprint);
     acq_before_ = std::exchange(line.acq_seq, job.attempt.cmd_seq);
     close(job.attempt.session, job.attempt.cmd_seq, static_cast<std::uint16_t>(CommandStatus::acquired));
@@ -246,6 +248,7 @@ struct MemoryStore {
   void keep(const SlabJob& job) {
     line.slab_open = false;
     line.slab_verdict = job.slab.verdict;
+    line.slab_emulated = line.slab.emulated;
     line.slab_record = job.record;
     close_newest(PlcCommand::slab_end, PlcCommand::slab_abort);
     ++slabs_ended;

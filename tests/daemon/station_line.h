@@ -52,6 +52,9 @@ class Line {
   double robot_moves_mm = 0.0;  ///< while a scan is taken
   bool robot_shakes = false;
   bool robot_says_stopped = false;
+  bool robot_emulated = false;
+  bool robot_commanded = false;  ///< its poses are not measured
+  bool scan_emulated = false;
   double robot_shake_mm = 0.2;
   double robot_turn_rad = 0.0;  ///< about base Z
   std::int16_t robot_tool = 0;  ///< active on the controller
@@ -179,6 +182,8 @@ class Line {
     sample.utime_us = now_ns_ / 1000 + 1'000'000;  // of the same clock as ours
     sample.tool_id = robot_tool;
     sample.stopped = robot_says_stopped;
+    sample.emulated = robot_emulated;
+    sample.commanded = robot_commanded;
     sample.seq = ++pose_seq_;
     const Pose T_base_block = T_slab_block(recipe, robot_station);
     sample.T_base_flange = T_base_block * nominal_T_block_scanner();
@@ -259,6 +264,7 @@ class Line {
     done.scan.path = acquire.request.spool_path;
     done.scan.taken_mono_ns = now_ns_ + 4 * kNsPerMs;
     done.scan.shape = {1000, 900, 0, 0};
+    done.scan.shape.emulated = scan_emulated;
     done.fingerprint =
         acquire.request.session == 0 && fingerprint_thrown_away != 0 ? fingerprint_thrown_away : fingerprint;
     done.points_crc32c = points_crc32c;

@@ -175,6 +175,115 @@ TEST_F(StationTest, an_emulated_line_may_be_one_without_noise) {
   EXPECT_EQ(line.view().stations_done, 2);
 }
 
+// ---- emulation -----------------------------------------------------------------------------------------------------
+
+struct EmulationTest : StationTest {
+  /// STATUS bit 11 and WARN bit 13 are one.
+  [[nodiscard]] bool is_shown() const {
+    const PlcOutputs view = line.view();
+    EXPECT_EQ(view.simulation, (view.warn & kWarnEmulation) != 0);
+    return view.simulation;
+  }
+  void end() {
+    line.command(PlcCommand::slab_end);
+    line.run_for(40);
+    ASSERT_FALSE(line.view().slab_open);
+  }
+};
+
+TEST_F(EmulationTest, a_real_line_shows_none) {
+  begin();
+  line.scan(1);
+  EXPECT_FALSE(is_shown());
+  EXPECT_EQ(line.take_results().at(0).emulated, 0);
+  end();
+  EXPECT_FALSE(is_shown());
+  EXPECT_EQ(store.line.slab_emulated, 0);
+}
+
+TEST_F(EmulationTest, a_stored_emulated_pass_is_not_shown_as_a_real_one_after_emulation_is_switched_off) {
+  line.settings.simulation = true;
+  line.start();
+  begin();
+  line.scan(1);
+  end();
+  EXPECT_TRUE(is_shown());
+  line.settings.simulation = false;
+  line.start();
+  line.run_for(300);
+  EXPECT_EQ(line.view().record.res_seq, 1) << "the station's record, not acknowledged";
+  EXPECT_TRUE(is_shown());
+  EXPECT_EQ(line.take_results().size(), 2U);
+  EXPECT_EQ(line.view().record.res_seq, 0);
+  EXPECT_EQ(line.view().table_slab_no, 77U);
+  EXPECT_TRUE(is_shown()) << "the verdict stands in the table still";
+  // The verdict on demand, too.
+  line.command(PlcCommand::report, 0);
+  line.run_for(40);
+  EXPECT_EQ(line.view().record.kind, 2);
+  EXPECT_EQ(line.view().record.emulated, kEmulatedLine);
+  line.take_results();
+  line.plc.slab_no = 78;
+  begin();
+  EXPECT_FALSE(is_shown()) << "a real slab is open";
+}
+
+TEST_F(EmulationTest, an_open_slab_that_began_emulated_stays_so_after_a_restart) {
+  line.settings.simulation = true;
+  line.start();
+  begin();
+  line.settings.simulation = false;
+  line.start();
+  line.run_for(300);
+  ASSERT_TRUE(line.view().slab_open);
+  EXPECT_TRUE(is_shown());
+  line.fingerprint_thrown_away = 5;
+  line.fingerprint = 4711;
+  line.scan(1);
+  EXPECT_EQ(line.take_results().at(0).emulated, kEmulatedLine);
+  end();
+  EXPECT_EQ(store.line.slab_emulated, kEmulatedLine);
+}
+
+TEST_F(EmulationTest, one_emulated_scan_makes_the_slab_an_emulated_one) {
+  const struct {
+    bool Line::*what;
+    unsigned bit;
+  } causes[] = {{&Line::robot_emulated, kEmulatedRobot},
+                {&Line::robot_commanded, kCommandedPoses},
+                {&Line::scan_emulated, kEmulatedScan}};
+  std::uint32_t slab_no = 100;
+  for (const auto& [what, bit] : causes) {
+    line.plc.slab_no = slab_no++;
+    begin();
+    line.scan(1);
+    EXPECT_FALSE(is_shown()) << bit;
+    line.*what = true;
+    line.scan(2);
+    EXPECT_TRUE(is_shown()) << bit;
+    EXPECT_EQ(store.line.stations[0].attempt.emulated, 0);
+    EXPECT_EQ(store.line.stations[1].attempt.emulated, bit);
+    line.*what = false;
+    line.scan(2);
+    EXPECT_EQ(store.line.stations[1].attempt.emulated, 0);
+    EXPECT_TRUE(is_shown()) << "an earlier attempt was emulated";
+    end();
+    EXPECT_EQ(line.take_results().back().emulated, bit);
+    line.start();
+    EXPECT_TRUE(is_shown()) << bit;
+    line.run_for(300);
+  }
+}
+
+TEST_F(EmulationTest, a_robot_that_declares_itself_is_shown_before_any_slab) {
+  line.robot_emulated = true;
+  line.run_for(40);
+  EXPECT_TRUE(is_shown());
+  line.robot_emulated = false;
+  line.run_for(40);
+  EXPECT_FALSE(is_shown());
+}
+
 TEST_F(StationTest, next_scan_may_begin_while_the_last_one_is_measured) {
   begin();
   line.measuring_works = false;

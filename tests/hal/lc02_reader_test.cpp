@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <bot_core/rigid_transform_t.hpp>
 #include <cstring>
 #include <limits>
 #include <memory>
@@ -97,6 +98,58 @@ TEST(Lc02Reader, every_length_but_the_right_one_is_foreign) {
   Datagram longer = whole;
   longer.push_back(std::byte{0});
   expect_dropped(longer, Fate::foreign);
+}
+
+TEST(Lc02Reader, a_robot_that_is_emulated_or_commanded_says_so) {
+  flange_pose_t m = message();
+  const auto read = [&](std::int32_t flags) {
+    m.flags = flags;
+    PoseSample sample;
+    PoseLinkCounters counters;
+    EXPECT_TRUE(decode(datagram(m), sample, counters));
+    return sample;
+  };
+  EXPECT_FALSE(read(1).emulated);
+  EXPECT_FALSE(read(1).commanded);
+  EXPECT_TRUE(read(1 | 16).emulated);
+  EXPECT_TRUE(read(0).commanded);
+}
+
+TEST(Lc02Reader, another_type_on_the_channel_is_named) {
+  const auto named = [](const Datagram& d, PoseType type = PoseType::flange_pose) {
+    return std::string(other_type_on(d, "FLANGE_POSE", type).view());
+  };
+  const Datagram good = datagram(message());
+  EXPECT_EQ(named(good), "");
+  EXPECT_EQ(named(datagram(message(), "OTHER")), "") << "another channel is nobody's business";
+  EXPECT_EQ(named(Datagram(7)), "");
+
+  EXPECT_EQ(named(good, PoseType::rigid_transform),
+            "a message of type slabd.flange_pose_t on FLANGE_POSE, and [pose] type is bot_core.rigid_transform_t: set "
+            "[pose] type to what the bridge sends");
+  bot_core::rigid_transform_t rigid{};
+  std::string payload(static_cast<std::size_t>(rigid.getEncodedSize()), '\0');
+  rigid.encode(payload.data(), 0, static_cast<int>(payload.size()));
+  Datagram other = good;
+  other.resize(8 + 12 + payload.size());
+  std::memcpy(other.data() + 20, payload.data(), payload.size());
+  EXPECT_NE(named(other).find("bot_core.rigid_transform_t on FLANGE_POSE, and [pose] type is slabd.flange_pose_t"),
+            std::string::npos);
+
+  Datagram unknown = good;
+  for (std::size_t i = 0; i < 8; ++i) unknown[20 + i] = std::byte{0x11};
+  EXPECT_NE(named(unknown).find("fingerprint 0x1111111111111111, 92 bytes"), std::string::npos) << named(unknown);
+  Datagram cut = good;
+  cut.resize(cut.size() - 1);
+  EXPECT_NE(named(cut).find("with 91 bytes on FLANGE_POSE, expected 92"), std::string::npos) << named(cut);
+  cut.resize(20 + 3);
+  EXPECT_NE(named(cut).find("too short for any type"), std::string::npos);
+
+  std::string fragment("LC03\0\0\0\1\0\1\0\0\0\0\0\0\0\0\0\2", 20);
+  fragment += std::string("FLANGE_POSE\0", 12) + std::string(60, 'x');
+  Datagram long_message(fragment.size());
+  std::memcpy(long_message.data(), fragment.data(), fragment.size());
+  EXPECT_NE(named(long_message).find("in fragments (LC03)"), std::string::npos);
 }
 
 TEST(Lc02Reader, the_channel_must_be_exact_and_terminated) {

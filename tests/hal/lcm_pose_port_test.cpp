@@ -251,6 +251,15 @@ TEST(LcmPosePort, a_rigid_transform_is_a_pose_when_the_configuration_says_so) {
   EXPECT_NEAR(sample.T_base_flange.translation_mm.y(), -1250.0, 1e-9);
   EXPECT_NEAR(sample.T_base_flange.rotation.z(), -0.5, 1e-12);
   EXPECT_EQ(port->counters().foreign, 1U);
+  EXPECT_EQ(port->counters().other_type, 1U);
+  const std::string_view refusal = port->refusal(2);
+  EXPECT_NE(refusal.find("of type slabd.flange_pose_t on FLANGE_POSE, and [pose] type is bot_core.rigid_transform_t"),
+            std::string_view::npos)
+      << refusal;
+  EXPECT_NE(refusal.find(" from "), std::string_view::npos) << refusal;
+  PoseNoteText note;
+  EXPECT_TRUE(port->next_note(2, note));
+  EXPECT_NE(note.view().find("1 messages of another type"), std::string_view::npos) << note.view();
 }
 
 /// In a network of its own, where `lo` is down and there is no route. What the body says is an exit status: 0 is good.

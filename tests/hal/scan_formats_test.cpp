@@ -215,6 +215,29 @@ TEST(ScanFormats, what_write_scan_writes_is_read_back_bit_by_bit) {
     }
 }
 
+TEST(ScanFormats, an_emulated_scan_declares_itself_and_its_block_in_every_format) {
+  TemporaryFolder folder;
+  const std::vector<float> wanted = cloud();
+  for (const ScanFormat format : kScanFormats) {
+    const std::string what(name(format));
+    const std::string path = folder / (what + "." + std::string(extension(format)));
+    const auto read = [&](WrittenBy by) {
+      EXPECT_TRUE(write_scan(path.c_str(), format, wanted, 0, 0, by).ok()) << what;
+      std::vector<float> xyz(wanted.size());
+      const Result<ScanShape> shape = read_scan(path.c_str(), LengthUnit::mm, xyz);
+      EXPECT_TRUE(shape.ok()) << what << ": " << (shape.ok() ? "" : shape.error().text.c_str());
+      expect_same_bits(xyz, wanted, what);
+      return shape.ok() ? shape.value() : ScanShape{};
+    };
+    EXPECT_FALSE(read({}).emulated) << what;
+    EXPECT_TRUE(read({.emulator = true}).emulated) << what;
+    EXPECT_EQ(read({.emulator = true}).emulated_block, 0) << what;
+    const ScanShape of_block = read({.emulator = true, .block = 17});
+    EXPECT_TRUE(of_block.emulated) << what;
+    EXPECT_EQ(of_block.emulated_block, 17) << what;
+  }
+}
+
 TEST(ScanFormats, a_shape_that_does_not_fit_is_not_written) {
   TemporaryFolder folder;
   const std::vector<float> xyz(3 * 6, 1.0F);

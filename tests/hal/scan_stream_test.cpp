@@ -122,6 +122,23 @@ TEST_F(ScanStreamTest, a_scan_comes_whole_whatever_pieces_it_comes_in) {
   }
 }
 
+TEST_F(ScanStreamTest, an_emulated_scanner_declares_itself_and_unknown_flags_are_refused) {
+  Scan s = scan();
+  ASSERT_TRUE(feed(s.bytes()).ok());
+  EXPECT_FALSE(decoder.shape().emulated);
+  decoder.expect(7, 3);
+  s.header.emulated = true;
+  ASSERT_TRUE(feed(s.bytes()).ok());
+  EXPECT_TRUE(decoder.shape().emulated);
+  ScanHeaderBytes header = encode_scan_header(s.header);
+  header[36] = std::byte{2};
+  const std::uint32_t crc = crc32c(std::span(header).first(60));
+  std::memcpy(&header[60], &crc, sizeof crc);
+  const Result<ScanStreamHeader> read = decode_scan_header(header);
+  ASSERT_FALSE(read.ok());
+  EXPECT_NE(read.error().text.view().find("flags 0x00000002"), std::string_view::npos) << read.error().text.view();
+}
+
 TEST_F(ScanStreamTest, metres_and_micrometres_become_mm) {
   Scan s = scan();
   s.header.unit = LengthUnit::m;

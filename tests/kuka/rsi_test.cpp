@@ -47,6 +47,26 @@ TEST(Rsi, base_tool_and_stopped_are_taken_where_they_are_sent) {
   EXPECT_EQ(read.stopped, true);
 }
 
+TEST(Rsi, a_packet_of_a_kr_c2_with_rist_is_read) {
+  const Result<RsiPacket> read = parse_rsi(
+      "<Rob TYPE=\"KUKA\">\r\n<RIst X=\"1620.1234\" Y=\"0\" Z=\"1910\" A=\"0\" B=\"90\" C=\"0\"/>\r\n<RSol X=\"0\" "
+      "Y=\"0\" "
+      "Z=\"0\" A=\"0\" B=\"0\" C=\"0\"/><Delay D=\"0\"/><DiL>0</DiL><Digout o1=\"0\" o2=\"0\" o3=\"0\"/>"
+      "<ST_Source>17.232147</ST_Source><IPOC>4208775012</IPOC></Rob>");
+  ASSERT_TRUE(read.ok()) << read.error().text.view();
+  EXPECT_NEAR(read.value().T_base_flange.translation_mm.x(), 1620.1234, 1e-12);
+}
+
+TEST(Rsi, a_sender_without_a_robot_says_so_and_the_pose_carries_it) {
+  EXPECT_FALSE(parse_rsi(packet(8)).value().emulated);
+  EXPECT_FALSE(parse_rsi(packet(8, "<Emulated>0</Emulated>")).value().emulated);
+  const RsiPacket emulated = parse_rsi(packet(8, "<Emulated>1</Emulated>")).value();
+  EXPECT_TRUE(emulated.emulated);
+  Bridge bridge{BridgeSettings{}};
+  EXPECT_EQ(bridge.translate(emulated)->flags, 1 | 16);
+  EXPECT_EQ(bridge.translate(parse_rsi(packet(12)).value())->flags, 1);
+}
+
 TEST(Rsi, says_what_is_wrong_with_a_packet) {
   const struct {
     std::string text;
@@ -55,7 +75,13 @@ TEST(Rsi, says_what_is_wrong_with_a_packet) {
       {"", "byte 0"},
       {"<Rob Type=\"KUKA\"><RIst X=\"1", "byte"},
       {"<Other/>", "<Rob>"},
-      {"<Rob><IPOC>1</IPOC></Rob>", "DEF_RIst"},
+      {"<Rob><IPOC>1</IPOC></Rob>", "nothing but <IPOC>: a KR C2"},
+      {"<Rob Type=\"KUKA\"><RSol X=\"1\"/><IPOC>1</IPOC></Rob>", "no element <RIst>, expected DEF_RIst"},
+      {"<Rob TYPE=\"KUKA\"><RSol X=\"1\"/><IPOC>1</IPOC></Rob>", "in the form of a KR C2"},
+      {"<Rob Type=\"KUKA\"><ST_Source>17.2</ST_Source><IPOC>1</IPOC></Rob>", "in the form of a KR C2"},
+      {"<Rob Type=\"KUKA\"><Dat TAG=\"RIst\"/><IPOC>1</IPOC></Rob>", "in the form of a KR C2"},
+      {"<Sen Type=\"ImFree\"><IPOC>1</IPOC></Sen>", "what a computer answers"},
+      {packet(4, "<Emulated>2</Emulated>"), "0 to 1"},
       {"<Rob><RIst X=\"1\" Y=\"2\" A=\"0\" B=\"0\" C=\"0\"/><IPOC>1</IPOC></Rob>", "attribute Z"},
       {"<Rob><RIst X=\"1,5\" Y=\"2\" Z=\"3\" A=\"0\" B=\"0\" C=\"0\"/><IPOC>1</IPOC></Rob>", "X=\"1,5\""},
       {"<Rob><RIst X=\"nan\" Y=\"2\" Z=\"3\" A=\"0\" B=\"0\" C=\"0\"/><IPOC>1</IPOC></Rob>", "-10000 to 10000"},

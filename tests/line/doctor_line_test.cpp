@@ -15,7 +15,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <array>
 #include <atomic>
+#include <bot_core/rigid_transform_t.hpp>
 #include <chrono>
 #include <fstream>
 #include <memory>
@@ -226,6 +228,61 @@ TEST_F(DoctorTest, poses_that_are_refused_are_told_with_the_reason_and_a_bridge_
   lcm_destroy(lcm);
   EXPECT_EQ(opinion.health("robot poses"), "failed") << opinion.all();
   EXPECT_NE(opinion.all().find("the newest is"), std::string::npos) << opinion.all();
+}
+
+TEST_F(DoctorTest, poses_of_another_type_are_named_with_the_key_to_set) {
+  lcm_t* lcm = lcm_create(lcm_url().c_str());
+  ASSERT_NE(lcm, nullptr);
+  std::atomic<bool> stop{false};
+  std::thread bridge([&] {
+    std::vector<std::uint8_t> bytes(72, 0);
+    bot_core::rigid_transform_t pose{};
+    pose.quat[0] = 1.0;
+    for (pose.utime = 1; !stop; pose.utime += 8'000) {
+      pose.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+      lcm_publish(lcm, "FLANGE_POSE", bytes.data(), static_cast<unsigned>(bytes.size()));
+      std::this_thread::sleep_for(std::chrono::milliseconds(8));
+    }
+  });
+  const Opinion opinion = examine();
+  start();
+  std::this_thread::sleep_for(std::chrono::milliseconds(500));
+  const std::string status = box_.slabctl({"status", "--config", box_.config.native()}).out;
+  stop = true;
+  bridge.join();
+  lcm_destroy(lcm);
+  EXPECT_EQ(opinion.health("robot poses"), "failed") << opinion.all();
+  EXPECT_NE(opinion.all().find("of type bot_core.rigid_transform_t on FLANGE_POSE"), std::string::npos)
+      << opinion.all();
+  EXPECT_NE(opinion.all().find("set [pose] type in slabd.toml"), std::string::npos) << opinion.all();
+  EXPECT_NE(status.find("of type bot_core.rigid_transform_t on FLANGE_POSE"), std::string::npos) << status;
+  EXPECT_NE(status.find("other_type"), std::string::npos) << status;
+}
+
+TEST_F(DoctorTest, another_program_that_locks_the_database_is_named) {
+  start();
+  std::array<int, 2> ready{};
+  ASSERT_EQ(pipe(ready.data()), 0);
+  const pid_t other = fork();
+  if (other == 0) {
+    // POSIX lock of a writer of the log, as SQLite takes it (sqlite.org/walformat.html, WAL_WRITE_LOCK).
+    const int fd = ::open((box_.dir / "slabd.db-shm").c_str(), O_RDWR);
+    struct flock lock {};
+    lock.l_type = F_WRLCK;
+    lock.l_start = 120;
+    lock.l_len = 1;
+    const char answer = fd >= 0 && fcntl(fd, F_SETLKW, &lock) == 0 ? 'y' : 'n';
+    (void)!::write(ready[1], &answer, 1);
+    while (true) pause();
+  }
+  char answer = 0;
+  ASSERT_EQ(::read(ready[0], &answer, 1), 1);
+  ASSERT_EQ(answer, 'y');
+  const Opinion opinion = examine();
+  kill(other, SIGKILL);
+  waitpid(other, nullptr, 0);
+  EXPECT_EQ(opinion.health("database lock"), "failed") << opinion.all();
+  EXPECT_NE(opinion.all().find("(process " + std::to_string(other) + ")"), std::string::npos) << opinion.all();
 }
 
 TEST_F(DoctorTest, an_interface_that_is_not_there_is_no_way_to_the_robot) {

@@ -65,6 +65,31 @@ TEST_F(RecoverTest, begun_slab_is_open_and_its_command_done) {
   for (const StationRecord& station : line->stations) EXPECT_EQ(station.phase, StationPhase::empty);
 }
 
+TEST_F(RecoverTest, an_emulated_attempt_marks_its_slab_for_good) {
+  SlabHeader header = random_header(prng_, 1);
+  header.emulated = 0;
+  apply(BeginSlabJob{header, session_, 1});
+  Attempt attempt = random_attempt(prng_, 1, 4, 1);
+  attempt.emulated = 0;
+  apply(AcquiredJob{attempt});
+  EXPECT_EQ(restart()->slab.emulated, 0);
+  attempt.station = 5;
+  attempt.emulated = kEmulatedRobot;
+  apply(AcquiredJob{attempt});
+  attempt.station = 6;
+  attempt.emulated = kEmulatedScan;
+  apply(AcquiredJob{attempt});
+  attempt.number = 2;
+  attempt.emulated = 0;
+  apply(AcquiredJob{attempt});
+  EXPECT_EQ(restart()->slab.emulated, kEmulatedRobot | kEmulatedScan);
+  PlcResult record = random_record(prng_, 9, 2);
+  apply(SlabJob{1, random_slab(prng_, Verdict::pass), record, 1});
+  const auto line = restart();
+  EXPECT_EQ(line->slab_emulated, kEmulatedRobot | kEmulatedScan);
+  EXPECT_EQ(line->slab_record.emulated, record.emulated);
+}
+
 TEST_F(RecoverTest, accepted_scan_is_interrupted_and_its_station_failed) {
   begin(1);
   accept(PlcCommand::scan, 4, 1);

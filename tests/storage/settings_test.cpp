@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <csignal>
 #include <filesystem>
 #include <fstream>
 
@@ -53,6 +54,62 @@ TEST_F(SettingsTest, who_may_not_read_the_file_is_asked_about_its_group) {
   int status = 0;
   ASSERT_EQ(waitpid(child, &status, 0), child);
   EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << status;
+}
+
+/// Another program that keeps a transaction open, as sqlite3 in a terminal does after BEGIN IMMEDIATE.
+class OtherProgram {
+ public:
+  explicit OtherProgram(const std::string& db_path) {
+    std::array<int, 2> ready{};
+    EXPECT_EQ(pipe(ready.data()), 0);
+    pid_ = fork();
+    if (pid_ == 0) {
+      sqlite3* db = nullptr;
+      const bool locked = sqlite3_open(db_path.c_str(), &db) == SQLITE_OK &&
+                          sqlite3_exec(db, "BEGIN IMMEDIATE", nullptr, nullptr, nullptr) == SQLITE_OK;
+      const char answer = locked ? 'y' : 'n';
+      (void)!write(ready[1], &answer, 1);
+      while (true) pause();
+    }
+    char answer = 0;
+    EXPECT_EQ(read(ready[0], &answer, 1), 1);
+    EXPECT_EQ(answer, 'y');
+    close(ready[0]);
+    close(ready[1]);
+  }
+  ~OtherProgram() {
+    kill(pid_, SIGKILL);
+    waitpid(pid_, nullptr, 0);
+  }
+  OtherProgram(const OtherProgram&) = delete;
+  OtherProgram& operator=(const OtherProgram&) = delete;
+  [[nodiscard]] std::string process() const { return "(process " + std::to_string(pid_) + ")"; }
+
+ private:
+  pid_t pid_ = 0;
+};
+
+TEST_F(SettingsTest, a_job_that_another_program_locks_out_names_that_program) {
+  Result<std::unique_ptr<Store>> store = open_store(settings_);
+  ASSERT_TRUE(store.ok());
+  {
+    const OtherProgram other(settings_.db_path);
+    EXPECT_NE(foreign_lock(settings_.db_path).find(other.process()), std::string::npos);
+    const Status status = store.value()->apply({1, SessionJob{7}});
+    ASSERT_FALSE(status.ok());
+    EXPECT_EQ(status.error().code, Code::journal_write);
+    EXPECT_NE(status.error().text.view().find(other.process()), std::string_view::npos) << status.error().text.view();
+    EXPECT_NE(status.error().text.view().find("end that program"), std::string_view::npos);
+  }
+  EXPECT_EQ(foreign_lock(settings_.db_path), "");
+  const Status again = store.value()->apply({1, SessionJob{7}});
+  EXPECT_TRUE(again.ok()) << "the connection is as good as before";
+}
+
+TEST_F(SettingsTest, a_second_writer_names_the_first_one) {
+  const Result<std::unique_ptr<Store>> store = open_store(settings_);
+  ASSERT_TRUE(store.ok());
+  EXPECT_NE(refusal().find("(process " + std::to_string(getpid()) + ")"), std::string::npos) << refusal();
 }
 
 TEST_F(SettingsTest, settings_are_in_force_on_the_writing_connection) {

@@ -194,6 +194,7 @@ void expect_same(const SlabHeader& a, const SlabHeader& b) {
   expect_same(a.T_base_slab, b.T_base_slab);
   expect_same(a.T_flange_scanner, b.T_flange_scanner);
   SAME(began_utime_us);
+  SAME(emulated);
 }
 
 void expect_same(const Attempt& a, const Attempt& b) {
@@ -223,6 +224,7 @@ void expect_same(const Attempt& a, const Attempt& b) {
   SAME_BITS(settle_ms);
   SAME_BITS(acquire_ms);
   SAME(points_crc32c);
+  SAME(emulated);
 }
 
 void expect_same(const PackedMap& a, const PackedMap& b) {
@@ -338,6 +340,7 @@ void expect_same(const PlcResult& a, const PlcResult& b) {
   for (std::size_t i = 0; i < kPlcDeviations; ++i) SAME_BITS(deviation[i]);
   SAME(points);
   SAME(scan_utime_us);
+  SAME(emulated);
 }
 
 #undef SAME
@@ -366,6 +369,7 @@ SlabHeader random_header(Prng& prng, std::int64_t key) {
   h.T_base_slab = pose(prng);
   h.T_flange_scanner = pose(prng);
   h.began_utime_us = static_cast<std::int64_t>(prng.next() >> 10U);
+  h.emulated = 15;  // so that no attempt adds a bit
   return h;
 }
 
@@ -391,6 +395,7 @@ Attempt random_attempt(Prng& prng, std::int64_t slab_key, int station, int numbe
   for (double* x : {&s.off_mm, &s.off_rad, &s.calibration_mm, &s.calibration_rad, &s.robot_mm, &s.robot_rad})
     *x = number(prng);
   if (prng.below(4) != 0) a.points_crc32c = static_cast<std::uint32_t>(prng.next());
+  a.emulated = static_cast<std::uint8_t>(station % 16);
   return a;
 }
 
@@ -493,6 +498,7 @@ PlcResult random_record(Prng& prng, std::uint16_t res_seq, std::uint16_t kind) {
   for (double& d : r.deviation) d = number(prng);
   r.points = static_cast<std::uint32_t>(prng.next());
   r.scan_utime_us = static_cast<std::int64_t>(prng.next() >> 10U);
+  r.emulated = static_cast<std::uint8_t>(res_seq % 16);
   return r;
 }
 
