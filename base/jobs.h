@@ -108,6 +108,9 @@ struct Attempt {
   /// SCAN of the station uses its number and takes its row.
   bool asked = true;
   std::uint8_t emulated = 0;  ///< Emulation bits while it was taken
+  /// 64 bits of the points (daemon::fingerprint_of), as a signed number. No other attempt of the whole history may have
+  /// it. Nothing: no points came, or the attempt is older than schema 9.
+  std::optional<std::int64_t> fingerprint{};
 };
 
 struct SessionJob {
@@ -127,11 +130,13 @@ struct CommandJob {
   std::int64_t slab_key = 0;  ///< 0 = none
   std::int64_t utime_us = 0;
 };
-/// "acquired n": after this commit the robot may leave.
+/// "acquired n": after this commit the robot may leave. frame_incomplete: an earlier attempt had the same points; then
+/// this one is stored as a failed one with that code.
 struct AcquiredJob {
   Attempt attempt;
   std::uint64_t fingerprint = 0;        ///< of the scan's points, to be remembered; 0: none
   std::int64_t measuring_since_ns = 0;  ///< as in MeasuringJob; 0: its measurement has ended
+  bool refuse_known = true;             ///< false: an emulated line without noise repeats its scans
 };
 /// Marks an attempt: its measurement begins. A process that ends in order takes the mark away; one that crashes, or
 /// that the watchdog ends, leaves it, and the next process does not measure this attempt by itself.
@@ -207,6 +212,13 @@ struct StationRecord {
   std::int64_t measuring_since_ns = 0;  ///< recovered: the mark that was left (MeasuringJob); 0: none
 };
 
+/// Where a scan showed its block, and from where.
+struct SeenBlock {
+  bool seen = false;
+  Pose T_base_scanner;
+  Pose T_scanner_block;
+};
+
 /// What a restarted daemon must know. A command that was accepted and not finished has been marked interrupted.
 struct RecoveredLine {
   std::uint16_t session = 0;  ///< last one used; 0 = fresh database
@@ -225,7 +237,10 @@ struct RecoveredLine {
   /// it is carried out after the restart. 0: none.
   std::uint16_t abort_seq = 0;
   SlabHeader slab;  ///< the open slab, else the last ended one (key 0 = none ever)
-  std::array<StationRecord, limits::kStationsMax> stations{};
+  std::array<StationRecord, limits::kStationsMax> stations{};  ///< of `slab`
+  SlabHeader last_slab;                                        ///< the last ended one (key 0 = none ever)
+  SlabResult last_result;                                      ///< its end
+  std::array<SeenBlock, limits::kStationsMax> last_blocks{};   ///< its blocks, [station - 1]
   /// The last ended slab as the PLC was shown it (station table, verdict, reason).
   std::array<PlcStationRow, limits::kStationsMax> table{};
   Verdict slab_verdict = Verdict::none;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "base/plc.h"
 
+#include <cassert>
+
 namespace slabd {
 namespace {
 
@@ -53,6 +55,35 @@ PlcResult station_record(const BlockResult& block) {
                                  ItemId::casing_skew_inner,
                                  ItemId::casing_skew_outer};
   for (std::size_t i = 0; i < kOrder.size(); ++i) record.deviation[i] = deviation_of(block, kOrder[i]);
+  return record;
+}
+
+PlcResult station_record(const BlockResult& block, const SlabResult& slab) {
+  PlcResult record = station_record(block);
+  const std::size_t index = block.station - 1U;
+  assert(index < slab.station_verdict.size());
+  record.verdict = slab.station_verdict[index];
+  record.reason = slab.station_reason[index];
+  struct Place {
+    ItemId id;
+    std::size_t deviation;  ///< from IR 42
+  };
+  for (const Place& place :
+       {Place{ItemId::seat_slope, 0}, Place{ItemId::seat_lateral, 9}, Place{ItemId::seat_vertical, 10}}) {
+    const Item* item = find_item(slab.items.begin(), slab.items.end(), place.id, block.station);
+    if (item == nullptr) continue;
+    record.deviation[place.deviation] = item->deviation();
+    // Of the slope there are two: the slab's own takes the place of the one against the local slab top.
+    const std::uint16_t failed = fail_mask(item, item + 1);
+    const std::uint16_t open = open_mask(item, item + 1);
+    const Item* local = find_item(block.items.begin(), block.items.end(), place.id);
+    if (local != nullptr) {
+      record.fail_mask = static_cast<std::uint16_t>(record.fail_mask & ~fail_mask(local, local + 1));
+      record.open_mask = static_cast<std::uint16_t>(record.open_mask & ~open_mask(local, local + 1));
+    }
+    record.fail_mask = static_cast<std::uint16_t>(record.fail_mask | failed);
+    record.open_mask = static_cast<std::uint16_t>(record.open_mask | open);
+  }
   return record;
 }
 

@@ -152,6 +152,8 @@ struct PlcOutputs {
 
 /// Result records of a measured block and of a finished slab, in the order of IR 42..55.
 [[nodiscard]] PlcResult station_record(const BlockResult& block);
+/// The same after SLAB_END: verdict and reason are final, and the items that the slab's frame decides are there.
+[[nodiscard]] PlcResult station_record(const BlockResult& block, const SlabResult& slab);
 [[nodiscard]] PlcResult slab_record(const SlabResult& slab, int stations);
 
 /// The successor of a 16-bit sequence number; 0 is never used.

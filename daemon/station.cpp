@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdarg>
 
+#include "base/splice.h"
 #include "daemon/station_parts.h"
 
 namespace slabd::daemon {
@@ -40,6 +41,33 @@ const Recipe* recipe_for(const Station& s, std::uint16_t slab_type) {
 
 namespace {
 
+View view_of(const SlabHeader& slab, const Recipe& recipe, int station, const Pose& T_base_scanner,
+             const Pose& T_scanner_block) {
+  return {true, T_base_scanner, slab.T_base_slab * T_slab_block(recipe, station), T_scanner_block};
+}
+
+/// Of the last slab, and of the open one's blocks that are measured.
+void recover_views(Station& s, const RecoveredLine& line) {
+  const Recipe* recipe = recipe_for(s, line.last_slab.slab_type);
+  for (std::size_t i = 0; recipe != nullptr && i < line.last_blocks.size() && i < recipe->stations(); ++i) {
+    const SeenBlock& block = line.last_blocks[i];
+    if (block.seen)
+      s.views.last[i] =
+          view_of(line.last_slab, *recipe, static_cast<int>(i) + 1, block.T_base_scanner, block.T_scanner_block);
+  }
+  recipe = line.slab_open ? recipe_for(s, line.slab.slab_type) : nullptr;
+  for (std::size_t i = 0; recipe != nullptr && i < line.stations.size() && i < recipe->stations(); ++i) {
+    const StationRecord& record = line.stations[i];
+    const bool seen = record.phase == StationPhase::measured &&
+                      record.block.registration.status == RegistrationStatus::converged &&
+                      record.block.reason != static_cast<std::uint16_t>(Code::frame_incomplete);
+    if (seen)
+      s.views.slab[i] =
+          view_of(line.slab, *recipe, static_cast<int>(i) + 1, stored_T_base_scanner(line.slab, record.attempt),
+                  record.block.registration.T_scanner_block);
+  }
+}
+
 /// Picks up where the last process stopped. The session always changes, so that a command meant for the last process
 /// cannot be carried out by this one; nothing is scanned again on our own account.
 void on_recovered(Station& s, const Recovered& event, Actions& actions) {
@@ -64,10 +92,13 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
                        s.fingerprints.size();
   for (const std::uint64_t fingerprint : line.fingerprints)
     if (fingerprint != 0) s.scan_unseen = fingerprint == kUnseenScan;
-  if (line.slab_open) {
+  recover_views(s, line);
+  s.slab.header = line.slab;
+  s.slab.stations = line.stations;
+  if (!line.slab_open) {
+    s.slab.result = line.last_result;
+  } else {
     s.slab.phase = SlabPhase::open;
-    s.slab.header = line.slab;
-    s.slab.stations = line.stations;
     const Recipe* recipe = recipe_for(s, line.slab.slab_type);
     const bool same = recipe != nullptr && recipe->sha256 == line.slab.recipe_sha256;
     s.slab.recipe = same ? recipe : nullptr;

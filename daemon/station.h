@@ -11,6 +11,7 @@
 #include "base/jobs.h"
 #include "base/newest_time.h"
 #include "daemon/pose_gate.h"
+#include "daemon/station_views.h"
 #include "daemon/still_watch.h"
 
 /// The inspection cycle as a pure state machine: `step(station, event, actions)`. No socket, clock, file, thread or
@@ -365,7 +366,9 @@ struct Station {
   StillWatch still;  ///< of the view in hand
   Capture capture;
   Acquisition acquisition;
-  OpenSlab slab;
+  OpenSlab slab;  ///< with phase none: the last one, as long as no other was begun
+  Views views;    ///< where the scans of this slab and the last one showed their blocks
+  bool alike_stops_said = false;
   ResultDesk results;
   std::array<std::uint64_t, kFingerprintsKept> fingerprints{};  ///< of the last scans; 0: none
   std::size_t fingerprint_next = 0;                             ///< the oldest

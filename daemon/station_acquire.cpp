@@ -226,7 +226,9 @@ void check_stillness(Station& s, Actions& actions) {
   pending.slab_key = a.attempt.slab_key;
   pending.fingerprint = a.fingerprint;
   const std::int64_t measuring_since_ns = a.ahead == Acquisition::Ahead::measured ? 0 : s.now_ns;
-  submit(s, actions, AcquiredJob{a.attempt, a.fingerprint, measuring_since_ns}, pending);
+  // An emulated line may be one without noise.
+  const bool refuse_known = !s.settings.simulation;
+  submit(s, actions, AcquiredJob{a.attempt, a.fingerprint, measuring_since_ns, refuse_known}, pending);
 }
 
 /// ABORT is the PLC's right at any time; and a PLC that waits gets its answer.
@@ -292,6 +294,25 @@ BlockResult refused_block(const BlockMeasured& measured) {
   block.registration = measured.block.registration;
   block.times = measured.block.times;
   return block;
+}
+
+/// Refuses a scan whose block lies where another stop would see it (station_views.h).
+void hold_against_pose(Station& s, const Attempt& attempt, BlockMeasured& measured) {
+  const RegistrationReport& registration = measured.block.registration;
+  if (registration.status != RegistrationStatus::converged || s.slab.recipe == nullptr) return;
+  View view;
+  view.seen = true;
+  view.T_base_scanner = stored_T_base_scanner(s.slab.header, attempt);
+  view.T_base_block = s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, attempt.station);
+  view.T_scanner_block = registration.T_scanner_block;
+  if (measured.refused == Code::ok) {
+    const ViewFinding finding = compare_view(s.views, attempt.station, view);
+    if (finding.is_refused) {
+      measured.refused = Code::frame_incomplete;
+      measured.refused_text = text_of(finding, attempt.station);
+    }
+  }
+  s.views.keep(attempt.station, view, measured.refused != Code::ok);
 }
 
 void commit_block(Station& s, const BlockMeasured& measured, Actions& actions) {
@@ -500,6 +521,7 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   a.attempt.shape = done.scan.shape;
   a.attempt.scan_utime_us = done.scan.taken_utime_us;
   a.attempt.points_crc32c = done.points_crc32c;
+  if (done.fingerprint != 0) a.attempt.fingerprint = static_cast<std::int64_t>(done.fingerprint);
   a.taken_ns = done.scan.taken_mono_ns;
   if (done.code == Code::ok) s.scan_emulated = done.scan.shape.emulated;
   a.read_ms = done.scan.read_ms;
@@ -529,7 +551,11 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
 void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Actions& actions) {
   Acquisition& a = s.acquisition;
   if (code != Code::ok) {
-    raise_fault(s, actions, code, "recording a scan");
+    // The whole history knows these points: the storage thread has said of which scan. No fault of the disk's.
+    if (code == Code::frame_incomplete)
+      s.views.slab[pending.station - 1U] = {};
+    else
+      raise_fault(s, actions, code, "recording a scan");
     StationRecord& record = record_of(s, pending.station);
     record.phase = StationPhase::failed;
     record.code = static_cast<std::uint16_t>(code);
@@ -598,14 +624,16 @@ void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actio
   assert(measured.slot < s.slot_busy.size());
   s.slot_busy[measured.slot] = false;
   const bool ahead = is_ahead(s, measured);
-  if (measured.refused != Code::ok && (ahead || is_expected(s, measured)))
-    log(actions, LogLine::Level::error, measured.refused, "station %u: %s", measured.block.station,
-        measured.refused_text.c_str());
+  if (!ahead && !is_expected(s, measured)) return;
+  BlockMeasured held = measured;
+  hold_against_pose(s, ahead ? s.acquisition.attempt : record_of(s, measured.block.station).attempt, held);
+  if (held.refused != Code::ok)
+    log(actions, LogLine::Level::error, held.refused, "station %u: %s", held.block.station, held.refused_text.c_str());
   if (ahead) {
     s.acquisition.ahead = Acquisition::Ahead::measured;
-    s.acquisition.block = measured;
-  } else if (is_expected(s, measured)) {
-    commit_block(s, measured, actions);
+    s.acquisition.block = held;
+  } else {
+    commit_block(s, held, actions);
   }
 }
 

@@ -79,7 +79,10 @@ Code check_report(const Station& s, const PlcInputs& in) {
   if (!room_for_records(s, s.slab.phase == SlabPhase::none ? 1 : 2)) return Code::busy;
   if (in.station > limits::kStationsMax) return Code::station_range;
   if (in.station == 0) return s.results.slab_record.res_seq != 0 ? Code::ok : Code::wrong_slab;
-  if (s.slab.phase == SlabPhase::none) return Code::wrong_slab;
+  // After its end the last slab's stations can be asked for until the next one begins. An aborted one has no results.
+  const bool has_ended = s.slab.phase == SlabPhase::none;
+  const bool has_results = s.slab.result.verdict != Verdict::none && s.slab.result.verdict != Verdict::aborted;
+  if (has_ended && (s.slab.header.key == 0 || !has_results)) return Code::wrong_slab;
   return s.slab.stations[in.station - 1U].phase == StationPhase::measured ? Code::ok : Code::wrong_slab;
 }
 
@@ -290,7 +293,7 @@ void begin_command(Station& s, Actions& actions) {
       PlcResult record = s.results.slab_record;
       if (in.station != 0) {
         const StationRecord& row = s.slab.stations[in.station - 1U];
-        record = station_record(row.block);
+        record = s.slab.phase == SlabPhase::none ? station_record(row.block, s.slab.result) : station_record(row.block);
         record.cmd_seq = row.attempt.cmd_seq;
         record.slab_no = s.slab.header.slab_no;
         record.scan_utime_us = row.attempt.scan_utime_us;

@@ -11,6 +11,7 @@
 ///   station_commands.cpp  the PLC's command desk: who may command, what is refused, sessions, acknowledgements
 ///   station_acquire.cpp   one SCAN from the settled robot to a measured, committed block
 ///   station_capture.cpp   maintenance: views for a calibration
+///   station_views.cpp     which stop a scan shows its block from
 ///   station_slab.cpp      a slab's begin and end
 ///   station_stored.cpp    what a durable (or failed) store job means
 ///   station_calibration.cpp  which calibration counts, what a scan is spliced with, fault 503

@@ -83,6 +83,7 @@ BeginSlabJob slab_to_begin(const Station& s, const PlcInputs& in) {
 
 void open_slab(Station& s, const BeginSlabJob& job) {
   s.last_slab_key = job.slab.key;
+  s.views.begin_slab();
   s.slab = {};
   s.slab.phase = SlabPhase::open;
   s.slab.header = job.slab;

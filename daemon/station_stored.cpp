@@ -70,6 +70,17 @@ void on_block(Station& s, const PendingStore& pending, Code code, Actions& actio
   (void)queued;
 }
 
+/// Once in a process: it is the robot's program, and does not change from slab to slab.
+void warn_of_alike_stops(Station& s, Actions& actions) {
+  const int station = stop_like_the_next(s.views.slab);
+  if (station == 0 || s.alike_stops_said) return;
+  s.alike_stops_said = true;
+  log(actions, LogLine::Level::warning, Code::ok,
+      "the robot looks at the block of station %d as it does at the next one's: their scans could be mistaken for each "
+      "other and the pose would not show it; slabctl stations plans stops that differ (docs/SCANNER.md)",
+      station);
+}
+
 void on_slab(Station& s, const PendingStore& pending, Code code, Actions& actions) {
   if (code != Code::ok) {
     raise_fault(s, actions, code, "recording the slab");
@@ -99,6 +110,7 @@ void on_slab(Station& s, const PendingStore& pending, Code code, Actions& action
   log(actions, LogLine::Level::info, Code::ok, "slab %u \"%s\": %s (reason %u)", s.slab.header.slab_no,
       s.slab.header.slab_id.c_str(), name(result.verdict).data(), result.reason);
   s.newest_time.note(s.utime_us);
+  warn_of_alike_stops(s, actions);
   s.slab.phase = SlabPhase::none;
   set_status(s, pending.value, CommandStatus::done);
 }
@@ -163,7 +175,9 @@ void on_stored(Station& s, const StoreDone& done, Actions& actions) {
   const PendingStore pending = *found;
   s.storing.erase(static_cast<std::size_t>(found - s.storing.begin()));
 
-  settle_unsaved(s, pending, done.code, actions);
+  // A scan that the history knows is written as a failed one: the disk works.
+  const bool is_known_scan = pending.kind == PendingStore::Kind::acquired && done.code == Code::frame_incomplete;
+  settle_unsaved(s, pending, is_known_scan ? Code::ok : done.code, actions);
   switch (pending.kind) {
     case PendingStore::Kind::session: on_session(s, pending, done.code, actions); break;
     case PendingStore::Kind::begin_slab:

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <optional>
 #include <string>
+#include <utility>
 
 #include "base/newest_time.h"
 #include "storage/recover.h"
@@ -42,6 +44,10 @@ class Jobs {
   void operator()(const SeenScanJob& job);
   void operator()(const MeasuringJob& job);
 
+  /// What the last job came to when it is written and its answer is an error all the same; taken once. A scan that an
+  /// earlier attempt already had: frame_incomplete.
+  [[nodiscard]] std::optional<Error> take_answer() { return std::exchange(answer_, std::nullopt); }
+
   /// Every command that was accepted and not finished becomes "interrupted"; a SCAN among them leaves a failed attempt.
   /// But SLAB_ABORT of the open slab, its newest command, stays accepted: the station finishes it.
   void interrupt_unfinished();
@@ -65,10 +71,13 @@ class Jobs {
   void keep_recipe(const SlabHeader& slab);
   void remember_scan(std::uint64_t fingerprint);
   void remember_noise(const BlockKey& key, const NoisePrint& noise);
+  /// Did an earlier attempt have these points? Then it is named in `answer_`.
+  [[nodiscard]] bool is_known(const Attempt& attempt);
   [[nodiscard]] AttemptState state_of(const Attempt& attempt, StationPhase phase, std::uint16_t code) const;
 
   const StoreSettings& settings_;
   const HeldBack& held_back_;
+  std::optional<Error> answer_;
   Statement set_session_;
   Statement newest_;
   Statement set_newest_;
@@ -84,6 +93,8 @@ class Jobs {
   Statement close_newest_;
   Statement attempt_phase_;
   Statement upsert_attempt_;
+  Statement same_fingerprint_;
+  Statement same_checksum_;
   Statement remember_scan_;
   Statement forget_scans_;
   Statement remember_noise_;

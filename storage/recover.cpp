@@ -7,6 +7,7 @@
 
 #include <algorithm>
 
+#include "base/splice.h"
 #include "storage/load.h"
 
 namespace slabd::storage {
@@ -66,7 +67,8 @@ HeldBack read_unacknowledged(Connection& db, RecoveredLine& line) {
   return held_back;
 }
 
-void read_open_slab(Loader& loader, RecoveredLine& line) {
+/// Of line.slab.
+void read_stations(Loader& loader, RecoveredLine& line) {
   for (const StoredAttempt& stored : loader.attempts(line.slab.key)) {
     const Attempt& attempt = stored.attempt;
     StationRecord& station = line.stations[attempt.station - 1U];
@@ -85,6 +87,21 @@ void read_open_slab(Loader& loader, RecoveredLine& line) {
   }
 }
 
+/// What the valid attempts of the last ended slab saw.
+void read_last_blocks(Loader& loader, RecoveredLine& line) {
+  for (const StoredAttempt& stored : loader.attempts(line.last_slab.key)) {
+    SeenBlock& seen = line.last_blocks[stored.attempt.station - 1U];
+    seen = {};
+    BlockResult block;
+    const BlockKey key{line.last_slab.key, stored.attempt.station, stored.attempt.number};
+    if (stored.state.phase != StationPhase::measured || !loader.block(key, block)) continue;
+    seen.seen = block.registration.status == RegistrationStatus::converged &&
+                block.reason != static_cast<std::uint16_t>(Code::frame_incomplete);
+    seen.T_base_scanner = stored_T_base_scanner(line.last_slab, stored.attempt);
+    seen.T_scanner_block = block.registration.T_scanner_block;
+  }
+}
+
 void read_last_ended(Connection& db, Loader& loader, RecoveredLine& line) {
   const std::int64_t key = db.integer("SELECT coalesce(max(slab_key), 0) FROM slab_result");
   if (key == 0) return;
@@ -92,7 +109,13 @@ void read_last_ended(Connection& db, Loader& loader, RecoveredLine& line) {
   std::int64_t ended_utime_us = 0;
   const std::optional<SlabHeader> header = loader.slab(key);
   if (!header || !loader.slab_result(key, result, ended_utime_us)) return;
-  if (!line.slab_open) line.slab = *header;
+  line.last_slab = *header;
+  line.last_result = result;
+  read_last_blocks(loader, line);
+  if (!line.slab_open) {
+    line.slab = *header;
+    read_stations(loader, line);
+  }
   line.table_slab_no = header->slab_no;
   line.slab_emulated = header->emulated;
   line.slab_verdict = result.verdict;
@@ -132,7 +155,7 @@ HeldBack read_line(Connection& db, RecoveredLine& line) {
   if (line.slab_open) {
     const std::optional<SlabHeader> header = loader.slab(newest);
     if (header) line.slab = *header;
-    read_open_slab(loader, line);
+    read_stations(loader, line);
     // Jobs::interrupt_unfinished() has left it accepted.
     line.abort_seq = static_cast<std::uint16_t>(
         db.integer("SELECT coalesce((SELECT cmd_seq FROM command WHERE status = 1 AND command = 4 AND slab_key = " +

@@ -205,6 +205,7 @@ void columns(V& v, R& r) {
   v("points_crc32c", r.points_crc32c);
   v("asked", r.asked);
   v("emulated", r.emulated);
+  v("fingerprint", r.fingerprint);
 }
 
 template <typename V, RowOf<AttemptState> R>

@@ -148,10 +148,14 @@ CREATE TABLE attempt (
   -- Its measurement began at this monotonic time (ns since the computer's start) and has not ended; 0: none is under way.
   measuring_since_ns INTEGER NOT NULL DEFAULT 0,
   emulated INTEGER NOT NULL DEFAULT 0,  -- as slab.emulated, while this scan was taken
+  fingerprint INTEGER,  -- 64 bits of the points, as a signed number; NULL: none came, or older than version 9
   PRIMARY KEY (slab_key, station, attempt)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX attempt_with_scan ON attempt (slab_key, scan_bytes) WHERE scan_state = 'kept';
 CREATE INDEX attempt_deleting ON attempt (slab_key) WHERE scan_state = 'deleting';
+-- One look-up a scan: has any attempt had these points before? Attempts of older versions are known by their checksum.
+CREATE INDEX attempt_by_fingerprint ON attempt (fingerprint) WHERE fingerprint IS NOT NULL;
+CREATE INDEX attempt_by_checksum ON attempt (points_crc32c) WHERE fingerprint IS NULL AND points_crc32c IS NOT NULL;
 
 -- A scanner that hangs gives an old scan again under a new name. The newest 64, by id; what is refused because it is one
 -- of them is not added.

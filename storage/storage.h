@@ -152,7 +152,8 @@ class Store {
   /// the newest slab that were spooled and never recorded. Call it once, before the first scan. More unacknowledged
   /// results than RecoveredLine holds stay unacknowledged, the newest of them, until the next restart.
   [[nodiscard]] virtual Result<std::unique_ptr<RecoveredLine>> recover() = 0;
-  /// Codes: store_full (disk, or less than spool_free_bytes_min at a slab's begin), journal_write (anything else).
+  /// Codes: store_full (disk, or less than spool_free_bytes_min at a slab's begin), frame_incomplete (AcquiredJob; it
+  /// is written, as a failed attempt), journal_write (anything else).
   [[nodiscard]] virtual Status apply(const StoreJob& job) = 0;
   /// Carries out one change of calibrations, in one transaction; returns the id of the record that it was about.
   /// config: it cannot be (no such id, nothing to roll back to, numbers that make no sense), nothing was changed and

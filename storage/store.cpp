@@ -13,6 +13,7 @@
 #include <exception>
 #include <mutex>
 #include <optional>
+#include <tuple>
 
 #include "storage/backup.h"
 #include "storage/calibrations.h"
@@ -155,11 +156,14 @@ class SqliteStore final : public Store {
       }
     Status status = look_at_place();
     contradicted_ = false;
+    std::optional<Error> answer;
     if (status.ok())
       status = run("job", [&](OpenDatabase& open) {
         Transaction transaction(*open.db, "BEGIN IMMEDIATE");
         unsettled_.settle(open.jobs);
+        std::ignore = open.jobs.take_answer();
         std::visit(open.jobs, job.what);
+        answer = open.jobs.take_answer();
         transaction.commit();
       });
     // Nobody is told of what the next start would not find.
@@ -178,6 +182,7 @@ class SqliteStore final : public Store {
     if (ended) retention_due_ = true;
     const bool may_trim = ended || std::holds_alternative<AckJob>(job.what);
     if (status.ok() && may_trim) trim_spool();
+    if (status.ok() && answer) return *answer;
     return status;
   }
 

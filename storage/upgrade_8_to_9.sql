@@ -33,3 +33,6 @@ ALTER TABLE attempt ADD COLUMN measuring_since_ns INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE slab ADD COLUMN emulated INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE attempt ADD COLUMN emulated INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE result ADD COLUMN emulated INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE attempt ADD COLUMN fingerprint INTEGER;
+CREATE INDEX attempt_by_fingerprint ON attempt (fingerprint) WHERE fingerprint IS NOT NULL;
+CREATE INDEX attempt_by_checksum ON attempt (points_crc32c) WHERE fingerprint IS NULL AND points_crc32c IS NOT NULL;

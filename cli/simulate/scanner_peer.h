@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <string_view>
 
 #include "base/base.h"
 #include "cli/simulate/scan_drawing.h"
@@ -18,13 +19,21 @@
 /// measures. A request for which nothing fits is drawn on the spot.
 namespace slabd::simulate {
 
+/// What scanner programs do that give another scan than the one that was asked for.
+struct ScannerFault {
+  bool frame_before = false;  ///< a double buffer: the frame of the request before, then it takes this one's
+  int one_block = 0;          ///< every scan is a new one of this block; 0: no
+  int given_again = 0;        ///< a station answered with the exposure before, without grid, in reverse order; 0: none
+  int loop = 0;               ///< after so many scans those are given again, in their order; 0: no
+};
+/// "", "frame-before", "one-block=K", "given-again=K", "loop=N". config: none of these.
+[[nodiscard]] Result<ScannerFault> parse_scanner_fault(std::string_view text);
+
 class ScannerPeer {
  public:
-  /// `given_again`: a station that is always answered with the exposure before its own, without grid and in reverse
-  /// order, as a scanner does that exports a frame again. 0: none.
   [[nodiscard]] static Result<std::unique_ptr<ScannerPeer>> start(const ScannerTraits& traits,
                                                                   std::unique_ptr<ScanOutlet> outlet,
-                                                                  int given_again = 0);
+                                                                  const ScannerFault& fault = {});
   ~ScannerPeer();
   ScannerPeer(const ScannerPeer&) = delete;
   ScannerPeer& operator=(const ScannerPeer&) = delete;

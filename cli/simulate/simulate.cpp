@@ -33,6 +33,7 @@ struct Options {
   SlabVariation variation;
   ScannerOptions scanner;
   std::string scan_format = "ply";
+  std::string scanner_fault;
   std::string stations;  ///< KRL points that the robot drives to
   std::string backend;   ///< empty: the configuration's
   double robot_rate_hz = 125.0;
@@ -43,7 +44,6 @@ struct Options {
   std::string plc_device;  ///< other end of the serial line
   int scans_per_station = 3;
   std::string certificate;  ///< where to write what a laboratory would say of the slab
-  int given_again = 0;      ///< station that is answered with the exposure before its own
   bool stand_by = false;    ///< robot and scanner only
   bool json = false;
 };
@@ -225,6 +225,11 @@ int simulate(const Options& options) {
     }
     facts.defects.push_back(defect.value());
   }
+  const Result<ScannerFault> fault = parse_scanner_fault(options.scanner_fault);
+  if (!fault) {
+    cli::complain(fmt::format("{}", fault.error().text.view()));
+    return cli::kUsage;
+  }
   for (int i = 0; i < options.slabs; ++i) {
     if (id_of(options, i).size() <= limits::kSlabIdBytes) continue;
     cli::complain(fmt::format("--slab-id: '{}' has more than {} characters", id_of(options, i), limits::kSlabIdBytes));
@@ -285,7 +290,7 @@ int simulate(const Options& options) {
   if (!started(robot, exit_status)) return exit_status;
   auto outlet = open_outlet(config, *hal::scan_format_named(options.scan_format));
   if (!started(outlet, exit_status)) return exit_status;
-  const auto scanner = ScannerPeer::start(options.scanner.traits(), std::move(outlet.value()), options.given_again);
+  const auto scanner = ScannerPeer::start(options.scanner.traits(), std::move(outlet.value()), fault.value());
   if (!started(scanner, exit_status)) return exit_status;
   if (options.stand_by) {
     stand_by({*robot.value(), *scanner.value(), recipe, cell, truths.value()}, std::cin, std::cout, stop_requested);
@@ -346,6 +351,15 @@ void add_simulate(CLI::App& app, int& exit_status) {
   command->add_option("--placement-deg", variation.placement_deg, "How far it is turned, up to +- this")
       ->check(cli::within(0.0, 2.0))
       ->capture_default_str();
+  variation.dither_mm = 4.0;
+  variation.dither_deg = 1.0;
+  command
+      ->add_option("--dither-mm", variation.dither_mm, "Stops differ from station to station by up to +- this per axis")
+      ->check(cli::within(0.0, 20.0))
+      ->capture_default_str();
+  command->add_option("--dither-deg", variation.dither_deg, "... and are turned about the block by up to +- this")
+      ->check(cli::within(0.0, 5.0))
+      ->capture_default_str();
   command
       ->add_option("--robot-length-mm", variation.robot_length_mm,
                    "How smooth that error is: 0 = one wave over the cell; 500 = a large robot, --robot-mm is then the "
@@ -388,13 +402,13 @@ void add_simulate(CLI::App& app, int& exit_status) {
       ->check(CLI::Range(1, 20))
       ->capture_default_str();
   options->scanner.add_to(*command);
+  command->add_option("--scanner-fault", options->scanner_fault,
+                      "What the scanner does wrong: frame-before (gives the last frame, then takes one), one-block=K "
+                      "(block K whatever is asked for), given-again=K (at station K the exposure before, in another form), loop=N (N "
+                      "recorded scans again and again)");
   command->add_option("--scan-format", options->scan_format, "In which format the scanner drops its scans")
       ->check(CLI::IsMember(simulate::scan_format_names()))
       ->capture_default_str();
-  command
-      ->add_option("--given-again", options->given_again,
-                   "The scanner answers this block with the exposure before its own, in another order and without grid")
-      ->check(CLI::Range(0, static_cast<int>(limits::kStationsMax)));
   command->add_option(
       "--stations", options->stations,
       "Drive to these points (KRL, as slabctl stations writes them) instead of straight above each block");

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/simulate/slab_scene.h"
 
+#include "cli/stations/dither.h"
+
 namespace slabd::simulate {
 namespace {
 
@@ -166,7 +168,9 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
     station.T_slab_block.translation_mm += station.offset_slab_mm;
 
     // The robot was taught on a nominal slab in the nominal place and knows nothing of this one.
-    const Pose taught = cell.taught.empty() ? cell.T_base_slab * T_slab_block(recipe, k) * nominal_T_block_scanner() *
+    const Pose T_block_scanner =
+        cli::dithered(nominal_T_block_scanner(), k, {variation.dither_mm, variation.dither_deg});
+    const Pose taught = cell.taught.empty() ? cell.T_base_slab * T_slab_block(recipe, k) * T_block_scanner *
                                                   cell.T_flange_scanner.inverse()
                                             : cell.taught[static_cast<std::size_t>(k - 1)];
     station.T_base_flange_reported = taught;

@@ -27,6 +27,10 @@ struct SlabVariation {
   /// 0: robot_mm is the amplitude of one wave over the cell. Else the error is a random smooth field: robot_mm is its
   /// standard deviation per axis, and places this far apart have errors with the correlation exp(-1/2) (RobotError).
   double robot_length_mm = 0.0;
+  /// Stops differ from station to station as slabctl stations plans them, up to this; 0: all are alike. Taught points
+  /// are driven to as they are.
+  double dither_mm = 0.0;
+  double dither_deg = 0.0;
   bool same_slab = false;  ///< casting and placement do not depend on slab_no: one slab, not touched between rounds
   // Repeatability: normally distributed per axis, new for every station of every slab.
   double robot_sigma_mm = 0.0;

@@ -20,8 +20,10 @@
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/parse.h"
+#include "cli/stations/dither.h"
 #include "cli/stations/krl.h"
 #include "cli/stations/station_plan.h"
+#include "daemon/station_views.h"
 
 namespace slabd::cli {
 namespace {
@@ -34,6 +36,8 @@ struct Options {
   std::string taught;
   double standoff_mm = 600.0;
   double turn_deg = 0.0;
+  Dither dither;
+  bool no_dither = false;
   ScannerView view;
   double incidence_deg = 70.0;
   bool as_json = false;
@@ -149,7 +153,7 @@ std::vector<Row> plan(const Options& options, const Sources& sources, const std:
     Row row;
     row.station = station;
     row.planned = planned_flange(sources.recipe, sources.config.T_base_slab, sources.hand_eye.T_flange_scanner,
-                                 T_block_scanner(options), station);
+                                 dithered(T_block_scanner(options), station, options.dither), station);
     row.view = look(row.planned, station);
     if (index < taught.size()) {
       row.taught = taught[index];
@@ -160,6 +164,31 @@ std::vector<Row> plan(const Options& options, const Sources& sources, const std:
     rows.push_back(row);
   }
   return rows;
+}
+
+/// Where the scanner stands over its block, by the taught point where there is one.
+Pose stop_of(const Sources& sources, const Row& row) {
+  return (sources.config.T_base_slab * T_slab_block(sources.recipe, row.station)).inverse() *
+         (row.taught ? *row.taught : row.planned) * sources.hand_eye.T_flange_scanner;
+}
+
+/// The two neighbours whose stops differ least; from the last station to the first again.
+struct Alike {
+  int station = 0;
+  int next = 0;
+  StopDifference differ;
+};
+Alike most_alike(const Sources& sources, const std::vector<Row>& rows) {
+  Alike least;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const Row& next = rows[(i + 1) % rows.size()];
+    const StopDifference d = difference(stop_of(sources, rows[i]), stop_of(sources, next));
+    const auto apart = [](const StopDifference& x) {
+      return std::max(x.mm / daemon::kStopsDifferMm, x.deg / deg_from_rad(daemon::kStopsDifferRad));
+    };
+    if (least.station == 0 || apart(d) < apart(least.differ)) least = {rows[i].station, next.station, d};
+  }
+  return least;
 }
 
 double off_mm(const Pose& a, const Pose& b) {
@@ -246,13 +275,16 @@ void write_flange(Json& json, std::string_view key, const Pose& pose) {
   json.field(std::string(key) + "_abc_deg", std::span<const double>(abc_deg));
 }
 
-std::string json_of(const Sources& sources, const std::vector<Row>& rows, bool all_ok) {
+std::string json_of(const Sources& sources, const std::vector<Row>& rows, const Alike& alike, bool all_ok) {
   const double look_mm = sources.config.pose.look_mm;
   Json json;
   json.begin_object();
   json.field("schema", "slabd.stations/1").field("ok", all_ok).field("slab_type", sources.recipe.slab_type);
   json.field("recipe", sources.recipe.name.view()).field("hand_eye_id", sources.hand_eye.id.view());
   json.field("look_mm", look_mm);
+  json.key("most_alike").begin_object().field("station", alike.station).field("next", alike.next);
+  json.field("differ_mm", alike.differ.mm).field("differ_deg", alike.differ.deg);
+  json.field("told_apart", is_told_apart(alike.differ)).end_object();
   json.key("stations").begin_array();
   for (const Row& row : rows) {
     json.begin_object().field("station", row.station);
@@ -314,6 +346,7 @@ bool write_krl(const std::string& path, bool overwrite, const std::vector<Row>& 
 
 int stations(Options& options) {
   options.view.incidence_max_rad = rad_from_deg(options.incidence_deg);
+  if (options.no_dither) options.dither = {0.0, 0.0};
   Sources sources;
   int exit_status = kDone;
   if (!gather(options, sources, exit_status)) return exit_status;
@@ -331,8 +364,14 @@ int stations(Options& options) {
     return row.taught ? row.taught_view.ok(look_mm) : row.view.ok(look_mm);
   });
   if (!options.krl.empty() && !write_krl(options.krl, options.overwrite, rows)) return kBadInput;
+  const Alike alike = most_alike(sources, rows);
+  if (!is_told_apart(alike.differ))
+    fmt::print(stderr,
+               "warning: stations {} and {} are looked at from alike stops ({:.1f} mm, {:.2f} deg): slabd cannot tell by "
+               "the pose that a scan is of the right one; plan stops that differ (docs/SCANNER.md)\n",
+               alike.station, alike.next, alike.differ.mm, alike.differ.deg);
   if (options.as_json)
-    fmt::print("{}", json_of(sources, rows, all_ok));
+    fmt::print("{}", json_of(sources, rows, alike, all_ok));
   else
     print_table(sources, rows);
   return all_ok ? kDone : kNotPass;
@@ -363,6 +402,17 @@ void add_stations(CLI::App& app, int& exit_status) {
       ->capture_default_str();
   command->add_option("--turn-deg", options->turn_deg, "Scanner turned about its own axis, against the block's X")
       ->check(within(-180.0, 180.0))
+      ->capture_default_str();
+  CLI::Option* no_dither =
+      command->add_flag("--no-dither", options->no_dither, "All stops alike: a pose then proves no scan");
+  command
+      ->add_option("--dither-mm", options->dither.mm, "Stops differ from station to station by up to +- this per axis")
+      ->check(within(0.0, 20.0))
+      ->excludes(no_dither)
+      ->capture_default_str();
+  command->add_option("--dither-deg", options->dither.deg, "... and are turned about the block by up to +- this per axis")
+      ->check(within(0.0, 5.0))
+      ->excludes(no_dither)
       ->capture_default_str();
   ScannerView& view = options->view;
   command->add_option("--view-distance-mm", view.distance_mm, "Where the next two hold")

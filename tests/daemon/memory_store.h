@@ -12,6 +12,7 @@
 
 #include "base/jobs.h"
 #include "base/plc.h"
+#include "base/splice.h"
 
 /// Keeps what a database would keep, as the jobs promise it, and what storage/jobs.cpp makes of a process that ended:
 /// every command that was begun and not ended is closed as interrupted, and each SCAN among them leaves the mark of a
@@ -43,6 +44,15 @@ struct MemoryStore {
       return Code::journal_write;
     }
     closed_last_.reset();
+    if (const auto* scan = std::get_if<AcquiredJob>(&job.what); scan != nullptr && scan->refuse_known && !answer_lost)
+      if (is_in_history(scan->attempt)) {
+        const FailedAttemptJob refused{scan->attempt, static_cast<std::uint16_t>(Code::frame_incomplete),
+                                       scan->fingerprint};
+        applied.push_back(StoreJob{job.ticket, refused});
+        keep(refused);
+        forget_unseen();
+        return Code::frame_incomplete;
+      }
     if (answer_lost && std::holds_alternative<SlabJob>(job.what)) before_unseen_end_ = line;
     if (const auto* block = std::get_if<BlockJob>(&job.what); answer_lost && block != nullptr)
       unseen_blocks_[block->block.station] = *block;
@@ -134,6 +144,12 @@ struct MemoryStore {
   }
 
   // ---- jobs ----
+  /// An earlier attempt had the same points.
+  [[nodiscard]] bool is_in_history(const Attempt& attempt) const {
+    if (!attempt.fingerprint) return false;
+    const auto known = history_.find(*attempt.fingerprint);
+    return known != history_.end() && known->second != std::tuple{attempt.slab_key, attempt.station, attempt.number};
+  }
   /// The PLC hears that a scan came to nothing, and so it is written with the next job.
   Code failed(const StoreJob& job, Code code) {
     if (const auto* scan = std::get_if<AcquiredJob>(&job.what))
@@ -198,6 +214,8 @@ struct MemoryStore {
   }
   StationRecord& attempted(const Attempt& attempt) {
     attempts_.insert({attempt.slab_key, attempt.station, attempt.number});
+    if (attempt.fingerprint)
+      history_.try_emplace(*attempt.fingerprint, attempt.slab_key, attempt.station, attempt.number);
     StationRecord& record = line.stations[attempt.station - 1U];
     if (attempt.asked) record.attempts = std::max(record.attempts, attempt.number);
     return record;
@@ -247,6 +265,14 @@ struct MemoryStore {
   }
   void keep(const SlabJob& job) {
     line.slab_open = false;
+    line.last_slab = line.slab;
+    line.last_result = job.slab;
+    for (std::size_t i = 0; i < line.stations.size(); ++i) {
+      const StationRecord& record = line.stations[i];
+      line.last_blocks[i] = {
+          record.phase == StationPhase::measured && record.block.registration.status == RegistrationStatus::converged,
+          stored_T_base_scanner(line.slab, record.attempt), record.block.registration.T_scanner_block};
+    }
     line.slab_verdict = job.slab.verdict;
     line.slab_emulated = line.slab.emulated;
     line.slab_record = job.record;
@@ -286,6 +312,7 @@ struct MemoryStore {
   std::vector<CommandJob> unfinished_;  ///< oldest first
   std::map<std::uint8_t, CommandJob> newest_scan_;
   std::set<std::tuple<std::int64_t, std::uint8_t, std::uint8_t>> attempts_;
+  std::map<std::int64_t, std::tuple<std::int64_t, std::uint8_t, std::uint8_t>> history_;  ///< by fingerprint
   std::optional<RecoveredLine> before_unseen_end_;
   std::map<std::uint8_t, BlockJob> unseen_blocks_;
   std::uint16_t unseen_report_ = 0;

@@ -225,6 +225,7 @@ void expect_same(const Attempt& a, const Attempt& b) {
   SAME_BITS(acquire_ms);
   SAME(points_crc32c);
   SAME(emulated);
+  SAME(fingerprint);
 }
 
 void expect_same(const PackedMap& a, const PackedMap& b) {
@@ -396,6 +397,7 @@ Attempt random_attempt(Prng& prng, std::int64_t slab_key, int station, int numbe
     *x = number(prng);
   if (prng.below(4) != 0) a.points_crc32c = static_cast<std::uint32_t>(prng.next());
   a.emulated = static_cast<std::uint8_t>(station % 16);
+  if (prng.below(4) != 0) a.fingerprint = static_cast<std::int64_t>(prng.next());
   return a;
 }
 

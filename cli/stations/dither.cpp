@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/stations/dither.h"
+
+#include <cassert>
+
+#include "daemon/station_views.h"
+
+namespace slabd::cli {
+namespace {
+
+/// Shift along X, Y, Z and turn about X, Y, Z, as shares of the amplitudes. Found by a random search for the largest
+/// least distance; no rule connects the rows, so that no difference of two stops is that of two others.
+constexpr std::array<std::array<double, 6>, limits::kStationsMax> kPattern = {{
+    {{1.00, 1.00, 0.15, -0.90, 1.00, 0.40}},
+    {{-0.05, 0.00, -0.60, 0.80, -1.00, -0.80}},
+    {{0.00, -0.60, 0.95, -0.75, -1.00, 0.80}},
+    {{-1.00, 1.00, 1.00, 0.95, 0.40, 1.00}},
+    {{-0.20, -1.00, -1.00, -1.00, 1.00, -0.75}},
+    {{1.00, -0.05, -0.25, -0.05, -0.75, -0.20}},
+    {{0.10, 1.00, 1.00, 0.00, 1.00, 1.00}},
+    {{-1.00, 0.35, -0.05, 0.70, 1.00, -1.00}},
+    {{0.45, -0.95, 0.05, 0.85, -0.25, 0.05}},
+    {{0.90, 0.95, -1.00, -0.65, 0.00, -1.00}},
+    {{-1.00, -0.25, -1.00, -0.85, 0.10, 0.95}},
+    {{-0.90, -0.05, 1.00, 1.00, 0.90, 0.05}},
+    {{-0.05, 0.95, -0.05, 1.00, -1.00, 0.95}},
+    {{1.00, 0.20, 1.00, -1.00, -0.35, -0.05}},
+    {{-0.70, -0.65, 0.15, -0.05, 1.00, -0.25}},
+    {{-0.90, 0.80, -1.00, 1.00, 0.00, -1.00}},
+    {{1.00, -0.90, -1.00, -1.00, -1.00, -0.90}},
+    {{1.00, -0.90, 1.00, 0.10, -0.40, 0.85}},
+}};
+
+}  // namespace
+
+Pose dithered(const Pose& T_block_scanner, int station, const Dither& dither) {
+  assert(station >= 1 && station <= limits::kStationsMax);
+  const std::array<double, 6>& share = kPattern.at(static_cast<std::size_t>(station - 1));
+  Pose move;
+  move.translation_mm = dither.mm * Vec3(share[0], share[1], share[2]);
+  const Vec3 turn_rad = rad_from_deg(dither.deg) * Vec3(share[3], share[4], share[5]);
+  if (turn_rad.norm() > 0.0)
+    move.rotation = Quat(Eigen::AngleAxisd(turn_rad.norm(), Eigen::Vector3d(turn_rad.normalized())));
+  return move * T_block_scanner;
+}
+
+StopDifference difference(const Pose& T_block_scanner, const Pose& other) {
+  const Pose a = T_block_scanner.inverse();
+  const Pose b = other.inverse();
+  return {(a.translation_mm - b.translation_mm).norm(), deg_from_rad(angle_between_rad(a.rotation, b.rotation))};
+}
+
+bool is_told_apart(const StopDifference& difference) {
+  return difference.mm > daemon::kStopsDifferMm || difference.deg > deg_from_rad(daemon::kStopsDifferRad);
+}
+
+}  // namespace slabd::cli
