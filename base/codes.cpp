@@ -21,8 +21,10 @@ constexpr std::array kTable = {
     Entry{Code::wrong_slab, "no slab is open, or the command names another slab",
           "send SLAB_BEGIN first; SLAB_NO must stay the same until SLAB_END"},
     Entry{Code::station_range, "the station number is outside 1..number of blocks", "correct STATION (HR 11)"},
-    Entry{Code::unknown_type, "there is no usable recipe for this slab type",
-          "add or repair the recipe file, one for each type; `slabctl config check` names the fault"},
+    Entry{
+        Code::unknown_type, "there is no usable recipe for this slab type, or a scan shows the slab end of another one",
+        "add or repair the recipe file, one for each type; `slabctl config check` names the fault; after SCAN: correct "
+        "SLAB_TYPE (HR 12)"},
     Entry{Code::not_enabled, "ENABLE is not set, the PLC heartbeat is missing, or a calibration is under way (STATE 8)",
           "set HR 1 bit 0 and change HR 0 at least every 500 ms; in STATE 8 wait, or end the calibration"},
     Entry{Code::bad_id_text, "SLAB_ID is not printable ASCII", "correct HR 16..31"},

@@ -32,7 +32,7 @@ struct ScanShape {
   bool in_records = false;
   /// Of the missing points, those that the file holds as exactly (0, 0, 0). Not stored.
   std::size_t zeros = 0;
-  bool emulated = false;            ///< the file or the sender declares that there was no real scanner. Not stored here.
+  bool emulated = false;  ///< the file or the sender declares that there was no real scanner. Not stored here.
   std::uint8_t emulated_block = 0;  ///< of which block it is drawn, as an emulated file declares; 0: not said
 };
 
@@ -76,7 +76,8 @@ struct SlabHeader {
   Pose T_base_slab;  ///< of the cell, as configured
   Pose T_flange_scanner;
   std::int64_t began_utime_us = 0;
-  std::uint8_t emulated = 0;  ///< emulation bits (base/emulation.h): of the line at its begin, and of each of its acquired attempts
+  std::uint8_t emulated =
+      0;  ///< emulation bits (base/emulation.h): of the line at its begin, and of each of its acquired attempts
 };
 
 /// Scans whose fingerprints are remembered: three whole slabs and some attempts. A scanner that hangs gives its last
@@ -247,7 +248,7 @@ struct RecoveredLine {
   std::uint16_t slab_reason = 0;
   std::uint32_t table_slab_no = 0;
   std::uint8_t slab_emulated = 0;  ///< Emulation bits of the last ended slab
-  PlcResult slab_record;  ///< of the last ended slab, for REPORT
+  PlcResult slab_record;           ///< of the last ended slab, for REPORT
 
   /// Of the points of the last scans, oldest first; 0 behind the newest.
   std::array<std::uint64_t, kFingerprintsKept> fingerprints{};

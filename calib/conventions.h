@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -14,7 +17,20 @@
 namespace slabd::calib {
 
 /// What a reading changes.
-enum class Misreading : std::uint8_t { none, convention, units };
+enum class Misreading : std::uint8_t {
+  none,
+  convention,
+  units,
+  handedness,  ///< an axis of the scanner is mirrored
+  pairing,     ///< a target belongs to another line's flange pose
+};
+
+/// What the tables declare about themselves; empty where no table was read (a session). A cure never proposes what the
+/// table declares already.
+struct DeclaredFormats {
+  std::optional<PoseFormat> flange;
+  std::optional<PoseFormat> target;
+};
 
 /// One reading of the views.
 struct Hypothesis {
@@ -29,6 +45,17 @@ struct Hypothesis {
   double sigmas = kNoValue;        ///< robust size of the residuals over the stated noise: about 1 when right
 };
 
+/// The largest group of views whose target is the same although the flange moved. An artefact that is fixed in the cell
+/// cannot look so.
+struct SameTarget {
+  std::vector<std::size_t> views;  ///< indices, ascending; fewer than two: none
+  double moved_mm = 0.0;           ///< largest distance between two of their flange poses
+  double turned_rad = 0.0;         ///< largest rotation between two of them
+};
+/// Ball: equal to 1e-6 mm. Pose: equal within five sigmas of the stated target noise, with flange poses that are
+/// further apart than ten.
+[[nodiscard]] SameTarget same_target(ArtefactKind kind, std::span<const View> views, const StatedNoise& noise);
+
 struct ConventionReport {
   std::vector<Hypothesis> tried;  ///< [0] is "as stated"; best first after it
   bool stated_fits = true;
@@ -37,10 +64,13 @@ struct ConventionReport {
   std::size_t fits = 0;
 };
 
+/// Residuals of a reading that is proposed are at most this many times the stated noise.
+inline constexpr double kReadingFitsSigmas = 3.0;
+
 /// Tries all readings. Needs at least 5 views; with fewer, or when rotations are too small to tell, nothing is claimed:
-/// stated_fits stays true. A reading is named only if what is stated is off by more than 3 sigmas and the reading
-/// explains the views at least five times as well.
+/// stated_fits stays true. A reading is named only if what is stated is off by more than 3 sigmas, or contradicts many
+/// views, and the reading explains the views at least five times as well and to within kReadingFitsSigmas.
 [[nodiscard]] ConventionReport test_conventions(ArtefactKind kind, std::span<const View> views,
-                                                const StatedNoise& noise);
+                                                const StatedNoise& noise, const DeclaredFormats& declared = {});
 
 }  // namespace slabd::calib

@@ -329,6 +329,75 @@ Solution with_or_without_lever(const Equations& equations, Solution with) {
   return better ? without : with;
 }
 
+/// A view whose sightings are `scale` times as far away.
+View scaled(View view, double scale) {
+  view.T_scanner_target.translation_mm *= scale;
+  for (BallSighting& seen : view.balls) seen.centre_mm *= scale;
+  return view;
+}
+
+struct Scale {
+  double value = kNoValue;
+  double sigma = kNoValue;
+};
+
+/// The paper's lambda (eq. 7), fitted beside X and the targets by the kept views: A X (lambda c) = p. Gauss-Newton with
+/// one column more, R_X c, from lambda = 1; each step adjusts everything else anew at the sightings as scaled so far.
+Scale estimate_scale(const Equations& equations, const Selected& selected, const Weighing& weighing) {
+  constexpr int kSteps = 8;
+  constexpr double kDone = 1e-8;
+  constexpr double kDetermined = 1e-9;  // of the column's length, what the other parameters leave of it
+  constexpr double kScaleMin = 0.5;
+  constexpr double kScaleMax = 2.0;
+  double scale = 1.0;
+  State state = selected.adjusted.state;
+  for (int step = 0; step < kSteps; ++step) {
+    std::vector<View> views;
+    for (const std::size_t i : selected.kept) views.push_back(scaled(equations.view(i), scale));
+    // Equations number the targets by the views they are given, so a ball that only rejected views see is left as it
+    // is.
+    const Equations at(equations.kind(), views);
+    if (at.targets() != equations.targets()) return {};
+    Chosen all(views.size());
+    std::iota(all.begin(), all.end(), std::size_t{0});
+    const std::vector<Eigen::MatrixXd> whiteners = at.whiteners(state, weighing);
+    state = adjust(at, all, whiteners, state, false).state;
+    const Linearised linear = linearise(at, whiteners, state);
+    const Eigen::MatrixXd covariance = parameter_covariance(at, all, linear);
+    const Mat3 R_X = state.X.rotation.toRotationMatrix();
+    Eigen::VectorXd other = Eigen::VectorXd::Zero(at.parameters());
+    double length2 = 0.0;
+    double along = 0.0;
+    double squares = 0.0;
+    double rows = 0.0;
+    for (const std::size_t i : all) {
+      Eigen::VectorXd moved = Eigen::VectorXd::Zero(at.rows(i));
+      const int turning = at.rotation_rows();
+      if (at.kind() == ArtefactKind::pose)
+        moved.tail<3>() = Eigen::Vector3d(R_X * views[i].T_scanner_target.translation_mm);
+      for (std::size_t k = 0; k < views[i].balls.size() && at.kind() == ArtefactKind::ball; ++k)
+        moved.segment<3>(turning + 3 * static_cast<int>(k)) = Eigen::Vector3d(R_X * views[i].balls[k].centre_mm);
+      const Eigen::VectorXd column = whiteners[i] * moved / scale;
+      other += linear.J[i].transpose() * column;
+      length2 += column.squaredNorm();
+      along += column.dot(linear.w[i]);
+      squares += linear.w[i].squaredNorm();
+      rows += static_cast<double>(column.size());
+    }
+    // The other parameters stand at their optimum, so the residuals have no part along their columns.
+    const double own2 = length2 - other.dot(covariance * other);
+    const double freedom = rows - at.parameters() - 1.0;
+    if (!(own2 > kDetermined * length2) || freedom < 1.0) return {};
+    const double shift = -along / own2;
+    scale += shift;
+    if (!(scale > kScaleMin) || !(scale < kScaleMax)) return {};
+    if (std::abs(shift) > kDone) continue;
+    const double s0 = std::sqrt(std::max(0.0, squares - along * along / own2) / freedom);
+    return {scale, std::max(1.0, s0) / std::sqrt(own2)};
+  }
+  return {};
+}
+
 Spread spread_over(const HandEye& result, double ViewFit::*figure) {
   std::vector<double> values;
   for (const ViewFit& view : result.views)
@@ -464,6 +533,9 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
 
   Circumstances circumstances = circumstances_of(equations, noise);
   circumstances.views = views;
+  circumstances.declared = settings.declared;
+  circumstances.scale_off_max = settings.scale_off_max;
+  circumstances.same_target = same_target(kind, views, noise);
   circumstances.converged = selected.adjusted.converged;
   circumstances.places = places_of(equations, telling_indices).size();
   result.condition = weakness.condition;
@@ -483,6 +555,9 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
     if (shared.repeats && !result.reweighted) result.s0 = shared.size;
     result.covariance = covariance_of_pose(equations, selected, weighing, shared, !result.reweighted, result.s0);
     result.predicted_point_sigma_mm = point_sigma_mm(result.covariance, result.T_flange_scanner, settings.fov);
+    const Scale scale = estimate_scale(equations, selected, weighing);
+    result.scale = scale.value;
+    result.scale_sigma = scale.sigma;
   } else {
     forget_pose(result);
   }
@@ -492,7 +567,7 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
   result.leave_one_out_deg = spread_over(result, &ViewFit::leave_one_out_deg);
 
   if (settings.convention_test && needs_convention_test(result))
-    result.conventions = test_conventions(kind, views, noise);
+    result.conventions = test_conventions(kind, views, noise, settings.declared);
   judge(circumstances, result);
   return result;
 }

@@ -25,12 +25,21 @@ struct FieldOfView {
   double far_mm = 580.0;
 };
 
+/// Default of SolveSettings::scale_off_max. A robot that errs smoothly by 0.7 mm looks like 0.33 % (60 sets of 20
+/// views, the worst).
+inline constexpr double kScaleOffMax = 0.005;
+/// A scale is named when it is further from 1 than this many of its standard deviations.
+inline constexpr double kScaleSigmas = 3.0;
+
 struct SolveSettings {
   FieldOfView fov;
   /// Limit of predicted_point_sigma_mm. NaN: `kPointSigmaPerNoise` times the stated position error, which a set that
   /// is arranged well stays below with any robot.
   double point_sigma_mm_max = kNoValue;
   bool convention_test = true;  ///< off: faster, for callers who solve the same views many times
+  DeclaredFormats declared;     ///< by the tables the views were read from
+  /// Largest relative error of the scanner's scale (lambda - 1) that is accepted when the views show one.
+  double scale_off_max = kScaleOffMax;
 };
 inline constexpr double kPointSigmaPerNoise = 6.0;
 
@@ -72,6 +81,10 @@ enum class Refusal : std::uint8_t {
   not_converged,       ///< the adjustment did not settle
   implausible,         ///< a scanner further than kScannerArmMaxMm from its flange
   ball_radius,         ///< the scans show balls of another radius than certified
+  same_target,         ///< the target is the same in views whose flange poses differ
+  handedness,          ///< an axis of the scanner is mirrored
+  pairing,             ///< targets belong to flange poses on other lines
+  scale,               ///< the scanner's scale differs from the robot's by more than is accepted
 };
 [[nodiscard]] std::string_view name(Refusal refusal);
 
@@ -121,7 +134,11 @@ struct HandEye {
   /// their scatter shows it: that part does not fall with repeats, and s0, sigmas and the predicted error know it. NaN:
   /// no place was seen twice.
   double repeat_share = kNoValue;
-  bool reweighted = false;      ///< position and rotation were weighed by s0_position and s0_rotation
+  /// The paper's lambda (eq. 7): what the sightings must be multiplied by to agree with the robot's lengths, fitted
+  /// beside X as a diagnosis; it is not applied. NaN where the views do not determine it.
+  double scale = kNoValue;
+  double scale_sigma = kNoValue;  ///< standard deviation, times max(1, s0)
+  bool reweighted = false;        ///< position and rotation were weighed by s0_position and s0_rotation
   bool robot_lever = true;      ///< pose: false: positions were weighed without what the robot's turns would do to them
   double condition = kNoValue;  ///< of the whitened Jacobian, rotations scaled by 500 mm
   double smallest_singular_value = kNoValue;                                     ///< of the same, 1 / mm

@@ -35,15 +35,64 @@ double larger_s0(const HandEye& result) {
   return has_value(result.s0_rotation) ? std::max(result.s0_position, result.s0_rotation) : result.s0;
 }
 
+std::string numbers_of(const HandEye& result, std::span<const std::size_t> indices) {
+  constexpr std::size_t kListed = 12;
+  std::string list;
+  for (std::size_t k = 0; k < indices.size() && k < kListed; ++k)
+    list += (list.empty() ? "" : ", ") + std::to_string(result.views[indices[k]].number);
+  if (indices.size() > kListed) list += ", ...";
+  return list;
+}
+
+/// Targets that are copies of each other. True when there are enough of them to explain everything.
+bool judge_same_target(const Circumstances& c, HandEye& result) {
+  constexpr std::size_t kCopiesMin = 3;  // two by chance or by one stale answer: a warning, the view is left out
+  const SameTarget& same = c.same_target;
+  if (same.views.size() < 2) return false;
+  const std::string text =
+      sentence("the target is the same in %zu views (%s), although the flange moved by up to %.0f mm and %.1f deg",
+               same.views.size(), numbers_of(result, same.views).c_str(), same.moved_mm, deg_from_rad(same.turned_rad));
+  if (same.views.size() < kCopiesMin) {
+    result.warnings.push_back(text + ": one of them is a copy");
+    return false;
+  }
+  refuse(result, Refusal::same_target, text,
+         "write into every view what the scanner saw from there; if it really saw the same, the artefact moved with "
+         "the scanner: fix it in the cell");
+  return true;
+}
+
+/// "frames=..." that says what both tables hold when both are inverted.
+std::string cure_of_both_inverted(const DeclaredFormats& declared) {
+  const bool flange = declared.flange && declared.flange->inverse;
+  const bool target = declared.target && declared.target->inverse;
+  return sentence(
+      "give T_base_flange and T_scanner_target, or say what the tables hold: # format: frames=%s and "
+      "frames=%s",
+      flange ? "T_base_flange" : "T_flange_base", target ? "T_scanner_target" : "T_target_scanner");
+}
+
+Refusal refusal_of(Misreading misreading) {
+  switch (misreading) {
+    case Misreading::units: return Refusal::units;
+    case Misreading::handedness: return Refusal::handedness;
+    case Misreading::pairing: return Refusal::pairing;
+    case Misreading::none:
+    case Misreading::convention: break;
+  }
+  return Refusal::convention;
+}
+
 /// Poses that mean something else than was stated. True when that explains everything.
 bool judge_reading(const Circumstances& c, HandEye& result) {
+  if (judge_same_target(c, result)) return true;
   const ConventionReport& report = result.conventions;
   // A ball that was always in one place or on a line leaves so much open that a wrong reading may fit by chance.
   const bool open = c.kind == ArtefactKind::ball && result.ball_spread_axes_mm[1] < kBallSpreadMinMm;
   const bool named = report.fits != 0 && (!open || report.tried[report.fits].changes == Misreading::units);
   if (named) {
     const Hypothesis& fits = report.tried[report.fits];
-    refuse(result, fits.changes == Misreading::units ? Refusal::units : Refusal::convention,
+    refuse(result, refusal_of(fits.changes),
            sentence("as stated the views miss each other by %.1f mm (median); they fit to %.2f mm if %s",
                     report.tried[0].residual_mm, fits.residual_mm, fits.name.c_str()),
            fits.cure);
@@ -58,7 +107,10 @@ bool judge_reading(const Circumstances& c, HandEye& result) {
                     : flange         ? "flange positions are"
                                      : "target positions are",
                     flange ? c.median_flange_mm : c.median_target_mm),
-           "write millimetres, or say so in the table: # format: unit=m");
+           (flange && c.declared.flange && c.declared.flange->metres) ||
+                   (target && c.declared.target && c.declared.target->metres)
+               ? "check the unit in which the table was written"
+               : "write millimetres, or say so in the table: # format: unit=m");
     return true;
   }
   if (!result.determined) return false;
@@ -70,8 +122,7 @@ bool judge_reading(const Circumstances& c, HandEye& result) {
         sentence("the scanner would sit %.0f mm from its flange and the artefact %.0f mm from the robot's root: both "
                  "tables look inverted, which fits as well and exchanges the two",
                  arm_mm, result.targets[0].translation_mm.norm()),
-        "give T_base_flange and T_scanner_target, or say what the tables hold: # format: frames=T_flange_base and "
-        "frames=T_target_scanner");
+        cure_of_both_inverted(c.declared));
     return true;
   }
   refuse(result, Refusal::implausible,
@@ -150,6 +201,19 @@ bool judge_ball_places(HandEye& result) {
   return true;
 }
 
+/// Balls that were seen in one plane only look the same in a mirrored cloud.
+void judge_handedness(const Circumstances& c, HandEye& result) {
+  constexpr double kSigmas = 5.0;
+  const double needed_mm = kSigmas * std::hypot(c.noise.robot_mm, c.noise.target_mm);
+  if (c.kind != ArtefactKind::ball || !(result.ball_spread_axes_mm[2] < needed_mm)) return;
+  refuse(
+      result, Refusal::handedness,
+      sentence("the ball was always in one plane of the view (standard deviation %.2f mm across it, which must reach "
+               "%.2f): a mirrored cloud would fit as well",
+               result.ball_spread_axes_mm[2], needed_mm),
+      "put the ball near and far in the view too");
+}
+
 void judge_fit(const Circumstances& c, HandEye& result) {
   const double share = static_cast<double>(result.rejected.size()) / static_cast<double>(c.views.size());
   if (share > kRejectedShareMax)
@@ -196,6 +260,23 @@ void judge_fit(const Circumstances& c, HandEye& result) {
                  view, loo.max, loo.max / loo.median, kLeaveOneOutRatioMax),
         sentence("repeat view %zu, or capture others like it", view));
   }
+}
+
+/// The scanner's lengths against the robot's.
+void judge_scale(const Circumstances& c, HandEye& result) {
+  const double off = result.scale - 1.0;
+  if (!(std::abs(off) > kScaleSigmas * result.scale_sigma)) return;
+  constexpr double kPpm = 1e6;
+  const std::string text =
+      sentence("the scanner's lengths are %.2f %% too %s against the robot's: lambda %.5f +- %.5f (1 sigma), %.0f ppm",
+               100.0 * std::abs(off), off > 0.0 ? "short" : "long", result.scale, result.scale_sigma, kPpm * off);
+  if (!(std::abs(off) > c.scale_off_max)) {
+    result.warnings.push_back(text + "; it is not applied");
+    return;
+  }
+  refuse(result, Refusal::scale, text + sentence(", accepted is %.2f %%", 100.0 * c.scale_off_max),
+         "check the scanner's own calibration and unit (slabctl scanner verify), and that the robot's positions are in "
+         "true mm; a scale is never applied");
 }
 
 void advise(const Circumstances& c, HandEye& result) {
@@ -257,7 +338,9 @@ void judge(const Circumstances& c, HandEye& result) {
              sentence("the views hardly determine %s (condition %.3g, at most %.0f)", c.weakest.c_str(),
                       result.condition, kConditionMax),
              "capture views that differ more: tilt in other directions, artefact in the corners of the view");
+    if (!turned_badly && !placed_badly) judge_handedness(c, result);
     judge_fit(c, result);
+    judge_scale(c, result);
     if (result.determined && !(result.predicted_point_sigma_mm <= result.point_sigma_limit_mm))
       refuse(result, Refusal::predicted_error,
              sentence("predicted error of a scanned point is %.3f mm (k = 1), limit %.3f mm",
@@ -291,6 +374,10 @@ std::string_view name(Refusal refusal) {
     case Refusal::not_converged: return "not_converged";
     case Refusal::implausible: return "implausible";
     case Refusal::ball_radius: return "ball_radius";
+    case Refusal::same_target: return "same_target";
+    case Refusal::handedness: return "handedness";
+    case Refusal::pairing: return "pairing";
+    case Refusal::scale: return "scale";
   }
   return "";
 }

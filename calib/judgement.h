@@ -18,6 +18,9 @@ struct Circumstances {
   std::string weakest;     ///< the direction that is determined worst, in words
   double median_flange_mm = kNoValue;
   double median_target_mm = kNoValue;
+  DeclaredFormats declared;
+  SameTarget same_target;
+  double scale_off_max = kScaleOffMax;
 };
 
 /// Whether the figures so far give reason to doubt that the poses mean what was stated.

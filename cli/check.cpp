@@ -16,6 +16,7 @@
 #include "cli/recipe/recipe_source.h"
 #include "cli/render.h"
 #include "daemon/recipe_keys.h"
+#include "daemon/slab_ends.h"
 
 namespace slabd::cli {
 namespace {
@@ -111,7 +112,8 @@ namespace {
 /// What a check came to; grows file by file, then is said once: for people, or as slabd.check/1.
 struct Check {
   std::vector<daemon::Problem> problems;
-  std::vector<Recipe> recipes;  ///< the good ones
+  std::vector<daemon::Problem> doubts;  ///< what is allowed and probably not meant
+  std::vector<Recipe> recipes;          ///< the good ones
   bool commissioning = false;
 };
 
@@ -124,6 +126,11 @@ std::string check_json(const std::vector<std::string>& files, const Check& check
   json.end_array();
   json.key("problems").begin_array();
   for (const daemon::Problem& problem : check.problems) json.value(std::string_view(problem.text));
+  json.end_array();
+  json.key("doubts").begin_array();
+  for (const daemon::Problem& doubt : check.doubts) json.value(std::string_view(doubt.text));
+  for (const daemon::AlikeRecipes& alike : daemon::alike_recipes(check.recipes))
+    json.value(daemon::text_of(alike).view());
   json.end_array();
   json.key("recipes").begin_array();
   for (const Recipe& recipe : check.recipes) {
@@ -142,8 +149,13 @@ std::string check_json(const std::vector<std::string>& files, const Check& check
 int conclude(const std::vector<std::string>& files, const Check& check, bool json) {
   const bool ok = report_problems(check.problems);
   if (json) fmt::print("{}", check_json(files, check));
+  for (const daemon::Problem& doubt : check.doubts) complain("warning: " + doubt.text);
   if (check.commissioning)
-    complain("warning: [calibration] holds commissioning values; they count until a calibration is applied");
+    complain(
+        "warning: [calibration] holds commissioning values; they count until a calibration is applied, and do "
+        "not prove that the scanner's frame is right-handed");
+  for (const daemon::AlikeRecipes& alike : daemon::alike_recipes(check.recipes))
+    complain(fmt::format("warning: {}", daemon::text_of(alike).view()));
   for (const Recipe& recipe : check.recipes) {
     if (!json)
       fmt::print("{}: good: {}, slab type {}, {} blocks, sha256 {}\n", recipe.path.view(), recipe.name.view(),
@@ -157,7 +169,7 @@ int conclude(const std::vector<std::string>& files, const Check& check, bool jso
 bool check_recipe(const std::string& file, Check& check) {
   const std::size_t before = check.problems.size();
   Recipe recipe;
-  daemon::load_recipe(file, recipe, check.problems);
+  daemon::load_recipe(file, recipe, check.problems, &check.doubts);
   if (check.problems.size() != before) return false;
   check.recipes.push_back(recipe);
   return true;
@@ -200,10 +212,11 @@ int check_config(const std::string& file, bool json) {
   Check check;
   daemon::Config config;
   daemon::load_config(file, config, check.problems);
+  check.doubts = config.doubts;
   if (check.problems.empty()) {
-    if (!json) fmt::print("{}: good\n", file);
+    if (!json) fmt::print("{}: good{}\n", file, check.doubts.empty() ? "" : ", but see the warnings");
     check.commissioning = !config.calibration.id.empty();
-    daemon::load_recipes(config.recipes_dir, check.recipes, check.problems);
+    daemon::load_recipes(config.recipes_dir, check.recipes, check.problems, nullptr, &check.doubts);
   }
   return conclude({file}, check, json);
 }

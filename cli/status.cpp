@@ -72,9 +72,8 @@ void print_slab(const json& status, const Style& style) {
     if (name(v) == word) verdict = v;
   const json& reason = status["last_slab"].value("reason", json(0));
   const std::string why = reason.is_number_unsigned() ? reason_text(reason.get<std::uint16_t>()) : "";
-  print_line("last slab",
-             fmt::format("{} {} {}{}", text_at(status, {"last_slab", "no"}), verdict_text(verdict, style), why,
-                         text_at(status, {"last_slab", "emulated"}) == "yes" ? " EMULATED" : ""));
+  print_line("last slab", fmt::format("{} {} {}{}", text_at(status, {"last_slab", "no"}), verdict_text(verdict, style),
+                                      why, text_at(status, {"last_slab", "emulated"}) == "yes" ? " EMULATED" : ""));
 }
 
 std::string time_at(const json& document, const char* key) {
@@ -93,6 +92,12 @@ void print_watch(const json& calibration, const char* key, const char* label) {
                          : passed == "no" ? " FAILED"
                                           : "",
                          time_at(watch, "due_utime_us"), text_at(watch, {"overdue"}) == "yes" ? " (OVERDUE)" : ""));
+}
+
+/// Slab types that scans tell apart by the slab's ends only, or not at all.
+void print_alike(const json& status) {
+  if (!status.contains("alike_recipes") || !status["alike_recipes"].is_array()) return;
+  for (const json& pair : status["alike_recipes"]) print_line("slab types", text_at(pair, {"text"}));
 }
 
 void print_calibration(const json& status) {
@@ -120,8 +125,8 @@ std::string after(const char* separator, const std::string& text) {
 /// What was refused on the pose link, when anything was.
 void print_pose_faults(const json& status) {
   std::string faults;
-  for (const char* key : {"other_type", "wrong_sender", "second_publisher", "not_finite", "not_unit", "out_of_reach", "repeated",
-                          "time_back", "jumps", "gaps", "lost", "stale", "wrong_frame"}) {
+  for (const char* key : {"other_type", "wrong_sender", "second_publisher", "not_finite", "not_unit", "out_of_reach",
+                          "repeated", "time_back", "jumps", "gaps", "lost", "stale", "wrong_frame"}) {
     const std::string count = text_at(status, {"links", "pose", key});
     if (count != "0" && count != "-") faults += fmt::format("{}{} {}", faults.empty() ? "" : ", ", count, key);
   }
@@ -160,6 +165,7 @@ void print_status(const json& status) {
   if (const std::string why = text_at(status, {"links", "store", "text"}); why != "-" && !why.empty())
     print_line("", why);
   print_calibration(status);
+  print_alike(status);
   if (status.contains("maintenance") && status["maintenance"].is_object())
     print_line(
         "maintenance",

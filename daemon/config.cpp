@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cassert>
+#include <cctype>
 #include <cmath>
 #include <filesystem>
 #include <vector>
@@ -16,6 +18,9 @@ namespace {
 
 constexpr double kReachMm = 20'000.0;  ///< no cell and no robot is larger
 constexpr double kArmMaxMm = 2'000.0;  ///< nor does a scanner sit further from its flange
+// Written in metres instead of mm, both are smaller; (0, 0, 0) is a place that was not entered, as on a test bench.
+constexpr double kSlabOffMinMm = 10.0;
+constexpr double kArmMinMm = 1.0;
 /// Of window and dwell together. At 250 Hz the ring holds two seconds; the rest is for a sender that is a third faster.
 constexpr double kStandstillMaxMs = 1'500.0;
 /// The ring holds this many poses whatever the sender's rate, so that the window is always filled in the end.
@@ -40,7 +45,17 @@ void read_deg(TableReader& table, std::string_view key, double& out_rad, Allowed
   if (!table.has(key)) return;  // a default keeps its bits
   double angle_deg = deg_from_rad(out_rad);
   table.optional_number(key, angle_deg, allowed_deg);
+  doubt_degrees(table, key, angle_deg, allowed_deg);
   out_rad = rad_from_deg(angle_deg);
+}
+
+/// A standard deviation in mm. What is smaller than a micrometre was probably written in metres, and U would follow it.
+void read_sigma_mm(TableReader& table, std::string_view key, double& out, Allowed allowed) {
+  constexpr double kSigmaMinMm = 0.001;
+  table.optional_number(key, out, allowed);
+  if (table.has(key) && out > 0.0 && out < kSigmaMinMm)
+    table.doubt(key,
+                fmt::format("found {}, metres? the unit is mm, allowed is {}..{}", out, allowed.low, allowed.high));
 }
 
 void read_int16(TableReader& table, std::string_view key, std::int16_t& out) {
@@ -91,9 +106,9 @@ void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, Co
   read_int16(robot, "tool_id", pose.tool_id);
   robot.optional_number("look_mm", pose.look_mm, {10.0, 300.0});
   read_s(robot, "settle_timeout_s", config.settle_timeout_ns, {0.5, 15.0});
-  robot.optional_number("repeatability_sigma_mm", config.splice.repeatability_mm, {0.0, 10.0});
+  read_sigma_mm(robot, "repeatability_sigma_mm", config.splice.repeatability_mm, {0.0, 10.0});
   read_deg(robot, "repeatability_sigma_deg", config.splice.repeatability_rad, {0.0, 1.0});
-  robot.optional_number("absolute_sigma_mm", config.splice.absolute_mm, {1e-6, 10.0});
+  read_sigma_mm(robot, "absolute_sigma_mm", config.splice.absolute_mm, {1e-6, 10.0});
   read_deg(robot, "absolute_sigma_deg", config.splice.absolute_rad, {1e-6, 1.0});
   robot.finish();
 }
@@ -112,10 +127,33 @@ void read_pose(TableReader table, const PoseSettings& pose, hal::LcmSettings& lc
   table.finish();
 }
 
+/// False, and a problem: a path of another operating system.
+bool is_path_of_this_computer(TableReader& table, std::string_view key, const std::string& path) {
+  if (!table.has(key)) return true;
+  const bool drive = path.size() >= 2 && std::isalpha(static_cast<unsigned char>(path[0])) != 0 && path[1] == ':' &&
+                     (path.size() == 2 || path[2] == '\\' || path[2] == '/');
+  if (drive || path.starts_with("\\\\")) {
+    table.problem(key, fmt::format("found \"{}\", a path of Windows; allowed is a path of this computer, such as "
+                                   "/mnt/scanner/drop: mount a share of another computer first (docs/SCANNER.md)",
+                                   path));
+    return false;
+  }
+  if (path.find('\\') != std::string::npos)
+    table.doubt(key, fmt::format("found \"{}\" with a backslash, which is part of a name here; allowed is a path whose "
+                                 "folders are separated by /",
+                                 path));
+  else if (path.starts_with("//"))
+    table.doubt(key, fmt::format("found \"{}\", which is {} on this computer and no share; allowed is a path of this "
+                                 "computer, where a share is mounted",
+                                 path, path.substr(1)));
+  return true;
+}
+
 /// A relative path starts at the configuration's own folder: the daemon's working directory is nobody's business.
 void read_path(TableReader& table, std::string_view key, const std::string& folder, std::string& out) {
   std::string path = out;
   table.optional_text(key, path, kPathMax);
+  if (!is_path_of_this_computer(table, key, path)) return;
   if (!path.starts_with('/')) path = folder + "/" + path;
   if (path.size() > kPathMax) {
     table.problem(key, fmt::format("{} has {} characters, allowed are {}", path, path.size(), kPathMax));
@@ -191,9 +229,29 @@ void read_storage(TableReader storage, const std::string& folder, storage::Store
   storage.finish();
 }
 
+double longest(const std::array<double, 7>& pose) {
+  return std::max({std::abs(pose[0]), std::abs(pose[1]), std::abs(pose[2])});
+}
+
+/// (0, 0, 0, 1) is no turn where qw comes last, and half a turn where it comes first.
+void doubt_order(TableReader& table, std::string_view key, const std::array<double, 7>& pose) {
+  if (std::abs(pose[6]) == 1.0)
+    table.doubt(
+        key,
+        "found the quaternion (0, 0, 0, 1), which is half a turn about z: written as qx, qy, qz, qw? The order is "
+        "qw, qx, qy, qz, allowed is any of unit length");
+}
+
 void read_cell(TableReader cell, Pose& T_base_slab) {
   std::array<double, 7> pose = Pose::identity().to_array();
   cell.required_pose("T_base_slab", pose, kReachMm);
+  if (const double mm = longest(pose); mm > 0.0 && mm < kSlabOffMinMm)
+    cell.doubt(
+        "T_base_slab",
+        fmt::format("found x, y, z of at most {} mm, metres? The centre of a slab hardly lies in the robot's foot; "
+                    "the unit is mm, allowed is -{}..{}",
+                    mm, kReachMm, kReachMm));
+  doubt_order(cell, "T_base_slab", pose);
   T_base_slab = Pose::from_array(pose);
   cell.finish();
 }
@@ -220,7 +278,10 @@ void read_capture(TableReader& table, CaptureGuard& guard) {
 /// applied may leave it. One of the two alone makes every slab item indeterminate.
 void read_station_sigma(TableReader& table, const char* key, const char* other, bool commissioned, double& out,
                         Allowed allowed) {
-  table.optional_number(key, out, allowed);
+  if (key == std::string_view("station_sigma_mm"))
+    read_sigma_mm(table, key, out, allowed);
+  else
+    table.optional_number(key, out, allowed);
   if (commissioned && table.has(key) && !table.has(other))
     table.problem(key, fmt::format("found without {}; allowed are both or neither", other));
 }
@@ -230,7 +291,16 @@ void read_calibration(TableReader table, const std::string& folder, Config& conf
   double sigma_mm = kNoValue;  // absent: slab-frame items will be indeterminate
   double sigma_deg = kNoValue;
   const bool commissioned = table.has("T_flange_scanner");
-  if (commissioned) table.required_pose("T_flange_scanner", pose, kArmMaxMm);
+  if (commissioned) {
+    table.required_pose("T_flange_scanner", pose, kArmMaxMm);
+    if (const double mm = longest(pose); mm > 0.0 && mm < kArmMinMm)
+      table.doubt(
+          "T_flange_scanner",
+          fmt::format("found x, y, z of at most {} mm, metres? A scanner hardly sits in the flange; the unit is mm, "
+                      "allowed is -{}..{}",
+                      mm, kArmMaxMm, kArmMaxMm));
+    doubt_order(table, "T_flange_scanner", pose);
+  }
   read_station_sigma(table, "station_sigma_mm", "station_sigma_deg", commissioned, sigma_mm, {1e-6, 10.0});
   read_station_sigma(table, "station_sigma_deg", "station_sigma_mm", commissioned, sigma_deg, {1e-6, 1.0});
   table.optional_number("station_gate_mm", config.splice.gate_mm, {0.01, 20.0});
@@ -295,6 +365,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   std::vector<Problem> ignored;
   const std::string folder = std::filesystem::absolute(path).parent_path().native();
   TableReader root(path, &tree, "", complete ? problems : ignored);
+  root.keep_doubts(&config.doubts);
   read_plc(root.table("plc"), config.plc);
   read_robot(root.table("robot"), config.robot, config.pose, config);
   read_pose(root.table("pose"), config.pose, config.robot);

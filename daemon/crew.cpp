@@ -6,6 +6,7 @@
 #include "base/pages.h"
 #include "daemon/daemon.h"
 #include "daemon/known_exposures.h"
+#include "daemon/slab_ends.h"
 
 namespace slabd::daemon {
 namespace {
@@ -50,6 +51,7 @@ class ThreadCrew final : public Crew {
  private:
   BlockMeasured measure(const MeasureBlock& job);
   void compare_exposure(const MeasureBlock& job, BlockMeasured& done);
+  void look_at_slab_ends(const MeasureBlock& job, const algo::Cloud& cloud, BlockMeasured& done);
   Result<ScanShape> reload(const MeasureBlock& job);
 
   std::span<const Recipe> recipes_;
@@ -57,6 +59,8 @@ class ThreadCrew final : public Crew {
   const hal::Clock& clock_;
   bool simulation_;
   KnownExposures exposures_;  ///< the measuring thread's own
+  SlabEnds slab_ends_;        ///< likewise
+  bool blind_ends_said_ = false;
   algo::BlockInspector inspector_;
   const Recipe* inspector_recipe_ = nullptr;
   Pages scan_memory_;  ///< of the slots
@@ -108,6 +112,7 @@ BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
   if (recipe != inspector_recipe_) {
     inspector_.use(*recipe);
     inspector_recipe_ = recipe;
+    slab_ends_.use(recipes_, *recipe);
   }
   algo::Cloud cloud{slots_[job.slot], shape.points, shape.width, shape.height};
   const Status status =
@@ -122,6 +127,7 @@ BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
     say_line(line);
     return done;
   }
+  if (slab_ends_.is_needed()) look_at_slab_ends(job, cloud, done);
   if (const auto warning = step_warning(done.block.scan); !warning.empty()) {
     LogLine line{LogLine::Level::warning, 0, {}};
     line.text.printf("station %u: %s", job.station, warning.c_str());
@@ -162,6 +168,31 @@ void ThreadCrew::compare_exposure(const MeasureBlock& job, BlockMeasured& done) 
   done.refused_text = text;
   done.block.verdict = Verdict::not_measured;
   done.block.reason = static_cast<std::uint16_t>(Code::frame_incomplete);
+}
+
+/// Refuses the scan when this slab's scans show the end of another slab type.
+void ThreadCrew::look_at_slab_ends(const MeasureBlock& job, const algo::Cloud& cloud, BlockMeasured& done) {
+  if (done.refused != Code::ok) return;
+  const Recipe& recipe = *inspector_recipe_;
+  const TopView view =
+      look_at_top(cloud.xyz.first(3 * cloud.points), done.block.registration.T_scanner_block.inverse(), recipe.block);
+  const SlabEnds::Finding finding = slab_ends_.note(job.slab_key, job.station, view);
+  if (finding.other != nullptr) {
+    done.refused = Code::unknown_type;
+    done.refused_text = text_of(finding, recipe);
+    done.block.verdict = Verdict::not_measured;
+    done.block.reason = static_cast<std::uint16_t>(Code::unknown_type);
+    return;
+  }
+  const double blind_mm = slab_ends_.blind_reach_mm();
+  if (blind_ends_said_ || !has_value(blind_mm)) return;
+  blind_ends_said_ = true;
+  LogLine line{LogLine::Level::warning, 0, {}};
+  line.text.printf(
+      "the scans of this slab reach %.0f mm from its outermost blocks and do not show where it ends: slab types that "
+      "differ only there are not told apart",
+      blind_mm);
+  say_line(line);
 }
 
 std::optional<std::uint32_t> ThreadCrew::points_crc32c(const AcquiredScan& scan) {

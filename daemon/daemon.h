@@ -21,8 +21,14 @@ namespace slabd::daemon {
 
 // ---- configuration (slabd.toml) ----------------------------------------------------------------------------------
 
+/// A fault in a file, for people: "file:line:column: key: what, allowed range".
+struct Problem {
+  std::string text;
+};
+
 struct Config {
   std::string path;
+  std::vector<Problem> doubts;  ///< values that are allowed and probably not meant: another unit, another order
   hal::PlcSettings plc;
   hal::LcmSettings robot;
   PoseSettings pose;
@@ -48,11 +54,6 @@ struct Config {
   bool simulation = false;  ///< [line] simulation: shown to the PLC as STATUS bit 11
 };
 
-/// A fault in a file, for people: "file:line:column: key: what, allowed range".
-struct Problem {
-  std::string text;
-};
-
 /// Least number of single-letter insertions, deletions and replacements that turn one word into the other.
 [[nodiscard]] std::size_t edit_distance(std::string_view a, std::string_view b);
 
@@ -63,17 +64,20 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
 
 // ---- recipes (recipes/*.toml) --------------------------------------------------------------------------------------
 
-/// Reads and checks one recipe; `recipe` is complete only when `problems` stays empty.
-void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& problems);
+/// Reads and checks one recipe; `recipe` is complete only when `problems` stays empty. `doubts` (may be null): values
+/// that are allowed and probably not meant.
+void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& problems,
+                 std::vector<Problem>* doubts = nullptr);
 
 /// The same from a file's bytes, such as storage has kept; `path` is its name in messages and the recipe's path.
-void parse_recipe(const std::string& path, const std::string& bytes, Recipe& recipe, std::vector<Problem>& problems);
+void parse_recipe(const std::string& path, const std::string& bytes, Recipe& recipe, std::vector<Problem>& problems,
+                  std::vector<Problem>* doubts = nullptr);
 
 /// All *.toml of a folder, sorted by name, but not hidden ones; faulty ones are left out and reported. Of two files for
 /// one slab_type, one of them faulty or not, neither is used; and none at all beside a file whose slab_type cannot be
 /// told. No recipe is a problem too. `texts` (may be null): their files, in the same order.
 void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems,
-                  std::vector<storage::RecipeText>* texts = nullptr);
+                  std::vector<storage::RecipeText>* texts = nullptr, std::vector<Problem>* doubts = nullptr);
 
 /// The bytes of all recipe files of a folder, by path; one that cannot be read is reported and left out.
 [[nodiscard]] std::map<std::string, std::string> recipe_files(const std::string& dir, std::vector<Problem>& problems);

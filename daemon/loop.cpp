@@ -21,6 +21,7 @@
 #include "daemon/judge.h"
 #include "daemon/log_outlet.h"
 #include "daemon/seal.h"
+#include "daemon/slab_ends.h"
 #include "hal/journal.h"
 
 namespace slabd::daemon {
@@ -361,6 +362,11 @@ void Loop::take_up_recipes() {
   line.level = LogLine::Level::info;
   line.text.printf("%zu recipes were taken up; the next slab begins with them", next->recipes.size());
   say(line);
+  line.level = LogLine::Level::warning;
+  for (const AlikeRecipes& alike : alike_recipes(next->recipes)) {
+    line.text = text_of(alike);
+    say(line);
+  }
 }
 
 void Loop::take_poses() {

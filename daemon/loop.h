@@ -40,8 +40,8 @@ struct LoopFigures {
   double block_max_ms = 0.0;
   double commit_last_ms = 0.0;
   double commit_max_ms = 0.0;
-  std::uint64_t poses_stale = 0;        ///< times that the newest pose became too old
-  std::uint64_t poses_wrong_frame = 0;  ///< times that another base or tool became active
+  std::uint64_t poses_stale = 0;                    ///< times that the newest pose became too old
+  std::uint64_t poses_wrong_frame = 0;              ///< times that another base or tool became active
   FixedString<limits::kErrorTextBytes> store_text;  ///< why the database could not be written; empty: it could
   hal::PlcRole plc_role = hal::PlcRole::server;
   hal::WordOrder plc_word_order = hal::WordOrder::abcd;

@@ -19,6 +19,7 @@
 #include "daemon/loop.h"
 #include "daemon/opening.h"
 #include "daemon/seal.h"
+#include "daemon/slab_ends.h"
 
 namespace slabd::daemon {
 namespace {
@@ -78,10 +79,16 @@ FixedString<limits::kErrorTextBytes> plc_place(const hal::PlcSettings& plc) {
   return place;
 }
 
+/// Said once, at the start and by --check: what is allowed and probably not meant.
+void print_doubts(const std::vector<Problem>& doubts) {
+  for (const Problem& doubt : doubts) put_log("warning: " + doubt.text + "\n");
+}
+
 int check(const Config& config, const std::vector<Problem>& config_problems, const std::vector<Recipe>& recipes,
           const std::vector<Problem>& recipe_problems) {
   print(config_problems);
   print(recipe_problems);
+  print_doubts(config.doubts);
   if (!config_problems.empty()) return kExitBadInput;
   // Whoever checks a file before it is installed learns that the file is not to blame.
   std::printf("%s: ok%s\n", config.path.c_str(),
@@ -90,10 +97,13 @@ int check(const Config& config, const std::vector<Problem>& config_problems, con
   for (const Recipe& recipe : recipes)
     std::printf("recipe %s: slab type %u, %u blocks, %d nominals and tolerances unconfirmed\n", recipe.name.c_str(),
                 recipe.slab_type, recipe.stations(), unconfirmed_count(recipe));
+  for (const AlikeRecipes& alike : alike_recipes(recipes)) std::printf("warning: %s\n", text_of(alike).c_str());
   std::printf("calibration %s\n",
               config.calibration.id.empty()
                   ? "none in the configuration: slabs wait for one to be applied"
-                  : (std::string(config.calibration.id.view()) + " (commissioning values)").c_str());
+                  : (std::string(config.calibration.id.view()) + " (commissioning values: the handedness of the "
+                                                                 "scanner's frame is not proven)")
+                        .c_str());
   std::printf("PLC: %s\n", plc_place(config.plc).c_str());
   std::printf("inspection memory %.0f MB\n", static_cast<double>(limits::kInspectionBytes) / 1e6);
   return 0;
@@ -120,6 +130,7 @@ StationSettings station_settings(const Config& config, const std::vector<Recipe>
       say_text("warning: recipe %s: verdicts depend on %d nominals and tolerances nobody has confirmed\n",
                recipe.name.c_str(), count);
     }
+  for (const AlikeRecipes& alike : alike_recipes(recipes)) say_text("warning: %s\n", text_of(alike).c_str());
   return settings;
 }
 
@@ -188,6 +199,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   start_log_outlet();
   print(config_problems);
   print(recipe_problems);
+  print_doubts(config.doubts);
 
   // As a server the port is taken. As a client or on a serial line a second slabd would write over what the first one
   // shows the PLC, and take its scans.
@@ -352,7 +364,7 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
     std::vector<slabd::Recipe> recipes;
     std::vector<Problem> recipe_problems;
     if (config_problems.empty())
-      load_recipes(config.recipes_dir, recipes, recipe_problems, &config.storage.recipe_texts);
+      load_recipes(config.recipes_dir, recipes, recipe_problems, &config.storage.recipe_texts, &config.doubts);
     if (check_only) return check(config, config_problems, recipes, recipe_problems);
     const int status = run(config, config_problems, recipes, recipe_problems, headroom_mb * 1'000'000);
     (void)flush_log(kFlushMs);

@@ -1,13 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <array>
 #include <cassert>
 #include <thread>
 
+#include "base/scan_place.h"
 #include "daemon/commit.h"
 #include "daemon/daemon.h"
 #include "daemon/judge.h"
 
 namespace slabd::daemon {
+namespace {
+
+/// A block that was not found is perhaps there in another unit or frame. `place` is that of the scan as it was read.
+Error named_cause(const Error& why, const ScanPlace& place, const Pose& T_base_block, const Pose& T_base_scanner) {
+  if (why.code != Code::block_not_found && why.code != Code::too_few_points && why.code != Code::fit_failed) return why;
+  ExpectedPlace expected;
+  expected.scanner_mm = (T_base_scanner.inverse() * T_base_block).translation_mm;
+  expected.base_mm = T_base_block.translation_mm;
+  // Offline there is no robot, and the block's frame takes the place of its base.
+  if (expected.base_mm.norm() == 0.0) expected.base_name = "block's";
+  const ScanDoubt doubt = doubt_scan(place, expected);
+  if (doubt.empty()) return why;
+  return error(why.code, "%s; %s", why.text.c_str(), doubt.c_str());
+}
+
+}  // namespace
 
 Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station, const Pose& T_base_block,
                      const Pose& T_base_scanner, algo::Cloud cloud, const ScanShape& read, double read_ms,
@@ -23,6 +41,7 @@ Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, i
     return lap;
   };
 
+  const ScanPlace place = scan_place(cloud.xyz.first(std::min(3 * cloud.points, cloud.xyz.size())));
   Status status = inspector.denoise(cloud);
   times.denoise_ms = lap_ms();
   if (status.ok()) {
@@ -38,6 +57,7 @@ Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, i
   result.scan.points_read = read.points;
   result.scan.points_finite = read.finite;
   result.times = times;
+  if (!status.ok()) return named_cause(status.error(), place, T_base_block, T_base_scanner);
   return status;
 }
 

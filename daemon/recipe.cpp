@@ -47,6 +47,7 @@ void read_nominal(TableReader& table, std::string_view key, Nominal& out, Allowe
 void read_nominal_deg(TableReader& table, std::string_view key, Nominal& out_rad, Allowed allowed_deg) {
   Nominal angle_deg;
   read_nominal(table, key, angle_deg, allowed_deg);
+  doubt_degrees(table, key, angle_deg.value, allowed_deg);
   out_rad = {rad_from_deg(angle_deg.value), angle_deg.confirmed};
 }
 
@@ -101,6 +102,7 @@ void read_evaluation(TableReader table, EvaluationSettings& out) {
   table.required_number("window_mm", out.window_mm, {1.0, 200.0});
   double window_deg = kNoValue;
   table.required_number("window_deg", window_deg, {0.1, 30.0});
+  doubt_degrees(table, "window_deg", window_deg, {0.1, 30.0});
   out.window_rad = rad_from_deg(window_deg);
   table.finish();
 }
@@ -292,14 +294,14 @@ std::optional<std::uint16_t> slab_type_in(std::string_view text) {
   return {};
 }
 
-RecipeFile read_recipe_file(const std::string& path, std::vector<Problem>& problems) {
+RecipeFile read_recipe_file(const std::string& path, std::vector<Problem>& problems, std::vector<Problem>* doubts) {
   RecipeFile file;
   file.path = path;
   const std::size_t problems_before = problems.size();
   std::optional<std::string> bytes = read_text_file(path, problems);
   if (!bytes) return file;
   file.bytes = std::move(*bytes);
-  parse_recipe(path, file.bytes, file.recipe, problems);
+  parse_recipe(path, file.bytes, file.recipe, problems, doubts);
   file.is_good = problems.size() == problems_before;
   file.slab_type = file.is_good ? std::optional(file.recipe.slab_type) : slab_type_in(file.bytes);
   return file;
@@ -307,7 +309,8 @@ RecipeFile read_recipe_file(const std::string& path, std::vector<Problem>& probl
 
 }  // namespace
 
-void parse_recipe(const std::string& path, const std::string& bytes, Recipe& recipe, std::vector<Problem>& problems) {
+void parse_recipe(const std::string& path, const std::string& bytes, Recipe& recipe, std::vector<Problem>& problems,
+                  std::vector<Problem>* doubts) {
   recipe = Recipe{};
   recipe.path.assign(path);
   const std::size_t problems_before = problems.size();
@@ -326,6 +329,7 @@ void parse_recipe(const std::string& path, const std::string& bytes, Recipe& rec
   if (!parse_toml(path, bytes, tree, problems)) return;
 
   TableReader root(path, &tree, "", problems);
+  root.keep_doubts(doubts);
   read_head(root, recipe);
   read_slab(root.table("slab"), recipe.slab);
   read_block(root.table("block"), recipe.block);
@@ -337,11 +341,12 @@ void parse_recipe(const std::string& path, const std::string& bytes, Recipe& rec
   root.finish();
 }
 
-void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& problems) {
+void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& problems,
+                 std::vector<Problem>* doubts) {
   recipe = Recipe{};
   recipe.path.assign(path);
   if (const std::optional<std::string> bytes = read_text_file(path, problems))
-    parse_recipe(path, *bytes, recipe, problems);
+    parse_recipe(path, *bytes, recipe, problems, doubts);
 }
 
 std::map<std::string, std::string> recipe_files(const std::string& dir, std::vector<Problem>& problems) {
@@ -357,7 +362,7 @@ std::map<std::string, std::string> recipe_files(const std::string& dir, std::vec
 }
 
 void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems,
-                  std::vector<storage::RecipeText>* texts) {
+                  std::vector<storage::RecipeText>* texts, std::vector<Problem>* doubts) {
   recipes.clear();
   if (texts != nullptr) texts->clear();
   std::vector<std::string> paths;
@@ -375,7 +380,7 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
 
   std::vector<RecipeFile> files;
   files.reserve(paths.size());
-  for (const std::string& path : paths) files.push_back(read_recipe_file(path, problems));
+  for (const std::string& path : paths) files.push_back(read_recipe_file(path, problems, doubts));
   // Of two files one may be what the other was before somebody corrected it: a guess could let bad slabs pass.
   std::map<std::uint16_t, std::string> path_of_type;
   bool any_type_unknown = false;

@@ -107,7 +107,7 @@ inline constexpr std::uint32_t kNoJobTicket = 0;  ///< of no job: what the stora
 struct StoreDone {
   std::uint32_t ticket = kNoJobTicket;
   Code code = Code::ok;
-  double commit_ms = 0.0;  ///< how long it took, for the status
+  double commit_ms = 0.0;                       ///< how long it took, for the status
   FixedString<limits::kErrorTextBytes> text{};  ///< why not, for the status
 };
 /// Another calibration is in force in the database, or a check was added. An open slab goes on with its own.

@@ -30,6 +30,14 @@ double distance_to_block_mm(const Station& s, std::uint8_t station, const Pose& 
   return (T_base_flange.translation_mm - T_base_block.translation_mm).norm();
 }
 
+/// A mirrored cloud looks like a good one, block by block. Only robot poses and target views of a solved hand-eye
+/// calibration contradict it, and only such a calibration can be applied. The open slab counts by the values it began
+/// with.
+bool handedness_unproven(const Station& s) {
+  const auto unproven = [](const LineCalibration& c) { return c.source == LineCalibration::Source::commissioning; };
+  return unproven(s.calibration) || (s.slab.phase != SlabPhase::none && unproven(s.slab.calibration));
+}
+
 bool is_uncorrected(SpliceSource source) {
   return source == SpliceSource::not_mastered || source == SpliceSource::stale || source == SpliceSource::expired ||
          source == SpliceSource::outside_gate;
@@ -44,6 +52,11 @@ void recover_calibration(Station& s, const RecoveredLine& line, Actions& actions
     log(actions, LogLine::Level::error, Code::calibration_missing, "%s", line.calibration.trouble.c_str());
   if (!line.calibration.scanner.trouble.empty())
     log(actions, LogLine::Level::warning, Code::ok, "%s", line.calibration.scanner.trouble.c_str());
+  if (s.calibration.source == LineCalibration::Source::commissioning)
+    log(actions, LogLine::Level::warning, Code::ok,
+        "%s are commissioning values: nothing proves that the scanner's frame is right-handed, and mirrored scans "
+        "would not be noticed; apply a calibration (slabctl calibrate new)",
+        s.calibration.id.c_str());
   if (!line.slab_open) return;
   s.slab.calibration = line.slab_calibration;
   if (!line.slab_calibration.scanner.trouble.empty())
@@ -148,6 +161,7 @@ std::uint16_t calibration_warnings(const Station& s) {
   // checked.
   if (!s.recovered || s.settings.fault != Code::ok) return warn;
   if (s.calibration.source == LineCalibration::Source::commissioning) warn |= kWarnCommissioningCalibration;
+  if (handedness_unproven(s)) warn |= kWarnHandednessUnproven;
   const std::int64_t now = expiry_utime_us(s);
   if (overdue(s.calibration.block, s.settings.check_interval_us, now) ||
       overdue(s.calibration.ball, s.settings.check_interval_us, now))

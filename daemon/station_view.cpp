@@ -90,10 +90,9 @@ PlcOutputs plc_view(const Station& s) {
   out.fault = static_cast<std::uint16_t>(fault);
   const bool waiting = s.results.queue.size() > limits::kStationsMax;
   out.simulation = emulation_shown(s) != 0;
-  out.warn = static_cast<std::uint16_t>(s.warn | s.settings.warn | calibration_warnings(s) |
-                                        (waiting ? +kWarnResultsWaiting : 0) |
-                                        (s.links.recipes_differ ? +kWarnRecipesDiffer : 0) |
-                                        (out.simulation ? +kWarnEmulation : 0));
+  out.warn = static_cast<std::uint16_t>(
+      s.warn | s.settings.warn | calibration_warnings(s) | (waiting ? +kWarnResultsWaiting : 0) |
+      (s.links.recipes_differ ? +kWarnRecipesDiffer : 0) | (out.simulation ? +kWarnEmulation : 0));
   const bool shooting = in_maintenance(s) && s.capture.phase != Capture::Phase::ready;
   out.busy = s.desk.pending || shooting || s.acquisition.phase != Acquisition::Phase::none ||
              s.slab.phase == SlabPhase::ending || s.slab.phase == SlabPhase::storing_end;

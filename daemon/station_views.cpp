@@ -305,7 +305,8 @@ FixedString<limits::kErrorTextBytes> text_of(const ViewFinding& finding, int sta
 }
 
 static_assert(kStopsDifferMm >= kSeatOffMm + kSigmas * kSeatSigmaMm - 1e-9, "a seat out of place is not another stop");
-static_assert(kStopsDifferRad >= kSeatOffRad + kSigmas * kSeatSigmaRad - 1e-9, "a seat that is turned is not another stop");
+static_assert(kStopsDifferRad >= kSeatOffRad + kSigmas * kSeatSigmaRad - 1e-9,
+              "a seat that is turned is not another stop");
 
 bool stops_differ(const View& a, const View& b) {
   const Off off = between(nominal_view(a), nominal_view(b));

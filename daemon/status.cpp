@@ -12,6 +12,7 @@
 
 #include "daemon/log_outlet.h"
 #include "daemon/loop.h"
+#include "daemon/slab_ends.h"
 #include "daemon/station_parts.h"
 #include "hal/plc_map.h"
 
@@ -140,6 +141,17 @@ Json in_force(const Station& station) {
   return j;
 }
 
+/// Slab types that scans tell apart by the slab's ends only, or not at all.
+Json alike(std::span<const Recipe> recipes) {
+  Json list = Json::array();
+  for (const AlikeRecipes& pair : alike_recipes(recipes))
+    list.push_back({{"a", pair.a->name.view()},
+                    {"b", pair.b->name.view()},
+                    {"ends_differ", pair.ends_differ},
+                    {"text", text_of(pair).view()}});
+  return list;
+}
+
 Json emulation(std::uint8_t bits) {
   Json list = Json::array();
   for (std::size_t i = 0; i < kEmulationNames.size(); ++i)
@@ -250,6 +262,7 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
     for (Json& text : j["warn"])
       if (text == kRecipesDifferText) text = ports.recipes->words().view();
   j["warn_bits"] = view.warn;
+  j["alike_recipes"] = alike(station.settings.recipes);
   j["emulated"] = view.simulation;
   j["emulation"] = emulation(emulation_shown(station));
   j["calibration"] = in_force(station);
@@ -276,10 +289,10 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
   j["links"]["pose"] = pose_link(ports.pose, view.pose_ok, pose, station, figures);
   j["links"]["scanner"] = {
       {"online", view.scanner_ok}, {"strays", station.links.stray_files}, {"text", ports.scanner.trouble().view()}};
-  j["links"]["store"] = {
-      {"ok", view.store_ok},
-      {"text", view.store_ok ? "" : figures.store_text.c_str()},
-      {"commit_last_ms", figures.commit_last_ms}, {"commit_max_ms", figures.commit_max_ms}};
+  j["links"]["store"] = {{"ok", view.store_ok},
+                         {"text", view.store_ok ? "" : figures.store_text.c_str()},
+                         {"commit_last_ms", figures.commit_last_ms},
+                         {"commit_max_ms", figures.commit_max_ms}};
   j["results_pending"] = view.results_pending;
   j["refused"] = {{"count", view.refused}, {"code", view.refuse_code}, {"seq", view.refuse_seq}};
   j["last_slab"] = station.results.slab_no == 0 && station.results.slab_verdict == Verdict::none

@@ -255,6 +255,15 @@ std::string found(const TomlValue& value) {
   return "something else";
 }
 
+void doubt_degrees(TableReader& table, std::string_view key, double angle_deg, Allowed allowed_deg) {
+  constexpr double kRound = 1e-3;
+  const double as_rad = deg_from_rad(angle_deg);
+  const double whole = 0.5 * std::round(2.0 * as_rad);
+  if (!(whole >= 0.5) || !(std::abs(as_rad - whole) <= kRound * whole) || !(whole <= allowed_deg.high)) return;
+  table.doubt(key, fmt::format("found {}, which is {} deg in radians; the unit is degrees, allowed is {}..{}",
+                               angle_deg, whole, allowed_deg.low, allowed_deg.high));
+}
+
 std::optional<double> as_number(const TomlValue& value) {
   if (value.kind == TomlValue::Kind::integer) return static_cast<double>(value.integer);
   if (value.kind == TomlValue::Kind::real) return value.real;
@@ -386,6 +395,7 @@ TableReader TableReader::table(std::string_view key) {
     v = nullptr;
   }
   TableReader reader(file_, v, path_of(key), problems_);
+  reader.doubts_ = doubts_;
   if (v == nullptr) {
     reader.line_ = line_;
     reader.column_ = column_;
@@ -397,8 +407,19 @@ std::string TableReader::path_of(std::string_view key) const {
   return name_.empty() ? std::string(key) : fmt::format("{}.{}", name_, key);
 }
 
+Problem TableReader::placed(std::uint32_t line, std::uint32_t column, std::string_view key,
+                            const std::string& what) const {
+  return {fmt::format("{}:{}:{}: {}: {}", file_, line, column, visible(path_of(key)), visible(what))};
+}
+
 void TableReader::report(std::uint32_t line, std::uint32_t column, std::string_view key, const std::string& what) {
-  problems_.push_back({fmt::format("{}:{}:{}: {}: {}", file_, line, column, visible(path_of(key)), visible(what))});
+  problems_.push_back(placed(line, column, key, what));
+}
+
+void TableReader::doubt(std::string_view key, const std::string& what) {
+  const TomlValue* v = value(key);
+  if (doubts_ == nullptr) return;
+  doubts_->push_back(placed(v == nullptr ? line_ : v->line, v == nullptr ? column_ : v->column, key, what));
 }
 
 void TableReader::problem(std::string_view key, const std::string& what) {

@@ -99,6 +99,11 @@ class TableReader {
   void problem_at(const TomlValue& at, std::string_view key, const std::string& what);
   void missing(std::string_view key, const std::string& expected);
 
+  /// Where doubts go, those of tables inside this one too; without it they are dropped.
+  void keep_doubts(std::vector<Problem>* doubts) { doubts_ = doubts; }
+  /// The same as `problem` for a value that may be right: it does not make the file unusable.
+  void doubt(std::string_view key, const std::string& what);
+
   /// Reports the keys that were never asked for.
   void finish();
   [[nodiscard]] bool present() const { return table_ != nullptr; }
@@ -106,11 +111,14 @@ class TableReader {
  private:
   [[nodiscard]] std::string path_of(std::string_view key) const;
   void report(std::uint32_t line, std::uint32_t column, std::string_view key, const std::string& what);
+  [[nodiscard]] Problem placed(std::uint32_t line, std::uint32_t column, std::string_view key,
+                               const std::string& what) const;
 
   const std::string& file_;
   const TomlValue* table_;
   std::string name_;
   std::vector<Problem>& problems_;
+  std::vector<Problem>* doubts_ = nullptr;
   std::set<std::string, std::less<>> known_;
   std::uint32_t line_ = 1;
   std::uint32_t column_ = 1;
@@ -118,6 +126,8 @@ class TableReader {
 
 /// 300, 20.0, "abc", a list of 3: what was found, for messages, as it stands in the file.
 [[nodiscard]] std::string found(const TomlValue& value);
+/// A doubt of an angle in degrees that is a round number of degrees as radians: 0.17453 is 10 deg.
+void doubt_degrees(TableReader& table, std::string_view key, double angle_deg, Allowed allowed_deg);
 /// A number written as integer or real.
 [[nodiscard]] std::optional<double> as_number(const TomlValue& value);
 

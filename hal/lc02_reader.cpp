@@ -14,7 +14,13 @@
 namespace slabd::hal {
 namespace {
 
-enum Flag : std::uint32_t { kMeasured = 1U << 0U, kStopped = 1U << 1U, kRunning = 1U << 2U, kEstop = 1U << 3U, kEmulated = 1U << 4U };
+enum Flag : std::uint32_t {
+  kMeasured = 1U << 0U,
+  kStopped = 1U << 1U,
+  kRunning = 1U << 2U,
+  kEstop = 1U << 3U,
+  kEmulated = 1U << 4U
+};
 
 std::uint32_t big_endian_u32(const std::byte* at) {
   std::uint32_t value = 0;

@@ -33,8 +33,8 @@ static_assert(kLc02HeaderBytes + kLcmChannelMax + 1 + kPosePayloadBytes < limits
 
 /// What came on the right channel and is not a message of the configured type.
 using OtherTypeText = FixedString<192>;
-/// "a message of type bot_core.rigid_transform_t on FLANGE_POSE, where [pose] type = ..."; empty for a datagram of another
-/// channel, for one that is not LCM's, and for a message of the right type and length.
+/// "a message of type bot_core.rigid_transform_t on FLANGE_POSE, where [pose] type = ..."; empty for a datagram of
+/// another channel, for one that is not LCM's, and for a message of the right type and length.
 [[nodiscard]] OtherTypeText other_type_on(std::span<const std::byte> datagram, std::string_view channel, PoseType type);
 
 /// A quaternion this far from unit length is a fault of the sender, not rounding.

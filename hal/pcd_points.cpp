@@ -224,8 +224,14 @@ Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> 
   PcdBody<Real> body(window, layout, unit, xyz, team);
   if (Status status = body.read(); !status) return status.error();
   const Settled& settled = body.settled();
-  return ScanShape{layout.points, settled.finite, layout.width, layout.height, layout.data == PcdData::binary,
-                   settled.zeros, layout.emulation.emulated, layout.emulation.block};
+  return ScanShape{layout.points,
+                   settled.finite,
+                   layout.width,
+                   layout.height,
+                   layout.data == PcdData::binary,
+                   settled.zeros,
+                   layout.emulation.emulated,
+                   layout.emulation.block};
 }
 
 template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<float>, Team&);

@@ -256,8 +256,9 @@ Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> 
   const Status status = layout.encoding == PlyEncoding::ascii ? body.read_ascii() : body.read_binary();
   if (!status) return status.error();
   const Settled& settled = body.settled();
-  return ScanShape{layout.vertices, settled.finite, layout.width, layout.height, layout.bytes_exact, settled.zeros,
-                   layout.emulation.emulated, layout.emulation.block};
+  return ScanShape{
+      layout.vertices,           settled.finite,        layout.width, layout.height, layout.bytes_exact, settled.zeros,
+      layout.emulation.emulated, layout.emulation.block};
 }
 
 template Result<ScanShape> read_ply(ScanWindow&, LengthUnit, std::span<float>, Team&);

@@ -33,7 +33,8 @@ struct ScanStreamHeader {
   /// The same scan, whatever point it goes on from.
   [[nodiscard]] bool same_scan(const ScanStreamHeader& other) const {
     return session == other.session && cmd_seq == other.cmd_seq && width == other.width && height == other.height &&
-           count == other.count && unit == other.unit && utime_us == other.utime_us && points_crc == other.points_crc && emulated == other.emulated;
+           count == other.count && unit == other.unit && utime_us == other.utime_us && points_crc == other.points_crc &&
+           emulated == other.emulated;
   }
 };
 

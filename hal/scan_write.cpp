@@ -106,8 +106,8 @@ FixedString<320> pcd_header(const char* data, const Shape& shape) {
   header.printf(
       "# .PCD v0.7 - Point Cloud Data file format\n%sVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
       "WIDTH %zu\nHEIGHT %zu\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS %zu\nDATA %s\n",
-      emulated.c_str(), shape.width != 0 ? shape.width : shape.points, shape.width != 0 ? shape.height : std::size_t{1}, shape.points,
-      data);
+      emulated.c_str(), shape.width != 0 ? shape.width : shape.points, shape.width != 0 ? shape.height : std::size_t{1},
+      shape.points, data);
   return header;
 }
 

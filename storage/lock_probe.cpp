@@ -16,7 +16,8 @@
 namespace slabd::storage {
 namespace {
 
-/// Of the database file: PENDING, RESERVED, and the range of SHARED. A reader holds a shared lock, and keeps nobody out.
+/// Of the database file: PENDING, RESERVED, and the range of SHARED. A reader holds a shared lock, and keeps nobody
+/// out.
 constexpr std::int64_t kPendingByte = 0x40000000;
 constexpr std::int64_t kReservedByte = kPendingByte + 1;
 /// Of the index of the log: WAL_WRITE_LOCK.

@@ -129,7 +129,8 @@ namespace {
 /// The table `chosen` of slabs whose values count; ?1 .. ?4 are the filter's.
 std::string chosen_slabs(const ItemFilter& filter) {
   std::string sql =
-      "WITH chosen AS (SELECT slab_key, slab_id, began_utime_us, slab_type, stations, emulated FROM slab CROSS JOIN slab_result "
+      "WITH chosen AS (SELECT slab_key, slab_id, began_utime_us, slab_type, stations, emulated FROM slab CROSS JOIN "
+      "slab_result "
       "USING (slab_key) WHERE slab_result.verdict <> 'aborted' AND began_utime_us >= ?2 AND began_utime_us < ?3";
   if (filter.slab_type != 0) sql += " AND slab_type = ?4";
   return sql + " ORDER BY slab_key DESC LIMIT ?1) ";

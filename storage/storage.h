@@ -228,7 +228,7 @@ struct ItemValue {
   std::uint16_t slab_type = 0;
   SlabId slab_id;
   std::int64_t began_utime_us = 0;
-  Item item;  ///< budget and companion are not read
+  Item item;                  ///< budget and companion are not read
   std::uint8_t emulated = 0;  ///< emulation bits of its slab
 };
 

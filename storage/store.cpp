@@ -465,11 +465,11 @@ class SqliteStore final : public Store {
   /// Another program has a transaction open.
   [[nodiscard]] Error locked_out(const char* what) {
     const std::string holder = lock_probe_.holder(settings_.db_path);
-    return error(Code::journal_write,
-                 "%s: %s not written: the database is locked by %s; end that program, or its transaction, then reset the "
-                 "fault",
-                 settings_.db_path.c_str(), what,
-                 holder.empty() ? "another program, which has just let it go" : holder.c_str());
+    return error(
+        Code::journal_write,
+        "%s: %s not written: the database is locked by %s; end that program, or its transaction, then reset the "
+        "fault",
+        settings_.db_path.c_str(), what, holder.empty() ? "another program, which has just let it go" : holder.c_str());
   }
 
   /// Nobody knows what of the log is on the disk, so closing must not move it into the database.

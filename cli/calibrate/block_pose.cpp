@@ -78,16 +78,20 @@ class BlockFinder {
     const ScanShape& shape = read.value();
     const algo::Cloud cloud{xyz_, shape.points, shape.width, shape.height};
     // Items that cannot be measured from such a side are no fault here: the registration is what counts.
-    static_cast<void>(
-        daemon::measure_block(inspector_, *clock_, 1, Pose::identity(), T_block_scanner, cloud, shape, 0.0));
+    const Status measured =
+        daemon::measure_block(inspector_, *clock_, 1, Pose::identity(), T_block_scanner, cloud, shape, 0.0);
+    why_not_ = measured.ok() ? "" : std::string(measured.error().text.view());
     return inspector_.result().registration;
   }
+  /// Why the block was not found, in words; with what the scan's size and place say of its unit and frame.
+  [[nodiscard]] const std::string& why_not() const { return why_not_; }
 
  private:
   Pages memory_;
   std::span<float> xyz_;
   std::unique_ptr<hal::Clock> clock_;
   algo::BlockInspector inspector_;
+  std::string why_not_;
 };
 
 /// What the views so far say of the scanner and the block; nothing before there are enough.
@@ -150,8 +154,7 @@ int run_block(const Options& options) {
       fmt::print("{}: {}\n", options.scans[i],
                  ok ? fmt::format("found; {:.0f} % of the points belong to the block, noise {:.3f} mm",
                                   100.0 * r.share_associated, r.noise_mm)
-                    : fmt::format("REFUSED: the block was not found ({}{}{})", name(r.status),
-                                  r.note.empty() ? "" : ": ", r.note.view()));
+                    : fmt::format("REFUSED: the block was not found ({})", finder.why_not()));
     if (!ok) continue;
     calib::View& view = views.emplace_back();
     view.T_base_flange = T_base_flange;

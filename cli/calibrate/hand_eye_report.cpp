@@ -74,6 +74,8 @@ std::string figures(ArtefactKind kind, const HandEye& r) {
   if (!pose)
     add("ball spread in view", axes(r.ball_spread_axes_mm, 0), "mm",
         "principal standard deviations; two must reach 25");
+  add("scale (lambda)", fmt::format("{} +- {}", number(r.scale, 5), number(r.scale_sigma, 5)), "",
+      "1 sigma; by it the scanner's lengths would agree with the robot's; a diagnosis, never applied");
   add("rejected views", rejected_views(r), "", "do not fit the others, left out of everything above");
   if (!r.views.empty())
     add("worst view kept", fmt::format("{}", r.views[r.worst_view].number), "",
@@ -203,6 +205,7 @@ void write_hand_eye(Json& json, ArtefactKind kind, const HandEye& r, const calib
   write_spread(json, "leave_one_out_deg", r.leave_one_out_deg);
   json.field("s0", r.s0).field("s0_position", r.s0_position).field("s0_rotation", r.s0_rotation);
   json.field("reweighted", r.reweighted).field("robot_lever", r.robot_lever).field("condition", r.condition);
+  json.field("lambda", r.scale).field("lambda_sigma", r.scale_sigma);
   json.field("rotation_spread_deg", r.rotation_spread_deg);
   json.field("rotation_spread_axes_deg", std::span<const double>(r.rotation_spread_axes_deg));
   json.field("ball_spread_axes_mm", std::span<const double>(r.ball_spread_axes_mm));

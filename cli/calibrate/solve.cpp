@@ -31,7 +31,8 @@ struct Options {
   bool json = false;
 };
 
-Result<std::vector<calib::View>> read_views(calib::ArtefactKind kind, const Options& options) {
+Result<std::vector<calib::View>> read_views(calib::ArtefactKind kind, const Options& options,
+                                            calib::DeclaredFormats& declared) {
   const Result<std::string> flange_text = text_file(options.flange);
   if (!flange_text) return flange_text.error();
   const Result<std::string> target_text = text_file(options.target);
@@ -40,6 +41,7 @@ Result<std::vector<calib::View>> read_views(calib::ArtefactKind kind, const Opti
   if (!flange) return flange.error();
   const auto target = calib::parse_poses(target_text.value(), options.target, calib::TableRole::target);
   if (!target) return target.error();
+  declared = {flange.value().format, target.value().format};
   return calib::views_from(kind, flange.value(), options.flange, target.value(), options.target);
 }
 
@@ -52,13 +54,14 @@ std::string scale_text(const calib::ScaleDiagnosis& scale, const std::vector<dou
 
 int solve_tables(const Options& options) {
   const calib::ArtefactKind kind = options.kind == "pose" ? calib::ArtefactKind::pose : calib::ArtefactKind::ball;
-  const Result<std::vector<calib::View>> views = read_views(kind, options);
+  calib::SolveSettings settings = options.solve.settings();
+  const Result<std::vector<calib::View>> views = read_views(kind, options, settings.declared);
   if (!views) {
     complain(views.error().text.view());
     return kBadInput;
   }
   const calib::StatedNoise noise = options.solve.noise();
-  const Result<calib::HandEye> solved = calib::solve(kind, views.value(), noise, options.solve.settings());
+  const Result<calib::HandEye> solved = calib::solve(kind, views.value(), noise, settings);
   if (!solved) {
     complain(solved.error().text.view());
     return kBadInput;

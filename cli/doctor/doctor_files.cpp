@@ -210,8 +210,8 @@ void examine_speed(const daemon::Config& config, const std::string& db_folder, E
   }
 }
 
-/// A transaction that another program keeps open. The daemon's own are over in milliseconds, and whoever is there once is
-/// looked for twice.
+/// A transaction that another program keeps open. The daemon's own are over in milliseconds, and whoever is there once
+/// is looked for twice.
 void examine_foreign_lock(const std::string& db_path, Examination& report) {
   const std::string holder = storage::foreign_lock(db_path);
   if (holder.empty()) return;

@@ -348,8 +348,7 @@ void examine_heard(const daemon::Config& config, const Heard& heard, const hal::
   const double rate_hz = span_s > 0.0 ? static_cast<double>(heard.poses - 1) / span_s : 0.0;
   const hal::PoseLinkCounters& counters = port.counters();
   const std::uint64_t not_believed = counters.other_type + counters.wrong_sender + counters.second_publisher +
-                                     counters.malformed +
-                                     counters.repeated + counters.time_back + counters.jumps;
+                                     counters.malformed + counters.repeated + counters.time_back + counters.jumps;
   const std::string faults = refused(port);
   const std::string saw = fmt::format("{:.0f} poses/s, {}", rate_hz, faults.empty() ? "no gaps" : faults);
   if (heard.age_ns > config.pose.stale_ns)
@@ -414,7 +413,8 @@ constexpr std::array kWarningCures = {
     "slabctl scanner verify; docs/SCANNER.md, \"Is it good enough?\"",
     "slabctl calibrate new, and apply it; docs/CALIBRATION.md",
     "slabctl recipe diff shows the difference; restart slabd between two slabs",
-    "expected on a test line; on a real one [line] simulation = false, real poses (flags, bits 0 and 4) and a real scanner; "
+    "expected on a test line; on a real one [line] simulation = false, real poses (flags, bits 0 and 4) and a real "
+    "scanner; "
     "docs/PLC.md, STATUS bit 11",
 };
 
@@ -456,7 +456,8 @@ std::string examine_daemon(const daemon::Config& config, Examination& report) {
                    "look at that one with --config, or restart the daemon");
   examine_warnings(status, report);
   if (!yes(at(status, {"links", "store", "ok"})) && !in_config_fault(status))
-    report.failed("database", fmt::format("the daemon cannot write it: {}", text(at(status, {"links", "store", "text"}))),
+    report.failed("database",
+                  fmt::format("the daemon cannot write it: {}", text(at(status, {"links", "store", "text"}))),
                   "journalctl -u slabd names the reason");
   return answer.value();
 }

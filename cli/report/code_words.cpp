@@ -26,8 +26,9 @@ constexpr std::array kCodesZh = {
     CodeWords{Code::wrong_slab, "没有打开的轨道板，或命令指向另一块板",
               "先发送 SLAB_BEGIN；直到 SLAB_END 之前 SLAB_NO 不得改变"},
     CodeWords{Code::station_range, "测站号不在 1 至承轨台数之间", "更正 STATION (HR 11)"},
-    CodeWords{Code::unknown_type, "该板型没有可用的配方",
-              "添加或修复配方文件（每种板型只放一个）；slabctl config check 会指出错误"},
+    CodeWords{Code::unknown_type, "该板型没有可用的配方，或扫描显示的是另一板型的板端",
+              "添加或修复配方文件（每种板型只放一个）；slabctl config check 会指出错误；若在 SCAN 之后出现：更正 "
+              "SLAB_TYPE（HR 12）"},
     CodeWords{Code::not_enabled, "ENABLE 未置位、PLC 心跳缺失，或正在标定（状态 8）",
               "置位 HR 1 位 0，并至少每 500 ms 改变 HR 0；状态 8 时请等待或结束标定"},
     CodeWords{Code::bad_id_text, "SLAB_ID 不是可打印的 ASCII", "更正 HR 16 至 31"},

@@ -128,7 +128,8 @@ enum class Word : std::uint8_t {
 [[nodiscard]] std::string_view verdict_word(Verdict verdict, Language language);
 /// A finding, with place and size.
 [[nodiscard]] std::string finding_sentence(const SurfaceFinding& finding, Language language);
-/// What was not real, by emulation bits: "EMULATED (robot emulated, scan emulated): no verdict on concrete"; empty for 0.
+/// What was not real, by emulation bits: "EMULATED (robot emulated, scan emulated): no verdict on concrete"; empty for
+/// 0.
 [[nodiscard]] std::string emulation_notice(std::uint8_t bits, Language language);
 /// The same in one word, for tables and watermarks; empty for 0.
 [[nodiscard]] std::string_view emulation_mark(std::uint8_t bits, Language language);

@@ -36,8 +36,8 @@ class StreamGateway {
   [[nodiscard]] std::optional<StreamRequest> next_request(int wait_ms, std::string& note);
   /// Sends `xyz` (mm) as the answer and waits for slabd's word. scanner_offline: the connection was lost; connect again
   /// and slabd repeats the request with `have_points`; the scan goes on there if it is the one that this gateway began,
-  /// and is sent as a whole otherwise. Other codes: slabd refused the scan. `emulated`: declared so. `cut_after_points` (tests): closes the
-  /// connection there.
+  /// and is sent as a whole otherwise. Other codes: slabd refused the scan. `emulated`: declared so. `cut_after_points`
+  /// (tests): closes the connection there.
   [[nodiscard]] Status answer(const StreamRequest& request, std::span<const float> xyz, std::size_t width,
                               std::size_t height, std::int64_t utime_us, std::size_t cut_after_points = SIZE_MAX,
                               bool emulated = false);

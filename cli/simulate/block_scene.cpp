@@ -161,6 +161,13 @@ Result<BlockSurface> BlockSurface::make(const Recipe& recipe, const BlockTruth& 
   const double rim_radius = 0.5 * b.casing_rim_diameter_mm.value;
   surface.bore_radius2_mm2_ = bore_radius * bore_radius;
   surface.rim_radius2_mm2_ = rim_radius * rim_radius;
+  if (has_value(truth.top_end_minus_mm))
+    (void)surface.slab_ends_.push(surface.seen(-Vec3::UnitX(), truth.top_end_minus_mm));
+  if (has_value(truth.top_end_plus_mm))
+    (void)surface.slab_ends_.push(surface.seen(Vec3::UnitX(), truth.top_end_plus_mm));
+  const double bottom = b.slab_top_z_mm.value + truth.slab_top_shift_mm - recipe.slab.thickness_mm.value;
+  if (!surface.slab_ends_.empty()) (void)surface.slab_ends_.push(surface.seen(-Vec3::UnitZ(), -bottom));
+
   const std::array<double, 2> rim_s = {-0.5 * truth.casing_spacing_mm, 0.5 * truth.casing_spacing_mm};
   const std::array<double, 2> rim_h = {truth.protrusion_inner_mm, truth.protrusion_outer_mm};
   for (std::size_t i = 0; i < 2; ++i) {
@@ -230,9 +237,19 @@ double BlockSurface::bodies_key(double x, double y, bool low) const {
   return std::max({seat.first(), outer.first(), inner.first()});
 }
 
+double BlockSurface::top_key(double x, double y) const {
+  if (slab_ends_.empty()) return slab_top_.key(x, y);
+  Inside slab;
+  slab.cut(slab_top_, x, y);
+  for (const Face& face : slab_ends_) slab.cut(face, x, y);
+  return slab.first();
+}
+
 double BlockSurface::depth_mm(double x, double y) const {
-  const double top_key = slab_top_.key(x, y);
-  double depth = depth_of(truth_.present ? std::max(top_key, bodies_key(x, y, false)) : top_key);
+  const double top_key = this->top_key(x, y);
+  const double nearest_key = truth_.present ? std::max(top_key, bodies_key(x, y, false)) : top_key;
+  if (nearest_key == -std::numeric_limits<double>::infinity()) return kNoValue;
+  double depth = depth_of(nearest_key);
   if (truth_.present && truth_.corner_mm != 0.0) {
     const Vec3 p = T_block_scanner_ * point(x, y, depth, 0.0);
     if (p.x() > kCornerX && p.y() > kCornerY) depth = depth_of(std::max(top_key, bodies_key(x, y, true)));

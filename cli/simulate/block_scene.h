@@ -33,6 +33,9 @@ struct BlockTruth {
   double protrusion_outer_mm = 0.0;
   double jaw_shift_mm = 0.0;       ///< both jaws moved outward along the bearing plane, the casings in place
   double slab_top_shift_mm = 0.0;  ///< the slab's top against its nominal height in the block's frame
+  // Where the slab ends along the rail, |x| from the block's origin; NaN = another block comes first.
+  double top_end_minus_mm = kNoValue;
+  double top_end_plus_mm = kNoValue;
 
   // On the bearing plane (see `relief_mm`).
   double bump_mm = 0.0;  ///< height of a smooth dome in its middle
@@ -72,7 +75,8 @@ class BlockSurface {
                                                  const Pose& T_scanner_block,
                                                  Projection projection = Projection::parallel);
 
-  /// z (mm, scanner frame) where the ray of picture point (x, y) meets the block; NaN inside a casing's bore.
+  /// z (mm, scanner frame) where the ray of picture point (x, y) meets block or slab; NaN inside a casing's bore and
+  /// beyond the slab's end.
   [[nodiscard]] double depth_mm(double x_mm, double y_mm) const;
   /// The point of that ray at depth z, moved away from the scanner along the ray by `further_mm`.
   [[nodiscard]] Vec3 point(double x_mm, double y_mm, double z_mm, double further_mm) const;
@@ -114,6 +118,7 @@ class BlockSurface {
   /// The block's bodies at (x, y); `low`: with the surfaces of the broken corner.
   [[nodiscard]] double bodies_key(double x, double y, bool low) const;
   [[nodiscard]] double seat_key(double x, double y) const;
+  [[nodiscard]] double top_key(double x, double y) const;
   [[nodiscard]] double clutter_depth_mm(double x, double y) const;
 
   Projection projection_ = Projection::parallel;
@@ -126,6 +131,7 @@ class BlockSurface {
   Vec3 bearing_n_ = Vec3::UnitZ();                         ///< scanner frame
   Face bearing_low_, jaw_outer_low_, shoulder_outer_low_;  ///< as deep as the corner is broken out
   std::array<Face, 4> outline_{};                          ///< end faces, side faces
+  FixedVector<Face, 3> slab_ends_;                         ///< and the slab's bottom; empty: the top goes on
   std::array<Rim, 2> rims_{};
   double bore_radius2_mm2_ = 0.0;
   double rim_radius2_mm2_ = 0.0;

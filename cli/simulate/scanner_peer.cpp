@@ -50,7 +50,7 @@ struct ScannerPeer::Impl {
     int station = 0;
     std::uint64_t seed = 0;
   };
-  std::vector<Take> recorded;     ///< loop
+  std::vector<Take> recorded;  ///< loop
   std::size_t given = 0;
   std::optional<Take> last_frame;  ///< frame_before
 
@@ -155,8 +155,8 @@ struct ScannerPeer::Impl {
       return;
     }
     drawn_station = 0;
-    if (const Status given = outlet->deliver(name); !given) {
-      complain(given.error().text.c_str());
+    if (const Status status = outlet->deliver(name); !status) {
+      complain(status.error().text.c_str());
       return;
     }
     const std::lock_guard lock(mutex);
@@ -204,15 +204,16 @@ Result<ScannerFault> parse_scanner_fault(std::string_view text) {
   const std::size_t equals = text.find('=');
   const std::string_view name = text.substr(0, equals);
   int number = 0;
+  constexpr int kStations = static_cast<int>(limits::kStationsMax);
   if (equals != std::string_view::npos) {
     const auto [rest, failed] = std::from_chars(text.data() + equals + 1, text.data() + text.size(), number);
     if (failed != std::errc{} || rest != text.data() + text.size() || number < 1 || number > 100'000) number = 0;
   }
   if (name == "frame-before" && equals == std::string_view::npos)
     fault.frame_before = true;
-  else if (name == "one-block" && number >= 1 && number <= limits::kStationsMax)
+  else if (name == "one-block" && number >= 1 && number <= kStations)
     fault.one_block = number;
-  else if (name == "given-again" && number >= 1 && number <= limits::kStationsMax)
+  else if (name == "given-again" && number >= 1 && number <= kStations)
     fault.given_again = number;
   else if (name == "loop" && number >= 1)
     fault.loop = number;
@@ -225,8 +226,7 @@ Result<ScannerFault> parse_scanner_fault(std::string_view text) {
 ScannerPeer::ScannerPeer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 ScannerPeer::~ScannerPeer() = default;
 
-Result<std::unique_ptr<ScannerPeer>> ScannerPeer::start(const ScannerTraits& traits,
-                                                        std::unique_ptr<ScanOutlet> outlet,
+Result<std::unique_ptr<ScannerPeer>> ScannerPeer::start(const ScannerTraits& traits, std::unique_ptr<ScanOutlet> outlet,
                                                         const ScannerFault& fault) {
   auto impl = std::make_unique<Impl>();
   impl->traits = traits;

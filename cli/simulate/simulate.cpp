@@ -27,7 +27,8 @@ struct Options {
   std::string config;
   std::uint32_t slab_no = 1;
   std::string slab_id;
-  std::uint16_t type = 0;  ///< 0: that of the longest slab
+  std::uint16_t type = 0;      ///< 0: that of the longest slab
+  std::uint16_t begin_as = 0;  ///< SLAB_TYPE that the PLC writes; 0: the slab's own
   int slabs = 1;
   std::vector<std::string> defects;
   SlabVariation variation;
@@ -177,7 +178,8 @@ std::vector<SlabOutcome> run_line(const Options& options, const daemon::Config& 
   for (int i = 0; i < options.slabs && !stop_requested; ++i) {
     SlabOutcome& outcome = outcomes.emplace_back();
     outcome.truth = truths[static_cast<std::size_t>(i)];
-    const SlabOrder order{options.slab_no + static_cast<std::uint32_t>(i), id_of(options, i), recipe.slab_type};
+    const SlabOrder order{options.slab_no + static_cast<std::uint32_t>(i), id_of(options, i),
+                          options.begin_as != 0 ? options.begin_as : recipe.slab_type};
     {
       const Progress progress(recipe.stations(), order.slab_no);
       const Line line{plc,
@@ -333,6 +335,8 @@ void add_simulate(CLI::App& app, int& exit_status) {
   command->add_option("--slab-id", options->slab_id, "SLAB_ID, at most 32 characters (default SIM-<number>)");
   command->add_option("--type", options->type, "SLAB_TYPE (default: the longest slab there is a recipe for)")
       ->check(CLI::Range(1, 65'535));
+  command->add_option("--begin-as", options->begin_as, "SLAB_TYPE that the PLC writes, if it is wrong about the slab")
+      ->check(CLI::Range(1, 65'535));
   command->add_option("--slabs", options->slabs, "How many slabs")
       ->check(CLI::Range(1, 100'000))
       ->capture_default_str();
@@ -402,10 +406,11 @@ void add_simulate(CLI::App& app, int& exit_status) {
       ->check(CLI::Range(1, 20))
       ->capture_default_str();
   options->scanner.add_to(*command);
-  command->add_option("--scanner-fault", options->scanner_fault,
-                      "What the scanner does wrong: frame-before (gives the last frame, then takes one), one-block=K "
-                      "(block K whatever is asked for), given-again=K (at station K the exposure before, in another form), loop=N (N "
-                      "recorded scans again and again)");
+  command->add_option(
+      "--scanner-fault", options->scanner_fault,
+      "What the scanner does wrong: frame-before (gives the last frame, then takes one), one-block=K "
+      "(block K whatever is asked for), given-again=K (at station K the exposure before, in another form), loop=N (N "
+      "recorded scans again and again)");
   command->add_option("--scan-format", options->scan_format, "In which format the scanner drops its scans")
       ->check(CLI::IsMember(simulate::scan_format_names()))
       ->capture_default_str();

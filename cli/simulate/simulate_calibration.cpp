@@ -199,8 +199,8 @@ int write_calibration(const CalibrationOrder& order) {
         return cli::kUsage;
       }
       const std::string path = (dir / shot_name(order.shots, static_cast<int>(view), shot)).string();
-      const Status written =
-          hal::write_scan(path.c_str(), hal::ScanFormat::ply, xyz, drawn.value().width, drawn.value().height, {.emulator = true});
+      const Status written = hal::write_scan(path.c_str(), hal::ScanFormat::ply, xyz, drawn.value().width,
+                                             drawn.value().height, {.emulator = true});
       if (!written) {
         cli::complain(fmt::format("{}", written.error().text.view()));
         return cli::kNotReachable;

@@ -119,7 +119,7 @@ int write_scan(const ScanOrder& order) {
   const DrawnScan drawn = draw_scan(surface.value(), scanner, derived_seed(order.seed, 5, 0), xyz);
 
   if (const Status written = hal::write_scan(order.out.c_str(), *format, xyz, drawn.width, drawn.height,
-                                                {.emulator = true, .block = order.block});
+                                             {.emulator = true, .block = order.block});
       !written) {
     cli::complain(fmt::format("{}", written.error().text.view()));
     return cli::kNotReachable;
@@ -138,6 +138,11 @@ int write_scan(const ScanOrder& order) {
 void ScannerOptions::add_to(CLI::App& command) {
   command.add_option("--points", points, "Scan size: full (2048 x 2448) or quarter (1024 x 1224)")
       ->check(CLI::IsMember({"full", "quarter"}))
+      ->capture_default_str();
+  command
+      .add_option("--field-x-mm", field_x_mm,
+                  "Width of the picture along the rail; a slab's end shows from 2 x 270 mm on, by the recipe")
+      ->check(cli::within(100.0, 2'000.0))
       ->capture_default_str();
   command.add_flag("--unorganised", unorganised, "Write only the points that returned, without their grid");
   command.add_flag(
@@ -161,6 +166,7 @@ ScannerTraits ScannerOptions::traits() const {
     traits.columns /= 2;
     traits.rows /= 2;
   }
+  traits.field_x_mm = field_x_mm;
   traits.organised = !unorganised;
   traits.projection = perspective ? Projection::perspective : Projection::parallel;
   traits.noise_correlation_mm = noise_correlation_mm;

@@ -39,6 +39,7 @@ void add_simulate_scan(CLI::App& simulate, int& exit_status);
 /// --noise-shape.
 struct ScannerOptions {
   std::string points = "full";
+  double field_x_mm = ScannerTraits{}.field_x_mm;
   bool unorganised = false;
   bool perspective = false;
   double noise_correlation_mm = 0.0;

@@ -160,6 +160,15 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
       if (defect.station == k) plant(defect, station, reported_above_mm);
       if (defect.station == 0) slab_lift_mm += lifted_mm(defect, k <= recipe.slab.pairs, along);
     }
+    const SlabGeometry& drawn = recipe.slab;
+    const bool left = k <= drawn.pairs;
+    const int column = left ? k - 1 : 2 * drawn.pairs - k;
+    const double beyond_first = drawn.first_pair_from_end_mm.value;
+    const double beyond_last = drawn.length_mm.value - beyond_first - drawn.pitch_mm.value * (drawn.pairs - 1);
+    if (column == 0) (left ? station.block.top_end_minus_mm : station.block.top_end_plus_mm) = beyond_first;
+    if (column == drawn.pairs - 1)
+      (left ? station.block.top_end_plus_mm : station.block.top_end_minus_mm) = beyond_last;
+
     // The slab's top does not move with a block that stands too high, but bends and twists with the slab.
     station.block.slab_top_shift_mm = -station.offset_slab_mm.z();
     station.offset_slab_mm.z() += slab_lift_mm;

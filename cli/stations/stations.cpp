@@ -366,10 +366,11 @@ int stations(Options& options) {
   if (!options.krl.empty() && !write_krl(options.krl, options.overwrite, rows)) return kBadInput;
   const Alike alike = most_alike(sources, rows);
   if (!is_told_apart(alike.differ))
-    fmt::print(stderr,
-               "warning: stations {} and {} are looked at from alike stops ({:.1f} mm, {:.2f} deg): slabd cannot tell by "
-               "the pose that a scan is of the right one; plan stops that differ (docs/SCANNER.md)\n",
-               alike.station, alike.next, alike.differ.mm, alike.differ.deg);
+    fmt::print(
+        stderr,
+        "warning: stations {} and {} are looked at from alike stops ({:.1f} mm, {:.2f} deg): slabd cannot tell by "
+        "the pose that a scan is of the right one; plan stops that differ (docs/SCANNER.md)\n",
+        alike.station, alike.next, alike.differ.mm, alike.differ.deg);
   if (options.as_json)
     fmt::print("{}", json_of(sources, rows, alike, all_ok));
   else
@@ -410,7 +411,8 @@ void add_stations(CLI::App& app, int& exit_status) {
       ->check(within(0.0, 20.0))
       ->excludes(no_dither)
       ->capture_default_str();
-  command->add_option("--dither-deg", options->dither.deg, "... and are turned about the block by up to +- this per axis")
+  command
+      ->add_option("--dither-deg", options->dither.deg, "... and are turned about the block by up to +- this per axis")
       ->check(within(0.0, 5.0))
       ->excludes(no_dither)
       ->capture_default_str();

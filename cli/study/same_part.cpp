@@ -52,7 +52,8 @@ std::optional<int> block_in_name(const std::string& path) {
 std::vector<std::string> StudyNotes::sentences() const {
   std::vector<std::string> list;
   if (emulated != 0) list.push_back(report::emulation_notice(emulated, report::Language::en));
-  if (!differs.empty()) list.push_back(fmt::format("taken for one part because of --same-part \"{}\", although:", same_part));
+  if (!differs.empty())
+    list.push_back(fmt::format("taken for one part because of --same-part \"{}\", although:", same_part));
   list.insert(list.end(), differs.begin(), differs.end());
   return list;
 }
@@ -96,8 +97,8 @@ bool SamePart::settle(const std::string& why, StudyNotes& notes) const {
   for (const auto& [name, part] : parts_) {
     const std::string what = name.empty() ? "one part" : fmt::format("part '{}'", name);
     if (part.ids.size() > 1)
-      notes.differs.push_back(fmt::format("{} slabs of different ids are taken for {}: {}", part.ids.size(), what,
-                                          listed(part.ids)));
+      notes.differs.push_back(
+          fmt::format("{} slabs of different ids are taken for {}: {}", part.ids.size(), what, listed(part.ids)));
     if (part.types.size() > 1)
       notes.differs.push_back(
           fmt::format("slabs of different types are taken for {}: {}", what, listed(texts_of(part.types))));
@@ -112,8 +113,9 @@ bool SamePart::settle(const std::string& why, StudyNotes& notes) const {
   if (emulated_ != 0 && any_real_) notes.differs.emplace_back("emulated measurements are mixed with real ones");
   if (notes.differs.empty() || !why.empty()) return true;
   for (const std::string& sentence : notes.differs) complain(sentence);
-  complain("a study is about one part measured again; if these are one all the same, say why: --same-part \"WHY\", which "
-           "is printed with the study");
+  complain(
+      "a study is about one part measured again; if these are one all the same, say why: --same-part \"WHY\", which "
+      "is printed with the study");
   return false;
 }
 

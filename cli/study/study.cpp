@@ -39,9 +39,10 @@ bool ScanOptions::load(Recipe& out, int& exit_status) const {
 }
 
 void add_same_part(CLI::App& command, std::string& why) {
-  command.add_option("--same-part", why,
-                     "Why slabs of different ids, or scans of different blocks, are one part all the same; it is printed "
-                     "with the study. Without it they are refused");
+  command.add_option(
+      "--same-part", why,
+      "Why slabs of different ids, or scans of different blocks, are one part all the same; it is printed "
+      "with the study. Without it they are refused");
 }
 
 int exit_of(Judgement judgement) {

@@ -16,10 +16,10 @@ struct Trend {
   bool is_mean = false;
   int slab_type = 0;  ///< of all its slabs; 0: there is no value
   std::size_t not_measured = 0;
-  std::size_t other_limits = 0;  ///< values left out: judged by another nominal or other limits than the newest
+  std::size_t other_limits = 0;     ///< values left out: judged by another nominal or other limits than the newest
   std::uint8_t emulated = 0;        ///< emulation bits of its slabs: all of them are emulated, or none
   std::size_t other_emulation = 0;  ///< slabs left out: emulated where the newest is real, or the other way round
-  std::size_t incomplete = 0;    ///< slabs left out of the chart of means, a value of a block missing
+  std::size_t incomplete = 0;       ///< slabs left out of the chart of means, a value of a block missing
   std::vector<std::int64_t> keys;
   std::vector<SlabId> ids;
   std::vector<std::int64_t> began_utime_us;

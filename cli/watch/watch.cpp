@@ -251,7 +251,8 @@ class Watcher {
     }
     for (const storage::SlabSummary& slab : slabs.value())
       p.past.push_back({slab.header.slab_no, std::string(slab.header.slab_id.view()), slab.verdict, slab.reason,
-                        slab.ended_utime_us == 0 ? kNoValue : seconds_since(slab.ended_utime_us), slab.header.emulated});
+                        slab.ended_utime_us == 0 ? kNoValue : seconds_since(slab.ended_utime_us),
+                        slab.header.emulated});
     const storage::SlabSummary& newest = slabs.value().front();
     const auto record = reader_->slab(newest.header.key);
     if (!record) return cannot_read(record.error());

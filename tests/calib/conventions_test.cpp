@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <functional>
 
 #include "calib/hand_eye.h"
@@ -137,6 +138,7 @@ TEST(Conventions, a_line_that_is_missing_in_one_table_is_found) {
   set.views.pop_back();
   const HandEye result = solve(ArtefactKind::ball, set.views, plan.noise()).value();
   ASSERT_FALSE(result.reasons.empty());
+  EXPECT_EQ(result.reasons[0].code, Refusal::pairing);
   EXPECT_NE(result.reasons[0].text.find("one line below"), std::string::npos) << result.reasons[0].text;
 }
 
@@ -181,6 +183,158 @@ TEST(Conventions, invariants_of_motions_show_where_a_mistake_is) {
   const Hypothesis metres = stated([](View& v) { v.T_base_flange.translation_mm /= kMmPerM; });
   EXPECT_LT(metres.angle_mismatch_deg, 0.02);
   EXPECT_GT(metres.pitch_mismatch_mm, 10.0);
+}
+
+/// A mirrored cloud: balls as they are seen in it, and the pose of an artefact as a rigid fit finds it there, which is
+/// that of the artefact's mirror image (F: a reflection of the artefact in its own plane).
+void mirror(View& view, int axis) {
+  Mat3 M = Mat3::Identity();
+  M(axis, axis) = -1.0;
+  Mat3 F = Mat3::Identity();
+  F(2, 2) = -1.0;
+  view.T_scanner_target.translation_mm = M * view.T_scanner_target.translation_mm;
+  view.T_scanner_target.rotation = Quat(Mat3(M * view.T_scanner_target.rotation.toRotationMatrix() * F));
+  for (BallSighting& seen : view.balls) seen.centre_mm = M * seen.centre_mm;
+}
+
+TEST(Conventions, a_mirrored_cloud_is_named_with_its_axis) {
+  for (const ArtefactKind kind : {ArtefactKind::ball, ArtefactKind::pose})
+    for (const int axis : {0, 1, 2})
+      for (const double robot_mm : {0.06, 0.7}) {
+        scene::Plan plan;
+        plan.robot_mm = robot_mm;
+        plan.outlier_share = 0.1;
+        scene::Set set = scene::make(kind, plan, 11);
+        for (View& view : set.views) mirror(view, axis);
+        const HandEye result = solve(kind, set.views, plan.noise()).value();
+        const std::string what = std::string(name(kind)) + ", axis " + std::to_string(axis);
+        EXPECT_FALSE(result.ok) << what;
+        ASSERT_EQ(result.reasons.size(), 1U) << what << ": " << result.reasons[0].text;
+        EXPECT_EQ(result.reasons[0].code, Refusal::handedness) << what << ": " << result.reasons[0].text;
+        // x and y are half a turn about z apart; a mirrored z puts the artefact behind the scanner.
+        EXPECT_NE(result.reasons[0].text.find(axis == 2 ? "z axis is mirrored" : "x axis is mirrored"),
+                  std::string::npos)
+            << what << ": " << result.reasons[0].text;
+      }
+}
+
+TEST(Conventions, balls_in_one_plane_of_the_view_do_not_prove_the_handedness) {
+  for (const bool mirrored : {false, true}) {
+    scene::Plan plan;
+    scene::Set set = scene::make(ArtefactKind::ball, plan, 5);
+    // The robot drove so that the ball was 600 mm away every time.
+    for (View& view : set.views) {
+      const double off_mm = 600.0 - view.balls[0].centre_mm.z();
+      const Quat R = view.T_base_flange.rotation * set.T_flange_scanner.rotation;
+      view.T_base_flange.translation_mm -= R * Vec3(0.0, 0.0, off_mm);
+      view.balls[0].centre_mm.z() = 600.0;
+      if (mirrored) mirror(view, 2);
+    }
+    const HandEye result = solve(ArtefactKind::ball, set.views, plan.noise()).value();
+    EXPECT_FALSE(result.ok);
+    const auto unproven = [](const Reason& reason) { return reason.code == Refusal::handedness; };
+    EXPECT_TRUE(std::any_of(result.reasons.begin(), result.reasons.end(), unproven)) << mirrored;
+  }
+}
+
+TEST(Conventions, targets_that_are_the_same_in_all_or_many_views_are_called_that) {
+  for (const ArtefactKind kind : {ArtefactKind::ball, ArtefactKind::pose})
+    for (const std::size_t same : {std::size_t{3}, std::size_t{7}, std::size_t{15}}) {
+      scene::Plan plan;
+      scene::Set set = scene::make(kind, plan, 3);
+      for (std::size_t i = 1; i < same; ++i) {
+        set.views[i].balls = set.views[0].balls;
+        set.views[i].T_scanner_target = set.views[0].T_scanner_target;
+      }
+      const HandEye result = solve(kind, set.views, plan.noise()).value();
+      EXPECT_FALSE(result.ok);
+      ASSERT_FALSE(result.reasons.empty());
+      EXPECT_EQ(result.reasons[0].code, Refusal::same_target) << result.reasons[0].text;
+      EXPECT_NE(result.reasons[0].text.find("the same in " + std::to_string(same) + " views (1, 2, 3"),
+                std::string::npos)
+          << result.reasons[0].text;
+    }
+}
+
+TEST(Conventions, one_answer_given_twice_is_a_warning_and_its_view_is_left_out) {
+  scene::Plan plan;
+  scene::Set set = scene::make(ArtefactKind::pose, plan, 3);
+  set.views[5].T_scanner_target = set.views[4].T_scanner_target;
+  const HandEye result = solve(ArtefactKind::pose, set.views, plan.noise()).value();
+  EXPECT_TRUE(result.ok);
+  EXPECT_EQ(result.rejected, std::vector<std::size_t>{5});
+  const auto says = [](const std::string& w) { return w.find("the same in 2 views (5, 6)") != std::string::npos; };
+  EXPECT_TRUE(std::any_of(result.warnings.begin(), result.warnings.end(), says));
+}
+
+TEST(Conventions, a_cure_never_proposes_what_the_table_declares) {
+  // The file says T_target_scanner and holds T_scanner_target: what was read is the inverse of what was meant.
+  scene::Plan plan;
+  scene::Set set = scene::make(ArtefactKind::pose, plan, 21);
+  for (View& view : set.views) view.T_scanner_target = view.T_scanner_target.inverse();
+  SolveSettings settings;
+  settings.declared.flange = PoseFormat{};
+  settings.declared.target = PoseFormat{.inverse = true, .declared = true};
+  const HandEye result = solve(ArtefactKind::pose, set.views, plan.noise(), settings).value();
+  ASSERT_EQ(result.reasons.size(), 1U);
+  EXPECT_NE(result.reasons[0].text.find("holds T_scanner_target and declares T_target_scanner"), std::string::npos)
+      << result.reasons[0].text;
+  EXPECT_EQ(result.reasons[0].cure, "declare what it holds: # format: frames=T_scanner_target");
+
+  // Metres declared, millimetres written.
+  set = scene::make(ArtefactKind::ball, plan, 22);
+  for (View& view : set.views) view.T_base_flange.translation_mm *= kMmPerM;
+  settings.declared.flange = PoseFormat{.metres = true, .declared = true};
+  const HandEye scaled = solve(ArtefactKind::ball, set.views, plan.noise(), settings).value();
+  ASSERT_FALSE(scaled.reasons.empty());
+  EXPECT_EQ(scaled.reasons[0].code, Refusal::units);
+  EXPECT_EQ(scaled.reasons[0].cure, "declare what it holds: # format: unit=mm") << scaled.reasons[0].text;
+}
+
+TEST(Conventions, rows_that_slide_after_a_failed_picture_are_named_by_their_line) {
+  for (const ArtefactKind kind : {ArtefactKind::ball, ArtefactKind::pose})
+    for (const bool flange_too_many : {true, false})
+      for (const std::size_t line : {std::size_t{3}, std::size_t{9}, std::size_t{15}}) {
+        scene::Plan plan;
+        plan.views = 20;
+        const scene::Set set = scene::make(kind, plan, 17);
+        // `line` has lost its target, or its flange pose; the last line of the other table is gone.
+        std::vector<View> views(set.views.begin(), set.views.end() - 1);
+        for (std::size_t i = line - 1; i < views.size(); ++i) {
+          if (flange_too_many) {
+            views[i].balls = set.views[i + 1].balls;
+            views[i].T_scanner_target = set.views[i + 1].T_scanner_target;
+          } else {
+            views[i].T_base_flange = set.views[i + 1].T_base_flange;
+          }
+        }
+        const HandEye result = solve(kind, views, plan.noise()).value();
+        const std::string what = std::string(name(kind)) + ", line " + std::to_string(line);
+        EXPECT_FALSE(result.ok) << what;
+        ASSERT_FALSE(result.reasons.empty()) << what;
+        EXPECT_EQ(result.reasons[0].code, Refusal::pairing) << what << ": " << result.reasons[0].text;
+        const std::string row = std::to_string(line);
+        const std::string said = "from line " + row + " on every target belongs to the flange pose one line " +
+                                 (flange_too_many ? "below" : "above");
+        EXPECT_NE(result.reasons[0].text.find(said), std::string::npos) << what << ": " << result.reasons[0].text;
+      }
+}
+
+TEST(Conventions, a_reading_is_proposed_only_if_it_fits_to_the_stated_noise) {
+  // Targets that belong to nothing: no reading is right, and none is proposed, whatever is the least bad one.
+  for (const ArtefactKind kind : {ArtefactKind::ball, ArtefactKind::pose})
+    for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+      scene::Plan plan;
+      scene::Set set = scene::make(kind, plan, seed);
+      const scene::Set other = scene::make(kind, plan, seed + 100);
+      for (std::size_t i = 0; i < set.views.size(); ++i) {
+        set.views[i].balls = other.views[i].balls;
+        set.views[i].T_scanner_target = other.views[i].T_scanner_target;
+      }
+      const HandEye result = solve(kind, set.views, plan.noise()).value();
+      EXPECT_FALSE(result.ok);
+      EXPECT_EQ(result.conventions.fits, 0U) << result.conventions.tried[result.conventions.fits].name;
+    }
 }
 
 }  // namespace

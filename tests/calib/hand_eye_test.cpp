@@ -645,6 +645,48 @@ TEST(HandEye, scale_is_diagnosed_against_a_certified_length) {
   EXPECT_EQ(diagnose_scale(set.views, 0, 7, 150.0, 0.002, 0.01).views, 0U);
 }
 
+TEST(HandEye, a_scale_of_the_scanner_is_fitted_named_beyond_three_sigmas_and_refused_when_it_is_large) {
+  struct Case {
+    double scale;  ///< of what the scanner reports
+    bool is_said, is_refused;
+  };
+  constexpr std::array kCases = {Case{1.0, false, false}, Case{1.001, true, false}, Case{0.999, true, false},
+                                 Case{1.015, true, true}, Case{0.985, true, true}};
+  for (const ArtefactKind kind : kKinds)
+    for (const Case& c : kCases) {
+      Plan plan = plan_of(20);
+      plan.robot_mm = 0.017;
+      Set set = make(kind, plan, 4);
+      for (View& view : set.views) {
+        view.T_scanner_target.translation_mm *= c.scale;
+        for (BallSighting& seen : view.balls) seen.centre_mm *= c.scale;
+      }
+      const HandEye result = solve(kind, set.views, plan.noise()).value();
+      EXPECT_NEAR(result.scale, 1.0 / c.scale, 4.0 * result.scale_sigma) << name(kind) << " " << c.scale;
+      EXPECT_LT(result.scale_sigma, 3e-4);
+      EXPECT_EQ(result.ok, !c.is_refused) << name(kind) << " " << c.scale << told(result);
+      const char* words =
+          c.scale > 1.0 ? "too long against the robot's: lambda" : "too short against the robot's: lambda";
+      const auto warned = [&](const std::string& text) { return text.find(words) != std::string::npos; };
+      const auto refused = [&](const Reason& r) { return r.code == Refusal::scale && warned(r.text); };
+      EXPECT_EQ(std::any_of(result.warnings.begin(), result.warnings.end(), warned), c.is_said && !c.is_refused);
+      EXPECT_EQ(std::any_of(result.reasons.begin(), result.reasons.end(), refused), c.is_refused) << told(result);
+    }
+}
+
+TEST(HandEye, a_robot_that_errs_smoothly_is_not_taken_for_a_scale) {
+  // 20 views know lambda to 0.1 to 0.3 % with a robot of 0.7 mm.
+  for (const ArtefactKind kind : kKinds)
+    for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+      Plan plan = plan_of(20);
+      plan.robot_mm = 0.017;
+      plan.smooth_mm = 0.7;
+      const HandEye result = solve(kind, make(kind, plan, seed).views, plan.noise()).value();
+      const auto is_scale = [](const Reason& r) { return r.code == Refusal::scale; };
+      EXPECT_FALSE(std::any_of(result.reasons.begin(), result.reasons.end(), is_scale)) << seed << told(result);
+    }
+}
+
 TEST(HandEye, rotation_spread_is_that_of_the_cone) {
   // A cone of 35 deg with roll has about 25 deg as its smallest principal value.
   const Set set = make(ArtefactKind::ball, plan_of(400), 1);

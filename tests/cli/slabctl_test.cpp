@@ -230,6 +230,49 @@ TEST_F(Slabctl, checks_give_their_findings_as_json) {
   EXPECT_EQ(json::parse(no_poses.out)["problems"].size(), 1U);
 }
 
+TEST_F(Slabctl, a_scan_in_another_unit_or_frame_is_refused_with_its_extent_distance_unit_and_axes) {
+  ASSERT_EQ(simulate_scan("scan.xyz", "--seed 7 --nominal-view --unorganised").status, 0);
+  std::ifstream in(file("scan.xyz"));
+  std::vector<Vec3> points;
+  for (Vec3 p; in >> p.x() >> p.y() >> p.z();) points.push_back(p);
+  ASSERT_GT(points.size(), 100'000U);
+  const auto refused = [&](const auto& change) {
+    std::string text;
+    for (std::size_t i = 0; i < points.size(); i += 4) {
+      const Vec3 p = change(points[i]);
+      text += fmt::format("{:.6f} {:.6f} {:.6f}\n", p.x(), p.y(), p.z());
+    }
+    const Ended ended = run("inspect " + write("other.xyz", text) + " --recipe " + kRecipe + " --block 3");
+    EXPECT_EQ(ended.status, 1);
+    return ended.err;
+  };
+  const std::string metres = refused([](const Vec3& p) { return Vec3(p / 1000.0); });
+  expect_mentions(metres, "large, 0.6");
+  expect_mentions(metres, "the unit is probably metres");
+  expect_mentions(refused([](const Vec3& p) { return Vec3(p / 10.0); }), "the unit is probably centimetres");
+  expect_mentions(refused([](const Vec3& p) { return Vec3(p / 25.4); }), "the unit is probably inches");
+  const std::string up = refused([](const Vec3& p) { return Vec3(p.x(), -p.y(), -p.z()); });
+  expect_mentions(up, "away along -Z");
+  expect_mentions(up, "+Z must point from the scanner to the part");
+  expect_mentions(refused([](const Vec3& p) { return Vec3(p.x(), -p.y(), 600.0 - p.z()); }),
+                  "it lies where the block stands in the block's frame");
+}
+
+TEST_F(Slabctl, a_configuration_check_doubts_what_cannot_be_meant) {
+  const std::string rest = "[recipes]\ndir = \"" + fs::path(kRecipe).parent_path().string() + "\"\n";
+  const std::string poses = "[cell]\nT_base_slab = [1.5, 0.2, 0.57, 1, 0, 0, 0]\n";
+  const Ended metres = run("config check --json " + write("metres.toml", poses + rest));
+  EXPECT_EQ(metres.status, 0);
+  expect_mentions(metres.err, "metres.toml:2:15: cell.T_base_slab: found x, y, z of at most 1.5 mm, metres?");
+  const json document = json::parse(metres.out);
+  ASSERT_EQ(document["doubts"].size(), 2U);
+  expect_mentions(document["doubts"][1].get<std::string>(), "P4856 and P4925 have the same blocks");
+  const Ended windows =
+      run("config check " + write("windows.toml", poses + rest + "[scanner]\ndrop_dir = 'C:\\scans'\n"));
+  EXPECT_EQ(windows.status, 3);
+  expect_mentions(windows.err, "a path of Windows");
+}
+
 TEST_F(Slabctl, simulated_scan_is_measured_as_planted) {
   ASSERT_EQ(simulate_scan("scan.ply", "--seed 7 --defect jaw-distance=3:-0.9 --defect protrusion-outer=3:0.1").status,
             0);

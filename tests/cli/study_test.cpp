@@ -247,10 +247,10 @@ TEST_F(StudyTest, repeat_calls_a_good_gauge_capable_and_a_biased_one_not) {
 
 TEST_F(StudyTest, repeat_of_scans_measures_them_and_tells_one_scan_copied_from_two) {
   for (const char* seed : {"1", "2"})
-    ASSERT_EQ(
-        simulate_scan(std::string("scan") + seed + ".ply", std::string("--block 3 --nominal-view --casting 0 --seed ") + seed)
-            .status,
-        0);
+    ASSERT_EQ(simulate_scan(std::string("scan") + seed + ".ply",
+                            std::string("--block 3 --nominal-view --casting 0 --seed ") + seed)
+                  .status,
+              0);
   fs::create_directory(file("scans"));
   fs::rename(file("scan1.ply"), file("scans/a.ply"));
   fs::rename(file("scan2.ply"), file("scans/b.ply"));
@@ -304,8 +304,7 @@ TEST_F(StudyTest, grr_and_compare_take_no_other_slab_or_block_for_the_same_part)
   id_of_last_ = "T-2";
   store(4);
   const std::string db = " --db " + file("slabd.db");
-  const std::string plan = write("plan.csv",
-                                 "appraiser,trial,slab\nA,1,key:1\nA,2,key:2\nB,1,key:3\nB,2,key:4\n");
+  const std::string plan = write("plan.csv", "appraiser,trial,slab\nA,1,key:1\nA,2,key:2\nB,1,key:3\nB,2,key:4\n");
   const Ended grr = run("study grr " + plan + db);
   EXPECT_EQ(grr.status, 3);
   expect_mentions(grr.err, "'T-1', 'T-2'");

@@ -545,6 +545,46 @@ TEST_F(ConfigTest, without_commissioning_values_slabs_wait_for_an_applied_calibr
   EXPECT_FALSE(has_value(config_.splice.commissioning_mm));
 }
 
+TEST_F(ConfigTest, values_in_another_unit_are_doubted_with_line_key_and_range) {
+  const auto doubts = [&](const std::string& text) {
+    EXPECT_EQ(load(text), Texts{}) << text;
+    Texts texts;
+    for (const Problem& doubt : config_.doubts) texts.push_back(doubt.text.substr(doubt.text.rfind("slabd.toml")));
+    return texts;
+  };
+  EXPECT_EQ(doubts(kShortest), Texts{});
+  EXPECT_EQ(doubts("[cell]\nT_base_slab = [0, 0, 0, 1, 0, 0, 0]\n"), Texts{}) << "not entered, as on a test bench";
+  EXPECT_EQ(
+      doubts("[cell]\nT_base_slab = [1.5, 0.2, 0.57, 1, 0, 0, 0]\n"),
+      Texts{"slabd.toml:2:15: cell.T_base_slab: found x, y, z of at most 1.5 mm, metres? The centre of a slab hardly "
+            "lies in the robot's foot; the unit is mm, allowed is -20000..20000"});
+  EXPECT_EQ(
+      doubts("[cell]\nT_base_slab = [1500, 200, 570, 1, 0, 0, 0]\n[calibration]\n"
+             "T_flange_scanner = [0.06, -0.01, 0.2, 1, 0, 0, 0]\n"),
+      Texts{"slabd.toml:4:20: calibration.T_flange_scanner: found x, y, z of at most 0.2 mm, metres? A scanner hardly "
+            "sits in the flange; the unit is mm, allowed is -2000..2000"});
+  EXPECT_EQ(doubts("[cell]\nT_base_slab = [1500, 200, 570, 0, 0, 0, 1]\n"),
+            Texts{"slabd.toml:2:15: cell.T_base_slab: found the quaternion (0, 0, 0, 1), which is half a turn about z: "
+                  "written as qx, qy, qz, qw? The order is qw, qx, qy, qz, allowed is any of unit length"});
+  EXPECT_EQ(
+      doubts(std::string(kShortest) + "station_gate_deg = 0.0087266\n[robot]\nabsolute_sigma_mm = 0.0007\n"),
+      (Texts{"slabd.toml:7:21: robot.absolute_sigma_mm: found 0.0007, metres? the unit is mm, allowed is 1e-06..10",
+             "slabd.toml:5:20: calibration.station_gate_deg: found 0.0087266, which is 0.5 deg in radians; the unit "
+             "is degrees, allowed is 0.001..1"}));
+  EXPECT_EQ(doubts(std::string(kShortest) + "[scanner]\ndrop_dir = \"//scanpc/slabd\"\n").size(), 1U);
+  EXPECT_EQ(doubts(std::string(kShortest) + "[scanner]\ndrop_dir = '/mnt/scans\\today'\n").size(), 1U);
+}
+
+TEST_F(ConfigTest, a_path_of_windows_is_refused) {
+  for (const char* path : {"C:\\scans", "c:/scans", "D:", "\\\\scanpc\\slabd"})
+    EXPECT_EQ(
+        load(std::string(kShortest) + "[scanner]\ndrop_dir = '" + path + "'\n"),
+        Texts{"slabd.toml:6:12: scanner.drop_dir: found \"" + std::string(path) +
+              "\", a path of Windows; allowed is a path of this computer, such as /mnt/scanner/drop: mount a share of "
+              "another computer first (docs/SCANNER.md)"})
+        << path;
+}
+
 TEST_F(ConfigTest, quaternion_within_a_thousandth_is_taken_and_normalised) {
   EXPECT_EQ(load("[cell]\nT_base_slab = [0,0,0,0.9995,0,0,0]\n[calibration]\nT_flange_scanner=[0,0,0,1,0,0,0]\n"),
             Texts{});

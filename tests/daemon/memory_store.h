@@ -46,10 +46,10 @@ struct MemoryStore {
     closed_last_.reset();
     if (const auto* scan = std::get_if<AcquiredJob>(&job.what); scan != nullptr && scan->refuse_known && !answer_lost)
       if (is_in_history(scan->attempt)) {
-        const FailedAttemptJob refused{scan->attempt, static_cast<std::uint16_t>(Code::frame_incomplete),
-                                       scan->fingerprint};
-        applied.push_back(StoreJob{job.ticket, refused});
-        keep(refused);
+        const FailedAttemptJob known{scan->attempt, static_cast<std::uint16_t>(Code::frame_incomplete),
+                                     scan->fingerprint};
+        applied.push_back(StoreJob{job.ticket, known});
+        keep(known);
         forget_unseen();
         return Code::frame_incomplete;
       }

@@ -49,6 +49,11 @@ LineCalibration with_scanner(const char* id, double form_half_mm) {
   return c;
 }
 
+bool says(const std::vector<std::string>& lines, std::string_view text) {
+  return std::any_of(lines.begin(), lines.end(),
+                     [&](const std::string& line) { return line.find(text) != std::string::npos; });
+}
+
 const SlabHeader& begun(const MemoryStore& store) {
   return store.line.slab;
 }
@@ -71,6 +76,31 @@ TEST(StationCalibration, commissioning_values_are_used_with_a_warning_until_one_
   other.run_for(20);
   EXPECT_EQ(begun(applied).calibration_id.view(), "he-1");
   EXPECT_EQ(begun(applied).T_flange_scanner.translation_mm.x(), 5.0);
+}
+
+TEST(StationCalibration, handedness_is_unproven_until_a_calibration_is_applied_and_the_open_slab_has_ended) {
+  MemoryStore store;
+  Line line(store);
+  EXPECT_NE(line.view().warn & kWarnHandednessUnproven, 0);
+  EXPECT_TRUE(says(line.logged, "nothing proves that the scanner's frame is right-handed"));
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  const LineCalibration now = hand_eye("he-1");
+  line.feed(CalibrationChanged{&now});
+  line.run_for(20);
+  EXPECT_EQ(line.view().warn & kWarnCommissioningCalibration, 0);
+  EXPECT_NE(line.view().warn & kWarnHandednessUnproven, 0) << "the open slab is measured with the values it began with";
+  line.scan(1);
+  line.command(PlcCommand::slab_end);
+  line.run_for(100);
+  EXPECT_FALSE(line.view().slab_open);
+  EXPECT_EQ(line.view().warn & kWarnHandednessUnproven, 0);
+
+  MemoryStore applied;
+  applied.line.calibration = hand_eye("he-1");
+  Line other(applied);
+  EXPECT_EQ(other.view().warn & kWarnHandednessUnproven, 0);
+  EXPECT_FALSE(says(other.logged, "right-handed"));
 }
 
 TEST(StationCalibration, what_was_applied_and_cannot_be_used_is_never_replaced_by_commissioning_values) {
