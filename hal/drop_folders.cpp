@@ -53,15 +53,23 @@ bool is_network(int folder) {
   return std::find(kNetwork.begin(), kNetwork.end(), type) != kNetwork.end();
 }
 
-constexpr mode_t kOursAndOurGroups = 02770;
+constexpr mode_t kOursAndTheScanners = 02770;
 
-/// Opens a folder below `parent`; one that is missing is made, for us and our group (the scanner software's user).
+/// A service that may set no set-group-id bit (RestrictSUIDSGID) has it from the parent folder.
+bool open_to_the_group(int folder) {
+  struct stat status {};
+  if (fstat(folder, &status) == 0 && (status.st_mode & 07777U) == kOursAndTheScanners) return true;
+  return fchmod(folder, kOursAndTheScanners) == 0;
+}
+
+/// Opens a folder below `parent`; one that is missing is made, for us and the group of the parent (slabd-scan: the
+/// scanner software's user).
 Status open_folder(const PathText& drop_dir, int parent, const char* name, Fd& fd) {
   const bool made = mkdirat(parent, name, 0770) == 0;
   if (!made && errno != EEXIST) return offline(drop_dir, name, errno);
   fd = Fd(openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC));
   if (!fd.is_open()) return offline(drop_dir, name, errno);
-  if (made && fchmod(fd.get(), kOursAndOurGroups) != 0 && !is_network(fd.get())) return offline(drop_dir, name, errno);
+  if (made && !open_to_the_group(fd.get()) && !is_network(fd.get())) return offline(drop_dir, name, errno);
   if (faccessat(parent, name, R_OK | W_OK | X_OK, AT_EACCESS) != 0) return offline(drop_dir, name, errno);
   return success();
 }
@@ -175,7 +183,7 @@ bool write_text(int fd, std::string_view text) {
 }  // namespace
 
 void DropFolders::make_drop_dir() const {
-  mkdir(drop_dir_.c_str(), kOursAndOurGroups);
+  mkdir(drop_dir_.c_str(), kOursAndTheScanners);
 }
 
 Status DropFolders::open() {

@@ -59,7 +59,7 @@ Status make_folders(const PathText& path) {
   const std::string_view whole = path.view();
   for (std::size_t slash = whole.find('/', 1); slash != std::string_view::npos; slash = whole.find('/', slash + 1)) {
     const PathText folder(whole.substr(0, slash));
-    if (mkdir(folder.c_str(), 0770) == 0) {
+    if (mkdir(folder.c_str(), 0750) == 0) {
       if (!sync_folder(folder_of(folder))) return spool_error(folder, "syncing its parent", errno);
     } else if (errno != EEXIST) {
       return spool_error(folder, "making the folder", errno);
@@ -107,7 +107,7 @@ Status copy_across(int fd, int from_folder, const char* name, const PathText& pa
   const auto working = working_name(path);
   {
     const FileState before = file_state(fd, "");
-    const Fd copy(open(working.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0660));
+    const Fd copy(open(working.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0640));
     if (!copy.is_open()) return spool_error(path, "creating", errno);
     const Copied copied = copy_bytes(fd, copy.get());
     if (copied == Copied::unreadable || !file_state(fd, "").same_content(before)) {
@@ -178,7 +178,7 @@ Status SpoolWriter::begin(const PathText& path) {
   if (Status status = make_folders(path); !status) return status;
   // finish() would refuse it too; the sender need not send it all before.
   if (faccessat(AT_FDCWD, path.c_str(), F_OK, AT_SYMLINK_NOFOLLOW) == 0) return spool_error(path, "creating", EEXIST);
-  fd_ = Fd(open(working_name(path).c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0660));
+  fd_ = Fd(open(working_name(path).c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0640));
   if (!fd_.is_open()) return spool_error(path, "creating", errno);
   path_ = path;
   return success();

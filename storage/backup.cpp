@@ -171,6 +171,7 @@ Status back_up_database(const std::string& db_path, const std::string& to) {
   try {
     Backup backup(*db.value(), to, 0);
     while (!backup.step(-1)) usleep(10'000);
+    db.value()->check_still();
     return success();
   } catch (const SqlFailure& failure) {
     return error((failure.result & 0xFF) == SQLITE_FULL ? Code::store_full : Code::journal_write, "backup of %s: %s",

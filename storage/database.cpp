@@ -4,6 +4,9 @@
 //   synchronous=EXTRA   set before the switch to WAL: the journal of that switch must be gone for good, or a power cut
 //                       can bring it back and roll the database back to that moment
 //   journal_mode=WAL    readers never block the writer; one sync for each commit
+//   persistent log      -wal (empty) and -shm stay when the writer closes: who may read these files and not write in
+//   the
+//                       folder can read the database also while slabd is stopped, with any SQLite
 //   checkpoints         by the writer only: two more syncs, so when it has had nothing to do for a while (Store::idle);
 //                       in a commit only when the log has reached 16 MB, to which its file is cut back afterwards
 //   mmap off, fixed cache, trusted_schema off, cell_size_check, defensive: a damaged or hostile file is an error
@@ -75,6 +78,9 @@ void use_write_ahead_log(Connection& db) {
   const std::string mode = db.text("PRAGMA journal_mode = WAL");
   if (mode != "wal")
     throw SqlFailure{SQLITE_ERROR, "journal_mode is \"" + mode + "\" and cannot be set to \"wal\" (network disk?)"};
+  int keep = 1;
+  if (sqlite3_file_control(db.handle(), "main", SQLITE_FCNTL_PERSIST_WAL, &keep) != SQLITE_OK)
+    throw SqlFailure{SQLITE_ERROR, "SQLITE_FCNTL_PERSIST_WAL is not available"};
   db.execute("PRAGMA wal_autocheckpoint = 4096");
   db.execute("PRAGMA journal_size_limit = 16777216");
 }
@@ -129,13 +135,19 @@ bool is_damage(const SqlFailure& failure) {
   return (failure.result & 0xFF) == SQLITE_CORRUPT;
 }
 
+/// It may be read, and nothing can be made beside it: a reader's rights, or a disk that is read-only.
+bool is_for_reading_only(const std::string& path) {
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  return access(path.c_str(), R_OK) == 0 && access(folder.empty() ? "." : folder.c_str(), W_OK) != 0;
+}
+
 /// SQLite keeps a file beside a database with a log, for readers too, and says no more than that it cannot open it.
 SqlFailure explained(SqlFailure failure, const std::string& path) {
-  const std::string folder = std::filesystem::path(path).parent_path().string();
   const int primary = failure.result & 0xFF;
-  if ((primary == SQLITE_CANTOPEN || primary == SQLITE_READONLY) && access(path.c_str(), R_OK) == 0 &&
-      access(folder.empty() ? "." : folder.c_str(), W_OK) != 0)
-    failure.text += "; a database with a log is read only where its folder can be written to: copy both elsewhere";
+  if ((primary == SQLITE_CANTOPEN || primary == SQLITE_READONLY) && is_for_reading_only(path))
+    failure.text +=
+        "; it has a log (-wal) without its index (-shm), which cannot be made here: start slabd, read as its user, or "
+        "copy database and log elsewhere";
   else if (primary == SQLITE_CANTOPEN && access(path.c_str(), R_OK) != 0 && errno == EACCES)
     failure.text += "; it may not be read: are you in its group?";
   return failure;
@@ -216,6 +228,7 @@ Result<std::unique_ptr<Connection>> open_file_for_writing(const std::string& pat
                  path.c_str());
   }
   if (Status status = create_file(path); !status.ok()) return status.error();
+  for (const char* side : {"", "-wal", "-shm", "-journal"}) close_to_writers(path + side);
   if (Status status = make_log_durable(path); !status.ok()) return status.error();
   if (Status status = remove_checksum(path); !status.ok()) return status.error();
   try {
@@ -240,11 +253,34 @@ void wait_for_log(const std::string& path) {
   }
 }
 
+/// A process that may not write in the folder cannot make -shm, without which SQLite reads no database with a log.
+/// Where -shm is there it reads by that, also an unfinished log. Where it is not, and no log holds anything, no process
+/// has the database open: then it is read without both, and every transaction ends with a look whether it stayed so.
+bool can_be_read_still(const std::string& path, const SqlFailure& failure) {
+  const int primary = failure.result & 0xFF;
+  if (primary != SQLITE_CANTOPEN && primary != SQLITE_READONLY) return false;
+  if (!is_for_reading_only(path) || file_bytes(path + "-wal") > 0 || file_bytes(path + "-journal") > 0) return false;
+  return !RawFile::exists(path + "-wal") || !RawFile::exists(path + "-shm");
+}
+
+std::unique_ptr<Connection> connect_for_reading(const std::string& path) {
+  try {
+    auto db = std::make_unique<Connection>(path, SQLITE_OPEN_READONLY);
+    protect(*db);
+    checkpoint_on_close(*db, false);
+    begin_to_read(*db);
+    return db;
+  } catch (const SqlFailure& failure) {
+    if (!can_be_read_still(path, failure)) throw;
+  }
+  auto db = std::make_unique<Connection>(path, Connection::Still{});
+  protect(*db);
+  return db;
+}
+
 std::unique_ptr<Connection> open_protected(const std::string& path) {
   wait_for_log(path);
-  auto db = std::make_unique<Connection>(path, SQLITE_OPEN_READONLY);
-  protect(*db);
-  checkpoint_on_close(*db, false);
+  auto db = connect_for_reading(path);
   if (owner_of(*db) == Owner::nobody) throw SqlFailure{SQLITE_NOTADB, "it is empty; slabd has not used it yet"};
   return db;
 }
@@ -259,6 +295,20 @@ Error no_database(const std::string& path, const std::error_code& looked) {
 }
 
 }  // namespace
+
+void begin_to_read(Connection& db) {
+  constexpr unsigned kLook_us = 5'000;
+  for (int waited_us = 0;; waited_us += static_cast<int>(kLook_us)) {
+    try {
+      (void)db.integer("SELECT count(*) FROM sqlite_schema");
+      return;
+    } catch (const SqlFailure& failure) {
+      const bool starts = failure.result == SQLITE_READONLY_RECOVERY || failure.result == SQLITE_READONLY_CANTINIT;
+      if (!starts || waited_us >= 1000 * kBusyMs) throw;
+    }
+    usleep(kLook_us);
+  }
+}
 
 Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path) {
   return open_file_for_writing(path, Upgrade::with_copy);
@@ -319,9 +369,7 @@ bool unused_at(const std::string& path) {
   std::error_code ec;
   if (!std::filesystem::exists(path, ec)) return !ec;
   try {
-    Connection db(path, SQLITE_OPEN_READONLY);
-    protect(db);
-    return owner_of(db) == Owner::nobody;
+    return owner_of(*connect_for_reading(path)) == Owner::nobody;
   } catch (const SqlFailure&) {
     return false;  // whoever opens it properly says what is wrong
   }

@@ -29,6 +29,10 @@ namespace slabd::storage {
 /// Opens an existing database read-only; config when it does not exist or is not ours.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path);
 
+/// The first look at the database in a transaction. Who may not write waits here, for up to 2 s, until a slabd that is
+/// just starting has made the index of the log.
+void begin_to_read(Connection& db);
+
 /// Whether the file's first bytes are those of a database of ours, whatever the rest is.
 [[nodiscard]] bool has_our_header(const std::string& path);
 

@@ -60,7 +60,11 @@ Result<std::int64_t> newest_slab_key(const std::string& path) {
   const Result<std::unique_ptr<Connection>> opened = open_any_version(path);
   if (!opened.ok()) return opened.error();
   try {
-    return opened.value()->integer("SELECT coalesce(max(slab_key), 0) FROM slab");
+    Transaction moment(*opened.value(), "BEGIN");
+    begin_to_read(*opened.value());
+    const std::int64_t key = opened.value()->integer("SELECT coalesce(max(slab_key), 0) FROM slab");
+    moment.commit();
+    return key;
   } catch (const SqlFailure& failure) {
     return error(Code::journal_write, "%s: %s", path.c_str(), failure.text.c_str());
   }
@@ -89,12 +93,14 @@ Result<DatabaseReport> check_database(const std::string& path, bool full) {
   Connection& db = *opened.value();
   try {
     Transaction moment(db, "BEGIN");
+    begin_to_read(db);
     report.version = static_cast<int>(db.integer("PRAGMA user_version"));
     report.trouble = trouble_of(db, full);
     report.slabs = db.integer("SELECT count(*) FROM slab");
     report.oldest_key = db.integer("SELECT coalesce(min(slab_key), 0) FROM slab");
     report.newest_key = db.integer("SELECT coalesce(max(slab_key), 0) FROM slab");
     report.newest_utime_us = db.integer("SELECT newest_utime_us FROM line");
+    moment.commit();
   } catch (const SqlFailure& failure) {
     report.trouble = failure.text;
   }

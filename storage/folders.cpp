@@ -19,12 +19,23 @@
 namespace slabd::storage {
 namespace {
 
-constexpr mode_t kFolderMode = 02770;
-constexpr mode_t kFileMode = 0660;
+// The group reads; only the owner writes.
+constexpr mode_t kFolderMode = 02750;
+constexpr mode_t kFileMode = 0640;
+// Not even that: who can open a file can lock it, and slabd would not start.
+constexpr mode_t kLockMode = 0600;
 
 Status trouble(const char* doing, const std::string& path) {
   return error(errno == ENOSPC ? Code::store_full : Code::journal_write, "%s %s: %s", doing, path.c_str(),
                std::strerror(errno));
+}
+
+/// What root makes is the owner's of the folder that it lies in: slabd must be able to write it afterwards.
+bool give_to_owner(int fd, const std::string& folder) {
+  struct stat there {};
+  if (geteuid() != 0) return true;
+  if (stat(folder.empty() ? "." : folder.c_str(), &there) != 0) return false;
+  return fchown(fd, there.st_uid, there.st_gid) == 0;
 }
 
 }  // namespace
@@ -41,9 +52,15 @@ Status make_folder(const std::string& path) {
   if (mkdir(path.c_str(), kFolderMode) != 0 && errno != EEXIST) return trouble("cannot make folder", path);
   // mkdir obeys the umask, and takes the set-group-id bit from the parent only. A service that may set no such bit
   // (RestrictSUIDSGID) has its group on new files all the same.
+  if (geteuid() == 0) {
+    const int fd = open(path.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+    const bool given = fd >= 0 && give_to_owner(fd, parent);
+    if (fd >= 0) close(fd);
+    if (!given) return trouble("cannot give to the owner of its parent", path);
+  }
   const bool right = stat(path.c_str(), &there) == 0 && (there.st_mode & 07777U) == kFolderMode;
   if (!right && chmod(path.c_str(), kFolderMode) != 0 && chmod(path.c_str(), kFolderMode & 0777U) != 0)
-    return trouble("cannot set mode 2770 of folder", path);
+    return trouble("cannot set mode 2750 of folder", path);
   // What will be promised about files in here is worth nothing while the folder itself may vanish.
   return sync_file(parent);
 }
@@ -59,11 +76,19 @@ Status check_writable(const std::string& path) {
 Status create_file(const std::string& path) {
   const int fd = open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, kFileMode);
   if (fd < 0) return errno == EEXIST ? success() : trouble("cannot create", path);
-  const bool ok = fchmod(fd, kFileMode) == 0;
-  Status status = ok ? success() : trouble("cannot set mode 0660 of", path);
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  const bool ok = give_to_owner(fd, folder) && fchmod(fd, kFileMode) == 0;
+  Status status = ok ? success() : trouble("cannot set owner and mode 0640 of", path);
   close(fd);
   if (!status.ok()) return status;
-  return sync_file(std::filesystem::path(path).parent_path().string());
+  return sync_file(folder);
+}
+
+void close_to_writers(const std::string& path) {
+  constexpr mode_t kNotForOthers = 0027;
+  struct stat there {};
+  if (lstat(path.c_str(), &there) != 0 || !S_ISREG(there.st_mode) || (there.st_mode & kNotForOthers) == 0) return;
+  if (there.st_uid == geteuid()) (void)chmod(path.c_str(), there.st_mode & 07777U & ~kNotForOthers);
 }
 
 Status sync_file(const std::string& path) {
@@ -143,9 +168,11 @@ WriterLock::~WriterLock() {
 
 Status WriterLock::take(const std::string& db_path) {
   const std::string path = db_path + ".writer";
-  fd_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kFileMode);
+  fd_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kLockMode);
   if (fd_ < 0) return trouble("cannot open", path);
-  (void)fchmod(fd_, kFileMode);  // made by root with a narrow umask, slabd could not open it; another's stays as it is
+  // Made by root, slabd could not open it; another's stays as it is.
+  (void)give_to_owner(fd_, std::filesystem::path(path).parent_path().string());
+  (void)fchmod(fd_, kLockMode);
   if (flock(fd_, LOCK_EX | LOCK_NB) == 0) {
     // For the next one that wants it, and does not get it. No harm where it cannot be written.
     const std::string self = std::to_string(getpid());

@@ -10,16 +10,20 @@
 /// Folders, free space, and the lock that keeps a second writer away. Plain POSIX; no SQLite here.
 namespace slabd::storage {
 
-/// Makes `path` and its parents. Folders made here get mode 2770: the group may read and keeps its name on new files;
-/// each is on the disk when this returns.
+/// Makes `path` and its parents. Folders made here get mode 2750: the group may read and keeps its name on new files;
+/// each is on the disk when this returns. What root makes belongs to the owner of the folder that it lies in.
 [[nodiscard]] Status make_folder(const std::string& path);
 /// Files can be made in an existing folder: rights, and a file system that this process may write to.
 [[nodiscard]] Status check_writable(const std::string& path);
 
-/// Creates an empty file of mode 0660 unless it exists. SQLite gives its side files the same mode, so that the group
-/// can read while the daemon writes. Its name is on the disk when this returns. An existing file is not even opened:
-/// closing it again would drop the POSIX locks of a connection this process may have on it.
+/// Creates an empty file of mode 0640 unless it exists. SQLite gives its side files the same mode and owner, so that
+/// the group can read while the daemon writes. Its name is on the disk when this returns. An existing file is not even
+/// opened: closing it again would drop the POSIX locks of a connection this process may have on it.
 [[nodiscard]] Status create_file(const std::string& path);
+
+/// Takes away what group and others may do beyond reading, from a file of this process's user. An older slabd let the
+/// group write. Its content is not touched and it is not opened.
+void close_to_writers(const std::string& path);
 
 /// What was written to this file or folder is on the disk when it returns. An empty path is the working folder.
 [[nodiscard]] Status sync_file(const std::string& path);

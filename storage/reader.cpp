@@ -180,6 +180,7 @@ class SqliteReader final : public Reader {
   Status read(const Work& work) {
     try {
       Transaction transaction(*db_, "BEGIN");
+      begin_to_read(*db_);
       work();
       transaction.commit();
       return success();

@@ -41,6 +41,24 @@ const char* kind_of(mode_t mode) {
   return "a device";
 }
 
+/// Every byte that has a meaning in a URI is escaped.
+std::string uri_of(const std::string& path) {
+  constexpr std::string_view kDigits = "0123456789ABCDEF";
+  std::string uri = "file:";
+  for (const char c : path) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (c > ' ' && c < 0x7F && c != '%' && c != '?' && c != '#')
+      uri += c;
+    else
+      (uri += '%').append({kDigits[byte >> 4U], kDigits[byte & 0xFU]});
+  }
+  return uri;
+}
+
+std::int64_t nanoseconds(const timespec& time) {
+  return time.tv_sec * std::int64_t{1'000'000'000} + time.tv_nsec;
+}
+
 }  // namespace
 
 void must(const Status& status) {
@@ -62,6 +80,16 @@ void use_the_new_handler() {
   (void)done;
 }
 
+FileStand::FileStand(const std::string& path) {
+  constexpr std::array kSides = {"", "-wal", "-shm", "-journal"};
+  static_assert(std::tuple_size_v<decltype(files_)> == kSides.size());
+  for (std::size_t i = 0; i < kSides.size(); ++i) {
+    struct stat there {};
+    if (::stat((path + kSides[i]).c_str(), &there) != 0) continue;
+    files_[i] = {there.st_dev, there.st_ino, there.st_size, nanoseconds(there.st_mtim), nanoseconds(there.st_ctim)};
+  }
+}
+
 // ---- Connection --------------------------------------------------------------------------------------------------
 
 Connection::Connection(const std::string& path, int flags) {
@@ -70,7 +98,21 @@ Connection::Connection(const std::string& path, int flags) {
   struct stat there {};
   if (::stat(path.c_str(), &there) == 0 && !S_ISREG(there.st_mode))
     throw SqlFailure{SQLITE_CANTOPEN, path + " is " + kind_of(there.st_mode) + ", not a database file"};
-  if (sqlite3_open_v2(path.c_str(), &handle_, flags, nullptr) == SQLITE_OK) {
+  open(path, flags);
+}
+
+Connection::Connection(const std::string& path, Still) : still_path_(path), still_(FileStand(path)) {
+  use_the_new_handler();
+  open(uri_of(path) + "?immutable=1", SQLITE_OPEN_READONLY | SQLITE_OPEN_URI);
+}
+
+void Connection::check_still() const {
+  if (still_ && !(FileStand(still_path_) == *still_))
+    throw SqlFailure{SQLITE_BUSY, "it was changed while it was read: slabd was started meanwhile; try again"};
+}
+
+void Connection::open(const std::string& name, int flags) {
+  if (sqlite3_open_v2(name.c_str(), &handle_, flags, nullptr) == SQLITE_OK) {
     sqlite3_extended_result_codes(handle_, 1);
     return;
   }
@@ -241,6 +283,7 @@ Transaction::~Transaction() {
 void Transaction::commit() {
   connection_.execute("COMMIT");
   open_ = false;
+  connection_.check_still();
 }
 
 }  // namespace slabd::storage

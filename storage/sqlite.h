@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -28,8 +30,30 @@ void must(const Status& status);
 /// asked of SQLite, a VFS included; later it does nothing.
 void use_the_new_handler();
 
+/// A database file and the files beside it, as they are at one moment.
+class FileStand {
+ public:
+  explicit FileStand(const std::string& path);
+  bool operator==(const FileStand&) const = default;
+
+ private:
+  struct One {
+    std::uint64_t device = 0;
+    std::uint64_t inode = 0;
+    std::int64_t bytes = -1;  ///< -1: not there
+    std::int64_t modified_ns = 0;
+    std::int64_t changed_ns = 0;
+    bool operator==(const One&) const = default;
+  };
+  std::array<One, 4> files_;
+};
+
 class Connection {
  public:
+  struct Still {};
+  /// For reading a database that no process has open, without locks and without a file beside it (SQLite's
+  /// "immutable"). The caller has made sure that no log belongs to it.
+  Connection(const std::string& path, Still);
   /// Opens without creating anything but the file. `flags` are SQLITE_OPEN_*.
   Connection(const std::string& path, int flags);
   ~Connection();
@@ -45,14 +69,21 @@ class Connection {
   /// all of it.
   bool checkpoint();
   [[nodiscard]] sqlite3* handle() const { return handle_; }
+  /// Throws SQLITE_BUSY when a database that was opened as Still is not still any more: what was read of it may
+  /// contradict itself. Transaction::commit() calls it.
+  void check_still() const;
 
   /// From now on texts that are read have no control characters (base/plain_text.h).
   void read_plain_text() { reads_plain_text_ = true; }
   [[nodiscard]] bool reads_plain_text() const { return reads_plain_text_; }
 
  private:
+  void open(const std::string& name, int flags);
+
   sqlite3* handle_ = nullptr;
   bool reads_plain_text_ = false;
+  std::string still_path_;  ///< empty: locks keep it still
+  std::optional<FileStand> still_;
 };
 
 /// Prepared once, run many times. Parameters and columns count from the left in the order of the SQL text;
@@ -87,6 +118,7 @@ class Statement {
   [[nodiscard]] std::string_view stored_text(int column) const;
   [[nodiscard]] std::span<const std::uint8_t> bytes(int column) const;  ///< valid until the next step
   [[nodiscard]] bool is_null(int column) const;
+  [[nodiscard]] sqlite3_stmt* handle() const { return handle_; }
   /// A row that cannot have been written by this program.
   [[noreturn]] void refuse(int column, const std::string& why) const;
 

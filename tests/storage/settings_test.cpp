@@ -169,14 +169,16 @@ TEST_F(SettingsTest, every_table_is_strict) {
             "");
 }
 
-TEST_F(SettingsTest, folders_and_file_are_open_to_the_group_only) {
+TEST_F(SettingsTest, folders_and_files_are_open_to_the_group_for_reading_only) {
   const mode_t before = umask(077);
   open();
   umask(before);
-  EXPECT_EQ(mode_of(folder_.path() + "/db"), 02770);
-  EXPECT_EQ(mode_of(settings_.spool_dir), 02770);
-  EXPECT_EQ(mode_of(settings_.db_path), 0660);
-  EXPECT_EQ(mode_of(settings_.db_path + "-wal"), 0660) << "a reader of the group needs the log too";
+  EXPECT_EQ(mode_of(folder_.path() + "/db"), 02750);
+  EXPECT_EQ(mode_of(settings_.spool_dir), 02750);
+  EXPECT_EQ(mode_of(settings_.db_path), 0640);
+  EXPECT_EQ(mode_of(settings_.db_path + "-wal"), 0640) << "a reader of the group needs the log too";
+  EXPECT_EQ(mode_of(settings_.db_path + "-shm"), 0640) << "and its index";
+  EXPECT_EQ(mode_of(settings_.db_path + ".writer"), 0600) << "who can open it could keep slabd from starting";
 }
 
 TEST_F(SettingsTest, existing_folders_keep_their_mode) {
