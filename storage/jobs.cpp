@@ -37,6 +37,7 @@ std::int64_t number(std::uint64_t value) {
 Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_back)
     : settings_(settings),
       held_back_(held_back),
+      seals_(db),
       set_session_(db, "UPDATE line SET session = ?1"),
       newest_(db, "SELECT newest_utime_us FROM line"),
       set_newest_(db, "UPDATE line SET newest_utime_us = ?1 WHERE newest_utime_us < ?1"),
@@ -191,6 +192,7 @@ void Jobs::undo_end(std::int64_t slab_key) {
   delete_station_results_.bind(1, slab_key).run();
   delete_items_.bind(1, slab_key).bind(2, number(0)).bind(3, number(0)).run();
   delete_slab_record_.bind(1, slab_key).run();
+  seals_.reopen(slab_key);
 }
 
 void Jobs::undo_block(const BlockKey& key) {
@@ -204,6 +206,7 @@ void Jobs::undo_block(const BlockKey& key) {
   set_acquired_.bind(1, key.slab_key).bind(2, number(key.station)).bind(3, number(key.attempt)).run();
   close_command(session, cmd_seq, kAcquired, true);
   delete_unseen_result(key.slab_key, 1, key.station, cmd_seq);
+  seals_.seal_if_ended(key.slab_key);
 }
 
 void Jobs::undo_report(std::uint16_t res_seq) {
@@ -314,6 +317,7 @@ void Jobs::operator()(const AcquiredJob& job) {
   remember_scan(job.fingerprint);
   close_command(a.session, a.cmd_seq, kAcquired, true);
   note_time(a.scan_utime_us);
+  seals_.seal_if_ended(a.slab_key);
 }
 
 void Jobs::operator()(const FailedAttemptJob& job) {
@@ -322,6 +326,7 @@ void Jobs::operator()(const FailedAttemptJob& job) {
   remember_scan(job.fingerprint);
   close_command(a.session, a.cmd_seq, static_cast<std::uint16_t>(kCommandFailed + job.code), false);
   note_time(a.scan_utime_us);
+  seals_.seal_if_ended(a.slab_key);
 }
 
 void Jobs::operator()(const BlockJob& job) {
@@ -342,6 +347,7 @@ void Jobs::operator()(const BlockJob& job) {
   set_measured_.bind(1, key.slab_key).bind(2, number(key.station)).bind(3, number(key.attempt)).run();
   close_command(session, cmd_seq, kDone, true);
   insert_result(key.slab_key, false, job.record);
+  seals_.seal_if_ended(key.slab_key);
 }
 
 void Jobs::insert_block(const BlockKey& key, const BlockResult& block) {
@@ -398,6 +404,7 @@ void Jobs::insert_result(std::int64_t slab_key, bool is_repeat, const PlcResult&
 
 void Jobs::operator()(const SlabJob& job) {
   const SlabKey key{job.slab_key};
+  seals_.begin();
   write_row(upsert_slab_result_, key, SlabEnd{job.ended_utime_us}, job.slab);
   for (std::size_t i = 0; i < job.slab.station_verdict.size(); ++i)
     write_row(upsert_station_result_, key,
@@ -409,6 +416,7 @@ void Jobs::operator()(const SlabJob& job) {
       .run();
   insert_result(job.slab_key, false, job.record);
   note_time(job.ended_utime_us);
+  seals_.seal(job.slab_key);
 }
 
 void Jobs::operator()(const AckJob& job) {

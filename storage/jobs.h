@@ -8,6 +8,7 @@
 #include "base/newest_time.h"
 #include "storage/recover.h"
 #include "storage/rows.h"
+#include "storage/seals.h"
 #include "storage/storage.h"
 
 namespace slabd::storage {
@@ -52,6 +53,9 @@ class Jobs {
   /// But SLAB_ABORT of the open slab, its newest command, stays accepted: the station finishes it.
   void interrupt_unfinished();
 
+  /// Begins the chain of results where there is none.
+  void begin_chain() { seals_.begin(); }
+
   /// Take back what nobody was shown. A block stays acquired, to be measured again; the command for an end or a report
   /// stays accepted, and is one that was interrupted should the process end.
   void undo_end(std::int64_t slab_key);
@@ -78,6 +82,7 @@ class Jobs {
   const StoreSettings& settings_;
   const HeldBack& held_back_;
   std::optional<Error> answer_;
+  Seals seals_;
   Statement set_session_;
   Statement newest_;
   Statement set_newest_;

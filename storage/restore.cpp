@@ -18,11 +18,13 @@
 #include <utility>
 
 #include "storage/backup.h"
+#include "storage/chain.h"
 #include "storage/database.h"
 #include "storage/folders.h"
 #include "storage/jobs.h"
 #include "storage/log_copy.h"
 #include "storage/quarantine.h"
+#include "storage/seals.h"
 #include "storage/storage.h"
 #include "storage/upgrade.h"
 
@@ -97,6 +99,7 @@ void prepare(Connection& db, const StoreSettings& settings, const RestoreOrder& 
   const HeldBack nothing;
   Jobs jobs(db, settings, nothing);
   Transaction transaction(db, "BEGIN IMMEDIATE");
+  jobs.begin_chain();
   jobs.interrupt_unfinished();
   end_open_slab(db, order, jobs);
   const std::int64_t keys = std::max({keys_used, db.integer("SELECT max(keys_used, pruned_key) FROM line"),
@@ -117,6 +120,7 @@ void prepare(Connection& db, const StoreSettings& settings, const RestoreOrder& 
       .bind(6, order.note.utime_us)
       .bind(7, std::int64_t{order.session})
       .run();
+  Seals(db).note_care(db.integer("SELECT max(seq) FROM care"));
   // Whatever the scanner holds, no scan of the last days is known here: the first one that it gives proves nothing.
   jobs(SeenScanJob{kUnseenScan});
   transaction.commit();
@@ -198,6 +202,12 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
                    "%s has no checksum: an older slabd or another program made it, and a value in it may have changed "
                    "unseen. Take a backup that has one; --unproven restores this one",
                    order.from.c_str());
+    const Result<ChainReport> chain = check_chain(order.from);
+    if (!chain.ok()) return chain.error();
+    if (!chain.value().trouble.empty() && !order.accept_unproven)
+      return error(Code::config,
+                   "%s was altered before it was backed up: %.300s. Take an older backup; --unproven restores this one",
+                   order.from.c_str(), chain.value().trouble.c_str());
   }
   // A whole one that a restoring before this one had put into quarantine when it was cut short still tells what is
   // lost. A damaged one, or one with a log that cannot be made durable, does not say.

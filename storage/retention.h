@@ -3,6 +3,7 @@
 
 #include <cstdint>
 
+#include "storage/seals.h"
 #include "storage/sqlite.h"
 
 namespace slabd::storage {
@@ -11,7 +12,8 @@ namespace slabd::storage {
 /// a slab whole or gone and no job waits for long. Candidates have ended, every result of theirs was acknowledged, none
 /// of their scans is kept, and at least kKeepSlabsMin newer slabs stay. Slabs that did not pass stay longer: people ask
 /// for those. Both numbers are counts, so the database is bounded whatever the line makes. The line says how many went,
-/// up to which key. Calibrations stay for ever. The file does not shrink; its free pages are used again.
+/// up to which key, and the chain of results gets an entry for each. Calibrations and seals stay for ever. The file
+/// does not shrink; its free pages are used again.
 class Retention {
  public:
   explicit Retention(Connection& db);
@@ -29,6 +31,7 @@ class Retention {
   Statement candidate_;
   Statement drop_of_no_slab_;  ///< commands given between slabs: REPORT
   Statement note_;
+  Seals seals_;
 };
 
 }  // namespace slabd::storage

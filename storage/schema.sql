@@ -13,6 +13,7 @@
 --   block    what an attempt measured, with its planes, casings, findings and items
 --   map      how far it lies from the model, and its seat from the fitted plane, place by place: what a report draws
 --   result   the records the PLC is shown; id is the order in which it is shown them
+--   slab_seal  the chain of checksums over what is stored of each ended slab
 --
 --   calibration        every calibration ever kept, with what it was made from; its numbers lie in hand_eye,
 --                      station_correction, reference_block, monitor_ball or scanner_acceptance
@@ -24,7 +25,9 @@
 -- fail, not_measured, aborted, indeterminate. Covariances are whole matrices: _12 is row 1, column 2.
 --
 -- Every change needs the next version number, a step from the last one (storage/upgrade_*.sql), and the old text kept
--- for the tests. A column with a DEFAULT came later than its table: that is what older rows hold there.
+-- for the tests. A column with a DEFAULT came later than its table: that is what older rows hold there. A step never
+-- changes a column that a form of storage/seal_form.cpp names, in a row that is there: its slab would look altered. A column
+-- that is new belongs into a new form.
 
 CREATE TABLE line (
   id              INTEGER PRIMARY KEY CHECK (id = 1),
@@ -362,6 +365,32 @@ CREATE TRIGGER care_stays BEFORE UPDATE ON care
   BEGIN SELECT RAISE(ABORT, 'a gap in the history is never changed'); END;
 CREATE TRIGGER care_is_kept BEFORE DELETE ON care
   BEGIN SELECT RAISE(ABORT, 'a gap in the history is never deleted'); END;
+
+-- The chain of results. An entry holds the SHA-256 of the entry before it, so that what was changed behind slabd's back is
+-- found (slabctl db check). Entries are only added, and stay when retention takes their slab away.
+--   begun     the chain begins here; slabs up to key `about` ended before and have no seal
+--   slab      slab `about` has ended: rows_sha256 is that of its rows (storage/seal_form.h), tables the digest of each table
+--   reopened  that end was taken back: the PLC was never shown it
+--   pruned    retention took slab `about` away
+--   care      row `about` of table care
+CREATE TABLE slab_seal (
+  seq         INTEGER PRIMARY KEY CHECK (seq > 0),
+  kind        TEXT NOT NULL CHECK (kind IN ('begun', 'slab', 'reopened', 'pruned', 'care')),
+  form        INTEGER NOT NULL,            -- of rows_sha256
+  about       INTEGER NOT NULL,
+  slab_no     INTEGER NOT NULL,
+  slab_id     TEXT NOT NULL,
+  utime_us    INTEGER NOT NULL,
+  rows_sha256 BLOB NOT NULL,
+  sha256      BLOB NOT NULL,               -- of all of this, and of the entry before
+  tables      BLOB NOT NULL                -- empty when the slab is pruned
+) STRICT;
+CREATE INDEX slab_seal_by_subject ON slab_seal (about, kind, seq);
+CREATE TRIGGER slab_seal_stays
+  BEFORE UPDATE OF seq, kind, form, about, slab_no, slab_id, utime_us, rows_sha256, sha256 ON slab_seal
+  BEGIN SELECT RAISE(ABORT, 'a seal is never changed'); END;
+CREATE TRIGGER slab_seal_is_kept BEFORE DELETE ON slab_seal
+  BEGIN SELECT RAISE(ABORT, 'a seal is never deleted'); END;
 
 -- ---- calibrations: rows are only ever added --------------------------------------------------------------------------
 

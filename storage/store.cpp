@@ -17,6 +17,7 @@
 
 #include "storage/backup.h"
 #include "storage/calibrations.h"
+#include "storage/chain.h"
 #include "storage/database.h"
 #include "storage/folders.h"
 #include "storage/jobs.h"
@@ -132,6 +133,7 @@ class SqliteStore final : public Store {
     HeldBack held_back;
     const Status status = run("recovery", [&](OpenDatabase& open) {
       Transaction transaction(*open.db, "BEGIN IMMEDIATE");
+      open.jobs.begin_chain();
       open.jobs.interrupt_unfinished();
       held_back = read_line(*open.db, *line);
       Calibrations calibrations(*open.db);
@@ -140,6 +142,7 @@ class SqliteStore final : public Store {
       transaction.commit();
     });
     if (!status.ok()) return status.error();
+    read_head();
     held_back_ = held_back;
     tidy_spool([](Spool& spool) { return spool.drop_orphans(); });
     return line;
@@ -179,6 +182,7 @@ class SqliteStore final : public Store {
       looks_to_settle_ = 0;
     }
     const bool ended = std::holds_alternative<SlabJob>(job.what);
+    if (ended && status.ok()) read_head();
     if (ended) retention_due_ = true;
     const bool may_trim = ended || std::holds_alternative<AckJob>(job.what);
     if (status.ok() && may_trim) trim_spool();
@@ -267,6 +271,11 @@ class SqliteStore final : public Store {
     return success();
   }
 
+  [[nodiscard]] ChainHead head() const {
+    const std::lock_guard lock(care_mutex_);
+    return head_;
+  }
+
   CareState care() const override {
     const std::lock_guard lock(care_mutex_);
     return care_;
@@ -278,6 +287,23 @@ class SqliteStore final : public Store {
     const std::lock_guard lock(recipes_mutex_);
     if (recipes_next_) settings_.recipe_texts = std::move(*recipes_next_);
     recipes_next_.reset();
+  }
+
+  /// What cannot be read now is read after the next slab: it is only shown.
+  void read_head() {
+    ChainHead head;
+    if (!open_) return;
+    try {
+      Statement newest(*open_->db, "SELECT seq, lower(hex(sha256)) FROM slab_seal ORDER BY seq DESC LIMIT 1");
+      if (newest.step()) {
+        head.entries = newest.integer(0);
+        head.sha256.assign(newest.text(1));
+      }
+    } catch (const SqlFailure&) {
+      return;
+    }
+    const std::lock_guard lock(care_mutex_);
+    head_ = head;
   }
 
   /// When no job comes: what nobody was told must not stand in the history meanwhile, nor in a copy of it. True when
@@ -354,6 +380,7 @@ class SqliteStore final : public Store {
     const Status status =
         run("retention", [&](OpenDatabase& open) { more = open.retention.take_one(keep, keep_failed); });
     if (more) log_holds_commits_ = true;
+    if (more) read_head();
     if (!more) retention_due_ = false;
     if (!ordered) return;
     const std::lock_guard lock(care_mutex_);
@@ -525,11 +552,17 @@ class SqliteStore final : public Store {
   std::mutex recipes_mutex_;
   std::optional<std::vector<RecipeText>> recipes_next_;  ///< taken by the next job
   mutable std::mutex care_mutex_;
+  ChainHead head_;
   CareState care_;
   PruneOrder prune_order_;
 };
 
 }  // namespace
+
+ChainHead chain_head(const Store& store) {
+  const auto* sqlite = dynamic_cast<const SqliteStore*>(&store);
+  return sqlite == nullptr ? ChainHead{} : sqlite->head();
+}
 
 Result<std::unique_ptr<Store>> open_store(const StoreSettings& settings) {
   use_the_new_handler();

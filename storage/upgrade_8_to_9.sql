@@ -36,3 +36,22 @@ ALTER TABLE result ADD COLUMN emulated INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE attempt ADD COLUMN fingerprint INTEGER;
 CREATE INDEX attempt_by_fingerprint ON attempt (fingerprint) WHERE fingerprint IS NOT NULL;
 CREATE INDEX attempt_by_checksum ON attempt (points_crc32c) WHERE fingerprint IS NULL AND points_crc32c IS NOT NULL;
+
+CREATE TABLE slab_seal (
+  seq         INTEGER PRIMARY KEY CHECK (seq > 0),
+  kind        TEXT NOT NULL CHECK (kind IN ('begun', 'slab', 'reopened', 'pruned', 'care')),
+  form        INTEGER NOT NULL,            -- of rows_sha256
+  about       INTEGER NOT NULL,
+  slab_no     INTEGER NOT NULL,
+  slab_id     TEXT NOT NULL,
+  utime_us    INTEGER NOT NULL,
+  rows_sha256 BLOB NOT NULL,
+  sha256      BLOB NOT NULL,               -- of all of this, and of the entry before
+  tables      BLOB NOT NULL                -- empty when the slab is pruned
+) STRICT;
+CREATE INDEX slab_seal_by_subject ON slab_seal (about, kind, seq);
+CREATE TRIGGER slab_seal_stays
+  BEFORE UPDATE OF seq, kind, form, about, slab_no, slab_id, utime_us, rows_sha256, sha256 ON slab_seal
+  BEGIN SELECT RAISE(ABORT, 'a seal is never changed'); END;
+CREATE TRIGGER slab_seal_is_kept BEFORE DELETE ON slab_seal
+  BEGIN SELECT RAISE(ABORT, 'a seal is never deleted'); END;
