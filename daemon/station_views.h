@@ -28,8 +28,8 @@ inline constexpr double kSeatOffMm = 2.0;
 inline constexpr double kSeatOffRad = 0.25 * kPi / 180.0;
 
 /// Two stops from which the same block appears this far apart are told apart; those that differ less are not compared.
-inline constexpr double kStopsDifferMm = 2.4;
-inline constexpr double kStopsDifferRad = 0.33 * kPi / 180.0;
+inline constexpr double kStopsDifferMm = 2.5;
+inline constexpr double kStopsDifferRad = 0.35 * kPi / 180.0;
 
 /// One scan's block.
 struct View {
