@@ -111,6 +111,36 @@ TEST(SlabRecord, carries_the_worst_seat_of_each_kind_with_its_station) {
   EXPECT_EQ(record.fail_mask, 1U << 4U);
 }
 
+TEST(StationRecord, has_place_and_final_verdict_of_its_seat_once_the_slab_has_ended) {
+  BlockResult block;
+  block.station = 7;
+  block.verdict = Verdict::pass;
+  ASSERT_TRUE(block.items.push(judged(ItemId::seat_slope, Verdict::fail, true, 7, 0.3)));
+  const PlcResult before = station_record(block);
+  EXPECT_DOUBLE_EQ(before.deviation[0], 0.3);
+  EXPECT_FALSE(has_value(before.deviation[9])) << "IR 51: only the slab's frame decides it";
+  EXPECT_FALSE(has_value(before.deviation[10]));
+  EXPECT_NE(before.fail_mask, 0);
+
+  SlabResult slab;
+  ASSERT_TRUE(slab.items.push(judged(ItemId::seat_slope, Verdict::pass, true, 7, 0.05)));
+  ASSERT_TRUE(slab.items.push(judged(ItemId::seat_lateral, Verdict::fail, true, 7, -0.6)));
+  ASSERT_TRUE(slab.items.push(judged(ItemId::seat_vertical, Verdict::pass, true, 7, 0.2)));
+  ASSERT_TRUE(slab.items.push(judged(ItemId::seat_lateral, Verdict::pass, true, 8, 0.1)));
+  slab.station_verdict[6] = Verdict::fail;
+  slab.station_reason[6] = 601;
+  const PlcResult after = station_record(block, slab);
+  EXPECT_EQ(after.kind, 1);
+  EXPECT_EQ(after.station, 7);
+  EXPECT_EQ(after.verdict, Verdict::fail);
+  EXPECT_EQ(after.reason, 601);
+  EXPECT_DOUBLE_EQ(after.deviation[0], 0.05) << "of the slope the slab's own";
+  EXPECT_DOUBLE_EQ(after.deviation[9], -0.6) << "IR 51";
+  EXPECT_DOUBLE_EQ(after.deviation[10], 0.2) << "IR 52";
+  const Item lateral = judged(ItemId::seat_lateral, Verdict::fail, true, 7, -0.6);
+  EXPECT_EQ(after.fail_mask, fail_mask(&lateral, &lateral + 1));
+}
+
 TEST(Sequence, never_uses_zero) {
   EXPECT_EQ(next_sequence(0), 1);
   EXPECT_EQ(next_sequence(1), 2);
