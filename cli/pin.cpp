@@ -133,7 +133,9 @@ int unpin(const PinOptions& options) {
 void add_pin(CLI::App& app, int& exit_status) {
   auto options = std::make_shared<PinOptions>();
   CLI::App* pinning = app.add_subcommand("pin", "Keep a slab's scans, whatever the spool's budget");
-  pinning->footer("\nPinned scans count against the budget. Example: slabctl pin SLAB-0042 --reason \"complaint 17\"");
+  pinning->footer(
+      "\nPinned scans count against the budget. Pinning writes beside the scans, as root or slabd's user. Example: "
+      "slabctl pin SLAB-0042 --reason \"complaint 17\"");
   CLI::App* unpinning = app.add_subcommand("unpin", "Let a slab's scans be deleted again");
   for (CLI::App* command : {pinning, unpinning}) {
     command

@@ -160,6 +160,9 @@ void print_status(const json& status) {
                                     text_at(status, {"links", "scanner", "strays"})));
   if (const std::string why = text_at(status, {"links", "scanner", "text"}); why != "-" && !why.empty())
     print_line("", why);
+  if (const nlohmann::json& chain = status.value("chain", nlohmann::json(nullptr)); chain.is_object())
+    print_line("chain", fmt::format("entry {} of the chain of results, SHA-256 {}",
+                                    text_at(status, {"chain", "entries"}), text_at(status, {"chain", "sha256"})));
   print_line("store", fmt::format("ok {}, {} results wait for the PLC", text_at(status, {"links", "store", "ok"}),
                                   text_at(status, {"results_pending"})));
   if (const std::string why = text_at(status, {"links", "store", "text"}); why != "-" && !why.empty())

@@ -23,6 +23,7 @@
 #include "daemon/seal.h"
 #include "daemon/slab_ends.h"
 #include "hal/journal.h"
+#include "storage/chain.h"
 
 namespace slabd::daemon {
 namespace {
@@ -131,12 +132,23 @@ StoreDone Loop::store(const StoreTask& task) {
     done.text = status.error().text;
     say({LogLine::Level::error, static_cast<std::uint16_t>(done.code), status.error().text});
   }
+  if (const auto* end = std::get_if<SlabJob>(&job.what); end != nullptr && status.ok()) note_chain(end->slab_key);
   if (ports_.store->spool_trouble() != spool_trouble_said_.view()) {
     spool_trouble_said_ = ports_.store->spool_trouble();
     if (!spool_trouble_said_.empty())
       say({LogLine::Level::warning, static_cast<std::uint16_t>(Code::store_full), spool_trouble_said_.view()});
   }
   return done;
+}
+
+/// The journal is a witness outside of the database.
+void Loop::note_chain(std::int64_t slab_key) {
+  const storage::ChainHead head = storage::chain_head(*ports_.store);
+  if (head.entries == 0) return;
+  LogLine line{LogLine::Level::info, static_cast<std::uint16_t>(Code::ok), {}};
+  line.text.printf("slab key %lld is sealed: entry %lld of the chain of results, SHA-256 %s",
+                   static_cast<long long>(slab_key), static_cast<long long>(head.entries), head.sha256.c_str());
+  say(line);
 }
 
 void Loop::tell_store_trouble() {

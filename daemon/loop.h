@@ -127,6 +127,7 @@ class Loop {
   void say(const LogLine& line) const { say_line(line); }
 
   [[nodiscard]] StoreDone store(const StoreTask& task);
+  void note_chain(std::int64_t slab_key);
   /// What the store has found wrong by itself is a fault without a job.
   void tell_store_trouble();
   [[nodiscard]] ScanDone scan(const AcquireScan& job);

@@ -6,6 +6,7 @@
 #include <sys/resource.h>
 
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <string>
 
@@ -13,6 +14,7 @@
 #include "daemon/loop.h"
 #include "daemon/seal.h"
 #include "daemon/station_parts.h"
+#include "storage/chain.h"
 
 namespace slabd::daemon {
 namespace {
@@ -62,6 +64,13 @@ std::string label_value(std::string_view text) {
     out += c >= ' ' && c <= '~' ? c : '?';
   }
   return out;
+}
+
+/// A label with the whole checksum would be a new series for every slab. 48 bits are a number that a double keeps.
+double head_number(const storage::ChainHead& head) {
+  constexpr std::size_t kHexDigits = 12;
+  const std::string digits(head.sha256.view().substr(0, kHexDigits));
+  return static_cast<double>(std::strtoull(digits.c_str(), nullptr, 16));
 }
 
 void tell_plc(Text& text, const hal::PlcPort& plc, bool alive) {
@@ -138,6 +147,9 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
   text.gauge("slabd_database_bytes", "Of the database's file", file_bytes(figures.db_path));
   text.gauge("slabd_database_log_bytes", "Of the write-ahead log beside it; a reader that never ends lets it grow",
              file_bytes(figures.db_path + "-wal"));
+  const storage::ChainHead head = ports.store == nullptr ? storage::ChainHead{} : storage::chain_head(*ports.store);
+  text.gauge("slabd_chain_entries", "Length of the chain of results", static_cast<double>(head.entries));
+  text.gauge("slabd_chain_head", "First 48 bits of the SHA-256 of its newest entry, as a number", head_number(head));
   text.gauge("slabd_commit_last_seconds", "The last commit", figures.commit_last_ms / 1e3);
   text.gauge("slabd_commit_max_seconds", "The longest commit since the last reset", figures.commit_max_ms / 1e3);
   text.counter("slabd_blocks_measured_total", "Blocks measured", figures.blocks_measured);

@@ -15,6 +15,7 @@
 #include "daemon/slab_ends.h"
 #include "daemon/station_parts.h"
 #include "hal/plc_map.h"
+#include "storage/chain.h"
 
 namespace slabd::daemon {
 namespace {
@@ -293,6 +294,8 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
                          {"text", view.store_ok ? "" : figures.store_text.c_str()},
                          {"commit_last_ms", figures.commit_last_ms},
                          {"commit_max_ms", figures.commit_max_ms}};
+  const storage::ChainHead head = ports.store == nullptr ? storage::ChainHead{} : storage::chain_head(*ports.store);
+  j["chain"] = head.entries == 0 ? Json(nullptr) : Json{{"entries", head.entries}, {"sha256", head.sha256.view()}};
   j["results_pending"] = view.results_pending;
   j["refused"] = {{"count", view.refused}, {"code", view.refuse_code}, {"seq", view.refuse_seq}};
   j["last_slab"] = station.results.slab_no == 0 && station.results.slab_verdict == Verdict::none

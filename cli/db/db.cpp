@@ -25,6 +25,7 @@
 #include "cli/json.h"
 #include "cli/parse.h"
 #include "cli/render.h"
+#include "storage/chain.h"
 
 namespace slabd::cli {
 namespace {
@@ -49,6 +50,7 @@ struct Options {
   bool lose_calibrations = false;
   bool unproven = false;
   bool json = false;
+  std::int64_t entry = 0;  ///< of the chain, whose checksum is wanted; 0: none
 };
 
 int fail(const Error& why) {
@@ -84,8 +86,34 @@ std::vector<std::string> backups_of(const std::string& db_path, std::error_code&
   return found;
 }
 
+/// Of a file that is not whole the chain says nothing.
+const char* chain_state(const storage::DatabaseReport& report, const storage::ChainReport& chain) {
+  if (!report.trouble.empty()) return "unknown";
+  if (!chain.trouble.empty()) return "altered";
+  return chain.entries == 0 ? "none" : "whole";
+}
+
+void tell_chain(const storage::ChainReport& chain, std::int64_t entry) {
+  if (!chain.trouble.empty())
+    fmt::print("ALTERED: {}{}\n", chain.trouble,
+               chain.altered > 1 ? fmt::format(" (and {} more)", chain.altered - 1) : "");
+  if (chain.entries == 0) {
+    fmt::print("no chain of results: nothing proves that its values are those that were measured\n");
+    return;
+  }
+  if (chain.trouble.empty())
+    fmt::print("chain of results: {} slabs are as they were sealed at their end\n", chain.sealed);
+  if (chain.unsealed > 0)
+    fmt::print("{} slabs ended before there was a chain and have no seal: of them nothing is proven\n", chain.unsealed);
+  fmt::print("newest entry {}, SHA-256 {}: compare it with the journal, or note it elsewhere\n", chain.entries,
+             chain.head);
+  if (entry != 0)
+    fmt::print("entry {}, SHA-256 {}\n", entry, chain.asked.empty() ? "none: there is no such entry" : chain.asked);
+}
+
 /// `is_backup`: it should have a checksum.
-int tell(const std::string& path, const storage::DatabaseReport& report, const Options& options, bool is_backup) {
+int tell(const std::string& path, const storage::DatabaseReport& report, const storage::ChainReport& chain,
+         const Options& options, bool is_backup) {
   const bool whole = report.trouble.empty();
   if (options.json) {
     Json json;
@@ -95,7 +123,11 @@ int tell(const std::string& path, const storage::DatabaseReport& report, const O
     json.field("slabs", report.slabs).field("oldest_key", report.oldest_key).field("newest_key", report.newest_key);
     json.field("newest_utime_us", report.newest_utime_us).field("bytes", report.bytes);
     json.field("log_bytes", report.log_bytes);
-    json.field("checksum", !whole ? "unknown" : report.has_checksum ? "good" : "none").end_object();
+    json.field("checksum", !whole ? "unknown" : report.has_checksum ? "good" : "none");
+    json.key("chain").begin_object().field("state", chain_state(report, chain)).field("trouble", chain.trouble);
+    json.field("altered", chain.altered).field("entries", chain.entries).field("sealed", chain.sealed);
+    json.field("unsealed", chain.unsealed).field("pruned", chain.pruned).field("head", chain.head);
+    json.field("asked", chain.asked).end_object().end_object();
     fmt::print("{}", json.text());
   } else {
     fmt::print("{}: {}\n", path, whole ? "whole" : "NOT WHOLE: " + report.trouble);
@@ -107,13 +139,17 @@ int tell(const std::string& path, const storage::DatabaseReport& report, const O
     fmt::print("schema version {}, {} slabs ({}..{}), newest record {}, {}{}\n", report.version, report.slabs,
                report.oldest_key, report.newest_key, iso_time(report.newest_utime_us), megabytes(report.bytes),
                report.log_bytes > 0 ? fmt::format(" and a log of {}", megabytes(report.log_bytes)) : "");
+    if (whole) tell_chain(chain, options.entry);
   }
-  return whole ? kDone : kBadInput;
+  return whole && chain.trouble.empty() ? kDone : kBadInput;
 }
 
 int examine(const std::string& path, const Options& options, bool is_backup) {
   const Result<storage::DatabaseReport> report = storage::check_database(path, options.full);
-  return report.ok() ? tell(path, report.value(), options, is_backup) : fail(report.error());
+  if (!report.ok()) return fail(report.error());
+  if (!report.value().trouble.empty()) return tell(path, report.value(), {}, options, is_backup);
+  const Result<storage::ChainReport> chain = storage::check_chain(path, options.entry);
+  return chain.ok() ? tell(path, report.value(), chain.value(), options, is_backup) : fail(chain.error());
 }
 
 struct KnownBackup {
@@ -344,6 +380,13 @@ void add_db(CLI::App& app, int& exit_status) {
   CLI::App* command = with_config(verb("check", "Is the database whole? Reads while the daemon runs", check));
   command->add_flag("--full", options->full, "Indices against tables as well; slower");
   command->add_flag("--json", options->json, "Print slabd.database/1 on stdout");
+  const auto with_entry = [&options](CLI::App* reading) {
+    reading
+        ->add_option("--entry", options->entry,
+                     "Print the checksum of this entry of the chain of results, to compare it with the journal")
+        ->check(CLI::PositiveNumber);
+  };
+  with_entry(command);
 
   command =
       with_config(verb("backup", "Copy the database (through the daemon while it runs) and check the copy", back_up));
@@ -358,6 +401,7 @@ void add_db(CLI::App& app, int& exit_status) {
     return examine(o.file, thorough, true);
   });
   command->add_option("FILE", options->file, "A backup")->required();
+  with_entry(command);
   command->add_flag("--json", options->json, "Print slabd.database/1 on stdout");
 
   command = with_config(verb("restore", "Put a backup in the place of the database; slabd must be stopped", restore));
@@ -365,7 +409,8 @@ void add_db(CLI::App& app, int& exit_status) {
   command->add_flag("--fresh", options->fresh, "Begin with an empty history instead");
   command->add_flag("--lose-calibrations", options->lose_calibrations,
                     "Even if calibrations were changed or checked since the backup");
-  command->add_flag("--unproven", options->unproven, "Even if the backup has no checksum (an older slabd's)");
+  command->add_flag("--unproven", options->unproven,
+                    "Even if the backup has no checksum (an older slabd's), or if it was altered before it was made");
   command->add_option("--why", options->why, "Why, for the history")->required()->check(some_words());
   command->add_option("--operator", options->operator_name, "Who does it (default: your login)");
 

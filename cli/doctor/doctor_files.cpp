@@ -66,8 +66,20 @@ fs::path existing(fs::path path) {
   return path.empty() ? fs::path(".") : path;
 }
 
+/// Of the scanner software's user; the package makes it.
+constexpr const char* kScanGroup = "slabd-scan";
+
+/// Who may write in a folder beside the daemon.
+struct Rights {
+  const char* mode;
+  const char* group;  ///< nullptr: the daemon's
+};
+constexpr Rights kOwnerWrites = {"2750", nullptr};
+constexpr Rights kScannerWrites = {"2770", kScanGroup};
+
 /// True when the daemon can write there.
-bool examine_folder(const char* check, const std::string& folder, const Account& account, Examination& report) {
+bool examine_folder(const char* check, const std::string& folder, const Account& account, const Rights& rights,
+                    Examination& report) {
   const fs::path there = existing(folder);
   struct stat file {};
   if (::stat(there.c_str(), &file) != 0) {
@@ -81,9 +93,10 @@ bool examine_folder(const char* check, const std::string& folder, const Account&
     return false;
   }
   if (!writable) {
-    report.failed(
-        check, fmt::format("{} is not writable for {}", there.string(), account.name),
-        fmt::format("chown {}:{} {} && chmod 2770 {}", account.name, account.name, there.string(), there.string()));
+    report.failed(check, fmt::format("{} is not writable for {}", there.string(), account.name),
+                  fmt::format("chown {}:{} {} && chmod {} {}", account.name,
+                              rights.group != nullptr ? rights.group : account.name, there.string(), rights.mode,
+                              there.string()));
     return false;
   }
   // Modes say nothing of a disk that the kernel has made read-only, as it does with a damaged one.
@@ -100,6 +113,38 @@ bool examine_folder(const char* check, const std::string& folder, const Account&
   }
   report.ok(check, fmt::format("{}, writable for {}", folder, account.name));
   return true;
+}
+
+/// Group and others read results and scans. Who may write them may change a verdict while slabd is stopped.
+void examine_rights(const char* check, const std::string& path, const Account& account, Examination& report) {
+  struct stat file {};
+  if (::stat(path.c_str(), &file) != 0) return;
+  constexpr unsigned kWrite = 2;
+  if (!S_ISDIR(file.st_mode) && !may(account, file, kWrite))
+    report.failed(check, fmt::format("{} is not writable for {}", path, account.name),
+                  fmt::format("chown {}:{} {}", account.name, account.name, path));
+  constexpr mode_t kGroupWrites = 0020;
+  constexpr mode_t kOthersWrite = 0002;
+  if ((file.st_mode & (kGroupWrites | kOthersWrite)) == 0) return;
+  const group* const name = ::getgrgid(file.st_gid);
+  const std::string who = (file.st_mode & kOthersWrite) != 0 ? "every user"
+                          : name != nullptr                  ? fmt::format("every member of group {}", name->gr_name)
+                                                             : fmt::format("every member of group {}", file.st_gid);
+  report.warning(check, fmt::format("{} may write {}: a verdict could be changed unseen", who, path),
+                 fmt::format("chmod g-w,o-w {}", path));
+}
+
+/// The scanner software needs the drop folder and nothing else of slabd.
+void examine_drop_group(const std::string& drop_dir, const std::string& db_folder, const Account& account,
+                        Examination& report) {
+  struct stat drop {};
+  struct stat database {};
+  if (account.name != kDaemonUser || ::getgrnam(kScanGroup) == nullptr) return;
+  if (::stat(drop_dir.c_str(), &drop) != 0 || ::stat(db_folder.c_str(), &database) != 0) return;
+  if (drop.st_gid == database.st_gid)
+    report.warning(
+        "scan drop", fmt::format("{} belongs to the group that may read the database", drop_dir),
+        fmt::format("chgrp -R {} {}, and put the scanner software's user into that group alone", kScanGroup, drop_dir));
 }
 
 std::optional<std::uint64_t> free_bytes(const std::string& folder) {
@@ -285,10 +330,16 @@ void examine_disk(const daemon::Config& config, Examination& report) {
     report.note("user", fmt::format("there is no user {}; permissions are looked at for {}", kDaemonUser, account.name),
                 "the package makes it; without it the daemon runs as who starts it");
   const std::string db_folder = fs::path(config.storage.db_path).parent_path().string();
-  const bool database = examine_folder("database", db_folder.empty() ? "." : db_folder, account, report);
-  const bool spool = examine_folder("scans", config.storage.spool_dir, account, report);
-  if (config.scanner_backend == hal::ScannerBackend::drop)
-    (void)examine_folder("scan drop", config.scanner.drop_dir.c_str(), account, report);
+  const bool database = examine_folder("database", db_folder.empty() ? "." : db_folder, account, kOwnerWrites, report);
+  const bool spool = examine_folder("scans", config.storage.spool_dir, account, kOwnerWrites, report);
+  if (config.scanner_backend == hal::ScannerBackend::drop) {
+    (void)examine_folder("scan drop", config.scanner.drop_dir.c_str(), account, kScannerWrites, report);
+    examine_drop_group(config.scanner.drop_dir.c_str(), db_folder, account, report);
+  }
+  for (const char* side : {"", "-wal", "-shm"})
+    examine_rights("database", config.storage.db_path + side, account, report);
+  examine_rights("database", db_folder.empty() ? "." : db_folder, account, report);
+  examine_rights("scans", config.storage.spool_dir, account, report);
   if (database) examine_foreign_lock(config.storage.db_path, report);
   if (database) examine_space("database disk", db_folder, kDatabaseFreeMin, 2 * kDatabaseFreeMin, "records", report);
   if (spool) {
