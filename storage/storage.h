@@ -178,7 +178,7 @@ class Store {
   [[nodiscard]] virtual CareState care() const = 0;
 };
 
-/// Opens or creates the database (folders too, mode 2770). One of an older schema version is copied to
+/// Opens or creates the database (folders too, mode 2750). One of an older schema version is copied to
 /// `<db>.v<version>-backup` and then brought up to date in one transaction. journal_write when it cannot be opened, is
 /// open for writing elsewhere, is damaged, another application's (application_id), or newer than this program
 /// (user_version); the text names the file and the figures. A damaged one is moved, with its log, to
