@@ -14,6 +14,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "base/items.h"
 
@@ -137,6 +138,9 @@ std::vector<AlikeRecipes> alike_recipes(std::span<const Recipe> recipes) {
   for (const Recipe& a : recipes)
     for (const Recipe& b : recipes)
       if (a.slab_type < b.slab_type && same_seats(a, b)) alike.push_back({&a, &b, ends_differ(a, b)});
+  std::sort(alike.begin(), alike.end(), [](const AlikeRecipes& x, const AlikeRecipes& y) {
+    return std::pair(x.a->slab_type, x.b->slab_type) < std::pair(y.a->slab_type, y.b->slab_type);
+  });
   return alike;
 }
 

@@ -30,12 +30,21 @@ double distance_to_block_mm(const Station& s, std::uint8_t station, const Pose& 
   return (T_base_flange.translation_mm - T_base_block.translation_mm).norm();
 }
 
-/// A mirrored cloud looks like a good one, block by block. Only robot poses and target views of a solved hand-eye
-/// calibration contradict it, and only such a calibration can be applied. The open slab counts by the values it began
-/// with.
+/// A mirrored cloud looks like a good one, block by block. Only the robot poses and target views of a solved hand-eye
+/// calibration contradict it; commissioning values and an adopted calibration (`trouble`) have none. The open slab
+/// counts by the values it began with.
 bool handedness_unproven(const Station& s) {
-  const auto unproven = [](const LineCalibration& c) { return c.source == LineCalibration::Source::commissioning; };
+  const auto unproven = [](const LineCalibration& c) {
+    return c.source == LineCalibration::Source::commissioning ||
+           (c.source == LineCalibration::Source::applied && !c.trouble.empty());
+  };
   return unproven(s.calibration) || (s.slab.phase != SlabPhase::none && unproven(s.slab.calibration));
+}
+
+void warn_of_applied(const LineCalibration& calibration, Actions& actions) {
+  if (!calibration.trouble.empty())
+    log(actions, LogLine::Level::warning, Code::ok, "%s, and mirrored scans would not be noticed",
+        calibration.trouble.c_str());
 }
 
 bool is_uncorrected(SpliceSource source) {
@@ -48,7 +57,9 @@ bool is_uncorrected(SpliceSource source) {
 void recover_calibration(Station& s, const RecoveredLine& line, Actions& actions) {
   s.calibration = line.calibration;
   commission(s.settings.calibration_id, s.settings.T_flange_scanner, s.calibration);
-  if (!line.calibration.trouble.empty())
+  if (line.calibration.source == LineCalibration::Source::applied)
+    warn_of_applied(line.calibration, actions);
+  else if (!line.calibration.trouble.empty())
     log(actions, LogLine::Level::error, Code::calibration_missing, "%s", line.calibration.trouble.c_str());
   if (!line.calibration.scanner.trouble.empty())
     log(actions, LogLine::Level::warning, Code::ok, "%s", line.calibration.scanner.trouble.c_str());
@@ -98,6 +109,7 @@ void advance_calibration(Station& s, Actions& actions) {
     const char* when = s.slab.phase == SlabPhase::none ? "" : " from the next slab on";
     if (other)
       log(actions, LogLine::Level::info, Code::ok, "calibration %s is in force%s", s.calibration.id.c_str(), when);
+    if (other && s.calibration.source == LineCalibration::Source::applied) warn_of_applied(s.calibration, actions);
     if (other_scanner && s.calibration.scanner.id.empty())
       log(actions, LogLine::Level::warning, Code::ok, "no scanner acceptance is in force%s: %s", when,
           s.calibration.scanner.trouble.empty() ? "there is none any more" : s.calibration.scanner.trouble.c_str());

@@ -314,6 +314,9 @@ void Calibrations::use_hand_eye(const std::optional<CalibrationRecord>& record, 
   out.source = LineCalibration::Source::applied;
   out.hand_eye = std::get<HandEyeNumbers>(record->numbers);
   out.expires_utime_us = record->expires_utime_us;
+  // Robot poses and target views contradict a mirrored cloud. A value from elsewhere has none.
+  if (std::string_view(record->observations).starts_with("# adopted from "))
+    out.trouble.printf("%s was adopted: no views prove that the scanner's frame is right-handed", record->id.c_str());
 }
 
 void Calibrations::use_table(const std::optional<CalibrationRecord>& record, LineCalibration& out) {

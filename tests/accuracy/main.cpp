@@ -33,6 +33,7 @@ constexpr std::array kStudies = {
     Study{"correlated", correlated_study, "the same with noise correlated over 1 mm: does U still cover?"},
     Study{"slab", slab_study, "whole slabs with robot repeatability: slab items, planted defects"},
     Study{"exposures", exposures_study, "the noise of two scans: different exposures, and one that is given again"},
+    Study{"ends", ends_study, "slab types that differ only in the slab's ends, begun rightly and wrongly"},
     Study{"ball", ball_study, "a tooling ball: scatter of its centre, truth of its covariance"},
     Study{"stations", stations_study,
           "a robot that is off: station corrections, seats with and without, coverage of U"},

@@ -55,6 +55,9 @@ struct StudyOptions {
 /// is given again in another form, and the rate of false alarms.
 [[nodiscard]] bool exposures_study(const StudyOptions& options, Table& table);
 
+/// Slab types that differ only in the slab's ends: refused under the wrong type, never under their own.
+[[nodiscard]] bool ends_study(const StudyOptions& options, Table& table);
+
 /// A tooling ball in caps of several sizes: scatter of its centre against the floor of a fixed-radius fit, and whether
 /// the reported covariance is true.
 [[nodiscard]] bool ball_study(const StudyOptions& options, Table& table);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl calibrate solve as a process: files in, figures, refusals and exit status out.
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <tuple>
@@ -123,6 +124,48 @@ TEST_F(CalibrateSolve, refused_is_status_6_with_figures_reason_and_cure) {
   EXPECT_TRUE(nothing["residual_mm"]["rms"].is_number());
   EXPECT_TRUE(nothing["condition"].is_number());
   expect_mentions(solve(ArtefactKind::ball).out, "not determined");
+}
+
+TEST_F(CalibrateSolve, causes_are_named_with_a_cure_that_fits_the_files) {
+  const auto reason = [&](ArtefactKind kind) {
+    const Ended ended = solve(kind, "--json");
+    EXPECT_EQ(ended.status, 6) << ended.err;
+    return json::parse(ended.out)["reasons"][0];
+  };
+  const auto words = [](const json& value) { return value.get<std::string>(); };
+  const Set set = make(ArtefactKind::ball, {}, 6);
+
+  Set mirrored = set;
+  for (calib::View& view : mirrored.views) view.balls[0].centre_mm.x() *= -1.0;
+  write_tables(ArtefactKind::ball, mirrored);
+  EXPECT_EQ(reason(ArtefactKind::ball)["code"], "handedness");
+  expect_mentions(words(reason(ArtefactKind::ball)["text"]), "the scanner's x axis is mirrored");
+
+  Set constant = set;
+  for (calib::View& view : constant.views) view.balls[0].centre_mm = Vec3(10.0, 20.0, 600.0);
+  write_tables(ArtefactKind::ball, constant);
+  EXPECT_EQ(reason(ArtefactKind::ball)["code"], "same_target");
+  expect_mentions(words(reason(ArtefactKind::ball)["text"]), "the target is the same in 15 views");
+
+  Set longer = set;
+  for (calib::View& view : longer.views) view.balls[0].centre_mm *= 1.015;
+  write_tables(ArtefactKind::ball, longer);
+  const json scale = json::parse(solve(ArtefactKind::ball, "--json").out);
+  EXPECT_EQ(scale["status"], "refused");
+  EXPECT_NEAR(scale["lambda"].get<double>(), 1.0 / 1.015, 0.002);
+  EXPECT_GT(scale["lambda_sigma"].get<double>(), 0.0);
+  EXPECT_TRUE(std::any_of(scale["reasons"].begin(), scale["reasons"].end(),
+                          [](const json& r) { return r["code"] == "scale"; }))
+      << scale["reasons"];
+
+  // The file declares T_flange_base and holds T_base_flange.
+  PoseFormat inverse;
+  inverse.inverse = inverse.declared = true;
+  Set wrong = set;
+  for (calib::View& view : wrong.views) view.T_base_flange = view.T_base_flange.inverse();
+  write_tables(ArtefactKind::ball, wrong, inverse);
+  EXPECT_EQ(reason(ArtefactKind::ball)["code"], "convention");
+  EXPECT_EQ(reason(ArtefactKind::ball)["cure"], "declare what it holds: # format: frames=T_base_flange");
 }
 
 TEST_F(CalibrateSolve, outliers_are_listed_by_view_from_1) {

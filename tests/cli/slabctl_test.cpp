@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -16,6 +17,7 @@
 #include <regex>
 
 #include "base/limits.h"
+#include "base/pose.h"
 #include "tests/cli/slabctl_process.h"
 
 namespace slabd::cli {
@@ -240,7 +242,9 @@ TEST_F(Slabctl, a_scan_in_another_unit_or_frame_is_refused_with_its_extent_dista
     std::string text;
     for (std::size_t i = 0; i < points.size(); i += 4) {
       const Vec3 p = change(points[i]);
-      text += fmt::format("{:.6f} {:.6f} {:.6f}\n", p.x(), p.y(), p.z());
+      std::array<char, 96> line{};
+      std::snprintf(line.data(), line.size(), "%.6f %.6f %.6f\n", p.x(), p.y(), p.z());
+      text += line.data();
     }
     const Ended ended = run("inspect " + write("other.xyz", text) + " --recipe " + kRecipe + " --block 3");
     EXPECT_EQ(ended.status, 1);

@@ -40,7 +40,7 @@ struct Seen {
 
 /// A scan of a block whose slab ends at -`minus_mm` and at `plus_mm`.
 Seen scan(double minus_mm, double plus_mm, std::uint64_t seed, Beyond beyond = Beyond::nothing,
-          double field_x_mm = kWideMm, double pitch_mm = 1.5) {
+          double field_x_mm = kWideMm, double pitch_mm = 1.5, double focus_mm = 0.0) {
   Prng random(seed + 1);
   const auto within = [&](double amplitude) { return amplitude * (2.0 * random.uniform() - 1.0); };
   scene::Scan how;
@@ -48,6 +48,7 @@ Seen scan(double minus_mm, double plus_mm, std::uint64_t seed, Beyond beyond = B
   how.pitch_mm = pitch_mm;
   how.field_x_mm = field_x_mm;
   how.organised = true;
+  how.focus_mm = focus_mm;
   how.displacement = scene::displaced(within(4.0), within(4.0), within(4.0), within(0.5), within(0.5), within(0.5));
   Seen seen{scene::take({}, how), {}};
   seen.T_block_scanner = seen.cloud.T_block_scanner;
@@ -87,7 +88,7 @@ class SlabEndsTest : public ::testing::Test {
       // Inner blocks need not be drawn more than once a slab.
       if (!minus && !plus && k % 8 != 2 && k % 8 != 3) continue;
       const std::uint64_t of_scan = seed * 100 + static_cast<std::uint64_t>(k);
-      const Seen seen = scan(minus ? end_mm : kNoEnd, plus ? end_mm : kNoEnd, of_scan, beyond, field_x_mm, 2.0);
+      const Seen seen = scan(minus ? end_mm : kNoEnd, plus ? end_mm : kNoEnd, of_scan, beyond, field_x_mm, 3.0);
       const SlabEnds::Finding finding = ends_.note(static_cast<std::int64_t>(seed), k, view_of(seen, recipe));
       if (finding.other != nullptr) return finding;
     }
@@ -191,6 +192,8 @@ TEST_F(SlabEndsTest, recipes_that_only_the_ends_tell_apart_are_named_and_those_t
   recipes_.back().slab.width_mm.value = 2400.0;
   alike = alike_recipes(recipes_);
   ASSERT_EQ(alike.size(), 3U);
+  EXPECT_TRUE(alike[1].ends_differ);
+  EXPECT_TRUE(alike[2].ends_differ);
   EXPECT_FALSE(alike[0].ends_differ);
   EXPECT_EQ(text_of(alike[0]).view(),
             "P4856 and P4856B have the same blocks and slab ends: no scan tells them apart, and a slab begun under the "
@@ -210,7 +213,7 @@ TEST_F(SlabEndsTest, the_measuring_thread_refuses_the_scan_that_shows_another_ty
   const std::unique_ptr<Crew> crew = make_crew(recipes_, hal::LengthUnit::mm, *clock, 1);
   const TextFiles files;
   const auto measure = [&](const Recipe& begun_as, std::int64_t slab_key) {
-    const Seen seen = scan(kShortMm, kNoEnd, 11, Beyond::floor, 620.0, 0.8);
+    const Seen seen = scan(kShortMm, kNoEnd, 11, Beyond::floor, 620.0, 0.8, 600.0);
     const std::string path = files.folder() + "/scan.ply";
     EXPECT_TRUE(
         hal::write_scan(path.c_str(), hal::ScanFormat::ply, seen.cloud.xyz, seen.cloud.width, seen.cloud.height).ok());

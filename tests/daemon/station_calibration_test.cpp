@@ -101,6 +101,15 @@ TEST(StationCalibration, handedness_is_unproven_until_a_calibration_is_applied_a
   Line other(applied);
   EXPECT_EQ(other.view().warn & kWarnHandednessUnproven, 0);
   EXPECT_FALSE(says(other.logged, "right-handed"));
+
+  MemoryStore adopted;
+  adopted.line.calibration = hand_eye("he-2");
+  adopted.line.calibration.trouble = "he-2 was adopted: no views prove that the scanner's frame is right-handed";
+  Line third(adopted);
+  EXPECT_NE(third.view().warn & kWarnHandednessUnproven, 0);
+  EXPECT_EQ(third.view().warn & kWarnCommissioningCalibration, 0);
+  EXPECT_EQ(third.view().fault, 0) << "it is used all the same";
+  EXPECT_TRUE(says(third.logged, "he-2 was adopted: no views prove"));
 }
 
 TEST(StationCalibration, what_was_applied_and_cannot_be_used_is_never_replaced_by_commissioning_values) {

@@ -12,6 +12,7 @@
 #include <sys/mount.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -154,7 +155,8 @@ TEST_F(DoctorTest, a_daemon_without_plc_and_robot_lacks_heartbeat_and_poses) {
   std::string cures;
   for (const json& finding : opinion.findings)
     if (finding["check"] == "daemon") cures += finding["cure"].get<std::string>() + "\n";
-  for (const char* cure : {"confirmed = true", "slabctl calibrate new", "slabctl scanner verify"})
+  for (const char* cure :
+       {"confirmed = true", "slabctl calibrate new", "slabctl calibrate new, and apply it", "slabctl scanner verify"})
     EXPECT_NE(cures.find(cure), std::string::npos) << cure << " is missing in\n" << cures;
   EXPECT_EQ(cures.find("docs/PLC.md, WARN"), std::string::npos) << "a table without cures is none\n" << cures;
 }
@@ -257,6 +259,19 @@ TEST_F(DoctorTest, poses_of_another_type_are_named_with_the_key_to_set) {
   EXPECT_NE(opinion.all().find("set [pose] type in slabd.toml"), std::string::npos) << opinion.all();
   EXPECT_NE(status.find("of type bot_core.rigid_transform_t on FLANGE_POSE"), std::string::npos) << status;
   EXPECT_NE(status.find("other_type"), std::string::npos) << status;
+}
+
+TEST_F(DoctorTest, a_database_and_scans_that_a_group_may_write_are_named_with_the_cure) {
+  start();
+  const fs::path db = box_.dir / "slabd.db";
+  EXPECT_EQ(examine().all().find("could be changed unseen"), std::string::npos);
+  ASSERT_EQ(::chmod(db.c_str(), 0660), 0);
+  ASSERT_EQ(::chmod((box_.dir / "spool").c_str(), 0777), 0);
+  const Opinion opinion = examine();
+  EXPECT_EQ(opinion.health("database"), "warning") << opinion.all();
+  EXPECT_EQ(opinion.health("scans"), "warning") << opinion.all();
+  EXPECT_NE(opinion.all().find("chmod g-w,o-w " + db.native()), std::string::npos) << opinion.all();
+  EXPECT_NE(opinion.all().find("every user may write"), std::string::npos) << opinion.all();
 }
 
 TEST_F(DoctorTest, another_program_that_locks_the_database_is_named) {

@@ -95,6 +95,39 @@ TEST_F(LineTest, planted_defects_fail_their_blocks_and_no_other) {
   EXPECT_EQ(query(db, "SELECT count(*) FROM slab_result WHERE verdict = 'fail'"), 1);
 }
 
+TEST_F(LineTest, a_failed_slab_that_was_turned_to_pass_while_slabd_was_stopped_is_named) {
+  const Box::Answer answer = simulate({"--slab-no", "3", "--slab-id", "TURNED", "--defect", "slope=4:1/35"});
+  ASSERT_EQ(answer.exit_status, 1) << answer.out << answer.err;
+  const Json chain = status()["chain"];
+  const std::string head = chain["sha256"];
+  const std::string entry = std::to_string(chain["entries"].get<int>());
+  EXPECT_NE(box.log().find("is sealed: entry " + entry + " of the chain of results, SHA-256 " + head),
+            std::string::npos)
+      << "the journal is the witness";
+  const auto check = [&] { return box.slabctl({"db", "check", "--config", box.config.native(), "--entry", entry}); };
+  const Box::Answer before = check();
+  EXPECT_EQ(before.exit_status, 0) << before.out << before.err;
+  EXPECT_NE(before.out.find("1 slabs are as they were sealed"), std::string::npos) << before.out;
+  EXPECT_NE(before.out.find("entry " + entry + ", SHA-256 " + head), std::string::npos) << before.out;
+  EXPECT_EQ(box.stop(), 0);
+
+  sqlite3* handle = nullptr;
+  ASSERT_EQ(sqlite3_open((box.dir / "slabd.db").c_str(), &handle), SQLITE_OK);
+  EXPECT_EQ(sqlite3_exec(handle,
+                         "UPDATE slab_result SET verdict = 'pass', reason = 0; UPDATE station_result SET verdict = "
+                         "'pass', reason = 0",
+                         nullptr, nullptr, nullptr),
+            SQLITE_OK);
+  sqlite3_close(handle);
+  const Box::Answer turned = check();
+  EXPECT_EQ(turned.exit_status, 3) << turned.out << turned.err;
+  EXPECT_NE(
+      turned.out.find("ALTERED: slab key 1 (number 3, \"TURNED\") was altered: table slab_result, station_result"),
+      std::string::npos)
+      << turned.out;
+  EXPECT_EQ(box.slabctl({"db", "backup", "--config", box.config.native()}).exit_status, 3) << "every night";
+}
+
 TEST_F(LineTest, a_missing_block_is_not_measured_and_so_is_the_slab) {
   const Box::Answer answer = simulate({"--slab-no", "4", "--defect", "missing=7", "--scans-per-block", "1"});
   EXPECT_EQ(answer.exit_status, 1) << answer.out << answer.err;

@@ -115,6 +115,19 @@ TEST_F(CalibrationsTest, nothing_is_in_force_in_a_fresh_database) {
   EXPECT_TRUE(line.tables.empty());
 }
 
+TEST_F(CalibrationsTest, an_adopted_calibration_is_used_and_does_not_prove_the_handedness) {
+  put_in_force(keep(hand_eye(80.0)));
+  EXPECT_TRUE(in_force().trouble.empty());
+  CalibrationRecord adopted = hand_eye(81.0);
+  adopted.observations = "# adopted from /etc/slabd/slabd.toml (commissioning-0123456789ab)\n";
+  put_in_force(keep(adopted));
+  const LineCalibration line = in_force();
+  EXPECT_EQ(line.source, LineCalibration::Source::applied);
+  EXPECT_NE(line.trouble.view().find("was adopted: no views prove that the scanner's frame is right-handed"),
+            std::string_view::npos)
+      << line.trouble.view();
+}
+
 TEST_F(CalibrationsTest, a_record_comes_back_bit_for_bit_and_under_an_id_made_of_its_numbers) {
   const CalibrationRecord given = hand_eye(80.0);
   const std::string id = keep(given);
