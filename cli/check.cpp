@@ -3,10 +3,10 @@
 // slabctl config check, recipe check, recipe show (recipe diff: cli/recipe): the same readers as the daemon's, for
 // people.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <memory>
 #include <vector>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
@@ -232,25 +232,26 @@ struct Options {
 
 }  // namespace
 
-void add_config(CLI::App& app, int& exit_status) {
+void add_config(args::Command& app, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* config = app.add_subcommand("config", "The daemon's configuration");
+  args::Command config = app.add_subcommand("config", "The daemon's configuration");
   config->require_subcommand(1);
-  CLI::App* check = config->add_subcommand("check", "Name every fault of a configuration and of the recipes it uses");
+  args::Command check =
+      config->add_subcommand("check", "Name every fault of a configuration and of the recipes it uses");
   check->add_option("FILE,--config", options->file, "Configuration")->default_val(kDefaultConfig);
   check->add_flag("--json", options->json, "Print slabd.check/1 on stdout");
   check->callback([options, &exit_status] { exit_status = check_config(options->file, options->json); });
 }
 
-void add_recipe(CLI::App& app, int& exit_status) {
+void add_recipe(args::Command& app, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* recipe = app.add_subcommand("recipe", "Slab types");
+  args::Command recipe = app.add_subcommand("recipe", "Slab types");
   recipe->require_subcommand(1);
-  CLI::App* check = recipe->add_subcommand("check", "Name every fault of recipe files");
+  args::Command check = recipe->add_subcommand("check", "Name every fault of recipe files");
   check->add_option("FILE", options->files, "Recipe files")->required();
   check->add_flag("--json", options->json, "Print slabd.check/1 on stdout");
   check->callback([options, &exit_status] { exit_status = check_recipes(options->files, options->json); });
-  CLI::App* show = recipe->add_subcommand("show", "Print nominals and tolerances, and who has confirmed them");
+  args::Command show = recipe->add_subcommand("show", "Print nominals and tolerances, and who has confirmed them");
   show->footer(
       "\n--slab and --sha256 print the file that the database has kept, byte for byte.\n"
       "Examples: slabctl recipe show p5600.toml\n"

@@ -7,9 +7,9 @@
 #include "base/recipe.h"
 #include "daemon/daemon.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// The commands of slabctl. Each adds itself to the tree; when the user chose it, it runs and leaves its exit status
 /// (cli/exit.h) in `exit_status`. The command's options live as long as the tree.
@@ -17,28 +17,28 @@ namespace slabd::cli {
 
 inline constexpr const char* kDefaultConfig = "/etc/slabd/slabd.toml";
 
-void add_inspect(CLI::App& app, int& exit_status);
-void add_fit_plane(CLI::App& app, int& exit_status);
-void add_config(CLI::App& app, int& exit_status);
-void add_recipe(CLI::App& app, int& exit_status);
-void add_status(CLI::App& app, int& exit_status);
-void add_doctor(CLI::App& app, int& exit_status);
-void add_robot(CLI::App& app, int& exit_status);
-void add_scanner(CLI::App& app, int& exit_status);
-void add_stations(CLI::App& app, int& exit_status);
-void add_history(CLI::App& app, int& exit_status);
-void add_show(CLI::App& app, int& exit_status);
-void add_report(CLI::App& app, int& exit_status);
-void add_trend(CLI::App& app, int& exit_status);
-void add_completion(CLI::App& app, int& exit_status);
-void add_simulate(CLI::App& app, int& exit_status);
-void add_calibrate(CLI::App& app, int& exit_status);
-void add_plc(CLI::App& app, int& exit_status);
-void add_db(CLI::App& app, int& exit_status);
-void add_metrics(CLI::App& app, int& exit_status);
+void add_inspect(args::Command& app, int& exit_status);
+void add_fit_plane(args::Command& app, int& exit_status);
+void add_config(args::Command& app, int& exit_status);
+void add_recipe(args::Command& app, int& exit_status);
+void add_status(args::Command& app, int& exit_status);
+void add_doctor(args::Command& app, int& exit_status);
+void add_robot(args::Command& app, int& exit_status);
+void add_scanner(args::Command& app, int& exit_status);
+void add_stations(args::Command& app, int& exit_status);
+void add_history(args::Command& app, int& exit_status);
+void add_show(args::Command& app, int& exit_status);
+void add_report(args::Command& app, int& exit_status);
+void add_trend(args::Command& app, int& exit_status);
+void add_completion(args::Command& app, int& exit_status);
+void add_simulate(args::Command& app, int& exit_status);
+void add_calibrate(args::Command& app, int& exit_status);
+void add_plc(args::Command& app, int& exit_status);
+void add_db(args::Command& app, int& exit_status);
+void add_metrics(args::Command& app, int& exit_status);
 
 /// The whole tree.
-void add_commands(CLI::App& app, int& exit_status);
+void add_commands(args::Command& app, int& exit_status);
 
 /// Parses and runs a command line; returns the exit status. Nothing but this and the commands knows CLI11.
 [[nodiscard]] int run(int argc, const char* const* argv);

@@ -7,6 +7,7 @@
 
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "daemon/daemon.h"
@@ -144,22 +145,22 @@ std::string manual_page(const CLI::App& app) {
 
 }  // namespace
 
-void add_completion(CLI::App& app, int& exit_status) {
+void add_completion(args::Command& app, int& exit_status) {
   auto shell = std::make_shared<std::string>();
-  CLI::App* completion = app.add_subcommand("completion", "Shell completion for bash, zsh or fish, on stdout");
+  args::Command completion = app.add_subcommand("completion", "Shell completion for bash, zsh or fish, on stdout");
   completion->footer(
       "\nExamples: source <(slabctl completion bash)\n"
       "          slabctl completion fish > ~/.config/fish/completions/slabctl.fish");
   completion->add_option("SHELL", *shell, "bash, zsh or fish")
       ->required()
-      ->check(CLI::IsMember({"bash", "zsh", "fish"}));
-  completion->callback([shell, &app, &exit_status] {
+      ->check(args::one_of({"bash", "zsh", "fish"}));
+  completion->callback([shell, &app = app.native(), &exit_status] {
     fmt::print("{}", *shell == "bash" ? bash_script(app) : *shell == "zsh" ? zsh_script(app) : fish_script(app));
     exit_status = kDone;
   });
-  CLI::App* manual = app.add_subcommand("manual", "The manual page of all commands, in roff, on stdout");
+  args::Command manual = app.add_subcommand("manual", "The manual page of all commands, in roff, on stdout");
   manual->footer("\nExample: slabctl manual | man -l -");
-  manual->callback([&app, &exit_status] {
+  manual->callback([&app = app.native(), &exit_status] {
     fmt::print("{}", manual_page(app));
     exit_status = kDone;
   });

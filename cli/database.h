@@ -6,9 +6,9 @@
 
 #include "storage/storage.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// Which database a reading command means, and opening it.
 namespace slabd::cli {
@@ -16,7 +16,7 @@ namespace slabd::cli {
 struct DatabaseOptions {
   std::string db;
   std::string config;
-  void add_to(CLI::App& command);
+  void add_to(args::Command& command);
 };
 
 /// Opens the database read-only. nullptr when it cannot be: the sentence is printed, `exit_status` set.

@@ -3,13 +3,13 @@
 // slabctl fit-plane: the plane extraction of the measuring core on any cloud, and the comparison of the paper's
 // Table 1 (this method, the classical RANSAC, plain least squares) on the same points.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <array>
 #include <cmath>
 #include <memory>
 #include <vector>
 
 #include "algo/algo.h"
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
@@ -244,9 +244,9 @@ int run_fit(const Options& options) {
 
 }  // namespace
 
-void add_fit_plane(CLI::App& app, int& exit_status) {
+void add_fit_plane(args::Command& app, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand("fit-plane", "Extract a plane from any cloud; compare methods");
+  args::Command command = app.add_subcommand("fit-plane", "Extract a plane from any cloud; compare methods");
   command->footer(
       "\nimproved  hypotheses on a stratified sample, least truncated error, refit to a fixed point (paper 3.1)\n"
       "ransac    the classical one: the best of K planes through three points, as it is\n"
@@ -257,7 +257,7 @@ void add_fit_plane(CLI::App& app, int& exit_status) {
       "  slabctl fit-plane plane.xyz --compare --threshold 0.03 --set 1 2 1");
   command->add_option("FILE", options->file, "Cloud: .ply, .pcd, .xyz, .asc, .txt or .csv")->required();
   command->add_option("--method", options->method, "improved, ransac or lsq")
-      ->check(CLI::IsMember(std::vector<std::string>(kMethods.begin(), kMethods.end())))
+      ->check(args::one_of(std::vector<std::string>(kMethods.begin(), kMethods.end())))
       ->capture_default_str();
   command->add_option("--threshold", options->threshold_mm, "Inlier distance in mm (default 3 robust sigmas)")
       ->check(within(1e-9, 1e6));
@@ -272,10 +272,10 @@ void add_fit_plane(CLI::App& app, int& exit_status) {
       ->check(within(0.0, 1.0));
   command->add_option("--seed", options->seed, "Of the hypotheses, a whole number from 0")->capture_default_str();
   command->add_option("--unit", options->unit, "Unit of the file: mm, m or um")
-      ->check(CLI::IsMember({"mm", "m", "um"}))
+      ->check(args::one_of({"mm", "m", "um"}))
       ->capture_default_str();
   add_columns(*command, options->columns);
-  CLI::Option* both = command->add_flag("--compare", options->compare, "All three methods side by side");
+  args::Option both = command->add_flag("--compare", options->compare, "All three methods side by side");
   command->add_option("--set", options->set, "a b c of the plane that was set, printed above the comparison")
       ->expected(3)
       ->check(finite_number())

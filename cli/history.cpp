@@ -2,13 +2,13 @@
 //
 // slabctl history: the newest slabs, one line each.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <chrono>
 #include <memory>
 #include <vector>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
@@ -182,8 +182,8 @@ int show_history(const Options& options) {
 
 }  // namespace
 
-void DatabaseOptions::add_to(CLI::App& command) {
-  auto* config_option =
+void DatabaseOptions::add_to(args::Command& command) {
+  args::Option config_option =
       command.add_option("--config", config, "Configuration that names the database")->default_val(kDefaultConfig);
   command.add_option("--db", db, "Database, instead of the configuration's")->excludes(config_option);
 }
@@ -206,9 +206,9 @@ std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, i
   return nullptr;
 }
 
-void add_history(CLI::App& app, int& exit_status) {
+void add_history(args::Command& app, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand("history", "The newest slabs and their verdicts, or those you look for");
+  args::Command command = app.add_subcommand("history", "The newest slabs and their verdicts, or those you look for");
   command->footer(
       "\nReads the database while the daemon runs; changes nothing. All that is asked for must hold. --verdict is the\n"
       "slab's; with --block that station's, with --item the item's. With --item or --block alone: any but pass.\n"
@@ -217,16 +217,16 @@ void add_history(CLI::App& app, int& exit_status) {
       "          slabctl history --item jaw_distance --block 11");
   options->database.add_to(*command);
   command->add_option("--limit", options->filter.limit, "How many slabs, newest first")
-      ->check(CLI::Range(std::size_t{1}, std::size_t{100'000}))
+      ->check(args::range(std::size_t{1}, std::size_t{100'000}))
       ->capture_default_str();
   command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command->add_option("--until", options->until, "Began before that");
-  command->add_option("--type", options->filter.slab_type, "Of this SLAB_TYPE")->check(CLI::Range(1, 65'535));
+  command->add_option("--type", options->filter.slab_type, "Of this SLAB_TYPE")->check(args::range(1, 65'535));
   command->add_option("--id", options->filter.id_part, "With this somewhere in the slab id");
   command->add_option("--verdict", options->verdict, "With this verdict")
-      ->check(CLI::IsMember({"pass", "fail", "not_measured", "aborted", "indeterminate"}));
+      ->check(args::one_of({"pass", "fail", "not_measured", "aborted", "indeterminate"}));
   command->add_option("--block", options->filter.block, "At this block")
-      ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));
+      ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command->add_option("--item", options->item, "Of this item, as `slabctl show` names it");
   command->add_flag("--json", options->json, "Print slabd.history/1 on stdout");
   command->callback([options, &exit_status] { exit_status = show_history(*options); });

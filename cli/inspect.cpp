@@ -2,7 +2,6 @@
 //
 // slabctl inspect: one block offline, through daemon::measure_block, the path every scan of the line takes.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -11,6 +10,7 @@
 #include <span>
 
 #include "base/pages.h"
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/durable.h"
 #include "cli/exit.h"
@@ -164,9 +164,9 @@ int inspect(const Options& options) {
 
 }  // namespace
 
-void add_inspect(CLI::App& app, int& exit_status) {
+void add_inspect(args::Command& app, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand("inspect", "Measure one block in a scan file, as the daemon would");
+  args::Command command = app.add_subcommand("inspect", "Measure one block in a scan file, as the daemon would");
   command->footer(
       "\nThe slope is measured against the local slab top. Items that need the whole slab are not listed.\n\n"
       "Scans: PLY (ascii, binary of either byte order), PCD 0.6 and 0.7 (ascii, binary, binary_compressed), and "
@@ -185,11 +185,11 @@ void add_inspect(CLI::App& app, int& exit_status) {
       "Where the scanner stood, \"x y z qw qx qy qz\" in mm and a unit quaternion, in the block's frame "
       "(default 600 mm above, looking down)");
   command->add_option("--unit", options->unit, "Unit of the scan: mm, m or um; a file that says otherwise is refused")
-      ->check(CLI::IsMember({"mm", "m", "um"}))
+      ->check(args::one_of({"mm", "m", "um"}))
       ->capture_default_str();
   add_columns(*command, options->columns);
   command->add_option("--threads", options->threads, "Threads that measure; the results are the same")
-      ->check(CLI::Range(1, 2))
+      ->check(args::range(1, 2))
       ->capture_default_str();
   command->add_option("--deviation-map", options->deviation_map,
                       "Write how far the scan lies from the recipe's block, place by place, to this CSV file: x_mm, "

@@ -2,10 +2,10 @@
 //
 // slabctl metrics: what the daemon knows of itself, for Prometheus. A daemon that does not answer is a figure too.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/control.h"
 #include "cli/durable.h"
@@ -66,14 +66,14 @@ int show_metrics(const Options& options) {
 
 }  // namespace
 
-void add_metrics(CLI::App& app, int& exit_status) {
+void add_metrics(args::Command& app, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand("metrics", "What the daemon knows of itself, as Prometheus text");
+  args::Command command = app.add_subcommand("metrics", "What the daemon knows of itself, as Prometheus text");
   command->footer(
       "\nslabd_up is 0 when the daemon does not answer (exit status 4). slabd-metrics.timer writes the file every 15 "
       "s,\nalso when the configuration is not usable (exit status 3).\n"
       "Example: slabctl metrics --out /run/slabd-metrics/slabd.prom");
-  auto* config = command->add_option("--config", options->config, "Configuration that names the control socket")
+  args::Option config = command->add_option("--config", options->config, "Configuration that names the control socket")
                      ->default_val(kDefaultConfig);
   command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
   command->add_option("--out", options->out, "Replace this file instead of printing");

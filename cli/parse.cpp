@@ -12,6 +12,8 @@
 #include <cstdlib>
 #include <limits>
 
+#include "cli/arguments.h"
+
 namespace slabd::cli {
 namespace {
 
@@ -42,6 +44,18 @@ CLI::Validator decimal_digits() {
             return std::string();
           },
           ""};
+}
+
+void read_whole_numbers_of(CLI::App& app) {
+  for (CLI::Option* option : app.get_options()) {
+    const std::string type = option->get_type_name();
+    if (type.find('{') != std::string::npos) continue;  // words that stand for numbers
+    if (type.starts_with("UINT"))
+      option->transform(decimal_digits<std::uint64_t>());
+    else if (type.starts_with("INT"))
+      option->transform(decimal_digits<std::int64_t>());
+  }
+  for (CLI::App* command : app.get_subcommands([](CLI::App*) { return true; })) read_whole_numbers_of(*command);
 }
 
 }  // namespace
@@ -111,41 +125,33 @@ std::optional<hal::LengthUnit> length_unit(std::string_view name) {
   return std::nullopt;
 }
 
-CLI::Validator within(double low, double high) {
-  return finite_within(low, high, fmt::format("in [{} - {}]", low, high));
+args::Check within(double low, double high) {
+  return args::Check(finite_within(low, high, fmt::format("in [{} - {}]", low, high)));
 }
 
-CLI::Validator at_least(double low) {
+args::Check at_least(double low) {
   const std::string range = fmt::format("at least {}", low);
-  return finite_within(low, std::numeric_limits<double>::max(), "of " + range).description(range);
+  return args::Check(finite_within(low, std::numeric_limits<double>::max(), "of " + range).description(range));
 }
 
-CLI::Validator finite_number() {
+args::Check finite_number() {
   constexpr double kLargest = std::numeric_limits<double>::max();
   CLI::Validator check = finite_within(-kLargest, kLargest, "that is finite");
-  return check.description("");
+  return args::Check(check.description(""));
 }
 
-void read_whole_numbers_decimally(CLI::App& app) {
-  for (CLI::Option* option : app.get_options()) {
-    const std::string type = option->get_type_name();
-    if (type.find('{') != std::string::npos) continue;  // words that stand for numbers
-    if (type.starts_with("UINT"))
-      option->transform(decimal_digits<std::uint64_t>());
-    else if (type.starts_with("INT"))
-      option->transform(decimal_digits<std::int64_t>());
-  }
-  for (CLI::App* command : app.get_subcommands([](CLI::App*) { return true; })) read_whole_numbers_decimally(*command);
+void read_whole_numbers_decimally(const args::Command& app) {
+  read_whole_numbers_of(app.native());
 }
 
-CLI::Validator some_words() {
+args::Check some_words() {
   CLI::Validator check(
       [](std::string& text) {
         return text.find_first_not_of(" \t\r\n") == std::string::npos ? std::string("empty; say why in a few words")
                                                                       : std::string();
       },
       "");
-  return check;
+  return args::Check(check);
 }
 
 }  // namespace slabd::cli

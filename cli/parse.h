@@ -8,10 +8,10 @@
 #include "base/base.h"
 #include "hal/hal.h"
 
-namespace CLI {
-class App;
-class Validator;
-}  // namespace CLI
+namespace slabd::args {
+class Command;
+class Check;
+}  // namespace slabd::args
 
 /// Values as people write them on the command line.
 namespace slabd::cli {
@@ -28,16 +28,16 @@ namespace slabd::cli {
 
 /// Checks of an option that takes a decimal number; every such option has one of them (tests/cli/options_test.cpp).
 /// CLI11's own Range lets "nan" through, and a limit that is NaN holds nothing back.
-[[nodiscard]] CLI::Validator within(double low, double high);
-[[nodiscard]] CLI::Validator at_least(double low);
+[[nodiscard]] args::Check within(double low, double high);
+[[nodiscard]] args::Check at_least(double low);
 /// For one without a range: any number but NaN and infinity.
-[[nodiscard]] CLI::Validator finite_number();
+[[nodiscard]] args::Check finite_number();
 
 /// Gives every option below `app` that takes a whole number plain decimal digits: CLI11 reads 011 as nine and 0x10 as
 /// sixteen, as C does, and the largest number for one that is too large.
-void read_whole_numbers_decimally(CLI::App& app);
+void read_whole_numbers_decimally(const args::Command& app);
 
 /// Of an option that asks a person why: something must be said.
-[[nodiscard]] CLI::Validator some_words();
+[[nodiscard]] args::Check some_words();
 
 }  // namespace slabd::cli

@@ -8,7 +8,6 @@
 #include <fmt/core.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
@@ -18,6 +17,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/durable.h"
@@ -130,14 +130,14 @@ int unpin(const PinOptions& options) {
 
 }  // namespace
 
-void add_pin(CLI::App& app, int& exit_status) {
+void add_pin(args::Command& app, int& exit_status) {
   auto options = std::make_shared<PinOptions>();
-  CLI::App* pinning = app.add_subcommand("pin", "Keep a slab's scans, whatever the spool's budget");
+  args::Command pinning = app.add_subcommand("pin", "Keep a slab's scans, whatever the spool's budget");
   pinning->footer(
       "\nPinned scans count against the budget. Pinning writes beside the scans, as root or slabd's user. Example: "
       "slabctl pin SLAB-0042 --reason \"complaint 17\"");
-  CLI::App* unpinning = app.add_subcommand("unpin", "Let a slab's scans be deleted again");
-  for (CLI::App* command : {pinning, unpinning}) {
+  args::Command unpinning = app.add_subcommand("unpin", "Let a slab's scans be deleted again");
+  for (args::Command command : {pinning, unpinning}) {
     command
         ->add_option("SLAB", options->slab,
                      "Key or slab id (key:12, id:12 where a number may be either); of an id the newest slab")

@@ -6,13 +6,13 @@
 #include <poll.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <atomic>
 #include <csignal>
 #include <memory>
 #include <thread>
 
 #include "calib/calib.h"
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
@@ -265,11 +265,11 @@ int monitor(const Options& options) {
 
 }  // namespace
 
-void add_robot(CLI::App& app, int& exit_status) {
-  CLI::App* robot = app.add_subcommand("robot", "What the robot says");
+void add_robot(args::Command& app, int& exit_status) {
+  args::Command robot = app.add_subcommand("robot", "What the robot says");
   robot->require_subcommand(1);
   auto options = std::make_shared<Options>();
-  CLI::App* command =
+  args::Command command =
       robot->add_subcommand("monitor", "The flange as slabd hears it: rate, age, spread, settled or why not");
   command->footer(
       "\nCompare X, Y, Z, A, B, C with the pendant ($POS_ACT_MES with $BASE and $TOOL at $NULLFRAME): they must be "

@@ -2,7 +2,6 @@
 //
 // slabctl show: one slab from the database: its map, the slab's items, and with --block one block's table.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,6 +9,7 @@
 #include <optional>
 #include <vector>
 
+#include "cli/arguments.h"
 #include "cli/budget_text.h"
 #include "cli/command.h"
 #include "cli/database.h"
@@ -250,9 +250,9 @@ int show(const Options& options) {
 
 }  // namespace
 
-void add_show(CLI::App& app, int& exit_status) {
+void add_show(args::Command& app, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand("show", "One slab: map, items, scans; with --block one block's table");
+  args::Command command = app.add_subcommand("show", "One slab: map, items, scans; with --block one block's table");
   command->footer("\nExamples: slabctl show 12\n          slabctl show SLAB-0042 --block 7 --json");
   command
       ->add_option(
@@ -260,7 +260,7 @@ void add_show(CLI::App& app, int& exit_status) {
           "Key (see history) or slab id (key:12, id:12 where a number may be either); the newest slab with that id")
       ->required();
   command->add_option("--block", options->block, "Show this block's characteristics")
-      ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));
+      ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.slab/1 on stdout");
   command->callback([options, &exit_status] { exit_status = show(*options); });

@@ -3,11 +3,11 @@
 
 #include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <chrono>
 
+#include "cli/arguments.h"
 #include "cli/exit.h"
 #include "cli/parse.h"
 #include "cli/slab_view.h"
@@ -45,18 +45,18 @@ bool SlabChoice::has_filter() const {
   return all || !since.empty() || !until.empty() || slab_type != 0 || !verdict.empty();
 }
 
-void SlabChoice::add_to(CLI::App& command) {
+void SlabChoice::add_to(args::Command& command) {
   command.add_option("SLAB", slabs, "Keys (see history) or slab ids; of an id the newest slab");
   command.add_flag("--all", all, "Every slab that has ended");
   add_filters_to(command);
 }
 
-void SlabChoice::add_filters_to(CLI::App& command) {
+void SlabChoice::add_filters_to(args::Command& command) {
   command.add_option("--since", since, "Slabs that began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command.add_option("--until", until, "Slabs that began before that");
-  command.add_option("--type", slab_type, "Slabs of this SLAB_TYPE")->check(CLI::Range(1, 65'535));
+  command.add_option("--type", slab_type, "Slabs of this SLAB_TYPE")->check(args::range(1, 65'535));
   command.add_option("--verdict", verdict, "Slabs with this verdict")
-      ->check(CLI::IsMember({"pass", "fail", "not_measured", "aborted", "indeterminate"}));
+      ->check(args::one_of({"pass", "fail", "not_measured", "aborted", "indeterminate"}));
 }
 
 std::optional<std::vector<std::int64_t>> chosen_slabs(storage::Reader& reader, const SlabChoice& choice,

@@ -8,9 +8,9 @@
 
 #include "storage/storage.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// Which stored slabs a command works on: named ones, or all that the filters let through.
 namespace slabd::cli {
@@ -23,9 +23,9 @@ struct SlabChoice {
   int slab_type = 0;
   std::string verdict;
 
-  void add_to(CLI::App& command);
+  void add_to(args::Command& command);
   /// The filters alone; no slab can be named, and without any all are meant.
-  void add_filters_to(CLI::App& command);
+  void add_filters_to(args::Command& command);
   [[nodiscard]] bool has_filter() const;
 };
 

@@ -8,6 +8,7 @@
 #include <array>
 
 #include "base/plain_text.h"
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/export/export.h"
@@ -84,7 +85,7 @@ bool config_from(const std::string& path, daemon::Config& config) {
   return report_problems(problems);
 }
 
-void add_commands(CLI::App& app, int& exit_status) {
+void add_commands(args::Command& app, int& exit_status) {
   add_inspect(app, exit_status);
   add_fit_plane(app, exit_status);
   add_status(app, exit_status);
@@ -117,7 +118,8 @@ int run(int argc, const char* const* argv) {
   app.set_version_flag("--version", std::string(daemon::software_version().view()));
   app.require_subcommand(0, 1);
   int exit_status = kDone;
-  add_commands(app, exit_status);
+  args::Command root(&app);
+  add_commands(root, exit_status);
 
   if (argc >= 2 && argv[1][0] != '-') {
     const std::vector<std::string> names = command_names(app);

@@ -2,12 +2,12 @@
 //
 // slabctl status: asks the running daemon over its control socket, one JSON line each way.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "base/plain_text.h"
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/control.h"
 #include "cli/exit.h"
@@ -215,23 +215,23 @@ int show_status(const Options& options) {
 
 }  // namespace
 
-void add_status(CLI::App& app, int& exit_status) {
+void add_status(args::Command& app, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand("status", "State, links and last verdict of the running daemon");
+  args::Command command = app.add_subcommand("status", "State, links and last verdict of the running daemon");
   command->footer(
       "\nExit status 4 when the daemon does not answer, 3 when the configuration is not usable (slabd runs with it, "
       "in\n"
       "fault 504, and is asked all the same). With --watch the screen stays until q; it goes grey when the\n"
       "daemon's last answer is older than three seconds.\n"
       "Examples: slabctl status --json\n          slabctl status --watch --language zh");
-  auto* config = command->add_option("--config", options->config, "Configuration that names the control socket")
+  args::Option config = command->add_option("--config", options->config, "Configuration that names the control socket")
                      ->default_val(kDefaultConfig);
   command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
-  auto* as_json = command->add_flag("--json", options->as_json, "Print slabd.status/1 on stdout");
+  args::Option as_json = command->add_flag("--json", options->as_json, "Print slabd.status/1 on stdout");
   command->add_flag("--watch", options->watch, "The operator's screen: slab map, links, last slabs, every second")
       ->excludes(as_json);
   command->add_option("--language", options->language, "Of the screen")
-      ->check(CLI::IsMember({"en", "zh"}))
+      ->check(args::one_of({"en", "zh"}))
       ->capture_default_str();
   command->callback([options, &exit_status] { exit_status = show_status(*options); });
 }

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/table_columns.h"
 
-#include <CLI/CLI.hpp>
+#include "cli/arguments.h"
 
 namespace slabd::cli {
 
-void add_columns(CLI::App& command, std::string& text) {
+void add_columns(args::Command& command, std::string& text) {
   command
       .add_option("--columns", text,
                   "Of a table (.xyz .asc .txt .csv): which columns are x, y and z, by name or by number from 1, as in "

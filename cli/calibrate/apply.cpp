@@ -2,10 +2,10 @@
 //
 // slabctl calibrate apply, rollback, history: what is in force, and how it came to be.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/record_options.h"
@@ -315,18 +315,18 @@ int adopt(RecordOptions options, double sigma_mm, double sigma_deg, bool yes) {
   return exit_status;
 }
 
-void add_common(CLI::App& command, Options& options) {
+void add_common(args::Command& command, Options& options) {
   command.add_option("--config", options.config, "The daemon's configuration")->default_val(kDefaultConfig);
   command.add_flag("--json", options.json, "JSON on stdout");
 }
-void add_note(CLI::App& command, Options& options) {
+void add_note(args::Command& command, Options& options) {
   command.add_option("--why", options.why, "Why, for the history")->required()->check(some_words());
   command.add_option("--operator", options.who, "Who (default: your login)");
 }
 
 }  // namespace
 
-void add_calibrate_apply(CLI::App& group, int& exit_status) {
+void add_calibrate_apply(args::Command& group, int& exit_status) {
   struct Apply {
     Options known;
     SessionOptions session;
@@ -334,7 +334,7 @@ void add_calibrate_apply(CLI::App& group, int& exit_status) {
     bool yes = false;
   };
   auto options = std::make_shared<Apply>();
-  CLI::App* command = group.add_subcommand("apply", "Put the session's calibration, or a kept one, in force");
+  args::Command command = group.add_subcommand("apply", "Put the session's calibration, or a kept one, in force");
   command->footer(
       "\nWithout ID: the session's, once it is solved and verified, stored with its views, figures and certificate.\n"
       "From the next slab on. Atomic: killed at any moment, either the old one is in force or the new one. Giving it "
@@ -379,7 +379,7 @@ void add_calibrate_apply(CLI::App& group, int& exit_status) {
   });
 }
 
-void add_calibrate_adopt(CLI::App& group, int& exit_status) {
+void add_calibrate_adopt(args::Command& group, int& exit_status) {
   struct Adopt {
     RecordOptions record;
     double sigma_mm = kNoValue;
@@ -387,7 +387,7 @@ void add_calibrate_adopt(CLI::App& group, int& exit_status) {
     bool yes = false;
   };
   auto options = std::make_shared<Adopt>();
-  CLI::App* command = group.add_subcommand(
+  args::Command command = group.add_subcommand(
       "adopt", "Keep the configuration's T_flange_scanner as a calibration, with an uncertainty you answer for");
   command->footer(
       "\nFor a scanner whose seat was measured otherwise, such as by a laser tracker: the values then have a record, "
@@ -410,14 +410,14 @@ void add_calibrate_adopt(CLI::App& group, int& exit_status) {
   });
 }
 
-void add_calibrate_rollback(CLI::App& group, int& exit_status) {
+void add_calibrate_rollback(args::Command& group, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = group.add_subcommand("rollback", "Put back what was in force before; again: further back");
+  args::Command command = group.add_subcommand("rollback", "Put back what was in force before; again: further back");
   command->footer(
       "\nStation corrections hold for one hand-eye calibration: roll that back first.\n"
       "Example: slabctl calibrate rollback --why \"worse than before\"");
   command->add_option("--kind", options->kind, "What to roll back")
-      ->check(CLI::IsMember({"hand_eye", "stations", "reference_block", "monitor_ball", "scanner"}))
+      ->check(args::one_of({"hand_eye", "stations", "reference_block", "monitor_ball", "scanner"}))
       ->capture_default_str();
   command->add_option("--slab-type", options->slab_type, "Of station corrections (default: of the newest change)");
   add_common(*command, *options);
@@ -428,11 +428,11 @@ void add_calibrate_rollback(CLI::App& group, int& exit_status) {
   });
 }
 
-void add_calibrate_history(CLI::App& group, int& exit_status) {
+void add_calibrate_history(args::Command& group, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = group.add_subcommand("history", "What was in force when, by whom and why; every kept record");
+  args::Command command = group.add_subcommand("history", "What was in force when, by whom and why; every kept record");
   command->add_option("--limit", options->limit, "How many changes, newest first")
-      ->check(CLI::Range(std::size_t{1}, std::size_t{100'000}))
+      ->check(args::range(std::size_t{1}, std::size_t{100'000}))
       ->capture_default_str();
   add_common(*command, *options);
   command->callback([options, &exit_status] { exit_status = show_history(*options); });

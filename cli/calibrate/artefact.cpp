@@ -2,9 +2,9 @@
 //
 // slabctl calibrate artefact: the pose of an artefact of three or more balls in scans, against its certificate.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/find_ball.h"
 #include "cli/durable.h"
@@ -88,9 +88,9 @@ int run_artefact(const Options& options) {
 
 }  // namespace
 
-void add_calibrate_artefact(CLI::App& group, int& exit_status) {
+void add_calibrate_artefact(args::Command& group, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = group.add_subcommand(
+  args::Command command = group.add_subcommand(
       "artefact", "Find an artefact of three or more balls in scans: pose, residuals, why refused");
   command->footer(
       "\nThe certificate is a text file; docs/CALIBRATION.md describes it.\n"

@@ -3,9 +3,9 @@
 // slabctl calibrate ball: is the ball seen well enough in these scans, and where is it? Offline, before and after a
 // session, and to make the target table that `calibrate solve` reads.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/find_ball.h"
 #include "cli/durable.h"
@@ -148,7 +148,7 @@ int run_ball(const Options& options) {
 
 }  // namespace
 
-void BallOptions::add_to(CLI::App& command) {
+void BallOptions::add_to(args::Command& command) {
   command
       .add_option("--scanner-noise-mm", noise_mm,
                   "Standard deviation of the scanner's points; 1.5 times that is the limit")
@@ -161,7 +161,7 @@ void BallOptions::add_to(CLI::App& command) {
       ->capture_default_str();
   command.add_flag("--parallel", parallel, "The scan's rays are parallel to Z instead of through the origin");
   command.add_option("--unit", unit, "Unit of the scans: mm, m or um")
-      ->check(CLI::IsMember({"mm", "m", "um"}))
+      ->check(args::one_of({"mm", "m", "um"}))
       ->capture_default_str();
 }
 
@@ -207,9 +207,9 @@ int each_scan(const std::vector<std::string>& paths, const std::string& unit,
   return kDone;
 }
 
-void add_calibrate_ball(CLI::App& group, int& exit_status) {
+void add_calibrate_ball(args::Command& group, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = group.add_subcommand("ball", "Find tooling balls in scans: centre, every gate, why refused");
+  args::Command command = group.add_subcommand("ball", "Find tooling balls in scans: centre, every gate, why refused");
   command->footer(
       "\nThe radius is the certified, effective one of the ball as coated (the radius, not the diameter).\n"
       "Example: slabctl calibrate ball view_*.ply --radius 25.4 --target target.txt\n"
@@ -220,10 +220,10 @@ void add_calibrate_ball(CLI::App& group, int& exit_status) {
   command->add_option("--radius-sigma-mm", options->radius_sigma_mm, "Its standard uncertainty (k = 1)")
       ->check(within(0.0, 1.0))
       ->capture_default_str();
-  CLI::Option* count = command->add_option("--count", options->count, "Balls of this radius in every scan")
-                           ->check(CLI::Range(1, 16))
+  args::Option count = command->add_option("--count", options->count, "Balls of this radius in every scan")
+                           ->check(args::range(1, 16))
                            ->capture_default_str();
-  CLI::Option* shots =
+  args::Option shots =
       command->add_flag("--shots", options->shots, "The scans are shots of one pose: average them if they agree")
           ->excludes(count);
   command

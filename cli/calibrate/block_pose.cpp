@@ -8,11 +8,11 @@
 // the scanner's place, say where the block must be. What is known grows: from the sixth view on it is the solution of
 // the views so far.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <memory>
 #include <span>
 
 #include "base/pages.h"
+#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/record_options.h"
 #include "cli/command.h"
@@ -192,9 +192,9 @@ int run_block(const Options& options) {
 
 }  // namespace
 
-void add_calibrate_block(CLI::App& group, int& exit_status) {
+void add_calibrate_block(args::Command& group, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command =
+  args::Command command =
       group.add_subcommand("block", "Find a block in tilted scans by registration: an artefact at hand");
   command->footer(
       "\nThe block must stand still, and the first view look straight down at it from 600 mm, as on the line. Further\n"
@@ -211,7 +211,7 @@ void add_calibrate_block(CLI::App& group, int& exit_status) {
   command->add_option("--target", options->target,
                       "Write the poses as a target table for `calibrate solve --kind pose`; all must be accepted");
   command->add_option("--unit", options->unit, "Unit of the scans: mm, m or um")
-      ->check(CLI::IsMember({"mm", "m", "um"}))
+      ->check(args::one_of({"mm", "m", "um"}))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print slabd.block_poses/1 on stdout");
   command->callback([options, &exit_status] { exit_status = run_block(*options); });

@@ -3,14 +3,13 @@
 // slabctl calibrate: the group. What each verb does is in its own file.
 #include "cli/calibrate/calibrate.h"
 
-#include <CLI/CLI.hpp>
-
+#include "cli/arguments.h"
 #include "cli/command.h"
 
 namespace slabd::cli {
 
-void add_calibrate(CLI::App& app, int& exit_status) {
-  CLI::App* group = app.add_subcommand("calibrate", "Where the scanner sits on the flange: hand-eye and stations");
+void add_calibrate(args::Command& app, int& exit_status) {
+  args::Command group = app.add_subcommand("calibrate", "Where the scanner sits on the flange: hand-eye and stations");
   group->require_subcommand(1);
   add_calibrate_new(*group, exit_status);
   add_calibrate_capture(*group, exit_status);

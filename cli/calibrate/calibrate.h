@@ -6,31 +6,31 @@
 #include "calib/calib.h"
 #include "cli/json.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// The verbs of `slabctl calibrate`, one file each. Each adds itself to the group and, when chosen, leaves its exit
 /// status (cli/exit.h) in `exit_status`.
 namespace slabd::cli {
 
-void add_calibrate_new(CLI::App& group, int& exit_status);
-void add_calibrate_capture(CLI::App& group, int& exit_status);
-void add_calibrate_list(CLI::App& group, int& exit_status);
-void add_calibrate_drop(CLI::App& group, int& exit_status);
-void add_calibrate_undo(CLI::App& group, int& exit_status);
-void add_calibrate_verify(CLI::App& group, int& exit_status);
-void add_calibrate_ball(CLI::App& group, int& exit_status);
-void add_calibrate_artefact(CLI::App& group, int& exit_status);
-void add_calibrate_block(CLI::App& group, int& exit_status);
-void add_calibrate_solve(CLI::App& group, int& exit_status);
-void add_calibrate_stations(CLI::App& group, int& exit_status);
-void add_calibrate_reference(CLI::App& group, int& exit_status);
-void add_calibrate_check(CLI::App& group, int& exit_status);
-void add_calibrate_apply(CLI::App& group, int& exit_status);
-void add_calibrate_adopt(CLI::App& group, int& exit_status);
-void add_calibrate_rollback(CLI::App& group, int& exit_status);
-void add_calibrate_history(CLI::App& group, int& exit_status);
+void add_calibrate_new(args::Command& group, int& exit_status);
+void add_calibrate_capture(args::Command& group, int& exit_status);
+void add_calibrate_list(args::Command& group, int& exit_status);
+void add_calibrate_drop(args::Command& group, int& exit_status);
+void add_calibrate_undo(args::Command& group, int& exit_status);
+void add_calibrate_verify(args::Command& group, int& exit_status);
+void add_calibrate_ball(args::Command& group, int& exit_status);
+void add_calibrate_artefact(args::Command& group, int& exit_status);
+void add_calibrate_block(args::Command& group, int& exit_status);
+void add_calibrate_solve(args::Command& group, int& exit_status);
+void add_calibrate_stations(args::Command& group, int& exit_status);
+void add_calibrate_reference(args::Command& group, int& exit_status);
+void add_calibrate_check(args::Command& group, int& exit_status);
+void add_calibrate_apply(args::Command& group, int& exit_status);
+void add_calibrate_adopt(args::Command& group, int& exit_status);
+void add_calibrate_rollback(args::Command& group, int& exit_status);
+void add_calibrate_history(args::Command& group, int& exit_status);
 
 // How a session is told, after every step of it.
 

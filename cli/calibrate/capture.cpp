@@ -7,7 +7,6 @@
 #include <fmt/core.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -15,6 +14,7 @@
 #include <map>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/capture.h"
 #include "cli/calibrate/live_capture.h"
@@ -328,9 +328,9 @@ int capture_all(Options options) {
 
 }  // namespace
 
-void add_calibrate_capture(CLI::App& group, int& exit_status) {
+void add_calibrate_capture(args::Command& group, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = group.add_subcommand("capture", "Take a view into the session, and say where to drive next");
+  args::Command command = group.add_subcommand("capture", "Take a view into the session, and say where to drive next");
   command->footer(
       "\nPoses are T_base_flange as the robot reported them: the flange in the robot root, not a tool. --flange is in "
       "the\n"
@@ -347,7 +347,7 @@ void add_calibrate_capture(CLI::App& group, int& exit_status) {
   command->add_option("--flange", options->flange, "Where the robot stood");
   command->add_option("--flange-file", options->flange_file, "... as FILE:LINE of a table of poses");
   command->add_option("--set", options->set, "Folder with flange.txt and view_NN.ply or view_NN_SHOT.ply: all of them");
-  CLI::Option* live = command->add_flag("--live", options->live,
+  args::Option live = command->add_flag("--live", options->live,
                                         "From the running line: the robot must stand still, no slab may be open");
   command
       ->add_flag("--end", options->end,
@@ -363,7 +363,7 @@ void add_calibrate_capture(CLI::App& group, int& exit_status) {
       ->needs(live)
       ->excludes("--end");
   command->add_option("--shots", options->shots, "With --live: scans that are averaged")
-      ->check(CLI::Range(1, 9))
+      ->check(args::range(1, 9))
       ->capture_default_str();
   command->add_flag("--hold-out", options->hold_out, "Leave these views out of the fit, to verify with");
   command->add_flag("--json", options->json, "Print slabd.calibration_capture/1 on stdout")->excludes("--all");

@@ -3,13 +3,13 @@
 // slabctl calibrate check and reference: the artefacts that watch over a calibration. The reference block is measured
 // by daemon::measure_block, the path every scan of the line takes: what the check finds is what verdicts are made of.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <memory>
 #include <span>
 #include <vector>
 
 #include "base/pages.h"
+#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/monitor_ball.h"
@@ -518,9 +518,9 @@ int take_reference(const ReferenceOptions& options) {
 
 }  // namespace
 
-void add_calibrate_check(CLI::App& group, int& exit_status) {
+void add_calibrate_check(args::Command& group, int& exit_status) {
   auto options = std::make_shared<CheckOptions>();
-  CLI::App* command = group.add_subcommand(
+  args::Command command = group.add_subcommand(
       "check", "The daily check with the reference block or the monitor ball; without a scan: trend and due date");
   command->footer(
       "\nA check that fails keeps slabs from beginning (fault 503) until one passes; an overdue one is a warning.\n"
@@ -536,23 +536,23 @@ void add_calibrate_check(CLI::App& group, int& exit_status) {
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
   command->add_option("--recipe", options->recipe,
                       "Recipe with the shape of the reference block, one of the line's ([recipes] dir)");
-  CLI::Option* slab = command->add_option("--slab", options->slab, "Instead of a scan: slab key or id ...");
+  args::Option slab = command->add_option("--slab", options->slab, "Instead of a scan: slab key or id ...");
   command->add_option("--station", options->station, "... and the station where the reference block stood")
-      ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)))
+      ->check(args::range(1, static_cast<int>(limits::kStationsMax)))
       ->needs(slab);
   command->add_flag("--ball", options->ball, "The scan shows the monitor ball")->excludes(slab);
   options->look.add_to(*command);
   command->add_option("--operator", options->who, "Who checks (default: your login)");
   command->add_option("--limit", options->limit, "How many checks of the trend are shown")
-      ->check(CLI::Range(std::size_t{1}, std::size_t{100'000}))
+      ->check(args::range(std::size_t{1}, std::size_t{100'000}))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print slabd.calibration_check/1 or slabd.calibration_trend/1 on stdout");
   command->callback([options, &exit_status] { exit_status = check_calibration(*options); });
 }
 
-void add_calibrate_reference(CLI::App& group, int& exit_status) {
+void add_calibrate_reference(args::Command& group, int& exit_status) {
   auto options = std::make_shared<ReferenceOptions>();
-  CLI::App* command = group.add_subcommand(
+  args::Command command = group.add_subcommand(
       "reference", "Take a certified reference block, or a ball fixed in the cell, into use for the checks");
   command->footer(
       "\nThe certificate's text form: docs/CALIBRATION.md. The monitor ball needs no certified place: where it is "

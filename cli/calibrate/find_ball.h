@@ -9,9 +9,9 @@
 #include "calib/calib.h"
 #include "cli/json.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// How found balls and artefacts are told; shared by the offline commands and by whatever captures views.
 namespace slabd::cli {
@@ -34,7 +34,7 @@ struct BallOptions {
   double noise_correlation_mm = 0.0;
   bool parallel = false;
   std::string unit = "mm";
-  void add_to(CLI::App& command);
+  void add_to(args::Command& command);
   /// Radius and count are the caller's.
   [[nodiscard]] calib::BallSettings settings() const;
 };

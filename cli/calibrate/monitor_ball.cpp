@@ -4,11 +4,11 @@
 #include <fmt/core.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <sstream>
 
 #include "base/pages.h"
 #include "calib/calib.h"
+#include "cli/arguments.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/live_capture.h"
 #include "cli/command.h"
@@ -76,8 +76,8 @@ bool take_live(const daemon::Config& config, const BallLook& look, const Pose& X
 
 }  // namespace
 
-void BallLook::add_to(CLI::App& command) {
-  CLI::Option* pose =
+void BallLook::add_to(args::Command& command) {
+  args::Option pose =
       command.add_option("--flange", flange, "Where the robot stood: \"x y z qw qx qy qz\" of the flange, as reported");
   command.add_flag("--live", live, "Take scan and pose of the ball from the running line; it must be idle")
       ->excludes(pose);
@@ -86,7 +86,7 @@ void BallLook::add_to(CLI::App& command) {
       ->check(within(0.001, 1.0))
       ->capture_default_str();
   command.add_option("--unit", unit, "Unit of the scan: mm, m or um")
-      ->check(CLI::IsMember({"mm", "m", "um"}))
+      ->check(args::one_of({"mm", "m", "um"}))
       ->capture_default_str();
 }
 

@@ -8,9 +8,9 @@
 #include "base/base.h"
 #include "daemon/daemon.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// One look at the ball that is fixed in the cell: from a scan file and the pose it was taken from, or from the running
 /// line, which knows both.
@@ -26,7 +26,7 @@ struct BallLook {
   std::string unit = "mm";
 
   /// --flange, --live, --radius, --noise, --unit.
-  void add_to(CLI::App& command);
+  void add_to(args::Command& command);
 };
 
 struct SeenBall {

@@ -2,9 +2,9 @@
 #include "cli/calibrate/record_options.h"
 
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <algorithm>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/command.h"
 #include "cli/exit.h"
@@ -13,15 +13,15 @@
 
 namespace slabd::cli {
 
-void RecordOptions::add_to(CLI::App& command) {
+void RecordOptions::add_to(args::Command& command) {
   command.add_option("--config", config, "The daemon's configuration")->default_val(kDefaultConfig);
   add_origin_to(command);
-  CLI::Option* apply_flag = command.add_flag("--apply", apply, "Put it in force at once");
+  args::Option apply_flag = command.add_flag("--apply", apply, "Put it in force at once");
   command.add_option("--why", why, "Why it is put in force, for the history")->check(some_words())->needs(apply_flag);
   command.add_flag("--dry-run", dry_run, "Only compute and show: nothing is kept")->excludes(apply_flag);
 }
 
-void RecordOptions::add_origin_to(CLI::App& command) {
+void RecordOptions::add_origin_to(args::Command& command) {
   command.add_option("--operator", operator_name, "Who did it (default: your login)");
   command.add_option("--robot-serial", robot_serial, "Serial number of the robot");
   command.add_option("--scanner-serial", scanner_serial, "Serial number of the scanner");
@@ -30,7 +30,7 @@ void RecordOptions::add_origin_to(CLI::App& command) {
       .add_option("--valid-days", valid_days,
                   "How long it may be used from when it was measured, 0 = for ever (default: [calibration] "
                   "valid_days)")
-      ->check(CLI::Range(0, 36'500));
+      ->check(args::range(0, 36'500));
 }
 
 void RecordOptions::describe(const daemon::Config& config_in, storage::CalibrationRecord& record,

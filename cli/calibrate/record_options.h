@@ -9,9 +9,9 @@
 #include "daemon/daemon.h"
 #include "storage/storage.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// What every calibration record says about where it comes from, and how a command keeps and applies one.
 namespace slabd::cli {
@@ -27,9 +27,9 @@ struct RecordOptions {
   bool apply = false;
   bool dry_run = false;
 
-  void add_to(CLI::App& command);
+  void add_to(args::Command& command);
   /// Only who, with what and for how long: --operator, --robot-serial, --scanner-serial, --temperature, --valid-days.
-  void add_origin_to(CLI::App& command);
+  void add_origin_to(args::Command& command);
   /// Fills operator, serials, temperature, software, times. The record may be used for the given time from
   /// `measured_utime_us` on, the oldest of what it is computed from: who computes it again has measured nothing.
   void describe(const daemon::Config& config_in, storage::CalibrationRecord& record,

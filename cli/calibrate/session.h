@@ -9,9 +9,9 @@
 #include "cli/durable.h"
 #include "daemon/daemon.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// A calibration under way, as a folder that people can read:
 ///
@@ -122,7 +122,7 @@ class Session {
 struct SessionOptions {
   std::string session;
   std::string config;
-  void add_to(CLI::App& command);
+  void add_to(args::Command& command);
 };
 /// The session named, else the one last worked on, else the only one in the configuration's folder; it is remembered as
 /// last worked on. Complains, with what to do, and sets `exit_status` when there is none.

@@ -7,10 +7,10 @@
 #include <pwd.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <filesystem>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/session.h"
 #include "cli/command.h"
@@ -123,7 +123,7 @@ std::string which_session(const SessionOptions& options, int& exit_status) {
 
 }  // namespace
 
-void SessionOptions::add_to(CLI::App& command) {
+void SessionOptions::add_to(args::Command& command) {
   command.add_option(
       "--session", session,
       "Name or folder (default: the one you worked on last, else the only one there is; with --config, of that line)");

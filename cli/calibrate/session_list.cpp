@@ -2,10 +2,10 @@
 //
 // slabctl calibrate list, drop, undo: what the session holds, and taking views out of it. Nothing is ever deleted.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <map>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/session.h"
@@ -215,29 +215,29 @@ int undo(const Options& options) {
 
 }  // namespace
 
-void add_calibrate_list(CLI::App& group, int& exit_status) {
+void add_calibrate_list(args::Command& group, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = group.add_subcommand("list", "The session: every view, what is missing, where to drive next");
+  args::Command command = group.add_subcommand("list", "The session: every view, what is missing, where to drive next");
   command->footer("\nExample: slabctl calibrate list");
   options->session.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.calibration_session/1 on stdout");
   command->callback([options, &exit_status] { exit_status = list(*options); });
 }
 
-void add_calibrate_drop(CLI::App& group, int& exit_status) {
+void add_calibrate_drop(args::Command& group, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = group.add_subcommand("drop", "Leave a view out of everything; its scans stay");
+  args::Command command = group.add_subcommand("drop", "Leave a view out of everything; its scans stay");
   command->footer("\nExample: slabctl calibrate drop 7 --why \"somebody leaned on the post\"");
-  command->add_option("VIEW", options->number, "Its number in `list`")->required()->check(CLI::Range(1, 9999));
+  command->add_option("VIEW", options->number, "Its number in `list`")->required()->check(args::range(1, 9999));
   command->add_option("--why", options->why, "Why; kept with the view")->required()->check(some_words());
   options->session.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.calibration_session_change/1 on stdout");
   command->callback([options, &exit_status] { exit_status = drop(*options); });
 }
 
-void add_calibrate_undo(CLI::App& group, int& exit_status) {
+void add_calibrate_undo(args::Command& group, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = group.add_subcommand("undo", "Take back the newest capture or drop; again: the one before");
+  args::Command command = group.add_subcommand("undo", "Take back the newest capture or drop; again: the one before");
   command->footer("\nExample: slabctl calibrate undo");
   options->session.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.calibration_session_change/1 on stdout");

@@ -3,11 +3,11 @@
 // slabctl calibrate new: what is known before the first view is agreed once, so that every later command is short and
 // every view is judged alike.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/find_ball.h"
@@ -173,9 +173,9 @@ int begin(const Options& options) {
 
 }  // namespace
 
-void add_calibrate_new(CLI::App& group, int& exit_status) {
+void add_calibrate_new(args::Command& group, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command =
+  args::Command command =
       group.add_subcommand("new", "Begin a calibration of the scanner on the flange: the commands after it lead on");
   command->footer(
       "\nThe routine: new, then capture until the goal is reached, solve, verify, apply; list, drop and undo on the "
@@ -190,7 +190,7 @@ void add_calibrate_new(CLI::App& group, int& exit_status) {
   command->add_option("--config", options->config,
                       fmt::format("The daemon's configuration (default: {})", kDefaultConfig));
   command->add_option("--kind", options->kind, "ball: a tooling ball; artefact: three to eight balls on a frame")
-      ->check(CLI::IsMember({"ball", "artefact", "pose"}))
+      ->check(args::one_of({"ball", "artefact", "pose"}))
       ->capture_default_str();
   command->add_option("--radius", options->radius_mm, "Kind ball: certified radius in mm")->check(within(1.0, 200.0));
   command->add_option("--radius-sigma-mm", options->radius_sigma_mm, "Its standard uncertainty (k = 1)")
@@ -198,10 +198,10 @@ void add_calibrate_new(CLI::App& group, int& exit_status) {
       ->capture_default_str();
   command->add_option("--certificate", options->certificate, "Kind artefact: what the laboratory certified");
   command->add_option("--views", options->goal, "Goal: accepted views, held-out ones among them")
-      ->check(CLI::Range(std::size_t{6}, calib::kViewsMax))
+      ->check(args::range(std::size_t{6}, calib::kViewsMax))
       ->capture_default_str();
   command->add_option("--hold-out", options->held_out, "How many of them take no part in the fit, to verify it")
-      ->check(CLI::Range(std::size_t{3}, std::size_t{100}))
+      ->check(args::range(std::size_t{3}, std::size_t{100}))
       ->capture_default_str();
   command
       ->add_option("--flange-form", options->flange_form,

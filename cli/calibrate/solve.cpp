@@ -3,13 +3,13 @@
 // slabctl calibrate solve: views of the session, or two tables of poses, in; T_flange_scanner and every figure out.
 #include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <cerrno>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/session_solution.h"
 #include "cli/calibrate/solve_options.h"
@@ -203,12 +203,12 @@ Result<std::string> text_file(const std::string& path) {
   return text;
 }
 
-void add_calibrate_solve(CLI::App& group, int& exit_status) {
+void add_calibrate_solve(args::Command& group, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = group.add_subcommand("solve", "T_flange_scanner from views of a fixed artefact, or why not");
+  args::Command command = group.add_subcommand("solve", "T_flange_scanner from views of a fixed artefact, or why not");
   command->footer(kFooter);
   command->add_option("--kind", options->kind, "Artefact: ball (one or more tooling balls) or pose")
-      ->check(CLI::IsMember({"ball", "pose"}));
+      ->check(args::one_of({"ball", "pose"}));
   command->add_option("--flange", options->flange, "Table of T_base_flange");
   command->add_option("--target", options->target, "Table of ball centres or T_scanner_target");
   options->solve.add_to(*command);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/calibrate/solve_options.h"
+#include "cli/arguments.h"
 #include "cli/parse.h"
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 
 namespace slabd::cli {
@@ -34,7 +34,7 @@ std::string SolveOptions::fov_fault() const {
          "above 0";
 }
 
-void SolveOptions::add_to(CLI::App& command) {
+void SolveOptions::add_to(args::Command& command) {
   command.add_option("--robot-sigma-mm", robot_sigma_mm, "Robot's position noise per axis")
       ->check(at_least(0.0))
       ->capture_default_str();

@@ -6,9 +6,9 @@
 
 #include "calib/calib.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// What a solver is told beside the views: noise, field of view, limit. Shared by `solve`, from tables, and by `new`,
 /// for a whole session.
@@ -22,7 +22,7 @@ struct SolveOptions {
   double limit_mm = kNoValue;
   std::vector<double> fov;
 
-  void add_to(CLI::App& command);
+  void add_to(args::Command& command);
   /// Who states nothing but a position noise for the robot gets rotations in proportion: a robot of 0.7 mm with the
   /// angles of one of 0.06 mm would weigh them a hundred times too much. Targets are not taken to be better for it.
   [[nodiscard]] calib::StatedNoise noise() const;

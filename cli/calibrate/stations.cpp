@@ -4,13 +4,13 @@
 // stations, become corrections of the robot. The visits are what the normal inspection measured and the database holds,
 // so mastering needs no mode of its own: let the robot go round five times, then solve.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <limits>
 #include <map>
 #include <memory>
 #include <vector>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/record_options.h"
@@ -342,9 +342,9 @@ int calibrate_stations(const Options& options) {
 
 }  // namespace
 
-void add_calibrate_stations(CLI::App& group, int& exit_status) {
+void add_calibrate_stations(args::Command& group, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = group.add_subcommand(
+  args::Command command = group.add_subcommand(
       "stations", "Correct the robot station by station from a mastered slab or reference balls, five visits each");
   command->footer(
       "\nLay the mastered slab into the cell and have the line inspect it five times without touching it; then give "

@@ -5,11 +5,11 @@
 #include <fmt/core.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/record_options.h"
@@ -292,9 +292,9 @@ int verify(const Options& options) {
 
 }  // namespace
 
-void add_calibrate_verify(CLI::App& group, int& exit_status) {
+void add_calibrate_verify(args::Command& group, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command =
+  args::Command command =
       group.add_subcommand("verify", "Hold the solution against the held-out views; what changes at the slab");
   command->footer(
       "\nCompared with the calibration in force, or the commissioning value. A shift above 0.2 mm, or a turn above "

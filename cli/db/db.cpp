@@ -5,7 +5,6 @@
 #include <fmt/core.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -16,6 +15,7 @@
 #include <random>
 #include <thread>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/command.h"
 #include "cli/control.h"
@@ -364,27 +364,27 @@ int prune(const Options& options) {
 
 }  // namespace
 
-void add_db(CLI::App& app, int& exit_status) {
-  CLI::App* group = app.add_subcommand("db", "Look after the database: check, back up, restore, prune");
+void add_db(args::Command& app, int& exit_status) {
+  args::Command group = app.add_subcommand("db", "Look after the database: check, back up, restore, prune");
   group->require_subcommand(1);
   auto options = std::make_shared<Options>();
   const auto verb = [&](const char* name, const char* what, int (*run)(const Options&)) {
-    CLI::App* command = group->add_subcommand(name, what);
+    args::Command command = group->add_subcommand(name, what);
     command->callback([options, run, &exit_status] { exit_status = run(*options); });
     return command;
   };
-  const auto with_config = [&](CLI::App* command) {
+  const auto with_config = [&](args::Command command) {
     command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
     return command;
   };
-  CLI::App* command = with_config(verb("check", "Is the database whole? Reads while the daemon runs", check));
+  args::Command command = with_config(verb("check", "Is the database whole? Reads while the daemon runs", check));
   command->add_flag("--full", options->full, "Indices against tables as well; slower");
   command->add_flag("--json", options->json, "Print slabd.database/1 on stdout");
-  const auto with_entry = [&options](CLI::App* reading) {
+  const auto with_entry = [&options](args::Command reading) {
     reading
         ->add_option("--entry", options->entry,
                      "Print the checksum of this entry of the chain of results, to compare it with the journal")
-        ->check(CLI::PositiveNumber);
+        ->check(args::range(std::int64_t{1}, std::int64_t{1'000'000'000}));
   };
   with_entry(command);
 
@@ -392,7 +392,7 @@ void add_db(CLI::App& app, int& exit_status) {
       with_config(verb("backup", "Copy the database (through the daemon while it runs) and check the copy", back_up));
   command->add_option("--out", options->out, "A further copy, on another disk");
   command->add_option("--keep", options->keep, "Delete all but the newest N backups afterwards")
-      ->check(CLI::Range(1, 10'000));
+      ->check(args::range(1, 10'000));
   command->add_flag("--json", options->json, "Print slabd.database/1 of the copy on stdout");
 
   command = verb("verify", "Is this backup whole? Changes nothing", [](const Options& o) {
@@ -417,7 +417,7 @@ void add_db(CLI::App& app, int& exit_status) {
   command = with_config(verb("prune", "Take away the records of old slabs whose scans are gone", prune));
   command->add_option("--keep-slabs", options->keep_slabs, "So many of the newest slabs stay")
       ->required()
-      ->check(CLI::Range(storage::kKeepSlabsMin, std::int64_t{1'000'000'000}));
+      ->check(args::range(storage::kKeepSlabsMin, std::int64_t{1'000'000'000}));
   command->add_option("--keep-failed-slabs", options->keep_failed_slabs,
                       "And so many of the newest that did not pass, 0: all of them; default: [storage] "
                       "keep_failed_slabs, or as many as --keep-slabs where keep_slabs is 0");

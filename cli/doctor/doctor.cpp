@@ -2,11 +2,11 @@
 #include "cli/doctor/doctor.h"
 
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 
 #include <algorithm>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
@@ -130,9 +130,9 @@ void Examination::add(Finding finding) {
   findings_.push_back(std::move(finding));
 }
 
-void add_doctor(CLI::App& app, int& exit_status) {
+void add_doctor(args::Command& app, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand("doctor", "Look at everything the line needs, and say what to do");
+  args::Command command = app.add_subcommand("doctor", "Look at everything the line needs, and say what to do");
   command->footer(
       "\nIn order: configuration, recipes, computer, clock, disks, daemon and its limits, routes, PLC, robot, "
       "scanner,\n"

@@ -6,12 +6,12 @@
 
 #include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cctype>
 #include <filesystem>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/durable.h"
@@ -196,9 +196,10 @@ int export_model(const ModelOptions& options) {
   return kDone;
 }
 
-void add_cloud(CLI::App& parent, int& exit_status) {
+void add_cloud(args::Command& parent, int& exit_status) {
   auto options = std::make_shared<CloudOptions>();
-  CLI::App* command = parent.add_subcommand("cloud", "A slab's scans as one cloud in the slab frame, or one block's");
+  args::Command command =
+      parent.add_subcommand("cloud", "A slab's scans as one cloud in the slab frame, or one block's");
   command->footer(
       "\nPLY, binary, mm, without the points that no surface goes through. Of a slab: x, y, z, station. Of a block, "
       "in\n"
@@ -208,7 +209,7 @@ void add_cloud(CLI::App& parent, int& exit_status) {
   command->add_option("SLAB", options->slab, "Key or slab id (key:12, id:12 where a number may be either)")->required();
   command->add_option("--out", options->out, "PLY file")->required();
   command->add_option("--block", options->block, "This block alone")
-      ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));
+      ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command
       ->add_option("--voxel", options->cloud.voxel_mm,
                    "One mean point for each cube of so many mm; default: all points")
@@ -217,13 +218,13 @@ void add_cloud(CLI::App& parent, int& exit_status) {
   command->add_option("--recipes", options->recipes_dir, "Folder with the recipes; default: the configuration's");
   command->add_option("--scans", options->cloud.scans_dir, "A copy of the spool, for scans that were moved away");
   command->add_option("--unit", options->unit, "Unit of the scans: mm, m or um; default: the configuration's, or mm")
-      ->check(CLI::IsMember({"mm", "m", "um"}));
+      ->check(args::one_of({"mm", "m", "um"}));
   command->callback([options, &exit_status] { exit_status = export_cloud(*options); });
 }
 
-void add_model(CLI::App& parent, int& exit_status) {
+void add_model(args::Command& parent, int& exit_status) {
   auto options = std::make_shared<ModelOptions>();
-  CLI::App* command = parent.add_subcommand("model", "A recipe's slab as triangles: STL or PLY");
+  args::Command command = parent.add_subcommand("model", "A recipe's slab as triangles: STL or PLY");
   command->footer("\nExample: slabctl export model p5600.toml --block --out block.stl");
   command->add_option("RECIPE", options->recipe, "Recipe file")->required();
   command->add_option("--out", options->out, "File, .stl or .ply, mm")->required();
@@ -233,9 +234,9 @@ void add_model(CLI::App& parent, int& exit_status) {
 
 }  // namespace
 
-void add_export(CLI::App& app, int& exit_status) {
+void add_export(args::Command& app, int& exit_status) {
   auto options = std::make_shared<ExportOptions>();
-  CLI::App* command = app.add_subcommand("export", "Results as CSV or JSON, clouds and models, for other programs");
+  args::Command command = app.add_subcommand("export", "Results as CSV or JSON, clouds and models, for other programs");
   command->footer(
       "\nCSV: one row for each item (docs/EXPORT.md has the columns), RFC 4180, UTF-8. JSON: of one named slab\n"
       "slabd.slab/1, else slabd.export/1 with such documents (docs/schemas). Reads the database while the daemon "
@@ -247,7 +248,7 @@ void add_export(CLI::App& app, int& exit_status) {
   options->database.add_to(*command);
   command->add_option("--out", options->out, "File, .csv or .json; - is standard output")->capture_default_str();
   command->add_option("--format", options->format, "csv or json; default: the file's extension, else csv")
-      ->check(CLI::IsMember({"csv", "json"}));
+      ->check(args::one_of({"csv", "json"}));
   command->add_flag("--bom", options->bom,
                     "Begin CSV with a byte order mark, which Excel needs to see that it is UTF-8");
   command->add_flag("--raw", options->raw,

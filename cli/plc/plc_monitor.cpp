@@ -8,7 +8,6 @@
 #include <modbus.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
@@ -20,6 +19,7 @@
 #include <optional>
 #include <thread>
 
+#include "cli/arguments.h"
 #include "cli/control.h"
 #include "cli/exit.h"
 #include "cli/plc/plc.h"
@@ -314,21 +314,21 @@ Result<PlcRegisters> plc_registers(const std::string& control_socket) {
   return registers;
 }
 
-void add_plc_monitor(CLI::App& plc, int& exit_status) {
+void add_plc_monitor(args::Command& plc, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = plc.add_subcommand("monitor", "Every register live, in words; reads only, owns nothing");
+  args::Command command = plc.add_subcommand("monitor", "Every register live, in words; reads only, owns nothing");
   command->footer(
       "\nExit status 4 when slabd does not answer, 3 when the configuration is not usable (slabd runs with it, in "
       "fault\n"
       "504, and is asked all the same).\nExample: slabctl plc monitor --once");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
-  auto* connect = command->add_option("--connect", options->connect,
+  args::Option connect = command->add_option("--connect", options->connect,
                                       "ADDRESS:PORT of another slabd than the configured; needs no configuration here");
   command->add_option("--socket", options->socket, "Ask this control socket instead of Modbus")->excludes(connect);
   command->add_flag("--once", options->once, "Print once and end (always so when not on a terminal)");
   command->add_flag("--json", options->as_json, "slabd.plc_monitor/1; without --once one object a line");
   command->add_option("--interval-ms", options->interval_ms, "Between two looks")
-      ->check(CLI::Range(100, 60'000))
+      ->check(args::range(100, 60'000))
       ->capture_default_str();
   command->callback([options, &exit_status] { exit_status = monitor(*options); });
 }

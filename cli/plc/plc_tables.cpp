@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "base/codes.h"
 #include "base/items.h"
+#include "cli/arguments.h"
 #include "cli/exit.h"
 #include "cli/plc/plc.h"
 #include "hal/plc_map.h"
@@ -153,16 +153,16 @@ std::string code_csv() {
   return text;
 }
 
-void add_plc(CLI::App& app, int& exit_status) {
+void add_plc(args::Command& app, int& exit_status) {
   struct Options {
     bool csv = false;
     bool json = false;
   };
-  CLI::App* plc = app.add_subcommand("plc", "For the PLC's programmer: live registers, the map, the codes");
+  args::Command plc = app.add_subcommand("plc", "For the PLC's programmer: live registers, the map, the codes");
   plc->require_subcommand(1);
   auto options = std::make_shared<Options>();
-  CLI::App* map = plc->add_subcommand("map", "Register map 1.0, as docs/PLC.md has it");
-  auto* csv = map->add_flag("--csv", options->csv, "For import into a tag list");
+  args::Command map = plc->add_subcommand("map", "Register map 1.0, as docs/PLC.md has it");
+  args::Option csv = map->add_flag("--csv", options->csv, "For import into a tag list");
   map->add_flag("--json", options->json, "slabd.plc_map/1")->excludes(csv);
   map->callback([options, &exit_status] {
     fmt::print("{}", options->csv    ? register_csv()
@@ -171,8 +171,8 @@ void add_plc(CLI::App& app, int& exit_status) {
     exit_status = kDone;
   });
   auto told = std::make_shared<Options>();
-  CLI::App* codes = plc->add_subcommand("codes", "Every code with its cure");
-  auto* codes_csv = codes->add_flag("--csv", told->csv, "For import into a tag list");
+  args::Command codes = plc->add_subcommand("codes", "Every code with its cure");
+  args::Option codes_csv = codes->add_flag("--csv", told->csv, "For import into a tag list");
   codes->add_flag("--json", told->json, "slabd.plc_codes/1")->excludes(codes_csv);
   codes->callback([told, &exit_status] {
     fmt::print("{}", told->csv ? code_csv() : told->json ? code_json().dump(2) + "\n" : code_markdown());

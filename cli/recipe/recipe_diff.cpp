@@ -11,10 +11,10 @@
 
 #include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/budget_text.h"
 #include "cli/command.h"
 #include "cli/database.h"
@@ -258,9 +258,9 @@ std::vector<StationRecord> rejudged(const storage::SlabRecord& record, const Rec
   return stations;
 }
 
-void add_recipe_diff(CLI::App& recipe, int& exit_status) {
+void add_recipe_diff(args::Command& recipe, int& exit_status) {
   auto options = std::make_shared<DiffOptions>();
-  CLI::App* command = recipe.add_subcommand("diff", "What two recipes say otherwise, and what that makes of slabs");
+  args::Command command = recipe.add_subcommand("diff", "What two recipes say otherwise, and what that makes of slabs");
   command->footer(
       "\nThe last column says what a key changes: verdict and slab follow from stored values, measured only from "
       "scans\n"

@@ -5,14 +5,14 @@
 
 #include "storage/storage.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 namespace slabd::cli {
 
 /// `slabctl recipe diff`, below the command `recipe`.
-void add_recipe_diff(CLI::App& recipe, int& exit_status);
+void add_recipe_diff(args::Command& recipe, int& exit_status);
 
 /// The stations of a stored slab with their block items judged anew by `recipe`: its limits, its guard band, and its U
 /// where no budget was computed, or the stored one if that is larger: the scan may have widened it. Values, budgets and

@@ -6,13 +6,13 @@
 
 #include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <chrono>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/control.h"
 #include "cli/exit.h"
@@ -97,16 +97,16 @@ int reload(const Options& options) {
 
 }  // namespace
 
-void add_recipe_reload(CLI::App& recipe, int& exit_status) {
+void add_recipe_reload(args::Command& recipe, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = recipe.add_subcommand("reload", "Have the running daemon take up its recipe folder");
+  args::Command command = recipe.add_subcommand("reload", "Have the running daemon take up its recipe folder");
   command->footer(
       "\nThe daemon reads and checks the folder and takes all of it up between two slabs. While a slab is open, or "
       "when\n"
       "any file is faulty, it refuses (exit status 6), and the recipes in use stay in force.\n"
       "Examples: slabctl recipe reload\n"
       "          slabctl recipe reload --look");
-  auto* config = command->add_option("--config", options->config, "Configuration that names the control socket")
+  args::Option config = command->add_option("--config", options->config, "Configuration that names the control socket")
                      ->default_val(kDefaultConfig);
   command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
   command->add_flag("--look", options->look_only, "Only print what is in use and what the folder holds otherwise");

@@ -4,11 +4,11 @@
 // (--verify), or another recipe decides and the verdicts are compared (--recipe).
 #include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>
 #include <optional>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
@@ -286,9 +286,10 @@ int replay(const ReplayOptions& options) {
 
 }  // namespace
 
-void add_replay(CLI::App& app, int& exit_status) {
+void add_replay(args::Command& app, int& exit_status) {
   auto options = std::make_shared<ReplayOptions>();
-  CLI::App* command = app.add_subcommand("replay", "Measure stored slabs again: the same bits? or with another recipe");
+  args::Command command =
+      app.add_subcommand("replay", "Measure stored slabs again: the same bits? or with another recipe");
   command->footer(
       "\nReads database and scans, changes nothing. --verify (the default): every block is measured again with the\n"
       "poses, calibration and recipe that are recorded, the slab is judged again, and each stored figure must come "
@@ -303,7 +304,7 @@ void add_replay(CLI::App& app, int& exit_status) {
       "          slabctl replay --all --type 5600 --recipe p5600-new.toml");
   options->choice.add_to(*command);
   options->database.add_to(*command);
-  auto* verify_flag = command->add_flag("--verify", options->verify, "Every stored figure must come out again");
+  args::Option verify_flag = command->add_flag("--verify", options->verify, "Every stored figure must come out again");
   command
       ->add_option("--recipe", options->recipe, "What this recipe would have decided: a file, slab:SLAB or sha:PREFIX")
       ->excludes(verify_flag);
@@ -311,9 +312,9 @@ void add_replay(CLI::App& app, int& exit_status) {
                       "Folder with the recipes, also former ones; default: the configuration's");
   command->add_option("--scans", options->scans_dir, "A copy of the spool, for scans that were moved away");
   command->add_option("--unit", options->unit, "Unit of the scans: mm, m or um; default: the configuration's, or mm")
-      ->check(CLI::IsMember({"mm", "m", "um"}));
+      ->check(args::one_of({"mm", "m", "um"}));
   command->add_option("--threads", options->threads, "Threads that measure; the results are the same")
-      ->check(CLI::Range(1, 2))
+      ->check(args::range(1, 2))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print slabd.replay/1, with --recipe slabd.what_if/1, on stdout");
   command->callback([options, &exit_status] { exit_status = replay(*options); });

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 namespace slabd::cli {
 
 /// `slabctl replay`, as the commands of cli/command.h.
-void add_replay(CLI::App& app, int& exit_status);
+void add_replay(args::Command& app, int& exit_status);
 
 }  // namespace slabd::cli

@@ -3,13 +3,13 @@
 // slabctl report: a stored slab as a document. Reads the database only, so that any slab can be reported whose scans
 // are long gone.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 
 #include <algorithm>
 #include <cctype>
 #include <filesystem>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
@@ -76,9 +76,9 @@ int report_slab(const Options& options) {
 
 }  // namespace
 
-void add_report(CLI::App& app, int& exit_status) {
+void add_report(args::Command& app, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand("report", "One slab as a document: PDF, HTML, SVG or PNG");
+  args::Command command = app.add_subcommand("report", "One slab as a document: PDF, HTML, SVG or PNG");
   command->footer(
       "\nReads the database only; the scans may be gone. Slabs measured by a slabd before schema 4 have no maps, and\n"
       "the report says so.\n"
@@ -92,10 +92,10 @@ void add_report(CLI::App& app, int& exit_status) {
       ->required();
   command->add_option("--out", options->out, "The file; its extension says what it becomes")->required();
   command->add_option("--language", options->language, "Of the words; numbers and ids are the same in all")
-      ->check(CLI::IsMember({"en", "zh"}))
+      ->check(args::one_of({"en", "zh"}))
       ->capture_default_str();
   command->add_option("--page", options->page, "Of .svg and .png: this page alone, 0 all below each other")
-      ->check(CLI::Range(0, 1000))
+      ->check(args::range(0, 1000))
       ->capture_default_str();
   command->add_option("--dpi", options->dots_per_inch, "Of .png: dots per inch")
       ->check(within(20.0, 600.0))

@@ -5,13 +5,13 @@
 // kept. Nothing reads a file but this.
 #include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
@@ -108,13 +108,13 @@ int history(const std::string& config_path, bool as_json) {
 
 }  // namespace
 
-void add_scanner_history(CLI::App& scanner, int& exit_status) {
+void add_scanner_history(args::Command& scanner, int& exit_status) {
   struct Options {
     std::string config;
     bool as_json = false;
   };
   auto options = std::make_shared<Options>();
-  CLI::App* command = scanner.add_subcommand("history", "The verifications that were kept, oldest first");
+  args::Command command = scanner.add_subcommand("history", "The verifications that were kept, oldest first");
   command->footer("\nmm. Example: slabctl scanner history");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
   command->add_flag("--json", options->as_json, "Print slabd.scanner_history/1");

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
 
-#include "cli/command.h"
 #include "cli/scanner/scanner.h"
+#include "cli/arguments.h"
+#include "cli/command.h"
 
 namespace slabd::cli {
 
-void add_scanner(CLI::App& app, int& exit_status) {
-  CLI::App* scanner = app.add_subcommand("scanner", "The scanner: send a scan as a gateway does, verify its accuracy");
+void add_scanner(args::Command& app, int& exit_status) {
+  args::Command scanner =
+      app.add_subcommand("scanner", "The scanner: send a scan as a gateway does, verify its accuracy");
   scanner->require_subcommand(1);
   add_scanner_send(*scanner, exit_status);
   add_scanner_verify(*scanner, exit_status);

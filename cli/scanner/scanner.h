@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// The subcommands of `slabctl scanner`, a file each.
 namespace slabd::cli {
 
-void add_scanner_send(CLI::App& scanner, int& exit_status);
-void add_scanner_verify(CLI::App& scanner, int& exit_status);
-void add_scanner_history(CLI::App& scanner, int& exit_status);
+void add_scanner_send(args::Command& scanner, int& exit_status);
+void add_scanner_verify(args::Command& scanner, int& exit_status);
+void add_scanner_history(args::Command& scanner, int& exit_status);
 
 }  // namespace slabd::cli

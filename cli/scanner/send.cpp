@@ -3,13 +3,13 @@
 // slabctl scanner send: scan files as answers over TCP, for whoever writes a gateway and wants to see one that works.
 #include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <atomic>
 #include <chrono>
 #include <csignal>
 #include <memory>
 #include <thread>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/parse.h"
@@ -128,9 +128,9 @@ int send(const Options& options) {
 
 }  // namespace
 
-void add_scanner_send(CLI::App& scanner, int& exit_status) {
+void add_scanner_send(args::Command& scanner, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = scanner.add_subcommand("send", "Answer slabd's next requests with scan files, over TCP");
+  args::Command command = scanner.add_subcommand("send", "Answer slabd's next requests with scan files, over TCP");
   command->footer(
       "\nThe reference of docs/SCANNER.md: connects as a gateway does, waits for a request, sends the file, prints "
       "what\n"
@@ -140,8 +140,7 @@ void add_scanner_send(CLI::App& scanner, int& exit_status) {
   command->add_option("FILES", options->files, "Scans: .ply, .pcd, .xyz")->required();
   command->add_option("--to", options->to, "Where slabd listens: [scanner] listen")->capture_default_str();
   command->add_option("--unit", options->unit, "Of the files: 0 mm, 1 m, 2 um; or mm, m, um")
-      ->transform(
-          CLI::CheckedTransformer(std::vector<std::pair<std::string, std::size_t>>{{"mm", 0}, {"m", 1}, {"um", 2}}));
+      ->words({{"mm", 0}, {"m", 1}, {"um", 2}});
   add_columns(*command, options->columns);
   command->add_option("--wait-s", options->wait_s, "For each request")->check(within(0.1, 1e6))->capture_default_str();
   command->add_option("--cut-after", options->cut_after,

@@ -3,13 +3,13 @@
 // slabctl scanner verify: the scanner against a plate and a ball, and, kept and applied, what U rests on from then on.
 #include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <functional>
 #include <map>
 #include <memory>
 #include <optional>
 
+#include "cli/arguments.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/record_options.h"
 #include "cli/command.h"
@@ -218,9 +218,9 @@ int verify(const Options& options) {
 
 }  // namespace
 
-void add_scanner_verify(CLI::App& scanner, int& exit_status) {
+void add_scanner_verify(args::Command& scanner, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command =
+  args::Command command =
       scanner.add_subcommand("verify", "The scanner against a plate and a ball: PF, PS, RF, form, noise, for U");
   command->footer(
       "\nPF, PS and RF as in VDI/VDE 2634 part 2. With --apply the figures are a record of the database, and U takes "
@@ -238,9 +238,7 @@ void add_scanner_verify(CLI::App& scanner, int& exit_status) {
   command->add_option("--plate", options->plates, "Scans of a flat plate, one place each");
   command->add_option("--ball", options->balls, "Scans of one ball, one place each");
   command->add_option("--diameter-mm", v.diameter_mm, "Certified, of the ball as coated")->check(within(2.0, 400.0));
-  command->add_option("--unit", options->unit, "Of the files: mm, m, um")
-      ->transform(
-          CLI::CheckedTransformer(std::vector<std::pair<std::string, std::size_t>>{{"mm", 0}, {"m", 1}, {"um", 2}}));
+  command->add_option("--unit", options->unit, "Of the files: mm, m, um")->words({{"mm", 0}, {"m", 1}, {"um", 2}});
   add_columns(*command, options->columns);
   command->add_option("--gate-mm", options->settings.gate_mm, "Further from plate or ball than this is something else")
       ->check(within(0.05, 20.0))
@@ -252,9 +250,9 @@ void add_scanner_verify(CLI::App& scanner, int& exit_status) {
   command->add_option("--out", options->out, "Write slabd.scanner_verification/1, for the records");
   command->add_flag("--keep", options->keep, "Keep the record in the database, for `slabctl scanner history`");
   RecordOptions& record = options->record;
-  CLI::Option* by =
+  args::Option by =
       command->add_option("--by,--operator", record.operator_name, "With --apply: who accepts the scanner");
-  CLI::Option* reason =
+  args::Option reason =
       command->add_option("--reason,--why", record.why, "With --apply: why, for the history")->check(some_words());
   command->add_flag("--apply", record.apply, "Keep the record and let U rest on it from the next slab on")
       ->needs(by)
@@ -262,7 +260,7 @@ void add_scanner_verify(CLI::App& scanner, int& exit_status) {
   command
       ->add_option("--expires-days,--valid-days", record.valid_days,
                    "How long it counts as verified, 0 = for ever (default: [calibration] valid_days)")
-      ->check(CLI::Range(0, 36'500));
+      ->check(args::range(0, 36'500));
   command->add_option("--config", record.config, "With --keep or --apply: the daemon's configuration")
       ->default_val(kDefaultConfig);
   command->add_flag("--json", options->as_json, "Print slabd.scanner_verification/1");

@@ -3,12 +3,12 @@
 // slabctl simulate: PLC, robot and scanner of the line, as peers of a running daemon over the real protocols.
 #include <fmt/core.h>
 #include <unistd.h>
-#include <CLI/CLI.hpp>
 #include <csignal>
 #include <fstream>
 #include <iostream>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/parse.h"
@@ -321,9 +321,9 @@ int simulate(const Options& options) {
 
 namespace slabd::cli {
 
-void add_simulate(CLI::App& app, int& exit_status) {
+void add_simulate(args::Command& app, int& exit_status) {
   auto options = std::make_shared<simulate::Options>();
-  CLI::App* command = app.add_subcommand(
+  args::Command command = app.add_subcommand(
       "simulate", "Be the rest of the line for a running daemon: PLC, robot and scanner, with known truth");
   command->footer("\nDefects (K = block; repeatable)\n" + simulate::defect_help() +
                   "\nExamples: slabctl simulate --config slabd.toml --slab-no 7 --slab-id S-0007\n"
@@ -334,11 +334,11 @@ void add_simulate(CLI::App& app, int& exit_status) {
       ->capture_default_str();
   command->add_option("--slab-id", options->slab_id, "SLAB_ID, at most 32 characters (default SIM-<number>)");
   command->add_option("--type", options->type, "SLAB_TYPE (default: the longest slab there is a recipe for)")
-      ->check(CLI::Range(1, 65'535));
+      ->check(args::range(1, 65'535));
   command->add_option("--begin-as", options->begin_as, "SLAB_TYPE that the PLC writes, if it is wrong about the slab")
-      ->check(CLI::Range(1, 65'535));
+      ->check(args::range(1, 65'535));
   command->add_option("--slabs", options->slabs, "How many slabs")
-      ->check(CLI::Range(1, 100'000))
+      ->check(args::range(1, 100'000))
       ->capture_default_str();
   command->add_option("--defect", options->defects, "Planted defect name=K:VALUE, repeatable; on every slab")
       ->take_all()
@@ -389,8 +389,8 @@ void add_simulate(CLI::App& app, int& exit_status) {
   command->add_option("--robot-rate-hz", options->robot_rate_hz, "Poses per second")
       ->check(cli::within(10.0, 500.0))
       ->capture_default_str();
-  auto* rsi = command->add_option("--rsi", options->rsi,
-                                  "Send poses as a KUKA controller does (RSI) to slabd-kuka-bridge at ADDRESS:PORT");
+  args::Option rsi = command->add_option(
+      "--rsi", options->rsi, "Send poses as a KUKA controller does (RSI) to slabd-kuka-bridge at ADDRESS:PORT");
   command->add_option("--rsi-faults", options->rsi_faults, "Share of RSI packets that get lost, come late or garbled")
       ->check(cli::within(0.0, 0.9))
       ->needs(rsi);
@@ -398,12 +398,12 @@ void add_simulate(CLI::App& app, int& exit_status) {
       ->check(cli::within(0.0, 60.0))
       ->capture_default_str();
   command->add_option("--plc-cycle-ms", options->plc_cycle_ms, "Cycle of the PLC's program: how often it looks")
-      ->check(CLI::Range(1, 1'000))
+      ->check(args::range(1, 1'000))
       ->capture_default_str();
   command->add_option("--plc-device", options->plc_device,
                       "With [plc] role = \"rtu\": the other end of the serial line, such as that of a socat pty pair");
   command->add_option("--scans-per-block", options->scans_per_station, "SCAN attempts before a block is left out")
-      ->check(CLI::Range(1, 20))
+      ->check(args::range(1, 20))
       ->capture_default_str();
   options->scanner.add_to(*command);
   command->add_option(
@@ -412,13 +412,13 @@ void add_simulate(CLI::App& app, int& exit_status) {
       "(block K whatever is asked for), given-again=K (at station K the exposure before, in another form), loop=N (N "
       "recorded scans again and again)");
   command->add_option("--scan-format", options->scan_format, "In which format the scanner drops its scans")
-      ->check(CLI::IsMember(simulate::scan_format_names()))
+      ->check(args::one_of(simulate::scan_format_names()))
       ->capture_default_str();
   command->add_option(
       "--stations", options->stations,
       "Drive to these points (KRL, as slabctl stations writes them) instead of straight above each block");
   command->add_option("--scanner", options->backend, "How scans are delivered (default: as configured)")
-      ->check(CLI::IsMember({"drop", "tcp"}));
+      ->check(args::one_of({"drop", "tcp"}));
   command->add_flag("--json", options->json, "Print slabd.simulation/1 on stdout");
   command->add_flag("--stand-by", options->stand_by,
                     "Robot and scanner only, for another PLC: orders \"slab N\" and \"station K\" on stdin");

@@ -3,7 +3,6 @@
 
 #include <fmt/core.h>
 #include <unistd.h>
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -12,6 +11,7 @@
 #include <sstream>
 
 #include "calib/calib.h"
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
@@ -213,7 +213,7 @@ int write_calibration(const CalibrationOrder& order) {
   return cli::kDone;
 }
 
-void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
+void add_simulate_calibration(args::Command& simulate, int& exit_status) {
   struct Options {
     CalibrationOrder order;
     std::string kind = "ball";
@@ -229,7 +229,7 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
   };
   auto options = std::make_shared<Options>();
   CalibrationOrder& order = options->order;
-  CLI::App* command =
+  args::Command command =
       simulate.add_subcommand("calibration", "Write the scans of a calibration, the robot's poses and the truth");
   command->footer(
       "\nball       a tooling ball on its post, with table, wall, rod and a foreign ball around\n"
@@ -243,21 +243,21 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
       "         slabctl calibrate ball set/view_*.ply --radius 25.4 --target set/target.txt\n"
       "         slabctl calibrate solve --kind ball --flange set/flange.txt --target set/target.txt");
   command->add_option("--kind", options->kind, "What is calibrated with: ball, artefact, block or slab")
-      ->check(CLI::IsMember({"ball", "artefact", "block", "slab"}))
+      ->check(args::one_of({"ball", "artefact", "block", "slab"}))
       ->capture_default_str();
   command->add_option("--out", order.out_dir,
                       "Folder to make; must not hold anything yet (--live: for truth and certificate alone)");
-  CLI::Option* views = command->add_option("--views", order.views, "How many (kind slab: rounds, then 5)")
-                           ->check(CLI::Range(1, 400))
+  args::Option views = command->add_option("--views", order.views, "How many (kind slab: rounds, then 5)")
+                           ->check(args::range(1, 400))
                            ->capture_default_str();
   CalibrationLiveOrder& running = options->running;
-  CLI::Option* live = command->add_flag("--live", options->live, "Be robot and scanner of a running daemon");
-  CLI::Option* config = command
+  args::Option live = command->add_flag("--live", options->live, "Be robot and scanner of a running daemon");
+  args::Option config = command
                             ->add_option("--config", running.config,
                                          "The daemon's configuration; T_flange_scanner and the slab's place in "
                                          "it are taken as true")
                             ->default_val(cli::kDefaultConfig);
-  CLI::Option* poses =
+  args::Option poses =
       command->add_option("--poses", order.poses_file, "The views, one T_base_flange a line, instead of a plan");
   command
       ->add_option("--follow", running.follow_file,
@@ -267,8 +267,8 @@ void add_simulate_calibration(CLI::App& simulate, int& exit_status) {
   command->add_option("--move-s", running.move_s, "--live: time from one view to the next")
       ->check(cli::within(0.0, 60.0))
       ->capture_default_str();
-  CLI::Option* shots = command->add_option("--shots", order.shots, "Scans at every pose (--live: 3 if not given)")
-                           ->check(CLI::Range(1, 9))
+  args::Option shots = command->add_option("--shots", order.shots, "Scans at every pose (--live: 3 if not given)")
+                           ->check(args::range(1, 9))
                            ->capture_default_str();
   command->add_option("--seed", order.scene.seed, "Decides everything random")->capture_default_str();
   command->add_option("--recipe", order.recipe, "Recipe of the reference block (kind block)");

@@ -9,9 +9,9 @@
 #include "base/base.h"
 #include "cli/simulate/calibration_scene.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// `slabctl simulate calibration`: the scans of a whole calibration with their truth, for the offline commands.
 namespace slabd::simulate {
@@ -42,6 +42,6 @@ struct CalibrationOrder {
                                            std::span<const Pose> views, int shots, const std::string& out_dir,
                                            int& exit_status);
 
-void add_simulate_calibration(CLI::App& simulate, int& exit_status);
+void add_simulate_calibration(args::Command& simulate, int& exit_status);
 
 }  // namespace slabd::simulate

@@ -2,12 +2,12 @@
 #include "cli/simulate/simulate_plane.h"
 
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
@@ -70,9 +70,9 @@ std::vector<Vec3> draw_plane(const PlaneOrder& order) {
   return points;
 }
 
-void add_simulate_plane(CLI::App& simulate, int& exit_status) {
+void add_simulate_plane(args::Command& simulate, int& exit_status) {
   auto order = std::make_shared<PlaneOrder>();
-  CLI::App* command =
+  args::Command command =
       simulate.add_subcommand("plane", "Write the plane with outliers of the paper's Table 1, and its truth beside it");
   command->footer(
       "\nExample: slabctl simulate plane --out plane.xyz\n"
@@ -80,10 +80,10 @@ void add_simulate_plane(CLI::App& simulate, int& exit_status) {
   command->add_option("--out", order->out, "Text file to write (.xyz); the truth goes beside it as .json")->required();
   command->add_option("--seed", order->seed, "Decides everything random")->capture_default_str();
   command->add_option("--points", order->points, "Points of the plane")
-      ->check(CLI::Range(std::size_t{0}, limits::kScanPointsMax))
+      ->check(args::range(std::size_t{0}, limits::kScanPointsMax))
       ->capture_default_str();
   command->add_option("--outliers", order->outliers, "Points beside it")
-      ->check(CLI::Range(std::size_t{0}, limits::kScanPointsMax))
+      ->check(args::range(std::size_t{0}, limits::kScanPointsMax))
       ->capture_default_str();
   command->add_option("--noise", order->noise_mm, "Standard deviation along the normal, mm")
       ->check(cli::within(0.0, 100.0))

@@ -7,9 +7,9 @@
 
 #include "base/base.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// `slabctl simulate plane`: the set-up of the paper's Table 1, a plane with noise and outliers, as XYZ text.
 namespace slabd::simulate {
@@ -26,6 +26,6 @@ struct PlaneOrder {
 /// spread evenly over the box around it. The same seed gives the same points everywhere.
 [[nodiscard]] std::vector<Vec3> draw_plane(const PlaneOrder& order);
 
-void add_simulate_plane(CLI::App& simulate, int& exit_status);
+void add_simulate_plane(args::Command& simulate, int& exit_status);
 
 }  // namespace slabd::simulate

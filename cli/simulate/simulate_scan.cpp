@@ -2,12 +2,12 @@
 #include "cli/simulate/simulate_scan.h"
 
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <optional>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/json.h"
@@ -135,9 +135,9 @@ int write_scan(const ScanOrder& order) {
   return cli::kDone;
 }
 
-void ScannerOptions::add_to(CLI::App& command) {
+void ScannerOptions::add_to(args::Command& command) {
   command.add_option("--points", points, "Scan size: full (2048 x 2448) or quarter (1024 x 1224)")
-      ->check(CLI::IsMember({"full", "quarter"}))
+      ->check(args::one_of({"full", "quarter"}))
       ->capture_default_str();
   command
       .add_option("--field-x-mm", field_x_mm,
@@ -156,7 +156,7 @@ void ScannerOptions::add_to(CLI::App& command) {
   command
       .add_option("--noise-shape", noise_shape,
                   "How the correlation falls: gaussian (exp(-r^2/L^2)) or exponential (exp(-(|dx|+|dy|)/L))")
-      ->check(CLI::IsMember({"gaussian", "exponential"}))
+      ->check(args::one_of({"gaussian", "exponential"}))
       ->capture_default_str();
 }
 
@@ -180,14 +180,14 @@ std::vector<std::string> scan_format_names() {
   return names;
 }
 
-void add_simulate_scan(CLI::App& simulate, int& exit_status) {
+void add_simulate_scan(args::Command& simulate, int& exit_status) {
   struct Options {
     ScanOrder order;
     ScannerOptions scanner;
   };
   auto options = std::make_shared<Options>();
   ScanOrder& order = options->order;
-  CLI::App* command = simulate.add_subcommand("scan", "Write one scan of a block and its truth beside it");
+  args::Command command = simulate.add_subcommand("scan", "Write one scan of a block and its truth beside it");
   command->footer(
       "\nDefects\n" + defect_help() +
       "\nExample: slabctl simulate scan --recipe p5600.toml --block 3 --out scan.ply --defect slope=3:1/37\n"
@@ -197,7 +197,7 @@ void add_simulate_scan(CLI::App& simulate, int& exit_status) {
   command->add_option("--out", order.out, "File to write; the truth goes beside it as .json")->required();
   command
       ->add_option("--format", order.format, "How it is written (default: what --out ends in; .asc and .txt are xyz)")
-      ->check(CLI::IsMember(scan_format_names()));
+      ->check(args::one_of(scan_format_names()));
   command->add_option("--defect", order.defects, "Planted defect name=K:VALUE, repeatable")
       ->take_all()
       ->expected(1)

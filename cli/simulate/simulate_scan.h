@@ -8,9 +8,9 @@
 #include "cli/simulate/scan_drawing.h"
 #include "cli/simulate/slab_scene.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// `slabctl simulate scan`: one scan with its truth beside it, for offline inspection.
 namespace slabd::simulate {
@@ -30,7 +30,7 @@ struct ScanOrder {
 /// Writes the scan and, beside it, <out>.json (the extension replaced). Returns the exit status.
 [[nodiscard]] int write_scan(const ScanOrder& order);
 
-void add_simulate_scan(CLI::App& simulate, int& exit_status);
+void add_simulate_scan(args::Command& simulate, int& exit_status);
 
 /// What --format and --scan-format take.
 [[nodiscard]] std::vector<std::string> scan_format_names();
@@ -44,7 +44,7 @@ struct ScannerOptions {
   bool perspective = false;
   double noise_correlation_mm = 0.0;
   std::string noise_shape = "gaussian";
-  void add_to(CLI::App& command);
+  void add_to(args::Command& command);
   [[nodiscard]] ScannerTraits traits() const;
 };
 

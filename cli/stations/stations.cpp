@@ -4,7 +4,6 @@
 // measures, and the points for the robot's program; or how taught points compare with the plan.
 #include <fmt/core.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
@@ -13,6 +12,7 @@
 #include <sstream>
 
 #include "calib/calib.h"
+#include "cli/arguments.h"
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/record_options.h"
 #include "cli/command.h"
@@ -380,9 +380,9 @@ int stations(Options& options) {
 
 }  // namespace
 
-void add_stations(CLI::App& app, int& exit_status) {
+void add_stations(args::Command& app, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand(
+  args::Command command = app.add_subcommand(
       "stations", "Where the flange must stand over every block, and what the scanner sees there; KRL points");
   command->footer(
       "\nFrom the recipe, [cell] T_base_slab and the hand-eye calibration in force. A feature counts as seen when it "
@@ -394,7 +394,7 @@ void add_stations(CLI::App& app, int& exit_status) {
       "          slabctl stations --taught SLABPTS.dat --json");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
   command->add_option("--type", options->type, "Slab type (default: the longest slab there is a recipe for)");
-  CLI::Option* krl =
+  args::Option krl =
       command->add_option("--krl", options->krl, "Write the points as a KRL data list and a program fragment");
   command->add_flag("--overwrite", options->overwrite, "--krl: even if the files exist")->needs(krl);
   command->add_option("--taught", options->taught, "Compare these points: a KRL .dat or .src, or poses one per line");
@@ -404,7 +404,7 @@ void add_stations(CLI::App& app, int& exit_status) {
   command->add_option("--turn-deg", options->turn_deg, "Scanner turned about its own axis, against the block's X")
       ->check(within(-180.0, 180.0))
       ->capture_default_str();
-  CLI::Option* no_dither =
+  args::Option no_dither =
       command->add_flag("--no-dither", options->no_dither, "All stops alike: a pose then proves no scan");
   command
       ->add_option("--dither-mm", options->dither.mm, "Stops differ from station to station by up to +- this per axis")

@@ -4,24 +4,24 @@
 #include "cli/study/study.h"
 
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <charconv>
 #include <cmath>
 #include <vector>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 
 namespace slabd::cli::study {
 
-void ScanOptions::add_to(CLI::App& command) {
+void ScanOptions::add_to(args::Command& command) {
   command.add_option("--recipe", recipe, "Recipe of the slab type, to measure scans with");
   command.add_option("--unit", unit, "Unit of the scans: mm, m or um")
-      ->check(CLI::IsMember({"mm", "m", "um"}))
+      ->check(args::one_of({"mm", "m", "um"}))
       ->capture_default_str();
   threads = daemon::default_measure_threads();
   command.add_option("--threads", threads, "Threads that measure; the results are the same")
-      ->check(CLI::Range(1, 2))
+      ->check(args::range(1, 2))
       ->capture_default_str();
 }
 
@@ -38,7 +38,7 @@ bool ScanOptions::load(Recipe& out, int& exit_status) const {
   return true;
 }
 
-void add_same_part(CLI::App& command, std::string& why) {
+void add_same_part(args::Command& command, std::string& why) {
   command.add_option(
       "--same-part", why,
       "Why slabs of different ids, or scans of different blocks, are one part all the same; it is printed "
@@ -66,8 +66,9 @@ bool parse_assignment(const std::string& option, const std::string& text, std::s
 
 namespace slabd::cli {
 
-void add_study(CLI::App& app, int& exit_status) {
-  CLI::App* group = app.add_subcommand("study", "How good is the measuring: repeats, gauge R&R, against a laboratory");
+void add_study(args::Command& app, int& exit_status) {
+  args::Command group =
+      app.add_subcommand("study", "How good is the measuring: repeats, gauge R&R, against a laboratory");
   group->require_subcommand(1);
   study::add_repeat(*group, exit_status);
   study::add_grr(*group, exit_status);

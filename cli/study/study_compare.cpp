@@ -2,13 +2,13 @@
 //
 // slabctl study compare: a laboratory's table against stored slabs, scans, or another table.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <memory>
 #include <set>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
@@ -189,9 +189,9 @@ int run_compare(const CompareOptions& options) {
 
 }  // namespace
 
-void add_compare(CLI::App& study, int& exit_status) {
+void add_compare(args::Command& study, int& exit_status) {
   auto options = std::make_shared<CompareOptions>();
-  CLI::App* command = study.add_subcommand("compare", "Against a laboratory: errors, agreement limits, regression");
+  args::Command command = study.add_subcommand("compare", "Against a laboratory: errors, agreement limits, regression");
   command->footer(
       "\nCONTACT is the laboratory's table with the columns id (slab id or key), item, value and, if you like, block "
       "and\n"
@@ -209,7 +209,7 @@ void add_compare(CLI::App& study, int& exit_status) {
   command->add_option("--scans", options->scans, "Scans to measure, as a table");
   options->scan.add_to(*command);
   command->add_option("--runs", options->runs, "Of each slab id: the mean of this many inspections, the newest")
-      ->check(CLI::Range(std::size_t{1}, std::size_t{100'000}))
+      ->check(args::range(std::size_t{1}, std::size_t{100'000}))
       ->capture_default_str();
   command->add_option("--item", options->items, "Of this item alone; repeatable")
       ->take_all()

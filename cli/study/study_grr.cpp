@@ -2,7 +2,6 @@
 //
 // slabctl study grr: a plan of who measured what, from a table, scans or stored slabs.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <chrono>
 #include <filesystem>
 #include <map>
@@ -10,6 +9,7 @@
 #include <optional>
 #include <set>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
@@ -168,9 +168,9 @@ int run_grr(const GrrOptions& options) {
 
 }  // namespace
 
-void add_grr(CLI::App& study, int& exit_status) {
+void add_grr(args::Command& study, int& exit_status) {
   auto options = std::make_shared<GrrOptions>();
-  CLI::App* command = study.add_subcommand("grr", "Gauge R&R: repeatability, reproducibility, %GRR and ndc");
+  args::Command command = study.add_subcommand("grr", "Gauge R&R: repeatability, reproducibility, %GRR and ndc");
   command->footer(
       "\nPLAN is a table with the columns appraiser, trial and\n"
       "  part, value [, item, lower, upper]   values measured elsewhere\n"
@@ -196,7 +196,7 @@ void add_grr(CLI::App& study, int& exit_status) {
   command
       ->add_option("--interaction", options->interaction,
                    "auto: pooled when not significant; keep: never pooled; pool: always")
-      ->check(CLI::IsMember({"auto", "keep", "pool"}))
+      ->check(args::one_of({"auto", "keep", "pool"}))
       ->capture_default_str();
   add_same_part(*command, options->same_part);
   command->add_flag("--details", options->details, "The tables behind every item");

@@ -2,12 +2,12 @@
 //
 // slabctl study repeat: the same thing measured again and again, from scans, stored slabs, a table, or on the line.
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 #include <chrono>
 #include <memory>
 #include <optional>
 #include <set>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
@@ -212,9 +212,9 @@ int run_repeat(const RepeatOptions& options) {
 
 }  // namespace
 
-void add_repeat(CLI::App& study, int& exit_status) {
+void add_repeat(args::Command& study, int& exit_status) {
   auto options = std::make_shared<RepeatOptions>();
-  CLI::App* command = study.add_subcommand("repeat", "One thing measured many times: scatter, range, Cg and Cgk");
+  args::Command command = study.add_subcommand("repeat", "One thing measured many times: scatter, range, Cg and Cgk");
   command->footer(
       "\nWithout --reference: mean, standard deviation with its 95 % interval, range and largest deviation of every\n"
       "characteristic, as the paper's ten repeats. With it: a type-1 study. Capable needs 50 runs, none missing, and "
@@ -236,20 +236,20 @@ void add_repeat(CLI::App& study, int& exit_status) {
       ->expected(1)
       ->allow_extra_args(false);
   command->add_option("--runs", options->runs, "Of a slab id: how many inspections, the newest")
-      ->check(CLI::Range(std::size_t{2}, std::size_t{100'000}))
+      ->check(args::range(std::size_t{2}, std::size_t{100'000}))
       ->capture_default_str();
   command->add_flag("--attempts", options->attempts, "Every attempt at --block is a run, not only the valid one");
   command->add_option("--values", options->values, "A table of values measured elsewhere");
   command
       ->add_option("--live", options->live,
                    "On the running line: scans of the block that the robot stands over, through the daemon")
-      ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));
+      ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command->add_option("--count", options->count, "With --live: how many scans")
-      ->check(CLI::Range(std::size_t{2}, std::size_t{1000}))
+      ->check(args::range(std::size_t{2}, std::size_t{1000}))
       ->capture_default_str();
   command->add_flag("--enter", options->enter, "With --live: Enter before every scan, when the robot has come back");
   command->add_option("--block", options->block, "Of this block alone; needed for scans")
-      ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));
+      ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command->add_option("--item", options->items, "Of this item alone; repeatable")
       ->take_all()
       ->expected(1)

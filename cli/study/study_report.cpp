@@ -5,7 +5,6 @@
 #include "cli/study/study_report.h"
 
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 
 #include <algorithm>
 #include <array>
@@ -13,6 +12,7 @@
 #include <cmath>
 #include <filesystem>
 
+#include "cli/arguments.h"
 #include "cli/exit.h"
 #include "cli/figures.h"
 #include "cli/study/charts.h"
@@ -473,10 +473,10 @@ report::Report compare_report(const CompareStudy& study, Language language) {
   return made;
 }
 
-void DocumentOptions::add_to(CLI::App& command) {
+void DocumentOptions::add_to(args::Command& command) {
   command.add_option("--out", out, "A document as well: .pdf, .html, .svg or .png");
   command.add_option("--language", language, "Of the document")
-      ->check(CLI::IsMember({"en", "zh"}))
+      ->check(args::one_of({"en", "zh"}))
       ->capture_default_str();
 }
 

@@ -8,9 +8,9 @@
 #include "cli/study/grr_study.h"
 #include "cli/study/repeat.h"
 
-namespace CLI {
-class App;
-}
+namespace slabd::args {
+class Command;
+}  // namespace slabd::args
 
 /// Studies as documents, by the drawing code of the slab reports.
 namespace slabd::cli::study {
@@ -26,7 +26,7 @@ namespace slabd::cli::study {
 struct DocumentOptions {
   std::string out;
   std::string language = "en";
-  void add_to(CLI::App& command);
+  void add_to(args::Command& command);
   [[nodiscard]] report::Language wanted() const {
     return language == "zh" ? report::Language::zh : report::Language::en;
   }

@@ -3,7 +3,6 @@
 // slabctl trend: one characteristic over the slabs. Is the process calm, is it capable, and does one station go its own
 // way?
 #include <fmt/core.h>
-#include <CLI/CLI.hpp>
 
 #include <algorithm>
 #include <chrono>
@@ -12,6 +11,7 @@
 #include <memory>
 #include <set>
 
+#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
@@ -253,9 +253,10 @@ int show_trend(const Options& options) {
 
 }  // namespace
 
-void add_trend(CLI::App& app, int& exit_status) {
+void add_trend(args::Command& app, int& exit_status) {
   auto options = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand("trend", "One characteristic over the slabs: control chart, Cpk, stations");
+  args::Command command =
+      app.add_subcommand("trend", "One characteristic over the slabs: control chart, Cpk, stations");
   command->footer(
       "\nWithout --block the chart shows each slab's mean, and a table how far every station lies off the others.\n"
       "Fewer than 25 slabs are preliminary: no Cp, no Cpk, no signals.\n"
@@ -264,17 +265,17 @@ void add_trend(CLI::App& app, int& exit_status) {
       "          slabctl trend seat_flatness --since 7d --json");
   command->add_option("ITEM", options->item, "As `slabctl show` names it, such as seat_slope")->required();
   command->add_option("--block", options->block, "Of this block alone; of a spacing or pair, its first station")
-      ->check(CLI::Range(1, static_cast<int>(limits::kStationsMax)));
+      ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command->add_option("--slabs", options->slabs, "How many slabs, the newest")
-      ->check(CLI::Range(std::size_t{2}, std::size_t{100'000}))
+      ->check(args::range(std::size_t{2}, std::size_t{100'000}))
       ->capture_default_str();
   command->add_option("--type", options->type, "Of this SLAB_TYPE; without it that of the newest slab")
-      ->check(CLI::Range(1, 65'535));
+      ->check(args::range(1, 65'535));
   command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command->add_option("--until", options->until, "Began before that");
   command->add_option("--out", options->out, "Draw it as well: .pdf, .svg or .png");
   command->add_option("--language", options->language, "Of the drawing")
-      ->check(CLI::IsMember({"en", "zh"}))
+      ->check(args::one_of({"en", "zh"}))
       ->capture_default_str();
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.trend/1 on stdout");
