@@ -41,6 +41,10 @@ Option Option::excludes(const Option& other) {
   option_->excludes(other.option_);
   return *this;
 }
+Option Option::excludes(const std::string& other) {
+  option_->excludes(other);
+  return *this;
+}
 Option Option::needs(const Option& other) {
   option_->needs(other.option_);
   return *this;
@@ -117,6 +121,9 @@ Command Command::footer(const std::string& text) {
 Command Command::callback(const std::function<void()>& run) {
   command_->callback(run);
   return *this;
+}
+bool Command::has_subcommand() const {
+  return !command_->get_subcommands().empty();
 }
 std::size_t Command::count(const std::string& option) const {
   return command_->count(option);

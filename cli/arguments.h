@@ -49,6 +49,7 @@ class Option {
   /// `complaint` says what is wrong with a value, empty: nothing.
   Option check(const std::function<std::string(const std::string&)>& complaint);
   Option excludes(const Option& other);
+  Option excludes(const std::string& other);
   Option needs(const Option& other);
   Option expected(int values);
   Option expected(int least, int most);
@@ -73,6 +74,7 @@ class Command {
  public:
   explicit Command(CLI::App* command) : command_(command) {}
   Command* operator->() { return this; }
+  const Command* operator->() const { return this; }
   Command& operator*() { return *this; }
 
   /// `value` lives as long as the tree. Types: arguments.cpp.
@@ -89,6 +91,8 @@ class Command {
   /// Runs when the command was given and everything it was given is right.
   Command callback(const std::function<void()>& run);
   [[nodiscard]] std::size_t count(const std::string& option) const;
+  /// One of the commands below this one was given.
+  [[nodiscard]] bool has_subcommand() const;
   [[nodiscard]] CLI::App& native() const { return *command_; }
 
  private:

@@ -257,7 +257,7 @@ void add_export(args::Command& app, int& exit_status) {
   add_cloud(*command, exit_status);
   add_model(*command, exit_status);
   command->callback([options, command, &exit_status] {
-    if (command->get_subcommands().empty()) exit_status = export_results(*options);
+    if (!command->has_subcommand()) exit_status = export_results(*options);
   });
 }
 

@@ -34,7 +34,7 @@ constexpr std::array<std::array<double, 6>, limits::kStationsMax> kPattern = {{
 }  // namespace
 
 Pose dithered(const Pose& T_block_scanner, int station, const Dither& dither) {
-  assert(station >= 1 && station <= limits::kStationsMax);
+  assert(station >= 1 && station <= static_cast<int>(limits::kStationsMax));
   const std::array<double, 6>& share = kPattern.at(static_cast<std::size_t>(station - 1));
   Pose move;
   move.translation_mm = dither.mm * Vec3(share[0], share[1], share[2]);
