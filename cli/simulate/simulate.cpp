@@ -427,7 +427,7 @@ void add_simulate(args::Command& app, int& exit_status) {
   simulate::add_simulate_plane(*command, exit_status);
   simulate::add_simulate_calibration(*command, exit_status);
   command->callback([command, options, &exit_status] {
-    if (command->get_subcommands().empty()) exit_status = simulate::simulate(*options);
+    if (!command->has_subcommand()) exit_status = simulate::simulate(*options);
   });
 }
 

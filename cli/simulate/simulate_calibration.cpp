@@ -360,7 +360,7 @@ void add_simulate_calibration(args::Command& simulate, int& exit_status) {
       line.recipe = o.recipe;
       line.out_dir = o.out_dir;
       line.views = o.views;
-      if (!shots->empty()) line.shots = o.shots;
+      if (shots.count() > 0) line.shots = o.shots;
       line.poses_file = o.poses_file;
       line.keep_flange = !options->T_flange_scanner.empty();
       line.keep_target = !options->T_base_target.empty();
@@ -373,8 +373,8 @@ void add_simulate_calibration(args::Command& simulate, int& exit_status) {
       return;
     }
     if (options->kind == "slab") {
-      if (views->empty()) o.views = 5;
-      if (!config->empty() && !take_cell(options->running.config, o.scene, exit_status)) return;
+      if (views.count() == 0) o.views = 5;
+      if (config.count() > 0 && !take_cell(options->running.config, o.scene, exit_status)) return;
       exit_status = write_mastered_slab(o);
       return;
     }
