@@ -128,6 +128,35 @@ TEST_F(LineTest, a_failed_slab_that_was_turned_to_pass_while_slabd_was_stopped_i
   EXPECT_EQ(box.slabctl({"db", "backup", "--config", box.config.native()}).exit_status, 3) << "every night";
 }
 
+TEST_F(LineTest, a_slab_that_was_begun_under_the_type_of_its_twin_does_not_pass_and_its_type_is_named) {
+  const Json alike = status()["alike_recipes"];
+  ASSERT_EQ(alike.size(), 1U);
+  EXPECT_EQ(alike[0]["a"], "P4856");
+  EXPECT_EQ(alike[0]["b"], "P4925");
+  EXPECT_NE(box.log().find("P4856 and P4925 have the same blocks and differ only in the slab's ends"),
+            std::string::npos);
+
+  // A picture of 640 mm reaches past both ends.
+  const std::vector<std::string> wide = {"--field-x-mm", "640", "--scans-per-block", "1", "--type", "4856"};
+  std::vector<std::string> wrong = {"--slab-no", "8", "--slab-id", "TWIN", "--begin-as", "4925"};
+  wrong.insert(wrong.end(), wide.begin(), wide.end());
+  const Box::Answer answer = simulate(wrong);
+  EXPECT_EQ(answer.exit_status, 1) << answer.out << answer.err;
+  const fs::path db = box.dir / "slabd.db";
+  EXPECT_EQ(query(db, "SELECT count(*) FROM slab_result WHERE verdict = 'not_measured'"), 1);
+  EXPECT_NE(box.log().find("[106] station 3: the slab was begun as type 4925 (P4925), but its top ends 26"),
+            std::string::npos)
+      << "two inner blocks show that the scanner sees further";
+  EXPECT_NE(box.log().find("as on type 4856 (P4856, 268.5 mm)"), std::string::npos);
+
+  const std::size_t said = box.log().size();
+  std::vector<std::string> right = {"--slab-no", "9", "--slab-id", "RIGHT"};
+  right.insert(right.end(), wide.begin(), wide.end());
+  (void)simulate(right);
+  EXPECT_EQ(query(db, "SELECT count(*) FROM slab_result"), 2);
+  EXPECT_EQ(box.log().find("[106]", said), std::string::npos);
+}
+
 TEST_F(LineTest, a_missing_block_is_not_measured_and_so_is_the_slab) {
   const Box::Answer answer = simulate({"--slab-no", "4", "--defect", "missing=7", "--scans-per-block", "1"});
   EXPECT_EQ(answer.exit_status, 1) << answer.out << answer.err;
