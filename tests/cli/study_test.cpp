@@ -23,6 +23,12 @@ class StudyTest : public Slabctl {
   double upper_of_last_ = 1.5321;  ///< the newest inspection may have been judged by another recipe
   std::string id_of_last_;         ///< empty: as the others
 
+  void simulate_block(int block, const std::string& out) {
+    const Ended ended = run("simulate scan --points quarter --recipe " + kRecipe + " --block " + std::to_string(block) +
+                            " --out " + file(out));
+    ASSERT_EQ(ended.status, 0) << ended.err;
+  }
+
   /// Inspections of slab T-1: two blocks, their slope scattered by 0.001 deg about 1.43 and 1.45.
   void store(int inspections) {
     auto opened = storage::open_store({file("slabd.db"), file("spool"), 0});
@@ -192,7 +198,8 @@ TEST_F(StudyTest, a_table_with_limits_that_are_none_or_not_the_same_is_refused_b
 TEST_F(StudyTest, repeat_of_runs_that_two_recipes_judged_is_not_capable_by_the_newer_one) {
   upper_of_last_ = 3.0;
   store(60);  // the 60th is T-10
-  const std::string what = "study repeat --slab T-1 --slab T-10 --db " + file("slabd.db") + " --block 1 --json ";
+  const std::string what =
+      "study repeat --slab T-1 --slab T-10 --same-part relabelled --db " + file("slabd.db") + " --block 1 --json ";
   const Ended mixed = run(what + "--reference seat_slope=1.43");
   EXPECT_EQ(mixed.status, 1) << mixed.out;
   const json study = parsed(mixed);
@@ -247,10 +254,10 @@ TEST_F(StudyTest, repeat_calls_a_good_gauge_capable_and_a_biased_one_not) {
 
 TEST_F(StudyTest, repeat_of_scans_measures_them_and_tells_one_scan_copied_from_two) {
   for (const char* seed : {"1", "2"})
-    ASSERT_EQ(simulate_scan(std::string("scan") + seed + ".ply",
-                            std::string("--block 3 --nominal-view --casting 0 --seed ") + seed)
-                  .status,
-              0);
+    ASSERT_EQ(
+        simulate_scan(std::string("scan") + seed + ".ply", std::string("--nominal-view --casting 0 --seed ") + seed)
+            .status,
+        0);
   fs::create_directory(file("scans"));
   fs::rename(file("scan1.ply"), file("scans/a.ply"));
   fs::rename(file("scan2.ply"), file("scans/b.ply"));
@@ -312,7 +319,7 @@ TEST_F(StudyTest, grr_and_compare_take_no_other_slab_or_block_for_the_same_part)
   EXPECT_EQ(said.status, 1) << said.err;
   expect_mentions(said.out, "relabelled");
 
-  ASSERT_EQ(simulate_scan("any.ply", "--block 4 --points quarter").status, 0);
+  simulate_block(4, "any.ply");
   const std::string contact = write("cmm.csv", "id,item,block,value\nS,seat_slope,3,1.43\n");
   const std::string scans = write("scans.csv", "id,block,scan\nS,3,any.ply\n");
   const Ended compare = run("study compare " + contact + " --scans " + scans + " --recipe " + kRecipe);
@@ -322,10 +329,8 @@ TEST_F(StudyTest, grr_and_compare_take_no_other_slab_or_block_for_the_same_part)
 
 TEST_F(StudyTest, the_blocks_of_one_slab_are_no_repeats_of_one_block) {
   fs::create_directory(file("spool"));
-  for (const char* block : {"3", "4"})
-    ASSERT_EQ(simulate_scan(std::string("spool/0") + block + "-1.ply", std::string("--points quarter --block ") + block)
-                  .status,
-              0);
+  simulate_block(3, "spool/03-1.ply");
+  simulate_block(4, "spool/04-1.ply");
   const std::string what = "study repeat " + file("spool") + " --recipe " + kRecipe + " --block 3";
   const Ended refused = run(what);
   EXPECT_EQ(refused.status, 3) << refused.out;

@@ -273,6 +273,7 @@ struct MemoryStore {
           record.phase == StationPhase::measured && record.block.registration.status == RegistrationStatus::converged,
           stored_T_base_scanner(line.slab, record.attempt), record.block.registration.T_scanner_block};
     }
+    line.table_slab_no = line.slab.slab_no;
     line.slab_verdict = job.slab.verdict;
     line.slab_emulated = line.slab.emulated;
     line.slab_record = job.record;
