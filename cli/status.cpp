@@ -42,13 +42,12 @@ std::string text_at(const json& document, std::initializer_list<const char*> pat
   return at->is_null() ? "-" : plain(at->dump());
 }
 
-/// The list of words as the daemon gives it.
-std::uint8_t emulation_at(const json& status) {
+/// A list of words as the daemon gives it.
+std::uint8_t emulation_at(const json& status, const char* key) {
   unsigned bits = 0;
-  if (status.contains("emulation") && status["emulation"].is_array())
-    for (const json& word : status["emulation"])
-      for (std::size_t i = 0; i < kEmulationNames.size(); ++i)
-        if (word.is_string() && word.get<std::string>() == kEmulationNames[i]) bits |= 1U << i;
+  if (status.contains(key) && status[key].is_array())
+    for (const json& word : status[key])
+      if (word.is_string()) bits |= report::emulation_bit(word.get<std::string>());
   return static_cast<std::uint8_t>(bits);
 }
 
@@ -137,8 +136,10 @@ void print_pose_faults(const json& status) {
 
 void print_status(const json& status) {
   const Style style = style_for(stdout);
-  if (const std::uint8_t bits = emulation_at(status); bits != 0)
-    fmt::print("{}\n", coloured(report::emulation_notice(bits, report::Language::en), "7", style));
+  if (const std::uint8_t shown = emulation_at(status, "emulation"); shown != 0)
+    fmt::print("{}\n",
+               coloured(report::emulation_banner(shown, emulation_at(status, "emulation_now"), report::Language::en),
+                        "7", style));
   print_line("software", text_at(status, {"software"}));
   print_line("state", fmt::format("{}, up {} s, session {}", text_at(status, {"state"}), text_at(status, {"uptime_s"}),
                                   text_at(status, {"session"})));
@@ -225,7 +226,7 @@ void add_status(args::Command& app, int& exit_status) {
       "daemon's last answer is older than three seconds.\n"
       "Examples: slabctl status --json\n          slabctl status --watch --language zh");
   args::Option config = command->add_option("--config", options->config, "Configuration that names the control socket")
-                     ->default_val(kDefaultConfig);
+                            ->default_val(kDefaultConfig);
   command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
   args::Option as_json = command->add_flag("--json", options->as_json, "Print slabd.status/1 on stdout");
   command->add_flag("--watch", options->watch, "The operator's screen: slab map, links, last slabs, every second")

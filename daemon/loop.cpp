@@ -247,6 +247,7 @@ void Loop::start() {
       handle(Recovered{line.value().get()});
     } else {
       say({LogLine::Level::error, static_cast<std::uint16_t>(line.error().code), line.error().text});
+      figures_.store_text = line.error().text;
       // Nothing may be written over what could not be read.
       ports_.store = nullptr;
       station_->settings.fault = fault_without_store(line.error());
@@ -443,7 +444,9 @@ void Loop::take_answers() {
       say(line);
       continue;
     }
-    figures_.store_text = stored.text;
+    // It stays until the next failure: the fault does, too.
+    const bool is_lost = stored.code == Code::journal_write || stored.code == Code::store_full;
+    if (is_lost && !stored.text.empty()) figures_.store_text = stored.text;
     if (stored.ticket == kNoJobTicket) {
       handle(stored);
       continue;

@@ -153,7 +153,7 @@ Json alike(std::span<const Recipe> recipes) {
   return list;
 }
 
-Json emulation(std::uint8_t bits) {
+Json emulation(unsigned bits) {
   Json list = Json::array();
   for (std::size_t i = 0; i < kEmulationNames.size(); ++i)
     if ((bits & (1U << i)) != 0) list.push_back(kEmulationNames[i]);
@@ -266,6 +266,7 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
   j["alike_recipes"] = alike(station.settings.recipes);
   j["emulated"] = view.simulation;
   j["emulation"] = emulation(emulation_shown(station));
+  j["emulation_now"] = emulation(emulation_of_line(station) | (station.scan_emulated ? kEmulatedScan : 0U));
   j["calibration"] = in_force(station);
   const Capture& capture = station.capture;
   j["maintenance"] = in_maintenance(station)

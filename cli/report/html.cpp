@@ -128,8 +128,9 @@ class Writer {
                           escaped(emulation_notice(report_.emulated, report_.language)));
     if (report_.judged)
       out_ += fmt::format(
-          "<p class=\"verdict {}\">{}{}</p>\n", name(report_.verdict), sign(report_.verdict),
-          report_.open ? word(Word::still_open, report_.language) : verdict_word(report_.verdict, report_.language));
+          "<p class=\"verdict {}\">{}{}{}</p>\n", name(report_.verdict), sign(report_.verdict),
+          report_.open ? word(Word::still_open, report_.language) : verdict_word(report_.verdict, report_.language),
+          report_.emulated != 0 ? fmt::format(" ({})", emulation_mark(report_.emulated, report_.language)) : "");
     for (const Section& section : report_.sections) write(section);
     out_ += "</main>\n</body>\n</html>\n";
     return std::move(out_);

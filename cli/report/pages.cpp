@@ -23,6 +23,7 @@ constexpr double kGap = 2.5;
 
 const TextStyle kBody{7.2, false, kBlack, Anchor::left};
 const TextStyle kHeading{7.0, true, kBlack, Anchor::left};
+constexpr Colour kEmulationInk{0.62, 0.05, 0.10};
 /// Pale enough to read tables through it, dark enough for a bad copy.
 constexpr Colour kWatermark{0.88, 0.80, 0.80};
 
@@ -236,9 +237,9 @@ void Pages::draw(int page, Canvas& canvas) const {
       canvas.slanted_text(0.5 * kPageWidth_mm, y, emulation_mark(report.emulated, language),
                           {54.0, true, kWatermark, Anchor::centre});
     canvas.text(0.5 * kPageWidth_mm, 6.0, emulation_notice(report.emulated, language),
-                {8.5, true, Colour{0.62, 0.05, 0.10}, Anchor::centre});
+                {8.5, true, kEmulationInk, Anchor::centre});
     canvas.text(0.5 * kPageWidth_mm, 293.5, emulation_notice(report.emulated, language),
-                {6.5, true, Colour{0.62, 0.05, 0.10}, Anchor::centre});
+                {6.5, true, kEmulationInk, Anchor::centre});
   }
   const TextStyle title{page == 0 ? 14.0 : 8.5, true, kBlack, Anchor::left};
   canvas.text(kLeft, 12.0, report.title, title);
@@ -253,6 +254,9 @@ void Pages::draw(int page, Canvas& canvas) const {
     canvas.text(kLeft + 16.0, 26.6,
                 report.open ? word(Word::still_open, language) : verdict_word(report.verdict, language),
                 {17.0, true, look.ink, Anchor::left});
+    if (report.emulated != 0)
+      canvas.text(kPageWidth_mm - kLeft - 6.0, 26.6, emulation_mark(report.emulated, language),
+                  {17.0, true, kEmulationInk, Anchor::right});
   }
   canvas.line(kLeft, 285.0, kPageWidth_mm - kLeft, 285.0, 0.15, kGrey);
   canvas.text(kPageWidth_mm - kLeft, 289.0,
@@ -262,6 +266,7 @@ void Pages::draw(int page, Canvas& canvas) const {
   if (report.judged)
     about +=
         fmt::format(": {}", report.open ? word(Word::still_open, language) : verdict_word(report.verdict, language));
+  if (report.emulated != 0) about += fmt::format(" ({})", emulation_mark(report.emulated, language));
   canvas.text(kLeft, 289.0, about, {6.5, false, kGrey, Anchor::left});
   for (const Placed& placed : layout_->placed) {
     if (placed.page != page) continue;

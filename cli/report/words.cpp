@@ -233,6 +233,18 @@ std::string emulation_notice(std::uint8_t bits, Language language) {
             : fmt::format("EMULATED ({}): no verdict on concrete", parts);
 }
 
+unsigned emulation_bit(std::string_view name) {
+  for (std::size_t i = 0; i < kEmulationNames.size(); ++i)
+    if (kEmulationNames[i] == name) return 1U << i;
+  return 0;
+}
+
+std::string emulation_banner(std::uint8_t shown, std::uint8_t now, Language language) {
+  if (shown == 0 || now != 0) return emulation_notice(shown, language);
+  return emulation_notice(shown, language) +
+         (language == Language::zh ? "（所示轨道板；生产线当前非仿真）" : "; it is the slab shown, not the line now");
+}
+
 std::string_view emulation_mark(std::uint8_t bits, Language language) {
   if (bits == 0) return {};
   return language == Language::zh ? "仿真" : "EMULATED";

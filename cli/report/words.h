@@ -131,6 +131,10 @@ enum class Word : std::uint8_t {
 /// What was not real, by emulation bits: "EMULATED (robot emulated, scan emulated): no verdict on concrete"; empty for
 /// 0.
 [[nodiscard]] std::string emulation_notice(std::uint8_t bits, Language language);
+/// Bit of a name as in kEmulationNames; 0 for any other.
+[[nodiscard]] unsigned emulation_bit(std::string_view name);
+/// The same notice of a running line, where `now` has the bits of the line without the slab that is shown.
+[[nodiscard]] std::string emulation_banner(std::uint8_t shown, std::uint8_t now, Language language);
 /// The same in one word, for tables and watermarks; empty for 0.
 [[nodiscard]] std::string_view emulation_mark(std::uint8_t bits, Language language);
 /// "seat slope", or "402: no supporting block was found, ..."; empty for 0.

@@ -41,6 +41,14 @@ double seconds_since(std::int64_t utime_us) {
   return std::chrono::duration<double>(now).count() - 1e-6 * static_cast<double>(utime_us);
 }
 
+std::uint8_t emulation_at(const json& status, const char* key) {
+  unsigned bits = 0;
+  if (status.contains(key) && status[key].is_array())
+    for (const json& word : status[key])
+      if (word.is_string()) bits |= report::emulation_bit(word.get<std::string>());
+  return static_cast<std::uint8_t>(bits);
+}
+
 /// The value at a path, or `otherwise`: a newer or older daemon may know other keys.
 template <typename T>
 T at(const json& document, std::initializer_list<const char*> path, T otherwise) {
@@ -171,12 +179,8 @@ class Watcher {
           const std::string_view word = p.warnings.size() < chinese.size() ? chinese[p.warnings.size()] : "";
           p.warnings.push_back(word.empty() ? warning.get<std::string>() : std::string(word));
         }
-    unsigned emulated = 0;
-    if (status.contains("emulation") && status["emulation"].is_array())
-      for (const json& word : status["emulation"])
-        for (std::size_t i = 0; i < kEmulationNames.size(); ++i)
-          if (word.is_string() && word.get<std::string>() == kEmulationNames[i]) emulated |= 1U << i;
-    p.emulation = report::emulation_notice(static_cast<std::uint8_t>(emulated), language_);
+    p.emulation =
+        report::emulation_banner(emulation_at(status, "emulation"), emulation_at(status, "emulation_now"), language_);
     p.slab_open = status.contains("slab") && status["slab"].is_object();
     p.stations_done = at<int>(status, {"slab", "stations_done"}, 0);
     p.current_station = p.slab_open ? at<int>(status, {"slab", "current_station"}, 0) : 0;

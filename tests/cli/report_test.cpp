@@ -334,6 +334,7 @@ TEST_F(ReportTest, of_an_emulated_slab_has_a_watermark_and_a_notice_in_both_lang
   ASSERT_EQ(report("r.html").status, 0);
   expect_mentions(content(file("r.html")), "class=\"watermark\" aria-hidden=\"true\">EMULATED<");
   expect_mentions(content(file("r.html")), "EMULATED (robot emulated): no verdict on concrete");
+  expect_mentions(content(file("r.html")), " (EMULATED)</p>");
   ASSERT_EQ(report("r.html", "--language zh").status, 0);
   expect_mentions(content(file("r.html")), "仿真（机器人为仿真）：不是对混凝土实物的判定");
 }

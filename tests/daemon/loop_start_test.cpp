@@ -209,13 +209,13 @@ TEST_F(LoopStart, while_the_database_is_opened_the_plc_reads_recover_and_a_heart
   EXPECT_EQ(plc.published.back().slab_verdict, Verdict::none);
 }
 
-/// Asks one question, and keeps the answer.
+/// Asks one question after `looks` looks without one, and keeps the answer.
 class OneQuestion final : public hal::ControlPort {
  public:
-  explicit OneQuestion(std::string question) : question_(std::move(question)) {}
+  explicit OneQuestion(std::string question, int looks = 0) : question_(std::move(question)), looks_(looks) {}
   std::size_t poll_fds(std::span<pollfd> /*fds*/) override { return 0; }
   bool next(std::int64_t /*mono_ns*/, std::string_view& line) override {
-    if (asked_) return false;
+    if (asked_ || looks_-- > 0) return false;
     asked_ = true;
     line = question_;
     return true;
@@ -227,8 +227,20 @@ class OneQuestion final : public hal::ControlPort {
 
  private:
   std::string question_;
+  int looks_;
   bool asked_ = false;
 };
+
+TEST_F(LoopStart, a_recovery_that_failed_is_in_the_status_with_its_reason) {
+  SlowStore store(Code::journal_write);
+  OneQuestion control(R"({"verb":"status"})", 5);
+  const Ports ports{plc, pose, scanner, &store, &control, clock, notify};
+  Loop loop(ports, StationSettings{}, std::make_unique<IdleCrew>(), LoopFigures{});
+  loop.start();
+  for (int i = 0; i < 20; ++i) loop.turn(10);  // the session's job succeeds without a database
+  loop.finish();
+  EXPECT_NE(control.answer.find(R"("text":"cannot be read")"), std::string::npos) << control.answer;
+}
 
 TEST_F(LoopStart, while_the_database_is_opened_state_and_figures_are_told) {
   const auto ask = [&](const char* question) {
