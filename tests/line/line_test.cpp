@@ -137,7 +137,8 @@ TEST_F(LineTest, a_slab_that_was_begun_under_the_type_of_its_twin_does_not_pass_
             std::string::npos);
 
   // A picture of 640 mm reaches past both ends.
-  const std::vector<std::string> wide = {"--field-x-mm", "640", "--scans-per-block", "1", "--type", "4856"};
+  const std::vector<std::string> wide = {"--field-x-mm", "640",  "--scans-per-block", "1",
+                                         "--type",       "4856", "--move-s",          "0"};
   std::vector<std::string> wrong = {"--slab-no", "8", "--slab-id", "TWIN", "--begin-as", "4925"};
   wrong.insert(wrong.end(), wide.begin(), wide.end());
   const Box::Answer answer = simulate(wrong);
