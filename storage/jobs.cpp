@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "storage/folders.h"
+#include "storage/seals.h"
 
 namespace slabd::storage {
 namespace {
@@ -35,9 +36,9 @@ std::int64_t number(std::uint64_t value) {
 }  // namespace
 
 Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_back)
-    : settings_(settings),
+    : db_(db),
+      settings_(settings),
       held_back_(held_back),
-      seals_(db),
       set_session_(db, "UPDATE line SET session = ?1"),
       newest_(db, "SELECT newest_utime_us FROM line"),
       set_newest_(db, "UPDATE line SET newest_utime_us = ?1 WHERE newest_utime_us < ?1"),
@@ -129,7 +130,18 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       scan_recorded_(
           db,
           "SELECT count(*), coalesce(max(attempt) FILTER (WHERE asked = 1), 0), "
-          "coalesce(sum(session = ?3 AND cmd_seq = ?4), 0) FROM attempt WHERE slab_key = ?1 AND station = ?2") {}
+          "coalesce(sum(session = ?3 AND cmd_seq = ?4), 0) FROM attempt WHERE slab_key = ?1 AND station = ?2"),
+      is_ended_(db, "SELECT 1 FROM slab_result WHERE slab_key = ?1") {}
+
+void Jobs::begin_chain() {
+  Seals(db_).begin();
+}
+
+void Jobs::seal_if_ended(std::int64_t slab_key) {
+  const bool ended = is_ended_.bind(1, slab_key).step();
+  is_ended_.reset();
+  if (ended) Seals(db_).seal_if_ended(slab_key);
+}
 
 // ---- sessions, slabs, commands -----------------------------------------------------------------------------------
 
@@ -192,7 +204,7 @@ void Jobs::undo_end(std::int64_t slab_key) {
   delete_station_results_.bind(1, slab_key).run();
   delete_items_.bind(1, slab_key).bind(2, number(0)).bind(3, number(0)).run();
   delete_slab_record_.bind(1, slab_key).run();
-  seals_.reopen(slab_key);
+  Seals(db_).reopen(slab_key);
 }
 
 void Jobs::undo_block(const BlockKey& key) {
@@ -206,7 +218,7 @@ void Jobs::undo_block(const BlockKey& key) {
   set_acquired_.bind(1, key.slab_key).bind(2, number(key.station)).bind(3, number(key.attempt)).run();
   close_command(session, cmd_seq, kAcquired, true);
   delete_unseen_result(key.slab_key, 1, key.station, cmd_seq);
-  seals_.seal_if_ended(key.slab_key);
+  seal_if_ended(key.slab_key);
 }
 
 void Jobs::undo_report(std::uint16_t res_seq) {
@@ -317,7 +329,7 @@ void Jobs::operator()(const AcquiredJob& job) {
   remember_scan(job.fingerprint);
   close_command(a.session, a.cmd_seq, kAcquired, true);
   note_time(a.scan_utime_us);
-  seals_.seal_if_ended(a.slab_key);
+  seal_if_ended(a.slab_key);
 }
 
 void Jobs::operator()(const FailedAttemptJob& job) {
@@ -326,7 +338,7 @@ void Jobs::operator()(const FailedAttemptJob& job) {
   remember_scan(job.fingerprint);
   close_command(a.session, a.cmd_seq, static_cast<std::uint16_t>(kCommandFailed + job.code), false);
   note_time(a.scan_utime_us);
-  seals_.seal_if_ended(a.slab_key);
+  seal_if_ended(a.slab_key);
 }
 
 void Jobs::operator()(const BlockJob& job) {
@@ -347,7 +359,7 @@ void Jobs::operator()(const BlockJob& job) {
   set_measured_.bind(1, key.slab_key).bind(2, number(key.station)).bind(3, number(key.attempt)).run();
   close_command(session, cmd_seq, kDone, true);
   insert_result(key.slab_key, false, job.record);
-  seals_.seal_if_ended(key.slab_key);
+  seal_if_ended(key.slab_key);
 }
 
 void Jobs::insert_block(const BlockKey& key, const BlockResult& block) {
@@ -404,7 +416,7 @@ void Jobs::insert_result(std::int64_t slab_key, bool is_repeat, const PlcResult&
 
 void Jobs::operator()(const SlabJob& job) {
   const SlabKey key{job.slab_key};
-  seals_.begin();
+  begin_chain();
   write_row(upsert_slab_result_, key, SlabEnd{job.ended_utime_us}, job.slab);
   for (std::size_t i = 0; i < job.slab.station_verdict.size(); ++i)
     write_row(upsert_station_result_, key,
@@ -416,7 +428,7 @@ void Jobs::operator()(const SlabJob& job) {
       .run();
   insert_result(job.slab_key, false, job.record);
   note_time(job.ended_utime_us);
-  seals_.seal(job.slab_key);
+  Seals(db_).seal(job.slab_key);
 }
 
 void Jobs::operator()(const AckJob& job) {

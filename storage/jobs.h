@@ -8,7 +8,6 @@
 #include "base/newest_time.h"
 #include "storage/recover.h"
 #include "storage/rows.h"
-#include "storage/seals.h"
 #include "storage/storage.h"
 
 namespace slabd::storage {
@@ -54,7 +53,7 @@ class Jobs {
   void interrupt_unfinished();
 
   /// Begins the chain of results where there is none.
-  void begin_chain() { seals_.begin(); }
+  void begin_chain();
 
   /// Take back what nobody was shown. A block stays acquired, to be measured again; the command for an end or a report
   /// stays accepted, and is one that was interrupted should the process end.
@@ -79,10 +78,13 @@ class Jobs {
   [[nodiscard]] bool is_known(const Attempt& attempt);
   [[nodiscard]] AttemptState state_of(const Attempt& attempt, StationPhase phase, std::uint16_t code) const;
 
+  /// A late change of an ended slab is sealed anew.
+  void seal_if_ended(std::int64_t slab_key);
+
+  Connection& db_;
   const StoreSettings& settings_;
   const HeldBack& held_back_;
   std::optional<Error> answer_;
-  Seals seals_;
   Statement set_session_;
   Statement newest_;
   Statement set_newest_;
@@ -131,6 +133,7 @@ class Jobs {
   Statement last_ended_;
   Statement unfinished_;
   Statement scan_recorded_;
+  Statement is_ended_;
 };
 
 }  // namespace slabd::storage

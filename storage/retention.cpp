@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 
+#include "storage/seals.h"
 #include "storage/storage.h"
 
 namespace slabd::storage {
@@ -29,8 +30,7 @@ Retention::Retention(Connection& db)
       drop_of_no_slab_(db,
                        "DELETE FROM command WHERE slab_key IS NULL "
                        "AND id < (SELECT min(id) FROM command WHERE slab_key IS NOT NULL)"),
-      note_(db, "UPDATE line SET pruned_slabs = pruned_slabs + 1, pruned_key = max(pruned_key, ?1)"),
-      seals_(db) {}
+      note_(db, "UPDATE line SET pruned_slabs = pruned_slabs + 1, pruned_key = max(pruned_key, ?1)") {}
 
 std::int64_t Retention::key_at(Statement& newest_first, std::int64_t offset) {
   if (!newest_first.bind(1, offset).step()) return 0;
@@ -47,7 +47,7 @@ bool Retention::take_one(std::int64_t keep_slabs, std::int64_t keep_failed_slabs
   if (!candidate_.bind(1, newest).bind(2, newest_failed).step()) return false;
   const std::int64_t key = candidate_.integer(0);
   candidate_.reset();
-  seals_.prune(key);
+  Seals(db_).prune(key);
   for (const char* table : kTables)
     db_.execute(std::string("DELETE FROM ") + table + " WHERE slab_key = " + std::to_string(key));
   drop_of_no_slab_.run();

@@ -3,7 +3,6 @@
 
 #include <cstdint>
 
-#include "storage/seals.h"
 #include "storage/sqlite.h"
 
 namespace slabd::storage {
@@ -31,7 +30,6 @@ class Retention {
   Statement candidate_;
   Statement drop_of_no_slab_;  ///< commands given between slabs: REPORT
   Statement note_;
-  Seals seals_;
 };
 
 }  // namespace slabd::storage

@@ -51,8 +51,7 @@ Seals::Seals(Connection& db)
                  "'pruned') ORDER BY seq DESC LIMIT 1"),
       slab_(db, "SELECT slab_no, slab_id FROM slab WHERE slab_key = ?1"),
       ended_(db, "SELECT ended_utime_us FROM slab_result WHERE slab_key = ?1"),
-      now_(db, "SELECT newest_utime_us FROM line"),
-      forget_tables_(db, "UPDATE slab_seal SET tables = x'' WHERE about = ?1 AND kind = 'slab'") {}
+      now_(db, "SELECT newest_utime_us FROM line") {}
 
 void Seals::append(SealEntry& entry, std::string_view tables) {
   Sha256 previous{};
@@ -142,7 +141,7 @@ void Seals::prune(std::int64_t slab_key) {
   begin();
   SealEntry entry = about_slab("pruned", slab_key);
   append(entry, {});
-  forget_tables_.bind(1, slab_key).run();
+  Statement(db_, "UPDATE slab_seal SET tables = x'' WHERE about = ?1 AND kind = 'slab'").bind(1, slab_key).run();
 }
 
 void Seals::note_care(std::int64_t seq) {

@@ -23,8 +23,8 @@ struct SealEntry {
 /// The checksum of an entry that follows one with checksum `previous`; all zeros before the first.
 [[nodiscard]] Sha256 seal_of(const Sha256& previous, const SealEntry& entry);
 
-/// Appends to the chain of results. Every call belongs into the transaction that changes what it seals. Throws
-/// SqlFailure.
+/// Appends to the chain of results. Made when it is needed, some times a slab: it holds statements. Every call belongs
+/// into the transaction that changes what it seals. Throws SqlFailure.
 class Seals {
  public:
   explicit Seals(Connection& db);
@@ -55,7 +55,6 @@ class Seals {
   Statement slab_;
   Statement ended_;
   Statement now_;
-  Statement forget_tables_;
 };
 
 }  // namespace slabd::storage
