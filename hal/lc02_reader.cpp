@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "hal/lc02_reader.h"
 
+#include <algorithm>
 #include <array>
 #include <bot_core/rigid_transform_t.hpp>
 #include <cmath>
@@ -122,8 +123,7 @@ OtherTypeText other_type_on(std::span<const std::byte> datagram, std::string_vie
   const int shown = static_cast<int>(channel.size());
   const std::span<const std::byte> payload = datagram.subspan(payload_at);
   if (magic == kLc03FragmentMagic) {
-    text.printf("a message in fragments (LC03) on %.*s, where %s comes in one datagram: another type", shown,
-                channel.data(), expected.data());
+    text.printf("a message in fragments (LC03), which no %s is, on %.*s", expected.data(), shown, channel.data());
     return text;
   }
   if (payload.size() < kFingerprintBytes) {
@@ -136,15 +136,36 @@ OtherTypeText other_type_on(std::span<const std::byte> datagram, std::string_vie
     if (known.fingerprint != fingerprint) continue;
     if (known.type == type && payload.size() == known.bytes) return text;
     if (known.type == type)
-      text.printf("a message of type %s with %zu bytes on %.*s, expected %zu", expected.data(), payload.size(), shown,
-                  channel.data(), known.bytes);
+      text.printf("a message of type %s with %zu bytes instead of %zu on %.*s", expected.data(), payload.size(),
+                  known.bytes, shown, channel.data());
     else
-      text.printf("a message of type %s on %.*s, and [pose] type is %s: set [pose] type to what the bridge sends",
-                  kPoseTypes[static_cast<std::size_t>(known.type)].data(), shown, channel.data(), expected.data());
+      text.printf("a message of type %s ([pose] type is %s) on %.*s",
+                  kPoseTypes[static_cast<std::size_t>(known.type)].data(), expected.data(), shown, channel.data());
     return text;
   }
-  text.printf("a message of another type (fingerprint 0x%016llx, %zu bytes) on %.*s, expected %s",
-              static_cast<unsigned long long>(fingerprint), payload.size(), shown, channel.data(), expected.data());
+  text.printf("a message of another type than %s (fingerprint 0x%016llx, %zu bytes) on %.*s", expected.data(),
+              static_cast<unsigned long long>(fingerprint), payload.size(), shown, channel.data());
+  return text;
+}
+
+OtherTypeText bridge_word_on(std::span<const std::byte> datagram, std::string_view channel) {
+  OtherTypeText text;
+  const std::size_t name_bytes = channel.size() + kBridgeWordSuffix.size();
+  const std::size_t payload_at = kLc02HeaderBytes + name_bytes + 1;
+  if (datagram.size() <= payload_at || big_endian_u32(datagram.data()) != kLc02ShortMagic) return text;
+  const std::byte* name = datagram.data() + kLc02HeaderBytes;
+  if (std::memcmp(name, channel.data(), channel.size()) != 0 ||
+      std::memcmp(name + channel.size(), kBridgeWordSuffix.data(), kBridgeWordSuffix.size()) != 0 ||
+      name[name_bytes] != std::byte{0})
+    return text;
+  std::array<char, OtherTypeText::capacity() + 1> word{};
+  const std::span<const std::byte> payload =
+      datagram.subspan(payload_at, std::min(datagram.size() - payload_at, word.size() - 1));
+  for (std::size_t i = 0; i < payload.size(); ++i) {
+    const char c = static_cast<char>(payload[i]);
+    word[i] = (c >= 0 && c < ' ') || c == '\x7f' ? '?' : c;
+  }
+  text.printf("the bridge says: %s;", word.data());
   return text;
 }
 

@@ -37,6 +37,13 @@ using OtherTypeText = FixedString<192>;
 /// another channel, for one that is not LCM's, and for a message of the right type and length.
 [[nodiscard]] OtherTypeText other_type_on(std::span<const std::byte> datagram, std::string_view channel, PoseType type);
 
+/// Channel of a bridge's sentences about why it has no poses: the pose channel's name and this. The payload is the
+/// text.
+inline constexpr std::string_view kBridgeWordSuffix = "_WORD";
+/// "the bridge says: no packets ..."; empty for a datagram of any other channel. What is no printable character
+/// (UTF-8 stays) is a question mark.
+[[nodiscard]] OtherTypeText bridge_word_on(std::span<const std::byte> datagram, std::string_view channel);
+
 /// A quaternion this far from unit length is a fault of the sender, not rounding.
 inline constexpr double kQuaternionNormTolerance = 1e-3;
 /// No robot of this line reaches further from its root.

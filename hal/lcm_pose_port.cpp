@@ -116,8 +116,12 @@ class LcmPosePort final : public PosePort {
     return true;
   }
 
-  /// A foreign datagram on our own channel: a bridge that sends another type than the configured one, most likely.
+  /// A foreign datagram on our own channel (a bridge that sends another type than the configured one, most likely), or
+  /// a bridge's sentence about the poses that it does not have.
   void name_other_type(std::span<const std::byte> datagram, const PosePublisher& publisher, std::int64_t mono_ns) {
+    const OtherTypeText word = bridge_word_on(datagram, settings_.channel.view());
+    if (!word.empty() && is_trusted(publisher.address) && may_publish(publisher.address))
+      screen_.note_sender(publisher, mono_ns, word.c_str());
     const OtherTypeText what = other_type_on(datagram, settings_.channel.view(), settings_.type);
     if (what.empty()) return;
     ++counters_.other_type;

@@ -155,6 +155,11 @@ class Publisher {
     message.encode(wire_.data(), 0, static_cast<int>(wire_.size()));
     return lcm_publish(lcm_, options_.channel.c_str(), wire_.data(), static_cast<unsigned>(wire_.size())) == 0;
   }
+  /// Why there are no poses, for the status of slabd (hal/lc02_reader.h, bridge_word_on).
+  void publish_word(std::string_view text) {
+    const std::string channel = options_.channel + "_WORD";
+    (void)lcm_publish(lcm_, channel.c_str(), text.data(), static_cast<unsigned>(text.size()));
+  }
 
  private:
   const Options& options_;
@@ -165,6 +170,7 @@ class Publisher {
 /// What is said about the link, rarely: a robot sends 250 times a second.
 class Voice {
  public:
+  explicit Voice(Publisher& publisher) : publisher_(publisher) {}
   void heard(const std::string& sender, bool is_new) {
     if (silent_ || is_new) say("packets come from {}", sender);
     silent_ = false;
@@ -175,13 +181,19 @@ class Voice {
     if (now - complained_at_ < kSilence) return;
     complained_at_ = now;
     say("{}", why.text.view());
+    publisher_.publish_word(why.text.view());
   }
   /// A packet that is not to be believed, and why.
   void dropped(const std::string& sender, const std::string& why) {
     const auto now = SteadyClock::now();
+    const std::string sentence = fmt::format("packets of {} are dropped: {}", sender, why);
+    if (now - worded_at_ >= kSilence) {
+      worded_at_ = now;
+      publisher_.publish_word(sentence);
+    }
     if (now - dropped_at_ < kReportPeriod) return;
     dropped_at_ = now;
-    say("packets of {} are dropped: {}", sender, why);
+    say("{}", sentence);
   }
   /// Whether a pose left this computer: slabd knows only that none comes. `error`: of the one that did not.
   void published(bool sent, int error) {
@@ -204,6 +216,10 @@ class Voice {
       silent_ = true;
       say("no packets for a second: is RSI on, is the network up?");
     }
+    if (silent_ && now - worded_at_ >= kSilence && now - complained_at_ >= 2 * kSilence) {
+      worded_at_ = now;
+      publisher_.publish_word("no RSI packets from a controller");
+    }
     if (now - reported_at_ < kReportPeriod) return;
     reported_at_ = now;
     say("{} poses published, {} not sent, {} malformed, {} old, {} lost, {} restarts, {} from others or while two sent",
@@ -212,6 +228,7 @@ class Voice {
   }
 
  private:
+  Publisher& publisher_;
   bool silent_ = true;
   bool sending_ = true;
   std::uint64_t unsent_ = 0;
@@ -219,6 +236,7 @@ class Voice {
   SteadyClock::time_point heard_at_ = SteadyClock::now();
   SteadyClock::time_point complained_at_ = SteadyClock::now() - kSilence;
   SteadyClock::time_point dropped_at_ = SteadyClock::now() - kReportPeriod;
+  SteadyClock::time_point worded_at_ = SteadyClock::now();
   SteadyClock::time_point reported_at_ = SteadyClock::now();
 };
 
@@ -247,7 +265,7 @@ int bridge(const Options& options) {
 
   Bridge translator(options.settings);
   Senders senders;
-  Voice voice;
+  Voice voice(publisher);
   std::uint64_t not_believed = 0;
   std::array<char, kRsiBytesMax + 1> buffer{};
   while (!g_stop) {

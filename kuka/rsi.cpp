@@ -55,8 +55,8 @@ Error no_place(const pugi::xml_node& robot) {
     of_krc2 = of_krc2 || name.substr(0, 3) == "ST_" || name == "Dat" || name == "DEF_RIst";
   }
   if (only_count)
-    return unusable("nothing but <IPOC>: a KR C2 (RSI 2, ST_ETHERNET) begins so, and its next packet has more",
-                    "if this goes on, DEF_RIst in the SEND part of the Ethernet configuration");
+    return unusable("nothing but <IPOC>, as the first packet of a KR C2 (RSI 1 or 2, ST_ETHERNET)",
+                    "<RIst> in the next ones: DEF_RIst in the SEND part of the Ethernet configuration");
   if (of_krc2)
     return unusable("no element <RIst>, in the form of a KR C2 (RSI 1 or 2, Ethernet RSI XML)",
                     "DEF_RIst in the SEND part of the file that ST_ETHERNET reads, by UDP; docs/ROBOT.md, KR C2");

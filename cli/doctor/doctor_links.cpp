@@ -496,6 +496,8 @@ void examine_robot(const daemon::Config& config, double seconds, Examination& re
             ? "is the robot's bridge running, on this channel and group, and is its network [robot] interface?"
         : counters.other_type != 0
             ? "set [pose] type in slabd.toml to the type that the bridge sends, or the bridge to slabd's; docs/ROBOT.md"
+        : faults.find("the bridge says") != std::string::npos
+            ? "the bridge has no poses to send, for the reason that it gives; docs/ROBOT.md, \"KUKA over RSI\""
             : "docs/ROBOT.md says what each of them means, and what to do");
   } else {
     report.ok("robot link", fmt::format("{} on {}", config.robot.channel.view(), config.robot.url.view()));

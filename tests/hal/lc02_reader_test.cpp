@@ -125,15 +125,14 @@ TEST(Lc02Reader, another_type_on_the_channel_is_named) {
   EXPECT_EQ(named(Datagram(7)), "");
 
   EXPECT_EQ(named(good, PoseType::rigid_transform),
-            "a message of type slabd.flange_pose_t on FLANGE_POSE, and [pose] type is bot_core.rigid_transform_t: set "
-            "[pose] type to what the bridge sends");
+            "a message of type slabd.flange_pose_t ([pose] type is bot_core.rigid_transform_t) on FLANGE_POSE");
   bot_core::rigid_transform_t rigid{};
   std::string payload(static_cast<std::size_t>(rigid.getEncodedSize()), '\0');
   rigid.encode(payload.data(), 0, static_cast<int>(payload.size()));
   Datagram other = good;
   other.resize(8 + 12 + payload.size());
   std::memcpy(other.data() + 20, payload.data(), payload.size());
-  EXPECT_NE(named(other).find("bot_core.rigid_transform_t on FLANGE_POSE, and [pose] type is slabd.flange_pose_t"),
+  EXPECT_NE(named(other).find("bot_core.rigid_transform_t ([pose] type is slabd.flange_pose_t) on FLANGE_POSE"),
             std::string::npos);
 
   Datagram unknown = good;
@@ -141,7 +140,7 @@ TEST(Lc02Reader, another_type_on_the_channel_is_named) {
   EXPECT_NE(named(unknown).find("fingerprint 0x1111111111111111, 92 bytes"), std::string::npos) << named(unknown);
   Datagram cut = good;
   cut.resize(cut.size() - 1);
-  EXPECT_NE(named(cut).find("with 91 bytes on FLANGE_POSE, expected 92"), std::string::npos) << named(cut);
+  EXPECT_NE(named(cut).find("with 91 bytes instead of 92 on FLANGE_POSE"), std::string::npos) << named(cut);
   cut.resize(20 + 3);
   EXPECT_NE(named(cut).find("too short for any type"), std::string::npos);
 
@@ -150,6 +149,23 @@ TEST(Lc02Reader, another_type_on_the_channel_is_named) {
   Datagram long_message(fragment.size());
   std::memcpy(long_message.data(), fragment.data(), fragment.size());
   EXPECT_NE(named(long_message).find("in fragments (LC03)"), std::string::npos);
+}
+
+TEST(Lc02Reader, a_bridges_sentence_is_taken_from_its_channel_alone_and_without_control_characters) {
+  const auto read = [](const std::string& channel, const std::string& payload) {
+    const std::string bytes = std::string("LC02\0\0\0\1", 8) + channel + '\0' + payload;
+    Datagram datagram(bytes.size());
+    std::memcpy(datagram.data(), bytes.data(), bytes.size());
+    return std::string(bridge_word_on(datagram, "FLANGE_POSE").view());
+  };
+  EXPECT_EQ(read("FLANGE_POSE_WORD", "no RSI packets"), "the bridge says: no RSI packets;");
+  EXPECT_EQ(read("FLANGE_POSE_WORD", "a\x1b[2Jb\n\x7f"), "the bridge says: a?[2Jb??;");
+  EXPECT_EQ(read("FLANGE_POSE_WORD", ""), "");
+  EXPECT_EQ(read("FLANGE_POSE_WORDS", "x"), "");
+  EXPECT_EQ(read("FLANGE_POSE", "x"), "");
+  EXPECT_EQ(read("FLANGE_POSF_WORD", "x"), "");
+  EXPECT_LE(read("FLANGE_POSE_WORD", std::string(1'400, 'x')).size(), OtherTypeText::capacity());
+  EXPECT_EQ(bridge_word_on(Datagram(9), "FLANGE_POSE").view(), "");
 }
 
 TEST(Lc02Reader, the_channel_must_be_exact_and_terminated) {

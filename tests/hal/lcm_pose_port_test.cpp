@@ -253,7 +253,7 @@ TEST(LcmPosePort, a_rigid_transform_is_a_pose_when_the_configuration_says_so) {
   EXPECT_EQ(port->counters().foreign, 1U);
   EXPECT_EQ(port->counters().other_type, 1U);
   const std::string_view refusal = port->refusal(2);
-  EXPECT_NE(refusal.find("of type slabd.flange_pose_t on FLANGE_POSE, and [pose] type is bot_core.rigid_transform_t"),
+  EXPECT_NE(refusal.find("of type slabd.flange_pose_t ([pose] type is bot_core.rigid_transform_t) on FLANGE_POSE"),
             std::string_view::npos)
       << refusal;
   EXPECT_NE(refusal.find(" from "), std::string_view::npos) << refusal;

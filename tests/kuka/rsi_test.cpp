@@ -75,7 +75,7 @@ TEST(Rsi, says_what_is_wrong_with_a_packet) {
       {"", "byte 0"},
       {"<Rob Type=\"KUKA\"><RIst X=\"1", "byte"},
       {"<Other/>", "<Rob>"},
-      {"<Rob><IPOC>1</IPOC></Rob>", "nothing but <IPOC>: a KR C2"},
+      {"<Rob><IPOC>1</IPOC></Rob>", "nothing but <IPOC>, as the first packet of a KR C2"},
       {"<Rob Type=\"KUKA\"><RSol X=\"1\"/><IPOC>1</IPOC></Rob>", "no element <RIst>, expected DEF_RIst"},
       {"<Rob TYPE=\"KUKA\"><RSol X=\"1\"/><IPOC>1</IPOC></Rob>", "in the form of a KR C2"},
       {"<Rob Type=\"KUKA\"><ST_Source>17.2</ST_Source><IPOC>1</IPOC></Rob>", "in the form of a KR C2"},

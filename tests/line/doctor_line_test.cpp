@@ -254,10 +254,12 @@ TEST_F(DoctorTest, poses_of_another_type_are_named_with_the_key_to_set) {
   bridge.join();
   lcm_destroy(lcm);
   EXPECT_EQ(opinion.health("robot poses"), "failed") << opinion.all();
-  EXPECT_NE(opinion.all().find("of type bot_core.rigid_transform_t on FLANGE_POSE"), std::string::npos)
+  EXPECT_NE(opinion.all().find("of type bot_core.rigid_transform_t ([pose] type is slabd.flange_pose_t)"),
+            std::string::npos)
       << opinion.all();
   EXPECT_NE(opinion.all().find("set [pose] type in slabd.toml"), std::string::npos) << opinion.all();
-  EXPECT_NE(status.find("of type bot_core.rigid_transform_t on FLANGE_POSE"), std::string::npos) << status;
+  EXPECT_NE(status.find("of type bot_core.rigid_transform_t ([pose] type is slabd.flange_pose_t)"), std::string::npos)
+      << status;
   EXPECT_NE(status.find("other_type"), std::string::npos) << status;
 }
 

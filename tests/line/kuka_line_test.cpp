@@ -57,6 +57,29 @@ class KukaLineTest : public testing::Test {
   std::string rsi_;
 };
 
+TEST_F(KukaLineTest, a_kr_c2_without_rist_is_named_in_status_and_by_the_doctor) {
+  box_.start();
+  ASSERT_TRUE(box_.ready());
+  const std::unique_ptr<Process> bridge = start_bridge();
+  const std::string script =
+      "for i in $(seq 1000); do printf '<Rob TYPE=\"KUKA\"><RSol X=\"1\"/><ST_Source>17.2</ST_Source>"
+      "<IPOC>%d</IPOC></Rob>' $((i*12)) >/dev/udp/" +
+      std::regex_replace(rsi_, std::regex(":"), "/") + "; sleep 0.02; done";
+  const Process robot({"/bin/bash", "-c", script}, box_.dir / "robot.out", box_.dir / "robot.err");
+  const auto is_named = [](const std::string& text) {
+    return text.find("the bridge says: RSI packet: no element <RIst>, in the form of a KR C2") != std::string::npos;
+  };
+  std::string pose;
+  for (int i = 0; i < 100 && !is_named(pose); ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    const json now = status();
+    if (now.is_object()) pose = now["links"]["pose"]["refusal"].get<std::string>();
+  }
+  EXPECT_TRUE(is_named(pose)) << pose;
+  const Box::Answer doctor = box_.slabctl({"doctor", "--config", box_.config.native(), "--json", "--listen-s", "2"});
+  EXPECT_TRUE(is_named(doctor.out)) << doctor.out;
+}
+
 TEST_F(KukaLineTest, a_slab_is_finished_although_packets_get_lost_come_late_and_garbled) {
   box_.start();
   ASSERT_TRUE(box_.ready()) << box_.log();
