@@ -63,9 +63,9 @@ constexpr std::array kTable = {
           "free space on the disk of the scans or of the database; `journalctl -u slabd` says which"},
     Entry{Code::journal_write,
           "the database or the spool of scans could not be written, or the database is damaged or not there",
-          "`journalctl -u slabd` says which; check the disk and its mount, then reset the fault; `slabctl db check` "
-          "tells a damaged database, and "
-          "`slabctl db restore` brings a backup back"},
+          "`slabctl status` and `journalctl -u slabd` say which; check the disk and its mount, then reset the fault; a "
+          "program that keeps the database locked is named with its process id (`slabctl doctor` names it too): end it; "
+          "`slabctl db check` tells a damaged database, and `slabctl db restore` brings a backup back"},
     Entry{Code::calibration_missing, "there is no valid calibration",
           "calibrate and apply it; a line never calibrated takes [calibration] from the config"},
     Entry{Code::config, "the configuration is not usable", "run `slabctl config check`; it names file and line"},

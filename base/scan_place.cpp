@@ -28,7 +28,7 @@ constexpr std::array kUnits = {LikelyUnit{"metres", 1000.0}, LikelyUnit{"centime
 
 ScanPlace scan_place(std::span<const float> xyz) {
   const std::size_t points = xyz.size() / 3;
-  const std::size_t stride = std::max<std::size_t>(1, points / kScanPlaceSample);
+  const std::size_t stride = std::max<std::size_t>(1, (points + kScanPlaceSample - 1) / kScanPlaceSample);
   std::array<std::array<float, kScanPlaceSample>, 3> sample;
   ScanPlace place;
   for (std::size_t i = 0; i < points && place.points < kScanPlaceSample; i += stride) {

@@ -343,12 +343,16 @@ struct Scale {
 
 /// The paper's lambda (eq. 7), fitted beside X and the targets by the kept views: A X (lambda c) = p. Gauss-Newton with
 /// one column more, R_X c, from lambda = 1; each step adjusts everything else anew at the sightings as scaled so far.
-Scale estimate_scale(const Equations& equations, const Selected& selected, const Weighing& weighing) {
+/// Weighed as stated: variances found without lambda hold what a wrong scale does.
+Scale estimate_scale(const Equations& equations, const Selected& selected, const Weighing& found) {
   constexpr int kSteps = 8;
   constexpr double kDone = 1e-8;
   constexpr double kDetermined = 1e-9;  // of the column's length, what the other parameters leave of it
   constexpr double kScaleMin = 0.5;
   constexpr double kScaleMax = 2.0;
+  Weighing weighing;
+  weighing.noise = found.noise;
+  weighing.lever = found.lever;
   double scale = 1.0;
   State state = selected.adjusted.state;
   for (int step = 0; step < kSteps; ++step) {

@@ -12,9 +12,12 @@
 namespace slabd::daemon {
 namespace {
 
-/// A block that was not found is perhaps there in another unit or frame. `place` is that of the scan as it was read.
+/// A block that was not found is perhaps there in another unit or frame, and what seems rounded is perhaps fine in its
+/// own unit. `place` is that of the scan as it was read.
 Error named_cause(const Error& why, const ScanPlace& place, const Pose& T_base_block, const Pose& T_base_scanner) {
-  if (why.code != Code::block_not_found && why.code != Code::too_few_points && why.code != Code::fit_failed) return why;
+  if (why.code != Code::block_not_found && why.code != Code::too_few_points && why.code != Code::fit_failed &&
+      why.code != Code::frame_incomplete)
+    return why;
   ExpectedPlace expected;
   expected.scanner_mm = (T_base_scanner.inverse() * T_base_block).translation_mm;
   expected.base_mm = T_base_block.translation_mm;
@@ -22,6 +25,7 @@ Error named_cause(const Error& why, const ScanPlace& place, const Pose& T_base_b
   if (expected.base_mm.norm() == 0.0) expected.base_name = "block's";
   const ScanDoubt doubt = doubt_scan(place, expected);
   if (doubt.empty()) return why;
+  if (why.code == Code::frame_incomplete) return error(why.code, "%s; %s", doubt.c_str(), why.text.c_str());
   return error(why.code, "%s; %s", why.text.c_str(), doubt.c_str());
 }
 

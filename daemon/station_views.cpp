@@ -113,14 +113,19 @@ class Placement {
   [[nodiscard]] Off off_of(const Shift& shift) const {
     return {Vec3(shift.mm - jacobian(shift.p_base) * motion_).norm(), Vec3(shift.rad - motion_.tail<3>()).norm()};
   }
-  /// Within it a good seat at this place agrees.
-  [[nodiscard]] Tolerance tolerance_at(const Vec3& p_base) const {
+  /// Within it a good seat at this place lies, as far as the scans so far can tell: one block says little of where the
+  /// slab's other end is.
+  [[nodiscard]] Tolerance scatter_at(const Vec3& p_base) const {
     const Eigen::Matrix<double, 3, 6> J = jacobian(p_base);
     const Eigen::Matrix3d of_place = J * covariance_ * J.transpose();
     const double place_mm2 = of_place.diagonal().maxCoeff() + kSeatSigmaMm * kSeatSigmaMm;
     const double place_rad2 = covariance_.diagonal().tail<3>().maxCoeff() + kSeatSigmaRad * kSeatSigmaRad;
-    return {std::min(kToleranceMmMax, kSigmas * scatter_ * std::sqrt(place_mm2)),
-            std::min(kToleranceRadMax, kSigmas * scatter_ * std::sqrt(place_rad2))};
+    return {kSigmas * scatter_ * std::sqrt(place_mm2), kSigmas * scatter_ * std::sqrt(place_rad2)};
+  }
+  /// Within it a seat at this place agrees.
+  [[nodiscard]] Tolerance tolerance_at(const Vec3& p_base) const {
+    const Tolerance scatter = scatter_at(p_base);
+    return {std::min(kToleranceMmMax, scatter.mm), std::min(kToleranceRadMax, scatter.rad)};
   }
 
  private:
@@ -195,7 +200,7 @@ class Comparison {
     const Off off = placement.off_of(shift);
     finding_.own_off_mm = off.mm;
     finding_.own_off_rad = off.rad;
-    Tolerance tolerance = placement.is_known() ? placement.tolerance_at(shift.p_base) : Tolerance{};
+    Tolerance tolerance = placement.is_known() ? placement.scatter_at(shift.p_base) : Tolerance{};
     if (!is_this_slab) {
       tolerance.mm += kPlacedAnewMm;
       tolerance.rad += kPlacedAnewRad;

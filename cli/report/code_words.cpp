@@ -58,10 +58,10 @@ constexpr std::array kCodesZh = {
               "用 slabctl inspect 查看该扫描，然后重新扫描；检查计算机负载"},
     CodeWords{Code::store_full, "磁盘已满，或空间不足以存放两块板",
               "清理扫描数据盘或数据库所在磁盘；journalctl -u slabd 会说明是哪一个"},
-    CodeWords{
-        Code::journal_write, "数据库或扫描存储目录无法写入，或数据库已损坏或不存在",
-        "journalctl -u slabd 会说明是哪一种；检查磁盘及其挂载，然后复位故障；slabctl db check 可判断数据库是否损坏，"
-        "slabctl db restore 可恢复备份"},
+    CodeWords{Code::journal_write, "数据库或扫描存储目录无法写入，或数据库已损坏或不存在",
+              "slabctl status 和 journalctl -u slabd 会说明是哪一种；检查磁盘及其挂载，然后复位故障；"
+              "若有程序长期锁住数据库，会给出其进程号（slabctl doctor 也会给出），请结束该程序；"
+              "slabctl db check 可判断数据库是否损坏，slabctl db restore 可恢复备份"},
     CodeWords{Code::calibration_missing, "没有有效的标定", "进行标定并启用；从未标定过的产线取配置中的 [calibration]"},
     CodeWords{Code::config, "配置不可用", "运行 slabctl config check；它会指出文件和行"},
     CodeWords{Code::internal, "内部检查失败", "记录日志条目并重启服务"},

@@ -47,6 +47,11 @@ TEST(ScanPlace, extent_and_median_leave_out_strays_and_missing_points) {
   EXPECT_EQ(place.extent().y(), 0.0);
   EXPECT_EQ(place.median.z(), 600.0);
   EXPECT_EQ(scan_place({}).points, 0U);
+  // Nearly two samples' worth of points: the last ones count, too.
+  std::vector<float> line;
+  for (std::size_t i = 0; i < 2 * kScanPlaceSample - 1; ++i)
+    line.insert(line.end(), {static_cast<float>(i), 5.0F, 600.0F});
+  EXPECT_NEAR(scan_place(line).high.x(), 0.98 * 2.0 * kScanPlaceSample, 4.0);
 }
 
 TEST(ScanPlace, a_scan_that_is_where_it_should_be_is_not_doubted) {
@@ -59,7 +64,7 @@ TEST(ScanPlace, another_unit_is_named_with_extent_and_distance) {
   const std::string metres = doubt(place_of([](const Vec3& p) { return Vec3(p / 1000.0); }));
   EXPECT_EQ(
       metres,
-      "the scan is 0.346 x 0.48 x 0.006 large, 0.603 away along +Z; expected is a block 600 mm away along +Z: the "
+      "the scan is 0.336 x 0.48 x 0.006 large, 0.603 away along +Z; expected is a block 600 mm away along +Z: the "
       "unit is probably metres; state the unit of the scan");
   EXPECT_TRUE(says(doubt(place_of([](const Vec3& p) { return Vec3(p / 10.0); })), "probably centimetres"));
   EXPECT_TRUE(says(doubt(place_of([](const Vec3& p) { return Vec3(p / 25.4); })), "probably inches"));

@@ -217,8 +217,9 @@ TEST(HandEye, stated_noise_that_is_wrong_is_refused_but_x_stays_right) {
     ten.robot_mm = 10.0;
     ten.robot_rad = robot_rad_for(10.0);
     const HandEye fine = solve(kind, set.views, ten).value();
-    ASSERT_FALSE(fine.reasons.empty());
-    EXPECT_EQ(fine.reasons[0].code, Refusal::noise_below_stated) << told(fine);
+    EXPECT_TRUE(std::any_of(fine.reasons.begin(), fine.reasons.end(), [](const auto& reason) {
+      return reason.code == Refusal::noise_below_stated;
+    })) << told(fine);
   }
 }
 

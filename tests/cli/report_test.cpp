@@ -68,6 +68,7 @@ class ReportTest : public Slabctl {
     attempt.slab_key = 1;
     attempt.station = static_cast<std::uint8_t>(station);
     attempt.number = 1;
+    attempt.emulated = emulated_;
     apply(AcquiredJob{attempt});
     BlockResult block;
     block.station = attempt.station;
@@ -142,6 +143,7 @@ class ReportTest : public Slabctl {
 
   std::unique_ptr<storage::Store> store_;
   SlabHeader header_;
+  std::uint8_t emulated_ = 0;  ///< of every attempt
   std::vector<BlockResult> blocks_;
   std::vector<PlcResult> records_;
   std::vector<SurfaceFinding> findings_;  ///< of the next blocks
@@ -329,7 +331,7 @@ TEST_F(ReportTest, html_is_one_document_with_scopes_captions_descriptions_and_a_
 }
 
 TEST_F(ReportTest, of_an_emulated_slab_has_a_watermark_and_a_notice_in_both_languages) {
-  header_.emulated = kEmulatedRobot;
+  emulated_ = kEmulatedRobot;
   make_slab();
   ASSERT_EQ(report("r.html").status, 0);
   expect_mentions(content(file("r.html")), "class=\"watermark\" aria-hidden=\"true\">EMULATED<");

@@ -21,6 +21,7 @@ struct KnownScanTest : StoreTest {
     a.fingerprint = take;
     a.points_crc32c = static_cast<std::uint32_t>(7 * take);
     a.shape.points = 5'000'000;
+    a.shape.finite = 4'900'000 + static_cast<std::uint64_t>(take);
     AcquiredJob job{a, static_cast<std::uint64_t>(take)};
     job.refuse_known = refuse_known;
     return try_apply(job);
