@@ -4,7 +4,6 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <array>
-#include <cmath>
 
 #include "base/units.h"
 
@@ -18,54 +17,32 @@ using Quat = Eigen::Quaternion<double, Eigen::DontAlign>;
 
 /// A rigid transform. A variable `T_a_b` maps coordinates in frame b to coordinates in frame a:
 /// `p_a = T_a_b * p_b`, `T_a_c = T_a_b * T_b_c`. Translation in mm, rotation a unit quaternion.
-/// The scale factor of the paper's eq. (7) is 1 and does not appear.
+/// The scale factor of the paper's eq. (7) is 1 and does not appear. The functions are not inline because every file
+/// that includes this header would compile Eigen's expressions again.
 struct Pose {
   Quat rotation = Quat::Identity();
   Vec3 translation_mm = Vec3::Zero();
 
   [[nodiscard]] static Pose identity() { return {}; }
 
-  [[nodiscard]] Pose operator*(const Pose& other) const {
-    return {(rotation * other.rotation).normalized(), translation_mm + rotation * other.translation_mm};
-  }
-  [[nodiscard]] Vec3 operator*(const Vec3& p_mm) const { return rotation * p_mm + translation_mm; }
-  [[nodiscard]] Pose inverse() const {
-    const Quat back = rotation.conjugate();
-    return {back, -(back * translation_mm)};
-  }
-  [[nodiscard]] Mat4 matrix() const {
-    Mat4 m = Mat4::Identity();
-    m.topLeftCorner<3, 3>() = rotation.toRotationMatrix();
-    m.topRightCorner<3, 1>() = translation_mm;
-    return m;
-  }
+  [[nodiscard]] Pose operator*(const Pose& other) const;
+  [[nodiscard]] Vec3 operator*(const Vec3& p_mm) const;
+  [[nodiscard]] Pose inverse() const;
+  [[nodiscard]] Mat4 matrix() const;
   /// The neutral written form of a pose: x y z (mm) qw qx qy qz.
-  [[nodiscard]] std::array<double, 7> to_array() const {
-    return {translation_mm.x(), translation_mm.y(), translation_mm.z(), rotation.w(),
-            rotation.x(),       rotation.y(),       rotation.z()};
-  }
-  [[nodiscard]] static Pose from_array(const std::array<double, 7>& v) {
-    return {Quat(v[3], v[4], v[5], v[6]).normalized(), Vec3(v[0], v[1], v[2])};
-  }
-  [[nodiscard]] bool all_finite() const { return translation_mm.allFinite() && rotation.coeffs().allFinite(); }
+  [[nodiscard]] std::array<double, 7> to_array() const;
+  [[nodiscard]] static Pose from_array(const std::array<double, 7>& v);
+  [[nodiscard]] bool all_finite() const;
 };
 
 /// KUKA's A, B, C (rad): the active rotation `Rz(A) * Ry(B) * Rx(C)`. The paper's eq. (4) is exactly the transpose of
 /// this and its eq. (5) is a third matrix (R3 R2 R1, not the R1 R2 R3 of eq. (4)); neither is used anywhere.
-[[nodiscard]] inline Quat rotation_from_kuka_abc(double a_rad, double b_rad, double c_rad) {
-  return Quat(Eigen::AngleAxisd(a_rad, Eigen::Vector3d::UnitZ()) * Eigen::AngleAxisd(b_rad, Eigen::Vector3d::UnitY()) *
-              Eigen::AngleAxisd(c_rad, Eigen::Vector3d::UnitX()));
-}
+[[nodiscard]] Quat rotation_from_kuka_abc(double a_rad, double b_rad, double c_rad);
 
 /// Angle between two directions (any length > 0), by atan2: exact near 0 and pi, where acos is not.
-[[nodiscard]] inline double angle_between_rad(const Vec3& a, const Vec3& b) {
-  return std::atan2(a.cross(b).norm(), a.dot(b));
-}
+[[nodiscard]] double angle_between_rad(const Vec3& a, const Vec3& b);
 
 /// Angle of the rotation that takes one orientation to the other, 0..pi.
-[[nodiscard]] inline double angle_between_rad(const Quat& a, const Quat& b) {
-  const Quat d = a.conjugate() * b;
-  return 2.0 * std::atan2(d.vec().norm(), std::abs(d.w()));
-}
+[[nodiscard]] double angle_between_rad(const Quat& a, const Quat& b);
 
 }  // namespace slabd

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "base/pose.h"
+
+#include <cmath>
+
+namespace slabd {
+
+Pose Pose::operator*(const Pose& other) const {
+  return {(rotation * other.rotation).normalized(), translation_mm + rotation * other.translation_mm};
+}
+
+Vec3 Pose::operator*(const Vec3& p_mm) const {
+  return rotation * p_mm + translation_mm;
+}
+
+Pose Pose::inverse() const {
+  const Quat back = rotation.conjugate();
+  return {back, -(back * translation_mm)};
+}
+
+Mat4 Pose::matrix() const {
+  Mat4 m = Mat4::Identity();
+  m.topLeftCorner<3, 3>() = rotation.toRotationMatrix();
+  m.topRightCorner<3, 1>() = translation_mm;
+  return m;
+}
+
+std::array<double, 7> Pose::to_array() const {
+  return {translation_mm.x(), translation_mm.y(), translation_mm.z(), rotation.w(),
+          rotation.x(),       rotation.y(),       rotation.z()};
+}
+
+Pose Pose::from_array(const std::array<double, 7>& v) {
+  return {Quat(v[3], v[4], v[5], v[6]).normalized(), Vec3(v[0], v[1], v[2])};
+}
+
+bool Pose::all_finite() const {
+  return translation_mm.allFinite() && rotation.coeffs().allFinite();
+}
+
+Quat rotation_from_kuka_abc(double a_rad, double b_rad, double c_rad) {
+  return Quat(Eigen::AngleAxisd(a_rad, Eigen::Vector3d::UnitZ()) * Eigen::AngleAxisd(b_rad, Eigen::Vector3d::UnitY()) *
+              Eigen::AngleAxisd(c_rad, Eigen::Vector3d::UnitX()));
+}
+
+double angle_between_rad(const Vec3& a, const Vec3& b) {
+  return std::atan2(a.cross(b).norm(), a.dot(b));
+}
+
+double angle_between_rad(const Quat& a, const Quat& b) {
+  const Quat d = a.conjugate() * b;
+  return 2.0 * std::atan2(d.vec().norm(), std::abs(d.w()));
+}
+
+}  // namespace slabd
