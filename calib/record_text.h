@@ -15,7 +15,7 @@
 namespace slabd::calib {
 
 /// Text between quotes; a quote in it, or a line's end, would break the line.
-[[nodiscard]] inline std::string quoted(std::string_view text) {
+[[nodiscard]] inline std::string in_quotes(std::string_view text) {
   std::string out = "\"";
   for (const char c : text.substr(0, std::size_t{4096})) out += c == '"' ? '\'' : c == '\n' || c == '\r' ? ' ' : c;
   return out + "\"";
@@ -25,7 +25,7 @@ namespace slabd::calib {
 class RecordWriter {
  public:
   RecordWriter& text(std::string_view key, std::string_view value) {
-    if (!value.empty()) line(key, quoted(value));
+    if (!value.empty()) line(key, in_quotes(value));
     return *this;
   }
   RecordWriter& number(std::string_view key, double value) {

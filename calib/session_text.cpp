@@ -146,7 +146,7 @@ std::string view_text(const CapturedView& v) {
   w.text("flange_form", v.flange_form).text("T_base_flange", v.flange);
   for (const KeptShot& shot : v.shots)
     w.line("shot",
-           quoted(shot.file) + " " + std::to_string(shot.bytes) + " " + shot.sha256 + " " + quoted(shot.source));
+           in_quotes(shot.file) + " " + std::to_string(shot.bytes) + " " + shot.sha256 + " " + in_quotes(shot.source));
   if (v.live.given) {
     w.number("pose_spread_mm", v.live.spread_mm).number("pose_spread_deg", v.live.spread_deg);
     w.line("pose_seq", std::to_string(v.live.seq_first) + " " + std::to_string(v.live.seq_last));

@@ -7,13 +7,14 @@
 #include <cmath>
 
 #include "daemon/daemon.h"
+#include "tests/places/places.h"
 
 namespace slabd::accuracy {
 
 std::optional<Recipe> reference_recipe() {
   Recipe recipe;
   std::vector<daemon::Problem> problems;
-  daemon::load_recipe(SLABD_SOURCE_DIR "/recipes/p5600.toml", recipe, problems);
+  daemon::load_recipe(places::source_dir() + "/recipes/p5600.toml", recipe, problems);
   for (const daemon::Problem& problem : problems) fmt::print(stderr, "slabd_accuracy: {}\n", problem.text);
   if (!problems.empty()) return std::nullopt;
   return recipe;

@@ -8,6 +8,7 @@
 #include "daemon/slab_ends.h"
 #include "tests/accuracy/block_scan.h"
 #include "tests/accuracy/studies.h"
+#include "tests/places/places.h"
 
 namespace slabd::accuracy {
 namespace {
@@ -28,7 +29,7 @@ constexpr std::array kStations = {1, 2, 3, 8, 9, 10, 11, 16};
 std::optional<Recipe> recipe_named(const char* name) {
   Recipe recipe;
   std::vector<daemon::Problem> problems;
-  daemon::load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/" + name, recipe, problems);
+  daemon::load_recipe(places::source_dir() + "/recipes/" + name, recipe, problems);
   if (!problems.empty()) return std::nullopt;
   return recipe;
 }

@@ -6,7 +6,7 @@
 //
 // Whoever changes an algorithm changes bits. When the other tests agree with the change, take the new bits over:
 //
-//     SLABD_UPDATE_GOLDEN=1 build/dev/tests/algo/algo_golden_test && git diff tests/algo/golden_bits.txt
+//     SLABD_UPDATE_GOLDEN=1 build/release/tests/algo/algo_golden_test && git diff tests/algo/golden_bits.txt
 //
 // and commit them with it. Bits that differ between compilers are a bug, not an occasion to update. The scan is made
 // without the C library's functions; the room under test uses a few (sin, atan2, exp), so another C library may have
@@ -29,6 +29,7 @@
 #include "algo/algo.h"
 #include "algo/block_model.h"
 #include "scene.h"
+#include "tests/places/places.h"
 
 namespace slabd::algo {
 namespace {
@@ -164,7 +165,7 @@ Stages measure(BlockInspector& inspector, const std::vector<float>& scan, Order 
   return stages;
 }
 
-const std::string kGoldenFile = SLABD_SOURCE_DIR "/tests/algo/golden_bits.txt";
+const std::string kGoldenFile = places::source_dir() + "/tests/algo/golden_bits.txt";
 
 TEST(Golden, AFixedBlockHasTheBitsItAlwaysHad) {
   BlockInspector inspector;

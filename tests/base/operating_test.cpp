@@ -11,12 +11,13 @@
 #include <vector>
 
 #include "base/codes.h"
+#include "tests/places/places.h"
 
 namespace slabd {
 namespace {
 
-const std::string kPage = std::string(SLABD_SOURCE_DIR) + "/docs/OPERATING.md";
-const std::string kCatalog = std::string(SLABD_SOURCE_DIR) + "/systemd/slabd.catalog";
+const std::string kPage = places::source_dir() + "/docs/OPERATING.md";
+const std::string kCatalog = places::source_dir() + "/systemd/slabd.catalog";
 
 std::string read_file(const std::string& path) {
   std::ifstream in(path);

@@ -13,6 +13,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/places/places.h"
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -29,12 +31,11 @@ const std::map<std::string, std::set<std::string>> kMayInclude = {
 };
 
 /// All headers of base are vocabulary and public.
-const std::set<std::string> kPublic = {"algo/algo.h",       "algo/block_model.h",   "calib/calib.h",
-                                       "hal/hal.h",         "hal/journal.h",        "hal/lcm_url.h",
-                                       "hal/plc_map.h",     "hal/scan_stream.h",    "storage/storage.h",
-                                       "storage/compare.h", "storage/chain.h",      "daemon/daemon.h",
-                                       "daemon/judge.h",    "daemon/recipe_keys.h", "daemon/slab_ends.h",
-                                       "daemon/station_views.h"};
+const std::set<std::string> kPublic = {
+    "algo/algo.h",       "algo/block_model.h",   "calib/calib.h",      "hal/hal.h",
+    "hal/journal.h",     "hal/lcm_url.h",        "hal/plc_map.h",      "hal/scan_stream.h",
+    "storage/storage.h", "storage/compare.h",    "storage/chain.h",    "daemon/daemon.h",
+    "daemon/judge.h",    "daemon/recipe_keys.h", "daemon/slab_ends.h", "daemon/station_views.h"};
 
 struct Include {
   fs::path file;
@@ -57,7 +58,7 @@ std::vector<Include> includes_of(const fs::path& file) {
 
 std::vector<fs::path> sources_of(const std::string& room) {
   std::vector<fs::path> files;
-  for (const auto& entry : fs::recursive_directory_iterator(fs::path(SLABD_SOURCE_DIR) / room)) {
+  for (const auto& entry : fs::recursive_directory_iterator(fs::path(slabd::places::source_dir()) / room)) {
     const std::string ext = entry.path().extension();
     if (ext == ".h" || ext == ".cpp") files.push_back(entry.path());
   }
@@ -71,8 +72,8 @@ std::string room_of(const std::string& include) {
 }
 
 std::string where(const Include& include) {
-  return fs::relative(include.file, SLABD_SOURCE_DIR).string() + ":" + std::to_string(include.line) + " includes " +
-         include.name;
+  return fs::relative(include.file, slabd::places::source_dir()).string() + ":" + std::to_string(include.line) +
+         " includes " + include.name;
 }
 
 TEST(Rooms, include_only_whom_they_may) {
@@ -95,7 +96,8 @@ TEST(Rooms, enter_another_room_by_its_public_header) {
         if (target.empty() || target == room || target == "base") continue;
         EXPECT_TRUE(kPublic.count(include.name) != 0) << where(include);
       }
-  for (const std::string& header : kPublic) EXPECT_TRUE(fs::exists(fs::path(SLABD_SOURCE_DIR) / header)) << header;
+  for (const std::string& header : kPublic)
+    EXPECT_TRUE(fs::exists(fs::path(slabd::places::source_dir()) / header)) << header;
 }
 
 TEST(Rooms, station_knows_only_the_vocabulary) {

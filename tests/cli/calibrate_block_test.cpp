@@ -7,6 +7,7 @@
 
 #include "calib/calib.h"
 #include "tests/cli/slabctl_process.h"
+#include "tests/places/places.h"
 
 namespace slabd::cli {
 namespace {
@@ -16,7 +17,7 @@ using nlohmann::json;
 class CalibrateBlock : public Slabctl {
  protected:
   const Pose X_ = {Quat(0.9961947018, 0.0, 0.0871557002, 0.0).normalized(), Vec3(40.0, -25.0, 180.0)};
-  const std::string recipe_ = std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml";
+  const std::string recipe_ = places::source_dir() + "/recipes/p5600.toml";
 
   /// Straight down first, then 22 degrees to eight sides, turned about the view as well.
   void draw(int views) const {

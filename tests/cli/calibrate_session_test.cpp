@@ -18,6 +18,7 @@
 #include "calib/calib.h"
 #include "slabctl_process.h"
 #include "storage/storage.h"
+#include "tests/places/places.h"
 
 namespace slabd::cli {
 namespace {
@@ -49,7 +50,7 @@ drop_dir = "drop"
 db = "slabd.db"
 spool_dir = "spool"
 [recipes]
-dir = ")" + std::string(SLABD_SOURCE_DIR) +
+dir = ")" + places::source_dir() +
                                            R"(/recipes"
 [cell]
 T_base_slab = [1800.0, 0.0, 400.0, 1.0, 0.0, 0.0, 0.0]
@@ -74,7 +75,7 @@ socket = "control.sock"
   }
   /// Runs slabctl and kills it after `us`; false: it had ended by itself.
   bool run_killed(const std::vector<std::string>& arguments, long us) const {
-    std::vector<std::string> words = {SLABCTL};
+    std::vector<std::string> words = {places::slabctl()};
     words.insert(words.end(), arguments.begin(), arguments.end());
     std::vector<char*> argv;
     for (std::string& word : words) argv.push_back(word.data());
@@ -83,7 +84,7 @@ socket = "control.sock"
     if (pid == 0) {
       const int nowhere = ::open("/dev/null", O_RDWR);
       for (const int fd : {0, 1, 2}) ::dup2(nowhere, fd);
-      ::execv(SLABCTL, argv.data());
+      ::execv(places::slabctl().c_str(), argv.data());
       ::_exit(127);
     }
     std::this_thread::sleep_for(std::chrono::microseconds(us));

@@ -8,6 +8,7 @@
 #include "cli/calibrate/calibration_desk.h"
 #include "cli/command.h"
 #include "slabctl_process.h"
+#include "tests/places/places.h"
 
 namespace slabd::cli {
 namespace {
@@ -24,7 +25,7 @@ class CalibrateStations : public Slabctl {
     static_cast<void>(write("slabd.toml",
                             "[scanner]\ndrop_dir = \"drop\"\n[storage]\ndb = \"slabd.db\"\nspool_dir = \"spool\"\n"
                             "[recipes]\ndir = \"" +
-                                std::string(SLABD_SOURCE_DIR) +
+                                places::source_dir() +
                                 "/recipes\"\n[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n"
                                 "[calibration]\nT_flange_scanner = [" +
                                 xyz + ", " + rotation + "]\n[control]\nsocket = \"control.sock\"\n"));

@@ -14,6 +14,7 @@
 #include "calib/calib.h"
 #include "cli/simulate/mastered_slab.h"
 #include "reference_recipe.h"
+#include "tests/places/places.h"
 
 namespace slabd::simulate {
 namespace {
@@ -157,7 +158,7 @@ TEST(MasteredSlab, rounds_of_visits_become_corrections_that_take_the_robots_erro
   fs::remove_all(dir);
   CalibrationOrder order;
   order.out_dir = dir.native();
-  order.recipe = std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml";
+  order.recipe = places::source_dir() + "/recipes/p5600.toml";
   order.views = 5;
   order.scene.robot.smooth_mm = 0.7;
   ASSERT_EQ(write_mastered_slab(order), 0);

@@ -5,6 +5,7 @@
 
 #include "storage/storage.h"
 #include "tests/cli/slabctl_process.h"
+#include "tests/places/places.h"
 
 namespace slabd::cli {
 namespace {
@@ -14,7 +15,7 @@ class Completion : public Slabctl {
   /// What bash offers after `line`, which ends in the word under the cursor.
   [[nodiscard]] std::string offered(const std::string& words) const {
     const std::string script =
-        write("try.sh", "source <(" SLABCTL " completion bash)\nCOMP_WORDS=(" + words +
+        write("try.sh", "source <(" + places::slabctl() + " completion bash)\nCOMP_WORDS=(" + words +
                             ")\nCOMP_CWORD=$((${#COMP_WORDS[@]} - 1))\n_slabctl\nprintf ' %s ' \"${COMPREPLY[@]}\"\n");
     const std::string command = "bash " + script + " >" + file("offered") + " 2>" + file("offered.err");
     EXPECT_EQ(std::system(command.c_str()), 0);

@@ -15,6 +15,7 @@
 
 #include "cli/durable.h"
 #include "tests/cli/stored_slab.h"
+#include "tests/places/places.h"
 
 namespace slabd::cli {
 namespace {
@@ -32,8 +33,8 @@ struct Export : StoredSlab {
     end();
   }
   [[nodiscard]] Ended python(const std::string& arguments) const {
-    const int status = std::system(("/usr/bin/python3 " + std::string(SLABD_SOURCE_DIR) + "/tests/cli/" + arguments +
-                                    " >" + file("py.out") + " 2>" + file("py.err"))
+    const int status = std::system(("/usr/bin/python3 " + places::source_dir() + "/tests/cli/" + arguments + " >" +
+                                    file("py.out") + " 2>" + file("py.err"))
                                        .c_str());
     return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, content(file("py.out")), content(file("py.err"))};
   }
@@ -42,7 +43,7 @@ struct Export : StoredSlab {
     EXPECT_EQ(ended.status, 0) << ended.err;
     return json::parse(ended.out, nullptr, false);
   }
-  [[nodiscard]] std::string recipes() const { return " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes"; }
+  [[nodiscard]] std::string recipes() const { return " --recipes " + places::source_dir() + "/recipes"; }
 };
 
 TEST_F(Export, a_table_has_one_row_for_each_item_and_reads_as_rfc_4180) {
@@ -193,7 +194,7 @@ TEST_F(Export, models_are_closed_and_as_large_as_the_recipe_says) {
 
 TEST_F(Export, every_json_document_is_what_its_published_schema_says) {
   store_slab();
-  const std::string recipes_dir = std::string(SLABD_SOURCE_DIR) + "/recipes";
+  const std::string recipes_dir = places::source_dir() + "/recipes";
   const std::string config =
       write("slabd.toml", "[plc]\nlisten = \"127.0.0.1:1502\"\n[recipes]\ndir = \"" + recipes_dir +
                               "\"\n[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n[storage]\ndb = \"" + db() +
@@ -238,7 +239,7 @@ TEST_F(Export, every_json_document_is_what_its_published_schema_says) {
   }
   for (const std::string& command : {"export 1" + in_db, "export --all" + in_db})
     documents += " " + write("document-" + std::to_string(++count) + ".json", run(command + " --format json").out);
-  const Ended valid = python("validate_json.py " + std::string(SLABD_SOURCE_DIR) + "/docs/schemas" + documents);
+  const Ended valid = python("validate_json.py " + places::source_dir() + "/docs/schemas" + documents);
   EXPECT_EQ(valid.status, 0) << valid.out << valid.err;
   expect_mentions(valid.out, "27 documents, 0 faults");
 }
@@ -272,7 +273,7 @@ TEST_F(Export, an_id_that_a_spreadsheet_would_compute_is_neutral_unless_a_progra
 
 TEST_F(Export, a_list_of_points_replaces_no_other_unasked) {
   const std::string config =
-      write("slabd.toml", "[plc]\nlisten = \"127.0.0.1:1502\"\n[recipes]\ndir = \"" + std::string(SLABD_SOURCE_DIR) +
+      write("slabd.toml", "[plc]\nlisten = \"127.0.0.1:1502\"\n[recipes]\ndir = \"" + places::source_dir() +
                               "/recipes\"\n[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n[storage]\ndb = \"" +
                               db() + "\"\nspool_dir = \"" + file("spool") +
                               "\"\n[calibration]\nT_flange_scanner = [0, 80, 150, 1, 0, 0, 0]\n"
@@ -297,7 +298,7 @@ TEST_F(Export, a_list_of_points_replaces_no_other_unasked) {
 TEST_F(Export, the_validator_finds_a_key_too_many_and_a_wrong_type) {
   const std::string good = run("plc codes --json").out;
   json document = json::parse(good);
-  const std::string schemas = std::string(SLABD_SOURCE_DIR) + "/docs/schemas ";
+  const std::string schemas = places::source_dir() + "/docs/schemas ";
   EXPECT_EQ(python("validate_json.py " + schemas + write("good.json", good)).status, 0);
   document["more"] = 1;
   EXPECT_EQ(python("validate_json.py " + schemas + write("more.json", document.dump())).status, 1);
@@ -480,7 +481,7 @@ TEST_F(Export, what_standard_output_did_not_take_is_told_once) {
   store_slab();
   for (const char* slabs : {"--all", "--verdict pass"}) {  // more than is kept back, and less
     const std::string command =
-        std::string(SLABCTL) + " export " + slabs + " --db " + db() + " >/dev/full 2>" + file("full");
+        places::slabctl() + " export " + slabs + " --db " + db() + " >/dev/full 2>" + file("full");
     const int status = std::system(command.c_str());
     EXPECT_EQ(WEXITSTATUS(status), 3) << slabs;
     EXPECT_EQ(content(file("full")), "slabctl: - cannot be written: No space left on device\n");

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "slabctl_process.h"
+#include "tests/places/places.h"
 
 namespace slabd::cli {
 namespace {
@@ -20,7 +21,7 @@ class MonitorBallTest : public Slabctl {
     static_cast<void>(write("slabd.toml",
                             "[scanner]\ndrop_dir = \"drop\"\n[storage]\ndb = \"slabd.db\"\nspool_dir = \"spool\"\n"
                             "[recipes]\ndir = \"" +
-                                std::string(SLABD_SOURCE_DIR) +
+                                places::source_dir() +
                                 "/recipes\"\n"
                                 "[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n"
                                 "[calibration]\nT_flange_scanner = [0, 80, 150, 1, 0, 0, 0]\n"

@@ -14,12 +14,13 @@
 #include "cli/plc/plc.h"
 #include "cli/simulate/plc_peer.h"
 #include "hal/plc_map.h"
+#include "tests/places/places.h"
 
 namespace slabd::cli {
 namespace {
 
-const std::string kDocument = std::string(SLABD_SOURCE_DIR) + "/docs/PLC.md";
-const std::string kBlock = std::string(SLABD_SOURCE_DIR) + "/docs/plc/FB_SLABD.st";
+const std::string kDocument = places::source_dir() + "/docs/PLC.md";
+const std::string kBlock = places::source_dir() + "/docs/plc/FB_SLABD.st";
 
 std::string read_file(const std::string& path) {
   std::ifstream in(path);

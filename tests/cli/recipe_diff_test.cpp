@@ -10,6 +10,7 @@
 
 #include "daemon/recipe_keys.h"
 #include "tests/cli/stored_slab.h"
+#include "tests/places/places.h"
 
 namespace slabd::cli {
 namespace {
@@ -90,8 +91,8 @@ TEST_F(RecipeDiff, what_only_scans_can_tell_is_said) {
   expect_mentions(ended.err, "1 differences change what is measured");
   expect_mentions(ended.out, "evaluation.crop_half_x_mm");
   // Of other slabs nothing can be said.
-  const Ended other = run("recipe diff " + kRecipe + " " + std::string(SLABD_SOURCE_DIR) +
-                          "/recipes/p4925.toml --type 5600 --db " + db());
+  const Ended other =
+      run("recipe diff " + kRecipe + " " + places::source_dir() + "/recipes/p4925.toml --type 5600 --db " + db());
   expect_mentions(other.out, "left out: slab 1 \"SLAB-0042\": it has 18 blocks, the recipe 16");
 }
 

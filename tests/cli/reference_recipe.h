@@ -4,11 +4,12 @@
 #include <gtest/gtest.h>
 
 #include "daemon/daemon.h"
+#include "tests/places/places.h"
 
 /// The reference recipe as it is shipped.
 namespace slabd::cli {
 
-inline const std::string kReferenceRecipe = std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml";
+inline const std::string kReferenceRecipe = places::source_dir() + "/recipes/p5600.toml";
 
 inline Recipe reference_recipe() {
   Recipe recipe;

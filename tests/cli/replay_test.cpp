@@ -7,6 +7,7 @@
 
 #include "cli/replay/what_if.h"
 #include "tests/cli/stored_slab.h"
+#include "tests/places/places.h"
 
 namespace slabd::cli {
 namespace {
@@ -23,7 +24,7 @@ struct Replay : StoredSlab {
     end();
   }
   [[nodiscard]] Ended replay(const std::string& more = "") const {
-    return replay_with(std::string(SLABD_SOURCE_DIR) + "/recipes", more);
+    return replay_with(places::source_dir() + "/recipes", more);
   }
   [[nodiscard]] Ended replay_with(const std::string& recipes, const std::string& more = "") const {
     return run("replay 1 --db " + db() + " --recipes " + recipes + " " + more);
@@ -230,7 +231,7 @@ TEST_F(Replay, wrong_use_is_said) {
 struct ReplayOther : StoredSlab {
   [[nodiscard]] std::string config() const {
     return write("slabd.toml",
-                 "[plc]\nlisten = \"127.0.0.1:1502\"\n[recipes]\ndir = \"" + std::string(SLABD_SOURCE_DIR) +
+                 "[plc]\nlisten = \"127.0.0.1:1502\"\n[recipes]\ndir = \"" + places::source_dir() +
                      "/recipes\"\n[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n[storage]\ndb = \"" + db() +
                      "\"\nspool_dir = \"" + file("spool") +
                      "\"\n[calibration]\nT_flange_scanner = [0, 80, 150, 1, 0, 0, 0]\nstation_sigma_mm = 0.02\n"
@@ -245,8 +246,7 @@ TEST_F(ReplayOther, another_software_or_calibration_is_named) {
   begin();
   measure(3);
   end();
-  const Ended ended =
-      run("replay 1 --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes --threads 1");
+  const Ended ended = run("replay 1 --db " + db() + " --recipes " + places::source_dir() + "/recipes --threads 1");
   EXPECT_EQ(ended.status, 0) << ended.out;
   expect_mentions(ended.out, "another software: recorded slabd 0.0.9; now slabd ");
   expect_mentions(ended.out, "another calibration: recorded he-0123456789ab; now the database holds no such record");
@@ -259,7 +259,7 @@ TEST_F(ReplayOther, another_scan_of_which_every_figure_comes_out_again_is_no_pro
   begin();
   measure(3);
   end();
-  const Ended ended = run("replay 1 --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes");
+  const Ended ended = run("replay 1 --db " + db() + " --recipes " + places::source_dir() + "/recipes");
   EXPECT_EQ(ended.status, 1);
   expect_mentions(ended.out, "block 3 attempt 1: differs: the scan was changed: its points are not those");
   expect_mentions(ended.out, "; no stored figure shows it");
@@ -280,7 +280,7 @@ TEST_F(ReplayOther, a_stored_figure_that_was_edited_is_found) {
   edited.record.station = 3;
   apply(edited);
   store_.reset();
-  const Ended ended = run("replay 1 --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes");
+  const Ended ended = run("replay 1 --db " + db() + " --recipes " + places::source_dir() + "/recipes");
   EXPECT_EQ(ended.status, 1);
   expect_mentions(ended.out, "item seat_slope 3 value: stored ");
   const std::string version(daemon::software_version().view());
@@ -295,7 +295,7 @@ TEST_F(ReplayOther, what_the_header_repeats_of_the_recipe_is_compared) {
   begin();
   measure(3);
   end();
-  const Ended ended = run("replay 1 --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes");
+  const Ended ended = run("replay 1 --db " + db() + " --recipes " + places::source_dir() + "/recipes");
   EXPECT_EQ(ended.status, 1);
   expect_mentions(ended.out, "    guard: stored 0.25, now 1\n");
   expect_mentions(ended.out, "    unconfirmed: stored ");
@@ -305,7 +305,7 @@ TEST_F(ReplayOther, a_slab_that_is_still_open_is_not_identical) {
   begin();
   measure(3);
   store_.reset();
-  const Ended ended = run("replay 1 --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes");
+  const Ended ended = run("replay 1 --db " + db() + " --recipes " + places::source_dir() + "/recipes");
   EXPECT_EQ(ended.status, 1);
   expect_mentions(ended.out, "slab 1 \"SLAB-0042\" (none): not_verified: 1 of 1 scans measured again");
   expect_mentions(ended.out, "the slab is still open");
@@ -315,7 +315,7 @@ TEST_F(ReplayOther, a_slab_with_scans_and_no_recipe_is_not_passed_over_among_man
   begin();
   measure(3);
   end();
-  const std::string all = "replay --all --db " + db() + " --recipes " + std::string(SLABD_SOURCE_DIR) + "/recipes";
+  const std::string all = "replay --all --db " + db() + " --recipes " + places::source_dir() + "/recipes";
   EXPECT_EQ(run(all).status, 0);
   header_.key = 2;
   header_.slab_type = 9'999;
@@ -453,7 +453,7 @@ TEST_F(ReplayOther, a_further_copy_that_cannot_be_looked_at_is_told_before_anyth
 using Checksum = Slabctl;
 
 TEST_F(Checksum, the_python_of_the_documents_gives_it) {
-  const std::string quality = content(std::string(SLABD_SOURCE_DIR) + "/docs/QUALITY.md");
+  const std::string quality = content(places::source_dir() + "/docs/QUALITY.md");
   const std::string fence = "```python\n";
   const std::size_t begin = quality.find(fence) + fence.size();
   const std::string script = write("crc.py", quality.substr(begin, quality.find("```", begin) - begin));

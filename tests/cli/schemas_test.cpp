@@ -15,13 +15,15 @@
 #include <string>
 #include <vector>
 
+#include "tests/places/places.h"
+
 namespace slabd::cli {
 namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-const fs::path kSource = SLABD_SOURCE_DIR;
+const fs::path kSource = places::source_dir();
 
 std::string content(const fs::path& path) {
   std::ifstream in(path, std::ios::binary);

@@ -9,12 +9,14 @@
 #include <fstream>
 #include <string>
 
+#include "tests/places/places.h"
+
 /// slabctl as people run it: a process with an exit status, in a folder of its own.
 namespace slabd::cli {
 
 namespace fs = std::filesystem;
 
-inline const std::string kRecipe = std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml";
+inline const std::string kRecipe = places::source_dir() + "/recipes/p5600.toml";
 
 struct Ended {
   int status = -1;
@@ -43,7 +45,7 @@ class Slabctl : public ::testing::Test {
   /// Runs `slabctl arguments` through the shell, in the plain locale so that symbols are ASCII everywhere.
   [[nodiscard]] Ended run(const std::string& arguments) const {
     const std::string command =
-        "LC_ALL=C " + std::string(SLABCTL) + " " + arguments + " >" + file("out") + " 2>" + file("err");
+        "LC_ALL=C " + places::slabctl() + " " + arguments + " >" + file("out") + " 2>" + file("err");
     Ended ended;
     const int status = std::system(command.c_str());
     ended.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;

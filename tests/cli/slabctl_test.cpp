@@ -19,6 +19,7 @@
 #include "base/limits.h"
 #include "base/pose.h"
 #include "tests/cli/slabctl_process.h"
+#include "tests/places/places.h"
 
 namespace slabd::cli {
 namespace {
@@ -149,11 +150,11 @@ TEST_F(Slabctl, what_a_full_disk_did_not_take_is_not_done) {
   // More and less than what is kept back before it is written.
   for (const std::string& command : {"recipe show " + kRecipe + " --json", std::string("plc codes")}) {
     EXPECT_EQ(run(command).status, 0) << command;
-    const int status = std::system((std::string(SLABCTL) + " " + command + " >/dev/full 2>" + file("full")).c_str());
+    const int status = std::system((places::slabctl() + " " + command + " >/dev/full 2>" + file("full")).c_str());
     EXPECT_EQ(WEXITSTATUS(status), 4) << command;
     EXPECT_NE(content(file("full")).find("could not be written"), std::string::npos) << content(file("full"));
   }
-  const int status = std::system((std::string(SLABCTL) + " --version >/dev/full 2>" + file("full")).c_str());
+  const int status = std::system((places::slabctl() + " --version >/dev/full 2>" + file("full")).c_str());
   EXPECT_EQ(WEXITSTATUS(status), 4);
 }
 

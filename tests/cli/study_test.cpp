@@ -11,6 +11,7 @@
 #include "cli/study/same_part.h"
 #include "storage/storage.h"
 #include "tests/cli/slabctl_process.h"
+#include "tests/places/places.h"
 
 namespace slabd::cli {
 namespace {
@@ -676,9 +677,8 @@ TEST_F(StudyTest, every_document_holds_against_its_published_schema) {
         "compare " + contact + db, "compare " + table + " --values " + table + " --max-error warp_left=1"})
     documents += " " + write("document-" + std::to_string(++count) + ".json", run("study " + what + " --json").out);
   const auto validate = [&](const std::string& files) {
-    return std::system(("/usr/bin/python3 " SLABD_SOURCE_DIR "/tests/cli/validate_json.py " SLABD_SOURCE_DIR
-                        "/docs/schemas" +
-                        files + " >" + file("py.out") + " 2>" + file("py.err"))
+    return std::system(("/usr/bin/python3 " + places::source_dir() + "/tests/cli/validate_json.py " +
+                        places::source_dir() + "/docs/schemas" + files + " >" + file("py.out") + " 2>" + file("py.err"))
                            .c_str());
   };
   EXPECT_EQ(validate(documents), 0) << content(file("py.out")) << content(file("py.err"));

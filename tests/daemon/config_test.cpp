@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/toml_reader.h"
 #include "tests/daemon/text_file.h"
+#include "tests/places/places.h"
 
 namespace slabd::daemon {
 namespace {
@@ -662,7 +663,7 @@ TEST_F(ConfigTest, damaged_bytes_never_escape_as_an_exception) {
 
 TEST_F(ConfigTest, installed_example_is_valid) {
   std::vector<Problem> problems;
-  load_config(std::string(SLABD_SOURCE_DIR) + "/systemd/slabd.toml", config_, problems);
+  load_config(places::source_dir() + "/systemd/slabd.toml", config_, problems);
   EXPECT_EQ(files_.texts(problems), Texts{});
 }
 

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/places/places.h"
 #include "text_file.h"
 
 namespace slabd::daemon {
@@ -14,7 +15,7 @@ class Reload : public testing::Test {
   Reload() {
     std::vector<Problem> problems;
     recipes_.resize(1);
-    load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml", recipes_[0], problems);
+    load_recipe(places::source_dir() + "/recipes/p5600.toml", recipes_[0], problems);
     EXPECT_TRUE(problems.empty());
     for (int i = 0; i < 300; ++i) xyz_.push_back(static_cast<float>(i));
     path_ = files_.folder() + "/scan.ply";

@@ -14,6 +14,7 @@
 #include "daemon/known_exposures.h"
 #include "tests/algo/each_set.h"
 #include "tests/algo/scene.h"
+#include "tests/places/places.h"
 #include "text_file.h"
 
 namespace slabd::daemon {
@@ -40,7 +41,7 @@ class Exposures : public ::testing::Test {
  protected:
   Exposures() {
     std::vector<Problem> problems;
-    load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml", recipes_.emplace_back(), problems);
+    load_recipe(places::source_dir() + "/recipes/p5600.toml", recipes_.emplace_back(), problems);
     EXPECT_TRUE(problems.empty());
     crew_ = new_crew(1, false);
   }

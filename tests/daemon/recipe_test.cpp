@@ -3,13 +3,14 @@
 #include <sha256.h>
 
 #include "tests/daemon/text_file.h"
+#include "tests/places/places.h"
 
 namespace slabd::daemon {
 namespace {
 
 using Texts = std::vector<std::string>;
 
-const std::string kP5600 = std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml";
+const std::string kP5600 = places::source_dir() + "/recipes/p5600.toml";
 
 class RecipeTest : public ::testing::Test {
  protected:
@@ -189,7 +190,7 @@ TEST_F(RecipeTest, short_slabs_have_eight_pairs_in_the_middle_and_the_block_of_p
     SCOPED_TRACE(type);
     std::vector<Problem> problems;
     const std::string name = std::to_string(type);
-    load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/p" + name + ".toml", recipe_, problems);
+    load_recipe(places::source_dir() + "/recipes/p" + name + ".toml", recipe_, problems);
     ASSERT_EQ(files_.texts(problems), Texts{});
     EXPECT_EQ(recipe_.name.view(), "P" + name);
     EXPECT_EQ(recipe_.slab_type, type);
@@ -219,7 +220,7 @@ TEST_F(RecipeTest, short_slabs_have_eight_pairs_in_the_middle_and_the_block_of_p
 TEST_F(RecipeTest, every_recipe_that_is_shipped_is_good) {
   std::vector<Recipe> recipes;
   std::vector<Problem> problems;
-  load_recipes(std::string(SLABD_SOURCE_DIR) + "/recipes", recipes, problems);
+  load_recipes(places::source_dir() + "/recipes", recipes, problems);
   EXPECT_EQ(files_.texts(problems), Texts{});
   EXPECT_EQ(recipes.size(), 3U);
 }

@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "daemon/daemon.h"
+#include "tests/places/places.h"
 
 namespace slabd::daemon {
 namespace {
@@ -22,7 +23,7 @@ struct RecipesInUse : testing::Test {
     std::string name = (std::filesystem::temp_directory_path() / "slabd-recipes-XXXXXX").string();
     EXPECT_NE(mkdtemp(name.data()), nullptr);
     folder = name;
-    std::ifstream in(std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml");
+    std::ifstream in(places::source_dir() + "/recipes/p5600.toml");
     std::stringstream all;
     all << in.rdbuf();
     text = all.str();

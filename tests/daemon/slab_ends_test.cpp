@@ -12,6 +12,7 @@
 #include "daemon/daemon.h"
 #include "daemon/slab_ends.h"
 #include "tests/algo/scene.h"
+#include "tests/places/places.h"
 #include "text_file.h"
 
 namespace slabd::daemon {
@@ -25,7 +26,7 @@ constexpr double kWideMm = 660.0;
 Recipe recipe_of(const std::string& name) {
   Recipe recipe;
   std::vector<Problem> problems;
-  load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/" + name, recipe, problems);
+  load_recipe(places::source_dir() + "/recipes/" + name, recipe, problems);
   EXPECT_TRUE(problems.empty());
   return recipe;
 }

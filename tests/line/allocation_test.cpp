@@ -18,6 +18,7 @@
 #include "heap_count.h"
 
 #include "slabd/flange_pose_t.hpp"
+#include "tests/places/places.h"
 
 namespace slabd {
 namespace {
@@ -27,7 +28,7 @@ namespace fs = std::filesystem;
 Recipe p5600() {
   Recipe recipe;
   std::vector<daemon::Problem> problems;
-  daemon::load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml", recipe, problems);
+  daemon::load_recipe(places::source_dir() + "/recipes/p5600.toml", recipe, problems);
   EXPECT_TRUE(problems.empty());
   return recipe;
 }

@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "processes.h"
+#include "tests/places/places.h"
 
 namespace slabd::line {
 namespace {
@@ -115,7 +116,7 @@ TEST_F(CalibrationLineTest, a_check_that_fails_stops_the_line_until_one_passes) 
   EXPECT_TRUE(watch["passed"].is_null()) << "not checked yet";
   EXPECT_FALSE(watch["overdue"]);
 
-  const std::string recipe = std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml";
+  const std::string recipe = places::source_dir() + "/recipes/p5600.toml";
   const auto scan = [&](const char* name, const char* defect) {
     const std::string path = (box.dir / name).native();
     std::vector<std::string> args = {"simulate", "scan",    "--recipe",  recipe, "--block", "1",

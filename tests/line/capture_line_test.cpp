@@ -14,6 +14,7 @@
 #include "cli/calibrate/live_capture.h"
 #include "hal/hal.h"
 #include "processes.h"
+#include "tests/places/places.h"
 
 namespace slabd::line {
 namespace {
@@ -41,8 +42,8 @@ class CaptureLineTest : public testing::Test {
   }
   std::unique_ptr<Process> emulate() const {
     return std::make_unique<Process>(
-        std::vector<std::string>{SLABCTL_PROGRAM, "simulate", "calibration", "--live", "--kind", "ball", "--views", "3",
-                                 "--shots", "1", "--move-s", "0.2", "--config", box_.config.native(), "--out",
+        std::vector<std::string>{places::slabctl(), "simulate", "calibration", "--live", "--kind", "ball", "--views",
+                                 "3", "--shots", "1", "--move-s", "0.2", "--config", box_.config.native(), "--out",
                                  (box_.dir / "truth").native()},
         box_.dir / "cell.out", box_.dir / "cell.err");
   }

@@ -21,6 +21,7 @@
 #include <nlohmann/json.hpp>
 
 #include "processes.h"
+#include "tests/places/places.h"
 
 namespace slabd::line {
 namespace {
@@ -143,7 +144,7 @@ TEST_F(CareLine, old_backups_that_cannot_be_deleted_are_no_success) {
   const pid_t child = ::fork();
   if (child == 0)
     _exit(keep_one_on_a_read_only_disk(
-        box_.dir / "backups", {SLABCTL_PROGRAM, "db", "backup", "--keep", "1", "--config", box_.config.native()},
+        box_.dir / "backups", {places::slabctl(), "db", "backup", "--keep", "1", "--config", box_.config.native()},
         box_.dir));
   int status = -1;
   ::waitpid(child, &status, 0);
@@ -296,8 +297,8 @@ class Watch {
     const winsize size{24, 120, 0, 0};
     pid_ = ::forkpty(&terminal_, nullptr, nullptr, &size);
     if (pid_ != 0) return;
-    ::execl(SLABCTL_PROGRAM, SLABCTL_PROGRAM, "status", "--watch", "--language", language, "--config", config.c_str(),
-            nullptr);
+    ::execl(places::slabctl().c_str(), places::slabctl().c_str(), "status", "--watch", "--language", language,
+            "--config", config.c_str(), nullptr);
     ::_exit(127);
   }
   ~Watch() {

@@ -29,6 +29,7 @@
 #include <vector>
 
 #include "processes.h"
+#include "tests/places/places.h"
 
 namespace slabd::line {
 namespace {
@@ -176,7 +177,7 @@ TEST_F(DoctorTest, a_heartbeat_that_is_a_bit_moves_as_well_as_a_number) {
   });
   for (int i = 0; i < 3; ++i) EXPECT_EQ(examine().health("plc heartbeat"), "ok") << i;
   const Process monitor(
-      {SLABCTL_PROGRAM, "plc", "monitor", "--json", "--interval-ms", "400", "--config", box_.config.native()},
+      {places::slabctl(), "plc", "monitor", "--json", "--interval-ms", "400", "--config", box_.config.native()},
       box_.dir / "monitor.out", box_.dir / "monitor.err");
   std::this_thread::sleep_for(std::chrono::milliseconds(3'000));
   stop = true;
@@ -341,7 +342,7 @@ TEST_F(DoctorTest, a_port_of_roots_is_not_the_services) {
   std::ofstream(box_.config) << text;
   // As somebody who is not root, whatever this test runs as.
   const fs::path out = box_.dir / "doctor.out";
-  Process doctor({"/usr/bin/unshare", "--user", SLABCTL_PROGRAM, "doctor", "--config", box_.config.native(), "--json",
+  Process doctor({"/usr/bin/unshare", "--user", places::slabctl(), "doctor", "--config", box_.config.native(), "--json",
                   "--listen-s", "0.5"},
                  out, box_.dir / "doctor.err");
   (void)doctor.wait();
@@ -363,8 +364,8 @@ TEST_F(DoctorTest, a_route_over_an_interface_without_an_address_is_a_route) {
   Process doctor(
       {"/bin/sh", "-c",
        "exec /usr/bin/unshare --net /bin/sh -c 'ip link set lo up && ip route add 239.0.0.0/8 dev lo && exec \"$@\"' "
-       "- '" SLABCTL_PROGRAM "' doctor --json --listen-s 0.5 --config " +
-           box_.config.native()},
+       "- '" +
+           places::slabctl() + "' doctor --json --listen-s 0.5 --config " + box_.config.native()},
       box_.dir / "doctor.out", box_.dir / "doctor.err");
   (void)doctor.wait();
   const json document = json::parse(read_file(box_.dir / "doctor.out"), nullptr, false);
@@ -389,7 +390,7 @@ TEST_F(DoctorTest, a_disk_that_can_only_be_read_is_not_writable) {
   if (child == 0)
     _exit(look_at_a_read_only_disk(
         box_.dir / "spool",
-        {SLABCTL_PROGRAM, "doctor", "--config", box_.config.native(), "--json", "--listen-s", "0.5"}, box_.dir));
+        {places::slabctl(), "doctor", "--config", box_.config.native(), "--json", "--listen-s", "0.5"}, box_.dir));
   int status = -1;
   ::waitpid(child, &status, 0);
   ASSERT_TRUE(WIFEXITED(status));
@@ -407,7 +408,7 @@ TEST_F(DoctorTest, a_disk_that_can_only_be_read_is_not_writable) {
 TEST_F(DoctorTest, knows_the_daemons_configuration_whatever_folder_the_daemon_was_started_in) {
   box_.launcher = {
       "/bin/sh", "-c",
-      "cd '" + box_.dir.native() + "' && exec '" SLABD_PROGRAM "' --config " + box_.config.filename().native()};
+      "cd '" + box_.dir.native() + "' && exec '" + places::slabd() + "' --config " + box_.config.filename().native()};
   start();
   for (const json& finding : examine().findings)
     EXPECT_FALSE(finding["check"] == "daemon" && finding["saw"].dump().find("it runs with") != std::string::npos)
@@ -472,7 +473,7 @@ TEST_F(DoctorTest, finds_nothing_failed_on_a_running_line_and_leaves_it_alone) {
 
 TEST_F(DoctorTest, has_a_scan_taken_when_asked_and_gives_the_line_back) {
   start();
-  const Process cell({SLABCTL_PROGRAM, "simulate", "calibration", "--live", "--kind", "ball", "--views", "3",
+  const Process cell({places::slabctl(), "simulate", "calibration", "--live", "--kind", "ball", "--views", "3",
                       "--move-s", "0.2", "--config", box_.config.native(), "--out", (box_.dir / "truth").native()},
                      box_.dir / "cell.out", box_.dir / "cell.err");
   Opinion opinion;

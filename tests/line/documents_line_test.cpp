@@ -14,6 +14,7 @@
 #include "hal/hal.h"
 #include "hal/scan_request.h"
 #include "processes.h"
+#include "tests/places/places.h"
 
 namespace slabd::line {
 namespace {
@@ -40,10 +41,9 @@ class Documents {
   }
   void validate() const {
     const fs::path said = box_.dir / "validated";
-    const int status =
-        std::system(("/usr/bin/python3 " + std::string(SLABD_SOURCE_DIR) + "/tests/cli/validate_json.py " +
-                     SLABD_SOURCE_DIR + "/docs/schemas" + paths_ + " >" + said.native() + " 2>&1")
-                        .c_str());
+    const int status = std::system(("/usr/bin/python3 " + places::source_dir() + "/tests/cli/validate_json.py " +
+                                    places::source_dir() + "/docs/schemas" + paths_ + " >" + said.native() + " 2>&1")
+                                       .c_str());
     EXPECT_EQ(status, 0) << read_file(said);
     EXPECT_NE(read_file(said).find(std::to_string(count_) + " documents, 0 faults"), std::string::npos)
         << read_file(said);
@@ -109,7 +109,7 @@ TEST(DocumentsLine, what_a_calibration_says_is_what_its_schemas_publish) {
 TEST(DocumentsLine, what_is_in_force_and_was_checked_is_what_its_schemas_publish) {
   const Box box;
   Documents documents(box);
-  const std::string recipe = std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml";
+  const std::string recipe = places::source_dir() + "/recipes/p5600.toml";
   const auto ask = [&](std::vector<std::string> command) {
     command.insert(command.end(), {"--config", box.config.native()});
     documents.ask(command);

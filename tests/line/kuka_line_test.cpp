@@ -19,6 +19,7 @@
 #include <thread>
 
 #include "processes.h"
+#include "tests/places/places.h"
 
 namespace slabd::line {
 namespace {
@@ -35,7 +36,7 @@ class KukaLineTest : public testing::Test {
     return std::regex_search(text, match, std::regex("lcm_url = \"([^\"]+)\"")) ? match[1].str() : "";
   }
   [[nodiscard]] std::unique_ptr<Process> start_bridge(std::vector<std::string> more = {}) const {
-    std::vector<std::string> command = {BRIDGE_PROGRAM, "--listen", rsi_, "--lcm-url", lcm_url()};
+    std::vector<std::string> command = {places::kuka_bridge(), "--listen", rsi_, "--lcm-url", lcm_url()};
     command.insert(command.end(), more.begin(), more.end());
     return std::make_unique<Process>(command, box_.dir / "bridge.out", box_.dir / "bridge.err");
   }
@@ -158,7 +159,7 @@ TEST_F(KukaLineTest, while_two_controllers_send_none_is_published_and_both_are_n
   };
   for (int i = 0; i < 2'000 && !says("packets come from 127.0.0.1:"); ++i) send(robots[0], "1000");
   const Process monitor(
-      {SLABCTL_PROGRAM, "robot", "monitor", "--seconds", "2", "--json", "--config", box_.config.native()},
+      {places::slabctl(), "robot", "monitor", "--seconds", "2", "--json", "--config", box_.config.native()},
       box_.dir / "monitor.out", box_.dir / "monitor.err");
   for (std::size_t i = 0; i < 600; ++i) send(robots[i % 2], i % 2 == 0 ? "1000" : "1620");
   EXPECT_TRUE(says("packets of 127.0.0.2:")) << read_file(box_.dir / "bridge.err");
@@ -208,7 +209,7 @@ int lose_the_route(const std::string& rsi, const fs::path& dir) {
   inet_pton(AF_INET, rsi.substr(0, colon).c_str(), &to.sin_addr);
   to.sin_port = htons(static_cast<std::uint16_t>(std::stoi(rsi.substr(colon + 1))));
   int ipoc_ms = 0;
-  Process bridge({BRIDGE_PROGRAM, "--listen", rsi, "--lcm-url", "udpm://239.255.76.67:7667?ttl=0"}, dir / "out",
+  Process bridge({places::kuka_bridge(), "--listen", rsi, "--lcm-url", "udpm://239.255.76.67:7667?ttl=0"}, dir / "out",
                  dir / "err");
   const auto says = [&](const char* text) {
     for (int i = 0; i < 1'000; ++i) {
@@ -251,7 +252,7 @@ TEST_F(KukaLineTest, a_mistake_on_the_command_line_is_named) {
                {{"--listen", "192.0.2.1:49152"}, 4, "192.0.2.1"},
                {{"--cycle-ms", "5"}, 2, "cycle-ms"}};
   for (const auto& c : cases) {
-    std::vector<std::string> command = {BRIDGE_PROGRAM};
+    std::vector<std::string> command = {places::kuka_bridge()};
     command.insert(command.end(), c.arguments.begin(), c.arguments.end());
     Process bridge(command, box_.dir / "out", box_.dir / "err");
     EXPECT_EQ(bridge.wait(), c.status);

@@ -14,6 +14,7 @@
 #include "base/limits.h"
 #include "daemon/seal.h"
 #include "processes.h"
+#include "tests/places/places.h"
 
 namespace slabd::line {
 namespace {
@@ -118,7 +119,7 @@ TEST(Ledger, adds_up_to_what_is_promised) {
 }
 
 TEST(Ledger, stands_in_the_architecture_page_with_these_figures) {
-  const std::string page = read_file(fs::path(SLABD_SOURCE_DIR) / "docs/ARCHITECTURE.md");
+  const std::string page = read_file(fs::path(places::source_dir()) / "docs/ARCHITECTURE.md");
   for (const Entry& entry : kLedger) {
     std::array<char, 100> line{};
     std::snprintf(line.data(), line.size(), "| %s | %.1f MB |", entry.who, static_cast<double>(entry.bytes_max) / 1e6);

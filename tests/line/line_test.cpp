@@ -14,6 +14,7 @@
 
 #include "base/limits.h"
 #include "processes.h"
+#include "tests/places/places.h"
 
 namespace slabd::line {
 namespace {
@@ -372,7 +373,7 @@ TEST_F(StreamLineTest, a_slab_is_finished_over_tcp_from_planned_stations) {
 TEST(FaultyConfiguration, a_good_file_is_told_from_a_computer_without_recipes) {
   Box box;
   const auto check = [&box] {
-    Process process({SLABD_PROGRAM, "--config", box.config.native(), "--check"}, box.dir / "check.out",
+    Process process({places::slabd(), "--config", box.config.native(), "--check"}, box.dir / "check.out",
                     box.dir / "check.err");
     return process.wait();
   };

@@ -11,6 +11,7 @@
 #include "cli/simulate/scan_drawing.h"
 #include "daemon/loop.h"
 #include "hal/mock/mock.h"
+#include "tests/places/places.h"
 
 namespace slabd::daemon {
 namespace {
@@ -38,7 +39,7 @@ struct MockLineTest : testing::Test {
     fs::remove_all(dir);
     fs::create_directories(dir / "spool/1");  // the scripted scanner writes there and makes no folders
     std::vector<Problem> problems;
-    load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/" + recipe_file, recipes[0], problems);
+    load_recipe(places::source_dir() + "/recipes/" + recipe_file, recipes[0], problems);
     ASSERT_TRUE(problems.empty()) << problems[0].text;
     auto opened = storage::open_store({(dir / "slabd.db").native(), (dir / "spool").native(), 0});
     ASSERT_TRUE(opened.ok()) << opened.error().text.c_str();

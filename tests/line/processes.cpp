@@ -19,6 +19,8 @@
 #include <stdexcept>
 #include <thread>
 
+#include "tests/places/places.h"
+
 namespace slabd::line {
 namespace {
 
@@ -134,7 +136,7 @@ Box::Box() {
                         << "[scanner]\ndrop_dir = \"" << (dir / "drop").native() << "\"\n"
                         << "[storage]\ndb = \"" << (dir / "slabd.db").native() << "\"\nspool_dir = \""
                         << (dir / "spool").native() << "\"\n"
-                        << "[recipes]\ndir = \"" << SLABD_SOURCE_DIR << "/recipes\"\n"
+                        << "[recipes]\ndir = \"" << places::source_dir() << "/recipes\"\n"
                         << "[cell]\nT_base_slab = [1800.0, 0.0, 300.0, 1.0, 0.0, 0.0, 0.0]\n"
                         << "[calibration]\nT_flange_scanner = [0.0, 80.0, 150.0, 1.0, 0.0, 0.0, 0.0]\n"
                         << "station_sigma_mm = 0.02\nstation_sigma_deg = 0.001\n"
@@ -149,7 +151,7 @@ Box::~Box() {
 
 void Box::start(const std::vector<std::string>& more) {
   std::vector<std::string> command = launcher;
-  command.insert(command.end(), {SLABD_PROGRAM, "--config", config.native()});
+  command.insert(command.end(), {places::slabd(), "--config", config.native()});
   command.insert(command.end(), more.begin(), more.end());
   daemon_ = std::make_unique<Process>(command, dir / "slabd.out", dir / "slabd.err");
 }
@@ -176,7 +178,7 @@ Box::Answer Box::slabctl(std::vector<std::string> args) const {
   static int count = 0;
   const fs::path out = dir / ("slabctl-" + std::to_string(++count) + ".out");
   const fs::path err = dir / ("slabctl-" + std::to_string(count) + ".err");
-  args.insert(args.begin(), SLABCTL_PROGRAM);
+  args.insert(args.begin(), places::slabctl());
   Process process(args, out, err);
   Answer answer;
   answer.exit_status = process.wait();
@@ -186,7 +188,8 @@ Box::Answer Box::slabctl(std::vector<std::string> args) const {
 }
 
 std::unique_ptr<Process> Box::simulate(std::vector<std::string> args) const {
-  std::vector<std::string> command = {SLABCTL_PROGRAM, "simulate", "--config", config.native(), "--points", "quarter"};
+  std::vector<std::string> command = {places::slabctl(), "simulate", "--config",
+                                      config.native(),   "--points", "quarter"};
   command.insert(command.end(), args.begin(), args.end());
   return std::make_unique<Process>(command, dir / "simulate.out", dir / "simulate.err");
 }

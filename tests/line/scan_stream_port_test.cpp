@@ -19,6 +19,7 @@
 #include "hal/hal.h"
 #include "hal/scan_stream.h"
 #include "tests/hal/temporary_folder.h"
+#include "tests/places/places.h"
 
 namespace slabd::line {
 namespace {
@@ -344,7 +345,7 @@ TEST_F(ScanStreamPortTest, cancelling_ends_the_wait) {
 
 /// The gateway that docs/SCANNER.md shows, as it stands there.
 TEST_F(ScanStreamPortTest, the_documented_gateway_delivers) {
-  const std::string text = test::read_file(std::string(SLABD_SOURCE_DIR) + "/docs/SCANNER.md");
+  const std::string text = test::read_file(places::source_dir() + "/docs/SCANNER.md");
   const std::size_t begin = text.find("```python\n");
   const std::size_t end = text.find("```\n", begin + 10);
   ASSERT_NE(begin, std::string::npos);

@@ -16,6 +16,7 @@
 
 #include "daemon/seal.h"
 #include "processes.h"
+#include "tests/places/places.h"
 
 namespace slabd::line {
 namespace {
@@ -164,7 +165,7 @@ TEST_F(SealLine, with_hardly_any_room_it_refuses_answers_and_neither_ends_nor_sp
 }
 
 TEST_F(SealLine, requests_for_memory_that_fail_neither_end_it_nor_spoil_a_slab) {
-  box_.launcher = {"/usr/bin/env", std::string("LD_PRELOAD=") + FAILING_MALLOC, "SLABD_FAIL_EVERY=41"};
+  box_.launcher = {"/usr/bin/env", "LD_PRELOAD=" + places::failing_malloc(), "SLABD_FAIL_EVERY=41"};
   box_.start({"--seal"});
   ASSERT_TRUE(box_.ready());
   const auto line = box_.simulate({});

@@ -12,6 +12,7 @@
 #include "daemon/daemon.h"
 #include "tests/accuracy/mastered_line.h"
 #include "tests/accuracy/slab_truth.h"
+#include "tests/places/places.h"
 
 namespace slabd::accuracy {
 namespace {
@@ -37,7 +38,7 @@ class StationsLineTest : public ::testing::Test {
  protected:
   void SetUp() override {
     std::vector<daemon::Problem> problems;
-    daemon::load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml", recipe_, problems);
+    daemon::load_recipe(places::source_dir() + "/recipes/p5600.toml", recipe_, problems);
     ASSERT_TRUE(problems.empty()) << problems[0].text;
     // A perfect scanner: U is then what calibration and robot make of it, and may not hide behind the form error.
     recipe_.uncertainty.scanner_form_mm.value = 1e-9;

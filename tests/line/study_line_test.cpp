@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "processes.h"
+#include "tests/places/places.h"
 
 namespace slabd::line {
 namespace {
@@ -32,7 +33,7 @@ class StudyLineTest : public testing::Test {
   }
   /// Robot and scanner, told to stand over block 3.
   std::unique_ptr<Process> stand_over_block_3() const {
-    const std::string command = "(echo 'slab 1'; echo 'station 3'; sleep 120) | " + std::string(SLABCTL_PROGRAM) +
+    const std::string command = "(echo 'slab 1'; echo 'station 3'; sleep 120) | " + places::slabctl() +
                                 " simulate --config " + box_.config.native() +
                                 " --points quarter --stand-by --move-s 0.05 --slabs 1";
     return std::make_unique<Process>(std::vector<std::string>{"/bin/bash", "-c", command}, box_.dir / "cell.out",
@@ -48,9 +49,8 @@ class StudyLineTest : public testing::Test {
     std::ofstream(box_.config) << text;
   }
   [[nodiscard]] Box::Answer repeat(const std::vector<std::string>& more) const {
-    std::vector<std::string> args = {"study",    "repeat",
-                                     "--config", box_.config.native(),
-                                     "--recipe", std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml"};
+    std::vector<std::string> args = {
+        "study", "repeat", "--config", box_.config.native(), "--recipe", places::source_dir() + "/recipes/p5600.toml"};
     args.insert(args.end(), more.begin(), more.end());
     return box_.slabctl(args);
   }

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """slabd and an independent PLC in each of the three roles: whole slabs, power losses, attacks on the port.
 
-  plc_peers_test.py --build build/dev [--role server|client|rtu] [--slabs N] [--case slabs|losses|linkdown|attacks]
+  plc_peers_test.py --build build/release [--role server|client|rtu] [--slabs N] [--case slabs|losses|linkdown|attacks]
 
 Figures go to stdout. Exit status 0: every promise held."""
 import argparse
@@ -148,7 +148,7 @@ def losses(box):
 
 def link_down(box):
     """The network goes down for five seconds in the middle of a slab. Needs a network namespace of its own:
-    unshare -rn tests/plc/plc_peers_test.py --build build/dev --case linkdown"""
+    unshare -rn tests/plc/plc_peers_test.py --build build/release --case linkdown"""
 
     def ip(*words):
         subprocess.run(["ip", *words], check=True)

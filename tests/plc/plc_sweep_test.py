@@ -10,7 +10,7 @@ READY, read STATION_MASK, and give the order again where the station is missing.
 Two slabs are driven through all of it. The emulated slab has its slope planted on block 4: a scan taken for another
 station, taken twice or lost would show in the verdicts.
 
-  plc_sweep_test.py --build build/dev [--role server|client|rtu] [--fault plc|slabd|link]
+  plc_sweep_test.py --build build/release [--role server|client|rtu] [--fault plc|slabd|link]
 
 Exit status 0: every promise held."""
 import argparse

@@ -7,7 +7,7 @@ them as the case says. Every third block has its slope planted, and whatever it 
 block of the other kind: a verdict taken from the wrong scan shows. A case must give the code its row of the table
 allows, and whatever happened, the same SCAN given again must then work, and the slab end with the planted verdicts.
 
-  scan_sweep_test.py --build build/dev --backend drop|tcp [--quick]
+  scan_sweep_test.py --build build/release --backend drop|tcp [--quick]
 
 Exit status 0: every promise held."""
 import argparse

@@ -7,7 +7,7 @@ remember names, sizes and times for a minute. A slab is scanned station by stati
 PLC must get its answer within its 20 s, slabd's heartbeat, status and watchdog go on, the same SCAN given again work
 when the server is back, and the slab end with the planted verdicts.
 
-  share_test.py --build build/dev [--stall 75]
+  share_test.py --build build/release [--stall 75]
 
 Mounting needs root and /dev/fuse. Without them the same slab is scanned in a plain folder with what needs no share
 (growing files, clocks), and the program says so. Exit status 0: every promise held."""

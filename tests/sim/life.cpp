@@ -13,6 +13,7 @@
 
 #include "daemon/daemon.h"
 #include "daemon/loop.h"
+#include "tests/places/places.h"
 #include "tests/sim/allocation.h"
 #include "tests/sim/crew.h"
 #include "tests/sim/disk.h"
@@ -529,7 +530,7 @@ LifeResult Life::run() {
 std::vector<Recipe> life_recipes() {
   std::vector<daemon::Problem> problems;
   Recipe whole;
-  daemon::load_recipe(std::string(SLABD_SOURCE_DIR) + "/recipes/p5600.toml", whole, problems);
+  daemon::load_recipe(places::source_dir() + "/recipes/p5600.toml", whole, problems);
   if (!problems.empty()) {
     std::printf("%s\n", problems[0].text.c_str());
     std::exit(3);

@@ -24,6 +24,7 @@
 #include "storage/chain.h"
 #include "storage/database.h"
 #include "storage/quarantine.h"
+#include "tests/places/places.h"
 #include "tests/storage/crash_disk.h"
 #include "tests/storage/fast_store.h"
 
@@ -532,7 +533,7 @@ TEST_F(SurvivalTest, a_backup_that_fails_leaves_nothing_behind) {
 }
 
 TEST_F(SurvivalTest, a_copy_before_an_upgrade_on_a_disk_that_is_full_says_that_it_is_full) {
-  std::ifstream file(std::string(SLABD_SOURCE_DIR) + "/tests/storage/schema_v7.sql");
+  std::ifstream file(places::source_dir() + "/tests/storage/schema_v7.sql");
   const std::string schema{std::istreambuf_iterator<char>(file), {}};
   int told = 0;
   for (std::uint64_t point = 1;; ++point) {

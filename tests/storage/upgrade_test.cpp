@@ -11,6 +11,7 @@
 #include "storage/database.h"
 #include "storage/file_checksum.h"
 #include "storage/rows.h"
+#include "tests/places/places.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {
@@ -113,7 +114,7 @@ class UpgradeTest : public StoreTest {
     fs::create_directories(folder_.path() + "/old");
     Plain db(settings_.db_path);
     db.run("PRAGMA journal_mode = WAL");
-    db.run(whole(std::string(SLABD_SOURCE_DIR) + "/tests/storage/schema_v" + std::to_string(version) + ".sql"));
+    db.run(whole(places::source_dir() + "/tests/storage/schema_v" + std::to_string(version) + ".sql"));
     db.run("PRAGMA application_id = 1397506370; PRAGMA user_version = " + std::to_string(version));
     db.run("DELETE FROM line; ATTACH '" + newer + "' AS newer");
     for (const std::string& table : db.column("SELECT name FROM main.sqlite_schema WHERE type = 'table'")) {
