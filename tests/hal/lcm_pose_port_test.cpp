@@ -23,22 +23,13 @@
 
 #include "hal/hal.h"
 #include "hal/os.h"
+#include "tests/places/ports.h"
 
 namespace slabd::hal {
 namespace {
 
 constexpr const char* kGroup = "239.255.76.67";
 constexpr const char* kNoRoute = "no multicast route; on an isolated computer: ip route add 239.255.76.67/32 dev lo";
-
-std::uint16_t free_udp_port() {
-  const Fd fd(socket(AF_INET, SOCK_DGRAM, 0));
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  socklen_t bytes = sizeof address;
-  EXPECT_EQ(bind(fd.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
-  EXPECT_EQ(getsockname(fd.get(), reinterpret_cast<sockaddr*>(&address), &bytes), 0);
-  return ntohs(address.sin_port);
-}
 
 LcmSettings settings_for(std::uint16_t port, const char* interface) {
   LcmSettings settings;
@@ -76,11 +67,11 @@ void publish(lcm_t* lcm, const flange_pose_t& m, const char* channel = "FLANGE_P
 
 bool wait_and_take(PosePort& port, std::int64_t mono_ns, PoseSample& sample) {
   pollfd p{port.fd(), POLLIN, 0};
-  return poll(&p, 1, 1000) == 1 && port.next(mono_ns, sample);
+  return poll(&p, 1, 60'000) == 1 && port.next(mono_ns, sample);
 }
 
 TEST(LcmPosePort, poses_of_a_liblcm_publisher_on_this_computer_arrive) {
-  const std::uint16_t port_number = free_udp_port();
+  const std::uint16_t port_number = places::own_port();
   const LcmSettings settings = settings_for(port_number, "lo");
   const Publisher publisher(lcm_create(settings.url.c_str()));
   ASSERT_TRUE(publisher) << kNoRoute;
@@ -102,7 +93,7 @@ TEST(LcmPosePort, poses_of_a_liblcm_publisher_on_this_computer_arrive) {
 }
 
 TEST(LcmPosePort, other_channels_are_counted_and_passed_over) {
-  const LcmSettings settings = settings_for(free_udp_port(), "lo");
+  const LcmSettings settings = settings_for(places::own_port(), "lo");
   const Publisher publisher(lcm_create(settings.url.c_str()));
   ASSERT_TRUE(publisher) << kNoRoute;
   const auto port = open_port(settings);
@@ -120,7 +111,7 @@ TEST(LcmPosePort, other_channels_are_counted_and_passed_over) {
 }
 
 TEST(LcmPosePort, several_listeners_share_the_group) {
-  const LcmSettings settings = settings_for(free_udp_port(), "lo");
+  const LcmSettings settings = settings_for(places::own_port(), "lo");
   const Publisher publisher(lcm_create(settings.url.c_str()));
   ASSERT_TRUE(publisher) << kNoRoute;
   const auto one = open_port(settings);
@@ -134,7 +125,7 @@ TEST(LcmPosePort, several_listeners_share_the_group) {
 }
 
 TEST(LcmPosePort, unicast_to_the_port_is_not_heard) {
-  const std::uint16_t port_number = free_udp_port();
+  const std::uint16_t port_number = places::own_port();
   const auto port = open_port(settings_for(port_number, "lo"));
   PoseSample sample;
   EXPECT_FALSE(port->next(1, sample));
@@ -158,7 +149,7 @@ TEST(LcmPosePort, unicast_to_the_port_is_not_heard) {
 }
 
 TEST(LcmPosePort, interface_may_be_named_by_its_address) {
-  const LcmSettings settings = settings_for(free_udp_port(), "127.0.0.1");
+  const LcmSettings settings = settings_for(places::own_port(), "127.0.0.1");
   const Publisher publisher(lcm_create(settings.url.c_str()));
   ASSERT_TRUE(publisher) << kNoRoute;
   const auto port = open_port(settings);
@@ -170,7 +161,7 @@ TEST(LcmPosePort, interface_may_be_named_by_its_address) {
 }
 
 TEST(LcmPosePort, a_missing_interface_is_trouble_with_a_cure_and_not_the_end) {
-  const auto port = open_port(settings_for(free_udp_port(), "slabd-none0"));
+  const auto port = open_port(settings_for(places::own_port(), "slabd-none0"));
   PoseSample sample;
   EXPECT_FALSE(port->next(kNsPerS, sample));
   EXPECT_EQ(port->fd(), -1);
@@ -182,14 +173,14 @@ TEST(LcmPosePort, a_missing_interface_is_trouble_with_a_cure_and_not_the_end) {
 }
 
 TEST(LcmPosePort, an_address_nobody_has_is_trouble) {
-  const auto port = open_port(settings_for(free_udp_port(), "203.0.113.77"));
+  const auto port = open_port(settings_for(places::own_port(), "203.0.113.77"));
   PoseSample sample;
   EXPECT_FALSE(port->next(kNsPerS, sample));
   EXPECT_NE(port->trouble().find("no interface has this address"), std::string_view::npos);
 }
 
 TEST(LcmPosePort, only_the_configured_sender_is_believed) {
-  LcmSettings settings = settings_for(free_udp_port(), "lo");
+  LcmSettings settings = settings_for(places::own_port(), "lo");
   ASSERT_TRUE(settings.senders.push(parse_network("203.0.113.7").value()));
   const Publisher publisher(lcm_create(settings.url.c_str()));
   ASSERT_TRUE(publisher) << kNoRoute;
@@ -207,7 +198,7 @@ TEST(LcmPosePort, only_the_configured_sender_is_believed) {
 }
 
 TEST(LcmPosePort, two_publishers_are_named_and_neither_is_believed_until_one_is_silent) {
-  const LcmSettings settings = settings_for(free_udp_port(), "lo");
+  const LcmSettings settings = settings_for(places::own_port(), "lo");
   const Publisher one(lcm_create(settings.url.c_str()));
   const Publisher two(lcm_create(settings.url.c_str()));
   ASSERT_TRUE(one && two) << kNoRoute;
@@ -228,7 +219,7 @@ TEST(LcmPosePort, two_publishers_are_named_and_neither_is_believed_until_one_is_
 }
 
 TEST(LcmPosePort, a_rigid_transform_is_a_pose_when_the_configuration_says_so) {
-  LcmSettings settings = settings_for(free_udp_port(), "lo");
+  LcmSettings settings = settings_for(places::own_port(), "lo");
   settings.type = PoseType::rigid_transform;
   const Publisher publisher(lcm_create(settings.url.c_str()));
   ASSERT_TRUE(publisher) << kNoRoute;

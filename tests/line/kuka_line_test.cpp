@@ -20,6 +20,7 @@
 
 #include "processes.h"
 #include "tests/places/places.h"
+#include "tests/places/ports.h"
 
 namespace slabd::line {
 namespace {
@@ -28,7 +29,7 @@ using nlohmann::json;
 
 class KukaLineTest : public testing::Test {
  protected:
-  KukaLineTest() : rsi_("127.0.0.1:" + std::to_string(free_tcp_port())) {}
+  KukaLineTest() : rsi_("127.0.0.1:" + std::to_string(places::own_port())) {}
 
   [[nodiscard]] std::string lcm_url() const {
     std::smatch match;
@@ -40,10 +41,10 @@ class KukaLineTest : public testing::Test {
     command.insert(command.end(), more.begin(), more.end());
     return std::make_unique<Process>(command, box_.dir / "bridge.out", box_.dir / "bridge.err");
   }
-  /// 4 s of packets without <Base>, <Tool> and <Stopped>.
+  /// Packets without <Base>, <Tool> and <Stopped>, for a minute or until it goes.
   [[nodiscard]] std::unique_ptr<Process> standing_robot() const {
     const std::string script =
-        "for i in $(seq 400); do printf '<Rob><RIst X=\"1800\" Y=\"-12.5\" Z=\"900\" A=\"30\" B=\"-20\" C=\"110\"/>"
+        "for i in $(seq 6000); do printf '<Rob><RIst X=\"1800\" Y=\"-12.5\" Z=\"900\" A=\"30\" B=\"-20\" C=\"110\"/>"
         "<IPOC>%d</IPOC></Rob>' $((i*4)) >/dev/udp/" +
         std::regex_replace(rsi_, std::regex(":"), "/") + "; sleep 0.01; done";
     return std::make_unique<Process>(std::vector<std::string>{"/bin/bash", "-c", script}, box_.dir / "robot.out",
@@ -63,7 +64,7 @@ TEST_F(KukaLineTest, a_kr_c2_without_rist_is_named_in_status_and_by_the_doctor) 
   ASSERT_TRUE(box_.ready());
   const std::unique_ptr<Process> bridge = start_bridge();
   const std::string script =
-      "for i in $(seq 1000); do printf '<Rob TYPE=\"KUKA\"><RSol X=\"1\"/><ST_Source>17.2</ST_Source>"
+      "for i in $(seq 3000); do printf '<Rob TYPE=\"KUKA\"><RSol X=\"1\"/><ST_Source>17.2</ST_Source>"
       "<IPOC>%d</IPOC></Rob>' $((i*12)) >/dev/udp/" +
       std::regex_replace(rsi_, std::regex(":"), "/") + "; sleep 0.02; done";
   const Process robot({"/bin/bash", "-c", script}, box_.dir / "robot.out", box_.dir / "robot.err");
@@ -71,7 +72,7 @@ TEST_F(KukaLineTest, a_kr_c2_without_rist_is_named_in_status_and_by_the_doctor) 
     return text.find("the bridge says: RSI packet: no element <RIst>, in the form of a KR C2") != std::string::npos;
   };
   std::string pose;
-  for (int i = 0; i < 100 && !is_named(pose); ++i) {
+  for (int i = 0; i < 500 && !is_named(pose); ++i) {
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
     const json now = status();
     if (now.is_object()) pose = now["links"]["pose"]["refusal"].get<std::string>();
@@ -103,7 +104,7 @@ TEST_F(KukaLineTest, a_robot_in_the_wrong_base_is_refused) {
   // Packets without <Base>: what the operator stated counts.
   const auto robot = standing_robot();
   json seen;
-  for (int i = 0; i < 100; ++i) {
+  for (int i = 0; i < 1'000; ++i) {
     seen = status();
     if (seen.is_object() && seen["links"]["pose"]["code"] == 206) break;
     std::this_thread::sleep_for(std::chrono::milliseconds(30));

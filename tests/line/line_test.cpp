@@ -15,6 +15,7 @@
 #include "base/limits.h"
 #include "processes.h"
 #include "tests/places/places.h"
+#include "tests/places/ports.h"
 
 namespace slabd::line {
 namespace {
@@ -336,7 +337,7 @@ TEST_F(LineTest, a_scan_that_was_taken_before_a_restart_is_no_scan_of_another_bl
 
 /// A line whose scans come over TCP.
 struct StreamLineTest : LineTest {
-  std::uint16_t scanner_port = free_tcp_port();
+  std::uint16_t scanner_port = places::own_port();
   void SetUp() override {
     std::string text = read_file(box.config);
     const std::size_t begin = text.find("drop_dir");

@@ -13,13 +13,14 @@
 
 #include <chrono>
 #include <csignal>
+#include <cstdio>
 #include <fstream>
-#include <random>
 #include <sstream>
 #include <stdexcept>
 #include <thread>
 
 #include "tests/places/places.h"
+#include "tests/places/ports.h"
 
 namespace slabd::line {
 namespace {
@@ -99,7 +100,7 @@ int Process::wait() {
 }
 
 bool is_emptied(const fs::path& folder) {
-  for (int i = 0; i < 500 && !fs::is_empty(folder); ++i) ::usleep(20'000);
+  for (int i = 0; i < 3'000 && !fs::is_empty(folder); ++i) ::usleep(20'000);
   return fs::is_empty(folder);
 }
 
@@ -110,28 +111,34 @@ std::string read_file(const fs::path& path) {
   return text.str();
 }
 
-std::uint16_t free_tcp_port() {
-  const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  sockaddr_in address = loopback(0);
-  socklen_t size = sizeof address;
-  if (::bind(fd, reinterpret_cast<sockaddr*>(&address), sizeof address) != 0 ||
-      ::getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size) != 0)
-    throw std::runtime_error("no free port");
-  ::close(fd);
-  return ntohs(address.sin_port);
+std::optional<std::size_t> udp_backlog(std::uint16_t port) {
+  std::array<char, 6> hex{};
+  std::snprintf(hex.data(), hex.size(), ":%04X", unsigned{port});
+  std::ifstream table("/proc/self/net/udp");
+  std::optional<std::size_t> bytes;
+  for (std::string line; std::getline(table, line);) {
+    std::istringstream words(line);
+    std::string slot;
+    std::string own;
+    std::string peer;
+    std::string state;
+    std::string queues;  // to be sent, and received, in hexadecimal
+    words >> slot >> own >> peer >> state >> queues;
+    if (own.ends_with(hex.data()))
+      bytes = bytes.value_or(0) + std::stoul(queues.substr(queues.find(':') + 1), nullptr, 16);
+  }
+  return bytes;
 }
 
 Box::Box() {
-  std::random_device random;
   std::string pattern = (fs::temp_directory_path() / "slabd-line-XXXXXX").native();
   if (::mkdtemp(pattern.data()) == nullptr) throw std::runtime_error("no temporary folder");
   dir = pattern;
   config = dir / "slabd.toml";
-  port = free_tcp_port();
-  const unsigned group = random() % 250 + 2;
-  const unsigned lcm_port = random() % 20'000 + 30'000;
+  port = places::own_port();
+  lcm_port = places::own_port();
   std::ofstream(config) << "[plc]\nlisten = \"127.0.0.1:" << port << "\"\n"
-                        << "[robot]\nlcm_url = \"udpm://239.255.77." << group << ":" << lcm_port
+                        << "[robot]\nlcm_url = \"udpm://239.255.77." << lcm_port % 250 + 2 << ":" << lcm_port
                         << "?ttl=0\"\ninterface = \"lo\"\n"
                         << "[scanner]\ndrop_dir = \"" << (dir / "drop").native() << "\"\n"
                         << "[storage]\ndb = \"" << (dir / "slabd.db").native() << "\"\nspool_dir = \""

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -44,8 +45,8 @@ inline constexpr bool kSanitized = false;
 [[nodiscard]] std::string read_file(const fs::path& path);
 /// Waits: scans that were let go are deleted when the storage thread has nothing else to do.
 [[nodiscard]] bool is_emptied(const fs::path& folder);
-/// A TCP port nobody listens on now.
-[[nodiscard]] std::uint16_t free_tcp_port();
+/// Bytes that came to a UDP port and were not read yet; none when nobody listens on it.
+[[nodiscard]] std::optional<std::size_t> udp_backlog(std::uint16_t port);
 
 /// One configured daemon: writes its slabd.toml, starts and stops it.
 class Box {
@@ -81,6 +82,8 @@ class Box {
   fs::path dir;
   fs::path config;
   std::uint16_t port = 0;
+  /// Of the group that robot and daemon share.
+  std::uint16_t lcm_port = 0;
 
  private:
   std::unique_ptr<Process> daemon_;

@@ -28,10 +28,26 @@ PASS, FAIL = 1, 2
 STATIONS = 18
 
 
-def free_port():
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
+CLAIMS = []
+
+
+def own_port():
+    """As own_port() of tests/places/ports.h, which knows the same claims: a TCP and UDP port of this process alone."""
+    begin = random.randrange(10000)
+    for i in range(10000):
+        port = 20000 + (begin + i) % 10000
+        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            claim.bind(f"\0slabd-test-port-{port}")
+            for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
+                with socket.socket(socket.AF_INET, kind) as s:
+                    s.bind(("", port))
+        except OSError:
+            claim.close()
+            continue
+        CLAIMS.append(claim)
+        return port
+    raise RuntimeError("no free port")
 
 
 class Box:
@@ -42,7 +58,7 @@ class Box:
         in one folder; {dir} stands for the box's. `user`: slabd runs as this uid."""
         self.build, self.role, self.user, self.one_folder = build, role, user, peers_scanner is None
         self.dir = tempfile.mkdtemp(prefix="slabd-plc-")
-        self.port = free_port()
+        self.port, lcm_port = own_port(), own_port()
         self.daemon = self.peers = self.socat = None
         self.pty = [os.path.join(self.dir, "line-slabd"), os.path.join(self.dir, "line-plc")]
         plc = {"server": f'listen = "127.0.0.1:{self.port}"',
@@ -52,7 +68,7 @@ class Box:
 role = "{role}"
 {plc}
 [robot]
-lcm_url = "udpm://239.255.78.{random.randint(2, 250)}:{random.randint(30000, 50000)}?ttl=0"
+lcm_url = "udpm://239.255.78.{lcm_port % 250 + 2}:{lcm_port}?ttl=0"
 interface = "lo"
 window_ms = 100
 samples_min = 5
@@ -90,13 +106,13 @@ socket = "{self.dir}/control.sock"
     def cable(self):
         self.socat = subprocess.Popen(["socat"] + [f"pty,raw,echo=0,link={end}" for end in self.pty],
                                       stderr=subprocess.DEVNULL)
-        wait_for(lambda: all(os.path.exists(end) for end in self.pty), 10, "socat")
+        wait_for(lambda: all(os.path.exists(end) for end in self.pty), 60, "socat")
 
     def start(self):
         with open(os.path.join(self.dir, "slabd.err"), "a", encoding="utf-8") as log:
             self.daemon = subprocess.Popen([f"{self.build}/daemon/slabd", "--config", self.config], stderr=log,
                                            user=self.user)
-        wait_for(lambda: os.path.exists(f"{self.dir}/control.sock") and self.status() is not None, 30, "slabd")
+        wait_for(lambda: os.path.exists(f"{self.dir}/control.sock") and self.status() is not None, 60, "slabd")
 
     def stand_by(self, slabs, defects=()):
         command = [f"{self.build}/cli/slabctl", "simulate", "--config", self.peers_config, "--points", "quarter", "--stand-by",
@@ -104,7 +120,7 @@ socket = "{self.dir}/control.sock"
         for defect in defects:
             command += ["--defect", defect]
         if self.one_folder:
-            wait_for(lambda: os.path.isdir(f"{self.dir}/drop/request"), 10, "the drop folder")
+            wait_for(lambda: os.path.isdir(f"{self.dir}/drop/request"), 60, "the drop folder")
         self.peers = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def order(self, text, expected):

@@ -18,7 +18,7 @@ import sys
 import time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from line import FAIL, PASS, SCAN, SLAB_ABORT, SLAB_BEGIN, SLAB_END, STATIONS, Box, Plc, free_port, wait_for, wire_for  # noqa: E402
+from line import FAIL, PASS, SCAN, SLAB_ABORT, SLAB_BEGIN, SLAB_END, STATIONS, Box, Plc, own_port, wait_for, wire_for  # noqa: E402
 from scan_faults import BEFORE, BEGIN, END, MEASURING, DropScanner, StreamScanner, file_cases, stream_cases  # noqa: E402
 
 NOT_MEASURED = 3
@@ -154,14 +154,14 @@ def spread(plans, count):
 
 def run(options, small_disk):
     root = os.geteuid() == 0
-    listen = free_port()
+    listen = own_port()
     extra = {}
     if options.backend == "tcp":
-        slabd = free_port()
+        slabd = own_port()
         common = 'backend = "tcp"\nlisten = "127.0.0.1:{}"\nallow = ["127.0.0.1", "127.0.0.2"]\n'
         extra = {"scanner": common.format(slabd) + "timeout_s = 8", "peers_scanner": common.format(listen)}
     else:
-        extra = {"scanner": 'drop_dir = "{dir}/drop"\ntimeout_s = 4', "peers_scanner": 'drop_dir = "{dir}/sim"'}
+        extra = {"scanner": 'drop_dir = "{dir}/drop"\ntimeout_s = 10', "peers_scanner": 'drop_dir = "{dir}/sim"'}
     box = Box(os.path.abspath(options.build), "server", user=NOBODY if root else None, **extra)
     mounted = False
     try:
@@ -195,7 +195,7 @@ def run(options, small_disk):
             sweep.slab(slab_no, plans[:STATIONS])
             plans = plans[STATIONS:]
         assert scanner.error is None, scanner.error
-        wait_for(lambda: box.status() is not None, 10, "slabd")
+        wait_for(lambda: box.status() is not None, 60, "slabd")
         print(f"{options.backend}{', a disk of its own' if small_disk else ''}: {sweep.done} faults, {slab_no - 100} slabs, "
               f"{sweep.repeats} further repeats, every code as allowed, every verdict as planted", flush=True)
         scanner.stop = True
