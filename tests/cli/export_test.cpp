@@ -519,7 +519,7 @@ TEST_F(Export, reports_metrics_and_tables_go_through_a_link_and_into_a_pipe) {
   const std::string reader = "timeout 60 cat " + file("pipe") + " > " + file("piped.csv") + " &";
   ASSERT_EQ(std::system(reader.c_str()), 0);
   ASSERT_EQ(run("export 1 --db " + db() + " --format csv --out " + file("pipe")).status, 0);
-  for (int i = 0; i < 600 && content(file("piped.csv")).size() < fs::file_size(file("table.csv")); ++i)
+  for (int i = 0; i < 6'000 && content(file("piped.csv")).size() < fs::file_size(file("table.csv")); ++i)
     ::usleep(10'000);
   EXPECT_EQ(content(file("piped.csv")), content(file("table.csv")));
   EXPECT_TRUE(fs::is_fifo(file("pipe")));

@@ -55,6 +55,26 @@ class SlowStore final : public storage::Store {
   std::atomic<bool> recovering_{false};
 };
 
+/// Counts who looks at it: each turn of the loop does, and more than once where somebody asks.
+class CountingClock final : public hal::Clock {
+ public:
+  [[nodiscard]] std::int64_t mono_ns() const override {
+    ++looks_;
+    return clock_.mono_ns();
+  }
+  [[nodiscard]] std::int64_t utime_us() const override { return clock_.utime_us(); }
+  void advance(std::int64_t ns) { clock_.advance(ns); }
+  /// For a thread beside the loop: until that has turned some times, however long it takes.
+  void let_turn() const {
+    const int before = looks_;
+    while (looks_ < before + 8) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+
+ private:
+  hal::ManualClock clock_;
+  mutable std::atomic<int> looks_{0};
+};
+
 /// Real threads and queues, but nothing to measure.
 class IdleCrew final : public Crew {
  public:
@@ -79,32 +99,32 @@ class IdleCrew final : public Crew {
 };
 
 struct LoopStart : ::testing::Test {
-  hal::ManualClock clock;
+  CountingClock clock;
   hal::MockNotify notify;
   hal::MockPlc plc;
   hal::MockPose pose;
   hal::MockScanner scanner{clock};
 
-  /// Starts a loop on `store` and turns it for half a second.
-  void live(SlowStore& store) {
+  /// Starts a loop on `store` and turns it for half a second, and until it was `idle` so many times.
+  void live(SlowStore& store, int idle) {
     const Ports ports{plc, pose, scanner, &store, nullptr, clock, notify};
     Loop loop(ports, StationSettings{}, std::make_unique<IdleCrew>(), LoopFigures{});
     loop.start();
-    for (int i = 0; i < 50; ++i) loop.turn(10);
+    for (int i = 0; i < 50 || (i < 6'000 && store.idles < idle); ++i) loop.turn(10);
     loop.finish();
   }
 };
 
 TEST_F(LoopStart, nobody_else_touches_the_database_while_it_is_read) {
   SlowStore store(Code::ok);
-  live(store);
+  live(store, 1);
   EXPECT_EQ(store.idles_while_recovering, 0);
   EXPECT_GT(store.idles, 0) << "afterwards the storage thread looks after it";
 }
 
 TEST_F(LoopStart, a_database_that_could_not_be_read_is_left_alone) {
   SlowStore store(Code::journal_write);
-  live(store);
+  live(store, 0);
   EXPECT_EQ(store.idles, 0);
 }
 
@@ -150,8 +170,8 @@ TEST_F(LoopStart, storage_is_not_tried_again_for_a_fault_reset_that_is_held_down
   EXPECT_FALSE(wants_store_after(true)) << "still down, as the next loop learns from the one before";
   const auto open_in_vain = [&] {
     static_cast<void>(open_beside_the_line(
-        []() -> Result<std::unique_ptr<storage::Store>> {
-          std::this_thread::sleep_for(std::chrono::milliseconds(100));
+        [this]() -> Result<std::unique_ptr<storage::Store>> {
+          clock.let_turn();
           return error(Code::journal_write, "not yet");
         },
         ports, StationSettings{}, LoopFigures{}, std::atomic<bool>{false}));
@@ -197,7 +217,7 @@ TEST_F(LoopStart, while_the_database_is_opened_the_plc_reads_recover_and_a_heart
         ports, StationSettings{}, LoopFigures{}, stop);
     returned = true;
   });
-  std::this_thread::sleep_for(std::chrono::milliseconds(300));
+  clock.let_turn();
   EXPECT_FALSE(returned);
   finish = true;
   waiting.join();
@@ -247,8 +267,8 @@ TEST_F(LoopStart, while_the_database_is_opened_state_and_figures_are_told) {
     OneQuestion control(question);
     const Ports ports{plc, pose, scanner, nullptr, &control, clock, notify};
     static_cast<void>(open_beside_the_line(
-        []() -> Result<std::unique_ptr<storage::Store>> {
-          std::this_thread::sleep_for(std::chrono::milliseconds(100));
+        [this]() -> Result<std::unique_ptr<storage::Store>> {
+          clock.let_turn();
           return error(Code::journal_write, "not yet");
         },
         ports, StationSettings{}, LoopFigures{}, std::atomic<bool>{false}));

@@ -48,7 +48,7 @@ struct RecipesInUse : testing::Test {
   }
   template <typename Done>
   static bool comes(const Done& done) {
-    for (int i = 0; i < 2'000 && !done(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(kPeriodMs));
+    for (int i = 0; i < 12'000 && !done(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(kPeriodMs));
     return done();
   }
 

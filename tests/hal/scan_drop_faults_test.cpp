@@ -264,7 +264,7 @@ TEST_F(ScanDropTest, a_disk_that_does_not_take_the_scan_is_told_as_the_spools_an
   };
   std::thread watcher([&] {
     wait_until([&] { return points_are_there.load(); });
-    wait_ms(50);
+    wait_ms(500);
     stepped.now_ns += HangWatch::kStoreMinNs - kNsPerS / 2;
     EXPECT_FALSE(scanner_->hangs());
     stepped.now_ns += kNsPerS / 2;
@@ -378,7 +378,7 @@ TEST_F(ScanDropAnyNameTest, the_late_answer_to_a_request_that_was_given_up_is_ne
 }
 
 TEST_F(ScanDropAnyNameTest, an_answer_that_is_still_written_at_the_deadline_ends_the_wait_when_it_is_whole) {
-  const auto cut = acquire(request(3, 400), [&] {
+  const auto cut = acquire(request(3, 2'000), [&] {
     drop_scan("late.ply", 9.0F);
     fs::copy_file(inbox("late.ply"), folder_ / "whole.ply");
     fs::resize_file(inbox("late.ply"), 1000);

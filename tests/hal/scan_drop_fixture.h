@@ -38,9 +38,21 @@ inline void wait_until(const std::function<bool()>& done) {
 /// Time passes when the test says so.
 class SteppedClock final : public Clock {
  public:
-  [[nodiscard]] std::int64_t mono_ns() const override { return now_ns; }
+  [[nodiscard]] std::int64_t mono_ns() const override {
+    ++asked_;
+    return now_ns;
+  }
   [[nodiscard]] std::int64_t utime_us() const override { return now_ns / kNsPerUs; }
+  /// Waits `ms`, and until the port has looked at the inbox some times: it asks for the time a few times a look.
+  void let_look(int ms) const {
+    const int before = asked_;
+    wait_ms(ms);
+    wait_until([&] { return asked_ >= before + 24; });
+  }
   std::atomic<std::int64_t> now_ns = kNsPerS;
+
+ private:
+  mutable std::atomic<int> asked_ = 0;
 };
 
 /// Each look at it is a millisecond later than the one before: what is bounded by time is bounded by looks.

@@ -129,7 +129,7 @@ TEST_F(ScanDropTest, unfinished_names_are_left_alone_and_forgotten_ones_are_not)
 }
 
 TEST_F(ScanDropTest, a_torn_answer_is_303_and_a_good_repeat_works) {
-  const auto torn = acquire(request(3, 400), [&] {
+  const auto torn = acquire(request(3, 2'000), [&] {
     drop_scan("t");
     fs::resize_file(inbox("t"), fs::file_size(inbox("t")) - 1);
     fs::rename(inbox("t"), inbox("7-3.ply"));
@@ -214,7 +214,7 @@ TEST_F(ScanDropTest, binary_that_accounts_for_its_bytes_is_taken_after_two_looks
     const std::int64_t dropped_ns = stepped.now_ns;
     const auto result = acquire(request(), [&] {
       drop_scan_as(format, file);
-      wait_ms(100);
+      stepped.let_look(100);
       EXPECT_TRUE(fs::exists(inbox(file))) << name(format) << ": its time may not have stepped on yet";
       stepped.now_ns += 20 * kNsPerMs;
     });
@@ -226,7 +226,7 @@ TEST_F(ScanDropTest, binary_that_accounts_for_its_bytes_is_taken_after_two_looks
     const std::int64_t dropped_ns = stepped.now_ns;
     const auto result = acquire(request(), [&] {
       drop_scan_as(format, file);
-      wait_ms(200);  // ten looks at the inbox
+      stepped.let_look(200);  // ten looks at the inbox
       EXPECT_TRUE(fs::exists(inbox(file))) << name(format) << " was taken before it had stood still";
       stepped.now_ns += 500 * kNsPerMs;
     });
@@ -257,9 +257,9 @@ TEST_F(ScanDropTest, a_file_that_stays_short_of_its_header_is_303_in_every_forma
       drop_scan_as(format, "t");
       fs::resize_file(inbox("t"), fs::file_size(inbox("t")) / 2);
       fs::rename(inbox("t"), inbox(file));
-      wait_ms(60);
+      stepped.let_look(60);
       stepped.now_ns += 4'900 * kNsPerMs;
-      wait_ms(60);
+      stepped.let_look(60);
       EXPECT_TRUE(fs::exists(inbox(file))) << name(format) << ": its writer may only pause";
       stepped.now_ns += 100 * kNsPerMs;
     });
@@ -291,7 +291,7 @@ TEST_F(ScanDropTest, a_writer_may_pause_in_what_certainly_lacks_something) {
 }
 
 TEST_F(ScanDropTest, what_lacks_something_at_the_timeout_is_303_and_says_what) {
-  const auto cut = acquire(request(3, 400), [&] {
+  const auto cut = acquire(request(3, 2'000), [&] {
     drop_scan_as(ScanFormat::ply, "t");
     fs::resize_file(inbox("t"), 1'000);
     fs::rename(inbox("t"), inbox("7-3.ply"));
@@ -300,7 +300,7 @@ TEST_F(ScanDropTest, what_lacks_something_at_the_timeout_is_303_and_says_what) {
   EXPECT_EQ(cut.error().code, Code::frame_incomplete) << cut.error().text.c_str();
   EXPECT_NE(cut.error().text.view().find("byte 1000: the file ends here"), std::string_view::npos)
       << cut.error().text.c_str();
-  const auto empty = acquire(request(4, 400), [&] { write_file(inbox("7-4.xyz"), ""); });
+  const auto empty = acquire(request(4, 2'000), [&] { write_file(inbox("7-4.xyz"), ""); });
   ASSERT_FALSE(empty.ok());
   EXPECT_EQ(empty.error().code, Code::frame_incomplete) << empty.error().text.c_str();
   EXPECT_NE(empty.error().text.view().find("0 bytes"), std::string_view::npos) << empty.error().text.c_str();
@@ -558,13 +558,13 @@ TEST_F(ScanDropAnyNameTest, an_exposure_that_is_saved_twice_is_not_the_next_requ
 }
 
 TEST_F(ScanDropAnyNameTest, a_file_that_stays_short_of_its_header_is_303) {
-  const auto result = acquire(request(3, 400), [&] {
+  const auto result = acquire(request(3, 2'000), [&] {
     drop_scan("short.ply");
     fs::resize_file(inbox("short.ply"), 1000);
   });
   ASSERT_FALSE(result.ok());
   EXPECT_EQ(result.error().code, Code::frame_incomplete);
-  EXPECT_NE(result.error().text.view().find("short.ply: not whole within 0.4 s"), std::string_view::npos);
+  EXPECT_NE(result.error().text.view().find("short.ply: not whole within 2.0 s"), std::string_view::npos);
   // Whoever writes it may go on, so it is waited for; the next request has its own all the same.
   EXPECT_EQ(names_in(inbox()).size(), 1U);
   const auto next = acquire(request(4, 20'000), [&] { drop_scan("fresh.ply", 5.0F); });

@@ -39,7 +39,7 @@ struct CalibrationLineTest : testing::Test {
     box.start();
     ASSERT_TRUE(box.ready()) << read_file(box.dir / "slabd.err");
     // The PLC's port is there before the control socket, and the calibration is read after both.
-    for (int i = 0; i < 500; ++i) {
+    for (int i = 0; i < 3'000; ++i) {
       const Box::Answer answer = box.slabctl({"status", "--config", box.config.native(), "--json"});
       if (answer.exit_status == 0 && json::parse(answer.out)["state"] != "recover") return;
       std::this_thread::sleep_for(std::chrono::milliseconds(20));

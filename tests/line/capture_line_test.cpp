@@ -33,7 +33,7 @@ class CaptureLineTest : public testing::Test {
   void start() {
     box_.start();
     ASSERT_TRUE(box_.ready()) << box_.log();
-    for (int i = 0; i < 500; ++i) {
+    for (int i = 0; i < 3'000; ++i) {
       const json now = status();
       if (now.is_object() && now["state"] != "recover") return;
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -63,7 +63,7 @@ class CaptureLineTest : public testing::Test {
   }
   /// The emulator has to come up first.
   void wait_for_poses() {
-    for (int i = 0; i < 500; ++i) {
+    for (int i = 0; i < 3'000; ++i) {
       const json now = status();
       if (now.is_object() && now["links"]["pose"]["ok"].get<bool>()) return;
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -73,7 +73,7 @@ class CaptureLineTest : public testing::Test {
 
   /// The storage thread deletes it when it has nothing else to do.
   static bool is_gone(std::string_view path) {
-    for (int i = 0; i < 500 && fs::exists(path); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    for (int i = 0; i < 3'000 && fs::exists(path); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(20));
     return !fs::exists(path);
   }
 
@@ -178,7 +178,7 @@ TEST_F(CaptureLineTest, a_view_that_the_session_could_not_copy_stays_with_the_da
   fs::create_directory(box_.dir / "calibration" / "spring" / "views");
   EXPECT_EQ(calibrate({"capture", "--live", "--shots", "1"}).exit_status, 0);
   std::size_t left = 0;
-  for (int i = 0; i < 500; ++i) {
+  for (int i = 0; i < 3'000; ++i) {
     left = static_cast<std::size_t>(
         std::distance(fs::directory_iterator(fs::path(scan).parent_path()), fs::directory_iterator()));
     if (left == 1) break;

@@ -16,6 +16,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <bot_core/rigid_transform_t.hpp>
@@ -165,12 +166,17 @@ TEST_F(DoctorTest, a_daemon_without_plc_and_robot_lacks_heartbeat_and_poses) {
 TEST_F(DoctorTest, a_heartbeat_that_is_a_bit_moves_as_well_as_a_number) {
   start();
   std::atomic<bool> stop{false};
+  std::atomic<double> longest_s{0.2};  // between two beats: this computer may be busy
   std::thread plc([&] {
     const std::unique_ptr<modbus_t, void (*)(modbus_t*)> client(modbus_new_tcp("127.0.0.1", box_.port), modbus_free);
     ASSERT_EQ(modbus_connect(client.get()), 0);
     // Two looks 1.2 s apart see the same of it, and so do looks 0.4 s apart.
+    auto last = std::chrono::steady_clock::now();
     for (std::uint16_t bit = 0; !stop; bit ^= 1U) {
       (void)modbus_write_register(client.get(), 0, bit);
+      const auto now = std::chrono::steady_clock::now();
+      longest_s = std::max(longest_s.load(), std::chrono::duration<double>(now - last).count());
+      last = now;
       std::this_thread::sleep_for(std::chrono::milliseconds(200));
     }
     modbus_close(client.get());
@@ -179,7 +185,11 @@ TEST_F(DoctorTest, a_heartbeat_that_is_a_bit_moves_as_well_as_a_number) {
   const Process monitor(
       {places::slabctl(), "plc", "monitor", "--json", "--interval-ms", "400", "--config", box_.config.native()},
       box_.dir / "monitor.out", box_.dir / "monitor.err");
-  std::this_thread::sleep_for(std::chrono::milliseconds(3'000));
+  const auto pictures = [&] {
+    const std::string text = read_file(box_.dir / "monitor.out");
+    return std::count(text.begin(), text.end(), '\n');
+  };
+  for (int i = 0; i < 6'000 && pictures() < 7; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));
   stop = true;
   plc.join();
   std::ifstream lines(box_.dir / "monitor.out");
@@ -188,7 +198,7 @@ TEST_F(DoctorTest, a_heartbeat_that_is_a_bit_moves_as_well_as_a_number) {
     const json picture = json::parse(line, nullptr, false);
     if (!picture.is_object() || seen < 3) continue;
     ASSERT_TRUE(picture["plc_heartbeat_age_s"].is_number()) << picture;
-    EXPECT_LT(picture["plc_heartbeat_age_s"].get<double>(), 1.0);
+    EXPECT_LT(picture["plc_heartbeat_age_s"].get<double>(), 0.8 + longest_s);
   }
   EXPECT_GT(seen, 3);
 }
@@ -222,6 +232,9 @@ TEST_F(DoctorTest, poses_that_are_refused_are_told_with_the_reason_and_a_bridge_
   EXPECT_EQ(opinion.health("robot poses"), "warning") << opinion.all();
   EXPECT_NE(opinion.all().find("not measured"), std::string::npos) << opinion.all();
   std::thread death([&] {
+    // Some seconds after the doctor has begun to listen.
+    for (int i = 0; i < 6'000 && !udp_backlog(box_.lcm_port); ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
     std::this_thread::sleep_for(std::chrono::milliseconds(2'500));
     stop = true;
   });
@@ -249,8 +262,11 @@ TEST_F(DoctorTest, poses_of_another_type_are_named_with_the_key_to_set) {
   });
   const Opinion opinion = examine();
   start();
-  std::this_thread::sleep_for(std::chrono::milliseconds(500));
-  const std::string status = box_.slabctl({"status", "--config", box_.config.native()}).out;
+  std::string status;
+  for (int i = 0; i < 600 && status.find("of type bot_core.rigid_transform_t") == std::string::npos; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    status = box_.slabctl({"status", "--config", box_.config.native()}).out;
+  }
   stop = true;
   bridge.join();
   lcm_destroy(lcm);

@@ -108,7 +108,7 @@ TEST(PlcAllocation, none_in_a_client_and_its_thread) {
   const auto exchange = [&](std::uint16_t n) {
     Adu request{};
     pollfd p{slabd.get(), POLLIN, 0};
-    if (poll(&p, 1, 2'000) != 1 || recv(slabd.get(), request.data(), request.size(), 0) < 12) return false;
+    if (poll(&p, 1, 60'000) != 1 || recv(slabd.get(), request.data(), request.size(), 0) < 12) return false;
     Adu answer{};
     std::copy_n(request.begin(), 8, answer.begin());
     std::size_t size = 12;

@@ -28,7 +28,7 @@ class RolesLineTest : public testing::Test {
   }
   void start() {
     box_.start();
-    for (int i = 0; i < 500 && box_.running() && status().is_null(); ++i)
+    for (int i = 0; i < 3'000 && box_.running() && status().is_null(); ++i)
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
     ASSERT_FALSE(status().is_null()) << box_.log();
   }
@@ -71,7 +71,7 @@ TEST_F(RolesLineTest, slabs_pass_and_fail_over_a_serial_line) {
   const Process line(
       {"/usr/bin/socat", "pty,raw,echo=0,link=" + ours.native(), "pty,raw,echo=0,link=" + theirs.native()},
       box_.dir / "socat.out", box_.dir / "socat.err");
-  for (int i = 0; i < 200 && !(fs::exists(ours) && fs::exists(theirs)); ++i)
+  for (int i = 0; i < 3'000 && !(fs::exists(ours) && fs::exists(theirs)); ++i)
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   ASSERT_TRUE(fs::exists(theirs)) << read_file(box_.dir / "socat.err");
   give_role("role = \"rtu\"\ndevice = \"" + ours.native() + "\"\nparity = \"none\"");

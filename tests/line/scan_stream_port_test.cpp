@@ -241,7 +241,7 @@ TEST_F(ScanStreamPortTest, the_late_answer_to_a_request_that_was_given_up_is_nev
   const StreamRequest late = wait_for(g);
   std::thread software([&] { EXPECT_FALSE(g.answer(late, points(5.0F), 0, 0, 99).ok()); });
   std::this_thread::sleep_for(std::chrono::milliseconds(50));
-  const auto next = port_->acquire(request(4, 300), xyz_, cancel_, [this](const AcquiredScan&) { ++decoded_; });
+  const auto next = port_->acquire(request(4, 2'000), xyz_, cancel_, [this](const AcquiredScan&) { ++decoded_; });
   software.join();
   EXPECT_FALSE(next.ok());
   EXPECT_EQ(decoded_, 0);
@@ -262,7 +262,7 @@ TEST_F(ScanStreamPortTest, without_a_gateway_the_scanner_is_offline) {
 }
 
 TEST_F(ScanStreamPortTest, a_scan_that_stays_cut_is_incomplete_and_leaves_nothing) {
-  const auto result = acquire(request(3, 400), [](StreamGateway& g) {
+  const auto result = acquire(request(3, 3'000), [](StreamGateway& g) {
     EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99, 20'000).ok());
   });
   ASSERT_FALSE(result.ok());
@@ -274,7 +274,7 @@ TEST_F(ScanStreamPortTest, a_scan_that_stays_cut_is_incomplete_and_leaves_nothin
 }
 
 TEST_F(ScanStreamPortTest, a_scan_that_lacks_as_many_bytes_as_a_header_has_was_cut_too) {
-  const auto result = acquire(request(3, 400), [this](StreamGateway& g) {
+  const auto result = acquire(request(3, 3'000), [this](StreamGateway& g) {
     g.close();
     send_bytes(99, 0, 12 * kPoints - kScanHeaderBytes);
   });
@@ -318,7 +318,10 @@ TEST_F(ScanStreamPortTest, only_allowed_addresses_are_served) {
   open("203.0.113.0/24");
   StreamGateway g = gateway();
   ASSERT_TRUE(g.connect().ok()) << "the kernel accepts, slabd hangs up";
-  port_->idle();
+  for (int i = 0; i < 6'000 && port_->stray_files() == 0; ++i) {
+    port_->idle();
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
   EXPECT_FALSE(port_->online());
   EXPECT_EQ(port_->stray_files(), 1U);
   EXPECT_NE(port_->trouble().view().find("[scanner] allow"), std::string_view::npos) << port_->trouble().view();

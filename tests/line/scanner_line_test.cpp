@@ -75,7 +75,7 @@ struct ScannerLine : testing::Test {
   void start() {
     box.start();
     ASSERT_TRUE(box.ready()) << box.log();
-    for (int i = 0; i < 500; ++i) {
+    for (int i = 0; i < 3'000; ++i) {
       const Box::Answer answer = box.slabctl({"status", "--config", box.config.native(), "--json"});
       if (answer.exit_status == 0 && json::parse(answer.out)["state"] != "recover") return;
       std::this_thread::sleep_for(std::chrono::milliseconds(20));

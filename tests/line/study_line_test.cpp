@@ -24,7 +24,7 @@ class StudyLineTest : public testing::Test {
   }
   template <typename Until>
   bool wait_until(const Until& until) const {
-    for (int i = 0; i < 500; ++i) {
+    for (int i = 0; i < 3'000; ++i) {
       const json now = status();
       if (now.is_object() && until(now)) return true;
       std::this_thread::sleep_for(std::chrono::milliseconds(20));

@@ -99,13 +99,13 @@ def losses(box):
     session = plc.block.IR[9]
     box.order("station 4", "standing 4")
     plc.inputs.update(xExecute=True, uiCmd=SCAN, uiStation=4)
-    plc.until(lambda: plc.block.uiStep in (6, 7, 8), 10, "the SCAN to begin")
+    plc.until(lambda: plc.block.uiStep in (6, 7, 8), 60, "the SCAN to begin")
     box.kill()
     box.start()
     plc.until(lambda: plc.block.xDone or plc.block.xError, 60, "the order's end")
     plc.inputs["xExecute"] = False
     plc.cycle()
-    plc.until(lambda: plc.block.xReady and plc.block.IR[9] != session, 30, "the next session")
+    plc.until(lambda: plc.block.xReady and plc.block.IR[9] != session, 60, "the next session")
     scanned = plc.block.IR[18] << 16 | plc.block.IR[19]
     assert scanned & 7 == 7, "what was acquired is still there"
     for station in (4, 5):
@@ -118,11 +118,11 @@ def losses(box):
     wire.close()
     wire = wire_for(box, last)
     plc = Plc(wire)
-    plc.until(lambda: plc.block.xReady and plc.block.IR[9] != session, 30, "the session of the new life")
+    plc.until(lambda: plc.block.xReady and plc.block.IR[9] != session, 60, "the session of the new life")
     ack = plc.block.IR[10]
     old[39] = ack + 1
     wire.write(10, old[10:40])
-    plc.until(lambda: plc.block.IR[26] == 102 and plc.block.IR[27] == ack + 1, 10, "the late frame to be refused")
+    plc.until(lambda: plc.block.IR[26] == 102 and plc.block.IR[27] == ack + 1, 60, "the late frame to be refused")
     assert plc.block.IR[10] == ack, "and not carried out"
 
     if box.role == "server":  # half open: the old connection says nothing any more and is never closed

@@ -175,7 +175,7 @@ class Line:
             raise AssertionError(f"order {cmd} of station {station} was never carried out: {self.plc.block.IR[:30]}")
         if self.plc.trap is not None:  # the record comes when the robot is on its way
             try:
-                self.plc.until(lambda: False, 30, "the record")
+                self.plc.until(lambda: False, 60, "the record")
             except Moment:
                 self.happen(fault)
                 self.ready()

@@ -161,7 +161,7 @@ class Test:
         assert not state["online"] and "has not answered" in state["text"], state
         assert self.plc.block.IR[5] >> 8 & 1 == 0, "SCANNER_OK"
         self.share.thaw()
-        wait_for(lambda: self.status()["online"], 10, "the share is back")
+        wait_for(lambda: self.status()["online"], 60, "the share is back")
         self.say(f"hangs while nothing is asked: heartbeat goes on, SCANNER_OK falls, \"{state['text'][-80:]}\"")
 
     def hang_during_scan(self, station):
@@ -172,7 +172,7 @@ class Test:
         self.say(f"still hangs, SCAN again: code {code} after {took:.1f} s")
         self.heartbeat_moves(self.stall_s, "hanging on")
         self.share.thaw()
-        wait_for(lambda: self.status()["online"], 30, "the share is back")
+        wait_for(lambda: self.status()["online"], 60, "the share is back")
         self.until_scanned(station)
         self.say(f"the server is back after {self.stall_s:.0f} s more: scanned")
 
@@ -217,10 +217,10 @@ class Test:
         began = time.monotonic()
         self.box.start()
         self.say(f"start while it hangs: status after {time.monotonic() - began:.1f} s")
-        self.plc.until(lambda: self.plc.block.IR[6] in (2, 3), 30, "the line")
+        self.plc.until(lambda: self.plc.block.IR[6] in (2, 3), 60, "the line")
         assert not self.status()["online"]
         self.share.thaw()
-        wait_for(lambda: self.status()["online"], 15, "the share is back")
+        wait_for(lambda: self.status()["online"], 60, "the share is back")
 
     def run(self):
         self.box.order("slab 1", "slab 1")
