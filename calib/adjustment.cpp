@@ -8,12 +8,12 @@
 
 #include <ceres/ceres.h>
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <numeric>
 
+#include "calib/matrices.h"
 #include "calib/rotation.h"
 
 namespace slabd::calib {
@@ -234,8 +234,7 @@ Eigen::MatrixXd Equations::covariance(std::size_t i, const State& state, const W
 }
 
 Eigen::MatrixXd Equations::whitener(std::size_t i, const State& state, const Weighing& weighing) const {
-  const Eigen::LLT<Eigen::MatrixXd> cholesky(covariance(i, state, weighing));
-  return cholesky.matrixL().solve(Eigen::MatrixXd::Identity(rows(i), rows(i)));
+  return inverse_cholesky(covariance(i, state, weighing));
 }
 
 std::vector<Eigen::MatrixXd> Equations::whiteners(const State& state, const Weighing& weighing) const {
@@ -309,8 +308,8 @@ Linearised linearise(const Equations& equations, std::span<const Eigen::MatrixXd
   linear.J.resize(equations.size());
   for (std::size_t i = 0; i < equations.size(); ++i) {
     equations.residual(i, state, linear.w[i], &linear.J[i]);
-    linear.w[i] = whiteners[i] * linear.w[i];
-    linear.J[i] = whiteners[i] * linear.J[i];
+    linear.w[i] = product(whiteners[i], linear.w[i]);
+    linear.J[i] = product(whiteners[i], linear.J[i]);
   }
   return linear;
 }

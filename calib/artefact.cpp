@@ -7,11 +7,11 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
 #include "calib/artefact_match.h"
+#include "calib/rotation.h"
 
 namespace slabd::calib {
 namespace {
@@ -44,26 +44,6 @@ Mat36 place_by_motion(const Vec3& p_target) {
   return j;
 }
 
-/// Unweighted, by singular values (Kabsch; Arun et al. 1987).
-Pose rigid_start(std::span<const Vec3> from, std::span<const Vec3> to) {
-  const auto count = static_cast<double>(from.size());
-  Vec3 from_mean = Vec3::Zero();
-  Vec3 to_mean = Vec3::Zero();
-  for (std::size_t i = 0; i < from.size(); ++i) {
-    from_mean += from[i] / count;
-    to_mean += to[i] / count;
-  }
-  Eigen::Matrix3d product = Eigen::Matrix3d::Zero();
-  for (std::size_t i = 0; i < from.size(); ++i) product += (to[i] - to_mean) * (from[i] - from_mean).transpose();
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(product, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::Matrix3d right_handed = Eigen::Matrix3d::Identity();
-  right_handed(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0.0 ? -1.0 : 1.0;
-  Pose pose;
-  pose.rotation = Quat(Eigen::Quaterniond(svd.matrixU() * right_handed * svd.matrixV().transpose())).normalized();
-  pose.translation_mm = to_mean - pose.rotation * from_mean;
-  return pose;
-}
-
 struct Measured {
   std::vector<Vec3> centres_mm;  ///< scanner frame, in the certificate's order
   std::vector<Mat3> cov_mm2;
@@ -71,7 +51,7 @@ struct Measured {
 
 /// Gauss-Newton on the six small motions; three steps suffice from the start above.
 bool fit_pose(const ArtefactCertificate& certificate, const Measured& measured, TargetPose& target) {
-  Pose pose = rigid_start(certificate.balls_mm, measured.centres_mm);
+  Pose pose = rigid_fit(certificate.balls_mm, measured.centres_mm);
   for (int step = 0; step < kSteps; ++step) {
     const Mat3 turn = pose.rotation.toRotationMatrix();
     Mat6 normal = Mat6::Zero();

@@ -15,11 +15,11 @@
 //   recipe for views asks, and the target is never nearer than the field of view's near limit.
 #include "calib/coverage.h"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 
 #include "calib/adjustment.h"
+#include "calib/matrices.h"
 #include "calib/rotation.h"
 
 namespace slabd::calib {
@@ -116,7 +116,7 @@ Eigen::VectorXd start_information(int parameters) {
 
 Eigen::MatrixXd normal_matrix(const Linearised& linear, int parameters) {
   Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(parameters, parameters);
-  for (const Eigen::MatrixXd& J : linear.J) normal += J.transpose() * J;
+  for (const Eigen::MatrixXd& J : linear.J) normal += transposed_product(J, J);
   return normal;
 }
 
@@ -131,13 +131,13 @@ State lean_on(ArtefactKind kind, std::span<const View> views, const StatedNoise&
     const Linearised linear = linearise(equations, equations.whiteners(state, {noise}), state);
     Eigen::MatrixXd normal = normal_matrix(linear, parameters);
     Eigen::VectorXd gradient = Eigen::VectorXd::Zero(parameters);
-    for (std::size_t i = 0; i < linear.w.size(); ++i) gradient += linear.J[i].transpose() * linear.w[i];
+    for (std::size_t i = 0; i < linear.w.size(); ++i) gradient += transposed_product(linear.J[i], linear.w[i]);
     Eigen::VectorXd off = Eigen::VectorXd::Zero(parameters);
     off.head<3>() = state.X.translation_mm - start.translation_mm;
     off.segment<3>(3) = log_rotation(start.rotation.conjugate() * state.X.rotation);
     normal.diagonal() += trust;
     gradient += trust.cwiseProduct(off);
-    const Eigen::VectorXd step = -normal.ldlt().solve(gradient);
+    const Eigen::VectorXd step = -solve_symmetric(normal, gradient);
     if (!step.allFinite()) break;
     state.X.translation_mm += step.head<3>();
     state.X.rotation = (state.X.rotation * exp_rotation(step.segment<3>(3))).normalized();
@@ -171,7 +171,7 @@ class Search {
     parameters_ = equations.parameters();
     information_ = normal_matrix(linearise(equations, equations.whiteners(state, {noise}), state), parameters_);
     information_.diagonal() += start_information(parameters_);
-    covariance_ = information_.inverse();
+    covariance_ = inverse(information_);
     // The mean square error of a point of the field of view is trace(points_ C).
     points_ = Mat6::Zero();
     const Mat3 R_X = state.X.rotation.toRotationMatrix();
@@ -186,8 +186,7 @@ class Search {
         }
     // The picture stands upright as in the first view.
     const Pose first = views[0].T_base_flange * state.X;
-    upright_ = Quat(Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d(axis_of(first)), Eigen::Vector3d(sides_.down)) *
-                    Eigen::Quaterniond(first.rotation));
+    upright_ = rotation_between(axis_of(first), sides_.down) * first.rotation;
   }
 
   std::optional<Suggestion> best() {
@@ -257,9 +256,9 @@ class Search {
     if (!in_view(equations, s)) return;
     const Eigen::MatrixXd& J = linear.J[0];
     // C - C J' (I + J C J')^-1 J C, the covariance with one view more.
-    const Eigen::MatrixXd CJ = covariance_ * J.transpose();
-    const Eigen::MatrixXd gain = Eigen::MatrixXd::Identity(J.rows(), J.rows()) + J * CJ;
-    const Eigen::MatrixXd after = covariance_ - CJ * gain.ldlt().solve(CJ.transpose());
+    const Eigen::MatrixXd JC = product(J, covariance_);
+    const Eigen::MatrixXd gain = Eigen::MatrixXd::Identity(J.rows(), J.rows()) + carried(J, covariance_);
+    const Eigen::MatrixXd after = covariance_ - transposed_product(JC, solve_symmetric(gain, JC));
     Offer made{s, std::sqrt((points_ * after.topLeftCorner<6, 6>()).trace()), 0.0};
     const std::size_t cell = s.depth * kPlaces + place_cell(s.target_scanner, settings_.fov);
     made.novelty = (coverage_.sectors[s.sector] ? 0.0 : 2.0) + (coverage_.cells[cell] ? 0.0 : 1.5) +
@@ -281,7 +280,7 @@ class Search {
     Eigen::VectorXd r;
     Eigen::MatrixXd J;
     equations.residual(0, state_, r, &J);
-    const Eigen::MatrixXd place = J.bottomRows(3) * covariance_ * J.bottomRows(3).transpose();
+    const Eigen::MatrixXd place = carried(J.bottomRows(3), covariance_);
     const Mat3 R_X = state_.X.rotation.toRotationMatrix();
     const Vec3 sigma = Mat3(R_X.transpose() * Mat3(place) * R_X).diagonal().cwiseMax(0.0).cwiseSqrt();
     s.place_sigma_mm = sigma.maxCoeff();

@@ -9,8 +9,6 @@
 // solution towards itself, and half of its error does not show in its residual.
 #include "calib/hand_eye.h"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -18,6 +16,7 @@
 #include "calib/adjustment.h"
 #include "calib/chi_square.h"
 #include "calib/judgement.h"
+#include "calib/matrices.h"
 #include "calib/places.h"
 #include "calib/rotation.h"
 #include "calib/variance.h"
@@ -102,14 +101,14 @@ Verdicts ask(const Equations& equations, const Chosen& chosen, const Linearised&
   for (std::size_t i = 0; i < equations.size(); ++i) {
     const Eigen::MatrixXd& J = linear.J[i];
     const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(J.rows(), J.rows());
-    const Eigen::MatrixXd own = identity + (inside[i] ? -1.0 : 1.0) * (J * covariance * J.transpose());
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(own);
+    const Eigen::MatrixXd own = identity + (inside[i] ? -1.0 : 1.0) * carried(J, covariance);
+    const SymmetricParts parts = symmetric_parts(own);
     double square = 0.0;
     int freedom = 0;
     for (int k = 0; k < own.rows(); ++k) {
-      if (parts.eigenvalues()[k] < kRedundancyMin) continue;
-      const double along = parts.eigenvectors().col(k).dot(linear.w[i]);
-      square += along * along / parts.eigenvalues()[k];
+      if (parts.values[k] < kRedundancyMin) continue;
+      const double along = parts.vectors.col(k).dot(linear.w[i]);
+      square += along * along / parts.values[k];
       ++freedom;
     }
     verdicts.squares.push_back(square);
@@ -213,7 +212,7 @@ Sizes sizes_of(const Equations& equations, const Chosen& kept, const Linearised&
   for (const std::size_t i : kept) {
     const Eigen::MatrixXd& J = linear.J[i];
     const auto placing = J.rows() - turning;
-    const Eigen::VectorXd left = Eigen::VectorXd::Ones(J.rows()) - (J * covariance * J.transpose()).diagonal();
+    const Eigen::VectorXd left = Eigen::VectorXd::Ones(J.rows()) - carried(J, covariance).diagonal();
     rotation += linear.w[i].head(turning).squaredNorm();
     position += linear.w[i].tail(placing).squaredNorm();
     rotation_freedom += left.head(turning).sum();
@@ -381,15 +380,15 @@ Scale estimate_scale(const Equations& equations, const Selected& selected, const
         moved.tail<3>() = Eigen::Vector3d(R_X * views[i].T_scanner_target.translation_mm);
       for (std::size_t k = 0; k < views[i].balls.size() && at.kind() == ArtefactKind::ball; ++k)
         moved.segment<3>(turning + 3 * static_cast<int>(k)) = Eigen::Vector3d(R_X * views[i].balls[k].centre_mm);
-      const Eigen::VectorXd column = whiteners[i] * moved / scale;
-      other += linear.J[i].transpose() * column;
+      const Eigen::VectorXd column = product(whiteners[i], moved) / scale;
+      other += transposed_product(linear.J[i], column);
       length2 += column.squaredNorm();
       along += column.dot(linear.w[i]);
       squares += linear.w[i].squaredNorm();
       rows += static_cast<double>(column.size());
     }
     // The other parameters stand at their optimum, so the residuals have no part along their columns.
-    const double own2 = length2 - other.dot(covariance * other);
+    const double own2 = length2 - other.dot(product(covariance, other).col(0));
     const double freedom = rows - at.parameters() - 1.0;
     if (!(own2 > kDetermined * length2) || freedom < 1.0) return {};
     const double shift = -along / own2;

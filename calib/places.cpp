@@ -15,6 +15,7 @@
 #include <array>
 #include <cmath>
 
+#include "calib/matrices.h"
 #include "calib/weakness.h"
 
 namespace slabd::calib {
@@ -80,7 +81,7 @@ SharedErrors shared_errors(const Equations& equations, std::span<const std::size
         slot.count += 1.0;
         slot.sum += w;
         slot.squares += w * w;
-        slot.leverage += J * inverse * J.transpose();
+        slot.leverage += carried(J, inverse).value();
       }
     for (std::size_t k = 0; k < seen.size(); ++k) {
       const Slot& slot = seen[k];
@@ -91,7 +92,7 @@ SharedErrors shared_errors(const Equations& equations, std::span<const std::size
       const std::size_t part = static_cast<int>(k) < equations.rotation_rows() ? 0 : 1;
       within[part] += std::max(0.0, slot.squares - slot.sum * slot.sum / slot.count);
       within_freedom[part] += slot.count - 1.0;
-      followed[part] += (slot.J * inverse * slot.J.transpose()).value() - slot.leverage;
+      followed[part] += carried(slot.J, inverse).value() - slot.leverage;
     }
   }
 
@@ -123,26 +124,26 @@ SharedErrors shared_errors(const Equations& equations, std::span<const std::size
 Eigen::MatrixXd covariance_of_estimate(const Equations& equations, std::span<const std::size_t> chosen,
                                        const Linearised& linear, const State& state, const Weighing& weighing,
                                        const Weighing& errors, const SharedErrors& shared) {
-  const Eigen::MatrixXd inverse = parameter_covariance(equations, chosen, linear);
-  const auto parameters = inverse.rows();
+  const Eigen::MatrixXd N_inverse = parameter_covariance(equations, chosen, linear);
+  const auto parameters = N_inverse.rows();
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(parameters, parameters);
   for (const std::vector<std::size_t>& place : places_of(equations, chosen)) {
     Eigen::MatrixXd together = Eigen::MatrixXd::Zero(parameters, slots(equations));
     for (const std::size_t i : place) {
       // w = L^-1 r has the covariance (L^-1 K) (L^-1 K)' if that of r is K K'.
-      const Eigen::MatrixXd K = equations.whitener(i, state, errors).inverse();
-      Eigen::MatrixXd scores = linear.J[i].transpose() * equations.whitener(i, state, weighing) * K;
+      const Eigen::MatrixXd K = inverse(equations.whitener(i, state, errors));
+      Eigen::MatrixXd scores = transposed_product(linear.J[i], product(equations.whitener(i, state, weighing), K));
       if (place.size() > 1)
         for (int row = 0; row < scores.cols(); ++row) {
           const double share = row < equations.rotation_rows() ? shared.rotation_share : shared.position_share;
           together.col(slot_of(equations, i, row)) += std::sqrt(share) * scores.col(row);
           scores.col(row) *= std::sqrt(1.0 - share);
         }
-      sum += scores * scores.transpose();
+      sum += product(scores, scores.transpose());
     }
-    if (place.size() > 1) sum += together * together.transpose();
+    if (place.size() > 1) sum += product(together, together.transpose());
   }
-  return inverse * sum * inverse;
+  return carried(N_inverse, sum);
 }
 
 }  // namespace slabd::calib

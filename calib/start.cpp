@@ -4,8 +4,6 @@
 // per cent of the optimum, but it is as good as its worst view, so it is also taken on small subsets drawn by a fixed
 // generator; what agrees with most views wins. Sets too small or too poor for the linear form start from a net of
 // rotations instead. Whatever the rotation came from, everything else follows from it linearly.
-#include <Eigen/Eigenvalues>
-#include <Eigen/QR>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,6 +12,7 @@
 
 #include "calib/adjustment.h"
 #include "calib/chi_square.h"
+#include "calib/matrices.h"
 #include "calib/rotation.h"
 
 namespace slabd::calib {
@@ -72,7 +71,7 @@ Eigen::VectorXd solve_linear(const Equations& equations, const Chosen& chosen, c
       row += 3;
     });
   }
-  return M.completeOrthogonalDecomposition().solve(b);
+  return solve_least_squares(M, b);
 }
 
 Chosen everything(const Equations& equations) {
@@ -127,7 +126,7 @@ State complete(const Equations& equations, const Chosen& chosen, const Mat3& R_X
 /// `(R_B' kron R_A) vec R_X - vec R_Z = 0`: the direction in which all views agree best.
 Mat3 rotation_by_kronecker(const Equations& equations, const Chosen& chosen) {
   using Matrix9 = Eigen::Matrix<double, 9, 9>;
-  Eigen::Matrix<double, 18, 18> normal = Eigen::Matrix<double, 18, 18>::Zero();
+  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(18, 18);
   for (const std::size_t i : chosen) {
     const Mat3 R_A = equations.view(i).T_base_flange.rotation.toRotationMatrix();
     const Mat3 R_B = equations.view(i).T_scanner_target.rotation.toRotationMatrix();
@@ -139,9 +138,9 @@ Mat3 rotation_by_kronecker(const Equations& equations, const Chosen& chosen) {
     normal.bottomLeftCorner<9, 9>() -= K;
     normal.bottomRightCorner<9, 9>() += Matrix9::Identity();
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 18, 18>> solver(normal);
+  const SymmetricParts parts = symmetric_parts(normal);
   Mat3 R;
-  for (int k = 0; k < 9; ++k) R(k % 3, k / 3) = solver.eigenvectors()(k, 0);
+  for (int k = 0; k < 9; ++k) R(k % 3, k / 3) = parts.vectors(k, 0);
   return nearest_rotation(R.determinant() < 0.0 ? Mat3(-R) : R);
 }
 
@@ -176,7 +175,7 @@ double misfit(const Equations& equations, const Weighing& weighing, const State&
   Eigen::VectorXd r;
   for (std::size_t i = 0; i < equations.size(); ++i) {
     equations.residual(i, state, r, nullptr);
-    sum += std::log1p((equations.whitener(i, state, weighing) * r).squaredNorm() / equations.rows(i));
+    sum += std::log1p(product(equations.whitener(i, state, weighing), r).squaredNorm() / equations.rows(i));
   }
   return sum;
 }
@@ -196,7 +195,7 @@ double robust_size(const Equations& equations, const Weighing& weighing, const S
   Eigen::VectorXd r;
   for (std::size_t i = 0; i < equations.size(); ++i) {
     equations.residual(i, state, r, nullptr);
-    normalised.push_back((equations.whitener(i, state, weighing) * r).squaredNorm() /
+    normalised.push_back(product(equations.whitener(i, state, weighing), r).squaredNorm() /
                          chi_square_median(equations.rows(i)));
   }
   return std::sqrt(median(std::move(normalised)));

@@ -10,12 +10,13 @@
 #include "calib/stations.h"
 
 #include <Eigen/LU>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
+
+#include "calib/rotation.h"
 
 namespace slabd::calib {
 namespace {
@@ -32,31 +33,6 @@ constexpr double kScatterMinRad = 1e-8;
 constexpr double kMountSigmas = 4.03;
 /// The first this wide and the second this narrow: stations on a line leave the slab's turn about it open.
 constexpr double kPlacementWidthMinMm = 300.0;
-
-/// The motion that takes `from` to `to` best (least squares); points are many or three, never on a line.
-Pose rigid_fit(const std::vector<Vec3>& from, const std::vector<Vec3>& to) {
-  Vec3 a = Vec3::Zero();
-  Vec3 b = Vec3::Zero();
-  for (std::size_t i = 0; i < from.size(); ++i) {
-    a += from[i];
-    b += to[i];
-  }
-  a /= static_cast<double>(from.size());
-  b /= static_cast<double>(from.size());
-  Eigen::Matrix3d H = Eigen::Matrix3d::Zero();
-  for (std::size_t i = 0; i < from.size(); ++i) H += (to[i] - b) * (from[i] - a).transpose();
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(H, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::Matrix3d R = svd.matrixU() * svd.matrixV().transpose();
-  if (R.determinant() < 0.0) {
-    Eigen::Matrix3d flip = Eigen::Matrix3d::Identity();
-    flip(2, 2) = -1.0;
-    R = svd.matrixU() * flip * svd.matrixV().transpose();
-  }
-  Pose pose;
-  pose.rotation = Quat(R).normalized();
-  pose.translation_mm = b - pose.rotation * a;
-  return pose;
-}
 
 Vec3 rotation_vector(const Quat& q) {
   const double w = q.w() < 0.0 ? -q.w() : q.w();

@@ -9,10 +9,11 @@
 // every sum is over 6 x 6 blocks.
 #include "calib/variance.h"
 
-#include <Eigen/Cholesky>
 #include <array>
 #include <cmath>
 #include <vector>
+
+#include "calib/matrices.h"
 
 namespace slabd::calib {
 namespace {
@@ -44,30 +45,29 @@ Step evaluate(const std::vector<Block>& blocks, const Factors& factors) {
   for (const Block& block : blocks) {
     Eigen::MatrixXd V = Eigen::MatrixXd::Zero(block.r.size(), block.r.size());
     for (std::size_t k = 0; k < kParts; ++k) V += factors[k] * block.V[k];
-    const Eigen::LLT<Eigen::MatrixXd> cholesky(V);
-    const Eigen::MatrixXd W = cholesky.solve(Eigen::MatrixXd::Identity(V.rows(), V.cols()));
-    const Eigen::MatrixXd WJ = W * block.J;
-    N += block.J.transpose() * WJ;
-    g += WJ.transpose() * block.r;
+    const Eigen::MatrixXd L_inverse = inverse_cholesky(V);
+    const Eigen::MatrixXd W = transposed_product(L_inverse, L_inverse);
+    const Eigen::MatrixXd WJ = product(W, block.J);
+    N += transposed_product(block.J, WJ);
+    g += transposed_product(WJ, block.r);
     for (std::size_t k = 0; k < kParts; ++k) {
-      G[k] += WJ.transpose() * block.V[k] * WJ;
-      traces[k] += (W * block.V[k]).trace();
+      G[k] += transposed_product(WJ, product(block.V[k], WJ));
+      traces[k] += W.cwiseProduct(block.V[k]).sum();  // both are symmetric
     }
-    step.likelihood -= 2.0 * Eigen::MatrixXd(cholesky.matrixL()).diagonal().array().log().sum();
+    step.likelihood += 2.0 * L_inverse.diagonal().array().log().sum();
     weights.push_back(W);
   }
-  const Eigen::LDLT<Eigen::MatrixXd> normal(N);
-  const Eigen::VectorXd beta = normal.solve(g);
-  step.likelihood -= normal.vectorD().array().abs().log().sum();
+  const Eigen::VectorXd beta = solve_symmetric(N, g);
+  step.likelihood -= log_determinant(N);
   Factors squares{};
   for (std::size_t i = 0; i < blocks.size(); ++i) {
-    const Eigen::VectorXd e = blocks[i].r - blocks[i].J * beta;
-    const Eigen::VectorXd We = weights[i] * e;
+    const Eigen::VectorXd e = blocks[i].r - product(blocks[i].J, beta);
+    const Eigen::VectorXd We = product(weights[i], e);
     step.likelihood -= e.dot(We);
-    for (std::size_t k = 0; k < kParts; ++k) squares[k] += We.dot(blocks[i].V[k] * We);
+    for (std::size_t k = 0; k < kParts; ++k) squares[k] += We.dot(product(blocks[i].V[k], We).col(0));
   }
   for (std::size_t k = 0; k < kParts; ++k) {
-    const double trace = traces[k] - normal.solve(G[k]).trace();
+    const double trace = traces[k] - solve_symmetric(N, G[k]).trace();
     step.corrections[k] = trace > 0.0 ? squares[k] / trace : 1.0;
   }
   return step;

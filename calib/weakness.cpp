@@ -4,10 +4,10 @@
 // from the flange, where the scanner looks.
 #include "calib/weakness.h"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/SVD>
 #include <cmath>
 #include <limits>
+
+#include "calib/matrices.h"
 
 namespace slabd::calib {
 namespace {
@@ -43,17 +43,16 @@ Eigen::MatrixXd parameter_covariance(const Equations& equations, std::span<const
   Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(n, n);
   for (const std::size_t i : chosen) {
     const Eigen::MatrixXd J = linear.J[i] * scales.asDiagonal();
-    normal += J.transpose() * J;
+    normal += transposed_product(J, J);
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(normal);
+  const SymmetricParts parts = symmetric_parts(normal);
   // Rounding in the normal matrix hides what is this much smaller; a direction like that is not determined anyway.
   constexpr double kNothing = 1e-13;
-  const double floor = kNothing * solver.eigenvalues()[n - 1];
+  const double floor = kNothing * parts.values[n - 1];
   Eigen::VectorXd inverse = Eigen::VectorXd::Zero(n);
   for (int k = 0; k < n; ++k)
-    if (solver.eigenvalues()[k] > floor) inverse[k] = 1.0 / solver.eigenvalues()[k];
-  const Eigen::MatrixXd V = scales.asDiagonal() * solver.eigenvectors();
-  return V * inverse.asDiagonal() * V.transpose();
+    if (parts.values[k] > floor) inverse[k] = 1.0 / parts.values[k];
+  return carried(scales.asDiagonal() * parts.vectors, inverse.asDiagonal());
 }
 
 Weakness weakness_of(const Equations& equations, std::span<const std::size_t> chosen, const Linearised& linear) {
@@ -66,12 +65,12 @@ Weakness weakness_of(const Equations& equations, std::span<const std::size_t> ch
     J.middleRows(row, equations.rows(i)) = linear.J[i] * scales_of(equations).asDiagonal();
     row += equations.rows(i);
   }
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(J, Eigen::ComputeThinV);
+  const SingularParts parts = singular_parts(J);
   Weakness weakness;
-  weakness.smallest = svd.singularValues()[n - 1];
+  weakness.smallest = parts.values[n - 1];
   weakness.condition =
-      weakness.smallest > 0.0 ? svd.singularValues()[0] / weakness.smallest : std::numeric_limits<double>::infinity();
-  const Eigen::VectorXd worst = svd.matrixV().col(n - 1);
+      weakness.smallest > 0.0 ? parts.values[0] / weakness.smallest : std::numeric_limits<double>::infinity();
+  const Eigen::VectorXd worst = parts.right.col(n - 1);
   const Eigen::Vector3d shift = worst.head<3>();
   const Eigen::Vector3d turn = worst.segment<3>(3);
   if (turn.norm() > shift.norm())
