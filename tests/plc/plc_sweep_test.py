@@ -27,6 +27,7 @@ SLAB_MOMENTS = ("prepared", "written", "accepted", "done")
 FAULTS = ("plc", "slabd", "link")
 BAD_BLOCK = 4
 SILENCE_S = 3.0
+GIVEN_UP = 405  # slabd ended while it measured: scan the station again
 
 
 class Moment(Exception):
@@ -184,6 +185,19 @@ class Line:
     def record_of_slab(self, slab_no):
         return next((record for key, record in self.stored.items() if key[0] == slab_no and key[1] == 0), None)
 
+    def scan_again_if_given_up(self, station, slab_no):
+        """Measuring takes milliseconds, beside other work longer: slabd may have been killed in the middle of it."""
+        def last():
+            return next((r for key, r in reversed(self.stored.items()) if key[:2] == (slab_no, station)), None)
+        self.plc.until(lambda: last() is not None, 60, f"the record of station {station}")
+        for _ in range(3):
+            if last()[7] != GIVEN_UP:
+                return
+            before = last()
+            self.ready()
+            self.attempt(SCAN, station, slab_no)
+            self.plc.until(lambda: last() is not before, 60, f"another record of station {station}")
+
     def slab(self, number, faults):
         slab_no = 100 + number
         plans = [(m, f) for f in faults for m in SCAN_MOMENTS]
@@ -195,6 +209,7 @@ class Line:
             self.box.order(f"station {station}", f"standing {station}")
             moment, fault = plans[(station - 1) % len(plans)]
             self.carry_out(SCAN, station, slab_no, lambda s=station: self.scanned(s), moment, fault)
+            self.scan_again_if_given_up(station, slab_no)
         end = SLAB_MOMENTS[number % len(SLAB_MOMENTS)]
         self.carry_out(SLAB_END, 0, slab_no, lambda: not opened(), end, faults[-1])
         self.plc.until(lambda: self.record_of_slab(slab_no) is not None and self.plc.block.IR[20] == 0, 60,
