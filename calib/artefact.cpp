@@ -21,12 +21,6 @@ constexpr int kSteps = 10;
 using Mat36 = Eigen::Matrix<double, 3, 6, Eigen::DontAlign>;
 using Vec6 = Eigen::Matrix<double, 6, 1, Eigen::DontAlign>;
 
-Mat3 cross_matrix(const Vec3& v) {
-  Mat3 m;
-  m << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0;
-  return m;
-}
-
 Pose small_motion(const Vec6& xi) {
   const Vec3 turn = xi.tail<3>();
   const double angle = turn.norm();
@@ -40,7 +34,7 @@ Pose small_motion(const Vec6& xi) {
 Mat36 place_by_motion(const Vec3& p_target) {
   Mat36 j;
   j.leftCols<3>() = Mat3::Identity();
-  j.rightCols<3>() = -cross_matrix(p_target);
+  j.rightCols<3>() = -skew(p_target);
   return j;
 }
 

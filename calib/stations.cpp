@@ -34,13 +34,6 @@ constexpr double kMountSigmas = 4.03;
 /// The first this wide and the second this narrow: stations on a line leave the slab's turn about it open.
 constexpr double kPlacementWidthMinMm = 300.0;
 
-Vec3 rotation_vector(const Quat& q) {
-  const double w = q.w() < 0.0 ? -q.w() : q.w();
-  const Vec3 v = q.w() < 0.0 ? Vec3(-q.vec()) : Vec3(q.vec());
-  const double s = v.norm();
-  return s < 1e-300 ? Vec3(2.0 * v) : Vec3(2.0 * std::atan2(s, w) / s * v);
-}
-
 /// Nearby rotations: the mean of their vectors about the first, twice, is their mean to far below a microradian.
 Pose mean_pose(const std::vector<const StationVisit*>& visits) {
   Pose mean = visits.front()->T_base_flange;
@@ -49,7 +42,7 @@ Pose mean_pose(const std::vector<const StationVisit*>& visits) {
     Vec3 turn = Vec3::Zero();
     for (const StationVisit* visit : visits) {
       shift += visit->T_base_flange.translation_mm - mean.translation_mm;
-      turn += rotation_vector((visit->T_base_flange.rotation * mean.rotation.conjugate()).normalized());
+      turn += log_rotation((visit->T_base_flange.rotation * mean.rotation.conjugate()).normalized());
     }
     const double n = static_cast<double>(visits.size());
     const Vec3 by = turn / n;
@@ -299,7 +292,7 @@ class Solver {
       const Vec3 centre = reference_point(*work.certified, work.mean_points);
       for (const std::vector<Vec3>& points : work.points) {
         work.off_mm.push_back(reference_point(*work.certified, points) - centre);
-        work.off_rad.push_back(rotation_vector(rigid_fit(work.mean_points, points).rotation));
+        work.off_rad.push_back(log_rotation(rigid_fit(work.mean_points, points).rotation));
       }
       mm2 += sum_of_squares(work.off_mm);
       rad2 += sum_of_squares(work.off_rad);

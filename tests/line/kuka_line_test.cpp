@@ -87,7 +87,7 @@ TEST_F(KukaLineTest, a_slab_is_finished_although_packets_get_lost_come_late_and_
   ASSERT_TRUE(box_.ready()) << box_.log();
   const auto bridge = start_bridge();
   const auto line = box_.simulate(
-      {"--slab-no", "1", "--rsi", rsi_, "--rsi-faults", "0.002", "--robot-rate-hz", "250", "--scans-per-block", "20"});
+      {"--slab-no", "1", "--rsi", rsi_, "--rsi-faults", "0.002", "--robot-rate-hz", "250", "--scans-per-block", "3"});
   EXPECT_EQ(line->wait(), 0) << read_file(box_.dir / "simulate.out") << read_file(box_.dir / "simulate.err")
                              << read_file(box_.dir / "bridge.err");
   const std::string said = read_file(box_.dir / "bridge.err");

@@ -28,6 +28,8 @@ FAULTS = ("plc", "slabd", "link")
 BAD_BLOCK = 4
 SILENCE_S = 3.0
 GIVEN_UP = 405  # slabd ended while it measured: scan the station again
+# A status that is gone before the PLC read it has the next one stand for it.
+MAY_BE_MEASURING = ("accepted", "acquiring", "acquired")
 
 
 class Moment(Exception):
@@ -185,15 +187,15 @@ class Line:
     def record_of_slab(self, slab_no):
         return next((record for key, record in self.stored.items() if key[0] == slab_no and key[1] == 0), None)
 
-    def scan_again_if_given_up(self, station, slab_no):
-        """Measuring takes milliseconds, beside other work longer: slabd may have been killed in the middle of it."""
+    def scan_again_if_given_up(self, station, slab_no, moment, fault):
+        """Measuring takes milliseconds, beside other work longer: slabd may have been killed in the middle of it. Not by
+        another fault, nor before there was a scan, nor when the record had been shown."""
         def last():
             return next((r for key, r in reversed(self.stored.items()) if key[:2] == (slab_no, station)), None)
         self.plc.until(lambda: last() is not None, 60, f"the record of station {station}")
-        for _ in range(3):
-            if last()[7] != GIVEN_UP:
-                return
-            before = last()
+        before = last()
+        if before[7] == GIVEN_UP:
+            assert fault == "slabd" and moment in MAY_BE_MEASURING, f"station {station}: given up by {fault}, {moment}"
             self.ready()
             self.attempt(SCAN, station, slab_no)
             self.plc.until(lambda: last() is not before, 60, f"another record of station {station}")
@@ -209,7 +211,7 @@ class Line:
             self.box.order(f"station {station}", f"standing {station}")
             moment, fault = plans[(station - 1) % len(plans)]
             self.carry_out(SCAN, station, slab_no, lambda s=station: self.scanned(s), moment, fault)
-            self.scan_again_if_given_up(station, slab_no)
+            self.scan_again_if_given_up(station, slab_no, moment, fault)
         end = SLAB_MOMENTS[number % len(SLAB_MOMENTS)]
         self.carry_out(SLAB_END, 0, slab_no, lambda: not opened(), end, faults[-1])
         self.plc.until(lambda: self.record_of_slab(slab_no) is not None and self.plc.block.IR[20] == 0, 60,
