@@ -43,6 +43,25 @@ Quat rotation_from_kuka_abc(double a_rad, double b_rad, double c_rad) {
               Eigen::AngleAxisd(c_rad, Eigen::Vector3d::UnitX()));
 }
 
+KukaAbc kuka_abc_from_rotation(const Quat& rotation) {
+  // Near B = +-90 deg both arguments of A are rounding noise; C is then taken from what A leaves over, so that the
+  // three belong together whatever A became.
+  const Mat3 R = rotation.normalized().toRotationMatrix();
+  constexpr double kSingular = 1e-14;
+  KukaAbc abc;
+  const double cos_b = std::hypot(R(0, 0), R(1, 0));
+  abc.b_rad = std::atan2(-R(2, 0), cos_b);
+  if (cos_b > kSingular) {
+    abc.a_rad = std::atan2(R(1, 0), R(0, 0));
+  } else {
+    abc.a_rad = std::atan2(-R(0, 1), R(1, 1));
+  }
+  const double sin_a = std::sin(abc.a_rad);
+  const double cos_a = std::cos(abc.a_rad);
+  abc.c_rad = std::atan2(sin_a * R(0, 2) - cos_a * R(1, 2), cos_a * R(1, 1) - sin_a * R(0, 1));
+  return abc;
+}
+
 double angle_between_rad(const Vec3& a, const Vec3& b) {
   return std::atan2(a.cross(b).norm(), a.dot(b));
 }

@@ -39,6 +39,15 @@ struct Pose {
 /// this and its eq. (5) is a third matrix (R3 R2 R1, not the R1 R2 R3 of eq. (4)); neither is used anywhere.
 [[nodiscard]] Quat rotation_from_kuka_abc(double a_rad, double b_rad, double c_rad);
 
+/// The angles of a rotation, A and C in -pi..pi, B in -pi/2..pi/2: `rotation_from_kuka_abc` brings the rotation back to
+/// 1e-14 rad, also with B at +-90 deg, where only A -+ C is defined and C = 0 is chosen.
+struct KukaAbc {
+  double a_rad = 0.0;
+  double b_rad = 0.0;
+  double c_rad = 0.0;
+};
+[[nodiscard]] KukaAbc kuka_abc_from_rotation(const Quat& rotation);
+
 /// Angle between two directions (any length > 0), by atan2: exact near 0 and pi, where acos is not.
 [[nodiscard]] double angle_between_rad(const Vec3& a, const Vec3& b);
 

@@ -119,15 +119,6 @@ inline constexpr std::size_t kBallsMax = 16;
 [[nodiscard]] std::string write_poses(std::span<const Pose> poses, const PoseFormat& format, TableRole role,
                                       std::span<const std::size_t> views = {}, std::span<const std::size_t> balls = {});
 
-/// KUKA's A, B, C (rad, A and C in -pi..pi, B in -pi/2..pi/2) of a rotation: `rotation_from_kuka_abc` brings the
-/// rotation back to 1e-14 rad, also with B at +-90 deg, where only A -+ C is defined and C = 0 is chosen.
-struct KukaAbc {
-  double a_rad = 0.0;
-  double b_rad = 0.0;
-  double c_rad = 0.0;
-};
-[[nodiscard]] KukaAbc kuka_abc_from_rotation(const Quat& rotation);
-
 /// Two flange poses nearer than this are one place: a view from there again repeats the first one's error of the robot
 /// and says nothing new about where the scanner sits.
 inline constexpr double kSamePlaceMm = 1.0;

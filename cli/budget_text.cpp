@@ -4,10 +4,6 @@
 #include <fmt/core.h>
 
 #include <algorithm>
-#include <vector>
-
-#include "cli/figures.h"
-#include "cli/render.h"
 
 namespace slabd::cli {
 namespace {
@@ -27,17 +23,6 @@ std::array<std::string, kBudgetParts> budget_figures(const Item& item) {
   for (std::size_t part = 0; part < kBudgetParts; ++part)
     figures[part] = item.budget[part] == 0.0 ? "-" : fmt::format("{:.5f}", item.budget[part]);
   return figures;
-}
-
-std::string budget_table(std::span<const Item> items, bool of_slab) {
-  std::vector<std::vector<std::string>> rows = {{"U from, k = 1", "U (k = 2)"}};
-  for (std::size_t part = 0; part < kBudgetParts; ++part) rows[0].emplace_back(name(static_cast<BudgetPart>(part)));
-  for (const Item& item : items) {
-    if (!has_budget(item) || !has_value(item.value)) continue;
-    rows.push_back({item_label(item, of_slab), U_figure(item)});
-    for (std::string& figure : budget_figures(item)) rows.back().push_back(std::move(figure));
-  }
-  return rows.size() == 1 ? "" : table(rows);
 }
 
 std::string scanner_source(const SlabHeader& slab, const std::optional<ScannerNumbers>& verified) {

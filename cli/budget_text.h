@@ -3,7 +3,6 @@
 
 #include <array>
 #include <optional>
-#include <span>
 #include <string>
 
 #include "base/base.h"
@@ -16,9 +15,6 @@ namespace slabd::cli {
 
 /// The parts as they are printed, k = 1, in the item's unit; "-" for a part that an item does not have.
 [[nodiscard]] std::array<std::string, kBudgetParts> budget_figures(const Item& item);
-
-/// A line for each item with a budget: U (k = 2) and its parts (k = 1). Empty when no item has one.
-[[nodiscard]] std::string budget_table(std::span<const Item> items, bool of_slab);
 
 /// What the scanner's part rests on: "the larger of recipe p5600 and acceptance sc-3f2a... (form ...)", or the recipe
 /// alone. `verified` none: the record is not in the database.

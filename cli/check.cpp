@@ -10,6 +10,7 @@
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
+#include "cli/figures.h"
 #include "cli/json.h"
 #include "cli/recipe/recipe_diff.h"
 #include "cli/recipe/recipe_reload.h"

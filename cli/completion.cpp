@@ -11,6 +11,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "daemon/daemon.h"
+#include "daemon/measure.h"
 
 namespace slabd::cli {
 namespace {

@@ -61,4 +61,17 @@ std::string limits_figure(const Item& item) {
   return fmt::format("{} .. {}", figure(item.lower, digits), figure(item.upper, digits));
 }
 
+std::string item_label(const Item& item, bool of_slab) {
+  std::string label = fmt::format("{} [{}]", info(item.id).name, name(info(item.id).unit));
+  if (of_slab && item.station != 0)
+    label +=
+        item.station_to != 0 ? fmt::format(" {}-{}", item.station, item.station_to) : fmt::format(" {}", item.station);
+  return label;
+}
+
+std::string flatness_operator(double cell_mm) {
+  return (has_value(cell_mm) ? fmt::format("cell mean {} mm", cell_mm) : std::string("cell mean")) +
+         ", least-squares plane";
+}
+
 }  // namespace slabd::cli

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 
 #include "base/base.h"
 
@@ -23,5 +24,15 @@ namespace slabd::cli {
 [[nodiscard]] std::string U_figure(const Item& item);
 /// "1.3325 .. 1.5486", "<= 1.000", ">= 0.100"; empty when the item has no limits.
 [[nodiscard]] std::string limits_figure(const Item& item);
+
+/// "seat_spacing [mm] 3-4"; items `of_slab` name their stations.
+[[nodiscard]] std::string item_label(const Item& item, bool of_slab);
+
+/// How flatness was evaluated, in words: "cell mean 1.5 mm, least-squares plane"; NaN: the cell is not known any more.
+[[nodiscard]] std::string flatness_operator(double cell_mm);
+
+/// What scans of the blocks cannot show; every report says so.
+inline constexpr std::string_view kNotVisible =
+    "not visible to the block scans: length, width, thickness, bottom of the slab";
 
 }  // namespace slabd::cli

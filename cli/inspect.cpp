@@ -9,16 +9,19 @@
 #include <optional>
 #include <span>
 
+#include "algo/algo.h"
 #include "base/pages.h"
 #include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/durable.h"
 #include "cli/exit.h"
+#include "cli/figures.h"
 #include "cli/json.h"
 #include "cli/parse.h"
 #include "cli/progress.h"
 #include "cli/render.h"
 #include "cli/table_columns.h"
+#include "daemon/measure.h"
 
 namespace slabd::cli {
 namespace {

@@ -10,7 +10,7 @@
 
 #include "base/plain_text.h"
 #include "cli/budget_text.h"
-#include "cli/render.h"
+#include "cli/figures.h"
 
 namespace slabd::cli {
 namespace {

@@ -24,6 +24,7 @@
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/parse.h"
+#include "cli/slab_choice.h"
 #include "cli/slab_view.h"
 
 namespace slabd::cli {

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "cli/budget_text.h"
 #include "cli/figures.h"
 
 namespace slabd::cli {
@@ -48,14 +49,6 @@ bool is_doubtful(const Item& item) {
 }
 
 }  // namespace
-
-std::string item_label(const Item& item, bool of_slab) {
-  std::string label = fmt::format("{} [{}]", info(item.id).name, name(info(item.id).unit));
-  if (of_slab && item.station != 0)
-    label +=
-        item.station_to != 0 ? fmt::format(" {}-{}", item.station, item.station_to) : fmt::format(" {}", item.station);
-  return label;
-}
 
 std::string coloured(std::string_view text, std::string_view colour, Style style) {
   return style.colour ? fmt::format("\x1b[{}m{}\x1b[0m", colour, text) : std::string(text);
@@ -158,9 +151,15 @@ std::string item_table(std::span<const Item> items, Style style, bool of_slab) {
   return table(rows);
 }
 
-std::string flatness_operator(double cell_mm) {
-  return (has_value(cell_mm) ? fmt::format("cell mean {} mm", cell_mm) : std::string("cell mean")) +
-         ", least-squares plane";
+std::string budget_table(std::span<const Item> items, bool of_slab) {
+  std::vector<std::vector<std::string>> rows = {{"U from, k = 1", "U (k = 2)"}};
+  for (std::size_t part = 0; part < kBudgetParts; ++part) rows[0].emplace_back(name(static_cast<BudgetPart>(part)));
+  for (const Item& item : items) {
+    if (!has_budget(item) || !has_value(item.value)) continue;
+    rows.push_back({item_label(item, of_slab), U_figure(item)});
+    for (std::string& figure : budget_figures(item)) rows.back().push_back(std::move(figure));
+  }
+  return rows.size() == 1 ? "" : table(rows);
 }
 
 std::string seat_notes(const SeatFeature& seat, double cell_mm) {

@@ -35,15 +35,12 @@ struct Style {
 /// the first are right-aligned except where the heading ends with '<'.
 [[nodiscard]] std::string table(const std::vector<std::vector<std::string>>& rows);
 
-/// "seat_spacing [mm] 3-4"; items `of_slab` name their stations.
-[[nodiscard]] std::string item_label(const Item& item, bool of_slab);
-
 /// characteristic, nominal, limits, measured, deviation, U, verdict; items `of_slab` name their stations. Where it is
 /// neither sure nor impossible that a value lies within its limits, a column says how probable it is.
 [[nodiscard]] std::string item_table(std::span<const Item> items, Style style, bool of_slab = false);
 
-/// How flatness was evaluated, in words: "cell mean 1.5 mm, least-squares plane"; NaN: the cell is not known any more.
-[[nodiscard]] std::string flatness_operator(double cell_mm);
+/// A line for each item with a budget: U (k = 2) and its parts (k = 1). Empty when no item has one.
+[[nodiscard]] std::string budget_table(std::span<const Item> items, bool of_slab);
 
 /// How flatness was evaluated and what of it is noise, and the largest defect when there is one: whole lines, none when
 /// there is nothing to say.
@@ -62,9 +59,5 @@ struct Style {
 [[nodiscard]] std::string reason_text(std::uint16_t reason);
 /// The same without the cure, for tables.
 [[nodiscard]] std::string reason_words(std::uint16_t reason);
-
-/// What scans of the blocks cannot show; every report says so.
-inline constexpr std::string_view kNotVisible =
-    "not visible to the block scans: length, width, thickness, bottom of the slab";
 
 }  // namespace slabd::cli

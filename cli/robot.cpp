@@ -19,6 +19,7 @@
 #include "cli/parse.h"
 #include "cli/pose_counts.h"
 #include "cli/render.h"
+#include "daemon/pose_gate.h"
 
 namespace slabd::cli {
 namespace {
@@ -168,7 +169,7 @@ std::vector<std::string> lines_of(const daemon::Config& config, const View& view
   if (!view.heard) return lines;
   const Pose& pose = view.newest.T_base_flange;
   const Vec3& p = pose.translation_mm;
-  const calib::KukaAbc abc = calib::kuka_abc_from_rotation(pose.rotation);
+  const KukaAbc abc = kuka_abc_from_rotation(pose.rotation);
   lines.push_back(fmt::format("link       {:.0f} poses/s, newest {:.0f} ms old, {} gaps, number {}", view.rate_hz,
                               view.age_ms, view.gaps, view.newest.seq));
   lines.push_back(fmt::format("since      {}", refused_text(view)));
@@ -200,7 +201,7 @@ std::string json_of(const daemon::Config& config, const View& view) {
     json.field("running", view.newest.running).field("estop", view.newest.estop);
     json.field("emulated", view.newest.emulated);
     write_pose(json, "T_base_flange", view.newest.T_base_flange);
-    const calib::KukaAbc abc = calib::kuka_abc_from_rotation(view.newest.T_base_flange.rotation);
+    const KukaAbc abc = kuka_abc_from_rotation(view.newest.T_base_flange.rotation);
     const std::array<double, 3> abc_deg = {deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};
     json.field("kuka_abc_deg", std::span<const double>(abc_deg));
     json.field("spread_mm", view.mean.samples != 0 ? view.mean.spread_mm : kNoValue);

@@ -14,10 +14,12 @@
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
+#include "cli/figures.h"
 #include "cli/json.h"
 #include "cli/render.h"
 #include "cli/replay/remeasure.h"
 #include "cli/report/words.h"
+#include "cli/slab_choice.h"
 #include "cli/slab_json.h"
 #include "cli/slab_view.h"
 

@@ -59,6 +59,20 @@ void SlabChoice::add_filters_to(args::Command& command) {
       ->check(args::one_of({"pass", "fail", "not_measured", "aborted", "indeterminate"}));
 }
 
+std::optional<storage::SlabRecord> named_slab(storage::Reader& reader, const std::string& wanted, int& exit_status) {
+  auto found = find_slab(reader, wanted);
+  if (!found) {
+    complain(found.error().text.view());
+    exit_status = exit_for(found.error().code);
+    return std::nullopt;
+  }
+  if (!found.value()) {
+    complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", wanted));
+    exit_status = kBadInput;
+  }
+  return std::move(found.value());
+}
+
 std::optional<std::vector<std::int64_t>> chosen_slabs(storage::Reader& reader, const SlabChoice& choice,
                                                       int& exit_status) {
   if (choice.slabs.empty() != choice.has_filter()) {

@@ -29,6 +29,10 @@ struct SlabChoice {
   [[nodiscard]] bool has_filter() const;
 };
 
+/// The slab of that name, as find_slab() finds it; where there is none it is said, and `exit_status` set.
+[[nodiscard]] std::optional<storage::SlabRecord> named_slab(storage::Reader& reader, const std::string& wanted,
+                                                            int& exit_status);
+
 /// Keys, each once, oldest first, or as they were named; slabs that are still open only when they are named. nullopt:
 /// it cannot be, the sentence is printed and `exit_status` set; no slab at all is such a case when one was named, and
 /// an empty list when not.

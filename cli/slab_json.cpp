@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/slab_json.h"
 
+#include "cli/figures.h"
 #include "cli/json.h"
-#include "cli/render.h"
 #include "cli/slab_view.h"
 
 namespace slabd::cli {

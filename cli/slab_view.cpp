@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/slab_view.h"
 
-#include <fmt/core.h>
-
 #include <algorithm>
 #include <charconv>
 #include <string_view>
 #include <utility>
-
-#include "cli/exit.h"
 
 namespace slabd::cli {
 
@@ -56,20 +52,6 @@ Result<std::optional<SlabRecord>> find_slab(storage::Reader& reader, const std::
   if (!of_key) return reader.slab(*of_id.value());
   if (*of_id.value() != of_key->summary.header.key) return two_slabs(name, *of_key);
   return of_key;
-}
-
-std::optional<SlabRecord> named_slab(storage::Reader& reader, const std::string& wanted, int& exit_status) {
-  auto found = find_slab(reader, wanted);
-  if (!found) {
-    complain(found.error().text.view());
-    exit_status = exit_for(found.error().code);
-    return std::nullopt;
-  }
-  if (!found.value()) {
-    complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", wanted));
-    exit_status = kBadInput;
-  }
-  return std::move(found.value());
 }
 
 const SlabBlock* latest(const SlabRecord& record, int station) {

@@ -23,10 +23,6 @@ struct SlabName {
 
 /// The slab of that name; of a SLAB_ID the newest one. config: the name means two slabs.
 [[nodiscard]] Result<std::optional<storage::SlabRecord>> find_slab(storage::Reader& reader, const std::string& wanted);
-/// The same for a command: where there is none it has said so, and left the exit status.
-[[nodiscard]] std::optional<storage::SlabRecord> named_slab(storage::Reader& reader, const std::string& wanted,
-                                                            int& exit_status);
-
 /// The valid attempt of a station: its latest one; nullptr when there is none.
 [[nodiscard]] const storage::SlabBlock* latest(const storage::SlabRecord& record, int station);
 

@@ -16,6 +16,7 @@
 #include "cli/pin.h"
 #include "cli/replay/replay.h"
 #include "cli/study/study.h"
+#include "daemon/measure.h"
 
 namespace slabd::cli {
 namespace {

@@ -14,6 +14,7 @@
 #include <exception>
 #include <filesystem>
 
+#include "daemon/calibration_change.h"
 #include "daemon/daemon.h"
 
 namespace slabd::daemon {

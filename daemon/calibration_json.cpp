@@ -6,6 +6,7 @@
 #include <exception>
 #include <nlohmann/json.hpp>
 
+#include "daemon/calibration_change.h"
 #include "daemon/daemon.h"
 
 namespace slabd::daemon {

@@ -7,6 +7,7 @@
 
 #include "daemon/loop.h"
 #include "daemon/station_parts.h"
+#include "daemon/still_watch.h"
 
 namespace slabd::daemon {
 namespace {

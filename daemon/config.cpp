@@ -6,6 +6,7 @@
 #include <cctype>
 #include <cmath>
 #include <filesystem>
+#include <thread>
 #include <vector>
 
 #include "daemon/config_parts.h"
@@ -377,6 +378,10 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   read_rest(root, folder, config);
   check_together(root, config);
   root.finish();
+}
+
+int default_measure_threads() {
+  return std::thread::hardware_concurrency() >= 2 ? 2 : 1;
 }
 
 }  // namespace slabd::daemon

@@ -3,9 +3,11 @@
 
 #include <array>
 
+#include "algo/algo.h"
 #include "base/pages.h"
 #include "daemon/daemon.h"
 #include "daemon/known_exposures.h"
+#include "daemon/measure.h"
 #include "daemon/slab_ends.h"
 
 namespace slabd::daemon {

@@ -8,15 +8,12 @@
 #include <string_view>
 #include <vector>
 
-#include "algo/algo.h"
 #include "base/base.h"
 #include "calib/calib.h"
-#include "daemon/pose_gate.h"
-#include "daemon/still_watch.h"
 #include "hal/hal.h"
 #include "storage/storage.h"
 
-/// What the daemon shares with slabctl: configuration, recipes, and the one way a block is measured.
+/// What the daemon shares with slabctl: configuration and recipes.
 namespace slabd::daemon {
 
 // ---- configuration (slabd.toml) ----------------------------------------------------------------------------------
@@ -84,30 +81,5 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
 
 /// Threads that measure a block when nobody says how many: 2 on a computer with two processors or more, else 1.
 [[nodiscard]] int default_measure_threads();
-
-// ---- measuring one block -------------------------------------------------------------------------------------------
-
-/// Denoise, register, extract, judge, with the clock between the stages: the only path from a scan to a block result,
-/// used by the daemon's worker and by `slabctl inspect`. The result is `inspector.result()` and complete either way;
-/// an error says in a sentence why the block could not be measured. `read_ms` is carried into the result. `verified`:
-/// the scanner's acceptance of the slab. No heap.
-[[nodiscard]] Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station,
-                                   const Pose& T_base_block, const Pose& T_base_scanner, algo::Cloud cloud,
-                                   const ScanShape& read, double read_ms, const ScannerNumbers& verified = {});
-
-/// What a report will draw of the block measured last; empty maps when it was not found. No heap; 1 ms.
-void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps);
-
-// ---- changing calibrations from outside the process ----------------------------------------------------------------
-
-/// slabctl leaves a change as a file in this folder, because one control line could not hold a record, and tells the
-/// daemon its name.
-[[nodiscard]] std::string change_folder(const std::string& db_path);
-/// A change as JSON, and back; NaN is null, and every digit comes back. config: what is wrong with the text.
-[[nodiscard]] std::string change_json(const storage::CalibrationChange& change);
-[[nodiscard]] Result<storage::CalibrationChange> parse_change(std::string_view json);
-
-/// "slabd 0.1.0+g0a7ddc5": identifies the software in every record, to the commit (daemon/commit.h).
-[[nodiscard]] FixedString<64> software_version();
 
 }  // namespace slabd::daemon

@@ -18,6 +18,7 @@
 #include <utility>
 
 #include "base/utf8.h"
+#include "daemon/calibration_change.h"
 #include "daemon/judge.h"
 #include "daemon/log_outlet.h"
 #include "daemon/seal.h"

@@ -17,6 +17,7 @@
 #include "daemon/absent.h"
 #include "daemon/log_outlet.h"
 #include "daemon/loop.h"
+#include "daemon/measure.h"
 #include "daemon/opening.h"
 #include "daemon/seal.h"
 #include "daemon/slab_ends.h"

@@ -2,12 +2,13 @@
 #include <algorithm>
 #include <array>
 #include <cassert>
-#include <thread>
 
+#include "algo/algo.h"
 #include "base/scan_place.h"
 #include "daemon/commit.h"
 #include "daemon/daemon.h"
 #include "daemon/judge.h"
+#include "daemon/measure.h"
 
 namespace slabd::daemon {
 namespace {
@@ -100,10 +101,6 @@ void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps) {
   pack_map(
       seat.columns, seat.rows, seat.cell_mm, limits::kSeatMapStep_mm,
       [&](std::size_t column, std::size_t row) { return seat.mean_mm(column, row); }, maps.seat);
-}
-
-int default_measure_threads() {
-  return std::thread::hardware_concurrency() >= 2 ? 2 : 1;
 }
 
 FixedString<64> software_version() {

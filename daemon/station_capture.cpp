@@ -16,6 +16,7 @@
 #include <cmath>
 
 #include "daemon/station_parts.h"
+#include "daemon/still_watch.h"
 
 namespace slabd::daemon {
 namespace {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What the PLC reads, derived from the state alone. A result appears here only after its commit.
+#include "daemon/pose_gate.h"
 #include "daemon/station_parts.h"
 
 namespace slabd::daemon {

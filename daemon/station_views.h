@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 
+#include "base/dither.h"
 #include "base/fixed.h"
 #include "base/limits.h"
 #include "base/pose.h"
@@ -26,10 +27,6 @@ namespace slabd::daemon {
 /// A seat may be this far out of place, or be turned by this much, and is measured.
 inline constexpr double kSeatOffMm = 2.0;
 inline constexpr double kSeatOffRad = 0.25 * kPi / 180.0;
-
-/// Two stops from which the same block appears this far apart are told apart; those that differ less are not compared.
-inline constexpr double kStopsDifferMm = 2.5;
-inline constexpr double kStopsDifferRad = 0.35 * kPi / 180.0;
 
 /// One scan's block.
 struct View {

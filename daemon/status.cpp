@@ -12,6 +12,7 @@
 
 #include "daemon/log_outlet.h"
 #include "daemon/loop.h"
+#include "daemon/pose_gate.h"
 #include "daemon/slab_ends.h"
 #include "daemon/station_parts.h"
 #include "hal/plc_map.h"

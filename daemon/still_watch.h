@@ -8,24 +8,6 @@
 
 namespace slabd::daemon {
 
-/// How still a flange must stand for a view of a calibration. A view counts a hundred times (every scan until the next
-/// calibration rests on it), so this is stricter than the gate of production. Wider limits are for a robot that cannot
-/// do it; they are told with every view.
-struct CaptureGuard {
-  static constexpr double kStableMm = 0.01;
-  static constexpr double kStableRad = 0.001 * kPi / 180.0;
-  static constexpr std::int64_t kStableNs = 1'000'000'000;
-
-  double stable_mm = kStableMm;        ///< peak to valley of x, y, z ...
-  double stable_rad = kStableRad;      ///< ... and of the rotation about each axis ...
-  std::int64_t stable_ns = kStableNs;  ///< ... for so long before the scan, and through it
-  int samples_min = 20;                ///< in the time before the scan
-
-  [[nodiscard]] bool is_wider() const {
-    return stable_mm > kStableMm || stable_rad > kStableRad * (1.0 + 1e-9) || stable_ns < kStableNs;
-  }
-};
-
 /// Peak to valley of a stretch of poses.
 struct PoseRange {
   Vec3 low_mm = Vec3::Zero();

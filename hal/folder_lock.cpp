@@ -10,7 +10,6 @@
 
 #include "hal/hal.h"
 #include "hal/os.h"
-#include "hal/text_lines.h"
 
 // Problem: two daemons with one drop folder or one spool take each other's scans and delete each other's files, and
 // each of them looks healthy. Idea: an advisory lock on a file in the folder, which the kernel gives back when its

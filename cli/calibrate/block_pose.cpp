@@ -11,6 +11,7 @@
 #include <memory>
 #include <span>
 
+#include "algo/algo.h"
 #include "base/pages.h"
 #include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
@@ -19,6 +20,7 @@
 #include "cli/durable.h"
 #include "cli/exit.h"
 #include "cli/parse.h"
+#include "daemon/measure.h"
 
 namespace slabd::cli {
 namespace {

@@ -16,6 +16,7 @@
 
 #include "cli/control.h"
 #include "cli/durable.h"
+#include "daemon/calibration_change.h"
 #include "hal/hal.h"
 
 namespace slabd::cli {

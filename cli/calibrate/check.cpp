@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "algo/algo.h"
 #include "base/pages.h"
 #include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
@@ -21,7 +22,9 @@
 #include "cli/parse.h"
 #include "cli/progress.h"
 #include "cli/render.h"
+#include "cli/slab_choice.h"
 #include "cli/slab_view.h"
+#include "daemon/measure.h"
 
 namespace slabd::cli {
 namespace {

@@ -25,7 +25,7 @@ std::string sigma(double mm) {
 
 /// KUKA's six numbers, mm and deg.
 std::array<double, 6> kuka_of(const Pose& pose) {
-  const calib::KukaAbc abc = calib::kuka_abc_from_rotation(pose.rotation);
+  const KukaAbc abc = kuka_abc_from_rotation(pose.rotation);
   const Vec3& t = pose.translation_mm;
   return {t.x(), t.y(), t.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};
 }

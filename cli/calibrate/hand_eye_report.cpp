@@ -146,7 +146,7 @@ std::string pose_three_ways(const Pose& pose) {
   const std::array<double, 7> q = pose.to_array();
   text += fmt::format("  quaternion  {:.4f} {:.4f} {:.4f}  {:.9f} {:.9f} {:.9f} {:.9f}    x y z qw qx qy qz, mm\n",
                       q[0], q[1], q[2], q[3], q[4], q[5], q[6]);
-  const calib::KukaAbc abc = calib::kuka_abc_from_rotation(pose.rotation);
+  const KukaAbc abc = kuka_abc_from_rotation(pose.rotation);
   text += fmt::format("  KUKA        X {:.4f}, Y {:.4f}, Z {:.4f}, A {:.6f}, B {:.6f}, C {:.6f}    mm, deg\n", q[0],
                       q[1], q[2], deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
   return text;
@@ -188,7 +188,7 @@ void write_hand_eye(Json& json, ArtefactKind kind, const HandEye& r, const calib
   if (r.determined) {
     write_pose(json, "T_flange_scanner", r.T_flange_scanner);
     write_matrix(json, "T_flange_scanner_matrix", r.T_flange_scanner);
-    const calib::KukaAbc abc = calib::kuka_abc_from_rotation(r.T_flange_scanner.rotation);
+    const KukaAbc abc = kuka_abc_from_rotation(r.T_flange_scanner.rotation);
     const Vec3& t = r.T_flange_scanner.translation_mm;
     const std::array<double, 6> kuka = {
         t.x(), t.y(), t.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};

@@ -10,6 +10,7 @@
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/parse.h"
+#include "daemon/measure.h"
 
 namespace slabd::cli {
 

@@ -11,6 +11,7 @@
 
 #include "cli/calibrate/calibrate.h"
 #include "cli/exit.h"
+#include "daemon/measure.h"
 
 namespace slabd::cli {
 

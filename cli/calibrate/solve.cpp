@@ -16,6 +16,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/parse.h"
+#include "daemon/measure.h"
 
 namespace slabd::cli {
 namespace {

@@ -19,6 +19,7 @@
 #include "cli/json.h"
 #include "cli/parse.h"
 #include "cli/render.h"
+#include "cli/slab_choice.h"
 #include "cli/slab_view.h"
 
 namespace slabd::cli {

@@ -376,7 +376,7 @@ void examine_heard(const daemon::Config& config, const Heard& heard, const hal::
               fmt::format("base {}, tool {}: the flange in the robot's base", pose.base_id, pose.tool_id));
   const Vec3 spread = heard.high - heard.low;
   const Vec3& p = pose.T_base_flange.translation_mm;
-  const calib::KukaAbc abc = calib::kuka_abc_from_rotation(pose.T_base_flange.rotation);
+  const KukaAbc abc = kuka_abc_from_rotation(pose.T_base_flange.rotation);
   report.ok("robot position",
             fmt::format("X {:.3f} Y {:.3f} Z {:.3f} mm, A {:.3f} B {:.3f} C {:.3f} deg, moved {:.3f} mm meanwhile; "
                         "compare with the pendant",

@@ -14,6 +14,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "algo/algo.h"
 #include "algo/block_model.h"
 #include "base/pages.h"
 #include "base/splice.h"

@@ -14,6 +14,7 @@
 #include <cstring>
 #include <numbers>
 
+#include "algo/algo.h"
 #include "algo/block_model.h"
 #include "cli/durable.h"
 

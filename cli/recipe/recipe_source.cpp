@@ -6,6 +6,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/render.h"
+#include "cli/slab_choice.h"
 #include "cli/slab_view.h"
 
 namespace slabd::cli {

@@ -7,8 +7,10 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "algo/algo.h"
 #include "base/splice.h"
 #include "cli/json.h"
+#include "daemon/measure.h"
 
 namespace slabd::cli {
 namespace {

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "algo/algo.h"
 #include "base/pages.h"
 #include "daemon/daemon.h"
 #include "storage/storage.h"

@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 
+#include "algo/algo.h"
 #include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
@@ -21,6 +22,7 @@
 #include "cli/replay/what_if.h"
 #include "cli/slab_choice.h"
 #include "daemon/judge.h"
+#include "daemon/measure.h"
 
 namespace slabd::cli {
 namespace {

@@ -15,6 +15,7 @@
 
 #include "cli/slab_view.h"
 #include "daemon/judge.h"
+#include "daemon/measure.h"
 
 namespace slabd::cli {
 namespace {

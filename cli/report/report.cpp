@@ -15,6 +15,7 @@
 #include "cli/exit.h"
 #include "cli/parse.h"
 #include "cli/report/content.h"
+#include "cli/slab_choice.h"
 #include "cli/slab_view.h"
 
 namespace slabd::cli {

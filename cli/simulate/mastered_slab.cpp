@@ -54,6 +54,25 @@ bool write_text(const fs::path& path, const std::string& text) {
 
 }  // namespace
 
+calib::MasterCertificate master_certificate(const Recipe& recipe, const SlabTruth& slab, double sigma_mm) {
+  calib::MasterCertificate certificate;
+  certificate.id = "simulated-master";
+  certificate.date = "2026-01-01";
+  certificate.issuer = "slabctl simulate";
+  certificate.slab_type = recipe.slab_type;
+  certificate.sigma_mm = sigma_mm;
+  for (int k = 1; k <= slab.stations; ++k) {
+    const StationTruth& station = slab.at(k);
+    if (!station.block.present) continue;
+    const double c = std::cos(station.block.slope_rad);
+    const double s = std::sin(station.block.slope_rad);
+    const Quat& turn = station.T_slab_block.rotation;
+    certificate.stations.push_back(
+        calib::master_seat(k, station.T_slab_block.translation_mm, turn * Vec3(0.0, -s, c), turn * Vec3(0.0, c, s)));
+  }
+  return certificate;
+}
+
 int write_mastered_slab(const CalibrationOrder& order) {
   Recipe recipe;
   if (!cli::recipe_from(order.recipe, recipe)) return cli::kBadInput;

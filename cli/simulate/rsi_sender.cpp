@@ -10,7 +10,6 @@
 #include <cstring>
 #include <utility>
 
-#include "calib/calib.h"
 
 namespace slabd::simulate {
 
@@ -47,7 +46,7 @@ void RsiSender::put(const std::string& text) const {
 void RsiSender::send(const Pose& T_base_flange, std::int16_t base_id, std::int16_t tool_id, bool stopped,
                      std::int64_t ipoc_ms) {
   const Vec3& p = T_base_flange.translation_mm;
-  const calib::KukaAbc abc = calib::kuka_abc_from_rotation(T_base_flange.rotation);
+  const KukaAbc abc = kuka_abc_from_rotation(T_base_flange.rotation);
   std::string text = fmt::format(
       "<Rob Type=\"KUKA\"><RIst X=\"{:.4f}\" Y=\"{:.4f}\" Z=\"{:.4f}\" A=\"{:.4f}\" B=\"{:.4f}\" C=\"{:.4f}\"/>"
       "<Base>{}</Base><Tool>{}</Tool><Stopped>{}</Stopped><Emulated>1</Emulated><Delay D=\"0\"/><IPOC>{}</IPOC></Rob>",

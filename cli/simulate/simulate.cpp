@@ -13,6 +13,7 @@
 #include "cli/exit.h"
 #include "cli/parse.h"
 #include "cli/simulate/line_run.h"
+#include "cli/simulate/mastered_slab.h"
 #include "cli/simulate/simulate_calibration.h"
 #include "cli/simulate/simulate_plane.h"
 #include "cli/simulate/simulate_report.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/simulate/slab_scene.h"
 
-#include "cli/stations/dither.h"
+#include "base/dither.h"
 
 namespace slabd::simulate {
 namespace {
@@ -177,8 +177,7 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
     station.T_slab_block.translation_mm += station.offset_slab_mm;
 
     // The robot was taught on a nominal slab in the nominal place and knows nothing of this one.
-    const Pose T_block_scanner =
-        cli::dithered(nominal_T_block_scanner(), k, {variation.dither_mm, variation.dither_deg});
+    const Pose T_block_scanner = dithered(nominal_T_block_scanner(), k, {variation.dither_mm, variation.dither_deg});
     const Pose taught = cell.taught.empty() ? cell.T_base_slab * T_slab_block(recipe, k) * T_block_scanner *
                                                   cell.T_flange_scanner.inverse()
                                             : cell.taught[static_cast<std::size_t>(k - 1)];
@@ -193,25 +192,6 @@ Pose T_scanner_block(const SlabTruth& slab, const Cell& cell, int station) {
   const StationTruth& truth = slab.at(station);
   const Pose T_base_scanner = truth.T_base_flange_real * cell.T_flange_scanner;
   return T_base_scanner.inverse() * slab.T_base_slab * truth.T_slab_block;
-}
-
-calib::MasterCertificate master_certificate(const Recipe& recipe, const SlabTruth& slab, double sigma_mm) {
-  calib::MasterCertificate certificate;
-  certificate.id = "simulated-master";
-  certificate.date = "2026-01-01";
-  certificate.issuer = "slabctl simulate";
-  certificate.slab_type = recipe.slab_type;
-  certificate.sigma_mm = sigma_mm;
-  for (int k = 1; k <= slab.stations; ++k) {
-    const StationTruth& station = slab.at(k);
-    if (!station.block.present) continue;
-    const double c = std::cos(station.block.slope_rad);
-    const double s = std::sin(station.block.slope_rad);
-    const Quat& turn = station.T_slab_block.rotation;
-    certificate.stations.push_back(
-        calib::master_seat(k, station.T_slab_block.translation_mm, turn * Vec3(0.0, -s, c), turn * Vec3(0.0, c, s)));
-  }
-  return certificate;
 }
 
 double true_value(const Recipe& recipe, const StationTruth& station, ItemId id) {

@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "base/base.h"
-#include "calib/calib.h"
 #include "cli/simulate/block_scene.h"
 #include "cli/simulate/defects.h"
 #include "cli/simulate/robot_error.h"
@@ -80,10 +79,6 @@ struct Cell {
 /// (`station` and the next), large_jaw_distance (`station` and the one across), corner_level, warp_left, warp_right.
 /// None of them changes with the frame that the slab is put into. NaN for other items and missing blocks.
 [[nodiscard]] double true_slab_value(const Recipe& recipe, const SlabTruth& slab, ItemId id, int station = 0);
-
-/// What a laboratory would say of this slab's seats, exactly; U as stated.
-[[nodiscard]] calib::MasterCertificate master_certificate(const Recipe& recipe, const SlabTruth& slab,
-                                                          double sigma_mm = 0.005);
 
 /// Independent stream of random numbers for one purpose: the same (seed, a, b) always gives the same stream.
 [[nodiscard]] std::uint64_t derived_seed(std::uint64_t seed, std::uint64_t a, std::uint64_t b);

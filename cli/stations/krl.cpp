@@ -99,7 +99,7 @@ std::string krl_data_list(std::string_view name, const std::vector<Pose>& T_base
       name, T_base_flange.size());
   for (std::size_t k = 0; k < T_base_flange.size(); ++k) {
     const Vec3& p = T_base_flange[k].translation_mm;
-    const calib::KukaAbc abc = calib::kuka_abc_from_rotation(T_base_flange[k].rotation);
+    const KukaAbc abc = kuka_abc_from_rotation(T_base_flange[k].rotation);
     text += fmt::format("STATION[{}]={{X {:.4f},Y {:.4f},Z {:.4f},A {:.6f},B {:.6f},C {:.6f}}}\n", k + 1, p.x(), p.y(),
                         p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
   }

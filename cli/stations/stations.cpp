@@ -20,7 +20,6 @@
 #include "cli/exit.h"
 #include "cli/json.h"
 #include "cli/parse.h"
-#include "cli/stations/dither.h"
 #include "cli/stations/krl.h"
 #include "cli/stations/station_plan.h"
 #include "daemon/station_views.h"
@@ -182,9 +181,9 @@ Alike most_alike(const Sources& sources, const std::vector<Row>& rows) {
   Alike least;
   for (std::size_t i = 0; i < rows.size(); ++i) {
     const Row& next = rows[(i + 1) % rows.size()];
-    const StopDifference d = difference(stop_of(sources, rows[i]), stop_of(sources, next));
+    const StopDifference d = stop_difference(stop_of(sources, rows[i]), stop_of(sources, next));
     const auto apart = [](const StopDifference& x) {
-      return std::max(x.mm / daemon::kStopsDifferMm, x.deg / deg_from_rad(daemon::kStopsDifferRad));
+      return std::max(x.mm / kStopsDifferMm, x.deg / deg_from_rad(kStopsDifferRad));
     };
     if (least.station == 0 || apart(d) < apart(least.differ)) least = {rows[i].station, next.station, d};
   }
@@ -221,7 +220,7 @@ std::string faults(const StationView& view, double look_mm) {
 
 void print_pose(const Pose& pose) {
   const Vec3& p = pose.translation_mm;
-  const calib::KukaAbc abc = calib::kuka_abc_from_rotation(pose.rotation);
+  const KukaAbc abc = kuka_abc_from_rotation(pose.rotation);
   fmt::print("{:10.3f} {:10.3f} {:10.3f} {:9.4f} {:9.4f} {:9.4f}", p.x(), p.y(), p.z(), deg_from_rad(abc.a_rad),
              deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
 }
@@ -270,7 +269,7 @@ void write_view(Json& json, std::string_view key, const StationView& view, doubl
 
 void write_flange(Json& json, std::string_view key, const Pose& pose) {
   write_pose(json, key, pose);
-  const calib::KukaAbc abc = calib::kuka_abc_from_rotation(pose.rotation);
+  const KukaAbc abc = kuka_abc_from_rotation(pose.rotation);
   const std::array<double, 3> abc_deg = {deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};
   json.field(std::string(key) + "_abc_deg", std::span<const double>(abc_deg));
 }

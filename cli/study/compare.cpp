@@ -10,6 +10,7 @@
 #include "cli/json.h"
 #include "cli/render.h"
 #include "daemon/daemon.h"
+#include "daemon/measure.h"
 
 namespace slabd::cli::study {
 namespace {

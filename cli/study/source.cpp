@@ -11,6 +11,7 @@
 #include "cli/figures.h"
 #include "cli/slab_view.h"
 #include "daemon/daemon.h"
+#include "daemon/measure.h"
 
 namespace slabd::cli::study {
 

@@ -4,6 +4,7 @@
 // A slab of its own type must never be refused; one of the other type must be, where the field of view reaches an end.
 #include <fmt/core.h>
 
+#include "algo/algo.h"
 #include "daemon/daemon.h"
 #include "daemon/slab_ends.h"
 #include "tests/accuracy/block_scan.h"

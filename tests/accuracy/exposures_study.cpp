@@ -13,6 +13,7 @@
 #include <cmath>
 #include <memory>
 
+#include "algo/algo.h"
 #include "algo/noise_print.h"
 #include "base/prng.h"
 #include "cli/simulate/slab_scene.h"

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/accuracy/mastered_line.h"
+#include "cli/simulate/mastered_slab.h"
 
 #include <Eigen/Geometry>
 #include <cmath>

@@ -8,6 +8,7 @@
 
 #include "algo/algo.h"
 #include "base/calibration.h"
+#include "calib/calib.h"
 #include "cli/simulate/slab_scene.h"
 
 /// A line with a robot that is off, mastered and then used as the daemon uses it: visits from the inspected mastered

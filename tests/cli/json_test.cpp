@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/json.h"
+#include "cli/figures.h"
 
 #include <gtest/gtest.h>
 

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/replay/what_if.h"
+#include "daemon/measure.h"
 #include "tests/cli/stored_slab.h"
 #include "tests/places/places.h"
 

@@ -8,7 +8,6 @@
 
 #include "base/prng.h"
 #include "base/recipe.h"
-#include "cli/stations/dither.h"
 #include "reference_recipe.h"
 
 namespace slabd::cli {
@@ -236,7 +235,7 @@ TEST(Dither, planned_stops_differ_as_the_document_says) {
   for (int a = 1; a <= n; ++a)
     for (int b = a + 1; b <= n; ++b) {
       const StopDifference d =
-          difference(dithered(nominal_T_block_scanner(), a, {}), dithered(nominal_T_block_scanner(), b, {}));
+          stop_difference(dithered(nominal_T_block_scanner(), a, {}), dithered(nominal_T_block_scanner(), b, {}));
       least = {std::min(least.mm, d.mm), std::min(least.deg, d.deg)};
       const int apart = std::min(b - a, n - (b - a));
       if (apart <= 2) near = {std::min(near.mm, d.mm), std::min(near.deg, d.deg)};

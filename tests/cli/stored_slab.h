@@ -8,10 +8,12 @@
 #include <string>
 #include <vector>
 
+#include "algo/algo.h"
 #include "base/pages.h"
 #include "base/splice.h"
 #include "daemon/daemon.h"
 #include "daemon/judge.h"
+#include "daemon/measure.h"
 #include "storage/storage.h"
 #include "tests/cli/slabctl_process.h"
 

@@ -10,6 +10,7 @@
 #include <fstream>
 #include <limits>
 
+#include "daemon/calibration_change.h"
 #include "daemon/daemon.h"
 
 namespace slabd::daemon {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A line on the control socket, and the same bytes as a change of calibrations.
+#include "daemon/calibration_change.h"
 #include "daemon/loop.h"
 #include "hal/mock/mock.h"
 #include "tests/fuzz/fuzz.h"

@@ -17,6 +17,8 @@
 #include "hal/plc_map.h"
 #include "heap_count.h"
 
+#include "algo/algo.h"
+#include "daemon/measure.h"
 #include "slabd/flange_pose_t.hpp"
 #include "tests/places/places.h"
 

@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "cli/control.h"
+#include "daemon/calibration_change.h"
 #include "daemon/loop.h"
 #include "hal/hal.h"
 #include "hal/scan_request.h"

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <functional>
 
+#include "algo/algo.h"
 #include "cli/simulate/scan_drawing.h"
 #include "daemon/loop.h"
 #include "hal/mock/mock.h"

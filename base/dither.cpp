@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/stations/dither.h"
+#include "base/dither.h"
 
+#include <array>
 #include <cassert>
 
-#include "daemon/station_views.h"
+#include "base/limits.h"
 
-namespace slabd::cli {
+namespace slabd {
 namespace {
 
 /// Shift along X, Y, Z and turn about X, Y, Z, as shares of the amplitudes. Found by a random search for the largest
@@ -44,14 +45,14 @@ Pose dithered(const Pose& T_block_scanner, int station, const Dither& dither) {
   return move * T_block_scanner;
 }
 
-StopDifference difference(const Pose& T_block_scanner, const Pose& other) {
+StopDifference stop_difference(const Pose& T_block_scanner, const Pose& other) {
   const Pose a = T_block_scanner.inverse();
   const Pose b = other.inverse();
   return {(a.translation_mm - b.translation_mm).norm(), deg_from_rad(angle_between_rad(a.rotation, b.rotation))};
 }
 
 bool is_told_apart(const StopDifference& difference) {
-  return difference.mm > daemon::kStopsDifferMm || difference.deg > deg_from_rad(daemon::kStopsDifferRad);
+  return difference.mm > kStopsDifferMm || difference.deg > deg_from_rad(kStopsDifferRad);
 }
 
-}  // namespace slabd::cli
+}  // namespace slabd
