@@ -11,7 +11,7 @@
 //     sample, residuals register: the points ICP works on       extract: the cells of the search for damage
 //     wide, near        the face table, built by `use`
 //     heights           the height map, built by `use`
-//     survey_*, map_*   extract: what the one pass over the scan leaves (algo/survey.h)
+//     survey_*, map_*   extract: what the one pass over the scan leaves (algo/survey/survey.h)
 //     flatness          extract: their cells
 #include <atomic>
 #include <cassert>
@@ -20,21 +20,21 @@
 #include <string_view>
 
 #include "algo/algo.h"
-#include "algo/block_items.h"
 #include "algo/block_model.h"
-#include "algo/block_search.h"
-#include "algo/casing.h"
-#include "algo/cell_grid.h"
-#include "algo/coordinate_step.h"
-#include "algo/denoise.h"
-#include "algo/flatness.h"
-#include "algo/noise_print.h"
-#include "algo/plane_fit.h"
-#include "algo/registration.h"
-#include "algo/segmentation.h"
-#include "algo/surface_findings.h"
-#include "algo/survey.h"
-#include "algo/uncertainty.h"
+#include "algo/denoise/denoise.h"
+#include "algo/features/casing.h"
+#include "algo/features/cell_grid.h"
+#include "algo/features/flatness.h"
+#include "algo/features/noise_print.h"
+#include "algo/features/plane_fit.h"
+#include "algo/items/block_items.h"
+#include "algo/items/uncertainty.h"
+#include "algo/register/block_search.h"
+#include "algo/register/registration.h"
+#include "algo/survey/coordinate_step.h"
+#include "algo/survey/segmentation.h"
+#include "algo/survey/surface_findings.h"
+#include "algo/survey/survey.h"
 #include "base/pages.h"
 #include "base/team.h"
 

@@ -4,9 +4,9 @@
 #include "base/pose.h"
 
 /// Stops that differ from station to station, so that the place in which a scan shows its block proves from which stop
-/// it was taken (daemon/station_views.h). A pattern of 18 places and turns; with the whole amplitude of 4 mm and 1
-/// degree any two of them differ by at least 3.9 mm and 1.0 deg, and those of stations that are next to each other or
-/// next but one, from the last to the first again, by at least 6.5 mm and 1.6 deg.
+/// it was taken (daemon/station/station_views.h). A pattern of 18 places and turns; with the whole amplitude of 4 mm
+/// and 1 degree any two of them differ by at least 3.9 mm and 1.0 deg, and those of stations that are next to each
+/// other or next but one, from the last to the first again, by at least 6.5 mm and 1.6 deg.
 namespace slabd {
 
 /// Two stops from which the same block appears this far apart are told apart; those that differ less are not compared.

@@ -56,7 +56,8 @@ struct ItemInfo {
 [[nodiscard]] std::string_view name(ItemUnit unit);
 [[nodiscard]] std::optional<ItemId> item_from_name(std::string_view item_name);
 
-/// Where an item's standard uncertainty comes from (GUM budget; the terms and formulas stand in algo/uncertainty.h).
+/// Where an item's standard uncertainty comes from (GUM budget; the terms and formulas stand in
+/// algo/items/uncertainty.h).
 enum class BudgetPart : std::uint8_t {
   fit,           ///< covariance of the fitted features from white noise
   noise,         ///< what the noise of neighbouring points has in common adds to it

@@ -8,7 +8,7 @@
 #include "base/limits.h"
 #include "base/records.h"
 
-/// The PLC's half and slabd's half of register map 1.0 as values with units. `hal/plc_map.h` is the only place that
+/// The PLC's half and slabd's half of register map 1.0 as values with units. `hal/plc/plc_map.h` is the only place that
 /// knows addresses, scales and word order.
 namespace slabd {
 
@@ -74,7 +74,7 @@ enum PlcWarn : std::uint16_t {
 };
 
 /// Deviations of a result record, IR 42..55: mm or deg, NaN = none. Kind 2 carries station numbers and a count at
-/// some places; hal/plc_map.cpp has the table.
+/// some places; hal/plc/plc_map.cpp has the table.
 inline constexpr std::size_t kPlcDeviations = 14;
 
 struct PlcResult {

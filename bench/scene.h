@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "bench/peers/peer.h"
-#include "cli/simulate/scan_drawing.h"
+#include "emulator/scan_drawing.h"
 
 /// The scan that everybody measures, with known truth: 2048 x 2448 points at 0.255 mm, noise 0.03 mm, 0.5 % outliers
 /// 1 to 60 mm off, 2 % missing; the block is as drawn and stands (2, 2, 1) mm and 0.5 deg about (1, 1, 1) beside where

@@ -4,8 +4,8 @@
 #include <array>
 
 #include "base/base.h"
-#include "calib/artefact.h"
-#include "calib/ball.h"
+#include "calib/ball/artefact.h"
+#include "calib/ball/ball.h"
 #include "calib/conventions.h"
 #include "calib/coverage.h"
 #include "calib/hand_eye.h"

@@ -6,18 +6,18 @@
 #include <memory>
 #include <vector>
 
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
-#include "cli/figures.h"
-#include "cli/json.h"
 #include "cli/recipe/recipe_diff.h"
 #include "cli/recipe/recipe_reload.h"
 #include "cli/recipe/recipe_source.h"
-#include "cli/render.h"
-#include "daemon/recipe_keys.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/render.h"
+#include "config/recipe_keys.h"
 #include "daemon/slab_ends.h"
+#include "report/figures.h"
+#include "report/json.h"
 
 namespace slabd::cli {
 namespace {

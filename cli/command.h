@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/recipe.h"
-#include "daemon/daemon.h"
+#include "config/config.h"
 
 namespace slabd::args {
 class Command;

@@ -7,10 +7,10 @@
 
 #include <memory>
 
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "daemon/daemon.h"
+#include "cli/terminal/arguments.h"
+#include "config/config.h"
 #include "daemon/measure.h"
 
 namespace slabd::cli {

@@ -9,14 +9,14 @@
 #include <vector>
 
 #include "algo/algo.h"
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/parse.h"
-#include "cli/render.h"
-#include "cli/table_columns.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/render.h"
+#include "cli/terminal/table_columns.h"
 #include "hal/hal.h"
+#include "report/json.h"
 
 namespace slabd::cli {
 namespace {

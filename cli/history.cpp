@@ -8,14 +8,14 @@
 #include <memory>
 #include <vector>
 
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/parse.h"
-#include "cli/render.h"
-#include "cli/report/words.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/render.h"
+#include "report/json.h"
+#include "report/words.h"
 
 namespace slabd::cli {
 namespace {

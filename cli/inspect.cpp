@@ -10,18 +10,18 @@
 #include <span>
 
 #include "algo/algo.h"
+#include "base/durable.h"
 #include "base/pages.h"
-#include "cli/arguments.h"
 #include "cli/command.h"
-#include "cli/durable.h"
 #include "cli/exit.h"
-#include "cli/figures.h"
-#include "cli/json.h"
-#include "cli/parse.h"
-#include "cli/progress.h"
-#include "cli/render.h"
-#include "cli/table_columns.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/progress.h"
+#include "cli/terminal/render.h"
+#include "cli/terminal/table_columns.h"
 #include "daemon/measure.h"
+#include "report/figures.h"
+#include "report/json.h"
 
 namespace slabd::cli {
 namespace {

@@ -5,11 +5,11 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "cli/arguments.h"
+#include "base/durable.h"
+#include "cli/client/control.h"
 #include "cli/command.h"
-#include "cli/control.h"
-#include "cli/durable.h"
 #include "cli/exit.h"
+#include "cli/terminal/arguments.h"
 
 namespace slabd::cli {
 namespace {

@@ -17,15 +17,15 @@
 #include <string>
 #include <vector>
 
-#include "cli/arguments.h"
+#include "base/durable.h"
 #include "cli/command.h"
 #include "cli/database.h"
-#include "cli/durable.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/parse.h"
 #include "cli/slab_choice.h"
-#include "cli/slab_view.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "report/json.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli {
 namespace {

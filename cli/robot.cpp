@@ -12,14 +12,14 @@
 #include <thread>
 
 #include "calib/calib.h"
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/parse.h"
 #include "cli/pose_counts.h"
-#include "cli/render.h"
-#include "daemon/pose_gate.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/render.h"
+#include "daemon/station/pose_gate.h"
+#include "report/json.h"
 
 namespace slabd::cli {
 namespace {

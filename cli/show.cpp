@@ -9,19 +9,19 @@
 #include <optional>
 #include <vector>
 
-#include "cli/arguments.h"
-#include "cli/budget_text.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
-#include "cli/figures.h"
-#include "cli/json.h"
-#include "cli/render.h"
 #include "cli/replay/remeasure.h"
-#include "cli/report/words.h"
 #include "cli/slab_choice.h"
-#include "cli/slab_json.h"
-#include "cli/slab_view.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/render.h"
+#include "report/budget_text.h"
+#include "report/figures.h"
+#include "report/json.h"
+#include "report/slab_json.h"
+#include "report/slab_view.h"
+#include "report/words.h"
 
 namespace slabd::cli {
 namespace {

@@ -7,10 +7,10 @@
 #include <array>
 #include <chrono>
 
-#include "cli/arguments.h"
 #include "cli/exit.h"
-#include "cli/parse.h"
-#include "cli/slab_view.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli {
 namespace {

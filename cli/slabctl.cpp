@@ -8,14 +8,14 @@
 #include <array>
 
 #include "base/plain_text.h"
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/export/export.h"
-#include "cli/parse.h"
 #include "cli/pin.h"
 #include "cli/replay/replay.h"
 #include "cli/study/study.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
 #include "daemon/measure.h"
 
 namespace slabd::cli {

@@ -7,14 +7,14 @@
 #include <nlohmann/json.hpp>
 
 #include "base/plain_text.h"
-#include "cli/arguments.h"
+#include "cli/client/control.h"
 #include "cli/command.h"
-#include "cli/control.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/render.h"
-#include "cli/report/words.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/render.h"
 #include "cli/watch/watch.h"
+#include "report/json.h"
+#include "report/words.h"
 
 namespace slabd::cli {
 namespace {

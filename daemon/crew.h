@@ -6,7 +6,7 @@
 #include <optional>
 #include <span>
 
-#include "daemon/station.h"
+#include "daemon/station/station.h"
 #include "daemon/worker.h"
 #include "hal/hal.h"
 

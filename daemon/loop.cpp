@@ -18,12 +18,12 @@
 #include <utility>
 
 #include "base/utf8.h"
-#include "daemon/calibration_change.h"
+#include "daemon/control/calibration_change.h"
 #include "daemon/judge.h"
 #include "daemon/log_outlet.h"
 #include "daemon/seal.h"
 #include "daemon/slab_ends.h"
-#include "hal/journal.h"
+#include "hal/system/journal.h"
 #include "storage/chain.h"
 
 namespace slabd::daemon {

@@ -10,11 +10,11 @@
 #include <string_view>
 #include <vector>
 
-#include "daemon/calibration_desk.h"
+#include "config/config.h"
+#include "daemon/control/calibration_desk.h"
 #include "daemon/crew.h"
-#include "daemon/daemon.h"
 #include "daemon/recipe_watch.h"
-#include "daemon/station.h"
+#include "daemon/station/station.h"
 
 namespace slabd::daemon {
 

@@ -5,8 +5,8 @@
 
 #include "algo/algo.h"
 #include "base/scan_place.h"
+#include "config/config.h"
 #include "daemon/commit.h"
-#include "daemon/daemon.h"
 #include "daemon/judge.h"
 #include "daemon/measure.h"
 

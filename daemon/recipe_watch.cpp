@@ -14,8 +14,8 @@
 #include <thread>
 #include <utility>
 
-#include "daemon/daemon.h"
-#include "daemon/recipe_keys.h"
+#include "config/config.h"
+#include "config/recipe_keys.h"
 
 namespace slabd::daemon {
 namespace {

@@ -17,7 +17,7 @@
 #include "base/team.h"
 
 /// Everything outside the process, as ports. Each has a real life (here and in the .cpp files of this room) and a
-/// scripted one (`hal/mock/`). Units, word order and frames are converted on this side of the ports.
+/// scripted one (`tests/mock/`). Units, word order and frames are converted on this side of the ports.
 ///
 /// Two shapes: PLC and robot pose are *pollable* (the loop waits on their descriptors and never blocks in them); the
 /// scanner is *blocking* (it waits for a file and for the disk, so it lives on a worker thread).
@@ -220,8 +220,8 @@ struct LcmSettings {
 /// Checks url, channel and interface name; the link itself is opened (and re-opened) by next().
 [[nodiscard]] Result<std::unique_ptr<PosePort>> make_lcm_pose_port(const LcmSettings& settings);
 
-/// The bounded LC02 reader (hal/lc02_reader): one datagram in, one pose out. No heap, never reads past `datagram`.
-/// False: not a pose on `channel`; `counters` says why. `sample.arrival_ns` is left for the caller.
+/// The bounded LC02 reader (hal/robot/lc02_reader): one datagram in, one pose out. No heap, never reads past
+/// `datagram`. False: not a pose on `channel`; `counters` says why. `sample.arrival_ns` is left for the caller.
 [[nodiscard]] bool decode_pose_datagram(std::span<const std::byte> datagram, std::string_view channel,
                                         PoseSample& sample, PoseLinkCounters& counters,
                                         PoseType type = PoseType::flange_pose);
@@ -287,9 +287,9 @@ inline constexpr std::size_t kTableColumnsMax = 24;
 [[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<double> xyz,
                                           const TableColumns& columns = {});
 
-/// CRC-32C (hal/crc32c.h) of points (x, y, z in mm) as they were read, in the order of the file, missing ones included:
-/// each number as the four bytes of its float32, little-endian; of a missing point three times 00 00 C0 7F, whatever
-/// NaN the file had. `before`: of the points in front of these. docs/QUALITY.md has it in ten lines of Python.
+/// CRC-32C (hal/system/crc32c.h) of points (x, y, z in mm) as they were read, in the order of the file, missing ones
+/// included: each number as the four bytes of its float32, little-endian; of a missing point three times 00 00 C0 7F,
+/// whatever NaN the file had. `before`: of the points in front of these. docs/QUALITY.md has it in ten lines of Python.
 [[nodiscard]] std::uint32_t points_crc32c(std::span<const float> xyz, std::uint32_t before = 0);
 
 struct ScanChecksum {

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "storage/sqlite.h"
+#include "storage/files/sqlite.h"
 #include "storage/storage.h"
 
 /// Calibrations as rows: kept, put in force, rolled back, checked. Every call belongs into the caller's transaction and

@@ -10,7 +10,7 @@
 
 #include "base/plain_text.h"
 #include "storage/calibrations.h"
-#include "storage/database.h"
+#include "storage/files/database.h"
 #include "storage/seals.h"
 #include "storage/storage.h"
 

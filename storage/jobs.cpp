@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "storage/folders.h"
+#include "storage/files/folders.h"
 #include "storage/seals.h"
 
 namespace slabd::storage {

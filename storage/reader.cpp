@@ -5,9 +5,9 @@
 #include <exception>
 
 #include "storage/calibrations.h"
-#include "storage/database.h"
+#include "storage/files/database.h"
+#include "storage/files/log_copy.h"
 #include "storage/load.h"
-#include "storage/log_copy.h"
 #include "storage/search.h"
 #include "storage/storage.h"
 

@@ -4,7 +4,7 @@
 #include <cstdint>
 
 #include "base/jobs.h"
-#include "storage/sqlite.h"
+#include "storage/files/sqlite.h"
 
 namespace slabd::storage {
 

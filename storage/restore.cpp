@@ -17,16 +17,16 @@
 #include <string>
 #include <utility>
 
-#include "storage/backup.h"
 #include "storage/chain.h"
-#include "storage/database.h"
-#include "storage/folders.h"
+#include "storage/files/backup.h"
+#include "storage/files/database.h"
+#include "storage/files/folders.h"
+#include "storage/files/log_copy.h"
+#include "storage/files/quarantine.h"
+#include "storage/files/upgrade.h"
 #include "storage/jobs.h"
-#include "storage/log_copy.h"
-#include "storage/quarantine.h"
 #include "storage/seals.h"
 #include "storage/storage.h"
-#include "storage/upgrade.h"
 
 namespace slabd::storage {
 namespace {

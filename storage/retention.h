@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "storage/sqlite.h"
+#include "storage/files/sqlite.h"
 
 namespace slabd::storage {
 

@@ -14,7 +14,7 @@
 
 #include "base/base.h"
 #include "base/jobs.h"
-#include "storage/sqlite.h"
+#include "storage/files/sqlite.h"
 
 /// What a list of columns (storage/rows.h) is used for: names for the SQL text, binding, reading.
 ///

@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "storage/sqlite.h"
+#include "storage/files/sqlite.h"
 
 /// Canonical form of what is stored of a slab, and its SHA-256.
 ///

@@ -327,8 +327,8 @@ struct DatabaseReport {
   std::int64_t newest_utime_us = 0;  ///< newest wall clock of any record
   std::int64_t bytes = 0;
   std::int64_t log_bytes = 0;  ///< of the write-ahead log beside it
-  /// The file is byte for byte the backup that was written (storage/file_checksum.h). False without `trouble`: a live
-  /// database, or a copy of an older slabd, of which that cannot be proven.
+  /// The file is byte for byte the backup that was written (storage/files/file_checksum.h). False without `trouble`: a
+  /// live database, or a copy of an older slabd, of which that cannot be proven.
   bool has_checksum = false;
 };
 /// Reads a whole database or backup and says whether it can be trusted: a backup's checksum and length, SQLite's own

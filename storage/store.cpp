@@ -15,17 +15,17 @@
 #include <optional>
 #include <tuple>
 
-#include "storage/backup.h"
 #include "storage/calibrations.h"
 #include "storage/chain.h"
-#include "storage/database.h"
-#include "storage/folders.h"
+#include "storage/files/backup.h"
+#include "storage/files/database.h"
+#include "storage/files/folders.h"
+#include "storage/files/lock_probe.h"
+#include "storage/files/quarantine.h"
+#include "storage/files/spool.h"
 #include "storage/jobs.h"
-#include "storage/lock_probe.h"
-#include "storage/quarantine.h"
 #include "storage/recover.h"
 #include "storage/retention.h"
-#include "storage/spool.h"
 #include "storage/storage.h"
 
 namespace slabd::storage {

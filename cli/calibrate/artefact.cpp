@@ -4,11 +4,11 @@
 #include <fmt/core.h>
 #include <memory>
 
-#include "cli/arguments.h"
+#include "base/durable.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/find_ball.h"
-#include "cli/durable.h"
 #include "cli/exit.h"
+#include "cli/terminal/arguments.h"
 
 namespace slabd::cli {
 namespace {

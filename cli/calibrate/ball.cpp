@@ -5,13 +5,13 @@
 #include <fmt/core.h>
 #include <memory>
 
-#include "cli/arguments.h"
+#include "base/durable.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/find_ball.h"
-#include "cli/durable.h"
 #include "cli/exit.h"
-#include "cli/parse.h"
-#include "cli/progress.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/progress.h"
 #include "hal/hal.h"
 
 namespace slabd::cli {

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "cli/calibrate/find_ball.h"
-#include "cli/render.h"
+#include "cli/terminal/render.h"
 
 namespace slabd::cli {
 namespace {

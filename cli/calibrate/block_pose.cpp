@@ -12,14 +12,14 @@
 #include <span>
 
 #include "algo/algo.h"
+#include "base/durable.h"
 #include "base/pages.h"
-#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
-#include "cli/calibrate/record_options.h"
+#include "cli/client/record_options.h"
 #include "cli/command.h"
-#include "cli/durable.h"
 #include "cli/exit.h"
-#include "cli/parse.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
 #include "daemon/measure.h"
 
 namespace slabd::cli {

@@ -3,8 +3,8 @@
 // slabctl calibrate: the group. What each verb does is in its own file.
 #include "cli/calibrate/calibrate.h"
 
-#include "cli/arguments.h"
 #include "cli/command.h"
+#include "cli/terminal/arguments.h"
 
 namespace slabd::cli {
 

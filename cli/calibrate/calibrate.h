@@ -4,7 +4,7 @@
 #include <string>
 
 #include "calib/calib.h"
-#include "cli/json.h"
+#include "report/json.h"
 
 namespace slabd::args {
 class Command;

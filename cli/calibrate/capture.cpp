@@ -14,13 +14,13 @@
 #include <map>
 #include <memory>
 
-#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/capture.h"
-#include "cli/calibrate/live_capture.h"
 #include "cli/calibrate/session.h"
+#include "cli/client/live_capture.h"
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/terminal/arguments.h"
 #include "hal/hal.h"
 
 namespace slabd::cli {

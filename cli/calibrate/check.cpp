@@ -9,22 +9,22 @@
 #include <vector>
 
 #include "algo/algo.h"
+#include "base/durable.h"
 #include "base/pages.h"
-#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
-#include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/monitor_ball.h"
-#include "cli/calibrate/record_options.h"
+#include "cli/client/calibration_desk.h"
+#include "cli/client/record_options.h"
 #include "cli/command.h"
-#include "cli/durable.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/parse.h"
-#include "cli/progress.h"
-#include "cli/render.h"
 #include "cli/slab_choice.h"
-#include "cli/slab_view.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/progress.h"
+#include "cli/terminal/render.h"
 #include "daemon/measure.h"
+#include "report/json.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli {
 namespace {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "calib/calib.h"
-#include "cli/json.h"
+#include "report/json.h"
 
 namespace slabd::args {
 class Command;

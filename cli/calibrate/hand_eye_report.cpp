@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "cli/calibrate/calibrate.h"
-#include "cli/render.h"
+#include "cli/terminal/render.h"
 
 namespace slabd::cli {
 namespace {

@@ -8,12 +8,12 @@
 
 #include "base/pages.h"
 #include "calib/calib.h"
-#include "cli/arguments.h"
-#include "cli/calibrate/calibration_desk.h"
-#include "cli/calibrate/live_capture.h"
+#include "cli/client/calibration_desk.h"
+#include "cli/client/live_capture.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/parse.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
 
 namespace slabd::cli {
 namespace {

@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "base/base.h"
-#include "daemon/daemon.h"
+#include "config/config.h"
 
 namespace slabd::args {
 class Command;

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <memory>
 
-#include "cli/calibrate/record_options.h"
+#include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 

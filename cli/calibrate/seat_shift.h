@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "base/base.h"
-#include "daemon/daemon.h"
+#include "config/config.h"
 
 /// What a change of T_flange_scanner does at the slab: by how much every seat would be found elsewhere.
 namespace slabd::cli {

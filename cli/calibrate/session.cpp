@@ -19,8 +19,8 @@
 #include <limits>
 
 #include "cli/calibrate/calibrate.h"
-#include "cli/calibrate/calibration_desk.h"
-#include "cli/json.h"
+#include "cli/client/calibration_desk.h"
+#include "report/json.h"
 
 namespace slabd::cli {
 namespace {

@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
+#include "base/durable.h"
 #include "calib/calib.h"
-#include "cli/durable.h"
-#include "daemon/daemon.h"
+#include "config/config.h"
 
 namespace slabd::args {
 class Command;

@@ -10,11 +10,11 @@
 #include <cstdlib>
 #include <filesystem>
 
-#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/session.h"
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/terminal/arguments.h"
 
 namespace slabd::cli {
 namespace {

@@ -5,13 +5,13 @@
 #include <map>
 #include <memory>
 
-#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
-#include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/session.h"
+#include "cli/client/calibration_desk.h"
 #include "cli/exit.h"
-#include "cli/parse.h"
-#include "cli/render.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/render.h"
 
 namespace slabd::cli {
 namespace {

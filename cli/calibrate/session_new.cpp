@@ -7,16 +7,16 @@
 #include <filesystem>
 #include <memory>
 
-#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
-#include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/find_ball.h"
-#include "cli/calibrate/record_options.h"
 #include "cli/calibrate/session.h"
 #include "cli/calibrate/solve_options.h"
+#include "cli/client/calibration_desk.h"
+#include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/parse.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
 
 namespace slabd::cli {
 namespace {

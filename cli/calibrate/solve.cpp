@@ -9,13 +9,13 @@
 #include <cstring>
 #include <memory>
 
-#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/session_solution.h"
 #include "cli/calibrate/solve_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/parse.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
 #include "daemon/measure.h"
 
 namespace slabd::cli {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/calibrate/solve_options.h"
-#include "cli/arguments.h"
-#include "cli/parse.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
 
 #include <algorithm>
 

@@ -10,17 +10,17 @@
 #include <memory>
 #include <vector>
 
-#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
-#include "cli/calibrate/calibration_desk.h"
-#include "cli/calibrate/record_options.h"
+#include "cli/client/calibration_desk.h"
+#include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/parse.h"
-#include "cli/render.h"
 #include "cli/slab_choice.h"
-#include "cli/slab_view.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/render.h"
+#include "report/json.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli {
 namespace {

@@ -8,9 +8,9 @@
 #include <unistd.h>
 #include <algorithm>
 
-#include "cli/calibrate/calibration_desk.h"
 #include "cli/calibrate/capture.h"
-#include "cli/calibrate/live_capture.h"
+#include "cli/client/calibration_desk.h"
+#include "cli/client/live_capture.h"
 #include "cli/exit.h"
 
 namespace slabd::cli {

@@ -9,15 +9,15 @@
 #include <cstdio>
 #include <memory>
 
-#include "cli/arguments.h"
 #include "cli/calibrate/calibrate.h"
-#include "cli/calibrate/calibration_desk.h"
-#include "cli/calibrate/record_options.h"
 #include "cli/calibrate/seat_shift.h"
 #include "cli/calibrate/session_solution.h"
+#include "cli/client/calibration_desk.h"
+#include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/render.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/render.h"
 
 namespace slabd::cli {
 namespace {

@@ -15,16 +15,16 @@
 #include <random>
 #include <thread>
 
-#include "cli/arguments.h"
-#include "cli/calibrate/calibration_desk.h"
+#include "base/durable.h"
+#include "cli/client/calibration_desk.h"
+#include "cli/client/control.h"
 #include "cli/command.h"
-#include "cli/control.h"
 #include "cli/db/care_answer.h"
-#include "cli/durable.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/parse.h"
-#include "cli/render.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/render.h"
+#include "report/json.h"
 #include "storage/chain.h"
 
 namespace slabd::cli {

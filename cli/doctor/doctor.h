@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "base/recipe.h"
-#include "daemon/daemon.h"
+#include "config/config.h"
 
 /// slabctl doctor: is everything the line needs in place, from the configuration file to the pose of the robot? In the
 /// order in which a line is put together, so that the first thing that is wrong is the first one to mend.

@@ -25,13 +25,13 @@
 #include <thread>
 
 #include "calib/calib.h"
-#include "cli/calibrate/live_capture.h"
-#include "cli/control.h"
+#include "cli/client/control.h"
+#include "cli/client/live_capture.h"
 #include "cli/doctor/doctor.h"
 #include "cli/plc/plc.h"
 #include "cli/pose_counts.h"
-#include "cli/simulate/robot_peer.h"
-#include "hal/plc_map.h"
+#include "emulator/robot_peer.h"
+#include "hal/plc/plc_map.h"
 
 namespace slabd::cli {
 namespace {

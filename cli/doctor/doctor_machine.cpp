@@ -11,7 +11,7 @@
 
 #include "algo/algo.h"
 #include "base/limits.h"
-#include "cli/control.h"
+#include "cli/client/control.h"
 #include "cli/doctor/doctor.h"
 
 namespace slabd::cli {

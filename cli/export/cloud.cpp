@@ -16,10 +16,10 @@
 
 #include "algo/algo.h"
 #include "algo/block_model.h"
+#include "base/durable.h"
 #include "base/pages.h"
 #include "base/splice.h"
-#include "cli/durable.h"
-#include "cli/slab_view.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli {
 namespace {

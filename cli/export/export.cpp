@@ -11,20 +11,20 @@
 #include <filesystem>
 #include <memory>
 
-#include "cli/arguments.h"
+#include "base/durable.h"
 #include "cli/command.h"
 #include "cli/database.h"
-#include "cli/durable.h"
 #include "cli/exit.h"
 #include "cli/export/cloud.h"
 #include "cli/export/item_rows.h"
 #include "cli/export/mesh.h"
-#include "cli/parse.h"
-#include "cli/progress.h"
 #include "cli/recipe/recipe_source.h"
 #include "cli/slab_choice.h"
-#include "cli/slab_json.h"
-#include "cli/slab_view.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/progress.h"
+#include "report/slab_json.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli {
 namespace {

@@ -8,8 +8,8 @@
 
 #include <array>
 
-#include "cli/json.h"
-#include "cli/slab_view.h"
+#include "report/json.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli {
 namespace {

@@ -16,7 +16,7 @@
 
 #include "algo/algo.h"
 #include "algo/block_model.h"
-#include "cli/durable.h"
+#include "base/durable.h"
 
 namespace slabd::cli {
 namespace {

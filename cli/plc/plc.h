@@ -4,7 +4,7 @@
 #include <string>
 
 #include "cli/command.h"
-#include "hal/plc_map.h"
+#include "hal/plc/plc_map.h"
 
 /// `slabctl plc`: what an integrator of the PLC needs. The tables come from the daemon's own register table and codes,
 /// so that documentation and program cannot differ; a test compares them with docs/PLC.md.

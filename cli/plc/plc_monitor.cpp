@@ -19,11 +19,11 @@
 #include <optional>
 #include <thread>
 
-#include "cli/arguments.h"
-#include "cli/control.h"
+#include "cli/client/control.h"
 #include "cli/exit.h"
 #include "cli/plc/plc.h"
-#include "hal/plc_map.h"
+#include "cli/terminal/arguments.h"
+#include "hal/plc/plc_map.h"
 
 namespace slabd::cli {
 namespace {

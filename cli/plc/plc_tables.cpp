@@ -6,10 +6,10 @@
 
 #include "base/codes.h"
 #include "base/items.h"
-#include "cli/arguments.h"
 #include "cli/exit.h"
 #include "cli/plc/plc.h"
-#include "hal/plc_map.h"
+#include "cli/terminal/arguments.h"
+#include "hal/plc/plc_map.h"
 
 namespace slabd::cli {
 namespace {

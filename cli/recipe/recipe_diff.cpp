@@ -14,19 +14,19 @@
 #include <algorithm>
 #include <memory>
 
-#include "cli/arguments.h"
-#include "cli/budget_text.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
-#include "cli/json.h"
 #include "cli/recipe/recipe_source.h"
-#include "cli/render.h"
 #include "cli/replay/remeasure.h"
 #include "cli/replay/what_if.h"
 #include "cli/slab_choice.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/render.h"
+#include "config/recipe_keys.h"
 #include "daemon/judge.h"
-#include "daemon/recipe_keys.h"
+#include "report/budget_text.h"
+#include "report/json.h"
 
 namespace slabd::cli {
 namespace {
@@ -60,8 +60,8 @@ std::vector<KeyDifference> differences_of(const Recipe& a, const Recipe& b) {
   return list;
 }
 
-/// Without a budget U is the recipe's, or what the scan shows where that is more (algo/uncertainty.h); of flatness the
-/// scan shows nothing.
+/// Without a budget U is the recipe's, or what the scan shows where that is more (algo/items/uncertainty.h); of
+/// flatness the scan shows nothing.
 bool widens_by_scan(ItemId id) {
   return info(id).scope == ItemScope::block && id != ItemId::seat_flatness;
 }

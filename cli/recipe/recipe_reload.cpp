@@ -12,11 +12,11 @@
 #include <string>
 #include <thread>
 
-#include "cli/arguments.h"
+#include "cli/client/control.h"
 #include "cli/command.h"
-#include "cli/control.h"
 #include "cli/exit.h"
-#include "daemon/daemon.h"
+#include "cli/terminal/arguments.h"
+#include "config/config.h"
 
 namespace slabd::cli {
 namespace {

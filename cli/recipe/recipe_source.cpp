@@ -5,9 +5,9 @@
 
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/render.h"
 #include "cli/slab_choice.h"
-#include "cli/slab_view.h"
+#include "cli/terminal/render.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli {
 namespace {

@@ -9,8 +9,8 @@
 
 #include "algo/algo.h"
 #include "base/splice.h"
-#include "cli/json.h"
 #include "daemon/measure.h"
+#include "report/json.h"
 
 namespace slabd::cli {
 namespace {

@@ -9,7 +9,7 @@
 
 #include "algo/algo.h"
 #include "base/pages.h"
-#include "daemon/daemon.h"
+#include "config/config.h"
 #include "storage/storage.h"
 
 /// Stored scans measured again by the daemon's own path. Files and database are only read.

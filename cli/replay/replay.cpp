@@ -9,20 +9,20 @@
 #include <optional>
 
 #include "algo/algo.h"
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/parse.h"
-#include "cli/progress.h"
-#include "cli/render.h"
 #include "cli/replay/replay.h"
 #include "cli/replay/verify.h"
 #include "cli/replay/what_if.h"
 #include "cli/slab_choice.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/progress.h"
+#include "cli/terminal/render.h"
 #include "daemon/judge.h"
 #include "daemon/measure.h"
+#include "report/json.h"
 
 namespace slabd::cli {
 namespace {

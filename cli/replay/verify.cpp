@@ -13,9 +13,9 @@
 #include <algorithm>
 #include <array>
 
-#include "cli/slab_view.h"
 #include "daemon/judge.h"
 #include "daemon/measure.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli {
 namespace {

@@ -9,8 +9,8 @@
 
 #include <algorithm>
 
-#include "cli/figures.h"
-#include "cli/slab_view.h"
+#include "report/figures.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli {
 namespace {

@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "cli/json.h"
-#include "cli/render.h"
+#include "cli/terminal/render.h"
+#include "report/json.h"
 #include "storage/storage.h"
 
 /// What other limits or nominals would have decided on stored slabs: counts, item by item and slab by slab.

@@ -11,12 +11,12 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "cli/arguments.h"
-#include "cli/calibrate/record_options.h"
+#include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/json.h"
 #include "cli/scanner/scanner.h"
+#include "cli/terminal/arguments.h"
+#include "report/json.h"
 
 namespace slabd::cli {
 namespace {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 #include "cli/scanner/scanner.h"
-#include "cli/arguments.h"
 #include "cli/command.h"
+#include "cli/terminal/arguments.h"
 
 namespace slabd::cli {
 

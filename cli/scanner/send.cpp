@@ -9,13 +9,13 @@
 #include <memory>
 #include <thread>
 
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/parse.h"
 #include "cli/scanner/scanner.h"
-#include "cli/scanner/stream_gateway.h"
-#include "cli/table_columns.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/table_columns.h"
+#include "emulator/stream_gateway.h"
 
 namespace slabd::cli {
 namespace {

@@ -8,9 +8,9 @@
 #include <cmath>
 #include <span>
 
-#include "cli/json.h"
-#include "daemon/daemon.h"
+#include "config/config.h"
 #include "daemon/measure.h"
+#include "report/json.h"
 
 namespace slabd::cli {
 namespace {

@@ -9,17 +9,17 @@
 #include <memory>
 #include <optional>
 
-#include "cli/arguments.h"
-#include "cli/calibrate/calibration_desk.h"
-#include "cli/calibrate/record_options.h"
+#include "base/durable.h"
+#include "cli/client/calibration_desk.h"
+#include "cli/client/record_options.h"
 #include "cli/command.h"
-#include "cli/durable.h"
 #include "cli/exit.h"
-#include "cli/parse.h"
-#include "cli/progress.h"
 #include "cli/scanner/scanner.h"
 #include "cli/scanner/verification.h"
-#include "cli/table_columns.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/progress.h"
+#include "cli/terminal/table_columns.h"
 #include "hal/hal.h"
 
 namespace slabd::cli {

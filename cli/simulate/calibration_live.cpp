@@ -20,10 +20,10 @@
 #include "calib/calib.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/simulate/robot_peer.h"
-#include "cli/simulate/scan_outlet.h"
 #include "cli/simulate/simulate_calibration.h"
-#include "cli/simulate/slab_scene.h"
+#include "emulator/robot_peer.h"
+#include "emulator/scan_outlet.h"
+#include "emulator/slab_scene.h"
 
 namespace slabd::simulate {
 namespace {

@@ -8,8 +8,8 @@
 #include <cmath>
 #include <limits>
 
-#include "cli/simulate/slab_scene.h"
-#include "cli/simulate/solid_scene.h"
+#include "emulator/slab_scene.h"
+#include "emulator/solid_scene.h"
 
 namespace slabd::simulate {
 namespace {

@@ -8,9 +8,9 @@
 
 #include "base/base.h"
 #include "calib/calib.h"
-#include "cli/simulate/block_scene.h"
-#include "cli/simulate/robot_error.h"
-#include "cli/simulate/scan_drawing.h"
+#include "emulator/block_scene.h"
+#include "emulator/robot_error.h"
+#include "emulator/scan_drawing.h"
 
 /// What the emulated scanner sees while it is being calibrated: a tooling ball on its post, an artefact of three balls,
 /// or the reference block, with a table, a wall, a rod and a foreign ball around, in scans with noise of both kinds,

@@ -12,8 +12,8 @@
 
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/simulate/slab_scene.h"
+#include "emulator/slab_scene.h"
+#include "report/json.h"
 
 namespace slabd::simulate {
 namespace {

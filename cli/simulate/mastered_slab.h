@@ -3,7 +3,7 @@
 
 #include "calib/calib.h"
 #include "cli/simulate/simulate_calibration.h"
-#include "cli/simulate/slab_scene.h"
+#include "emulator/slab_scene.h"
 
 namespace slabd::simulate {
 

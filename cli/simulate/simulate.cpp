@@ -8,18 +8,18 @@
 #include <iostream>
 #include <memory>
 
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/parse.h"
-#include "cli/simulate/line_run.h"
 #include "cli/simulate/mastered_slab.h"
 #include "cli/simulate/simulate_calibration.h"
 #include "cli/simulate/simulate_plane.h"
 #include "cli/simulate/simulate_report.h"
 #include "cli/simulate/simulate_scan.h"
-#include "cli/simulate/stand_by.h"
 #include "cli/stations/krl.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "emulator/line_run.h"
+#include "emulator/stand_by.h"
 
 namespace slabd::simulate {
 namespace {

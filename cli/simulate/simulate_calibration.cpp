@@ -11,14 +11,14 @@
 #include <sstream>
 
 #include "calib/calib.h"
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/parse.h"
 #include "cli/simulate/calibration_live.h"
 #include "cli/simulate/mastered_slab.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
 #include "hal/hal.h"
+#include "report/json.h"
 
 namespace slabd::simulate {
 namespace {

@@ -7,11 +7,11 @@
 #include <fstream>
 #include <memory>
 
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/parse.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "report/json.h"
 
 namespace slabd::simulate {
 namespace {

@@ -5,8 +5,8 @@
 
 #include <algorithm>
 
-#include "cli/json.h"
-#include "cli/render.h"
+#include "cli/terminal/render.h"
+#include "report/json.h"
 
 namespace slabd::simulate {
 namespace {

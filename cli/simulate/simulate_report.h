@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "base/base.h"
-#include "cli/simulate/line_run.h"
+#include "emulator/line_run.h"
 #include "storage/storage.h"
 
 /// What came of an emulated run: the slab as the PLC saw it, planted truth beside measured values, and the times.

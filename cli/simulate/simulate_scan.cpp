@@ -7,12 +7,12 @@
 #include <memory>
 #include <optional>
 
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/parse.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
 #include "hal/hal.h"
+#include "report/json.h"
 
 namespace slabd::simulate {
 namespace {

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "base/base.h"
-#include "cli/simulate/scan_drawing.h"
-#include "cli/simulate/slab_scene.h"
+#include "emulator/scan_drawing.h"
+#include "emulator/slab_scene.h"
 
 namespace slabd::args {
 class Command;

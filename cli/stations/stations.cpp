@@ -11,18 +11,18 @@
 #include <optional>
 #include <sstream>
 
+#include "base/durable.h"
 #include "calib/calib.h"
-#include "cli/arguments.h"
-#include "cli/calibrate/calibration_desk.h"
-#include "cli/calibrate/record_options.h"
+#include "cli/client/calibration_desk.h"
+#include "cli/client/record_options.h"
 #include "cli/command.h"
-#include "cli/durable.h"
 #include "cli/exit.h"
-#include "cli/json.h"
-#include "cli/parse.h"
 #include "cli/stations/krl.h"
 #include "cli/stations/station_plan.h"
-#include "daemon/station_views.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "daemon/station/station_views.h"
+#include "report/json.h"
 
 namespace slabd::cli {
 namespace {

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "base/items.h"
-#include "cli/figures.h"
+#include "report/figures.h"
 
 namespace slabd::cli::study {
 namespace {

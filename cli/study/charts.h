@@ -4,7 +4,7 @@
 #include <string>
 #include <string_view>
 
-#include "cli/report/canvas.h"
+#include "report/canvas.h"
 
 /// A drawn frame with two scales; what studies draw their charts in.
 namespace slabd::cli::study {

@@ -7,11 +7,11 @@
 #include <map>
 #include <tuple>
 
-#include "cli/figures.h"
-#include "cli/json.h"
-#include "cli/render.h"
-#include "daemon/daemon.h"
+#include "cli/terminal/render.h"
+#include "config/config.h"
 #include "daemon/measure.h"
+#include "report/figures.h"
+#include "report/json.h"
 
 namespace slabd::cli::study {
 namespace {

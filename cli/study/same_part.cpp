@@ -8,7 +8,7 @@
 #include <regex>
 
 #include "cli/exit.h"
-#include "cli/report/words.h"
+#include "report/words.h"
 
 namespace slabd::cli::study {
 namespace {

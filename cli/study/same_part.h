@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "base/jobs.h"
-#include "cli/json.h"
+#include "report/json.h"
 
 /// A study takes several measurements for those of one part. Slab ids, slab types, and the block that a scan's name or
 /// comment states can show that they are not; then the study is refused, unless the user states why they are one part.

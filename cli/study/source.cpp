@@ -8,10 +8,10 @@
 #include <filesystem>
 #include <map>
 
-#include "cli/figures.h"
-#include "cli/slab_view.h"
-#include "daemon/daemon.h"
+#include "config/config.h"
 #include "daemon/measure.h"
+#include "report/figures.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli::study {
 

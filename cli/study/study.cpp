@@ -8,9 +8,9 @@
 #include <cmath>
 #include <vector>
 
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/terminal/arguments.h"
 
 namespace slabd::cli::study {
 

@@ -8,15 +8,15 @@
 #include <memory>
 #include <set>
 
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
-#include "cli/parse.h"
-#include "cli/progress.h"
 #include "cli/study/compare.h"
 #include "cli/study/study.h"
 #include "cli/study/study_report.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/progress.h"
 
 namespace slabd::cli::study {
 namespace {

@@ -9,15 +9,15 @@
 #include <optional>
 #include <set>
 
-#include "cli/arguments.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
-#include "cli/parse.h"
-#include "cli/progress.h"
 #include "cli/study/grr_study.h"
 #include "cli/study/study.h"
 #include "cli/study/study_report.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/progress.h"
 
 namespace slabd::cli::study {
 namespace {

@@ -11,9 +11,9 @@
 #include <iostream>
 #include <string>
 
-#include "cli/calibrate/calibration_desk.h"
-#include "cli/calibrate/live_capture.h"
-#include "cli/calibrate/record_options.h"
+#include "cli/client/calibration_desk.h"
+#include "cli/client/live_capture.h"
+#include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 

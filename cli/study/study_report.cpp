@@ -12,10 +12,10 @@
 #include <cmath>
 #include <filesystem>
 
-#include "cli/arguments.h"
 #include "cli/exit.h"
-#include "cli/figures.h"
 #include "cli/study/charts.h"
+#include "cli/terminal/arguments.h"
+#include "report/figures.h"
 
 namespace slabd::cli::study {
 namespace {

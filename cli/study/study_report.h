@@ -3,10 +3,10 @@
 
 #include <string>
 
-#include "cli/report/content.h"
 #include "cli/study/compare.h"
 #include "cli/study/grr_study.h"
 #include "cli/study/repeat.h"
+#include "report/content.h"
 
 namespace slabd::args {
 class Command;

@@ -9,8 +9,8 @@
 #include <map>
 #include <set>
 
-#include "cli/figures.h"
-#include "cli/json.h"
+#include "report/figures.h"
+#include "report/json.h"
 
 namespace slabd::cli::trend {
 namespace {

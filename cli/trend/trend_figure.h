@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "cli/report/content.h"
 #include "cli/trend/statistics.h"
+#include "report/content.h"
 
 namespace slabd::cli::trend {
 

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "base/base.h"
-#include "cli/render.h"
-#include "cli/report/words.h"
+#include "cli/terminal/render.h"
+#include "report/words.h"
 
 /// The operator's screen: what there is to see, and how it looks in so many columns and rows. Pure; the watch command
 /// asks the daemon, reads the database and writes the lines.

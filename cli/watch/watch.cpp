@@ -18,11 +18,11 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "cli/client/control.h"
 #include "cli/command.h"
-#include "cli/control.h"
 #include "cli/exit.h"
-#include "cli/slab_view.h"
 #include "cli/watch/screen.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli::watch {
 namespace {

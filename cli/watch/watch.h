@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "cli/report/words.h"
+#include "report/words.h"
 
 namespace slabd::cli::watch {
 

@@ -6,7 +6,7 @@
 #include <cassert>
 #include <cmath>
 
-#include "daemon/daemon.h"
+#include "config/config.h"
 #include "tests/places/places.h"
 
 namespace slabd::accuracy {

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "algo/algo.h"
-#include "cli/simulate/scan_drawing.h"
-#include "cli/simulate/slab_scene.h"
+#include "emulator/scan_drawing.h"
+#include "emulator/slab_scene.h"
 
 /// One block drawn by the line emulator's geometry (which shares nothing with algo) and measured as the daemon
 /// measures it.

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Does the stated U cover the truth, and is it no larger than it must be? Thousands of slabs at the level of fitted
-// features (tests/algo/item_simulation.h), once with the reference recipe's assumptions, in which the scanner's form
-// decides nearly everything, and once with a scanner a hundred times better, in which noise, robot and registration
-// do.
+// features (tests/algo/items/item_simulation.h), once with the reference recipe's assumptions, in which the scanner's
+// form decides nearly everything, and once with a scanner a hundred times better, in which noise, robot and
+// registration do.
 #include <fmt/core.h>
 
 #include "tests/accuracy/studies.h"
-#include "tests/algo/item_simulation.h"
+#include "tests/algo/items/item_simulation.h"
 
 namespace slabd::accuracy {
 namespace {

@@ -12,7 +12,7 @@
 #include <utility>
 
 #include "algo/block_model.h"
-#include "algo/denoise.h"
+#include "algo/denoise/denoise.h"
 #include "tests/accuracy/studies.h"
 #include "tests/algo/scene.h"
 

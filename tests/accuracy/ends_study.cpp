@@ -5,7 +5,7 @@
 #include <fmt/core.h>
 
 #include "algo/algo.h"
-#include "daemon/daemon.h"
+#include "config/config.h"
 #include "daemon/slab_ends.h"
 #include "tests/accuracy/block_scan.h"
 #include "tests/accuracy/studies.h"

@@ -14,9 +14,9 @@
 #include <memory>
 
 #include "algo/algo.h"
-#include "algo/noise_print.h"
+#include "algo/features/noise_print.h"
 #include "base/prng.h"
-#include "cli/simulate/slab_scene.h"
+#include "emulator/slab_scene.h"
 #include "tests/accuracy/studies.h"
 
 namespace slabd::accuracy {

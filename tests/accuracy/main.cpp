@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "cli/json.h"
+#include "report/json.h"
 #include "tests/accuracy/studies.h"
 
 namespace slabd::accuracy {

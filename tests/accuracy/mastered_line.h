@@ -9,7 +9,7 @@
 #include "algo/algo.h"
 #include "base/calibration.h"
 #include "calib/calib.h"
-#include "cli/simulate/slab_scene.h"
+#include "emulator/slab_scene.h"
 
 /// A line with a robot that is off, mastered and then used as the daemon uses it: visits from the inspected mastered
 /// slab, corrections from the visits, splices by base/calibration.h, one fit of the slab with what each splice is

@@ -4,7 +4,7 @@
 #include <array>
 #include <set>
 
-#include "cli/simulate/slab_scene.h"
+#include "emulator/slab_scene.h"
 
 /// What a perfect instrument would report of a slab: the items' definitions applied to where the blocks really stand,
 /// by a plain solver and without a line of algo.

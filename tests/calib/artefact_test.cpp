@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "calib/artefact.h"
+#include "calib/ball/artefact.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "calib/ball.h"
+#include "calib/ball/ball.h"
 
 #include <gtest/gtest.h>
 

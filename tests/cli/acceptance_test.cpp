@@ -7,8 +7,8 @@
 #include <limits>
 
 #include "base/prng.h"
-#include "cli/simulate/scan_drawing.h"
-#include "cli/simulate/solid_scene.h"
+#include "emulator/scan_drawing.h"
+#include "emulator/solid_scene.h"
 
 namespace slabd::cli {
 namespace {

@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/base.h"
-#include "cli/calibrate/calibration_desk.h"
+#include "cli/client/calibration_desk.h"
 #include "cli/command.h"
 #include "slabctl_process.h"
 #include "tests/places/places.h"

@@ -13,7 +13,7 @@
 
 #include "calib/calib.h"
 #include "cli/simulate/mastered_slab.h"
-#include "reference_recipe.h"
+#include "tests/config/reference_recipe.h"
 #include "tests/places/places.h"
 
 namespace slabd::simulate {

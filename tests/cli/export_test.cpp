@@ -13,7 +13,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "cli/durable.h"
+#include "base/durable.h"
 #include "tests/cli/stored_slab.h"
 #include "tests/places/places.h"
 

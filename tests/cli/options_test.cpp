@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "cli/arguments.h"
 #include "cli/command.h"
+#include "cli/terminal/arguments.h"
 
 namespace slabd::cli {
 namespace {

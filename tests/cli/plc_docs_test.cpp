@@ -12,8 +12,8 @@
 #include <string>
 
 #include "cli/plc/plc.h"
-#include "cli/simulate/plc_peer.h"
-#include "hal/plc_map.h"
+#include "emulator/plc_peer.h"
+#include "hal/plc/plc_map.h"
 #include "tests/places/places.h"
 
 namespace slabd::cli {

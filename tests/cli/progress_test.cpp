@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/progress.h"
+#include "cli/terminal/progress.h"
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -9,7 +9,7 @@
 #include <memory>
 #include <optional>
 
-#include "cli/simulate/robot_peer.h"
+#include "emulator/robot_peer.h"
 
 namespace slabd::cli {
 namespace {

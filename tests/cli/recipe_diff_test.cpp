@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "daemon/recipe_keys.h"
+#include "config/recipe_keys.h"
 #include "tests/cli/stored_slab.h"
 #include "tests/places/places.h"
 

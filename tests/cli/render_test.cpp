@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/render.h"
+#include "cli/terminal/render.h"
 
 #include <gtest/gtest.h>
 

@@ -9,10 +9,10 @@
 #include <regex>
 
 #include "base/prng.h"
-#include "cli/figures.h"
-#include "cli/report/canvas.h"
-#include "cli/report/words.h"
-#include "hal/plc_map.h"
+#include "hal/plc/plc_map.h"
+#include "report/canvas.h"
+#include "report/figures.h"
+#include "report/words.h"
 #include "storage/storage.h"
 #include "tests/cli/slabctl_process.h"
 

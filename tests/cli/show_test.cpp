@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/exit.h"
-#include "cli/figures.h"
+#include "report/figures.h"
 #include "storage/storage.h"
 #include "tests/cli/slabctl_process.h"
 

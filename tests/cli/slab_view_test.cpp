@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/slab_view.h"
+#include "report/slab_view.h"
 
 #include <gtest/gtest.h>
 

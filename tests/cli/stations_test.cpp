@@ -4,7 +4,7 @@
 #include "base/prng.h"
 #include "cli/stations/krl.h"
 #include "cli/stations/station_plan.h"
-#include "reference_recipe.h"
+#include "tests/config/reference_recipe.h"
 
 namespace slabd::cli {
 namespace {

@@ -11,7 +11,7 @@
 #include "algo/algo.h"
 #include "base/pages.h"
 #include "base/splice.h"
-#include "daemon/daemon.h"
+#include "config/config.h"
 #include "daemon/judge.h"
 #include "daemon/measure.h"
 #include "storage/storage.h"

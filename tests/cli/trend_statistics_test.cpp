@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "base/prng.h"
-#include "cli/parse.h"
+#include "cli/terminal/parse.h"
 
 namespace slabd::cli::trend {
 namespace {

@@ -3,8 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/config/text_file.h"
 #include "tests/places/places.h"
-#include "text_file.h"
 
 namespace slabd::daemon {
 namespace {

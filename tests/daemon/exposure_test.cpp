@@ -14,8 +14,8 @@
 #include "daemon/known_exposures.h"
 #include "tests/algo/each_set.h"
 #include "tests/algo/scene.h"
+#include "tests/config/text_file.h"
 #include "tests/places/places.h"
-#include "text_file.h"
 
 namespace slabd::daemon {
 namespace {

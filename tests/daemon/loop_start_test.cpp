@@ -16,7 +16,7 @@
 #include "daemon/crew.h"
 #include "daemon/loop.h"
 #include "daemon/opening.h"
-#include "hal/mock/mock.h"
+#include "tests/mock/mock.h"
 
 namespace slabd::daemon {
 namespace {

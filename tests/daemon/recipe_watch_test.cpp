@@ -9,7 +9,7 @@
 #include <sstream>
 #include <thread>
 
-#include "daemon/daemon.h"
+#include "config/config.h"
 #include "tests/places/places.h"
 
 namespace slabd::daemon {

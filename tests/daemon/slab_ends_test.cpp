@@ -8,12 +8,12 @@
 #include <memory>
 
 #include "base/prng.h"
+#include "config/config.h"
 #include "daemon/crew.h"
-#include "daemon/daemon.h"
 #include "daemon/slab_ends.h"
 #include "tests/algo/scene.h"
+#include "tests/config/text_file.h"
 #include "tests/places/places.h"
-#include "text_file.h"
 
 namespace slabd::daemon {
 namespace {

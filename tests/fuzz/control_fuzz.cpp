@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A line on the control socket, and the same bytes as a change of calibrations.
-#include "daemon/calibration_change.h"
+#include "daemon/control/calibration_change.h"
 #include "daemon/loop.h"
-#include "hal/mock/mock.h"
 #include "tests/fuzz/fuzz.h"
+#include "tests/mock/mock.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace slabd;          // NOLINT(google-build-using-namespace)

@@ -3,7 +3,7 @@
 // A stream of Modbus/TCP frames, as the server takes it apart, and the same bytes as a serial frame.
 #include <algorithm>
 
-#include "hal/modbus_codec.h"
+#include "hal/plc/modbus_codec.h"
 #include "tests/fuzz/fuzz.h"
 
 using namespace slabd;       // NOLINT(google-build-using-namespace)

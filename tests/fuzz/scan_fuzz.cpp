@@ -7,7 +7,7 @@
 #include <cmath>
 #include <vector>
 
-#include "hal/scan_file.h"
+#include "hal/scan/scan_file.h"
 #include "tests/fuzz/fuzz.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

@@ -15,8 +15,8 @@
 #include <memory>
 #include <vector>
 
-#include "hal/crc32c.h"
-#include "hal/scan_stream.h"
+#include "hal/scan/scan_stream.h"
+#include "hal/system/crc32c.h"
 #include "tests/fuzz/fuzz.h"
 
 using namespace slabd;       // NOLINT(google-build-using-namespace)

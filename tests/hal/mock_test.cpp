@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "hal/mock/mock.h"
+#include "tests/mock/mock.h"
 
 #include <gtest/gtest.h>
 

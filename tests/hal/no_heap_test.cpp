@@ -17,8 +17,8 @@
 #include <vector>
 
 #include "hal/hal.h"
-#include "hal/os.h"
-#include "hal/plc_map.h"
+#include "hal/plc/plc_map.h"
+#include "hal/system/os.h"
 #include "tests/hal/temporary_folder.h"
 #include "tests/places/ports.h"
 

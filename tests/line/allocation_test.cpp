@@ -10,12 +10,12 @@
 #include <thread>
 #include <vector>
 
-#include "../daemon/station_line.h"
-#include "cli/simulate/scan_drawing.h"
-#include "daemon/daemon.h"
+#include "config/config.h"
 #include "daemon/worker.h"
-#include "hal/plc_map.h"
+#include "emulator/scan_drawing.h"
+#include "hal/plc/plc_map.h"
 #include "heap_count.h"
+#include "tests/daemon/station/station_line.h"
 
 #include "algo/algo.h"
 #include "daemon/measure.h"

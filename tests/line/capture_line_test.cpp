@@ -11,7 +11,7 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "cli/calibrate/live_capture.h"
+#include "cli/client/live_capture.h"
 #include "hal/hal.h"
 #include "processes.h"
 #include "tests/places/places.h"

@@ -9,11 +9,11 @@
 #include <fstream>
 #include <thread>
 
-#include "cli/control.h"
-#include "daemon/calibration_change.h"
+#include "cli/client/control.h"
+#include "daemon/control/calibration_change.h"
 #include "daemon/loop.h"
 #include "hal/hal.h"
-#include "hal/scan_request.h"
+#include "hal/scan/scan_request.h"
 #include "processes.h"
 #include "tests/places/places.h"
 

@@ -9,9 +9,9 @@
 #include <functional>
 
 #include "algo/algo.h"
-#include "cli/simulate/scan_drawing.h"
 #include "daemon/loop.h"
-#include "hal/mock/mock.h"
+#include "emulator/scan_drawing.h"
+#include "tests/mock/mock.h"
 #include "tests/places/places.h"
 
 namespace slabd::daemon {

@@ -16,9 +16,9 @@
 #include <cstdlib>
 
 #include "hal/hal.h"
-#include "hal/modbus_codec.h"
-#include "hal/os.h"
-#include "hal/plc_map.h"
+#include "hal/plc/modbus_codec.h"
+#include "hal/plc/plc_map.h"
+#include "hal/system/os.h"
 #include "heap_count.h"
 
 namespace slabd::hal {

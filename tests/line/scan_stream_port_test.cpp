@@ -14,10 +14,10 @@
 #include <thread>
 #include <vector>
 
-#include "cli/scanner/stream_gateway.h"
-#include "hal/crc32c.h"
+#include "emulator/stream_gateway.h"
 #include "hal/hal.h"
-#include "hal/scan_stream.h"
+#include "hal/scan/scan_stream.h"
+#include "hal/system/crc32c.h"
 #include "tests/hal/temporary_folder.h"
 #include "tests/places/places.h"
 

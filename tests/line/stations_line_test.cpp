@@ -9,7 +9,7 @@
 #include <map>
 #include <set>
 
-#include "daemon/daemon.h"
+#include "config/config.h"
 #include "tests/accuracy/mastered_line.h"
 #include "tests/accuracy/slab_truth.h"
 #include "tests/places/places.h"

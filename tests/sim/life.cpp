@@ -11,7 +11,7 @@
 #include <cstdlib>
 #include <filesystem>
 
-#include "daemon/daemon.h"
+#include "config/config.h"
 #include "daemon/loop.h"
 #include "tests/places/places.h"
 #include "tests/sim/allocation.h"

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "base/jobs.h"
-#include "daemon/station.h"
+#include "daemon/station/station.h"
 #include "tests/sim/world.h"
 
 /// What is physically there: the slab on the line, the robot with the scanner, and what every scan really showed. slabd

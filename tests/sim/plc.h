@@ -6,7 +6,7 @@
 #include <tuple>
 #include <vector>
 
-#include "hal/plc_map.h"
+#include "hal/plc/plc_map.h"
 #include "tests/sim/line.h"
 #include "tests/sim/wire.h"
 

@@ -4,7 +4,7 @@
 #include <deque>
 #include <string>
 
-#include "hal/modbus_codec.h"
+#include "hal/plc/modbus_codec.h"
 #include "tests/sim/line.h"
 #include "tests/sim/process.h"
 

@@ -5,7 +5,7 @@
 #include <functional>
 #include <vector>
 
-#include "hal/modbus_codec.h"
+#include "hal/plc/modbus_codec.h"
 #include "tests/sim/world.h"
 
 /// Modbus/TCP between the PLC and slabd as frames, with a gateway on the way that loses, repeats, holds up, swaps and

@@ -7,9 +7,9 @@
 #include <fstream>
 #include <thread>
 
-#include "storage/backup.h"
-#include "storage/database.h"
-#include "storage/folders.h"
+#include "storage/files/backup.h"
+#include "storage/files/database.h"
+#include "storage/files/folders.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {

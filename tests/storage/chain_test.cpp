@@ -9,7 +9,7 @@
 #include <fstream>
 #include <set>
 
-#include "storage/database.h"
+#include "storage/files/database.h"
 #include "storage/jobs.h"
 #include "storage/seal_form.h"
 #include "tests/storage/store_fixture.h"

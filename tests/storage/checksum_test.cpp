@@ -6,8 +6,8 @@
 #include <filesystem>
 #include <fstream>
 
-#include "storage/database.h"
-#include "storage/file_checksum.h"
+#include "storage/files/database.h"
+#include "storage/files/file_checksum.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {

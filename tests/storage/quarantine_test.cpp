@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A damaged database is set aside whole, and nobody begins a new history without a person's word.
-#include "storage/quarantine.h"
+#include "storage/files/quarantine.h"
 
 #include <filesystem>
 #include <fstream>
 
-#include "storage/database.h"
+#include "storage/files/database.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {

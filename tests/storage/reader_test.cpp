@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <thread>
 
-#include "storage/database.h"
+#include "storage/files/database.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {

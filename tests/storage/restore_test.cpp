@@ -6,10 +6,10 @@
 #include <filesystem>
 #include <fstream>
 
-#include "storage/database.h"
-#include "storage/folders.h"
-#include "storage/log_copy.h"
-#include "storage/quarantine.h"
+#include "storage/files/database.h"
+#include "storage/files/folders.h"
+#include "storage/files/log_copy.h"
+#include "storage/files/quarantine.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {

@@ -19,8 +19,8 @@
 #include <fstream>
 
 #include "storage/chain.h"
-#include "storage/database.h"
-#include "storage/folders.h"
+#include "storage/files/database.h"
+#include "storage/files/folders.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {

@@ -9,8 +9,8 @@
 #include <filesystem>
 #include <fstream>
 
-#include "storage/database.h"
-#include "storage/folders.h"
+#include "storage/files/database.h"
+#include "storage/files/folders.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {

@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <fstream>
 
-#include "storage/database.h"
+#include "storage/files/database.h"
 
 namespace slabd::storage {
 namespace {

@@ -22,8 +22,8 @@
 #include <functional>
 
 #include "storage/chain.h"
-#include "storage/database.h"
-#include "storage/quarantine.h"
+#include "storage/files/database.h"
+#include "storage/files/quarantine.h"
 #include "tests/places/places.h"
 #include "tests/storage/crash_disk.h"
 #include "tests/storage/fast_store.h"

@@ -8,8 +8,8 @@
 #include <filesystem>
 #include <fstream>
 
-#include "storage/database.h"
-#include "storage/file_checksum.h"
+#include "storage/files/database.h"
+#include "storage/files/file_checksum.h"
 #include "storage/rows.h"
 #include "tests/places/places.h"
 #include "tests/storage/store_fixture.h"

@@ -35,7 +35,7 @@ class Units(unittest.TestCase):
 
     def unit(self, name, text):
         """The unit as installed, with programs that exist here."""
-        for program, built in (("slabd-kuka-bridge", "kuka/slabd-kuka-bridge"), ("slabctl", "cli/slabctl"),
+        for program, built in (("slabd-kuka-bridge", "gateway/kuka/slabd-kuka-bridge"), ("slabctl", "cli/slabctl"),
                                ("slabd", "daemon/slabd")):
             path = os.path.join(OPTIONS.build, built)
             text = re.sub(rf"=/usr/bin/{program}(?=\s)", f"={path}", text)

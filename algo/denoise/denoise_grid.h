@@ -1,0 +1,402 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include "algo/denoise/denoise.h"
+#include "algo/denoise/surface_window.h"
+
+namespace slabd::algo {
+
+inline constexpr float kNoPlane = std::numeric_limits<float>::quiet_NaN();
+
+/// A point lies on a plane if its height is within noise, plus a third of what the plane rises from point to point:
+/// across a steep plane that is a third of a row, so that no two rows of a level surface ever lie in a steep one. On a
+/// level one, noise with heavy tails belongs to the surface, an outlier of a millimetre does not.
+inline float grid_gate_mm(float per_column, float per_row) {
+  constexpr float kLevel_mm = 0.6F;
+  constexpr float kNoise_mm = 0.45F;
+  constexpr float kRise = 0.35F;
+  return std::max(kLevel_mm, kNoise_mm + kRise * std::sqrt(per_column * per_column + per_row * per_row));
+}
+
+inline float gate_of(const TilePlane& p) {
+  return grid_gate_mm(p.per_column, p.per_row);
+}
+
+/// How an organised scan is divided.
+struct GridLayout {
+  static constexpr int kTileColumns = 16;
+  static constexpr int kTileRows = 8;
+  /// Bands are what threads share.
+  static constexpr int kBandTileRows = 32;
+  /// A narrower grid is not worth it, and its masks would be larger than the scan.
+  static constexpr std::size_t kColumnsMin = 64;
+  static constexpr std::size_t kRowsMin = 64;
+
+  GridLayout(std::size_t width, std::size_t height)
+      : columns(width),
+        rows(height),
+        tile_columns(static_cast<int>((width + kTileColumns - 1) / kTileColumns)),
+        tile_rows(static_cast<int>((height + kTileRows - 1) / kTileRows)) {}
+
+  std::size_t columns, rows;
+  int tile_columns, tile_rows;
+
+  [[nodiscard]] std::size_t tiles() const {
+    return static_cast<std::size_t>(tile_columns) * static_cast<std::size_t>(tile_rows);
+  }
+  [[nodiscard]] std::size_t bands() const {
+    return (static_cast<std::size_t>(tile_rows) + kBandTileRows - 1) / kBandTileRows;
+  }
+  [[nodiscard]] int first_tile_row(std::size_t band) const {
+    return std::min(static_cast<int>(band) * kBandTileRows, tile_rows);
+  }
+  /// Bytes of a mask's row: one tile to the left and to the right, so that windows may reach over the edge.
+  [[nodiscard]] std::size_t mask_stride() const { return 2 * (static_cast<std::size_t>(tile_columns) + 3); }
+  [[nodiscard]] std::size_t mask_bytes() const {
+    return mask_stride() * static_cast<std::size_t>(kTileRows * tile_rows + 2 * window::kReach);
+  }
+  [[nodiscard]] std::size_t marks_bytes() const {
+    return (static_cast<std::size_t>(tile_columns) + 1) * (static_cast<std::size_t>(tile_rows) + 2);
+  }
+  /// Bytes of `DenoiseWorkspace::keep` that GridWork takes, from the first one on.
+  [[nodiscard]] std::size_t work_bytes() const { return 2 * mask_bytes() + marks_bytes(); }
+  [[nodiscard]] bool fits(const DenoiseWorkspace& memory) const {
+    return 2 * tiles() <= memory.surface.size() && work_bytes() <= memory.keep.size();
+  }
+};
+
+/// The middle of a tile, from which its planes are told, and a plane told from a tile so many tiles further.
+inline constexpr float kTileMidColumn = 0.5F * static_cast<float>(GridLayout::kTileColumns - 1);
+inline constexpr float kTileMidRow = 0.5F * static_cast<float>(GridLayout::kTileRows - 1);
+[[gnu::always_inline]] inline TilePlane moved(const TilePlane& p, int columns, int rows) {
+  return {p.z + static_cast<float>(GridLayout::kTileColumns * columns) * p.per_column +
+              static_cast<float>(GridLayout::kTileRows * rows) * p.per_row,
+          p.per_column, p.per_row};
+}
+/// How far apart two planes are at the corners of a tile, at most.
+[[gnu::always_inline]] inline float apart_mm(const TilePlane& a, const TilePlane& b) {
+  return std::abs(a.z - b.z) + 8.0F * std::abs(a.per_column - b.per_column) + 4.0F * std::abs(a.per_row - b.per_row);
+}
+/// Planes that are no further apart are one; those of tiles side by side are the same at a glance (TileMarks).
+inline constexpr float kAlikeLevel_mm = 0.15F;
+inline constexpr float kStep_mm = 0.2F;
+/// So far off a plane nothing lies on those of tiles around that are alike. These are two steps apart, each told from
+/// its own tile; their gates are the same but for a tenth.
+inline float clear_off_mm(const TilePlane& p) {
+  return 1.1F * gate_of(p) + 4.0F * kStep_mm;
+}
+/// A tile is calm with at most so many points off its plane.
+inline constexpr int kCalmOff = 10;
+
+/// One bit for each point of a tile, four rows in a word. Always inlined: counting bits is one instruction where it is
+/// called, not where this header is first seen.
+struct TileBits {
+  std::array<std::uint64_t, 2> four_rows{};
+
+  [[gnu::always_inline]] [[nodiscard]] std::uint32_t row(int r) const {
+    return static_cast<std::uint32_t>(four_rows[static_cast<std::size_t>(r / 4)] >> (16 * (r % 4))) & 0xFFFFU;
+  }
+  [[gnu::always_inline]] void add(int r, std::uint32_t bits) {
+    four_rows[static_cast<std::size_t>(r / 4)] |= std::uint64_t{bits} << (16 * (r % 4));
+  }
+  [[gnu::always_inline]] void set(int r, std::uint32_t bits) {
+    four_rows[static_cast<std::size_t>(r / 4)] &= ~(std::uint64_t{0xFFFF} << (16 * (r % 4)));
+    add(r, bits);
+  }
+  [[gnu::always_inline]] [[nodiscard]] int count() const {
+    return std::popcount(four_rows[0]) + std::popcount(four_rows[1]);
+  }
+  [[nodiscard]] bool none() const { return (four_rows[0] | four_rows[1]) == 0; }
+  /// Calls f(column, row) for every bit that is set, row by row.
+  template <typename F>
+  [[gnu::always_inline]] void for_each(F&& f) const {
+    for (int half = 0; half < 2; ++half) {
+      for (std::uint64_t left = four_rows[static_cast<std::size_t>(half)]; left != 0; left &= left - 1) {
+        const int bit = std::countr_zero(left);
+        f(bit % 16, 4 * half + bit / 16);
+      }
+    }
+  }
+};
+[[gnu::always_inline]] inline TileBits operator&(const TileBits& a, const TileBits& b) {
+  return {{a.four_rows[0] & b.four_rows[0], a.four_rows[1] & b.four_rows[1]}};
+}
+/// Those of `b` that are not in `a`.
+[[gnu::always_inline]] inline TileBits and_not(const TileBits& a, const TileBits& b) {
+  return {{~a.four_rows[0] & b.four_rows[0], ~a.four_rows[1] & b.four_rows[1]}};
+}
+
+/// One bit a point, by tiles.
+class GridMask {
+ public:
+  GridMask(const GridLayout& grid, std::uint8_t* memory) : memory_(memory), stride_(grid.mask_stride()) {
+    std::fill_n(memory_, grid.mask_bytes(), std::uint8_t{0});
+  }
+  /// Of sixteen points from a column on, all in one row.
+  [[nodiscard]] std::uint32_t sixteen(int column, int row) const {
+    std::uint32_t word = 0;
+    std::memcpy(&word, at(row) + 2 + column / 8, sizeof word);
+    return (word >> (static_cast<unsigned>(column) % 8)) & 0xFFFFU;
+  }
+  /// Any of at most 32 in one row?
+  [[nodiscard]] bool any(int column, int points, int row) const {
+    std::uint64_t word = 0;
+    std::memcpy(&word, at(row) + 2 + column / 8, sizeof word);
+    return ((word >> (static_cast<unsigned>(column) % 8)) &
+            ((std::uint64_t{1} << static_cast<unsigned>(points)) - 1)) != 0;
+  }
+  [[gnu::always_inline]] void set(int tile_column, int row, std::uint32_t bits) {
+    const auto half = static_cast<std::uint16_t>(bits);
+    std::memcpy(at(row) + 2 + 2 * tile_column, &half, sizeof half);
+  }
+  [[gnu::always_inline]] void set(int tile_column, int tile_row, const TileBits& bits) {
+    for (int r = 0; r < GridLayout::kTileRows; ++r) set(tile_column, GridLayout::kTileRows * tile_row + r, bits.row(r));
+  }
+  [[gnu::always_inline]] [[nodiscard]] TileBits of_tile(int tile_column, int tile_row) const {
+    TileBits bits;
+    for (int r = 0; r < GridLayout::kTileRows; ++r)
+      bits.add(r, tile(tile_column, GridLayout::kTileRows * tile_row + r));
+    return bits;
+  }
+  [[nodiscard]] std::uint32_t tile(int tile_column, int row) const {
+    std::uint16_t half = 0;
+    std::memcpy(&half, at(row) + 2 + 2 * tile_column, sizeof half);
+    return half;
+  }
+  /// Of 64 points from a column on that is a multiple of 64: no further than to the row's last tile.
+  [[nodiscard]] std::uint64_t sixtyfour(std::size_t column, std::size_t row) const {
+    std::uint64_t word = 0;
+    const std::size_t first = 2 + column / 8;
+    std::memcpy(&word, at(static_cast<int>(row)) + first, std::min(sizeof word, stride_ - 4 - first));
+    return word;
+  }
+  /// Of 64 points from the eighth before a column on that is a multiple of eight: those of kInner from that column on
+  /// and one more on each side are the row's, also where it has ended; what follows need not be.
+  static constexpr int kInner = 48;
+  [[nodiscard]] std::uint64_t wide(int column, int row) const {
+    std::uint64_t word = 0;
+    std::memcpy(&word, at(row) + 1 + column / 8, sizeof word);
+    return word;
+  }
+  /// Of one point, or of one a step outside the grid.
+  [[nodiscard]] bool bit(int column, int row) const {
+    const auto bit = static_cast<unsigned>(column + 16);
+    return ((static_cast<unsigned>(at(row)[bit / 8]) >> (bit % 8)) & 1U) != 0;
+  }
+  void set_bit(int column, int row) {
+    const auto bit = static_cast<unsigned>(column + 16);
+    at(row)[bit / 8] = static_cast<std::uint8_t>(at(row)[bit / 8] | (1U << (bit % 8)));
+  }
+  void clear(int column, int row) {
+    const auto bit = static_cast<unsigned>(column + 16);
+    at(row)[bit / 8] = static_cast<std::uint8_t>(at(row)[bit / 8] & ~(1U << (bit % 8)));
+  }
+  /// Rows [first, last) of another mask of the same grid.
+  void copy(const GridMask& from, int first, int last) {
+    if (first < last) std::copy(from.at(first), from.at(last), at(first));
+  }
+  /// How many there are in a tile and within a window's reach of it.
+  [[gnu::always_inline]] [[nodiscard]] int count_about(int tile_column, int tile_row) const {
+    constexpr unsigned kFirst = 16 - window::kReach;
+    constexpr std::uint32_t kWide = ((1U << (GridLayout::kTileColumns + 2 * window::kReach)) - 1U) << (kFirst % 8);
+    const std::uint8_t* from = at(GridLayout::kTileRows * tile_row - window::kReach) + 2 * tile_column + kFirst / 8;
+    int count = 0;
+    for (int r = 0; r < GridLayout::kTileRows + 2 * window::kReach; ++r, from += stride_) {
+      std::uint32_t word = 0;
+      std::memcpy(&word, from, sizeof word);
+      count += std::popcount(word & kWide);
+    }
+    return count;
+  }
+  /// The 7 x 7 points around one.
+  [[nodiscard]] std::uint64_t around(int column, int row) const {
+    std::uint64_t bits = 0;
+    const auto bit = static_cast<unsigned>(column + 16 - window::kReach);
+    for (int k = 0; k < window::kSide; ++k) {
+      std::uint32_t word = 0;
+      std::memcpy(&word, at(row + k - window::kReach) + bit / 8, sizeof word);
+      bits |= std::uint64_t{(word >> (bit % 8)) & 0x7FU} << (7 * k);
+    }
+    return bits;
+  }
+
+ private:
+  [[nodiscard]] std::uint8_t* at(int row) const {
+    return memory_ + static_cast<std::size_t>(row + window::kReach) * stride_;
+  }
+  std::uint8_t* memory_;
+  std::size_t stride_;
+};
+
+/// What is known of a tile at a glance, one byte each. Outside the grid and until a tile is seen everything is as if
+/// the plane went on.
+class TileMarks {
+ public:
+  static constexpr std::uint8_t kQuiet = 1;     ///< one plane holds all of its points
+  static constexpr std::uint8_t kLikeLeft = 2;  ///< it and the tile to the left have one plane each, the same
+  static constexpr std::uint8_t kLikeUp = 4;    ///< it and the tile above
+  /// Its points off its plane are so far off that they are on none of those around if all are alike.
+  static constexpr std::uint8_t kClearOff = 8;
+  /// After the judgement, of a row's first tile and instead of all others: a group of noise may start in the row.
+  static constexpr std::uint8_t kStarts = 16;
+
+  TileMarks(const GridLayout& grid, std::uint8_t* memory)
+      : memory_(memory), stride_(static_cast<std::size_t>(grid.tile_columns) + 1) {
+    std::fill_n(memory_, grid.marks_bytes(), std::uint8_t{kLikeLeft | kLikeUp});
+  }
+  [[nodiscard]] std::uint8_t& of(int tile_column, int tile_row) const {
+    return memory_[static_cast<std::size_t>(tile_row + 1) * stride_ + static_cast<std::size_t>(tile_column)];
+  }
+  /// The tile and the eight around it have one and the same plane.
+  [[nodiscard]] bool same_plane_around(int tile_column, int tile_row) const {
+    const std::uint8_t* here = &of(tile_column, tile_row);
+    const std::uint8_t* up = here - stride_;
+    const std::uint8_t* down = here + stride_;
+    const int left = up[0] & up[1] & here[0] & here[1] & down[0] & down[1] & kLikeLeft;
+    return left != 0 && (here[0] & down[0] & kLikeUp) != 0;
+  }
+
+ private:
+  std::uint8_t* memory_;
+  std::size_t stride_;
+};
+
+/// What a band found.
+struct GridCounts {
+  std::uint64_t finite = 0;
+  std::uint64_t with_plane = 0;  ///< points of tiles in which one plane holds half of them
+};
+
+/// The scan and what is known about it, shared by all bands.
+struct GridWork {
+  /// The grid is either the scan itself or, with `points` null, a table of heights, NaN where there is none.
+  GridWork(const GridLayout& grid, float* points, const float* heights, const DenoiseWorkspace& memory)
+      : xyz(points),
+        z(heights),
+        surface(memory.surface.data()),
+        tile_columns(static_cast<std::size_t>(grid.tile_columns)),
+        off(grid, memory.keep.data()),
+        noise(grid, memory.keep.data() + grid.mask_bytes()),
+        marks(grid, memory.keep.data() + 2 * grid.mask_bytes()) {}
+
+  /// The two planes of a tile.
+  [[nodiscard]] TilePlane* planes(int tile_column, int tile_row) const {
+    return surface + 2 * (static_cast<std::size_t>(tile_row) * tile_columns + static_cast<std::size_t>(tile_column));
+  }
+  void add(const GridCounts& counts) {
+    finite += counts.finite;
+    with_plane += counts.with_plane;
+  }
+
+  /// Distances of neighbours in XY, along rows and along columns: the medians of a thousand.
+  void measure_pitch(const GridLayout& grid) {
+    per_column_mm = median_step(grid, false);
+    per_row_mm = median_step(grid, true);
+  }
+  /// Are the points beside and below one its neighbours, pitch measured? On a level seat points of unrelated columns
+  /// lie in one plane too, so planes do not tell; but each row then begins somewhere else than the one above it. By one
+  /// point it may, or by any when rows are far apart: then what hangs together along a column still touches.
+  [[nodiscard]] bool neighbours_are_near(const GridLayout& grid) const {
+    constexpr float kShearMax = 1.5F;    // in steps of the shorter side
+    constexpr float kUnevenMax = 64.0F;  // lines that a robot moves past may be far apart, not so far
+    const float uneven = std::max(per_column_mm, per_row_mm) / std::min(per_column_mm, per_row_mm);
+    return uneven <= kUnevenMax && median_shear(grid) <= kShearMax;
+  }
+  /// Steeper than 85 degrees: nothing that a scanner sees, but two surfaces at different depths.
+  [[nodiscard]] bool too_steep(const TilePlane& plane) const {
+    constexpr float kSlopeMax = 11.5F;
+    const float along = plane.per_column * per_row_mm;
+    const float across = plane.per_row * per_column_mm;
+    const float most = kSlopeMax * per_column_mm * per_row_mm;
+    return along * along + across * across > most * most;
+  }
+
+  float* xyz;
+  const float* z;
+  float per_column_mm = 1.0F;
+  float per_row_mm = 1.0F;
+  TilePlane* surface;
+  std::size_t tile_columns;
+  GridMask off;    ///< finite, and on none of its tile's planes; lost to keep_noise_groups
+  GridMask noise;  ///< to be taken out
+  TileMarks marks;
+  std::atomic<std::uint64_t> finite{0};
+  std::atomic<std::uint64_t> with_plane{0};
+
+ private:
+  /// Median of what f(point, the one beside it, the one below it) gives at a thousand places, NaN left out.
+  template <typename F>
+  [[nodiscard]] float median_of(const GridLayout& grid, float if_none, F&& f) const {
+    constexpr std::size_t kSide = 32;
+    std::array<float, kSide * kSide> values{};
+    std::size_t n = 0;
+    for (std::size_t r = 0; r < kSide; ++r) {
+      for (std::size_t c = 0; c < kSide; ++c) {
+        const float* p = xyz + 3 * (r * (grid.rows - 1) / kSide * grid.columns + c * (grid.columns - 1) / kSide);
+        const float value = f(p, p + 3, p + 3 * grid.columns);
+        if (std::isfinite(value)) values[n++] = value;
+      }
+    }
+    if (n == 0) return if_none;
+    std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(n / 2),
+                     values.begin() + static_cast<std::ptrdiff_t>(n));
+    return values[n / 2];
+  }
+  [[nodiscard]] float median_step(const GridLayout& grid, bool to_row_below) const {
+    return median_of(grid, 1.0F, [&](const float* p, const float* beside, const float* below) {
+      const float* q = to_row_below ? below : beside;
+      const float mm = std::hypot(q[0] - p[0], q[1] - p[1]);
+      return mm > 0.0F ? mm : kNoPlane;
+    });
+  }
+  /// How far the longer of both steps goes along the shorter one, in shorter steps.
+  [[nodiscard]] float median_shear(const GridLayout& grid) const {
+    return median_of(grid, kNoPlane, [](const float* p, const float* beside, const float* below) {
+      const float ax = beside[0] - p[0], ay = beside[1] - p[1];
+      const float bx = below[0] - p[0], by = below[1] - p[1];
+      return std::abs(ax * bx + ay * by) / std::min(ax * ax + ay * ay, bx * bx + by * by);
+    });
+  }
+};
+
+/// Planes of one band's tiles, and the judgement of all its tile rows but the first and the last.
+void find_grid_planes(const GridLayout& grid, GridWork& work, std::size_t band);
+/// The judgement of one tile row; the planes of those above and below it, if there are any, must be known.
+void judge_tile_row(const GridLayout& grid, GridWork& work, int tile_row);
+
+/// Steps 1 and 2 for all bands. False where most points have no plane in their tile: neighbours in the grid are no
+/// neighbours in space.
+[[nodiscard]] bool judge_grid(const GridLayout& grid, GridWork& work, Team& team);
+
+/// A point that is not the grid's own: does it lie on one of the planes of the tile at its column and row?
+[[nodiscard]] inline bool lies_on_planes(const GridWork& work, std::uint32_t column, std::uint32_t row, float z) {
+  const int c = static_cast<int>(column);
+  const int r = static_cast<int>(row);
+  const TilePlane* planes = work.planes(c / GridLayout::kTileColumns, r / GridLayout::kTileRows);
+  const float u = static_cast<float>(c % GridLayout::kTileColumns) - kTileMidColumn;
+  const float v = static_cast<float>(r % GridLayout::kTileRows) - kTileMidRow;
+  return std::any_of(planes, planes + 2, [&](const TilePlane& plane) {
+    return std::abs(z - (plane.z + plane.per_column * u + plane.per_row * v)) <= gate_of(plane);
+  });
+}
+
+/// Between steps 2 and 3: takes out of `noise` what hangs together (algo/denoise/noise_group.h). `off` and the marks
+/// are lost.
+void keep_noise_groups(const GridLayout& grid, GridWork& work, Team& team);
+
+/// Step 3, where the grid is the scan itself: sets what is noise to NaN. Returns how many points that were.
+std::uint64_t take_out_noise(const GridLayout& grid, GridWork& work, Team& team);
+
+/// False, and nothing changed but points that lacked a coordinate, when `cloud` is not organised or its grid is none;
+/// in the second case it has no width and height any more.
+[[nodiscard]] bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts);
+
+}  // namespace slabd::algo

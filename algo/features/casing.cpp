@@ -1,0 +1,439 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Where is a casing, and how far does it stick out? The scanner sees its flat rim and nothing inside its bore, so the
+// bore shows as a round hole in the points. In each angular sector the innermost point lies a fraction of the point
+// pitch outside the edge. Where a patch of points is missing it lies far out; the robust circle ignores it.
+//
+// The gaps are not even: where the scanner's point rows run along the edge a whole sector can miss it by a row. But the
+// edge can only be inside of every point, so the smallest gaps say most. The circle therefore leans on its inner
+// points (those outside count a tenth), which halves the error of its centre.
+//
+// The rim's height is the mean of what was seen of it, or of its eighths, each counting alike, where that is another:
+// one that is dark returns fewer points. It is one number for all of the rim only if that is one plane: most points
+// must lie together, they must come from all around, and scatter hardly more than the seat's, by points and by area. It
+// is taken clear of the rim's edges, which are round and seen half: what is low there is no damage. A lip that stands
+// over the seat is, as the rail pad would lie on it, and a rim with one has no height.
+//
+// The sectors are wide on purpose: the wider, the more points compete for the innermost and the smaller the gap
+// (spread ~ 1/width), which outweighs the smaller number of sectors (~ 1/sqrt(count)).
+#include "algo/features/casing.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "algo/features/casing_points.h"
+#include "algo/features/circle.h"
+#include "algo/median.h"
+#include "algo/moments.h"
+
+namespace slabd::algo {
+namespace {
+
+constexpr std::size_t kSectors = limits::kRimSectors;
+constexpr std::size_t kSectorsMin = kSectors / 2;
+/// Half of the edge in one piece spreads its directions by 0.095; less fixes the centre too poorly along one axis.
+constexpr double kSpreadMin = 0.09;
+/// The innermost points depend on the centre the sectors are drawn around; this many rounds settle it.
+constexpr int kRounds = 6;
+/// ... or fewer: the same innermost points give the same centre but for this.
+constexpr double kSettled_mm = 1e-9;
+/// Innermost points are looked for this far around the nominal bore radius.
+constexpr double kSearch_mm = 2.5;
+/// ... and this far off the nominal rim height.
+constexpr double kHeightGate_mm = 1.5;
+/// Scale: never sharper than a few hundredths, or a regular point pattern would decide who is an outlier.
+constexpr CircleWeights kEdgeWeights = {.scale_min = 0.02, .outside_weight = 0.1};
+/// Neighbouring sectors share the scanner's rows, so their gaps are not independent as the circle's covariance takes
+/// them to be. Over 400 phases and turns of the point pattern each, at pitches of 0.2 to 0.5 mm, even, jittered or
+/// stretched, with a tenth of the points missing, the true variance of the centre is 0.95 to 1.7 times the independent
+/// one, and up to 2.1 times when half of the edge is hidden.
+constexpr double kEdgeVariance = 1.3;
+double shared_rows(double spread) {
+  return kEdgeVariance * std::sqrt(std::sqrt(0.5 / spread));
+}
+/// Distances to the circle of the next and the next but one point are alike by chance up to this many times 1/sqrt(n)
+/// of their variance: 0.20 of 48 points, which of 1800 good edges none reached up to 0.3 mm of pitch.
+constexpr double kFormChance = 1.4;
+/// Half of the edge moved by t moves the centre by 0.6 to 0.7 t, 2.6 to 3 times the scatter that is left: so that twice
+/// the standard deviation covers both casings of a block moved apart.
+constexpr double kFormVariance = 4.0;
+/// Beyond so many times the scatter a point says no more: of whether neighbours are alike, which a single wide gap must
+/// not outvote, and of how far the edge has moved. With less scatter than this the centre moves by less than a
+/// scanner's own form error.
+constexpr double kFormAlike = 0.7;
+constexpr double kFormReach = 3.0;
+constexpr double kFormMin_mm = 0.03;
+constexpr double kRadiusOffMax_mm = 1.0;
+constexpr std::uint32_t kRimPointsMin = 200;
+/// So many of the points over the rim must be near its median height; as for planes. Of those at either edge of it no
+/// more than the rest may stand over the seat.
+constexpr double kRimShareMin = 0.8;
+/// Standard deviation of the rim beyond that of the seat, the same noise: a tilt of +-0.2 mm, which leaves the higher
+/// side of a rim in the middle of its tolerance within it.
+constexpr double kRimFormMax_mm = 0.15;
+constexpr std::size_t kHeightSample = 4096;
+/// Points around a casing that are asked for the eighth of the ring they lie in, about; and how few of them in an
+/// eighth say nothing.
+constexpr std::size_t kRingSample = 3000;
+constexpr double kEighthPointsMin = 4.0;
+/// The height by area counts where it differs from that by points by more than chance.
+constexpr double kLeanSigmas = 4.0;
+
+/// The rim ends this far inside its nominal edge: a casing may sit half a millimetre beside its place.
+constexpr double kRimEdge_mm = 0.5;
+
+/// Points a pass looks at in one go; their heights then fit the stack.
+constexpr std::size_t kPiece = 1024;
+
+/// Plane coordinates around the nominal centre: x along the rail, y across, height above the fitted seat.
+class CasingFrame {
+ public:
+  CasingFrame(const CasingTask& task, const SeatFrame& seat) {
+    const Vec3& n = task.seat.normal;
+    const Vec3 at = seat.in_seat(task.centre);
+    axes_.x_mm = static_cast<float>(at[0]);
+    axes_.s_mm = static_cast<float>(at[1]);
+    const Vec3 place = seat.in_block(static_cast<double>(axes_.x_mm), static_cast<double>(axes_.s_mm), 0.0);
+    const double height = n.dot(place) - task.seat.offset_mm;
+    origin_ = place - height * n;
+    ex_ = (Vec3::UnitX() - n.x() * n).normalized();
+    ey_ = n.cross(ex_);
+    const auto factors = [&](const Vec3& v) {
+      return std::array{static_cast<float>(v.dot(seat.along_rail)), static_cast<float>(v.dot(seat.along_seat)),
+                        static_cast<float>(v.dot(seat.up))};
+    };
+    axes_.across = factors(ex_);
+    axes_.along = factors(ey_);
+    axes_.up = factors(n);
+    axes_.up_mm = static_cast<float>(height);
+  }
+  [[nodiscard]] const CasingAxes& axes() const { return axes_; }
+  [[nodiscard]] Vec3 in_block(const Vec2& q) const { return origin_ + q.x() * ex_ + q.y() * ey_; }
+
+ private:
+  CasingAxes axes_;
+  Vec3 origin_;
+  Vec3 ex_;
+  Vec3 ey_;
+};
+
+/// Calls `look(piece)` for all points, kPiece at most in one go.
+template <typename Look>
+void for_each_piece(std::span<const SeatPoints> runs, const SeatFrame&, const Look& look) {
+  for (const SeatPoints& run : runs) {
+    for (std::size_t first = 0; first < run.size(); first += kPiece) {
+      const std::size_t count = std::min(kPiece, run.size() - first);
+      look({run.x.subspan(first, count), run.s.subspan(first, count), run.h.subspan(first, count)});
+    }
+  }
+}
+
+/// The same for points that are still in the cloud.
+template <typename Look>
+void for_each_piece(const CloudPoints& cloud, const SeatFrame& seat, const Look& look) {
+  std::array<float, kPiece> x;
+  std::array<float, kPiece> s;
+  std::array<float, kPiece> h;
+  for (std::size_t first = 0; first < cloud.size(); first += kPiece) {
+    const std::size_t count = std::min(kPiece, cloud.size() - first);
+    for (std::size_t i = 0; i < count; ++i) {
+      const Vec3 p = seat.in_seat(cloud[first + i]);
+      x[i] = static_cast<float>(p[0]);
+      s[i] = static_cast<float>(p[1]);
+      h[i] = static_cast<float>(p[2]);
+    }
+    look(SeatPoints{std::span(x).first(count), std::span(s).first(count), std::span(h).first(count)});
+  }
+}
+
+/// Calls `look(x, y, height)` in the casing's frame for about kRingSample of the points, evenly taken.
+template <typename Points, typename Look>
+void for_some(const Points& points, const SeatFrame& seat, const CasingAxes& a, const Look& look) {
+  std::size_t all = 0;
+  for_each_piece(points, seat, [&](const SeatPoints& piece) { all += piece.size(); });
+  const std::size_t every = 1 + all / kRingSample;
+  std::size_t next = 0;
+  for_each_piece(points, seat, [&](const SeatPoints& piece) {
+    for (; next < piece.size(); next += every) {
+      const float dx = piece.x[next] - a.x_mm;
+      const float ds = piece.s[next] - a.s_mm;
+      const float dh = piece.h[next];
+      look(a.across[0] * dx + a.across[1] * ds + a.across[2] * dh, a.along[0] * dx + a.along[1] * ds + a.along[2] * dh,
+           a.up[0] * dx + a.up[1] * ds + a.up[2] * dh + a.up_mm);
+    }
+    next -= piece.size();
+  });
+}
+
+/// Variance of the centre, along either axis, by what moves the edge over a part of its circumference: a crescent of
+/// mortar, a side that is dark. The fitted circle goes along, so that hardly any of it is in the distances to the
+/// circle that the covariance is taken from; but what is left there is alike from sector to sector, as gaps between
+/// points are only by chance.
+double edge_form_mm2(std::span<const Vec2> edge, const Circle& circle) {
+  if (!(circle.scatter > kFormMin_mm)) return 0.0;
+  const auto n = static_cast<double>(edge.size());
+  std::array<double, kSectors> off;
+  double mean = 0.0;
+  for (std::size_t i = 0; i < edge.size(); ++i) {
+    off[i] = (edge[i] - circle.centre).norm() - circle.radius;
+    mean += off[i] / n;
+  }
+  const auto within = [&](std::size_t i, double scatters) {
+    const double reach = scatters * circle.scatter;
+    return std::clamp(off[i % edge.size()] - mean, -reach, reach);
+  };
+  double middle = 0.0;
+  for (std::size_t i = 0; i < edge.size(); ++i) middle += within(i, kFormAlike) / n;
+  const auto lean = [&](std::size_t i) { return within(i, kFormAlike) - middle; };
+  double leaning = 0.0;
+  double shared = 0.0;
+  double moved = 0.0;
+  for (std::size_t i = 0; i < edge.size(); ++i) {
+    leaning += lean(i) * lean(i);
+    shared += 0.5 * lean(i) * (lean(i + 1) + lean(i + 2));
+    moved += within(i, kFormReach) * within(i, kFormReach);
+  }
+  return shared > kFormChance / std::sqrt(n) * leaning ? kFormVariance * moved / n : 0.0;
+}
+
+/// A ring's points between its heights, their share of all and how they lie, where every eighth of it counts alike: of
+/// a ring that is dark on one side, most points are the other side's.
+class RingByArea {
+ public:
+  explicit RingByArea(const CasingRing& ring)
+      : ring_(ring), inner2_(ring.inner_mm * ring.inner_mm), outer2_(ring.outer_mm * ring.outer_mm) {}
+
+  /// From the ring's centre.
+  void add(float x, float y, float height) {
+    const float radius2 = x * x + y * y;
+    if (!(radius2 >= inner2_ && radius2 < outer2_)) return;
+    const std::size_t eighth = (x < 0.0F ? 4U : 0U) + (y < 0.0F ? 2U : 0U) + (std::abs(x) < std::abs(y) ? 1U : 0U);
+    all_[eighth] += 1.0;
+    if (!(height >= ring_.low_mm && height <= ring_.high_mm)) return;
+    within_[eighth].points += 1.0;
+    within_[eighth].sum += static_cast<double>(height);
+    within_[eighth].squares += static_cast<double>(height) * static_cast<double>(height);
+  }
+  [[nodiscard]] double share() const {
+    double seen = 0.0;
+    double share = 0.0;
+    for (std::size_t k = 0; k < all_.size(); ++k) {
+      if (all_[k] < kEighthPointsMin) continue;
+      seen += 1.0;
+      share += within_[k].points / all_[k];
+    }
+    return seen > 0.0 ? share / seen : 0.0;
+  }
+  /// How the rim lies by area, from the sample at hand.
+  struct Height {
+    double over_points_mm = 0.0;  ///< mean by area less mean by points, of the same points
+    double std_mm = 0.0;          ///< by area
+    double sigma_per_std = 0.0;   ///< standard deviation that noise gives the first, over the noise
+  };
+  [[nodiscard]] Height height() const {
+    Heights points;
+    Heights area;
+    for_each_eighth([&](const Heights& eighth) {
+      points.add(eighth, 1.0);
+      area.add(eighth, 1.0 / eighth.points);
+    });
+    if (points.points == 0.0) return {};
+    double variance = 0.0;
+    for_each_eighth([&](const Heights& eighth) {
+      const double weight = 1.0 / area.points - eighth.points / points.points;
+      variance += weight * weight / eighth.points;
+    });
+    const double mean = area.sum / area.points;
+    return {mean - points.sum / points.points, std::sqrt(std::max(area.squares / area.points - mean * mean, 0.0)),
+            std::sqrt(variance)};
+  }
+
+ private:
+  struct Heights {
+    double points = 0.0;
+    double sum = 0.0;
+    double squares = 0.0;
+    void add(const Heights& other, double weight) {
+      points += weight * other.points;
+      sum += weight * other.sum;
+      squares += weight * other.squares;
+    }
+  };
+  template <typename F>
+  void for_each_eighth(const F& f) const {
+    for (const Heights& eighth : within_)
+      if (eighth.points >= kEighthPointsMin) f(eighth);
+  }
+  CasingRing ring_;
+  float inner2_;
+  float outer2_;
+  std::array<double, 8> all_{};
+  std::array<Heights, 8> within_{};
+};
+
+struct EdgePoints {
+  std::array<Vec2, kSectors> points;
+  std::size_t size = 0;
+  [[nodiscard]] std::span<const Vec2> view() const { return {points.data(), size}; }
+  [[nodiscard]] bool operator==(const EdgePoints& other) const {
+    return std::equal(view().begin(), view().end(), other.view().begin(), other.view().end());
+  }
+};
+
+CasingRing ring(const Vec2& centre, double inner_mm, double outer_mm, double low_mm, double high_mm) {
+  return {static_cast<float>(centre.x()), static_cast<float>(centre.y()), static_cast<float>(inner_mm),
+          static_cast<float>(outer_mm),   static_cast<float>(low_mm),     static_cast<float>(high_mm)};
+}
+
+/// The innermost point of each sector around `centre`.
+template <typename Points>
+EdgePoints innermost(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
+                     const Vec2& centre) {
+  const CasingRing near_edge = ring(centre, task.bore_radius_mm - kSearch_mm,
+                                    std::min(task.bore_radius_mm + kSearch_mm, task.rim_radius_mm - kRimEdge_mm),
+                                    task.rim_height_mm - kHeightGate_mm, task.rim_height_mm + kHeightGate_mm);
+  Innermost found(near_edge);
+  for_each_piece(points, seat, [&](const SeatPoints& piece) { find_innermost(piece, frame.axes(), near_edge, found); });
+  EdgePoints edge;
+  for (std::size_t k = 0; k < kSectors; ++k)
+    if (found.seen(k, near_edge))
+      edge.points[edge.size++] = Vec2(static_cast<double>(found.x[k]), static_cast<double>(found.y[k]));
+  return edge;
+}
+
+/// Robust mean height of the rim around the measured centre, clear of its inner and outer edge. False where it is no
+/// height of all of the rim.
+template <typename Points>
+bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
+                 const Vec2& centre, CasingFeature& casing) {
+  const double width = task.rim_radius_mm - task.bore_radius_mm;
+  const double margin = std::min(task.edge_margin_mm, 0.25 * width);
+  constexpr double kAny = std::numeric_limits<float>::max();
+  const CasingRing rim = ring(centre, task.bore_radius_mm + margin, task.rim_radius_mm - margin, -kAny, kAny);
+  std::array<float, kPiece> room;
+  const auto for_each_height = [&](const auto& use) {
+    for_each_piece(points, seat, [&](const SeatPoints& piece) {
+      use(std::span<const float>(room).first(heights_in_ring(piece, frame.axes(), rim, room)));
+    });
+  };
+  const auto count_in = [&](const CasingRing& where) {
+    std::size_t count = 0;
+    for_each_piece(points, seat,
+                   [&](const SeatPoints& piece) { count += heights_in_ring(piece, frame.axes(), where, room); });
+    return count;
+  };
+
+  const std::size_t count = count_in(rim);
+  if (count < kRimPointsMin) return false;
+  const std::size_t every = 1 + count / kHeightSample;
+  std::array<double, kHeightSample> sample;
+  std::size_t sampled = 0;
+  std::size_t next = 0;
+  for_each_height([&](std::span<const float> heights) {
+    for (; next < heights.size(); next += every)
+      if (sampled < sample.size()) sample[sampled++] = static_cast<double>(heights[next]);
+    next -= heights.size();
+  });
+  const double median = median_of(std::span(sample).first(sampled));
+  for (std::size_t i = 0; i < sampled; ++i) sample[i] = std::abs(sample[i] - median);
+  const double reach = std::max(4.0 * 1.4826 * median_of(std::span(sample).first(sampled)), 1e-3);
+
+  ScalarMoments near(median);
+  for_each_height([&](std::span<const float> heights) {
+    for (const float h : heights)
+      if (std::abs(static_cast<double>(h) - median) <= reach) near.add(static_cast<double>(h));
+  });
+  near.close_block();
+  casing.rim_points = static_cast<std::uint32_t>(near.count());
+  casing.height_mm = near.mean();
+  casing.rim_std_mm = std::sqrt(near.variance(1));
+  casing.sigma_height_mm = casing.rim_std_mm / std::sqrt(static_cast<double>(near.count()));
+
+  const CasingRing around =
+      ring(centre, task.bore_radius_mm + margin, task.rim_radius_mm - margin, median - reach, median + reach);
+  Innermost found(around);
+  for_each_piece(points, seat, [&](const SeatPoints& piece) { find_innermost(piece, frame.axes(), around, found); });
+  std::size_t sectors = 0;
+  for (std::size_t k = 0; k < kSectors; ++k) sectors += found.seen(k, around) ? 1U : 0U;
+  // By the seat's noise, not by the rim's own scatter, which grows with its tilt.
+  const double seat_mm = has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0;
+  const double over_mm = std::max(median, 0.0) + std::max(4.0 * seat_mm, kRimFormMax_mm);
+  // From inside the bore, over which a lip may stand; up to the rim's nominal edge, where a casing that sits beside its
+  // place has the seat, as high as itself.
+  const CasingRing at_bore =
+      ring(centre, task.bore_radius_mm - kRadiusOffMax_mm, task.bore_radius_mm + margin, over_mm, kAny);
+  const CasingRing at_rim = ring(centre, task.rim_radius_mm - margin, task.rim_radius_mm, over_mm, kAny);
+  const auto has_lip = [&](CasingRing edge, const RingByArea& over_by_area) {
+    const std::size_t over = count_in(edge);
+    edge.low_mm = -static_cast<float>(kAny);
+    constexpr double kLipMax = 1.0 - kRimShareMin;
+    return static_cast<double>(over) > kLipMax * static_cast<double>(count_in(edge)) || over_by_area.share() > kLipMax;
+  };
+  RingByArea near_by_area(around);
+  RingByArea over_at_bore(at_bore);
+  RingByArea over_at_rim(at_rim);
+  for_some(points, seat, frame.axes(), [&](float x, float y, float height) {
+    x -= around.centre_x_mm;
+    y -= around.centre_y_mm;
+    near_by_area.add(x, y, height);
+    over_at_bore.add(x, y, height);
+    over_at_rim.add(x, y, height);
+  });
+  if (has_lip(at_bore, over_at_bore) || has_lip(at_rim, over_at_rim)) return false;
+  const double flat_mm = std::hypot(seat_mm, kRimFormMax_mm);
+  const RingByArea::Height by_area = near_by_area.height();
+  // Of a rim that returns evenly, or is level, the points say it best.
+  const double lean_sigma_mm = by_area.sigma_per_std * casing.rim_std_mm;
+  if (std::abs(by_area.over_points_mm) > kLeanSigmas * lean_sigma_mm) {
+    casing.height_mm += by_area.over_points_mm;
+    casing.sigma_height_mm = std::hypot(casing.sigma_height_mm, lean_sigma_mm);
+  }
+  return casing.rim_points >= kRimPointsMin && sectors >= kSectorsMin && casing.rim_std_mm <= flat_mm &&
+         by_area.std_mm <= flat_mm && static_cast<double>(near.count()) >= kRimShareMin * static_cast<double>(count) &&
+         near_by_area.share() >= kRimShareMin;
+}
+
+template <typename Points>
+CasingFeature measure(const Points& points, const SeatFrame& seat, const CasingTask& task) {
+  CasingFeature casing;
+  const CasingFrame frame(task, seat);
+  Circle circle;
+  EdgePoints edge;
+  for (int round = 0; round < kRounds; ++round) {
+    const Vec2 centre = circle.ok ? circle.centre : Vec2(Vec2::Zero());
+    const EdgePoints before = edge;
+    edge = innermost(points, seat, task, frame, centre);
+    casing.edge_points = static_cast<std::uint32_t>(edge.size);
+    if (edge.size < kSectorsMin) return casing;
+    circle = fit_circle_robust(edge.view(), centre, kEdgeWeights);
+    casing.inlier_fraction = circle.weight / static_cast<double>(kSectors);
+    if (!circle.ok || circle.weight < 0.4 * static_cast<double>(kSectors) || circle.spread < kSpreadMin) return casing;
+    // The same points and the same circle: no round will find another.
+    if (edge == before && (circle.centre - centre).norm() <= kSettled_mm) break;
+  }
+  casing.centre = frame.in_block(circle.centre);
+  casing.radius_mm = circle.radius;
+  casing.edge_rms_mm = circle.scatter;
+  casing.cov_circle = shared_rows(circle.spread) * circle.covariance;
+  casing.cov_circle.diagonal().head<2>().array() += edge_form_mm2(edge.view(), circle);
+  if (std::abs(circle.radius - task.bore_radius_mm) > kRadiusOffMax_mm) return casing;
+  casing.ok = measure_rim(points, seat, task, frame, circle.centre, casing);
+  return casing;
+}
+
+}  // namespace
+
+CasingFeature measure_casing(std::span<const SeatPoints> runs, const SeatFrame& frame, const CasingTask& task) {
+  return measure(runs, frame, task);
+}
+
+CasingFeature measure_casing(const CloudPoints& points, const CasingTask& task) {
+  // Any frame along the seat will do; at the casing floats are finest.
+  const Vec3& n = task.seat.normal;
+  const Vec3 along_rail = (Vec3::UnitX() - n.x() * n).normalized();
+  return measure(points, {task.centre, along_rail, n.cross(along_rail), n}, task);
+}
+
+}  // namespace slabd::algo

@@ -1,0 +1,334 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// How much does the average of many points really know? White noise averages out with their number; a scanner's errors
+// are shared by neighbours, over a millimetre or so, and then a mean over n points knows as much as n / factor
+// independent ones would. The factor is the noise's spectral density at long wavelengths over that of white noise of
+// the same size. Of the seat only heights are known, form and noise together, but form has long wavelengths (a bow, a
+// wave of centimetres), noise short ones. So:
+//
+//   - a polynomial of fourth degree takes the bow and its kin away, and cells that stand out (a chip) are left out;
+//   - the rest is resolved into cosines over the region (DCT-II, each normalised so that white noise puts the variance
+//     of a cell into every one of them); those along one axis only are skipped, as form likes the axes;
+//   - their energies between 40 mm and 10 mm of wavelength, averaged in rings of equal area, are extrapolated to
+//     infinite wavelength along 1/energy ~ k^2: exact for exponential correlation, 5 % high for a Gaussian one of 2 mm
+//     length, flat for anything much shorter than a cell.
+//
+// Correlation over more than about 3 mm cannot be told from form this way and is not found.
+#include "algo/features/cell_noise.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <array>
+
+#include "algo/median.h"
+
+namespace slabd::algo {
+namespace {
+
+constexpr std::size_t kCellsMin = 400;
+constexpr double kWavelengthMax_mm = 40.0;
+constexpr double kWavelengthMin_mm = 10.0;
+/// What is longer than this counts as form when the noise of a cell is asked for.
+constexpr double kFormLength_mm = 20.0;
+constexpr int kModesMax = 40;  ///< along one axis: 200 mm of seat
+constexpr std::size_t kRings = 6;
+/// Single energies above this multiple of their ring's level are form (chi-square with one degree of freedom: 5e-4).
+constexpr double kEnergyMax = 12.0;
+constexpr double kOutlierSigmas = 4.0;
+
+/// Degree of the polynomial that is taken for form.
+constexpr int kDegree = 4;
+constexpr int kTerms = (kDegree + 1) * (kDegree + 2) / 2;
+using Terms = Eigen::Matrix<double, kTerms, 1>;
+
+/// One side of the region may have this many cells. A region of at least 40 mm either way and of at most
+/// limits::kFlatnessCellsMax cells stays below 345 up to 560 mm of length.
+constexpr Eigen::Index kAxisMax = 352;
+
+/// Functions of the place along one axis, a row for each place: powers or cosines.
+using Table = Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor, kAxisMax, kModesMax + 1>;
+/// A row for each function.
+template <Eigen::Index kLength>
+using Rows = Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor, kModesMax + 1, kLength>;
+/// A value for each cell, row by row.
+using Field = Eigen::Map<Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
+
+/// Powers 0..count - 1 of the places of `cells` cells along an axis, scaled to -1..1 over 2 * half_mm.
+Table powers(std::size_t cells, double cell_mm, double half_mm, int count) {
+  Table table(static_cast<Eigen::Index>(cells), count);
+  for (Eigen::Index i = 0; i < table.rows(); ++i) {
+    const double x = ((static_cast<double>(i) + 0.5) * cell_mm - half_mm) / half_mm;
+    table(i, 0) = 1.0;
+    for (int k = 1; k < count; ++k) table(i, k) = x * table(i, k - 1);
+  }
+  return table;
+}
+
+/// Sums over all cells of value * f(row) * g(column), for every f and g of two tables: over the rows first, then over
+/// the columns. That is what makes polynomial and cosines cheap; cell by cell they cost thirty times as much.
+template <typename Sums>
+void sum_products(const Table& along, const Field& values, const Table& across, Sums& sums) {
+  Rows<kAxisMax> by_column(along.cols(), values.cols());
+  by_column.setZero();
+  sums.setZero();
+  // Whole rows are added, four at a time: no sum waits for the one before.
+  const Eigen::Index fours = values.rows() / 4 * 4;
+  for (Eigen::Index r = 0; r < fours; r += 4)
+    for (Eigen::Index f = 0; f < along.cols(); ++f)
+      by_column.row(f) += along(r, f) * values.row(r) + along(r + 1, f) * values.row(r + 1) +
+                          along(r + 2, f) * values.row(r + 2) + along(r + 3, f) * values.row(r + 3);
+  for (Eigen::Index r = fours; r < values.rows(); ++r)
+    for (Eigen::Index f = 0; f < along.cols(); ++f) by_column.row(f) += along(r, f) * values.row(r);
+  for (Eigen::Index f = 0; f < along.cols(); ++f)
+    for (Eigen::Index c = 0; c < across.rows(); ++c) sums.row(f) += by_column(f, c) * across.row(c);
+}
+
+/// 1.4826 times the median distance from zero of the cells with weight.
+double robust_sigma_of(const Field& heights, const Field& weight) {
+  std::array<double, limits::kFlatnessCellsMax> size;
+  std::size_t n = 0;
+  for (Eigen::Index i = 0; i < heights.size(); ++i) {
+    size[n] = std::abs(heights.data()[i]);
+    n += weight.data()[i] > 0.0 ? 1U : 0U;
+  }
+  return 1.4826 * median_of(std::span(size).first(n));
+}
+
+/// Takes the low polynomial off, then sets to zero what still stands out. `weight` is 1 where a cell is, 0 elsewhere,
+/// and in the end where one is left. Returns how many are left.
+std::size_t remove_form(const CellGrid& grid, Field& heights, Field& weight) {
+  constexpr int kPowers = 2 * kDegree + 1;
+  const Table across = powers(grid.columns, grid.region.cell_mm, grid.region.half_x_mm, kPowers);
+  const Table along = powers(grid.rows, grid.region.cell_mm, grid.region.half_s_mm, kPowers);
+  std::array<double, limits::kFlatnessCellsMax> present_room;
+  Field present(present_room.data(), weight.rows(), weight.cols());
+  present = weight;
+  std::array<double, limits::kFlatnessCellsMax> weighted_room;
+  Field weighted(weighted_room.data(), weight.rows(), weight.cols());
+  using Sums = Eigen::Array<double, kPowers, kPowers, Eigen::RowMajor>;
+  Sums of_weight;
+  Sums of_height;
+  std::size_t left = 0;
+  // A chip leans on the polynomial until it is left out.
+  for (int round = 0; round < 3; ++round) {
+    weighted = weight * heights;
+    sum_products(along, weight, across, of_weight);
+    sum_products(along, weighted, across, of_height);
+    // Terms x^i s^j in one fixed order.
+    Eigen::Matrix<double, kTerms, kTerms> H;
+    Terms g;
+    int row = 0;
+    for (int i = 0; i <= kDegree; ++i) {
+      for (int j = 0; i + j <= kDegree; ++j, ++row) {
+        g[row] = of_height(j, i);
+        int column = 0;
+        for (int k = 0; k <= kDegree; ++k)
+          for (int l = 0; k + l <= kDegree; ++l) H(row, column++) = of_weight(j + l, i + k);
+      }
+    }
+    const Terms form = H.ldlt().solve(g);
+    if (!form.allFinite()) return 0;
+    Eigen::Matrix<double, kDegree + 1, kDegree + 1> coefficient = decltype(coefficient)::Zero();
+    row = 0;
+    for (int i = 0; i <= kDegree; ++i)
+      for (int j = 0; i + j <= kDegree; ++j) coefficient(j, i) = form[row++];
+    Eigen::Matrix<double, kDegree + 1, Eigen::Dynamic, Eigen::RowMajor, kDegree + 1, kAxisMax> of_s(kDegree + 1,
+                                                                                                    heights.cols());
+    of_s.noalias() = coefficient.lazyProduct(across.leftCols<kDegree + 1>().matrix().transpose());
+    heights.matrix().noalias() -= along.leftCols<kDegree + 1>().matrix().lazyProduct(of_s);
+    const double limit = kOutlierSigmas * robust_sigma_of(heights, weight);
+    weight = (heights.abs() <= limit).cast<double>() * present;
+    left = static_cast<std::size_t>(weight.sum());
+  }
+  heights *= weight;
+  return left;
+}
+
+/// Weighted straight line.
+class Line {
+ public:
+  void add(double x, double y, double weight) {
+    n_ += weight;
+    x_ += weight * x;
+    y_ += weight * y;
+    xx_ += weight * x * x;
+    xy_ += weight * x * y;
+  }
+  [[nodiscard]] double slope() const { return (n_ * xy_ - x_ * y_) / (n_ * xx_ - x_ * x_); }
+  [[nodiscard]] double mean() const { return y_ / n_; }
+  [[nodiscard]] double value_at(double x) const { return mean() + slope() * (x - x_ / n_); }
+
+ private:
+  double n_ = 0.0;
+  double x_ = 0.0;
+  double y_ = 0.0;
+  double xx_ = 0.0;
+  double xy_ = 0.0;
+};
+
+/// The heights as cosines over the region.
+class Spectrum {
+ public:
+  Spectrum(const CellGrid& grid, const Field& heights)
+      : across_(2.0 * grid.region.cell_mm * static_cast<double>(grid.columns)),
+        along_(2.0 * grid.region.cell_mm * static_cast<double>(grid.rows)) {
+    columns_ = modes(across_);
+    rows_ = modes(along_);
+    amplitude_.resize(static_cast<Eigen::Index>(rows_) + 1, static_cast<Eigen::Index>(columns_) + 1);
+    sum_products(cosines(grid.rows, rows_), heights, cosines(grid.columns, columns_), amplitude_);
+    // Orthonormal cosines: 2 / sqrt(cells) for modes that vary both ways.
+    scale_ = 4.0 / static_cast<double>(grid.cells());
+  }
+
+  /// Sum of the energies of all modes longer than kFormLength_mm, those along one axis included, and their number.
+  [[nodiscard]] double form_energy(double& count) const {
+    double sum = 0.0;
+    count = 0.0;
+    for (std::size_t q = 0; q <= rows_; ++q) {
+      for (std::size_t p = 0; p <= columns_; ++p) {
+        if (k2(p, q) >= 1.0 / (kFormLength_mm * kFormLength_mm)) continue;
+        sum += energy(p, q);
+        count += 1.0;
+      }
+    }
+    return sum;
+  }
+
+  /// Spectral density at infinite wavelength from the modes between the two wavelengths, ring by ring, as the variance
+  /// white noise of that density gives a cell. NaN: a ring without modes.
+  [[nodiscard]] double at_infinity() const {
+    constexpr double k2_min = 1.0 / (kWavelengthMax_mm * kWavelengthMax_mm);
+    constexpr double k2_max = 1.0 / (kWavelengthMin_mm * kWavelengthMin_mm);
+    std::array<double, kRings> level;
+    std::array<double, kRings> count;
+    std::array<double, kRings> at;
+    Line log_level;
+    for (std::size_t ring = 0; ring < kRings; ++ring) {
+      const double from = k2_min + (k2_max - k2_min) * static_cast<double>(ring) / kRings;
+      const double to = k2_min + (k2_max - k2_min) * static_cast<double>(ring + 1) / kRings;
+      level[ring] = mean_energy(from, to, count[ring]);
+      if (!(level[ring] > 0.0)) return kNoValue;
+      at[ring] = 0.5 * (from + to);
+      log_level.add(at[ring], std::log(level[ring]), count[ring]);
+    }
+    // A mean of n energies scatters by sqrt(2/n) of itself, hence the weights; they come from the smooth line, or
+    // rings that are low by chance would weigh more. The reciprocal of the mean is high by 2/n.
+    Line reciprocal;
+    for (std::size_t ring = 0; ring < kRings; ++ring) {
+      const double smooth = std::exp(log_level.value_at(at[ring]));
+      reciprocal.add(at[ring], (1.0 - 2.0 / count[ring]) / level[ring], count[ring] * smooth * smooth);
+    }
+    // No noise has more energy at short wavelengths than at long ones.
+    return 1.0 / (reciprocal.slope() > 0.0 ? reciprocal.value_at(0.0) : reciprocal.mean());
+  }
+
+ private:
+  static std::size_t modes(double twice_length_mm) {
+    return std::min(static_cast<std::size_t>(twice_length_mm / kWavelengthMin_mm), std::size_t{kModesMax});
+  }
+  /// cos(p pi (i + 1/2) / n) for p = 0..count, by the angle addition rule.
+  static Table cosines(std::size_t n, std::size_t count) {
+    Table c(static_cast<Eigen::Index>(n), static_cast<Eigen::Index>(count) + 1);
+    for (Eigen::Index i = 0; i < c.rows(); ++i) {
+      const double one = std::cos(kPi * (static_cast<double>(i) + 0.5) / static_cast<double>(n));
+      c(i, 0) = 1.0;
+      for (Eigen::Index p = 1; p < c.cols(); ++p) c(i, p) = p == 1 ? one : 2.0 * one * c(i, p - 1) - c(i, p - 2);
+    }
+    return c;
+  }
+  /// Square of the wave number of a mode (1/mm^2), and its energy (mm^2).
+  [[nodiscard]] double k2(std::size_t p, std::size_t q) const {
+    const double kx = static_cast<double>(p) / across_;
+    const double ks = static_cast<double>(q) / along_;
+    return kx * kx + ks * ks;
+  }
+  [[nodiscard]] double energy(std::size_t p, std::size_t q) const {
+    const double a = amplitude_(static_cast<Eigen::Index>(q), static_cast<Eigen::Index>(p));
+    return scale_ * (p == 0 ? 0.5 : 1.0) * (q == 0 ? 0.5 : 1.0) * a * a;
+  }
+  [[nodiscard]] double mean_energy(double from, double to, double& count) const {
+    std::array<double, kModesMax * kModesMax> energies;
+    std::size_t n = 0;
+    for (std::size_t q = 1; q <= rows_; ++q) {
+      for (std::size_t p = 1; p <= columns_; ++p) {
+        if (k2(p, q) < from || k2(p, q) >= to) continue;
+        energies[n++] = energy(p, q);
+      }
+    }
+    count = 0.0;
+    if (n == 0) return kNoValue;
+    const std::span<double> all = std::span(energies).first(n);
+    // Median of chi-square with one degree of freedom over its mean.
+    const double limit = kEnergyMax * median_of(all) / 0.4549;
+    double sum = 0.0;
+    for (const double e : all) {
+      if (e > limit) continue;
+      sum += e;
+      count += 1.0;
+    }
+    return sum / count;
+  }
+
+  double across_;
+  double along_;
+  std::size_t columns_ = 0;
+  std::size_t rows_ = 0;
+  double scale_ = 0.0;
+  /// A row for each mode along the seat.
+  Rows<kModesMax + 1> amplitude_;
+};
+
+}  // namespace
+
+CellNoise noise_of_cells(const CellGrid& grid, std::span<const double> heights, std::span<const std::uint32_t> cells,
+                         double within_variance_mm2, double points_per_cell) {
+  CellNoise noise;
+  if (heights.size() < kCellsMin || grid.cells() > limits::kFlatnessCellsMax ||
+      std::max(grid.columns, grid.rows) > std::size_t{kAxisMax} || !(points_per_cell >= 1.0) ||
+      2.0 * std::fmin(grid.region.half_x_mm, grid.region.half_s_mm) < kWavelengthMax_mm)
+    return noise;
+  std::array<double, limits::kFlatnessCellsMax> height_room;
+  std::array<double, limits::kFlatnessCellsMax> weight_room;
+  const auto rows = static_cast<Eigen::Index>(grid.rows);
+  const auto columns = static_cast<Eigen::Index>(grid.columns);
+  Field field(height_room.data(), rows, columns);
+  Field weight(weight_room.data(), rows, columns);
+  field.setZero();
+  weight.setZero();
+  for (std::size_t i = 0; i < heights.size(); ++i) {
+    field.data()[cells[i]] = heights[i];
+    weight.data()[cells[i]] = 1.0;
+  }
+  const std::size_t left = remove_form(grid, field, weight);
+  if (left < kCellsMin) return noise;
+  // Where no cell is, or one was left out, the heights are zero: the energies lack its part.
+  const double present = static_cast<double>(left) / static_cast<double>(grid.cells());
+  const Spectrum spectrum(grid, field);
+  const double density = spectrum.at_infinity() / present;
+  // All energies sum up to the heights' squares; the long ones are replaced by what the noise has there.
+  double long_modes = 0.0;
+  const double noise_energy = field.square().sum() - spectrum.form_energy(long_modes);
+  const double cell_variance = (noise_energy / present + long_modes * density) / static_cast<double>(grid.cells());
+  const double point_variance = cell_variance + (1.0 - 1.0 / points_per_cell) * within_variance_mm2;
+  if (!(cell_variance > 0.0) || !(point_variance > 0.0)) return noise;
+  noise.ok = true;
+  noise.cell_sigma_mm = std::sqrt(cell_variance);
+  noise.point_sigma_mm = std::sqrt(point_variance);
+  noise.factor = std::fmax(density * points_per_cell / point_variance, 1.0);
+  return noise;
+}
+
+double expected_range(std::size_t count) {
+  if (count < 2) return 0.0;
+  // Upper tail that the expected maximum leaves; the normal quantile by Newton's method on its logarithm.
+  const double tail = -std::expm1(std::log(0.5264) / static_cast<double>(count));
+  double z = std::sqrt(std::fmax(-2.0 * std::log(2.0 * tail), 0.01));
+  for (int i = 0; i < 50; ++i) {
+    const double q = 0.5 * std::erfc(z / std::sqrt(2.0));
+    const double density = std::exp(-0.5 * z * z) / std::sqrt(2.0 * kPi);
+    z += (std::log(q) - std::log(tail)) * q / density;
+  }
+  return 2.0 * z;
+}
+
+}  // namespace slabd::algo

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <span>
+#include <string_view>
+
+#include "algo/algo.h"
+#include "algo/features/face_points.h"
+#include "algo/features/face_raster.h"
+#include "algo/features/hypotheses.h"
+#include "algo/moments.h"
+#include "algo/points.h"
+
+/// The plane fits behind `fit_plane` and `fit_plane_lsq`, over any set of points with `size()` and `[i]`. Defined in
+/// plane.cpp for std::span<const Vec3> and CloudPoints, so that millions of points need no copy.
+namespace slabd::algo {
+
+/// What a sample of the points says before all of them are asked: where the plane is and what counts as near it.
+struct PlaneStart {
+  PlaneSample sample;
+  PlaneSearch search;
+  FlatPlane plane;
+  double threshold_mm = 0.0;
+  Vec3 shift = Vec3::Zero();  ///< sums are taken about it
+  bool found = false;
+  bool doubtful = false;  ///< a second surface in the zone of a given threshold
+};
+template <typename Points>
+void begin_fit(const Points& points, const Vec3& up, const PlaneSettings& settings, PlaneStart& start);
+/// Refits on all points until the inlier set stands still, and the doubts. `points` may be others than those the start
+/// was made from, of the same surface.
+template <typename Points>
+[[nodiscard]] PlaneFit finish_fit(const Points& points, const PlaneSettings& settings, const PlaneStart& start);
+
+/// Both.
+template <typename Points>
+[[nodiscard]] PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSettings& settings);
+
+/// The same, in one pass over the points (plane_zone.h).
+[[nodiscard]] PlaneFit fit_plane_over(const ListedPoints& points, const Vec3& up, const PlaneSettings& settings,
+                                      PlaneStart& start);
+[[nodiscard]] PlaneFit fit_plane_over(const ListedPoints& points, const Vec3& up, const PlaneSettings& settings);
+
+/// Why a plane was refused, as half a sentence.
+[[nodiscard]] std::string_view reason_of(PlaneDoubt doubt);
+/// Refuses a plane that stood until now.
+inline void refuse(PlaneFit& fit, PlaneDoubt why) {
+  if (fit.ok) fit.doubt = why;
+  fit.ok = false;
+}
+
+/// The share of `fit`'s inliers where every place that was seen counts alike, however many points returned from it: the
+/// share of the points is one of the area only where they are as dense everywhere. `off`: points of each place that
+/// were not offered to the fit; `points`: how many were. Asked of the sample, so good to a hundredth.
+[[nodiscard]] double share_by_area(const PlaneStart& start, const PlaneFit& fit, const SeatFrame& frame,
+                                   const FaceRaster& raster, const PlaceCounts& off, std::size_t points);
+
+template <typename Points>
+[[nodiscard]] PlaneFit fit_plane_lsq_over(const Points& points, const Vec3& up);
+
+extern template PlaneFit fit_plane_over(const std::span<const Vec3>&, const Vec3&, const PlaneSettings&);
+extern template PlaneFit fit_plane_over(const CloudPoints&, const Vec3&, const PlaneSettings&);
+extern template void begin_fit(const ListedPoints&, const Vec3&, const PlaneSettings&, PlaneStart&);
+extern template PlaneFit finish_fit(const SummedPoints&, const PlaneSettings&, const PlaneStart&);
+extern template PlaneFit fit_plane_lsq_over(const std::span<const Vec3>&, const Vec3&);
+extern template PlaneFit fit_plane_lsq_over(const CloudPoints&, const Vec3&);
+
+/// Robust standard deviation of `abs_residuals` (infinities allowed): 1.4826 MAD over the `share` that is
+/// trusted, then the same over what lies within three of it, until it no longer shrinks. Contamination inflates a
+/// plain MAD (at 50 % outliers it is the largest inlier); the repetition takes that back.
+[[nodiscard]] double robust_sigma(std::span<const double> abs_residuals, double share);
+
+}  // namespace slabd::algo

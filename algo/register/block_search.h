@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+#include "algo/block_model.h"
+#include "algo/register/place_count.h"
+#include "base/base.h"
+#include "base/team.h"
+
+/// Where in the station's window might the block be? Answers good enough to start an ICP from.
+namespace slabd::algo {
+
+/// The model's height seen from above on a raster as coarse as the search's steps, so that moving the block by one step
+/// is moving one cell on.
+class HeightMap {
+ public:
+  static constexpr int kCell_mm = 4;
+  static constexpr int kColumns = static_cast<int>(limits::kFaceTableX) / kCell_mm;
+  static constexpr int kRows = static_cast<int>(limits::kFaceTableY) / kCell_mm;
+  static_assert(static_cast<std::size_t>(kColumns * kRows) == limits::kHeightMapCells);
+
+  /// `cells`: limits::kHeightMapCells, owned by the caller.
+  void build(const BlockModel& model, std::span<float> cells);
+
+  /// Heights; the slab top beyond the raster, far below everything inside a bore.
+  [[nodiscard]] HeightRaster raster() const { return {cells_, kColumns, kRows, beyond_}; }
+
+ private:
+  std::span<const float> cells_;
+  float beyond_ = 0.0F;
+};
+
+/// A pose to start from and how many of the points looked at it explains.
+struct StartPose {
+  Pose T_block_scanner;
+  int points = 0;
+};
+inline constexpr std::size_t kStartPosesMax = 6;
+using StartPoses = FixedVector<StartPose, kStartPosesMax>;
+
+/// The best poses within the window around `T_block_scanner`, best first: one for each way of reading the large level
+/// planes of the scan as bearing plane or slab top. `sample`: points in the scanner frame. Empty when the scan has no
+/// level plane. Deterministic, no heap; some 20 ms whatever the start, half of it on two threads.
+[[nodiscard]] StartPoses search_block(const BlockModel& model, const HeightMap& heights,
+                                      const EvaluationSettings& settings, const Pose& T_block_scanner,
+                                      std::span<const Vec3> sample, Team& team);
+
+}  // namespace slabd::algo

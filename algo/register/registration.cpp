@@ -1,0 +1,391 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Where is the block? The robot says so to a millimetre or a few; the scan must say it to a micrometre, and must say
+// when there is no block at all (paper 2.4).
+//
+// ICP, point to plane, against the analytic model: each sampled point is moved into the block frame, given to the
+// closest face seen near its place, and the six-parameter step that shortens the distances is solved for (Gauss-Newton,
+// Tukey weights), while the gates shrink. It is tried from the robot's place first, which is right to a few millimetres
+// on every ordinary day; where only the place along the rail is in doubt, from the place the casings offer. Where that
+// does not end at a pose that passes every test, the whole window is searched (block_search), so the start does not
+// matter as long as the block is in it.
+//
+// The last steps use only points whose surroundings show a single face. Which points take part and what they are held
+// against then depends on their place, not on their noise: the estimate has no bias from edges, and its covariance can
+// be told. Casings join in only where the faces leave a direction open (casing_ties).
+//
+// A wrong pose that looks converged is the worst outcome. So the pose is accepted only if the step is really tiny, no
+// direction is undetermined, and of the points that the model expects on a face most are on it, face by face. A flat
+// slab without a block satisfies the first test easily, and none of the others.
+#include "algo/register/registration.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+
+#include "algo/moments.h"
+#include "algo/points.h"
+#include "algo/register/icp.h"
+
+namespace slabd::algo {
+namespace {
+
+/// The pose stands still when a step moves the block's rim by less than this, and giving the points to their faces anew
+/// moves it by less than that: a point in ten thousand may change sides for ever.
+constexpr double kStepDone_mm = 1e-6;
+constexpr double kRoundDone_mm = 1e-3;
+constexpr int kRounds = 20;
+constexpr int kRoundSteps = 40;
+/// Rounds from here on give the points to their faces half way between the last place and the new one: a point at the
+/// edge of two cells otherwise throws the pose from one side to the other for ever.
+constexpr int kHalfWayFrom = 4;
+/// Smallest to largest eigenvalue of the normal matrix. A complete block has about 2e-2; without end faces 0.
+constexpr double kConditionMin = 1e-3;
+/// A direction is open whatever the last steps do when it has less than this part of what it would need.
+constexpr double kClearlyOpen = 0.5;
+/// Shifted further than this, the sample is sorted anew: where it was sorted, faces now take turns.
+constexpr double kSortedWithin_mm = 10.0;
+/// Share of a single face's points that must be on it. Lower than for the whole: a glove may lie on a jaw.
+constexpr double kFaceShareMin = 0.35;
+/// Distances of a face's points, in gates: how far the face may lie off the model, and how much they may scatter (0.58
+/// is any surface that crosses the gate).
+constexpr double kFaceMeanMax = 0.5;
+constexpr double kFaceSpreadMax = 0.25;
+/// A face seen by fewer sampled points says nothing.
+constexpr std::size_t kFacePointsMin = 20;
+/// A coarse gate has done its work when a step is shorter than this.
+constexpr double kCoarseDone_mm = 0.02;
+/// Steps shorter than this share of the gate are close enough to the end for Newton's.
+constexpr double kNewtonFrom = 0.1;
+/// Points of the sample that the search looks at.
+constexpr std::size_t kSearchPoints = 2048;
+
+struct Gate {
+  double radius_mm;
+  int steps;
+};
+/// The search leaves half a step: 2 to 3 mm and a degree, which is 4 mm at the ends of the block.
+constexpr std::array<Gate, 3> kCoarse = {{{12.0, 6}, {8.0, 5}, {6.0, 5}}};
+/// The last gate in medians of the worst face (of normal errors: seven medians are 4.7 sigma, Tukey's usual choice),
+/// and its floor.
+constexpr double kGateMedians = 7.0;
+constexpr double kLastGateMin_mm = 0.15;
+
+/// How well a pose explains the sample, overall and face by face. Only points whose surroundings show a single face
+/// vote for that face, so that edges do not blur the picture.
+struct Assessment : FaceCounts {
+  [[nodiscard]] double share() const {
+    return in_field == 0 ? 0.0 : static_cast<double>(near_model) / static_cast<double>(in_field);
+  }
+  [[nodiscard]] double share(std::size_t face) const {
+    return expected[face] == 0 ? 0.0 : static_cast<double>(found[face]) / static_cast<double>(expected[face]);
+  }
+  /// Mean and standard deviation of the distances of the points found on a face.
+  [[nodiscard]] double mean_mm(std::size_t face) const {
+    return found[face] == 0 ? 0.0 : sum_mm[face] / static_cast<double>(found[face]);
+  }
+  [[nodiscard]] double spread_mm(std::size_t face) const {
+    if (found[face] == 0) return 0.0;
+    const double mean = mean_mm(face);
+    return std::sqrt(std::fmax(sum_mm2[face] / static_cast<double>(found[face]) - mean * mean, 0.0));
+  }
+  /// Bits of the faces that are really there. A level surface that crosses a steep face lies within its gate over
+  /// several millimetres too, but not parallel to it: its distances spread over the whole gate.
+  [[nodiscard]] std::uint16_t confirmed(double gate_mm) const {
+    std::uint16_t faces = 0;
+    for (std::size_t f = 0; f < kFaces; ++f)
+      if (share(f) >= kFaceShareMin && spread_mm(f) <= kFaceSpreadMax * gate_mm)
+        faces = static_cast<std::uint16_t>(faces | bit(static_cast<Face>(f)));
+    return faces;
+  }
+};
+
+/// Empty when the pose explains the scan; else what speaks against it.
+FixedString<64> objection(const Assessment& a, const EvaluationSettings& settings, std::size_t stride) {
+  FixedString<64> note;
+  if (!(a.share() >= settings.registration_share_min)) {
+    note.printf("share on the model %.2f, at least %.2f", a.share(), settings.registration_share_min);
+    return note;
+  }
+  const std::size_t points_min = std::max<std::size_t>(5, kFacePointsMin / stride);
+  for (const Face face : {Face::seat, Face::jaw_inner, Face::jaw_outer}) {
+    const auto f = static_cast<std::size_t>(face);
+    if (a.expected[f] >= points_min) continue;
+    note.printf("no points where the %s should be", name(face).data());
+    return note;
+  }
+  for (std::size_t f = 0; f < kFaces; ++f) {
+    if (a.expected[f] < points_min) continue;
+    if (a.share(f) < kFaceShareMin) {
+      note.printf("%s: share %.2f, at least %.2f", name(static_cast<Face>(f)).data(), a.share(f), kFaceShareMin);
+      return note;
+    }
+    const double gate = settings.registration_gate_mm;
+    if (!(std::abs(a.mean_mm(f)) <= kFaceMeanMax * gate) || !(a.spread_mm(f) <= kFaceSpreadMax * gate)) {
+      note.printf("%s: %.2f mm off, spread %.2f", name(static_cast<Face>(f)).data(), a.mean_mm(f), a.spread_mm(f));
+      return note;
+    }
+  }
+  return note;
+}
+
+/// Steps from `pose` with the coarse gates. True when they end at a pose that explains the scan.
+bool settle(const RegistrationTask& task, Icp& icp, Pose& pose, Assessment& seen, int& iterations) {
+  NormalEquations eq;
+  icp.sort_first_part(pose);
+  for (const Gate& gate : kCoarse) {
+    double step_mm = kCoarseDone_mm;
+    for (int i = 0; i < gate.steps && step_mm >= kCoarseDone_mm; ++i, ++iterations)
+      step_mm = icp.coarse_step(pose, gate.radius_mm, eq);
+    if (step_mm < 0.0) return false;
+  }
+  seen = {icp.coarse_counts(pose)};
+  return objection(seen, task.settings, kSampleParts).empty();
+}
+
+/// ICP from each place the search offers, best first; returns the first that holds, else the one with the largest
+/// share.
+Pose searched_pose(const RegistrationTask& task, Icp& icp, int& iterations, Team& team) {
+  std::array<Vec3, kSearchPoints> points;
+  const std::size_t count = icp.take(points);
+  Pose best = task.T_block_scanner;
+  double best_share = -1.0;
+  for (const StartPose& start : search_block(task.model, task.heights, task.settings, task.T_block_scanner,
+                                             std::span(points).first(count), team)) {
+    Pose pose = start.T_block_scanner;
+    Assessment seen;
+    if (settle(task, icp, pose, seen, iterations)) return pose;
+    if (seen.share() > best_share) {
+      best_share = seen.share();
+      best = pose;
+    }
+  }
+  return best;
+}
+
+/// Seat and jaws fix a pose but for its place along the rail. Where they are right and only the rest is not, the
+/// casings offer a place to start from anew, for a fraction of what the search costs. True when that one ends well.
+bool settle_by_casings(const RegistrationTask& task, const RegistrationWorkspace& work, Icp& icp,
+                       const Assessment& seen, Pose& pose, int& iterations, Team& team) {
+  constexpr std::uint16_t kNeeded = bit(Face::seat) | bit(Face::jaw_inner) | bit(Face::jaw_outer);
+  if ((seen.confirmed(task.settings.registration_gate_mm) & kNeeded) != kNeeded) return false;
+  const auto off_mm = casings_off_mm(icp.sample(), task.model, task.settings, pose, work.casings, team);
+  if (!off_mm) return false;
+  pose.translation_mm.x() -= *off_mm;
+  Assessment then;
+  return settle(task, icp, pose, then, iterations);
+}
+
+/// The gate of the last steps. A few sigma, so that dirt and damage have no pull; but no face may be shut out as a
+/// whole: on a block whose ends are half a millimetre too long they still say where the middle is.
+double last_gate(const Icp& icp) {
+  const double gate = std::max(kLastGateMin_mm, kGateMedians * icp.worst_median_mm(kFacePointsMin));
+  return std::min(gate, icp.single_face_gate());
+}
+
+/// Which of the six motions the normal equations know least of.
+struct Determinacy {
+  double condition = std::numeric_limits<double>::infinity();
+  double largest = 0.0;
+  bool complete = false;
+  bool clearly_open = false;  ///< incomplete, and a few points more or less will not change that
+  std::string_view open;      ///< the direction nothing fixes, if not complete
+};
+
+Determinacy determinacy(const NormalEquations& eq) {
+  constexpr std::array<std::string_view, 6> kNames = {"shift along the rail (x)",
+                                                      "shift across the rail (y)",
+                                                      "height (z)",
+                                                      "tilt about x",
+                                                      "tilt about y",
+                                                      "turn about z"};
+  Determinacy d;
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>> solver;
+  solver.compute(eq.H);
+  d.largest = solver.eigenvalues()[5];
+  const double smallest = std::fmax(solver.eigenvalues()[0], 0.0);
+  if (d.largest > 0.0 && smallest > 0.0) d.condition = d.largest / smallest;
+  d.complete = eq.points >= 6 && smallest > kConditionMin * d.largest;
+  d.clearly_open = !d.complete && !(smallest > kClearlyOpen * kConditionMin * d.largest);
+  // Of several open directions the eigenvectors are any mixture: name the axis most of which is open.
+  Vec6 open = Vec6::Zero();
+  for (int k = 0; k < 6; ++k)
+    if (solver.eigenvalues()[k] <= kConditionMin * d.largest) open += Vec6(solver.eigenvectors().col(k)).cwiseAbs2();
+  int axis = 0;
+  for (int k = 1; k < 6; ++k)
+    if (open[k] > open[axis] + 1e-3) axis = k;
+  d.open = kNames[static_cast<std::size_t>(axis)];
+  return d;
+}
+
+/// Distances of all points near the model (paper Table 4), at the final pose.
+DeviationStats deviations(const Cloud& cloud, const RegistrationTask& task, const Pose& pose,
+                          std::span<std::uint32_t> histogram) {
+  const double gate = task.settings.registration_gate_mm;
+  const double bins_per_mm = static_cast<double>(histogram.size()) / gate;
+  const FastTransform transform(pose);
+  std::fill(histogram.begin(), histogram.end(), 0U);
+  ScalarMoments moments(0.0);
+  for (std::size_t i = 0; i < cloud.points; ++i) {
+    const Vec3 p = transform(cloud.xyz.data() + 3 * i);
+    Face face = Face::seat;
+    double r = 0.0;
+    if (!closest_face(task.model.planes(), task.table.near_at(p), p, face, r) || !(std::abs(r) < gate)) continue;
+    moments.add(r);
+    ++histogram[std::min(static_cast<std::size_t>(std::abs(r) * bins_per_mm), histogram.size() - 1)];
+  }
+  moments.close_block();
+  DeviationStats stats;
+  stats.count = moments.count();
+  if (stats.count < 2) return stats;
+  stats.mean_mm = moments.mean();
+  stats.std_mm = std::sqrt(moments.variance(1));
+  // Shares from the histogram: exact to one of its bins (0.05 um), without a second pass over the scan.
+  std::size_t bin = 0;
+  std::uint64_t within = 0;
+  for (std::size_t k = 0; k < stats.within_sigma.size(); ++k) {
+    const double limit_bins = static_cast<double>(k + 1) * stats.std_mm * bins_per_mm;
+    for (; bin < histogram.size() && static_cast<double>(bin + 1) <= limit_bins; ++bin) within += histogram[bin];
+    stats.within_sigma[k] = static_cast<double>(within) / static_cast<double>(stats.count);
+  }
+  return stats;
+}
+
+/// A pose after the steps with the narrow gate, and what speaks for it.
+struct FineResult {
+  double gate_mm = 0.0;
+  bool stands_still = false;
+  bool left_open = false;  ///< ended after the first round, see Refine
+  Assessment seen;
+  Determinacy directions;
+};
+
+Pose half_way(const Pose& a, const Pose& b) {
+  return {a.rotation.slerp(0.5, b.rotation), 0.5 * (a.translation_mm + b.translation_mm)};
+}
+
+/// What a refinement is to come to.
+enum class Refine : std::uint8_t {
+  whole,    ///< a pose that stands still
+  or_open,  ///< or that of the first round, if a direction is clearly open there: something else must fix that first
+};
+
+/// Steps with the narrow gate; `icp` is sorted for about this pose.
+FineResult refine(const RegistrationTask& task, Icp& icp, Refine until, Pose& pose, int& iterations) {
+  FineResult fine;
+  NormalEquations eq;
+  Pose at = pose;
+  FaceCounts seen;
+  // A face that is not there fixes nothing: where a bare slab passes a jaw's foot, its points only seem to be the
+  // jaw's.
+  const auto known_directions = [&] {
+    return determinacy(icp.information(pose, fine.gate_mm, fine.seen.confirmed(task.settings.registration_gate_mm)));
+  };
+  for (int round = 0; round < kRounds && !fine.stands_still; ++round) {
+    at = round < kHalfWayFrom ? pose : half_way(at, pose);
+    seen = icp.associate(at);
+    if (round == 0) fine.gate_mm = last_gate(icp);
+    double step_mm = std::numeric_limits<double>::infinity();
+    bool newton_helps = true;
+    for (int i = 0; i < kRoundSteps && step_mm >= kStepDone_mm; ++i, ++iterations) {
+      const bool newton = newton_helps && step_mm < kNewtonFrom * fine.gate_mm;
+      const double last_mm = step_mm;
+      step_mm = icp.step(pose, fine.gate_mm, newton ? Weights::newton : Weights::tukey, eq);
+      // A step that does not shorten the next one, or has no downhill, is none of Newton's business.
+      if (newton && !(step_mm >= 0.0 && step_mm < last_mm)) {
+        newton_helps = false;
+        step_mm = last_mm;
+      }
+    }
+    if (step_mm < 0.0) break;
+    fine.stands_still = step_mm < kStepDone_mm && Icp::length_mm(pose * at.inverse()) < kRoundDone_mm;
+    if (until == Refine::or_open && round == 0 && !fine.stands_still) {
+      fine.seen = {seen};
+      fine.directions = known_directions();
+      fine.left_open = fine.directions.clearly_open;
+      if (fine.left_open) return fine;
+    }
+  }
+  // Where the pose stands still, the association was made with it.
+  fine.seen = {fine.stands_still ? seen : icp.counts(pose)};
+  fine.directions = known_directions();
+  return fine;
+}
+
+/// The final pose's status. The order matters: an undetermined direction explains best what is wrong.
+void pass_judgement(const RegistrationTask& task, const Pose& pose, const FineResult& fine,
+                    RegistrationReport& report) {
+  report.share_associated = fine.seen.share();
+  report.condition = fine.directions.condition;
+  if (!fine.directions.complete || !pose.all_finite()) {
+    report.status = RegistrationStatus::degenerate;
+    report.note.printf("nothing in the scan fixes: %s", fine.directions.open.data());
+    return;
+  }
+  const FixedString<64> against = objection(fine.seen, task.settings, 1);
+  if (!against.empty()) {
+    report.status = RegistrationStatus::rejected;
+    report.note = against;
+    return;
+  }
+  const Pose moved = pose * task.T_block_scanner.inverse();
+  const double turned_rad = angle_between_rad(moved.rotation, Quat::Identity());
+  if (moved.translation_mm.norm() > task.settings.window_mm || turned_rad > task.settings.window_rad) {
+    report.status = RegistrationStatus::rejected;
+    report.note.printf("moved %.1f mm, %.2f deg; window %.0f mm, %.1f deg", moved.translation_mm.norm(),
+                       deg_from_rad(turned_rad), task.settings.window_mm, deg_from_rad(task.settings.window_rad));
+    return;
+  }
+  report.status = fine.stands_still ? RegistrationStatus::converged : RegistrationStatus::iteration_limit;
+  if (!fine.stands_still) report.note = "the pose still moves at the iteration limit";
+}
+
+}  // namespace
+
+RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& task, const RegistrationWorkspace& work,
+                                  Team& team) {
+  RegistrationReport report;
+  Icp icp(task.model, task.table, task.settings, cloud, task.T_block_scanner, work.icp, team);
+  Pose pose = task.T_block_scanner;
+  FineResult fine;
+  // The last steps from a coarse pose, and what they come to.
+  const auto finish = [&] {
+    icp.hold({}, 0.0);
+    icp.sort(pose);
+    fine = refine(task, icp, Refine::or_open, pose, report.iterations);
+    if (!fine.directions.complete) {
+      const CasingTies casings =
+          tie_to_casings(cloud, icp.sample(), task.model, task.settings, pose, work.casings, team);
+      if (!casings.ties.empty()) {
+        if (Icp::length_mm(casings.T_block_scanner * pose.inverse()) > kSortedWithin_mm)
+          icp.sort(casings.T_block_scanner);
+        pose = casings.T_block_scanner;
+        icp.hold(casings.ties, 2.0 * kConditionMin * fine.directions.largest);
+      }
+      if (!casings.ties.empty() || fine.left_open) fine = refine(task, icp, Refine::whole, pose, report.iterations);
+    }
+    report.note = FixedString<64>{};
+    pass_judgement(task, pose, fine, report);
+  };
+  Assessment seen;
+  if (settle(task, icp, pose, seen, report.iterations) ||
+      settle_by_casings(task, work, icp, seen, pose, report.iterations, team))
+    finish();
+  if (report.status != RegistrationStatus::converged) {
+    pose = searched_pose(task, icp, report.iterations, team);
+    finish();
+  }
+
+  report.T_scanner_block = pose.inverse();
+  if (fine.directions.complete) {
+    report.noise_mm = icp.noise_mm(pose, fine.gate_mm);
+    report.covariance = icp.covariance(pose, fine.gate_mm);
+  }
+  // Where the pose holds, the survey takes them on its way.
+  if (report.status != RegistrationStatus::converged) report.deviation = deviations(cloud, task, pose, work.histogram);
+  return report;
+}
+
+}  // namespace slabd::algo

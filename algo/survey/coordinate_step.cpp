@@ -1,0 +1,252 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Problem: a rounded coordinate is wrong by up to half a step, and alike for all points of a line of the scan. Noise
+// does not show it: on a face that lies level to an axis all points are rounded alike and scatter less than before.
+//
+// Idea: rounded values are multiples of a step, to the precision of a float. Two searches, each on a sample:
+//   - A list of the steps that writers use (decimals of mm, parts of an inch, powers of two), as multiples from zero.
+//   It
+//     holds as long as nine values of ten are multiples, so a few points from elsewhere do not hide the step.
+//   - Any other step, from any origin: the greatest common divisor of the differences between neighbouring values, by
+//     Euclid's algorithm with a tolerance.
+//
+// A scan with parallel rays has an even raster along two axes, and its step is the raster's pitch. Nothing was rounded
+// there. Such a raster is believed where the third axis does not have the same step (a writer rounds all three alike),
+// where nearly every node of the raster holds one point, and where its lines hold alike many points (rounding a raster
+// to another step leaves lines empty or doubles them).
+#include "algo/survey/coordinate_step.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "algo/thinned.h"
+
+namespace slabd::algo {
+namespace {
+
+constexpr std::size_t kSample = 4'096;
+constexpr std::size_t kFirstLook = 256;
+/// A step explains at least so much of the values.
+constexpr double kShareMin = 0.9;
+/// Two steps are the same up to this part.
+constexpr double kSameStep = 0.02;
+
+/// Steps of writers, mm, the coarsest first.
+constexpr std::array kUsualSteps = {25.4,    12.7,  10.0,  5.0,    2.54,    2.5,   2.0,       1.27,     1.0,
+                                    0.5,     0.254, 0.25,  0.2,    0.127,   0.125, 0.1,       0.0625,   0.05,
+                                    0.0254,  0.025, 0.02,  0.0127, 0.0125,  0.01,  0.03125,   0.015625, 0.0078125,
+                                    0.00508, 0.005, 0.004, 0.0025, 0.00254, 0.002, 0.00390625};
+
+struct Sample {
+  std::array<std::array<float, kSample>, 3> values{};
+  std::size_t count = 0;
+};
+
+/// Points all over the cloud, in an order that no row or column of it shares.
+void draw(const Cloud& cloud, Sample& sample) {
+  constexpr std::size_t kTries = 4 * kSample;
+  for (std::size_t i = 0; i < kTries && sample.count < kSample; ++i) {
+    const auto fraction = static_cast<std::uint32_t>((i + 1) * 0x9E37'79B9U);
+    const auto index = static_cast<std::size_t>((std::uint64_t{fraction} * cloud.points) >> 32U);
+    const float* p = cloud.xyz.data() + 3 * index;
+    if (!std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2])) continue;
+    for (std::size_t axis = 0; axis < 3; ++axis) sample.values[axis][sample.count] = p[axis];
+    ++sample.count;
+  }
+}
+
+/// How far a rounded value may lie from its multiple: the float it is stored in, and one more where the unit was
+/// converted.
+double precision_of(std::span<const float> values) {
+  float largest = 0.0F;
+  for (const float v : values) largest = std::max(largest, std::abs(v));
+  return 1.6 * static_cast<double>(std::nextafter(largest, std::numeric_limits<float>::infinity()) - largest);
+}
+
+/// Share of the values that are multiples of `step`.
+double share_of_multiples(std::span<const float> values, double step, double precision) {
+  std::size_t good = 0;
+  for (const float v : values) {
+    const double k = static_cast<double>(v) / step;
+    if (std::abs(k - std::floor(k + 0.5)) * step <= precision) ++good;
+  }
+  return static_cast<double>(good) / static_cast<double>(values.size());
+}
+
+double usual_step(std::span<const float> values, double precision) {
+  double best = 0.0;
+  for (const double step : kUsualSteps) {
+    if (step <= best || step < 16.0 * precision) continue;
+    if (share_of_multiples(values.first(std::min(kFirstLook, values.size())), step, precision) < kShareMin) continue;
+    if (share_of_multiples(values, step, precision) >= kShareMin) best = step;
+  }
+  return best;
+}
+
+/// The step between sorted values, whatever it is and wherever it begins; 0 when there is none.
+double common_step(std::span<const float> sorted, double precision) {
+  constexpr std::size_t kDifferencesMin = 32;
+  constexpr double kBadShare = 0.02;
+  constexpr double kSteps = 64.0;  // a difference of more steps says too little about one
+  constexpr int kRounds = 12;
+  const double alike = 2.0 * precision;
+  const double least = std::max(kCoordinateStepMin_mm, 16.0 * precision);
+  std::array<double, kSample> differences;
+  std::size_t count = 0;
+  for (std::size_t i = 1; i < sorted.size(); ++i) {
+    const double d = static_cast<double>(sorted[i]) - static_cast<double>(sorted[i - 1]);
+    if (d > alike) differences[count++] = d;
+  }
+  if (count < kDifferencesMin) return 0.0;
+  const std::span<double> d = std::span(differences).first(count);
+  std::sort(d.begin(), d.end());
+  double step = d[count / 20];
+  std::array<double, kSample> left;
+  for (int round = 0; round < kRounds; ++round) {
+    if (step < least) return 0.0;
+    // Few steps first, so that none is miscounted.
+    for (const double within : {4.0, 16.0, kSteps}) {
+      double products = 0.0;
+      double squares = 0.0;
+      for (const double x : d) {
+        const double k = std::floor(x / step + 0.5);
+        if (k < 1.0) continue;
+        if (k > within) break;
+        if (std::abs(x - k * step) > alike) continue;
+        products += k * x;
+        squares += k * k;
+      }
+      if (squares > 0.0) step = products / squares;
+    }
+    std::size_t asked = 0;
+    std::size_t bad = 0;
+    for (const double x : d) {
+      const double k = std::floor(x / step + 0.5);
+      if (k > kSteps) break;
+      ++asked;
+      const double off = std::abs(x - k * step);
+      if (off > alike) left[bad++] = off;
+    }
+    if (asked < kDifferencesMin) return 0.0;
+    if (static_cast<double>(bad) <= kBadShare * static_cast<double>(asked)) return step;
+    std::nth_element(left.begin(), left.begin() + static_cast<std::ptrdiff_t>(bad / 20),
+                     left.begin() + static_cast<std::ptrdiff_t>(bad));
+    step = left[bad / 20];
+  }
+  return 0.0;
+}
+
+double step_of(std::span<float> values) {
+  const double precision = precision_of(values);
+  const double usual = usual_step(values, precision);
+  std::sort(values.begin(), values.end());
+  const double common = common_step(values, precision);
+  // 0.14 mm is a multiple of 0.02 too. An exact step is not told from its estimate.
+  return common > 1.5 * usual ? common : usual;
+}
+
+bool same_step(double a, double b) {
+  return std::abs(a - b) <= kSameStep * std::max(a, b);
+}
+
+/// Lines of a raster along one axis.
+struct Lines {
+  double first = 0.0;
+  double per_mm = 0.0;
+  std::size_t count = 0;
+  [[nodiscard]] std::size_t of(float v) const {
+    const double k = (static_cast<double>(v) - first) * per_mm + 0.5;
+    return k >= 0.0 && k < static_cast<double>(count) ? static_cast<std::size_t>(k) : count;
+  }
+};
+
+/// Are these two axes the scanner's own raster?
+bool is_raster(const Cloud& cloud, const Sample& sample, std::size_t a, std::size_t b, const Vec3& step,
+               std::span<std::uint32_t> scratch) {
+  constexpr std::size_t kLookedOfALine = 120;  // a quarter of them lies in the middle half: chance is 13 % there
+  constexpr double kNodesMin = 0.5;
+  constexpr double kNodesMax = 1.05;
+  constexpr double kUneven = 0.4;        // of a line against those around it
+  constexpr double kUnevenShare = 0.01;  // of all lines
+  constexpr std::size_t kAround = 4;
+  const auto lines_of = [&](std::size_t axis) {
+    const auto& values = sample.values[axis];
+    const auto [low, high] =
+        std::minmax_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(sample.count));
+    Lines lines;
+    lines.first = static_cast<double>(*low);
+    lines.per_mm = 1.0 / step[static_cast<Eigen::Index>(axis)];
+    const double count = (static_cast<double>(*high) - lines.first) * lines.per_mm + 1.5;
+    lines.count = count < static_cast<double>(kStepScratch / 2) ? static_cast<std::size_t>(count) : 0;
+    return lines;
+  };
+  const Lines rows = lines_of(a);
+  const Lines columns = lines_of(b);
+  if (rows.count < 64 || columns.count < 64) return false;
+  const std::span<std::uint32_t> row_points = scratch.first(rows.count);
+  const std::span<std::uint32_t> column_points = scratch.subspan(rows.count, columns.count);
+  std::fill(row_points.begin(), row_points.end(), 0U);
+  std::fill(column_points.begin(), column_points.end(), 0U);
+  // The middle half both ways, where a field of view has no corners.
+  const auto inner = [](std::size_t k, std::size_t count) { return 4 * k >= count && 4 * k < 3 * count; };
+  const std::size_t stride =
+      std::max<std::size_t>(1, cloud.points / (kLookedOfALine * std::max(rows.count, columns.count)));
+  std::size_t inside = 0;
+  for (std::size_t j = 0; (j + 1) * stride <= cloud.points; ++j) {
+    const float* p = cloud.xyz.data() + 3 * thinned_index(j, stride);
+    if (!std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2])) continue;
+    const std::size_t row = rows.of(p[a]);
+    const std::size_t column = columns.of(p[b]);
+    if (row == rows.count || column == columns.count) continue;
+    if (!inner(row, rows.count) || !inner(column, columns.count)) continue;
+    ++row_points[row];
+    ++column_points[column];
+    ++inside;
+  }
+  const double nodes = 0.25 * static_cast<double>(rows.count) * static_cast<double>(columns.count);
+  const double held = static_cast<double>(inside) * static_cast<double>(stride) / nodes;
+  if (held < kNodesMin || held > kNodesMax) return false;
+  const auto even = [&](std::span<const std::uint32_t> points) {
+    std::size_t lines = 0;
+    std::size_t uneven = 0;
+    for (std::size_t k = 0; k < points.size(); ++k) {
+      if (k < kAround || k + kAround >= points.size()) continue;
+      if (!inner(k - kAround, points.size()) || !inner(k + kAround, points.size())) continue;
+      double around = 0.0;
+      for (std::size_t i = k - kAround; i <= k + kAround; ++i) around += static_cast<double>(points[i]);
+      around /= static_cast<double>(2 * kAround + 1);
+      ++lines;
+      if (std::abs(static_cast<double>(points[k]) - around) > kUneven * around) ++uneven;
+    }
+    return static_cast<double>(uneven) <= kUnevenShare * static_cast<double>(lines);
+  };
+  return even(row_points) && even(column_points);
+}
+
+}  // namespace
+
+Vec3 find_coordinate_step(const Cloud& cloud, std::span<std::uint32_t> scratch) {
+  Vec3 step = Vec3::Zero();
+  Sample sample;
+  draw(cloud, sample);
+  if (sample.count < kFirstLook) return step;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    step[static_cast<Eigen::Index>(axis)] = step_of(std::span(sample.values[axis]).first(sample.count));
+  for (std::size_t third = 0; third < 3; ++third) {
+    const std::size_t a = third == 0 ? 1 : 0;
+    const std::size_t b = third == 2 ? 1 : 2;
+    double& step_a = step[static_cast<Eigen::Index>(a)];
+    double& step_b = step[static_cast<Eigen::Index>(b)];
+    const double step_third = step[static_cast<Eigen::Index>(third)];
+    if (step_a == 0.0 || step_b == 0.0 || same_step(step_a, step_third) || same_step(step_b, step_third)) continue;
+    if (!is_raster(cloud, sample, a, b, step, scratch)) continue;
+    step_a = 0.0;
+    step_b = 0.0;
+    break;
+  }
+  return step;
+}
+
+}  // namespace slabd::algo

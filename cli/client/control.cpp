@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/client/control.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <sys/time.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "base/limits.h"
+
+namespace slabd::cli {
+namespace {
+
+constexpr int kAnswerTimeoutMs = 3'000;
+
+class Socket {
+ public:
+  Socket() : fd_(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0)) {}
+  ~Socket() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  Socket(const Socket&) = delete;
+  Socket& operator=(const Socket&) = delete;
+  [[nodiscard]] int fd() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+Error unreachable(const std::string& path, const char* cause) {
+  return error(Code::scanner_offline,
+               "slabd does not answer on %s: %s; is it running (systemctl status slabd), and are you in its group?",
+               path.c_str(), cause);
+}
+
+/// A connected socket, or errno. EAGAIN: somebody listens, and takes nobody in.
+int connect_to(const std::string& path, const Socket& socket) {
+  // A daemon that stands still takes nobody in; when those who gave up have filled its queue (they stay in it), the
+  // next one would wait for ever.
+  const timeval patience{kAnswerTimeoutMs / 1000, 0};
+  ::setsockopt(socket.fd(), SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  if (path.size() >= sizeof address.sun_path) return ENAMETOOLONG;
+  std::memcpy(address.sun_path, path.c_str(), path.size() + 1);
+  const bool connected =
+      socket.fd() >= 0 &&
+      ::connect(socket.fd(), static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address) == 0;
+  return connected ? 0 : errno;
+}
+
+}  // namespace
+
+std::int64_t daemon_process(const std::string& path) {
+  const Socket socket;
+  ucred who{};
+  socklen_t bytes = sizeof who;
+  if (connect_to(path, socket) != 0 || ::getsockopt(socket.fd(), SOL_SOCKET, SO_PEERCRED, &who, &bytes) != 0) return 0;
+  return who.pid;
+}
+
+Result<std::string> ask_daemon(const std::string& path, std::string_view line) {
+  const Socket socket;
+  if (const int fault = connect_to(path, socket); fault != 0)
+    return unreachable(path, fault == EAGAIN ? "it listens, but takes no question within 3 s" : std::strerror(fault));
+  if (::send(socket.fd(), line.data(), line.size(), MSG_NOSIGNAL) != static_cast<ssize_t>(line.size()))
+    return unreachable(path, std::strerror(errno));
+
+  std::string answer;
+  std::array<char, 4096> piece{};
+  while (answer.find('\n') == std::string::npos) {
+    pollfd waiting{socket.fd(), POLLIN, 0};
+    const int ready = ::poll(&waiting, 1, kAnswerTimeoutMs);
+    if (ready == 0) return unreachable(path, "connected, but no answer within 3 s");
+    const ssize_t got = ready < 0 ? -1 : ::recv(socket.fd(), piece.data(), piece.size(), 0);
+    if (got < 0 && errno == EINTR) continue;
+    if (got <= 0) return unreachable(path, got == 0 ? "it closed the connection" : std::strerror(errno));
+    answer.append(piece.data(), static_cast<std::size_t>(got));
+    if (answer.size() > limits::kControlLineBytes) return unreachable(path, "the answer is longer than 64 kB");
+  }
+  return answer.substr(0, answer.find('\n'));
+}
+
+bool daemon_has_database(const std::string& path) {
+  {
+    const Socket socket;
+    const int fault = connect_to(path, socket);
+    if (fault == EAGAIN || fault == EACCES) return true;
+    if (fault != 0) return false;
+  }
+  const Result<std::string> answer = ask_daemon(path, "{\"verb\":\"status\"}\n");
+  if (!answer) return true;
+  const nlohmann::json status = nlohmann::json::parse(answer.value(), nullptr, false);
+  const nlohmann::json fault = status.is_object() ? status.value("fault", nlohmann::json()) : nlohmann::json();
+  return !fault.is_object() || fault.value("code", nlohmann::json()) != static_cast<int>(Code::config);
+}
+
+}  // namespace slabd::cli

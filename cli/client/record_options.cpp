@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/client/record_options.h"
+
+#include <fmt/core.h>
+#include <algorithm>
+
+#include "cli/client/calibration_desk.h"
+#include "cli/command.h"
+#include "cli/exit.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "daemon/measure.h"
+#include "report/json.h"
+
+namespace slabd::cli {
+
+void RecordOptions::add_to(args::Command& command) {
+  command.add_option("--config", config, "The daemon's configuration")->default_val(kDefaultConfig);
+  add_origin_to(command);
+  args::Option apply_flag = command.add_flag("--apply", apply, "Put it in force at once");
+  command.add_option("--why", why, "Why it is put in force, for the history")->check(some_words())->needs(apply_flag);
+  command.add_flag("--dry-run", dry_run, "Only compute and show: nothing is kept")->excludes(apply_flag);
+}
+
+void RecordOptions::add_origin_to(args::Command& command) {
+  command.add_option("--operator", operator_name, "Who did it (default: your login)");
+  command.add_option("--robot-serial", robot_serial, "Serial number of the robot");
+  command.add_option("--scanner-serial", scanner_serial, "Serial number of the scanner");
+  command.add_option("--temperature", temperature_c, "Of the hall, deg C")->check(within(-20.0, 60.0));
+  command
+      .add_option("--valid-days", valid_days,
+                  "How long it may be used from when it was measured, 0 = for ever (default: [calibration] "
+                  "valid_days)")
+      ->check(args::range(0, 36'500));
+}
+
+void RecordOptions::describe(const daemon::Config& config_in, storage::CalibrationRecord& record,
+                             std::int64_t measured_utime_us) const {
+  record.operator_name = operator_name.empty() ? default_operator() : operator_name;
+  record.robot_serial = robot_serial;
+  record.scanner_serial = scanner_serial;
+  record.temperature_c = temperature_c;
+  record.software = daemon::software_version().view();
+  record.created_utime_us = wall_clock_us();
+  const int days = valid_days >= 0 ? valid_days : config_in.calibration_valid_days;
+  const std::int64_t from_utime_us = std::min(measured_utime_us, record.created_utime_us);
+  record.expires_utime_us = days == 0 ? 0 : from_utime_us + std::int64_t{days} * 86'400 * 1'000'000;
+}
+
+namespace {
+
+/// A record that is kept already keeps what it says, whatever is given beside the same numbers.
+void say_what_is_not_changed(const daemon::Config& config, const storage::CalibrationRecord& given,
+                             const std::string& id) {
+  std::unique_ptr<storage::Reader> reader;
+  int ignored = kDone;
+  if (!open_records(config, reader, ignored) || reader == nullptr) return;
+  const auto there = reader->calibration(id);
+  if (!there.ok() || !there.value()) return;
+  const auto differs = [](const std::string& now, const std::string& kept) { return !now.empty() && now != kept; };
+  if (differs(given.robot_serial, there.value()->robot_serial) ||
+      differs(given.scanner_serial, there.value()->scanner_serial) ||
+      (has_value(given.temperature_c) && given.temperature_c != there.value()->temperature_c))
+    complain(fmt::format("warning: {} is kept already; its serial numbers and temperature are not changed", id));
+}
+
+}  // namespace
+
+Kept keep_record(const daemon::Config& config, const RecordOptions& options, const storage::CalibrationRecord& record,
+                 int& exit_status) {
+  Kept kept;
+  if (record.expires_utime_us != 0 && record.expires_utime_us <= wall_clock_us()) {
+    complain(
+        fmt::format("{} may be used until {}, counted from the oldest {}: expired; calibrate again, or, if the clock "
+                    "was wrong when "
+                    "that one was taken, leave it out and solve again",
+                    record.kind() == CalibrationKind::stations ? "what these visits give" : "this calibration",
+                    iso_time(record.expires_utime_us), record.kind() == CalibrationKind::stations ? "scan" : "view"));
+    exit_status = kRefused;
+    return kept;
+  }
+  const Result<DeskAnswer> done = change_calibration(config, storage::KeepCalibration{record});
+  if (!done.ok()) {
+    complain(fmt::format("{}", done.error().text.view()));
+    exit_status = exit_for(done.error().code);
+    return kept;
+  }
+  kept.id = done.value().id;
+  kept.ok = true;
+  say_what_is_not_changed(config, record, kept.id);
+  if (!options.apply) return kept;
+  const std::string why = options.why.empty() ? "newly measured" : options.why;
+  const Result<DeskAnswer> applied =
+      change_calibration(config, storage::ApplyCalibration{kept.id, {record.operator_name, why, wall_clock_us()}});
+  if (!applied.ok()) {
+    complain(fmt::format("{} is kept but not in force: {}", kept.id, applied.error().text.view()));
+    exit_status = applied.error().code == Code::config ? static_cast<int>(kRefused) : exit_for(applied.error().code);
+    kept.ok = false;
+    return kept;
+  }
+  kept.applied = true;
+  kept.after_slab = applied.value().after_slab;
+  return kept;
+}
+
+std::string kept_text(const Kept& kept, bool dry_run) {
+  if (dry_run) return "nothing was kept (--dry-run)\n";
+  if (kept.applied)
+    return fmt::format("{} is in force{}\n", kept.id, kept.after_slab ? " from the next slab on; one is open now" : "");
+  return fmt::format("kept as {}; put it in force with: slabctl calibrate apply {} --why \"...\"\n", kept.id, kept.id);
+}
+
+bool open_records(const daemon::Config& config, std::unique_ptr<storage::Reader>& reader, int& exit_status) {
+  if (storage::is_unused(config.storage.db_path)) return true;
+  auto opened = storage::open_reader(config.storage.db_path);
+  if (opened.ok()) {
+    reader = std::move(opened.value());
+    return true;
+  }
+  complain(fmt::format("{}", opened.error().text.view()));
+  exit_status = kNotReachable;
+  return false;
+}
+
+bool hand_eye_in_force(storage::Reader* reader, const daemon::Config& config, InForce& out, int& exit_status) {
+  out = {config.calibration.id, config.calibration.T_flange_scanner, false};
+  if (reader == nullptr) return true;
+  const auto current = reader->current(CalibrationKind::hand_eye);
+  if (!current.ok()) {
+    complain(current.error().text.view());
+    exit_status = exit_for(current.error().code);
+    return false;
+  }
+  if (!current.value()) return true;
+  out.id.assign(current.value()->id);
+  out.T_flange_scanner = std::get<HandEyeNumbers>(current.value()->numbers).T_flange_scanner;
+  out.applied = true;
+  return true;
+}
+
+bool hand_eye_in_force(const daemon::Config& config, InForce& out, int& exit_status) {
+  std::unique_ptr<storage::Reader> reader;
+  return open_records(config, reader, exit_status) && hand_eye_in_force(reader.get(), config, out, exit_status);
+}
+
+}  // namespace slabd::cli

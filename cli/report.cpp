@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl report: a stored slab as a document. Reads the database only, so that any slab can be reported whose scans
+// are long gone.
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <cctype>
+#include <filesystem>
+#include <memory>
+
+#include "cli/command.h"
+#include "cli/database.h"
+#include "cli/exit.h"
+#include "cli/slab_choice.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "report/content.h"
+#include "report/slab_view.h"
+
+namespace slabd::cli {
+namespace {
+
+struct Options {
+  DatabaseOptions database;
+  std::string slab;
+  std::string out;
+  std::string language = "en";
+  int page = 0;
+  double dots_per_inch = 100.0;
+};
+
+std::string extension_of(const std::string& path) {
+  std::string extension = std::filesystem::path(path).extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return extension;
+}
+
+Status write(const report::Report& document, const Options& options) {
+  const std::string extension = extension_of(options.out);
+  if (extension == ".pdf") return report::write_pdf(document, options.out);
+  if (extension == ".svg") return report::write_svg(document, options.page, options.out);
+  if (extension == ".png") return report::write_png(document, options.page, options.dots_per_inch, options.out);
+  return report::write_html(document, options.out);
+}
+
+int report_slab(const Options& options) {
+  const std::string extension = extension_of(options.out);
+  if (extension != ".pdf" && extension != ".svg" && extension != ".png" && extension != ".html") {
+    complain(fmt::format("--out {}: the name must end in .pdf, .html, .svg or .png", options.out));
+    return kUsage;
+  }
+  if (options.page != 0 && extension != ".svg" && extension != ".png") {
+    complain("--page is for .svg and .png; a .pdf or .html has all pages");
+    return kUsage;
+  }
+  int exit_status = kDone;
+  const auto reader = open_database(options.database, exit_status);
+  if (reader == nullptr) return exit_status;
+  const auto found = named_slab(*reader, options.slab, exit_status);
+  if (!found) return exit_status;
+  const auto picture = report::picture_of(*reader, *found);
+  if (!picture) {
+    complain(fmt::format("{}", picture.error().text.view()));
+    return kNotReachable;
+  }
+  const report::Report document =
+      report::compose(*picture.value(), options.language == "zh" ? report::Language::zh : report::Language::en);
+  if (const Status status = write(document, options); !status.ok()) {
+    complain(fmt::format("{}", status.error().text.view()));
+    return kBadInput;
+  }
+  fmt::print("{}\n", options.out);
+  return kDone;
+}
+
+}  // namespace
+
+void add_report(args::Command& app, int& exit_status) {
+  auto options = std::make_shared<Options>();
+  args::Command command = app.add_subcommand("report", "One slab as a document: PDF, HTML, SVG or PNG");
+  command->footer(
+      "\nReads the database only; the scans may be gone. Slabs measured by a slabd before schema 4 have no maps, and\n"
+      "the report says so.\n"
+      "Examples: slabctl report SLAB-0042 --out SLAB-0042.pdf\n"
+      "          slabctl report 12 --out 12.html --language zh\n"
+      "          slabctl report 12 --out 12.png --page 1 --dpi 150");
+  command
+      ->add_option(
+          "SLAB", options->slab,
+          "Key (see history) or slab id (key:12, id:12 where a number may be either); the newest slab with that id")
+      ->required();
+  command->add_option("--out", options->out, "The file; its extension says what it becomes")->required();
+  command->add_option("--language", options->language, "Of the words; numbers and ids are the same in all")
+      ->check(args::one_of({"en", "zh"}))
+      ->capture_default_str();
+  command->add_option("--page", options->page, "Of .svg and .png: this page alone, 0 all below each other")
+      ->check(args::range(0, 1000))
+      ->capture_default_str();
+  command->add_option("--dpi", options->dots_per_inch, "Of .png: dots per inch")
+      ->check(within(20.0, 600.0))
+      ->capture_default_str();
+  options->database.add_to(*command);
+  command->callback([options, &exit_status] { exit_status = report_slab(*options); });
+}
+
+}  // namespace slabd::cli

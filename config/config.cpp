@@ -1,0 +1,387 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cassert>
+#include <cctype>
+#include <cmath>
+#include <filesystem>
+#include <thread>
+#include <vector>
+
+#include "config/config_parts.h"
+#include "hal/robot/lcm_url.h"
+
+/// slabd.toml -> Config. One function per table; each fills what it can and reports the rest, so that a fault in one
+/// table does not hide faults in another and the PLC can still be told about code 504.
+namespace slabd::daemon {
+namespace {
+
+constexpr double kReachMm = 20'000.0;  ///< no cell and no robot is larger
+constexpr double kArmMaxMm = 2'000.0;  ///< nor does a scanner sit further from its flange
+// Written in metres instead of mm, both are smaller; (0, 0, 0) is a place that was not entered, as on a test bench.
+constexpr double kSlabOffMinMm = 10.0;
+constexpr double kArmMinMm = 1.0;
+/// Of window and dwell together. At 250 Hz the ring holds two seconds; the rest is for a sender that is a third faster.
+constexpr double kStandstillMaxMs = 1'500.0;
+/// The ring holds this many poses whatever the sender's rate, so that the window is always filled in the end.
+constexpr std::int64_t kSamplesMinMax = 300;
+static_assert(kSamplesMinMax < limits::kPoseRing && kStandstillMaxMs * 250 / 1000 < limits::kPoseRing);
+constexpr std::size_t kPathMax = limits::kPathBytes - 64;  ///< names inside a folder are appended
+
+/// 127.0.0.0/8: nobody but this computer until told otherwise.
+template <typename Networks>
+void allow_loopback_only(Networks& allow) {
+  allow.clear();
+  if (!allow.push({0x7F00'0000U, 0xFF00'0000U})) allow.clear();
+}
+
+void read_s(TableReader& table, std::string_view key, std::int64_t& out_ns, Allowed allowed_s) {
+  double time_s = static_cast<double>(out_ns) / 1e9;
+  table.optional_number(key, time_s, allowed_s);
+  out_ns = std::llround(time_s * 1e9);
+}
+
+void read_deg(TableReader& table, std::string_view key, double& out_rad, Allowed allowed_deg) {
+  if (!table.has(key)) return;  // a default keeps its bits
+  double angle_deg = deg_from_rad(out_rad);
+  table.optional_number(key, angle_deg, allowed_deg);
+  doubt_degrees(table, key, angle_deg, allowed_deg);
+  out_rad = rad_from_deg(angle_deg);
+}
+
+/// A standard deviation in mm. What is smaller than a micrometre was probably written in metres, and U would follow it.
+void read_sigma_mm(TableReader& table, std::string_view key, double& out, Allowed allowed) {
+  constexpr double kSigmaMinMm = 0.001;
+  table.optional_number(key, out, allowed);
+  if (table.has(key) && out > 0.0 && out < kSigmaMinMm)
+    table.doubt(key,
+                fmt::format("found {}, metres? the unit is mm, allowed is {}..{}", out, allowed.low, allowed.high));
+}
+
+void read_int16(TableReader& table, std::string_view key, std::int16_t& out) {
+  std::int64_t number = out;
+  table.optional_integer(key, number, -32'768, 32'767);
+  out = static_cast<std::int16_t>(number);
+}
+
+/// Window and dwell are one stretch of poses that must fit into the ring, or no robot would ever count as settled.
+void check_standstill(TableReader& robot, const PoseSettings& pose) {
+  const double total_ms = static_cast<double>(pose.window_ns + pose.dwell_ns) / 1e6;
+  if (total_ms > kStandstillMaxMs)
+    robot.problem(
+        robot.has("dwell_ms") ? "dwell_ms" : "window_ms",
+        fmt::format("window_ms and dwell_ms together are {} ms, allowed are {} ms: the daemon remembers 2 s of "
+                    "poses, and a longer standstill would never be seen",
+                    total_ms, kStandstillMaxMs));
+}
+
+void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, Config& config) {
+  read_text(robot, "lcm_url", lcm.url);
+  if (!lcm.url.view().starts_with("udpm://"))
+    robot.problem("lcm_url", fmt::format("found \"{}\", allowed is \"udpm://group:port?ttl=n\"", lcm.url.view()));
+  else if (const auto url = hal::parse_lcm_url(lcm.url.view()); !url.ok())
+    robot.problem("lcm_url", std::string(url.error().text.view()));
+  read_text(robot, "channel", lcm.channel);
+  if (const Status channel = hal::check_lcm_channel(lcm.channel.view()); !channel.ok())
+    robot.problem("channel", std::string(channel.error().text.view()));
+  read_text(robot, "interface", lcm.interface);
+  if (const Status interface = hal::check_lcm_interface(lcm.interface.view()); !interface.ok())
+    robot.problem("interface", std::string(interface.error().text.view()));
+
+  read_ms(robot, "window_ms", pose.window_ns, {50.0, kStandstillMaxMs});
+  std::int64_t samples_min = pose.samples_min;
+  robot.optional_integer("samples_min", samples_min, 3, kSamplesMinMax);
+  pose.samples_min = static_cast<int>(samples_min);
+  robot.optional_number("settled_mm", pose.settled_mm, {0.001, 1.0});
+  read_deg(robot, "settled_deg", pose.settled_rad, {0.0001, 0.1});
+  read_ms(robot, "dwell_ms", pose.dwell_ns, {0.0, kStandstillMaxMs});
+  check_standstill(robot, pose);
+  robot.optional_number("moved_mm", pose.moved_mm, {0.001, 1.0});
+  read_deg(robot, "moved_deg", pose.moved_rad, {0.0001, 0.1});
+  read_ms(robot, "stale_ms", pose.stale_ns, {10.0, 1'000.0});
+  std::int64_t gap_ns = pose.gap_us * kNsPerUs;
+  read_ms(robot, "gap_ms", gap_ns, {5.0, 1'000.0});
+  pose.gap_us = gap_ns / kNsPerUs;
+  read_int16(robot, "base_id", pose.base_id);
+  read_int16(robot, "tool_id", pose.tool_id);
+  robot.optional_number("look_mm", pose.look_mm, {10.0, 300.0});
+  read_s(robot, "settle_timeout_s", config.settle_timeout_ns, {0.5, 15.0});
+  read_sigma_mm(robot, "repeatability_sigma_mm", config.splice.repeatability_mm, {0.0, 10.0});
+  read_deg(robot, "repeatability_sigma_deg", config.splice.repeatability_rad, {0.0, 1.0});
+  read_sigma_mm(robot, "absolute_sigma_mm", config.splice.absolute_mm, {1e-6, 10.0});
+  read_deg(robot, "absolute_sigma_deg", config.splice.absolute_rad, {1e-6, 1.0});
+  robot.finish();
+}
+
+/// [pose]: who may publish, and what.
+void read_pose(TableReader table, const PoseSettings& pose, hal::LcmSettings& lcm) {
+  std::size_t type = static_cast<std::size_t>(lcm.type);
+  table.optional_word("type", type, {hal::kPoseTypes[0], hal::kPoseTypes[1]});
+  lcm.type = static_cast<hal::PoseType>(type);
+  if (lcm.type == hal::PoseType::rigid_transform && (pose.base_id != 0 || pose.tool_id != 0))
+    table.problem("type",
+                  fmt::format("{} does not say which base and tool are active, so robot.base_id and "
+                              "robot.tool_id must be 0 and the bridge must publish the flange in the robot root",
+                              hal::kPoseTypes[1]));
+  read_networks(table, "senders", lcm.senders);
+  table.finish();
+}
+
+/// False, and a problem: a path of another operating system.
+bool is_path_of_this_computer(TableReader& table, std::string_view key, const std::string& path) {
+  if (!table.has(key)) return true;
+  const bool drive = path.size() >= 2 && std::isalpha(static_cast<unsigned char>(path[0])) != 0 && path[1] == ':' &&
+                     (path.size() == 2 || path[2] == '\\' || path[2] == '/');
+  if (drive || path.starts_with("\\\\")) {
+    table.problem(key, fmt::format("found \"{}\", a path of Windows; allowed is a path of this computer, such as "
+                                   "/mnt/scanner/drop: mount a share of another computer first (docs/SCANNER.md)",
+                                   path));
+    return false;
+  }
+  if (path.find('\\') != std::string::npos)
+    table.doubt(key, fmt::format("found \"{}\" with a backslash, which is part of a name here; allowed is a path whose "
+                                 "folders are separated by /",
+                                 path));
+  else if (path.starts_with("//"))
+    table.doubt(key, fmt::format("found \"{}\", which is {} on this computer and no share; allowed is a path of this "
+                                 "computer, where a share is mounted",
+                                 path, path.substr(1)));
+  return true;
+}
+
+/// A relative path starts at the configuration's own folder: the daemon's working directory is nobody's business.
+void read_path(TableReader& table, std::string_view key, const std::string& folder, std::string& out) {
+  std::string path = out;
+  table.optional_text(key, path, kPathMax);
+  if (!is_path_of_this_computer(table, key, path)) return;
+  if (!path.starts_with('/')) path = folder + "/" + path;
+  if (path.size() > kPathMax) {
+    table.problem(key, fmt::format("{} has {} characters, allowed are {}", path, path.size(), kPathMax));
+    return;
+  }
+  out = path;
+}
+
+void read_drop(TableReader& scanner, const std::string& folder, hal::ScanDropSettings& out) {
+  std::string drop_dir(out.drop_dir.view());
+  read_path(scanner, "drop_dir", folder, drop_dir);
+  out.drop_dir.assign(drop_dir);
+  scanner.optional_boolean("any_name", out.any_name);
+  std::size_t unit = static_cast<std::size_t>(out.unit);
+  scanner.optional_word("unit", unit, {"mm", "m", "um"});
+  out.unit = static_cast<hal::LengthUnit>(unit);
+  for (const char* key : {"listen", "allow"})
+    if (scanner.has(key)) scanner.problem(key, "backend = \"drop\" does not listen; it needs backend = \"tcp\"");
+}
+
+void read_stream(TableReader& scanner, hal::ScanStreamSettings& out) {
+  read_endpoint(scanner, "listen", 1, out.host, out.port);
+  read_networks(scanner, "allow", out.allow);
+  for (const char* key : {"drop_dir", "any_name", "unit"})
+    if (scanner.has(key))
+      scanner.problem(key, "backend = \"tcp\" has no use for it: every scan says its request and its unit");
+}
+
+void read_scanner(TableReader scanner, const std::string& folder, Config& config) {
+  std::size_t backend = static_cast<std::size_t>(config.scanner_backend);
+  scanner.optional_word("backend", backend, {hal::kScannerBackends[0], hal::kScannerBackends[1]});
+  config.scanner_backend = static_cast<hal::ScannerBackend>(backend);
+  if (config.scanner_backend == hal::ScannerBackend::tcp)
+    read_stream(scanner, config.stream);
+  else
+    read_drop(scanner, folder, config.scanner);
+  read_s(scanner, "timeout_s", config.scan_timeout_ns, {0.5, 15.0});
+  scanner.finish();
+}
+
+/// A number of slabs: 0, or at least kKeepSlabsMin.
+void read_count(TableReader& storage, std::string_view key, const char* zero, std::int64_t& out) {
+  if (!storage.has(key)) return;
+  auto count = static_cast<double>(out);
+  storage.optional_number(key, count, {0.0, 1e9});  // 2e4 is a whole number too
+  if (count != std::floor(count))
+    storage.problem(key, fmt::format("found {}, allowed is a whole number", count));
+  else if (count > 0.0 && count < static_cast<double>(storage::kKeepSlabsMin))
+    storage.problem(key,
+                    fmt::format("found {}, allowed is 0 ({}) or {} and more", count, zero, storage::kKeepSlabsMin));
+  out = static_cast<std::int64_t>(count);
+}
+
+void read_storage(TableReader storage, const std::string& folder, storage::StoreSettings& out) {
+  read_path(storage, "db", folder, out.db_path);
+  read_path(storage, "spool_dir", folder, out.spool_dir);
+  double budget_gb = 0.0;
+  storage.optional_number("spool_budget_gb", budget_gb, {0.0, 100'000.0});
+  if (budget_gb > 0.0 && budget_gb < 3.0)
+    storage.problem(
+        "spool_budget_gb",
+        fmt::format("found {}, allowed is 0 (keep every scan) or 3..100000; a slab's scans are 1.1 GB", budget_gb));
+  out.spool_budget_bytes = static_cast<std::uint64_t>(budget_gb * 1e9);
+  read_count(storage, "keep_slabs", "keep every record", out.keep_slabs);
+  // Twice the room at most, unless somebody says otherwise.
+  out.keep_failed_slabs = out.keep_slabs;
+  const bool says = storage.has("keep_failed_slabs");
+  read_count(storage, "keep_failed_slabs", "keep all that did not pass", out.keep_failed_slabs);
+  if (says && out.keep_slabs == 0)
+    storage.problem("keep_failed_slabs",
+                    "found with keep_slabs = 0, which keeps every record; allowed is beside a "
+                    "keep_slabs that bounds them");
+  storage.finish();
+}
+
+double longest(const std::array<double, 7>& pose) {
+  return std::max({std::abs(pose[0]), std::abs(pose[1]), std::abs(pose[2])});
+}
+
+/// (0, 0, 0, 1) is no turn where qw comes last, and half a turn where it comes first.
+void doubt_order(TableReader& table, std::string_view key, const std::array<double, 7>& pose) {
+  if (std::abs(pose[6]) == 1.0)
+    table.doubt(
+        key,
+        "found the quaternion (0, 0, 0, 1), which is half a turn about z: written as qx, qy, qz, qw? The order is "
+        "qw, qx, qy, qz, allowed is any of unit length");
+}
+
+void read_cell(TableReader cell, Pose& T_base_slab) {
+  std::array<double, 7> pose = Pose::identity().to_array();
+  cell.required_pose("T_base_slab", pose, kReachMm);
+  if (const double mm = longest(pose); mm > 0.0 && mm < kSlabOffMinMm)
+    cell.doubt(
+        "T_base_slab",
+        fmt::format("found x, y, z of at most {} mm, metres? The centre of a slab hardly lies in the robot's foot; "
+                    "the unit is mm, allowed is -{}..{}",
+                    mm, kReachMm, kReachMm));
+  doubt_order(cell, "T_base_slab", pose);
+  T_base_slab = Pose::from_array(pose);
+  cell.finish();
+}
+
+void read_checks(TableReader& table, Config& config) {
+  double interval_hours = static_cast<double>(config.check_interval_us) / 3.6e9;
+  table.optional_number("check_interval_hours", interval_hours, {0.0, 8'760.0});
+  config.check_interval_us = std::llround(interval_hours * 3.6e9);
+  read_deg(table, "check_slope_limit_deg", config.check_limits.slope_rad, {1e-4, 1.0});
+  table.optional_number("check_jaw_limit_mm", config.check_limits.jaw_distance_mm, {1e-4, 5.0});
+  std::int64_t valid_days = config.calibration_valid_days;
+  table.optional_integer("valid_days", valid_days, 0, 36'500);
+  config.calibration_valid_days = static_cast<int>(valid_days);
+}
+
+/// Towards wider only: a view counts in every scan until the next calibration.
+void read_capture(TableReader& table, CaptureGuard& guard) {
+  table.optional_number("capture_stable_mm", guard.stable_mm, {CaptureGuard::kStableMm, 1.0});
+  read_deg(table, "capture_stable_deg", guard.stable_rad, {deg_from_rad(CaptureGuard::kStableRad), 0.1});
+  read_s(table, "capture_stable_s", guard.stable_ns, {0.2, static_cast<double>(CaptureGuard::kStableNs) / 1e9});
+}
+
+/// Of the commissioning value, and without one it says nothing: whoever takes the value out once a calibration is
+/// applied may leave it. One of the two alone makes every slab item indeterminate.
+void read_station_sigma(TableReader& table, const char* key, const char* other, bool commissioned, double& out,
+                        Allowed allowed) {
+  if (key == std::string_view("station_sigma_mm"))
+    read_sigma_mm(table, key, out, allowed);
+  else
+    table.optional_number(key, out, allowed);
+  if (commissioned && table.has(key) && !table.has(other))
+    table.problem(key, fmt::format("found without {}; allowed are both or neither", other));
+}
+
+void read_calibration(TableReader table, const std::string& folder, Config& config) {
+  std::array<double, 7> pose = Pose::identity().to_array();
+  double sigma_mm = kNoValue;  // absent: slab-frame items will be indeterminate
+  double sigma_deg = kNoValue;
+  const bool commissioned = table.has("T_flange_scanner");
+  if (commissioned) {
+    table.required_pose("T_flange_scanner", pose, kArmMaxMm);
+    if (const double mm = longest(pose); mm > 0.0 && mm < kArmMinMm)
+      table.doubt(
+          "T_flange_scanner",
+          fmt::format("found x, y, z of at most {} mm, metres? A scanner hardly sits in the flange; the unit is mm, "
+                      "allowed is -{}..{}",
+                      mm, kArmMaxMm, kArmMaxMm));
+    doubt_order(table, "T_flange_scanner", pose);
+  }
+  read_station_sigma(table, "station_sigma_mm", "station_sigma_deg", commissioned, sigma_mm, {1e-6, 10.0});
+  read_station_sigma(table, "station_sigma_deg", "station_sigma_mm", commissioned, sigma_deg, {1e-6, 1.0});
+  table.optional_number("station_gate_mm", config.splice.gate_mm, {0.01, 20.0});
+  read_deg(table, "station_gate_deg", config.splice.gate_rad, {0.001, 1.0});
+  read_checks(table, config);
+  read_capture(table, config.capture);
+  config.sessions_dir = std::filesystem::path(config.storage.db_path).parent_path().native() + "/calibration";
+  read_path(table, "sessions_dir", folder, config.sessions_dir);
+  table.finish();
+  if (!commissioned) return;  // what is applied counts; without it every slab is refused with fault 503
+  const Result<calib::Calibration> calibration = calib::commissioning(pose, sigma_mm, sigma_deg);
+  if (!calibration.ok()) {
+    table.problem("T_flange_scanner", std::string(calibration.error().text.view()));
+    return;
+  }
+  config.calibration = calibration.value();
+  config.splice.commissioning_mm = config.calibration.station_sigma_mm;
+  config.splice.commissioning_rad = config.calibration.station_sigma_rad;
+}
+
+void read_measure(TableReader measure, int& threads) {
+  std::int64_t number = threads;
+  measure.optional_integer("threads", number, 1, 2);
+  threads = static_cast<int>(number);
+  measure.finish();
+}
+
+void read_rest(TableReader& root, const std::string& folder, Config& config) {
+  TableReader recipes = root.table("recipes");
+  read_path(recipes, "dir", folder, config.recipes_dir);
+  recipes.finish();
+  TableReader control = root.table("control");
+  read_path(control, "socket", folder, config.control_socket);
+  // sockaddr_un::sun_path holds 108 bytes with its NUL.
+  if (config.control_socket.size() > 107)
+    control.problem("socket", fmt::format("found a path of {} bytes, allowed are 107", config.control_socket.size()));
+  control.finish();
+  TableReader line = root.table("line");
+  line.optional_boolean("simulation", config.simulation);
+  line.finish();
+}
+
+}  // namespace
+
+void load_config(const std::string& path, Config& config, std::vector<Problem>& problems) {
+  config = Config{};
+  config.path = path;
+  config.scanner.drop_dir = "/var/lib/slabd/drop";
+  config.storage.db_path = "/var/lib/slabd/slabd.db";
+  config.storage.spool_dir = "/var/lib/slabd/spool";
+  config.measure_threads = default_measure_threads();
+  allow_loopback_only(config.plc.allow);
+  allow_loopback_only(config.stream.allow);
+
+  const std::optional<std::string> bytes = read_text_file(path, problems);
+  if (!bytes) return;
+  TomlValue tree;
+  const bool complete = parse_toml(path, *bytes, tree, problems);
+
+  // After a syntax error only the tables above it exist: the PLC's is read for its address, and a key that is
+  // "missing" below the error would only be noise.
+  std::vector<Problem> ignored;
+  const std::string folder = std::filesystem::absolute(path).parent_path().native();
+  TableReader root(path, &tree, "", complete ? problems : ignored);
+  root.keep_doubts(&config.doubts);
+  read_plc(root.table("plc"), config.plc);
+  read_robot(root.table("robot"), config.robot, config.pose, config);
+  read_pose(root.table("pose"), config.pose, config.robot);
+  read_scanner(root.table("scanner"), folder, config);
+  read_storage(root.table("storage"), folder, config.storage);
+  read_cell(root.table("cell"), config.T_base_slab);
+  read_calibration(root.table("calibration"), folder, config);
+  read_measure(root.table("measure"), config.measure_threads);
+  read_rest(root, folder, config);
+  check_together(root, config);
+  root.finish();
+}
+
+int default_measure_threads() {
+  return std::thread::hardware_concurrency() >= 2 ? 2 : 1;
+}
+
+}  // namespace slabd::daemon

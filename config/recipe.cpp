@@ -1,0 +1,420 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+#include <sha256.h>
+
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <cmath>
+#include <filesystem>
+#include <map>
+
+#include "config/config.h"
+#include "config/recipe_checks.h"
+#include "config/toml_reader.h"
+
+/// recipes/*.toml -> Recipe. A recipe decides verdicts, so it is complete or it is refused: every nominal and every
+/// item must be written out, with `confirmed` saying whether a person has compared it with the drawing. In the file
+/// angles are degrees (`_deg`) and slopes may be ratios ("1:40"); inside, geometry is mm and rad.
+namespace slabd::daemon {
+namespace {
+
+/// "1:40" -> the angle of that slope in degrees.
+std::optional<double> degrees_from_ratio(const TomlValue& value) {
+  if (value.kind != TomlValue::Kind::text || !value.text.starts_with("1:")) return std::nullopt;
+  const std::string run = value.text.substr(2);
+  char* end = nullptr;
+  const double n = std::strtod(run.c_str(), &end);
+  const bool plain = !run.empty() && run.find_first_not_of("0123456789.") == std::string::npos;
+  if (!plain || end != run.c_str() + run.size() || !(n >= 1.0 && n <= 10'000.0)) return std::nullopt;
+  return deg_from_rad(std::atan(1.0 / n));
+}
+
+/// `{ value = 1.0, confirmed = false }`
+void read_nominal(TableReader& table, std::string_view key, Nominal& out, Allowed allowed) {
+  const TomlValue* v = table.value(key);
+  const std::string expected =
+      fmt::format("{{ value = {}..{}, confirmed = true or false }}", allowed.low, allowed.high);
+  if (v == nullptr) return table.missing(key, expected);
+  if (v->kind != TomlValue::Kind::table)
+    return table.problem_at(*v, key, fmt::format("found {}, allowed is {}", found(*v), expected));
+  TableReader nominal = table.table(key);
+  nominal.required_number("value", out.value, allowed);
+  nominal.required_boolean("confirmed", out.confirmed);
+  nominal.finish();
+}
+
+void read_nominal_deg(TableReader& table, std::string_view key, Nominal& out_rad, Allowed allowed_deg) {
+  Nominal angle_deg;
+  read_nominal(table, key, angle_deg, allowed_deg);
+  doubt_degrees(table, key, angle_deg.value, allowed_deg);
+  out_rad = {rad_from_deg(angle_deg.value), angle_deg.confirmed};
+}
+
+void read_slab(TableReader slab, SlabGeometry& out) {
+  read_nominal(slab, "length_mm", out.length_mm, {1'000.0, 20'000.0});
+  read_nominal(slab, "width_mm", out.width_mm, {1'500.0, 5'000.0});
+  read_nominal(slab, "thickness_mm", out.thickness_mm, {50.0, 1'000.0});
+  std::int64_t pairs = 0;
+  // Below 6 pairs there are not the 12 seats that a slab frame needs (algo/items/slab_items.cpp): no slab could be
+  // judged.
+  slab.required_integer("pairs", pairs, 6, static_cast<std::int64_t>(limits::kPairsMax));
+  out.pairs = static_cast<std::uint8_t>(pairs);
+  read_nominal(slab, "pitch_mm", out.pitch_mm, {400.0, 1'000.0});
+  read_nominal(slab, "first_pair_from_end_mm", out.first_pair_from_end_mm, {50.0, 1'000.0});
+  read_nominal(slab, "seat_centre_distance_mm", out.seat_centre_distance_mm, {500.0, 3'000.0});
+  read_nominal(slab, "block_origin_z_mm", out.block_origin_z_mm, {0.0, 200.0});
+  slab.finish();
+}
+
+void read_block(TableReader block, BlockGeometry& out) {
+  read_nominal(block, "cant_ratio", out.cant_ratio, {10.0, 1'000.0});
+  read_nominal(block, "jaw_half_distance_mm", out.jaw_half_distance_mm, {100.0, 280.0});
+  read_nominal(block, "jaw_reference_height_mm", out.jaw_reference_height_mm, {1.0, 30.0});
+  read_nominal_deg(block, "jaw_angle_deg", out.jaw_angle_rad, {91.0, 150.0});
+  read_nominal(block, "shoulder_outer_z_mm", out.shoulder_outer_z_mm, {5.0, 100.0});
+  read_nominal(block, "shoulder_inner_z_mm", out.shoulder_inner_z_mm, {5.0, 100.0});
+  read_nominal(block, "end_half_length_mm", out.end_half_length_mm, {60.0, 190.0});
+  read_nominal(block, "side_half_width_mm", out.side_half_width_mm, {120.0, 290.0});
+  read_nominal_deg(block, "draft_deg", out.draft_rad, {0.0, 45.0});
+  read_nominal(block, "slab_top_z_mm", out.slab_top_z_mm, {-200.0, -5.0});
+  read_nominal(block, "casing_half_spacing_mm", out.casing_half_spacing_mm, {50.0, 250.0});
+  read_nominal(block, "casing_bore_diameter_mm", out.casing_bore_diameter_mm, {10.0, 80.0});
+  read_nominal(block, "casing_rim_diameter_mm", out.casing_rim_diameter_mm, {12.0, 100.0});
+  read_nominal(block, "casing_rim_height_mm", out.casing_rim_height_mm, {-10.0, 10.0});
+  block.finish();
+}
+
+void read_evaluation(TableReader table, EvaluationSettings& out) {
+  table.required_number("crop_half_x_mm", out.crop_half_x_mm, {20.0, 190.0});
+  table.required_number("crop_half_s_mm", out.crop_half_s_mm, {20.0, 280.0});
+  // A chip of half a cell's area moves no mean by its depth.
+  table.required_number("cell_mm", out.cell_mm, {0.5, 3.0});
+  std::int64_t points_min = 0;
+  table.required_integer("cell_points_min", points_min, 1, 10'000);
+  out.cell_points_min = static_cast<std::uint16_t>(points_min);
+  // Recipes written before this key was known keep the default.
+  table.optional_number("cells_missing_max", out.cells_missing_max, {0.0, 0.5});
+  table.required_number("edge_margin_mm", out.edge_margin_mm, {0.0, 20.0});
+  table.required_number("inlier_share_min", out.inlier_share_min, {0.5, 1.0});
+  table.required_number("registration_gate_mm", out.registration_gate_mm, {0.1, 20.0});
+  table.required_number("registration_share_min", out.registration_share_min, {0.1, 1.0});
+  table.optional_number("defect_sigmas", out.defect_sigmas, {3.0, 20.0});
+  table.required_number("window_mm", out.window_mm, {1.0, 200.0});
+  double window_deg = kNoValue;
+  table.required_number("window_deg", window_deg, {0.1, 30.0});
+  doubt_degrees(table, "window_deg", window_deg, {0.1, 30.0});
+  out.window_rad = rad_from_deg(window_deg);
+  table.finish();
+}
+
+/// What the measuring system is assumed to be. Without the table no budget is computed and items keep their own U.
+void read_uncertainty(TableReader table, UncertaintySettings& out) {
+  out.given = table.present();
+  if (!out.given) return;
+  read_nominal(table, "scanner_form_mm", out.scanner_form_mm, {0.0, 1.0});
+  read_nominal(table, "scanner_form_length_mm", out.scanner_form_length_mm, {10.0, 2'000.0});
+  read_nominal(table, "scanner_length_ppm", out.scanner_length_ppm, {0.0, 10'000.0});
+  read_nominal(table, "reference_mm", out.reference_mm, {0.0, 1.0});
+  read_nominal_deg(table, "reference_deg", out.reference_rad, {0.0, 1.0});
+  table.finish();
+}
+
+// ---- items ------------------------------------------------------------------------------------------------------
+
+/// A number in the item's unit; degrees may also be written as a slope "1:n".
+std::optional<double> read_limit(TableReader& item, std::string_view key, const TomlValue& v, const ItemInfo& info) {
+  if (const std::optional<double> number = as_number(v); number && std::isfinite(*number) && std::abs(*number) <= 1e5)
+    return number;
+  if (info.unit == ItemUnit::deg)
+    if (const std::optional<double> degrees = degrees_from_ratio(v)) return degrees;
+  item.problem_at(v, key,
+                  fmt::format("found {}, allowed is a number of {} within +-100000{}", found(v), name(info.unit),
+                              info.unit == ItemUnit::deg ? " or a slope \"1:n\" with n 1..10000" : ""));
+  return std::nullopt;
+}
+
+/// `nominal = 380` is as confirmed as its limits; `nominal = { value = 380, confirmed = true }` speaks for itself.
+void read_item_nominal(TableReader& item, const ItemInfo& info, Tolerance& out) {
+  const TomlValue* v = item.value("nominal");
+  if (v == nullptr) return;
+  out.nominal.confirmed = out.confirmed;
+  if (v->kind != TomlValue::Kind::table) {
+    out.nominal.value = read_limit(item, "nominal", *v, info).value_or(kNoValue);
+    return;
+  }
+  TableReader nominal = item.table("nominal");
+  if (const TomlValue* value = nominal.value("value"); value != nullptr)
+    out.nominal.value = read_limit(nominal, "value", *value, info).value_or(kNoValue);
+  else
+    nominal.missing("value", fmt::format("a number of {}", name(info.unit)));
+  nominal.required_boolean("confirmed", out.nominal.confirmed);
+  nominal.finish();
+}
+
+/// Either `tolerance` (nominal +- tolerance) or `lower` and / or `upper`, absolute.
+void read_limits(TableReader& item, const ItemInfo& info, Tolerance& out) {
+  const TomlValue* lower = item.value("lower");
+  const TomlValue* upper = item.value("upper");
+  const TomlValue* tolerance = item.value("tolerance");
+  if (tolerance != nullptr) {
+    if (lower != nullptr || upper != nullptr)
+      return item.problem("tolerance", "found beside lower or upper; allowed is either tolerance or lower and upper");
+    double half = kNoValue;
+    item.optional_number("tolerance", half, {1e-6, 1e5});
+    out.lower = out.nominal.value - half;
+    out.upper = out.nominal.value + half;
+    return;
+  }
+  if (lower != nullptr) out.lower = read_limit(item, "lower", *lower, info).value_or(kNoValue);
+  if (upper != nullptr) out.upper = read_limit(item, "upper", *upper, info).value_or(kNoValue);
+  if (has_value(out.lower) && has_value(out.upper) && !(out.lower < out.upper))
+    item.problem("lower",
+                 fmt::format("found {:.6g} with upper {:.6g}, allowed is lower < upper", out.lower, out.upper));
+}
+
+/// Sizes have no lower limit that means anything; what is out on either side of its nominal is bad on both.
+bool is_size(ItemId id) {
+  return id == ItemId::seat_flatness || id == ItemId::casing_skew_inner || id == ItemId::casing_skew_outer;
+}
+
+/// An item without a bit in the PLC's fail mask is information: a block that failed by it would not say why.
+void refuse_judging(TableReader& item, const Tolerance& t) {
+  for (const char* key : {"lower", "upper", "tolerance"})
+    if (item.has(key))
+      item.problem(key,
+                   "found a limit of an item that is information and never judged; leave it out, seat_flatness is "
+                   "the item that judges the seat's surface");
+  if (t.required)
+    item.problem("required", "found true for an item that is information and never judged; allowed is false");
+}
+
+void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
+  item.required_boolean("required", out.required);
+  item.optional_boolean("confirmed", out.confirmed);
+  read_item_nominal(item, info, out);
+  read_limits(item, info, out);
+  item.optional_number("U", out.U, {1e-6, 1e3});
+  if (info.plc_bit < 0) {
+    refuse_judging(item, out);
+    return item.finish();
+  }
+  const bool limited = item.has("lower") || item.has("upper") || item.has("tolerance");
+  if (limited && !item.has("nominal")) item.missing("nominal", "the value that deviations are counted from");
+  if (limited && !item.has("tolerance")) {
+    if (!item.has("upper")) item.missing("upper", "a limit: without it any value above would pass");
+    if (!item.has("lower") && !is_size(info.id))
+      item.missing("lower", "a limit: without it any value below would pass");
+  }
+  if (out.required && !limited)
+    item.problem("required", "found true without lower, upper or tolerance: such an item could never pass");
+  item.finish();
+}
+
+void read_items(TableReader items, Recipe& recipe) {
+  for (std::size_t i = 0; i < kItemCount; ++i) {
+    const ItemInfo& item = info(static_cast<ItemId>(i));
+    // An item left out by mistake would silently not be judged.
+    if (!items.has(item.name)) {
+      items.missing(item.name, "a table; an item that is not judged says required = false and gives no limits");
+      continue;
+    }
+    read_item(items.table(item.name), item, recipe.tolerances[i]);
+  }
+  items.finish();
+}
+
+// ---- the file ---------------------------------------------------------------------------------------------------
+
+FixedString<64> sha256_of(const std::string& bytes) {
+  std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
+  SHA256Data(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size(), hex.data());
+  return FixedString<64>(hex.data());
+}
+
+void read_head(TableReader& root, Recipe& recipe) {
+  std::string schema;
+  root.required_text("schema", schema, 64);
+  if (!schema.empty() && schema != "slabd.recipe/1")
+    root.problem("schema", fmt::format("found \"{}\", allowed is \"slabd.recipe/1\"", schema));
+  std::string recipe_name;
+  root.required_text("name", recipe_name, recipe.name.capacity());
+  if (std::any_of(recipe_name.begin(), recipe_name.end(),
+                  [](char c) { return std::iscntrl(static_cast<unsigned char>(c)) != 0; }))
+    root.problem("name", "found a control character, allowed is printable text on one line");
+  recipe.name.assign(recipe_name);
+  std::int64_t slab_type = 0;
+  root.required_integer("slab_type", slab_type, 1, 65'535);  // one register of the PLC
+  recipe.slab_type = static_cast<std::uint16_t>(slab_type);
+  std::size_t datum = 0;
+  if (!root.has("slope_datum")) root.missing("slope_datum", "\"slab_frame\" or \"local_slab_top\"");
+  root.optional_word("slope_datum", datum, {"slab_frame", "local_slab_top"});
+  recipe.slope_datum = datum == 0 ? SlopeDatum::slab_frame : SlopeDatum::local_slab_top;
+  root.required_boolean("remove_warp", recipe.remove_warp);
+  root.required_number("guard", recipe.guard, {0.0, 2.0});
+}
+
+// ---- the folder -------------------------------------------------------------------------------------------------
+
+struct RecipeFile {
+  std::string path;
+  std::string bytes;
+  Recipe recipe;
+  bool is_good = false;
+  std::optional<std::uint16_t> slab_type;  ///< also of a faulty file, as far as it can be told
+};
+
+/// Not what an editor puts beside a file (".#p5600.toml", ".p5600.toml.swp").
+bool is_recipe_file(const std::filesystem::path& path) {
+  return path.extension() == ".toml" && !path.filename().string().starts_with('.');
+}
+
+/// The number behind a line's "slab_type =", of a file that need not be TOML.
+std::optional<std::uint16_t> slab_type_in(std::string_view text) {
+  static constexpr std::string_view kKey = "slab_type";
+  static constexpr std::string_view kBlank = " \t";
+  const auto skip_blanks = [](std::string_view& line) {
+    line.remove_prefix(std::min(line.find_first_not_of(kBlank), line.size()));
+  };
+  while (!text.empty()) {
+    std::string_view line = text.substr(0, text.find('\n'));
+    text.remove_prefix(std::min(line.size() + 1, text.size()));
+    skip_blanks(line);
+    if (!line.starts_with(kKey)) continue;
+    line.remove_prefix(kKey.size());
+    skip_blanks(line);
+    if (!line.starts_with('=')) continue;
+    line.remove_prefix(1);
+    skip_blanks(line);
+    std::uint16_t slab_type = 0;
+    const auto [end, error] = std::from_chars(line.data(), line.data() + line.size(), slab_type);
+    const std::string_view rest(end, static_cast<std::size_t>(line.data() + line.size() - end));
+    if (error != std::errc() || slab_type == 0 || rest.find_first_not_of(" \t\r") != rest.find('#')) return {};
+    return slab_type;
+  }
+  return {};
+}
+
+RecipeFile read_recipe_file(const std::string& path, std::vector<Problem>& problems, std::vector<Problem>* doubts) {
+  RecipeFile file;
+  file.path = path;
+  const std::size_t problems_before = problems.size();
+  std::optional<std::string> bytes = read_text_file(path, problems);
+  if (!bytes) return file;
+  file.bytes = std::move(*bytes);
+  parse_recipe(path, file.bytes, file.recipe, problems, doubts);
+  file.is_good = problems.size() == problems_before;
+  file.slab_type = file.is_good ? std::optional(file.recipe.slab_type) : slab_type_in(file.bytes);
+  return file;
+}
+
+}  // namespace
+
+void parse_recipe(const std::string& path, const std::string& bytes, Recipe& recipe, std::vector<Problem>& problems,
+                  std::vector<Problem>* doubts) {
+  recipe = Recipe{};
+  recipe.path.assign(path);
+  const std::size_t problems_before = problems.size();
+  if (path.size() > recipe.path.capacity()) {
+    problems.push_back(
+        {fmt::format("{}: a path of {} bytes, allowed are {}", path, path.size(), recipe.path.capacity())});
+    return;
+  }
+  if (bytes.size() > storage::kRecipeTextBytes) {
+    problems.push_back({fmt::format("{}: found {} bytes, allowed are {} (slabd keeps a recipe with its slabs)", path,
+                                    bytes.size(), storage::kRecipeTextBytes)});
+    return;
+  }
+  recipe.sha256 = sha256_of(bytes);
+  TomlValue tree;
+  if (!parse_toml(path, bytes, tree, problems)) return;
+
+  TableReader root(path, &tree, "", problems);
+  root.keep_doubts(doubts);
+  read_head(root, recipe);
+  read_slab(root.table("slab"), recipe.slab);
+  read_block(root.table("block"), recipe.block);
+  read_evaluation(root.table("evaluation"), recipe.evaluation);
+  read_uncertainty(root.table("uncertainty"), recipe.uncertainty);
+  read_items(root.table("items"), recipe);
+  // Relations between numbers mean something only when every number is there.
+  if (problems.size() == problems_before) check_relations(root, recipe);
+  root.finish();
+}
+
+void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& problems,
+                 std::vector<Problem>* doubts) {
+  recipe = Recipe{};
+  recipe.path.assign(path);
+  if (const std::optional<std::string> bytes = read_text_file(path, problems))
+    parse_recipe(path, *bytes, recipe, problems, doubts);
+}
+
+std::map<std::string, std::string> recipe_files(const std::string& dir, std::vector<Problem>& problems) {
+  std::map<std::string, std::string> files;
+  std::error_code ec;
+  for (std::filesystem::directory_iterator it(dir, ec), end; !ec && it != end; it.increment(ec)) {
+    if (!is_recipe_file(it->path())) continue;
+    const std::string path = it->path().string();
+    if (std::optional<std::string> bytes = read_text_file(path, problems)) files.emplace(path, std::move(*bytes));
+  }
+  if (ec) problems.push_back({fmt::format("{}: the recipe folder cannot be read: {}", dir, ec.message())});
+  return files;
+}
+
+void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems,
+                  std::vector<storage::RecipeText>* texts, std::vector<Problem>* doubts) {
+  recipes.clear();
+  if (texts != nullptr) texts->clear();
+  std::vector<std::string> paths;
+  std::error_code ec;
+  for (std::filesystem::directory_iterator it(dir, ec), end; !ec && it != end; it.increment(ec))
+    if (is_recipe_file(it->path())) paths.push_back(it->path().string());
+  if (ec) {
+    problems.push_back(
+        {fmt::format("{}: the recipe folder cannot be read: {}; it is [recipes] dir of the configuration, and slabd's "
+                     "package fills it",
+                     dir, ec.message())});
+    return;
+  }
+  std::sort(paths.begin(), paths.end());
+
+  std::vector<RecipeFile> files;
+  files.reserve(paths.size());
+  for (const std::string& path : paths) files.push_back(read_recipe_file(path, problems, doubts));
+  // Of two files one may be what the other was before somebody corrected it: a guess could let bad slabs pass.
+  std::map<std::uint16_t, std::string> path_of_type;
+  bool any_type_unknown = false;
+  for (const RecipeFile& file : files) {
+    if (!file.slab_type) {
+      problems.push_back(
+          {fmt::format("{}: which slab_type it is for cannot be told, so it may be the better recipe of "
+                       "any: no recipe is used until it is mended or moved out of the folder",
+                       file.path)});
+      any_type_unknown = true;
+      continue;
+    }
+    if (const auto [other, is_new] = path_of_type.emplace(*file.slab_type, file.path); !is_new)
+      problems.push_back(
+          {fmt::format("{}: slab_type: {} is also the type of {}; allowed is one file for each type, and of these none "
+                       "is used",
+                       file.path, *file.slab_type, other->second)});
+  }
+  if (any_type_unknown) return;
+  for (const RecipeFile& file : files) {
+    const auto rival = [&file](const RecipeFile& other) {
+      return &other != &file && other.slab_type == file.slab_type;
+    };
+    if (!file.is_good || std::any_of(files.begin(), files.end(), rival)) continue;
+    if (recipes.size() == limits::kRecipesMax) {
+      problems.push_back({fmt::format("{}: left out; allowed are {} recipes", file.path, limits::kRecipesMax)});
+      continue;
+    }
+    recipes.push_back(file.recipe);
+    if (texts != nullptr) texts->push_back({file.recipe.sha256, file.recipe.name, file.bytes});
+  }
+  if (recipes.empty())
+    problems.push_back({fmt::format("{}: no usable recipe (*.toml) in this folder; slabd cannot measure", dir)});
+}
+
+}  // namespace slabd::daemon

@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the daemon knows of itself, in the text format of Prometheus. Names and meanings stand in one list; counters
+// count from the start of the process, maxima since the start or the last reset. Control path: uses the heap.
+#include <malloc.h>
+#include <sys/resource.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+
+#include "daemon/log_outlet.h"
+#include "daemon/loop.h"
+#include "daemon/seal.h"
+#include "daemon/station/parts.h"
+#include "storage/chain.h"
+
+namespace slabd::daemon {
+namespace {
+
+class Text {
+ public:
+  void gauge(const char* name, const char* help, double value) { metric("gauge", name, help, "", value); }
+  void counter(const char* name, const char* help, std::uint64_t value) {
+    metric("counter", name, help, "", static_cast<double>(value));
+  }
+  void labelled(const char* name, const char* help, const std::string& label, double value) {
+    metric("gauge", name, help, "{" + label + "}", value);
+  }
+  /// One metric with several labels: the first call of its name explains it.
+  void counter_of(const char* name, const char* help, const char* what, std::uint64_t value) {
+    metric("counter", name, help, "{what=\"" + std::string(what) + "\"}", static_cast<double>(value));
+  }
+  [[nodiscard]] std::string take() { return std::move(text_); }
+
+ private:
+  void metric(const char* type, const char* name, const char* help, const std::string& labels, double value) {
+    if (last_ != name) {
+      text_ += std::string("# HELP ") + name + " " + help + "\n# TYPE " + name + " " + type + "\n";
+      last_ = name;
+    }
+    char number[40];
+    std::snprintf(number, sizeof number, "%.17g", value);
+    text_ += name + labels + " " + number + "\n";
+  }
+
+  std::string text_;
+  std::string last_;
+};
+
+/// 0 where there is none.
+double file_bytes(const std::string& path) {
+  std::error_code ec;
+  const std::uintmax_t bytes = std::filesystem::file_size(path, ec);
+  return ec ? 0.0 : static_cast<double>(bytes);
+}
+
+/// A label's value: backslash, quote and line end are escaped, what is not plain ASCII becomes '?'.
+std::string label_value(std::string_view text) {
+  std::string out;
+  for (const char c : text) {
+    if (c == '\\' || c == '"') out += '\\';
+    out += c >= ' ' && c <= '~' ? c : '?';
+  }
+  return out;
+}
+
+/// A label with the whole checksum would be a new series for every slab. 48 bits are a number that a double keeps.
+double head_number(const storage::ChainHead& head) {
+  constexpr std::size_t kHexDigits = 12;
+  const std::string digits(head.sha256.view().substr(0, kHexDigits));
+  return static_cast<double>(std::strtoull(digits.c_str(), nullptr, 16));
+}
+
+void tell_plc(Text& text, const hal::PlcPort& plc, bool alive) {
+  const hal::PlcLinkCounters& c = plc.counters();
+  text.gauge("slabd_plc_alive", "1: the PLC's heartbeat changes", alive ? 1 : 0);
+  text.gauge("slabd_plc_connections", "Modbus connections now open", static_cast<double>(plc.clients()));
+  constexpr const char* kName = "slabd_plc_events_total";
+  constexpr const char* kHelp = "What happened on the way to the PLC";
+  text.counter_of(kName, kHelp, "connections", c.connections);
+  text.counter_of(kName, kHelp, "frames", c.frames);
+  text.counter_of(kName, kHelp, "exceptions", c.exceptions);
+  text.counter_of(kName, kHelp, "not_allowed", c.not_allowed);
+  text.counter_of(kName, kHelp, "read_only", c.read_only);
+  text.counter_of(kName, kHelp, "displaced", c.displaced);
+  text.counter_of(kName, kHelp, "malformed", c.malformed);
+  text.counter_of(kName, kHelp, "late", c.late);
+  text.counter_of(kName, kHelp, "idle", c.idle);
+  text.counter_of(kName, kHelp, "unsent", c.unsent);
+}
+
+void tell_pose(Text& text, const hal::PosePort& pose, const LoopFigures& figures, bool ok) {
+  const hal::PoseLinkCounters& c = pose.counters();
+  text.gauge("slabd_pose_ok", "1: fresh robot poses arrive", ok ? 1 : 0);
+  constexpr const char* kName = "slabd_pose_datagrams_total";
+  constexpr const char* kHelp = "Datagrams on the way from the robot";
+  text.counter_of(kName, kHelp, "accepted", c.accepted);
+  text.counter_of(kName, kHelp, "foreign", c.foreign);
+  text.counter_of(kName, kHelp, "other_type", c.other_type);
+  text.counter_of(kName, kHelp, "wrong_sender", c.wrong_sender);
+  text.counter_of(kName, kHelp, "not_finite", c.not_finite);
+  text.counter_of(kName, kHelp, "not_unit", c.not_unit);
+  text.counter_of(kName, kHelp, "out_of_reach", c.out_of_reach);
+  text.counter_of(kName, kHelp, "second_publisher", c.second_publisher);
+  text.counter_of(kName, kHelp, "repeated", c.repeated);
+  text.counter_of(kName, kHelp, "time_back", c.time_back);
+  text.counter_of(kName, kHelp, "jump", c.jumps);
+  text.counter("slabd_pose_gaps_total", "Breaks in the numbering of the robot's poses", c.gaps);
+  text.counter("slabd_pose_lost_total", "Poses missing in those breaks", c.lost);
+  text.counter("slabd_pose_stale_total", "Times that the newest pose became too old", figures.poses_stale);
+  text.counter("slabd_pose_wrong_frame_total", "Times that another base or tool became active",
+               figures.poses_wrong_frame);
+}
+
+}  // namespace
+
+std::string metrics_text(const Station& station, const Ports& ports, const LoopFigures& figures) {
+  const PlcOutputs view = plc_view(station);
+  Text text;
+  text.labelled("slabd_info", "Always 1; which software this is",
+                "software=\"" + label_value(station.settings.software.view()) + "\"", 1);
+  text.gauge("slabd_uptime_seconds", "Since the start of the process",
+             static_cast<double>(station.now_ns - figures.started_ns) / 1e9);
+  text.gauge("slabd_state", "STATE as the PLC reads it: 2 idle, 7 fault, 8 maintenance",
+             static_cast<double>(view.state));
+  text.gauge("slabd_fault_code", "FAULT as the PLC reads it; 0: none", view.fault);
+  text.gauge("slabd_warn_mask", "WARN as the PLC reads it", view.warn);
+  text.gauge("slabd_emulated", "1: STATUS bit 11: robot, scanner or the slab that is shown is not real",
+             view.simulation ? 1 : 0);
+  text.gauge("slabd_session", "SESSION; a change without a reason is a restart", view.session);
+  text.gauge("slabd_slab_open", "1: a slab is open", station.slab.phase != SlabPhase::none ? 1 : 0);
+  text.gauge("slabd_stations_done", "Of the open slab", view.stations_done);
+  text.gauge("slabd_results_pending", "Results that wait for RES_ACK", view.results_pending);
+  text.counter("slabd_commands_refused_total", "Commands refused or repeated", view.refused);
+  tell_plc(text, ports.plc, view.plc_link_ok);
+  tell_pose(text, ports.pose, figures, view.pose_ok);
+  text.gauge("slabd_scanner_online", "1: the scanner can be asked", view.scanner_ok ? 1 : 0);
+  text.counter("slabd_scan_strays_total", "Files that answered no request", station.links.stray_files);
+  const hal::ScannerPort::Deleted deleted = ports.scanner.deleted();
+  text.counter("slabd_scan_strays_deleted_total", "Of them, deleted again because stray/ was full", deleted.files);
+  text.counter("slabd_scan_strays_deleted_bytes_total", "Their bytes", deleted.bytes);
+  text.gauge("slabd_scanner_hangs", "1: the scanner's drop folder, or the disk of the scans, does not answer",
+             ports.scanner.hangs() ? 1 : 0);
+  text.gauge("slabd_store_ok", "1: the database can be written", view.store_ok ? 1 : 0);
+  text.gauge("slabd_database_bytes", "Of the database's file", file_bytes(figures.db_path));
+  text.gauge("slabd_database_log_bytes", "Of the write-ahead log beside it; a reader that never ends lets it grow",
+             file_bytes(figures.db_path + "-wal"));
+  const storage::ChainHead head = ports.store == nullptr ? storage::ChainHead{} : storage::chain_head(*ports.store);
+  text.gauge("slabd_chain_entries", "Length of the chain of results", static_cast<double>(head.entries));
+  text.gauge("slabd_chain_head", "First 48 bits of the SHA-256 of its newest entry, as a number", head_number(head));
+  text.gauge("slabd_commit_last_seconds", "The last commit", figures.commit_last_ms / 1e3);
+  text.gauge("slabd_commit_max_seconds", "The longest commit since the last reset", figures.commit_max_ms / 1e3);
+  text.counter("slabd_blocks_measured_total", "Blocks measured", figures.blocks_measured);
+  text.gauge("slabd_block_last_seconds", "The last block, read to verdict", figures.block_last_ms / 1e3);
+  text.gauge("slabd_block_max_seconds", "The longest block since the last reset", figures.block_max_ms / 1e3);
+  text.counter("slabd_log_lines_lost_total", "Lines that neither the journal nor stderr took", log_lines_lost());
+  text.gauge("slabd_memory_bytes", "Resident memory", 1024.0 * static_cast<double>(memory_kb("VmRSS")));
+  text.gauge("slabd_memory_max_bytes", "The most there ever was", 1024.0 * static_cast<double>(memory_kb("VmHWM")));
+  text.gauge("slabd_memory_locked_bytes", "Cannot be swapped out; all of it with --seal",
+             1024.0 * static_cast<double>(memory_kb("VmLck")));
+  text.gauge("slabd_memory_mapped_bytes", "Addresses in use", 1024.0 * static_cast<double>(memory_kb("VmSize")));
+  text.gauge("slabd_heap_bytes", "Of the C library's heap, handed out", static_cast<double>(::mallinfo2().uordblks));
+  rlimit limit{};
+  const bool sealed = ::getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY;
+  text.gauge("slabd_memory_limit_bytes", "Addresses that can be used; 0: no limit",
+             sealed ? static_cast<double>(limit.rlim_cur) : 0.0);
+  text.counter("slabd_memory_reserve_uses_total", "Times that something needed more than --seal leaves",
+               reserve_uses());
+  return text.take();
+}
+
+}  // namespace slabd::daemon

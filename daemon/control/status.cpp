@@ -1,0 +1,428 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The answer to a status request on the control socket. Control path: heap and exceptions of the JSON library stay in
+// here.
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <exception>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "daemon/log_outlet.h"
+#include "daemon/loop.h"
+#include "daemon/slab_ends.h"
+#include "daemon/station/parts.h"
+#include "daemon/station/pose_gate.h"
+#include "hal/plc/plc_map.h"
+#include "storage/chain.h"
+
+namespace slabd::daemon {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+std::string_view state_name(PlcState state) {
+  switch (state) {
+    case PlcState::init: return "init";
+    case PlcState::recover: return "recover";
+    case PlcState::idle: return "idle";
+    case PlcState::slab_open: return "slab_open";
+    case PlcState::settling: return "settling";
+    case PlcState::scanning: return "scanning";
+    case PlcState::waiting_for_plc: return "waiting_for_plc";
+    case PlcState::fault: return "fault";
+    case PlcState::maintenance: return "maintenance";
+  }
+  return "unknown";
+}
+
+constexpr const char* kRecipesDifferText = "the recipe folder differs from the recipes in use";
+
+Json warnings(std::uint16_t bits) {
+  Json list = Json::array();
+  const auto add = [&](std::uint16_t bit, const char* text) {
+    if ((bits & bit) != 0) list.push_back(text);
+  };
+  add(kWarnUnconfirmedNominals, "a verdict depends on nominals or tolerances nobody has confirmed");
+  add(kWarnCommissioningCalibration, "commissioning calibration: no calibration has been applied yet");
+  add(kWarnStrayFiles, "files that answer no request were moved to stray/");
+  add(kWarnResultsWaiting, "more than a slab of results waits for RES_ACK");
+  add(kWarnClockBackwards, "the wall clock is older than the newest record");
+  add(kWarnRecipeUnusable, "a recipe file could not be used");
+  add(kWarnDiskLow, "a command was refused because a disk is full or nearly full");
+  add(kWarnControlSocket, "the control socket could not be opened");
+  add(kWarnCheckOverdue, "the check of the reference block or the monitor ball is overdue (slabctl calibrate check)");
+  add(kWarnStationsNotCorrected, "stations were measured without their correction; U rests on the robot's accuracy");
+  add(kWarnScannerNotVerified,
+      "the scanner is not verified: never, too long ago or out of limits (slabctl scanner verify)");
+  add(kWarnHandednessUnproven, "no applied calibration proves that the scanner's frame is right-handed");
+  add(kWarnRecipesDiffer, kRecipesDifferText);
+  add(kWarnEmulation, "emulation: robot or scanner is not the real one");
+  return list;
+}
+
+/// Paths may hold any bytes; what is not UTF-8 becomes U+FFFD instead of an exception.
+std::string text_of(const Json& json) {
+  return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+std::string refusal(const char* text) {
+  return text_of(Json{{"schema", "slabd.error/1"}, {"error", text}});
+}
+
+std::string refusal(const Error& why) {
+  return text_of(Json{{"schema", "slabd.error/1"}, {"error", why.text.view()}, {"code", static_cast<int>(why.code)}});
+}
+
+/// A request is flat but for a few members; deeper ones cost sixty times their length. Brackets in texts count too.
+bool nests_too_deep(std::string_view line) {
+  constexpr int kDepthMax = 32;
+  int depth = 0;
+  for (const char c : line) {
+    if (c == '[' || c == '{') ++depth;
+    if (c == ']' || c == '}') --depth;
+    if (depth > kDepthMax) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+std::int64_t memory_kb(const std::string& key) {
+  std::ifstream status("/proc/self/status");
+  std::string line;
+  while (std::getline(status, line))
+    if (line.rfind(key + ":", 0) == 0) return std::strtoll(line.c_str() + key.size() + 1, nullptr, 10);
+  return 0;
+}
+
+namespace {
+
+/// What the next slab will be measured with, and what is due.
+Json in_force(const Station& station) {
+  const LineCalibration& c = station.calibration;
+  static constexpr std::array<const char*, 3> kSources = {"missing", "commissioning", "applied"};
+  const std::int64_t now = std::max(station.utime_us, station.newest_time.utime_us());
+  Json j;
+  j["source"] = kSources.at(static_cast<std::size_t>(c.source));
+  j["id"] = c.id.view();
+  j["expires_utime_us"] = c.expires_utime_us;
+  j["stations"] = Json::array();
+  for (const StationsInForce& t : c.tables) {
+    int mastered = 0;
+    for (const StationCorrection& s : t.table.station) mastered += s.visits != 0 ? 1 : 0;
+    const bool expired = t.expires_utime_us != 0 && now >= t.expires_utime_us;
+    j["stations"].push_back({{"slab_type", t.table.slab_type},
+                             {"id", t.id.view()},
+                             {"mastered", mastered},
+                             {"state", !(t.hand_eye_id == c.id) ? "stale"
+                                       : expired                ? "expired"
+                                                                : "used"},
+                             {"expires_utime_us", t.expires_utime_us}});
+  }
+  const std::int64_t interval = station.settings.check_interval_us;
+  const auto watch = [&](const LineCalibration::Watch& w) {
+    if (w.reference_id.empty()) return Json(nullptr);
+    const std::int64_t last = checked_from_utime_us(w);
+    return Json{{"id", w.reference_id.view()},
+                {"checked_utime_us", w.checked_utime_us},
+                {"passed", w.checked_utime_us == 0 ? Json(nullptr) : Json(!w.failed)},
+                {"note", w.note.view()},
+                {"due_utime_us", interval == 0 ? 0 : last + interval},
+                {"overdue", overdue(w, interval, now)}};
+  };
+  j["reference_block"] = watch(c.block);
+  j["monitor_ball"] = watch(c.ball);
+  j["scanner"] = c.scanner.id.empty() ? Json(nullptr)
+                                      : Json{{"id", c.scanner.id.view()},
+                                             {"scanner", c.scanner.numbers.scanner.view()},
+                                             {"state", name(standing_of(c.scanner, now))},
+                                             {"expires_utime_us", c.scanner.expires_utime_us}};
+  return j;
+}
+
+/// Slab types that scans tell apart by the slab's ends only, or not at all.
+Json alike(std::span<const Recipe> recipes) {
+  Json list = Json::array();
+  for (const AlikeRecipes& pair : alike_recipes(recipes))
+    list.push_back({{"a", pair.a->name.view()},
+                    {"b", pair.b->name.view()},
+                    {"ends_differ", pair.ends_differ},
+                    {"text", text_of(pair).view()}});
+  return list;
+}
+
+Json emulation(unsigned bits) {
+  Json list = Json::array();
+  for (std::size_t i = 0; i < kEmulationNames.size(); ++i)
+    if ((bits & (1U << i)) != 0) list.push_back(kEmulationNames[i]);
+  return list;
+}
+
+Json plc_link(const hal::PlcPort& plc, bool alive, std::int64_t now_ns) {
+  const hal::PlcLinkCounters& c = plc.counters();
+  return {{"clients", plc.clients()},
+          {"alive", alive},
+          {"trouble", plc.trouble()},
+          {"last_frame_s",
+           c.last_frame_ns == 0 ? Json(nullptr) : Json(static_cast<double>(now_ns - c.last_frame_ns) / 1e9)},
+          {"connections", c.connections},
+          {"frames", c.frames},
+          {"exceptions", c.exceptions},
+          {"not_allowed", c.not_allowed},
+          {"read_only", c.read_only},
+          {"displaced", c.displaced},
+          {"malformed", c.malformed},
+          {"late", c.late},
+          {"idle", c.idle},
+          {"unsent", c.unsent}};
+}
+
+/// What is worth knowing of poses that are believed.
+std::string_view pose_note(const PoseGate& gate, hal::PoseType type) {
+  if (gate.newest() == nullptr) return "";
+  if (type == hal::PoseType::flange_pose && !gate.newest()->measured)
+    return "the robot says that they are not measured (flags, bit 0): where it was told to go is not where it is";
+  if (gate.lacks_stopped())
+    return "the robot does not say \"stopped\" (flags, bit 1), as it did before: no scan begins until it does";
+  return "";
+}
+
+Json pose_link(const hal::PosePort& port, bool ok, Code code, const Station& station, const LoopFigures& figures) {
+  const hal::PoseLinkCounters& c = port.counters();
+  const std::string_view refusal = port.refusal(station.now_ns);
+  std::string text(describe(code));
+  if (!port.trouble().empty())
+    text = port.trouble();
+  else if (code != Code::ok && !refusal.empty())
+    text += std::string(": ") + std::string(refusal);
+  return {{"ok", ok},
+          {"code", static_cast<int>(code)},
+          {"text", text},
+          {"note", ok ? pose_note(station.gate, figures.pose_type) : ""},
+          {"refusal", refusal},
+          {"accepted", c.accepted},
+          {"foreign", c.foreign},
+          {"other_type", c.other_type},
+          {"wrong_sender", c.wrong_sender},
+          {"malformed", c.malformed},
+          {"not_finite", c.not_finite},
+          {"not_unit", c.not_unit},
+          {"out_of_reach", c.out_of_reach},
+          {"second_publisher", c.second_publisher},
+          {"repeated", c.repeated},
+          {"time_back", c.time_back},
+          {"jumps", c.jumps},
+          {"gaps", c.gaps},
+          {"lost", c.lost},
+          {"stale", figures.poses_stale},
+          {"wrong_frame", figures.poses_wrong_frame}};
+}
+
+/// Both memories as they are on the wire now, in the configured word order.
+std::string plc_image_json(const Station& station, const hal::PlcPort& plc, const LoopFigures& figures) {
+  hal::InputImage input{};
+  hal::encode_outputs(plc_view(station), figures.plc_word_order, input);
+  const std::span<const std::uint16_t> holding = plc.holding();
+  Json j;
+  j["schema"] = "slabd.plc_image/1";
+  j["role"] = hal::kPlcRoles.at(static_cast<std::size_t>(figures.plc_role));
+  j["word_order"] = figures.plc_word_order == hal::WordOrder::abcd ? "abcd" : "cdab";
+  j["trouble"] = plc.trouble();
+  j["holding"] = std::vector<std::uint16_t>(holding.begin(), holding.end());
+  j["input"] = std::vector<std::uint16_t>(input.begin(), input.end());
+  return text_of(j);
+}
+
+/// Who keeps this daemon from its folders; empty: nobody.
+std::string used_by_another(const Ports& ports, const LoopFigures& figures) {
+  return figures.used_by_another.empty() ? std::string(ports.scanner.used_by_another().view())
+                                         : figures.used_by_another;
+}
+
+}  // namespace
+
+std::string status_json(const Station& station, const Ports& ports, const LoopFigures& figures) {
+  const PlcOutputs view = plc_view(station);
+  const Code fault = static_cast<Code>(view.fault);
+  const Code pose = station.gate.link(station.now_ns);
+  Json j;
+  j["schema"] = "slabd.status/1";
+  j["software"] = station.settings.software.view();
+  j["state"] = state_name(view.state);
+  j["fault"] = {{"code", view.fault}, {"text", describe(fault)}, {"cure", cure(fault)}};
+  if (const std::string other = used_by_another(ports, figures); fault == Code::config && !other.empty()) {
+    j["fault"]["text"] = other;
+    j["fault"]["cure"] = "stop one of the two daemons, or give each a folder of its own; this one goes on by itself";
+  }
+  if (fault == Code::calibration_missing)
+    j["fault"]["text"] = describe(calibration_fault(station), station.calibration).view();
+  j["warn"] = warnings(view.warn);
+  if (ports.recipes != nullptr && ports.recipes->differs())
+    for (Json& text : j["warn"])
+      if (text == kRecipesDifferText) text = ports.recipes->words().view();
+  j["warn_bits"] = view.warn;
+  j["alike_recipes"] = alike(station.settings.recipes);
+  j["emulated"] = view.simulation;
+  j["emulation"] = emulation(emulation_shown(station));
+  j["emulation_now"] = emulation(emulation_of_line(station) | (station.scan_emulated ? kEmulatedScan : 0U));
+  j["calibration"] = in_force(station);
+  const Capture& capture = station.capture;
+  j["maintenance"] = in_maintenance(station)
+                         ? Json{{"session", capture.session.view()},
+                                {"operator", capture.operator_name.view()},
+                                {"views", capture.shot.number},
+                                {"lease_left_s", static_cast<double>(capture.lease_until_ns - station.now_ns) / 1e9}}
+                         : Json(nullptr);
+  j["session"] = view.session;
+  const bool open = station.slab.phase != SlabPhase::none;
+  j["slab"] = open ? Json{{"no", view.slab_no},
+                          {"id", station.slab.header.slab_id.view()},
+                          {"type", view.slab_type},
+                          {"recipe", station.slab.header.recipe.view()},
+                          {"stations_done", view.stations_done},
+                          {"stations", station.slab.header.stations},
+                          {"current_station", view.current_station},
+                          {"mask", view.station_mask},
+                          {"emulated", station.slab.header.emulated != 0}}
+                   : Json(nullptr);
+  j["links"]["plc"] = plc_link(ports.plc, view.plc_link_ok, station.now_ns);
+  j["links"]["pose"] = pose_link(ports.pose, view.pose_ok, pose, station, figures);
+  j["links"]["scanner"] = {
+      {"online", view.scanner_ok}, {"strays", station.links.stray_files}, {"text", ports.scanner.trouble().view()}};
+  j["links"]["store"] = {{"ok", view.store_ok},
+                         {"text", view.store_ok ? "" : figures.store_text.c_str()},
+                         {"commit_last_ms", figures.commit_last_ms},
+                         {"commit_max_ms", figures.commit_max_ms}};
+  const storage::ChainHead head = ports.store == nullptr ? storage::ChainHead{} : storage::chain_head(*ports.store);
+  j["chain"] = head.entries == 0 ? Json(nullptr) : Json{{"entries", head.entries}, {"sha256", head.sha256.view()}};
+  j["results_pending"] = view.results_pending;
+  j["refused"] = {{"count", view.refused}, {"code", view.refuse_code}, {"seq", view.refuse_seq}};
+  j["last_slab"] = station.results.slab_no == 0 && station.results.slab_verdict == Verdict::none
+                       ? Json(nullptr)
+                       : Json{{"no", station.results.slab_no},
+                              {"verdict", name(station.results.slab_verdict)},
+                              {"reason", station.results.slab_reason},
+                              {"emulated", station.results.slab_emulated != 0}};
+  j["blocks"] = {{"measured", figures.blocks_measured},
+                 {"measuring", station.measuring},
+                 {"last_ms", figures.block_last_ms},
+                 {"max_ms", figures.block_max_ms}};
+  j["memory"] = {
+      {"rss_kb", memory_kb("VmRSS")}, {"peak_kb", memory_kb("VmHWM")}, {"inspection_bytes", limits::kInspectionBytes}};
+  j["log_lines_lost"] = log_lines_lost();
+  j["uptime_s"] = static_cast<double>(station.now_ns - figures.started_ns) / 1e9;
+  j["config"] = figures.config_path;
+  j["db"] = figures.db_path;
+  return text_of(j);
+}
+
+std::string calibration_json(const Station& station, const CalibrationDesk& desk) {
+  Json j;
+  j["schema"] = "slabd.calibration_state/1";
+  j["in_force"] = in_force(station);
+  const bool open = station.slab.phase != SlabPhase::none;
+  j["open_slab"] = open ? Json{{"calibration_id", station.slab.header.calibration_id.view()},
+                               {"stations_id", station.slab.header.stations_id.view()},
+                               {"scanner_id", station.slab.header.scanner_id.view()}}
+                        : Json(nullptr);
+  j["last_change"] = desk.file().empty() ? Json(nullptr)
+                                         : Json{{"file", desk.file().view()},
+                                                {"done", desk.is_done()},
+                                                {"ok", desk.succeeded()},
+                                                {"id", desk.id().view()},
+                                                {"code", static_cast<int>(desk.error().code)},
+                                                {"error", desk.error().text.view()}};
+  return text_of(j);
+}
+
+std::string recipes_json(const RecipeWatch& watch) {
+  static constexpr std::array<const char*, 5> kReload = {"none", "checking", "checked", "refused", "done"};
+  Json j;
+  j["schema"] = "slabd.recipes/1";
+  j["in_use"] = Json::array();
+  const std::shared_ptr<const RecipeSet> in_use = watch.in_use();
+  for (const Recipe& recipe : in_use->recipes)
+    j["in_use"].push_back({{"name", recipe.name.view()},
+                           {"slab_type", recipe.slab_type},
+                           {"sha256", recipe.sha256.view()},
+                           {"file", recipe.path.view()}});
+  j["differs"] = Json::array();
+  for (const RecipeDifference& difference : watch.differences())
+    j["differs"].push_back({{"file", difference.file},
+                            {"what", difference.what},
+                            {"keys", difference.keys},
+                            {"problem", difference.problem}});
+  j["reload"] = {{"state", kReload.at(static_cast<std::size_t>(watch.reload()))}, {"text", watch.reload_text().view()}};
+  return text_of(j);
+}
+
+std::string metrics_json(const Station& station, const Ports& ports, const LoopFigures& figures) {
+  return text_of(Json{{"schema", "slabd.metrics/1"}, {"text", metrics_text(station, ports, figures)}});
+}
+
+std::string answer_control(std::string_view line, const Station& station, const Ports& ports, LoopFigures& figures,
+                           CalibrationDesk& desk, const std::function<void(const Event&)>& handle) {
+  try {
+    if (nests_too_deep(line)) return refusal("a request is one JSON object, not a heap of brackets");
+    const Json request = Json::parse(line, nullptr, false);
+    if (!request.is_object()) return refusal("a request is one JSON object per line, like {\"verb\":\"status\"}");
+    const auto verb = request.find("verb");
+    if (verb == request.end() || !verb->is_string()) return refusal("the key \"verb\" is missing or not a string");
+    if (*verb == "status") return status_json(station, ports, figures);
+    if (*verb == "calibration") return calibration_json(station, desk);
+    if (*verb == "plc_image") return plc_image_json(station, ports.plc, figures);
+    if (*verb == "metrics") {
+      std::string answer = metrics_json(station, ports, figures);
+      if (request.value("reset", false)) figures.block_max_ms = figures.commit_max_ms = 0.0;
+      return answer;
+    }
+    if (*verb == "care" || *verb == "backup" || *verb == "prune") {
+      if (ports.store == nullptr) return refusal("the daemon has no usable database");
+      // Taking records away is for who could take the file away.
+      const std::uint32_t who = ports.control == nullptr ? hal::ControlPort::kNobody : ports.control->peer_uid();
+      if (*verb == "prune" && who != 0 && who != ::geteuid())
+        return refusal("only root and slabd's own user may take records away");
+      if (*verb != "care")
+        if (const Status taken = order_care(line, *ports.store, figures.db_path, ports.clock.utime_us()); !taken.ok())
+          return refusal(taken.error());
+      return care_json(*ports.store);
+    }
+    if (*verb == "recipes") {
+      if (ports.recipes == nullptr)
+        return refusal(
+            "slabd stands in a fault of its configuration or its database: its recipes are read at a restart");
+      if (request.value("reload", false)) {
+        if (station.slab.phase != SlabPhase::none)
+          return refusal(
+              "a slab is open: it ends with the recipe it was begun with; reload the recipes when it has ended");
+        (void)ports.recipes->order_reload();
+      }
+      return recipes_json(*ports.recipes);
+    }
+    if (*verb != "calibration_change" && *verb != "capture")
+      return refusal(
+          "unknown verb; known: status, calibration, plc_image, metrics, care, backup, prune, recipes, "
+          "calibration_change, capture");
+    const std::uint32_t uid = ports.control == nullptr ? hal::ControlPort::kNobody : ports.control->peer_uid();
+    if (*verb == "capture") {
+      const Result<CaptureRequest> capture = parse_capture(line, uid);
+      if (!capture.ok()) return refusal(capture.error());
+      handle(capture.value());
+      const Error& why = station.capture.refusal;
+      return why.code == Code::ok ? capture_json(station) : refusal(why);
+    }
+    const auto file = request.find("file");
+    if (file == request.end() || !file->is_string()) return refusal("the key \"file\" is missing or not a string");
+    const Status laid = desk.lay(file->get<std::string>(), uid);
+    if (!laid.ok()) return refusal(laid.error().text.c_str());
+    return calibration_json(station, desk);
+  } catch (const std::exception&) {
+    // Somebody's question must not stop the line.
+    return R"({"schema":"slabd.error/1","error":"the daemon could not make an answer"})";
+  }
+}
+
+}  // namespace slabd::daemon

@@ -1,0 +1,701 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// One SCAN: settle -> request the scan -> the robot must not have moved -> cloud and pose durable -> "robot may
+// leave" -> measure -> commit -> result. Up to "durable" there is one acquisition at a time; after it the block only
+// occupies a buffer while the next one may begin.
+//
+// Measuring starts as soon as points and pose are there, in general while the scan is still on its way to the disk. A
+// durable scan waits for its measurement for half a second, so that a scan which measuring refuses ends as a failed
+// SCAN with the robot still at the station. A longer measurement is not waited for: its result comes after "acquired".
+// A scan that comes to nothing after all takes the measurement with it: the answer then only gives the buffer back.
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "base/splice.h"
+#include "daemon/station/parts.h"
+
+namespace slabd::daemon {
+namespace {
+
+/// A pose newer than the end of the exposure must come within this time, or the link counts as stale.
+constexpr std::int64_t kCheckTimeoutNs = kNsPerS;
+
+/// A durable scan waits so long for its measurement, counted from the beginning of that: a scan that measuring
+/// refuses then fails while the robot is still at the station. Measuring takes 20 to 50 ms and the disk mostly longer,
+/// so in general nothing waits. After that time the scan is acquired, and a refusal is the block's result.
+constexpr std::int64_t kRefusalWaitNs = kNsPerS / 2;
+
+/// No buffer: of a result that no measurement brings.
+constexpr std::uint8_t kNoSlot = 0xFF;
+
+/// The PLC waits 20 s for "acquired". A scanner's worker that hangs then is not waited for any longer.
+constexpr std::int64_t kHangTimeoutNs = 19 * kNsPerS + kNsPerS / 2;
+
+StationRecord& record_of(Station& s, std::uint8_t station) {
+  return s.slab.stations[station - 1U];
+}
+
+/// The block's nominal centre must lie near the scanner's axis and in front of it: catches a wrong station, a wrong
+/// robot program and a slab that is not where the cell says.
+Code looks_at_station(const Station& s, const Pose& T_base_flange, double& off_axis_mm) {
+  const Pose T_base_scanner = T_base_flange * s.slab.header.T_flange_scanner;
+  const Pose T_base_block = s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, s.acquisition.station);
+  const Vec3 p_scanner = T_base_scanner.inverse() * T_base_block.translation_mm;
+  off_axis_mm = std::hypot(p_scanner.x(), p_scanner.y());
+  return off_axis_mm <= s.settings.pose.look_mm && p_scanner.z() > 0.0 ? Code::ok : Code::outside_window;
+}
+
+std::int64_t time_left_ns(const Station& s) {
+  return s.acquisition.started_ns + kHangTimeoutNs - s.now_ns;
+}
+
+AcquireScan scan_to_ask(Station& s, int slot) {
+  Acquisition& a = s.acquisition;
+  a.slot = static_cast<std::uint8_t>(slot);
+  a.slot_taken = true;
+  s.slot_busy[a.slot] = true;
+  AcquireScan action;
+  action.slot = a.slot;
+  action.request.session = a.session;
+  action.request.slab_id = s.slab.header.slab_id;
+  action.request.station = a.station;
+  // Less than what is allowed only where another scan was taken first.
+  action.request.timeout_ns = std::clamp(time_left_ns(s), kNsPerMs, s.settings.scan_timeout_ns);
+  action.request.spool_path.printf("%s/%lld/%02u-%u", s.settings.spool_dir.c_str(),
+                                   static_cast<long long>(s.slab.header.key), a.station, a.attempt.number);
+  return action;
+}
+
+/// After a scan that was thrown away: for one that takes as long, and half a second more. One that is asked for in vain
+/// would have to be thrown away, too, and a slow scanner would never come to a block's own.
+bool time_for_another(const Station& s) {
+  const std::int64_t took_ns = s.acquisition.cleared_in_ns;
+  return took_ns == 0 || time_left_ns(s) >= std::min(s.settings.scan_timeout_ns, took_ns + kNsPerS / 2);
+}
+
+/// One scan that is thrown away: from then on everything that the scanner may hold is known.
+void clear_scanner(Station& s, int slot, Actions& actions) {
+  s.acquisition.phase = Acquisition::Phase::clearing;
+  s.acquisition.clearing_since_ns = s.now_ns;
+  AcquireScan action = scan_to_ask(s, slot);
+  action.request.session = 0;
+  action.request.cmd_seq = next_own_request(s);
+  action.request.spool_path.append("-unseen");
+  emit(actions, action);
+  log(actions, LogLine::Level::info, Code::ok,
+      "station %u: a scan was asked for before, and nobody saw its points; one scan more is taken first and thrown "
+      "away, so that the old one cannot be given for this block",
+      s.acquisition.station);
+}
+
+void try_to_trigger(Station& s, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  PoseMean mean;
+  double off_axis_mm = 0.0;
+  Code code = s.gate.settled(s.now_ns, mean);
+  // A SCAN may come before the robot has left the last station: standing in the wrong place is not yet an error.
+  if (code == Code::ok) code = looks_at_station(s, mean.T_base_flange, off_axis_mm);
+  const int slot = free_slot(s);
+  if (code == Code::ok && (s.owed.waits || s.links.scanner_hangs)) code = code_of_hang(s);
+  if (code == Code::ok && slot < 0) code = Code::deadline;
+  if (code != Code::ok) {
+    // What the scan that was thrown away took is not the robot's.
+    const std::int64_t settling_ns = s.now_ns - a.started_ns - a.cleared_in_ns;
+    if (settling_ns <= s.settings.settle_timeout_ns && time_for_another(s)) return;
+    if (code == Code::outside_window)
+      log(actions, LogLine::Level::warning, code,
+          "station %u: its centre lies %.0f mm off the scanner's axis, allowed %.0f mm", a.station, off_axis_mm,
+          s.settings.pose.look_mm);
+    if (code == Code::not_settled && s.gate.lacks_stopped())
+      log(actions, LogLine::Level::warning, code,
+          "station %u: the robot does not say \"stopped\" (flags, bit 1), as it did before: who sets it once sets it "
+          "at every station; it is forgotten when no pose has come for a second",
+          a.station);
+    fail_acquisition(s, code, actions);
+    return;
+  }
+  if (s.scan_unseen && !s.settings.simulation) {
+    clear_scanner(s, slot, actions);
+    return;
+  }
+  if (!time_for_another(s)) {
+    log(actions, LogLine::Level::warning, Code::trigger_timeout,
+        "station %u: the scan that was thrown away took %.1f s, too long for another one while the PLC waits; the next "
+        "SCAN asks for its own at once",
+        a.station, static_cast<double>(a.cleared_in_ns) / 1e9);
+    fail_acquisition(s, Code::trigger_timeout, actions);
+    return;
+  }
+  a.phase = Acquisition::Phase::scanning;
+  a.attempt.asked = true;
+  record_of(s, a.station).attempts = a.attempt.number;
+  a.settled_ns = s.now_ns;
+  a.attempt.emulated = emulation_of_line(s);
+  a.attempt.settle_ms = ms_from_ns(s.now_ns - a.started_ns);
+  s.gate.begin_exposure(mean.T_base_flange);
+  AcquireScan action = scan_to_ask(s, slot);
+  action.request.cmd_seq = a.cmd_seq;
+  emit(actions, action);
+}
+
+void note_pose(Station& s, const PoseMean& mean, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  a.attempt.T_base_flange = mean.T_base_flange;
+  a.attempt.splice = splice_now(s, a.station, mean.T_base_flange, actions);
+  a.attempt.pose_spread_mm = mean.spread_mm;
+  a.attempt.pose_samples = mean.samples;
+  const unsigned emulated = a.attempt.emulated | emulation_of_line(s) | (a.attempt.shape.emulated ? kEmulatedScan : 0U);
+  a.attempt.emulated = static_cast<std::uint8_t>(emulated);
+}
+
+/// A slab with one emulated scan is an emulated slab, also when a later scan of that station was a real one.
+void note_emulation(Station& s, std::uint8_t bits, Actions& actions) {
+  SlabHeader& slab = s.slab.header;
+  const auto all = static_cast<std::uint8_t>(slab.emulated | bits);
+  if (all == slab.emulated) return;
+  slab.emulated = all;
+  log(actions, LogLine::Level::warning, Code::ok,
+      "slab %u \"%s\" is emulated (%s): its results are no verdict on concrete, and every record of it says so",
+      slab.slab_no, slab.slab_id.c_str(), emulation_words(all).c_str());
+}
+
+MeasureBlock block_to_measure(const Station& s, const Attempt& attempt, std::uint8_t slot) {
+  MeasureBlock action;
+  action.slab_key = s.slab.header.key;
+  action.station = attempt.station;
+  action.attempt = attempt.number;
+  action.slot = slot;
+  action.cmd_seq = attempt.cmd_seq;
+  action.scan_utime_us = attempt.scan_utime_us;
+  action.scan_path = attempt.scan_path;
+  action.points_crc32c = attempt.points_crc32c;
+  action.shape = attempt.shape;
+  action.slab_type = s.slab.header.slab_type;
+  action.T_base_scanner = stored_T_base_scanner(s.slab.header, attempt);
+  action.T_base_slab = s.slab.header.T_base_slab;
+  action.verified = s.slab.calibration.scanner.numbers;
+  return action;
+}
+
+/// As soon as the robot is known to have stood still over the whole exposure. That it has not is check_stillness's to
+/// say, when the scan is durable.
+void measure_ahead(Station& s, const PoseMean& mean, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  note_pose(s, mean, actions);
+  a.ahead = Acquisition::Ahead::measuring;
+  a.ahead_ns = s.now_ns;
+  a.slot_taken = false;
+  MeasureBlock action = block_to_measure(s, a.attempt, a.slot);
+  action.read_ms = a.read_ms;
+  emit(actions, action);
+}
+
+void try_to_measure_ahead(Station& s, Actions& actions) {
+  const Acquisition& a = s.acquisition;
+  PoseMean mean;
+  if (a.decoded && !a.abort && a.ahead == Acquisition::Ahead::no && s.gate.held_still(a.taken_ns, mean) == Code::ok)
+    measure_ahead(s, mean, actions);
+}
+
+void check_stillness(Station& s, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  if (a.ahead == Acquisition::Ahead::no) {
+    PoseMean mean;
+    const Code code = s.gate.held_still(a.taken_ns, mean);
+    if (code == Code::pose_stale && s.now_ns - a.taken_ns < kCheckTimeoutNs) return;
+    if (code != Code::ok) {
+      fail_acquisition(s, code, actions);
+      return;
+    }
+    measure_ahead(s, mean, actions);
+  }
+  if (a.ahead == Acquisition::Ahead::measuring && s.now_ns - a.ahead_ns < kRefusalWaitNs) return;
+  if (a.ahead == Acquisition::Ahead::measured && a.block.refused != Code::ok) {
+    fail_acquisition(s, a.block.refused, actions);
+    return;
+  }
+  a.phase = Acquisition::Phase::storing;
+  a.attempt.acquire_ms = ms_from_ns(s.now_ns - a.started_ns);
+  PendingStore pending;
+  pending.kind = PendingStore::Kind::acquired;
+  pending.station = a.station;
+  pending.attempt = a.attempt.number;
+  pending.slot = a.slot;
+  pending.value = a.cmd_seq;
+  pending.slab_key = a.attempt.slab_key;
+  pending.fingerprint = a.fingerprint;
+  const std::int64_t measuring_since_ns = a.ahead == Acquisition::Ahead::measured ? 0 : s.now_ns;
+  // An emulated line may be one without noise.
+  const bool refuse_known = !s.settings.simulation;
+  submit(s, actions, AcquiredJob{a.attempt, a.fingerprint, measuring_since_ns, refuse_known}, pending);
+}
+
+/// ABORT is the PLC's right at any time; and a PLC that waits gets its answer.
+void give_up_when_scanner_hangs(Station& s, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  if (!s.links.scanner_hangs || (!a.abort && s.now_ns - a.started_ns < kHangTimeoutNs)) return;
+  owe_scan(s, a.slot, a.slot_taken, actions);
+  a.slot_taken = false;
+  fail_acquisition(s, a.abort ? Code::interrupted : code_of_hang(s), actions);
+}
+
+void release(Station& s) {
+  if (s.acquisition.slot_taken) s.slot_busy[s.acquisition.slot] = false;
+  s.acquisition = {};
+}
+
+/// A result will come, and its record has a place.
+void expect_result(Station& s, std::uint8_t station, std::uint8_t slot) {
+  ++s.measuring;
+  s.station_measuring[station - 1U] = true;
+  s.measuring_slot[station - 1U] = slot;
+}
+void expect_no_result(Station& s, std::uint8_t station) {
+  --s.measuring;
+  s.station_measuring[station - 1U] = false;
+}
+
+/// A measurement of what the acquisition in hand took.
+bool is_ahead(const Station& s, const BlockMeasured& measured) {
+  const Acquisition& a = s.acquisition;
+  return a.ahead == Acquisition::Ahead::measuring && measured.slab_key == a.attempt.slab_key &&
+         measured.block.station == a.station && measured.attempt == a.attempt.number;
+}
+
+/// A measurement of a durable cloud. One that was dropped answers from another buffer.
+bool is_expected(const Station& s, const BlockMeasured& measured) {
+  const std::size_t index = measured.block.station - 1U;
+  return measured.slab_key == s.slab.header.key && s.station_measuring[index] &&
+         s.measuring_slot[index] == measured.slot && s.slab.stations[index].attempt.number == measured.attempt;
+}
+
+/// The result of a scan on which a process ended: nothing was measured.
+BlockMeasured given_up(const Attempt& attempt) {
+  BlockMeasured measured;
+  measured.slab_key = attempt.slab_key;
+  measured.attempt = attempt.number;
+  measured.cmd_seq = attempt.cmd_seq;
+  measured.scan_utime_us = attempt.scan_utime_us;
+  measured.block.station = attempt.station;
+  measured.block.verdict = Verdict::not_measured;
+  measured.block.reason = static_cast<std::uint16_t>(Code::deadline);
+  return measured;
+}
+
+/// Of a scan that measuring refused: how many points it had, and where it showed a block, are kept as evidence. Nothing
+/// else of it can reach a verdict.
+BlockResult refused_block(const BlockMeasured& measured) {
+  BlockResult block;
+  block.station = measured.block.station;
+  block.verdict = Verdict::not_measured;
+  block.reason = static_cast<std::uint16_t>(measured.refused);
+  block.scan = measured.block.scan;
+  block.registration = measured.block.registration;
+  block.times = measured.block.times;
+  return block;
+}
+
+/// Refuses a scan whose block lies where another stop would see it (station_views.h).
+void hold_against_pose(Station& s, const Attempt& attempt, BlockMeasured& measured) {
+  const RegistrationReport& registration = measured.block.registration;
+  if (registration.status != RegistrationStatus::converged || s.slab.recipe == nullptr) return;
+  View view;
+  view.seen = true;
+  view.T_base_scanner = stored_T_base_scanner(s.slab.header, attempt);
+  view.T_base_block = s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, attempt.station);
+  view.T_scanner_block = registration.T_scanner_block;
+  if (measured.refused == Code::ok) {
+    const ViewFinding finding = compare_view(s.views, attempt.station, view);
+    if (finding.is_refused) {
+      measured.refused = Code::frame_incomplete;
+      measured.refused_text = text_of(finding, attempt.station);
+    }
+  }
+  s.views.keep(attempt.station, view, measured.refused != Code::ok);
+}
+
+void commit_block(Station& s, const BlockMeasured& measured, Actions& actions) {
+  const bool is_refused = measured.refused != Code::ok;
+  const BlockResult block = is_refused ? refused_block(measured) : measured.block;
+  StationRecord& record = record_of(s, block.station);
+  if (record.phase == StationPhase::acquired) record.block = block;
+
+  PendingStore pending;
+  pending.kind = PendingStore::Kind::block;
+  pending.station = block.station;
+  pending.attempt = measured.attempt;
+  pending.slab_key = measured.slab_key;
+  pending.record = station_record(block);
+  pending.record.cmd_seq = measured.cmd_seq;
+  pending.record.slab_no = s.slab.header.slab_no;
+  pending.record.scan_utime_us = measured.scan_utime_us;
+  pending.record.emulated = s.slab.header.emulated;
+  pending.value = measured.cmd_seq;
+  number_record(s, pending.record);
+  log(actions, LogLine::Level::info, Code::ok, "station %u: %s (reason %u) after %.0f ms", block.station,
+      name(block.verdict).data(), block.reason, block.times.total_ms);
+  submit(s, actions,
+         BlockJob{measured.slab_key, measured.attempt, block, pending.record, is_refused ? BlockMaps{} : measured.maps,
+                  is_refused ? NoisePrint{} : measured.noise},
+         pending);
+}
+
+}  // namespace
+
+int free_slot(const Station& s) {
+  for (std::size_t slot = 0; slot < s.slot_busy.size(); ++slot)
+    if (!s.slot_busy[slot]) return static_cast<int>(slot);
+  return -1;
+}
+
+void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
+  StationRecord& record = record_of(s, static_cast<std::uint8_t>(in.station));
+  record.phase = StationPhase::acquiring;
+  record.code = 0;
+
+  Acquisition& a = s.acquisition;
+  a = {};
+  a.phase = Acquisition::Phase::settling;
+  a.cmd_seq = in.cmd_seq;
+  a.session = s.desk.session;
+  a.station = static_cast<std::uint8_t>(in.station);
+  a.started_ns = s.now_ns;
+  a.attempt.slab_key = s.slab.header.key;
+  a.attempt.station = a.station;
+  // It counts when the scanner is asked: a PLC may repeat SCAN all night while robot or scanner are away.
+  a.attempt.number = static_cast<std::uint8_t>(record.attempts + 1);
+  a.attempt.asked = false;
+  a.attempt.session = a.session;
+  a.attempt.cmd_seq = a.cmd_seq;
+  set_status(s, a.cmd_seq, CommandStatus::acquiring);
+  log(actions, LogLine::Level::info, Code::ok, "station %u: scan %u begins", a.station, a.attempt.number);
+  if (s.plc.inputs.abort || s.desk.pending_abort) fail_acquisition(s, Code::interrupted, actions);
+}
+
+void advance_acquisition(Station& s, Actions& actions) {
+  switch (s.acquisition.phase) {
+    case Acquisition::Phase::settling: try_to_trigger(s, actions); break;
+    case Acquisition::Phase::clearing: give_up_when_scanner_hangs(s, actions); break;
+    case Acquisition::Phase::scanning:
+      try_to_measure_ahead(s, actions);
+      give_up_when_scanner_hangs(s, actions);
+      break;
+    case Acquisition::Phase::checking: check_stillness(s, actions); break;
+    case Acquisition::Phase::none:
+    case Acquisition::Phase::storing: break;
+  }
+}
+
+static bool is_known(const Station& s, std::uint64_t fingerprint) {
+  return std::find(s.fingerprints.begin(), s.fingerprints.end(), fingerprint) != s.fingerprints.end();
+}
+static void remember(Station& s, std::uint64_t fingerprint) {
+  s.fingerprints[s.fingerprint_next] = fingerprint;
+  s.fingerprint_next = (s.fingerprint_next + 1) % s.fingerprints.size();
+}
+/// While nobody saw a scan its mark stays the newest: what is remembered then goes to the disk when that is over.
+static void hold_back(Station& s, std::uint64_t fingerprint) {
+  auto& waiting = s.unsaved_fingerprints;
+  if (std::find(waiting.begin(), waiting.end(), fingerprint) == waiting.end()) (void)waiting.push(fingerprint);
+}
+/// What a scanner gives again and again is not forgotten while it does: it becomes the newest.
+static void renew(Station& s, std::uint64_t fingerprint, Actions& actions) {
+  auto& ring = s.fingerprints;
+  const auto newest_first = [&](std::size_t back) -> std::uint64_t& {
+    return ring[(s.fingerprint_next + ring.size() - 1 - back) % ring.size()];
+  };
+  std::uint64_t moved = fingerprint;
+  for (std::size_t back = 0; back < ring.size(); ++back) {
+    std::swap(newest_first(back), moved);
+    if (moved == fingerprint) break;  // its old place
+  }
+  if (s.scan_unseen)
+    hold_back(s, fingerprint);
+  else
+    store_fingerprint(s, fingerprint, actions);
+}
+/// What is new is remembered with the job that records the attempt, so that a restart in between does not help it.
+static bool is_repeated(Station& s, std::uint64_t fingerprint, Actions& actions) {
+  if (fingerprint == 0) return false;
+  if (is_known(s, fingerprint)) {
+    renew(s, fingerprint, actions);
+    return true;
+  }
+  remember(s, fingerprint);
+  s.acquisition.fingerprint = fingerprint;
+  return false;
+}
+
+bool was_seen(Station& s, const ScanDone& done, Actions& actions) {
+  if (done.code != Code::ok || done.fingerprint == 0) return false;
+  if (is_known(s, done.fingerprint)) {
+    renew(s, done.fingerprint, actions);  // the scan that nobody saw is not this one
+    return true;
+  }
+  remember(s, done.fingerprint);
+  store_fingerprint(s, done.fingerprint, actions);
+  return false;
+}
+
+void store_fingerprint(Station& s, std::uint64_t fingerprint, Actions& actions) {
+  PendingStore pending;
+  pending.kind = PendingStore::Kind::seen_scan;
+  pending.fingerprint = fingerprint;
+  submit(s, actions, SeenScanJob{fingerprint}, pending);
+}
+
+Code code_of_hang(const Station& s) {
+  return s.links.spool_hangs ? Code::journal_write : Code::scanner_offline;
+}
+const char* why_it_hangs(const Station& s) {
+  return s.links.spool_hangs
+             ? "the scanner's worker hangs while it stores a scan: look at the disk of the spool"
+             : "the scanner's worker hangs, most likely in a network share or on the way from there to the spool";
+}
+
+void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions) {
+  s.owed = {true, slot_taken, slot};
+  emit(actions, CancelScan{});
+  log(actions, LogLine::Level::error, code_of_hang(s), "%s; nothing more is asked of it until it is back",
+      why_it_hangs(s));
+}
+
+/// Nothing else was asked of the worker meanwhile, so whatever it brings is what was given up.
+static void settle_owed(Station& s, const ScanDone& done, Actions& actions) {
+  const bool repeated = was_seen(s, done, actions);
+  if (done.code == Code::ok && done.fingerprint != 0 && !repeated) s.scan_unseen = false;
+  if (!done.durable) return;
+  if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
+  if (s.owed.slot_taken) s.slot_busy[s.owed.slot] = false;
+  s.owed = {};
+  log(actions, LogLine::Level::info, Code::ok, "the scanner's worker is back; the scan that was given up is dropped");
+}
+
+/// The scan that is thrown away: the block's own is asked for when it is there, or the command ends as it did.
+static void on_cleared(Station& s, const ScanDone& done, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  if (done.code == Code::ok && !a.decoded) {
+    a.decoded = true;
+    a.repeats = was_seen(s, done, actions);
+  }
+  if (!done.durable) return;
+  s.slot_busy[a.slot] = false;
+  a.slot_taken = false;
+  if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
+  // One that is known is not the one that nobody saw, which may still come.
+  const Code code = done.code == Code::ok && a.repeats ? Code::frame_incomplete : done.code;
+  if (a.abort || code != Code::ok) {
+    fail_acquisition(s, a.abort ? Code::interrupted : code, actions);
+    return;
+  }
+  s.scan_unseen = false;
+  a.decoded = false;
+  a.cleared_in_ns = s.now_ns - a.clearing_since_ns;
+  a.phase = Acquisition::Phase::settling;
+}
+
+void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
+  if (s.owed.waits) {
+    settle_owed(s, done, actions);
+    return;
+  }
+  if (s.acquisition.phase == Acquisition::Phase::clearing && done.cmd_seq == s.capture.request_no &&
+      done.slot == s.acquisition.slot) {
+    on_cleared(s, done, actions);
+    return;
+  }
+  if (on_view_scanned(s, done, actions)) return;
+  Acquisition& a = s.acquisition;
+  // The buffer names the scan as much as the number does: numbers begin anew with a session.
+  if (a.phase != Acquisition::Phase::scanning || done.cmd_seq != a.cmd_seq || done.slot != a.slot) {
+    if (!s.scan_unseen) {
+      (void)was_seen(s, done, actions);
+    } else if (done.code == Code::ok && done.fingerprint != 0) {
+      if (!is_known(s, done.fingerprint)) remember(s, done.fingerprint);
+      hold_back(s, done.fingerprint);
+    }
+    return;
+  }
+  a.attempt.scan_path = done.scan.path;
+  a.attempt.shape = done.scan.shape;
+  a.attempt.scan_utime_us = done.scan.taken_utime_us;
+  a.attempt.points_crc32c = done.points_crc32c;
+  if (done.fingerprint != 0) a.attempt.fingerprint = static_cast<std::int64_t>(done.fingerprint);
+  a.taken_ns = done.scan.taken_mono_ns;
+  if (done.code == Code::ok) s.scan_emulated = done.scan.shape.emulated;
+  a.read_ms = done.scan.read_ms;
+  if (done.code == Code::ok && !a.decoded && !a.repeats && is_repeated(s, done.fingerprint, actions)) {
+    // An emulated line may be one without noise.
+    a.repeats = !s.settings.simulation;
+    log(actions, LogLine::Level::error, Code::frame_incomplete,
+        "station %u: the scanner gave the points of an earlier scan again%s", a.station,
+        a.repeats ? "; restart the scanner program" : "; accepted, because the line is emulated");
+  }
+  a.decoded = done.code == Code::ok && !a.repeats;
+  if (!done.durable) return;
+  const bool no_answer = done.code == Code::scanner_offline || done.code == Code::trigger_timeout;
+  if (no_answer && a.fingerprint == 0) {
+    // Nothing came, not even a bad scan: the scanner is away.
+    a.attempt.asked = false;
+    record_of(s, a.station).attempts = static_cast<std::uint8_t>(a.attempt.number - 1);
+  }
+  if (a.abort || done.code != Code::ok || a.repeats) {
+    const Code code = done.code != Code::ok ? done.code : Code::frame_incomplete;
+    fail_acquisition(s, a.abort ? Code::interrupted : code, actions);
+    return;
+  }
+  a.phase = Acquisition::Phase::checking;
+}
+
+void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  if (code != Code::ok) {
+    // The whole history knows these points: the storage thread has said of which scan. No fault of the disk's.
+    if (code == Code::frame_incomplete)
+      s.views.slab[pending.station - 1U] = {};
+    else
+      raise_fault(s, actions, code, "recording a scan");
+    StationRecord& record = record_of(s, pending.station);
+    record.phase = StationPhase::failed;
+    record.code = static_cast<std::uint16_t>(code);
+    set_failed(s, pending.value, code);
+    release(s);
+    return;
+  }
+  StationRecord& record = record_of(s, pending.station);
+  record.phase = StationPhase::acquired;
+  record.attempt = a.attempt;
+  note_emulation(s, a.attempt.emulated, actions);
+  s.newest_time.note(a.attempt.scan_utime_us);
+  s.desk.acq_seq = pending.value;
+  set_status(s, pending.value, CommandStatus::acquired);
+  log(actions, LogLine::Level::info, Code::ok, "station %u: %zu points durable after %.0f ms, the robot may leave",
+      pending.station, a.attempt.shape.finite, a.attempt.acquire_ms);
+  const Acquisition was = a;
+  a = {};  // the buffer stays taken until the block is measured
+  if (s.slab.aborting) return;
+  expect_result(s, pending.station, was.slot);
+  if (was.ahead == Acquisition::Ahead::measured) commit_block(s, was.block, actions);
+}
+
+void fail_acquisition(Station& s, Code code, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  const bool asked = a.phase == Acquisition::Phase::clearing || a.phase == Acquisition::Phase::scanning;
+  // What the scanner makes of a request that brought no new points may come later, as the scan of another block. In one
+  // transaction with the end of the command: a restart finds a SCAN under way, or the mark.
+  const bool unseen = asked && a.fingerprint == 0;
+  if (unseen) s.scan_unseen = true;
+  const std::uint64_t fingerprint = unseen ? kUnseenScan : a.fingerprint;
+  StationRecord& record = record_of(s, a.station);
+  record.phase = StationPhase::failed;
+  record.code = static_cast<std::uint16_t>(code);
+  set_failed(s, a.cmd_seq, code);
+  log(actions, LogLine::Level::warning, code, "station %u: scan %u came to nothing: %.*s; %.*s", a.station,
+      a.attempt.number, static_cast<int>(describe(code).size()), describe(code).data(),
+      static_cast<int>(cure(code).size()), cure(code).data());
+  PendingStore pending;
+  pending.kind = PendingStore::Kind::failed_attempt;
+  pending.station = a.station;
+  pending.fingerprint = fingerprint;
+  submit(s, actions, FailedAttemptJob{a.attempt, static_cast<std::uint16_t>(code), fingerprint}, pending);
+  release(s);
+}
+
+void abort_acquisition(Station& s, Actions& actions) {
+  Acquisition& a = s.acquisition;
+  switch (a.phase) {
+    case Acquisition::Phase::settling:
+    case Acquisition::Phase::checking: fail_acquisition(s, Code::interrupted, actions); break;
+    case Acquisition::Phase::clearing:
+    case Acquisition::Phase::scanning:
+      // The scanner's worker still writes into the buffer; the acquisition ends with its answer.
+      a.abort = true;
+      emit(actions, CancelScan{});
+      break;
+    case Acquisition::Phase::none:
+      s.desk.pending_abort = s.desk.pending;  // a SCAN may be on its way to the journal
+      break;
+    case Acquisition::Phase::storing: break;  // too late: the cloud is as good as durable
+  }
+}
+
+void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actions) {
+  assert(measured.slot < s.slot_busy.size());
+  s.slot_busy[measured.slot] = false;
+  const bool ahead = is_ahead(s, measured);
+  if (!ahead && !is_expected(s, measured)) return;
+  BlockMeasured held = measured;
+  hold_against_pose(s, ahead ? s.acquisition.attempt : record_of(s, measured.block.station).attempt, held);
+  if (held.refused != Code::ok)
+    log(actions, LogLine::Level::error, held.refused, "station %u: %s", held.block.station, held.refused_text.c_str());
+  if (ahead) {
+    s.acquisition.ahead = Acquisition::Ahead::measured;
+    s.acquisition.block = held;
+  } else {
+    commit_block(s, held, actions);
+  }
+}
+
+void remeasure(Station& s, Actions& actions) {
+  const bool quiet = s.slab.phase == SlabPhase::open || s.slab.phase == SlabPhase::ending;
+  if (!quiet || s.now_ns == 0 || s.slab.aborting || s.slab.recipe == nullptr || s.fault != 0 || s.measuring != 0 ||
+      s.desk.pending || s.acquisition.phase != Acquisition::Phase::none || !room_for_records(s, 2))
+    return;
+  for (std::size_t i = 0; i < s.slab.stations.size(); ++i) {
+    if (s.slab.stations[i].phase != StationPhase::acquired || s.station_measuring[i]) continue;
+    StationRecord& record = s.slab.stations[i];
+    const auto station = static_cast<std::uint8_t>(i + 1);
+    // A mark from the future is from before a restart of the computer: the power failed, not the measurement.
+    if (const std::int64_t since_ns = std::exchange(record.measuring_since_ns, 0);
+        since_ns != 0 && since_ns <= s.now_ns) {
+      log(actions, LogLine::Level::error, Code::deadline,
+          "station %u: slabd ended while it measured this scan, which is not measured again by itself: scan the "
+          "station again, or look at %s with `slabctl inspect`",
+          station, record.attempt.scan_path.c_str());
+      expect_result(s, station, kNoSlot);
+      commit_block(s, given_up(record.attempt), actions);
+      return;
+    }
+    const int slot = free_slot(s);
+    if (slot < 0) return;
+    s.slot_busy[static_cast<std::size_t>(slot)] = true;
+    expect_result(s, station, static_cast<std::uint8_t>(slot));
+    PendingStore pending;
+    pending.kind = PendingStore::Kind::measuring;
+    pending.station = station;
+    pending.attempt = record.attempt.number;
+    pending.slot = static_cast<std::uint8_t>(slot);
+    pending.slab_key = s.slab.header.key;
+    submit(s, actions, MeasuringJob{s.slab.header.key, station, record.attempt.number, s.now_ns}, pending);
+    return;
+  }
+}
+
+void on_measuring_stored(Station& s, const PendingStore& pending, Code code, Actions& actions) {
+  const std::size_t index = pending.station - 1U;
+  const bool wanted =
+      s.station_measuring[index] && s.measuring_slot[index] == pending.slot && s.slab.header.key == pending.slab_key;
+  if (!wanted || code != Code::ok) {
+    s.slot_busy[pending.slot] = false;
+    if (!wanted) return;
+    expect_no_result(s, pending.station);
+    raise_fault(s, actions, code, "recording that a measurement begins");
+    return;
+  }
+  MeasureBlock action = block_to_measure(s, s.slab.stations[index].attempt, pending.slot);
+  action.reload = true;
+  emit(actions, action);
+}
+
+void drop_measurements(Station& s) {
+  for (std::size_t i = 0; i < s.station_measuring.size(); ++i) {
+    const auto station = static_cast<std::uint8_t>(i + 1);
+    const bool on_its_way = std::any_of(s.storing.begin(), s.storing.end(), [&](const PendingStore& pending) {
+      return pending.kind == PendingStore::Kind::block && pending.station == station;
+    });
+    if (s.station_measuring[i] && !on_its_way) expect_no_result(s, station);
+  }
+}
+
+}  // namespace slabd::daemon

@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Which calibration counts. A slab is measured from its first to its last scan with what was in force when it began,
+// also over a restart: seats spliced with two calibrations would lie in two frames. So a change is taken up between
+// slabs, and the open slab keeps a copy of its own.
+//
+// Nothing here ever makes a calibration better than it is: what is missing, expired or failed its check keeps slabs
+// from beginning; a correction that does not hold falls back to the hand-eye alone with the robot's absolute accuracy
+// in U. The scanner's acceptance can only add to U; that there is none is a warning and stops nothing.
+#include <cmath>
+#include <limits>
+
+#include "daemon/station/parts.h"
+
+namespace slabd::daemon {
+namespace {
+
+/// Nothing was ever applied: the configuration's values count, if it has any.
+void commission(const CalibrationId& id, const Pose& T_flange_scanner, LineCalibration& calibration) {
+  const bool nothing_applied =
+      calibration.source == LineCalibration::Source::missing && calibration.trouble.empty() && calibration.id.empty();
+  if (!nothing_applied || id.empty()) return;
+  calibration.source = LineCalibration::Source::commissioning;
+  calibration.id = id;
+  calibration.hand_eye.T_flange_scanner = T_flange_scanner;
+}
+
+double distance_to_block_mm(const Station& s, std::uint8_t station, const Pose& T_base_flange) {
+  const Pose T_base_block = s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, station);
+  return (T_base_flange.translation_mm - T_base_block.translation_mm).norm();
+}
+
+/// A mirrored cloud looks like a good one, block by block. Only the robot poses and target views of a solved hand-eye
+/// calibration contradict it; commissioning values and an adopted calibration (`trouble`) have none. The open slab
+/// counts by the values it began with.
+bool handedness_unproven(const Station& s) {
+  const auto unproven = [](const LineCalibration& c) {
+    return c.source == LineCalibration::Source::commissioning ||
+           (c.source == LineCalibration::Source::applied && !c.trouble.empty());
+  };
+  return unproven(s.calibration) || (s.slab.phase != SlabPhase::none && unproven(s.slab.calibration));
+}
+
+void warn_of_applied(const LineCalibration& calibration, Actions& actions) {
+  if (!calibration.trouble.empty())
+    log(actions, LogLine::Level::warning, Code::ok, "%s, and mirrored scans would not be noticed",
+        calibration.trouble.c_str());
+}
+
+bool is_uncorrected(SpliceSource source) {
+  return source == SpliceSource::not_mastered || source == SpliceSource::stale || source == SpliceSource::expired ||
+         source == SpliceSource::outside_gate;
+}
+
+}  // namespace
+
+void recover_calibration(Station& s, const RecoveredLine& line, Actions& actions) {
+  s.calibration = line.calibration;
+  commission(s.settings.calibration_id, s.settings.T_flange_scanner, s.calibration);
+  if (line.calibration.source == LineCalibration::Source::applied)
+    warn_of_applied(line.calibration, actions);
+  else if (!line.calibration.trouble.empty())
+    log(actions, LogLine::Level::error, Code::calibration_missing, "%s", line.calibration.trouble.c_str());
+  if (!line.calibration.scanner.trouble.empty())
+    log(actions, LogLine::Level::warning, Code::ok, "%s", line.calibration.scanner.trouble.c_str());
+  if (s.calibration.source == LineCalibration::Source::commissioning)
+    log(actions, LogLine::Level::warning, Code::ok,
+        "%s are commissioning values: nothing proves that the scanner's frame is right-handed, and mirrored scans "
+        "would not be noticed; apply a calibration (slabctl calibrate new)",
+        s.calibration.id.c_str());
+  if (!line.slab_open) return;
+  s.slab.calibration = line.slab_calibration;
+  if (!line.slab_calibration.scanner.trouble.empty())
+    log(actions, LogLine::Level::error, Code::ok, "the open slab goes on with the recipe's scanner alone: %s",
+        line.slab_calibration.scanner.trouble.c_str());
+  // The open slab began with the values its header holds, whatever the configuration says by now.
+  commission(line.slab.calibration_id, line.slab.T_flange_scanner, s.slab.calibration);
+}
+
+void on_calibration_changed(Station& s, const LineCalibration& calibration) {
+  s.calibration_next = calibration;
+  commission(s.settings.calibration_id, s.settings.T_flange_scanner, s.calibration_next);
+  s.calibration_waits = true;
+}
+
+/// Nobody could put in force what has expired by the newest record, unless the clock of that record was wrong. As the
+/// database does it, for every kind of record.
+static void follow_clock(Station& s, const LineCalibration& next) {
+  const auto came = [&s](bool is_new, std::int64_t expires_utime_us) {
+    if (is_new && s.utime_us < expires_utime_us && s.newest_time.utime_us() >= expires_utime_us)
+      s.newest_time = NewestTime(s.utime_us);
+  };
+  came(!(next.id == s.calibration.id), next.expires_utime_us);
+  came(!(next.scanner.id == s.calibration.scanner.id), next.scanner.expires_utime_us);
+  for (const StationsInForce& table : next.tables) {
+    const auto is_it = [&table](const StationsInForce& known) { return known.id == table.id; };
+    came(std::none_of(s.calibration.tables.begin(), s.calibration.tables.end(), is_it), table.expires_utime_us);
+  }
+}
+
+void advance_calibration(Station& s, Actions& actions) {
+  // A SLAB_BEGIN on its way to the database names the calibration it was given with.
+  if (s.calibration_waits && !s.desk.pending) {
+    const bool other = !(s.calibration.id == s.calibration_next.id);
+    const bool other_scanner = !(s.calibration.scanner.id == s.calibration_next.scanner.id);
+    follow_clock(s, s.calibration_next);
+    s.calibration = s.calibration_next;
+    s.calibration_waits = false;
+    const char* when = s.slab.phase == SlabPhase::none ? "" : " from the next slab on";
+    if (other)
+      log(actions, LogLine::Level::info, Code::ok, "calibration %s is in force%s", s.calibration.id.c_str(), when);
+    if (other && s.calibration.source == LineCalibration::Source::applied) warn_of_applied(s.calibration, actions);
+    if (other_scanner && s.calibration.scanner.id.empty())
+      log(actions, LogLine::Level::warning, Code::ok, "no scanner acceptance is in force%s: %s", when,
+          s.calibration.scanner.trouble.empty() ? "there is none any more" : s.calibration.scanner.trouble.c_str());
+    else if (other_scanner)
+      log(actions, LogLine::Level::info, Code::ok, "scanner acceptance %s is in force%s",
+          s.calibration.scanner.id.c_str(), when);
+  }
+  if (s.settings.fault != Code::ok) return;  // what is wrong first has been said
+  const CalibrationFault fault = calibration_fault(s);
+  if (fault == s.calibration_fault_said || s.slab.phase != SlabPhase::none) return;
+  s.calibration_fault_said = fault;
+  if (fault == CalibrationFault::none) {
+    log(actions, LogLine::Level::info, Code::ok, "calibration %s is usable again", s.calibration.id.c_str());
+  } else {
+    log(actions, LogLine::Level::error, Code::calibration_missing, "%s", describe(fault, s.calibration).c_str());
+  }
+}
+
+CalibrationFault calibration_fault(const Station& s) {
+  // A slab that was begun is finished: what it was begun with was good then.
+  if (!s.recovered || s.slab.phase != SlabPhase::none) return CalibrationFault::none;
+  return fault_of(s.calibration, expiry_utime_us(s));
+}
+
+const StationsInForce* usable_table(const Station& s, std::uint16_t slab_type) {
+  const StationsInForce* table = s.calibration.table_for(slab_type);
+  if (table == nullptr || !(table->hand_eye_id == s.calibration.id)) return nullptr;
+  const bool expired = table->expires_utime_us != 0 && expiry_utime_us(s) >= table->expires_utime_us;
+  return expired ? nullptr : table;
+}
+
+Splice splice_now(const Station& s, std::uint8_t station, const Pose& T_base_flange, Actions& actions) {
+  // As the slab was begun: corrections that expire amid it, or did by a clock that was ahead for a moment, would be
+  // used for some of its seats and not for others.
+  const bool was_usable = !s.slab.header.stations_id.empty();
+  const std::int64_t when_us = was_usable ? 0 : std::numeric_limits<std::int64_t>::max();
+  Splice splice = splice_for(s.slab.calibration, s.settings.splice, s.slab.header.slab_type, station, T_base_flange,
+                             distance_to_block_mm(s, station, T_base_flange), when_us);
+  // Corrections that exist and are not used deserve a word; a line that was never mastered does not need one each scan.
+  if (is_uncorrected(splice.source) && !s.slab.calibration.tables.empty()) {
+    if (splice.source == SpliceSource::outside_gate) {
+      log(actions, LogLine::Level::warning, Code::ok,
+          "station %u is not corrected: the robot stands %.3f mm and %.4f deg from where it stood when the station was "
+          "mastered, allowed are %.3f mm and %.4f deg; U rests on its absolute accuracy",
+          station, splice.off_mm, deg_from_rad(splice.off_rad), s.settings.splice.gate_mm,
+          deg_from_rad(s.settings.splice.gate_rad));
+    } else {
+      log(actions, LogLine::Level::warning, Code::ok,
+          "station %u is not corrected: its correction is %s; U rests on the robot's absolute accuracy", station,
+          splice.source == SpliceSource::stale ? "of another hand-eye calibration (slabctl calibrate stations --again)"
+          : splice.source == SpliceSource::expired ? "expired"
+                                                   : "missing");
+    }
+  }
+  return splice;
+}
+
+std::uint16_t calibration_warnings(const Station& s) {
+  std::uint16_t warn = 0;
+  // With a fault of the start (504, or 502 without a database) nobody has read what was calibrated, verified and
+  // checked.
+  if (!s.recovered || s.settings.fault != Code::ok) return warn;
+  if (s.calibration.source == LineCalibration::Source::commissioning) warn |= kWarnCommissioningCalibration;
+  if (handedness_unproven(s)) warn |= kWarnHandednessUnproven;
+  const std::int64_t now = expiry_utime_us(s);
+  if (overdue(s.calibration.block, s.settings.check_interval_us, now) ||
+      overdue(s.calibration.ball, s.settings.check_interval_us, now))
+    warn |= kWarnCheckOverdue;
+  if (standing_of(s.calibration.scanner, now) != ScannerStanding::verified) warn |= kWarnScannerNotVerified;
+  // Of the open slab, and of the last one until the next begins.
+  for (const StationRecord& record : s.slab.stations)
+    if (is_uncorrected(record.attempt.splice.source) && !s.slab.calibration.tables.empty())
+      warn |= kWarnStationsNotCorrected;
+  return warn;
+}
+
+}  // namespace slabd::daemon

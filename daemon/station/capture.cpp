@@ -1,0 +1,454 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Maintenance: views for a calibration, from the line's own robot and scanner, while no slab is open.
+//
+//   idle --begin--> ready --shoot--> settling -> scanning -> checking --> ready --end, or the lease is over--> idle
+//
+// A view goes the way of a production scan (the robot stands, the scanner is asked, the robot must still have stood),
+// with stricter limits, and its scan lies apart from those of slabs. Invariants: a view that was refused leaves no scan
+// behind and shooting may simply be repeated; a view is never a scan that was taken before it was asked for; the PLC
+// starts nothing meanwhile; whoever calibrates and dies gives the line back when the lease is over; nothing survives a
+// restart but the mark that the scanner may hold what nobody saw.
+//
+// A request to the scanner must not share its name with one of production, or a late answer would be taken for a slab's
+// scan: views use session 0, which the PLC never has, and number on from a start that the clock gives.
+#include <algorithm>
+#include <cmath>
+
+#include "daemon/station/parts.h"
+#include "daemon/station/still_watch.h"
+
+namespace slabd::daemon {
+namespace {
+
+/// A view may show a ball and nothing else; what the ball itself needs is judged by whoever finds it.
+constexpr std::size_t kViewPointsMin = 1'000;
+constexpr std::int64_t kLeaseMinS = 10;
+constexpr std::int64_t kLeaseMaxS = 3600;
+/// A pose newer than the end of the exposure must come within this time.
+constexpr std::int64_t kCheckTimeoutNs = kNsPerS;
+/// A worker that hangs is waited for this much longer than a robot that does not stand still.
+constexpr std::int64_t kHangTimeoutNs = 20 * kNsPerS;
+
+/// Of a view that was thrown away.
+constexpr std::string_view kUnseenView =
+    "the scanner had been asked before for a scan that nobody saw, and this one may be that; it was thrown away: take "
+    "the view again";
+
+bool is_text(std::string_view text) {
+  return !text.empty() && std::all_of(text.begin(), text.end(), [](char c) {
+    const auto byte = static_cast<unsigned char>(c);
+    return byte >= 0x20 && byte != 0x7F;
+  });
+}
+
+void give_back(Station& s) {
+  if (s.capture.phase == Capture::Phase::scanning) s.slot_busy[s.capture.slot] = false;
+}
+
+void renew(Station& s) {
+  s.capture.lease_until_ns = s.now_ns + s.capture.lease_ns;
+}
+
+/// A view that ends before the scanner was asked leaves it as it was. Only a restart still believes the mark, and takes
+/// one scan more.
+void withdraw_mark(Station& s) {
+  const Capture& c = s.capture;
+  if (c.phase == Capture::Phase::settling && c.mark != Capture::Mark::none && !c.unseen) s.scan_unseen = false;
+}
+
+void close(Station& s, Actions& actions, const char* why) {
+  withdraw_mark(s);
+  log(actions, LogLine::Level::info, Code::ok, "maintenance of \"%s\" by %s ends after %u views: %s",
+      s.capture.session.c_str(), s.capture.operator_name.c_str(), s.capture.shot.number, why);
+  const std::uint16_t request_no = s.capture.request_no;
+  s.capture = {};
+  s.capture.request_no = request_no;
+}
+
+// ---- may a session begin, and whose is it? ----
+
+/// Why not; ok: the line is idle.
+Error line_is_free(const Station& s) {
+  if (!s.recovered) return error(Code::busy, "slabd is still starting; try again");
+  if (s.slab.phase != SlabPhase::none) {
+    const int done =
+        static_cast<int>(std::count_if(s.slab.stations.begin(), s.slab.stations.end(), [](const StationRecord& record) {
+          return record.phase == StationPhase::acquired || record.phase == StationPhase::measured;
+        }));
+    return error(Code::busy,
+                 "slab %u \"%s\" is open, %d of %u stations are scanned; let the line finish it, or have the PLC send "
+                 "SLAB_ABORT",
+                 s.slab.header.slab_no, s.slab.header.slab_id.c_str(), done, s.slab.header.stations);
+  }
+  if (s.desk.pending)
+    return error(Code::busy, "the PLC's command %u (CMD %u) is being carried out; try again",
+                 s.desk.pending_inputs.cmd_seq, s.desk.pending_inputs.command);
+  // Without a calibration a slab cannot begin; that is what a calibration is for.
+  const Code fault = current_fault(s);
+  if (fault != Code::ok && fault != Code::calibration_missing)
+    return error(fault, "fault %u: %.*s; %.*s", static_cast<unsigned>(fault), static_cast<int>(describe(fault).size()),
+                 describe(fault).data(), static_cast<int>(cure(fault).size()), cure(fault).data());
+  return {Code::ok, {}};
+}
+
+void begin(Station& s, const CaptureRequest& request, Actions& actions) {
+  Capture& c = s.capture;
+  if (!is_text(request.session.view()) || !is_text(request.operator_name.view())) {
+    c.refusal = error(Code::config, "\"session\" and \"operator\" must be texts of 1..%zu and 1..%zu bytes",
+                      CaptureName::capacity(), decltype(request.operator_name)::capacity());
+    return;
+  }
+  if (request.lease_s < kLeaseMinS || request.lease_s > kLeaseMaxS) {
+    c.refusal = error(Code::config, "\"lease_s\" must be %lld..%lld s", static_cast<long long>(kLeaseMinS),
+                      static_cast<long long>(kLeaseMaxS));
+    return;
+  }
+  const bool open = in_maintenance(s) && !c.ending;
+  if (open && c.session == request.session) {
+    c.operator_name = request.operator_name;
+    c.uid = request.uid;
+    c.lease_ns = request.lease_s * kNsPerS;
+    renew(s);
+    return;
+  }
+  if (in_maintenance(s)) {
+    const auto left_s = static_cast<long long>((c.lease_until_ns - s.now_ns + kNsPerS - 1) / kNsPerS);
+    if (c.ending || c.phase != Capture::Phase::ready) {
+      c.refusal =
+          error(Code::busy, "\"%s\" of %s is taking a view; try again", c.session.c_str(), c.operator_name.c_str());
+      return;
+    }
+    if (!request.take_over) {
+      c.refusal =
+          error(Code::busy,
+                "\"%s\" of %s is open for another %lld s unless it goes on; end it, wait, or give slabctl calibrate "
+                "capture --live also --take-over",
+                c.session.c_str(), c.operator_name.c_str(), std::max(left_s, 0LL));
+      return;
+    }
+    close(s, actions, "another one takes over");
+  }
+  if (Error why = line_is_free(s); why.code != Code::ok) {
+    c.refusal = why;
+    return;
+  }
+  c.phase = Capture::Phase::ready;
+  c.session = request.session;
+  c.operator_name = request.operator_name;
+  c.uid = request.uid;
+  c.since_utime_us = s.utime_us;
+  c.lease_ns = request.lease_s * kNsPerS;
+  renew(s);
+  s.still.begin();
+  log(actions, LogLine::Level::info, Code::ok,
+      "maintenance (STATE 8): \"%s\" by %s (uid %u); SLAB_BEGIN and SCAN are refused with 107", c.session.c_str(),
+      c.operator_name.c_str(), c.uid);
+  if (s.settings.capture.is_wider())
+    log(actions, LogLine::Level::warning, Code::ok,
+        "views are taken with wider limits than they should be: %.3f mm, %.4f deg over %.1f s",
+        s.settings.capture.stable_mm, deg_from_rad(s.settings.capture.stable_rad),
+        static_cast<double>(s.settings.capture.stable_ns) / 1e9);
+  emit(actions, TidyCaptures{capture_folder(s)});
+}
+
+// ---- one view ----
+
+void refuse_shot(Station& s, Code code, std::string_view why, Actions& actions) {
+  Capture& c = s.capture;
+  withdraw_mark(s);
+  give_back(s);
+  c.shot.done = true;
+  c.shot.code = code;
+  c.shot.text = why;
+  c.phase = Capture::Phase::ready;
+  c.abort = false;
+  renew(s);
+  log(actions, LogLine::Level::warning, code, "view %u came to nothing: %s", c.shot.number, c.shot.text.c_str());
+  if (c.ending) close(s, actions, "ended");
+}
+
+void refuse_shot(Station& s, const Error& why, Actions& actions) {
+  refuse_shot(s, why.code, why.text.view(), actions);
+}
+
+/// What keeps the robot from counting as still, for people.
+Error why_not_still(const Station& s) {
+  const double stood_s =
+      s.still.samples() < 2 ? 0.0 : static_cast<double>(s.still.newest().arrival_ns - s.still.first().arrival_ns) / 1e9;
+  const StillWatch::Broken& last = s.still.last_break();
+  const bool by_motion = last.by == StillWatch::Break::moved;
+  const FixedString<240> what = s.still.describe(by_motion ? StillWatch::Broken{} : last);
+  return error(last.by == StillWatch::Break::wrong_frame ? Code::wrong_frame : Code::not_settled,
+               "the robot does not stand still: %s; it stood for %.1f s of %.1f s", what.c_str(), stood_s,
+               static_cast<double>(s.settings.capture.stable_ns) / 1e9);
+}
+
+void shoot(Station& s) {
+  Capture& c = s.capture;
+  const std::uint32_t number = c.shot.number + 1;
+  c.shot = {};
+  c.shot.number = number;
+  c.phase = Capture::Phase::settling;
+  c.abort = false;
+  c.looked_at = c.repeats = c.unseen = false;
+  c.mark = Capture::Mark::none;
+  c.started_ns = s.now_ns;
+  // Only poses that arrive from now on: whoever asks for a view has stopped the robot by now, and a pose that was sent
+  // before can be of the way there.
+  s.still.begin();
+}
+
+Error scanner_does_not_answer(const Station& s) {
+  return error(code_of_hang(s), "%s (slabctl status)", why_it_hangs(s));
+}
+
+bool is_out_of_patience(const Station& s, std::int64_t more_ns = 0) {
+  return s.now_ns - s.capture.started_ns > s.settings.settle_timeout_ns + s.settings.capture.stable_ns + more_ns;
+}
+
+/// A restart has to know that the scanner may hold a view that nobody saw. Its points' own fingerprint takes the mark's
+/// place.
+void mark_unseen(Station& s, Actions& actions) {
+  Capture& c = s.capture;
+  if (c.mark == Capture::Mark::none) {
+    c.mark = Capture::Mark::storing;
+    c.unseen = s.scan_unseen;
+    s.scan_unseen = true;
+    store_fingerprint(s, kUnseenScan, actions);
+    c.mark_ticket = s.last_ticket;
+  } else if (is_out_of_patience(s, kCheckTimeoutNs)) {
+    refuse_shot(s, error(Code::deadline, "the database did not answer in time; check the disk"), actions);
+  }
+}
+
+void try_to_ask_scanner(Station& s, Actions& actions) {
+  Capture& c = s.capture;
+  const Code link = s.gate.link(s.now_ns);
+  const bool room = s.storing.size() + 8 <= s.storing.capacity();  // for what is remembered of the view
+  const int slot = room ? free_slot(s) : -1;
+  const bool scanner_hangs = s.owed.waits || s.links.scanner_hangs;
+  if (link != Code::ok || !s.still.settled() || slot < 0 || scanner_hangs) {
+    if (!is_out_of_patience(s)) return;
+    if (link == Code::no_pose || link == Code::pose_stale) {
+      refuse_shot(s,
+                  error(link, "%.*s; %.*s", static_cast<int>(describe(link).size()), describe(link).data(),
+                        static_cast<int>(cure(link).size()), cure(link).data()),
+                  actions);
+    } else if (!s.still.settled()) {
+      refuse_shot(s, why_not_still(s), actions);
+    } else if (scanner_hangs) {
+      refuse_shot(s, scanner_does_not_answer(s), actions);
+    } else {
+      refuse_shot(s, error(Code::deadline, "no buffer became free for the scan; check the computer's load"), actions);
+    }
+    return;
+  }
+  if (c.mark != Capture::Mark::durable) {
+    mark_unseen(s, actions);
+    return;
+  }
+  c.phase = Capture::Phase::scanning;
+  c.slot = static_cast<std::uint8_t>(slot);
+  s.slot_busy[c.slot] = true;
+  next_own_request(s);
+  c.shot.requested_utime_us = s.utime_us;
+  s.still.mark();
+
+  AcquireScan action;
+  action.slot = c.slot;
+  action.request.session = 0;
+  action.request.cmd_seq = c.request_no;
+  action.request.slab_id = "calibration";
+  action.request.timeout_ns = s.settings.scan_timeout_ns;
+  action.request.points_min = kViewPointsMin;
+  action.request.spool_path.printf("%s/%lld-%u", capture_folder(s).c_str(),
+                                   static_cast<long long>(s.utime_us / 1'000'000), unsigned{c.request_no});
+  emit(actions, action);
+}
+
+/// Its buffer stays taken: the worker may still write into it.
+void give_up_when_scanner_hangs(Station& s, Actions& actions) {
+  Capture& c = s.capture;
+  const std::int64_t patience_ns = s.settings.settle_timeout_ns + s.settings.capture.stable_ns + kHangTimeoutNs;
+  if (!s.links.scanner_hangs || (!c.abort && s.now_ns - c.started_ns < patience_ns)) return;
+  owe_scan(s, c.slot, true, actions);
+  c.phase = Capture::Phase::checking;
+  refuse_shot(s, scanner_does_not_answer(s), actions);
+}
+
+void check_stillness(Station& s, Actions& actions) {
+  Capture& c = s.capture;
+  const StillWatch::Broken& broken = s.still.first_break();
+  if (broken.by != StillWatch::Break::none) {
+    emit(actions, DropScan{c.shot.scan_path});
+    const FixedString<240> what = s.still.describe(broken);
+    refuse_shot(
+        s,
+        error(broken.by == StillWatch::Break::wrong_frame                                    ? Code::wrong_frame
+              : broken.by == StillWatch::Break::gap || broken.by == StillWatch::Break::clock ? Code::pose_stale
+                                                                                             : Code::moved_during_scan,
+              "while the scan was taken: %s", what.c_str()),
+        actions);
+    return;
+  }
+  if (s.still.newest().arrival_ns <= c.taken_ns) {
+    if (s.now_ns - c.taken_ns < kCheckTimeoutNs) return;
+    emit(actions, DropScan{c.shot.scan_path});
+    refuse_shot(s, error(Code::pose_stale, "no pose came after the scan; check the robot bridge and its network"),
+                actions);
+    return;
+  }
+  CaptureShot& shot = c.shot;
+  shot.T_base_flange = s.still.mean();
+  shot.spread_mm = s.still.range().mm();
+  shot.spread_rad = s.still.range().rad();
+  shot.samples = s.still.samples();
+  shot.first = s.still.first();
+  shot.last = s.still.newest();
+  shot.pose_age_us = s.utime_us - shot.last.utime_us;
+  shot.done = true;
+  c.phase = Capture::Phase::ready;
+  renew(s);
+  log(actions, LogLine::Level::info, Code::ok, "view %u: %zu points, the flange stood within %.4f mm and %.5f deg",
+      shot.number, shot.shape.finite, shot.spread_mm, deg_from_rad(shot.spread_rad));
+}
+
+void end(Station& s, Actions& actions, const char* why) {
+  Capture& c = s.capture;
+  if (c.phase == Capture::Phase::scanning) {
+    c.ending = true;
+    abort_shot(s, actions);
+    return;
+  }
+  if (c.phase == Capture::Phase::checking) emit(actions, DropScan{c.shot.scan_path});
+  close(s, actions, why);
+}
+
+/// Only what this daemon put there: a plain name in its own folder.
+bool is_view(const Station& s, std::string_view path) {
+  const PathText folder = capture_folder(s);
+  if (!path.starts_with(folder.view()) || path.size() <= folder.size() + 1 || path[folder.size()] != '/') return false;
+  const std::string_view name = path.substr(folder.size() + 1);
+  return name.find('/') == std::string_view::npos && name.front() >= '0' && name.front() <= '9';
+}
+
+}  // namespace
+
+PathText capture_folder(const Station& s) {
+  PathText folder = s.settings.spool_dir;
+  folder.append("/capture");
+  return folder;
+}
+
+void on_capture_request(Station& s, const CaptureRequest& request, Actions& actions) {
+  Capture& c = s.capture;
+  c.refusal = {Code::ok, {}};
+  if (request.action == CaptureRequest::Action::begin) {
+    begin(s, request, actions);
+    return;
+  }
+  if (request.action == CaptureRequest::Action::release) {
+    if (is_view(s, request.scan.view()))
+      emit(actions, DropScan{request.scan});
+    else
+      c.refusal = error(Code::config, "%.150s does not lie in %.100s", request.scan.c_str(), capture_folder(s).c_str());
+  }
+  const bool ours = in_maintenance(s) && !c.ending && c.session == request.session;
+  if (!ours) {
+    // A session that is over has ended, and its scans may still be taken; anything else needs an open one.
+    const bool needs_one =
+        request.action == CaptureRequest::Action::shoot || request.action == CaptureRequest::Action::keep;
+    if (needs_one)
+      c.refusal = error(Code::wrong_slab,
+                        "\"%s\" is not open (never begun, ended, its lease over, or slabd restarted); begin it again",
+                        request.session.c_str());
+    return;
+  }
+  renew(s);
+  switch (request.action) {
+    case CaptureRequest::Action::shoot:
+      if (c.phase != Capture::Phase::ready)
+        c.refusal = error(Code::busy, "view %u is being taken", c.shot.number);
+      else
+        shoot(s);
+      break;
+    case CaptureRequest::Action::end: end(s, actions, "ended"); break;
+    case CaptureRequest::Action::begin:
+    case CaptureRequest::Action::keep:
+    case CaptureRequest::Action::release: break;
+  }
+}
+
+void advance_capture(Station& s, Actions& actions) {
+  switch (s.capture.phase) {
+    case Capture::Phase::ready:
+      if (s.now_ns >= s.capture.lease_until_ns) close(s, actions, "nobody goes on with it, its lease is over");
+      break;
+    case Capture::Phase::settling: try_to_ask_scanner(s, actions); break;
+    case Capture::Phase::checking: check_stillness(s, actions); break;
+    case Capture::Phase::scanning: give_up_when_scanner_hangs(s, actions); break;
+    case Capture::Phase::closed: break;
+  }
+}
+
+void on_view_marked(Station& s, std::uint32_t ticket, Code code, Actions& actions) {
+  Capture& c = s.capture;
+  if (c.mark != Capture::Mark::storing || ticket != c.mark_ticket) return;
+  if (code != Code::ok && c.phase == Capture::Phase::settling) refuse_shot(s, code, describe(code), actions);
+  c.mark = code == Code::ok ? Capture::Mark::durable : Capture::Mark::none;
+}
+
+std::uint16_t next_own_request(Station& s) {
+  std::uint16_t& number = s.capture.request_no;
+  if (number == 0) number = static_cast<std::uint16_t>(s.utime_us / 1'000'000 % 60'000 + 1);
+  return number = next_sequence(number);
+}
+
+bool on_view_scanned(Station& s, const ScanDone& done, Actions& actions) {
+  Capture& c = s.capture;
+  if (c.phase != Capture::Phase::scanning || done.cmd_seq != c.request_no || done.slot != c.slot) return false;
+  if (done.code == Code::ok && !c.looked_at) {
+    c.looked_at = true;
+    const bool repeats = was_seen(s, done, actions);
+    if (!repeats) s.scan_unseen = false;
+    c.repeats = repeats && !s.settings.simulation;
+  }
+  if (!done.durable) return true;
+  // What the scanner gives first after one that nobody saw may be that very scan, from another place.
+  const bool late = c.unseen && !s.settings.simulation;
+  if (done.code != Code::ok || c.abort || c.repeats || late) {
+    if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
+    const Code code = c.abort ? Code::interrupted : done.code != Code::ok ? done.code : Code::frame_incomplete;
+    const std::string_view why = c.abort                 ? "it was broken off"
+                                 : c.repeats             ? kRepeatedScan
+                                 : done.code == Code::ok ? kUnseenView
+                                 : !done.text.empty()    ? done.text.view()
+                                                         : describe(code);
+    refuse_shot(s, code, why, actions);
+    return true;
+  }
+  s.slot_busy[c.slot] = false;  // a view is not measured here; its file is what counts
+  c.taken_ns = done.scan.taken_mono_ns;
+  c.shot.scan_path = done.scan.path;
+  c.shot.shape = done.scan.shape;
+  c.shot.scan_utime_us = done.scan.taken_utime_us;
+  c.phase = Capture::Phase::checking;
+  return true;
+}
+
+void abort_shot(Station& s, Actions& actions) {
+  Capture& c = s.capture;
+  switch (c.phase) {
+    case Capture::Phase::scanning:
+      c.abort = true;  // the worker still writes into the buffer; the view ends with its answer
+      emit(actions, CancelScan{});
+      break;
+    case Capture::Phase::checking: emit(actions, DropScan{c.shot.scan_path}); [[fallthrough]];
+    case Capture::Phase::settling: refuse_shot(s, Code::interrupted, "it was broken off by ABORT", actions); break;
+    case Capture::Phase::closed:
+    case Capture::Phase::ready: break;
+  }
+}
+
+}  // namespace slabd::daemon

@@ -1,0 +1,314 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The command desk. A command is carried out once, by the one who may, in the session he knows:
+//   (a) CMD_SEQ must be the successor of CMD_ACK: a repeated or replayed block does nothing,
+//   (b) SESSION_ECHO must be the session now shown: after a restart of either side old frames are void,
+//   (c) ENABLE set and heartbeat alive, (d) one connection commands; a command from another one takes over, but the
+//       session changes and its first block is refused.
+// CMD_ACK moves only when the command is in the journal, or when its content is refused.
+#include <algorithm>
+#include <cctype>
+
+#include "daemon/station/parts.h"
+
+namespace slabd::daemon {
+namespace {
+
+/// Not carried out. Content refusals consume the number; a stale session or a wrong number does not.
+void refuse(Station& s, const PlcInputs& in, Code code, Actions& actions) {
+  CommandDesk& desk = s.desk;
+  desk.refuse_code = static_cast<std::uint16_t>(code);
+  desk.refuse_seq = in.cmd_seq;
+  ++desk.refused;
+  if (code != Code::stale_session && code != Code::bad_sequence) {
+    desk.ack = in.cmd_seq;
+    desk.pending_inputs = in;
+    set_failed(s, in.cmd_seq, code);
+  }
+  if (s.now_ns - desk.refusal_logged_ns < kNsPerS) return;
+  desk.refusal_logged_ns = s.now_ns;
+  log(actions, LogLine::Level::warning, code, "command %u (CMD %u, station %u) refused: %.*s (refusal %u)", in.cmd_seq,
+      in.command, in.station, static_cast<int>(describe(code).size()), describe(code).data(), desk.refused);
+}
+
+bool printable(const std::array<char, limits::kSlabIdBytes>& id) {
+  const auto end = std::find(id.begin(), id.end(), '\0');
+  const bool text = std::all_of(id.begin(), end, [](char c) { return c >= 0x20 && c < 0x7F; });
+  return text && std::all_of(end, id.end(), [](char c) { return c == '\0'; });
+}
+
+/// SLAB_NO and SLAB_TYPE of a command that continues a slab; 0 stands for "the open one".
+bool names_open_slab(const Station& s, const PlcInputs& in) {
+  const SlabHeader& slab = s.slab.header;
+  return (in.slab_no == 0 || in.slab_no == slab.slab_no) && (in.slab_type == 0 || in.slab_type == slab.slab_type);
+}
+
+Code check_begin(const Station& s, const PlcInputs& in) {
+  if (current_fault(s) != Code::ok) return current_fault(s);
+  if (s.slab.phase == SlabPhase::ending || s.slab.phase == SlabPhase::storing_end) return Code::busy;
+  if (s.slab.phase != SlabPhase::none) return Code::wrong_slab;
+  const Recipe* recipe = recipe_for(s, in.slab_type);
+  if (recipe == nullptr || (in.recipe != 0 && in.recipe != recipe->slab_type)) return Code::unknown_type;
+  if (!printable(in.slab_id)) return Code::bad_id_text;
+  return room_for_records(s, 1) ? Code::ok : Code::busy;
+}
+
+Code check_scan(const Station& s, const PlcInputs& in) {
+  if (current_fault(s) != Code::ok) return current_fault(s);
+  if (s.slab.phase == SlabPhase::none || !names_open_slab(s, in)) return Code::wrong_slab;
+  if (s.slab.phase != SlabPhase::open) return Code::busy;
+  if (s.slab.recipe == nullptr) return Code::unknown_type;
+  if (in.station < 1 || in.station > s.slab.recipe->stations()) return Code::station_range;
+  if (s.acquisition.phase != Acquisition::Phase::none || s.station_measuring[in.station - 1U]) return Code::busy;
+  if (!room_for_records(s, 2)) return Code::busy;  // this scan's and the slab's
+  if (s.slab.stations[in.station - 1U].attempts == 0xFF) return Code::attempts_used_up;
+  return Code::ok;
+}
+
+Code check_end(const Station& s, const PlcInputs& in, bool aborting) {
+  if (!aborting && current_fault(s) != Code::ok) return current_fault(s);
+  if (s.slab.phase == SlabPhase::none || !names_open_slab(s, in)) return Code::wrong_slab;
+  if (s.slab.phase == SlabPhase::storing_end || !room_for_records(s, 1)) return Code::busy;
+  if (aborting) return Code::ok;  // also while SLAB_END waits for something that does not come
+  if (s.slab.phase != SlabPhase::open) return Code::busy;
+  if (s.slab.recipe == nullptr) return Code::unknown_type;
+  return s.acquisition.phase == Acquisition::Phase::none ? Code::ok : Code::busy;
+}
+
+Code check_report(const Station& s, const PlcInputs& in) {
+  if (!room_for_records(s, s.slab.phase == SlabPhase::none ? 1 : 2)) return Code::busy;
+  if (in.station > limits::kStationsMax) return Code::station_range;
+  if (in.station == 0) return s.results.slab_record.res_seq != 0 ? Code::ok : Code::wrong_slab;
+  // After its end the last slab's stations can be asked for until the next one begins. An aborted one has no results.
+  const bool has_ended = s.slab.phase == SlabPhase::none;
+  const bool has_results = s.slab.result.verdict != Verdict::none && s.slab.result.verdict != Verdict::aborted;
+  if (has_ended && (s.slab.header.key == 0 || !has_results)) return Code::wrong_slab;
+  return s.slab.stations[in.station - 1U].phase == StationPhase::measured ? Code::ok : Code::wrong_slab;
+}
+
+Code check_content(const Station& s, const PlcInputs& in) {
+  if (!in.crc_ok) return Code::bad_crc;
+  if (in.command < 1 || in.command > 5) return Code::unknown_command;
+  if (!in.enable || !s.plc.alive) return Code::not_enabled;
+  // While somebody calibrates the line is not enabled: a scan now would be of whatever the maintenance engineer looks
+  // at.
+  const bool inspects = in.command <= static_cast<std::uint16_t>(PlcCommand::slab_end);
+  if (in_maintenance(s) && inspects) return Code::not_enabled;
+  // Room for this command's jobs and for those of the measurements under way.
+  if (s.storing.size() + s.measuring + 8 > s.storing.capacity()) return Code::busy;
+  switch (static_cast<PlcCommand>(in.command)) {
+    case PlcCommand::slab_begin: return check_begin(s, in);
+    case PlcCommand::scan: return check_scan(s, in);
+    case PlcCommand::slab_end: return check_end(s, in, false);
+    case PlcCommand::slab_abort: return check_end(s, in, true);
+    case PlcCommand::report: return check_report(s, in);
+    case PlcCommand::none: break;
+  }
+  return Code::unknown_command;
+}
+
+void journal(Station& s, const PlcInputs& in, Actions& actions) {
+  s.desk.pending = true;
+  s.desk.pending_abort = false;
+  s.desk.pending_inputs = in;
+  // What was refused under this number has been mended: REFUSE_SEQ speaks of this order only if it is refused too.
+  if (s.desk.refuse_seq == in.cmd_seq) s.desk.refuse_seq = s.desk.refuse_code = 0;
+  PendingStore pending;
+  pending.value = in.cmd_seq;
+  if (static_cast<PlcCommand>(in.command) == PlcCommand::slab_begin) {
+    const BeginSlabJob job = slab_to_begin(s, in);
+    s.desk.pending_begin = job;
+    pending.kind = PendingStore::Kind::begin_slab;
+    submit(s, actions, job, pending);
+    return;
+  }
+  CommandJob job;
+  job.session = s.desk.session;
+  job.cmd_seq = in.cmd_seq;
+  job.command = in.command;
+  job.station = static_cast<std::uint8_t>(in.station);
+  job.slab_key = s.slab.phase == SlabPhase::none ? 0 : s.slab.header.key;
+  job.utime_us = s.utime_us;
+  pending.kind = PendingStore::Kind::command;
+  submit(s, actions, job, pending);
+}
+
+/// Rule (d). Only a command that would be carried out takes over: a display that writes the block back as it read it,
+/// soon or late, changes nothing. The first commander of a process needs no change of session: it can only know the one
+/// now shown. True: the session changes, and this block is of the old one.
+bool take_over(Station& s, const PlcInputs& in, Actions& actions) {
+  if (in.command_writer == s.desk.writer) return false;
+  const bool takeover = s.desk.writer != 0;
+  s.desk.writer = in.command_writer;
+  if (takeover) bump_session(s, actions, "another connection took over the command block");
+  return takeover;
+}
+
+/// The order, whoever writes it and in whatever session.
+bool is_same_command(const PlcInputs& a, const PlcInputs& b) {
+  return a.command == b.command && a.station == b.station && a.slab_type == b.slab_type && a.slab_no == b.slab_no &&
+         a.slab_id == b.slab_id;
+}
+
+void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
+  CommandDesk& desk = s.desk;
+  if (in.command_writer == 0) return;
+  // A block that stands there is judged once. Written again it is judged again when CMD_ACK has moved since: a number
+  // that came too early may be the right one now.
+  const bool looked_at = in.cmd_seq == desk.judged_seq && in.session_echo == desk.judged_echo &&
+                         in.command_writer == desk.judged_writer &&
+                         (in.command_writes == desk.judged_writes || desk.ack == desk.judged_ack);
+  if (looked_at) return;
+  desk.judged_seq = in.cmd_seq;
+  desk.judged_echo = in.session_echo;
+  desk.judged_writer = in.command_writer;
+  desk.judged_writes = in.command_writes;
+  desk.judged_ack = desk.ack;
+  if (in.cmd_seq == 0) return;
+
+  if (in.cmd_seq == desk.ack) {
+    // The same command again, late or after a restart: CMD_ACK already says so. Another one under this number is
+    // somebody's who has counted as the one before him did: to be silent would tell him that it is carried out.
+    const PlcInputs& known = desk.pending_inputs;
+    if (known.cmd_seq == in.cmd_seq && !is_same_command(known, in))
+      refuse(s, in, Code::bad_sequence, actions);
+    else if (known.cmd_seq != in.cmd_seq || known.session_echo != in.session_echo ||
+             known.command_writer != in.command_writer)
+      ++desk.refused;  // not the PLC that only writes it again because no answer came
+    return;
+  }
+  // The block that is on its way to the journal, written back by another connection.
+  const PlcInputs& under_way = desk.pending_inputs;
+  if (desk.pending && in.cmd_seq == under_way.cmd_seq && in.session_echo == under_way.session_echo &&
+      is_same_command(in, under_way))
+    return;
+  if (desk.session != desk.session_next || in.session_echo != desk.session) {
+    refuse(s, in, Code::stale_session, actions);
+  } else if (desk.pending || in.cmd_seq != next_sequence(desk.ack)) {
+    refuse(s, in, Code::bad_sequence, actions);
+  } else if (take_over(s, in, actions)) {
+    refuse(s, in, Code::stale_session, actions);
+  } else if (const Code code = check_content(s, in); code != Code::ok) {
+    refuse(s, in, code, actions);
+  } else {
+    journal(s, in, actions);
+  }
+}
+
+/// RES_ACK is a level that stands until the next record, so it says something of a record only when it came after it:
+/// a number that stood there before belongs to another one (number_record).
+void acknowledge(Station& s, const PlcInputs& in, Actions& actions) {
+  if (in.res_ack != s.results.ack_before) s.results.ack_before = 0;
+  if (s.results.queue.empty() || in.res_ack != s.results.queue.front().res_seq || s.results.ack_before != 0) return;
+  if (s.storing.size() + 8 > s.storing.capacity()) return;  // asked again with the PLC's next write
+  s.results.queue.pop();
+  store_acknowledgement(s, in.res_ack, actions);
+}
+
+void beat(Station& s, const PlcInputs& before, const PlcInputs& in, Actions& actions) {
+  if (in.heartbeat == before.heartbeat) return;
+  s.plc.changed_ns = s.now_ns;
+  if (s.plc.alive) return;
+  s.plc.alive = true;
+  if (s.plc.was_lost) bump_session(s, actions, "the PLC heartbeat came back");
+}
+
+}  // namespace
+
+void set_status(Station& s, std::uint16_t cmd_seq, std::uint16_t status) {
+  if (s.desk.ack == cmd_seq) s.desk.status = status;
+}
+
+bool room_for_records(const Station& s, std::size_t more) {
+  std::size_t promised = s.results.queue.size() + s.measuring;
+  for (const PendingStore& pending : s.storing)
+    promised += pending.kind == PendingStore::Kind::report || pending.kind == PendingStore::Kind::slab ? 1 : 0;
+  return promised + more <= limits::kResultQueueMax;
+}
+
+/// The new number is shown only when it is durable; until then every command is stale. Otherwise a restart could
+/// count back to a session that was already in use. A number on its way has been shown to nobody: a further reason to
+/// change needs no further number.
+void bump_session(Station& s, Actions& actions, const char* why) {
+  const bool under_way = std::any_of(s.storing.begin(), s.storing.end(), [](const PendingStore& pending) {
+    return pending.kind == PendingStore::Kind::session;
+  });
+  if (under_way) return;
+  s.desk.session_next = next_sequence(s.desk.session_next);
+  ++s.desk.sessions_unsaid;
+  if (s.now_ns - s.desk.session_logged_ns >= kNsPerS) {
+    s.desk.session_logged_ns = s.now_ns;
+    log(actions, LogLine::Level::info, Code::ok, "session %u: %s%s", s.desk.session_next, why,
+        s.desk.sessions_unsaid > 1 ? " (and others since the last line)" : "");
+    s.desk.sessions_unsaid = 0;
+  }
+  PendingStore pending;
+  pending.kind = PendingStore::Kind::session;
+  pending.value = s.desk.session_next;
+  submit(s, actions, SessionJob{s.desk.session_next}, pending);
+}
+
+void watch_heartbeat(Station& s, Actions& actions) {
+  if (!s.plc.alive || s.now_ns - s.plc.changed_ns <= s.settings.heartbeat_lost_ns) return;
+  s.plc.alive = false;
+  s.plc.was_lost = true;
+  log(actions, LogLine::Level::warning, Code::not_enabled,
+      "PLC heartbeat lost; the scan in hand is finished, nothing new is accepted");
+}
+
+void on_plc(Station& s, const PlcInputs& in, Actions& actions) {
+  const PlcInputs before = s.plc.inputs;
+  s.plc.inputs = in;
+  if (!s.recovered) return;
+  beat(s, before, in, actions);
+  if (in.sync_req != before.sync_req) bump_session(s, actions, "the PLC asked for synchronisation");
+  if (in.fault_reset && !before.fault_reset && s.fault != 0) {
+    log(actions, LogLine::Level::info, Code::ok, "fault %u reset by the PLC", s.fault);
+    s.fault = 0;
+    if (s.desk.session != s.desk.session_next) bump_session(s, actions, "storage is tried again");
+  }
+  if (in.abort && !before.abort) {
+    abort_acquisition(s, actions);
+    abort_shot(s, actions);
+  }
+  acknowledge(s, in, actions);
+  judge_command(s, in, actions);
+}
+
+void begin_command(Station& s, Actions& actions) {
+  const PlcInputs in = s.desk.pending_inputs;
+  s.desk.ack = in.cmd_seq;
+  set_status(s, in.cmd_seq, CommandStatus::accepted);
+  switch (static_cast<PlcCommand>(in.command)) {
+    case PlcCommand::slab_begin:
+      open_slab(s, s.desk.pending_begin);
+      set_status(s, in.cmd_seq, CommandStatus::done);
+      log(actions, LogLine::Level::info, Code::ok, "slab %u \"%s\" begun, recipe %s", s.slab.header.slab_no,
+          s.slab.header.slab_id.c_str(), s.slab.header.recipe.c_str());
+      break;
+    case PlcCommand::scan: begin_acquisition(s, in, actions); break;
+    case PlcCommand::slab_end: begin_end(s, in.cmd_seq, false, actions); break;
+    case PlcCommand::slab_abort: begin_end(s, in.cmd_seq, true, actions); break;
+    case PlcCommand::report: {
+      PlcResult record = s.results.slab_record;
+      if (in.station != 0) {
+        const StationRecord& row = s.slab.stations[in.station - 1U];
+        record = s.slab.phase == SlabPhase::none ? station_record(row.block, s.slab.result) : station_record(row.block);
+        record.cmd_seq = row.attempt.cmd_seq;
+        record.slab_no = s.slab.header.slab_no;
+        record.scan_utime_us = row.attempt.scan_utime_us;
+        record.emulated = s.slab.header.emulated;
+      }
+      number_record(s, record);
+      PendingStore pending;
+      pending.kind = PendingStore::Kind::report;
+      pending.value = in.cmd_seq;
+      pending.record = record;
+      submit(s, actions, ReportJob{record}, pending);
+      break;
+    }
+    case PlcCommand::none: break;
+  }
+}
+
+}  // namespace slabd::daemon

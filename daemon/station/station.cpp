@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/station/station.h"
+
+#include <algorithm>
+#include <cstdarg>
+
+#include "base/splice.h"
+#include "daemon/station/parts.h"
+
+namespace slabd::daemon {
+
+void log(Actions& actions, LogLine::Level level, Code code, const char* format, ...) {
+  // A log line never displaces work: it is dropped when the actions run short.
+  if (actions.size() + 8 > Actions::capacity()) return;
+  std::array<char, limits::kErrorTextBytes + 1> text{};
+  va_list args;
+  va_start(args, format);
+  std::vsnprintf(text.data(), text.size(), format, args);
+  va_end(args);
+  emit(actions, LogLine{level, static_cast<std::uint16_t>(code), std::string_view(text.data())});
+}
+
+Code current_fault(const Station& s) {
+  if (s.settings.fault != Code::ok) return s.settings.fault;
+  if (s.fault != 0) return static_cast<Code>(s.fault);
+  return calibration_fault(s) == CalibrationFault::none ? Code::ok : Code::calibration_missing;
+}
+
+void raise_fault(Station& s, Actions& actions, Code code, const char* doing) {
+  s.fault = static_cast<std::uint16_t>(code);
+  log(actions, LogLine::Level::error, code, "fault %u while %s: %.*s; %.*s", static_cast<unsigned>(code), doing,
+      static_cast<int>(describe(code).size()), describe(code).data(), static_cast<int>(cure(code).size()),
+      cure(code).data());
+}
+
+const Recipe* recipe_for(const Station& s, std::uint16_t slab_type) {
+  for (const Recipe& recipe : s.settings.recipes)
+    if (recipe.slab_type == slab_type) return &recipe;
+  return nullptr;
+}
+
+namespace {
+
+View view_of(const SlabHeader& slab, const Recipe& recipe, int station, const Pose& T_base_scanner,
+             const Pose& T_scanner_block) {
+  return {true, T_base_scanner, slab.T_base_slab * T_slab_block(recipe, station), T_scanner_block};
+}
+
+/// Of the last slab, and of the open one's blocks that are measured.
+void recover_views(Station& s, const RecoveredLine& line) {
+  const Recipe* recipe = recipe_for(s, line.last_slab.slab_type);
+  for (std::size_t i = 0; recipe != nullptr && i < line.last_blocks.size() && i < recipe->stations(); ++i) {
+    const SeenBlock& block = line.last_blocks[i];
+    if (block.seen)
+      s.views.last[i] =
+          view_of(line.last_slab, *recipe, static_cast<int>(i) + 1, block.T_base_scanner, block.T_scanner_block);
+  }
+  recipe = line.slab_open ? recipe_for(s, line.slab.slab_type) : nullptr;
+  for (std::size_t i = 0; recipe != nullptr && i < line.stations.size() && i < recipe->stations(); ++i) {
+    const StationRecord& record = line.stations[i];
+    const bool seen = record.phase == StationPhase::measured &&
+                      record.block.registration.status == RegistrationStatus::converged &&
+                      record.block.reason != static_cast<std::uint16_t>(Code::frame_incomplete);
+    if (seen)
+      s.views.slab[i] =
+          view_of(line.slab, *recipe, static_cast<int>(i) + 1, stored_T_base_scanner(line.slab, record.attempt),
+                  record.block.registration.T_scanner_block);
+  }
+}
+
+/// Picks up where the last process stopped. The session always changes, so that a command meant for the last process
+/// cannot be carried out by this one; nothing is scanned again on our own account.
+void on_recovered(Station& s, const Recovered& event, Actions& actions) {
+  const RecoveredLine& line = *event.line;
+  s.desk.session_next = line.session;
+  s.desk.ack = line.cmd_ack;
+  s.desk.status = line.cmd_status;
+  s.desk.acq_seq = line.acq_seq;
+  s.results.last_seq = line.res_seq;
+  s.results.queue = line.unacknowledged;
+  s.results.table = line.table;
+  s.results.slab_verdict = line.slab_verdict;
+  s.results.slab_reason = line.slab_reason;
+  s.results.slab_no = line.table_slab_no;
+  s.results.slab_record = line.slab_record;
+  s.results.slab_emulated = line.slab_emulated;
+  s.last_slab_key = line.last_slab_key;
+  s.newest_time = NewestTime(line.newest_utime_us);
+  s.fingerprints = line.fingerprints;
+  s.fingerprint_next = static_cast<std::size_t>(std::count_if(line.fingerprints.begin(), line.fingerprints.end(),
+                                                              [](std::uint64_t f) { return f != 0; })) %
+                       s.fingerprints.size();
+  for (const std::uint64_t fingerprint : line.fingerprints)
+    if (fingerprint != 0) s.scan_unseen = fingerprint == kUnseenScan;
+  recover_views(s, line);
+  s.slab.header = line.slab;
+  s.slab.stations = line.stations;
+  if (!line.slab_open) {
+    s.slab.result = line.last_result;
+  } else {
+    s.slab.phase = SlabPhase::open;
+    const Recipe* recipe = recipe_for(s, line.slab.slab_type);
+    const bool same = recipe != nullptr && recipe->sha256 == line.slab.recipe_sha256;
+    s.slab.recipe = same ? recipe : nullptr;
+    if (same) {
+      log(actions, LogLine::Level::info, Code::ok, "slab %u \"%s\" is still open; the line can go on with it",
+          line.slab.slab_no, line.slab.slab_id.c_str());
+    } else {
+      log(actions, LogLine::Level::error, Code::unknown_type,
+          "open slab %u was begun with recipe %s (%.12s), which is not loaded now: only SLAB_ABORT is possible",
+          line.slab.slab_no, line.slab.recipe.c_str(), line.slab.recipe_sha256.c_str());
+    }
+  }
+  recover_calibration(s, line, actions);
+  if (line.slab_open && line.abort_seq != 0) {
+    log(actions, LogLine::Level::info, Code::ok,
+        "slab %u: SLAB_ABORT was accepted before the restart; it is finished now", line.slab.slab_no);
+    begin_end(s, line.abort_seq, true, actions);
+  }
+  s.recovered = true;
+  bump_session(s, actions, "start");
+}
+
+void on_tick(Station& s, const Tick& tick, Actions& actions) {
+  s.now_ns = tick.mono_ns;
+  s.utime_us = tick.utime_us;
+  if (s.now_ns - s.heartbeat_ns >= s.settings.heartbeat_period_ns) {
+    s.heartbeat_ns = s.now_ns;
+    ++s.heartbeat;
+  }
+  const bool backwards = s.utime_us < s.newest_time.utime_us();
+  if (backwards && (s.warn & kWarnClockBackwards) == 0)
+    log(actions, LogLine::Level::warning, Code::ok,
+        "the wall clock is older than the newest record; records stay ordered by number");
+  s.warn = static_cast<std::uint16_t>(backwards ? (s.warn | kWarnClockBackwards) : (s.warn & ~kWarnClockBackwards));
+  watch_heartbeat(s, actions);
+}
+
+struct Dispatch {
+  Station& s;
+  Actions& actions;
+  void operator()(const Recovered& e) const { on_recovered(s, e, actions); }
+  void operator()(const Tick& e) const { on_tick(s, e, actions); }
+  void operator()(const LinkStatus& e) const {
+    if (e.stray_files > s.links.stray_files) s.warn |= kWarnStrayFiles;
+    s.links = e;
+  }
+  void operator()(const PlcInputs& e) const { on_plc(s, e, actions); }
+  void operator()(const PoseSample& e) const {
+    s.gate.add(e);
+    if (in_maintenance(s)) s.still.add(e);
+  }
+  void operator()(const ScanDone& e) const { on_scan_done(s, e, actions); }
+  void operator()(const BlockMeasured& e) const { on_block_measured(s, e, actions); }
+  void operator()(const SlabJudged& e) const { on_slab_judged(s, e, actions); }
+  void operator()(const StoreDone& e) const { on_stored(s, e, actions); }
+  void operator()(const CalibrationChanged& e) const { on_calibration_changed(s, *e.calibration); }
+  void operator()(const CaptureRequest& e) const { on_capture_request(s, e, actions); }
+};
+
+}  // namespace
+
+void step(Station& station, const Event& event, Actions& actions) {
+  actions.clear();
+  std::visit(Dispatch{station, actions}, event);
+  if (!station.recovered) return;
+  // Whatever happened may have been what one of these waited for; each does nothing when it is not its turn.
+  advance_acquisition(station, actions);
+  advance_capture(station, actions);
+  advance_end(station, actions);
+  remeasure(station, actions);
+  advance_calibration(station, actions);
+}
+
+}  // namespace slabd::daemon

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "base/base.h"
+#include "emulator/plc_peer.h"
+#include "emulator/robot_peer.h"
+#include "emulator/scanner_peer.h"
+#include "emulator/slab_scene.h"
+
+/// The line's program for one slab: SLAB_BEGIN, 18 times move and SCAN, SLAB_END, wait for the verdict. It is what
+/// the PLC program of a real line does, with the emulated peers in place of the machines.
+namespace slabd::simulate {
+
+struct SlabOrder {
+  std::uint32_t slab_no = 0;
+  std::string slab_id;
+  std::uint16_t slab_type = 0;
+};
+
+/// One station as the line saw it. Times in s; negative = did not happen.
+struct StationRun {
+  int scans = 0;              ///< SCAN commands given
+  std::uint16_t cmd_seq = 0;  ///< of the last one
+  std::string trouble;        ///< why the last SCAN came to nothing
+  double trigger_to_acquired_s = -1.0;
+  double acquired_to_result_s = -1.0;
+  bool has_record = false;
+  PlcResult record;
+};
+
+struct SlabRun {
+  SlabOrder order;
+  bool finished = false;   ///< a slab verdict was shown
+  bool continued = false;  ///< the slab was already open: finished stations were skipped
+  PlcTrouble trouble;      ///< why it did not finish
+  std::array<StationRun, limits::kStationsMax> station{};
+  std::array<PlcStationRow, limits::kStationsMax> table{};  ///< as the PLC read it at the end
+  Verdict verdict = Verdict::none;
+  std::uint16_t reason = 0;
+  PlcResult record;                          ///< of the slab
+  double last_acquired_to_verdict_s = -1.0;  ///< as the PLC sees both; to a PLC cycle
+  double total_s = 0.0;
+};
+
+struct Line {
+  PlcPeer& plc;
+  RobotPeer& robot;
+  ScannerPeer& scanner;
+  const Recipe& recipe;
+  const Cell& cell;
+  int scans_per_station_max = 3;
+  PlcTraits timing;
+  std::function<void(int station, std::string_view doing)> progress;
+};
+
+/// Runs one slab. Never throws the slab away: a station that cannot be scanned is left out after its attempts, and
+/// slabd's verdict says what that means.
+[[nodiscard]] SlabRun run_slab(const Line& line, const SlabOrder& order, const SlabTruth& truth);
+
+}  // namespace slabd::simulate

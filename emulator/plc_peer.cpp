@@ -1,0 +1,293 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "emulator/plc_peer.h"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <thread>
+
+#include "emulator/plc_wire.h"
+#include "hal/plc/plc_map.h"
+
+namespace slabd::simulate {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr milliseconds kConnectTimeout{5'000};
+constexpr milliseconds kAskedTimeout{12'000};  // slabd as client looks for a lost PLC every five seconds
+constexpr milliseconds kReconnectPeriod{500};
+constexpr milliseconds kSessionTimeout{3'000};
+constexpr int kControlRegisters = 4;  // HR 0..3
+
+}  // namespace
+
+struct PlcPeer::Impl {
+  PlcTraits traits;
+  const std::atomic<bool>* stop = nullptr;
+  std::unique_ptr<PlcWire> wire;
+  std::string name;
+
+  PlcInputs memory;  // what this PLC holds for slabd
+  PlcOutputs seen;
+  std::vector<StoredResult> results;
+  PlcClock::time_point beat_at{};
+  PlcClock::time_point cycle_at{};
+
+  // ---- the wire ---------------------------------------------------------------------------------------------------
+
+  bool write_registers(int first, int count) {
+    hal::HoldingImage image{};
+    hal::encode_inputs(memory, traits.plc.word_order, true, image);
+    return wire->write(first, count, image);
+  }
+  bool write_control() { return write_registers(0, kControlRegisters); }
+  bool write_command() { return write_registers(hal::kCommandFirst, hal::kCommandLast - hal::kCommandFirst + 1); }
+
+  // ---- one cycle --------------------------------------------------------------------------------------------------
+
+  /// Reads, acknowledges, beats; sleeps for the rest of the cycle first. A broken link is mended here.
+  bool cycle(PlcTrouble& trouble) {
+    std::this_thread::sleep_until(cycle_at + traits.cycle);
+    cycle_at = PlcClock::now();
+    if (stop->load()) {
+      trouble.interrupted = true;
+      trouble.text = "interrupted";
+      return false;
+    }
+    hal::InputImage image{};
+    if (!exchange(image)) return mend(trouble);
+    return understand(image, trouble);
+  }
+
+  bool exchange(hal::InputImage& image) {
+    if (!wire->read(image)) return false;
+    if (PlcClock::now() - beat_at < traits.heartbeat) return true;
+    ++memory.heartbeat;
+    beat_at = PlcClock::now();
+    return write_control();
+  }
+
+  bool understand(const hal::InputImage& image, PlcTrouble& trouble) {
+    const Result<PlcOutputs> outputs = hal::decode_outputs(image, traits.plc.word_order);
+    if (!outputs) {
+      trouble.code = Code::config;
+      trouble.text = fmt::format("{}: {}", name, outputs.error().text.view());
+      return false;
+    }
+    seen = outputs.value();
+    if (seen.result && hal::record_intact(image)) store_result();
+    return true;
+  }
+
+  /// Stored first, acknowledged second; slabd shows it again until it sees RES_ACK. A record that is already here
+  /// (same slab, station and command) is only acknowledged.
+  void store_result() {
+    const PlcResult& record = seen.record;
+    const bool known = std::any_of(results.begin(), results.end(), [&](const StoredResult& stored) {
+      return stored.record.slab_no == record.slab_no && stored.record.kind == record.kind &&
+             stored.record.station == record.station && stored.record.cmd_seq == record.cmd_seq;
+    });
+    if (!known) results.push_back({record, PlcClock::now()});
+    if (memory.res_ack == record.res_seq) return;  // on its way with every heartbeat
+    memory.res_ack = record.res_seq;
+    write_control();  // a failure shows in the next cycle, and the heartbeat writes it again
+  }
+
+  /// Any error: close and connect anew (a late answer would otherwise be taken for the next one's).
+  bool mend(PlcTrouble& trouble) {
+    const auto lost_at = PlcClock::now();
+    while (PlcClock::now() - lost_at < traits.link_timeout && !stop->load()) {
+      wire->close();
+      hal::InputImage image{};
+      if (wire->open() && write_control() && wire->read(image)) return understand(image, trouble);
+      std::this_thread::sleep_for(kReconnectPeriod);
+    }
+    trouble.link_lost = true;
+    trouble.text = fmt::format("{}: the connection was lost and did not come back in {} s", name,
+                               traits.link_timeout.count() / 1000);
+    return false;
+  }
+};
+
+PlcPeer::PlcPeer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+PlcPeer::~PlcPeer() = default;
+
+const PlcOutputs& PlcPeer::seen() const {
+  return impl_->seen;
+}
+const std::vector<StoredResult>& PlcPeer::results() const {
+  return impl_->results;
+}
+std::string_view PlcPeer::peer_name() const {
+  return impl_->name;
+}
+
+Result<std::unique_ptr<PlcPeer>> PlcPeer::connect(const PlcTraits& traits, const std::atomic<bool>& stop) {
+  auto impl = std::make_unique<Impl>();
+  impl->traits = traits;
+  impl->stop = &stop;
+  Result<std::unique_ptr<PlcWire>> wire = make_plc_wire(traits.plc, traits.device);
+  if (!wire) return wire.error();
+  impl->wire = std::move(wire.value());
+  impl->name = impl->wire->name();
+  const auto started = PlcClock::now();
+  const milliseconds patience = traits.plc.role == hal::PlcRole::client ? kAskedTimeout : kConnectTimeout;
+  std::uint16_t sync = 0;
+  hal::InputImage image{};
+  // A daemon that has just been started listens before it answers.
+  while (!impl->wire->open() || !impl->wire->read(image) || !impl->wire->read_sync(sync)) {
+    if (PlcClock::now() - started > patience || stop.load())
+      return error(Code::scanner_offline, "%s", impl->wire->fault().c_str());
+    std::this_thread::sleep_for(kReconnectPeriod);
+  }
+
+  PlcTrouble trouble;
+  if (!impl->understand(image, trouble)) return error(Code::config, "%s", trouble.text.c_str());
+  const std::uint16_t session_before = impl->seen.session;
+  impl->memory.sync_req = static_cast<std::uint16_t>(sync + 1U);
+  impl->memory.enable = true;
+  ++impl->memory.heartbeat;
+  if (!impl->write_control()) return error(Code::scanner_offline, "%s", impl->wire->fault().c_str());
+
+  std::unique_ptr<PlcPeer> peer(new PlcPeer(std::move(impl)));
+  const auto fresh = [&] {
+    const PlcOutputs& seen = peer->seen();
+    return seen.session != session_before && !seen.busy && seen.plc_link_ok;
+  };
+  if (!peer->await([&] { return fresh() || peer->seen().fault_present; }, kSessionTimeout + traits.acquire_timeout,
+                   "a new session", trouble))
+    return error(Code::scanner_offline, "%s", trouble.text.c_str());
+  if (peer->seen().fault_present) {
+    const auto fault = static_cast<Code>(peer->seen().fault);
+    return error(fault, "slabd on %s reports fault %u: %.*s; %.*s", std::string(peer->peer_name()).c_str(),
+                 peer->seen().fault, static_cast<int>(describe(fault).size()), describe(fault).data(),
+                 static_cast<int>(cure(fault).size()), cure(fault).data());
+  }
+  return peer;
+}
+
+bool PlcPeer::await(const std::function<bool()>& done, milliseconds timeout, const char* what, PlcTrouble& trouble) {
+  const auto started = PlcClock::now();
+  while (!done()) {
+    if (PlcClock::now() - started > timeout) {
+      trouble.text =
+          fmt::format("{}: waited {:.1f} s for {}", impl_->name, std::chrono::duration<double>(timeout).count(), what);
+      return false;
+    }
+    if (!impl_->cycle(trouble)) return false;
+  }
+  return true;
+}
+
+/// An order that nobody answered may still be on its way: it is given up only when a new session makes it void.
+void PlcPeer::make_void() {
+  const std::uint16_t session = seen().session;
+  ++impl_->memory.sync_req;
+  impl_->write_control();  // written again with every heartbeat
+  PlcTrouble ignored;      // whoever gave up reports why
+  static_cast<void>(
+      await([&] { return seen().session != session && !seen().busy; }, kSessionTimeout, "a new session", ignored));
+}
+
+bool PlcPeer::issue(const PlcOrder& order, std::uint16_t& cmd_seq, PlcTrouble& trouble, PlcClock::time_point* written) {
+  trouble = {};
+  PlcInputs& memory = impl_->memory;
+  memory.command = static_cast<std::uint16_t>(order.command);
+  memory.station = static_cast<std::uint16_t>(order.station);
+  memory.slab_type = order.slab_type;
+  memory.recipe = 0;
+  memory.slab_no = order.slab_no;
+  memory.slab_id.fill('\0');
+  std::copy_n(order.slab_id.begin(), std::min(order.slab_id.size(), memory.slab_id.size()), memory.slab_id.begin());
+
+  for (int attempt = 0; attempt < kIssueAttempts; ++attempt) {
+    memory.session_echo = seen().session;
+    memory.cmd_seq = next_sequence(seen().cmd_ack);
+    const std::uint16_t refused_before = seen().refused;
+    auto written_at = PlcClock::now();
+    if (attempt == 0 && written != nullptr) *written = written_at;
+    impl_->write_command();  // a failure shows in the next cycle, as a lost link or as no answer
+    bool refused = false;
+    for (int rewrites = 0;;) {
+      if (!impl_->cycle(trouble)) return false;
+      // Refused first: CMD_ACK may have this number from somebody else's order.
+      refused = seen().refused != refused_before && seen().refuse_seq == memory.cmd_seq &&
+                (seen().refuse_code == static_cast<std::uint16_t>(Code::stale_session) ||
+                 seen().refuse_code == static_cast<std::uint16_t>(Code::bad_sequence));
+      if (refused || seen().cmd_ack == memory.cmd_seq || seen().session != memory.session_echo) break;
+      if (PlcClock::now() - written_at < impl_->traits.ack_timeout) continue;
+      if (rewrites++ == impl_->traits.ack_rewrites) {
+        trouble.text = fmt::format("{}: command {} was not answered", impl_->name, memory.cmd_seq);
+        make_void();
+        return false;
+      }
+      written_at = PlcClock::now();
+      impl_->write_command();  // the same number: if the first one arrived, this is a duplicate and does nothing
+    }
+    if (refused || seen().cmd_ack != memory.cmd_seq) {
+      // Stale session or wrong number: SESSION and CMD_ACK are read again. A session on its way to the disk is shown
+      // when it is there.
+      if (!await([&] { return seen().ready; }, kSessionTimeout, "READY", trouble) &&
+          (trouble.link_lost || trouble.interrupted || seen().fault_present))
+        return false;
+      trouble = {};
+      continue;
+    }
+    cmd_seq = memory.cmd_seq;
+    if (seen().cmd_status < kCommandFailed) return true;
+    trouble.code = static_cast<Code>(seen().cmd_status - kCommandFailed);
+    const bool later = trouble.code == Code::busy || trouble.code == Code::not_enabled;
+    if (!later) {
+      trouble.text = fmt::format("command {} refused, {}: {}; {}", cmd_seq, static_cast<unsigned>(trouble.code),
+                                 describe(trouble.code), cure(trouble.code));
+      return false;
+    }
+    PlcTrouble waiting;
+    if (!await([&] { return !seen().busy && seen().plc_link_ok && seen().results_pending < 2; },
+               impl_->traits.result_timeout, "not BUSY", waiting)) {
+      trouble = waiting;
+      return false;
+    }
+  }
+  trouble.text = fmt::format("{}: command {} was refused {} times, last with {}", impl_->name, memory.cmd_seq,
+                             kIssueAttempts, seen().refuse_code);
+  return false;
+}
+
+bool PlcPeer::await_status(std::uint16_t cmd_seq, CommandStatus status, milliseconds timeout, PlcTrouble& trouble) {
+  const auto reached = [&] {
+    if (status == CommandStatus::acquired && seen().acq_seq == cmd_seq) return true;
+    if (seen().cmd_ack != cmd_seq) return true;  // not ours any more: decided below
+    if (status == CommandStatus::acquired && seen().cmd_status < kCommandFailed) return false;  // ACQ_SEQ says it
+    return seen().cmd_status >= static_cast<std::uint16_t>(status);
+  };
+  if (!await(reached, timeout, status == CommandStatus::acquired ? "ACQUIRED" : "the command to be done", trouble))
+    return false;
+  if (status == CommandStatus::acquired && seen().acq_seq == cmd_seq) return true;
+  if (seen().cmd_ack != cmd_seq) {
+    trouble.code = Code::interrupted;
+    trouble.text = fmt::format("command {} is not the one slabd works on", cmd_seq);
+    return false;
+  }
+  if (seen().cmd_status < kCommandFailed) return true;
+  trouble.code = static_cast<Code>(seen().cmd_status - kCommandFailed);
+  trouble.text =
+      fmt::format("{}: {}; {}", static_cast<unsigned>(trouble.code), describe(trouble.code), cure(trouble.code));
+  return false;
+}
+
+const StoredResult* PlcPeer::result(std::uint32_t slab_no, int kind, int station, std::uint16_t cmd_seq) const {
+  for (const StoredResult& stored : impl_->results) {
+    const PlcResult& r = stored.record;
+    if (r.slab_no == slab_no && r.kind == kind && r.station == station && r.cmd_seq == cmd_seq) return &stored;
+  }
+  return nullptr;
+}
+
+void PlcPeer::disable() {
+  impl_->memory.enable = false;
+  impl_->write_control();
+}
+
+}  // namespace slabd::simulate

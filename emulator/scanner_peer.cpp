@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "emulator/scanner_peer.h"
+
+#include <array>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <vector>
+
+namespace slabd::simulate {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto kWatchPeriod = 5ms;
+
+struct Job {
+  const Recipe* recipe = nullptr;
+  const SlabTruth* slab = nullptr;
+  const Cell* cell = nullptr;
+  std::uint64_t slab_count = 0;  ///< tells one slab's drawings from the next one's
+  int station = 0;
+  int next_station = 0;
+};
+
+}  // namespace
+
+struct ScannerPeer::Impl {
+  ScannerTraits traits;
+  ScannerFault fault;
+  std::unique_ptr<ScanOutlet> outlet;
+
+  mutable std::mutex mutex;  // guards job, delivered, trouble
+  Job job;
+  std::uint64_t delivered = 0;
+  std::string trouble;
+
+  // The thread's own.
+  std::vector<float> xyz;
+  std::vector<float> last_exposure;                             ///< mm; kept for given_again
+  std::array<std::uint64_t, limits::kStationsMax + 1> scans{};  ///< drawn so far of each station
+  std::uint64_t drawn_slab = 0;
+  int drawn_station = 0;  ///< of drawn_slab: whose scan is ready; 0 = nobody's
+  // Of a faulty scanner: a scan is made again from what it was drawn of.
+  struct Take {
+    Job job;
+    int station = 0;
+    std::uint64_t seed = 0;
+  };
+  std::vector<Take> recorded;  ///< loop
+  std::size_t given = 0;
+  std::optional<Take> last_frame;  ///< frame_before
+
+  std::jthread thread;  // last: joined before the rest goes
+
+  ~Impl() {
+    thread.request_stop();
+    if (thread.joinable()) thread.join();
+  }
+
+  [[nodiscard]] bool is_faulty() const { return fault.frame_before || fault.one_block != 0 || fault.loop != 0; }
+
+  void complain(const std::string& text) {
+    const std::lock_guard lock(mutex);
+    trouble = text;
+  }
+
+  /// Draws `station` and makes it ready.
+  bool draw(const Job& now, int station) {
+    if (drawn_slab != now.slab_count) scans.fill(0);
+    drawn_slab = now.slab_count;
+    const auto k = static_cast<std::size_t>(station);
+    if (now.slab == nullptr || station < 1 || station > now.slab->stations) {
+      drawn_station = 0;
+      return false;
+    }
+    if (station == fault.given_again && !last_exposure.empty()) return put_again(station);
+    return draw(Take{now, station, derived_seed(now.slab->scan_seed, k, ++scans[k])});
+  }
+  bool draw(const Take& take) {
+    const Job& now = take.job;
+    const int station = take.station;
+    const std::uint64_t seed = take.seed;
+    drawn_station = 0;
+    const StationTruth& truth = now.slab->at(station);
+    auto surface =
+        BlockSurface::make(*now.recipe, truth.block, T_scanner_block(*now.slab, *now.cell, station), traits.projection);
+    if (!surface) {
+      complain(surface.error().text.c_str());
+      return false;
+    }
+    ScannerTraits scanner = traits;
+    scanner.noise_mm = truth.noise_mm;
+    scanner.outlier_share = truth.outlier_share;
+    const DrawnScan drawn = draw_scan(surface.value(), scanner, seed, xyz);
+    if (fault.given_again != 0) last_exposure = xyz;
+    if (const Status ready = outlet->put(xyz, drawn.width, drawn.height); !ready) {
+      complain(ready.error().text.c_str());
+      return false;
+    }
+    drawn_station = station;
+    return true;
+  }
+
+  /// The points drawn last, in another form.
+  bool put_again(int station) {
+    drawn_station = 0;
+    std::vector<float> again;
+    for (std::size_t i = last_exposure.size(); i >= 3; i -= 3)
+      if (std::isfinite(last_exposure[i - 3]))
+        again.insert(again.end(), &last_exposure[i - 3], &last_exposure[i - 3] + 3);
+    if (const Status ready = outlet->put(again, 0, 0); !ready) {
+      complain(ready.error().text.c_str());
+      return false;
+    }
+    drawn_station = station;
+    return true;
+  }
+
+  /// The take that a faulty scanner answers with.
+  Take faulty_take(const Job& now) {
+    const int station = fault.one_block != 0 ? fault.one_block : now.station;
+    if (drawn_slab != now.slab_count) scans.fill(0);
+    drawn_slab = now.slab_count;
+    const auto k = static_cast<std::size_t>(station);
+    Take take{now, station, derived_seed(now.slab->scan_seed, k, ++scans[k])};
+    if (fault.frame_before) {
+      const Take held = last_frame.value_or(take);
+      last_frame = take;
+      return held;
+    }
+    if (fault.loop == 0) return take;
+    if (recorded.size() < static_cast<std::size_t>(fault.loop)) {
+      recorded.push_back(take);
+      return take;
+    }
+    return recorded[given++ % recorded.size()];
+  }
+
+  void answer(const std::string& name, const Job& now) {
+    if (is_faulty()) {
+      const bool there = now.station >= 1 && now.station <= now.slab->stations && fault.one_block <= now.slab->stations;
+      drawn_station = there && draw(faulty_take(now)) ? now.station : 0;
+      if (drawn_station == 0) {
+        outlet->give_up(name);
+        return;
+      }
+    }
+    const bool ready = drawn_station == now.station && drawn_slab == now.slab_count;
+    if (!ready && !draw(now, now.station)) {
+      outlet->give_up(name);
+      return;
+    }
+    drawn_station = 0;
+    if (const Status status = outlet->deliver(name); !status) {
+      complain(status.error().text.c_str());
+      return;
+    }
+    const std::lock_guard lock(mutex);
+    ++delivered;
+  }
+
+  /// "<session>-<seq>" of an unanswered request, or empty.
+  std::string pending_request() {
+    std::string bad;
+    std::string name = outlet->pending(bad);
+    if (!bad.empty()) complain(bad);
+    return name;
+  }
+
+  void watch_until(const std::stop_token& stop) {
+    while (!stop.stop_requested()) {
+      Job now;
+      {
+        const std::lock_guard lock(mutex);
+        now = job;
+      }
+      if (const std::string name = pending_request(); !name.empty() && now.slab != nullptr && now.station != 0) {
+        answer(name, now);
+      } else if (const int ahead = wanted(now); ahead != 0) {
+        draw(now, ahead);
+      } else {
+        std::this_thread::sleep_for(kWatchPeriod);
+      }
+    }
+  }
+
+  /// The station to draw ahead: the one before the scanner until its scan is delivered, then the next.
+  [[nodiscard]] int wanted(const Job& now) const {
+    if (now.slab == nullptr || is_faulty()) return 0;
+    const int ahead = now.next_station;
+    if (ahead == 0 || (drawn_station == ahead && drawn_slab == now.slab_count)) return 0;
+    if (drawn_station == now.station && drawn_slab == now.slab_count) return 0;
+    return ahead;
+  }
+};
+
+Result<ScannerFault> parse_scanner_fault(std::string_view text) {
+  ScannerFault fault;
+  if (text.empty()) return fault;
+  const std::size_t equals = text.find('=');
+  const std::string_view name = text.substr(0, equals);
+  int number = 0;
+  constexpr int kStations = static_cast<int>(limits::kStationsMax);
+  if (equals != std::string_view::npos) {
+    const auto [rest, failed] = std::from_chars(text.data() + equals + 1, text.data() + text.size(), number);
+    if (failed != std::errc{} || rest != text.data() + text.size() || number < 1 || number > 100'000) number = 0;
+  }
+  if (name == "frame-before" && equals == std::string_view::npos)
+    fault.frame_before = true;
+  else if (name == "one-block" && number >= 1 && number <= kStations)
+    fault.one_block = number;
+  else if (name == "given-again" && number >= 1 && number <= kStations)
+    fault.given_again = number;
+  else if (name == "loop" && number >= 1)
+    fault.loop = number;
+  else
+    return error(Code::config, "--scanner-fault %.*s: frame-before, one-block=K, given-again=K (1..18) or loop=N",
+                 static_cast<int>(text.size()), text.data());
+  return fault;
+}
+
+ScannerPeer::ScannerPeer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+ScannerPeer::~ScannerPeer() = default;
+
+Result<std::unique_ptr<ScannerPeer>> ScannerPeer::start(const ScannerTraits& traits, std::unique_ptr<ScanOutlet> outlet,
+                                                        const ScannerFault& fault) {
+  auto impl = std::make_unique<Impl>();
+  impl->traits = traits;
+  impl->outlet = std::move(outlet);
+  impl->fault = fault;
+  Impl* raw = impl.get();
+  impl->thread = std::jthread([raw](const std::stop_token& stop) { raw->watch_until(stop); });
+  return std::unique_ptr<ScannerPeer>(new ScannerPeer(std::move(impl)));
+}
+
+void ScannerPeer::look_at(const Recipe& recipe, const SlabTruth& slab, const Cell& cell) {
+  const std::lock_guard lock(impl_->mutex);
+  impl_->job = {&recipe, &slab, &cell, impl_->job.slab_count + 1, 0, 0};
+}
+
+void ScannerPeer::stand_over(int station, int next_station) {
+  const std::lock_guard lock(impl_->mutex);
+  impl_->job.station = station;
+  impl_->job.next_station = next_station;
+}
+
+std::uint64_t ScannerPeer::delivered() const {
+  const std::lock_guard lock(impl_->mutex);
+  return impl_->delivered;
+}
+
+std::string ScannerPeer::trouble() const {
+  const std::lock_guard lock(impl_->mutex);
+  return impl_->trouble;
+}
+
+}  // namespace slabd::simulate

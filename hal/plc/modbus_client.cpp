@@ -1,0 +1,357 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <arpa/inet.h>
+#include <modbus/modbus.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <pthread.h>
+#include <sys/eventfd.h>
+#include <sys/select.h>
+#include <sys/socket.h>
+
+#include <cerrno>
+#include <chrono>
+#include <condition_variable>
+#include <mutex>
+#include <thread>
+
+#include "hal/hal.h"
+#include "hal/plc/modbus_client_plan.h"
+#include "hal/plc/plc_map.h"
+#include "hal/plc/plc_notes.h"
+#include "hal/system/os.h"
+
+// Problem: a client waits, for a connection and for every answer, and the loop must not.
+// Idea: one thread owns the connection and does what ClientPlan says; the loop's side exchanges whole images with it.
+// Invariants:
+//   - libmodbus never mends a connection (recovery NONE): its LINK mode loops for ever when the peer is gone, and after
+//     a late answer every further one is taken for the wrong question. On any error the connection is closed;
+//   - nothing to be written is ever queued: there is one present image, and after a loss that one is written;
+//   - what the PLC has written comes to the loop in the order it was read; each change is an event;
+//   - every wait is bounded by `timeout_ns`, and no heap is used after construction.
+namespace slabd::hal {
+namespace {
+
+/// Images read and not yet taken by the loop. The loop turns every 10 ms and a poll takes longer: two would do.
+constexpr std::size_t kUnreadMax = 8;
+constexpr int kUnacknowledgedMs = 5000;
+
+struct ContextDeleter {
+  void operator()(modbus_t* context) const {
+    modbus_close(context);
+    modbus_free(context);
+  }
+};
+
+std::int64_t steady_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+bool is_exception(int error_number) {
+  return error_number >= EMBXILFUN && error_number <= EMBXGTAR;
+}
+
+class Client final : public PlcPort {
+ public:
+  Client(const PlcSettings& settings, modbus_t* context, Fd news)
+      : settings_(settings), context_(context), news_(std::move(news)), plan_(settings.poll_ns) {
+    encode_outputs(PlcOutputs{}, settings_.word_order, present_);
+    set_trouble("not connected yet");
+    thread_ = std::thread([this] { run(); });
+  }
+  ~Client() override {
+    {
+      const std::lock_guard lock(mutex_);
+      stop_ = true;
+    }
+    changed_.notify_one();
+    thread_.join();
+  }
+  Client(const Client&) = delete;
+  Client& operator=(const Client&) = delete;
+
+  // ---- the loop's side
+
+  std::size_t poll_fds(std::span<pollfd> fds) override {
+    fds[0] = {news_.get(), POLLIN, 0};
+    return 1;
+  }
+
+  bool next(std::int64_t /*mono_ns*/, PlcInputs& inputs) override {
+    const std::lock_guard lock(mutex_);
+    counters_seen_ = counters_;
+    trouble_seen_ = trouble_;
+    if (unread_.empty()) {
+      std::uint64_t count = 0;
+      static_cast<void>(!read(news_.get(), &count, sizeof count));  // lowers the flag; nothing there is fine too
+      return false;
+    }
+    holding_seen_ = unread_.front().image;
+    inputs = decode_inputs(holding_seen_, settings_.word_order);
+    inputs.command_writer = unread_.front().connection;
+    inputs.command_writes = unread_.front().number;
+    unread_.pop();
+    return true;
+  }
+
+  void publish(const PlcOutputs& outputs) override {
+    InputImage image;
+    encode_outputs(outputs, settings_.word_order, image);
+    bool wake = false;
+    {
+      const std::lock_guard lock(mutex_);
+      present_ = image;
+      wake = waiting_ && plan_.next(steady_ns(), present_).deed != ClientDeed::wait;
+    }
+    if (wake) changed_.notify_one();
+  }
+
+  std::size_t clients() const override { return trouble_seen_.empty() ? 1 : 0; }
+  const PlcLinkCounters& counters() const override { return counters_seen_; }
+  std::string_view trouble() const override { return trouble_seen_.view(); }
+  bool next_note(std::int64_t mono_ns, PlcNoteText& text) override {
+    return notes_.next(mono_ns, counters_seen_, "", text);
+  }
+  std::span<const std::uint16_t> holding() const override { return holding_seen_; }
+
+ private:
+  using Trouble = FixedString<limits::kErrorTextBytes>;
+  struct Unread {
+    HoldingImage image{};
+    std::uint32_t connection = 0;
+    std::uint32_t number = 0;
+  };
+
+  // ---- the thread. plan_ and written images are its own but for the look of publish(), under the mutex.
+
+  void run() {
+    pthread_setname_np(pthread_self(), "slabd-plc");
+    std::unique_lock lock(mutex_);
+    while (!stop_) {
+      const ClientPlan::Next next = plan_.next(steady_ns(), present_);
+      if (next.deed == ClientDeed::wait) {
+        waiting_ = true;
+        changed_.wait_for(lock, std::chrono::nanoseconds(std::max<std::int64_t>(next.until_ns - steady_ns(), 0)));
+        waiting_ = false;
+        continue;
+      }
+      const InputImage image = present_;
+      lock.unlock();
+      HoldingImage read_image{};
+      const bool done = carry_out(next.deed, image, read_image);
+      const int error_number = errno;
+      lock.lock();
+      note(next.deed, done, error_number, image, read_image);
+    }
+  }
+
+  /// Talks to the PLC. False: errno says why.
+  bool carry_out(ClientDeed deed, const InputImage& image, HoldingImage& read_image) {
+    constexpr auto kAll = static_cast<int>(kInputRegisters);
+    constexpr auto kHead = static_cast<int>(ClientPlan::kHeadRegisters);
+    switch (deed) {
+      case ClientDeed::connect: return connect();
+      case ClientDeed::write_all: return write(image, kAll, read_image);
+      case ClientDeed::write_head: return write(image, kHead, read_image);
+      case ClientDeed::read:
+        return modbus_read_registers(context_.get(), settings_.command_base, kReadCount, read_image.data()) ==
+               kReadCount;
+      case ClientDeed::wait: break;
+    }
+    return true;
+  }
+
+  bool connect() {
+    modbus_close(context_.get());
+    if (modbus_connect(context_.get()) != 0) return false;
+    const int fd = modbus_get_socket(context_.get());
+    if (fd >= FD_SETSIZE) {  // libmodbus waits with select()
+      errno = EMFILE;
+      return false;
+    }
+    const int on = 1;
+    setsockopt(fd, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
+    setsockopt(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, &kUnacknowledgedMs, sizeof kUnacknowledgedMs);
+    return true;
+  }
+
+  bool write(const InputImage& image, int count, HoldingImage& read_image) {
+    if (settings_.read_write)
+      return modbus_write_and_read_registers(context_.get(), settings_.status_base, count, image.data(),
+                                             settings_.command_base, kReadCount, read_image.data()) == kReadCount;
+    return modbus_write_registers(context_.get(), settings_.status_base, count, image.data()) == count;
+  }
+
+  /// What became of it, with the mutex held.
+  void note(ClientDeed deed, bool done, int error_number, const InputImage& image, const HoldingImage& read_image) {
+    const std::int64_t now_ns = steady_ns();
+    if (!done) {
+      lose(deed, error_number, now_ns);
+      return;
+    }
+    if (deed == ClientDeed::connect) {
+      ++connection_;
+      ++counters_.connections;
+      fresh_ = true;
+      has_candidate_ = false;
+      std::fill(confirmed_.begin(), confirmed_.end(), std::uint16_t{0});
+      plan_.connected(now_ns);
+      return;
+    }
+    ++counters_.frames;
+    counters_.last_frame_ns = now_ns;
+    if (deed == ClientDeed::write_all) plan_.wrote_all(now_ns, image);
+    if (deed == ClientDeed::write_head) plan_.wrote_head(now_ns, image);
+    if (deed != ClientDeed::read && !settings_.read_write) return;
+    plan_.has_read(now_ns);
+    trouble_.clear();
+    const HoldingImage image_now = confirm_command(read_image, now_ns);
+    if (!fresh_ && image_now == last_read_) return;
+    fresh_ = false;
+    last_read_ = image_now;
+    // The loop stands still: the oldest states are lost, as they are to any poll that comes late. Its own heartbeat is
+    // frozen then, and the PLC sees that.
+    if (unread_.full()) unread_.pop();
+    static_cast<void>(unread_.push({image_now, connection_, ++delivered_}));
+    raise();
+  }
+
+  /// A PLC may copy its memory into an answer while its program fills the command block: then half of it is of the
+  /// order before, and neither CMD_SEQ being last nor the CRC, which ends before it, tells. So a new block counts when
+  /// two answers in a row agree; the second is asked for at once. Until then the last confirmed one stands.
+  HoldingImage confirm_command(const HoldingImage& read, std::int64_t now_ns) {
+    const auto command = std::span(read).subspan(kCommandFirst);
+    if (has_candidate_ && std::equal(command.begin(), command.end(), candidate_.begin())) {
+      confirmed_ = candidate_;
+      read_again_ = false;
+    } else {
+      std::copy(command.begin(), command.end(), candidate_.begin());
+      has_candidate_ = true;
+      if (!read_again_) plan_.read_again(now_ns);
+      read_again_ = !read_again_;  // once at once; a block that changes with every answer waits for the next poll
+    }
+    HoldingImage image = read;
+    std::copy(confirmed_.begin(), confirmed_.end(), image.begin() + kCommandFirst);
+    return image;
+  }
+
+  void lose(ClientDeed deed, int error_number, std::int64_t now_ns) {
+    modbus_close(context_.get());
+    plan_.failed(now_ns);
+    if (is_exception(error_number)) {
+      ++counters_.exceptions;
+    } else if (deed != ClientDeed::connect && error_number == ETIMEDOUT) {
+      ++counters_.late;
+    } else if (deed != ClientDeed::connect && error_number >= MODBUS_ENOBASE) {
+      ++counters_.malformed;
+    }
+    const char* doing = deed == ClientDeed::connect ? "connecting" : deed == ClientDeed::read ? "reading" : "writing";
+    const char* cure = "; is its Modbus server running, and is the address right?";
+    if (is_exception(error_number)) {
+      cure = deed == ClientDeed::read
+                 ? "; does the PLC have 40 holding registers from plc.command_base on, for unit plc.unit_id?"
+                 : "; does the PLC have 110 holding registers from plc.status_base on that may be written? FC 23 "
+                   "(plc.read_write)?";
+    } else if (deed != ClientDeed::connect) {
+      cure = "; the connection is made anew";
+    }
+    Trouble text;
+    text.printf("plc.connect %s:%u: %s: %s%s", settings_.host.c_str(), unsigned{settings_.port}, doing,
+                error_number >= MODBUS_ENOBASE ? modbus_strerror(error_number) : errno_text(error_number), cure);
+    trouble_ = text;
+    raise();
+  }
+
+  void set_trouble(const char* what) {
+    trouble_.printf("plc.connect %s:%u: %s", settings_.host.c_str(), unsigned{settings_.port}, what);
+    trouble_seen_ = trouble_;
+  }
+
+  void raise() {
+    const std::uint64_t one = 1;
+    static_cast<void>(!::write(news_.get(), &one, sizeof one));
+  }
+
+  static constexpr int kReadCount = static_cast<int>(kHoldingRegisters);
+
+  const PlcSettings settings_;
+  std::unique_ptr<modbus_t, ContextDeleter> context_;
+  Fd news_;  ///< readable while the loop should look
+
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  bool stop_ = false;
+  bool waiting_ = false;
+  ClientPlan plan_;
+  InputImage present_{};
+  FixedQueue<Unread, kUnreadMax> unread_;
+  HoldingImage last_read_{};
+  bool fresh_ = true;  ///< nothing was read on this connection yet
+  std::array<std::uint16_t, kHoldingRegisters - kCommandFirst> candidate_{};  ///< HR 10..39 of the last answer
+  std::array<std::uint16_t, kHoldingRegisters - kCommandFirst> confirmed_{};  ///< of two answers in a row
+  bool has_candidate_ = false;
+  bool read_again_ = false;  ///< the next answer was asked for early
+  std::uint32_t delivered_ = 0;
+  std::uint32_t connection_ = 0;
+  PlcLinkCounters counters_;
+  Trouble trouble_;
+
+  // The loop's own copies.
+  PlcLinkCounters counters_seen_;
+  Trouble trouble_seen_;
+  HoldingImage holding_seen_{};
+  PlcNotes notes_;
+
+  std::thread thread_;  // last: starts when everything exists
+};
+
+Status check(const PlcSettings& settings) {
+  in_addr address{};
+  if (inet_pton(AF_INET, settings.host.c_str(), &address) != 1)
+    return error(Code::config, "plc.connect: host \"%s\" is not an IPv4 address (such as 192.168.0.10)",
+                 settings.host.c_str());
+  if (settings.port == 0) return error(Code::config, "plc.connect: port 0, allowed 1..65535");
+  if (settings.unit_id > 247 && settings.unit_id != 255)
+    return error(Code::config, "plc.unit_id is %u, allowed 0..247 and 255", unsigned{settings.unit_id});
+  const unsigned command = settings.command_base;
+  const unsigned status = settings.status_base;
+  if (command + kHoldingRegisters > 65'536)
+    return error(Code::config, "plc.command_base is %u, allowed 0..65496: 40 registers begin there", command);
+  if (status + kInputRegisters > 65'536)
+    return error(Code::config, "plc.status_base is %u, allowed 0..65426: 110 registers begin there", status);
+  if (command < status + kInputRegisters && status < command + kHoldingRegisters)
+    return error(Code::config, "plc.command_base %u (40 registers) and plc.status_base %u (110 registers) overlap",
+                 command, status);
+  return success();
+}
+
+}  // namespace
+
+Result<std::unique_ptr<PlcPort>> make_modbus_client(const PlcSettings& settings) {
+  if (const Status checked = check(settings); !checked.ok()) return checked.error();
+  Fd news(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC));
+  modbus_t* context = modbus_new_tcp(settings.host.c_str(), settings.port);
+  if (!news.is_open() || context == nullptr) {
+    modbus_free(context);
+    return error(Code::internal, "the Modbus client cannot be set up: %s", errno_text(errno));
+  }
+  modbus_set_error_recovery(context, MODBUS_ERROR_RECOVERY_NONE);
+  modbus_set_slave(context, settings.unit_id);
+  const auto timeout_us = static_cast<std::uint32_t>(settings.timeout_ns / kNsPerUs);
+  modbus_set_response_timeout(context, timeout_us / 1'000'000, timeout_us % 1'000'000);
+  modbus_set_byte_timeout(context, 0, 0);  // the response timeout bounds the whole answer, also one that drips
+  return std::unique_ptr<PlcPort>(std::make_unique<Client>(settings, context, std::move(news)));
+}
+
+Result<std::unique_ptr<PlcPort>> make_plc_port(const PlcSettings& settings) {
+  switch (settings.role) {
+    case PlcRole::client: return make_modbus_client(settings);
+    case PlcRole::rtu: return make_modbus_rtu(settings);
+    case PlcRole::server: break;
+  }
+  Result<std::unique_ptr<ModbusServer>> server = make_modbus_server(settings);
+  if (!server) return server.error();
+  return std::unique_ptr<PlcPort>(std::move(server.value()));
+}
+
+}  // namespace slabd::hal

@@ -1,0 +1,349 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fcntl.h>
+#include <linux/serial.h>
+#include <sys/ioctl.h>
+#include <termios.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <utility>
+
+#include "hal/hal.h"
+#include "hal/plc/modbus_codec.h"
+#include "hal/plc/plc_map.h"
+#include "hal/plc/plc_notes.h"
+#include "hal/system/os.h"
+
+// Problem: on a serial line nothing says where a frame begins but silence, and a computer sees silence badly: a USB
+// adapter hands over bytes in bursts, and a busy loop looks late. Other slaves may share the line, and what they answer
+// looks like requests.
+// Idea: a request for us is one that ends exactly with the newest byte and whose checksum is right. After silence it
+// may be any request and is answered or refused; glued behind other bytes it must be one that this map allows, which
+// random bytes are once in many years. A request after silence with a byte or two of noise behind it, as a line makes
+// when it changes its direction, is one as well, once silence has followed. Invariants:
+//   - only frames with our own address are answered; broadcasts are nobody's command, refusals nobody's request;
+//   - next() returns after each write, so the caller looks at every state the PLC has written;
+//   - nothing blocks; a line that vanishes is closed and looked for once a second;
+//   - no heap after construction.
+namespace slabd::hal {
+namespace {
+
+/// A frame's bytes come without a pause; this much of it means that the rest will not come. Longer than an USB adapter
+/// (16 ms) and one turn of the loop hold bytes back, shorter than any master waits before it asks again.
+constexpr std::int64_t kPauseNs = ns_from_ms(60);
+/// A line that is not there is looked for this often.
+constexpr std::int64_t kReopenNs = kNsPerS;
+/// A reply that comes back as an echo does so within this time after it left.
+constexpr std::int64_t kEchoNs = ns_from_ms(60);
+/// So many replies that did not come back, and the adapter is one that does not echo.
+constexpr int kRepliesToBeSure = 3;
+constexpr std::uint8_t kWriteOne = 6;
+/// Reads in one turn of the loop: what a terminal's buffer of 4 kB holds, so that noise cannot hold the loop.
+constexpr int kPiecesPerTurn = 16;
+/// Bits of one character: start, 8 data, parity or second stop, stop.
+constexpr std::int64_t kCharacterBits = 11;
+/// Without a frame for so long there is no master.
+constexpr std::int64_t kSilentNs = 2'500'000'000;
+
+speed_t speed_of(std::uint32_t baud) {
+  constexpr std::array<speed_t, kSerialBauds.size()> kSpeeds = {B1200,  B2400,  B4800,  B9600,
+                                                                B19200, B38400, B57600, B115200};
+  for (std::size_t i = 0; i < kSerialBauds.size(); ++i)
+    if (kSerialBauds[i] == baud) return kSpeeds[i];
+  return B0;
+}
+
+/// Raw, 8 data bits, no flow control. An empty text: done; else what the device refused.
+FixedString<96> set_line(int fd, const PlcSettings& settings) {
+  FixedString<96> refused;
+  termios line{};
+  if (tcgetattr(fd, &line) != 0) {
+    refused.printf("it is not a serial line (%s)", errno_text(errno));
+    return refused;
+  }
+  cfmakeraw(&line);
+  line.c_cflag &= ~static_cast<tcflag_t>(CSIZE | PARENB | PARODD | CSTOPB | CRTSCTS);
+  line.c_cflag |= CS8 | CREAD | CLOCAL;
+  if (settings.parity != SerialParity::none) line.c_cflag |= PARENB;
+  if (settings.parity == SerialParity::odd) line.c_cflag |= PARODD;
+  if (settings.stop_bits == 2) line.c_cflag |= CSTOPB;
+  // A character with a parity error becomes a 0 and fails the checksum, instead of passing as it came.
+  line.c_iflag &= ~static_cast<tcflag_t>(INPCK | IGNPAR);
+  if (settings.parity != SerialParity::none) line.c_iflag |= INPCK;
+  line.c_cc[VMIN] = 1;  // with O_NONBLOCK: nothing there is EAGAIN, and 0 bytes mean that the line has gone
+  line.c_cc[VTIME] = 0;
+  cfsetispeed(&line, speed_of(settings.baud));
+  cfsetospeed(&line, speed_of(settings.baud));
+  if (tcsetattr(fd, TCSANOW, &line) != 0)
+    refused.printf("it does not take this speed and parity (%s)", errno_text(errno));
+  if (refused.empty() && settings.rs485) {
+    serial_rs485 direction{};
+    direction.flags = SER_RS485_ENABLED | SER_RS485_RTS_ON_SEND;
+    if (ioctl(fd, TIOCSRS485, &direction) != 0)
+      refused.printf("its driver has no RS-485 mode (%s); plc.rs485 = false if the adapter switches by itself",
+                     errno_text(errno));
+  }
+  tcflush(fd, TCIOFLUSH);
+  return refused;
+}
+
+class RtuSlave final : public PlcPort {
+ public:
+  explicit RtuSlave(const PlcSettings& settings)
+      : settings_(settings), character_ns_(kCharacterBits * kNsPerS / settings.baud) {
+    publish(PlcOutputs{});
+    open_line();
+  }
+
+  std::size_t poll_fds(std::span<pollfd> fds) override {
+    if (!fd_.is_open()) return 0;
+    fds[0] = {fd_.get(), POLLIN, 0};
+    return 1;
+  }
+
+  bool next(std::int64_t mono_ns, PlcInputs& inputs) override {
+    now_ns_ = mono_ns;
+    if (!fd_.is_open()) {
+      if (now_ns_ >= reopen_ns_) open_line();
+      return false;
+    }
+    bool written = bytes_ > 0 && now_ns_ - last_byte_ns_ > kPauseNs && end_with_pause();
+    for (int piece = 0; !written && piece < kPiecesPerTurn && receive(); ++piece) written = serve();
+    if (!written) return false;
+    inputs = decode_inputs(bank_.holding, settings_.word_order);
+    inputs.command_writer = opened_;
+    inputs.command_writes = command_writes_;
+    return true;
+  }
+
+  void publish(const PlcOutputs& outputs) override { encode_outputs(outputs, settings_.word_order, bank_.input); }
+  std::size_t clients() const override {
+    const bool heard = counters_.last_frame_ns != 0 && now_ns_ - counters_.last_frame_ns < kSilentNs;
+    return fd_.is_open() && heard ? 1 : 0;
+  }
+  const PlcLinkCounters& counters() const override { return counters_; }
+  std::string_view trouble() const override { return trouble_.view(); }
+  bool next_note(std::int64_t mono_ns, PlcNoteText& text) override { return notes_.next(mono_ns, counters_, "", text); }
+  std::span<const std::uint16_t> holding() const override { return bank_.holding; }
+
+ private:
+  // ---- the line
+
+  void open_line() {
+    replies_without_echo_ = 0;
+    has_echoed_ = false;
+    echo_next_ = false;
+    reopen_ns_ = now_ns_ + kReopenNs;
+    Fd fd(open(settings_.device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+    if (!fd.is_open()) {
+      const char* cure = errno == EACCES ? "; add slabd to the group dialout" : "; is the adapter plugged in?";
+      trouble_.printf("plc.device %s: %s%s", settings_.device.c_str(), errno_text(errno), cure);
+      return;
+    }
+    const FixedString<96> refused = set_line(fd.get(), settings_);
+    if (!refused.empty()) {
+      trouble_.printf("plc.device %s: %s", settings_.device.c_str(), refused.c_str());
+      return;
+    }
+    ioctl(fd.get(), TIOCEXCL);  // two programs on one line would answer twice
+    trouble_.clear();
+    fd_ = std::move(fd);
+    bytes_ = echo_bytes_ = 0;
+    ++counters_.connections;
+    ++opened_;
+  }
+
+  void lose_line(const char* why) {
+    trouble_.printf("plc.device %s: %s; it is opened again when it is back", settings_.device.c_str(), why);
+    fd_.reset();
+    reopen_ns_ = now_ns_ + kReopenNs;
+  }
+
+  /// What has arrived, the newest kRtuBytesMax bytes of it. False: nothing new.
+  bool receive() {
+    std::array<std::uint8_t, kRtuBytesMax> piece{};
+    const ssize_t n = read(fd_.get(), piece.data(), piece.size());
+    if (n < 0 && (errno == EAGAIN || errno == EINTR)) return false;
+    if (n <= 0) {
+      lose_line(n == 0 ? "the line has gone" : errno_text(errno));
+      return false;
+    }
+    const auto count = static_cast<std::size_t>(n);
+    if (bytes_ + count > buffer_.size()) {
+      const std::size_t surplus = bytes_ + count - buffer_.size();
+      std::copy(buffer_.begin() + static_cast<std::ptrdiff_t>(surplus),
+                buffer_.begin() + static_cast<std::ptrdiff_t>(bytes_), buffer_.begin());
+      bytes_ -= surplus;
+      at_start_ = false;
+    }
+    if (bytes_ == 0) at_start_ = true;
+    std::copy_n(piece.begin(), count, buffer_.begin() + static_cast<std::ptrdiff_t>(bytes_));
+    bytes_ += count;
+    last_byte_ns_ = now_ns_;
+    return true;
+  }
+
+  /// The pause after what was no request when its last byte came. Only what was meant for us is answered or counted,
+  /// and nothing is answered when the silence has grown too long for it. True after a write.
+  bool end_with_pause() {
+    const std::span<const std::uint8_t> came = std::span(buffer_).first(std::exchange(bytes_, 0));
+    if (!at_start_ || came[0] != settings_.unit_id) return false;
+    const bool in_time = now_ns_ - last_byte_ns_ < 4 * kPauseNs;
+    // Noise behind a request: what is shorter than any frame is nobody's. A 0 there leaves even the checksum right, so
+    // this is asked first.
+    const std::size_t told = rtu_request_bytes(came);
+    if (in_time && told != 0 && told <= came.size() && came.size() - told < kRtuBytesMin &&
+        rtu_intact(came.first(told)))
+      return carry_out(came.first(told), check_pdu(pdu_of(came.first(told))));
+    if (in_time && is_unknown_request(came)) {
+      refuse(came, ModbusException::illegal_function);
+    } else {
+      ++counters_.malformed;
+    }
+    return false;
+  }
+
+  /// Whole, with a function that is not served: one whose length nobody told. Not a refusal, which is never a request
+  /// but may be our own that comes back late: refusing it would never end.
+  static bool is_unknown_request(std::span<const std::uint8_t> frame) {
+    constexpr std::uint8_t kRefusalBit = 0x80;
+    return rtu_intact(frame) && (frame[1] & kRefusalBit) == 0 &&
+           check_pdu(pdu_of(frame)).refusal == ModbusException::illegal_function;
+  }
+
+  // ---- frames
+
+  /// Looks for a request that ends with the newest byte. True after a write.
+  bool serve() {
+    if (swallow_echo()) return false;
+    for (std::size_t from = 0; from + kRtuBytesMin <= bytes_; ++from) {
+      if (buffer_[from] != settings_.unit_id) continue;
+      const auto frame = std::span<const std::uint8_t>(buffer_).subspan(from, bytes_ - from);
+      if (is_echo(frame)) {
+        note_echo();
+        bytes_ = 0;
+        return false;
+      }
+      if (rtu_request_bytes(frame) != frame.size() || !rtu_intact(frame)) continue;
+      const RequestCheck check = check_pdu(pdu_of(frame));
+      if (check.refusal && !(from == 0 && at_start_)) continue;
+      bytes_ = 0;
+      return carry_out(frame, check);
+    }
+    return false;
+  }
+
+  static std::span<const std::uint8_t> pdu_of(std::span<const std::uint8_t> frame) {
+    return frame.subspan(1, frame.size() - 1 - kRtuCrcBytes);
+  }
+
+  /// Answers or refuses a request of ours. True after a write.
+  bool carry_out(std::span<const std::uint8_t> frame, const RequestCheck& check) {
+    ++counters_.frames;
+    counters_.last_frame_ns = now_ns_;
+    if (check.refusal) {
+      refuse(frame, *check.refusal);
+      return false;
+    }
+    std::array<std::uint8_t, kPduBytesMax> pdu{};
+    const std::size_t bytes = answer_pdu(pdu_of(frame), bank_, pdu);
+    reply(std::span<const std::uint8_t>(pdu).first(bytes));
+    if (check.writes_command) ++command_writes_;
+    return check.writes;
+  }
+  void refuse(std::span<const std::uint8_t> frame, ModbusException exception) {
+    ++counters_.exceptions;
+    reply(exception_pdu(frame[1], exception));
+  }
+
+  void reply(std::span<const std::uint8_t> pdu) {
+    echo_[0] = settings_.unit_id;
+    std::copy(pdu.begin(), pdu.end(), echo_.begin() + 1);
+    echo_bytes_ = rtu_close(echo_, 1 + pdu.size());
+    echo_next_ = true;
+    reply_is_request_ = pdu[0] == kWriteOne;
+    echo_until_ns_ = now_ns_ + static_cast<std::int64_t>(echo_bytes_) * character_ns_ + kEchoNs;
+    if (write(fd_.get(), echo_.data(), echo_bytes_) == static_cast<ssize_t>(echo_bytes_)) return;
+    ++counters_.unsent;
+    lose_line("a reply could not be written");
+  }
+
+  /// An adapter that listens while it speaks hands our reply back, and the reply to FC 6 is the request: answering it
+  /// would never end. A master that writes the same twice looks alike; which of the two it is, other replies tell,
+  /// whose echo is like no request. An adapter that changes its direction may hear a few bytes of noise before the
+  /// echo: they are dropped with it. True: what has come so far may still be the echo.
+  bool swallow_echo() {
+    if (!echo_next_) return false;
+    for (std::size_t noise = 0; noise < kRtuBytesMin && echo_may_come(); ++noise) {
+      const auto behind = std::span<const std::uint8_t>(buffer_).first(bytes_).subspan(std::min(noise, bytes_));
+      const std::size_t common = std::min(behind.size(), echo_bytes_);
+      if (!std::equal(echo_.begin(), echo_.begin() + static_cast<std::ptrdiff_t>(common), behind.begin())) continue;
+      if (common < echo_bytes_) return true;
+      std::copy(behind.begin() + static_cast<std::ptrdiff_t>(common), behind.end(), buffer_.begin());
+      bytes_ = behind.size() - common;
+      note_echo();
+      return bytes_ == 0;
+    }
+    echo_next_ = false;
+    if (!reply_is_request_ && !has_echoed_)
+      replies_without_echo_ = std::min(replies_without_echo_ + 1, kRepliesToBeSure);
+    return false;
+  }
+  /// The reply left so lately that it may still come back, and has not yet, on an adapter that may do so.
+  [[nodiscard]] bool echo_may_come() const {
+    const bool sure_not_to = reply_is_request_ && replies_without_echo_ >= kRepliesToBeSure;
+    return echo_bytes_ != 0 && now_ns_ < echo_until_ns_ && !sure_not_to;
+  }
+  /// Behind so much noise that it was given up, too.
+  [[nodiscard]] bool is_echo(std::span<const std::uint8_t> frame) const {
+    return echo_may_come() && std::equal(frame.begin(), frame.end(), echo_.begin(),
+                                         echo_.begin() + static_cast<std::ptrdiff_t>(echo_bytes_));
+  }
+  void note_echo() {
+    // Whoever echoes does so always: what misses from now on came late, behind a pause of ours.
+    if (!reply_is_request_) has_echoed_ = true;
+    if (!reply_is_request_) replies_without_echo_ = 0;
+    echo_bytes_ = 0;
+    echo_next_ = false;
+  }
+
+  PlcSettings settings_;
+  std::int64_t character_ns_;
+  Fd fd_;
+  FixedString<limits::kErrorTextBytes> trouble_;
+  std::uint32_t opened_ = 0;  ///< times; the line is one connection from its opening to its loss
+
+  std::array<std::uint8_t, kRtuBytesMax> buffer_{};
+  std::size_t bytes_ = 0;
+  bool at_start_ = true;                           ///< the buffer begins after a pause, or behind a frame of ours
+  std::array<std::uint8_t, kRtuBytesMax> echo_{};  ///< the last reply
+  std::size_t echo_bytes_ = 0;                     ///< 0: none, or it came back
+  bool echo_next_ = false;                         ///< nothing else has come since it left
+  std::int64_t echo_until_ns_ = 0;
+  bool reply_is_request_ = false;  ///< the last reply was to FC 6
+  int replies_without_echo_ = 0;   ///< in a row, on this line
+  bool has_echoed_ = false;        ///< a reply came back, on this line
+  std::uint32_t command_writes_ = 0;
+
+  RegisterBank bank_;
+  PlcLinkCounters counters_;
+  PlcNotes notes_;
+  std::int64_t now_ns_ = 0;
+  std::int64_t last_byte_ns_ = 0;
+  std::int64_t reopen_ns_ = 0;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<PlcPort>> make_modbus_rtu(const PlcSettings& settings) {
+  if (settings.unit_id < 1 || settings.unit_id > 247)
+    return error(Code::config, "plc.unit_id is %u, allowed on a serial line is 1..247", unsigned{settings.unit_id});
+  if (speed_of(settings.baud) == B0)
+    return error(Code::config, "plc.baud is %u, allowed are 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200",
+                 settings.baud);
+  if (settings.device.empty()) return error(Code::config, "plc.device is missing: the serial line, such as /dev/ttyS0");
+  return std::unique_ptr<PlcPort>(std::make_unique<RtuSlave>(settings));
+}
+
+}  // namespace slabd::hal

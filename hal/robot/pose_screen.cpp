@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/robot/pose_screen.h"
+
+#include <array>
+#include <cmath>
+#include <cstdarg>
+
+// Problem: a pose may be well-formed and still not be where the robot is: a second program publishes too, a network
+// delivers an old datagram late, a sender's memory is torn for one cycle. Idea: believe one publisher at a time, whose
+// clock runs forward and whose arm moves as arms do. Invariants: nothing is believed while two publish; nothing is
+// refused for longer than kSilentNs by what this class remembers, or a clock that was set would end the link.
+namespace slabd::hal {
+namespace {
+
+constexpr std::int64_t kRefusalShownNs = 2 * kNsPerS;
+constexpr std::int64_t kNotePeriodNs = 10 * kNsPerS;
+
+FixedString<24> text_of(const PosePublisher& p) {
+  FixedString<24> text;
+  text.printf("%u.%u.%u.%u:%u", p.address >> 24U, (p.address >> 16U) & 255U, (p.address >> 8U) & 255U, p.address & 255U,
+              unsigned{p.port});
+  return text;
+}
+
+/// From one message to another, by the sender's clock; unsigned, because the numbers may be anything.
+std::uint64_t forward_us(const PoseSample& from, const PoseSample& to) {
+  return static_cast<std::uint64_t>(to.utime_us) - static_cast<std::uint64_t>(from.utime_us);
+}
+bool runs_forward(const PoseSample& from, const PoseSample& to) {
+  const std::uint64_t step = forward_us(from, to);
+  return step != 0 && step < std::uint64_t{1} << 63U;
+}
+
+bool is_jump(const PoseSample& from, const PoseSample& to) {
+  constexpr double kLongestS = 1.0;  // the arm may be anywhere by then
+  const double dt_s = std::min(static_cast<double>(forward_us(from, to)) / 1e6, kLongestS);
+  const double step_mm = (to.T_base_flange.translation_mm - from.T_base_flange.translation_mm).norm();
+  const double step_rad = angle_between_rad(from.T_base_flange.rotation, to.T_base_flange.rotation);
+  return step_mm > PoseScreen::kStepMm + PoseScreen::kSpeedMmPerS * dt_s ||
+         step_rad > PoseScreen::kStepRad + PoseScreen::kSpeedRadPerS * dt_s;
+}
+
+}  // namespace
+
+void PoseScreen::refuse(const PosePublisher& from, std::int64_t mono_ns, const char* format, ...) {
+  va_list args;
+  va_start(args, format);
+  std::array<char, 224> bytes{};
+  std::vsnprintf(bytes.data(), bytes.size(), format, args);
+  va_end(args);
+  refusal_.printf("%s from %s", bytes.data(), text_of(from).c_str());
+  refused_ns_ = mono_ns;
+}
+
+void PoseScreen::note_sender(const PosePublisher& from, std::int64_t mono_ns, const char* why) {
+  refuse(from, mono_ns, "%s", why);
+}
+
+bool PoseScreen::is_alone(const PosePublisher& from, std::int64_t mono_ns, PoseLinkCounters& counters) {
+  if (owner_.ever && !(owner_.who == from) && owner_.within(mono_ns, kSilentNs)) {
+    // One of two, or the owner's successor: the owner's next word, or its silence, tells. Two newcomers are two.
+    const bool two_newcomers = !(rival_.who == from) && rival_.within(mono_ns, kSilentNs);
+    rival_ = {from, mono_ns, true};
+    ++since_owner_;
+    if (two_newcomers) settle_rivals(counters);
+    return false;
+  }
+  if (owner_.ever && owner_.who == from) {
+    settle_rivals(counters);
+  } else {
+    // Another program, with its own clock and numbers.
+    has_last_ = has_pending_ = has_seq_ = false;
+    if (rival_.who == from) rival_.ever = false;
+    if (owner_.ever) ++changes_;
+    waited_ += since_owner_;
+    since_owner_ = 0;
+  }
+  owner_ = {from, mono_ns, true};
+  if (!rival_.within(mono_ns, kSilentNs)) return true;
+  ++counters.second_publisher;
+  return false;
+}
+
+void PoseScreen::settle_rivals(PoseLinkCounters& counters) {
+  counters.second_publisher += since_owner_;
+  since_owner_ = 0;
+}
+
+void PoseScreen::count_numbering(const PoseSample& sample, PoseLinkCounters& counters) {
+  const bool counts = sample.seq != 0 || (has_seq_ && seq_ != 0);
+  const std::uint32_t step = static_cast<std::uint32_t>(sample.seq) - static_cast<std::uint32_t>(seq_);
+  if (has_seq_ && counts && step != 1U) {
+    ++counters.gaps;
+    // Backwards: the sender began anew, and nobody knows what is missing.
+    if (step != 0U && step < 1U << 31U) counters.lost += step - 1U;
+  }
+  has_seq_ = true;
+  seq_ = sample.seq;
+}
+
+bool PoseScreen::admit(const PosePublisher& from, std::int64_t mono_ns, const PoseSample& sample,
+                       PoseLinkCounters& counters) {
+  if (!is_alone(from, mono_ns, counters)) {
+    const PosePublisher& other = owner_.who == from ? rival_.who : owner_.who;
+    refuse(from, mono_ns, "two programs publish poses, so neither is believed: %s, and another",
+           text_of(other).c_str());
+    return false;
+  }
+  if (has_last_ && mono_ns - last_ns_ >= kSilentNs) has_last_ = has_pending_ = has_seq_ = false;
+  if (has_last_ && !runs_forward(last_, sample)) {
+    if (sample.utime_us == last_.utime_us && sample.seq == last_.seq) {
+      ++counters.repeated;
+      refuse(from, mono_ns, "the same message again (number %d)", sample.seq);
+    } else {
+      ++counters.time_back;
+      refuse(from, mono_ns, "the sender's clock does not run forward (%.3f s, number %d)",
+             static_cast<double>(static_cast<std::int64_t>(forward_us(last_, sample))) / 1e6, sample.seq);
+    }
+    return false;
+  }
+  count_numbering(sample, counters);
+  if (has_last_ && is_jump(last_, sample)) {
+    const bool confirmed = has_pending_ && runs_forward(pending_, sample) && !is_jump(pending_, sample);
+    if (!confirmed) {
+      ++counters.jumps;
+      refuse(from, mono_ns, "a jump of %.1f mm and %.3f deg within %.1f ms",
+             (sample.T_base_flange.translation_mm - last_.T_base_flange.translation_mm).norm(),
+             deg_from_rad(angle_between_rad(last_.T_base_flange.rotation, sample.T_base_flange.rotation)),
+             static_cast<double>(forward_us(last_, sample)) / 1e3);
+      has_pending_ = true;
+      pending_ = sample;
+      return false;
+    }
+  }
+  has_pending_ = false;
+  has_last_ = true;
+  last_ = sample;
+  last_ns_ = mono_ns;
+  return true;
+}
+
+std::string_view PoseScreen::refusal(std::int64_t mono_ns) const {
+  if (refusal_.empty() || mono_ns - refused_ns_ > kRefusalShownNs) return {};
+  return refusal_.view();
+}
+
+bool PoseScreen::next_note(std::int64_t mono_ns, const PoseLinkCounters& now, PoseNoteText& text) {
+  struct Trouble {
+    std::uint64_t count;
+    const char* what;
+  };
+  const std::array troubles = {
+      Trouble{now.second_publisher - said_.second_publisher, "poses while two programs publish"},
+      Trouble{now.wrong_sender - said_.wrong_sender, "datagrams from senders that may not publish"},
+      Trouble{now.other_type - said_.other_type, "messages of another type on this channel"},
+      Trouble{now.not_finite - said_.not_finite, "poses that are not finite"},
+      Trouble{now.not_unit - said_.not_unit, "quaternions that are not of unit length"},
+      Trouble{now.out_of_reach - said_.out_of_reach, "poses out of reach"},
+      Trouble{now.time_back - said_.time_back, "poses by a clock that does not run forward"},
+      Trouble{now.repeated - said_.repeated, "repeated"},
+      Trouble{now.jumps - said_.jumps, "jumps"},
+      Trouble{now.lost - said_.lost, "lost"},
+  };
+  bool any = now.gaps != said_.gaps || changes_ != 0;
+  for (const Trouble& trouble : troubles) any = any || trouble.count != 0;
+  if (!any || mono_ns < next_note_ns_) return false;
+  next_note_ns_ = mono_ns + kNotePeriodNs;
+  text.printf("robot pose: %llu breaks in the numbering", static_cast<unsigned long long>(now.gaps - said_.gaps));
+  said_ = now;
+  for (const Trouble& trouble : troubles) {
+    if (trouble.count == 0) continue;
+    FixedString<96> part;
+    part.printf(", %llu %s", static_cast<unsigned long long>(trouble.count), trouble.what);
+    text.append(part.view());
+  }
+  if (changes_ != 0) {
+    FixedString<96> part;
+    part.printf(", %llu times another sender (%llu of its poses waited for the old one's silence)",
+                static_cast<unsigned long long>(changes_), static_cast<unsigned long long>(waited_));
+    text.append(part.view());
+    changes_ = waited_ = 0;
+  }
+  if (const std::string_view last = refusal(mono_ns); !last.empty()) {
+    text.append("; last: ");
+    text.append(last);
+  }
+  return true;
+}
+
+}  // namespace slabd::hal

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/scan/point_records.h"
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <concepts>
+#include <cstring>
+
+#include "hal/scan/settle_points.h"
+
+// Idea: a piece of the file at a time, small enough to be still in the cache when its numbers are converted and judged,
+// so that memory sees every byte of the file once and every byte of the scan once. Two threads take the next piece in
+// turn, each through a window of its own: the file is still asked for from front to back, as a disk or a share likes
+// it.
+namespace slabd::hal {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "the direct way takes the file's bytes as floats");
+
+/// The direct way works on groups of sixteen points; only the last piece is not a multiple.
+constexpr std::size_t kGroupPoints = 16;
+/// The converting way goes over a piece three times, once for each axis: it should stay in the first-level cache.
+constexpr std::size_t kRecordPieceBytes = 16'384;
+
+/// Float x y z of our byte order in mm and nothing else, wanted as such.
+template <typename Real>
+bool is_direct(const PointRecord& record, double mm_per_unit) {
+  return std::same_as<Real, float> && mm_per_unit == 1.0 && !record.big_endian && record.bytes == 3 * sizeof(float) &&
+         record.offset == std::array<std::size_t, 3>{0, 4, 8} && record.is_double == std::array<bool, 3>{};
+}
+
+template <typename Stored, bool kBigEndian>
+Stored load(const char* from) {
+  using Bits = std::conditional_t<sizeof(Stored) == 8, std::uint64_t, std::uint32_t>;
+  Bits bits = 0;
+  std::memcpy(&bits, from, sizeof bits);
+  if constexpr (kBigEndian && sizeof(Stored) == 8) bits = __builtin_bswap64(bits);
+  if constexpr (kBigEndian && sizeof(Stored) == 4) bits = __builtin_bswap32(bits);
+  return std::bit_cast<Stored>(bits);
+}
+
+/// Every point's number of one axis.
+template <typename Stored, bool kBigEndian, typename Real>
+void convert_axis(const char* from, std::size_t record_bytes, std::size_t points, double mm_per_unit, Real* to) {
+  for (std::size_t i = 0; i < points; ++i, from += record_bytes, to += 3)
+    *to = coordinate_mm<Real>(static_cast<double>(load<Stored, kBigEndian>(from)), mm_per_unit);
+}
+
+template <typename Real>
+void convert(const char* from, const PointRecord& record, std::size_t points, double mm_per_unit, Real* to) {
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const auto axis_converter =
+        record.is_double[axis]
+            ? (record.big_endian ? convert_axis<double, true, Real> : convert_axis<double, false, Real>)
+            : (record.big_endian ? convert_axis<float, true, Real> : convert_axis<float, false, Real>);
+    axis_converter(from + record.offset[axis], record.bytes, points, mm_per_unit, to + axis);
+  }
+}
+
+/// Record by record from where the window stands.
+template <typename Real>
+bool read_in_turn(ScanWindow& window, const PointRecord& record, double mm_per_unit, std::span<Real> xyz,
+                  Settled& settled) {
+  const bool direct = is_direct<Real>(record, mm_per_unit);
+  const std::size_t piece_max = direct ? limits::kScanReadBytes / record.bytes / kGroupPoints * kGroupPoints
+                                       : std::max<std::size_t>(1, kRecordPieceBytes / record.bytes);
+  for (std::size_t left = xyz.size() / 3; left > 0;) {
+    const std::size_t points = std::min(left, piece_max);
+    if (!window.have(points * record.bytes)) return false;
+    Real* const to = &xyz[xyz.size() - 3 * left];
+    if constexpr (std::same_as<Real, float>) {
+      if (direct) settled += move_and_settle_points(window.view().data(), points, to);
+    }
+    if (!direct) {
+      convert(window.view().data(), record, points, mm_per_unit, to);
+      settled += settle_points(to, points);
+    }
+    window.consume(points * record.bytes);
+    left -= points;
+  }
+  return true;
+}
+
+/// False also when one piece could not be read: nothing is said of what was.
+template <typename Real>
+bool read_in_pieces(const ScanWindow& window, const PointRecord& record, double mm_per_unit, std::span<Real> xyz,
+                    Settled& settled, Team& team) {
+  const std::size_t floats_of_piece = 3 * (limits::kScanReadBytes / record.bytes / kGroupPoints * kGroupPoints);
+  const std::size_t pieces = (xyz.size() + floats_of_piece - 1) / floats_of_piece;
+  std::atomic<std::size_t> finite = 0, zeros = 0;
+  std::atomic<bool> failed = false;
+  team.run(pieces, [&](std::size_t piece) {
+    if (failed.load(std::memory_order_relaxed)) return;
+    const std::size_t at = piece * floats_of_piece;
+    ScanWindow own = window.ahead(at / 3 * record.bytes);
+    Settled found;
+    if (!read_in_turn(own, record, mm_per_unit, xyz.subspan(at, std::min(floats_of_piece, xyz.size() - at)), found))
+      failed.store(true, std::memory_order_relaxed);
+    finite.fetch_add(found.finite, std::memory_order_relaxed);
+    zeros.fetch_add(found.zeros, std::memory_order_relaxed);
+  });
+  if (failed) return false;
+  settled += Settled{finite, zeros};
+  return true;
+}
+
+}  // namespace
+
+Error not_in_records(const char* name) {
+  return error(Code::frame_incomplete, "%s: its points are not records of one length", name);
+}
+
+template <typename Real>
+bool read_point_records(ScanWindow& window, const PointRecord& record, double mm_per_unit, std::span<Real> xyz,
+                        Settled& settled, Team& team) {
+  const std::uint64_t bytes = xyz.size() / 3 * std::uint64_t{record.bytes};
+  if (team.threads() == 2 && bytes <= window.left() &&
+      read_in_pieces(window, record, mm_per_unit, xyz, settled, team)) {
+    window.skip(bytes);
+    return true;
+  }
+  // What cannot be read is met again here, and told as one thread tells it.
+  return read_in_turn(window, record, mm_per_unit, xyz, settled);
+}
+
+template bool read_point_records(ScanWindow&, const PointRecord&, double, std::span<float>, Settled&, Team&);
+template bool read_point_records(ScanWindow&, const PointRecord&, double, std::span<double>, Settled&, Team&);
+
+}  // namespace slabd::hal

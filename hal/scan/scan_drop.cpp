@@ -1,0 +1,647 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <functional>
+#include <mutex>
+#include <optional>
+
+#include "hal/hal.h"
+#include "hal/scan/drop_folders.h"
+#include "hal/scan/drop_news.h"
+#include "hal/scan/quiet_watch.h"
+#include "hal/scan/scan_file.h"
+#include "hal/scan/scan_request.h"
+#include "hal/scan/text_lines.h"
+#include "hal/system/os.h"
+#include "hal/system/spool.h"
+
+// Problem: every scan looks like every other, and a scan taken for another station passes a slab that nobody
+// measured. Idea: a scan counts only when it names the request it answers (`<session>-<seq>.<ext>`), or, for software
+// that cannot, when it is the one and only file that appeared after the request. Invariants:
+//   - a file that lay in the inbox before its request is never its answer;
+//   - whatever was decoded is byte for byte what lies in the spool;
+//   - without names, an answer that may still come to a request ends the next one's innocence: it is waited for,
+//     and set aside, before anything else is asked for. A request has had its answer when a scan was read, and in no
+//     other way: not when something else appeared, nor when the folder failed, nor when slabd was stopped;
+//   - a file whose writer made it as long as it will be and then fills it is waited for like one that grows;
+//   - after acquire() neither the request nor an answer remains, good or bad, so that a repeat can be dropped.
+//
+// The folder may lie on a network share, whose kernel shows files as they were some seconds ago, and where any call may
+// hang for as long as the server does. So only the scanner's thread ever touches it (not even the constructor does),
+// that thread leaves word when it goes in (HangWatch), and what a file is at this moment is asked of the server
+// (FileState).
+namespace slabd::hal {
+namespace {
+
+constexpr std::int64_t kPollNs = 20 * kNsPerMs;
+/// ... of an inbox with more in it than is watched, and how long one look may move such files and delete others.
+constexpr std::int64_t kCrowdedPollNs = 100 * kNsPerMs;
+constexpr std::int64_t kCrowdNs = 10 * kNsPerMs;
+/// A file is finished when nobody has touched it this long, unless it accounts for its own bytes ...
+constexpr std::int64_t kFinishedNs = 500 * kNsPerMs;
+/// ... and then as soon as two looks so far apart saw the same: a file's time has steps of up to 10 ms (the kernel's
+/// ticks), and whoever writes within the step of the first look would change the file and not its time.
+constexpr std::int64_t kTimeStepNs = 20 * kNsPerMs;
+/// ... on a share, where the writing computer sends what it holds in pieces, when it likes.
+constexpr std::int64_t kFinishedOnShareNs = 2 * kNsPerS;
+/// ... and a stray when it still has no name that means anything after this long.
+constexpr std::int64_t kStrayNs = 5 * kNsPerS;
+
+/// Of a file that is certainly not finished, so long: it has 0 bytes, fewer than its header says, or parts in which
+/// nobody has written yet, which read as zeros.
+constexpr std::int64_t kFilledNs = 5 * kNsPerS;
+
+void wait_for_next_look(std::int64_t pause_ns) {
+  const timespec pause{0, pause_ns};
+  nanosleep(&pause, nullptr);
+}
+
+/// `<digits>-<digits>`: the form of a request's name.
+bool is_request_stem(std::string_view stem) {
+  const std::size_t dash = stem.find('-');
+  const auto digits = [](std::string_view text) {
+    return !text.empty() && std::all_of(text.begin(), text.end(), [](char c) { return c >= '0' && c <= '9'; });
+  };
+  return dash != std::string_view::npos && digits(stem.substr(0, dash)) && digits(stem.substr(dash + 1));
+}
+
+/// Extensions that scanner software gives a finished scan. All are answers, also those that the reader then refuses by
+/// name; anything else (7-3.part, 7-3.tmp) may be a scan still being written.
+bool is_scan_extension(std::string_view extension) {
+  constexpr std::array<std::string_view, 6> kNotRead = {"e57", "stl", "obj", "las", "laz", "pts"};
+  return scan_family(extension) ||
+         std::find(kNotRead.begin(), kNotRead.end(), lower_case(extension).view()) != kNotRead.end();
+}
+
+/// The part of a finished scan's name before its extension; empty for every other name.
+std::string_view stem_of(std::string_view name) {
+  const std::string_view extension = extension_of(name);
+  if (!is_scan_extension(extension)) return {};
+  return name.substr(0, name.size() - extension.size() - 1);
+}
+
+/// An answer that is finished, and when it was first seen so.
+struct Answer {
+  InboxEntry entry;
+  std::int64_t seen_ns = 0;
+  bool accounted = false;  ///< its own header says that it is whole, whatever happened since it was listed
+};
+
+class ScanDrop final : public ScannerPort {
+ public:
+  ScanDrop(const ScanDropSettings& settings, const Clock& clock)
+      : settings_(settings),
+        clock_(clock),
+        readers_(settings.read_threads),
+        folders_(settings.drop_dir, settings.owner),
+        hang_(clock),
+        notes_(clock) {}
+
+  Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz, const std::atomic<bool>& cancel,
+                               const ScanDecoded& decoded) override {
+    hang_.enter(HangWatch::kLookNs);
+    Result<AcquiredScan> scan = ask(request, xyz, cancel, decoded);
+    hang_.leave();
+    return scan;
+  }
+
+  void idle() override {
+    hang_.enter(HangWatch::kLookNs);
+    if (open_folders()) static_cast<void>(tidy({}));
+    hang_.leave();
+  }
+
+  bool online() const override { return online_ && !hangs(); }
+  std::uint64_t stray_files() const override { return strays_; }
+  bool hangs() const override { return hang_.hang().ns != 0; }
+  bool spool_hangs() const override {
+    const HangWatch::Hang hang = hang_.hang();
+    return hang.ns != 0 && hang.place == HangWatch::Place::spool;
+  }
+  ScannerText used_by_another() const override {
+    const std::lock_guard lock(why_mutex_);
+    return used_by_another_;
+  }
+  Deleted deleted() const override { return {deleted_files_, deleted_bytes_}; }
+  bool next_note(ScannerText& text) override { return notes_.next(text); }
+
+  ScannerText trouble() const override {
+    ScannerText text;
+    if (const HangWatch::Hang hang = hang_.hang(); hang.ns != 0) {
+      const auto seconds = static_cast<long long>(hang.ns / kNsPerS);
+      switch (hang.place) {
+        case HangWatch::Place::drop_folder:
+          text.printf("%s has not answered for %lld s; if it is a network share, look at its server and mount options",
+                      settings_.drop_dir.c_str(), seconds);
+          break;
+        case HangWatch::Place::spool: return spool_hang_text(hang);
+        case HangWatch::Place::copying:
+          text.printf(
+              "a scan has been on its way from %s to the spool for %lld s; look at the share's server and at "
+              "the disk of storage.spool_dir",
+              settings_.drop_dir.c_str(), seconds);
+          break;
+      }
+    } else if (!online_) {
+      const std::lock_guard lock(why_mutex_);
+      text = why_offline_;
+    }
+    return text;
+  }
+
+ private:
+  Result<AcquiredScan> ask(const ScanRequest& request, std::span<float> xyz, const std::atomic<bool>& cancel,
+                           const ScanDecoded& decoded) {
+    if (Status status = open_folders(); !status) return status.error();
+    const std::int64_t begin_ns = clock_.mono_ns();
+    if (settings_.any_name) {
+      // Half of the time at most: a scan that is asked for too late would only be given up too.
+      if (asked_before_) answer_may_come_until_ns_ = begun_ns_ + late_answer_ns(request);
+      asked_before_ = false;
+      if (Status status = outwait_late_answer(begin_ns + request.timeout_ns / 2, xyz, cancel); !status)
+        return status.error();
+    }
+    const std::int64_t timeout_ns = request.timeout_ns - (clock_.mono_ns() - begin_ns);
+    NameText stem;
+    stem.printf("%u-%u", unsigned{request.session}, unsigned{request.cmd_seq});
+    if (Status status = clear_inbox(stem.view()); !status) return status.error();
+
+    NameText request_name(stem.view());
+    request_name.append(".json");
+    if (Status status = folders_.post_request(request_name.c_str(), scan_request_json(request).view()); !status)
+      return status.error();
+    const std::int64_t deadline_ns = clock_.mono_ns() + timeout_ns;
+    Result<AcquiredScan> scan = wait_and_take(stem.view(), request, deadline_ns, xyz, cancel, decoded);
+    if (scan || !settings_.any_name) {
+      folders_.withdraw_request(request_name.c_str());
+    } else {
+      folders_.leave_unanswered(request_name.c_str());
+      answer_may_come_until_ns_ = clock_.mono_ns() + late_answer_ns(request);
+    }
+    return scan;
+  }
+
+  [[nodiscard]] std::int64_t late_answer_ns(const ScanRequest& request) const {
+    return std::max(settings_.late_answer_ns, request.timeout_ns);
+  }
+
+  Result<AcquiredScan> wait_and_take(std::string_view stem, const ScanRequest& request, std::int64_t deadline_ns,
+                                     std::span<float> xyz, const std::atomic<bool>& cancel,
+                                     const ScanDecoded& decoded) {
+    trusted_ = true;
+    for (;;) {
+      Result<Answer> answer = wait_for_answer(stem, deadline_ns, request.timeout_ns, cancel);
+      if (!answer) return answer.error();
+      hang_.enter(HangWatch::kTakeNs);
+      bool doubted = false;
+      Result<AcquiredScan> scan = take(answer.value(), request, xyz, decoded, doubted);
+      hang_.enter(HangWatch::kLookNs);
+      // Its length is what its header says, but not yet its content: it has to lie still first.
+      trusted_ = !doubted;
+      if (doubted) continue;
+      if (!scan) {
+        set_aside(answer.value().entry.name, scan.error().text.c_str());
+      } else if (settings_.any_name) {
+        extension_taken_ = lower_case(extension_of(answer.value().entry.name.view()));
+      }
+      return scan;
+    }
+  }
+
+  /// A folder that is not there yet (a share not mounted) is no reason to give up: the next look opens it anew.
+  Status open_folders() {
+    if (!looked_ && settings_.make_drop_dir) folders_.make_drop_dir();
+    looked_ = true;
+    const Status status = folders_.open();
+    note_whether_online(status);
+    note_lock();
+    if (!status || begun_) return status;
+    begun_ = true;
+    begun_ns_ = clock_.mono_ns();
+    asked_before_ = folders_.withdraw_all_requests() != 0;  // its scanner may still be at work
+    return status;
+  }
+
+  void note_whether_online(const Status& status) {
+    if (!status) {
+      const std::lock_guard lock(why_mutex_);
+      why_offline_ = status.error().text;
+    }
+    online_ = status.ok();
+  }
+
+  /// Whose the folder is, and, once, that its file system does not lock.
+  void note_lock() {
+    const FolderLock::State state = folders_.lock_state();
+    {
+      const std::lock_guard lock(why_mutex_);
+      used_by_another_.clear();
+      if (state == FolderLock::State::anothers) used_by_another_ = why_offline_;
+    }
+    if (state == FolderLock::State::cannot && !lock_said_) {
+      lock_said_ = true;
+      ScannerText line;
+      line.printf(
+          "%.120s cannot be locked (%.100s): make sure that no other slabd uses this folder, for nothing will notice",
+          settings_.drop_dir.c_str(), folders_.lock_text().c_str());
+      notes_.add(line);
+    }
+  }
+
+  void set_aside(const NameText& name, const char* why) {
+    ScannerText line;
+    if (!folders_.set_aside(name.c_str())) {
+      if (errno == ENOENT || name == stuck_.view()) return;
+      stuck_ = name;  // it is tried again and again, and said once
+      line.printf("inbox/%.120s cannot be moved to stray/: %s", name.c_str(), errno_text(errno));
+      notes_.add(line);
+      return;
+    }
+    line.printf("inbox/%.120s was moved to stray/: %s", name.c_str(), why);
+    notes_.add(line);
+    ++strays_;
+    trimmed_ = false;
+  }
+
+  /// What was moved to stray/ first goes first, each with a line of its own: somebody may be looking for it.
+  void trim_stray() {
+    DropFolders::StrayLimits limits;
+    limits.bytes = settings_.stray_bytes_max;
+    trimmed_ = !folders_.trim_stray(limits, trimmed_ones_);
+    for (const DropFolders::Trimmed& one : trimmed_ones_) {
+      ScannerText line;
+      if (!one.deleted) {
+        // Tried again when the next one comes.
+        line.printf("stray/%.120s cannot be deleted: %s", one.name.c_str(), errno_text(one.error_number));
+      } else if (one.held > limits.bytes) {
+        line.printf("stray/%.120s (%llu bytes) was deleted: stray/ held %llu bytes, allowed are %llu, it came first",
+                    one.name.c_str(), static_cast<unsigned long long>(one.bytes),
+                    static_cast<unsigned long long>(one.held), static_cast<unsigned long long>(limits.bytes));
+      } else {
+        line.printf("stray/%.120s (%llu bytes) was deleted: stray/ held more than %zu files and folders, it came first",
+                    one.name.c_str(), static_cast<unsigned long long>(one.bytes), limits.entries);
+      }
+      notes_.add(line);
+      if (!one.deleted) continue;
+      ++deleted_files_;
+      deleted_bytes_ += one.bytes;
+    }
+  }
+
+  /// Looks at the inbox and moves away what is certainly not an answer to `awaited` (empty: nothing is awaited).
+  Status tidy(std::string_view awaited) {
+    InboxEntries entries;
+    if (Status status = look(awaited, entries); !status) return status;
+    say_crowd();
+    for (const QuietWatch::Watched& watched : watch_.watched()) {
+      const std::string_view stem = stem_of(watched.entry.name.view());
+      if (!awaited.empty() && stem == awaited) continue;
+      const bool answers_another = !settings_.any_name && is_request_stem(stem);
+      const bool left_behind = clock_.mono_ns() - watched.since_ns >= kStrayNs;
+      if (answers_another || left_behind)
+        set_aside(watched.entry.name, answers_another ? "its request is over or never was" : "it answers no request");
+    }
+    clear_crowd(awaited);
+    // While a scan is waited for too: a disk is filled within a timeout.
+    const std::int64_t begin_ns = clock_.mono_ns();
+    do {
+      if (!trimmed_) trim_stray();
+    } while (!trimmed_ && is_crowd_cleared_ && clock_.mono_ns() - begin_ns < kCrowdNs);
+    return success();
+  }
+
+  /// More files than are watched one by one: those that nobody has touched for kStrayNs, by the file system's clock, go
+  /// all at once, as many as there is time for in one look. What is written at this moment stays.
+  void clear_crowd(std::string_view awaited) {
+    is_crowd_cleared_ = false;
+    if (!crowd_said_) return;
+    const std::optional<std::int64_t> time_ns = folders_.time_ns();
+    if (!time_ns) return;
+    const std::int64_t begin_ns = clock_.mono_ns();
+    const std::uint64_t before = strays_;
+    const auto move = [&](const char* name) {
+      const std::string_view stem = stem_of(name);
+      if (!awaited.empty() && stem == awaited) return true;
+      const FileState state = file_state(folders_.inbox_fd(), name);
+      const bool answers_another = !settings_.any_name && is_request_stem(stem);
+      if (state.known && (answers_another || *time_ns - state.status_ns >= kStrayNs) && folders_.set_aside(name)) {
+        ++strays_;
+        trimmed_ = false;
+      }
+      return clock_.mono_ns() - begin_ns < kCrowdNs;
+    };
+    folders_.for_each_in_inbox(std::ref(move));  // by reference: a copy would take the heap
+    is_crowd_cleared_ = strays_ != before;
+    if (!folders_.is_crowded()) say_crowd_is_gone();
+  }
+
+  void say_crowd() {
+    if (!folders_.is_crowded() || crowd_said_) return;
+    crowd_said_ = true;
+    crowd_began_ = strays_;
+    ScannerText line;
+    line.printf("inbox/ holds more than %zu files that answer no request; they are moved to stray/ and counted",
+                kInboxEntriesMax);
+    notes_.add_first(line);
+  }
+
+  void say_crowd_is_gone() {
+    ScannerText line;
+    line.printf("inbox/ is no longer crowded: %llu files that answer no request were moved to stray/",
+                static_cast<unsigned long long>(strays_ - crowd_began_));
+    notes_.add_first(line);
+    crowd_said_ = false;
+  }
+
+  Status look(std::string_view awaited, InboxEntries& entries) {
+    FixedString<16> first(awaited);
+    if (!awaited.empty()) first.append(".");
+    Status status = folders_.list_inbox(settings_.any_name ? std::string_view{} : first.view(), entries);
+    if (status) {
+      watch_.look(clock_.mono_ns(), entries);
+    } else {
+      note_whether_online(status);
+    }
+    return status;
+  }
+
+  /// Before the request: nothing may lie there that could be taken for its answer.
+  Status clear_inbox(std::string_view stem) {
+    if (Status status = tidy({}); !status) return status;
+    InboxEntries entries;
+    if (Status status = look(stem, entries); !status) return status;
+    for (const InboxEntry& entry : entries)
+      if (settings_.any_name || stem_of(entry.name.view()) == stem)
+        return error(Code::frame_incomplete, "%s/inbox/%.120s lies there before the scan was asked for",
+                     settings_.drop_dir.c_str(), entry.name.c_str());
+    return success();
+  }
+
+  // ---- waiting
+
+  void pause() {
+    hang_.leave();
+    // A list of thousands of names takes a processor for milliseconds, and other programs need it too.
+    wait_for_next_look(folders_.is_crowded() ? kCrowdedPollNs : kPollNs);
+    hang_.enter(HangWatch::kLookNs);
+  }
+
+  /// any_name: until the answer to a request that came to no scan has come, and was set aside, or can no longer come.
+  /// It has come when a scan can be read: any other file may be anybody's.
+  Status outwait_late_answer(std::int64_t deadline_ns, std::span<float> xyz, const std::atomic<bool>& cancel) {
+    while (clock_.mono_ns() < answer_may_come_until_ns_) {
+      InboxEntries entries;
+      if (Status status = look({}, entries); !status) return status;
+      // What is set aside is no longer watched: the list changes.
+      const auto watched_now = watch_.watched();
+      for (const QuietWatch::Watched& watched : watched_now) {
+        if (!is_quiet(watched)) continue;
+        if (holds_scan(watched.entry, xyz)) answer_may_come_until_ns_ = 0;
+        set_aside(watched.entry.name, "its request was given up");
+      }
+      if (cancel) return error(Code::interrupted, "the scan was cancelled");
+      if (clock_.mono_ns() >= deadline_ns)
+        return error(Code::trigger_timeout,
+                     "an earlier request was given up, and its answer may still come; without names it could not be "
+                     "told from this one's");
+      if (answer_may_come_until_ns_ != 0) pause();
+    }
+    folders_.forget_unanswered();
+    return success();
+  }
+
+  /// Decodes it, which is the only proof.
+  bool holds_scan(const InboxEntry& entry, std::span<float> xyz) {
+    if (!entry.regular || stem_of(entry.name.view()).empty()) return false;
+    hang_.enter(HangWatch::kTakeNs);
+    const Result<int> opened = open_scan(folders_.inbox_fd(), entry.name.c_str(), entry.name.c_str());
+    bool is_scan = false;
+    if (opened) {
+      const Fd fd(opened.value());
+      const Result<ScanShape> shape = read_scan_fd(fd.get(), entry.name.c_str(), settings_.unit, xyz, readers_);
+      is_scan = shape.ok() && shape.value().finite > 0;
+    }
+    hang_.enter(HangWatch::kLookNs);
+    return is_scan;
+  }
+
+  Result<Answer> wait_for_answer(std::string_view stem, std::int64_t deadline_ns, std::int64_t timeout_ns,
+                                 const std::atomic<bool>& cancel) {
+    for (;;) {
+      if (cancel) return error(Code::interrupted, "the scan was cancelled");
+      Result<std::optional<Answer>> found = settings_.any_name ? find_only_file() : find_named(stem);
+      if (!found) return found.error();
+      if (found.value()) return *found.value();
+      if (clock_.mono_ns() >= deadline_ns) {
+        // Reading it will say what is missing. Of any name it stays where it is: it is waited for, and moved when it is
+        // whole, or its writer would go on in stray/ and the next request wait for an answer that never comes.
+        if (const QuietWatch::Watched* begun = find_begun(stem)) {
+          if (!settings_.any_name) return Answer{begun->entry, begun->since_ns};
+          return error(Code::frame_incomplete, "%s/inbox/%.120s: not whole within %.1f s: bytes are missing",
+                       settings_.drop_dir.c_str(), begun->entry.name.c_str(), ms_from_ns(timeout_ns) / 1e3);
+        }
+        return error(Code::trigger_timeout, "no answer to request %.*s within %.1f s", static_cast<int>(stem.size()),
+                     stem.data(), ms_from_ns(timeout_ns) / 1e3);
+      }
+      pause();
+    }
+  }
+
+  Result<std::optional<Answer>> find_named(std::string_view stem) {
+    if (Status status = tidy(stem); !status) return status.error();
+    for (const QuietWatch::Watched& watched : watch_.watched())
+      if (stem_of(watched.entry.name.view()) == stem && is_finished(watched))
+        return std::optional<Answer>(Answer{watched.entry, watched.since_ns, !is_quiet(watched)});
+    return std::optional<Answer>();
+  }
+
+  /// The answer that lacks bytes: it will be refused, whatever comes meanwhile.
+  const QuietWatch::Watched* find_begun(std::string_view stem) const {
+    for (const QuietWatch::Watched& watched : watch_.watched()) {
+      if (!watched.entry.regular) continue;
+      if ((settings_.any_name || stem_of(watched.entry.name.view()) == stem) && look_into(watched.entry).lacks_bytes)
+        return &watched;
+    }
+    return nullptr;
+  }
+
+  /// A name promises that the file is whole, and a binary header that accounts for all its bytes bears that out, until
+  /// its content is seen to be missing (`trusted_`). A table of text proves nothing (cut after any line it is a smaller
+  /// scan), so nobody may have touched it for half a second.
+  bool is_finished(const QuietWatch::Watched& watched) const {
+    if (!watched.entry.regular || is_quiet(watched)) return true;
+    if (!trusted_ || clock_.mono_ns() - watched.since_ns < kTimeStepNs) return false;
+    const char* name = watched.entry.name.c_str();
+    const Result<int> opened = open_scan(folders_.inbox_fd(), name, name);
+    if (!opened) return true;  // taking it will say why
+    const Fd fd(opened.value());
+    return is_untouched(fd.get(), watched.entry) && is_complete_scan(fd.get(), name, settings_.unit);
+  }
+
+  bool is_quiet(const QuietWatch::Watched& watched) const {
+    const std::int64_t still_ns = clock_.mono_ns() - watched.since_ns;
+    if (still_ns < (folders_.on_network() ? kFinishedOnShareNs : kFinishedNs)) return false;
+    if (still_ns >= kFilledNs) return true;
+    const Signs signs = look_into(watched.entry);
+    return !signs.lacks_bytes && !signs.has_hole;
+  }
+
+  /// Of a file that more must come. Programs pause while they write, and those that copy over a network make the file
+  /// as long as it will be first and then fill it.
+  struct Signs {
+    bool lacks_bytes = false;
+    bool has_hole = false;
+  };
+  Signs look_into(const InboxEntry& entry) const {
+    if (!entry.regular) return {};
+    const char* name = entry.name.c_str();
+    const Result<int> opened = open_scan(folders_.inbox_fd(), name, name);
+    if (!opened) return {};
+    const Fd fd(opened.value());
+    const off_t hole = lseek(fd.get(), 0, SEEK_HOLE);
+    const bool has_hole = hole >= 0 && hole < entry.state.bytes &&
+                          static_cast<std::uint64_t>(hole) < bytes_of_data(fd.get(), name, settings_.unit);
+    return {lacks_bytes(fd.get(), name, settings_.unit), has_hole};
+  }
+
+  /// any_name: exactly one entry, a regular file, untouched for half a second.
+  Result<std::optional<Answer>> find_only_file() {
+    InboxEntries entries;
+    if (Status status = look({}, entries); !status) return status.error();
+    if (entries.empty()) return std::optional<Answer>();
+    if (entries.size() > 1 || !entries[0].regular) {
+      const Error several =
+          error(Code::frame_incomplete, "%s/inbox/%.120s: %s", settings_.drop_dir.c_str(), entries[0].name.c_str(),
+                entries.size() > 1 ? "is not the only answer to one request" : "not a regular file");
+      for (const InboxEntry& entry : entries) set_aside(entry.name, several.text.c_str());
+      return several;
+    }
+    const QuietWatch::Watched& only = watch_.watched()[0];
+    if (!is_quiet(only)) return std::optional<Answer>();
+    if (is_of_another_kind(only.entry.name.view())) {
+      const Error another = error(Code::frame_incomplete,
+                                  "%s/inbox/%.120s: the scan before it was a .%s; this may be the same exposure saved "
+                                  "twice (exactly one file a request; after a change of format restart slabd)",
+                                  settings_.drop_dir.c_str(), only.entry.name.c_str(), extension_taken_.c_str());
+      set_aside(only.entry.name, another.text.c_str());
+      return another;
+    }
+    return std::optional<Answer>(Answer{only.entry, only.since_ns});
+  }
+
+  /// any_name: programs that save one exposure as scan.ply and a moment later as scan.xyz are two files to two
+  /// requests. Not forgotten when it was refused: the other one comes with the next request.
+  bool is_of_another_kind(std::string_view name) const {
+    const std::string_view extension = extension_of(name);
+    return !extension_taken_.empty() && is_scan_extension(extension) &&
+           lower_case(extension).view() != extension_taken_.view();
+  }
+
+  // ---- taking
+
+  /// `doubted`: nothing was taken, because what was believed whole by its length alone is not whole yet.
+  Result<AcquiredScan> take(const Answer& answer, const ScanRequest& request, std::span<float> xyz,
+                            const ScanDecoded& decoded, bool& doubted) {
+    const std::int64_t begin_ns = clock_.mono_ns();
+    AcquiredScan scan;
+    scan.taken_mono_ns = answer.seen_ns;
+    scan.taken_utime_us = clock_.utime_us() - (begin_ns - answer.seen_ns) / kNsPerUs;
+    const Result<PathText> path = spool_path(request, answer.entry.name.view());
+    if (!path) return path.error();
+    scan.path = path.value();
+
+    FixedString<limits::kErrorTextBytes> shown;
+    shown.printf("%s/inbox/%s", settings_.drop_dir.c_str(), answer.entry.name.c_str());
+    const Result<int> opened = open_scan(folders_.inbox_fd(), answer.entry.name.c_str(), shown.c_str());
+    if (!opened) return opened.error();
+    const Fd fd(opened.value());
+    const InboxEntry& found = answer.entry;
+    Result<ScanShape> shape = read_scan_fd(fd.get(), shown.c_str(), settings_.unit, xyz, readers_);
+    const bool untouched = is_untouched(fd.get(), found);
+    doubted = answer.accounted && (!shape || shape.value().zeros > 0 || !untouched);
+    if (!shape) return shape.error();
+    if (doubted || !untouched)
+      return error(Code::frame_incomplete, "%s: changed while it was read (write it under another name, then rename)",
+                   shown.c_str());
+    scan.shape = shape.value();
+    if (scan.shape.finite < request.points_min)
+      return error(Code::too_few_points, "%s: %zu of %zu points are there, needed are %zu", shown.c_str(),
+                   scan.shape.finite, scan.shape.points, request.points_min);
+    scan.read_ms = ms_from_ns(clock_.mono_ns() - begin_ns);
+    decoded(scan);
+    // From here on it is the disk that takes its time. One patience for both: the PLC waits no longer for two.
+    const std::int64_t left_ns = HangWatch::kTakeNs - (clock_.mono_ns() - begin_ns);
+    hang_.enter(std::max(left_ns, HangWatch::kStoreMinNs),
+                folders_.on_network() ? HangWatch::Place::copying : HangWatch::Place::spool);
+    if (Status status = spool_file(fd.get(), folders_.inbox_fd(), answer.entry.name.c_str(), scan.path); !status)
+      return status.error();
+    // Whoever had it open before it was moved writes on all the same. What was copied from a share may be gone there.
+    const FileState now = file_state(fd.get(), "");
+    if (!now.known || now.same_content(found.state)) return scan;
+    unlink(scan.path.c_str());
+    return error(Code::frame_incomplete, "%s: changed while it was moved (write it under another name, then rename)",
+                 shown.c_str());
+  }
+
+  /// The decoded file is the one that was found, and nobody wrote to it meanwhile.
+  static bool is_untouched(int fd, const InboxEntry& entry) { return file_state(fd, "").same_content(entry.state); }
+
+  static Result<PathText> spool_path(const ScanRequest& request, std::string_view name) {
+    const FixedString<16> extension = lower_case(extension_of(name));
+    if (request.spool_path.size() + 1 + extension.size() > PathText::capacity())
+      return error(Code::config, "%s: the spool path and \".%s\" exceed %zu bytes", request.spool_path.c_str(),
+                   extension.c_str(), PathText::capacity());
+    PathText path(request.spool_path);
+    path.append(".");
+    path.append(extension.view());
+    return path;
+  }
+
+  ScanDropSettings settings_;
+  const Clock& clock_;
+  Team readers_;
+  DropFolders folders_;
+  QuietWatch watch_;
+  HangWatch hang_;
+  DropNotes notes_;
+  bool looked_ = false;
+  bool begun_ = false;  ///< the folders could be used once, first then:
+  std::int64_t begun_ns_ = 0;
+  bool asked_before_ = false;  ///< any_name: what was asked for before that was waited for
+  bool trusted_ = true;        ///< of a file under way: its length speaks for its content
+  NameText stuck_;             ///< cannot be moved away
+  bool lock_said_ = false;
+  bool crowd_said_ = false;                    ///< the inbox holds more than is watched
+  bool is_crowd_cleared_ = false;              ///< by the last look: files were moved
+  std::uint64_t crowd_began_ = 0;              ///< strays by then
+  FixedString<16> extension_taken_;            ///< any_name: of the last scan that was taken
+  std::int64_t answer_may_come_until_ns_ = 0;  ///< any_name: 0 or past: no answer is outstanding
+  bool trimmed_ = false;                       ///< stray/ keeps its budget
+  DropFolders::TrimmedOnes trimmed_ones_;
+  std::atomic<bool> online_ = false;
+  std::atomic<std::uint64_t> strays_ = 0;
+  std::atomic<std::uint64_t> deleted_files_ = 0;
+  std::atomic<std::uint64_t> deleted_bytes_ = 0;
+  mutable std::mutex why_mutex_;
+  ScannerText why_offline_;
+  ScannerText used_by_another_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<ScannerPort>> make_scan_drop(const ScanDropSettings& settings, const Clock& clock) {
+  // What is appended below: "/inbox/" and a name.
+  if (settings.drop_dir.empty() || settings.drop_dir.size() == PathText::capacity())
+    return error(Code::config, "scanner.drop_dir \"%s\" is empty or longer than %zu bytes", settings.drop_dir.c_str(),
+                 PathText::capacity() - 1);
+  return std::unique_ptr<ScannerPort>(std::make_unique<ScanDrop>(settings, clock));
+}
+
+}  // namespace slabd::hal

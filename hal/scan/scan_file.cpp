@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/scan/scan_file.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+
+#include "hal/scan/pcd_points.h"
+#include "hal/scan/ply_points.h"
+#include "hal/scan/scan_window.h"
+#include "hal/scan/text_points.h"
+#include "hal/system/os.h"
+
+// Problem: five million points, 60 MB, must become float32 mm in a buffer that exists already, and the file may be
+// torn, lying or hostile. Idea: the extension chooses the reader; every reader gets the same window on a file of known
+// size, and the same buffer. Invariants: nothing is read past the file's size at opening; a point is finite in all
+// three coordinates or NaN in all three.
+namespace slabd::hal {
+namespace {
+
+/// The file's size, -1 when it cannot be told.
+off_t size_of(int fd) {
+  struct stat status {};
+  return fstat(fd, &status) == 0 ? status.st_size : -1;
+}
+
+Error unknown_format(const char* name, std::string_view extension) {
+  return error(Code::frame_incomplete, "%s: format \"%.*s\" is not supported (%s)", name,
+               static_cast<int>(std::min<std::size_t>(extension.size(), 32)),
+               extension.data() == nullptr ? "" : extension.data(), kScanFormatsRead);
+}
+
+}  // namespace
+
+Result<int> open_scan(int folder, const char* name, const char* shown) {
+  // O_NONBLOCK: opening a pipe that someone left there must not wait for a writer.
+  Fd fd(openat(folder, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
+  if (!fd.is_open()) {
+    const char* why = errno == ELOOP ? "a link, links are not followed" : errno_text(errno);
+    return error(Code::frame_incomplete, "%s: %s", shown, why);
+  }
+  struct stat status {};
+  if (fstat(fd.get(), &status) != 0) return error(Code::frame_incomplete, "%s: %s", shown, errno_text(errno));
+  if (!S_ISREG(status.st_mode)) return error(Code::frame_incomplete, "%s: not a regular file", shown);
+  return fd.release();
+}
+
+namespace {
+
+/// UTF-16 by its byte-order mark, or by the zeros of its ASCII characters. Nothing that is read begins so.
+bool is_utf16(std::string_view head) {
+  if (head.starts_with("\xFF\xFE") || head.starts_with("\xFE\xFF")) return true;
+  if (head.size() < 4) return false;
+  const auto is_text = [](char c) { return (c >= ' ' && c <= '~') || c == '\t' || c == '\r' || c == '\n'; };
+  const bool little = is_text(head[0]) && head[1] == '\0' && is_text(head[2]) && head[3] == '\0';
+  const bool big = head[0] == '\0' && is_text(head[1]) && head[2] == '\0' && is_text(head[3]);
+  return little || big;
+}
+
+template <typename Real>
+Result<ScanShape> read_points_fd(int fd, const char* name, LengthUnit unit, std::span<Real> xyz, Team& team,
+                                 const TableColumns& columns) {
+  const std::string_view extension = extension_of(name);
+  const std::optional<ScanFamily> family = scan_family(extension);
+  if (!family) return unknown_format(name, extension);
+  const off_t bytes = size_of(fd);
+  if (bytes < 0) return error(Code::frame_incomplete, "%s: %s", name, errno_text(errno));
+  if (bytes == 0) return error(Code::frame_incomplete, "%s: 0 bytes, nothing was written", name);
+  ScanWindow window(fd, name, static_cast<std::uint64_t>(bytes));
+  if (!columns.empty() && *family != ScanFamily::text)
+    return error(Code::frame_incomplete, "%s: columns can be chosen of a table (.xyz .asc .txt .csv) only", name);
+  if (!window.have(4) && window.broken()) return window.failure();
+  if (is_utf16(window.view().substr(0, 4)))
+    return error(Code::frame_incomplete, "%s: UTF-16 text, two bytes for each character: save it as UTF-8 or ASCII",
+                 name);
+  switch (*family) {
+    case ScanFamily::ply: return read_ply(window, unit, xyz, team);
+    case ScanFamily::pcd: return read_pcd(window, unit, xyz, team);
+    case ScanFamily::text: return read_text_points(window, unit, xyz, columns);
+  }
+  return unknown_format(name, extension);
+}
+
+template <typename Real>
+Result<ScanShape> read_points(const char* path, LengthUnit unit, std::span<Real> xyz, Team& team,
+                              const TableColumns& columns) {
+  const Result<int> opened = open_scan(AT_FDCWD, path, path);
+  if (!opened) return opened.error();
+  const Fd fd(opened.value());
+  return read_points_fd(fd.get(), path, unit, xyz, team, columns);
+}
+
+}  // namespace
+
+Result<ScanShape> read_scan_fd(int fd, const char* name, LengthUnit unit, std::span<float> xyz, Team& team,
+                               const TableColumns& columns) {
+  return read_points_fd(fd, name, unit, xyz, team, columns);
+}
+
+Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz, Team& team,
+                            const TableColumns& columns) {
+  return read_points(path, unit, xyz, team, columns);
+}
+
+Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz, const TableColumns& columns) {
+  Team alone(1);
+  return read_points(path, unit, xyz, alone, columns);
+}
+
+Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<double> xyz, const TableColumns& columns) {
+  Team alone(1);
+  return read_points(path, unit, xyz, alone, columns);
+}
+
+bool is_complete_scan(int fd, const char* name, LengthUnit unit) {
+  const std::optional<ScanFamily> family = scan_family(extension_of(name));
+  const off_t bytes = size_of(fd);
+  if (!family || *family == ScanFamily::text || bytes < 0) return false;
+  ScanWindow window(fd, name, static_cast<std::uint64_t>(bytes));
+  return *family == ScanFamily::ply ? is_complete_ply(window, unit) : is_complete_pcd(window, unit);
+}
+
+std::uint64_t bytes_of_data(int fd, const char* name, LengthUnit unit) {
+  const std::optional<ScanFamily> family = scan_family(extension_of(name));
+  const off_t bytes = size_of(fd);
+  if (bytes <= 0) return 0;
+  const auto file_bytes = static_cast<std::uint64_t>(bytes);
+  if (!family || *family == ScanFamily::text) return file_bytes;
+  ScanWindow window(fd, name, file_bytes);
+  const std::uint64_t told =
+      *family == ScanFamily::ply ? bytes_told_by_ply(window, unit) : bytes_told_by_pcd(window, unit);
+  return told == 0 ? file_bytes : std::min(told, file_bytes);
+}
+
+bool lacks_bytes(int fd, const char* name, LengthUnit unit) {
+  const std::optional<ScanFamily> family = scan_family(extension_of(name));
+  const off_t bytes = size_of(fd);
+  if (bytes == 0) return true;
+  if (!family || *family == ScanFamily::text || bytes < 0) return false;
+  ScanWindow window(fd, name, static_cast<std::uint64_t>(bytes));
+  return *family == ScanFamily::ply ? lacks_bytes_of_ply(window, unit) : lacks_bytes_of_pcd(window, unit);
+}
+
+}  // namespace slabd::hal

@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/scan/scan_stream.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+
+#include "hal/scan/scan_points.h"
+#include "hal/system/crc32c.h"
+
+// Problem: 60 MB come over a cable that may be pulled, from a program somebody else wrote, and a scan taken for
+// another's passes a slab that nobody measured. Idea: a fixed header that names the request and carries checksums of
+// itself and of all points; points are counted against the buffer before one is stored. Invariants: points_ never
+// exceeds header_.count, which never exceeds the buffer; complete() only after the checksum over every point that is
+// in the buffer, whichever connections brought them.
+namespace slabd::hal {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "numbers are copied as they are on the wire");
+
+constexpr std::array<char, 8> kMagic = {'S', 'L', 'A', 'B', 'S', 'C', 'A', 'N'};
+
+/// Byte offsets; docs/SCANNER.md has the same table.
+enum At : std::size_t {
+  kAtMagic = 0,
+  kAtVersion = 8,
+  kAtHeaderBytes = 10,
+  kAtSession = 12,
+  kAtCmdSeq = 14,
+  kAtWidth = 16,
+  kAtHeight = 20,
+  kAtCount = 24,
+  kAtFirst = 28,
+  kAtUnit = 32,
+  kAtFlags = 36,
+  kAtUtime = 40,
+  kAtPointsCrc = 48,
+  kAtReserved2 = 52,
+  kAtHeaderCrc = 60,
+};
+
+constexpr std::uint32_t kFlagEmulated = 1;
+
+template <typename Number>
+Number get(std::span<const std::byte, kScanHeaderBytes> bytes, std::size_t at) {
+  Number number{};
+  std::memcpy(&number, &bytes[at], sizeof number);
+  return number;
+}
+template <typename Number>
+void put(ScanHeaderBytes& bytes, std::size_t at, Number number) {
+  std::memcpy(&bytes[at], &number, sizeof number);
+}
+
+double mm_per(LengthUnit unit) {
+  switch (unit) {
+    case LengthUnit::mm: return 1.0;
+    case LengthUnit::m: return 1e3;
+    case LengthUnit::um: return 1e-3;
+  }
+  return 1.0;
+}
+
+}  // namespace
+
+ScanHeaderBytes encode_scan_header(const ScanStreamHeader& header) {
+  ScanHeaderBytes bytes{};
+  std::memcpy(&bytes[kAtMagic], kMagic.data(), kMagic.size());
+  put(bytes, kAtVersion, kScanStreamVersion);
+  put(bytes, kAtHeaderBytes, static_cast<std::uint16_t>(kScanHeaderBytes));
+  put(bytes, kAtSession, header.session);
+  put(bytes, kAtCmdSeq, header.cmd_seq);
+  put(bytes, kAtWidth, header.width);
+  put(bytes, kAtHeight, header.height);
+  put(bytes, kAtCount, header.count);
+  put(bytes, kAtFirst, header.first);
+  put(bytes, kAtUnit, static_cast<std::uint32_t>(header.unit));
+  put(bytes, kAtFlags, header.emulated ? kFlagEmulated : 0U);
+  put(bytes, kAtUtime, header.utime_us);
+  put(bytes, kAtPointsCrc, header.points_crc);
+  put(bytes, kAtHeaderCrc, crc32c(std::span(bytes).first(kAtHeaderCrc)));
+  return bytes;
+}
+
+Result<ScanStreamHeader> decode_scan_header(std::span<const std::byte, kScanHeaderBytes> bytes) {
+  if (std::memcmp(&bytes[kAtMagic], kMagic.data(), kMagic.size()) != 0)
+    return error(Code::frame_incomplete, "scan header: bytes 0..7 are not SLABSCAN");
+  if (const auto version = get<std::uint16_t>(bytes, kAtVersion); version != kScanStreamVersion)
+    return error(Code::frame_incomplete, "scan header: version %u, known is %u", unsigned{version},
+                 unsigned{kScanStreamVersion});
+  if (const auto size = get<std::uint16_t>(bytes, kAtHeaderBytes); size != kScanHeaderBytes)
+    return error(Code::frame_incomplete, "scan header: says that it has %u bytes, allowed are %zu", unsigned{size},
+                 kScanHeaderBytes);
+  const auto crc = get<std::uint32_t>(bytes, kAtHeaderCrc);
+  if (const std::uint32_t found = crc32c(bytes.first<kAtHeaderCrc>()); crc != found)
+    return error(Code::frame_incomplete, "scan header: CRC-32C 0x%08X, of bytes 0..59 it is 0x%08X", crc, found);
+  ScanStreamHeader header;
+  header.session = get<std::uint16_t>(bytes, kAtSession);
+  header.cmd_seq = get<std::uint16_t>(bytes, kAtCmdSeq);
+  header.width = get<std::uint32_t>(bytes, kAtWidth);
+  header.height = get<std::uint32_t>(bytes, kAtHeight);
+  header.count = get<std::uint32_t>(bytes, kAtCount);
+  header.first = get<std::uint32_t>(bytes, kAtFirst);
+  header.utime_us = get<std::uint64_t>(bytes, kAtUtime);
+  header.points_crc = get<std::uint32_t>(bytes, kAtPointsCrc);
+  const auto unit = get<std::uint32_t>(bytes, kAtUnit);
+  if (unit > static_cast<std::uint32_t>(LengthUnit::um))
+    return error(Code::frame_incomplete, "scan header: unit %u, allowed are 0 (mm), 1 (m), 2 (um)", unit);
+  header.unit = static_cast<LengthUnit>(unit);
+  const auto flags = get<std::uint32_t>(bytes, kAtFlags);
+  if ((flags & ~kFlagEmulated) != 0 || get<std::uint64_t>(bytes, kAtReserved2) != 0)
+    return error(Code::frame_incomplete,
+                 "scan header: flags 0x%08X; bits 1..31 of bytes 36..39, and bytes 52..59, are reserved and must be 0",
+                 flags);
+  header.emulated = (flags & kFlagEmulated) != 0;
+  if (header.count == 0) return error(Code::too_few_points, "scan header: no points");
+  const bool organised = header.width != 0 || header.height != 0;
+  if (organised && std::uint64_t{header.width} * header.height != header.count)
+    return error(Code::frame_incomplete, "scan header: width %u times height %u is not count %u", header.width,
+                 header.height, header.count);
+  if (header.first >= header.count)
+    return error(Code::frame_incomplete, "scan header: first point %u of %u", header.first, header.count);
+  return header;
+}
+
+void ScanStreamDecoder::expect(std::uint16_t session, std::uint16_t cmd_seq) {
+  const std::span<float> xyz = xyz_;
+  const std::uint32_t starts = starts_;
+  *this = ScanStreamDecoder(xyz);
+  starts_ = starts;
+  session_ = session;
+  cmd_seq_ = cmd_seq;
+}
+
+void ScanStreamDecoder::cut() {
+  header_have_ = 0;
+  torn_have_ = 0;
+  in_points_ = false;
+}
+
+std::size_t ScanStreamDecoder::wanted() const {
+  if (complete_) return 0;
+  if (!in_points_) return kScanHeaderBytes - header_have_;
+  return (header_.count - points_) * kScanPointBytes - torn_have_;
+}
+
+Status ScanStreamDecoder::feed(std::span<const std::byte> bytes) {
+  if (bytes.size() > wanted())
+    return error(Code::frame_incomplete, "%zu bytes, but only %zu belong to the scan", bytes.size(), wanted());
+  if (!in_points_) {
+    if (bytes.empty()) return success();
+    std::memcpy(&header_bytes_[header_have_], bytes.data(), bytes.size());
+    header_have_ += bytes.size();
+    return header_have_ == kScanHeaderBytes ? take_header() : success();
+  }
+  if (torn_have_ != 0) {
+    const std::size_t more = std::min(bytes.size(), kScanPointBytes - torn_have_);
+    std::memcpy(&torn_[torn_have_], bytes.data(), more);
+    torn_have_ += more;
+    bytes = bytes.subspan(more);
+    if (torn_have_ < kScanPointBytes) return success();
+    torn_have_ = 0;
+    take_points(torn_);
+  }
+  const std::size_t whole = bytes.size() / kScanPointBytes * kScanPointBytes;
+  take_points(bytes.first(whole));
+  torn_have_ = bytes.size() - whole;
+  if (torn_have_ != 0) std::memcpy(torn_.data(), &bytes[whole], torn_have_);
+  return points_ == header_.count ? finish() : success();
+}
+
+Status ScanStreamDecoder::take_header() {
+  header_have_ = 0;
+  const Result<ScanStreamHeader> decoded = decode_scan_header(header_bytes_);
+  if (!decoded) return decoded.error();
+  const ScanStreamHeader& header = decoded.value();
+  if (header.session != session_ || header.cmd_seq != cmd_seq_)
+    return error(Code::frame_incomplete, "the scan answers request %u-%u, asked for is %u-%u", unsigned{header.session},
+                 unsigned{header.cmd_seq}, unsigned{session_}, unsigned{cmd_seq_});
+  if (header.count > xyz_.size() / 3)
+    return error(Code::frame_incomplete, "the scan has %u points, allowed are %zu", header.count, xyz_.size() / 3);
+  if (header.first != 0) {
+    // A gateway that was started anew has another scan. What is here nobody will finish: the next request line says 0.
+    if (!has_header_ || !header.same_scan(header_)) forget_points();
+    if (header.first != points_)
+      return error(Code::frame_incomplete, "the scan goes on at point %u, but %zu of this scan are here", header.first,
+                   points_);
+  } else {
+    forget_points();
+    ++starts_;
+  }
+  header_ = header;
+  has_header_ = true;
+  in_points_ = true;
+  return success();
+}
+
+void ScanStreamDecoder::take_points(std::span<const std::byte> whole) {
+  if (whole.empty()) return;
+  const std::span<float> fresh = xyz_.subspan(3 * points_, whole.size() / sizeof(float));
+  crc_ = crc32c(whole, crc_);
+  std::memcpy(fresh.data(), whole.data(), whole.size());
+  if (header_.unit != LengthUnit::mm) {
+    const double factor = mm_per(header_.unit);
+    for (float& v : fresh) v = coordinate_mm<float>(static_cast<double>(v), factor);
+  }
+  settled_ += settle_points(fresh);
+  points_ += whole.size() / kScanPointBytes;
+}
+
+void ScanStreamDecoder::forget_points() {
+  has_header_ = false;
+  points_ = 0;
+  settled_ = {};
+  crc_ = 0;
+}
+
+Status ScanStreamDecoder::finish() {
+  const std::uint32_t found = crc_;
+  in_points_ = false;
+  if (found != header_.points_crc) {
+    forget_points();
+    return error(Code::frame_incomplete, "the points have CRC-32C 0x%08X, the header says 0x%08X", found,
+                 header_.points_crc);
+  }
+  complete_ = true;
+  return success();
+}
+
+}  // namespace slabd::hal

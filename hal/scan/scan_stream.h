@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "hal/hal.h"
+#include "hal/scan/scan_points.h"
+#include "hal/system/crc32c.h"
+
+/// Scans as a stream of bytes: what a scanner's gateway sends over TCP (docs/SCANNER.md). One scan is a header of 64
+/// bytes and `count - first` points of three float32, x y z, all little-endian. Pure: no socket, no file, no clock.
+namespace slabd::hal {
+
+inline constexpr std::size_t kScanHeaderBytes = 64;
+inline constexpr std::size_t kScanPointBytes = 3 * sizeof(float);
+inline constexpr std::uint16_t kScanStreamVersion = 1;
+
+struct ScanStreamHeader {
+  std::uint16_t session = 0;
+  std::uint16_t cmd_seq = 0;
+  std::uint32_t width = 0;  ///< 0 with height 0: not organised
+  std::uint32_t height = 0;
+  std::uint32_t count = 0;  ///< points of the whole scan
+  std::uint32_t first = 0;  ///< index of the first point that follows: 0, or how many slabd has already
+  LengthUnit unit = LengthUnit::mm;
+  std::uint64_t utime_us = 0;    ///< end of the exposure by the sender's clock: for records and to know a scan again
+  std::uint32_t points_crc = 0;  ///< CRC-32C of all `count` points as they are sent
+  bool emulated = false;         ///< bit 0 of the flags: there is no real scanner
+
+  /// The same scan, whatever point it goes on from.
+  [[nodiscard]] bool same_scan(const ScanStreamHeader& other) const {
+    return session == other.session && cmd_seq == other.cmd_seq && width == other.width && height == other.height &&
+           count == other.count && unit == other.unit && utime_us == other.utime_us && points_crc == other.points_crc &&
+           emulated == other.emulated;
+  }
+};
+
+using ScanHeaderBytes = std::array<std::byte, kScanHeaderBytes>;
+[[nodiscard]] ScanHeaderBytes encode_scan_header(const ScanStreamHeader& header);
+/// frame_incomplete: the text names the field, what was found and what is allowed.
+[[nodiscard]] Result<ScanStreamHeader> decode_scan_header(std::span<const std::byte, kScanHeaderBytes> bytes);
+
+/// Takes one scan, piece by piece, across cuts of the connection. No heap.
+///
+///   expect(session, seq) -> feed() ... feed() -> complete()
+///                             ^           |
+///                             +-- cut() <-+   the next header may go on from points()
+class ScanStreamDecoder {
+ public:
+  /// `xyz` receives the points in mm; a scan with more points than fit is refused by its header.
+  explicit ScanStreamDecoder(std::span<float> xyz) : xyz_(xyz) {}
+
+  /// Begins to wait for the answer to a request; whatever was there is forgotten.
+  void expect(std::uint16_t session, std::uint16_t cmd_seq);
+  /// The connection is gone: a header comes next. Whole points stay.
+  void cut();
+  /// The bytes that may be given to feed() now: of the header or of the points; 0 when the scan is complete.
+  [[nodiscard]] std::size_t wanted() const;
+  /// Takes `bytes`, at most wanted(). frame_incomplete: this is not the scan that was asked for, or it is damaged (a
+  /// checksum); the connection is of no use any more. After a wrong checksum no points are kept, nor when another scan
+  /// of the same request wants to go on where this one was cut.
+  [[nodiscard]] Status feed(std::span<const std::byte> bytes);
+
+  [[nodiscard]] bool complete() const { return complete_; }
+  /// Bytes of a scan have come on this connection, and not yet all of them.
+  [[nodiscard]] bool amid_scan() const { return !complete_ && (in_points_ || header_have_ != 0); }
+  [[nodiscard]] bool has_header() const { return has_header_; }
+  [[nodiscard]] const ScanStreamHeader& header() const { return header_; }
+  /// Points that lie in `xyz`, in mm, NaN in all three where one is missing.
+  [[nodiscard]] std::size_t points() const { return points_; }
+  /// Those from `from` on, as they lie in `xyz`.
+  [[nodiscard]] std::span<const float> fresh(std::size_t from) const {
+    return xyz_.subspan(3 * from, 3 * (points_ - from));
+  }
+  [[nodiscard]] std::size_t finite() const { return settled_.finite; }
+  [[nodiscard]] ScanShape shape() const {
+    return {points_, settled_.finite, header_.width, header_.height, true, settled_.zeros, header_.emulated};
+  }
+  /// How often a scan began with its first point: whoever copies the points has to begin again.
+  [[nodiscard]] std::uint32_t starts() const { return starts_; }
+
+ private:
+  Status take_header();
+  void take_points(std::span<const std::byte> whole);
+  Status finish();
+  void forget_points();
+
+  std::span<float> xyz_;
+  std::uint16_t session_ = 0;
+  std::uint16_t cmd_seq_ = 0;
+  ScanHeaderBytes header_bytes_{};
+  std::size_t header_have_ = 0;  ///< bytes of a header under way
+  bool in_points_ = false;       ///< the header is there, points follow
+  bool has_header_ = false;      ///< `header_` and `points_` are of a scan that may be gone on with
+  bool complete_ = false;
+  ScanStreamHeader header_;
+  std::array<std::byte, kScanPointBytes> torn_{};  ///< a point whose end has not come yet
+  std::size_t torn_have_ = 0;
+  std::size_t points_ = 0;
+  Settled settled_;
+  std::uint32_t crc_ = 0;
+  std::uint32_t starts_ = 0;
+};
+
+}  // namespace slabd::hal

@@ -1,0 +1,397 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <mutex>
+#include <optional>
+
+#include "hal/hal.h"
+#include "hal/scan/drop_news.h"
+#include "hal/scan/scan_request.h"
+#include "hal/scan/scan_stream.h"
+#include "hal/system/os.h"
+#include "hal/system/spool_writer.h"
+
+// Problem: a scanner that has only a vendor's SDK gets a gateway, written by somebody else, on another computer, over a
+// cable. Idea: the gateway keeps one connection; a request goes to it as a line of JSON, the scan comes back behind a
+// header that names the request, an answer goes back as a line. What is wrong with the stream ends the connection, not
+// the request: the gateway connects again, is told how many points are here already, and goes on. Invariants:
+//   - points count only for the request that their header names, and only when all checksums hold;
+//   - the file in the spool holds the very floats that were decoded, converted to mm;
+//   - one sender: another address is turned away while the first one is connected;
+//   - nothing waits longer than the request's timeout, and a silent sender no longer than kStallNs. But for the spool's
+//     disk: what this thread writes there may take as long as the disk does, so it leaves word (HangWatch).
+namespace slabd::hal {
+namespace {
+
+constexpr int kPollMs = 20;
+/// In the middle of a scan; longer than a lost segment is repeated, short enough for another try within the timeout.
+constexpr std::int64_t kStallNs = 3 * kNsPerS;
+/// Of reading on behind an error, so that the sender can read why before the connection is reset.
+constexpr std::int64_t kFarewellNs = 200 * kNsPerMs;
+
+FixedString<24> text_of(const sockaddr_in& address) {
+  const std::uint32_t a = ntohl(address.sin_addr.s_addr);
+  FixedString<24> text;
+  text.printf("%u.%u.%u.%u:%u", a >> 24U, (a >> 16U) & 255U, (a >> 8U) & 255U, a & 255U,
+              unsigned{ntohs(address.sin_port)});
+  return text;
+}
+
+void set_option(int fd, int level, int option, int value) {
+  setsockopt(fd, level, option, &value, sizeof value);
+}
+
+/// A dead gateway is noticed within 20 s without traffic.
+void prepare_sender(int fd) {
+  set_option(fd, IPPROTO_TCP, TCP_NODELAY, 1);
+  set_option(fd, SOL_SOCKET, SO_KEEPALIVE, 1);
+  set_option(fd, IPPROTO_TCP, TCP_KEEPIDLE, 10);
+  set_option(fd, IPPROTO_TCP, TCP_KEEPINTVL, 3);
+  set_option(fd, IPPROTO_TCP, TCP_KEEPCNT, 3);
+  set_option(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, 5'000);
+}
+
+class StreamPort final : public ScanStreamPort {
+ public:
+  StreamPort(const ScanStreamSettings& settings, const Clock& clock)
+      : settings_(settings), clock_(clock), hang_(clock) {
+    say("no gateway has connected yet");
+    listen_if_needed();
+  }
+
+  std::uint16_t bound_port() const override { return bound_port_; }
+  bool online() const override { return online_ && !hangs(); }
+  bool hangs() const override { return hang_.hang().ns != 0; }
+  bool spool_hangs() const override { return hangs(); }
+  std::uint64_t stray_files() const override { return strays_; }
+  ScannerText trouble() const override {
+    if (const HangWatch::Hang hang = hang_.hang(); hang.ns != 0) return spool_hang_text(hang);
+    const std::lock_guard lock(mutex_);
+    return trouble_;
+  }
+
+  void idle() override {
+    listen_if_needed();
+    take_connections();
+    if (!sender_.is_open()) return;
+    std::array<std::byte, 512> unasked;
+    const ssize_t n = recv(sender_.get(), unasked.data(), unasked.size(), MSG_DONTWAIT);
+    if (n > 0) {
+      ++strays_;
+      turn_away(error(Code::frame_incomplete, "data that nobody asked for (a scan that came too late?)"), 0, 0);
+    } else if (n == 0 || (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) {
+      lost("the gateway has closed the connection");
+    }
+  }
+
+  Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz, const std::atomic<bool>& cancel,
+                               const ScanDecoded& decoded) override {
+    if (request.spool_path.size() + 4 > PathText::capacity())
+      return error(Code::config, "%s: the spool path and \".ply\" exceed %zu bytes", request.spool_path.c_str(),
+                   PathText::capacity());
+    idle();  // what came before the request is not its answer
+    Job job{request, xyz};
+    job.scan.path = request.spool_path;
+    job.scan.path.append(".ply");
+    const std::int64_t deadline_ns = clock_.mono_ns() + request.timeout_ns;
+    if (sender_.is_open()) ask(job);
+    Result<AcquiredScan> result = AcquiredScan{};
+    for (;;) {
+      if (cancel) {
+        result = error(Code::interrupted, "the scan was cancelled");
+        break;
+      }
+      if (clock_.mono_ns() >= deadline_ns) {
+        result = too_late(job);
+        break;
+      }
+      wait();
+      listen_if_needed();
+      // What a connection that has ended brought comes before the next one is told how much is here.
+      if (const Status status = receive(job); !status) {
+        result = status.error();
+        break;
+      }
+      if (job.decoder.complete()) {
+        result = finish(job, decoded);
+        break;
+      }
+      if (take_connections()) ask(job);
+    }
+    job.file.abandon();
+    conclude(job, result);
+    return result;
+  }
+
+ private:
+  /// One request under way.
+  struct Job {
+    Job(const ScanRequest& r, std::span<float> xyz) : request(r), decoder(xyz) { decoder.expect(r.session, r.cmd_seq); }
+    const ScanRequest& request;
+    ScanStreamDecoder decoder;
+    SpoolWriter file;
+    std::uint32_t starts = 0;       ///< of the scan that `file` holds
+    std::size_t points_stored = 0;  ///< in `file`
+    std::int64_t moved_ns = 0;      ///< when bytes came last
+    std::int64_t begin_ns = 0;      ///< when the header came
+    std::optional<Error> last;      ///< what was wrong with the last try
+    AcquiredScan scan;
+  };
+
+  // ---- the connection
+
+  void say(const char* text) {
+    const std::lock_guard lock(mutex_);
+    trouble_.assign(text);
+  }
+
+  void listen_if_needed() {
+    if (listener_.is_open()) return;
+    Fd fd(socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
+    set_option(fd.get(), SOL_SOCKET, SO_REUSEADDR, 1);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(settings_.port);
+    inet_pton(AF_INET, settings_.host.c_str(), &address.sin_addr);
+    socklen_t bytes = sizeof address;
+    if (bind(fd.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0 || listen(fd.get(), 4) != 0 ||
+        getsockname(fd.get(), reinterpret_cast<sockaddr*>(&address), &bytes) != 0) {
+      ScannerText text;
+      text.printf("cannot listen for the gateway on %s:%u: %s", settings_.host.c_str(), unsigned{settings_.port},
+                  errno_text(errno));
+      return say(text.c_str());
+    }
+    bound_port_ = ntohs(address.sin_port);
+    listener_ = std::move(fd);
+    say("no gateway has connected yet");
+  }
+
+  bool is_allowed(const sockaddr_in& from) const {
+    const std::uint32_t source = ntohl(from.sin_addr.s_addr);
+    return std::any_of(settings_.allow.begin(), settings_.allow.end(),
+                       [source](const PlcSettings::Network& n) { return (source & n.mask) == n.address; });
+  }
+
+  /// True: there is a new sender. The same computer may connect anew (it was restarted, its cable was pulled), another
+  /// one only when nobody is connected.
+  bool take_connections() {
+    bool fresh = false;
+    if (!listener_.is_open()) return false;
+    for (int i = 0; i < 4; ++i) {  // bounded: a flood of connections must not keep the request waiting
+      sockaddr_in from{};
+      socklen_t bytes = sizeof from;
+      Fd fd(accept4(listener_.get(), reinterpret_cast<sockaddr*>(&from), &bytes, SOCK_NONBLOCK | SOCK_CLOEXEC));
+      if (!fd.is_open()) break;
+      if (!is_allowed(from)) {
+        note_refused(from, "is not in [scanner] allow");
+        continue;
+      }
+      if (sender_.is_open() && from_.sin_addr.s_addr != from.sin_addr.s_addr) {
+        const Error why = error(Code::busy, "another gateway is connected: %s", text_of(from_).c_str());
+        static_cast<void>(send_line(fd.get(), scan_answer_json(0, 0, &why, 0).view()));
+        note_refused(from, "came while another gateway was connected");
+        continue;
+      }
+      prepare_sender(fd.get());
+      sender_ = std::move(fd);
+      from_ = from;
+      online_ = true;
+      say("");
+      fresh = true;
+    }
+    return fresh;
+  }
+
+  void note_refused(const sockaddr_in& from, const char* why) {
+    ++strays_;
+    if (sender_.is_open()) return;
+    ScannerText text;
+    text.printf("%s %s", text_of(from).c_str(), why);
+    say(text.c_str());
+  }
+
+  static bool send_line(int fd, std::string_view line) {
+    return send(fd, line.data(), line.size(), MSG_NOSIGNAL | MSG_DONTWAIT) == static_cast<ssize_t>(line.size());
+  }
+
+  void lost(const char* why) {
+    sender_.reset();
+    online_ = false;
+    say(why);
+  }
+
+  /// Says why, lets the sender read it, and closes.
+  void turn_away(const Error& why, std::uint16_t session, std::uint16_t cmd_seq) {
+    static_cast<void>(send_line(sender_.get(), scan_answer_json(session, cmd_seq, &why, 0).view()));
+    shutdown(sender_.get(), SHUT_WR);
+    const std::int64_t until_ns = clock_.mono_ns() + kFarewellNs;
+    std::array<std::byte, limits::kScanReadBytes> unread;
+    pollfd waiting{sender_.get(), POLLIN, 0};
+    while (clock_.mono_ns() < until_ns && poll(&waiting, 1, kPollMs) >= 0) {
+      const ssize_t n = recv(sender_.get(), unread.data(), unread.size(), MSG_DONTWAIT);
+      if (n == 0 || (n < 0 && errno != EAGAIN && errno != EINTR)) break;
+    }
+    ScannerText text;
+    text.printf("the gateway was turned away: %s", why.text.c_str());
+    lost(text.c_str());
+  }
+
+  void wait() const {
+    std::array<pollfd, 2> fds = {pollfd{listener_.get(), POLLIN, 0}, pollfd{sender_.get(), POLLIN, 0}};
+    poll(fds.data(), fds.size(), kPollMs);  // -1 is passed over
+  }
+
+  // ---- a request
+
+  void ask(Job& job) {
+    job.decoder.cut();
+    job.moved_ns = clock_.mono_ns();
+    FixedString<96> more;
+    more.printf(R"(, "have_points": %zu, "timeout_ms": %lld)", job.decoder.points(),
+                static_cast<long long>(job.request.timeout_ns / kNsPerMs));
+    if (!send_line(sender_.get(), scan_request_json(job.request, more.view()).view()))
+      lost("the gateway does not take the request");
+  }
+
+  /// Takes what is there. An error ends the request; what is wrong with the stream only ends the connection.
+  Status receive(Job& job) {
+    while (sender_.is_open() && !job.decoder.complete()) {
+      std::array<std::byte, limits::kScanReadBytes> piece;
+      const ssize_t n = recv(sender_.get(), piece.data(), std::min(piece.size(), job.decoder.wanted()), MSG_DONTWAIT);
+      if (n < 0 && errno == EINTR) continue;
+      if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) {
+        if (job.decoder.amid_scan() && clock_.mono_ns() - job.moved_ns > kStallNs) {
+          job.last = error(Code::frame_incomplete, "the gateway fell silent after %zu of %u points",
+                           job.decoder.points(), job.decoder.header().count);
+          lost("the gateway fell silent in the middle of a scan");
+          job.decoder.cut();
+        }
+        return success();
+      }
+      if (n <= 0) {
+        if (job.decoder.amid_scan())
+          job.last = error(Code::frame_incomplete, "the connection was cut after %zu points", job.decoder.points());
+        lost("the gateway has closed the connection");
+        job.decoder.cut();
+        return success();
+      }
+      job.moved_ns = clock_.mono_ns();
+      const std::uint32_t starts = job.decoder.starts();
+      if (const Status fed = job.decoder.feed(std::span(piece).first(static_cast<std::size_t>(n))); !fed) {
+        ++strays_;
+        job.last = fed.error();
+        turn_away(fed.error(), job.request.session, job.request.cmd_seq);
+        job.decoder.cut();
+        return success();
+      }
+      if (job.decoder.starts() != starts || job.begin_ns == 0) note_header(job);
+      hang_.enter(HangWatch::kTakeNs, HangWatch::Place::spool);
+      const Status stored = store(job);
+      hang_.leave();
+      if (!stored) return stored;
+    }
+    return success();
+  }
+
+  void note_header(Job& job) {
+    if (!job.decoder.has_header()) return;
+    // The exposure was over when its header was sent, and so before it came.
+    job.begin_ns = job.scan.taken_mono_ns = clock_.mono_ns();
+    job.scan.taken_utime_us = clock_.utime_us();
+  }
+
+  /// Into the spool what is decoded and not there yet.
+  static Status store(Job& job) {
+    const ScanStreamHeader& header = job.decoder.header();
+    if (job.decoder.starts() != job.starts) {
+      if (Status status = job.file.begin(job.scan.path); !status) return status;
+      FixedString<96> organised;
+      if (header.width != 0) organised.printf("comment organized width %u height %u\n", header.width, header.height);
+      FixedString<256> text;
+      text.printf(
+          "ply\nformat binary_little_endian 1.0\ncomment unit mm\n%s%selement vertex %u\nproperty float x\n"
+          "property float y\nproperty float z\nend_header\n",
+          organised.c_str(), header.emulated ? "comment emulated, as its sender declares\n" : "", header.count);
+      if (Status status = job.file.write(text.view()); !status) return status;
+      job.starts = job.decoder.starts();
+      job.points_stored = 0;
+    }
+    if (job.decoder.points() <= job.points_stored) return success();
+    const std::span<const float> fresh = job.decoder.fresh(job.points_stored);
+    job.points_stored = job.decoder.points();
+    return job.file.write(std::as_bytes(fresh));
+  }
+
+  Result<AcquiredScan> finish(Job& job, const ScanDecoded& decoded) {
+    job.scan.shape = job.decoder.shape();
+    if (job.scan.shape.finite < job.request.points_min)
+      return error(Code::too_few_points, "%zu of %zu points are there, needed are %zu", job.scan.shape.finite,
+                   job.scan.shape.points, job.request.points_min);
+    job.scan.read_ms = ms_from_ns(clock_.mono_ns() - job.begin_ns);
+    decoded(job.scan);
+    hang_.enter(HangWatch::kTakeNs, HangWatch::Place::spool);
+    const Status status = job.file.finish();
+    hang_.leave();
+    if (!status) return status.error();
+    return job.scan;
+  }
+
+  Error too_late(const Job& job) const {
+    if (job.last) return *job.last;
+    const double waited_s = ms_from_ns(job.request.timeout_ns) / 1e3;
+    if (job.decoder.has_header())
+      return error(Code::frame_incomplete, "%zu of %u points came within %.1f s", job.decoder.points(),
+                   job.decoder.header().count, waited_s);
+    if (!sender_.is_open())
+      return error(Code::scanner_offline, "no gateway is connected to %s:%u", settings_.host.c_str(),
+                   unsigned{bound_port_});
+    return error(Code::trigger_timeout, "no answer to request %u-%u within %.1f s", unsigned{job.request.session},
+                 unsigned{job.request.cmd_seq}, waited_s);
+  }
+
+  /// Tells the sender. In the middle of a scan, or after a stored one that was refused, the connection ends with it.
+  void conclude(const Job& job, const Result<AcquiredScan>& result) {
+    if (!sender_.is_open()) return;
+    const ScanRequest& request = job.request;
+    if (result) {
+      static_cast<void>(
+          send_line(sender_.get(),
+                    scan_answer_json(request.session, request.cmd_seq, nullptr, result.value().shape.points).view()));
+    } else if (job.decoder.amid_scan()) {
+      turn_away(result.error(), request.session, request.cmd_seq);
+    } else {
+      static_cast<void>(
+          send_line(sender_.get(), scan_answer_json(request.session, request.cmd_seq, &result.error(), 0).view()));
+    }
+  }
+
+  ScanStreamSettings settings_;
+  const Clock& clock_;
+  Fd listener_;
+  Fd sender_;
+  sockaddr_in from_{};
+  std::atomic<std::uint16_t> bound_port_ = 0;
+  std::atomic<bool> online_ = false;
+  std::atomic<std::uint64_t> strays_ = 0;
+  HangWatch hang_;
+  mutable std::mutex mutex_;
+  ScannerText trouble_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<ScanStreamPort>> make_scan_stream(const ScanStreamSettings& settings, const Clock& clock) {
+  in_addr address{};
+  if (inet_pton(AF_INET, settings.host.c_str(), &address) != 1)
+    return error(Code::config, "scanner.listen \"%s\" is not an IPv4 address", settings.host.c_str());
+  return std::unique_ptr<ScanStreamPort>(std::make_unique<StreamPort>(settings, clock));
+}
+
+}  // namespace slabd::hal

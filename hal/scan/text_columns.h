@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <optional>
+#include <string_view>
+
+#include "hal/hal.h"
+#include "hal/scan/text_lines.h"
+
+/// Which separator a text scan uses and in which columns its x, y, z stand: decided by its first line that is not a
+/// comment, then the same for the whole file.
+namespace slabd::hal {
+
+enum class Separator : char { blanks = ' ', tab = '\t', comma = ',', semicolon = ';' };
+
+/// The strongest one on the line: semicolon, tab, comma, blanks. Blanks separate in runs, the others one by one.
+[[nodiscard]] Separator separator_of(std::string_view line);
+
+/// Splits off the next field, without blanks around it; an empty one is a value that is missing. False: the line is
+/// used up.
+class FieldReader {
+ public:
+  FieldReader(std::string_view line, Separator separator) : rest_(line), separator_(separator) {}
+  [[nodiscard]] bool next(std::string_view& field);
+
+ private:
+  std::string_view rest_;
+  Separator separator_;
+  bool used_up_ = false;
+};
+
+struct TextColumns {
+  std::array<std::size_t, 3> xyz = {0, 1, 2};  ///< columns, from 0
+  std::size_t needed = 3;                      ///< fields a line must have at least
+};
+
+/// A line of names: none of its fields is a number or begins like one. `columns`: where x, y, z are named (any case,
+/// quotes, a unit in brackets behind: `"X [mm]"`, x_mm). frame_incomplete: they are not named, only some are, one is
+/// named twice, or a unit contradicts `unit`; the text has the names and what to do.
+[[nodiscard]] bool is_line_of_names(std::string_view line, Separator separator);
+[[nodiscard]] Status find_columns(const TextLines& lines, std::string_view line, Separator separator, LengthUnit unit,
+                                  TextColumns& columns);
+
+/// Three columns whose names are one name with x, y and z in it: PosX, PosY, PosZ. Looks at the first 64.
+struct LikelyColumns {
+  std::array<std::size_t, 3> xyz{};
+  std::array<std::string_view, 3> names;
+};
+[[nodiscard]] std::optional<LikelyColumns> likely_columns(std::string_view line, Separator separator);
+
+/// Columns that were chosen by name or by number, in a table whose line of names is `line` (empty: it has none).
+/// frame_incomplete: a name is not there, or a unit contradicts `unit`.
+[[nodiscard]] Status find_chosen_columns(const TextLines& lines, std::string_view line, Separator separator,
+                                         LengthUnit unit, const TableColumns& chosen, TextColumns& columns);
+/// All that are chosen by name are in `line`.
+[[nodiscard]] bool has_chosen_columns(std::string_view line, Separator separator, const TableColumns& chosen);
+/// At least one is chosen by name.
+[[nodiscard]] bool is_chosen_by_name(const TableColumns& chosen);
+
+/// The part of a comment that may be a line of names: without the comment's mark and a label ("# columns: x y z").
+[[nodiscard]] std::string_view names_in_comment(std::string_view comment);
+/// A line of names in which x, y and z each stand alone (or with a unit behind). Stricter than is_line_of_names: "z up,
+/// x along, y across" is a comment for people.
+[[nodiscard]] bool names_every_axis(std::string_view line, Separator separator);
+/// How many columns a line of names or of numbers has, without empty ones at its end.
+[[nodiscard]] std::size_t count_columns(std::string_view line, Separator separator);
+
+}  // namespace slabd::hal

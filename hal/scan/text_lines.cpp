@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/scan/text_lines.h"
+
+#include <fast_float/fast_float.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstdarg>
+#include <cstring>
+#include <limits>
+
+#include "hal/scan/scan_points.h"
+
+namespace slabd::hal {
+
+LineEnd first_line_end(std::string_view head) {
+  const std::size_t end = head.find_first_of("\r\n");
+  const bool cr = end != std::string_view::npos && head[end] == '\r' && head.substr(end + 1, 1) != "\n";
+  return cr ? LineEnd::cr : LineEnd::lf;
+}
+
+std::size_t byte_order_mark_bytes(std::string_view head) {
+  constexpr std::string_view kMark = "\xEF\xBB\xBF";
+  return head.starts_with(kMark) ? kMark.size() : 0;
+}
+
+bool next_header_line(std::string_view head, LineEnd end, std::size_t& position, std::string_view& line) {
+  const std::size_t at = head.find(static_cast<char>(end), position);
+  if (at == std::string_view::npos) return false;
+  line = head.substr(position, at - position);
+  if (line.ends_with('\r')) line.remove_suffix(1);
+  position = at + 1;
+  return true;
+}
+
+bool TextLines::next(std::string_view& line) {
+  window_.consume(handed_out_);
+  handed_out_ = 0;
+  if (!status_) return false;
+  for (std::size_t searched = 0;;) {
+    const std::string_view view = window_.view();
+    const std::size_t newline = view.find(static_cast<char>(end_), searched);
+    const bool found = newline != std::string_view::npos;
+    const std::size_t length = found ? newline : view.size();
+    if (length > kTextLineBytesMax) {
+      ++number_;
+      status_ = refuse("longer than %zu bytes", kTextLineBytesMax);
+      return false;
+    }
+    if (!found && window_.have(view.size() + 1)) {
+      searched = view.size();
+      continue;
+    }
+    if (window_.broken()) {
+      status_ = window_.failure();
+      return false;
+    }
+    if (!found && view.empty()) return false;
+    ++number_;
+    handed_out_ = found ? length + 1 : length;
+    line = window_.view().substr(0, length);  // looked up again: `have` moves what is visible
+    while (line.ends_with('\r')) line.remove_suffix(1);
+    return true;
+  }
+}
+
+bool TextLines::skip() {
+  window_.consume(handed_out_);
+  handed_out_ = 0;
+  if (!status_) return false;
+  bool blank = true;
+  while (window_.have(1)) {
+    const std::string_view view = window_.view();
+    const std::size_t newline = view.find(static_cast<char>(end_));
+    const std::string_view line = view.substr(0, newline);
+    blank = blank && line.find_first_not_of(" \t\r") == std::string_view::npos;
+    window_.consume(newline == std::string_view::npos ? view.size() : newline + 1);
+    if (newline == std::string_view::npos) continue;
+    ++number_;
+    if (!blank) return true;
+  }
+  if (window_.broken()) status_ = window_.failure();
+  if (!status_ || blank) return false;
+  ++number_;  // the last line had no end
+  return true;
+}
+
+std::string_view TextLines::ahead() {
+  window_.consume(handed_out_);
+  handed_out_ = 0;
+  if (end_ == LineEnd::cr) return {};
+  // At the end of the file, or where it cannot be read, `next` finds out again and says so.
+  static_cast<void>(window_.have(kTextAheadMin));
+  return window_.view();
+}
+
+void TextLines::took(std::size_t bytes, std::size_t lines) {
+  window_.consume(bytes);
+  number_ += lines;
+}
+
+Error TextLines::refuse(const char* format, ...) const {
+  std::array<char, limits::kErrorTextBytes> text{};
+  va_list args;
+  va_start(args, format);
+  std::vsnprintf(text.data(), text.size(), format, args);
+  va_end(args);
+  return error(Code::frame_incomplete, "%s: line %zu: %s", window_.name(), number_, text.data());
+}
+
+Error TextLines::not_a_number(std::string_view line, std::string_view word, const char* hint) const {
+  const auto column = static_cast<std::size_t>(word.data() - line.data()) + 1;
+  return error(Code::frame_incomplete, "%s: line %zu, column %zu: \"%s\" is not a number%s%s%s", window_.name(),
+               number_, column, shown(word).c_str(), hint == nullptr ? "" : " (", hint == nullptr ? "" : hint,
+               hint == nullptr ? "" : ")");
+}
+
+std::string_view trimmed(std::string_view text) {
+  const std::size_t begin = text.find_first_not_of(" \t");
+  if (begin == std::string_view::npos) return {text.data(), 0};
+  return text.substr(begin, text.find_last_not_of(" \t") - begin + 1);
+}
+
+FixedString<16> lower_case(std::string_view text) {
+  FixedString<16> lower;
+  for (const char c : text) {
+    const char l = c >= 'A' && c <= 'Z' ? static_cast<char>(c + ('a' - 'A')) : c;
+    lower.append({&l, 1});
+  }
+  return lower;
+}
+
+namespace {
+
+/// What the C runtime of older Windows programs prints for NaN and infinity: 1.#QNAN, -1.#IND0, 1.#INF.
+bool is_msvc_special(std::string_view word) {
+  if (word.starts_with('-')) word.remove_prefix(1);
+  return word.starts_with("1.#IND") || word.starts_with("1.#QNAN") || word.starts_with("1.#SNAN") ||
+         word.starts_with("1.#INF");
+}
+
+}  // namespace
+
+namespace {
+
+template <typename Real>
+bool parse_real(std::string_view word, Real& value) {
+  const char* begin = word.data();
+  const char* const end = begin + word.size();
+  if (begin != end && *begin == '+') {
+    ++begin;
+    if (begin != end && (*begin == '+' || *begin == '-')) return false;
+  }
+  Real number = 0;
+  const fast_float::from_chars_result result = fast_float::from_chars(begin, end, number);
+  const bool beyond = result.ec == std::errc::result_out_of_range;
+  if ((result.ec == std::errc{} || beyond) && result.ptr == end && begin != end) {
+    value = number;
+    return true;
+  }
+  if (!is_msvc_special(word)) return false;
+  value = std::numeric_limits<Real>::quiet_NaN();
+  return true;
+}
+
+}  // namespace
+
+bool parse_number(std::string_view word, double& value) {
+  return parse_real(word, value);
+}
+
+template <typename Real>
+bool parse_coordinate(std::string_view word, double mm_per_unit, Real& mm) {
+  // Not by way of a double: rounding twice can end on the other side of the middle between two floats.
+  if (mm_per_unit == 1.0) return parse_real(word, mm);
+  double value = 0.0;
+  if (!parse_real(word, value)) return false;
+  mm = coordinate_mm<Real>(value, mm_per_unit);
+  return true;
+}
+template bool parse_coordinate(std::string_view, double, float&);
+template bool parse_coordinate(std::string_view, double, double&);
+
+const char* hint_of_comma(std::string_view word) {
+  const auto commas = std::count(word.begin(), word.end(), ',');
+  if (commas == 0) return nullptr;
+  return commas == 1 && word.find('.') == std::string_view::npos
+             ? "a decimal comma is not read: save the scan with decimal points"
+             : "values are separated by blanks here";
+}
+
+bool parse_count(std::string_view word, std::uint64_t& value) {
+  std::uint64_t count = 0;
+  const auto [end, failed] = std::from_chars(word.data(), word.data() + word.size(), count);
+  if (failed != std::errc{} || end != word.data() + word.size() || count > kScanCountMax) return false;
+  value = count;
+  return true;
+}
+
+FixedString<63> shown(std::string_view text) {
+  constexpr std::size_t kShownMax = 60;
+  FixedString<63> out;
+  for (const char c : text.substr(0, kShownMax)) {
+    const bool printable = c >= ' ' && c <= '~';
+    const char visible = printable ? c : '?';
+    out.append({&visible, 1});
+  }
+  if (text.size() > kShownMax) out.append("...");
+  return out;
+}
+
+}  // namespace slabd::hal

@@ -1,0 +1,278 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/scan/text_points.h"
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <optional>
+
+#include "hal/scan/declared_unit.h"
+#include "hal/scan/plain_rows.h"
+#include "hal/scan/scan_points.h"
+#include "hal/scan/settle_points.h"
+#include "hal/scan/text_columns.h"
+#include "hal/scan/text_lines.h"
+
+// Problem: a table without a header says neither how many points it has nor how it is written, and a table read the
+// wrong way (a decimal comma taken for a separator, a column shifted) is a cloud nobody measured. Idea: the first line
+// decides, every other line must agree with it to the last column that is needed; in doubt refuse and say where.
+namespace slabd::hal {
+namespace {
+
+bool is_comment(std::string_view line) {
+  return line.starts_with('#') || line.starts_with("//");
+}
+
+template <typename Real>
+class TextTable {
+ public:
+  TextTable(ScanWindow& window, LengthUnit unit, std::span<Real> xyz, const TableColumns& chosen)
+      : window_(window), lines_(window, 0), unit_(unit), mm_(mm_per(unit)), xyz_(xyz), chosen_(chosen) {}
+
+  Result<ScanShape> read() {
+    look_at_beginning();
+    for (std::string_view line; next(line);) {
+      const std::string_view text = trimmed(line);
+      if (text.empty()) continue;
+      Status status = is_comment(text) ? comment(text) : row(line);
+      // Behind what is read, too: parts of a file that were never written, or are lost, are zeros, and lines with them.
+      if (status) status = holds_no_zeros(line);
+      if (!status) return status.error();
+    }
+    if (!lines_.status()) return lines_.status().error();
+    if (points_ == 0) return error(Code::too_few_points, "%s: no points at all", window_.name());
+    if (count_line_ != 0 && announced_ != points_)
+      return error(Code::frame_incomplete, "%s: line %zu announces %llu points, the file has %zu%s", window_.name(),
+                   count_line_, static_cast<unsigned long long>(announced_), points_,
+                   announced_ > points_ ? ": it was cut, or is still being written" : "");
+    if (counts_rows())
+      return error(Code::frame_incomplete,
+                   "%s: the first of %zu columns counts the rows and is not x: choose the columns, as with --columns "
+                   "2,3,4, or name them in a first line",
+                   window_.name(), row_columns_);
+    const Settled settled = settle_points(xyz_.data(), points_);
+    return ScanShape{points_, settled.finite, 0, 0, false, settled.zeros, emulation_.emulated, emulation_.block};
+  }
+
+ private:
+  /// Steps over UTF-8's byte-order mark, which spreadsheets write, and sees how lines end.
+  void look_at_beginning() {
+    static_cast<void>(window_.have(kTextLineBytesMax));  // where it cannot be read, the first line says so
+    window_.consume(byte_order_mark_bytes(window_.view()));
+    const std::string_view first = window_.view().substr(0, kTextLineBytesMax);
+    if (first.find('\n') == std::string_view::npos) lines_.end_lines_with(first_line_end(first));
+  }
+
+  /// Rows whose first column is 1, 2, 3 ... or 0, 1, 2 ...: the number of the point, in front of its coordinates.
+  [[nodiscard]] bool counts_rows() const {
+    constexpr std::size_t kRowsMin = 20;
+    constexpr std::size_t kColumnsMin = 4;
+    if (columns_known_ || row_columns_ < kColumnsMin || points_ < kRowsMin) return false;
+    const double first = xyz_[0] == Real{0} ? 0.0 : 1.0;
+    for (std::size_t i = 0; i < points_; ++i)
+      if (xyz_[3 * i] != coordinate_mm<Real>(first + static_cast<double>(i), mm_)) return false;
+    return true;
+  }
+
+  /// The next line that is not a plain row; those before it are taken.
+  bool next(std::string_view& line) {
+    while (plain_) {
+      const std::span<Real> room = xyz_.subspan(3 * points_);
+      const PlainRows plain =
+          read_plain_rows(lines_.ahead(), PlainRowForm{separator_, true, 0}, mm_, room.data(), room.size() / 3);
+      if (plain.rows == 0) break;
+      lines_.took(plain.bytes, plain.rows);
+      points_ += plain.rows;
+    }
+    return lines_.next(line);
+  }
+
+  Status holds_no_zeros(std::string_view line) const {
+    const std::size_t at = line.find('\0');
+    if (at == std::string_view::npos) return success();
+    return lines_.refuse("column %zu: a byte 0; parts of the file were not written, or it is no text", at + 1);
+  }
+
+  Status comment(std::string_view text) {
+    std::string_view found;
+    const std::string_view words = text.substr(std::min(text.find_first_not_of("#/"), text.size()));
+    if (!comment_agrees(words, unit_, found)) return unit_contradicted(window_.name(), lines_.number(), found, unit_);
+    emulation_.take(words);
+    return decided_ ? success() : names(names_in_comment(text));
+  }
+
+  /// Above the points a comment may name the columns ("//X Y Z"); the last one that does counts.
+  Status names(std::string_view text) {
+    const Separator separator = separator_of(text);
+    if (!chosen_.empty()) {
+      if (!is_chosen_by_name(chosen_) || !is_line_of_names(text, separator) ||
+          !has_chosen_columns(text, separator, chosen_))
+        return success();
+      named_line_ = lines_.number();
+      named_count_ = count_columns(text, separator);
+      return find_chosen_columns(lines_, text, separator, unit_, chosen_, named_);
+    }
+    if (!names_every_axis(text, separator)) {
+      note_other_names(text, separator);
+      return success();
+    }
+    named_ = {};
+    named_line_ = lines_.number();
+    named_count_ = count_columns(text, separator);
+    return find_columns(lines_, text, separator, unit_, named_);
+  }
+
+  /// A comment that names columns, but not x, y and z. A sentence is none: its words stand between blanks.
+  void note_other_names(std::string_view text, Separator separator) {
+    if (!is_line_of_names(text, separator)) return;
+    const std::optional<LikelyColumns> likely = likely_columns(text, separator);
+    if (!likely && separator == Separator::blanks) return;
+    other_names_line_ = lines_.number();
+    other_names_separator_ = separator;
+    other_names_count_ = count_columns(text, separator);
+    other_names_.assign(shown(trimmed(text)).view());
+    other_likely_ = likely ? likely->xyz : std::array<std::size_t, 3>{};
+  }
+
+  /// The first row has as many columns as a comment names, and x, y and z need not be its first three.
+  Status refuse_other_names() const {
+    const bool as_many =
+        other_names_line_ != 0 && separator_ == other_names_separator_ && row_columns_ == other_names_count_;
+    if (!as_many || row_columns_ <= 3 || other_likely_ == TextColumns{}.xyz) return success();
+    return lines_.refuse(
+        "the comment on line %zu names the columns, none of them x, y or z: rename three, or choose them with "
+        "--columns A,B,C; the names are \"%s\"",
+        other_names_line_, other_names_.c_str());
+  }
+
+  /// Names in a comment count if there are as many as columns. A sentence in which x, y and z come first says nothing
+  /// else than no comment at all; of any other nobody knows what it says.
+  Status take_names_of_comment() {
+    if (named_line_ == 0) return refuse_other_names();
+    columns_known_ = row_columns_ == named_count_;
+    if (named_.xyz == TextColumns{}.xyz) return success();
+    if (columns_known_) {
+      columns_ = named_;
+      return success();
+    }
+    return lines_.refuse(
+        "%zu columns, but the comment on line %zu names %zu, and x, y, z are not its first three; which columns are x, "
+        "y and z?",
+        row_columns_, named_line_, named_count_);
+  }
+
+  /// The number of points, alone in a line before them: PTS, an option of CloudCompare.
+  [[nodiscard]] bool is_count(std::string_view line) {
+    if (count_line_ != 0 || points_ != 0 || !parse_count(trimmed(line), announced_)) return false;
+    count_line_ = lines_.number();
+    return true;
+  }
+
+  Status row(std::string_view line) {
+    if (is_count(line)) {
+      if (announced_ <= xyz_.size() / 3) return success();
+      return lines_.refuse("%llu points, allowed are at most %zu", static_cast<unsigned long long>(announced_),
+                           xyz_.size() / 3);
+    }
+    if (!decided_) {
+      separator_ = separator_of(line);
+      if (is_line_of_names(line, separator_)) {
+        // "Units: m" names no column.
+        std::string_view found;
+        if (!comment_agrees(line, unit_, found))
+          return unit_contradicted(window_.name(), lines_.number(), found, unit_);
+        if (declares_unit(line)) return success();
+        decided_ = columns_known_ = true;
+        return chosen_.empty() ? find_columns(lines_, line, separator_, unit_, columns_)
+                               : find_chosen_columns(lines_, line, separator_, unit_, chosen_, columns_);
+      }
+      decided_ = true;
+      row_columns_ = count_columns(line, separator_);
+      if (Status status = decide_without_names(); !status) return status;
+    }
+    plain_ = columns_.xyz == TextColumns{}.xyz;
+    if (3 * points_ + 3 > xyz_.size())
+      return lines_.refuse("more than %zu points, the most that are allowed", xyz_.size() / 3);
+    return point(line);
+  }
+
+  /// Where x, y and z are when no line names the columns.
+  Status decide_without_names() {
+    if (chosen_.empty() || named_line_ != 0) {
+      if (Status status = take_names_of_comment(); !status) return status;
+    } else {
+      columns_known_ = true;
+      if (Status status = find_chosen_columns(lines_, {}, separator_, unit_, chosen_, columns_); !status) return status;
+    }
+    if (columns_known_ || row_columns_ <= kTableColumnsMax) return success();
+    return lines_.refuse(
+        "%zu columns: a height map, not points (save the scan as points x y z, or choose three columns "
+        "of points, as with --columns 1,2,3)",
+        row_columns_);
+  }
+
+  Status point(std::string_view line) {
+    FieldReader fields(line, separator_);
+    Real* out = &xyz_[3 * points_];
+    for (std::size_t column = 0; column < columns_.needed; ++column) {
+      std::string_view field;
+      if (!fields.next(field))
+        return lines_.refuse("%zu columns, needed are %zu%s", column, columns_.needed,
+                             column == 1 ? " (separators: blanks, tab, comma or semicolon, one kind per file)" : "");
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        if (columns_.xyz[axis] != column) continue;
+        out[axis] = std::numeric_limits<Real>::quiet_NaN();
+        if (!field.empty() && !parse_coordinate(field, mm_, out[axis]))
+          return lines_.not_a_number(line, field, hint_for(field));
+      }
+    }
+    ++points_;
+    return success();
+  }
+
+  /// "1,5": a decimal comma when something else separates; "5 2": when commas do and blanks stand within a field.
+  [[nodiscard]] const char* hint_for(std::string_view field) const {
+    const bool comma_within = field.find(',') != std::string_view::npos;
+    const bool blank_within = separator_ == Separator::comma && field.find_first_of(" \t") != std::string_view::npos;
+    if (comma_within || blank_within) return "a decimal comma is not read: save the scan with decimal points";
+    return nullptr;
+  }
+
+  ScanWindow& window_;
+  TextLines lines_;
+  LengthUnit unit_;
+  double mm_;
+  std::span<Real> xyz_;
+  std::size_t points_ = 0;
+  bool decided_ = false;
+  DeclaredEmulation emulation_;
+  bool plain_ = false;  ///< x, y, z are the first three columns
+  Separator separator_ = Separator::blanks;
+  TextColumns columns_;
+  const TableColumns& chosen_;
+  bool columns_known_ = false;   ///< by name or by choice
+  std::size_t row_columns_ = 0;  ///< of the first row, when no line names the columns
+  std::size_t count_line_ = 0;   ///< that announces the number of points; 0: none does
+  std::uint64_t announced_ = 0;
+  std::size_t other_names_line_ = 0;  ///< of a comment that names columns, but not x, y and z; 0: none does
+  Separator other_names_separator_ = Separator::blanks;
+  std::size_t other_names_count_ = 0;
+  FixedString<63> other_names_;
+  std::array<std::size_t, 3> other_likely_{};
+  std::size_t named_line_ = 0;  ///< of the comment that names the columns; 0: none does
+  std::size_t named_count_ = 0;
+  TextColumns named_;
+};
+
+}  // namespace
+
+template <typename Real>
+Result<ScanShape> read_text_points(ScanWindow& window, LengthUnit unit, std::span<Real> xyz,
+                                   const TableColumns& columns) {
+  return TextTable<Real>(window, unit, xyz, columns).read();
+}
+
+template Result<ScanShape> read_text_points(ScanWindow&, LengthUnit, std::span<float>, const TableColumns&);
+template Result<ScanShape> read_text_points(ScanWindow&, LengthUnit, std::span<double>, const TableColumns&);
+
+}  // namespace slabd::hal

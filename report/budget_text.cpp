@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report/budget_text.h"
+
+#include <fmt/core.h>
+
+#include <algorithm>
+
+namespace slabd::cli {
+namespace {
+
+std::string known(double value, int decimals, const char* unit) {
+  return has_value(value) ? fmt::format("{:.{}f} {}", value, decimals, unit) : std::string("not known");
+}
+
+}  // namespace
+
+bool has_budget(const Item& item) {
+  return std::any_of(item.budget.begin(), item.budget.end(), [](double part) { return part != 0.0; });
+}
+
+std::array<std::string, kBudgetParts> budget_figures(const Item& item) {
+  std::array<std::string, kBudgetParts> figures;
+  for (std::size_t part = 0; part < kBudgetParts; ++part)
+    figures[part] = item.budget[part] == 0.0 ? "-" : fmt::format("{:.5f}", item.budget[part]);
+  return figures;
+}
+
+std::string scanner_source(const SlabHeader& slab, const std::optional<ScannerNumbers>& verified) {
+  if (slab.scanner_id.empty()) return fmt::format("recipe {} alone, the scanner was not verified", slab.recipe.view());
+  if (!verified)
+    return fmt::format("the larger of recipe {} and acceptance {}, which is not in the database", slab.recipe.view(),
+                       slab.scanner_id.view());
+  return fmt::format("the larger of recipe {} and acceptance {} (form +-{} over {}, size {}, noise correlated over {})",
+                     slab.recipe.view(), slab.scanner_id.view(), known(verified->form_half_mm, 4, "mm"),
+                     known(verified->form_length_mm, 0, "mm"), known(verified->PS_mm, 4, "mm"),
+                     known(verified->noise_correlation_mm, 2, "mm"));
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,460 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// From a stored slab to what its report says. The order follows the readers: verdict, where, what exactly, and only
+// then the evidence; the last word on every page is which slab it is.
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "report/content.h"
+#include "report/figures.h"
+#include "report/json.h"
+#include "report/slab_view.h"
+
+namespace slabd::cli::report {
+namespace {
+
+using storage::SlabBlock;
+using storage::SlabRecord;
+
+/// More of them would push the identities off the first page.
+constexpr std::size_t kFindingsShown = 22;
+
+class Composer {
+ public:
+  Composer(const SlabPicture& picture, Language language)
+      : picture_(picture), record_(*picture.record), header_(record_.summary.header), language_(language) {}
+
+  Report compose() {
+    Report report;
+    report.language = language_;
+    report.title = say(Word::title);
+    report.subject = fmt::format("{} {} \"{}\"", say(Word::slab_word), header_.slab_no, header_.slab_id.view());
+    report.open = is_open(record_);
+    report.verdict = report.open ? Verdict::none : record_.summary.verdict;
+    report.ended_utime_us = record_.summary.ended_utime_us;
+    report.emulated = header_.emulated;
+    report.sections.push_back(overview());
+    report.sections.push_back(findings());
+    report.sections.push_back(warnings());
+    report.sections.push_back(identity());
+    report.sections.push_back(slab_items());
+    report.sections.push_back(seats());
+    report.sections.push_back(registration());
+    add_budget(report.sections);
+    report.sections.push_back(times());
+    for (int station = 1; station <= header_.stations; ++station) report.sections.push_back(block(station));
+    return report;
+  }
+
+ private:
+  [[nodiscard]] std::string say(Word which) const { return std::string(word(which, language_)); }
+  template <typename... Args>
+  [[nodiscard]] std::string say(Word which, const Args&... args) const {
+    return fmt::format(fmt::runtime(word(which, language_)), args...);
+  }
+  /// The measured block of a station, or nullptr.
+  [[nodiscard]] const SlabBlock* measured(int station) const {
+    const SlabBlock* block = latest(record_, station);
+    return block != nullptr && block->phase == StationPhase::measured ? block : nullptr;
+  }
+  [[nodiscard]] std::string times_text(std::int64_t utime_us) const {
+    return utime_us == 0 ? say(Word::none) : iso_time(utime_us);
+  }
+  /// Items of the slab name their stations.
+  [[nodiscard]] std::string item_label(const Item& item, bool of_slab) const {
+    std::string label = item_word(item.id, language_);
+    if (!of_slab) return label;
+    if (item.station_to != 0) return fmt::format("{} {}-{}", label, item.station, item.station_to);
+    return item.station == 0 ? label : fmt::format("{} {}", label, item.station);
+  }
+
+  Section overview() {
+    Section section;
+    section.parts.push_back(Figures{{slab_map_figure(record_, language_)}});
+    return section;
+  }
+
+  void add_finding(std::vector<std::pair<Verdict, std::string>>& list, const Item& item, int station) const {
+    if (item.verdict == Verdict::pass || item.verdict == Verdict::none) return;
+    if (item.verdict == Verdict::not_measured && !item.required) return;
+    std::string text = station != 0 ? say(Word::block, station) + ", " : "";
+    text += item_label(item, station == 0) + ": ";
+    const std::string_view unit = name(info(item.id).unit);
+    if (has_value(item.value)) {
+      text += fmt::format("{} {}, {} {}, U {}", value_figure(item), unit, say(Word::limits), limits_figure(item),
+                          U_figure(item));
+    } else {
+      text += std::string(verdict_word(Verdict::not_measured, language_));
+    }
+    list.emplace_back(item.verdict, std::move(text));
+  }
+
+  /// Said at its block already.
+  [[nodiscard]] bool said_by_block(const Item& item) const {
+    const SlabBlock* block = item.station_to == 0 && item.station != 0 ? measured(item.station) : nullptr;
+    return block != nullptr && find_item(block->block.items.begin(), block->block.items.end(), item.id) != nullptr;
+  }
+
+  /// Why a station has no result though no code says why.
+  [[nodiscard]] std::string unmeasured_sentence(int station) const {
+    const SlabBlock* block = latest(record_, station);
+    if (block == nullptr || block->phase != StationPhase::acquired) return say(Word::not_scanned);
+    return say(is_aborted(record_) ? Word::not_measured_aborted : Word::not_measured_yet);
+  }
+
+  /// Items that the recipe does not require and that nobody could measure.
+  [[nodiscard]] int not_required_not_measured() const {
+    const auto counts = [](const Item& item) {
+      return item.verdict == Verdict::not_measured && !item.required ? 1 : 0;
+    };
+    int count = 0;
+    for (int station = 1; station <= header_.stations; ++station)
+      if (const SlabBlock* block = measured(station))
+        for (const Item& item : block->block.items) count += counts(final_item(record_, station, item));
+    for (const Item& item : record_.slab.items)
+      if (!said_by_block(item)) count += counts(item);
+    return count;
+  }
+
+  Section findings() {
+    Section section;
+    section.title = say(Word::findings);
+    std::vector<std::pair<Verdict, std::string>> list;
+    std::vector<std::pair<Verdict, std::string>> damage;
+    if (is_aborted(record_)) list.emplace_back(Verdict::aborted, reason_sentence(record_.summary.reason, language_));
+    for (int station = 1; station <= header_.stations; ++station) {
+      const SlabBlock* block = measured(station);
+      if (block == nullptr) {
+        const auto [verdict, reason] = shown(record_, station);
+        if (!is_open(record_) || verdict != Verdict::none)
+          list.emplace_back(
+              verdict == Verdict::none ? Verdict::not_measured : verdict,
+              fmt::format("{}: {}", say(Word::block, station),
+                          reason == 0 ? unmeasured_sentence(station) : reason_sentence(reason, language_)));
+        continue;
+      }
+      if (block->block.reason != 0 && block->block.reason < kReasonItemBase) {
+        list.emplace_back(block->block.verdict, fmt::format("{}: {}", say(Word::block, station),
+                                                            reason_sentence(block->block.reason, language_)));
+        continue;
+      }
+      for (const Item& item : block->block.items) add_finding(list, final_item(record_, station, item), station);
+      for (const SurfaceFinding& finding : block->block.findings)
+        damage.emplace_back(Verdict::indeterminate,
+                            fmt::format("{}: {}", say(Word::block, station), finding_sentence(finding, language_)));
+    }
+    for (const Item& item : record_.slab.items)
+      if (!said_by_block(item)) add_finding(list, item, 0);
+    std::stable_sort(list.begin(), list.end(), [](const auto& a, const auto& b) {
+      const auto rank = [](Verdict v) { return v == Verdict::fail ? 0 : v == Verdict::indeterminate ? 2 : 1; };
+      return rank(a.first) < rank(b.first);
+    });
+    // A person can look at damage at once, and few of the other lines may be shown.
+    list.insert(list.begin(), damage.begin(), damage.end());
+    for (std::size_t i = 0; i < std::min(list.size(), kFindingsShown); ++i)
+      section.parts.push_back(Paragraph{list[i].second, list[i].first});
+    if (list.size() > kFindingsShown)
+      section.parts.push_back(Paragraph{say(Word::more_findings, list.size() - kFindingsShown)});
+    // A sentence that says "pass" is for a slab that passed, whatever was found or not found to say against it.
+    const storage::SlabSummary& summary = record_.summary;
+    const int open_items = not_required_not_measured();
+    if (list.empty() && !is_open(record_) && summary.verdict == Verdict::pass)
+      section.parts.push_back(
+          Paragraph{open_items == 0 ? say(Word::no_findings) : say(Word::no_findings_but, open_items), Verdict::pass});
+    else if (list.empty() && !is_open(record_))
+      section.parts.push_back(Paragraph{reason_sentence(summary.reason, language_), summary.verdict});
+    return section;
+  }
+
+  Section warnings() {
+    Section section;
+    section.title = say(Word::warnings);
+    const auto add = [&](std::string text) {
+      Paragraph paragraph{std::move(text)};
+      paragraph.warning = true;
+      section.parts.push_back(std::move(paragraph));
+    };
+    if (header_.emulated != 0) add(emulation_notice(header_.emulated, language_));
+    if (is_open(record_)) add(say(Word::open_warning));
+    if (is_aborted(record_)) add(say(Word::aborted_note));
+    if (header_.unconfirmed > 0) add(say(Word::unconfirmed, header_.unconfirmed));
+    bool commissioning = header_.calibration_id.empty();
+    for (int station = 1; station <= header_.stations; ++station)
+      if (const SlabBlock* block = measured(station))
+        commissioning = commissioning || block->attempt.splice.source == SpliceSource::commissioning;
+    if (commissioning) add(say(Word::commissioning));
+    if (header_.scanner_id.empty()) add(say(Word::scanner_not_verified));
+    if (header_.guard == 0.0) add(say(Word::simple_acceptance));
+    const SlabFitReport& fit = record_.slab.fit;
+    if (fit.ok && !fit.note.empty()) add(fmt::format("{}: {}", say(Word::slab_fit), fit.note.view()));
+    add(say(Word::not_visible));
+    return section;
+  }
+
+  Section identity() {
+    Section section;
+    section.title = say(Word::identity);
+    section.together = true;
+    Table table;
+    table.caption = say(Word::identity);
+    table.columns = {{say(Word::key), true, 0.24}, {say(Word::value), true, 0.76}};
+    const auto add = [&](Word key, std::string value) {
+      table.rows.push_back({{say(key), value.empty() ? say(Word::none) : std::move(value)}, Verdict::none});
+    };
+    add(Word::slab_id, std::string(header_.slab_id.view()));
+    add(Word::slab_number, fmt::format("{}, {} {}, {} {}", header_.slab_no, say(Word::slab_type), header_.slab_type,
+                                       say(Word::database_key), header_.key));
+    add(Word::began, iso_time(header_.began_utime_us));
+    add(Word::ended, is_open(record_) ? say(Word::still_open) : iso_time(record_.summary.ended_utime_us));
+    if (header_.temperature_dk != 0) add(Word::temperature, fmt::format("{:.1f} K", 0.1 * header_.temperature_dk));
+    if (header_.age_h != 0) add(Word::age, fmt::format("{} h", header_.age_h));
+    add(Word::recipe, fmt::format("{}, {}", header_.recipe.view(), header_.recipe_sha256.view()));
+    add(Word::hand_eye, std::string(header_.calibration_id.view()));
+    add(Word::station_corrections, std::string(header_.stations_id.view()));
+    add(Word::scanner_acceptance, std::string(header_.scanner_id.view()));
+    add(Word::acceptance, header_.guard == 0.0       ? say(Word::simple_acceptance)
+                          : has_value(header_.guard) ? say(Word::guarded, figure(header_.guard, 2))
+                                                     : std::string());
+    const SlabFitReport& fit = record_.slab.fit;
+    if (fit.ok)
+      add(Word::slab_fit, say(Word::slab_fit_value, fit.seats, figure(fit.rms_mm, 3)));
+    else if (!is_open(record_))
+      add(Word::slab_fit, fmt::format("{}: {}", verdict_word(Verdict::not_measured, language_),
+                                      is_aborted(record_) ? reason_sentence(record_.summary.reason, language_)
+                                                          : std::string(fit.note.view())));
+    add(Word::software, std::string(header_.software.view()));
+    section.parts.push_back(std::move(table));
+    return section;
+  }
+
+  [[nodiscard]] Table item_table(std::string caption) const {
+    Table table;
+    table.caption = std::move(caption);
+    table.columns = {{say(Word::characteristic), true, 0.24}, {say(Word::unit), true, 0.06},
+                     {say(Word::nominal), false, 0.10},       {say(Word::limits), false, 0.17},
+                     {say(Word::measured), false, 0.10},      {say(Word::deviation), false, 0.10},
+                     {say(Word::uncertainty), false, 0.09},   {say(Word::verdict), true, 0.14}};
+    return table;
+  }
+  void add_item(Table& table, const Item& item, bool of_slab) const {
+    const std::string limits = limits_figure(item);
+    table.rows.push_back(
+        {{item_label(item, of_slab), std::string(name(info(item.id).unit)), nominal_figure(item),
+          limits.empty() ? say(Word::information) : limits, value_figure(item), deviation_figure(item), U_figure(item),
+          item.verdict == Verdict::none ? "" : std::string(verdict_word(item.verdict, language_))},
+         item.verdict});
+  }
+
+  Section slab_items() {
+    Section section;
+    section.title = say(Word::slab_items);
+    section.new_page = true;
+    if (record_.slab.items.empty()) {
+      section.parts.push_back(Paragraph{is_open(record_) ? say(Word::open_warning)
+                                        : is_aborted(record_)
+                                            ? say(Word::aborted_note)
+                                            : fmt::format("{}: {}", verdict_word(record_.summary.verdict, language_),
+                                                          verdict_word(Verdict::not_measured, language_))});
+      return section;
+    }
+    Table table = item_table(section.title);
+    for (const Item& item : record_.slab.items) add_item(table, item, true);
+    section.parts.push_back(std::move(table));
+    return section;
+  }
+
+  Section seats() {
+    Section section;
+    section.title = say(Word::seats);
+    section.new_page = true;
+    section.parts.push_back(Figures{{seats_figure(record_, language_)}});
+    Table table;
+    table.caption = say(Word::full_and_crop);
+    table.columns = {{say(Word::block, ""), true, 0.08},
+                     {say(Word::full_plane) + ": " + say(Word::normal), false, 0.27},
+                     {say(Word::points), false, 0.10},
+                     {"std, mm", false, 0.085},
+                     {say(Word::crop) + ": " + say(Word::normal), false, 0.27},
+                     {say(Word::points), false, 0.10},
+                     {"std, mm", false, 0.085}};
+    for (int station = 1; station <= header_.stations; ++station) {
+      const SlabBlock* block = measured(station);
+      if (block == nullptr) continue;
+      const auto normal = [](const Vec3& n) {
+        return fmt::format("({}, {}, {})", figure(n.x(), 5), figure(n.y(), 5), figure(n.z(), 5));
+      };
+      const PlaneFit& full = block->block.seat.full_plane;
+      const PlaneFit& crop = block->block.seat.plane;
+      const auto cells = [&](const PlaneFit& plane) {
+        return plane.ok ? std::vector<std::string>{normal(plane.normal), std::to_string(plane.inliers),
+                                                   figure(plane.std_mm, 4)}
+                        : std::vector<std::string>{"-", "-", "-"};
+      };
+      Row row{{std::to_string(station)}, Verdict::none};
+      for (const PlaneFit* plane : {&full, &crop})
+        for (std::string& cell : cells(*plane)) row.cells.push_back(std::move(cell));
+      table.rows.push_back(std::move(row));
+    }
+    section.parts.push_back(std::move(table));
+    return section;
+  }
+
+  Section registration() {
+    Section section;
+    section.title = say(Word::registration_table);
+    section.new_page = true;
+    Table table;
+    table.caption = section.title;
+    table.columns = {{say(Word::block, ""), true, 0.08},
+                     {say(Word::points), false, 0.12},
+                     {say(Word::mean) + ", mm", false, 0.11},
+                     {"std, mm", false, 0.09}};
+    for (int sigma = 1; sigma <= 6; ++sigma) table.columns.push_back({fmt::format("±{}σ, %", sigma), false, 0.10});
+    for (int station = 1; station <= header_.stations; ++station) {
+      const SlabBlock* block = measured(station);
+      if (block == nullptr) continue;
+      // What lay how far from the model says nothing where it was not found in the scan.
+      if (block->block.registration.status != RegistrationStatus::converged) continue;
+      const DeviationStats& deviation = block->block.registration.deviation;
+      Row row{{std::to_string(station), std::to_string(deviation.count), figure(deviation.mean_mm, 4),
+               figure(deviation.std_mm, 4)},
+              Verdict::none};
+      for (const double share : deviation.within_sigma) row.cells.push_back(figure(100.0 * share, 3));
+      table.rows.push_back(std::move(row));
+    }
+    // The same as numbers of points.
+    Table counts = table;
+    counts.caption = say(Word::points);
+    for (std::size_t c = 4; c < counts.columns.size(); ++c) counts.columns[c].heading = fmt::format("±{}σ", c - 3);
+    for (Row& row : counts.rows) {
+      const SlabBlock* block = measured(std::stoi(row.cells[0]));
+      const DeviationStats& deviation = block->block.registration.deviation;
+      for (std::size_t k = 0; k < deviation.within_sigma.size(); ++k)
+        row.cells[4 + k] =
+            std::to_string(std::llround(deviation.within_sigma[k] * static_cast<double>(deviation.count)));
+    }
+    section.parts.push_back(std::move(table));
+    section.parts.push_back(std::move(counts));
+    return section;
+  }
+
+  void add_budget(std::vector<Section>& sections) const {
+    std::optional<Table> table = budget_table(record_, language_);
+    if (!table) return;
+    Section section;
+    section.title = table->caption;
+    section.together = true;
+    const std::string id = header_.scanner_id.empty() ? say(Word::none) : std::string(header_.scanner_id.view());
+    section.parts.push_back(Paragraph{say(Word::budget_note, id)});
+    section.parts.push_back(std::move(*table));
+    sections.push_back(std::move(section));
+  }
+
+  Section times() {
+    Section section;
+    section.title = say(Word::cycle_times);
+    Table table;
+    table.caption = section.title;
+    table.columns = {{say(Word::block, ""), true, 0.07}, {say(Word::scanned), true, 0.21},
+                     {say(Word::attempts), false, 0.10}, {say(Word::settle), false, 0.10},
+                     {say(Word::acquire), false, 0.11},  {say(Word::read), false, 0.07},
+                     {say(Word::denoise), false, 0.09},  {say(Word::register_step), false, 0.09},
+                     {say(Word::extract), false, 0.08},  {say(Word::total), false, 0.08}};
+    for (int station = 1; station <= header_.stations; ++station) {
+      const SlabBlock* block = latest(record_, station);
+      if (block == nullptr) continue;
+      const StageTimes& times = block->block.times;
+      Row row{{std::to_string(station), times_text(block->attempt.scan_utime_us), std::to_string(block->attempt.number),
+               figure(1e-3 * block->attempt.settle_ms, 2), figure(1e-3 * block->attempt.acquire_ms, 2)},
+              Verdict::none};
+      for (const double ms : {times.read_ms, times.denoise_ms, times.register_ms, times.extract_ms, times.total_ms})
+        row.cells.push_back(block->phase == StationPhase::measured ? figure(ms, 0) : "-");
+      table.rows.push_back(std::move(row));
+    }
+    section.parts.push_back(std::move(table));
+    return section;
+  }
+
+  /// The paper's Table 5 begins with the seat's normal; its nominal follows from the nominal slope. It stands against
+  /// the slab top beside the seat, also where the slope below is judged against the slab's frame.
+  void add_normal(Table& table, const BlockResult& block) const {
+    const Item* slope = find_item(block.items.begin(), block.items.end(), ItemId::seat_slope);
+    const double tilt = slope != nullptr && has_value(slope->nominal) ? rad_from_deg(slope->nominal) : kNoValue;
+    const Vec3 nominal(0.0, -std::sin(tilt), std::cos(tilt));
+    static constexpr std::array<const char*, 3> kNames = {"I", "J", "K"};
+    for (int i = 0; i < 3; ++i) {
+      const double value = block.seat.normal_datum.isZero() ? kNoValue : block.seat.normal_datum[i];
+      table.rows.push_back({{say(Word::normal_to_top, kNames.at(static_cast<std::size_t>(i))), "-",
+                             has_value(tilt) ? figure(nominal[i], 6) : "-", say(Word::information), figure(value, 6),
+                             has_value(tilt) ? figure(value - nominal[i], 6) : "-", "-", ""},
+                            Verdict::none});
+    }
+  }
+
+  Section block(int station) {
+    Section section;
+    section.together = true;
+    const auto [verdict, reason] = shown(record_, station);
+    section.title = say(Word::block, station);
+    section.verdict = verdict;
+    section.remark = reason_sentence(reason, language_);
+    const SlabBlock* block = latest(record_, station);
+    if (is_aborted(record_) && verdict == Verdict::none && measured(station) != nullptr)
+      section.remark = say(Word::aborted_block);
+    if (block == nullptr) {
+      section.parts.push_back(Paragraph{say(Word::not_scanned)});
+      return section;
+    }
+    std::string about = fmt::format("{} {} · {} {}", say(Word::scanned), times_text(block->attempt.scan_utime_us),
+                                    say(Word::scan_file), block->attempt.scan_path.view());
+    const SeatFeature& seat = block->block.seat;
+    if (block->phase == StationPhase::measured && has_value(seat.flatness_mm))
+      about += fmt::format(" · {} {}", seat.grid_points, say(Word::evaluation_points));
+    if (block->phase == StationPhase::measured && has_value(seat.flatness_noise_mm))
+      about += " · " + say(Word::flatness_note, figure(seat.flatness_noise_mm, 3));
+    section.parts.push_back(Paragraph{std::move(about)});
+    if (block->phase != StationPhase::measured || block->block.items.empty()) {
+      section.parts.push_back(Paragraph{
+          block->phase == StationPhase::acquired
+              ? unmeasured_sentence(station)
+              : fmt::format("{}: {}", say(Word::not_measured_sentence), reason_sentence(block->code, language_))});
+      return section;
+    }
+    const BlockResult& result = block->block;
+    Table table = item_table(fmt::format("{}: {}", section.title, say(Word::characteristic)));
+    add_normal(table, result);
+    // What SLAB_END made of the block: its slope against the slab's frame, and where its seat lies among the others.
+    std::vector<Item> items;
+    for (const Item& item : result.items) items.push_back(final_item(record_, station, item));
+    for (const Item& item : record_.slab.items)
+      if (item.station == station && item.station_to == 0 && !said_by_block(item)) items.push_back(item);
+    for (const Item& item : items) add_item(table, item, false);
+    section.parts.push_back(std::move(table));
+    const SurfaceDefect& defect = result.seat.defect;
+    if (defect.cells > 0) {
+      Paragraph paragraph{say(Word::defect, figure(defect.area_mm2, 1),
+                              say(defect.height_mm > 0.0 ? Word::standing_out : Word::sunk),
+                              figure(std::abs(defect.height_mm), 3), figure(defect.x_mm, 1), figure(defect.s_mm, 1))};
+      paragraph.warning = true;
+      section.parts.push_back(std::move(paragraph));
+    }
+    section.parts.push_back(Figures{{registration_figure(picture_, station, language_),
+                                     seat_figure(picture_, station, language_), tolerance_figure(items, language_)}});
+    return section;
+  }
+
+  const SlabPicture& picture_;
+  const SlabRecord& record_;
+  const SlabHeader& header_;
+  Language language_;
+};
+
+}  // namespace
+
+Report compose(const SlabPicture& picture, Language language) {
+  return Composer(picture, language).compose();
+}
+
+}  // namespace slabd::cli::report

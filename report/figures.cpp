@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report/figures.h"
+
+#include <fmt/core.h>
+
+#include <cmath>
+
+namespace slabd::cli {
+namespace {
+
+/// As many as keep a value that failed apart from the limit it is beyond; beyond a millionth of the last one shown it
+/// is the numbers' own rounding.
+int digits_of(const Item& item) {
+  const int usual = decimals(item.id);
+  if (item.verdict != Verdict::fail) return usual;
+  const double limit = item.value > item.upper ? item.upper : item.value < item.lower ? item.lower : kNoValue;
+  if (!has_value(limit)) return usual;
+  int digits = usual;
+  while (digits < usual + 6 && figure(item.value, digits) == figure(limit, digits)) ++digits;
+  return figure(item.value, digits) == figure(limit, digits) ? usual : digits;
+}
+
+}  // namespace
+
+int decimals(ItemUnit unit) {
+  return unit == ItemUnit::deg ? 4 : 3;
+}
+int decimals(ItemId id) {
+  return decimals(info(id).unit);
+}
+
+std::string figure(double value, int decimals) {
+  if (!std::isfinite(value)) return "-";
+  std::string text = fmt::format("{:.{}f}", value, decimals);
+  // What is shown is zero, whichever side of it the value lies on.
+  if (text.front() == '-' && text.find_first_of("123456789") == std::string::npos) text.erase(0, 1);
+  return text;
+}
+
+std::string nominal_figure(const Item& item) {
+  return figure(item.nominal, decimals(item.id));
+}
+std::string value_figure(const Item& item) {
+  return figure(item.value, digits_of(item));
+}
+std::string deviation_figure(const Item& item) {
+  return figure(item.deviation(), digits_of(item));
+}
+std::string U_figure(const Item& item) {
+  const std::string text = figure(item.U, decimals(item.id));
+  // An uncertainty is never zero.
+  if (!(item.U > 0.0) || text.find_first_of("123456789") != std::string::npos) return text;
+  return decimals(item.id) == 4 ? "< 0.0001" : "< 0.001";
+}
+
+std::string limits_figure(const Item& item) {
+  const int digits = digits_of(item);
+  if (!has_value(item.lower) && !has_value(item.upper)) return "";
+  if (!has_value(item.lower)) return fmt::format("<= {}", figure(item.upper, digits));
+  if (!has_value(item.upper)) return fmt::format(">= {}", figure(item.lower, digits));
+  return fmt::format("{} .. {}", figure(item.lower, digits), figure(item.upper, digits));
+}
+
+std::string item_label(const Item& item, bool of_slab) {
+  std::string label = fmt::format("{} [{}]", info(item.id).name, name(info(item.id).unit));
+  if (of_slab && item.station != 0)
+    label +=
+        item.station_to != 0 ? fmt::format(" {}-{}", item.station, item.station_to) : fmt::format(" {}", item.station);
+  return label;
+}
+
+std::string flatness_operator(double cell_mm) {
+  return (has_value(cell_mm) ? fmt::format("cell mean {} mm", cell_mm) : std::string("cell mean")) +
+         ", least-squares plane";
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report/slab_view.h"
+
+#include <algorithm>
+#include <charconv>
+#include <string_view>
+#include <utility>
+
+namespace slabd::cli {
+
+using storage::SlabBlock;
+using storage::SlabRecord;
+
+namespace {
+
+constexpr std::string_view kKeyPrefix = "key:";
+constexpr std::string_view kIdPrefix = "id:";
+
+}  // namespace
+
+SlabName slab_name(const std::string& wanted) {
+  const bool says_key = wanted.rfind(kKeyPrefix, 0) == 0;
+  const bool says_id = wanted.rfind(kIdPrefix, 0) == 0;
+  SlabName name;
+  const std::string rest = wanted.substr(says_key ? kKeyPrefix.size() : says_id ? kIdPrefix.size() : 0);
+  std::int64_t key = 0;
+  const auto [stop, fault] = std::from_chars(rest.data(), rest.data() + rest.size(), key);
+  // 0004 is how a works numbers its slabs; nobody writes a key so.
+  const bool id_for_sure = says_id || (!says_key && rest.starts_with('0'));
+  if (!id_for_sure && fault == std::errc{} && stop == rest.data() + rest.size()) name.key = key;
+  if (!says_key) name.id = rest;
+  return name;
+}
+
+Error two_slabs(const SlabName& name, const SlabRecord& of_key) {
+  return error(Code::config, "\"%s\" is the key of slab \"%s\", and the SLAB_ID of another one: say key:%s or id:%s",
+               name.id.c_str(), of_key.summary.header.slab_id.c_str(), name.id.c_str(), name.id.c_str());
+}
+
+Result<std::optional<SlabRecord>> find_slab(storage::Reader& reader, const std::string& wanted) {
+  const SlabName name = slab_name(wanted);
+  std::optional<SlabRecord> of_key;
+  if (name.key) {
+    auto found = reader.slab(*name.key);
+    if (!found) return found;
+    of_key = std::move(found.value());
+  }
+  if (name.id.empty()) return of_key;
+  const auto of_id = reader.find(name.id);
+  if (!of_id) return of_id.error();
+  if (!of_id.value()) return of_key;
+  if (!of_key) return reader.slab(*of_id.value());
+  if (*of_id.value() != of_key->summary.header.key) return two_slabs(name, *of_key);
+  return of_key;
+}
+
+const SlabBlock* latest(const SlabRecord& record, int station) {
+  const SlabBlock* found = nullptr;
+  for (const SlabBlock& block : record.blocks)
+    if (block.attempt.station == station) found = &block;
+  return found;
+}
+
+bool is_open(const SlabRecord& record) {
+  return record.summary.ended_utime_us == 0;
+}
+
+bool is_aborted(const SlabRecord& record) {
+  return record.summary.verdict == Verdict::aborted;
+}
+
+Shown shown(const SlabRecord& record, int station) {
+  const auto i = static_cast<std::size_t>(station - 1);
+  if (!is_open(record) && record.slab.station_verdict[i] != Verdict::none)
+    return {record.slab.station_verdict[i], record.slab.station_reason[i]};
+  const SlabBlock* block = latest(record, station);
+  if (block == nullptr) return {};
+  if (block->phase == StationPhase::failed) return {Verdict::not_measured, block->code};
+  if (block->phase != StationPhase::measured) return {};
+  // Nobody judges any more what a block's pass waits for.
+  if (is_aborted(record) && block->block.verdict == Verdict::pass) return {};
+  return {block->block.verdict, block->block.reason};
+}
+
+bool supersedes(const Item& of_slab) {
+  return has_value(of_slab.lower) || has_value(of_slab.upper);
+}
+
+std::string_view slope_datum(const SlabRecord& record) {
+  const auto judges = [](const Item& item) { return item.id == ItemId::seat_slope && supersedes(item); };
+  const auto& of_slab = record.slab.items;
+  if (of_slab.empty()) return "";
+  if (std::any_of(of_slab.begin(), of_slab.end(), judges)) return "slab_frame";
+  for (const SlabBlock& block : record.blocks)
+    if (std::any_of(block.block.items.begin(), block.block.items.end(), judges)) return "local_slab_top";
+  return "";
+}
+
+const Item& final_item(const SlabRecord& record, int station, const Item& own) {
+  for (const Item& item : record.slab.items)
+    if (item.id == own.id && item.station == station && item.station_to == 0 && supersedes(item)) return item;
+  return own;
+}
+
+}  // namespace slabd::cli

@@ -1,0 +1,293 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report/words.h"
+
+#include <fmt/core.h>
+
+#include <array>
+#include <utility>
+
+#include "base/emulation.h"
+
+namespace slabd::cli::report {
+namespace {
+
+struct Entry {
+  std::string_view en;
+  std::string_view zh;
+};
+
+Entry entry(Word word) {
+  switch (word) {
+    case Word::title: return {"Track slab inspection report", "轨道板检测报告"};
+    case Word::overview: return {"Overview", "总览"};
+    case Word::findings: return {"What is not in order", "不合格与待定项"};
+    case Word::no_findings:
+      return {"Every item was measured and lies within its limits.", "全部项目均已测量并在限值内。"};
+    case Word::no_findings_but:
+      return {
+          "Every item that the recipe requires was measured and lies within its limits. Not required and not measured: "
+          "{}.",
+          "配方要求的项目均已测量并在限值内。配方不要求且未测量的项目：{} 个。"};
+    case Word::more_findings: return {"and {} more, on the following pages", "另有 {} 项，见后页"};
+    case Word::warnings: return {"To be kept in mind", "注意事项"};
+    case Word::identity: return {"What was measured, and with what", "检测对象与依据"};
+    case Word::block: return {"Block {}", "承轨台 {}"};
+    case Word::blocks: return {"Blocks", "承轨台"};
+    case Word::slab_items: return {"Items of the slab", "整板检测项目"};
+    case Word::seats: return {"The seats side by side", "各承轨面对比"};
+    case Word::full_and_crop:
+      return {
+          "Seat plane: whole plane and evaluation region (normals in the registered block's frame: how the two fits "
+          "agree; the "
+          "slope itself stands with each block)",
+          "承轨面拟合：全平面与裁剪区域（法向量在配准后的承轨台坐标系中，用于比较两种拟合；坡度见各承轨台）"};
+    case Word::registration_table: return {"Deviation of the registered points from the model", "配准偏差统计"};
+    case Word::cycle_times: return {"Times: after the trigger in s, computing in ms", "节拍：触发后 s，计算 ms"};
+    case Word::characteristic: return {"characteristic", "检测项目"};
+    case Word::unit: return {"unit", "单位"};
+    case Word::nominal: return {"nominal", "名义值"};
+    case Word::limits: return {"limits", "限值"};
+    case Word::measured: return {"measured", "实测值"};
+    case Word::deviation: return {"deviation", "偏差"};
+    case Word::uncertainty: return {"U (k = 2)", "U (k = 2)"};
+    case Word::verdict: return {"verdict", "判定"};
+    case Word::information: return {"information", "参考"};
+    case Word::map_title: return {"Slab from above: verdict of every block", "轨道板俯视图：各承轨台判定"};
+    case Word::map_alt: return {"Map of the slab with the verdict of each block:", "轨道板各承轨台判定图："};
+    case Word::row_positive: return {"Y > 0", "Y > 0"};
+    case Word::row_negative: return {"Y < 0", "Y < 0"};
+    case Word::registration_map: return {"Deviation from the model, mm", "与模型的偏差，mm"};
+    case Word::seat_map: return {"Deviation from the seat plane, mm", "与承轨面拟合平面的偏差，mm"};
+    case Word::tolerance_chart: return {"Where each value lies between its limits", "实测值在限值内的位置"};
+    case Word::flatness: return {"flatness", "平面度"};
+    case Word::standard_deviation: return {"standard deviation", "标准差"};
+    case Word::chart_title: return {"Flatness and standard deviation of the seats, mm", "各承轨面平面度与标准差，mm"};
+    case Word::points: return {"points", "点数"};
+    case Word::mean: return {"mean", "平均值"};
+    case Word::crop: return {"evaluation region", "裁剪区域"};
+    case Word::full_plane: return {"whole plane", "全平面"};
+    case Word::normal: return {"normal", "法向量"};
+    case Word::normal_to_top: return {"normal {}, to the slab top", "法向量 {}（相对板顶面）"};
+    case Word::inliers: return {"inliers", "内点"};
+    case Word::attempts: return {"attempts", "扫描次数"};
+    case Word::settle: return {"settled", "静止"};
+    case Word::acquire: return {"acquired", "采集"};
+    case Word::read: return {"read", "读取"};
+    case Word::denoise: return {"denoise", "去噪"};
+    case Word::register_step: return {"register", "配准"};
+    case Word::extract: return {"extract", "提取"};
+    case Word::total: return {"total", "合计"};
+    case Word::evaluation_points: return {"evaluation cells", "个评定网格"};
+    case Word::slab_id: return {"slab id", "板号"};
+    case Word::slab_number: return {"slab number", "序号"};
+    case Word::slab_type: return {"slab type", "板型"};
+    case Word::database_key: return {"database key", "数据库键"};
+    case Word::began: return {"began (UTC)", "开始 (UTC)"};
+    case Word::ended: return {"ended (UTC)", "结束 (UTC)"};
+    case Word::still_open: return {"still open", "未结束"};
+    case Word::recipe: return {"recipe, SHA-256", "配方，SHA-256"};
+    case Word::hand_eye: return {"hand-eye calibration", "手眼标定"};
+    case Word::station_corrections: return {"station corrections", "测站修正"};
+    case Word::scanner_acceptance: return {"scanner acceptance", "扫描仪验收"};
+    case Word::scanner_not_verified:
+      return {
+          "The scanner had not been verified when this slab was begun: its part of U is the recipe's specification.",
+          "该板开始时扫描仪未经验证：其不确定度分量取自配方的规格。"};
+    case Word::budget: return {"Uncertainty budget, largest U of each", "不确定度预算（各特征最大 U）"};
+    case Word::budget_note:
+      return {
+          "Parts are standard uncertainties (k = 1) in the characteristic's unit; U / 2 is their root sum of squares. "
+          "Fit, noise, registration: from the scans. Scanner: the larger of recipe and acceptance ({}). Calibration, "
+          "robot: hand-eye and station corrections. Reference: the recipe.",
+          "各分量为标准不确定度 (k = 1)，单位同特征；U / 2 "
+          "为其方和根。拟合、噪声、配准来自扫描；扫描仪取配方与验收（{}"
+          "）中较大者；标定、机器人来自手眼标定与测站修正；基准来自配方。"};
+    case Word::block_column: return {"block", "承轨台"};
+    case Word::budget_fit: return {"fit", "拟合"};
+    case Word::budget_noise: return {"noise", "噪声"};
+    case Word::budget_scanner: return {"scanner", "扫描仪"};
+    case Word::budget_registration: return {"registr.", "配准"};
+    case Word::budget_calibration: return {"calibr.", "标定"};
+    case Word::budget_robot: return {"robot", "机器人"};
+    case Word::budget_reference: return {"reference", "基准"};
+    case Word::software: return {"software", "软件"};
+    case Word::acceptance: return {"decision rule", "判定规则"};
+    case Word::guarded: return {"ISO 14253-1, guard band {} U", "ISO 14253-1，保护带 {} U"};
+    case Word::simple_acceptance: return {"simple acceptance, no guard band", "简单接受，无保护带"};
+    case Word::slab_fit: return {"slab frame", "板坐标系拟合"};
+    case Word::slab_fit_value: return {"over {} seats, rms {} mm", "{} 个承轨面，均方根 {} mm"};
+    case Word::scan_file: return {"scan", "扫描文件"};
+    case Word::scanned: return {"scanned (UTC)", "扫描时间 (UTC)"};
+    case Word::none: return {"none", "无"};
+    case Word::not_scanned: return {"This block was not scanned.", "该承轨台未扫描。"};
+    case Word::not_measured_sentence: return {"This block could not be measured", "该承轨台未能测量"};
+    case Word::not_measured_yet: return {"Scanned, not measured yet.", "已扫描，尚未测量。"};
+    case Word::not_measured_aborted:
+      return {"Scanned, not measured: the slab was aborted.", "已扫描，未测量：该板已中止。"};
+    case Word::aborted_block: return {"no verdict: the slab was aborted", "无结论：该板已中止"};
+    case Word::aborted_note:
+      return {
+          "The slab was aborted: its own items (position, height, spacing, slope in the slab's frame) were never "
+          "judged, "
+          "and a block that passed so far has no verdict.",
+          "该板已中止：整板项目（位置、高低、间距、板坐标系中的坡度）从未判定，此前合格的承轨台没有结论。"};
+    case Word::no_map:
+      return {"No map was kept with this block: an older slabd measured it, or it was not found in its scan.",
+              "该承轨台没有保存偏差图：由旧版 slabd 测量，或扫描中未找到承轨台。"};
+    case Word::unconfirmed:
+      return {"{} nominals, tolerances and assumptions of the recipe had not been confirmed when this slab was judged.",
+              "判定该板时，配方中有 {} 个名义值、公差或假设未经确认。"};
+    case Word::not_visible:
+      return {
+          "Not visible to the scans of the blocks, and not judged: length, width, thickness and bottom of the slab.",
+          "承轨台扫描无法看到、未作判定：板长、板宽、板厚和板底。"};
+    case Word::commissioning:
+      return {"No calibration was in force: the robot and scanner were taken as the configuration states them.",
+              "没有生效的标定：机器人与扫描仪按配置文件的值使用。"};
+    case Word::open_warning:
+      return {"The slab has not ended: its verdict and the items of the slab are still to come.",
+              "该板尚未结束：整板判定与整板项目未出。"};
+    case Word::outside_scale: return {"{} cells beyond the scale", "{} 个网格超出色标"};
+    case Word::scale_note: return {"scale {} .. {} mm, the same for all blocks", "色标 {} .. {} mm，各承轨台相同"};
+    case Word::defect:
+      return {"Defect: {} mm² {} by up to {} mm at x {} mm, s {} mm",
+              "缺陷：面积 {} mm²，{}，最大 {} mm，位置 x {} mm, s {} mm"};
+    case Word::standing_out: return {"standing out", "凸起"};
+    case Word::sunk: return {"sunk", "凹陷"};
+    case Word::lower_end: return {"lower limit", "下限"};
+    case Word::upper_end: return {"upper limit", "上限"};
+    case Word::slab_word: return {"slab", "整板"};
+    case Word::temperature: return {"slab temperature", "板温"};
+    case Word::age: return {"slab age", "龄期"};
+    case Word::key: return {"what", "名称"};
+    case Word::value: return {"value", "内容"};
+    case Word::page: return {"page {} of {}", "第 {} 页，共 {} 页"};
+    case Word::flatness_note:
+      return {"with this noise a perfectly flat seat would read {} mm", "在该噪声下，理想平面的读数为 {} mm"};
+  }
+  return {};
+}
+
+Entry item_entry(ItemId id) {
+  switch (id) {
+    case ItemId::seat_slope: return {"seat slope", "承轨面坡度"};
+    case ItemId::seat_flatness: return {"seat flatness", "承轨面平面度"};
+    case ItemId::jaw_angle_inner: return {"jaw angle, inner", "内侧钳口夹角"};
+    case ItemId::jaw_angle_outer: return {"jaw angle, outer", "外侧钳口夹角"};
+    case ItemId::jaw_distance: return {"jaw distance", "钳口距离"};
+    case ItemId::casing_spacing: return {"casing spacing", "预埋套管间距"};
+    case ItemId::casing_protrusion_inner: return {"casing protrusion, inner", "内侧套管凸起高度"};
+    case ItemId::casing_protrusion_outer: return {"casing protrusion, outer", "外侧套管凸起高度"};
+    case ItemId::casing_skew_inner: return {"casing skew, inner", "内侧套管歪斜"};
+    case ItemId::casing_skew_outer: return {"casing skew, outer", "外侧套管歪斜"};
+    case ItemId::seat_lateral: return {"seat, lateral position", "承轨面横向位置"};
+    case ItemId::seat_vertical: return {"seat, height", "承轨面高低"};
+    case ItemId::seat_spacing: return {"seat spacing", "承轨台间距"};
+    case ItemId::large_jaw_distance: return {"large jaw distance", "大钳口距离"};
+    case ItemId::corner_level: return {"corner level", "四角承轨面水平"};
+    case ItemId::warp_left: return {"warp, row Y > 0", "翘曲（Y > 0）"};
+    case ItemId::warp_right: return {"warp, row Y < 0", "翘曲（Y < 0）"};
+    case ItemId::seat_std: return {"seat standard deviation", "承轨面测点标准差"};
+  }
+  return {};
+}
+
+std::string_view pick(const Entry& entry, Language language) {
+  return language == Language::zh ? entry.zh : entry.en;
+}
+
+}  // namespace
+
+std::string_view code(Language language) {
+  return language == Language::zh ? "zh" : "en";
+}
+
+std::string_view word(Word which, Language language) {
+  return pick(entry(which), language);
+}
+
+std::string item_word(ItemId id, Language language) {
+  return std::string(pick(item_entry(id), language));
+}
+
+std::string emulation_notice(std::uint8_t bits, Language language) {
+  if (bits == 0) return {};
+  struct Part {
+    std::string_view en;
+    std::string_view zh;
+  };
+  static constexpr std::array<Part, kEmulationNames.size()> kParts = {{
+      {"[line] simulation = true", "[line] simulation = true"},
+      {"robot emulated", "机器人为仿真"},
+      {"robot poses commanded, not measured", "机器人位姿为指令值，非实测"},
+      {"scan emulated", "扫描为仿真"},
+  }};
+  const bool zh = language == Language::zh;
+  std::string parts;
+  for (std::size_t i = 0; i < kParts.size(); ++i) {
+    if ((bits & (1U << i)) == 0) continue;
+    if (!parts.empty()) parts += zh ? "，" : ", ";
+    parts += zh ? kParts[i].zh : kParts[i].en;
+  }
+  return zh ? fmt::format("仿真（{}）：不是对混凝土实物的判定", parts)
+            : fmt::format("EMULATED ({}): no verdict on concrete", parts);
+}
+
+unsigned emulation_bit(std::string_view name) {
+  for (std::size_t i = 0; i < kEmulationNames.size(); ++i)
+    if (kEmulationNames[i] == name) return 1U << i;
+  return 0;
+}
+
+std::string emulation_banner(std::uint8_t shown, std::uint8_t now, Language language) {
+  if (shown == 0 || now != 0) return emulation_notice(shown, language);
+  return emulation_notice(shown, language) +
+         (language == Language::zh ? "（所示轨道板；生产线当前非仿真）" : "; it is the slab shown, not the line now");
+}
+
+std::string_view emulation_mark(std::uint8_t bits, Language language) {
+  if (bits == 0) return {};
+  return language == Language::zh ? "仿真" : "EMULATED";
+}
+
+std::string_view verdict_word(Verdict verdict, Language language) {
+  switch (verdict) {
+    case Verdict::none: return pick({"none", "无"}, language);
+    case Verdict::pass: return pick({"pass", "合格"}, language);
+    case Verdict::fail: return pick({"FAIL", "不合格"}, language);
+    case Verdict::not_measured: return pick({"not measured", "未测量"}, language);
+    case Verdict::aborted: return pick({"aborted", "已中止"}, language);
+    case Verdict::indeterminate: return pick({"indeterminate", "无法判定"}, language);
+  }
+  return "";
+}
+
+std::string finding_sentence(const SurfaceFinding& f, Language language) {
+  if (language == Language::en) return std::string(sentence(f).view());
+  constexpr std::array<const char*, kFindingKinds> kKinds = {"凹坑", "凸起", "裂缝", "缺角", "缺失"};
+  constexpr std::array<const char*, kFindingFaces> kFaces = {"承轨面", "内侧钳口面", "外侧钳口面"};
+  std::string text =
+      fmt::format("{}{}，位置 x {:.0f} mm，s {:.0f} mm，{:.0f} x {:.0f} mm，{:.0f} mm2",
+                  kFaces.at(static_cast<std::size_t>(f.face)), kKinds.at(static_cast<std::size_t>(f.kind)), f.x_mm,
+                  f.s_mm, f.length_mm, f.width_mm, f.area_mm2);
+  if (has_value(f.depth_mm))
+    text += fmt::format("，最{} {:.1f} mm", f.kind == FindingKind::bump ? "高" : "深", f.depth_mm);
+  return text;
+}
+
+std::string reason_sentence(std::uint16_t reason, Language language) {
+  if (reason == 0) return "";
+  if (reason >= kReasonItemBase) {
+    for (std::size_t i = 0; i < kItemCount; ++i) {
+      const ItemInfo& facts = info(static_cast<ItemId>(i));
+      if (facts.plc_bit < 0 || reason != kReasonItemBase + facts.plc_bit) continue;
+      // Both warps share a bit of the PLC's mask; the items say which one it was.
+      if (facts.id == ItemId::warp_left) return language == Language::zh ? "翘曲" : "warp";
+      return item_word(facts.id, language);
+    }
+  }
+  return fmt::format("{}{}{}", reason, language == Language::zh ? "：" : ": ",
+                     meaning(static_cast<Code>(reason), language));
+}
+
+}  // namespace slabd::cli::report

@@ -1,0 +1,378 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The settings and their reasons:
+//   synchronous=EXTRA   set before the switch to WAL: the journal of that switch must be gone for good, or a power cut
+//                       can bring it back and roll the database back to that moment
+//   journal_mode=WAL    readers never block the writer; one sync for each commit
+//   persistent log      -wal (empty) and -shm stay when the writer closes: who may read these files and not write in
+//   the
+//                       folder can read the database also while slabd is stopped, with any SQLite
+//   checkpoints         by the writer only: two more syncs, so when it has had nothing to do for a while (Store::idle);
+//                       in a commit only when the log has reached 16 MB, to which its file is cut back afterwards
+//   mmap off, fixed cache, trusted_schema off, cell_size_check, defensive: a damaged or hostile file is an error
+//                       message, not memory damage
+#include "storage/files/database.h"
+
+#include <sqlite3.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+
+#include "storage/files/file_checksum.h"
+#include "storage/files/folders.h"
+#include "storage/files/lock_probe.h"
+#include "storage/files/log_copy.h"
+#include "storage/files/quarantine.h"
+#include "storage/files/raw_file.h"
+#include "storage/files/upgrade.h"
+#include "storage/schema.h"
+#include "storage/storage.h"
+
+namespace slabd::storage {
+namespace {
+
+constexpr int kMoreLooks = 2;  ///< at a database that looks damaged
+constexpr int kBusyMs = 2000;  ///< only a person with another tool can make the writer wait
+
+/// Settings that write nothing into the file.
+void protect(Connection& db) {
+  sqlite3_busy_timeout(db.handle(), kBusyMs);
+  if (sqlite3_db_config(db.handle(), SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr) != SQLITE_OK)
+    throw SqlFailure{SQLITE_ERROR, "SQLITE_DBCONFIG_DEFENSIVE is not available"};
+  db.execute("PRAGMA trusted_schema = OFF");
+  db.execute("PRAGMA cell_size_check = ON");
+  db.execute("PRAGMA mmap_size = 0");
+  db.execute("PRAGMA cache_size = -2048");
+  db.execute("PRAGMA temp_store = MEMORY");
+  db.execute("PRAGMA foreign_keys = ON");
+}
+
+enum class Owner { nobody, us };
+
+/// Throws when the file is another application's or from a newer slabd. "nobody": an empty file, or one that a crash
+/// left between its first page and the schema.
+Owner owner_of(Connection& db) {
+  const std::int64_t application = db.integer("PRAGMA application_id");
+  const std::int64_t version = db.integer("PRAGMA user_version");
+  const std::int64_t tables = db.integer("SELECT count(*) FROM sqlite_schema");
+  if (application == 0 && version == 0 && tables == 0) return Owner::nobody;
+  if (application != kApplicationId)
+    throw SqlFailure{SQLITE_NOTADB, "it belongs to another application (application_id " + std::to_string(application) +
+                                        ", expected " + std::to_string(kApplicationId) + ")"};
+  if (version > kSchemaVersion)
+    throw SqlFailure{SQLITE_SCHEMA, "it was written by a newer slabd (schema version " + std::to_string(version) +
+                                        ", this program knows up to " + std::to_string(kSchemaVersion) + ")"};
+  if (version < 1)
+    throw SqlFailure{SQLITE_SCHEMA, "its schema version is " + std::to_string(version) + ", expected 1.." +
+                                        std::to_string(kSchemaVersion)};
+  return Owner::us;
+}
+
+void use_write_ahead_log(Connection& db) {
+  db.execute("PRAGMA synchronous = EXTRA");
+  const std::string mode = db.text("PRAGMA journal_mode = WAL");
+  if (mode != "wal")
+    throw SqlFailure{SQLITE_ERROR, "journal_mode is \"" + mode + "\" and cannot be set to \"wal\" (network disk?)"};
+  int keep = 1;
+  if (sqlite3_file_control(db.handle(), "main", SQLITE_FCNTL_PERSIST_WAL, &keep) != SQLITE_OK)
+    throw SqlFailure{SQLITE_ERROR, "SQLITE_FCNTL_PERSIST_WAL is not available"};
+  db.execute("PRAGMA wal_autocheckpoint = 4096");
+  db.execute("PRAGMA journal_size_limit = 16777216");
+}
+
+void create_schema(Connection& db) {
+  Transaction transaction(db, "BEGIN EXCLUSIVE");
+  db.execute(schema_sql());
+  db.execute("PRAGMA application_id = " + std::to_string(kApplicationId));
+  db.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion));
+  transaction.commit();
+}
+
+/// The code in "unable to get the page. error code=266", by which SQLite's check tells a read that failed; else 0.
+int read_failure_in(const std::string& answer) {
+  static constexpr std::string_view kWords = "error code=";
+  const std::size_t at = answer.find(kWords);
+  if (at == std::string::npos) return 0;
+  int code = 0;
+  (void)std::from_chars(answer.data() + at + kWords.size(), answer.data() + answer.size(), code);
+  return (code & 0xFF) == SQLITE_CORRUPT ? 0 : code;
+}
+
+void check(Connection& db) {
+  const std::string answer = db.text("PRAGMA quick_check(1)");
+  if (answer == "ok") return;
+  if (const int code = read_failure_in(answer); code != 0)
+    throw SqlFailure{code, "it cannot be read (quick_check: " + answer + ")"};
+  throw SqlFailure{SQLITE_CORRUPT, "it is damaged (quick_check: " + answer + ")"};
+}
+
+Error cannot_open(const std::string& path, const SqlFailure& failure, Code code) {
+  const bool full = (failure.result & 0xFF) == SQLITE_FULL;
+  static LockProbe probe;  // its files stay open
+  std::string holder = (failure.result & 0xFF) == SQLITE_BUSY ? probe.holder(path) : std::string();
+  if (!holder.empty()) holder = "; it is locked by " + holder + ": end that program, or its transaction";
+  return error(full ? Code::store_full : code, "cannot use database %s: %s%s", path.c_str(), failure.text.c_str(),
+               holder.c_str());
+}
+
+void checkpoint_on_close(Connection& db, bool on) {
+  if (sqlite3_db_config(db.handle(), SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, on ? 0 : 1, nullptr) != SQLITE_OK)
+    throw SqlFailure{SQLITE_ERROR, "SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE is not available"};
+}
+
+Error in_quarantine(const std::string& path, const std::string& folder, const char* why) {
+  return error(Code::journal_write,
+               "the database %s was damaged (%.100s) and lies in %s; put a backup in its place with slabctl db restore",
+               path.c_str(), why, folder.c_str());
+}
+
+bool is_damage(const SqlFailure& failure) {
+  return (failure.result & 0xFF) == SQLITE_CORRUPT;
+}
+
+/// It may be read, and nothing can be made beside it: a reader's rights, or a disk that is read-only.
+bool is_for_reading_only(const std::string& path) {
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  return access(path.c_str(), R_OK) == 0 && access(folder.empty() ? "." : folder.c_str(), W_OK) != 0;
+}
+
+/// SQLite keeps a file beside a database with a log, for readers too, and says no more than that it cannot open it.
+SqlFailure explained(SqlFailure failure, const std::string& path) {
+  const int primary = failure.result & 0xFF;
+  if ((primary == SQLITE_CANTOPEN || primary == SQLITE_READONLY) && is_for_reading_only(path))
+    failure.text +=
+        "; it has a log (-wal) without its index (-shm), which cannot be made here: start slabd, read as its user, or "
+        "copy database and log elsewhere";
+  else if (primary == SQLITE_CANTOPEN && access(path.c_str(), R_OK) != 0 && errno == EACCES)
+    failure.text += "; it may not be read: are you in its group?";
+  return failure;
+}
+
+/// What a connection of its own finds wrong, damage or not; empty: nothing.
+std::string damage_at(const std::string& path) {
+  try {
+    Connection db(in_real_folder(path), SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
+    checkpoint_on_close(db, false);
+    protect(db);
+    (void)owner_of(db);
+    check(db);
+    return {};
+  } catch (const SqlFailure& failure) {
+    return is_damage(failure) ? failure.text : std::string();
+  }
+}
+
+/// Damage is what every look finds in the same words, in files that can be read from end to end. A read that fails for
+/// a moment may look like damage to SQLite, and a whole database must not be set aside for it.
+bool is_damaged_for_good(const std::string& path) {
+  const std::string damage = damage_at(path);
+  if (damage.empty()) return false;
+  for (int look = 0; look < kMoreLooks; ++look) {
+    try {
+      read_through(path, RawFile::Kind::database);
+      if (RawFile::exists(path + "-wal")) read_through(path + "-wal", RawFile::Kind::log);
+    } catch (const SqlFailure&) {
+      return false;
+    }
+    if (damage_at(path) != damage) return false;
+  }
+  return true;
+}
+
+/// A backup that was copied into place is a database now: its checksum goes with the first checkpoint.
+void forget_mark(Connection& db) {
+  if (db.integer("PRAGMA default_cache_size") != kBackupMark) return;
+  db.execute("PRAGMA default_cache_size = 0");
+  db.execute("PRAGMA cache_size = -2048");
+}
+
+enum class Upgrade : std::uint8_t { with_copy, in_place };
+
+std::unique_ptr<Connection> open_checked(const std::string& path, Upgrade how, bool check_whole) {
+  auto db = std::make_unique<Connection>(in_real_folder(path), SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
+  // Until it is known to be whole, closing it must not move the log: a damaged database stays as it was found.
+  checkpoint_on_close(*db, false);
+  protect(*db);
+  const Owner owner = owner_of(*db);
+  use_write_ahead_log(*db);
+  if (owner == Owner::nobody) create_schema(*db);
+  if (check_whole) check(*db);  // before an upgrade: a damaged database is not touched
+  upgrade(*db, path, how == Upgrade::with_copy);
+  forget_mark(*db);
+  checkpoint_on_close(*db, true);
+  return db;
+}
+
+Result<std::unique_ptr<Connection>> open_file_for_writing(const std::string& path, Upgrade how,
+                                                          bool check_whole = true) {
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  if (!folder.empty())
+    if (Status status = make_folder(folder); !status.ok()) return status.error();
+  std::error_code no_link;
+  if (const auto to = std::filesystem::read_symlink(path, no_link); !no_link)
+    return error(
+        Code::journal_write,
+        "the database %s is a link to %s: quarantine and restore would replace the link, not the file. Name the "
+        "file itself, or link its folder",
+        path.c_str(), to.c_str());
+  if (const auto note = quarantine_note(path)) {
+    if (Status status = finish_quarantine(path); !status.ok()) return status.error();
+    return error(Code::journal_write,
+                 "the database %s is in quarantine; put a backup in its place with slabctl db "
+                 "restore",
+                 path.c_str());
+  }
+  if (Status status = create_file(path); !status.ok()) return status.error();
+  for (const char* side : {"", "-wal", "-shm", "-journal"}) close_to_writers(path + side);
+  if (Status status = make_log_durable(path); !status.ok()) return status.error();
+  if (Status status = remove_checksum(path); !status.ok()) return status.error();
+  try {
+    return open_checked(path, how, check_whole);
+  } catch (const SqlFailure& failure) {
+    if (!is_damage(failure) || !has_our_header(path) || !is_damaged_for_good(path))
+      return cannot_open(path, failure, Code::journal_write);
+    const Result<std::string> kept = quarantine(path, failure.text);
+    if (!kept.ok()) return cannot_open(path, failure, Code::journal_write);
+    return in_quarantine(path, kept.value(), failure.text.c_str());
+  }
+}
+
+/// A start of the daemon takes a fraction of a second to make its log durable.
+void wait_for_log(const std::string& path) {
+  constexpr unsigned kLook_us = 50'000;
+  for (int waited_ms = 0; log_is_in_doubt(path); waited_ms += static_cast<int>(kLook_us / 1000)) {
+    if (waited_ms >= kBusyMs)
+      throw SqlFailure{SQLITE_BUSY, std::string("its log may be spoilt by a power cut (") + kLogCopy +
+                                        " lies beside it); starting slabd mends that"};
+    usleep(kLook_us);
+  }
+}
+
+/// A process that may not write in the folder cannot make -shm, without which SQLite reads no database with a log.
+/// Where -shm is there it reads by that, also an unfinished log. Where it is not, and no log holds anything, no process
+/// has the database open: then it is read without both, and every transaction ends with a look whether it stayed so.
+bool can_be_read_still(const std::string& path, const SqlFailure& failure) {
+  const int primary = failure.result & 0xFF;
+  if (primary != SQLITE_CANTOPEN && primary != SQLITE_READONLY) return false;
+  if (!is_for_reading_only(path) || file_bytes(path + "-wal") > 0 || file_bytes(path + "-journal") > 0) return false;
+  return !RawFile::exists(path + "-wal") || !RawFile::exists(path + "-shm");
+}
+
+std::unique_ptr<Connection> connect_for_reading(const std::string& path) {
+  try {
+    auto db = std::make_unique<Connection>(path, SQLITE_OPEN_READONLY);
+    protect(*db);
+    checkpoint_on_close(*db, false);
+    begin_to_read(*db);
+    return db;
+  } catch (const SqlFailure& failure) {
+    if (!can_be_read_still(path, failure)) throw;
+  }
+  auto db = std::make_unique<Connection>(path, Connection::Still{});
+  protect(*db);
+  return db;
+}
+
+std::unique_ptr<Connection> open_protected(const std::string& path) {
+  wait_for_log(path);
+  auto db = connect_for_reading(path);
+  if (owner_of(*db) == Owner::nobody) throw SqlFailure{SQLITE_NOTADB, "it is empty; slabd has not used it yet"};
+  return db;
+}
+
+/// `looked`: what asking for the file came to; a folder that may not be looked into may hold it.
+Error no_database(const std::string& path, const std::error_code& looked) {
+  if (looked)
+    return error(Code::config, "cannot look for database %s: %s; are you in the group of its folder?", path.c_str(),
+                 looked.message().c_str());
+  return error(Code::config, "there is no database %s: slabd has not run with it yet, or the path is wrong",
+               path.c_str());
+}
+
+}  // namespace
+
+void begin_to_read(Connection& db) {
+  constexpr unsigned kLook_us = 5'000;
+  for (int waited_us = 0;; waited_us += static_cast<int>(kLook_us)) {
+    try {
+      (void)db.integer("SELECT count(*) FROM sqlite_schema");
+      return;
+    } catch (const SqlFailure& failure) {
+      const bool starts = failure.result == SQLITE_READONLY_RECOVERY || failure.result == SQLITE_READONLY_CANTINIT;
+      if (!starts || waited_us >= 1000 * kBusyMs) throw;
+    }
+    usleep(kLook_us);
+  }
+}
+
+Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path) {
+  return open_file_for_writing(path, Upgrade::with_copy);
+}
+
+Result<std::unique_ptr<Connection>> open_again_for_writing(const std::string& path) {
+  return open_file_for_writing(path, Upgrade::with_copy, false);
+}
+
+Result<std::unique_ptr<Connection>> open_copy_for_writing(const std::string& path) {
+  return open_file_for_writing(path, Upgrade::in_place);
+}
+
+Result<std::unique_ptr<Connection>> open_any_version(const std::string& path) {
+  std::error_code ec;
+  if (!std::filesystem::exists(path, ec)) return no_database(path, ec);
+  try {
+    return open_protected(path);
+  } catch (const SqlFailure& failure) {
+    const int primary = failure.result & 0xFF;
+    const bool damaged = has_our_header(path) && (primary == SQLITE_CORRUPT || primary == SQLITE_NOTADB);
+    return cannot_open(path, explained(failure, path), damaged ? Code::journal_write : Code::config);
+  }
+}
+
+Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path) {
+  std::error_code ec;
+  if (!std::filesystem::exists(path, ec)) return no_database(path, ec);
+  if (const auto note = quarantine_note(path))
+    return error(Code::config, "%s is in quarantine: %.200s", path.c_str(), note->c_str());
+  try {
+    auto db = open_protected(path);
+    if (const std::int64_t version = db->integer("PRAGMA user_version"); version < kSchemaVersion)
+      throw SqlFailure{SQLITE_SCHEMA, "it has schema version " + std::to_string(version) + " of an older slabd, and " +
+                                          std::to_string(kSchemaVersion) +
+                                          " is needed; starting slabd brings it up to date"};
+    return db;
+  } catch (const SqlFailure& failure) {
+    return cannot_open(path, explained(failure, path), Code::config);
+  }
+}
+
+bool has_our_header(const std::string& path) {
+  // SQLite's file format: 16 bytes of text; the application's number at byte 68, high byte first.
+  static constexpr std::string_view kMagic("SQLite format 3\0", 16);
+  static constexpr std::string_view kOurs("SLAB");
+  static_assert(kApplicationId == 0x534C4142);
+  std::error_code fault;
+  if (!std::filesystem::is_regular_file(path, fault)) return false;  // a FIFO would be waited for
+  std::ifstream in(path, std::ios::binary);
+  std::array<char, 72> header{};
+  in.read(header.data(), header.size());
+  const std::string_view text(header.data(), header.size());
+  return in.good() && text.starts_with(kMagic) && text.substr(68, 4) == kOurs;
+}
+
+bool unused_at(const std::string& path) {
+  std::error_code ec;
+  if (!std::filesystem::exists(path, ec)) return !ec;
+  try {
+    return owner_of(*connect_for_reading(path)) == Owner::nobody;
+  } catch (const SqlFailure&) {
+    return false;  // whoever opens it properly says what is wrong
+  }
+}
+
+}  // namespace slabd::storage

@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Problem: SQLite's own check looks at the structure of pages. A flipped bit in a stored number, in unused space or in
+// a length beyond the last page is not an error to it.
+// Idea: a line of fixed length and fixed form behind the last page. It is compared as a whole text, so that a change in
+// the line is noticed as well as one before it.
+// Invariant: a file that ends with the exact line for its bytes is proven. A file whose length is exactly that of its
+// pages has no line. Every other file of ours is damaged: a byte was changed in the line, or a part was cut off.
+#include "storage/files/file_checksum.h"
+
+#include <fcntl.h>
+#include <sha256.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <string_view>
+
+#include "storage/files/folders.h"
+
+namespace slabd::storage {
+namespace {
+
+constexpr std::size_t kPiece = 65'536;
+constexpr std::string_view kBegin = "\nslabd backup, checksum 1: ";
+/// SQLite's file format, section 1.3: page size at byte 16 (1 means 65536), pages at 28, change counter at 24 and the
+/// counter for which the number of pages is valid at 92, kBackupMark at 48.
+constexpr std::size_t kHeaderBytes = 100;
+
+Error trouble(const char* doing, const std::string& path) {
+  return error(errno == ENOSPC || errno == EDQUOT ? Code::store_full : Code::journal_write, "%s %s: %s", doing,
+               path.c_str(), std::strerror(errno));
+}
+
+class File {
+ public:
+  explicit File(const std::string& path) : fd_(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)) {}
+  ~File() {
+    if (fd_ >= 0) close(fd_);
+  }
+  File(const File&) = delete;
+  File& operator=(const File&) = delete;
+  [[nodiscard]] int fd() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+/// Bytes read at `at`, fewer only at the file's end; -1 and errno.
+ssize_t read_at(int fd, std::uint64_t at, char* to, std::size_t count) {
+  std::size_t done = 0;
+  while (done < count) {
+    const ssize_t n = pread64(fd, to + done, count - done, static_cast<off64_t>(at + done));
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) return -1;
+    if (n == 0) break;
+    done += static_cast<std::size_t>(n);
+  }
+  return static_cast<ssize_t>(done);
+}
+
+std::string line_for(std::uint64_t bytes, std::string_view sha256) {
+  std::string number = std::to_string(bytes);
+  number.insert(0, 20 - number.size(), '0');
+  std::string line = std::string(kBegin) + number + " bytes " + std::string(sha256);
+  line.resize(kChecksumLineBytes - 1, ' ');
+  return line + "\n";
+}
+static_assert(kBegin.size() + 20 + 7 + 64 < kChecksumLineBytes, "the line holds length and checksum");
+
+std::uint32_t big_endian(const char* at, std::size_t count) {
+  std::uint32_t value = 0;
+  for (std::size_t i = 0; i < count; ++i) value = value << 8U | static_cast<unsigned char>(at[i]);
+  return value;
+}
+
+/// Length that the header of a database of ours names; 0: the header does not say.
+std::uint64_t bytes_of_pages(const std::array<char, kHeaderBytes>& header) {
+  static constexpr std::string_view kMagic("SQLite format 3\0", 16);
+  if (std::string_view(header.data(), kMagic.size()) != kMagic) return 0;
+  if (std::memcmp(header.data() + 24, header.data() + 92, 4) != 0) return 0;
+  const std::uint32_t page = big_endian(header.data() + 16, 2);
+  return std::uint64_t{page == 1 ? 65'536U : page} * big_endian(header.data() + 28, 4);
+}
+
+/// A file's end and what its header says of its length.
+struct Ends {
+  std::uint64_t size = 0;
+  std::uint64_t pages = 0;   ///< bytes, 0: the header does not say
+  std::uint64_t before = 0;  ///< bytes before a line
+  bool marked = false;       ///< the header holds kBackupMark
+  std::array<char, kChecksumLineBytes> last{};
+  [[nodiscard]] std::string_view line() const {
+    return size < last.size() ? "" : std::string_view(last.data(), last.size());
+  }
+};
+
+Status read_ends(int fd, const std::string& path, Ends& ends) {
+  struct stat info {};
+  if (fstat(fd, &info) != 0) return trouble("cannot look at", path);
+  if (!S_ISREG(info.st_mode))
+    return error(Code::config, "%s is %s, not a database file", path.c_str(),
+                 S_ISFIFO(info.st_mode) ? "a FIFO" : "no regular file");
+  ends.size = static_cast<std::uint64_t>(info.st_size);
+  std::array<char, kHeaderBytes> header{};
+  if (read_at(fd, 0, header.data(), header.size()) < 0) return trouble("cannot read", path);
+  ends.pages = bytes_of_pages(header);
+  ends.marked = big_endian(header.data() + 48, 4) == kBackupMark;
+  if (ends.size < ends.last.size()) return success();
+  ends.before = ends.size - ends.last.size();
+  if (read_at(fd, ends.before, ends.last.data(), ends.last.size()) < 0) return trouble("cannot read", path);
+  return success();
+}
+
+}  // namespace
+
+struct ChecksumWriter::Sum {
+  SHA256_CTX context{};
+};
+
+ChecksumWriter::ChecksumWriter(std::string path)
+    : path_(std::move(path)), sum_(std::make_unique<Sum>()), piece_(kPiece) {
+  SHA256Init(&sum_->context);
+}
+
+ChecksumWriter::~ChecksumWriter() {
+  if (fd_ >= 0) close(fd_);
+}
+
+Status ChecksumWriter::step(std::uint64_t bytes, bool& done) {
+  done = false;
+  if (fd_ < 0) fd_ = open(path_.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW);
+  if (fd_ < 0) return trouble("cannot open", path_);
+  for (std::uint64_t taken = 0; taken < bytes;) {
+    const ssize_t n = read_at(fd_, read_, piece_.data(), std::min<std::uint64_t>(kPiece, bytes - taken));
+    if (n < 0) return trouble("cannot read", path_);
+    if (n == 0) {
+      std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
+      SHA256End(&sum_->context, hex.data());
+      const std::string line = line_for(read_, hex.data());
+      for (std::size_t written = 0; written < line.size();) {
+        const ssize_t more =
+            pwrite64(fd_, line.data() + written, line.size() - written, static_cast<off64_t>(read_ + written));
+        if (more < 0 && errno == EINTR) continue;
+        if (more <= 0) return trouble("cannot write the checksum of", path_);
+        written += static_cast<std::size_t>(more);
+      }
+      done = true;
+      return sync_file(path_);
+    }
+    SHA256Update(&sum_->context, reinterpret_cast<const std::uint8_t*>(piece_.data()), static_cast<std::size_t>(n));
+    read_ += static_cast<std::uint64_t>(n);
+    taken += static_cast<std::uint64_t>(n);
+  }
+  return success();
+}
+
+Status remove_checksum(const std::string& path) {
+  Ends ends;
+  {
+    const File file(path);
+    if (file.fd() < 0) return trouble("cannot open", path);
+    if (Status status = read_ends(file.fd(), path, ends); !status.ok()) return status;
+  }
+  if (ends.pages == 0 || ends.pages != ends.before || !ends.line().starts_with(kBegin)) return success();
+  const int fd = open(path.c_str(), O_WRONLY | O_CLOEXEC | O_NOFOLLOW);
+  if (fd < 0) return trouble("cannot open", path);
+  Status status = ftruncate64(fd, static_cast<off64_t>(ends.before)) == 0 ? success() : trouble("cannot cut", path);
+  close(fd);
+  return status;
+}
+
+Result<FileChecksum> check_checksum(const std::string& path) {
+  FileChecksum found;
+  const File file(path);
+  if (file.fd() < 0) return trouble("cannot open", path);
+  Ends ends;
+  if (Status status = read_ends(file.fd(), path, ends); !status.ok()) return status.error();
+  const auto& [size, pages, before, marked, last] = ends;
+  // The line's beginning is where it belongs, or it is not, but the pages end where a line would begin.
+  found.present = ends.line().starts_with(kBegin) || (size >= last.size() && pages == before);
+  if (!found.present) {
+    if (pages != 0 && size == pages && marked)
+      found.trouble = "it is a backup, and its checksum was cut off";
+    else if (pages != 0 && size < pages)
+      found.trouble = "it has " + std::to_string(size) + " bytes, and its header counts " + std::to_string(pages);
+    else if (pages != 0 && size > pages)
+      found.trouble = "behind its last page are " + std::to_string(size - pages) + " bytes that are not its checksum";
+    return found;
+  }
+  SHA256_CTX context{};
+  SHA256Init(&context);
+  std::vector<char> piece(kPiece);
+  for (std::uint64_t at = 0; at < before;) {
+    const ssize_t n = read_at(file.fd(), at, piece.data(), std::min<std::uint64_t>(kPiece, before - at));
+    if (n < 0) return trouble("cannot read", path);
+    if (n == 0) break;
+    SHA256Update(&context, reinterpret_cast<const std::uint8_t*>(piece.data()), static_cast<std::size_t>(n));
+    at += static_cast<std::uint64_t>(n);
+  }
+  std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
+  SHA256End(&context, hex.data());
+  if (ends.line() != line_for(before, hex.data()))
+    found.trouble = "it is not what was written: its checksum or its length differs";
+  return found;
+}
+
+}  // namespace slabd::storage

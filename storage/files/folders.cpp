@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "storage/files/folders.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+
+#include "storage/files/lock_probe.h"
+#include "storage/storage.h"
+
+namespace slabd::storage {
+namespace {
+
+// The group reads; only the owner writes.
+constexpr mode_t kFolderMode = 02750;
+constexpr mode_t kFileMode = 0640;
+// Not even that: who can open a file can lock it, and slabd would not start.
+constexpr mode_t kLockMode = 0600;
+
+Status trouble(const char* doing, const std::string& path) {
+  return error(errno == ENOSPC ? Code::store_full : Code::journal_write, "%s %s: %s", doing, path.c_str(),
+               std::strerror(errno));
+}
+
+/// What root makes is the owner's of the folder that it lies in: slabd must be able to write it afterwards.
+bool give_to_owner(int fd, const std::string& folder) {
+  struct stat there {};
+  if (geteuid() != 0) return true;
+  if (stat(folder.empty() ? "." : folder.c_str(), &there) != 0) return false;
+  return fchown(fd, there.st_uid, there.st_gid) == 0;
+}
+
+}  // namespace
+
+Status make_folder(const std::string& path) {
+  struct stat there {};
+  if (stat(path.c_str(), &there) == 0) {
+    if (S_ISDIR(there.st_mode)) return success();
+    return error(Code::journal_write, "%s is not a folder", path.c_str());
+  }
+  const std::string parent = std::filesystem::path(path).parent_path().string();
+  if (!parent.empty() && parent != path)
+    if (Status status = make_folder(parent); !status.ok()) return status;
+  if (mkdir(path.c_str(), kFolderMode) != 0 && errno != EEXIST) return trouble("cannot make folder", path);
+  // mkdir obeys the umask, and takes the set-group-id bit from the parent only. A service that may set no such bit
+  // (RestrictSUIDSGID) has its group on new files all the same.
+  if (geteuid() == 0) {
+    const int fd = open(path.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+    const bool given = fd >= 0 && give_to_owner(fd, parent);
+    if (fd >= 0) close(fd);
+    if (!given) return trouble("cannot give to the owner of its parent", path);
+  }
+  const bool right = stat(path.c_str(), &there) == 0 && (there.st_mode & 07777U) == kFolderMode;
+  if (!right && chmod(path.c_str(), kFolderMode) != 0 && chmod(path.c_str(), kFolderMode & 0777U) != 0)
+    return trouble("cannot set mode 2750 of folder", path);
+  // What will be promised about files in here is worth nothing while the folder itself may vanish.
+  return sync_file(parent);
+}
+
+Status check_writable(const std::string& path) {
+  if (faccessat(AT_FDCWD, path.c_str(), W_OK | X_OK, AT_EACCESS) == 0) return success();
+  // A service's view of a disk is not that of whoever looks for the reason.
+  const char* hint =
+      errno == EROFS ? " (a service writes only where its unit says ReadWritePaths=; systemctl edit slabd)" : "";
+  return error(Code::journal_write, "cannot write in %s: %s%s", path.c_str(), std::strerror(errno), hint);
+}
+
+Status create_file(const std::string& path) {
+  const int fd = open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, kFileMode);
+  if (fd < 0) return errno == EEXIST ? success() : trouble("cannot create", path);
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  const bool ok = give_to_owner(fd, folder) && fchmod(fd, kFileMode) == 0;
+  Status status = ok ? success() : trouble("cannot set owner and mode 0640 of", path);
+  close(fd);
+  if (!status.ok()) return status;
+  return sync_file(folder);
+}
+
+void close_to_writers(const std::string& path) {
+  constexpr mode_t kNotForOthers = 0027;
+  struct stat there {};
+  if (lstat(path.c_str(), &there) != 0 || !S_ISREG(there.st_mode) || (there.st_mode & kNotForOthers) == 0) return;
+  if (there.st_uid == geteuid()) (void)chmod(path.c_str(), there.st_mode & 07777U & ~kNotForOthers);
+}
+
+Status sync_file(const std::string& path) {
+  const int fd = open(path.empty() ? "." : path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd < 0) return trouble("cannot open", path);
+  Status status = fsync(fd) == 0 ? success() : trouble("cannot sync", path);
+  close(fd);
+  return status;
+}
+
+Status rename_file(const std::string& from, const std::string& to) {
+  if (rename(from.c_str(), to.c_str()) == 0) return success();
+  return trouble(("cannot rename " + from + " to").c_str(), to);
+}
+
+std::string in_real_folder(const std::string& path) {
+  namespace fs = std::filesystem;
+  const fs::path parent = fs::path(path).parent_path();
+  std::error_code ec;
+  const fs::path real = fs::canonical(parent.empty() ? fs::path(".") : parent, ec);
+  if (ec || real == fs::absolute(parent.empty() ? fs::path(".") : parent, ec).lexically_normal()) return path;
+  return (real / fs::path(path).filename()).string();
+}
+
+Result<std::uint64_t> free_bytes(const std::string& path) {
+  struct statvfs disk {};
+  if (statvfs(path.c_str(), &disk) != 0)
+    return error(Code::journal_write, "cannot ask for the free space of %s: %s", path.c_str(), std::strerror(errno));
+  return static_cast<std::uint64_t>(disk.f_bavail) * disk.f_frsize;
+}
+
+bool share_a_disk(const std::string& folder, const std::string& other) {
+  struct stat a {};
+  struct stat b {};
+  struct statvfs room_a {};
+  struct statvfs room_b {};
+  if (stat(folder.c_str(), &a) != 0 || stat(other.c_str(), &b) != 0 || statvfs(folder.c_str(), &room_a) != 0 ||
+      statvfs(other.c_str(), &room_b) != 0)
+    return true;
+  // Subvolumes have device numbers of their own, and the figures of what they share.
+  return a.st_dev == b.st_dev || (room_a.f_frsize == room_b.f_frsize && room_a.f_blocks == room_b.f_blocks);
+}
+
+Status check_room(const std::string& folder, std::uint64_t bytes, const char* what) {
+  const std::string where = folder.empty() ? "." : folder;
+  const Result<std::uint64_t> room = free_bytes(where);
+  if (!room.ok()) return room.error();
+  if (room.value() >= bytes) return success();
+  return error(Code::store_full, "%s needs %.1f MB free, and %s has %.1f MB", what, static_cast<double>(bytes) / 1e6,
+               where.c_str(), static_cast<double>(room.value()) / 1e6);
+}
+
+std::int64_t file_bytes(const std::string& path) {
+  struct stat there {};
+  if (lstat(path.c_str(), &there) != 0 || !S_ISREG(there.st_mode)) return 0;
+  return there.st_size;
+}
+
+std::optional<FileId> file_id(const std::string& path) {
+  struct stat there {};
+  if (lstat(path.c_str(), &there) != 0 || !S_ISREG(there.st_mode)) return std::nullopt;
+  return FileId{there.st_dev, there.st_ino};
+}
+
+bool lies_below(const std::string& path, const std::string& folder) {
+  if (folder.empty() || !path.starts_with(folder)) return false;
+  const std::string rest = path.substr(folder.size());
+  if (folder.back() != '/' && !rest.starts_with('/')) return false;
+  for (const auto& part : std::filesystem::path(rest))
+    if (part == ".." || part == ".") return false;
+  return rest.find_first_not_of('/') != std::string::npos;
+}
+
+WriterLock::~WriterLock() {
+  if (fd_ >= 0) close(fd_);
+}
+
+Status WriterLock::take(const std::string& db_path) {
+  const std::string path = db_path + ".writer";
+  fd_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kLockMode);
+  if (fd_ < 0) return trouble("cannot open", path);
+  // Made by root, slabd could not open it; another's stays as it is.
+  (void)give_to_owner(fd_, std::filesystem::path(path).parent_path().string());
+  (void)fchmod(fd_, kLockMode);
+  if (flock(fd_, LOCK_EX | LOCK_NB) == 0) {
+    // For the next one that wants it, and does not get it. No harm where it cannot be written.
+    const std::string self = std::to_string(getpid());
+    if (ftruncate(fd_, 0) == 0) (void)!pwrite(fd_, self.data(), self.size(), 0);
+    return success();
+  }
+  if (errno == EWOULDBLOCK) {
+    std::array<char, 24> pid{};
+    (void)!pread(fd_, pid.data(), pid.size() - 1, 0);
+    const std::int64_t owner = std::strtoll(pid.data(), nullptr, 10);
+    return error(Code::journal_write, "%s is already open for writing by another process (%s%slock %s)",
+                 db_path.c_str(), owner > 0 ? process_words(owner).c_str() : "", owner > 0 ? ", " : "", path.c_str());
+  }
+  return trouble("cannot lock", path);
+}
+
+bool is_written_elsewhere(const std::string& db_path) {
+  const int fd = open((db_path + ".writer").c_str(), O_RDWR | O_CLOEXEC);
+  if (fd < 0) return false;  // nobody ever was there
+  const bool elsewhere = flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+  close(fd);  // and the lock is given back
+  return elsewhere;
+}
+
+}  // namespace slabd::storage

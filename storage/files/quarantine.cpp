@@ -1,0 +1,241 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The order matters: the database gets its second name in the quarantine, then the note takes its first name in one
+// step, and only then does the log follow. At no moment does a database lie there without the log that belongs to it:
+// that would open as a whole one, with the newest results missing.
+#include "storage/files/quarantine.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <ctime>
+#include <filesystem>
+#include <fstream>
+
+#include "storage/files/folders.h"
+#include "storage/files/log_copy.h"
+#include "storage/files/spool.h"
+
+namespace slabd::storage {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::string_view kFirstLine = "slabd quarantine\n";
+constexpr std::array kSideFiles = {"-wal", "-journal", kLogCopy};
+constexpr int kFoldersMax = 1000;
+
+Error trouble(const char* doing, const std::string& path) {
+  return error(Code::journal_write, "%s %s: %s", doing, path.c_str(), std::strerror(errno));
+}
+
+std::string folder_of(const std::string& path) {
+  return fs::path(path).parent_path().string();
+}
+
+Result<std::string> new_folder(const std::string& path) {
+  std::array<char, 32> time{};
+  const std::time_t now = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  std::strftime(time.data(), time.size(), "%Y%m%dT%H%M%SZ", &utc);
+  for (int i = 1; i <= kFoldersMax; ++i) {
+    const std::string name = path + ".quarantine-" + time.data() + (i == 1 ? "" : "-" + std::to_string(i));
+    struct stat there {};
+    if (lstat(name.c_str(), &there) == 0) continue;
+    if (Status status = make_folder(name); !status.ok()) return status.error();
+    return name;
+  }
+  return error(Code::journal_write, "%s has %d quarantine folders already", path.c_str(), kFoldersMax);
+}
+
+Status write_note(const std::string& path, const std::string& folder, const std::string& why) {
+  std::error_code ec;
+  fs::remove(path, ec);
+  if (Status status = create_file(path); !status.ok()) return status;
+  const int fd = open(path.c_str(), O_WRONLY | O_CLOEXEC);
+  if (fd < 0) return trouble("cannot open", path);
+  const std::string text = std::string(kFirstLine) + folder + "\n" + why +
+                           "\nThe database that was here lies in that folder, untouched. slabd begins "
+                           "no new history by itself.\nPut a backup here with `slabctl db restore`, or begin anew with "
+                           "`slabctl db restore --fresh`.\n";
+  const bool written = write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && fsync(fd) == 0;
+  const Status status = written ? success() : Status(trouble("cannot write", path));
+  close(fd);
+  return status;
+}
+
+/// The slab whose folder of the spool this is; 0: of none.
+std::int64_t key_of(const fs::path& folder) {
+  const std::string name = folder.filename().string();
+  if (name.empty() || name.size() > 18 || name.find_first_not_of("0123456789") != std::string::npos) return 0;
+  return static_cast<std::int64_t>(std::stoll(name));
+}
+
+/// Second line of the note.
+std::string folder_in(const std::string& note) {
+  const std::size_t begin = kFirstLine.size();
+  return note.substr(begin, note.find('\n', begin) - begin);
+}
+
+}  // namespace
+
+std::optional<std::string> quarantine_note(const std::string& path) {
+  std::error_code fault;
+  if (!fs::is_regular_file(path, fault)) return std::nullopt;  // a FIFO would be waited for
+  std::ifstream in(path, std::ios::binary);
+  std::string text(4096, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  if (!text.starts_with(kFirstLine)) return std::nullopt;
+  return text;
+}
+
+Result<std::string> quarantine(const std::string& path, const std::string& why) {
+  Result<std::string> folder = new_folder(path);
+  if (!folder.ok()) return folder.error();
+  const std::string name = fs::path(path).filename().string();
+  const std::string kept = folder.value() + "/" + name;
+  const std::string part = path + ".note-part";
+  if (Status status = write_note(part, folder.value(), why); !status.ok()) return status.error();
+  if (link(path.c_str(), kept.c_str()) != 0) return trouble("cannot give a second name to", path);
+  if (Status status = sync_file(folder.value()); !status.ok()) return status.error();
+  if (rename(part.c_str(), path.c_str()) != 0) return trouble("cannot replace", path);
+  if (Status status = sync_file(folder_of(path)); !status.ok()) return status.error();
+  if (Status status = finish_quarantine(path); !status.ok()) return status.error();
+  return folder;
+}
+
+std::string replaced_in_quarantine(const std::string& path) {
+  const std::optional<std::string> note = quarantine_note(path);
+  if (!note) return {};
+  const std::string folder = folder_in(*note);
+  if (note->compare(kFirstLine.size() + folder.size(), std::strlen(kReplaced) + 2,
+                    '\n' + std::string(kReplaced) + '\n') != 0)
+    return {};
+  return folder + "/" + fs::path(path).filename().string();
+}
+
+Status finish_quarantine(const std::string& path) {
+  const std::optional<std::string> note = quarantine_note(path);
+  if (!note) return success();
+  const std::string folder = folder_in(*note);
+  const std::string name = fs::path(path).filename().string();
+  bool moved = false;
+  for (const char* side : kSideFiles) {
+    struct stat there {};
+    if (lstat((path + side).c_str(), &there) != 0) continue;
+    if (Status status = make_folder(folder); !status.ok()) return status;
+    if (rename((path + side).c_str(), (folder + "/" + name + side).c_str()) != 0)
+      return trouble("cannot move", path + side);
+    moved = true;
+  }
+  unlink((path + "-shm").c_str());  // says nothing without the log
+  if (!moved) return success();
+  if (Status status = sync_file(folder); !status.ok()) return status;
+  return sync_file(folder_of(path));
+}
+
+std::int64_t newest_key_in_spool(const std::string& spool_dir) {
+  std::int64_t newest = 0;
+  std::error_code ec;
+  for (fs::directory_iterator entry(spool_dir, ec), end; !ec && entry != end; entry.increment(ec)) {
+    newest = std::max(newest, key_of(entry->path()));
+  }
+  return newest;
+}
+
+namespace {
+
+std::uint32_t big_endian(const unsigned char* bytes) {
+  return std::uint32_t{bytes[0]} << 24U | std::uint32_t{bytes[1]} << 16U | std::uint32_t{bytes[2]} << 8U |
+         std::uint32_t{bytes[3]};
+}
+
+/// Whether a write-ahead log holds a whole transaction, or cannot be read. SQLite's file format, section 4: a header of
+/// 32 bytes with the page size at 8; frames of 24 bytes and a page, whose bytes 4 to 7 are not 0 when the frame ends a
+/// transaction, and whose salt (8 to 15) is the header's (16 to 23).
+bool may_hold_transaction(const std::string& log_path) {
+  constexpr off_t kHeader = 32;
+  constexpr off_t kFrame = 24;
+  const off_t bytes = file_bytes(log_path);
+  if (bytes < kHeader) return false;
+  const int fd = open(log_path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd < 0) return true;
+  std::array<unsigned char, kHeader> header{};
+  std::array<unsigned char, kFrame> frame{};
+  bool readable = pread(fd, header.data(), header.size(), 0) == kHeader;
+  bool found = false;
+  const off_t page = big_endian(&header[8]);
+  if (page >= 512 && page <= 65'536)
+    for (off_t at = kHeader; readable && !found && at + kFrame + page <= bytes; at += kFrame + page) {
+      readable = pread(fd, frame.data(), frame.size(), at) == kFrame;
+      if (!std::equal(&frame[8], &frame[16], &header[16])) break;
+      found = big_endian(&frame[4]) != 0;
+    }
+  close(fd);
+  return found || !readable;
+}
+
+/// A slab's folder that holds anything; an empty one says nothing.
+std::string scans_in(const std::string& spool_dir) {
+  std::error_code ec;
+  for (fs::directory_iterator entry(spool_dir, ec), end; !ec && entry != end; entry.increment(ec)) {
+    if (key_of(entry->path()) == 0) continue;
+    std::error_code inside;
+    if (fs::directory_iterator(entry->path(), inside) != fs::directory_iterator() && !inside)
+      return entry->path().string();
+  }
+  return {};
+}
+
+/// Whether a folder holds what the daemon names its scans; folders of digits that people make hold other things.
+bool has_scan(const fs::path& folder) {
+  std::error_code ec;
+  for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec))
+    if (is_scan_name(entry->path().filename().string())) return true;
+  return false;
+}
+
+}  // namespace
+
+std::string scans_above(const std::string& spool_dir, std::int64_t known_key) {
+  std::string found;
+  std::error_code ec;
+  for (fs::directory_iterator entry(spool_dir, ec), end; !ec && entry != end; entry.increment(ec)) {
+    const std::int64_t key = key_of(entry->path());
+    if (key <= known_key || !has_scan(entry->path())) continue;
+    known_key = key;
+    found = entry->path().string();
+  }
+  return found;
+}
+
+std::string sign_of_earlier_life(const std::string& path, const std::string& spool_dir) {
+  std::error_code ec;
+  if (file_bytes(path) > 0) return {};
+  // A log without a transaction is what a creation leaves that was stopped; nothing was ever kept there.
+  if (may_hold_transaction(path + "-wal")) return path + "-wal";
+  // Somebody was putting a backup there and was cut short: no history is begun under his hands.
+  for (const char* side : {"", ".part"})
+    if (file_bytes(path + kRestored + side) > 0) return path + kRestored + side;
+  const std::string name = fs::path(path).filename().string();
+  const std::string folder = folder_of(path).empty() ? "." : folder_of(path);
+  for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec)) {
+    const std::string other = entry->path().filename().string();
+    const bool ours = other.starts_with(name + ".quarantine-") ||
+                      (other.starts_with(name + ".v") && other.find("-backup") != std::string::npos);
+    if (ours && !other.ends_with(".part")) return entry->path().string();
+  }
+  ec.clear();
+  for (fs::directory_iterator entry(folder + "/backups", ec), end; !ec && entry != end; entry.increment(ec))
+    if (entry->path().extension() == ".db") return entry->path().string();
+  return scans_in(spool_dir);
+}
+
+}  // namespace slabd::storage

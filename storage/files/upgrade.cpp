@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A new slabd meets the database of an old one. Nobody is watching, and the database holds the only record of slabs
+// that are long built in. So: first a copy that is on the disk for good, then all changes in one transaction, and
+// whatever happens in between leaves the old database and at least one copy of it. An upgrade that was cut short and
+// starts again finds its copy, sees that it is the same, and does not fill the disk with another.
+#include "storage/files/upgrade.h"
+
+#include <sqlite3.h>
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <fstream>
+
+#include "storage/files/file_checksum.h"
+#include "storage/files/folders.h"
+#include "storage/schema.h"
+#include "storage/storage.h"
+
+namespace slabd::storage {
+namespace {
+
+constexpr int kBackupsMax = 100;
+
+/// Only of the table that a step makes anew: every item of every slab would take minutes.
+constexpr const char* kLostReferences =
+    "SELECT count(*) FROM (SELECT DISTINCT m.name FROM sqlite_schema AS m, pragma_foreign_key_list(m.name) AS f "
+    "WHERE f.\"table\" = 'calibration') AS child, pragma_foreign_key_check(child.name)";
+
+[[noreturn]] void fail(const std::string& text, int result = SQLITE_IOERR) {
+  throw SqlFailure{result, text};
+}
+
+/// The whole database as one file, what is still in the write-ahead log included.
+void copy_database(Connection& db, const std::string& to) {
+  Connection copy(to, SQLITE_OPEN_READWRITE);
+  sqlite3_backup* const backup = sqlite3_backup_init(copy.handle(), "main", db.handle(), "main");
+  if (backup == nullptr) fail("it cannot be copied to " + to + ": " + sqlite3_errmsg(copy.handle()));
+  const int stepped = sqlite3_backup_step(backup, -1);
+  const int result = sqlite3_backup_finish(backup);
+  if (stepped != SQLITE_DONE || result != SQLITE_OK)
+    fail("it cannot be copied to " + to + ": " + sqlite3_errmsg(copy.handle()),
+         sqlite3_extended_errcode(copy.handle()));
+}
+
+bool same_content(const std::string& a, const std::string& b) {
+  std::ifstream left(a, std::ios::binary);
+  std::ifstream right(b, std::ios::binary);
+  std::array<char, 65'536> x{};
+  std::array<char, 65'536> y{};
+  while (left && right) {
+    left.read(x.data(), x.size());
+    right.read(y.data(), y.size());
+    if (left.gcount() != right.gcount()) return false;
+    if (!std::equal(x.begin(), x.begin() + left.gcount(), y.begin())) return false;
+  }
+  return left.eof() && right.eof();
+}
+
+void remove_part(const std::string& part) {
+  std::error_code ec;
+  for (const char* side : {"", "-journal"}) std::filesystem::remove(part + side, ec);
+}
+
+/// A copy that does not fit is not begun, and one that fails is not left to fill the disk.
+void copy_into_part(Connection& db, const std::string& folder, const std::string& part) {
+  const std::int64_t bytes = db.integer("PRAGMA page_count") * db.integer("PRAGMA page_size");
+  must(check_room(folder, static_cast<std::uint64_t>(bytes), "a copy before it is brought up to date"));
+  try {
+    must(create_file(part));
+    copy_database(db, part);
+    must(sync_file(part));
+    ChecksumWriter checksum(part);
+    for (bool done = false; !done;) must(checksum.step(~std::uint64_t{0}, done));
+  } catch (const SqlFailure&) {
+    remove_part(part);
+    throw;
+  }
+}
+
+/// Puts a synced copy beside the database and leaves every older one alone.
+void back_up(Connection& db, const std::string& path, std::int64_t version) {
+  const std::string name = path + ".v" + std::to_string(version) + "-backup";
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  const std::string part = name + ".part";
+  std::error_code ec;
+  remove_part(part);  // of an upgrade that was cut short
+  copy_into_part(db, folder, part);
+  for (int i = 1; i <= kBackupsMax; ++i) {
+    const std::string wanted = i == 1 ? name : name + "." + std::to_string(i);
+    if (std::filesystem::exists(wanted, ec)) {
+      if (!same_content(part, wanted)) continue;
+      std::filesystem::remove(part, ec);
+      // Whoever gave it its name may have been stopped before the name was on the disk.
+      must(sync_file(folder));
+      return;
+    }
+    // Nobody else writes here: the writer's lock is held.
+    must(rename_file(part, wanted));
+    must(sync_file(folder));
+    return;
+  }
+  fail("there are " + std::to_string(kBackupsMax) + " copies of it already, " + name + " and so on");
+}
+
+}  // namespace
+
+void upgrade(Connection& db, const std::string& path, bool with_copy) {
+  const std::int64_t version = db.integer("PRAGMA user_version");
+  if (version >= kSchemaVersion) return;
+  if (with_copy) back_up(db, path, version);
+  // A table that others refer to can only be made anew while nobody looks after references; they are checked as a whole
+  // before anything is committed. Inside a transaction the switch does nothing.
+  db.execute("PRAGMA foreign_keys = OFF");
+  Transaction transaction(db, "BEGIN EXCLUSIVE");
+  for (std::int64_t from = version; from < kSchemaVersion; ++from) db.execute(upgrade_sql(static_cast<int>(from)));
+  db.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion));
+  if (db.integer(kLostReferences) != 0)
+    fail("calibrations that others refer to would be lost", SQLITE_CONSTRAINT_FOREIGNKEY);
+  transaction.commit();
+  db.execute("PRAGMA foreign_keys = ON");
+}
+
+}  // namespace slabd::storage

@@ -1,0 +1,361 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "algo/features/flatness.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <functional>
+#include <vector>
+
+#include "algo/algo.h"
+#include "seat.h"
+#include "surfaces.h"
+
+namespace slabd::algo {
+namespace {
+
+using slabd::testing::peak_to_valley;
+using slabd::testing::rms;
+using slabd::testing::Seat;
+using slabd::testing::surface;
+
+TEST(MinimumZone, OfRegularSolidsIsTheirWidth) {
+  const double h = std::sqrt(0.5);
+  const std::vector<Vec3> tetrahedron = {
+      {0.5, 0.0, -0.5 * h}, {-0.5, 0.0, -0.5 * h}, {0.0, 0.5, 0.5 * h}, {0.0, -0.5, 0.5 * h}};
+  EXPECT_NEAR(minimum_zone_mm(tetrahedron), 0.707106781187, 1e-12);
+  const std::vector<Vec3> octahedron = {{h, 0, 0}, {-h, 0, 0}, {0, h, 0}, {0, -h, 0}, {0, 0, h}, {0, 0, -h}};
+  EXPECT_NEAR(minimum_zone_mm(octahedron), 0.816496580928, 1e-12);
+  std::vector<Vec3> cube;
+  for (int i = 0; i < 8; ++i) cube.push_back(Vec3(i & 1, (i >> 1) & 1, (i >> 2) & 1));
+  EXPECT_NEAR(minimum_zone_mm(cube), 1.0, 1e-12);
+}
+
+TEST(MinimumZone, OfSmallSetsMatchesHandComputation) {
+  const std::vector<Vec3> saddle = {{50, 50, 0.03}, {-50, 50, -0.03}, {-50, -50, 0.03}, {50, -50, -0.03}};
+  EXPECT_NEAR(minimum_zone_mm(saddle), 0.06, 1e-12);
+  std::vector<Vec3> ramp;
+  for (int i = 0; i < 4; ++i)
+    for (int j = 0; j < 2; ++j) ramp.push_back(Vec3(50.0 * i, 50.0 * j, i == 3 ? 0.06 : 0.0));
+  EXPECT_NEAR(minimum_zone_mm(ramp), 0.039999996800, 1e-12);
+  const PlaneFit plane = fit_plane_lsq(ramp, Vec3::UnitZ());
+  EXPECT_NEAR(peak_to_valley(ramp, plane), 0.041999995723, 1e-12);
+  EXPECT_NEAR(rms(plane), 0.016431675660, 1e-12);
+  const std::vector<Vec3> five = {
+      {11.5, 7, 1.1}, {18.5, 6.9, 1.03}, {4.5, 13, 1.02}, {25.5, 30, 1.03}, {11.5, 37.5, 1.02}};
+  EXPECT_NEAR(minimum_zone_mm(five), 0.067262058, 1e-9);
+  EXPECT_NEAR(peak_to_valley(five, fit_plane_lsq(five, Vec3::UnitZ())), 0.072097300, 1e-9);
+}
+
+TEST(MinimumZone, OfSurfacesMatchesTheConvexHull) {
+  EXPECT_NEAR(minimum_zone_mm(surface(1, 21, 31, 0.02, 0.05)), 0.093608165639, 2e-12);
+  EXPECT_NEAR(minimum_zone_mm(surface(1, 21, 31, 0.02, 0.05, Vec3(3700.0, 2500.0, 1200.0))), 0.093608165639, 2e-11);
+  EXPECT_NEAR(minimum_zone_mm(surface(7, 5, 5, 0.1, 0.0)), 0.199157926005, 2e-12);
+  EXPECT_NEAR(minimum_zone_mm(surface(9, 67, 102, 0.05, 0.0)), 0.140133609010, 2e-12);
+  EXPECT_NEAR(minimum_zone_mm(surface(11, 67, 102, 0.01, 0.05)), 0.076487871444, 2e-12);
+  EXPECT_NEAR(minimum_zone_mm(surface(13, 250, 400, 0.03, 0.02)), 0.105033665850, 2e-12);
+}
+
+TEST(MinimumZone, OfNoPlaneIsNoNumber) {
+  EXPECT_TRUE(std::isnan(minimum_zone_mm({})));
+  const std::vector<Vec3> same(10, Vec3(1.0, 2.0, 3.0));
+  EXPECT_TRUE(std::isnan(minimum_zone_mm(same)));
+}
+
+TEST(Flatness, OfNoiseIsTheNoiseOfCellMeans) {
+  Prng prng(4);
+  const Flatness f = Seat([&](double, double) { return 0.029 * prng.normal(); }).measure();
+  ASSERT_TRUE(f.ok);
+  EXPECT_EQ(f.cells, 6800U);
+  EXPECT_NEAR(f.std_cells_mm, 0.029 / 6.0, 3e-4) << "36 points a cell";
+  EXPECT_NEAR(f.lsq_mm, 7.5 * 0.029 / 6.0, 0.012);
+  EXPECT_LE(f.min_zone_mm, f.lsq_mm);
+  EXPECT_GT(f.raw_high_mm - f.raw_low_mm, 0.2) << "single points show far more";
+}
+
+TEST(Flatness, SeesAChipOfFourMillimetres) {
+  const auto chip = [](double x, double y) { return std::hypot(x - 10.0, y + 20.0) < 2.0 ? -0.8 : 0.0; };
+  const Flatness f = Seat(chip).measure();
+  ASSERT_TRUE(f.ok);
+  EXPECT_NEAR(f.lsq_mm, 0.8, 0.01);
+  EXPECT_NEAR(f.raw_low_mm, -0.8, 1e-6);
+}
+
+TEST(Flatness, IsNotMovedByAStrayPointInACell) {
+  Seat seat([](double, double) { return 0.0; });
+  seat.xyz[3 * 1000 + 2] = 0.9F;
+  seat.xyz[3 * 90000 + 2] = -0.7F;
+  const Flatness f = seat.measure();
+  ASSERT_TRUE(f.ok);
+  EXPECT_NEAR(f.lsq_mm, 0.0, 1e-6);
+  EXPECT_NEAR(f.raw_high_mm, 0.9, 1e-6);
+  EXPECT_NEAR(f.raw_low_mm, -0.7, 1e-6);
+}
+
+TEST(Flatness, DoesNotCallASlopeUnflat) {
+  const Flatness f = Seat([](double x, double y) { return 0.003 * x - 0.002 * y; }).measure();
+  ASSERT_TRUE(f.ok);
+  EXPECT_NEAR(f.lsq_mm, 0.0, 1e-5);
+}
+
+TEST(Flatness, CountsOnlyCellsWithEnoughPoints) {
+  EXPECT_FALSE(Seat([](double, double) { return 0.0; }, 0.5).measure().ok) << "nine points a cell";
+  Seat half([](double, double) { return 0.0; });
+  half.xyz.resize(half.xyz.size() / 3 / 2 * 3 + 3 * 5000);
+  const Flatness f = half.measure();
+  EXPECT_LT(f.cells, 4000U);
+  EXPECT_FALSE(f.ok) << "nobody saw the other half";
+  EXPECT_TRUE(std::isnan(f.lsq_mm));
+}
+
+/// A level seat without the points for which `gone(x, y)`.
+template <typename Gone>
+Seat without(const Gone& gone, double pitch = 0.25) {
+  Seat seat([](double, double) { return 0.0; }, pitch);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < seat.xyz.size(); i += 3) {
+    if (gone(static_cast<double>(seat.xyz[i]), static_cast<double>(seat.xyz[i + 1]))) continue;
+    std::copy_n(seat.xyz.begin() + static_cast<std::ptrdiff_t>(i), 3,
+                seat.xyz.begin() + static_cast<std::ptrdiff_t>(kept));
+    kept += 3;
+  }
+  seat.xyz.resize(kept);
+  return seat;
+}
+
+TEST(Flatness, IsNotMeasuredOverAHole) {
+  const auto square = [](double side) {
+    return without([side](double x, double y) { return x > 0.0 && x < side && y > 0.0 && y < side; }).measure();
+  };
+  const Flatness small = square(9.0);
+  EXPECT_TRUE(small.ok);
+  EXPECT_EQ(small.cells_missing, 36U);
+  EXPECT_NEAR(small.hole_mm2, 81.0, 1e-9);
+  const Flatness large = square(12.0);
+  EXPECT_FALSE(large.ok);
+  EXPECT_NEAR(large.hole_mm2, 144.0, 1e-9);
+  EXPECT_TRUE(std::isnan(large.min_zone_mm));
+  // A cable across the seat, one cell wide and slanting: its cells touch at corners at least.
+  EXPECT_FALSE(without([](double x, double y) { return std::abs(x - y) < 2.0; }).measure().ok);
+}
+
+TEST(Flatness, IsNotMeasuredWhenManySmallHolesAddUp) {
+  const auto dotted = [](double period) {
+    return without([period](double x, double y) {
+             return std::fmod(x + 51.0, period) < 3.0 && std::fmod(y + 75.0, period) < 3.0;
+           })
+        .measure();
+  };
+  EXPECT_TRUE(dotted(15.0).ok) << "4 %";
+  const Flatness f = dotted(12.0);
+  EXPECT_FALSE(f.ok) << "6 %";
+  EXPECT_NEAR(f.hole_mm2, 9.0, 1e-9);
+}
+
+TEST(Flatness, TakesSparseCellsForSeenAndForWhatTheySay) {
+  // In a square of 20 mm only every third point is there: 12 of 36 a cell but for the pattern's chance.
+  const auto thinned = [](double x, double y) {
+    return std::abs(x) < 10.0 && std::abs(y) < 10.0 && static_cast<int>(std::floor(4.0 * (x + y))) % 4 != 0;
+  };
+  Seat seat = without(thinned);
+  const Flatness flat = seat.measure();
+  EXPECT_TRUE(flat.ok);
+  EXPECT_EQ(flat.cells_missing, 0U);
+  EXPECT_LT(flat.cells, 6700U) << "sparse cells are not full";
+  for (std::size_t i = 0; i < seat.xyz.size(); i += 3)
+    if (std::abs(seat.xyz[i]) < 10.0F && std::abs(seat.xyz[i + 1]) < 10.0F) seat.xyz[i + 2] = 5.0F;
+  const Flatness raised = seat.measure();
+  EXPECT_TRUE(raised.ok);
+  EXPECT_GT(raised.lsq_mm, 4.5) << "something stands there: that little of it was seen makes the seat no flatter";
+  EXPECT_GT(raised.defect.area_mm2, 100.0);
+}
+
+TEST(Flatness, OfABowThatIsSparseOnOneSideIsThatOfTheWholeBow) {
+  // Half of the seat, or a spot of it, is dark: every fifth of 36 points a cell is left. What it sinks by is little.
+  const auto bow = [](double x, double) { return -0.4 * (x / 51.0) * (x / 51.0); };
+  const auto dent = [](double x, double y) { return -0.12 * std::exp(-(x * x + y * y) / 128.0); };
+  const auto left = [](double x, double) { return x < 0.0; };
+  const auto spot = [](double x, double y) { return std::hypot(x, y) < 12.0; };
+  struct Case {
+    std::function<double(double, double)> height;
+    std::function<bool(double, double)> dark;
+    double size_mm;
+  };
+  for (const Case& c : {Case{bow, left, 0.4}, Case{dent, spot, 0.12}}) {
+    Prng prng(13);
+    Seat seat([&](double x, double y) { return c.height(x, y) + 0.005 * prng.normal(); });
+    std::vector<float> seen;
+    for (std::size_t i = 0; i < seat.xyz.size(); i += 3) {
+      const bool dark = c.dark(static_cast<double>(seat.xyz[i]), static_cast<double>(seat.xyz[i + 1]));
+      if (!dark || i / 3 % 5 == 0) seen.insert(seen.end(), &seat.xyz[i], &seat.xyz[i] + 3);
+    }
+    seat.xyz = seen;
+    const Flatness flat = seat.measure();
+    ASSERT_TRUE(flat.ok);
+    EXPECT_GT(flat.lsq_mm, 0.98 * c.size_mm);
+    EXPECT_LT(flat.lsq_mm, c.size_mm + 0.02);
+  }
+}
+
+TEST(Flatness, DamageThatReturnsFewPointsCounts) {
+  // Bumps of six by six cells, 2 mm high, each smaller than a hole that is refused, of which one point in six is seen.
+  Prng prng(11);
+  const auto bump = [](double x, double y) {
+    const auto near = [](double v) { return std::abs(std::remainder(v, 40.0)) < 4.5; };
+    return near(x) && near(y) && std::abs(x) < 50.0 && std::abs(y) < 50.0;
+  };
+  Seat seat([&](double x, double y) { return bump(x, y) ? 2.0 : 0.0; });
+  std::vector<float> seen;
+  for (std::size_t i = 0; i < seat.xyz.size(); i += 3)
+    if (seat.xyz[i + 2] < 1.0F || prng.uniform() < 1.0 / 6.0)
+      seen.insert(seen.end(), {seat.xyz[i], seat.xyz[i + 1], seat.xyz[i + 2]});
+  seat.xyz = seen;
+  const Flatness flat = seat.measure();
+  EXPECT_TRUE(flat.ok);
+  EXPECT_GT(flat.lsq_mm, 1.8);
+  EXPECT_GT(flat.defect.area_mm2, 20.0);
+}
+
+TEST(Flatness, WhatHangsTogetherIsNoStrayHoweverNarrow) {
+  struct Case {
+    const char* what;
+    std::function<double(double, double)> height;
+    double size_mm;
+  };
+  const std::array<Case, 4> cases = {{
+      {"a ridge astride the cells' border", [](double x, double) { return std::abs(x - 10.5) < 0.6 ? 2.5 : 0.0; }, 2.5},
+      {"a groove", [](double, double y) { return std::abs(y + 12.0) < 0.5 ? -2.5 : 0.0; }, 2.5},
+      {"a slanting crack", [](double x, double y) { return std::abs(x - 0.4 * y) < 0.3 ? -2.5 : 0.0; }, 2.5},
+      {"a comb of fins", [](double x, double) { return std::abs(std::remainder(x - 0.6, 3.0)) < 0.235 ? 2.0 : 0.0; },
+       2.0},
+  }};
+  for (const Case& c : cases) {
+    Seat seat(c.height);
+    const Flatness flat = seat.measure();
+    ASSERT_TRUE(flat.ok) << c.what;
+    EXPECT_NEAR(flat.lsq_mm, c.size_mm, 0.1) << c.what;
+  }
+}
+
+TEST(Flatness, ACrackThatHasRaisedItsLipsIsAsDeepAsItIs) {
+  // Half a millimetre wide; its lips alone are within what a seat may have.
+  for (const double depth_mm : {4.0, 0.8}) {
+    for (const double at_mm : {10.1, 10.5, 11.0, 11.3}) {
+      Prng prng(17);
+      Seat seat([&](double x, double y) {
+        const double d = std::abs(x - at_mm);
+        if (std::abs(y) > 20.0 || d > 0.6) return 0.01 * prng.normal();
+        return (d < 0.25 ? -depth_mm : 0.4) + 0.01 * prng.normal();
+      });
+      const Flatness flat = seat.measure();
+      ASSERT_TRUE(flat.ok) << at_mm;
+      EXPECT_GT(flat.lsq_mm, depth_mm + 0.1) << at_mm;
+      EXPECT_LT(flat.lsq_mm, depth_mm + 0.45) << at_mm;
+    }
+  }
+}
+
+TEST(Flatness, DamageInEveryCellOfACoarseScanIsNoFlatSeat) {
+  // Twelve points a cell in rows of three lines, one of them a ridge: of what is beside it eight are left.
+  Seat seat([](double, double) { return 0.0; });
+  seat.xyz.clear();
+  for (float y = -74.8125F; y < 75.0F; y += 0.375F)
+    for (float x = -50.75F; x < 51.0F; x += 0.5F)
+      seat.xyz.insert(seat.xyz.end(), {x, y, std::abs(std::remainder(x + 50.25F, 1.5F)) < 0.1F ? 2.0F : 0.0F});
+  const Flatness flat = seat.measure();
+  ASSERT_TRUE(flat.ok);
+  EXPECT_NEAR(flat.lsq_mm, 2.0, 0.1);
+}
+
+TEST(Flatness, NoiseOfCellsWithFewPointsIsTold) {
+  // One half returns five points to a cell, one in a hundred of them half a millimetre off.
+  Prng prng(18);
+  Seat seat([&](double, double) { return prng.uniform() < 0.01 ? 0.5 : 0.05 * prng.normal(); }, 0.22);
+  std::vector<float> seen;
+  for (std::size_t i = 0; i < seat.xyz.size(); i += 3)
+    if (seat.xyz[i] < 0.0F || prng.uniform() < 0.16) seen.insert(seen.end(), &seat.xyz[i], &seat.xyz[i] + 3);
+  seat.xyz = seen;
+  const Flatness flat = seat.measure(0.05);
+  ASSERT_TRUE(flat.ok);
+  EXPECT_NEAR(flat.lsq_mm, flat.noise_mm, 0.25 * flat.noise_mm);
+}
+
+TEST(Flatness, DamageInEveryCellIsNoFlatSeat) {
+  Prng prng(16);
+  for (const double up_mm : {2.0, -2.0}) {
+    Seat seat([&](double x, double) {
+      return (std::abs(std::remainder(x - 0.125, 1.25)) < 0.1 ? up_mm : 0.0) + 0.01 * prng.normal();
+    });
+    const Flatness flat = seat.measure();
+    ASSERT_TRUE(flat.ok);
+    EXPECT_NEAR(flat.lsq_mm, 2.0, 0.1);
+  }
+}
+
+TEST(Flatness, DamageIsNoNoise) {
+  // Ridges in every third or fourth row of cells, finer than a cell or wider: what is between them is as quiet as ever.
+  Prng prng(15);
+  const double quiet_mm = Seat([&](double, double) { return 0.03 * prng.normal(); }).measure().noise_mm;
+  for (const double wide_mm : {0.5, 3.2}) {
+    const double every_mm = wide_mm < 1.0 ? 4.7 : 11.3;
+    Seat seat([&](double x, double) {
+      return (std::abs(std::remainder(x, every_mm)) < 0.5 * wide_mm ? 2.0 : 0.0) + 0.03 * prng.normal();
+    });
+    const Flatness flat = seat.measure();
+    ASSERT_TRUE(flat.ok);
+    EXPECT_NEAR(flat.lsq_mm, 2.0, 0.1) << wide_mm;
+    EXPECT_LT(flat.noise_mm, 1.5 * quiet_mm) << wide_mm;
+    EXPECT_LT(flat.noise_factor, 3.0) << wide_mm;
+  }
+}
+
+TEST(Flatness, TheSeatBesideDamageIsNotTheDamage) {
+  // Of a row of cells two thirds are damage: what hangs together on the other side of it is the seat.
+  for (const double height : {10.0, 3.0, -3.0}) {
+    Seat seat([&](double x, double y) { return y > 0.0 && y < 1.0 && std::abs(x) < 40.0 ? height : 0.0; });
+    const Flatness flat = seat.measure();
+    ASSERT_TRUE(flat.ok) << height;
+    EXPECT_NEAR(flat.lsq_mm, std::abs(height), 0.03 * std::abs(height)) << height;
+  }
+}
+
+TEST(Flatness, StraysThatStandAloneStillGo) {
+  // One point in a thousand 1 mm up or down: some touch, hardly ever for half a cell's worth.
+  Prng prng(12);
+  Seat seat([&](double, double) {
+    const double u = prng.uniform();
+    return u < 0.0005 ? 1.0 : u < 0.001 ? -1.0 : 0.0;
+  });
+  const Flatness flat = seat.measure();
+  ASSERT_TRUE(flat.ok);
+  EXPECT_LT(flat.lsq_mm, 0.06);
+  EXPECT_GT(flat.raw_high_mm, 0.9);
+}
+
+TEST(Flatness, ExpectsNothingAtCasings) {
+  const auto casing = [](double x, double y) { return std::hypot(x, std::abs(y) - 60.0) < 24.0; };
+  Seat seat = without(casing);
+  EXPECT_FALSE(seat.measure().ok);
+  seat.region.casing_s_mm = 60.0;
+  seat.region.casing_clear_mm = 24.0;
+  EXPECT_TRUE(seat.measure().ok);
+}
+
+TEST(Flatness, OfACoarseScanIsMeasured) {
+  // 14 points a cell on average, nine in some.
+  Prng prng(8);
+  Seat seat = without([&](double, double) { return prng.uniform() < 0.02; }, 0.4);
+  const Flatness f = seat.measure();
+  EXPECT_TRUE(f.ok);
+  EXPECT_LT(f.cells, 6750U);
+  EXPECT_EQ(f.cells_missing, 0U);
+}
+
+TEST(Flatness, RefusesARegionWithTooManyCells) {
+  Seat seat([](double, double) { return 0.0; });
+  seat.region.cell_mm = 0.5;
+  EXPECT_FALSE(seat.measure().ok);
+}
+
+}  // namespace
+}  // namespace slabd::algo

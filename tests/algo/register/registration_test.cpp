@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include "algo/algo.h"
+#include "tests/algo/scene.h"
+
+namespace slabd::algo {
+namespace {
+
+/// Denoises and registers `cloud` from a start that is `off` the nominal view.
+struct Registered {
+  Registered(scene::Cloud cloud, const Pose& off, const Recipe& recipe = scene::p5600(), int threads = 1)
+      : inspector(threads) {
+    inspector.use(recipe);
+    inspector.begin(1, Pose::identity(), off * nominal_T_block_scanner());
+    Cloud view = cloud.view();
+    const Status cleaned = inspector.denoise(view);
+    if (!cleaned) {
+      code = cleaned.error().code;
+      return;
+    }
+    const Status status = inspector.register_to_model(view);
+    if (!status) code = status.error().code;
+    const Pose error = cloud.T_block_scanner * report().T_scanner_block;
+    error_mm = error.translation_mm.norm();
+    error_deg = deg_from_rad(angle_between_rad(error.rotation, Quat::Identity()));
+  }
+  [[nodiscard]] const RegistrationReport& report() const { return inspector.result().registration; }
+
+  BlockInspector inspector;
+  Code code = Code::ok;
+  double error_mm = 0.0;
+  double error_deg = 0.0;
+};
+
+scene::Cloud plain_scan(const scene::Block& block = {}) {
+  return scene::take(block, {});
+}
+
+TEST(Registration, FindsThePoseToAMicrometre) {
+  scene::Scan scan;
+  scan.displacement = scene::displaced(1.5, -2.0, 0.7, 0.2, -0.3, 0.25);
+  const Registered r(scene::take({}, scan), Pose::identity());
+  ASSERT_EQ(r.report().status, RegistrationStatus::converged) << r.report().note.c_str();
+  EXPECT_LT(r.error_mm, 0.002);
+  EXPECT_LT(r.error_deg, 0.0005);
+  EXPECT_GT(r.report().share_associated, 0.99);
+  EXPECT_LT(r.report().condition, 200.0);
+}
+
+TEST(Registration, ReportsDeviationsOfAllPointsNearTheModel) {
+  // Of a pose that holds they come with what is measured there.
+  scene::Cloud cloud = plain_scan();
+  Registered r(cloud, Pose::identity());
+  algo::Cloud view = cloud.view();
+  ASSERT_TRUE(r.inspector.denoise(view));
+  ASSERT_TRUE(r.inspector.extract(view));
+  const DeviationStats& d = r.report().deviation;
+  EXPECT_GT(static_cast<double>(d.count), 0.999 * static_cast<double>(r.inspector.result().scan.points_kept));
+  EXPECT_NEAR(d.mean_mm, 0.0, 0.001);
+  EXPECT_NEAR(d.std_mm, 0.029, 0.002) << "0.03 mm along the ray, less on steep faces";
+  EXPECT_NEAR(d.within_sigma[0], 0.683, 0.02);
+  EXPECT_NEAR(d.within_sigma[1], 0.954, 0.01);
+  EXPECT_NEAR(d.within_sigma[5], 1.0, 0.002);
+  for (std::size_t k = 1; k < 6; ++k) EXPECT_GE(d.within_sigma[k], d.within_sigma[k - 1]);
+}
+
+TEST(Registration, ConvergesFromTwentyMillimetresAndThreeDegreesInEveryDirection) {
+  const scene::Cloud cloud = plain_scan();
+  Prng prng(7);
+  for (int i = 0; i < 12; ++i) {
+    Vec3 shift(prng.normal(), prng.normal(), prng.normal());
+    Vec3 turn(prng.normal(), prng.normal(), prng.normal());
+    shift *= 20.0 / shift.norm();
+    turn *= 3.0 / turn.norm();
+    const Registered r(cloud, scene::displaced(shift.x(), shift.y(), shift.z(), turn.x(), turn.y(), turn.z()));
+    ASSERT_EQ(r.report().status, RegistrationStatus::converged)
+        << shift.transpose() << " mm, " << turn.transpose() << " deg: " << r.report().note.c_str();
+    EXPECT_LT(r.error_mm, 0.01);
+  }
+}
+
+TEST(Registration, IsRightOrSaysNoFromAnyDistance) {
+  const scene::Cloud cloud = plain_scan();
+  Prng prng(8);
+  int converged = 0;
+  for (int i = 0; i < 12; ++i) {
+    Vec3 shift(prng.normal(), prng.normal(), prng.normal());
+    Vec3 turn(prng.normal(), prng.normal(), prng.normal());
+    shift *= (30.0 + 6.0 * i) / shift.norm();
+    turn *= 5.0 / turn.norm();
+    const Registered r(cloud, scene::displaced(shift.x(), shift.y(), shift.z(), turn.x(), turn.y(), turn.z()));
+    if (r.report().status != RegistrationStatus::converged) {
+      EXPECT_EQ(r.code, Code::block_not_found);
+      EXPECT_FALSE(r.report().note.empty());
+      continue;
+    }
+    ++converged;
+    EXPECT_LT(r.error_mm, 0.01) << shift.transpose();
+    EXPECT_LE(shift.norm(), 60.5) << "beyond the window";
+  }
+  EXPECT_GE(converged, 1);
+}
+
+TEST(Registration, KeepsItsPoseOnABlockWithLongEndsAndWideJaws) {
+  scene::Block block;
+  block.end_half_mm = 106.0;
+  block.jaw_distance_mm = 381.0;
+  const Registered r(plain_scan(block), Pose::identity());
+  ASSERT_EQ(r.report().status, RegistrationStatus::converged) << r.report().note.c_str();
+  // Both ends stand a millimetre out, and how many sampled points either has decides the middle: 0.07 to 0.19 mm.
+  EXPECT_LT(r.error_mm, 0.25);
+}
+
+void expect_not_found(const scene::Cloud& cloud, const Pose& off = Pose::identity()) {
+  const Registered r(cloud, off);
+  EXPECT_EQ(r.code, Code::block_not_found) << name(r.report().status);
+  EXPECT_NE(r.report().status, RegistrationStatus::converged);
+  EXPECT_FALSE(r.report().note.empty());
+}
+
+TEST(Registration, DoesNotFindABlockOnABareSlab) {
+  scene::Block bare;
+  bare.present = false;
+  expect_not_found(plain_scan(bare));
+  const Registered r(plain_scan(bare), Pose::identity());
+  EXPECT_EQ(r.report().status, RegistrationStatus::degenerate);
+  EXPECT_NE(r.report().note.view().find("(x)"), std::string_view::npos) << r.report().note.c_str();
+}
+
+TEST(Registration, DoesNotFindABlockOnABareSlabAtTheHeightOfTheSeat) {
+  scene::Block bare;
+  bare.present = false;
+  expect_not_found(plain_scan(bare), scene::displaced(0.0, 0.0, -30.0, 0.0, 0.0, 0.0));
+  expect_not_found(plain_scan(bare), scene::displaced(0.0, 0.0, -30.0, -1.4, 0.0, 0.0));
+}
+
+TEST(Registration, DoesNotTakeANeighbourHalfInViewForTheBlock) {
+  scene::Scan scan;
+  scan.displacement = scene::displaced(140.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+  expect_not_found(scene::take({}, scan));
+}
+
+TEST(Registration, DoesNotTakeABlockTheWrongWayRoundForTheBlock) {
+  scene::Scan scan;
+  scan.displacement = scene::displaced(0.0, 0.0, 0.0, 0.0, 0.0, 180.0);
+  expect_not_found(scene::take({}, scan));
+}
+
+TEST(Registration, DoesNotFindABlockInABoxOfNoise) {
+  scene::Cloud cloud;
+  cloud.T_block_scanner = nominal_T_block_scanner();
+  Prng prng(5);
+  // Scales of 3 mm, so that denoising lets them pass.
+  for (int i = 0; i < 6000; ++i) {
+    const double x = 350.0 * (prng.uniform() - 0.5);
+    const double y = 500.0 * (prng.uniform() - 0.5);
+    const double z = 560.0 + 80.0 * prng.uniform();
+    for (int k = 0; k < 64; ++k)
+      cloud.xyz.insert(cloud.xyz.end(), {static_cast<float>(x + 0.4 * (k % 8)), static_cast<float>(y + 0.4 * (k / 8)),
+                                         static_cast<float>(z)});
+  }
+  expect_not_found(cloud);
+}
+
+/// Takes the surroundings of both casings out of the scan.
+void without_casings(scene::Cloud& cloud) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
+    const float* f = cloud.xyz.data() + 3 * i;
+    const Vec3 p =
+        cloud.T_block_scanner * Vec3(static_cast<double>(f[0]), static_cast<double>(f[1]), static_cast<double>(f[2]));
+    if (std::hypot(p.x(), std::abs(p.y()) - 116.5) < 35.0) continue;
+    std::copy_n(f, 3, cloud.xyz.data() + 3 * kept++);
+  }
+  cloud.xyz.resize(3 * kept);
+  cloud.width = cloud.height = 0;
+}
+
+TEST(Registration, TakesThePlaceAlongTheRailFromTheCasingsWhenNoEndIsInView) {
+  scene::Scan scan;
+  scan.field_x_mm = 170.0;
+  scan.displacement = scene::displaced(18.0, -7.0, 2.0, 0.5, -1.0, 1.5);
+  const Registered r(scene::take({}, scan), Pose::identity());
+  ASSERT_EQ(r.report().status, RegistrationStatus::converged) << r.report().note.c_str();
+  EXPECT_LT(r.error_mm, 0.1);
+  EXPECT_LT(r.error_deg, 0.02);
+  const Registered with_ends(plain_scan(), Pose::identity());
+  ASSERT_EQ(with_ends.report().status, RegistrationStatus::converged);
+  EXPECT_GT(r.report().covariance(0, 0), 10.0 * with_ends.report().covariance(0, 0))
+      << "casings say it less sharply than ends";
+}
+
+TEST(Registration, HasTheSameBitsOnTwoThreadsWhereCasingsOrASearchAreNeeded) {
+  scene::Scan narrow;
+  narrow.field_x_mm = 170.0;
+  const Pose along = scene::displaced(20.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+  const Pose far = scene::displaced(25.0, -30.0, 20.0, 3.0, -2.0, 4.0);
+  for (const scene::Scan& scan : {scene::Scan{}, narrow}) {
+    for (const Pose& off : {along, far}) {
+      const Registered one(scene::take({}, scan), off, scene::p5600(), 1);
+      const Registered two(scene::take({}, scan), off, scene::p5600(), 2);
+      ASSERT_EQ(one.report().status, RegistrationStatus::converged) << one.report().note.c_str();
+      ASSERT_EQ(two.report().status, RegistrationStatus::converged) << two.report().note.c_str();
+      EXPECT_LT(one.error_mm, 0.1);
+      EXPECT_EQ(one.report().iterations, two.report().iterations);
+      EXPECT_EQ(one.report().T_scanner_block.translation_mm, two.report().T_scanner_block.translation_mm);
+      EXPECT_EQ(one.report().T_scanner_block.rotation.coeffs(), two.report().T_scanner_block.rotation.coeffs());
+      EXPECT_EQ(one.report().covariance, two.report().covariance);
+    }
+  }
+}
+
+TEST(Registration, NamesTheDirectionThatNothingFixes) {
+  // Neither end face in view, and no casing: nothing says where the block is along the rail.
+  scene::Scan scan;
+  scan.field_x_mm = 170.0;
+  scene::Cloud cloud = scene::take({}, scan);
+  without_casings(cloud);
+  const Registered r(std::move(cloud), Pose::identity());
+  EXPECT_EQ(r.report().status, RegistrationStatus::degenerate);
+  EXPECT_EQ(r.report().note.view(), "nothing in the scan fixes: shift along the rail (x)");
+  EXPECT_EQ(r.code, Code::block_not_found);
+}
+
+TEST(Registration, RejectsAPoseBeyondItsWindow) {
+  Recipe recipe = scene::p5600();
+  recipe.evaluation.window_mm = 5.0;
+  const Registered r(plain_scan(), scene::displaced(8.0, 0.0, 0.0, 0.0, 0.0, 0.0), recipe);
+  EXPECT_EQ(r.report().status, RegistrationStatus::rejected);
+  EXPECT_NE(r.report().note.view().find("moved 8.0 mm"), std::string_view::npos) << r.report().note.c_str();
+}
+
+TEST(Registration, RefusesAStartThatIsNoPose) {
+  scene::Cloud cloud = plain_scan();
+  BlockInspector inspector;
+  inspector.use(scene::p5600());
+  Pose broken = nominal_T_block_scanner();
+  broken.translation_mm.x() = kNoValue;
+  inspector.begin(1, Pose::identity(), broken);
+  Cloud view = cloud.view();
+  ASSERT_TRUE(inspector.denoise(view).ok());
+  const Status status = inspector.register_to_model(view);
+  ASSERT_FALSE(status.ok());
+  EXPECT_EQ(status.error().code, Code::no_pose);
+}
+
+}  // namespace
+}  // namespace slabd::algo

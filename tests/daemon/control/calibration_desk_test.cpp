@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A change of calibrations on its way from a file to the database.
+#include "daemon/control/calibration_desk.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <limits>
+
+#include "config/config.h"
+#include "daemon/control/calibration_change.h"
+
+namespace slabd::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace storage;
+
+CalibrationRecord record() {
+  CalibrationRecord r;
+  StationTable table;
+  table.slab_type = 5600;
+  for (const std::size_t i : {0U, 17U}) {
+    StationCorrection& c = table.station[i];
+    c.visits = 5;
+    c.T_base_reported.translation_mm = Vec3(0.1, -0.0, 1.0 / 3.0);
+    c.T_base_reported.rotation = Quat(0.9999, 0.01, -0.003, 1e-17).normalized();
+    c.T_base_flange.translation_mm = Vec3(1e3 / 7.0, 2.0, 3.0);
+    c.sigma_mm = 0.0193;
+    c.sigma_rad = 1.1e-5;
+  }
+  r.numbers = table;
+  r.parent_id = "he-000000000001";
+  r.figures = "{\"a\": \"\\u00e4\"}";
+  r.observations = "visit = 1\n\"quoted\"\ttab";
+  r.operator_name = "\xc3\x84nne";
+  r.expires_utime_us = std::numeric_limits<std::int64_t>::max();
+  return r;
+}
+
+TEST(CalibrationChangeJson, every_bit_comes_back) {
+  const CalibrationRecord given = record();
+  const auto back = parse_change(change_json(KeepCalibration{given}));
+  ASSERT_TRUE(back.ok()) << back.error().text.view();
+  const CalibrationRecord& r = std::get<KeepCalibration>(back.value()).record;
+  EXPECT_EQ(calibration_id(r), calibration_id(given));
+  EXPECT_EQ(std::get<StationTable>(r.numbers).station[17].T_base_reported.to_array(),
+            std::get<StationTable>(given.numbers).station[17].T_base_reported.to_array());
+  EXPECT_TRUE(std::isnan(std::get<StationTable>(r.numbers).station[0].spread_mm));
+  EXPECT_TRUE(std::isnan(r.temperature_c));
+  EXPECT_EQ(r.observations, given.observations);
+  EXPECT_EQ(r.operator_name, given.operator_name);
+  EXPECT_EQ(r.expires_utime_us, given.expires_utime_us);
+
+  const auto apply = parse_change(change_json(ApplyCalibration{"st-1", {"anna", "why \"not\"", 77}}));
+  ASSERT_TRUE(apply.ok());
+  EXPECT_EQ(std::get<ApplyCalibration>(apply.value()).note.why, "why \"not\"");
+  const auto rollback = parse_change(change_json(RollBackCalibration{CalibrationKind::stations, 5600, {"a", "b", 1}}));
+  ASSERT_TRUE(rollback.ok());
+  EXPECT_EQ(std::get<RollBackCalibration>(rollback.value()).slab_type, 5600);
+  CalibrationCheck check;
+  check.reference_id = "rb-1";
+  check.note = "slope off";
+  check.slope_rad = 0.1 / 3.0;
+  const auto kept = parse_change(change_json(KeepCheck{check}));
+  ASSERT_TRUE(kept.ok());
+  EXPECT_EQ(std::get<KeepCheck>(kept.value()).check.slope_rad, check.slope_rad);
+  EXPECT_TRUE(std::isnan(std::get<KeepCheck>(kept.value()).check.off_mm.x()));
+}
+
+TEST(CalibrationChangeJson, anything_else_is_an_error_and_no_change) {
+  const std::string good = change_json(KeepCalibration{record()});
+  for (const std::string text : {"", "[]", "{}", "{\"schema\":\"slabd.calibration_change/1\"}", "null", "\xff"})
+    EXPECT_FALSE(parse_change(text).ok()) << text;
+  Prng prng(3);
+  for (int i = 0; i < 500; ++i) {
+    std::string text = good;
+    for (std::uint64_t hits = 1 + prng.below(3); hits > 0; --hits)
+      text[prng.below(text.size())] = static_cast<char>(prng.below(256));
+    static_cast<void>(parse_change(text));
+  }
+}
+
+class CalibrationDeskTest : public ::testing::Test {
+ protected:
+  CalibrationDeskTest() {
+    fs::remove_all(dir_);
+    fs::create_directories(dir_);
+    auto store = open_store({(dir_ / "slabd.db").native(), (dir_ / "spool").native(), 0});
+    EXPECT_TRUE(store.ok());
+    store_ = std::move(store.value());
+    desk_ = std::make_unique<CalibrationDesk>(change_folder((dir_ / "slabd.db").native()));
+  }
+  ~CalibrationDeskTest() override { fs::remove_all(dir_); }
+
+  void leave(const std::string& name, const std::string& text) { std::ofstream(dir_ / "changes" / name) << text; }
+  /// Lays a file and has it carried out, as the loop and the storage thread do.
+  const LineCalibration* carry_out(const std::string& name) {
+    const Status laid = desk_->lay(name, 1000);
+    EXPECT_TRUE(laid.ok()) << laid.error().text.view();
+    EXPECT_TRUE(desk_->is_waiting());
+    desk_->started();
+    EXPECT_FALSE(desk_->is_done());
+    desk_->carry_out(store_.get());
+    return desk_->finish();
+  }
+  CalibrationRecord hand_eye() {
+    CalibrationRecord r;
+    r.numbers = HandEyeNumbers{{Quat::Identity(), Vec3(0.0, 80.0, 150.0)}, 0.02, 1e-5};
+    return r;
+  }
+
+  fs::path dir_ = fs::temp_directory_path() / ("slabd-desk-" + std::to_string(::getpid()));
+  std::unique_ptr<Store> store_;
+  std::unique_ptr<CalibrationDesk> desk_;
+};
+
+TEST_F(CalibrationDeskTest, a_change_is_carried_out_and_its_file_is_gone) {
+  leave("1.json", change_json(KeepCalibration{hand_eye()}));
+  const LineCalibration* kept = carry_out("1.json");
+  ASSERT_TRUE(desk_->succeeded()) << desk_->error().text.view();
+  ASSERT_NE(kept, nullptr);
+  EXPECT_EQ(kept->source, LineCalibration::Source::missing) << "kept is not applied";
+  const std::string id(desk_->id().view());
+  EXPECT_FALSE(fs::exists(dir_ / "changes" / "1.json"));
+  leave("2.json", change_json(ApplyCalibration{id, {"anna", "test", 5}}));
+  const LineCalibration* applied = carry_out("2.json");
+  ASSERT_NE(applied, nullptr);
+  EXPECT_EQ(applied->id.view(), id);
+  const auto reader = open_reader((dir_ / "slabd.db").native());
+  EXPECT_EQ(reader.value()->applied(1).value().at(0).note.who, "anna (uid 1000)") << "who asked stands in the history";
+}
+
+/// Writes, and answers with an error all the same, as a disk does that fails in the middle of a commit.
+class DoubtfulStore : public Store {
+ public:
+  explicit DoubtfulStore(Store& store) : store_(store) {}
+  Result<std::unique_ptr<RecoveredLine>> recover() override { return store_.recover(); }
+  Status apply(const StoreJob& job) override { return store_.apply(job); }
+  Result<std::string> change(const CalibrationChange& change) override {
+    EXPECT_TRUE(store_.change(change).ok());
+    return error(Code::journal_write, "disk I/O error");
+  }
+  Result<std::unique_ptr<LineCalibration>> calibration() override { return store_.calibration(); }
+  Status order(const CareOrder& order) override { return store_.order(order); }
+  CareState care() const override { return store_.care(); }
+
+ private:
+  Store& store_;
+};
+
+TEST_F(CalibrationDeskTest, after_a_change_that_failed_the_line_works_with_what_the_database_says) {
+  leave("1.json", change_json(KeepCalibration{hand_eye()}));
+  (void)carry_out("1.json");
+  const std::string id(desk_->id().view());
+  DoubtfulStore doubtful(*store_);
+  leave("2.json", change_json(ApplyCalibration{id, {"anna", "test", 5}}));
+  ASSERT_TRUE(desk_->lay("2.json", 1000).ok());
+  desk_->started();
+  desk_->carry_out(&doubtful);
+  const LineCalibration* now = desk_->finish();
+  EXPECT_FALSE(desk_->succeeded());
+  EXPECT_NE(desk_->error().text.view().find("made all the same"), std::string_view::npos);
+  ASSERT_NE(now, nullptr);
+  EXPECT_EQ(now->id.view(), id);
+}
+
+TEST_F(CalibrationDeskTest, what_is_refused_changes_nothing_and_says_why) {
+  leave("a.json", change_json(ApplyCalibration{"he-none", {"anna", "test", 5}}));
+  EXPECT_EQ(carry_out("a.json"), nullptr);
+  EXPECT_TRUE(desk_->is_done());
+  EXPECT_FALSE(desk_->succeeded());
+  EXPECT_NE(desk_->error().text.view().find("there is no calibration"), std::string_view::npos);
+  EXPECT_EQ(carry_out("not-there.json"), nullptr);
+  EXPECT_FALSE(desk_->succeeded());
+  leave("b.json", "garbage");
+  EXPECT_EQ(carry_out("b.json"), nullptr);
+  EXPECT_EQ(desk_->error().code, Code::config);
+}
+
+TEST_F(CalibrationDeskTest, only_plain_names_of_files_in_its_folder_are_taken) {
+  for (const char* name : {"", "../slabd.db", "/etc/passwd", ".hidden", "a/b", "a b", "x\n"})
+    EXPECT_FALSE(desk_->lay(name, 1000).ok()) << name;
+  EXPECT_FALSE(desk_->lay("good.json", 0xFFFF'FFFF).ok()) << "nobody asks";
+  fs::create_symlink(dir_ / "slabd.db", dir_ / "changes" / "link.json");
+  EXPECT_EQ(carry_out("link.json"), nullptr);
+  EXPECT_FALSE(desk_->succeeded());
+}
+
+TEST_F(CalibrationDeskTest, one_change_at_a_time) {
+  leave("1.json", change_json(KeepCalibration{hand_eye()}));
+  ASSERT_TRUE(desk_->lay("1.json", 1).ok());
+  const Status second = desk_->lay("2.json", 1);
+  ASSERT_FALSE(second.ok());
+  EXPECT_NE(second.error().text.view().find("under way"), std::string_view::npos);
+}
+
+TEST_F(CalibrationDeskTest, without_a_database_the_change_is_refused) {
+  leave("1.json", change_json(KeepCalibration{hand_eye()}));
+  ASSERT_TRUE(desk_->lay("1.json", 1).ok());
+  desk_->started();
+  desk_->carry_out(nullptr);
+  EXPECT_EQ(desk_->finish(), nullptr);
+  EXPECT_FALSE(desk_->succeeded());
+}
+
+}  // namespace
+}  // namespace slabd::daemon

@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <set>
+#include <sstream>
+
+#include "base/prng.h"
+#include "daemon/loop.h"
+#include "tests/mock/mock.h"
+
+namespace slabd::daemon {
+namespace {
+
+using nlohmann::json;
+
+class StatusTest : public ::testing::Test {
+ protected:
+  json ask(const std::string& line) {
+    const std::string text = answer_control(line, station_, ports_, figures_, desk_,
+                                            [this](const Event& event) { step(station_, event, actions_); });
+    EXPECT_EQ(text.find('\n'), std::string::npos) << "an answer is one line";
+    const json answer = json::parse(text, nullptr, false);
+    EXPECT_TRUE(answer.is_object()) << text;
+    return answer;
+  }
+
+  hal::ManualClock clock_;
+  hal::MockNotify notify_;
+  hal::MockPlc plc_;
+  hal::MockPose pose_;
+  hal::MockScanner scanner_{clock_};
+  const Ports ports_{plc_, pose_, scanner_, nullptr, nullptr, clock_, notify_};
+  Station station_{StationSettings{}};
+  LoopFigures figures_;
+  CalibrationDesk desk_{""};
+  Actions actions_;
+};
+
+TEST_F(StatusTest, status_is_told) {
+  figures_.config_path = "/etc/slabd/slabd.toml";
+  const json answer = ask(R"({"verb":"status"})");
+  EXPECT_EQ(answer["schema"], "slabd.status/1");
+  EXPECT_EQ(answer["state"], "recover");
+  EXPECT_EQ(answer["config"], "/etc/slabd/slabd.toml");
+  EXPECT_TRUE(answer["slab"].is_null());
+}
+
+TEST_F(StatusTest, bytes_that_are_no_text_do_not_stop_the_answer) {
+  figures_.config_path = "/etc/\xff\xfe/slabd\xc3.toml";
+  figures_.db_path = "/srv/\x80.db";
+  pose_.link_trouble = "interface \"\xe4\": no such device";
+  station_.slab.phase = SlabPhase::open;
+  station_.slab.header.slab_id = "SLAB-\xff";
+  const json answer = ask(R"({"verb":"status"})");
+  EXPECT_EQ(answer["config"], "/etc/\xef\xbf\xbd\xef\xbf\xbd/slabd\xef\xbf\xbd.toml");
+  EXPECT_EQ(answer["slab"]["id"], "SLAB-\xef\xbf\xbd");
+}
+
+TEST_F(StatusTest, what_is_odd_about_poses_that_are_believed_is_noted) {
+  const auto note = [this](bool measured, bool stopped, int after_ms = 4) {
+    station_.now_ns += ns_from_ms(after_ms);
+    PoseSample sample;
+    sample.arrival_ns = station_.now_ns;
+    sample.measured = measured;
+    sample.stopped = stopped;
+    station_.gate.add(sample);
+    return ask(R"({"verb":"status"})")["links"]["pose"]["note"].get<std::string>();
+  };
+  EXPECT_EQ(ask(R"({"verb":"status"})")["links"]["pose"]["note"], "");
+  EXPECT_EQ(note(true, false), "");
+  EXPECT_EQ(note(true, true), "");
+  EXPECT_NE(note(true, false).find("does not say \"stopped\""), std::string::npos);
+  EXPECT_EQ(note(true, false, 1'000), "") << "perhaps another program, which does not know the flag";
+  EXPECT_NE(note(false, false).find("not measured"), std::string::npos);
+  figures_.pose_type = hal::PoseType::rigid_transform;
+  EXPECT_EQ(note(false, false), "") << "this message cannot say it";
+}
+
+TEST_F(StatusTest, metrics_are_told_as_prometheus_reads_them) {
+  figures_.block_max_ms = 1500.0;
+  station_.settings.software = "slabd \"x\\1\"";
+  const json answer = ask(R"({"verb":"metrics","reset":true})");
+  EXPECT_EQ(answer["schema"], "slabd.metrics/1");
+  const std::string text = answer["text"];
+  EXPECT_NE(text.find("\nslabd_block_max_seconds 1.5\n"), std::string::npos) << text;
+  EXPECT_NE(text.find("slabd_info{software=\"slabd \\\"x\\\\1\\\"\"} 1\n"), std::string::npos) << text;
+  // Every figure is explained once, before its first line.
+  std::set<std::string> explained;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    const std::string name =
+        line.starts_with("# ") ? line.substr(7, line.find(' ', 7) - 7) : line.substr(0, line.find_first_of(" {"));
+    if (line.starts_with("# HELP ")) {
+      EXPECT_TRUE(explained.insert(name).second) << name;
+    } else {
+      EXPECT_TRUE(explained.contains(name)) << line;
+    }
+  }
+  EXPECT_GT(explained.size(), 20U);
+  EXPECT_EQ(figures_.block_max_ms, 0.0) << "since the reset";
+}
+
+TEST_F(StatusTest, whatever_is_asked_is_answered) {
+  EXPECT_EQ(ask("")["schema"], "slabd.error/1");
+  EXPECT_EQ(ask("[]")["schema"], "slabd.error/1");
+  EXPECT_EQ(ask("{\"verb\":7}")["schema"], "slabd.error/1");
+  EXPECT_EQ(ask("{\"verb\":\"stop\"}")["error"],
+            "unknown verb; known: status, calibration, plc_image, metrics, care, backup, prune, recipes, "
+            "calibration_change, capture");
+  EXPECT_EQ(ask("{\"verb\":\"\xff\"}")["schema"], "slabd.error/1");
+  EXPECT_EQ(ask(std::string(60'000, '['))["schema"], "slabd.error/1");
+  Prng prng(11);
+  const std::string good = R"({"verb":"status","number":1e999,"text":"\u00e4"})";
+  for (int i = 0; i < 2000; ++i) {
+    std::string line = good;
+    for (std::uint64_t hits = 1 + prng.below(3); hits > 0; --hits)
+      line[prng.below(line.size())] = static_cast<char>(prng.below(256));
+    static_cast<void>(ask(line));
+  }
+}
+
+}  // namespace
+}  // namespace slabd::daemon

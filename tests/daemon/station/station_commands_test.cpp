@@ -1,0 +1,325 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The command desk and the queue of results: what is refused, what is counted, what an acknowledgement means.
+#include <gtest/gtest.h>
+
+#include "daemon/station/station.h"
+#include "hal/plc/plc_map.h"
+
+#include "station_line.h"
+
+namespace slabd::daemon {
+namespace {
+
+TEST_F(StationTest, a_repeated_command_block_does_nothing) {
+  begin();
+  line.scan(1);
+  const std::size_t scans = line.scans.size();
+  for (int i = 0; i < 5; ++i) line.feed(line.plc);
+  line.run_for(1000);
+  EXPECT_EQ(line.scans.size(), scans);
+  EXPECT_EQ(line.view().refused, 0);
+}
+
+TEST_F(StationTest, refuses_a_number_that_is_not_the_successor) {
+  begin();
+  const std::uint16_t ack = line.view().cmd_ack;
+  line.plc.command = 2;
+  line.plc.station = 1;
+  line.plc.cmd_seq = static_cast<std::uint16_t>(ack + 2);
+  line.feed(line.plc);
+  EXPECT_EQ(line.view().cmd_ack, ack);
+  EXPECT_EQ(line.view().refuse_code, 111);
+  EXPECT_EQ(line.view().refuse_seq, ack + 2);
+}
+
+TEST_F(StationTest, refuses_a_stale_session_without_using_the_number_up) {
+  begin();
+  const std::uint16_t ack = line.view().cmd_ack;
+  line.plc.command = 2;
+  line.plc.station = 1;
+  line.plc.cmd_seq = static_cast<std::uint16_t>(ack + 1);
+  line.plc.session_echo = static_cast<std::uint16_t>(line.view().session - 1);
+  line.feed(line.plc);
+  EXPECT_EQ(line.view().cmd_ack, ack);
+  EXPECT_EQ(line.view().refuse_code, 102);
+  // The same number with the right session is carried out.
+  line.plc.session_echo = line.view().session;
+  line.feed(line.plc);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_ack, ack + 1);
+}
+
+TEST_F(StationTest, session_changes_on_sync_takeover_and_heartbeat_return) {
+  begin();
+  std::uint16_t session = line.view().session;
+  const auto changed = [&] {
+    line.run_for(20);
+    const bool yes = line.view().session != session;
+    session = line.view().session;
+    return yes;
+  };
+  line.plc.sync_req = 5;
+  line.feed(line.plc);
+  EXPECT_TRUE(changed());
+  line.plc.command_writer = 2;
+  line.feed(line.plc);
+  EXPECT_FALSE(changed()) << "another connection that repeats the block takes nothing over";
+  line.command(PlcCommand::scan, 1);
+  EXPECT_TRUE(changed());
+  line.plc_beats = false;
+  line.run_for(3000);
+  EXPECT_FALSE(line.view().plc_link_ok);
+  line.command(PlcCommand::scan, 1);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::not_enabled));
+  line.plc_beats = true;
+  line.run_for(300);
+  EXPECT_TRUE(changed());
+  EXPECT_FALSE(changed());
+}
+
+TEST_F(StationTest, first_block_of_a_new_connection_is_refused_once) {
+  begin();
+  line.plc.command_writer = 9;
+  const std::uint16_t seq = line.command(PlcCommand::scan, 1);
+  EXPECT_EQ(line.view().refuse_code, 102);
+  line.run_for(20);
+  EXPECT_EQ(line.command(PlcCommand::scan, 1), seq);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_ack, seq);
+}
+
+TEST_F(StationTest, content_refusals_use_the_number_up_and_say_why) {
+  line.run_for(300);
+  const auto refused = [&](Code code) {
+    line.run_for(20);
+    EXPECT_EQ(line.view().cmd_ack, line.plc.cmd_seq);
+    EXPECT_EQ(line.view().cmd_status, failed(code));
+    EXPECT_EQ(line.view().refuse_code, static_cast<std::uint16_t>(code));
+  };
+  line.command(PlcCommand::scan, 1);
+  refused(Code::wrong_slab);
+  line.command(static_cast<PlcCommand>(9));
+  refused(Code::unknown_command);
+  line.plc.crc_ok = false;
+  line.command(PlcCommand::slab_begin);
+  refused(Code::bad_crc);
+  line.plc.crc_ok = true;
+  line.plc.slab_id[0] = '\x01';
+  line.command(PlcCommand::slab_begin);
+  refused(Code::bad_id_text);
+  line.plc.slab_id[0] = 'A';
+  line.recipe.slab_type = 4925;
+  line.command(PlcCommand::slab_begin);
+  refused(Code::unknown_type);
+  line.recipe.slab_type = 5600;
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  ASSERT_TRUE(line.view().slab_open);
+  line.command(PlcCommand::scan, 19);
+  refused(Code::station_range);
+  line.command(PlcCommand::scan, 0);
+  refused(Code::station_range);
+  line.plc.slab_no = 78;
+  line.command(PlcCommand::scan, 1);
+  refused(Code::wrong_slab);
+  line.plc.slab_no = 77;
+  line.command(PlcCommand::slab_begin);
+  refused(Code::wrong_slab);
+}
+
+TEST_F(StationTest, a_plc_that_never_acknowledges_fills_the_queue_and_nothing_is_lost) {
+  begin();
+  int accepted = 0;
+  for (int i = 0; i < 80; ++i) {
+    line.scan(1 + i % 18);
+    if (line.view().cmd_status != 4) break;
+    ++accepted;
+  }
+  EXPECT_EQ(line.view().cmd_status, failed(Code::busy));
+  EXPECT_EQ(line.take_results().size(), static_cast<std::size_t>(accepted));
+  line.scan(1);
+  EXPECT_EQ(line.view().cmd_status, 4);
+}
+
+TEST_F(StationTest, a_full_queue_refuses_everything_that_would_need_a_place_in_it) {
+  begin();
+  for (int i = 0; line.view().results_pending + 2U <= limits::kResultQueueMax && i < 100; ++i) {
+    line.scan(1 + i % 18);
+    if (line.view().cmd_status != 4) break;
+  }
+  // The slab's own record keeps its place; nothing else fits any more.
+  line.command(PlcCommand::report, 1);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_status, failed(Code::busy));
+  line.command(PlcCommand::slab_end);
+  line.run_for(60);
+  EXPECT_EQ(line.view().cmd_status, 4);
+  EXPECT_EQ(line.view().results_pending, limits::kResultQueueMax);
+  for (const PlcCommand what : {PlcCommand::slab_begin, PlcCommand::report}) {
+    line.command(what);
+    line.run_for(20);
+    EXPECT_EQ(line.view().cmd_status, failed(Code::busy));
+  }
+  EXPECT_EQ(line.take_results().size(), limits::kResultQueueMax);
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  EXPECT_TRUE(line.view().slab_open);
+}
+
+TEST_F(StationTest, a_flood_of_session_changes_is_one_change_at_a_time) {
+  begin();
+  const std::size_t before = store.applied.size();
+  for (int i = 0; i < 1000; ++i) {
+    ++line.plc.sync_req;
+    line.feed(line.plc);
+  }
+  EXPECT_EQ(store.applied.size(), before + 1);
+  line.run_for(20);
+  line.scan(1);
+  EXPECT_EQ(line.view().cmd_status, 4);
+}
+
+TEST_F(StationTest, a_result_carries_the_number_of_the_scan_it_was_measured_from) {
+  begin();
+  line.measuring_works = false;
+  line.scan(1);
+  line.scan(2);
+  const std::uint16_t first_seq = line.measured.at(1).cmd_seq;
+  line.measuring_works = true;
+  line.plc = {};
+  line.start();  // both clouds are durable and not measured
+  line.run_for(4);
+  line.command(PlcCommand::scan, 2);  // while they are measured again
+  line.run_for(2000);
+  line.scan(2);
+  int of_first = 0;
+  for (const PlcResult& record : line.take_results()) of_first += record.cmd_seq == first_seq ? 1 : 0;
+  EXPECT_LE(of_first, 1);
+  std::map<std::uint16_t, int> seen;
+  for (const StoreJob& job : store.applied)
+    if (const auto* block = std::get_if<BlockJob>(&job.what)) ++seen[block->record.cmd_seq];
+  for (const auto& [seq, count] : seen) EXPECT_EQ(count, 1) << "CMD_SEQ " << seq;
+}
+
+TEST_F(StationTest, report_shows_a_record_again_under_a_new_number) {
+  begin();
+  line.scan(4);
+  const PlcResult first = line.take_results().at(0);
+  line.command(PlcCommand::report, 4);
+  line.run_for(20);
+  const auto again = line.take_results();
+  ASSERT_EQ(again.size(), 1U);
+  EXPECT_EQ(again[0].station, 4);
+  EXPECT_EQ(again[0].cmd_seq, first.cmd_seq);
+  EXPECT_NE(again[0].res_seq, first.res_seq);
+}
+
+TEST_F(StationTest, counter_wraps_past_65535_without_using_zero) {
+  store.line.cmd_ack = 0xFFFF;
+  line.plc = {};
+  line.start();
+  line.run_for(300);
+  EXPECT_EQ(line.command(PlcCommand::slab_begin), 1);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_ack, 1);
+  EXPECT_TRUE(line.view().slab_open);
+}
+
+// RES_ACK is a level. What stands there before a record is shown says nothing of that record.
+TEST_F(StationTest, a_record_never_gets_the_number_that_stands_in_res_ack) {
+  begin();
+  line.plc.res_ack = 1;  // a database was restored, or the PLC counts ahead
+  line.feed(line.plc);
+  line.scan(1);
+  ASSERT_TRUE(line.view().result);
+  EXPECT_EQ(line.view().record.res_seq, 2);
+  line.run_for(1000);
+  EXPECT_TRUE(line.view().result) << "nobody has seen it yet";
+  EXPECT_EQ(line.take_results().size(), 1U);
+}
+
+TEST_F(StationTest, a_res_ack_that_came_before_its_record_was_shown_does_not_take_it_away) {
+  begin();
+  line.robot_station = 1;
+  line.run_for(600);
+  line.command(PlcCommand::scan, 1);
+  const auto stored_block = [&] {
+    return !store.applied.empty() && std::holds_alternative<BlockJob>(store.applied.back().what);
+  };
+  for (int i = 0; i < 500 && !stored_block(); ++i) line.run_for(4);
+  ASSERT_TRUE(stored_block());
+  ASSERT_FALSE(line.view().result) << "numbered and on its way to the disk";
+  const std::uint16_t number = std::get<BlockJob>(store.applied.back().what).record.res_seq;
+  line.plc.res_ack = number;
+  line.feed(line.plc);
+  line.run_for(1000);
+  ASSERT_TRUE(line.view().result);
+  EXPECT_EQ(line.view().record.res_seq, number);
+  line.plc.res_ack = 0;
+  line.feed(line.plc);
+  EXPECT_EQ(line.take_results().size(), 1U);
+}
+
+TEST_F(StationTest, a_record_shown_again_after_a_restart_is_acknowledged_by_what_stands_in_res_ack) {
+  begin();
+  line.scan(1);
+  ASSERT_EQ(line.view().record.res_seq, 1);
+  line.start();
+  ASSERT_EQ(line.view().record.res_seq, 1);
+  line.plc.res_ack = 1;
+  line.feed(line.plc);
+  line.start();
+  EXPECT_FALSE(line.view().result);
+}
+
+TEST_F(StationTest, a_number_that_came_too_early_is_taken_when_it_is_written_again) {
+  begin();
+  line.run_for(600);
+  const std::uint16_t ack = line.view().cmd_ack;
+  line.command(PlcCommand::scan, 1);  // on its way to the journal
+  ++line.plc.command_writes;
+  line.plc.station = 2;
+  line.plc.cmd_seq = static_cast<std::uint16_t>(ack + 2);
+  line.feed(line.plc);
+  EXPECT_EQ(line.view().refuse_code, 111);
+  line.run_for(1500);
+  EXPECT_EQ(line.view().cmd_ack, ack + 1) << "refused, and not written again since";
+  EXPECT_EQ(line.view().cmd_status, 4);
+  ++line.plc.command_writes;
+  line.feed(line.plc);
+  line.run_for(20);
+  EXPECT_EQ(line.view().cmd_ack, ack + 2);
+}
+
+TEST_F(StationTest, another_order_under_a_number_that_is_taken_is_refused_and_not_silently_dropped) {
+  begin();
+  line.scan(1);
+  const PlcOutputs before = line.view();
+  PlcInputs other = line.plc;
+  other.command_writer = 2;
+  other.station = 5;
+  line.feed(other);
+  EXPECT_EQ(line.view().refused, before.refused + 1);
+  EXPECT_EQ(line.view().refuse_code, 111);
+  EXPECT_EQ(line.view().refuse_seq, other.cmd_seq);
+  EXPECT_EQ(line.view().cmd_ack, before.cmd_ack);
+  EXPECT_EQ(line.scans.size(), 1U);
+}
+
+TEST_F(StationTest, a_late_copy_of_a_command_is_counted_and_does_nothing) {
+  begin();
+  line.scan(1);
+  const PlcOutputs before = line.view();
+  PlcInputs late = line.plc;
+  late.session_echo = static_cast<std::uint16_t>(late.session_echo - 1U);
+  line.feed(late);
+  EXPECT_EQ(line.view().refused, before.refused + 1);
+  EXPECT_EQ(line.view().refuse_code, before.refuse_code);
+  EXPECT_EQ(line.view().cmd_status, before.cmd_status);
+  EXPECT_EQ(line.view().session, before.session);
+  EXPECT_EQ(line.scans.size(), 1U);
+}
+
+}  // namespace
+}  // namespace slabd::daemon

@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/plc/modbus_client_plan.h"
+
+#include <gtest/gtest.h>
+
+namespace slabd::hal {
+namespace {
+
+constexpr std::int64_t kMs = kNsPerMs;
+
+struct ClientPlanTest : ::testing::Test {
+  ClientPlan plan{50 * kMs};
+  InputImage image{};
+  std::int64_t now = kNsPerS;
+
+  ClientDeed deed() { return plan.next(now, image).deed; }
+  /// Does what the plan says until it waits; returns what it did.
+  std::vector<ClientDeed> work() {
+    std::vector<ClientDeed> done;
+    for (ClientDeed d = deed(); d != ClientDeed::wait && done.size() < 20; d = deed()) {
+      done.push_back(d);
+      if (d == ClientDeed::connect) plan.connected(now);
+      if (d == ClientDeed::write_all) plan.wrote_all(now, image);
+      if (d == ClientDeed::write_head) plan.wrote_head(now, image);
+      if (d == ClientDeed::read) plan.has_read(now);
+    }
+    return done;
+  }
+};
+
+using Deeds = std::vector<ClientDeed>;
+using enum ClientDeed;
+
+TEST_F(ClientPlanTest, a_new_connection_gets_the_whole_image_and_is_read) {
+  EXPECT_EQ(work(), (Deeds{connect, write_all, read}));
+}
+
+TEST_F(ClientPlanTest, polls_at_its_period_and_beats_at_least_twice_a_second) {
+  work();
+  int reads = 0;
+  int heads = 0;
+  for (int ms = 1; ms <= 2000; ++ms) {
+    now += kMs;
+    for (const ClientDeed d : work()) {
+      reads += d == read ? 1 : 0;
+      heads += d == write_head ? 1 : 0;
+      EXPECT_NE(d, write_all);
+    }
+  }
+  EXPECT_EQ(reads, 40);
+  EXPECT_EQ(heads, 4);
+}
+
+TEST_F(ClientPlanTest, a_moved_heartbeat_writes_the_head_and_any_other_change_everything) {
+  work();
+  ++image[4];
+  EXPECT_EQ(work(), Deeds{write_head});
+  for (std::size_t i = 22; i <= 25; ++i) ++image[i];
+  EXPECT_EQ(work(), Deeds{}) << "the time alone is not news";
+  for (std::size_t i = 0; i < image.size(); ++i) {
+    if (i == 4 || (i >= 22 && i <= 25)) continue;
+    ++image[i];
+    EXPECT_EQ(work(), Deeds{write_all}) << "IR " << i;
+  }
+}
+
+TEST_F(ClientPlanTest, after_a_loss_the_present_image_is_written_and_nothing_else) {
+  work();
+  image[10] = 7;
+  EXPECT_EQ(deed(), write_all);
+  plan.failed(now);  // it broke in the middle: the PLC may have it or not
+  image[10] = 8;
+  EXPECT_EQ(deed(), wait);
+  now += 200 * kMs;
+  EXPECT_EQ(work(), (Deeds{connect, write_all, read})) << "once, though two changes were pending";
+}
+
+TEST_F(ClientPlanTest, waits_longer_after_every_failure_and_briefly_again_after_a_success) {
+  std::vector<std::int64_t> pauses;
+  for (int i = 0; i < 8; ++i) {
+    EXPECT_EQ(deed(), connect);
+    plan.failed(now);
+    const ClientPlan::Next next = plan.next(now, image);
+    ASSERT_EQ(next.deed, wait);
+    pauses.push_back((next.until_ns - now) / kMs);
+    now = next.until_ns - 1;
+    EXPECT_EQ(deed(), wait);
+    now += 1;
+  }
+  EXPECT_EQ(pauses, (std::vector<std::int64_t>{200, 400, 800, 1600, 3200, 5000, 5000, 5000}));
+  // A connection that takes nothing is no success.
+  plan.connected(now);
+  plan.failed(now);
+  EXPECT_EQ(plan.next(now, image).until_ns - now, 5000 * kMs);
+  now += 5000 * kMs;
+  work();
+  plan.failed(now);
+  EXPECT_EQ(plan.next(now, image).until_ns - now, 200 * kMs);
+}
+
+}  // namespace
+}  // namespace slabd::hal

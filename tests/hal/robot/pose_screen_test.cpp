@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hal/robot/pose_screen.h"
+
+#include <gtest/gtest.h>
+
+#include <string>
+
+namespace slabd::hal {
+namespace {
+
+struct PoseScreenTest : testing::Test {
+  PoseScreen screen;
+  PoseLinkCounters counters;
+  PosePublisher robot{0xC0A8'0A02, 41'000};
+  PosePublisher other{0xC0A8'0A07, 39'000};
+  std::int64_t now_ns = 5 * kNsPerS;
+  std::int32_t seq = 10;
+  std::int64_t utime_us = 1'000'000;
+  Vec3 at{1000.0, 0.0, 500.0};
+
+  bool offer(const PosePublisher& from, std::int32_t number, std::int64_t time_us) {
+    PoseSample sample;
+    sample.seq = number;
+    sample.utime_us = time_us;
+    sample.T_base_flange.translation_mm = at;
+    return screen.admit(from, now_ns, sample, counters);
+  }
+  bool send() {
+    now_ns += ns_from_ms(4);
+    utime_us += 4'000;
+    return offer(robot, ++seq, utime_us);
+  }
+};
+
+TEST_F(PoseScreenTest, an_orderly_sender_is_believed_and_nothing_is_counted) {
+  for (int i = 0; i < 500; ++i) ASSERT_TRUE(send());
+  PoseNoteText text;
+  EXPECT_FALSE(screen.next_note(now_ns, counters, text));
+  EXPECT_TRUE(screen.refusal(now_ns).empty());
+}
+
+TEST_F(PoseScreenTest, an_old_datagram_that_comes_late_is_no_news) {
+  ASSERT_TRUE(send());
+  ASSERT_TRUE(send());
+  EXPECT_FALSE(offer(robot, seq - 1, utime_us - 4'000));
+  EXPECT_EQ(counters.time_back, 1U);
+  EXPECT_FALSE(offer(robot, seq, utime_us));
+  EXPECT_EQ(counters.repeated, 1U);
+  EXPECT_TRUE(send());
+  EXPECT_EQ(counters.gaps, 0U) << "what was refused does not break the numbering";
+}
+
+TEST_F(PoseScreenTest, a_clock_that_was_set_back_is_believed_after_a_second) {
+  ASSERT_TRUE(send());
+  utime_us -= 3'600'000'000;
+  int refused = 0;
+  while (!send()) ++refused;
+  EXPECT_NEAR(refused, 249, 2);
+  EXPECT_TRUE(send());
+}
+
+TEST_F(PoseScreenTest, a_clock_that_does_not_run_is_refused_by_name) {
+  ASSERT_TRUE(send());
+  EXPECT_FALSE(offer(robot, seq + 1, utime_us));
+  EXPECT_EQ(counters.time_back, 1U);
+  EXPECT_NE(screen.refusal(now_ns).find("clock"), std::string_view::npos);
+  EXPECT_NE(screen.refusal(now_ns).find("192.168.10.2:41000"), std::string_view::npos) << screen.refusal(now_ns);
+}
+
+TEST_F(PoseScreenTest, lost_messages_are_counted_one_by_one) {
+  ASSERT_TRUE(send());
+  seq += 3;
+  ASSERT_TRUE(send());
+  EXPECT_EQ(counters.gaps, 1U);
+  EXPECT_EQ(counters.lost, 3U);
+  seq = 0;  // began anew
+  ASSERT_TRUE(send());
+  EXPECT_EQ(counters.gaps, 2U);
+  EXPECT_EQ(counters.lost, 3U);
+}
+
+TEST_F(PoseScreenTest, a_jump_is_believed_when_the_next_pose_confirms_it) {
+  ASSERT_TRUE(send());
+  at.x() += 400.0;
+  EXPECT_FALSE(send());
+  EXPECT_EQ(counters.jumps, 1U);
+  EXPECT_NE(screen.refusal(now_ns).find("a jump of 400.0 mm"), std::string_view::npos) << screen.refusal(now_ns);
+  EXPECT_TRUE(send());
+  EXPECT_EQ(counters.jumps, 1U);
+}
+
+TEST_F(PoseScreenTest, a_single_torn_pose_is_never_believed) {
+  ASSERT_TRUE(send());
+  for (int i = 0; i < 50; ++i) {
+    at.z() += 100.0;
+    EXPECT_FALSE(send());
+    at.z() -= 100.0;
+    EXPECT_TRUE(send());
+  }
+  EXPECT_EQ(counters.jumps, 50U);
+}
+
+TEST_F(PoseScreenTest, while_two_publish_neither_is_believed) {
+  ASSERT_TRUE(send());
+  for (int i = 0; i < 100; ++i) {
+    EXPECT_FALSE(offer(other, i, utime_us + 1'000 + i));
+    EXPECT_FALSE(send());
+  }
+  EXPECT_EQ(counters.second_publisher, 200U);
+  EXPECT_NE(screen.refusal(now_ns).find("192.168.10.7:39000"), std::string_view::npos) << screen.refusal(now_ns);
+  now_ns += PoseScreen::kSilentNs;  // the other one is stopped
+  EXPECT_TRUE(send());
+}
+
+TEST_F(PoseScreenTest, a_bridge_that_was_restarted_is_taken_over_when_the_old_one_is_silent) {
+  ASSERT_TRUE(send());
+  robot.port = 41'001;
+  utime_us -= 10'000'000;
+  seq = 0;
+  int refused = 0;
+  while (!send()) ++refused;
+  EXPECT_NEAR(refused, 249, 2);
+  EXPECT_EQ(counters.time_back, 0U) << "a new program has its own clock";
+  EXPECT_EQ(counters.second_publisher, 0U) << "the old one never spoke again";
+  PoseNoteText note;
+  ASSERT_TRUE(screen.next_note(now_ns, counters, note));
+  EXPECT_NE(note.view().find("1 times another sender (" + std::to_string(refused) + " of its poses"),
+            std::string_view::npos)
+      << note.view();
+  EXPECT_EQ(counters.gaps, 0U);
+}
+
+TEST_F(PoseScreenTest, senders_that_follow_each_other_after_a_silence_are_no_two_publishers) {
+  for (std::uint16_t run = 0; run < 5; ++run) {
+    robot.port = static_cast<std::uint16_t>(42'000 + run);
+    for (int i = 0; i < 20; ++i) EXPECT_TRUE(send());
+    now_ns += PoseScreen::kSilentNs;
+  }
+  EXPECT_EQ(counters.second_publisher, 0U);
+  PoseNoteText note;
+  ASSERT_TRUE(screen.next_note(now_ns, counters, note));
+  EXPECT_NE(note.view().find("4 times another sender (0 of"), std::string_view::npos) << note.view();
+}
+
+TEST_F(PoseScreenTest, a_sender_that_comes_back_shows_that_there_were_two) {
+  ASSERT_TRUE(send());
+  for (int i = 0; i < 10; ++i) EXPECT_FALSE(offer(other, i, utime_us + 1'000 + i));
+  EXPECT_EQ(counters.second_publisher, 0U) << "not known yet";
+  EXPECT_FALSE(send());
+  EXPECT_EQ(counters.second_publisher, 11U) << "now it is";
+}
+
+TEST_F(PoseScreenTest, two_newcomers_while_the_old_sender_is_silent_are_two_publishers) {
+  ASSERT_TRUE(send());
+  const PosePublisher third{other.address, 50'001};
+  for (int i = 0; i < 10; ++i) {
+    now_ns += 4 * kNsPerMs;
+    EXPECT_FALSE(offer(other, i, utime_us + 1'000 + i));
+    EXPECT_FALSE(offer(third, i, utime_us + 1'000 + i));
+  }
+  EXPECT_GE(counters.second_publisher, 19U);
+}
+
+TEST_F(PoseScreenTest, times_at_the_ends_of_their_range_are_harmless) {
+  constexpr std::int64_t kMin = std::numeric_limits<std::int64_t>::min();
+  constexpr std::int64_t kMax = std::numeric_limits<std::int64_t>::max();
+  EXPECT_TRUE(offer(robot, std::numeric_limits<std::int32_t>::max(), kMax));
+  EXPECT_TRUE(offer(robot, std::numeric_limits<std::int32_t>::min(), kMin)) << "one step on, wrapped";
+  EXPECT_FALSE(offer(robot, 0, 0));
+  EXPECT_FALSE(offer(robot, 0, kMax));
+}
+
+TEST_F(PoseScreenTest, the_log_hears_at_once_and_then_once_in_ten_seconds) {
+  ASSERT_TRUE(send());
+  EXPECT_FALSE(offer(robot, seq, utime_us));
+  PoseNoteText text;
+  ASSERT_TRUE(screen.next_note(now_ns, counters, text));
+  EXPECT_NE(text.view().find("1 repeated"), std::string_view::npos) << text.view();
+  EXPECT_FALSE(screen.next_note(now_ns, counters, text)) << "nothing new";
+  EXPECT_FALSE(offer(robot, seq, utime_us));
+  EXPECT_FALSE(screen.next_note(now_ns + 9 * kNsPerS, counters, text)) << "too early";
+  EXPECT_TRUE(screen.next_note(now_ns + 10 * kNsPerS, counters, text));
+}
+
+}  // namespace
+}  // namespace slabd::hal

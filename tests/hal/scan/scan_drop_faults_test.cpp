@@ -1,0 +1,412 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What goes wrong around a drop directory: disks, rights, clocks, files that are replaced, answers that come late.
+#include <fcntl.h>
+#include <sched.h>
+#include <sys/mount.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "hal/scan/drop_folders.h"
+#include "hal/scan/drop_news.h"
+#include "hal/system/spool.h"
+#include "tests/hal/scan/scan_drop_fixture.h"
+
+namespace slabd::hal {
+namespace {
+
+/// In a process of its own, where mounts and users may change. What the body says is an exit status: 0 is good.
+template <typename Body>
+int in_own_process(Body body) {
+  const pid_t child = fork();
+  if (child == 0) _exit(body());
+  int status = -1;
+  waitpid(child, &status, 0);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+}
+
+bool own_mounts() {
+  return (unshare(CLONE_NEWNS) == 0 || unshare(CLONE_NEWUSER | CLONE_NEWNS) == 0) &&
+         mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0;
+}
+
+TEST_F(ScanDropTest, a_full_spool_disk_is_501_and_leaves_nothing_and_a_repeat_works_when_there_is_room) {
+  EXPECT_EQ(in_own_process([this] {
+              const std::string spool = folder_ / "spool";
+              fs::create_directory(spool);
+              if (!own_mounts() || mount("tmpfs", spool.c_str(), "tmpfs", 0, "size=200k") != 0) return 1;
+              const auto full = acquire(request(), [this] { drop_scan("7-3.ply"); });
+              if (full.ok() || full.error().code != Code::store_full) return 2;
+              if (fs::exists(spool + "/1/04-1.ply") || fs::exists(spool + "/1/04-1.ply.part")) return 3;
+              if (!names_in(inbox()).empty()) return 4;
+              if (mount("tmpfs", spool.c_str(), "tmpfs", MS_REMOUNT, "size=10m") != 0) return 5;
+              return acquire(request(4), [this] { drop_scan("7-4.ply"); }).ok() ? 0 : 6;
+            }),
+            0);
+}
+
+TEST_F(ScanDropTest, a_full_drop_disk_is_501_before_anything_is_asked_for) {
+  EXPECT_EQ(in_own_process([this] {
+              if (!own_mounts() || mount("tmpfs", drop().c_str(), "tmpfs", 0, "size=64k") != 0) return 1;
+              open(false);
+              {
+                std::ofstream fill(drop() + "/fill", std::ios::binary);
+                while (fill << std::string(4096, 'x') << std::flush) {
+                }
+              }
+              const auto full = scanner_->acquire(request(3, 200), xyz_, cancel_, on_decoded_);
+              if (full.ok() || full.error().code != Code::store_full) return 2;
+              fs::remove(drop() + "/fill");
+              const auto quiet = scanner_->acquire(request(4, 50), xyz_, cancel_, on_decoded_);
+              return !quiet.ok() && quiet.error().code == Code::trigger_timeout ? 0 : 3;
+            }),
+            0);
+}
+
+TEST_F(ScanDropTest, folders_that_may_not_be_written_are_offline_by_name_and_come_back) {
+  constexpr auto kReadOnly = static_cast<fs::perms>(0555);
+  fs::permissions(folder_.string(), static_cast<fs::perms>(0755));
+  fs::permissions(drop(), static_cast<fs::perms>(0755));
+  fs::permissions(request_file(), fs::perms::all);
+  fs::permissions(stray(), fs::perms::all);
+  fs::permissions(inbox(), kReadOnly);
+  EXPECT_EQ(in_own_process([this] {
+              if (geteuid() == 0 && setresuid(65'534, 65'534, 65'534) != 0) return 1;  // for root nothing is forbidden
+              const auto refused = scanner_->acquire(request(3, 200), xyz_, cancel_, on_decoded_);
+              if (refused.ok() || refused.error().code != Code::scanner_offline) return 2;
+              if (refused.error().text.view().find("inbox") == std::string_view::npos) return 3;
+              return scanner_->online() ? 4 : 0;
+            }),
+            0);
+  fs::permissions(inbox(), fs::perms::owner_all);
+  EXPECT_TRUE(acquire(request(4), [this] { drop_scan("7-4.ply"); }).ok());
+}
+
+/// Until stray/ holds no more than `bytes`.
+void trim(const DropFolders& folders, std::uint64_t bytes) {
+  DropFolders::StrayLimits limits;
+  limits.bytes = bytes;
+  DropFolders::TrimmedOnes trimmed;
+  while (folders.trim_stray(limits, trimmed)) {
+  }
+}
+
+TEST_F(ScanDropTest, what_was_set_aside_first_is_deleted_first_when_stray_has_no_room) {
+  for (int i = 1; i <= 10; ++i) {
+    const std::string name = "7-" + std::to_string(100 + i) + ".ply";
+    drop_scan(name, static_cast<float>(i));
+    // A scanner whose clock is a year ahead, or behind, does not change what is oldest.
+    const auto off = std::chrono::hours(24 * 365 * (i % 2 == 0 ? 1 : -1));
+    fs::last_write_time(inbox(name), fs::file_time_type::clock::now() + off);
+    wait_ms(15);  // the file system's clock has a grain
+    scanner_->idle();
+  }
+  EXPECT_EQ(names_in(stray()).size(), 10U) << "2 GB have room for all of them";
+  DropFolders folders{PathText(drop())};
+  ASSERT_TRUE(folders.open().ok());
+  const std::uint64_t one = fs::file_size(stray("7-110.ply"));
+  trim(folders, 3 * one + one / 2);
+  auto left = names_in(stray());
+  std::sort(left.begin(), left.end());
+  EXPECT_EQ(left, (std::vector<std::string>{"7-108.ply", "7-109.ply", "7-110.ply"}));
+  trim(folders, 0);
+  EXPECT_TRUE(names_in(stray()).empty());
+}
+
+TEST_F(ScanDropTest, folders_in_stray_count_and_go_with_all_that_is_in_them) {
+  const std::string precious = drop() + "/precious";
+  write_file(precious, "not in stray/");
+  for (const char* name : {"first", "second"}) {
+    fs::create_directories(stray(name) + "/a/b");
+    write_file(stray(name) + "/a/preview.png", std::string(1'000, 'x'));
+    write_file(stray(name) + "/a/b/scan.xml", std::string(500, 'x'));
+    fs::create_symlink(precious, stray(name) + "/link");
+    wait_ms(15);
+  }
+  DropFolders folders{PathText(drop())};
+  ASSERT_TRUE(folders.open().ok());
+  trim(folders, 2'000);
+  EXPECT_EQ(names_in(stray()), std::vector<std::string>{"second"});
+  trim(folders, 0);
+  EXPECT_TRUE(names_in(stray()).empty());
+  EXPECT_TRUE(fs::exists(precious));
+}
+
+TEST_F(ScanDropTest, small_files_without_end_do_not_fill_stray) {
+  // A preview beside each scan, for months.
+  for (int i = 0; i < 5'000; ++i) write_file(stray("preview-" + std::to_string(i) + ".png"), "x");
+  DropFolders folders{PathText(drop())};
+  ASSERT_TRUE(folders.open().ok());
+  DropFolders::StrayLimits limits;
+  limits.bytes = 1'000'000;
+  DropFolders::TrimmedOnes trimmed;
+  ASSERT_TRUE(folders.trim_stray(limits, trimmed));
+  EXPECT_EQ(trimmed.size(), DropFolders::kTrimmedAtOnce) << "so much in one look, and no more";
+  while (folders.trim_stray(limits, trimmed)) {
+  }
+  EXPECT_EQ(names_in(stray()).size(), limits.entries);
+}
+
+TEST_F(ScanDropTest, a_name_that_is_always_the_same_is_set_aside_each_time) {
+  DropFolders folders{PathText(drop())};
+  ASSERT_TRUE(folders.open().ok());
+  for (int i = 0; i < 3'000; ++i) {
+    write_file(inbox("export.log"), "x");
+    ASSERT_TRUE(folders.set_aside("export.log")) << i;
+  }
+  EXPECT_EQ(names_in(stray()).size(), 3'000U);
+}
+
+TEST_F(ScanDropTest, a_scanner_that_exports_without_end_does_not_fill_the_disk) {
+  // Files of 1 GB that take no room here: what counts is their length.
+  for (int i = 1; i <= 5; ++i) {
+    const std::string name = "7-" + std::to_string(300 + i) + ".ply";
+    write_file(drop() + "/part", "x");
+    fs::resize_file(drop() + "/part", 900'000'000);
+    fs::rename(drop() + "/part", inbox(name));
+    wait_ms(15);
+    scanner_->idle();
+  }
+  auto left = names_in(stray());
+  std::sort(left.begin(), left.end());
+  EXPECT_EQ(left, (std::vector<std::string>{"7-304.ply", "7-305.ply"}));
+  EXPECT_EQ(scanner_->stray_files(), 5U) << "what was deleted was counted all the same";
+}
+
+std::vector<std::string> notes_of(ScannerPort& scanner) {
+  std::vector<std::string> notes;
+  for (ScannerText text; scanner.next_note(text);) notes.emplace_back(text.view());
+  return notes;
+}
+
+TEST_F(ScanDropTest, every_file_that_is_moved_aside_or_deleted_is_one_line_and_counted) {
+  ScanDropSettings settings;
+  settings.drop_dir = PathText(drop());
+  settings.stray_bytes_max = 2'500;
+  scanner_ = std::move(make_scan_drop(settings, *clock_).value());
+  scanner_->idle();
+  for (int i = 1; i <= 4; ++i) {
+    write_file(drop() + "/part", std::string(1'000, 'x'));
+    fs::rename(drop() + "/part", inbox("7-" + std::to_string(400 + i) + ".ply"));
+    wait_ms(15);
+    scanner_->idle();
+  }
+  const std::vector<std::string> notes = notes_of(*scanner_);
+  ASSERT_EQ(notes.size(), 6U) << "four moved, two deleted";
+  EXPECT_EQ(notes[0], "inbox/7-401.ply was moved to stray/: its request is over or never was");
+  EXPECT_EQ(notes[3],
+            "stray/7-401.ply (1000 bytes) was deleted: stray/ held 3000 bytes, allowed are 2500, it came first");
+  EXPECT_EQ(notes[5].substr(0, 44), "stray/7-402.ply (1000 bytes) was deleted: st");
+  EXPECT_EQ(scanner_->deleted().files, 2U);
+  EXPECT_EQ(scanner_->deleted().bytes, 2'000U);
+  EXPECT_EQ(scanner_->stray_files(), 4U);
+}
+
+TEST_F(ScanDropTest, a_flood_of_strays_is_thirty_lines_and_then_one_a_second) {
+  for (int round = 0; round < 8; ++round) {
+    for (int i = 0; i < 20; ++i) write_file(inbox("9-" + std::to_string(100 * round + i) + ".ply"), "x");
+    scanner_->idle();
+    scanner_->idle();
+  }
+  ASSERT_EQ(scanner_->stray_files(), 160U);
+  const std::vector<std::string> notes = notes_of(*scanner_);
+  EXPECT_GE(notes.size(), 30U);
+  EXPECT_LE(notes.size(), 60U) << "one a second more, on a slow computer too";
+}
+
+TEST_F(ScanDropTest, whoever_looks_from_outside_is_told_what_is_wrong_and_that_it_is_over) {
+  EXPECT_TRUE(scanner_->online());
+  EXPECT_TRUE(scanner_->trouble().empty());
+  fs::rename(drop(), drop() + ".away");
+  scanner_->idle();
+  EXPECT_FALSE(scanner_->online());
+  EXPECT_NE(scanner_->trouble().view().find("the drop folder must exist"), std::string_view::npos);
+  fs::rename(drop() + ".away", drop());
+  scanner_->idle();
+  EXPECT_TRUE(scanner_->online());
+  EXPECT_TRUE(scanner_->trouble().empty());
+}
+
+TEST(HangWatch, a_call_that_does_not_come_back_shows_after_its_patience_and_not_before) {
+  SteppedClock clock;
+  HangWatch watch(clock);
+  EXPECT_EQ(watch.hang().ns, 0);
+  watch.enter(3 * kNsPerS);
+  clock.now_ns += 3 * kNsPerS - 1;
+  EXPECT_EQ(watch.hang().ns, 0);
+  clock.now_ns += 1;
+  EXPECT_EQ(watch.hang().ns, 3 * kNsPerS);
+  EXPECT_EQ(watch.hang().place, HangWatch::Place::drop_folder);
+  watch.enter(10 * kNsPerS, HangWatch::Place::spool);  // it came back, and goes in again
+  EXPECT_EQ(watch.hang().ns, 0);
+  clock.now_ns += 9 * kNsPerS;
+  EXPECT_EQ(watch.hang().ns, 0);
+  clock.now_ns += kNsPerS;
+  EXPECT_EQ(watch.hang().ns, 10 * kNsPerS);
+  EXPECT_EQ(watch.hang().place, HangWatch::Place::spool);
+  watch.leave();
+  clock.now_ns += 100 * kNsPerS;
+  EXPECT_EQ(watch.hang().ns, 0);
+}
+
+TEST_F(ScanDropTest, a_disk_that_does_not_take_the_scan_is_told_as_the_spools_and_not_as_a_share) {
+  SteppedClock stepped;
+  open_with(stepped);
+  // A second name makes it a copy, and a pipe in its place keeps whoever opens it waiting.
+  fs::create_directories(folder_ / "spool/1");
+  const std::string pipe = folder_ / "spool/1/04-1.ply.part";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  std::atomic<bool> points_are_there = false;
+  on_decoded_ = [&](const AcquiredScan&) {
+    stepped.now_ns += 9 * kNsPerS;  // reading took most of the patience; the PLC has none for another ten seconds
+    points_are_there = true;
+  };
+  std::thread watcher([&] {
+    wait_until([&] { return points_are_there.load(); });
+    wait_ms(500);
+    stepped.now_ns += HangWatch::kStoreMinNs - kNsPerS / 2;
+    EXPECT_FALSE(scanner_->hangs());
+    stepped.now_ns += kNsPerS / 2;
+    EXPECT_TRUE(scanner_->hangs());
+    EXPECT_TRUE(scanner_->spool_hangs());
+    EXPECT_EQ(scanner_->trouble().view(),
+              "the spool has been storing a scan for 2 s; look at the disk of storage.spool_dir");
+    std::ifstream(pipe).ignore(std::numeric_limits<std::streamsize>::max());
+  });
+  const auto result = acquire(request(), [&] {
+    drop_scan("7-3.ply");
+    fs::create_hard_link(inbox("7-3.ply"), folder_ / "kept.ply");
+    for (; !points_are_there; wait_ms(5)) stepped.now_ns += 20 * kNsPerMs;
+  });
+  watcher.join();
+  ASSERT_FALSE(result.ok()) << "a pipe is no disk";
+  EXPECT_EQ(result.error().code, Code::journal_write);
+  EXPECT_FALSE(scanner_->hangs());
+}
+
+TEST_F(ScanDropTest, whatever_time_the_scanners_computer_has_its_files_are_answers) {
+  std::uint16_t seq = 10;
+  for (const int years : {-25, -1, 0, 1, 74}) {
+    const std::string name = "7-" + std::to_string(++seq) + ".xyz";  // a table: nothing but standing still ends it
+    const auto result = acquire(request(seq), [&] {
+      const std::string temporary = drop() + "/skewed";
+      ASSERT_TRUE(write_scan(temporary.c_str(), ScanFormat::xyz, points(), 0, 0).ok());
+      fs::last_write_time(temporary, fs::file_time_type::clock::now() + std::chrono::hours(24 * 365 * years));
+      fs::rename(temporary, inbox(name));
+    });
+    EXPECT_TRUE(result.ok()) << years << " years off: " << result.error().text.c_str();
+  }
+}
+
+TEST_F(ScanDropTest, an_answer_replaced_by_another_file_is_read_as_one_or_the_other_and_never_as_both) {
+  for (int round = 0; round < 20; ++round) {
+    const auto seq = static_cast<std::uint16_t>(20 + round);
+    const std::string name = "7-" + std::to_string(seq) + ".ply";
+    const auto result = acquire(request(seq), [&] {
+      drop_scan(name, 5.0F);
+      for (int i = 0; i < 5; ++i) {
+        const std::string temporary = drop() + "/again";
+        ASSERT_TRUE(write_ply(temporary.c_str(), points(6.0F), 0, 0).ok());
+        if (::access(inbox(name).c_str(), F_OK) == 0) fs::rename(temporary, inbox(name));
+      }
+    });
+    if (!result.ok()) {
+      EXPECT_EQ(result.error().code, Code::frame_incomplete) << result.error().text.c_str();
+    } else {
+      std::vector<float> spooled(xyz_.size());
+      ASSERT_TRUE(read_scan(result.value().path.c_str(), LengthUnit::mm, std::span<float>(spooled)).ok());
+      EXPECT_EQ(std::memcmp(spooled.data(), xyz_.data(), 12 * kPoints), 0) << "what was decoded is what is kept";
+      const float z = xyz_[2];
+      for (std::size_t p = 0; p < kPoints; ++p) ASSERT_EQ(xyz_[3 * p + 2], z) << p;
+    }
+    scanner_->idle();
+  }
+}
+
+TEST_F(ScanDropTest, an_answer_that_is_taken_away_before_it_is_in_the_spool_is_no_fault_of_the_disk) {
+  const std::string answer = inbox() + "/7-3.ply";
+  std::ofstream(answer) << "points";
+  const int file = ::open(answer.c_str(), O_RDONLY);
+  const int folder = ::open(inbox().c_str(), O_RDONLY | O_DIRECTORY);
+  fs::remove(answer);
+  const Status moved = spool_file(file, folder, "7-3.ply", PathText(folder_ / "spool/1/04-1.ply"));
+  ::close(folder);
+  ::close(file);
+  ASSERT_FALSE(moved.ok());
+  EXPECT_EQ(moved.error().code, Code::frame_incomplete);
+  EXPECT_NE(moved.error().text.view().find("taken away"), std::string_view::npos) << moved.error().text.view();
+  EXPECT_FALSE(fs::exists(folder_ / "spool/1/04-1.ply"));
+}
+
+TEST_F(ScanDropTest, no_scan_in_the_spool_is_overwritten_and_the_new_one_is_not_lost) {
+  const fs::path spooled = folder_ / "spool/1/04-1.ply";
+  fs::create_directories(spooled.parent_path());
+  for (const bool linked : {false, true}) {  // moved, and copied
+    std::ofstream(spooled) << "of an earlier slab";
+    const std::string answer = inbox() + "/7-3.ply";
+    std::ofstream(answer) << "points";
+    if (linked) fs::create_hard_link(answer, folder_ / "second-name");
+    const int file = ::open(answer.c_str(), O_RDONLY);
+    const int folder = ::open(inbox().c_str(), O_RDONLY | O_DIRECTORY);
+    const Status moved = spool_file(file, folder, "7-3.ply", PathText(spooled.native()));
+    ::close(folder);
+    ::close(file);
+    ASSERT_FALSE(moved.ok());
+    EXPECT_EQ(moved.error().code, Code::journal_write);
+    EXPECT_NE(moved.error().text.view().find("04-1.ply: a scan lies there already"), std::string_view::npos)
+        << moved.error().text.view();
+    EXPECT_EQ(fs::file_size(spooled), 18U);
+    EXPECT_TRUE(fs::exists(answer));
+    EXPECT_FALSE(fs::exists(spooled.native() + ".part"));
+  }
+}
+
+TEST_F(ScanDropAnyNameTest, the_late_answer_to_a_request_that_was_given_up_is_never_the_next_ones) {
+  const auto none = acquire(request(3, 60), [] {});
+  ASSERT_FALSE(none.ok());
+  EXPECT_EQ(none.error().code, Code::trigger_timeout);
+  std::thread scanner_that_was_slow([&] {
+    wait_ms(100);
+    drop_scan("late.ply", 9.0F);
+  });
+  const auto next = acquire(request(4), [&] { drop_scan("fresh.ply", 5.0F); });
+  scanner_that_was_slow.join();
+  ASSERT_TRUE(next.ok()) << next.error().text.c_str();
+  EXPECT_EQ(xyz_[2], 5.0F);
+  EXPECT_TRUE(fs::exists(stray("late.ply")));
+}
+
+TEST_F(ScanDropAnyNameTest, an_answer_that_is_still_written_at_the_deadline_ends_the_wait_when_it_is_whole) {
+  const auto cut = acquire(request(3, 2'000), [&] {
+    drop_scan("late.ply", 9.0F);
+    fs::copy_file(inbox("late.ply"), folder_ / "whole.ply");
+    fs::resize_file(inbox("late.ply"), 1000);
+  });
+  ASSERT_FALSE(cut.ok());
+  EXPECT_EQ(cut.error().code, Code::frame_incomplete);
+  std::thread scanner_that_is_slow([&] {
+    wait_ms(300);
+    std::ifstream rest(folder_ / "whole.ply", std::ios::binary);
+    rest.seekg(1000);
+    std::ofstream(inbox("late.ply"), std::ios::binary | std::ios::app) << rest.rdbuf();
+  });
+  // It is shorter than the wait for an answer that never comes.
+  const auto next = acquire(request(4, 8'000), [&] { drop_scan("fresh.ply", 5.0F); });
+  scanner_that_is_slow.join();
+  ASSERT_TRUE(next.ok()) << next.error().text.c_str();
+  EXPECT_EQ(xyz_[2], 5.0F);
+  EXPECT_TRUE(fs::exists(stray("late.ply")));
+}
+
+TEST_F(ScanDropAnyNameTest, while_a_late_answer_may_come_nothing_is_asked_for) {
+  const auto none = acquire(request(3, 60), [] {});
+  ASSERT_FALSE(none.ok());
+  const auto next = acquire(request(4, 200), [] { ADD_FAILURE() << "asked for another scan"; });
+  ASSERT_FALSE(next.ok());
+  EXPECT_EQ(next.error().code, Code::trigger_timeout);
+  EXPECT_NE(next.error().text.view().find("may still come"), std::string_view::npos) << next.error().text.view();
+}
+
+}  // namespace
+}  // namespace slabd::hal
