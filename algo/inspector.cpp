@@ -7,12 +7,10 @@
 //     label             denoise: who stays                      noise print: its cells
 //                       register: points around the casings
 //     cell_start        denoise: starts of the cells
-//     surface           denoise: the surface in each cell
-//     sample, residuals register: the points ICP works on       extract: the cells of the search for damage
-//     wide, near        the face table, built by `use`
-//     heights           the height map, built by `use`
-//     survey_*, map_*   extract: what the one pass over the scan leaves (algo/survey/survey.h)
-//     flatness          extract: their cells
+//     surface           denoise: the surface in each cell       extract: the surface raster, and the search for damage
+//     on it sample, residuals register: the points ICP works on       extract: the cells of the search for damage wide,
+//     near        the face table, built by `use` heights           the height map, built by `use` survey_*, map_*
+//     extract: what the one pass over the scan leaves (algo/survey/survey.h) flatness          extract: their cells
 #include <atomic>
 #include <cassert>
 #include <cmath>
@@ -33,6 +31,7 @@
 #include "algo/register/registration.h"
 #include "algo/survey/coordinate_step.h"
 #include "algo/survey/segmentation.h"
+#include "algo/survey/surface_damage.h"
 #include "algo/survey/surface_findings.h"
 #include "algo/survey/survey.h"
 #include "base/pages.h"
@@ -56,6 +55,7 @@ struct BlockInspector::Workspace {
         scratch(pages.take<std::uint16_t>(FaceTable::kCells)),
         heights(pages.take<float>(limits::kHeightMapCells)),
         survey_cells(pages.take<std::uint32_t>(SurveyTable::kCells)),
+        surface_cells(pages.take<std::uint16_t>(limits::kSurfaceCells)),
         survey_blocks(pages.take<SurveySums>(limits::kSurveyBlocksMax)),
         survey_runs(pages.take<SeatPoints>(limits::kSurveyPiecesMax)),
         piece_next(pages.take<std::uint32_t>(limits::kSurveyPiecesMax)),
@@ -71,8 +71,20 @@ struct BlockInspector::Workspace {
                  pages.take<std::uint32_t>(limits::kFlatnessCellsMax + 1),
                  pages.take<Vec3>(limits::kFlatnessCellsMax)},
         casings(reinterpret_cast<float*>(order.data()), kCasingTiesFloats),
+        raster{raster_in(surface, 0), raster_in(surface, 1)},
+        raster_rest(rest_of(surface)),
         pool({reinterpret_cast<float*>(order.data()), order.size()}, piece_next, piece_count) {
     static_assert(sizeof(float) == sizeof(std::uint32_t));
+  }
+
+  /// The surface rasters of either thread, and what is left behind them.
+  static std::span<SurfaceCell> raster_in(std::span<TilePlane> memory, std::size_t thread) {
+    return {reinterpret_cast<SurfaceCell*>(memory.data()) + thread * limits::kSurfaceCells, limits::kSurfaceCells};
+  }
+  static std::span<float> rest_of(std::span<TilePlane> memory) {
+    constexpr std::size_t kRasterFloats = 2 * limits::kSurfaceCells * sizeof(SurfaceCell) / sizeof(float);
+    static_assert(kRasterFloats + kSurfaceFloats <= limits::kDenoiseCellsMax * sizeof(TilePlane) / sizeof(float));
+    return {reinterpret_cast<float*>(memory.data()) + kRasterFloats, kSurfaceFloats};
   }
 
   Team team;
@@ -89,6 +101,7 @@ struct BlockInspector::Workspace {
   std::span<std::uint16_t> scratch;
   std::span<float> heights;
   std::span<std::uint32_t> survey_cells;
+  std::span<std::uint16_t> surface_cells;
   std::span<SurveySums> survey_blocks;
   std::span<SeatPoints> survey_runs;
   std::span<std::uint32_t> piece_next;
@@ -96,10 +109,13 @@ struct BlockInspector::Workspace {
   std::array<std::span<std::int64_t>, 2> map_sum;
   std::array<std::span<std::uint32_t>, 2> map_count;
   FlatnessWorkspace flatness;
-  std::span<float> casings;  // in the memory of `order`
-  PointPool pool;            // ... and so
+  std::span<float> casings;                      // in the memory of `order`
+  std::array<std::span<SurfaceCell>, 2> raster;  // in the memory of `surface`
+  std::span<float> raster_rest;                  // ... and so
+  PointPool pool;                                // in that of `order`
   std::array<PlaneStart, kLargeFaces> plane_start;
   SurveyTable survey_table;
+  SurfaceTable surface_table;
   Survey survey;
 
   Recipe recipe;
@@ -174,6 +190,7 @@ void BlockInspector::use(const Recipe& recipe) {
   work_->model.build(recipe.block);
   work_->table.build(work_->model, work_->wide, work_->near, work_->scratch);
   work_->survey_table.build(work_->model, work_->table, recipe.evaluation, work_->survey_cells);
+  work_->surface_table.build(work_->model, work_->surface_cells);
   work_->height_map.build(work_->model, work_->heights);
   work_->extents = face_extents(work_->model, recipe.evaluation);
   work_->has_recipe = true;
@@ -279,6 +296,9 @@ Status BlockInspector::extract(const Cloud& cloud) {
   const FaceExtents& extents = w.extents;
   const Pose T_block_scanner = result.registration.T_scanner_block.inverse();
   const Survey& survey = w.survey;
+  // A recipe from before the items of pores and damage keeps its search, and what it comes to.
+  const bool has_surface_items =
+      w.recipe.tolerance(ItemId::surface_pores).given || w.recipe.tolerance(ItemId::block_damage).given;
   survey_scan(
       cloud,
       {w.model,
@@ -290,7 +310,8 @@ Status BlockInspector::extract(const Cloud& cloud) {
        w.survey_blocks,
        w.survey_runs,
        {MapSums{w.map_sum[0], w.map_count[0]}, MapSums{w.map_sum[1], w.map_count[1]}},
-       w.plane_start},
+       w.plane_start,
+       has_surface_items ? w.raster : std::array<std::span<SurfaceCell>, 2>{}},
       w.team, w.survey);
   w.has_map = true;
   result.registration.deviation = survey.deviation;
@@ -382,6 +403,10 @@ Status BlockInspector::extract(const Cloud& cloud) {
   compute_block_budget(w.recipe, w.verified, result);
   compute_observation(w.model, w.T_base_scanner * result.registration.T_scanner_block, result);
   static_assert(kFindingFloats <= kSampleFloats);
+  if (has_surface_items) {
+    find_pores_and_damage(w.model, w.surface_table, w.raster[0], w.raster_rest, w.team, result);
+    return success();
+  }
   find_surface_damage(cloud, w.model, T_block_scanner,
                       {deviation_map(), {&survey.of(PointList::jaw_inner), &survey.of(PointList::jaw_outer)}}, w.sample,
                       w.team, result);

@@ -61,16 +61,19 @@ constexpr std::array kTable = {
           "look at the scan (`slabctl inspect`), then scan again; check the computer's load"},
     Entry{Code::store_full, "a disk is full, or has no room for two more slabs",
           "free space on the disk of the scans or of the database; `journalctl -u slabd` says which"},
-    Entry{Code::journal_write,
-          "the database or the spool of scans could not be written, or the database is damaged or not there",
-          "`slabctl status` and `journalctl -u slabd` say which; check the disk and its mount, then reset the fault; a "
-          "program that keeps the database locked is named with its process id (`slabctl doctor` names it too): end it; "
-          "`slabctl db check` tells a damaged database, and `slabctl db restore` brings a backup back"},
+    Entry{
+        Code::journal_write,
+        "the database or the spool of scans could not be written, or the database is damaged or not there",
+        "`slabctl status` and `journalctl -u slabd` say which; check the disk and its mount, then reset the fault; a "
+        "program that keeps the database locked is named with its process id (`slabctl doctor` names it too): end it; "
+        "`slabctl db check` tells a damaged database, and `slabctl db restore` brings a backup back"},
     Entry{Code::calibration_missing, "there is no valid calibration",
           "calibrate and apply it; a line never calibrated takes [calibration] from the config"},
     Entry{Code::config, "the configuration is not usable", "run `slabctl config check`; it names file and line"},
     Entry{Code::internal, "an internal check failed", "note the journal entry and restart the service"},
-    Entry{Code::block_damage, "surface of the seat or of a jaw is displaced or missing",
+    Entry{Code::surface_pores, "a pore is larger than the recipe allows",
+          "`slabctl show` names place, size and depth; look at the block"},
+    Entry{Code::block_damage, "surface of the block is displaced, broken out, cracked or missing",
           "`slabctl show` names place, size and depth; look at the block: damage, dirt or something that lies on it"},
 };
 

@@ -47,7 +47,8 @@ enum class Code : std::uint16_t {
   calibration_missing = 503,
   config = 504,
   internal = 505,
-  // what was found on a block, beside its items
+  // what was found on a block: reasons of items without a bit in the fail mask
+  surface_pores = 616,
   block_damage = 617,
 };
 

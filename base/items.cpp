@@ -5,24 +5,26 @@ namespace slabd {
 namespace {
 
 constexpr std::array<ItemInfo, kItemCount> kItems = {{
-    {ItemId::seat_slope, "seat_slope", ItemScope::block, ItemUnit::deg, 0},
-    {ItemId::seat_flatness, "seat_flatness", ItemScope::block, ItemUnit::mm, 1},
-    {ItemId::jaw_angle_inner, "jaw_angle_inner", ItemScope::block, ItemUnit::deg, 2},
-    {ItemId::jaw_angle_outer, "jaw_angle_outer", ItemScope::block, ItemUnit::deg, 3},
-    {ItemId::jaw_distance, "jaw_distance", ItemScope::block, ItemUnit::mm, 4},
-    {ItemId::casing_spacing, "casing_spacing", ItemScope::block, ItemUnit::mm, 5},
-    {ItemId::casing_protrusion_inner, "casing_protrusion_inner", ItemScope::block, ItemUnit::mm, 6},
-    {ItemId::casing_protrusion_outer, "casing_protrusion_outer", ItemScope::block, ItemUnit::mm, 7},
-    {ItemId::casing_skew_inner, "casing_skew_inner", ItemScope::block, ItemUnit::mm, 8},
-    {ItemId::casing_skew_outer, "casing_skew_outer", ItemScope::block, ItemUnit::mm, 9},
-    {ItemId::seat_lateral, "seat_lateral", ItemScope::seat_in_slab, ItemUnit::mm, 10},
-    {ItemId::seat_vertical, "seat_vertical", ItemScope::seat_in_slab, ItemUnit::mm, 11},
-    {ItemId::seat_spacing, "seat_spacing", ItemScope::seat_neighbours, ItemUnit::mm, 12},
-    {ItemId::large_jaw_distance, "large_jaw_distance", ItemScope::seat_pair, ItemUnit::mm, 13},
-    {ItemId::corner_level, "corner_level", ItemScope::slab, ItemUnit::mm, 14},
-    {ItemId::warp_left, "warp_left", ItemScope::slab, ItemUnit::mm, 15},
-    {ItemId::warp_right, "warp_right", ItemScope::slab, ItemUnit::mm, 15},
-    {ItemId::seat_std, "seat_std", ItemScope::block, ItemUnit::mm, -1},
+    {ItemId::seat_slope, "seat_slope", ItemScope::block, ItemUnit::deg, 0, 600},
+    {ItemId::seat_flatness, "seat_flatness", ItemScope::block, ItemUnit::mm, 1, 601},
+    {ItemId::jaw_angle_inner, "jaw_angle_inner", ItemScope::block, ItemUnit::deg, 2, 602},
+    {ItemId::jaw_angle_outer, "jaw_angle_outer", ItemScope::block, ItemUnit::deg, 3, 603},
+    {ItemId::jaw_distance, "jaw_distance", ItemScope::block, ItemUnit::mm, 4, 604},
+    {ItemId::casing_spacing, "casing_spacing", ItemScope::block, ItemUnit::mm, 5, 605},
+    {ItemId::casing_protrusion_inner, "casing_protrusion_inner", ItemScope::block, ItemUnit::mm, 6, 606},
+    {ItemId::casing_protrusion_outer, "casing_protrusion_outer", ItemScope::block, ItemUnit::mm, 7, 607},
+    {ItemId::casing_skew_inner, "casing_skew_inner", ItemScope::block, ItemUnit::mm, 8, 608},
+    {ItemId::casing_skew_outer, "casing_skew_outer", ItemScope::block, ItemUnit::mm, 9, 609},
+    {ItemId::seat_lateral, "seat_lateral", ItemScope::seat_in_slab, ItemUnit::mm, 10, 610},
+    {ItemId::seat_vertical, "seat_vertical", ItemScope::seat_in_slab, ItemUnit::mm, 11, 611},
+    {ItemId::seat_spacing, "seat_spacing", ItemScope::seat_neighbours, ItemUnit::mm, 12, 612},
+    {ItemId::large_jaw_distance, "large_jaw_distance", ItemScope::seat_pair, ItemUnit::mm, 13, 613},
+    {ItemId::corner_level, "corner_level", ItemScope::slab, ItemUnit::mm, 14, 614},
+    {ItemId::warp_left, "warp_left", ItemScope::slab, ItemUnit::mm, 15, 615},
+    {ItemId::warp_right, "warp_right", ItemScope::slab, ItemUnit::mm, 15, 615},
+    {ItemId::seat_std, "seat_std", ItemScope::block, ItemUnit::mm, -1, -1},
+    {ItemId::surface_pores, "surface_pores", ItemScope::block, ItemUnit::mm, -1, 616, true},
+    {ItemId::block_damage, "block_damage", ItemScope::block, ItemUnit::mm, -1, 617, true},
 }};
 
 }  // namespace
@@ -66,6 +68,12 @@ std::optional<ItemId> item_from_name(std::string_view item_name) {
   return std::nullopt;
 }
 
+std::optional<ItemId> item_from_reason(int reason) {
+  for (const ItemInfo& item : kItems)
+    if (item.reason >= 0 && item.reason == reason) return item.id;
+  return std::nullopt;
+}
+
 std::string_view beside_name(ItemId id) {
   switch (id) {
     case ItemId::seat_slope: return "ratio_n";
@@ -73,6 +81,8 @@ std::string_view beside_name(ItemId id) {
     case ItemId::seat_std: return "cells_mm";
     case ItemId::seat_vertical: return "unremoved_mm";
     case ItemId::corner_level: return "quarter_mm";
+    case ItemId::surface_pores: return "deepest_mm";
+    case ItemId::block_damage: return "depth_mm";
     default: return "";
   }
 }

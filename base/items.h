@@ -19,6 +19,7 @@ enum class Verdict : std::uint8_t { none = 0, pass = 1, fail = 2, not_measured =
 [[nodiscard]] std::string_view name(Verdict verdict);
 
 /// What is measured. 0..15 are the bits of the PLC's fail mask; warp_right shares bit 15, seat_std is information only.
+/// surface_pores and block_damage have no bit, but a REASON each (ItemInfo::reason).
 enum class ItemId : std::uint8_t {
   seat_slope = 0,
   seat_flatness = 1,
@@ -38,8 +39,10 @@ enum class ItemId : std::uint8_t {
   warp_left = 15,
   warp_right = 16,
   seat_std = 17,
+  surface_pores = 18,
+  block_damage = 19,
 };
-inline constexpr std::size_t kItemCount = 18;
+inline constexpr std::size_t kItemCount = 20;
 
 enum class ItemScope : std::uint8_t { block, seat_in_slab, seat_neighbours, seat_pair, slab };
 enum class ItemUnit : std::uint8_t { mm, deg };
@@ -51,10 +54,15 @@ struct ItemInfo {
   ItemScope scope;
   ItemUnit unit;
   int plc_bit;  ///< bit of fail mask IR 38 / IR 39, -1 = none
+  int reason;   ///< REASON of a verdict that this item decides, -1 = the item is information and decides nothing
+  /// A recipe may leave this item out; then it is not listed and decides nothing.
+  bool optional = false;
 };
 [[nodiscard]] const ItemInfo& info(ItemId id);
 [[nodiscard]] std::string_view name(ItemUnit unit);
 [[nodiscard]] std::optional<ItemId> item_from_name(std::string_view item_name);
+/// The first item whose REASON this is, or nullopt: warp_left for both warps.
+[[nodiscard]] std::optional<ItemId> item_from_reason(int reason);
 
 /// Where an item's standard uncertainty comes from (GUM budget; the terms and formulas stand in
 /// algo/items/uncertainty.h).
@@ -98,7 +106,8 @@ struct Item {
   [[nodiscard]] double deviation() const { return value - nominal; }
 };
 /// Name of `Item::beside` in JSON and reports, empty when the item has none: seat_slope "ratio_n" (n of 1:n),
-/// seat_flatness "min_zone_mm", seat_std "cells_mm", seat_vertical "unremoved_mm", corner_level "quarter_mm".
+/// seat_flatness "min_zone_mm", seat_std "cells_mm", seat_vertical "unremoved_mm", corner_level "quarter_mm",
+/// surface_pores "deepest_mm" (the deepest pore), block_damage "depth_mm" (of the largest damage).
 [[nodiscard]] std::string_view beside_name(ItemId id);
 
 /// ISO 14253-1 with guard band `guard * U`: pass inside the limits by the guard band, fail outside by it, else

@@ -77,10 +77,16 @@ inline constexpr std::size_t kPlaneHypothesesMax = 16'384;
 /// Angular sectors of a casing's edge: 7.5 degrees, 2 mm of arc. Wide enough that many points compete for the
 /// innermost one, which narrows its gap to the edge; still enough of them for a robust circle.
 inline constexpr std::size_t kRimSectors = 48;
-/// Findings kept of one block, the largest first: more than a few make no difference to what is done with the block.
-inline constexpr std::size_t kFindingsMax = 8;
-/// Displaced or missing area on seat or jaw from which a block is not passed: a fifth of what one casing's rim covers.
+/// Findings kept of one block, damage first and the largest first: a person looks at the block after a few of them. A
+/// block of good concrete has about thirty pores that are large enough to be listed.
+inline constexpr std::size_t kFindingsMax = 32;
+/// Displaced or missing area from which a block is not passed by a recipe without the item block_damage: a fifth of
+/// what one casing's rim covers.
 inline constexpr double kFindingArea_mm2 = 100.0;
+/// Cells of the surface raster (algo/survey/surface_raster.h), 1.25 mm: 260 x 550 mm around the block.
+inline constexpr std::size_t kSurfaceColumns = 208;
+inline constexpr std::size_t kSurfaceRows = 440;
+inline constexpr std::size_t kSurfaceCells = kSurfaceColumns * kSurfaceRows;
 /// Histogram of distances to the model (shares within 1..6 sigma): bins of 0.05 um over a 3 mm gate.
 inline constexpr std::size_t kDeviationBins = 1U << 16U;
 
@@ -126,6 +132,7 @@ inline constexpr std::size_t kWorkspaceBytes =
     2 * array_bytes(kSurveyPiecesMax, sizeof(std::uint32_t)) +           // their order and sizes,
     2 * array_bytes(kDeviationMapCells, sizeof(std::int64_t)) +          // deviation map of either thread: sums
     2 * array_bytes(kDeviationMapCells, sizeof(std::uint32_t)) +         // and counts
+    array_bytes(kSurfaceCells, sizeof(std::uint16_t)) +                  // surface raster: the face of each cell
     array_bytes(kSeatPointsMax, sizeof(float)) +                         // single heights of doubtful flatness cells
     array_bytes(kCellGroupsMax, 2 * sizeof(std::uint16_t)) +             // flatness cells: what groups of points saw,
     array_bytes(2 * kFlatnessCellsMax, 64) +                             // sums of either half of the points,

@@ -83,6 +83,7 @@ struct Tolerance {
   double U = kNoValue;  ///< expanded (k = 2), used where no budget is computed; slab-frame items add the station's
   bool required = false;
   bool confirmed = false;  ///< of the limits
+  bool given = false;      ///< the recipe names this item; asked of optional ones only (ItemInfo::optional)
 };
 
 enum class SlopeDatum : std::uint8_t { slab_frame, local_slab_top };

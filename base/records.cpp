@@ -33,12 +33,15 @@ std::string_view name(FindingFace face) {
     case FindingFace::seat: return "seat";
     case FindingFace::jaw_inner: return "jaw_inner";
     case FindingFace::jaw_outer: return "jaw_outer";
+    case FindingFace::shoulder_inner: return "shoulder_inner";
+    case FindingFace::shoulder_outer: return "shoulder_outer";
   }
   return "seat";
 }
 
 FixedString<160> sentence(const SurfaceFinding& f) {
-  constexpr std::array<const char*, kFindingFaces> kFaces = {"the seat", "the inner jaw", "the outer jaw"};
+  constexpr std::array<const char*, kFindingFaces> kFaces = {"the seat", "the inner jaw", "the outer jaw",
+                                                             "the inner shoulder", "the outer shoulder"};
   FixedString<160> text;
   text.printf("%s on %s at x %.0f mm, s %.0f mm: %.0f x %.0f mm, %.0f mm2", name(f.kind).data(),
               kFaces.at(static_cast<std::size_t>(f.face)), f.x_mm, f.s_mm, f.length_mm, f.width_mm, f.area_mm2);
@@ -67,22 +70,30 @@ std::uint16_t reason_for(Verdict verdict, const Item* begin, const Item* end, Co
   for (const Item* item = begin; item != end; ++item) {
     if (item->verdict != verdict) continue;
     if (verdict == Verdict::not_measured && !item->required) continue;
-    const int bit = info(item->id).plc_bit;
-    if (bit >= 0 && (lowest < 0 || bit < lowest)) lowest = bit;
+    const int reason = info(item->id).reason;
+    if (reason >= 0 && (lowest < 0 || reason < lowest)) lowest = reason;
   }
-  if (lowest >= 0) return static_cast<std::uint16_t>(kReasonItemBase + lowest);
+  if (lowest >= 0) return static_cast<std::uint16_t>(lowest);
   return static_cast<std::uint16_t>(code == Code::ok ? Code::fit_failed : code);
 }
 
+namespace {
+
+bool decide_by_themselves(const BlockResult& block) {
+  return !block.findings.empty() && find_item(block.items.begin(), block.items.end(), ItemId::block_damage) == nullptr;
+}
+
+}  // namespace
+
 Verdict with_findings(Verdict by_items, const BlockResult& block) {
-  return by_items == Verdict::pass && !block.findings.empty() ? Verdict::indeterminate : by_items;
+  return by_items == Verdict::pass && decide_by_themselves(block) ? Verdict::indeterminate : by_items;
 }
 
 std::uint16_t reason_with_findings(Verdict verdict, const Item* begin, const Item* end, Code code,
                                    const BlockResult& block) {
   const bool by_item =
       std::any_of(begin, end, [&](const Item& item) { return item.verdict == Verdict::indeterminate; });
-  if (verdict == Verdict::indeterminate && code == Code::ok && !by_item && !block.findings.empty())
+  if (verdict == Verdict::indeterminate && code == Code::ok && !by_item && decide_by_themselves(block))
     return static_cast<std::uint16_t>(Code::block_damage);
   return reason_for(verdict, begin, end, code);
 }

@@ -120,18 +120,19 @@ struct SeatFeature {
   SurfaceDefect defect;
 };
 
-/// An area of the seat or of a jaw that is displaced or was not seen, larger than limits::kFindingArea_mm2.
+/// An area of the block's surface that is displaced or was not seen: damage, and the larger pores.
 enum class FindingKind : std::uint8_t {
   pit,      ///< below the face
   bump,     ///< above it
-  crack,    ///< below it and narrow
-  chip,     ///< below it and open towards an edge of the face
+  crack,    ///< below it or without points, long and narrow
+  chip,     ///< below it and open towards an outer edge of the block
   missing,  ///< nothing was seen there
 };
 inline constexpr std::size_t kFindingKinds = 5;
 [[nodiscard]] std::string_view name(FindingKind kind);
-enum class FindingFace : std::uint8_t { seat, jaw_inner, jaw_outer };
-inline constexpr std::size_t kFindingFaces = 3;
+/// What was seen of a broken edge belongs to the face from which it was broken.
+enum class FindingFace : std::uint8_t { seat, jaw_inner, jaw_outer, shoulder_inner, shoulder_outer };
+inline constexpr std::size_t kFindingFaces = 5;
 [[nodiscard]] std::string_view name(FindingFace face);
 
 struct SurfaceFinding {
@@ -145,6 +146,14 @@ struct SurfaceFinding {
   double depth_mm = kNoValue;    ///< distance from the face where it is largest, positive; NaN: nothing was seen
   double area_mm2 = 0.0;         ///< on the face
   double volume_mm3 = kNoValue;  ///< between the face and what was seen; NaN: nothing was seen
+};
+
+/// Pores of a block: pits up to the size that the recipe counts as a pore (algo/survey/surface_judgement.h).
+struct PoreSummary {
+  std::uint32_t count = 0;       ///< of pores large enough to be counted
+  double largest_mm = kNoValue;  ///< diameter of the circle of equal area; 0: there is none, NaN: not looked for
+  double deepest_mm = kNoValue;
+  double share = kNoValue;  ///< of the area that was seen
 };
 
 /// "pit on the seat at x 80 mm, s 2 mm: 42 x 368 mm, 15460 mm2, up to 10.0 mm deep".
@@ -190,12 +199,12 @@ struct StageTimes {
   double total_ms = 0.0;
 };
 
-inline constexpr std::size_t kBlockItemsMax = 12;
+inline constexpr std::size_t kBlockItemsMax = 14;
 
 struct BlockResult {
   std::uint8_t station = 0;
   Verdict verdict = Verdict::none;
-  std::uint16_t reason = 0;  ///< 600 + lowest failing item, or a Code
+  std::uint16_t reason = 0;  ///< that of the lowest failing item (ItemInfo::reason), or a Code
   ScanCounts scan;
   RegistrationReport registration;
   SeatFeature seat;
@@ -205,8 +214,9 @@ struct BlockResult {
   CasingFeature casing_inner;
   CasingFeature casing_outer;
   FixedVector<Item, kBlockItemsMax> items;
-  /// Largest area first; empty: seat and jaws are whole as far as the scan shows them.
+  /// Damage before pores, each the largest area first; empty: the block is whole as far as the scan shows it.
   FixedVector<SurfaceFinding, limits::kFindingsMax> findings;
+  PoreSummary pores;
   SeatObservation observation;
   StageTimes times;
 };
@@ -235,15 +245,15 @@ struct SlabResult {
   std::array<std::uint16_t, limits::kStationsMax> station_reason{};
 };
 
-/// Verdict and reason of a block whose items came to `by_items`: a finding turns a pass into indeterminate, reason 617.
-/// Every other verdict is kept, because it is no better.
+/// Verdict and reason of a block whose items came to `by_items`: a finding turns a pass into indeterminate, reason 617,
+/// unless the block has the item block_damage, which judges them. Every other verdict is kept, because it is no better.
 [[nodiscard]] Verdict with_findings(Verdict by_items, const BlockResult& block);
 /// `reason_for` with the block's findings: 617 where the block is indeterminate and no item is.
 [[nodiscard]] std::uint16_t reason_with_findings(Verdict verdict, const Item* begin, const Item* end, Code code,
                                                  const BlockResult& block);
 
-/// The verdict's REASON: 600 + the lowest failing item; for not_measured and indeterminate 600 + the lowest such
-/// item, or `code` when it names a cause before any item; 0 for pass.
+/// The verdict's REASON: ItemInfo::reason of the lowest failing item; for not_measured and indeterminate of the lowest
+/// such item, or `code` when it names a cause before any item; 0 for pass.
 [[nodiscard]] std::uint16_t reason_for(Verdict verdict, const Item* begin, const Item* end, Code code);
 
 /// Bits of IR 38 (`Verdict::fail`) and of IR 39 (indeterminate or not measured, required or not).

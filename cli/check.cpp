@@ -34,7 +34,10 @@ std::vector<NamedNominal> nominals_of(const Recipe& recipe) {
 
 std::vector<Item> tolerances_of(const Recipe& recipe) {
   std::vector<Item> items;
-  for (std::size_t i = 0; i < kItemCount; ++i) items.push_back(blank_item(recipe, static_cast<ItemId>(i)));
+  for (std::size_t i = 0; i < kItemCount; ++i) {
+    const auto id = static_cast<ItemId>(i);
+    if (!info(id).optional || recipe.tolerance(id).given) items.push_back(blank_item(recipe, id));
+  }
   return items;
 }
 

@@ -175,10 +175,11 @@ void read_limits(TableReader& item, const ItemInfo& info, Tolerance& out) {
 
 /// Sizes have no lower limit that means anything; what is out on either side of its nominal is bad on both.
 bool is_size(ItemId id) {
-  return id == ItemId::seat_flatness || id == ItemId::casing_skew_inner || id == ItemId::casing_skew_outer;
+  return id == ItemId::seat_flatness || id == ItemId::casing_skew_inner || id == ItemId::casing_skew_outer ||
+         id == ItemId::surface_pores || id == ItemId::block_damage;
 }
 
-/// An item without a bit in the PLC's fail mask is information: a block that failed by it would not say why.
+/// An item without a REASON is information: a block that failed by it would not say why.
 void refuse_judging(TableReader& item, const Tolerance& t) {
   for (const char* key : {"lower", "upper", "tolerance"})
     if (item.has(key))
@@ -195,7 +196,7 @@ void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
   read_item_nominal(item, info, out);
   read_limits(item, info, out);
   item.optional_number("U", out.U, {1e-6, 1e3});
-  if (info.plc_bit < 0) {
+  if (info.reason < 0) {
     refuse_judging(item, out);
     return item.finish();
   }
@@ -216,9 +217,11 @@ void read_items(TableReader items, Recipe& recipe) {
     const ItemInfo& item = info(static_cast<ItemId>(i));
     // An item left out by mistake would silently not be judged.
     if (!items.has(item.name)) {
+      if (item.optional) continue;
       items.missing(item.name, "a table; an item that is not judged says required = false and gives no limits");
       continue;
     }
+    recipe.tolerances[i].given = true;
     read_item(items.table(item.name), item, recipe.tolerances[i]);
   }
   items.finish();

@@ -96,6 +96,8 @@ double nominal_from_geometry(const Recipe& r, ItemId id) {
     case ItemId::large_jaw_distance: return large_jaw_distance_mm(r);
     case ItemId::seat_std: return kNoValue;
     case ItemId::seat_flatness:
+    case ItemId::surface_pores:
+    case ItemId::block_damage:
     case ItemId::casing_skew_inner:
     case ItemId::casing_skew_outer:
     case ItemId::seat_lateral:
@@ -116,10 +118,13 @@ std::string limits_text(const Tolerance& t) {
 void check_item(TableReader item, const Recipe& recipe, ItemId id) {
   const Tolerance& t = recipe.tolerance(id);
   // Whoever does not know how well he measures decides nothing: every slab would be indeterminate.
-  if (t.required && (has_value(t.lower) || has_value(t.upper)) && !has_value(t.U) && !recipe.uncertainty.given)
-    item.problem("U",
-                 "missing; expected the expanded uncertainty (k = 2) of its value, or a table [uncertainty]: without "
-                 "either nothing can pass, with guard 0 either");
+  const bool never_computed = id == ItemId::surface_pores || id == ItemId::block_damage;
+  if (t.required && (has_value(t.lower) || has_value(t.upper)) && !has_value(t.U) &&
+      (never_computed || !recipe.uncertainty.given))
+    item.problem("U", never_computed
+                          ? "missing; expected the expanded uncertainty (k = 2) of its value: none is computed"
+                          : "missing; expected the expanded uncertainty (k = 2) of its value, or a table "
+                            "[uncertainty]: without either nothing can pass, with guard 0 either");
   if (!has_value(t.nominal.value)) return;
   const double expected = nominal_from_geometry(recipe, id);
   if (has_value(expected) && std::abs(t.nominal.value - expected) > kAgreement)

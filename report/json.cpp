@@ -249,6 +249,10 @@ void write_block(Json& json, const BlockResult& block, double cell_mm) {
     if (info(item.id).scope == ItemScope::block) write_item(json, item);
   json.end_array();
 
+  json.key("pores").begin_object();
+  json.field("count", block.pores.count).field("largest_mm", block.pores.largest_mm);
+  json.field("deepest_mm", block.pores.deepest_mm).field("share", block.pores.share).end_object();
+
   json.key("findings").begin_array();
   for (const SurfaceFinding& f : block.findings) {
     json.begin_object().field("kind", name(f.kind)).field("face", name(f.face));

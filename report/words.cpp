@@ -188,6 +188,8 @@ Entry item_entry(ItemId id) {
     case ItemId::warp_left: return {"warp, row Y > 0", "翘曲（Y > 0）"};
     case ItemId::warp_right: return {"warp, row Y < 0", "翘曲（Y < 0）"};
     case ItemId::seat_std: return {"seat standard deviation", "承轨面测点标准差"};
+    case ItemId::surface_pores: return {"pores, largest", "气孔（最大）"};
+    case ItemId::block_damage: return {"damage, largest", "破损（最大）"};
   }
   return {};
 }
@@ -265,7 +267,8 @@ std::string_view verdict_word(Verdict verdict, Language language) {
 std::string finding_sentence(const SurfaceFinding& f, Language language) {
   if (language == Language::en) return std::string(sentence(f).view());
   constexpr std::array<const char*, kFindingKinds> kKinds = {"凹坑", "凸起", "裂缝", "缺角", "缺失"};
-  constexpr std::array<const char*, kFindingFaces> kFaces = {"承轨面", "内侧钳口面", "外侧钳口面"};
+  constexpr std::array<const char*, kFindingFaces> kFaces = {"承轨面", "内侧钳口面", "外侧钳口面", "内侧挡肩顶面",
+                                                             "外侧挡肩顶面"};
   std::string text =
       fmt::format("{}{}，位置 x {:.0f} mm，s {:.0f} mm，{:.0f} x {:.0f} mm，{:.0f} mm2",
                   kFaces.at(static_cast<std::size_t>(f.face)), kKinds.at(static_cast<std::size_t>(f.kind)), f.x_mm,
@@ -277,14 +280,10 @@ std::string finding_sentence(const SurfaceFinding& f, Language language) {
 
 std::string reason_sentence(std::uint16_t reason, Language language) {
   if (reason == 0) return "";
-  if (reason >= kReasonItemBase) {
-    for (std::size_t i = 0; i < kItemCount; ++i) {
-      const ItemInfo& facts = info(static_cast<ItemId>(i));
-      if (facts.plc_bit < 0 || reason != kReasonItemBase + facts.plc_bit) continue;
-      // Both warps share a bit of the PLC's mask; the items say which one it was.
-      if (facts.id == ItemId::warp_left) return language == Language::zh ? "翘曲" : "warp";
-      return item_word(facts.id, language);
-    }
+  if (const std::optional<ItemId> item = item_from_reason(reason); item && info(*item).plc_bit >= 0) {
+    // Both warps share a bit of the PLC's mask; the items say which one it was.
+    if (*item == ItemId::warp_left) return language == Language::zh ? "翘曲" : "warp";
+    return item_word(*item, language);
   }
   return fmt::format("{}{}{}", reason, language == Language::zh ? "：" : ": ",
                      meaning(static_cast<Code>(reason), language));

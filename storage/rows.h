@@ -265,6 +265,10 @@ void columns(V& v, R& r) {
   v("defect_height_mm", r.seat.defect.height_mm);
   v("defect_x_mm", r.seat.defect.x_mm);
   v("defect_s_mm", r.seat.defect.s_mm);
+  v("pores", r.pores.count);
+  v("pores_largest_mm", r.pores.largest_mm);
+  v("pores_deepest_mm", r.pores.deepest_mm);
+  v("pores_share", r.pores.share);
   v("sigma_p", r.observation.sigma_p_mm);
   v("sigma_jaw", r.observation.sigma_jaw_mm);
   v("sigma_n", r.observation.sigma_n_rad);

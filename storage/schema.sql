@@ -220,6 +220,8 @@ CREATE TABLE block (
   -- The largest group of cells beyond the limit; limit NULL: the channel was not computed.
   defect_limit_mm REAL, defect_cells INTEGER NOT NULL DEFAULT 0, defect_area_mm2 REAL DEFAULT 0.0,
   defect_height_mm REAL DEFAULT 0.0, defect_x_mm REAL DEFAULT 0.0, defect_s_mm REAL DEFAULT 0.0,
+  -- Pores; NULL: not looked for.
+  pores INTEGER NOT NULL DEFAULT 0, pores_largest_mm REAL, pores_deepest_mm REAL, pores_share REAL,
   -- Standard uncertainties inside one scan, block axes: of p_base and jaw_outer_base (mm), of the normals (rad).
   sigma_p_x REAL, sigma_p_y REAL, sigma_p_z REAL,
   sigma_jaw_x REAL, sigma_jaw_y REAL, sigma_jaw_z REAL,
@@ -272,7 +274,7 @@ CREATE TABLE casing (
   FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
 ) STRICT, WITHOUT ROWID;
 
--- Areas of seat and jaws that are displaced or were not seen, the largest first. Lengths in mm, block frame: x along the
+-- Areas of the block's surface that are displaced or were not seen: damage, then pores, each the largest first. Lengths in mm, block frame: x along the
 -- rail, s along the bearing plane, z up. depth and volume NULL: nothing was seen there.
 CREATE TABLE finding (
   slab_key INTEGER NOT NULL,
@@ -280,7 +282,7 @@ CREATE TABLE finding (
   attempt  INTEGER NOT NULL,
   position INTEGER NOT NULL,             -- from 0
   kind     TEXT NOT NULL,                -- pit, bump, crack, chip, missing
-  face     TEXT NOT NULL,                -- seat, jaw_inner, jaw_outer
+  face     TEXT NOT NULL,                -- seat, jaw_inner, jaw_outer, shoulder_inner, ...
   x_mm REAL, s_mm REAL, z_mm REAL,
   length_mm REAL, width_mm REAL, depth_mm REAL, area_mm2 REAL, volume_mm3 REAL,
   PRIMARY KEY (slab_key, station, attempt, position),

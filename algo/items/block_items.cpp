@@ -12,7 +12,7 @@
 namespace slabd::algo {
 namespace {
 
-constexpr std::array<ItemId, 11> kBlockItems = {ItemId::seat_slope,
+constexpr std::array<ItemId, 13> kBlockItems = {ItemId::seat_slope,
                                                 ItemId::seat_flatness,
                                                 ItemId::jaw_angle_inner,
                                                 ItemId::jaw_angle_outer,
@@ -22,7 +22,9 @@ constexpr std::array<ItemId, 11> kBlockItems = {ItemId::seat_slope,
                                                 ItemId::casing_protrusion_outer,
                                                 ItemId::casing_skew_inner,
                                                 ItemId::casing_skew_outer,
-                                                ItemId::seat_std};
+                                                ItemId::seat_std,
+                                                ItemId::surface_pores,
+                                                ItemId::block_damage};
 static_assert(kBlockItems.size() <= kBlockItemsMax, "a block's items must fit its record");
 
 Item& item(BlockResult& result, ItemId id) {
@@ -45,7 +47,9 @@ double slope_about_x_rad(const Vec3& n) {
 
 void blank_block_items(const Recipe& recipe, BlockResult& result) {
   result.items.clear();
-  for (const ItemId id : kBlockItems) (void)result.items.push(blank_item(recipe, id, result.station));
+  for (const ItemId id : kBlockItems)
+    if (!info(id).optional || recipe.tolerance(id).given)
+      (void)result.items.push(blank_item(recipe, id, result.station));
 }
 
 void compute_block_items(const BlockModel& model, BlockResult& result) {

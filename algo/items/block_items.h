@@ -6,7 +6,7 @@
 
 namespace slabd::algo {
 
-/// Puts the eleven block-scope items into `result`, without values.
+/// Puts the block-scope items into `result`, without values; optional ones only where the recipe names them.
 void blank_block_items(const Recipe& recipe, BlockResult& result);
 
 /// Fills the items' values from the measured features of `result`; what was not measured stays without a value.

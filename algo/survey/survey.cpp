@@ -100,6 +100,13 @@ std::size_t first_sixteen(std::size_t block, std::size_t stride) {
   return static_cast<std::size_t>((std::uint64_t{fraction} * stride) >> 32U);
 }
 
+/// Points of each sixteen that go to the surface raster: about ten in each of its cells are enough, and the scan of
+/// five million points would cost twice what a coarse one does.
+std::size_t surface_lanes(std::size_t points) {
+  constexpr std::size_t kAll = 2'500'000;
+  return points <= kAll ? kLanes : kLanes / 2;
+}
+
 /// One pass, merged.
 struct Passed {
   SurveySums sums;
@@ -117,6 +124,9 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
     std::fill(map.sum_nm.begin(), map.sum_nm.end(), 0);
     std::fill(map.count.begin(), map.count.end(), 0U);
   }
+  if (with_map)
+    team.run(2, [&](std::size_t i) { std::fill(work.surface[i].begin(), work.surface[i].end(), SurfaceCell{}); });
+  const std::size_t lanes = surface_lanes(cloud.points);
   team.run(blocks, [&](std::size_t b) {
     // Whole numbers add up to the same in any order, so any map will do that nobody else writes to.
     std::size_t slot = 0;
@@ -126,13 +136,22 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
     const std::size_t first = std::min(end, begin + kLanes * first_sixteen(b, stride));
     const std::size_t count = end - first;
     survey_points(cloud.xyz.data() + 3 * first, count, stride, task, work.pool, with_map ? work.map[slot] : MapSums{},
-                  work.blocks[b]);
+                  with_map ? SurfaceSums{work.surface[slot], lanes} : SurfaceSums{}, work.blocks[b]);
     taken[slot].store(false, std::memory_order_release);
   });
 
   for (std::size_t i = 0; i < work.map[0].count.size(); ++i) {
     work.map[0].sum_nm[i] += work.map[1].sum_nm[i];
     work.map[0].count[i] += work.map[1].count[i];
+  }
+  if (with_map) {
+    for (std::size_t i = 0; i < work.surface[0].size(); ++i) {
+      SurfaceCell& sum = work.surface[0][i];
+      const SurfaceCell& other = work.surface[1][i];
+      sum.sum += other.sum;
+      sum.squares += other.squares;
+      sum.count += other.count;
+    }
   }
 
   Passed passed;

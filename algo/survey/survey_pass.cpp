@@ -25,6 +25,7 @@
 
 #include "algo/survey/map_lanes-inl.h"
 #include "algo/survey/segmentation.h"
+#include "algo/survey/surface_lanes-inl.h"
 #include "algo/survey/survey_pass.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -173,8 +174,8 @@ constexpr std::array<PointList, kLargeFaces> kEdges = {PointList::seat_edge, Poi
 
 class Surveyor {
  public:
-  Surveyor(const SurveyTask& task, PointPool& pool, const MapSums& map, SurveySums& out)
-      : task_(task), pool_(pool), map_(map), out_(out) {
+  Surveyor(const SurveyTask& task, PointPool& pool, const MapSums& map, const SurfaceSums& surface, SurveySums& out)
+      : task_(task), pool_(pool), map_(map), surface_(surface), out_(out) {
     out = SurveySums{};
     out.first.fill(PointPool::kNone);
     out.last.fill(PointPool::kNone);
@@ -231,6 +232,7 @@ class Surveyor {
   void close() {
     flush();
     map_.put();
+    surface_.flush();
     out_.near = sum_of_lanes(distances_.count);
     out_.sum_mm = sum_of_lanes(sum_);
     out_.sum_mm2 = sum_of_lanes(squares_);
@@ -248,6 +250,8 @@ class Surveyor {
  private:
   static constexpr float kHalfX = 0.5F * static_cast<float>(limits::kFaceTableX);
   static constexpr float kHalfY = 0.5F * static_cast<float>(limits::kFaceTableY);
+  static constexpr float kFarthest = 1e9F;    ///< of a point near which there is no face ...
+  static constexpr float kNoFaceNear = 1e8F;  ///< ... and a bound that tells it from any distance
 
   /// A rectangle of the block's (x, y) all over which there is one face and one region.
   struct Ground {
@@ -361,6 +365,7 @@ class Surveyor {
       specials += static_cast<std::size_t>(any(rarely));
       distances.add(in, r, distance, task_.share_mm.data());
       map_.take(x, y, r);
+      surface_.take(x, y, r);
     }
     distances_.add(distances);
     if constexpr (kLarge) {
@@ -440,8 +445,8 @@ class Surveyor {
     const std::uint32_t all =
         any_bits(bit_or(bit_and(entry, i16(kFaceBits)), shift_left(i16(1 << kRegionShift), code)));
 
-    F16 best = f16(1e9F);
-    F16 r = f16(1e9F);
+    F16 best = f16(kFarthest);
+    F16 r = f16(kFarthest);
     for (std::uint32_t left = all & kFaceBits; left != 0; left &= left - 1) {
       const auto f = static_cast<std::size_t>(std::countr_zero(left));
       const F16 here = apply(task_.frame.height[f], d);
@@ -458,6 +463,9 @@ class Surveyor {
       if (any(distance > f16(task_.share_mm[DistanceLanes::kWithin]))) count_beyond(near, distance);
       map_.take(x, y, select(near, r, none));
     }
+    // Also further off than the gate: what is left of a broken corner.
+    const M16 of_a_face = active & (best < f16(kNoFaceNear));
+    if (any(of_a_face)) surface_.take(x, y, select(of_a_face, r, f16(std::numeric_limits<float>::quiet_NaN())));
 
     // By region, so that each list stays in the order of the scan.
     const M16 close = active & (best <= f16(task_.band_mm));
@@ -575,6 +583,7 @@ class Surveyor {
   const SurveyTask& task_;
   PointPool& pool_;
   MapLanes map_;
+  SurfaceLanes surface_;
   SurveySums& out_;
   DistanceLanes distances_;
   std::array<F16, 12 - DistanceLanes::kWithin> beyond_;
@@ -587,8 +596,8 @@ class Surveyor {
 };
 
 void survey_lanes(const float* xyz, std::size_t count, std::size_t stride, const SurveyTask& task, PointPool& pool,
-                  const MapSums& map, SurveySums& sums) {
-  Surveyor surveyor(task, pool, map, sums);
+                  const MapSums& map, const SurfaceSums& surface, SurveySums& sums) {
+  Surveyor surveyor(task, pool, map, surface, sums);
   const std::size_t whole = count / kLanes;
   surveyor.survey(xyz, whole, stride);
   if (count % kLanes != 0) surveyor.survey_rest(xyz + 3 * kLanes * whole, count % kLanes);
@@ -605,8 +614,8 @@ namespace slabd::algo {
 HWY_EXPORT(survey_lanes);
 
 void survey_points(const float* xyz, std::size_t count, std::size_t stride, const SurveyTask& task, PointPool& pool,
-                   const MapSums& map, SurveySums& sums) {
-  HWY_DYNAMIC_DISPATCH(survey_lanes)(xyz, count, stride, task, pool, map, sums);
+                   const MapSums& map, const SurfaceSums& surface, SurveySums& sums) {
+  HWY_DYNAMIC_DISPATCH(survey_lanes)(xyz, count, stride, task, pool, map, surface, sums);
 }
 
 }  // namespace slabd::algo

@@ -11,6 +11,7 @@
 #include "algo/features/face_raster.h"
 #include "algo/features/seat_points.h"
 #include "algo/survey/segmentation.h"
+#include "algo/survey/surface_raster.h"
 #include "base/base.h"
 
 /// The one pass over a registered scan that everything measured on it is taken from; survey.h says what for.
@@ -149,8 +150,8 @@ struct SurveySums {
 static_assert(sizeof(SurveySums) <= 640 && sizeof(SeatPoints) == 48, "limits::kWorkspaceBytes counts with these");
 
 /// Surveys every `stride`-th sixteen of `count` points (scanner frame; NaN: missing). One point of each sixteen,
-/// another lane each time, goes into `map`, if it has memory.
+/// another lane each time, goes into `map`, if it has memory, and some into `surface`, likewise.
 void survey_points(const float* xyz, std::size_t count, std::size_t stride, const SurveyTask& task, PointPool& pool,
-                   const MapSums& map, SurveySums& sums);
+                   const MapSums& map, const SurfaceSums& surface, SurveySums& sums);
 
 }  // namespace slabd::algo

@@ -85,9 +85,11 @@ void each_code(Use&& use) {
         fmt::format("item {}, {}: failed; with VERDICT 3 not measured, with 5 indeterminate", item,
                     info(static_cast<ItemId>(item)).name),
         "`slabctl show` names value, limits and U; look at the block");
-  use(static_cast<unsigned>(Code::block_damage),
-      fmt::format("{}; with VERDICT 5, no bit in OPEN_MASK", describe(Code::block_damage)),
-      std::string(cure(Code::block_damage)));
+  for (const Code code : {Code::surface_pores, Code::block_damage})
+    use(static_cast<unsigned>(code),
+        fmt::format("item {}: {}; no bit in FAIL_MASK or OPEN_MASK",
+                    info(*item_from_reason(static_cast<int>(code))).name, describe(code)),
+        std::string(cure(code)));
 }
 
 nlohmann::ordered_json code_json() {

@@ -63,7 +63,8 @@ std::vector<KeyDifference> differences_of(const Recipe& a, const Recipe& b) {
 /// Without a budget U is the recipe's, or what the scan shows where that is more (algo/items/uncertainty.h); of
 /// flatness the scan shows nothing.
 bool widens_by_scan(ItemId id) {
-  return info(id).scope == ItemScope::block && id != ItemId::seat_flatness;
+  return info(id).scope == ItemScope::block && id != ItemId::seat_flatness && id != ItemId::surface_pores &&
+         id != ItemId::block_damage;
 }
 
 /// U and verdict of `judged`, which holds the recipe's U. What the scan showed is stored where it was more than the U

@@ -215,14 +215,9 @@ std::string map_legend(Style style) {
 
 std::string reason_words(std::uint16_t reason) {
   if (reason == 0) return "";
-  if (reason >= kReasonItemBase) {
-    for (std::size_t i = 0; i < kItemCount; ++i) {
-      const ItemInfo& item = info(static_cast<ItemId>(i));
-      // warp_left and warp_right share a number.
-      if (item.plc_bit == reason - kReasonItemBase)
-        return fmt::format("{}: {}", reason, item.id == ItemId::warp_left ? "warp" : item.name);
-    }
-  }
+  // warp_left and warp_right share a number; a reason without a bit in the fail mask has a sentence of its own.
+  if (const std::optional<ItemId> item = item_from_reason(reason); item && info(*item).plc_bit >= 0)
+    return fmt::format("{}: {}", reason, *item == ItemId::warp_left ? "warp" : info(*item).name);
   return fmt::format("{}: {}", reason, describe(static_cast<Code>(reason)));
 }
 

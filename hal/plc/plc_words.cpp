@@ -226,8 +226,8 @@ class Teller {
     Text text;
     if (code == 0) return "0";
     text.printf("%u ", unsigned{code});
-    if (code >= kReasonItemBase && code < kReasonItemBase + 16) {
-      text.append(info(static_cast<ItemId>(code - kReasonItemBase)).name);
+    if (const std::optional<ItemId> item = item_from_reason(code)) {
+      text.append(info(*item).name);
     } else {
       text.append(describe(static_cast<Code>(code)));
     }

@@ -107,7 +107,7 @@ TEST(Render, reasons_name_the_item_or_the_code_and_its_cure) {
   EXPECT_EQ(reason_text(0), "");
   EXPECT_EQ(reason_text(604), "604: jaw_distance");
   EXPECT_EQ(reason_text(615), "615: warp");
-  EXPECT_EQ(reason_text(617), "617: surface of the seat or of a jaw is displaced or missing");
+  EXPECT_EQ(reason_text(617), "617: surface of the block is displaced, broken out, cracked or missing");
   EXPECT_EQ(reason_words(402), "402: no supporting block was found, or the station was never scanned");
   EXPECT_NE(reason_text(402).find(std::string(cure(Code::block_not_found))), std::string::npos);
 }

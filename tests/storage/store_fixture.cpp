@@ -287,6 +287,10 @@ void expect_same(const BlockResult& a, const BlockResult& b) {
   SAME_BITS(seat.defect.height_mm);
   SAME_BITS(seat.defect.x_mm);
   SAME_BITS(seat.defect.s_mm);
+  SAME(pores.count);
+  SAME_BITS(pores.largest_mm);
+  SAME_BITS(pores.deepest_mm);
+  SAME_BITS(pores.share);
   expect_same(a.jaw_inner, b.jaw_inner);
   expect_same(a.jaw_outer, b.jaw_outer);
   expect_same(a.slab_top, b.slab_top);
@@ -441,6 +445,8 @@ BlockResult random_block(Prng& prng, int station, Verdict verdict) {
                     &b.seat.defect.area_mm2, &b.seat.defect.height_mm, &b.seat.defect.x_mm, &b.seat.defect.s_mm})
     *x = number(prng);
   integer(prng, b.seat.defect.cells);
+  integer(prng, b.pores.count);
+  for (double* x : {&b.pores.largest_mm, &b.pores.deepest_mm, &b.pores.share}) *x = number(prng);
   b.jaw_inner = plane(prng);
   b.jaw_outer = plane(prng);
   b.slab_top = plane(prng);

@@ -56,6 +56,7 @@ class Plain {
 BlockResult before_version_9(BlockResult block) {
   block.scan.step_mm = Vec3::Zero();
   block.findings.clear();
+  block.pores = {};
   return block;
 }
 

@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Pores and damage as items: what good concrete has passes, and what a person would stop does not, wherever it is.
+#include "algo/survey/surface_damage.h"
+
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <cmath>
+#include <functional>
+
+#include "tests/algo/block_inspection.h"
+#include "tests/algo/each_set.h"
+
+namespace slabd::algo {
+namespace {
+
+Recipe with_surface_items() {
+  Recipe recipe = scene::p5600();
+  const auto set = [&](ItemId id, double upper, double U) {
+    Tolerance& t = recipe.tolerances[static_cast<std::size_t>(id)];
+    t.given = true;
+    t.required = true;
+    t.nominal = {0.0, true};
+    t.upper = upper;
+    t.U = U;
+    t.confirmed = true;
+  };
+  set(ItemId::surface_pores, 10.0, 1.0);
+  set(ItemId::block_damage, 6.0, 2.5);
+  return recipe;
+}
+
+scene::Scan seen(double focus_mm = 0.0, std::uint64_t seed = 1) {
+  scene::Scan scan;
+  scan.focus_mm = focus_mm;
+  scan.pitch_mm = 0.35;
+  scan.organised = true;
+  scan.seed = seed;
+  scan.displacement = scene::displaced(1.2, -0.8, 0.5, 0.15, -0.2, 0.1);
+  return scan;
+}
+
+constexpr double kNotSeen = -1e9;
+/// Lowers the scan to `floor(x, y)` (block frame) where it lies above that; kNotSeen: no point there.
+scene::Cloud lowered(scene::Cloud cloud, const std::function<double(const Vec3&)>& floor) {
+  const Pose T_scanner_block = cloud.T_block_scanner.inverse();
+  for (std::size_t i = 0; i < cloud.xyz.size(); i += 3) {
+    if (std::isnan(cloud.xyz[i])) continue;
+    Vec3 p = cloud.T_block_scanner * Vec3(cloud.xyz[i], cloud.xyz[i + 1], cloud.xyz[i + 2]);
+    const double z = floor(p);
+    if (!(z < p.z())) continue;
+    p.z() = z;
+    const Vec3 q = T_scanner_block * p;
+    for (std::size_t k = 0; k < 3; ++k)
+      cloud.xyz[i + k] = z == kNotSeen ? std::nanf("") : static_cast<float>(q[static_cast<Eigen::Index>(k)]);
+  }
+  return cloud;
+}
+
+constexpr double kNowhere = 1e9;
+constexpr double kCant = 1.0 / 40.0;
+constexpr double kEndFall = 0.17633;  ///< tan 10 deg
+/// A chamfer along both ends of the seat, worn along its length as the emulator's is.
+double chamfered(const Vec3& p) {
+  if (std::abs(p.y()) > 182.0 || p.z() < -20.0) return kNowhere;
+  const double z = kCant * p.y();
+  const double from_end = 105.0 - kEndFall * z - std::abs(p.x());
+  const double leg = 4.0 + 1.5 * std::sin(p.y() / 9.0 + (p.x() > 0.0 ? 1.0 : 0.0));
+  return from_end < leg ? z - (leg - from_end) : kNowhere;
+}
+
+BlockResult inspected(const scene::Cloud& cloud) {
+  return inspect(cloud, with_surface_items());
+}
+std::size_t damage_count(const BlockResult& r) {
+  std::size_t count = 0;
+  for (const SurfaceFinding& f : r.findings) count += f.kind != FindingKind::pit || f.area_mm2 > 123.0 ? 1 : 0;
+  return count;
+}
+
+TEST(SurfaceDamage, of_good_blocks_is_nothing) {
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    scene::Scan scan = seen(seed % 2 == 0 ? 600.0 : 0.0, seed);
+    const auto k = static_cast<double>(seed);
+    scan.displacement = scene::displaced(3.0 * k - 9.0, 8.0 - 2.0 * k, k, 0.9 * k - 3.0, 2.5 - k, 0.7 * k);
+    scan.missing_share = seed == 3 ? 0.15 : 0.02;
+    scan.noise_mm = seed == 4 ? 0.08 : 0.03;
+    const BlockResult r = inspected(lowered(scene::take({}, scan), chamfered));
+    SCOPED_TRACE(::testing::Message() << "seed " << seed);
+    EXPECT_EQ(damage_count(r), 0U) << sentence(r.findings[0]).c_str();
+    EXPECT_EQ(item(r, ItemId::block_damage).verdict, Verdict::pass);
+    EXPECT_EQ(item(r, ItemId::block_damage).value, 0.0);
+    EXPECT_EQ(item(r, ItemId::surface_pores).verdict, Verdict::pass);
+  }
+}
+
+scene::Cloud with_pore(double diameter_mm, double depth_mm) {
+  scene::Block block;
+  block.relief_mm = [=](double x, double s) {
+    const double r = std::hypot(x - 71.0, s + 43.0) / (0.5 * diameter_mm);
+    return r < 1.0 ? -depth_mm * std::sqrt(1.0 - r * r) : 0.0;
+  };
+  return scene::take(block, seen(600.0));
+}
+
+TEST(SurfaceDamage, a_pore_is_listed_with_place_size_and_depth_and_passes) {
+  for (const double diameter_mm : {3.0, 5.0, 8.0}) {
+    SCOPED_TRACE(diameter_mm);
+    const BlockResult r = inspected(with_pore(diameter_mm, 0.35 * diameter_mm));
+    ASSERT_EQ(r.findings.size(), 1U);
+    EXPECT_EQ(r.findings[0].kind, FindingKind::pit);
+    EXPECT_EQ(r.findings[0].face, FindingFace::seat);
+    EXPECT_NEAR(r.findings[0].x_mm, 71.0, 0.5);
+    EXPECT_NEAR(r.findings[0].s_mm, -43.0, 0.5);
+    EXPECT_NEAR(r.findings[0].depth_mm, 0.35 * diameter_mm, 0.3);
+    EXPECT_NEAR(item(r, ItemId::surface_pores).value, diameter_mm, 0.6);
+    EXPECT_EQ(r.pores.count, 1U);
+    EXPECT_EQ(item(r, ItemId::surface_pores).verdict, Verdict::pass);
+    EXPECT_EQ(item(r, ItemId::block_damage).value, 0.0);
+    EXPECT_EQ(r.verdict, Verdict::pass);
+  }
+}
+
+TEST(SurfaceDamage, a_pore_beyond_the_limit_is_reason_616_and_a_larger_pit_is_damage) {
+  const BlockResult large = inspected(with_pore(11.9, 3.0));
+  EXPECT_EQ(large.verdict, Verdict::fail);
+  EXPECT_EQ(large.reason, 616);
+  const BlockResult pit = inspected(with_pore(16.0, 3.0));
+  EXPECT_EQ(pit.verdict, Verdict::fail);
+  EXPECT_EQ(pit.reason, 617);
+  EXPECT_EQ(item(pit, ItemId::surface_pores).value, 0.0);
+  EXPECT_NEAR(item(pit, ItemId::block_damage).value, 16.0, 2.5);
+}
+
+void expect_damage(const BlockResult& r, FindingKind kind, double extent_from_mm) {
+  EXPECT_NE(r.verdict, Verdict::pass);
+  ASSERT_FALSE(r.findings.empty());
+  EXPECT_EQ(r.findings[0].kind, kind) << sentence(r.findings[0]).c_str();
+  EXPECT_GE(item(r, ItemId::block_damage).value, extent_from_mm);
+  EXPECT_NE(item(r, ItemId::block_damage).verdict, Verdict::pass);
+}
+
+TEST(SurfaceDamage, a_crack_across_the_seat_is_found_with_points_and_without) {
+  for (const double focus_mm : {0.0, 600.0}) {
+    for (const double slope : {0.0, 0.2}) {
+      for (const double depth_mm : {-1.0, 1.0, 3.0}) {
+        SCOPED_TRACE(::testing::Message() << depth_mm << " mm deep, slope " << slope << ", focus " << focus_mm);
+        const auto crack = [&](const Vec3& p) {
+          if (std::abs(p.y()) > 180.0 || std::abs(p.x() - 72.0 - slope * p.y() * 0.3) > 0.4) return kNowhere;
+          return depth_mm < 0.0 ? kNotSeen : kCant * p.y() - depth_mm;
+        };
+        const BlockResult r = inspected(lowered(scene::take({}, seen(focus_mm)), crack));
+        expect_damage(r, FindingKind::crack, 150.0);
+        EXPECT_EQ(r.reason, 617);
+        if (r.findings.empty()) continue;
+        EXPECT_NEAR(r.findings[0].x_mm, 72.0, 2.0);
+      }
+    }
+  }
+}
+
+TEST(SurfaceDamage, chips_out_of_the_edges_are_found) {
+  const auto shoulder_corner = [](const Vec3& p) {
+    constexpr double kTop = 29.75;
+    const double u = 105.0 - kEndFall * kTop - p.x();
+    const double v = 240.0 - kEndFall * kTop - p.y();
+    return u + v < 12.0 && p.z() > kTop - 12.0 ? kTop - (12.0 - u - v) : kNowhere;
+  };
+  const auto seat_end = [](const Vec3& p) {
+    const double r = std::hypot(p.x() - 105.0, p.y() + 41.0) / 7.5;
+    return r < 1.0 && p.z() > -12.0 ? kCant * p.y() - 4.0 * (1.0 - r * r) : chamfered(p);
+  };
+  const auto jaw_edge = [](const Vec3& p) {
+    const double r = std::hypot(p.x() + 30.0, p.y() - 199.0) / 7.5;
+    return r < 1.0 ? 29.75 - 6.75 + 5.25 * r * r : kNowhere;
+  };
+  for (const double focus_mm : {0.0, 600.0}) {
+    SCOPED_TRACE(focus_mm);
+    const BlockResult corner = inspected(lowered(scene::take({}, seen(focus_mm)), shoulder_corner));
+    expect_damage(corner, FindingKind::chip, 5.4);
+    if (!corner.findings.empty()) {
+      EXPECT_EQ(corner.findings[0].face, FindingFace::shoulder_outer);
+    }
+    expect_damage(inspected(lowered(scene::take({}, seen(focus_mm)), seat_end)), FindingKind::chip, 6.5);
+    expect_damage(inspected(lowered(scene::take({}, seen(focus_mm)), jaw_edge)), FindingKind::chip, 10.0);
+  }
+}
+
+TEST(SurfaceDamage, what_is_sunk_missing_or_lies_on_the_block_is_found) {
+  const auto half = [](const Vec3& p) {
+    return p.x() > 55.0 && std::abs(p.y()) < 180.0 && std::abs(p.z()) < 8.0 ? kCant * p.y() - 4.0 : kNowhere;
+  };
+  const BlockResult sunk = inspected(lowered(scene::take({}, seen()), half));
+  EXPECT_NE(sunk.verdict, Verdict::pass);
+  EXPECT_GT(item(sunk, ItemId::block_damage).value, 200.0);
+
+  const auto corner = [](const Vec3& p) {
+    return p.x() > 57.0 && p.x() < 98.0 && p.y() > 155.0 && p.y() < 230.0 && p.z() > -10.0 ? p.z() - 15.0 : kNowhere;
+  };
+  const BlockResult broken = inspected(lowered(scene::take({}, seen()), corner));
+  EXPECT_NE(broken.verdict, Verdict::pass);
+  EXPECT_GT(item(broken, ItemId::block_damage).value, 40.0);
+
+  const auto hole = [](const Vec3& p) {
+    return std::abs(p.x() - 75.0) < 8.0 && std::abs(p.y() + 20.0) < 12.0 ? kNotSeen : kNowhere;
+  };
+  expect_damage(inspected(lowered(scene::take({}, seen()), hole)), FindingKind::missing, 20.0);
+
+  scene::Block block;
+  block.relief_mm = [](double x, double s) { return std::hypot(x + 70.0, s - 60.0) < 9.0 ? 6.0 : 0.0; };
+  expect_damage(inspected(scene::take(block, seen(600.0))), FindingKind::bump, 14.0);
+}
+
+TEST(SurfaceDamage, drops_of_water_and_the_end_of_the_field_of_view_are_none) {
+  const auto drops = [](const Vec3& p) {
+    for (int k = 0; k < 6; ++k)
+      if (std::hypot(p.x() + 85.0 - 33.0 * k, p.y() + 150.0 - 57.0 * k) < 4.5) return kNotSeen;
+    return p.x() > 80.0 ? kNotSeen : kNowhere;
+  };
+  const BlockResult r = inspected(lowered(scene::take({}, seen()), drops));
+  EXPECT_EQ(damage_count(r), 0U) << sentence(r.findings[0]).c_str();
+  EXPECT_EQ(item(r, ItemId::block_damage).verdict, Verdict::pass);
+}
+
+TEST(SurfaceDamage, is_the_same_on_two_threads_and_every_instruction_set) {
+  scene::Cloud scan = with_pore(6.0, 2.0);
+  scan = lowered(std::move(scan), chamfered);
+  std::vector<double> first;
+  const auto look = [&](int threads) {
+    scene::Cloud cloud = scan;
+    BlockInspector inspector(threads);
+    inspector.use(with_surface_items());
+    inspector.begin(1, Pose::identity(), nominal_T_block_scanner());
+    Cloud view = cloud.view();
+    ASSERT_TRUE(inspector.denoise(view) && inspector.register_to_model(view) && inspector.extract(view));
+    const BlockResult& r = inspector.result();
+    std::vector<double> numbers = {r.pores.largest_mm, r.pores.deepest_mm, r.pores.share};
+    for (const SurfaceFinding& f : r.findings)
+      numbers.insert(numbers.end(), {f.x_mm, f.s_mm, f.length_mm, f.width_mm, f.depth_mm, f.area_mm2, f.volume_mm3});
+    if (first.empty()) first = numbers;
+    ASSERT_EQ(numbers.size(), first.size());
+    for (std::size_t i = 0; i < numbers.size(); ++i)
+      EXPECT_EQ(std::bit_cast<std::uint64_t>(numbers[i]), std::bit_cast<std::uint64_t>(first[i])) << i;
+  };
+  slabd::testing::on_each_set([&] {
+    look(1);
+    look(2);
+  });
+}
+
+}  // namespace
+}  // namespace slabd::algo
