@@ -79,10 +79,10 @@ struct BlockInspector::Workspace {
 
   /// The surface rasters of either thread, and what is left behind them.
   static std::span<SurfaceCell> raster_in(std::span<TilePlane> memory, std::size_t thread) {
-    return {reinterpret_cast<SurfaceCell*>(memory.data()) + thread * limits::kSurfaceCells, limits::kSurfaceCells};
+    return {reinterpret_cast<SurfaceCell*>(memory.data()) + thread * kSurfaceCells, kSurfaceCells};
   }
   static std::span<float> rest_of(std::span<TilePlane> memory) {
-    constexpr std::size_t kRasterFloats = 2 * limits::kSurfaceCells * sizeof(SurfaceCell) / sizeof(float);
+    constexpr std::size_t kRasterFloats = 2 * kSurfaceCells * sizeof(SurfaceCell) / sizeof(float);
     static_assert(kRasterFloats + kSurfaceFloats <= limits::kDenoiseCellsMax * sizeof(TilePlane) / sizeof(float));
     return {reinterpret_cast<float*>(memory.data()) + kRasterFloats, kSurfaceFloats};
   }
@@ -404,7 +404,7 @@ Status BlockInspector::extract(const Cloud& cloud) {
   compute_observation(w.model, w.T_base_scanner * result.registration.T_scanner_block, result);
   static_assert(kFindingFloats <= kSampleFloats);
   if (has_surface_items) {
-    find_pores_and_damage(w.model, w.surface_table, w.raster[0], w.raster_rest, w.team, result);
+    find_pores_and_damage(w.model, w.surface_table, w.raster[0], deviation_map(), w.raster_rest, w.team, result);
     return success();
   }
   find_surface_damage(cloud, w.model, T_block_scanner,

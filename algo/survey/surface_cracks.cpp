@@ -17,11 +17,11 @@ namespace {
 
 /// Lacking share of a window from which it speaks for a crack. A crack of 0.8 mm takes 0.32; the grid of a scan of 0.35
 /// mm pitch makes it 0.06 (1 sigma).
-constexpr float kLimit = 0.13F;
+constexpr float kLimit = 0.15F;
 /// No window speaks for more than this, so that a hole is not a crack.
 constexpr float kMost = 0.45F;
 /// Sum over a path from which it is a crack, and its least length in steps: 26 mm.
-constexpr float kStrengthMin = 1.2F;
+constexpr float kStrengthMin = 1.5F;
 constexpr std::size_t kStepsMin = 7;
 /// Cells between a window and those beside it.
 constexpr std::size_t kGap = 1;
@@ -44,7 +44,7 @@ struct View {
 
   [[nodiscard]] std::size_t cell(std::size_t step, std::size_t k, std::size_t at) const {
     const std::size_t along = kCrackStep * step + k;
-    return along_y ? along * limits::kSurfaceColumns + at : at * limits::kSurfaceColumns + along;
+    return along_y ? along * kSurfaceColumns + at : at * kSurfaceColumns + along;
   }
   /// Along an edge the surface is bent, which is no crack; a crack may reach a jaw's foot, though.
   [[nodiscard]] bool is_asked(std::size_t cell) const {
@@ -84,14 +84,14 @@ float lack(std::span<const float> whole, std::size_t at) {
 
 void find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> memory, CrackPaths& paths) {
   paths.clear();
-  const View view{field, along_y, along_y ? limits::kSurfaceColumns : limits::kSurfaceRows,
-                  (along_y ? limits::kSurfaceRows : limits::kSurfaceColumns) / kCrackStep};
-  constexpr std::size_t kWindows = limits::kSurfaceCells / kCrackStep;
+  const View view{field, along_y, along_y ? kSurfaceColumns : kSurfaceRows,
+                  (along_y ? kSurfaceRows : kSurfaceColumns) / kCrackStep};
+  constexpr std::size_t kWindows = kSurfaceCells / kCrackStep;
   static_assert(kWindows * (sizeof(Node) + sizeof(float)) <= kCrackBytes);
-  static_assert(limits::kSurfaceRows / kCrackStep <= CrackPath::kStepsMax);
+  static_assert(kSurfaceRows / kCrackStep <= CrackPath::kStepsMax);
   auto* nodes = reinterpret_cast<Node*>(memory.data());
   auto* lacks = reinterpret_cast<float*>(memory.data() + kWindows * sizeof(Node));
-  std::array<float, std::max(limits::kSurfaceRows, limits::kSurfaceColumns)> whole;
+  std::array<float, std::max(kSurfaceRows, kSurfaceColumns)> whole;
   for (std::size_t step = 0; step < view.steps; ++step) {
     gather(view, step, std::span(whole).first(view.across));
     for (std::size_t at = 0; at < view.across; ++at)
@@ -101,11 +101,18 @@ void find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
   // A strong path may be too short to be a crack; then it is passed over.
   for (std::size_t tries = 0; tries < 2 * kCracksMax && paths.size() < kCracksMax; ++tries) {
     std::size_t best = 0;
+    float strongest_before = 0.0F;
     for (std::size_t step = 0; step < view.steps; ++step) {
+      float strongest = 0.0F;
       for (std::size_t at = 0; at < view.across; ++at) {
         const std::size_t i = step * view.across + at;
         Node node{0.0F, Node::kStart};
-        if (step > 0) {
+        // Hardly a window has evidence, and hardly a path goes on.
+        if (lacks[i] - kLimit + strongest_before <= 0.0F) {
+          nodes[i] = node;
+          continue;
+        }
+        if (strongest_before > 0.0F) {
           const Node* before = nodes + (step - 1) * view.across;
           const std::size_t low = at - std::min(at, kReach);
           const std::size_t high = std::min(at + kReach, view.across - 1);
@@ -116,8 +123,10 @@ void find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
         node.strength = std::max(0.0F, node.strength + lacks[i] - kLimit);
         if (node.strength == 0.0F) node.from = Node::kStart;
         nodes[i] = node;
+        strongest = std::max(strongest, node.strength);
         if (node.strength > nodes[best].strength) best = i;
       }
+      strongest_before = strongest;
     }
     if (!(nodes[best].strength >= kStrengthMin)) return;
     CrackPath path;

@@ -26,7 +26,7 @@ inline constexpr std::size_t kCracksMax = 4;  ///< of either direction
 using CrackPaths = FixedVector<CrackPath, kCracksMax>;
 
 /// Bytes of memory that `find_cracks` works on.
-inline constexpr std::size_t kCrackBytes = 16 * limits::kSurfaceCells / kCrackStep;
+inline constexpr std::size_t kCrackBytes = 16 * kSurfaceCells / kCrackStep;
 
 /// Finds the paths, up to 45 degrees off the axis, along which less of the surface is seen where it is expected than
 /// beside them: its points lie deeper, or there are none. Strongest first. Needs several points in each cell; fewer: no

@@ -15,34 +15,56 @@
 namespace slabd::algo {
 namespace {
 
-constexpr std::size_t kColumns = limits::kSurfaceColumns;
-constexpr std::size_t kRows = limits::kSurfaceRows;
-constexpr std::size_t kCells = limits::kSurfaceCells;
+constexpr std::size_t kColumns = kSurfaceColumns;
+constexpr std::size_t kCells = kSurfaceCells;
 /// Pores up to here are pores where the recipe has no limit for them.
 constexpr double kPoreUnlimited_mm = 12.0;
 
+/// From and to which cell of the deviation map anything was seen, line by line.
+class FieldOfView {
+ public:
+  explicit FieldOfView(const DeviationMap& map) : map_(map) {
+    for (std::size_t row = 0; row < map.rows; ++row)
+      along_x_[row] =
+          reach(map.columns, [&](std::size_t column) { return map.count[row * map.columns + column] != 0; });
+    for (std::size_t column = 0; column < map.columns; ++column)
+      along_y_[column] = reach(map.rows, [&](std::size_t row) { return map.count[row * map.columns + column] != 0; });
+  }
+  /// Was something seen on all four sides of this place?
+  [[nodiscard]] bool surrounds(double x, double y) const {
+    const double column = x / map_.cell_mm + 0.5 * static_cast<double>(map_.columns);
+    const double row = y / map_.cell_mm + 0.5 * static_cast<double>(map_.rows);
+    if (!(column >= 0.0 && row >= 0.0 && column < static_cast<double>(map_.columns) &&
+          row < static_cast<double>(map_.rows)))
+      return false;
+    const auto c = static_cast<std::size_t>(column);
+    const auto r = static_cast<std::size_t>(row);
+    return along_x_[r].first < c && c < along_x_[r].second && along_y_[c].first < r && r < along_y_[c].second;
+  }
+
+ private:
+  using Reach = std::pair<std::size_t, std::size_t>;
+  template <typename Seen>
+  static Reach reach(std::size_t length, const Seen& seen) {
+    std::size_t first = 0;
+    while (first < length && !seen(first)) ++first;
+    std::size_t last = length - 1;
+    while (last > first && !seen(last)) --last;
+    return {first, last};
+  }
+  const DeviationMap& map_;
+  std::array<Reach, limits::kFaceTableY / limits::kDeviationMapCell_mm> along_x_;
+  std::array<Reach, limits::kFaceTableX / limits::kDeviationMapCell_mm> along_y_;
+};
+
 /// Where nothing was seen and the scan does not go on beyond, in x and in y, the field of view ends.
-void leave_out_beyond_view(std::span<const SurfaceCell> cells, SurfaceField& field) {
-  std::array<std::pair<std::size_t, std::size_t>, kRows> along_x;
-  std::array<std::pair<std::size_t, std::size_t>, kColumns> along_y;
-  along_x.fill({kColumns, 0});
-  along_y.fill({kRows, 0});
-  for (std::size_t i = 0; i < kCells; ++i) {
-    constexpr std::uint32_t kSeenMin = 2;  // strays come alone
-    if (cells[i].count < kSeenMin) continue;
-    auto& row = along_x[i / kColumns];
-    row = {std::min(row.first, i % kColumns), std::max(row.second, i % kColumns)};
-    auto& column = along_y[i % kColumns];
-    column = {std::min(column.first, i / kColumns), std::max(column.second, i / kColumns)};
-  }
-  for (std::size_t i = 0; i < kCells; ++i) {
-    if (field.zone[i] == SurfaceZone::none || field.seen(i)) continue;
-    const std::size_t row = i / kColumns;
-    const std::size_t column = i % kColumns;
-    const bool inside = along_x[row].first < column && column < along_x[row].second && along_y[column].first < row &&
-                        row < along_y[column].second;
-    if (!inside) field.zone[i] = SurfaceZone::none;
-  }
+void leave_out_beyond_view(const SurfaceTable& table, const DeviationMap& map, SurfaceField& field) {
+  const FieldOfView view(map);
+  for (std::size_t row = table.rows()[0]; row < table.rows()[1]; ++row)
+    for (std::size_t i = row * kColumns; i < (row + 1) * kColumns; ++i)
+      if (field.zone[i] != SurfaceZone::none && !field.seen(i) &&
+          !view.surrounds(surface_x_mm(i % kColumns), surface_y_mm(row)))
+        field.zone[i] = SurfaceZone::none;
 }
 
 Item* item_of(BlockResult& result, ItemId id) {
@@ -54,7 +76,7 @@ Item* item_of(BlockResult& result, ItemId id) {
 }  // namespace
 
 void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, std::span<const SurfaceCell> cells,
-                           std::span<float> memory, Team& team, BlockResult& result) {
+                           const DeviationMap& map, std::span<float> memory, Team& team, BlockResult& result) {
   result.findings.clear();
   result.pores = {};
   if (!result.seat.plane.ok) return;
@@ -77,7 +99,7 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
                                                             std::as_writable_bytes(floats(kCrackBytes / 4))};
 
   compare_with_expected(model, table, cells, result, team, field);
-  leave_out_beyond_view(cells, field);
+  leave_out_beyond_view(table, map, field);
   std::array<CrackPaths, 2> cracks;
   team.run(2, [&](std::size_t i) { find_cracks(field, i == 0, crack_memory[i], cracks[i]); });
 

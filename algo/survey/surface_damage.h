@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <span>
 
+#include "algo/algo.h"
 #include "algo/block_model.h"
 #include "algo/survey/surface_raster.h"
 #include "base/base.h"
@@ -18,9 +19,10 @@ inline constexpr std::size_t kSurfaceFloats = 800'000;
 inline constexpr double kPoreReserve = 1.25;
 
 /// Fills `result.findings`, `result.pores`, and the items surface_pores and block_damage where `result` has them, from
-/// the raster of a registered scan whose seat plane was fitted. What lies beyond the scan's field of view is not
-/// missing, nor is what nearly all of its like do not return. The same answer on one thread and two. No heap; 1.5 ms.
+/// the raster of a registered scan whose seat plane was fitted; `map` says how far the scan reaches. What lies beyond
+/// the scan's field of view is not missing, nor is what nearly all of its like do not return. The same answer on one
+/// thread and two. No heap; 1.5 ms.
 void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, std::span<const SurfaceCell> cells,
-                           std::span<float> memory, Team& team, BlockResult& result);
+                           const DeviationMap& map, std::span<float> memory, Team& team, BlockResult& result);
 
 }  // namespace slabd::algo

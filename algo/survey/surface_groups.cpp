@@ -13,9 +13,9 @@ namespace {
 
 using namespace surface_cell;
 
-constexpr std::size_t kColumns = limits::kSurfaceColumns;
-constexpr std::size_t kRows = limits::kSurfaceRows;
-constexpr std::size_t kCells = limits::kSurfaceCells;
+constexpr std::size_t kColumns = kSurfaceColumns;
+constexpr std::size_t kRows = kSurfaceRows;
+constexpr std::size_t kCells = kSurfaceCells;
 constexpr double kCellArea_mm2 = kSurfaceCell_mm * kSurfaceCell_mm;
 
 /// From where on a cell is low or high, mm. Grain, ripple, chalk (0.03), flash (0.1) and burrs (0.3) stay below on a
@@ -34,7 +34,7 @@ Limits limits_of(SurfaceZone zone) {
     case SurfaceZone::shoulder: return {0.45F, 2.0F, 0.3F, 0.9F};
     case SurfaceZone::foot:
     case SurfaceZone::upper_edge: return {1.0F, kNever, 0.6F, 1.5F};
-    case SurfaceZone::outer_edge: return {2.0F, 1.5F, 0.5F, 4.0F};
+    case SurfaceZone::outer_edge: return {2.0F, 1.8F, 0.5F, 4.0F};
     case SurfaceZone::corner: return {1.4F, kNever, 0.5F, 4.0F};
     case SurfaceZone::behind_edge: return {2.0F, 0.6F, 0.3F, 4.0F};
   }

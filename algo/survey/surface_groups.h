@@ -34,7 +34,7 @@ struct FoundSurfaces {
 };
 
 /// Joins cells of `field` that touch and lie off, or were not seen, and says what they are. A pit with an equal-area
-/// diameter of up to `pore_max_mm` is a pore. `marks` and `stack`: limits::kSurfaceCells each. No heap; 0.3 ms.
+/// diameter of up to `pore_max_mm` is a pore. `marks` and `stack`: kSurfaceCells each. No heap; 0.3 ms.
 void group_cells(const BlockModel& model, const SurfaceTable& table, const SurfaceField& field, double pore_max_mm,
                  std::span<std::uint8_t> marks, std::span<std::uint32_t> stack, FoundSurfaces& found);
 

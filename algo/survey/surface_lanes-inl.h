@@ -3,9 +3,9 @@
 // The surface raster as a pass fills it (algo/survey/surface_raster.h). Not a header of the room: kernels include it
 // after algo/lanes-inl.h.
 //
-// Of each sixteen points as many lanes are taken as the scan's size allows, and put to the raster once they make
-// sixteen. Which lanes changes at every turn and has no period: with a fixed choice the columns of an organised scan
-// would be thinned to stripes, and a stripe looks like a crack without points.
+// A few points in each cell are enough. Of an organised scan every second or fourth point is taken, each row shifted
+// against the one before: all columns count alike, because a column that does not looks like a crack without points.
+// Without a grid the points are as good as drawn, which scatters more, so twice as many are taken.
 #if defined(SLABD_ALGO_SURFACE_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SLABD_ALGO_SURFACE_LANES_INL_H_
 #undef SLABD_ALGO_SURFACE_LANES_INL_H_
@@ -27,34 +27,36 @@ namespace HWY_NAMESPACE {
 class SurfaceLanes {
  public:
   explicit SurfaceLanes(const SurfaceSums& sums)
-      : cells_(sums.cells.data()), used_(!sums.cells.empty()), turns_(kLanes / sums.lanes) {
-    begin();
-  }
-  /// Sixteen points in the block's frame and their distances; NaN: nothing was seen there.
-  HWY_INLINE void take(const F16& x, const F16& y, const F16& r) {
+      : cells_(sums.cells.data()),
+        used_(!sums.cells.empty()),
+        turns_(static_cast<std::uint32_t>(kLanes / sums.lanes)),
+        width_(sums.width),
+        first_(sums.first),
+        per_width_(sums.width == 0 ? 0.0 : 1.0 / static_cast<double>(sums.width)) {}
+  /// The `number`-th sixteen points in the block's frame and their distances; NaN: nothing was seen there.
+  HWY_INLINE void take(std::size_t number, const F16& x, const F16& y, const F16& r) {
     if (!used_) return;
-    const M16 inside = (abs(x) < f16(kHalfX)) & (abs(y) < f16(kHalfY));
-    if (!any(inside)) return;
-    if (turns_ == 1) return put(x, y, r);
-    const M16 turn = test_bits(i16(static_cast<std::int32_t>(lanes_)), lane_bits());
-    x_ = select(turn, x, x_);
-    y_ = select(turn, y, y_);
-    r_ = select(turn, r, r_);
-    // The lanes beside these, next time.
-    lanes_ = ((lanes_ << 1U) | (lanes_ >> (kLanes - 1U))) & 0xffffU;
-    if (++taken_ == turns_) flush();
+    M16 in = (abs(x) < f16(kHalfX)) & (abs(y) < f16(kHalfY)) & (r == r);
+    if (!any(in)) return;
+    if (turns_ > 1) in = in & lanes_of(lanes(number));
+    const std::size_t taken = store_set(in, x, x_.data() + count_);
+    store_set(in, y, y_.data() + count_);
+    store_set(in, r, r_.data() + count_);
+    count_ += taken;
+    if (count_ >= kLanes) put_first();
   }
-  /// The rest, when not every lane has had its turn: those hold no number.
   HWY_NOINLINE void flush() {
-    if (used_ && taken_ != 0) put(x_, y_, r_);
-    begin();
+    if (!used_ || count_ == 0) return;
+    for (std::size_t i = count_; i < kLanes; ++i) r_[i] = std::numeric_limits<float>::quiet_NaN();
+    put(load(x_.data()), load(y_.data()), load(r_.data()));
+    count_ = 0;
   }
 
  private:
   static constexpr auto kHalfX = static_cast<float>(kSurfaceHalfX_mm);
   static constexpr auto kHalfY = static_cast<float>(kSurfaceHalfY_mm);
-
   using Four = std::array<std::int32_t, 4>;
+  using Waiting = std::array<float, 3 * kLanes>;
 
   static HWY_INLINE void put_together(const Pack<std::int32_t, 1>& units, const Pack<std::int32_t, 1>& one, Four* to) {
     const Tag<std::int32_t> tag;
@@ -65,25 +67,30 @@ class SurfaceLanes {
     put_together(units.lo, one.lo, to);
     put_together(units.hi, one.hi, to + kLanes / kRegisters<std::int32_t> * K / 2);
   }
-  static HWY_INLINE I16 lane_bits() {
-    static constexpr std::array<std::int32_t, kLanes> kBits = {1,   2,   4,    8,    16,   32,   64,    128,
-                                                               256, 512, 1024, 2048, 4096, 8192, 16384, 32768};
-    return load(kBits.data());
-  }
-  HWY_INLINE void begin() {
-    taken_ = 0;
-    x_ = y_ = f16(0.0F);
-    r_ = f16(std::numeric_limits<float>::quiet_NaN());
-    // Every second or every fourth lane, beginning anywhere: steps of the golden ratio.
+  /// Which of sixteen points are taken.
+  [[nodiscard]] HWY_INLINE std::uint32_t lanes(std::size_t number) {
     const std::uint32_t every = turns_ == 4 ? 0x1111U : 0x5555U;
-    lanes_ = every << ((step_ >> 30U) & (static_cast<std::uint32_t>(turns_) - 1U)) & 0xffffU;
-    step_ += 0x9E3779B9U;
+    if (width_ == 0) {
+      step_ += 0x9E3779B9U;  // steps of the golden ratio
+      return every << (step_ >> 30U & (turns_ - 1U)) & 0xffffU;
+    }
+    const std::size_t point = first_ + kLanes * number;
+    const auto row = static_cast<std::size_t>(static_cast<double>(point) * per_width_);
+    const auto column = static_cast<std::uint32_t>(point - row * width_);
+    // Rows take turns: 0, 2, 1, 3.
+    const auto shift = static_cast<std::uint32_t>(turns_ == 4 ? 0b11011000U >> (2 * (row & 3U)) & 3U : row & 1U);
+    return every << ((0U - column - shift) & (turns_ - 1U)) & 0xffffU;
+  }
+  HWY_NOINLINE void put_first() {
+    put(load(x_.data()), load(y_.data()), load(r_.data()));
+    count_ -= kLanes;
+    for (Waiting* list : {&x_, &y_, &r_}) store(load(list->data() + kLanes), list->data());
   }
   HWY_NOINLINE void put(const F16& x, const F16& y, const F16& r) const {
     const M16 there = (r == r) & (abs(x) < f16(kHalfX)) & (abs(y) < f16(kHalfY));
     constexpr auto kCells = static_cast<float>(1.0 / kSurfaceCell_mm);
-    constexpr auto kColumns = static_cast<float>(limits::kSurfaceColumns);
-    constexpr auto kRows = static_cast<float>(limits::kSurfaceRows);
+    constexpr auto kColumns = static_cast<float>(kSurfaceColumns);
+    constexpr auto kRows = static_cast<float>(kSurfaceRows);
     constexpr auto kReach = static_cast<float>(kSurfaceReach_mm);
     constexpr auto kUnits = static_cast<float>(1.0 / kSurfaceUnit_mm);
     // The last place below an edge is the edge once half the field is added.
@@ -95,21 +102,26 @@ class SurfaceLanes {
     // Sum, square and count of each point side by side, so that a cell takes them in one addition.
     alignas(64) std::array<Four, kLanes> points;
     put_together(to_int(size * f16(kUnits)), to_int(keep(there, f16(1.0F))), points.data());
-    for (std::size_t i = 0; i < kLanes; ++i) {
+    // Neighbours lie in the same cell and would wait for each other's sum: so not in their order, which does not
+    // matter.
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      const std::size_t i = 5 * k % kLanes;
       auto* cell = reinterpret_cast<std::int32_t*>(cells_ + at[i]);
       const hn::CappedTag<std::int32_t, 4> four;
-      for (std::size_t k = 0; k < 4; k += hn::MaxLanes(four))
-        hn::Store(hn::Add(hn::Load(four, cell + k), hn::Load(four, points[i].data() + k)), four, cell + k);
+      for (std::size_t part = 0; part < 4; part += hn::MaxLanes(four))
+        hn::Store(hn::Add(hn::Load(four, cell + part), hn::Load(four, points[i].data() + part)), four, cell + part);
     }
   }
 
   SurfaceCell* cells_;
   bool used_;
-  std::size_t turns_;
-  std::size_t taken_ = 0;
-  std::uint32_t lanes_ = 0;
+  std::uint32_t turns_;
+  std::size_t width_;
+  std::size_t first_;
+  double per_width_;
   std::uint32_t step_ = 0;
-  F16 x_, y_, r_;
+  std::size_t count_ = 0;  ///< points that wait to be put to the raster
+  alignas(64) Waiting x_{}, y_{}, r_{};
 };
 
 }  // namespace HWY_NAMESPACE

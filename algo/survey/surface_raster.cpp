@@ -15,13 +15,13 @@ constexpr double kCasingRim_mm = 6.0;
 
 void SurfaceTable::build(const BlockModel& model, std::span<std::uint16_t> cells) {
   using namespace surface_cell;
-  assert(cells.size() >= limits::kSurfaceCells);
-  cells_ = cells.first(limits::kSurfaceCells);
+  assert(cells.size() >= kSurfaceCells);
+  cells_ = cells.first(kSurfaceCells);
   const BlockGeometry& geometry = model.geometry();
-  rows_ = {limits::kSurfaceRows, 0};
-  columns_ = {limits::kSurfaceColumns, 0};
+  rows_ = {kSurfaceRows, 0};
+  columns_ = {kSurfaceColumns, 0};
   double z_before = 0.0;
-  for (std::size_t row = 0; row < limits::kSurfaceRows; ++row) {
+  for (std::size_t row = 0; row < kSurfaceRows; ++row) {
     const double y = surface_y_mm(row);
     const auto height = [&](Face face) { return model.plane(face).z_at(0.0, y); };
     const bool outer = y > 0.0;
@@ -38,9 +38,9 @@ void SurfaceTable::build(const BlockModel& model, std::span<std::uint16_t> cells
     side_mm_[outer ? 1 : 0] = std::abs((side.d - side.n.z() * z) / side.n.y());
   }
   const double clear_mm = 0.5 * geometry.casing_rim_diameter_mm.value + kCasingRim_mm;
-  for (std::size_t row = 0; row < limits::kSurfaceRows; ++row) {
-    for (std::size_t column = 0; column < limits::kSurfaceColumns; ++column) {
-      std::uint16_t& cell = cells_[row * limits::kSurfaceColumns + column];
+  for (std::size_t row = 0; row < kSurfaceRows; ++row) {
+    for (std::size_t column = 0; column < kSurfaceColumns; ++column) {
+      std::uint16_t& cell = cells_[row * kSurfaceColumns + column];
       cell = kNoFace;
       const double x = surface_x_mm(column);
       const double y = surface_y_mm(row);

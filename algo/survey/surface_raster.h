@@ -22,10 +22,15 @@ struct alignas(16) SurfaceCell {
   std::uint32_t unused = 0;
 };
 
+/// The raster: 220 x 490 mm, which is the block and 5 mm around it.
+inline constexpr std::size_t kSurfaceColumns = 176;
+inline constexpr std::size_t kSurfaceRows = 392;
+inline constexpr std::size_t kSurfaceCells = kSurfaceColumns * kSurfaceRows;
+static_assert(kSurfaceCells <= limits::kSurfaceCells);
 /// Edge of a cell. A crack of 0.8 mm covers most of one; a pore of 2 mm covers two.
 inline constexpr double kSurfaceCell_mm = 1.25;
-inline constexpr double kSurfaceHalfX_mm = 0.5 * kSurfaceCell_mm * static_cast<double>(limits::kSurfaceColumns);
-inline constexpr double kSurfaceHalfY_mm = 0.5 * kSurfaceCell_mm * static_cast<double>(limits::kSurfaceRows);
+inline constexpr double kSurfaceHalfX_mm = 0.5 * kSurfaceCell_mm * static_cast<double>(kSurfaceColumns);
+inline constexpr double kSurfaceHalfY_mm = 0.5 * kSurfaceCell_mm * static_cast<double>(kSurfaceRows);
 inline constexpr double kSurfaceUnit_mm = 1.0 / 128.0;
 /// Distances are cut off here: a broken corner is 15 mm deep, and the square of this in units, times two hundred points
 /// of a cell, still fits its sum.
@@ -39,10 +44,12 @@ inline constexpr double kSurfaceReach_mm = 31.0;
   return (static_cast<double>(row) + 0.5) * kSurfaceCell_mm - kSurfaceHalfY_mm;
 }
 
-/// Where a pass over the scan adds its points, and how many of each sixteen it takes: 4, 8 or 16. No cells: none.
+/// Where a pass over the scan adds its points. No cells: nowhere.
 struct SurfaceSums {
   std::span<SurfaceCell> cells;
-  std::size_t lanes = 16;
+  std::size_t lanes = 16;  ///< points taken of each sixteen: 4, 8 or 16
+  std::size_t width = 0;   ///< of an organised scan; 0 = unorganised
+  std::size_t first = 0;   ///< number of the pass's first point in the scan
 };
 
 /// The recipe's part: the face that is seen in each cell, and how far the face's edges are.
@@ -64,7 +71,7 @@ inline constexpr std::size_t kSurfaceEdgeSteps = static_cast<std::size_t>(kSurfa
 
 class SurfaceTable {
  public:
-  /// `cells`: limits::kSurfaceCells, owned by the caller. No heap; about 10 ms.
+  /// `cells`: kSurfaceCells, owned by the caller. No heap; about 10 ms.
   void build(const BlockModel& model, std::span<std::uint16_t> cells);
   [[nodiscard]] std::span<const std::uint16_t> cells() const { return cells_; }
   /// Rows and columns within which there are faces: begin and end.
@@ -78,8 +85,8 @@ class SurfaceTable {
 
  private:
   std::span<std::uint16_t> cells_;
-  std::array<double, limits::kSurfaceRows> across_mm_{};
-  std::array<double, limits::kSurfaceRows> end_mm_{};
+  std::array<double, kSurfaceRows> across_mm_{};
+  std::array<double, kSurfaceRows> end_mm_{};
   std::array<double, 2> side_mm_{};
   std::array<std::size_t, 2> rows_{};
   std::array<std::size_t, 2> columns_{};

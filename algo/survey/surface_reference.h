@@ -44,7 +44,7 @@ inline constexpr double kSurfaceSeenShare = 0.2;
 /// From this distance on (mm) a cell takes part of its points from something else than its surface.
 inline constexpr float kSurfaceOff_mm = 0.12F;
 
-/// Fills `field` (limits::kSurfaceCells each) from the raster and the fitted planes of `result`. The face is the fitted
+/// Fills `field` (kSurfaceCells each) from the raster and the fitted planes of `result`. The face is the fitted
 /// plane; of the shoulders, and of a jaw without one, the plane of the cells. Along the edges the median over the edge
 /// is expected, so a chamfer, a fillet or wear is usual and a chip is not; but never more than a chamfer can be. Over
 /// 20 mm the local form is taken away. No heap; about 0.8 ms; the same bits on every machine.

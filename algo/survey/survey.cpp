@@ -100,11 +100,11 @@ std::size_t first_sixteen(std::size_t block, std::size_t stride) {
   return static_cast<std::size_t>((std::uint64_t{fraction} * stride) >> 32U);
 }
 
-/// Points of each sixteen that go to the surface raster: about ten in each of its cells are enough, and the scan of
-/// five million points would cost twice what a coarse one does.
-std::size_t surface_lanes(std::size_t points) {
-  constexpr std::size_t kAll = 2'500'000;
-  return points <= kAll ? kLanes : kLanes / 2;
+/// Points of each sixteen that go to the surface raster: some six in each of its cells.
+std::size_t surface_lanes(const Cloud& cloud) {
+  constexpr std::size_t kDense = 2'500'000;
+  const std::size_t lanes = cloud.points <= kDense ? kLanes / 2 : kLanes / 4;
+  return cloud.width != 0 ? lanes : 2 * lanes;
 }
 
 /// One pass, merged.
@@ -126,7 +126,7 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
   }
   if (with_map)
     team.run(2, [&](std::size_t i) { std::fill(work.surface[i].begin(), work.surface[i].end(), SurfaceCell{}); });
-  const std::size_t lanes = surface_lanes(cloud.points);
+  const std::size_t lanes = surface_lanes(cloud);
   team.run(blocks, [&](std::size_t b) {
     // Whole numbers add up to the same in any order, so any map will do that nobody else writes to.
     std::size_t slot = 0;
@@ -136,7 +136,8 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
     const std::size_t first = std::min(end, begin + kLanes * first_sixteen(b, stride));
     const std::size_t count = end - first;
     survey_points(cloud.xyz.data() + 3 * first, count, stride, task, work.pool, with_map ? work.map[slot] : MapSums{},
-                  with_map ? SurfaceSums{work.surface[slot], lanes} : SurfaceSums{}, work.blocks[b]);
+                  with_map ? SurfaceSums{work.surface[slot], lanes, cloud.width, first} : SurfaceSums{},
+                  work.blocks[b]);
     taken[slot].store(false, std::memory_order_release);
   });
 
@@ -144,15 +145,17 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
     work.map[0].sum_nm[i] += work.map[1].sum_nm[i];
     work.map[0].count[i] += work.map[1].count[i];
   }
-  if (with_map) {
-    for (std::size_t i = 0; i < work.surface[0].size(); ++i) {
-      SurfaceCell& sum = work.surface[0][i];
-      const SurfaceCell& other = work.surface[1][i];
-      sum.sum += other.sum;
-      sum.squares += other.squares;
-      sum.count += other.count;
-    }
-  }
+  if (with_map)
+    team.run(2, [&](std::size_t half) {
+      const std::size_t size = work.surface[0].size();
+      for (std::size_t i = half * size / 2; i < (half + 1) * size / 2; ++i) {
+        SurfaceCell& sum = work.surface[0][i];
+        const SurfaceCell& other = work.surface[1][i];
+        sum.sum += other.sum;
+        sum.squares += other.squares;
+        sum.count += other.count;
+      }
+    });
 
   Passed passed;
   passed.overflown = work.pool.overflown();

@@ -49,7 +49,7 @@ struct SurveyWorkspace {
   std::span<SeatPoints> runs;    ///< limits::kSurveyPiecesMax
   std::array<MapSums, 2> map;    ///< of limits::kDeviationMapCells each
   std::array<PlaneStart, kLargeFaces>& start;
-  /// Of limits::kSurfaceCells each, for either thread; the first one holds the sums afterwards. Empty: not wanted.
+  /// Of kSurfaceCells each, for either thread; the first one holds the sums afterwards. Empty: not wanted.
   std::array<std::span<SurfaceCell>, 2> surface{};
 };
 

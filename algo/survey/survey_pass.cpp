@@ -213,7 +213,7 @@ class Surveyor {
         since_flush_ += static_cast<int>((i - first) / stride);
       }
       if (i == first) {
-        look_closely(active, d, x, y);
+        look_closely(i, active, d, x, y);
         ++since_flush_;
         i += stride;
       }
@@ -221,12 +221,12 @@ class Surveyor {
     }
   }
   /// Fewer than sixteen.
-  void survey_rest(const float* xyz, std::size_t count) {
+  void survey_rest(std::size_t number, const float* xyz, std::size_t count) {
     const Points16 d = relative(load_points(xyz, count));
     const F16 x = apply(task_.frame.x, d);
     const F16 y = apply(task_.frame.y, d);
     const M16 active = (abs(x) < f16(kHalfX)) & (abs(y) < f16(kHalfY));
-    if (any(active)) look_closely(active, d, x, y);
+    if (any(active)) look_closely(number, active, d, x, y);
   }
 
   void close() {
@@ -330,6 +330,7 @@ class Surveyor {
     const auto large = static_cast<std::size_t>(kLarge ? use.large : 0);
     // Beyond this something else is to be done than to sum up.
     const F16 rare = f16(std::min(task_.share_mm[DistanceLanes::kWithin], task_.band_mm));
+    const bool on_block = ground.face() != static_cast<int>(Face::top);
     std::array<std::size_t, kFlush + 1> special;
     std::size_t specials = 0;
     DistanceLanes distances;
@@ -365,7 +366,7 @@ class Surveyor {
       specials += static_cast<std::size_t>(any(rarely));
       distances.add(in, r, distance, task_.share_mm.data());
       map_.take(x, y, r);
-      surface_.take(x, y, r);
+      if (on_block) surface_.take(i, x, y, r);
     }
     distances_.add(distances);
     if constexpr (kLarge) {
@@ -433,7 +434,7 @@ class Surveyor {
   }
 
   /// Sixteen points around which not everything is alike: each by itself, but all at once.
-  HWY_NOINLINE void look_closely(const M16& active, const Points16& d, const F16& x, const F16& y) {
+  HWY_NOINLINE void look_closely(std::size_t number, const M16& active, const Points16& d, const F16& x, const F16& y) {
     using namespace survey_cell;
     const F16 column = floor(min(keep(active, x) + f16(kHalfX), f16(2.0F * kHalfX - 1.0F)));
     const F16 row = floor(min(keep(active, y) + f16(kHalfY), f16(2.0F * kHalfY - 1.0F)));
@@ -465,7 +466,7 @@ class Surveyor {
     }
     // Also further off than the gate: what is left of a broken corner.
     const M16 of_a_face = active & (best < f16(kNoFaceNear));
-    if (any(of_a_face)) surface_.take(x, y, select(of_a_face, r, f16(std::numeric_limits<float>::quiet_NaN())));
+    if (any(of_a_face)) surface_.take(number, x, y, select(of_a_face, r, f16(std::numeric_limits<float>::quiet_NaN())));
 
     // By region, so that each list stays in the order of the scan.
     const M16 close = active & (best <= f16(task_.band_mm));
@@ -600,7 +601,7 @@ void survey_lanes(const float* xyz, std::size_t count, std::size_t stride, const
   Surveyor surveyor(task, pool, map, surface, sums);
   const std::size_t whole = count / kLanes;
   surveyor.survey(xyz, whole, stride);
-  if (count % kLanes != 0) surveyor.survey_rest(xyz + 3 * kLanes * whole, count % kLanes);
+  if (count % kLanes != 0) surveyor.survey_rest(whole, xyz + 3 * kLanes * whole, count % kLanes);
   surveyor.close();
 }
 

@@ -1,0 +1,326 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Problem: chamfers and fillets differ from block to block and along one edge, and a chip is deeper than that only
+// where it is.
+//
+// Idea: a strip along an edge is expected to look like the others of its kind. Along a jaw's foot and upper edge that
+// is the median of the row. Along the block's ends and sides, which wear, it is the median of the edge nearby; and a
+// chamfer is expected to be as long as a parabola through its length on both sides says.
+#include "algo/survey/surface_edges.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "algo/survey/surface_cells.h"
+
+namespace slabd::algo {
+namespace {
+
+using namespace surface_cell;
+
+constexpr std::size_t kColumns = kSurfaceColumns;
+constexpr std::size_t kRows = kSurfaceRows;
+
+/// Median of distances up to 8 mm, to a sixteenth of one: counts, so that it costs little and is the same everywhere.
+class Median {
+ public:
+  void clear() {
+    bins_.fill(0);
+    count_ = 0;
+  }
+  void add(float mm) {
+    const float place = std::clamp((mm + kRange_mm) * kPerMm, 0.0F, static_cast<float>(kBins - 1));
+    ++bins_[static_cast<std::size_t>(place)];
+    ++count_;
+  }
+  [[nodiscard]] std::uint32_t count() const { return count_; }
+  [[nodiscard]] double value() const {
+    std::uint32_t below = 0;
+    for (std::size_t i = 0; i < kBins; ++i) {
+      below += bins_[i];
+      if (2 * below >= count_) return (static_cast<double>(i) + 0.5) / static_cast<double>(kPerMm) - 8.0;
+    }
+    return 0.0;
+  }
+
+ private:
+  static constexpr std::size_t kBins = 256;
+  static constexpr float kRange_mm = 8.0F;
+  static constexpr float kPerMm = 16.0F;
+  std::array<std::uint32_t, kBins> bins_{};
+  std::uint32_t count_ = 0;
+};
+
+/// The deepest chamfer that counts as one. Cast ones of 4 mm nominally wear to up to 7.6 mm.
+double deepest_chamfer_mm(double from_edge_mm) {
+  constexpr double kChamfer_mm = 8.0;
+  return std::max(0.0, kChamfer_mm - from_edge_mm);
+}
+constexpr double kRaised_mm = 0.5;     ///< of an outer edge: flash, and no more than that
+constexpr double kFillet_mm = 3.0;     ///< of an inner edge, either way
+constexpr double kSeenUsually = 0.6;   ///< share of a strip's cells that must be seen before a gap in it is one
+constexpr std::uint32_t kLikeMin = 8;  ///< cells of a strip
+
+struct Strip {
+  bool known = false;
+  double expected_mm = 0.0;
+};
+
+/// What is usual along an outer edge at one distance from it: the median over 45 mm of the edge, every 10 mm.
+class EdgeLine {
+ public:
+  /// `there(k)`: is there such an edge at the k-th cell along it; `value(k)`: off the face there, NaN: not seen.
+  template <typename There, typename Value>
+  void learn(std::size_t length, double lowest, const There& there, const Value& value) {
+    length_ = length;
+    knots_ = length / kKnot + 1;
+    for (std::size_t k = 0; k < length; ++k) {
+      there_[k] = there(k);
+      value_[k] = there_[k] ? value(k) : std::numeric_limits<float>::quiet_NaN();
+    }
+    for (std::size_t knot = 0; knot < knots_; ++knot) knot_[knot] = median_at(knot * kKnot, lowest);
+    // A corner that is broken out returns too little to be learned from: there the edge is as it is 20 mm further on.
+    const std::array<Strip, kKnotsMax> learned = knot_;
+    for (std::size_t knot = 0; knot < knots_; ++knot) {
+      constexpr std::size_t kFurther = 2;
+      for (std::size_t off = 1; off <= kFurther && !knot_[knot].known; ++off) {
+        if (knot >= off && learned[knot - off].known)
+          knot_[knot] = learned[knot - off];
+        else if (knot + off < knots_ && learned[knot + off].known)
+          knot_[knot] = learned[knot + off];
+      }
+    }
+  }
+  [[nodiscard]] float value(std::size_t k) const { return value_[k]; }
+  [[nodiscard]] Strip at(std::size_t k) const {
+    const std::size_t knot = std::min(k / kKnot, knots_ - 1);
+    const Strip& here = knot_[knot];
+    const Strip& next = knot_[std::min(knot + 1, knots_ - 1)];
+    if (!here.known || !next.known) return here.known ? here : next;
+    const double part = static_cast<double>(k % kKnot) / static_cast<double>(kKnot);
+    return {true, here.expected_mm + part * (next.expected_mm - here.expected_mm)};
+  }
+
+ private:
+  static constexpr std::size_t kKnot = 8;
+  static constexpr std::size_t kHalf = 18;
+  static constexpr std::size_t kKnotsMax = kRows / kKnot + 1;
+
+  [[nodiscard]] Strip median_at(std::size_t middle, double lowest) const {
+    std::array<float, 2 * kHalf + 1> seen;
+    std::size_t count = 0;
+    std::uint32_t cells = 0;
+    for (std::size_t k = middle - std::min(middle, kHalf); k <= middle + kHalf && k < length_; ++k) {
+      if (!there_[k]) continue;
+      ++cells;
+      if (!std::isnan(value_[k])) seen[count++] = value_[k];
+    }
+    if (count < kLikeMin || static_cast<double>(count) < kSeenUsually * static_cast<double>(cells)) return {};
+    const auto median = seen.begin() + static_cast<std::ptrdiff_t>(count / 2);
+    std::nth_element(seen.begin(), median, seen.begin() + static_cast<std::ptrdiff_t>(count));
+    return {true, std::clamp(static_cast<double>(*median), lowest, kRaised_mm)};
+  }
+
+  std::array<float, kRows> value_{};
+  std::array<bool, kRows> there_{};
+  std::array<Strip, kKnotsMax> knot_{};
+  std::size_t knots_ = 1;
+  std::size_t length_ = 0;
+};
+
+/// How far a chamfer reaches along the edge. Wear changes that by several millimetres, but smoothly, over 50 mm and
+/// more; a chip is shorter. So at each place it is expected to be what the parabola through it 8 to 20 mm away, on both
+/// sides, says.
+class Chamfer {
+ public:
+  /// `bends`: the edge goes on at another face here.
+  void set(std::size_t k, bool bends, bool known, double leg_mm) {
+    bends_[k + 1] = bends_[k] + (bends ? 1U : 0U);
+    sum_[k + 1] = sum_[k] + (known ? leg_mm : 0.0);
+    count_[k + 1] = count_[k] + (known ? 1U : 0U);
+  }
+  /// Not known near the end of an edge or a bend, nor between dropouts.
+  [[nodiscard]] Strip at(std::size_t k, std::size_t length) const {
+    if (k < kFarHigh || k + kFarHigh >= length || bends_[k + kFarHigh + 1] != bends_[k - kFarHigh + 1]) return {};
+    std::array<double, 4> m{};
+    const auto mean = [&](std::size_t from, std::size_t to, double& value) {
+      const std::uint32_t count = count_[to + 1] - count_[from];
+      value = (sum_[to + 1] - sum_[from]) / static_cast<double>(count);
+      return count >= 2;
+    };
+    if (!mean(k - kFarHigh, k - kFarLow, m[0]) || !mean(k - kNearHigh, k - kNearLow, m[1]) ||
+        !mean(k + kNearLow, k + kNearHigh, m[2]) || !mean(k + kFarLow, k + kFarHigh, m[3]))
+      return {};
+    constexpr double kNear2 = 0.25 * (kNearLow + kNearHigh) * (kNearLow + kNearHigh);
+    constexpr double kFar2 = 0.25 * (kFarLow + kFarHigh) * (kFarLow + kFarHigh);
+    const double near = 0.5 * (m[1] + m[2]);
+    const double far = 0.5 * (m[0] + m[3]);
+    return {true, std::min((kFar2 * near - kNear2 * far) / (kFar2 - kNear2), kLongest_mm)};
+  }
+
+ private:
+  static constexpr std::size_t kNearLow = 7, kNearHigh = 10, kFarLow = 11, kFarHigh = 16;
+  static constexpr double kLongest_mm = 8.0;
+  std::array<std::uint32_t, kRows + 1> bends_{};
+  std::array<double, kRows + 1> sum_{};
+  std::array<std::uint32_t, kRows + 1> count_{};
+};
+
+/// The lines along one edge, at distances of a cell each. Between them they are interpolated: the draft of the end
+/// faces moves the edge over the raster, and a chamfer changes by a cell's width from one cell to the next.
+class Edge {
+ public:
+  static constexpr std::size_t kLines = kSurfaceEdgeSteps + 1;
+  static constexpr double from_edge_mm(std::size_t line) { return (static_cast<double>(line) + 0.5) * kSurfaceCell_mm; }
+
+  /// `there(k)`: the face with this edge at the k-th cell along it, kNoFace: none; `value(k, distance)`: off that face,
+  /// at a distance from the edge.
+  template <typename There, typename Value>
+  void learn(std::size_t length, const There& there, const Value& value) {
+    length_ = length;
+    for (std::size_t line = 0; line < kLines; ++line) {
+      const double distance = from_edge_mm(line);
+      lines_[line].learn(
+          length, -deepest_chamfer_mm(distance), [&](std::size_t k) { return there(k) != kNoFace; },
+          [&](std::size_t k) { return value(k, distance); });
+    }
+    for (std::size_t k = 0; k < length; ++k) set_chamfer(k, k > 0 && there(k) != there(k - 1));
+  }
+  [[nodiscard]] Strip at(std::size_t k, double distance) const {
+    const double place = std::clamp(distance / kSurfaceCell_mm - 0.5, 0.0, static_cast<double>(kLines - 1));
+    const std::size_t line = std::min(static_cast<std::size_t>(place), kLines - 2);
+    const Strip low = lines_[line].at(k);
+    const Strip high = lines_[line + 1].at(k);
+    if (!low.known || !high.known) return {};
+    const double part = place - static_cast<double>(line);
+    return {true, low.expected_mm + part * (high.expected_mm - low.expected_mm)};
+  }
+  /// What the chamfer beside this place lets expect.
+  [[nodiscard]] Strip beside(std::size_t k, double distance) const {
+    if (distance < kSaturated_mm) return {};
+    const Strip leg = chamfer_.at(k, length_);
+    return {leg.known, -std::max(0.0, leg.expected_mm - distance)};
+  }
+
+ private:
+  /// Closer to the edge the end face is the nearest face, and the distance to it says little about the chamfer.
+  static constexpr double kSaturated_mm = 2.5;
+
+  /// By the outermost line that the chamfer reaches.
+  void set_chamfer(std::size_t k, bool bends) {
+    constexpr float kReached_mm = 0.4F;
+    std::size_t seen = 0;
+    double leg = kSaturated_mm;
+    bool reached = false;
+    for (std::size_t line = kLines; line-- > 0 && from_edge_mm(line) >= kSaturated_mm;) {
+      const float off = lines_[line].value(k);
+      if (std::isnan(off)) continue;
+      ++seen;
+      if (reached || !(off < -kReached_mm)) continue;
+      leg = from_edge_mm(line) - static_cast<double>(off);
+      reached = true;
+    }
+    constexpr std::size_t kSeenMin = 3;
+    chamfer_.set(k, bends, seen >= kSeenMin, leg);
+  }
+
+  std::array<EdgeLine, kLines> lines_;
+  Chamfer chamfer_;
+  std::size_t length_ = 0;
+};
+
+/// Off the face between the centres of two cells in a line of the raster; NaN where one was not seen.
+float between_cells(const SurfaceField& field, double place, std::size_t first, std::size_t stride) {
+  const auto low = static_cast<std::size_t>(place);
+  const auto part = static_cast<float>(place - static_cast<double>(low));
+  const float a = field.off[first + low * stride];
+  return a + part * (field.off[first + (low + 1) * stride] - a);
+}
+
+}  // namespace
+
+void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field) {
+  const std::span<const std::uint16_t> table = whole.cells();
+  // Inner edges run along the rail, row by row.
+  std::array<Strip, kRows> rows;
+  Median median;
+  for (std::size_t row = 0; row < kRows; ++row) {
+    median.clear();
+    std::uint32_t cells = 0;
+    for (std::size_t i = row * kColumns; i < (row + 1) * kColumns; ++i) {
+      if (!is_judged(table[i]) || end_of(table[i]) != kFar || (table[i] & (kFoot | kUpperEdge)) == 0) continue;
+      ++cells;
+      if (field.seen(i)) median.add(field.off[i]);
+    }
+    if (median.count() >= kLikeMin && static_cast<double>(median.count()) >= kSeenUsually * static_cast<double>(cells))
+      rows[row] = {true, std::clamp(median.value(), -kFillet_mm, kFillet_mm)};
+  }
+
+  const auto high_x = [](std::size_t i) { return std::size_t{i % kColumns >= kColumns / 2}; };
+  const auto high_y = [](std::size_t i) { return std::size_t{i / kColumns >= kRows / 2}; };
+  std::array<Edge, 2> ends;
+  std::array<Edge, 2> sides;
+  std::array<std::uint16_t, kRows> end_face;
+  std::array<std::array<std::uint16_t, kColumns>, 2> side_face;
+  end_face.fill(kNoFace);
+  for (auto& side : side_face) side.fill(kNoFace);
+  for_cells_of(whole, [&](std::size_t i) {
+    if (!is_judged(table[i])) return;
+    if (end_of(table[i]) != kFar) end_face[i / kColumns] = table[i] & kFaceBits;
+    if (side_of(table[i]) != kFar) side_face[high_y(i)][i % kColumns] = table[i] & kFaceBits;
+  });
+  team.run(2, [&](std::size_t high) {
+    const double sign = high == 0 ? -1.0 : 1.0;
+    ends[high].learn(
+        kRows, [&](std::size_t row) { return end_face[row]; },
+        [&](std::size_t row, double distance) {
+          const double x = sign * (whole.end_mm(row) - distance);
+          return between_cells(field, (x + kSurfaceHalfX_mm) / kSurfaceCell_mm - 0.5, row * kColumns, 1);
+        });
+    sides[high].learn(
+        kColumns, [&](std::size_t column) { return side_face[high][column]; },
+        [&](std::size_t column, double distance) {
+          const double y = sign * (whole.side_mm(high == 1) - distance);
+          return between_cells(field, (y + kSurfaceHalfY_mm) / kSurfaceCell_mm - 0.5, column, kColumns);
+        });
+  });
+
+  const auto take_away = [&](std::size_t i) {
+    field.face_off[i] = field.off[i];
+    const std::uint16_t entry = table[i];
+    if (!is_judged(entry)) return;
+    const bool at_end = end_of(entry) != kFar;
+    const bool at_side = side_of(entry) != kFar;
+    const bool inner = (entry & (kFoot | kUpperEdge)) != 0;
+    if (!inner && !at_end && !at_side) return;
+    const std::size_t row = i / kColumns;
+    const std::size_t column = i % kColumns;
+    const double from_end = whole.end_mm(row) - std::abs(surface_x_mm(column));
+    const double from_side = whole.side_mm(high_y(i) == 1) - std::abs(surface_y_mm(row));
+    const Edge& end = ends[high_x(i)];
+    const Edge& side = sides[high_y(i)];
+    constexpr Strip kNothing{true, 0.0};
+    const Strip by_end = at_end ? end.at(row, from_end) : kNothing;
+    const Strip by_side = at_side ? side.at(column, from_side) : kNothing;
+    const Strip by_row = inner ? rows[row] : kNothing;
+    if (!by_end.known || !by_side.known || !by_row.known) {
+      field.zone[i] = SurfaceZone::none;
+      return;
+    }
+    // Two chamfers meet in a corner: the deeper one is seen. A fillet's height is in the line along the end as well.
+    const double expected = std::min(by_end.expected_mm, by_side.expected_mm) + (at_end ? 0.0 : by_row.expected_mm);
+    Strip line;
+    if (at_end != at_side) line = at_end ? end.beside(row, from_end) : side.beside(column, from_side);
+    const bool corner = at_end && at_side;
+    const bool beside = at_end || at_side;
+    field.face_off[i] -= beside && !corner && !line.known
+                             ? std::numeric_limits<float>::quiet_NaN()
+                             : static_cast<float>(line.known ? line.expected_mm : expected);
+    field.off[i] -= static_cast<float>(expected);
+  };
+  team.run(2, [&](std::size_t half) { for_cells_of(whole, take_away, static_cast<int>(half)); });
+}
+
+}  // namespace slabd::algo
