@@ -23,6 +23,10 @@ constexpr float kMost = 0.45F;
 /// Sum over a path from which it is a crack, and its least length in steps: 26 mm.
 constexpr float kStrengthMin = 1.5F;
 constexpr std::size_t kStepsMin = 7;
+/// Mean over a path beyond the limit, and how straight it is: a path through an area that returns unevenly has neither.
+constexpr float kMeanMin = 0.035F;
+constexpr double kStraight = 0.7;
+constexpr float kAside = 0.025F;  ///< cost of a cell to the side
 /// Cells between a window and those beside it.
 constexpr std::size_t kGap = 1;
 constexpr std::size_t kWidth = 2;
@@ -80,6 +84,15 @@ float lack(std::span<const float> whole, std::size_t at) {
   return std::min(1.0F - here / beside, kMost);
 }
 
+bool is_straight(const CrackPath& path) {
+  const auto steps = static_cast<double>(kCrackStep);
+  double length = 0.0;
+  for (std::size_t k = 1; k < path.steps; ++k)
+    length += std::hypot(steps, static_cast<double>(path.at[k]) - static_cast<double>(path.at[k - 1]));
+  const double across = static_cast<double>(path.at[path.steps - 1U]) - static_cast<double>(path.at[0]);
+  return std::hypot(steps * (path.steps - 1), across) >= kStraight * length;
+}
+
 }  // namespace
 
 void find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> memory, CrackPaths& paths) {
@@ -116,9 +129,10 @@ void find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
           const Node* before = nodes + (step - 1) * view.across;
           const std::size_t low = at - std::min(at, kReach);
           const std::size_t high = std::min(at + kReach, view.across - 1);
-          for (std::size_t k = low; k <= high; ++k)
-            if (before[k].strength > node.strength)
-              node = {before[k].strength, static_cast<std::uint8_t>(kReach + k - at)};
+          for (std::size_t k = low; k <= high; ++k) {
+            const float strength = before[k].strength - kAside * static_cast<float>(k > at ? k - at : at - k);
+            if (strength > node.strength) node = {strength, static_cast<std::uint8_t>(kReach + k - at)};
+          }
         }
         node.strength = std::max(0.0F, node.strength + lacks[i] - kLimit);
         if (node.strength == 0.0F) node.from = Node::kStart;
@@ -150,7 +164,8 @@ void find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
       --step;
     }
     std::reverse(path.at.begin(), path.at.begin() + path.steps);
-    if (path.steps >= kStepsMin) (void)paths.push(path);
+    if (path.steps >= kStepsMin && path.strength >= static_cast<double>(kMeanMin) * path.steps && is_straight(path))
+      (void)paths.push(path);
   }
 }
 

@@ -56,6 +56,11 @@ constexpr double kPoreArea_mm2 = 1.75;  ///< 1.5 mm diameter; smaller ones are n
 constexpr double kPoreDepth_mm = 0.3;
 /// A place wider than a pore this far off is damage: twice what cast concrete and a scanner's form error leave.
 constexpr double kDisplaced_mm = 1.0;
+constexpr double kDisplacedShoulder_mm = 2.0;  ///< which undulate
+double displaced_mm(FindingFace face) {
+  return face == FindingFace::shoulder_inner || face == FindingFace::shoulder_outer ? kDisplacedShoulder_mm
+                                                                                    : kDisplaced_mm;
+}
 constexpr double kMissing_mm2 = limits::kFindingArea_mm2;  ///< a drop of water of 9 mm hides 64
 constexpr double kBump_mm2 = 20.0;                         ///< a burr of 4 mm has 13
 /// Something is broken out of an edge where it is deeper than any pore, or larger than nearly all of them: pores lie at
@@ -207,12 +212,12 @@ bool name_low(const Place& place, double pore_max_mm, FoundSurface& found) {
     found.is_pore = true;
     return area >= kPoreArea_mm2 && place.deepest_mm() >= kPoreDepth_mm && found.extent_mm <= 2.0 * pore_max_mm;
   }
-  return place.deepest_mm() >= kDisplaced_mm;
+  return place.deepest_mm() >= displaced_mm(f.face);
 }
 
 bool name_high(const Place& place, FoundSurface& found) {
   found.finding.kind = FindingKind::bump;
-  return place.area_mm2() >= kBump_mm2 && place.deepest_mm() >= kDisplaced_mm;
+  return place.area_mm2() >= kBump_mm2 && place.deepest_mm() >= displaced_mm(found.finding.face);
 }
 
 void keep_largest(const FoundSurface& found, FixedVector<FoundSurface, limits::kFindingsMax>& list) {
