@@ -109,18 +109,31 @@ class ConcreteBlock {
 
  private:
   explicit ConcreteBlock(const Recipe& recipe, const ConcreteOrder& order);
-  struct Outline;
+  struct Faces;
+  /// A node of the height field before `added` is put on it along the face's normal.
+  struct Node {
+    double z = 0.0;
+    double added = 0.0;
+    ConcreteFace face = ConcreteFace::slab_top;
+  };
 
   [[nodiscard]] std::uint64_t seed_of(Effect effect, std::uint64_t which = 0) const;
   [[nodiscard]] double strength(Effect effect) const { return order_.effects[effect]; }
+  /// Standard deviation of the relief at strength 1.
+  static constexpr double kReliefMm = 0.15;
+
   [[nodiscard]] double seat_z(double x_mm, double y_mm) const;
   /// Of the place on the bearing plane over (x, y).
   [[nodiscard]] double along_seat(double x_mm, double y_mm) const;
   [[nodiscard]] bool over_rim(double x_mm, double y_mm, double margin_mm) const;
 
-  void cast_faces();  ///< concrete_block.cpp
-  void round_edges(Outline& outline) const;
-  void remove_planes(std::vector<float>& off);
+  void cast_faces();  ///< concrete_faces.cpp
+  void shape(Faces& f);
+  void round_edges(Faces& f);
+  void texture(Faces& f);
+  [[nodiscard]] Node block_node(const Faces& f, std::size_t column, std::size_t row) const;
+  void round_foot(const Faces& f, std::size_t column, std::size_t row, Node& node) const;
+  void remove_planes(std::vector<float>& added) const;
   void set_rims();  ///< concrete_casing.cpp
   void set_rim(std::size_t side);
   void cover_rim(std::size_t side, double share);

@@ -66,14 +66,15 @@ class LensForm {
 
 /// What belongs to the scanner and its surroundings, not to a pixel.
 struct Errors {
-  explicit Errors(const ConcreteOrder& order)
-      : random(derived_seed(order.seed, 601, 0)),
+  Errors(const ConcreteOrder& order, std::uint64_t scanner_seed)
+      : random(derived_seed(scanner_seed, 601, 0)),
         lens(random),
         ripple_period_mm(2.0 + 4.0 * random.uniform()),
         ripple_phase(2.0 * kPi * random.uniform()),
-        scale(1.0 + 1e-6 * within(random, kScalePpm * order.effects[Effect::scale])),
-        patch_centre(within(random, 70.0), within(random, 150.0), 0.0),
-        patch_radius_mm(0.5 * (40.0 + 50.0 * random.uniform())) {
+        scale(1.0 + 1e-6 * within(random, kScalePpm * order.effects[Effect::scale])) {
+    Prng of_block(derived_seed(order.seed, 603, 0));
+    patch_centre = Vec3(within(of_block, 70.0), within(of_block, 150.0), 0.0);
+    patch_radius_mm = 0.5 * (40.0 + 50.0 * of_block.uniform());
     misfit.translation_mm = kMisfitMm * order.effects[Effect::misfit] * random_direction(random);
     const Vec3 axis = random_direction(random);
     const double turn = rad_from_deg(kMisfitDeg * order.effects[Effect::misfit]);
@@ -84,8 +85,8 @@ struct Errors {
   double ripple_period_mm;
   double ripple_phase;
   double scale;
-  Vec3 patch_centre;  ///< block frame
-  double patch_radius_mm;
+  Vec3 patch_centre = Vec3::Zero();  ///< block frame
+  double patch_radius_mm = 0.0;
   Pose misfit;  ///< of the second view
 };
 
@@ -97,7 +98,7 @@ class Drawing {
         effects_(order.effects),
         scanner_(scanner),
         optics_(order, T_scanner_block, scanner),
-        errors_(order),
+        errors_(order, scanner.seed),
         T_block_scanner_(T_scanner_block.inverse()),
         random_(scan_seed) {
     const auto field = [&](std::size_t columns, std::size_t rows, std::uint64_t which) {

@@ -13,6 +13,7 @@
 namespace slabd::simulate {
 
 struct ConcreteScanner {
+  std::uint64_t seed = 1;      ///< decides cameras, lens, scale and ripple: what one scanner keeps from scan to scan
   std::size_t columns = 1000;  ///< along scanner X; 1000 x 1428: a pitch of 0.35 mm at the block
   std::size_t rows = 1428;     ///< along scanner Y
   double field_x_mm = 350.0;   ///< at the nominal stand-off
@@ -38,8 +39,8 @@ struct ConcreteScan {
 };
 
 /// Casts the block of `order` and draws it from `T_scanner_block` into `xyz` (3 floats a point, scanner frame, mm;
-/// resized). `scan_seed` decides noise, outliers and gaps; what belongs to the scanner (cameras, lens, scale) follows
-/// from the order's seed. The same arguments give the same bits. About 1.5 s for 1000 x 1428, 3 s for a full grid.
+/// resized). `scan_seed` decides noise, outliers and gaps. The same arguments give the same bits. About 1.5 s for 1000
+/// x 1428, 3 s for a full grid.
 [[nodiscard]] ConcreteScan draw_concrete(const Recipe& recipe, const ConcreteOrder& order, const Pose& T_scanner_block,
                                          const ConcreteScanner& scanner, std::uint64_t scan_seed,
                                          std::vector<float>& xyz);

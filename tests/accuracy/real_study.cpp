@@ -116,6 +116,7 @@ class Bench {
         simulate::scattered_truth(recipe_, simulate::nominal_truth(recipe_), kind.effects[Effect::cast], seed);
     const simulate::ConcreteView view = simulate::concrete_view(kind.effects, seed);
     simulate::ConcreteScanner scanner;
+    scanner.seed = seed;
     scanner.step_mm = options.step_mm;
     if (options.full_grid) {
       scanner.columns = 2048;
