@@ -27,7 +27,10 @@ Result<DrawnBlock> draw_block(const Recipe& recipe, const StationTruth& station,
   const StationTruth usual;
   if (station.noise_mm != usual.noise_mm) scanner.noise_mm = station.noise_mm;
   if (station.outlier_share != usual.outlier_share) scanner.outlier_share = station.outlier_share;
-  const ConcreteOrder order{station.block, *traits.concrete, {}, block_seed};
+  ConcreteOrder order;
+  order.truth = station.block;
+  order.effects = *traits.concrete;
+  order.seed = block_seed;
   ConcreteScan drawn = draw_concrete(recipe, order, T_scanner_block, scanner, scan_seed, xyz);
   return DrawnBlock{drawn.drawn, std::move(drawn.truth)};
 }

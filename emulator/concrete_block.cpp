@@ -9,9 +9,6 @@
 namespace slabd::simulate {
 namespace {
 
-/// Nodes of the height field: finer than the pixels of a full scan (0.25 mm at the block), and a fillet of 4 mm is
-/// within 0.002 mm of its circle between two of them.
-constexpr double kNodeMm = 0.25;
 constexpr double kFootMm = 6.0;
 /// Where the block hides its own foot, or the slab top is taken for a fillet.
 constexpr double kTopClearX = 112.0;
@@ -55,7 +52,7 @@ double ConcreteTruth::value(ItemId id) const {
 }
 
 ConcreteBlock::ConcreteBlock(const Recipe& recipe, const ConcreteOrder& order)
-    : recipe_(recipe), order_(order), field_(kHalfXMm, kHalfYMm, kNodeMm) {
+    : recipe_(recipe), order_(order), field_(kHalfXMm, kHalfYMm, order.node_mm) {
   face_.assign(field_.columns() * field_.rows(), ConcreteFace::slab_top);
   gloss_.assign(face_.size(), 0);
   truth_.block = with_defects(order.truth, order.defects);

@@ -27,6 +27,9 @@ struct ConcreteOrder {
   EffectStrengths effects;
   std::vector<ConcreteDefect> defects;
   std::uint64_t seed = 1;
+  /// Between nodes of the height field: finer than the pixels of a full scan (0.255 mm), and a fillet of 4 mm is within
+  /// 0.002 mm of its circle between two of them. Coarser is quicker.
+  double node_mm = 0.25;
 };
 
 /// The basis with dimensions off within `strength` times half of the recipe's tolerances (effect `cast`). mm, rad.
