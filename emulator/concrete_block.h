@@ -72,7 +72,7 @@ struct ConcreteTruth {
   [[nodiscard]] double value(ItemId id) const;
 };
 
-/// What is to be seen where a ray enters a casing.
+/// A casing: its rim, its bore and the content of the bore.
 struct Bore {
   enum class Content : std::uint8_t { empty, plug, sand, water, cap };
   Vec3 centre = Vec3::Zero();  ///< of the rim, block frame
@@ -126,7 +126,7 @@ class ConcreteBlock {
   static constexpr double kReliefMm = 0.15;
 
   [[nodiscard]] double seat_z(double x_mm, double y_mm) const;
-  /// Of the place on the bearing plane over (x, y).
+  /// s of the place on the bearing plane over (x, y).
   [[nodiscard]] double along_seat(double x_mm, double y_mm) const;
   [[nodiscard]] bool over_rim(double x_mm, double y_mm, double margin_mm) const;
 

@@ -65,7 +65,7 @@ void ConcreteBlock::put_defects() {
       const double height = defect.kind == ConcreteDefectKind::hump ? defect.size : -defect.size;
       stamp(x, y, kBowlHalfMm, [&](double dx, double dy) { return height * bell(std::hypot(dx, dy), kBowlHalfMm); });
     } else if (defect.kind == ConcreteDefectKind::bow) {
-      // What the evaluation region sees of it: the bell over its height at the region's edges, where s is larger.
+      // The bell ends within the evaluation region along s, so that the region has its whole height.
       stamp(0.0, 0.0, kBowHalfXMm,
             [&](double dx, double dy) { return defect.size * bell(dx, kBowHalfXMm) * bell(dy, kBowHalfSMm); });
     }

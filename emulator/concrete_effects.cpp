@@ -67,7 +67,7 @@ constexpr std::array<ConcreteDefectInfo, kConcreteDefects> kDefectTable = {{
     {Kind::jaw_distance, "jaw_distance", 0.8, "jaw_distance", "jaws too far apart by this many mm"},
     {Kind::jaw_angle, "jaw_angle", 1.4, "jaw_angle_outer", "outer jaw off by this many degrees"},
     {Kind::casing_out, "casing_out", 0.35, "casing_protrusion_outer", "rim of the outer casing over the seat, mm"},
-    {Kind::casing_sunk, "casing_sunk", 0.45, "casing_protrusion_inner", "inner casing sunk by a further so many mm"},
+    {Kind::casing_sunk, "casing_sunk", 0.45, "casing_protrusion_inner", "inner casing sunk further, mm"},
     {Kind::spacing, "spacing", 0.9, "casing_spacing", "casings too far apart by this many mm"},
     {Kind::chip_corner, "chip_corner", 12, "", "corner of the outer shoulder broken out, mm"},
     {Kind::chip_seat, "chip_seat", 10, "", "edge of the seat at the end of the block broken out, mm"},

@@ -239,7 +239,7 @@ void ConcreteBlock::cast_faces() {
   const BlockTruth& truth = truth_.block;
   const double end_minus = has_value(truth.top_end_minus_mm) ? -truth.top_end_minus_mm : -1e9;
   const double end_plus = has_value(truth.top_end_plus_mm) ? truth.top_end_plus_mm : 1e9;
-  // What is added along a face's normal, levelled before it is.
+  // Heights along the normals of the faces, levelled before they are added.
   std::vector<float> added(face_.size(), 0.0F);
   for (std::size_t row = 0; row < field_.rows(); ++row)
     for (std::size_t column = 0; column < field_.columns(); ++column) {

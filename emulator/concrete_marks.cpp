@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What is on the concrete: pores, burrs, flash lines, dust, drops, straps, release agent and chalk.
+// Marks on the concrete: pores, burrs, flash lines, dust, drops, straps, release agent and chalk.
 #include <algorithm>
 #include <cmath>
 

@@ -12,7 +12,7 @@
 /// The geometry of the scanner: where its eyes are, which ray belongs to a pixel, and what that ray meets.
 namespace slabd::simulate {
 
-/// What a pixel sees, before any error.
+/// The place that a pixel sees, before any error.
 struct Seen {
   float t = 0.0F;       ///< place on the pixel's ray: scanner Z beyond the ray's origin, mm; NaN: nothing returns
   float cosine = 1.0F;  ///< of the incidence

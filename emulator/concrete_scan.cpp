@@ -64,7 +64,7 @@ class LensForm {
   std::array<double, 7> weight_{};
 };
 
-/// What belongs to the scanner and its surroundings, not to a pixel.
+/// Errors of the scanner and its surroundings, the same for all pixels.
 struct Errors {
   Errors(const ConcreteOrder& order, std::uint64_t scanner_seed)
       : random(derived_seed(scanner_seed, 601, 0)),

@@ -8,7 +8,7 @@
 #include "emulator/concrete_block.h"
 #include "emulator/scan_drawing.h"
 
-/// What a fringe-projection scanner makes of a concrete block: rays from one origin, two cameras and a projector that
+/// Scans of a concrete block by a fringe-projection scanner: rays from one origin, two cameras and a projector that
 /// all have to see a point, and the errors of each effect. Errors are never part of the truth.
 namespace slabd::simulate {
 

@@ -9,7 +9,7 @@
 /// circle where two of them meet. Exact: a fillet of radius r is a circle that touches both lines.
 namespace slabd::simulate {
 
-/// What a point of the block's surface belongs to. `edge`: a fillet or a chamfer.
+/// The part of the block that a point of its surface belongs to. `edge`: a fillet or a chamfer.
 enum class ConcreteFace : std::uint8_t {
   slab_top,
   end,

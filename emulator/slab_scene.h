@@ -41,7 +41,7 @@ struct StationTruth {
   Vec3 offset_slab_mm = Vec3::Zero();  ///< of the block against its nominal place, slab axes
   double noise_mm = 0.03;
   double outlier_share = 0.005;
-  /// Of a block of real concrete, known once it is drawn; NaN: follows from `block`.
+  /// Flatness of a block of real concrete, set after it was drawn; NaN: follows from `block`.
   double flatness_mm = kNoValue;
   Pose T_slab_block;            ///< real
   Pose T_base_flange_real;      ///< where the flange stands for this station

@@ -32,7 +32,7 @@ Pose seeded_view(std::uint64_t seed) {
   return nominal_T_block_scanner() * off;
 }
 
-/// What is on real concrete beside its dimensions.
+/// Writes fillets, rims, flatness and marks of real concrete.
 void write_concrete(Json& json, const ConcreteTruth& truth) {
   json.key("concrete").begin_object();
   json.field("flatness_raw", truth.flatness_raw_mm).field("raw_low", truth.raw_low_mm);

@@ -47,7 +47,7 @@ struct Case {
   double measure_s = 0.0;
 };
 
-/// What a person calls the reason: the items that did not pass, else the findings.
+/// The items that did not pass, else the reason of the block.
 std::vector<std::string> blamed(const Case& one) {
   std::vector<std::string> names;
   for (const Item& item : one.result.items)
@@ -221,7 +221,7 @@ std::string blame_text(const Verdicts& verdicts) {
   return text;
 }
 
-/// Of scans with defects: those in which the block passes, and those in which the defect itself is pointed at (its item
+/// Counts of scans with a defect: the block passes, and the defect itself is pointed at (its item
 /// does not pass; damage: a finding within 25 mm of it).
 struct Noticed {
   int missed = 0;

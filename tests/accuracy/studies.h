@@ -14,7 +14,7 @@
 /// A new study is a function here, its file in CMakeLists.txt and a line in the list of main.cpp.
 namespace slabd::accuracy {
 
-/// What the study of real concrete draws.
+/// Choice of what the study of real concrete draws.
 struct RealOptions {
   std::string surface = "real";      ///< ideal, clean or real
   std::vector<std::string> effects;  ///< NAME=STRENGTH over the surface's
