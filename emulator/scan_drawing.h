@@ -2,9 +2,11 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "emulator/block_scene.h"
+#include "emulator/concrete_effects.h"
 
 /// What the emulated scanner makes of a surface: noise, outliers and gaps.
 namespace slabd::simulate {
@@ -28,6 +30,10 @@ struct ScannerTraits {
   NoiseShape noise_shape = NoiseShape::gaussian;
   double outlier_share = 0.005;  ///< of the returned points, evenly 1..60 mm before or behind the surface
   double missing_share = 0.02;
+  /// The blocks are real concrete (emulator/concrete_block.h) instead of polyhedra: always in perspective, with noise,
+  /// outliers and gaps by these effects. Only draw_block heeds it.
+  std::optional<EffectStrengths> concrete;
+  std::uint64_t scanner_seed = 1;  ///< concrete: cameras, lens and scale of the scanner
 };
 inline constexpr double kOutlierMinMm = 1.0;
 inline constexpr double kOutlierMaxMm = 60.0;

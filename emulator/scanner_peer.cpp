@@ -10,6 +10,8 @@
 #include <thread>
 #include <vector>
 
+#include "emulator/block_drawing.h"
+
 namespace slabd::simulate {
 namespace {
 
@@ -28,13 +30,22 @@ struct Job {
 
 }  // namespace
 
+namespace {
+std::array<double, limits::kStationsMax + 1> no_flatness() {
+  std::array<double, limits::kStationsMax + 1> none{};
+  none.fill(kNoValue);
+  return none;
+}
+}  // namespace
+
 struct ScannerPeer::Impl {
   ScannerTraits traits;
   ScannerFault fault;
   std::unique_ptr<ScanOutlet> outlet;
 
-  mutable std::mutex mutex;  // guards job, delivered, trouble
+  mutable std::mutex mutex;  // guards job, delivered, flatness_mm, trouble
   Job job;
+  std::array<double, limits::kStationsMax + 1> flatness_mm = no_flatness();
   std::uint64_t delivered = 0;
   std::string trouble;
 
@@ -86,16 +97,18 @@ struct ScannerPeer::Impl {
     const std::uint64_t seed = take.seed;
     drawn_station = 0;
     const StationTruth& truth = now.slab->at(station);
-    auto surface =
-        BlockSurface::make(*now.recipe, truth.block, T_scanner_block(*now.slab, *now.cell, station), traits.projection);
-    if (!surface) {
-      complain(surface.error().text.c_str());
+    const std::uint64_t block_seed = derived_seed(now.slab->cast_seed, static_cast<std::uint64_t>(station), 0);
+    const Result<DrawnBlock> block =
+        draw_block(*now.recipe, truth, T_scanner_block(*now.slab, *now.cell, station), traits, block_seed, seed, xyz);
+    if (!block) {
+      complain(block.error().text.c_str());
       return false;
     }
-    ScannerTraits scanner = traits;
-    scanner.noise_mm = truth.noise_mm;
-    scanner.outlier_share = truth.outlier_share;
-    const DrawnScan drawn = draw_scan(surface.value(), scanner, seed, xyz);
+    const DrawnScan& drawn = block.value().scan;
+    if (block.value().concrete) {
+      const std::lock_guard lock(mutex);
+      flatness_mm[static_cast<std::size_t>(station)] = block.value().concrete->flatness_form_mm;
+    }
     if (fault.given_again != 0) last_exposure = xyz;
     if (const Status ready = outlet->put(xyz, drawn.width, drawn.height); !ready) {
       complain(ready.error().text.c_str());
@@ -240,6 +253,7 @@ Result<std::unique_ptr<ScannerPeer>> ScannerPeer::start(const ScannerTraits& tra
 void ScannerPeer::look_at(const Recipe& recipe, const SlabTruth& slab, const Cell& cell) {
   const std::lock_guard lock(impl_->mutex);
   impl_->job = {&recipe, &slab, &cell, impl_->job.slab_count + 1, 0, 0};
+  impl_->flatness_mm = no_flatness();
 }
 
 void ScannerPeer::stand_over(int station, int next_station) {
@@ -251,6 +265,11 @@ void ScannerPeer::stand_over(int station, int next_station) {
 std::uint64_t ScannerPeer::delivered() const {
   const std::lock_guard lock(impl_->mutex);
   return impl_->delivered;
+}
+
+double ScannerPeer::flatness_mm(int station) const {
+  const std::lock_guard lock(impl_->mutex);
+  return impl_->flatness_mm.at(static_cast<std::size_t>(station));
 }
 
 std::string ScannerPeer::trouble() const {

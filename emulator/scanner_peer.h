@@ -44,6 +44,8 @@ class ScannerPeer {
   void stand_over(int station, int next_station);
 
   [[nodiscard]] std::uint64_t delivered() const;
+  /// True flatness of a block of real concrete that was drawn of the slab in the cell; NaN: not drawn, or a polyhedron.
+  [[nodiscard]] double flatness_mm(int station) const;
   /// The last thing that went wrong; empty while all is well.
   [[nodiscard]] std::string trouble() const;
 

@@ -144,6 +144,7 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
   SlabTruth slab;
   slab.T_base_slab = place_slab(cell.T_base_slab, variation);
   slab.scan_seed = derived_seed(variation.seed, 2000, variation.slab_no);
+  slab.cast_seed = derived_seed(variation.seed, 2001, variation.same_slab ? 0 : variation.slab_no);
   slab.stations = recipe.stations();
   for (int k = 1; k <= slab.stations; ++k) {
     StationTruth& station = slab.station[static_cast<std::size_t>(k - 1)];
@@ -201,7 +202,8 @@ double true_value(const Recipe& recipe, const StationTruth& station, ItemId id) 
   if (!block.present) return kNoValue;
   switch (id) {
     case ItemId::seat_slope: return deg_from_rad(block.slope_rad);
-    case ItemId::seat_flatness: return true_flatness_mm(recipe, block);
+    case ItemId::seat_flatness:
+      return has_value(station.flatness_mm) ? station.flatness_mm : true_flatness_mm(recipe, block);
     case ItemId::jaw_angle_inner: return deg_from_rad(block.jaw_angle_inner_rad);
     case ItemId::jaw_angle_outer: return deg_from_rad(block.jaw_angle_outer_rad);
     case ItemId::jaw_distance: return block.jaw_distance_mm;

@@ -41,6 +41,8 @@ struct StationTruth {
   Vec3 offset_slab_mm = Vec3::Zero();  ///< of the block against its nominal place, slab axes
   double noise_mm = 0.03;
   double outlier_share = 0.005;
+  /// Flatness of a block of real concrete, set after it was drawn; NaN: follows from `block`.
+  double flatness_mm = kNoValue;
   Pose T_slab_block;            ///< real
   Pose T_base_flange_real;      ///< where the flange stands for this station
   Pose T_base_flange_reported;  ///< what the robot says
@@ -49,6 +51,7 @@ struct StationTruth {
 struct SlabTruth {
   Pose T_base_slab;             ///< where the slab lies
   std::uint64_t scan_seed = 0;  ///< noise, outliers and gaps of its scans
+  std::uint64_t cast_seed = 0;  ///< what is on its concrete
   std::uint8_t stations = 0;
   std::array<StationTruth, limits::kStationsMax> station{};  ///< [station - 1]
 

@@ -193,6 +193,8 @@ std::vector<SlabOutcome> run_line(const Options& options, const daemon::Config& 
                       [&](int station, std::string_view doing) { progress(station, doing); }};
       outcome.run = run_slab(line, order, outcome.truth);
     }
+    for (int k = 1; k <= outcome.truth.stations; ++k)
+      outcome.truth.station[static_cast<std::size_t>(k - 1)].flatness_mm = scanner.flatness_mm(k);
     if (const std::string trouble = scanner.trouble(); !trouble.empty())
       cli::complain(fmt::format("scanner: {}", trouble));
     outcome.stored = read_back(config.storage.db_path, order);
@@ -228,6 +230,9 @@ int simulate(const Options& options) {
     }
     facts.defects.push_back(defect.value());
   }
+  ScannerTraits scanner_traits = options.scanner.traits();
+  scanner_traits.scanner_seed = options.variation.seed;
+  if (!options.scanner.concrete(scanner_traits.concrete)) return cli::kUsage;
   const Result<ScannerFault> fault = parse_scanner_fault(options.scanner_fault);
   if (!fault) {
     cli::complain(fmt::format("{}", fault.error().text.view()));
@@ -293,7 +298,7 @@ int simulate(const Options& options) {
   if (!started(robot, exit_status)) return exit_status;
   auto outlet = open_outlet(config, *hal::scan_format_named(options.scan_format));
   if (!started(outlet, exit_status)) return exit_status;
-  const auto scanner = ScannerPeer::start(options.scanner.traits(), std::move(outlet.value()), fault.value());
+  const auto scanner = ScannerPeer::start(scanner_traits, std::move(outlet.value()), fault.value());
   if (!started(scanner, exit_status)) return exit_status;
   if (options.stand_by) {
     stand_by({*robot.value(), *scanner.value(), recipe, cell, truths.value()}, std::cin, std::cout, stop_requested);
@@ -327,6 +332,9 @@ void add_simulate(args::Command& app, int& exit_status) {
   args::Command command = app.add_subcommand(
       "simulate", "Be the rest of the line for a running daemon: PLC, robot and scanner, with known truth");
   command->footer("\nDefects (K = block; repeatable)\n" + simulate::defect_help() +
+                  "\nEffects of real concrete, with their usual strengths (pose, offset, tilt, standoff: simulate scan "
+                  "only)\n" +
+                  simulate::effect_help() +
                   "\nExamples: slabctl simulate --config slabd.toml --slab-no 7 --slab-id S-0007\n"
                   "          slabctl simulate --config slabd.toml --points quarter --defect slope=4:1/36 --json\n"
                   "Exit status: 0 every slab passed, 1 not, 4 daemon or network not reachable.");

@@ -11,6 +11,8 @@
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
+#include "emulator/block_drawing.h"
+#include "emulator/concrete_scan.h"
 #include "hal/hal.h"
 #include "report/json.h"
 
@@ -30,8 +32,24 @@ Pose seeded_view(std::uint64_t seed) {
   return nominal_T_block_scanner() * off;
 }
 
+/// Writes fillets, rims, flatness and marks of real concrete.
+void write_concrete(Json& json, const ConcreteTruth& truth) {
+  json.key("concrete").begin_object();
+  json.field("flatness_raw", truth.flatness_raw_mm).field("raw_low", truth.raw_low_mm);
+  json.field("raw_high", truth.raw_high_mm).field("fillets", std::span<const double>(truth.fillet_mm));
+  json.field("chamfer", truth.chamfer_mm).field("rim_covered", std::span<const double>(truth.rim_covered));
+  json.key("marks").begin_array();
+  for (const PlantedMark& mark : truth.marks) {
+    json.begin_object().field("kind", name(mark.kind)).field("x", mark.x_mm).field("y", mark.y_mm);
+    json.field("z", mark.z_mm).field("length", mark.length_mm).field("width", mark.width_mm);
+    json.field("depth", mark.depth_mm).field("in_crop", mark.in_crop).end_object();
+  }
+  json.end_array().end_object();
+}
+
 std::string truth_json(const ScanOrder& order, const Recipe& recipe, const StationTruth& truth,
-                       const Pose& T_scanner_block, const DrawnScan& drawn) {
+                       const Pose& T_scanner_block, const DrawnBlock& drawn_block) {
+  const DrawnScan& drawn = drawn_block.scan;
   const BlockTruth& block = truth.block;
   Json json;
   json.begin_object();
@@ -44,14 +62,17 @@ std::string truth_json(const ScanOrder& order, const Recipe& recipe, const Stati
   json.field("jaw_angle_out", deg_from_rad(block.jaw_angle_outer_rad));
   json.field("casing_spacing", block.casing_spacing_mm);
   json.field("protrusion_in", block.protrusion_inner_mm).field("protrusion_out", block.protrusion_outer_mm);
-  json.field("flatness", true_flatness_mm(recipe, block)).field("bump", block.bump_mm);
+  const std::optional<ConcreteTruth>& concrete = drawn_block.concrete;
+  json.field("flatness", concrete ? concrete->flatness_form_mm : true_flatness_mm(recipe, block));
+  json.field("bump", block.bump_mm);
   json.field("chip", block.chip_mm).field("burr", block.burr_mm).field("jaw_shift", block.jaw_shift_mm);
   json.field("sunk_seat", block.sunk_mm).field("broken_corner", block.corner_mm);
   json.field("glove", block.glove_s_mm).field("cable", block.cable_x_mm);
   json.field("noise", truth.noise_mm).field("noise_correlation", order.scanner.noise_correlation_mm);
-  json.field("perspective", order.scanner.projection == Projection::perspective);
+  json.field("perspective", concrete || order.scanner.projection == Projection::perspective);
   json.field("outlier_share", truth.outlier_share);
   json.field("outliers_planted", drawn.outliers).field("missing", drawn.missing).field("valid", drawn.valid);
+  if (concrete) write_concrete(json, *concrete);
   json.end_object();
   return json.text();
 }
@@ -101,22 +122,24 @@ int write_scan(const ScanOrder& order) {
     return cli::kUsage;
   }
   const StationTruth& truth = slab.value().at(order.block);
-  const Pose T_block_scanner = order.nominal_view ? nominal_T_block_scanner() : seeded_view(order.seed);
+  const Pose T_block_scanner = order.nominal_view ? nominal_T_block_scanner()
+                               : order.scanner.concrete
+                                   ? concrete_view(*order.scanner.concrete, order.seed).T_scanner_block.inverse()
+                                   : seeded_view(order.seed);
   // The scanner stands over the block's nominal place; a block moved by a defect is seen there, beside it.
   Pose T_nominal_block;
   T_nominal_block.translation_mm = truth.T_slab_block.rotation.conjugate() * truth.offset_slab_mm;
   const Pose T_scanner_block = T_block_scanner.inverse() * T_nominal_block;
-  const Result<BlockSurface> surface =
-      BlockSurface::make(recipe, truth.block, T_scanner_block, order.scanner.projection);
-  if (!surface) {
-    cli::complain(fmt::format("{}: {}", recipe.path.view(), surface.error().text.view()));
+  std::vector<float> xyz;
+  const Result<DrawnBlock> block =
+      draw_block(recipe, truth, T_scanner_block, order.scanner,
+                 derived_seed(slab.value().cast_seed, static_cast<std::uint64_t>(order.block), 0),
+                 derived_seed(order.seed, 5, 0), xyz);
+  if (!block) {
+    cli::complain(fmt::format("{}: {}", recipe.path.view(), block.error().text.view()));
     return cli::kBadInput;
   }
-  ScannerTraits scanner = order.scanner;
-  scanner.noise_mm = truth.noise_mm;
-  scanner.outlier_share = truth.outlier_share;
-  std::vector<float> xyz;
-  const DrawnScan drawn = draw_scan(surface.value(), scanner, derived_seed(order.seed, 5, 0), xyz);
+  const DrawnScan& drawn = block.value().scan;
 
   if (const Status written = hal::write_scan(order.out.c_str(), *format, xyz, drawn.width, drawn.height,
                                              {.emulator = true, .block = order.block});
@@ -126,7 +149,7 @@ int write_scan(const ScanOrder& order) {
   }
   const std::string truth_path = std::filesystem::path(order.out).replace_extension(".json").string();
   std::ofstream file(truth_path);
-  file << truth_json(order, recipe, truth, T_scanner_block, drawn);
+  file << truth_json(order, recipe, truth, T_scanner_block, block.value());
   if (!file.flush()) {
     cli::complain(fmt::format("{} cannot be written", truth_path));
     return cli::kNotReachable;
@@ -158,6 +181,36 @@ void ScannerOptions::add_to(args::Command& command) {
                   "How the correlation falls: gaussian (exp(-r^2/L^2)) or exponential (exp(-(|dx|+|dy|)/L))")
       ->check(args::one_of({"gaussian", "exponential"}))
       ->capture_default_str();
+  command
+      .add_option("--surface", surface,
+                  "The blocks: ideal (polyhedra as drawn), real (real concrete, a real scanner) or clean (few pores, "
+                  "little dust); real and clean are always in perspective, their noise is an effect")
+      ->check(args::one_of({"ideal", "clean", "real"}))
+      ->capture_default_str();
+  command
+      .add_option("--effect", effects,
+                  "Strength of one effect of real concrete, NAME=STRENGTH; 0 off, 1 a good scanner, 3 a bad day; "
+                  "repeatable")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
+}
+
+bool ScannerOptions::concrete(std::optional<EffectStrengths>& strengths) const {
+  const Result<SurfaceKind> kind = surface_named(surface);
+  if (!kind) {
+    cli::complain(kind.error().text.view());
+    return false;
+  }
+  strengths.reset();
+  if (kind.value() == SurfaceKind::ideal && effects.empty()) return true;
+  strengths.emplace(kind.value());
+  for (const std::string& text : effects)
+    if (const std::optional<std::string> refused = strengths->take(text)) {
+      cli::complain(*refused);
+      return false;
+    }
+  return true;
 }
 
 ScannerTraits ScannerOptions::traits() const {
@@ -189,7 +242,7 @@ void add_simulate_scan(args::Command& simulate, int& exit_status) {
   ScanOrder& order = options->order;
   args::Command command = simulate.add_subcommand("scan", "Write one scan of a block and its truth beside it");
   command->footer(
-      "\nDefects\n" + defect_help() +
+      "\nDefects\n" + defect_help() + "\nEffects of real concrete, with their usual strengths\n" + effect_help() +
       "\nExample: slabctl simulate scan --recipe p5600.toml --block 3 --out scan.ply --defect slope=3:1/37\n"
       "         slabctl simulate scan --recipe p5600.toml --block 3 --out scan.pcd --format pcd-compressed");
   command->add_option("--recipe", order.recipe, "Recipe of the slab type")->required();
@@ -211,6 +264,11 @@ void add_simulate_scan(args::Command& simulate, int& exit_status) {
   options->scanner.add_to(*command);
   command->callback([options, &exit_status] {
     options->order.scanner = options->scanner.traits();
+    options->order.scanner.scanner_seed = options->order.seed;
+    if (!options->scanner.concrete(options->order.scanner.concrete)) {
+      exit_status = cli::kUsage;
+      return;
+    }
     exit_status = write_scan(options->order);
   });
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -36,7 +37,7 @@ void add_simulate_scan(args::Command& simulate, int& exit_status);
 [[nodiscard]] std::vector<std::string> scan_format_names();
 
 /// Options that every emulated scan shares: --points, --unorganised, --perspective, --noise-correlation-mm,
-/// --noise-shape.
+/// --noise-shape, --surface, --effect.
 struct ScannerOptions {
   std::string points = "full";
   double field_x_mm = ScannerTraits{}.field_x_mm;
@@ -44,6 +45,11 @@ struct ScannerOptions {
   bool perspective = false;
   double noise_correlation_mm = 0.0;
   std::string noise_shape = "gaussian";
+  std::string surface = "ideal";
+  std::vector<std::string> effects;  ///< NAME=STRENGTH
+  /// Strengths if real concrete was asked for: any surface but ideal, or an effect. False, and a line on stderr, when a
+  /// name or strength is wrong.
+  [[nodiscard]] bool concrete(std::optional<EffectStrengths>& strengths) const;
   void add_to(args::Command& command);
   [[nodiscard]] ScannerTraits traits() const;
 };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabd_accuracy [study...] [--quick] [--seeds N] [--first SEED] [--json]
+// slabd_accuracy real [--surface real|clean|ideal] [--effect NAME=STRENGTH]... [--defect NAME=SIZE]... [--table]
 #include <fmt/core.h>
 
 #include <CLI/CLI.hpp>
@@ -10,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "emulator/concrete_effects.h"
 #include "report/json.h"
 #include "tests/accuracy/studies.h"
 
@@ -31,6 +33,7 @@ constexpr std::array kStudies = {
     Study{"block", block_study, "full-size scans of varied blocks: error of every item, coverage of U"},
     Study{"perspective", perspective_study, "the same with rays from one centre"},
     Study{"correlated", correlated_study, "the same with noise correlated over 1 mm: does U still cover?"},
+    Study{"real", real_study, "real concrete: errors, coverage of U, verdicts of good blocks, defects noticed"},
     Study{"slab", slab_study, "whole slabs with robot repeatability: slab items, planted defects"},
     Study{"exposures", exposures_study, "the noise of two scans: different exposures, and one that is given again"},
     Study{"ends", ends_study, "slab types that differ only in the slab's ends, begun rightly and wrongly"},
@@ -84,7 +87,7 @@ int run(const std::vector<const Study*>& chosen, const StudyOptions& options, bo
     outcome.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
     all_ok = all_ok && outcome.carried_out && outcome.table.all_ok();
     if (as_json) continue;
-    outcome.table.print();
+    if (!outcome.table.rows().empty()) outcome.table.print();
     fmt::print("  {:.0f} s{}\n\n", outcome.seconds, outcome.carried_out ? "" : "; NOT CARRIED OUT");
     std::fflush(stdout);
   }
@@ -103,6 +106,10 @@ int main(int argc, char** argv) {
   CLI::App app("Studies of accuracy with known truth. Exit status 0: every goal met, 1: not, 2: usage.");
   std::string footer = "\nStudies (default: all)\n";
   for (const Study& study : kStudies) footer += fmt::format("  {:12} {}\n", study.name, study.about);
+  footer += "\nEffects of study real, with their usual strengths\n" + slabd::simulate::effect_help();
+  footer += "\nDefects of study real, with their usual sizes\n";
+  for (const slabd::simulate::ConcreteDefectInfo& defect : slabd::simulate::concrete_defects())
+    footer += fmt::format("  {:12} {:4} {}\n", defect.name, defect.usual, defect.meaning);
   app.footer(footer);
   app.add_option("study", names, "Which studies to run");
   app.add_flag("--quick", options.quick, "A tenth of the cases");
@@ -110,11 +117,28 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(1, 1'000'000));
   app.add_option("--first", options.first, "First seed")->capture_default_str();
   app.add_flag("--json", as_json, "Print slabd.accuracy/1 on stdout");
+  RealOptions& real = options.real;
+  const std::string of_real = "Study real";
+  app.add_option("--surface", real.surface, "The concrete: real, clean or ideal")
+      ->group(of_real)
+      ->capture_default_str();
+  app.add_option("--effect", real.effects, "An effect of another strength, NAME=STRENGTH; repeatable")
+      ->group(of_real)
+      ->allow_extra_args(false);
+  app.add_option("--defect", real.defects, "A planted defect, NAME=SIZE or NAME; repeatable")
+      ->group(of_real)
+      ->allow_extra_args(false);
+  app.add_flag("--table", real.table, "Each effect raised and each defect, one line each")->group(of_real);
+  app.add_flag("--each", real.each, "Also one line for each scan: error(U) of every item")->group(of_real);
+  app.add_flag("--full", real.full_grid, "2048 x 2448 points instead of 1000 x 1428")->group(of_real);
+  app.add_option("--step-mm", real.step_mm, "Round coordinates to this")->group(of_real)->check(CLI::Range(0.0, 1.0));
+  app.add_option("--out", real.out, "Folder for the scans (PLY) and their truth (JSON)")->group(of_real);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& stop) {
     return app.exit(stop) == 0 ? 0 : 2;
   }
+  options.as_json = as_json;
   std::vector<const Study*> chosen;
   for (const std::string& name : names) {
     chosen.push_back(find(name));

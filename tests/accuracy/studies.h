@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstdint>
+#include <string>
+#include <vector>
 
 #include "tests/accuracy/table.h"
 
@@ -12,10 +14,24 @@
 /// A new study is a function here, its file in CMakeLists.txt and a line in the list of main.cpp.
 namespace slabd::accuracy {
 
+/// Choice of what the study of real concrete draws.
+struct RealOptions {
+  std::string surface = "real";      ///< ideal, clean or real
+  std::vector<std::string> effects;  ///< NAME=STRENGTH over the surface's
+  std::vector<std::string> defects;  ///< NAME=SIZE, or NAME for the usual size
+  bool table = false;                ///< every effect raised and every defect, one line each
+  bool each = false;                 ///< also every scan, one line each
+  bool full_grid = false;            ///< 2048 x 2448 instead of 1000 x 1428
+  double step_mm = 0.0;              ///< coordinates rounded to this
+  std::string out;                   ///< folder for the scans (PLY) and their truth (JSON); empty: none
+};
+
 struct StudyOptions {
   bool quick = false;       ///< a tenth of the cases: for a look, not for a claim
   int seeds = 0;            ///< how many cases, 0 = the study's own number
   std::uint64_t first = 1;  ///< the first seed; another one is another sample of the same study
+  bool as_json = false;     ///< nothing but the table goes to stdout, as JSON
+  RealOptions real;
 
   /// The number of cases: `seeds` if given, else `full` or, quick, a tenth of it (at least `least`).
   [[nodiscard]] int cases(int full, int least = 2) const {
@@ -65,6 +81,9 @@ struct StudyOptions {
 /// Slabs at the level of fitted features, errors drawn from the stated distributions: coverage of every item's U and
 /// its mean against what 95 % coverage needs.
 [[nodiscard]] bool coverage_study(const StudyOptions& options, Table& table);
+
+/// Scans of real concrete: errors and coverage of every item, verdicts of good blocks, defects noticed and missed.
+[[nodiscard]] bool real_study(const StudyOptions& options, Table& table);
 
 /// Hand-eye sets with planted truth: error in the field of view against the optimum's, whether the predicted error is
 /// true, and whether sets that carry no calibration are refused for the right reason.

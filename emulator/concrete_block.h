@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <string_view>
+#include <vector>
+
+#include "base/base.h"
+#include "emulator/block_scene.h"
+#include "emulator/concrete_effects.h"
+#include "emulator/concrete_fields.h"
+#include "emulator/concrete_section.h"
+#include "emulator/height_field.h"
+
+/// A supporting block as cast: everything that is on the concrete, as heights z(x, y) in the block frame, with its
+/// truth. What the scanner makes of it is in concrete_scan.h.
+///
+/// Written from the drawing without a line of algo: what measures must not share errors with what is measured.
+/// The planes remain the ideal planes of `BlockTruth`: grain and waviness have no mean and no tilt over the region that
+/// an item is taken from; pores, burrs, dust and smears are not part of a plane.
+namespace slabd::simulate {
+
+struct ConcreteOrder {
+  BlockTruth truth;  ///< dimensions, and the defects of `DefectKind` that are on the block
+  EffectStrengths effects;
+  std::vector<ConcreteDefect> defects;
+  std::uint64_t seed = 1;
+  /// Between nodes of the height field: finer than the pixels of a full scan (0.255 mm), and a fillet of 4 mm is within
+  /// 0.002 mm of its circle between two of them. Coarser is quicker.
+  double node_mm = 0.25;
+};
+
+/// The basis with dimensions off within `strength` times half of the recipe's tolerances (effect `cast`). mm, rad.
+[[nodiscard]] BlockTruth scattered_truth(const Recipe& recipe, const BlockTruth& basis, double strength,
+                                         std::uint64_t seed);
+/// The basis with those defects of the list that change a dimension.
+[[nodiscard]] BlockTruth with_defects(const BlockTruth& basis, const std::vector<ConcreteDefect>& defects);
+
+enum class MarkKind : std::uint8_t { pore, burr, grain_of_dust, drop, damage, crack };
+[[nodiscard]] std::string_view name(MarkKind kind);
+
+/// Something that was planted on the block, or broken out of it. Block frame, mm.
+struct PlantedMark {
+  MarkKind kind = MarkKind::pore;
+  double x_mm = 0.0;
+  double y_mm = 0.0;
+  double z_mm = 0.0;       ///< of the surface there before
+  double length_mm = 0.0;  ///< along the rail
+  double width_mm = 0.0;
+  double depth_mm = 0.0;  ///< largest distance from the surface, positive inward, negative outward
+  bool in_crop = false;   ///< centre in the evaluation region
+};
+
+struct ConcreteTruth {
+  BlockTruth block;  ///< dimensions with scatter and defects
+  double casing_spacing_mm = 0.0;
+  /// Peak to valley of the means of `evaluation.cell_mm` cells in the evaluation region against their least-squares
+  /// plane, of the noise-free surface: with everything on it, and without pores, burrs, fin, dust and drops.
+  double flatness_raw_mm = 0.0;
+  double flatness_form_mm = 0.0;
+  double raw_low_mm = 0.0;  ///< lowest and highest cell of the raw surface
+  double raw_high_mm = 0.0;
+  /// Mean radii: inner jaw/shoulder, inner seat/jaw, outer seat/jaw, outer jaw/shoulder, slab top. 0: sharp.
+  std::array<double, 5> fillet_mm{};
+  double chamfer_mm = 0.0;
+  double roll_rad = 0.0;                ///< of the bearing plane about Y
+  std::array<double, 2> rim_covered{};  ///< share of the rim under slurry, inner and outer
+  std::vector<PlantedMark> marks;
+  /// The true value in the item's unit; NaN for items that one block does not determine. Flatness: form.
+  [[nodiscard]] double value(ItemId id) const;
+};
+
+/// A casing: its rim, its bore and the content of the bore.
+struct Bore {
+  enum class Content : std::uint8_t { empty, plug, sand, water, cap };
+  Vec3 centre = Vec3::Zero();  ///< of the rim, block frame
+  Vec3 axis = Vec3::UnitZ();   ///< up
+  double radius_mm = 15.0;
+  double chamfer_mm = 0.0;  ///< of the bore's edge, outward and down from the rim
+  Content content = Content::empty;
+  double level_mm = 0.0;         ///< of the content, below the rim
+  double thread_depth_mm = 0.0;  ///< the wall returns down to here; 0: not at all
+};
+
+/// How the surface reflects at a place: bits.
+inline constexpr std::uint8_t kWet = 1;     ///< mostly no return
+inline constexpr std::uint8_t kGlossy = 2;  ///< noisy
+inline constexpr std::uint8_t kClump = 4;   ///< no return
+
+class ConcreteBlock {
+ public:
+  /// Half sizes of the height field: more than the field of view at the slab top, tilted and off centre.
+  static constexpr double kHalfXMm = 220.0;
+  static constexpr double kHalfYMm = 315.0;
+
+  /// About 0.5 s. The same order gives the same bits.
+  [[nodiscard]] static ConcreteBlock cast(const Recipe& recipe, const ConcreteOrder& order);
+
+  [[nodiscard]] const HeightField& field() const { return field_; }
+  [[nodiscard]] const ConcreteTruth& truth() const { return truth_; }
+  [[nodiscard]] ConcreteFace face(std::size_t node) const { return face_[node]; }
+  [[nodiscard]] std::uint8_t gloss(std::size_t node) const { return gloss_[node]; }
+  [[nodiscard]] const std::array<Bore, 2>& bores() const { return bores_; }
+  /// Corner of seat and jaw, inner and outer, at x = 0: y and z of the sharp corner.
+  [[nodiscard]] const std::array<Vec3, 2>& jaw_corners() const { return jaw_corners_; }
+
+  /// Removes mean and tilt of the slab top's relief over the part of it that `seen` selects (block frame, asked every
+  /// 2 mm): otherwise the local slope datum would be off by what the relief does there.
+  void level_top(const std::function<bool(double x_mm, double y_mm)>& seen);
+
+ private:
+  explicit ConcreteBlock(const Recipe& recipe, const ConcreteOrder& order);
+  struct Faces;
+  /// A node of the height field before `added` is put on it along the face's normal.
+  struct Node {
+    double z = 0.0;
+    double added = 0.0;
+    ConcreteFace face = ConcreteFace::slab_top;
+  };
+
+  [[nodiscard]] std::uint64_t seed_of(Effect effect, std::uint64_t which = 0) const;
+  [[nodiscard]] double strength(Effect effect) const { return order_.effects[effect]; }
+  /// Standard deviation of the relief at strength 1.
+  static constexpr double kReliefMm = 0.15;
+
+  [[nodiscard]] double seat_z(double x_mm, double y_mm) const;
+  /// s of the place on the bearing plane over (x, y).
+  [[nodiscard]] double along_seat(double x_mm, double y_mm) const;
+  [[nodiscard]] bool over_rim(double x_mm, double y_mm, double margin_mm) const;
+
+  void cast_faces();  ///< concrete_faces.cpp
+  void shape(Faces& f);
+  void round_edges(Faces& f);
+  void texture(Faces& f);
+  [[nodiscard]] Node block_node(const Faces& f, std::size_t column, std::size_t row) const;
+  void round_foot(const Faces& f, std::size_t column, std::size_t row, Node& node) const;
+  void remove_planes(std::vector<float>& added) const;
+  void set_rims();  ///< concrete_casing.cpp
+  void set_rim(std::size_t side);
+  void cover_rim(std::size_t side, double share);
+  void drop_rim(std::size_t side, double share);
+  void fill_bore(std::size_t side);
+  void put_defects();  ///< concrete_damage.cpp: form first, then damage
+  void put_damage();
+  void put_form();   ///< concrete_marks.cpp: film, chalk, straps
+  void put_marks();  ///< pores, burrs, fin, dust, drops
+  void put_pores();
+  void put_burrs();
+  void put_fin(Effect effect);
+  void put_strap(Effect effect);
+  void put_dust();
+  void put_drops();
+  void mark(PlantedMark mark);
+  struct Flatness {
+    double low = 0.0, high = 0.0;
+  };
+  [[nodiscard]] Flatness flatness() const;
+
+  /// Adds `height(dx, dy)` to the nodes within `half_mm` of (x, y); faces of plastic are left out.
+  template <typename Height>
+  void stamp(double x, double y, double half_mm, const Height& height);
+
+  const Recipe recipe_;
+  const ConcreteOrder order_;
+  HeightField field_;
+  std::vector<ConcreteFace> face_;
+  std::vector<std::uint8_t> gloss_;
+  ConcreteTruth truth_;
+  std::array<Bore, 2> bores_;
+  std::array<Vec3, 2> jaw_corners_;
+  RasterField relief_;
+  double top_z_mm_ = 0.0;
+  double seat_per_y_ = 0.0;  ///< tan of slope and roll
+  double seat_per_x_ = 0.0;
+};
+
+template <typename Height>
+void ConcreteBlock::stamp(double x, double y, double half_mm, const Height& height) {
+  const HeightField::Window w = field_.window(x, y, half_mm);
+  for (std::size_t row = w.row_from; row < w.row_to; ++row)
+    for (std::size_t column = w.column_from; column < w.column_to; ++column) {
+      const std::size_t node = field_.index(column, row);
+      if (face_[node] >= ConcreteFace::rim_inner) continue;
+      field_.z(node) += static_cast<float>(height(field_.x_mm(column) - x, field_.y_mm(row) - y));
+    }
+}
+
+}  // namespace slabd::simulate

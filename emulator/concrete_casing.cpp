@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The casings' rims and what is in their bores.
+#include <algorithm>
+#include <cmath>
+
+#include "emulator/concrete_block.h"
+#include "emulator/slab_scene.h"
+
+namespace slabd::simulate {
+namespace {
+
+constexpr double kRimTiltDeg = 0.15;
+constexpr double kRimEdgeMm = 0.4;
+constexpr double kSlurryShare = 0.15;
+constexpr double kSlurryMinMm = 0.10;
+constexpr double kSlurryMaxMm = 0.35;
+constexpr double kDropShare = 0.15;
+constexpr double kPlugDiameterMm = 29.0;
+constexpr double kPlugDepthMm = 2.0;
+constexpr double kCapDiameterMm = 40.0;
+constexpr double kCapHeightMm = 2.0;
+constexpr double kSandMinMm = 4.0;
+constexpr double kSandMaxMm = 10.0;
+constexpr double kWaterMm = 3.0;
+constexpr double kThreadMm = 10.0;
+constexpr double kClumpMm = 3.0;
+
+/// Value that `share` of the values exceed.
+double exceeded_by(std::vector<double> values, double share) {
+  if (values.empty()) return 0.0;
+  const auto n =
+      static_cast<std::ptrdiff_t>(std::clamp(1.0 - share, 0.0, 1.0) * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), values.begin() + n, values.end());
+  return values[static_cast<std::size_t>(n)];
+}
+
+}  // namespace
+
+bool ConcreteBlock::over_rim(double x, double y, double margin_mm) const {
+  const double reach = 0.5 * recipe_.block.casing_rim_diameter_mm.value + margin_mm;
+  for (const Bore& bore : bores_)
+    if (std::hypot(x - bore.centre.x(), y - bore.centre.y()) < reach) return true;
+  return false;
+}
+
+void ConcreteBlock::set_rims() {
+  const BlockTruth& truth = truth_.block;
+  const double slope = truth.slope_rad;
+  for (std::size_t side = 0; side < 2; ++side) {
+    Bore& bore = bores_[side];
+    const double s = (side == 0 ? -0.5 : 0.5) * truth.casing_spacing_mm;
+    const double h = side == 0 ? truth.protrusion_inner_mm : truth.protrusion_outer_mm;
+    const double x = bore.centre.x();
+    bore.centre = Vec3(x, s * std::cos(slope) - h * std::sin(slope), s * std::sin(slope) + h * std::cos(slope));
+    bore.centre.z() += seat_per_x_ * x;
+    bore.radius_mm = 0.5 * recipe_.block.casing_bore_diameter_mm.value;
+  }
+  truth_.casing_spacing_mm = std::hypot(truth.casing_spacing_mm, bores_[1].centre.x() - bores_[0].centre.x());
+  for (std::size_t side = 0; side < 2; ++side) {
+    set_rim(side);
+    fill_bore(side);
+  }
+}
+
+void ConcreteBlock::set_rim(std::size_t side) {
+  Bore& bore = bores_[side];
+  Prng random(seed_of(Effect::rim_tilt, side));
+  const double turn = 2.0 * kPi * random.uniform();
+  const double tilt = std::tan(rad_from_deg(kRimTiltDeg * strength(Effect::rim_tilt)));
+  const double per_x = seat_per_x_ + tilt * std::cos(turn);
+  const double per_y = seat_per_y_ + tilt * std::sin(turn);
+  bore.axis = Vec3(-per_x, -per_y, 1.0).normalized();
+  const double rim_radius = 0.5 * recipe_.block.casing_rim_diameter_mm.value;
+  const double edge = kRimEdgeMm * strength(Effect::rim_edge);
+  bore.chamfer_mm = edge;
+  const HeightField::Window w = field_.window(bore.centre.x(), bore.centre.y(), rim_radius + 1.0);
+  for (std::size_t row = w.row_from; row < w.row_to; ++row)
+    for (std::size_t column = w.column_from; column < w.column_to; ++column) {
+      const double dx = field_.x_mm(column) - bore.centre.x();
+      const double dy = field_.y_mm(row) - bore.centre.y();
+      const double z = bore.centre.z() + per_x * dx + per_y * dy;
+      // In the rim's plane: the rim is a circle there.
+      const double r = Vec3(dx, dy, per_x * dx + per_y * dy).norm();
+      if (r >= rim_radius) continue;
+      const std::size_t node = field_.index(column, row);
+      // Over the bore the rim goes on, as deep as its chamfer: the scan decides there by the exact circle.
+      field_.z(node) = static_cast<float>(z - std::clamp(bore.radius_mm + edge - r, 0.0, edge));
+      face_[node] = side == 0 ? ConcreteFace::rim_inner : ConcreteFace::rim_outer;
+    }
+  if (strength(Effect::rim_slurry) != 0.0) cover_rim(side, kSlurryShare * strength(Effect::rim_slurry));
+  if (strength(Effect::rim_drop) != 0.0) drop_rim(side, kDropShare * strength(Effect::rim_drop));
+}
+
+void ConcreteBlock::cover_rim(std::size_t side, double share) {
+  const Bore& bore = bores_[side];
+  const double rim_radius = 0.5 * recipe_.block.casing_rim_diameter_mm.value;
+  const FieldSize size{rim_radius + 1.0, rim_radius + 1.0, kClumpMm / 4.0};
+  const RasterField splash = RasterField::grain(size, kClumpMm, seed_of(Effect::rim_slurry, side));
+  const RasterField thick = RasterField::grain(size, 2.0 * kClumpMm, seed_of(Effect::rim_slurry, side + 2));
+  const auto each = [&](const auto& visit) {
+    const HeightField::Window w = field_.window(bore.centre.x(), bore.centre.y(), rim_radius + 1.0);
+    for (std::size_t row = w.row_from; row < w.row_to; ++row)
+      for (std::size_t column = w.column_from; column < w.column_to; ++column) {
+        const double dx = field_.x_mm(column) - bore.centre.x();
+        const double dy = field_.y_mm(row) - bore.centre.y();
+        const double r = std::hypot(dx, dy);
+        if (r < bore.radius_mm || r >= rim_radius) continue;
+        // From the outer edge inward: what is further out is covered sooner.
+        const double outward = (r - bore.radius_mm) / (rim_radius - bore.radius_mm);
+        visit(field_.index(column, row), dx, dy, splash.at(dx, dy) + 2.0 * outward);
+      }
+  };
+  std::vector<double> values;
+  each([&](std::size_t, double, double, double wet) { values.push_back(wet); });
+  const double limit = exceeded_by(values, share);
+  std::size_t covered = 0;
+  each([&](std::size_t node, double dx, double dy, double wet) {
+    if (wet <= limit) return;
+    const double part = std::clamp(0.5 + 0.25 * thick.at(dx, dy), 0.0, 1.0);
+    field_.z(node) += static_cast<float>(kSlurryMinMm + part * (kSlurryMaxMm - kSlurryMinMm));
+    face_[node] = ConcreteFace::edge;
+    ++covered;
+  });
+  truth_.rim_covered[side] = static_cast<double>(covered) / static_cast<double>(values.size());
+}
+
+void ConcreteBlock::drop_rim(std::size_t side, double share) {
+  const Bore& bore = bores_[side];
+  const ConcreteFace rim = side == 0 ? ConcreteFace::rim_inner : ConcreteFace::rim_outer;
+  const double reach = 0.5 * recipe_.block.casing_rim_diameter_mm.value + 1.0;
+  const RasterField clumps = RasterField::grain({reach, reach, 0.5}, kClumpMm, seed_of(Effect::rim_drop, side));
+  const HeightField::Window w = field_.window(bore.centre.x(), bore.centre.y(), reach);
+  std::vector<double> values;
+  const auto each = [&](const auto& visit) {
+    for (std::size_t row = w.row_from; row < w.row_to; ++row)
+      for (std::size_t column = w.column_from; column < w.column_to; ++column) {
+        const std::size_t node = field_.index(column, row);
+        if (face_[node] == rim)
+          visit(node, clumps.at(field_.x_mm(column) - bore.centre.x(), field_.y_mm(row) - bore.centre.y()));
+      }
+  };
+  each([&](std::size_t, double value) { values.push_back(value); });
+  const double limit = exceeded_by(values, share);
+  each([&](std::size_t node, double value) {
+    if (value > limit) gloss_[node] |= kClump;
+  });
+}
+
+void ConcreteBlock::fill_bore(std::size_t side) {
+  Bore& bore = bores_[side];
+  // Strength 1: the outer casing only.
+  const auto has = [&](Effect effect) { return strength(effect) > (side == 1 ? 0.0 : 1.0); };
+  Prng random(seed_of(Effect::dirt, side));
+  if (strength(Effect::thread) > 0.0) bore.thread_depth_mm = kThreadMm * strength(Effect::thread);
+  if (strength(Effect::bore_water) > 0.0) {
+    bore.content = Bore::Content::water;
+    bore.level_mm = kWaterMm;
+  }
+  if (strength(Effect::dirt) > 0.0) {
+    bore.content = Bore::Content::sand;
+    bore.level_mm = kSandMinMm + (kSandMaxMm - kSandMinMm) * random.uniform();
+  }
+  if (has(Effect::plug)) {
+    bore.content = Bore::Content::plug;
+    bore.level_mm = kPlugDepthMm;
+  }
+  if (!has(Effect::cap)) return;
+  bore.content = Bore::Content::cap;
+  const HeightField::Window w = field_.window(bore.centre.x(), bore.centre.y(), 0.5 * kCapDiameterMm);
+  for (std::size_t row = w.row_from; row < w.row_to; ++row)
+    for (std::size_t column = w.column_from; column < w.column_to; ++column) {
+      const double dx = field_.x_mm(column) - bore.centre.x();
+      const double dy = field_.y_mm(row) - bore.centre.y();
+      if (std::hypot(dx, dy) >= 0.5 * kCapDiameterMm) continue;
+      const std::size_t node = field_.index(column, row);
+      field_.z(node) = static_cast<float>(bore.centre.z() + kCapHeightMm -
+                                          (bore.axis.x() * dx + bore.axis.y() * dy) / bore.axis.z());
+      face_[node] = ConcreteFace::cap;
+      gloss_[node] = 0;
+    }
+}
+
+}  // namespace slabd::simulate
