@@ -166,7 +166,7 @@ TEST_F(Slabctl, recipe_show_gives_every_nominal_with_its_confirmation) {
   EXPECT_EQ(document["slab_type"], 5600);
   EXPECT_NEAR(document["nominals"]["block.jaw_angle_deg"]["value"].get<double>(), 110.0, 1e-9);
   EXPECT_EQ(document["nominals"]["block.cant_ratio"]["confirmed"], true);
-  EXPECT_EQ(document["items"].size(), 18U);
+  EXPECT_EQ(document["items"].size(), 20U);
   EXPECT_EQ(document["nominals"]["uncertainty.scanner_form_mm"]["value"], 0.05);
   EXPECT_EQ(document["nominals"]["uncertainty.reference_deg"]["confirmed"], false);
   EXPECT_EQ(document["uncertainty_budget"], true);
