@@ -33,6 +33,11 @@ inline constexpr std::uint16_t kAllFaces = (1U << kFaces) - 1U;
   return static_cast<std::uint16_t>(1U << static_cast<unsigned>(face));
 }
 
+/// Those that say where the block is. A rim does not: it is no part of the casting, and what covers it, mortar, water
+/// or a cap, must not cost the block its pose.
+inline constexpr std::uint16_t kPoseFaces =
+    static_cast<std::uint16_t>(kAllFaces & ~(bit(Face::rim_inner) | bit(Face::rim_outer)));
+
 /// n.p = d, n of unit length towards the free side.
 struct Plane {
   Vec3 n = Vec3::UnitZ();

@@ -7,10 +7,13 @@
 //     label             denoise: who stays                      noise print: its cells
 //                       register: points around the casings
 //     cell_start        denoise: starts of the cells
-//     surface           denoise: the surface in each cell       extract: the surface raster, and the search for damage
-//     on it sample, residuals register: the points ICP works on       extract: the cells of the search for damage wide,
-//     near        the face table, built by `use` heights           the height map, built by `use` survey_*, map_*
-//     extract: what the one pass over the scan leaves (algo/survey/survey.h) flatness          extract: their cells
+//     surface           denoise: the surface in each cell       extract: the surface's raster, and the search on it
+//     sample            register: the points ICP works on       extract: the jaws' flat strips, then the cells of the
+//     residuals                   ... and their distances                search for damage
+//     wide, near        the face table, built by `use`
+//     heights           the height map, built by `use`
+//     survey_*, map_*   extract: what the one pass over the scan leaves (algo/survey/survey.h)
+//     flatness          extract: their cells
 #include <atomic>
 #include <cassert>
 #include <cmath>
@@ -23,6 +26,7 @@
 #include "algo/features/casing.h"
 #include "algo/features/cell_grid.h"
 #include "algo/features/flatness.h"
+#include "algo/features/jaw.h"
 #include "algo/features/noise_print.h"
 #include "algo/features/plane_fit.h"
 #include "algo/items/block_items.h"
@@ -159,6 +163,7 @@ FlatnessRegion flatness_region(const Recipe& recipe) {
                         evaluation.cell_points_min};
   region.cells_missing_max = evaluation.cells_missing_max;
   region.defect_sigmas = evaluation.defect_sigmas;
+  region.closing_mm = evaluation.closing_mm;
   region.casing_s_mm = recipe.block.casing_half_spacing_mm.value;
   region.casing_clear_mm = 0.5 * recipe.block.casing_rim_diameter_mm.value + evaluation.edge_margin_mm;
   return region;
@@ -321,26 +326,27 @@ Status BlockInspector::extract(const Cloud& cloud) {
                  limits::kSurveyPiecesMax * PointPool::kPiece);
   seat.full_plane = survey.large[static_cast<std::size_t>(LargeFace::seat)];
   result.slab_top = survey.large[static_cast<std::size_t>(LargeFace::top)];
+  std::array<JawFit, 2> jaws;
   w.team.run(3, [&](std::size_t which) {
-    PlaneStart start;
-    const auto fit = [&](PointList list, Face face, const FaceExtent& whole, ItemId angle, std::uint64_t seed) {
-      return fit_plane_over(survey.of(list), w.model.plane(face).n, settings_of(whole, angle, seed), start);
-    };
     // The seat is asked cell by cell, by its flatness.
     if (which == 0) {
-      seat.plane = fit(PointList::seat_crop, Face::seat, extents.seat_crop, ItemId::seat_slope, 1);
+      seat.plane = fit_plane_over(survey.of(PointList::seat_crop), w.model.plane(Face::seat).n,
+                                  settings_of(extents.seat_crop, ItemId::seat_slope, 1));
       return;
     }
-    const bool inner = which == 1;
-    PlaneFit& jaw = inner ? result.jaw_inner : result.jaw_outer;
-    const PointList list = inner ? PointList::jaw_inner : PointList::jaw_outer;
-    jaw = inner ? fit(list, Face::jaw_inner, extents.jaw_inner, ItemId::jaw_angle_inner, 3)
-                : fit(list, Face::jaw_outer, extents.jaw_outer, ItemId::jaw_angle_outer, 4);
-    const ListedPoints& points = survey.of(list);
-    if (jaw.ok && share_by_area(start, jaw, points.frame, survey.jaw[which - 1], survey.jaw_off[which - 1],
-                                points.size()) < evaluation.inlier_share_min)
-      refuse(jaw, PlaneDoubt::area);
+    const std::size_t side = which - 1;
+    const bool inner = side == 0;
+    const Face face = inner ? Face::jaw_inner : Face::jaw_outer;
+    const std::span<float> memory = w.sample.subspan(side * (w.sample.size() / 2), w.sample.size() / 2);
+    jaws[side] = measure_jaw({survey.of(inner ? PointList::jaw_inner : PointList::jaw_outer), w.model.plane(face).n,
+                              edges_of_jaw(w.model, face, inner ? Face::shoulder_inner : Face::shoulder_outer),
+                              evaluation.edge_margin_mm,
+                              inner ? settings_of(extents.jaw_inner, ItemId::jaw_angle_inner, 3)
+                                    : settings_of(extents.jaw_outer, ItemId::jaw_angle_outer, 4),
+                              survey.jaw[side], survey.jaw_off[side], memory});
   });
+  result.jaw_inner = jaws[0].plane;
+  result.jaw_outer = jaws[1].plane;
   // The share is one of all that was seen in the face's place: with half of the seat five millimetres down, the other
   // half must not speak for it.
   const auto count_off = [&](PlaneFit& plane, std::size_t seen, std::size_t off) {
@@ -350,8 +356,8 @@ Status BlockInspector::extract(const Cloud& cloud) {
     if (plane.inlier_fraction < evaluation.inlier_share_min) refuse(plane, PlaneDoubt::share);
   };
   count_off(seat.plane, survey.of(PointList::seat_crop).size(), survey.of(PointList::seat_off).size());
-  count_off(result.jaw_inner, survey.of(PointList::jaw_inner).size(), survey.points_off(0));
-  count_off(result.jaw_outer, survey.of(PointList::jaw_outer).size(), survey.points_off(1));
+  count_off(result.jaw_inner, result.jaw_inner.points, survey.points_off(0));
+  count_off(result.jaw_outer, result.jaw_outer.points, survey.points_off(1));
   const auto no_seat = [&] {
     return error(
         Code::fit_failed,
@@ -369,8 +375,12 @@ Status BlockInspector::extract(const Cloud& cloud) {
   seat.by_area = flatness.by_area;
   seat.grid_points = flatness.cells;
   seat.std_cells_mm = flatness.std_cells_mm;
-  seat.flatness_mm = flatness.lsq_mm;
-  seat.flatness_min_zone_mm = flatness.min_zone_mm;
+  seat.flatness_raw_mm = flatness.lsq_mm;
+  seat.flatness_closed_mm = flatness.closed_mm;
+  seat.flatness_trimmed_mm = flatness.trimmed_mm;
+  const bool closed = evaluation.flatness == FlatnessKind::closed;
+  seat.flatness_mm = closed ? flatness.closed_mm : flatness.lsq_mm;
+  seat.flatness_min_zone_mm = closed ? flatness.closed_min_zone_mm : flatness.min_zone_mm;
   seat.raw_low_mm = flatness.raw_low_mm;
   seat.raw_high_mm = flatness.raw_high_mm;
   seat.noise_factor = flatness.noise_factor;
@@ -392,15 +402,16 @@ Status BlockInspector::extract(const Cloud& cloud) {
                           seat.plane};
     return measure_casing(survey.of(where).runs, frame, task);
   };
-  w.team.run(2, [&](std::size_t which) {
-    if (which == 0)
-      result.casing_inner = casing(PointList::casing_inner, false);
-    else
-      result.casing_outer = casing(PointList::casing_outer, true);
-  });
+  if (evaluation.casing == CasingKind::open)
+    w.team.run(2, [&](std::size_t which) {
+      if (which == 0)
+        result.casing_inner = casing(PointList::casing_inner, false);
+      else
+        result.casing_outer = casing(PointList::casing_outer, true);
+    });
 
   compute_block_items(w.model, result);
-  compute_block_budget(w.recipe, w.verified, result);
+  compute_block_budget(w.recipe, w.verified, {jaws[0].strip.form_tilt_rad, jaws[1].strip.form_tilt_rad}, result);
   compute_observation(w.model, w.T_base_scanner * result.registration.T_scanner_block, result);
   static_assert(kFindingFloats <= kSampleFloats);
   if (has_surface_items) {

@@ -50,6 +50,17 @@ struct SlabGeometry {
 };
 
 /// Where on the block things are measured, and what counts as measured. mm.
+/// Which flatness decides.
+enum class FlatnessKind : std::uint8_t {
+  closed,  ///< what a straightedge or a rail pad feels: pits narrower than closing_mm are bridged
+  raw,     ///< of the surface as it is, pores and all
+};
+/// What there is to be seen of a casing when blocks are scanned.
+enum class CasingKind : std::uint8_t {
+  open,    ///< bore and rim
+  capped,  ///< a cap; the casing's own items are not measured, and need not be
+};
+
 struct EvaluationSettings {
   double crop_half_x_mm = kNoValue;    ///< seat evaluation region, |x|
   double crop_half_s_mm = kNoValue;    ///< seat evaluation region, |s| along the plane
@@ -60,8 +71,11 @@ struct EvaluationSettings {
   double inlier_share_min = kNoValue;  ///< below it a plane is not measured
   double registration_gate_mm = kNoValue;    ///< a point further from the model than this belongs to no face
   double registration_share_min = kNoValue;  ///< share of points within the gate; below it the pose is rejected
-  double defect_sigmas = 5.0;                ///< cells further than this from the seat plane form the defect channel
-  double window_mm = kNoValue;               ///< a registered pose further than this from its start is rejected
+  FlatnessKind flatness = FlatnessKind::closed;
+  double closing_mm = 10.0;  ///< a pit as wide as this, or less, is bridged
+  CasingKind casing = CasingKind::open;
+  double defect_sigmas = 5.0;   ///< cells further than this from the seat plane form the defect channel
+  double window_mm = kNoValue;  ///< a registered pose further than this from its start is rejected
   double window_rad = kNoValue;
 };
 

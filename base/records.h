@@ -109,9 +109,14 @@ struct SeatFeature {
   Vec3 normal_datum = Vec3::Zero();  ///< in the datum frame: Z from the slope datum, X from the registration
   std::uint32_t grid_points = 0;     ///< flatness cells with enough points
   double std_cells_mm = kNoValue;
-  double flatness_mm = kNoValue;  ///< peak to valley of cell means to their least-squares plane
-  double flatness_min_zone_mm = kNoValue;
-  double raw_low_mm = kNoValue;  ///< extremes of single points to the plane
+  /// The one of the two that the recipe judges: peak to valley to the least-squares plane.
+  double flatness_mm = kNoValue;
+  double flatness_closed_mm =
+      kNoValue;                       ///< of the surface closed from above: pits narrower than closing_mm are bridged
+  double flatness_raw_mm = kNoValue;  ///< of the cell means as they are, pits and all
+  double flatness_trimmed_mm = kNoValue;   ///< of the nine tenths of the cell means nearest to the plane (paper 5.2)
+  double flatness_min_zone_mm = kNoValue;  ///< minimum zone of the surface that flatness_mm is told of
+  double raw_low_mm = kNoValue;            ///< extremes of single points to the plane
   double raw_high_mm = kNoValue;
   /// Variance of a mean over the one white noise would give it: 1 when neighbouring points err independently. The
   /// larger of what this scan shows and what follows from the scanner's acceptance.

@@ -99,6 +99,14 @@ void read_evaluation(TableReader table, EvaluationSettings& out) {
   table.required_number("inlier_share_min", out.inlier_share_min, {0.5, 1.0});
   table.required_number("registration_gate_mm", out.registration_gate_mm, {0.1, 20.0});
   table.required_number("registration_share_min", out.registration_share_min, {0.1, 1.0});
+  std::size_t word = out.flatness == FlatnessKind::closed ? 0 : 1;
+  table.optional_word("flatness", word, {"closed", "raw"});
+  out.flatness = word == 0 ? FlatnessKind::closed : FlatnessKind::raw;
+  // Wider than 20 mm, and a depression that lifts a rail pad would be a pit.
+  table.optional_number("closing_mm", out.closing_mm, {3.0, 20.0});
+  word = out.casing == CasingKind::open ? 0 : 1;
+  table.optional_word("casing", word, {"open", "capped"});
+  out.casing = word == 0 ? CasingKind::open : CasingKind::capped;
   table.optional_number("defect_sigmas", out.defect_sigmas, {3.0, 20.0});
   table.required_number("window_mm", out.window_mm, {1.0, 200.0});
   double window_deg = kNoValue;
@@ -225,6 +233,11 @@ void read_items(TableReader items, Recipe& recipe) {
     read_item(items.table(item.name), item, recipe.tolerances[i]);
   }
   items.finish();
+  // Under a cap there is nothing to be seen of a casing.
+  if (recipe.evaluation.casing == CasingKind::capped)
+    for (const ItemId id : {ItemId::casing_spacing, ItemId::casing_protrusion_inner, ItemId::casing_protrusion_outer,
+                            ItemId::casing_skew_inner, ItemId::casing_skew_outer})
+      recipe.tolerances[static_cast<std::size_t>(id)].required = false;
 }
 
 // ---- the file ---------------------------------------------------------------------------------------------------

@@ -49,6 +49,11 @@ void add_evaluation(Keys& keys, const EvaluationSettings& e) {
   measured("inlier_share_min", e.inlier_share_min);
   measured("registration_gate_mm", e.registration_gate_mm);
   measured("registration_share_min", e.registration_share_min);
+  keys.add("evaluation.flatness", std::string_view(e.flatness == FlatnessKind::closed ? "closed" : "raw"),
+           KeyEffect::measured);
+  measured("closing_mm", e.closing_mm);
+  keys.add("evaluation.casing", std::string_view(e.casing == CasingKind::open ? "open" : "capped"),
+           KeyEffect::measured);
   measured("defect_sigmas", e.defect_sigmas);
   measured("window_mm", e.window_mm);
   measured("window_deg", deg_from_rad(e.window_rad));
@@ -128,7 +133,8 @@ std::vector<RecipeKey> keys_of(const Recipe& recipe) {
   Keys keys;
   keys.add("name", recipe.name.view(), KeyEffect::none);
   keys.add("slab_type", static_cast<double>(recipe.slab_type), KeyEffect::slab);
-  keys.add("slope_datum", recipe.slope_datum == SlopeDatum::slab_frame ? "slab_frame" : "local_slab_top",
+  keys.add("slope_datum",
+           std::string_view(recipe.slope_datum == SlopeDatum::slab_frame ? "slab_frame" : "local_slab_top"),
            KeyEffect::slab);
   keys.add("remove_warp", recipe.remove_warp, KeyEffect::slab);
   keys.add("guard", recipe.guard, KeyEffect::verdict);

@@ -77,7 +77,7 @@ void write_plane(Json& json, std::string_view name, const PlaneFit& plane) {
 void write_casing(Json& json, std::string_view name, const CasingFeature& casing) {
   json.key(name).begin_object();
   json.field("ok", casing.ok);
-  write_vector(json, "centre_mm", casing.centre, casing.ok);
+  write_vector(json, "centre_mm", casing.centre, has_value(casing.radius_mm));
   json.field("radius_mm", casing.radius_mm).field("height_mm", casing.height_mm);
   json.field("edge_points", casing.edge_points).field("rim_points", casing.rim_points);
   json.field("inlier_fraction", casing.inlier_fraction).field("edge_rms_mm", casing.edge_rms_mm);
@@ -104,6 +104,8 @@ void write_seat(Json& json, const SeatFeature& seat, double cell_mm) {
   json.field("points", seat.plane.points).field("grid_points", seat.grid_points);
   json.field("inlier_fraction", seat.plane.inlier_fraction).field("std_mm", seat.plane.std_mm);
   json.field("std_cells_mm", seat.std_cells_mm).field("flatness_mm", seat.flatness_mm);
+  json.field("flatness_closed_mm", seat.flatness_closed_mm).field("flatness_raw_mm", seat.flatness_raw_mm);
+  json.field("flatness_trimmed_mm", seat.flatness_trimmed_mm);
   json.field("flatness_min_zone_mm", seat.flatness_min_zone_mm).field("raw_low_mm", seat.raw_low_mm);
   json.field("raw_high_mm", seat.raw_high_mm);
   json.field("flatness_operator", std::string_view(flatness_operator(cell_mm)));

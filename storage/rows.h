@@ -265,6 +265,9 @@ void columns(V& v, R& r) {
   v("defect_height_mm", r.seat.defect.height_mm);
   v("defect_x_mm", r.seat.defect.x_mm);
   v("defect_s_mm", r.seat.defect.s_mm);
+  v("seat_flatness_closed_mm", r.seat.flatness_closed_mm);
+  v("seat_flatness_raw_mm", r.seat.flatness_raw_mm);
+  v("seat_flatness_trimmed_mm", r.seat.flatness_trimmed_mm);
   v("pores", r.pores.count);
   v("pores_largest_mm", r.pores.largest_mm);
   v("pores_deepest_mm", r.pores.deepest_mm);

@@ -220,6 +220,8 @@ CREATE TABLE block (
   -- The largest group of cells beyond the limit; limit NULL: the channel was not computed.
   defect_limit_mm REAL, defect_cells INTEGER NOT NULL DEFAULT 0, defect_area_mm2 REAL DEFAULT 0.0,
   defect_height_mm REAL DEFAULT 0.0, defect_x_mm REAL DEFAULT 0.0, defect_s_mm REAL DEFAULT 0.0,
+  -- Closed from above, as it is, and of the nine tenths nearest to the plane; NULL: of an older slabd.
+  seat_flatness_closed_mm REAL, seat_flatness_raw_mm REAL, seat_flatness_trimmed_mm REAL,
   -- Pores; NULL: not looked for.
   pores INTEGER NOT NULL DEFAULT 0, pores_largest_mm REAL, pores_deepest_mm REAL, pores_share REAL,
   -- Standard uncertainties inside one scan, block axes: of p_base and jaw_outer_base (mm), of the normals (rad).

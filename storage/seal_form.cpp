@@ -53,7 +53,8 @@ constexpr auto kForm1 = std::to_array<SealedTable>({
      "registration_cov_54, registration_cov_55, registration_cov_56, registration_cov_61, registration_cov_62, "
      "registration_cov_63, registration_cov_64, registration_cov_65, registration_cov_66, seat_noise_factor, "
      "seat_flatness_noise_mm, defect_limit_mm, defect_cells, defect_area_mm2, defect_height_mm, defect_x_mm, "
-     "defect_s_mm, pores, pores_largest_mm, pores_deepest_mm, pores_share, sigma_p_x, sigma_p_y, sigma_p_z, "
+     "defect_s_mm, seat_flatness_closed_mm, seat_flatness_raw_mm, seat_flatness_trimmed_mm, pores, pores_largest_mm, "
+     "pores_deepest_mm, pores_share, sigma_p_x, sigma_p_y, sigma_p_z, "
      "sigma_jaw_x, sigma_jaw_y, sigma_jaw_z, sigma_n_x, "
      "sigma_n_y, sigma_n_z, sigma_top_n_x, sigma_top_n_y, sigma_top_n_z, step_x, step_y, step_z",
      "", "station, attempt"},

@@ -15,6 +15,9 @@ ALTER TABLE block ADD COLUMN step_x REAL DEFAULT 0.0;
 ALTER TABLE block ADD COLUMN step_y REAL DEFAULT 0.0;
 ALTER TABLE block ADD COLUMN step_z REAL DEFAULT 0.0;
 
+ALTER TABLE block ADD COLUMN seat_flatness_closed_mm REAL;
+ALTER TABLE block ADD COLUMN seat_flatness_raw_mm REAL;
+ALTER TABLE block ADD COLUMN seat_flatness_trimmed_mm REAL;
 ALTER TABLE block ADD COLUMN pores INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE block ADD COLUMN pores_largest_mm REAL;
 ALTER TABLE block ADD COLUMN pores_deepest_mm REAL;

@@ -8,11 +8,11 @@
 // edge can only be inside of every point, so the smallest gaps say most. The circle therefore leans on its inner
 // points (those outside count a tenth), which halves the error of its centre.
 //
-// The rim's height is the mean of what was seen of it, or of its eighths, each counting alike, where that is another:
-// one that is dark returns fewer points. It is one number for all of the rim only if that is one plane: most points
-// must lie together, they must come from all around, and scatter hardly more than the seat's, by points and by area. It
-// is taken clear of the rim's edges, which are round and seen half: what is low there is no damage. A lip that stands
-// over the seat is, as the rail pad would lie on it, and a rim with one has no height.
+// The rim's height is that of its plane at the bore's axis (casing_rim.h): what lies on a rim, slurry or a drop, is no
+// rim, and one that is dark on a side returns fewer points there. It is one number for all of the rim only if most of
+// the way round it is that one plane, little tilted. It is taken clear of the rim's edges, which are round and seen
+// half: what is low there is no damage. A lip or a crust that stands over the seat is, as the rail pad would lie on it,
+// and a rim with one has no height.
 //
 // The sectors are wide on purpose: the wider, the more points compete for the innermost and the smaller the gap
 // (spread ~ 1/width), which outweighs the smaller number of sectors (~ 1/sqrt(count)).
@@ -24,6 +24,7 @@
 #include <limits>
 
 #include "algo/features/casing_points.h"
+#include "algo/features/casing_rim.h"
 #include "algo/features/circle.h"
 #include "algo/median.h"
 #include "algo/moments.h"
@@ -64,23 +65,36 @@ constexpr double kFormVariance = 4.0;
 /// scanner's own form error.
 constexpr double kFormAlike = 0.7;
 constexpr double kFormReach = 3.0;
+/// Outside of the circle sooner: such points hardly drew it (kEdgeWeights), and where the edge is dark they lie
+/// anywhere.
+constexpr double kFormOutside = 1.0;
 constexpr double kFormMin_mm = 0.03;
 constexpr double kRadiusOffMax_mm = 1.0;
+/// Points in a bore at the height of its rim or above it, for as large a part of the rim. A strays' share is a few per
+/// cent, a cap's one.
+constexpr double kInBoreMax = 0.2;
 constexpr std::uint32_t kRimPointsMin = 200;
-/// So many of the points over the rim must be near its median height; as for planes. Of those at either edge of it no
+/// Where the rim is that plane, so many of the points must be on it; as for planes. Of those at either edge of it no
 /// more than the rest may stand over the seat.
 constexpr double kRimShareMin = 0.8;
-/// Standard deviation of the rim beyond that of the seat, the same noise: a tilt of +-0.2 mm, which leaves the higher
-/// side of a rim in the middle of its tolerance within it.
+constexpr double kLipMax = 0.2;
+/// Standard deviation of the rim beyond that of the seat, the same noise.
 constexpr double kRimFormMax_mm = 0.15;
-constexpr std::size_t kHeightSample = 4096;
+/// Half of the way round must have been seen.
+constexpr double kRimSeenMin = 0.5;
+/// Points of the rim that its height is taken from: all of them, up to a pitch of 0.2 mm.
+constexpr std::size_t kRimSample = 12'288;
+/// Of the way round, so much must lie on one plane; the rest may lie under what is on the rim, and hardly any of it
+/// lower.
+constexpr double kRimOnMin = 0.6;
+constexpr double kRimBelowMax = 0.1;
+/// The rim's plane may climb so much from the axis to its edge: the higher side of a rim in the middle of its tolerance
+/// then still lies below the seat.
+constexpr double kRimTiltMax_mm = 0.25;
 /// Points around a casing that are asked for the eighth of the ring they lie in, about; and how few of them in an
 /// eighth say nothing.
 constexpr std::size_t kRingSample = 3000;
 constexpr double kEighthPointsMin = 4.0;
-/// The height by area counts where it differs from that by points by more than chance.
-constexpr double kLeanSigmas = 4.0;
-
 /// The rim ends this far inside its nominal edge: a casing may sit half a millimetre beside its place.
 constexpr double kRimEdge_mm = 0.5;
 
@@ -148,12 +162,10 @@ void for_each_piece(const CloudPoints& cloud, const SeatFrame& seat, const Look&
   }
 }
 
-/// Calls `look(x, y, height)` in the casing's frame for about kRingSample of the points, evenly taken.
+/// Calls `look(x, y, height)` in the casing's frame for every `every`-th of the points.
 template <typename Points, typename Look>
-void for_some(const Points& points, const SeatFrame& seat, const CasingAxes& a, const Look& look) {
-  std::size_t all = 0;
-  for_each_piece(points, seat, [&](const SeatPoints& piece) { all += piece.size(); });
-  const std::size_t every = 1 + all / kRingSample;
+void for_all(const Points& points, const SeatFrame& seat, const CasingAxes& a, const Look& look,
+             std::size_t every = 1) {
   std::size_t next = 0;
   for_each_piece(points, seat, [&](const SeatPoints& piece) {
     for (; next < piece.size(); next += every) {
@@ -167,6 +179,14 @@ void for_some(const Points& points, const SeatFrame& seat, const CasingAxes& a, 
   });
 }
 
+/// The same for about kRingSample of them.
+template <typename Points, typename Look>
+void for_some(const Points& points, const SeatFrame& seat, const CasingAxes& a, const Look& look) {
+  std::size_t all = 0;
+  for_each_piece(points, seat, [&](const SeatPoints& piece) { all += piece.size(); });
+  for_all(points, seat, a, look, 1 + all / kRingSample);
+}
+
 /// Variance of the centre, along either axis, by what moves the edge over a part of its circumference: a crescent of
 /// mortar, a side that is dark. The fitted circle goes along, so that hardly any of it is in the distances to the
 /// circle that the covariance is taken from; but what is left there is alike from sector to sector, as gaps between
@@ -175,14 +195,12 @@ double edge_form_mm2(std::span<const Vec2> edge, const Circle& circle) {
   if (!(circle.scatter > kFormMin_mm)) return 0.0;
   const auto n = static_cast<double>(edge.size());
   std::array<double, kSectors> off;
-  double mean = 0.0;
-  for (std::size_t i = 0; i < edge.size(); ++i) {
-    off[i] = (edge[i] - circle.centre).norm() - circle.radius;
-    mean += off[i] / n;
-  }
+  for (std::size_t i = 0; i < edge.size(); ++i) off[i] = (edge[i] - circle.centre).norm() - circle.radius;
+  std::array<double, kSectors> sorted = off;
+  const double usual = median_of(std::span(sorted).first(edge.size()));
   const auto within = [&](std::size_t i, double scatters) {
     const double reach = scatters * circle.scatter;
-    return std::clamp(off[i % edge.size()] - mean, -reach, reach);
+    return std::clamp(off[i % edge.size()] - usual, -reach, std::min(reach, kFormOutside * circle.scatter));
   };
   double middle = 0.0;
   for (std::size_t i = 0; i < edge.size(); ++i) middle += within(i, kFormAlike) / n;
@@ -198,8 +216,8 @@ double edge_form_mm2(std::span<const Vec2> edge, const Circle& circle) {
   return shared > kFormChance / std::sqrt(n) * leaning ? kFormVariance * moved / n : 0.0;
 }
 
-/// A ring's points between its heights, their share of all and how they lie, where every eighth of it counts alike: of
-/// a ring that is dark on one side, most points are the other side's.
+/// Of a ring's points the share that lies between its heights, where every eighth of it counts alike: of a ring that is
+/// dark on one side, most points are the other side's.
 class RingByArea {
  public:
   explicit RingByArea(const CasingRing& ring)
@@ -211,10 +229,7 @@ class RingByArea {
     if (!(radius2 >= inner2_ && radius2 < outer2_)) return;
     const std::size_t eighth = (x < 0.0F ? 4U : 0U) + (y < 0.0F ? 2U : 0U) + (std::abs(x) < std::abs(y) ? 1U : 0U);
     all_[eighth] += 1.0;
-    if (!(height >= ring_.low_mm && height <= ring_.high_mm)) return;
-    within_[eighth].points += 1.0;
-    within_[eighth].sum += static_cast<double>(height);
-    within_[eighth].squares += static_cast<double>(height) * static_cast<double>(height);
+    if (height >= ring_.low_mm && height <= ring_.high_mm) within_[eighth] += 1.0;
   }
   [[nodiscard]] double share() const {
     double seen = 0.0;
@@ -222,55 +237,17 @@ class RingByArea {
     for (std::size_t k = 0; k < all_.size(); ++k) {
       if (all_[k] < kEighthPointsMin) continue;
       seen += 1.0;
-      share += within_[k].points / all_[k];
+      share += within_[k] / all_[k];
     }
     return seen > 0.0 ? share / seen : 0.0;
   }
-  /// How the rim lies by area, from the sample at hand.
-  struct Height {
-    double over_points_mm = 0.0;  ///< mean by area less mean by points, of the same points
-    double std_mm = 0.0;          ///< by area
-    double sigma_per_std = 0.0;   ///< standard deviation that noise gives the first, over the noise
-  };
-  [[nodiscard]] Height height() const {
-    Heights points;
-    Heights area;
-    for_each_eighth([&](const Heights& eighth) {
-      points.add(eighth, 1.0);
-      area.add(eighth, 1.0 / eighth.points);
-    });
-    if (points.points == 0.0) return {};
-    double variance = 0.0;
-    for_each_eighth([&](const Heights& eighth) {
-      const double weight = 1.0 / area.points - eighth.points / points.points;
-      variance += weight * weight / eighth.points;
-    });
-    const double mean = area.sum / area.points;
-    return {mean - points.sum / points.points, std::sqrt(std::max(area.squares / area.points - mean * mean, 0.0)),
-            std::sqrt(variance)};
-  }
 
  private:
-  struct Heights {
-    double points = 0.0;
-    double sum = 0.0;
-    double squares = 0.0;
-    void add(const Heights& other, double weight) {
-      points += weight * other.points;
-      sum += weight * other.sum;
-      squares += weight * other.squares;
-    }
-  };
-  template <typename F>
-  void for_each_eighth(const F& f) const {
-    for (const Heights& eighth : within_)
-      if (eighth.points >= kEighthPointsMin) f(eighth);
-  }
   CasingRing ring_;
   float inner2_;
   float outer2_;
   std::array<double, 8> all_{};
-  std::array<Heights, 8> within_{};
+  std::array<double, 8> within_{};
 };
 
 struct EdgePoints {
@@ -303,63 +280,66 @@ EdgePoints innermost(const Points& points, const SeatFrame& seat, const CasingTa
   return edge;
 }
 
-/// Robust mean height of the rim around the measured centre, clear of its inner and outer edge. False where it is no
-/// height of all of the rim.
+/// Is there a hole in that circle, at the height of the rim? What lies deep in a bore does no harm: its edge is seen
+/// all the same.
+template <typename Points>
+bool is_hole(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
+             const Circle& circle) {
+  const double low_mm = task.rim_height_mm - kHeightGate_mm;
+  const double high_mm = std::numeric_limits<float>::max();
+  const CasingRing inside = ring(circle.centre, 0.0, task.bore_radius_mm - kSearch_mm, low_mm, high_mm);
+  const CasingRing around = ring(circle.centre, task.bore_radius_mm + kSearch_mm, task.rim_radius_mm, low_mm, high_mm);
+  std::array<float, kPiece> heights;
+  const auto per_mm2 = [&](const CasingRing& where) {
+    std::size_t count = 0;
+    for_each_piece(points, seat,
+                   [&](const SeatPoints& piece) { count += heights_in_ring(piece, frame.axes(), where, heights); });
+    return static_cast<double>(count) /
+           static_cast<double>(where.outer_mm * where.outer_mm - where.inner_mm * where.inner_mm);
+  };
+  return per_mm2(inside) <= kInBoreMax * per_mm2(around);
+}
+
+/// Height of the rim around the measured centre, clear of its inner and outer edge. False where it is no height of all
+/// of the rim.
 template <typename Points>
 bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
                  const Vec2& centre, CasingFeature& casing) {
   const double width = task.rim_radius_mm - task.bore_radius_mm;
   const double margin = std::min(task.edge_margin_mm, 0.25 * width);
-  constexpr double kAny = std::numeric_limits<float>::max();
-  const CasingRing rim = ring(centre, task.bore_radius_mm + margin, task.rim_radius_mm - margin, -kAny, kAny);
-  std::array<float, kPiece> room;
-  const auto for_each_height = [&](const auto& use) {
-    for_each_piece(points, seat, [&](const SeatPoints& piece) {
-      use(std::span<const float>(room).first(heights_in_ring(piece, frame.axes(), rim, room)));
-    });
-  };
+  constexpr float kAny = std::numeric_limits<float>::max();
+  const CasingRing clear = ring(centre, task.bore_radius_mm + margin, task.rim_radius_mm - margin, -kAny, kAny);
+  std::array<float, kPiece> heights;
   const auto count_in = [&](const CasingRing& where) {
     std::size_t count = 0;
     for_each_piece(points, seat,
-                   [&](const SeatPoints& piece) { count += heights_in_ring(piece, frame.axes(), where, room); });
+                   [&](const SeatPoints& piece) { count += heights_in_ring(piece, frame.axes(), where, heights); });
     return count;
   };
-
-  const std::size_t count = count_in(rim);
+  const std::size_t count = count_in(clear);
   if (count < kRimPointsMin) return false;
-  const std::size_t every = 1 + count / kHeightSample;
-  std::array<double, kHeightSample> sample;
+
+  std::array<RimPoint, kRimSample> sample;
   std::size_t sampled = 0;
-  std::size_t next = 0;
-  for_each_height([&](std::span<const float> heights) {
-    for (; next < heights.size(); next += every)
-      if (sampled < sample.size()) sample[sampled++] = static_cast<double>(heights[next]);
-    next -= heights.size();
+  std::size_t number = 0;
+  const std::size_t every = 1 + count / (kRimSample + 1);
+  for_all(points, seat, frame.axes(), [&](float x, float y, float height) {
+    x -= clear.centre_x_mm;
+    y -= clear.centre_y_mm;
+    const float radius2 = x * x + y * y;
+    if (!(radius2 >= clear.inner_mm * clear.inner_mm && radius2 < clear.outer_mm * clear.outer_mm)) return;
+    if (number++ % every == 0 && sampled < sample.size()) sample[sampled++] = {x, y, height};
   });
-  const double median = median_of(std::span(sample).first(sampled));
-  for (std::size_t i = 0; i < sampled; ++i) sample[i] = std::abs(sample[i] - median);
-  const double reach = std::max(4.0 * 1.4826 * median_of(std::span(sample).first(sampled)), 1e-3);
+  const RimHeight rim = rim_height(std::span(sample).first(sampled));
+  casing.rim_points = static_cast<std::uint32_t>(rim.points * every);
+  if (!rim.ok) return false;
+  casing.height_mm = rim.height_mm;
+  casing.rim_std_mm = rim.std_mm;
+  casing.sigma_height_mm = rim.sigma_mm;
 
-  ScalarMoments near(median);
-  for_each_height([&](std::span<const float> heights) {
-    for (const float h : heights)
-      if (std::abs(static_cast<double>(h) - median) <= reach) near.add(static_cast<double>(h));
-  });
-  near.close_block();
-  casing.rim_points = static_cast<std::uint32_t>(near.count());
-  casing.height_mm = near.mean();
-  casing.rim_std_mm = std::sqrt(near.variance(1));
-  casing.sigma_height_mm = casing.rim_std_mm / std::sqrt(static_cast<double>(near.count()));
-
-  const CasingRing around =
-      ring(centre, task.bore_radius_mm + margin, task.rim_radius_mm - margin, median - reach, median + reach);
-  Innermost found(around);
-  for_each_piece(points, seat, [&](const SeatPoints& piece) { find_innermost(piece, frame.axes(), around, found); });
-  std::size_t sectors = 0;
-  for (std::size_t k = 0; k < kSectors; ++k) sectors += found.seen(k, around) ? 1U : 0U;
-  // By the seat's noise, not by the rim's own scatter, which grows with its tilt.
+  // By the seat's noise, not by the rim's own scatter.
   const double seat_mm = has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0;
-  const double over_mm = std::max(median, 0.0) + std::max(4.0 * seat_mm, kRimFormMax_mm);
+  const double over_mm = std::max(rim.height_mm, 0.0) + std::max(4.0 * seat_mm, kRimFormMax_mm);
   // From inside the bore, over which a lip may stand; up to the rim's nominal edge, where a casing that sits beside its
   // place has the seat, as high as itself.
   const CasingRing at_bore =
@@ -367,32 +347,19 @@ bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& 
   const CasingRing at_rim = ring(centre, task.rim_radius_mm - margin, task.rim_radius_mm, over_mm, kAny);
   const auto has_lip = [&](CasingRing edge, const RingByArea& over_by_area) {
     const std::size_t over = count_in(edge);
-    edge.low_mm = -static_cast<float>(kAny);
-    constexpr double kLipMax = 1.0 - kRimShareMin;
+    edge.low_mm = -kAny;
     return static_cast<double>(over) > kLipMax * static_cast<double>(count_in(edge)) || over_by_area.share() > kLipMax;
   };
-  RingByArea near_by_area(around);
   RingByArea over_at_bore(at_bore);
   RingByArea over_at_rim(at_rim);
   for_some(points, seat, frame.axes(), [&](float x, float y, float height) {
-    x -= around.centre_x_mm;
-    y -= around.centre_y_mm;
-    near_by_area.add(x, y, height);
-    over_at_bore.add(x, y, height);
-    over_at_rim.add(x, y, height);
+    over_at_bore.add(x - clear.centre_x_mm, y - clear.centre_y_mm, height);
+    over_at_rim.add(x - clear.centre_x_mm, y - clear.centre_y_mm, height);
   });
-  if (has_lip(at_bore, over_at_bore) || has_lip(at_rim, over_at_rim)) return false;
-  const double flat_mm = std::hypot(seat_mm, kRimFormMax_mm);
-  const RingByArea::Height by_area = near_by_area.height();
-  // Of a rim that returns evenly, or is level, the points say it best.
-  const double lean_sigma_mm = by_area.sigma_per_std * casing.rim_std_mm;
-  if (std::abs(by_area.over_points_mm) > kLeanSigmas * lean_sigma_mm) {
-    casing.height_mm += by_area.over_points_mm;
-    casing.sigma_height_mm = std::hypot(casing.sigma_height_mm, lean_sigma_mm);
-  }
-  return casing.rim_points >= kRimPointsMin && sectors >= kSectorsMin && casing.rim_std_mm <= flat_mm &&
-         by_area.std_mm <= flat_mm && static_cast<double>(near.count()) >= kRimShareMin * static_cast<double>(count) &&
-         near_by_area.share() >= kRimShareMin;
+  if (rim.crust_mm > 0.0 || has_lip(at_bore, over_at_bore) || has_lip(at_rim, over_at_rim)) return false;
+  return casing.rim_points >= kRimPointsMin && rim.share_seen >= kRimSeenMin && rim.share_on >= kRimOnMin &&
+         rim.share_below <= kRimBelowMax && rim.share_points >= kRimShareMin &&
+         rim.tilt * task.rim_radius_mm <= kRimTiltMax_mm && rim.std_mm <= std::hypot(seat_mm, kRimFormMax_mm);
 }
 
 template <typename Points>
@@ -413,12 +380,13 @@ CasingFeature measure(const Points& points, const SeatFrame& seat, const CasingT
     // The same points and the same circle: no round will find another.
     if (edge == before && (circle.centre - centre).norm() <= kSettled_mm) break;
   }
+  if (std::abs(circle.radius - task.bore_radius_mm) > kRadiusOffMax_mm || !is_hole(points, seat, task, frame, circle))
+    return casing;
   casing.centre = frame.in_block(circle.centre);
   casing.radius_mm = circle.radius;
   casing.edge_rms_mm = circle.scatter;
   casing.cov_circle = shared_rows(circle.spread) * circle.covariance;
   casing.cov_circle.diagonal().head<2>().array() += edge_form_mm2(edge.view(), circle);
-  if (std::abs(circle.radius - task.bore_radius_mm) > kRadiusOffMax_mm) return casing;
   casing.ok = measure_rim(points, seat, task, frame, circle.centre, casing);
   return casing;
 }

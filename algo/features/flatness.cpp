@@ -39,12 +39,19 @@
 #include "algo/algo.h"
 #include "algo/features/cell_grid.h"
 #include "algo/features/cell_noise.h"
+#include "algo/features/closing.h"
 #include "algo/features/seat_cells.h"
 #include "algo/median.h"
 
 namespace slabd::algo {
 namespace {
 
+/// A cell lies in a pit when it is so far below what bridges it: grain, ripple and dust are less.
+constexpr double kPit_mm = 0.05;
+/// ... or by so many standard deviations of a cell: what of seven by seven of them the highest is above the lowest.
+constexpr double kPitSigmas = 6.0;
+/// The paper's flatness leaves out a tenth of its points (3.1, 5.2).
+constexpr double kTrimmed = 0.9;
 /// Nearer to the seat than this no cell is a defect, however quiet the scan: float coordinates resolve no better than
 /// a tenth of it.
 constexpr double kDefectMin_mm = 0.001;
@@ -237,6 +244,24 @@ Vec3 in_block(const CellPoints& cell, const CellLayout& layout, const SeatFrame&
   return frame.in_block(cell.x, cell.s, h);
 }
 
+/// Peak to valley of the cells that are left when those furthest from the plane are taken away.
+double trimmed_range_mm(std::span<const Vec3> means, const PlaneFit& plane) {
+  std::array<double, limits::kFlatnessCellsMax> off;
+  for (std::size_t k = 0; k < means.size(); ++k) off[k] = std::abs(plane.normal.dot(means[k]) - plane.offset_mm);
+  const auto last = static_cast<std::ptrdiff_t>(kTrimmed * static_cast<double>(means.size() - 1));
+  std::nth_element(off.begin(), off.begin() + last, off.begin() + static_cast<std::ptrdiff_t>(means.size()));
+  const double reach = off[static_cast<std::size_t>(last)];
+  double low = 0.0;
+  double high = 0.0;
+  for (const Vec3& p : means) {
+    const double h = plane.normal.dot(p) - plane.offset_mm;
+    if (std::abs(h) > reach) continue;
+    low = std::min(low, h);
+    high = std::max(high, h);
+  }
+  return high - low;
+}
+
 /// Does all of it fit the workspace, and is the fitted seat one that heights above the nominal one say something about?
 bool can_be_measured(std::span<const SeatPoints> runs, const CellGrid& grid, const CellLayout& layout) {
   std::size_t points = 0;
@@ -317,7 +342,7 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
     return result;
 
   const std::span<const Vec3> means(work.cell_mean.data(), cells.size);
-  const PlaneFit plane = fit_plane_lsq(means, seat.normal);
+  PlaneFit plane = fit_plane_lsq(means, seat.normal);
   if (!plane.ok) return result;
   low = std::numeric_limits<double>::infinity();
   high = -low;
@@ -328,24 +353,47 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
   };
   for (const Vec3& p : means) reach_to(p);
   // Where every cell has its ridge, none says how high it stands over what is beside it; and a crack has lips.
-  for (std::size_t k = 0; k < cells.size; ++k) {
-    const std::uint32_t c = cells.cell[k];
-    const CellSum& beside = sums.beside_damage(c);
-    const std::size_t enough = sums.is_damage_of_both_sides(c) ? 1 : few_of(region.cell_points_min);
-    if (sums.is_damage(c) && beside.points >= enough) reach_to(in_block(CellPoints(beside), layout, frame));
-  }
+  const auto reach_beside = [&](const auto& counts) {
+    for (std::size_t k = 0; k < cells.size; ++k) {
+      const std::uint32_t c = cells.cell[k];
+      const CellSum& beside = sums.beside_damage(c);
+      const std::size_t enough = sums.is_damage_of_both_sides(c) ? 1 : few_of(region.cell_points_min);
+      if (!sums.is_damage(c) || beside.points < enough) continue;
+      if (const CellPoints rest(beside); counts(k, rest.height)) reach_to(in_block(rest, layout, frame));
+    }
+  };
+  reach_beside([](std::size_t, double) { return true; });
   result.ok = true;
   result.lsq_mm = high - low;
   result.std_cells_mm = plane.std_mm;
+  result.trimmed_mm = trimmed_range_mm(means, plane);
+  result.min_zone_mm = minimum_zone_mm(means);
+  const std::span<const double> heights = std::span(cells.height).first(cells.size);
+  std::array<double, limits::kFlatnessCellsMax> closed;
+  const double cell_mm = seat.std_mm / std::sqrt(cells.points_per_cell());
+  const Closing closing =
+      close_pits(grid, std::span(cells.cell).first(cells.size), heights, region.closing_mm,
+                 std::fmax(kPit_mm, kPitSigmas * cell_mm), mark, work.stack, std::span(closed).first(cells.size));
+  result.closed_mm = result.lsq_mm;
+  result.closed_min_zone_mm = result.min_zone_mm;
+  if (closing.pits > 0) {
+    for (std::size_t k = 0; k < cells.size; ++k) work.cell_mean[k] += (closed[k] - cells.height[k]) * seat.normal;
+    const PlaneFit over = fit_plane_lsq(means, seat.normal);
+    if (over.ok) {
+      plane = over;
+      low = std::numeric_limits<double>::infinity();
+      high = -low;
+      for (const Vec3& p : means) reach_to(p);
+      // Beside the bottom of a pit lies its wall.
+      reach_beside([&](std::size_t k, double height) { return closed[k] == cells.height[k] || height > closed[k]; });
+      result.closed_mm = high - low;
+      result.closed_min_zone_mm = minimum_zone_mm(means);
+    }
+  }
   leave_out(damaged, sums, cells);
-  CellNoise noise;
-  team.run(2, [&](std::size_t question) {
-    if (question == 0)
-      noise = noise_of_cells(grid, std::span(cells.height).first(cells.size), std::span(cells.cell).first(cells.size),
-                             cells.within_variance_mm2(), cells.points_per_cell());
-    else
-      result.min_zone_mm = minimum_zone_mm(means);
-  });
+  const CellNoise noise =
+      noise_of_cells(grid, std::span(cells.height).first(cells.size), std::span(cells.cell).first(cells.size),
+                     cells.within_variance_mm2(), cells.points_per_cell());
   if (noise.ok) {
     result.noise_factor = noise.factor;
     result.noise_mm = noise_range(means.size(), cells, sums) * noise.cell_sigma_mm;

@@ -34,6 +34,7 @@ struct FlatnessRegion {
   double cells_missing_max = 0.05;  ///< share of the cells
   double casing_s_mm = 0.0;         ///< round both casings, at x = 0 and |s| here, nothing is expected ...
   double casing_clear_mm = 0.0;     ///< ... within this radius
+  double closing_mm = 10.0;         ///< pits up to this width are bridged in the closed surface
   double defect_sigmas = 5.0;       ///< cells further than this from the seat form the defect channel
 };
 
@@ -48,6 +49,9 @@ struct Flatness {
   double hole_mm2 = 0.0;     ///< the largest connected group of missing cells
   double lsq_mm = kNoValue;  ///< peak to valley of the cell means to their least-squares plane
   double min_zone_mm = kNoValue;
+  double closed_mm = kNoValue;  ///< the same two of the surface that is closed from above (closing.h)
+  double closed_min_zone_mm = kNoValue;
+  double trimmed_mm = kNoValue;    ///< of the nine tenths of the cell means nearest to their plane (paper 5.2)
   double std_cells_mm = kNoValue;  ///< of the cell means to their least-squares plane, n - 3
   double raw_low_mm = kNoValue;    ///< extremes of single points to `seat`
   double raw_high_mm = kNoValue;

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 
+#include "algo/features/casing.h"
 #include "algo/items/uncertainty.h"
 
 namespace slabd::algo {
@@ -85,7 +86,7 @@ void compute_block_items(const BlockModel& model, BlockResult& result) {
   }
 
   // The centres lie on the seat plane already.
-  if (result.casing_inner.ok && result.casing_outer.ok)
+  if (is_located(result.casing_inner) && is_located(result.casing_outer))
     item(result, ItemId::casing_spacing).value = (result.casing_outer.centre - result.casing_inner.centre).norm();
   if (result.casing_inner.ok) item(result, ItemId::casing_protrusion_inner).value = result.casing_inner.height_mm;
   if (result.casing_outer.ok) item(result, ItemId::casing_protrusion_outer).value = result.casing_outer.height_mm;
@@ -97,7 +98,7 @@ void compute_observation(const BlockModel& model, const Pose& T_base_block, Bloc
   const PlaneFit& seat = result.seat.plane;
   if (!seat.ok) return;
   o.n_base = T_base_block.rotation * seat.normal;
-  if (result.casing_inner.ok && result.casing_outer.ok) {
+  if (is_located(result.casing_inner) && is_located(result.casing_outer)) {
     o.p_base = T_base_block * Vec3(0.5 * (result.casing_inner.centre + result.casing_outer.centre));
     o.ok = true;
   }

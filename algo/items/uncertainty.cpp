@@ -69,17 +69,18 @@ class BlockBudget {
           g.registration);
   }
 
-  void jaw_angle(ItemId id, const PlaneFit& jaw) {
+  void jaw_angle(ItemId id, const PlaneFit& jaw, double form_rad) {
     if (!has_value(item(id).value)) return;
     // cos(angle) = a.b; the free angle is 180 degrees less it.
     const double sine = seat().normal.cross(jaw.normal).norm();
     const PlaneGradient by_seat{jaw.normal / sine, 0.0};
     const PlaneGradient by_jaw{seat().normal / sine, 0.0};
-    angle(id, variance(by_seat, seat()) + variance(by_jaw, jaw), by_density(by_seat), 2.0 * square(scanner_.tilt_rad()),
+    angle(id, variance(by_seat, seat()) + variance(by_jaw, jaw), by_density(by_seat),
+          2.0 * square(scanner_.tilt_rad()) + square(form_rad),
           rounding_.variance(by_seat, seat()) + rounding_.variance(by_jaw, jaw), Vec6::Zero());
   }
 
-  void jaw_distance() {
+  void jaw_distance(const std::array<double, 2>& form_rad) {
     const Item& distance = item(ItemId::jaw_distance);
     if (!has_value(distance.value)) return;
     const double height = recipe_.block.jaw_reference_height_mm.value;
@@ -93,11 +94,11 @@ class BlockBudget {
         variance(g_seat, seat()) + variance(g_outer.jaw, result_.jaw_outer) + variance(g_inner.jaw, result_.jaw_inner);
     // The two jaws against each other, the seat between them against both, and tilts where their levers leave any.
     const double jaw_steepness = std::max(std::abs(g_outer.jaw.height), std::abs(g_inner.jaw.height));
-    const double scanner =
-        square(jaw_steepness * scanner_.difference_mm(distance.value)) +
-        square(g_seat.height * scanner_.difference_mm(0.5 * distance.value)) +
-        square(scanner_.tilt_rad()) * (g_outer.jaw.normal.squaredNorm() + g_inner.jaw.normal.squaredNorm()) +
-        square(scanner_.length_mm(distance.value));
+    const double scanner = square(jaw_steepness * scanner_.difference_mm(distance.value)) +
+                           square(g_seat.height * scanner_.difference_mm(0.5 * distance.value)) +
+                           (square(scanner_.tilt_rad()) + square(form_rad[1])) * g_outer.jaw.normal.squaredNorm() +
+                           (square(scanner_.tilt_rad()) + square(form_rad[0])) * g_inner.jaw.normal.squaredNorm() +
+                           square(scanner_.length_mm(distance.value));
     length(ItemId::jaw_distance, distance.value, fit, by_density(g_seat), scanner,
            rounding_.variance(g_seat, seat()) + rounding_.variance(g_outer.jaw, result_.jaw_outer) +
                rounding_.variance(g_inner.jaw, result_.jaw_inner),
@@ -107,9 +108,10 @@ class BlockBudget {
   void casing_spacing() {
     const Item& spacing = item(ItemId::casing_spacing);
     if (!has_value(spacing.value)) return;
-    length(ItemId::casing_spacing, spacing.value, spacing_variance_mm2(result_), 0.0,
-           square(scanner_.difference_mm(spacing.value)) + square(scanner_.length_mm(spacing.value)),
-           2.0 * rounding_.centre_mm2(seat().normal), Vec6::Zero());
+    // A circle's covariance comes from the scatter of its own edge: there is nothing left to multiply it with.
+    put(ItemId::casing_spacing, spacing_variance_mm2(result_), 0.0,
+        square(scanner_.difference_mm(spacing.value)) + square(scanner_.length_mm(spacing.value)),
+        2.0 * rounding_.centre_mm2(seat().normal), Vec6::Zero(), square(reference_mm(spacing.value)), 1.0, 1.0);
   }
 
   void casing_protrusion(ItemId id, const CasingFeature& casing) {
@@ -153,15 +155,15 @@ class BlockBudget {
   /// Variances in rad^2.
   void angle(ItemId id, double fit, double density, double scanner, double rounding, const Vec6& by_registration) {
     put(id, fit, density, scanner, rounding, by_registration, square(recipe_.uncertainty.reference_rad.value),
-        deg_from_rad(1.0));
+        deg_from_rad(1.0), noise_factor_);
   }
   /// Variances in mm^2.
   void length(ItemId id, double length_mm, double fit, double density, double scanner, double rounding,
               const Vec6& by_registration) {
-    put(id, fit, density, scanner, rounding, by_registration, square(reference_mm(length_mm)), 1.0);
+    put(id, fit, density, scanner, rounding, by_registration, square(reference_mm(length_mm)), 1.0, noise_factor_);
   }
   void put(ItemId id, double fit, double density, double scanner, double rounding, const Vec6& by_registration,
-           double reference, double unit) {
+           double reference, double unit, double noise_factor) {
     // An uncertainty that the recipe states knows nothing of this seat and of this scan's coordinates either.
     const double u_density = unit * std::sqrt(density + rounding);
     if (2.0 * u_density > item(id).U) item(id).U = 2.0 * u_density;
@@ -169,7 +171,7 @@ class BlockBudget {
     if (!recipe_.uncertainty.given) return;
     Budget budget{};
     part(budget, BudgetPart::fit) = unit * std::sqrt(fit + density);
-    part(budget, BudgetPart::noise) = unit * std::sqrt((noise_factor_ - 1.0) * fit);
+    part(budget, BudgetPart::noise) = unit * std::sqrt((noise_factor - 1.0) * fit);
     part(budget, BudgetPart::scanner) = unit * std::sqrt(scanner + rounding);
     part(budget, BudgetPart::registration) =
         unit * std::sqrt(noise_factor_ * registration_variance(by_registration, result_.registration));
@@ -363,15 +365,16 @@ bool settle(const Budget& budget, Item& item) {
   return true;
 }
 
-void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, BlockResult& result) {
+void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified,
+                          const std::array<double, 2>& jaw_form_rad, BlockResult& result) {
   budget_seat_std(result);
   widen_spacing(result);
   BlockBudget budget(recipe, verified, result);
   if (recipe.uncertainty.given) budget.flatness();
   budget.slope();
-  budget.jaw_angle(ItemId::jaw_angle_inner, result.jaw_inner);
-  budget.jaw_angle(ItemId::jaw_angle_outer, result.jaw_outer);
-  budget.jaw_distance();
+  budget.jaw_angle(ItemId::jaw_angle_inner, result.jaw_inner, jaw_form_rad[0]);
+  budget.jaw_angle(ItemId::jaw_angle_outer, result.jaw_outer, jaw_form_rad[1]);
+  budget.jaw_distance(jaw_form_rad);
   if (recipe.uncertainty.given) budget.casing_spacing();
   budget.casing_protrusion(ItemId::casing_protrusion_inner, result.casing_inner);
   budget.casing_protrusion(ItemId::casing_protrusion_outer, result.casing_outer);
@@ -396,22 +399,23 @@ void compute_observation_sigma(const BlockGeometry& geometry, BlockResult& resul
   if (o.ok) {
     const CasingFeature& inner = result.casing_inner;
     const CasingFeature& outer = result.casing_outer;
-    // Mid-point of the circles in the seat plane (x, s), and the plane's height there.
+    // Mid-point of the circles in the seat plane (x, s), and the plane's height there; a circle's covariance has the
+    // noise's correlation in it.
     const Vec3 middle = 0.5 * (inner.centre + outer.centre);
     Mat3 local = 0.25 * (inner.cov_circle + outer.cov_circle);
     local.row(2).setZero();
     local.col(2).setZero();
     const PlaneGradient height{middle - seat.centroid, -1.0};
-    local(2, 2) = variance(height, seat);
+    local(2, 2) = f * variance(height, seat);
     Mat3 axes;
     axes.col(2) = seat.normal;
     axes.col(0) = (Vec3::UnitX() - seat.normal.x() * seat.normal).normalized();
     axes.col(1) = axes.col(2).cross(axes.col(0));
     const double rounded_centre = 0.5 * rounding.centre_mm2(seat.normal);
     const double rounded_height = rounding.variance(height, seat);
-    o.sigma_p_mm =
-        spread(axes * local * axes.transpose(), (variance(height, by_area) + rounded_height) * seat.normal.cwiseAbs2() +
-                                                    rounded_centre * (Vec3::Ones() - seat.normal.cwiseAbs2()));
+    const Vec3 rest = (variance(height, by_area) + rounded_height) * seat.normal.cwiseAbs2() +
+                      rounded_centre * (Vec3::Ones() - seat.normal.cwiseAbs2());
+    o.sigma_p_mm = (Mat3(axes * local * axes.transpose()).diagonal() + rest).cwiseSqrt();
   }
   if (o.jaw_ok) {
     const JawPoint point = jaw_point(seat, result.jaw_outer, geometry.jaw_reference_height_mm.value);

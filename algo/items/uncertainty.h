@@ -157,7 +157,9 @@ bool settle(const Budget& budget, Item& item);
 /// Budget and U of every block item that has a value. seat_std always (its U is its sampling error,
 /// std sqrt(f / (2 (n - 1))) per standard deviation); the others when the recipe's uncertainty is given, else they
 /// keep the recipe's U, made no less than what circles and density say. Needs the values (compute_block_items).
-void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, BlockResult& result);
+/// `jaw_form_rad`: standard uncertainty that its own profile leaves of the inner and the outer jaw's tilt (FlatStrip).
+void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified,
+                          const std::array<double, 2>& jaw_form_rad, BlockResult& result);
 
 /// Fills observation.sigma_*: what the scanner's noise (correlation included) and the seat's density leave in this
 /// scan, in block axes. Form error, calibration and robot are the slab's to add. NaN where a covariance is missing.

@@ -244,7 +244,7 @@ CasingTies tie_to_casings(const Cloud& cloud, const IcpSample& sample, const Blo
   for (std::size_t side = 0; side < casings.size(); ++side) {
     const CasingFeature& casing = casings[side];
     const Vec3 nominal = model.casing_centre(side == 1);
-    if (!casing.ok) continue;
+    if (!is_located(casing)) continue;
     const auto sigma = [&](int k) {
       const double variance = casing.cov_circle(k, k);
       return variance > 0.0 && std::isfinite(variance) ? std::sqrt(variance) : kSigmaUnknown_mm;

@@ -72,7 +72,7 @@ Slopes Icp::moved_since_association(const Pose& pose) const {
 double Icp::coarse_step(Pose& pose, double gate_mm, NormalEquations& eq) const {
   SumsOfFaces sums;
   sum_closest(first_part_, view(pose, table_.wide()), gate_mm, sums);
-  eq = equations(pose, sums, kAllFaces);
+  eq = equations(pose, sums, kPoseFaces);
   return solve(eq, pose);
 }
 
@@ -184,7 +184,7 @@ double Icp::solve(NormalEquations& eq, Pose& pose) {
 }
 
 double Icp::step(Pose& pose, double gate_mm, Weights weights, NormalEquations& eq) const {
-  eq = equations(pose, sums(pose, gate_mm, weights), kAllFaces);
+  eq = equations(pose, sums(pose, gate_mm, weights), kPoseFaces);
   for (const Tie& tie : ties_) {
     const Vec3 p = pose * tie.p_scanner;
     const Vec6 j = jacobian(tie.direction, p);
@@ -195,7 +195,7 @@ double Icp::step(Pose& pose, double gate_mm, Weights weights, NormalEquations& e
 }
 
 NormalEquations Icp::information(const Pose& pose, double gate_mm, std::uint16_t faces) const {
-  NormalEquations eq = equations(pose, sums(pose, gate_mm, Weights::tukey), faces);
+  NormalEquations eq = equations(pose, sums(pose, gate_mm, Weights::tukey), faces & kPoseFaces);
   for (const Tie& tie : ties_) {
     const Vec6 j = jacobian(tie.direction, pose * tie.p_scanner);
     eq.H += tie_weight_ * j * j.transpose();
@@ -217,6 +217,7 @@ double Icp::worst_median_mm(std::size_t points_min) const {
   for (std::size_t f = 0; f < kFaces; ++f) {
     const std::span<float> own = found.subspan(first, end[f] - first);
     first = end[f];
+    if ((kPoseFaces & bit(static_cast<Face>(f))) == 0) continue;
     if (own.size() < std::max<std::size_t>(points_min, 1)) continue;
     const auto middle = own.begin() + static_cast<std::ptrdiff_t>(own.size() / 2);
     std::nth_element(own.begin(), middle, own.end());
@@ -230,8 +231,8 @@ Mat6 Icp::covariance(const Pose& pose, double gate_mm) const {
   std::array<double, kFaces> means{};
   for (std::size_t f = 0; f < kFaces; ++f)
     if (slope[f].s[FaceSums::points] > 0.0) means[f] = slope[f].s[FaceSums::v] / slope[f].s[FaceSums::points];
-  Mat6 A = equations(pose, slope, kAllFaces).H;
-  Mat6 B = equations(pose, sums(pose, gate_mm, Weights::scatter, means), kAllFaces).H;
+  Mat6 A = equations(pose, slope, kPoseFaces).H;
+  Mat6 B = equations(pose, sums(pose, gate_mm, Weights::scatter, means), kPoseFaces).H;
   for (const Tie& tie : ties_) {
     const Vec6 j = jacobian(tie.direction, pose * tie.p_scanner);
     A += tie_weight_ * j * j.transpose();

@@ -27,6 +27,7 @@
 
 #include "algo/moments.h"
 #include "algo/points.h"
+#include "algo/register/block_ends.h"
 #include "algo/register/icp.h"
 
 namespace slabd::algo {
@@ -117,7 +118,7 @@ FixedString<64> objection(const Assessment& a, const EvaluationSettings& setting
     return note;
   }
   for (std::size_t f = 0; f < kFaces; ++f) {
-    if (a.expected[f] < points_min) continue;
+    if (a.expected[f] < points_min || (kPoseFaces & bit(static_cast<Face>(f))) == 0) continue;
     if (a.share(f) < kFaceShareMin) {
       note.printf("%s: share %.2f, at least %.2f", name(static_cast<Face>(f)).data(), a.share(f), kFaceShareMin);
       return note;
@@ -190,8 +191,9 @@ struct Determinacy {
   double condition = std::numeric_limits<double>::infinity();
   double largest = 0.0;
   bool complete = false;
-  bool clearly_open = false;  ///< incomplete, and a few points more or less will not change that
-  std::string_view open;      ///< the direction nothing fixes, if not complete
+  bool clearly_open = false;     ///< incomplete, and a few points more or less will not change that
+  bool only_along_rail = false;  ///< incomplete, but with the place along the rail known nothing would be open
+  std::string_view open;         ///< the direction nothing fixes, if not complete
 };
 
 Determinacy determinacy(const NormalEquations& eq) {
@@ -217,6 +219,11 @@ Determinacy determinacy(const NormalEquations& eq) {
   for (int k = 1; k < 6; ++k)
     if (open[k] > open[axis] + 1e-3) axis = k;
   d.open = kNames[static_cast<std::size_t>(axis)];
+  if (!d.complete) {
+    Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 5, 5>> others;
+    others.compute(eq.H.bottomRightCorner<5, 5>(), Eigen::EigenvaluesOnly);
+    d.only_along_rail = eq.points >= 6 && others.eigenvalues()[0] > kConditionMin * d.largest;
+  }
   return d;
 }
 
@@ -314,6 +321,23 @@ FineResult refine(const RegistrationTask& task, Icp& icp, Refine until, Pose& po
   return fine;
 }
 
+/// What says where along the rail a block is whose casings show nothing: its ends, else the robot. Neither is asked for
+/// anything but that.
+CasingTies without_casings(const RegistrationTask& task, const Icp& icp, const FineResult& fine, const Pose& pose,
+                           FixedString<64>& note) {
+  CasingTies held{pose, {}};
+  constexpr std::uint16_t kNeeded = bit(Face::seat) | bit(Face::jaw_inner) | bit(Face::jaw_outer);
+  if ((fine.seen.confirmed(task.settings.registration_gate_mm) & kNeeded) != kNeeded ||
+      !fine.directions.only_along_rail)
+    return held;
+  const std::optional<Tie> ends = tie_to_ends(icp.sample(), task.model, task.settings, pose);
+  const Tie tie = ends ? *ends : tie_to_robot(task.T_block_scanner);
+  note.printf("along the rail from the %s, +-%.0f mm: no bore is seen", ends ? "ends" : "robot", 2.0 * tie.sigma_mm);
+  held.T_block_scanner.translation_mm.x() -= (pose * tie.p_scanner).x() - tie.target_mm;
+  (void)held.ties.push(tie);
+  return held;
+}
+
 /// The final pose's status. The order matters: an undetermined direction explains best what is wrong.
 void pass_judgement(const RegistrationTask& task, const Pose& pose, const FineResult& fine,
                     RegistrationReport& report) {
@@ -350,14 +374,16 @@ RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& ta
   Icp icp(task.model, task.table, task.settings, cloud, task.T_block_scanner, work.icp, team);
   Pose pose = task.T_block_scanner;
   FineResult fine;
+  FixedString<64> along_rail;  // who says so, where the faces and casings do not
   // The last steps from a coarse pose, and what they come to.
   const auto finish = [&] {
+    along_rail = FixedString<64>{};
     icp.hold({}, 0.0);
     icp.sort(pose);
     fine = refine(task, icp, Refine::or_open, pose, report.iterations);
     if (!fine.directions.complete) {
-      const CasingTies casings =
-          tie_to_casings(cloud, icp.sample(), task.model, task.settings, pose, work.casings, team);
+      CasingTies casings = tie_to_casings(cloud, icp.sample(), task.model, task.settings, pose, work.casings, team);
+      if (casings.ties.empty()) casings = without_casings(task, icp, fine, pose, along_rail);
       if (!casings.ties.empty()) {
         if (Icp::length_mm(casings.T_block_scanner * pose.inverse()) > kSortedWithin_mm)
           icp.sort(casings.T_block_scanner);
@@ -368,6 +394,7 @@ RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& ta
     }
     report.note = FixedString<64>{};
     pass_judgement(task, pose, fine, report);
+    if (report.status == RegistrationStatus::converged) report.note = along_rail;
   };
   Assessment seen;
   if (settle(task, icp, pose, seen, report.iterations) ||

@@ -15,10 +15,11 @@
 // of its own, strung together in that order: which thread did what does not show.
 #include "algo/survey/survey.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <bit>
 #include <cmath>
+
+#include "algo/features/jaw.h"
 
 namespace slabd::algo {
 namespace {
@@ -76,20 +77,10 @@ constexpr FaceRaster kLargeRaster = FaceRaster::between(
 
 /// A jaw from the seat to the shoulder, edge margins taken off.
 FaceRaster raster_of_jaw(const BlockModel& model, const EvaluationSettings& settings, Face jaw, Face shoulder) {
-  const SeatFrame frame = frame_of(model.plane(jaw));
-  Mat3 A;
-  A.row(0) = Vec3::UnitX();
-  A.row(1) = frame.up;
-  const auto at_edge_with = [&](Face face) {
-    const Plane& plane = model.plane(face);
-    A.row(2) = plane.n;
-    return frame.in_seat(A.inverse() * Vec3(0.0, model.plane(jaw).d, plane.d))[1];
-  };
-  const double foot = at_edge_with(Face::seat);
-  const double top = at_edge_with(shoulder);
+  const FaceEdges edges = edges_of_jaw(model, jaw, shoulder);
   const double half_x = model.geometry().end_half_length_mm.value - settings.edge_margin_mm;
-  return FaceRaster::between(-half_x, half_x, std::min(foot, top) + settings.edge_margin_mm,
-                             std::max(foot, top) - settings.edge_margin_mm);
+  return FaceRaster::between(-half_x, half_x, std::min(edges.foot_s_mm, edges.top_s_mm) + settings.edge_margin_mm,
+                             std::max(edges.foot_s_mm, edges.top_s_mm) - settings.edge_margin_mm);
 }
 
 /// Of a block, the sixteen with which every `stride`-th begins. Blocks of 65 536 points are a multiple of the rows of

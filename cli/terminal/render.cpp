@@ -169,6 +169,9 @@ std::string seat_notes(const SeatFeature& seat, double cell_mm) {
     if (has_value(seat.flatness_noise_mm))
       text += fmt::format("; a perfectly flat seat would read {:.3f} mm with this noise", seat.flatness_noise_mm);
     text += "\n";
+    if (has_value(seat.flatness_raw_mm))
+      text += fmt::format("flatness closed from above {:.3f}, raw {:.3f}, trimmed to nine tenths {:.3f} mm\n",
+                          seat.flatness_closed_mm, seat.flatness_raw_mm, seat.flatness_trimmed_mm);
   }
   const SurfaceDefect& defect = seat.defect;
   if (defect.cells > 0)

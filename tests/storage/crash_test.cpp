@@ -23,6 +23,8 @@ class CrashTest : public StoreTest {
     Result<std::unique_ptr<Store>> store = open_store(settings_);
     if (!store.ok()) _exit(1);
     store_ = std::move(store.value());
+    // A child begins where its parent's numbers stood, as the one before it did, and no two scans may be alike.
+    prng_ = Prng(static_cast<std::uint64_t>(first_key));
     for (std::int64_t key = first_key;; ++key) {
       begin(key);
       for (int station = 1; station <= 18; ++station) {

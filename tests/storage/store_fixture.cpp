@@ -277,6 +277,9 @@ void expect_same(const BlockResult& a, const BlockResult& b) {
   SAME_BITS(seat.std_cells_mm);
   SAME_BITS(seat.flatness_mm);
   SAME_BITS(seat.flatness_min_zone_mm);
+  SAME_BITS(seat.flatness_closed_mm);
+  SAME_BITS(seat.flatness_raw_mm);
+  SAME_BITS(seat.flatness_trimmed_mm);
   SAME_BITS(seat.raw_low_mm);
   SAME_BITS(seat.raw_high_mm);
   SAME_BITS(seat.noise_factor);
@@ -440,9 +443,10 @@ BlockResult random_block(Prng& prng, int station, Verdict verdict) {
   b.seat.full_plane = plane(prng);
   b.seat.normal_datum = vector(prng);
   integer(prng, b.seat.grid_points);
-  for (double* x : {&b.seat.std_cells_mm, &b.seat.flatness_mm, &b.seat.flatness_min_zone_mm, &b.seat.raw_low_mm,
-                    &b.seat.raw_high_mm, &b.seat.noise_factor, &b.seat.flatness_noise_mm, &b.seat.defect.limit_mm,
-                    &b.seat.defect.area_mm2, &b.seat.defect.height_mm, &b.seat.defect.x_mm, &b.seat.defect.s_mm})
+  for (double* x : {&b.seat.std_cells_mm, &b.seat.flatness_mm, &b.seat.flatness_closed_mm, &b.seat.flatness_raw_mm,
+                    &b.seat.flatness_trimmed_mm, &b.seat.flatness_min_zone_mm, &b.seat.raw_low_mm, &b.seat.raw_high_mm,
+                    &b.seat.noise_factor, &b.seat.flatness_noise_mm, &b.seat.defect.limit_mm, &b.seat.defect.area_mm2,
+                    &b.seat.defect.height_mm, &b.seat.defect.x_mm, &b.seat.defect.s_mm})
     *x = number(prng);
   integer(prng, b.seat.defect.cells);
   integer(prng, b.pores.count);

@@ -8,8 +8,9 @@
 #include <cmath>
 #include <vector>
 
+#include "algo/features/casing_rim.h"
 #include "algo/features/circle.h"
-#include "algo/moments.h"
+#include "algo/median.h"
 
 namespace slabd::algo::plain {
 namespace {
@@ -43,11 +44,9 @@ constexpr double kFormReach = 3.0;
 constexpr double kFormMin_mm = 0.03;
 constexpr double kRadiusOffMax_mm = 1.0;
 constexpr std::uint32_t kRimPointsMin = 200;
-/// So many of the points over the rim must be near its median height; as for planes.
 constexpr double kRimShareMin = 0.8;
 /// Standard deviation of the rim beyond that of the seat.
 constexpr double kRimFormMax_mm = 0.15;
-constexpr std::size_t kHeightSample = 4096;
 /// The rim ends this far inside its nominal edge.
 constexpr double kRimEdge_mm = 0.5;
 
@@ -103,119 +102,80 @@ EdgePoints innermost(const CloudPoints& cloud, const CasingTask& task, const Cas
   return edge;
 }
 
-/// Robust mean height of the rim around the measured centre, clear of its inner and outer edge. False where it is no
-/// height of all of the rim.
+/// Points in the bore at the rim's height or above it, for as large a part of the rim.
+bool is_hole(const CloudPoints& cloud, const CasingTask& task, const CasingFrame& frame, const Circle& circle) {
+  const double inside_mm = task.bore_radius_mm - kSearch_mm;
+  const double around_mm = task.bore_radius_mm + kSearch_mm;
+  double inside = 0.0;
+  double around = 0.0;
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    if (frame.height(cloud[i]) < task.rim_height_mm - kHeightGate_mm) continue;
+    const double r = (frame.in_plane(cloud[i]) - circle.centre).norm();
+    if (r < inside_mm) inside += 1.0;
+    if (r >= around_mm && r < task.rim_radius_mm) around += 1.0;
+  }
+  const double rim_mm2 = task.rim_radius_mm * task.rim_radius_mm - around_mm * around_mm;
+  return inside / (inside_mm * inside_mm) <= 0.2 * around / rim_mm2;
+}
+
+/// Height of the rim around the measured centre, clear of its inner and outer edge. False where it is no height of all
+/// of the rim. How points make a height is rim_height()'s business and has tests of its own.
 bool measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingFrame& frame, const Vec2& centre,
                  CasingFeature& casing) {
   const double width = task.rim_radius_mm - task.bore_radius_mm;
   const double margin = std::min(task.edge_margin_mm, 0.25 * width);
   const double inner = task.bore_radius_mm + margin;
   const double outer = task.rim_radius_mm - margin;
-  const auto on_rim = [&](std::size_t i, double& height) {
-    const Vec3 p = cloud[i];
-    const double r = (frame.in_plane(p) - centre).norm();
-    height = frame.height(p);
-    return r >= inner && r <= outer;
-  };
-
-  std::uint32_t count = 0;
-  double height = 0.0;
-  for (std::size_t i = 0; i < cloud.size(); ++i)
-    if (on_rim(i, height)) ++count;
-  if (count < kRimPointsMin) return false;
-  const std::uint32_t every = 1 + count / static_cast<std::uint32_t>(kHeightSample);
-  std::array<double, kHeightSample> sample;
-  std::size_t sampled = 0;
-  std::uint32_t seen = 0;
-  for (std::size_t i = 0; i < cloud.size(); ++i)
-    if (on_rim(i, height) && seen++ % every == 0 && sampled < sample.size()) sample[sampled++] = height;
-  const auto end = sample.begin() + static_cast<std::ptrdiff_t>(sampled);
-  const auto middle = sample.begin() + static_cast<std::ptrdiff_t>(sampled / 2);
-  std::nth_element(sample.begin(), middle, end);
-  const double median = *middle;
-  for (std::size_t i = 0; i < sampled; ++i) sample[i] = std::abs(sample[i] - median);
-  std::nth_element(sample.begin(), middle, end);
-  const double reach = std::max(4.0 * 1.4826 * *middle, 1e-3);
-
-  ScalarMoments heights(median);
-  std::array<bool, kSectors> seen_there{};
+  std::vector<RimPoint> on_rim;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
-    if (!on_rim(i, height) || std::abs(height - median) > reach) continue;
-    heights.add(height);
     const Vec2 out = frame.in_plane(cloud[i]) - centre;
-    const double turn = (std::atan2(out.y(), out.x()) + kPi) / (2.0 * kPi);
-    seen_there[std::min(static_cast<std::size_t>(turn * static_cast<double>(kSectors)), kSectors - 1)] = true;
+    if (out.norm() >= inner && out.norm() < outer)
+      on_rim.push_back(
+          {static_cast<float>(out.x()), static_cast<float>(out.y()), static_cast<float>(frame.height(cloud[i]))});
   }
-  heights.close_block();
-  casing.rim_points = static_cast<std::uint32_t>(heights.count());
-  casing.height_mm = heights.mean();
-  casing.rim_std_mm = std::sqrt(heights.variance(1));
-  casing.sigma_height_mm = casing.rim_std_mm / std::sqrt(static_cast<double>(heights.count()));
+  if (on_rim.size() < kRimPointsMin) return false;
+  const RimHeight rim = rim_height(on_rim);
+  casing.rim_points = static_cast<std::uint32_t>(rim.points);
+  if (!rim.ok) return false;
+  casing.height_mm = rim.height_mm;
+  casing.rim_std_mm = rim.std_mm;
+  casing.sigma_height_mm = rim.sigma_mm;
   const double seat_mm = has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0;
-  const double over_mm = std::max(median, 0.0) + std::max(4.0 * seat_mm, kRimFormMax_mm);
-  // The same by eighths of the ring, each counting alike: on the rim, at the bore's edge and at the rim's.
-  std::array<std::array<double, 8>, 3> all_by_eighth{};
-  std::array<std::array<double, 8>, 3> in_by_eighth{};
-  std::vector<ScalarMoments> rim_by_eighth(8, ScalarMoments(median));
+  const double over_mm = std::max(rim.height_mm, 0.0) + std::max(4.0 * seat_mm, kRimFormMax_mm);
+  // What stands over the seat at either edge, by points and by eighths of the ring that count alike.
+  struct Lip {
+    double all = 0.0;
+    double over = 0.0;
+  };
+  std::array<Lip, 2> edges;
+  std::array<std::array<Lip, 8>, 2> eighths;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     const Vec2 out = frame.in_plane(cloud[i]) - centre;
     const double r = out.norm();
-    if (r < task.bore_radius_mm - kRadiusOffMax_mm || r >= task.rim_radius_mm) continue;
-    const std::size_t where = r < inner ? 1 : r > outer ? 2 : 0;
-    const auto eighth = std::min(static_cast<std::size_t>((std::atan2(out.y(), out.x()) + kPi) / (0.25 * kPi)), 7UL);
-    const double h = frame.height(cloud[i]);
-    all_by_eighth[where][eighth] += 1.0;
-    if (where == 0 ? std::abs(h - median) <= reach : h >= over_mm) in_by_eighth[where][eighth] += 1.0;
-    if (where == 0 && std::abs(h - median) <= reach) rim_by_eighth[eighth].add(h);
-  }
-  const auto share_of = [&](std::size_t where) {
-    double eighths = 0.0;
-    double share = 0.0;
-    for (std::size_t k = 0; k < 8; ++k) {
-      if (all_by_eighth[where][k] < 4.0) continue;
-      eighths += 1.0;
-      share += in_by_eighth[where][k] / all_by_eighth[where][k];
-    }
-    return eighths > 0.0 ? share / eighths : 0.0;
-  };
-  // The mean and scatter that the rim has if areas weigh.
-  double eighths = 0.0;
-  double by_area = 0.0;
-  double squares = 0.0;
-  double in_all = 0.0;
-  for (ScalarMoments& eighth : rim_by_eighth) {
-    eighth.close_block();
-    if (eighth.count() < 4) continue;
-    const double off = eighth.mean() - heights.mean();
-    eighths += 1.0;
-    in_all += static_cast<double>(eighth.count());
-    by_area += off;
-    squares += off * off + eighth.variance(0);
-  }
-  by_area /= eighths;
-  double variance = 0.0;
-  for (const ScalarMoments& eighth : rim_by_eighth) {
-    const auto n = static_cast<double>(eighth.count());
-    if (n >= 4.0) variance += (1.0 / eighths - n / in_all) * (1.0 / eighths - n / in_all) / n;
-  }
-  if (std::abs(by_area) > 4.0 * casing.rim_std_mm * std::sqrt(variance)) casing.height_mm += by_area;
-  const double by_area_std = std::sqrt(squares / eighths - by_area * by_area);
-  if (by_area_std > std::hypot(seat_mm, kRimFormMax_mm)) return false;
-  if (share_of(0) < kRimShareMin || share_of(1) > 1.0 - kRimShareMin || share_of(2) > 1.0 - kRimShareMin) return false;
-  std::array<double, 2> at_edge{};
-  std::array<double, 2> lip{};
-  for (std::size_t i = 0; i < cloud.size(); ++i) {
-    const double r = (frame.in_plane(cloud[i]) - centre).norm();
     const bool at_bore = r >= task.bore_radius_mm - kRadiusOffMax_mm && r < inner;
-    if (!at_bore && !(r > outer && r < task.rim_radius_mm)) continue;
-    at_edge[at_bore ? 0 : 1] += 1.0;
-    lip[at_bore ? 0 : 1] += frame.height(cloud[i]) >= over_mm ? 1.0 : 0.0;
+    if (!at_bore && !(r >= outer && r < task.rim_radius_mm)) continue;
+    const std::size_t where = at_bore ? 0 : 1;
+    const auto eighth = std::min(static_cast<std::size_t>((std::atan2(out.y(), out.x()) + kPi) / (0.25 * kPi)), 7UL);
+    const double over = frame.height(cloud[i]) >= over_mm ? 1.0 : 0.0;
+    for (Lip* lip : {&edges[where], &eighths[where][eighth]}) {
+      lip->all += 1.0;
+      lip->over += over;
+    }
   }
-  for (std::size_t k = 0; k < 2; ++k)
-    if (lip[k] > (1.0 - kRimShareMin) * at_edge[k]) return false;
-  return casing.rim_points >= kRimPointsMin && casing.rim_std_mm <= std::hypot(seat_mm, kRimFormMax_mm) &&
-         static_cast<std::size_t>(std::count(seen_there.begin(), seen_there.end(), true)) >= kSectorsMin &&
-         static_cast<double>(heights.count()) >= kRimShareMin * static_cast<double>(count);
+  for (std::size_t where = 0; where < 2; ++where) {
+    if (edges[where].over > 0.2 * edges[where].all) return false;
+    double seen = 0.0;
+    double share = 0.0;
+    for (const Lip& lip : eighths[where]) {
+      if (lip.all < 4.0) continue;
+      seen += 1.0;
+      share += lip.over / lip.all;
+    }
+    if (seen > 0.0 && share / seen > 0.2) return false;
+  }
+  return rim.crust_mm == 0.0 && casing.rim_points >= kRimPointsMin && rim.share_seen >= 0.5 && rim.share_on >= 0.6 &&
+         rim.share_below <= 0.1 && rim.share_points >= kRimShareMin && rim.tilt * task.rim_radius_mm <= 0.25 &&
+         rim.std_mm <= std::hypot(seat_mm, kRimFormMax_mm);
 }
 
 /// Variance of the centre by what moves a part of the edge: what neighbours' distances to the circle share.
@@ -224,11 +184,12 @@ double edge_form_mm2(const std::vector<Vec2>& edge, const Circle& circle) {
   std::vector<double> off;
   for (const Vec2& p : edge) off.push_back((p - circle.centre).norm() - circle.radius);
   const auto n = static_cast<double>(off.size());
-  double mean = 0.0;
-  for (const double o : off) mean += o / n;
+  std::vector<double> sorted = off;
+  const double mean = median_of(sorted);
   const auto clamped = [&](double reach_mm) {
     std::vector<double> to(off.size());
-    for (std::size_t i = 0; i < off.size(); ++i) to[i] = std::clamp(off[i] - mean, -reach_mm, reach_mm);
+    for (std::size_t i = 0; i < off.size(); ++i)
+      to[i] = std::clamp(off[i] - mean, -reach_mm, std::min(reach_mm, circle.scatter));
     return to;
   };
   std::vector<double> lean = clamped(kFormAlike * circle.scatter);
@@ -266,13 +227,14 @@ CasingFeature measure_casing(const CloudPoints& points, const CasingTask& task) 
     casing.inlier_fraction = circle.weight / static_cast<double>(kSectors);
     if (!circle.ok || circle.weight < 0.4 * static_cast<double>(kSectors) || circle.spread < kSpreadMin) return casing;
   }
+  if (std::abs(circle.radius - task.bore_radius_mm) > kRadiusOffMax_mm || !is_hole(points, task, frame, circle))
+    return casing;
   casing.centre = frame.in_block(circle.centre);
   casing.radius_mm = circle.radius;
   casing.edge_rms_mm = circle.scatter;
   casing.cov_circle = shared_rows(circle.spread) * circle.covariance;
   const double form = edge_form_mm2(edge_points, circle);
   for (const int axis : {0, 1}) casing.cov_circle(axis, axis) += form;
-  if (std::abs(circle.radius - task.bore_radius_mm) > kRadiusOffMax_mm) return casing;
   casing.ok = measure_rim(points, task, frame, circle.centre, casing);
   return casing;
 }

@@ -249,8 +249,9 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
     c.ok = true;
     const double root = std::sqrt(factor);
     const double along = sign * (g.casing_half_spacing_mm.value + 0.5 * built.casing_spacing_mm);
-    const double dx = root * errors.circle_mm * prng.normal();
-    const double ds = root * errors.circle_mm * prng.normal();
+    // A circle's covariance is that of its own edge, neighbours that err together included.
+    const double dx = errors.circle_mm * prng.normal();
+    const double ds = errors.circle_mm * prng.normal();
     c.centre = on(r.seat.plane, along * s + Vec3(dx, 0.0, 0.0) + ds * s);
     c.radius_mm = 0.5 * g.casing_bore_diameter_mm.value;
     c.edge_points = 48;
@@ -325,7 +326,7 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
   const Pose T_base_block = T_base_slab() * T_slab * moved(splice_mm, splice_rad) * built.displacement;
 
   algo::compute_block_items(model_, r);
-  algo::compute_block_budget(recipe_, {}, r);
+  algo::compute_block_budget(recipe_, {}, {}, r);
   algo::compute_observation(model_, T_base_block * registered.inverse(), r);
   for (Item& item : r.items) item.verdict = slabd::judge(item, recipe_.guard);
   r.verdict = combine(r.items.begin(), r.items.end());

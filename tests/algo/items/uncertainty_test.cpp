@@ -66,7 +66,7 @@ struct Block {
     BlockResult r = result;
     blank_block_items(line.recipe(), r);
     compute_block_items(line.model(), r);
-    compute_block_budget(line.recipe(), {}, r);
+    compute_block_budget(line.recipe(), {}, {}, r);
     return r;
   }
   /// Values after a change of the features, by the real item functions.
@@ -420,7 +420,7 @@ TEST(Budget, a_spacing_whose_U_the_recipe_states_is_known_no_better_than_its_cir
     r.casing_inner.cov_circle = r.casing_outer.cov_circle = sigma_mm * sigma_mm * Mat3::Identity();
     blank_block_items(recipe, r);
     compute_block_items(b.line.model(), r);
-    compute_block_budget(recipe, {}, r);
+    compute_block_budget(recipe, {}, {}, r);
     return find(r, ItemId::casing_spacing).U;
   };
   const double fixed_mm = stated(0.01);
@@ -438,7 +438,7 @@ TEST(ScannerBudget, a_scanner_that_is_worse_than_specified_makes_every_U_larger_
     BlockResult r = b.result;
     blank_block_items(b.line.recipe(), r);
     compute_block_items(b.line.model(), r);
-    compute_block_budget(b.line.recipe(), n, r);
+    compute_block_budget(b.line.recipe(), n, {}, r);
     return r;
   };
   const BlockResult alone = budgeted({});

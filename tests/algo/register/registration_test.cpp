@@ -163,18 +163,28 @@ TEST(Registration, DoesNotFindABlockInABoxOfNoise) {
   expect_not_found(cloud);
 }
 
-/// Takes the surroundings of both casings out of the scan.
-void without_casings(scene::Cloud& cloud) {
+/// Takes points out of the scan by their place in the block's frame; it then has no grid.
+template <typename Unseen>
+void take_out(scene::Cloud& cloud, const Unseen& unseen) {
   std::size_t kept = 0;
   for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
     const float* f = cloud.xyz.data() + 3 * i;
     const Vec3 p =
         cloud.T_block_scanner * Vec3(static_cast<double>(f[0]), static_cast<double>(f[1]), static_cast<double>(f[2]));
-    if (std::hypot(p.x(), std::abs(p.y()) - 116.5) < 35.0) continue;
-    std::copy_n(f, 3, cloud.xyz.data() + 3 * kept++);
+    if (!unseen(p)) std::copy_n(f, 3, cloud.xyz.data() + 3 * kept++);
   }
   cloud.xyz.resize(3 * kept);
   cloud.width = cloud.height = 0;
+}
+/// The surroundings of both casings.
+void without_casings(scene::Cloud& cloud) {
+  take_out(cloud, [](const Vec3& p) { return std::hypot(p.x(), std::abs(p.y()) - 116.5) < 35.0; });
+}
+/// The end faces, drafted by 10 degrees.
+void without_ends(scene::Cloud& cloud) {
+  take_out(cloud, [](const Vec3& p) {
+    return std::abs(std::abs(p.x()) - 105.0 + p.z() * std::tan(rad_from_deg(10.0))) < 0.5 && p.z() > -29.0;
+  });
 }
 
 TEST(Registration, TakesThePlaceAlongTheRailFromTheCasingsWhenNoEndIsInView) {
@@ -211,16 +221,32 @@ TEST(Registration, HasTheSameBitsOnTwoThreadsWhereCasingsOrASearchAreNeeded) {
   }
 }
 
-TEST(Registration, NamesTheDirectionThatNothingFixes) {
-  // Neither end face in view, and no casing: nothing says where the block is along the rail.
+TEST(Registration, TakesTheRobotsWordAlongTheRailWhereNothingElseFixesIt) {
+  // Neither end face in view, and no casing: nothing in the scan says where the block is along the rail.
   scene::Scan scan;
   scan.field_x_mm = 170.0;
   scene::Cloud cloud = scene::take({}, scan);
   without_casings(cloud);
-  const Registered r(std::move(cloud), Pose::identity());
-  EXPECT_EQ(r.report().status, RegistrationStatus::degenerate);
-  EXPECT_EQ(r.report().note.view(), "nothing in the scan fixes: shift along the rail (x)");
-  EXPECT_EQ(r.code, Code::block_not_found);
+  const Registered r(std::move(cloud), scene::displaced(3.0, 2.0, 1.0, 0.1, 0.2, 0.1));
+  EXPECT_EQ(r.report().status, RegistrationStatus::converged) << r.report().note.view();
+  EXPECT_EQ(r.report().note.view(), "along the rail from the robot, +-10 mm: no bore is seen");
+  EXPECT_NEAR(std::sqrt(r.report().covariance(0, 0)), 5.0, 0.1);
+  EXPECT_LT(std::sqrt(r.report().covariance(1, 1)), 0.05) << "nothing else is in doubt";
+}
+
+TEST(Registration, TakesTheBlocksEndsAlongTheRailWhereNoBoreIsSeen) {
+  // Capped casings, and end faces so steep that they return nothing.
+  for (const double along_mm : {0.0, 8.0}) {
+    SCOPED_TRACE(along_mm);
+    scene::Cloud cloud = scene::take({}, {});
+    without_casings(cloud);
+    without_ends(cloud);
+    const Registered r(std::move(cloud), scene::displaced(along_mm, 1.0, 0.0, 0.0, 0.0, 0.1));
+    EXPECT_EQ(r.report().status, RegistrationStatus::converged) << r.report().note.view();
+    EXPECT_EQ(r.report().note.view(), "along the rail from the ends, +-1 mm: no bore is seen");
+    EXPECT_NEAR(std::sqrt(r.report().covariance(0, 0)), 0.5, 0.02);
+    EXPECT_LT(r.error_mm, 1.0) << "two standard deviations";
+  }
 }
 
 TEST(Registration, RejectsAPoseBeyondItsWindow) {

@@ -1,0 +1,277 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "algo/features/casing_rim.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "algo/median.h"
+#include "base/base.h"
+
+namespace slabd::algo {
+namespace {
+
+constexpr std::size_t kSectors = kRimHeightSectors;
+/// A sector of fewer points says nothing.
+constexpr std::size_t kSectorPointsMin = 4;
+/// Points of a sector that take part in its median.
+constexpr std::size_t kSectorSample = 256;
+/// A sector belongs to the plane within this ...
+constexpr double kOn_mm = 0.04;
+/// ... or within so many standard deviations of its median.
+constexpr double kOnSigmas = 4.0;
+/// A sector below the plane speaks against it as much as so many above it.
+constexpr double kBelowCost = 3.0;
+/// Planes steeper than this are not tried: the rim is then refused anyway.
+constexpr double kTiltMax = 0.02;
+constexpr int kRounds = 8;
+/// Points belong to the plane within so many of their own robust deviations.
+constexpr double kReachSigmas = 4.0;
+constexpr double kReachMin_mm = 1e-3;
+/// Three neighbouring sectors (10 mm of the ring) that stand so far over the plane, and by kCrust_mm over the seat, are
+/// a crust on which a rail pad lies; a grain of sand or a burr is in one of them, or two.
+constexpr double kOverPlane_mm = 0.1;
+constexpr double kCrust_mm = 0.05;
+constexpr double kMedianSigma = 1.2533;  ///< standard error of a median over that of a mean
+
+/// What a sector's points come to.
+struct Sector {
+  std::size_t points = 0;
+  double x = 0.0;  ///< mean place
+  double y = 0.0;
+  double median = 0.0;
+  double sigma = 0.0;  ///< of the median, by the scatter of its points
+  [[nodiscard]] bool seen() const { return points >= kSectorPointsMin; }
+};
+
+struct RimPlane {
+  Vec3 a = Vec3::Zero();  ///< height = a0 + a1 x + a2 y
+  [[nodiscard]] double at(double x, double y) const { return a[0] + a[1] * x + a[2] * y; }
+  [[nodiscard]] double over(const Sector& s) const { return s.median - at(s.x, s.y); }
+};
+
+/// Without an arctangent, whose last bit is another one on other processors: the octant, and four sectors in each by
+/// the ratio of the coordinates (tangents of 11.25, 22.5 and 33.75 degrees).
+std::size_t sector_of(const RimPoint& p) {
+  static_assert(kSectors == 32);
+  const float x = std::abs(p.x);
+  const float y = std::abs(p.y);
+  const bool steep = y > x;
+  const float ratio = (steep ? x : y) / std::max(steep ? y : x, std::numeric_limits<float>::min());
+  const std::size_t k =
+      (ratio > 0.198912367F ? 1U : 0U) + (ratio > 0.414213562F ? 1U : 0U) + (ratio > 0.668178638F ? 1U : 0U);
+  const std::size_t quarter = steep ? 7 - k : k;
+  if (p.y >= 0.0F) return p.x >= 0.0F ? quarter : 15 - quarter;
+  return p.x >= 0.0F ? 31 - quarter : 16 + quarter;
+}
+
+std::array<Sector, kSectors> sectors_of(std::span<const RimPoint> points) {
+  std::array<Sector, kSectors> sectors{};
+  for (const RimPoint& p : points) {
+    Sector& s = sectors[sector_of(p)];
+    ++s.points;
+    s.x += static_cast<double>(p.x);
+    s.y += static_cast<double>(p.y);
+  }
+  std::array<std::array<double, kSectorSample>, kSectors> heights;
+  std::array<std::size_t, kSectors> number{};
+  std::array<std::size_t, kSectors> taken{};
+  for (const RimPoint& p : points) {
+    const std::size_t k = sector_of(p);
+    const std::size_t every = 1 + sectors[k].points / kSectorSample;
+    if (number[k]++ % every == 0 && taken[k] < kSectorSample) heights[k][taken[k]++] = static_cast<double>(p.height);
+  }
+  for (std::size_t k = 0; k < kSectors; ++k) {
+    Sector& s = sectors[k];
+    if (!s.seen()) continue;
+    const auto n = static_cast<double>(s.points);
+    s.x /= n;
+    s.y /= n;
+    const std::span<double> own(heights[k].data(), taken[k]);
+    s.median = median_of(own);
+    for (double& h : own) h = std::abs(h - s.median);
+    s.sigma = kMedianSigma * 1.4826 * median_of(own) / std::sqrt(static_cast<double>(taken[k]));
+  }
+  return sectors;
+}
+
+/// Sectors by number that lie on the plane.
+using OnPlane = std::array<bool, kSectors>;
+
+/// Least squares through the sectors `on`, and the variance of its height at the axis for heights of variance 1. False
+/// where they lie so closely together that they know no tilt.
+bool fit_sectors(const std::array<Sector, kSectors>& sectors, const OnPlane& on, RimPlane& plane, double& at_axis) {
+  Mat3 A = Mat3::Zero();
+  Vec3 b = Vec3::Zero();
+  for (std::size_t k = 0; k < kSectors; ++k) {
+    if (!on[k]) continue;
+    const Vec3 j(1.0, sectors[k].x, sectors[k].y);
+    A += j * j.transpose();
+    b += sectors[k].median * j;
+  }
+  const Eigen::LDLT<Eigen::Matrix3d> solver(A);
+  if (solver.info() != Eigen::Success || !solver.isPositive() || !(solver.rcond() > 1e-6)) return false;
+  plane.a = solver.solve(b);
+  at_axis = solver.solve(Eigen::Vector3d::UnitX())[0];
+  return plane.a.allFinite() && at_axis > 0.0;
+}
+
+/// How far off the plane a sector may lie.
+double reach_of(const Sector& s) {
+  return std::max(kOn_mm, kOnSigmas * s.sigma);
+}
+
+/// What speaks against a plane.
+double cost_of(const RimPlane& plane, std::span<const Sector* const> seen) {
+  double cost = 0.0;
+  for (const Sector* s : seen) {
+    const double off = plane.over(*s) / reach_of(*s);
+    cost += std::abs(off) <= 1.0 ? off * off : off > 0.0 ? 1.0 : kBelowCost;
+  }
+  return cost;
+}
+
+/// The best of the level planes through each sector and of the planes through three that lie a third of the way round
+/// apart, about. Everything that is on a rim makes a step in it, which a fit to all sectors would follow by a tilt.
+RimPlane lowest_plane(std::span<const Sector* const> seen) {
+  RimPlane best;
+  double best_cost = std::numeric_limits<double>::infinity();
+  const auto ask = [&](const RimPlane& plane) {
+    if (!plane.a.allFinite() || std::hypot(plane.a[1], plane.a[2]) > kTiltMax) return;
+    if (const double cost = cost_of(plane, seen); cost < best_cost) {
+      best_cost = cost;
+      best = plane;
+    }
+  };
+  const std::size_t n = seen.size();
+  for (std::size_t i = 0; i < n; ++i) {
+    ask({Vec3(seen[i]->median, 0.0, 0.0)});
+    for (std::size_t j = n / 4; j <= n / 2; j += 2)
+      for (std::size_t k = j + n / 4; k <= 3 * n / 4; k += 2) {
+        const std::array<const Sector*, 3> three = {seen[i], seen[(i + j) % n], seen[(i + k) % n]};
+        Eigen::Matrix3d A;
+        Eigen::Vector3d b;
+        for (int row = 0; row < 3; ++row) {
+          const Sector& s = *three[static_cast<std::size_t>(row)];
+          A.row(row) << 1.0, s.x, s.y;
+          b[row] = s.median;
+        }
+        if (std::abs(A.determinant()) < 1.0) continue;
+        ask({Vec3(A.inverse() * b)});
+      }
+  }
+  return best;
+}
+
+}  // namespace
+
+RimHeight rim_height(std::span<const RimPoint> points) {
+  RimHeight rim;
+  const std::array<Sector, kSectors> sectors = sectors_of(points);
+  std::array<const Sector*, kSectors> of_seen{};
+  std::size_t seen = 0;
+  for (const Sector& s : sectors)
+    if (s.seen()) of_seen[seen++] = &s;
+  rim.share_seen = static_cast<double>(seen) / static_cast<double>(kSectors);
+  if (seen < kSectors / 4) return rim;
+
+  RimPlane plane = lowest_plane(std::span(of_seen).first(seen));
+  OnPlane on{};
+  double at_axis = 0.0;
+  for (int round = 0; round < kRounds; ++round) {
+    OnPlane now{};
+    for (std::size_t k = 0; k < kSectors; ++k)
+      now[k] = sectors[k].seen() && std::abs(plane.over(sectors[k])) <= reach_of(sectors[k]);
+    if (now == on) break;
+    on = now;
+    if (!fit_sectors(sectors, on, plane, at_axis)) return rim;
+  }
+
+  double sectors_on = 0.0;
+  double sectors_below = 0.0;
+  double squares = 0.0;
+  std::array<double, kSectors> stands{};  // over plane and seat
+  for (std::size_t k = 0; k < kSectors; ++k) {
+    const Sector& s = sectors[k];
+    if (!s.seen()) continue;
+    const double over = plane.over(s);
+    if (on[k]) {
+      sectors_on += 1.0;
+      squares += over * over;
+    } else if (over < 0.0) {
+      sectors_below += 1.0;
+    }
+    if (over > kOverPlane_mm && s.median > kCrust_mm + 3.0 * s.sigma) stands[k] = s.median;
+  }
+  for (std::size_t k = 0; k < kSectors; ++k)
+    rim.crust_mm =
+        std::max(rim.crust_mm, std::min({stands[k], stands[(k + 1) % kSectors], stands[(k + 2) % kSectors]}));
+  const auto all = static_cast<double>(seen);
+  rim.share_on = sectors_on / all;
+  rim.share_below = sectors_below / all;
+  rim.tilt = std::hypot(plane.a[1], plane.a[2]);
+  if (sectors_on < 4.0) return rim;
+
+  // Single points about that plane: their mean by area, since a dark part of a rim has no less a say.
+  std::array<double, kSectors> sum{};
+  std::array<double, kSectors> sum2{};
+  std::array<double, kSectors> count{};
+  const auto off = [&](const RimPoint& p) {
+    return static_cast<double>(p.height) - plane.at(static_cast<double>(p.x), static_cast<double>(p.y));
+  };
+  std::array<double, 4096> sample;
+  std::size_t sampled = 0;
+  const std::size_t every = 1 + points.size() / sample.size();
+  for (std::size_t i = 0; i < points.size(); i += every)
+    if (on[sector_of(points[i])]) sample[sampled++] = std::abs(off(points[i]));
+  if (sampled == 0) return rim;
+  const double reach_mm = std::max(kReachSigmas * 1.4826 * median_of(std::span(sample).first(sampled)), kReachMin_mm);
+  double asked = 0.0;
+  for (const RimPoint& p : points) {
+    const std::size_t k = sector_of(p);
+    if (!on[k]) continue;
+    asked += 1.0;
+    const double h = off(p);
+    if (!(std::abs(h) <= reach_mm)) continue;
+    count[k] += 1.0;
+    sum[k] += h;
+    sum2[k] += h * h;
+  }
+  double n = 0.0;
+  double used = 0.0;
+  double mean = 0.0;
+  double scatter = 0.0;
+  double white = 0.0;
+  for (std::size_t k = 0; k < kSectors; ++k) {
+    if (count[k] == 0.0) continue;
+    used += 1.0;
+    n += count[k];
+    mean += sum[k] / count[k];
+    scatter += sum2[k];
+    white += 1.0 / count[k];
+  }
+  if (!(n > 3.0)) return rim;
+  mean /= used;
+  rim.share_points = n / asked;
+  rim.points = static_cast<std::size_t>(n);
+  rim.height_mm = plane.a[0] + mean;
+  rim.std_mm = std::sqrt(scatter / n);
+  // Of a mean over sectors; where a part of the ring is not on the plane, its tilt has a say at the axis as well.
+  const double lever = at_axis * sectors_on;
+  const double noise2 = lever * rim.std_mm * rim.std_mm * white / (used * used);
+  // Form: what the sectors stand off the plane beyond their noise, two neighbours alike.
+  double by_noise2 = 0.0;
+  for (std::size_t k = 0; k < kSectors; ++k)
+    if (on[k]) by_noise2 += sectors[k].sigma * sectors[k].sigma;
+  const double form2 = 2.0 * std::max(squares - by_noise2, 0.0) / std::max(sectors_on - 3.0, 1.0) * at_axis;
+  // Beside a crust lies its thin edge, too thin to be told from the rim.
+  const double edge_mm = 0.5 * kOn_mm * std::max(0.0, 1.0 - rim.share_on - rim.share_below) / std::sqrt(3.0);
+  rim.sigma_mm = std::sqrt(noise2 + form2 + edge_mm * edge_mm);
+  rim.ok = true;
+  return rim;
+}
+
+}  // namespace slabd::algo

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "algo/features/closing.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "base/base.h"
+
+namespace slabd::algo {
+namespace {
+
+constexpr float kNone = -std::numeric_limits<float>::infinity();
+constexpr std::size_t kCells = limits::kFlatnessCellsMax;
+/// Radius of the disc in cells: 20 mm across in cells of half a millimetre.
+constexpr int kReachMax = 20;
+/// Cells around a sunk place that say how the surface goes on over it.
+constexpr int kRing = 3;
+/// ... and how many of them a curved surface needs, or a plane.
+constexpr double kCurvedMin = 24.0;
+constexpr double kPlaneMin = 8.0;
+/// A sunk place is a pit if the surface around it, continued, lies so far above its bottom, as a part of what the
+/// closing says: over a wide hollow it leads down to the bottom.
+constexpr double kPitShare = 0.6;
+/// Directions in which the width of a place is measured.
+constexpr int kDirections = 8;
+
+/// Of the values within a disc about each cell the best one; kNone has no say.
+template <typename Better>
+void disc_filter(const CellGrid& grid, std::span<const float> in, std::span<float> out, int reach,
+                 const Better& better) {
+  const auto columns = static_cast<int>(grid.columns);
+  const auto rows = static_cast<int>(grid.rows);
+  // Half the chord of each row of the disc.
+  std::array<int, 2 * kReachMax + 1> half{};
+  const double radius = reach + 0.25;
+  for (int r = -reach; r <= reach; ++r)
+    half[static_cast<std::size_t>(r + reach)] = static_cast<int>(std::sqrt(radius * radius - r * r));
+  for (int row = 0; row < rows; ++row)
+    for (int column = 0; column < columns; ++column) {
+      float best = kNone;
+      for (int r = std::max(-reach, -row); r <= std::min(reach, rows - 1 - row); ++r) {
+        const int wide = half[static_cast<std::size_t>(r + reach)];
+        const int first = std::max(column - wide, 0);
+        const int last = std::min(column + wide, columns - 1);
+        for (int c = first; c <= last; ++c) {
+          const float v = in[static_cast<std::size_t>((row + r) * columns + c)];
+          if (v != kNone && (best == kNone || better(v, best))) best = v;
+        }
+      }
+      out[static_cast<std::size_t>(row * columns + column)] = best;
+    }
+}
+
+/// Greatest width of a group of cells over all directions.
+double width_of(const CellGrid& grid, std::span<const std::uint32_t> group) {
+  double widest = 0.0;
+  for (int d = 0; d < kDirections; ++d) {
+    const double angle = kPi * d / kDirections;
+    const double cx = std::cos(angle);
+    const double cs = std::sin(angle);
+    double low = std::numeric_limits<double>::infinity();
+    double high = -low;
+    for (const std::uint32_t c : group) {
+      const double at = cx * grid.x_of(c) + cs * grid.s_of(c);
+      low = std::min(low, at);
+      high = std::max(high, at);
+    }
+    widest = std::max(widest, high - low);
+  }
+  // Of the outermost cells half is sunk.
+  return widest + 0.5 * grid.region.cell_mm;
+}
+
+using Vec6 = Eigen::Matrix<double, 6, 1>;
+using Mat6x6 = Eigen::Matrix<double, 6, 6>;
+
+/// A surface through the cells of a ring: z = a . (1, u, v, u^2, u v, v^2).
+struct RingFit {
+  double x = 0.0;
+  double s = 0.0;
+  Vec6 a = Vec6::Zero();
+  bool ok = false;
+
+  [[nodiscard]] static Vec6 terms(double u, double v, bool curved) {
+    Vec6 t = Vec6::Zero();
+    t.head<3>() << 1.0, u, v;
+    if (curved) t.tail<3>() << u * u, u * v, v * v;
+    return t;
+  }
+  [[nodiscard]] double at(double px, double ps) const { return a.dot(terms(px - x, ps - s, true)); }
+};
+
+}  // namespace
+
+Closing close_pits(const CellGrid& grid, std::span<const std::uint32_t> cell, std::span<const double> height,
+                   double width_mm, double least_mm, std::span<std::uint32_t> mark, std::span<std::uint32_t> stack,
+                   std::span<double> closed) {
+  Closing result;
+  std::copy(height.begin(), height.end(), closed.begin());
+  const std::size_t cells = grid.cells();
+  std::array<float, kCells> raw;
+  std::array<float, kCells> closing;
+  std::array<float, kCells> between;
+  std::array<std::uint16_t, kCells> number;
+  const std::span<float> f = std::span(raw).first(cells);
+  const std::span<float> c = std::span(closing).first(cells);
+  std::fill(f.begin(), f.end(), kNone);
+  for (std::size_t k = 0; k < cell.size(); ++k) {
+    f[cell[k]] = static_cast<float>(height[k]);
+    number[cell[k]] = static_cast<std::uint16_t>(k);
+  }
+  const int reach = std::min(static_cast<int>(std::lround(0.5 * width_mm / grid.region.cell_mm)), kReachMax);
+  const std::span<float> room = std::span(between).first(cells);
+  disc_filter(grid, f, room, reach, [](float a, float b) { return a > b; });
+  disc_filter(grid, room, c, reach, [](float a, float b) { return a < b; });
+
+  for (std::size_t i = 0; i < cells; ++i)
+    mark[i] = f[i] != kNone && static_cast<double>(c[i] - f[i]) > least_mm ? kLow : kPlain;
+  // Groups lose their marks when they are found; who is sunk is asked of the heights.
+  const auto sunk = [&](std::size_t i) { return static_cast<double>(c[i] - f[i]) > least_mm; };
+  for_each_group(grid, kLow, mark, stack, [&](std::span<const std::uint32_t> group) {
+    const double width = width_of(grid, group);
+    if (width > width_mm) return;
+    RingFit ring;
+    std::size_t low_column = grid.columns, high_column = 0, low_row = grid.rows, high_row = 0;
+    for (const std::uint32_t i : group) {
+      ring.x += grid.x_of(i) / static_cast<double>(group.size());
+      ring.s += grid.s_of(i) / static_cast<double>(group.size());
+      low_column = std::min(low_column, i % grid.columns);
+      high_column = std::max(high_column, i % grid.columns);
+      low_row = std::min(low_row, i / grid.columns);
+      high_row = std::max(high_row, i / grid.columns);
+    }
+    double n = 0.0;
+    double mean = 0.0;
+    Vec3 aside = Vec3::Zero();
+    const auto for_ring = [&](const auto& use) {
+      for (std::size_t row = low_row - std::min<std::size_t>(low_row, kRing);
+           row <= std::min(high_row + kRing, grid.rows - 1); ++row)
+        for (std::size_t column = low_column - std::min<std::size_t>(low_column, kRing);
+             column <= std::min(high_column + kRing, grid.columns - 1); ++column) {
+          const std::size_t i = row * grid.columns + column;
+          if (f[i] != kNone && !sunk(i)) use(i);
+        }
+    };
+    for_ring([&](std::size_t i) {
+      n += 1.0;
+      mean += static_cast<double>(f[i]);
+      aside += Vec3(grid.x_of(i) - ring.x, grid.s_of(i) - ring.s, 0.0);
+    });
+    if (n < kPlaneMin) return;
+    mean /= n;
+    // Beside the border of the region the ring lies on one side only, and what is curved there leads anywhere.
+    const bool curved = n >= kCurvedMin && (aside / n).norm() < grid.region.cell_mm;
+    const bool level = (aside / n).norm() > 2.0 * grid.region.cell_mm;
+    Mat6x6 A = Mat6x6::Identity() * 1e-9;
+    Vec6 b = Vec6::Zero();
+    for_ring([&](std::size_t i) {
+      const Vec6 t = RingFit::terms(grid.x_of(i) - ring.x, grid.s_of(i) - ring.s, curved);
+      A += t * t.transpose();
+      b += (static_cast<double>(f[i]) - mean) * t;
+    });
+    if (!level) ring.a = A.ldlt().solve(b);
+    if (!ring.a.allFinite()) return;
+    double below_closing = 0.0;
+    double below_ring = 0.0;
+    for (const std::uint32_t i : group) {
+      const double over = mean + ring.at(grid.x_of(i), grid.s_of(i));
+      below_closing = std::max(below_closing, static_cast<double>(c[i] - f[i]));
+      below_ring = std::max(below_ring, over - static_cast<double>(f[i]));
+    }
+    if (below_ring < kPitShare * below_closing) return;
+    ++result.pits;
+    result.deepest_mm = std::max(result.deepest_mm, below_ring);
+    result.widest_mm = std::max(result.widest_mm, width);
+    for (const std::uint32_t i : group) {
+      const double over = mean + ring.at(grid.x_of(i), grid.s_of(i));
+      double& to = closed[number[i]];
+      to = std::max(to, std::min(over, static_cast<double>(c[i])));
+    }
+  });
+  return result;
+}
+
+}  // namespace slabd::algo

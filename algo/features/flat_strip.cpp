@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "algo/features/flat_strip.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "algo/median.h"
+
+namespace slabd::algo {
+namespace {
+
+constexpr std::size_t kSteps = FaceProfile::kSteps;
+/// Points of a step that take part in its median, and how few say nothing.
+constexpr std::size_t kStepSample = 512;
+constexpr std::size_t kStepPointsMin = 12;
+constexpr double kMedianSigma = 1.2533;  ///< standard error of a median over that of a mean
+/// What is flat on any jaw: from this far above its foot to this far below its top, or these shares of a low one.
+constexpr double kFillet_mm = 10.0;
+constexpr double kFilletShare = 0.4;
+constexpr double kRounding_mm = 6.0;
+constexpr double kRoundingShare = 0.25;
+/// A step is on the line within this, and so many standard deviations of its own.
+constexpr double kOnLine_mm = 0.006;
+constexpr double kOnLineSigmas = 3.5;
+/// The tail of a fillet or of the light in the corner, too low to be seen, reaches further up by this.
+constexpr double kTail_mm = 1.0;
+/// Steps of a profile whose residuals are alike.
+constexpr double kAlikeSteps = 2.0;
+
+/// Straight through the steps [first, last) of a profile.
+struct Line {
+  double n = 0.0;
+  double middle = 0.0;
+  double height = 0.0;
+  double slope = 0.0;
+  double squares = 0.0;  ///< of the places about their middle
+
+  Line(const FaceProfile& profile, std::size_t first, std::size_t last) {
+    for (std::size_t k = first; k < last; ++k) {
+      if (!profile.seen(k)) continue;
+      n += 1.0;
+      middle += FaceProfile::from_foot_mm(k);
+      height += profile.height_mm[k];
+    }
+    if (n == 0.0) return;
+    middle /= n;
+    height /= n;
+    double product = 0.0;
+    for (std::size_t k = first; k < last; ++k) {
+      if (!profile.seen(k)) continue;
+      const double u = FaceProfile::from_foot_mm(k) - middle;
+      squares += u * u;
+      product += u * (profile.height_mm[k] - height);
+    }
+    if (squares > 0.0) slope = product / squares;
+  }
+  [[nodiscard]] double off(const FaceProfile& profile, std::size_t k) const {
+    return profile.height_mm[k] - height - slope * (FaceProfile::from_foot_mm(k) - middle);
+  }
+};
+
+std::size_t step_of(double from_foot_mm) {
+  return std::min(static_cast<std::size_t>(std::max(from_foot_mm, 0.0) / FaceProfile::kStep_mm), kSteps - 1);
+}
+
+}  // namespace
+
+FlatStrip middle_of(const FaceEdges& edges) {
+  const double length = edges.length_mm();
+  return {std::min(kFillet_mm, kFilletShare * length), length - std::min(kRounding_mm, kRoundingShare * length), true,
+          0.0};
+}
+
+FaceProfile profile_of(const ListedPoints& points, const FlatPlane& plane, const FaceEdges& edges) {
+  FaceProfile profile;
+  const SeatFrame& frame = points.frame;
+  const double up = plane.n.dot(frame.up);
+  const double by_x = plane.n.dot(frame.along_rail);
+  const double by_s = plane.n.dot(frame.along_seat);
+  const double offset_mm = plane.distance(frame.origin);
+  std::array<std::size_t, kSteps> all{};
+  const auto for_each = [&](const auto& use) {
+    for (const SeatPoints& run : points.runs)
+      for (std::size_t i = 0; i < run.size(); ++i) {
+        const double from_foot = std::abs(static_cast<double>(run.s[i]) - edges.foot_s_mm);
+        if (from_foot < FaceProfile::kStep_mm * static_cast<double>(kSteps)) use(step_of(from_foot), run, i);
+      }
+  };
+  for_each([&](std::size_t k, const SeatPoints&, std::size_t) { ++all[k]; });
+  std::array<std::array<double, kStepSample>, kSteps> heights;
+  std::array<std::size_t, kSteps> number{};
+  std::array<std::size_t, kSteps> taken{};
+  for_each([&](std::size_t k, const SeatPoints& run, std::size_t i) {
+    if (number[k]++ % (1 + all[k] / kStepSample) != 0 || taken[k] == kStepSample) return;
+    heights[k][taken[k]++] = up * static_cast<double>(run.h[i]) + by_x * static_cast<double>(run.x[i]) +
+                             by_s * static_cast<double>(run.s[i]) + offset_mm;
+  });
+  for (std::size_t k = 0; k < kSteps; ++k) {
+    if (taken[k] < kStepPointsMin) continue;
+    const std::span<double> own(heights[k].data(), taken[k]);
+    profile.height_mm[k] = median_of(own);
+    for (double& h : own) h = std::abs(h - profile.height_mm[k]);
+    profile.sigma_mm[k] = std::max(kMedianSigma * 1.4826 * median_of(own) / std::sqrt(static_cast<double>(taken[k])),
+                                   std::numeric_limits<double>::min());
+  }
+  return profile;
+}
+
+FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, double margin_mm) {
+  const FlatStrip middle = middle_of(edges);
+  const std::size_t lowest = step_of(margin_mm);
+  const std::size_t highest = std::min(step_of(edges.length_mm() - margin_mm) + 1, kSteps);
+  std::size_t first = std::clamp(step_of(middle.from_mm), lowest, highest);
+  std::size_t last = std::clamp(step_of(middle.to_mm), first, highest);
+  // Outwards by turns; what was taken in has a say in the line from then on.
+  bool down = true;
+  bool up = true;
+  while (down || up) {
+    const Line line(profile, first, last);
+    const auto on_line = [&](std::size_t k) {
+      if (!profile.seen(k)) return true;
+      const double own2 = profile.sigma_mm[k] * profile.sigma_mm[k];
+      const double lever = FaceProfile::from_foot_mm(k) - line.middle;
+      // The line itself is known from medians like this one.
+      const double line2 = line.n > 2.0 ? own2 * (1.0 / line.n + lever * lever / line.squares) : own2;
+      return std::abs(line.off(profile, k)) <= kOnLine_mm + kOnLineSigmas * std::sqrt(own2 + line2);
+    };
+    if (down) {
+      down = first > lowest && on_line(first - 1);
+      if (down) --first;
+    }
+    if (up) {
+      up = last < highest && on_line(last);
+      if (up) ++last;
+    }
+  }
+  FlatStrip strip;
+  strip.from_mm = first > lowest ? FaceProfile::kStep_mm * static_cast<double>(first) + kTail_mm : margin_mm;
+  strip.to_mm =
+      last < highest ? FaceProfile::kStep_mm * static_cast<double>(last) - kTail_mm : edges.length_mm() - margin_mm;
+  strip.narrowed = first > lowest || last < highest;
+
+  const std::size_t from = strip.narrowed && first > lowest ? std::min(first + 1, last) : first;
+  const std::size_t to = strip.narrowed && last < highest ? std::max(last - 1, from) : last;
+  const Line line(profile, from, to);
+  if (line.n < 3.0 || !(line.squares > 0.0)) return strip;
+  double squares = 0.0;
+  for (std::size_t k = from; k < to; ++k) {
+    if (!profile.seen(k)) continue;
+    const double off = line.off(profile, k);
+    squares += std::max(off * off - profile.sigma_mm[k] * profile.sigma_mm[k], 0.0);
+  }
+  strip.form_tilt_rad = std::sqrt(kAlikeSteps * squares / (line.n - 2.0) / line.squares);
+  return strip;
+}
+
+SeatPoints points_of_strip(const ListedPoints& points, const FaceEdges& edges, const FlatStrip& strip,
+                           std::span<float> memory) {
+  const double a = edges.s_at(strip.from_mm);
+  const double b = edges.s_at(strip.to_mm);
+  const auto low = static_cast<float>(std::min(a, b));
+  const auto high = static_cast<float>(std::max(a, b));
+  const std::size_t room = memory.size() / 3;
+  const std::size_t every = 1 + points.size() / (room + 1);
+  const std::span<float> x = memory.subspan(0, room);
+  const std::span<float> s = memory.subspan(room, room);
+  const std::span<float> h = memory.subspan(2 * room, room);
+  std::size_t count = 0;
+  std::size_t number = 0;
+  for (const SeatPoints& run : points.runs)
+    for (std::size_t i = 0; i < run.size(); ++i) {
+      if (!(run.s[i] >= low && run.s[i] <= high) || number++ % every != 0 || count == room) continue;
+      x[count] = run.x[i];
+      s[count] = run.s[i];
+      h[count++] = run.h[i];
+    }
+  return {x.first(count), s.first(count), h.first(count)};
+}
+
+}  // namespace slabd::algo

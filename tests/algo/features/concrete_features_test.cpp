@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What a cast surface adds to the features of an ideal one: pits that are bridged, rims under a crust, jaws that begin
+// with a fillet.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <functional>
+#include <vector>
+
+#include "algo/features/casing_rim.h"
+#include "algo/features/closing.h"
+#include "algo/features/flat_strip.h"
+#include "base/prng.h"
+
+namespace slabd::algo {
+namespace {
+
+// ---- the surface that a straightedge feels ------------------------------------------------------------------------
+
+/// The closed heights of a surface over the evaluation region, and their extremes.
+struct Closed {
+  double low = 0.0;
+  double high = 0.0;
+  std::size_t pits = 0;
+};
+Closed closed(const std::function<double(double x, double s)>& surface, double width_mm = 10.0) {
+  const FlatnessRegion region{51.0, 75.0, 1.5, 12};
+  const CellGrid grid(region);
+  std::vector<std::uint32_t> cell;
+  std::vector<double> height;
+  for (std::size_t c = 0; c < grid.cells(); ++c) {
+    // A cell's mean, of 5 x 5 places in it.
+    double mean = 0.0;
+    for (int k = 0; k < 25; ++k)
+      mean += surface(grid.x_of(c) + 0.3 * (k % 5 - 2), grid.s_of(c) + 0.3 * (k / 5 - 2)) / 25.0;
+    cell.push_back(static_cast<std::uint32_t>(c));
+    height.push_back(mean);
+  }
+  std::vector<std::uint32_t> mark(grid.cells());
+  std::vector<std::uint32_t> stack(grid.cells() + 1);
+  std::vector<double> out(cell.size());
+  const Closing closing = close_pits(grid, cell, height, width_mm, 0.05, mark, stack, out);
+  const auto [low, high] = std::minmax_element(out.begin(), out.end());
+  for (std::size_t k = 0; k < out.size(); ++k) EXPECT_GE(out[k], height[k]) << "a closing lowers nothing";
+  return {*low, *high, closing.pits};
+}
+
+std::function<double(double, double)> pit(double diameter_mm, double depth_mm, double x0 = 3.0, double s0 = -8.0) {
+  return [=](double x, double s) { return std::hypot(x - x0, s - s0) < 0.5 * diameter_mm ? -depth_mm : 0.0; };
+}
+
+TEST(Closing, BridgesPoresAndNothingElse) {
+  for (const double diameter_mm : {1.5, 3.0, 5.0, 8.0}) {
+    SCOPED_TRACE(diameter_mm);
+    const Closed pore = closed(pit(diameter_mm, 2.0));
+    EXPECT_EQ(pore.pits, 1U);
+    EXPECT_NEAR(pore.low, 0.0, 1e-6);
+  }
+  EXPECT_NEAR(closed(pit(16.0, 1.2)).low, -1.2, 1e-9) << "wider than what bridges";
+  EXPECT_NEAR(closed(pit(8.0, 1.2), 5.0).low, -1.2, 1e-9) << "wider than a recipe allows";
+  const Closed crack = closed([](double x, double s) { return std::abs(x + 0.3 * s) < 0.9 ? -1.0 : 0.0; });
+  EXPECT_LT(crack.low, -0.7);
+  const Closed bump = closed([](double x, double s) { return std::hypot(x, s) < 2.0 ? 0.8 : 0.0; });
+  EXPECT_NEAR(bump.high, 0.8, 1e-9);
+}
+
+TEST(Closing, LeavesAHollowItsDepth) {
+  // As wide as three of what bridges: the closing alone would take a tenth of its depth.
+  const auto bowl = [](double x, double s) {
+    const double r = std::hypot(x, s);
+    return r < 15.0 ? -0.6 * (1.0 + std::cos(kPi * r / 15.0)) : 0.0;
+  };
+  const Closed hollow = closed(bowl);
+  EXPECT_EQ(hollow.pits, 0U);
+  EXPECT_LT(hollow.low, -1.18);
+  // A pore in a gentle one is bridged at the height of what is around it.
+  const auto gentle = [](double x, double s) { return -0.3 * std::exp(-(x * x + s * s) / 1800.0); };
+  const Closed both = closed([&](double x, double s) { return gentle(x, s) + pit(4.0, 1.5, 2.0, 1.0)(x, s); });
+  EXPECT_EQ(both.pits, 1U);
+  EXPECT_NEAR(both.low, -0.3, 0.01);
+}
+
+TEST(Closing, BridgesAPoreThatTheBorderCuts) {
+  EXPECT_NEAR(closed(pit(5.0, 2.0, 50.0, 10.0)).low, 0.0, 0.02);
+}
+
+// ---- the height of a rim
+// ---------------------------------------------------------------------------------------------
+
+/// Points of a rim, `over(angle, radius)` above the plane at -0.25 mm.
+std::vector<RimPoint> rim(
+    const std::function<double(double angle, double radius)>& over, double noise_mm,
+    const std::function<bool(double angle)>& seen = [](double) { return true; }) {
+  Prng prng(5);
+  std::vector<RimPoint> points;
+  for (double x = -20.25; x < 20.25; x += 0.3)
+    for (double y = -20.25; y < 20.25; y += 0.3) {
+      const double r = std::hypot(x, y);
+      const double angle = std::atan2(y, x);
+      if (r < 16.75 || r >= 20.25 || !seen(angle)) continue;
+      points.push_back({static_cast<float>(x), static_cast<float>(y),
+                        static_cast<float>(-0.25 + over(angle, r) + noise_mm * prng.normal())});
+    }
+  return points;
+}
+
+TEST(RimHeight, IsThatOfThePlaneAtTheAxis) {
+  const RimHeight level = rim_height(rim([](double, double) { return 0.0; }, 0.03));
+  ASSERT_TRUE(level.ok);
+  EXPECT_NEAR(level.height_mm, -0.25, 3.0 * level.sigma_mm);
+  EXPECT_LT(level.sigma_mm, 0.002);
+  EXPECT_EQ(level.share_on, 1.0);
+  // Tilted, and seen from one side only: the mean of what was seen is none of the axis.
+  const auto tilted = [](double angle, double r) { return 0.15 / 22.0 * r * std::cos(angle); };
+  const RimHeight half = rim_height(rim(tilted, 0.02, [](double angle) { return std::abs(angle) < 1.9; }));
+  ASSERT_TRUE(half.ok);
+  EXPECT_NEAR(half.height_mm, -0.25, 3.0 * half.sigma_mm);
+  EXPECT_NEAR(half.tilt, 0.15 / 22.0, 1e-3);
+}
+
+TEST(RimHeight, DoesNotCountWhatLiesOnTheRim) {
+  for (const double crust_mm : {0.1, 0.2, 0.35}) {
+    SCOPED_TRACE(crust_mm);
+    const auto slurry = [&](double angle, double) { return std::abs(angle - 0.4) < 0.9 ? crust_mm : 0.0; };
+    const RimHeight r = rim_height(rim(slurry, 0.02));
+    ASSERT_TRUE(r.ok);
+    EXPECT_NEAR(r.height_mm, -0.25, 2.0 * r.sigma_mm);
+    EXPECT_LT(r.sigma_mm, 0.03);
+    EXPECT_LT(r.share_on, 0.8);
+    EXPECT_EQ(r.crust_mm > 0.0, crust_mm > 0.31) << "only what stands over the seat is a crust";
+  }
+  const RimHeight half = rim_height(rim([](double angle, double) { return std::abs(angle) < 1.6 ? 0.2 : 0.0; }, 0.02));
+  EXPECT_LT(half.share_on, 0.6) << "which half is the rim cannot be told";
+  const RimHeight broken =
+      rim_height(rim([](double angle, double) { return std::abs(angle) < 0.5 ? -0.4 : 0.0; }, 0.02));
+  EXPECT_GT(broken.share_below, 0.1);
+  const RimHeight proud =
+      rim_height(rim([](double angle, double) { return std::abs(angle) < 0.8 ? 0.40 : 0.0; }, 0.02));
+  EXPECT_NEAR(proud.crust_mm, 0.15, 0.02);
+}
+
+// ---- where a jaw is flat
+// -----------------------------------------------------------------------------------------------
+
+/// Points of a face 26 mm high and 200 mm long, margins of 2 mm taken off; `over(from_foot)` above its plane.
+struct JawPoints {
+  std::vector<float> x, s, h;
+  SeatPoints run;
+  ListedPoints list;
+  FaceEdges edges{-13.0, 13.0};
+
+  JawPoints(const std::function<double(double)>& over, double noise_mm, double lean = 0.0) {
+    Prng prng(3);
+    for (double along = -100.0; along < 100.0; along += 0.4)
+      for (double up = 2.0; up < 24.0; up += 0.7) {
+        x.push_back(static_cast<float>(along));
+        s.push_back(static_cast<float>(up - 13.0));
+        h.push_back(static_cast<float>(over(up) + lean * up + noise_mm * prng.normal()));
+      }
+    run = {x, s, h};
+    list.runs = std::span(&run, 1);
+    list.count = x.size();
+  }
+  [[nodiscard]] FlatStrip strip() const {
+    return find_flat_strip(profile_of(list, {Vec3::UnitZ(), 0.0}, edges), edges, 2.0);
+  }
+};
+/// Of a fillet of this radius in a corner of 110 degrees.
+double fillet_mm(double radius_mm, double from_foot_mm) {
+  const double into = radius_mm / std::tan(rad_from_deg(55.0)) - from_foot_mm;
+  return into > 0.0 ? radius_mm - std::sqrt(radius_mm * radius_mm - into * into) : 0.0;
+}
+
+TEST(FlatStrip, IsTheWholeFaceOfASharpOne) {
+  for (const double noise_mm : {0.005, 0.03, 0.06}) {
+    const FlatStrip strip = JawPoints([](double) { return 0.0; }, noise_mm, 0.01).strip();
+    EXPECT_FALSE(strip.narrowed) << noise_mm;
+    EXPECT_EQ(strip.from_mm, 2.0);
+    EXPECT_EQ(strip.to_mm, 24.0);
+    EXPECT_LT(strip.form_tilt_rad, 5e-4);
+  }
+}
+
+TEST(FlatStrip, LeavesOutFilletsOfEveryRadius) {
+  for (const double radius_mm : {4.0, 6.0, 8.0, 10.0}) {
+    SCOPED_TRACE(radius_mm);
+    const FlatStrip strip = JawPoints([&](double u) { return fillet_mm(radius_mm, u); }, 0.02, -0.01).strip();
+    EXPECT_TRUE(strip.narrowed);
+    EXPECT_LT(fillet_mm(radius_mm, strip.from_mm), 0.012) << "from " << strip.from_mm;
+    EXPECT_LT(strip.from_mm, 0.71 * radius_mm + 2.0) << "no more than is bent";
+    EXPECT_EQ(strip.to_mm, 24.0);
+  }
+}
+
+TEST(FlatStrip, LeavesOutWhatLightAddsInTheCorner) {
+  for (const double at_corner_mm : {0.1, 0.2, 0.3}) {
+    SCOPED_TRACE(at_corner_mm);
+    const auto light = [&](double u) { return at_corner_mm * std::exp(-0.5 * u); };
+    const FlatStrip strip = JawPoints(light, 0.02).strip();
+    EXPECT_TRUE(strip.narrowed);
+    EXPECT_LT(light(strip.from_mm), 0.012) << "from " << strip.from_mm;
+  }
+}
+
+TEST(FlatStrip, SaysHowFarAWavyFaceLeavesItsTiltOpen) {
+  const FlatStrip wavy = JawPoints([](double u) { return 0.004 * std::sin(u); }, 0.005).strip();
+  EXPECT_GT(wavy.form_tilt_rad, 1e-4);
+  EXPECT_LT(wavy.form_tilt_rad, 1e-3);
+}
+
+}  // namespace
+}  // namespace slabd::algo
