@@ -141,7 +141,7 @@ inline constexpr std::size_t kWorkspaceBytes =
 /// What the inspection path holds for ever, every byte of it resident from the start.
 inline constexpr std::size_t kInspectionBytes = kScanSlots * kScanSlotBytes + kWorkspaceBytes;
 /// What the process adds: code, stacks, SQLite's cache and statements, the station and its queues.
-inline constexpr std::size_t kProcessBytes = 20'000'000;
+inline constexpr std::size_t kProcessBytes = 20'500'000;
 static_assert(kScanSlotBytes + kWorkspaceBytes + kProcessBytes <= kScanSizes * 160'000'000,
               "one scan in flight must fit an industrial PC beside its other work");
 static_assert(kScanSlotBytes <= kScanSizes * 72'000'000, "and so must every further one");
