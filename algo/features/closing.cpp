@@ -122,8 +122,7 @@ Closing close_pits(const CellGrid& grid, std::span<const std::uint32_t> cell, st
   // Groups lose their marks when they are found; who is sunk is asked of the heights.
   const auto sunk = [&](std::size_t i) { return static_cast<double>(c[i] - f[i]) > least_mm; };
   for_each_group(grid, kLow, mark, stack, [&](std::span<const std::uint32_t> group) {
-    const double width = width_of(grid, group);
-    if (width > width_mm) return;
+    if (width_of(grid, group) > width_mm) return;
     RingFit ring;
     std::size_t low_column = grid.columns, high_column = 0, low_row = grid.rows, high_row = 0;
     for (const std::uint32_t i : group) {
@@ -174,8 +173,6 @@ Closing close_pits(const CellGrid& grid, std::span<const std::uint32_t> cell, st
     }
     if (below_ring < kPitShare * below_closing) return;
     ++result.pits;
-    result.deepest_mm = std::max(result.deepest_mm, below_ring);
-    result.widest_mm = std::max(result.widest_mm, width);
     for (const std::uint32_t i : group) {
       const double over = mean + ring.at(grid.x_of(i), grid.s_of(i));
       double& to = closed[number[i]];

@@ -15,9 +15,7 @@
 namespace slabd::algo {
 
 struct Closing {
-  std::size_t pits = 0;     ///< bridged
-  double deepest_mm = 0.0;  ///< ... of them, below the surface around it, as cells see it
-  double widest_mm = 0.0;
+  std::size_t pits = 0;  ///< bridged
 };
 
 /// `cell` and `height` (mm above the fitted seat): the cells that have one, in ascending order. Writes to `closed` what

@@ -36,12 +36,9 @@ JawFit measure_jaw(const JawTask& task) {
   const bool all_of_it = jaw.plane.ok;
   // A plane that a large fillet has bent, or that was refused for it, says nothing of what is flat.
   if (const PlaneFit middle = all_of_it ? jaw.plane : fit_strip(middle_of(task.edges)); middle.ok || all_of_it) {
-    jaw.profile = profile_of(task.points, {middle.normal, middle.offset_mm}, task.edges);
-    jaw.strip = find_flat_strip(jaw.profile, task.edges, task.margin_mm);
-    if (jaw.strip.narrowed) {
-      jaw.plane = fit_strip(jaw.strip);
-      if (jaw.plane.ok) jaw.profile = profile_of(task.points, {jaw.plane.normal, jaw.plane.offset_mm}, task.edges);
-    }
+    const FaceProfile profile = profile_of(task.points, {middle.normal, middle.offset_mm}, task.edges);
+    jaw.strip = find_flat_strip(profile, task.edges, task.margin_mm);
+    if (jaw.strip.narrowed) jaw.plane = fit_strip(jaw.strip);
   }
   const std::size_t offered = jaw.strip.narrowed ? kept.size() : task.points.size();
   if (jaw.plane.ok && share_by_area(start, jaw.plane, task.points.frame, task.raster, task.off, offered) <

@@ -29,7 +29,6 @@ struct JawTask {
 struct JawFit {
   PlaneFit plane;
   FlatStrip strip;
-  FaceProfile profile;  ///< over `plane`, foot to top, fillets included
 };
 
 /// The plane of a jaw's flat strip. Where all of it is flat to the margins it is the plane of all of its points, to the
