@@ -10,7 +10,6 @@
 #include <cstring>
 #include <utility>
 
-
 namespace slabd::simulate {
 
 Result<RsiSender> RsiSender::open(const std::string& to, double faults, std::uint64_t seed) {

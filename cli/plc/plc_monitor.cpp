@@ -322,8 +322,8 @@ void add_plc_monitor(args::Command& plc, int& exit_status) {
       "fault\n"
       "504, and is asked all the same).\nExample: slabctl plc monitor --once");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
-  args::Option connect = command->add_option("--connect", options->connect,
-                                      "ADDRESS:PORT of another slabd than the configured; needs no configuration here");
+  args::Option connect = command->add_option(
+      "--connect", options->connect, "ADDRESS:PORT of another slabd than the configured; needs no configuration here");
   command->add_option("--socket", options->socket, "Ask this control socket instead of Modbus")->excludes(connect);
   command->add_flag("--once", options->once, "Print once and end (always so when not on a terminal)");
   command->add_flag("--json", options->as_json, "slabd.plc_monitor/1; without --once one object a line");

@@ -316,7 +316,50 @@ void report(const std::vector<Case>& cases, const Kind& kind, const StudyOptions
       }
       fmt::print(" form {:.3f} raw {:.3f} {}\n", one.scan.truth.flatness_form_mm, one.scan.truth.flatness_raw_mm,
                  one.trouble);
+      for (const SurfaceFinding& f : one.result.findings)
+        if (f.kind != FindingKind::pit || f.area_mm2 > 30.0)
+          fmt::print("    {} on {} at ({:.1f}, {:.1f}): {:.1f} x {:.1f} mm, {:.2f} deep, {:.1f} mm2\n",
+                     slabd::name(f.kind), slabd::name(f.face), f.x_mm, f.s_mm, f.length_mm, f.width_mm, f.depth_mm,
+                     f.area_mm2);
     }
+  std::fflush(stdout);
+}
+
+constexpr std::string_view kMarkdownHead =
+    "| Scans | Pass | Indet. | Fail | None | Slope | Flatness | Jaw angles | Jaw distance | Spacing | Protrusions | "
+    "Not "
+    "passed because of |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n";
+
+/// A row of the table in docs/MEASURING.md: verdicts, then for each kind of item the share that U covers and the mean
+/// U, both of the worse one where there are two.
+void print_markdown_row(const std::vector<Case>& cases, const Kind& kind) {
+  const Verdicts v = verdicts_of(cases);
+  fmt::print("| {} | {} | {} | {} | {} |", kind.name, v.pass, v.indeterminate, v.fail, v.not_measured);
+  constexpr std::array<std::array<ItemId, 2>, 6> kColumns = {
+      {{ItemId::seat_slope, ItemId::seat_slope},
+       {ItemId::seat_flatness, ItemId::seat_flatness},
+       {ItemId::jaw_angle_inner, ItemId::jaw_angle_outer},
+       {ItemId::jaw_distance, ItemId::jaw_distance},
+       {ItemId::casing_spacing, ItemId::casing_spacing},
+       {ItemId::casing_protrusion_inner, ItemId::casing_protrusion_outer}}};
+  for (const auto& [one, other] : kColumns) {
+    std::size_t measured = 0;
+    double covered = 100.0;
+    double U = 0.0;
+    for (const Figures& f : {figures_of(cases, one), figures_of(cases, other)}) {
+      if (f.error.empty()) continue;
+      measured = std::max(measured, f.error.size());
+      covered = std::min(covered, f.covered_percent());
+      U = std::max(U, mean(f.U));
+    }
+    fmt::print("{}", measured == 0 ? std::string(" - |") : fmt::format(" {:.0f} %, {:.2g} |", covered, U));
+  }
+  std::string why = blame_text(v);
+  for (const ConcreteDefect& defect : kind.defects) {
+    const Noticed n = noticed(cases, defect);
+    why += fmt::format("{}{} of {} pointed at", why.empty() ? "" : "; ", n.named, cases.size());
+  }
+  fmt::print(" {} |\n", why);
   std::fflush(stdout);
 }
 
@@ -330,6 +373,10 @@ void report_line(const std::vector<Case>& cases, const Kind& kind, const StudyOp
       table.tell(kind.name + ": passed", n.missed, "");
       table.tell(kind.name + ": pointed at", n.named, "");
     }
+    return;
+  }
+  if (options.real.markdown) {
+    print_markdown_row(cases, kind);
     return;
   }
   fmt::print("  {:16} {:2}/{:2}/{:2}/{:2}", kind.name, v.pass, v.indeterminate, v.fail, v.not_measured);
@@ -390,7 +437,9 @@ bool real_study(const StudyOptions& options, Table& table) {
     return true;
   }
   const int scans = options.cases(6, 2);
-  if (!options.as_json) {
+  if (options.real.markdown) {
+    fmt::print("{}", kMarkdownHead);
+  } else if (!options.as_json) {
     fmt::print("  {:16} {:11}", "pass/ind./fail", "/not meas.");
     for (const ItemId id : kItems) fmt::print(" {:19.19}", info(id).name);
     fmt::print("\n  {:28}", "");

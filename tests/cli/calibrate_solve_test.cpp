@@ -154,9 +154,9 @@ TEST_F(CalibrateSolve, causes_are_named_with_a_cure_that_fits_the_files) {
   EXPECT_EQ(scale["status"], "refused");
   EXPECT_NEAR(scale["lambda"].get<double>(), 1.0 / 1.015, 0.002);
   EXPECT_GT(scale["lambda_sigma"].get<double>(), 0.0);
-  EXPECT_TRUE(std::any_of(scale["reasons"].begin(), scale["reasons"].end(),
-                          [](const json& r) { return r["code"] == "scale"; }))
-      << scale["reasons"];
+  EXPECT_TRUE(std::any_of(scale["reasons"].begin(), scale["reasons"].end(), [](const json& r) {
+    return r["code"] == "scale";
+  })) << scale["reasons"];
 
   // The file declares T_flange_base and holds T_base_flange.
   PoseFormat inverse;
