@@ -60,6 +60,9 @@ struct PlaneSettings {
   double threshold_mm = 0.0;       ///< inlier distance; 0 = three robust standard deviations of the best hypothesis
   double inlier_share_min = 0.0;   ///< below it `ok` is false
   PlaneSupport support{};          ///< below it `ok` is false
+  /// Of a face whose direction alone is used: this much tilt may hang on where the threshold cuts, as it does on a face
+  /// that undulates.
+  double bend_max_rad = 0.0;
   std::uint64_t seed = 1;
   int refits_max = 20;
 };

@@ -299,25 +299,29 @@ Status BlockInspector::extract(const Cloud& cloud) {
   };
   SeatFeature& seat = result.seat;
   const FaceExtents& extents = w.extents;
+  // Of the slab top only the direction is used, and cast tops undulate by tenths.
+  PlaneSettings of_top = settings_of(extents.top, ItemId::seat_slope, 5);
+  constexpr double kTopBendShare = 1.0 / 3.0;
+  if (const double U_deg = w.recipe.tolerance(ItemId::seat_slope).U; has_value(U_deg))
+    of_top.bend_max_rad = kTopBendShare * rad_from_deg(U_deg);
   const Pose T_block_scanner = result.registration.T_scanner_block.inverse();
   const Survey& survey = w.survey;
   // A recipe from before the items of pores and damage keeps its search, and what it comes to.
   const bool has_surface_items =
       w.recipe.tolerance(ItemId::surface_pores).given || w.recipe.tolerance(ItemId::block_damage).given;
-  survey_scan(
-      cloud,
-      {w.model,
-       w.survey_table,
-       evaluation,
-       T_block_scanner,
-       {settings_of(extents.full_seat, ItemId::seat_slope, 2), settings_of(extents.top, ItemId::seat_slope, 5)}},
-      {w.pool,
-       w.survey_blocks,
-       w.survey_runs,
-       {MapSums{w.map_sum[0], w.map_count[0]}, MapSums{w.map_sum[1], w.map_count[1]}},
-       w.plane_start,
-       has_surface_items ? w.raster : std::array<std::span<SurfaceCell>, 2>{}},
-      w.team, w.survey);
+  survey_scan(cloud,
+              {w.model,
+               w.survey_table,
+               evaluation,
+               T_block_scanner,
+               {settings_of(extents.full_seat, ItemId::seat_slope, 2), of_top}},
+              {w.pool,
+               w.survey_blocks,
+               w.survey_runs,
+               {MapSums{w.map_sum[0], w.map_count[0]}, MapSums{w.map_sum[1], w.map_count[1]}},
+               w.plane_start,
+               has_surface_items ? w.raster : std::array<std::span<SurfaceCell>, 2>{}},
+              w.team, w.survey);
   w.has_map = true;
   result.registration.deviation = survey.deviation;
   if (survey.overflown)

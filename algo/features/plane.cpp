@@ -156,7 +156,7 @@ PlaneFit finish_fit(const Points& points, const PlaneSettings& settings, const P
     if (start.doubtful) return PlaneDoubt::second_surface;
     if (fit.inlier_fraction < settings.inlier_share_min) return PlaneDoubt::share;
     if (!rests_on_enough(settings.support, fit, spread)) return PlaneDoubt::support;
-    if (bends_with_threshold(start.sample, plane, threshold)) return PlaneDoubt::bends;
+    if (bends_with_threshold(start.sample, plane, threshold, settings.bend_max_rad)) return PlaneDoubt::bends;
     if (has_rival(start.sample, start.search, plane, threshold)) return PlaneDoubt::rival;
     return PlaneDoubt::none;
   }();

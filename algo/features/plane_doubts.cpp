@@ -142,12 +142,13 @@ bool has_rival(const PlaneSample& sample, const PlaneSearch& search, const FlatP
          static_cast<double>(count_within(points, rival, threshold)) >= kRivalShare * own;
 }
 
-bool bends_with_threshold(const PlaneSample& sample, const FlatPlane& plane, double threshold) {
+bool bends_with_threshold(const PlaneSample& sample, const FlatPlane& plane, double threshold, double tilt_max_rad) {
   const SamplePoints points = sample.all();
   FlatPlane narrow = plane;
   polish(points, plane.n, threshold, narrow);
   FlatPlane wide = plane;
   polish(points, plane.n, kWider * threshold, wide);
+  if ((wide.n - narrow.n).norm() <= tilt_max_rad && tilt_max_rad > 0.0) return false;
   ScalarMoments moves(0.0);
   ScalarMoments squares(0.0);
   for (std::size_t i = 0; i < points.size(); ++i) {

@@ -94,6 +94,26 @@ class EdgeLine {
     }
   }
   [[nodiscard]] float value(std::size_t k) const { return value_[k]; }
+  /// What the edge is like 9 to 15 mm from the corner in which it ends near `k`: wear changes an edge over 30 mm and
+  /// more, and what is broken out of a corner reaches less far along it.
+  [[nodiscard]] Strip near_corner(std::size_t k, double lowest) const {
+    constexpr std::size_t kFirst = 7, kCount = 5;
+    const bool goes_up = k < length_ / 2;
+    std::size_t corner = k;
+    while (corner > 0 && corner + 1 < length_ && there_[goes_up ? corner - 1 : corner + 1])
+      corner = goes_up ? corner - 1 : corner + 1;
+    std::array<float, kCount> seen;
+    std::size_t count = 0;
+    for (std::size_t i = kFirst; i < kFirst + kCount; ++i) {
+      if (!goes_up && corner < i) break;
+      const std::size_t cell = goes_up ? corner + i : corner - i;
+      if (cell < length_ && !std::isnan(value_[cell])) seen[count++] = value_[cell];
+    }
+    if (2 * count <= kCount) return at(k);
+    const auto middle = seen.begin() + static_cast<std::ptrdiff_t>(count / 2);
+    std::nth_element(seen.begin(), middle, seen.begin() + static_cast<std::ptrdiff_t>(count));
+    return {true, std::clamp(static_cast<double>(*middle), lowest, kRaised_mm)};
+  }
   [[nodiscard]] Strip at(std::size_t k) const {
     const std::size_t knot = std::min(k / kKnot, knots_ - 1);
     const Strip& here = knot_[knot];
@@ -188,11 +208,14 @@ class Edge {
     }
     for (std::size_t k = 0; k < length; ++k) set_chamfer(k, k > 0 && there(k) != there(k - 1));
   }
-  [[nodiscard]] Strip at(std::size_t k, double distance) const {
+  [[nodiscard]] Strip at(std::size_t k, double distance, bool in_corner) const {
     const double place = std::clamp(distance / kSurfaceCell_mm - 0.5, 0.0, static_cast<double>(kLines - 1));
     const std::size_t line = std::min(static_cast<std::size_t>(place), kLines - 2);
-    const Strip low = lines_[line].at(k);
-    const Strip high = lines_[line + 1].at(k);
+    const auto on = [&](std::size_t which) {
+      return in_corner ? lines_[which].near_corner(k, -deepest_chamfer_mm(from_edge_mm(which))) : lines_[which].at(k);
+    };
+    const Strip low = on(line);
+    const Strip high = on(line + 1);
     if (!low.known || !high.known) return {};
     const double part = place - static_cast<double>(line);
     return {true, low.expected_mm + part * (high.expected_mm - low.expected_mm)};
@@ -302,8 +325,8 @@ void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field)
     const Edge& end = ends[high_x(i)];
     const Edge& side = sides[high_y(i)];
     constexpr Strip kNothing{true, 0.0};
-    const Strip by_end = at_end ? end.at(row, from_end) : kNothing;
-    const Strip by_side = at_side ? side.at(column, from_side) : kNothing;
+    const Strip by_end = at_end ? end.at(row, from_end, at_side) : kNothing;
+    const Strip by_side = at_side ? side.at(column, from_side, at_end) : kNothing;
     const Strip by_row = inner ? rows[row] : kNothing;
     if (!by_end.known || !by_side.known || !by_row.known) {
       field.zone[i] = SurfaceZone::none;

@@ -68,11 +68,18 @@ constexpr double kBump_mm2 = 20.0;                         ///< a burr of 4 mm h
 constexpr double kChipDepth_mm = 3.2;
 constexpr double kChipExtent_mm = 4.0;
 constexpr double kChip_mm2 = 8.0;
-/// In a corner much of what was broken is too steep to return points.
-constexpr std::size_t kCornerCells = 5;
-constexpr double kCornerExtent_mm = 5.4;
+/// A long one is deeper than worn chamfers are off (120 good blocks: at most 1.2 mm and 19 mm^3; the smallest chips of
+/// 10 mm at a seat's end: 1.5 mm, 28 mm^3).
 constexpr double kLongChip_mm = 6.5;
-constexpr double kLongChip_mm2 = 13.0;
+constexpr double kLongChipDepth_mm = 1.35;
+constexpr double kLongChip_mm3 = 23.0;
+/// In a corner two chamfers meet (good ones are up to 1.9 mm off), and much of what was broken is too steep to return
+/// points (of a good one, up to nine cells).
+constexpr double kCornerDepth_mm = 2.0;
+constexpr double kCorner_mm2 = 10.0;
+constexpr std::size_t kCornerCells = 5;
+constexpr std::size_t kCornerEmpty = 10;
+constexpr double kCornerExtent_mm = 5.4;
 constexpr std::size_t kChipCells = 3;
 constexpr double kCrackLength_mm = 25.0;
 constexpr double kCrackWidth_mm = 3.0;
@@ -193,8 +200,12 @@ bool name_low(const Place& place, double pore_max_mm, FoundSurface& found) {
   const double area = place.area_mm2();
   const std::size_t low = place.cells() - place.empty();
   const bool deep = place.furthest_mm() >= kChipDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kChip_mm2;
-  const bool wide = found.extent_mm >= kLongChip_mm && area >= kLongChip_mm2;
-  const bool corner = place.at_corner() >= kCornerCells && found.extent_mm >= kCornerExtent_mm && area >= kChip_mm2;
+  const bool wide = found.extent_mm >= kLongChip_mm && place.furthest_mm() >= kLongChipDepth_mm &&
+                    place.volume_mm3() >= kLongChip_mm3;
+  const bool corner =
+      place.at_corner() >= kCornerCells &&
+      ((place.furthest_mm() >= kCornerDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kCorner_mm2) ||
+       (place.empty() >= kCornerEmpty && found.extent_mm >= kCornerExtent_mm));
   if (corner || (place.at_edge() >= kChipCells && (deep || wide))) {
     f.kind = FindingKind::chip;
     return true;
