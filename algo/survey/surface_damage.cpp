@@ -112,8 +112,11 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
     for (const CrackPath& path : paths) add_crack(model, table, path, field, found);
   group_cells(model, table, field, pore_max_mm, marks, stack, found);
 
-  result.pores = {found.pore_count, found.pore_largest_mm, found.pore_deepest_mm,
-                  found.seen_mm2 > 0.0 ? found.pore_area_mm2 / found.seen_mm2 : kNoValue};
+  result.pores = {found.pore_count,
+                  found.pore_largest_mm,
+                  found.pore_deepest_mm,
+                  found.seen_mm2 > 0.0 ? found.pore_area_mm2 / found.seen_mm2 : kNoValue,
+                  {}};
   for (const FoundSurface& one : found.damage) (void)result.findings.push(one.finding);
   for (const FoundSurface& one : found.pores) (void)result.findings.push(one.finding);
   if (pores != nullptr) {
