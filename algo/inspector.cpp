@@ -175,6 +175,14 @@ double seat_density(const SeatFeature& seat, const EvaluationSettings& evaluatio
   return static_cast<double>(seat.plane.inliers) / area_mm2;
 }
 
+void set_edge_nominals(const EdgeNominals& nominals, BlockResult& result) {
+  for (EdgeFeature& edge : result.edges) {
+    const bool of_seat = edge.face == EdgeFace::seat;
+    const double radius_mm = of_seat ? nominals.fillet_seat_mm : nominals.fillet_shoulder_mm;
+    edge.nominal_mm = has_value(edge.radius_mm) ? radius_mm : nominals.chamfer_mm;
+  }
+}
+
 /// A scan that never came as far as the registration has none; `note` says why.
 void refuse_registration(RegistrationReport& report, std::string_view note) {
   report.status = RegistrationStatus::rejected;
@@ -416,6 +424,8 @@ Status BlockInspector::extract(const Cloud& cloud) {
   static_assert(kFindingFloats <= kSampleFloats);
   if (has_surface_items) {
     find_pores_and_damage(w.model, w.surface_table, w.raster[0], deviation_map(), w.raster_rest, w.team, result);
+    result.pores.limits = w.recipe.pores;
+    set_edge_nominals(w.recipe.edges, result);
     return success();
   }
   find_surface_damage(cloud, w.model, T_block_scanner,

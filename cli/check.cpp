@@ -57,6 +57,9 @@ std::string recipe_json(const Recipe& recipe) {
     json.field("value", shown(n)).field("confirmed", n.nominal.confirmed).end_object();
   }
   json.end_object();
+  json.key("edges").begin_object().field("fillet_seat_mm", recipe.edges.fillet_seat_mm);
+  json.field("fillet_shoulder_mm", recipe.edges.fillet_shoulder_mm).field("chamfer_mm", recipe.edges.chamfer_mm);
+  json.end_object();
   json.key("items").begin_array();
   for (const Item& item : tolerances_of(recipe)) {
     const Tolerance& t = recipe.tolerance(item.id);

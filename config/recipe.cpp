@@ -116,6 +116,15 @@ void read_evaluation(TableReader table, EvaluationSettings& out) {
   table.finish();
 }
 
+/// Only shown, hence without `confirmed`.
+void read_edges(TableReader table, EdgeNominals& out) {
+  constexpr Allowed kAllowed_mm{2.0, 12.0};
+  table.optional_number("fillet_seat_mm", out.fillet_seat_mm, kAllowed_mm);
+  table.optional_number("fillet_shoulder_mm", out.fillet_shoulder_mm, kAllowed_mm);
+  table.optional_number("chamfer_mm", out.chamfer_mm, kAllowed_mm);
+  table.finish();
+}
+
 /// What the measuring system is assumed to be. Without the table no budget is computed and items keep their own U.
 void read_uncertainty(TableReader table, UncertaintySettings& out) {
   out.given = table.present();
@@ -351,6 +360,7 @@ void parse_recipe(const std::string& path, const std::string& bytes, Recipe& rec
   read_slab(root.table("slab"), recipe.slab);
   read_block(root.table("block"), recipe.block);
   read_evaluation(root.table("evaluation"), recipe.evaluation);
+  read_edges(root.table("edges"), recipe.edges);
   read_uncertainty(root.table("uncertainty"), recipe.uncertainty);
   read_items(root.table("items"), recipe);
   // Relations between numbers mean something only when every number is there.

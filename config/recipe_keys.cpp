@@ -142,6 +142,9 @@ std::vector<RecipeKey> keys_of(const Recipe& recipe) {
   for (const NamedNominal& n : geometry_of(recipe))
     keys.add(n, std::string_view(n.name).starts_with("slab.") ? KeyEffect::slab : KeyEffect::measured);
   add_evaluation(keys, recipe.evaluation);
+  keys.add("edges.fillet_seat_mm", recipe.edges.fillet_seat_mm, KeyEffect::none);
+  keys.add("edges.fillet_shoulder_mm", recipe.edges.fillet_shoulder_mm, KeyEffect::none);
+  keys.add("edges.chamfer_mm", recipe.edges.chamfer_mm, KeyEffect::none);
   keys.add("uncertainty", recipe.uncertainty.given ? std::string_view("given") : "-", KeyEffect::measured);
   const std::vector<NamedNominal> given = uncertainty_of(recipe);
   for (std::size_t i = 0; i < std::size(kUncertaintyNames); ++i)

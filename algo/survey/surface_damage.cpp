@@ -79,6 +79,7 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
                            const DeviationMap& map, std::span<float> memory, Team& team, BlockResult& result) {
   result.findings.clear();
   result.pores = {};
+  result.edges.clear();
   if (!result.seat.plane.ok) return;
   static_assert(4 * kCells + kCells + kCells / 2 + kCrackBytes / 2 <= kSurfaceFloats);
   float* next = memory.data();
@@ -99,6 +100,7 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
                                                             std::as_writable_bytes(floats(kCrackBytes / 4))};
 
   compare_with_expected(model, table, cells, result, team, field);
+  result.edges = field.edges;
   leave_out_beyond_view(table, map, field);
   std::array<CrackPaths, 2> cracks;
   team.run(2, [&](std::size_t i) { find_cracks(field, i == 0, crack_memory[i], cracks[i]); });

@@ -238,6 +238,8 @@ TEST(SurfaceDamage, is_the_same_on_two_threads_and_every_instruction_set) {
     std::vector<double> numbers = {r.pores.largest_mm, r.pores.deepest_mm, r.pores.share};
     for (const SurfaceFinding& f : r.findings)
       numbers.insert(numbers.end(), {f.x_mm, f.s_mm, f.length_mm, f.width_mm, f.depth_mm, f.area_mm2, f.volume_mm3});
+    for (const EdgeFeature& edge : r.edges)
+      numbers.insert(numbers.end(), {edge.radius_mm, edge.chamfer_mm, static_cast<double>(edge.n)});
     if (first.empty()) first = numbers;
     ASSERT_EQ(numbers.size(), first.size());
     for (std::size_t i = 0; i < numbers.size(); ++i)
