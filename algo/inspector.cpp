@@ -437,7 +437,10 @@ Status BlockInspector::extract(const Cloud& cloud) {
 void BlockInspector::judge(Code code) {
   BlockResult& result = work_->result;
   for (Item& item : result.items)
-    item.verdict = code == Code::ok ? slabd::judge(item, work_->recipe.guard) : Verdict::not_measured;
+    item.verdict = code != Code::ok ? Verdict::not_measured
+                   : item.id == ItemId::surface_pores
+                       ? with_pore_limits(slabd::judge(item, work_->recipe.guard), result.pores)
+                       : slabd::judge(item, work_->recipe.guard);
   result.verdict = code == Code::ok ? with_findings(combine(result.items.begin(), result.items.end()), result)
                                     : Verdict::not_measured;
   result.reason = reason_with_findings(result.verdict, result.items.begin(), result.items.end(), code, result);

@@ -150,6 +150,8 @@ std::vector<RecipeKey> keys_of(const Recipe& recipe) {
   for (std::size_t i = 0; i < std::size(kUncertaintyNames); ++i)
     keys.add(given.empty() ? NamedNominal{kUncertaintyNames[i], {}} : given[i], KeyEffect::measured);
   for (std::size_t i = 0; i < kItemCount; ++i) add_item(keys, recipe, static_cast<ItemId>(i));
+  keys.add("items.surface_pores.depth_max_mm", recipe.pores.depth_max_mm, KeyEffect::verdict);
+  keys.add("items.surface_pores.share_max", recipe.pores.share_max, KeyEffect::verdict);
   return keys.take();
 }
 
