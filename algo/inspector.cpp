@@ -175,6 +175,14 @@ double seat_density(const SeatFeature& seat, const EvaluationSettings& evaluatio
   return static_cast<double>(seat.plane.inliers) / area_mm2;
 }
 
+void set_edge_nominals(const EdgeNominals& nominals, BlockResult& result) {
+  for (EdgeFeature& edge : result.edges) {
+    const bool of_seat = edge.face == EdgeFace::seat;
+    const double radius_mm = of_seat ? nominals.fillet_seat_mm : nominals.fillet_shoulder_mm;
+    edge.nominal_mm = has_value(edge.radius_mm) ? radius_mm : nominals.chamfer_mm;
+  }
+}
+
 /// A scan that never came as far as the registration has none; `note` says why.
 void refuse_registration(RegistrationReport& report, std::string_view note) {
   report.status = RegistrationStatus::rejected;
@@ -420,6 +428,8 @@ Status BlockInspector::extract(const Cloud& cloud) {
   static_assert(kFindingFloats <= kSampleFloats);
   if (has_surface_items) {
     find_pores_and_damage(w.model, w.surface_table, w.raster[0], deviation_map(), w.raster_rest, w.team, result);
+    result.pores.limits = w.recipe.pores;
+    set_edge_nominals(w.recipe.edges, result);
     return success();
   }
   find_surface_damage(cloud, w.model, T_block_scanner,
@@ -431,7 +441,10 @@ Status BlockInspector::extract(const Cloud& cloud) {
 void BlockInspector::judge(Code code) {
   BlockResult& result = work_->result;
   for (Item& item : result.items)
-    item.verdict = code == Code::ok ? slabd::judge(item, work_->recipe.guard) : Verdict::not_measured;
+    item.verdict = code != Code::ok ? Verdict::not_measured
+                   : item.id == ItemId::surface_pores
+                       ? with_pore_limits(slabd::judge(item, work_->recipe.guard), result.pores)
+                       : slabd::judge(item, work_->recipe.guard);
   result.verdict = code == Code::ok ? with_findings(combine(result.items.begin(), result.items.end()), result)
                                     : Verdict::not_measured;
   result.reason = reason_with_findings(result.verdict, result.items.begin(), result.items.end(), code, result);

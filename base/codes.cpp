@@ -71,7 +71,7 @@ constexpr std::array kTable = {
           "calibrate and apply it; a line never calibrated takes [calibration] from the config"},
     Entry{Code::config, "the configuration is not usable", "run `slabctl config check`; it names file and line"},
     Entry{Code::internal, "an internal check failed", "note the journal entry and restart the service"},
-    Entry{Code::surface_pores, "a pore is larger than the recipe allows",
+    Entry{Code::surface_pores, "a pore is larger or deeper, or pores cover more, than the recipe allows",
           "`slabctl show` names place, size and depth; look at the block"},
     Entry{Code::block_damage, "surface of the block is displaced, broken out, cracked or missing",
           "`slabctl show` names place, size and depth; look at the block: damage, dirt or something that lies on it"},

@@ -105,6 +105,12 @@ struct Item {
 
   [[nodiscard]] double deviation() const { return value - nominal; }
 };
+/// What surface_pores limits besides the diameter, which is `Item::value`. NaN: no limit.
+struct PoreLimits {
+  double depth_max_mm = kNoValue;  ///< of the deepest pore
+  double share_max = kNoValue;     ///< of the area that was seen
+};
+
 /// Name of `Item::beside` in JSON and reports, empty when the item has none: seat_slope "ratio_n" (n of 1:n),
 /// seat_flatness "min_zone_mm", seat_std "cells_mm", seat_vertical "unremoved_mm", corner_level "quarter_mm",
 /// surface_pores "deepest_mm" (the deepest pore), block_damage "depth_mm" (of the largest damage).

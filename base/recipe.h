@@ -79,6 +79,13 @@ struct EvaluationSettings {
   double window_rad = kNoValue;
 };
 
+/// Radii and legs on the drawing, mm; NaN: the recipe gives none. Shown next to what was learned, and never judged.
+struct EdgeNominals {
+  double fillet_seat_mm = kNoValue;      ///< of seat and jaws
+  double fillet_shoulder_mm = kNoValue;  ///< of jaws and shoulders
+  double chamfer_mm = kNoValue;          ///< at ends and sides
+};
+
 /// What is assumed of the measuring system when U is computed; absent (`given` false), items keep the recipe's U.
 struct UncertaintySettings {
   bool given = false;
@@ -110,11 +117,13 @@ struct Recipe {
   SlabGeometry slab;
   BlockGeometry block;
   EvaluationSettings evaluation;
+  EdgeNominals edges;
   UncertaintySettings uncertainty;
   SlopeDatum slope_datum = SlopeDatum::slab_frame;
   bool remove_warp = true;
   double guard = 1.0;  ///< guard band in units of U; 0 = simple acceptance
   std::array<Tolerance, kItemCount> tolerances;
+  PoreLimits pores;
 
   [[nodiscard]] const Tolerance& tolerance(ItemId id) const { return tolerances[static_cast<std::size_t>(id)]; }
   [[nodiscard]] std::uint8_t stations() const { return static_cast<std::uint8_t>(2 * slab.pairs); }

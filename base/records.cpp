@@ -39,6 +39,51 @@ std::string_view name(FindingFace face) {
   return "seat";
 }
 
+std::string_view name(EdgeFace face) {
+  switch (face) {
+    case EdgeFace::seat: return "seat";
+    case EdgeFace::jaw_inner: return "jaw_inner";
+    case EdgeFace::jaw_outer: return "jaw_outer";
+    case EdgeFace::shoulder_inner: return "shoulder_inner";
+    case EdgeFace::shoulder_outer: return "shoulder_outer";
+    case EdgeFace::end_minus: return "end_minus";
+    case EdgeFace::end_plus: return "end_plus";
+    case EdgeFace::side_inner: return "side_inner";
+    case EdgeFace::side_outer: return "side_outer";
+  }
+  return "seat";
+}
+
+bool is_too_deep(const PoreSummary& pores) {
+  return pores.deepest_mm > pores.limits.depth_max_mm;
+}
+bool is_too_much(const PoreSummary& pores) {
+  return pores.share > pores.limits.share_max;
+}
+Verdict with_pore_limits(Verdict by_diameter, const PoreSummary& pores) {
+  if (by_diameter == Verdict::not_measured) return by_diameter;
+  return is_too_deep(pores) || is_too_much(pores) ? Verdict::fail : by_diameter;
+}
+
+FixedString<160> sentence(const PoreSummary& pores) {
+  FixedString<160> text;
+  if (!has_value(pores.largest_mm)) return text;
+  text.printf("%u pore%s, largest %.1f mm, deepest %.1f mm", pores.count, pores.count == 1 ? "" : "s", pores.largest_mm,
+              pores.deepest_mm);
+  FixedString<48> part;
+  const auto add_limit = [&](bool exceeded, double limit, const char* unit) {
+    if (!has_value(limit)) return;
+    part.printf(" (%s %g %s)", exceeded ? "more than" : "at most", limit, unit);
+    text.append(part.view());
+  };
+  add_limit(is_too_deep(pores), pores.limits.depth_max_mm, "mm");
+  if (!has_value(pores.share)) return text;
+  part.printf(", %.2f %% of the area", 100.0 * pores.share);
+  text.append(part.view());
+  add_limit(is_too_much(pores), 100.0 * pores.limits.share_max, "%");
+  return text;
+}
+
 FixedString<160> sentence(const SurfaceFinding& f) {
   constexpr std::array<const char*, kFindingFaces> kFaces = {"the seat", "the inner jaw", "the outer jaw",
                                                              "the inner shoulder", "the outer shoulder"};

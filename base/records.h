@@ -159,7 +159,44 @@ struct PoreSummary {
   double largest_mm = kNoValue;  ///< diameter of the circle of equal area; 0: there is none, NaN: not looked for
   double deepest_mm = kNoValue;
   double share = kNoValue;  ///< of the area that was seen
+  PoreLimits limits;        ///< of the recipe that the block was judged by
 };
+/// True if the deepest pore, and if the share of the area, is beyond its limit.
+[[nodiscard]] bool is_too_deep(const PoreSummary& pores);
+[[nodiscard]] bool is_too_much(const PoreSummary& pores);
+/// Verdict of surface_pores from its verdict by the diameter: fail if depth or share is beyond its limit. There is no
+/// guard band because neither has a U. What was not measured stays so.
+[[nodiscard]] Verdict with_pore_limits(Verdict by_diameter, const PoreSummary& pores);
+/// "12 pores, largest 8.1 mm, deepest 3.4 mm (more than 3 mm), 0.40 % of the area (at most 1 %)"; empty if pores
+/// were not looked for.
+[[nodiscard]] FixedString<160> sentence(const PoreSummary& pores);
+
+/// A face that bounds an edge of the block; the names are those of the block model.
+enum class EdgeFace : std::uint8_t {
+  seat,
+  jaw_inner,
+  jaw_outer,
+  shoulder_inner,
+  shoulder_outer,
+  end_minus,  ///< the end faces: towards lower and higher x
+  end_plus,
+  side_inner,  ///< the side faces: towards the track's middle and away from it
+  side_outer,
+};
+inline constexpr std::size_t kEdgeFaces = 9;
+[[nodiscard]] std::string_view name(EdgeFace face);
+
+/// A fillet or a chamfer of the block, learned from its own scan. Never judged.
+struct EdgeFeature {
+  EdgeFace face = EdgeFace::seat;
+  EdgeFace face_to = EdgeFace::jaw_inner;
+  double radius_mm = kNoValue;   ///< of the arc that touches both faces; NaN: the edge is a chamfer
+  double chamfer_mm = kNoValue;  ///< its leg on `face`; NaN: the edge is a fillet
+  double nominal_mm = kNoValue;  ///< of the one of both, by the recipe; NaN: the recipe gives none
+  std::uint32_t n = 0;           ///< places along the edge that it rests on, 1.25 mm each
+};
+/// Four fillets along the jaws, chamfers of seat and shoulders at both ends, and of the shoulders at their sides.
+inline constexpr std::size_t kEdgesMax = 12;
 
 /// "pit on the seat at x 80 mm, s 2 mm: 42 x 368 mm, 15460 mm2, up to 10.0 mm deep".
 [[nodiscard]] FixedString<160> sentence(const SurfaceFinding& finding);
@@ -222,6 +259,7 @@ struct BlockResult {
   /// Damage before pores, each the largest area first; empty: the block is whole as far as the scan shows it.
   FixedVector<SurfaceFinding, limits::kFindingsMax> findings;
   PoreSummary pores;
+  FixedVector<EdgeFeature, kEdgesMax> edges;  ///< those that were seen
   SeatObservation observation;
   StageTimes times;
 };

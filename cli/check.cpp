@@ -57,13 +57,19 @@ std::string recipe_json(const Recipe& recipe) {
     json.field("value", shown(n)).field("confirmed", n.nominal.confirmed).end_object();
   }
   json.end_object();
+  json.key("edges").begin_object().field("fillet_seat_mm", recipe.edges.fillet_seat_mm);
+  json.field("fillet_shoulder_mm", recipe.edges.fillet_shoulder_mm).field("chamfer_mm", recipe.edges.chamfer_mm);
+  json.end_object();
   json.key("items").begin_array();
   for (const Item& item : tolerances_of(recipe)) {
     const Tolerance& t = recipe.tolerance(item.id);
     json.begin_object();
     json.field("id", info(item.id).name).field("unit", name(info(item.id).unit)).field("nominal", item.nominal);
     json.field("lower", item.lower).field("upper", item.upper).field("U", item.U).field("required", item.required);
-    json.field("confirmed", t.confirmed && t.nominal.confirmed).end_object();
+    json.field("confirmed", t.confirmed && t.nominal.confirmed);
+    if (item.id == ItemId::surface_pores)
+      json.field("depth_max_mm", recipe.pores.depth_max_mm).field("share_max", recipe.pores.share_max);
+    json.end_object();
   }
   json.end_array();
   json.end_object();
@@ -92,7 +98,12 @@ void print_recipe(const Recipe& recipe) {
                     number(item.lower), number(item.upper), number(item.U), item.required ? "yes" : "no",
                     mark(t.confirmed && t.nominal.confirmed)});
   }
-  fmt::print("{}\n{}\n", table(rows), kNotVisible);
+  fmt::print("{}\n", table(rows));
+  if (has_value(recipe.pores.depth_max_mm))
+    fmt::print("surface_pores: depth at most {:g} mm\n", recipe.pores.depth_max_mm);
+  if (has_value(recipe.pores.share_max))
+    fmt::print("surface_pores: at most {:g} % of the area\n", 100.0 * recipe.pores.share_max);
+  fmt::print("{}\n", kNotVisible);
 }
 
 }  // namespace

@@ -71,7 +71,7 @@ void print_report(const Options& options, const Recipe& recipe, const BlockResul
   if (!normal.isZero())
     fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f}), {} grid points\n", normal.x(), normal.y(), normal.z(),
                block.seat.grid_points);
-  fmt::print("{}{}", seat_notes(block.seat, recipe.evaluation.cell_mm), finding_lines(block));
+  fmt::print("{}{}", seat_notes(block.seat, recipe.evaluation.cell_mm), surface_lines(block));
   fmt::print("\n{}\n", item_table(std::span<const Item>(block.items.begin(), block.items.size()), style));
   fmt::print("block {}: {}{}\n", options.block, verdict_text(block.verdict, style),
              block.reason != 0 ? "  (" + reason_text(block.reason) + ")" : "");

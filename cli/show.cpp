@@ -103,9 +103,15 @@ void print_header(const SlabRecord& record, Style style) {
 
 void print_map(const SlabRecord& record, Style style) {
   std::vector<Verdict> verdicts;
-  for (int station = 1; station <= record.summary.header.stations; ++station)
+  std::vector<std::size_t> damaged;
+  for (int station = 1; station <= record.summary.header.stations; ++station) {
     verdicts.push_back(shown(record, station).verdict);
-  fmt::print("{}{}\n", slab_map(verdicts, style), map_legend(style));
+    damaged.push_back(damage_of(record, station).size());
+  }
+  fmt::print("{}{}", slab_map(verdicts, style, damaged), map_legend(style));
+  if (std::any_of(damaged.begin(), damaged.end(), [](std::size_t count) { return count > 0; }))
+    fmt::print("  !N  N findings other than small pores (--block shows them)\n");
+  fmt::print("\n");
 }
 
 void print_blocks(const SlabRecord& record, Style style) {
@@ -203,7 +209,7 @@ int print_block(const SlabRecord& record, int station, const std::string& scanne
     fmt::print("seat normal -\n");
   else
     fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f})\n", normal.x(), normal.y(), normal.z());
-  fmt::print("{}{}\n", seat_notes(result.seat, record.summary.header.cell_mm), finding_lines(result));
+  fmt::print("{}{}\n", seat_notes(result.seat, record.summary.header.cell_mm), surface_lines(result));
   if (const auto warning = step_warning(result.scan); !warning.empty()) fmt::print("warning: {}\n", warning.view());
   fmt::print("{}\n", item_table(std::span<const Item>(result.items.begin(), result.items.size()), style));
   std::vector<Item> in_slab;

@@ -116,6 +116,15 @@ void read_evaluation(TableReader table, EvaluationSettings& out) {
   table.finish();
 }
 
+/// Only shown, hence without `confirmed`.
+void read_edges(TableReader table, EdgeNominals& out) {
+  constexpr Allowed kAllowed_mm{2.0, 12.0};
+  table.optional_number("fillet_seat_mm", out.fillet_seat_mm, kAllowed_mm);
+  table.optional_number("fillet_shoulder_mm", out.fillet_shoulder_mm, kAllowed_mm);
+  table.optional_number("chamfer_mm", out.chamfer_mm, kAllowed_mm);
+  table.finish();
+}
+
 /// What the measuring system is assumed to be. Without the table no budget is computed and items keep their own U.
 void read_uncertainty(TableReader table, UncertaintySettings& out) {
   out.given = table.present();
@@ -198,6 +207,15 @@ void refuse_judging(TableReader& item, const Tolerance& t) {
     item.problem("required", "found true for an item that is information and never judged; allowed is false");
 }
 
+/// Limits of depth and share, beside that of the diameter. They are as confirmed as the item.
+void read_pore_limits(TableReader& item, PoreLimits& out) {
+  item.optional_number("depth_max_mm", out.depth_max_mm, {0.5, 50.0});
+  item.optional_number("share_max", out.share_max, {1e-4, 1.0});
+  for (const char* key : {"depth_max_mm", "share_max"})
+    if (item.has(key) && !item.has("upper"))
+      item.problem(key, "found without upper; allowed is a limit next to that of the largest diameter");
+}
+
 void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
   item.required_boolean("required", out.required);
   item.optional_boolean("confirmed", out.confirmed);
@@ -230,7 +248,9 @@ void read_items(TableReader items, Recipe& recipe) {
       continue;
     }
     recipe.tolerances[i].given = true;
-    read_item(items.table(item.name), item, recipe.tolerances[i]);
+    TableReader table = items.table(item.name);
+    if (item.id == ItemId::surface_pores) read_pore_limits(table, recipe.pores);
+    read_item(std::move(table), item, recipe.tolerances[i]);
   }
   items.finish();
   // Under a cap there is nothing to be seen of a casing.
@@ -351,6 +371,7 @@ void parse_recipe(const std::string& path, const std::string& bytes, Recipe& rec
   read_slab(root.table("slab"), recipe.slab);
   read_block(root.table("block"), recipe.block);
   read_evaluation(root.table("evaluation"), recipe.evaluation);
+  read_edges(root.table("edges"), recipe.edges);
   read_uncertainty(root.table("uncertainty"), recipe.uncertainty);
   read_items(root.table("items"), recipe);
   // Relations between numbers mean something only when every number is there.

@@ -142,11 +142,16 @@ std::vector<RecipeKey> keys_of(const Recipe& recipe) {
   for (const NamedNominal& n : geometry_of(recipe))
     keys.add(n, std::string_view(n.name).starts_with("slab.") ? KeyEffect::slab : KeyEffect::measured);
   add_evaluation(keys, recipe.evaluation);
+  keys.add("edges.fillet_seat_mm", recipe.edges.fillet_seat_mm, KeyEffect::none);
+  keys.add("edges.fillet_shoulder_mm", recipe.edges.fillet_shoulder_mm, KeyEffect::none);
+  keys.add("edges.chamfer_mm", recipe.edges.chamfer_mm, KeyEffect::none);
   keys.add("uncertainty", recipe.uncertainty.given ? std::string_view("given") : "-", KeyEffect::measured);
   const std::vector<NamedNominal> given = uncertainty_of(recipe);
   for (std::size_t i = 0; i < std::size(kUncertaintyNames); ++i)
     keys.add(given.empty() ? NamedNominal{kUncertaintyNames[i], {}} : given[i], KeyEffect::measured);
   for (std::size_t i = 0; i < kItemCount; ++i) add_item(keys, recipe, static_cast<ItemId>(i));
+  keys.add("items.surface_pores.depth_max_mm", recipe.pores.depth_max_mm, KeyEffect::verdict);
+  keys.add("items.surface_pores.share_max", recipe.pores.share_max, KeyEffect::verdict);
   return keys.take();
 }
 

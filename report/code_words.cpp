@@ -65,7 +65,8 @@ constexpr std::array kCodesZh = {
     CodeWords{Code::calibration_missing, "没有有效的标定", "进行标定并启用；从未标定过的产线取配置中的 [calibration]"},
     CodeWords{Code::config, "配置不可用", "运行 slabctl config check；它会指出文件和行"},
     CodeWords{Code::internal, "内部检查失败", "记录日志条目并重启服务"},
-    CodeWords{Code::surface_pores, "气孔大于配方允许值", "slabctl show 给出位置、大小和深度；检查承轨台"},
+    CodeWords{Code::surface_pores, "气孔的直径、深度或面积占比超过配方允许值",
+              "slabctl show 给出位置、大小和深度；检查承轨台"},
     CodeWords{Code::block_damage, "承轨台表面有缺损、裂缝、掉角或凸起",
               "slabctl show 给出位置、大小和深度；检查承轨台：破损、污物或遗留物"},
 };

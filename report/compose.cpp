@@ -88,6 +88,9 @@ class Composer {
     } else {
       text += std::string(verdict_word(Verdict::not_measured, language_));
     }
+    // Its value and limit are those of the diameter alone.
+    if (item.id == ItemId::surface_pores && measured(station) != nullptr)
+      text += fmt::format(" ({})", pore_sentence(measured(station)->block.pores, language_));
     list.emplace_back(item.verdict, std::move(text));
   }
 
@@ -141,7 +144,7 @@ class Composer {
         continue;
       }
       for (const Item& item : block->block.items) add_finding(list, final_item(record_, station, item), station);
-      for (const SurfaceFinding& finding : block->block.findings)
+      for (const SurfaceFinding& finding : damage_of(record_, station))
         damage.emplace_back(Verdict::indeterminate,
                             fmt::format("{}: {}", say(Word::block, station), finding_sentence(finding, language_)));
     }
@@ -440,6 +443,13 @@ class Composer {
       paragraph.warning = true;
       section.parts.push_back(std::move(paragraph));
     }
+    // One paragraph, so that two blocks still fit on a page.
+    std::string surface;
+    if (const std::string pores = pore_sentence(result.pores, language_); !pores.empty())
+      surface = say(Word::pores, pores);
+    if (const std::string edges = edge_sentence(result, language_); !edges.empty())
+      surface += (surface.empty() ? "" : " · ") + say(Word::edges, edges);
+    if (!surface.empty()) section.parts.push_back(Paragraph{std::move(surface)});
     section.parts.push_back(Figures{{registration_figure(picture_, station, language_),
                                      seat_figure(picture_, station, language_), tolerance_figure(items, language_)}});
     return section;

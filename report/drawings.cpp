@@ -136,6 +136,30 @@ Figure map_figure(const std::optional<DrawnMap>& map, double scale_mm, Word titl
   return figure;
 }
 
+/// The words of more marks would cover the map.
+constexpr std::size_t kMarksNamed = 6;
+
+/// A finding as the box around it; s along the seat and y differ by less than is drawn.
+void draw_finding(Canvas& canvas, const Frame& frame, const SurfaceFinding& finding, bool named, Language language) {
+  constexpr double kLeast_mm = 1.2;
+  const double width = std::max(kLeast_mm, frame.width * finding.length_mm / frame.mm_wide);
+  const double height = std::max(kLeast_mm, frame.height * finding.width_mm / frame.mm_high);
+  const double x = frame.x(finding.x_mm);
+  const double y = frame.y(finding.s_mm);
+  canvas.rectangle(x - 0.5 * width, y - 0.5 * height, width, height, std::nullopt, kWhite, 0.8);
+  canvas.rectangle(x - 0.5 * width, y - 0.5 * height, width, height, std::nullopt, kBlack, 0.35);
+  if (!named) return;
+  const std::string mark = finding_mark(finding, language);
+  TextStyle style{4.6, true, kBlack, Anchor::left};
+  // To the side on which the map has more room.
+  const double wide = canvas.text_width(mark, style);
+  const bool right = finding.x_mm <= 0.0;
+  const double left = std::clamp(right ? x + 0.5 * width + 0.5 : x - 0.5 * width - 0.5 - wide, frame.left,
+                                 std::max(frame.left, frame.left + frame.width - wide));
+  canvas.rectangle(left - 0.2, y - 1.0, wide + 0.4, 2.0, kWhite);
+  canvas.text(left, y + 0.6, mark, style);
+}
+
 Colour verdict_line(Verdict verdict) {
   return verdict == Verdict::pass   ? Colour{0.05, 0.45, 0.22}
          : verdict == Verdict::fail ? look_of(Verdict::fail).fill
@@ -171,6 +195,17 @@ void draw_tolerance(Canvas& canvas, const Item& item, double y, double left, dou
   }
 }
 
+/// A dot where each finding lies on its block, which is drawn w x h around (x, y). Blocks of the second row are turned.
+void draw_damage(Canvas& canvas, const storage::SlabRecord& record, int station, double x, double y, double w,
+                 double h) {
+  constexpr double kBlockHalfX_mm = 110.0;
+  constexpr double kBlockHalfY_mm = 245.0;
+  const double turn = static_cast<std::size_t>(station) <= stations_of(record) / 2 ? 1.0 : -1.0;
+  for (const SurfaceFinding& finding : damage_of(record, station))
+    canvas.circle(x + turn * 0.5 * w * std::clamp(finding.x_mm / kBlockHalfX_mm, -1.0, 1.0),
+                  y - turn * 0.5 * h * std::clamp(finding.s_mm / kBlockHalfY_mm, -1.0, 1.0), 0.7, kWhite, kBlack, 0.3);
+}
+
 }  // namespace
 
 Figure slab_map_figure(const storage::SlabRecord& record, Language language) {
@@ -187,6 +222,11 @@ Figure slab_map_figure(const storage::SlabRecord& record, Language language) {
       if (shown(record, static_cast<int>(i)).verdict == verdict) found.push_back(static_cast<int>(i));
     if (!found.empty()) figure.alt += fmt::format(" {}: {}.", verdict_word(verdict, language), list_words(found));
   }
+  std::vector<int> damaged;
+  for (std::size_t i = 1; i <= stations; ++i)
+    if (!damage_of(record, static_cast<int>(i)).empty()) damaged.push_back(static_cast<int>(i));
+  if (!damaged.empty())
+    figure.alt += fmt::format(" {}: {}.", item_word(ItemId::block_damage, language), list_words(damaged));
   figure.draw = [&record, stations, language](Canvas& canvas) {
     const std::size_t pairs = stations / 2;
     canvas.rectangle(10.0, 1.0, 169.0, 56.0, Colour{0.965, 0.965, 0.96}, kGrey, 0.4);
@@ -204,6 +244,7 @@ Figure slab_map_figure(const storage::SlabRecord& record, Language language) {
                        verdict == Verdict::pass || verdict == Verdict::none ? 0.2 : 0.7);
       canvas.text(x, y - 6.4, std::to_string(i), {9.0, true, look.ink, Anchor::centre});
       canvas.symbol(verdict, x, y - 0.6, 7.5, look.ink);
+      draw_damage(canvas, record, static_cast<int>(i), x, y, w, h);
       if (verdict != Verdict::pass && verdict != Verdict::none) {
         const std::string why = reason_sentence(reason, language);
         const TextStyle style{6.0, true, look.ink, Anchor::left};
@@ -237,12 +278,18 @@ Figure registration_figure(const SlabPicture& picture, int station, Language lan
   const std::optional<DrawnMap>& seat = picture.seat[i];
   const double half_x = seat ? 0.5 * seat->cell_mm * static_cast<double>(seat->columns) : 0.0;
   const double half_y = seat ? 0.5 * seat->cell_mm * static_cast<double>(seat->rows) : 0.0;
-  return map_figure(picture.registration[i], picture.registration_scale_mm, Word::registration_map, station, language,
-                    [half_x, half_y](Canvas& canvas, const Frame& frame) {
-                      if (half_x > 0.0)
-                        canvas.rectangle(frame.x(-half_x), frame.y(half_y), frame.x(half_x) - frame.x(-half_x),
-                                         frame.y(-half_y) - frame.y(half_y), std::nullopt, kBlack, 0.25, true);
-                    });
+  const std::vector<SurfaceFinding> damage = damage_of(*picture.record, station);
+  Figure figure = map_figure(picture.registration[i], picture.registration_scale_mm, Word::registration_map, station,
+                             language, [half_x, half_y, damage, language](Canvas& canvas, const Frame& frame) {
+                               if (half_x > 0.0)
+                                 canvas.rectangle(frame.x(-half_x), frame.y(half_y), frame.x(half_x) - frame.x(-half_x),
+                                                  frame.y(-half_y) - frame.y(half_y), std::nullopt, kBlack, 0.25, true);
+                               for (std::size_t k = 0; k < damage.size(); ++k)
+                                 draw_finding(canvas, frame, damage[k], k < kMarksNamed, language);
+                             });
+  // For who cannot see the map, and for who has none.
+  for (const SurfaceFinding& finding : damage) figure.alt += "; " + finding_sentence(finding, language);
+  return figure;
 }
 
 Figure seat_figure(const SlabPicture& picture, int station, Language language) {

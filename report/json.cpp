@@ -86,6 +86,16 @@ void write_casing(Json& json, std::string_view name, const CasingFeature& casing
   json.end_object();
 }
 
+void write_edges(Json& json, const BlockResult& block) {
+  json.key("edges").begin_array();
+  for (const EdgeFeature& edge : block.edges) {
+    json.begin_object().key("between").begin_array().value(name(edge.face)).value(name(edge.face_to)).end_array();
+    json.field("radius_mm", edge.radius_mm).field("chamfer_mm", edge.chamfer_mm);
+    json.field("nominal_mm", edge.nominal_mm).field("n", edge.n).end_object();
+  }
+  json.end_array();
+}
+
 /// null: the channel was not computed; cells 0: it was, and there is no defect.
 void write_defect(Json& json, const SurfaceDefect& defect) {
   json.key("defect");
@@ -244,6 +254,7 @@ void write_block(Json& json, const BlockResult& block, double cell_mm) {
   write_plane(json, "slab_top", block.slab_top);
   write_casing(json, "casing_inner", block.casing_inner);
   write_casing(json, "casing_outer", block.casing_outer);
+  write_edges(json, block);
   json.end_object();
 
   json.key("items").begin_array();
@@ -253,7 +264,9 @@ void write_block(Json& json, const BlockResult& block, double cell_mm) {
 
   json.key("pores").begin_object();
   json.field("count", block.pores.count).field("largest_mm", block.pores.largest_mm);
-  json.field("deepest_mm", block.pores.deepest_mm).field("share", block.pores.share).end_object();
+  json.field("deepest_mm", block.pores.deepest_mm).field("share", block.pores.share);
+  json.field("depth_max_mm", block.pores.limits.depth_max_mm).field("share_max", block.pores.limits.share_max);
+  json.end_object();
 
   json.key("findings").begin_array();
   for (const SurfaceFinding& f : block.findings) {

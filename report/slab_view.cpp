@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <string_view>
 #include <utility>
 
@@ -80,6 +81,22 @@ Shown shown(const SlabRecord& record, int station) {
   // Nobody judges any more what a block's pass waits for.
   if (is_aborted(record) && block->block.verdict == Verdict::pass) return {};
   return {block->block.verdict, block->block.reason};
+}
+
+bool is_small_pore(const BlockResult& block, const SurfaceFinding& finding) {
+  const Item* pores = find_item(block.items.begin(), block.items.end(), ItemId::surface_pores);
+  if (finding.kind != FindingKind::pit || pores == nullptr) return false;
+  const double diameter_mm = std::sqrt(4.0 / kPi * finding.area_mm2);
+  return !(diameter_mm > pores->upper) && !(finding.depth_mm > block.pores.limits.depth_max_mm);
+}
+
+std::vector<SurfaceFinding> damage_of(const storage::SlabRecord& record, int station) {
+  std::vector<SurfaceFinding> damage;
+  const storage::SlabBlock* block = latest(record, station);
+  if (block == nullptr || block->phase != StationPhase::measured) return damage;
+  for (const SurfaceFinding& finding : block->block.findings)
+    if (!is_small_pore(block->block, finding)) damage.push_back(finding);
+  return damage;
 }
 
 bool supersedes(const Item& of_slab) {

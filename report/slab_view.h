@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "storage/storage.h"
 
@@ -38,6 +39,11 @@ struct Shown {
 /// What maps and tables say of a station: the final verdict once the slab has ended, also of a station that was never
 /// scanned; the latest attempt's own before. Of an aborted slab what its blocks have against them, never a pass.
 [[nodiscard]] Shown shown(const storage::SlabRecord& record, int station);
+
+/// A pit within all limits of surface_pores is a small pore: one of many, and nothing to look at.
+[[nodiscard]] bool is_small_pore(const BlockResult& block, const SurfaceFinding& finding);
+/// The findings of a station's latest attempt that are not small pores, the largest first.
+[[nodiscard]] std::vector<SurfaceFinding> damage_of(const storage::SlabRecord& record, int station);
 
 /// Does a slab's item of one block take the place of the block's own? Only if it was judged, that is, has a limit:
 /// where slopes are judged against the slab top beside the seat, the one against the slab's frame is for information.

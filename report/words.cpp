@@ -4,6 +4,7 @@
 #include <fmt/core.h>
 
 #include <array>
+#include <cmath>
 #include <utility>
 
 #include "base/emulation.h"
@@ -162,6 +163,8 @@ Entry entry(Word word) {
     case Word::key: return {"what", "名称"};
     case Word::value: return {"value", "内容"};
     case Word::page: return {"page {} of {}", "第 {} 页，共 {} 页"};
+    case Word::pores: return {"Pores: {}", "气孔：{}"};
+    case Word::edges: return {"Edges: {}", "棱边：{}"};
     case Word::flatness_note:
       return {"with this noise a perfectly flat seat would read {} mm", "在该噪声下，理想平面的读数为 {} mm"};
   }
@@ -197,6 +200,13 @@ Entry item_entry(ItemId id) {
 std::string_view pick(const Entry& entry, Language language) {
   return language == Language::zh ? entry.zh : entry.en;
 }
+
+constexpr std::array<const char*, kFindingKinds> kKindsZh = {"凹坑", "凸起", "裂缝", "缺角", "缺失"};
+constexpr std::array<const char*, kFindingFaces> kFacesZh = {"承轨面", "内侧钳口面", "外侧钳口面", "内侧挡肩顶面",
+                                                             "外侧挡肩顶面"};
+constexpr std::array<const char*, kEdgeFaces> kEdgeFacesZh = {"承轨面",       "内侧钳口面",   "外侧钳口面",
+                                                              "内侧挡肩顶面", "外侧挡肩顶面", "端面（x-）",
+                                                              "端面（x+）",   "内侧侧面",     "外侧侧面"};
 
 }  // namespace
 
@@ -266,15 +276,78 @@ std::string_view verdict_word(Verdict verdict, Language language) {
 
 std::string finding_sentence(const SurfaceFinding& f, Language language) {
   if (language == Language::en) return std::string(sentence(f).view());
-  constexpr std::array<const char*, kFindingKinds> kKinds = {"凹坑", "凸起", "裂缝", "缺角", "缺失"};
-  constexpr std::array<const char*, kFindingFaces> kFaces = {"承轨面", "内侧钳口面", "外侧钳口面", "内侧挡肩顶面",
-                                                             "外侧挡肩顶面"};
   std::string text =
       fmt::format("{}{}，位置 x {:.0f} mm，s {:.0f} mm，{:.0f} x {:.0f} mm，{:.0f} mm2",
-                  kFaces.at(static_cast<std::size_t>(f.face)), kKinds.at(static_cast<std::size_t>(f.kind)), f.x_mm,
+                  kFacesZh.at(static_cast<std::size_t>(f.face)), kKindsZh.at(static_cast<std::size_t>(f.kind)), f.x_mm,
                   f.s_mm, f.length_mm, f.width_mm, f.area_mm2);
   if (has_value(f.depth_mm))
     text += fmt::format("，最{} {:.1f} mm", f.kind == FindingKind::bump ? "高" : "深", f.depth_mm);
+  return text;
+}
+
+std::string finding_mark(const SurfaceFinding& f, Language language) {
+  return fmt::format("{} {:.0f} x {:.0f}",
+                     language == Language::zh ? kKindsZh.at(static_cast<std::size_t>(f.kind)) : name(f.kind).data(),
+                     f.length_mm, f.width_mm);
+}
+
+std::string pore_sentence(const PoreSummary& pores, Language language) {
+  if (language == Language::en || !has_value(pores.largest_mm)) return std::string(sentence(pores).view());
+  const auto limit = [](bool exceeded, double value, const char* unit) {
+    return has_value(value) ? fmt::format("（{} {:g} {}）", exceeded ? "超过" : "不超过", value, unit) : std::string();
+  };
+  std::string text =
+      fmt::format("{} 个，最大 {:.1f} mm，最深 {:.1f} mm", pores.count, pores.largest_mm, pores.deepest_mm);
+  text += limit(is_too_deep(pores), pores.limits.depth_max_mm, "mm");
+  if (!has_value(pores.share)) return text;
+  text += fmt::format("，占面积 {:.2f} %", 100.0 * pores.share);
+  return text + limit(is_too_much(pores), 100.0 * pores.limits.share_max, "%");
+}
+
+std::string edge_sentence(const BlockResult& block, Language language) {
+  const bool zh = language == Language::zh;
+  const auto face = [&](EdgeFace which) {
+    return zh ? kEdgeFacesZh.at(static_cast<std::size_t>(which)) : name(which).data();
+  };
+  std::string text;
+  const auto add = [&](const std::string& part) { text += (text.empty() ? "" : zh ? "，" : ", ") + part; };
+  // What belongs together has one nominal, behind the last one.
+  double nominal_mm = kNoValue;
+  const auto end_group = [&] {
+    if (has_value(nominal_mm)) text += fmt::format(fmt::runtime(zh ? "（名义 {:g}）" : " (nominal {:g})"), nominal_mm);
+    nominal_mm = kNoValue;
+  };
+  bool named = false;
+  for (const bool of_seat : {true, false}) {
+    for (const EdgeFeature& edge : block.edges) {
+      if (!has_value(edge.radius_mm) || (edge.face == EdgeFace::seat) != of_seat) continue;
+      add(fmt::format("{}{:.1f} mm {}/{}",
+                      named ? ""
+                      : zh  ? "圆角 "
+                            : "fillet ",
+                      edge.radius_mm, face(edge.face), face(edge.face_to)));
+      named = true;
+      nominal_mm = edge.nominal_mm;
+    }
+    end_group();
+  }
+  named = false;
+  for (const bool of_sides : {false, true}) {
+    double low = kNoValue;
+    double high = kNoValue;
+    for (const EdgeFeature& edge : block.edges) {
+      const bool at_side = edge.face_to == EdgeFace::side_inner || edge.face_to == EdgeFace::side_outer;
+      if (!has_value(edge.chamfer_mm) || at_side != of_sides) continue;
+      low = std::fmin(low, edge.chamfer_mm);
+      high = std::fmax(high, edge.chamfer_mm);
+      nominal_mm = edge.nominal_mm;
+    }
+    if (!has_value(low)) continue;
+    const char* where = zh ? (of_sides ? "侧面" : "端面") : of_sides ? "sides" : "ends";
+    add(fmt::format("{}{:.1f}..{:.1f} mm {}", named ? "" : zh ? "倒角 " : "chamfer ", low, high, where));
+    named = true;
+  }
+  end_group();
   return text;
 }
 

@@ -121,6 +121,8 @@ enum class Word : std::uint8_t {
   value,
   page,
   flatness_note,
+  pores,
+  edges,
 };
 [[nodiscard]] std::string_view word(Word word, Language language);
 
@@ -128,6 +130,12 @@ enum class Word : std::uint8_t {
 [[nodiscard]] std::string_view verdict_word(Verdict verdict, Language language);
 /// A finding, with place and size.
 [[nodiscard]] std::string finding_sentence(const SurfaceFinding& finding, Language language);
+/// Kind and size: "chip 40 x 15".
+[[nodiscard]] std::string finding_mark(const SurfaceFinding& finding, Language language);
+/// Count, largest, deepest and share, with the limits of depth and share; empty if pores were not looked for.
+[[nodiscard]] std::string pore_sentence(const PoreSummary& pores, Language language);
+/// "fillet 4.1 mm seat/jaw_inner, 4.3 mm seat/jaw_outer (nominal 4), chamfer 3.6..4.1 mm ends"; empty if none was seen.
+[[nodiscard]] std::string edge_sentence(const BlockResult& block, Language language);
 /// What was not real, by emulation bits: "EMULATED (robot emulated, scan emulated): no verdict on concrete"; empty for
 /// 0.
 [[nodiscard]] std::string emulation_notice(std::uint8_t bits, Language language);

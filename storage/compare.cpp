@@ -115,6 +115,10 @@ void compare(const BlockResult& stored, const BlockResult& now, Comparison& out)
         {"findings", std::to_string(stored.findings.size()), std::to_string(now.findings.size())});
   for (std::size_t i = 0; i < std::min(stored.findings.size(), now.findings.size()); ++i)
     compare_row("finding " + std::to_string(i + 1), stored.findings[i], now.findings[i], out);
+  if (stored.edges.size() != now.edges.size())
+    out.differences.push_back({"edges", std::to_string(stored.edges.size()), std::to_string(now.edges.size())});
+  for (std::size_t i = 0; i < std::min(stored.edges.size(), now.edges.size()); ++i)
+    compare_row("edge " + std::to_string(i + 1), stored.edges[i], now.edges[i], out);
   compare_items(stored.items, now.items, out);
 }
 

@@ -91,6 +91,7 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       insert_plane_(db, insert_for<BlockKey, FeatureName, PlaneFit>("plane")),
       insert_casing_(db, insert_for<BlockKey, FeatureName, CasingFeature>("casing")),
       insert_finding_(db, insert_for<BlockKey, FindingPosition, SurfaceFinding>("finding")),
+      insert_edge_(db, insert_for<BlockKey, EdgePosition, EdgeFeature>("edge")),
       delete_items_(db, "DELETE FROM item WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
       insert_item_(db, insert_for<BlockKey, ItemPosition, Item>("item")),
       insert_map_(db, insert_for<BlockKey, FeatureName, PackedMap>("map")),
@@ -378,6 +379,8 @@ void Jobs::insert_block(const BlockKey& key, const BlockResult& block) {
   for (const SurfaceFinding& finding : block.findings)
     write_row(insert_finding_, key, FindingPosition{static_cast<std::uint8_t>(&finding - block.findings.begin())},
               finding);
+  for (const EdgeFeature& edge : block.edges)
+    write_row(insert_edge_, key, EdgePosition{static_cast<std::uint8_t>(&edge - block.edges.begin())}, edge);
   insert_items(key, block.items.begin(), block.items.end());
 }
 

@@ -115,6 +115,7 @@ class Jobs {
   Statement insert_plane_;
   Statement insert_casing_;
   Statement insert_finding_;
+  Statement insert_edge_;
   Statement delete_items_;
   Statement insert_item_;
   Statement insert_map_;

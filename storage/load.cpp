@@ -43,6 +43,7 @@ Loader::Loader(Connection& db)
       planes_(db, select<FeatureName, PlaneFit>("plane", kOfBlock)),
       casings_(db, select<FeatureName, CasingFeature>("casing", kOfBlock)),
       findings_(db, select<SurfaceFinding>("finding", (std::string(kOfBlock) + " ORDER BY position").c_str())),
+      edges_(db, select<EdgeFeature>("edge", (std::string(kOfBlock) + " ORDER BY position").c_str())),
       items_(db, select<Item>("item", (std::string(kOfBlock) + " ORDER BY position").c_str())),
       maps_(db, select<FeatureName, PackedMap>("map", kOfBlock)) {}
 
@@ -118,6 +119,12 @@ bool Loader::block(const BlockKey& key, BlockResult& out) {
     SurfaceFinding finding;
     read_row(findings_, 0, finding);
     if (!out.findings.push(finding)) findings_.refuse(0, "has more rows than a list of findings can hold");
+  }
+  bind_key(edges_, key);
+  while (edges_.step()) {
+    EdgeFeature edge;
+    read_row(edges_, 0, edge);
+    if (!out.edges.push(edge)) edges_.refuse(0, "has more rows than a list of edges can hold");
   }
   items(key, out.items);
   return true;

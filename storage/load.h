@@ -41,6 +41,7 @@ class Loader {
   Statement planes_;
   Statement casings_;
   Statement findings_;
+  Statement edges_;
   Statement items_;
   Statement maps_;
 };

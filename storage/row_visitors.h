@@ -39,6 +39,7 @@ using Square = Eigen::Matrix<double, N, N, Eigen::DontAlign>;
 [[nodiscard]] std::string_view word(CalibrationKind kind);
 [[nodiscard]] std::string_view word(FindingKind kind);
 [[nodiscard]] std::string_view word(FindingFace face);
+[[nodiscard]] std::string_view word(EdgeFace face);
 /// False when no value has this word.
 [[nodiscard]] bool from_word(std::string_view text, Verdict& out);
 [[nodiscard]] bool from_word(std::string_view text, RegistrationStatus& out);
@@ -49,6 +50,7 @@ using Square = Eigen::Matrix<double, N, N, Eigen::DontAlign>;
 [[nodiscard]] bool from_word(std::string_view text, CalibrationKind& out);
 [[nodiscard]] bool from_word(std::string_view text, FindingKind& out);
 [[nodiscard]] bool from_word(std::string_view text, FindingFace& out);
+[[nodiscard]] bool from_word(std::string_view text, EdgeFace& out);
 
 // ---- visitors ----------------------------------------------------------------------------------------------------
 

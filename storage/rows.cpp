@@ -49,6 +49,9 @@ std::string_view word(FindingKind kind) {
 std::string_view word(FindingFace face) {
   return name(face);
 }
+std::string_view word(EdgeFace face) {
+  return name(face);
+}
 
 bool from_word(std::string_view text, Verdict& out) {
   return search(text, 6, out);
@@ -76,6 +79,9 @@ bool from_word(std::string_view text, FindingKind& out) {
 }
 bool from_word(std::string_view text, FindingFace& out) {
   return search(text, kFindingFaces, out);
+}
+bool from_word(std::string_view text, EdgeFace& out) {
+  return search(text, kEdgeFaces, out);
 }
 
 std::string joined(const std::vector<std::string>& names, std::string_view separator) {

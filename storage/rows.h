@@ -35,6 +35,9 @@ struct FeatureName {
 struct FindingPosition {
   std::uint8_t position = 0;
 };
+struct EdgePosition {
+  std::uint8_t position = 0;
+};
 struct ItemPosition {
   std::uint8_t position = 0;
 };
@@ -85,6 +88,21 @@ void columns(V& v, R& r) {
 template <typename V, RowOf<FindingPosition> R>
 void columns(V& v, R& r) {
   v("position", r.position);
+}
+
+template <typename V, RowOf<EdgePosition> R>
+void columns(V& v, R& r) {
+  v("position", r.position);
+}
+
+template <typename V, RowOf<EdgeFeature> R>
+void columns(V& v, R& r) {
+  v("face", r.face);
+  v("face_to", r.face_to);
+  v("radius_mm", r.radius_mm);
+  v("chamfer_mm", r.chamfer_mm);
+  v("nominal_mm", r.nominal_mm);
+  v("n", r.n);
 }
 
 template <typename V, RowOf<SurfaceFinding> R>
@@ -217,7 +235,7 @@ void columns(V& v, R& r) {
   v("measuring_since_ns", r.measuring_since_ns);
 }
 
-/// What a block has beside its planes, casings, findings and items.
+/// What a block has beside its planes, casings, findings, edges and items.
 template <typename V, RowOf<BlockResult> R>
 void columns(V& v, R& r) {
   v("verdict", r.verdict);
@@ -272,6 +290,8 @@ void columns(V& v, R& r) {
   v("pores_largest_mm", r.pores.largest_mm);
   v("pores_deepest_mm", r.pores.deepest_mm);
   v("pores_share", r.pores.share);
+  v("pores_depth_max_mm", r.pores.limits.depth_max_mm);
+  v("pores_share_max", r.pores.limits.share_max);
   v("sigma_p", r.observation.sigma_p_mm);
   v("sigma_jaw", r.observation.sigma_jaw_mm);
   v("sigma_n", r.observation.sigma_n_rad);

@@ -10,7 +10,7 @@
 --   recipe_text  the files of all recipes that a slab was begun with
 --   seen_scan  fingerprints of the last scans' points
 --   noise_print  the noise of the last exposures that were measured
---   block    what an attempt measured, with its planes, casings, findings and items
+--   block    what an attempt measured, with its planes, casings, findings, edges and items
 --   map      how far it lies from the model, and its seat from the fitted plane, place by place: what a report draws
 --   result   the records the PLC is shown; id is the order in which it is shown them
 --   slab_seal  the chain of checksums over what is stored of each ended slab
@@ -222,8 +222,9 @@ CREATE TABLE block (
   defect_height_mm REAL DEFAULT 0.0, defect_x_mm REAL DEFAULT 0.0, defect_s_mm REAL DEFAULT 0.0,
   -- Closed from above, as it is, and of the nine tenths nearest to the plane; NULL: of an older slabd.
   seat_flatness_closed_mm REAL, seat_flatness_raw_mm REAL, seat_flatness_trimmed_mm REAL,
-  -- Pores; NULL: not looked for.
+  -- Pores; NULL: not looked for. The limits of depth and share are the recipe's; NULL: it gives none.
   pores INTEGER NOT NULL DEFAULT 0, pores_largest_mm REAL, pores_deepest_mm REAL, pores_share REAL,
+  pores_depth_max_mm REAL, pores_share_max REAL,
   -- Standard uncertainties inside one scan, block axes: of p_base and jaw_outer_base (mm), of the normals (rad).
   sigma_p_x REAL, sigma_p_y REAL, sigma_p_z REAL,
   sigma_jaw_x REAL, sigma_jaw_y REAL, sigma_jaw_z REAL,
@@ -287,6 +288,21 @@ CREATE TABLE finding (
   face     TEXT NOT NULL,                -- seat, jaw_inner, jaw_outer, shoulder_inner, ...
   x_mm REAL, s_mm REAL, z_mm REAL,
   length_mm REAL, width_mm REAL, depth_mm REAL, area_mm2 REAL, volume_mm3 REAL,
+  PRIMARY KEY (slab_key, station, attempt, position),
+  FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
+) STRICT, WITHOUT ROWID;
+
+-- Fillets and chamfers, learned from the scan: radius or leg on `face`, mm; the other one is NULL. nominal NULL: the
+-- recipe gives none. n: places along the edge that it rests on.
+CREATE TABLE edge (
+  slab_key INTEGER NOT NULL,
+  station  INTEGER NOT NULL,
+  attempt  INTEGER NOT NULL,
+  position INTEGER NOT NULL,             -- from 0
+  face     TEXT NOT NULL,                -- seat, jaw_inner, jaw_outer, shoulder_inner, ...
+  face_to  TEXT NOT NULL,                -- jaw_inner, ..., end_minus, end_plus, side_inner, side_outer
+  radius_mm REAL, chamfer_mm REAL, nominal_mm REAL,
+  n INTEGER NOT NULL,
   PRIMARY KEY (slab_key, station, attempt, position),
   FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
 ) STRICT, WITHOUT ROWID;

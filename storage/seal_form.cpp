@@ -54,7 +54,7 @@ constexpr auto kForm1 = std::to_array<SealedTable>({
      "registration_cov_63, registration_cov_64, registration_cov_65, registration_cov_66, seat_noise_factor, "
      "seat_flatness_noise_mm, defect_limit_mm, defect_cells, defect_area_mm2, defect_height_mm, defect_x_mm, "
      "defect_s_mm, seat_flatness_closed_mm, seat_flatness_raw_mm, seat_flatness_trimmed_mm, pores, pores_largest_mm, "
-     "pores_deepest_mm, pores_share, sigma_p_x, sigma_p_y, sigma_p_z, "
+     "pores_deepest_mm, pores_share, pores_depth_max_mm, pores_share_max, sigma_p_x, sigma_p_y, sigma_p_z, "
      "sigma_jaw_x, sigma_jaw_y, sigma_jaw_z, sigma_n_x, "
      "sigma_n_y, sigma_n_z, sigma_top_n_x, sigma_top_n_y, sigma_top_n_z, step_x, step_y, step_z",
      "", "station, attempt"},
@@ -74,6 +74,8 @@ constexpr auto kForm1 = std::to_array<SealedTable>({
      "slab_key, station, attempt, position, kind, face, x_mm, s_mm, z_mm, length_mm, width_mm, depth_mm, "
      "area_mm2, volume_mm3",
      "", "station, attempt, position"},
+    {"edge", "slab_key, station, attempt, position, face, face_to, radius_mm, chamfer_mm, nominal_mm, n", "",
+     "station, attempt, position"},
     {"map", "slab_key, station, attempt, feature, columns, rows, cell_mm, step_mm, bytes", "",
      "station, attempt, feature"},
     {"item",

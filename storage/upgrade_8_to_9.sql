@@ -22,6 +22,8 @@ ALTER TABLE block ADD COLUMN pores INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE block ADD COLUMN pores_largest_mm REAL;
 ALTER TABLE block ADD COLUMN pores_deepest_mm REAL;
 ALTER TABLE block ADD COLUMN pores_share REAL;
+ALTER TABLE block ADD COLUMN pores_depth_max_mm REAL;
+ALTER TABLE block ADD COLUMN pores_share_max REAL;
 
 CREATE TABLE finding (
   slab_key INTEGER NOT NULL,
@@ -32,6 +34,19 @@ CREATE TABLE finding (
   face     TEXT NOT NULL,                -- seat, jaw_inner, jaw_outer
   x_mm REAL, s_mm REAL, z_mm REAL,
   length_mm REAL, width_mm REAL, depth_mm REAL, area_mm2 REAL, volume_mm3 REAL,
+  PRIMARY KEY (slab_key, station, attempt, position),
+  FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
+) STRICT, WITHOUT ROWID;
+
+CREATE TABLE edge (
+  slab_key INTEGER NOT NULL,
+  station  INTEGER NOT NULL,
+  attempt  INTEGER NOT NULL,
+  position INTEGER NOT NULL,             -- from 0
+  face     TEXT NOT NULL,                -- seat, jaw_inner, jaw_outer, shoulder_inner, ...
+  face_to  TEXT NOT NULL,                -- jaw_inner, ..., end_minus, end_plus, side_inner, side_outer
+  radius_mm REAL, chamfer_mm REAL, nominal_mm REAL,
+  n INTEGER NOT NULL,
   PRIMARY KEY (slab_key, station, attempt, position),
   FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
 ) STRICT, WITHOUT ROWID;

@@ -79,6 +79,7 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
                            const DeviationMap& map, std::span<float> memory, Team& team, BlockResult& result) {
   result.findings.clear();
   result.pores = {};
+  result.edges.clear();
   if (!result.seat.plane.ok) return;
   static_assert(4 * kCells + kCells + kCells / 2 + kCrackBytes / 2 <= kSurfaceFloats);
   float* next = memory.data();
@@ -99,6 +100,7 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
                                                             std::as_writable_bytes(floats(kCrackBytes / 4))};
 
   compare_with_expected(model, table, cells, result, team, field);
+  result.edges = field.edges;
   leave_out_beyond_view(table, map, field);
   std::array<CrackPaths, 2> cracks;
   team.run(2, [&](std::size_t i) { find_cracks(field, i == 0, crack_memory[i], cracks[i]); });
@@ -112,8 +114,11 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
     for (const CrackPath& path : paths) add_crack(model, table, path, field, found);
   group_cells(model, table, field, pore_max_mm, marks, stack, found);
 
-  result.pores = {found.pore_count, found.pore_largest_mm, found.pore_deepest_mm,
-                  found.seen_mm2 > 0.0 ? found.pore_area_mm2 / found.seen_mm2 : kNoValue};
+  result.pores = {found.pore_count,
+                  found.pore_largest_mm,
+                  found.pore_deepest_mm,
+                  found.seen_mm2 > 0.0 ? found.pore_area_mm2 / found.seen_mm2 : kNoValue,
+                  {}};
   for (const FoundSurface& one : found.damage) (void)result.findings.push(one.finding);
   for (const FoundSurface& one : found.pores) (void)result.findings.push(one.finding);
   if (pores != nullptr) {

@@ -254,14 +254,6 @@ class Edge {
   std::size_t length_ = 0;
 };
 
-/// Off the face between the centres of two cells in a line of the raster; NaN where one was not seen.
-float between_cells(const SurfaceField& field, double place, std::size_t first, std::size_t stride) {
-  const auto low = static_cast<std::size_t>(place);
-  const auto part = static_cast<float>(place - static_cast<double>(low));
-  const float a = field.off[first + low * stride];
-  return a + part * (field.off[first + (low + 1) * stride] - a);
-}
-
 }  // namespace
 
 void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field) {
@@ -300,13 +292,13 @@ void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field)
         kRows, [&](std::size_t row) { return end_face[row]; },
         [&](std::size_t row, double distance) {
           const double x = sign * (whole.end_mm(row) - distance);
-          return between_cells(field, (x + kSurfaceHalfX_mm) / kSurfaceCell_mm - 0.5, row * kColumns, 1);
+          return field.off_between((x + kSurfaceHalfX_mm) / kSurfaceCell_mm - 0.5, row * kColumns, 1);
         });
     sides[high].learn(
         kColumns, [&](std::size_t column) { return side_face[high][column]; },
         [&](std::size_t column, double distance) {
           const double y = sign * (whole.side_mm(high == 1) - distance);
-          return between_cells(field, (y + kSurfaceHalfY_mm) / kSurfaceCell_mm - 0.5, column, kColumns);
+          return field.off_between((y + kSurfaceHalfY_mm) / kSurfaceCell_mm - 0.5, column, kColumns);
         });
   });
 

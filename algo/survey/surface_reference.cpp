@@ -13,6 +13,7 @@
 #include <cmath>
 #include <limits>
 
+#include "algo/survey/edge_shapes.h"
 #include "algo/survey/surface_cells.h"
 #include "algo/survey/surface_edges.h"
 
@@ -23,14 +24,6 @@ using namespace surface_cell;
 
 constexpr std::size_t kColumns = kSurfaceColumns;
 constexpr std::size_t kRows = kSurfaceRows;
-
-/// Heights over a nominal face as a plane in (x, y).
-struct FacePlane {
-  double a0 = 0.0;
-  double ax = 0.0;
-  double ay = 0.0;
-  [[nodiscard]] double at(double x, double y) const { return a0 + ax * x + ay * y; }
-};
 
 /// A fitted plane over the nominal one.
 FacePlane plane_over(const Plane& nominal, const PlaneFit& fit) {
@@ -254,6 +247,7 @@ void compare_with_expected(const BlockModel& model, const SurfaceTable& table, s
           static_cast<float>(means.mean_mm(i) - plane(face).at(surface_x_mm(i % kColumns), surface_y_mm(i / kColumns)));
   };
   team.run(2, [&](std::size_t half) { for_cells_of(table, take_face_away, static_cast<int>(half)); });
+  learn_edges(model, table, planes, field, team, field.edges);
   take_edges_away(table, team, field);
   const LocalForm form(table, field);
   std::array<float, kFaces> per_usual{};

@@ -95,6 +95,10 @@ int rejudge(const Recipe& recipe, const Recipe* measured_with, BlockResult& bloc
       const double U_measured_with = measured_with == nullptr ? kNoValue : measured_with->tolerance(item.id).U;
       if (!judge_without_budget(item, U_measured_with, recipe.guard, judged)) ++unknown;
     }
+    if (item.id == ItemId::surface_pores) {
+      block.pores.limits = recipe.pores;
+      judged.verdict = with_pore_limits(judged.verdict, block.pores);
+    }
     item = judged;
   }
   // A block that came to nothing keeps what it came to.

@@ -10,6 +10,7 @@
 
 #include "report/budget_text.h"
 #include "report/figures.h"
+#include "report/words.h"
 
 namespace slabd::cli {
 namespace {
@@ -182,13 +183,15 @@ std::string seat_notes(const SeatFeature& seat, double cell_mm) {
   return text;
 }
 
-std::string finding_lines(const BlockResult& block) {
+std::string surface_lines(const BlockResult& block) {
   std::string text;
   for (const SurfaceFinding& finding : block.findings) text += fmt::format("finding: {}\n", sentence(finding).view());
-  return text;
+  if (const auto pores = sentence(block.pores); !pores.empty()) text += fmt::format("pores: {}\n", pores.view());
+  const std::string edges = report::edge_sentence(block, report::Language::en);
+  return edges.empty() ? text : text + "edges: " + edges + "\n";
 }
 
-std::string slab_map(std::span<const Verdict> verdicts, Style style) {
+std::string slab_map(std::span<const Verdict> verdicts, Style style, std::span<const std::size_t> damaged) {
   const std::size_t pairs = verdicts.size() / 2;
   const auto numbers = [&](bool left) {
     std::string line = "         ";
@@ -198,11 +201,16 @@ std::string slab_map(std::span<const Verdict> verdicts, Style style) {
   };
   const auto marks = [&](bool left) {
     std::string line = left ? "  Y > 0  " : "  Y < 0  ";
+    std::string behind;
     for (std::size_t column = 0; column < pairs; ++column) {
-      const Verdict verdict = verdicts[left ? column : 2 * pairs - column - 1];
-      line += "   " + coloured(symbol(verdict, style), look_of(verdict).colour, style);
+      const std::size_t i = left ? column : 2 * pairs - column - 1;
+      const Verdict verdict = verdicts[i];
+      // The count takes the place of blanks in front of the next symbol.
+      line += std::string(3 - std::min<std::size_t>(3, display_width(behind)), ' ').insert(0, behind);
+      line += coloured(symbol(verdict, style), look_of(verdict).colour, style);
+      behind = i < damaged.size() && damaged[i] > 0 ? fmt::format("!{}", std::min<std::size_t>(damaged[i], 9)) : "";
     }
-    return line + "\n";
+    return line + behind + "\n";
   };
   return numbers(true) + marks(true) + marks(false) + numbers(false);
 }

@@ -46,12 +46,15 @@ struct Style {
 /// there is nothing to say.
 [[nodiscard]] std::string seat_notes(const SeatFeature& seat, double cell_mm);
 
-/// The findings of a block, one line each, the largest first; empty without any.
-[[nodiscard]] std::string finding_lines(const BlockResult& block);
+/// What the block's surface shows: a line for each finding, the largest first, one for the pores, one for the edges;
+/// empty where nothing was looked for and nothing was found.
+[[nodiscard]] std::string surface_lines(const BlockResult& block);
 
 /// The blocks as they lie on the slab, seen from above: row Y > 0 above row Y < 0, X to the right. `verdicts` holds
-/// one entry per station, [station - 1], an even number of them.
-[[nodiscard]] std::string slab_map(std::span<const Verdict> verdicts, Style style);
+/// one entry per station, [station - 1], an even number of them. `damaged` likewise: how many findings other than small
+/// pores there are, shown behind the symbol; empty: not known.
+[[nodiscard]] std::string slab_map(std::span<const Verdict> verdicts, Style style,
+                                   std::span<const std::size_t> damaged = {});
 /// The symbols of the map with their words, one line.
 [[nodiscard]] std::string map_legend(Style style);
 

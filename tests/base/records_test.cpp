@@ -76,6 +76,27 @@ TEST(Findings, have_a_sentence_with_place_and_size) {
   EXPECT_EQ(sentence(f).view(), "chip on the outer jaw at x 81 mm, s 190 mm: 40 x 12 mm, 500 mm2, up to 15.0 mm deep");
 }
 
+TEST(Pores, beyond_depth_or_share_fail_and_the_sentence_names_which) {
+  PoreSummary pores;
+  EXPECT_TRUE(sentence(pores).empty());
+  pores = {12, 8.1, 3.4, 0.004, {}};
+  EXPECT_EQ(sentence(pores).view(), "12 pores, largest 8.1 mm, deepest 3.4 mm, 0.40 % of the area");
+  EXPECT_EQ(with_pore_limits(Verdict::pass, pores), Verdict::pass);
+  pores.limits = {5.0, 0.01};
+  EXPECT_EQ(sentence(pores).view(),
+            "12 pores, largest 8.1 mm, deepest 3.4 mm (at most 5 mm), 0.40 % of the area (at most 1 %)");
+  for (const Verdict verdict : {Verdict::pass, Verdict::indeterminate, Verdict::fail, Verdict::not_measured})
+    EXPECT_EQ(with_pore_limits(verdict, pores), verdict);
+  pores.limits.depth_max_mm = 3.0;
+  EXPECT_NE(sentence(pores).view().find("deepest 3.4 mm (more than 3 mm)"), std::string_view::npos);
+  EXPECT_EQ(with_pore_limits(Verdict::pass, pores), Verdict::fail);
+  EXPECT_EQ(with_pore_limits(Verdict::indeterminate, pores), Verdict::fail);
+  EXPECT_EQ(with_pore_limits(Verdict::not_measured, pores), Verdict::not_measured);
+  pores.limits = {5.0, 0.002};
+  EXPECT_NE(sentence(pores).view().find("0.40 % of the area (more than 0.2 %)"), std::string_view::npos);
+  EXPECT_EQ(with_pore_limits(Verdict::pass, pores), Verdict::fail);
+}
+
 TEST(Scan, warns_of_coordinates_that_are_rounded_more_than_usual) {
   ScanCounts scan;
   EXPECT_TRUE(step_warning(scan).empty());

@@ -52,6 +52,18 @@ TEST(Render, map_shows_the_rows_as_they_lie_on_the_slab) {
   EXPECT_NE(slab_map(verdicts, kUnicode).find("  Y > 0     ✗   ✓"), std::string::npos);
 }
 
+TEST(Render, map_counts_the_findings_behind_a_block) {
+  std::array<Verdict, 6> verdicts;
+  verdicts.fill(Verdict::pass);
+  verdicts[5] = Verdict::fail;
+  const std::array<std::size_t, 6> damaged = {0, 2, 32, 0, 0, 1};
+  EXPECT_EQ(slab_map(verdicts, kPlain, damaged),
+            "            1   2   3\n"
+            "  Y > 0     +   +!2 +!9\n"
+            "  Y < 0     X!1 +   +\n"
+            "            6   5   4\n");
+}
+
 TEST(Render, item_table_is_the_papers_table_5_with_verdicts) {
   std::array<Item, 3> items;
   items[0] = {ItemId::seat_slope, Verdict::fail, true, 4, 0, 1.591140, 1.432096, 1.332218, 1.548158, 0.02, 36.0};

@@ -75,6 +75,15 @@ class ReportTest : public Slabctl {
     for (const ItemId id : {ItemId::seat_slope, ItemId::seat_flatness, ItemId::jaw_angle_inner, ItemId::jaw_distance})
       EXPECT_TRUE(block.items.push(an_item(prng, id, station)));
     for (const SurfaceFinding& finding : findings_) EXPECT_TRUE(block.findings.push(finding));
+    if (has_value(pores_.largest_mm)) {
+      Item pores{ItemId::surface_pores, Verdict::none, true, attempt.station, 0, pores_.largest_mm, 0.0};
+      pores.upper = 10.0;
+      pores.U = 1.0;
+      pores.verdict = with_pore_limits(judge(pores, 1.0), pores_);
+      EXPECT_TRUE(block.items.push(pores));
+      block.pores = pores_;
+    }
+    for (const EdgeFeature& edge : edges_) EXPECT_TRUE(block.edges.push(edge));
     block.verdict = with_findings(combine(block.items.begin(), block.items.end()), block);
     block.seat.plane.ok = block.seat.full_plane.ok = true;
     block.seat.plane.std_mm = 0.0301;
@@ -146,7 +155,9 @@ class ReportTest : public Slabctl {
   std::uint8_t emulated_ = 0;  ///< of every attempt
   std::vector<BlockResult> blocks_;
   std::vector<PlcResult> records_;
-  std::vector<SurfaceFinding> findings_;  ///< of the next blocks
+  std::vector<SurfaceFinding> findings_;  ///< of the next blocks, like these:
+  PoreSummary pores_;
+  std::vector<EdgeFeature> edges_;
 };
 
 TEST_F(ReportTest, findings_of_a_block_are_told_with_place_and_size_in_report_show_and_json) {
@@ -180,6 +191,61 @@ TEST_F(ReportTest, findings_of_a_block_are_told_with_place_and_size_in_report_sh
   EXPECT_EQ(first[0]["depth_mm"], 15.0);
   EXPECT_TRUE(first[0]["volume_mm3"].is_null());
   EXPECT_TRUE(document["blocks"][1]["result"]["findings"].empty());
+}
+
+TEST_F(ReportTest, damage_is_marked_on_the_maps_and_small_pores_are_not) {
+  SurfaceFinding pore;
+  pore.x_mm = 33.0;
+  pore.s_mm = 44.0;
+  pore.length_mm = pore.width_mm = 4.0;
+  pore.area_mm2 = 12.0;
+  pore.depth_mm = 2.0;
+  SurfaceFinding deep = pore;
+  deep.x_mm = -20.0;
+  deep.depth_mm = 6.5;
+  findings_ = {deep, pore};
+  pores_ = {2, 3.9, 6.5, 0.0003, {5.0, 0.02}};
+  measure(1);
+  findings_ = {pore};
+  pores_ = {1, 3.9, 2.0, 0.0001, {5.0, 0.02}};
+  edges_ = {{EdgeFace::seat, EdgeFace::jaw_inner, 4.12, kNoValue, 4.0, 140},
+            {EdgeFace::seat, EdgeFace::end_minus, kNoValue, 3.6, kNoValue, 286},
+            {EdgeFace::seat, EdgeFace::end_plus, kNoValue, 4.24, kNoValue, 280}};
+  for (int station = 2; station <= 18; ++station) measure(station);
+  end();
+  ASSERT_EQ(report("r.html").status, 0);
+  const std::string html = content(file("r.html"));
+  const std::string told = "pit on the seat at x -20 mm, s 44 mm: 4 x 4 mm, 12 mm2, up to 6.5 mm deep";
+  EXPECT_NE(html.find("Block 1: " + told), std::string::npos);
+  const std::string alt = html.substr(html.find("Block 1, Deviation"), 300);
+  EXPECT_NE(alt.find(told), std::string::npos) << alt;
+  EXPECT_EQ(html.find("at x 33 mm"), std::string::npos) << "a small pore is one of many";
+  EXPECT_NE(html.find("(2 pores, largest 3.9 mm, deepest 6.5 mm (more than 5 mm), 0.03 % of the area (at most 2 "
+                      "%))"),
+            std::string::npos);
+  EXPECT_NE(html.find("Pores: 1 pore, largest 3.9 mm, deepest 2.0 mm (at most 5 mm)"), std::string::npos);
+  EXPECT_NE(html.find("Edges: fillet 4.1 mm seat/jaw_inner (nominal 4), chamfer 3.6..4.2 mm ends"), std::string::npos);
+  ASSERT_EQ(report("r.pdf").status, 0);
+  ASSERT_EQ(report("zh.html", "--language zh").status, 0);
+  EXPECT_NE(content(file("zh.html")).find("最深 6.5 mm（超过 5 mm）"), std::string::npos);
+  EXPECT_NE(content(file("zh.html")).find("圆角 4.1 mm 承轨面/内侧钳口面（名义 4），倒角 3.6..4.2 mm 端面"),
+            std::string::npos);
+  const std::string slab = run("show 1 --db " + file("slabd.db")).out;
+  EXPECT_NE(slab.find("!1"), std::string::npos) << slab;
+  EXPECT_NE(slab.find("!N  N findings other than small pores"), std::string::npos) << slab;
+  const std::string block = run("show 1 --db " + file("slabd.db") + " --block 2").out;
+  EXPECT_NE(block.find("edges: fillet 4.1 mm seat/jaw_inner (nominal 4), chamfer 3.6..4.2 mm ends\n"),
+            std::string::npos)
+      << block;
+  const json document = json::parse(run("show 1 --db " + file("slabd.db") + " --json").out);
+  const json& edges = document["blocks"][1]["result"]["features"]["edges"];
+  ASSERT_EQ(edges.size(), 3U);
+  EXPECT_EQ(edges[0]["between"], (json{"seat", "jaw_inner"}));
+  EXPECT_EQ(edges[0]["radius_mm"], 4.12);
+  EXPECT_TRUE(edges[0]["chamfer_mm"].is_null());
+  EXPECT_EQ(edges[0]["n"], 140);
+  EXPECT_TRUE(document["blocks"][0]["result"]["features"]["edges"].empty());
+  EXPECT_EQ(document["blocks"][0]["result"]["pores"]["depth_max_mm"], 5.0);
 }
 
 TEST_F(ReportTest, figures_agree_with_database_json_and_plc_record_to_the_last_digit_shown) {

@@ -269,10 +269,31 @@ INSTANTIATE_TEST_SUITE_P(
               "r.toml:LINE:12: slab.width_mm.confirmed: missing; expected true or false"},
         Fault{"defect_sigmas = 5.0", "defect_sigmas = 2",
               "r.toml:LINE:17: evaluation.defect_sigmas: found 2, allowed is a number 3..20"},
+        Fault{"guard = 1.0", "edges = { chamfer_mm = 1.5 }\nguard = 1.0",
+              "r.toml:LINE:24: edges.chamfer_mm: found 1.5, allowed is a number 2..12"},
+        Fault{"depth_max_mm = 5.0", "depth_max_mm = 0.1",
+              "r.toml:LINE:16: items.surface_pores.depth_max_mm: found 0.1, allowed is a number 0.5..50"},
+        Fault{"share_max = 0.02", "share_max = 2",
+              "r.toml:LINE:13: items.surface_pores.share_max: found 2, allowed is a number 0.0001..1"},
         Fault{"scanner_form_mm = { value = 0.05,", "scanner_form_mm = { value = -0.05,",
               "r.toml:LINE:29: uncertainty.scanner_form_mm.value: found -0.05, allowed is a number 0..1"},
         Fault{"reference_deg = { value = 0.001,", "reference_deg = { value = 2,",
               "r.toml:LINE:27: uncertainty.reference_deg.value: found 2, allowed is a number 0..1"}));
+
+TEST_F(RecipeTest, nominals_of_edges_and_limits_of_pores_are_optional) {
+  const std::string whole = read_whole(kP5600);
+  EXPECT_EQ(load(whole), Texts{});
+  EXPECT_FALSE(has_value(recipe_.edges.fillet_seat_mm) || has_value(recipe_.edges.chamfer_mm));
+  EXPECT_EQ(recipe_.pores.depth_max_mm, 5.0);
+  EXPECT_EQ(recipe_.pores.share_max, 0.02);
+  EXPECT_EQ(load(with(with(whole, "depth_max_mm = 5.0\n", ""), "share_max = 0.02\n", "") +
+                 "\n[edges]\nfillet_seat_mm = 4\nfillet_shoulder_mm = 3.0\nchamfer_mm = 12\n"),
+            Texts{});
+  EXPECT_EQ(recipe_.edges.fillet_seat_mm, 4.0);
+  EXPECT_EQ(recipe_.edges.fillet_shoulder_mm, 3.0);
+  EXPECT_EQ(recipe_.edges.chamfer_mm, 12.0);
+  EXPECT_FALSE(has_value(recipe_.pores.depth_max_mm) || has_value(recipe_.pores.share_max));
+}
 
 TEST_F(RecipeTest, an_assumption_left_out_of_the_uncertainty_is_missed) {
   const Texts problems = load(with(read_whole(kP5600), "reference_mm = { value = 0.005, confirmed = false }\n", ""));

@@ -69,6 +69,7 @@ class ChainTest : public StoreTest {
     record.cmd_seq = cmd_seq_;
     BlockResult block = random_block(prng_, 2, verdict);
     if (block.findings.empty()) (void)block.findings.push(SurfaceFinding{});
+    if (block.edges.empty()) (void)block.edges.push(EdgeFeature{});
     apply(BlockJob{key, 2, block, record, random_maps(prng_)});
     acknowledge(end(key, verdict));
   }
@@ -172,7 +173,7 @@ TEST_F(ChainTest, columns_that_are_not_sealed_are_those_that_change_after_the_en
 TEST_F(ChainTest, rows_that_are_taken_away_or_put_in_are_found) {
   three_slabs();
   for (const char* table :
-       {"item", "finding", "plane", "casing", "map", "station_result", "slab_result", "attempt", "block"}) {
+       {"item", "finding", "edge", "plane", "casing", "map", "station_result", "slab_result", "attempt", "block"}) {
     const std::string said = after(std::string("DELETE FROM ") + table + " WHERE slab_key = 3");
     EXPECT_NE(said.find("slab key 3 (number 103"), std::string::npos) << table << ": " << said;
     EXPECT_NE(said.find(table), std::string::npos) << said;
@@ -208,8 +209,8 @@ TEST_F(ChainTest, the_first_altered_slab_is_named_and_the_others_are_counted) {
 TEST_F(ChainTest, a_deleted_slab_is_named) {
   three_slabs();
   std::string all;
-  for (const char* table : {"item", "map", "finding", "casing", "plane", "block", "attempt", "result", "command",
-                            "station_result", "slab_result", "slab"})
+  for (const char* table : {"item", "map", "finding", "edge", "casing", "plane", "block", "attempt", "result",
+                            "command", "station_result", "slab_result", "slab"})
     all += std::string("DELETE FROM ") + table + " WHERE slab_key = 2; ";
   const std::string said = after(all);
   EXPECT_NE(said.find("slab key 2 (number 102"), std::string::npos) << said;

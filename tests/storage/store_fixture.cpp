@@ -87,6 +87,15 @@ SurfaceFinding finding(Prng& prng) {
   return f;
 }
 
+EdgeFeature edge(Prng& prng) {
+  EdgeFeature e;
+  e.face = static_cast<EdgeFace>(prng.below(kEdgeFaces));
+  e.face_to = static_cast<EdgeFace>(prng.below(kEdgeFaces));
+  for (double* x : {&e.radius_mm, &e.chamfer_mm, &e.nominal_mm}) *x = number(prng);
+  integer(prng, e.n);
+  return e;
+}
+
 Item item(Prng& prng) {
   Item i;
   i.id = static_cast<ItemId>(prng.below(kItemCount));
@@ -257,6 +266,21 @@ void expect_same(const BlockResult& a, const BlockResult& b) {
     SAME_BITS(findings[i].depth_mm);
     SAME_BITS(findings[i].area_mm2);
     SAME_BITS(findings[i].volume_mm3);
+  }
+  SAME(pores.count);
+  SAME_BITS(pores.largest_mm);
+  SAME_BITS(pores.deepest_mm);
+  SAME_BITS(pores.share);
+  SAME_BITS(pores.limits.depth_max_mm);
+  SAME_BITS(pores.limits.share_max);
+  ASSERT_EQ(a.edges.size(), b.edges.size());
+  for (std::size_t i = 0; i < a.edges.size(); ++i) {
+    SAME(edges[i].face);
+    SAME(edges[i].face_to);
+    SAME_BITS(edges[i].radius_mm);
+    SAME_BITS(edges[i].chamfer_mm);
+    SAME_BITS(edges[i].nominal_mm);
+    SAME(edges[i].n);
   }
   SAME(registration.status);
   SAME(registration.iterations);
@@ -450,7 +474,9 @@ BlockResult random_block(Prng& prng, int station, Verdict verdict) {
     *x = number(prng);
   integer(prng, b.seat.defect.cells);
   integer(prng, b.pores.count);
-  for (double* x : {&b.pores.largest_mm, &b.pores.deepest_mm, &b.pores.share}) *x = number(prng);
+  for (double* x : {&b.pores.largest_mm, &b.pores.deepest_mm, &b.pores.share, &b.pores.limits.depth_max_mm,
+                    &b.pores.limits.share_max})
+    *x = number(prng);
   b.jaw_inner = plane(prng);
   b.jaw_outer = plane(prng);
   b.slab_top = plane(prng);
@@ -471,6 +497,8 @@ BlockResult random_block(Prng& prng, int station, Verdict verdict) {
   b.observation.sigma_top_n_rad = vector(prng);
   b.scan.step_mm = vector(prng);
   while (b.findings.push(finding(prng))) {
+  }
+  while (b.edges.push(edge(prng))) {
   }
   b.times = {number(prng), number(prng), number(prng), number(prng), number(prng)};
   return b;

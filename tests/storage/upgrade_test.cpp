@@ -56,6 +56,7 @@ class Plain {
 BlockResult before_version_9(BlockResult block) {
   block.scan.step_mm = Vec3::Zero();
   block.findings.clear();
+  block.edges.clear();
   block.pores = {};
   for (double* x : {&block.seat.flatness_closed_mm, &block.seat.flatness_raw_mm, &block.seat.flatness_trimmed_mm})
     *x = kNoValue;

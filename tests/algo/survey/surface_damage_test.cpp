@@ -133,6 +133,23 @@ TEST(SurfaceDamage, a_pore_beyond_the_limit_is_reason_616_and_a_larger_pit_is_da
   EXPECT_NEAR(item(pit, ItemId::block_damage).value, 16.0, 2.5);
 }
 
+TEST(SurfaceDamage, pores_beyond_the_limits_of_depth_and_share_are_reason_616) {
+  const scene::Cloud scan = with_pore(8.0, 2.8);
+  const auto with_limits = [&](double depth_max_mm, double share_max) {
+    Recipe recipe = with_surface_items();
+    recipe.pores = {depth_max_mm, share_max};
+    return inspect(scan, recipe);
+  };
+  const BlockResult good = with_limits(5.0, 0.02);
+  EXPECT_EQ(good.verdict, Verdict::pass);
+  EXPECT_GT(good.pores.deepest_mm, 2.0);
+  for (const BlockResult& bad : {with_limits(2.0, kNoValue), with_limits(kNoValue, 0.5 * good.pores.share)}) {
+    EXPECT_EQ(bad.verdict, Verdict::fail);
+    EXPECT_EQ(bad.reason, 616);
+    EXPECT_NE(sentence(bad.pores).view().find("more than"), std::string_view::npos) << sentence(bad.pores).c_str();
+  }
+}
+
 void expect_damage(const BlockResult& r, FindingKind kind, double extent_from_mm) {
   EXPECT_NE(r.verdict, Verdict::pass);
   ASSERT_FALSE(r.findings.empty());
@@ -238,6 +255,8 @@ TEST(SurfaceDamage, is_the_same_on_two_threads_and_every_instruction_set) {
     std::vector<double> numbers = {r.pores.largest_mm, r.pores.deepest_mm, r.pores.share};
     for (const SurfaceFinding& f : r.findings)
       numbers.insert(numbers.end(), {f.x_mm, f.s_mm, f.length_mm, f.width_mm, f.depth_mm, f.area_mm2, f.volume_mm3});
+    for (const EdgeFeature& edge : r.edges)
+      numbers.insert(numbers.end(), {edge.radius_mm, edge.chamfer_mm, static_cast<double>(edge.n)});
     if (first.empty()) first = numbers;
     ASSERT_EQ(numbers.size(), first.size());
     for (std::size_t i = 0; i < numbers.size(); ++i)
