@@ -78,7 +78,7 @@ constexpr std::array<Fillet, 4> kFillets = {{{EdgeFace::seat, EdgeFace::jaw_inne
 TEST(EdgeShapes, radii_of_2_to_10_mm_are_learned) {
   int learned = 0;
   for (const double strength : {0.7, 1.0, 1.5, 2.0})
-    for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+    for (std::uint64_t seed = 1; seed <= 2; ++seed) {
       EffectStrengths effects(SurfaceKind::real);
       effects.set(Effect::fillet, strength);
       const Measured scan = measured(effects, seed);
@@ -97,12 +97,12 @@ TEST(EdgeShapes, radii_of_2_to_10_mm_are_learned) {
         ++learned;
       }
     }
-  EXPECT_GT(learned, 40);
+  EXPECT_GT(learned, 20);
 }
 
 TEST(EdgeShapes, legs_of_3_to_8_mm_are_learned) {
   for (const double strength : {0.75, 1.0, 1.5, 2.0})
-    for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+    for (std::uint64_t seed = 1; seed <= 1; ++seed) {
       EffectStrengths effects(SurfaceKind::real);
       effects.set(Effect::chamfer, strength);
       // A shoulder's end is 40 mm wide, in which wear is a leg of its own.
