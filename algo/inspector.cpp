@@ -423,7 +423,8 @@ Status BlockInspector::extract(const Cloud& cloud) {
     });
 
   compute_block_items(w.model, result);
-  compute_block_budget(w.recipe, w.verified, {jaws[0].strip.form_tilt_rad, jaws[1].strip.form_tilt_rad}, result);
+  const FormDoubt form{form_tilts_rad(jaws[0].strip, jaws[1].strip), closed ? flatness.bumps_mm : 0.0};
+  compute_block_budget(w.recipe, w.verified, form, result);
   compute_observation(w.model, w.T_base_scanner * result.registration.T_scanner_block, result);
   static_assert(kFindingFloats <= kSampleFloats);
   if (has_surface_items) {

@@ -31,11 +31,16 @@ constexpr int kRounds = 8;
 /// Points belong to the plane within so many of their own robust deviations.
 constexpr double kReachSigmas = 4.0;
 constexpr double kReachMin_mm = 1e-3;
-/// Three neighbouring sectors (10 mm of the ring) that stand so far over the plane, and by kCrust_mm over the seat, are
-/// a crust on which a rail pad lies; a grain of sand or a burr is in one of them, or two.
+/// Three of four neighbouring sectors (14 mm of the ring) that stand so far over the plane, and by kCrust_mm over the
+/// seat, are a crust on which a rail pad lies; a grain of sand or a burr is in one of them, or two. Mortar is rough,
+/// and the pad lies on its higher parts: a sector stands as high as a quarter of its area.
 constexpr double kOverPlane_mm = 0.1;
 constexpr double kCrust_mm = 0.05;
-constexpr double kMedianSigma = 1.2533;  ///< standard error of a median over that of a mean
+constexpr std::size_t kCrustSectors = 3;
+constexpr std::size_t kCrustWindow = 4;
+constexpr double kMedianSigma = 1.2533;    ///< standard error of a median over that of a mean
+constexpr double kQuartileSigma = 1.3626;  ///< ... and of a quartile
+constexpr double kQuartile = 0.6745;       ///< of a normal distribution over its mean, in standard deviations
 
 /// What a sector's points come to.
 struct Sector {
@@ -43,6 +48,7 @@ struct Sector {
   double x = 0.0;  ///< mean place
   double y = 0.0;
   double median = 0.0;
+  double upper = 0.0;  ///< upper quartile
   double sigma = 0.0;  ///< of the median, by the scatter of its points
   [[nodiscard]] bool seen() const { return points >= kSectorPointsMin; }
 };
@@ -92,6 +98,9 @@ std::array<Sector, kSectors> sectors_of(std::span<const RimPoint> points) {
     s.y /= n;
     const std::span<double> own(heights[k].data(), taken[k]);
     s.median = median_of(own);
+    const auto quarter = own.begin() + static_cast<std::ptrdiff_t>(3 * taken[k] / 4);
+    std::nth_element(own.begin(), quarter, own.end());
+    s.upper = *quarter;
     for (double& h : own) h = std::abs(h - s.median);
     s.sigma = kMedianSigma * 1.4826 * median_of(own) / std::sqrt(static_cast<double>(taken[k]));
   }
@@ -166,6 +175,27 @@ RimPlane lowest_plane(std::span<const Sector* const> seen) {
   return best;
 }
 
+/// The highest that kCrustSectors of kCrustWindow neighbouring sectors stand over the seat, if they are a crust; else
+/// 0. `std_mm`: noise of the rim's points, which alone makes an upper quartile.
+double crust_of(const std::array<Sector, kSectors>& sectors, const RimPlane& plane, double std_mm) {
+  std::array<double, kSectors> stands{};
+  for (std::size_t k = 0; k < kSectors; ++k) {
+    const Sector& s = sectors[k];
+    if (!s.seen()) continue;
+    const double upper = s.upper - kQuartile * std_mm;
+    const double sigma = kQuartileSigma * std_mm / std::sqrt(static_cast<double>(std::min(s.points, kSectorSample)));
+    if (upper - plane.at(s.x, s.y) > kOverPlane_mm && upper > kCrust_mm + 3.0 * sigma) stands[k] = upper;
+  }
+  double crust_mm = 0.0;
+  for (std::size_t k = 0; k < kSectors; ++k) {
+    std::array<double, kCrustWindow> window{};
+    for (std::size_t i = 0; i < kCrustWindow; ++i) window[i] = stands[(k + i) % kSectors];
+    std::sort(window.begin(), window.end());
+    crust_mm = std::max(crust_mm, window[kCrustWindow - kCrustSectors]);
+  }
+  return crust_mm;
+}
+
 }  // namespace
 
 RimHeight rim_height(std::span<const RimPoint> points) {
@@ -193,7 +223,6 @@ RimHeight rim_height(std::span<const RimPoint> points) {
   double sectors_on = 0.0;
   double sectors_below = 0.0;
   double squares = 0.0;
-  std::array<double, kSectors> stands{};  // over plane and seat
   for (std::size_t k = 0; k < kSectors; ++k) {
     const Sector& s = sectors[k];
     if (!s.seen()) continue;
@@ -204,11 +233,7 @@ RimHeight rim_height(std::span<const RimPoint> points) {
     } else if (over < 0.0) {
       sectors_below += 1.0;
     }
-    if (over > kOverPlane_mm && s.median > kCrust_mm + 3.0 * s.sigma) stands[k] = s.median;
   }
-  for (std::size_t k = 0; k < kSectors; ++k)
-    rim.crust_mm =
-        std::max(rim.crust_mm, std::min({stands[k], stands[(k + 1) % kSectors], stands[(k + 2) % kSectors]}));
   const auto all = static_cast<double>(seen);
   rim.share_on = sectors_on / all;
   rim.share_below = sectors_below / all;
@@ -259,6 +284,7 @@ RimHeight rim_height(std::span<const RimPoint> points) {
   rim.points = static_cast<std::size_t>(n);
   rim.height_mm = plane.a[0] + mean;
   rim.std_mm = std::sqrt(scatter / n);
+  rim.crust_mm = crust_of(sectors, plane, rim.std_mm);
   // Of a mean over sectors; where a part of the ring is not on the plane, its tilt has a say at the axis as well.
   const double lever = at_axis * sectors_on;
   const double noise2 = lever * rim.std_mm * rim.std_mm * white / (used * used);

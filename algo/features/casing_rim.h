@@ -26,7 +26,7 @@ struct RimHeight {
   double share_below = 0.0;   ///< ... and below it: pieces missing
   double share_points = 0.0;  ///< of the points of those sectors, those that do
   double share_seen = 0.0;    ///< sectors of all that were seen
-  double crust_mm = 0.0;      ///< the highest that three neighbouring sectors stand over the seat and this plane
+  double crust_mm = 0.0;  ///< the highest that three of four neighbouring sectors stand over the seat and this plane
 };
 
 /// Each of kRimHeightSectors sectors has one say, however many points it returned. The plane goes through those that

@@ -96,7 +96,7 @@ struct RingFit {
 }  // namespace
 
 Closing close_pits(const CellGrid& grid, std::span<const std::uint32_t> cell, std::span<const double> height,
-                   double width_mm, double least_mm, std::span<std::uint32_t> mark, std::span<std::uint32_t> stack,
+                   const PitSize& size, std::span<std::uint32_t> mark, std::span<std::uint32_t> stack,
                    std::span<double> closed) {
   Closing result;
   std::copy(height.begin(), height.end(), closed.begin());
@@ -112,17 +112,17 @@ Closing close_pits(const CellGrid& grid, std::span<const std::uint32_t> cell, st
     f[cell[k]] = static_cast<float>(height[k]);
     number[cell[k]] = static_cast<std::uint16_t>(k);
   }
-  const int reach = std::min(static_cast<int>(std::lround(0.5 * width_mm / grid.region.cell_mm)), kReachMax);
+  const int reach = std::min(static_cast<int>(std::lround(0.5 * size.width_mm / grid.region.cell_mm)), kReachMax);
   const std::span<float> room = std::span(between).first(cells);
   disc_filter(grid, f, room, reach, [](float a, float b) { return a > b; });
   disc_filter(grid, room, c, reach, [](float a, float b) { return a < b; });
 
   for (std::size_t i = 0; i < cells; ++i)
-    mark[i] = f[i] != kNone && static_cast<double>(c[i] - f[i]) > least_mm ? kLow : kPlain;
+    mark[i] = f[i] != kNone && static_cast<double>(c[i] - f[i]) > size.least_mm ? kLow : kPlain;
   // Groups lose their marks when they are found; who is sunk is asked of the heights.
-  const auto sunk = [&](std::size_t i) { return static_cast<double>(c[i] - f[i]) > least_mm; };
+  const auto sunk = [&](std::size_t i) { return static_cast<double>(c[i] - f[i]) > size.least_mm; };
   for_each_group(grid, kLow, mark, stack, [&](std::span<const std::uint32_t> group) {
-    if (width_of(grid, group) > width_mm) return;
+    if (width_of(grid, group) > size.width_mm) return;
     RingFit ring;
     std::size_t low_column = grid.columns, high_column = 0, low_row = grid.rows, high_row = 0;
     for (const std::uint32_t i : group) {
@@ -171,7 +171,7 @@ Closing close_pits(const CellGrid& grid, std::span<const std::uint32_t> cell, st
       below_closing = std::max(below_closing, static_cast<double>(c[i] - f[i]));
       below_ring = std::max(below_ring, over - static_cast<double>(f[i]));
     }
-    if (below_ring < kPitShare * below_closing) return;
+    if (below_ring < kPitShare * below_closing || below_ring > size.most_mm) return;
     ++result.pits;
     for (const std::uint32_t i : group) {
       const double over = mean + ring.at(grid.x_of(i), grid.s_of(i));

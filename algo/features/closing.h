@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 
 #include "algo/features/cell_grid.h"
@@ -18,11 +19,18 @@ struct Closing {
   std::size_t pits = 0;  ///< bridged
 };
 
+/// A place counts as sunk from `least_mm` on, up to `most_mm` deep, and as compact up to `width_mm` across.
+struct PitSize {
+  double width_mm;
+  double least_mm;
+  double most_mm = std::numeric_limits<double>::infinity();
+};
+
 /// `cell` and `height` (mm above the fitted seat): the cells that have one, in ascending order. Writes to `closed` what
-/// each is as high as. A place counts as sunk from `least_mm` on, and as compact up to `width_mm` across. `mark` and
-/// `stack`: room for one entry per cell. No heap; 0.3 ms.
+/// each is as high as. `mark` and `stack`: room for one entry per cell. No heap; 0.3 ms. Of heights with their sign
+/// changed it levels bumps.
 Closing close_pits(const CellGrid& grid, std::span<const std::uint32_t> cell, std::span<const double> height,
-                   double width_mm, double least_mm, std::span<std::uint32_t> mark, std::span<std::uint32_t> stack,
+                   const PitSize& size, std::span<std::uint32_t> mark, std::span<std::uint32_t> stack,
                    std::span<double> closed);
 
 }  // namespace slabd::algo

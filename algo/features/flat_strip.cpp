@@ -23,10 +23,26 @@ constexpr double kRoundingShare = 0.25;
 /// A step is on the line within this, and so many standard deviations of its own.
 constexpr double kOnLine_mm = 0.006;
 constexpr double kOnLineSigmas = 3.5;
+/// ... or within the crests of the waves that its middle has, in standard deviations: a sine has 1.4.
+constexpr double kWaveCrest = 1.6;
 /// The tail of a fillet or of the light in the corner, too low to be seen, reaches further up by this.
 constexpr double kTail_mm = 1.0;
 /// Steps of a profile whose residuals are alike.
-constexpr double kAlikeSteps = 2.0;
+constexpr double kAlikeSteps = 4.0;
+/// A jaw is bent where a straight piece of so many steps leans otherwise than its flat strip: by more than this
+/// (0.25 degrees), by more than so many standard deviations of its slope, and than so many of what the profile's waves
+/// make.
+constexpr std::size_t kPieceSteps = 7;
+constexpr double kBend_rad = 0.0044;
+constexpr double kBendSigmas = 3.0;
+constexpr double kBendWaves = 2.0;
+/// A piece is straight if its sagitta is less than this of what it climbs beside the strip: of a fillet it is a
+/// quarter, of light that decays over 2 mm a third.
+constexpr double kStraightShare = 0.15;
+
+double square(double v) {
+  return v * v;
+}
 
 /// Straight through the steps [first, last) of a profile.
 struct Line {
@@ -58,7 +74,50 @@ struct Line {
   [[nodiscard]] double off(const FaceProfile& profile, std::size_t k) const {
     return profile.height_mm[k] - height - slope * (FaceProfile::from_foot_mm(k) - middle);
   }
+  /// Standard deviation of the steps [first, last) about it, beyond their own; they are those it was fitted to.
+  [[nodiscard]] double scatter_mm(const FaceProfile& profile, std::size_t first, std::size_t last) const {
+    if (n < 3.0) return 0.0;
+    double sum = 0.0;
+    for (std::size_t k = first; k < last; ++k)
+      if (profile.seen(k)) sum += std::max(square(off(profile, k)) - square(profile.sigma_mm[k]), 0.0);
+    return std::sqrt(sum / (n - 2.0));
+  }
 };
+
+/// By how much the straight pieces of the steps [first, last) lean otherwise than `slope`, if that is more than
+/// `least_rad`; else 0. A fillet and the light in the corner lean too, but what they add grows towards the edge: they
+/// are curved.
+double bend_of(const FaceProfile& profile, std::size_t first, std::size_t last, double slope, double least_rad) {
+  double bend = 0.0;
+  for (std::size_t from = first; from + kPieceSteps <= last; ++from) {
+    const Line piece(profile, from, from + kPieceSteps);
+    if (piece.n < static_cast<double>(kPieceSteps)) continue;
+    const double mean_square = piece.squares / piece.n;
+    double sigma = 0.0;
+    double product = 0.0;
+    double squares = 0.0;
+    for (std::size_t k = from; k < from + kPieceSteps; ++k) {
+      const double u = FaceProfile::from_foot_mm(k) - piece.middle;
+      const double bow = u * u - mean_square;
+      sigma = std::max(sigma, profile.sigma_mm[k]);
+      product += bow * piece.off(profile, k);
+      squares += bow * bow;
+    }
+    const double half = 0.5 * static_cast<double>(kPieceSteps - 1) * FaceProfile::kStep_mm;
+    const double sagitta = std::abs(product / squares) * half * half;
+    const double other = std::abs(piece.slope - slope);
+    if (sagitta < kStraightShare * other * 2.0 * half &&
+        other - kBendSigmas * sigma / std::sqrt(piece.squares) > least_rad)
+      bend = std::max(bend, other);
+  }
+  return bend;
+}
+
+/// With waves of this variance. Each straight piece of a bent jaw is its angle as much as the flat strip: U reaches to
+/// the furthest. The waves have the bend in them, so the larger counts.
+double form_tilt_rad(const FlatStrip& strip, double wave_mm2) {
+  return std::max(std::sqrt(wave_mm2 / strip.lever_mm2), 0.5 * strip.bend_rad);
+}
 
 std::size_t step_of(double from_foot_mm) {
   return std::min(static_cast<std::size_t>(std::max(from_foot_mm, 0.0) / FaceProfile::kStep_mm), kSteps - 1);
@@ -113,6 +172,7 @@ FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, do
   const std::size_t highest = std::min(step_of(edges.length_mm() - margin_mm) + 1, kSteps);
   std::size_t first = std::clamp(step_of(middle.from_mm), lowest, highest);
   std::size_t last = std::clamp(step_of(middle.to_mm), first, highest);
+  const double waves_mm = kWaveCrest * Line(profile, first, last).scatter_mm(profile, first, last);
   // Outwards by turns; what was taken in has a say in the line from then on.
   bool down = true;
   bool up = true;
@@ -124,7 +184,7 @@ FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, do
       const double lever = FaceProfile::from_foot_mm(k) - line.middle;
       // The line itself is known from medians like this one.
       const double line2 = line.n > 2.0 ? own2 * (1.0 / line.n + lever * lever / line.squares) : own2;
-      return std::abs(line.off(profile, k)) <= kOnLine_mm + kOnLineSigmas * std::sqrt(own2 + line2);
+      return std::abs(line.off(profile, k)) <= std::max(kOnLine_mm, waves_mm) + kOnLineSigmas * std::sqrt(own2 + line2);
     };
     if (down) {
       down = first > lowest && on_line(first - 1);
@@ -145,14 +205,20 @@ FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, do
   const std::size_t to = strip.narrowed && last < highest ? std::max(last - 1, from) : last;
   const Line line(profile, from, to);
   if (line.n < 3.0 || !(line.squares > 0.0)) return strip;
-  double squares = 0.0;
-  for (std::size_t k = from; k < to; ++k) {
-    if (!profile.seen(k)) continue;
-    const double off = line.off(profile, k);
-    squares += std::max(off * off - profile.sigma_mm[k] * profile.sigma_mm[k], 0.0);
-  }
-  strip.form_tilt_rad = std::sqrt(kAlikeSteps * squares / (line.n - 2.0) / line.squares);
+  const double squares = (line.n - 2.0) * square(line.scatter_mm(profile, from, to));
+  // Few of the residuals are independent, and the line has taken two of these.
+  strip.wave_mm2 = squares / std::max(line.n / kAlikeSteps - 2.0, 0.5);
+  strip.lever_mm2 = line.squares;
+  const double waves_rad = std::sqrt(strip.wave_mm2 / strip.lever_mm2);
+  strip.bend_rad = bend_of(profile, lowest, highest, line.slope, std::max(kBend_rad, kBendWaves * waves_rad));
+  strip.form_tilt_rad = form_tilt_rad(strip, strip.wave_mm2);
   return strip;
+}
+
+std::array<double, 2> form_tilts_rad(const FlatStrip& inner, const FlatStrip& outer) {
+  if (!(inner.lever_mm2 > 0.0) || !(outer.lever_mm2 > 0.0)) return {inner.form_tilt_rad, outer.form_tilt_rad};
+  const double wave_mm2 = 0.5 * (inner.wave_mm2 + outer.wave_mm2);
+  return {form_tilt_rad(inner, wave_mm2), form_tilt_rad(outer, wave_mm2)};
 }
 
 SeatPoints points_of_strip(const ListedPoints& points, const FaceEdges& edges, const FlatStrip& strip,

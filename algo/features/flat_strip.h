@@ -39,7 +39,10 @@ struct FlatStrip {
   double from_mm = 0.0;
   double to_mm = 0.0;
   bool narrowed = false;       ///< less than what was offered is flat
-  double form_tilt_rad = 0.0;  ///< standard uncertainty of the face's tilt by what is left of a profile in it
+  double form_tilt_rad = 0.0;  ///< standard uncertainty of the face's tilt by its own profile
+  double wave_mm2 = 0.0;       ///< variance of its waves, from what of the profile is independent; 0: unknown
+  double lever_mm2 = 0.0;      ///< sum of the squares of the profile's places about their middle
+  double bend_rad = 0.0;       ///< largest angle between the strip and another straight piece of a bent face; else 0
 };
 
 /// The middle of the face, which even a fillet of 12 mm radius leaves flat.
@@ -51,6 +54,10 @@ struct FlatStrip {
 /// From the middle of the face outwards as long as the profile stays on the straight line through what is flat already.
 /// `margin_mm`: nothing nearer to an edge was offered.
 [[nodiscard]] FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, double margin_mm);
+
+/// Standard uncertainties of both jaws' tilts by their own profiles. One scanner has seen both and one mould has cast
+/// both, so their waves are alike: a wave that one strip is too short to show is in the other's.
+[[nodiscard]] std::array<double, 2> form_tilts_rad(const FlatStrip& inner, const FlatStrip& outer);
 
 /// The points of a strip, copied to `memory` (three floats each; of more than there is room for, every so many-th).
 [[nodiscard]] SeatPoints points_of_strip(const ListedPoints& points, const FaceEdges& edges, const FlatStrip& strip,

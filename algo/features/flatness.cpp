@@ -50,6 +50,8 @@ namespace {
 constexpr double kPit_mm = 0.05;
 /// ... or by so many standard deviations of a cell: what of seven by seven of them the highest is above the lowest.
 constexpr double kPitSigmas = 6.0;
+/// A burr, a grain of dust or a drop of mortar: no higher than this. What is higher is damage and counts without doubt.
+constexpr double kBump_mm = 0.4;
 /// The paper's flatness leaves out a tenth of its points (3.1, 5.2).
 constexpr double kTrimmed = 0.9;
 /// Nearer to the seat than this no cell is a defect, however quiet the scan: float coordinates resolve no better than
@@ -262,6 +264,30 @@ double trimmed_range_mm(std::span<const Vec3> means, const PlaneFit& plane) {
   return high - low;
 }
 
+/// Peak to valley of the cells of the closed surface without its narrow low bumps; NaN where there are none. `means`
+/// are at the heights `closed`, and at those of the level surface afterwards; `closed` has its sign changed.
+double range_without_bumps_mm(const CellGrid& grid, const CellHeights& cells, std::span<double> closed,
+                              const PitSize& size, const Vec3& normal, std::span<Vec3> means,
+                              const FlatnessWorkspace& work) {
+  for (double& h : closed) h = -h;
+  std::array<double, limits::kFlatnessCellsMax> memory;
+  const std::span<double> level = std::span(memory).first(closed.size());
+  const Closing bumps = close_pits(grid, std::span(cells.cell).first(cells.size), closed, size,
+                                   work.mark.first(grid.cells()), work.stack, level);
+  if (bumps.pits == 0) return kNoValue;
+  for (std::size_t k = 0; k < means.size(); ++k) means[k] -= (level[k] - closed[k]) * normal;
+  const PlaneFit plane = fit_plane_lsq(means, normal);
+  if (!plane.ok) return kNoValue;
+  double low = std::numeric_limits<double>::infinity();
+  double high = -low;
+  for (const Vec3& p : means) {
+    const double h = plane.normal.dot(p) - plane.offset_mm;
+    low = std::min(low, h);
+    high = std::max(high, h);
+  }
+  return high - low;
+}
+
 /// Does all of it fit the workspace, and is the fitted seat one that heights above the nominal one say something about?
 bool can_be_measured(std::span<const SeatPoints> runs, const CellGrid& grid, const CellLayout& layout) {
   std::size_t points = 0;
@@ -371,9 +397,9 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
   const std::span<const double> heights = std::span(cells.height).first(cells.size);
   std::array<double, limits::kFlatnessCellsMax> closed;
   const double cell_mm = seat.std_mm / std::sqrt(cells.points_per_cell());
-  const Closing closing =
-      close_pits(grid, std::span(cells.cell).first(cells.size), heights, region.closing_mm,
-                 std::fmax(kPit_mm, kPitSigmas * cell_mm), mark, work.stack, std::span(closed).first(cells.size));
+  PitSize size{region.closing_mm, std::fmax(kPit_mm, kPitSigmas * cell_mm)};
+  const Closing closing = close_pits(grid, std::span(cells.cell).first(cells.size), heights, size, mark, work.stack,
+                                     std::span(closed).first(cells.size));
   result.closed_mm = result.lsq_mm;
   result.closed_min_zone_mm = result.min_zone_mm;
   if (closing.pits > 0) {
@@ -390,6 +416,10 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
       result.closed_min_zone_mm = minimum_zone_mm(means);
     }
   }
+  size.most_mm = kBump_mm;
+  const double level_mm = range_without_bumps_mm(grid, cells, std::span(closed).first(cells.size), size, seat.normal,
+                                                 work.cell_mean.first(cells.size), work);
+  if (level_mm < result.closed_mm) result.bumps_mm = result.closed_mm - level_mm;
   leave_out(damaged, sums, cells);
   const CellNoise noise =
       noise_of_cells(grid, std::span(cells.height).first(cells.size), std::span(cells.cell).first(cells.size),

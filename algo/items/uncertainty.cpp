@@ -75,6 +75,7 @@ class BlockBudget {
     const double sine = seat().normal.cross(jaw.normal).norm();
     const PlaneGradient by_seat{jaw.normal / sine, 0.0};
     const PlaneGradient by_jaw{seat().normal / sine, 0.0};
+    widen(id, deg_from_rad(form_rad));
     angle(id, variance(by_seat, seat()) + variance(by_jaw, jaw), by_density(by_seat),
           2.0 * square(scanner_.tilt_rad()) + square(form_rad),
           rounding_.variance(by_seat, seat()) + rounding_.variance(by_jaw, jaw), Vec6::Zero());
@@ -94,11 +95,14 @@ class BlockBudget {
         variance(g_seat, seat()) + variance(g_outer.jaw, result_.jaw_outer) + variance(g_inner.jaw, result_.jaw_inner);
     // The two jaws against each other, the seat between them against both, and tilts where their levers leave any.
     const double jaw_steepness = std::max(std::abs(g_outer.jaw.height), std::abs(g_inner.jaw.height));
-    const double scanner = square(jaw_steepness * scanner_.difference_mm(distance.value)) +
-                           square(g_seat.height * scanner_.difference_mm(0.5 * distance.value)) +
-                           (square(scanner_.tilt_rad()) + square(form_rad[1])) * g_outer.jaw.normal.squaredNorm() +
-                           (square(scanner_.tilt_rad()) + square(form_rad[0])) * g_inner.jaw.normal.squaredNorm() +
-                           square(scanner_.length_mm(distance.value));
+    const double form =
+        square(form_rad[1]) * g_outer.jaw.normal.squaredNorm() + square(form_rad[0]) * g_inner.jaw.normal.squaredNorm();
+    widen(ItemId::jaw_distance, std::sqrt(form));
+    const double scanner =
+        square(jaw_steepness * scanner_.difference_mm(distance.value)) +
+        square(g_seat.height * scanner_.difference_mm(0.5 * distance.value)) +
+        square(scanner_.tilt_rad()) * (g_outer.jaw.normal.squaredNorm() + g_inner.jaw.normal.squaredNorm()) +
+        square(scanner_.length_mm(distance.value)) + form;
     length(ItemId::jaw_distance, distance.value, fit, by_density(g_seat), scanner,
            rounding_.variance(g_seat, seat()) + rounding_.variance(g_outer.jaw, result_.jaw_outer) +
                rounding_.variance(g_inner.jaw, result_.jaw_inner),
@@ -126,9 +130,12 @@ class BlockBudget {
 
   /// Noise and form error can both only add to a flatness, so they add plainly, U = m N + 1.645 u_form. So that U
   /// remains twice the root sum of squares, the part `noise` holds the mixed term 2 fit scanner of that square.
-  void flatness() {
+  void flatness(double bumps_mm) {
     Item& flatness = item(ItemId::seat_flatness);
     if (!has_value(flatness.value)) return;
+    const double bumps = bumps_mm / std::sqrt(3.0);
+    widen(ItemId::seat_flatness, bumps);
+    if (!recipe_.uncertainty.given) return;
     const double region_mm = 2.0 * std::max(recipe_.evaluation.crop_half_x_mm, recipe_.evaluation.crop_half_s_mm);
     const double noise_mm = result_.seat.flatness_noise_mm;
     Budget budget{};
@@ -136,7 +143,7 @@ class BlockBudget {
     // Highest and lowest cell may both be off by half a step.
     const double scanner =
         std::sqrt(square(0.5 * 1.645 * scanner_.difference_mm(region_mm)) + 4.0 * rounding_.place_mm2(seat().normal));
-    part(budget, BudgetPart::fit) = fit;
+    part(budget, BudgetPart::fit) = std::hypot(fit, bumps);
     part(budget, BudgetPart::noise) = std::sqrt(2.0 * fit * scanner);
     part(budget, BudgetPart::scanner) = scanner;
     part(budget, BudgetPart::reference) = reference_mm(region_mm);
@@ -146,6 +153,10 @@ class BlockBudget {
  private:
   [[nodiscard]] const PlaneFit& seat() const { return result_.seat.plane; }
   Item& item(ItemId id) { return item_of(result_, id); }
+  /// An uncertainty that the recipe states knows nothing of the form of this block.
+  void widen(ItemId id, double u) {
+    if (2.0 * u > item(id).U) item(id).U = 2.0 * u;
+  }
   [[nodiscard]] double by_density(const PlaneGradient& by_seat) const {
     return variance(by_seat, result_.seat.by_area);
   }
@@ -365,16 +376,16 @@ bool settle(const Budget& budget, Item& item) {
   return true;
 }
 
-void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified,
-                          const std::array<double, 2>& jaw_form_rad, BlockResult& result) {
+void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, const FormDoubt& form,
+                          BlockResult& result) {
   budget_seat_std(result);
   widen_spacing(result);
   BlockBudget budget(recipe, verified, result);
-  if (recipe.uncertainty.given) budget.flatness();
+  budget.flatness(form.bumps_mm);
   budget.slope();
-  budget.jaw_angle(ItemId::jaw_angle_inner, result.jaw_inner, jaw_form_rad[0]);
-  budget.jaw_angle(ItemId::jaw_angle_outer, result.jaw_outer, jaw_form_rad[1]);
-  budget.jaw_distance(jaw_form_rad);
+  budget.jaw_angle(ItemId::jaw_angle_inner, result.jaw_inner, form.jaw_rad[0]);
+  budget.jaw_angle(ItemId::jaw_angle_outer, result.jaw_outer, form.jaw_rad[1]);
+  budget.jaw_distance(form.jaw_rad);
   if (recipe.uncertainty.given) budget.casing_spacing();
   budget.casing_protrusion(ItemId::casing_protrusion_inner, result.casing_inner);
   budget.casing_protrusion(ItemId::casing_protrusion_outer, result.casing_outer);

@@ -17,6 +17,9 @@
 ///                 And the seat's density: where more points returned from one part than from another, a bowed seat
 ///                 leans to that part. With d the difference between the seat weighed by area and by points
 ///                 (SeatFeature::by_area), half width g d: u^2 = (g d)^2 / 3.
+///                 And the bumps on a seat: no scan tells a burr, which a straightedge feels, from a grain of dust or
+///                 mortar that goes with the next broom. With b what narrow low bumps add to the flatness
+///                 (Flatness::bumps_mm), half width b: u^2 = b^2 / 3.
 ///   noise         A scanner's neighbouring points err together. SeatFeature::noise_factor f says how much more a
 ///                 mean then varies than white noise would make it: u^2 = (f - 1) fit^2, of what noise gives the fit.
 ///   scanner       The recipe's specification and, where the scanner was verified, what was found; of every term below
@@ -29,7 +32,8 @@
 ///                   length l                      p l / sqrt(3), found: PS / sqrt(3)  mm: not how it grows
 ///                 All rectangular. Tilts of different features count as independent, and a difference between two
 ///                 places takes the features' tilts in already.
-///                 And the step to which the scan's coordinates were rounded (CoordinateRounding), where there is one.
+///                 And the step to which the scan's coordinates were rounded (CoordinateRounding), where there is one;
+///                 and the waves and the bend that the jaws' own profiles show (form_tilts_rad in flat_strip.h).
 ///   registration  The pose only says where the section x = 0 lies and where X points: u^2 = g' C g with
 ///                 RegistrationReport::covariance, times f as above. Slab frame: its roll, where the slab's top
 ///                 contradicts it (slab_roll.h).
@@ -154,12 +158,19 @@ struct SlopeGradient {
 /// and an all-zero budget, and the answer is false.
 bool settle(const Budget& budget, Item& item);
 
+/// How far the form of its own faces leaves a scan's items open.
+struct FormDoubt {
+  /// Standard uncertainty of the inner and the outer jaw's tilt (form_tilts_rad).
+  std::array<double, 2> jaw_rad{};
+  /// What narrow bumps add to the flatness (Flatness::bumps_mm); 0 where the recipe judges the raw one.
+  double bumps_mm = 0.0;
+};
+
 /// Budget and U of every block item that has a value. seat_std always (its U is its sampling error,
 /// std sqrt(f / (2 (n - 1))) per standard deviation); the others when the recipe's uncertainty is given, else they
 /// keep the recipe's U, made no less than what circles and density say. Needs the values (compute_block_items).
-/// `jaw_form_rad`: standard uncertainty that its own profile leaves of the inner and the outer jaw's tilt (FlatStrip).
-void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified,
-                          const std::array<double, 2>& jaw_form_rad, BlockResult& result);
+void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, const FormDoubt& form,
+                          BlockResult& result);
 
 /// Fills observation.sigma_*: what the scanner's noise (correlation included) and the seat's density leave in this
 /// scan, in block axes. Form error, calibration and robot are the slab's to add. NaN where a covariance is missing.

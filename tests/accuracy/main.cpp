@@ -34,6 +34,7 @@ constexpr std::array kStudies = {
     Study{"perspective", perspective_study, "the same with rays from one centre"},
     Study{"correlated", correlated_study, "the same with noise correlated over 1 mm: does U still cover?"},
     Study{"real", real_study, "real concrete: errors, coverage of U, verdicts of good blocks, defects noticed"},
+    Study{"paper", paper_study, "the paper's Tables 4 and 5 and Fig. 17 on drawn concrete"},
     Study{"slab", slab_study, "whole slabs with robot repeatability: slab items, planted defects"},
     Study{"exposures", exposures_study, "the noise of two scans: different exposures, and one that is given again"},
     Study{"ends", ends_study, "slab types that differ only in the slab's ends, begun rightly and wrongly"},

@@ -85,6 +85,8 @@ struct StudyOptions {
 
 /// Scans of real concrete: errors and coverage of every item, verdicts of good blocks, defects noticed and missed.
 [[nodiscard]] bool real_study(const StudyOptions& options, Table& table);
+/// The paper's seats (Table 5, Fig. 17) and registration deviations (Table 4) on drawn concrete.
+[[nodiscard]] bool paper_study(const StudyOptions& options, Table& table);
 
 /// Hand-eye sets with planted truth: error in the field of view against the optimum's, whether the predicted error is
 /// true, and whether sets that carry no calibration are refused for the right reason.

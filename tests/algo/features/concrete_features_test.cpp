@@ -41,7 +41,7 @@ Closed closed(const std::function<double(double x, double s)>& surface, double w
   std::vector<std::uint32_t> mark(grid.cells());
   std::vector<std::uint32_t> stack(grid.cells() + 1);
   std::vector<double> out(cell.size());
-  const Closing closing = close_pits(grid, cell, height, width_mm, 0.05, mark, stack, out);
+  const Closing closing = close_pits(grid, cell, height, {width_mm, 0.05}, mark, stack, out);
   const auto [low, high] = std::minmax_element(out.begin(), out.end());
   for (std::size_t k = 0; k < out.size(); ++k) EXPECT_GE(out[k], height[k]) << "a closing lowers nothing";
   return {*low, *high, closing.pits};
@@ -141,6 +141,27 @@ TEST(RimHeight, DoesNotCountWhatLiesOnTheRim) {
   EXPECT_NEAR(proud.crust_mm, 0.15, 0.02);
 }
 
+/// Mortar over the seat on a quarter of the rim, rough in patches of 3 mm: the rail pad lies on it.
+TEST(RimHeight, SeesRoughMortarOverTheSeat) {
+  for (const double over_seat_mm : {0.12, 0.15, 0.2, 0.3})
+    for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+      SCOPED_TRACE(std::to_string(over_seat_mm) + " seed " + std::to_string(seed));
+      Prng prng(seed);
+      std::array<double, 16 * 16> rough{};
+      for (double& r : rough) r = 0.15 * prng.normal();
+      const double from = 2.0 * kPi * prng.uniform();
+      const auto mortar = [&](double angle, double radius) {
+        if (std::abs(std::remainder(angle - from, 2.0 * kPi)) > 0.25 * kPi) return 0.0;
+        const auto at = [](double place) { return static_cast<std::size_t>((place + 24.0) / 3.0); };
+        return 0.25 + over_seat_mm + rough[16 * at(radius * std::sin(angle)) + at(radius * std::cos(angle))];
+      };
+      EXPECT_GT(rim_height(rim(mortar, 0.026)).crust_mm, 0.05);
+    }
+  EXPECT_EQ(rim_height(rim([](double, double) { return 0.24; }, 0.06)).crust_mm, 0.0) << "a rim as high as the seat";
+  const auto grain = [](double angle, double) { return std::abs(angle - 1.0) < 0.12 ? 0.6 : 0.0; };
+  EXPECT_EQ(rim_height(rim(grain, 0.026)).crust_mm, 0.0) << "a grain of 4 mm";
+}
+
 // ---- where a jaw is flat
 // -----------------------------------------------------------------------------------------------
 
@@ -162,6 +183,21 @@ struct JawPoints {
     run = {x, s, h};
     list.runs = std::span(&run, 1);
     list.count = x.size();
+  }
+  /// Slope of the points of a strip.
+  [[nodiscard]] double lean_between(double from_mm, double to_mm) const {
+    double n = 0.0, sum_u = 0.0, sum_h = 0.0, sum_uu = 0.0, sum_uh = 0.0;
+    for (std::size_t i = 0; i < s.size(); ++i) {
+      const double u = static_cast<double>(s[i]);
+      const double height = static_cast<double>(h[i]);
+      if (u + 13.0 < from_mm || u + 13.0 > to_mm) continue;
+      n += 1.0;
+      sum_u += u;
+      sum_h += height;
+      sum_uu += u * u;
+      sum_uh += u * height;
+    }
+    return (n * sum_uh - sum_u * sum_h) / (n * sum_uu - sum_u * sum_u);
   }
   [[nodiscard]] FlatStrip strip() const {
     return find_flat_strip(profile_of(list, {Vec3::UnitZ(), 0.0}, edges), edges, 2.0);
@@ -202,6 +238,27 @@ TEST(FlatStrip, LeavesOutWhatLightAddsInTheCorner) {
     EXPECT_TRUE(strip.narrowed);
     EXPECT_LT(light(strip.from_mm), 0.012) << "from " << strip.from_mm;
   }
+}
+
+/// A jaw whose lower half leans otherwise: whichever half is measured, U reaches to the other one.
+TEST(FlatStrip, TakesEachPieceOfABentJawForItsAngle) {
+  for (const double bend_deg : {0.5, 0.7, 1.0, -0.7})
+    for (const double at_mm : {11.0, 13.0, 15.0}) {
+      SCOPED_TRACE(std::to_string(bend_deg) + " at " + std::to_string(at_mm));
+      const double bend = rad_from_deg(bend_deg);
+      const auto bent = [&](double u) { return fillet_mm(4.0, u) + (u < at_mm ? bend * (at_mm - u) : 0.0); };
+      const JawPoints jaw(bent, 0.02);
+      const FlatStrip strip = jaw.strip();
+      const double lean = jaw.lean_between(strip.from_mm, strip.to_mm);
+      const double U = 2.0 * strip.form_tilt_rad + 5e-4;  // the scanner's part
+      EXPECT_LT(std::max(std::abs(lean), std::abs(lean + bend)), U) << "lean " << deg_from_rad(lean);
+      EXPECT_LT(U, 2.0 * std::abs(bend)) << "no more than is bent, by much";
+    }
+  for (const double radius_mm : {0.1, 4.0, 8.0, 12.0})
+    for (const double light_mm : {0.0, 0.1, 0.3}) {
+      const auto good = [&](double u) { return fillet_mm(radius_mm, u) + light_mm * std::exp(-0.5 * u); };
+      EXPECT_EQ(JawPoints(good, 0.02).strip().bend_rad, 0.0) << radius_mm << ", light " << light_mm;
+    }
 }
 
 TEST(FlatStrip, SaysHowFarAWavyFaceLeavesItsTiltOpen) {

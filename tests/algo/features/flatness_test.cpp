@@ -332,6 +332,24 @@ TEST(Flatness, StraysThatStandAloneStillGo) {
   EXPECT_GT(flat.raw_high_mm, 0.9);
 }
 
+/// A burr or a grain of dust counts, and so does the doubt that it will stay; a hump and damage count without one.
+TEST(Flatness, NarrowLowBumpsAreToldApart) {
+  const auto bump = [](double x, double y, double wide, double high) {
+    const double r = std::hypot(x - 11.0, y + 20.0) / (0.5 * wide);
+    return r < 1.0 ? 0.5 * high * (1.0 + std::cos(kPi * r)) : 0.0;
+  };
+  Prng prng(7);
+  const auto seat = [&](double wide, double high) {
+    return Seat([&](double x, double y) { return bump(x, y, wide, high) + 0.013 * prng.normal(); }).measure(0.013);
+  };
+  EXPECT_EQ(seat(4.0, 0.0).bumps_mm, 0.0);
+  const Flatness burr = seat(4.0, 0.3);
+  EXPECT_GT(burr.closed_mm, 0.2);
+  EXPECT_NEAR(burr.closed_mm - burr.bumps_mm, seat(4.0, 0.0).closed_mm, 0.03);
+  EXPECT_LT(seat(30.0, 0.3).bumps_mm, 0.03) << "a hump that a rail pad lies on";
+  EXPECT_EQ(seat(5.0, 0.9).bumps_mm, 0.0) << "damage";
+}
+
 TEST(Flatness, ExpectsNothingAtCasings) {
   const auto casing = [](double x, double y) { return std::hypot(x, std::abs(y) - 60.0) < 24.0; };
   Seat seat = without(casing);

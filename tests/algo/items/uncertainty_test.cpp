@@ -429,6 +429,37 @@ TEST(Budget, a_spacing_whose_U_the_recipe_states_is_known_no_better_than_its_cir
   EXPECT_NEAR(stated(0.3), 2.0 * std::sqrt(2.0) * 0.3, 1e-3);
 }
 
+TEST(Budget, what_the_form_of_its_own_faces_leaves_open_widens_U_with_a_budget_and_without) {
+  Block b;
+  b.result.seat.flatness_mm = 0.5;
+  b.result.seat.flatness_noise_mm = 0.01;
+  b.result.seat.grid_points = 6'800;
+  const FormDoubt form{{rad_from_deg(0.2), rad_from_deg(0.3)}, 0.3};
+  for (const bool given : {true, false}) {
+    Recipe recipe = b.line.recipe();
+    recipe.uncertainty.given = given;
+    const auto budgeted = [&](const FormDoubt& doubt) {
+      BlockResult r = b.result;
+      blank_block_items(recipe, r);
+      compute_block_items(b.line.model(), r);
+      compute_block_budget(recipe, {}, doubt, r);
+      return r;
+    };
+    const BlockResult sure = budgeted({});
+    const BlockResult open = budgeted(form);
+    const auto wider = [&](ItemId id, double u) {
+      const double before = find(sure, id).U;
+      EXPECT_GE(find(open, id).U, 2.0 * u - 1e-12);
+      EXPECT_LE(find(open, id).U, std::hypot(before, 2.0 * u) + 1e-12);
+    };
+    wider(ItemId::jaw_angle_inner, 0.2);
+    wider(ItemId::jaw_angle_outer, 0.3);
+    wider(ItemId::seat_flatness, 0.3 / std::sqrt(3.0));
+    EXPECT_GE(find(open, ItemId::jaw_distance).U, find(sure, ItemId::jaw_distance).U);
+    EXPECT_EQ(find(open, ItemId::seat_slope).U, find(sure, ItemId::seat_slope).U);
+  }
+}
+
 TEST(ScannerBudget, a_scanner_that_is_worse_than_specified_makes_every_U_larger_and_a_better_one_none_smaller) {
   Block b;
   b.result.seat.flatness_mm = 0.05;
