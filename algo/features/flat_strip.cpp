@@ -25,6 +25,8 @@ constexpr double kOnLine_mm = 0.006;
 constexpr double kOnLineSigmas = 3.5;
 /// ... or within the crests of the waves that its middle has, in standard deviations: a sine has 1.4.
 constexpr double kWaveCrest = 1.6;
+/// ... but no more than this: a middle that scatters more is bent, not waved.
+constexpr double kWaveMost_mm = 0.03;
 /// The tail of a fillet or of the light in the corner, too low to be seen, reaches further up by this.
 constexpr double kTail_mm = 1.0;
 /// Steps of a profile whose residuals are alike.
@@ -172,7 +174,8 @@ FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, do
   const std::size_t highest = std::min(step_of(edges.length_mm() - margin_mm) + 1, kSteps);
   std::size_t first = std::clamp(step_of(middle.from_mm), lowest, highest);
   std::size_t last = std::clamp(step_of(middle.to_mm), first, highest);
-  const double waves_mm = kWaveCrest * Line(profile, first, last).scatter_mm(profile, first, last);
+  const double waves_mm =
+      std::min(kWaveCrest * Line(profile, first, last).scatter_mm(profile, first, last), kWaveMost_mm);
   // Outwards by turns; what was taken in has a say in the line from then on.
   bool down = true;
   bool up = true;
