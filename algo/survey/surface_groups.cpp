@@ -81,6 +81,8 @@ constexpr std::size_t kCornerCells = 5;
 constexpr std::size_t kCornerEmpty = 10;
 constexpr double kCornerExtent_mm = 5.4;
 constexpr std::size_t kChipCells = 3;
+/// Of these on the edge itself: what lies behind it is a pore near an edge.
+constexpr std::size_t kChipCellsOnEdge = 2;
 constexpr double kCrackLength_mm = 25.0;
 constexpr double kCrackWidth_mm = 3.0;
 
@@ -138,11 +140,14 @@ class Place {
     furthest_ = std::max(furthest_, off);
     volume_ += off * kCellArea_mm2 * stretch;
     if (is_open(field_.zone[i])) ++at_edge_;
+    if (is_open(field_.zone[i]) && field_.zone[i] != SurfaceZone::behind_edge) ++on_edge_;
   }
 
   [[nodiscard]] std::size_t cells() const { return cells_; }
   [[nodiscard]] std::size_t empty() const { return empty_; }
   [[nodiscard]] std::size_t at_edge() const { return at_edge_; }
+  /// ... and not only behind it.
+  [[nodiscard]] std::size_t on_edge() const { return on_edge_; }
   [[nodiscard]] std::size_t at_corner() const { return at_corner_; }
   [[nodiscard]] double area_mm2() const { return area_; }
   [[nodiscard]] double deepest_mm() const { return deepest_; }
@@ -187,7 +192,7 @@ class Place {
   std::span<const std::uint16_t> table_;
   const SurfaceField& field_;
   std::array<std::uint32_t, 16> by_face_{};
-  std::size_t cells_ = 0, empty_ = 0, at_edge_ = 0, at_corner_ = 0;
+  std::size_t cells_ = 0, empty_ = 0, at_edge_ = 0, on_edge_ = 0, at_corner_ = 0;
   double first_u_ = 0.0, first_v_ = 0.0;
   double x_ = 0.0, y_ = 0.0, u_ = 0.0, v_ = 0.0, uu_ = 0.0, uv_ = 0.0, vv_ = 0.0;
   double low_x_ = 1e9, high_x_ = -1e9, low_v_ = 1e9, high_v_ = -1e9;
@@ -206,7 +211,7 @@ bool name_low(const Place& place, double pore_max_mm, FoundSurface& found) {
       place.at_corner() >= kCornerCells &&
       ((place.furthest_mm() >= kCornerDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kCorner_mm2) ||
        (place.empty() >= kCornerEmpty && found.extent_mm >= kCornerExtent_mm));
-  if (corner || (place.at_edge() >= kChipCells && (deep || wide))) {
+  if (corner || (place.at_edge() >= kChipCells && place.on_edge() >= kChipCellsOnEdge && (deep || wide))) {
     f.kind = FindingKind::chip;
     return true;
   }
