@@ -29,6 +29,7 @@
 #include "algo/features/jaw.h"
 #include "algo/features/noise_print.h"
 #include "algo/features/plane_fit.h"
+#include "algo/features/ripple.h"
 #include "algo/items/block_items.h"
 #include "algo/items/uncertainty.h"
 #include "algo/register/block_search.h"
@@ -338,6 +339,8 @@ Status BlockInspector::extract(const Cloud& cloud) {
                  limits::kSurveyPiecesMax * PointPool::kPiece);
   seat.full_plane = survey.large[static_cast<std::size_t>(LargeFace::seat)];
   result.slab_top = survey.large[static_cast<std::size_t>(LargeFace::top)];
+  // The scanner errs along its rays, about along the seat's normal; a steep jaw has a part of that.
+  const double ripple_mm = ripple_amplitude_mm(survey.of(PointList::seat_crop));
   std::array<JawFit, 2> jaws;
   w.team.run(3, [&](std::size_t which) {
     // The seat is asked cell by cell, by its flatness.
@@ -355,7 +358,8 @@ Status BlockInspector::extract(const Cloud& cloud) {
                               evaluation.edge_margin_mm,
                               inner ? settings_of(extents.jaw_inner, ItemId::jaw_angle_inner, 3)
                                     : settings_of(extents.jaw_outer, ItemId::jaw_angle_outer, 4),
-                              survey.jaw[side], survey.jaw_off[side], memory});
+                              survey.jaw[side], survey.jaw_off[side], memory,
+                              ripple_mm * std::abs(w.model.plane(face).n.dot(w.model.plane(Face::seat).n))});
   });
   result.jaw_inner = jaws[0].plane;
   result.jaw_outer = jaws[1].plane;

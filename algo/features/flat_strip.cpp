@@ -30,7 +30,7 @@ constexpr double kWaveMost_mm = 0.03;
 /// The tail of a fillet or of the light in the corner, too low to be seen, reaches further up by this.
 constexpr double kTail_mm = 1.0;
 /// Steps of a profile whose residuals are alike.
-constexpr double kAlikeSteps = 4.0;
+constexpr double kAlikeSteps = 2.0;
 /// A jaw is bent where a straight piece of so many steps leans otherwise than its flat strip: by more than this
 /// (0.25 degrees), by more than so many standard deviations of its slope, and than so many of what the profile's waves
 /// make.
@@ -41,6 +41,13 @@ constexpr double kBendWaves = 2.0;
 /// A piece is straight if its sagitta is less than this of what it climbs beside the strip: of a fillet it is a
 /// quarter, of light that decays over 2 mm a third.
 constexpr double kStraightShare = 0.15;
+
+/// The largest lean of a straight line through a sine: 2.6 amplitudes over its length, of a period half as long again;
+/// of periods up to its length, as along a whole strip, 1.9. Half as much again, as grain and waves of the concrete
+/// ride on the ripple.
+constexpr double kRippleCrest = 1.5;
+constexpr double kRippleLean = 2.6 * kRippleCrest;
+constexpr double kRippleLeanOfStrip = 1.9 * kRippleCrest;
 
 double square(double v) {
   return v * v;
@@ -85,6 +92,10 @@ struct Line {
     return std::sqrt(sum / (n - 2.0));
   }
 };
+
+double ripple_lean_rad(double amplitude_mm, std::size_t steps, double factor = kRippleLean) {
+  return factor * amplitude_mm / (FaceProfile::kStep_mm * static_cast<double>(std::max<std::size_t>(steps, 1)));
+}
 
 /// By how much the straight pieces of the steps [first, last) lean otherwise than `slope`, if that is more than
 /// `least_rad`; else 0. A fillet and the light in the corner lean too, but what they add grows towards the edge: they
@@ -168,7 +179,7 @@ FaceProfile profile_of(const ListedPoints& points, const FlatPlane& plane, const
   return profile;
 }
 
-FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, double margin_mm) {
+FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, double margin_mm, double ripple_mm) {
   const FlatStrip middle = middle_of(edges);
   const std::size_t lowest = step_of(margin_mm);
   const std::size_t highest = std::min(step_of(edges.length_mm() - margin_mm) + 1, kSteps);
@@ -187,7 +198,9 @@ FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, do
       const double lever = FaceProfile::from_foot_mm(k) - line.middle;
       // The line itself is known from medians like this one.
       const double line2 = line.n > 2.0 ? own2 * (1.0 / line.n + lever * lever / line.squares) : own2;
-      return std::abs(line.off(profile, k)) <= std::max(kOnLine_mm, waves_mm) + kOnLineSigmas * std::sqrt(own2 + line2);
+      const double ripple = kRippleCrest * ripple_mm + ripple_lean_rad(ripple_mm, last - first) * std::abs(lever);
+      return std::abs(line.off(profile, k)) <=
+             std::max({kOnLine_mm, waves_mm, ripple}) + kOnLineSigmas * std::sqrt(own2 + line2);
     };
     if (down) {
       down = first > lowest && on_line(first - 1);
@@ -208,12 +221,15 @@ FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, do
   const std::size_t to = strip.narrowed && last < highest ? std::max(last - 1, from) : last;
   const Line line(profile, from, to);
   if (line.n < 3.0 || !(line.squares > 0.0)) return strip;
-  const double squares = (line.n - 2.0) * square(line.scatter_mm(profile, from, to));
-  // Few of the residuals are independent, and the line has taken two of these.
-  strip.wave_mm2 = squares / std::max(line.n / kAlikeSteps - 2.0, 0.5);
+  strip.wave_mm2 = kAlikeSteps * square(line.scatter_mm(profile, from, to));
   strip.lever_mm2 = line.squares;
+  // Of a period that no residual shows the amplitude is known from the seat, and its phase is not.
+  const double ripple_rad = ripple_lean_rad(ripple_mm, to - from, kRippleLeanOfStrip) / std::sqrt(2.0);
+  strip.wave_mm2 = std::max(strip.wave_mm2, square(ripple_rad) * strip.lever_mm2);
   const double waves_rad = std::sqrt(strip.wave_mm2 / strip.lever_mm2);
-  strip.bend_rad = bend_of(profile, lowest, highest, line.slope, std::max(kBend_rad, kBendWaves * waves_rad));
+  strip.bend_rad =
+      bend_of(profile, lowest, highest, line.slope,
+              std::max({kBend_rad, kBendWaves * waves_rad, kBendWaves * ripple_lean_rad(ripple_mm, kPieceSteps)}));
   strip.form_tilt_rad = form_tilt_rad(strip, strip.wave_mm2);
   return strip;
 }

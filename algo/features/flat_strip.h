@@ -52,8 +52,10 @@ struct FlatStrip {
 [[nodiscard]] FaceProfile profile_of(const ListedPoints& points, const FlatPlane& plane, const FaceEdges& edges);
 
 /// From the middle of the face outwards as long as the profile stays on the straight line through what is flat already.
-/// `margin_mm`: nothing nearer to an edge was offered.
-[[nodiscard]] FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, double margin_mm);
+/// `margin_mm`: nothing nearer to an edge was offered. `ripple_mm`: amplitude of the scanner's periodic error on this
+/// face, along its normal.
+[[nodiscard]] FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, double margin_mm,
+                                        double ripple_mm = 0.0);
 
 /// Standard uncertainties of both jaws' tilts by their own profiles. One scanner has seen both and one mould has cast
 /// both, so their waves are alike: a wave that one strip is too short to show is in the other's.

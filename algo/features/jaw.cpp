@@ -37,7 +37,7 @@ JawFit measure_jaw(const JawTask& task) {
   // A plane that a large fillet has bent, or that was refused for it, says nothing of what is flat.
   if (const PlaneFit middle = all_of_it ? jaw.plane : fit_strip(middle_of(task.edges)); middle.ok || all_of_it) {
     const FaceProfile profile = profile_of(task.points, {middle.normal, middle.offset_mm}, task.edges);
-    jaw.strip = find_flat_strip(profile, task.edges, task.margin_mm);
+    jaw.strip = find_flat_strip(profile, task.edges, task.margin_mm, task.ripple_mm);
     if (jaw.strip.narrowed) jaw.plane = fit_strip(jaw.strip);
   }
   const std::size_t offered = jaw.strip.narrowed ? kept.size() : task.points.size();

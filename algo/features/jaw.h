@@ -24,6 +24,7 @@ struct JawTask {
   const FaceRaster& raster;
   const PlaceCounts& off;   ///< points in the jaw's place that were not offered, as they lie too far off
   std::span<float> memory;  ///< for the points of the flat strip
+  double ripple_mm = 0.0;   ///< amplitude of the scanner's periodic error along the normal of this jaw
 };
 
 struct JawFit {

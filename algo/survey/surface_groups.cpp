@@ -73,6 +73,8 @@ constexpr double kChip_mm2 = 8.0;
 constexpr double kLongChip_mm = 6.5;
 constexpr double kLongChipDepth_mm = 1.35;
 constexpr double kLongChip_mm3 = 23.0;
+/// ... and reaches further in than a pore in the chamfer.
+constexpr double kLongChipAcross_mm = 3.5;
 /// In a corner two chamfers meet (good ones are up to 1.9 mm off), and much of what was broken is too steep to return
 /// points (of a good one, up to nine cells).
 constexpr double kCornerDepth_mm = 2.0;
@@ -205,8 +207,8 @@ bool name_low(const Place& place, double pore_max_mm, FoundSurface& found) {
   const double area = place.area_mm2();
   const std::size_t low = place.cells() - place.empty();
   const bool deep = place.furthest_mm() >= kChipDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kChip_mm2;
-  const bool wide = found.extent_mm >= kLongChip_mm && place.furthest_mm() >= kLongChipDepth_mm &&
-                    place.volume_mm3() >= kLongChip_mm3;
+  const bool wide = found.extent_mm >= kLongChip_mm && std::min(f.length_mm, f.width_mm) >= kLongChipAcross_mm &&
+                    place.furthest_mm() >= kLongChipDepth_mm && place.volume_mm3() >= kLongChip_mm3;
   const bool corner =
       place.at_corner() >= kCornerCells &&
       ((place.furthest_mm() >= kCornerDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kCorner_mm2) ||

@@ -266,7 +266,8 @@ WrongPasses wrong_passes(const std::vector<Case>& cases, const Kind& kind, const
       const Tolerance& tolerance = recipe.tolerance(id);
       double truth = one.scan.truth.value(id);
       if (id == ItemId::casing_protrusion_outer && crust != kind.defects.end()) truth = std::max(truth, crust->size);
-      if (truth >= tolerance.lower && truth <= tolerance.upper) continue;
+      // An item without one of the limits has NaN there.
+      if (!(truth < tolerance.lower) && !(truth > tolerance.upper)) continue;
       ++wrong.out;
       const Item* item = find_item(one.result.items.begin(), one.result.items.end(), id);
       if (item == nullptr || item->verdict != Verdict::pass) continue;

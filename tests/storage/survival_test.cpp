@@ -106,10 +106,14 @@ class SurvivalTest : public FastStoreTest {
         Attempt a = random_attempt(prng_, key, station, 1);
         a.session = session_;
         a.cmd_seq = cmd_seq_;
+        // The times of a slab follow each other: one far ahead is believed only when a second one follows in the same
+        // run, which a failing call may part from it.
+        a.scan_utime_us = header.began_utime_us + 1'000'000 * station;
         job(AcquiredJob{a});
         PlcResult record = random_record(prng_, ++res_seq_, 1);
         record.station = static_cast<std::uint16_t>(station);
         record.cmd_seq = cmd_seq_;
+        record.scan_utime_us = a.scan_utime_us;
         job(BlockJob{key, 1, random_block(prng_, station, Verdict::pass), record, random_maps(prng_)});
         job(AckJob{res_seq_});
         if (station % 2 == 0) quiet();

@@ -12,6 +12,7 @@
 #include "algo/features/casing_rim.h"
 #include "algo/features/closing.h"
 #include "algo/features/flat_strip.h"
+#include "algo/features/ripple.h"
 #include "base/prng.h"
 
 namespace slabd::algo {
@@ -199,8 +200,8 @@ struct JawPoints {
     }
     return (n * sum_uh - sum_u * sum_h) / (n * sum_uu - sum_u * sum_u);
   }
-  [[nodiscard]] FlatStrip strip() const {
-    return find_flat_strip(profile_of(list, {Vec3::UnitZ(), 0.0}, edges), edges, 2.0);
+  [[nodiscard]] FlatStrip strip(double ripple_mm = 0.0) const {
+    return find_flat_strip(profile_of(list, {Vec3::UnitZ(), 0.0}, edges), edges, 2.0, ripple_mm);
   }
 };
 /// Of a fillet of this radius in a corner of 110 degrees.
@@ -265,6 +266,49 @@ TEST(FlatStrip, SaysHowFarAWavyFaceLeavesItsTiltOpen) {
   const FlatStrip wavy = JawPoints([](double u) { return 0.004 * std::sin(u); }, 0.005).strip();
   EXPECT_GT(wavy.form_tilt_rad, 1e-4);
   EXPECT_LT(wavy.form_tilt_rad, 1e-3);
+}
+
+/// Whatever the phase and the period: the strip is long all the same, and twice the standard uncertainty reaches to the
+/// truth.
+TEST(FlatStrip, OfAScannerThatRipplesIsLongAndSaysWhatThatLeavesOpen) {
+  constexpr double kRipple_mm = 0.007;
+  for (const double period_mm : {6.0, 9.0, 13.0, 17.0})
+    for (const double phase : {0.0, 1.5, 3.0, 4.5}) {
+      SCOPED_TRACE(std::to_string(period_mm) + ", phase " + std::to_string(phase));
+      const auto good = [&](double u) {
+        return fillet_mm(4.0, u) + kRipple_mm * std::sin(2.0 * kPi * u / period_mm + phase);
+      };
+      const JawPoints jaw(good, 0.02);
+      const FlatStrip strip = jaw.strip(kRipple_mm);
+      EXPECT_GT(strip.to_mm - strip.from_mm, 15.0);
+      const double lean = jaw.lean_between(strip.from_mm, strip.to_mm);
+      EXPECT_LT(std::abs(lean), 2.0 * strip.form_tilt_rad);
+      EXPECT_LT(2.0 * strip.form_tilt_rad, 0.0026) << "0.15 degrees";
+    }
+}
+
+TEST(Ripple, OfTheSeatIsFoundWhereverTheScannerStands) {
+  for (const double amplitude_mm : {0.0, 0.01, 0.02})
+    for (const double askew_rad : {0.0, 0.02})
+      for (const double period_mm : {2.5, 4.0, 6.0}) {
+        SCOPED_TRACE(std::to_string(amplitude_mm) + ", period " + std::to_string(period_mm));
+        Prng prng(3);
+        std::vector<float> x, s, h;
+        for (double a = -51.0; a < 51.0; a += 0.4)
+          for (double b = -75.0; b < 75.0; b += 0.4) {
+            const double wave = 0.015 * std::sin(2.0 * kPi * b / 60.0) + 0.002 * b;
+            const double pore = std::hypot(a - 10.0, b + 20.0) < 3.0 ? -1.5 : 0.0;
+            x.push_back(static_cast<float>(a));
+            s.push_back(static_cast<float>(b));
+            h.push_back(static_cast<float>(wave + pore + 0.015 * prng.normal() +
+                                           amplitude_mm * std::sin(2.0 * kPi * (b + askew_rad * a) / period_mm)));
+          }
+        const SeatPoints run{x, s, h};
+        ListedPoints seat;
+        seat.runs = std::span(&run, 1);
+        seat.count = run.size();
+        EXPECT_NEAR(ripple_amplitude_mm(seat), amplitude_mm, 0.15 * amplitude_mm + 0.002);
+      }
 }
 
 }  // namespace
