@@ -48,7 +48,8 @@ namespace {
 
 /// A cell lies in a pit when it is so far below what bridges it: grain, ripple and dust are less.
 constexpr double kPit_mm = 0.05;
-/// ... or by so many standard deviations of a cell: what of seven by seven of them the highest is above the lowest.
+/// ... or by so many standard deviations of a cell, from noise or grain: what of seven by seven of them the highest is
+/// above the lowest.
 constexpr double kPitSigmas = 6.0;
 /// A burr, a grain of dust or a drop of mortar: no higher than this. What is higher is damage and counts without doubt.
 constexpr double kBump_mm = 0.4;
@@ -88,6 +89,18 @@ void leave_out(const CellSet& damaged, const SeatCells& sums, CellHeights& cells
     cells.cell[left++] = cells.cell[k];
   }
   cells.size = left;
+}
+
+/// How much cells differ that lie side by side, as most of them do: grain and what noise leaves of it.
+double grain_mm(const CellGrid& grid, const CellHeights& cells) {
+  std::array<double, limits::kFlatnessCellsMax> size;
+  std::size_t count = 0;
+  for (std::size_t k = 1; k < cells.size; ++k)
+    if (cells.cell[k] == cells.cell[k - 1] + 1 && cells.cell[k] % grid.columns != 0)
+      size[count++] = std::abs(cells.height[k] - cells.height[k - 1]);
+  // As a standard deviation of one cell.
+  constexpr double kPerMedian = 1.4826 / 1.4142;
+  return count > 0 ? kPerMedian * median_of(std::span(size).first(count)) : 0.0;
 }
 
 /// Expected range of `count` means from noise alone, in standard deviations of a cell. `quiet` are cells without damage
@@ -336,9 +349,10 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
     mark[c] = kPlain;
     const bool wanted = grid.expected(c);
     if (wanted) ++expected;
-    const bool full = is_full(c);
+    const bool full = is_full(c) && !sums.is_wet(c);
     if (full) ++result.cells;
-    if (full || (wanted && sums[c].points > 0 && sums.points_in(c) >= few_of(region.cell_points_min))) {
+    if (full ||
+        (wanted && !sums.is_wet(c) && sums[c].points > 0 && sums.points_in(c) >= few_of(region.cell_points_min))) {
       const CellPoints cell(sums[c]);
       add(c, cell);
       const auto points = static_cast<double>(sums[c].points);
@@ -397,7 +411,7 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
   const std::span<const double> heights = std::span(cells.height).first(cells.size);
   std::array<double, limits::kFlatnessCellsMax> closed;
   const double cell_mm = seat.std_mm / std::sqrt(cells.points_per_cell());
-  PitSize size{region.closing_mm, std::fmax(kPit_mm, kPitSigmas * cell_mm)};
+  PitSize size{region.closing_mm, std::fmax(kPit_mm, kPitSigmas * std::fmax(cell_mm, grain_mm(grid, cells)))};
   const Closing closing = close_pits(grid, std::span(cells.cell).first(cells.size), heights, size, mark, work.stack,
                                      std::span(closed).first(cells.size));
   result.closed_mm = result.lsq_mm;

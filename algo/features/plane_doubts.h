@@ -22,8 +22,8 @@ namespace slabd::algo {
 
 /// Does the plane owe its place to where the threshold happens to cut? A second surface three to four standard
 /// deviations away leans on the plane from one side; with the threshold a quarter wider the plane then moves by more
-/// than a tenth of a standard deviation. Where it then tilts by no more than `tilt_max_rad` (and that is not 0), it does
-/// not count.
+/// than a tenth of a standard deviation. Where it then tilts by no more than `tilt_max_rad` (and that is not 0), it
+/// does not count.
 [[nodiscard]] bool bends_with_threshold(const PlaneSample& sample, const FlatPlane& plane, double threshold,
                                         double tilt_max_rad);
 

@@ -20,6 +20,11 @@ constexpr std::size_t kCellSampleMax = 512;
 constexpr double kStraySigmas = 5.0;
 /// By so much more may the points of a cell scatter than those of most cells, and it is noise.
 constexpr double kNoisierCell = 3.0;
+/// Water returns one point in ten to one in three; a cell that it covers half returns more.
+constexpr double kDropShareMax = 0.4;
+/// The seat around a drop returns at least this share of the usual points, looked at over so many cells.
+constexpr double kDropAroundMin = 0.7;
+constexpr std::size_t kDropRing = 2;
 /// Cells of which that is asked.
 constexpr std::size_t kScatterSample = 512;
 
@@ -136,7 +141,9 @@ void SeatCells::remove_strays(const CellGrid& grid, std::span<std::uint32_t> mar
     sum.keep_low = static_cast<float>(centre.median - reach);
     sum.keep_high = static_cast<float>(centre.median + reach);
   }
-  const double half_a_cell = 0.5 * points / std::fmax(full, 1.0);
+  const double usual_points = points / std::fmax(full, 1.0);
+  const double half_a_cell = 0.5 * usual_points;
+  find_drops(usual_points, grid, mark);
   find_damage(kHigh, half_a_cell, grid, mark, high_);
   find_damage(kLow, half_a_cell, grid, mark, low_);
   for (CellSum& sum : sums_) {
@@ -185,12 +192,55 @@ SeatCells::Strays SeatCells::strays_in(const CellSum& sum, CellMark side) const 
   return strays;
 }
 
+void SeatCells::find_drops(double usual_points, const CellGrid& grid, std::span<std::uint32_t> mark) {
+  wet_.reset();
+  beside_wet_.reset();
+  const auto share = [&](std::size_t c) { return static_cast<double>(sums_[c].points) / usual_points; };
+  const auto stands_out = [&](std::size_t c) {
+    return sums_[c].points > 0 && CellPoints(sums_[c]).height > kStrayMin_mm;
+  };
+  for (std::size_t c = 0; c < sums_.size(); ++c) {
+    const bool sparse = share(c) < kDropShareMax && (sums_[c].points == 0 || stands_out(c));
+    mark[c] = sparse && grid.expected(c) ? kHigh : kPlain;
+  }
+  for_each_group(grid, kHigh, mark, work_.stack, [&](std::span<const std::uint32_t> group) {
+    if (std::none_of(group.begin(), group.end(), stands_out)) return;
+    std::size_t left = grid.columns, right = 0, bottom = grid.rows, top = 0;
+    for (const std::uint32_t c : group) {
+      left = std::min(left, c % grid.columns);
+      right = std::max(right, c % grid.columns);
+      bottom = std::min(bottom, c / grid.columns);
+      top = std::max(top, c / grid.columns);
+    }
+    if (static_cast<double>(std::max(right - left, top - bottom) + 1) * grid.region.cell_mm > grid.region.closing_mm)
+      return;
+    const auto for_around = [&](std::size_t reach, const auto& use) {
+      for (std::size_t r = bottom - std::min(bottom, reach); r <= std::min(top + reach, grid.rows - 1); ++r)
+        for (std::size_t k = left - std::min(left, reach); k <= std::min(right + reach, grid.columns - 1); ++k)
+          use(r * grid.columns + k);
+    };
+    CellSet drop;
+    for (const std::uint32_t c : group) drop[c] = true;
+    double around = 0.0;
+    double cells = 0.0;
+    for_around(kDropRing, [&](std::size_t c) {
+      if (drop[c] || !grid.expected(c)) return;
+      around += share(c);
+      cells += 1.0;
+    });
+    if (!(around >= kDropAroundMin * cells)) return;
+    wet_ |= drop;
+    for_around(1, [&](std::size_t c) { beside_wet_[c] = true; });
+  });
+}
+
 void SeatCells::find_damage(CellMark side, double points_min, const CellGrid& grid, std::span<std::uint32_t> mark,
                             CellSet& damage) {
   for (std::size_t c = 0; c < sums_.size(); ++c) {
     const CellSum& sum = sums_[c];
-    const bool many =
-        sum.keep_low <= sum.keep_high && static_cast<double>(strays_in(sum, side).points) >= many_strays(sum.points);
+    const bool may_be_water = side == kHigh && (wet_[c] || beside_wet_[c]);
+    const bool many = !may_be_water && sum.keep_low <= sum.keep_high &&
+                      static_cast<double>(strays_in(sum, side).points) >= many_strays(sum.points);
     mark[c] = many ? side : kPlain;
   }
   for_each_group(grid, side, mark, work_.stack, [&](std::span<const std::uint32_t> group) {

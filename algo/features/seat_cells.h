@@ -58,6 +58,9 @@ class SeatCells {
   /// `mark`: room for one entry per cell.
   void remove_strays(const CellGrid& grid, std::span<std::uint32_t> mark);
 
+  /// Under a drop of water: it stands over the seat but returns few points, on a place no wider than the pits that are
+  /// bridged and with a seat around it that returns as many as everywhere. Where the concrete lies there is not seen.
+  [[nodiscard]] bool is_wet(std::size_t cell) const { return wet_[cell]; }
   /// What stands out of this cell, or is missing of it, took its place.
   [[nodiscard]] bool is_damage(std::size_t cell) const { return high_[cell] || low_[cell]; }
   /// Both: what reaches further took its place.
@@ -95,6 +98,7 @@ class SeatCells {
   /// How the points of a full cell scatter, as most of them have it.
   [[nodiscard]] double scatter_in_full_cells(std::uint32_t points_min) const;
   [[nodiscard]] Strays strays_in(const CellSum& sum, CellMark side) const;
+  void find_drops(double usual_points, const CellGrid& grid, std::span<std::uint32_t> mark);
   /// Strays of one side, in cells that touch, that are together `points_min` points or more: puts those into `damage`.
   void find_damage(CellMark side, double points_min, const CellGrid& grid, std::span<std::uint32_t> mark,
                    CellSet& damage);
@@ -112,6 +116,8 @@ class SeatCells {
   std::span<CellSum> rest_;  ///< of the cells that have strays; the sums of the second half before
   CellSet high_;             ///< cells whose strays above hang together
   CellSet low_;              ///< ... below
+  CellSet wet_;
+  CellSet beside_wet_;  ///< in part, perhaps
 };
 
 }  // namespace slabd::algo

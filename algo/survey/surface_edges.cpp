@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 
 #include "algo/survey/surface_cells.h"
@@ -53,11 +54,6 @@ class Median {
   std::uint32_t count_ = 0;
 };
 
-/// The deepest chamfer that counts as one. Cast ones of 4 mm nominally wear to up to 7.6 mm.
-double deepest_chamfer_mm(double from_edge_mm) {
-  constexpr double kChamfer_mm = 8.0;
-  return std::max(0.0, kChamfer_mm - from_edge_mm);
-}
 constexpr double kRaised_mm = 0.5;     ///< of an outer edge: flash, and no more than that
 constexpr double kFillet_mm = 3.0;     ///< of an inner edge, either way
 constexpr double kSeenUsually = 0.6;   ///< share of a strip's cells that must be seen before a gap in it is one
@@ -73,13 +69,15 @@ class EdgeLine {
  public:
   /// `there(k)`: is there such an edge at the k-th cell along it; `value(k)`: off the face there, NaN: not seen.
   template <typename There, typename Value>
-  void learn(std::size_t length, double lowest, const There& there, const Value& value) {
+  void read(std::size_t length, const There& there, const Value& value) {
     length_ = length;
-    knots_ = length / kKnot + 1;
     for (std::size_t k = 0; k < length; ++k) {
       there_[k] = there(k);
       value_[k] = there_[k] ? value(k) : std::numeric_limits<float>::quiet_NaN();
     }
+  }
+  void learn(double lowest) {
+    knots_ = length_ / kKnot + 1;
     for (std::size_t knot = 0; knot < knots_; ++knot) knot_[knot] = median_at(knot * kKnot, lowest);
     // A corner that is broken out returns too little to be learned from: there the edge is as it is 20 mm further on.
     const std::array<Strip, kKnotsMax> learned = knot_;
@@ -162,7 +160,7 @@ class Chamfer {
     count_[k + 1] = count_[k] + (known ? 1U : 0U);
   }
   /// Not known near the end of an edge or a bend, nor between dropouts.
-  [[nodiscard]] Strip at(std::size_t k, std::size_t length) const {
+  [[nodiscard]] Strip at(std::size_t k, std::size_t length, double longest_mm) const {
     if (k < kFarHigh || k + kFarHigh >= length || bends_[k + kFarHigh + 1] != bends_[k - kFarHigh + 1]) return {};
     std::array<double, 4> m{};
     const auto mean = [&](std::size_t from, std::size_t to, double& value) {
@@ -177,12 +175,11 @@ class Chamfer {
     constexpr double kFar2 = 0.25 * (kFarLow + kFarHigh) * (kFarLow + kFarHigh);
     const double near = 0.5 * (m[1] + m[2]);
     const double far = 0.5 * (m[0] + m[3]);
-    return {true, std::min((kFar2 * near - kNear2 * far) / (kFar2 - kNear2), kLongest_mm)};
+    return {true, std::min((kFar2 * near - kNear2 * far) / (kFar2 - kNear2), longest_mm)};
   }
 
  private:
   static constexpr std::size_t kNearLow = 7, kNearHigh = 10, kFarLow = 11, kFarHigh = 16;
-  static constexpr double kLongest_mm = 8.0;
   std::array<std::uint32_t, kRows + 1> bends_{};
   std::array<double, kRows + 1> sum_{};
   std::array<std::uint32_t, kRows + 1> count_{};
@@ -200,19 +197,30 @@ class Edge {
   template <typename There, typename Value>
   void learn(std::size_t length, const There& there, const Value& value) {
     length_ = length;
-    for (std::size_t line = 0; line < kLines; ++line) {
-      const double distance = from_edge_mm(line);
-      lines_[line].learn(
-          length, -deepest_chamfer_mm(distance), [&](std::size_t k) { return there(k) != kNoFace; },
-          [&](std::size_t k) { return value(k, distance); });
+    for (std::size_t line = 0; line < kLines; ++line)
+      lines_[line].read(
+          length, [&](std::size_t k) { return there(k) != kNoFace; },
+          [&](std::size_t k) { return value(k, from_edge_mm(line)); });
+    std::size_t legs = 0;
+    for (std::size_t k = 0; k < length; ++k) {
+      const Strip leg = leg_at(k);
+      chamfer_.set(k, k > 0 && there(k) != there(k - 1), leg.known, leg.expected_mm);
+      if (leg.known) legs_[legs++] = static_cast<float>(leg.expected_mm);
     }
-    for (std::size_t k = 0; k < length; ++k) set_chamfer(k, k > 0 && there(k) != there(k - 1));
+    learn_legs(std::span(legs_).first(legs));
+    for (std::size_t line = 0; line < kLines; ++line) lines_[line].learn(lowest_mm(from_edge_mm(line)));
   }
+  /// Steps from the edge that a chamfer takes, worn or not; and those that the longest of them reach.
+  [[nodiscard]] std::size_t chamfer_steps() const { return chamfer_steps_; }
+  [[nodiscard]] std::size_t reach_steps() const { return reach_steps_; }
+  /// How much the legs differ along the edge: half of what lies between the shortest and the longest tenth of them.
+  [[nodiscard]] double leg_spread_mm() const { return leg_spread_mm_; }
+
   [[nodiscard]] Strip at(std::size_t k, double distance, bool in_corner) const {
     const double place = std::clamp(distance / kSurfaceCell_mm - 0.5, 0.0, static_cast<double>(kLines - 1));
     const std::size_t line = std::min(static_cast<std::size_t>(place), kLines - 2);
     const auto on = [&](std::size_t which) {
-      return in_corner ? lines_[which].near_corner(k, -deepest_chamfer_mm(from_edge_mm(which))) : lines_[which].at(k);
+      return in_corner ? lines_[which].near_corner(k, lowest_mm(from_edge_mm(which))) : lines_[which].at(k);
     };
     const Strip low = on(line);
     const Strip high = on(line + 1);
@@ -223,36 +231,78 @@ class Edge {
   /// What the chamfer beside this place lets expect.
   [[nodiscard]] Strip beside(std::size_t k, double distance) const {
     if (distance < kSaturated_mm) return {};
-    const Strip leg = chamfer_.at(k, length_);
+    const Strip leg = chamfer_.at(k, length_, longest_mm_);
     return {leg.known, -std::max(0.0, leg.expected_mm - distance)};
   }
 
  private:
   /// Closer to the edge the end face is the nearest face, and the distance to it says little about the chamfer.
   static constexpr double kSaturated_mm = 2.5;
+  static constexpr std::size_t kLegsMin = 40;
+  /// Worn, a cast chamfer is up to this many times its usual length.
+  static constexpr double kWornLongest = 1.9;
+  static constexpr double kWornUsually = 1.4;
+  /// The same for one of 4 mm nominally, which is what an edge has that says nothing.
+  static constexpr std::size_t kChamferSteps = 4;
+  static constexpr std::size_t kReachSteps = 6;
+  static constexpr double kLongest_mm = 8.0;
 
-  /// By the outermost line that the chamfer reaches.
-  void set_chamfer(std::size_t k, bool bends) {
+  [[nodiscard]] double lowest_mm(double distance) const { return -std::max(0.0, longest_mm_ - distance); }
+
+  /// How far the chamfer reaches, by the outermost line that is low all the way from the edge.
+  [[nodiscard]] Strip leg_at(std::size_t k) const {
     constexpr float kReached_mm = 0.4F;
     std::size_t seen = 0;
     double leg = kSaturated_mm;
-    bool reached = false;
-    for (std::size_t line = kLines; line-- > 0 && from_edge_mm(line) >= kSaturated_mm;) {
+    bool ended = false;
+    for (std::size_t line = 0; line < kLines; ++line) {
       const float off = lines_[line].value(k);
-      if (std::isnan(off)) continue;
+      if (from_edge_mm(line) < kSaturated_mm || std::isnan(off)) continue;
       ++seen;
-      if (reached || !(off < -kReached_mm)) continue;
-      leg = from_edge_mm(line) - static_cast<double>(off);
-      reached = true;
+      ended = ended || !(off < -kReached_mm);
+      if (!ended) leg = from_edge_mm(line) - static_cast<double>(off);
     }
     constexpr std::size_t kSeenMin = 3;
-    chamfer_.set(k, bends, seen >= kSeenMin, leg);
+    return {seen >= kSeenMin, leg};
+  }
+
+  void learn_legs(std::span<float> legs) {
+    if (legs.size() < kLegsMin) return;
+    const auto quantile = [&](std::size_t tenths) {
+      const auto at = legs.begin() + static_cast<std::ptrdiff_t>(legs.size() * tenths / 10);
+      std::nth_element(legs.begin(), at, legs.end());
+      return static_cast<double>(*at);
+    };
+    const double usual_mm = quantile(5);
+    leg_spread_mm_ = 0.5 * (quantile(9) - quantile(1));
+    longest_mm_ = std::max(longest_mm_, kWornLongest * usual_mm);
+    const auto steps = [](double mm, std::size_t least) {
+      return std::clamp(static_cast<std::size_t>(mm / kSurfaceCell_mm), least, kSurfaceEdgeSteps);
+    };
+    chamfer_steps_ = steps(kWornUsually * usual_mm, chamfer_steps_);
+    reach_steps_ = steps(kWornLongest * usual_mm, reach_steps_);
   }
 
   std::array<EdgeLine, kLines> lines_;
   Chamfer chamfer_;
+  std::array<float, kRows> legs_{};
   std::size_t length_ = 0;
+  std::size_t chamfer_steps_ = kChamferSteps;
+  std::size_t reach_steps_ = kReachSteps;
+  double longest_mm_ = kLongest_mm;
+  double leg_spread_mm_ = 0.0;
 };
+
+/// By how much more than usual the chamfers of this block differ along themselves, from 1 on: cast ones of 4 mm have a
+/// spread of 1.4 mm.
+double wear_of(const std::array<Edge, 2>& ends, const std::array<Edge, 2>& sides) {
+  constexpr double kUsualSpread_mm = 1.4;
+  constexpr double kWearMax = 2.5;
+  double spread = 0.0;
+  for (const auto& pair : {std::cref(ends), std::cref(sides)})
+    for (const Edge& edge : pair.get()) spread += 0.25 * edge.leg_spread_mm();
+  return std::clamp(spread / kUsualSpread_mm, 1.0, kWearMax);
+}
 
 }  // namespace
 
@@ -302,20 +352,26 @@ void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field)
         });
   });
 
+  field.edge_wear = wear_of(ends, sides);
   const auto take_away = [&](std::size_t i) {
     field.face_off[i] = field.off[i];
     const std::uint16_t entry = table[i];
     if (!is_judged(entry)) return;
-    const bool at_end = end_of(entry) != kFar;
-    const bool at_side = side_of(entry) != kFar;
+    const Edge& end = ends[high_x(i)];
+    const Edge& side = sides[high_y(i)];
+    const bool at_end = end_of(entry) < end.reach_steps();
+    const bool at_side = side_of(entry) < side.reach_steps();
     const bool inner = (entry & (kFoot | kUpperEdge)) != 0;
     if (!inner && !at_end && !at_side) return;
+    if (field.zone[i] != SurfaceZone::none && (at_end || at_side))
+      field.zone[i] = at_end && at_side ? SurfaceZone::corner
+                      : end_of(entry) < end.chamfer_steps() || side_of(entry) < side.chamfer_steps()
+                          ? SurfaceZone::outer_edge
+                          : SurfaceZone::behind_edge;
     const std::size_t row = i / kColumns;
     const std::size_t column = i % kColumns;
     const double from_end = whole.end_mm(row) - std::abs(surface_x_mm(column));
     const double from_side = whole.side_mm(high_y(i) == 1) - std::abs(surface_y_mm(row));
-    const Edge& end = ends[high_x(i)];
-    const Edge& side = sides[high_y(i)];
     constexpr Strip kNothing{true, 0.0};
     const Strip by_end = at_end ? end.at(row, from_end, at_side) : kNothing;
     const Strip by_side = at_side ? side.at(column, from_side, at_end) : kNothing;

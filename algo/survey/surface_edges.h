@@ -8,7 +8,8 @@
 namespace slabd::algo {
 
 /// Takes away from `field.off`, which holds the distances to the faces, what is usual along the edges, and fills
-/// `field.face_off` along them. Cells of a strip that is seldom seen are no longer looked at. No heap; 0.7 ms.
+/// `field.face_off` along them; cells that the chamfers of outer edges reach get their zone. Cells of a strip that is
+/// seldom seen are no longer looked at. No heap; 0.9 ms.
 void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field);
 
 }  // namespace slabd::algo

@@ -26,17 +26,18 @@ struct Limits {
   float weak_of_face = 0.0F;  ///< beside a low cell this is enough
   float high = 0.0F;
 };
-Limits limits_of(SurfaceZone zone) {
+Limits limits_of(SurfaceZone zone, double edge_wear) {
   constexpr float kNever = 1e9F;
+  const auto wear = static_cast<float>(edge_wear);
   switch (zone) {
     case SurfaceZone::none: break;
     case SurfaceZone::face: return {0.3F, 1.0F, 0.15F, 0.7F};
     case SurfaceZone::shoulder: return {0.45F, 2.0F, 0.3F, 0.9F};
     case SurfaceZone::foot:
     case SurfaceZone::upper_edge: return {1.0F, kNever, 0.6F, 1.5F};
-    case SurfaceZone::outer_edge: return {2.0F, 1.8F, 0.5F, 4.0F};
-    case SurfaceZone::corner: return {1.4F, kNever, 0.5F, 4.0F};
-    case SurfaceZone::behind_edge: return {2.0F, 0.6F, 0.3F, 4.0F};
+    case SurfaceZone::outer_edge: return {2.0F * wear, 1.8F * wear, 0.5F * wear, 4.0F};
+    case SurfaceZone::corner: return {1.4F * wear, kNever, 0.5F, 4.0F};
+    case SurfaceZone::behind_edge: return {2.0F * wear, 0.6F * wear, 0.3F * wear, 4.0F};
   }
   return {kNever, kNever, kNever, kNever};
 }
@@ -73,15 +74,19 @@ constexpr double kChip_mm2 = 8.0;
 constexpr double kLongChip_mm = 6.5;
 constexpr double kLongChipDepth_mm = 1.35;
 constexpr double kLongChip_mm3 = 23.0;
-/// ... and reaches further in than a pore in the chamfer.
+/// ... and reaches further in than a pore in the chamfer, or is deeper than the chamfer is worn.
 constexpr double kLongChipAcross_mm = 3.5;
+constexpr double kNarrowChipDepth_mm = 1.7;
 /// In a corner two chamfers meet (good ones are up to 1.9 mm off), and much of what was broken is too steep to return
 /// points (of a good one, up to nine cells).
 constexpr double kCornerDepth_mm = 2.0;
-constexpr double kCorner_mm2 = 10.0;
+constexpr double kCorner_mm2 = 9.0;
 constexpr std::size_t kCornerCells = 5;
-constexpr std::size_t kCornerEmpty = 10;
+constexpr double kCornerEmpty = 10.0;
 constexpr double kCornerExtent_mm = 5.4;
+/// A good corner is seen at most at its very tip or not at all, but not low with a steep part beside it.
+constexpr double kSteepDepth_mm = 1.6;
+constexpr std::size_t kSteepEmpty = 3;
 constexpr std::size_t kChipCells = 3;
 /// Of these on the edge itself: what lies behind it is a pore near an edge.
 constexpr std::size_t kChipCellsOnEdge = 2;
@@ -202,17 +207,20 @@ class Place {
 };
 
 /// What a place of low or empty cells is; false: nothing to be told.
-bool name_low(const Place& place, double pore_max_mm, FoundSurface& found) {
+bool name_low(const Place& place, double pore_max_mm, double edge_wear, FoundSurface& found) {
   SurfaceFinding& f = found.finding;
   const double area = place.area_mm2();
   const std::size_t low = place.cells() - place.empty();
-  const bool deep = place.furthest_mm() >= kChipDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kChip_mm2;
-  const bool wide = found.extent_mm >= kLongChip_mm && std::min(f.length_mm, f.width_mm) >= kLongChipAcross_mm &&
-                    place.furthest_mm() >= kLongChipDepth_mm && place.volume_mm3() >= kLongChip_mm3;
-  const bool corner =
-      place.at_corner() >= kCornerCells &&
-      ((place.furthest_mm() >= kCornerDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kCorner_mm2) ||
-       (place.empty() >= kCornerEmpty && found.extent_mm >= kCornerExtent_mm));
+  const double furthest = place.furthest_mm() / edge_wear;
+  const bool deep = furthest >= kChipDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kChip_mm2;
+  const bool wide = found.extent_mm >= kLongChip_mm &&
+                    (std::min(f.length_mm, f.width_mm) >= kLongChipAcross_mm || furthest >= kNarrowChipDepth_mm) &&
+                    furthest >= kLongChipDepth_mm && place.volume_mm3() >= edge_wear * edge_wear * kLongChip_mm3;
+  const bool corner = place.at_corner() >= kCornerCells &&
+                      ((furthest >= kCornerDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kCorner_mm2) ||
+                       (furthest >= kSteepDepth_mm && place.empty() >= kSteepEmpty) ||
+                       (static_cast<double>(place.empty()) >= edge_wear * kCornerEmpty &&
+                        found.extent_mm >= edge_wear * kCornerExtent_mm));
   if (corner || (place.at_edge() >= kChipCells && place.on_edge() >= kChipCellsOnEdge && (deep || wide))) {
     f.kind = FindingKind::chip;
     return true;
@@ -276,7 +284,7 @@ void group_cells(const BlockModel& model, const SurfaceTable& table, const Surfa
       continue;
     }
     found.seen_mm2 += kCellArea_mm2 / model.planes()[table.cells()[i] & kFaceBits].n.z();
-    const Limits limit = limits_of(zone);
+    const Limits limit = limits_of(zone, field.edge_wear);
     const float off = field.off[i];
     if (off < -limit.low || field.face_off[i] < -limit.low_of_face)
       marks[i] = kLow;
@@ -318,7 +326,7 @@ void group_cells(const BlockModel& model, const SurfaceTable& table, const Surfa
     one.finding = place.finding();
     one.extent_mm = place.extent_mm();
     one.diameter_mm = std::sqrt(4.0 / kPi * place.area_mm2());
-    if (high ? name_high(place, one) : name_low(place, pore_max_mm, one)) found.add(one);
+    if (high ? name_high(place, one) : name_low(place, pore_max_mm, field.edge_wear, one)) found.add(one);
   }
 }
 

@@ -64,10 +64,10 @@ inline constexpr std::uint16_t kFoot = 1U << 12U;       ///< a jaw's foot is nea
 inline constexpr std::uint16_t kUpperEdge = 1U << 13U;  ///< a jaw's upper edge is
 }  // namespace surface_cell
 
-/// Edges of the block are chamfered and its inner ones rounded up to here, measured on the face.
+/// Inner edges are rounded up to here, measured on the face.
 inline constexpr double kSurfaceEdge_mm = 7.5;
-/// Steps in which the distance to an outer edge is told.
-inline constexpr std::size_t kSurfaceEdgeSteps = static_cast<std::size_t>(kSurfaceEdge_mm / kSurfaceCell_mm);
+/// Steps in which the distance to an outer edge is told: chamfers of 8 mm nominally wear to up to 12 mm.
+inline constexpr std::size_t kSurfaceEdgeSteps = 10;
 
 class SurfaceTable {
  public:

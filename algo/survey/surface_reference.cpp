@@ -122,9 +122,6 @@ bool is_known(const PlaneFit& plane) {
   return plane.ok || plane.doubt == PlaneDoubt::share || plane.doubt == PlaneDoubt::area;
 }
 
-/// Steps from the edge that chamfers of 4 mm nominally take: 5.6 mm.
-constexpr std::size_t kChamferSteps = 4;
-
 /// From here on a cell takes part of its points from something else than its surface: form and fillets stay below.
 float off_limit_mm(SurfaceZone zone) {
   return zone == SurfaceZone::face ? kSurfaceOff_mm : zone == SurfaceZone::shoulder ? 0.3F : 0.5F;
@@ -231,12 +228,7 @@ void compare_with_expected(const BlockModel& model, const SurfaceTable& table, s
     const Face face = face_of(entry);
     const bool on_shoulder = face == Face::shoulder_inner || face == Face::shoulder_outer;
     if (field.usual[static_cast<std::size_t>(face)] == 0.0) return;
-    const std::size_t step = std::min(end_of(entry), side_of(entry));
-    if (end_of(entry) < kSurfaceEdgeSteps && side_of(entry) < kSurfaceEdgeSteps)
-      field.zone[i] = SurfaceZone::corner;
-    else if (step < kSurfaceEdgeSteps)
-      field.zone[i] = step < kChamferSteps ? SurfaceZone::outer_edge : SurfaceZone::behind_edge;
-    else if ((entry & kUpperEdge) != 0)
+    if ((entry & kUpperEdge) != 0)
       field.zone[i] = SurfaceZone::upper_edge;
     else if ((entry & kFoot) != 0)
       field.zone[i] = SurfaceZone::foot;

@@ -34,6 +34,7 @@ struct SurfaceField {
   std::span<float> cover;  ///< share of the cell that lies off, if the rest of it lies where it is expected
   std::span<float> whole;  ///< points on the surface over the usual number of points
   std::span<SurfaceZone> zone;
+  double edge_wear = 1.0;              ///< by how much more than usual the block's chamfers differ along themselves
   std::array<double, kFaces> usual{};  ///< points in a usual cell of each face; 0: not seen
   FixedVector<EdgeFeature, kEdgesMax> edges;
 
