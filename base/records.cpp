@@ -17,6 +17,66 @@ std::string_view name(RegistrationStatus status) {
   return "none";
 }
 
+std::string_view name(PlaneDoubt doubt) {
+  switch (doubt) {
+    case PlaneDoubt::none: return "none";
+    case PlaneDoubt::not_fitted: return "not_fitted";
+    case PlaneDoubt::no_plane: return "no_plane";
+    case PlaneDoubt::unsettled: return "unsettled";
+    case PlaneDoubt::second_surface: return "second_surface";
+    case PlaneDoubt::share: return "share";
+    case PlaneDoubt::area: return "area";
+    case PlaneDoubt::support: return "support";
+    case PlaneDoubt::bends: return "bends";
+    case PlaneDoubt::rival: return "rival";
+  }
+  return "none";
+}
+
+std::string_view reason_of(PlaneDoubt doubt) {
+  switch (doubt) {
+    case PlaneDoubt::none:
+    case PlaneDoubt::not_fitted: break;
+    case PlaneDoubt::no_plane: return "its points make no plane";
+    case PlaneDoubt::unsettled: return "the fit did not settle";
+    case PlaneDoubt::second_surface: return "a second surface lies within the threshold";
+    case PlaneDoubt::share: return "too small a share of the points fits";
+    case PlaneDoubt::area: return "too small a share of the area seen: where fewer points return another surface lies";
+    case PlaneDoubt::support: return "it rests on too few points, too little of the face, or too noisy ones";
+    case PlaneDoubt::bends: return "it hangs on where the threshold cuts, as beside a second surface";
+    case PlaneDoubt::rival: return "another plane holds about as many points";
+  }
+  return "";
+}
+
+std::string_view name(CasingDoubt doubt) {
+  switch (doubt) {
+    case CasingDoubt::none: return "none";
+    case CasingDoubt::not_measured: return "not_measured";
+    case CasingDoubt::edge: return "edge";
+    case CasingDoubt::radius: return "radius";
+    case CasingDoubt::no_hole: return "no_hole";
+    case CasingDoubt::rim_points: return "rim_points";
+    case CasingDoubt::rim_crust: return "rim_crust";
+    case CasingDoubt::rim_form: return "rim_form";
+  }
+  return "none";
+}
+
+std::string_view reason_of(CasingDoubt doubt) {
+  switch (doubt) {
+    case CasingDoubt::none:
+    case CasingDoubt::not_measured: break;
+    case CasingDoubt::edge: return "too little of the bore's edge is seen, or it is no circle";
+    case CasingDoubt::radius: return "the bore's radius is off by more than a millimetre";
+    case CasingDoubt::no_hole: return "something fills the bore at the height of the rim";
+    case CasingDoubt::rim_points: return "too few points on the rim";
+    case CasingDoubt::rim_crust: return "something on the rim stands over the seat";
+    case CasingDoubt::rim_form: return "the rim is no even plane all the way round";
+  }
+  return "";
+}
+
 std::string_view name(FindingKind kind) {
   switch (kind) {
     case FindingKind::pit: return "pit";

@@ -57,10 +57,10 @@ inline constexpr double kUsualStep_mm = 0.01;
 /// A warning where the coordinates are rounded more coarsely than usual, empty otherwise.
 [[nodiscard]] FixedString<200> step_warning(const ScanCounts& scan);
 
-/// One fitted plane n.p = d in the block's registered frame (mm).
 /// Why a plane is not `ok`: the first test that said no.
 enum class PlaneDoubt : std::uint8_t {
   none,
+  not_fitted,      ///< the scan did not come so far
   no_plane,        ///< too few points, or all on a line
   unsettled,       ///< the inlier set did not stand still
   second_surface,  ///< within the threshold
@@ -70,10 +70,15 @@ enum class PlaneDoubt : std::uint8_t {
   bends,           ///< it hangs on where the threshold cuts
   rival,           ///< another plane holds about as many points
 };
+inline constexpr std::size_t kPlaneDoubts = 10;
+[[nodiscard]] std::string_view name(PlaneDoubt doubt);
+/// In words, to follow "inner jaw:"; empty for none and not_fitted.
+[[nodiscard]] std::string_view reason_of(PlaneDoubt doubt);
 
+/// One fitted plane n.p = d in the block's registered frame (mm).
 struct PlaneFit {
   bool ok = false;
-  PlaneDoubt doubt = PlaneDoubt::no_plane;
+  PlaneDoubt doubt = PlaneDoubt::not_fitted;
   Vec3 normal = Vec3::Zero();  ///< unit; towards the free side
   double offset_mm = kNoValue;
   std::uint64_t points = 0;  ///< offered to the fit
@@ -201,8 +206,25 @@ inline constexpr std::size_t kEdgesMax = 12;
 /// "pit on the seat at x 80 mm, s 2 mm: 42 x 368 mm, 15460 mm2, up to 10.0 mm deep".
 [[nodiscard]] FixedString<160> sentence(const SurfaceFinding& finding);
 
+/// Why a casing is not `ok`: the first test that said no. From `rim_points` on its bore is located all the same.
+enum class CasingDoubt : std::uint8_t {
+  none,
+  not_measured,  ///< the scan did not come so far, or the recipe's casings are capped
+  edge,          ///< too little of the bore's edge seen, or no circle
+  radius,        ///< off by more than a millimetre
+  no_hole,       ///< something fills the bore at the height of the rim
+  rim_points,    ///< too few seen
+  rim_crust,     ///< something on the rim stands over the seat
+  rim_form,      ///< no plane most of the way round, tilted, or too rough
+};
+inline constexpr std::size_t kCasingDoubts = 8;
+[[nodiscard]] std::string_view name(CasingDoubt doubt);
+/// In words, to follow "inner casing:"; empty for none and not_measured.
+[[nodiscard]] std::string_view reason_of(CasingDoubt doubt);
+
 struct CasingFeature {
   bool ok = false;
+  CasingDoubt doubt = CasingDoubt::not_measured;
   Vec3 centre = Vec3::Zero();   ///< on the seat plane, registered block frame (mm)
   double radius_mm = kNoValue;  ///< of the bore edge
   double height_mm = kNoValue;  ///< of the rim along the seat normal

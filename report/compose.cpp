@@ -443,6 +443,8 @@ class Composer {
       paragraph.warning = true;
       section.parts.push_back(std::move(paragraph));
     }
+    if (const std::string refused = refusal_sentence(result, language_); !refused.empty())
+      section.parts.push_back(Paragraph{say(Word::refused, refused)});
     // One paragraph, so that two blocks still fit on a page.
     std::string surface;
     if (const std::string pores = pore_sentence(result.pores, language_); !pores.empty())

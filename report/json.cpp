@@ -63,9 +63,20 @@ void write_plane_precision(Json& json, const PlaneFit& plane) {
   write_rows(json, "cov_normal", plane.cov_normal);
 }
 
+/// null: it is ok.
+template <typename Feature>
+void write_doubt(Json& json, const Feature& feature) {
+  json.key("doubt");
+  if (feature.ok)
+    json.null();
+  else
+    json.value(name(feature.doubt));
+}
+
 void write_plane(Json& json, std::string_view name, const PlaneFit& plane) {
   json.key(name).begin_object();
   json.field("ok", plane.ok);
+  write_doubt(json, plane);
   write_vector(json, "normal", plane.normal, !plane.normal.isZero());
   json.field("offset_mm", plane.offset_mm);
   json.field("points", plane.points).field("inliers", plane.inliers).field("inlier_fraction", plane.inlier_fraction);
@@ -77,6 +88,7 @@ void write_plane(Json& json, std::string_view name, const PlaneFit& plane) {
 void write_casing(Json& json, std::string_view name, const CasingFeature& casing) {
   json.key(name).begin_object();
   json.field("ok", casing.ok);
+  write_doubt(json, casing);
   write_vector(json, "centre_mm", casing.centre, has_value(casing.radius_mm));
   json.field("radius_mm", casing.radius_mm).field("height_mm", casing.height_mm);
   json.field("edge_points", casing.edge_points).field("rim_points", casing.rim_points);
@@ -121,6 +133,7 @@ void write_seat(Json& json, const SeatFeature& seat, double cell_mm) {
   json.field("flatness_operator", std::string_view(flatness_operator(cell_mm)));
   json.field("flatness_noise_mm", seat.flatness_noise_mm).field("noise_factor", seat.noise_factor);
   write_defect(json, seat.defect);
+  write_doubt(json, seat.plane);
   write_plane_precision(json, seat.plane);
   write_plane(json, "full_plane", seat.full_plane);
   json.end_object();

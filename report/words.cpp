@@ -165,6 +165,7 @@ Entry entry(Word word) {
     case Word::page: return {"page {} of {}", "第 {} 页，共 {} 页"};
     case Word::pores: return {"Pores: {}", "气孔：{}"};
     case Word::edges: return {"Edges: {}", "棱边：{}"};
+    case Word::refused: return {"Not measured: {}", "未测量：{}"};
     case Word::flatness_note:
       return {"with this noise a perfectly flat seat would read {} mm", "在该噪声下，理想平面的读数为 {} mm"};
   }
@@ -207,6 +208,20 @@ constexpr std::array<const char*, kFindingFaces> kFacesZh = {"承轨面", "内�
 constexpr std::array<const char*, kEdgeFaces> kEdgeFacesZh = {"承轨面",       "内侧钳口面",   "外侧钳口面",
                                                               "内侧挡肩顶面", "外侧挡肩顶面", "端面（x-）",
                                                               "端面（x+）",   "内侧侧面",     "外侧侧面"};
+constexpr std::array<const char*, kPlaneDoubts> kPlaneDoubtsZh = {
+    "",
+    "",
+    "各点不成平面",
+    "拟合未收敛",
+    "阈值内另有一个表面",
+    "符合的点所占比例太小",
+    "可见面积所占比例太小：点少处另有一个表面",
+    "点太少、占面太小或噪声太大",
+    "结果取决于阈值，如旁边另有一个表面",
+    "另一平面所含的点数相近"};
+constexpr std::array<const char*, kCasingDoubts> kCasingDoubtsZh = {
+    "",           "", "孔边可见部分太少，或不成圆", "孔半径偏差超过 1 mm", "孔口高度处有填塞物",
+    "管口端面点太少", "管口端面上有高出承轨面的异物", "管口端面一周不成平整平面"};
 
 }  // namespace
 
@@ -302,6 +317,31 @@ std::string pore_sentence(const PoreSummary& pores, Language language) {
   if (!has_value(pores.share)) return text;
   text += fmt::format("，占面积 {:.2f} %", 100.0 * pores.share);
   return text + limit(is_too_much(pores), 100.0 * pores.limits.share_max, "%");
+}
+
+std::string refusal_sentence(const BlockResult& block, Language language) {
+  const bool zh = language == Language::zh;
+  std::string text;
+  const auto add = [&](const char* feature, const char* feature_zh, std::string_view reason, const char* reason_zh) {
+    if (reason.empty()) return;
+    text += text.empty() ? "" : zh ? "；" : "; ";
+    text += zh ? fmt::format("{}：{}", feature_zh, reason_zh) : fmt::format("{}: {}", feature, reason);
+  };
+  const auto add_plane = [&](const char* feature, const char* feature_zh, const PlaneFit& plane) {
+    if (!plane.ok)
+      add(feature, feature_zh, reason_of(plane.doubt), kPlaneDoubtsZh.at(static_cast<std::size_t>(plane.doubt)));
+  };
+  const auto add_casing = [&](const char* feature, const char* feature_zh, const CasingFeature& casing) {
+    if (!casing.ok)
+      add(feature, feature_zh, reason_of(casing.doubt), kCasingDoubtsZh.at(static_cast<std::size_t>(casing.doubt)));
+  };
+  add_plane("seat", "承轨面", block.seat.plane);
+  add_plane("slab top", "板顶面", block.slab_top);
+  add_plane("inner jaw", "内侧钳口面", block.jaw_inner);
+  add_plane("outer jaw", "外侧钳口面", block.jaw_outer);
+  add_casing("inner casing", "内侧套管", block.casing_inner);
+  add_casing("outer casing", "外侧套管", block.casing_outer);
+  return text;
 }
 
 std::string edge_sentence(const BlockResult& block, Language language) {

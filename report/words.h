@@ -123,6 +123,7 @@ enum class Word : std::uint8_t {
   flatness_note,
   pores,
   edges,
+  refused,
 };
 [[nodiscard]] std::string_view word(Word word, Language language);
 
@@ -134,6 +135,9 @@ enum class Word : std::uint8_t {
 [[nodiscard]] std::string finding_mark(const SurfaceFinding& finding, Language language);
 /// Count, largest, deepest and share, with the limits of depth and share; empty if pores were not looked for.
 [[nodiscard]] std::string pore_sentence(const PoreSummary& pores, Language language);
+/// Planes and casings that were refused, and why: "inner jaw: another plane holds about as many points; outer casing:
+/// ..."; empty if none was.
+[[nodiscard]] std::string refusal_sentence(const BlockResult& block, Language language);
 /// "fillet 4.1 mm seat/jaw_inner, 4.3 mm seat/jaw_outer (nominal 4), chamfer 3.6..4.1 mm ends"; empty if none was seen.
 [[nodiscard]] std::string edge_sentence(const BlockResult& block, Language language);
 /// What was not real, by emulation bits: "EMULATED (robot emulated, scan emulated): no verdict on concrete"; empty for

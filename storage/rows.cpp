@@ -43,6 +43,12 @@ std::string_view word(SpliceSource source) {
 std::string_view word(CalibrationKind kind) {
   return name(kind);
 }
+std::string_view word(PlaneDoubt doubt) {
+  return name(doubt);
+}
+std::string_view word(CasingDoubt doubt) {
+  return name(doubt);
+}
 std::string_view word(FindingKind kind) {
   return name(kind);
 }
@@ -73,6 +79,12 @@ bool from_word(std::string_view text, SpliceSource& out) {
 }
 bool from_word(std::string_view text, CalibrationKind& out) {
   return search(text, kCalibrationKinds, out);
+}
+bool from_word(std::string_view text, PlaneDoubt& out) {
+  return search(text, kPlaneDoubts, out);
+}
+bool from_word(std::string_view text, CasingDoubt& out) {
+  return search(text, kCasingDoubts, out);
 }
 bool from_word(std::string_view text, FindingKind& out) {
   return search(text, kFindingKinds, out);

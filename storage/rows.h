@@ -302,6 +302,7 @@ void columns(V& v, R& r) {
 template <typename V, RowOf<PlaneFit> R>
 void columns(V& v, R& r) {
   v("ok", r.ok);
+  v("doubt", r.doubt);
   v("normal", r.normal);
   v("offset_mm", r.offset_mm);
   v("points", r.points);
@@ -317,6 +318,7 @@ void columns(V& v, R& r) {
 template <typename V, RowOf<CasingFeature> R>
 void columns(V& v, R& r) {
   v("ok", r.ok);
+  v("doubt", r.doubt);
   v("centre", r.centre);
   v("radius_mm", r.radius_mm);
   v("height_mm", r.height_mm);

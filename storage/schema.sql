@@ -243,6 +243,7 @@ CREATE TABLE plane (
   attempt  INTEGER NOT NULL,
   feature  TEXT NOT NULL,
   ok       INTEGER NOT NULL,
+  doubt    TEXT NOT NULL DEFAULT 'not_fitted',  -- none, or why it is not ok: no_plane, unsettled, second_surface, ...
   normal_x REAL, normal_y REAL, normal_z REAL,
   offset_mm REAL,
   points INTEGER NOT NULL, inliers INTEGER NOT NULL, inlier_fraction REAL,
@@ -265,6 +266,7 @@ CREATE TABLE casing (
   attempt  INTEGER NOT NULL,
   feature  TEXT NOT NULL,
   ok       INTEGER NOT NULL,
+  doubt    TEXT NOT NULL DEFAULT 'not_measured',  -- none, or why it is not ok: edge, radius, no_hole, rim_points, ...
   centre_x REAL, centre_y REAL, centre_z REAL,
   radius_mm REAL, height_mm REAL,
   edge_points INTEGER NOT NULL, rim_points INTEGER NOT NULL,

@@ -59,13 +59,13 @@ constexpr auto kForm1 = std::to_array<SealedTable>({
      "sigma_n_y, sigma_n_z, sigma_top_n_x, sigma_top_n_y, sigma_top_n_z, step_x, step_y, step_z",
      "", "station, attempt"},
     {"plane",
-     "slab_key, station, attempt, feature, ok, normal_x, normal_y, normal_z, offset_mm, points, inliers, "
+     "slab_key, station, attempt, feature, ok, doubt, normal_x, normal_y, normal_z, offset_mm, points, inliers, "
      "inlier_fraction, std_mm, iterations, centroid_x, centroid_y, centroid_z, sigma_offset_mm, cov_normal_11, "
      "cov_normal_12, cov_normal_13, cov_normal_21, cov_normal_22, cov_normal_23, cov_normal_31, cov_normal_32, "
      "cov_normal_33",
      "", "station, attempt, feature"},
     {"casing",
-     "slab_key, station, attempt, feature, ok, centre_x, centre_y, centre_z, radius_mm, height_mm, "
+     "slab_key, station, attempt, feature, ok, doubt, centre_x, centre_y, centre_z, radius_mm, height_mm, "
      "edge_points, rim_points, edge_rms_mm, inlier_fraction, rim_std_mm, sigma_height_mm, cov_circle_11, "
      "cov_circle_12, cov_circle_13, cov_circle_21, cov_circle_22, cov_circle_23, cov_circle_31, cov_circle_32, "
      "cov_circle_33",

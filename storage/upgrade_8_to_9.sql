@@ -25,6 +25,9 @@ ALTER TABLE block ADD COLUMN pores_share REAL;
 ALTER TABLE block ADD COLUMN pores_depth_max_mm REAL;
 ALTER TABLE block ADD COLUMN pores_share_max REAL;
 
+ALTER TABLE plane ADD COLUMN doubt TEXT NOT NULL DEFAULT 'not_fitted';
+ALTER TABLE casing ADD COLUMN doubt TEXT NOT NULL DEFAULT 'not_measured';
+
 CREATE TABLE finding (
   slab_key INTEGER NOT NULL,
   station  INTEGER NOT NULL,

@@ -300,10 +300,10 @@ bool is_hole(const Points& points, const SeatFrame& seat, const CasingTask& task
   return per_mm2(inside) <= kInBoreMax * per_mm2(around);
 }
 
-/// Height of the rim around the measured centre, clear of its inner and outer edge. False where it is no height of all
-/// of the rim.
+/// Height of the rim around the measured centre, clear of its inner and outer edge. A doubt where it is no height of
+/// all of the rim.
 template <typename Points>
-bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
+CasingDoubt measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
                  const Vec2& centre, CasingFeature& casing) {
   const double width = task.rim_radius_mm - task.bore_radius_mm;
   const double margin = std::min(task.edge_margin_mm, 0.25 * width);
@@ -317,7 +317,7 @@ bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& 
     return count;
   };
   const std::size_t count = count_in(clear);
-  if (count < kRimPointsMin) return false;
+  if (count < kRimPointsMin) return CasingDoubt::rim_points;
 
   std::array<RimPoint, kRimSample> sample;
   std::size_t sampled = 0;
@@ -332,7 +332,7 @@ bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& 
   });
   const RimHeight rim = rim_height(std::span(sample).first(sampled));
   casing.rim_points = static_cast<std::uint32_t>(rim.points * every);
-  if (!rim.ok) return false;
+  if (!rim.ok) return CasingDoubt::rim_form;
   casing.height_mm = rim.height_mm;
   casing.rim_std_mm = rim.std_mm;
   casing.sigma_height_mm = rim.sigma_mm;
@@ -356,15 +356,19 @@ bool measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& 
     over_at_bore.add(x - clear.centre_x_mm, y - clear.centre_y_mm, height);
     over_at_rim.add(x - clear.centre_x_mm, y - clear.centre_y_mm, height);
   });
-  if (rim.crust_mm > 0.0 || has_lip(at_bore, over_at_bore) || has_lip(at_rim, over_at_rim)) return false;
-  return casing.rim_points >= kRimPointsMin && rim.share_seen >= kRimSeenMin && rim.share_on >= kRimOnMin &&
+  if (rim.crust_mm > 0.0 || has_lip(at_bore, over_at_bore) || has_lip(at_rim, over_at_rim))
+    return CasingDoubt::rim_crust;
+  if (casing.rim_points < kRimPointsMin) return CasingDoubt::rim_points;
+  const bool even = rim.share_seen >= kRimSeenMin && rim.share_on >= kRimOnMin &&
          rim.share_below <= kRimBelowMax && rim.share_points >= kRimShareMin &&
          rim.tilt * task.rim_radius_mm <= kRimTiltMax_mm && rim.std_mm <= std::hypot(seat_mm, kRimFormMax_mm);
+  return even ? CasingDoubt::none : CasingDoubt::rim_form;
 }
 
 template <typename Points>
 CasingFeature measure(const Points& points, const SeatFrame& seat, const CasingTask& task) {
   CasingFeature casing;
+  casing.doubt = CasingDoubt::edge;
   const CasingFrame frame(task, seat);
   Circle circle;
   EdgePoints edge;
@@ -380,14 +384,17 @@ CasingFeature measure(const Points& points, const SeatFrame& seat, const CasingT
     // The same points and the same circle: no round will find another.
     if (edge == before && (circle.centre - centre).norm() <= kSettled_mm) break;
   }
-  if (std::abs(circle.radius - task.bore_radius_mm) > kRadiusOffMax_mm || !is_hole(points, seat, task, frame, circle))
-    return casing;
+  casing.doubt = std::abs(circle.radius - task.bore_radius_mm) > kRadiusOffMax_mm ? CasingDoubt::radius
+                 : is_hole(points, seat, task, frame, circle)                     ? CasingDoubt::none
+                                                                                  : CasingDoubt::no_hole;
+  if (casing.doubt != CasingDoubt::none) return casing;
   casing.centre = frame.in_block(circle.centre);
   casing.radius_mm = circle.radius;
   casing.edge_rms_mm = circle.scatter;
   casing.cov_circle = shared_rows(circle.spread) * circle.covariance;
   casing.cov_circle.diagonal().head<2>().array() += edge_form_mm2(edge.view(), circle);
-  casing.ok = measure_rim(points, seat, task, frame, circle.centre, casing);
+  casing.doubt = measure_rim(points, seat, task, frame, circle.centre, casing);
+  casing.ok = casing.doubt == CasingDoubt::none;
   return casing;
 }
 

@@ -188,21 +188,6 @@ PlaneFit fit_plane_over(const ListedPoints& points, const Vec3& up, const PlaneS
   return finish_fit(points, settings, start);
 }
 
-std::string_view reason_of(PlaneDoubt doubt) {
-  switch (doubt) {
-    case PlaneDoubt::none: break;
-    case PlaneDoubt::no_plane: return "they make no plane";
-    case PlaneDoubt::unsettled: return "it did not settle";
-    case PlaneDoubt::second_surface: return "a second surface lies within the threshold";
-    case PlaneDoubt::share: return "too small a share of the points";
-    case PlaneDoubt::area: return "too small a share of the area seen: where fewer points return another surface lies";
-    case PlaneDoubt::support: return "it rests on too few points, too little of the face, or too noisy ones";
-    case PlaneDoubt::bends: return "it hangs on where the threshold cuts, as beside a second surface";
-    case PlaneDoubt::rival: return "another plane holds about as many points";
-  }
-  return "none";
-}
-
 double share_by_area(const PlaneStart& start, const PlaneFit& fit, const SeatFrame& frame, const FaceRaster& raster,
                      const PlaceCounts& off, std::size_t points) {
   std::array<double, FaceRaster::kPlaces> all{};

@@ -41,8 +41,6 @@ template <typename Points>
                                       PlaneStart& start);
 [[nodiscard]] PlaneFit fit_plane_over(const ListedPoints& points, const Vec3& up, const PlaneSettings& settings);
 
-/// Why a plane was refused, as half a sentence.
-[[nodiscard]] std::string_view reason_of(PlaneDoubt doubt);
 /// Refuses a plane that stood until now.
 inline void refuse(PlaneFit& fit, PlaneDoubt why) {
   if (fit.ok) fit.doubt = why;

@@ -187,6 +187,8 @@ std::string surface_lines(const BlockResult& block) {
   std::string text;
   for (const SurfaceFinding& finding : block.findings) text += fmt::format("finding: {}\n", sentence(finding).view());
   if (const auto pores = sentence(block.pores); !pores.empty()) text += fmt::format("pores: {}\n", pores.view());
+  if (const std::string refused = report::refusal_sentence(block, report::Language::en); !refused.empty())
+    text += fmt::format("not measured: {}\n", refused);
   const std::string edges = report::edge_sentence(block, report::Language::en);
   return edges.empty() ? text : text + "edges: " + edges + "\n";
 }

@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <set>
+#include <string_view>
+
 #include "base/plc.h"
 
 namespace slabd {
@@ -60,6 +63,26 @@ TEST(Reason, of_a_finding_is_617_and_only_where_items_would_pass) {
   EXPECT_EQ(reason_with_findings(Verdict::indeterminate, items.begin(), items.end(), Code::ok, block), 604);
   items[1].verdict = Verdict::fail;
   EXPECT_EQ(reason_with_findings(Verdict::fail, items.begin(), items.end(), Code::ok, block), 604);
+}
+
+TEST(Doubts, have_a_word_each_and_a_reason_where_a_fit_gave_one) {
+  std::set<std::string_view> words, reasons;
+  for (std::size_t i = 0; i < kPlaneDoubts; ++i) {
+    const auto doubt = static_cast<PlaneDoubt>(i);
+    words.insert(name(doubt));
+    reasons.insert(reason_of(doubt));
+  }
+  EXPECT_EQ(words.size(), kPlaneDoubts);
+  EXPECT_EQ(reasons.size(), kPlaneDoubts - 1) << "none and not_fitted have an empty one";
+  words.clear();
+  reasons.clear();
+  for (std::size_t i = 0; i < kCasingDoubts; ++i) {
+    const auto doubt = static_cast<CasingDoubt>(i);
+    words.insert(name(doubt));
+    reasons.insert(reason_of(doubt));
+  }
+  EXPECT_EQ(words.size(), kCasingDoubts);
+  EXPECT_EQ(reasons.size(), kCasingDoubts - 1) << "none and not_measured have an empty one";
 }
 
 TEST(Findings, have_a_sentence_with_place_and_size) {

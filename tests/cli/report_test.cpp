@@ -86,6 +86,8 @@ class ReportTest : public Slabctl {
     for (const EdgeFeature& edge : edges_) EXPECT_TRUE(block.edges.push(edge));
     block.verdict = with_findings(combine(block.items.begin(), block.items.end()), block);
     block.seat.plane.ok = block.seat.full_plane.ok = true;
+    block.jaw_inner.doubt = jaw_doubt_;
+    block.casing_outer.doubt = casing_doubt_;
     block.seat.plane.std_mm = 0.0301;
     block.seat.flatness_mm = 0.1234;
     block.seat.normal_datum = Vec3(0.0001, -0.025, 0.9997);
@@ -158,7 +160,32 @@ class ReportTest : public Slabctl {
   std::vector<SurfaceFinding> findings_;  ///< of the next blocks, like these:
   PoreSummary pores_;
   std::vector<EdgeFeature> edges_;
+  PlaneDoubt jaw_doubt_ = PlaneDoubt::not_fitted;
+  CasingDoubt casing_doubt_ = CasingDoubt::not_measured;
 };
+
+TEST_F(ReportTest, what_a_block_was_not_measured_on_says_why_in_report_show_and_json) {
+  jaw_doubt_ = PlaneDoubt::second_surface;
+  casing_doubt_ = CasingDoubt::no_hole;
+  measure(1);
+  jaw_doubt_ = PlaneDoubt::not_fitted;
+  casing_doubt_ = CasingDoubt::not_measured;
+  for (int station = 2; station <= 18; ++station) measure(station);
+  end();
+  const std::string told =
+      "inner jaw: a second surface lies within the threshold; outer casing: something fills the bore at the height of "
+      "the rim";
+  ASSERT_EQ(report("r.html").status, 0);
+  EXPECT_NE(content(file("r.html")).find("Not measured: " + told), std::string::npos);
+  ASSERT_EQ(report("zh.html", "--language zh").status, 0);
+  EXPECT_NE(content(file("zh.html")).find("未测量：内侧钳口面：阈值内另有一个表面；外侧套管：孔口高度处有填塞物"),
+            std::string::npos);
+  EXPECT_NE(run("show 1 --db " + file("slabd.db") + " --block 1").out.find("not measured: " + told), std::string::npos);
+  EXPECT_EQ(run("show 1 --db " + file("slabd.db") + " --block 2").out.find("not measured: "), std::string::npos);
+  const json document = json::parse(run("show 1 --db " + file("slabd.db") + " --json").out);
+  EXPECT_EQ(document["blocks"][0]["result"]["features"]["jaw_inner"]["doubt"], "second_surface");
+  EXPECT_EQ(document["blocks"][0]["result"]["features"]["casing_outer"]["doubt"], "no_hole");
+}
 
 TEST_F(ReportTest, findings_of_a_block_are_told_with_place_and_size_in_report_show_and_json) {
   SurfaceFinding finding;

@@ -127,6 +127,10 @@ TEST(JsonWriter, precision_of_every_feature_is_told) {
   block.jaw_outer.centroid = Vec3(1, 2, 3);
   block.jaw_outer.sigma_offset_mm = 0.001;
   block.jaw_outer.cov_normal = Vec3(4e-8, 9e-8, 16e-8).asDiagonal();
+  block.jaw_inner.doubt = PlaneDoubt::rival;
+  block.seat.plane.ok = true;
+  block.casing_inner.ok = true;
+  block.casing_outer.doubt = CasingDoubt::rim_crust;
   block.casing_inner.inlier_fraction = 0.9;
   block.casing_inner.edge_rms_mm = 0.02;
   block.casing_inner.rim_std_mm = 0.031;
@@ -161,6 +165,10 @@ TEST(JsonWriter, precision_of_every_feature_is_told) {
   EXPECT_EQ(casing["inlier_fraction"], 0.9);
   EXPECT_EQ(casing["sigma_height_mm"], 0.002);
   EXPECT_EQ(casing["cov_circle"].size(), 3U);
+  EXPECT_TRUE(seat["doubt"].is_null());
+  EXPECT_TRUE(casing["doubt"].is_null());
+  EXPECT_EQ(document["features"]["jaw_inner"]["doubt"], "rival");
+  EXPECT_EQ(document["features"]["casing_outer"]["doubt"], "rim_crust");
 
   Json without;
   without.begin_object();
@@ -169,6 +177,8 @@ TEST(JsonWriter, precision_of_every_feature_is_told) {
   const auto unknown = parsed(without);
   EXPECT_TRUE(unknown["features"]["seat"]["defect"].is_null()) << "not computed is not 'no defect'";
   EXPECT_EQ(unknown["features"]["seat"]["flatness_operator"], "cell mean, least-squares plane");
+  EXPECT_EQ(unknown["features"]["seat"]["doubt"], "not_fitted");
+  EXPECT_EQ(unknown["features"]["casing_inner"]["doubt"], "not_measured");
   EXPECT_TRUE(unknown["registration"]["covariance"][5][5].is_null());
 }
 

@@ -52,6 +52,7 @@ void integer(Prng& prng, T& out) {
 PlaneFit plane(Prng& prng) {
   PlaneFit p;
   p.ok = true;
+  p.doubt = static_cast<PlaneDoubt>(prng.below(kPlaneDoubts));
   p.normal = vector(prng);
   p.offset_mm = number(prng);
   p.points = prng.next() >> 20U;
@@ -68,6 +69,7 @@ PlaneFit plane(Prng& prng) {
 CasingFeature casing(Prng& prng) {
   CasingFeature c;
   c.ok = prng.below(2) == 0;
+  c.doubt = static_cast<CasingDoubt>(prng.below(kCasingDoubts));
   c.centre = vector(prng);
   c.radius_mm = number(prng);
   c.height_mm = number(prng);
@@ -134,6 +136,7 @@ void expect_same(const Pose& a, const Pose& b) {
 
 void expect_same(const PlaneFit& a, const PlaneFit& b) {
   SAME(ok);
+  SAME(doubt);
   expect_same(a.normal, b.normal);
   SAME_BITS(offset_mm);
   SAME(points);
@@ -148,6 +151,7 @@ void expect_same(const PlaneFit& a, const PlaneFit& b) {
 
 void expect_same(const CasingFeature& a, const CasingFeature& b) {
   SAME(ok);
+  SAME(doubt);
   expect_same(a.centre, b.centre);
   SAME_BITS(radius_mm);
   SAME_BITS(height_mm);
