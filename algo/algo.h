@@ -58,6 +58,7 @@ struct PlaneSettings {
   double contamination = 0.5;      ///< epsilon of eq. (8)
   double confidence = 1.0 - 1e-6;  ///< P of eq. (8)
   double threshold_mm = 0.0;       ///< inlier distance; 0 = three robust standard deviations of the best hypothesis
+  double threshold_min_mm = 0.0;   ///< not less than this: rounded coordinates may all lie on the plane
   double inlier_share_min = 0.0;   ///< below it `ok` is false
   PlaneSupport support{};          ///< below it `ok` is false
   /// Of a face whose direction alone is used: this much tilt may hang on where the threshold cuts, as it does on a face

@@ -302,6 +302,8 @@ Status BlockInspector::extract(const Cloud& cloud) {
   const auto settings_of = [&](const FaceExtent& whole, ItemId angle, std::uint64_t seed) {
     PlaneSettings settings;
     settings.inlier_share_min = evaluation.inlier_share_min;
+    // Three standard deviations of what rounding to the coarsest axis' step leaves.
+    settings.threshold_min_mm = std::sqrt(0.75) * result.scan.step_mm.maxCoeff();
     settings.support = support_of(whole, evaluation, w.recipe.tolerance(angle).U);
     settings.seed = seed;
     return settings;
@@ -429,7 +431,7 @@ Status BlockInspector::extract(const Cloud& cloud) {
   compute_block_items(w.model, result);
   const FormDoubt form{form_tilts_rad(jaws[0].strip, jaws[1].strip), closed ? flatness.bumps_mm : 0.0};
   compute_block_budget(w.recipe, w.verified, form, result);
-  compute_observation(w.model, w.T_base_scanner * result.registration.T_scanner_block, result);
+  compute_observation(w.model, evaluation.casing, w.T_base_scanner * result.registration.T_scanner_block, result);
   static_assert(kFindingFloats <= kSampleFloats);
   if (has_surface_items) {
     find_pores_and_damage(w.model, w.surface_table, w.raster[0], deviation_map(), w.raster_rest, w.team, result);

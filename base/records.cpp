@@ -185,7 +185,9 @@ std::uint16_t reason_for(Verdict verdict, const Item* begin, const Item* end, Co
 namespace {
 
 bool decide_by_themselves(const BlockResult& block) {
-  return !block.findings.empty() && find_item(block.items.begin(), block.items.end(), ItemId::block_damage) == nullptr;
+  const Item* damage = find_item(block.items.begin(), block.items.end(), ItemId::block_damage);
+  const bool judged = damage != nullptr && has_value(damage->upper);
+  return !block.findings.empty() && !judged;
 }
 
 }  // namespace

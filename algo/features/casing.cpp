@@ -304,7 +304,7 @@ bool is_hole(const Points& points, const SeatFrame& seat, const CasingTask& task
 /// all of the rim.
 template <typename Points>
 CasingDoubt measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
-                 const Vec2& centre, CasingFeature& casing) {
+                        const Vec2& centre, CasingFeature& casing) {
   const double width = task.rim_radius_mm - task.bore_radius_mm;
   const double margin = std::min(task.edge_margin_mm, 0.25 * width);
   constexpr float kAny = std::numeric_limits<float>::max();
@@ -359,9 +359,9 @@ CasingDoubt measure_rim(const Points& points, const SeatFrame& seat, const Casin
   if (rim.crust_mm > 0.0 || has_lip(at_bore, over_at_bore) || has_lip(at_rim, over_at_rim))
     return CasingDoubt::rim_crust;
   if (casing.rim_points < kRimPointsMin) return CasingDoubt::rim_points;
-  const bool even = rim.share_seen >= kRimSeenMin && rim.share_on >= kRimOnMin &&
-         rim.share_below <= kRimBelowMax && rim.share_points >= kRimShareMin &&
-         rim.tilt * task.rim_radius_mm <= kRimTiltMax_mm && rim.std_mm <= std::hypot(seat_mm, kRimFormMax_mm);
+  const bool even = rim.share_seen >= kRimSeenMin && rim.share_on >= kRimOnMin && rim.share_below <= kRimBelowMax &&
+                    rim.share_points >= kRimShareMin && rim.tilt * task.rim_radius_mm <= kRimTiltMax_mm &&
+                    rim.std_mm <= std::hypot(seat_mm, kRimFormMax_mm);
   return even ? CasingDoubt::none : CasingDoubt::rim_form;
 }
 

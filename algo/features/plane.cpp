@@ -94,6 +94,7 @@ void begin_fit(const Points& points, const Vec3& up, const PlaneSettings& settin
   const double share = trusted_share(settings.contamination);
   double threshold = settings.threshold_mm;
   if (!threshold_given && !find_threshold(sample, start.search, share, scratch, threshold)) return;
+  threshold = std::fmax(threshold, settings.threshold_min_mm);
   FlatPlane plane;
   if (!best_within(sample, start.search, threshold, plane)) return;
 
@@ -106,7 +107,8 @@ void begin_fit(const Points& points, const Vec3& up, const PlaneSettings& settin
     const bool stands_still = polished.same_bits(plane);
     plane = polished;
     const double before = threshold;
-    if (!threshold_given) threshold = threshold_about(sample, plane, share, scratch);
+    if (!threshold_given)
+      threshold = std::fmax(threshold_about(sample, plane, share, scratch), settings.threshold_min_mm);
     if (stands_still || std::abs(threshold - before) <= kPolished * before) break;
   }
   if (FlatPlane level; find_level(sample, start.search, threshold, scratch, level, threshold)) {
@@ -122,6 +124,7 @@ template <typename Points>
 PlaneFit finish_fit(const Points& points, const PlaneSettings& settings, const PlaneStart& start) {
   PlaneFit fit;
   fit.points = points.size();
+  fit.doubt = PlaneDoubt::no_plane;
   if (!start.found) return fit;
   const Vec3& up = start.search.up;
   const double threshold = start.threshold_mm;

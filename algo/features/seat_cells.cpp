@@ -20,6 +20,8 @@ constexpr std::size_t kCellSampleMax = 512;
 constexpr double kStraySigmas = 5.0;
 /// By so much more may the points of a cell scatter than those of most cells, and it is noise.
 constexpr double kNoisierCell = 3.0;
+/// No drop as wide as a pit stands higher; what does is something else.
+constexpr double kDropHigh_mm = 1.5;
 /// Water returns one point in ten to one in three; a cell that it covers half returns more.
 constexpr double kDropShareMax = 0.4;
 /// The seat around a drop returns at least this share of the usual points, looked at over so many cells.
@@ -197,7 +199,9 @@ void SeatCells::find_drops(double usual_points, const CellGrid& grid, std::span<
   beside_wet_.reset();
   const auto share = [&](std::size_t c) { return static_cast<double>(sums_[c].points) / usual_points; };
   const auto stands_out = [&](std::size_t c) {
-    return sums_[c].points > 0 && CellPoints(sums_[c]).height > kStrayMin_mm;
+    if (sums_[c].points == 0) return false;
+    const double height = CellPoints(sums_[c]).height;
+    return height > kStrayMin_mm && height < kDropHigh_mm;
   };
   for (std::size_t c = 0; c < sums_.size(); ++c) {
     const bool sparse = share(c) < kDropShareMax && (sums_[c].points == 0 || stands_out(c));

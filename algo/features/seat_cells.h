@@ -58,8 +58,9 @@ class SeatCells {
   /// `mark`: room for one entry per cell.
   void remove_strays(const CellGrid& grid, std::span<std::uint32_t> mark);
 
-  /// Under a drop of water: it stands over the seat but returns few points, on a place no wider than the pits that are
-  /// bridged and with a seat around it that returns as many as everywhere. Where the concrete lies there is not seen.
+  /// Under a drop of water: it stands over the seat, by less than 1.5 mm, but returns few points, on a place no wider
+  /// than the pits that are bridged and with a seat around it that returns as many as everywhere. Where the concrete
+  /// lies there is not seen.
   [[nodiscard]] bool is_wet(std::size_t cell) const { return wet_[cell]; }
   /// What stands out of this cell, or is missing of it, took its place.
   [[nodiscard]] bool is_damage(std::size_t cell) const { return high_[cell] || low_[cell]; }

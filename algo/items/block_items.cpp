@@ -92,13 +92,16 @@ void compute_block_items(const BlockModel& model, BlockResult& result) {
   if (result.casing_outer.ok) item(result, ItemId::casing_protrusion_outer).value = result.casing_outer.height_mm;
 }
 
-void compute_observation(const BlockModel& model, const Pose& T_base_block, BlockResult& result) {
+void compute_observation(const BlockModel& model, CasingKind casings, const Pose& T_base_block, BlockResult& result) {
   SeatObservation& o = result.observation;
   o = SeatObservation{};
   const PlaneFit& seat = result.seat.plane;
   if (!seat.ok) return;
   o.n_base = T_base_block.rotation * seat.normal;
-  if (is_located(result.casing_inner) && is_located(result.casing_outer)) {
+  if (casings == CasingKind::capped) {
+    o.p_base = T_base_block * middle_of_seat(seat);
+    o.ok = true;
+  } else if (is_located(result.casing_inner) && is_located(result.casing_outer)) {
     o.p_base = T_base_block * Vec3(0.5 * (result.casing_inner.centre + result.casing_outer.centre));
     o.ok = true;
   }
@@ -111,7 +114,7 @@ void compute_observation(const BlockModel& model, const Pose& T_base_block, Bloc
     o.top_n_base = T_base_block.rotation * result.slab_top.normal;
     o.top_ok = true;
   }
-  compute_observation_sigma(model.geometry(), result);
+  compute_observation_sigma(model.geometry(), casings, result);
 }
 
 }  // namespace slabd::algo

@@ -14,8 +14,9 @@ void blank_block_items(const Recipe& recipe, BlockResult& result);
 void compute_block_items(const BlockModel& model, BlockResult& result);
 
 /// Fills `result.observation` (base frame) from the features and T_base_block = base <- registered block frame, with
-/// the uncertainties inside this scan (uncertainty.h).
-void compute_observation(const BlockModel& model, const Pose& T_base_block, BlockResult& result);
+/// the uncertainties inside this scan (uncertainty.h). Under caps the seat's reference point is not between the casings,
+/// but the registered block's own middle on the seat, as well as the registration has it.
+void compute_observation(const BlockModel& model, CasingKind casings, const Pose& T_base_block, BlockResult& result);
 
 /// Tilt of a plane about X: positive when it climbs towards +Y. rad. `n` in the datum frame.
 [[nodiscard]] double slope_about_x_rad(const Vec3& n);

@@ -391,7 +391,7 @@ void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, 
   budget.casing_protrusion(ItemId::casing_protrusion_outer, result.casing_outer);
 }
 
-void compute_observation_sigma(const BlockGeometry& geometry, BlockResult& result) {
+void compute_observation_sigma(const BlockGeometry& geometry, CasingKind casings, BlockResult& result) {
   SeatObservation& o = result.observation;
   const PlaneFit& seat = result.seat.plane;
   const double f = result.seat.noise_factor;
@@ -407,7 +407,20 @@ void compute_observation_sigma(const BlockGeometry& geometry, BlockResult& resul
   };
   if (seat.ok) o.sigma_n_rad = spread(seat.cov_normal, by_area.normal.cwiseAbs2() / 3.0 + rounded_normal(seat));
   if (result.slab_top.ok) o.sigma_top_n_rad = spread(result.slab_top.cov_normal, rounded_normal(result.slab_top));
-  if (o.ok) {
+  if (o.ok && casings == CasingKind::capped) {
+    const Vec3 middle = middle_of_seat(seat);
+    const PlaneGradient height{middle - seat.centroid, -1.0};
+    const double of_plane = f * variance(height, seat) + variance(height, by_area) + rounding.variance(height, seat);
+    // Where the registered frame's Z axis meets the plane: it moves with the frame, and up and down with the plane.
+    for (int axis = 0; axis < 3; ++axis) {
+      const bool up = axis == 2;
+      const Vec3 along = up ? Vec3(Vec3::UnitZ() - seat.normal / seat.normal.z()) : Vec3(Vec3::Unit(axis));
+      Vec6 by_frame;
+      by_frame << along, middle.cross(along);
+      o.sigma_p_mm[axis] = std::sqrt(f * registration_variance(by_frame, result.registration) +
+                                     (up ? of_plane / square(seat.normal.z()) : 0.0));
+    }
+  } else if (o.ok) {
     const CasingFeature& inner = result.casing_inner;
     const CasingFeature& outer = result.casing_outer;
     // Mid-point of the circles in the seat plane (x, s), and the plane's height there; a circle's covariance has the

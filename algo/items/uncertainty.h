@@ -127,6 +127,10 @@ struct JawPoint {
   Vec3 p = Vec3::Zero();
   Mat3 A_inverse = Mat3::Zero();
 };
+/// Where the registered frame's Z axis meets the seat.
+[[nodiscard]] inline Vec3 middle_of_seat(const PlaneFit& seat) {
+  return {0.0, 0.0, seat.offset_mm / seat.normal.z()};
+}
 [[nodiscard]] JawPoint jaw_point(const PlaneFit& seat, const PlaneFit& jaw, double reference_height_mm);
 
 /// How direction . p of a jaw point moves with everything it is made of.
@@ -174,6 +178,6 @@ void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, 
 
 /// Fills observation.sigma_*: what the scanner's noise (correlation included) and the seat's density leave in this
 /// scan, in block axes. Form error, calibration and robot are the slab's to add. NaN where a covariance is missing.
-void compute_observation_sigma(const BlockGeometry& geometry, BlockResult& result);
+void compute_observation_sigma(const BlockGeometry& geometry, CasingKind casings, BlockResult& result);
 
 }  // namespace slabd::algo

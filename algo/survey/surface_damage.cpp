@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 
+#include "algo/survey/surface_cells.h"
 #include "algo/survey/surface_cracks.h"
 #include "algo/survey/surface_groups.h"
 #include "algo/survey/surface_reference.h"
@@ -20,42 +21,87 @@ constexpr std::size_t kCells = kSurfaceCells;
 /// Pores up to here are pores where the recipe has no limit for them.
 constexpr double kPoreUnlimited_mm = 12.0;
 
-/// From and to which cell of the deviation map anything was seen, line by line.
+/// What the scanner looked at: the convex hull of the deviation map's cells in which something was seen.
 class FieldOfView {
  public:
   explicit FieldOfView(const DeviationMap& map) : map_(map) {
+    left_.fill(kOutside);
+    right_.fill(-kOutside);
     for (std::size_t row = 0; row < map.rows; ++row)
-      along_x_[row] =
-          reach(map.columns, [&](std::size_t column) { return map.count[row * map.columns + column] != 0; });
-    for (std::size_t column = 0; column < map.columns; ++column)
-      along_y_[column] = reach(map.rows, [&](std::size_t row) { return map.count[row * map.columns + column] != 0; });
+      for (std::size_t column = 0; column < map.columns; ++column) {
+        if (map.count[row * map.columns + column] < kSeenMin) continue;
+        left_[row] = std::min(left_[row], static_cast<double>(column));
+        right_[row] = std::max(right_[row], static_cast<double>(column));
+      }
+    bulge_out(left_, 1.0);
+    bulge_out(right_, -1.0);
   }
-  /// Was something seen on all four sides of this place?
+  /// Is this place inside, by a cell?
   [[nodiscard]] bool surrounds(double x, double y) const {
-    const double column = x / map_.cell_mm + 0.5 * static_cast<double>(map_.columns);
-    const double row = y / map_.cell_mm + 0.5 * static_cast<double>(map_.rows);
-    if (!(column >= 0.0 && row >= 0.0 && column < static_cast<double>(map_.columns) &&
-          row < static_cast<double>(map_.rows)))
-      return false;
-    const auto c = static_cast<std::size_t>(column);
-    const auto r = static_cast<std::size_t>(row);
-    return along_x_[r].first < c && c < along_x_[r].second && along_y_[c].first < r && r < along_y_[c].second;
+    const double column = x / map_.cell_mm + 0.5 * static_cast<double>(map_.columns) - 0.5;
+    const double row = y / map_.cell_mm + 0.5 * static_cast<double>(map_.rows) - 0.5;
+    if (!(row >= 1.0 && row < static_cast<double>(map_.rows) - 2.0)) return false;
+    const auto below = static_cast<std::size_t>(row);
+    const auto above = below + 1;
+    return column > std::max(left_[below], left_[above]) + 1.0 &&
+           column < std::min(right_[below], right_[above]) - 1.0 && left_[below - 1] < kOutside &&
+           left_[above + 1] < kOutside;
   }
 
  private:
-  using Reach = std::pair<std::size_t, std::size_t>;
-  template <typename Seen>
-  static Reach reach(std::size_t length, const Seen& seen) {
-    std::size_t first = 0;
-    while (first < length && !seen(first)) ++first;
-    std::size_t last = length - 1;
-    while (last > first && !seen(last)) --last;
-    return {first, last};
+  static constexpr std::uint32_t kSeenMin = 3;  ///< fewer are strays
+  static constexpr double kOutside = 1e9;
+  static constexpr std::size_t kRowsMax = limits::kFaceTableY / limits::kDeviationMapCell_mm;
+  using Side = std::array<double, kRowsMax>;
+
+  /// Makes one side of all rows convex; `sign` 1: the left one.
+  void bulge_out(Side& side, double sign) const {
+    std::array<std::size_t, kRowsMax> corner;
+    std::size_t corners = 0;
+    for (std::size_t row = 0; row < map_.rows; ++row) {
+      if (std::abs(side[row]) >= kOutside) continue;
+      const auto is_inside = [&] {
+        const std::size_t a = corner[corners - 2];
+        const std::size_t b = corner[corners - 1];
+        const double by_line =
+            side[a] + (side[row] - side[a]) * static_cast<double>(b - a) / static_cast<double>(row - a);
+        return sign * (side[b] - by_line) >= 0.0;
+      };
+      while (corners >= 2 && is_inside()) --corners;
+      corner[corners++] = row;
+    }
+    for (std::size_t k = 0; k + 1 < corners; ++k)
+      for (std::size_t row = corner[k] + 1; row < corner[k + 1]; ++row)
+        side[row] = side[corner[k]] + (side[corner[k + 1]] - side[corner[k]]) * static_cast<double>(row - corner[k]) /
+                                          static_cast<double>(corner[k + 1] - corner[k]);
   }
+
   const DeviationMap& map_;
-  std::array<Reach, limits::kFaceTableY / limits::kDeviationMapCell_mm> along_x_;
-  std::array<Reach, limits::kFaceTableX / limits::kDeviationMapCell_mm> along_y_;
+  Side left_;
+  Side right_;
 };
+
+/// Was enough of every face seen to say that nothing is wrong with it? The field of view may end before a shoulder
+/// does.
+bool saw_enough(const SurfaceTable& table, const SurfaceField& field) {
+  std::array<std::uint32_t, kFaces> all{};
+  std::array<std::uint32_t, kFaces> seen{};
+  surface_cell::for_cells_of(table, [&](std::size_t i) {
+    const std::uint16_t entry = table.cells()[i];
+    if (!surface_cell::is_judged(entry)) return;
+    const auto face = static_cast<std::size_t>(surface_cell::face_of(entry));
+    ++all[face];
+    if (field.seen(i)) ++seen[face];
+  });
+  constexpr double kOfSeat = 0.75, kOfJaw = 0.6, kOfShoulder = 0.1;
+  for (std::size_t face = 0; face < kFaces; ++face) {
+    const bool shoulder = face == static_cast<std::size_t>(Face::shoulder_inner) ||
+                          face == static_cast<std::size_t>(Face::shoulder_outer);
+    const double least = face == static_cast<std::size_t>(Face::seat) ? kOfSeat : shoulder ? kOfShoulder : kOfJaw;
+    if (static_cast<double>(seen[face]) < least * static_cast<double>(all[face])) return false;
+  }
+  return true;
+}
 
 /// Where nothing was seen and the scan does not go on beyond, in x and in y, the field of view ends.
 void leave_out_beyond_view(const SurfaceTable& table, const DeviationMap& map, SurfaceField& field) {
@@ -120,7 +166,10 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
                   found.seen_mm2 > 0.0 ? found.pore_area_mm2 / found.seen_mm2 : kNoValue,
                   {}};
   for (const FoundSurface& one : found.damage) (void)result.findings.push(one.finding);
-  for (const FoundSurface& one : found.pores) (void)result.findings.push(one.finding);
+  // Damage that no limit judges decides by being found, and pores must not.
+  if (damage != nullptr && has_value(damage->upper))
+    for (const FoundSurface& one : found.pores) (void)result.findings.push(one.finding);
+  if (!saw_enough(table, field)) return;
   if (pores != nullptr) {
     pores->value = found.pore_largest_mm;
     pores->beside = found.pore_deepest_mm;

@@ -8,6 +8,8 @@
 #include <array>
 #include <cmath>
 
+#include "algo/survey/surface_cells.h"
+
 namespace slabd::algo {
 namespace {
 
@@ -77,6 +79,11 @@ constexpr double kLongChip_mm3 = 23.0;
 /// ... and reaches further in than a pore in the chamfer, or is deeper than the chamfer is worn.
 constexpr double kLongChipAcross_mm = 3.5;
 constexpr double kNarrowChipDepth_mm = 1.7;
+/// A pore in an edge is round. What broke out of it is half of that, longer along the edge than it reaches in; or,
+/// where it reaches down both faces, as large and deep as few pores are.
+constexpr double kChipAspect = 1.25;
+constexpr double kRoundChip_mm2 = 48.0;
+constexpr double kRoundChipDepth_mm = 2.5;
 /// In a corner two chamfers meet (good ones are up to 1.9 mm off), and much of what was broken is too steep to return
 /// points (of a good one, up to nine cells).
 constexpr double kCornerDepth_mm = 2.0;
@@ -139,6 +146,7 @@ class Place {
     if (field_.zone[i] == SurfaceZone::corner) ++at_corner_;
     if (!field_.seen(i)) {
       ++empty_;
+      if (end_of(table_[i]) + side_of(table_[i]) > kTipSteps) ++empty_inside_;
       return;
     }
     const auto off = static_cast<double>(std::abs(field_.off[i]));
@@ -152,6 +160,8 @@ class Place {
 
   [[nodiscard]] std::size_t cells() const { return cells_; }
   [[nodiscard]] std::size_t empty() const { return empty_; }
+  /// ... further in than a corner's tip, which chamfers make steep.
+  [[nodiscard]] std::size_t empty_inside() const { return empty_inside_; }
   [[nodiscard]] std::size_t at_edge() const { return at_edge_; }
   /// ... and not only behind it.
   [[nodiscard]] std::size_t on_edge() const { return on_edge_; }
@@ -199,7 +209,8 @@ class Place {
   std::span<const std::uint16_t> table_;
   const SurfaceField& field_;
   std::array<std::uint32_t, 16> by_face_{};
-  std::size_t cells_ = 0, empty_ = 0, at_edge_ = 0, on_edge_ = 0, at_corner_ = 0;
+  static constexpr std::size_t kTipSteps = 3;
+  std::size_t cells_ = 0, empty_ = 0, empty_inside_ = 0, at_edge_ = 0, on_edge_ = 0, at_corner_ = 0;
   double first_u_ = 0.0, first_v_ = 0.0;
   double x_ = 0.0, y_ = 0.0, u_ = 0.0, v_ = 0.0, uu_ = 0.0, uv_ = 0.0, vv_ = 0.0;
   double low_x_ = 1e9, high_x_ = -1e9, low_v_ = 1e9, high_v_ = -1e9;
@@ -213,19 +224,23 @@ bool name_low(const Place& place, double pore_max_mm, double edge_wear, FoundSur
   const std::size_t low = place.cells() - place.empty();
   const double furthest = place.furthest_mm() / edge_wear;
   const bool deep = furthest >= kChipDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kChip_mm2;
-  const bool wide = found.extent_mm >= kLongChip_mm &&
-                    (std::min(f.length_mm, f.width_mm) >= kLongChipAcross_mm || furthest >= kNarrowChipDepth_mm) &&
+  const double across = std::min(f.length_mm, f.width_mm);
+  const bool no_pore = std::max(f.length_mm, f.width_mm) >= kChipAspect * across ||
+                       (area >= kRoundChip_mm2 && furthest >= kRoundChipDepth_mm);
+  const bool wide = no_pore && found.extent_mm >= kLongChip_mm &&
+                    (across >= kLongChipAcross_mm || furthest >= kNarrowChipDepth_mm) &&
                     furthest >= kLongChipDepth_mm && place.volume_mm3() >= edge_wear * edge_wear * kLongChip_mm3;
   const bool corner = place.at_corner() >= kCornerCells &&
                       ((furthest >= kCornerDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kCorner_mm2) ||
-                       (furthest >= kSteepDepth_mm && place.empty() >= kSteepEmpty) ||
+                       (furthest >= kSteepDepth_mm && place.empty_inside() >= kSteepEmpty) ||
                        (static_cast<double>(place.empty()) >= edge_wear * kCornerEmpty &&
                         found.extent_mm >= edge_wear * kCornerExtent_mm));
   if (corner || (place.at_edge() >= kChipCells && place.on_edge() >= kChipCellsOnEdge && (deep || wide))) {
     f.kind = FindingKind::chip;
     return true;
   }
-  if (place.empty() > low) {
+  // Of a deep hole the walls hide most of the floor.
+  if (place.empty() > low && !(low > 0 && place.deepest_mm() >= kDisplaced_mm)) {
     f.kind = FindingKind::missing;
     return area >= kMissing_mm2;
   }
@@ -234,9 +249,9 @@ bool name_low(const Place& place, double pore_max_mm, double edge_wear, FoundSur
     return true;
   }
   f.kind = FindingKind::pit;
-  if (found.diameter_mm <= pore_max_mm) {
+  if (found.diameter_mm <= pore_max_mm && found.extent_mm <= 2.0 * pore_max_mm) {
     found.is_pore = true;
-    return area >= kPoreArea_mm2 && place.deepest_mm() >= kPoreDepth_mm && found.extent_mm <= 2.0 * pore_max_mm;
+    return area >= kPoreArea_mm2 && place.deepest_mm() >= kPoreDepth_mm;
   }
   return place.deepest_mm() >= displaced_mm(f.face);
 }
@@ -335,6 +350,7 @@ void add_crack(const BlockModel& model, const SurfaceTable& table, const CrackPa
   constexpr std::size_t kBeside = 1;
   Place place(model, table, field);
   double length = 0.0;
+  double low_aside = 1e9, high_aside = -1e9;
   const std::size_t across = path.along_y ? kColumns : kRows;
   for (std::size_t k = 0; k < path.steps; ++k) {
     const std::size_t at = path.at[k];
@@ -342,6 +358,8 @@ void add_crack(const BlockModel& model, const SurfaceTable& table, const CrackPa
     const double aside =
         k == 0 ? 0.0 : kSurfaceCell_mm * (static_cast<double>(at) - static_cast<double>(path.at[k - 1]));
     length += std::hypot(kSurfaceCell_mm * static_cast<double>(kCrackStep), aside);
+    low_aside = std::min(low_aside, kSurfaceCell_mm * static_cast<double>(at));
+    high_aside = std::max(high_aside, kSurfaceCell_mm * static_cast<double>(at));
     for (std::size_t along = kCrackStep * step; along < kCrackStep * (step + 1); ++along) {
       for (std::size_t beside = at - std::min(at, kBeside); beside <= std::min(at + 1 + kBeside, across - 1);
            ++beside) {
@@ -357,6 +375,11 @@ void add_crack(const BlockModel& model, const SurfaceTable& table, const CrackPa
   one.finding = place.finding();
   one.finding.kind = FindingKind::crack;
   one.finding.area_mm2 = path.missing * kCellArea_mm2;
+  // As long as its path, however few cells of it are seen to be low.
+  const double along = kSurfaceCell_mm * static_cast<double>(kCrackStep * path.steps);
+  const double aside = high_aside - low_aside + 2.0 * kSurfaceCell_mm;
+  one.finding.length_mm = path.along_y ? aside : along;
+  one.finding.width_mm = path.along_y ? along : aside;
   one.extent_mm = length;
   one.diameter_mm = std::sqrt(4.0 / kPi * one.finding.area_mm2);
   found.add(one);

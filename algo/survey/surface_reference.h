@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <span>
 
 #include "algo/block_model.h"
@@ -41,6 +42,8 @@ struct SurfaceField {
   [[nodiscard]] bool seen(std::size_t cell) const { return !std::isnan(off[cell]); }
   /// `off` at a place between the centres of two cells in a line of the raster; NaN where one was not seen.
   [[nodiscard]] float off_between(double place, std::size_t first, std::size_t stride) const {
+    const std::size_t last = (stride == 1 ? kSurfaceColumns : kSurfaceRows) - 1;
+    if (!(place >= 0.0 && place < static_cast<double>(last))) return std::numeric_limits<float>::quiet_NaN();
     const auto low = static_cast<std::size_t>(place);
     const auto part = static_cast<float>(place - static_cast<double>(low));
     const float a = off[first + low * stride];

@@ -434,8 +434,9 @@ void report_line(const std::vector<Case>& cases, const Kind& kind, const Recipe&
   std::fflush(stdout);
 }
 
-/// The surface of the paper's seats: trowelled less than it waves, and a scanner of little noise.
-constexpr std::array kPaperEffects = {"wave=2", "noise=0.7"};
+/// The surface of the paper's block: it waves more than a good plant's, and its scanner has little noise. Found by trying
+/// until seats (wave, grain) and whole blocks (relief, cast) had the paper's figures.
+constexpr std::array kPaperEffects = {"cast=1.5", "grain=1.6", "relief=2", "wave=3.1", "noise=0.5"};
 /// So near to the paper's shares (one block of one mould) a drawn lot of blocks is expected, %.
 constexpr std::array kPaperReach = {4.0, 2.0, 1.5};
 

@@ -216,6 +216,68 @@ TEST(Flatness, DamageThatReturnsFewPointsCounts) {
   EXPECT_GT(flat.defect.area_mm2, 20.0);
 }
 
+TEST(Flatness, ADropOfWaterIsNotSeenAndAsMuchMortarCounts) {
+  // A dome, 8 mm wide and 1.2 mm high; of water one point in seven returns.
+  const auto dome = [](double x, double y) {
+    const double r2 = (x * x + y * y) / 16.0;
+    return r2 < 1.0 ? 1.2 * std::sqrt(1.0 - r2) : 0.0;
+  };
+  for (const bool water : {true, false}) {
+    Prng prng(12);
+    Seat seat([&](double x, double y) { return dome(x - 10.0, y - 20.0) + dome(x + 30.0, y) + 0.013 * prng.normal(); });
+    std::vector<float> seen;
+    for (std::size_t i = 0; i < seat.xyz.size(); i += 3) {
+      const auto x = static_cast<double>(seat.xyz[i]);
+      const auto y = static_cast<double>(seat.xyz[i + 1]);
+      const bool on_dome = std::hypot(x - 10.0, y - 20.0) < 4.0 || std::hypot(x + 30.0, y) < 4.0;
+      if (!water || !on_dome || prng.uniform() < 1.0 / 7.0)
+        seen.insert(seen.end(), {seat.xyz[i], seat.xyz[i + 1], seat.xyz[i + 2]});
+    }
+    seat.xyz = seen;
+    const Flatness flat = seat.measure(0.013);
+    ASSERT_TRUE(flat.ok);
+    if (water) {
+      EXPECT_LT(flat.closed_mm, 0.12);
+      EXPECT_GT(flat.cells_missing, 20U) << "where the concrete lies under water is not known";
+    } else {
+      EXPECT_GT(flat.closed_mm, 1.0);
+      EXPECT_EQ(flat.cells_missing, 0U);
+    }
+  }
+}
+
+TEST(Flatness, APoreInGrainyConcreteIsBridged) {
+  // Grain of 0.02 mm rms, alike over 2 mm: its valleys join the pore, which must not take it for one of a wide hollow.
+  for (const std::uint64_t seed : {1U, 2U, 3U, 4U}) {
+    Prng prng(seed);
+    constexpr std::size_t kNodes = 200;
+    std::vector<double> grain(kNodes * kNodes);
+    for (double& g : grain) g = 0.03 * prng.normal();
+    const auto at = [&](double x, double y) {
+      const double u = std::clamp((x + 150.0) / 1.5, 0.0, 198.0);
+      const double v = std::clamp((y + 150.0) / 1.5, 0.0, 198.0);
+      const auto i = static_cast<std::size_t>(u);
+      const auto k = static_cast<std::size_t>(v);
+      const double a = u - static_cast<double>(i);
+      const double b = v - static_cast<double>(k);
+      const double* g = &grain[k * kNodes + i];
+      return (1.0 - b) * ((1.0 - a) * g[0] + a * g[1]) + b * ((1.0 - a) * g[kNodes] + a * g[kNodes + 1]);
+    };
+    const auto measured = [&](double pore_mm) {
+      return Seat([&](double x, double y) {
+               const double r = std::hypot(x - 12.0, y + 8.0) / 2.5;
+               return at(x, y) - (r < 1.0 ? pore_mm * (1.0 - r * r) : 0.0) + 0.013 * prng.normal();
+             })
+          .measure(0.025);
+    };
+    const Flatness flat = measured(0.0);
+    const Flatness pore = measured(1.5);
+    ASSERT_TRUE(flat.ok && pore.ok);
+    EXPECT_GT(pore.lsq_mm, 1.0);
+    EXPECT_LT(pore.closed_mm, flat.closed_mm + 0.1);
+  }
+}
+
 TEST(Flatness, WhatHangsTogetherIsNoStrayHoweverNarrow) {
   struct Case {
     const char* what;

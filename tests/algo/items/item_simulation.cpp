@@ -327,7 +327,7 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
 
   algo::compute_block_items(model_, r);
   algo::compute_block_budget(recipe_, {}, {}, r);
-  algo::compute_observation(model_, T_base_block * registered.inverse(), r);
+  algo::compute_observation(model_, CasingKind::open, T_base_block * registered.inverse(), r);
   for (Item& item : r.items) item.verdict = slabd::judge(item, recipe_.guard);
   r.verdict = combine(r.items.begin(), r.items.end());
   r.reason = reason_for(r.verdict, r.items.begin(), r.items.end(), Code::ok);

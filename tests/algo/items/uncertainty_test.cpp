@@ -221,7 +221,7 @@ TEST(Uncertainty, observation_sigmas_equal_differences) {
     PlaneFit& fit = plane.of(one.result);
     const Vec3 tangent = fit.normal.cross(Vec3(0.2, 0.9, -0.4)).normalized();
     fit.cov_normal = sigma * sigma * tangent * tangent.transpose();
-    compute_observation(one.line.model(), Pose::identity(), one.result);
+    compute_observation(one.line.model(), CasingKind::open, Pose::identity(), one.result);
     const auto observe = [&](double step) {
       BlockResult r = block.result;
       PlaneFit& moved = plane.of(r);
@@ -230,7 +230,7 @@ TEST(Uncertainty, observation_sigmas_equal_differences) {
       if (&moved == &r.seat.plane)
         for (CasingFeature* c : {&r.casing_inner, &r.casing_outer})
           c->centre -= (moved.normal.dot(c->centre) - moved.offset_mm) * moved.normal;
-      compute_observation(block.line.model(), Pose::identity(), r);
+      compute_observation(block.line.model(), CasingKind::open, Pose::identity(), r);
       return r.observation;
     };
     const double step = 1e-5;
@@ -249,6 +249,44 @@ TEST(Uncertainty, observation_sigmas_equal_differences) {
           << plane.name;
     }
   }
+}
+
+TEST(Uncertainty, under_caps_the_reference_point_is_as_sure_as_the_registered_frame) {
+  const Block block;
+  const double sigma = 1e-4;
+  const double step = 1e-5;
+  for (int axis = 0; axis < 6; ++axis) {
+    Block one;
+    one.result.registration.covariance(axis, axis) = sigma * sigma;
+    compute_observation(one.line.model(), CasingKind::capped, Pose::identity(), one.result);
+    // The frame off by the motion: the seat is seen from it, and the robot's base is told of it.
+    const auto observe = [&](double by) {
+      Pose motion;
+      if (axis < 3)
+        motion.translation_mm[axis] = by;
+      else
+        motion.rotation = Quat(Eigen::AngleAxisd(by, Eigen::Vector3d(Vec3::Unit(axis - 3))));
+      BlockResult r = block.result;
+      PlaneFit& seat = r.seat.plane;
+      seat.centroid = motion * seat.centroid;
+      seat.normal = motion.rotation * seat.normal;
+      seat.offset_mm = seat.normal.dot(seat.centroid);
+      for (CasingFeature* c : {&r.casing_inner, &r.casing_outer}) *c = {};
+      compute_observation(block.line.model(), CasingKind::capped, motion.inverse(), r);
+      EXPECT_TRUE(r.observation.ok);
+      return r.observation.p_base;
+    };
+    const Vec3 moved = observe(step) - observe(-step);
+    for (int k = 0; k < 3; ++k)
+      EXPECT_NEAR(one.result.observation.sigma_p_mm[k], sigma / (2.0 * step) * std::abs(moved[k]), 1e-3 * sigma)
+          << "axis " << axis << ", " << k;
+  }
+  // ... and up and down as the seat's plane.
+  Block one;
+  one.result.seat.plane.sigma_offset_mm = sigma;
+  compute_observation(one.line.model(), CasingKind::capped, Pose::identity(), one.result);
+  EXPECT_NEAR(one.result.observation.sigma_p_mm.z(), sigma / one.result.seat.plane.normal.z(), 1e-3 * sigma);
+  EXPECT_EQ(one.result.observation.sigma_p_mm.x(), 0.0);
 }
 
 TEST(Uncertainty, correlated_noise_multiplies_the_variance_of_the_fit) {
