@@ -24,6 +24,8 @@ constexpr double kNoisierCell = 3.0;
 constexpr double kDropHigh_mm = 1.5;
 /// Water returns one point in ten to one in three; a cell that it covers half returns more.
 constexpr double kDropShareMax = 0.4;
+/// Fewer sparse cells that touch are chance.
+constexpr std::size_t kDropCellsMin = 4;
 /// The seat around a drop returns at least this share of the usual points, looked at over so many cells.
 constexpr double kDropAroundMin = 0.7;
 constexpr std::size_t kDropRing = 2;
@@ -208,7 +210,7 @@ void SeatCells::find_drops(double usual_points, const CellGrid& grid, std::span<
     mark[c] = sparse && grid.expected(c) ? kHigh : kPlain;
   }
   for_each_group(grid, kHigh, mark, work_.stack, [&](std::span<const std::uint32_t> group) {
-    if (std::none_of(group.begin(), group.end(), stands_out)) return;
+    if (group.size() < kDropCellsMin || std::none_of(group.begin(), group.end(), stands_out)) return;
     std::size_t left = grid.columns, right = 0, bottom = grid.rows, top = 0;
     for (const std::uint32_t c : group) {
       left = std::min(left, c % grid.columns);

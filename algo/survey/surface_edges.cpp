@@ -307,9 +307,9 @@ double second_smallest(const std::array<Edge, 2>& ends, const std::array<Edge, 2
 }
 
 /// By how much more than usual the chamfers of this block differ along themselves, from 1 on: cast ones of 4 mm have a
-/// spread of 1.3 mm.
+/// spread of up to 1.4 mm.
 double wear_of(const std::array<Edge, 2>& ends, const std::array<Edge, 2>& sides) {
-  constexpr double kUsualSpread_mm = 1.3;
+  constexpr double kUsualSpread_mm = 1.4;
   constexpr double kWearMax = 2.5;
   const double spread = second_smallest(ends, sides, [](const Edge& edge) { return edge.leg_spread_mm(); });
   return std::clamp(spread / kUsualSpread_mm, 1.0, kWearMax);

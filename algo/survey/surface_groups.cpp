@@ -76,9 +76,9 @@ constexpr double kChip_mm2 = 8.0;
 constexpr double kLongChip_mm = 6.5;
 constexpr double kLongChipDepth_mm = 1.35;
 constexpr double kLongChip_mm3 = 23.0;
-/// ... and reaches further in than a pore in the chamfer, or is deeper than the chamfer is worn.
+/// ... and reaches further in than a pore in the chamfer, or is longer than one.
 constexpr double kLongChipAcross_mm = 3.5;
-constexpr double kNarrowChipDepth_mm = 1.7;
+constexpr double kNarrowChip_mm = 9.5;
 /// A pore in an edge is round. What broke out of it is half of that, longer along the edge than it reaches in; or,
 /// where it reaches down both faces, as large and deep as few pores are.
 constexpr double kChipAspect = 1.25;
@@ -90,6 +90,7 @@ constexpr double kCornerDepth_mm = 2.0;
 constexpr double kCorner_mm2 = 9.0;
 constexpr std::size_t kCornerCells = 5;
 constexpr double kCornerEmpty = 10.0;
+constexpr std::size_t kCornerEmptyInside = 6;
 constexpr double kCornerExtent_mm = 5.4;
 /// A good corner is seen at most at its very tip or not at all, but not low with a steep part beside it.
 constexpr double kSteepDepth_mm = 1.6;
@@ -228,13 +229,13 @@ bool name_low(const Place& place, double pore_max_mm, double edge_wear, FoundSur
   const bool no_pore = std::max(f.length_mm, f.width_mm) >= kChipAspect * across ||
                        (area >= kRoundChip_mm2 && furthest >= kRoundChipDepth_mm);
   const bool wide = no_pore && found.extent_mm >= kLongChip_mm &&
-                    (across >= kLongChipAcross_mm || furthest >= kNarrowChipDepth_mm) &&
+                    (across >= kLongChipAcross_mm || found.extent_mm >= kNarrowChip_mm) &&
                     furthest >= kLongChipDepth_mm && place.volume_mm3() >= edge_wear * edge_wear * kLongChip_mm3;
   const bool corner = place.at_corner() >= kCornerCells &&
                       ((furthest >= kCornerDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kCorner_mm2) ||
                        (furthest >= kSteepDepth_mm && place.empty_inside() >= kSteepEmpty) ||
                        (static_cast<double>(place.empty()) >= edge_wear * kCornerEmpty &&
-                        found.extent_mm >= edge_wear * kCornerExtent_mm));
+                        place.empty_inside() >= kCornerEmptyInside && found.extent_mm >= edge_wear * kCornerExtent_mm));
   if (corner || (place.at_edge() >= kChipCells && place.on_edge() >= kChipCellsOnEdge && (deep || wide))) {
     f.kind = FindingKind::chip;
     return true;

@@ -188,7 +188,6 @@ TEST(Block, DoesNotLetAPartOfAJawSpeakForTheWhole) {
     }));
     EXPECT_FALSE(r.jaw_inner.ok);
     EXPECT_FALSE(r.jaw_outer.ok);
-    EXPECT_EQ(r.jaw_outer.doubt, PlaneDoubt::share);
     EXPECT_LT(r.jaw_outer.inlier_fraction, 0.8);
     EXPECT_EQ(item(r, ItemId::jaw_distance).verdict, Verdict::not_measured);
     EXPECT_EQ(r.verdict, Verdict::not_measured);
