@@ -211,14 +211,11 @@ int show_recipe(const std::string& file, bool json) {
 
 /// The bytes that the database has kept, so that they can be put into a file again; with --json as of a file.
 int show_stored(const DatabaseOptions& database, const std::string& word, bool json) {
-  int exit_status = kDone;
-  const auto reader = open_database(database, exit_status);
-  if (reader == nullptr) return exit_status;
-  const auto text = stored_recipe(*reader, word, exit_status);
-  if (!text) return exit_status;
+  const auto reader = open_database(database);
+  const storage::RecipeText text = stored_recipe(*reader, word);
   Recipe recipe;
-  const bool good = recipe_from(*text, recipe);
-  if (!json) std::fwrite(text->text.data(), 1, text->text.size(), stdout);
+  const bool good = recipe_from(text, recipe);
+  if (!json) std::fwrite(text.text.data(), 1, text.text.size(), stdout);
   if (good && json) fmt::print("{}", recipe_json(recipe));
   return good ? kDone : kBadInput;
 }
@@ -247,7 +244,7 @@ struct Options {
 
 }  // namespace
 
-void add_config(args::Command& app, int& exit_status) {
+void add_config(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command config = app.add_subcommand("config", "The daemon's configuration");
   config->require_subcommand(1);
@@ -255,17 +252,17 @@ void add_config(args::Command& app, int& exit_status) {
       config->add_subcommand("check", "Name every fault of a configuration and of the recipes it uses");
   check->add_option("FILE,--config", options->file, "Configuration")->default_val(kDefaultConfig);
   check->add_flag("--json", options->json, "Print slabd.check/1 on stdout");
-  check->callback([options, &exit_status] { exit_status = check_config(options->file, options->json); });
+  check->runs([options] { return check_config(options->file, options->json); });
 }
 
-void add_recipe(args::Command& app, int& exit_status) {
+void add_recipe(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command recipe = app.add_subcommand("recipe", "Slab types");
   recipe->require_subcommand(1);
   args::Command check = recipe->add_subcommand("check", "Name every fault of recipe files");
   check->add_option("FILE", options->files, "Recipe files")->required();
   check->add_flag("--json", options->json, "Print slabd.check/1 on stdout");
-  check->callback([options, &exit_status] { exit_status = check_recipes(options->files, options->json); });
+  check->runs([options] { return check_recipes(options->files, options->json); });
   args::Command show = recipe->add_subcommand("show", "Print nominals and tolerances, and who has confirmed them");
   show->footer(
       "\n--slab and --sha256 print the file that the database has kept, byte for byte.\n"
@@ -277,19 +274,15 @@ void add_recipe(args::Command& app, int& exit_status) {
                    "The recipe with this SHA-256, or the only one whose SHA-256 begins so");
   options->database.add_to(*show);
   show->add_flag("--json", options->json, "Print slabd.recipe/1 on stdout; of a faulty file slabd.check/1");
-  show->callback([options, &exit_status] {
+  show->runs([options] {
     const Options& o = *options;
-    if (int{!o.file.empty()} + int{!o.slab.empty()} + int{!o.sha256.empty()} != 1) {
-      complain("say which recipe: one of FILE, --slab SLAB and --sha256 S");
-      exit_status = kUsage;
-    } else if (!o.file.empty()) {
-      exit_status = show_recipe(o.file, o.json);
-    } else {
-      exit_status = show_stored(o.database, o.slab.empty() ? "sha:" + o.sha256 : "slab:" + o.slab, o.json);
-    }
+    if (int{!o.file.empty()} + int{!o.slab.empty()} + int{!o.sha256.empty()} != 1)
+      stop(kUsage, "say which recipe: one of FILE, --slab SLAB and --sha256 S");
+    if (!o.file.empty()) return show_recipe(o.file, o.json);
+    return show_stored(o.database, o.slab.empty() ? "sha:" + o.sha256 : "slab:" + o.slab, o.json);
   });
-  add_recipe_diff(*recipe, exit_status);
-  add_recipe_reload(*recipe, exit_status);
+  add_recipe_diff(*recipe);
+  add_recipe_reload(*recipe);
 }
 
 }  // namespace slabd::cli

@@ -146,7 +146,7 @@ std::string manual_page(const CLI::App& app) {
 
 }  // namespace
 
-void add_completion(args::Command& app, int& exit_status) {
+void add_completion(args::Command& app) {
   auto shell = std::make_shared<std::string>();
   args::Command completion = app.add_subcommand("completion", "Shell completion for bash, zsh or fish, on stdout");
   completion->footer(
@@ -155,15 +155,15 @@ void add_completion(args::Command& app, int& exit_status) {
   completion->add_option("SHELL", *shell, "bash, zsh or fish")
       ->required()
       ->check(args::one_of({"bash", "zsh", "fish"}));
-  completion->callback([shell, &app = app.native(), &exit_status] {
+  completion->runs([shell, &app = app.native()] {
     fmt::print("{}", *shell == "bash" ? bash_script(app) : *shell == "zsh" ? zsh_script(app) : fish_script(app));
-    exit_status = kDone;
+    return kDone;
   });
   args::Command manual = app.add_subcommand("manual", "The manual page of all commands, in roff, on stdout");
   manual->footer("\nExample: slabctl manual | man -l -");
-  manual->callback([&app = app.native(), &exit_status] {
+  manual->runs([&app = app.native()] {
     fmt::print("{}", manual_page(app));
-    exit_status = kDone;
+    return kDone;
   });
 }
 

@@ -19,9 +19,8 @@ struct DatabaseOptions {
   void add_to(args::Command& command);
 };
 
-/// Opens the database read-only. nullptr when it cannot be: the sentence is printed, `exit_status` set.
-/// `text`: programs where the output is JSON or raw.
-[[nodiscard]] std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, int& exit_status,
+/// The database, read-only; stops if it cannot be opened. `text`: programs where the output is JSON or raw.
+[[nodiscard]] std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options,
                                                              storage::TextFor text = storage::TextFor::people);
 
 }  // namespace slabd::cli

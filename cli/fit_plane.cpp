@@ -234,17 +234,13 @@ int compare(const Options& options, const Cloud& cloud) {
 }
 
 int run_fit(const Options& options) {
-  const Result<Cloud> cloud = read_cloud(options);
-  if (!cloud) {
-    complain(fmt::format("{}", cloud.error().text.view()));
-    return kBadInput;
-  }
-  return options.compare ? compare(options, cloud.value()) : fit_one(options, cloud.value());
+  const Cloud cloud = need(read_cloud(options), kBadInput);
+  return options.compare ? compare(options, cloud) : fit_one(options, cloud);
 }
 
 }  // namespace
 
-void add_fit_plane(args::Command& app, int& exit_status) {
+void add_fit_plane(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command command = app.add_subcommand("fit-plane", "Extract a plane from any cloud; compare methods");
   command->footer(
@@ -281,7 +277,7 @@ void add_fit_plane(args::Command& app, int& exit_status) {
       ->check(finite_number())
       ->needs(both);
   command->add_flag("--json", options->json, "Print slabd.plane/1, or slabd.plane_comparison/1, on stdout");
-  command->callback([options, &exit_status] { exit_status = run_fit(*options); });
+  command->runs([options] { return run_fit(*options); });
 }
 
 }  // namespace slabd::cli

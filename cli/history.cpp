@@ -33,9 +33,9 @@ struct Options {
 constexpr std::array kVerdicts = {Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted,
                                   Verdict::indeterminate};
 
-/// The words of the command line as a filter; what is wrong is said.
-bool complete(const Options& options, storage::SlabFilter& filter) {
-  filter = options.filter;
+/// The words of the command line as a filter.
+storage::SlabFilter filter_of(const Options& options) {
+  storage::SlabFilter filter = options.filter;
   const std::int64_t now_us =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
           .count();
@@ -43,10 +43,7 @@ bool complete(const Options& options, storage::SlabFilter& filter) {
                                              std::tuple{&options.until, "--until", &filter.until_utime_us}}) {
     if (text->empty()) continue;
     const Result<std::int64_t> time = parse_time(*text, now_us);
-    if (!time) {
-      complain(fmt::format("{}: {}", option, time.error().text.view()));
-      return false;
-    }
+    if (!time) stop(kUsage, fmt::format("{}: {}", option, time.error().text.view()));
     *target = time.value();
   }
   if (!options.item.empty()) {
@@ -55,14 +52,13 @@ bool complete(const Options& options, storage::SlabFilter& filter) {
       std::vector<std::string> names;
       for (std::size_t i = 0; i < kItemCount; ++i) names.emplace_back(info(static_cast<ItemId>(i)).name);
       const std::string meant = nearest(options.item, names);
-      complain(fmt::format("--item: no item '{}'{}", options.item,
-                           meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant)));
-      return false;
+      stop(kUsage, fmt::format("--item: no item '{}'{}", options.item,
+                               meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant)));
     }
   }
   for (const Verdict verdict : kVerdicts)
     if (name(verdict) == options.verdict) filter.verdict = verdict;
-  return true;
+  return filter;
 }
 
 const char* name(storage::HistoryGap::What what) {
@@ -150,32 +146,21 @@ void print_slabs(const std::vector<storage::SlabSummary>& slabs) {
 }
 
 int show_history(const Options& options) {
-  storage::SlabFilter filter;
-  if (!complete(options, filter)) return kUsage;
-  int exit_status = kDone;
-  const auto reader = open_database(options.database, exit_status,
-                                    options.json ? storage::TextFor::programs : storage::TextFor::people);
-  if (reader == nullptr) return exit_status;
+  storage::SlabFilter filter = filter_of(options);
+  const auto reader =
+      open_database(options.database, options.json ? storage::TextFor::programs : storage::TextFor::people);
   const std::size_t limit = filter.limit;
   ++filter.limit;  // one that is not shown tells whether there are more
-  auto slabs = reader->slabs(filter);
-  if (!slabs) {
-    complain(fmt::format("{}", slabs.error().text.view()));
-    return kNotReachable;
-  }
-  const bool more = slabs.value().size() > limit;
-  if (more) slabs.value().resize(limit);
-  const auto gaps = reader->gaps();
-  if (!gaps) {
-    complain(fmt::format("{}", gaps.error().text.view()));
-    return kNotReachable;
-  }
+  auto slabs = need(reader->slabs(filter), kNotReachable);
+  const bool more = slabs.size() > limit;
+  if (more) slabs.resize(limit);
+  const auto gaps = need(reader->gaps(), kNotReachable);
   if (options.json) {
-    fmt::print("{}", as_json(slabs.value(), more, gaps.value()));
+    fmt::print("{}", as_json(slabs, more, gaps));
   } else {
-    print_slabs(slabs.value());
+    print_slabs(slabs);
     if (more) fmt::print("! more than {}: --limit says how many\n", limit);
-    for (const storage::HistoryGap& gap : gaps.value()) fmt::print("! {}\n", gap_text(gap));
+    for (const storage::HistoryGap& gap : gaps) fmt::print("! {}\n", gap_text(gap));
   }
   return kDone;
 }
@@ -188,25 +173,12 @@ void DatabaseOptions::add_to(args::Command& command) {
   command.add_option("--db", db, "Database, instead of the configuration's")->excludes(config_option);
 }
 
-std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, int& exit_status,
-                                               storage::TextFor text) {
-  std::string path = options.db;
-  if (path.empty()) {
-    daemon::Config config;
-    if (!config_from(options.config, config)) {
-      exit_status = kBadInput;
-      return nullptr;
-    }
-    path = config.storage.db_path;
-  }
-  auto reader = storage::open_reader(path, text);
-  if (reader) return std::move(reader.value());
-  complain(fmt::format("{}", reader.error().text.view()));
-  exit_status = kNotReachable;
-  return nullptr;
+std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, storage::TextFor text) {
+  const std::string path = options.db.empty() ? config_from(options.config).storage.db_path : options.db;
+  return need(storage::open_reader(path, text), kNotReachable);
 }
 
-void add_history(args::Command& app, int& exit_status) {
+void add_history(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command command = app.add_subcommand("history", "The newest slabs and their verdicts, or those you look for");
   command->footer(
@@ -229,7 +201,7 @@ void add_history(args::Command& app, int& exit_status) {
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command->add_option("--item", options->item, "Of this item, as `slabctl show` names it");
   command->add_flag("--json", options->json, "Print slabd.history/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = show_history(*options); });
+  command->runs([options] { return show_history(*options); });
 }
 
 }  // namespace slabd::cli

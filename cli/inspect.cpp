@@ -80,8 +80,8 @@ void print_report(const Options& options, const Recipe& recipe, const BlockResul
   fmt::print("{}\n", kNotVisible);
 }
 
-/// One line for each cell in which something was seen. False, with a word on stderr, when not all of it was written.
-bool write_deviation_map(const std::string& path, const algo::DeviationMap& map) {
+/// One line for each cell in which something was seen.
+void write_deviation_map(const std::string& path, const algo::DeviationMap& map) {
   std::string text = "x_mm,y_mm,deviation_mm,points\n";
   for (std::size_t row = 0; row < map.rows; ++row) {
     for (std::size_t column = 0; column < map.columns; ++column) {
@@ -93,25 +93,18 @@ bool write_deviation_map(const std::string& path, const algo::DeviationMap& map)
   OutFile file(path);
   file.write(text);
   const Status written = file.close();
-  if (!written) complain(fmt::format("--deviation-map {}", written.error().text.view()));
-  return static_cast<bool>(written);
+  if (!written) stop(kBadInput, fmt::format("--deviation-map {}", written.error().text.view()));
 }
 
 int inspect(const Options& options) {
-  Recipe recipe;
-  if (!recipe_from(options.recipe, recipe)) return kBadInput;
-  if (options.block < 1 || options.block > recipe.stations()) {
-    complain(
-        fmt::format("--block {}: recipe {} has blocks 1..{}", options.block, recipe.name.view(), recipe.stations()));
-    return kUsage;
-  }
+  const Recipe recipe = recipe_from(options.recipe);
+  if (options.block < 1 || options.block > recipe.stations())
+    stop(kUsage,
+         fmt::format("--block {}: recipe {} has blocks 1..{}", options.block, recipe.name.view(), recipe.stations()));
   Pose T_block_scanner = nominal_T_block_scanner();
   if (!options.T_block_scanner.empty()) {
     const Result<Pose> pose = parse_pose(options.T_block_scanner);
-    if (!pose) {
-      complain(fmt::format("--T-block-scanner: {}", pose.error().text.view()));
-      return kUsage;
-    }
+    if (!pose) stop(kUsage, fmt::format("--T-block-scanner: {}", pose.error().text.view()));
     T_block_scanner = pose.value();
   }
   warn_unconfirmed(recipe);
@@ -122,29 +115,22 @@ int inspect(const Options& options) {
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
   const std::int64_t read_start_ns = clock->mono_ns();
   Team readers(options.threads);
-  const Result<ScanShape> shape =
-      hal::read_scan(options.scan.c_str(), *length_unit(options.unit), xyz, readers, columns_of(options.columns));
-  if (!shape) {
-    note.reset();
-    complain(fmt::format("{}", shape.error().text.view()));
-    return kBadInput;
-  }
-  if (shape.value().finite == 0) {
-    note.reset();
-    complain(fmt::format("{}: none of its {} points is finite", options.scan, shape.value().points));
-    return kBadInput;
-  }
+  const ScanShape shape =
+      need(hal::read_scan(options.scan.c_str(), *length_unit(options.unit), xyz, readers, columns_of(options.columns)),
+           kBadInput);
+  if (shape.finite == 0)
+    stop(kBadInput, fmt::format("{}: none of its {} points is finite", options.scan, shape.points));
   const double read_ms = ms_from_ns(clock->mono_ns() - read_start_ns);
 
   algo::BlockInspector inspector(options.threads);
   inspector.use(recipe);
   algo::Cloud cloud;
   cloud.xyz = xyz;
-  cloud.points = shape.value().points;
-  cloud.width = shape.value().width;
-  cloud.height = shape.value().height;
-  const Status status = daemon::measure_block(inspector, *clock, options.block, Pose::identity(), T_block_scanner,
-                                              cloud, shape.value(), read_ms);
+  cloud.points = shape.points;
+  cloud.width = shape.width;
+  cloud.height = shape.height;
+  const Status status =
+      daemon::measure_block(inspector, *clock, options.block, Pose::identity(), T_block_scanner, cloud, shape, read_ms);
   note.reset();
   if (!status) complain(fmt::format("{}: {}", options.scan, status.error().text.view()));
   const BlockResult& block = inspector.result();
@@ -159,15 +145,15 @@ int inspect(const Options& options) {
   if (!options.deviation_map.empty()) {
     if (block.registration.status != RegistrationStatus::converged)
       complain(fmt::format("--deviation-map {}: not written, the block was not found", options.deviation_map));
-    else if (!write_deviation_map(options.deviation_map, inspector.deviation_map()))
-      return kBadInput;
+    else
+      write_deviation_map(options.deviation_map, inspector.deviation_map());
   }
   return block.verdict == Verdict::pass ? kDone : kNotPass;
 }
 
 }  // namespace
 
-void add_inspect(args::Command& app, int& exit_status) {
+void add_inspect(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command command = app.add_subcommand("inspect", "Measure one block in a scan file, as the daemon would");
   command->footer(
@@ -199,7 +185,7 @@ void add_inspect(args::Command& app, int& exit_status) {
                       "y_mm (block frame), deviation_mm (mean; positive is too high), points (one in sixteen is "
                       "taken); places without points are left out");
   command->add_flag("--json", options->json, "Print slabd.inspection/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = inspect(*options); });
+  command->runs([options] { return inspect(*options); });
 }
 
 }  // namespace slabd::cli

@@ -31,10 +31,7 @@ int tell(const Options& options, const std::string& text, int status) {
   // Whole or not at all: the collector may look at any moment.
   OutFile out(options.out, {.synced = true, .mode = 0664});
   out.write(text);
-  if (const Status written = out.close(); !written.ok()) {
-    complain(written.error().text.view());
-    return kNotReachable;
-  }
+  need(out.close(), kNotReachable);
   return status;
 }
 
@@ -66,7 +63,7 @@ int show_metrics(const Options& options) {
 
 }  // namespace
 
-void add_metrics(args::Command& app, int& exit_status) {
+void add_metrics(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command command = app.add_subcommand("metrics", "What the daemon knows of itself, as Prometheus text");
   command->footer(
@@ -78,7 +75,7 @@ void add_metrics(args::Command& app, int& exit_status) {
   command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
   command->add_option("--out", options->out, "Replace this file instead of printing");
   command->add_flag("--reset", options->reset, "Begin all maxima anew after these figures");
-  command->callback([options, &exit_status] { exit_status = show_metrics(*options); });
+  command->runs([options] { return show_metrics(*options); });
 }
 
 }  // namespace slabd::cli

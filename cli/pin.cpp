@@ -52,42 +52,31 @@ std::size_t scans_there(const PinPlace& place) {
   }));
 }
 
-/// Where the slab's pin lies; false, with a word on stderr, when there is no such slab or its scans are gone.
-bool place_of(const PinOptions& options, PinPlace& place, int& exit_status) {
-  daemon::Config config;
-  if (!config_from(options.config, config)) {
-    exit_status = kBadInput;
-    return false;
-  }
+/// Where the pin of the slab is located.
+PinPlace place_of(const PinOptions& options) {
+  const daemon::Config config = config_from(options.config);
   DatabaseOptions database;
   database.db = config.storage.db_path;
-  const auto reader = open_database(database, exit_status);
-  if (reader == nullptr) return false;
-  const auto found = named_slab(*reader, options.slab, exit_status);
-  if (!found) return false;
-  exit_status = kBadInput;
-  place.key = found->summary.header.key;
-  place.slab_id = std::string(found->summary.header.slab_id.view());
+  const auto reader = open_database(database);
+  const storage::SlabRecord found = named_slab(*reader, options.slab);
+  PinPlace place;
+  place.key = found.summary.header.key;
+  place.slab_id = std::string(found.summary.header.slab_id.view());
   const fs::path folder = fs::path(config.storage.spool_dir) / std::to_string(place.key);
   std::error_code ignored;
-  if (!fs::is_directory(folder, ignored)) {
-    complain(
-        fmt::format("slab {} \"{}\": its scans are gone ({} is not there)", place.key, place.slab_id, folder.string()));
-    return false;
-  }
+  if (!fs::is_directory(folder, ignored))
+    stop(kBadInput, fmt::format("slab {} \"{}\": its scans are gone ({} is not there)", place.key, place.slab_id,
+                                folder.string()));
   place.file = (folder / "pin.json").string();
   // By name, not by whole path: the spool may be known by another path today than when the scan was recorded.
-  for (const storage::SlabBlock& block : found->blocks)
+  for (const storage::SlabBlock& block : found.blocks)
     if (const fs::path scan(block.attempt.scan_path.view()); scan.has_filename())
       place.scans.push_back((folder / scan.filename()).string());
-  exit_status = kDone;
-  return true;
+  return place;
 }
 
 int pin(const PinOptions& options) {
-  int exit_status = kDone;
-  PinPlace place;
-  if (!place_of(options, place, exit_status)) return exit_status;
+  const PinPlace place = place_of(options);
   const std::int64_t now_us =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
           .count();
@@ -96,18 +85,14 @@ int pin(const PinOptions& options) {
   json.field("slab_id", std::string_view(place.slab_id)).field("reason", std::string_view(options.reason));
   write_time(json, "pinned", now_us);
   json.field("user", static_cast<unsigned>(::getuid())).end_object();
-  if (const Status written = write_durably(place.file, json.text()); !written) {
-    complain(written.error().text.view());
-    return kNotReachable;
-  }
+  need(write_durably(place.file, json.text()), kNotReachable);
   // Counted now: the daemon may have been deleting them, and leaves what it had not taken when the pin came.
   const std::size_t there = scans_there(place);
   if (there == 0) {
     ::unlink(place.file.c_str());
-    complain(fmt::format("slab {} \"{}\": {} ({} is there without one)", place.key, place.slab_id,
-                         place.scans.empty() ? "no scan of it is recorded yet" : "its scans are gone",
-                         fs::path(place.file).parent_path().string()));
-    return kBadInput;
+    stop(kBadInput, fmt::format("slab {} \"{}\": {} ({} is there without one)", place.key, place.slab_id,
+                                place.scans.empty() ? "no scan of it is recorded yet" : "its scans are gone",
+                                fs::path(place.file).parent_path().string()));
   }
   if (there < place.scans.size())
     complain(fmt::format("slab {} \"{}\": {} of its {} scans are gone already", place.key, place.slab_id,
@@ -117,13 +102,11 @@ int pin(const PinOptions& options) {
 }
 
 int unpin(const PinOptions& options) {
-  int exit_status = kDone;
-  PinPlace place;
-  if (!place_of(options, place, exit_status)) return exit_status;
+  const PinPlace place = place_of(options);
   if (::unlink(place.file.c_str()) != 0) {
-    complain(errno == ENOENT ? fmt::format("slab {} \"{}\" is not pinned", place.key, place.slab_id)
-                             : fmt::format("{} cannot be removed: {}", place.file, std::strerror(errno)));
-    return errno == ENOENT ? kBadInput : kNotReachable;
+    stop(errno == ENOENT ? kBadInput : kNotReachable,
+         errno == ENOENT ? fmt::format("slab {} \"{}\" is not pinned", place.key, place.slab_id)
+                         : fmt::format("{} cannot be removed: {}", place.file, std::strerror(errno)));
   }
   fmt::print("slab {} \"{}\": its scans may be deleted again\n", place.key, place.slab_id);
   return kDone;
@@ -131,7 +114,7 @@ int unpin(const PinOptions& options) {
 
 }  // namespace
 
-void add_pin(args::Command& app, int& exit_status) {
+void add_pin(args::Command& app) {
   auto options = std::make_shared<PinOptions>();
   args::Command pinning = app.add_subcommand("pin", "Keep a slab's scans, whatever the spool's budget");
   pinning->footer(
@@ -147,8 +130,8 @@ void add_pin(args::Command& app, int& exit_status) {
         ->default_val(kDefaultConfig);
   }
   pinning->add_option("--reason", options->reason, "Why, for whoever asks later")->required()->check(some_words());
-  pinning->callback([options, &exit_status] { exit_status = pin(*options); });
-  unpinning->callback([options, &exit_status] { exit_status = unpin(*options); });
+  pinning->runs([options] { return pin(*options); });
+  unpinning->runs([options] { return unpin(*options); });
 }
 
 }  // namespace slabd::cli

@@ -8,6 +8,6 @@ class Command;
 namespace slabd::cli {
 
 /// `slabctl pin` and `slabctl unpin`, as the commands of cli/command.h.
-void add_pin(args::Command& app, int& exit_status);
+void add_pin(args::Command& app);
 
 }  // namespace slabd::cli

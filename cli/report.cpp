@@ -47,37 +47,23 @@ Status write(const report::Report& document, const Options& options) {
 
 int report_slab(const Options& options) {
   const std::string extension = extension_of(options.out);
-  if (extension != ".pdf" && extension != ".svg" && extension != ".png" && extension != ".html") {
-    complain(fmt::format("--out {}: the name must end in .pdf, .html, .svg or .png", options.out));
-    return kUsage;
-  }
-  if (options.page != 0 && extension != ".svg" && extension != ".png") {
-    complain("--page is for .svg and .png; a .pdf or .html has all pages");
-    return kUsage;
-  }
-  int exit_status = kDone;
-  const auto reader = open_database(options.database, exit_status);
-  if (reader == nullptr) return exit_status;
-  const auto found = named_slab(*reader, options.slab, exit_status);
-  if (!found) return exit_status;
-  const auto picture = report::picture_of(*reader, *found);
-  if (!picture) {
-    complain(fmt::format("{}", picture.error().text.view()));
-    return kNotReachable;
-  }
+  if (extension != ".pdf" && extension != ".svg" && extension != ".png" && extension != ".html")
+    stop(kUsage, fmt::format("--out {}: the name must end in .pdf, .html, .svg or .png", options.out));
+  if (options.page != 0 && extension != ".svg" && extension != ".png")
+    stop(kUsage, "--page is for .svg and .png; a .pdf or .html has all pages");
+  const auto reader = open_database(options.database);
+  const storage::SlabRecord found = named_slab(*reader, options.slab);
+  const auto picture = need(report::picture_of(*reader, found), kNotReachable);
   const report::Report document =
-      report::compose(*picture.value(), options.language == "zh" ? report::Language::zh : report::Language::en);
-  if (const Status status = write(document, options); !status.ok()) {
-    complain(fmt::format("{}", status.error().text.view()));
-    return kBadInput;
-  }
+      report::compose(*picture, options.language == "zh" ? report::Language::zh : report::Language::en);
+  need(write(document, options), kBadInput);
   fmt::print("{}\n", options.out);
   return kDone;
 }
 
 }  // namespace
 
-void add_report(args::Command& app, int& exit_status) {
+void add_report(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command command = app.add_subcommand("report", "One slab as a document: PDF, HTML, SVG or PNG");
   command->footer(
@@ -102,7 +88,7 @@ void add_report(args::Command& app, int& exit_status) {
       ->check(within(20.0, 600.0))
       ->capture_default_str();
   options->database.add_to(*command);
-  command->callback([options, &exit_status] { exit_status = report_slab(*options); });
+  command->runs([options] { return report_slab(*options); });
 }
 
 }  // namespace slabd::cli

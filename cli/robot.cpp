@@ -226,16 +226,11 @@ void show(const std::vector<std::string>& lines, std::size_t& shown) {
 }
 
 int monitor(const Options& options) {
-  daemon::Config config;
-  if (!config_from(options.config, config)) return kBadInput;
-  const Result<std::unique_ptr<hal::PosePort>> port = hal::make_lcm_pose_port(config.robot);
-  if (!port) {
-    complain(std::string(port.error().text.view()));
-    return kBadInput;
-  }
+  const daemon::Config config = config_from(options.config);
+  const std::unique_ptr<hal::PosePort> port = need(hal::make_lcm_pose_port(config.robot), kBadInput);
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
-  Monitor monitor(config, *port.value());
+  Monitor monitor(config, *port);
   const std::int64_t start = monitor.now_ns();
   View view;
   if (options.once) {
@@ -266,7 +261,7 @@ int monitor(const Options& options) {
 
 }  // namespace
 
-void add_robot(args::Command& app, int& exit_status) {
+void add_robot(args::Command& app) {
   args::Command robot = app.add_subcommand("robot", "What the robot says");
   robot->require_subcommand(1);
   auto options = std::make_shared<Options>();
@@ -281,7 +276,7 @@ void add_robot(args::Command& app, int& exit_status) {
   command->add_option("--seconds", options->seconds, "Stop after this time")->check(within(0.5, 1e6));
   command->add_flag("--once", options->once, "One picture");
   command->add_flag("--json", options->as_json, "Print slabd.robot/1");
-  command->callback([options, &exit_status] { exit_status = monitor(*options); });
+  command->runs([options] { return monitor(*options); });
 }
 
 }  // namespace slabd::cli

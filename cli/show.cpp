@@ -224,17 +224,11 @@ int print_block(const SlabRecord& record, int station, const std::string& scanne
 }
 
 int show(const Options& options) {
-  int exit_status = kDone;
-  const auto reader = open_database(options.database, exit_status,
-                                    options.json ? storage::TextFor::programs : storage::TextFor::people);
-  if (reader == nullptr) return exit_status;
-  const auto found = named_slab(*reader, options.slab, exit_status);
-  if (!found) return exit_status;
-  const SlabRecord& record = *found;
-  if (options.block < 0 || options.block > record.summary.header.stations) {
-    complain(fmt::format("--block {}: this slab has blocks 1..{}", options.block, record.summary.header.stations));
-    return kUsage;
-  }
+  const auto reader =
+      open_database(options.database, options.json ? storage::TextFor::programs : storage::TextFor::people);
+  const SlabRecord record = named_slab(*reader, options.slab);
+  if (options.block < 0 || options.block > record.summary.header.stations)
+    stop(kUsage, fmt::format("--block {}: this slab has blocks 1..{}", options.block, record.summary.header.stations));
   if (options.json) {
     fmt::print("{}", slab_json(record, options.block));
     return kDone;
@@ -243,12 +237,8 @@ int show(const Options& options) {
   print_header(record, style);
   print_map(record, style);
   if (options.block != 0) {
-    const auto verified = scanner_of(*reader, record.summary.header);
-    if (!verified) {
-      complain(verified.error().text.view());
-      return kNotReachable;
-    }
-    return print_block(record, options.block, scanner_source(record.summary.header, verified.value()), style);
+    const auto verified = need(scanner_of(*reader, record.summary.header), kNotReachable);
+    return print_block(record, options.block, scanner_source(record.summary.header, verified), style);
   }
   print_blocks(record, style);
   print_slab_items(record, style);
@@ -258,7 +248,7 @@ int show(const Options& options) {
 
 }  // namespace
 
-void add_show(args::Command& app, int& exit_status) {
+void add_show(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command command = app.add_subcommand("show", "One slab: map, items, scans; with --block one block's table");
   command->footer("\nExamples: slabctl show 12\n          slabctl show SLAB-0042 --block 7 --json");
@@ -271,7 +261,7 @@ void add_show(args::Command& app, int& exit_status) {
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.slab/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = show(*options); });
+  command->runs([options] { return show(*options); });
 }
 
 }  // namespace slabd::cli

@@ -18,7 +18,8 @@ namespace {
 constexpr std::array kChosenVerdicts = {Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted,
                                         Verdict::indeterminate};
 
-bool complete(const SlabChoice& choice, storage::SlabFilter& filter) {
+storage::SlabFilter filter_of(const SlabChoice& choice) {
+  storage::SlabFilter filter;
   filter.limit = 1'000'000'000;
   filter.slab_type = choice.slab_type;
   const std::int64_t now_us =
@@ -28,15 +29,12 @@ bool complete(const SlabChoice& choice, storage::SlabFilter& filter) {
                                              std::tuple{&choice.until, "--until", &filter.until_utime_us}}) {
     if (text->empty()) continue;
     const Result<std::int64_t> time = parse_time(*text, now_us);
-    if (!time) {
-      complain(fmt::format("{}: {}", option, time.error().text.view()));
-      return false;
-    }
+    if (!time) stop(kUsage, fmt::format("{}: {}", option, time.error().text.view()));
     *target = time.value();
   }
   for (const Verdict verdict : kChosenVerdicts)
     if (name(verdict) == choice.verdict) filter.verdict = verdict;
-  return true;
+  return filter;
 }
 
 }  // namespace
@@ -59,49 +57,26 @@ void SlabChoice::add_filters_to(args::Command& command) {
       ->check(args::one_of({"pass", "fail", "not_measured", "aborted", "indeterminate"}));
 }
 
-std::optional<storage::SlabRecord> named_slab(storage::Reader& reader, const std::string& wanted, int& exit_status) {
-  auto found = find_slab(reader, wanted);
-  if (!found) {
-    complain(found.error().text.view());
-    exit_status = exit_for(found.error().code);
-    return std::nullopt;
-  }
-  if (!found.value()) {
-    complain(fmt::format("no slab with key or id '{}'; `slabctl history` lists them", wanted));
-    exit_status = kBadInput;
-  }
-  return std::move(found.value());
+storage::SlabRecord named_slab(storage::Reader& reader, const std::string& wanted) {
+  auto found = need(find_slab(reader, wanted));
+  if (!found) stop(kBadInput, fmt::format("no slab with key or id '{}'; `slabctl history` lists them", wanted));
+  return std::move(*found);
 }
 
-std::optional<std::vector<std::int64_t>> chosen_slabs(storage::Reader& reader, const SlabChoice& choice,
-                                                      int& exit_status) {
-  if (choice.slabs.empty() != choice.has_filter()) {
-    complain(choice.slabs.empty() ? "name slabs, or say --all, --since, --until, --type or --verdict"
-                                  : "slabs are named and filtered; allowed is one of the two");
-    exit_status = kUsage;
-    return std::nullopt;
-  }
+std::vector<std::int64_t> chosen_slabs(storage::Reader& reader, const SlabChoice& choice) {
+  if (choice.slabs.empty() != choice.has_filter())
+    stop(kUsage, choice.slabs.empty() ? "name slabs, or say --all, --since, --until, --type or --verdict"
+                                      : "slabs are named and filtered; allowed is one of the two");
   std::vector<std::int64_t> keys;
   for (const std::string& wanted : choice.slabs) {
-    const auto found = named_slab(reader, wanted, exit_status);
-    if (!found) return std::nullopt;
+    const storage::SlabRecord found = named_slab(reader, wanted);
     // A slab under two names, such as its key and its id, is one slab.
-    const std::int64_t key = found->summary.header.key;
+    const std::int64_t key = found.summary.header.key;
     if (std::find(keys.begin(), keys.end(), key) == keys.end()) keys.push_back(key);
   }
   if (!choice.slabs.empty()) return keys;
-  storage::SlabFilter filter;
-  if (!complete(choice, filter)) {
-    exit_status = kUsage;
-    return std::nullopt;
-  }
-  const auto slabs = reader.slabs(filter);
-  if (!slabs) {
-    complain(slabs.error().text.view());
-    exit_status = kNotReachable;
-    return std::nullopt;
-  }
-  for (const storage::SlabSummary& slab : slabs.value())
+  const auto slabs = need(reader.slabs(filter_of(choice)), kNotReachable);
+  for (const storage::SlabSummary& slab : slabs)
     if (slab.ended_utime_us != 0) keys.push_back(slab.header.key);
   std::reverse(keys.begin(), keys.end());
   return keys;

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -29,14 +28,11 @@ struct SlabChoice {
   [[nodiscard]] bool has_filter() const;
 };
 
-/// The slab of that name, as find_slab() finds it; where there is none it is said, and `exit_status` set.
-[[nodiscard]] std::optional<storage::SlabRecord> named_slab(storage::Reader& reader, const std::string& wanted,
-                                                            int& exit_status);
+/// The slab of that name, as find_slab() finds it; stops if there is none.
+[[nodiscard]] storage::SlabRecord named_slab(storage::Reader& reader, const std::string& wanted);
 
-/// Keys, each once, oldest first, or as they were named; slabs that are still open only when they are named. nullopt:
-/// it cannot be, the sentence is printed and `exit_status` set; no slab at all is such a case when one was named, and
-/// an empty list when not.
-[[nodiscard]] std::optional<std::vector<std::int64_t>> chosen_slabs(storage::Reader& reader, const SlabChoice& choice,
-                                                                    int& exit_status);
+/// Keys, each once, oldest first, or as they were named; slabs that are still open only when they are named. Stops if
+/// one that was named does not exist; the filters may leave an empty list.
+[[nodiscard]] std::vector<std::int64_t> chosen_slabs(storage::Reader& reader, const SlabChoice& choice);
 
 }  // namespace slabd::cli

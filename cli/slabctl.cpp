@@ -40,14 +40,13 @@ std::vector<std::string> command_names(const CLI::App& app) {
 }
 
 /// A word where a command was expected: CLI11 reports it as a surplus argument; say what was probably meant.
-int unknown_command(const CLI::App& app, const std::string& word) {
+[[noreturn]] void stop_at_unknown(const CLI::App& app, const std::string& word) {
   const std::vector<std::string> names = command_names(app);
   const std::string meant = nearest(word, names);
   std::string known;
   for (const std::string& name : names) known += (known.empty() ? "" : ", ") + name;
-  complain(fmt::format("unknown command '{}'{}; commands are {}", word,
-                       meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant), known));
-  return kUsage;
+  stop(kUsage, fmt::format("unknown command '{}'{}; commands are {}", word,
+                           meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant), known));
 }
 
 }  // namespace
@@ -55,6 +54,14 @@ int unknown_command(const CLI::App& app, const std::string& word) {
 void complain(std::string_view sentence) {
   // A sentence may hold a text from a file or a database; some have lines of their own.
   fmt::print(stderr, "slabctl: {}\n", plain(sentence, Lines::kept));
+}
+
+void stop(Exit status, std::string_view sentence) {
+  throw Stop{status, std::string(sentence)};
+}
+
+void stop(const Error& why) {
+  stop(exit_for(why.code), why.text.view());
 }
 
 std::string nearest(const std::string& word, const std::vector<std::string>& candidates) {
@@ -74,10 +81,12 @@ bool report_problems(const std::vector<daemon::Problem>& problems) {
   return problems.empty();
 }
 
-bool recipe_from(const std::string& path, Recipe& recipe) {
+Recipe recipe_from(const std::string& path) {
+  Recipe recipe;
   std::vector<daemon::Problem> problems;
   daemon::load_recipe(path, recipe, problems);
-  return report_problems(problems);
+  if (!report_problems(problems)) stop(kBadInput);
+  return recipe;
 }
 
 bool config_from(const std::string& path, daemon::Config& config) {
@@ -86,30 +95,36 @@ bool config_from(const std::string& path, daemon::Config& config) {
   return report_problems(problems);
 }
 
-void add_commands(args::Command& app, int& exit_status) {
-  add_inspect(app, exit_status);
-  add_fit_plane(app, exit_status);
-  add_status(app, exit_status);
-  add_doctor(app, exit_status);
-  add_robot(app, exit_status);
-  add_scanner(app, exit_status);
-  add_stations(app, exit_status);
-  add_history(app, exit_status);
-  add_show(app, exit_status);
-  add_report(app, exit_status);
-  add_trend(app, exit_status);
-  add_replay(app, exit_status);
-  add_export(app, exit_status);
-  add_pin(app, exit_status);
-  add_study(app, exit_status);
-  add_simulate(app, exit_status);
-  add_calibrate(app, exit_status);
-  add_plc(app, exit_status);
-  add_db(app, exit_status);
-  add_metrics(app, exit_status);
-  add_config(app, exit_status);
-  add_recipe(app, exit_status);
-  add_completion(app, exit_status);
+daemon::Config config_from(const std::string& path) {
+  daemon::Config config;
+  if (!config_from(path, config)) stop(kBadInput);
+  return config;
+}
+
+void add_commands(args::Command& app) {
+  add_inspect(app);
+  add_fit_plane(app);
+  add_status(app);
+  add_doctor(app);
+  add_robot(app);
+  add_scanner(app);
+  add_stations(app);
+  add_history(app);
+  add_show(app);
+  add_report(app);
+  add_trend(app);
+  add_replay(app);
+  add_export(app);
+  add_pin(app);
+  add_study(app);
+  add_simulate(app);
+  add_calibrate(app);
+  add_plc(app);
+  add_db(app);
+  add_metrics(app);
+  add_config(app);
+  add_recipe(app);
+  add_completion(app);
   read_whole_numbers_decimally(app);
 }
 
@@ -118,25 +133,27 @@ int run(int argc, const char* const* argv) {
   app.footer(kFooter);
   app.set_version_flag("--version", std::string(daemon::software_version().view()));
   app.require_subcommand(0, 1);
-  int exit_status = kDone;
   args::Command root(&app);
-  add_commands(root, exit_status);
+  add_commands(root);
 
-  if (argc >= 2 && argv[1][0] != '-') {
-    const std::vector<std::string> names = command_names(app);
-    if (std::find(names.begin(), names.end(), argv[1]) == names.end()) return unknown_command(app, argv[1]);
-  }
   try {
+    if (argc >= 2 && argv[1][0] != '-') {
+      const std::vector<std::string> names = command_names(app);
+      if (std::find(names.begin(), names.end(), argv[1]) == names.end()) stop_at_unknown(app, argv[1]);
+    }
     app.parse(argc, argv);
   } catch (const CLI::ParseError& parse_error) {
     // --help and --version come this way too, with status 0.
     return app.exit(parse_error) == 0 ? kDone : kUsage;
+  } catch (const Stop& end) {
+    if (!end.sentence.empty()) complain(end.sentence);
+    return end.status;
   }
   if (argc < 2) {
     fmt::print(stderr, "{}", app.help());
     return kUsage;
   }
-  return exit_status;
+  return root.exit_status();
 }
 
 }  // namespace slabd::cli

@@ -196,16 +196,10 @@ int show_status(const Options& options) {
     path = config.control_socket;
   }
   if (options.watch) return watch::run(path, options.language == "zh" ? report::Language::zh : report::Language::en);
-  const Result<std::string> answer = ask_daemon(path, "{\"verb\":\"status\"}\n");
-  if (!answer) {
-    complain(fmt::format("{}", answer.error().text.view()));
-    return usable ? kNotReachable : kBadInput;
-  }
-  const json status = json::parse(answer.value(), nullptr, false);
-  if (!status.is_object() || status.value("schema", "") != "slabd.status/1") {
-    complain(fmt::format("{} does not speak slabd.status/1: {}", path, answer.value().substr(0, 200)));
-    return kNotReachable;
-  }
+  const std::string answer = need(ask_daemon(path, "{\"verb\":\"status\"}\n"), usable ? kNotReachable : kBadInput);
+  const json status = json::parse(answer, nullptr, false);
+  if (!status.is_object() || status.value("schema", "") != "slabd.status/1")
+    stop(kNotReachable, fmt::format("{} does not speak slabd.status/1: {}", path, answer.substr(0, 200)));
   if (options.as_json) {
     fmt::print("{}\n", status.dump(2, ' ', true));  // ASCII alone: no control character stays
   } else {
@@ -216,7 +210,7 @@ int show_status(const Options& options) {
 
 }  // namespace
 
-void add_status(args::Command& app, int& exit_status) {
+void add_status(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command command = app.add_subcommand("status", "State, links and last verdict of the running daemon");
   command->footer(
@@ -234,7 +228,7 @@ void add_status(args::Command& app, int& exit_status) {
   command->add_option("--language", options->language, "Of the screen")
       ->check(args::one_of({"en", "zh"}))
       ->capture_default_str();
-  command->callback([options, &exit_status] { exit_status = show_status(*options); });
+  command->runs([options] { return show_status(*options); });
 }
 
 }  // namespace slabd::cli

@@ -37,10 +37,10 @@ storage::ChangeNote note_of(const Options& options) {
 
 /// An acceptance that was put in force may vouch for nothing: the scanner was found bad after it.
 void warn_of_standing(const daemon::Config& config, std::string_view id) {
-  std::unique_ptr<storage::Reader> reader;
-  int ignored = kDone;
-  if (!open_records(config, reader, ignored) || reader == nullptr) return;
-  const auto line = reader->line_calibration();
+  const auto reader = records_if_readable(config);
+  if (!reader.ok()) return complain(reader.error().text.view());
+  if (reader.value() == nullptr) return;
+  const auto line = reader.value()->line_calibration();
   if (!line || line.value()->scanner.id.view() != id ||
       standing_of(line.value()->scanner, wall_clock_us()) != ScannerStanding::failed)
     return;
@@ -51,23 +51,19 @@ void warn_of_standing(const daemon::Config& config, std::string_view id) {
 }
 
 int carry_out(const Options& options, const storage::CalibrationChange& change) {
-  daemon::Config config;
-  if (!config_from(options.config, config)) return kBadInput;
-  const Result<DeskAnswer> done = change_calibration(config, change);
-  if (!done.ok()) {
-    complain(fmt::format("{}", done.error().text.view()));
-    return done.error().code == Code::config ? static_cast<int>(kRefused) : exit_for(done.error().code);
-  }
+  const daemon::Config config = config_from(options.config);
+  const Result<DeskAnswer> changed = change_calibration(config, change);
+  if (!changed.ok() && changed.error().code == Code::config) stop(kRefused, changed.error().text.view());
+  const DeskAnswer done = need(changed);
   if (options.json) {
     Json json;
-    json.begin_object().field("schema", "slabd.calibration_applied/1").field("id", std::string_view(done.value().id));
-    json.field("by_daemon", done.value().by_daemon).field("after_slab", done.value().after_slab).end_object();
+    json.begin_object().field("schema", "slabd.calibration_applied/1").field("id", std::string_view(done.id));
+    json.field("by_daemon", done.by_daemon).field("after_slab", done.after_slab).end_object();
     fmt::print("{}", json.text());
   } else {
-    fmt::print("{} is in force{}\n", done.value().id,
-               done.value().after_slab ? " from the next slab on; one is open now" : "");
+    fmt::print("{} is in force{}\n", done.id, done.after_slab ? " from the next slab on; one is open now" : "");
   }
-  warn_of_standing(config, done.value().id);
+  warn_of_standing(config, done.id);
   return kDone;
 }
 
@@ -88,82 +84,65 @@ constexpr std::int64_t kClockSlack_us = std::int64_t{10} * 60 * 1'000'000;
 
 /// The session's solution becomes a record with everything it was made from, and comes into force.
 int apply_session(const SessionOptions& which, RecordOptions record_options, bool yes, bool json_wanted) {
-  int exit_status = kDone;
-  std::optional<Session> session = find_session(which, exit_status);
-  if (!session) return exit_status;
-  if (const Status locked = session->lock(); !locked.ok()) {
-    complain(locked.error().text.view());
-    return exit_for(locked.error().code);
-  }
-  if (!ready_to_use(*session, exit_status)) return exit_status;
-  const Session::Solution& solution = *session->solution();
-  if (!solution.verified || solution.verified->inputs != session->inputs(calib::ViewUse::held_out)) {
-    complain(fmt::format("{} is not verified{}; next: slabctl calibrate verify", solution.record.id,
-                         solution.verified ? " with the views that are held out now" : ""));
-    return kRefused;
-  }
-  record_options.config = !which.config.empty()                 ? which.config
-                          : !session->settings().config.empty() ? session->settings().config
-                                                                : kDefaultConfig;
+  Session session = find_session(which);
+  need(session.lock());
+  need_solution(session);
+  const Session::Solution& solution = *session.solution();
+  if (!solution.verified || solution.verified->inputs != session.inputs(calib::ViewUse::held_out))
+    stop(kRefused, fmt::format("{} is not verified{}; next: slabctl calibrate verify", solution.record.id,
+                               solution.verified ? " with the views that are held out now" : ""));
+  record_options.config = !which.config.empty()                ? which.config
+                          : !session.settings().config.empty() ? session.settings().config
+                                                               : kDefaultConfig;
   daemon::Config config;
-  if (!config_from(record_options.config, config)) {
-    complain("applying needs the daemon's configuration: slabctl calibrate apply --config FILE");
-    return kBadInput;
-  }
-  if (!yes && !is_of_line(*session, record_options.config, config)) {
-    complain(fmt::format(
-        "{} was begun with {}: its views are of that line's robot and scanner, and {} is another line; if it "
-        "is the same one, say --yes",
-        session_words(*session), session->settings().config, record_options.config));
-    return kRefused;
-  }
+  if (!config_from(record_options.config, config))
+    stop(kBadInput, "applying needs the daemon's configuration: slabctl calibrate apply --config FILE");
+  if (!yes && !is_of_line(session, record_options.config, config))
+    stop(kRefused, fmt::format("{} was begun with {}: its views are of that line's robot and scanner, and {} is "
+                               "another line; if it is the same one, say --yes",
+                               session_words(session), session.settings().config, record_options.config));
   finish_killed_change(config);
-  InForce now;
-  if (!hand_eye_in_force(config, now, exit_status)) return exit_status;
+  const InForce now = hand_eye_in_force(config);
   // Kept again with another end, the same numbers have the id with a number behind a dot.
   if (now.id.view().substr(0, now.id.view().find('.')) != solution.record.id &&
-      now.id.view() != solution.verified->before_id) {
-    complain(fmt::format(
-        "{} is in force now, and it was verified against {}; next: slabctl calibrate verify --config {}",
-        now.id.empty() ? std::string_view("nothing") : now.id.view(),
-        solution.verified->before_id.empty() ? "nothing" : solution.verified->before_id, record_options.config));
-    return kRefused;
-  }
+      now.id.view() != solution.verified->before_id)
+    stop(kRefused,
+         fmt::format("{} is in force now, and it was verified against {}; next: slabctl calibrate verify --config {}",
+                     now.id.empty() ? std::string_view("nothing") : now.id.view(),
+                     solution.verified->before_id.empty() ? "nothing" : solution.verified->before_id,
+                     record_options.config));
   storage::CalibrationRecord record;
-  if (record_options.operator_name.empty()) record_options.operator_name = session->settings().operator_name;
-  record_options.describe(config, record, session->oldest_utime_us());
+  if (record_options.operator_name.empty()) record_options.operator_name = session.settings().operator_name;
+  record_options.describe(config, record, session.oldest_utime_us());
   // Each time they are applied they would be as young as that day.
-  if (session->oldest_utime_us() > record.created_utime_us + kClockSlack_us) {
-    complain(fmt::format(
-        "the oldest view was captured at {}, a time to come: how old this calibration is cannot be told; if the clock "
-        "is behind, set it; if it was ahead when the views were captured, capture them again",
-        iso_time(session->oldest_utime_us())));
-    return kRefused;
-  }
+  if (session.oldest_utime_us() > record.created_utime_us + kClockSlack_us)
+    stop(kRefused,
+         fmt::format("the oldest view was captured at {}, a time to come: how old this calibration is cannot be told; "
+                     "if the clock is behind, set it; if it was ahead when the views were captured, capture them again",
+                     iso_time(session.oldest_utime_us())));
   record.numbers = solution.record.numbers;
-  record.observations = observations_text(*session);
-  record.certificate = session->certificate_text();
+  record.observations = observations_text(session);
+  record.certificate = session.certificate_text();
   const Result<std::string> figures = text_file(solution.folder + "/figures.json");
-  if (!figures.ok() || calib::sha256_hex(figures.value()) != solution.record.figures) {
-    complain(fmt::format("{}/figures.json is missing or was changed: remove that folder, then slabctl calibrate solve",
-                         solution.folder));
-    return kBadInput;
-  }
+  if (!figures.ok() || calib::sha256_hex(figures.value()) != solution.record.figures)
+    stop(kBadInput,
+         fmt::format("{}/figures.json is missing or was changed: remove that folder, then slabctl calibrate solve",
+                     solution.folder));
   record.figures = figures.value();
   record_options.apply = true;
-  if (record_options.why.empty()) record_options.why = "calibrated in session " + session->settings().name;
-  const Kept kept = keep_record(config, record_options, record, exit_status);
-  if (!kept.ok) return exit_status;
+  if (record_options.why.empty()) record_options.why = "calibrated in session " + session.settings().name;
+  const Kept kept = keep_record(config, record_options, record);
+  if (kept.status != kDone) return kept.status;
   if (json_wanted) {
     Json json;
     json.begin_object().field("schema", "slabd.calibration_applied/1").field("id", std::string_view(kept.id));
-    write_session(json, *session);
+    write_session(json, session);
     json.field("after_slab", kept.after_slab).field("replaced", now.id.view()).end_object();
     fmt::print("{}", json.text());
   } else {
     const std::string where =
         record_options.config == kDefaultConfig ? "" : fmt::format(" --config {}", record_options.config);
-    fmt::print("{}\n{}slabctl calibrate history{} shows it{}\n", session_words(*session), kept_text(kept, false), where,
+    fmt::print("{}\n{}slabctl calibrate history{} shows it{}\n", session_words(session), kept_text(kept, false), where,
                now.applied && now.id.view() != kept.id
                    ? fmt::format("; slabctl calibrate rollback --why \"...\" puts {} back", now.id.view())
                    : "");
@@ -172,22 +151,13 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
 }
 
 int show_history(const Options& options) {
-  daemon::Config config;
-  if (!config_from(options.config, config)) return kBadInput;
-  int exit_status = kDone;
-  std::unique_ptr<storage::Reader> reader;
-  if (!open_records(config, reader, exit_status)) return exit_status;
+  const daemon::Config config = config_from(options.config);
+  const std::unique_ptr<storage::Reader> reader = open_records(config);
   std::vector<storage::AppliedChange> applied;
   std::vector<storage::CalibrationRecord> records;
   if (reader != nullptr) {
-    auto changes = reader->applied(options.limit);
-    auto all = reader->calibrations();
-    if (!changes.ok() || !all.ok()) {
-      complain(fmt::format("{}", (changes.ok() ? all.error() : changes.error()).text.view()));
-      return kNotReachable;
-    }
-    applied = std::move(changes.value());
-    records = std::move(all.value());
+    applied = need(reader->applied(options.limit), kNotReachable);
+    records = need(reader->calibrations(), kNotReachable);
   }
   if (options.json) {
     Json json;
@@ -236,71 +206,49 @@ int show_history(const Options& options) {
 }
 
 /// A measured calibration gives way to `after`, which `source` names, only in the sight of what that changes.
-bool may_replace(const daemon::Config& config, const Pose& after, std::string_view source, bool yes, int& exit_status) {
+void confirm_replacing(const daemon::Config& config, const Pose& after, std::string_view source, bool yes) {
   finish_killed_change(config);
-  InForce now;
-  if (!hand_eye_in_force(config, now, exit_status)) return false;
-  if (!now.applied) return true;
+  const InForce now = hand_eye_in_force(config);
+  if (!now.applied) return;
   const Pose& before = now.T_flange_scanner;
   SeatShifts seats;
-  if (!find_seat_shifts(config, 0, before, after, seats, exit_status)) {
-    if (!yes) return false;
-    exit_status = kDone;  // wanted, whatever it changes
-    return true;
+  if (const std::optional<Stop> unknown = find_seat_shifts(config, 0, before, after, seats)) {
+    if (!yes) throw *unknown;
+    return complain(unknown->sentence);  // wanted, whatever it changes
   }
   const double turn_deg = deg_from_rad(angle_between_rad(before.rotation, after.rotation));
   const std::string change =
       fmt::format("{} is in force; with {} seats of {} move by up to {:.3f} mm, the scanner turns by {:.3f} deg",
                   now.id.view(), source, seats.slab, seats.shift_max_mm, turn_deg);
-  if (yes || is_small_change(seats.shift_max_mm, turn_deg)) {
-    complain(change);
-    return true;
-  }
-  complain(fmt::format("{}: above {} mm or {} deg that needs a word of yours, --yes", change, kConfirmAboveMm,
-                       kConfirmAboveDeg));
-  exit_status = kRefused;
-  return false;
+  if (yes || is_small_change(seats.shift_max_mm, turn_deg)) return complain(change);
+  stop(kRefused, fmt::format("{}: above {} mm or {} deg that needs a word of yours, --yes", change, kConfirmAboveMm,
+                             kConfirmAboveDeg));
 }
 
-/// The same for a kept hand-eye calibration that is named. True for every other record; whether the name is one at all
-/// is for the change itself to say.
-bool may_apply(const Options& options, bool yes, int& exit_status) {
-  daemon::Config config;
-  if (!config_from(options.config, config)) {
-    exit_status = kBadInput;
-    return false;
-  }
-  std::unique_ptr<storage::Reader> reader;
-  if (!open_records(config, reader, exit_status)) return false;
-  if (reader == nullptr) return true;
-  const auto kept = reader->calibrations();
-  if (!kept.ok()) {
-    complain(kept.error().text.view());
-    exit_status = exit_for(kept.error().code);
-    return false;
-  }
+/// The same for a kept hand-eye calibration that is named. Does nothing for any other record; the change itself rejects
+/// a name that does not exist.
+void confirm_applying(const Options& options, bool yes) {
+  const daemon::Config config = config_from(options.config);
+  const std::unique_ptr<storage::Reader> reader = open_records(config);
+  if (reader == nullptr) return;
+  const auto kept = need(reader->calibrations());
   const storage::CalibrationRecord* named = nullptr;
-  for (const storage::CalibrationRecord& record : kept.value()) {
+  for (const storage::CalibrationRecord& record : kept) {
     if (record.id.compare(0, options.id.size(), options.id) != 0) continue;
     if (record.id == options.id || named == nullptr) named = &record;
     if (record.id == options.id) break;
   }
   const auto* numbers = named == nullptr ? nullptr : std::get_if<HandEyeNumbers>(&named->numbers);
-  return numbers == nullptr || may_replace(config, numbers->T_flange_scanner, named->id, yes, exit_status);
+  if (numbers != nullptr) confirm_replacing(config, numbers->T_flange_scanner, named->id, yes);
 }
 
 /// Commissioning values become a record like any other, with the uncertainty somebody answers for.
 int adopt(RecordOptions options, double sigma_mm, double sigma_deg, bool yes) {
-  daemon::Config config;
-  if (!config_from(options.config, config)) return kBadInput;
-  if (config.calibration.id.empty()) {
-    complain(fmt::format("{}: [calibration] T_flange_scanner is missing, there is nothing to adopt", options.config));
-    return kBadInput;
-  }
-  int exit_status = kDone;
-  if (options.apply &&
-      !may_replace(config, config.calibration.T_flange_scanner, "the configuration's value", yes, exit_status))
-    return exit_status;
+  const daemon::Config config = config_from(options.config);
+  if (config.calibration.id.empty())
+    stop(kBadInput,
+         fmt::format("{}: [calibration] T_flange_scanner is missing, there is nothing to adopt", options.config));
+  if (options.apply) confirm_replacing(config, config.calibration.T_flange_scanner, "the configuration's value", yes);
   if (options.why.empty()) options.why = "adopted from " + options.config;
   storage::CalibrationRecord record;
   options.describe(config, record);
@@ -310,9 +258,9 @@ int adopt(RecordOptions options, double sigma_mm, double sigma_deg, bool yes) {
     fmt::print("{}", kept_text({}, true));
     return kDone;
   }
-  const Kept kept = keep_record(config, options, record, exit_status);
-  if (kept.ok) fmt::print("{}", kept_text(kept, false));
-  return exit_status;
+  const Kept kept = keep_record(config, options, record);
+  if (kept.status == kDone) fmt::print("{}", kept_text(kept, false));
+  return kept.status;
 }
 
 void add_common(args::Command& command, Options& options) {
@@ -326,7 +274,7 @@ void add_note(args::Command& command, Options& options) {
 
 }  // namespace
 
-void add_calibrate_apply(args::Command& group, int& exit_status) {
+void add_calibrate_apply(args::Command& group) {
   struct Apply {
     Options known;
     SessionOptions session;
@@ -351,35 +299,25 @@ void add_calibrate_apply(args::Command& group, int& exit_status) {
       "--yes", options->yes,
       "Also where --config is not what the session was begun with, or a kept one moves seats or turns the scanner");
   command->add_flag("--json", options->known.json, "Print slabd.calibration_applied/1 on stdout");
-  command->callback([options, &exit_status] {
+  command->runs([options] {
     Options& known = options->known;
-    if (known.id.empty()) {
-      exit_status = apply_session(options->session, options->record, options->yes, known.json);
-      return;
-    }
+    if (known.id.empty()) return apply_session(options->session, options->record, options->yes, known.json);
     known.config = options->session.config.empty() ? kDefaultConfig : options->session.config;
     known.who = options->record.operator_name;
     known.why = options->record.why;
-    if (known.why.empty()) {
-      complain("say why, for the history: --why \"...\"");
-      exit_status = kUsage;
-      return;
-    }
+    if (known.why.empty()) stop(kUsage, "say why, for the history: --why \"...\"");
     const RecordOptions& given = options->record;
     if (!given.robot_serial.empty() || !given.scanner_serial.empty() || has_value(given.temperature_c) ||
-        given.valid_days >= 0) {
-      complain(
-          "a kept record says what it says: no --robot-serial, --scanner-serial, --temperature or --valid-days "
-          "with ID");
-      exit_status = kUsage;
-      return;
-    }
-    if (!may_apply(known, options->yes, exit_status)) return;
-    exit_status = carry_out(known, storage::ApplyCalibration{known.id, note_of(known)});
+        given.valid_days >= 0)
+      stop(kUsage,
+           "a kept record says what it says: no --robot-serial, --scanner-serial, --temperature or --valid-days with "
+           "ID");
+    confirm_applying(known, options->yes);
+    return carry_out(known, storage::ApplyCalibration{known.id, note_of(known)});
   });
 }
 
-void add_calibrate_adopt(args::Command& group, int& exit_status) {
+void add_calibrate_adopt(args::Command& group) {
   struct Adopt {
     RecordOptions record;
     double sigma_mm = kNoValue;
@@ -405,12 +343,10 @@ void add_calibrate_adopt(args::Command& group, int& exit_status) {
       ->required()
       ->check(within(1e-6, 1.0));
   command->add_flag("--yes", options->yes, "With --apply: what it changes is looked at and wanted");
-  command->callback([options, &exit_status] {
-    exit_status = adopt(options->record, options->sigma_mm, options->sigma_deg, options->yes);
-  });
+  command->runs([options] { return adopt(options->record, options->sigma_mm, options->sigma_deg, options->yes); });
 }
 
-void add_calibrate_rollback(args::Command& group, int& exit_status) {
+void add_calibrate_rollback(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command = group.add_subcommand("rollback", "Put back what was in force before; again: further back");
   command->footer(
@@ -422,20 +358,20 @@ void add_calibrate_rollback(args::Command& group, int& exit_status) {
   command->add_option("--slab-type", options->slab_type, "Of station corrections (default: of the newest change)");
   add_common(*command, *options);
   add_note(*command, *options);
-  command->callback([options, &exit_status] {
-    exit_status = carry_out(*options, storage::RollBackCalibration{*calibration_kind_named(options->kind),
-                                                                   options->slab_type, note_of(*options)});
+  command->runs([options] {
+    return carry_out(*options, storage::RollBackCalibration{*calibration_kind_named(options->kind), options->slab_type,
+                                                            note_of(*options)});
   });
 }
 
-void add_calibrate_history(args::Command& group, int& exit_status) {
+void add_calibrate_history(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command = group.add_subcommand("history", "What was in force when, by whom and why; every kept record");
   command->add_option("--limit", options->limit, "How many changes, newest first")
       ->check(args::range(std::size_t{1}, std::size_t{100'000}))
       ->capture_default_str();
   add_common(*command, *options);
-  command->callback([options, &exit_status] { exit_status = show_history(*options); });
+  command->runs([options] { return show_history(*options); });
 }
 
 }  // namespace slabd::cli

@@ -22,73 +22,57 @@ struct Options {
 };
 
 /// The table is read line by line beside the flange poses, so a view that is refused cannot just be missing.
-int write_target(const Options& options, const std::vector<calib::ArtefactReport>& reports) {
+void write_target(const Options& options, const std::vector<calib::ArtefactReport>& reports) {
   std::vector<Pose> poses;
   for (std::size_t i = 0; i < reports.size(); ++i) {
-    if (!reports[i].ok()) {
-      complain(fmt::format("{} is not written: {} was refused; leave it out, and line {} of the flange poses with it",
-                           options.target, options.scans[i], i + 1));
-      return kRefused;
-    }
+    if (!reports[i].ok())
+      stop(kRefused,
+           fmt::format("{} is not written: {} was refused; leave it out, and line {} of the flange poses with it",
+                       options.target, options.scans[i], i + 1));
     poses.push_back(reports[i].target.T_scanner_target);
   }
   OutFile file(options.target, {.synced = true});
   file.write(calib::write_poses(poses, calib::PoseFormat{}, calib::TableRole::target));
-  if (const Status written = file.close(Code::journal_write); !written) {
-    complain(written.error().text.view());
-    return kNotReachable;
-  }
+  need(file.close(Code::journal_write), kNotReachable);
   if (!options.json) fmt::print("{}: {} poses\n", options.target, poses.size());
-  return kDone;
 }
 
 int run_artefact(const Options& options) {
-  const Result<std::string> text = text_file(options.certificate);
-  if (!text) {
-    complain(fmt::format("{}", text.error().text.view()));
-    return kBadInput;
-  }
-  const Result<calib::ArtefactCertificate> certificate = calib::parse_certificate(text.value(), options.certificate);
-  if (!certificate) {
-    complain(fmt::format("{}", certificate.error().text.view()));
-    return kBadInput;
-  }
+  const std::string text = need(text_file(options.certificate), kBadInput);
+  const calib::ArtefactCertificate certificate = need(calib::parse_certificate(text, options.certificate), kBadInput);
   calib::ArtefactSettings settings;
   settings.ball = options.ball.settings();
   std::vector<calib::ArtefactReport> reports;
   Json json;
-  json.begin_object().field("schema", "slabd.artefacts/1").field("certificate", certificate.value().id.view());
-  json.field("certificate_date", certificate.value().date.view()).key("views").begin_array();
+  json.begin_object().field("schema", "slabd.artefacts/1").field("certificate", certificate.id.view());
+  json.field("certificate_date", certificate.date.view()).key("views").begin_array();
   std::size_t accepted = 0;
-  const int read =
-      each_scan(options.scans, options.ball.unit, [&](const std::string& path, std::span<const float> xyz) {
-        const Result<calib::ArtefactReport> report = calib::find_artefact(xyz, certificate.value(), settings);
-        if (!report) return Status(report.error());
-        reports.push_back(report.value());
-        accepted += report.value().ok() ? 1U : 0U;
-        json.begin_object().field("file", std::string_view(path));
-        write_artefact(json, report.value());
-        json.end_object();
-        if (!options.json)
-          fmt::print("{}{}\n{}", path, report.value().ok() ? ": accepted" : ": refused",
-                     artefact_text(report.value(), certificate.value(), settings));
-        return success();
-      });
-  if (read != kDone) return read;
+  each_scan(options.scans, options.ball.unit, [&](const std::string& path, std::span<const float> xyz) {
+    const Result<calib::ArtefactReport> report = calib::find_artefact(xyz, certificate, settings);
+    if (!report) return Status(report.error());
+    reports.push_back(report.value());
+    accepted += report.value().ok() ? 1U : 0U;
+    json.begin_object().field("file", std::string_view(path));
+    write_artefact(json, report.value());
+    json.end_object();
+    if (!options.json)
+      fmt::print("{}{}\n{}", path, report.value().ok() ? ": accepted" : ": refused",
+                 artefact_text(report.value(), certificate, settings));
+    return success();
+  });
   const bool good = accepted == reports.size();
   json.end_array().field("accepted", accepted).field("status", good ? "ok" : "refused").end_object();
   if (options.json)
     fmt::print("{}", json.text());
   else if (reports.size() > 1)
     fmt::print("{} of {} scans accepted\n", accepted, reports.size());
-  if (!options.target.empty())
-    if (const int status = write_target(options, reports); status != kDone) return status;
+  if (!options.target.empty()) write_target(options, reports);
   return good ? kDone : kRefused;
 }
 
 }  // namespace
 
-void add_calibrate_artefact(args::Command& group, int& exit_status) {
+void add_calibrate_artefact(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command = group.add_subcommand(
       "artefact", "Find an artefact of three or more balls in scans: pose, residuals, why refused");
@@ -104,7 +88,7 @@ void add_calibrate_artefact(args::Command& group, int& exit_status) {
       "Write the poses as a target table for `calibrate solve --kind pose`; all scans must be accepted");
   options->ball.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.artefacts/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = run_artefact(*options); });
+  command->runs([options] { return run_artefact(*options); });
 }
 
 }  // namespace slabd::cli

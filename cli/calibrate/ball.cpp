@@ -62,7 +62,7 @@ void write_shots(Json& json, const calib::BallShots& shots) {
 }
 
 /// Sightings of the accepted views, with the labels that let refused ones be missing.
-Status write_target(const Options& options, const std::vector<calib::BallView>& views) {
+void write_target(const Options& options, const std::vector<calib::BallView>& views) {
   std::vector<Pose> poses;
   std::vector<std::size_t> view_labels;
   std::vector<std::size_t> ball_labels;
@@ -72,14 +72,14 @@ Status write_target(const Options& options, const std::vector<calib::BallView>& 
     view_labels.push_back(v);
     ball_labels.push_back(0);
   }
-  if (poses.empty()) return error(Code::config, "%s is not written: no view was accepted", options.target.c_str());
+  if (poses.empty()) stop(kRefused, fmt::format("{} is not written: no view was accepted", options.target));
   calib::PoseFormat format;
   format.rotation = calib::RotationForm::none;
   format.labelled = true;
   format.declared = true;
   OutFile file(options.target, {.synced = true});
   file.write(calib::write_poses(poses, format, calib::TableRole::target, view_labels, ball_labels));
-  return file.close(Code::journal_write);
+  need(file.close(Code::journal_write), kNotReachable);
 }
 
 /// What the free radius of all views says about the certified one; a warning is not a refusal.
@@ -105,21 +105,19 @@ int run_ball(const Options& options) {
   json.begin_object().field("schema", "slabd.balls/1").field("radius_mm", options.radius_mm);
   json.field("count", options.count).key("views").begin_array();
   std::size_t accepted = 0;
-  const int read =
-      each_scan(options.scans, options.ball.unit, [&](const std::string& path, std::span<const float> xyz) {
-        const Result<calib::BallView> view = calib::find_balls(xyz, settings);
-        if (!view) return Status(view.error());
-        views.push_back(view.value());
-        accepted += view.value().ok() ? 1U : 0U;
-        json.begin_object().field("file", std::string_view(path));
-        write_ball_view(json, view.value());
-        json.end_object();
-        if (!options.json)
-          fmt::print("{}{}\n{}", path, view.value().ok() ? ": accepted" : ": refused",
-                     ball_view_text(view.value(), settings));
-        return success();
-      });
-  if (read != kDone) return read;
+  each_scan(options.scans, options.ball.unit, [&](const std::string& path, std::span<const float> xyz) {
+    const Result<calib::BallView> view = calib::find_balls(xyz, settings);
+    if (!view) return Status(view.error());
+    views.push_back(view.value());
+    accepted += view.value().ok() ? 1U : 0U;
+    json.begin_object().field("file", std::string_view(path));
+    write_ball_view(json, view.value());
+    json.end_object();
+    if (!options.json)
+      fmt::print("{}{}\n{}", path, view.value().ok() ? ": accepted" : ": refused",
+                 ball_view_text(view.value(), settings));
+    return success();
+  });
   json.end_array();
   bool good = accepted == views.size();
   if (options.count == 1) tell_radius(options, views, json);
@@ -137,10 +135,7 @@ int run_ball(const Options& options) {
   else if (views.size() > 1)
     fmt::print("{} of {} scans accepted\n", accepted, views.size());
   if (!options.target.empty()) {
-    if (const Status written = write_target(options, views); !written) {
-      complain(fmt::format("{}", written.error().text.view()));
-      return written.error().code == Code::journal_write ? kNotReachable : kRefused;
-    }
+    write_target(options, views);
     if (!options.json) fmt::print("{}: {} sightings, numbered by scan\n", options.target, accepted);
   }
   return good ? kDone : kRefused;
@@ -188,26 +183,17 @@ calib::BallReport as_shot(const calib::BallView& view) {
   return report;
 }
 
-int each_scan(const std::vector<std::string>& paths, const std::string& unit,
-              const std::function<Status(const std::string&, std::span<const float>)>& use) {
+void each_scan(const std::vector<std::string>& paths, const std::string& unit,
+               const std::function<Status(const std::string&, std::span<const float>)>& use) {
   ProgressCount progress(stderr, paths.size());
   for (const std::string& path : paths) {
     progress.next(path);
-    const Result<std::vector<float>> xyz = scan_points(path, unit);
-    if (!xyz) {
-      progress.erase();
-      complain(fmt::format("{}", xyz.error().text.view()));
-      return kBadInput;
-    }
-    if (const Status used = use(path, xyz.value()); !used) {
-      complain(fmt::format("{}: {}", path, used.error().text.view()));
-      return kUsage;
-    }
+    const std::vector<float> xyz = need(scan_points(path, unit), kBadInput);
+    if (const Status used = use(path, xyz); !used) stop(kUsage, fmt::format("{}: {}", path, used.error().text.view()));
   }
-  return kDone;
 }
 
-void add_calibrate_ball(args::Command& group, int& exit_status) {
+void add_calibrate_ball(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command = group.add_subcommand("ball", "Find tooling balls in scans: centre, every gate, why refused");
   command->footer(
@@ -233,7 +219,7 @@ void add_calibrate_ball(args::Command& group, int& exit_status) {
       ->excludes(shots);
   options->ball.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.balls/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = run_ball(*options); });
+  command->runs([options] { return run_ball(*options); });
 }
 
 }  // namespace slabd::cli

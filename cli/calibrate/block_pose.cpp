@@ -36,30 +36,13 @@ struct Options {
   bool json = false;
 };
 
-bool failed(const Error& why, int& exit_status) {
-  complain(why.text.view());
-  exit_status = exit_for(why.code);
-  return false;
-}
-
 /// Roughly where the scanner sits: as said, else of the configuration.
-bool find_start(const Options& options, Pose& X, int& exit_status) {
-  exit_status = kUsage;
-  if (!options.start.empty()) {
-    const Result<Pose> pose = calib::parse_flange("", options.start, "--start");
-    if (!pose.ok()) return failed(pose.error(), exit_status);
-    X = pose.value();
-    return true;
-  }
+Pose find_start(const Options& options) {
+  if (!options.start.empty()) return need(calib::parse_flange("", options.start, "--start"));
   daemon::Config config;
-  if (!config_from(options.config, config)) {
-    complain("--start says roughly where the scanner sits (T_flange_scanner), or --config where to read it");
-    return false;
-  }
-  InForce now;
-  if (!hand_eye_in_force(config, now, exit_status)) return false;
-  X = now.T_flange_scanner;
-  return true;
+  if (!config_from(options.config, config))
+    stop(kUsage, "--start says roughly where the scanner sits (T_flange_scanner), or --config where to read it");
+  return hand_eye_in_force(config).T_flange_scanner;
 }
 
 /// The block's pose in one scan.
@@ -108,30 +91,17 @@ void learn(std::span<const calib::View> views, Pose& X, Pose& T_base_block) {
 }
 
 int run_block(const Options& options) {
-  int exit_status = kDone;
-  Recipe recipe;
-  if (!recipe_from(options.recipe, recipe)) return kBadInput;
-  const Result<std::string> text = text_file(options.flange);
-  if (!text.ok()) {
-    failed(text.error(), exit_status);
-    return exit_status;
-  }
-  const Result<calib::PoseTable> flange = calib::parse_poses(text.value(), options.flange, calib::TableRole::flange);
-  if (!flange.ok()) {
-    failed(flange.error(), exit_status);
-    return exit_status;
-  }
-  if (flange.value().poses.size() < options.scans.size()) {
-    complain(fmt::format("{}: {} poses for {} scans; one line for each scan, in their order", options.flange,
-                         flange.value().poses.size(), options.scans.size()));
-    return kBadInput;
-  }
-  Pose X;
-  if (!find_start(options, X, exit_status)) return exit_status;
+  const Recipe recipe = recipe_from(options.recipe);
+  const std::string text = need(text_file(options.flange));
+  const calib::PoseTable flange = need(calib::parse_poses(text, options.flange, calib::TableRole::flange));
+  if (flange.poses.size() < options.scans.size())
+    stop(kBadInput, fmt::format("{}: {} poses for {} scans; one line for each scan, in their order", options.flange,
+                                flange.poses.size(), options.scans.size()));
+  Pose X = find_start(options);
 
   BlockFinder finder(recipe);
   std::vector<calib::View> views;
-  Pose T_base_block = flange.value().poses.front() * X * nominal_T_block_scanner().inverse();
+  Pose T_base_block = flange.poses.front() * X * nominal_T_block_scanner().inverse();
   Json json;
   json.begin_object()
       .field("schema", "slabd.block_poses/1")
@@ -139,14 +109,9 @@ int run_block(const Options& options) {
       .key("views")
       .begin_array();
   for (std::size_t i = 0; i < options.scans.size(); ++i) {
-    const Pose& T_base_flange = flange.value().poses[i];
-    const Result<RegistrationReport> found =
-        finder.find(options.scans[i], *length_unit(options.unit), T_base_block.inverse() * T_base_flange * X);
-    if (!found.ok()) {
-      failed(found.error(), exit_status);
-      return exit_status;
-    }
-    const RegistrationReport& r = found.value();
+    const Pose& T_base_flange = flange.poses[i];
+    const RegistrationReport r =
+        need(finder.find(options.scans[i], *length_unit(options.unit), T_base_block.inverse() * T_base_flange * X));
     const bool ok = r.status == RegistrationStatus::converged && r.T_scanner_block.all_finite();
     json.begin_object().field("file", std::string_view(options.scans[i])).field("status", ok ? "ok" : "refused");
     json.field("note", r.note.view()).field("share_associated", r.share_associated);
@@ -168,24 +133,19 @@ int run_block(const Options& options) {
   const bool good = views.size() == options.scans.size();
   json.end_array().field("accepted", views.size()).field("status", good ? "ok" : "refused").end_object();
   if (options.json) fmt::print("{}", json.text());
-  if (!good) {
-    complain(
-        fmt::format("{} of {} scans refused, {} is not written. What to do: the first view must look straight down "
-                    "at the block from 600 mm, --start be right to about 10 mm and 2 deg, and the whole block be in "
-                    "the picture; leave a refused scan out, and its line of {} with it",
-                    options.scans.size() - views.size(), options.scans.size(),
-                    options.target.empty() ? "the table" : options.target, options.flange));
-    return kRefused;
-  }
+  if (!good)
+    stop(kRefused,
+         fmt::format("{} of {} scans refused, {} is not written. What to do: the first view must look straight down at "
+                     "the block from 600 mm, --start be right to about 10 mm and 2 deg, and the whole block be in the "
+                     "picture; leave a refused scan out, and its line of {} with it",
+                     options.scans.size() - views.size(), options.scans.size(),
+                     options.target.empty() ? "the table" : options.target, options.flange));
   if (options.target.empty()) return kDone;
   std::vector<Pose> poses;
   for (const calib::View& view : views) poses.push_back(view.T_scanner_target);
   OutFile file(options.target, {.synced = true});
   file.write(calib::write_poses(poses, calib::PoseFormat{}, calib::TableRole::target));
-  if (const Status written = file.close(Code::journal_write); !written) {
-    complain(written.error().text.view());
-    return kNotReachable;
-  }
+  need(file.close(Code::journal_write), kNotReachable);
   if (!options.json)
     fmt::print("{}: {} poses\nnext: slabctl calibrate solve --kind pose --flange {} --target {}\n", options.target,
                poses.size(), options.flange, options.target);
@@ -194,7 +154,7 @@ int run_block(const Options& options) {
 
 }  // namespace
 
-void add_calibrate_block(args::Command& group, int& exit_status) {
+void add_calibrate_block(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command =
       group.add_subcommand("block", "Find a block in tilted scans by registration: an artefact at hand");
@@ -216,7 +176,7 @@ void add_calibrate_block(args::Command& group, int& exit_status) {
       ->check(args::one_of({"mm", "m", "um"}))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print slabd.block_poses/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = run_block(*options); });
+  command->runs([options] { return run_block(*options); });
 }
 
 }  // namespace slabd::cli

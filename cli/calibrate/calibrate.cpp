@@ -8,26 +8,26 @@
 
 namespace slabd::cli {
 
-void add_calibrate(args::Command& app, int& exit_status) {
+void add_calibrate(args::Command& app) {
   args::Command group = app.add_subcommand("calibrate", "Where the scanner sits on the flange: hand-eye and stations");
   group->require_subcommand(1);
-  add_calibrate_new(*group, exit_status);
-  add_calibrate_capture(*group, exit_status);
-  add_calibrate_list(*group, exit_status);
-  add_calibrate_drop(*group, exit_status);
-  add_calibrate_undo(*group, exit_status);
-  add_calibrate_solve(*group, exit_status);
-  add_calibrate_verify(*group, exit_status);
-  add_calibrate_apply(*group, exit_status);
-  add_calibrate_rollback(*group, exit_status);
-  add_calibrate_history(*group, exit_status);
-  add_calibrate_ball(*group, exit_status);
-  add_calibrate_artefact(*group, exit_status);
-  add_calibrate_block(*group, exit_status);
-  add_calibrate_stations(*group, exit_status);
-  add_calibrate_reference(*group, exit_status);
-  add_calibrate_check(*group, exit_status);
-  add_calibrate_adopt(*group, exit_status);
+  add_calibrate_new(*group);
+  add_calibrate_capture(*group);
+  add_calibrate_list(*group);
+  add_calibrate_drop(*group);
+  add_calibrate_undo(*group);
+  add_calibrate_solve(*group);
+  add_calibrate_verify(*group);
+  add_calibrate_apply(*group);
+  add_calibrate_rollback(*group);
+  add_calibrate_history(*group);
+  add_calibrate_ball(*group);
+  add_calibrate_artefact(*group);
+  add_calibrate_block(*group);
+  add_calibrate_stations(*group);
+  add_calibrate_reference(*group);
+  add_calibrate_check(*group);
+  add_calibrate_adopt(*group);
 }
 
 }  // namespace slabd::cli

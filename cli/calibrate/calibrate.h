@@ -10,27 +10,26 @@ namespace slabd::args {
 class Command;
 }  // namespace slabd::args
 
-/// The verbs of `slabctl calibrate`, one file each. Each adds itself to the group and, when chosen, leaves its exit
-/// status (cli/exit.h) in `exit_status`.
+/// The verbs of `slabctl calibrate`, one file each. Each adds itself to the group.
 namespace slabd::cli {
 
-void add_calibrate_new(args::Command& group, int& exit_status);
-void add_calibrate_capture(args::Command& group, int& exit_status);
-void add_calibrate_list(args::Command& group, int& exit_status);
-void add_calibrate_drop(args::Command& group, int& exit_status);
-void add_calibrate_undo(args::Command& group, int& exit_status);
-void add_calibrate_verify(args::Command& group, int& exit_status);
-void add_calibrate_ball(args::Command& group, int& exit_status);
-void add_calibrate_artefact(args::Command& group, int& exit_status);
-void add_calibrate_block(args::Command& group, int& exit_status);
-void add_calibrate_solve(args::Command& group, int& exit_status);
-void add_calibrate_stations(args::Command& group, int& exit_status);
-void add_calibrate_reference(args::Command& group, int& exit_status);
-void add_calibrate_check(args::Command& group, int& exit_status);
-void add_calibrate_apply(args::Command& group, int& exit_status);
-void add_calibrate_adopt(args::Command& group, int& exit_status);
-void add_calibrate_rollback(args::Command& group, int& exit_status);
-void add_calibrate_history(args::Command& group, int& exit_status);
+void add_calibrate_new(args::Command& group);
+void add_calibrate_capture(args::Command& group);
+void add_calibrate_list(args::Command& group);
+void add_calibrate_drop(args::Command& group);
+void add_calibrate_undo(args::Command& group);
+void add_calibrate_verify(args::Command& group);
+void add_calibrate_ball(args::Command& group);
+void add_calibrate_artefact(args::Command& group);
+void add_calibrate_block(args::Command& group);
+void add_calibrate_solve(args::Command& group);
+void add_calibrate_stations(args::Command& group);
+void add_calibrate_reference(args::Command& group);
+void add_calibrate_check(args::Command& group);
+void add_calibrate_apply(args::Command& group);
+void add_calibrate_adopt(args::Command& group);
+void add_calibrate_rollback(args::Command& group);
+void add_calibrate_history(args::Command& group);
 
 // How a session is told, after every step of it.
 

@@ -232,54 +232,41 @@ void write_view(Json& json, const Taken& taken) {
   json.end_object();
 }
 
-int fail(const Error& why) {
-  complain(why.text.view());
-  return exit_for(why.code);
-}
-
+/// A view that could not be taken is a value: capture_all() goes on after a robot that did not stand still.
 int capture(const Options& options) {
   const int sources = (options.live ? 1 : 0) + (options.set.empty() ? 0 : 1) + (options.scans.empty() ? 0 : 1);
   const int poses = (options.flange.empty() ? 0 : 1) + (options.flange_file.empty() ? 0 : 1);
-  if (sources != 1 || (!options.scans.empty() && poses != 1) || (options.scans.empty() && poses != 0)) {
-    complain(
-        "say where the view comes from: --live (the running line), --scan FILE with --flange \"POSE\" or --flange-file "
-        "FILE:LINE, or --set FOLDER with flange.txt and view_NN.ply");
-    return kUsage;
-  }
-  int exit_status = kDone;
-  std::optional<Session> session = find_session(options.session, exit_status);
-  if (!session) return exit_status;
+  if (sources != 1 || (!options.scans.empty() && poses != 1) || (options.scans.empty() && poses != 0))
+    stop(kUsage,
+         "say where the view comes from: --live (the running line), --scan FILE with --flange \"POSE\" or "
+         "--flange-file FILE:LINE, or --set FOLDER with flange.txt and view_NN.ply");
+  Session session = find_session(options.session);
   if (options.end) {
-    const Result<std::string> ended = end_live(*session);
-    if (!ended.ok()) {
-      complain(ended.error().text.view());
-      return live_capture_exit(ended.error().code);
-    }
-    if (!options.json) fmt::print("{}: {}\n", session_words(*session), ended.value());
+    const Result<std::string> ended = end_live(session);
+    if (!ended.ok()) stop(live_capture_exit(ended.error().code), ended.error().text.view());
+    if (!options.json) fmt::print("{}: {}\n", session_words(session), ended.value());
     return kDone;
   }
-  if (const Status locked = session->lock(); !locked.ok()) return fail(locked.error());
-  if (!options.json) fmt::print("{}\n", session_words(*session));
-  for (const std::string& words : session->half_done()) complain(words);
+  need(session.lock());
+  if (!options.json) fmt::print("{}\n", session_words(session));
+  for (const std::string& words : session.half_done()) complain(words);
 
   Json json;
   json.begin_object().field("schema", "slabd.calibration_capture/1");
-  write_session(json, *session);
+  write_session(json, session);
   json.key("views").begin_array();
-  Result<std::vector<ViewRequest>> requests =
-      options.live ? Result<std::vector<ViewRequest>>(std::vector<ViewRequest>(1)) : requests_from(options, *session);
-  if (!requests.ok()) return fail(requests.error());
+  std::vector<ViewRequest> requests = need(options.live ? Result<std::vector<ViewRequest>>(std::vector<ViewRequest>(1))
+                                                        : requests_from(options, session));
   std::size_t refused = 0;
   std::size_t fresh = 0;
   const bool terminal = isatty(STDERR_FILENO) != 0;
   std::size_t done = 0;
-  for (ViewRequest& request : requests.value()) {
+  for (ViewRequest& request : requests) {
     request.hold_out = options.hold_out;
-    if (terminal && requests.value().size() > 1)
-      fmt::print(stderr, "\r\x1b[Kscan {}/{}", ++done, requests.value().size());
-    const Result<Taken> taken = options.live ? take_live(*session, {options.shots, options.hold_out, options.take_over})
-                                             : take_view(*session, request);
-    if (terminal && requests.value().size() > 1) fmt::print(stderr, "\r\x1b[K");
+    if (terminal && requests.size() > 1) fmt::print(stderr, "\r\x1b[Kscan {}/{}", ++done, requests.size());
+    const Result<Taken> taken = options.live ? take_live(session, {options.shots, options.hold_out, options.take_over})
+                                             : take_view(session, request);
+    if (terminal && requests.size() > 1) fmt::print(stderr, "\r\x1b[K");
     if (!taken.ok()) {
       complain(taken.error().text.view());
       if (options.live) complain("no view was taken; cure it and give the command again");
@@ -291,20 +278,20 @@ int capture(const Options& options) {
     write_view(json, taken.value());
     if (options.json) continue;
     calib::Guide guide;
-    if (requests.value().size() == 1) guide = session->guide();
-    fmt::print("view {}: {}\n", taken.value().view.number, taken_text(*session, taken.value(), guide));
+    if (requests.size() == 1) guide = session.guide();
+    fmt::print("view {}: {}\n", taken.value().view.number, taken_text(session, taken.value(), guide));
   }
-  const calib::Guide guide = session->guide();
-  session->leave_next_pose(guide);
+  const calib::Guide guide = session.guide();
+  session.leave_next_pose(guide);
   json.end_array();
-  write_guide(json, *session, guide);
+  write_guide(json, session, guide);
   if (options.json)
     fmt::print("{}", json.end_object().text());
   else
-    fmt::print("{}", guide_text(*session, guide));
+    fmt::print("{}", guide_text(session, guide));
   if (refused > 0 && !options.json)
     fmt::print("{} of {} refused: they are kept and count for nothing; take them again after the cure\n", refused,
-               requests.value().size());
+               requests.size());
   return refused > 0 ? kRefused : kDone;
 }
 
@@ -314,11 +301,9 @@ int capture_all(Options options) {
     const int status = capture(options);
     options.take_over = false;  // once: who took the line since then has a reason
     if (status != kDone && status != kRefused) return status;
-    int exit_status = kDone;
-    const std::optional<Session> session = find_session(options.session, exit_status);
-    if (!session) return exit_status;
-    const std::size_t counted = session->counted(calib::ViewUse::fit) + session->counted(calib::ViewUse::held_out);
-    if (counted >= session->settings().goal) return kDone;
+    const Session session = find_session(options.session);
+    const std::size_t counted = session.counted(calib::ViewUse::fit) + session.counted(calib::ViewUse::held_out);
+    if (counted >= session.settings().goal) return kDone;
     fmt::print("drive there, stand still, then Enter; q and Enter to stop here\n");
     std::fflush(stdout);
     std::string line;
@@ -328,7 +313,7 @@ int capture_all(Options options) {
 
 }  // namespace
 
-void add_calibrate_capture(args::Command& group, int& exit_status) {
+void add_calibrate_capture(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command = group.add_subcommand("capture", "Take a view into the session, and say where to drive next");
   command->footer(
@@ -367,8 +352,7 @@ void add_calibrate_capture(args::Command& group, int& exit_status) {
       ->capture_default_str();
   command->add_flag("--hold-out", options->hold_out, "Leave these views out of the fit, to verify with");
   command->add_flag("--json", options->json, "Print slabd.calibration_capture/1 on stdout")->excludes("--all");
-  command->callback(
-      [options, &exit_status] { exit_status = options->all ? capture_all(*options) : capture(*options); });
+  command->runs([options] { return options->all ? capture_all(*options) : capture(*options); });
 }
 
 }  // namespace slabd::cli

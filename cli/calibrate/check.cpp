@@ -53,64 +53,38 @@ struct ReferenceOptions {
   double limit_mm = 0.1;
 };
 
-/// Prints why and leaves the exit status.
-bool failed(const Error& why, int& exit_status) {
-  complain(fmt::format("{}", why.text.view()));
-  exit_status = exit_for(why.code);
-  return false;
-}
-
 // ---- reference block ---------------------------------------------------------------------------------------------
 
 /// What passes a check is what U allows, so the recipe must be one that verdicts are made with.
-bool is_the_lines(const Recipe& recipe, const std::string& file, const daemon::Config& config) {
+void need_recipe_of_line(const Recipe& recipe, const std::string& file, const daemon::Config& config) {
   std::vector<daemon::Problem> problems;
   std::vector<Recipe> of_line;
   daemon::load_recipes(config.recipes_dir, of_line, problems);
   for (const Recipe& one : of_line)
-    if (one.sha256 == recipe.sha256) return true;
+    if (one.sha256 == recipe.sha256) return;
   static_cast<void>(report_problems(problems));
-  complain(
-      fmt::format("{}: none of the recipes in {} is like it, so no verdict is made with its limits and uncertainties: "
-                  "check with a recipe of the line, or put this one there",
-                  file, config.recipes_dir));
-  return false;
+  stop(kRefused, fmt::format("{}: none of the recipes in {} is like it, so no verdict is made with its limits and "
+                             "uncertainties: check with a recipe of the line, or put this one there",
+                             file, config.recipes_dir));
 }
 
-bool measure_scan(const CheckOptions& options, const daemon::Config& config, storage::Reader& reader, BlockResult& out,
-                  int& exit_status) {
-  Recipe recipe;
-  if (options.recipe.empty()) {
-    complain("a scan needs --recipe: the block's shape, and what U is computed from");
-    exit_status = kUsage;
-    return false;
-  }
-  if (!recipe_from(options.recipe, recipe)) {
-    exit_status = kBadInput;
-    return false;
-  }
-  if (!is_the_lines(recipe, options.recipe, config)) {
-    exit_status = kRefused;
-    return false;
-  }
+BlockResult measure_scan(const CheckOptions& options, const daemon::Config& config, storage::Reader& reader) {
+  if (options.recipe.empty()) stop(kUsage, "a scan needs --recipe: the block's shape, and what U is computed from");
+  const Recipe recipe = recipe_from(options.recipe);
+  need_recipe_of_line(recipe, options.recipe, config);
   // With what is known of the scanner, as the line measures.
-  const auto line = reader.line_calibration();
-  if (!line.ok()) return failed(line.error(), exit_status);
+  const auto line = need(reader.line_calibration());
   const ProgressNote note(stderr, "measuring ...", std::chrono::seconds(1));
   Pages memory(limits::kScanSlotBytes);
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
-  const Result<ScanShape> read = hal::read_scan(options.scan.c_str(), *length_unit(options.look.unit), xyz);
-  if (!read.ok()) return failed(read.error(), exit_status);
-  const ScanShape& shape = read.value();
+  const ScanShape shape = need(hal::read_scan(options.scan.c_str(), *length_unit(options.look.unit), xyz));
   const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
   algo::BlockInspector inspector(daemon::default_measure_threads());
   inspector.use(recipe);
   const algo::Cloud cloud{xyz, shape.points, shape.width, shape.height};
-  const Status status = daemon::measure_block(inspector, *clock, 1, Pose::identity(), nominal_T_block_scanner(), cloud,
-                                              shape, 0.0, line.value()->scanner.numbers);
-  if (!status.ok()) return failed(status.error(), exit_status);
-  out = inspector.result();
-  return true;
+  need(daemon::measure_block(inspector, *clock, 1, Pose::identity(), nominal_T_block_scanner(), cloud, shape, 0.0,
+                             line->scanner.numbers));
+  return inspector.result();
 }
 
 /// When the last check of reference blocks was made; 0: never. One that bears a time to come was made while the clock
@@ -129,37 +103,28 @@ Result<std::int64_t> last_check_utime_us(storage::Reader& reader) {
 /// One station of a slab that the line has inspected: the reference block may stand in the cell as a station. It says
 /// how the line measures now only if it was scanned with what is in force, and since the last check. `source`: its
 /// name.
-bool take_from_slab(const CheckOptions& options, storage::Reader& reader, const CalibrationId& in_force,
-                    BlockResult& out, std::string& source, int& exit_status) {
-  const auto slab = named_slab(reader, options.slab, exit_status);
-  if (!slab) return false;
-  const std::int64_t key = slab->summary.header.key;
-  const storage::SlabBlock* valid = latest(*slab, options.station);
-  if (valid == nullptr || valid->phase != StationPhase::measured) {
-    complain(fmt::format("--slab {} --station {}: this station was not measured; slabctl show {} lists its blocks",
-                         options.slab, options.station, options.slab));
-    exit_status = kBadInput;
-    return false;
-  }
-  const CalibrationId& measured_with = slab->summary.header.calibration_id;
-  if (!(measured_with == in_force)) {
-    complain(fmt::format("slab {} was measured with calibration {}, in force is {}: scan the reference block again",
-                         key, measured_with.empty() ? "none" : measured_with.view(), in_force.view()));
-    exit_status = kRefused;
-    return false;
-  }
-  const Result<std::int64_t> checked = last_check_utime_us(reader);
-  if (!checked.ok()) return failed(checked.error(), exit_status);
-  if (valid->attempt.scan_utime_us <= checked.value()) {
-    complain(
+BlockResult take_from_slab(const CheckOptions& options, storage::Reader& reader, const CalibrationId& in_force,
+                           std::string& source) {
+  const storage::SlabRecord slab = named_slab(reader, options.slab);
+  const std::int64_t key = slab.summary.header.key;
+  const storage::SlabBlock* valid = latest(slab, options.station);
+  if (valid == nullptr || valid->phase != StationPhase::measured)
+    stop(kBadInput,
+         fmt::format("--slab {} --station {}: this station was not measured; slabctl show {} lists its blocks",
+                     options.slab, options.station, options.slab));
+  const CalibrationId& measured_with = slab.summary.header.calibration_id;
+  if (!(measured_with == in_force))
+    stop(kRefused,
+         fmt::format("slab {} was measured with calibration {}, in force is {}: scan the reference block again", key,
+                     measured_with.empty() ? "none" : measured_with.view(), in_force.view()));
+  const std::int64_t checked = need(last_check_utime_us(reader));
+  if (valid->attempt.scan_utime_us <= checked)
+    stop(
+        kRefused,
         fmt::format("slab {} station {} was scanned at {}, before the last check at {}: scan the reference block again",
-                    key, options.station, iso_time(valid->attempt.scan_utime_us), iso_time(checked.value())));
-    exit_status = kRefused;
-    return false;
-  }
+                    key, options.station, iso_time(valid->attempt.scan_utime_us), iso_time(checked)));
   source = fmt::format("slab key {} station {} attempt {}", key, options.station, valid->attempt.number);
-  out = valid->block;
-  return true;
+  return valid->block;
 }
 
 // ---- monitor ball ------------------------------------------------------------------------------------------------
@@ -179,34 +144,15 @@ std::string elsewhere(const daemon::Config& config, const std::string& observati
 }
 
 /// What failed from the ball's own pose is not cured from one where the robot may err the other way.
-bool may_pass_elsewhere(storage::Reader& reader, const CalibrationCheck& check, const std::string& where,
-                        int& exit_status) {
-  if (!check.passed) return true;
-  const auto line = reader.line_calibration();
-  if (!line.ok()) return failed(line.error(), exit_status);
-  if (!line.value()->ball.failed) return true;
-  complain(fmt::format("refused: the last check failed, and this one does not clear it: {}", where));
-  exit_status = kRefused;
-  return false;
+void need_clear_elsewhere(storage::Reader& reader, const CalibrationCheck& check, const std::string& where) {
+  if (check.passed && need(reader.line_calibration())->ball.failed)
+    stop(kRefused, fmt::format("refused: the last check failed, and this one does not clear it: {}", where));
 }
 
-bool hand_eye_in_force(storage::Reader* reader, const daemon::Config& config, CalibrationId& id, Pose& X,
-                       int& exit_status) {
-  if (reader != nullptr) {
-    const auto current = reader->current(CalibrationKind::hand_eye);
-    if (!current.ok()) return failed(current.error(), exit_status);
-    if (current.value()) {
-      id.assign(current.value()->id);
-      X = std::get<HandEyeNumbers>(current.value()->numbers).T_flange_scanner;
-      return true;
-    }
-  }
-  id = config.calibration.id;
-  X = config.calibration.T_flange_scanner;
-  if (!id.empty()) return true;
-  complain("no calibration is in force, and the configuration has no commissioning values");
-  exit_status = kRefused;
-  return false;
+InForce need_hand_eye(storage::Reader* reader, const daemon::Config& config) {
+  const InForce now = hand_eye_in_force(reader, config);
+  if (now.id.empty()) stop(kRefused, "no calibration is in force, and the configuration has no commissioning values");
+  return now;
 }
 
 // ---- telling -----------------------------------------------------------------------------------------------------
@@ -238,18 +184,11 @@ std::string figures_of(const CalibrationCheck& check) {
 
 /// The trend, oldest first, so that a drift reads downwards.
 int show_trend(const CheckOptions& options, const daemon::Config& config, storage::Reader* reader) {
-  int exit_status = kDone;
   std::vector<CalibrationCheck> checks;
   std::unique_ptr<LineCalibration> line = std::make_unique<LineCalibration>();
   if (reader != nullptr) {
-    auto read = reader->checks(options.limit);
-    auto in_force = reader->line_calibration();
-    if (!read.ok() || !in_force.ok()) {
-      failed(read.ok() ? in_force.error() : read.error(), exit_status);
-      return exit_status;
-    }
-    checks = std::move(read.value());
-    line = std::move(in_force.value());
+    checks = need(reader->checks(options.limit));
+    line = need(reader->line_calibration());
   }
   if (options.json) {
     Json json;
@@ -300,139 +239,96 @@ Result<std::string> mark_of(const std::string& scan) {
 }
 
 /// A scan is one look at the artefact: judged twice it says nothing new, and held against itself nothing at all. Adds
-/// what identifies it to `source`; false: it was judged before, or the ball's place is from it (printed).
-bool is_new(const CheckOptions& options, storage::Reader& reader, std::string& source, int& exit_status) {
+/// what identifies it to `source`; stops if it was judged before, or if the ball's place is from it.
+void need_new(const CheckOptions& options, storage::Reader& reader, std::string& source) {
   constexpr std::size_t kLookBack = 10'000;
-  if (options.look.live) return true;
-  if (options.slab.empty()) {
-    const Result<std::string> mark = mark_of(options.scan);
-    if (!mark.ok()) return failed(mark.error(), exit_status);
-    source = mark.value() + source;
-  }
+  if (options.look.live) return;
+  if (options.slab.empty()) source = need(mark_of(options.scan)) + source;
   // A file is known by what is in it, wherever it lies; a station of a slab by its name, whole: station 1 is not 12.
   const std::size_t digest_end = std::string_view("sha256 0123456789abcdef ").size();
   const auto same = [&](std::string_view other) {
     return options.slab.empty() ? other.substr(0, digest_end) == source.substr(0, digest_end) : other == source;
   };
   const CalibrationKind kind = options.ball ? CalibrationKind::monitor_ball : CalibrationKind::reference_block;
-  const auto reference = reader.current(kind);
-  if (!reference.ok()) return failed(reference.error(), exit_status);
-  if (options.ball && reference.value() &&
-      reference.value()->observations.find("scan " + source.substr(0, digest_end)) != std::string::npos) {
-    complain(fmt::format("{} has its place from this scan; a check needs a scan of its own: take a new one",
-                         reference.value()->id));
-    exit_status = kRefused;
-    return false;
-  }
-  const auto checks = reader.checks(kLookBack);
-  if (!checks.ok()) return failed(checks.error(), exit_status);
-  for (const CalibrationCheck& check : checks.value()) {
+  const auto reference = need(reader.current(kind));
+  if (options.ball && reference &&
+      reference->observations.find("scan " + source.substr(0, digest_end)) != std::string::npos)
+    stop(kRefused, fmt::format("{} has its place from this scan; a check needs a scan of its own: take a new one",
+                               reference->id));
+  const auto checks = need(reader.checks(kLookBack));
+  for (const CalibrationCheck& check : checks) {
     if (check.kind != kind || !same(check.source.view())) continue;
-    complain(fmt::format("this scan was judged before, at {}: {}; a check needs a scan of its own: take a new one",
-                         iso_time(check.utime_us), check.passed ? "passed" : "FAILED"));
-    exit_status = kRefused;
-    return false;
+    stop(kRefused,
+         fmt::format("this scan was judged before, at {}: {}; a check needs a scan of its own: take a new one",
+                     iso_time(check.utime_us), check.passed ? "passed" : "FAILED"));
   }
-  return true;
 }
 
 /// Compares with the artefact in force.
-bool judge(const CheckOptions& options, const daemon::Config& config, storage::Reader& reader, CalibrationCheck& check,
-           int& exit_status) {
+CalibrationCheck judge(const CheckOptions& options, const daemon::Config& config, storage::Reader& reader) {
   const CalibrationKind kind = options.ball ? CalibrationKind::monitor_ball : CalibrationKind::reference_block;
-  const auto reference = reader.current(kind);
-  if (!reference.ok()) return failed(reference.error(), exit_status);
-  if (!reference.value()) {
-    complain(fmt::format("no {} is in force to compare with: slabctl calibrate reference", name(kind)));
-    exit_status = kBadInput;
-    return false;
-  }
-  if (const std::int64_t end = reference.value()->expires_utime_us; end != 0 && wall_clock_us() >= end) {
-    complain(
-        fmt::format("{} expired on {}: it says nothing any more; have it certified again, then slabctl calibrate "
-                    "reference",
-                    reference.value()->id, iso_time(end)));
-    exit_status = kRefused;
-    return false;
-  }
-  CalibrationId hand_eye_id;
-  Pose X;
-  if (!hand_eye_in_force(&reader, config, hand_eye_id, X, exit_status)) return false;
+  const auto reference = need(reader.current(kind));
+  if (!reference)
+    stop(kBadInput, fmt::format("no {} is in force to compare with: slabctl calibrate reference", name(kind)));
+  if (const std::int64_t end = reference->expires_utime_us; end != 0 && wall_clock_us() >= end)
+    stop(kRefused,
+         fmt::format(
+             "{} expired on {}: it says nothing any more; have it certified again, then slabctl calibrate reference",
+             reference->id, iso_time(end)));
+  const InForce hand_eye = need_hand_eye(&reader, config);
+  CalibrationCheck check;
   std::string source = options.scan;
   if (options.ball) {
-    const auto& ball = std::get<MonitorBall>(reference.value()->numbers);
+    const auto& ball = std::get<MonitorBall>(reference->numbers);
     BallLook look = options.look;
     look.scan = options.scan;
     look.who = options.who;
     // With another radius the same ball is found elsewhere along the view, by about what the radius differs.
-    if (has_value(look.radius_mm) && std::abs(look.radius_mm - ball.radius_mm) > kSameRadiusMm) {
-      complain(fmt::format(
-          "--radius {:g}: {} was taken into use with {:g} mm, and a check compares with that; leave --radius "
-          "out, or take the ball into use anew (slabctl calibrate reference)",
-          look.radius_mm, reference.value()->id, ball.radius_mm));
-      exit_status = kBadInput;
-      return false;
-    }
+    if (has_value(look.radius_mm) && std::abs(look.radius_mm - ball.radius_mm) > kSameRadiusMm)
+      stop(kBadInput, fmt::format("--radius {:g}: {} was taken into use with {:g} mm, and a check compares with that; "
+                                  "leave --radius out, or take the ball into use anew (slabctl calibrate reference)",
+                                  look.radius_mm, reference->id, ball.radius_mm));
     look.radius_mm = ball.radius_mm;
-    SeenBall seen;
-    if (!look_at_ball(config, look, X, seen, exit_status)) return false;
+    const SeenBall seen = look_at_ball(config, look, hand_eye.T_flange_scanner);
     check = calib::check_ball(ball, seen.p_base_mm);
     if (options.look.live) source = seen.source;
-    if (!is_new(options, reader, source, exit_status)) return false;
-    if (const std::string where = elsewhere(config, reference.value()->observations, seen); !where.empty()) {
-      if (!may_pass_elsewhere(reader, check, where, exit_status)) return false;
+    need_new(options, reader, source);
+    if (const std::string where = elsewhere(config, reference->observations, seen); !where.empty()) {
+      need_clear_elsewhere(reader, check, where);
       complain(fmt::format("warning: {}", where));
       check.note.assign((check.note.empty() ? "" : std::string(check.note.view()) + "; ") + kElsewhereNote);
     }
   } else {
-    BlockResult block;
-    const bool measured = options.slab.empty()
-                              ? measure_scan(options, config, reader, block, exit_status)
-                              : take_from_slab(options, reader, hand_eye_id, block, source, exit_status);
-    if (!measured || !is_new(options, reader, source, exit_status)) return false;
-    check = calib::check_block(std::get<ReferenceBlock>(reference.value()->numbers), block, config.check_limits);
+    const BlockResult block = options.slab.empty() ? measure_scan(options, config, reader)
+                                                   : take_from_slab(options, reader, hand_eye.id, source);
+    need_new(options, reader, source);
+    check = calib::check_block(std::get<ReferenceBlock>(reference->numbers), block, config.check_limits);
   }
-  check.reference_id.assign(reference.value()->id);
-  check.hand_eye_id = hand_eye_id;
+  check.reference_id.assign(reference->id);
+  check.hand_eye_id = hand_eye.id;
   check.utime_us = wall_clock_us();
   check.who.assign(options.who.empty() ? default_operator() : options.who);
   check.source.assign(source);
-  return true;
+  return check;
 }
 
 int check_calibration(const CheckOptions& options) {
-  int exit_status = kDone;
-  daemon::Config config;
-  if (!config_from(options.config, config)) return kBadInput;
+  const daemon::Config config = config_from(options.config);
   finish_killed_change(config);
-  std::unique_ptr<storage::Reader> reader;
-  if (!open_records(config, reader, exit_status)) return exit_status;
-  if (options.ball && options.look.live == !options.scan.empty()) {
-    complain("--ball needs either a scan with --flange, or --live");
-    return kUsage;
-  }
-  if (options.look.live && !options.ball) {
-    complain("--live is for --ball; the reference block is checked from a scan, or as a station of a slab (--slab)");
-    return kUsage;
-  }
-  if (!options.slab.empty() && (!options.scan.empty() || options.station == 0)) {
-    complain("--slab needs --station, where the reference block stood, and no scan beside it");
-    return kUsage;
-  }
+  std::unique_ptr<storage::Reader> reader = open_records(config);
+  if (options.ball && options.look.live == !options.scan.empty())
+    stop(kUsage, "--ball needs either a scan with --flange, or --live");
+  if (options.look.live && !options.ball)
+    stop(kUsage,
+         "--live is for --ball; the reference block is checked from a scan, or as a station of a slab (--slab)");
+  if (!options.slab.empty() && (!options.scan.empty() || options.station == 0))
+    stop(kUsage, "--slab needs --station, where the reference block stood, and no scan beside it");
   if (options.scan.empty() && options.slab.empty() && !options.look.live)
     return show_trend(options, config, reader.get());
-  if (reader == nullptr) {
-    complain("nothing is in force to compare with: slabctl calibrate reference");
-    return kBadInput;
-  }
-  CalibrationCheck check;
-  if (!judge(options, config, *reader, check, exit_status)) return exit_status;
+  if (reader == nullptr) stop(kBadInput, "nothing is in force to compare with: slabctl calibrate reference");
+  const CalibrationCheck check = judge(options, config, *reader);
   reader.reset();
-  const Result<DeskAnswer> kept = change_calibration(config, storage::KeepCheck{check});
-  if (!kept.ok()) {
-    failed(kept.error(), exit_status);
-    return exit_status;
-  }
+  const DeskAnswer kept = need(change_calibration(config, storage::KeepCheck{check}));
   if (options.json) {
     Json json;
     json.begin_object().field("schema", "slabd.calibration_check/1");
@@ -456,56 +352,32 @@ int check_calibration(const CheckOptions& options) {
 }
 
 int take_reference(const ReferenceOptions& options) {
-  int exit_status = kDone;
   const int given =
       (options.certificate.empty() ? 0 : 1) + (options.look.scan.empty() ? 0 : 1) + (options.look.live ? 1 : 0);
-  if (given != 1) {
-    complain(
-        "give one of --certificate (reference block), --ball SCAN with --flange, or --live (monitor ball, with "
-        "--radius)");
-    return kUsage;
-  }
-  daemon::Config config;
-  if (!config_from(options.record.config, config)) return kBadInput;
+  if (given != 1)
+    stop(kUsage,
+         "give one of --certificate (reference block), --ball SCAN with --flange, or --live (monitor ball, with "
+         "--radius)");
+  const daemon::Config config = config_from(options.record.config);
   finish_killed_change(config);
-  std::unique_ptr<storage::Reader> reader;
-  if (!open_records(config, reader, exit_status)) return exit_status;
+  std::unique_ptr<storage::Reader> reader = open_records(config);
   storage::CalibrationRecord record;
   options.record.describe(config, record);
   if (options.record.valid_days < 0) record.expires_utime_us = 0;  // an artefact's certificate says how long it holds
   if (!options.certificate.empty()) {
-    const Result<std::string> text = text_file(options.certificate);
-    if (!text.ok()) {
-      failed(text.error(), exit_status);
-      return exit_status;
-    }
-    const auto certificate = calib::parse_reference_certificate(text.value(), options.certificate);
-    if (!certificate.ok()) {
-      failed(certificate.error(), exit_status);
-      return exit_status;
-    }
-    record.numbers = certificate.value().block;
-    record.certificate = text.value();
+    const std::string text = need(text_file(options.certificate));
+    const auto certificate = need(calib::parse_reference_certificate(text, options.certificate));
+    record.numbers = certificate.block;
+    record.certificate = text;
   } else {
-    CalibrationId hand_eye_id;
-    Pose X;
+    const InForce hand_eye = need_hand_eye(reader.get(), config);
     BallLook look = options.look;
     look.who = record.operator_name;
-    SeenBall seen;
-    if (!hand_eye_in_force(reader.get(), config, hand_eye_id, X, exit_status) ||
-        !look_at_ball(config, look, X, seen, exit_status))
-      return exit_status;
-    if (!look.live) {
-      const Result<std::string> mark = mark_of(look.scan);
-      if (!mark.ok()) {
-        failed(mark.error(), exit_status);
-        return exit_status;
-      }
-      seen.source = mark.value() + seen.source;
-    }
+    SeenBall seen = look_at_ball(config, look, hand_eye.T_flange_scanner);
+    if (!look.live) seen.source = need(mark_of(look.scan)) + seen.source;
     const Vec3& p = seen.p_base_mm;
     record.numbers = MonitorBall{p, look.radius_mm, options.limit_mm};
-    record.observations = ball_observations(seen, hand_eye_id.view());
+    record.observations = ball_observations(seen, hand_eye.id.view());
     fmt::print("ball at {:.3f} {:.3f} {:.3f} mm (base frame), may be found {:.3f} mm from there\n", p.x(), p.y(), p.z(),
                options.limit_mm);
   }
@@ -514,14 +386,14 @@ int take_reference(const ReferenceOptions& options) {
     return kDone;
   }
   reader.reset();
-  const Kept kept = keep_record(config, options.record, record, exit_status);
-  if (kept.ok) fmt::print("{}", kept_text(kept, false));
-  return exit_status;
+  const Kept kept = keep_record(config, options.record, record);
+  if (kept.status == kDone) fmt::print("{}", kept_text(kept, false));
+  return kept.status;
 }
 
 }  // namespace
 
-void add_calibrate_check(args::Command& group, int& exit_status) {
+void add_calibrate_check(args::Command& group) {
   auto options = std::make_shared<CheckOptions>();
   args::Command command = group.add_subcommand(
       "check", "The daily check with the reference block or the monitor ball; without a scan: trend and due date");
@@ -550,10 +422,10 @@ void add_calibrate_check(args::Command& group, int& exit_status) {
       ->check(args::range(std::size_t{1}, std::size_t{100'000}))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print slabd.calibration_check/1 or slabd.calibration_trend/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = check_calibration(*options); });
+  command->runs([options] { return check_calibration(*options); });
 }
 
-void add_calibrate_reference(args::Command& group, int& exit_status) {
+void add_calibrate_reference(args::Command& group) {
   auto options = std::make_shared<ReferenceOptions>();
   args::Command command = group.add_subcommand(
       "reference", "Take a certified reference block, or a ball fixed in the cell, into use for the checks");
@@ -571,7 +443,7 @@ void add_calibrate_reference(args::Command& group, int& exit_status) {
       ->check(within(0.001, 10.0))
       ->capture_default_str();
   options->look.add_to(*command);
-  command->callback([options, &exit_status] { exit_status = take_reference(*options); });
+  command->runs([options] { return take_reference(*options); });
 }
 
 }  // namespace slabd::cli

@@ -42,10 +42,10 @@ struct BallOptions {
 /// A view of one ball as a shot of it: the ball's report, with the view's refusal where only the view is refused.
 [[nodiscard]] calib::BallReport as_shot(const calib::BallView& view);
 
-/// Reads the scans one after the other and hands them on. A scan that cannot be read (bad input) or settings that
-/// cannot be used (usage) end it: complained, and the exit status returned; else 0.
-[[nodiscard]] int each_scan(const std::vector<std::string>& paths, const std::string& unit,
-                            const std::function<Status(const std::string&, std::span<const float>)>& use);
+/// Reads the scans one after the other and hands them on. Stops at a scan that cannot be read (bad input), or at
+/// settings that cannot be used (usage).
+void each_scan(const std::vector<std::string>& paths, const std::string& unit,
+               const std::function<Status(const std::string&, std::span<const float>)>& use);
 
 /// A scan's points (3 floats each, mm). The Error's text names the file.
 [[nodiscard]] Result<std::vector<float>> scan_points(const std::string& path, const std::string& unit);

@@ -18,60 +18,57 @@
 namespace slabd::cli {
 namespace {
 
-/// Prints why and leaves the exit status.
-bool failed(const Error& why, int status, int& exit_status) {
-  complain(fmt::format("{}", why.text.view()));
-  exit_status = status;
-  return false;
-}
-
-/// The ball in a scan, or why it was refused.
-bool find_in(const BallLook& look, const std::string& scan, hal::LengthUnit unit, const Pose& X, SeenBall& seen,
-             int& exit_status) {
+/// The ball in a scan. nullopt if it was found; else why not.
+std::optional<Stop> find_in(const BallLook& look, const std::string& scan, hal::LengthUnit unit, const Pose& X,
+                            SeenBall& seen) {
+  const auto because = [](const Error& why) { return Stop{exit_for(why.code), std::string(why.text.view())}; };
   Pages memory(limits::kScanSlotBytes);
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
   const Result<ScanShape> shape = hal::read_scan(scan.c_str(), unit, xyz);
-  if (!shape.ok()) return failed(shape.error(), exit_for(shape.error().code), exit_status);
+  if (!shape.ok()) return because(shape.error());
   calib::BallSettings settings;
   settings.radius_mm = look.radius_mm;
   settings.noise_mm = look.noise_mm;
   const Result<calib::BallView> view = calib::find_balls(xyz.first(3 * shape.value().points), settings);
-  if (!view.ok()) return failed(view.error(), exit_for(view.error().code), exit_status);
-  if (!view.value().ok()) {
-    complain(fmt::format("{}: refused ({}): {}\n  what to do: {}", scan, name(view.value().refusal),
-                         view.value().words.reason.view(), view.value().words.cure.view()));
-    exit_status = kRefused;
-    return false;
-  }
+  if (!view.ok()) return because(view.error());
+  if (!view.value().ok())
+    return Stop{kRefused, fmt::format("{}: refused ({}): {}\n  what to do: {}", scan, name(view.value().refusal),
+                                      view.value().words.reason.view(), view.value().words.cure.view())};
   seen.p_base_mm = seen.T_base_flange * (X * view.value().balls.front().centre_mm);
-  return true;
+  return std::nullopt;
 }
 
 /// Takes one view through the daemon; the line is idle again afterwards, whatever came of it.
-bool take_live(const daemon::Config& config, const BallLook& look, const Pose& X, SeenBall& seen, int& exit_status) {
+SeenBall take_live(const daemon::Config& config, const BallLook& look, const Pose& X) {
   const std::string who = look.who.empty() ? default_operator() : look.who;
   // A name of its own: of two checks at once neither goes on with, nor ends, the other's session. The lease is short,
   // as nobody can go on with it either should this one be killed.
   constexpr std::int64_t kLease_s = 30;
   const std::string session = fmt::format("monitor ball {}", ::getpid());
   Result<LiveCapture> line = LiveCapture::begin(config.control_socket, {session, who, kLease_s, false});
-  if (!line.ok()) return failed(line.error(), live_capture_exit(line.error().code), exit_status);
+  if (!line.ok()) stop(live_capture_exit(line.error().code), line.error().text.view());
   const bool terminal = isatty(STDERR_FILENO) != 0;
   const Result<LiveShot> shot = line.value().shoot([&](std::string_view said) {
     if (terminal) fmt::print(stderr, "\r\x1b[K{} ...", said);
   });
   if (terminal) fmt::print(stderr, "\r\x1b[K");
-  bool good = shot.ok() || failed(shot.error(), live_capture_exit(shot.error().code), exit_status);
+  SeenBall seen;
+  std::optional<Stop> unseen;  // said before the line is given back
   if (shot.ok()) {
     for (const std::string& warning : shot.value().warnings) complain(fmt::format("warning: {}", warning));
     seen.T_base_flange = shot.value().T_base_flange;
     seen.source = fmt::format("live view of {}", shot.value().scan_utime_us);
-    good = find_in(look, shot.value().scan_path, config.scanner.unit, X, seen, exit_status);
+    unseen = find_in(look, shot.value().scan_path, config.scanner.unit, X, seen);
+  } else {
+    unseen = Stop{live_capture_exit(shot.error().code), std::string(shot.error().text.view())};
+  }
+  if (unseen) complain(unseen->sentence);
+  if (shot.ok())
     if (const Status released = line.value().release(shot.value().scan_path); !released)
       complain(fmt::format("warning: {}", released.error().text.view()));
-  }
   if (const Status ended = line.value().end(); !ended) complain(fmt::format("warning: {}", ended.error().text.view()));
-  return good;
+  if (unseen) stop(unseen->status);
+  return seen;
 }
 
 }  // namespace
@@ -90,26 +87,21 @@ void BallLook::add_to(args::Command& command) {
       ->capture_default_str();
 }
 
-bool look_at_ball(const daemon::Config& config, const BallLook& look, const Pose& T_flange_scanner, SeenBall& seen,
-                  int& exit_status) {
-  if (!has_value(look.radius_mm)) {
-    complain("--radius: the ball's certified radius (effective, as coated) is missing");
-    exit_status = kUsage;
-    return false;
-  }
-  if (look.live) return take_live(config, look, T_flange_scanner, seen, exit_status);
+SeenBall look_at_ball(const daemon::Config& config, const BallLook& look, const Pose& T_flange_scanner) {
+  if (!has_value(look.radius_mm))
+    stop(kUsage, "--radius: the ball's certified radius (effective, as coated) is missing");
+  if (look.live) return take_live(config, look, T_flange_scanner);
   const Result<Pose> pose = parse_pose(look.flange);
-  if (!pose.ok()) {
-    complain(look.flange.empty()
-                 ? "--flange is missing: where the robot stood when the ball was scanned, \"x y z qw qx qy qz\" as it "
-                   "reports its flange (or --live: scan and pose come from the running line)"
-                 : fmt::format("--flange: {}", pose.error().text.view()));
-    exit_status = kUsage;
-    return false;
-  }
+  if (!pose.ok())
+    stop(kUsage, look.flange.empty()
+                     ? "--flange is missing: where the robot stood when the ball was scanned, \"x y z qw qx qy qz\" as "
+                       "it reports its flange (or --live: scan and pose come from the running line)"
+                     : fmt::format("--flange: {}", pose.error().text.view()));
+  SeenBall seen;
   seen.T_base_flange = pose.value();
   seen.source = look.scan;
-  return find_in(look, look.scan, *length_unit(look.unit), T_flange_scanner, seen, exit_status);
+  if (const auto unseen = find_in(look, look.scan, *length_unit(look.unit), T_flange_scanner, seen)) throw *unseen;
+  return seen;
 }
 
 std::string ball_observations(const SeenBall& seen, std::string_view hand_eye_id) {

@@ -35,10 +35,8 @@ struct SeenBall {
   std::string source;             ///< of the record: the scan, or the live view
 };
 
-/// False: what is wrong and what to do was printed, and `exit_status` set; nothing was found out about the ball's
-/// place.
-[[nodiscard]] bool look_at_ball(const daemon::Config& config, const BallLook& look, const Pose& T_flange_scanner,
-                                SeenBall& seen, int& exit_status);
+/// Stops, with what is wrong and what to do, if the ball's place was not found.
+[[nodiscard]] SeenBall look_at_ball(const daemon::Config& config, const BallLook& look, const Pose& T_flange_scanner);
 
 /// The pose a ball's record was taken from, as its observations keep it, and back.
 [[nodiscard]] std::string ball_observations(const SeenBall& seen, std::string_view hand_eye_id);

@@ -11,29 +11,23 @@
 
 namespace slabd::cli {
 
-bool find_seat_shifts(const daemon::Config& config, std::uint16_t slab_type, const Pose& before, const Pose& after,
-                      SeatShifts& out, int& exit_status) {
+std::optional<Stop> find_seat_shifts(const daemon::Config& config, std::uint16_t slab_type, const Pose& before,
+                                     const Pose& after, SeatShifts& out) {
   std::vector<Recipe> recipes;
   std::vector<daemon::Problem> problems;
   daemon::load_recipes(config.recipes_dir, recipes, problems);
   const auto recipe = std::find_if(recipes.begin(), recipes.end(),
                                    [&](const Recipe& r) { return slab_type == 0 || r.slab_type == slab_type; });
-  if (recipe == recipes.end()) {
-    complain(fmt::format("no recipe{} in {}: what changes at the slab cannot be told",
-                         slab_type == 0 ? "" : fmt::format(" of slab type {}", slab_type), config.recipes_dir));
-    exit_status = kBadInput;
-    return false;
-  }
-  std::unique_ptr<storage::Reader> reader;
-  if (!open_records(config, reader, exit_status)) return false;
+  if (recipe == recipes.end())
+    return Stop{kBadInput,
+                fmt::format("no recipe{} in {}: what changes at the slab cannot be told",
+                            slab_type == 0 ? "" : fmt::format(" of slab type {}", slab_type), config.recipes_dir)};
+  const auto reader = records_if_readable(config);
+  if (!reader.ok()) return Stop{kNotReachable, std::string(reader.error().text.view())};
   std::unique_ptr<LineCalibration> line;
-  if (reader != nullptr) {
-    auto read = reader->line_calibration();
-    if (!read.ok()) {
-      complain(read.error().text.view());
-      exit_status = exit_for(read.error().code);
-      return false;
-    }
+  if (reader.value() != nullptr) {
+    auto read = reader.value()->line_calibration();
+    if (!read.ok()) return Stop{exit_for(read.error().code), std::string(read.error().text.view())};
     line = std::move(read.value());
   }
   const StationsInForce* table = line == nullptr ? nullptr : line->table_for(recipe->slab_type);
@@ -55,7 +49,7 @@ bool find_seat_shifts(const daemon::Config& config, std::uint16_t slab_type, con
     out.shift_max_mm = std::max(out.shift_max_mm, s.shift_mm.norm());
     out.stations.push_back(s);
   }
-  return true;
+  return std::nullopt;
 }
 
 }  // namespace slabd::cli

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "base/base.h"
+#include "cli/exit.h"
 #include "config/config.h"
 
 /// What a change of T_flange_scanner does at the slab: by how much every seat would be found elsewhere.
@@ -34,8 +36,8 @@ struct SeatShifts {
 };
 
 /// Where the seats go when one T_flange_scanner takes the place of another: the robot stands as it was taught, or as it
-/// nominally would be, and sees the same. `slab_type` 0: of the first recipe. False: printed.
-[[nodiscard]] bool find_seat_shifts(const daemon::Config& config, std::uint16_t slab_type, const Pose& before,
-                                    const Pose& after, SeatShifts& out, int& exit_status);
+/// nominally would be, and sees the same. `slab_type` 0: of the first recipe. nullopt if found; else why not.
+[[nodiscard]] std::optional<Stop> find_seat_shifts(const daemon::Config& config, std::uint16_t slab_type,
+                                                   const Pose& before, const Pose& after, SeatShifts& out);
 
 }  // namespace slabd::cli

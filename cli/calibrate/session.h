@@ -125,8 +125,8 @@ struct SessionOptions {
   void add_to(args::Command& command);
 };
 /// The session named, else the one last worked on, else the only one in the configuration's folder; it is remembered as
-/// last worked on. Complains, with what to do, and sets `exit_status` when there is none.
-[[nodiscard]] std::optional<Session> find_session(const SessionOptions& options, int& exit_status);
+/// last worked on. Stops, with what to do, if there is none.
+[[nodiscard]] Session find_session(const SessionOptions& options);
 void remember_session(const std::string& dir);
 /// Where `name` lies: itself when it is a path (has a slash), else in the folder of the configuration. config: a bare
 /// name, and no configuration that says where.

@@ -84,41 +84,32 @@ std::vector<std::string> sessions_of_line(const std::string& folder, const std::
   return found;
 }
 
-/// Empty: complained.
-std::string which_session(const SessionOptions& options, int& exit_status) {
+std::string which_session(const SessionOptions& options) {
   if (!options.session.empty()) {
     const Result<std::string> dir = session_dir(options.session, options.config);
     if (dir.ok()) return dir.value();
-    complain(dir.error().text.view());
     // A configuration that cannot be used is bad input; without one a bare name says nothing.
     std::error_code fault;
     const bool has_config = !options.config.empty() || fs::exists(kDefaultConfig, fault);
-    exit_status = has_config ? kBadInput : kUsage;
-    return "";
+    stop(has_config ? kBadInput : kUsage, dir.error().text.view());
   }
   if (std::string last = last_session(); !last.empty() && other_line(last, options.config).empty()) return last;
   std::optional<daemon::Config> config;
-  exit_status = kBadInput;
-  if (!config_if_any(options.config, config)) return "";
+  if (!config_if_any(options.config, config)) stop(kBadInput);
   std::string others;
   const std::vector<std::string> found =
       config ? sessions_of_line(config->sessions_dir, options.config, others) : std::vector<std::string>{};
   if (found.size() == 1) return found.front();
-  if (found.empty() && !others.empty()) {
-    complain(
-        fmt::format("there is no calibration session of {} yet in {} ({}; --session NAME takes one all the same); {}",
-                    options.config, config->sessions_dir, others, kHowToBegin));
-    return "";
-  }
-  if (found.empty()) {
-    complain(fmt::format("there is no calibration session yet{}; {}",
-                         config ? " in " + config->sessions_dir : std::string(), kHowToBegin));
-    return "";
-  }
+  if (found.empty() && !others.empty())
+    stop(kBadInput,
+         fmt::format("there is no calibration session of {} yet in {} ({}; --session NAME takes one all the same); {}",
+                     options.config, config->sessions_dir, others, kHowToBegin));
+  if (found.empty())
+    stop(kBadInput, fmt::format("there is no calibration session yet{}; {}",
+                                config ? " in " + config->sessions_dir : std::string(), kHowToBegin));
   std::string names;
   for (const std::string& dir : found) names += (names.empty() ? "" : ", ") + fs::path(dir).filename().string();
-  complain(fmt::format("there are several calibration sessions ({}); say which with --session NAME", names));
-  return "";
+  stop(kBadInput, fmt::format("there are several calibration sessions ({}); say which with --session NAME", names));
 }
 
 }  // namespace
@@ -153,18 +144,10 @@ Result<std::string> session_dir(const std::string& name, const std::string& conf
                name.c_str(), kDefaultConfig, name.c_str());
 }
 
-std::optional<Session> find_session(const SessionOptions& options, int& exit_status) {
-  const std::string dir = which_session(options, exit_status);
-  if (dir.empty()) return std::nullopt;
-  Result<Session> session = Session::open(dir);
-  if (!session.ok()) {
-    complain(session.error().text.view());
-    exit_status = kBadInput;
-    return std::nullopt;
-  }
-  exit_status = kDone;
-  remember_session(session.value().dir());
-  return std::move(session.value());
+Session find_session(const SessionOptions& options) {
+  Session session = need(Session::open(which_session(options)), kBadInput);
+  remember_session(session.dir());
+  return session;
 }
 
 void remember_session(const std::string& dir) {

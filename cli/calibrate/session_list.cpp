@@ -135,43 +135,36 @@ void write_solution(Json& json, const Session& session) {
 }
 
 int list(const Options& options) {
-  int exit_status = kDone;
-  const std::optional<Session> session = find_session(options.session, exit_status);
-  if (!session) return exit_status;
-  const calib::Guide guide = session->guide();
+  const Session session = find_session(options.session);
+  const calib::Guide guide = session.guide();
   if (options.json) {
     Json json;
     json.begin_object().field("schema", "slabd.calibration_session/1");
-    write_session(json, *session);
-    json.field("kind", name(session->settings().kind)).field("created", std::string_view(session->settings().created));
-    json.field("operator", std::string_view(session->settings().operator_name)).key("half_done").begin_array();
-    for (const std::string& words : session->half_done()) json.value(std::string_view(words));
+    write_session(json, session);
+    json.field("kind", name(session.settings().kind)).field("created", std::string_view(session.settings().created));
+    json.field("operator", std::string_view(session.settings().operator_name)).key("half_done").begin_array();
+    for (const std::string& words : session.half_done()) json.value(std::string_view(words));
     json.end_array();
-    write_views(json, *session, guide);
-    write_solution(json, *session);
-    write_guide(json, *session, guide);
+    write_views(json, session, guide);
+    write_solution(json, session);
+    write_guide(json, session, guide);
     fmt::print("{}", json.end_object().text());
     return kDone;
   }
-  fmt::print("{}, begun {} by {}\n", session_words(*session), session->settings().created,
-             session->settings().operator_name);
-  for (const std::string& words : session->half_done()) fmt::print("note: {}\n", words);
-  if (!session->entries().empty()) fmt::print("{}", view_table(*session, guide));
-  if (session->solution()) {
-    const calib::SolvedRecord& solved = session->solution()->record;
+  fmt::print("{}, begun {} by {}\n", session_words(session), session.settings().created,
+             session.settings().operator_name);
+  for (const std::string& words : session.half_done()) fmt::print("note: {}\n", words);
+  if (!session.entries().empty()) fmt::print("{}", view_table(session, guide));
+  if (session.solution()) {
+    const calib::SolvedRecord& solved = session.solution()->record;
     fmt::print("solved {} as {}{}: predicted point error {} mm{}\n", solved.when, solved.id,
                solved.ok ? "" : " (REFUSED, stored only)", number(solved.point_sigma_mm, 3),
-               !session->solution_is_current() ? "; the views have changed since: solve again"
-               : session->solution()->verified ? "; verified"
-                                               : "; not verified yet");
+               !session.solution_is_current() ? "; the views have changed since: solve again"
+               : session.solution()->verified ? "; verified"
+                                              : "; not verified yet");
   }
-  fmt::print("{}", guide_text(*session, guide));
+  fmt::print("{}", guide_text(session, guide));
   return kDone;
-}
-
-int fail(const Error& why) {
-  complain(why.text.view());
-  return exit_for(why.code);
 }
 
 /// drop and undo end alike: what happened, and where the session stands.
@@ -192,39 +185,33 @@ int tell_change(const Options& options, const Session& session, const std::strin
 }
 
 int drop(const Options& options) {
-  int exit_status = kDone;
-  std::optional<Session> session = find_session(options.session, exit_status);
-  if (!session) return exit_status;
-  if (const Status locked = session->lock(); !locked.ok()) return fail(locked.error());
-  if (const Status dropped = session->drop(options.number, default_operator(), options.why); !dropped.ok())
-    return fail(dropped.error());
+  Session session = find_session(options.session);
+  need(session.lock());
+  need(session.drop(options.number, default_operator(), options.why));
   return tell_change(
-      options, *session,
+      options, session,
       fmt::format("view {} is dropped ({}); slabctl calibrate undo brings it back", options.number, options.why));
 }
 
 int undo(const Options& options) {
-  int exit_status = kDone;
-  std::optional<Session> session = find_session(options.session, exit_status);
-  if (!session) return exit_status;
-  if (const Status locked = session->lock(); !locked.ok()) return fail(locked.error());
-  const Result<std::string> undone = session->undo(default_operator());
-  if (!undone.ok()) return fail(undone.error());
-  return tell_change(options, *session, undone.value());
+  Session session = find_session(options.session);
+  need(session.lock());
+  const std::string undone = need(session.undo(default_operator()));
+  return tell_change(options, session, undone);
 }
 
 }  // namespace
 
-void add_calibrate_list(args::Command& group, int& exit_status) {
+void add_calibrate_list(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command = group.add_subcommand("list", "The session: every view, what is missing, where to drive next");
   command->footer("\nExample: slabctl calibrate list");
   options->session.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.calibration_session/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = list(*options); });
+  command->runs([options] { return list(*options); });
 }
 
-void add_calibrate_drop(args::Command& group, int& exit_status) {
+void add_calibrate_drop(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command = group.add_subcommand("drop", "Leave a view out of everything; its scans stay");
   command->footer("\nExample: slabctl calibrate drop 7 --why \"somebody leaned on the post\"");
@@ -232,16 +219,16 @@ void add_calibrate_drop(args::Command& group, int& exit_status) {
   command->add_option("--why", options->why, "Why; kept with the view")->required()->check(some_words());
   options->session.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.calibration_session_change/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = drop(*options); });
+  command->runs([options] { return drop(*options); });
 }
 
-void add_calibrate_undo(args::Command& group, int& exit_status) {
+void add_calibrate_undo(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command = group.add_subcommand("undo", "Take back the newest capture or drop; again: the one before");
   command->footer("\nExample: slabctl calibrate undo");
   options->session.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.calibration_session_change/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = undo(*options); });
+  command->runs([options] { return undo(*options); });
 }
 
 }  // namespace slabd::cli

@@ -40,33 +40,20 @@ struct Options {
   bool json = false;
 };
 
-int usage(const std::string& sentence) {
-  complain(sentence);
-  return kUsage;
-}
-
 /// The scanner's place as it is believed to be: what was said, else in force, else commissioned.
-bool find_start(const Options& options, const std::optional<daemon::Config>& config, calib::SessionSettings& settings,
-                int& exit_status) {
+void find_start(const Options& options, const std::optional<daemon::Config>& config, calib::SessionSettings& settings) {
   if (!options.start.empty()) {
     const Result<Pose> pose = parse_pose(options.start);
-    if (!pose.ok()) {
-      complain(fmt::format("--start: {}", pose.error().text.view()));
-      exit_status = kUsage;
-      return false;
-    }
+    if (!pose.ok()) stop(kUsage, fmt::format("--start: {}", pose.error().text.view()));
     settings.has_start = true;
     settings.T_flange_scanner = pose.value();
     settings.start_id = "as given";
-    return true;
+  } else if (config) {
+    const InForce in_force = hand_eye_in_force(*config);
+    settings.has_start = !in_force.id.empty();
+    settings.T_flange_scanner = in_force.T_flange_scanner;
+    settings.start_id = in_force.id.view();
   }
-  if (!config) return true;
-  InForce in_force;
-  if (!hand_eye_in_force(*config, in_force, exit_status)) return false;
-  settings.has_start = !in_force.id.empty();
-  settings.T_flange_scanner = in_force.T_flange_scanner;
-  settings.start_id = in_force.id.view();
-  return true;
 }
 
 /// Every later command finds the session by its name, on a command line, in a list and in the note of the last one,
@@ -85,18 +72,17 @@ std::string form_words(const std::string& form) {
 
 int begin(const Options& options) {
   std::optional<daemon::Config> config;
-  if (!config_if_any(options.config, config)) return kBadInput;
-  const Result<std::string> dir = session_dir(options.name, options.config);
-  if (!dir.ok()) return usage(std::string(dir.error().text.view()));
+  if (!config_if_any(options.config, config)) stop(kBadInput);
+  const std::string dir = need(session_dir(options.name, options.config), kUsage);
 
   calib::SessionSettings settings;
   settings.kind = options.kind == "ball" ? calib::ArtefactKind::ball : calib::ArtefactKind::pose;
-  settings.name = fs::path(dir.value()).lexically_normal().filename().string();
-  if (settings.name.empty()) settings.name = fs::path(dir.value()).parent_path().filename().string();
-  if (!is_usable(dir.value(), settings.name))
-    return usage(
-        "NAME: a session's name neither begins with a dot nor begins or ends with a blank, and no character of "
-        "its folder is one that cannot be seen");
+  settings.name = fs::path(dir).lexically_normal().filename().string();
+  if (settings.name.empty()) settings.name = fs::path(dir).parent_path().filename().string();
+  if (!is_usable(dir, settings.name))
+    stop(kUsage,
+         "NAME: a session's name neither begins with a dot nor begins or ends with a blank, and no character of its "
+         "folder is one that cannot be seen");
   settings.created = iso_time(wall_clock_us());
   if (config) settings.config = fs::absolute(options.config.empty() ? kDefaultConfig : options.config).string();
   settings.operator_name = options.operator_name.empty() ? default_operator() : options.operator_name;
@@ -111,9 +97,9 @@ int begin(const Options& options) {
   settings.held_out = options.held_out;
   settings.flange_form = form_words(options.flange_form);
   if (config) settings.down_base = config->T_base_slab.rotation * -Vec3::UnitZ();
-  if (const std::string fault = options.solve.fov_fault(); !fault.empty()) return usage(fault);
+  if (const std::string fault = options.solve.fov_fault(); !fault.empty()) stop(kUsage, fault);
   if (settings.goal < settings.held_out + calib::kViewsMin)
-    return usage(fmt::format("--views {}: with {} held out, {} would be left to solve with; at least {} are needed",
+    stop(kUsage, fmt::format("--views {}: with {} held out, {} would be left to solve with; at least {} are needed",
                              settings.goal, settings.held_out,
                              settings.goal - std::min(settings.goal, settings.held_out), calib::kViewsMin));
   // The form is tried on a pose, so that a wrong word shows now and not at the robot.
@@ -121,59 +107,43 @@ int begin(const Options& options) {
   if (options.flange_form != "quaternion" && options.flange_form != "kuka" &&
       settings.flange_form.find("xyzw") == std::string::npos)
     if (const Result<Pose> tried = calib::parse_flange(settings.flange_form, sample, "--flange-form"); !tried.ok())
-      return usage(std::string(tried.error().text.view()));
+      stop(kUsage, tried.error().text.view());
 
   std::string certificate;
   if (settings.kind == calib::ArtefactKind::ball) {
     if (!has_value(options.radius_mm))
-      return usage("kind ball needs --radius: the certified, effective radius in mm (not the diameter)");
+      stop(kUsage, "kind ball needs --radius: the certified, effective radius in mm (not the diameter)");
     settings.radius_mm = options.radius_mm;
     settings.radius_sigma_mm = options.radius_sigma_mm;
   } else {
-    if (options.certificate.empty()) return usage("kind artefact needs --certificate; docs/CALIBRATION.md shows one");
-    const Result<std::string> text = text_file(options.certificate);
-    if (!text.ok()) {
-      complain(text.error().text.view());
-      return kBadInput;
-    }
-    const auto parsed = calib::parse_certificate(text.value(), options.certificate);
-    if (!parsed.ok()) {
-      complain(parsed.error().text.view());
-      return kBadInput;
-    }
-    certificate = text.value();
+    if (options.certificate.empty()) stop(kUsage, "kind artefact needs --certificate; docs/CALIBRATION.md shows one");
+    const std::string text = need(text_file(options.certificate), kBadInput);
+    const auto parsed = need(calib::parse_certificate(text, options.certificate), kBadInput);
+    certificate = text;
   }
-  int exit_status = kDone;
-  if (!find_start(options, config, settings, exit_status)) return exit_status;
-  if (const Status made = Session::create(dir.value(), settings, certificate); !made.ok()) {
-    complain(made.error().text.view());
-    return exit_for(made.error().code);
-  }
-  const Result<Session> session = Session::open(dir.value());
-  if (!session.ok()) {
-    complain(session.error().text.view());
-    return kInternal;
-  }
-  remember_session(session.value().dir());
+  find_start(options, config, settings);
+  need(Session::create(dir, settings, certificate));
+  const Session session = need(Session::open(dir), kInternal);
+  remember_session(session.dir());
   if (options.json) {
     Json json;
     json.begin_object().field("schema", "slabd.calibration_session/1");
-    write_session(json, session.value());
+    write_session(json, session);
     fmt::print("{}", json.end_object().text());
     return kDone;
   }
-  fmt::print("{}: begun\n", session_words(session.value()));
+  fmt::print("{}: begun\n", session_words(session));
   if (!settings.has_start)
     fmt::print(
         "where the scanner sits is not known even roughly: poses are suggested from the sixth view on; --start "
         "would help\n");
-  fmt::print("{}", guide_text(session.value(), session.value().guide()));
+  fmt::print("{}", guide_text(session, session.guide()));
   return kDone;
 }
 
 }  // namespace
 
-void add_calibrate_new(args::Command& group, int& exit_status) {
+void add_calibrate_new(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command =
       group.add_subcommand("new", "Begin a calibration of the scanner on the flange: the commands after it lead on");
@@ -216,7 +186,7 @@ void add_calibrate_new(args::Command& group, int& exit_status) {
   options->solve.add_to(*command);
   options->ball.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.calibration_session/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = begin(*options); });
+  command->runs([options] { return begin(*options); });
 }
 
 }  // namespace slabd::cli

@@ -131,24 +131,14 @@ std::string observations_text(const Session& session) {
   return text;
 }
 
-bool ready_to_use(const Session& session, int& exit_status) {
-  exit_status = kRefused;
-  if (!session.solution()) {
-    complain("the session is not solved yet; next: slabctl calibrate solve");
-    return false;
-  }
-  if (!session.solution_is_current()) {
-    complain("views were captured, dropped or taken back since it was solved; next: slabctl calibrate solve");
-    return false;
-  }
-  if (!session.solution()->record.ok) {
-    complain(
-        "its solution was refused and stored with --force: it is never applied; slabctl calibrate solve says what is "
-        "wrong and what to do");
-    return false;
-  }
-  exit_status = kDone;
-  return true;
+void need_solution(const Session& session) {
+  if (!session.solution()) stop(kRefused, "the session is not solved yet; next: slabctl calibrate solve");
+  if (!session.solution_is_current())
+    stop(kRefused, "views were captured, dropped or taken back since it was solved; next: slabctl calibrate solve");
+  if (!session.solution()->record.ok)
+    stop(kRefused,
+         "its solution was refused and stored with --force: it is never applied; slabctl calibrate solve says what is "
+         "wrong and what to do");
 }
 
 }  // namespace slabd::cli

@@ -22,7 +22,7 @@ struct SessionSolution {
 /// Everything a solution was made from, as it is kept in the database.
 [[nodiscard]] std::string observations_text(const Session& session);
 
-/// Is there a solution of these views that may be verified and applied? If not, says what to do.
-[[nodiscard]] bool ready_to_use(const Session& session, int& exit_status);
+/// Stops, with what to do, unless there is a solution of these views that may be verified and applied.
+void need_solution(const Session& session);
 
 }  // namespace slabd::cli

@@ -56,23 +56,13 @@ std::string scale_text(const calib::ScaleDiagnosis& scale, const std::vector<dou
 int solve_tables(const Options& options) {
   const calib::ArtefactKind kind = options.kind == "pose" ? calib::ArtefactKind::pose : calib::ArtefactKind::ball;
   calib::SolveSettings settings = options.solve.settings();
-  const Result<std::vector<calib::View>> views = read_views(kind, options, settings.declared);
-  if (!views) {
-    complain(views.error().text.view());
-    return kBadInput;
-  }
+  const std::vector<calib::View> views = need(read_views(kind, options, settings.declared), kBadInput);
   const calib::StatedNoise noise = options.solve.noise();
-  const Result<calib::HandEye> solved = calib::solve(kind, views.value(), noise, settings);
-  if (!solved) {
-    complain(solved.error().text.view());
-    return kBadInput;
-  }
-  const calib::HandEye& result = solved.value();
+  const calib::HandEye result = need(calib::solve(kind, views, noise, settings), kBadInput);
   calib::ScaleDiagnosis scale;
   if (!options.ball_bar.empty()) {
     const auto ball = [&](std::size_t k) { return static_cast<std::size_t>(options.ball_bar[k]) - 1; };
-    scale = calib::diagnose_scale(views.value(), ball(0), ball(1), options.ball_bar[2], options.ball_bar[3],
-                                  noise.target_mm);
+    scale = calib::diagnose_scale(views, ball(0), ball(1), options.ball_bar[2], options.ball_bar[3], noise.target_mm);
   }
   if (options.json) {
     Json json;
@@ -94,42 +84,31 @@ int solve_tables(const Options& options) {
 }
 
 int solve_kept_views(const Options& options) {
-  int exit_status = kDone;
-  std::optional<Session> session = find_session(options.session, exit_status);
-  if (!session) return exit_status;
-  const auto fail = [](const Error& why) {
-    complain(why.text.view());
-    return exit_for(why.code);
-  };
-  if (const Status locked = session->lock(); !locked.ok()) return fail(locked.error());
-  Result<SessionSolution> solved = solve_session(*session);
-  if (!solved.ok()) return fail(solved.error());
-  SessionSolution& solution = solved.value();
+  Session session = find_session(options.session);
+  need(session.lock());
+  SessionSolution solution = need(solve_session(session));
   const calib::HandEye& h = solution.hand_eye;
-  const std::size_t before = session->solution() ? session->solution()->record.step : 0;
+  const std::size_t before = session.solution() ? session.solution()->record.step : 0;
   const bool keeps = h.ok || options.force;
-  if (keeps)
-    if (const Status kept = session->keep_solution(solution.record, solution.figures); !kept.ok())
-      return fail(kept.error());
+  if (keeps) need(session.keep_solution(solution.record, solution.figures));
   const bool again = keeps && before == solution.record.step;
   if (options.json) {
     Json json;
     json.begin_object().field("schema", "slabd.hand_eye/1").field("software", daemon::software_version().view());
-    write_session(json, *session);
+    write_session(json, session);
     json.field("id", std::string_view(solution.record.id)).field("stored", keeps).field("same_as_before", again);
     json.field("inputs_sha256", std::string_view(solution.record.inputs));
     json.field("figures_sha256", std::string_view(solution.record.figures));
-    write_hand_eye(json, session->settings().kind, h, session->settings().noise);
-    json.field("next", std::string_view(next_command(*session)));
+    write_hand_eye(json, session.settings().kind, h, session.settings().noise);
+    json.field("next", std::string_view(next_command(session)));
     fmt::print("{}", json.end_object().text());
   } else {
-    fmt::print("{}: {}", session_words(*session),
-               hand_eye_text(session->settings().kind, h, session->settings().noise));
+    fmt::print("{}: {}", session_words(session), hand_eye_text(session.settings().kind, h, session.settings().noise));
     if (keeps)
       fmt::print("{} as {} (step {}){}\n", again ? "the same, bit for bit, as stored" : "stored", solution.record.id,
                  solution.record.step, h.ok ? "" : "; refused, so it is never applied");
   }
-  for (const Session::Entry& entry : session->entries())
+  for (const Session::Entry& entry : session.entries())
     if (!entry.unreadable.empty())
       complain(fmt::format("view {} is left out: {}", entry.view.number, entry.unreadable));
   if (h.ok) {
@@ -144,30 +123,24 @@ int solve_kept_views(const Options& options) {
 }
 
 /// CLI11 has checked that four numbers are there, and that none is negative.
-bool ball_bar_makes_sense(const std::vector<double>& bar) {
+void check_ball_bar(const std::vector<double>& bar) {
   const auto is_ball = [](double number) {
     return number >= 1.0 && number <= static_cast<double>(calib::kBallsMax) && number == std::floor(number);
   };
-  if (is_ball(bar[0]) && is_ball(bar[1]) && bar[0] != bar[1] && bar[2] > 0.0) return true;
-  complain(fmt::format(
-      "--ball-bar {:g} {:g} {:g} {:g}: the first two are balls of the target table, different whole numbers "
-      "within 1 .. {}, the third is their certified distance, above 0 mm",
-      bar[0], bar[1], bar[2], bar[3], calib::kBallsMax));
-  return false;
+  if (is_ball(bar[0]) && is_ball(bar[1]) && bar[0] != bar[1] && bar[2] > 0.0) return;
+  stop(kUsage, fmt::format("--ball-bar {:g} {:g} {:g} {:g}: the first two are balls of the target table, different "
+                           "whole numbers within 1 .. {}, the third is their certified distance, above 0 mm",
+                           bar[0], bar[1], bar[2], bar[3], calib::kBallsMax));
 }
 
 int solve(const Options& options) {
-  if (!options.ball_bar.empty() && !ball_bar_makes_sense(options.ball_bar)) return kUsage;
+  if (!options.ball_bar.empty()) check_ball_bar(options.ball_bar);
   const int given =
       (options.kind.empty() ? 0 : 1) + (options.flange.empty() ? 0 : 1) + (options.target.empty() ? 0 : 1);
   if (given == 0 && options.ball_bar.empty()) return solve_kept_views(options);
-  if (const std::string fault = options.solve.fov_fault(); given == 3 && !fault.empty()) {
-    complain(fault);
-    return kUsage;
-  }
+  if (const std::string fault = options.solve.fov_fault(); given == 3 && !fault.empty()) stop(kUsage, fault);
   if (given == 3) return solve_tables(options);
-  complain("give --kind, --flange and --target to solve two tables, or none of them to solve the session");
-  return kUsage;
+  stop(kUsage, "give --kind, --flange and --target to solve two tables, or none of them to solve the session");
 }
 
 constexpr const char* kFooter = R"(
@@ -204,7 +177,7 @@ Result<std::string> text_file(const std::string& path) {
   return text;
 }
 
-void add_calibrate_solve(args::Command& group, int& exit_status) {
+void add_calibrate_solve(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command = group.add_subcommand("solve", "T_flange_scanner from views of a fixed artefact, or why not");
   command->footer(kFooter);
@@ -221,7 +194,7 @@ void add_calibrate_solve(args::Command& group, int& exit_status) {
   options->session.add_to(*command);
   command->add_flag("--force", options->force, "Session: store a refused solution too; it is never applied");
   command->add_flag("--json", options->json, "Print slabd.hand_eye/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = solve(*options); });
+  command->runs([options] { return solve(*options); });
 }
 
 }  // namespace slabd::cli

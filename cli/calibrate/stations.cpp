@@ -47,25 +47,15 @@ struct Work {
   double temperature_c = kNoValue;                                          ///< at the visits
 };
 
-bool complained(const Error& why, int& exit_status) {
-  complain(fmt::format("{}", why.text.view()));
-  exit_status = exit_for(why.code);
-  return false;
-}
-
-bool add_slab(storage::Reader& reader, const std::string& name, Work& work, int& exit_status) {
-  const auto slab = named_slab(reader, name, exit_status);
-  if (!slab) return false;
-  const SlabHeader& header = slab->summary.header;
-  if (header.slab_type != work.certificate.slab_type) {
-    complain(fmt::format("--slabs {}: it is of slab type {}, the certificate is of {}", name, header.slab_type,
-                         work.certificate.slab_type));
-    exit_status = kBadInput;
-    return false;
-  }
+void add_slab(storage::Reader& reader, const std::string& name, Work& work) {
+  const storage::SlabRecord slab = named_slab(reader, name);
+  const SlabHeader& header = slab.summary.header;
+  if (header.slab_type != work.certificate.slab_type)
+    stop(kBadInput, fmt::format("--slabs {}: it is of slab type {}, the certificate is of {}", name, header.slab_type,
+                                work.certificate.slab_type));
   const std::string round = fmt::format("slab {}", header.key);
   for (const calib::MasterStation& s : work.certificate.stations) {
-    const storage::SlabBlock* valid = latest(*slab, s.station);
+    const storage::SlabBlock* valid = latest(slab, s.station);
     if (valid == nullptr || valid->phase != StationPhase::measured) continue;
     auto visit = calib::seat_visit(valid->block, valid->attempt.T_base_flange, round);
     if (!visit) continue;
@@ -73,116 +63,90 @@ bool add_slab(storage::Reader& reader, const std::string& name, Work& work, int&
     work.oldest_utime_us = std::min(work.oldest_utime_us, valid->attempt.scan_utime_us);
     work.visits.push_back(std::move(*visit));
   }
-  return true;
 }
 
-bool add_file(const std::string& path, Work& work, int& exit_status) {
-  const Result<std::string> text = text_file(path);
-  if (!text.ok()) return complained(text.error(), exit_status);
-  Result<std::vector<calib::StationVisit>> visits = calib::parse_visits(text.value(), path);
-  if (!visits.ok()) return complained(visits.error(), exit_status);
-  for (calib::StationVisit& visit : visits.value()) work.visits.push_back(std::move(visit));
-  return true;
+void add_file(const std::string& path, Work& work) {
+  const std::string text = need(text_file(path));
+  std::vector<calib::StationVisit> visits = need(calib::parse_visits(text, path));
+  for (calib::StationVisit& visit : visits) work.visits.push_back(std::move(visit));
 }
 
-bool read_certificate(const std::string& text, const std::string& name, Work& work, int& exit_status) {
-  Result<calib::MasterCertificate> certificate = calib::parse_master_certificate(text, name);
-  if (!certificate.ok()) return complained(certificate.error(), exit_status);
-  work.certificate = std::move(certificate.value());
+void read_certificate(const std::string& text, const std::string& name, Work& work) {
+  work.certificate = need(calib::parse_master_certificate(text, name));
   work.certificate_text = text;
-  return true;
 }
 
 /// Corrections are corrections of a hand-eye calibration: without one in force there is nothing to correct.
-bool find_hand_eye(storage::Reader* reader, Work& work, int& exit_status) {
+void find_hand_eye(storage::Reader* reader, Work& work) {
   if (reader != nullptr) {
-    auto current = reader->current(CalibrationKind::hand_eye);
-    if (!current.ok()) return complained(current.error(), exit_status);
-    if (current.value()) {
-      work.hand_eye = std::move(*current.value());
-      return true;
+    auto current = need(reader->current(CalibrationKind::hand_eye));
+    if (current) {
+      work.hand_eye = std::move(*current);
+      return;
     }
   }
-  complain(
-      "no hand-eye calibration is in force, and station corrections hold for one only: calibrate, then slabctl "
-      "calibrate apply");
-  exit_status = kRefused;
-  return false;
+  stop(kRefused,
+       "no hand-eye calibration is in force, and station corrections hold for one only: calibrate, then slabctl "
+       "calibrate apply");
 }
 
 /// The table in force again, with the hand-eye calibration that is in force by now.
-bool take_again(const Options& options, storage::Reader* reader, Work& work, int& exit_status) {
+void take_again(const Options& options, storage::Reader* reader, Work& work) {
   std::uint16_t slab_type = options.slab_type;
   std::optional<storage::CalibrationRecord> record;
   if (reader != nullptr) {
     if (slab_type == 0) {
-      const auto line = reader->line_calibration();
-      if (!line.ok()) return complained(line.error(), exit_status);
-      if (line.value()->tables.size() > 1) {
-        complain("--again: several slab types have corrections; say which with --slab-type");
-        exit_status = kUsage;
-        return false;
-      }
-      if (!line.value()->tables.empty()) slab_type = line.value()->tables[0].table.slab_type;
+      const auto line = need(reader->line_calibration());
+      if (line->tables.size() > 1)
+        stop(kUsage, "--again: several slab types have corrections; say which with --slab-type");
+      if (!line->tables.empty()) slab_type = line->tables[0].table.slab_type;
     }
-    auto current = reader->current(CalibrationKind::stations, slab_type);
-    if (!current.ok()) return complained(current.error(), exit_status);
-    record = std::move(current.value());
+    record = need(reader->current(CalibrationKind::stations, slab_type));
   }
-  if (!record) {
-    complain("--again: no station corrections are in force; master the stations first (--certificate and --slabs)");
-    exit_status = kBadInput;
-    return false;
-  }
-  if (!read_certificate(record->certificate, record->id + ", certificate", work, exit_status)) return false;
-  Result<std::vector<calib::StationVisit>> visits = calib::parse_visits(record->observations, record->id + ", visits");
-  if (!visits.ok()) return complained(visits.error(), exit_status);
-  work.visits = std::move(visits.value());
+  if (!record)
+    stop(kBadInput,
+         "--again: no station corrections are in force; master the stations first (--certificate and --slabs)");
+  read_certificate(record->certificate, record->id + ", certificate", work);
+  work.visits = need(calib::parse_visits(record->observations, record->id + ", visits"));
   work.end_utime_us = record->expires_utime_us;
   work.temperature_c = record->temperature_c;
   // Records of earlier versions do not say what the visits were taken with; they were solved with it at first.
   for (calib::StationVisit& visit : work.visits)
     if (visit.hand_eye_id.empty()) visit.hand_eye_id = record->parent_id;
-  return true;
 }
 
 /// The numbers of the hand-eye calibrations of the visits, where they are not those in force.
-bool find_earlier_hand_eyes(storage::Reader& reader, Work& work, int& exit_status) {
+void find_earlier_hand_eyes(storage::Reader& reader, Work& work) {
   std::map<std::string, HandEyeNumbers> known;
   for (calib::StationVisit& visit : work.visits) {
     if (visit.hand_eye_id.empty() || visit.hand_eye_id == work.hand_eye.id) continue;
     auto earlier = known.find(visit.hand_eye_id);
     if (earlier == known.end()) {
-      const auto record = reader.calibration(visit.hand_eye_id);
-      if (!record.ok()) return complained(record.error(), exit_status);
-      const auto* numbers = record.value() ? std::get_if<HandEyeNumbers>(&record.value()->numbers) : nullptr;
-      if (numbers == nullptr) {
-        complain(fmt::format(
-            "{}: it was inspected with {}, of which the database has no record, in force is {}: whether the scanner "
-            "sits where it sat cannot be seen; have the line inspect the mastered slab again",
-            visit.round, visit.hand_eye_id, work.hand_eye.id));
-        exit_status = kRefused;
-        return false;
-      }
+      const auto record = need(reader.calibration(visit.hand_eye_id));
+      const auto* numbers = record ? std::get_if<HandEyeNumbers>(&record->numbers) : nullptr;
+      if (numbers == nullptr)
+        stop(kRefused,
+             fmt::format("{}: it was inspected with {}, of which the database has no record, in force is {}: whether "
+                         "the scanner sits where it sat cannot be seen; have the line inspect the mastered slab again",
+                         visit.round, visit.hand_eye_id, work.hand_eye.id));
       earlier = known.emplace(visit.hand_eye_id, *numbers).first;
     }
     visit.hand_eye = earlier->second;
   }
-  return true;
 }
 
-bool gather(const Options& options, storage::Reader* reader, Work& work, int& exit_status) {
-  if (!find_hand_eye(reader, work, exit_status)) return false;
-  if (options.again)
-    return take_again(options, reader, work, exit_status) && find_earlier_hand_eyes(*reader, work, exit_status);
-  const Result<std::string> text = text_file(options.certificate);
-  if (!text.ok()) return complained(text.error(), exit_status);
-  if (!read_certificate(text.value(), options.certificate, work, exit_status)) return false;
-  for (const std::string& slab : options.slabs)
-    if (!add_slab(*reader, slab, work, exit_status)) return false;
-  for (const std::string& path : options.visits)
-    if (!add_file(path, work, exit_status)) return false;
-  return find_earlier_hand_eyes(*reader, work, exit_status);
+Work gather(const Options& options, storage::Reader* reader) {
+  Work work;
+  find_hand_eye(reader, work);
+  if (options.again) {
+    take_again(options, reader, work);
+  } else {
+    read_certificate(need(text_file(options.certificate)), options.certificate, work);
+    for (const std::string& slab : options.slabs) add_slab(*reader, slab, work);
+    for (const std::string& path : options.visits) add_file(path, work);
+  }
+  find_earlier_hand_eyes(*reader, work);
+  return work;
 }
 
 std::string as_json(const Work& work, const calib::StationsSolution& s, const Kept& kept) {
@@ -246,13 +210,11 @@ void print_solution(const Work& work, const calib::StationsSolution& s) {
 }
 
 /// Solved again, the visits were made at the temperature they were made at.
-bool is_their_temperature(const Options& options, const Work& work) {
+void need_their_temperature(const Options& options, const Work& work) {
   const double given_c = options.record.temperature_c;
-  if (!options.again || !has_value(given_c) || !has_value(work.temperature_c) || given_c == work.temperature_c)
-    return true;
-  complain(fmt::format("--temperature {}: the visits that are solved again were made at {} deg C, as they say", given_c,
-                       work.temperature_c));
-  return false;
+  if (!options.again || !has_value(given_c) || !has_value(work.temperature_c) || given_c == work.temperature_c) return;
+  stop(kUsage, fmt::format("--temperature {}: the visits that are solved again were made at {} deg C, as they say",
+                           given_c, work.temperature_c));
 }
 
 /// The robot takes up what the slab has grown by since it was certified, as if it erred by it.
@@ -287,29 +249,18 @@ void print_reasons(const calib::StationsSolution& s) {
 
 int calibrate_stations(const Options& options) {
   const bool sources = !options.certificate.empty() && !(options.slabs.empty() && options.visits.empty());
-  if (!options.again && !sources) {
-    complain("give --certificate with --slabs or --visits, or --again to solve the visits in force once more");
-    return kUsage;
-  }
-  int exit_status = kDone;
-  daemon::Config config;
-  if (!config_from(options.record.config, config)) return kBadInput;
+  if (!options.again && !sources)
+    stop(kUsage, "give --certificate with --slabs or --visits, or --again to solve the visits in force once more");
+  const daemon::Config config = config_from(options.record.config);
   finish_killed_change(config);
-  std::unique_ptr<storage::Reader> reader;
-  if (!open_records(config, reader, exit_status)) return exit_status;
-  Work work;
-  if (!gather(options, reader.get(), work, exit_status)) return exit_status;
-  if (!is_their_temperature(options, work)) return kUsage;
+  std::unique_ptr<storage::Reader> reader = open_records(config);
+  const Work work = gather(options, reader.get());
+  need_their_temperature(options, work);
   calib::StationSettings settings = options.settings;
   settings.gate_mm = config.splice.gate_mm;
   settings.gate_rad = config.splice.gate_rad;
   const auto& hand_eye = std::get<HandEyeNumbers>(work.hand_eye.numbers);
-  Result<calib::StationsSolution> solved = calib::solve_stations(work.certificate, work.visits, hand_eye, settings);
-  if (!solved.ok()) {
-    complained(solved.error(), exit_status);
-    return exit_status;
-  }
-  const calib::StationsSolution& s = solved.value();
+  const calib::StationsSolution s = need(calib::solve_stations(work.certificate, work.visits, hand_eye, settings));
   warn_of_temperature(options, work);
   Kept kept;
   if (!options.json) print_solution(work, s);
@@ -331,19 +282,19 @@ int calibrate_stations(const Options& options) {
     record.observations = calib::visits_text(work.visits);
     record.figures = as_json(work, s, kept);
     reader.reset();
-    kept = keep_record(config, options.record, record, exit_status);
+    kept = keep_record(config, options.record, record);
   }
   if (options.json) {
     fmt::print("{}", as_json(work, s, kept));
-  } else if (kept.ok || options.record.dry_run) {
+  } else if (kept.status == kDone) {
     fmt::print("{}", kept_text(kept, options.record.dry_run));
   }
-  return exit_status;
+  return kept.status;
 }
 
 }  // namespace
 
-void add_calibrate_stations(args::Command& group, int& exit_status) {
+void add_calibrate_stations(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command = group.add_subcommand(
       "stations", "Correct the robot station by station from a mastered slab or reference balls, five visits each");
@@ -374,7 +325,7 @@ void add_calibrate_stations(args::Command& group, int& exit_status) {
       ->check(within(0.1, 100.0))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print slabd.station_calibration/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = calibrate_stations(*options); });
+  command->runs([options] { return calibrate_stations(*options); });
 }
 
 }  // namespace slabd::cli

@@ -54,31 +54,20 @@ calib::Spread deg_of(const std::vector<calib::ViewFit>& fits) {
   return calib::spread_of(values);
 }
 
-bool carry_out(const Options& options, const Session& session, const SessionSolution& solution, Verification& v,
-               int& exit_status) {
+Verification carry_out(const Options& options, const Session& session, const SessionSolution& solution) {
+  Verification v;
   const calib::SessionSettings& settings = session.settings();
-  const Result<std::vector<calib::View>> held_out = session.views(calib::ViewUse::held_out);
-  if (!held_out.ok()) {
-    complain(held_out.error().text.view());
-    exit_status = kBadInput;
-    return false;
-  }
-  if (held_out.value().size() < kHeldOutMin) {
-    complain(
-        fmt::format("{} views are held out, {} are needed to verify; take more with: slabctl calibrate capture "
-                    "--hold-out",
-                    held_out.value().size(), kHeldOutMin));
-    exit_status = kRefused;
-    return false;
-  }
+  const std::vector<calib::View> held_out = need(session.views(calib::ViewUse::held_out), kBadInput);
+  if (held_out.size() < kHeldOutMin)
+    stop(kRefused,
+         fmt::format(
+             "{} views are held out, {} are needed to verify; take more with: slabctl calibrate capture --hold-out",
+             held_out.size(), kHeldOutMin));
   std::optional<daemon::Config> config;
   const std::string config_path = options.session.config.empty() ? settings.config : options.session.config;
-  if (!config_if_any(config_path, config)) {
-    exit_status = kBadInput;
-    return false;
-  }
+  if (!config_if_any(config_path, config)) stop(kBadInput);
   if (config) {
-    if (!hand_eye_in_force(*config, v.before, exit_status)) return false;
+    v.before = hand_eye_in_force(*config);
     v.has_before = !v.before.id.empty();
   }
   if (!v.has_before && settings.has_start) {
@@ -95,17 +84,17 @@ bool carry_out(const Options& options, const Session& session, const SessionSolu
     const Pose& X = v.before.T_flange_scanner;
     const std::vector<Pose> targets = calib::best_targets(settings.kind, own, X);
     v.before_own = calib::residuals_of(settings.kind, own, X, targets, settings.noise);
-    v.before_fits = calib::residuals_of(settings.kind, held_out.value(), X, targets, settings.noise);
+    v.before_fits = calib::residuals_of(settings.kind, held_out, X, targets, settings.noise);
     v.turn_deg = deg_from_rad(angle_between_rad(X.rotation, after.T_flange_scanner.rotation));
     if (config) {
-      if (!find_seat_shifts(*config, options.slab_type, X, after.T_flange_scanner, v.seats, exit_status)) return false;
+      if (const auto unknown = find_seat_shifts(*config, options.slab_type, X, after.T_flange_scanner, v.seats))
+        throw *unknown;
     } else {
       const Vec3 middle(0.0, 0.0, 0.5 * (settings.fov.near_mm + settings.fov.far_mm));
       v.seats.shift_max_mm = (after.T_flange_scanner * middle - X * middle).norm();
     }
   }
-  v.after_fits =
-      calib::residuals_of(settings.kind, held_out.value(), after.T_flange_scanner, after.targets, settings.noise);
+  v.after_fits = calib::residuals_of(settings.kind, held_out, after.T_flange_scanner, after.targets, settings.noise);
   v.limit_mm = calib::kLeaveOneOutRatioMax * after.leave_one_out_mm.median;
   v.passed = mm_of(v.after_fits).max <= v.limit_mm;
   // An artefact that was turned where it stands is missed by its rotation alone.
@@ -113,7 +102,7 @@ bool carry_out(const Options& options, const Session& session, const SessionSolu
     v.limit_deg = calib::kLeaveOneOutRatioMax * after.leave_one_out_deg.median;
     v.passed = v.passed && deg_of(v.after_fits).max <= v.limit_deg;
   }
-  return true;
+  return v;
 }
 
 // ---- telling -----------------------------------------------------------------------------------------------------
@@ -211,35 +200,20 @@ bool asks_yes() {
 }
 
 int verify(const Options& options) {
-  int exit_status = kDone;
-  std::optional<Session> session = find_session(options.session, exit_status);
-  if (!session) return exit_status;
-  if (const Status locked = session->lock(); !locked.ok()) {
-    complain(locked.error().text.view());
-    return exit_for(locked.error().code);
-  }
-  if (!ready_to_use(*session, exit_status)) return exit_status;
-  const Result<SessionSolution> solution = solve_session(*session);
-  if (!solution.ok()) {
-    complain(solution.error().text.view());
-    return exit_for(solution.error().code);
-  }
-  if (solution.value().record.id != session->solution()->record.id) {
-    complain(
-        fmt::format("solving again gives {} and not the {} that is stored: another version of slabctl solved it; "
-                    "next: slabctl calibrate solve",
-                    solution.value().record.id, session->solution()->record.id));
-    return kRefused;
-  }
+  Session session = find_session(options.session);
+  need(session.lock());
+  need_solution(session);
+  const SessionSolution solution = need(solve_session(session));
+  if (solution.record.id != session.solution()->record.id)
+    stop(kRefused, fmt::format("solving again gives {} and not the {} that is stored: another version of slabctl "
+                               "solved it; next: slabctl calibrate solve",
+                               solution.record.id, session.solution()->record.id));
   // The radii of views taken since count as well, and a newer slabctl may ask for more.
-  if (session->solution()->record.ok && !solution.value().record.ok) {
-    complain(
-        fmt::format("{} is refused by now; next: slabctl calibrate solve, which says why", solution.value().record.id));
-    return kRefused;
-  }
-  Verification v;
-  if (!carry_out(options, *session, solution.value(), v, exit_status)) return exit_status;
-  if (!options.json) print(*session, solution.value(), v);
+  if (session.solution()->record.ok && !solution.record.ok)
+    stop(kRefused,
+         fmt::format("{} is refused by now; next: slabctl calibrate solve, which says why", solution.record.id));
+  const Verification v = carry_out(options, session, solution);
+  if (!options.json) print(session, solution, v);
   if (!v.passed) {
     const bool placed = mm_of(v.after_fits).max <= v.limit_mm;
     const auto worst = std::max_element(v.after_fits.begin(), v.after_fits.end(), [&](const auto& a, const auto& b) {
@@ -247,52 +221,44 @@ int verify(const Options& options) {
     });
     const std::string missed = placed ? fmt::format("{:.4f} deg, limit {:.4f} deg", worst->residual_deg, v.limit_deg)
                                       : fmt::format("{:.3f} mm, limit {:.3f} mm", worst->residual_mm, v.limit_mm);
-    if (options.json) fmt::print("{}", as_json(*session, solution.value(), v, false));
-    complain(
-        fmt::format("refused (held_out): view {} is missed by {} (four leave-one-out medians)\n  what to do: look at "
-                    "its scan; if it was disturbed, slabctl calibrate drop {} --why "
-                    "\"...\" and take another with capture --hold-out; if it was not, the fit is wrong: take more "
-                    "views near it",
-                    worst->number, missed, worst->number));
-    return kRefused;
+    if (options.json) fmt::print("{}", as_json(session, solution, v, false));
+    stop(kRefused,
+         fmt::format("refused (held_out): view {} is missed by {} (four leave-one-out medians)\n  what to do: look at "
+                     "its scan; if it was disturbed, slabctl calibrate drop {} --why \"...\" and take another with "
+                     "capture --hold-out; if it was not, the fit is wrong: take more views near it",
+                     worst->number, missed, worst->number));
   }
   calib::VerifiedRecord record;
   record.when = iso_time(wall_clock_us());
   record.who = default_operator();
-  record.inputs = session->inputs(calib::ViewUse::held_out);
+  record.inputs = session.inputs(calib::ViewUse::held_out);
   if (v.has_before) record.before_id = v.before.id.view();
   record.before_rms_mm = v.before_fits.empty() ? kNoValue : mm_of(v.before_fits).rms;
   record.after_rms_mm = mm_of(v.after_fits).rms;
   record.after_max_mm = mm_of(v.after_fits).max;
   record.shift_max_mm = v.seats.shift_max_mm;
 
-  const auto& last = session->solution()->verified;
+  const auto& last = session.solution()->verified;
   const bool told_before = last && last->inputs == record.inputs && last->before_id == record.before_id;
   const bool small = is_small_change(v.seats.shift_max_mm, v.turn_deg);
   const bool may_ask = !options.json && isatty(STDIN_FILENO) != 0 && isatty(STDOUT_FILENO) != 0;
   const bool confirmed = small || options.yes || told_before || (may_ask && asks_yes());
-  if (confirmed && !told_before)
-    if (const Status kept = session->keep_verified(record); !kept.ok()) {
-      complain(kept.error().text.view());
-      return exit_for(kept.error().code);
-    }
-  if (options.json) fmt::print("{}", as_json(*session, solution.value(), v, confirmed));
-  if (!confirmed) {
-    complain(
-        fmt::format("a change of {} needs a word of yours: look at the shifts, then slabctl calibrate verify --yes",
-                    has_value(v.seats.shift_max_mm)
-                        ? fmt::format("{:.3f} mm and {:.3f} deg (above {} mm or {} deg)", v.seats.shift_max_mm,
-                                      v.turn_deg, kConfirmAboveMm, kConfirmAboveDeg)
-                        : std::string("unknown size")));
-    return kRefused;
-  }
+  if (confirmed && !told_before) need(session.keep_verified(record));
+  if (options.json) fmt::print("{}", as_json(session, solution, v, confirmed));
+  if (!confirmed)
+    stop(kRefused,
+         fmt::format("a change of {} needs a word of yours: look at the shifts, then slabctl calibrate verify --yes",
+                     has_value(v.seats.shift_max_mm)
+                         ? fmt::format("{:.3f} mm and {:.3f} deg (above {} mm or {} deg)", v.seats.shift_max_mm,
+                                       v.turn_deg, kConfirmAboveMm, kConfirmAboveDeg)
+                         : std::string("unknown size")));
   if (!options.json) fmt::print("verified; next: slabctl calibrate apply\n");
   return kDone;
 }
 
 }  // namespace
 
-void add_calibrate_verify(args::Command& group, int& exit_status) {
+void add_calibrate_verify(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command =
       group.add_subcommand("verify", "Hold the solution against the held-out views; what changes at the slab");
@@ -306,7 +272,7 @@ void add_calibrate_verify(args::Command& group, int& exit_status) {
   command->add_option("--slab-type", options->slab_type, "Whose stations are shown (default: the first recipe's)");
   command->add_flag("--yes", options->yes, "The shift is looked at and wanted");
   command->add_flag("--json", options->json, "Print slabd.calibration_verification/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = verify(*options); });
+  command->runs([options] { return verify(*options); });
 }
 
 }  // namespace slabd::cli

@@ -161,7 +161,7 @@ Result<LiveCapture::Ended> LiveCapture::end(const std::string& socket, const std
   return ended;
 }
 
-int live_capture_exit(Code code) {
+Exit live_capture_exit(Code code) {
   switch (code) {
     case Code::not_settled:
     case Code::moved_during_scan: return kRefused;

@@ -9,6 +9,7 @@
 
 #include "base/base.h"
 #include "base/result.h"
+#include "cli/exit.h"
 
 /// Views for a calibration from the running line: the daemon goes to maintenance (STATE 8, SCAN and SLAB_BEGIN refused
 /// with 107), waits until the robot stands, has the scanner scan, and answers with the scan and the pose over it.
@@ -106,6 +107,6 @@ class LiveCapture {
 
 /// Exit status of a refusal: 4 daemon, robot link or scanner, also when the line is not free; 6 the robot did not stand
 /// still; 3 and 5 as everywhere.
-[[nodiscard]] int live_capture_exit(Code code);
+[[nodiscard]] Exit live_capture_exit(Code code);
 
 }  // namespace slabd::cli

@@ -52,10 +52,10 @@ namespace {
 /// A record that is kept already keeps what it says, whatever is given beside the same numbers.
 void say_what_is_not_changed(const daemon::Config& config, const storage::CalibrationRecord& given,
                              const std::string& id) {
-  std::unique_ptr<storage::Reader> reader;
-  int ignored = kDone;
-  if (!open_records(config, reader, ignored) || reader == nullptr) return;
-  const auto there = reader->calibration(id);
+  const auto reader = records_if_readable(config);
+  if (!reader.ok()) return complain(reader.error().text.view());
+  if (reader.value() == nullptr) return;
+  const auto there = reader.value()->calibration(id);
   if (!there.ok() || !there.value()) return;
   const auto differs = [](const std::string& now, const std::string& kept) { return !now.empty() && now != kept; };
   if (differs(given.robot_serial, there.value()->robot_serial) ||
@@ -66,8 +66,7 @@ void say_what_is_not_changed(const daemon::Config& config, const storage::Calibr
 
 }  // namespace
 
-Kept keep_record(const daemon::Config& config, const RecordOptions& options, const storage::CalibrationRecord& record,
-                 int& exit_status) {
+Kept keep_record(const daemon::Config& config, const RecordOptions& options, const storage::CalibrationRecord& record) {
   Kept kept;
   if (record.expires_utime_us != 0 && record.expires_utime_us <= wall_clock_us()) {
     complain(
@@ -76,17 +75,16 @@ Kept keep_record(const daemon::Config& config, const RecordOptions& options, con
                     "that one was taken, leave it out and solve again",
                     record.kind() == CalibrationKind::stations ? "what these visits give" : "this calibration",
                     iso_time(record.expires_utime_us), record.kind() == CalibrationKind::stations ? "scan" : "view"));
-    exit_status = kRefused;
+    kept.status = kRefused;
     return kept;
   }
   const Result<DeskAnswer> done = change_calibration(config, storage::KeepCalibration{record});
   if (!done.ok()) {
-    complain(fmt::format("{}", done.error().text.view()));
-    exit_status = exit_for(done.error().code);
+    complain(done.error().text.view());
+    kept.status = exit_for(done.error().code);
     return kept;
   }
   kept.id = done.value().id;
-  kept.ok = true;
   say_what_is_not_changed(config, record, kept.id);
   if (!options.apply) return kept;
   const std::string why = options.why.empty() ? "newly measured" : options.why;
@@ -94,8 +92,7 @@ Kept keep_record(const daemon::Config& config, const RecordOptions& options, con
       change_calibration(config, storage::ApplyCalibration{kept.id, {record.operator_name, why, wall_clock_us()}});
   if (!applied.ok()) {
     complain(fmt::format("{} is kept but not in force: {}", kept.id, applied.error().text.view()));
-    exit_status = applied.error().code == Code::config ? static_cast<int>(kRefused) : exit_for(applied.error().code);
-    kept.ok = false;
+    kept.status = applied.error().code == Code::config ? kRefused : exit_for(applied.error().code);
     return kept;
   }
   kept.applied = true;
@@ -110,37 +107,28 @@ std::string kept_text(const Kept& kept, bool dry_run) {
   return fmt::format("kept as {}; put it in force with: slabctl calibrate apply {} --why \"...\"\n", kept.id, kept.id);
 }
 
-bool open_records(const daemon::Config& config, std::unique_ptr<storage::Reader>& reader, int& exit_status) {
-  if (storage::is_unused(config.storage.db_path)) return true;
-  auto opened = storage::open_reader(config.storage.db_path);
-  if (opened.ok()) {
-    reader = std::move(opened.value());
-    return true;
-  }
-  complain(fmt::format("{}", opened.error().text.view()));
-  exit_status = kNotReachable;
-  return false;
+Result<std::unique_ptr<storage::Reader>> records_if_readable(const daemon::Config& config) {
+  if (storage::is_unused(config.storage.db_path)) return std::unique_ptr<storage::Reader>();
+  return storage::open_reader(config.storage.db_path);
 }
 
-bool hand_eye_in_force(storage::Reader* reader, const daemon::Config& config, InForce& out, int& exit_status) {
-  out = {config.calibration.id, config.calibration.T_flange_scanner, false};
-  if (reader == nullptr) return true;
-  const auto current = reader->current(CalibrationKind::hand_eye);
-  if (!current.ok()) {
-    complain(current.error().text.view());
-    exit_status = exit_for(current.error().code);
-    return false;
-  }
-  if (!current.value()) return true;
-  out.id.assign(current.value()->id);
-  out.T_flange_scanner = std::get<HandEyeNumbers>(current.value()->numbers).T_flange_scanner;
-  out.applied = true;
-  return true;
+std::unique_ptr<storage::Reader> open_records(const daemon::Config& config) {
+  return need(records_if_readable(config), kNotReachable);
 }
 
-bool hand_eye_in_force(const daemon::Config& config, InForce& out, int& exit_status) {
-  std::unique_ptr<storage::Reader> reader;
-  return open_records(config, reader, exit_status) && hand_eye_in_force(reader.get(), config, out, exit_status);
+InForce hand_eye_in_force(storage::Reader* reader, const daemon::Config& config) {
+  InForce now{config.calibration.id, config.calibration.T_flange_scanner, false};
+  if (reader == nullptr) return now;
+  const auto current = need(reader->current(CalibrationKind::hand_eye));
+  if (!current) return now;
+  now.id.assign(current->id);
+  now.T_flange_scanner = std::get<HandEyeNumbers>(current->numbers).T_flange_scanner;
+  now.applied = true;
+  return now;
+}
+
+InForce hand_eye_in_force(const daemon::Config& config) {
+  return hand_eye_in_force(open_records(config).get(), config);
 }
 
 }  // namespace slabd::cli

@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 
+#include "cli/exit.h"
 #include "config/config.h"
 #include "storage/storage.h"
 
@@ -37,21 +38,22 @@ struct RecordOptions {
 };
 
 struct Kept {
-  bool ok = false;
-  std::string id;
+  Exit status = kDone;  ///< else the sentence is printed
+  std::string id;       ///< empty if it is not kept
   bool applied = false;
   bool after_slab = false;
 };
-/// Keeps the record and, when asked to, puts it in force. On failure the sentence is printed and `exit_status` set.
+/// Keeps the record and, if asked to, puts it in force. A failure is a value: the command still has to print what it
+/// measured.
 [[nodiscard]] Kept keep_record(const daemon::Config& config, const RecordOptions& options,
-                               const storage::CalibrationRecord& record, int& exit_status);
+                               const storage::CalibrationRecord& record);
 /// "kept as st-...; apply it with ...", for people.
 [[nodiscard]] std::string kept_text(const Kept& kept, bool dry_run);
 
-/// The database, read-only; a fresh installation has none yet, or one whose creation was stopped, which
-/// is no error here. False: printed.
-[[nodiscard]] bool open_records(const daemon::Config& config, std::unique_ptr<storage::Reader>& reader,
-                                int& exit_status);
+/// The database, read-only; nullptr in a fresh installation, which has none yet, or one whose creation was stopped.
+[[nodiscard]] std::unique_ptr<storage::Reader> open_records(const daemon::Config& config);
+/// The same for a command that goes on without it.
+[[nodiscard]] Result<std::unique_ptr<storage::Reader>> records_if_readable(const daemon::Config& config);
 
 /// The hand-eye calibration that counts: the one applied, else the configuration's commissioning value.
 struct InForce {
@@ -59,9 +61,7 @@ struct InForce {
   Pose T_flange_scanner;
   bool applied = false;
 };
-/// False: printed.
-[[nodiscard]] bool hand_eye_in_force(const daemon::Config& config, InForce& out, int& exit_status);
-[[nodiscard]] bool hand_eye_in_force(storage::Reader* reader, const daemon::Config& config, InForce& out,
-                                     int& exit_status);
+[[nodiscard]] InForce hand_eye_in_force(const daemon::Config& config);
+[[nodiscard]] InForce hand_eye_in_force(storage::Reader* reader, const daemon::Config& config);
 
 }  // namespace slabd::cli

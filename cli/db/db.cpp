@@ -144,6 +144,7 @@ int tell(const std::string& path, const storage::DatabaseReport& report, const s
   return whole && chain.trouble.empty() ? kDone : kBadInput;
 }
 
+/// An error is a value: `check` still lists the backups.
 int examine(const std::string& path, const Options& options, bool is_backup) {
   const Result<storage::DatabaseReport> report = storage::check_database(path, options.full);
   if (!report.ok()) return fail(report.error());
@@ -174,8 +175,7 @@ std::vector<KnownBackup> by_age(const std::vector<std::string>& backups) {
 }
 
 int check(const Options& options) {
-  daemon::Config config;
-  if (!config_from(options.config, config)) return kBadInput;
+  const daemon::Config config = config_from(options.config);
   const int status = examine(config.storage.db_path, options, false);
   if (options.json) return status;
   std::error_code ec;
@@ -254,24 +254,20 @@ Result<std::string> backup_offline(const daemon::Config& config) {
 }
 
 int back_up(const Options& options) {
-  daemon::Config config;
-  if (!config_from(options.config, config)) return kBadInput;
+  const daemon::Config config = config_from(options.config);
   if (!options.out.empty()) {
     // A link counts, wherever it leads.
     std::error_code ec;
     const fs::file_status there = fs::symlink_status(options.out, ec);
-    if (fs::status_known(there) ? fs::exists(there) : static_cast<bool>(ec)) {
-      complain(fs::status_known(there)
-                   ? fmt::format("{} exists already; nothing was done", options.out)
-                   : fmt::format("{} cannot be looked at: {}; nothing was done", options.out, ec.message()));
-      return kBadInput;
-    }
-    if (const Status links = check_links(options.out); !links.ok()) return fail(links.error());
+    if (fs::status_known(there) ? fs::exists(there) : static_cast<bool>(ec))
+      stop(kBadInput, fs::status_known(there)
+                          ? fmt::format("{} exists already; nothing was done", options.out)
+                          : fmt::format("{} cannot be looked at: {}; nothing was done", options.out, ec.message()));
+    need(check_links(options.out));
   }
-  Result<std::string> made =
-      daemon_has_database(config.control_socket) ? backup_by_daemon(config) : backup_offline(config);
-  if (!made.ok()) return fail(made.error());
-  std::string path = made.value();
+  const std::string made =
+      need(daemon_has_database(config.control_socket) ? backup_by_daemon(config) : backup_offline(config));
+  std::string path = made;
   if (!options.out.empty()) {
     const std::string part = options.out + ".part";
     std::error_code ec;
@@ -281,7 +277,7 @@ int back_up(const Options& options) {
     if (!copied.ok()) {
       fs::remove(part, ec);
       complain(fmt::format("the backup is {}; no further copy was made", path));
-      return fail(copied.error());
+      stop(copied.error());
     }
     path = options.out;
   }
@@ -289,23 +285,18 @@ int back_up(const Options& options) {
   thorough.full = true;
   const int status = examine(path, thorough, true);
   if (status != kDone || options.keep == 0) return status;
-  return drop_old_backups(config, made.value(), options.keep);
+  return drop_old_backups(config, made, options.keep);
 }
 
 // ---- restore, prune ----------------------------------------------------------------------------------------------
 
 int restore(const Options& options) {
-  if (options.file.empty() != options.fresh) {
-    complain(options.fresh ? "--fresh begins with an empty history and takes no backup"
-                           : "which backup? Or --fresh, to begin with an empty history");
-    return kUsage;
-  }
-  daemon::Config config;
-  if (!config_from(options.config, config)) return kBadInput;
-  if (daemon_has_database(config.control_socket)) {
-    complain("slabd runs; stop it first (systemctl stop slabd): its database cannot be replaced under its hands");
-    return kRefused;
-  }
+  if (options.file.empty() != options.fresh)
+    stop(kUsage, options.fresh ? "--fresh begins with an empty history and takes no backup"
+                               : "which backup? Or --fresh, to begin with an empty history");
+  const daemon::Config config = config_from(options.config);
+  if (daemon_has_database(config.control_socket))
+    stop(kRefused, "slabd runs; stop it first (systemctl stop slabd): its database cannot be replaced under its hands");
   storage::RestoreOrder order;
   order.from = options.file.empty() ? "" : fs::absolute(options.file).string();
   order.note = {options.operator_name.empty() ? default_operator() : options.operator_name, options.why,
@@ -314,7 +305,7 @@ int restore(const Options& options) {
   order.accept_unproven = options.unproven;
   std::random_device chance;
   order.session = static_cast<std::uint16_t>(1 + chance() % 65'000);
-  if (Status status = storage::restore_database(config.storage, order); !status.ok()) return fail(status.error());
+  need(storage::restore_database(config.storage, order));
   fmt::print("{} is in place; what was there, if anything, lies in quarantine beside it. Start slabd.\n",
              order.from.empty() ? "an empty history" : order.from);
   if (!order.from.empty()) fmt::print("Slabs measured after that backup are missing, and the history says so.\n");
@@ -327,8 +318,7 @@ int restore(const Options& options) {
 }
 
 int prune(const Options& options) {
-  daemon::Config config;
-  if (!config_from(options.config, config)) return kBadInput;
+  const daemon::Config config = config_from(options.config);
   if (daemon_has_database(config.control_socket)) {
     const std::string failed = options.keep_failed_slabs
                                    ? fmt::format(R"(,"keep_failed_slabs":{})", *options.keep_failed_slabs)
@@ -339,38 +329,30 @@ int prune(const Options& options) {
       std::this_thread::sleep_for(kPollEvery);
       care = ask_care(config, R"({"verb":"care"})");
     }
-    if (!care.ok()) return fail(care.error());
-    if (care.value().prune.state != "done") {
-      complain(fmt::format("pruning failed: {}", care.value().prune.error));
-      return kNotReachable;
-    }
+    if (!care.ok()) stop(care.error());
+    if (care.value().prune.state != "done")
+      stop(kNotReachable, fmt::format("pruning failed: {}", care.value().prune.error));
     fmt::print("{} slabs taken away\n", care.value().prune.done);
     return kDone;
   }
-  Result<std::unique_ptr<storage::Store>> store = storage::open_store(config.storage);
-  if (!store.ok()) return fail(store.error());
-  if (Status taken = store.value()->order(storage::PruneOrder{options.keep_slabs, options.keep_failed_slabs});
-      !taken.ok())
-    return fail(taken.error());
-  while (store.value()->care().prune == storage::CareState::Phase::under_way) store.value()->idle();
-  const storage::CareState care = store.value()->care();
-  if (care.prune != storage::CareState::Phase::done) {
-    complain(care.prune_error);
-    return kNotReachable;
-  }
+  const std::unique_ptr<storage::Store> store = need(storage::open_store(config.storage));
+  need(store->order(storage::PruneOrder{options.keep_slabs, options.keep_failed_slabs}));
+  while (store->care().prune == storage::CareState::Phase::under_way) store->idle();
+  const storage::CareState care = store->care();
+  if (care.prune != storage::CareState::Phase::done) stop(kNotReachable, care.prune_error);
   fmt::print("{} slabs taken away\n", care.pruned_slabs);
   return kDone;
 }
 
 }  // namespace
 
-void add_db(args::Command& app, int& exit_status) {
+void add_db(args::Command& app) {
   args::Command group = app.add_subcommand("db", "Look after the database: check, back up, restore, prune");
   group->require_subcommand(1);
   auto options = std::make_shared<Options>();
   const auto verb = [&](const char* name, const char* what, int (*run)(const Options&)) {
     args::Command command = group->add_subcommand(name, what);
-    command->callback([options, run, &exit_status] { exit_status = run(*options); });
+    command->runs([options, run] { return run(*options); });
     return command;
   };
   const auto with_config = [&](args::Command command) {

@@ -130,7 +130,7 @@ void Examination::add(Finding finding) {
   findings_.push_back(std::move(finding));
 }
 
-void add_doctor(args::Command& app, int& exit_status) {
+void add_doctor(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command command = app.add_subcommand("doctor", "Look at everything the line needs, and say what to do");
   command->footer(
@@ -148,7 +148,7 @@ void add_doctor(args::Command& app, int& exit_status) {
       ->check(within(0.5, 60.0));
   command->add_flag("--scan", options->scan, "Have one scan taken");
   command->add_flag("--json", options->as_json, "Print slabd.doctor/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = examine(*options); });
+  command->runs([options] { return examine(*options); });
 }
 
 }  // namespace slabd::cli

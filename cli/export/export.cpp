@@ -38,7 +38,7 @@ struct ExportOptions {
   bool raw = false;
 };
 
-/// What --format says, else the file's extension, else csv; empty and a word on stderr for others.
+/// What --format says, else the file's extension, else csv.
 std::string format_of(const ExportOptions& options) {
   if (!options.format.empty()) return options.format;
   std::string extension = std::filesystem::path(options.out).extension().string();
@@ -46,70 +46,53 @@ std::string format_of(const ExportOptions& options) {
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   if (options.out == "-" || extension == ".csv") return "csv";
   if (extension == ".json") return "json";
-  complain(fmt::format("--out {}: allowed are .csv and .json, or say --format", options.out));
-  return "";
+  stop(kUsage, fmt::format("--out {}: allowed are .csv and .json, or say --format", options.out));
 }
 
-/// Calls `write(record)` for each slab; the exit status.
+/// Calls `write(record)` for each slab. An error is a value, because what was written still gets its end.
 template <typename Write>
-int for_each(storage::Reader& reader, const std::vector<std::int64_t>& keys, const Write& write) {
+Status for_each(storage::Reader& reader, const std::vector<std::int64_t>& keys, const Write& write) {
   ProgressCount progress(stderr, keys.size());
   for (const std::int64_t key : keys) {
     progress.next(fmt::format("exporting slab {}", key));
     const auto record = reader.slab(key);
-    if (!record) {
-      progress.erase();
-      complain(record.error().text.view());
-      return kNotReachable;
-    }
+    if (!record) return record.error();
     if (record.value()) write(*record.value());
   }
-  return kDone;
+  return success();
 }
 
 int export_results(const ExportOptions& options) {
   const std::string format = format_of(options);
-  if (format.empty()) return kUsage;
-  if (options.bom && format != "csv") {
-    complain("--bom: JSON has none");
-    return kUsage;
-  }
-  if (options.raw && format != "csv") {
-    complain("--raw: JSON is always as stored");
-    return kUsage;
-  }
-  int exit_status = kDone;
+  if (options.bom && format != "csv") stop(kUsage, "--bom: JSON has none");
+  if (options.raw && format != "csv") stop(kUsage, "--raw: JSON is always as stored");
   const bool as_stored = options.raw || format != "csv";
   const auto reader =
-      open_database(options.database, exit_status, as_stored ? storage::TextFor::programs : storage::TextFor::people);
-  if (reader == nullptr) return exit_status;
-  const auto keys = chosen_slabs(*reader, options.choice, exit_status);
-  if (!keys) return exit_status;
+      open_database(options.database, as_stored ? storage::TextFor::programs : storage::TextFor::people);
+  const std::vector<std::int64_t> keys = chosen_slabs(*reader, options.choice);
 
   OutFile out(options.out);
+  Status exported = success();
   if (format == "csv") {
     if (options.bom) out.write("\xEF\xBB\xBF");
     out.write(item_heading());
     const TableFor reader_of_table = options.raw ? TableFor::program : TableFor::spreadsheet;
-    exit_status = for_each(*reader, *keys,
-                           [&](const storage::SlabRecord& record) { out.write(item_rows(record, reader_of_table)); });
+    exported = for_each(*reader, keys,
+                        [&](const storage::SlabRecord& record) { out.write(item_rows(record, reader_of_table)); });
   } else if (options.choice.slabs.size() == 1) {
-    exit_status = for_each(*reader, *keys, [&](const storage::SlabRecord& record) { out.write(slab_json(record)); });
+    exported = for_each(*reader, keys, [&](const storage::SlabRecord& record) { out.write(slab_json(record)); });
   } else {
     bool first = true;
     out.write("{\n\"schema\": \"slabd.export/1\",\n\"slabs\": [\n");
-    exit_status = for_each(*reader, *keys, [&](const storage::SlabRecord& record) {
+    exported = for_each(*reader, keys, [&](const storage::SlabRecord& record) {
       if (!first) out.write(",\n");
       first = false;
       out.write(slab_json(record));
     });
     out.write("]\n}\n");
   }
-  if (exit_status != kDone) return exit_status;
-  if (const Status closed = out.close(); !closed) {
-    complain(closed.error().text.view());
-    return kBadInput;
-  }
+  need(exported, kNotReachable);
+  need(out.close(), kBadInput);
   return kDone;
 }
 
@@ -131,72 +114,51 @@ struct ModelOptions {
   bool block = false;
 };
 
-int complain_of(const Error& trouble, int exit_status = kBadInput) {
-  complain(trouble.text.view());
-  return exit_status;
-}
-
 int export_cloud(CloudOptions options) {
-  if (options.block != 0 && options.cloud.voxel_mm != 0.0) {
-    complain("--voxel: of a block every point is written");
-    return kUsage;
-  }
+  if (options.block != 0 && options.cloud.voxel_mm != 0.0) stop(kUsage, "--voxel: of a block every point is written");
   daemon::Config config;
   if (options.database.db.empty()) {
-    if (!config_from(options.database.config, config)) return kBadInput;
+    config = config_from(options.database.config);
     options.cloud.unit = config.scanner.unit;
   }
   if (!options.unit.empty()) options.cloud.unit = *length_unit(options.unit);
-  int exit_status = kDone;
-  const auto reader = open_database(options.database, exit_status);
-  if (reader == nullptr) return exit_status;
-  const auto found = named_slab(*reader, options.slab, exit_status);
-  if (!found) return exit_status;
-  const storage::SlabRecord& record = *found;
+  const auto reader = open_database(options.database);
+  const storage::SlabRecord record = named_slab(*reader, options.slab);
   const SlabHeader& slab = record.summary.header;
   std::vector<daemon::Problem> problems;
   RecipeShelf shelf(recipes_in(options.recipes_dir.empty() ? config.recipes_dir : options.recipes_dir, problems));
   static_cast<void>(report_problems(problems));
-  const Result<const Recipe*> very = shelf.very(slab, *reader);
-  if (!very) return complain_of(very.error(), kNotReachable);
-  const Recipe* recipe = very.value() != nullptr ? very.value() : shelf.of_type(slab);
-  if (recipe == nullptr) {
-    complain(fmt::format("no recipe of slab type {} with {} blocks is there; --recipes says where", slab.slab_type,
-                         slab.stations));
-    return kBadInput;
-  }
+  const Recipe* recipe = need(shelf.very(slab, *reader), kNotReachable);
+  if (recipe == nullptr) recipe = shelf.of_type(slab);
+  if (recipe == nullptr)
+    stop(kBadInput, fmt::format("no recipe of slab type {} with {} blocks is there; --recipes says where",
+                                slab.slab_type, slab.stations));
   if (!(recipe->sha256 == slab.recipe_sha256))
     complain(fmt::format("warning: {} is not the recipe that the slab was measured with", recipe->path.view()));
-  if (options.block > slab.stations) {
-    complain(fmt::format("--block {}: this slab has blocks 1..{}", options.block, slab.stations));
-    return kUsage;
-  }
-  const Result<CloudCount> count = options.block != 0
-                                       ? write_block_cloud(options.out, record, options.block, *recipe, options.cloud)
-                                       : write_slab_cloud(options.out, record, *recipe, options.cloud);
-  if (!count) return complain_of(count.error());
-  for (const std::string& sentence : count.value().not_scanned) complain("left out: " + sentence);
-  fmt::print("{}: {} points", options.out, count.value().points);
-  if (count.value().left_out > 0)
-    fmt::print(", {} further than 25 mm from every face left out", count.value().left_out);
+  if (options.block > slab.stations)
+    stop(kUsage, fmt::format("--block {}: this slab has blocks 1..{}", options.block, slab.stations));
+  const CloudCount count =
+      need(options.block != 0 ? write_block_cloud(options.out, record, options.block, *recipe, options.cloud)
+                              : write_slab_cloud(options.out, record, *recipe, options.cloud),
+           kBadInput);
+  for (const std::string& sentence : count.not_scanned) complain("left out: " + sentence);
+  fmt::print("{}: {} points", options.out, count.points);
+  if (count.left_out > 0) fmt::print(", {} further than 25 mm from every face left out", count.left_out);
   fmt::print("\n");
   return kDone;
 }
 
 int export_model(const ModelOptions& options) {
-  Recipe recipe;
-  if (!recipe_from(options.recipe, recipe)) return kBadInput;
-  const Result<Mesh> mesh = options.block ? block_mesh(recipe) : slab_mesh(recipe);
-  if (!mesh) return complain_of(mesh.error());
+  const Recipe recipe = recipe_from(options.recipe);
+  const Mesh mesh = need(options.block ? block_mesh(recipe) : slab_mesh(recipe), kBadInput);
   const std::string title = fmt::format("{} of recipe {} {:.12}, mm", options.block ? "block" : "slab",
                                         recipe.name.view(), recipe.sha256.view());
-  if (const Status written = write_mesh(options.out, mesh.value(), title); !written)
-    return complain_of(written.error());
-  fmt::print("{}: {} triangles\n", options.out, mesh.value().triangles.size());
+  need(write_mesh(options.out, mesh, title), kBadInput);
+  fmt::print("{}: {} triangles\n", options.out, mesh.triangles.size());
   return kDone;
 }
 
-void add_cloud(args::Command& parent, int& exit_status) {
+void add_cloud(args::Command& parent) {
   auto options = std::make_shared<CloudOptions>();
   args::Command command =
       parent.add_subcommand("cloud", "A slab's scans as one cloud in the slab frame, or one block's");
@@ -219,22 +181,22 @@ void add_cloud(args::Command& parent, int& exit_status) {
   command->add_option("--scans", options->cloud.scans_dir, "A copy of the spool, for scans that were moved away");
   command->add_option("--unit", options->unit, "Unit of the scans: mm, m or um; default: the configuration's, or mm")
       ->check(args::one_of({"mm", "m", "um"}));
-  command->callback([options, &exit_status] { exit_status = export_cloud(*options); });
+  command->runs([options] { return export_cloud(*options); });
 }
 
-void add_model(args::Command& parent, int& exit_status) {
+void add_model(args::Command& parent) {
   auto options = std::make_shared<ModelOptions>();
   args::Command command = parent.add_subcommand("model", "A recipe's slab as triangles: STL or PLY");
   command->footer("\nExample: slabctl export model p5600.toml --block --out block.stl");
   command->add_option("RECIPE", options->recipe, "Recipe file")->required();
   command->add_option("--out", options->out, "File, .stl or .ply, mm")->required();
   command->add_flag("--block", options->block, "One block in its own frame instead of the slab");
-  command->callback([options, &exit_status] { exit_status = export_model(*options); });
+  command->runs([options] { return export_model(*options); });
 }
 
 }  // namespace
 
-void add_export(args::Command& app, int& exit_status) {
+void add_export(args::Command& app) {
   auto options = std::make_shared<ExportOptions>();
   args::Command command = app.add_subcommand("export", "Results as CSV or JSON, clouds and models, for other programs");
   command->footer(
@@ -254,11 +216,9 @@ void add_export(args::Command& app, int& exit_status) {
   command->add_flag("--raw", options->raw,
                     "CSV for a program: text that begins with = + - @ as stored, without an apostrophe before it");
   command->require_subcommand(0, 1);
-  add_cloud(*command, exit_status);
-  add_model(*command, exit_status);
-  command->callback([options, command, &exit_status] {
-    if (!command->has_subcommand()) exit_status = export_results(*options);
-  });
+  add_cloud(*command);
+  add_model(*command);
+  command->runs([options] { return export_results(*options); });
 }
 
 }  // namespace slabd::cli

@@ -8,6 +8,6 @@ class Command;
 namespace slabd::cli {
 
 /// `slabctl export`, as the commands of cli/command.h.
-void add_export(args::Command& app, int& exit_status);
+void add_export(args::Command& app);
 
 }  // namespace slabd::cli

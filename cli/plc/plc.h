@@ -10,7 +10,7 @@
 /// so that documentation and program cannot differ; a test compares them with docs/PLC.md.
 namespace slabd::cli {
 
-void add_plc_monitor(args::Command& plc, int& exit_status);
+void add_plc_monitor(args::Command& plc);
 
 /// Both memories at one moment.
 struct PlcRegisters {

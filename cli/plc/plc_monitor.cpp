@@ -258,13 +258,10 @@ int monitor(Options options) {
   // as we do.
   const bool usable = foreign || config_from(options.config, config);
   if (!options.connect.empty()) {
-    if (!take_address(options.connect, config.plc)) {
-      complain(
-          fmt::format("--connect: found '{}', allowed is ADDRESS:PORT, an IPv4 address and a port from 1 to 65535, "
-                      "such as 192.168.0.2:1502",
-                      options.connect));
-      return kUsage;
-    }
+    if (!take_address(options.connect, config.plc))
+      stop(kUsage, fmt::format("--connect: found '{}', allowed is ADDRESS:PORT, an IPv4 address and a port from 1 to "
+                               "65535, such as 192.168.0.2:1502",
+                               options.connect));
     config.plc.role = hal::PlcRole::server;
   }
   const bool over_wire = config.plc.role == hal::PlcRole::server && options.socket.empty();
@@ -314,7 +311,7 @@ Result<PlcRegisters> plc_registers(const std::string& control_socket) {
   return registers;
 }
 
-void add_plc_monitor(args::Command& plc, int& exit_status) {
+void add_plc_monitor(args::Command& plc) {
   auto options = std::make_shared<Options>();
   args::Command command = plc.add_subcommand("monitor", "Every register live, in words; reads only, owns nothing");
   command->footer(
@@ -330,7 +327,7 @@ void add_plc_monitor(args::Command& plc, int& exit_status) {
   command->add_option("--interval-ms", options->interval_ms, "Between two looks")
       ->check(args::range(100, 60'000))
       ->capture_default_str();
-  command->callback([options, &exit_status] { exit_status = monitor(*options); });
+  command->runs([options] { return monitor(*options); });
 }
 
 }  // namespace slabd::cli

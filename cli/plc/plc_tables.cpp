@@ -155,7 +155,7 @@ std::string code_csv() {
   return text;
 }
 
-void add_plc(args::Command& app, int& exit_status) {
+void add_plc(args::Command& app) {
   struct Options {
     bool csv = false;
     bool json = false;
@@ -166,21 +166,21 @@ void add_plc(args::Command& app, int& exit_status) {
   args::Command map = plc->add_subcommand("map", "Register map 1.0, as docs/PLC.md has it");
   args::Option csv = map->add_flag("--csv", options->csv, "For import into a tag list");
   map->add_flag("--json", options->json, "slabd.plc_map/1")->excludes(csv);
-  map->callback([options, &exit_status] {
+  map->runs([options] {
     fmt::print("{}", options->csv    ? register_csv()
                      : options->json ? register_json().dump(2) + "\n"
                                      : register_markdown());
-    exit_status = kDone;
+    return kDone;
   });
   auto told = std::make_shared<Options>();
   args::Command codes = plc->add_subcommand("codes", "Every code with its cure");
   args::Option codes_csv = codes->add_flag("--csv", told->csv, "For import into a tag list");
   codes->add_flag("--json", told->json, "slabd.plc_codes/1")->excludes(codes_csv);
-  codes->callback([told, &exit_status] {
+  codes->runs([told] {
     fmt::print("{}", told->csv ? code_csv() : told->json ? code_json().dump(2) + "\n" : code_markdown());
-    exit_status = kDone;
+    return kDone;
   });
-  add_plc_monitor(*plc, exit_status);
+  add_plc_monitor(*plc);
 }
 
 }  // namespace slabd::cli

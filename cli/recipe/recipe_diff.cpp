@@ -115,19 +115,15 @@ struct StoredSlabs {
   int unknown_U = 0;  ///< block items whose verdict rests on a U that only the scan knows
 };
 
-/// False when the database could not be read.
-bool judge_stored(storage::Reader& reader, const std::vector<std::int64_t>& keys, const Recipe& a, const Recipe& b,
-                  StoredSlabs& out) {
+StoredSlabs judge_stored(storage::Reader& reader, const std::vector<std::int64_t>& keys, const Recipe& a,
+                         const Recipe& b) {
+  StoredSlabs out;
   std::vector<BlockResult> room(limits::kStationsMax);
   auto judged = std::make_unique<SlabResult>();
   for (const std::int64_t key : keys) {
-    const auto found = reader.slab(key);
-    if (!found) {
-      complain(found.error().text.view());
-      return false;
-    }
-    if (!found.value()) continue;
-    const storage::SlabRecord& record = *found.value();
+    const auto found = need(reader.slab(key), kNotReachable);
+    if (!found) continue;
+    const storage::SlabRecord& record = *found;
     const SlabHeader& slab = record.summary.header;
     if (record.summary.verdict == Verdict::aborted) {
       out.what_if.leave_out(slab, "it was aborted");
@@ -139,21 +135,17 @@ bool judge_stored(storage::Reader& reader, const std::vector<std::int64_t>& keys
     }
     const bool of_a = slab.recipe_sha256 == a.sha256;
     if (of_a) ++out.of_a;
-    const auto verified = scanner_of(reader, slab);
+    const auto verified = need(scanner_of(reader, slab), kNotReachable);
     if (!verified) {
-      complain(verified.error().text.view());
-      return false;
-    }
-    if (!verified.value()) {
       out.what_if.leave_out(slab,
                             fmt::format("the scanner acceptance {} is not in the database", slab.scanner_id.view()));
       continue;
     }
     const std::vector<StationRecord> stations = rejudged(record, b, of_a ? &a : nullptr, out.unknown_U);
-    daemon::judge_slab(b, *verified.value(), stations, slab.T_base_slab, room, *judged);
+    daemon::judge_slab(b, *verified, stations, slab.T_base_slab, room, *judged);
     out.what_if.add(record, stations, *judged);
   }
-  return true;
+  return out;
 }
 
 void write_recipe(Json& json, std::string_view key, const Recipe& recipe) {
@@ -202,29 +194,22 @@ void print_differences(const Recipe& a, const Recipe& b, const std::vector<KeyDi
 }
 
 int diff(const DiffOptions& options) {
-  if (!options.stored && options.choice.has_filter()) {
-    complain("--since, --until, --type and --verdict choose stored slabs: say --db or --config too");
-    return kUsage;
-  }
+  if (!options.stored && options.choice.has_filter())
+    stop(kUsage, "--since, --until, --type and --verdict choose stored slabs: say --db or --config too");
   // A recipe out of the database needs one, the configuration's unless another is named.
   std::unique_ptr<storage::Reader> reader;
-  int exit_status = kDone;
   if (options.stored || names_stored_recipe(options.a) || names_stored_recipe(options.b)) {
-    reader = open_database(options.database, exit_status);
-    if (reader == nullptr) return exit_status;
+    reader = open_database(options.database);
   }
-  Recipe a;
-  Recipe b;
-  if (!recipe_named(reader.get(), options.a, a, exit_status) || !recipe_named(reader.get(), options.b, b, exit_status))
-    return exit_status;
+  const Recipe a = recipe_named(reader.get(), options.a);
+  const Recipe b = recipe_named(reader.get(), options.b);
   const std::vector<KeyDifference> differences = differences_of(a, b);
   StoredSlabs stored;
   if (options.stored) {
     SlabChoice choice = options.choice;
     if (choice.slab_type == 0) choice.slab_type = b.slab_type;
-    const auto keys = chosen_slabs(*reader, choice, exit_status);
-    if (!keys) return exit_status;
-    if (!judge_stored(*reader, *keys, a, b, stored)) return kNotReachable;
+    const std::vector<std::int64_t> keys = chosen_slabs(*reader, choice);
+    stored = judge_stored(*reader, keys, a, b);
   }
   if (options.json) {
     fmt::print("{}", as_json(a, b, differences, options.stored ? &stored : nullptr));
@@ -263,7 +248,7 @@ std::vector<StationRecord> rejudged(const storage::SlabRecord& record, const Rec
   return stations;
 }
 
-void add_recipe_diff(args::Command& recipe, int& exit_status) {
+void add_recipe_diff(args::Command& recipe) {
   auto options = std::make_shared<DiffOptions>();
   args::Command command = recipe.add_subcommand("diff", "What two recipes say otherwise, and what that makes of slabs");
   command->footer(
@@ -280,9 +265,9 @@ void add_recipe_diff(args::Command& recipe, int& exit_status) {
   options->choice.add_filters_to(*command);
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.recipe_diff/1 on stdout");
-  command->callback([options, command, &exit_status] {
+  command->runs([options, command] {
     options->stored = command->count("--db") > 0 || command->count("--config") > 0;
-    exit_status = diff(*options);
+    return diff(*options);
   });
 }
 

@@ -12,7 +12,7 @@ class Command;
 namespace slabd::cli {
 
 /// `slabctl recipe diff`, below the command `recipe`.
-void add_recipe_diff(args::Command& recipe, int& exit_status);
+void add_recipe_diff(args::Command& recipe);
 
 /// The stations of a stored slab with their block items judged anew by `recipe`: its limits, its guard band, and its U
 /// where no budget was computed, or the stored one if that is larger: the scan may have widened it. Values, budgets and

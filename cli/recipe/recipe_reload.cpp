@@ -34,20 +34,12 @@ struct Options {
   bool as_json = false;
 };
 
-/// The daemon's answer, or the exit status.
-bool ask(const std::string& socket, const char* line, json& answer, int& exit_status) {
-  const Result<std::string> text = ask_daemon(socket, line);
-  if (!text.ok()) {
-    complain(text.error().text.view());
-    exit_status = kNotReachable;
-    return false;
-  }
-  answer = json::parse(text.value(), nullptr, false);
-  if (answer.is_object() && answer.value("schema", "") == "slabd.recipes/1") return true;
-  const bool refused = answer.is_object() && answer.contains("error") && answer["error"].is_string();
-  complain(refused ? answer["error"].get<std::string>() : "the daemon gave no answer that this slabctl knows");
-  exit_status = refused ? kRefused : kNotReachable;
-  return false;
+json ask(const std::string& socket, const char* line) {
+  json answer = json::parse(need(ask_daemon(socket, line), kNotReachable), nullptr, false);
+  if (answer.is_object() && answer.value("schema", "") == "slabd.recipes/1") return answer;
+  if (answer.is_object() && answer.contains("error") && answer["error"].is_string())
+    stop(kRefused, answer["error"].get<std::string>());
+  stop(kNotReachable, "the daemon gave no answer that this slabctl knows");
 }
 
 void print_state(const json& answer) {
@@ -72,32 +64,26 @@ int reload(const Options& options) {
     for (const daemon::Problem& problem : problems) complain(problem.text);
     socket = config.control_socket;
   }
-  json answer;
-  int exit_status = kDone;
-  if (!ask(socket, options.look_only ? "{\"verb\":\"recipes\"}\n" : "{\"verb\":\"recipes\",\"reload\":true}\n", answer,
-           exit_status))
-    return exit_status;
+  json answer =
+      ask(socket, options.look_only ? "{\"verb\":\"recipes\"}\n" : "{\"verb\":\"recipes\",\"reload\":true}\n");
   const auto state = [&answer] { return answer["reload"].value("state", ""); };
   for (int polls = 0; !options.look_only && (state() == "checking" || state() == "checked"); ++polls) {
-    if (polls == kPollsMax) {
-      complain("the daemon still reads the recipe folder; ask again with --look");
-      return kNotReachable;
-    }
+    if (polls == kPollsMax) stop(kNotReachable, "the daemon still reads the recipe folder; ask again with --look");
     std::this_thread::sleep_for(kPollEvery);
-    if (!ask(socket, "{\"verb\":\"recipes\"}\n", answer, exit_status)) return exit_status;
+    answer = ask(socket, "{\"verb\":\"recipes\"}\n");
   }
   if (options.as_json)
     fmt::print("{}\n", answer.dump(-1, ' ', false, json::error_handler_t::replace));
   else
     print_state(answer);
-  if (options.look_only || state() == "done") return kDone;
-  complain(answer["reload"].value("text", "the recipes were not taken up"));
-  return kRefused;
+  if (!options.look_only && state() != "done")
+    stop(kRefused, answer["reload"].value("text", "the recipes were not taken up"));
+  return kDone;
 }
 
 }  // namespace
 
-void add_recipe_reload(args::Command& recipe, int& exit_status) {
+void add_recipe_reload(args::Command& recipe) {
   auto options = std::make_shared<Options>();
   args::Command command = recipe.add_subcommand("reload", "Have the running daemon take up its recipe folder");
   command->footer(
@@ -111,7 +97,7 @@ void add_recipe_reload(args::Command& recipe, int& exit_status) {
   command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
   command->add_flag("--look", options->look_only, "Only print what is in use and what the folder holds otherwise");
   command->add_flag("--json", options->as_json, "Print slabd.recipes/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = reload(*options); });
+  command->runs([options] { return reload(*options); });
 }
 
 }  // namespace slabd::cli

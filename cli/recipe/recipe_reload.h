@@ -8,6 +8,6 @@ class Command;
 namespace slabd::cli {
 
 /// `slabctl recipe reload`, below the command `recipe`.
-void add_recipe_reload(args::Command& recipe, int& exit_status);
+void add_recipe_reload(args::Command& recipe);
 
 }  // namespace slabd::cli

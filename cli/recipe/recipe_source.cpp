@@ -25,29 +25,22 @@ bool names_stored_recipe(std::string_view word) {
   return word.starts_with(kSlab) || word.starts_with(kSha);
 }
 
-std::optional<storage::RecipeText> stored_recipe(storage::Reader& reader, const std::string& word, int& exit_status) {
+storage::RecipeText stored_recipe(storage::Reader& reader, const std::string& word) {
   std::string sha256 = word.starts_with(kSha) ? word.substr(kSha.size()) : "";
   std::string of_slab;
   if (word.starts_with(kSlab)) {
-    const auto slab = named_slab(reader, word.substr(kSlab.size()), exit_status);
-    if (!slab) return std::nullopt;
-    const SlabHeader& header = slab->summary.header;
+    const storage::SlabRecord slab = named_slab(reader, word.substr(kSlab.size()));
+    const SlabHeader& header = slab.summary.header;
     sha256 = header.recipe_sha256.view();
     of_slab =
         fmt::format("; slab {} was begun with {} by {}", header.key, header.recipe.view(), header.software.view());
   }
-  auto text = reader.recipe_text(sha256);
-  if (!text) {
-    complain(text.error().text.view());
-    exit_status = kNotReachable;
-    return std::nullopt;
-  }
-  if (!text.value()) {
-    complain(fmt::format("the database has kept no recipe with the SHA-256 '{}', or more than one that begins so{}",
-                         sha256, of_slab));
-    exit_status = kBadInput;
-  }
-  return std::move(text.value());
+  auto text = need(reader.recipe_text(sha256), kNotReachable);
+  if (!text)
+    stop(kBadInput,
+         fmt::format("the database has kept no recipe with the SHA-256 '{}', or more than one that begins so{}", sha256,
+                     of_slab));
+  return std::move(*text);
 }
 
 bool recipe_from(const storage::RecipeText& text, Recipe& recipe) {
@@ -59,16 +52,11 @@ bool recipe_from(const storage::RecipeText& text, Recipe& recipe) {
   return report_problems(problems);
 }
 
-bool recipe_named(storage::Reader* reader, const std::string& word, Recipe& recipe, int& exit_status) {
-  if (names_stored_recipe(word)) {
-    const auto text = stored_recipe(*reader, word, exit_status);
-    if (!text) return false;
-    if (recipe_from(*text, recipe)) return true;
-  } else if (recipe_from(word, recipe)) {
-    return true;
-  }
-  exit_status = kBadInput;
-  return false;
+Recipe recipe_named(storage::Reader* reader, const std::string& word) {
+  if (!names_stored_recipe(word)) return recipe_from(word);
+  Recipe recipe;
+  if (!recipe_from(stored_recipe(*reader, word), recipe)) stop(kBadInput);
+  return recipe;
 }
 
 RecipeShelf::RecipeShelf(std::vector<Recipe> of_folder) : of_folder_(std::move(of_folder)) {}

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <list>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -15,15 +14,14 @@ namespace slabd::cli {
 
 /// "slab:SLAB" (the recipe that this slab was begun with) or "sha:PREFIX" instead of a file's path.
 [[nodiscard]] bool names_stored_recipe(std::string_view word);
-/// nullopt: there is none such, the sentence is printed and `exit_status` set.
-[[nodiscard]] std::optional<storage::RecipeText> stored_recipe(storage::Reader& reader, const std::string& word,
-                                                               int& exit_status);
+/// Stops if there is none such.
+[[nodiscard]] storage::RecipeText stored_recipe(storage::Reader& reader, const std::string& word);
 /// A kept text as the daemon read it; its path is `sha:` and the whole SHA-256. False: it is no good recipe for this
 /// slabd, or not what its SHA-256 says; printed.
 [[nodiscard]] bool recipe_from(const storage::RecipeText& text, Recipe& recipe);
 
-/// A file, or what `stored_recipe` finds in `reader` (not null for such a word). False: printed, `exit_status` set.
-[[nodiscard]] bool recipe_named(storage::Reader* reader, const std::string& word, Recipe& recipe, int& exit_status);
+/// A file, or what `stored_recipe` finds in `reader` (not null for such a word). Stops if it is no good recipe.
+[[nodiscard]] Recipe recipe_named(storage::Reader* reader, const std::string& word);
 
 /// The recipes of a folder and, behind them, those of the database.
 class RecipeShelf {

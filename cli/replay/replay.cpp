@@ -129,34 +129,26 @@ struct ReplaySources {
 };
 
 /// The configuration says where recipes lie and in which unit scans are, unless the command line does.
-bool open_sources(const ReplayOptions& options, ReplaySources& sources, int& exit_status) {
+ReplaySources open_sources(const ReplayOptions& options) {
+  ReplaySources sources;
   daemon::Config config;
   if (options.database.db.empty()) {
-    if (!config_from(options.database.config, config)) {
-      exit_status = kBadInput;
-      return false;
-    }
+    config = config_from(options.database.config);
     sources.unit = config.scanner.unit;
   }
   sources.recipes_dir = options.recipes_dir.empty() ? config.recipes_dir : options.recipes_dir;
   if (!options.unit.empty()) sources.unit = *length_unit(options.unit);
-  sources.reader = open_database(options.database, exit_status);
-  return sources.reader != nullptr;
+  sources.reader = open_database(options.database);
+  return sources;
 }
 
-/// Calls `work(record)` for every slab chosen, oldest first; false when the database could not be read.
+/// Calls `work(record)` for every slab chosen, oldest first.
 template <typename Work>
-bool for_each_slab(storage::Reader& reader, const std::vector<std::int64_t>& keys, const Work& work) {
+void for_each_slab(storage::Reader& reader, const std::vector<std::int64_t>& keys, const Work& work) {
   for (const std::int64_t key : keys) {
-    const auto record = reader.slab(key);
-    if (!record) {
-      complain(record.error().text.view());
-      return false;
-    }
-    if (!record.value()) continue;  // it was there a moment ago: records are pruned by the daemon only
-    if (!work(*record.value())) return false;
+    const auto record = need(reader.slab(key), kNotReachable);
+    if (record) work(*record);  // else the daemon has pruned it meanwhile
   }
-  return true;
 }
 
 int verify(const ReplayOptions& options, ReplaySources& sources, const std::vector<std::int64_t>& keys) {
@@ -171,25 +163,19 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
   json.field("threads", options.threads).field("instruction_set", algo::instruction_set());
   json.key("slabs").begin_array();
   ProgressCount progress(stderr, keys.size());
-  const bool read = for_each_slab(*sources.reader, keys, [&](const storage::SlabRecord& record) {
+  for_each_slab(*sources.reader, keys, [&](const storage::SlabRecord& record) {
     progress.next(fmt::format("measuring slab {} again", record.summary.header.key));
-    const Result<SlabReplay> slab = replay_slab(*sources.reader, record, shelf, remeasurer);
+    const SlabReplay slab = need(replay_slab(*sources.reader, record, shelf, remeasurer), kNotReachable);
     progress.erase();
-    if (!slab) {
-      complain(slab.error().text.view());
-      return false;
-    }
-    ++count[static_cast<std::size_t>(slab.value().outcome)];
-    with_scans += slab.value().scans_left ? 1 : 0;
+    ++count[static_cast<std::size_t>(slab.outcome)];
+    with_scans += slab.scans_left ? 1 : 0;
     if (options.json) {
-      write_slab(json, slab.value());
+      write_slab(json, slab);
     } else {
-      print_slab(slab.value());
+      print_slab(slab);
       std::fflush(stdout);
     }
-    return true;
   });
-  if (!read) return kNotReachable;
   const auto [identical, differs, not_verified] = count;
   json.end_array();
   json.field("identical", identical).field("differs", differs).field("not_verified", not_verified).end_object();
@@ -243,23 +229,19 @@ std::string decide_anew(storage::Reader& reader, const storage::SlabRecord& reco
 }
 
 int decide(const ReplayOptions& options, ReplaySources& sources, const std::vector<std::int64_t>& keys) {
-  Recipe recipe;
-  int exit_status = kDone;
-  if (!recipe_named(sources.reader.get(), options.recipe, recipe, exit_status)) return exit_status;
+  const Recipe recipe = recipe_named(sources.reader.get(), options.recipe);
   warn_unconfirmed(recipe);
   Remeasurer remeasurer(options.threads, sources.unit, options.scans_dir);
   remeasurer.use(recipe);
   WhatIf what_if;
-  const bool read = for_each_slab(*sources.reader, keys, [&](const storage::SlabRecord& record) {
+  for_each_slab(*sources.reader, keys, [&](const storage::SlabRecord& record) {
     std::optional<ProgressNote> note(std::in_place, stderr,
                                      fmt::format("measuring slab {} again ...", record.summary.header.key),
                                      std::chrono::seconds(1));
     std::string why = decide_anew(*sources.reader, record, recipe, remeasurer, what_if);
     note.reset();
     if (!why.empty()) what_if.leave_out(record.summary.header, std::move(why));
-    return true;
   });
-  if (!read) return kNotReachable;
   if (options.json) {
     Json json;
     json.begin_object().field("schema", "slabd.what_if/1").field("software", daemon::software_version().view());
@@ -278,17 +260,14 @@ int decide(const ReplayOptions& options, ReplaySources& sources, const std::vect
 }
 
 int replay(const ReplayOptions& options) {
-  ReplaySources sources;
-  int exit_status = kDone;
-  if (!open_sources(options, sources, exit_status)) return exit_status;
-  const auto keys = chosen_slabs(*sources.reader, options.choice, exit_status);
-  if (!keys) return exit_status;
-  return options.recipe.empty() ? verify(options, sources, *keys) : decide(options, sources, *keys);
+  ReplaySources sources = open_sources(options);
+  const std::vector<std::int64_t> keys = chosen_slabs(*sources.reader, options.choice);
+  return options.recipe.empty() ? verify(options, sources, keys) : decide(options, sources, keys);
 }
 
 }  // namespace
 
-void add_replay(args::Command& app, int& exit_status) {
+void add_replay(args::Command& app) {
   auto options = std::make_shared<ReplayOptions>();
   args::Command command =
       app.add_subcommand("replay", "Measure stored slabs again: the same bits? or with another recipe");
@@ -319,7 +298,7 @@ void add_replay(args::Command& app, int& exit_status) {
       ->check(args::range(1, 2))
       ->capture_default_str();
   command->add_flag("--json", options->json, "Print slabd.replay/1, with --recipe slabd.what_if/1, on stdout");
-  command->callback([options, &exit_status] { exit_status = replay(*options); });
+  command->runs([options] { return replay(*options); });
 }
 
 }  // namespace slabd::cli

@@ -8,6 +8,6 @@ class Command;
 namespace slabd::cli {
 
 /// `slabctl replay`, as the commands of cli/command.h.
-void add_replay(args::Command& app, int& exit_status);
+void add_replay(args::Command& app);
 
 }  // namespace slabd::cli

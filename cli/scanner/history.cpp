@@ -37,8 +37,7 @@ bool is_verification(const json& record) {
   return record.value("schema", "") == "slabd.scanner_verification/1";
 }
 
-/// False: printed.
-bool add_files(const daemon::Config& config, std::vector<json>& records) {
+void add_files(const daemon::Config& config, std::vector<json>& records) {
   const fs::path folder = fs::path(config.storage.db_path).parent_path() / "scanner";
   std::vector<fs::path> files;
   std::error_code none;  // no folder: no former version kept anything
@@ -48,45 +47,34 @@ bool add_files(const daemon::Config& config, std::vector<json>& records) {
   for (const fs::path& path : files) {
     std::ifstream file(path, std::ios::binary);
     records.push_back(json::parse(file, nullptr, false));
-    if (is_verification(records.back())) continue;
-    complain(fmt::format("{}: not a slabd.scanner_verification/1", path.string()));
-    return false;
+    if (!is_verification(records.back()))
+      stop(kBadInput, fmt::format("{}: not a slabd.scanner_verification/1", path.string()));
   }
-  return true;
 }
 
-/// False: printed.
-bool add_records(const daemon::Config& config, std::vector<json>& records, int& exit_status) {
-  std::unique_ptr<storage::Reader> reader;
-  if (!open_records(config, reader, exit_status)) return false;
-  if (reader == nullptr) return true;
-  const auto all = reader->calibrations();
-  const auto now = reader->current(CalibrationKind::scanner);
-  if (!all.ok() || !now.ok()) {
-    complain((all.ok() ? now.error() : all.error()).text.view());
-    exit_status = kNotReachable;
-    return false;
-  }
+void add_records(const daemon::Config& config, std::vector<json>& records) {
+  const std::unique_ptr<storage::Reader> reader = open_records(config);
+  if (reader == nullptr) return;
+  const auto all = need(reader->calibrations(), kNotReachable);
+  const auto now = need(reader->current(CalibrationKind::scanner), kNotReachable);
   // They come newest first; two of one second stay in the order in which they were kept.
-  for (auto it = all.value().rbegin(); it != all.value().rend(); ++it) {
+  for (auto it = all.rbegin(); it != all.rend(); ++it) {
     const storage::CalibrationRecord& kept = *it;
     if (kept.kind() != CalibrationKind::scanner) continue;
     json record = json::parse(kept.figures, nullptr, false);
     if (!is_verification(record)) record = {{"schema", "slabd.scanner_verification/1"}};
     record["id"] = kept.id;
-    record["in_force"] = now.value() && now.value()->id == kept.id;
+    record["in_force"] = now && now->id == kept.id;
     record["expires"] = kept.expires_utime_us == 0 ? json(nullptr) : json(iso_time(kept.expires_utime_us));
     records.push_back(std::move(record));
   }
-  return true;
 }
 
 int history(const std::string& config_path, bool as_json) {
-  daemon::Config config;
-  if (!config_from(config_path, config)) return kBadInput;
+  const daemon::Config config = config_from(config_path);
   std::vector<json> records;
-  int exit_status = kBadInput;
-  if (!add_files(config, records) || !add_records(config, records, exit_status)) return exit_status;
+  add_files(config, records);
+  add_records(config, records);
   std::stable_sort(records.begin(), records.end(),
                    [](const json& a, const json& b) { return a.value("utc", "") < b.value("utc", ""); });
   if (as_json) {
@@ -108,7 +96,7 @@ int history(const std::string& config_path, bool as_json) {
 
 }  // namespace
 
-void add_scanner_history(args::Command& scanner, int& exit_status) {
+void add_scanner_history(args::Command& scanner) {
   struct Options {
     std::string config;
     bool as_json = false;
@@ -118,7 +106,7 @@ void add_scanner_history(args::Command& scanner, int& exit_status) {
   command->footer("\nmm. Example: slabctl scanner history");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
   command->add_flag("--json", options->as_json, "Print slabd.scanner_history/1");
-  command->callback([options, &exit_status] { exit_status = history(options->config, options->as_json); });
+  command->runs([options] { return history(options->config, options->as_json); });
 }
 
 }  // namespace slabd::cli

@@ -6,13 +6,13 @@
 
 namespace slabd::cli {
 
-void add_scanner(args::Command& app, int& exit_status) {
+void add_scanner(args::Command& app) {
   args::Command scanner =
       app.add_subcommand("scanner", "The scanner: send a scan as a gateway does, verify its accuracy");
   scanner->require_subcommand(1);
-  add_scanner_send(*scanner, exit_status);
-  add_scanner_verify(*scanner, exit_status);
-  add_scanner_history(*scanner, exit_status);
+  add_scanner_send(*scanner);
+  add_scanner_verify(*scanner);
+  add_scanner_history(*scanner);
 }
 
 }  // namespace slabd::cli

@@ -8,8 +8,8 @@ class Command;
 /// The subcommands of `slabctl scanner`, a file each.
 namespace slabd::cli {
 
-void add_scanner_send(args::Command& scanner, int& exit_status);
-void add_scanner_verify(args::Command& scanner, int& exit_status);
-void add_scanner_history(args::Command& scanner, int& exit_status);
+void add_scanner_send(args::Command& scanner);
+void add_scanner_verify(args::Command& scanner);
+void add_scanner_history(args::Command& scanner);
 
 }  // namespace slabd::cli

@@ -41,15 +41,10 @@ struct Scan {
   ScanShape shape;
 };
 
-std::optional<Scan> read(const std::string& path, hal::LengthUnit unit, const hal::TableColumns& columns) {
+Scan read(const std::string& path, hal::LengthUnit unit, const hal::TableColumns& columns) {
   Scan scan;
   scan.xyz.resize(3 * limits::kScanPointsMax);
-  const Result<ScanShape> shape = hal::read_scan(path.c_str(), unit, std::span<float>(scan.xyz), columns);
-  if (!shape) {
-    complain(std::string(shape.error().text.view()));
-    return std::nullopt;
-  }
-  scan.shape = shape.value();
+  scan.shape = need(hal::read_scan(path.c_str(), unit, std::span<float>(scan.xyz), columns), kBadInput);
   scan.xyz.resize(3 * scan.shape.points);
   return scan;
 }
@@ -67,8 +62,8 @@ bool split(const std::string& to, std::string& host, std::uint16_t& port) {
 }
 
 /// Delivers one scan; tries again, from where it was cut, while the time lasts.
-int deliver(StreamGateway& gateway, const Scan& scan, const std::string& file, const Options& options,
-            Clock::time_point until) {
+void deliver(StreamGateway& gateway, const Scan& scan, const std::string& file, const Options& options,
+             Clock::time_point until) {
   const std::int64_t utime_us =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
           .count();
@@ -76,7 +71,7 @@ int deliver(StreamGateway& gateway, const Scan& scan, const std::string& file, c
   std::string last = "slabd asked for nothing";
   while (!g_stop && Clock::now() < until) {
     if (const Status up = gateway.connect(); !up) {
-      if (up.error().code == Code::config) return complain(std::string(up.error().text.view())), kUsage;
+      if (up.error().code == Code::config) stop(kUsage, up.error().text.view());
       last = up.error().text.view();
       std::this_thread::sleep_for(std::chrono::milliseconds(200));
       continue;
@@ -93,42 +88,34 @@ int deliver(StreamGateway& gateway, const Scan& scan, const std::string& file, c
           request->station, file, scan.shape.points,
           gateway.went_on_from() != 0 ? fmt::format(", {} of them from before the cut", gateway.went_on_from()) : "");
       std::fflush(stdout);
-      return kDone;
+      return;
     }
     last = sent.error().text.view();
-    if (sent.error().code != Code::scanner_offline) {
-      complain(last);
-      return exit_for(sent.error().code);
-    }
+    if (sent.error().code != Code::scanner_offline) stop(sent.error());
     fmt::print(stderr, "{}; trying again\n", last);
   }
-  complain(fmt::format("{}: {}", options.to, last));
-  return kNotReachable;
+  stop(kNotReachable, fmt::format("{}: {}", options.to, last));
 }
 
 int send(const Options& options) {
   std::string host;
   std::uint16_t port = 0;
-  if (!split(options.to, host, port)) {
-    complain(fmt::format("--to {}: expected ADDRESS:PORT, such as 127.0.0.1:1504", options.to));
-    return kUsage;
-  }
+  if (!split(options.to, host, port))
+    stop(kUsage, fmt::format("--to {}: expected ADDRESS:PORT, such as 127.0.0.1:1504", options.to));
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
   StreamGateway gateway(host, port);
   for (const std::string& file : options.files) {
-    const std::optional<Scan> scan =
-        read(file, static_cast<hal::LengthUnit>(options.unit), columns_of(options.columns));
-    if (!scan) return kBadInput;
+    const Scan scan = read(file, static_cast<hal::LengthUnit>(options.unit), columns_of(options.columns));
     const auto until = Clock::now() + std::chrono::milliseconds(static_cast<std::int64_t>(1e3 * options.wait_s));
-    if (const int status = deliver(gateway, *scan, file, options, until); status != kDone) return status;
+    deliver(gateway, scan, file, options, until);
   }
   return kDone;
 }
 
 }  // namespace
 
-void add_scanner_send(args::Command& scanner, int& exit_status) {
+void add_scanner_send(args::Command& scanner) {
   auto options = std::make_shared<Options>();
   args::Command command = scanner.add_subcommand("send", "Answer slabd's next requests with scan files, over TCP");
   command->footer(
@@ -145,7 +132,7 @@ void add_scanner_send(args::Command& scanner, int& exit_status) {
   command->add_option("--wait-s", options->wait_s, "For each request")->check(within(0.1, 1e6))->capture_default_str();
   command->add_option("--cut-after", options->cut_after,
                       "Cut the first connection after so many points and connect again, to try just that");
-  command->callback([options, &exit_status] { exit_status = send(*options); });
+  command->runs([options] { return send(*options); });
 }
 
 }  // namespace slabd::cli

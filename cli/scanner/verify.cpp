@@ -38,38 +38,27 @@ struct Options {
   bool as_json = false;
 };
 
-/// Reads each file and judges it; false: printed.
-bool each(
+/// Reads each file and judges it.
+void each(
     const std::vector<std::string>& files, hal::LengthUnit unit, const hal::TableColumns& columns,
     const std::function<std::optional<Error>(const std::string&, std::span<const float>, const ScanShape&)>& judge,
-    std::map<std::uint32_t, std::string>& seen, int& exit_status) {
+    std::map<std::uint32_t, std::string>& seen) {
   std::vector<float> xyz(3 * limits::kScanPointsMax);
   ProgressCount progress(stderr, files.size());
   for (const std::string& file : files) {
     progress.next(file);
-    const Result<ScanShape> shape = hal::read_scan(file.c_str(), unit, std::span<float>(xyz), columns);
-    if (!shape) {
-      complain(shape.error().text.view());
-      exit_status = kBadInput;
-      return false;
-    }
-    const std::span<const float> points = std::span(xyz).first(3 * shape.value().points);
+    const ScanShape shape = need(hal::read_scan(file.c_str(), unit, std::span<float>(xyz), columns), kBadInput);
+    const std::span<const float> points = std::span(xyz).first(3 * shape.points);
     // One scan given ten times would make ten places of one.
-    if (const auto [first, is_new] = seen.try_emplace(hal::points_crc32c(points), file); !is_new) {
-      complain(fmt::format("{}: the same points as {}; every place needs a scan of its own", file, first->second));
-      exit_status = kBadInput;
-      return false;
-    }
-    if (const std::optional<Error> why = judge(file, points, shape.value())) {
-      complain(fmt::format("{}: {}", file, why->text.view()));
-      exit_status = kBadInput;
-      return false;
-    }
+    if (const auto [first, is_new] = seen.try_emplace(hal::points_crc32c(points), file); !is_new)
+      stop(kBadInput,
+           fmt::format("{}: the same points as {}; every place needs a scan of its own", file, first->second));
+    if (const std::optional<Error> why = judge(file, points, shape))
+      stop(kBadInput, fmt::format("{}: {}", file, why->text.view()));
   }
-  return true;
 }
 
-bool look(const Options& options, Verification& v, int& exit_status) {
+void look(const Options& options, Verification& v) {
   const auto unit = static_cast<hal::LengthUnit>(options.unit);
   const auto plate = [&](const std::string& file, std::span<const float> xyz,
                          const ScanShape& shape) -> std::optional<Error> {
@@ -86,8 +75,8 @@ bool look(const Options& options, Verification& v, int& exit_status) {
   };
   std::map<std::uint32_t, std::string> seen;  // files by the checksum of their points
   const hal::TableColumns columns = columns_of(options.columns);
-  return each(options.plates, unit, columns, plate, seen, exit_status) &&
-         each(options.balls, unit, columns, ball, seen, exit_status);
+  each(options.plates, unit, columns, plate, seen);
+  each(options.balls, unit, columns, ball, seen);
 }
 
 std::string figure(double value, const char* format = "{:.4f}") {
@@ -137,22 +126,20 @@ void print(const Verification& v) {
 }
 
 /// Keeps the record and puts it in force, as far as it may be. One that is out of its limits is never put in force but
-/// always kept: the line has to know of it. False: `exit_status` says why, and it was printed.
-bool keep(const Options& options, const Verification& v, std::int64_t utime_us, Kept& kept, int& exit_status) {
+/// always kept: the line has to know of it. A failure is printed and returned: the figures must still be shown.
+Exit keep(const Options& options, const Verification& v, std::int64_t utime_us, Kept& kept) {
+  Exit status = kDone;
   const ScannerNumbers numbers = numbers_of(v);
   RecordOptions record_options = options.record;
   if (const auto refusal = refusal_of(numbers); record_options.apply && !refusal.empty()) {
     complain(fmt::format("not put in force: {}", refusal.view()));
     for (const std::string& broken : limits_broken(v)) complain(fmt::format("  {}", broken));
-    exit_status = kRefused;
-    if (numbers.within_limits && !options.keep) return false;
+    status = kRefused;
+    if (numbers.within_limits && !options.keep) return status;
     record_options.apply = false;
   }
   daemon::Config config;
-  if (!config_from(record_options.config, config)) {
-    exit_status = kBadInput;
-    return false;
-  }
+  if (!config_from(record_options.config, config)) return kBadInput;
   storage::CalibrationRecord record;
   record_options.scanner_serial = v.scanner;
   record_options.describe(config, record);
@@ -161,64 +148,48 @@ bool keep(const Options& options, const Verification& v, std::int64_t utime_us, 
   for (const VerifiedPlate& plate : v.plates) record.observations += "plate " + plate.file + "\n";
   for (const VerifiedBall& ball : v.balls) record.observations += "ball " + ball.file + "\n";
   if (!v.balls.empty()) record.certificate = fmt::format("ball diameter {} mm, certified as coated\n", v.diameter_mm);
-  int fault = kDone;
-  kept = keep_record(config, record_options, record, fault);
-  if (!kept.ok) {
-    exit_status = fault;
-    return false;
-  }
+  kept = keep_record(config, record_options, record);
+  if (kept.status != kDone) return kept.status;
   if (kept.applied)
     fmt::print(stderr, "{}", kept_text(kept, false));
   else
     fmt::print(stderr, "kept as {}{}\n", kept.id,
                numbers.within_limits ? "" : "; the line warns: scanner not verified");
-  return exit_status == kDone;
+  return status;
 }
 
 int verify(const Options& options) {
-  if (options.plates.empty() && options.balls.empty()) {
-    complain("nothing to look at: --plate FILE..., --ball FILE... --diameter-mm D");
-    return kUsage;
-  }
+  if (options.plates.empty() && options.balls.empty())
+    stop(kUsage, "nothing to look at: --plate FILE..., --ball FILE... --diameter-mm D");
   Verification v = options.verification;
-  if (!options.balls.empty() && std::isnan(v.diameter_mm)) {
-    complain("--ball needs --diameter-mm, the certified diameter of the ball as coated");
-    return kUsage;
-  }
-  if (options.balls.empty() && !(std::isnan(v.limits.PF_mm) && std::isnan(v.limits.PS_mm))) {
-    complain("--limit-pf-mm and --limit-ps-mm are limits of the ball's figures: they need --ball FILE...");
-    return kUsage;
-  }
-  if (options.plates.empty() && !std::isnan(v.limits.RF_mm)) {
-    complain("--limit-rf-mm is a limit of the plate's figure: it needs --plate FILE...");
-    return kUsage;
-  }
-  int exit_status = kDone;
-  if (!look(options, v, exit_status)) return exit_status;
+  if (!options.balls.empty() && std::isnan(v.diameter_mm))
+    stop(kUsage, "--ball needs --diameter-mm, the certified diameter of the ball as coated");
+  if (options.balls.empty() && !(std::isnan(v.limits.PF_mm) && std::isnan(v.limits.PS_mm)))
+    stop(kUsage, "--limit-pf-mm and --limit-ps-mm are limits of the ball's figures: they need --ball FILE...");
+  if (options.plates.empty() && !std::isnan(v.limits.RF_mm))
+    stop(kUsage, "--limit-rf-mm is a limit of the plate's figure: it needs --plate FILE...");
+  look(options, v);
   warn(v);
   const std::int64_t utime_us = wall_clock_us();
   Kept kept;
-  if (options.keep || options.record.apply) static_cast<void>(keep(options, v, utime_us, kept, exit_status));
+  const Exit status = options.keep || options.record.apply ? keep(options, v, utime_us, kept) : kDone;
   const std::string document = verification_json(v, utime_us, kept.id, kept.applied);
   if (!options.out.empty()) {
     OutFile out(options.out, {.synced = true, .mode = 0664});
     out.write(document);
-    if (const Status written = out.close(Code::journal_write); !written) {
-      complain(written.error().text.view());
-      return exit_for(written.error().code);
-    }
+    need(out.close(Code::journal_write));
   }
   if (options.as_json)
     fmt::print("{}", document);
   else
     print(v);
-  if (exit_status != kDone) return exit_status;
+  if (status != kDone) return status;
   return numbers_of(v).within_limits ? kDone : kRefused;
 }
 
 }  // namespace
 
-void add_scanner_verify(args::Command& scanner, int& exit_status) {
+void add_scanner_verify(args::Command& scanner) {
   auto options = std::make_shared<Options>();
   args::Command command =
       scanner.add_subcommand("verify", "The scanner against a plate and a ball: PF, PS, RF, form, noise, for U");
@@ -264,7 +235,7 @@ void add_scanner_verify(args::Command& scanner, int& exit_status) {
   command->add_option("--config", record.config, "With --keep or --apply: the daemon's configuration")
       ->default_val(kDefaultConfig);
   command->add_flag("--json", options->as_json, "Print slabd.scanner_verification/1");
-  command->callback([options, &exit_status] { exit_status = verify(*options); });
+  command->runs([options] { return verify(*options); });
 }
 
 }  // namespace slabd::cli

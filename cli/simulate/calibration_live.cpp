@@ -153,48 +153,31 @@ void catch_signals() {
   sigaction(SIGTERM, &action, nullptr);
 }
 
-template <typename T>
-bool there(const Result<T>& result, int& exit_status) {
-  if (result) return true;
-  cli::complain(fmt::format("{}", result.error().text.view()));
-  exit_status = cli::exit_for(result.error().code);
-  return false;
-}
-
 }  // namespace
 
 int run_calibration_live(CalibrationLiveOrder order) {
-  int exit_status = cli::kDone;
-  daemon::Config config;
-  if (!cli::config_from(order.config, config)) return cli::kBadInput;
+  const daemon::Config config = cli::config_from(order.config);
   if (!order.keep_flange && !config.calibration.id.empty())
     order.scene.T_flange_scanner = config.calibration.T_flange_scanner;
   if (!order.keep_target)
     order.scene.T_base_target = config.T_base_slab * Pose{Quat::Identity(), Vec3(0.0, 0.0, kTargetAboveSlabMm)};
   std::optional<Recipe> recipe;
   if (order.scene.kind == TargetKind::block) {
-    recipe.emplace();
-    if (!cli::recipe_from(order.recipe, *recipe)) return cli::kBadInput;
+    recipe = cli::recipe_from(order.recipe);
   }
-  const Result<CalibrationScene> scene = CalibrationScene::make(order.scene, recipe ? &*recipe : nullptr);
-  if (!there(scene, exit_status)) return exit_status;
+  const CalibrationScene scene = cli::need(CalibrationScene::make(order.scene, recipe ? &*recipe : nullptr));
 
-  std::vector<Pose> views = scene.value().plan_views(order.views);
+  std::vector<Pose> views = scene.plan_views(order.views);
   if (!order.poses_file.empty()) {
-    Result<std::vector<Pose>> poses = poses_in(order.poses_file);
-    if (!there(poses, exit_status)) return exit_status;
-    views = std::move(poses.value());
+    views = cli::need(poses_in(order.poses_file));
   } else if (!order.follow_file.empty()) {
     // Nobody may have suggested a pose yet: the first view is then the plan's.
     const Result<std::vector<Pose>> poses = poses_in(order.follow_file);
     views = {poses.ok() ? poses.value().back() : views.front()};
   }
-  if (!order.out_dir.empty() &&
-      !write_calibration_truth(scene.value(), order.scan, views, order.shots, order.out_dir, exit_status))
-    return exit_status;
+  if (!order.out_dir.empty()) write_calibration_truth(scene, order.scan, views, order.shots, order.out_dir);
 
-  const auto outlet = open_outlet(config, hal::ScanFormat::ply);
-  if (!there(outlet, exit_status)) return exit_status;
+  const auto outlet = cli::need(open_outlet(config, hal::ScanFormat::ply));
   RobotTraits traits;
   traits.lcm_url = config.robot.url.view();
   traits.channel = config.robot.channel.view();
@@ -204,10 +187,9 @@ int run_calibration_live(CalibrationLiveOrder order) {
   traits.base_id = config.pose.base_id;
   traits.tool_id = config.pose.tool_id;
   traits.seed = derived_seed(order.scene.seed, 23, 0);
-  const auto robot = RobotPeer::start(traits, views.front());
-  if (!there(robot, exit_status)) return exit_status;
+  const auto robot = cli::need(RobotPeer::start(traits, views.front()));
   catch_signals();
-  LiveCell(order, scene.value(), *outlet.value(), *robot.value(), std::move(views)).run();
+  LiveCell(order, scene, *outlet, *robot, std::move(views)).run();
   return cli::kDone;
 }
 

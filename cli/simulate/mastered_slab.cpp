@@ -44,12 +44,10 @@ calib::StationVisit visit_of(const SlabTruth& slab, const Cell& cell, int statio
   return visit;
 }
 
-bool write_text(const fs::path& path, const std::string& text) {
+void write_text(const fs::path& path, const std::string& text) {
   std::ofstream file(path);
   file << text;
-  if (file.flush()) return true;
-  cli::complain(fmt::format("{} cannot be written", path.string()));
-  return false;
+  if (!file.flush()) cli::stop(cli::kNotReachable, fmt::format("{} cannot be written", path.string()));
 }
 
 }  // namespace
@@ -74,15 +72,12 @@ calib::MasterCertificate master_certificate(const Recipe& recipe, const SlabTrut
 }
 
 int write_mastered_slab(const CalibrationOrder& order) {
-  Recipe recipe;
-  if (!cli::recipe_from(order.recipe, recipe)) return cli::kBadInput;
+  const Recipe recipe = cli::recipe_from(order.recipe);
   std::error_code fault;
   const fs::path dir = order.out_dir;
   fs::create_directories(dir, fault);
-  if (fault || !fs::is_empty(dir, fault)) {
-    cli::complain(fmt::format("--out {}: cannot be made, or is not empty; name a new folder", order.out_dir));
-    return cli::kUsage;
-  }
+  if (fault || !fs::is_empty(dir, fault))
+    cli::stop(cli::kUsage, fmt::format("--out {}: cannot be made, or is not empty; name a new folder", order.out_dir));
   const RobotErrorTraits robot = RobotError(order.scene.robot).traits();
   const Cell cell{order.scene.T_base_target, order.scene.T_flange_scanner};
   SlabVariation variation;
@@ -100,25 +95,20 @@ int write_mastered_slab(const CalibrationOrder& order) {
   json.key("views").begin_array();
   for (int round = 1; round <= order.views; ++round) {
     variation.slab_no = static_cast<std::uint32_t>(round);
-    const Result<SlabTruth> slab = cast_slab(recipe, cell, variation, {});
-    if (!slab) {
-      cli::complain(fmt::format("{}", slab.error().text.view()));
-      return cli::kUsage;
-    }
-    if (round == 1 &&
-        !write_text(dir / "certificate.txt", calib::master_certificate_text(master_certificate(recipe, slab.value()))))
-      return cli::kNotReachable;
-    for (int k = 1; k <= slab.value().stations; ++k) {
-      visits.push_back(visit_of(slab.value(), cell, k, round, variation.seed));
+    const SlabTruth slab = cli::need(cast_slab(recipe, cell, variation, {}), cli::kUsage);
+    if (round == 1)
+      write_text(dir / "certificate.txt", calib::master_certificate_text(master_certificate(recipe, slab)));
+    for (int k = 1; k <= slab.stations; ++k) {
+      visits.push_back(visit_of(slab, cell, k, round, variation.seed));
       json.begin_object().field("station", k).field("round", round);
-      cli::write_pose(json, "T_base_flange_reported", slab.value().at(k).T_base_flange_reported);
-      cli::write_pose(json, "T_base_flange_real", slab.value().at(k).T_base_flange_real);
+      cli::write_pose(json, "T_base_flange_reported", slab.at(k).T_base_flange_reported);
+      cli::write_pose(json, "T_base_flange_real", slab.at(k).T_base_flange_real);
       json.end_object();
     }
   }
   json.end_array().end_object();
-  if (!write_text(dir / "visits.txt", calib::visits_text(visits)) || !write_text(dir / "truth.json", json.text()))
-    return cli::kNotReachable;
+  write_text(dir / "visits.txt", calib::visits_text(visits));
+  write_text(dir / "truth.json", json.text());
   fmt::print("{}: {} rounds over {} stations in visits.txt, certificate.txt, truth.json\n", order.out_dir, order.views,
              recipe.stations());
   return cli::kDone;

@@ -114,7 +114,7 @@ RobotTraits robot_traits(const daemon::Config& config, const Options& options) {
 
 /// The recipe that the daemon will use for this slab type (0: the longest slab there is a recipe for); faulty other
 /// recipes are the daemon's affair.
-bool find_recipe(const daemon::Config& config, std::uint16_t slab_type, Recipe& recipe) {
+Recipe find_recipe(const daemon::Config& config, std::uint16_t slab_type) {
   std::vector<Recipe> recipes;
   std::vector<daemon::Problem> problems;
   daemon::load_recipes(config.recipes_dir, recipes, problems);
@@ -123,14 +123,11 @@ bool find_recipe(const daemon::Config& config, std::uint16_t slab_type, Recipe& 
     const bool longer = found == nullptr || candidate.slab.length_mm.value > found->slab.length_mm.value;
     if (slab_type == 0 ? longer : candidate.slab_type == slab_type) found = &candidate;
   }
-  if (found != nullptr) {
-    recipe = *found;
-    return true;
-  }
+  if (found != nullptr) return *found;
   std::ignore = cli::report_problems(problems);
-  if (slab_type != 0)
-    cli::complain(fmt::format("--type {}: {} has no usable recipe for this slab type", slab_type, config.recipes_dir));
-  return false;
+  cli::stop(cli::kBadInput, slab_type == 0 ? ""
+                                           : fmt::format("--type {}: {} has no usable recipe for this slab type",
+                                                         slab_type, config.recipes_dir));
 }
 
 std::string id_of(const Options& options, int index) {
@@ -163,11 +160,9 @@ int exit_of(const std::vector<SlabOutcome>& outcomes) {
 }
 
 template <typename Peer>
-bool started(const Result<Peer>& peer, int& exit_status) {
-  if (peer) return true;
-  cli::complain(fmt::format("{}", peer.error().text.view()));
-  exit_status = peer.error().code == Code::config ? cli::kBadInput : cli::kNotReachable;
-  return false;
+Peer started(Result<Peer> peer) {
+  const bool wrong = !peer && peer.error().code == Code::config;
+  return cli::need(std::move(peer), wrong ? cli::kBadInput : cli::kNotReachable);
 }
 
 /// The three peers are there: run the slabs.
@@ -223,94 +218,64 @@ int simulate(const Options& options) {
   facts.seed = options.variation.seed;
   facts.defect_texts = options.defects;
   for (const std::string& text : options.defects) {
-    const Result<Defect> defect = parse_defect(text);
-    if (!defect) {
-      cli::complain(fmt::format("{}", defect.error().text.view()));
-      return cli::kUsage;
-    }
-    facts.defects.push_back(defect.value());
+    facts.defects.push_back(cli::need(parse_defect(text), cli::kUsage));
   }
   ScannerTraits scanner_traits = options.scanner.traits();
   scanner_traits.scanner_seed = options.variation.seed;
-  if (!options.scanner.concrete(scanner_traits.concrete)) return cli::kUsage;
-  const Result<ScannerFault> fault = parse_scanner_fault(options.scanner_fault);
-  if (!fault) {
-    cli::complain(fmt::format("{}", fault.error().text.view()));
-    return cli::kUsage;
-  }
+  scanner_traits.concrete = options.scanner.concrete();
+  const ScannerFault fault = cli::need(parse_scanner_fault(options.scanner_fault), cli::kUsage);
   for (int i = 0; i < options.slabs; ++i) {
     if (id_of(options, i).size() <= limits::kSlabIdBytes) continue;
-    cli::complain(fmt::format("--slab-id: '{}' has more than {} characters", id_of(options, i), limits::kSlabIdBytes));
-    return cli::kUsage;
+    cli::stop(cli::kUsage,
+              fmt::format("--slab-id: '{}' has more than {} characters", id_of(options, i), limits::kSlabIdBytes));
   }
-  daemon::Config config;
-  Recipe recipe;
-  if (!cli::config_from(options.config, config) || !find_recipe(config, options.type, recipe)) return cli::kBadInput;
-  if ((config.plc.role == hal::PlcRole::rtu) != !options.plc_device.empty() && !options.stand_by) {
-    cli::complain(options.plc_device.empty()
-                      ? fmt::format("{} has [plc] role = \"rtu\": --plc-device names the other end of the serial line",
-                                    options.config)
-                      : fmt::format("--plc-device: {} has [plc] role = \"{}\", which has no serial line",
-                                    options.config, hal::kPlcRoles.at(static_cast<std::size_t>(config.plc.role))));
-    return cli::kUsage;
-  }
-  if (config.calibration.id.empty()) {
-    cli::complain(fmt::format("{}: [calibration] T_flange_scanner is missing; the emulated scanner really sits there",
-                              options.config));
-    return cli::kBadInput;
-  }
+  const daemon::Config config = cli::config_from(options.config);
+  const Recipe recipe = find_recipe(config, options.type);
+  if ((config.plc.role == hal::PlcRole::rtu) != !options.plc_device.empty() && !options.stand_by)
+    cli::stop(cli::kUsage,
+              options.plc_device.empty()
+                  ? fmt::format("{} has [plc] role = \"rtu\": --plc-device names the other end of the serial line",
+                                options.config)
+                  : fmt::format("--plc-device: {} has [plc] role = \"{}\", which has no serial line", options.config,
+                                hal::kPlcRoles.at(static_cast<std::size_t>(config.plc.role))));
+  if (config.calibration.id.empty())
+    cli::stop(cli::kBadInput,
+              fmt::format("{}: [calibration] T_flange_scanner is missing; the emulated scanner really sits there",
+                          options.config));
   const std::string_view backend = hal::kScannerBackends.at(static_cast<std::size_t>(config.scanner_backend));
-  if (!options.backend.empty() && options.backend != backend) {
-    cli::complain(fmt::format("--scanner {}: {} has [scanner] backend = \"{}\", and the daemon hears no other",
-                              options.backend, options.config, backend));
-    return cli::kUsage;
-  }
+  if (!options.backend.empty() && options.backend != backend)
+    cli::stop(cli::kUsage, fmt::format("--scanner {}: {} has [scanner] backend = \"{}\", and the daemon hears no other",
+                                       options.backend, options.config, backend));
   Cell cell{config.T_base_slab, config.calibration.T_flange_scanner};
   if (!options.stations.empty()) {
     Result<std::vector<Pose>> points = cli::read_krl_points(options.stations);
     if (points && points.value().size() != recipe.stations())
       points = error(Code::config, "%s: %zu points, the slab has %u stations", options.stations.c_str(),
                      points.value().size(), unsigned{recipe.stations()});
-    if (!points) {
-      cli::complain(points.error().text.view());
-      return cli::kBadInput;
-    }
-    cell.taught = std::move(points.value());
+    cell.taught = cli::need(std::move(points), cli::kBadInput);
   }
-  const Result<std::vector<SlabTruth>> truths = cast_slabs(options, recipe, cell, facts.defects);
-  if (!truths) {
-    cli::complain(fmt::format("{}", truths.error().text.view()));
-    return cli::kUsage;
-  }
+  const std::vector<SlabTruth> truths = cli::need(cast_slabs(options, recipe, cell, facts.defects), cli::kUsage);
 
   if (!options.certificate.empty()) {
     std::ofstream file(options.certificate);
-    file << calib::master_certificate_text(master_certificate(recipe, truths.value()[0]));
-    if (!file.flush()) {
-      cli::complain(fmt::format("--certificate-out: cannot write {}", options.certificate));
-      return cli::kBadInput;
-    }
+    file << calib::master_certificate_text(master_certificate(recipe, truths[0]));
+    if (!file.flush())
+      cli::stop(cli::kBadInput, fmt::format("--certificate-out: cannot write {}", options.certificate));
   }
 
   catch_signals();
-  int exit_status = cli::kDone;
-  const auto robot = RobotPeer::start(robot_traits(config, options), truths.value()[0].at(1).T_base_flange_reported);
-  if (!started(robot, exit_status)) return exit_status;
-  auto outlet = open_outlet(config, *hal::scan_format_named(options.scan_format));
-  if (!started(outlet, exit_status)) return exit_status;
-  const auto scanner = ScannerPeer::start(scanner_traits, std::move(outlet.value()), fault.value());
-  if (!started(scanner, exit_status)) return exit_status;
+  const auto robot = started(RobotPeer::start(robot_traits(config, options), truths[0].at(1).T_base_flange_reported));
+  auto outlet = started(open_outlet(config, *hal::scan_format_named(options.scan_format)));
+  const auto scanner = started(ScannerPeer::start(scanner_traits, std::move(outlet), fault));
   if (options.stand_by) {
-    stand_by({*robot.value(), *scanner.value(), recipe, cell, truths.value()}, std::cin, std::cout, stop_requested);
+    stand_by({*robot, *scanner, recipe, cell, truths}, std::cin, std::cout, stop_requested);
     return cli::kDone;
   }
-  const auto plc = PlcPeer::connect(plc_traits(config, options), stop_requested);
-  if (!started(plc, exit_status)) return exit_status;
-  facts.peer = plc.value()->peer_name();
+  const auto plc = started(PlcPeer::connect(plc_traits(config, options), stop_requested));
+  facts.peer = plc->peer_name();
 
-  const std::vector<SlabOutcome> outcomes =
-      run_line(options, config, recipe, cell, truths.value(), *plc.value(), *robot.value(), *scanner.value());
-  plc.value()->disable();
+  const std::vector<SlabOutcome> outcomes = run_line(options, config, recipe, cell, truths, *plc, *robot, *scanner);
+  plc->disable();
   if (options.json) {
     fmt::print("{}", simulation_json(recipe, facts, outcomes));
   } else {
@@ -327,7 +292,7 @@ int simulate(const Options& options) {
 
 namespace slabd::cli {
 
-void add_simulate(args::Command& app, int& exit_status) {
+void add_simulate(args::Command& app) {
   auto options = std::make_shared<simulate::Options>();
   args::Command command = app.add_subcommand(
       "simulate", "Be the rest of the line for a running daemon: PLC, robot and scanner, with known truth");
@@ -432,12 +397,10 @@ void add_simulate(args::Command& app, int& exit_status) {
   command->add_flag("--stand-by", options->stand_by,
                     "Robot and scanner only, for another PLC: orders \"slab N\" and \"station K\" on stdin");
   command->require_subcommand(0, 1);
-  simulate::add_simulate_scan(*command, exit_status);
-  simulate::add_simulate_plane(*command, exit_status);
-  simulate::add_simulate_calibration(*command, exit_status);
-  command->callback([command, options, &exit_status] {
-    if (!command->has_subcommand()) exit_status = simulate::simulate(*options);
-  });
+  simulate::add_simulate_scan(*command);
+  simulate::add_simulate_plane(*command);
+  simulate::add_simulate_calibration(*command);
+  command->runs([options] { return simulate::simulate(*options); });
 }
 
 }  // namespace slabd::cli

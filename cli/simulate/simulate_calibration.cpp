@@ -66,37 +66,27 @@ void write_view(Json& json, const CalibrationScene& scene, const Pose& reported,
   json.end_array().end_object();
 }
 
-bool write_text(const fs::path& path, const std::string& text) {
+void write_text(const fs::path& path, const std::string& text) {
   std::ofstream file(path);
   file << text;
-  if (file.flush()) return true;
-  cli::complain(fmt::format("{} cannot be written", path.string()));
-  return false;
+  if (!file.flush()) cli::stop(cli::kNotReachable, fmt::format("{} cannot be written", path.string()));
 }
 
 /// Nothing is ever overwritten: an older set mixed with a new one would calibrate to nonsense.
-bool make_folder(const fs::path& dir) {
+void make_folder(const fs::path& dir) {
   std::error_code fault;
   fs::create_directories(dir, fault);
-  if (fault || !fs::is_directory(dir, fault)) {
-    cli::complain(fmt::format("--out {}: cannot be made: {}", dir.string(), fault.message()));
-    return false;
-  }
-  if (!fs::is_empty(dir, fault)) {
-    cli::complain(fmt::format("--out {}: is not empty; name a new folder", dir.string()));
-    return false;
-  }
-  return true;
+  if (fault || !fs::is_directory(dir, fault))
+    cli::stop(cli::kUsage, fmt::format("--out {}: cannot be made: {}", dir.string(), fault.message()));
+  if (!fs::is_empty(dir, fault))
+    cli::stop(cli::kUsage, fmt::format("--out {}: is not empty; name a new folder", dir.string()));
 }
 
 /// Hand-eye and place of the slab as the daemon has them.
-bool take_cell(const std::string& path, CalibrationTraits& scene, int& exit_status) {
-  daemon::Config config;
-  exit_status = cli::kBadInput;
-  if (!cli::config_from(path, config)) return false;
+void take_cell(const std::string& path, CalibrationTraits& scene) {
+  const daemon::Config config = cli::config_from(path);
   if (!config.calibration.id.empty()) scene.T_flange_scanner = config.calibration.T_flange_scanner;
   scene.T_base_target = config.T_base_slab;
-  return true;
 }
 
 }  // namespace
@@ -117,12 +107,11 @@ Result<std::vector<Pose>> poses_in(const std::string& path) {
   return std::move(table.value().poses);
 }
 
-bool write_calibration_truth(const CalibrationScene& scene, const CalibrationScanTraits& scan,
-                             std::span<const Pose> views, int shots, const std::string& out_dir, int& exit_status) {
+void write_calibration_truth(const CalibrationScene& scene, const CalibrationScanTraits& scan,
+                             std::span<const Pose> views, int shots, const std::string& out_dir) {
   const fs::path dir = out_dir;
   const CalibrationTraits& traits = scene.traits();
-  exit_status = cli::kUsage;
-  if (!make_folder(dir)) return false;
+  make_folder(dir);
   Json json;
   json.begin_object().field("schema", "slabd.calibration_truth/1").field("kind", name(traits.kind));
   json.field("seed", traits.seed);
@@ -138,19 +127,14 @@ bool write_calibration_truth(const CalibrationScene& scene, const CalibrationSca
     write_view(json, scene, views[i], i + 1, files);
   }
   json.end_array().end_object();
-  exit_status = cli::kNotReachable;
-  if (!write_text(dir / "flange.txt", calib::write_poses(views, calib::PoseFormat{}, calib::TableRole::flange)) ||
-      !write_text(dir / "truth.json", json.text()))
-    return false;
-  if (traits.kind == TargetKind::artefact &&
-      !write_text(dir / "certificate.txt", calib::certificate_text(scene.certificate())))
-    return false;
-  exit_status = cli::kDone;
-  return true;
+  write_text(dir / "flange.txt", calib::write_poses(views, calib::PoseFormat{}, calib::TableRole::flange));
+  write_text(dir / "truth.json", json.text());
+  if (traits.kind == TargetKind::artefact)
+    write_text(dir / "certificate.txt", calib::certificate_text(scene.certificate()));
 }
 
 /// The drawn block is exactly what its recipe says; so is its certificate.
-bool write_block_certificate(const Recipe& recipe, const fs::path& dir) {
+void write_block_certificate(const Recipe& recipe, const fs::path& dir) {
   constexpr std::int64_t kCertifiedUtimeUs = 1'767'225'600'000'000;  // 2026-01-01: the same file for the same recipe
   const std::string text = fmt::format(
       "# the emulated reference block; read by: slabctl calibrate reference --certificate\n"
@@ -158,34 +142,21 @@ bool write_block_certificate(const Recipe& recipe, const fs::path& dir) {
       "jaw_distance_U_mm = 0.002\n",
       cli::iso_time(kCertifiedUtimeUs), deg_from_rad(std::atan(1.0 / recipe.block.cant_ratio.value)),
       2.0 * recipe.block.jaw_half_distance_mm.value);
-  return write_text(dir / "certificate.txt", text);
+  write_text(dir / "certificate.txt", text);
 }
 
 int write_calibration(const CalibrationOrder& order) {
   std::optional<Recipe> recipe;
   if (order.scene.kind == TargetKind::block) {
-    recipe.emplace();
-    if (!cli::recipe_from(order.recipe, *recipe)) return cli::kBadInput;
+    recipe = cli::recipe_from(order.recipe);
   }
-  const Result<CalibrationScene> made = CalibrationScene::make(order.scene, recipe ? &*recipe : nullptr);
-  if (!made) {
-    cli::complain(fmt::format("{}", made.error().text.view()));
-    return cli::kUsage;
-  }
-  const CalibrationScene& scene = made.value();
+  const CalibrationScene scene =
+      cli::need(CalibrationScene::make(order.scene, recipe ? &*recipe : nullptr), cli::kUsage);
   const fs::path dir = order.out_dir;
   std::vector<Pose> poses = scene.plan_views(order.views);
-  if (!order.poses_file.empty()) {
-    Result<std::vector<Pose>> given = poses_in(order.poses_file);
-    if (!given) {
-      cli::complain(fmt::format("{}", given.error().text.view()));
-      return cli::kBadInput;
-    }
-    poses = std::move(given.value());
-  }
-  int exit_status = cli::kDone;
-  if (!write_calibration_truth(scene, order.scan, poses, order.shots, order.out_dir, exit_status)) return exit_status;
-  if (recipe && !write_block_certificate(*recipe, dir)) return cli::kNotReachable;
+  if (!order.poses_file.empty()) poses = cli::need(poses_in(order.poses_file), cli::kBadInput);
+  write_calibration_truth(scene, order.scan, poses, order.shots, order.out_dir);
+  if (recipe) write_block_certificate(*recipe, dir);
 
   std::vector<float> xyz;
   const bool terminal = isatty(STDERR_FILENO) != 0;
@@ -194,17 +165,11 @@ int write_calibration(const CalibrationOrder& order) {
     for (int shot = 1; shot <= order.shots; ++shot) {
       const Result<DrawnScan> drawn =
           scene.draw(poses[view - 1], view, order.scan, xyz, static_cast<std::uint64_t>(shot - 1));
-      if (!drawn) {
-        cli::complain(fmt::format("view {}: {}", view, drawn.error().text.view()));
-        return cli::kUsage;
-      }
+      if (!drawn) cli::stop(cli::kUsage, fmt::format("view {}: {}", view, drawn.error().text.view()));
       const std::string path = (dir / shot_name(order.shots, static_cast<int>(view), shot)).string();
       const Status written = hal::write_scan(path.c_str(), hal::ScanFormat::ply, xyz, drawn.value().width,
                                              drawn.value().height, {.emulator = true});
-      if (!written) {
-        cli::complain(fmt::format("{}", written.error().text.view()));
-        return cli::kNotReachable;
-      }
+      if (!written) cli::stop(cli::kNotReachable, written.error().text.view());
     }
   }
   if (terminal) fmt::print(stderr, "\r\x1b[K");
@@ -213,7 +178,7 @@ int write_calibration(const CalibrationOrder& order) {
   return cli::kDone;
 }
 
-void add_simulate_calibration(args::Command& simulate, int& exit_status) {
+void add_simulate_calibration(args::Command& simulate) {
   struct Options {
     CalibrationOrder order;
     std::string kind = "ball";
@@ -311,39 +276,27 @@ void add_simulate_calibration(args::Command& simulate, int& exit_status) {
       ->capture_default_str();
   command->add_flag("--unorganised", options->unorganised, "Write only the points that returned, without their grid");
   command->add_flag("--bare", options->bare, "Without table, wall, rod and foreign ball");
-  command->callback([options, views, shots, config, &exit_status] {
+  command->runs([options, views, shots, config] {
     CalibrationOrder& o = options->order;
-    const auto pose_option = [&](const std::string& text, const char* option, Pose& pose) {
-      if (text.empty()) return true;
+    const auto pose_option = [](const std::string& text, const char* option, Pose& pose) {
+      if (text.empty()) return;
       const Result<Pose> parsed = cli::parse_pose(text);
-      if (parsed) {
-        pose = parsed.value();
-        return true;
-      }
-      cli::complain(fmt::format("{}: {}", option, parsed.error().text.view()));
-      exit_status = cli::kUsage;
-      return false;
+      if (!parsed) cli::stop(cli::kUsage, fmt::format("{}: {}", option, parsed.error().text.view()));
+      pose = parsed.value();
     };
-    if (!pose_option(options->T_flange_scanner, "--T-flange-scanner", o.scene.T_flange_scanner) ||
-        !pose_option(options->T_base_target, "--T-base-target", o.scene.T_base_target))
-      return;
+    pose_option(options->T_flange_scanner, "--T-flange-scanner", o.scene.T_flange_scanner);
+    pose_option(options->T_base_target, "--T-base-target", o.scene.T_base_target);
     o.scene.kind = options->kind == "artefact" ? TargetKind::artefact
                    : options->kind == "block"  ? TargetKind::block
                                                : TargetKind::ball;
     const bool slab = options->kind == "slab";
-    if ((o.scene.kind == TargetKind::block || slab) && o.recipe.empty()) {
-      cli::complain(fmt::format("--kind {}: --recipe says what the {} looks like", options->kind, options->kind));
-      exit_status = cli::kUsage;
-      return;
-    }
-    if (slab && options->live) {
-      cli::complain(
-          "--kind slab --live: a mastered slab is inspected by the line; slabctl simulate --same-slab "
-          "--certificate-out "
-          "plays that");
-      exit_status = cli::kUsage;
-      return;
-    }
+    if ((o.scene.kind == TargetKind::block || slab) && o.recipe.empty())
+      cli::stop(cli::kUsage,
+                fmt::format("--kind {}: --recipe says what the {} looks like", options->kind, options->kind));
+    if (slab && options->live)
+      cli::stop(cli::kUsage,
+                "--kind slab --live: a mastered slab is inspected by the line; slabctl simulate --same-slab "
+                "--certificate-out plays that");
     o.scene.robot.seed = o.scene.seed;
     if (options->smooth_deg >= 0.0) o.scene.robot.smooth_rad = rad_from_deg(options->smooth_deg);
     if (options->repeat_deg >= 0.0) o.scene.robot.repeat_rad = rad_from_deg(options->repeat_deg);
@@ -364,21 +317,17 @@ void add_simulate_calibration(args::Command& simulate, int& exit_status) {
       line.poses_file = o.poses_file;
       line.keep_flange = !options->T_flange_scanner.empty();
       line.keep_target = !options->T_base_target.empty();
-      exit_status = run_calibration_live(line);
-      return;
+      return run_calibration_live(line);
     }
-    if (o.out_dir.empty()) {
-      cli::complain("--out says where the scans are written (or --live: be robot and scanner of a running daemon)");
-      exit_status = cli::kUsage;
-      return;
-    }
+    if (o.out_dir.empty())
+      cli::stop(cli::kUsage,
+                "--out says where the scans are written (or --live: be robot and scanner of a running daemon)");
     if (options->kind == "slab") {
       if (views.count() == 0) o.views = 5;
-      if (config.count() > 0 && !take_cell(options->running.config, o.scene, exit_status)) return;
-      exit_status = write_mastered_slab(o);
-      return;
+      if (config.count() > 0) take_cell(options->running.config, o.scene);
+      return write_mastered_slab(o);
     }
-    exit_status = write_calibration(o);
+    return write_calibration(o);
   });
 }
 

@@ -36,12 +36,10 @@ struct CalibrationOrder {
 /// The views of a file. config: names file and line.
 [[nodiscard]] Result<std::vector<Pose>> poses_in(const std::string& path);
 
-/// certificate.txt (kind artefact), flange.txt and truth.json of a plan of views into a new folder. False: said why,
-/// and `exit_status` set.
-[[nodiscard]] bool write_calibration_truth(const CalibrationScene& scene, const CalibrationScanTraits& scan,
-                                           std::span<const Pose> views, int shots, const std::string& out_dir,
-                                           int& exit_status);
+/// certificate.txt (kind artefact), flange.txt and truth.json of a plan of views into a new folder.
+void write_calibration_truth(const CalibrationScene& scene, const CalibrationScanTraits& scan,
+                             std::span<const Pose> views, int shots, const std::string& out_dir);
 
-void add_simulate_calibration(args::Command& simulate, int& exit_status);
+void add_simulate_calibration(args::Command& simulate);
 
 }  // namespace slabd::simulate

@@ -24,24 +24,21 @@ std::string truth_json(const PlaneOrder& order) {
   return json.text();
 }
 
-bool write_text(const std::string& path, const std::string& text) {
+void write_text(const std::string& path, const std::string& text) {
   std::ofstream file(path, std::ios::binary);
   file << text;
-  if (file.flush()) return true;
-  cli::complain(fmt::format("{} cannot be written", path));
-  return false;
+  if (!file.flush()) cli::stop(cli::kNotReachable, fmt::format("{} cannot be written", path));
 }
 
 int write_plane(const PlaneOrder& order) {
   const std::filesystem::path path(order.out);
-  if (path.extension() != ".xyz") {
-    cli::complain(fmt::format("--out {}: this is written as text; the name must end in .xyz", order.out));
-    return cli::kUsage;
-  }
+  if (path.extension() != ".xyz")
+    cli::stop(cli::kUsage, fmt::format("--out {}: this is written as text; the name must end in .xyz", order.out));
   std::string text;
   for (const Vec3& p : draw_plane(order)) text += fmt::format("{} {} {}\n", p.x(), p.y(), p.z());
   const std::string truth_path = std::filesystem::path(path).replace_extension(".json").string();
-  if (!write_text(order.out, text) || !write_text(truth_path, truth_json(order))) return cli::kNotReachable;
+  write_text(order.out, text);
+  write_text(truth_path, truth_json(order));
   fmt::print("{}: {} points of z = x + 2 y + 1 with {} mm of noise, {} outliers; truth in {}\n", order.out,
              order.points, order.noise_mm, order.outliers, truth_path);
   return cli::kDone;
@@ -70,7 +67,7 @@ std::vector<Vec3> draw_plane(const PlaneOrder& order) {
   return points;
 }
 
-void add_simulate_plane(args::Command& simulate, int& exit_status) {
+void add_simulate_plane(args::Command& simulate) {
   auto order = std::make_shared<PlaneOrder>();
   args::Command command =
       simulate.add_subcommand("plane", "Write the plane with outliers of the paper's Table 1, and its truth beside it");
@@ -88,7 +85,7 @@ void add_simulate_plane(args::Command& simulate, int& exit_status) {
   command->add_option("--noise", order->noise_mm, "Standard deviation along the normal, mm")
       ->check(cli::within(0.0, 100.0))
       ->capture_default_str();
-  command->callback([order, &exit_status] { exit_status = write_plane(*order); });
+  command->runs([order] { return write_plane(*order); });
 }
 
 }  // namespace slabd::simulate

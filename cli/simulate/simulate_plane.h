@@ -26,6 +26,6 @@ struct PlaneOrder {
 /// spread evenly over the box around it. The same seed gives the same points everywhere.
 [[nodiscard]] std::vector<Vec3> draw_plane(const PlaneOrder& order);
 
-void add_simulate_plane(args::Command& simulate, int& exit_status);
+void add_simulate_plane(args::Command& simulate);
 
 }  // namespace slabd::simulate

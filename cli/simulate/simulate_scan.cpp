@@ -78,50 +78,34 @@ std::string truth_json(const ScanOrder& order, const Recipe& recipe, const Stati
 }
 
 /// The format asked for, or the one the file's name means; it must be readable under that name.
-std::optional<hal::ScanFormat> format_of(const ScanOrder& order) {
+hal::ScanFormat format_of(const ScanOrder& order) {
   const std::optional<hal::ScanFormat> by_name = hal::scan_format_of(order.out);
-  if (!by_name) {
-    cli::complain(fmt::format("--out {}: must end in .ply, .pcd, .xyz, .asc, .txt or .csv", order.out));
-    return std::nullopt;
-  }
-  if (order.format.empty()) return by_name;
+  if (!by_name)
+    cli::stop(cli::kUsage, fmt::format("--out {}: must end in .ply, .pcd, .xyz, .asc, .txt or .csv", order.out));
+  if (order.format.empty()) return *by_name;
   const std::optional<hal::ScanFormat> wanted = hal::scan_format_named(order.format);
-  if (wanted && hal::extension(*wanted) == hal::extension(*by_name)) return wanted;
-  cli::complain(fmt::format("--out {}: --format {} must end in .{}, or nobody could read it", order.out, order.format,
-                            wanted ? hal::extension(*wanted) : "?"));
-  return std::nullopt;
+  if (wanted && hal::extension(*wanted) == hal::extension(*by_name)) return *wanted;
+  cli::stop(cli::kUsage, fmt::format("--out {}: --format {} must end in .{}, or nobody could read it", order.out,
+                                     order.format, wanted ? hal::extension(*wanted) : "?"));
 }
 
 }  // namespace
 
 int write_scan(const ScanOrder& order) {
-  const std::optional<hal::ScanFormat> format = format_of(order);
-  if (!format) return cli::kUsage;
-  Recipe recipe;
-  if (!cli::recipe_from(order.recipe, recipe)) return cli::kBadInput;
-  if (order.block < 1 || order.block > recipe.stations()) {
-    cli::complain(
-        fmt::format("--block {}: recipe {} has blocks 1..{}", order.block, recipe.name.view(), recipe.stations()));
-    return cli::kUsage;
-  }
+  const hal::ScanFormat format = format_of(order);
+  const Recipe recipe = cli::recipe_from(order.recipe);
+  if (order.block < 1 || order.block > recipe.stations())
+    cli::stop(cli::kUsage, fmt::format("--block {}: recipe {} has blocks 1..{}", order.block, recipe.name.view(),
+                                       recipe.stations()));
   std::vector<Defect> defects;
   for (const std::string& text : order.defects) {
-    const Result<Defect> defect = parse_defect(text);
-    if (!defect) {
-      cli::complain(fmt::format("{}", defect.error().text.view()));
-      return cli::kUsage;
-    }
-    defects.push_back(defect.value());
+    defects.push_back(cli::need(parse_defect(text), cli::kUsage));
   }
   SlabVariation variation;
   variation.seed = order.seed;
   variation.casting = order.casting;
-  const Result<SlabTruth> slab = cast_slab(recipe, Cell{}, variation, defects);
-  if (!slab) {
-    cli::complain(fmt::format("{}", slab.error().text.view()));
-    return cli::kUsage;
-  }
-  const StationTruth& truth = slab.value().at(order.block);
+  const SlabTruth slab = cli::need(cast_slab(recipe, Cell{}, variation, defects), cli::kUsage);
+  const StationTruth& truth = slab.at(order.block);
   const Pose T_block_scanner = order.nominal_view ? nominal_T_block_scanner()
                                : order.scanner.concrete
                                    ? concrete_view(*order.scanner.concrete, order.seed).T_scanner_block.inverse()
@@ -131,29 +115,19 @@ int write_scan(const ScanOrder& order) {
   T_nominal_block.translation_mm = truth.T_slab_block.rotation.conjugate() * truth.offset_slab_mm;
   const Pose T_scanner_block = T_block_scanner.inverse() * T_nominal_block;
   std::vector<float> xyz;
-  const Result<DrawnBlock> block =
-      draw_block(recipe, truth, T_scanner_block, order.scanner,
-                 derived_seed(slab.value().cast_seed, static_cast<std::uint64_t>(order.block), 0),
-                 derived_seed(order.seed, 5, 0), xyz);
-  if (!block) {
-    cli::complain(fmt::format("{}: {}", recipe.path.view(), block.error().text.view()));
-    return cli::kBadInput;
-  }
+  const Result<DrawnBlock> block = draw_block(recipe, truth, T_scanner_block, order.scanner,
+                                              derived_seed(slab.cast_seed, static_cast<std::uint64_t>(order.block), 0),
+                                              derived_seed(order.seed, 5, 0), xyz);
+  if (!block) cli::stop(cli::kBadInput, fmt::format("{}: {}", recipe.path.view(), block.error().text.view()));
   const DrawnScan& drawn = block.value().scan;
 
-  if (const Status written = hal::write_scan(order.out.c_str(), *format, xyz, drawn.width, drawn.height,
-                                             {.emulator = true, .block = order.block});
-      !written) {
-    cli::complain(fmt::format("{}", written.error().text.view()));
-    return cli::kNotReachable;
-  }
+  cli::need(hal::write_scan(order.out.c_str(), format, xyz, drawn.width, drawn.height,
+                            {.emulator = true, .block = order.block}),
+            cli::kNotReachable);
   const std::string truth_path = std::filesystem::path(order.out).replace_extension(".json").string();
   std::ofstream file(truth_path);
   file << truth_json(order, recipe, truth, T_scanner_block, block.value());
-  if (!file.flush()) {
-    cli::complain(fmt::format("{} cannot be written", truth_path));
-    return cli::kNotReachable;
-  }
+  if (!file.flush()) cli::stop(cli::kNotReachable, fmt::format("{} cannot be written", truth_path));
   fmt::print("{}: {} points, {} valid; truth in {}\n", order.out, xyz.size() / 3, drawn.valid, truth_path);
   return cli::kDone;
 }
@@ -196,21 +170,13 @@ void ScannerOptions::add_to(args::Command& command) {
       ->allow_extra_args(false);
 }
 
-bool ScannerOptions::concrete(std::optional<EffectStrengths>& strengths) const {
-  const Result<SurfaceKind> kind = surface_named(surface);
-  if (!kind) {
-    cli::complain(kind.error().text.view());
-    return false;
-  }
-  strengths.reset();
-  if (kind.value() == SurfaceKind::ideal && effects.empty()) return true;
-  strengths.emplace(kind.value());
+std::optional<EffectStrengths> ScannerOptions::concrete() const {
+  const SurfaceKind kind = cli::need(surface_named(surface), cli::kUsage);
+  if (kind == SurfaceKind::ideal && effects.empty()) return std::nullopt;
+  EffectStrengths strengths(kind);
   for (const std::string& text : effects)
-    if (const std::optional<std::string> refused = strengths->take(text)) {
-      cli::complain(*refused);
-      return false;
-    }
-  return true;
+    if (const std::optional<std::string> refused = strengths.take(text)) cli::stop(cli::kUsage, *refused);
+  return strengths;
 }
 
 ScannerTraits ScannerOptions::traits() const {
@@ -233,7 +199,7 @@ std::vector<std::string> scan_format_names() {
   return names;
 }
 
-void add_simulate_scan(args::Command& simulate, int& exit_status) {
+void add_simulate_scan(args::Command& simulate) {
   struct Options {
     ScanOrder order;
     ScannerOptions scanner;
@@ -262,14 +228,11 @@ void add_simulate_scan(args::Command& simulate, int& exit_status) {
   command->add_flag("--nominal-view", order.nominal_view,
                     "Look from exactly the nominal view, not from up to 2 mm and 0.3 deg off");
   options->scanner.add_to(*command);
-  command->callback([options, &exit_status] {
+  command->runs([options] {
     options->order.scanner = options->scanner.traits();
     options->order.scanner.scanner_seed = options->order.seed;
-    if (!options->scanner.concrete(options->order.scanner.concrete)) {
-      exit_status = cli::kUsage;
-      return;
-    }
-    exit_status = write_scan(options->order);
+    options->order.scanner.concrete = options->scanner.concrete();
+    return write_scan(options->order);
   });
 }
 

@@ -31,7 +31,7 @@ struct ScanOrder {
 /// Writes the scan and, beside it, <out>.json (the extension replaced). Returns the exit status.
 [[nodiscard]] int write_scan(const ScanOrder& order);
 
-void add_simulate_scan(args::Command& simulate, int& exit_status);
+void add_simulate_scan(args::Command& simulate);
 
 /// What --format and --scan-format take.
 [[nodiscard]] std::vector<std::string> scan_format_names();
@@ -47,9 +47,9 @@ struct ScannerOptions {
   std::string noise_shape = "gaussian";
   std::string surface = "ideal";
   std::vector<std::string> effects;  ///< NAME=STRENGTH
-  /// Strengths if real concrete was asked for: any surface but ideal, or an effect. False, and a line on stderr, when a
-  /// name or strength is wrong.
-  [[nodiscard]] bool concrete(std::optional<EffectStrengths>& strengths) const;
+  /// Strengths if real concrete was asked for: any surface but ideal, or an effect. Stops if a name or strength is
+  /// wrong.
+  [[nodiscard]] std::optional<EffectStrengths> concrete() const;
   void add_to(args::Command& command);
   [[nodiscard]] ScannerTraits traits() const;
 };

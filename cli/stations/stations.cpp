@@ -60,7 +60,7 @@ struct Sources {
   std::string not_used;  ///< why the line does not use it; empty: it does
 };
 
-bool find_recipe(const daemon::Config& config, std::uint16_t slab_type, Recipe& recipe) {
+Recipe find_recipe(const daemon::Config& config, std::uint16_t slab_type) {
   std::vector<Recipe> recipes;
   std::vector<daemon::Problem> problems;
   daemon::load_recipes(config.recipes_dir, recipes, problems);
@@ -71,65 +71,43 @@ bool find_recipe(const daemon::Config& config, std::uint16_t slab_type, Recipe& 
   }
   if (found == nullptr) {
     std::ignore = report_problems(problems);
-    complain(fmt::format("--type {}: {} has no usable recipe for this slab type", slab_type, config.recipes_dir));
-    return false;
+    stop(kBadInput,
+         fmt::format("--type {}: {} has no usable recipe for this slab type", slab_type, config.recipes_dir));
   }
-  recipe = *found;
-  return true;
+  return *found;
 }
 
-bool gather(const Options& options, Sources& out, int& exit_status) {
-  exit_status = kBadInput;
-  if (!config_from(options.config, out.config) || !find_recipe(out.config, options.type, out.recipe)) return false;
-  std::unique_ptr<storage::Reader> reader;
-  if (!open_records(out.config, reader, exit_status) ||
-      !hand_eye_in_force(reader.get(), out.config, out.hand_eye, exit_status))
-    return false;
-  if (out.hand_eye.id.empty()) {
-    complain(
-        "where the scanner sits on the flange is not known: apply a calibration, or set [calibration] "
-        "T_flange_scanner");
-    exit_status = kBadInput;
-    return false;
-  }
-  if (reader == nullptr) return true;
+Sources gather(const Options& options) {
+  Sources out;
+  out.config = config_from(options.config);
+  out.recipe = find_recipe(out.config, options.type);
+  const std::unique_ptr<storage::Reader> reader = open_records(out.config);
+  out.hand_eye = hand_eye_in_force(reader.get(), out.config);
+  if (out.hand_eye.id.empty())
+    stop(kBadInput,
+         "where the scanner sits on the flange is not known: apply a calibration, or set [calibration] "
+         "T_flange_scanner");
+  if (reader == nullptr) return out;
   const auto table = reader->current(CalibrationKind::stations, out.recipe.slab_type);
-  if (!table.ok() || !table.value()) return true;
+  if (!table.ok() || !table.value()) return out;
   const storage::CalibrationRecord& record = *table.value();
   out.table = std::get<StationTable>(record.numbers);
   if (record.parent_id != out.hand_eye.id.view())
     out.not_used = fmt::format("is stale: solved with {}, in force is {}", record.parent_id, out.hand_eye.id.view());
   else if (record.expires_utime_us != 0 && wall_clock_us() >= record.expires_utime_us)
     out.not_used = fmt::format("expired on {}", iso_time(record.expires_utime_us));
-  return true;
+  return out;
 }
 
 /// Taught points: a KRL data list or program, else the neutral form, one pose a line.
-bool read_taught(const std::string& path, std::vector<Pose>& poses) {
+std::vector<Pose> read_taught(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   std::ostringstream bytes;
   bytes << file.rdbuf();
-  if (!file) {
-    complain(fmt::format("{}: cannot be read", path));
-    return false;
-  }
+  if (!file) stop(kBadInput, fmt::format("{}: cannot be read", path));
   const std::string text = bytes.str();
-  if (text.find('{') != std::string::npos) {
-    Result<std::vector<Pose>> points = parse_krl_points(text, path);
-    if (points) {
-      poses = std::move(points.value());
-      return true;
-    }
-    complain(points.error().text.view());
-    return false;
-  }
-  const Result<calib::PoseTable> table = calib::parse_poses(text, path, calib::TableRole::flange);
-  if (!table) {
-    complain(table.error().text.view());
-    return false;
-  }
-  poses.assign(table.value().poses.begin(), table.value().poses.end());
-  return true;
+  if (text.find('{') != std::string::npos) return need(parse_krl_points(text, path), kBadInput);
+  return need(calib::parse_poses(text, path, calib::TableRole::flange), kBadInput).poses;
 }
 
 /// The scanner over a block: looking straight down, turned about its axis.
@@ -307,17 +285,15 @@ std::string json_of(const Sources& sources, const std::vector<Row>& rows, const 
   return json.text();
 }
 
-bool write_file(const std::string& path, const std::string& text) {
+void write_file(const std::string& path, const std::string& text) {
   OutFile file(path, {.synced = true});
   file.write(text);
-  const Status written = file.close();
-  if (!written.ok()) complain(written.error().text.view());
-  return written.ok();
+  need(file.close(), kBadInput);
 }
 
 /// FILE.dat and FILE.src; the module's name is the file's. Points that somebody has touched up look like these, so what
 /// is there is replaced only by who says so.
-bool write_krl(const std::string& path, bool overwrite, const std::vector<Row>& rows) {
+void write_krl(const std::string& path, bool overwrite, const std::vector<Row>& rows) {
   std::filesystem::path base(path);
   base.replace_extension();
   const std::string name = base.filename().string();
@@ -325,44 +301,38 @@ bool write_krl(const std::string& path, bool overwrite, const std::vector<Row>& 
                        std::all_of(name.begin(), name.end(), [](char c) {
                          return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_';
                        });
-  if (!is_name) {
-    complain(fmt::format("--krl {}: the name of a KRL module has 1..24 letters, digits and _, and begins with a letter",
-                         path));
-    return false;
-  }
+  if (!is_name)
+    stop(kBadInput,
+         fmt::format("--krl {}: the name of a KRL module has 1..24 letters, digits and _, and begins with a letter",
+                     path));
   for (const char* extension : {".dat", ".src"}) {
     std::error_code fault;
     const std::string file = base.string() + extension;
     if (overwrite || !std::filesystem::exists(std::filesystem::symlink_status(file, fault))) continue;
-    complain(fmt::format("--krl {}: {} exists already; name another, or say --overwrite", path, file));
-    return false;
+    stop(kBadInput, fmt::format("--krl {}: {} exists already; name another, or say --overwrite", path, file));
   }
   std::vector<Pose> poses;
   for (const Row& row : rows) poses.push_back(row.planned);
-  return write_file(base.string() + ".dat", krl_data_list(name, poses)) &&
-         write_file(base.string() + ".src", krl_program(name, poses.size()));
+  write_file(base.string() + ".dat", krl_data_list(name, poses));
+  write_file(base.string() + ".src", krl_program(name, poses.size()));
 }
 
 int stations(Options& options) {
   options.view.incidence_max_rad = rad_from_deg(options.incidence_deg);
   if (options.no_dither) options.dither = {0.0, 0.0};
-  Sources sources;
-  int exit_status = kDone;
-  if (!gather(options, sources, exit_status)) return exit_status;
+  const Sources sources = gather(options);
   std::vector<Pose> taught;
-  if (!options.taught.empty() && !read_taught(options.taught, taught)) return kBadInput;
-  if (!options.taught.empty() && taught.size() != sources.recipe.stations()) {
-    complain(fmt::format("{}: {} points, slab type {} has {} stations", options.taught, taught.size(),
-                         sources.recipe.slab_type, sources.recipe.stations()));
-    return kBadInput;
-  }
+  if (!options.taught.empty()) taught = read_taught(options.taught);
+  if (!options.taught.empty() && taught.size() != sources.recipe.stations())
+    stop(kBadInput, fmt::format("{}: {} points, slab type {} has {} stations", options.taught, taught.size(),
+                                sources.recipe.slab_type, sources.recipe.stations()));
   warn_unconfirmed(sources.recipe);
   const std::vector<Row> rows = plan(options, sources, taught);
   const double look_mm = sources.config.pose.look_mm;
   const bool all_ok = std::all_of(rows.begin(), rows.end(), [&](const Row& row) {
     return row.taught ? row.taught_view.ok(look_mm) : row.view.ok(look_mm);
   });
-  if (!options.krl.empty() && !write_krl(options.krl, options.overwrite, rows)) return kBadInput;
+  if (!options.krl.empty()) write_krl(options.krl, options.overwrite, rows);
   const Alike alike = most_alike(sources, rows);
   if (!is_told_apart(alike.differ))
     fmt::print(
@@ -379,7 +349,7 @@ int stations(Options& options) {
 
 }  // namespace
 
-void add_stations(args::Command& app, int& exit_status) {
+void add_stations(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command command = app.add_subcommand(
       "stations", "Where the flange must stand over every block, and what the scanner sees there; KRL points");
@@ -433,7 +403,7 @@ void add_stations(args::Command& app, int& exit_status) {
       ->check(within(10.0, 89.0))
       ->capture_default_str();
   command->add_flag("--json", options->as_json, "Print slabd.stations/1");
-  command->callback([options, &exit_status] { exit_status = stations(*options); });
+  command->runs([options] { return stations(*options); });
 }
 
 }  // namespace slabd::cli

@@ -90,8 +90,8 @@ void SamePart::add_scan(const std::string& part, const std::string& path, int bl
                                         shape.emulated_block != 0 ? "comment" : "name", block));
 }
 
-bool SamePart::settle(const std::string& why, StudyNotes& notes) const {
-  notes = {};
+StudyNotes SamePart::settle(const std::string& why) const {
+  StudyNotes notes;
   notes.same_part = why;
   notes.emulated = static_cast<std::uint8_t>(emulated_);
   for (const auto& [name, part] : parts_) {
@@ -111,12 +111,11 @@ bool SamePart::settle(const std::string& why, StudyNotes& notes) const {
   if (wrong_blocks_.size() > kSentencesShown)
     notes.differs.push_back(fmt::format("and {} more scans of other blocks", wrong_blocks_.size() - kSentencesShown));
   if (emulated_ != 0 && any_real_) notes.differs.emplace_back("emulated measurements are mixed with real ones");
-  if (notes.differs.empty() || !why.empty()) return true;
+  if (notes.differs.empty() || !why.empty()) return notes;
   for (const std::string& sentence : notes.differs) complain(sentence);
-  complain(
-      "a study is about one part measured again; if these are one all the same, say why: --same-part \"WHY\", which "
-      "is printed with the study");
-  return false;
+  stop(kBadInput,
+       "a study is about one part measured again; if these are one all the same, say why: --same-part \"WHY\", which "
+       "is printed with the study");
 }
 
 }  // namespace slabd::cli::study

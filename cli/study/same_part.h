@@ -37,8 +37,8 @@ class SamePart {
   /// A scan that is measured as `block` and stands for `part`.
   void add_scan(const std::string& part, const std::string& path, int block, const ScanShape& shape);
 
-  /// False, and said: several parts are taken for one, and `why` is empty. Fills `notes`.
-  [[nodiscard]] bool settle(const std::string& why, StudyNotes& notes) const;
+  /// Stops if several parts are taken for one, and `why` is empty.
+  [[nodiscard]] StudyNotes settle(const std::string& why) const;
 
  private:
   struct Part {

@@ -25,17 +25,9 @@ void ScanOptions::add_to(args::Command& command) {
       ->capture_default_str();
 }
 
-bool ScanOptions::load(Recipe& out, int& exit_status) const {
-  if (recipe.empty()) {
-    complain("scans are measured with a recipe: --recipe FILE");
-    exit_status = kUsage;
-    return false;
-  }
-  if (!recipe_from(recipe, out)) {
-    exit_status = kBadInput;
-    return false;
-  }
-  return true;
+Recipe ScanOptions::load() const {
+  if (recipe.empty()) stop(kUsage, "scans are measured with a recipe: --recipe FILE");
+  return recipe_from(recipe);
 }
 
 void add_same_part(args::Command& command, std::string& why) {
@@ -45,34 +37,32 @@ void add_same_part(args::Command& command, std::string& why) {
       "with the study. Without it they are refused");
 }
 
-int exit_of(Judgement judgement) {
+Exit exit_of(Judgement judgement) {
   return judgement == Judgement::capable || judgement == Judgement::not_judged ? kDone : kNotPass;
 }
 
-bool parse_assignment(const std::string& option, const std::string& text, std::string& item, double& value) {
+Assignment parse_assignment(const std::string& option, const std::string& text) {
   const std::size_t equals = text.find('=');
-  item = text.substr(0, equals);
+  Assignment read{text.substr(0, equals)};
   const std::string number = equals == std::string::npos ? "" : text.substr(equals + 1);
-  const auto [stop, fault] = std::from_chars(number.data(), number.data() + number.size(), value);
-  if (number.empty() || fault != std::errc{} || stop != number.data() + number.size() || !std::isfinite(value) ||
-      item.empty()) {
-    complain(fmt::format("{} '{}': expected ITEM=VALUE, such as seat_slope=1.4321", option, text));
-    return false;
-  }
-  return true;
+  const char* const end = number.data() + number.size();
+  const auto [rest, fault] = std::from_chars(number.data(), end, read.value);
+  if (number.empty() || fault != std::errc{} || rest != end || !std::isfinite(read.value) || read.item.empty())
+    stop(kUsage, fmt::format("{} '{}': expected ITEM=VALUE, such as seat_slope=1.4321", option, text));
+  return read;
 }
 
 }  // namespace slabd::cli::study
 
 namespace slabd::cli {
 
-void add_study(args::Command& app, int& exit_status) {
+void add_study(args::Command& app) {
   args::Command group =
       app.add_subcommand("study", "How good is the measuring: repeats, gauge R&R, against a laboratory");
   group->require_subcommand(1);
-  study::add_repeat(*group, exit_status);
-  study::add_grr(*group, exit_status);
-  study::add_compare(*group, exit_status);
+  study::add_repeat(*group);
+  study::add_grr(*group);
+  study::add_compare(*group);
 }
 
 }  // namespace slabd::cli

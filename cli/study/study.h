@@ -4,6 +4,7 @@
 #include <string>
 
 #include "base/recipe.h"
+#include "cli/exit.h"
 #include "cli/study/repeatability.h"
 
 namespace slabd::args {
@@ -13,16 +14,16 @@ class Command;
 namespace slabd::cli {
 
 /// `slabctl study`, like the commands of cli/command.h.
-void add_study(args::Command& app, int& exit_status);
+void add_study(args::Command& app);
 
 }  // namespace slabd::cli
 
 /// The verbs of `slabctl study`.
 namespace slabd::cli::study {
 
-void add_repeat(args::Command& study, int& exit_status);
-void add_grr(args::Command& study, int& exit_status);
-void add_compare(args::Command& study, int& exit_status);
+void add_repeat(args::Command& study);
+void add_grr(args::Command& study);
+void add_compare(args::Command& study);
 
 /// How scans are to be measured.
 struct ScanOptions {
@@ -30,18 +31,21 @@ struct ScanOptions {
   std::string unit = "mm";
   int threads = 1;
   void add_to(args::Command& command);
-  /// False, and said, when there is no recipe or a wrong one.
-  [[nodiscard]] bool load(Recipe& out, int& exit_status) const;
+  /// Stops if there is no recipe or a wrong one.
+  [[nodiscard]] Recipe load() const;
 };
 
 /// --same-part WHY.
 void add_same_part(args::Command& command, std::string& why);
 
 /// 0 capable or nothing judged, 1 else.
-[[nodiscard]] int exit_of(Judgement judgement);
+[[nodiscard]] Exit exit_of(Judgement judgement);
 
-/// "item=value": false, and said, when it is none or names no item.
-[[nodiscard]] bool parse_assignment(const std::string& option, const std::string& text, std::string& item,
-                                    double& value);
+struct Assignment {
+  std::string item;
+  double value = 0.0;
+};
+/// "item=value"; stops if it is none or names no item.
+[[nodiscard]] Assignment parse_assignment(const std::string& option, const std::string& text);
 
 }  // namespace slabd::cli::study

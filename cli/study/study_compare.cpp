@@ -106,52 +106,33 @@ void keep_items(Side& side, const std::vector<std::string>& items) {
 }
 
 int run_compare(const CompareOptions& options) {
-  if (!options.document.usable()) return kUsage;
-  if (!options.values.empty() && !options.scans.empty()) {
-    complain("--values or --scans, not both; without them stored slabs are compared");
-    return kUsage;
-  }
+  options.document.check();
+  if (!options.values.empty() && !options.scans.empty())
+    stop(kUsage, "--values or --scans, not both; without them stored slabs are compared");
   std::map<std::string, double> allowed;
   for (const std::string& text : options.allowed) {
-    std::string item;
-    double value = 0.0;
-    if (!parse_assignment("--max-error", text, item, value)) return kUsage;
-    if (!(value > 0.0)) {
-      complain(fmt::format("--max-error '{}': a size above 0", text));
-      return kUsage;
-    }
+    const auto [item, value] = parse_assignment("--max-error", text);
+    if (!(value > 0.0)) stop(kUsage, fmt::format("--max-error '{}': a size above 0", text));
     allowed[item] = value;
   }
-  const auto fail = [](const Error& why) {
-    complain(why.text.view());
-    return exit_for(why.code);
-  };
-  const auto table = CsvTable::read(options.contact);
-  if (!table.ok()) return fail(table.error());
-  auto contact = side_of(table.value());
-  if (!contact.ok()) return fail(contact.error());
-  int exit_status = kDone;
+  const auto table = need(CsvTable::read(options.contact));
+  auto contact = need(side_of(table));
   Side measured;
   SamePart part;
-  Status good = success();
   if (!options.values.empty()) {
-    good = from_table(options, measured);
+    need(from_table(options, measured));
   } else if (!options.scans.empty()) {
-    Recipe recipe;
-    if (!options.scan.load(recipe, exit_status)) return exit_status;
+    const Recipe recipe = options.scan.load();
     warn_unconfirmed(recipe);
-    good = from_scans(options, recipe, measured, part);
+    need(from_scans(options, recipe, measured, part));
   } else {
-    const auto reader = open_database(options.database, exit_status);
-    if (reader == nullptr) return exit_status;
-    good = from_slabs(options, contact.value(), *reader, measured, part);
+    const auto reader = open_database(options.database);
+    need(from_slabs(options, contact, *reader, measured, part));
   }
-  if (!good.ok()) return fail(good.error());
-  StudyNotes notes;
-  if (!part.settle(options.same_part, notes)) return kBadInput;
-  keep_items(contact.value(), options.items);
+  StudyNotes notes = part.settle(options.same_part);
+  keep_items(contact, options.items);
   keep_items(measured, options.items);
-  CompareStudy study = compare(contact.value(), measured, allowed);
+  CompareStudy study = compare(contact, measured, allowed);
   study.source = fmt::format("{} against {}",
                              !options.values.empty()  ? options.values
                              : !options.scans.empty() ? options.scans
@@ -161,24 +142,16 @@ int run_compare(const CompareOptions& options) {
   name_unmatched(study.only_reference, "not measured by slabd");
   // Of a scan the laboratory need not have measured everything.
   if (!options.values.empty()) name_unmatched(study.only_measured, "not in the contact table");
-  if (study.items.empty()) {
-    complain(fmt::format("{}: nothing in it was measured by slabd too; ids, items and blocks must be the same",
-                         options.contact));
-    return kBadInput;
-  }
-  const auto compared = [&](const char* option, const std::string& item) {
-    if (std::any_of(study.items.begin(), study.items.end(), [&](const CompareItem& c) { return c.item == item; }))
-      return true;
-    complain(fmt::format("{}: '{}' was not compared", option, item));
-    return false;
+  if (study.items.empty())
+    stop(kBadInput, fmt::format("{}: nothing in it was measured by slabd too; ids, items and blocks must be the same",
+                                options.contact));
+  const auto need_compared = [&](const char* option, const std::string& item) {
+    if (std::none_of(study.items.begin(), study.items.end(), [&](const CompareItem& c) { return c.item == item; }))
+      stop(kUsage, fmt::format("{}: '{}' was not compared", option, item));
   };
-  for (const std::string& item : options.items)
-    if (!compared("--item", item)) return kUsage;
-  for (const auto& [item, value] : allowed)
-    if (!compared("--max-error", item)) return kUsage;
-  if (const int status = write_document(compare_report(study, options.document.wanted()), options.document.out);
-      status != kDone)
-    return status;
+  for (const std::string& item : options.items) need_compared("--item", item);
+  for (const auto& [item, value] : allowed) need_compared("--max-error", item);
+  write_document(compare_report(study, options.document.wanted()), options.document.out);
   if (options.json) {
     fmt::print("{}", compare_json(study));
   } else {
@@ -189,7 +162,7 @@ int run_compare(const CompareOptions& options) {
 
 }  // namespace
 
-void add_compare(args::Command& study, int& exit_status) {
+void add_compare(args::Command& study) {
   auto options = std::make_shared<CompareOptions>();
   args::Command command = study.add_subcommand("compare", "Against a laboratory: errors, agreement limits, regression");
   command->footer(
@@ -223,7 +196,7 @@ void add_compare(args::Command& study, int& exit_status) {
   options->document.add_to(*command);
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.study_compare/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = run_compare(*options); });
+  command->runs([options] { return run_compare(*options); });
 }
 
 }  // namespace slabd::cli::study

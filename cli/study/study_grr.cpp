@@ -36,24 +36,20 @@ struct GrrOptions {
 };
 
 /// An item that is named but not in the study is most likely a slip, and would leave its tolerance unheard.
-bool all_known(const GrrOptions& options, const std::map<std::string, double>& tolerances,
-               const std::vector<Placing>& placings) {
+void need_known(const GrrOptions& options, const std::map<std::string, double>& tolerances,
+                const std::vector<Placing>& placings) {
   std::set<std::string> measured;
   for (const Placing& placing : placings)
     if (has_value(placing.reading.value)) measured.insert(placing.reading.item);
   const std::vector<std::string> names(measured.begin(), measured.end());
   const auto there = [&](const char* option, const std::string& item) {
-    if (measured.contains(item)) return true;
+    if (measured.contains(item)) return;
     const std::string meant = nearest(item, names);
-    complain(fmt::format("{}: '{}' was not measured here{}", option, item,
-                         meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant)));
-    return false;
+    stop(kUsage, fmt::format("{}: '{}' was not measured here{}", option, item,
+                             meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant)));
   };
-  for (const std::string& item : options.items)
-    if (!there("--item", item)) return false;
-  for (const auto& [item, width] : tolerances)
-    if (!there("--tolerance", item)) return false;
-  return true;
+  for (const std::string& item : options.items) there("--item", item);
+  for (const auto& [item, width] : tolerances) there("--tolerance", item);
 }
 
 /// A path as the plan says it, from the plan's own folder.
@@ -62,41 +58,30 @@ std::string beside(const std::string& plan, const std::string& path) {
 }
 
 int run_grr(const GrrOptions& options) {
-  if (!options.document.usable()) return kUsage;
+  options.document.check();
   std::map<std::string, double> tolerances;
   for (const std::string& text : options.tolerances) {
-    std::string item;
-    double value = 0.0;
-    if (!parse_assignment("--tolerance", text, item, value)) return kUsage;
-    if (!(value > 0.0)) {
-      complain(fmt::format("--tolerance '{}': a width above 0, upper limit minus lower limit", text));
-      return kUsage;
-    }
+    const auto [item, value] = parse_assignment("--tolerance", text);
+    if (!(value > 0.0))
+      stop(kUsage, fmt::format("--tolerance '{}': a width above 0, upper limit minus lower limit", text));
     tolerances[item] = value;
   }
-  const auto plan = CsvTable::read(options.plan);
-  if (!plan.ok()) {
-    complain(plan.error().text.view());
-    return kBadInput;
-  }
-  int exit_status = kDone;
+  const auto plan = need(CsvTable::read(options.plan), kBadInput);
   std::optional<ScanMeter> meter;
   std::unique_ptr<storage::Reader> reader;
-  if (plan.value().has("scan")) {
-    Recipe recipe;
-    if (!options.scan.load(recipe, exit_status)) return exit_status;
+  if (plan.has("scan")) {
+    const Recipe recipe = options.scan.load();
     warn_unconfirmed(recipe);
     meter.emplace(recipe, *length_unit(options.scan.unit), options.scan.threads);
-  } else if (plan.value().has("slab")) {
-    reader = open_database(options.database, exit_status);
-    if (reader == nullptr) return exit_status;
+  } else if (plan.has("slab")) {
+    reader = open_database(options.database);
   }
   PlanReaders readers;
   std::vector<Take> scans;
   SamePart same_part;
   std::size_t row = 0;  // each row of the plan is read once, in their order
   const auto part_of = [&](int block) {
-    const std::string name = plan.value().cell(row++, "part");
+    const std::string name = plan.cell(row++, "part");
     return !name.empty() || block == 0 ? name : fmt::format("block {}", block);
   };
   readers.scan = [&](const std::string& path, int block) -> Result<std::vector<Reading>> {
@@ -129,12 +114,8 @@ int run_grr(const GrrOptions& options) {
     used.insert(block);
     return take.readings;
   };
-  const auto placings = placings_of(plan.value(), readers);
-  if (!placings.ok()) {
-    complain(placings.error().text.view());
-    return exit_for(placings.error().code);
-  }
-  if (!all_known(options, tolerances, placings.value())) return kUsage;
+  const auto placings = need(placings_of(plan, readers));
+  need_known(options, tolerances, placings);
   const Interaction interaction = options.interaction == "keep"   ? Interaction::keep
                                   : options.interaction == "pool" ? Interaction::pool
                                                                   : Interaction::automatic;
@@ -142,9 +123,8 @@ int run_grr(const GrrOptions& options) {
     const auto found = tolerances.find(item);
     return found == tolerances.end() ? kNoValue : found->second;
   };
-  StudyNotes notes;
-  if (!same_part.settle(options.same_part, notes)) return kBadInput;
-  GrrStudy study = grr_study(placings.value(), options.items, tolerance, interaction);
+  StudyNotes notes = same_part.settle(options.same_part);
+  GrrStudy study = grr_study(placings, options.items, tolerance, interaction);
   study.source = options.plan;
   study.notes = std::move(notes);
   if (const std::string twice = same_scan_twice(scans); !twice.empty())
@@ -155,20 +135,18 @@ int run_grr(const GrrOptions& options) {
     if (study.refused.empty()) complain(fmt::format("{}: no such item was measured", options.plan));
     return kBadInput;
   }
-  if (const int status = write_document(grr_report(study, options.document.wanted()), options.document.out);
-      status != kDone)
-    return status;
+  write_document(grr_report(study, options.document.wanted()), options.document.out);
   if (options.json) {
     fmt::print("{}", grr_json(study));
   } else {
     print_grr(study, options.details);
   }
-  return study.refused.empty() ? exit_of(study.judgement()) : static_cast<int>(kBadInput);
+  return study.refused.empty() ? exit_of(study.judgement()) : kBadInput;
 }
 
 }  // namespace
 
-void add_grr(args::Command& study, int& exit_status) {
+void add_grr(args::Command& study) {
   auto options = std::make_shared<GrrOptions>();
   args::Command command = study.add_subcommand("grr", "Gauge R&R: repeatability, reproducibility, %GRR and ndc");
   command->footer(
@@ -203,7 +181,7 @@ void add_grr(args::Command& study, int& exit_status) {
   options->document.add_to(*command);
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.study_grr/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = run_grr(*options); });
+  command->runs([options] { return run_grr(*options); });
 }
 
 }  // namespace slabd::cli::study

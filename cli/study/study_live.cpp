@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <iostream>
+#include <optional>
 #include <string>
 
 #include "cli/client/calibration_desk.h"
@@ -20,10 +21,8 @@
 namespace slabd::cli::study {
 namespace {
 
-bool refused(const Error& why, int& exit_status) {
-  complain(why.text.view());
-  exit_status = live_capture_exit(why.code);
-  return false;
+Stop refused(const Error& why) {
+  return {live_capture_exit(why.code), std::string(why.text.view())};
 }
 
 bool robot_is_back(std::size_t number, std::size_t count) {
@@ -48,51 +47,44 @@ Result<LiveShot> shoot(LiveCapture& line, const std::string& what) {
   }
 }
 
-bool take_all(const LiveOrder& order, const daemon::Config& config, const Pose& X, const Recipe& recipe,
-              LiveCapture& line, std::vector<Take>& takes, int& exit_status) {
+/// nullopt if all were taken; else why not.
+std::optional<Stop> take_all(const LiveOrder& order, const daemon::Config& config, const Pose& X, const Recipe& recipe,
+                             LiveCapture& line, std::vector<Take>& takes) {
   ScanMeter meter(recipe, config.scanner.unit, order.threads);
   const Pose T_block_base = (config.T_base_slab * T_slab_block(recipe, order.station)).inverse();
   for (std::size_t i = 1; i <= order.count; ++i) {
-    if (order.enter && !robot_is_back(i, order.count)) {
-      complain("stdin ended before the last scan");
-      exit_status = kUsage;
-      return false;
-    }
+    if (order.enter && !robot_is_back(i, order.count)) return Stop{kUsage, "stdin ended before the last scan"};
     const Result<LiveShot> shot = shoot(line, fmt::format("scan {}/{}", i, order.count));
-    if (!shot.ok()) return refused(shot.error(), exit_status);
+    if (!shot.ok()) return refused(shot.error());
     auto readings = meter.measure(shot.value().scan_path, order.station, T_block_base * shot.value().T_base_flange * X);
     // A copy that is not let go now is let go by the daemon in a week; that is no reason to fail.
     static_cast<void>(line.release(shot.value().scan_path));
-    if (!readings.ok()) return refused(readings.error(), exit_status);
+    if (!readings.ok()) return refused(readings.error());
     const std::vector<Reading>& values = readings.value();
-    if (i == 1 && std::none_of(values.begin(), values.end(), [](const Reading& r) { return has_value(r.value); })) {
-      complain(fmt::format("no block was found in the first scan; does the robot stand over block {}?", order.station));
-      exit_status = kBadInput;
-      return false;
-    }
+    if (i == 1 && std::none_of(values.begin(), values.end(), [](const Reading& r) { return has_value(r.value); }))
+      return Stop{kBadInput, fmt::format("no block was found in the first scan; does the robot stand over block {}?",
+                                         order.station)};
     takes.push_back({fmt::format("scan {}", i), std::move(readings.value())});
   }
-  return true;
+  return std::nullopt;
 }
 
 }  // namespace
 
-bool live_takes(const LiveOrder& order, const Recipe& recipe, std::vector<Take>& takes, int& exit_status) {
-  daemon::Config config;
-  if (!config_from(order.config, config)) {
-    exit_status = kBadInput;
-    return false;
-  }
-  InForce now;
-  if (!hand_eye_in_force(config, now, exit_status)) return false;
+std::vector<Take> live_takes(const LiveOrder& order, const Recipe& recipe) {
+  const daemon::Config config = config_from(order.config);
+  const InForce now = hand_eye_in_force(config);
   Result<LiveCapture> line = LiveCapture::begin(
       config.control_socket, {fmt::format("study of block {}", order.station), default_operator().substr(0, 60)});
-  if (!line.ok()) return refused(line.error(), exit_status);
+  if (!line.ok()) throw refused(line.error());
   for (const std::string& warning : line.value().warnings()) complain("warning: " + warning);
-  const bool good = take_all(order, config, now.T_flange_scanner, recipe, line.value(), takes, exit_status);
+  std::vector<Take> takes;
+  const std::optional<Stop> missed = take_all(order, config, now.T_flange_scanner, recipe, line.value(), takes);
+  if (missed) complain(missed->sentence);  // before the line is given back
   if (const Status ended = line.value().end(); !ended.ok())
     complain(fmt::format("warning: the line stays in maintenance until the lease ends: {}", ended.error().text.view()));
-  return good;
+  if (missed) stop(missed->status);
+  return takes;
 }
 
 }  // namespace slabd::cli::study

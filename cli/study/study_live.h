@@ -18,8 +18,8 @@ struct LiveOrder {
   int threads = 1;
 };
 /// The daemon goes to maintenance, takes the scans while the robot stands, and goes back to idle, also when one is
-/// refused. Takes nothing from the PLC's results and stores none. False, and said: the daemon is not there or busy, a
-/// shot was refused, no block is found in the first scan.
-[[nodiscard]] bool live_takes(const LiveOrder& order, const Recipe& recipe, std::vector<Take>& takes, int& exit_status);
+/// refused. Takes nothing from the PLC's results and stores none. Stops if the daemon is not there or busy, a shot was
+/// refused, or no block is found in the first scan.
+[[nodiscard]] std::vector<Take> live_takes(const LiveOrder& order, const Recipe& recipe);
 
 }  // namespace slabd::cli::study

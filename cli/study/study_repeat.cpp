@@ -4,7 +4,6 @@
 #include <fmt/core.h>
 #include <chrono>
 #include <memory>
-#include <optional>
 #include <set>
 
 #include "cli/command.h"
@@ -42,46 +41,37 @@ struct RepeatOptions {
   bool json = false;
 };
 
-bool failed(const Error& why, int& exit_status) {
-  complain(why.text.view());
-  exit_status = exit_for(why.code);
-  return false;
-}
+/// What was measured, and where it comes from in words.
+struct Runs {
+  std::vector<Take> takes;
+  std::string source;
+};
 
-bool from_scans(const RepeatOptions& options, std::vector<Take>& takes, std::string& source, SamePart& part,
-                int& exit_status) {
-  Recipe recipe;
-  if (!options.scan.load(recipe, exit_status)) return false;
-  if (options.block < 1 || options.block > recipe.stations()) {
-    complain(fmt::format("scans are of one block: --block 1..{}", recipe.stations()));
-    exit_status = kUsage;
-    return false;
-  }
-  const auto files = scan_files(options.scans);
-  if (!files.ok()) return failed(files.error(), exit_status);
+Runs from_scans(const RepeatOptions& options, SamePart& part) {
+  const Recipe recipe = options.scan.load();
+  if (options.block < 1 || options.block > recipe.stations())
+    stop(kUsage, fmt::format("scans are of one block: --block 1..{}", recipe.stations()));
+  const auto files = need(scan_files(options.scans));
   warn_unconfirmed(recipe);
+  std::vector<Take> takes;
   ScanMeter meter(recipe, *length_unit(options.scan.unit), options.scan.threads);
-  for (const std::string& file : files.value()) {
+  for (const std::string& file : files) {
     const ProgressNote note(stderr, fmt::format("measuring {} ...", file), std::chrono::seconds(1));
-    auto readings = meter.measure(file, options.block);
-    if (!readings.ok()) return failed(readings.error(), exit_status);
+    takes.push_back({file, need(meter.measure(file, options.block))});
     part.add_scan("", file, options.block, meter.shape());
-    takes.push_back({file, std::move(readings.value())});
   }
-  source = fmt::format("{} scans of block {}, recipe {}", takes.size(), options.block, recipe.name.view());
-  return true;
+  std::string source = fmt::format("{} scans of block {}, recipe {}", takes.size(), options.block, recipe.name.view());
+  return {std::move(takes), std::move(source)};
 }
 
-bool from_slabs(const RepeatOptions& options, std::vector<Take>& takes, std::string& source, SamePart& part,
-                int& exit_status) {
-  const auto reader = open_database(options.database, exit_status);
-  if (reader == nullptr) return false;
+Runs from_slabs(const RepeatOptions& options, SamePart& part) {
+  const auto reader = open_database(options.database);
+  std::vector<Take> takes;
   std::set<std::int64_t> seen;  // a slab that is named twice, once by its id perhaps, was not measured twice
   for (const std::string& wanted : options.slabs) {
-    const auto records = slabs_named(*reader, wanted, options.runs);
-    if (!records.ok()) return failed(records.error(), exit_status);
-    if (records.value().empty()) return failed(no_slab_named(wanted), exit_status);
-    for (const storage::SlabRecord& record : records.value()) {
+    const auto records = need(slabs_named(*reader, wanted, options.runs));
+    if (records.empty()) stop(no_slab_named(wanted));
+    for (const storage::SlabRecord& record : records) {
       if (!seen.insert(record.summary.header.key).second) continue;
       part.add_slab("", record.summary.header);
       if (!options.attempts) {
@@ -92,116 +82,86 @@ bool from_slabs(const RepeatOptions& options, std::vector<Take>& takes, std::str
     }
   }
   // Attempts at other blocks are no runs of this one.
-  if (options.attempts && options.block == 0) {
-    complain("--attempts are repeats of one block: --block K");
-    exit_status = kUsage;
-    return false;
-  }
+  if (options.attempts && options.block == 0) stop(kUsage, "--attempts are repeats of one block: --block K");
   if (options.attempts)
     std::erase_if(takes,
                   [&](const Take& t) { return t.readings.empty() || t.readings.front().block != options.block; });
-  source = fmt::format("{} {}: {}", takes.size(), options.attempts ? "attempts" : "stored runs",
-                       takes.empty() ? "none" : takes.front().name + " .. " + takes.back().name);
-  return true;
+  std::string source = fmt::format("{} {}: {}", takes.size(), options.attempts ? "attempts" : "stored runs",
+                                   takes.empty() ? "none" : takes.front().name + " .. " + takes.back().name);
+  return {std::move(takes), std::move(source)};
 }
 
-bool from_line(const RepeatOptions& options, std::vector<Take>& takes, std::string& source, int& exit_status) {
-  Recipe recipe;
-  if (!options.scan.load(recipe, exit_status)) return false;
-  if (options.live > recipe.stations() || (options.block != 0 && options.block != options.live)) {
-    complain(fmt::format("--live {}: recipe {} has blocks 1..{}, and --block is not needed", options.live,
-                         recipe.name.view(), recipe.stations()));
-    exit_status = kUsage;
-    return false;
-  }
+Runs from_line(const RepeatOptions& options) {
+  const Recipe recipe = options.scan.load();
+  if (options.live > recipe.stations() || (options.block != 0 && options.block != options.live))
+    stop(kUsage, fmt::format("--live {}: recipe {} has blocks 1..{}, and --block is not needed", options.live,
+                             recipe.name.view(), recipe.stations()));
   warn_unconfirmed(recipe);
   const LiveOrder order{options.database.config, options.live, options.count, options.enter, options.scan.threads};
-  if (!live_takes(order, recipe, takes, exit_status)) return false;
-  source = fmt::format("{} scans of block {} on the line, recipe {}", takes.size(), options.live, recipe.name.view());
-  return true;
+  std::vector<Take> takes = live_takes(order, recipe);
+  std::string source =
+      fmt::format("{} scans of block {} on the line, recipe {}", takes.size(), options.live, recipe.name.view());
+  return {std::move(takes), std::move(source)};
 }
 
-bool from_table(const RepeatOptions& options, std::vector<Take>& takes, std::string& source, int& exit_status) {
-  const auto table = CsvTable::read(options.values);
-  if (!table.ok()) return failed(table.error(), exit_status);
-  auto read = takes_of(table.value());
-  if (!read.ok()) return failed(read.error(), exit_status);
-  takes = std::move(read.value());
-  source = fmt::format("{} runs in {}", takes.size(), options.values);
-  return true;
+Runs from_table(const RepeatOptions& options) {
+  const auto table = need(CsvTable::read(options.values));
+  std::vector<Take> takes = need(takes_of(table));
+  std::string source = fmt::format("{} runs in {}", takes.size(), options.values);
+  return {std::move(takes), std::move(source)};
 }
 
-bool task_of(const RepeatOptions& options, GaugeTask& task) {
+GaugeTask task_of(const RepeatOptions& options) {
+  GaugeTask task;
   for (const auto& [option, texts, target] : {std::tuple{"--reference", &options.references, &task.references},
                                               std::tuple{"--tolerance", &options.tolerances, &task.tolerances}})
     for (const std::string& text : *texts) {
-      std::string item;
-      double value = 0.0;
-      if (!parse_assignment(option, text, item, value)) return false;
-      if (target == &task.tolerances && !(value > 0.0)) {
-        complain(fmt::format("--tolerance '{}': a width above 0, upper limit minus lower limit", text));
-        return false;
-      }
+      const auto [item, value] = parse_assignment(option, text);
+      if (target == &task.tolerances && !(value > 0.0))
+        stop(kUsage, fmt::format("--tolerance '{}': a width above 0, upper limit minus lower limit", text));
       (*target)[item] = value;
     }
-  return true;
+  return task;
 }
 
 /// An item that is named but measured nowhere is most likely a slip.
-bool all_known(const RepeatOptions& options, const GaugeTask& task, const std::vector<Take>& takes,
-               const RepeatStudy& study) {
+void need_known(const RepeatOptions& options, const GaugeTask& task, const std::vector<Take>& takes,
+                const RepeatStudy& study) {
   const auto there = [&](const std::string& wanted) {
     for (const Characteristic& c : study.characteristics)
-      if (wanted == c.about.item || wanted == fmt::format("{}@{}", c.about.item, c.about.block)) return true;
+      if (wanted == c.about.item || wanted == fmt::format("{}@{}", c.about.item, c.about.block)) return;
     std::vector<std::string> names;
     for (const Take& take : takes)
       for (const Reading& reading : take.readings) names.push_back(reading.item);
     const std::string meant = nearest(wanted.substr(0, wanted.find('@')), names);
-    complain(fmt::format("'{}' was not measured here{}", wanted,
-                         meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant)));
-    return false;
+    stop(kUsage, fmt::format("'{}' was not measured here{}", wanted,
+                             meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant)));
   };
-  for (const std::string& item : options.items)
-    if (!there(item)) return false;
+  for (const std::string& item : options.items) there(item);
   for (const auto* of : {&task.references, &task.tolerances})
-    for (const auto& [item, value] : *of)
-      if (!there(item)) return false;
-  return true;
+    for (const auto& [item, value] : *of) there(item);
 }
 
 int run_repeat(const RepeatOptions& options) {
-  if (!options.document.usable()) return kUsage;
+  options.document.check();
   const int sources = (options.scans.empty() ? 0 : 1) + (options.slabs.empty() ? 0 : 1) +
                       (options.values.empty() ? 0 : 1) + (options.live == 0 ? 0 : 1);
-  if (sources != 1) {
-    complain("say what was repeated: scans or a folder of them, --slab, --values, or --live; one of them");
-    return kUsage;
-  }
-  GaugeTask task;
-  if (!task_of(options, task)) return kUsage;
-  std::vector<Take> takes;
-  std::string source;
-  int exit_status = kDone;
+  if (sources != 1)
+    stop(kUsage, "say what was repeated: scans or a folder of them, --slab, --values, or --live; one of them");
+  const GaugeTask task = task_of(options);
   SamePart part;
-  const bool good = !options.scans.empty()   ? from_scans(options, takes, source, part, exit_status)
-                    : !options.slabs.empty() ? from_slabs(options, takes, source, part, exit_status)
-                    : options.live != 0      ? from_line(options, takes, source, exit_status)
-                                             : from_table(options, takes, source, exit_status);
-  if (!good) return exit_status;
-  StudyNotes notes;
-  if (!part.settle(options.same_part, notes)) return kBadInput;
-  if (takes.size() < 2) {
-    complain(fmt::format("{}: a repeat needs two runs at least", source));
-    return kBadInput;
-  }
+  const auto [takes, source] = !options.scans.empty()   ? from_scans(options, part)
+                               : !options.slabs.empty() ? from_slabs(options, part)
+                               : options.live != 0      ? from_line(options)
+                                                        : from_table(options);
+  StudyNotes notes = part.settle(options.same_part);
+  if (takes.size() < 2) stop(kBadInput, fmt::format("{}: a repeat needs two runs at least", source));
   RepeatStudy study = repeat_study(takes, options.items, options.block, task, options.values.empty());
   study.source = source;
   study.notes = std::move(notes);
-  if (!all_known(options, task, takes, study)) return kUsage;
+  need_known(options, task, takes, study);
   for (const std::string& warning : study.warnings) complain("warning: " + warning);
-  if (const int status = write_document(repeat_report(study, options.document.wanted()), options.document.out);
-      status != kDone)
-    return status;
+  write_document(repeat_report(study, options.document.wanted()), options.document.out);
   if (options.json) {
     fmt::print("{}", repeat_json(study));
   } else {
@@ -212,7 +172,7 @@ int run_repeat(const RepeatOptions& options) {
 
 }  // namespace
 
-void add_repeat(args::Command& study, int& exit_status) {
+void add_repeat(args::Command& study) {
   auto options = std::make_shared<RepeatOptions>();
   args::Command command = study.add_subcommand("repeat", "One thing measured many times: scatter, range, Cg and Cgk");
   command->footer(
@@ -270,7 +230,7 @@ void add_repeat(args::Command& study, int& exit_status) {
   options->document.add_to(*command);
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.study_repeat/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = run_repeat(*options); });
+  command->runs([options] { return run_repeat(*options); });
 }
 
 }  // namespace slabd::cli::study

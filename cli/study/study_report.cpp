@@ -480,24 +480,20 @@ void DocumentOptions::add_to(args::Command& command) {
       ->capture_default_str();
 }
 
-bool DocumentOptions::usable() const {
+void DocumentOptions::check() const {
   const std::string extension = ending(out);
-  if (out.empty() || extension == ".pdf" || extension == ".html" || extension == ".svg" || extension == ".png")
-    return true;
-  complain(fmt::format("--out {}: the name must end in .pdf, .html, .svg or .png", out));
-  return false;
+  if (!out.empty() && extension != ".pdf" && extension != ".html" && extension != ".svg" && extension != ".png")
+    stop(kUsage, fmt::format("--out {}: the name must end in .pdf, .html, .svg or .png", out));
 }
 
-int write_document(const report::Report& document, const std::string& path) {
-  if (path.empty()) return kDone;
+void write_document(const report::Report& document, const std::string& path) {
+  if (path.empty()) return;
   const std::string extension = ending(path);
-  const Status written = extension == ".pdf"   ? report::write_pdf(document, path)
-                         : extension == ".svg" ? report::write_svg(document, 0, path)
-                         : extension == ".png" ? report::write_png(document, 0, 100.0, path)
-                                               : report::write_html(document, path);
-  if (written.ok()) return kDone;
-  complain(written.error().text.view());
-  return kBadInput;
+  need(extension == ".pdf"   ? report::write_pdf(document, path)
+       : extension == ".svg" ? report::write_svg(document, 0, path)
+       : extension == ".png" ? report::write_png(document, 0, 100.0, path)
+                             : report::write_html(document, path),
+       kBadInput);
 }
 
 }  // namespace slabd::cli::study

@@ -30,10 +30,10 @@ struct DocumentOptions {
   [[nodiscard]] report::Language wanted() const {
     return language == "zh" ? report::Language::zh : report::Language::en;
   }
-  /// False, and said: a name that ends in none of .pdf, .html, .svg, .png.
-  [[nodiscard]] bool usable() const;
+  /// Stops at a name that ends in none of .pdf, .html, .svg, .png.
+  void check() const;
 };
-/// Writes the document; kDone, or what could not be done is said.
-[[nodiscard]] int write_document(const report::Report& document, const std::string& path);
+/// Writes the document, if `path` is not empty.
+void write_document(const report::Report& document, const std::string& path);
 
 }  // namespace slabd::cli::study

@@ -112,7 +112,7 @@ Option Command::add_flag(const std::string& name, T& value, const std::string& h
 template Option Command::add_flag(const std::string&, bool&, const std::string&);
 
 Command Command::add_subcommand(const std::string& name, const std::string& help) {
-  return Command(command_->add_subcommand(name, help));
+  return Command(command_->add_subcommand(name, help), *this);
 }
 Command Command::require_subcommand(int exactly) {
   command_->require_subcommand(exactly);
@@ -126,12 +126,11 @@ Command Command::footer(const std::string& text) {
   command_->footer(text);
   return *this;
 }
-Command Command::callback(const std::function<void()>& run) {
-  command_->callback(run);
+Command Command::runs(const std::function<int()>& run) {
+  command_->callback([command = command_, run, status = exit_status_] {
+    if (command->get_subcommands().empty()) *status = run();
+  });
   return *this;
-}
-bool Command::has_subcommand() const {
-  return !command_->get_subcommands().empty();
 }
 std::size_t Command::count(const std::string& option) const {
   return command_->count(option);

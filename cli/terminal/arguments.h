@@ -72,7 +72,8 @@ class Option {
 
 class Command {
  public:
-  explicit Command(CLI::App* command) : command_(command) {}
+  /// The root of a tree.
+  explicit Command(CLI::App* root) : command_(root), exit_status_(std::make_shared<int>(0)) {}
   Command* operator->() { return this; }
   const Command* operator->() const { return this; }
   Command& operator*() { return *this; }
@@ -88,15 +89,18 @@ class Command {
   Command require_subcommand(int exactly);
   Command require_subcommand(int least, int most);
   Command footer(const std::string& text);
-  /// Runs when the command was given and everything it was given is right.
-  Command callback(const std::function<void()>& run);
+  /// Runs if this command, and none below it, was given and everything it was given is right. Returns the exit status.
+  Command runs(const std::function<int()>& run);
+  /// As the command that ran returned it; 0 if none ran.
+  [[nodiscard]] int exit_status() const { return *exit_status_; }
   [[nodiscard]] std::size_t count(const std::string& option) const;
-  /// One of the commands below this one was given.
-  [[nodiscard]] bool has_subcommand() const;
   [[nodiscard]] CLI::App& native() const { return *command_; }
 
  private:
+  Command(CLI::App* command, const Command& above) : command_(command), exit_status_(above.exit_status_) {}
+
   CLI::App* command_;
+  std::shared_ptr<int> exit_status_;  ///< of the whole tree
 };
 
 }  // namespace slabd::args

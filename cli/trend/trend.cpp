@@ -157,8 +157,8 @@ void print_trend(const Trend& t, bool other_types) {
   fmt::print("\nEach station against the others of its slab\n{}", faint(table(rows), few, style));
 }
 
-/// Writes the chart; what could not be written is said.
-int write_out(const Trend& t, const Options& options) {
+/// Writes the chart.
+void write_out(const Trend& t, const Options& options) {
   const report::Language language = options.language == "zh" ? report::Language::zh : report::Language::en;
   const report::Report document = trend::document_of(t, language);
   const std::string extension = std::filesystem::path(options.out).extension().string();
@@ -170,12 +170,9 @@ int write_out(const Trend& t, const Options& options) {
   } else if (extension == ".png") {
     status = report::write_png(document, 1, 100.0, options.out);
   } else {
-    complain(fmt::format("--out {}: the name must end in .pdf, .svg or .png", options.out));
-    return kUsage;
+    stop(kUsage, fmt::format("--out {}: the name must end in .pdf, .svg or .png", options.out));
   }
-  if (status.ok()) return kDone;
-  complain(fmt::format("{}", status.error().text.view()));
-  return kBadInput;
+  need(status, kBadInput);
 }
 
 int show_trend(const Options& options) {
@@ -188,9 +185,8 @@ int show_trend(const Options& options) {
       known += (known.empty() ? "" : ", ") + names.back();
     }
     const std::string meant = nearest(options.item, names);
-    complain(fmt::format("no item '{}'{}; items are {}", options.item,
-                         meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant), known));
-    return kUsage;
+    stop(kUsage, fmt::format("no item '{}'{}; items are {}", options.item,
+                             meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant), known));
   }
   storage::ItemFilter filter;
   filter.item = *item;
@@ -204,15 +200,10 @@ int show_trend(const Options& options) {
                                              std::tuple{&options.until, "--until", &filter.until_utime_us}}) {
     if (text->empty()) continue;
     const Result<std::int64_t> time = parse_time(*text, now_us);
-    if (!time) {
-      complain(fmt::format("{}: {}", option, time.error().text.view()));
-      return kUsage;
-    }
+    if (!time) stop(kUsage, fmt::format("{}: {}", option, time.error().text.view()));
     *target = time.value();
   }
-  int exit_status = kDone;
-  const auto reader = open_database(options.database, exit_status);
-  if (reader == nullptr) return exit_status;
+  const auto reader = open_database(options.database);
   auto values = reader->values(filter);
   // Two types have not the same blocks nor the same limits: without --type that of the newest slab.
   bool other_types = false;
@@ -222,10 +213,7 @@ int show_trend(const Options& options) {
                               [&](const storage::ItemValue& value) { return value.slab_type != filter.slab_type; });
     if (other_types) values = reader->values(filter);
   }
-  if (!values) {
-    complain(fmt::format("{}", values.error().text.view()));
-    return kNotReachable;
-  }
+  if (!values) stop(kNotReachable, values.error().text.view());
   // As two types are, emulated and real slabs are two things; the newest slab decides which are shown.
   std::size_t others = 0;
   const bool emulated = !values.value().empty() && values.value().back().emulated != 0;
@@ -241,8 +229,7 @@ int show_trend(const Options& options) {
   for (const storage::ItemValue& value : values.value())
     t.emulated = static_cast<std::uint8_t>(t.emulated | value.emulated);
   t.other_emulation = others;
-  if (!options.out.empty())
-    if (const int status = write_out(t, options); status != kDone) return status;
+  if (!options.out.empty()) write_out(t, options);
   if (options.json) {
     fmt::print("{}", as_json(t));
   } else {
@@ -253,7 +240,7 @@ int show_trend(const Options& options) {
 
 }  // namespace
 
-void add_trend(args::Command& app, int& exit_status) {
+void add_trend(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command command =
       app.add_subcommand("trend", "One characteristic over the slabs: control chart, Cpk, stations");
@@ -279,7 +266,7 @@ void add_trend(args::Command& app, int& exit_status) {
       ->capture_default_str();
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.trend/1 on stdout");
-  command->callback([options, &exit_status] { exit_status = show_trend(*options); });
+  command->runs([options] { return show_trend(*options); });
 }
 
 }  // namespace slabd::cli

@@ -286,10 +286,8 @@ class Watcher {
 }  // namespace
 
 int run(const std::string& socket, Language language) {
-  if (isatty(STDOUT_FILENO) == 0 || isatty(STDIN_FILENO) == 0) {
-    complain("--watch needs a terminal; `slabctl status --json` is for programs");
-    return kUsage;
-  }
+  if (isatty(STDOUT_FILENO) == 0 || isatty(STDIN_FILENO) == 0)
+    stop(kUsage, "--watch needs a terminal; `slabctl status --json` is for programs");
   struct sigaction action {};
   action.sa_handler = [](int) { g_stop = 1; };
   sigaction(SIGINT, &action, nullptr);

@@ -36,9 +36,8 @@ std::string refusal(CLI::Option& option, const std::string& text) {
 
 TEST(Options, no_decimal_number_may_be_nan_or_infinite) {
   CLI::App app("slabctl");
-  int exit_status = 0;
   args::Command root(&app);
-  add_commands(root, exit_status);
+  add_commands(root);
   int numbers = 0;
   visit(app, "slabctl", [&](const std::string& path, CLI::Option& option) {
     if (!option.get_type_name().starts_with("FLOAT")) return;
@@ -51,9 +50,8 @@ TEST(Options, no_decimal_number_may_be_nan_or_infinite) {
 
 TEST(Options, whole_numbers_are_decimal) {
   CLI::App app("slabctl");
-  int exit_status = 0;
   args::Command root(&app);
-  add_commands(root, exit_status);
+  add_commands(root);
   int numbers = 0;
   visit(app, "slabctl", [&](const std::string& path, CLI::Option& option) {
     const std::string type = option.get_type_name();
@@ -75,9 +73,8 @@ TEST(Options, whole_numbers_are_decimal) {
 
 TEST(Options, whoever_is_asked_why_must_say_something) {
   CLI::App app("slabctl");
-  int exit_status = 0;
   args::Command root(&app);
-  add_commands(root, exit_status);
+  add_commands(root);
   int reasons = 0;
   visit(app, "slabctl", [&](const std::string& path, CLI::Option& option) {
     if (option.get_name() != "--why" && option.get_name() != "--reason") return;
@@ -91,9 +88,8 @@ TEST(Options, whoever_is_asked_why_must_say_something) {
 
 TEST(Options, a_refused_number_is_answered_with_the_option_and_its_range) {
   CLI::App app("slabctl");
-  int exit_status = 0;
   args::Command root(&app);
-  add_commands(root, exit_status);
+  add_commands(root);
   CLI::Option* limit = app.get_subcommand("scanner")->get_subcommand("verify")->get_option("--limit-pf-mm");
   EXPECT_EQ(refusal(*limit, "nan"), "--limit-pf-mm: \"nan\" is not a number in [0 - 10]");
   EXPECT_EQ(refusal(*limit, "10.5"), "--limit-pf-mm: \"10.5\" is not a number in [0 - 10]");
