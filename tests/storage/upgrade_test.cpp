@@ -58,6 +58,10 @@ BlockResult before_version_9(BlockResult block) {
   block.findings.clear();
   block.edges.clear();
   block.pores = {};
+  for (PlaneFit* plane :
+       {&block.seat.plane, &block.seat.full_plane, &block.jaw_inner, &block.jaw_outer, &block.slab_top})
+    plane->doubt = PlaneFit{}.doubt;
+  for (CasingFeature* casing : {&block.casing_inner, &block.casing_outer}) casing->doubt = CasingFeature{}.doubt;
   for (double* x : {&block.seat.flatness_closed_mm, &block.seat.flatness_raw_mm, &block.seat.flatness_trimmed_mm})
     *x = kNoValue;
   return block;
