@@ -91,6 +91,8 @@ constexpr double kCorner_mm2 = 9.0;
 constexpr std::size_t kCornerCells = 5;
 constexpr double kCornerEmpty = 10.0;
 constexpr std::size_t kCornerEmptyInside = 6;
+/// Narrower, they lie along the border of the field of view.
+constexpr double kCornerEmptyAcross_mm = 5.0;
 constexpr double kCornerExtent_mm = 5.4;
 /// A good corner is seen at most at its very tip or not at all, but not low with a steep part beside it.
 constexpr double kSteepDepth_mm = 1.6;
@@ -231,11 +233,12 @@ bool name_low(const Place& place, double pore_max_mm, double edge_wear, FoundSur
   const bool wide = no_pore && found.extent_mm >= kLongChip_mm &&
                     (across >= kLongChipAcross_mm || found.extent_mm >= kNarrowChip_mm) &&
                     furthest >= kLongChipDepth_mm && place.volume_mm3() >= edge_wear * edge_wear * kLongChip_mm3;
-  const bool corner = place.at_corner() >= kCornerCells &&
-                      ((furthest >= kCornerDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kCorner_mm2) ||
-                       (furthest >= kSteepDepth_mm && place.empty_inside() >= kSteepEmpty) ||
-                       (static_cast<double>(place.empty()) >= edge_wear * kCornerEmpty &&
-                        place.empty_inside() >= kCornerEmptyInside && found.extent_mm >= edge_wear * kCornerExtent_mm));
+  const bool corner =
+      place.at_corner() >= kCornerCells &&
+      ((furthest >= kCornerDepth_mm && found.extent_mm >= kChipExtent_mm && area >= kCorner_mm2) ||
+       (furthest >= kSteepDepth_mm && place.empty_inside() >= kSteepEmpty) ||
+       (static_cast<double>(place.empty()) >= edge_wear * kCornerEmpty && place.empty_inside() >= kCornerEmptyInside &&
+        across >= kCornerEmptyAcross_mm && found.extent_mm >= edge_wear * kCornerExtent_mm));
   if (corner || (place.at_edge() >= kChipCells && place.on_edge() >= kChipCellsOnEdge && (deep || wide))) {
     f.kind = FindingKind::chip;
     return true;
