@@ -110,7 +110,7 @@ struct Attempt {
   bool asked = true;
   std::uint8_t emulated = 0;  ///< Emulation bits while it was taken
   /// 64 bits of the points (daemon::fingerprint_of), as a signed number. No other attempt of the whole history may have
-  /// it. Nothing: no points came, or the attempt is older than schema 9.
+  /// it. nullopt if no points came.
   std::optional<std::int64_t> fingerprint{};
 };
 

@@ -37,7 +37,7 @@ struct SessionSettings {
   std::size_t held_out = 3;  ///< of these
   /// Words of a table's format header that the poses given on the command line are in; empty: the neutral form.
   std::string flange_form;
-  std::string certificate_sha256;   ///< of the artefact's certificate; empty: none, or a session of an older version
+  std::string certificate_sha256;   ///< of the artefact's certificate; empty: none
   bool has_start = false;           ///< T_flange_scanner at the beginning is roughly known
   Pose T_flange_scanner;            ///< ... as this: the calibration in force, or the commissioning value
   std::string start_id;             ///< which of them

@@ -67,8 +67,8 @@ void add_report(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command command = app.add_subcommand("report", "One slab as a document: PDF, HTML, SVG or PNG");
   command->footer(
-      "\nReads the database only; the scans may be gone. Slabs measured by a slabd before schema 4 have no maps, and\n"
-      "the report says so.\n"
+      "\nReads the database only; the scans may be gone. A block that was not found in its scan has no maps, and the\n"
+      "report says so.\n"
       "Examples: slabctl report SLAB-0042 --out SLAB-0042.pdf\n"
       "          slabctl report 12 --out 12.html --language zh\n"
       "          slabctl report 12 --out 12.png --page 1 --dpi 150");

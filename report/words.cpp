@@ -133,8 +133,8 @@ Entry entry(Word word) {
           "and a block that passed so far has no verdict.",
           "该板已中止：整板项目（位置、高低、间距、板坐标系中的坡度）从未判定，此前合格的承轨台没有结论。"};
     case Word::no_map:
-      return {"No map was kept with this block: an older slabd measured it, or it was not found in its scan.",
-              "该承轨台没有保存偏差图：由旧版 slabd 测量，或扫描中未找到承轨台。"};
+      return {"No map was kept with this block: it was not found in its scan.",
+              "该承轨台没有保存偏差图：扫描中未找到承轨台。"};
     case Word::unconfirmed:
       return {"{} nominals, tolerances and assumptions of the recipe had not been confirmed when this slab was judged.",
               "判定该板时，配方中有 {} 个名义值、公差或假设未经确认。"};
@@ -208,20 +208,24 @@ constexpr std::array<const char*, kFindingFaces> kFacesZh = {"承轨面", "内�
 constexpr std::array<const char*, kEdgeFaces> kEdgeFacesZh = {"承轨面",       "内侧钳口面",   "外侧钳口面",
                                                               "内侧挡肩顶面", "外侧挡肩顶面", "端面（x-）",
                                                               "端面（x+）",   "内侧侧面",     "外侧侧面"};
-constexpr std::array<const char*, kPlaneDoubts> kPlaneDoubtsZh = {
-    "",
-    "",
-    "各点不成平面",
-    "拟合未收敛",
-    "阈值内另有一个表面",
-    "符合的点所占比例太小",
-    "可见面积所占比例太小：点少处另有一个表面",
-    "点太少、占面太小或噪声太大",
-    "结果取决于阈值，如旁边另有一个表面",
-    "另一平面所含的点数相近"};
-constexpr std::array<const char*, kCasingDoubts> kCasingDoubtsZh = {
-    "",           "", "孔边可见部分太少，或不成圆", "孔半径偏差超过 1 mm", "孔口高度处有填塞物",
-    "管口端面点太少", "管口端面上有高出承轨面的异物", "管口端面一周不成平整平面"};
+constexpr std::array<const char*, kPlaneDoubts> kPlaneDoubtsZh = {"",
+                                                                  "",
+                                                                  "各点不成平面",
+                                                                  "拟合未收敛",
+                                                                  "阈值内另有一个表面",
+                                                                  "符合的点所占比例太小",
+                                                                  "可见面积所占比例太小：点少处另有一个表面",
+                                                                  "点太少、占面太小或噪声太大",
+                                                                  "结果取决于阈值，如旁边另有一个表面",
+                                                                  "另一平面所含的点数相近"};
+constexpr std::array<const char*, kCasingDoubts> kCasingDoubtsZh = {"",
+                                                                    "",
+                                                                    "孔边可见部分太少，或不成圆",
+                                                                    "孔半径偏差超过 1 mm",
+                                                                    "孔口高度处有填塞物",
+                                                                    "管口端面点太少",
+                                                                    "管口端面上有高出承轨面的异物",
+                                                                    "管口端面一周不成平整平面"};
 
 }  // namespace
 

@@ -17,8 +17,6 @@
 namespace slabd::storage {
 namespace {
 
-constexpr std::int64_t kFirstVersionWithChain = 9;
-
 std::string hex(std::span<const std::uint8_t> bytes) {
   constexpr std::string_view kDigits = "0123456789abcdef";
   std::string text;
@@ -240,11 +238,7 @@ Result<ChainReport> check_chain(const std::string& path, std::int64_t entry) {
   try {
     Transaction moment(db, "BEGIN");
     begin_to_read(db);
-    ChainReport report;
-    if (db.integer("PRAGMA user_version") >= kFirstVersionWithChain)
-      report = Examination(db, entry).run();
-    else
-      report.unsealed = db.integer("SELECT count(*) FROM slab_result");
+    ChainReport report = Examination(db, entry).run();
     moment.commit();
     return report;
   } catch (const SqlFailure& failure) {

@@ -26,9 +26,9 @@ struct ChainHead {
 struct ChainReport {
   std::string trouble;        ///< the first thing that was altered, in words; empty: nothing
   std::int64_t altered = 0;   ///< how many such things
-  std::int64_t entries = 0;   ///< 0: there is no chain (an older slabd's database, or a new one)
+  std::int64_t entries = 0;   ///< 0: there is no chain (a new database)
   std::int64_t sealed = 0;    ///< slabs whose rows were compared with their seal
-  std::int64_t unsealed = 0;  ///< ended slabs without a seal: they ended before there was a chain
+  std::int64_t unsealed = 0;  ///< ended slabs without a seal: the chain was deleted after their end
   std::int64_t pruned = 0;    ///< slabs that retention took away since then
   std::string head;           ///< SHA-256 of the newest entry, hex
   std::string asked;          ///< SHA-256 of the entry that was asked for, hex; empty: there is no such entry

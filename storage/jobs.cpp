@@ -65,10 +65,6 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       same_fingerprint_(db,
                         "SELECT slab_key, station, attempt FROM attempt WHERE fingerprint = ?1 AND "
                         "(slab_key, station, attempt) <> (?2, ?3, ?4) LIMIT 1"),
-      same_checksum_(db,
-                     "SELECT slab_key, station, attempt FROM attempt WHERE fingerprint IS NULL AND points_crc32c = ?1 "
-                     "AND (slab_key, station, attempt) <> (?2, ?3, ?4) AND (scan_points, scan_finite, scan_width, "
-                     "scan_height) = (?5, ?6, ?7, ?8) LIMIT 1"),
       remember_scan_(db, "INSERT OR REPLACE INTO seen_scan (fingerprint) VALUES (?1)"),
       forget_scans_(db, "DELETE FROM seen_scan WHERE id <= (SELECT id FROM seen_scan ORDER BY id DESC LIMIT 1 OFFSET " +
                             std::to_string(kFingerprintsKept) + ")"),
@@ -280,34 +276,17 @@ void Jobs::remember_scan(std::uint64_t fingerprint) {
   forget_scans_.run();
 }
 
-/// By all 64 bits. Of attempts that were stored before there was a fingerprint, by checksum and by the numbers of
-/// points and of missing points together: among a million attempts a new scan finds a 32-bit checksum by chance with
-/// 1e6 / 2^32 = 2.3e-4, a false alarm in some twelve days of 20 slabs; the number of missing points, which scatters by
-/// a thousand and more from scan to scan, makes that 1e-7 or less.
 bool Jobs::is_known(const Attempt& a) {
-  Statement* found = nullptr;
-  if (a.fingerprint) {
-    same_fingerprint_.bind(1, *a.fingerprint).bind(2, a.slab_key).bind(3, number(a.station)).bind(4, number(a.number));
-    if (same_fingerprint_.step()) found = &same_fingerprint_;
-  }
-  if (found == nullptr && a.fingerprint && a.points_crc32c) {
-    same_checksum_.bind(1, number(*a.points_crc32c))
-        .bind(2, a.slab_key)
-        .bind(3, number(a.station))
-        .bind(4, number(a.number))
-        .bind(5, number(a.shape.points))
-        .bind(6, number(a.shape.finite))
-        .bind(7, number(a.shape.width))
-        .bind(8, number(a.shape.height));
-    if (same_checksum_.step()) found = &same_checksum_;
-  }
-  if (found == nullptr) return false;
-  answer_ = error(Code::frame_incomplete,
-                  "station %u: the scanner gave the points that slab %lld station %lld had in scan %lld; restart the "
-                  "scanner program",
-                  a.station, static_cast<long long>(found->integer(0)), static_cast<long long>(found->integer(1)),
-                  static_cast<long long>(found->integer(2)));
-  found->reset();
+  if (!a.fingerprint) return false;
+  same_fingerprint_.bind(1, *a.fingerprint).bind(2, a.slab_key).bind(3, number(a.station)).bind(4, number(a.number));
+  if (!same_fingerprint_.step()) return false;
+  answer_ =
+      error(Code::frame_incomplete,
+            "station %u: the scanner gave the points that slab %lld station %lld had in scan %lld; restart the "
+            "scanner program",
+            a.station, static_cast<long long>(same_fingerprint_.integer(0)),
+            static_cast<long long>(same_fingerprint_.integer(1)), static_cast<long long>(same_fingerprint_.integer(2)));
+  same_fingerprint_.reset();
   return true;
 }
 

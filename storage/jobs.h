@@ -101,7 +101,6 @@ class Jobs {
   Statement attempt_phase_;
   Statement upsert_attempt_;
   Statement same_fingerprint_;
-  Statement same_checksum_;
   Statement remember_scan_;
   Statement forget_scans_;
   Statement remember_noise_;

@@ -55,7 +55,7 @@ Known known_at(const std::string& path) {
     try {
       return db.integer(sql);
     } catch (const SqlFailure&) {
-      return 0;  // damaged, or of a version that did not know of it
+      return 0;  // damaged
     }
   };
   known.slab_key = std::max(newest("SELECT coalesce(max(slab_key), 0) FROM slab"),
@@ -199,8 +199,8 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
       return error(Code::journal_write, "%s is not whole: %s", order.from.c_str(), report.value().trouble.c_str());
     if (!report.value().has_checksum && !order.accept_unproven)
       return error(Code::config,
-                   "%s has no checksum: an older slabd or another program made it, and a value in it may have changed "
-                   "unseen. Take a backup that has one; --unproven restores this one",
+                   "%s has no checksum: another program made it, and a value in it may have changed unseen. Take a "
+                   "backup that has one; --unproven restores this one",
                    order.from.c_str());
     const Result<ChainReport> chain = check_chain(order.from);
     if (!chain.ok()) return chain.error();

@@ -1,11 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <span>
+
 namespace slabd::storage {
 
-/// The text of schema.sql, compiled in.
-[[nodiscard]] const char* schema_sql();
-/// The text of upgrade_<from>_to_<from + 1>.sql, 1 <= from < kSchemaVersion.
-[[nodiscard]] const char* upgrade_sql(int from);
+/// The tables of a new database, and the steps that bring a database of each earlier version to them.
+struct Schema {
+  int version = 0;
+  const char* sql = nullptr;             ///< makes the tables in an empty file
+  std::span<const char* const> steps{};  ///< steps[i]: from version i + 1 to i + 2; as many as version - 1
+};
+/// The schema of this program: schema.sql, compiled in, with version kSchemaVersion.
+[[nodiscard]] const Schema& schema();
+
+/// Replaces schema() for the whole process while it lives. For tests of upgrade() only: it must be made before a
+/// database is opened and before other threads run. `schema` must outlive it.
+class SchemaOfTest {
+ public:
+  explicit SchemaOfTest(const Schema& schema);
+  ~SchemaOfTest();
+  SchemaOfTest(const SchemaOfTest&) = delete;
+  SchemaOfTest& operator=(const SchemaOfTest&) = delete;
+
+ private:
+  const Schema* before_;
+};
 
 }  // namespace slabd::storage

@@ -1,6 +1,6 @@
 -- SPDX-License-Identifier: Apache-2.0
 --
--- slabd's memory, schema version 9. One daemon writes, everybody else reads.
+-- slabd's memory, schema version 1. One daemon writes, everybody else reads.
 --
 --   line     one row: the session number last used, the newest wall clock of any record, what retention took away
 --   care     when the history was restored from a backup or begun anew, by whom and why
@@ -24,20 +24,20 @@
 -- ordered by key or id, never by the wall clock. A number that could not be measured is NULL. Verdicts: none, pass,
 -- fail, not_measured, aborted, indeterminate. Covariances are whole matrices: _12 is row 1, column 2.
 --
--- Every change needs the next version number, a step from the last one (storage/upgrade_*.sql), and the old text kept
--- for the tests. A column with a DEFAULT came later than its table: that is what older rows hold there. A step never
--- changes a column that a form of storage/seal_form.cpp names, in a row that is there: its slab would look altered. A column
--- that is new belongs into a new form.
+-- A change of this file needs the next version number (kSchemaVersion), a step from the version before
+-- (storage/schema.cpp.in) and a copy of the old text for the tests. A column that a step adds has a DEFAULT in both: the
+-- value of older rows. A step never changes a column that a form of storage/seal_form.cpp names in an existing row,
+-- because the slab would look altered; a new column belongs to a new form.
 
 CREATE TABLE line (
   id              INTEGER PRIMARY KEY CHECK (id = 1),
   session         INTEGER NOT NULL CHECK (session BETWEEN 0 AND 65535),
   newest_utime_us INTEGER NOT NULL,
-  keys_used       INTEGER NOT NULL DEFAULT 0,  -- slab keys up to here may have been used, whatever table slab says
-  pruned_slabs    INTEGER NOT NULL DEFAULT 0,  -- taken away by retention,
-  pruned_key      INTEGER NOT NULL DEFAULT 0   -- the newest of them
+  keys_used       INTEGER NOT NULL,        -- slab keys up to here may have been used, whatever table slab says
+  pruned_slabs    INTEGER NOT NULL,        -- taken away by retention,
+  pruned_key      INTEGER NOT NULL         -- the newest of them
 ) STRICT;
-INSERT INTO line (id, session, newest_utime_us) VALUES (1, 0, 0);
+INSERT INTO line VALUES (1, 0, 0, 0, 0, 0);
 
 CREATE TABLE slab (
   slab_key           INTEGER PRIMARY KEY CHECK (slab_key > 0),
@@ -53,15 +53,15 @@ CREATE TABLE slab (
   guard              REAL,               -- guard band in units of U, 0 = simple acceptance
   cell_mm            REAL,               -- flatness cell
   calibration_id     TEXT NOT NULL,
-  stations_id        TEXT NOT NULL DEFAULT '',  -- station corrections in force, empty: none
-  scanner_id         TEXT NOT NULL DEFAULT '',  -- the scanner's acceptance in force, empty: none
+  stations_id        TEXT NOT NULL,      -- station corrections in force, empty: none
+  scanner_id         TEXT NOT NULL,      -- the scanner's acceptance in force, empty: none
   software           TEXT NOT NULL,
   T_base_slab_x REAL, T_base_slab_y REAL, T_base_slab_z REAL,
   T_base_slab_qw REAL, T_base_slab_qx REAL, T_base_slab_qy REAL, T_base_slab_qz REAL,
   T_flange_scanner_x REAL, T_flange_scanner_y REAL, T_flange_scanner_z REAL,
   T_flange_scanner_qw REAL, T_flange_scanner_qx REAL, T_flange_scanner_qy REAL, T_flange_scanner_qz REAL,
   began_utime_us     INTEGER NOT NULL,
-  emulated           INTEGER NOT NULL DEFAULT 0  -- what was not real, bits: 1 line, 2 robot, 4 poses, 8 scan; 0: all real
+  emulated           INTEGER NOT NULL    -- what was not real, bits: 1 line, 2 robot, 4 poses, 8 scan; 0: all real
 ) STRICT;
 CREATE INDEX slab_by_id ON slab (slab_id, slab_key);
 
@@ -138,27 +138,25 @@ CREATE TABLE attempt (
   scan_bytes     INTEGER NOT NULL,
   scan_state     TEXT NOT NULL CHECK (scan_state IN ('none', 'kept', 'deleting', 'deleted')),
   -- How the scan came into the base frame (mm, rad, k = 1): base/calibration.h, Splice.
-  splice         TEXT NOT NULL DEFAULT 'none',
-  splice_visits  INTEGER NOT NULL DEFAULT 0,
-  T_base_reported_x REAL DEFAULT 0.0, T_base_reported_y REAL DEFAULT 0.0, T_base_reported_z REAL DEFAULT 0.0,
-  T_base_reported_qw REAL DEFAULT 1.0, T_base_reported_qx REAL DEFAULT 0.0, T_base_reported_qy REAL DEFAULT 0.0,
-  T_base_reported_qz REAL DEFAULT 0.0,
+  splice         TEXT NOT NULL,
+  splice_visits  INTEGER NOT NULL,
+  T_base_reported_x REAL, T_base_reported_y REAL, T_base_reported_z REAL,
+  T_base_reported_qw REAL, T_base_reported_qx REAL, T_base_reported_qy REAL, T_base_reported_qz REAL,
   splice_off_mm REAL, splice_off_rad REAL,
   splice_calibration_mm REAL, splice_calibration_rad REAL, splice_robot_mm REAL, splice_robot_rad REAL,
   points_crc32c INTEGER CHECK (points_crc32c BETWEEN 0 AND 4294967295),  -- of the scan (docs/QUALITY.md); NULL: not taken
   -- 0: the scanner was never asked for it; the attempt does not count, and the station's next SCAN takes this row.
-  asked INTEGER NOT NULL DEFAULT 1,
+  asked INTEGER NOT NULL,
   -- Its measurement began at this monotonic time (ns since the computer's start) and has not ended; 0: none is under way.
-  measuring_since_ns INTEGER NOT NULL DEFAULT 0,
-  emulated INTEGER NOT NULL DEFAULT 0,  -- as slab.emulated, while this scan was taken
-  fingerprint INTEGER,  -- 64 bits of the points, as a signed number; NULL: none came, or older than version 9
+  measuring_since_ns INTEGER NOT NULL,
+  emulated INTEGER NOT NULL,             -- as slab.emulated, while this scan was taken
+  fingerprint INTEGER,                   -- 64 bits of the points, as a signed number; NULL: none came
   PRIMARY KEY (slab_key, station, attempt)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX attempt_with_scan ON attempt (slab_key, scan_bytes) WHERE scan_state = 'kept';
 CREATE INDEX attempt_deleting ON attempt (slab_key) WHERE scan_state = 'deleting';
--- One look-up a scan: has any attempt had these points before? Attempts of older versions are known by their checksum.
+-- One look-up a scan: has any attempt had these points before?
 CREATE INDEX attempt_by_fingerprint ON attempt (fingerprint) WHERE fingerprint IS NOT NULL;
-CREATE INDEX attempt_by_checksum ON attempt (points_crc32c) WHERE fingerprint IS NULL AND points_crc32c IS NOT NULL;
 
 -- A scanner that hangs gives an old scan again under a new name. The newest 64, by id; what is refused because it is one
 -- of them is not added.
@@ -218,12 +216,12 @@ CREATE TABLE block (
   registration_cov_64 REAL, registration_cov_65 REAL, registration_cov_66 REAL,
   seat_noise_factor REAL, seat_flatness_noise_mm REAL,
   -- The largest group of cells beyond the limit; limit NULL: the channel was not computed.
-  defect_limit_mm REAL, defect_cells INTEGER NOT NULL DEFAULT 0, defect_area_mm2 REAL DEFAULT 0.0,
-  defect_height_mm REAL DEFAULT 0.0, defect_x_mm REAL DEFAULT 0.0, defect_s_mm REAL DEFAULT 0.0,
-  -- Closed from above, as it is, and of the nine tenths nearest to the plane; NULL: of an older slabd.
+  defect_limit_mm REAL, defect_cells INTEGER NOT NULL, defect_area_mm2 REAL, defect_height_mm REAL,
+  defect_x_mm REAL, defect_s_mm REAL,
+  -- Closed from above, as it is, and of the nine tenths nearest to the plane.
   seat_flatness_closed_mm REAL, seat_flatness_raw_mm REAL, seat_flatness_trimmed_mm REAL,
   -- Pores; NULL: not looked for. The limits of depth and share are the recipe's; NULL: it gives none.
-  pores INTEGER NOT NULL DEFAULT 0, pores_largest_mm REAL, pores_deepest_mm REAL, pores_share REAL,
+  pores INTEGER NOT NULL, pores_largest_mm REAL, pores_deepest_mm REAL, pores_share REAL,
   pores_depth_max_mm REAL, pores_share_max REAL,
   -- Standard uncertainties inside one scan, block axes: of p_base and jaw_outer_base (mm), of the normals (rad).
   sigma_p_x REAL, sigma_p_y REAL, sigma_p_z REAL,
@@ -231,7 +229,7 @@ CREATE TABLE block (
   sigma_n_x REAL, sigma_n_y REAL, sigma_n_z REAL,
   sigma_top_n_x REAL, sigma_top_n_y REAL, sigma_top_n_z REAL,
   -- To what the coordinates of the scan were rounded, by axis of the scanner; 0: to nothing.
-  step_x REAL DEFAULT 0.0, step_y REAL DEFAULT 0.0, step_z REAL DEFAULT 0.0,
+  step_x REAL, step_y REAL, step_z REAL,
   PRIMARY KEY (slab_key, station, attempt),
   FOREIGN KEY (slab_key, station, attempt) REFERENCES attempt
 ) STRICT, WITHOUT ROWID;
@@ -243,14 +241,14 @@ CREATE TABLE plane (
   attempt  INTEGER NOT NULL,
   feature  TEXT NOT NULL,
   ok       INTEGER NOT NULL,
-  doubt    TEXT NOT NULL DEFAULT 'not_fitted',  -- none, or why it is not ok: no_plane, unsettled, second_surface, ...
+  doubt    TEXT NOT NULL,                -- none, or why it is not ok: no_plane, unsettled, second_surface, ...
   normal_x REAL, normal_y REAL, normal_z REAL,
   offset_mm REAL,
   points INTEGER NOT NULL, inliers INTEGER NOT NULL, inlier_fraction REAL,
   std_mm REAL,
   iterations INTEGER NOT NULL,
   -- Where offset and tilt are independent, and what white noise does to them (mm, rad^2).
-  centroid_x REAL DEFAULT 0.0, centroid_y REAL DEFAULT 0.0, centroid_z REAL DEFAULT 0.0,
+  centroid_x REAL, centroid_y REAL, centroid_z REAL,
   sigma_offset_mm REAL,
   cov_normal_11 REAL, cov_normal_12 REAL, cov_normal_13 REAL,
   cov_normal_21 REAL, cov_normal_22 REAL, cov_normal_23 REAL,
@@ -266,11 +264,11 @@ CREATE TABLE casing (
   attempt  INTEGER NOT NULL,
   feature  TEXT NOT NULL,
   ok       INTEGER NOT NULL,
-  doubt    TEXT NOT NULL DEFAULT 'not_measured',  -- none, or why it is not ok: edge, radius, no_hole, rim_points, ...
+  doubt    TEXT NOT NULL,                -- none, or why it is not ok: edge, radius, no_hole, rim_points, ...
   centre_x REAL, centre_y REAL, centre_z REAL,
   radius_mm REAL, height_mm REAL,
   edge_points INTEGER NOT NULL, rim_points INTEGER NOT NULL,
-  edge_rms_mm REAL, inlier_fraction REAL DEFAULT 0.0, rim_std_mm REAL, sigma_height_mm REAL,
+  edge_rms_mm REAL, inlier_fraction REAL, rim_std_mm REAL, sigma_height_mm REAL,
   -- Of centre along the rail, centre along the seat, radius (mm^2).
   cov_circle_11 REAL, cov_circle_12 REAL, cov_circle_13 REAL,
   cov_circle_21 REAL, cov_circle_22 REAL, cov_circle_23 REAL,
@@ -309,8 +307,7 @@ CREATE TABLE edge (
   FOREIGN KEY (slab_key, station, attempt) REFERENCES block ON DELETE CASCADE
 ) STRICT, WITHOUT ROWID;
 
--- Deviations by place, packed (base/packed_map.h): registration, seat. Blocks of versions 1 to 3, and blocks that were
--- not found, have none.
+-- Deviations by place, packed (base/packed_map.h): registration, seat. A block that was not found has none.
 CREATE TABLE map (
   slab_key INTEGER NOT NULL,
   station  INTEGER NOT NULL,
@@ -339,9 +336,8 @@ CREATE TABLE item (
   to_station   INTEGER NOT NULL,
   value REAL, nominal REAL, lower REAL, upper REAL, U REAL, beside REAL,
   -- Standard uncertainties (k = 1) whose root sum of squares is U / 2; all 0: U is the recipe's.
-  budget_fit REAL DEFAULT 0.0, budget_noise REAL DEFAULT 0.0, budget_scanner REAL DEFAULT 0.0,
-  budget_registration REAL DEFAULT 0.0, budget_calibration REAL DEFAULT 0.0,
-  budget_robot REAL DEFAULT 0.0, budget_reference REAL DEFAULT 0.0,
+  budget_fit REAL, budget_noise REAL, budget_scanner REAL, budget_registration REAL, budget_calibration REAL,
+  budget_robot REAL, budget_reference REAL,
   PRIMARY KEY (slab_key, station, attempt, position)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX item_by_name ON item (id, slab_key);
@@ -367,7 +363,7 @@ CREATE TABLE result (
   deviation_13 REAL, deviation_14 REAL,
   points        INTEGER NOT NULL,
   scan_utime_us INTEGER NOT NULL,
-  emulated      INTEGER NOT NULL DEFAULT 0  -- slab.emulated when the record was made
+  emulated      INTEGER NOT NULL         -- slab.emulated when the record was made
 ) STRICT;
 CREATE INDEX result_unacknowledged ON result (id) WHERE acknowledged = 0;
 CREATE INDEX result_by_slab ON result (slab_key, kind, id);

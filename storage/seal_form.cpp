@@ -10,7 +10,7 @@
 namespace slabd::storage {
 namespace {
 
-// Form 1, schema version 9. Never edit a form that seals were made with.
+// Form 1, schema version 1. Never edit a form that seals were made with.
 constexpr auto kForm1 = std::to_array<SealedTable>({
     {"slab",
      "slab_key, slab_id, slab_no, slab_type, stations, temperature_dk, age_h, recipe, recipe_sha256, "

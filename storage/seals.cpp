@@ -127,7 +127,7 @@ void Seals::seal(std::int64_t slab_key) {
 void Seals::seal_if_ended(std::int64_t slab_key) {
   const bool ended = ended_.bind(1, slab_key).step();
   ended_.reset();
-  // A slab that ended before there was a chain has no seal, and gets none by a late change.
+  // A slab whose seal was deleted gets none by a late change.
   if (ended && newest_of(slab_key).kind == "slab") seal(slab_key);
 }
 

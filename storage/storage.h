@@ -15,8 +15,8 @@
 /// SQLite: what was commanded, acquired, measured and decided. The daemon holds the only writer; slabctl reads.
 namespace slabd::storage {
 
-inline constexpr int kApplicationId = 0x534C4142;  // "SLAB"
-inline constexpr int kSchemaVersion = 9;
+inline constexpr int kApplicationId = 0x534C4244;  // "SLBD"
+inline constexpr int kSchemaVersion = 1;
 
 /// The longest recipe of the line has 8 kB, comments included. The files of all recipes stay in memory.
 inline constexpr std::size_t kRecipeTextBytes = 65'536;
@@ -180,10 +180,10 @@ class Store {
 
 /// Opens or creates the database (folders too, mode 2750). One of an older schema version is copied to
 /// `<db>.v<version>-backup` and then brought up to date in one transaction. journal_write when it cannot be opened, is
-/// open for writing elsewhere, is damaged, another application's (application_id), or newer than this program
-/// (user_version); the text names the file and the figures. A damaged one is moved, with its log, to
-/// `<db>.quarantine-<time>`, and a note stays in its place: nobody begins a new history by accident. For the same
-/// reason none is created where scans, backups or a log show that there has been one.
+/// open for writing elsewhere, is damaged, another application's or of a test version before 1.0 (application_id), or
+/// newer than this program (user_version); the text names the file and the figures. A damaged one is moved, with its
+/// log, to `<db>.quarantine-<time>`, and a note takes its place, so that no start begins a new history by accident. For
+/// the same reason none is created where scans, backups or a log show that there has been one.
 [[nodiscard]] Result<std::unique_ptr<Store>> open_store(const StoreSettings& settings);
 
 // ---- reading (slabctl; short read-only transactions, never checkpoints) -------------------------------------------
@@ -278,11 +278,11 @@ class Reader {
   /// By key, or by the newest slab with this SLAB_ID.
   [[nodiscard]] virtual Result<std::optional<SlabRecord>> slab(std::int64_t key) = 0;
   [[nodiscard]] virtual Result<std::optional<std::int64_t>> find(std::string_view slab_id) = 0;
-  /// What was kept of one attempt to draw it; empty maps: nothing (an older slabd, or the block was not found).
+  /// What was kept of one attempt to draw it; empty maps if the block was not found.
   [[nodiscard]] virtual Result<std::unique_ptr<BlockMaps>> maps(std::int64_t key, int station, int attempt) = 0;
 
-  /// The recipe's file by its SHA-256, or by the first characters of one when only one begins so. None: no slab was
-  /// begun with it, or by a slabd that kept none (before schema 7).
+  /// The recipe's file by its SHA-256, or by the first characters of one when only one begins so. nullopt if no slab
+  /// was begun with it.
   [[nodiscard]] virtual Result<std::optional<RecipeText>> recipe_text(std::string_view sha256) = 0;
 
   /// Oldest first; empty: the history is complete.
@@ -328,7 +328,7 @@ struct DatabaseReport {
   std::int64_t bytes = 0;
   std::int64_t log_bytes = 0;  ///< of the write-ahead log beside it
   /// The file is byte for byte the backup that was written (storage/files/file_checksum.h). False without `trouble`: a
-  /// live database, or a copy of an older slabd, of which that cannot be proven.
+  /// live database, or a copy that another program made, of which that cannot be proven.
   bool has_checksum = false;
 };
 /// Reads a whole database or backup and says whether it can be trusted: a backup's checksum and length, SQLite's own
@@ -360,16 +360,16 @@ struct RestoreOrder {
   std::uint16_t session = 0;  ///< drawn by chance: no old command, nor RES_ACK, may fit the next session and record
   /// Calibrations that were put in force, and checks of them, since the backup are given up.
   bool lose_calibrations = false;
-  /// A backup without a checksum is restored as well.
+  /// A backup without a checksum (another program's copy), or one that was altered before it was made, is restored as
+  /// well.
   bool accept_unproven = false;
 };
 /// Puts a backup, checked in full and brought up to date, in the place of the database; what lies there now goes to
 /// quarantine. The history says from then on that it has a gap; slab keys that may have been used are not used again;
 /// a slab that was open in the backup ends aborted; the first SCAN throws a scan away, as none of the last is known.
 /// config: what lies there knows of calibrations or checks that the backup does not, or the backup has no checksum.
-/// journal_write: a daemon runs, the
-/// backup is not whole, or a file could not be written; then nothing was changed, or the daemon refuses to start until
-/// restoring succeeds.
+/// journal_write: a daemon runs, the backup is not whole, or a file could not be written; then nothing was changed, or
+/// the daemon refuses to start until restoring succeeds.
 [[nodiscard]] Status restore_database(const StoreSettings& settings, const RestoreOrder& order);
 
 }  // namespace slabd::storage

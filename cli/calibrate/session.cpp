@@ -113,8 +113,7 @@ Result<Session> Session::open(const std::string& dir) {
     const Result<std::string> certificate = text_file(session.dir_ + "/certificate.txt");
     if (!certificate.ok()) return certificate.error();
     session.certificate_text_ = certificate.value();
-    const std::string& agreed = session.settings_.certificate_sha256;
-    if (!agreed.empty() && calib::sha256_hex(session.certificate_text_) != agreed)
+    if (calib::sha256_hex(session.certificate_text_) != session.settings_.certificate_sha256)
       return error(Code::config,
                    "%s/certificate.txt was changed after the session began, and its views were made with what it said; "
                    "put it back as it was, or begin another session with the new one",

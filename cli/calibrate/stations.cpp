@@ -110,7 +110,7 @@ void take_again(const Options& options, storage::Reader* reader, Work& work) {
   work.visits = need(calib::parse_visits(record->observations, record->id + ", visits"));
   work.end_utime_us = record->expires_utime_us;
   work.temperature_c = record->temperature_c;
-  // Records of earlier versions do not say what the visits were taken with; they were solved with it at first.
+  // Visits from files need not say what they were taken with; they were solved with it at first.
   for (calib::StationVisit& visit : work.visits)
     if (visit.hand_eye_id.empty()) visit.hand_eye_id = record->parent_id;
 }

@@ -134,8 +134,7 @@ int tell(const std::string& path, const storage::DatabaseReport& report, const s
     if (whole && report.has_checksum) fmt::print("byte for byte what was written: length and SHA-256 are right\n");
     if (whole && !report.has_checksum && is_backup)
       fmt::print(
-          "NOT PROVABLE: it has no checksum (an older slabd or another program made it), and a value in it may "
-          "have changed unseen\n");
+          "NOT PROVABLE: it has no checksum (another program made it), and a value in it may have changed unseen\n");
     fmt::print("schema version {}, {} slabs ({}..{}), newest record {}, {}{}\n", report.version, report.slabs,
                report.oldest_key, report.newest_key, iso_time(report.newest_utime_us), megabytes(report.bytes),
                report.log_bytes > 0 ? fmt::format(" and a log of {}", megabytes(report.log_bytes)) : "");
@@ -392,7 +391,7 @@ void add_db(args::Command& app) {
   command->add_flag("--lose-calibrations", options->lose_calibrations,
                     "Even if calibrations were changed or checked since the backup");
   command->add_flag("--unproven", options->unproven,
-                    "Even if the backup has no checksum (an older slabd's), or if it was altered before it was made");
+                    "Even if the backup has no checksum (another program made it), or was altered before it was made");
   command->add_option("--why", options->why, "Why, for the history")->required()->check(some_words());
   command->add_option("--operator", options->operator_name, "Who does it (default: your login)");
 

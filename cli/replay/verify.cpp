@@ -134,10 +134,9 @@ BlockReplay replay_block(const SlabHeader& slab, const ScannerNumbers& verified,
   return replay;
 }
 
-/// What the slab's header repeats of its recipe: reports print it beside the verdict. NaN: not kept by former versions.
+/// What the slab's header repeats of its recipe: reports print it beside the verdict.
 void compare_header(const SlabHeader& stored, const Recipe& recipe, storage::Comparison& out) {
   const auto one = [&](const char* figure, double was, double is) {
-    if (!has_value(was)) return;
     ++out.figures;
     if (was != is) out.differences.push_back({figure, fmt::format("{}", was), fmt::format("{}", is)});
   };

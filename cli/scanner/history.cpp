@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl scanner history: the verifications that were kept, oldest first. They are records of the database; former
-// versions kept them as files in a folder beside it, and those are shown as well, because nobody may lose what was once
-// kept. Nothing reads a file but this.
+// slabctl scanner history: the verifications that the database keeps, oldest first.
 #include <fmt/core.h>
 
 #include <algorithm>
-#include <filesystem>
-#include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -22,7 +18,6 @@ namespace slabd::cli {
 namespace {
 
 using nlohmann::json;
-namespace fs = std::filesystem;
 
 std::string number(const json& record, const char* key) {
   const json value = record.value(key, json(nullptr));
@@ -35,21 +30,6 @@ bool is_verification(const json& record) {
   for (const char* key : {"schema", "utc", "scanner", "id"})
     if (const auto at = record.find(key); at != record.end() && !at->is_string()) return false;
   return record.value("schema", "") == "slabd.scanner_verification/1";
-}
-
-void add_files(const daemon::Config& config, std::vector<json>& records) {
-  const fs::path folder = fs::path(config.storage.db_path).parent_path() / "scanner";
-  std::vector<fs::path> files;
-  std::error_code none;  // no folder: no former version kept anything
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder, none))
-    if (entry.path().extension() == ".json") files.push_back(entry.path());
-  std::sort(files.begin(), files.end());
-  for (const fs::path& path : files) {
-    std::ifstream file(path, std::ios::binary);
-    records.push_back(json::parse(file, nullptr, false));
-    if (!is_verification(records.back()))
-      stop(kBadInput, fmt::format("{}: not a slabd.scanner_verification/1", path.string()));
-  }
 }
 
 void add_records(const daemon::Config& config, std::vector<json>& records) {
@@ -73,7 +53,6 @@ void add_records(const daemon::Config& config, std::vector<json>& records) {
 int history(const std::string& config_path, bool as_json) {
   const daemon::Config config = config_from(config_path);
   std::vector<json> records;
-  add_files(config, records);
   add_records(config, records);
   std::stable_sort(records.begin(), records.end(),
                    [](const json& a, const json& b) { return a.value("utc", "") < b.value("utc", ""); });
@@ -84,11 +63,10 @@ int history(const std::string& config_path, bool as_json) {
   fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9} {:7} {:16} {}\n", "time", "scanner", "PF", "|PS|", "RF", "form",
              "limits", "record", "");
   for (const json& record : records) {
-    const std::string id = record.value("id", "");
     fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9} {:7} {:16} {}\n", record.value("utc", "-"),
                record.value("scanner", "-"), number(record, "PF_mm"), number(record, "PS_abs_mm"),
                number(record, "RF_mm"), number(record, "form_half_mm"),
-               record.value("within_limits", false) ? "within" : "OUT", id.empty() ? "a file" : id,
+               record.value("within_limits", false) ? "within" : "OUT", record.value("id", ""),
                record.value("in_force", false) ? "in force" : "");
   }
   return kDone;

@@ -52,24 +52,32 @@ void protect(Connection& db) {
   db.execute("PRAGMA foreign_keys = ON");
 }
 
+/// "SLAB": test versions before 1.0, with schema versions of their own.
+constexpr std::int64_t kApplicationIdBefore1_0 = 0x534C4142;
+
 enum class Owner { nobody, us };
 
-/// Throws when the file is another application's or from a newer slabd. "nobody": an empty file, or one that a crash
-/// left between its first page and the schema.
+/// Throws when the file is another application's, of a version before 1.0 or of a newer slabd. "nobody": an empty file,
+/// or one that a crash left between its first page and the schema.
 Owner owner_of(Connection& db) {
   const std::int64_t application = db.integer("PRAGMA application_id");
   const std::int64_t version = db.integer("PRAGMA user_version");
   const std::int64_t tables = db.integer("SELECT count(*) FROM sqlite_schema");
   if (application == 0 && version == 0 && tables == 0) return Owner::nobody;
+  if (application == kApplicationIdBefore1_0)
+    throw SqlFailure{SQLITE_NOTADB, "a test version of slabd before 1.0 wrote it (schema version " +
+                                        std::to_string(version) +
+                                        "), and no later one reads it: begin a new one with slabctl db restore "
+                                        "--fresh, which keeps this one in quarantine"};
   if (application != kApplicationId)
     throw SqlFailure{SQLITE_NOTADB, "it belongs to another application (application_id " + std::to_string(application) +
                                         ", expected " + std::to_string(kApplicationId) + ")"};
-  if (version > kSchemaVersion)
+  const std::string known = std::to_string(schema().version);
+  if (version > schema().version)
     throw SqlFailure{SQLITE_SCHEMA, "it was written by a newer slabd (schema version " + std::to_string(version) +
-                                        ", this program knows up to " + std::to_string(kSchemaVersion) + ")"};
+                                        ", this program knows up to " + known + ")"};
   if (version < 1)
-    throw SqlFailure{SQLITE_SCHEMA, "its schema version is " + std::to_string(version) + ", expected 1.." +
-                                        std::to_string(kSchemaVersion)};
+    throw SqlFailure{SQLITE_SCHEMA, "its schema version is " + std::to_string(version) + ", expected 1.." + known};
   return Owner::us;
 }
 
@@ -87,9 +95,9 @@ void use_write_ahead_log(Connection& db) {
 
 void create_schema(Connection& db) {
   Transaction transaction(db, "BEGIN EXCLUSIVE");
-  db.execute(schema_sql());
+  db.execute(schema().sql);
   db.execute("PRAGMA application_id = " + std::to_string(kApplicationId));
-  db.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion));
+  db.execute("PRAGMA user_version = " + std::to_string(schema().version));
   transaction.commit();
 }
 
@@ -341,9 +349,9 @@ Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path) {
     return error(Code::config, "%s is in quarantine: %.200s", path.c_str(), note->c_str());
   try {
     auto db = open_protected(path);
-    if (const std::int64_t version = db->integer("PRAGMA user_version"); version < kSchemaVersion)
+    if (const std::int64_t version = db->integer("PRAGMA user_version"); version < schema().version)
       throw SqlFailure{SQLITE_SCHEMA, "it has schema version " + std::to_string(version) + " of an older slabd, and " +
-                                          std::to_string(kSchemaVersion) +
+                                          std::to_string(schema().version) +
                                           " is needed; starting slabd brings it up to date"};
     return db;
   } catch (const SqlFailure& failure) {
@@ -354,8 +362,8 @@ Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path) {
 bool has_our_header(const std::string& path) {
   // SQLite's file format: 16 bytes of text; the application's number at byte 68, high byte first.
   static constexpr std::string_view kMagic("SQLite format 3\0", 16);
-  static constexpr std::string_view kOurs("SLAB");
-  static_assert(kApplicationId == 0x534C4142);
+  static constexpr std::string_view kOurs("SLBD");
+  static_assert(kApplicationId == 0x534C4244);
   std::error_code fault;
   if (!std::filesystem::is_regular_file(path, fault)) return false;  // a FIFO would be waited for
   std::ifstream in(path, std::ios::binary);

@@ -47,7 +47,7 @@ class ChecksumWriter {
 [[nodiscard]] Status remove_checksum(const std::string& path);
 
 struct FileChecksum {
-  bool present = false;  ///< false: the file has no line (a live database, or a copy of an older slabd)
+  bool present = false;  ///< false: the file has no line (a live database, or another program's copy)
   std::string trouble;   ///< how the file differs from what was written; empty: no difference was found
 };
 /// Compares a file with its line, and its length with the length that SQLite's header names. Reads the whole file only

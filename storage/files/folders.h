@@ -21,8 +21,8 @@ namespace slabd::storage {
 /// opened: closing it again would drop the POSIX locks of a connection this process may have on it.
 [[nodiscard]] Status create_file(const std::string& path);
 
-/// Takes away what group and others may do beyond reading, from a file of this process's user. An older slabd let the
-/// group write. Its content is not touched and it is not opened.
+/// Takes away what group and others may do beyond reading, from a file of this process's user: one that was copied here
+/// may have let them write. Its content is not touched and it is not opened.
 void close_to_writers(const std::string& path);
 
 /// What was written to this file or folder is on the disk when it returns. An empty path is the working folder.

@@ -23,7 +23,8 @@ namespace {
 
 constexpr int kBackupsMax = 100;
 
-/// Only of the table that a step makes anew: every item of every slab would take minutes.
+/// Rows that refer to a calibration that is not there. A step that makes another table again adds that table here; all
+/// tables would take minutes, because of every item of every slab.
 constexpr const char* kLostReferences =
     "SELECT count(*) FROM (SELECT DISTINCT m.name FROM sqlite_schema AS m, pragma_foreign_key_list(m.name) AS f "
     "WHERE f.\"table\" = 'calibration') AS child, pragma_foreign_key_check(child.name)";
@@ -107,15 +108,16 @@ void back_up(Connection& db, const std::string& path, std::int64_t version) {
 }  // namespace
 
 void upgrade(Connection& db, const std::string& path, bool with_copy) {
+  const Schema& to = schema();
   const std::int64_t version = db.integer("PRAGMA user_version");
-  if (version >= kSchemaVersion) return;
+  if (version >= to.version) return;
   if (with_copy) back_up(db, path, version);
   // A table that others refer to can only be made anew while nobody looks after references; they are checked as a whole
   // before anything is committed. Inside a transaction the switch does nothing.
   db.execute("PRAGMA foreign_keys = OFF");
   Transaction transaction(db, "BEGIN EXCLUSIVE");
-  for (std::int64_t from = version; from < kSchemaVersion; ++from) db.execute(upgrade_sql(static_cast<int>(from)));
-  db.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion));
+  for (const char* step : to.steps.subspan(static_cast<std::size_t>(version - 1))) db.execute(step);
+  db.execute("PRAGMA user_version = " + std::to_string(to.version));
   if (db.integer(kLostReferences) != 0)
     fail("calibrations that others refer to would be lost", SQLITE_CONSTRAINT_FOREIGNKEY);
   transaction.commit();

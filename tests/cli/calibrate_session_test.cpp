@@ -724,12 +724,9 @@ TEST_F(CalibrateSession, a_certificate_that_was_changed_after_the_beginning_is_n
   expect_next(run("calibrate capture --set " + file("set")), 3, "certificate.txt was changed after the session began");
   ASSERT_FALSE(write(path, before).empty());
   expect_next(run("calibrate capture --set " + file("set")), 0, "view 2/10");
-  // Sessions of earlier versions do not say what it was.
-  auto settings = calib::parse_session(content(file("a/calibration/frame/session.txt")), "session.txt");
+  const auto settings = calib::parse_session(content(file("a/calibration/frame/session.txt")), "session.txt");
   ASSERT_TRUE(settings.ok());
   EXPECT_EQ(settings.value().certificate_sha256, calib::sha256_hex(before));
-  settings.value().certificate_sha256.clear();
-  ASSERT_FALSE(write("a/calibration/frame/session.txt", calib::session_text(settings.value())).empty());
   EXPECT_EQ(list()["views"].size(), 2U);
 }
 

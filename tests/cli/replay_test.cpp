@@ -151,7 +151,7 @@ TEST_F(Replay, nothing_is_decided_from_a_scan_that_was_changed) {
   expect_mentions(ended.out, "block 4: the scan was changed: its points are not those that were measured");
 }
 
-/// As slabd kept slabs before schema 7.
+/// Neither checksums nor the recipe's file were kept with the slab.
 struct ReplayUnproven : Replay {
   void SetUp() override {
     keeps_proof_ = false;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
-#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "base/prng.h"
@@ -58,25 +57,6 @@ TEST_F(ScannerVerify, figures_are_told_kept_and_found_again_and_limits_decide_th
   EXPECT_EQ(kept[0]["scanner"], "SN7");
   EXPECT_EQ(kept[0]["within_limits"], true);
   EXPECT_EQ(kept[1]["within_limits"], false);
-}
-
-TEST_F(ScannerVerify, records_that_former_versions_kept_as_files_are_still_told) {
-  const std::string plate = file("plate.ply");
-  write_plate(plate);
-  const std::string config = write("slabd.toml", "[storage]\ndb = \"" + file("slabd.db") + "\"\nspool_dir = \"" +
-                                                     file("spool") + "\"\n[control]\nsocket = \"" + file("none.sock") +
-                                                     "\"\n[cell]\nT_base_slab = [0,0,0,1,0,0,0]\n");
-  ASSERT_EQ(run("scanner verify --plate " + plate + " --keep --config " + config).status, 0);
-  std::filesystem::create_directory(file("scanner"));
-  static_cast<void>(write("scanner/20250101T000000Z-01.json",
-                          R"({"schema": "slabd.scanner_verification/1", "scanner": "SN1", "utc": "2025-01-01T00:00:00Z",
-            "PF_mm": 0.05, "within_limits": true})"));
-  const Ended history = run("scanner history --json --config " + config);
-  ASSERT_EQ(history.status, 0) << history.err;
-  const auto records = nlohmann::json::parse(history.out)["records"];
-  ASSERT_EQ(records.size(), 2U);
-  EXPECT_EQ(records[0]["scanner"], "SN1") << "oldest first";
-  expect_mentions(run("scanner history --config " + config).out, "a file");
 }
 
 TEST_F(ScannerVerify, the_budget_takes_the_shortest_length_because_the_same_form_tilts_more_over_it) {

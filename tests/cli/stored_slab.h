@@ -131,7 +131,7 @@ class StoredSlab : public Slabctl {
     return *inspector_;
   }
 
-  bool keeps_proof_ = true;      ///< checksums and the recipe's file, as slabd does since schema 7
+  bool keeps_proof_ = true;      ///< checksums and the recipe's file
   std::uint32_t crc_error_ = 0;  ///< as if other points had been measured
   Recipe recipe_;
   SlabHeader header_;

@@ -51,7 +51,7 @@ TEST_F(Reload, a_scan_that_was_changed_since_it_was_acquired_is_not_measured) {
   const std::uint32_t acquired = hal::points_crc32c(xyz_);
   const auto too_few = static_cast<std::uint16_t>(Code::too_few_points);
   EXPECT_EQ(measure(acquired).block.reason, too_few) << "a hundred points, read and judged";
-  EXPECT_EQ(measure(std::nullopt).block.reason, too_few) << "of former versions there is no checksum";
+  EXPECT_EQ(measure(std::nullopt).block.reason, too_few) << "a scan of which no checksum was kept";
 
   xyz_[151] += 0.001F;
   write();

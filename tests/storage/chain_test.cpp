@@ -381,7 +381,7 @@ TEST_F(ChainTest, an_altered_backup_is_restored_only_when_that_is_said) {
 
 TEST_F(ChainTest, slabs_from_before_the_chain_are_unsealed_and_not_broken) {
   three_slabs();
-  // As an upgrade leaves it: the table is there and empty.
+  // The whole chain is deleted; it begins again at the next start.
   ASSERT_EQ(after("DROP TRIGGER slab_seal_is_kept; DELETE FROM slab_seal"), "");
   EXPECT_EQ(report().unsealed, 3);
   EXPECT_EQ(report().entries, 0);

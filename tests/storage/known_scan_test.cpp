@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A scanner that hands out recorded scans again: every attempt of the whole history is known by its points.
-#include <sqlite3.h>
-
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {
@@ -25,15 +23,6 @@ struct KnownScanTest : StoreTest {
     AcquiredJob job{a, static_cast<std::uint64_t>(take)};
     job.refuse_known = refuse_known;
     return try_apply(job);
-  }
-  void forget_fingerprints() {
-    close();
-    sqlite3* db = nullptr;
-    ASSERT_EQ(sqlite3_open(settings_.db_path.c_str(), &db), SQLITE_OK);
-    EXPECT_EQ(sqlite3_exec(db, "UPDATE attempt SET fingerprint = NULL", nullptr, nullptr, nullptr), SQLITE_OK);
-    EXPECT_EQ(sqlite3_close(db), SQLITE_OK);
-    open();
-    (void)recover();
   }
 };
 
@@ -73,14 +62,6 @@ TEST_F(KnownScanTest, what_is_refused_is_kept_as_a_failed_attempt_and_its_slab_s
   EXPECT_EQ(line->stations[6].phase, StationPhase::acquired);
   // The station's next scan is another one.
   EXPECT_TRUE(take_scan(1, 8, 2, 4713).ok());
-}
-
-TEST_F(KnownScanTest, attempts_from_before_the_fingerprints_are_known_by_their_checksum_and_shape) {
-  begin(1);
-  ASSERT_TRUE(take_scan(1, 6, 1, 4711).ok());
-  forget_fingerprints();
-  EXPECT_FALSE(take_scan(1, 7, 1, 4711).ok());
-  EXPECT_TRUE(take_scan(1, 8, 1, 4712).ok());
 }
 
 TEST_F(KnownScanTest, the_same_attempt_recorded_again_is_itself) {

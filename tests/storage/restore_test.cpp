@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Yesterday's database in today's place: what it does not know is said, and never made up.
-#include <sqlite3.h>
-
 #include <filesystem>
 #include <fstream>
 
@@ -10,6 +8,7 @@
 #include "storage/files/folders.h"
 #include "storage/files/log_copy.h"
 #include "storage/files/quarantine.h"
+#include "tests/storage/next_versions.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {
@@ -168,10 +167,12 @@ TEST_F(RestoreTest, cut_short_where_no_database_lay_begins_no_history) {
         << store.error().text.view();
     EXPECT_FALSE(fs::exists(settings_.db_path)) << left;
     // Begun again with a backup that cannot be brought up to date: what is left is small, and still shows it.
-    const std::string old = folder_.path() + "/old.db";
-    fs::copy_file(backup_, old, fs::copy_options::overwrite_existing);
-    Connection(old, SQLITE_OPEN_READWRITE).execute("PRAGMA user_version = 1");
-    ASSERT_FALSE(restore(old).ok());
+    {
+      const NextVersions later("ALTER TABLE nowhere ADD COLUMN a");
+      const Status status = restore(backup_);
+      ASSERT_FALSE(status.ok());
+      EXPECT_NE(status.error().text.view().find("nowhere"), std::string_view::npos) << status.error().text.view();
+    }
     EXPECT_LT(file_bytes(settings_.db_path + ".restored"), 1000);
     EXPECT_FALSE(open_store(settings_).ok()) << left;
     ASSERT_TRUE(restore(backup_).ok());
@@ -202,14 +203,24 @@ TEST_F(RestoreTest, one_that_comes_to_nothing_leaves_nothing) {
 
 TEST_F(RestoreTest, a_backup_that_cannot_be_brought_up_to_date_leaves_nothing_and_the_database_as_it_was) {
   {
-    // An older slabd's, whose upgrade fails.
-    Connection old(backup_, SQLITE_OPEN_READWRITE);
-    old.execute("PRAGMA user_version = 1");
+    const NextVersions later("ALTER TABLE nowhere ADD COLUMN a");
+    const Status status = restore(backup_);
+    ASSERT_FALSE(status.ok());
+    EXPECT_NE(status.error().text.view().find("nowhere"), std::string_view::npos) << status.error().text.view();
   }
-  ASSERT_FALSE(restore(backup_).ok());
   for (const std::string& name : left_in_folder()) EXPECT_EQ(name.find(kRestored), std::string::npos) << name;
   open();
   EXPECT_EQ(recover()->last_slab_key, 3);
+}
+
+TEST_F(RestoreTest, a_backup_of_an_older_version_is_brought_up_to_date_without_another_copy) {
+  const NextVersions later;
+  const Status status = restore(backup_);
+  ASSERT_TRUE(status.ok()) << status.error().text.view();
+  for (const std::string& name : left_in_folder()) EXPECT_EQ(name.find("-backup"), std::string::npos) << name;
+  EXPECT_EQ(check_database(settings_.db_path, true).value().version, NextVersions::kLast);
+  open();
+  EXPECT_EQ(recover()->slab_verdict, Verdict::aborted);
 }
 
 TEST_F(RestoreTest, what_one_left_that_was_cut_short_is_no_backup) {

@@ -34,6 +34,11 @@ class SettingsTest : public StoreTest {
   }
 };
 
+std::string bytes_of(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
 int mode_of(const std::string& path) {
   struct stat there {};
   EXPECT_EQ(stat(path.c_str(), &there), 0);
@@ -192,12 +197,45 @@ TEST_F(SettingsTest, foreign_database_is_refused_and_left_alone) {
   make("PRAGMA application_id = 1234; CREATE TABLE theirs (a)");
   const std::string text = refusal();
   EXPECT_NE(text.find(settings_.db_path), std::string::npos) << text;
-  EXPECT_NE(text.find("another application (application_id 1234, expected 1397506370)"), std::string::npos) << text;
+  EXPECT_NE(text.find("another application (application_id 1234, expected 1397506628)"), std::string::npos) << text;
   EXPECT_FALSE(std::filesystem::exists(settings_.db_path + "-wal")) << "it was switched to our journal mode";
   sqlite3* db = nullptr;
   ASSERT_EQ(sqlite3_open(settings_.db_path.c_str(), &db), SQLITE_OK);
   EXPECT_EQ(sqlite3_exec(db, "SELECT a FROM theirs", nullptr, nullptr, nullptr), SQLITE_OK);
   sqlite3_close(db);
+}
+
+TEST_F(SettingsTest, a_database_of_a_test_version_is_refused_in_words_and_left_alone) {
+  for (const char* version : {"1", "9"}) {
+    make("PRAGMA application_id = 1397506370; CREATE TABLE IF NOT EXISTS slab (a); INSERT INTO slab VALUES (7)");
+    make(std::string("PRAGMA user_version = ") + version);
+    const std::string before = bytes_of(settings_.db_path);
+    const std::string text = refusal();
+    EXPECT_NE(text.find(settings_.db_path), std::string::npos) << text;
+    EXPECT_NE(text.find(std::string("test version of slabd before 1.0 wrote it (schema version ") + version + ")"),
+              std::string::npos)
+        << text;
+    EXPECT_NE(text.find("slabctl db restore --fresh"), std::string::npos) << text;
+    const Result<std::unique_ptr<Reader>> reader = open_reader(settings_.db_path);
+    ASSERT_FALSE(reader.ok());
+    EXPECT_EQ(reader.error().code, Code::config);
+    EXPECT_EQ(reader.error().text.view(), text) << "readers say the same";
+    const Result<DatabaseReport> report = check_database(settings_.db_path, true);
+    ASSERT_FALSE(report.ok());
+    EXPECT_EQ(report.error().code, Code::config);
+    EXPECT_TRUE(bytes_of(settings_.db_path) == before);
+    EXPECT_FALSE(std::filesystem::exists(settings_.db_path + "-wal")) << "it was switched to our journal mode";
+  }
+  // What the sentence says to do: the new database works, and the old one is kept.
+  const std::string before = bytes_of(settings_.db_path);
+  const Status fresh = restore_database(settings_, {"", {"anna", "1.0 is here", 1'700'000'000'000'000}, 4711});
+  ASSERT_TRUE(fresh.ok()) << fresh.error().text.view();
+  open();
+  EXPECT_EQ(recover()->session, 4711);
+  std::string kept;
+  for (const auto& entry : std::filesystem::directory_iterator(folder_.path() + "/db"))
+    if (entry.path().string().find(".quarantine-") != std::string::npos) kept = entry.path().string() + "/slabd.db";
+  EXPECT_TRUE(bytes_of(kept) == before) << kept;
 }
 
 TEST_F(SettingsTest, database_with_tables_and_no_application_id_is_foreign) {

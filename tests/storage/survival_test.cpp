@@ -24,9 +24,9 @@
 #include "storage/chain.h"
 #include "storage/files/database.h"
 #include "storage/files/quarantine.h"
-#include "tests/places/places.h"
 #include "tests/storage/crash_disk.h"
 #include "tests/storage/fast_store.h"
+#include "tests/storage/next_versions.h"
 
 namespace slabd::storage {
 namespace {
@@ -537,16 +537,17 @@ TEST_F(SurvivalTest, a_backup_that_fails_leaves_nothing_behind) {
 }
 
 TEST_F(SurvivalTest, a_copy_before_an_upgrade_on_a_disk_that_is_full_says_that_it_is_full) {
-  std::ifstream file(places::source_dir() + "/tests/storage/schema_v7.sql");
-  const std::string schema{std::istreambuf_iterator<char>(file), {}};
+  const std::string old_text = schema().sql;
+  const NextVersions later;
   int told = 0;
   for (std::uint64_t point = 1;; ++point) {
     fs::remove_all(root_ + "/db");
     fs::create_directories(root_ + "/db");
     {
       Connection old(settings_.db_path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
-      old.execute(schema);
-      old.execute("PRAGMA application_id = 1397506370; PRAGMA user_version = 7");
+      old.execute(old_text);
+      old.execute("PRAGMA application_id = " + std::to_string(kApplicationId));
+      old.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion));
     }
     crash_disk::fail(root_, point, crash_disk::kAllThatFollow, ENOSPC, false);
     const Result<std::unique_ptr<Store>> store = open_store(settings_);
