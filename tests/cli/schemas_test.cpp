@@ -110,6 +110,10 @@ TEST(Schemas, every_key_says_what_it_is) {
   EXPECT_EQ(unexplained, std::vector<std::string>());
 }
 
+TEST(Schemas, every_file_is_in_the_layout_of_script_schemas) {
+  EXPECT_EQ(std::system(("/usr/bin/python3 " + places::source_dir() + "/script/schemas --check").c_str()), 0);
+}
+
 TEST(Schemas, the_list_of_them_is_theirs) {
   const fs::path path = kSource / "docs/schemas/README.md";
   const std::string text = content(path);
