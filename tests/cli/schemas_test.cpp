@@ -32,11 +32,18 @@ std::string content(const fs::path& path) {
   return text.str();
 }
 
-std::map<std::string, json> published() {
+/// All files; common holds what the schemas of documents share, and describes no document.
+std::map<std::string, json> schema_files() {
   std::map<std::string, json> schemas;
   for (const fs::directory_entry& entry : fs::directory_iterator(kSource / "docs/schemas"))
     if (entry.path().extension() == ".json")
       schemas.emplace(entry.path().stem().string(), json::parse(content(entry.path())));
+  return schemas;
+}
+
+std::map<std::string, json> published() {
+  std::map<std::string, json> schemas = schema_files();
+  EXPECT_EQ(schemas.erase("common"), 1U);
   return schemas;
 }
 
@@ -93,7 +100,7 @@ void add_unexplained(const json& schema, const std::string& path, std::vector<st
       continue;
     }
     for (const auto& [key, value] : part.items()) {
-      // Of a key that holds another document, or always the same word, that is enough.
+      // A reference leads to a schema with a description, and a constant explains itself.
       if (!value.contains("description") && !value.contains("$ref") && !value.contains("const"))
         list.push_back(path + "/" + key);
       add_unexplained(value, path + "/" + key, list);
@@ -103,11 +110,41 @@ void add_unexplained(const json& schema, const std::string& path, std::vector<st
 
 TEST(Schemas, every_key_says_what_it_is) {
   std::vector<std::string> unexplained;
-  for (const auto& [name, schema] : published()) {
+  for (const auto& [name, schema] : schema_files()) {
     EXPECT_GT(schema["description"].get<std::string>().size(), 20U) << name;
     add_unexplained(schema, name, unexplained);
   }
   EXPECT_EQ(unexplained, std::vector<std::string>());
+}
+
+void add_references(const json& schema, std::set<std::string>& list) {
+  if (schema.is_object() && schema.contains("$ref")) list.insert(schema["$ref"].get<std::string>());
+  if (schema.is_structured())
+    for (const json& part : schema) add_references(part, list);
+}
+
+// A reference names the $id even within its own file, because python3-jsonschema of Debian 12 resolves "#/$defs/..." in
+// the wrong file as soon as one schema refers to another.
+TEST(Schemas, every_reference_names_a_schema_and_every_definition_is_used) {
+  std::set<std::string> references;
+  std::set<std::string> documents;
+  std::set<std::string> definitions;
+  for (const auto& [name, schema] : schema_files()) {
+    const std::string id = schema["$id"];
+    add_references(schema, references);
+    documents.insert(id);
+    const json own = schema.value("$defs", json::object());
+    for (const auto& [key, definition] : own.items()) {
+      EXPECT_TRUE(definition.contains("description")) << id << " " << key;
+      definitions.insert(id + "#/$defs/" + key);
+    }
+  }
+  for (const std::string& document : documents) references.erase(document);
+  EXPECT_EQ(references, definitions);
+}
+
+TEST(Schemas, every_file_is_in_the_layout_of_script_schemas) {
+  EXPECT_EQ(std::system(("/usr/bin/python3 " + places::source_dir() + "/script/schemas --check").c_str()), 0);
 }
 
 TEST(Schemas, the_list_of_them_is_theirs) {
