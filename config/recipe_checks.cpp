@@ -51,6 +51,19 @@ void check_block(TableReader block, const BlockGeometry& b) {
                                      b.jaw_reference_height_mm.value));
 }
 
+/// The search for pores and damage looks at 220 x 490 mm (algo/survey/surface_raster.h); the seat's lower end leans out
+/// by up to 2 mm more than the reference.
+void check_searched(TableReader block, const Recipe& recipe) {
+  if (!recipe.tolerance(ItemId::surface_pores).given && !recipe.tolerance(ItemId::block_damage).given) return;
+  const auto within = [&](const char* key, double value_mm, double most_mm) {
+    if (value_mm > most_mm)
+      block.problem(key, fmt::format("found {}, allowed is at most {} with the items surface_pores and block_damage",
+                                     value_mm, most_mm));
+  };
+  within("end_half_length_mm", recipe.block.end_half_length_mm.value, 108.0);
+  within("side_half_width_mm", recipe.block.side_half_width_mm.value, 245.0);
+}
+
 void check_evaluation(TableReader table, const EvaluationSettings& e, const BlockGeometry& b) {
   // The end faces lean inwards above z = 0 and the bearing plane stays below the shoulders.
   const double x_max = b.end_half_length_mm.value;
@@ -146,6 +159,7 @@ void check_relations(TableReader& root, const Recipe& recipe) {
   check_slab(root.table("slab"), recipe.slab);
   check_slab_top(root.table("slab"), recipe);
   check_block(root.table("block"), recipe.block);
+  check_searched(root.table("block"), recipe);
   check_evaluation(root.table("evaluation"), recipe.evaluation, recipe.block);
   TableReader items = root.table("items");
   for (std::size_t i = 0; i < kItemCount; ++i) {

@@ -13,18 +13,41 @@
 namespace slabd::daemon {
 namespace {
 
+/// What a scan that is far larger along the rail than across it says of itself: blocks are more than twice as long across.
+ScanDoubt doubt_turn(const ScanPlace& place, const Pose& T_scanner_block) {
+  constexpr double kLonger = 1.25;
+  constexpr std::array kNames = {'X', 'Y', 'Z'};
+  const auto axis_of = [&](const Vec3& of_block) {
+    Eigen::Index axis = 0;
+    (T_scanner_block.rotation * of_block).cwiseAbs().maxCoeff(&axis);
+    return axis;
+  };
+  ScanDoubt doubt;
+  const Eigen::Index rail = axis_of(Vec3::UnitX());
+  const Eigen::Index across = axis_of(Vec3::UnitY());
+  const Vec3 extent = place.extent();
+  if (place.points > 0 && extent[rail] > kLonger * extent[across])
+    doubt.printf("the scan is %.0f mm long along %c and %.0f along %c, and the block lies along %c: the two may be "
+                 "exchanged, or the scanner is turned",
+                 extent[rail], kNames[static_cast<std::size_t>(rail)], extent[across],
+                 kNames[static_cast<std::size_t>(across)], kNames[static_cast<std::size_t>(across)]);
+  return doubt;
+}
+
 /// A block that was not found is perhaps there in another unit or frame, and what seems rounded is perhaps fine in its
 /// own unit. `place` is that of the scan as it was read.
 Error named_cause(const Error& why, const ScanPlace& place, const Pose& T_base_block, const Pose& T_base_scanner) {
   if (why.code != Code::block_not_found && why.code != Code::too_few_points && why.code != Code::fit_failed &&
       why.code != Code::frame_incomplete)
     return why;
+  const Pose T_scanner_block = T_base_scanner.inverse() * T_base_block;
   ExpectedPlace expected;
-  expected.scanner_mm = (T_base_scanner.inverse() * T_base_block).translation_mm;
+  expected.scanner_mm = T_scanner_block.translation_mm;
   expected.base_mm = T_base_block.translation_mm;
   // Offline there is no robot, and the block's frame takes the place of its base.
   if (expected.base_mm.norm() == 0.0) expected.base_name = "block's";
-  const ScanDoubt doubt = doubt_scan(place, expected);
+  ScanDoubt doubt = doubt_scan(place, expected);
+  if (doubt.empty() && why.code == Code::block_not_found) doubt = doubt_turn(place, T_scanner_block);
   if (doubt.empty()) return why;
   if (why.code == Code::frame_incomplete) return error(why.code, "%s; %s", doubt.c_str(), why.text.c_str());
   return error(why.code, "%s; %s", why.text.c_str(), doubt.c_str());

@@ -107,7 +107,8 @@ struct Assessment : FaceCounts {
 FixedString<64> objection(const Assessment& a, const EvaluationSettings& settings, std::size_t stride) {
   FixedString<64> note;
   if (!(a.share() >= settings.registration_share_min)) {
-    note.printf("share on the model %.2f, at least %.2f", a.share(), settings.registration_share_min);
+    note.printf("share on the model %.2f, at least %.2f: turned or other type?", a.share(),
+                settings.registration_share_min);
     return note;
   }
   const std::size_t points_min = std::max<std::size_t>(5, kFacePointsMin / stride);

@@ -13,7 +13,8 @@
 // A scan with parallel rays has an even raster along two axes, and its step is the raster's pitch. Nothing was rounded
 // there. Such a raster is believed where the third axis does not have the same step (a writer rounds all three alike),
 // where nearly every node of the raster holds one point, and where its lines hold alike many points (rounding a raster
-// to another step leaves lines empty or doubles them).
+// to another step leaves lines empty or doubles them). A line profiler has a step along its way alone, X or Y, and its
+// profiles hold alike many points; a writer does not round one axis of three.
 #include "algo/survey/coordinate_step.h"
 
 #include <algorithm>
@@ -162,67 +163,95 @@ struct Lines {
   }
 };
 
-/// Are these two axes the scanner's own raster?
-bool is_raster(const Cloud& cloud, const Sample& sample, std::size_t a, std::size_t b, const Vec3& step,
-               std::span<std::uint32_t> scratch) {
-  constexpr std::size_t kLookedOfALine = 120;  // a quarter of them lies in the middle half: chance is 13 % there
-  constexpr double kNodesMin = 0.5;
-  constexpr double kNodesMax = 1.05;
+Lines lines_of(const Sample& sample, std::size_t axis, double step) {
+  const auto& values = sample.values[axis];
+  const auto [low, high] =
+      std::minmax_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(sample.count));
+  Lines lines;
+  lines.first = static_cast<double>(*low);
+  lines.per_mm = 1.0 / step;
+  const double count = (static_cast<double>(*high) - lines.first) * lines.per_mm + 1.5;
+  lines.count = count < static_cast<double>(kStepScratch / 2) ? static_cast<std::size_t>(count) : 0;
+  return lines;
+}
+
+/// The middle half, where a field of view has no corners.
+bool is_inner(std::size_t k, std::size_t count) {
+  return 4 * k >= count && 4 * k < 3 * count;
+}
+
+constexpr std::size_t kLinesMin = 64;
+constexpr std::size_t kLookedOfALine = 120;  // a quarter of them lies in the middle half: chance is 13 % there
+
+/// Does nearly every line in the middle hold as many points as those around it?
+bool are_even(std::span<const std::uint32_t> points) {
   constexpr double kUneven = 0.4;        // of a line against those around it
   constexpr double kUnevenShare = 0.01;  // of all lines
   constexpr std::size_t kAround = 4;
-  const auto lines_of = [&](std::size_t axis) {
-    const auto& values = sample.values[axis];
-    const auto [low, high] =
-        std::minmax_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(sample.count));
-    Lines lines;
-    lines.first = static_cast<double>(*low);
-    lines.per_mm = 1.0 / step[static_cast<Eigen::Index>(axis)];
-    const double count = (static_cast<double>(*high) - lines.first) * lines.per_mm + 1.5;
-    lines.count = count < static_cast<double>(kStepScratch / 2) ? static_cast<std::size_t>(count) : 0;
-    return lines;
-  };
-  const Lines rows = lines_of(a);
-  const Lines columns = lines_of(b);
-  if (rows.count < 64 || columns.count < 64) return false;
+  std::size_t lines = 0;
+  std::size_t uneven = 0;
+  for (std::size_t k = kAround; k + kAround < points.size(); ++k) {
+    if (!is_inner(k - kAround, points.size()) || !is_inner(k + kAround, points.size())) continue;
+    double around = 0.0;
+    for (std::size_t i = k - kAround; i <= k + kAround; ++i) around += static_cast<double>(points[i]);
+    around /= static_cast<double>(2 * kAround + 1);
+    ++lines;
+    if (std::abs(static_cast<double>(points[k]) - around) > kUneven * around) ++uneven;
+  }
+  return static_cast<double>(uneven) <= kUnevenShare * static_cast<double>(lines);
+}
+
+/// `use(p)` for some of the points that were seen, one of every `stride`.
+template <typename Use>
+void for_points_of(const Cloud& cloud, std::size_t stride, const Use& use) {
+  for (std::size_t j = 0; (j + 1) * stride <= cloud.points; ++j) {
+    const float* p = cloud.xyz.data() + 3 * thinned_index(j, stride);
+    if (std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2])) use(p);
+  }
+}
+
+/// Are these two axes the scanner's own raster?
+bool is_raster(const Cloud& cloud, const Sample& sample, std::size_t a, std::size_t b, const Vec3& step,
+               std::span<std::uint32_t> scratch) {
+  constexpr double kNodesMin = 0.5;
+  constexpr double kNodesMax = 1.05;
+  const Lines rows = lines_of(sample, a, step[static_cast<Eigen::Index>(a)]);
+  const Lines columns = lines_of(sample, b, step[static_cast<Eigen::Index>(b)]);
+  if (rows.count < kLinesMin || columns.count < kLinesMin) return false;
   const std::span<std::uint32_t> row_points = scratch.first(rows.count);
   const std::span<std::uint32_t> column_points = scratch.subspan(rows.count, columns.count);
   std::fill(row_points.begin(), row_points.end(), 0U);
   std::fill(column_points.begin(), column_points.end(), 0U);
-  // The middle half both ways, where a field of view has no corners.
-  const auto inner = [](std::size_t k, std::size_t count) { return 4 * k >= count && 4 * k < 3 * count; };
   const std::size_t stride =
       std::max<std::size_t>(1, cloud.points / (kLookedOfALine * std::max(rows.count, columns.count)));
   std::size_t inside = 0;
-  for (std::size_t j = 0; (j + 1) * stride <= cloud.points; ++j) {
-    const float* p = cloud.xyz.data() + 3 * thinned_index(j, stride);
-    if (!std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2])) continue;
+  for_points_of(cloud, stride, [&](const float* p) {
     const std::size_t row = rows.of(p[a]);
     const std::size_t column = columns.of(p[b]);
-    if (row == rows.count || column == columns.count) continue;
-    if (!inner(row, rows.count) || !inner(column, columns.count)) continue;
+    if (row == rows.count || column == columns.count) return;
+    if (!is_inner(row, rows.count) || !is_inner(column, columns.count)) return;
     ++row_points[row];
     ++column_points[column];
     ++inside;
-  }
+  });
   const double nodes = 0.25 * static_cast<double>(rows.count) * static_cast<double>(columns.count);
   const double held = static_cast<double>(inside) * static_cast<double>(stride) / nodes;
-  if (held < kNodesMin || held > kNodesMax) return false;
-  const auto even = [&](std::span<const std::uint32_t> points) {
-    std::size_t lines = 0;
-    std::size_t uneven = 0;
-    for (std::size_t k = 0; k < points.size(); ++k) {
-      if (k < kAround || k + kAround >= points.size()) continue;
-      if (!inner(k - kAround, points.size()) || !inner(k + kAround, points.size())) continue;
-      double around = 0.0;
-      for (std::size_t i = k - kAround; i <= k + kAround; ++i) around += static_cast<double>(points[i]);
-      around /= static_cast<double>(2 * kAround + 1);
-      ++lines;
-      if (std::abs(static_cast<double>(points[k]) - around) > kUneven * around) ++uneven;
-    }
-    return static_cast<double>(uneven) <= kUnevenShare * static_cast<double>(lines);
-  };
-  return even(row_points) && even(column_points);
+  return held >= kNodesMin && held <= kNodesMax && are_even(row_points) && are_even(column_points);
+}
+
+/// Is this axis the way along which the scanner, or the block, travels from profile to profile?
+bool is_travel(const Cloud& cloud, const Sample& sample, std::size_t axis, const Vec3& step,
+               std::span<std::uint32_t> scratch) {
+  const Lines profiles = lines_of(sample, axis, step[static_cast<Eigen::Index>(axis)]);
+  if (profiles.count < kLinesMin) return false;
+  const std::span<std::uint32_t> points = scratch.first(profiles.count);
+  std::fill(points.begin(), points.end(), 0U);
+  for_points_of(cloud, std::max<std::size_t>(1, cloud.points / (kLookedOfALine * profiles.count)),
+                [&](const float* p) {
+                  const std::size_t profile = profiles.of(p[axis]);
+                  if (profile < profiles.count) ++points[profile];
+                });
+  return are_even(points);
 }
 
 }  // namespace
@@ -246,6 +275,10 @@ Vec3 find_coordinate_step(const Cloud& cloud, std::span<std::uint32_t> scratch) 
     step_b = 0.0;
     break;
   }
+  for (Eigen::Index axis = 0; axis < 2; ++axis)
+    if (step[axis] != 0.0 && step[1 - axis] == 0.0 && step.z() == 0.0 &&
+        is_travel(cloud, sample, static_cast<std::size_t>(axis), step, scratch))
+      step[axis] = 0.0;
   return step;
 }
 

@@ -15,9 +15,14 @@
 namespace slabd::algo {
 namespace {
 
-/// Lacking share of a window from which it speaks for a crack. A crack of 0.8 mm takes 0.32; the grid of a scan of 0.35
-/// mm pitch makes it 0.06 (1 sigma).
-constexpr float kLimit = 0.15F;
+/// Lacking share of a window from which it speaks for a crack, at least. A crack of 0.8 mm takes 0.32; the grid of a
+/// scan of 0.35 mm pitch makes it 0.06 (1 sigma).
+constexpr float kLimitMin = 0.15F;
+/// Pixels of 0.5 mm lie in steps against the cells: every few windows a whole line of them lacks up to 0.2. The limit
+/// is so much of what is exceeded by one window in twenty.
+constexpr float kOfScatter = 1.25F;
+/// With a higher limit a crack of 0.8 mm is not told from the grid.
+constexpr float kLimitMax = 0.26F;
 /// No window speaks for more than this, so that a hole is not a crack.
 constexpr float kMost = 0.45F;
 /// Sum over a path from which it is a crack, and its least length in steps: 26 mm.
@@ -84,6 +89,25 @@ float lack(std::span<const float> whole, std::size_t at) {
   return std::min(1.0F - here / beside, kMost);
 }
 
+/// What one window in twenty lacks more than.
+float usual_lack(std::span<const float> lacks) {
+  constexpr std::size_t kBins = 128;
+  constexpr float kBinsPerShare = static_cast<float>(kBins) / kMost;
+  std::array<std::uint32_t, kBins> counts{};
+  std::uint32_t asked = 0;
+  for (const float lack : lacks) {
+    if (lack <= -1.0F) continue;
+    ++asked;
+    ++counts[std::min(static_cast<std::size_t>(std::max(lack, 0.0F) * kBinsPerShare), kBins - 1)];
+  }
+  std::uint32_t above = 0;
+  for (std::size_t k = kBins; k-- > 0;) {
+    above += counts[k];
+    if (20 * above >= asked) return static_cast<float>(k + 1) / kBinsPerShare;
+  }
+  return 0.0F;
+}
+
 bool is_straight(const CrackPath& path) {
   const auto steps = static_cast<double>(kCrackStep);
   double length = 0.0;
@@ -95,7 +119,7 @@ bool is_straight(const CrackPath& path) {
 
 }  // namespace
 
-void find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> memory, CrackPaths& paths) {
+bool find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> memory, CrackPaths& paths) {
   paths.clear();
   const View view{field, along_y, along_y ? kSurfaceColumns : kSurfaceRows,
                   (along_y ? kSurfaceRows : kSurfaceColumns) / kCrackStep};
@@ -111,6 +135,10 @@ void find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
       lacks[step * view.across + at] = lack(std::span(whole).first(view.across), at);
   }
 
+  const float limit =
+      std::max(kLimitMin, kOfScatter * usual_lack(std::span<const float>(lacks, view.steps * view.across)));
+  if (limit > kLimitMax) return false;
+
   // A strong path may be too short to be a crack; then it is passed over.
   for (std::size_t tries = 0; tries < 2 * kCracksMax && paths.size() < kCracksMax; ++tries) {
     std::size_t best = 0;
@@ -121,7 +149,7 @@ void find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
         const std::size_t i = step * view.across + at;
         Node node{0.0F, Node::kStart};
         // Hardly a window has evidence, and hardly a path goes on.
-        if (lacks[i] - kLimit + strongest_before <= 0.0F) {
+        if (lacks[i] - limit + strongest_before <= 0.0F) {
           nodes[i] = node;
           continue;
         }
@@ -134,7 +162,7 @@ void find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
             if (strength > node.strength) node = {strength, static_cast<std::uint8_t>(kReach + k - at)};
           }
         }
-        node.strength = std::max(0.0F, node.strength + lacks[i] - kLimit);
+        node.strength = std::max(0.0F, node.strength + lacks[i] - limit);
         if (node.strength == 0.0F) node.from = Node::kStart;
         nodes[i] = node;
         strongest = std::max(strongest, node.strength);
@@ -142,7 +170,7 @@ void find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
       }
       strongest_before = strongest;
     }
-    if (!(nodes[best].strength >= kStrengthMin)) return;
+    if (!(nodes[best].strength >= kStrengthMin)) return true;
     CrackPath path;
     path.along_y = along_y;
     path.strength = static_cast<double>(nodes[best].strength);
@@ -167,6 +195,7 @@ void find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
     if (path.steps >= kStepsMin && path.strength >= static_cast<double>(kMeanMin) * path.steps && is_straight(path))
       (void)paths.push(path);
   }
+  return true;
 }
 
 }  // namespace slabd::algo

@@ -81,6 +81,10 @@ class FieldOfView {
   Side right_;
 };
 
+/// In a usual cell of the seat, so that a cell without points is a hole in the surface and not in the scan: a pitch of
+/// up to 0.6 mm both ways.
+constexpr double kUsualMin = 4.0;
+
 /// Was enough of every face seen to say that nothing is wrong with it? The field of view may end before a shoulder
 /// does.
 bool saw_enough(const SurfaceTable& table, const SurfaceField& field) {
@@ -148,8 +152,11 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
   compare_with_expected(model, table, cells, result, team, field);
   result.edges = field.edges;
   leave_out_beyond_view(table, map, field);
+  // Of a coarse scan nothing is said: neither that something is wrong nor that nothing is.
+  if (field.usual[static_cast<std::size_t>(Face::seat)] < kUsualMin) return;
   std::array<CrackPaths, 2> cracks;
-  team.run(2, [&](std::size_t i) { find_cracks(field, i == 0, crack_memory[i], cracks[i]); });
+  std::array<bool, 2> told{};
+  team.run(2, [&](std::size_t i) { told[i] = find_cracks(field, i == 0, crack_memory[i], cracks[i]); });
 
   Item* pores = item_of(result, ItemId::surface_pores);
   Item* damage = item_of(result, ItemId::block_damage);
@@ -169,7 +176,7 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
   // Damage that no limit judges decides by being found, and pores must not.
   if (damage != nullptr && has_value(damage->upper))
     for (const FoundSurface& one : found.pores) (void)result.findings.push(one.finding);
-  if (!saw_enough(table, field)) return;
+  if (!told[0] || !told[1] || !saw_enough(table, field)) return;
   if (pores != nullptr) {
     pores->value = found.pore_largest_mm;
     pores->beside = found.pore_deepest_mm;

@@ -353,6 +353,7 @@ void add_crack(const BlockModel& model, const SurfaceTable& table, const CrackPa
                FoundSurfaces& found) {
   constexpr std::size_t kBeside = 1;
   Place place(model, table, field);
+  Place on_path(model, table, field);
   double length = 0.0;
   double low_aside = 1e9, high_aside = -1e9;
   const std::size_t across = path.along_y ? kColumns : kRows;
@@ -369,14 +370,21 @@ void add_crack(const BlockModel& model, const SurfaceTable& table, const CrackPa
            ++beside) {
         const std::size_t i = path.along_y ? along * kColumns + beside : beside * kColumns + along;
         if (field.zone[i] == SurfaceZone::none) continue;
-        if (!field.seen(i) || field.off[i] < -kSurfaceOff_mm) place.add(i, 1.0);
+        const bool is_low = !field.seen(i) || field.off[i] < -kSurfaceOff_mm;
+        if (is_low) place.add(i, 1.0);
+        // A crack without points that leaves every cell some of its own is nowhere low.
+        if (!is_low && beside == at) on_path.add(i, 1.0);
         field.zone[i] = SurfaceZone::none;
       }
     }
   }
   FoundSurface one;
-  if (place.cells() == 0) return;
-  one.finding = place.finding();
+  if (place.cells() == 0 && on_path.cells() == 0) return;
+  one.finding = place.cells() != 0 ? place.finding() : on_path.finding();
+  if (place.cells() == 0) {
+    one.finding.depth_mm = kNoValue;
+    one.finding.volume_mm3 = kNoValue;
+  }
   one.finding.kind = FindingKind::crack;
   one.finding.area_mm2 = path.missing * kCellArea_mm2;
   // As long as its path, however few cells of it are seen to be low.

@@ -91,10 +91,10 @@ std::size_t first_sixteen(std::size_t block, std::size_t stride) {
   return static_cast<std::size_t>((std::uint64_t{fraction} * stride) >> 32U);
 }
 
-/// Points of each sixteen that go to the surface raster: some six in each of its cells.
+/// Points of each sixteen that go to the surface raster: some six in each of its cells, and four at least.
 std::size_t surface_lanes(const Cloud& cloud) {
   constexpr std::size_t kDense = 2'500'000;
-  constexpr std::size_t kSparse = 450'000;
+  constexpr std::size_t kSparse = 1'200'000;
   if (cloud.points <= kSparse) return kLanes;
   const std::size_t lanes = cloud.points <= kDense ? kLanes / 2 : kLanes / 4;
   return cloud.width != 0 ? lanes : 2 * lanes;

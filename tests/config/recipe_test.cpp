@@ -275,6 +275,12 @@ INSTANTIATE_TEST_SUITE_P(
               "r.toml:LINE:16: items.surface_pores.depth_max_mm: found 0.1, allowed is a number 0.5..50"},
         Fault{"share_max = 0.02", "share_max = 2",
               "r.toml:LINE:13: items.surface_pores.share_max: found 2, allowed is a number 0.0001..1"},
+        Fault{"end_half_length_mm = { value = 105,", "end_half_length_mm = { value = 109,",
+              "r.toml:LINE:22: block.end_half_length_mm: found 109, allowed is at most 108 with the items "
+              "surface_pores and block_damage"},
+        Fault{"side_half_width_mm = { value = 240,", "side_half_width_mm = { value = 246,",
+              "r.toml:LINE:22: block.side_half_width_mm: found 246, allowed is at most 245 with the items "
+              "surface_pores and block_damage"},
         Fault{"scanner_form_mm = { value = 0.05,", "scanner_form_mm = { value = -0.05,",
               "r.toml:LINE:29: uncertainty.scanner_form_mm.value: found -0.05, allowed is a number 0..1"},
         Fault{"reference_deg = { value = 0.001,", "reference_deg = { value = 2,",

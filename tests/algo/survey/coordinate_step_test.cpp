@@ -55,6 +55,24 @@ TEST(CoordinateStep, of_parallel_rays_is_their_raster_and_not_a_rounding) {
   EXPECT_EQ(step_of(scene::take({}, scan)), Vec3::Zero());
 }
 
+TEST(CoordinateStep, of_a_line_profiler_is_its_way_and_not_a_rounding) {
+  for (const std::size_t axis : {0U, 1U}) {
+    // The rays of each profile are parallel to one plane; within it they leave one point.
+    scene::Cloud cloud = scene::take({}, seen(600.0));
+    const scene::Cloud parallel = scene::take({}, seen(0.0, 0.25));
+    for (const double offset_mm : {0.0, 0.1}) {
+      scene::Cloud profiles = parallel;
+      for (std::size_t i = 0; i < profiles.xyz.size(); i += 3) {
+        profiles.xyz[i + axis] += static_cast<float>(offset_mm);
+        profiles.xyz[i + 1 - axis] += 1e-4F * profiles.xyz[i + 2] * profiles.xyz[i + 1 - axis];
+      }
+      EXPECT_EQ(step_of(profiles), Vec3::Zero()) << axis << " " << offset_mm;
+    }
+    for (std::size_t i = axis; i < cloud.xyz.size(); i += 3) cloud.xyz[i] = std::nearbyint(cloud.xyz[i] / 0.2F) * 0.2F;
+    EXPECT_NEAR(step_of(cloud)[static_cast<Eigen::Index>(axis)], 0.2, 1e-3) << "an axis that was rounded";
+  }
+}
+
 TEST(CoordinateStep, is_found_whatever_the_unit_and_the_view) {
   for (const double focus_mm : {0.0, 600.0}) {
     // No multiple of a step: a raster of 0.41 mm is not changed by rounding to 0.005 mm.

@@ -177,6 +177,35 @@ TEST(SurfaceDamage, a_crack_across_the_seat_is_found_with_points_and_without) {
   }
 }
 
+TEST(SurfaceDamage, at_any_pitch_a_crack_does_not_pass_and_a_coarse_scan_is_not_judged) {
+  struct Case {
+    double pitch_mm, ratio;
+    bool is_judged;
+  };
+  // At 0.2 mm a crack leaves no cell without points; at 0.52 and 0.65 mm the pixels lie in steps against the cells.
+  for (const Case& c : {Case{0.2, 1.0, true}, Case{0.45, 1.0, true}, Case{0.6, 1.0, true}, Case{0.6, 1.0 / 3.0, true},
+                        Case{0.52, 0.2 / 0.52, false}, Case{0.65, 1.0, false}, Case{0.8, 1.0, false}}) {
+    for (const bool organised : {false, true}) {
+      SCOPED_TRACE(::testing::Message() << c.pitch_mm << " mm, y over x " << c.ratio << ", organised " << organised);
+      scene::Scan scan = seen(0.0, 2);
+      scan.pitch_mm = c.pitch_mm;
+      scan.pitch_ratio = c.ratio;
+      scan.organised = organised;
+      const scene::Cloud whole = scene::take({}, scan);
+      const auto crack = [](const Vec3& p) {
+        return std::abs(p.y()) < 180.0 && std::abs(p.x() - 72.0 - 0.06 * p.y()) < 0.4 ? kNotSeen : kNowhere;
+      };
+      const BlockResult cracked = inspected(lowered(whole, crack));
+      EXPECT_NE(item(cracked, ItemId::block_damage).verdict, Verdict::pass);
+      const BlockResult good = inspected(whole);
+      EXPECT_EQ(damage_count(good), 0U) << sentence(good.findings[0]).c_str();
+      EXPECT_EQ(item(good, ItemId::block_damage).verdict, c.is_judged ? Verdict::pass : Verdict::not_measured);
+      if (!c.is_judged) continue;
+      expect_damage(cracked, FindingKind::crack, 100.0);
+    }
+  }
+}
+
 TEST(SurfaceDamage, chips_out_of_the_edges_are_found) {
   const auto shoulder_corner = [](const Vec3& p) {
     constexpr double kTop = 29.75;
