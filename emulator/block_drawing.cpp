@@ -30,6 +30,7 @@ Result<DrawnBlock> draw_block(const Recipe& recipe, const StationTruth& station,
   ConcreteOrder order;
   order.truth = station.block;
   order.effects = *traits.concrete;
+  order.defects = traits.damage;
   order.seed = block_seed;
   ConcreteScan drawn = draw_concrete(recipe, order, T_scanner_block, scanner, scan_seed, xyz);
   return DrawnBlock{drawn.drawn, std::move(drawn.truth)};

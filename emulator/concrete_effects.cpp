@@ -170,6 +170,27 @@ const ConcreteDefectInfo& info(ConcreteDefectKind kind) {
   return kDefectTable[static_cast<std::size_t>(kind)];
 }
 
+bool is_damage(ConcreteDefectKind kind) {
+  switch (kind) {
+    case ConcreteDefectKind::depression:
+    case ConcreteDefectKind::hump:
+    case ConcreteDefectKind::bow:
+    case ConcreteDefectKind::chip_corner:
+    case ConcreteDefectKind::chip_seat:
+    case ConcreteDefectKind::chip_jaw:
+    case ConcreteDefectKind::crack:
+    case ConcreteDefectKind::crust: return true;
+    default: return false;
+  }
+}
+
+std::string damage_help() {
+  std::string help;
+  for (const ConcreteDefectInfo& row : kDefectTable)
+    if (is_damage(row.kind)) help += fmt::format("  {:11} {:4} {}\n", row.name, row.usual, row.meaning);
+  return help;
+}
+
 Result<ConcreteDefect> parse_concrete_defect(std::string_view text) {
   const std::size_t equals = text.find('=');
   const std::string_view wanted = text.substr(0, equals);

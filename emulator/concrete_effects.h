@@ -130,6 +130,10 @@ struct ConcreteDefect {
   ConcreteDefectKind kind{};
   double size = 0.0;
 };
+/// Of those that leave the block's dimensions as they are: form of the seat and damage.
+[[nodiscard]] bool is_damage(ConcreteDefectKind kind);
+/// Every one of these with usual size and meaning, one per line, for the help.
+[[nodiscard]] std::string damage_help();
 /// Takes "NAME=SIZE", or "NAME" for the usual size. config: unknown name (the error lists all names), or not a size.
 [[nodiscard]] Result<ConcreteDefect> parse_concrete_defect(std::string_view text);
 

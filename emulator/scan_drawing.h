@@ -33,7 +33,8 @@ struct ScannerTraits {
   /// The blocks are real concrete (emulator/concrete_block.h) instead of polyhedra: always in perspective, with noise,
   /// outliers and gaps by these effects. Only draw_block heeds it.
   std::optional<EffectStrengths> concrete;
-  std::uint64_t scanner_seed = 1;  ///< concrete: cameras, lens and scale of the scanner
+  std::vector<ConcreteDefect> damage;  ///< on the concrete
+  std::uint64_t scanner_seed = 1;      ///< concrete: cameras, lens and scale of the scanner
 };
 inline constexpr double kOutlierMinMm = 1.0;
 inline constexpr double kOutlierMaxMm = 60.0;

@@ -89,6 +89,20 @@ hal::ScanFormat format_of(const ScanOrder& order) {
                                      order.format, wanted ? hal::extension(*wanted) : "?"));
 }
 
+/// --damage, on concrete alone: a polyhedron has no edge to break.
+std::vector<ConcreteDefect> damage_of(const std::vector<std::string>& texts, bool on_concrete) {
+  std::vector<ConcreteDefect> damage;
+  for (const std::string& text : texts) {
+    const Result<ConcreteDefect> one = parse_concrete_defect(text);
+    if (!one || !is_damage(one.value().kind))
+      cli::stop(cli::kUsage, fmt::format("--damage {}: expected NAME or NAME=SIZE, with a name of\n{}", text,
+                                         damage_help()));
+    if (!on_concrete) cli::stop(cli::kUsage, fmt::format("--damage {}: needs --surface real or clean", text));
+    damage.push_back(one.value());
+  }
+  return damage;
+}
+
 }  // namespace
 
 int write_scan(const ScanOrder& order) {
@@ -203,13 +217,15 @@ void add_simulate_scan(args::Command& simulate) {
   struct Options {
     ScanOrder order;
     ScannerOptions scanner;
+    std::vector<std::string> damage;
   };
   auto options = std::make_shared<Options>();
   ScanOrder& order = options->order;
   args::Command command = simulate.add_subcommand("scan", "Write one scan of a block and its truth beside it");
   command->footer(
-      "\nDefects\n" + defect_help() + "\nEffects of real concrete, with their usual strengths\n" + effect_help() +
+      "\nDefects\n" + defect_help() + "\nDamage, with its usual size\n" + damage_help() + "\nEffects of real concrete, with their usual strengths\n" + effect_help() +
       "\nExample: slabctl simulate scan --recipe p5600.toml --block 3 --out scan.ply --defect slope=3:1/37\n"
+      "         slabctl simulate scan --recipe p5600.toml --block 3 --out scan.ply --surface real --damage chip_jaw=12\n"
       "         slabctl simulate scan --recipe p5600.toml --block 3 --out scan.pcd --format pcd-compressed");
   command->add_option("--recipe", order.recipe, "Recipe of the slab type")->required();
   command->add_option("--block", order.block, "Block number on the slab, from 1")->required();
@@ -218,6 +234,10 @@ void add_simulate_scan(args::Command& simulate) {
       ->add_option("--format", order.format, "How it is written (default: what --out ends in; .asc and .txt are xyz)")
       ->check(args::one_of(scan_format_names()));
   command->add_option("--defect", order.defects, "Planted defect name=K:VALUE, repeatable")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
+  command->add_option("--damage", options->damage, "Damage of real concrete, NAME or NAME=SIZE in mm, repeatable")
       ->take_all()
       ->expected(1)
       ->allow_extra_args(false);
@@ -232,6 +252,7 @@ void add_simulate_scan(args::Command& simulate) {
     options->order.scanner = options->scanner.traits();
     options->order.scanner.scanner_seed = options->order.seed;
     options->order.scanner.concrete = options->scanner.concrete();
+    options->order.scanner.damage = damage_of(options->damage, options->order.scanner.concrete.has_value());
     return write_scan(options->order);
   });
 }

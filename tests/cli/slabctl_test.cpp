@@ -267,6 +267,19 @@ TEST_F(Slabctl, a_scan_in_another_unit_or_frame_is_refused_with_its_extent_dista
                   "turned or other type?");
 }
 
+TEST_F(Slabctl, damage_planted_on_concrete_is_found) {
+  ASSERT_EQ(simulate_scan("chip.ply", "--seed 7 --surface real --damage chip_jaw").status, 0);
+  const Ended chip = run("inspect " + file("chip.ply") + " --recipe " + kRecipe + " --block 3");
+  EXPECT_EQ(chip.status, 1);
+  expect_mentions(chip.out, "finding: chip on the outer ");
+  const Ended ideal = simulate_scan("chip.ply", "--damage chip_jaw");
+  EXPECT_EQ(ideal.status, 2);
+  expect_mentions(ideal.err, "--damage chip_jaw: needs --surface real or clean");
+  const Ended unknown = simulate_scan("chip.ply", "--surface real --damage slope=1");
+  EXPECT_EQ(unknown.status, 2);
+  expect_mentions(unknown.err, "chip_corner   12 corner of the outer shoulder broken out, mm");
+}
+
 TEST_F(Slabctl, a_configuration_check_doubts_what_cannot_be_meant) {
   const std::string rest = "[recipes]\ndir = \"" + fs::path(kRecipe).parent_path().string() + "\"\n";
   const std::string poses = "[cell]\nT_base_slab = [1.5, 0.2, 0.57, 1, 0, 0, 0]\n";
