@@ -246,11 +246,10 @@ bool is_travel(const Cloud& cloud, const Sample& sample, std::size_t axis, const
   if (profiles.count < kLinesMin) return false;
   const std::span<std::uint32_t> points = scratch.first(profiles.count);
   std::fill(points.begin(), points.end(), 0U);
-  for_points_of(cloud, std::max<std::size_t>(1, cloud.points / (kLookedOfALine * profiles.count)),
-                [&](const float* p) {
-                  const std::size_t profile = profiles.of(p[axis]);
-                  if (profile < profiles.count) ++points[profile];
-                });
+  for_points_of(cloud, std::max<std::size_t>(1, cloud.points / (kLookedOfALine * profiles.count)), [&](const float* p) {
+    const std::size_t profile = profiles.of(p[axis]);
+    if (profile < profiles.count) ++points[profile];
+  });
   return are_even(points);
 }
 

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 
 #include "algo/survey/surface_cells.h"
 #include "algo/survey/surface_cracks.h"
@@ -21,31 +22,42 @@ constexpr std::size_t kCells = kSurfaceCells;
 /// Pores up to here are pores where the recipe has no limit for them.
 constexpr double kPoreUnlimited_mm = 12.0;
 
-/// What the scanner looked at: the convex hull of the deviation map's cells in which something was seen.
+/// What the scanner looked at: the convex hull of the deviation map's cells in which something was seen, as rays from
+/// `eye` meet z = 0 in the block's frame. Rays from one centre see more of the slab's top than of a shoulder.
 class FieldOfView {
  public:
-  explicit FieldOfView(const DeviationMap& map) : map_(map) {
+  FieldOfView(const BlockModel& model, const DeviationMap& map, std::optional<Vec3> eye) : map_(map), eye_(eye) {
     left_.fill(kOutside);
     right_.fill(-kOutside);
     for (std::size_t row = 0; row < map.rows; ++row)
       for (std::size_t column = 0; column < map.columns; ++column) {
         if (map.count[row * map.columns + column] < kSeenMin) continue;
-        left_[row] = std::min(left_[row], static_cast<double>(column));
-        right_[row] = std::max(right_[row], static_cast<double>(column));
+        Vec3 p(map.x_mm(column), map.y_mm(row), 0.0);
+        Face face = Face::top;
+        if (!model.visible(p.x(), p.y(), face, p.z())) continue;
+        const Place place = place_of(p);
+        if (!(place.row >= 0.0 && place.row < static_cast<double>(map.rows))) continue;
+        const auto at = static_cast<std::size_t>(place.row + 0.5);
+        if (at >= map.rows) continue;
+        left_[at] = std::min(left_[at], place.column);
+        right_[at] = std::max(right_[at], place.column);
       }
     bulge_out(left_, 1.0);
     bulge_out(right_, -1.0);
   }
-  /// Is this place inside, by a cell?
-  [[nodiscard]] bool surrounds(double x, double y) const {
-    const double column = x / map_.cell_mm + 0.5 * static_cast<double>(map_.columns) - 0.5;
-    const double row = y / map_.cell_mm + 0.5 * static_cast<double>(map_.rows) - 0.5;
-    if (!(row >= 1.0 && row < static_cast<double>(map_.rows) - 2.0)) return false;
+  /// Is this place of the block inside, by so many cells of the map?
+  [[nodiscard]] bool surrounds(const Vec3& p, double margin) const {
+    const auto [column, row] = place_of(p);
+    const double low = std::floor(row - margin);
+    const double high = std::ceil(row + margin);
+    if (!(low >= 0.0 && high < static_cast<double>(map_.rows))) return false;
+    const auto first = static_cast<std::size_t>(low);
+    const auto last = static_cast<std::size_t>(high);
     const auto below = static_cast<std::size_t>(row);
-    const auto above = below + 1;
-    return column > std::max(left_[below], left_[above]) + 1.0 &&
-           column < std::min(right_[below], right_[above]) - 1.0 && left_[below - 1] < kOutside &&
-           left_[above + 1] < kOutside;
+    const std::size_t above = std::min(below + 1, last);
+    return column > std::max(left_[below], left_[above]) + margin &&
+           column < std::min(right_[below], right_[above]) - margin && left_[first] < kOutside &&
+           left_[last] < kOutside;
   }
 
  private:
@@ -53,6 +65,14 @@ class FieldOfView {
   static constexpr double kOutside = 1e9;
   static constexpr std::size_t kRowsMax = limits::kFaceTableY / limits::kDeviationMapCell_mm;
   using Side = std::array<double, kRowsMax>;
+  struct Place {
+    double column, row;  ///< in cells of the map, from the centre of the first one
+  };
+  [[nodiscard]] Place place_of(const Vec3& p) const {
+    const Vec3 at = eye_ ? Vec3(*eye_ + (p - *eye_) * (eye_->z() / (eye_->z() - p.z()))) : p;
+    return {at.x() / map_.cell_mm + 0.5 * static_cast<double>(map_.columns) - 0.5,
+            at.y() / map_.cell_mm + 0.5 * static_cast<double>(map_.rows) - 0.5};
+  }
 
   /// Makes one side of all rows convex; `sign` 1: the left one.
   void bulge_out(Side& side, double sign) const {
@@ -77,6 +97,7 @@ class FieldOfView {
   }
 
   const DeviationMap& map_;
+  std::optional<Vec3> eye_;
   Side left_;
   Side right_;
 };
@@ -108,13 +129,20 @@ bool saw_enough(const SurfaceTable& table, const SurfaceField& field) {
 }
 
 /// Where nothing was seen and the scan does not go on beyond, in x and in y, the field of view ends.
-void leave_out_beyond_view(const SurfaceTable& table, const DeviationMap& map, SurfaceField& field) {
-  const FieldOfView view(map);
+/// Whether the scanner's rays are parallel is not known, so that both are asked.
+void leave_out_beyond_view(const BlockModel& model, const SurfaceTable& table, const DeviationMap& map, const Vec3& eye,
+                           SurfaceField& field) {
+  constexpr double kMargin = 1.0, kMarginCentral = 0.25;
+  const FieldOfView parallel(model, map, std::nullopt);
+  const FieldOfView central(model, map, eye);
   for (std::size_t row = table.rows()[0]; row < table.rows()[1]; ++row)
-    for (std::size_t i = row * kColumns; i < (row + 1) * kColumns; ++i)
-      if (field.zone[i] != SurfaceZone::none && !field.seen(i) &&
-          !view.surrounds(surface_x_mm(i % kColumns), surface_y_mm(row)))
-        field.zone[i] = SurfaceZone::none;
+    for (std::size_t i = row * kColumns; i < (row + 1) * kColumns; ++i) {
+      if (field.zone[i] == SurfaceZone::none || field.seen(i)) continue;
+      const double x = surface_x_mm(i % kColumns);
+      const double y = surface_y_mm(row);
+      const Vec3 p(x, y, model.plane(surface_cell::face_of(table.cells()[i])).z_at(x, y));
+      if (!parallel.surrounds(p, kMargin) || !central.surrounds(p, kMarginCentral)) field.zone[i] = SurfaceZone::none;
+    }
 }
 
 Item* item_of(BlockResult& result, ItemId id) {
@@ -151,7 +179,7 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
 
   compare_with_expected(model, table, cells, result, team, field);
   result.edges = field.edges;
-  leave_out_beyond_view(table, map, field);
+  leave_out_beyond_view(model, table, map, result.registration.T_scanner_block.inverse().translation_mm, field);
   // Of a coarse scan nothing is said: neither that something is wrong nor that nothing is.
   if (field.usual[static_cast<std::size_t>(Face::seat)] < kUsualMin) return;
   std::array<CrackPaths, 2> cracks;

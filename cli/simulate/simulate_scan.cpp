@@ -95,8 +95,8 @@ std::vector<ConcreteDefect> damage_of(const std::vector<std::string>& texts, boo
   for (const std::string& text : texts) {
     const Result<ConcreteDefect> one = parse_concrete_defect(text);
     if (!one || !is_damage(one.value().kind))
-      cli::stop(cli::kUsage, fmt::format("--damage {}: expected NAME or NAME=SIZE, with a name of\n{}", text,
-                                         damage_help()));
+      cli::stop(cli::kUsage,
+                fmt::format("--damage {}: expected NAME or NAME=SIZE, with a name of\n{}", text, damage_help()));
     if (!on_concrete) cli::stop(cli::kUsage, fmt::format("--damage {}: needs --surface real or clean", text));
     damage.push_back(one.value());
   }
@@ -223,9 +223,11 @@ void add_simulate_scan(args::Command& simulate) {
   ScanOrder& order = options->order;
   args::Command command = simulate.add_subcommand("scan", "Write one scan of a block and its truth beside it");
   command->footer(
-      "\nDefects\n" + defect_help() + "\nDamage, with its usual size\n" + damage_help() + "\nEffects of real concrete, with their usual strengths\n" + effect_help() +
+      "\nDefects\n" + defect_help() + "\nDamage, with its usual size\n" + damage_help() +
+      "\nEffects of real concrete, with their usual strengths\n" + effect_help() +
       "\nExample: slabctl simulate scan --recipe p5600.toml --block 3 --out scan.ply --defect slope=3:1/37\n"
-      "         slabctl simulate scan --recipe p5600.toml --block 3 --out scan.ply --surface real --damage chip_jaw=12\n"
+      "         slabctl simulate scan --recipe p5600.toml --block 3 --out scan.ply --surface real --damage "
+      "chip_jaw=12\n"
       "         slabctl simulate scan --recipe p5600.toml --block 3 --out scan.pcd --format pcd-compressed");
   command->add_option("--recipe", order.recipe, "Recipe of the slab type")->required();
   command->add_option("--block", order.block, "Block number on the slab, from 1")->required();

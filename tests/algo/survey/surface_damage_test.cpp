@@ -269,6 +269,17 @@ TEST(SurfaceDamage, drops_of_water_and_the_end_of_the_field_of_view_are_none) {
   EXPECT_EQ(item(r, ItemId::block_damage).verdict, Verdict::pass);
 }
 
+TEST(SurfaceDamage, what_lies_beyond_the_field_of_view_at_its_own_height_is_not_missing) {
+  // Rays from one centre: beside the block they meet the slab's top 25 mm further out than a shoulder.
+  for (const double along_mm : {30.0, -30.0}) {
+    scene::Scan scan = seen(600.0);
+    scan.displacement = scene::displaced(15.0, along_mm, 0.5, 0.15, -0.2, 0.1);
+    const BlockResult r = inspected(scene::take({}, scan));
+    EXPECT_EQ(damage_count(r), 0U) << sentence(r.findings[0]).c_str();
+    EXPECT_EQ(item(r, ItemId::block_damage).verdict, Verdict::pass);
+  }
+}
+
 TEST(SurfaceDamage, is_the_same_on_two_threads_and_every_instruction_set) {
   scene::Cloud scan = with_pore(6.0, 2.0);
   scan = lowered(std::move(scan), chamfered);
