@@ -66,7 +66,12 @@ class Names {
     list_.emplace_back(name);
   }
   void operator()(std::string_view name, const Pose&) { several(name, {"x", "y", "z", "qw", "qx", "qy", "qz"}); }
-  void operator()(std::string_view name, const Vec3&) { several(name, {"x", "y", "z"}); }
+  /// A column of a vector is named by the axis instead of the unit: step_mm is step_x, step_y, step_z.
+  void operator()(std::string_view name, const Vec3&) {
+    for (const std::string_view unit : {"_mm", "_rad"})
+      if (name.ends_with(unit)) name.remove_suffix(unit.size());
+    several(name, {"x", "y", "z"});
+  }
   template <std::size_t N>
   void operator()(std::string_view name, const std::array<double, N>&) {
     for (std::size_t i = 1; i <= N; ++i) list_.push_back(std::string(name) + "_" + std::to_string(i));
@@ -231,6 +236,22 @@ class Fetch {
   int column_;
   std::string_view name_;  ///< of the member that is read
 };
+
+/// Walks the fields of a record inside of a row. A column is named by `prefix` and the field, unless `others` has
+/// another name for the field.
+template <typename V, typename Part>
+void part(V& v, Part& inner, std::string_view prefix = "",
+          std::initializer_list<std::pair<std::string_view, std::string_view>> others = {}) {
+  const auto column = [&](std::string_view field, auto& member) {
+    if constexpr (std::same_as<V, Names>) {
+      const auto* other = std::find_if(others.begin(), others.end(), [&](const auto& o) { return o.first == field; });
+      v(other != others.end() ? std::string(other->second) : std::string(prefix) + std::string(field), member);
+    } else {
+      v(field, member);
+    }
+  };
+  fields(column, inner);
+}
 
 // ---- SQL ---------------------------------------------------------------------------------------------------------
 
