@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include "storage/record_fields.h"
 #include "storage/rows.h"
-#include "storage/storage.h"
 
-/// Columns of the calibration tables that are not in base/record_fields.h; see storage/rows.h.
+/// Columns of the calibration tables beside the field lists; see storage/rows.h.
 namespace slabd::storage {
 
 /// What a record has beside its numbers.
-SLABD_FIELDS(CalibrationRecord, id, parent_id, figures, observations, certificate, operator_name, robot_serial,
-             scanner_serial, temperature_c, software, created_utime_us, expires_utime_us);
+template <typename V, RecordOf<CalibrationRecord> R>
+void columns(V& v, R& r) {
+  v("id", r.id);
+  part(v, r, "", {{"operator", "operator_name"}});
+}
 
 /// Which calibration a row of numbers belongs to.
 struct NumbersOf {
