@@ -42,37 +42,28 @@ std::vector<Item> tolerances_of(const Recipe& recipe) {
 }
 
 std::string recipe_json(const Recipe& recipe) {
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.recipe/1").field("name", recipe.name.view()).field("slab_type", recipe.slab_type);
-  json.field("sha256", recipe.sha256.view()).field("file", recipe.path.view());
-  json.field("pairs", unsigned{recipe.slab.pairs}).field("stations", unsigned{recipe.stations()});
+  Json json("slabd.recipe/1");
+  json.field("name", recipe.name).field("slab_type", recipe.slab_type).field("sha256", recipe.sha256);
+  json.field("file", recipe.path).field("pairs", recipe.slab.pairs).field("stations", recipe.stations());
   json.field("slope_datum", recipe.slope_datum == SlopeDatum::slab_frame ? "slab_frame" : "local_slab_top");
   json.field("remove_warp", recipe.remove_warp).field("guard", recipe.guard);
   json.field("unconfirmed", unconfirmed_count(recipe)).field("uncertainty_budget", recipe.uncertainty.given);
-  json.field("defect_sigmas", recipe.evaluation.defect_sigmas);
-  json.key("nominals").begin_object();
+  json.field("defect_sigmas", recipe.evaluation.defect_sigmas).key("nominals").begin_object();
   for (const NamedNominal& n : nominals_of(recipe)) {
-    json.key(n.name).begin_object();
-    json.field("value", shown(n)).field("confirmed", n.nominal.confirmed).end_object();
+    json.key(n.name).begin_object().field("value", shown(n)).field("confirmed", n.nominal.confirmed).end_object();
   }
   json.end_object();
   json.key("edges").begin_object().field("fillet_seat_mm", recipe.edges.fillet_seat_mm);
   json.field("fillet_shoulder_mm", recipe.edges.fillet_shoulder_mm).field("chamfer_mm", recipe.edges.chamfer_mm);
   json.end_object();
-  json.key("items").begin_array();
-  for (const Item& item : tolerances_of(recipe)) {
+  json.list("items", tolerances_of(recipe), [&](const Item& item) {
     const Tolerance& t = recipe.tolerance(item.id);
-    json.begin_object();
-    json.field("id", info(item.id).name).field("unit", name(info(item.id).unit)).field("nominal", item.nominal);
+    json.field("id", info(item.id).name).field("unit", info(item.id).unit).field("nominal", item.nominal);
     json.field("lower", item.lower).field("upper", item.upper).field("U", item.U).field("required", item.required);
     json.field("confirmed", t.confirmed && t.nominal.confirmed);
     if (item.id == ItemId::surface_pores)
       json.field("depth_max_mm", recipe.pores.depth_max_mm).field("share_max", recipe.pores.share_max);
-    json.end_object();
-  }
-  json.end_array();
-  json.end_object();
+  });
   return json.text();
 }
 
@@ -133,30 +124,19 @@ struct Check {
 };
 
 std::string check_json(const std::vector<std::string>& files, const Check& check) {
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.check/1").field("ok", check.problems.empty());
-  json.key("files").begin_array();
-  for (const std::string& file : files) json.value(std::string_view(file));
-  json.end_array();
-  json.key("problems").begin_array();
-  for (const daemon::Problem& problem : check.problems) json.value(std::string_view(problem.text));
-  json.end_array();
+  Json json("slabd.check/1");
+  json.field("ok", check.problems.empty()).field("files", files);
+  json.list("problems", check.problems, &daemon::Problem::text);
   json.key("doubts").begin_array();
-  for (const daemon::Problem& doubt : check.doubts) json.value(std::string_view(doubt.text));
-  for (const daemon::AlikeRecipes& alike : daemon::alike_recipes(check.recipes))
-    json.value(daemon::text_of(alike).view());
+  for (const daemon::Problem& doubt : check.doubts) json.value(doubt.text);
+  for (const daemon::AlikeRecipes& alike : daemon::alike_recipes(check.recipes)) json.value(daemon::text_of(alike));
   json.end_array();
-  json.key("recipes").begin_array();
-  for (const Recipe& recipe : check.recipes) {
-    json.begin_object();
-    json.field("file", recipe.path.view()).field("name", recipe.name.view()).field("slab_type", recipe.slab_type);
-    json.field("stations", unsigned{recipe.stations()}).field("sha256", recipe.sha256.view());
-    json.field("unconfirmed", unconfirmed_count(recipe)).field("guard", recipe.guard).end_object();
-  }
-  json.end_array();
+  json.list("recipes", check.recipes, [&](const Recipe& recipe) {
+    json.field("file", recipe.path).field("name", recipe.name).field("slab_type", recipe.slab_type);
+    json.field("stations", recipe.stations()).field("sha256", recipe.sha256);
+    json.field("unconfirmed", unconfirmed_count(recipe)).field("guard", recipe.guard);
+  });
   json.field("commissioning_calibration", check.commissioning);
-  json.end_object();
   return json.text();
 }
 

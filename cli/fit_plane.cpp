@@ -121,23 +121,17 @@ std::string why_not(const Options& options, std::string_view method, const Plane
 
 void write_fit(Json& json, std::string_view method, const PlaneFit& plane) {
   const Explicit e = explicit_form(plane);
-  const std::array<double, 3> normal = {plane.normal.x(), plane.normal.y(), plane.normal.z()};
-  json.field("method", method).field("status", status_word(plane));
-  json.field("a", e.a).field("b", e.b).field("c", e.c).field("normal", std::span<const double>(normal));
-  json.field("offset_mm", plane.offset_mm).field("inliers", plane.inliers).field("points", plane.points);
-  json.field("inlier_fraction", plane.inlier_fraction).field("std_mm", plane.std_mm);
+  json.field("method", method).field("status", status_word(plane)).field("a", e.a).field("b", e.b).field("c", e.c);
+  json.field("normal", plane.normal).field("offset_mm", plane.offset_mm).field("inliers", plane.inliers);
+  json.field("points", plane.points).field("inlier_fraction", plane.inlier_fraction).field("std_mm", plane.std_mm);
   json.field("iterations", plane.iterations).field("sigma_offset_mm", plane.sigma_offset_mm);
 }
 
 void write_setting(Json& json, const Options& options, const Cloud& cloud) {
   const algo::PlaneSettings s = options.settings();
-  json.field("file", std::string_view(options.file)).field("points_read", cloud.read);
-  json.key("threshold_mm");
-  if (options.threshold_mm > 0.0) {
-    json.value(options.threshold_mm);
-  } else {
-    json.null();  // three robust standard deviations
-  }
+  json.field("file", options.file).field("points_read", cloud.read);
+  // null: three robust standard deviations
+  json.field("threshold_mm", only_if(options.threshold_mm > 0.0, options.threshold_mm));
   json.field("contamination", s.contamination).field("confidence", s.confidence);
   json.field("hypotheses", algo::hypotheses_needed(s.contamination, s.confidence, 3));
   json.field("inlier_share_min", s.inlier_share_min).field("seed", s.seed);
@@ -172,11 +166,10 @@ void print_fit(const Options& options, const Cloud& cloud, const PlaneFit& plane
 int fit_one(const Options& options, const Cloud& cloud) {
   const PlaneFit plane = fit(options, options.method, cloud);
   if (options.json) {
-    Json json;
-    json.begin_object().field("schema", "slabd.plane/1");
+    Json json("slabd.plane/1");
     write_fit(json, options.method, plane);
     write_setting(json, options, cloud);
-    fmt::print("{}", json.end_object().text());
+    fmt::print("{}", json.text());
   } else {
     print_fit(options, cloud, plane);
   }
@@ -194,15 +187,9 @@ double rms_error(const Explicit& e, const std::vector<double>& set) {
 
 int compare(const Options& options, const Cloud& cloud) {
   const bool known = !options.set.empty();
-  Json json;
-  json.begin_object().field("schema", "slabd.plane_comparison/1");
+  Json json("slabd.plane_comparison/1");
   write_setting(json, options, cloud);
-  json.key("set");
-  if (known)
-    json.row(options.set);
-  else
-    json.null();
-  json.key("methods").begin_array();
+  json.field("set", only_if(known, options.set)).key("methods").begin_array();
   std::vector<std::vector<std::string>> rows = {{"method", "a", "b", "c", "std mm", "inliers", "status<"}};
   if (known) {
     rows[0].insert(rows[0].begin() + 4, "rms error");
@@ -216,14 +203,12 @@ int compare(const Options& options, const Cloud& cloud) {
     improved_ok = plane.ok;  // the last one is ours
     json.begin_object();
     write_fit(json, method, plane);
-    json.field("rms_error", known ? rms_error(e, options.set) : std::nan(""));
-    json.end_object();
+    json.field("rms_error", known ? rms_error(e, options.set) : std::nan("")).end_object();
     rows.push_back({method, fmt::format("{:.7f}", e.a), fmt::format("{:.7f}", e.b), fmt::format("{:.7f}", e.c),
                     fmt::format("{:.6f}", plane.std_mm), std::to_string(plane.inliers),
                     std::string(status_word(plane))});
     if (known) rows.back().insert(rows.back().begin() + 4, fmt::format("{:.2e}", rms_error(e, options.set)));
   }
-  json.end_array().end_object();
   if (options.json) {
     fmt::print("{}", json.text());
   } else {

@@ -93,34 +93,22 @@ std::string gap_text(const storage::HistoryGap& gap) {
 
 std::string as_json(const std::vector<storage::SlabSummary>& slabs, bool more,
                     const std::vector<storage::HistoryGap>& gaps) {
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.history/1");
-  json.key("slabs").begin_array();
-  for (const storage::SlabSummary& slab : slabs) {
-    json.begin_object();
-    json.field("key", slab.header.key)
-        .field("slab_id", slab.header.slab_id.view())
-        .field("slab_no", slab.header.slab_no);
-    json.field("slab_type", slab.header.slab_type).field("recipe", slab.header.recipe.view());
+  Json json("slabd.history/1");
+  json.list("slabs", slabs, [&](const storage::SlabSummary& slab) {
+    json.field("key", slab.header.key).field("slab_id", slab.header.slab_id).field("slab_no", slab.header.slab_no);
+    json.field("slab_type", slab.header.slab_type).field("recipe", slab.header.recipe);
     write_time(json, "began", slab.header.began_utime_us);
     write_time(json, "ended", slab.ended_utime_us);
-    json.field("verdict", name(slab.verdict)).field("reason", slab.reason);
-    json.field("stations_measured", slab.stations_measured).field("stations", unsigned{slab.header.stations});
-    json.field("acknowledged", slab.acknowledged);
+    json.field("verdict", slab.verdict).field("reason", slab.reason).field("stations_measured", slab.stations_measured);
+    json.field("stations", slab.header.stations).field("acknowledged", slab.acknowledged);
     write_emulation(json, slab.header.emulated);
-    json.end_object();
-  }
-  json.end_array();
+  });
   json.field("more", more);
-  json.key("gaps").begin_array();
-  for (const storage::HistoryGap& gap : gaps) {
-    json.begin_object();
+  json.list("gaps", gaps, [&](const storage::HistoryGap& gap) {
     json.field("what", name(gap.what)).field("slab_key", gap.slab_key).field("slabs", gap.slabs);
     write_time(json, "at", gap.note.utime_us);
-    json.field("who", gap.note.who).field("why", gap.note.why).field("source", gap.source).end_object();
-  }
-  json.end_array().end_object();
+    json.field("who", gap.note.who).field("why", gap.note.why).field("source", gap.source);
+  });
   return json.text();
 }
 

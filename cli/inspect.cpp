@@ -40,17 +40,13 @@ struct Options {
 
 std::string as_json(const Options& options, const Recipe& recipe, const Pose& T_block_scanner,
                     const BlockResult& block) {
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.inspection/1").field("software", daemon::software_version().view());
-  json.field("file", std::string_view(options.scan)).field("block", options.block);
-  json.key("recipe").begin_object();
-  json.field("name", recipe.name.view()).field("sha256", recipe.sha256.view()).field("guard", recipe.guard);
-  json.field("unconfirmed", unconfirmed_count(recipe)).end_object();
-  write_pose(json, "T_block_scanner_start", T_block_scanner);
+  Json json("slabd.inspection/1");
+  json.field("software", daemon::software_version()).field("file", options.scan).field("block", options.block);
+  json.key("recipe").begin_object().field("name", recipe.name).field("sha256", recipe.sha256);
+  json.field("guard", recipe.guard).field("unconfirmed", unconfirmed_count(recipe)).end_object();
+  json.field("T_block_scanner_start", T_block_scanner);
   write_block(json, block, recipe.evaluation.cell_mm);
   json.field("not_visible", kNotVisible);
-  json.end_object();
   return json.text();
 }
 

@@ -80,9 +80,8 @@ int pin(const PinOptions& options) {
   const std::int64_t now_us =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
           .count();
-  Json json;
-  json.begin_object().field("schema", "slabd.pin/1").field("key", place.key);
-  json.field("slab_id", std::string_view(place.slab_id)).field("reason", std::string_view(options.reason));
+  Json json("slabd.pin/1");
+  json.field("key", place.key).field("slab_id", place.slab_id).field("reason", options.reason);
   write_time(json, "pinned", now_us);
   json.field("user", static_cast<unsigned>(::getuid())).end_object();
   need(write_durably(place.file, json.text()), kNotReachable);

@@ -187,27 +187,22 @@ std::vector<std::string> lines_of(const daemon::Config& config, const View& view
 }
 
 std::string json_of(const daemon::Config& config, const View& view) {
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.robot/1").field("settled", view.settled == Code::ok);
-  json.field("code", static_cast<int>(view.settled)).field("text", why(config, view));
-  json.field("rate_hz", view.rate_hz).field("age_ms", view.age_ms).field("gaps", view.gaps);
-  json.field("foreign", view.counters.foreign).field("refusal", view.refusal);
+  Json json("slabd.robot/1");
+  json.field("settled", view.settled == Code::ok).field("code", static_cast<int>(view.settled));
+  json.field("text", why(config, view)).field("rate_hz", view.rate_hz).field("age_ms", view.age_ms);
+  json.field("gaps", view.gaps).field("foreign", view.counters.foreign).field("refusal", view.refusal);
   for (const NamedCount& c : pose_faults(view.counters)) json.field(c.name, c.count);
   json.field("accepted", view.counters.accepted);
   if (view.heard) {
     json.field("seq", view.newest.seq).field("base_id", view.newest.base_id).field("tool_id", view.newest.tool_id);
     json.field("measured", view.newest.measured).field("stopped", view.newest.stopped);
     json.field("running", view.newest.running).field("estop", view.newest.estop);
-    json.field("emulated", view.newest.emulated);
-    write_pose(json, "T_base_flange", view.newest.T_base_flange);
+    json.field("emulated", view.newest.emulated).field("T_base_flange", view.newest.T_base_flange);
     const KukaAbc abc = kuka_abc_from_rotation(view.newest.T_base_flange.rotation);
     const std::array<double, 3> abc_deg = {deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};
-    json.field("kuka_abc_deg", std::span<const double>(abc_deg));
-    json.field("spread_mm", view.mean.samples != 0 ? view.mean.spread_mm : kNoValue);
+    json.field("kuka_abc_deg", abc_deg).field("spread_mm", view.mean.samples != 0 ? view.mean.spread_mm : kNoValue);
     json.field("spread_deg", view.mean.samples != 0 ? deg_from_rad(view.mean.spread_rad) : kNoValue);
   }
-  json.end_object();
   return json.text();
 }
 

@@ -9,6 +9,7 @@
 #include <ctime>
 
 #include "base/plain_text.h"
+#include "base/record_fields.h"
 #include "report/budget_text.h"
 #include "report/figures.h"
 
@@ -38,120 +39,66 @@ std::string quoted(std::string_view text) {
   return out + "\"";
 }
 
-/// `known` false: nobody measured it, and what `v` holds are no numbers.
-void write_vector(Json& json, std::string_view name, const Vec3& v, bool known = true) {
-  const std::array<double, 3> numbers = {known ? v.x() : kNoValue, known ? v.y() : kNoValue, known ? v.z() : kNoValue};
-  json.field(name, std::span<const double>(numbers));
-}
-
-template <typename Matrix>
-void write_rows(Json& json, std::string_view name, const Matrix& m) {
-  json.key(name).begin_array();
-  for (int row = 0; row < m.rows(); ++row) {
-    std::array<double, Matrix::ColsAtCompileTime> numbers;
-    for (int column = 0; column < m.cols(); ++column) numbers[static_cast<std::size_t>(column)] = m(row, column);
-    json.row(numbers);
-  }
-  json.end_array();
-}
-
-/// What white noise does to a fitted plane: its height at the centroid, and its direction.
-void write_plane_precision(Json& json, const PlaneFit& plane) {
-  write_vector(json, "centroid_mm", plane.centroid, !plane.normal.isZero());
-  json.field("sigma_offset_mm", plane.sigma_offset_mm);
-  write_vector(json, "sigma_normal", plane.cov_normal.diagonal().cwiseSqrt());
-  write_rows(json, "cov_normal", plane.cov_normal);
-}
-
-/// null: it is ok.
+/// nullopt: it is ok.
 template <typename Feature>
-void write_doubt(Json& json, const Feature& feature) {
-  json.key("doubt");
-  if (feature.ok)
-    json.null();
-  else
-    json.value(name(feature.doubt));
+auto doubt_of(const Feature& feature) {
+  return only_if(!feature.ok, feature.doubt);
+}
+
+/// What white noise does to a plane is its height at the centroid, and its direction. `in_seat`: no more than doubt and
+/// precision, because the seat has the other figures among its own.
+void write_plane_fields(Json& json, PlaneFit plane, bool in_seat) {
+  if (plane.normal.isZero()) plane.normal = plane.centroid = Vec3::Constant(kNoValue);  // nobody measured them
+  bool is_wanted = !in_seat;
+  write_fields(json, plane, [&](std::string_view field) {
+    if (field == "doubt") json.field(field, doubt_of(plane));
+    if (field == "cov_normal") json.field("sigma_normal", plane.cov_normal.diagonal().cwiseSqrt());
+    is_wanted = is_wanted || field == "centroid_mm";
+    return is_wanted && field != "doubt" && field != "iterations";
+  });
 }
 
 void write_plane(Json& json, std::string_view name, const PlaneFit& plane) {
   json.key(name).begin_object();
-  json.field("ok", plane.ok);
-  write_doubt(json, plane);
-  write_vector(json, "normal", plane.normal, !plane.normal.isZero());
-  json.field("offset_mm", plane.offset_mm);
-  json.field("points", plane.points).field("inliers", plane.inliers).field("inlier_fraction", plane.inlier_fraction);
-  json.field("std_mm", plane.std_mm);
-  write_plane_precision(json, plane);
+  write_plane_fields(json, plane, false);
   json.end_object();
 }
 
-void write_casing(Json& json, std::string_view name, const CasingFeature& casing) {
+void write_casing(Json& json, std::string_view name, CasingFeature casing) {
+  if (!has_value(casing.radius_mm)) casing.centre = Vec3::Constant(kNoValue);
   json.key(name).begin_object();
-  json.field("ok", casing.ok);
-  write_doubt(json, casing);
-  write_vector(json, "centre_mm", casing.centre, has_value(casing.radius_mm));
-  json.field("radius_mm", casing.radius_mm).field("height_mm", casing.height_mm);
-  json.field("edge_points", casing.edge_points).field("rim_points", casing.rim_points);
-  json.field("inlier_fraction", casing.inlier_fraction).field("edge_rms_mm", casing.edge_rms_mm);
-  json.field("rim_std_mm", casing.rim_std_mm).field("sigma_height_mm", casing.sigma_height_mm);
-  write_rows(json, "cov_circle", casing.cov_circle);
+  write_fields(json, casing, [&](std::string_view field) {
+    if (field == "doubt") json.field(field, doubt_of(casing));
+    return field != "doubt";
+  });
   json.end_object();
 }
 
-void write_edges(Json& json, const BlockResult& block) {
-  json.key("edges").begin_array();
-  for (const EdgeFeature& edge : block.edges) {
-    json.begin_object().key("between").begin_array().value(name(edge.face)).value(name(edge.face_to)).end_array();
-    json.field("radius_mm", edge.radius_mm).field("chamfer_mm", edge.chamfer_mm);
-    json.field("nominal_mm", edge.nominal_mm).field("n", edge.n).end_object();
-  }
-  json.end_array();
-}
-
-/// null: the channel was not computed; cells 0: it was, and there is no defect.
-void write_defect(Json& json, const SurfaceDefect& defect) {
-  json.key("defect");
-  if (!has_value(defect.limit_mm)) {
-    json.null();
-    return;
-  }
-  json.begin_object().field("limit_mm", defect.limit_mm).field("cells", defect.cells);
-  json.field("area_mm2", defect.area_mm2).field("height_mm", defect.height_mm);
-  json.field("x_mm", defect.x_mm).field("s_mm", defect.s_mm).end_object();
-}
-
-void write_seat(Json& json, const SeatFeature& seat, double cell_mm) {
+void write_seat(Json& json, SeatFeature seat, double cell_mm) {
+  if (seat.normal_datum.isZero()) seat.normal_datum = Vec3::Constant(kNoValue);
   json.key("seat").begin_object();
-  write_vector(json, "normal", seat.normal_datum, !seat.normal_datum.isZero());
-  json.field("points", seat.plane.points).field("grid_points", seat.grid_points);
-  json.field("inlier_fraction", seat.plane.inlier_fraction).field("std_mm", seat.plane.std_mm);
-  json.field("std_cells_mm", seat.std_cells_mm).field("flatness_mm", seat.flatness_mm);
-  json.field("flatness_closed_mm", seat.flatness_closed_mm).field("flatness_raw_mm", seat.flatness_raw_mm);
-  json.field("flatness_trimmed_mm", seat.flatness_trimmed_mm);
-  json.field("flatness_min_zone_mm", seat.flatness_min_zone_mm).field("raw_low_mm", seat.raw_low_mm);
-  json.field("raw_high_mm", seat.raw_high_mm);
-  json.field("flatness_operator", std::string_view(flatness_operator(cell_mm)));
-  json.field("flatness_noise_mm", seat.flatness_noise_mm).field("noise_factor", seat.noise_factor);
-  write_defect(json, seat.defect);
-  write_doubt(json, seat.plane);
-  write_plane_precision(json, seat.plane);
+  write_fields(json, seat, [&](std::string_view field) {
+    if (field == "grid_points") json.field("points", seat.plane.points);
+    if (field == "std_cells_mm")
+      json.field("inlier_fraction", seat.plane.inlier_fraction).field("std_mm", seat.plane.std_mm);
+    if (field == "flatness_noise_mm") json.field("flatness_operator", flatness_operator(cell_mm));
+    return true;
+  });
+  // null: the channel was not computed; cells 0: it was, and there is no defect.
+  json.field("defect", only_if(has_value(seat.defect.limit_mm), seat.defect));
+  write_plane_fields(json, seat.plane, true);
   write_plane(json, "full_plane", seat.full_plane);
   json.end_object();
 }
 
 void write_registration(Json& json, const RegistrationReport& registration) {
   json.key("registration").begin_object();
-  json.field("status", name(registration.status)).field("iterations", registration.iterations);
-  json.field("share_associated", registration.share_associated).field("condition", registration.condition);
-  json.field("note", registration.note.view());
-  write_matrix(json, "T_scanner_block", registration.T_scanner_block);
-  json.field("noise_mm", registration.noise_mm);
-  write_rows(json, "covariance", registration.covariance);
-  json.key("deviation").begin_object();
-  json.field("count", registration.deviation.count).field("mean_mm", registration.deviation.mean_mm);
-  json.field("std_mm", registration.deviation.std_mm);
-  json.field("within_sigma", std::span<const double>(registration.deviation.within_sigma)).end_object();
-  json.end_object();
+  write_fields(json, registration, [&](std::string_view field) {
+    const bool is_pose = field == "T_scanner_block";
+    if (is_pose) json.field(field, registration.T_scanner_block.matrix());
+    return !is_pose;
+  });
+  json.field("deviation", registration.deviation).end_object();
 }
 
 /// null: no budget was computed and U is the recipe's.
@@ -194,17 +141,23 @@ Json& Json::raw(std::string_view token) {
 Json& Json::open(char bracket) {
   separate();
   text_ += bracket;
-  levels_.push_back({});
+  levels_.push_back({bracket});
   return *this;
 }
 
-Json& Json::close(char bracket) {
+Json& Json::close() {
   assert(!levels_.empty() && !after_key_);
-  const bool empty = levels_.back().empty;
+  const Level level = levels_.back();
   levels_.pop_back();
-  if (!empty) indent();
-  text_ += bracket;
+  if (!level.empty) indent();
+  text_ += level.bracket == '{' ? '}' : ']';
   return *this;
+}
+
+std::string Json::text() const {
+  Json whole = *this;
+  while (!whole.levels_.empty()) whole.close();
+  return whole.text_ + "\n";
 }
 
 Json& Json::key(std::string_view name) {
@@ -214,51 +167,37 @@ Json& Json::key(std::string_view name) {
   return *this;
 }
 
-Json& Json::value(double number) {
-  return std::isfinite(number) ? raw(fmt::format("{}", number)) : null();
-}
-
 Json& Json::value(std::string_view text) {
   return raw(quoted(text));
 }
 
-Json& Json::row(std::span<const double> numbers) {
-  std::string list;
-  for (const double number : numbers) {
-    list += list.empty() ? "[" : ", ";
+Json& Json::row(std::span<const double> numbers, std::string_view begin, std::string_view end) {
+  std::string list(begin);
+  for (const double& number : numbers) {
+    if (&number != numbers.data()) list += ", ";
     list += std::isfinite(number) ? fmt::format("{}", number) : "null";
   }
-  return raw(list.empty() ? "[]" : list + "]");
+  return raw(list.append(end));
 }
 
 void write_item(Json& json, const Item& item, bool of_slab) {
   const ItemInfo& facts = info(item.id);
-  json.begin_object();
-  json.field("id", facts.name)
-      .field("unit", name(facts.unit))
-      .field("nominal", item.nominal)
-      .field("value", item.value);
-  json.field("deviation", item.deviation()).field("lower", item.lower).field("upper", item.upper).field("U", item.U);
-  json.field("verdict", name(item.verdict)).field("required", item.required);
+  json.begin_object().field("id", facts.name).field("unit", facts.unit).field("nominal", item.nominal);
+  json.field("value", item.value).field("deviation", item.deviation()).field("lower", item.lower);
+  json.field("upper", item.upper).field("U", item.U).field("verdict", item.verdict).field("required", item.required);
   json.field("conformance_probability", conformance_probability(item));
   write_budget(json, item);
   if (const std::string_view beside = beside_name(item.id); !beside.empty()) json.field(beside, item.beside);
   if (of_slab && item.station != 0) {
-    const std::array<double, 2> stations = {static_cast<double>(item.station), static_cast<double>(item.station_to)};
-    json.field("stations", std::span<const double>(stations.data(), item.station_to == 0 ? 1U : 2U));
+    json.key("stations").begin_array().value(item.station);
+    if (item.station_to != 0) json.value(item.station_to);
+    json.end_array();
   }
   json.end_object();
 }
 
 void write_block(Json& json, const BlockResult& block, double cell_mm) {
-  json.field("verdict", name(block.verdict)).field("reason", block.reason);
-
-  json.key("scan").begin_object();
-  json.field("points_read", block.scan.points_read).field("points_finite", block.scan.points_finite);
-  json.field("isolated_removed", block.scan.isolated_removed).field("points_kept", block.scan.points_kept);
-  write_vector(json, "step_mm", block.scan.step_mm, true);
-  json.end_object();
-
+  json.field("verdict", block.verdict).field("reason", block.reason).field("scan", block.scan);
   write_registration(json, block.registration);
   json.key("features").begin_object();
   write_seat(json, block.seat, cell_mm);
@@ -267,49 +206,21 @@ void write_block(Json& json, const BlockResult& block, double cell_mm) {
   write_plane(json, "slab_top", block.slab_top);
   write_casing(json, "casing_inner", block.casing_inner);
   write_casing(json, "casing_outer", block.casing_outer);
-  write_edges(json, block);
+  json.list("edges", block.edges, [&](const EdgeFeature& edge) {
+    json.field("between", std::array{edge.face, edge.face_to});
+    write_fields(json, edge, [](std::string_view field) { return field != "face" && field != "face_to"; });
+  });
   json.end_object();
 
   json.key("items").begin_array();
   for (const Item& item : block.items)
     if (info(item.id).scope == ItemScope::block) write_item(json, item);
   json.end_array();
-
-  json.key("pores").begin_object();
-  json.field("count", block.pores.count).field("largest_mm", block.pores.largest_mm);
-  json.field("deepest_mm", block.pores.deepest_mm).field("share", block.pores.share);
-  json.field("depth_max_mm", block.pores.limits.depth_max_mm).field("share_max", block.pores.limits.share_max);
-  json.end_object();
-
-  json.key("findings").begin_array();
-  for (const SurfaceFinding& f : block.findings) {
-    json.begin_object().field("kind", name(f.kind)).field("face", name(f.face));
-    json.field("x_mm", f.x_mm).field("s_mm", f.s_mm).field("z_mm", f.z_mm);
-    json.field("length_mm", f.length_mm).field("width_mm", f.width_mm).field("depth_mm", f.depth_mm);
-    json.field("area_mm2", f.area_mm2).field("volume_mm3", f.volume_mm3).end_object();
-  }
-  json.end_array();
-
+  json.field("pores", block.pores).field("findings", block.findings);
   json.key("timing_ms").begin_object();
   json.field("read", block.times.read_ms).field("denoise", block.times.denoise_ms);
   json.field("register", block.times.register_ms).field("extract", block.times.extract_ms);
   json.field("total", block.times.total_ms).end_object();
-}
-
-void write_pose(Json& json, std::string_view name, const Pose& pose) {
-  const std::array<double, 7> numbers = pose.to_array();
-  json.field(name, std::span<const double>(numbers));
-}
-
-void write_matrix(Json& json, std::string_view name, const Pose& pose) {
-  const Mat4 m = pose.matrix();
-  json.key(name).begin_array();
-  for (int row = 0; row < 4; ++row) {
-    json.begin_array();
-    for (int column = 0; column < 4; ++column) json.value(m(row, column));
-    json.end_array();
-  }
-  json.end_array();
 }
 
 std::string iso_time(std::int64_t utime_us) {
@@ -330,20 +241,11 @@ void write_emulation(Json& json, std::uint8_t bits) {
 }
 
 void write_crc32c(Json& json, std::string_view name, const std::optional<std::uint32_t>& crc32c) {
-  if (crc32c) {
-    json.field(name, std::string_view(fmt::format("{:08x}", *crc32c)));
-  } else {
-    json.key(name).null();
-  }
+  json.field(name, crc32c ? std::optional(fmt::format("{:08x}", *crc32c)) : std::nullopt);
 }
 
 void write_time(Json& json, std::string_view name, std::int64_t utime_us) {
-  json.key(name);
-  if (utime_us == 0) {
-    json.null();
-  } else {
-    json.value(iso_time(utime_us));
-  }
+  json.field(name, only_if(utime_us != 0, iso_time(utime_us)));
 }
 
 }  // namespace slabd::cli

@@ -4,10 +4,14 @@
 #include <array>
 #include <concepts>
 #include <cstdint>
+#include <functional>
+#include <iterator>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "base/base.h"
@@ -18,45 +22,131 @@ namespace slabd::cli {
 
 class Json {
  public:
+  Json() = default;
+  /// A document: an object that begins with its schema.
+  explicit Json(std::string_view schema) { begin_object().field("schema", schema); }
+
   Json& begin_object() { return open('{'); }
-  Json& end_object() { return close('}'); }
+  Json& end_object() { return close(); }
   Json& begin_array() { return open('['); }
-  Json& end_array() { return close(']'); }
+  Json& end_array() { return close(); }
 
   Json& key(std::string_view name);
-  Json& value(double number);
-  Json& value(std::string_view text);
-  Json& value(const char* text) { return value(std::string_view(text)); }
-  Json& value(bool truth) { return raw(truth ? "true" : "false"); }
-  template <std::integral Integer>
-  requires(!std::same_as<Integer, bool>) Json& value(Integer number) { return raw(std::to_string(number)); }
   Json& null() { return raw("null"); }
-
-  template <typename Value>
-  Json& field(std::string_view name, const Value& v) {
-    return key(name).value(v);
+  Json& value(std::string_view text);
+  /// Numbers, truths, texts; an enumeration by its `name`; an absent optional as null; a pose as
+  /// `[x, y, z, qw, qx, qy, qz]`, a vector as one row, a matrix as rows; a range as a list; a record as the object of
+  /// its fields (base/fields.h).
+  template <typename T>
+  requires(!std::convertible_to<const T&, std::string_view>) Json& value(const T& v) {
+    if constexpr (std::same_as<T, bool>) {
+      return raw(v ? "true" : "false");
+    } else if constexpr (std::integral<T>) {
+      return raw(std::to_string(v));
+    } else if constexpr (std::floating_point<T>) {
+      return row(std::span<const double>(&v, 1), "", "");
+    } else if constexpr (std::is_enum_v<T>) {
+      return value(std::string_view(name(v)));
+    } else if constexpr (std::same_as<T, Pose>) {
+      return value(v.to_array());
+    } else if constexpr (requires { v.has_value(); }) {
+      return v ? value(*v) : null();
+    } else if constexpr (requires { v.view(); }) {
+      return value(std::string_view(v.view()));
+    } else if constexpr (std::derived_from<T, Eigen::MatrixBase<T>>) {
+      if constexpr (T::ColsAtCompileTime == 1) {
+        const auto numbers = v.eval();
+        return row({numbers.data(), static_cast<std::size_t>(numbers.size())});
+      }
+      begin_array();
+      for (Eigen::Index i = 0; i < v.rows(); ++i) {
+        const auto numbers = v.row(i).eval();
+        row({numbers.data(), static_cast<std::size_t>(numbers.size())});
+      }
+      return end_array();
+    } else if constexpr (std::convertible_to<const T&, std::span<const double>>) {
+      return row(v);
+    } else if constexpr (requires { std::begin(v); }) {
+      begin_array();
+      for (const auto& element : v) value(element);
+      return end_array();
+    } else {
+      begin_object();
+      fields(*this, v);
+      return end_object();
+    }
   }
-  Json& field(std::string_view name, std::span<const double> numbers) { return key(name).row(numbers); }
-  /// `[1, 2, null]` on one line.
-  Json& row(std::span<const double> numbers);
 
-  /// The finished document, with a newline at its end.
-  [[nodiscard]] std::string text() const { return text_ + "\n"; }
+  template <typename T>
+  Json& field(std::string_view name, const T& v) {
+    key(name);
+    return value(v);
+  }
+  /// `name: [...]`, for each element of `range` what `write(element)` returns; if it returns nothing, the object with
+  /// the fields that it writes.
+  template <typename Range, typename Write>
+  Json& list(std::string_view name, const Range& range, Write&& write) {
+    key(name).begin_array();
+    for (const auto& element : range) {
+      if constexpr (std::is_void_v<std::invoke_result_t<Write&, decltype(element)>>) {
+        begin_object();
+        std::invoke(write, element);
+        end_object();
+      } else {
+        value(std::invoke(write, element));
+      }
+    }
+    return end_array();
+  }
+
+  /// One field of a record. Angles are written in degrees.
+  template <typename T>
+  void operator()(std::string_view name, const T& v) {
+    if constexpr (std::same_as<T, double>) {
+      if (name.ends_with("_rad")) {
+        field(std::string(name.substr(0, name.size() - 3)) + "deg", deg_from_rad(v));
+        return;
+      }
+    }
+    field(name, v);
+  }
+
+  /// The finished document, with a newline at its end; what is still open is closed.
+  [[nodiscard]] std::string text() const;
 
  private:
   Json& open(char bracket);
-  Json& close(char bracket);
+  Json& close();
   Json& raw(std::string_view token);
+  /// `[1, 2, null]` on one line.
+  Json& row(std::span<const double> numbers, std::string_view begin = "[", std::string_view end = "]");
   void separate();
   void indent();
 
   struct Level {
+    char bracket;
     bool empty = true;
   };
   std::string text_;
   std::vector<Level> levels_;
   bool after_key_ = false;
 };
+
+/// The fields of a record in the open object. `choose(name)` is called before each; it may write other fields first,
+/// and false leaves this one out.
+template <typename Record, typename Choose>
+void write_fields(Json& json, const Record& record, Choose choose) {
+  const auto each = [&](std::string_view name, const auto& member) {
+    if (choose(name)) json(name, member);
+  };
+  fields(each, record);
+}
+
+/// Null unless `is_given`.
+template <typename T>
+[[nodiscard]] std::optional<T> only_if(bool is_given, T value) {
+  return is_given ? std::optional<T>(std::move(value)) : std::nullopt;
+}
 
 /// Eight hex digits, or null.
 void write_crc32c(Json& json, std::string_view name, const std::optional<std::uint32_t>& crc32c);
@@ -70,10 +160,6 @@ void write_item(Json& json, const Item& item, bool of_slab = false);
 /// `cell_mm` is the flatness cell it was measured with, NaN when nobody knows any more. Covariances are rows; that of
 /// the registration is ordered x, y, z (mm), then about X, Y, Z (rad).
 void write_block(Json& json, const BlockResult& block, double cell_mm);
-
-/// A pose as `[x, y, z, qw, qx, qy, qz]`, and as four rows.
-void write_pose(Json& json, std::string_view name, const Pose& pose);
-void write_matrix(Json& json, std::string_view name, const Pose& pose);
 
 /// `emulated`, true or false, and `emulation`, the names of the emulation bits.
 void write_emulation(Json& json, std::uint8_t bits);

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "base/fields.h"
 #include "base/jobs.h"
 
 /// Is what was measured again what was stored?
@@ -16,10 +17,12 @@ struct Difference {
   std::string stored;  ///< every digit of it; "none" for a number that is not there
   std::string now;
 };
+SLABD_FIELDS(Difference, figure, stored, now);
 struct Comparison {
   std::size_t figures = 0;  ///< compared
   std::vector<Difference> differences;
 };
+SLABD_FIELDS(Comparison, figures, differences);
 /// Adds to `out` what of a block, of its maps or of a slab's end differs in any bit that the database would hold. Times
 /// are not compared, nor is a map that was not kept.
 void compare(const BlockResult& stored, const BlockResult& now, Comparison& out);

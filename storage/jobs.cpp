@@ -86,10 +86,10 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       insert_block_(db, insert_for<BlockKey, BlockResult>("block")),
       insert_plane_(db, insert_for<BlockKey, FeatureName, PlaneFit>("plane")),
       insert_casing_(db, insert_for<BlockKey, FeatureName, CasingFeature>("casing")),
-      insert_finding_(db, insert_for<BlockKey, FindingPosition, SurfaceFinding>("finding")),
-      insert_edge_(db, insert_for<BlockKey, EdgePosition, EdgeFeature>("edge")),
+      insert_finding_(db, insert_for<BlockKey, Position, SurfaceFinding>("finding")),
+      insert_edge_(db, insert_for<BlockKey, Position, EdgeFeature>("edge")),
       delete_items_(db, "DELETE FROM item WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
-      insert_item_(db, insert_for<BlockKey, ItemPosition, Item>("item")),
+      insert_item_(db, insert_for<BlockKey, Position, Item>("item")),
       insert_map_(db, insert_for<BlockKey, FeatureName, PackedMap>("map")),
       upsert_slab_result_(db, upsert_for<SlabKey, SlabEnd, SlabResult>("slab_result", {"slab_key"})),
       upsert_station_result_(db, upsert_for<SlabKey, StationResult>("station_result", {"slab_key", "station"})),
@@ -356,10 +356,9 @@ void Jobs::insert_block(const BlockKey& key, const BlockResult& block) {
   write_row(insert_casing_, key, FeatureName{"inner"}, block.casing_inner);
   write_row(insert_casing_, key, FeatureName{"outer"}, block.casing_outer);
   for (const SurfaceFinding& finding : block.findings)
-    write_row(insert_finding_, key, FindingPosition{static_cast<std::uint8_t>(&finding - block.findings.begin())},
-              finding);
+    write_row(insert_finding_, key, Position{static_cast<std::uint8_t>(&finding - block.findings.begin())}, finding);
   for (const EdgeFeature& edge : block.edges)
-    write_row(insert_edge_, key, EdgePosition{static_cast<std::uint8_t>(&edge - block.edges.begin())}, edge);
+    write_row(insert_edge_, key, Position{static_cast<std::uint8_t>(&edge - block.edges.begin())}, edge);
   insert_items(key, block.items.begin(), block.items.end());
 }
 
@@ -380,7 +379,7 @@ void Jobs::remember_noise(const BlockKey& key, const NoisePrint& noise) {
 void Jobs::insert_items(const BlockKey& key, const Item* begin, const Item* end) {
   delete_items_.bind(1, key.slab_key).bind(2, number(key.station)).bind(3, number(key.attempt)).run();
   for (const Item* item = begin; item != end; ++item)
-    write_row(insert_item_, key, ItemPosition{static_cast<std::uint8_t>(item - begin)}, *item);
+    write_row(insert_item_, key, Position{static_cast<std::uint8_t>(item - begin)}, *item);
 }
 
 // ---- results -----------------------------------------------------------------------------------------------------

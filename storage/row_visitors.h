@@ -30,31 +30,54 @@ using Square = Eigen::Matrix<double, N, N, Eigen::DontAlign>;
 
 // ---- words -------------------------------------------------------------------------------------------------------
 
-[[nodiscard]] std::string_view word(Verdict verdict);
-[[nodiscard]] std::string_view word(RegistrationStatus status);
+/// How the database writes a value of an enumeration.
+template <typename E>
+[[nodiscard]] std::string_view word(E value) {
+  return name(value);
+}
 [[nodiscard]] std::string_view word(ItemId id);
 [[nodiscard]] std::string_view word(StationPhase phase);
 [[nodiscard]] std::string_view word(ScanState state);
-[[nodiscard]] std::string_view word(SpliceSource source);
-[[nodiscard]] std::string_view word(CalibrationKind kind);
-[[nodiscard]] std::string_view word(PlaneDoubt doubt);
-[[nodiscard]] std::string_view word(CasingDoubt doubt);
-[[nodiscard]] std::string_view word(FindingKind kind);
-[[nodiscard]] std::string_view word(FindingFace face);
-[[nodiscard]] std::string_view word(EdgeFace face);
+
+/// Number of the values of an enumeration, which count up from 0.
+template <typename E>
+inline constexpr std::size_t kValues = 0;
+template <>
+inline constexpr std::size_t kValues<Verdict> = 6;
+template <>
+inline constexpr std::size_t kValues<RegistrationStatus> = 5;
+template <>
+inline constexpr std::size_t kValues<ItemId> = kItemCount;
+template <>
+inline constexpr std::size_t kValues<StationPhase> = 5;
+template <>
+inline constexpr std::size_t kValues<ScanState> = 4;
+template <>
+inline constexpr std::size_t kValues<SpliceSource> = kSpliceSources;
+template <>
+inline constexpr std::size_t kValues<CalibrationKind> = kCalibrationKinds;
+template <>
+inline constexpr std::size_t kValues<PlaneDoubt> = kPlaneDoubts;
+template <>
+inline constexpr std::size_t kValues<CasingDoubt> = kCasingDoubts;
+template <>
+inline constexpr std::size_t kValues<FindingKind> = kFindingKinds;
+template <>
+inline constexpr std::size_t kValues<FindingFace> = kFindingFaces;
+template <>
+inline constexpr std::size_t kValues<EdgeFace> = kEdgeFaces;
+
 /// False when no value has this word.
-[[nodiscard]] bool from_word(std::string_view text, Verdict& out);
-[[nodiscard]] bool from_word(std::string_view text, RegistrationStatus& out);
-[[nodiscard]] bool from_word(std::string_view text, ItemId& out);
-[[nodiscard]] bool from_word(std::string_view text, StationPhase& out);
-[[nodiscard]] bool from_word(std::string_view text, ScanState& out);
-[[nodiscard]] bool from_word(std::string_view text, SpliceSource& out);
-[[nodiscard]] bool from_word(std::string_view text, CalibrationKind& out);
-[[nodiscard]] bool from_word(std::string_view text, PlaneDoubt& out);
-[[nodiscard]] bool from_word(std::string_view text, CasingDoubt& out);
-[[nodiscard]] bool from_word(std::string_view text, FindingKind& out);
-[[nodiscard]] bool from_word(std::string_view text, FindingFace& out);
-[[nodiscard]] bool from_word(std::string_view text, EdgeFace& out);
+template <typename E>
+[[nodiscard]] bool from_word(std::string_view text, E& out) {
+  static_assert(kValues<E> > 0, "say how many values it has");
+  for (std::size_t i = 0; i < kValues<E>; ++i) {
+    if (word(static_cast<E>(i)) != text) continue;
+    out = static_cast<E>(i);
+    return true;
+  }
+  return false;
+}
 
 // ---- visitors ----------------------------------------------------------------------------------------------------
 
@@ -66,7 +89,12 @@ class Names {
     list_.emplace_back(name);
   }
   void operator()(std::string_view name, const Pose&) { several(name, {"x", "y", "z", "qw", "qx", "qy", "qz"}); }
-  void operator()(std::string_view name, const Vec3&) { several(name, {"x", "y", "z"}); }
+  /// A column of a vector is named by the axis instead of the unit: step_mm is step_x, step_y, step_z.
+  void operator()(std::string_view name, const Vec3&) {
+    for (const std::string_view unit : {"_mm", "_rad"})
+      if (name.ends_with(unit)) name.remove_suffix(unit.size());
+    several(name, {"x", "y", "z"});
+  }
   template <std::size_t N>
   void operator()(std::string_view name, const std::array<double, N>&) {
     for (std::size_t i = 1; i <= N; ++i) list_.push_back(std::string(name) + "_" + std::to_string(i));
@@ -231,6 +259,22 @@ class Fetch {
   int column_;
   std::string_view name_;  ///< of the member that is read
 };
+
+/// Walks the fields of a record inside of a row. A column is named by `prefix` and the field, unless `others` has
+/// another name for the field.
+template <typename V, typename Part>
+void part(V& v, Part& inner, std::string_view prefix = "",
+          std::initializer_list<std::pair<std::string_view, std::string_view>> others = {}) {
+  const auto column = [&](std::string_view field, auto& member) {
+    if constexpr (std::same_as<V, Names>) {
+      const auto* other = std::find_if(others.begin(), others.end(), [&](const auto& o) { return o.first == field; });
+      v(other != others.end() ? std::string(other->second) : std::string(prefix) + std::string(field), member);
+    } else {
+      v(field, member);
+    }
+  };
+  fields(column, inner);
+}
 
 // ---- SQL ---------------------------------------------------------------------------------------------------------
 

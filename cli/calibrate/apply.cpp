@@ -56,9 +56,8 @@ int carry_out(const Options& options, const storage::CalibrationChange& change) 
   if (!changed.ok() && changed.error().code == Code::config) stop(kRefused, changed.error().text.view());
   const DeskAnswer done = need(changed);
   if (options.json) {
-    Json json;
-    json.begin_object().field("schema", "slabd.calibration_applied/1").field("id", std::string_view(done.id));
-    json.field("by_daemon", done.by_daemon).field("after_slab", done.after_slab).end_object();
+    Json json("slabd.calibration_applied/1");
+    json.field("id", done.id).field("by_daemon", done.by_daemon).field("after_slab", done.after_slab);
     fmt::print("{}", json.text());
   } else {
     fmt::print("{} is in force{}\n", done.id, done.after_slab ? " from the next slab on; one is open now" : "");
@@ -134,10 +133,10 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
   const Kept kept = keep_record(config, record_options, record);
   if (kept.status != kDone) return kept.status;
   if (json_wanted) {
-    Json json;
-    json.begin_object().field("schema", "slabd.calibration_applied/1").field("id", std::string_view(kept.id));
+    Json json("slabd.calibration_applied/1");
+    json.field("id", kept.id);
     write_session(json, session);
-    json.field("after_slab", kept.after_slab).field("replaced", now.id.view()).end_object();
+    json.field("after_slab", kept.after_slab).field("replaced", now.id);
     fmt::print("{}", json.text());
   } else {
     const std::string where =
@@ -160,28 +159,23 @@ int show_history(const Options& options) {
     records = need(reader->calibrations(), kNotReachable);
   }
   if (options.json) {
-    Json json;
-    json.begin_object().field("schema", "slabd.calibration_history/1").key("applied").begin_array();
-    for (const storage::AppliedChange& c : applied) {
-      json.begin_object().field("seq", c.seq).field("kind", name(c.kind)).field("slab_type", c.slab_type);
-      json.field("action", c.is_rollback ? "rollback" : "apply").field("id", std::string_view(c.calibration_id));
-      json.field("replaced", std::string_view(c.replaced_id)).field("who", std::string_view(c.note.who));
-      json.field("why", std::string_view(c.note.why));
+    Json json("slabd.calibration_history/1");
+    json.list("applied", applied, [&](const storage::AppliedChange& c) {
+      json.field("seq", c.seq).field("kind", c.kind).field("slab_type", c.slab_type);
+      json.field("action", c.is_rollback ? "rollback" : "apply").field("id", c.calibration_id);
+      json.field("replaced", c.replaced_id).field("who", c.note.who).field("why", c.note.why);
       write_time(json, "time", c.note.utime_us);
-      json.end_object();
-    }
-    json.end_array().key("records").begin_array();
+    });
+    json.key("records").begin_array();
     for (const storage::CalibrationRecord& r : records) {
-      json.begin_object().field("id", std::string_view(r.id)).field("kind", name(r.kind()));
-      json.field("slab_type", r.slab_type()).field("parent", std::string_view(r.parent_id));
-      json.field("operator", std::string_view(r.operator_name)).field("robot_serial", std::string_view(r.robot_serial));
-      json.field("scanner_serial", std::string_view(r.scanner_serial)).field("temperature_c", r.temperature_c);
-      json.field("software", std::string_view(r.software));
+      json.begin_object().field("id", r.id).field("kind", r.kind()).field("slab_type", r.slab_type());
+      json.field("parent", r.parent_id).field("operator", r.operator_name).field("robot_serial", r.robot_serial);
+      json.field("scanner_serial", r.scanner_serial).field("temperature_c", r.temperature_c);
+      json.field("software", r.software);
       write_time(json, "created", r.created_utime_us);
       write_time(json, "expires", r.expires_utime_us);
       json.end_object();
     }
-    json.end_array().end_object();
     fmt::print("{}", json.text());
     return kDone;
   }

@@ -43,16 +43,15 @@ int run_artefact(const Options& options) {
   calib::ArtefactSettings settings;
   settings.ball = options.ball.settings();
   std::vector<calib::ArtefactReport> reports;
-  Json json;
-  json.begin_object().field("schema", "slabd.artefacts/1").field("certificate", certificate.id.view());
-  json.field("certificate_date", certificate.date.view()).key("views").begin_array();
+  Json json("slabd.artefacts/1");
+  json.field("certificate", certificate.id).field("certificate_date", certificate.date).key("views").begin_array();
   std::size_t accepted = 0;
   each_scan(options.scans, options.ball.unit, [&](const std::string& path, std::span<const float> xyz) {
     const Result<calib::ArtefactReport> report = calib::find_artefact(xyz, certificate, settings);
     if (!report) return Status(report.error());
     reports.push_back(report.value());
     accepted += report.value().ok() ? 1U : 0U;
-    json.begin_object().field("file", std::string_view(path));
+    json.begin_object().field("file", path);
     write_artefact(json, report.value());
     json.end_object();
     if (!options.json)
@@ -61,7 +60,8 @@ int run_artefact(const Options& options) {
     return success();
   });
   const bool good = accepted == reports.size();
-  json.end_array().field("accepted", accepted).field("status", good ? "ok" : "refused").end_object();
+  json.end_array();
+  json.field("accepted", accepted).field("status", good ? "ok" : "refused");
   if (options.json)
     fmt::print("{}", json.text());
   else if (reports.size() > 1)

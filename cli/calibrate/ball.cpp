@@ -50,14 +50,10 @@ std::string shots_text(const calib::BallShots& shots) {
 }
 
 void write_shots(Json& json, const calib::BallShots& shots) {
-  const std::array<double, 3> centre = {shots.centre_mm.x(), shots.centre_mm.y(), shots.centre_mm.z()};
   const Vec3 sigma = shots.cov_mm2.diagonal().cwiseMax(0.0).cwiseSqrt();
-  const std::array<double, 3> sigmas = {sigma.x(), sigma.y(), sigma.z()};
-  json.key("shots").begin_object();
-  json.field("status", shots.ok() ? "ok" : "refused").field("refusal", name(shots.refusal));
-  json.field("reason", shots.words.reason.view()).field("cure", shots.words.cure.view());
-  json.field("count", shots.shots).field("centre_mm", std::span<const double>(centre));
-  json.field("sigma_mm", std::span<const double>(sigmas)).field("repeat_mm", shots.repeat_mm);
+  json.key("shots").begin_object().field("status", shots.ok() ? "ok" : "refused").field("refusal", shots.refusal);
+  json.field("reason", shots.words.reason).field("cure", shots.words.cure).field("count", shots.shots);
+  json.field("centre_mm", shots.centre_mm).field("sigma_mm", sigma).field("repeat_mm", shots.repeat_mm);
   json.field("worst_shot", shots.worst_shot).end_object();
 }
 
@@ -101,16 +97,15 @@ void tell_radius(const Options& options, const std::vector<calib::BallView>& vie
 int run_ball(const Options& options) {
   const calib::BallSettings settings = options.settings();
   std::vector<calib::BallView> views;
-  Json json;
-  json.begin_object().field("schema", "slabd.balls/1").field("radius_mm", options.radius_mm);
-  json.field("count", options.count).key("views").begin_array();
+  Json json("slabd.balls/1");
+  json.field("radius_mm", options.radius_mm).field("count", options.count).key("views").begin_array();
   std::size_t accepted = 0;
   each_scan(options.scans, options.ball.unit, [&](const std::string& path, std::span<const float> xyz) {
     const Result<calib::BallView> view = calib::find_balls(xyz, settings);
     if (!view) return Status(view.error());
     views.push_back(view.value());
     accepted += view.value().ok() ? 1U : 0U;
-    json.begin_object().field("file", std::string_view(path));
+    json.begin_object().field("file", path);
     write_ball_view(json, view.value());
     json.end_object();
     if (!options.json)
@@ -129,7 +124,7 @@ int run_ball(const Options& options) {
     write_shots(json, shots);
     if (!options.json) fmt::print("{}", shots_text(shots));
   }
-  json.field("accepted", accepted).field("status", good ? "ok" : "refused").end_object();
+  json.field("accepted", accepted).field("status", good ? "ok" : "refused");
   if (options.json)
     fmt::print("{}", json.text());
   else if (views.size() > 1)

@@ -24,46 +24,24 @@ Vec3 sigmas(const Mat3& covariance) {
   return covariance.diagonal().cwiseMax(0.0).cwiseSqrt();
 }
 
-void write_vector(Json& json, std::string_view name, const Vec3& v) {
-  const std::array<double, 3> numbers = {v.x(), v.y(), v.z()};
-  json.field(name, std::span<const double>(numbers));
-}
-
-template <typename Matrix>
-void write_rows(Json& json, std::string_view name, const Matrix& m) {
-  json.key(name).begin_array();
-  for (Eigen::Index row = 0; row < m.rows(); ++row) {
-    std::array<double, 6> numbers{};
-    for (Eigen::Index column = 0; column < m.cols(); ++column)
-      numbers[static_cast<std::size_t>(column)] = m(row, column);
-    json.row(std::span<const double>(numbers.data(), static_cast<std::size_t>(m.cols())));
-  }
-  json.end_array();
-}
-
 void write_words(Json& json, const calib::BallWords& words) {
-  json.field("reason", words.reason.view()).field("cure", words.cure.view());
+  json.field("reason", words.reason).field("cure", words.cure);
 }
 
 void write_ball(Json& json, const BallReport& b) {
-  json.begin_object();
-  json.field("status", b.ok() ? "ok" : "refused").field("refusal", name(b.refusal));
-  json.key("failed").begin_array();
-  for (const BallRefusal refusal : b.failed) json.value(name(refusal));
-  json.end_array();
+  json.begin_object().field("status", b.ok() ? "ok" : "refused").field("refusal", b.refusal).field("failed", b.failed);
   write_words(json, b.words);
-  write_vector(json, "centre_mm", b.centre_mm);
-  write_vector(json, "sigma_mm", sigmas(b.cov_mm2()));
-  write_rows(json, "cov_white_mm2", b.cov_white_mm2);
-  write_rows(json, "cov_correlated_mm2", b.cov_correlated_mm2);
-  write_vector(json, "shift_per_radius", b.shift_per_radius);
+  json.field("centre_mm", b.centre_mm);
+  json.field("sigma_mm", sigmas(b.cov_mm2()));
+  json.field("cov_white_mm2", b.cov_white_mm2);
+  json.field("cov_correlated_mm2", b.cov_correlated_mm2);
+  json.field("shift_per_radius", b.shift_per_radius);
   json.field("points_near", b.points_near).field("points_offered", b.points_offered);
   json.field("points_used", b.points_used).field("kept_share", b.kept_share);
   json.field("half_angle_deg", deg_from_rad(b.half_angle_rad)).field("azimuth_deg", deg_from_rad(b.azimuth_rad));
   json.field("rms_mm", b.rms_mm).field("radius_free_mm", b.radius_free_mm);
-  json.field("radius_free_sigma_mm", b.radius_free_sigma_mm);
-  json.field("correlated_mm", b.correlated_mm).field("correlation_length_mm", b.correlation_length_mm);
-  json.field("iterations", b.iterations).end_object();
+  json.field("radius_free_sigma_mm", b.radius_free_sigma_mm).field("correlated_mm", b.correlated_mm);
+  json.field("correlation_length_mm", b.correlation_length_mm).field("iterations", b.iterations).end_object();
 }
 
 std::string words_text(const calib::BallWords& words) {
@@ -148,39 +126,26 @@ std::string artefact_text(const ArtefactReport& r, const calib::ArtefactCertific
 }
 
 void write_ball_view(Json& json, const calib::BallView& view) {
-  json.field("status", view.ok() ? "ok" : "refused").field("refusal", name(view.refusal));
+  json.field("status", view.ok() ? "ok" : "refused").field("refusal", view.refusal);
   write_words(json, view.words);
-  json.field("points", view.points).field("finite", view.finite);
-  json.key("balls").begin_array();
+  json.field("points", view.points).field("finite", view.finite).key("balls").begin_array();
   for (const BallReport& ball : view.balls) write_ball(json, ball);
   json.end_array();
 }
 
 void write_artefact(Json& json, const ArtefactReport& r) {
-  json.field("status", r.ok() ? "ok" : "refused").field("refusal", name(r.refusal));
+  json.field("status", r.ok() ? "ok" : "refused").field("refusal", r.refusal);
   write_words(json, r.words);
   const bool located = !r.residuals_mm.empty();
-  if (located) {
-    write_pose(json, "T_scanner_target", r.target.T_scanner_target);
-    write_rows(json, "covariance", r.target.covariance);
-  } else {
-    json.key("T_scanner_target").null().key("covariance").null();
-  }
+  json.field("T_scanner_target", only_if(located, r.target.T_scanner_target));
+  json.field("covariance", only_if(located, r.target.covariance));
   json.field("sigma_mm", located ? r.target.sigma_mm() : kNoValue);
   json.field("sigma_deg", located ? deg_from_rad(r.target.sigma_rad()) : kNoValue);
-  json.key("assigned").begin_array();
-  for (const int which : r.assigned) json.value(which + 1);
-  json.end_array();
-  json.key("residuals_mm").begin_array();
-  for (const Vec3& off : r.residuals_mm) {
-    const std::array<double, 3> numbers = {off.x(), off.y(), off.z()};
-    json.row(std::span<const double>(numbers));
-  }
-  json.end_array();
+  json.list("assigned", r.assigned, [&](const int which) { return which + 1; });
+  json.field("residuals_mm", r.residuals_mm);
   json.field("residual_rms_mm", r.residual_rms_mm).field("residual_max_mm", r.residual_max_mm);
   json.field("worst_ball", r.worst_ball).field("distance_off_max_mm", r.distance_off_max_mm);
-  json.field("scale_ppm", r.scale_ppm).field("scale_sigma_ppm", r.scale_sigma_ppm);
-  json.key("view").begin_object();
+  json.field("scale_ppm", r.scale_ppm).field("scale_sigma_ppm", r.scale_sigma_ppm).key("view").begin_object();
   write_ball_view(json, r.view);
   json.end_object();
 }

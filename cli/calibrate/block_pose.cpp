@@ -102,20 +102,16 @@ int run_block(const Options& options) {
   BlockFinder finder(recipe);
   std::vector<calib::View> views;
   Pose T_base_block = flange.poses.front() * X * nominal_T_block_scanner().inverse();
-  Json json;
-  json.begin_object()
-      .field("schema", "slabd.block_poses/1")
-      .field("recipe", recipe.name.view())
-      .key("views")
-      .begin_array();
+  Json json("slabd.block_poses/1");
+  json.field("recipe", recipe.name).key("views").begin_array();
   for (std::size_t i = 0; i < options.scans.size(); ++i) {
     const Pose& T_base_flange = flange.poses[i];
     const RegistrationReport r =
         need(finder.find(options.scans[i], *length_unit(options.unit), T_base_block.inverse() * T_base_flange * X));
     const bool ok = r.status == RegistrationStatus::converged && r.T_scanner_block.all_finite();
-    json.begin_object().field("file", std::string_view(options.scans[i])).field("status", ok ? "ok" : "refused");
-    json.field("note", r.note.view()).field("share_associated", r.share_associated);
-    if (ok) write_pose(json, "T_scanner_block", r.T_scanner_block);
+    json.begin_object().field("file", options.scans[i]).field("status", ok ? "ok" : "refused").field("note", r.note);
+    json.field("share_associated", r.share_associated);
+    if (ok) json.field("T_scanner_block", r.T_scanner_block);
     json.end_object();
     if (!options.json)
       fmt::print("{}: {}\n", options.scans[i],
@@ -131,7 +127,8 @@ int run_block(const Options& options) {
     learn(views, X, T_base_block);
   }
   const bool good = views.size() == options.scans.size();
-  json.end_array().field("accepted", views.size()).field("status", good ? "ok" : "refused").end_object();
+  json.end_array();
+  json.field("accepted", views.size()).field("status", good ? "ok" : "refused");
   if (options.json) fmt::print("{}", json.text());
   if (!good)
     stop(kRefused,

@@ -3,8 +3,13 @@
 
 #include <string>
 
+#include "base/fields.h"
 #include "calib/calib.h"
 #include "report/json.h"
+
+namespace slabd::calib {
+SLABD_FIELDS(Spread, median, rms, max);
+}  // namespace slabd::calib
 
 namespace slabd::args {
 class Command;

@@ -224,12 +224,10 @@ std::string taken_text(const Session& session, const Taken& taken, const calib::
 void write_view(Json& json, const Taken& taken) {
   const calib::CapturedView& v = taken.view;
   json.begin_object().field("view", v.number).field("already", taken.already).field("dropped", taken.dropped);
-  json.field("use", name(v.use));
-  json.field("status", v.accepted() ? "ok" : "refused").field("refusal", std::string_view(v.refusal));
-  json.field("reason", std::string_view(v.reason)).field("cure", std::string_view(v.cure));
-  json.field("shots", v.shots.size()).field("points", v.points).field("half_angle_deg", v.half_angle_deg);
-  json.field("rms_mm", v.rms_mm).field("radius_off_mm", v.radius_off_mm).field("repeat_mm", v.repeat_mm);
-  json.end_object();
+  json.field("use", v.use).field("status", v.accepted() ? "ok" : "refused").field("refusal", v.refusal);
+  json.field("reason", v.reason).field("cure", v.cure).field("shots", v.shots.size()).field("points", v.points);
+  json.field("half_angle_deg", v.half_angle_deg).field("rms_mm", v.rms_mm).field("radius_off_mm", v.radius_off_mm);
+  json.field("repeat_mm", v.repeat_mm).end_object();
 }
 
 /// A view that could not be taken is a value: capture_all() goes on after a robot that did not stand still.
@@ -251,8 +249,7 @@ int capture(const Options& options) {
   if (!options.json) fmt::print("{}\n", session_words(session));
   for (const std::string& words : session.half_done()) complain(words);
 
-  Json json;
-  json.begin_object().field("schema", "slabd.calibration_capture/1");
+  Json json("slabd.calibration_capture/1");
   write_session(json, session);
   json.key("views").begin_array();
   std::vector<ViewRequest> requests = need(options.live ? Result<std::vector<ViewRequest>>(std::vector<ViewRequest>(1))
@@ -286,7 +283,7 @@ int capture(const Options& options) {
   json.end_array();
   write_guide(json, session, guide);
   if (options.json)
-    fmt::print("{}", json.end_object().text());
+    fmt::print("{}", json.text());
   else
     fmt::print("{}", guide_text(session, guide));
   if (refused > 0 && !options.json)

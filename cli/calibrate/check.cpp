@@ -11,6 +11,7 @@
 #include "algo/algo.h"
 #include "base/durable.h"
 #include "base/pages.h"
+#include "base/record_fields.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/monitor_ball.h"
 #include "cli/client/calibration_desk.h"
@@ -158,13 +159,10 @@ InForce need_hand_eye(storage::Reader* reader, const daemon::Config& config) {
 // ---- telling -----------------------------------------------------------------------------------------------------
 
 void write_check(Json& json, const CalibrationCheck& check) {
-  json.field("kind", name(check.kind)).field("reference_id", check.reference_id.view());
-  json.field("hand_eye_id", check.hand_eye_id.view()).field("passed", check.passed);
-  json.field("slope_deg", deg_from_rad(check.slope_rad)).field("slope_U_deg", deg_from_rad(check.slope_U_rad));
-  json.field("jaw_distance_mm", check.jaw_distance_mm).field("jaw_distance_U_mm", check.jaw_distance_U_mm);
-  json.key("off_mm").row(std::array{check.off_mm.x(), check.off_mm.y(), check.off_mm.z()});
-  write_time(json, "time", check.utime_us);
-  json.field("who", check.who.view()).field("source", check.source.view()).field("note", check.note.view());
+  write_fields(json, check, [&](std::string_view field) {
+    if (field == "utime_us") write_time(json, "time", check.utime_us);
+    return field != "utime_us";
+  });
 }
 
 std::string due_text(const LineCalibration::Watch& watch, std::int64_t interval_us) {
@@ -191,8 +189,7 @@ int show_trend(const CheckOptions& options, const daemon::Config& config, storag
     line = need(reader->line_calibration());
   }
   if (options.json) {
-    Json json;
-    json.begin_object().field("schema", "slabd.calibration_trend/1");
+    Json json("slabd.calibration_trend/1");
     for (const auto& [key, watch] :
          {std::pair{"reference_block", &line->block}, std::pair{"monitor_ball", &line->ball}}) {
       json.key(key);
@@ -201,18 +198,12 @@ int show_trend(const CheckOptions& options, const daemon::Config& config, storag
         continue;
       }
       const std::int64_t last = checked_from_utime_us(*watch);
-      json.begin_object().field("id", watch->reference_id.view()).field("failed", watch->failed);
+      json.begin_object().field("id", watch->reference_id).field("failed", watch->failed);
       write_time(json, "checked", watch->checked_utime_us);
       write_time(json, "due", config.check_interval_us == 0 ? 0 : last + config.check_interval_us);
       json.field("overdue", overdue(*watch, config.check_interval_us, wall_clock_us())).end_object();
     }
-    json.key("checks").begin_array();
-    for (const CalibrationCheck& check : checks) {
-      json.begin_object();
-      write_check(json, check);
-      json.end_object();
-    }
-    json.end_array().end_object();
+    json.list("checks", checks, [&](const CalibrationCheck& check) { write_check(json, check); });
     fmt::print("{}", json.text());
     return kDone;
   }
@@ -330,10 +321,8 @@ int check_calibration(const CheckOptions& options) {
   reader.reset();
   const DeskAnswer kept = need(change_calibration(config, storage::KeepCheck{check}));
   if (options.json) {
-    Json json;
-    json.begin_object().field("schema", "slabd.calibration_check/1");
+    Json json("slabd.calibration_check/1");
     write_check(json, check);
-    json.end_object();
     fmt::print("{}", json.text());
   } else {
     fmt::print("{} against {}: {}\n", check.passed ? "passed" : "FAILED", check.reference_id.view(), figures_of(check));

@@ -95,39 +95,30 @@ std::string guide_text(const Session& session, const Guide& guide) {
 
 void write_guide(Json& json, const Session& session, const Guide& guide) {
   const calib::Coverage& c = guide.coverage;
-  json.key("coverage").begin_object();
-  json.field("views", counted(session)).field("goal", session.settings().goal);
+  json.key("coverage").begin_object().field("views", counted(session)).field("goal", session.settings().goal);
   json.field("fit", session.counted(ViewUse::fit)).field("held_out", session.counted(ViewUse::held_out));
-  json.field("rotation_spread_axes_deg", std::span<const double>(c.rotation_spread_axes_deg));
-  json.field("sectors_seen", c.sectors_seen()).field("sectors", calib::kSectors);
-  json.field("places_seen", c.cells_seen()).field("places", calib::kPlaces * calib::kDepths);
-  json.field("predicted_point_sigma_mm", c.point_sigma_mm)
-      .field("misfit_mm", guide.misfit_mm)
-      .key("missing")
-      .begin_array();
-  for (const std::string& words : calib::missing_words(c, session.settings().kind)) json.value(std::string_view(words));
-  json.end_array().end_object();
+  json.field("rotation_spread_axes_deg", c.rotation_spread_axes_deg).field("sectors_seen", c.sectors_seen());
+  json.field("sectors", calib::kSectors).field("places_seen", c.cells_seen());
+  json.field("places", calib::kPlaces * calib::kDepths).field("predicted_point_sigma_mm", c.point_sigma_mm);
+  json.field("misfit_mm", guide.misfit_mm).field("missing", calib::missing_words(c, session.settings().kind));
+  json.end_object();
   json.key("suggestion");
   if (!guide.next || counted(session) >= session.settings().goal) {
     json.null();
   } else {
     const calib::Suggestion& next = *guide.next;
-    const std::array<double, 6> kuka = kuka_of(next.T_base_flange);
-    json.begin_object().field("words", std::string_view(calib::suggestion_words(next, session.settings().kind)));
-    write_pose(json, "T_base_flange", next.T_base_flange);
-    json.field("kuka_xyzabc_deg", std::span<const double>(kuka));
-    json.field("tilt_deg", next.tilt_deg).field("towards", std::string_view(calib::sector_words(next.sector)));
-    json.field("roll_deg", next.roll_deg);
-    json.field("place", std::string_view(calib::place_words(next.place, next.depth)));
-    json.field("target_scanner_mm", std::span<const double>(next.target_scanner.data(), 3));
-    json.field("place_sigma_mm", next.place_sigma_mm).field("predicted_point_sigma_mm", next.point_sigma_mm);
-    json.end_object();
+    json.begin_object().field("words", calib::suggestion_words(next, session.settings().kind));
+    json.field("T_base_flange", next.T_base_flange).field("kuka_xyzabc_deg", kuka_of(next.T_base_flange));
+    json.field("tilt_deg", next.tilt_deg).field("towards", calib::sector_words(next.sector));
+    json.field("roll_deg", next.roll_deg).field("place", calib::place_words(next.place, next.depth));
+    json.field("target_scanner_mm", next.target_scanner).field("place_sigma_mm", next.place_sigma_mm);
+    json.field("predicted_point_sigma_mm", next.point_sigma_mm).end_object();
   }
-  json.field("next", std::string_view(next_command(session)));
+  json.field("next", next_command(session));
 }
 
 void write_session(Json& json, const Session& session) {
-  json.field("session", std::string_view(session.settings().name)).field("folder", std::string_view(session.dir()));
+  json.field("session", session.settings().name).field("folder", session.dir());
 }
 
 }  // namespace slabd::cli

@@ -7,8 +7,22 @@
 #include <cmath>
 #include <vector>
 
+#include "base/fields.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/terminal/render.h"
+
+namespace slabd::calib {
+
+SLABD_FIELDS(Reason, code, text, cure);
+SLABD_FIELDS(Hypothesis, name, sigmas, residual_mm, residual_deg, angle_mismatch_deg, pitch_mismatch_mm);
+
+template <typename V, RecordOf<ViewFit> R>
+void fields(V& v, R& r) {
+  v("view", r.number);
+  SLABD_EACH(r, kept, residual_mm, residual_deg, leave_one_out_mm, leave_one_out_deg, sigmas)
+}
+
+}  // namespace slabd::calib
 
 namespace slabd::cli {
 namespace {
@@ -84,34 +98,19 @@ std::string figures(ArtefactKind kind, const HandEye& r) {
   return table(rows);
 }
 
-void write_spread(Json& json, std::string_view name, const calib::Spread& spread) {
-  json.key(name).begin_object().field("median", spread.median).field("rms", spread.rms).field("max", spread.max);
-  json.end_object();
-}
-
 void write_target(Json& json, ArtefactKind kind, const HandEye& r) {
   json.key("target");
   if (!r.determined) {
     json.null();
   } else if (kind == ArtefactKind::pose) {
-    json.row(r.targets[0].to_array());
+    json.value(r.targets[0].to_array());
   } else if (r.targets.size() == 1) {
-    json.row(std::span<const double>(r.targets[0].translation_mm.data(), 3));
+    json.value(r.targets[0].translation_mm);
   } else {
     json.begin_array();
-    for (const Pose& ball : r.targets) json.row(std::span<const double>(ball.translation_mm.data(), 3));
+    for (const Pose& ball : r.targets) json.value(ball.translation_mm);
     json.end_array();
   }
-}
-
-void write_views(Json& json, const HandEye& r) {
-  json.key("views").begin_array();
-  for (const calib::ViewFit& view : r.views) {
-    json.begin_object().field("view", view.number).field("kept", view.kept).field("residual_mm", view.residual_mm);
-    json.field("residual_deg", view.residual_deg).field("leave_one_out_mm", view.leave_one_out_mm);
-    json.field("leave_one_out_deg", view.leave_one_out_deg).field("sigmas", view.sigmas).end_object();
-  }
-  json.end_array();
 }
 
 void write_conventions(Json& json, const calib::ConventionReport& report) {
@@ -120,19 +119,9 @@ void write_conventions(Json& json, const calib::ConventionReport& report) {
     json.null();
     return;
   }
-  json.begin_object().field("stated_fits", report.stated_fits).key("fits");
-  if (report.fits == 0)
-    json.null();
-  else
-    json.value(std::string_view(report.tried[report.fits].name));
-  json.key("tried").begin_array();
-  for (const calib::Hypothesis& h : report.tried) {
-    json.begin_object().field("name", std::string_view(h.name)).field("sigmas", h.sigmas);
-    json.field("residual_mm", h.residual_mm).field("residual_deg", h.residual_deg);
-    json.field("angle_mismatch_deg", h.angle_mismatch_deg).field("pitch_mismatch_mm", h.pitch_mismatch_mm);
-    json.end_object();
-  }
-  json.end_array().end_object();
+  json.begin_object().field("stated_fits", report.stated_fits);
+  json.field("fits", only_if(report.fits != 0, report.tried[report.fits].name)).field("tried", report.tried);
+  json.end_object();
 }
 
 }  // namespace
@@ -175,57 +164,34 @@ std::string hand_eye_text(ArtefactKind kind, const HandEye& r, const calib::Stat
 }
 
 void write_hand_eye(Json& json, ArtefactKind kind, const HandEye& r, const calib::StatedNoise& noise) {
-  json.field("kind", calib::name(kind)).field("status", r.ok ? "ok" : "refused");
-  json.key("reasons").begin_array();
-  for (const calib::Reason& reason : r.reasons) {
-    json.begin_object().field("code", calib::name(reason.code)).field("text", std::string_view(reason.text));
-    json.field("cure", std::string_view(reason.cure)).end_object();
-  }
-  json.end_array().key("warnings").begin_array();
-  for (const std::string& warning : r.warnings) json.value(std::string_view(warning));
-  json.end_array();
-  json.field("maps", "scanner coordinates to flange coordinates");
-  if (r.determined) {
-    write_pose(json, "T_flange_scanner", r.T_flange_scanner);
-    write_matrix(json, "T_flange_scanner_matrix", r.T_flange_scanner);
-    const KukaAbc abc = kuka_abc_from_rotation(r.T_flange_scanner.rotation);
-    const Vec3& t = r.T_flange_scanner.translation_mm;
-    const std::array<double, 6> kuka = {
-        t.x(), t.y(), t.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};
-    json.field("T_flange_scanner_kuka_xyzabc_deg", std::span<const double>(kuka));
-  } else {
-    json.key("T_flange_scanner").null();
-    json.key("T_flange_scanner_matrix").null();
-    json.key("T_flange_scanner_kuka_xyzabc_deg").null();
-  }
+  json.field("kind", kind).field("status", r.ok ? "ok" : "refused");
+  json.field("reasons", r.reasons);
+  json.field("warnings", r.warnings).field("maps", "scanner coordinates to flange coordinates");
+  const KukaAbc abc = kuka_abc_from_rotation(r.T_flange_scanner.rotation);
+  const Vec3& t = r.T_flange_scanner.translation_mm;
+  const std::array kuka = {
+      t.x(), t.y(), t.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};
+  json.field("T_flange_scanner", only_if(r.determined, r.T_flange_scanner));
+  json.field("T_flange_scanner_matrix", only_if(r.determined, r.T_flange_scanner.matrix()));
+  json.field("T_flange_scanner_kuka_xyzabc_deg", only_if(r.determined, kuka));
   write_target(json, kind, r);
-  write_spread(json, "residual_mm", r.residual_mm);
-  write_spread(json, "residual_deg", r.residual_deg);
-  write_spread(json, "leave_one_out_mm", r.leave_one_out_mm);
-  write_spread(json, "leave_one_out_deg", r.leave_one_out_deg);
+  json.field("residual_mm", r.residual_mm);
+  json.field("residual_deg", r.residual_deg);
+  json.field("leave_one_out_mm", r.leave_one_out_mm);
+  json.field("leave_one_out_deg", r.leave_one_out_deg);
   json.field("s0", r.s0).field("s0_position", r.s0_position).field("s0_rotation", r.s0_rotation);
   json.field("reweighted", r.reweighted).field("robot_lever", r.robot_lever).field("condition", r.condition);
   json.field("lambda", r.scale).field("lambda_sigma", r.scale_sigma);
   json.field("rotation_spread_deg", r.rotation_spread_deg);
-  json.field("rotation_spread_axes_deg", std::span<const double>(r.rotation_spread_axes_deg));
-  json.field("ball_spread_axes_mm", std::span<const double>(r.ball_spread_axes_mm));
+  json.field("rotation_spread_axes_deg", r.rotation_spread_axes_deg);
+  json.field("ball_spread_axes_mm", r.ball_spread_axes_mm);
   json.field("predicted_point_sigma_mm", r.predicted_point_sigma_mm);
-  json.field("point_sigma_limit_mm", r.point_sigma_limit_mm);
-  json.key("covariance").begin_array();
-  for (int row = 0; row < 6; ++row) {
-    std::array<double, 6> numbers{};
-    for (int column = 0; column < 6; ++column) numbers[static_cast<std::size_t>(column)] = r.covariance(row, column);
-    json.row(numbers);
-  }
-  json.end_array();
-  json.key("rejected").begin_array();
-  for (const std::size_t i : r.rejected) json.value(r.views[i].number);
-  json.end_array();
-  json.field("worst_view", r.views[r.worst_view].number);
-  json.key("stated_noise").begin_object().field("robot_sigma_mm", noise.robot_mm);
-  json.field("robot_sigma_deg", deg_from_rad(noise.robot_rad)).field("target_sigma_mm", noise.target_mm);
-  json.field("target_sigma_deg", deg_from_rad(noise.target_rad)).end_object();
-  write_views(json, r);
+  json.field("point_sigma_limit_mm", r.point_sigma_limit_mm).field("covariance", r.covariance);
+  json.list("rejected", r.rejected, [&](const std::size_t i) { return r.views[i].number; });
+  json.field("worst_view", r.views[r.worst_view].number).key("stated_noise").begin_object();
+  json.field("robot_sigma_mm", noise.robot_mm).field("robot_sigma_deg", deg_from_rad(noise.robot_rad));
+  json.field("target_sigma_mm", noise.target_mm).field("target_sigma_deg", deg_from_rad(noise.target_rad)).end_object();
+  json.field("views", r.views);
   write_conventions(json, r.conventions);
 }
 

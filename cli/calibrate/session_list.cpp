@@ -95,28 +95,18 @@ std::string view_table(const Session& session, const calib::Guide& guide) {
 
 void write_views(Json& json, const Session& session, const calib::Guide& guide) {
   const std::map<std::size_t, calib::ViewFit> fits = fits_of(session);
-  json.key("views").begin_array();
-  for (const Session::Entry& e : session.entries()) {
+  json.list("views", session.entries(), [&](const Session::Entry& e) {
     const calib::CapturedView& v = e.view;
     const auto fit = fits.find(v.number);
-    json.begin_object().field("view", v.number).field("use", std::string_view(state_of(e)));
-    json.field("counts", e.counts()).field("note", std::string_view(note_of(e)));
-    json.field("captured", std::string_view(v.captured)).field("points", v.points);
-    json.field("half_angle_deg", v.half_angle_deg).field("rms_mm", v.rms_mm).field("radius_off_mm", v.radius_off_mm);
-    json.field("repeat_mm", v.repeat_mm)
-        .field("tilt_deg", e.unreadable.empty() ? tilt_of(session, e, guide) : kNoValue);
-    json.key("T_scanner_target");
-    if (e.unreadable.empty() && v.accepted())
-      json.row(v.T_scanner_target.to_array());
-    else
-      json.null();
+    json.field("view", v.number).field("use", state_of(e)).field("counts", e.counts()).field("note", note_of(e));
+    json.field("captured", v.captured).field("points", v.points).field("half_angle_deg", v.half_angle_deg);
+    json.field("rms_mm", v.rms_mm).field("radius_off_mm", v.radius_off_mm).field("repeat_mm", v.repeat_mm);
+    json.field("tilt_deg", e.unreadable.empty() ? tilt_of(session, e, guide) : kNoValue);
+    json.field("T_scanner_target", only_if(e.unreadable.empty() && v.accepted(), v.T_scanner_target));
     json.field("residual_mm", fit != fits.end() ? fit->second.residual_mm : kNoValue);
     json.field("kept", fit == fits.end() || fit->second.kept);
-    json.key("shots").begin_array();
-    for (const calib::KeptShot& shot : v.shots) json.value(std::string_view(e.folder + "/" + shot.file));
-    json.end_array().end_object();
-  }
-  json.end_array();
+    json.list("shots", v.shots, [&](const calib::KeptShot& shot) { return e.folder + "/" + shot.file; });
+  });
 }
 
 void write_solution(Json& json, const Session& session) {
@@ -126,11 +116,10 @@ void write_solution(Json& json, const Session& session) {
     return;
   }
   const calib::SolvedRecord& solved = session.solution()->record;
-  json.begin_object().field("id", std::string_view(solved.id)).field("status", solved.ok ? "ok" : "refused");
-  json.field("current", session.solution_is_current()).field("when", std::string_view(solved.when));
+  json.begin_object().field("id", solved.id).field("status", solved.ok ? "ok" : "refused");
+  json.field("current", session.solution_is_current()).field("when", solved.when);
   json.field("predicted_point_sigma_mm", solved.point_sigma_mm).field("s0", solved.s0);
-  json.field("inputs_sha256", std::string_view(solved.inputs))
-      .field("figures_sha256", std::string_view(solved.figures));
+  json.field("inputs_sha256", solved.inputs).field("figures_sha256", solved.figures);
   json.field("verified", session.solution()->verified.has_value()).end_object();
 }
 
@@ -138,17 +127,14 @@ int list(const Options& options) {
   const Session session = find_session(options.session);
   const calib::Guide guide = session.guide();
   if (options.json) {
-    Json json;
-    json.begin_object().field("schema", "slabd.calibration_session/1");
+    Json json("slabd.calibration_session/1");
     write_session(json, session);
-    json.field("kind", name(session.settings().kind)).field("created", std::string_view(session.settings().created));
-    json.field("operator", std::string_view(session.settings().operator_name)).key("half_done").begin_array();
-    for (const std::string& words : session.half_done()) json.value(std::string_view(words));
-    json.end_array();
+    json.field("kind", session.settings().kind).field("created", session.settings().created);
+    json.field("operator", session.settings().operator_name).field("half_done", session.half_done());
     write_views(json, session, guide);
     write_solution(json, session);
     write_guide(json, session, guide);
-    fmt::print("{}", json.end_object().text());
+    fmt::print("{}", json.text());
     return kDone;
   }
   fmt::print("{}, begun {} by {}\n", session_words(session), session.settings().created,
@@ -172,12 +158,11 @@ int tell_change(const Options& options, const Session& session, const std::strin
   const calib::Guide guide = session.guide();
   session.leave_next_pose(guide);
   if (options.json) {
-    Json json;
-    json.begin_object().field("schema", "slabd.calibration_session_change/1");
+    Json json("slabd.calibration_session_change/1");
     write_session(json, session);
-    json.field("done", std::string_view(what));
+    json.field("done", what);
     write_guide(json, session, guide);
-    fmt::print("{}", json.end_object().text());
+    fmt::print("{}", json.text());
   } else {
     fmt::print("{}\n{}\n{}", session_words(session), what, guide_text(session, guide));
   }

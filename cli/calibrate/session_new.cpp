@@ -126,10 +126,9 @@ int begin(const Options& options) {
   const Session session = need(Session::open(dir), kInternal);
   remember_session(session.dir());
   if (options.json) {
-    Json json;
-    json.begin_object().field("schema", "slabd.calibration_session/1");
+    Json json("slabd.calibration_session/1");
     write_session(json, session);
-    fmt::print("{}", json.end_object().text());
+    fmt::print("{}", json.text());
     return kDone;
   }
   fmt::print("{}: begun\n", session_words(session));

@@ -115,11 +115,10 @@ Result<SessionSolution> solve_session(const Session& session) {
   record.point_sigma_mm = h.predicted_point_sigma_mm;
   record.leave_one_out_mm = h.leave_one_out_mm.median;
   record.s0 = h.s0;
-  Json json;
-  json.begin_object().field("schema", "slabd.hand_eye/1").field("software", daemon::software_version().view());
-  json.field("id", std::string_view(record.id)).field("inputs_sha256", std::string_view(record.inputs));
+  Json json("slabd.hand_eye/1");
+  json.field("software", daemon::software_version()).field("id", record.id).field("inputs_sha256", record.inputs);
   write_hand_eye(json, settings.kind, h, settings.noise);
-  solution.figures = json.end_object().text();
+  solution.figures = json.text();
   return solution;
 }
 

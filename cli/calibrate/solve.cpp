@@ -65,16 +65,16 @@ int solve_tables(const Options& options) {
     scale = calib::diagnose_scale(views, ball(0), ball(1), options.ball_bar[2], options.ball_bar[3], noise.target_mm);
   }
   if (options.json) {
-    Json json;
-    json.begin_object().field("schema", "slabd.hand_eye/1").field("software", daemon::software_version().view());
-    json.field("flange", std::string_view(options.flange)).field("target_file", std::string_view(options.target));
+    Json json("slabd.hand_eye/1");
+    json.field("software", daemon::software_version()).field("flange", options.flange);
+    json.field("target_file", options.target);
     write_hand_eye(json, kind, result, noise);
     if (!options.ball_bar.empty()) {
       json.key("scale").begin_object().field("views", scale.views).field("ppm", scale.ppm);
       json.field("sigma_ppm", scale.sigma_ppm).field("suspicious", scale.suspicious).field("applied", false);
       json.end_object();
     }
-    fmt::print("{}", json.end_object().text());
+    fmt::print("{}", json.text());
   } else {
     fmt::print("hand-eye calibration from {} and {}: {}", options.flange, options.target,
                hand_eye_text(kind, result, noise));
@@ -93,15 +93,14 @@ int solve_kept_views(const Options& options) {
   if (keeps) need(session.keep_solution(solution.record, solution.figures));
   const bool again = keeps && before == solution.record.step;
   if (options.json) {
-    Json json;
-    json.begin_object().field("schema", "slabd.hand_eye/1").field("software", daemon::software_version().view());
+    Json json("slabd.hand_eye/1");
+    json.field("software", daemon::software_version());
     write_session(json, session);
-    json.field("id", std::string_view(solution.record.id)).field("stored", keeps).field("same_as_before", again);
-    json.field("inputs_sha256", std::string_view(solution.record.inputs));
-    json.field("figures_sha256", std::string_view(solution.record.figures));
+    json.field("id", solution.record.id).field("stored", keeps).field("same_as_before", again);
+    json.field("inputs_sha256", solution.record.inputs).field("figures_sha256", solution.record.figures);
     write_hand_eye(json, session.settings().kind, h, session.settings().noise);
-    json.field("next", std::string_view(next_command(session)));
-    fmt::print("{}", json.end_object().text());
+    json.field("next", next_command(session));
+    fmt::print("{}", json.text());
   } else {
     fmt::print("{}: {}", session_words(session), hand_eye_text(session.settings().kind, h, session.settings().noise));
     if (keeps)

@@ -150,37 +150,25 @@ Work gather(const Options& options, storage::Reader* reader) {
 }
 
 std::string as_json(const Work& work, const calib::StationsSolution& s, const Kept& kept) {
-  Json json;
-  json.begin_object().field("schema", "slabd.station_calibration/1").field("status", s.ok ? "ok" : "refused");
-  json.key("id");
-  if (kept.id.empty()) {
-    json.null();
-  } else {
-    json.value(std::string_view(kept.id));
-  }
-  json.field("applied", kept.applied).field("hand_eye_id", std::string_view(work.hand_eye.id));
-  json.field("certificate", std::string_view(work.certificate.id)).field("slab_type", work.certificate.slab_type);
-  json.field("visits", work.visits.size());
+  Json json("slabd.station_calibration/1");
+  json.field("status", s.ok ? "ok" : "refused").field("id", only_if(!kept.id.empty(), kept.id));
+  json.field("applied", kept.applied).field("hand_eye_id", work.hand_eye.id).field("certificate", work.certificate.id);
+  json.field("slab_type", work.certificate.slab_type).field("visits", work.visits.size());
   json.field("before_rms_mm", s.before_rms_mm).field("after_rms_mm", s.after_rms_mm);
   json.field("pooled_sigma_mm", s.pooled_sigma_mm).field("pooled_sigma_deg", deg_from_rad(s.pooled_sigma_rad));
-  json.field("degrees_of_freedom", s.degrees_of_freedom);
-  json.field("mount_mm", s.mount_mm).field("mount_deg", deg_from_rad(s.mount_rad));
-  json.key("stations").begin_array();
-  for (const calib::StationSolution& one : s.stations) {
-    json.begin_object().field("station", one.station).field("visits", unsigned{one.numbers.visits});
-    json.key("shift_mm").row(std::array{one.shift_mm.x(), one.shift_mm.y(), one.shift_mm.z()});
+  json.field("degrees_of_freedom", s.degrees_of_freedom).field("mount_mm", s.mount_mm);
+  json.field("mount_deg", deg_from_rad(s.mount_rad));
+  json.list("stations", s.stations, [&](const calib::StationSolution& one) {
+    json.field("station", one.station).field("visits", one.numbers.visits).field("shift_mm", one.shift_mm);
     json.field("turn_deg", deg_from_rad(one.turn_rad)).field("spread_mm", one.numbers.spread_mm);
     json.field("spread_deg", deg_from_rad(one.spread_rad)).field("sigma_mm", one.numbers.sigma_mm);
     json.field("sigma_deg", deg_from_rad(one.numbers.sigma_rad)).field("shape_mm", one.shape_mm);
-    json.field("worst_round", std::string_view(one.worst_round)).field("worst_mm", one.worst_mm).end_object();
-  }
-  json.end_array();
-  json.key("reasons").begin_array();
-  for (const calib::StationReason& reason : s.reasons) {
-    json.begin_object().field("code", name(reason.code)).field("station", reason.station);
-    json.field("text", std::string_view(reason.text)).field("cure", std::string_view(reason.cure)).end_object();
-  }
-  json.end_array().end_object();
+    json.field("worst_round", one.worst_round).field("worst_mm", one.worst_mm);
+  });
+  json.list("reasons", s.reasons, [&](const calib::StationReason& reason) {
+    json.field("code", reason.code).field("station", reason.station).field("text", reason.text);
+    json.field("cure", reason.cure);
+  });
   return json.text();
 }
 

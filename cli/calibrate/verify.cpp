@@ -113,39 +113,26 @@ void write_fits(Json& json, std::string_view key, const std::vector<calib::ViewF
     json.null();
     return;
   }
-  const calib::Spread mm = mm_of(fits);
-  const calib::Spread deg = deg_of(fits);
-  json.begin_object().key("residual_mm").begin_object();
-  json.field("median", mm.median).field("rms", mm.rms).field("max", mm.max).end_object();
-  json.key("residual_deg").begin_object();
-  json.field("median", deg.median).field("rms", deg.rms).field("max", deg.max).end_object().end_object();
+  json.begin_object().field("residual_mm", mm_of(fits)).field("residual_deg", deg_of(fits)).end_object();
 }
 
 std::string as_json(const Session& session, const SessionSolution& solution, const Verification& v, bool confirmed) {
-  Json json;
-  json.begin_object().field("schema", "slabd.calibration_verification/1");
+  Json json("slabd.calibration_verification/1");
   write_session(json, session);
-  json.field("id", std::string_view(solution.record.id)).field("status", v.passed ? "ok" : "refused");
-  json.field("confirmed", confirmed).field("held_out", v.after_fits.size()).field("limit_mm", v.limit_mm);
-  json.field("limit_deg", v.limit_deg);
-  json.key("before_id");
-  if (v.has_before)
-    json.value(v.before.id.view());
-  else
-    json.null();
+  json.field("id", solution.record.id).field("status", v.passed ? "ok" : "refused").field("confirmed", confirmed);
+  json.field("held_out", v.after_fits.size()).field("limit_mm", v.limit_mm).field("limit_deg", v.limit_deg);
+  json.field("before_id", only_if(v.has_before, v.before.id));
   write_fits(json, "before", v.before_fits);
   write_fits(json, "after", v.after_fits);
   write_fits(json, "before_fit_views", v.before_own);
   write_fits(json, "after_fit_views", v.after_own);
-  json.field("turn_deg", v.turn_deg).field("shift_max_mm", v.seats.shift_max_mm).key("stations").begin_array();
-  for (const StationShift& s : v.seats.stations) {
-    json.begin_object().field("station", s.station).field("taught", s.taught);
-    json.field("shift_mm", std::span<const double>(s.shift_mm.data(), 3)).field("distance_mm", s.shift_mm.norm());
-    json.end_object();
-  }
-  json.end_array();
-  json.field("next", std::string_view(v.passed && confirmed ? "slabctl calibrate apply" : next_command(session)));
-  return json.end_object().text();
+  json.field("turn_deg", v.turn_deg).field("shift_max_mm", v.seats.shift_max_mm);
+  json.list("stations", v.seats.stations, [&](const StationShift& s) {
+    json.field("station", s.station).field("taught", s.taught).field("shift_mm", s.shift_mm);
+    json.field("distance_mm", s.shift_mm.norm());
+  });
+  json.field("next", v.passed && confirmed ? "slabctl calibrate apply" : next_command(session));
+  return json.text();
 }
 
 void print(const Session& session, const SessionSolution& solution, const Verification& v) {

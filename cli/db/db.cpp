@@ -116,18 +116,15 @@ int tell(const std::string& path, const storage::DatabaseReport& report, const s
          const Options& options, bool is_backup) {
   const bool whole = report.trouble.empty();
   if (options.json) {
-    Json json;
-    json.begin_object();
-    json.field("schema", "slabd.database/1").field("file", path).field("whole", whole);
-    json.field("trouble", report.trouble).field("full", options.full).field("version", report.version);
-    json.field("slabs", report.slabs).field("oldest_key", report.oldest_key).field("newest_key", report.newest_key);
-    json.field("newest_utime_us", report.newest_utime_us).field("bytes", report.bytes);
-    json.field("log_bytes", report.log_bytes);
-    json.field("checksum", !whole ? "unknown" : report.has_checksum ? "good" : "none");
-    json.key("chain").begin_object().field("state", chain_state(report, chain)).field("trouble", chain.trouble);
-    json.field("altered", chain.altered).field("entries", chain.entries).field("sealed", chain.sealed);
-    json.field("unsealed", chain.unsealed).field("pruned", chain.pruned).field("head", chain.head);
-    json.field("asked", chain.asked).end_object().end_object();
+    Json json("slabd.database/1");
+    json.field("file", path).field("whole", whole).field("trouble", report.trouble).field("full", options.full);
+    json.field("version", report.version).field("slabs", report.slabs).field("oldest_key", report.oldest_key);
+    json.field("newest_key", report.newest_key).field("newest_utime_us", report.newest_utime_us);
+    json.field("bytes", report.bytes).field("log_bytes", report.log_bytes);
+    json.field("checksum", !whole ? "unknown" : report.has_checksum ? "good" : "none").key("chain").begin_object();
+    json.field("state", chain_state(report, chain)).field("trouble", chain.trouble).field("altered", chain.altered);
+    json.field("entries", chain.entries).field("sealed", chain.sealed).field("unsealed", chain.unsealed);
+    json.field("pruned", chain.pruned).field("head", chain.head).field("asked", chain.asked);
     fmt::print("{}", json.text());
   } else {
     fmt::print("{}: {}\n", path, whole ? "whole" : "NOT WHOLE: " + report.trouble);

@@ -46,18 +46,8 @@ void say(const Finding& finding) {
 }
 
 std::string json_of(const Examination& report) {
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.doctor/1");
-  json.key("findings").begin_array();
-  for (const Finding& finding : report.findings()) {
-    json.begin_object();
-    json.field("check", finding.check).field("health", name(finding.health));
-    json.field("saw", finding.saw).field("cure", finding.cure);
-    json.end_object();
-  }
-  json.end_array().end_object();
-  return json.text();
+  Json json("slabd.doctor/1");
+  return json.field("findings", report.findings()).text();
 }
 
 void summarise(const Examination& report) {

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "base/fields.h"
 #include "base/recipe.h"
 #include "config/config.h"
 
@@ -30,6 +31,7 @@ struct Finding {
   std::string saw;
   std::string cure;  ///< what to do; empty when all is well
 };
+SLABD_FIELDS(Finding, check, health, saw, cure);
 
 /// Collects findings and says each at once.
 class Examination {

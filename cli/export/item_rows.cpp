@@ -6,7 +6,7 @@
 
 #include <fmt/core.h>
 
-#include <array>
+#include <string_view>
 
 #include "report/json.h"
 #include "report/slab_view.h"
@@ -14,44 +14,11 @@
 namespace slabd::cli {
 namespace {
 
-constexpr std::array kColumns = {"version",
-                                 "slab_key",
-                                 "slab_id",
-                                 "slab_no",
-                                 "slab_type",
-                                 "began",
-                                 "ended",
-                                 "slab_verdict",
-                                 "slab_reason",
-                                 "recipe",
-                                 "recipe_sha256",
-                                 "guard",
-                                 "calibration_id",
-                                 "stations_id",
-                                 "software",
-                                 "scope",
-                                 "station",
-                                 "station_to",
-                                 "attempt",
-                                 "scanned",
-                                 "item",
-                                 "unit",
-                                 "nominal",
-                                 "lower",
-                                 "upper",
-                                 "value",
-                                 "deviation",
-                                 "U",
-                                 "verdict",
-                                 "required",
-                                 "conformance_probability",
-                                 "beside_name",
-                                 "beside",
-                                 "scanner_id",
-                                 "slab_temperature_k",
-                                 "slab_age_h",
-                                 "slope_datum",
-                                 "emulated"};
+constexpr std::string_view kHeading =
+    "version,slab_key,slab_id,slab_no,slab_type,began,ended,slab_verdict,slab_reason,recipe,recipe_sha256,guard,"
+    "calibration_id,stations_id,software,scope,station,station_to,attempt,scanned,item,unit,nominal,lower,upper,"
+    "value,deviation,U,verdict,required,conformance_probability,beside_name,beside,scanner_id,slab_temperature_k,"
+    "slab_age_h,slope_datum,emulated";
 
 std::string csv_number(double value) {
   return has_value(value) ? fmt::format("{}", value) : "";
@@ -76,7 +43,6 @@ class ItemRow {
   }
   ItemRow& add(double value) { return add(std::string_view(csv_number(value))); }
   [[nodiscard]] std::string end() const { return text_ + "\r\n"; }
-  [[nodiscard]] std::size_t count() const { return count_; }
 
  private:
   std::string text_;
@@ -145,9 +111,7 @@ std::string csv_field(std::string_view text) {
 }
 
 std::string item_heading() {
-  ItemRow row;
-  for (const char* column : kColumns) row.add(std::string_view(column));
-  return row.end();
+  return std::string(kHeading) + "\r\n";
 }
 
 std::string item_rows(const storage::SlabRecord& record, TableFor reader) {

@@ -14,6 +14,7 @@
 #include <algorithm>
 #include <memory>
 
+#include "base/fields.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
@@ -50,6 +51,7 @@ struct KeyDifference {
   std::string b;
   KeyEffect effect = KeyEffect::none;
 };
+SLABD_FIELDS(KeyDifference, key, a, b, effect);
 
 std::vector<KeyDifference> differences_of(const Recipe& a, const Recipe& b) {
   std::vector<KeyDifference> list;
@@ -149,25 +151,16 @@ StoredSlabs judge_stored(storage::Reader& reader, const std::vector<std::int64_t
 }
 
 void write_recipe(Json& json, std::string_view key, const Recipe& recipe) {
-  json.key(key).begin_object().field("name", recipe.name.view()).field("slab_type", recipe.slab_type);
-  json.field("sha256", recipe.sha256.view()).field("file", recipe.path.view()).end_object();
+  json.key(key).begin_object().field("name", recipe.name).field("slab_type", recipe.slab_type);
+  json.field("sha256", recipe.sha256).field("file", recipe.path).end_object();
 }
 
 std::string as_json(const Recipe& a, const Recipe& b, const std::vector<KeyDifference>& differences,
                     const StoredSlabs* stored) {
-  Json json;
-  json.begin_object().field("schema", "slabd.recipe_diff/1");
+  Json json("slabd.recipe_diff/1");
   write_recipe(json, "a", a);
   write_recipe(json, "b", b);
-  json.key("differences").begin_array();
-  for (const KeyDifference& difference : differences)
-    json.begin_object()
-        .field("key", std::string_view(difference.key))
-        .field("a", std::string_view(difference.a))
-        .field("b", std::string_view(difference.b))
-        .field("effect", name(difference.effect))
-        .end_object();
-  json.end_array();
+  json.field("differences", differences);
   json.key("stored");
   if (stored == nullptr) {
     json.null();
@@ -176,7 +169,6 @@ std::string as_json(const Recipe& a, const Recipe& b, const std::vector<KeyDiffe
     stored->what_if.write(json);
     json.end_object();
   }
-  json.end_object();
   return json.text();
 }
 

@@ -42,46 +42,20 @@ struct ReplayOptions {
 /// Shown to people; JSON has all.
 constexpr std::size_t kDifferencesNamed = 3;
 
-void write_comparison(Json& json, const storage::Comparison& comparison) {
-  json.field("figures", comparison.figures);
-  json.key("differences").begin_array();
-  for (const storage::Difference& difference : comparison.differences)
-    json.begin_object()
-        .field("figure", std::string_view(difference.figure))
-        .field("stored", std::string_view(difference.stored))
-        .field("now", std::string_view(difference.now))
-        .end_object();
-  json.end_array();
-}
-
 void write_slab(Json& json, const SlabReplay& slab) {
-  json.begin_object();
-  json.field("key", slab.header.key).field("slab_id", slab.header.slab_id.view());
-  json.field("verdict", slabd::name(slab.verdict)).field("outcome", name(slab.outcome));
-  json.field("figures", slab.figures()).field("differences", slab.differences());
-  json.field("recipe", std::string_view(slab.recipe)).field("scans_proven", slab.scans_proven());
-  json.key("changed").begin_array();
-  for (const ChangedInput& input : slab.changed)
-    json.begin_object()
-        .field("what", std::string_view(input.what))
-        .field("stored", std::string_view(input.stored))
-        .field("now", std::string_view(input.now))
-        .end_object();
-  json.end_array();
-  json.key("blocks").begin_array();
-  for (const BlockReplay& block : slab.blocks) {
-    json.begin_object().field("station", block.station).field("attempt", block.attempt);
-    json.field("scan", std::string_view(block.scan)).field("outcome", name(block.outcome));
-    json.field("why", std::string_view(block.why));
+  json.begin_object().field("key", slab.header.key).field("slab_id", slab.header.slab_id);
+  json.field("verdict", slab.verdict).field("outcome", slab.outcome).field("figures", slab.figures());
+  json.field("differences", slab.differences()).field("recipe", slab.recipe).field("scans_proven", slab.scans_proven());
+  json.field("changed", slab.changed);
+  json.list("blocks", slab.blocks, [&](const BlockReplay& block) {
+    json.field("station", block.station).field("attempt", block.attempt).field("scan", block.scan);
+    json.field("outcome", block.outcome).field("why", block.why);
     write_crc32c(json, "crc32c_stored", block.crc32c_stored);
     write_crc32c(json, "crc32c_now", block.crc32c_now);
-    write_comparison(json, block.comparison);
-    json.end_object();
-  }
-  json.end_array();
-  json.key("slab").begin_object();
-  json.field("compared", slab.slab_compared).field("why", std::string_view(slab.slab_why));
-  write_comparison(json, slab.slab);
+    fields(json, block.comparison);
+  });
+  json.key("slab").begin_object().field("compared", slab.slab_compared).field("why", slab.slab_why);
+  fields(json, slab.slab);
   json.end_object().end_object();
 }
 
@@ -158,10 +132,9 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
   Remeasurer remeasurer(options.threads, sources.unit, options.scans_dir);
   std::array<int, 3> count{};
   int with_scans = 0;  // of those not verified
-  Json json;
-  json.begin_object().field("schema", "slabd.replay/1").field("software", daemon::software_version().view());
-  json.field("threads", options.threads).field("instruction_set", algo::instruction_set());
-  json.key("slabs").begin_array();
+  Json json("slabd.replay/1");
+  json.field("software", daemon::software_version()).field("threads", options.threads);
+  json.field("instruction_set", algo::instruction_set()).key("slabs").begin_array();
   ProgressCount progress(stderr, keys.size());
   for_each_slab(*sources.reader, keys, [&](const storage::SlabRecord& record) {
     progress.next(fmt::format("measuring slab {} again", record.summary.header.key));
@@ -178,7 +151,7 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
   });
   const auto [identical, differs, not_verified] = count;
   json.end_array();
-  json.field("identical", identical).field("differs", differs).field("not_verified", not_verified).end_object();
+  json.field("identical", identical).field("differs", differs).field("not_verified", not_verified);
   if (options.json) {
     fmt::print("{}", json.text());
   } else {
@@ -243,13 +216,10 @@ int decide(const ReplayOptions& options, ReplaySources& sources, const std::vect
     if (!why.empty()) what_if.leave_out(record.summary.header, std::move(why));
   });
   if (options.json) {
-    Json json;
-    json.begin_object().field("schema", "slabd.what_if/1").field("software", daemon::software_version().view());
-    json.field("from", "scans");
-    json.key("recipe").begin_object().field("name", recipe.name.view()).field("sha256", recipe.sha256.view());
-    json.field("file", recipe.path.view()).end_object();
+    Json json("slabd.what_if/1");
+    json.field("software", daemon::software_version()).field("from", "scans").key("recipe").begin_object();
+    json.field("name", recipe.name).field("sha256", recipe.sha256).field("file", recipe.path).end_object();
     what_if.write(json);
-    json.end_object();
     fmt::print("{}", json.text());
   } else {
     fmt::print("what recipe {} ({}) would have decided, measured again from the scans\n", recipe.name.view(),

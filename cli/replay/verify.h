@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "base/fields.h"
 #include "cli/recipe/recipe_source.h"
 #include "cli/replay/remeasure.h"
 #include "storage/compare.h"
@@ -25,6 +26,7 @@ struct ChangedInput {
   std::string stored;
   std::string now;
 };
+SLABD_FIELDS(ChangedInput, what, stored, now);
 
 struct BlockReplay {
   int station = 0;

@@ -64,11 +64,7 @@ void write_tally(Json& json, const VerdictTally& tally) {
   json.field("count", tally.count).field("changed", tally.changed()).field("share_changed", share(tally));
   json.key("changes").begin_array();
   for (const auto& [pair, count] : tally.changes)
-    json.begin_object()
-        .field("stored", name(pair.first))
-        .field("now", name(pair.second))
-        .field("count", count)
-        .end_object();
+    json.begin_object().field("stored", pair.first).field("now", pair.second).field("count", count).end_object();
   json.end_array();
 }
 
@@ -158,32 +154,23 @@ void WhatIf::write(Json& json) const {
     json.end_object();
   }
   json.end_array();
-  json.key("changed").begin_array();
-  for (const ChangedSlab& slab : changed_) {
-    json.begin_object().field("key", slab.key).field("slab_id", std::string_view(slab.slab_id));
-    json.field("stored", name(slab.stored)).field("now", name(slab.now));
+  json.list("changed", changed_, [&](const ChangedSlab& slab) {
+    json.field("key", slab.key).field("slab_id", slab.slab_id).field("stored", slab.stored).field("now", slab.now);
     json.key("items").begin_array();
     for (const auto& [then, now] : slab.items) {
-      json.begin_object().field("id", info(then.id).name).field("station", unsigned{then.station});
-      json.field("station_to", unsigned{then.station_to});
+      json.begin_object().field("id", info(then.id).name).field("station", then.station);
+      json.field("station_to", then.station_to);
       for (const auto& [key, item] : {std::pair{"stored", &then}, std::pair{"now", &now}}) {
-        json.key(key).begin_object();
-        json.field("value", item->value).field("U", item->U).field("lower", item->lower).field("upper", item->upper);
-        json.field("verdict", name(item->verdict)).end_object();
+        json.key(key).begin_object().field("value", item->value).field("U", item->U).field("lower", item->lower);
+        json.field("upper", item->upper).field("verdict", item->verdict).end_object();
       }
       json.end_object();
     }
-    json.end_array().end_object();
-  }
-  json.end_array();
-  json.key("left_out").begin_array();
-  for (const LeftOut& slab : left_out_)
-    json.begin_object()
-        .field("key", slab.key)
-        .field("slab_id", std::string_view(slab.slab_id))
-        .field("why", std::string_view(slab.why))
-        .end_object();
-  json.end_array();
+    json.end_array();
+  });
+  json.list("left_out", left_out_, [&](const LeftOut& slab) {
+    json.field("key", slab.key).field("slab_id", slab.slab_id).field("why", slab.why);
+  });
 }
 
 }  // namespace slabd::cli

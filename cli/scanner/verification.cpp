@@ -42,9 +42,8 @@ void write_plate(Json& json, const VerifiedPlate& p) {
 }
 
 void write_ball(Json& json, const VerifiedBall& b) {
-  const std::array<double, 3> centre = {b.figures.centre_mm.x(), b.figures.centre_mm.y(), b.figures.centre_mm.z()};
   json.begin_object().field("file", b.file).field("points", b.figures.points).field("rejected", b.figures.rejected);
-  json.field("centre_mm", std::span<const double>(centre)).field("diameter_mm", 2.0 * b.figures.radius_mm);
+  json.field("centre_mm", b.figures.centre_mm).field("diameter_mm", 2.0 * b.figures.radius_mm);
   json.field("PF_mm", b.figures.PF_mm).field("PS_mm", b.figures.PS_mm).field("rms_mm", b.figures.rms_mm).end_object();
 }
 
@@ -104,23 +103,20 @@ std::string budget_lines(const ScannerNumbers& n) {
 
 std::string verification_json(const Verification& v, std::int64_t utime_us, std::string_view id, bool in_force) {
   const ScannerNumbers n = numbers_of(v);
-  Json json;
-  json.begin_object().field("schema", "slabd.scanner_verification/1").field("scanner", n.scanner.view());
+  Json json("slabd.scanner_verification/1");
+  json.field("scanner", n.scanner);
   write_time(json, "utc", utime_us);
-  json.field("software", daemon::software_version().view()).field("diameter_mm", v.diameter_mm);
-  json.field("id", id).field("in_force", in_force).field("refusal", refusal_of(n).view());
-  json.field("PF_mm", n.PF_mm).field("PS_abs_mm", n.PS_mm).field("RF_mm", n.RF_mm);
-  json.field("form_half_mm", n.form_half_mm).field("form_length_mm", n.form_length_mm);
-  json.field("noise_sigma_mm", n.noise_sigma_mm);
-  json.field("noise_correlation_mm", n.noise_correlation_mm).field("pitch_mm", n.pitch_mm);
-  json.field("within_limits", n.within_limits).field("limit_PF_mm", v.limits.PF_mm);
-  json.field("limit_PS_mm", v.limits.PS_mm).field("limit_RF_mm", v.limits.RF_mm);
-  json.field("uncertainty", budget_lines(n));
+  json.field("software", daemon::software_version()).field("diameter_mm", v.diameter_mm).field("id", id);
+  json.field("in_force", in_force).field("refusal", refusal_of(n)).field("PF_mm", n.PF_mm).field("PS_abs_mm", n.PS_mm);
+  json.field("RF_mm", n.RF_mm).field("form_half_mm", n.form_half_mm).field("form_length_mm", n.form_length_mm);
+  json.field("noise_sigma_mm", n.noise_sigma_mm).field("noise_correlation_mm", n.noise_correlation_mm);
+  json.field("pitch_mm", n.pitch_mm).field("within_limits", n.within_limits).field("limit_PF_mm", v.limits.PF_mm);
+  json.field("limit_PS_mm", v.limits.PS_mm).field("limit_RF_mm", v.limits.RF_mm).field("uncertainty", budget_lines(n));
   json.key("plates").begin_array();
   for (const VerifiedPlate& plate : v.plates) write_plate(json, plate);
-  json.end_array().key("balls").begin_array();
+  json.end_array();
+  json.key("balls").begin_array();
   for (const VerifiedBall& ball : v.balls) write_ball(json, ball);
-  json.end_array().end_object();
   return json.text();
 }
 

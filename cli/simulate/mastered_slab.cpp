@@ -89,9 +89,8 @@ int write_mastered_slab(const CalibrationOrder& order) {
   variation.robot_sigma_deg = deg_from_rad(robot.repeat_rad);
 
   std::vector<calib::StationVisit> visits;
-  cli::Json json;
-  json.begin_object().field("schema", "slabd.calibration_truth/1").field("kind", "slab").field("seed", variation.seed);
-  cli::write_pose(json, "T_flange_scanner", cell.T_flange_scanner);
+  cli::Json json("slabd.calibration_truth/1");
+  json.field("kind", "slab").field("seed", variation.seed).field("T_flange_scanner", cell.T_flange_scanner);
   json.key("views").begin_array();
   for (int round = 1; round <= order.views; ++round) {
     variation.slab_no = static_cast<std::uint32_t>(round);
@@ -101,12 +100,10 @@ int write_mastered_slab(const CalibrationOrder& order) {
     for (int k = 1; k <= slab.stations; ++k) {
       visits.push_back(visit_of(slab, cell, k, round, variation.seed));
       json.begin_object().field("station", k).field("round", round);
-      cli::write_pose(json, "T_base_flange_reported", slab.at(k).T_base_flange_reported);
-      cli::write_pose(json, "T_base_flange_real", slab.at(k).T_base_flange_real);
-      json.end_object();
+      json.field("T_base_flange_reported", slab.at(k).T_base_flange_reported);
+      json.field("T_base_flange_real", slab.at(k).T_base_flange_real).end_object();
     }
   }
-  json.end_array().end_object();
   write_text(dir / "visits.txt", calib::visits_text(visits));
   write_text(dir / "truth.json", json.text());
   fmt::print("{}: {} rounds over {} stations in visits.txt, certificate.txt, truth.json\n", order.out_dir, order.views,

@@ -31,38 +31,27 @@ std::string shot_name(int shots, int view, int shot) {
 }
 
 void write_robot(Json& json, const RobotErrorTraits& robot) {
-  json.key("robot").begin_object();
-  json.field("seed", robot.seed).field("smooth_mm", robot.smooth_mm).field("smooth_length_mm", robot.smooth_length_mm);
-  json.field("smooth_deg", deg_from_rad(robot.smooth_rad)).field("repeat_mm", robot.repeat_mm);
-  json.field("repeat_deg", deg_from_rad(robot.repeat_rad)).end_object();
+  json.key("robot").begin_object().field("seed", robot.seed).field("smooth_mm", robot.smooth_mm);
+  json.field("smooth_length_mm", robot.smooth_length_mm).field("smooth_deg", deg_from_rad(robot.smooth_rad));
+  json.field("repeat_mm", robot.repeat_mm).field("repeat_deg", deg_from_rad(robot.repeat_rad)).end_object();
 }
 
 void write_scan_traits(Json& json, const CalibrationScanTraits& scan) {
-  json.key("scanner").begin_object();
-  json.field("columns", scan.columns).field("rows", scan.rows).field("noise_mm", scan.noise_mm);
-  json.field("correlated_mm", scan.correlated_mm).field("correlation_length_mm", scan.correlation_length_mm);
-  json.field("flyer_share", scan.flyer_share).field("outlier_share", scan.outlier_share);
-  json.field("missing_share", scan.missing_share).field("projector_mm", scan.projector_mm);
-  json.field("hidden_share", scan.hidden_share).end_object();
+  json.key("scanner").begin_object().field("columns", scan.columns).field("rows", scan.rows);
+  json.field("noise_mm", scan.noise_mm).field("correlated_mm", scan.correlated_mm);
+  json.field("correlation_length_mm", scan.correlation_length_mm).field("flyer_share", scan.flyer_share);
+  json.field("outlier_share", scan.outlier_share).field("missing_share", scan.missing_share);
+  json.field("projector_mm", scan.projector_mm).field("hidden_share", scan.hidden_share).end_object();
 }
 
 void write_view(Json& json, const CalibrationScene& scene, const Pose& reported, std::uint64_t visit,
                 const std::vector<std::string>& files) {
   const Pose T_scanner_target = scene.T_scanner_target(reported, visit);
-  json.begin_object();
-  json.key("files").begin_array();
-  for (const std::string& file : files) json.value(std::string_view(file));
-  json.end_array();
-  cli::write_pose(json, "T_base_flange_reported", reported);
-  cli::write_pose(json, "T_base_flange_real", scene.robot().real(reported, visit));
-  cli::write_pose(json, "T_scanner_target", T_scanner_target);
+  json.begin_object().field("files", files).field("T_base_flange_reported", reported);
+  json.field("T_base_flange_real", scene.robot().real(reported, visit)).field("T_scanner_target", T_scanner_target);
   json.key("balls_mm").begin_array();
   if (scene.traits().kind != TargetKind::block)
-    for (const Vec3& ball : scene.certificate().balls_mm) {
-      const Vec3 p = T_scanner_target * ball;
-      const std::array<double, 3> numbers = {p.x(), p.y(), p.z()};
-      json.row(std::span<const double>(numbers));
-    }
+    for (const Vec3& ball : scene.certificate().balls_mm) json.value(Vec3(T_scanner_target * ball));
   json.end_array().end_object();
 }
 
@@ -112,12 +101,10 @@ void write_calibration_truth(const CalibrationScene& scene, const CalibrationSca
   const fs::path dir = out_dir;
   const CalibrationTraits& traits = scene.traits();
   make_folder(dir);
-  Json json;
-  json.begin_object().field("schema", "slabd.calibration_truth/1").field("kind", name(traits.kind));
-  json.field("seed", traits.seed);
+  Json json("slabd.calibration_truth/1");
+  json.field("kind", traits.kind).field("seed", traits.seed);
   json.field("ball_radius_mm", traits.kind == TargetKind::block ? kNoValue : traits.ball_radius_mm);
-  cli::write_pose(json, "T_flange_scanner", traits.T_flange_scanner);
-  cli::write_pose(json, "T_base_target", traits.T_base_target);
+  json.field("T_flange_scanner", traits.T_flange_scanner).field("T_base_target", traits.T_base_target);
   write_robot(json, scene.robot().traits());
   write_scan_traits(json, scan);
   json.key("views").begin_array();
@@ -126,7 +113,6 @@ void write_calibration_truth(const CalibrationScene& scene, const CalibrationSca
     for (int shot = 1; shot <= shots; ++shot) files.push_back(shot_name(shots, static_cast<int>(i + 1), shot));
     write_view(json, scene, views[i], i + 1, files);
   }
-  json.end_array().end_object();
   write_text(dir / "flange.txt", calib::write_poses(views, calib::PoseFormat{}, calib::TableRole::flange));
   write_text(dir / "truth.json", json.text());
   if (traits.kind == TargetKind::artefact)

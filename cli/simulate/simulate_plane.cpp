@@ -17,10 +17,9 @@ namespace slabd::simulate {
 namespace {
 
 std::string truth_json(const PlaneOrder& order) {
-  cli::Json json;
-  json.begin_object().field("schema", "slabd.plane_truth/1").field("a", 1.0).field("b", 2.0).field("c", 1.0);
-  json.field("seed", order.seed).field("noise_mm", order.noise_mm);
-  json.field("points", order.points).field("outliers", order.outliers).end_object();
+  cli::Json json("slabd.plane_truth/1");
+  json.field("a", 1.0).field("b", 2.0).field("c", 1.0).field("seed", order.seed).field("noise_mm", order.noise_mm);
+  json.field("points", order.points).field("outliers", order.outliers);
   return json.text();
 }
 

@@ -214,44 +214,33 @@ void write_station(Json& json, const Recipe& recipe, const SlabOutcome& outcome,
   const StationTruth& truth = outcome.truth.at(k);
   const PlcStationRow& row = outcome.run.table[static_cast<std::size_t>(k - 1)];
   const auto time = [&](const char* key, double s) { json.field(key, s < 0.0 ? kNoValue : s); };
-  json.begin_object();
-  json.field("station", k).field("verdict", name(row.verdict)).field("reason", row.reason);
-  json.field("attempts", unsigned{row.attempts})
-      .field("scans", run.scans)
-      .field("trouble", std::string_view(run.trouble));
+  json.begin_object().field("station", k).field("verdict", row.verdict).field("reason", row.reason);
+  json.field("attempts", row.attempts).field("scans", run.scans).field("trouble", run.trouble);
   time("trigger_to_acquired_s", run.trigger_to_acquired_s);
   time("acquired_to_result_s", run.acquired_to_result_s);
-  json.key("record").begin_object();
-  json.field("stored", run.has_record).field("verdict", name(run.record.verdict)).field("reason", run.record.reason);
-  json.field("fail_mask", run.record.fail_mask).field("open_mask", run.record.open_mask);
-  json.field("flatness_mm", run.record.flatness_mm).field("std_mm", run.record.std_mm);
-  json.field("points", run.record.points).end_object();
-  cli::write_matrix(json, "T_slab_block", truth.T_slab_block);
-  const Vec3 robot = robot_off_mm(truth);
-  json.key("robot_off_mm").begin_array().value(robot.x()).value(robot.y()).value(robot.z()).end_array();
-  json.key("items").begin_array();
-  for (const Compared& item : kCompared) {
-    json.begin_object();
-    json.field("id", info(item.id).name).field("unit", name(info(item.id).unit));
+  json.key("record").begin_object().field("stored", run.has_record).field("verdict", run.record.verdict);
+  json.field("reason", run.record.reason).field("fail_mask", run.record.fail_mask);
+  json.field("open_mask", run.record.open_mask).field("flatness_mm", run.record.flatness_mm);
+  json.field("std_mm", run.record.std_mm).field("points", run.record.points).end_object();
+  json.field("T_slab_block", truth.T_slab_block.matrix()).field("robot_off_mm", robot_off_mm(truth));
+  json.list("items", kCompared, [&](const Compared& item) {
+    json.field("id", info(item.id).name).field("unit", info(item.id).unit);
     json.field("planted", true_value(recipe, truth, item.id));
-    json.field("measured", measured_value(recipe, outcome, k, item.id)).end_object();
-  }
-  json.end_array().end_object();
+    json.field("measured", measured_value(recipe, outcome, k, item.id));
+  });
+  json.end_object();
 }
 
 void write_outcome(Json& json, const Recipe& recipe, const SlabOutcome& outcome) {
   const SlabRun& run = outcome.run;
-  json.begin_object();
-  json.field("slab_no", run.order.slab_no).field("slab_id", std::string_view(run.order.slab_id));
+  json.begin_object().field("slab_no", run.order.slab_no).field("slab_id", run.order.slab_id);
   json.field("slab_type", run.order.slab_type).field("finished", run.finished).field("continued", run.continued);
-  json.field("verdict", name(run.finished ? run.verdict : Verdict::none)).field("reason", run.reason);
-  json.field("trouble", std::string_view(run.trouble.text));
+  json.field("verdict", run.finished ? run.verdict : Verdict::none).field("reason", run.reason);
+  json.field("trouble", run.trouble.text);
   json.field("last_acquired_to_verdict_s",
              run.last_acquired_to_verdict_s < 0.0 ? kNoValue : run.last_acquired_to_verdict_s);
-  json.field("block_compute_ms", block_compute_ms(outcome));
-  json.field("total_s", run.total_s);
-  cli::write_pose(json, "T_base_slab", outcome.truth.T_base_slab);
-  json.field("from_database", outcome.stored.has_value());
+  json.field("block_compute_ms", block_compute_ms(outcome)).field("total_s", run.total_s);
+  json.field("T_base_slab", outcome.truth.T_base_slab).field("from_database", outcome.stored.has_value());
   if (outcome.stored) json.field("key", outcome.stored->summary.header.key);
   json.key("stations").begin_array();
   for (int k = 1; k <= outcome.truth.stations; ++k) write_station(json, recipe, outcome, k);
@@ -260,16 +249,13 @@ void write_outcome(Json& json, const Recipe& recipe, const SlabOutcome& outcome)
     json.key("slab_items").begin_array();
     for (const Item& item : outcome.stored->slab.items) cli::write_item(json, item, true);
     json.end_array();
-    json.key("slab_items_planted").begin_array();
-    for (const SlabItem& item : slab_items(recipe, outcome)) {
-      json.begin_object().field("id", info(item.measured.id).name);
-      json.key("stations").begin_array();
+    json.list("slab_items_planted", slab_items(recipe, outcome), [&](const SlabItem& item) {
+      json.field("id", info(item.measured.id).name).key("stations").begin_array();
       if (item.measured.station != 0) json.value(item.measured.station);
       if (item.measured.station_to != 0) json.value(item.measured.station_to);
       json.end_array();
-      json.field("planted", item.planted).field("measured", item.measured.value).end_object();
-    }
-    json.end_array();
+      json.field("planted", item.planted).field("measured", item.measured.value);
+    });
   }
   json.end_object();
 }
@@ -319,17 +305,11 @@ void print_outcome(const Recipe& recipe, const RunFacts& facts, const SlabOutcom
 }
 
 std::string simulation_json(const Recipe& recipe, const RunFacts& facts, const std::vector<SlabOutcome>& outcomes) {
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.simulation/1").field("config", std::string_view(facts.config));
-  json.field("plc", std::string_view(facts.peer)).field("recipe", recipe.name.view());
-  json.field("recipe_sha256", recipe.sha256.view()).field("seed", facts.seed);
-  json.key("defects").begin_array();
-  for (const std::string& defect : facts.defect_texts) json.value(std::string_view(defect));
-  json.end_array();
+  Json json("slabd.simulation/1");
+  json.field("config", facts.config).field("plc", facts.peer).field("recipe", recipe.name);
+  json.field("recipe_sha256", recipe.sha256).field("seed", facts.seed).field("defects", facts.defect_texts);
   json.key("slabs").begin_array();
   for (const SlabOutcome& outcome : outcomes) write_outcome(json, recipe, outcome);
-  json.end_array().end_object();
   return json.text();
 }
 

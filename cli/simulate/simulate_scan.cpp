@@ -34,46 +34,38 @@ Pose seeded_view(std::uint64_t seed) {
 
 /// Writes fillets, rims, flatness and marks of real concrete.
 void write_concrete(Json& json, const ConcreteTruth& truth) {
-  json.key("concrete").begin_object();
-  json.field("flatness_raw", truth.flatness_raw_mm).field("raw_low", truth.raw_low_mm);
-  json.field("raw_high", truth.raw_high_mm).field("fillets", std::span<const double>(truth.fillet_mm));
-  json.field("chamfer", truth.chamfer_mm).field("rim_covered", std::span<const double>(truth.rim_covered));
-  json.key("marks").begin_array();
-  for (const PlantedMark& mark : truth.marks) {
-    json.begin_object().field("kind", name(mark.kind)).field("x", mark.x_mm).field("y", mark.y_mm);
-    json.field("z", mark.z_mm).field("length", mark.length_mm).field("width", mark.width_mm);
-    json.field("depth", mark.depth_mm).field("in_crop", mark.in_crop).end_object();
-  }
-  json.end_array().end_object();
+  json.key("concrete").begin_object().field("flatness_raw", truth.flatness_raw_mm).field("raw_low", truth.raw_low_mm);
+  json.field("raw_high", truth.raw_high_mm).field("fillets", truth.fillet_mm).field("chamfer", truth.chamfer_mm);
+  json.field("rim_covered", truth.rim_covered);
+  json.list("marks", truth.marks, [&](const PlantedMark& mark) {
+    json.field("kind", mark.kind).field("x", mark.x_mm).field("y", mark.y_mm).field("z", mark.z_mm);
+    json.field("length", mark.length_mm).field("width", mark.width_mm).field("depth", mark.depth_mm);
+    json.field("in_crop", mark.in_crop);
+  });
+  json.end_object();
 }
 
 std::string truth_json(const ScanOrder& order, const Recipe& recipe, const StationTruth& truth,
                        const Pose& T_scanner_block, const DrawnBlock& drawn_block) {
   const DrawnScan& drawn = drawn_block.scan;
   const BlockTruth& block = truth.block;
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.scan_truth/1").field("recipe", recipe.name.view()).field("block", order.block);
-  json.field("seed", order.seed).field("present", block.present);
-  cli::write_matrix(json, "T_scanner_block", T_scanner_block);
+  Json json("slabd.scan_truth/1");
+  json.field("recipe", recipe.name).field("block", order.block).field("seed", order.seed);
+  json.field("present", block.present).field("T_scanner_block", T_scanner_block.matrix());
   json.field("slope_deg", deg_from_rad(block.slope_rad)).field("slope_ratio", 1.0 / std::tan(block.slope_rad));
-  json.field("jaw_distance", block.jaw_distance_mm);
-  json.field("jaw_angle_in", deg_from_rad(block.jaw_angle_inner_rad));
-  json.field("jaw_angle_out", deg_from_rad(block.jaw_angle_outer_rad));
-  json.field("casing_spacing", block.casing_spacing_mm);
+  json.field("jaw_distance", block.jaw_distance_mm).field("jaw_angle_in", deg_from_rad(block.jaw_angle_inner_rad));
+  json.field("jaw_angle_out", deg_from_rad(block.jaw_angle_outer_rad)).field("casing_spacing", block.casing_spacing_mm);
   json.field("protrusion_in", block.protrusion_inner_mm).field("protrusion_out", block.protrusion_outer_mm);
   const std::optional<ConcreteTruth>& concrete = drawn_block.concrete;
   json.field("flatness", concrete ? concrete->flatness_form_mm : true_flatness_mm(recipe, block));
-  json.field("bump", block.bump_mm);
-  json.field("chip", block.chip_mm).field("burr", block.burr_mm).field("jaw_shift", block.jaw_shift_mm);
-  json.field("sunk_seat", block.sunk_mm).field("broken_corner", block.corner_mm);
-  json.field("glove", block.glove_s_mm).field("cable", block.cable_x_mm);
-  json.field("noise", truth.noise_mm).field("noise_correlation", order.scanner.noise_correlation_mm);
+  json.field("bump", block.bump_mm).field("chip", block.chip_mm).field("burr", block.burr_mm);
+  json.field("jaw_shift", block.jaw_shift_mm).field("sunk_seat", block.sunk_mm).field("broken_corner", block.corner_mm);
+  json.field("glove", block.glove_s_mm).field("cable", block.cable_x_mm).field("noise", truth.noise_mm);
+  json.field("noise_correlation", order.scanner.noise_correlation_mm);
   json.field("perspective", concrete || order.scanner.projection == Projection::perspective);
-  json.field("outlier_share", truth.outlier_share);
-  json.field("outliers_planted", drawn.outliers).field("missing", drawn.missing).field("valid", drawn.valid);
+  json.field("outlier_share", truth.outlier_share).field("outliers_planted", drawn.outliers);
+  json.field("missing", drawn.missing).field("valid", drawn.valid);
   if (concrete) write_concrete(json, *concrete);
-  json.end_object();
   return json.text();
 }
 

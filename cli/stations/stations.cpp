@@ -233,12 +233,11 @@ void print_table(const Sources& sources, const std::vector<Row>& rows) {
 }
 
 void write_view(Json& json, std::string_view key, const StationView& view, double look_mm) {
-  json.key(key).begin_object();
-  json.field("ok", view.ok(look_mm)).field("off_axis_mm", view.off_axis_mm).field("distance_mm", view.distance_mm);
-  json.key("features").begin_array();
+  json.key(key).begin_object().field("ok", view.ok(look_mm)).field("off_axis_mm", view.off_axis_mm);
+  json.field("distance_mm", view.distance_mm).key("features").begin_array();
   for (std::size_t i = 0; i < kFeatures; ++i) {
     const FeatureView& f = view.feature[i];
-    json.begin_object().field("feature", name(static_cast<Feature>(i))).field("ok", f.ok()).field("seen", f.seen);
+    json.begin_object().field("feature", static_cast<Feature>(i)).field("ok", f.ok()).field("seen", f.seen);
     json.field("needed", f.needed).field("margin_mm", f.margin_mm);
     json.field("incidence_max_deg", deg_from_rad(f.incidence_max_rad)).end_object();
   }
@@ -246,25 +245,21 @@ void write_view(Json& json, std::string_view key, const StationView& view, doubl
 }
 
 void write_flange(Json& json, std::string_view key, const Pose& pose) {
-  write_pose(json, key, pose);
+  json.field(key, pose);
   const KukaAbc abc = kuka_abc_from_rotation(pose.rotation);
   const std::array<double, 3> abc_deg = {deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};
-  json.field(std::string(key) + "_abc_deg", std::span<const double>(abc_deg));
+  json.field(std::string(key) + "_abc_deg", abc_deg);
 }
 
 std::string json_of(const Sources& sources, const std::vector<Row>& rows, const Alike& alike, bool all_ok) {
   const double look_mm = sources.config.pose.look_mm;
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.stations/1").field("ok", all_ok).field("slab_type", sources.recipe.slab_type);
-  json.field("recipe", sources.recipe.name.view()).field("hand_eye_id", sources.hand_eye.id.view());
-  json.field("look_mm", look_mm);
-  json.key("most_alike").begin_object().field("station", alike.station).field("next", alike.next);
-  json.field("differ_mm", alike.differ.mm).field("differ_deg", alike.differ.deg);
-  json.field("told_apart", is_told_apart(alike.differ)).end_object();
-  json.key("stations").begin_array();
-  for (const Row& row : rows) {
-    json.begin_object().field("station", row.station);
+  Json json("slabd.stations/1");
+  json.field("ok", all_ok).field("slab_type", sources.recipe.slab_type).field("recipe", sources.recipe.name);
+  json.field("hand_eye_id", sources.hand_eye.id).field("look_mm", look_mm).key("most_alike").begin_object();
+  json.field("station", alike.station).field("next", alike.next).field("differ_mm", alike.differ.mm);
+  json.field("differ_deg", alike.differ.deg).field("told_apart", is_told_apart(alike.differ)).end_object();
+  json.list("stations", rows, [&](const Row& row) {
+    json.field("station", row.station);
     write_flange(json, "T_base_flange", row.planned);
     write_view(json, "view", row.view, look_mm);
     if (row.taught) {
@@ -279,9 +274,7 @@ std::string json_of(const Sources& sources, const std::vector<Row>& rows, const 
       json.field("mastered_off_deg", off_deg(stands, *row.mastered));
       json.field("correction_holds", sources.not_used.empty() && in_gate(stands, *row.mastered, sources.config.splice));
     }
-    json.end_object();
-  }
-  json.end_array().end_object();
+  });
   return json.text();
 }
 

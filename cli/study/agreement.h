@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "base/fields.h"
 #include "base/items.h"
 
 /// Two ways of measuring the same things: what one finds against what the other (the reference) finds.
@@ -24,6 +25,7 @@ struct Estimate {
   double low = kNoValue;
   double high = kNoValue;
 };
+SLABD_FIELDS(Estimate, value, low, high);
 
 /// Table 6 of the paper and its conclusion 3: the errors themselves.
 struct Errors {
@@ -39,6 +41,11 @@ struct Errors {
   double en_max = kNoValue;
   std::size_t en_count = 0;
 };
+template <typename V, RecordOf<Errors> R>
+void fields(V& v, R& r) {
+  v("n", r.count);
+  SLABD_EACH(r, mean, mean_abs, max_abs, rms, std, en_max, en_count)
+}
 [[nodiscard]] Errors errors_of(std::span<const Pair> pairs);
 
 /// Limits that hold 95 % of the differences, mean -+ 1.96 std (Bland and Altman 1986, 1999): how far the two may lie
@@ -47,6 +54,7 @@ struct AgreementLimits {
   Estimate lower;
   Estimate upper;
 };
+SLABD_FIELDS(AgreementLimits, lower, upper);
 [[nodiscard]] AgreementLimits agreement_limits(std::span<const Pair> pairs);
 
 /// value = intercept + slope * reference, by Deming's regression: both sides err, so least squares, which takes the

@@ -48,23 +48,6 @@ void judge_item(CompareItem& item) {
   }
 }
 
-void write_estimate(Json& json, std::string_view key, const Estimate& estimate) {
-  json.key(key).begin_object().field("value", estimate.value).field("low", estimate.low);
-  json.field("high", estimate.high).end_object();
-}
-
-void write_errors(Json& json, std::string_view key, const Errors& errors) {
-  json.key(key).begin_object().field("n", errors.count);
-  write_estimate(json, "mean", errors.mean);
-  json.field("mean_abs", errors.mean_abs).field("max_abs", errors.max_abs).field("rms", errors.rms);
-  json.field("std", errors.std).field("en_max", errors.en_max).field("en_count", errors.en_count).end_object();
-}
-
-void write_key(Json& json, const ThingKey& key) {
-  json.begin_object().field("id", std::string_view(key.id)).field("block", key.block);
-  json.field("item", std::string_view(key.item)).end_object();
-}
-
 }  // namespace
 
 void add_to(Side& side, const std::string& id, const Reading& reading) {
@@ -157,44 +140,29 @@ Judgement CompareStudy::judgement() const {
 }
 
 std::string compare_json(const CompareStudy& study) {
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.study_compare/1").field("software", daemon::software_version().view());
-  json.field("source", std::string_view(study.source)).field("judgement", name(study.judgement()));
+  Json json("slabd.study_compare/1");
+  json.field("software", daemon::software_version()).field("source", study.source);
+  json.field("judgement", study.judgement());
   write_notes(json, study.notes);
-  json.key("items").begin_array();
-  for (const CompareItem& item : study.items) {
-    json.begin_object().field("item", std::string_view(item.item)).field("unit", std::string_view(unit_of(item.item)));
-    json.field("reference_mean", item.reference_mean).field("value_mean", item.value_mean);
-    write_errors(json, "errors", item.errors);
-    json.key("agreement_limits").begin_object();
-    write_estimate(json, "lower", item.limits.lower);
-    write_estimate(json, "upper", item.limits.upper);
-    json.end_object().key("regression").begin_object();
-    json.field("method", "deming").field("ok", item.line.ok).field("why_not", std::string_view(item.line.why_not));
-    json.field("variance_ratio", item.line.ratio).field("variance_ratio_from_U", item.line.ratio_from_U);
-    write_estimate(json, "slope", item.line.slope);
-    write_estimate(json, "intercept", item.line.intercept);
-    json.end_object();
-    json.field("allowed", item.allowed).field("judgement", name(item.judgement));
-    json.field("reason", std::string_view(item.reason));
+  json.list("items", study.items, [&](const CompareItem& item) {
+    json.field("item", item.item).field("unit", unit_of(item.item)).field("reference_mean", item.reference_mean);
+    json.field("value_mean", item.value_mean);
+    json.field("errors", item.errors).field("agreement_limits", item.limits);
+    json.key("regression").begin_object().field("method", "deming").field("ok", item.line.ok);
+    json.field("why_not", item.line.why_not).field("variance_ratio", item.line.ratio);
+    json.field("variance_ratio_from_U", item.line.ratio_from_U).field("slope", item.line.slope);
+    json.field("intercept", item.line.intercept).end_object();
+    json.field("allowed", item.allowed).field("judgement", item.judgement).field("reason", item.reason);
     json.key("pairs").begin_array();
     for (std::size_t i = 0; i < item.pairs.size(); ++i) {
-      json.begin_object().field("id", std::string_view(item.things[i].id)).field("block", item.things[i].block);
+      json.begin_object().field("id", item.things[i].id).field("block", item.things[i].block);
       json.field("reference", item.pairs[i].reference).field("value", item.pairs[i].value);
       json.field("reference_U", item.pairs[i].reference_U).field("U", item.pairs[i].U).end_object();
     }
-    json.end_array().end_object();
-  }
-  json.end_array();
-  write_errors(json, "all_mm", study.all_mm);
-  for (const auto& [key, list] :
-       {std::pair{"only_reference", &study.only_reference}, {"only_measured", &study.only_measured}}) {
-    json.key(key).begin_array();
-    for (const ThingKey& thing : *list) write_key(json, thing);
     json.end_array();
-  }
-  json.end_object();
+  });
+  json.field("all_mm", study.all_mm).field("only_reference", study.only_reference);
+  json.field("only_measured", study.only_measured);
   return json.text();
 }
 

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "base/fields.h"
 #include "cli/study/agreement.h"
 #include "cli/study/repeatability.h"
 #include "cli/study/same_part.h"
@@ -25,6 +26,7 @@ struct ThingKey {
   int block = 0;
   auto operator<=>(const ThingKey&) const = default;
 };
+SLABD_FIELDS(ThingKey, id, block, item);
 using Side = std::map<ThingKey, SideValue>;
 /// Averages into what is there already. Readings without value are left out.
 void add_to(Side& side, const std::string& id, const Reading& reading);

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "base/fields.h"
 #include "base/items.h"
 #include "cli/study/repeatability.h"
 
@@ -64,6 +65,7 @@ struct AnovaRow {
   double f = kNoValue;
   double p = kNoValue;
 };
+SLABD_FIELDS(AnovaRow, ss, df, ms, f, p);
 enum class Interaction : std::uint8_t {
   automatic,  ///< pooled with the repeatability when it is not significant: p > 0.05 (MSA-4, appendix A)
   keep,

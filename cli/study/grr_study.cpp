@@ -130,22 +130,10 @@ void print_item(const GrrItem& item, Style style) {
 }
 
 void write_components(Json& json, std::string_view key, const Components& c, double tolerance) {
-  json.key(key).begin_object();
-  json.field("EV", c.EV).field("AV", c.AV).field("INT", c.INT).field("GRR", c.GRR).field("PV", c.PV).field("TV", c.TV);
-  json.field("percent_of_variation", c.of_variation()).field("percent_of_tolerance", c.of_tolerance(tolerance));
-  json.field("ndc", c.ndc()).field("AV_zeroed", c.av_zeroed).field("INT_zeroed", c.int_zeroed);
-  json.field("PV_zeroed", c.pv_zeroed).end_object();
-}
-
-void write_anova(Json& json, std::string_view key, const AnovaRow& row) {
-  json.key(key).begin_object().field("ss", row.ss).field("df", row.df).field("ms", row.ms);
-  json.field("f", row.f).field("p", row.p).end_object();
-}
-
-void write_names(Json& json, std::string_view key, const std::vector<std::string>& names) {
-  json.key(key).begin_array();
-  for (const std::string& name : names) json.value(std::string_view(name));
-  json.end_array();
+  json.key(key).begin_object().field("EV", c.EV).field("AV", c.AV).field("INT", c.INT).field("GRR", c.GRR);
+  json.field("PV", c.PV).field("TV", c.TV).field("percent_of_variation", c.of_variation());
+  json.field("percent_of_tolerance", c.of_tolerance(tolerance)).field("ndc", c.ndc()).field("AV_zeroed", c.av_zeroed);
+  json.field("INT_zeroed", c.int_zeroed).field("PV_zeroed", c.pv_zeroed).end_object();
 }
 
 /// Everything of one plan line as placings.
@@ -248,31 +236,29 @@ GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::
 }
 
 std::string grr_json(const GrrStudy& study) {
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.study_grr/1").field("software", daemon::software_version().view());
-  json.field("source", std::string_view(study.source)).field("judgement", name(study.judgement()));
+  Json json("slabd.study_grr/1");
+  json.field("software", daemon::software_version()).field("source", study.source);
+  json.field("judgement", study.judgement());
   write_notes(json, study.notes);
-  write_names(json, "refused", study.refused);
-  json.key("items").begin_array();
-  for (const GrrItem& item : study.items) {
-    json.begin_object().field("item", std::string_view(item.about.item));
-    json.field("unit", std::string_view(unit_of(item.about.item))).field("tolerance", item.tolerance);
-    write_names(json, "parts", item.parts);
-    write_names(json, "appraisers", item.appraisers);
-    write_names(json, "trials", item.trials);
+  json.field("refused", study.refused);
+  json.list("items", study.items, [&](const GrrItem& item) {
+    json.field("item", item.about.item).field("unit", unit_of(item.about.item)).field("tolerance", item.tolerance);
+    json.field("parts", item.parts);
+    json.field("appraisers", item.appraisers);
+    json.field("trials", item.trials);
     const Anova& a = item.by_anova;
     json.key("anova").begin_object().field("pooled", a.is_pooled).field("pool_above", kPoolAbove);
-    write_anova(json, "part", a.part);
-    write_anova(json, "appraiser", a.appraiser);
-    write_anova(json, "interaction", a.interaction);
-    write_anova(json, "repeatability", a.repeatability);
-    write_anova(json, "repeatability_pooled", a.pooled);
-    write_anova(json, "total", a.total);
+    json.field("part", a.part);
+    json.field("appraiser", a.appraiser);
+    json.field("interaction", a.interaction);
+    json.field("repeatability", a.repeatability);
+    json.field("repeatability_pooled", a.pooled);
+    json.field("total", a.total);
     write_components(json, "components", a.components, item.tolerance);
     write_components(json, "with_interaction", a.with_interaction, item.tolerance);
     write_components(json, "without_interaction", a.without_interaction, item.tolerance);
-    json.end_object().key("average_range");
+    json.end_object();
+    json.key("average_range");
     if (item.by_range) {
       json.begin_object();
       write_components(json, "components", *item.by_range, item.tolerance);
@@ -280,10 +266,9 @@ std::string grr_json(const GrrStudy& study) {
     } else {
       json.null();
     }
-    json.field("judgement", name(item.judged.judgement)).field("conditional", item.judged.conditional);
-    json.field("reason", std::string_view(item.judged.reason)).end_object();
-  }
-  json.end_array().end_object();
+    json.field("judgement", item.judged.judgement).field("conditional", item.judged.conditional);
+    json.field("reason", item.judged.reason);
+  });
   return json.text();
 }
 

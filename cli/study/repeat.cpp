@@ -175,36 +175,22 @@ RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::str
 }
 
 std::string repeat_json(const RepeatStudy& study) {
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.study_repeat/1").field("software", daemon::software_version().view());
-  json.field("source", std::string_view(study.source));
-  json.key("runs").begin_array();
-  for (const std::string& run : study.runs) json.value(std::string_view(run));
-  json.end_array();
+  Json json("slabd.study_repeat/1");
+  json.field("software", daemon::software_version()).field("source", study.source).field("runs", study.runs);
   write_notes(json, study.notes);
-  json.key("warnings").begin_array();
-  for (const std::string& warning : study.warnings) json.value(std::string_view(warning));
-  json.end_array();
-  json.field("judgement", name(study.judgement()));
-  json.key("characteristics").begin_array();
-  for (const Characteristic& c : study.characteristics) {
-    json.begin_object().field("item", std::string_view(c.about.item));
-    json.field("unit", std::string_view(unit_of(c.about.item)));
-    json.field("block", c.about.block).field("block_to", c.about.block_to);
-    json.field("n", c.spread.count).field("missing", c.missing).field("mean", c.spread.mean).field("std", c.spread.std);
-    json.field("std_low", c.spread.std_low).field("std_high", c.spread.std_high);
-    json.field("smallest", c.spread.smallest).field("largest", c.spread.largest).field("range", c.spread.range);
-    json.field("deviation_max", c.spread.deviation_max).field("values", std::span<const double>(c.values));
+  json.field("warnings", study.warnings).field("judgement", study.judgement());
+  json.list("characteristics", study.characteristics, [&](const Characteristic& c) {
+    json.field("item", c.about.item).field("unit", unit_of(c.about.item)).field("block", c.about.block);
+    json.field("block_to", c.about.block_to).field("n", c.spread.count).field("missing", c.missing);
+    json.field("mean", c.spread.mean).field("std", c.spread.std).field("std_low", c.spread.std_low);
+    json.field("std_high", c.spread.std_high).field("smallest", c.spread.smallest).field("largest", c.spread.largest);
+    json.field("range", c.spread.range).field("deviation_max", c.spread.deviation_max).field("values", c.values);
     const Gauge& g = c.gauge;
-    json.key("gauge").begin_object();
-    json.field("reference", g.reference).field("tolerance", g.tolerance).field("bias", g.bias);
-    json.field("bias_low", g.bias_low).field("bias_high", g.bias_high).field("t", g.t).field("p", g.p);
-    json.field("cg", g.cg).field("cg_low", g.cg_low).field("cg_high", g.cg_high).field("cgk", g.cgk);
-    json.field("runs_min", kGaugeRunsMin).field("judgement", name(g.judgement));
-    json.field("reason", std::string_view(g.reason)).end_object().end_object();
-  }
-  json.end_array().end_object();
+    json.key("gauge").begin_object().field("reference", g.reference).field("tolerance", g.tolerance);
+    json.field("bias", g.bias).field("bias_low", g.bias_low).field("bias_high", g.bias_high).field("t", g.t);
+    json.field("p", g.p).field("cg", g.cg).field("cg_low", g.cg_low).field("cg_high", g.cg_high).field("cgk", g.cgk);
+    json.field("runs_min", kGaugeRunsMin).field("judgement", g.judgement).field("reason", g.reason).end_object();
+  });
   return json.text();
 }
 

@@ -63,9 +63,7 @@ void write_notes(Json& json, const StudyNotes& notes) {
   if (notes.differs.empty()) {
     json.null();
   } else {
-    json.begin_object().field("why", std::string_view(notes.same_part)).key("differs").begin_array();
-    for (const std::string& sentence : notes.differs) json.value(std::string_view(sentence));
-    json.end_array().end_object();
+    json.begin_object().field("why", notes.same_part).field("differs", notes.differs).end_object();
   }
   write_emulation(json, notes.emulated);
 }

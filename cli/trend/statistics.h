@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "base/fields.h"
 #include "base/items.h"
 #include "base/limits.h"
 
@@ -44,6 +45,7 @@ struct Index {
   double low = kNoValue;
   double high = kNoValue;
 };
+SLABD_FIELDS(Index, value, low, high);
 struct Capability {
   Index cp;  ///< NaN for one-sided limits
   Index cpk;

@@ -53,51 +53,32 @@ std::string_view name(Signal signal) {
   return "none";
 }
 
-void write_index(Json& json, std::string_view key, const Index& index) {
-  json.key(key).begin_object();
-  json.field("value", index.value).field("low", index.low).field("high", index.high).end_object();
-}
-
 std::string as_json(const Trend& t) {
-  Json json;
-  json.begin_object();
-  json.field("schema", "slabd.trend/1").field("item", info(t.item).name).field("unit", slabd::name(info(t.item).unit));
-  for (const auto& [key, number] : {std::pair{"slab_type", t.slab_type}, std::pair{"block", t.block}}) {
-    json.key(key);
-    if (number == 0) {
-      json.null();
-    } else {
-      json.value(number);
-    }
-  }
+  Json json("slabd.trend/1");
+  json.field("item", info(t.item).name).field("unit", info(t.item).unit);
+  json.field("slab_type", only_if(t.slab_type != 0, t.slab_type)).field("block", only_if(t.block != 0, t.block));
   json.field("value_is", t.is_mean ? "mean of the slab" : "single").field("slabs", t.chart.count);
   json.field("not_measured", t.not_measured).field("preliminary", t.chart.preliminary());
   json.field("emulated", t.emulated != 0).field("other_emulation", t.other_emulation);
-  json.field("other_limits", t.other_limits).field("incomplete_slabs", t.incomplete);
-  json.field("nominal", t.nominal).field("lower", t.lower).field("upper", t.upper);
-  json.key("chart").begin_object();
-  json.field("mean", t.chart.mean).field("sigma", t.chart.sigma).field("std", t.chart.std);
-  json.field("moving_range", t.chart.moving_range).field("lower_control", t.chart.lower_control);
-  json.field("upper_control", t.chart.upper_control).field("range_control", t.chart.range_control).end_object();
-  json.key("capability").begin_object();
-  json.field("confidence", 0.95).field("block", t.capable_block).field("values", t.singles.count);
-  write_index(json, "cp", t.capable.cp);
-  write_index(json, "cpk", t.capable.cpk);
-  json.end_object();
+  json.field("other_limits", t.other_limits).field("incomplete_slabs", t.incomplete).field("nominal", t.nominal);
+  json.field("lower", t.lower).field("upper", t.upper).key("chart").begin_object().field("mean", t.chart.mean);
+  json.field("sigma", t.chart.sigma).field("std", t.chart.std).field("moving_range", t.chart.moving_range);
+  json.field("lower_control", t.chart.lower_control).field("upper_control", t.chart.upper_control);
+  json.field("range_control", t.chart.range_control).end_object();
+  json.key("capability").begin_object().field("confidence", 0.95).field("block", t.capable_block);
+  json.field("values", t.singles.count).field("cp", t.capable.cp).field("cpk", t.capable.cpk).end_object();
   json.key("series").begin_array();
   for (std::size_t i = 0; i < t.values.size(); ++i) {
-    json.begin_object().field("key", t.keys[i]).field("slab_id", t.ids[i].view());
+    json.begin_object().field("key", t.keys[i]).field("slab_id", t.ids[i]);
     write_time(json, "began", t.began_utime_us[i]);
     json.field("value", t.values[i]).field("signal", name(t.chart.signals[i])).end_object();
   }
   json.end_array();
-  json.key("stations").begin_array();
-  for (const StationBias& s : t.stations) {
-    json.begin_object().field("station", s.station).field("slabs", s.slabs).field("bias", s.bias);
-    json.field("bias_sigma", s.bias_sigma).field("drift", s.drift).field("drift_sigma", s.drift_sigma);
-    json.field("biased", s.biased()).field("drifting", s.drifting()).end_object();
-  }
-  json.end_array().end_object();
+  json.list("stations", t.stations, [&](const StationBias& s) {
+    json.field("station", s.station).field("slabs", s.slabs).field("bias", s.bias).field("bias_sigma", s.bias_sigma);
+    json.field("drift", s.drift).field("drift_sigma", s.drift_sigma).field("biased", s.biased());
+    json.field("drifting", s.drifting());
+  });
   return json.text();
 }
 

@@ -59,14 +59,14 @@ struct Outcome {
 };
 
 std::string json_of(const std::vector<Outcome>& outcomes) {
-  cli::Json json;
-  json.begin_object().field("schema", "slabd.accuracy/1").key("studies").begin_array();
+  cli::Json json("slabd.accuracy/1");
+  json.key("studies").begin_array();
   for (const Outcome& outcome : outcomes) {
     json.begin_object().field("study", outcome.study->name).field("carried_out", outcome.carried_out);
     json.field("seconds", outcome.seconds).key("rows").begin_array();
     for (const Table::Row& row : outcome.table.rows()) {
-      json.begin_object().field("what", std::string_view(row.what)).field("measured", row.measured);
-      json.field("unit", std::string_view(row.unit)).field("goal", std::string_view(row.goal)).field("ok", row.ok);
+      json.begin_object().field("what", row.what).field("measured", row.measured);
+      json.field("unit", row.unit).field("goal", row.goal).field("ok", row.ok);
       json.end_object();
     }
     json.end_array().end_object();

@@ -68,11 +68,8 @@ void write_case(const RealOptions& options, const Case& one, const Kind& kind, c
       !written)
     fmt::print(stderr, "{}: {}\n", path, written.error().text.view());
   const simulate::ConcreteTruth& truth = one.scan.truth;
-  cli::Json json;
-  json.begin_object()
-      .field("schema", "slabd.concrete_truth/1")
-      .field("seed", one.seed)
-      .field("kind", std::string_view(kind.name));
+  cli::Json json("slabd.concrete_truth/1");
+  json.field("seed", one.seed).field("kind", kind.name);
   json.key("effects").begin_object();
   for (const simulate::EffectInfo& effect : simulate::effects())
     if (kind.effects[effect.effect] != 0.0) json.field(effect.name, kind.effects[effect.effect]);
@@ -85,10 +82,10 @@ void write_case(const RealOptions& options, const Case& one, const Kind& kind, c
   json.end_object();
   json.field("flatness_raw", truth.flatness_raw_mm).field("flatness_form", truth.flatness_form_mm);
   json.field("raw_low", truth.raw_low_mm).field("raw_high", truth.raw_high_mm);
-  json.field("fillet_mm", std::span<const double>(truth.fillet_mm)).field("chamfer_mm", truth.chamfer_mm);
-  json.field("rim_covered", std::span<const double>(truth.rim_covered));
-  cli::write_pose(json, "T_block_scanner_reported", view.T_block_scanner_reported);
-  cli::write_matrix(json, "T_scanner_block", view.T_scanner_block);
+  json.field("fillet_mm", truth.fillet_mm).field("chamfer_mm", truth.chamfer_mm);
+  json.field("rim_covered", truth.rim_covered);
+  json.field("T_block_scanner_reported", view.T_block_scanner_reported);
+  json.field("T_scanner_block", view.T_scanner_block.matrix());
   json.field("outliers_planted", drawn.outliers).field("missing", drawn.missing).field("valid", drawn.valid);
   json.key("marks").begin_array();
   for (const simulate::PlantedMark& mark : truth.marks) {
@@ -434,8 +431,8 @@ void report_line(const std::vector<Case>& cases, const Kind& kind, const Recipe&
   std::fflush(stdout);
 }
 
-/// The surface of the paper's block: it waves more than a good plant's, and its scanner has little noise. Found by trying
-/// until seats (wave, grain) and whole blocks (relief, cast) had the paper's figures.
+/// The surface of the paper's block: it waves more than a good plant's, and its scanner has little noise. Found by
+/// trying until seats (wave, grain) and whole blocks (relief, cast) had the paper's figures.
 constexpr std::array kPaperEffects = {"cast=1.5", "grain=1.6", "relief=2", "wave=3.1", "noise=0.5"};
 /// So near to the paper's shares (one block of one mould) a drawn lot of blocks is expected, %.
 constexpr std::array kPaperReach = {4.0, 2.0, 1.5};

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "report/json.h"
+#include "base/fields.h"
 #include "report/figures.h"
 
 #include <gtest/gtest.h>
@@ -47,6 +48,26 @@ TEST(JsonWriter, any_bytes_make_valid_json) {
   const auto text = parsed(json)["text"].get<std::string>();
   EXPECT_NE(text.find("quote\" back\\ newline\n bell\a"), std::string::npos);
   EXPECT_NE(text.find("ok\xe4\xb8\xad"), std::string::npos);
+}
+
+struct Turn {
+  double turn_rad = kPi;
+  Vec3 off_mm = Vec3(1.0, 2.0, kNoValue);
+  std::optional<int> count;
+  Verdict verdict = Verdict::pass;
+};
+SLABD_FIELDS(Turn, turn_rad, off_mm, count, verdict);
+
+TEST(JsonWriter, a_record_is_the_object_of_its_fields_with_angles_in_degrees) {
+  Json json("slabd.turns/1");
+  json.field("turns", std::vector<Turn>(2)).key("pose").begin_object().field("matrix", Pose{}.matrix());
+  const auto document = parsed(json);
+  EXPECT_EQ(document["schema"], "slabd.turns/1");
+  EXPECT_EQ(document["turns"].size(), 2U);
+  const nlohmann::json turn = {
+      {"turn_deg", 180.0}, {"off_mm", {1.0, 2.0, nullptr}}, {"count", nullptr}, {"verdict", "pass"}};
+  EXPECT_EQ(document["turns"][1], turn);
+  EXPECT_EQ(document["pose"]["matrix"][3], nlohmann::json::array({0, 0, 0, 1})) << "what is open is closed";
 }
 
 TEST(JsonWriter, items_carry_the_agreed_keys_and_null_for_what_was_not_measured) {
