@@ -19,8 +19,8 @@
 
 #include "base/utf8.h"
 #include "daemon/control/calibration_change.h"
-#include "daemon/judge.h"
 #include "daemon/log_outlet.h"
+#include "daemon/measure.h"
 #include "daemon/seal.h"
 #include "daemon/slab_ends.h"
 #include "hal/system/journal.h"

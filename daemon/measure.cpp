@@ -6,14 +6,18 @@
 #include "algo/algo.h"
 #include "base/scan_place.h"
 #include "config/config.h"
-#include "daemon/commit.h"
-#include "daemon/judge.h"
 #include "daemon/measure.h"
 
 namespace slabd::daemon {
+
+/// "g0a7ddc5", "g0a7ddc5.dirty" or "unknown": the commit this program was built from, asked at every build
+/// (script/commit). At most 40 characters. In an object of its own, so that a new commit compiles nothing else.
+[[nodiscard]] const char* commit();
+
 namespace {
 
-/// What a scan that is far larger along the rail than across it says of itself: blocks are more than twice as long across.
+/// What a scan that is far larger along the rail than across it says of itself: blocks are more than twice as long
+/// across.
 ScanDoubt doubt_turn(const ScanPlace& place, const Pose& T_scanner_block) {
   constexpr double kLonger = 1.25;
   constexpr std::array kNames = {'X', 'Y', 'Z'};
@@ -27,10 +31,11 @@ ScanDoubt doubt_turn(const ScanPlace& place, const Pose& T_scanner_block) {
   const Eigen::Index across = axis_of(Vec3::UnitY());
   const Vec3 extent = place.extent();
   if (place.points > 0 && extent[rail] > kLonger * extent[across])
-    doubt.printf("the scan is %.0f mm long along %c and %.0f along %c, and the block lies along %c: the two may be "
-                 "exchanged, or the scanner is turned",
-                 extent[rail], kNames[static_cast<std::size_t>(rail)], extent[across],
-                 kNames[static_cast<std::size_t>(across)], kNames[static_cast<std::size_t>(across)]);
+    doubt.printf(
+        "the scan is %.0f mm long along %c and %.0f along %c, and the block lies along %c: the two may be "
+        "exchanged, or the scanner is turned",
+        extent[rail], kNames[static_cast<std::size_t>(rail)], extent[across], kNames[static_cast<std::size_t>(across)],
+        kNames[static_cast<std::size_t>(across)]);
   return doubt;
 }
 

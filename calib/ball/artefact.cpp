@@ -11,7 +11,7 @@
 #include <cmath>
 
 #include "calib/ball/artefact_match.h"
-#include "calib/rotation.h"
+#include "calib/mathematics.h"
 
 namespace slabd::calib {
 namespace {
