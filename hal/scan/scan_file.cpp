@@ -256,9 +256,9 @@ Result<ScanChecksum> read_scan_checksum(const char* path, LengthUnit unit) {
   const Result<int> opened = open_scan(AT_FDCWD, path, path);
   if (!opened) return opened.error();
   const Fd fd(opened.value());
-  struct stat file {};
-  if (fstat(fd.get(), &file) != 0) return error(Code::frame_incomplete, "%s: %s", path, errno_text(errno));
-  ScanWindow window(fd.get(), path, static_cast<std::uint64_t>(file.st_size));
+  const off_t bytes = size_of(fd.get());
+  if (bytes < 0) return error(Code::frame_incomplete, "%s: %s", path, errno_text(errno));
+  ScanWindow window(fd.get(), path, static_cast<std::uint64_t>(bytes));
   const Result<PointRun> run = find_records(window, path, unit);
   if (!run) return run.error();
 

@@ -6,6 +6,7 @@
 #include <sys/sysmacros.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <cstring>
 #include <utility>
 
@@ -48,6 +49,18 @@ class Fd {
  private:
   int fd_ = -1;
 };
+
+/// Writes it all, however the system takes it in pieces. False: errno says why.
+[[nodiscard]] inline bool write_all(int fd, const void* from, std::size_t bytes) {
+  for (const char* at = static_cast<const char*>(from); bytes > 0;) {
+    const ssize_t n = ::write(fd, at, bytes);
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) return false;
+    at += n;
+    bytes -= static_cast<std::size_t>(n);
+  }
+  return true;
+}
 
 /// What a file is at this moment.
 struct FileState {
