@@ -13,8 +13,7 @@
 #include <cmath>
 #include <numeric>
 
-#include "calib/matrices.h"
-#include "calib/rotation.h"
+#include "calib/mathematics.h"
 
 namespace slabd::calib {
 namespace {

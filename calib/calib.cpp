@@ -17,14 +17,18 @@ FixedString<64> identify(const std::array<double, 7>& pose, double sigma_mm, dou
   FixedString<512> text;
   text.printf("%.17g %.17g %.17g %.17g %.17g %.17g %.17g %.17g %.17g", pose[0], pose[1], pose[2], pose[3], pose[4],
               pose[5], pose[6], sigma_mm, sigma_deg);
-  std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
-  SHA256Data(reinterpret_cast<const std::uint8_t*>(text.c_str()), text.size(), hex.data());
   FixedString<64> id;
-  id.printf("commissioning-%.12s", hex.data());
+  id.printf("commissioning-%.12s", sha256_hex(text.view()).c_str());
   return id;
 }
 
 }  // namespace
+
+std::string sha256_hex(std::string_view bytes) {
+  std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
+  SHA256Data(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size(), hex.data());
+  return {hex.data()};
+}
 
 Result<Calibration> commissioning(const std::array<double, 7>& T_flange_scanner, double station_sigma_mm,
                                   double station_sigma_deg) {

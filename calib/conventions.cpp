@@ -14,7 +14,7 @@
 
 #include "calib/adjustment.h"
 #include "calib/hand_eye.h"
-#include "calib/rotation.h"
+#include "calib/mathematics.h"
 
 namespace slabd::calib {
 namespace {

@@ -14,13 +14,8 @@
 #include <numeric>
 
 #include "calib/adjustment.h"
-#include "calib/chi_square.h"
-#include "calib/judgement.h"
-#include "calib/matrices.h"
-#include "calib/places.h"
-#include "calib/rotation.h"
-#include "calib/variance.h"
-#include "calib/weakness.h"
+#include "calib/hand_eye_parts.h"
+#include "calib/mathematics.h"
 
 namespace slabd::calib {
 namespace {

@@ -7,10 +7,9 @@
 #include <cmath>
 
 #include "calib/adjustment.h"
-#include "calib/chi_square.h"
 #include "calib/hand_eye.h"
-#include "calib/rotation.h"
-#include "calib/weakness.h"
+#include "calib/hand_eye_parts.h"
+#include "calib/mathematics.h"
 
 namespace slabd::calib {
 namespace {

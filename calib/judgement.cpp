@@ -3,7 +3,7 @@
 // From figures to reasons. A cause is named before its consequences, and a consequence that the cause explains is not
 // named as another reason: poses read wrongly make every other figure meaningless, and a scanner that was never turned
 // needs no remark about its condition number.
-#include "calib/judgement.h"
+#include "calib/hand_eye_parts.h"
 
 #include <array>
 #include <cmath>

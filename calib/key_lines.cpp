@@ -38,6 +38,8 @@ bool split(std::string_view text, std::vector<std::string>& words) {
   return true;
 }
 
+}  // namespace
+
 bool is_date(std::string_view text) {
   if (text.size() != 10 || text[4] != '-' || text[7] != '-') return false;
   for (const std::size_t i : {0U, 1U, 2U, 3U, 5U, 6U, 8U, 9U})
@@ -46,8 +48,6 @@ bool is_date(std::string_view text) {
   const int day = 10 * (text[8] - '0') + (text[9] - '0');
   return month >= 1 && month <= 12 && day >= 1 && day <= 31;
 }
-
-}  // namespace
 
 bool number_from(std::string_view word, double& out) {
   double value = 0.0;

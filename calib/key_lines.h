@@ -50,6 +50,8 @@ class KeyFile {
   Status status_ = success();
 };
 
+/// A day as YYYY-MM-DD; the day of the month is within 1 .. 31 whatever the month.
+[[nodiscard]] bool is_date(std::string_view text);
 /// A finite number and nothing else.
 [[nodiscard]] bool number_from(std::string_view word, double& out);
 /// Every digit, so that the same bits come back.

@@ -3,47 +3,303 @@
 // Records that people read and edit at their own risk: `key = value` lines, and a checksum over them as the last one.
 // The checksum tells a file that was cut off by a power failure, or changed by hand, from what slabctl wrote. It guards
 // against accidents, not against forgery.
-#include <sha256.h>
-
+//
+// Each record has one list of its fields, fields(), which writes it with a RecordWriter and reads it with a
+// RecordReader.
 #include <algorithm>
 #include <array>
+#include <concepts>
+#include <span>
 
-#include "calib/record_text.h"
+#include "calib/key_lines.h"
+#include "calib/session.h"
 
 namespace slabd::calib {
 namespace {
 
 constexpr std::string_view kChecksumKey = "sha256 = ";
+constexpr double kNumberMost = 1e12;
+constexpr double kCountMost = 9e15;  ///< exact in a double
+constexpr double kStepMost = 1e6;
 
 Error wrong(std::string_view file, const char* what) {
   return error(Code::config, "%.*s: %s", static_cast<int>(file.size()), file.data(), what);
 }
 
-/// The lower triangle of a symmetric matrix, row by row.
-std::array<double, 21> triangle(const Mat6& m) {
-  std::array<double, 21> t{};
-  std::size_t i = 0;
-  for (int row = 0; row < 6; ++row)
-    for (int column = 0; column <= row; ++column) t[i++] = m(row, column);
-  return t;
-}
-Mat6 from_triangle(const std::array<double, 21>& t) {
-  Mat6 m;
-  std::size_t i = 0;
-  for (int row = 0; row < 6; ++row)
-    for (int column = 0; column <= row; ++column) m(row, column) = m(column, row) = t[i++];
-  return m;
+/// Text between quotes; a quote in it, or a line's end, would break the line.
+std::string in_quotes(std::string_view text) {
+  std::string out = "\"";
+  for (const char c : text.substr(0, std::size_t{4096})) out += c == '"' ? '\'' : c == '\n' || c == '\r' ? ' ' : c;
+  return out + "\"";
 }
 
-}  // namespace
+/// Lines front to back, the checksum last.
+class RecordWriter {
+ public:
+  static constexpr bool kReads = false;
+  using Self = RecordWriter&;
 
-Result<RecordReader> reader_of(std::string_view text, std::string_view file_name) {
+  void comment(std::string_view words) { text_.append("# ").append(words).append("\n"); }
+  Self line(std::string_view key, std::string_view value) {
+    text_.append(key).append(" = ").append(value).append("\n");
+    return *this;
+  }
+  Self text(std::string_view key, std::string_view value) {
+    return value.empty() ? *this : line(key, in_quotes(value));
+  }
+  /// Without quotes.
+  Self word(std::string_view key, std::string_view value) { return line(key, value); }
+  template <typename Enum>
+  bool choice(std::string_view key, Enum value, std::initializer_list<Enum> /*all*/) {
+    line(key, name(value));
+    return true;
+  }
+  Self number(std::string_view key, double value, bool /*required*/ = false) {
+    return has_value(value) ? line(key, number_text(value)) : *this;
+  }
+  Self count(std::string_view key, std::uint64_t value, double /*most*/ = kCountMost) {
+    return line(key, std::to_string(value));
+  }
+  Self flag(std::string_view key, bool value) { return line(key, value ? "1" : "0"); }
+  Self numbers(std::string_view key, std::span<const double> values) {
+    std::string row;
+    for (const double v : values) row += (row.empty() ? "" : " ") + number_text(v);
+    return line(key, row);
+  }
+  template <std::same_as<double>... Numbers>
+  bool row(std::string_view key, const Numbers&... values) {
+    numbers(key, std::array{values...});
+    return true;
+  }
+  bool pair(std::string_view key, double /*most*/, std::int64_t first, std::int64_t last) {
+    line(key, std::to_string(first) + " " + std::to_string(last));
+    return true;
+  }
+  Self pose(std::string_view key, const Pose& pose, bool given) {
+    return given ? numbers(key, pose.to_array()) : *this;
+  }
+  /// The lower triangle of a symmetric matrix, row by row.
+  Self triangle(std::string_view key, const Mat6& m, bool given) {
+    std::vector<double> values;
+    for (int row = 0; row < 6; ++row)
+      for (int column = 0; column <= row; ++column) values.push_back(m(row, column));
+    return given ? numbers(key, values) : *this;
+  }
+  Self shots(std::string_view key, const std::vector<KeptShot>& shots) {
+    for (const KeptShot& s : shots)
+      line(key, in_quotes(s.file) + " " + std::to_string(s.bytes) + " " + s.sha256 + " " + in_quotes(s.source));
+    return *this;
+  }
+  [[nodiscard]] std::string done() { return with_checksum(std::move(text_)); }
+
+ private:
+  std::string text_;
+};
+
+/// The same fields out of the lines of a file. What is not there stays as it is, unless it is required.
+class RecordReader {
+ public:
+  static constexpr bool kReads = true;
+  using Self = RecordReader&;
+
+  RecordReader(std::vector<KeyLine> lines, std::string_view file) : keys_(std::move(lines), file) {}
+
+  void comment(std::string_view /*words*/) {}
+  Self text(std::string_view key, std::string& out) {
+    for (const KeyLine* line : keys_.all(key)) {
+      if (line->words.size() == 1)
+        out = line->words[0];
+      else
+        keys_.fault(*line, "must be one text between quotes");
+    }
+    return *this;
+  }
+  Self word(std::string_view key, std::string& out) { return text(key, out); }
+  /// False: it is none of `all`, and `out` stays.
+  template <typename Enum>
+  bool choice(std::string_view key, Enum& out, std::initializer_list<Enum> all) {
+    std::string found;
+    text(key, found);
+    const auto* const chosen = std::find_if(all.begin(), all.end(), [&](Enum e) { return found == name(e); });
+    if (chosen == all.end()) return false;
+    out = *chosen;
+    return true;
+  }
+  Self number(std::string_view key, double& out, bool required = false) {
+    keys_.number(key, required, -kNumberMost, kNumberMost, out);
+    return *this;
+  }
+  template <typename Integer>
+  Self count(std::string_view key, Integer& out, double most = kCountMost) {
+    double value = static_cast<double>(out);
+    keys_.number(key, true, 0.0, most, value);
+    out = static_cast<Integer>(value);
+    return *this;
+  }
+  Self flag(std::string_view key, bool& out) {
+    unsigned value = 0;
+    count(key, value, 1.0);
+    out = value == 1;
+    return *this;
+  }
+  template <std::same_as<double>... Numbers>
+  bool row(std::string_view key, Numbers&... out) {
+    std::array<double, sizeof...(out)> found{};
+    if (!take(key, kNumberMost, found)) return false;
+    std::size_t i = 0;
+    ((out = found[i++]), ...);
+    return true;
+  }
+  bool pair(std::string_view key, double most, std::int64_t& first, std::int64_t& last) {
+    std::array<double, 2> found{};
+    if (!take(key, most, found)) return false;
+    first = static_cast<std::int64_t>(found[0]);
+    last = static_cast<std::int64_t>(found[1]);
+    return true;
+  }
+  /// Not normalised again: the same bits come back.
+  Self pose(std::string_view key, Pose& out, bool& given) {
+    std::array<double, 7> p{};
+    given = take(key, kNumberMost, p);
+    if (given) out = {Quat(p[3], p[4], p[5], p[6]), Vec3(p[0], p[1], p[2])};
+    return *this;
+  }
+  Self triangle(std::string_view key, Mat6& out, bool& given) {
+    std::array<double, 21> values{};
+    given = take(key, kNumberMost, values);
+    std::size_t i = 0;
+    for (int row = 0; row < 6 && given; ++row)
+      for (int column = 0; column <= row; ++column) out(row, column) = out(column, row) = values[i++];
+    return *this;
+  }
+  Self shots(std::string_view key, std::vector<KeptShot>& out) {
+    for (const KeyLine* line : keys_.all(key)) {
+      double bytes = 0.0;
+      if (line->words.size() != 4 || !number_from(line->words[1], bytes))
+        keys_.fault(*line, "must be file, bytes, sha256, source");
+      else
+        out.push_back({line->words[0], line->words[3], static_cast<std::uint64_t>(bytes), line->words[2]});
+    }
+    return *this;
+  }
+  [[nodiscard]] Status done() { return keys_.finish("those slabctl writes"); }
+
+ private:
+  template <std::size_t N>
+  bool take(std::string_view key, double most, std::array<double, N>& out) {
+    const std::vector<const KeyLine*> lines = keys_.all(key);
+    std::vector<double> found;
+    if (lines.empty() || !keys_.numbers(*lines.front(), 0, most, found)) return false;
+    if (found.size() != N) {
+      keys_.fault(*lines.front(), "must be " + std::to_string(N) + " numbers");
+      return false;
+    }
+    std::copy(found.begin(), found.end(), out.begin());
+    return true;
+  }
+
+  KeyFile keys_;
+};
+
+template <typename T, typename Record>
+concept RecordOf = std::same_as<std::remove_const_t<T>, Record>;
+
+/// Each record's fields in the order of its lines. False: one that it cannot do without is missing or makes no sense.
+template <typename Form, RecordOf<SessionSettings> Record>
+bool fields(Form& f, Record& s) {
+  f.comment("a calibration by slabctl calibrate; agreed at its beginning, not to be edited");
+  bool whole = f.choice("kind", s.kind, {ArtefactKind::ball, ArtefactKind::pose});
+  f.text("name", s.name).text("created", s.created).text("config", s.config).text("operator", s.operator_name);
+  f.number("radius_mm", s.radius_mm, s.kind == ArtefactKind::ball).number("radius_sigma_mm", s.radius_sigma_mm, true);
+  f.number("robot_sigma_mm", s.noise.robot_mm, true).number("robot_sigma_rad", s.noise.robot_rad, true);
+  f.number("target_sigma_mm", s.noise.target_mm, true).number("target_sigma_rad", s.noise.target_rad, true);
+  f.number("limit_mm", s.limit_mm);
+  whole = f.row("fov_mm", s.fov.half_x_mm, s.fov.half_y_mm, s.fov.near_mm, s.fov.far_mm) && whole;
+  f.number("scanner_noise_mm", s.scanner_noise_mm, true).number("noise_correlation_mm", s.noise_correlation_mm, true);
+  f.flag("parallel", s.parallel).word("unit", s.unit).count("goal", s.goal, 400.0).count("held_out", s.held_out, 400.0);
+  f.text("flange_form", s.flange_form).text("certificate_sha256", s.certificate_sha256);
+  whole = f.row("down_base", s.down_base.x(), s.down_base.y(), s.down_base.z()) && whole;
+  f.pose("T_flange_scanner_start", s.T_flange_scanner, s.has_start);
+  if (Form::kReads || s.has_start) f.text("start_id", s.start_id);
+  if constexpr (Form::kReads)
+    if (s.has_start) s.T_flange_scanner = Pose::from_array(s.T_flange_scanner.to_array());
+  return whole && s.down_base.norm() >= 0.5;
+}
+
+template <typename Form, RecordOf<CapturedView> Record>
+bool fields(Form& f, Record& v) {
+  f.comment("one view, by slabctl calibrate capture; mm and deg, T_scanner_target as x y z qw qx qy qz");
+  f.count("view", v.number, 9999.0).count("step", v.step, kStepMost).text("captured", v.captured);
+  const bool is_used = f.choice("use", v.use, {ViewUse::refused, ViewUse::fit, ViewUse::held_out});
+  f.text("refusal", v.refusal).text("reason", v.reason).text("cure", v.cure);
+  f.text("flange_form", v.flange_form).text("T_base_flange", v.flange).shots("shot", v.shots);
+  if (Form::kReads || v.live.given) {
+    f.number("pose_spread_mm", v.live.spread_mm).number("pose_spread_deg", v.live.spread_deg);
+    const bool is_live = f.pair("pose_seq", kNumberMost, v.live.seq_first, v.live.seq_last);
+    if constexpr (Form::kReads) v.live.given = is_live;
+    f.pair("pose_utime_us", kCountMost, v.live.utime_first_us, v.live.utime_last_us);
+  }
+  f.count("points", v.points).number("half_angle_deg", v.half_angle_deg).number("rms_mm", v.rms_mm);
+  f.number("radius_off_mm", v.radius_off_mm).number("repeat_mm", v.repeat_mm);
+  bool is_found = v.accepted();
+  bool is_known = v.accepted();
+  f.pose("T_scanner_target", v.T_scanner_target, is_found).triangle("covariance", v.covariance, is_known);
+  return is_used && v.number != 0 && !v.shots.empty() && !v.flange.empty() && (!v.accepted() || (is_found && is_known));
+}
+
+template <typename Form, RecordOf<ViewChange> Record>
+bool fields(Form& f, Record& c) {
+  f.count("step", c.step, kStepMost).count("undoes", c.undoes, kStepMost);
+  f.text("when", c.when).text("who", c.who).text("why", c.why);
+  return true;
+}
+
+template <typename Form, RecordOf<SolvedRecord> Record>
+bool fields(Form& f, Record& s) {
+  f.comment("T_flange_scanner maps scanner coordinates to flange coordinates; x y z qw qx qy qz, mm");
+  f.count("step", s.step, kStepMost).text("when", s.when).text("id", s.id);
+  f.text("inputs", s.inputs).text("figures", s.figures).flag("ok", s.ok);
+  bool is_determined = has_value(s.numbers.sigma_mm);
+  f.pose("T_flange_scanner", s.numbers.T_flange_scanner, is_determined);
+  f.number("sigma_mm", s.numbers.sigma_mm).number("sigma_rad", s.numbers.sigma_rad);
+  f.number("point_sigma_mm", s.point_sigma_mm).number("leave_one_out_mm", s.leave_one_out_mm).number("s0", s.s0);
+  // Never applied unless everything is there.
+  if constexpr (Form::kReads)
+    s.ok = s.ok && is_determined && has_value(s.numbers.sigma_mm) && has_value(s.numbers.sigma_rad) && !s.id.empty();
+  return true;
+}
+
+template <typename Form, RecordOf<VerifiedRecord> Record>
+bool fields(Form& f, Record& v) {
+  f.text("when", v.when).text("who", v.who).text("inputs", v.inputs).text("before_id", v.before_id);
+  f.number("before_rms_mm", v.before_rms_mm).number("after_rms_mm", v.after_rms_mm, true);
+  f.number("after_max_mm", v.after_max_mm, true).number("shift_max_mm", v.shift_max_mm);
+  return true;
+}
+
+/// The record whose checksum fits. `lacking`: what is said when a field that it cannot do without makes no sense.
+template <typename Record>
+Result<Record> read_record(std::string_view text, std::string_view file_name, const char* lacking = "") {
   const Result<std::string> body = without_checksum(text, file_name);
   if (!body) return body.error();
   Result<std::vector<KeyLine>> lines = key_lines(body.value(), file_name);
   if (!lines) return lines.error();
-  return RecordReader(std::move(lines.value()), file_name);
+  RecordReader reader(std::move(lines.value()), file_name);
+  Record record;
+  const bool whole = fields(reader, record);
+  if (const Status status = reader.done(); !status) return status.error();
+  if (!whole) return wrong(file_name, lacking);
+  return record;
 }
+
+template <typename Record>
+std::string record_text(const Record& record) {
+  RecordWriter writer;
+  fields(writer, record);
+  return writer.done();
+}
+
+}  // namespace
 
 std::string_view name(ViewUse use) {
   switch (use) {
@@ -52,12 +308,6 @@ std::string_view name(ViewUse use) {
     case ViewUse::held_out: return "held_out";
   }
   return "?";
-}
-
-std::string sha256_hex(std::string_view bytes) {
-  std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
-  SHA256Data(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size(), hex.data());
-  return {hex.data()};
 }
 
 std::string with_checksum(std::string body) {
@@ -75,145 +325,45 @@ Result<std::string> without_checksum(std::string_view text, std::string_view fil
   return body;
 }
 
-std::string session_text(const SessionSettings& s) {
-  RecordWriter w;
-  w.comment("a calibration by slabctl calibrate; agreed at its beginning, not to be edited");
-  w.line("kind", name(s.kind)).text("name", s.name).text("created", s.created).text("config", s.config);
-  w.text("operator", s.operator_name).number("radius_mm", s.radius_mm).number("radius_sigma_mm", s.radius_sigma_mm);
-  w.number("robot_sigma_mm", s.noise.robot_mm).number("robot_sigma_rad", s.noise.robot_rad);
-  w.number("target_sigma_mm", s.noise.target_mm).number("target_sigma_rad", s.noise.target_rad);
-  w.number("limit_mm", s.limit_mm);
-  w.numbers("fov_mm", std::array{s.fov.half_x_mm, s.fov.half_y_mm, s.fov.near_mm, s.fov.far_mm});
-  w.number("scanner_noise_mm", s.scanner_noise_mm).number("noise_correlation_mm", s.noise_correlation_mm);
-  w.count("parallel", s.parallel ? 1 : 0).line("unit", s.unit).count("goal", s.goal).count("held_out", s.held_out);
-  w.text("flange_form", s.flange_form);
-  if (!s.certificate_sha256.empty()) w.text("certificate_sha256", s.certificate_sha256);
-  w.numbers("down_base", std::array{s.down_base.x(), s.down_base.y(), s.down_base.z()});
-  if (s.has_start) w.numbers("T_flange_scanner_start", s.T_flange_scanner.to_array()).text("start_id", s.start_id);
-  return w.done();
+std::string session_text(const SessionSettings& settings) {
+  return record_text(settings);
 }
 
 Result<SessionSettings> parse_session(std::string_view text, std::string_view file_name) {
-  Result<RecordReader> reader = reader_of(text, file_name);
-  if (!reader) return reader.error();
-  RecordReader& r = reader.value();
-  SessionSettings s;
-  std::string kind;
-  r.text("kind", kind);
-  s.kind = kind == name(ArtefactKind::pose) ? ArtefactKind::pose : ArtefactKind::ball;
-  r.text("name", s.name);
-  r.text("created", s.created);
-  r.text("config", s.config);
-  r.text("operator", s.operator_name);
-  r.number("radius_mm", s.kind == ArtefactKind::ball, s.radius_mm);
-  r.number("radius_sigma_mm", true, s.radius_sigma_mm);
-  r.number("robot_sigma_mm", true, s.noise.robot_mm);
-  r.number("robot_sigma_rad", true, s.noise.robot_rad);
-  r.number("target_sigma_mm", true, s.noise.target_mm);
-  r.number("target_sigma_rad", true, s.noise.target_rad);
-  r.number("limit_mm", false, s.limit_mm);
-  std::array<double, 4> fov{};
-  const bool has_fov = r.numbers("fov_mm", fov);
-  s.fov = {fov[0], fov[1], fov[2], fov[3]};
-  r.number("scanner_noise_mm", true, s.scanner_noise_mm);
-  r.number("noise_correlation_mm", true, s.noise_correlation_mm);
-  unsigned parallel = 0;
-  r.count("parallel", parallel, 1.0);
-  s.parallel = parallel == 1;
-  r.text("unit", s.unit);
-  r.count("goal", s.goal, 400.0);
-  r.count("held_out", s.held_out, 400.0);
-  r.text("flange_form", s.flange_form);
-  r.text("certificate_sha256", s.certificate_sha256);
-  std::array<double, 3> down{};
-  const bool has_down = r.numbers("down_base", down);
-  s.down_base = Vec3(down[0], down[1], down[2]);
-  std::array<double, 7> start{};
-  s.has_start = r.numbers("T_flange_scanner_start", start);
-  if (s.has_start) s.T_flange_scanner = Pose::from_array(start);
-  r.text("start_id", s.start_id);
-  if (const Status status = r.keys().finish("those slabctl writes"); !status) return status.error();
-  if (!has_fov || !has_down || (kind != "ball" && kind != "pose") || s.down_base.norm() < 0.5)
-    return wrong(file_name, "kind, fov_mm or down_base is missing or makes no sense");
-  return s;
+  return read_record<SessionSettings>(text, file_name, "kind, fov_mm or down_base is missing or makes no sense");
 }
 
-std::string view_text(const CapturedView& v) {
-  RecordWriter w;
-  w.comment("one view, by slabctl calibrate capture; mm and deg, T_scanner_target as x y z qw qx qy qz");
-  w.count("view", v.number).count("step", v.step).text("captured", v.captured).line("use", name(v.use));
-  w.text("refusal", v.refusal).text("reason", v.reason).text("cure", v.cure);
-  w.text("flange_form", v.flange_form).text("T_base_flange", v.flange);
-  for (const KeptShot& shot : v.shots)
-    w.line("shot",
-           in_quotes(shot.file) + " " + std::to_string(shot.bytes) + " " + shot.sha256 + " " + in_quotes(shot.source));
-  if (v.live.given) {
-    w.number("pose_spread_mm", v.live.spread_mm).number("pose_spread_deg", v.live.spread_deg);
-    w.line("pose_seq", std::to_string(v.live.seq_first) + " " + std::to_string(v.live.seq_last));
-    w.line("pose_utime_us", std::to_string(v.live.utime_first_us) + " " + std::to_string(v.live.utime_last_us));
-  }
-  w.count("points", v.points).number("half_angle_deg", v.half_angle_deg).number("rms_mm", v.rms_mm);
-  w.number("radius_off_mm", v.radius_off_mm).number("repeat_mm", v.repeat_mm);
-  if (v.accepted())
-    w.numbers("T_scanner_target", v.T_scanner_target.to_array()).numbers("covariance", triangle(v.covariance));
-  return w.done();
+std::string view_text(const CapturedView& view) {
+  return record_text(view);
 }
 
 Result<CapturedView> parse_view(std::string_view text, std::string_view file_name) {
-  Result<RecordReader> reader = reader_of(text, file_name);
-  if (!reader) return reader.error();
-  RecordReader& r = reader.value();
-  CapturedView v;
-  r.count("view", v.number, 9999.0);
-  r.count("step", v.step, 1e6);
-  r.text("captured", v.captured);
-  std::string use;
-  r.text("use", use);
-  v.use = use == "fit" ? ViewUse::fit : use == "held_out" ? ViewUse::held_out : ViewUse::refused;
-  r.text("refusal", v.refusal);
-  r.text("reason", v.reason);
-  r.text("cure", v.cure);
-  r.text("flange_form", v.flange_form);
-  r.text("T_base_flange", v.flange);
-  for (const KeyLine* line : r.keys().all("shot")) {
-    double bytes = 0.0;
-    if (line->words.size() != 4 || !number_from(line->words[1], bytes))
-      r.keys().fault(*line, "must be file, bytes, sha256, source");
-    else
-      v.shots.push_back({line->words[0], line->words[3], static_cast<std::uint64_t>(bytes), line->words[2]});
-  }
-  std::array<double, 2> pair{};
-  v.live.given = r.numbers("pose_seq", pair);
-  v.live.seq_first = static_cast<std::int64_t>(pair[0]);
-  v.live.seq_last = static_cast<std::int64_t>(pair[1]);
-  for (const KeyLine* line : r.keys().all("pose_utime_us")) {
-    std::vector<double> times;  // us since 1970: beyond what other numbers may be, and exact in a double
-    if (r.keys().numbers(*line, 0, 9e15, times) && times.size() == 2) {
-      v.live.utime_first_us = static_cast<std::int64_t>(times[0]);
-      v.live.utime_last_us = static_cast<std::int64_t>(times[1]);
-    }
-  }
-  r.number("pose_spread_mm", false, v.live.spread_mm);
-  r.number("pose_spread_deg", false, v.live.spread_deg);
-  r.count("points", v.points);
-  r.number("half_angle_deg", false, v.half_angle_deg);
-  r.number("rms_mm", false, v.rms_mm);
-  r.number("radius_off_mm", false, v.radius_off_mm);
-  r.number("repeat_mm", false, v.repeat_mm);
-  std::array<double, 7> pose{};
-  std::array<double, 21> covariance{};
-  const bool found = r.numbers("T_scanner_target", pose);
-  const bool known = r.numbers("covariance", covariance);
-  if (const Status status = r.keys().finish("those slabctl writes"); !status) return status.error();
-  if (v.number == 0 || v.shots.empty() || v.flange.empty() || (v.accepted() && !(found && known)) ||
-      (v.use == ViewUse::refused && use != "refused"))
-    return wrong(file_name, "view, use, shot, T_base_flange or T_scanner_target is missing or makes no sense");
-  if (v.accepted()) {
-    // Not normalised again: the same bits come back.
-    v.T_scanner_target = {Quat(pose[3], pose[4], pose[5], pose[6]), Vec3(pose[0], pose[1], pose[2])};
-    v.covariance = from_triangle(covariance);
-  }
-  return v;
+  return read_record<CapturedView>(text, file_name,
+                                   "view, use, shot, T_base_flange or T_scanner_target is missing or makes no sense");
+}
+
+std::string change_text(const ViewChange& change) {
+  return record_text(change);
+}
+
+Result<ViewChange> parse_view_change(std::string_view text, std::string_view file_name) {
+  return read_record<ViewChange>(text, file_name);
+}
+
+std::string solved_text(const SolvedRecord& solved) {
+  return record_text(solved);
+}
+
+Result<SolvedRecord> parse_solved(std::string_view text, std::string_view file_name) {
+  return read_record<SolvedRecord>(text, file_name);
+}
+
+std::string verified_text(const VerifiedRecord& verified) {
+  return record_text(verified);
+}
+
+Result<VerifiedRecord> parse_verified(std::string_view text, std::string_view file_name) {
+  return read_record<VerifiedRecord>(text, file_name);
 }
 
 Result<View> solver_view(ArtefactKind kind, const CapturedView& view, std::string_view origin) {
@@ -236,11 +386,12 @@ Result<View> solver_view(ArtefactKind kind, const CapturedView& view, std::strin
 std::string solver_inputs(const SessionSettings& s, const std::vector<View>& views) {
   RecordWriter w;
   w.line("kind", name(s.kind));
-  w.numbers("noise", std::array{s.noise.robot_mm, s.noise.robot_rad, s.noise.target_mm, s.noise.target_rad});
+  w.row("noise", s.noise.robot_mm, s.noise.robot_rad, s.noise.target_mm, s.noise.target_rad);
   w.number("limit_mm", s.limit_mm);
-  w.numbers("fov_mm", std::array{s.fov.half_x_mm, s.fov.half_y_mm, s.fov.near_mm, s.fov.far_mm});
+  w.row("fov_mm", s.fov.half_x_mm, s.fov.half_y_mm, s.fov.near_mm, s.fov.far_mm);
   for (const View& view : views) {
-    w.count("view", view.number).numbers("T_base_flange", view.T_base_flange.to_array());
+    w.count("view", view.number);
+    w.numbers("T_base_flange", view.T_base_flange.to_array());
     if (view.reported_abc_rad) w.numbers("reported_abc_rad", *view.reported_abc_rad);
     for (const BallSighting& seen : view.balls)
       w.numbers("centre_mm", std::span<const double>(seen.centre_mm.data(), 3));

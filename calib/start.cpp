@@ -11,9 +11,7 @@
 #include <numeric>
 
 #include "calib/adjustment.h"
-#include "calib/chi_square.h"
-#include "calib/matrices.h"
-#include "calib/rotation.h"
+#include "calib/mathematics.h"
 
 namespace slabd::calib {
 namespace {

@@ -16,7 +16,7 @@
 #include <cstdarg>
 #include <cstdio>
 
-#include "calib/rotation.h"
+#include "calib/mathematics.h"
 
 namespace slabd::calib {
 namespace {

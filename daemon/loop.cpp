@@ -19,8 +19,8 @@
 
 #include "base/utf8.h"
 #include "daemon/control/calibration_change.h"
-#include "daemon/judge.h"
 #include "daemon/log_outlet.h"
+#include "daemon/measure.h"
 #include "daemon/seal.h"
 #include "daemon/slab_ends.h"
 #include "hal/system/journal.h"
@@ -134,11 +134,8 @@ StoreDone Loop::store(const StoreTask& task) {
     say({LogLine::Level::error, static_cast<std::uint16_t>(done.code), status.error().text});
   }
   if (const auto* end = std::get_if<SlabJob>(&job.what); end != nullptr && status.ok()) note_chain(end->slab_key);
-  if (ports_.store->spool_trouble() != spool_trouble_said_.view()) {
-    spool_trouble_said_ = ports_.store->spool_trouble();
-    if (!spool_trouble_said_.empty())
-      say({LogLine::Level::warning, static_cast<std::uint16_t>(Code::store_full), spool_trouble_said_.view()});
-  }
+  if (spool_trouble_.is_news(ports_.store->spool_trouble()) && !spool_trouble_.seen().empty())
+    say({LogLine::Level::warning, static_cast<std::uint16_t>(Code::store_full), spool_trouble_.seen()});
   return done;
 }
 
@@ -154,8 +151,7 @@ void Loop::note_chain(std::int64_t slab_key) {
 
 void Loop::tell_store_trouble() {
   const std::string_view trouble = ports_.store->trouble();
-  if (trouble != store_trouble_said_.view()) {
-    store_trouble_said_ = trouble;
+  if (store_trouble_.is_news(trouble)) {
     if (trouble.empty())
       say({LogLine::Level::info, static_cast<std::uint16_t>(Code::ok), "the database is in its place again"});
     else
@@ -341,8 +337,7 @@ void Loop::look_for_another_daemon() {
 void Loop::take_up_recipes() {
   Station& s = *station_;
   LogLine line;
-  if (const bool differs = ports_.recipes->differs(); differs != recipes_differ_said_) {
-    recipes_differ_said_ = differs;
+  if (const bool differs = ports_.recipes->differs(); recipes_differ_.is_news(differs)) {
     line.level = differs ? LogLine::Level::warning : LogLine::Level::info;
     line.text = differs ? ports_.recipes->words() : RecipeWatch::Text("the recipe folder holds what is in use");
     say(line);
@@ -387,31 +382,25 @@ void Loop::take_poses() {
   PoseSample sample;
   for (std::size_t i = 0; i < limits::kPosesPerTurn && ports_.pose.next(ports_.clock.mono_ns(), sample); ++i)
     handle(sample);
-  if (ports_.pose.trouble() != trouble_said_) {
-    trouble_said_ = ports_.pose.trouble();
+  if (const std::string_view trouble = ports_.pose.trouble(); pose_trouble_.is_news(trouble)) {
     LogLine line;
-    line.level = trouble_said_.empty() ? LogLine::Level::info : LogLine::Level::error;
-    line.code = static_cast<std::uint16_t>(trouble_said_.empty() ? Code::ok : Code::no_pose);
-    line.text = trouble_said_.empty() ? std::string_view("robot pose link is up") : std::string_view(trouble_said_);
+    line.level = trouble.empty() ? LogLine::Level::info : LogLine::Level::error;
+    line.code = static_cast<std::uint16_t>(trouble.empty() ? Code::ok : Code::no_pose);
+    line.text = trouble.empty() ? "robot pose link is up" : trouble;
     say(line);
   }
   say_pose_news();
 }
 
-/// Stale and wrong frame are said when they have lasted for a moment, so that a flickering link cannot fill the disk.
 void Loop::say_pose_news() {
-  constexpr std::int64_t kLastsNs = kNsPerS;
   const std::int64_t now_ns = ports_.clock.mono_ns();
   const Code code = station_->gate.link(now_ns);
-  if (code != pose_seen_) {
+  if (code != pose_link_.seen()) {
     if (code == Code::pose_stale) ++figures_.poses_stale;
     if (code == Code::wrong_frame) ++figures_.poses_wrong_frame;
-    pose_seen_ = code;
-    pose_seen_ns_ = now_ns;
   }
   LogLine line;
-  if (code != pose_said_ && now_ns - pose_seen_ns_ >= kLastsNs) {
-    pose_said_ = code;
+  if (pose_link_.is_news(code, now_ns, {.lasts_ns = kNsPerS})) {
     line.level = code == Code::ok ? LogLine::Level::info : LogLine::Level::warning;
     line.code = static_cast<std::uint16_t>(code);
     if (code == Code::ok) {
@@ -468,21 +457,12 @@ void Loop::take_answers() {
   }
 }
 
-/// A scanner that comes and goes is told of when it stayed so for a moment, or every ten seconds.
 void Loop::say_scanner_news() {
-  const std::int64_t now_ns = ports_.clock.mono_ns();
   const bool online = ports_.scanner.online();
-  if (online != scanner_seen_) {
-    scanner_seen_ = online;
-    scanner_seen_ns_ = now_ns;
-  }
   LogLine line;
-  line.level = LogLine::Level::warning;
   // At the start its first look is still under way.
-  const bool lasts = now_ns - std::max(scanner_seen_ns_, begun_ns_) >= kScannerNewsNs;
-  if (online != scanner_said_ && lasts && now_ns - scanner_said_ns_ >= kScannerNewsPeriodNs) {
-    scanner_said_ = online;
-    scanner_said_ns_ = now_ns;
+  if (scanner_online_.is_news(online, ports_.clock.mono_ns(),
+                              {.lasts_ns = kScannerNewsNs, .apart_ns = kScannerNewsPeriodNs})) {
     line.level = online ? LogLine::Level::info : LogLine::Level::warning;
     const Code why_not = ports_.scanner.spool_hangs() ? Code::journal_write : Code::scanner_offline;
     line.code = static_cast<std::uint16_t>(online ? Code::ok : why_not);
@@ -514,21 +494,14 @@ void Loop::serve_plc() {
 
 void Loop::say_plc_news() {
   LogLine line;
-  // A link that comes and goes is told of when it stayed so for a moment, or every ten seconds.
   const std::int64_t now_ns = ports_.clock.mono_ns();
-  if (ports_.plc.trouble() != plc_trouble_seen_) {
-    plc_trouble_seen_ = ports_.plc.trouble();
-    plc_trouble_ns_ = now_ns;
-  }
-  const bool lasts = now_ns - plc_trouble_ns_ >= kPlcNewsNs;
-  if (plc_trouble_seen_ != plc_trouble_said_ && (lasts || now_ns - plc_said_ns_ >= kPlcNewsPeriodNs)) {
-    plc_trouble_said_ = plc_trouble_seen_;
-    plc_said_ns_ = now_ns;
-    line.level = plc_trouble_said_.empty() ? LogLine::Level::info : LogLine::Level::error;
-    line.text = plc_trouble_said_.empty() ? std::string_view("PLC link is up") : std::string_view(plc_trouble_said_);
+  const std::string_view trouble = ports_.plc.trouble();
+  if (plc_trouble_.is_news(trouble, now_ns, {.lasts_ns = kPlcNewsNs, .late_ns = kPlcNewsPeriodNs})) {
+    line.level = trouble.empty() ? LogLine::Level::info : LogLine::Level::error;
+    line.text = trouble.empty() ? "PLC link is up" : trouble;
     say(line);
   }
-  if (!ports_.plc.next_note(ports_.clock.mono_ns(), line.text)) return;
+  if (!ports_.plc.next_note(now_ns, line.text)) return;
   line.level = LogLine::Level::warning;
   say(line);
 }

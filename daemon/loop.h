@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <span>
@@ -59,6 +60,41 @@ struct LoopFigures {
 /// A number for what the points are, from some thousands of their coordinates, spread over the scan and over x, y and
 /// z. Never 0. `xyz`: x, y, z of each point.
 [[nodiscard]] std::uint64_t fingerprint_of(std::span<const float> xyz);
+
+/// A state of which only changes are told: those that have lasted, so that one that flickers cannot fill the disk.
+template <typename State>
+class ToldOnce {
+ public:
+  struct When {
+    std::int64_t lasts_ns = 0;                                        ///< a change is told when it has lasted so long,
+    std::int64_t apart_ns = 0;                                        ///< and the last one was told so long ago;
+    std::int64_t late_ns = std::numeric_limits<std::int64_t>::max();  ///< or, lasting or not, when that was so long ago
+  };
+
+  explicit ToldOnce(const State& first = {}) : seen_(first), told_(first) {}
+
+  /// Looks at the state. True: it is to be told now, and then counts as told.
+  template <typename Now>
+  [[nodiscard]] bool is_news(const Now& state, std::int64_t now_ns = 0, const When& when = {}) {
+    if (seen_ != state) {
+      seen_ = state;
+      seen_ns_ = now_ns;
+    }
+    const bool lasts = now_ns - seen_ns_ >= when.lasts_ns && now_ns - told_ns_ >= when.apart_ns;
+    if (seen_ == told_ || !(lasts || now_ns - told_ns_ >= when.late_ns)) return false;
+    told_ = seen_;
+    told_ns_ = now_ns;
+    return true;
+  }
+  /// At the last look.
+  [[nodiscard]] const State& seen() const { return seen_; }
+
+ private:
+  State seen_;
+  State told_;
+  std::int64_t seen_ns_ = 0;  ///< since when it is so
+  std::int64_t told_ns_ = -(std::int64_t{1} << 40U);
+};
 
 /// Ports -> events -> step -> actions, on one thread; the crew (storage, scanner, measuring) does what blocks.
 /// Everything is allocated by the constructor; run() allocates nothing on the inspection path.
@@ -155,26 +191,18 @@ class Loop {
   bool fault_reset_held_ = false;                    ///< of this loop, where no other one is to know
   std::shared_ptr<const RecipeSet> recipes_in_use_;  ///< taken up since the start
   bool measuring_given_up_ = false;                  ///< the block in hand
-  bool recipes_differ_said_ = false;
   std::int64_t watchdog_ns_ = 0;
   std::array<std::uint64_t, 3> worker_turns_{};
   std::array<std::int64_t, 3> worker_moved_ns_{};
-  std::string trouble_said_;
-  Code pose_said_ = Code::no_pose;  ///< the last state of the pose link that the log tells
-  Code pose_seen_ = Code::no_pose;
-  std::int64_t pose_seen_ns_ = 0;  ///< since when it is so
-  bool commanded_said_ = false;    ///< that poses are not measured; once
-  bool scanner_said_ = true;  ///< online, as the log tells; nothing is told of a scanner that is there from the start
-  bool scanner_seen_ = true;
   std::int64_t begun_ns_ = 0;
-  std::int64_t scanner_seen_ns_ = 0;  ///< since when it is so
-  std::int64_t scanner_said_ns_ = -(std::int64_t{1} << 40U);
-  std::string plc_trouble_said_;
-  std::string plc_trouble_seen_;
-  std::int64_t plc_trouble_ns_ = 0;  ///< since when it is so
-  std::int64_t plc_said_ns_ = -(std::int64_t{1} << 40U);
-  FixedString<limits::kErrorTextBytes> spool_trouble_said_;  ///< storage thread only
-  FixedString<limits::kErrorTextBytes> store_trouble_said_;  ///< storage thread only
+  bool commanded_said_ = false;  ///< that poses are not measured; once
+  ToldOnce<bool> recipes_differ_;
+  ToldOnce<std::string> pose_trouble_;
+  ToldOnce<Code> pose_link_{Code::no_pose};
+  ToldOnce<bool> scanner_online_{true};  ///< nothing is told of a scanner that is there from the start
+  ToldOnce<std::string> plc_trouble_;
+  ToldOnce<FixedString<limits::kErrorTextBytes>> spool_trouble_;  ///< storage thread only
+  ToldOnce<FixedString<limits::kErrorTextBytes>> store_trouble_;  ///< storage thread only
   CalibrationDesk calibration_desk_;
 
   // Last: the workers start when everything they touch exists, and end first.

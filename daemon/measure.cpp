@@ -6,11 +6,14 @@
 #include "algo/algo.h"
 #include "base/scan_place.h"
 #include "config/config.h"
-#include "daemon/commit.h"
-#include "daemon/judge.h"
 #include "daemon/measure.h"
 
 namespace slabd::daemon {
+
+/// "g0a7ddc5", "g0a7ddc5.dirty" or "unknown": the commit this program was built from, asked at every build
+/// (script/commit). At most 40 characters. In an object of its own, so that a new commit compiles nothing else.
+[[nodiscard]] const char* commit();
+
 namespace {
 
 /// What a scan that is far larger along the rail than across it says of itself: blocks are more than twice as long

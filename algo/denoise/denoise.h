@@ -28,7 +28,7 @@ struct DenoiseWorkspace {
 
 /// Sets points that no surface goes through, and that hang together with no long strip of their like
 /// (algo/denoise/noise_group.h), to NaN, in place. A point without z is a missing one; what lacks another coordinate
-/// was made so by whoever read the scan (hal/scan/settle_points.h). Fills `counts`. An organised scan (width and height
+/// was made so by whoever read the scan (hal/scan/scan_points.h). Fills `counts`. An organised scan (width and height
 /// set) is judged by its grid, any other gets its grid back if its rays are evenly spaced, or is judged by the points'
 /// places in XY. A width and height that are not so are taken away from `cloud`. Order decides nothing and stays, with
 /// number, width and height, unless consecutive points lie anywhere: with evenly spaced rays, and room for their grid,

@@ -8,10 +8,12 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
+#include <cctype>
 #include <cmath>
+#include <utility>
 
-#include "calib/ball/artefact_match.h"
-#include "calib/rotation.h"
+#include "calib/key_lines.h"
+#include "calib/mathematics.h"
 
 namespace slabd::calib {
 namespace {
@@ -127,33 +129,16 @@ void refuse(ArtefactReport& report, ArtefactRefusal why, std::string_view cure) 
   report.words.cure.assign(cure);
 }
 
-}  // namespace
+/// A certificate whose balls fit each other in another order within this is refused: measured distances may be off by
+/// 0.3 mm, twice that must still tell the balls apart, and some is kept in reserve.
+constexpr double kTellApartMm = 1.0;
 
-std::string_view name(ArtefactRefusal refusal) {
-  switch (refusal) {
-    case ArtefactRefusal::none: return "none";
-    case ArtefactRefusal::not_looked_at: return "not_looked_at";
-    case ArtefactRefusal::balls: return "balls";
-    case ArtefactRefusal::no_match: return "no_match";
-    case ArtefactRefusal::ambiguous: return "ambiguous";
-    case ArtefactRefusal::residual: return "residual";
-  }
-  return "?";
-}
+struct Assignments {
+  /// [certified] = index of the measured ball; at most two are looked for: none, the one, or not unique.
+  std::vector<std::vector<int>> found;
+};
 
-Mat3 TargetPose::point_covariance(const Vec3& p_target) const {
-  const Mat36 j = T_scanner_target.rotation.toRotationMatrix() * place_by_motion(p_target);
-  return j * covariance * j.transpose();
-}
-
-double TargetPose::sigma_mm(const Vec3& p_target) const {
-  return std::sqrt(point_covariance(p_target).trace() / 3.0);
-}
-
-double TargetPose::sigma_rad() const {
-  return std::sqrt(covariance.bottomRightCorner<3, 3>().trace() / 3.0);
-}
-
+/// Every way, up to two, to give each certified ball another measured one so that all distances agree within `off_mm`.
 Assignments assign_by_distance(std::span<const Vec3> certified, std::span<const Vec3> measured, double off_mm) {
   Assignments all;
   std::vector<int> chosen;
@@ -183,6 +168,218 @@ Assignments assign_by_distance(std::span<const Vec3> certified, std::span<const 
   };
   descend(descend);
   return all;
+}
+
+// The certificate of an artefact, as text. What it says is believed by every later calibration, so it is read strictly:
+// no key unknown, missing or twice, nothing guessed, and a frame whose balls could be confused is not an artefact.
+
+constexpr const char* kKeys =
+    "id, date, issuer, ball_radius_mm, ball_radius_U_mm, U_mm, coverage_factor, temperature_c, ball";
+constexpr double kCoordinateMostMm = 3000.0;
+/// Height of the flattest triangle: less and the frame's rotation about its long side is open.
+constexpr double kHeightLeastMm = 20.0;
+
+std::string_view trimmed(std::string_view text) {
+  const auto blank = [](char c) { return c == ' ' || c == '\t' || c == '\r'; };
+  while (!text.empty() && blank(text.front())) text.remove_prefix(1);
+  while (!text.empty() && blank(text.back())) text.remove_suffix(1);
+  return text;
+}
+
+/// Without a comment; a # between quotes is not one.
+std::string_view without_comment(std::string_view line) {
+  bool quoted = false;
+  for (std::size_t i = 0; i < line.size(); ++i) {
+    if (line[i] == '"') quoted = !quoted;
+    if (line[i] == '#' && !quoted) return line.substr(0, i);
+  }
+  return line;
+}
+
+/// config: fewer than three balls or more than eight, balls that touch, lie on a line, or cannot be told apart.
+Status check_certificate(const ArtefactCertificate& c) {
+  const std::vector<Vec3>& balls = c.balls_mm;
+  if (balls.size() < kArtefactBallsMin || balls.size() > kArtefactBallsMax)
+    return error(Code::config, "%zu balls: an artefact has %zu to %zu", balls.size(), kArtefactBallsMin,
+                 kArtefactBallsMax);
+  double longest = 0.0;
+  std::pair<std::size_t, std::size_t> ends;
+  for (std::size_t i = 0; i < balls.size(); ++i)
+    for (std::size_t j = i + 1; j < balls.size(); ++j) {
+      const double distance = (balls[i] - balls[j]).norm();
+      if (!(distance > 2.0 * c.ball_radius_mm))
+        return error(Code::config, "balls %zu and %zu are %.3f mm apart, less than their diameter", i + 1, j + 1,
+                     distance);
+      if (distance > longest) {
+        longest = distance;
+        ends = {i, j};
+      }
+    }
+  const Vec3 along = (balls[ends.second] - balls[ends.first]).normalized();
+  double height = 0.0;
+  for (const Vec3& p : balls) height = std::max(height, (p - balls[ends.first]).cross(along).norm());
+  if (!(height > kHeightLeastMm))
+    return error(Code::config,
+                 "the balls lie on a line within %.1f mm: one must be at least %g mm off it, or the frame can turn "
+                 "about that line",
+                 height, kHeightLeastMm);
+  const Assignments own = assign_by_distance(balls, balls, kTellApartMm);
+  if (own.found.size() > 1) {
+    std::size_t k = 0;
+    while (own.found[0][k] == own.found[1][k]) ++k;
+    return error(Code::config,
+                 "balls %d and %d cannot be told apart by their distances: distances must differ by more than %g mm",
+                 own.found[0][k] + 1, own.found[1][k] + 1, kTellApartMm);
+  }
+  return success();
+}
+
+/// One certificate while it is read.
+class Reader {
+ public:
+  explicit Reader(std::string_view file_name) : file_(file_name) {}
+
+  Status read_line(std::string_view text, int line) {
+    line_ = line;
+    text = trimmed(without_comment(text));
+    if (text.empty()) return success();
+    const std::size_t equals = text.find('=');
+    if (equals == std::string_view::npos) return fault("'key = value' expected");
+    const std::string_view key = trimmed(text.substr(0, equals));
+    const std::string_view value = trimmed(text.substr(equals + 1));
+    if (key == "ball") return read_ball(value);
+    for (Words& words : words_)
+      if (key == words.key) return read_words(words, value);
+    for (Number& field : numbers_)
+      if (key == field.key) return read_number(field, value);
+    return error(Code::config, "%s:%d: unknown key '%.*s'; keys are %s", file_.c_str(), line_,
+                 static_cast<int>(std::min<std::size_t>(key.size(), 40)), key.data(), kKeys);
+  }
+
+  Result<ArtefactCertificate> finish() {
+    for (const Words& words : words_)
+      if (words.required && !words.seen) return missing(words.key);
+    for (const Number& field : numbers_)
+      if (field.required && !field.seen) return missing(field.key);
+    ArtefactCertificate& c = certificate_;
+    c.id = words_[0].value;
+    c.date.assign(words_[1].value.view());
+    c.issuer = words_[2].value;
+    if (!is_date(c.date.view()))
+      return error(Code::config, "%s:%d: date '%s': must be a day as YYYY-MM-DD", file_.c_str(), words_[1].line,
+                   c.date.c_str());
+    c.ball_radius_mm = numbers_[0].value;
+    const double coverage = numbers_[3].value;
+    c.ball_radius_sigma_mm = numbers_[1].value / coverage;
+    c.sigma_mm = numbers_[2].value / coverage;
+    c.temperature_c = numbers_[4].value;
+    if (const Status checked = check_certificate(c); !checked)
+      return error(Code::config, "%s: %s", file_.c_str(), checked.error().text.c_str());
+    return std::move(certificate_);
+  }
+
+ private:
+  struct Words {
+    const char* key;
+    bool required;
+    bool seen = false;
+    int line = 0;
+    FixedString<64> value{};
+  };
+  struct Number {
+    const char* key;
+    bool required;
+    double low;
+    double high;
+    double value;
+    bool seen = false;
+  };
+
+  Status fault(const char* what) const { return error(Code::config, "%s:%d: %s", file_.c_str(), line_, what); }
+  Error missing(const char* key) const {
+    return error(Code::config, "%s: the key %s is missing; keys are %s", file_.c_str(), key, kKeys);
+  }
+
+  Status read_words(Words& words, std::string_view value) {
+    if (words.seen) return error(Code::config, "%s:%d: %s is given twice", file_.c_str(), line_, words.key);
+    if (value.size() >= 2 && value.front() == '"' && value.back() == '"') value = value.substr(1, value.size() - 2);
+    if (value.empty() || value.size() > words.value.capacity() || value.find('"') != std::string_view::npos)
+      return error(Code::config, "%s:%d: %s must be 1 to %zu characters", file_.c_str(), line_, words.key,
+                   words.value.capacity());
+    if (std::any_of(value.begin(), value.end(),
+                    [](char c) { return std::iscntrl(static_cast<unsigned char>(c)) != 0; }))
+      return error(Code::config, "%s:%d: %s holds control characters", file_.c_str(), line_, words.key);
+    words.seen = true;
+    words.line = line_;
+    words.value.assign(value);
+    return success();
+  }
+
+  Status read_number(Number& field, std::string_view value) {
+    if (field.seen) return error(Code::config, "%s:%d: %s is given twice", file_.c_str(), line_, field.key);
+    double v = 0.0;
+    if (!number_from(value, v) || v < field.low || v > field.high)
+      return error(Code::config, "%s:%d: %s must be a number within %g .. %g", file_.c_str(), line_, field.key,
+                   field.low, field.high);
+    field.seen = true;
+    field.value = v;
+    return success();
+  }
+
+  Status read_ball(std::string_view value) {
+    Vec3 p;
+    for (int axis = 0; axis < 3; ++axis) {
+      value = trimmed(value);
+      const std::size_t end = std::min(value.find_first_of(" \t,"), value.size());
+      if (!number_from(value.substr(0, end), p[axis]) || std::abs(p[axis]) > kCoordinateMostMm)
+        return error(Code::config, "%s:%d: ball must be three coordinates x y z in mm, each within +-%g", file_.c_str(),
+                     line_, kCoordinateMostMm);
+      value.remove_prefix(end);
+      value = trimmed(value);
+      if (axis < 2 && !value.empty() && value.front() == ',') value.remove_prefix(1);
+    }
+    if (!value.empty()) return fault("ball must be three coordinates x y z in mm and nothing after them");
+    if (certificate_.balls_mm.size() == kArtefactBallsMax)
+      return error(Code::config, "%s:%d: an artefact has at most %zu balls", file_.c_str(), line_, kArtefactBallsMax);
+    certificate_.balls_mm.push_back(p);
+    return success();
+  }
+
+  std::string file_;
+  int line_ = 0;
+  ArtefactCertificate certificate_;
+  std::array<Words, 3> words_ = {Words{"id", true}, Words{"date", true}, Words{"issuer", false}};
+  std::array<Number, 5> numbers_ = {
+      Number{"ball_radius_mm", true, 1.0, 200.0, kNoValue}, Number{"ball_radius_U_mm", true, 0.0, 1.0, kNoValue},
+      Number{"U_mm", true, 0.0, 1.0, kNoValue}, Number{"coverage_factor", true, 1.0, 4.0, kNoValue},
+      Number{"temperature_c", false, -20.0, 60.0, 20.0}};
+};
+
+}  // namespace
+
+std::string_view name(ArtefactRefusal refusal) {
+  switch (refusal) {
+    case ArtefactRefusal::none: return "none";
+    case ArtefactRefusal::not_looked_at: return "not_looked_at";
+    case ArtefactRefusal::balls: return "balls";
+    case ArtefactRefusal::no_match: return "no_match";
+    case ArtefactRefusal::ambiguous: return "ambiguous";
+    case ArtefactRefusal::residual: return "residual";
+  }
+  return "?";
+}
+
+Mat3 TargetPose::point_covariance(const Vec3& p_target) const {
+  const Mat36 j = T_scanner_target.rotation.toRotationMatrix() * place_by_motion(p_target);
+  return j * covariance * j.transpose();
+}
+
+double TargetPose::sigma_mm(const Vec3& p_target) const {
+  return std::sqrt(point_covariance(p_target).trace() / 3.0);
+}
+
+double TargetPose::sigma_rad() const {
+  return std::sqrt(covariance.bottomRightCorner<3, 3>().trace() / 3.0);
 }
 
 ArtefactReport locate_artefact(std::span<const BallReport> balls, const ArtefactCertificate& certificate,
@@ -269,6 +466,38 @@ Result<ArtefactReport> find_artefact(std::span<const float> xyz, const ArtefactC
   ArtefactReport report = locate_artefact(view.value().balls, certificate, settings);
   report.view = std::move(view.value());
   return report;
+}
+
+Result<ArtefactCertificate> parse_certificate(std::string_view text, std::string_view file_name) {
+  Reader reader(file_name);
+  for (int line = 1; !text.empty(); ++line) {
+    const std::size_t end = std::min(text.find('\n'), text.size());
+    if (const Status read = reader.read_line(text.substr(0, end), line); !read) return read.error();
+    text.remove_prefix(std::min(end + 1, text.size()));
+  }
+  return reader.finish();
+}
+
+std::string certificate_text(const ArtefactCertificate& c) {
+  std::string text;
+  const auto add = [&](const char* key, double value) {
+    text.append(key).append(" = ").append(number_text(value)).append("\n");
+  };
+  const auto quoted = [&](const char* key, std::string_view value) {
+    text.append(key).append(" = \"").append(value).append("\"\n");
+  };
+  quoted("id", c.id.view());
+  quoted("date", c.date.view());
+  if (!c.issuer.empty()) quoted("issuer", c.issuer.view());
+  // Written with k = 1, so that no digit is lost.
+  add("coverage_factor", 1.0);
+  add("ball_radius_mm", c.ball_radius_mm);
+  add("ball_radius_U_mm", c.ball_radius_sigma_mm);
+  add("U_mm", c.sigma_mm);
+  add("temperature_c", c.temperature_c);
+  for (const Vec3& p : c.balls_mm)
+    text += "ball = " + number_text(p.x()) + " " + number_text(p.y()) + " " + number_text(p.z()) + "\n";
+  return text;
 }
 
 }  // namespace slabd::calib

@@ -25,7 +25,7 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/render.h"
 #include "config/recipe_keys.h"
-#include "daemon/judge.h"
+#include "daemon/measure.h"
 #include "report/budget_text.h"
 #include "report/json.h"
 

@@ -20,7 +20,6 @@
 #include "cli/terminal/parse.h"
 #include "cli/terminal/progress.h"
 #include "cli/terminal/render.h"
-#include "daemon/judge.h"
 #include "daemon/measure.h"
 #include "report/json.h"
 

@@ -13,7 +13,6 @@
 #include <algorithm>
 #include <array>
 
-#include "daemon/judge.h"
 #include "daemon/measure.h"
 #include "report/slab_view.h"
 

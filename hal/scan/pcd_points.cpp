@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "hal/scan/pcd_points.h"
+#include "hal/scan/point_readers.h"
 
 #include <algorithm>
 #include <array>
@@ -11,8 +11,8 @@
 #include "hal/scan/pcd_header.h"
 #include "hal/scan/plain_rows.h"
 #include "hal/scan/point_records.h"
-#include "hal/scan/scan_tail.h"
-#include "hal/scan/settle_points.h"
+#include "hal/scan/scan_points.h"
+#include "hal/scan/scan_window.h"
 #include "hal/scan/text_lines.h"
 
 // Problem: three bodies under one header; the compressed one is turned round (all x, then all y, then all z) and its

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "hal/scan/ply_points.h"
+#include "hal/scan/point_readers.h"
 
 #include <algorithm>
 #include <array>
@@ -12,8 +12,8 @@
 #include "hal/scan/plain_rows.h"
 #include "hal/scan/ply_header.h"
 #include "hal/scan/point_records.h"
-#include "hal/scan/scan_tail.h"
-#include "hal/scan/settle_points.h"
+#include "hal/scan/scan_points.h"
+#include "hal/scan/scan_window.h"
 #include "hal/scan/text_lines.h"
 
 // Problem: five million vertices in one of several layouts, between elements nobody asked for. Idea: walk the

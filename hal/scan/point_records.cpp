@@ -7,7 +7,7 @@
 #include <concepts>
 #include <cstring>
 
-#include "hal/scan/settle_points.h"
+#include "hal/scan/scan_points.h"
 
 // Idea: a piece of the file at a time, small enough to be still in the cache when its numbers are converted and judged,
 // so that memory sees every byte of the file once and every byte of the scan once. Two threads take the next piece in

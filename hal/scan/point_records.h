@@ -28,7 +28,7 @@ struct PointRun {
 };
 [[nodiscard]] Error not_in_records(const char* name);
 
-/// Reads xyz.size() / 3 records into `xyz` (mm), settles them (hal/scan/settle_points.h) and adds to `settled` what was
+/// Reads xyz.size() / 3 records into `xyz` (mm), settles them (hal/scan/scan_points.h) and adds to `settled` what was
 /// found. False: the window could not, `window.failure()` says why. What the bytes of the file may become as they are,
 /// three floats in mm, costs little more than copying them; everything else about 2 ns a point. Two threads of a team
 /// read at once, with the same result. No heap.

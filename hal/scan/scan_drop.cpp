@@ -14,10 +14,8 @@
 
 #include "hal/hal.h"
 #include "hal/scan/drop_folders.h"
-#include "hal/scan/drop_news.h"
-#include "hal/scan/quiet_watch.h"
 #include "hal/scan/scan_file.h"
-#include "hal/scan/scan_request.h"
+#include "hal/scan/scanner_ports.h"
 #include "hal/scan/text_lines.h"
 #include "hal/system/os.h"
 #include "hal/system/spool.h"

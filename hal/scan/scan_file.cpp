@@ -6,12 +6,16 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 
-#include "hal/scan/pcd_points.h"
-#include "hal/scan/ply_points.h"
+#include "hal/hal.h"
+#include "hal/scan/declared_unit.h"
+#include "hal/scan/point_readers.h"
+#include "hal/scan/scan_points.h"
 #include "hal/scan/scan_window.h"
-#include "hal/scan/text_points.h"
+#include "hal/scan/text_lines.h"
+#include "hal/system/crc32c.h"
 #include "hal/system/os.h"
 
 // Problem: five million points, 60 MB, must become float32 mm in a buffer that exists already, and the file may be
@@ -142,6 +146,138 @@ bool lacks_bytes(int fd, const char* name, LengthUnit unit) {
   if (!family || *family == ScanFamily::text || bytes < 0) return false;
   ScanWindow window(fd, name, static_cast<std::uint64_t>(bytes));
   return *family == ScanFamily::ply ? lacks_bytes_of_ply(window, unit) : lacks_bytes_of_pcd(window, unit);
+}
+
+// One table of the formats that are written and one of the extensions that are read.
+
+namespace {
+
+struct WrittenFormat {
+  ScanFormat format;
+  std::string_view name;
+  std::string_view extension;
+};
+constexpr std::array<WrittenFormat, kScanFormats.size()> kWritten = {{
+    {ScanFormat::ply, "ply", "ply"},
+    {ScanFormat::ply_ascii, "ply-ascii", "ply"},
+    {ScanFormat::ply_be, "ply-be", "ply"},
+    {ScanFormat::pcd, "pcd", "pcd"},
+    {ScanFormat::pcd_ascii, "pcd-ascii", "pcd"},
+    {ScanFormat::pcd_compressed, "pcd-compressed", "pcd"},
+    {ScanFormat::xyz, "xyz", "xyz"},
+    {ScanFormat::csv, "csv", "csv"},
+}};
+
+struct ReadExtension {
+  std::string_view extension;
+  ScanFamily family;
+};
+constexpr std::array<ReadExtension, 6> kRead = {{{"ply", ScanFamily::ply},
+                                                 {"pcd", ScanFamily::pcd},
+                                                 {"xyz", ScanFamily::text},
+                                                 {"asc", ScanFamily::text},
+                                                 {"txt", ScanFamily::text},
+                                                 {"csv", ScanFamily::text}}};
+
+const WrittenFormat& row_of(ScanFormat format) {
+  return kWritten[static_cast<std::size_t>(format)];
+}
+
+}  // namespace
+
+std::string_view name(ScanFormat format) {
+  return row_of(format).name;
+}
+
+std::string_view extension(ScanFormat format) {
+  return row_of(format).extension;
+}
+
+std::optional<ScanFormat> scan_format_named(std::string_view wanted) {
+  for (const WrittenFormat& row : kWritten)
+    if (row.name == wanted) return row.format;
+  return std::nullopt;
+}
+
+std::optional<ScanFormat> scan_format_of(std::string_view path) {
+  const std::string_view file_extension = extension_of(path);
+  const std::optional<ScanFamily> family = scan_family(file_extension);
+  if (!family) return std::nullopt;
+  if (*family == ScanFamily::ply) return ScanFormat::ply;
+  if (*family == ScanFamily::pcd) return ScanFormat::pcd;
+  return lower_case(file_extension).view() == "csv" ? ScanFormat::csv : ScanFormat::xyz;
+}
+
+std::string_view extension_of(std::string_view path) {
+  const std::size_t slash = path.rfind('/');
+  const std::string_view file = slash == std::string_view::npos ? path : path.substr(slash + 1);
+  const std::size_t dot = file.rfind('.');
+  return dot == std::string_view::npos ? std::string_view{} : file.substr(dot + 1);
+}
+
+std::optional<ScanFamily> scan_family(std::string_view file_extension) {
+  const FixedString<16> lower = lower_case(file_extension);
+  for (const ReadExtension& row : kRead)
+    if (lower == row.extension) return row.family;
+  return std::nullopt;
+}
+
+// Problem: a checksum of the points must not cost the measuring time, which begins as soon as they are there and
+// changes them where they lie. Idea: they are read a second time, from the file as it lies in the spool, by what read
+// them the first time and a piece at a time, while others measure.
+
+namespace {
+
+/// 24 kB: stays in the cache between the reader and the checksum.
+constexpr std::size_t kPiecePoints = 2'048;
+
+Result<PointRun> find_records(ScanWindow& window, const char* path, LengthUnit unit) {
+  const std::optional<ScanFamily> family = scan_family(extension_of(path));
+  if (family == ScanFamily::ply) return find_ply_records(window, unit);
+  if (family == ScanFamily::pcd) return find_pcd_records(window, unit);
+  return not_in_records(path);
+}
+
+}  // namespace
+
+std::uint32_t points_crc32c(std::span<const float> xyz, std::uint32_t before) {
+  // A NaN keeps the bits it had in the file, or loses them, by what stands beside it (hal/scan/scan_points.h).
+  std::array<float, 3 * kPiecePoints> alike;
+  while (!xyz.empty()) {
+    const std::size_t count = std::min(xyz.size(), alike.size());
+    copy_with_one_nan(xyz.data(), count, alike.data());
+    before = crc32c(std::as_bytes(std::span(alike).first(count)), before);
+    xyz = xyz.subspan(count);
+  }
+  return before;
+}
+
+Result<ScanChecksum> read_scan_checksum(const char* path, LengthUnit unit) {
+  const Result<int> opened = open_scan(AT_FDCWD, path, path);
+  if (!opened) return opened.error();
+  const Fd fd(opened.value());
+  const off_t bytes = size_of(fd.get());
+  if (bytes < 0) return error(Code::frame_incomplete, "%s: %s", path, errno_text(errno));
+  ScanWindow window(fd.get(), path, static_cast<std::uint64_t>(bytes));
+  const Result<PointRun> run = find_records(window, path, unit);
+  if (!run) return run.error();
+
+  ScanChecksum sum;
+  sum.shape = run.value().shape;
+  Settled settled;
+  Team alone(1);
+  // One number beyond a cache line: whole lines would be written past the caches, which is right for a scan only.
+  alignas(64) std::array<float, 1 + 3 * kPiecePoints> piece;
+  for (std::size_t left = sum.shape.points; left > 0;) {
+    const std::size_t points = std::min(left, kPiecePoints);
+    const std::span<float> xyz = std::span(piece).subspan(1, 3 * points);
+    if (!read_point_records(window, run.value().record, mm_per(unit), xyz, settled, alone)) return window.failure();
+    sum.crc32c = points_crc32c(xyz, sum.crc32c);
+    left -= points;
+  }
+  sum.shape.finite = settled.finite;
+  sum.shape.zeros = settled.zeros;
+  return sum;
 }
 
 }  // namespace slabd::hal

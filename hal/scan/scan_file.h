@@ -23,9 +23,8 @@ namespace slabd::hal {
 [[nodiscard]] Result<int> open_scan(int folder, const char* name, const char* shown);
 
 /// Whether the file accounts for itself: a binary header and as many bytes as it says, behind them at most a tail
-/// (hal/scan/scan_tail.h). Text, and lists whose
-/// length only their content tells, never do: of those nobody can say that the last line was the last. Reads the
-/// header, no more. No heap; 256 kB of stack.
+/// (hal/scan/scan_window.h). Text, and lists whose length only their content tells, never do: of those nobody can say
+/// that the last line was the last. Reads the header, no more. No heap; 256 kB of stack.
 [[nodiscard]] bool is_complete_scan(int fd, const char* name, LengthUnit unit);
 
 /// Whether more must come, whoever wrote it: 0 bytes, or fewer than its own header says. Reads the header, no more. No

@@ -12,11 +12,10 @@
 #include <optional>
 
 #include "hal/hal.h"
-#include "hal/scan/drop_news.h"
-#include "hal/scan/scan_request.h"
 #include "hal/scan/scan_stream.h"
+#include "hal/scan/scanner_ports.h"
 #include "hal/system/os.h"
-#include "hal/system/spool_writer.h"
+#include "hal/system/spool.h"
 
 // Problem: a scanner that has only a vendor's SDK gets a gateway, written by somebody else, on another computer, over a
 // cable. Idea: the gateway keeps one connection; a request goes to it as a line of JSON, the scan comes back behind a

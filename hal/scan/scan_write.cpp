@@ -30,17 +30,7 @@ class OutFile {
   }
 
   void write(const void* from, std::size_t bytes) {
-    const auto* in = static_cast<const char*>(from);
-    while (bytes > 0 && error_number_ == 0) {
-      const ssize_t n = ::write(fd_.get(), in, bytes);
-      if (n < 0 && errno == EINTR) continue;
-      if (n < 0) {
-        error_number_ = errno;
-        return;
-      }
-      in += n;
-      bytes -= static_cast<std::size_t>(n);
-    }
+    if (error_number_ == 0 && !write_all(fd_.get(), from, bytes)) error_number_ = errno;
   }
   void write(std::string_view text) { write(text.data(), text.size()); }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "hal/scan/text_points.h"
+#include "hal/scan/point_readers.h"
 
 #include <algorithm>
 #include <array>
@@ -9,7 +9,6 @@
 #include "hal/scan/declared_unit.h"
 #include "hal/scan/plain_rows.h"
 #include "hal/scan/scan_points.h"
-#include "hal/scan/settle_points.h"
 #include "hal/scan/text_columns.h"
 #include "hal/scan/text_lines.h"
 

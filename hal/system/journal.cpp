@@ -31,12 +31,8 @@ bool stderr_is_journal() {
 Journal::Journal(const char* socket_path)
     : fd_(::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)), path_(socket_path) {}
 
-Journal::~Journal() {
-  if (fd_ >= 0) ::close(fd_);
-}
-
 bool Journal::say(Priority priority, std::uint16_t code, std::string_view message) const {
-  if (fd_ < 0 || path_.empty()) return false;
+  if (!fd_.is_open() || path_.empty()) return false;
   FixedString<512> text;
   for (const char c : message)
     text.append(std::string_view(c == '\n' ? " " : &c, 1));  // a line end would end the field
@@ -48,7 +44,7 @@ bool Journal::say(Priority priority, std::uint16_t code, std::string_view messag
   std::memcpy(address.sun_path, path_.c_str(), path_.size());
   const std::size_t size = offsetof(sockaddr_un, sun_path) + path_.size() + 1;
   const ssize_t sent =
-      ::sendto(fd_, datagram.c_str(), datagram.size(), MSG_NOSIGNAL,
+      ::sendto(fd_.get(), datagram.c_str(), datagram.size(), MSG_NOSIGNAL,
                static_cast<const sockaddr*>(static_cast<const void*>(&address)), static_cast<socklen_t>(size));
   return sent == static_cast<ssize_t>(datagram.size());
 }

@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "base/fixed.h"
+#include "hal/system/os.h"
 
 /// Lines in the system's journal with fields that a machine can look for. The protocol is one datagram of
 /// FIELD=value lines, so no library and no heap is needed.
@@ -24,16 +25,13 @@ class Journal {
  public:
   /// `socket_path`: where the journal listens. Nothing is opened before the first line.
   explicit Journal(const char* socket_path = "/run/systemd/journal/socket");
-  ~Journal();
-  Journal(const Journal&) = delete;
-  Journal& operator=(const Journal&) = delete;
 
   /// PRIORITY, MESSAGE, MESSAGE_ID, SLABD_CODE, SYSLOG_IDENTIFIER. False: nobody took it, say it another way. Never
   /// blocks; callable from any thread.
   [[nodiscard]] bool say(Priority priority, std::uint16_t code, std::string_view message) const;
 
  private:
-  int fd_ = -1;
+  Fd fd_;
   FixedString<107> path_;
 };
 

@@ -8,9 +8,7 @@
 #include <array>
 #include <cerrno>
 
-#include "hal/system/file_state.h"
 #include "hal/system/os.h"
-#include "hal/system/spool_writer.h"
 
 // Order matters here: contents before names, a name before the folder that holds it, new folders before their
 // parents' word for them. Only then may anybody be told that the scan is safe.
@@ -84,11 +82,7 @@ Copied copy_bytes(int from, int to) {
     const ssize_t n = pread(from, piece.data(), piece.size(), offset);
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) return n == 0 ? Copied::all : Copied::unreadable;
-    for (ssize_t written = 0; written < n;) {
-      const ssize_t w = write(to, &piece[static_cast<std::size_t>(written)], static_cast<std::size_t>(n - written));
-      if (w < 0 && errno != EINTR) return Copied::unwritable;
-      if (w > 0) written += w;
-    }
+    if (!write_all(to, piece.data(), static_cast<std::size_t>(n))) return Copied::unwritable;
     offset += n;
   }
 }
@@ -185,13 +179,8 @@ Status SpoolWriter::begin(const PathText& path) {
 }
 
 Status SpoolWriter::write(std::span<const std::byte> bytes) {
-  while (!bytes.empty()) {
-    const ssize_t n = ::write(fd_.get(), bytes.data(), bytes.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) return spool_error(path_, "writing the scan", errno);
-    bytes = bytes.subspan(static_cast<std::size_t>(n));
-  }
-  return success();
+  if (write_all(fd_.get(), bytes.data(), bytes.size())) return success();
+  return spool_error(path_, "writing the scan", errno);
 }
 
 Status SpoolWriter::finish() {

@@ -9,8 +9,7 @@
 #include <cmath>
 
 #include "calib/adjustment.h"
-#include "calib/chi_square.h"
-#include "calib/rotation.h"
+#include "calib/mathematics.h"
 #include "tests/calib/hand_eye_scene.h"
 
 namespace slabd::calib {

@@ -12,7 +12,6 @@
 #include "base/pages.h"
 #include "base/splice.h"
 #include "config/config.h"
-#include "daemon/judge.h"
 #include "daemon/measure.h"
 #include "storage/storage.h"
 #include "tests/cli/slabctl_process.h"

@@ -13,7 +13,7 @@
 #include "daemon/control/calibration_change.h"
 #include "daemon/loop.h"
 #include "hal/hal.h"
-#include "hal/scan/scan_request.h"
+#include "hal/scan/scanner_ports.h"
 #include "processes.h"
 #include "tests/places/places.h"
 

@@ -9,7 +9,7 @@
 #include <unistd.h>
 
 #include "hal/scan/drop_folders.h"
-#include "hal/scan/drop_news.h"
+#include "hal/scan/scanner_ports.h"
 #include "hal/system/spool.h"
 #include "tests/hal/scan/scan_drop_fixture.h"
 

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "base/prng.h"
-#include "hal/scan/scan_request.h"
+#include "hal/scan/scanner_ports.h"
 #include "hal/system/crc32c.h"
 
 namespace slabd::hal {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "hal/scan/settle_points.h"
+#include "hal/scan/scan_points.h"
 
 #include <gtest/gtest.h>
 

@@ -2,10 +2,39 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <span>
 
-/// Linear algebra on matrices of any size, as plain functions: Eigen's products and decompositions are templates, and
-/// every file that writes them compiles them again, half a minute in the worst. Internal to the room.
+#include "base/base.h"
+
+/// Rotations, matrices and the chi-square distribution. Internal to the room.
 namespace slabd::calib {
+
+// ---- small rotations as vectors: axis times angle (rad)
+
+[[nodiscard]] Mat3 skew(const Vec3& v);
+
+[[nodiscard]] Quat exp_rotation(const Vec3& v);
+
+/// Length 0..pi.
+[[nodiscard]] Vec3 log_rotation(const Quat& q);
+
+/// d log(exp(d) exp(r)) / dd at d = 0.
+[[nodiscard]] Mat3 left_jacobian_inverse(const Vec3& r);
+
+/// The rotation nearest to a matrix.
+[[nodiscard]] Mat3 nearest_rotation(const Mat3& m);
+
+/// The motion that takes `from` to `to` best, unweighted (Kabsch 1976; Arun et al. 1987). Three points or more, not on
+/// a line.
+[[nodiscard]] Pose rigid_fit(std::span<const Vec3> from, std::span<const Vec3> to);
+
+/// The shortest rotation that takes one direction (any length > 0) to another.
+[[nodiscard]] Quat rotation_between(const Vec3& from, const Vec3& to);
+
+// ---- matrices of any size
+//
+// Plain functions, because Eigen's products and decompositions are templates: every file that writes them compiles them
+// again, half a minute in the worst.
 
 /// A B
 [[nodiscard]] Eigen::MatrixXd product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
@@ -42,5 +71,14 @@ struct SingularParts {
 
 /// The inverse of the lower triangle L of V = L L', for a positive definite V.
 [[nodiscard]] Eigen::MatrixXd inverse_cholesky(const Eigen::MatrixXd& V);
+
+// ---- how rare a sum of squares is
+
+/// |z| of a normal variable that is as rare as chi-square `x` with `freedom` >= 1 degrees of freedom. Also where the
+/// probability is far below the smallest double.
+[[nodiscard]] double normal_sigmas(double x, int freedom);
+
+/// Median of chi-square with `freedom` degrees of freedom, to a per cent.
+[[nodiscard]] double chi_square_median(int freedom);
 
 }  // namespace slabd::calib

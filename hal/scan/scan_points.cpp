@@ -4,10 +4,10 @@
 // reading them. Idea: sixteen points are 48 numbers and 48 bits, one for each that is NaN. A point is missing where any
 // of its three bits is set; nearly always all three are, and nothing has to be written. So with zeros: three in a row
 // are rare.
-#include "hal/scan/settle_points.h"
+#include "hal/scan/scan_points.h"
 
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "hal/scan/settle_points.cpp"
+#define HWY_TARGET_INCLUDE "hal/scan/scan_points.cpp"
 #include <hwy/foreach_target.h>
 // After foreach_target: compiled once for each instruction set.
 #include <hwy/cache_control.h>
