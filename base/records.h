@@ -158,7 +158,7 @@ struct SurfaceFinding {
   double volume_mm3 = kNoValue;  ///< between the face and what was seen; NaN: nothing was seen
 };
 
-/// Pores of a block: pits up to the size that the recipe counts as a pore (algo/survey/surface_judgement.h).
+/// Pores of a block: pits up to the size that the recipe counts as a pore (algo/survey/surface_groups.h).
 struct PoreSummary {
   std::uint32_t count = 0;       ///< of pores large enough to be counted
   double largest_mm = kNoValue;  ///< diameter of the circle of equal area; 0: there is none, NaN: not looked for
