@@ -234,7 +234,7 @@ TEST_F(Slabctl, checks_give_their_findings_as_json) {
 }
 
 TEST_F(Slabctl, a_scan_in_another_unit_or_frame_is_refused_with_its_extent_distance_unit_and_axes) {
-  ASSERT_EQ(simulate_scan("scan.xyz", "--seed 7 --nominal-view --unorganised").status, 0);
+  ASSERT_EQ(simulate_scan("scan.xyz", "--seed 7 --nominal-view --unorganised --perspective").status, 0);
   std::ifstream in(file("scan.xyz"));
   std::vector<Vec3> points;
   for (Vec3 p; in >> p.x() >> p.y() >> p.z();) points.push_back(p);
