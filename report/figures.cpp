@@ -69,9 +69,15 @@ std::string item_label(const Item& item, bool of_slab) {
   return label;
 }
 
-std::string flatness_operator(double cell_mm) {
-  return (has_value(cell_mm) ? fmt::format("cell mean {} mm", cell_mm) : std::string("cell mean")) +
-         ", least-squares plane";
+std::string flatness_operator(double cell_mm, const SeatFeature& seat) {
+  std::string text = has_value(cell_mm) ? fmt::format("cell mean {} mm", cell_mm) : std::string("cell mean");
+  text += ", least-squares plane";
+  // Without pits the two are the same, and so is what is judged.
+  if (seat.flatness_closed_mm != seat.flatness_raw_mm) {
+    if (seat.flatness_mm == seat.flatness_closed_mm) text += ", closed from above";
+    if (seat.flatness_mm == seat.flatness_raw_mm) text += ", pits and all";
+  }
+  return text;
 }
 
 }  // namespace slabd::cli

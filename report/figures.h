@@ -28,8 +28,9 @@ namespace slabd::cli {
 /// "seat_spacing [mm] 3-4"; items `of_slab` name their stations.
 [[nodiscard]] std::string item_label(const Item& item, bool of_slab);
 
-/// How flatness was evaluated, in words: "cell mean 1.5 mm, least-squares plane"; NaN: the cell is not known any more.
-[[nodiscard]] std::string flatness_operator(double cell_mm);
+/// How flatness was evaluated, in words: "cell mean 1.5 mm, least-squares plane, closed from above"; NaN: the cell is
+/// not known any more.
+[[nodiscard]] std::string flatness_operator(double cell_mm, const SeatFeature& seat);
 
 /// What scans of the blocks cannot show; every report says so.
 inline constexpr std::string_view kNotVisible =

@@ -81,7 +81,7 @@ void write_seat(Json& json, SeatFeature seat, double cell_mm) {
     if (field == "grid_points") json.field("points", seat.plane.points);
     if (field == "std_cells_mm")
       json.field("inlier_fraction", seat.plane.inlier_fraction).field("std_mm", seat.plane.std_mm);
-    if (field == "flatness_noise_mm") json.field("flatness_operator", flatness_operator(cell_mm));
+    if (field == "flatness_noise_mm") json.field("flatness_operator", flatness_operator(cell_mm, seat));
     return true;
   });
   // null: the channel was not computed; cells 0: it was, and there is no defect.

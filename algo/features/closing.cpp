@@ -25,7 +25,7 @@ constexpr double kPlaneMin = 8.0;
 /// closing says: over a wide hollow it leads down to the bottom.
 constexpr double kPitShare = 0.6;
 /// Directions in which the width of a place is measured.
-constexpr int kDirections = 8;
+constexpr std::size_t kDirections = 8;
 
 /// Of the values within a disc about each cell the best one; kNone has no say.
 template <typename Better>
@@ -54,24 +54,26 @@ void disc_filter(const CellGrid& grid, std::span<const float> in, std::span<floa
     }
 }
 
-/// Greatest width of a group of cells over all directions.
-double width_of(const CellGrid& grid, std::span<const std::uint32_t> group) {
-  double widest = 0.0;
-  for (int d = 0; d < kDirections; ++d) {
-    const double angle = kPi * d / kDirections;
-    const double cx = std::cos(angle);
-    const double cs = std::sin(angle);
-    double low = std::numeric_limits<double>::infinity();
-    double high = -low;
-    for (const std::uint32_t c : group) {
-      const double at = cx * grid.x_of(c) + cs * grid.s_of(c);
-      low = std::min(low, at);
-      high = std::max(high, at);
+/// Greatest width of a group of cells over all directions. Of a cell at the rim of a steep pit only the part is sunk by
+/// which it is lower than the deepest of its neighbours: `share(cell)`.
+template <typename Share>
+double width_of(const CellGrid& grid, std::span<const std::uint32_t> group, const Share& share) {
+  std::array<double, kDirections> low;
+  std::array<double, kDirections> high;
+  low.fill(std::numeric_limits<double>::infinity());
+  high.fill(-std::numeric_limits<double>::infinity());
+  for (const std::uint32_t c : group) {
+    const double beyond = (share(c) - 0.5) * grid.region.cell_mm;
+    for (std::size_t d = 0; d < kDirections; ++d) {
+      const double angle = kPi * static_cast<double>(d) / kDirections;
+      const double at = std::cos(angle) * grid.x_of(c) + std::sin(angle) * grid.s_of(c);
+      low[d] = std::min(low[d], at - beyond);
+      high[d] = std::max(high[d], at + beyond);
     }
-    widest = std::max(widest, high - low);
   }
-  // Of the outermost cells half is sunk.
-  return widest + 0.5 * grid.region.cell_mm;
+  double widest = 0.0;
+  for (std::size_t d = 0; d < kDirections; ++d) widest = std::max(widest, high[d] - low[d]);
+  return widest;
 }
 
 using Vec6 = Eigen::Matrix<double, 6, 1>;
@@ -121,8 +123,17 @@ Closing close_pits(const CellGrid& grid, std::span<const std::uint32_t> cell, st
     mark[i] = f[i] != kNone && static_cast<double>(c[i] - f[i]) > size.least_mm ? kLow : kPlain;
   // Groups lose their marks when they are found; who is sunk is asked of the heights.
   const auto sunk = [&](std::size_t i) { return static_cast<double>(c[i] - f[i]) > size.least_mm; };
+  const auto share_sunk = [&](std::size_t i) {
+    const std::size_t column = i % grid.columns;
+    const std::size_t row = i / grid.columns;
+    float deepest = 0.0F;
+    for (std::size_t r = row - std::min<std::size_t>(row, 1); r <= std::min(row + 1, grid.rows - 1); ++r)
+      for (std::size_t k = column - std::min<std::size_t>(column, 1); k <= std::min(column + 1, grid.columns - 1); ++k)
+        if (const std::size_t j = r * grid.columns + k; f[j] != kNone) deepest = std::max(deepest, c[j] - f[j]);
+    return static_cast<double>((c[i] - f[i]) / deepest);
+  };
   for_each_group(grid, kLow, mark, stack, [&](std::span<const std::uint32_t> group) {
-    if (width_of(grid, group) > size.width_mm) return;
+    if (width_of(grid, group, share_sunk) > size.width_mm) return;
     RingFit ring;
     std::size_t low_column = grid.columns, high_column = 0, low_row = grid.rows, high_row = 0;
     for (const std::uint32_t i : group) {

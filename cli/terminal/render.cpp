@@ -166,7 +166,7 @@ std::string budget_table(std::span<const Item> items, bool of_slab) {
 std::string seat_notes(const SeatFeature& seat, double cell_mm) {
   std::string text;
   if (has_value(seat.flatness_mm)) {
-    text += fmt::format("flatness from {}", flatness_operator(cell_mm));
+    text += fmt::format("flatness from {}", flatness_operator(cell_mm, seat));
     if (has_value(seat.flatness_noise_mm))
       text += fmt::format("; a perfectly flat seat would read {:.3f} mm with this noise", seat.flatness_noise_mm);
     text += "\n";

@@ -143,6 +143,9 @@ TEST(JsonWriter, precision_of_every_feature_is_told) {
     for (int j = 0; j < 6; ++j) block.registration.covariance(i, j) = 10 * i + j;
   block.seat.noise_factor = 1.5;
   block.seat.flatness_noise_mm = 0.028;
+  block.seat.flatness_mm = 0.1;
+  block.seat.flatness_closed_mm = 0.1;
+  block.seat.flatness_raw_mm = 0.4;
   block.seat.defect = {0.15, 12, 27.0, -0.4, 10.0, -20.0};
   block.jaw_outer.normal = Vec3::UnitZ();
   block.jaw_outer.centroid = Vec3(1, 2, 3);
@@ -166,7 +169,7 @@ TEST(JsonWriter, precision_of_every_feature_is_told) {
   EXPECT_EQ(document["registration"]["covariance"].size(), 6U);
   EXPECT_EQ(document["registration"]["covariance"][2], nlohmann::json::array({20, 21, 22, 23, 24, 25}));
   const auto& seat = document["features"]["seat"];
-  EXPECT_EQ(seat["flatness_operator"], "cell mean 1.5 mm, least-squares plane");
+  EXPECT_EQ(seat["flatness_operator"], "cell mean 1.5 mm, least-squares plane, closed from above");
   EXPECT_EQ(seat["noise_factor"], 1.5);
   EXPECT_EQ(seat["flatness_noise_mm"], 0.028);
   EXPECT_EQ(seat["defect"], (nlohmann::json{{"limit_mm", 0.15},

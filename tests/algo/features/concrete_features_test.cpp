@@ -67,6 +67,20 @@ TEST(Closing, BridgesPoresAndNothingElse) {
   EXPECT_NEAR(bump.high, 0.8, 1e-9);
 }
 
+TEST(Closing, BridgesTheWidestPoresWhereverTheyLieInTheCells) {
+  for (const double turn_rad : {0.0, 0.4, 0.8, 1.2})
+    for (double x0 = 0.0; x0 < 1.5; x0 += 0.3)
+      for (double s0 = 0.0; s0 < 1.5; s0 += 0.3) {
+        SCOPED_TRACE(testing::Message() << turn_rad << " rad at " << x0 << ", " << s0);
+        const auto pore = [&](double x, double s) {
+          const double u = (x - x0) * std::cos(turn_rad) + (s - s0) * std::sin(turn_rad);
+          const double v = (s - s0) * std::cos(turn_rad) - (x - x0) * std::sin(turn_rad);
+          return std::hypot(u / 4.3, v / 3.7) < 1.0 ? -3.0 : 0.0;
+        };
+        EXPECT_NEAR(closed(pore).low, 0.0, 1e-6);
+      }
+}
+
 TEST(Closing, LeavesAHollowItsDepth) {
   // As wide as three of what bridges: the closing alone would take a tenth of its depth.
   const auto bowl = [](double x, double s) {
