@@ -6,18 +6,15 @@
 #include "algo/algo.h"
 #include "base/scan_place.h"
 #include "config/config.h"
+#include "daemon/commit.h"
 #include "daemon/measure.h"
 
 namespace slabd::daemon {
 
-/// "g0a7ddc5", "g0a7ddc5.dirty" or "unknown": the commit this program was built from, asked at every build
-/// (script/commit). At most 40 characters. In an object of its own, so that a new commit compiles nothing else.
-[[nodiscard]] const char* commit();
-
 namespace {
 
-/// What a scan that is far larger along the rail than across it says of itself: blocks are more than twice as long
-/// across.
+/// The axes may be exchanged where a scan is far larger along the rail than across it: blocks are more than twice as
+/// long across.
 ScanDoubt doubt_turn(const ScanPlace& place, const Pose& T_scanner_block) {
   constexpr double kLonger = 1.25;
   constexpr std::array kNames = {'X', 'Y', 'Z'};

@@ -440,7 +440,7 @@ TEST_F(Slabctl, an_inspection_keeps_within_the_memory_that_the_limits_add_up_to)
   ASSERT_EQ(simulate_scan("scan.ply", "").status, 0);
   ASSERT_LE(run("inspect " + file("scan.ply") + " --recipe " + kRecipe + " --block 3").status, 1);
   rusage used{};
-  ASSERT_EQ(getrusage(RUSAGE_CHILDREN, &used), 0);  // the largest child
+  ASSERT_EQ(getrusage(RUSAGE_CHILDREN, &used), 0);  // the largest child; CTest gives each test a process
   const auto resident = 1024 * static_cast<std::size_t>(used.ru_maxrss);
   constexpr std::size_t kOneScan = limits::kScanSlotBytes + limits::kWorkspaceBytes;
   EXPECT_GE(resident, kOneScan);

@@ -1,0 +1,10 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+namespace slabd::daemon {
+
+/// "g0a7ddc5", "g0a7ddc5.dirty" or "unknown": the commit this program was built from, asked at every build
+/// (script/commit). At most 40 characters. In an object of its own, so that a new commit compiles nothing else.
+[[nodiscard]] const char* commit();
+
+}  // namespace slabd::daemon
